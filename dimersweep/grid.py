@@ -1,0 +1,172 @@
+"""Axes to points: a grid is kept as its axes, and any range of its points is laid out when it is needed."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import prod
+from typing import Any
+
+import numpy as np
+
+from dimersweep.errors import ParameterError
+from dimersweep.parameters import (
+    as_number,
+    check,
+    check_count,
+    check_name,
+    fill_rows,
+)
+from dimersweep.symbols import BASE, PARAMETERS
+
+MAX_POINTS = 50_000_000  # about 10 GB of results in memory
+
+_FORMS = "give values, or start, stop and either step or num; unit is optional"
+
+
+def _from_range(name: str, start: Any, stop: Any, step: Any = None, num: Any = None) -> np.ndarray:
+    """Values from `start` on; `stop` is the last one where whole steps reach it."""
+    start, stop = as_number(f"{name}.start", start), as_number(f"{name}.stop", stop)
+    if stop < start:
+        raise ParameterError(f"{name}.stop = {stop}: must be >= start = {start}")
+    if num is not None:
+        count = check_count(f"{name}.num", num)
+        stride = (stop - start) / max(count - 1, 1)
+    else:
+        stride = as_number(f"{name}.step", step)
+        if stride <= 0:
+            raise ParameterError(f"{name}.step = {stride}: must be > 0")
+        steps = (stop - start) / stride
+        if steps >= MAX_POINTS:
+            raise ParameterError(f"{name}.step = {stride}: gives more than {MAX_POINTS} values")
+        count = int(steps + 1e-9) + 1  # round-off must not cost the last step
+    if count > MAX_POINTS:
+        raise ParameterError(f"{name}.num = {count}: must be <= {MAX_POINTS}")
+    return start + stride * np.arange(count)
+
+
+def _from_values(name: str, values: Any) -> np.ndarray:
+    """`values` as a float array of one dimension; a lone number is an axis of one value."""
+    values = np.asarray(values).tolist() if hasattr(values, "__array__") else values
+    values = values if isinstance(values, list | tuple | range) else [values]
+    return np.array([as_number(name, value) for value in values])
+
+
+def _from_declaration(name: str, declared: Mapping[str, Any]) -> np.ndarray:
+    given = dict(declared)
+    unit = given.pop("unit", PARAMETERS[name].units)
+    if set(given) == {"values"}:
+        values = _from_values(name, given["values"])
+    elif set(given) in ({"start", "stop", "step"}, {"start", "stop", "num"}):
+        values = _from_range(name, **given)
+    else:
+        raise ParameterError(f"{name}: has {', '.join(given) or 'nothing'}; {_FORMS}")
+    if unit == "deg" and PARAMETERS[name].units == "rad":
+        return np.deg2rad(values)
+    if unit != PARAMETERS[name].units:
+        allowed = PARAMETERS[name].units + (" or deg" if PARAMETERS[name].units == "rad" else "")
+        raise ParameterError(f"{name}.unit = {unit!r}: must be {allowed}")
+    return values
+
+
+def axis(name: str, declared: Any) -> np.ndarray:
+    """One axis of a grid.
+
+    Parameters
+    ----------
+    name : str
+        A parameter of the model.
+    declared : array_like or mapping
+        Values, or ``{"values": ...}``, ``{"start", "stop", "step"}`` or ``{"start", "stop", "num"}``, each with an
+        optional ``"unit"`` ("deg" for an angle). The stop of a range belongs to it.
+
+    Returns
+    -------
+    ndarray, shape (n,), float64
+        SI units, strictly increasing.
+
+    Raises
+    ------
+    ParameterError
+        If the name is unknown, or the axis empty, not finite or not strictly increasing.
+    """
+    check_name(name)
+    values = _from_declaration(name, declared) if isinstance(declared, Mapping) else _from_values(name, declared)
+    if values.size == 0:
+        raise ParameterError(f"{name}: the axis is empty; give at least one value")
+    falls = np.flatnonzero(np.diff(values) <= 0)
+    if falls.size:
+        before, after = values[falls[0]], values[falls[0] + 1]
+        raise ParameterError(f"{name} = {after} after {before}: the values of an axis must increase, each given once")
+    return values
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The outer product of named axes, all other parameters fixed; points are numbered in C order.
+
+    Parameters
+    ----------
+    axes : dict of str to ndarray
+        Values of each axis, shape (n_k,), SI units, in the order of the cube's dimensions.
+    fixed : dict of str to float
+        The other parameters, SI units.
+    """
+
+    axes: dict[str, np.ndarray]
+    fixed: dict[str, float]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Length of each axis."""
+        return tuple(values.size for values in self.axes.values())
+
+    @property
+    def size(self) -> int:
+        """Number of points."""
+        return prod(self.shape)
+
+    def rows(self, start: int, stop: int) -> np.ndarray:
+        """Kernel rows of the points `start` to `stop` - 1, shape (stop - start, N_ROW), float64."""
+        places = np.unravel_index(np.arange(start, stop), self.shape)
+        swept = {name: values[k] for (name, values), k in zip(self.axes.items(), places, strict=True)}
+        return fill_rows(self.fixed | swept, stop - start)
+
+
+def make_grid(axes: Mapping[str, Any], fixed: Mapping[str, Any] | None = None) -> Grid:
+    """Build a grid and judge every point of it, axis by axis.
+
+    Parameters
+    ----------
+    axes : mapping of str to array_like or mapping
+        See `axis`.
+    fixed : mapping of str to float, optional
+        Parameters that differ from the paper's base case.
+
+    Returns
+    -------
+    Grid
+
+    Raises
+    ------
+    ParameterError
+        Naming the parameter, its value and what is allowed.
+    """
+    fixed = dict(fixed or {})
+    if not axes:
+        raise ParameterError("grid: has no axis; give at least one parameter to sweep")
+    for name in fixed:
+        check_name(name)
+        if name in axes:
+            raise ParameterError(f"{name}: given twice, as an axis and as a fixed value")
+    for end in ("e_1", "e_2"):
+        if {"e", end} <= {*axes, *fixed}:
+            raise ParameterError(f"{end}: given together with e; give e, or e_1 and e_2")
+    made = {name: axis(name, declared) for name, declared in axes.items()}
+    held = {name: as_number(name, value) for name, value in (BASE | fixed).items() if name not in made}
+    if {"e_1", "e_2"} & {*axes, *fixed}:
+        e = held.pop("e")
+        held = {name: e for name in ("e_1", "e_2") if name not in made} | held
+    check(held | made)
+    grid = Grid(made, held)
+    if grid.size > MAX_POINTS:
+        raise ParameterError(f"grid: {grid.size} points; one cube in memory may hold {MAX_POINTS}")
+    return grid

@@ -1,0 +1,7 @@
+"""The compiled core: the paper's model over flat arrays, with no import beyond numpy, numba and the standard library."""
+
+from dimersweep.kernel.cache import kernel_version, use_cache_folder
+
+use_cache_folder()
+
+__all__ = ["kernel_version"]

@@ -1,0 +1,256 @@
+"""Sustained contact: the forces that keep closed ends closed, the rates they give, and the choice of contact mode.
+
+The state of a contact phase is y = (beta, beta', theta' cos(beta), spin, u_a, u_b, theta, x1, y1, gamma): u is the slip of
+the leading end (p1 if it is closed, else p2), so that slow slip keeps its relative precision and sticking is u = 0.
+"""
+
+from math import copysign, cos, hypot, sin, sqrt
+
+from dimersweep.kernel.body import delassus, levers
+from dimersweep.kernel.jit import compiled
+from dimersweep.kernel.layout import (
+    BETA,
+    CA,
+    CB,
+    D1,
+    D2,
+    FREE,
+    GAMMA,
+    N1,
+    N2,
+    SLIP,
+    SPIN,
+    STICK,
+    THETA,
+    WB,
+    WP,
+    X1,
+    Y1,
+)
+from dimersweep.kernel.plate import effective_gravity
+
+YB, YWB, YWP, YS, YUA, YUB, YTHETA, YX, YY, YGAMMA = range(10)
+N_CORE, N_THETA, N_PATH = 6, 7, 10
+# forces of a contact: normal, axial, lateral of p1, then of p2 (at a double contact A1 holds the sum of the axial ones)
+F1, A1, L1, F2, A2, L2 = range(6)
+# answers of the choice of modes
+CHOSEN, SEPARATES, INCONSISTENT = 0, 1, 2
+
+
+@compiled
+def leading_sign(modes):
+    """Sign of the leading end: -1 for p1, +1 for p2."""
+    return -1.0 if modes[0] != FREE else 1.0
+
+
+@compiled
+def unload(dm, state, s, y):
+    """Contact state y from the kernel state, s the sign of the leading end."""
+    lv = levers(dm, s, sin(state[BETA]), cos(state[BETA]))
+    y[YB], y[YWB], y[YWP], y[YS] = state[BETA], state[WB], state[WP], state[SPIN]
+    y[YUA] = state[CA] + lv.a * state[WB]
+    y[YUB] = state[CB] + lv.b * state[WP] + lv.c * state[SPIN]
+    y[YTHETA], y[YX], y[YY], y[YGAMMA] = state[THETA], state[X1], state[Y1], state[GAMMA]
+
+
+@compiled
+def load(dm, modes, y, state):
+    """Kernel state from the contact state y: closed gaps and their rates are exactly zero."""
+    s = leading_sign(modes)
+    sin_b, cos_b = sin(y[YB]), cos(y[YB])
+    lv = levers(dm, s, sin_b, cos_b)
+    state[BETA], state[WB], state[WP], state[SPIN] = y[YB], y[YWB], y[YWP], y[YS]
+    state[CA] = y[YUA] - lv.a * y[YWB]
+    state[CB] = y[YUB] - lv.b * y[YWP] - lv.c * y[YS]
+    state[THETA], state[X1], state[Y1], state[GAMMA] = y[YTHETA], y[YX], y[YY], y[YGAMMA]
+    gap, rate = 2.0 * dm.h * sin_b, 2.0 * dm.h * cos_b * y[YWB]
+    state[D1] = 0.0 if modes[0] != FREE else -gap
+    state[N1] = 0.0 if modes[0] != FREE else -rate
+    state[D2] = 0.0 if modes[1] != FREE else gap
+    state[N2] = 0.0 if modes[1] != FREE else rate
+
+
+@compiled
+def slip_of(dm, modes, y, i):
+    """Axial and lateral slip of end i (0 or 1), which is closed."""
+    if i == 0 or modes[0] == FREE:
+        return y[YUA], y[YUB]
+    return y[YUA], y[YUB] - 2.0 * dm.h * y[YWP]
+
+
+@compiled
+def free_rates(dm, s, y, g_e, sin_b, cos_b):
+    """Rates without contact forces: of (beta', theta' cos(beta)), and of the leading end's (n, a, b) velocities."""
+    w_b, w_p, spin = y[YWB], y[YWP], y[YS]
+    lv = levers(dm, s, sin_b, cos_b)
+    turn = w_p / cos_b
+    axial = dm.J_a / dm.J_t * spin - sin_b * turn
+    d_wb, d_wp = axial * w_p, -axial * w_b
+    c_a = y[YUA] - lv.a * w_b
+    c_b = y[YUB] - lv.b * w_p - lv.c * spin
+    n = -g_e + lv.n * d_wb - s * dm.h * sin_b * w_b * w_b
+    a = -turn * c_b + lv.a * d_wb - s * dm.h * cos_b * w_b * w_b
+    b = turn * c_a + lv.b * d_wp + dm.r * w_b * (cos_b * w_p + sin_b * spin)
+    return d_wb, d_wp, n, a, b
+
+
+@compiled
+def single_forces(dm, mode, lv, y, n, a, b):
+    """Normal, axial and lateral force at the one closed end; nan-free, the normal force may come out negative."""
+    w = delassus(dm, lv, lv)
+    if mode == STICK:
+        det = w.nn * w.aa - w.na * w.na
+        return (w.na * a - w.aa * n) / det, (w.na * n - w.nn * a) / det, -b / w.bb
+    v = hypot(y[YUA], y[YUB])
+    c, s = (y[YUA] / v, y[YUB] / v) if v > 0.0 else (0.0, 0.0)
+    F = -n / (w.nn - dm.mu * w.na * c)
+    return F, -dm.mu * F * c, -dm.mu * F * s
+
+
+@compiled
+def double_forces(dm, modes, y, n_1, n_2, a, b, F):
+    """Forces at both ends (beta = 0) into F; the axial ones as their sum in F[A1]. b is the free lateral rate of both.
+
+    The sum S of the normal forces is fixed by the weight, their difference D by the balance of moments, in which the axial
+    friction A = A_c + A_d D takes part.
+    """
+    p, q = levers(dm, -1.0, 0.0, 1.0), levers(dm, 1.0, 0.0, 1.0)
+    w, wx = delassus(dm, q, q), delassus(dm, p, q)
+    total = -(n_1 + n_2) / (w.nn + wx.nn)
+    held = modes[0] == STICK or modes[1] == STICK
+    v_1, v_2 = hypot(y[YUA], y[YUB]), hypot(y[YUA], y[YUB] - 2.0 * dm.h * y[YWP])
+    c_1, s_1 = (y[YUA] / v_1, y[YUB] / v_1) if v_1 > 0.0 else (0.0, 0.0)
+    c_2, s_2 = (y[YUA] / v_2, (y[YUB] - 2.0 * dm.h * y[YWP]) / v_2) if v_2 > 0.0 else (0.0, 0.0)
+    if held:
+        A_c, A_d = -a / w.aa, -w.an / w.aa
+    else:
+        A_c, A_d = -0.5 * dm.mu * total * (c_1 + c_2), -0.5 * dm.mu * (c_2 - c_1)
+    D = (n_1 - n_2 - 2.0 * w.an * A_c) / (w.nn - wx.nn + 2.0 * w.an * A_d)
+    F[F1], F[F2] = 0.5 * (total - D), 0.5 * (total + D)
+    F[A1], F[A2] = A_c + A_d * D, 0.0
+    F[L1], F[L2] = -dm.mu * F[F1] * s_1, -dm.mu * F[F2] * s_2
+    if modes[0] == STICK and modes[1] == STICK:
+        F[L1] = F[L2] = -b / (w.bb + wx.bb)
+    elif modes[0] == STICK:
+        F[L1] = -(b + wx.bb * F[L2]) / w.bb
+    elif modes[1] == STICK:
+        F[L2] = -(b + wx.bb * F[L1]) / w.bb
+
+
+@compiled
+def contact_rates(dm, modes, phase, y, dy, F):
+    """Time derivative of y in a contact phase into dy, and the contact forces into F.
+
+    Parameters
+    ----------
+    dm : Dimer
+    modes : float64 array, shape (2,)
+        FREE, STICK or SLIP of p1 and p2, not both FREE.
+    phase : float
+        Plate phase omega t + phi0 [rad].
+    y, dy : float64 array, shape (10,)
+        Contact state and its rate.
+    F : float64 array, shape (6,)
+        Forces [N]: normal, axial, lateral of p1, then of p2.
+    """
+    s = leading_sign(modes)
+    double = modes[0] != FREE and modes[1] != FREE
+    sin_b, cos_b = (0.0, 1.0) if double else (sin(y[YB]), cos(y[YB]))
+    lv = levers(dm, s, sin_b, cos_b)
+    d_wb, d_wp, n, a, b = free_rates(dm, s, y, effective_gravity(dm, phase), sin_b, cos_b)
+    F[:6] = 0.0
+    if double:
+        double_forces(dm, modes, y, n, n + 2.0 * dm.h * d_wb, a, b, F)
+        slips = modes[0] == SLIP
+        w = delassus(dm, lv, lv)
+        other = delassus(dm, lv, levers(dm, 1.0, 0.0, 1.0))
+        dy[YB], dy[YWB] = 0.0, 0.0
+        dy[YWP] = dm.h * (F[L1] - F[L2]) / dm.J_t
+        dy[YS] = -dm.r * (F[L1] + F[L2]) / dm.J_a
+        both_slip = slips and modes[1] == SLIP
+        dy[YUA] = a + w.an * (F[F1] - F[F2]) + w.aa * F[A1] if both_slip else 0.0
+        dy[YUB] = b + w.bb * F[L1] + other.bb * F[L2] if slips else 0.0
+    else:
+        i = 0 if s < 0.0 else 1
+        normal, axial, lateral = single_forces(dm, modes[i], lv, y, n, a, b)
+        k = 3 * i
+        F[F1 + k], F[A1 + k], F[L1 + k] = normal, axial, lateral
+        w = delassus(dm, lv, lv)
+        dy[YB] = y[YWB]
+        dy[YWB] = d_wb + (lv.n * normal + lv.a * axial) / dm.J_t
+        dy[YWP] = d_wp + lv.b * lateral / dm.J_t
+        dy[YS] = lv.c * lateral / dm.J_a
+        dy[YUA] = a + w.an * normal + w.aa * axial if modes[i] == SLIP else 0.0
+        dy[YUB] = b + w.bb * lateral if modes[i] == SLIP else 0.0
+    turn = y[YWP] / cos_b
+    dy[YTHETA] = turn
+    v_a = y[YUA] - lv.a * y[YWB] + dm.h * sin_b * y[YWB]
+    v_b = y[YUB] - lv.b * y[YWP] - lv.c * y[YS] + dm.h * y[YWP]
+    sin_t, cos_t = sin(y[YTHETA]), cos(y[YTHETA])
+    dy[YX] = v_b * cos_t - v_a * sin_t
+    dy[YY] = v_a * cos_t + v_b * sin_t
+    dy[YGAMMA] = y[YS] - turn * sin_b
+
+
+@compiled
+def hold_reserve(dm, modes, i, F):
+    """How far the friction that holds end i is from its limit [N]; of two held ends only the sum of the axial parts counts."""
+    mu_s = dm.mu_s
+    if modes[0] == STICK and modes[1] == STICK:
+        room_1 = (mu_s * F[F1]) ** 2 - F[L1] ** 2
+        room_2 = (mu_s * F[F2]) ** 2 - F[L2] ** 2
+        if room_1 < 0.0 or room_2 < 0.0:
+            return min(room_1, room_2)
+        return sqrt(room_1) + sqrt(room_2) - abs(F[A1])
+    k = 3 * i
+    axial = F[A1] if modes[0] != FREE else F[A2]
+    return mu_s * F[F1 + k] - hypot(axial, F[L1 + k])
+
+
+@compiled
+def slip_onset(dm, s, y, phase, v):
+    """Self-consistent slip (speed v) out of rest of the one closed end, into y; returns False if there is none.
+
+    The contact's acceleration under friction in direction phi is parallel to phi: sign changes of the cross product on a
+    grid of directions, then bisection. The axial directions are tried first, so that planar motion stays planar.
+    """
+    lv = levers(dm, s, sin(y[YB]), cos(y[YB]))
+    y[YUA], y[YUB] = 0.0, 0.0
+    _, _, n, a, b = free_rates(dm, s, y, effective_gravity(dm, phase), sin(y[YB]), cos(y[YB]))
+    w = delassus(dm, lv, lv)
+    if b == 0.0:
+        for k in range(2):
+            c = 1.0 - 2.0 * k
+            F = -n / (w.nn - dm.mu * w.na * c)
+            if F > 0.0 and c * (a + F * (w.na - dm.mu * w.aa * c)) > 0.0:
+                y[YUA] = v * c
+                return True
+    steps = 48
+    before, last = 0.0, 0.0
+    for k in range(steps + 1):
+        phi = -3.141592653589793 + 6.283185307179586 * (k + 0.37) / steps
+        cross, along, F = onset_cross(dm, w, n, a, b, phi)
+        if k > 0 and cross * before < 0.0:
+            low, high, sign = last, phi, before
+            for _ in range(60):
+                mid = 0.5 * (low + high)
+                cross_mid, _, _ = onset_cross(dm, w, n, a, b, mid)
+                if cross_mid * sign > 0.0:
+                    low = mid
+                else:
+                    high = mid
+            _, along_mid, F_mid = onset_cross(dm, w, n, a, b, 0.5 * (low + high))
+            if along_mid > 0.0 and F_mid > 0.0:
+                y[YUA], y[YUB] = v * cos(0.5 * (low + high)), v * sin(0.5 * (low + high))
+                return True
+        before, last = cross, phi
+    return False
+
+
+@compiled
+def onset_cross(dm, w, n, a, b, phi):
+    """Contact acceleration across and along the direction phi under friction against it, and the normal force."""
+    c, s = cos(phi), sin(phi)
+    F = -n / (w.nn - dm.mu * w.na * c)
+    u_a, u_b = a + F * (w.na - dm.mu * w.aa * c), b - dm.mu * F * w.bb * s
+    return u_a * s - u_b * c, u_a * c + u_b * s, F

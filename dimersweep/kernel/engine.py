@@ -1,0 +1,388 @@
+"""The event loop: collide, come to rest, choose the contact mode, move to the next event; one run, or many."""
+
+from math import hypot, isfinite
+
+import numpy as np
+
+from dimersweep.kernel.body import TWO_PI, as_dimer
+from dimersweep.kernel.chatter import come_to_rest
+from dimersweep.kernel.choose import CLOSED, INCONSISTENT, contact_mode
+from dimersweep.kernel.contact import YB, YWB, load, unload
+from dimersweep.kernel.fate import (
+    PAST_COLUMNS,
+    PAST_ROWS,
+    begin_past,
+    note_impact,
+    note_landing,
+    note_period,
+    note_take_off,
+    rests_for_good,
+    settled_period,
+    time_of,
+    verdict,
+)
+from dimersweep.kernel.flight import fly, take_off
+from dimersweep.kernel.glide import GLIDE_ROWS, HOLD_LOST, LANDS, NO_EVENT, OUT_OF_STEPS, SLIP_ZERO, glide
+from dimersweep.kernel.impact import N_LOG, contact_velocity, double_impact, rounding, single_impact
+from dimersweep.kernel.jit import compiled
+from dimersweep.kernel.layout import (
+    BETA,
+    C_CHATTER_END,
+    C_END,
+    C_IMPACT,
+    C_LIFT_OFF,
+    C_SLIP,
+    C_START,
+    C_STICK,
+    CA,
+    CB,
+    CONTACT_STEPS,
+    D1,
+    D2,
+    FREE,
+    JAMMED,
+    M_FAILED,
+    MAX_EVENTS,
+    N1,
+    N2,
+    N_STATE,
+    NOT_FINITE,
+    OK,
+    PERIOD,
+    PHASE,
+    RECORD_FULL,
+    ROOT_STEPS,
+    STICK,
+    WB,
+)
+from dimersweep.kernel.record import note_event, note_segment
+from dimersweep.kernel.roots import MAX_PROBES, next_landing
+
+EVENTS_PER_PERIOD = 2000  # bound on events: this many per period asked for, and a start
+SLIP_SCALE = 0.1  # slip that counts as none in contact, in units of the tolerance and g/omega
+COINCIDENT = 4e-16  # gap, in units of l, that counts as closed when the other end lands
+WORK_ROWS, WORK_COLUMNS = GLIDE_ROWS + 8, 16
+ROW_Y, ROW_DY, ROW_F = GLIDE_ROWS, GLIDE_ROWS + 1, GLIDE_ROWS + 2
+
+
+@compiled
+def start_state(dm, beta0, xdot0, state):
+    """Section 7 of the start: p1 on the plate, the rod at beta0 along Y, the balls moving sideways with xdot0."""
+    state[:] = 0.0
+    plate = dm.A_z * dm.omega * np.cos(dm.phi0)
+    state[D2] = 2.0 * dm.h * np.sin(beta0)
+    state[N1] = state[N2] = -plate
+    state[BETA] = beta0
+    state[CB] = xdot0
+
+
+@compiled
+def no_slip(dm, state, rtol):
+    """Slip that counts as none in contact [m/s]: below the tolerance, but clear of round-off."""
+    return max(SLIP_SCALE * rtol * dm.v_scale, 32.0 * rounding(dm, state))
+
+
+@compiled
+def contact_code(modes):
+    """Contact state of Table 1 between impacts."""
+    return int(5 * modes[0] + modes[1])
+
+
+@compiled
+def collide(dm, state, modes, tol, work, log):
+    """Resolve the impact of the closed ends that approach; the state and the friction modes are updated.
+
+    Returns
+    -------
+    status, rows : int
+        OK or the reason; rows of the impact's log.
+    """
+    closed_1, closed_2 = state[D1] == 0.0, state[D2] == 0.0
+    V = 0.0
+    if closed_1:
+        V = max(V, -state[N1])
+    if closed_2:
+        V = max(V, -state[N2])
+    if closed_1 and closed_2:
+        state[BETA] = 0.0
+        return double_impact(dm, state, V, tol, modes, work, log)
+    i = 0 if closed_1 else 1
+    status, mode, rows = single_impact(dm, state, -1.0 if closed_1 else 1.0, V, tol, work, log)
+    modes[0], modes[1] = FREE, FREE
+    modes[i] = mode
+    return status, rows
+
+
+@compiled
+def choose(dm, state, modes, lifted, lost, slip_tol, work):
+    """Contact modes of the ends at rest on the plate (but for one that has just lifted off); the state follows them.
+
+    Returns
+    -------
+    int
+        CLOSED, SEPARATES or INCONSISTENT.
+    """
+    y, dy, F = work[ROW_Y], work[ROW_DY], work[ROW_F]
+    closed_1 = state[D1] == 0.0 and state[N1] == 0.0 and lifted != 0
+    closed_2 = state[D2] == 0.0 and state[N2] == 0.0 and lifted != 1
+    modes[0], modes[1] = FREE, FREE
+    if not closed_1 and not closed_2:
+        return CLOSED
+    unload(dm, state, -1.0 if closed_1 else 1.0, y)
+    if closed_1 and closed_2:
+        y[YB], y[YWB] = 0.0, 0.0
+    answer = contact_mode(dm, closed_1, closed_2, state[PHASE] + dm.phi0, y, modes, slip_tol, lost, dy, F)
+    if answer == CLOSED:
+        load(dm, modes, y, state)
+    return answer
+
+
+@compiled
+def move(dm, state, modes, path, tol, slip_tol, work):
+    """Move to the next event or to the end of the forcing period, whichever is first.
+
+    Returns
+    -------
+    event : int
+        Event number of ``glide`` (a landing of p2 or p1 is LANDS), or NO_EVENT at the end of the period.
+    status : int
+    """
+    span = (TWO_PI - state[PHASE]) / dm.omega
+    if modes[0] == FREE and modes[1] == FREE:
+        fl = take_off(dm, state)
+        sign, t, probes = next_landing(fl, span)
+        if probes == MAX_PROBES:
+            return NO_EVENT, ROOT_STEPS
+        fly(dm, fl, state, min(t, span), path)
+        if sign == 0.0:
+            return NO_EVENT, OK
+        touch(dm, state, sign)
+        return LANDS, OK
+    y = work[ROW_Y]
+    unload(dm, state, -1.0 if modes[0] != FREE else 1.0, y)
+    hold_rest(dm, modes, y)
+    t, event = glide(dm, modes, y, state[PHASE] + dm.phi0, span, path, tol, slip_tol, True, work)
+    if event == LANDS:
+        y[YB] = 0.0
+    load(dm, modes, y, state)
+    state[PHASE] += dm.omega * t
+    if event == OUT_OF_STEPS:
+        return NO_EVENT, CONTACT_STEPS
+    return event, OK
+
+
+@compiled
+def hold_rest(dm, modes, y):
+    """Make the slip of a sticking end exactly zero (it was, but for the rounding of ``load`` and ``unload``)."""
+    if modes[0] == STICK or (modes[0] == FREE and modes[1] == STICK):
+        y[4], y[5] = 0.0, 0.0
+    elif modes[1] == STICK:
+        y[4] = 0.0
+        y[2] = y[5] / (2.0 * dm.h)
+
+
+@compiled
+def touch(dm, state, sign):
+    """Close the gap of the end that has landed, and the other one too if it is closed to rounding."""
+    near = COINCIDENT * 2.0 * dm.h
+    if sign < 0.0:
+        state[D1] = 0.0
+        if state[D2] <= near:
+            state[D2] = 0.0
+    else:
+        state[D2] = 0.0
+        if state[D1] <= near:
+            state[D1] = 0.0
+    if state[D1] == 0.0 and state[D2] == 0.0:
+        state[BETA] = 0.0
+
+
+@compiled
+def force_impact(dm, state, modes, lifted):
+    """Set a vanishing approach at the ends whose contact law has no force: what follows is an impact without collision."""
+    for i in range(2):
+        if state[D1 + i] == 0.0 and state[N1 + i] == 0.0 and lifted != i:
+            _, a, b = contact_velocity(dm, state, -1.0 if i == 0 else 1.0)
+            state[N1 + i] = -1e-9 * hypot(a, b)
+
+
+@compiled
+def cause_of(event):
+    """Why an event row is written, from the event number of a contact phase."""
+    if event < HOLD_LOST:
+        return C_LIFT_OFF
+    return C_SLIP if event < SLIP_ZERO else C_STICK
+
+
+@compiled
+def evolve(dm, state, modes, periods, rtol, settle, path, past, work, log, events, segments, counts):
+    """Run from a state to `periods` completed forcing periods, or until the motion has settled.
+
+    Parameters
+    ----------
+    state, modes : float64 arrays, shapes (N_STATE,), (2,)
+        Modified in place.
+    settle : bool
+        Stop when the motion is known.
+    path : bool
+        Whether x1, y1 and gamma are wanted.
+    past : float64 array, shape (PAST_ROWS, PAST_COLUMNS)
+        What the verdict needs (``fate``), modified in place.
+    work : float64 array, shape (WORK_ROWS, WORK_COLUMNS)
+    log : float64 array, shape (n, N_LOG)
+        Phases of one impact; no rows if no record is wanted.
+    events, segments : float64 arrays
+        The record (``record``); no rows if none is wanted.
+    counts : int64 array, shape (3,)
+        Number of events, event rows and segments, modified in place.
+
+    Returns
+    -------
+    status, at_rest : int, bool
+    """
+    bound = EVENTS_PER_PERIOD * (periods + 10)
+    record = segments.shape[0] > 0
+    none = log[0, :0] if record else state[:0]
+    pending, lifted, lost, cause = True, -1, False, C_START
+    forced = 0
+    before = contact_code(modes)
+    while state[PERIOD] < periods:
+        if counts[0] > bound:
+            return MAX_EVENTS, False
+        if (state[D1] == 0.0 and state[N1] < 0.0) or (state[D2] == 0.0 and state[N2] < 0.0):
+            counts[0] += 1
+            status = strike(dm, state, modes, before, rtol, past, work, log, events, counts)
+            if status != OK:
+                return status, False
+            pending, lifted, lost, cause = True, -1, False, C_IMPACT
+            if come_to_rest(dm, state, modes, no_slip(dm, state, rtol), rtol, work[ROW_Y], work[ROW_DY], work[ROW_F]):
+                cause = C_CHATTER_END
+            before = contact_code(modes)
+        slip_tol = no_slip(dm, state, rtol)
+        if pending:
+            answer = choose(dm, state, modes, lifted, lost, slip_tol, work)
+            if answer == INCONSISTENT:
+                forced += 1
+                if forced > 20:
+                    return JAMMED, False
+                force_impact(dm, state, modes, lifted)
+                continue
+            forced = 0
+            if record:
+                after = contact_code(modes)
+                if cause != C_IMPACT or after != 0:
+                    counts[1] = note_event(dm, events, counts[1], state, cause, after, before, after, none)
+                counts[2] = note_segment(segments, counts[2], state, modes)
+                if counts[1] > events.shape[0] or counts[2] > segments.shape[0]:
+                    return RECORD_FULL, False
+            note_flights(dm, state, modes, past)
+            pending = False
+        before = contact_code(modes)
+        event, status = move(dm, state, modes, path, rtol, slip_tol, work)
+        if status != OK:
+            return status, False
+        if event == NO_EVENT:
+            state[PHASE] = 0.0
+            state[PERIOD] += 1.0
+            if not isfinite(state[BETA] + state[D1] + state[D2] + state[N1] + state[N2] + state[CA] + state[CB]):
+                return NOT_FINITE, False
+            note_period(dm, state, modes, past)
+            if record:
+                counts[2] = note_segment(segments, counts[2], state, modes)
+            if settle and (rests_for_good(dm, state, modes) or settled_period(past) > 0):
+                break
+        else:
+            counts[0] += 1
+            pending, lifted, lost = True, -1, False
+            if event < HOLD_LOST:
+                lifted = event % 2
+            lost = HOLD_LOST <= event < SLIP_ZERO
+            if event != LANDS:
+                cause = cause_of(event)
+    if record:
+        counts[1] = note_event(dm, events, counts[1], state, C_END, contact_code(modes), before, contact_code(modes), none)
+        counts[2] = note_segment(segments, counts[2], state, modes)
+        if counts[1] > events.shape[0] or counts[2] > segments.shape[0]:
+            return RECORD_FULL, False
+    return OK, rests_for_good(dm, state, modes)
+
+
+@compiled
+def strike(dm, state, modes, before, rtol, past, work, log, events, counts):
+    """An impact with all that is kept of it: landings, the double event, the rows of the record."""
+    now = time_of(state, dm.omega, dm.T)
+    double = state[D1] == 0.0 and state[D2] == 0.0
+    long_flight, lander = False, 0
+    for i in range(2):
+        if state[D1 + i] == 0.0:
+            if note_landing(dm, past, i, now):
+                long_flight, lander = True, i
+            elif state[N1 + i] < 0.0 and not long_flight:
+                lander = i
+    other_down = past[0, 1 - lander] < 0.0 or now - past[0, 1 - lander] < 0.5 * dm.T
+    status, rows = collide(dm, state, modes, rtol, work, log)
+    note_impact(dm, state, past, double, lander, long_flight and other_down, modes, now)
+    if log.shape[0] > 0:
+        for k in range(rows):
+            after = log[k + 1, 0] if k + 1 < rows else 0.0
+            counts[1] = note_event(dm, events, counts[1], state, C_IMPACT, log[k, 0], before, after, log[k])
+            before = int(log[k, 0])
+    return status
+
+
+@compiled
+def note_flights(dm, state, modes, past):
+    """Note the ends that are off the plate from now on."""
+    now = time_of(state, dm.omega, dm.T)
+    for i in range(2):
+        if modes[i] == FREE:
+            note_take_off(past, i, now)
+
+
+@compiled
+def run_row(row, periods, rtol, settle, path, past, work, state, modes, log, events, segments, counts, out, codes):
+    """One run from its start, with its verdict; all arrays are the caller's and modified in place."""
+    dm = as_dimer(row)
+    start_state(dm, row[7], row[8], state)
+    modes[0], modes[1] = FREE, FREE
+    begin_past(past)
+    counts[:] = 0
+    status, at_rest = evolve(
+        dm, state, modes, periods, rtol, settle, path, past, work, log, events, segments, counts
+    )
+    mode, p, end = verdict(dm, past, at_rest, out)
+    if status != OK:
+        mode, p, end = M_FAILED, 0, 0
+        out[:] = np.nan
+    codes[0], codes[1], codes[2], codes[3], codes[4] = status, mode, p, end, counts[0]
+    codes[5] = int(state[PERIOD])
+
+
+@compiled
+def run_many(rows, periods, rtol, settle, out, codes):
+    """Verdicts of many runs.
+
+    Parameters
+    ----------
+    rows : float64 array, shape (n, N_ROW)
+        Parameters in the order of ``layout.ROW``, SI units.
+    periods : int
+        Forcing periods of each run at most.
+    rtol : float
+        The one accuracy knob.
+    settle : bool
+        Stop each run when its motion has settled.
+    out : float64 array, shape (n, N_OUT)
+        Filled in the order of ``layout.OUT``.
+    codes : int64 array, shape (n, N_CODES)
+        Filled in the order of ``layout.CODES``.
+    """
+    past = np.zeros((PAST_ROWS, PAST_COLUMNS))
+    work = np.zeros((WORK_ROWS, WORK_COLUMNS))
+    state, modes = np.zeros(N_STATE), np.zeros(2)
+    none = np.zeros((0, N_LOG))
+    counts = np.zeros(3, np.int64)
+    for k in range(rows.shape[0]):
+        run_row(
+            rows[k], periods, rtol, settle, False, past, work, state, modes, none, none, none, counts, out[k], codes[k]
+        )

@@ -1,0 +1,311 @@
+"""What motion is this: what a run keeps of its past, when it has settled, its mode, and its orbit.
+
+Kept are the last strobes (normal state at the period boundaries), double events (landings of one ball while the other one
+is down, with the state after the last impact of each burst) and long landings. Lines drawn here, in forcing periods: a
+ball is down while it is closed or in hops shorter than HOP_LINE; impacts of one double event lie within BURST.
+"""
+
+from math import acos, hypot, inf, nan, pi
+
+from dimersweep.kernel.jit import compiled
+from dimersweep.kernel.layout import (
+    BETA,
+    CA,
+    CB,
+    D1,
+    D2,
+    DI_SK_SK,
+    DI_SK_SP,
+    DI_SP_SK,
+    DI_SP_SP,
+    FREE,
+    M_DRIFT,
+    M_FLUTTER,
+    M_JUMP,
+    M_PERIOD_N,
+    M_REST,
+    M_UNRESOLVED,
+    N1,
+    N2,
+    N_OUT,
+    PERIOD,
+    PHASE,
+    SPIN,
+    STICK,
+    THETA,
+    WB,
+    WP,
+)
+
+HOP_LINE = 0.5
+BURST = 0.05
+DOWN_LINE = 0.9  # share of the time one ball is down in the drift mode
+TOGETHER = 0.15  # landings of a jump lie closer than this
+SETTLED = 1e-4  # change of a strobe, in g/omega^2 and g/omega, that counts as none
+PATIENCE = 24  # periods a motion repeats before it counts as settled
+MAX_PERIOD = 16
+FIT = 20  # double events in the fit of an orbit's drift
+
+RING = 64
+# rows of the past: scalars, strobes, double events, long landings
+SCALARS, STROBES, DOUBLES, LANDINGS = 0, 2, 2 + RING, 2 + 2 * RING
+PAST_ROWS, PAST_COLUMNS = 2 + 3 * RING, 24
+# scalars
+S_OFF_1, S_OFF_2, S_DOWN_1, S_DOWN_2, S_DOUBLES, S_LANDINGS, S_STROBES, S_CLOSED = range(8)
+RUNS = 1  # this row holds, in column p, for how many periods the motion has repeated with period p
+# columns of a strobe
+P_D1, P_D2, P_N1, P_N2, P_DOWN_1, P_DOWN_2, P_DOUBLES = range(7)
+# columns of a double event
+E_TIME, E_PHASE, E_SPEED, E_ZETA, E_THETA, E_SPIN, E_WB, E_END, E_BOUNCER = range(9)
+# columns of a long landing
+G_TIME, G_END = range(2)
+
+
+@compiled
+def time_of(state, omega, T):
+    """Time since the start [s]."""
+    return state[PERIOD] * T + state[PHASE] / omega
+
+
+@compiled
+def begin_past(past):
+    """An empty past; both balls down."""
+    past[:, :] = 0.0
+    past[SCALARS, S_OFF_1] = past[SCALARS, S_OFF_2] = -1.0
+
+
+@compiled
+def note_take_off(past, i, now):
+    """End i leaves the plate now."""
+    if past[SCALARS, S_OFF_1 + i] < 0.0:
+        past[SCALARS, S_OFF_1 + i] = now
+
+
+@compiled
+def note_landing(dm, past, i, now):
+    """End i is back on the plate; returns whether its flight was a long one."""
+    off = past[SCALARS, S_OFF_1 + i]
+    if off < 0.0:
+        return False
+    past[SCALARS, S_OFF_1 + i] = -1.0
+    hop = now - off
+    if hop < HOP_LINE * dm.T:
+        return False
+    past[SCALARS, S_DOWN_1 + i] -= hop
+    row = LANDINGS + int(past[SCALARS, S_LANDINGS]) % RING
+    past[row, G_TIME], past[row, G_END] = now, i
+    past[SCALARS, S_LANDINGS] += 1.0
+    return True
+
+
+@compiled
+def note_impact(dm, state, past, double, i, long_flight, modes, now):
+    """Keep the state after an impact that is, begins or continues a double event.
+
+    Parameters
+    ----------
+    double : bool
+        The impact began with both ends closed.
+    i : int
+        The end that landed.
+    long_flight : bool
+        That landing ended a long flight, the other ball being down.
+    """
+    count = int(past[SCALARS, S_DOUBLES])
+    row = DOUBLES + (count - 1) % RING if count > 0 else DOUBLES
+    burst = count > 0 and now - past[row, E_TIME] < BURST * dm.T
+    if burst:
+        if not double and past[row, E_BOUNCER] != i:
+            return
+        i = int(past[row, E_BOUNCER])
+    elif double or long_flight:
+        row = DOUBLES + count % RING
+        past[SCALARS, S_DOUBLES] += 1.0
+        past[row, E_BOUNCER] = i
+    else:
+        return
+    v = hypot(state[CA], state[CB])
+    forward = state[CA] if i == 1 else -state[CA]
+    past[row, E_TIME] = now
+    past[row, E_PHASE] = (state[PHASE] + dm.phi0) / (2.0 * pi) % 1.0
+    past[row, E_SPEED] = v
+    past[row, E_ZETA] = acos(max(-1.0, min(1.0, forward / v))) if v > 0.0 else nan
+    past[row, E_THETA] = state[THETA]
+    past[row, E_SPIN] = state[SPIN]
+    past[row, E_WB] = state[WB]
+    held, bounced = modes[1 - i] == STICK, modes[i] == STICK
+    past[row, E_END] = (
+        (DI_SK_SK if bounced else DI_SK_SP) if held else (DI_SP_SK if bounced else DI_SP_SP)
+    )
+
+
+@compiled
+def note_period(dm, state, modes, past):
+    """Strobe at a period boundary, and count for how long the motion has repeated with each period."""
+    count = int(past[SCALARS, S_STROBES])
+    row = past[STROBES + count % RING]
+    length = dm.v_scale / dm.omega
+    row[P_D1], row[P_D2] = state[D1] / length, state[D2] / length
+    row[P_N1], row[P_N2] = state[N1] / dm.v_scale, state[N2] / dm.v_scale
+    row[P_DOWN_1], row[P_DOWN_2] = past[SCALARS, S_DOWN_1], past[SCALARS, S_DOWN_2]
+    row[P_DOUBLES] = past[SCALARS, S_DOUBLES]
+    past[SCALARS, S_STROBES] += 1.0
+    past[SCALARS, S_CLOSED] = past[SCALARS, S_CLOSED] + 1.0 if modes[0] != FREE and modes[1] != FREE else 0.0
+    for p in range(1, MAX_PERIOD + 1):
+        same = count >= p
+        if same:
+            old = past[STROBES + (count - p) % RING]
+            for k in range(4):
+                if not abs(row[k] - old[k]) <= SETTLED:
+                    same = False
+        past[RUNS, p] = past[RUNS, p] + 1.0 if same else 0.0
+
+
+@compiled
+def settled_period(past):
+    """Least number of forcing periods with which the motion has repeated long enough, 0 if with none."""
+    for p in range(1, MAX_PERIOD + 1):
+        if past[RUNS, p] >= PATIENCE + p:
+            return p
+    return 0
+
+
+@compiled
+def rests_for_good(dm, state, modes):
+    """Whether both ends stay closed whatever comes: the plate never outruns gravity, and no gyroscopic or friction moment
+    (bounded by the energy, which only falls) can unload an end.
+    """
+    if modes[0] == FREE or modes[1] == FREE:
+        return False
+    pull = dm.g - dm.A_z * dm.omega * dm.omega
+    if modes[0] == STICK and modes[1] == STICK:
+        return pull >= 0.0
+    v2 = state[CA] ** 2 + state[CB] ** 2
+    w2 = state[WP] ** 2
+    energy = dm.m * v2 + dm.J_t * w2 + dm.J_a * state[SPIN] ** 2
+    moment = energy * (dm.J_a / dm.J_t) ** 0.5  # J_a spin theta' <= sqrt(J_a / J_t) energy
+    return dm.m * pull * (dm.h - dm.r * dm.mu_s) > moment
+
+
+@compiled
+def shares(dm, past, p):
+    """Shares of the last p periods: p1 down, p2 down, neither down."""
+    count = int(past[SCALARS, S_STROBES])
+    last = past[STROBES + (count - 1) % RING]
+    first = past[STROBES + (count - 1 - p) % RING]
+    span = p * dm.T
+    down_1 = 1.0 + (last[P_DOWN_1] - first[P_DOWN_1]) / span
+    down_2 = 1.0 + (last[P_DOWN_2] - first[P_DOWN_2]) / span
+    return down_1, down_2
+
+
+@compiled
+def mode_of(dm, past, at_rest):
+    """Mode of the motion and its period in forcing periods (0 where it has none)."""
+    count = int(past[SCALARS, S_STROBES])
+    if at_rest or past[SCALARS, S_CLOSED] >= 3.0:
+        return M_REST, 0
+    p = settled_period(past)
+    if p == 0:
+        return M_UNRESOLVED, 0
+    span = p * max(1, 12 // p)
+    down_1, down_2 = shares(dm, past, span)
+    doubles = past[STROBES + (count - 1) % RING, P_DOUBLES] - past[STROBES + (count - 1 - span) % RING, P_DOUBLES]
+    if p == 1:
+        if doubles == span and max(down_1, down_2) >= DOWN_LINE:
+            return M_DRIFT, 1
+    together, turns, total = landing_pattern(dm, past, span)
+    if total > 0 and together == total:
+        return M_JUMP, p
+    if p > 1 and total >= 2 and turns == total - 1:
+        return M_FLUTTER, p
+    return M_PERIOD_N, p
+
+
+@compiled
+def landing_pattern(dm, past, span):
+    """Of the long landings of the last `span` periods: those with one of the other end beside them, changes of end, all."""
+    count = int(past[SCALARS, S_LANDINGS])
+    now = past[SCALARS, S_STROBES] * dm.T
+    together, turns, total = 0, 0, 0
+    for back in range(min(count, RING)):
+        row = past[LANDINGS + (count - 1 - back) % RING]
+        if row[G_TIME] < now - span * dm.T:
+            break
+        total += 1
+        beside = False
+        if back > 0:
+            later = past[LANDINGS + (count - back) % RING]
+            if later[G_END] != row[G_END]:
+                turns += 1
+                beside = later[G_TIME] - row[G_TIME] < TOGETHER * dm.T
+        if not beside and back + 1 < min(count, RING):
+            earlier = past[LANDINGS + (count - 2 - back) % RING]
+            beside = earlier[G_END] != row[G_END] and row[G_TIME] - earlier[G_TIME] < TOGETHER * dm.T
+        together += 1 if beside else 0
+    return together, turns, total
+
+
+@compiled
+def orbit_value(past, k, back):
+    """Observable k (radius, period, zeta, speed, precession rate, impact phase) of the double event `back` before the last."""
+    count = int(past[SCALARS, S_DOUBLES])
+    row = past[DOUBLES + (count - 1 - back) % RING]
+    old = past[DOUBLES + (count - 2 - back) % RING]
+    if k == 2:
+        return row[E_ZETA]
+    if k == 3:
+        return row[E_SPEED]
+    if k == 5:
+        return row[E_PHASE]
+    rate = (row[E_THETA] - old[E_THETA]) / (row[E_TIME] - old[E_TIME])
+    if k == 4:
+        return rate
+    if rate == 0.0:
+        return inf
+    return row[E_SPEED] / abs(rate) if k == 0 else 2.0 * pi / abs(rate)
+
+
+@compiled
+def orbit_of(dm, past, out):
+    """Orbit of a drift from its double events into the outcome row: last values, and their slopes over the last FIT.
+
+    Returns
+    -------
+    int
+        How the last double impact ended.
+    """
+    count = int(past[SCALARS, S_DOUBLES])
+    if count < 2:
+        return 0
+    n = min(FIT, count - 1, RING - 1)
+    for k in range(6):
+        out[k] = orbit_value(past, k, 0)
+        mean_x, mean_y = 0.5 * (n - 1), 0.0
+        for back in range(n):
+            mean_y += orbit_value(past, k, back) / n
+        xy, xx = 0.0, 0.0
+        for back in range(n):
+            x = (n - 1 - back) - mean_x
+            xy += x * (orbit_value(past, k, back) - mean_y)
+            xx += x * x
+        out[6 + k] = xy / xx if n > 1 else nan
+    last = past[DOUBLES + (count - 1) % RING]
+    out[12], out[13] = last[E_SPIN], last[E_WB]
+    return int(last[E_END])
+
+
+@compiled
+def verdict(dm, past, at_rest, out):
+    """Mode, its period and the end of the double impact; fills the outcome row (nan where a number has no meaning)."""
+    out[:N_OUT] = nan
+    mode, p = mode_of(dm, past, at_rest)
+    end = 0
+    if mode == M_DRIFT:
+        end = orbit_of(dm, past, out)
+    if past[SCALARS, S_STROBES] > 1.0:
+        span = int(min(past[SCALARS, S_STROBES] - 1.0, 12.0))
+        out[14], out[15] = shares(dm, past, span)
+    if p > 0:
+        out[16] = past[SCALARS, S_STROBES] - past[RUNS, p]
+    return mode, p, end

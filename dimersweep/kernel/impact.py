@@ -1,0 +1,294 @@
+"""An impact from its first touch to its last: which ends act, phase by phase, and what becomes of the body's velocities."""
+
+from math import cos, hypot, sin
+
+from dimersweep.kernel.body import delassus, levers
+from dimersweep.kernel.double_impact import (
+    ZA,
+    ZB1,
+    ZB2,
+    ZN1,
+    ZN2,
+    ZX1,
+    ZX2,
+    PairLaw,
+    friction_modes,
+    onset_pressures,
+    pair_leg,
+)
+from dimersweep.kernel.jit import compiled
+from dimersweep.kernel.layout import (
+    BETA,
+    CA,
+    CB,
+    FREE,
+    IMPACT,
+    IMPACT_STEPS,
+    JAMMED,
+    N1,
+    N2,
+    OK,
+    SLIP,
+    SPIN,
+    STICK,
+    WB,
+    WP,
+)
+from dimersweep.kernel.single_impact import DONE, JAM, STEPS, EndLaw, single_phase
+
+MAX_PHASES = 400
+SLIP_TOL = 0.1  # slip that counts as none, in units of the impact's tolerance
+# a row of the impact's log: contact state; gap rates before, after; impulses; slips (a_1, b_1, a_2, b_2) after
+LOG_STATE, LOG_N1, LOG_N2, LOG_N1_AFTER, LOG_N2_AFTER, LOG_P1, LOG_P2, LOG_A1, LOG_B1, LOG_A2, LOG_B2 = range(11)
+N_LOG = 11
+WORK_ROWS, WORK_COLUMNS = 40, 16
+
+
+@compiled
+def contact_velocity(dm, state, s):
+    """Gap rate, axial and lateral velocity of the contact point of the end with sign s [m/s]."""
+    lv = levers(dm, s, sin(state[BETA]), cos(state[BETA]))
+    n = state[N1] if s < 0.0 else state[N2]
+    return n, state[CA] + lv.a * state[WB], state[CB] + lv.b * state[WP] + lv.c * state[SPIN]
+
+
+@compiled
+def end_law(dm, s, both, sin_b, cos_b, mu, mu_s):
+    """The law of an impact at one end."""
+    own, other = levers(dm, s, sin_b, cos_b), levers(dm, -s, sin_b, cos_b)
+    w, wj = delassus(dm, own, own), delassus(dm, other, own)
+    e = dm.e_1 if s < 0.0 else dm.e_2
+    m = dm.m
+    return EndLaw(m * w.nn, m * w.na, m * w.aa, m * w.bb, m * wj.nn, m * wj.na, both, e, mu, mu_s)
+
+
+@compiled
+def pair_law(dm, mu, mu_s):
+    """The law of a double impact (beta = 0)."""
+    p, q = levers(dm, -1.0, 0.0, 1.0), levers(dm, 1.0, 0.0, 1.0)
+    w, wj = delassus(dm, p, p), delassus(dm, q, p)
+    m = dm.m
+    return PairLaw(m * w.nn, m * wj.nn, -m * w.na, m * w.aa, m * w.bb, m * wj.bb, dm.e_1, dm.e_2, mu, mu_s)
+
+
+@compiled
+def compression(E):
+    """X of a stored energy: E = (2/5) X^(5/2)."""
+    return (2.5 * E) ** 0.4 if E > 0.0 else 0.0
+
+
+@compiled
+def stored_energy(X):
+    """E of a compression X."""
+    return 0.4 * X**2.5 if X > 0.0 else 0.0
+
+
+@compiled
+def acts(law, i, z, slip_tol):
+    """Whether end i acts now or is about to: it is compressed, approaches, or is driven towards the plate from rest.
+
+    At rest and uncompressed, an end is driven by the other one alone, with the friction that other end has.
+    """
+    if z[ZX1 + i] > 0.0 or z[ZN1 + i] < 0.0:
+        return True
+    if z[ZN1 + i] > 0.0:
+        return False
+    sign = 1.0 if i == 0 else -1.0
+    v = hypot(z[ZA], z[ZB2 - i])
+    if v > slip_tol:
+        tau = -law.mu * z[ZA] / v
+    else:
+        hold = law.w / law.aa
+        tau = -sign * (hold if hold <= law.mu_s else law.mu)
+    return law.nn_12 - sign * law.w * tau < 0.0
+
+
+@compiled
+def log_phase(log, count, code, before_1, before_2, z, V, P_1, P_2):
+    """Add a row to the log of the impact's phases (a log without rows is not kept); returns the count."""
+    if count < log.shape[0]:
+        row = log[count]
+        row[LOG_STATE] = code
+        row[LOG_N1], row[LOG_N2] = before_1 * V, before_2 * V
+        row[LOG_N1_AFTER], row[LOG_N2_AFTER] = z[ZN1] * V, z[ZN2] * V
+        row[LOG_P1], row[LOG_P2] = P_1, P_2
+        row[LOG_A1], row[LOG_B1], row[LOG_A2], row[LOG_B2] = z[ZA] * V, z[ZB1] * V, z[ZA] * V, z[ZB2] * V
+        return count + 1
+    return count
+
+
+@compiled
+def single_impact(dm, state, s, V, tol, work, log):
+    """Impact at the end with sign s while the other one is off the plate; updates the state.
+
+    Returns
+    -------
+    status, mode, rows : int
+        OK or the reason; STICK or SLIP at the end; rows logged.
+    """
+    sin_b, cos_b = sin(state[BETA]), cos(state[BETA])
+    law = end_law(dm, s, 0.0, sin_b, cos_b, dm.mu, dm.mu_s)
+    n, a, b = contact_velocity(dm, state, s)
+    slip_tol = max(SLIP_TOL * tol, rounding(dm, state) / V)
+    n_plus, a_plus, b_plus, _, _, P, A, B, mode, reason = single_phase(
+        law, n / V, a / V, b / V, 0.0, 0.0, slip_tol, work
+    )
+    if reason != DONE:
+        return (JAMMED if reason == JAM else IMPACT_STEPS), mode, 0
+    lv, lj = levers(dm, s, sin_b, cos_b), levers(dm, -s, sin_b, cos_b)
+    wj = delassus(dm, lj, lv)
+    unit = dm.m * V
+    own, other = (N1, N2) if s < 0.0 else (N2, N1)
+    state[own] = n_plus * V
+    state[other] += unit * (wj.nn * P + wj.na * A)
+    push(dm, state, lv, unit * P, unit * A, unit * B)
+    rows = 0
+    if log.shape[0] > 0:
+        row = log[0]
+        row[:N_LOG] = 0.0
+        code = IMPACT + mode
+        row[LOG_STATE] = 5 * code if s < 0.0 else code
+        own_row = 0 if s < 0.0 else 1
+        row[LOG_N1 + own_row], row[LOG_N1_AFTER + own_row], row[LOG_P1 + own_row] = n, n_plus * V, unit * P
+        row[LOG_N1 + 1 - own_row] = state[other] - unit * (wj.nn * P + wj.na * A)
+        row[LOG_N1_AFTER + 1 - own_row] = state[other]
+        row[LOG_A1 + 2 * own_row], row[LOG_B1 + 2 * own_row] = a_plus * V, b_plus * V
+        rows = 1
+    return OK, mode, rows
+
+
+@compiled
+def push(dm, state, lv, P, A, B):
+    """Add impulses at an end with the given levers to the body's velocities (gap rates apart)."""
+    state[CA] += A / dm.m
+    state[CB] += B / dm.m
+    state[WB] += (lv.n * P + lv.a * A) / dm.J_t
+    state[WP] += lv.b * B / dm.J_t
+    state[SPIN] += lv.c * B / dm.J_a
+
+
+@compiled
+def rounding(dm, state):
+    """Round-off of a contact velocity [m/s]: slip below it is none."""
+    size = abs(state[CA]) + abs(state[CB]) + dm.r * abs(state[SPIN]) + dm.h * (abs(state[WB]) + abs(state[WP]))
+    return 8.0 * 2.3e-16 * size
+
+
+@compiled
+def load_pair(dm, state, V, z):
+    """Contact velocities at a double contact into z, in units of V, uncompressed."""
+    z[ZN1], z[ZN2] = state[N1] / V, state[N2] / V
+    z[ZX1], z[ZX2] = 0.0, 0.0
+    _, a, b_1 = contact_velocity(dm, state, -1.0)
+    _, _, b_2 = contact_velocity(dm, state, 1.0)
+    z[ZA], z[ZB1], z[ZB2] = a / V, b_1 / V, b_2 / V
+
+
+@compiled
+def pair_impulses(dm, z, start, V):
+    """Normal impulses (P_1, P_2), axial sum A and laterals (B_1, B_2) that lead from `start` to z [kg m/s]."""
+    d_c = 0.5 * (z[ZN1] - start[ZN1] + z[ZN2] - start[ZN2]) * V
+    d_w = 0.5 * (z[ZN2] - start[ZN2] - z[ZN1] + start[ZN1]) * V / dm.h
+    A = dm.m * ((z[ZA] - start[ZA]) * V - dm.r * d_w)
+    difference = (dm.J_t * d_w - dm.r * A) / dm.h
+    P_1, P_2 = 0.5 * (dm.m * d_c - difference), 0.5 * (dm.m * d_c + difference)
+    p, q = levers(dm, -1.0, 0.0, 1.0), levers(dm, 1.0, 0.0, 1.0)
+    bb, bb_12 = delassus(dm, p, p).bb, delassus(dm, p, q).bb
+    d_1, d_2 = (z[ZB1] - start[ZB1]) * V, (z[ZB2] - start[ZB2]) * V
+    det = bb * bb - bb_12 * bb_12
+    return P_1, P_2, A, (bb * d_1 - bb_12 * d_2) / det, (bb * d_2 - bb_12 * d_1) / det
+
+
+@compiled
+def double_impact(dm, state, V, tol, modes, work, log):
+    """Impact with both ends on the plate (beta = 0); updates the state and the friction modes of the ends.
+
+    Returns
+    -------
+    status, rows : int
+        OK or the reason; rows logged.
+    """
+    law = pair_law(dm, dm.mu, dm.mu_s)
+    z, start, before, compressing = work[31], work[32], work[33], work[34]
+    load_pair(dm, state, V, z)
+    start[:7] = z[:7]
+    slip_tol = max(SLIP_TOL * tol, rounding(dm, state) / V)
+    compressing[0], compressing[1] = 1.0, 1.0
+    rows = 0
+    status = IMPACT_STEPS
+    lost = False
+    for _ in range(MAX_PHASES):
+        on_1, on_2 = acts(law, 0, z, slip_tol), acts(law, 1, z, slip_tol)
+        if not on_1 and not on_2:
+            status = OK
+            break
+        before[:7] = z[:7]
+        if on_1 and on_2:
+            f_1, f_2 = onset_pressures(z)
+            friction_modes(law, z, modes, f_1, f_2, slip_tol, lost)
+            event = pair_leg(law, z, modes, compressing, tol, slip_tol, work)
+            if event < 0:
+                break
+            lost = 4 <= event < 6
+            settle_event(law, event, z, compressing)
+        else:
+            i = 0 if on_1 else 1
+            reason = lone_phase(dm, law, i, z, modes, compressing, slip_tol, work)
+            lost = False
+            if reason == JAM or reason == STEPS:
+                status = JAMMED if reason == JAM else IMPACT_STEPS
+                break
+        P_1, P_2, _, _, _ = pair_impulses(dm, z, before, V)
+        code = 5 * phase_code(on_1, modes[0]) + phase_code(on_2, modes[1])
+        rows = log_phase(log, rows, code, before[ZN1], before[ZN2], z, V, P_1, P_2)
+    P_1, P_2, A, B_1, B_2 = pair_impulses(dm, z, start, V)
+    state[N1], state[N2] = z[ZN1] * V, z[ZN2] * V
+    state[CA] += A / dm.m
+    state[WB] = (state[N2] - state[N1]) / (2.0 * dm.h)
+    p, q = levers(dm, -1.0, 0.0, 1.0), levers(dm, 1.0, 0.0, 1.0)
+    push(dm, state, p, 0.0, 0.0, B_1)
+    push(dm, state, q, 0.0, 0.0, B_2)
+    return status, rows
+
+
+@compiled
+def phase_code(on, mode):
+    """Digit of the contact state of an end in an impact phase: b_i is set where the end acts."""
+    return int(mode) + (IMPACT if on else FREE)
+
+
+@compiled
+def settle_event(law, event, z, compressing):
+    """Make the outcome of an event exact: the function that vanished is zero."""
+    i = event % 2
+    if event < 2:
+        z[ZN1 + i] = 0.0
+        compressing[i] = -compressing[i]
+        e = law.e_1 if i == 0 else law.e_2
+        if e == 0.0 or z[ZX1 + i] <= 0.0:
+            z[ZX1 + i] = 0.0
+            compressing[i] = 1.0
+    elif event < 4:
+        z[ZX1 + i] = 0.0
+        compressing[i] = 1.0
+    elif event >= 6:
+        z[ZB1 + i] = 0.0
+        z[ZA] = 0.0
+
+
+@compiled
+def lone_phase(dm, pair, i, z, modes, compressing, slip_tol, work):
+    """Phase of a double impact in which only end i acts; z, modes and the direction of compression in place."""
+    s = -1.0 if i == 0 else 1.0
+    law = end_law(dm, s, 1.0, 0.0, 1.0, dm.mu, dm.mu_s)
+    j = 1 - i
+    n, a, b, E, n_j, P, A, B, mode, reason = single_phase(
+        law, z[ZN1 + i], z[ZA], z[ZB1 + i], stored_energy(z[ZX1 + i]), z[ZN1 + j], slip_tol, work
+    )
+    z[ZN1 + i], z[ZA], z[ZB1 + i], z[ZX1 + i], z[ZN1 + j] = n, a, b, compression(E), n_j
+    z[ZB1 + j] += pair.bb_12 * B
+    compressing[i] = 1.0 if n < 0.0 or E == 0.0 else -1.0
+    compressing[j] = 1.0
+    modes[i] = mode
+    modes[j] = STICK if hypot(z[ZA], z[ZB1 + j]) <= slip_tol else SLIP
+    return reason

@@ -1,0 +1,124 @@
+"""Slots and codes: what stands where in the kernel's flat arrays, and the names of its integer answers."""
+
+from typing import NamedTuple
+
+# --- parameters at rest: one flat row of floats per run -------------------------------------------------------------
+ROW = ("e_1", "e_2", "Gamma", "f", "A_r", "mu", "mu_s", "beta0", "xdot0", "phi0", "r", "rho_b", "rho_r", "D_r", "g")
+N_ROW = len(ROW)
+
+
+class Dimer(NamedTuple):
+    """One dimer on one plate in flight through the kernel: every field a float (an int field would compile again)."""
+
+    e_1: float  # energetic restitution of p1, p2 [1]
+    e_2: float
+    mu: float  # slip and stick friction coefficients [1]
+    mu_s: float
+    g: float  # gravity [m s-2]
+    A_z: float  # plate amplitude [m]
+    omega: float  # plate angular frequency [rad s-1]
+    T: float  # forcing period [s]
+    phi0: float  # plate phase at t = 0, reduced to [0, 2 pi) [rad]
+    r: float  # ball radius [m]
+    h: float  # half the distance of the ball centres, l/2 [m]
+    m: float  # total mass [kg]
+    J_t: float  # transverse inertia about the centre of mass (J_1 of the appendix) [kg m2]
+    J_a: float  # axial inertia (J_2) [kg m2]
+    v_scale: float  # g/omega, the speed a ball gains in 1/omega of free fall [m s-1]
+    w_scale: float  # sqrt(g/l), the rate of a rod tipping over [rad s-1]
+
+
+# --- state: the closed state in the plate frame, then the cyclic coordinates ----------------------------------------
+PHASE = 0  # plate phase since the last period boundary [rad], in [0, 2 pi]
+D1, D2 = 1, 2  # gaps of p1, p2 [m]
+N1, N2 = 3, 4  # gap rates [m s-1]
+BETA = 5  # dip angle [rad]
+WB = 6  # beta' [rad s-1]
+WP = 7  # theta' cos(beta) [rad s-1]
+SPIN = 8  # axial spin gamma' + theta' sin(beta) [rad s-1]
+CA, CB = 9, 10  # velocity of the centre of mass along the heading a and the lateral b [m s-1]
+THETA = 11  # precession angle [rad]
+X1, Y1 = 12, 13  # centre of ball 1 [m]
+GAMMA = 14  # spinning angle [rad]
+PERIOD = 15  # completed forcing periods (an integer kept as a float, so that time loses no digits)
+N_STATE = 16
+
+# --- friction modes of an end ---------------------------------------------------------------------------------------
+FREE, STICK, SLIP = 0, 1, 2
+# contact state of Table 1: 5 * s1 + s2 with s_i = FREE, STICK, SLIP, or, during an impact at that end, IMPACT + mode
+IMPACT = 2
+S_NAMES = ("000", "100", "101", "110", "111")
+
+
+def contact_state_name(code: int) -> str:
+    """Name of a contact state of Table 1, such as ``SC_sp`` or ``DI_sp_sk``."""
+    s = divmod(int(code), 5)
+    closed = [k for k in s if k > 0]
+    if not closed:
+        return "FM"
+    family = ("D" if len(closed) == 2 else "S") + ("I" if max(closed) > SLIP else "C")
+    return family + "".join("_sk" if k in (STICK, STICK + IMPACT) else "_sp" for k in closed)
+
+
+CONTACT_STATES = tuple(contact_state_name(code) for code in range(25))
+
+# --- why an event row was written -----------------------------------------------------------------------------------
+CAUSES = ("start", "impact", "chatter_end", "lift_off", "stick", "slip", "slip_other", "end")
+C_START, C_IMPACT, C_CHATTER_END, C_LIFT_OFF, C_STICK, C_SLIP, C_SLIP_OTHER, C_END = range(8)
+
+# --- statuses: 0 is kept for a point of a sweep that has not run ------------------------------------------------------
+STATUSES = (
+    "not_run",
+    "ok",
+    "max_events",
+    "impact_steps",
+    "contact_steps",
+    "root_steps",
+    "jammed",
+    "not_finite",
+    "record_full",
+)
+NOT_RUN, OK, MAX_EVENTS, IMPACT_STEPS, CONTACT_STEPS, ROOT_STEPS, JAMMED, NOT_FINITE, RECORD_FULL = range(9)
+STATUS_MESSAGES = (
+    "this point has not been run",
+    "the run reached its end",
+    "the bound on events was reached: bounces that never die out (e near 1?) or a time scale far below a period",
+    "an impact took more steps than its bound",
+    "a phase of sustained contact took more steps than its bound",
+    "the search for the next landing took more steps than its bound",
+    "no contact force satisfies the friction law (a Painleve configuration that an impact did not resolve)",
+    "a number that is not finite appeared in the state",
+    "the record is full: ask for fewer periods at a time",
+)
+
+# --- modes of motion ------------------------------------------------------------------------------------------------
+MODES = ("not_run", "failed", "rest", "drift", "jump", "flutter", "period_n", "aperiodic", "unresolved")
+M_NOT_RUN, M_FAILED, M_REST, M_DRIFT, M_JUMP, M_FLUTTER, M_PERIOD_N, M_APERIODIC, M_UNRESOLVED = range(9)
+
+# --- how the double impact ends -------------------------------------------------------------------------------------
+DI_ENDS = ("none", "sp_sp", "sp_sk", "sk_sp", "sk_sk")
+DI_NONE, DI_SP_SP, DI_SP_SK, DI_SK_SP, DI_SK_SK = range(5)
+
+# --- outcome of one run: a row of floats and a row of integers --------------------------------------------------------
+OUT = (
+    "radius",
+    "period",
+    "zeta",
+    "speed",
+    "precession_rate",
+    "impact_phase",
+    "radius_drift",
+    "period_drift",
+    "zeta_drift",
+    "speed_drift",
+    "precession_rate_drift",
+    "impact_phase_drift",
+    "spin_rate",
+    "beta_rate_after",
+    "down_share_1",
+    "down_share_2",
+    "settled_after",
+)
+N_OUT = len(OUT)
+CODES = ("status", "mode", "mode_period", "di_end", "n_events", "n_periods")
+N_CODES = len(CODES)

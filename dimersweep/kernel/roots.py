@@ -1,0 +1,100 @@
+"""The next landing: gap roots approached from the left by steps that certainly hold no root.
+
+From a probe (gap and three derivatives) the gap is bounded below by a quartic, because its fourth derivative is bounded.
+The first root of that quartic is a step over which nothing can land, however short the hop; repeated, the steps converge
+to the first root with order four, without a bracket to lose and without a double crossing or a graze to miss.
+"""
+
+from math import inf, sqrt
+
+from dimersweep.kernel.flight import gap_series
+from dimersweep.kernel.jit import compiled
+
+MAX_PROBES = 400
+EPS = 2.3e-16
+
+
+@compiled
+def safe_step(c0, c1, c2, c3, bound4, span):
+    """Largest step found, at most `span`, on which c0 + c1 s + c2 s^2/2 + c3 s^3/6 - bound4 s^4/24 stays positive.
+
+    The quartic is walked with its own quadratic bound, whose curvature is the least over the window ahead (the second
+    derivative is concave, so the least is at an end of the window).
+    """
+    s, window = 0.0, span
+    if c0 == 0.0 and c1 == 0.0:  # lift-off at zero rate: s^2 is factored out, half of the rest's first root is safe
+        half2 = 0.5 * c2
+        if half2 <= 0.0 and c3 <= 0.0:
+            return 0.0
+        third = c3 / 6.0
+        quarter = max(bound4 / 24.0, 1e-300)
+        s = 0.5 * (third + sqrt(third * third + 4.0 * quarter * max(half2, 0.0))) / (2.0 * quarter)
+        if s >= span:
+            return span
+        window = s
+        if half2 < 0.0:
+            return s
+    for _ in range(12):
+        p = c0 + s * (c1 + s * (0.5 * c2 + s * (c3 / 6.0 - s * bound4 / 24.0)))
+        if p <= 0.0 and s > 0.0:
+            return s * (1.0 - 1e-3)
+        q = c1 + s * (c2 + s * (0.5 * c3 - s * bound4 / 6.0))
+        end = min(span, s + window)
+        curve = min(c2 + s * (c3 - 0.5 * s * bound4), c2 + end * (c3 - 0.5 * end * bound4))
+        disc = q * q - 2.0 * curve * p
+        if disc < 0.0 or (curve >= 0.0 and q >= 0.0):
+            step = end - s
+        elif q < 0.0:
+            step = min(end - s, 2.0 * p / (sqrt(disc) - q))
+        else:
+            step = min(end - s, (q + sqrt(disc)) / -curve)
+        s += step
+        if s >= span:
+            return span
+        if step <= 1e-4 * s:
+            break
+        window = 4.0 * step
+    return s
+
+
+@compiled
+def first_landing(fl, sign, until):
+    """First time in (0, until] at which the gap of the end with this sign is zero.
+
+    Returns
+    -------
+    t : float
+        Time of the landing [s], or inf if there is certainly none.
+    probes : int
+        Evaluations of the gap, MAX_PROBES if the search did not end.
+    """
+    t = 0.0
+    for probe in range(1, MAX_PROBES):
+        gap, rate, second, third = gap_series(fl, sign, t)
+        if probe > 1 and gap <= 0.0:
+            return t, probe
+        step = safe_step(max(gap, 0.0), rate, second, third, fl.bound4, until - t)
+        if t + step >= until:
+            return inf, probe
+        if probe > 1 and step <= 4.0 * EPS * t:
+            return t, probe
+        if step == 0.0:  # neither a positive gap nor one that opens: it is closed now
+            return t, probe
+        t += step
+    return t, MAX_PROBES
+
+
+@compiled
+def next_landing(fl, until):
+    """The end that lands first: its sign (0.0 for neither), the time, and the probes it took.
+
+    The end nearer to the plate is asked first: the other one then needs to be watched only until that landing.
+    """
+    near = -1.0 if fl.d_1 <= fl.d_2 else 1.0
+    t, probes = first_landing(fl, near, until)
+    other, more = first_landing(fl, -near, min(t, until))
+    if probes == MAX_PROBES or more == MAX_PROBES:
+        return 0.0, t, MAX_PROBES
+    if other < t:
+        return -near, other, more
+    return (near if t < inf else 0.0), t, probes

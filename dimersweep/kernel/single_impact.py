@@ -1,0 +1,230 @@
+"""Impact at one end: the impulse ODE with the end's own normal impulse as time, and its closed forms.
+
+With one contact acting, dP is the clock: n' = W_nn - mu W_na cos(phi), and the slip (v, phi) obeys
+
+    v'     = W_na cos(phi) - mu (W_aa cos^2(phi) + W_bb sin^2(phi))
+    v phi' = sin(phi) (mu (W_aa - W_bb) cos(phi) - W_na).
+
+Sticking, absent friction and slip along an invariant direction (phi' = 0) make every rate constant: closed form. Between
+them the clock xi with dP = v dxi removes the stiffness of the slip direction at small slip. Velocities are in units of the
+approach speed V, impulses of m V, energies of m V^2, the Delassus operator of 1/m.
+"""
+
+from math import atan2, copysign, cos, hypot, inf, sin, sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from dimersweep.kernel.jit import compiled
+from dimersweep.kernel.layout import STICK, SLIP
+from dimersweep.kernel.steps import DOP_STAGES, explicit_finish, explicit_stage, step_factor
+
+DONE, OTHER, LEG, JAM, STEPS = 0, 1, 2, 3, 4
+MAX_LEGS = 200
+MAX_STEPS = 2000
+INVARIANT = 1e-14  # rate of turning (per xi) below which any slip direction counts as invariant
+ATTRACTED = 1e-2  # lateral slip left, in tolerances, at which an attracting direction counts as reached
+
+
+class EndLaw(NamedTuple):
+    """What governs the impact at one end while nothing acts at the other."""
+
+    nn: float  # Delassus operator of the end, in units of 1/m
+    na: float
+    aa: float
+    bb: float
+    nn_j: float  # gap rate of the other end per normal and per axial impulse here
+    na_j: float
+    both: float  # 1.0 if the other end is closed (and may be set in motion towards the plate), else 0.0
+    e: float
+    mu: float
+    mu_s: float
+
+
+@compiled
+def sticks(law):
+    """Whether the end holds where its slip has come to rest: |W_na| / W_aa <= mu_s."""
+    return abs(law.na) <= law.mu_s * law.aa
+
+
+@compiled
+def turning(law, c, s):
+    """dphi/dxi at the slip direction (c, s), and its derivative with respect to phi (negative: attracting)."""
+    spread = law.mu * (law.aa - law.bb)
+    return s * (spread * c - law.na), c * (spread * c - law.na) - spread * s * s
+
+
+@compiled
+def is_invariant(law, v, c, s, tol):
+    """Whether slip along (c, s) keeps its direction, to rounding or, near an attracting direction, to the tolerance."""
+    rate, slope = turning(law, c, s)
+    return abs(rate) <= INVARIANT or (slope < 0.0 and v * abs(rate) <= ATTRACTED * tol * -slope)
+
+
+@compiled
+def time_to_events(law, n, E, v, n_j, compressing, w, w_j, w_v):
+    """Impulses after which, at constant rates, the leg ends: own rate zero, energy spent, other end turned, slip zero."""
+    P_n = -n / w if (compressing and w > 0.0) or (not compressing and w < 0.0) else inf
+    P_E = inf
+    if not compressing:
+        disc = n * n + 2.0 * w * law.e * law.e * E
+        if disc >= 0.0:
+            P_E = 2.0 * law.e * law.e * E / (n + sqrt(disc))
+    P_j = -n_j / w_j if law.both > 0.0 and w_j < 0.0 else inf
+    P_v = -v / w_v if w_v < 0.0 else inf
+    return P_n, P_E, P_j, P_v
+
+
+@compiled
+def slopes(law, y, n0, gain, out):
+    """d/dxi of y = (phi, v, P, A, E), A the axial impulse; `gain` is 1 in compression, 1/e^2 in restitution.
+
+    Returns
+    -------
+    n, w, w_j : float
+        Own gap rate at y (n0 at the start of the leg), and what an impulse adds to it and to the other end's.
+    """
+    c, s = cos(y[0]), sin(y[0])
+    n = n0 + law.nn * y[2] + law.na * y[3]
+    out[0], _ = turning(law, c, s)
+    out[1] = y[1] * (law.na * c - law.mu * (law.aa * c * c + law.bb * s * s))
+    out[2] = y[1]
+    out[3] = -law.mu * c * y[1]
+    out[4] = -gain * n * y[1]
+    return n, law.nn - law.mu * law.na * c, law.nn_j - law.mu * law.na_j * c
+
+
+@compiled
+def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
+    """One leg with a turning slip direction, up to its first event or until the direction has become invariant.
+
+    Events are approached by Newton steps of the method itself: the slopes are smooth beyond them.
+
+    Returns
+    -------
+    n, a, b, E, n_j, P, A, B : float
+        Velocities, energy and other gap rate after the leg; normal, axial, lateral impulse of it.
+    reason : int
+        LEG (go on with the next leg) or STEPS.
+    """
+    y, out, scale, K = work[0], work[1], work[2], work[4 : 4 + DOP_STAGES]
+    y[0], y[1], y[2], y[3], y[4] = atan2(b, a), hypot(a, b), 0.0, 0.0, E
+    gain = 1.0 if compressing else 1.0 / (law.e * law.e)
+    slip_end = max(tol, 1e-14 * y[1])
+    limit = inf
+    for _ in range(MAX_STEPS):
+        n, w, w_j = slopes(law, y, n0, gain, K[0])
+        n_j = n_j0 + law.nn_j * y[2] + law.na_j * y[3]
+        P_n, P_E, P_j, _ = time_to_events(law, n, y[4], y[1], n_j, compressing, w, w_j, 0.0)
+        dP = min(P_n, min(P_E, P_j))
+        c, s = cos(y[0]), sin(y[0])
+        near = abs(dP) <= 2e-15 * max(1.0, abs(y[2]))
+        if near or y[1] <= slip_end or is_invariant(law, y[1], c, s, tol):
+            n = 0.0 if near and dP == P_n else n
+            E = 0.0 if near and dP == P_E else y[4]
+            n_j = 0.0 if near and dP == P_j else n_j
+            a_plus, b_plus = y[1] * c, y[1] * s
+            B = (b_plus - b) / law.bb
+            if y[1] <= slip_end:
+                a_plus, b_plus = 0.0, 0.0
+            return n, a_plus, b_plus, E, n_j, y[2], y[3], B, LEG
+        _, slope = turning(law, c, s)
+        xi = min(dP / y[1], limit, 3.0 / (abs(slope) + abs(K[0, 1] / y[1])))
+        scale[0], scale[1], scale[2], scale[3], scale[4] = tol / max(1.0, y[1]), tol, tol, tol, tol
+        for i in range(1, DOP_STAGES):
+            explicit_stage(i, xi, y, K, 5, out)
+            slopes(law, out, n0, gain, K[i])
+        error = explicit_finish(xi, y, K, 5, scale, out)
+        limit = abs(xi) * step_factor(error, 8.0)
+        if error <= 1.0:
+            y[:5] = out[:5]
+    return n0, a, b, E, n_j0, 0.0, 0.0, 0.0, STEPS
+
+
+@compiled
+def straight_leg(law, n, a, b, E, n_j, compressing, stick, c, s):
+    """One leg at constant rates: sticking (stick), or slipping along the direction (c, s); closed form."""
+    if stick:
+        t_a, t_b = -law.na / law.aa, 0.0
+        w_a, w_b, w_v = 0.0, 0.0, 0.0
+    else:
+        t_a, t_b = -law.mu * c, -law.mu * s
+        w_a, w_b = law.na + law.aa * t_a, law.bb * t_b
+        w_v = w_a * c + w_b * s if law.mu > 0.0 else 0.0
+    v = hypot(a, b)
+    w, w_j = law.nn + law.na * t_a, law.nn_j + law.na_j * t_a
+    P_n, P_E, P_j, P_v = time_to_events(law, n, E, v, n_j, compressing, w, w_j, w_v)
+    P = min(min(P_n, P_E), min(P_j, P_v))
+    if P == inf:
+        return n, a, b, E, n_j, 0.0, 0.0, 0.0, JAM
+    gain = 1.0 if compressing else 1.0 / max(law.e * law.e, 1e-300)
+    E = 0.0 if P == P_E else max(0.0, E - gain * P * (n + 0.5 * w * P))
+    n = 0.0 if P == P_n else n + w * P
+    n_j = 0.0 if P == P_j else n_j + w_j * P
+    if P == P_v:
+        a, b = 0.0, 0.0
+    elif not stick:
+        a, b = a + w_a * P, b + w_b * P
+    return n, a, b, E, n_j, P, t_a * P, t_b * P, LEG
+
+
+@compiled
+def single_phase(law, n, a, b, E, n_j, tol, work):
+    """Run the impact at one end until its energy is spent or the other closed end begins to be compressed.
+
+    Parameters
+    ----------
+    law : EndLaw
+    n, a, b : float
+        Gap rate, axial and lateral velocity of the end [V].
+    E : float
+        Elastic energy stored at the end [m V^2].
+    n_j : float
+        Gap rate of the other end [V].
+    tol : float
+        Error per unit of velocity, and the slip that counts as none.
+    work : float64 array, at least (16, 8)
+
+    Returns
+    -------
+    n, a, b, E, n_j, P, A, B : float
+        After the phase; impulses of it.
+    mode : int
+        STICK or SLIP, the friction mode in which the phase ended.
+    reason : int
+        DONE, OTHER, JAM or STEPS.
+    """
+    P, A, B = 0.0, 0.0, 0.0
+    compressing = n < 0.0 or E == 0.0
+    mode = SLIP
+    for _ in range(MAX_LEGS):
+        if not compressing and (E <= 0.0 or law.e == 0.0):
+            return n, a, b, 0.0, n_j, P, A, B, mode, DONE
+        v = hypot(a, b)
+        stick, turns, c, s = False, False, 1.0, 0.0
+        if law.mu == 0.0 and (v > tol or not sticks(law)):
+            mode = SLIP  # no friction: the direction is of no consequence
+        elif v <= tol:
+            a, b, v = 0.0, 0.0, 0.0
+            stick = sticks(law)
+            mode = STICK if stick else SLIP
+            c = 1.0 if law.na > 0.0 else -1.0  # the self-consistent direction of slip out of rest
+        else:
+            mode = SLIP
+            c, s = a / v, b / v
+            turns = not is_invariant(law, v, c, s, tol)
+            if not turns and abs(b) <= ATTRACTED * tol:
+                b, c, s = 0.0, copysign(1.0, a), 0.0
+        w_j = law.nn_j + law.na_j * (-law.na / law.aa if stick else -law.mu * c)
+        if turns:
+            n, a, b, E, n_j, dP, dA, dB, reason = turning_leg(law, n, a, b, E, n_j, compressing, tol, work)
+        else:
+            n, a, b, E, n_j, dP, dA, dB, reason = straight_leg(law, n, a, b, E, n_j, compressing, stick, c, s)
+        P, A, B = P + dP, A + dA, B + dB
+        if reason != LEG:
+            return n, a, b, E, n_j, P, A, B, mode, reason
+        if n == 0.0:
+            compressing = not compressing
+        if law.both > 0.0 and n_j == 0.0 and (turns or w_j < 0.0):
+            return n, a, b, E, n_j, P, A, B, mode, OTHER
+    return n, a, b, E, n_j, P, A, B, mode, STEPS

@@ -1,0 +1,113 @@
+"""Pieces of the two one-step methods that every phase shares: stage sums, error norms, step control, dense solves."""
+
+import numpy as np
+
+from dimersweep.kernel.jit import compiled
+from dimersweep.kernel.tableaux import DOP_A, DOP_B, DOP_E3, DOP_E5, ROS_A, ROS_CC
+
+DOP_STAGES = 12
+ROS_STAGES = 8
+
+
+@compiled
+def explicit_stage(i, h, y, K, n, out):
+    """Argument of stage i of DOP853, into `out`; K holds the slopes of the earlier stages."""
+    for k in range(n):
+        total = 0.0
+        for j in range(i):
+            total += DOP_A[i, j] * K[j, k]
+        out[k] = y[k] + h * total
+
+
+@compiled
+def explicit_finish(h, y, K, n, scale, out):
+    """New state into `out`; returns the error in units of the tolerance (1 is just acceptable)."""
+    sum5, sum3 = 0.0, 0.0
+    for k in range(n):
+        total, e5, e3 = 0.0, 0.0, 0.0
+        for j in range(DOP_STAGES):
+            total += DOP_B[j] * K[j, k]
+            e5 += DOP_E5[j] * K[j, k]
+            e3 += DOP_E3[j] * K[j, k]
+        out[k] = y[k] + h * total
+        sum5 += (e5 / scale[k]) ** 2
+        sum3 += (e3 / scale[k]) ** 2
+    if sum5 == 0.0:
+        return 0.0
+    return abs(h) * sum5 / np.sqrt((sum5 + 0.01 * sum3) * n)
+
+
+@compiled
+def implicit_stage(i, y, K, n, out):
+    """Argument of stage i of Rodas5P, into `out`."""
+    for k in range(n):
+        total = y[k]
+        for j in range(i):
+            total += ROS_A[i, j] * K[j, k]
+        out[k] = total
+
+
+@compiled
+def implicit_load(i, h, K, n, f):
+    """Add the couplings to earlier stages to the right-hand side f of stage i, in place."""
+    for k in range(n):
+        total = 0.0
+        for j in range(i):
+            total += ROS_CC[i, j] * K[j, k]
+        f[k] += total / h
+
+
+@compiled
+def error_norm(K, i, n, scale):
+    """Root mean square of row i of K in units of `scale`."""
+    total = 0.0
+    for k in range(n):
+        total += (K[i, k] / scale[k]) ** 2
+    return np.sqrt(total / n)
+
+
+@compiled
+def step_factor(error, order):
+    """By what to multiply the step after one with this error."""
+    if not error < np.inf:
+        return 0.1
+    return min(5.0, max(0.1, 0.9 * error ** (-1.0 / order))) if error > 0.0 else 5.0
+
+
+@compiled
+def lu_factor(A, n, pivots):
+    """LU factors of A with row pivoting, in place; returns False when A is singular or not finite."""
+    for k in range(n):
+        p, big = k, abs(A[k, k])
+        for i in range(k + 1, n):
+            if abs(A[i, k]) > big:
+                p, big = i, abs(A[i, k])
+        pivots[k] = p
+        if not (0.0 < big < np.inf):
+            return False
+        if p != k:
+            for j in range(n):
+                A[k, j], A[p, j] = A[p, j], A[k, j]
+        inverse = 1.0 / A[k, k]
+        for i in range(k + 1, n):
+            A[i, k] *= inverse
+            for j in range(k + 1, n):
+                A[i, j] -= A[i, k] * A[k, j]
+    return True
+
+
+@compiled
+def lu_solve(A, n, pivots, b):
+    """Solve with the factors of ``lu_factor``; b becomes the solution."""
+    for k in range(n):
+        p = int(pivots[k])
+        if p != k:
+            b[k], b[p] = b[p], b[k]
+    for k in range(n):
+        for i in range(k + 1, n):
+            b[i] -= A[i, k] * b[k]
+    for k in range(n - 1, -1, -1):
+        total = b[k]
+        for j in range(k + 1, n):
+            total -= A[k, j] * b[j]
+        b[k] = total / A[k, k]

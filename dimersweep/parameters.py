@@ -1,0 +1,220 @@
+"""The one place where input is judged: the parameters of a dimer, one at a time or as whole axes of a sweep."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from math import isfinite, pi
+from numbers import Integral, Real
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from dimersweep.errors import ParameterError
+from dimersweep.kernel.layout import N_ROW, ROW
+from dimersweep.symbols import BASE, PARAMETERS
+
+RTOL_RANGE = (1e-13, 1e-2)
+
+
+class Rule(NamedTuple):
+    """What one parameter must obey, alone or against another one; ``holds`` takes scalars or arrays."""
+
+    name: str
+    holds: Callable[..., Any]
+    allowed: str
+    other: str = ""
+
+
+def _not_negative(value: Any) -> Any:
+    return value >= 0
+
+
+def _positive(value: Any) -> Any:
+    return value > 0
+
+
+def _share(value: Any) -> Any:
+    return (value >= 0) & (value <= 1)
+
+
+RULES = (
+    *(Rule(name, _share, "in [0, 1]") for name in ("e", "e_1", "e_2")),
+    Rule("Gamma", _not_negative, ">= 0"),
+    Rule("f", _positive, "> 0"),
+    Rule("A_r", lambda value: value >= 2, ">= 2 (below 2 the balls overlap)"),
+    Rule("mu", _not_negative, ">= 0"),
+    Rule("mu_s", lambda mu_s, mu: mu_s >= mu, ">= mu = {} (stick friction is never below slip friction)", "mu"),
+    Rule("beta0", lambda value: abs(value) < pi / 2, "below pi/2 = 1.5708 in size (radians)"),
+    Rule("beta0", _not_negative, ">= 0 (p1 starts on the plate, so a negative dip angle puts p2 below it)"),
+    Rule("r", _positive, "> 0"),
+    Rule("rho_b", _positive, "> 0"),
+    Rule("rho_r", _not_negative, ">= 0"),
+    Rule("D_r", _not_negative, ">= 0"),
+    Rule("D_r", lambda D_r, r: D_r <= 2 * r, "<= 2 r with r = {} (the rod is thicker than the balls)", "r"),
+    Rule("g", _positive, "> 0"),
+)
+
+
+def as_number(name: str, value: Any) -> float:
+    """`value` as a finite float.
+
+    Raises
+    ------
+    ParameterError
+        If it is no real number (a bool or a string is none) or not finite.
+    """
+    if getattr(value, "ndim", None) == 0:  # a numpy scalar or a single value picked from a dataset
+        value = value.item()
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise ParameterError(f"{name} = {value!r}: must be a number")
+    try:
+        number = float(value)
+    except OverflowError:
+        number = float("inf")
+    if not isfinite(number):
+        raise ParameterError(f"{name} = {number}: must be finite")
+    return number
+
+
+def check(columns: Mapping[str, Any]) -> None:
+    """Judge every combination of the values in `columns`.
+
+    Parameters
+    ----------
+    columns : mapping of str to float or ndarray
+        Values of each parameter, scalars or shape (n_k,), finite, SI units. A rule that ties two parameters is tried
+        on the outer product of those two only, so a grid is judged without being laid out.
+
+    Raises
+    ------
+    ParameterError
+        Naming the first value that breaks a rule, and what is allowed.
+    """
+    for rule in RULES:
+        if rule.name not in columns:
+            continue
+        values = np.atleast_1d(columns[rule.name])
+        others = np.atleast_1d(columns[rule.other]) if rule.other else None
+        kept = rule.holds(values) if others is None else rule.holds(values[:, None], others)
+        if not np.all(kept):
+            broken = np.argwhere(~kept)[0]
+            allowed = rule.allowed if others is None else rule.allowed.format(float(others[broken[1]]))
+            raise ParameterError(f"{rule.name} = {float(values[broken[0]])}: must be {allowed}")
+
+
+def check_name(name: str) -> None:
+    """Refuse a name that is no parameter of the model.
+
+    Raises
+    ------
+    ParameterError
+        With the names that are.
+    """
+    if name not in PARAMETERS:
+        raise ParameterError(f"{name}: unknown parameter (allowed: {', '.join(PARAMETERS)})")
+
+
+def check_rtol(rtol: Any) -> float:
+    """The accuracy `rtol` [1] as a float.
+
+    Raises
+    ------
+    ParameterError
+        Outside 1e-13 to 1e-2.
+    """
+    number = as_number("rtol", rtol)
+    if not RTOL_RANGE[0] <= number <= RTOL_RANGE[1]:
+        raise ParameterError(f"rtol = {number}: must be in [{RTOL_RANGE[0]}, {RTOL_RANGE[1]}]")
+    return number
+
+
+def check_count(name: str, value: Any) -> int:
+    """`value` as an int of at least 1, for a number of periods or of workers.
+
+    Raises
+    ------
+    ParameterError
+        If it is no whole number or below 1.
+    """
+    if isinstance(value, bool) or not isinstance(value, Integral) or value < 1:
+        raise ParameterError(f"{name} = {value!r}: must be a whole number >= 1")
+    return int(value)
+
+
+def fill_rows(columns: Mapping[str, Any], n: int) -> np.ndarray:
+    """Kernel rows from columns of validated parameters.
+
+    Parameters
+    ----------
+    columns : mapping of str to float or ndarray
+        Every parameter but `e_1`, `e_2`, which count as `e` where they are missing; scalars or shape (n,), SI units.
+    n : int
+        Number of points.
+
+    Returns
+    -------
+    ndarray, shape (n, N_ROW), float64
+        One row a point, in the order of ``kernel.layout.ROW``.
+    """
+    rows = np.empty((n, N_ROW))
+    for slot, name in enumerate(ROW):
+        rows[:, slot] = columns["e" if name in ("e_1", "e_2") and name not in columns else name]
+    return rows
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameters:
+    """One dimer, its plate and its start, validated; the defaults are the paper's base case (Sect. 3).
+
+    Parameters
+    ----------
+    e, e_1, e_2 : float
+        Energetic coefficients of restitution [1], in [0, 1]; `e_1`, `e_2` of one end, None for `e`.
+    Gamma, f, phi0 : float
+        Vibration intensity A_z omega^2/g [1], frequency [Hz] and phase at the start [rad] of the plate.
+    A_r, r, D_r : float
+        Aspect ratio (l + 2r)/(2r) [1], at least 2; ball radius and rod diameter [m].
+    mu, mu_s : float
+        Slip and stick friction coefficients [1].
+    beta0, xdot0 : float
+        Initial dip angle [rad], in [0, pi/2), and lateral velocity of ball 1 [m s-1].
+    rho_b, rho_r : float
+        Densities of balls and rod [kg m-3]; the rod may be without mass.
+    g : float
+        Gravity [m s-2].
+
+    Raises
+    ------
+    ParameterError
+        On construction, for the first value that is not allowed.
+    """
+
+    e: float = BASE["e"]
+    Gamma: float = BASE["Gamma"]
+    f: float = BASE["f"]
+    A_r: float = BASE["A_r"]
+    mu: float = BASE["mu"]
+    mu_s: float = BASE["mu_s"]
+    beta0: float = BASE["beta0"]
+    xdot0: float = BASE["xdot0"]
+    phi0: float = BASE["phi0"]
+    r: float = BASE["r"]
+    rho_b: float = BASE["rho_b"]
+    rho_r: float = BASE["rho_r"]
+    D_r: float = BASE["D_r"]
+    g: float = BASE["g"]
+    e_1: float | None = None
+    e_2: float | None = None
+
+    def __post_init__(self) -> None:
+        for name, value in self.given().items():
+            object.__setattr__(self, name, as_number(name, value))  # the dataclass is frozen from here on
+        check(self.given())
+
+    def given(self) -> dict[str, float]:
+        """The parameters that have a value of their own: all, less an `e_1` or `e_2` that is as `e`."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: value for name, value in values.items() if value is not None}
+
+    def row(self) -> np.ndarray:
+        """The kernel's flat row, shape (N_ROW,), float64, in the order of ``kernel.layout.ROW``."""
+        return fill_rows(self.given(), 1)[0]

@@ -1,0 +1,113 @@
+"""How far a sweep is: a live bar on a terminal, a plain line now and then in a log."""
+
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from time import perf_counter
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from dimersweep.kernel.cache import is_compiled
+from dimersweep.kernel.layout import MODES
+
+LINE_SECONDS = 10.0  # between two plain lines
+
+
+class Tally:
+    """Counts of finished points, by mode."""
+
+    def __init__(self, total: int) -> None:
+        self.total = total
+        self.modes: Counter[str] = Counter()
+        self.start = perf_counter()
+
+    @property
+    def done(self) -> int:
+        """Number of finished points."""
+        return self.modes.total()
+
+    def add(self, modes: np.ndarray) -> None:
+        """Count finished points by their mode codes, shape (n,), integers."""
+        codes, counts = np.unique(modes, return_counts=True)
+        self.modes.update({MODES[code]: int(count) for code, count in zip(codes, counts, strict=True)})
+
+    def seconds_left(self) -> float:
+        """Time until the end at the mean rate so far [s]."""
+        return (perf_counter() - self.start) * (self.total - self.done) / max(self.done, 1)
+
+    def words(self) -> str:
+        """Such as ``drift 512, rest 30``, the most frequent first."""
+        return ", ".join(f"{mode} {count}" for mode, count in self.modes.most_common())
+
+
+def _clock(seconds: float) -> str:
+    minutes, seconds = divmod(round(seconds), 60)
+    return f"{minutes // 60}:{minutes % 60:02d}:{seconds:02d}"
+
+
+class Silent:
+    """Counts and shows nothing; the base of the two that show something."""
+
+    def __init__(self, total: int) -> None:
+        self.tally = Tally(total)
+
+    def add(self, modes: np.ndarray) -> None:
+        """Take note of finished points by their mode codes, shape (n,), integers."""
+        self.tally.add(modes)
+
+
+class Lines(Silent):
+    """Plain lines on stderr, for logs."""
+
+    def __init__(self, total: int) -> None:
+        super().__init__(total)
+        self.last = perf_counter()
+
+    def add(self, modes: np.ndarray) -> None:
+        """Take note, and print a line every `LINE_SECONDS` and at the end."""
+        super().add(modes)
+        now, tally = perf_counter(), self.tally
+        if now - self.last < LINE_SECONDS and tally.done < tally.total:
+            return
+        self.last = now
+        share = f"{tally.done}/{tally.total} points, {100 * tally.done // tally.total} %"
+        times = f"elapsed {_clock(now - tally.start)}, left {_clock(tally.seconds_left())}"
+        print(f"{share}, {times}: {tally.words()}", file=sys.stderr, flush=True)
+
+
+class Bar(Silent):
+    """A live bar on a terminal, inside a running `rich` display."""
+
+    def __init__(self, total: int, display: Progress) -> None:
+        super().__init__(total)
+        self.display = display
+        self.task = display.add_task("", total=total)
+
+    def add(self, modes: np.ndarray) -> None:
+        """Take note and move the bar."""
+        super().add(modes)
+        self.display.update(self.task, completed=self.tally.done, description=self.tally.words())
+
+
+def tell_of_compiling() -> None:
+    """Say on stderr that the kernel is about to be compiled, if it is."""
+    if not is_compiled():
+        print("compiling the kernel; this is done once and takes a while", file=sys.stderr, flush=True)
+
+
+@contextmanager
+def watch(total: int, *, show: bool) -> Iterator[Silent]:
+    """Follow a sweep of `total` points; what it yields is told of finished points by ``add``."""
+    console = Console(stderr=True)
+    if not show:
+        yield Silent(total)
+    elif not console.is_terminal:
+        yield Lines(total)
+    else:
+        left = TimeRemainingColumn(elapsed_when_finished=True)
+        columns = (BarColumn(), MofNCompleteColumn(), TextColumn("points"), left, TextColumn("{task.description}"))
+        with Progress(*columns, console=console) as display:
+            yield Bar(total, display)

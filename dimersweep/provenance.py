@@ -1,0 +1,84 @@
+"""Where a cube comes from: the code, the machine and the configuration, as attributes that NetCDF can hold."""
+
+import hashlib
+import json
+import platform
+import subprocess
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import dimersweep
+from dimersweep.kernel import kernel_version
+
+
+def digest(configuration: str) -> str:
+    """The sha256 of a configuration text."""
+    return hashlib.sha256(configuration.encode()).hexdigest()
+
+
+def _git(*arguments: str) -> str | None:
+    command = ["git", "-C", str(Path(__file__).parent), *arguments]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=10, check=False)
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return done.stdout.strip() if done.returncode == 0 else None
+
+
+def _commit() -> dict[str, str]:
+    # an installed copy may lie inside somebody else's repository: ask for this very file first
+    if _git("ls-files", "--error-unmatch", Path(__file__).name) is None:
+        return {"git_commit": "unknown", "git_dirty": "unknown"}
+    changes = _git("status", "--porcelain", "--", ".")
+    return {"git_commit": _git("rev-parse", "HEAD") or "unknown", "git_dirty": "true" if changes else "false"}
+
+
+def _cpu() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:  # not Linux
+        lines = []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()
+
+
+def attributes(configuration: Mapping[str, Any], title: str, wall_time: float) -> dict[str, str | float]:
+    """Global attributes of a cube.
+
+    Parameters
+    ----------
+    configuration : mapping
+        All that decides the numbers of the cube, as JSON can hold it.
+    title : str
+        What the cube shows.
+    wall_time : float
+        Duration of the sweep [s].
+
+    Returns
+    -------
+    dict
+        Strings and floats only: NetCDF takes no dict, None or bool.
+    """
+    text = json.dumps(configuration)
+    now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    return {
+        "Conventions": "CF-1.11",
+        "title": title,
+        "source": f"dimersweep {dimersweep.__version__}, event-driven simulation",
+        "references": "Ratchet rotation of a 3D dimer on a vibrating plate",
+        "history": f"{now} swept by dimersweep {dimersweep.__version__}",
+        "dimersweep_cube": "1",
+        "configuration": text,
+        "configuration_sha256": digest(text),
+        "kernel_version": kernel_version(),
+        **_commit(),
+        "python": platform.python_version(),
+        "numpy": version("numpy"),
+        "numba": version("numba"),
+        "cpu": _cpu(),
+        "platform": platform.platform(),
+        "wall_time_s": wall_time,
+    }

@@ -1,0 +1,73 @@
+"""The words of the package: every parameter and every quantity that comes out, with its unit and its meaning."""
+
+from math import pi
+from typing import NamedTuple
+
+
+class Quantity(NamedTuple):
+    """Unit ("1" if none) and meaning of a parameter, of something that a run gives, or of a label."""
+
+    units: str
+    long_name: str
+
+
+# the paper's base case (Sect. 3)
+BASE = {
+    "e": 0.6,
+    "Gamma": 0.9,
+    "f": 15.0,
+    "A_r": 6.0,
+    "mu": 0.2,
+    "mu_s": 0.4,
+    "beta0": 4 * pi / 45,
+    "xdot0": 1.0,
+    "phi0": 0.0,
+    "r": 5e-3,
+    "rho_b": 7850.0,
+    "rho_r": 1180.0,
+    "D_r": 4e-3,
+    "g": 9.81,
+}
+
+PARAMETERS = {
+    "e": Quantity("1", "energetic coefficient of restitution of both ends"),
+    "Gamma": Quantity("1", "vibration intensity A_z omega^2 / g"),
+    "f": Quantity("Hz", "vibration frequency"),
+    "A_r": Quantity("1", "aspect ratio (l + 2 r) / (2 r)"),
+    "mu": Quantity("1", "coefficient of slip friction"),
+    "mu_s": Quantity("1", "coefficient of stick friction"),
+    "beta0": Quantity("rad", "initial dip angle"),
+    "xdot0": Quantity("m s-1", "initial lateral velocity of ball 1"),
+    "phi0": Quantity("rad", "phase of the plate at the start"),
+    "r": Quantity("m", "radius of the balls"),
+    "rho_b": Quantity("kg m-3", "density of the balls"),
+    "rho_r": Quantity("kg m-3", "density of the rod"),
+    "D_r": Quantity("m", "diameter of the rod"),
+    "g": Quantity("m s-2", "gravity"),
+    "e_1": Quantity("1", "energetic coefficient of restitution of end p1"),
+    "e_2": Quantity("1", "energetic coefficient of restitution of end p2"),
+}
+
+QUANTITIES = {
+    "status": Quantity("1", "how the run ended"),
+    "mode": Quantity("1", "mode of motion"),
+    "mode_period": Quantity("1", "period of the motion in forcing periods"),
+    "di_end": Quantity("1", "friction of p1, p2 at the end of the double impact"),
+    "n_events": Quantity("1", "number of events of the run"),
+    "n_periods": Quantity("1", "number of forcing periods run"),
+    "radius": Quantity("m", "radius of the orbit"),
+    "period": Quantity("s", "period of the orbit"),
+    "zeta": Quantity("rad", "angle from the axis p1-p2 to the velocity at the end of the double impact"),
+    "speed": Quantity("m s-1", "speed of the centre of mass at the end of the double impact"),
+    "precession_rate": Quantity("rad s-1", "mean precession rate over the last forcing period"),
+    "impact_phase": Quantity("1", "phase of the double impact in cycles of the plate"),
+    "spin_rate": Quantity("rad s-1", "axial spin after the double impact"),
+    "beta_rate_after": Quantity("rad s-1", "rate of the dip angle after the double impact"),
+    "down_share_1": Quantity("1", "share of the time that p1 is closed or chattering"),
+    "down_share_2": Quantity("1", "share of the time that p2 is closed or chattering"),
+    "settled_after": Quantity("1", "forcing periods until the motion had settled"),
+}
+QUANTITIES |= {
+    f"{name}_drift": Quantity(QUANTITIES[name].units, f"change per forcing period: {QUANTITIES[name].long_name}")
+    for name in ("radius", "period", "zeta", "speed", "precession_rate", "impact_phase")
+}

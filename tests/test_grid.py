@@ -1,0 +1,89 @@
+"""Axes become points in C order, whatever range is asked for, and a bad axis is refused in one line."""
+
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dimersweep.errors import ParameterError
+from dimersweep.grid import MAX_POINTS, axis, make_grid
+from dimersweep.kernel.layout import ROW
+
+BAD = [
+    ({}, {}, "grid: has no axis; give at least one parameter to sweep"),
+    ({"f": []}, {}, "f: the axis is empty; give at least one value"),
+    ({"freq": [1]}, {}, "freq: unknown parameter (allowed: e, Gamma, f, A_r, mu, mu_s, beta0, xdot0, phi0, "),
+    ({"f": [15]}, {"q": 1}, "q: unknown parameter (allowed: e, "),
+    ({"f": [15]}, {"f": 20}, "f: given twice, as an axis and as a fixed value"),
+    ({"e": [0.5]}, {"e_1": 0.5}, "e_1: given together with e; give e, or e_1 and e_2"),
+    ({"e": [0.5], "e_2": [0.5]}, {}, "e_2: given together with e; give e, or e_1 and e_2"),
+    ({"f": [15, float("nan")]}, {}, "f = nan: must be finite"),
+    ({"f": [15, True]}, {}, "f = True: must be a number"),
+    ({"f": ["15"]}, {}, "f = '15': must be a number"),
+    ({"f": np.ones((2, 2))}, {}, "f = [1.0, 1.0]: must be a number"),
+    ({"f": [15, 15]}, {}, "f = 15.0 after 15.0: the values of an axis must increase, each given once"),
+    ({"f": [20, 15]}, {}, "f = 15.0 after 20.0: the values of an axis must increase, each given once"),
+    ({"f": [0, 15]}, {}, "f = 0.0: must be > 0"),
+    ({"mu": [0.1, 0.5]}, {}, "mu_s = 0.4: must be >= mu = 0.5 "),
+    ({"r": [1e-3]}, {}, "D_r = 0.004: must be <= 2 r with r = 0.001 "),
+    ({"f": [15]}, {"mu": -1}, "mu = -1.0: must be >= 0"),
+    ({"f": {"start": 1}}, {}, "f: has start; give values, or start, stop and either step or num; unit is optional"),
+    ({"f": {"start": 1, "stop": 2, "stp": 1}}, {}, "f: has start, stop, stp; give values, or start, stop and "),
+    ({"f": {"start": 2, "stop": 1, "num": 3}}, {}, "f.stop = 1.0: must be >= start = 2.0"),
+    ({"f": {"start": 1, "stop": 2, "step": 0}}, {}, "f.step = 0.0: must be > 0"),
+    ({"f": {"start": 1, "stop": 2, "num": 0}}, {}, "f.num = 0: must be a whole number >= 1"),
+    ({"f": {"start": 1, "stop": 2, "step": 1e-300}}, {}, f"f.step = 1e-300: gives more than {MAX_POINTS} values"),
+    ({"f": {"start": 1, "stop": 2, "num": 10**12}}, {}, f"f.num = {10**12}: must be <= {MAX_POINTS}"),
+    ({"f": {"values": [1], "unit": "deg"}}, {}, "f.unit = 'deg': must be Hz"),
+    ({"beta0": {"values": [1], "unit": "grad"}}, {}, "beta0.unit = 'grad': must be rad or deg"),
+    (
+        {"beta0": {"start": 0, "stop": 90, "num": 3, "unit": "deg"}},
+        {},
+        "beta0 = 1.5707963267948966: must be below pi/2",
+    ),
+]
+
+
+@pytest.mark.parametrize(("axes", "fixed", "message"), BAD, ids=[message[:40] for *_, message in BAD])
+def test_bad_grid_is_refused(axes, fixed, message):
+    with pytest.raises(ParameterError, match=f"^{re.escape(message)}"):
+        make_grid(axes, fixed)
+
+
+def test_a_grid_too_large_for_one_cube_is_refused_at_once():
+    many = {"start": 0.1, "stop": 0.9, "num": 10**5}
+    with pytest.raises(ParameterError, match=f"^grid: {10**10} points; one cube in memory may hold {MAX_POINTS}$"):
+        make_grid({"e": many, "Gamma": many})
+
+
+def test_a_range_holds_its_stop_and_angles_may_be_degrees():
+    beta0 = axis("beta0", {"start": 0.1, "stop": 89.9, "step": 0.1, "unit": "deg"})
+    assert beta0.size == 899
+    np.testing.assert_allclose(np.rad2deg(beta0[[0, -1]]), [0.1, 89.9])
+    np.testing.assert_array_equal(axis("f", {"start": 15, "stop": 25, "num": 3}), [15, 20, 25])
+    np.testing.assert_array_equal(axis("f", {"start": 15, "stop": 24, "step": 5}), [15, 20])
+    np.testing.assert_array_equal(axis("f", 15), [15])
+
+
+def test_points_are_numbered_in_c_order():
+    grid = make_grid({"f": [15, 20], "beta0": [0.1, 0.2, 0.3]}, {"mu": 0.1})
+    assert grid.shape == (2, 3)
+    f, beta0, mu = (grid.rows(0, 6)[:, ROW.index(name)] for name in ("f", "beta0", "mu"))
+    np.testing.assert_array_equal(f, [15, 15, 15, 20, 20, 20])
+    np.testing.assert_array_equal(beta0, [0.1, 0.2, 0.3] * 2)
+    assert (mu == 0.1).all()
+
+
+def test_one_end_of_its_own_leaves_the_other_at_e():
+    grid = make_grid({"e_1": [0.3, 0.5]})
+    assert "e" not in grid.fixed
+    np.testing.assert_array_equal(grid.rows(0, 2)[:, :2], [[0.3, 0.6], [0.5, 0.6]])
+
+
+@given(st.integers(0, 24), st.integers(0, 24))
+def test_any_range_of_points_is_the_same_slice_of_the_grid(start, stop):
+    grid = make_grid({"e": [0.5, 0.6], "f": [15, 20, 25], "A_r": [4, 5, 6, 7]})
+    start, stop = min(start, stop), max(start, stop)
+    np.testing.assert_array_equal(grid.rows(start, stop), grid.rows(0, 24)[start:stop])

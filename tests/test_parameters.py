@@ -1,0 +1,95 @@
+"""Input is judged in one place; each refusal is one line with the parameter, the value and what is allowed."""
+
+import re
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dimersweep.errors import ParameterError
+from dimersweep.kernel.layout import ROW
+from dimersweep.parameters import Parameters, check_count, check_rtol
+
+BAD = [
+    ({"e": float("nan")}, "e = nan: must be finite"),
+    ({"f": float("inf")}, "f = inf: must be finite"),
+    ({"g": 10**400}, "g = inf: must be finite"),
+    ({"r": 0.0}, "r = 0.0: must be > 0"),
+    ({"r": -5e-3}, "r = -0.005: must be > 0"),
+    ({"rho_b": 0}, "rho_b = 0.0: must be > 0"),
+    ({"rho_r": -1}, "rho_r = -1.0: must be >= 0"),
+    ({"g": 0}, "g = 0.0: must be > 0"),
+    ({"A_r": 1.5}, "A_r = 1.5: must be >= 2 (below 2 the balls overlap)"),
+    ({"e": 1.01}, "e = 1.01: must be in [0, 1]"),
+    ({"e": -0.1}, "e = -0.1: must be in [0, 1]"),
+    ({"e_1": 2}, "e_1 = 2.0: must be in [0, 1]"),
+    ({"e_2": -1}, "e_2 = -1.0: must be in [0, 1]"),
+    ({"mu": -0.1}, "mu = -0.1: must be >= 0"),
+    ({"mu": 0.5}, "mu_s = 0.4: must be >= mu = 0.5 (stick friction is never below slip friction)"),
+    ({"f": 0}, "f = 0.0: must be > 0"),
+    ({"Gamma": -0.1}, "Gamma = -0.1: must be >= 0"),
+    ({"beta0": 1.6}, "beta0 = 1.6: must be below pi/2 = 1.5708 in size (radians)"),
+    ({"beta0": np.pi / 2}, "beta0 = 1.5707963267948966: must be below pi/2 = 1.5708 in size (radians)"),
+    ({"beta0": -0.1}, "beta0 = -0.1: must be >= 0 (p1 starts on the plate, so a negative dip angle puts p2 below it)"),
+    ({"D_r": -1e-3}, "D_r = -0.001: must be >= 0"),
+    ({"D_r": 0.02}, "D_r = 0.02: must be <= 2 r with r = 0.005 (the rod is thicker than the balls)"),
+    ({"f": "15"}, "f = '15': must be a number"),
+    ({"Gamma": True}, "Gamma = True: must be a number"),
+    ({"phi0": [1.0]}, "phi0 = [1.0]: must be a number"),
+    ({"mu": 1 + 2j}, "mu = (1+2j): must be a number"),
+]
+
+
+@pytest.mark.parametrize(("given_values", "message"), BAD, ids=[message.split(":")[0] for _, message in BAD])
+def test_bad_parameter_is_named_with_its_value_and_what_is_allowed(given_values, message):
+    with pytest.raises(ParameterError, match=f"^{re.escape(message)}$"):
+        Parameters(**given_values)
+
+
+def test_limits_belong_to_the_allowed_range():
+    Parameters(e=0, mu=0, mu_s=0, A_r=2, Gamma=0, beta0=0, rho_r=0, D_r=0)
+    Parameters(e=1, D_r=0.01, mu=0.4)
+
+
+def test_row_is_in_the_order_of_the_kernel():
+    row = Parameters(e=0.5, e_2=0.7, Gamma=1.1).row()
+    assert row.dtype == np.float64
+    named = dict(zip(ROW, row, strict=True))
+    assert (named["e_1"], named["e_2"], named["Gamma"], named["g"]) == (0.5, 0.7, 1.1, 9.81)
+
+
+@pytest.mark.parametrize("value", [np.float32(20), np.int64(20), 20, np.array(20.0), xr.DataArray(20.0)])
+def test_numbers_of_any_kind_are_taken(value):
+    assert type(Parameters(f=value).f) is float
+
+
+@pytest.mark.parametrize(
+    ("rtol", "message"),
+    [
+        (0, "rtol = 0.0: must be in [1e-13, 0.01]"),
+        (0.1, "rtol = 0.1: must be in [1e-13, 0.01]"),
+        (float("nan"), "rtol = nan: must be finite"),
+        ("small", "rtol = 'small': must be a number"),
+    ],
+)
+def test_bad_rtol(rtol, message):
+    with pytest.raises(ParameterError, match=f"^{re.escape(message)}$"):
+        check_rtol(rtol)
+
+
+@pytest.mark.parametrize("value", [0, -1, 2.5, True, "3", None])
+def test_bad_count(value):
+    with pytest.raises(ParameterError, match=re.escape(f"periods = {value!r}: must be a whole number >= 1")):
+        check_count("periods", value)
+
+
+@given(st.dictionaries(st.sampled_from(ROW), st.floats(allow_nan=True, allow_infinity=True), max_size=4))
+def test_any_floats_give_a_finite_row_or_a_refusal_of_one_line(values):
+    try:
+        row = Parameters(**values).row()
+    except ParameterError as error:
+        assert "\n" not in str(error)
+    else:
+        assert np.isfinite(row).all()

@@ -1,0 +1,90 @@
+"""Pictures: intervals and their lengths are right, and every kind of cube gives a figure or a clear refusal."""
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+
+import dimersweep
+from dimersweep.cube import blank, build
+from dimersweep.errors import ParameterError
+from dimersweep.grid import make_grid
+from dimersweep.kernel.layout import CODES, M_DRIFT, M_REST, MODES
+from dimersweep.plots import MODE_COLORS, check_picture, drift_intervals, drift_lengths, mode_map, run_figure, segments
+
+
+def cube_of(modes, **axes):
+    grid = make_grid(axes)
+    out, codes = blank(grid.size)
+    codes[:, CODES.index("mode")] = np.ravel(modes)
+    return build(grid, out, codes, {})
+
+
+D, R = M_DRIFT, M_REST
+
+
+def test_intervals_reach_half_way_to_the_neighbours():
+    cube = cube_of([[R, D, D, R], [D, R, R, D]], f=[15, 20], beta0=[0.1, 0.2, 0.3, 0.5])
+    first, second = drift_intervals(cube)
+    np.testing.assert_allclose(first, [[0.15, 0.4]])
+    np.testing.assert_allclose(second, [[0.05, 0.15], [0.4, 0.6]])
+    lengths = drift_lengths(cube)
+    np.testing.assert_allclose(lengths, [0.25, 0.3])
+    np.testing.assert_array_equal(lengths["f"], [15, 20])
+
+
+def test_intervals_stay_within_zero_and_a_right_angle():
+    whole = cube_of([D, D], beta0=[0.05, 1.5])
+    np.testing.assert_allclose(drift_intervals(whole), [[[0, np.pi / 2]]])
+    assert drift_lengths(cube_of([R, R], beta0=[0.1, 0.2])).item() == 0
+
+
+def test_the_order_of_axes_does_not_matter():
+    modes = np.array([[R, D, D], [D, D, R]])
+    cube = cube_of(modes, f=[15, 20], beta0=[0.1, 0.2, 0.3])
+    turned = cube_of(modes.T, beta0=[0.1, 0.2, 0.3], f=[15, 20])
+    np.testing.assert_array_equal(drift_lengths(cube), drift_lengths(turned))
+
+
+def test_segments_show_the_length_of_each_row():
+    figure = segments(cube_of([[R, D, D], [D, D, R]], f=[15, 20], beta0=[0.1, 0.2, 0.3]))
+    (axes,) = figure.axes
+    assert [text.get_text() for text in axes.texts] == ["0.200 rad", "0.200 rad"]
+    assert [tick.get_text() for tick in axes.get_yticklabels()] == ["$f$ = 15 Hz", "$f$ = 20 Hz"]
+    assert axes.get_xlim() == (0, np.pi / 2)
+
+
+def test_mode_map_has_one_color_and_one_legend_entry_for_each_mode():
+    modes = np.arange(len(MODES)).reshape(3, 3)
+    figure = mode_map(cube_of(modes, e=[0.4, 0.5, 0.6], Gamma=[0.8, 0.9, 1.0]))
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == [f"{mode} (11.1 %)" for mode in MODES]
+    assert len({to_rgb(color) for color in MODE_COLORS.values()}) == len(MODES) == len(MODE_COLORS)
+    assert (figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()) == (r"$\Gamma$", "$e$")
+
+
+def test_mode_map_of_one_axis_and_of_a_slice():
+    assert mode_map(cube_of([R, D], xdot0=[0.5, 1])).axes[0].get_xlabel() == r"$\dot{x}_1(0)$ [m/s]"
+    assert mode_map(cube_of([[[R, D]]], f=[15], e=[0.5], Gamma=[0.8, 0.9]))
+
+
+def test_cubes_that_cannot_be_drawn_are_refused():
+    flat = cube_of([R, D], f=[15, 20])
+    with pytest.raises(ParameterError, match=r"^segments: has axes f; needs beta0 among them$"):
+        segments(flat)
+    deep = cube_of(np.full((2, 2, 2), R), f=[15, 20], e=[0.5, 0.6], beta0=[0.1, 0.2])
+    with pytest.raises(ParameterError, match=r"^mode_map: has axes f, e, beta0; draws 1 to 2 of them$"):
+        mode_map(deep)
+    with pytest.raises(ParameterError, match=r"^mode_map: has axes none; draws 1 to 2 of them$"):
+        mode_map(cube_of([R], f=[15]))
+
+
+def test_a_picture_needs_a_known_ending(tmp_path):
+    with pytest.raises(ParameterError, match=r"^out = .*a.xyz: a picture must end in .png, .pdf, .svg$"):
+        check_picture(tmp_path / "a.xyz")
+
+
+def test_run_figure_labels_its_panels(tmp_path):
+    figure = run_figure(dimersweep.simulate(periods=30))
+    assert [axes.get_title(loc="left") for axes in figure.axes] == ["(a)", "(b)", "(c)", "(d)", "(e)"]
+    assert all(axes.get_xlabel() and axes.get_ylabel() for axes in figure.axes)
+    figure.savefig(tmp_path / "run.png")

@@ -1,0 +1,80 @@
+"""Files are whole or absent, never replaced unasked, and only an intact cube of this program is opened."""
+
+import os
+
+import pytest
+import xarray as xr
+
+from dimersweep.cube import blank, build
+from dimersweep.errors import StoreError
+from dimersweep.grid import make_grid
+from dimersweep.provenance import attributes
+from dimersweep.store import check_writable, open_cube, write_cube
+
+
+@pytest.fixture
+def cube():
+    grid = make_grid({"f": [15, 20]})
+    return build(grid, *blank(2), attributes({"periods": 3}, "a title", 1.5))
+
+
+def test_what_is_written_is_read(cube, tmp_path):
+    write_cube(cube, tmp_path / "cube.nc")
+    xr.testing.assert_identical(open_cube(tmp_path / "cube.nc"), cube)
+    assert os.listdir(tmp_path) == ["cube.nc"]
+
+
+def test_an_existing_file_stays_unless_forced(cube, tmp_path):
+    path = tmp_path / "cube.nc"
+    path.write_text("precious")
+    with pytest.raises(StoreError, match=r"^out = .*cube.nc: exists already; .*--force"):
+        write_cube(cube, path)
+    assert path.read_text() == "precious"
+    write_cube(cube, path, force=True)
+    assert open_cube(path).sizes == {"f": 2}
+
+
+def test_a_write_that_fails_leaves_nothing_behind(cube, tmp_path, monkeypatch):
+    def full_disk(self, path, **kwargs):
+        path.write_bytes(b"half a file")
+        raise RuntimeError("NetCDF: HDF error")
+
+    monkeypatch.setattr(xr.Dataset, "to_netcdf", full_disk)
+    with pytest.raises(StoreError, match=r"could not be written \(NetCDF: HDF error\)"):
+        write_cube(cube, tmp_path / "cube.nc")
+    assert os.listdir(tmp_path) == []
+
+
+def test_outputs_that_cannot_be_written_are_refused_before(tmp_path):
+    with pytest.raises(StoreError, match=r"out = .*: is a folder; give a file name"):
+        check_writable(tmp_path)
+    with pytest.raises(StoreError, match=r"out = .*nowhere/cube.nc: the folder .*nowhere does not exist"):
+        check_writable(tmp_path / "nowhere" / "cube.nc")
+
+
+@pytest.mark.skipif(not os.path.isdir("/proc"), reason="needs a folder that refuses even root")
+def test_a_folder_that_refuses_files_is_named():
+    with pytest.raises(StoreError, match=r"out = /proc/cube.nc: the folder /proc is not writable"):
+        check_writable("/proc/cube.nc")
+
+
+def test_files_that_are_no_cubes_are_told_apart(cube, tmp_path):
+    with pytest.raises(StoreError, match=r"absent.nc: no such file$"):
+        open_cube(tmp_path / "absent.nc")
+    (tmp_path / "text.nc").write_text("hello")
+    with pytest.raises(StoreError, match=r"text.nc: is no NetCDF file, or a damaged one"):
+        open_cube(tmp_path / "text.nc")
+    xr.Dataset({"a": 1}).to_netcdf(tmp_path / "other.nc")
+    with pytest.raises(StoreError, match=r"other.nc: is a NetCDF file, but no cube of dimersweep$"):
+        open_cube(tmp_path / "other.nc")
+
+
+def test_a_damaged_or_changed_cube_is_refused(cube, tmp_path):
+    write_cube(cube, tmp_path / "cube.nc")
+    whole = (tmp_path / "cube.nc").read_bytes()
+    (tmp_path / "cut.nc").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(StoreError, match=r"cut.nc: is no NetCDF file, or a damaged one"):
+        open_cube(tmp_path / "cut.nc")
+    cube.assign_attrs(configuration='{"periods": 4}').to_netcdf(tmp_path / "changed.nc")
+    with pytest.raises(StoreError, match=r"changed.nc: is a cube of dimersweep that was changed or is incomplete"):
+        open_cube(tmp_path / "changed.nc")

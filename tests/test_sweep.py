@@ -1,0 +1,143 @@
+"""A sweep gives each point its own numbers, whoever runs it, and keeps the trouble of one tile to that tile."""
+
+import json
+import pickle
+import re
+import threading
+
+import numpy as np
+import pytest
+import xarray as xr
+from conftest import fake_run_many
+from hypothesis import given
+from hypothesis import strategies as st
+
+import dimersweep
+from dimersweep import tiles
+from dimersweep.cube import names
+from dimersweep.errors import ParameterError, StoreError
+from dimersweep.grid import make_grid
+from dimersweep.progress import Lines, Tally
+from dimersweep.tiles import Spec, Tile, run_tile, split
+
+GRID = {"f": [15, 20, 25], "beta0": {"start": 1, "stop": 89, "step": 1, "unit": "deg"}}
+
+
+def quiet_sweep(grid=GRID, fixed=None, **settings):
+    return dimersweep.sweep(grid, fixed, **({"periods": 5, "progress": False} | settings))
+
+
+def test_a_sweep_fills_every_point(fake_kernel):
+    cube = quiet_sweep()
+    assert cube["mode"].shape == (3, 89)
+    assert set(np.unique(names(cube["mode"]))) == {"drift", "rest", "unresolved"}
+    drifts = names(cube["mode"]) == "drift"
+    expected = cube["f"] ** 2 / 50 + 1e-3 * cube["beta0"]
+    np.testing.assert_allclose(cube["radius"].where(drifts), expected.where(drifts))
+
+
+@pytest.mark.parametrize("workers", [1, 2, 5])
+def test_the_numbers_do_not_depend_on_tiles_and_workers(fake_kernel, monkeypatch, workers):
+    reference = quiet_sweep()
+    monkeypatch.setattr("dimersweep.sweeping.tile_length", lambda spec, workers: 7)
+    xr.testing.assert_equal(quiet_sweep(workers=workers), reference)
+
+
+@pytest.mark.jit
+def test_threads_and_tiles_give_the_bits_of_a_serial_run(monkeypatch):
+    grid = {"f": [15, 25], "beta0": {"start": 3, "stop": 87, "step": 7, "unit": "deg"}}
+    spec = Spec(make_grid(grid), 40, 1e-8, True)
+    out, codes = run_tile(spec, Tile(0, spec.grid.size))
+    for length in (1, 5):
+        monkeypatch.setattr("dimersweep.sweeping.tile_length", lambda spec, workers, length=length: length)
+        cube = quiet_sweep(grid, periods=40, workers=2)
+        for name, values in (*zip(tiles.CODES, codes.T, strict=True), ("radius", out[:, 0])):
+            assert cube[name].values.astype(values.dtype).tobytes() == values.tobytes(), name
+
+
+def test_a_tile_that_fails_marks_only_its_points(monkeypatch):
+    def breaks_at_20_hz(rows, *others):
+        if (rows[:, 3] == 20).any():
+            raise MemoryError("no room")
+        fake_run_many(rows, *others)
+
+    monkeypatch.setattr("dimersweep.tiles.run_many", breaks_at_20_hz)
+    monkeypatch.setattr("dimersweep.sweeping.tile_length", lambda spec, workers: 89)
+    with pytest.warns(RuntimeWarning, match="1 tiles failed; points 89 to 177: MemoryError: no room"):
+        cube = quiet_sweep()
+    failed = names(cube["mode"]) == "failed"
+    assert failed.sel(f=20).all() and not failed.sel(f=[15, 25]).any()
+    assert cube["radius"].sel(f=20).isnull().all()
+    assert cube.attrs["failures"] == "points 89 to 177: MemoryError: no room"
+
+
+def test_the_cube_is_written_and_tells_its_configuration(fake_kernel, tmp_path):
+    cube = quiet_sweep(fixed={"mu": 0.1}, out=tmp_path / "cube.nc", attrs={"title": "a title"})
+    xr.testing.assert_identical(dimersweep.open_cube(tmp_path / "cube.nc"), cube)
+    told = json.loads(cube.attrs["configuration"])
+    assert cube.attrs["title"] == "a title"
+    assert told["grid"]["f"] == [15, 20, 25] and told["fixed"]["mu"] == 0.1
+    assert (told["periods"], told["rtol"], told["stop_when_settled"]) == (5, 1e-8, True)
+    np.testing.assert_array_equal(told["grid"]["beta0"], cube["beta0"])
+
+
+@pytest.mark.parametrize(
+    ("settings", "error", "message"),
+    [
+        ({"grid": {"f": []}}, ParameterError, "f: the axis is empty"),
+        ({"fixed": {"A_r": 1}}, ParameterError, "A_r = 1.0: must be >= 2"),
+        ({"periods": 0}, ParameterError, "periods = 0: must be a whole number >= 1"),
+        ({"rtol": 1}, ParameterError, "rtol = 1.0: must be in [1e-13, 0.01]"),
+        ({"workers": 0}, ParameterError, "workers = 0: must be a whole number >= 1"),
+        ({"out": "/nowhere/cube.nc"}, StoreError, "out = /nowhere/cube.nc: the folder /nowhere does not exist"),
+    ],
+)
+def test_bad_input_is_refused_before_any_work(monkeypatch, settings, error, message):
+    monkeypatch.setattr("dimersweep.tiles.run_many", lambda *arguments: pytest.fail("work was done"))
+    with pytest.raises(error, match=f"^{re.escape(message)}"):
+        quiet_sweep(**settings)
+
+
+def test_tiles_travel_by_pickle(fake_kernel):
+    spec = pickle.loads(pickle.dumps(Spec(make_grid(GRID), 5, 1e-8, True)))
+    out, codes = run_tile(spec, pickle.loads(pickle.dumps(Tile(10, 20))))
+    whole, _ = run_tile(spec, Tile(0, 267))
+    np.testing.assert_array_equal(out, whole[10:20])
+    assert codes.shape == (10, len(tiles.CODES))
+
+
+@given(st.integers(1, 500), st.integers(1, 500))
+def test_tiles_cover_every_point_once(size, length):
+    points = [point for tile in split(size, length) for point in range(*tile)]
+    assert points == list(range(size))
+
+
+def test_a_tile_takes_about_half_a_second(monkeypatch):
+    monkeypatch.setattr("dimersweep.tiles.seconds_per_point", lambda spec: 0.01)
+    spec = Spec(make_grid({"e": {"start": 0, "stop": 1, "num": 10_000}}), 5, 1e-8, True)
+    assert tiles.tile_length(spec, workers=2) == 50
+    monkeypatch.setattr("dimersweep.tiles.seconds_per_point", lambda spec: 10.0)
+    assert tiles.tile_length(spec, workers=2) == 1
+    monkeypatch.setattr("dimersweep.tiles.seconds_per_point", lambda spec: 1e-6)
+    assert tiles.tile_length(spec, workers=2) == 1250  # each worker gets a few
+
+
+def test_a_few_points_are_not_timed(monkeypatch):
+    monkeypatch.setattr("dimersweep.tiles.seconds_per_point", lambda spec: pytest.fail("timed"))
+    assert tiles.tile_length(Spec(make_grid({"f": [15, 20]}), 5, 1e-8, True), workers=2) == 1
+
+
+def test_results_are_taken_in_the_calling_thread(fake_kernel, monkeypatch):
+    threads = set()
+    monkeypatch.setattr(Tally, "add", lambda self, modes: threads.add(threading.current_thread()))
+    quiet_sweep(workers=3)
+    assert threads == {threading.main_thread()}
+
+
+def test_a_log_gets_plain_lines(capsys, monkeypatch):
+    lines = Lines(4)
+    lines.add(np.array([3, 3, 2]))  # too early for a line
+    lines.add(np.array([8]))
+    assert (
+        capsys.readouterr().err == "4/4 points, 100 %, elapsed 0:00:00, left 0:00:00: drift 2, rest 1, unresolved 1\n"
+    )
