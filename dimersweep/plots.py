@@ -218,9 +218,9 @@ def _heights(axes: Axes, states: xr.Dataset, f: float) -> None:
     """Plate, p1 and p2 against time in forcing periods."""
     cycles = states["time"].values * f
     plate = states["plate"]
-    axes.plot(cycles, 1e3 * plate, "--", color="#0072b2", linewidth=1, label="plate")
     axes.plot(cycles, 1e3 * (plate + states["gap_2"]), color="black", linewidth=1, label="$p_2$")
-    axes.plot(cycles, 1e3 * (plate + states["gap_1"]), color="#d62728", linewidth=1.4, label="$p_1$")
+    axes.plot(cycles, 1e3 * (plate + states["gap_1"]), color="#d62728", linewidth=2.5, label="$p_1$")
+    axes.plot(cycles, 1e3 * plate, "--", color="#0072b2", linewidth=1, label="plate")
     axes.set_xlabel("time [forcing periods]")
     axes.set_ylabel("height [mm]")
     axes.legend(fontsize=8, loc="upper right", ncols=3)
@@ -236,14 +236,14 @@ def _orbit(axes: Axes, states: xr.Dataset) -> None:
 
 
 def run_figure(run: "Run", periods: int = 4) -> Figure:
-    """One run: normal displacements, orbit of the centre of mass, and the phase portraits of its last periods.
+    """One run: normal displacements, orbit of the centre of mass, and the phase portraits of its last cycle.
 
     Parameters
     ----------
     run : Run
         Recorded.
     periods : int
-        Forcing periods shown of the heights and the portraits, counted from the end.
+        Forcing periods shown of the normal displacements, counted from the end.
 
     Returns
     -------
@@ -251,15 +251,20 @@ def run_figure(run: "Run", periods: int = 4) -> Figure:
     """
     f = run.parameters["f"]
     end = run.n_periods / f
-    last = run.states(np.linspace(max(0.0, end - periods / f), end, 600 * periods))
+
+    def last(cycles: int) -> xr.Dataset:
+        return run.states(np.linspace(max(0.0, end - cycles / f), end, 800 * cycles))
+
     figure = Figure(figsize=(11, 6.5), layout="constrained")
     panels = figure.subplot_mosaic([["heights", "heights", "orbit"], ["beta", "theta", "spin"]])
-    _heights(panels["heights"], last, f)
+    _heights(panels["heights"], last(periods), f)
     _orbit(panels["orbit"], run.states(np.linspace(0.0, end, min(20 * run.n_periods, 20_000) + 1)))
+    cycle = last(max(1, run.mode_period))
     for angle, symbol in (("beta", r"\beta"), ("theta", r"\theta"), ("spin", r"\gamma")):
-        _portrait(panels[angle], last, angle, symbol)
-    for letter, axes in zip("abcde", panels.values(), strict=True):
-        axes.set_title(f"({letter})", loc="left", fontsize=10)
+        _portrait(panels[angle], cycle, angle, symbol)
+    titles = ("normal displacements", "centre of mass", "dip (dashed: in contact)", "precession", "spin")
+    for letter, title, axes in zip("abcde", titles, panels.values(), strict=True):
+        axes.set_title(f"({letter}) {title}", loc="left", fontsize=10)
     shown = ("e", "Gamma", "f", "A_r", "mu", "mu_s", "beta0", "xdot0")
     words = ", ".join(_given(name, run.parameters[name]) for name in shown)
     figure.suptitle(f"{run.mode} after {run.n_periods} periods: {words}", fontsize=10)

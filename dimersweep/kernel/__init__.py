@@ -1,4 +1,4 @@
-"""The compiled core: the paper's model over flat arrays, with no import beyond numpy, numba and the standard library."""
+"""The compiled core: the paper's model over flat arrays, importing numpy, numba and the standard library only."""
 
 from dimersweep.kernel.cache import kernel_version, use_cache_folder
 

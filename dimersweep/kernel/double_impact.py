@@ -13,17 +13,16 @@ slowly, hence the method. Units: velocities of the approach speed V, impulses of
 from math import copysign, hypot, inf, sqrt
 from typing import NamedTuple
 
-import numpy as np
-
 from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import SLIP, STICK
 from dimersweep.kernel.steps import (
     ROS_STAGES,
-    error_norm,
     implicit_load,
     implicit_stage,
+    inside,
     lu_factor,
     lu_solve,
+    shrink,
     step_factor,
 )
 from dimersweep.kernel.tableaux import ROS_GAMMA
@@ -282,8 +281,7 @@ def pair_leg(law, z, modes, compressing, tol, slip_tol, work):
         e = law.e_1 if i == 0 else law.e_2
         gains[i] = 1.0 if compressing[i] > 0.0 else 1.0 / (e * e)
     for k in range(8):
-        floor = slip_tol if k > 5 else 0.0
-        armed[k] = 1.0 if event_value(law, k, modes, compressing, z, z, slip_tol) > floor else 0.0
+        armed[k] = 1.0 if event_value(law, k, modes, compressing, z, z, slip_tol) > 0.0 else 0.0
     h = 0.05
     for _ in range(MAX_STEPS):
         start[:N_Z] = z[:N_Z]
@@ -299,38 +297,46 @@ def pair_leg(law, z, modes, compressing, tol, slip_tol, work):
         if event < 0:
             z[:N_Z] = out[:N_Z]
             for k in range(8):
-                floor = slip_tol if k > 5 else 0.0
-                if event_value(law, k, modes, compressing, z, z, slip_tol) > floor:
+                if event_value(law, k, modes, compressing, z, z, slip_tol) > 0.0:
                     armed[k] = 1.0
             h = grown
             continue
-        # bracketed search for the first crossing inside the step, each probe a step of its own
-        low, high, g_low, g_high = 0.0, h, 1.0, 0.0
-        g_low = least_value(law, modes, compressing, armed, start, start, slip_tol)
-        g_high = least_value(law, modes, compressing, armed, start, out, slip_tol)
-        for _ in range(MAX_BISECT):
-            if g_high > -1e-15 or high - low <= 1e-15 * h:
-                break
-            mid = (low * g_high - high * g_low) / (g_high - g_low)
-            if not low < mid < high:
-                mid = 0.5 * (low + high)
-            impact_step(law, modes, gains, start, mid, tol, J, LU, pivots, K, out)
-            g = least_value(law, modes, compressing, armed, start, out, slip_tol)
-            if g <= 0.0:
-                if g < 0.5 * g_high:
-                    g_low *= 0.5
-                high, g_high = mid, g
-            else:
-                if g > 0.5 * g_low:
-                    g_high *= 0.5
-                low, g_low = mid, g
-        impact_step(law, modes, gains, start, high, tol, J, LU, pivots, K, out)
-        event = crossing(law, modes, compressing, armed, start, out, slip_tol)
+        event = first_crossing(law, modes, compressing, armed, gains, start, h, tol, slip_tol, J, LU, pivots, K, out)
         z[:N_Z] = out[:N_Z]
         if event < 6 or hypot(z[ZA], z[ZB1 + event - 6]) <= 4.0 * slip_tol:
             return event
         h = grown  # the slip has only turned by a right angle, and goes on
     return -1
+
+
+@compiled
+def first_crossing(law, modes, compressing, armed, gains, start, h, tol, slip_tol, J, LU, pivots, K, out):
+    """Number of the first event in the step h from `start`, whose end is in `out`; then `out` is the state at the event.
+
+    Bracketed search, each probe a step of its own.
+    """
+    low, high = 0.0, h
+    g_low = least_value(law, modes, compressing, armed, start, start, slip_tol)
+    g_high = least_value(law, modes, compressing, armed, start, out, slip_tol)
+    side = 0
+    for _ in range(MAX_BISECT):
+        if high - low <= 1e-15 * h:
+            break
+        mid = inside(low, high, g_low, g_high)
+        impact_step(law, modes, gains, start, mid, tol, J, LU, pivots, K, out)
+        g = least_value(law, modes, compressing, armed, start, out, slip_tol)
+        low, high, g_low, g_high, side = shrink(low, high, g_low, g_high, mid, g, side)
+        if abs(g) <= 1e-15:
+            high = mid
+            break
+    impact_step(law, modes, gains, start, high, tol, J, LU, pivots, K, out)
+    least, which = inf, -1
+    for k in range(8):
+        if armed[k] > 0.0:
+            value = event_value(law, k, modes, compressing, start, out, slip_tol)
+            if value < least:
+                least, which = value, k
+    return which
 
 
 @compiled

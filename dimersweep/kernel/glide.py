@@ -29,7 +29,9 @@ from dimersweep.kernel.steps import (
     implicit_load,
     implicit_stage,
     lu_factor,
+    inside,
     lu_solve,
+    shrink,
     step_factor,
 )
 from dimersweep.kernel.tableaux import DOP_C, ROS_C, ROS_D, ROS_GAMMA
@@ -227,11 +229,22 @@ def slip_limit(dm, modes, y, dy):
 
 
 @compiled
+def stalled_slip(dm, modes, y, dy, slip_tol):
+    """Number of a slipping end that is within the tolerance of rest and slows down, -1 if there is none."""
+    for i in range(2):
+        if modes[i] == SLIP:
+            a, b = slip_of(dm, modes, y, i)
+            d_a, d_b = slip_of(dm, modes, dy, i)
+            if hypot(a, b) <= slip_tol and a * d_a + b * d_b < 0.0:
+                return i
+    return -1
+
+
+@compiled
 def arm(dm, modes, armed, y, F, slip_tol):
-    """Arm the event functions that are positive; a slip has to have grown clear of its tolerance."""
+    """Arm the event functions that are positive."""
     for k in range(N_EVENTS):
-        floor = slip_tol if SLIP_ZERO <= k < LANDS else 0.0
-        if glide_value(dm, modes, k, y, y, F, slip_tol) > floor:
+        if glide_value(dm, modes, k, y, y, F, slip_tol) > 0.0:
             armed[k] = 1.0
 
 
@@ -252,22 +265,17 @@ def first_crossing(dm, modes, phase, h, n, implicit, event, least, slip_tol, b):
     g_low, _ = least_value(dm, modes, b.armed, b.start, b.start, b.F, slip_tol)
     g_high = least
     floor = 1e-14 * (abs(g_low) + abs(g_high))
+    side = 0
     for _ in range(MAX_BISECT):
-        if high - low <= 1e-15 * dm.T or g_high >= -floor:
+        if high - low <= 1e-15 * dm.T:
             break
-        mid = (low * g_high - high * g_low) / (g_high - g_low)
-        if not low < mid < high:
-            mid = 0.5 * (low + high)
+        mid = inside(low, high, g_low, g_high)
         step_to(dm, modes, phase, mid, n, implicit, b)
         g, which = least_value(dm, modes, b.armed, b.start, b.out, b.F, slip_tol)
-        if g <= 0.0:
-            if g < 0.5 * g_high:
-                g_low *= 0.5
-            high, g_high, event = mid, g, which
-        else:
-            if g > 0.5 * g_low:
-                g_high *= 0.5
-            low, g_low = mid, g
+        low, high, g_low, g_high, side = shrink(low, high, g_low, g_high, mid, g, side)
+        event = which if g <= 0.0 else event
+        if abs(g) <= floor:
+            return mid, which
     step_to(dm, modes, phase, high, n, implicit, b)
     return high, event
 
@@ -279,26 +287,28 @@ def hidden_dip(dm, modes, phase, h, n, slip_tol, b):
     The functions are evaluated on the cubic through the step's ends; the parabola through the lowest of them bounds what
     lies between.
     """
-    quarter_values = b.up
-    for k in range(LANDS + 1):
-        if b.armed[k] == 0.0 or SLIP_ZERO <= k < LANDS:
-            continue
-        low_at, low = 0, inf
-        for q in range(5):
-            s = 0.25 * q
-            hermite(b, s, h, n, b.probe)
-            contact_rates(dm, modes, phase + dm.omega * h * s, b.probe, b.down, b.F)
-            value = glide_value(dm, modes, k, b.start, b.probe, b.F, slip_tol)
-            quarter_values[q] = value
-            if value < low:
-                low_at, low = q, value
+    values = b.LU
+    for q in range(5):
+        s = 0.25 * q
+        hermite(b, s, h, n, b.probe)
+        contact_rates(dm, modes, phase + dm.omega * h * s, b.probe, b.down, b.F)
+        for k in range(SLIP_ZERO + 1):
+            m = LANDS if k == SLIP_ZERO else k
+            values[k, q] = glide_value(dm, modes, m, b.start, b.probe, b.F, slip_tol) if b.armed[m] > 0.0 else inf
+    share = 1.0
+    for k in range(SLIP_ZERO + 1):
+        low_at = 0
+        for q in range(1, 5):
+            if values[k, q] < values[k, low_at]:
+                low_at = q
         if low_at == 0 or low_at == 4:
             continue
-        left, right = quarter_values[low_at - 1] - low, quarter_values[low_at + 1] - low
+        low = values[k, low_at]
+        left, right = values[k, low_at - 1] - low, values[k, low_at + 1] - low
         shift = 0.5 * (left - right) / (left + right) if left + right > 0.0 else 0.0
         if low - 0.25 * (left - right) * shift <= 0.0:
-            return 0.25 * (low_at + shift)
-    return 1.0
+            share = min(share, 0.25 * (low_at + shift))
+    return share
 
 
 @compiled
@@ -356,19 +366,25 @@ def glide(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
     if modes[0] == FREE or modes[1] == FREE:
         b.armed[LANDS] = 1.0
     t, h = 0.0, first_step(dm, modes, y, b.dy)
+    fresh = True  # the Jacobian has to be formed at b.start
     for _ in range(MAX_STEPS):
         if t >= span:
             return t, NO_EVENT
         b.start[:N_PATH] = y[:N_PATH]
         now = phase + dm.omega * t
         v = slip_speed(dm, modes, y)
+        stalled = stalled_slip(dm, modes, y, b.dy, slip_tol) if v <= slip_tol else -1
+        if stalled >= 0:
+            stop_slip(dm, modes, y, stalled)
+            return t, SLIP_ZERO + stalled
         h = min(h, LONGEST * dm.T, slip_limit(dm, modes, y, b.dy))
         implicit = v < STIFF * dm.T * stiffness(dm, b.F)
         last = h >= (span - t) * (1.0 - 1e-12)
         if last:
             h = span - t
-        if implicit:
+        if implicit and fresh:
             glide_jacobian(dm, modes, now, n, v, b)
+        fresh = not implicit
         error = step_to(dm, modes, now, h, n, implicit, b)
         factor = step_factor(error, 5.0 if implicit else 8.0)
         if not error <= 1.0:
@@ -386,6 +402,7 @@ def glide(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
             if least <= 0.0:
                 dt, event = first_crossing(dm, modes, now, h, n, implicit, event, least, slip_tol, b)
                 y[:n] = b.out[:n]
+                fresh = True
                 t += dt
                 if not SLIP_ZERO <= event < LANDS:
                     return t, event
@@ -398,6 +415,7 @@ def glide(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
                 continue
         contact_rates(dm, modes, now + dm.omega * h, b.out, b.dy, b.F)
         y[:n] = b.out[:n]
+        fresh = True
         t = span if last else t + h
         arm(dm, modes, b.armed, y, b.F, slip_tol)
         h *= factor

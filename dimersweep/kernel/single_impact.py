@@ -10,7 +10,7 @@ them the clock xi with dP = v dxi removes the stiffness of the slip direction at
 approach speed V, impulses of m V, energies of m V^2, the Delassus operator of 1/m.
 """
 
-from math import atan2, copysign, cos, hypot, inf, sin, sqrt
+from math import atan2, copysign, cos, exp, hypot, inf, log1p, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +23,7 @@ DONE, OTHER, LEG, JAM, STEPS = 0, 1, 2, 3, 4
 MAX_LEGS = 200
 MAX_STEPS = 2000
 INVARIANT = 1e-14  # rate of turning (per xi) below which any slip direction counts as invariant
-ATTRACTED = 1e-2  # lateral slip left, in tolerances, at which an attracting direction counts as reached
+ATTRACTED = 1e-2  # effect on the rates, in tolerances, of what is left of the turning towards an attracting direction
 
 
 class EndLaw(NamedTuple):
@@ -56,9 +56,27 @@ def turning(law, c, s):
 
 @compiled
 def is_invariant(law, v, c, s, tol):
-    """Whether slip along (c, s) keeps its direction, to rounding or, near an attracting direction, to the tolerance."""
+    """Whether slip along (c, s) keeps its direction: to rounding, or so near to an attracting one that the rates do.
+
+    The axial directions (s = 0) change the rates only with s^2; how the lateral slip dies out is known (``lateral_left``).
+    """
     rate, slope = turning(law, c, s)
-    return abs(rate) <= INVARIANT or (slope < 0.0 and v * abs(rate) <= ATTRACTED * tol * -slope)
+    if abs(rate) <= INVARIANT:
+        return True
+    off = s * s if abs(s) < 1e-2 else abs(rate / slope)
+    return slope < 0.0 and v * off <= ATTRACTED * tol
+
+
+@compiled
+def lateral_left(law, c, b, v, w_v, P):
+    """Lateral slip near the axial direction c = +-1 after an impulse P over which the slip changes at the rate w_v.
+
+    phi changes by the factor exp(slope xi), with xi the integral of dP / v.
+    """
+    _, slope = turning(law, c, 0.0)
+    x = w_v * P / v
+    xi = P / v * (log1p(x) / x if abs(x) > 1e-12 else 1.0)
+    return b * (1.0 + x) * exp(slope * xi)
 
 
 @compiled
@@ -119,7 +137,7 @@ def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
         dP = min(P_n, min(P_E, P_j))
         c, s = cos(y[0]), sin(y[0])
         near = abs(dP) <= 2e-15 * max(1.0, abs(y[2]))
-        if near or y[1] <= slip_end or is_invariant(law, y[1], c, s, tol):
+        if near or (dP > 0.0 and (y[1] <= slip_end or is_invariant(law, y[1], c, s, tol))):
             n = 0.0 if near and dP == P_n else n
             E = 0.0 if near and dP == P_E else y[4]
             n_j = 0.0 if near and dP == P_j else n_j
@@ -152,6 +170,7 @@ def straight_leg(law, n, a, b, E, n_j, compressing, stick, c, s):
         w_a, w_b = law.na + law.aa * t_a, law.bb * t_b
         w_v = w_a * c + w_b * s if law.mu > 0.0 else 0.0
     v = hypot(a, b)
+    b0 = b
     w, w_j = law.nn + law.na * t_a, law.nn_j + law.na_j * t_a
     P_n, P_E, P_j, P_v = time_to_events(law, n, E, v, n_j, compressing, w, w_j, w_v)
     P = min(min(P_n, P_E), min(P_j, P_v))
@@ -164,8 +183,9 @@ def straight_leg(law, n, a, b, E, n_j, compressing, stick, c, s):
     if P == P_v:
         a, b = 0.0, 0.0
     elif not stick:
-        a, b = a + w_a * P, b + w_b * P
-    return n, a, b, E, n_j, P, t_a * P, t_b * P, LEG
+        a = a + w_a * P
+        b = lateral_left(law, c, b, v, w_v, P) if s == 0.0 and law.mu > 0.0 else b + w_b * P
+    return n, a, b, E, n_j, P, t_a * P, (b - b0) / law.bb, LEG
 
 
 @compiled
@@ -213,8 +233,8 @@ def single_phase(law, n, a, b, E, n_j, tol, work):
             mode = SLIP
             c, s = a / v, b / v
             turns = not is_invariant(law, v, c, s, tol)
-            if not turns and abs(b) <= ATTRACTED * tol:
-                b, c, s = 0.0, copysign(1.0, a), 0.0
+            if not turns and abs(s) < 1e-2:
+                c, s = copysign(1.0, a), 0.0
         w_j = law.nn_j + law.na_j * (-law.na / law.aa if stick else -law.mu * c)
         if turns:
             n, a, b, E, n_j, dP, dA, dB, reason = turning_leg(law, n, a, b, E, n_j, compressing, tol, work)

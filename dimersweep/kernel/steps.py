@@ -111,3 +111,27 @@ def lu_solve(A, n, pivots, b):
         for j in range(k + 1, n):
             total -= A[k, j] * b[j]
         b[k] = total / A[k, k]
+
+
+@compiled
+def inside(low, high, g_low, g_high):
+    """Where a bracketed zero is probed next: the secant point, or the middle if that is not strictly inside."""
+    mid = (low * g_high - high * g_low) / (g_high - g_low)
+    return mid if low < mid < high else 0.5 * (low + high)
+
+
+@compiled
+def shrink(low, high, g_low, g_high, mid, g, side):
+    """New bracket after the value g at mid (Anderson and Bjorck's regula falsi); side is the end replaced last, -1, 0, 1.
+
+    The value kept at an end that stays twice is scaled down, so that both ends close in.
+    """
+    if g > 0.0:
+        if side < 0:
+            factor = 1.0 - g / g_low
+            g_high *= factor if factor > 0.0 else 0.5
+        return mid, high, g, g_high, -1
+    if side > 0:
+        factor = 1.0 - g / g_high
+        g_low *= factor if factor > 0.0 else 0.5
+    return low, mid, g_low, g, 1

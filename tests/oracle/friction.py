@@ -143,6 +143,10 @@ def _outward_two(respond: Respond, pair: list[int], hold: Array, mu_s: float, ax
         return [_cross(directions[i], acc[i, 1:]) / size for i in pair]
 
     first = np.array([guess(i) for i in pair])
+    at_limit = {i: _unit(p) for i, p in zip(pair, first, strict=True)}
+    acc, driven = respond([], at_limit)[1], respond([], {i: np.zeros(2) for i in pair})[1]
+    if float(np.abs(acc[pair, 1:]).max()) < 1e-6 * float(np.abs(driven[pair, 1:]).max()):
+        return at_limit  # the very limit of stick with mu = mu_s: the outward acceleration is still zero
     coarse = np.linspace(0, 2 * pi, 12, endpoint=False)
     for start in [first, *(first + np.array([p, q]) for p in coarse for q in coarse)]:
         phi, _, flag, _ = fsolve(turning, start, xtol=1e-14, full_output=True)
