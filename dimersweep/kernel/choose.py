@@ -45,7 +45,7 @@ def single_mode(dm, i, phase, y, modes, slip_tol, lost, dy, F):
     modes[0], modes[1] = FREE, FREE
     if hypot(y[YUA], y[YUB]) > slip_tol:
         modes[i] = SLIP
-        contact_rates(dm, modes, phase, y, dy, F)
+        contact_rates(dm, modes, phase, y, False, dy, F)
         lv = levers(dm, s, sin(y[YB]), cos(y[YB]))
         w = delassus(dm, lv, lv)
         if w.nn <= dm.mu * w.na * y[YUA] / hypot(y[YUA], y[YUB]):
@@ -55,13 +55,13 @@ def single_mode(dm, i, phase, y, modes, slip_tol, lost, dy, F):
     else:
         y[YUA], y[YUB] = 0.0, 0.0
         modes[i] = STICK
-        contact_rates(dm, modes, phase, y, dy, F)
+        contact_rates(dm, modes, phase, y, False, dy, F)
         if lost or hold_reserve(dm, modes, i, F) < 0.0:
             modes[i] = SLIP
             if not slip_onset(dm, s, y, phase, 0.5 * slip_tol):
                 modes[i] = FREE
                 return SEPARATES
-            contact_rates(dm, modes, phase, y, dy, F)
+            contact_rates(dm, modes, phase, y, False, dy, F)
     if F[F1 + 3 * i] > 0.0:
         return CLOSED
     modes[i] = FREE
@@ -82,7 +82,7 @@ def double_mode(dm, phase, y, modes, slip_tol, lost, dy, F):
         y[YWP] = y[YUB] / two_h
     modes[0] = STICK if rest_1 else SLIP
     modes[1] = STICK if rest_2 else SLIP
-    contact_rates(dm, modes, phase, y, dy, F)
+    contact_rates(dm, modes, phase, y, False, dy, F)
     if rest_1 and rest_2:
         if lost or hold_reserve(dm, modes, 0, F) < 0.0:
             loosen_pair(dm, y, modes, slip_tol, F)
@@ -90,7 +90,7 @@ def double_mode(dm, phase, y, modes, slip_tol, lost, dy, F):
         loosen_one(dm, y, modes, 0, slip_tol, F)
     elif rest_2 and (lost or hold_reserve(dm, modes, 1, F) < 0.0):
         loosen_one(dm, y, modes, 1, slip_tol, F)
-    contact_rates(dm, modes, phase, y, dy, F)
+    contact_rates(dm, modes, phase, y, False, dy, F)
 
 
 @compiled

@@ -1,10 +1,11 @@
 """Sustained contact: the forces that keep closed ends closed, the rates they give, and the choice of contact mode.
 
-The state of a contact phase is y = (beta, beta', theta' cos(beta), spin, u_a, u_b, theta, x1, y1, gamma): u is the slip of
-the leading end (p1 if it is closed, else p2), so that slow slip keeps its relative precision and sticking is u = 0.
+The state of a contact phase is y = (beta, beta', theta' cos(beta), spin, u_a, u_b, theta, t, x1, y1, gamma): u is the slip
+of the leading end (p1 if it is closed, else p2), so that slow slip keeps its relative precision and sticking is u = 0; t
+counts from the start of a step.
 """
 
-from math import copysign, cos, hypot, sin, sqrt
+from math import cos, hypot, sin, sqrt
 
 from dimersweep.kernel.body import delassus, levers
 from dimersweep.kernel.jit import compiled
@@ -29,12 +30,10 @@ from dimersweep.kernel.layout import (
 )
 from dimersweep.kernel.plate import effective_gravity
 
-YB, YWB, YWP, YS, YUA, YUB, YTHETA, YX, YY, YGAMMA = range(10)
-N_CORE, N_THETA, N_PATH = 6, 7, 10
+YB, YWB, YWP, YS, YUA, YUB, YTHETA, YTIME, YX, YY, YGAMMA = range(11)
+N_CLOSED, N_PATH = 8, 11  # entries without and with the path
 # forces of a contact: normal, axial, lateral of p1, then of p2 (at a double contact A1 holds the sum of the axial ones)
 F1, A1, L1, F2, A2, L2 = range(6)
-# answers of the choice of modes
-CHOSEN, SEPARATES, INCONSISTENT = 0, 1, 2
 
 
 @compiled
@@ -51,6 +50,7 @@ def unload(dm, state, s, y):
     y[YUA] = state[CA] + lv.a * state[WB]
     y[YUB] = state[CB] + lv.b * state[WP] + lv.c * state[SPIN]
     y[YTHETA], y[YX], y[YY], y[YGAMMA] = state[THETA], state[X1], state[Y1], state[GAMMA]
+    y[YTIME] = 0.0
 
 
 @compiled
@@ -138,7 +138,7 @@ def double_forces(dm, modes, y, n_1, n_2, a, b, F):
 
 
 @compiled
-def contact_rates(dm, modes, phase, y, dy, F):
+def contact_rates(dm, modes, phase, y, path, dy, F):
     """Time derivative of y in a contact phase into dy, and the contact forces into F.
 
     Parameters
@@ -148,8 +148,10 @@ def contact_rates(dm, modes, phase, y, dy, F):
         FREE, STICK or SLIP of p1 and p2, not both FREE.
     phase : float
         Plate phase omega t + phi0 [rad].
-    y, dy : float64 array, shape (10,)
+    y, dy : float64 array, shape (11,)
         Contact state and its rate.
+    path : bool
+        Whether the rates of x1, y1 and gamma are wanted.
     F : float64 array, shape (6,)
         Forces [N]: normal, axial, lateral of p1, then of p2.
     """
@@ -158,7 +160,8 @@ def contact_rates(dm, modes, phase, y, dy, F):
     sin_b, cos_b = (0.0, 1.0) if double else (sin(y[YB]), cos(y[YB]))
     lv = levers(dm, s, sin_b, cos_b)
     d_wb, d_wp, n, a, b = free_rates(dm, s, y, effective_gravity(dm, phase), sin_b, cos_b)
-    F[:6] = 0.0
+    for k in range(6):
+        F[k] = 0.0
     if double:
         double_forces(dm, modes, y, n, n + 2.0 * dm.h * d_wb, a, b, F)
         slips = modes[0] == SLIP
@@ -183,7 +186,9 @@ def contact_rates(dm, modes, phase, y, dy, F):
         dy[YUA] = a + w.an * normal + w.aa * axial if modes[i] == SLIP else 0.0
         dy[YUB] = b + w.bb * lateral if modes[i] == SLIP else 0.0
     turn = y[YWP] / cos_b
-    dy[YTHETA] = turn
+    dy[YTHETA], dy[YTIME] = turn, 1.0
+    if not path:
+        return
     v_a = y[YUA] - lv.a * y[YWB] + dm.h * sin_b * y[YWB]
     v_b = y[YUB] - lv.b * y[YWP] - lv.c * y[YS] + dm.h * y[YWP]
     sin_t, cos_t = sin(y[YTHETA]), cos(y[YTHETA])

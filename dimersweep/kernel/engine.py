@@ -22,9 +22,9 @@ from dimersweep.kernel.fate import (
     verdict,
 )
 from dimersweep.kernel.flight import fly, take_off
-from dimersweep.kernel.glide import GLIDE_ROWS, HOLD_LOST, LANDS, NO_EVENT, OUT_OF_STEPS, SLIP_ZERO, glide
+from dimersweep.kernel.glide import GLIDE_ROWS, NO_EVENT, OUT_OF_STEPS, glide
 from dimersweep.kernel.impact import N_LOG, contact_velocity, double_impact, rounding, single_impact
-from dimersweep.kernel.jit import compiled
+from dimersweep.kernel.jit import compiled, exported
 from dimersweep.kernel.layout import (
     BETA,
     C_CHATTER_END,
@@ -57,6 +57,7 @@ from dimersweep.kernel.layout import (
 )
 from dimersweep.kernel.record import note_event, note_segment
 from dimersweep.kernel.roots import MAX_PROBES, next_landing
+from dimersweep.kernel.watch import HOLD_LOST, LANDS, SLIP_ZERO
 
 EVENTS_PER_PERIOD = 2000  # bound on events: this many per period asked for, and a start
 SLIP_SCALE = 0.1  # slip that counts as none in contact, in units of the tolerance and g/omega
@@ -339,26 +340,7 @@ def note_flights(dm, state, modes, past):
             note_take_off(past, i, now)
 
 
-@compiled
-def run_row(row, periods, rtol, settle, path, past, work, state, modes, log, events, segments, counts, out, codes):
-    """One run from its start, with its verdict; all arrays are the caller's and modified in place."""
-    dm = as_dimer(row)
-    start_state(dm, row[7], row[8], state)
-    modes[0], modes[1] = FREE, FREE
-    begin_past(past)
-    counts[:] = 0
-    status, at_rest = evolve(
-        dm, state, modes, periods, rtol, settle, path, past, work, log, events, segments, counts
-    )
-    mode, p, end = verdict(dm, past, at_rest, out)
-    if status != OK:
-        mode, p, end = M_FAILED, 0, 0
-        out[:] = np.nan
-    codes[0], codes[1], codes[2], codes[3], codes[4] = status, mode, p, end, counts[0]
-    codes[5] = int(state[PERIOD])
-
-
-@compiled
+@exported
 def run_many(rows, periods, rtol, settle, out, codes):
     """Verdicts of many runs.
 
@@ -377,12 +359,30 @@ def run_many(rows, periods, rtol, settle, out, codes):
     codes : int64 array, shape (n, N_CODES)
         Filled in the order of ``layout.CODES``.
     """
+    none, counts = np.zeros((0, N_LOG)), np.zeros(3, np.int64)
+    run_recorded(rows, periods, rtol, settle, False, out, codes, none, none, none, counts)
+
+
+@exported
+def run_recorded(rows, periods, rtol, settle, path, out, codes, log, events, segments, counts):
+    """``run_many`` with a record of its (last) run; see ``evolve`` for the further arrays."""
     past = np.zeros((PAST_ROWS, PAST_COLUMNS))
     work = np.zeros((WORK_ROWS, WORK_COLUMNS))
     state, modes = np.zeros(N_STATE), np.zeros(2)
-    none = np.zeros((0, N_LOG))
-    counts = np.zeros(3, np.int64)
     for k in range(rows.shape[0]):
-        run_row(
-            rows[k], periods, rtol, settle, False, past, work, state, modes, none, none, none, counts, out[k], codes[k]
+        row = rows[k]
+        dm = as_dimer(row)
+        start_state(dm, row[7], row[8], state)
+        modes[0], modes[1] = FREE, FREE
+        begin_past(past)
+        counts[0], counts[1], counts[2] = 0, 0, 0
+        status, at_rest = evolve(
+            dm, state, modes, periods, rtol, settle, path, past, work, log, events, segments, counts
         )
+        mode, p, end = verdict(dm, past, at_rest, out[k])
+        if status != OK:
+            mode, p, end = M_FAILED, 0, 0
+            for j in range(out.shape[1]):
+                out[k, j] = np.nan
+        codes[k, 0], codes[k, 1], codes[k, 2], codes[k, 3] = status, mode, p, end
+        codes[k, 4], codes[k, 5] = counts[0], int(state[PERIOD])

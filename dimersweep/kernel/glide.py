@@ -1,4 +1,9 @@
-"""A phase of sustained contact from its start to its first event: integration, and the location of the event."""
+"""A phase of sustained contact from its start to its first event: integration, and the location of the event.
+
+Three clocks drive it. Plain: DOP853 in time. Slow: DOP853 in xi with dt = (v / gamma) dxi, for a slip v on its way to or
+from zero, whose direction turns at the rate gamma / v: per xi nothing is stiff and the slip changes exponentially.
+Implicit: Rodas5P in time, for slip that stays slow.
+"""
 
 from math import hypot, inf
 from typing import Any, NamedTuple
@@ -6,45 +11,62 @@ from typing import Any, NamedTuple
 from dimersweep.kernel.contact import (
     F1,
     F2,
+    N_CLOSED,
     N_PATH,
-    N_THETA,
     YB,
+    YGAMMA,
     YS,
+    YTHETA,
+    YTIME,
     YUA,
     YUB,
     YWB,
     YWP,
+    YX,
+    YY,
     contact_rates,
-    hold_reserve,
     slip_of,
 )
 from dimersweep.kernel.jit import compiled
-from dimersweep.kernel.layout import FREE, SLIP, STICK
+from dimersweep.kernel.layout import FREE, SLIP
 from dimersweep.kernel.steps import (
     DOP_STAGES,
     ROS_STAGES,
+    copy,
     error_norm,
-    explicit_finish,
-    explicit_stage,
+    explicit_method,
     implicit_load,
     implicit_stage,
-    lu_factor,
     inside,
+    lu_factor,
     lu_solve,
     shrink,
     step_factor,
 )
-from dimersweep.kernel.tableaux import DOP_C, ROS_C, ROS_D, ROS_GAMMA
+from dimersweep.kernel.tableaux import ROS_C, ROS_D, ROS_GAMMA
+from dimersweep.kernel.watch import (
+    LANDS,
+    N_EVENTS,
+    SLIP_ZERO,
+    arm,
+    glide_value,
+    least_value,
+    slip_limit,
+    slip_speed,
+    stalled_slip,
+    stop_slip,
+)
 
-# events of a contact phase; even numbers are p1's, odd ones p2's
-LIFTS, HOLD_LOST, SLIP_ZERO, LANDS = 0, 2, 4, 6
-N_EVENTS = 7
 NO_EVENT, OUT_OF_STEPS = -1, -2
+PLAIN, SLOW, IMPLICIT = 0, 1, 2
 MAX_STEPS = 20000
-MAX_BISECT = 80
-STIFF = 0.02  # relaxation of the slip direction, in forcing periods, below which the implicit method takes over
+MAX_PROBES = 80
+STIFF = 0.02  # time in which the slip turns, in forcing periods, below which the plain clock is left
+FALLING, RISING = 0.15, 0.5  # rate of slip, in units of gamma, from which the slow clock takes it
 LONGEST = 0.125  # longest step, in forcing periods
 GLIDE_ROWS = 48
+
+glide_stage, glide_finish = explicit_method(N_CLOSED)
 
 
 class Bench(NamedTuple):
@@ -72,10 +94,8 @@ def lay_out(work):
     """The bench on a work array of at least GLIDE_ROWS rows."""
     return Bench(
         work[0:12],
-        work[12:22],
-        work[22:32],
-        work[32],
-        work[33],
+        work[12:23],
+        work[23:34],
         work[34],
         work[35],
         work[36],
@@ -86,86 +106,87 @@ def lay_out(work):
         work[41],
         work[42],
         work[43],
+        work[44],
+        work[45],
     )
 
 
 @compiled
-def glide_value(dm, modes, k, base, y, F, slip_tol):
-    """Event function k, positive while the phase goes on; inf where it has no meaning.
-
-    Normal force of an end; reserve of the friction that holds it; its slip along the direction it had at `base`; the
-    other end's height (the dip, which opens its gap).
-    """
-    i = k % 2
-    if k == LANDS:
-        if modes[0] != FREE and modes[1] != FREE:
-            return inf
-        return y[YB] if modes[0] != FREE else -y[YB]
-    if modes[i] == FREE:
-        return inf
-    if k < HOLD_LOST:
-        return F[F1] if i == 0 else F[F2]
-    if k < SLIP_ZERO:
-        return hold_reserve(dm, modes, i, F) if modes[i] == STICK else inf
-    if modes[i] != SLIP:
-        return inf
-    a0, b0 = slip_of(dm, modes, base, i)
-    a, b = slip_of(dm, modes, y, i)
-    return (a * a0 + b * b0) / hypot(a0, b0) - slip_tol
+def set_scales(dm, tol, scale):
+    """Tolerances of the contact state: angles, rates, slips and lengths in the scales of the scene."""
+    scale[YB] = scale[YTHETA] = tol
+    scale[YWB] = scale[YWP] = tol * dm.w_scale
+    scale[YS] = 10.0 * tol * dm.w_scale
+    scale[YUA] = scale[YUB] = tol * dm.v_scale
+    scale[YTIME] = tol * dm.T
+    scale[YX] = scale[YY] = tol * dm.r
+    scale[YGAMMA] = 10.0 * tol
 
 
 @compiled
-def least_value(dm, modes, armed, base, y, F, slip_tol):
-    """Least of the armed event functions and its number."""
-    least, which = inf, NO_EVENT
-    for k in range(N_EVENTS):
-        if armed[k] > 0.0:
-            value = glide_value(dm, modes, k, base, y, F, slip_tol)
-            if value < least:
-                least, which = value, k
-    return least, which
+def stiffness(dm, F):
+    """gamma: the rate at which friction turns a slip, times its speed [m s-2]."""
+    return dm.mu * (1.0 / dm.m + dm.h * dm.h / dm.J_t + dm.r * dm.r / dm.J_a) * max(F[F1], F[F2])
 
 
 @compiled
-def explicit_step(dm, modes, phase, h, n, b):
-    """One DOP853 step from b.start into b.out; returns the error over the tolerance."""
+def slowness(dm, modes, y):
+    """Slip speed of the slow clock: that of the one slipping end, or half the harmonic mean of both."""
+    inverse = 0.0
+    for i in range(2):
+        if modes[i] == SLIP:
+            a, b = slip_of(dm, modes, y, i)
+            inverse += 1.0 / hypot(a, b)
+    return 1.0 / inverse
+
+
+@compiled
+def explicit_step(dm, modes, phase, h, n, clock, gamma, b):
+    """One DOP853 step from b.start into b.out, of h seconds or, on the slow clock, h units of xi; returns the error."""
     for i in range(DOP_STAGES):
-        explicit_stage(i, h, b.start, b.K, n, b.out)
-        contact_rates(dm, modes, phase + dm.omega * h * DOP_C[i], b.out, b.K[i], b.F)
-    return explicit_finish(h, b.start, b.K, n, b.scale, b.out)
+        glide_stage(i, h, b.start, b.K, n, b.out)
+        contact_rates(dm, modes, phase + dm.omega * b.out[YTIME], b.out, n > N_CLOSED, b.K[i], b.F)
+        if clock == SLOW:
+            pace = slowness(dm, modes, b.out) / gamma
+            for k in range(n):
+                b.K[i, k] *= pace
+    return glide_finish(h, b.start, b.K, n, b.scale, b.out)
 
 
 @compiled
 def perturbation(dm, k, y, v, double):
     """Size of a change of entry k of the state that is small against the slip v."""
-    if k in (YWB, YS):
+    if k == YWB or k == YS:
         return dm.w_scale
     if k == YWP:
         return min(dm.w_scale, max(0.5 * v / dm.h, 1e-6 * abs(y[k]))) if double else dm.w_scale
-    return v if k in (YUA, YUB) else 1.0
+    return v if k == YUA or k == YUB else 1.0
 
 
 @compiled
 def glide_jacobian(dm, modes, phase, n, v, b):
     """Jacobian of ``contact_rates`` at b.start and its time derivative, by central differences."""
     step = 3e-6
-    y, probe, J = b.start, b.probe, b.J
     double = modes[0] != FREE and modes[1] != FREE
-    probe[:N_PATH] = y[:N_PATH]
-    J[:n, :n] = 0.0
-    for k in range(N_THETA):
-        d = step * perturbation(dm, k, y, v, double)
-        probe[k] = y[k] + d
-        contact_rates(dm, modes, phase, probe, b.up, b.F)
-        above = probe[k]
-        probe[k] = y[k] - d
-        contact_rates(dm, modes, phase, probe, b.down, b.F)
-        width = above - probe[k]
-        probe[k] = y[k]
+    path = n > N_CLOSED
+    copy(b.start, b.probe, n)
+    for k in range(n):
         for j in range(n):
-            J[j, k] = (b.up[j] - b.down[j]) / width
-    contact_rates(dm, modes, phase + step, y, b.up, b.F)
-    contact_rates(dm, modes, phase - step, y, b.down, b.F)
+            b.J[j, k] = 0.0
+        if k >= YTIME or (k == YTHETA and not path):
+            continue
+        d = step * perturbation(dm, k, b.start, v, double)
+        b.probe[k] = b.start[k] + d
+        above = b.probe[k]
+        contact_rates(dm, modes, phase, b.probe, path, b.up, b.F)
+        b.probe[k] = b.start[k] - d
+        contact_rates(dm, modes, phase, b.probe, path, b.down, b.F)
+        width = above - b.probe[k]
+        b.probe[k] = b.start[k]
+        for j in range(n):
+            b.J[j, k] = (b.up[j] - b.down[j]) / width
+    contact_rates(dm, modes, phase + step, b.start, path, b.up, b.F)
+    contact_rates(dm, modes, phase - step, b.start, path, b.down, b.F)
     for j in range(n):
         b.dt[j] = (b.up[j] - b.down[j]) / (2.0 * step) * dm.omega
 
@@ -181,7 +202,7 @@ def implicit_step(dm, modes, phase, h, n, b):
         return inf
     for i in range(ROS_STAGES):
         implicit_stage(i, b.start, b.K, n, b.out)
-        contact_rates(dm, modes, phase + dm.omega * h * ROS_C[i], b.out, b.K[i], b.F)
+        contact_rates(dm, modes, phase + dm.omega * h * ROS_C[i], b.out, n > N_CLOSED, b.K[i], b.F)
         implicit_load(i, h, b.K, n, b.K[i])
         for k in range(n):
             b.K[i, k] += h * ROS_D[i] * b.dt[k]
@@ -192,92 +213,84 @@ def implicit_step(dm, modes, phase, h, n, b):
 
 
 @compiled
-def step_to(dm, modes, phase, h, n, implicit, b):
-    """One step of either method; the rates and forces at its end are left in b.dy_end, b.F. Returns the error."""
-    if implicit:
+def step_to(dm, modes, phase, h, n, clock, gamma, b):
+    """One step; the rates (per time) and forces at its end are left in b.dy_end, b.F. Returns the error."""
+    if clock == IMPLICIT:
         error = implicit_step(dm, modes, phase, h, n, b)
+        b.out[YTIME] = h
     else:
-        error = explicit_step(dm, modes, phase, h, n, b)
-    contact_rates(dm, modes, phase + dm.omega * h, b.out, b.dy_end, b.F)
+        error = explicit_step(dm, modes, phase, h, n, clock, gamma, b)
+    contact_rates(dm, modes, phase + dm.omega * b.out[YTIME], b.out, n > N_CLOSED, b.dy_end, b.F)
     return error
 
 
 @compiled
-def slip_speed(dm, modes, y):
-    """Least speed of the slipping ends, inf if none slips."""
-    v = inf
-    for i in range(2):
-        if modes[i] == SLIP:
-            a, b = slip_of(dm, modes, y, i)
-            v = min(v, hypot(a, b))
-    return v
+def hermite(b, s, h, n, out):
+    """Cubic through the ends of a step of the plain clock at share s, into `out`."""
+    u = 1.0 - s
+    for k in range(n):
+        rise = b.out[k] - b.start[k]
+        out[k] = b.start[k] + s * rise + s * u * ((2.0 * s - 1.0) * rise + h * (u * b.dy[k] - s * b.dy_end[k]))
 
 
 @compiled
-def slip_limit(dm, modes, y, dy):
-    """Step over which no slip falls below about a tenth of itself at its present rate."""
-    h = inf
-    for i in range(2):
-        if modes[i] == SLIP:
-            a, b = slip_of(dm, modes, y, i)
-            d_a, d_b = slip_of(dm, modes, dy, i)
-            v = hypot(a, b)
-            rate = (a * d_a + b * d_b) / v
-            if rate < 0.0:
-                h = min(h, -0.9 * v / rate)
-    return h
+def value_on_cubic(dm, modes, phase, s, h, n, slip_tol, b):
+    """Least armed event function on the cubic through the ends of a step, at share s."""
+    hermite(b, s, h, n, b.probe)
+    contact_rates(dm, modes, phase + dm.omega * h * s, b.probe, False, b.down, b.F)
+    least, _ = least_value(dm, modes, b.armed, b.start, b.probe, b.F, slip_tol)
+    return least
 
 
 @compiled
-def stalled_slip(dm, modes, y, dy, slip_tol):
-    """Number of a slipping end that is within the tolerance of rest and slows down, -1 if there is none."""
-    for i in range(2):
-        if modes[i] == SLIP:
-            a, b = slip_of(dm, modes, y, i)
-            d_a, d_b = slip_of(dm, modes, dy, i)
-            if hypot(a, b) <= slip_tol and a * d_a + b * d_b < 0.0:
-                return i
-    return -1
+def crossing_on_cubic(dm, modes, phase, h, n, g_start, g_end, slip_tol, b):
+    """First guess of the share of a step at which an event function vanishes, and the slope of the function there."""
+    low, high, g_low, g_high, side = 0.0, 1.0, g_start, g_end, 0
+    mid = 0.5
+    for _ in range(8):
+        mid = inside(low, high, g_low, g_high)
+        g = value_on_cubic(dm, modes, phase, mid, h, n, slip_tol, b)
+        if abs(g) <= 1e-5 * (g_start - g_end):
+            break
+        low, high, g_low, g_high, side = shrink(low, high, g_low, g_high, mid, g, side)
+    g = value_on_cubic(dm, modes, phase, mid, h, n, slip_tol, b)
+    g_on = value_on_cubic(dm, modes, phase, mid + 1e-3, h, n, slip_tol, b)
+    return mid, (g_on - g) / 1e-3
 
 
 @compiled
-def arm(dm, modes, armed, y, F, slip_tol):
-    """Arm the event functions that are positive."""
-    for k in range(N_EVENTS):
-        if glide_value(dm, modes, k, y, y, F, slip_tol) > 0.0:
-            armed[k] = 1.0
-
-
-@compiled
-def first_crossing(dm, modes, phase, h, n, implicit, event, least, slip_tol, b):
+def first_crossing(dm, modes, phase, h, n, clock, gamma, event, least, slip_tol, b):
     """Locate the first zero of the armed event functions in a step over which the least of them fell to `least` <= 0.
 
-    Regula falsi (Illinois), each probe a step of its own from b.start.
+    Each probe is a step of its own from b.start: the first at the zero on the cubic through the step, the next ones by
+    Newton's rule with the slope there, then by bracketed regula falsi.
 
     Returns
     -------
-    t : float
-        Length of the step to the event; b.out is the state there.
-    event : int
+    int
+        The event; b.out is the state there.
     """
-    contact_rates(dm, modes, phase, b.start, b.dy_end, b.F)
-    low, high = 0.0, h
+    contact_rates(dm, modes, phase, b.start, False, b.down, b.F)
+    low, high, g_high, side = 0.0, h, least, 0
     g_low, _ = least_value(dm, modes, b.armed, b.start, b.start, b.F, slip_tol)
-    g_high = least
     floor = 1e-14 * (abs(g_low) + abs(g_high))
-    side = 0
-    for _ in range(MAX_BISECT):
-        if high - low <= 1e-15 * dm.T:
+    guess, slope = 0.0, 0.0
+    if clock == PLAIN:
+        share, per_share = crossing_on_cubic(dm, modes, phase, h, n, g_low, g_high, slip_tol, b)
+        guess, slope = share * h, per_share / h
+    for probe in range(MAX_PROBES):
+        if high - low <= 1e-15 * h:
             break
-        mid = inside(low, high, g_low, g_high)
-        step_to(dm, modes, phase, mid, n, implicit, b)
+        mid = guess if probe < 4 and low < guess < high else inside(low, high, g_low, g_high)
+        step_to(dm, modes, phase, mid, n, clock, gamma, b)
         g, which = least_value(dm, modes, b.armed, b.start, b.out, b.F, slip_tol)
-        low, high, g_low, g_high, side = shrink(low, high, g_low, g_high, mid, g, side)
-        event = which if g <= 0.0 else event
         if abs(g) <= floor:
-            return mid, which
-    step_to(dm, modes, phase, high, n, implicit, b)
-    return high, event
+            return which
+        event = which if g <= 0.0 else event
+        low, high, g_low, g_high, side = shrink(low, high, g_low, g_high, mid, g, side)
+        guess = mid - g / slope if slope < 0.0 else 0.0
+    step_to(dm, modes, phase, high, n, clock, gamma, b)
+    return event
 
 
 @compiled
@@ -289,9 +302,8 @@ def hidden_dip(dm, modes, phase, h, n, slip_tol, b):
     """
     values = b.LU
     for q in range(5):
-        s = 0.25 * q
-        hermite(b, s, h, n, b.probe)
-        contact_rates(dm, modes, phase + dm.omega * h * s, b.probe, b.down, b.F)
+        hermite(b, 0.25 * q, h, n, b.probe)
+        contact_rates(dm, modes, phase + 0.25 * q * dm.omega * h, b.probe, False, b.down, b.F)
         for k in range(SLIP_ZERO + 1):
             m = LANDS if k == SLIP_ZERO else k
             values[k, q] = glide_value(dm, modes, m, b.start, b.probe, b.F, slip_tol) if b.armed[m] > 0.0 else inf
@@ -312,15 +324,6 @@ def hidden_dip(dm, modes, phase, h, n, slip_tol, b):
 
 
 @compiled
-def hermite(b, s, h, n, out):
-    """Cubic through the ends of a step at share s, into `out`."""
-    u = 1.0 - s
-    for k in range(n):
-        rise = b.out[k] - b.start[k]
-        out[k] = b.start[k] + s * rise + s * u * ((1.0 - 2.0 * s) * -rise + h * (u * b.dy[k] - s * b.dy_end[k]))
-
-
-@compiled
 def first_step(dm, modes, y, dy):
     """Step to begin with: well inside the hop of the other end, if that has just left the plate."""
     h = 0.05 * dm.T
@@ -330,6 +333,14 @@ def first_step(dm, modes, y, dy):
     if y[YB] == 0.0 and rise > 0.0 and fall < 0.0:
         h = min(h, -rise / fall)
     return h
+
+
+@compiled
+def clock_for(dm, v, rate, gamma):
+    """The clock that suits a slip v that changes at a rate."""
+    if v >= STIFF * dm.T * gamma:
+        return PLAIN
+    return SLOW if rate < -FALLING * gamma or rate > RISING * gamma else IMPLICIT
 
 
 @compiled
@@ -356,97 +367,81 @@ def glide(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
     event : int
         NO_EVENT (the span is over), the number of the event, or OUT_OF_STEPS.
     """
-    n = N_PATH if path else N_THETA
+    n = N_PATH if path else N_CLOSED
     b = lay_out(work)
     set_scales(dm, tol, b.scale)
-    b.out[:N_PATH] = y[:N_PATH]
-    b.armed[:N_EVENTS] = 0.0
-    contact_rates(dm, modes, phase, y, b.dy, b.F)
+    contact_rates(dm, modes, phase, y, path, b.dy, b.F)
+    for k in range(N_EVENTS):
+        b.armed[k] = 0.0
     arm(dm, modes, b.armed, y, b.F, slip_tol)
     if modes[0] == FREE or modes[1] == FREE:
         b.armed[LANDS] = 1.0
-    t, h = 0.0, first_step(dm, modes, y, b.dy)
-    fresh = True  # the Jacobian has to be formed at b.start
+    t, h, xi = 0.0, first_step(dm, modes, y, b.dy), 1.0
+    fresh = True  # b.start is new: the Jacobian has to be formed
+    gamma = stiffness(dm, b.F)
     for _ in range(MAX_STEPS):
         if t >= span:
             return t, NO_EVENT
-        b.start[:N_PATH] = y[:N_PATH]
+        if fresh:
+            y[YTIME] = 0.0
+            copy(y, b.start, N_PATH)
+            gamma = stiffness(dm, b.F)
         now = phase + dm.omega * t
-        v = slip_speed(dm, modes, y)
-        stalled = stalled_slip(dm, modes, y, b.dy, slip_tol) if v <= slip_tol else -1
-        if stalled >= 0:
-            stop_slip(dm, modes, y, stalled)
-            return t, SLIP_ZERO + stalled
-        h = min(h, LONGEST * dm.T, slip_limit(dm, modes, y, b.dy))
-        implicit = v < STIFF * dm.T * stiffness(dm, b.F)
-        last = h >= (span - t) * (1.0 - 1e-12)
+        v, rate = slip_speed(dm, modes, y, b.dy)
+        if v <= slip_tol:
+            stalled = stalled_slip(dm, modes, y, b.dy, slip_tol)
+            if stalled >= 0:
+                stop_slip(dm, modes, y, stalled)
+                return t, SLIP_ZERO + stalled
+        clock = clock_for(dm, v, rate, gamma)
+        if clock == SLOW and 2.0 * xi * v / gamma > span - t:
+            clock = IMPLICIT
+        h = min(h, LONGEST * dm.T)
+        if clock != SLOW:
+            h = min(h, slip_limit(dm, modes, y, b.dy))
+        last = clock != SLOW and h >= (span - t) * (1.0 - 1e-12)
         if last:
             h = span - t
-        if implicit and fresh:
+        if clock == IMPLICIT and fresh:
             glide_jacobian(dm, modes, now, n, v, b)
-        fresh = not implicit
-        error = step_to(dm, modes, now, h, n, implicit, b)
-        factor = step_factor(error, 5.0 if implicit else 8.0)
-        if not error <= 1.0:
-            h *= min(factor, 0.5)
-            contact_rates(dm, modes, now, y, b.dy, b.F)
+        fresh = clock == SLOW or clock == PLAIN
+        size = xi if clock == SLOW else h
+        error = step_to(dm, modes, now, size, n, clock, gamma, b)
+        dt = b.out[YTIME]
+        factor = step_factor(error, 5.0 if clock == IMPLICIT else 8.0)
+        if not error <= 1.0 or dt > span - t:
+            factor = min(factor, 0.5)
+            h, xi = (h, factor * xi) if clock == SLOW else (factor * h, xi)
             continue
         if watch:
             least, event = least_value(dm, modes, b.armed, b.start, b.out, b.F, slip_tol)
-            part = hidden_dip(dm, modes, now, h, n, slip_tol, b) if least > 0.0 else 1.0
-            if part < 1.0 or (least <= 0.0 and event == LANDS and y[YB] == 0.0):
+            part = 1.0
+            if least > 0.0 and clock != SLOW:
+                part = hidden_dip(dm, modes, now, h, n, slip_tol, b)
+            if part < 1.0 or (least <= 0.0 and event == LANDS and y[YB] == 0.0 and clock != SLOW):
                 h *= min(part, 0.5)
-                contact_rates(dm, modes, now, y, b.dy, b.F)
                 if h > 1e-12 * dm.T:
                     continue
             if least <= 0.0:
-                dt, event = first_crossing(dm, modes, now, h, n, implicit, event, least, slip_tol, b)
-                y[:n] = b.out[:n]
-                fresh = True
-                t += dt
+                event = first_crossing(dm, modes, now, size, n, clock, gamma, event, least, slip_tol, b)
+                copy(b.out, y, n)
+                t += b.out[YTIME]
                 if not SLIP_ZERO <= event < LANDS:
                     return t, event
                 s_a, s_b = slip_of(dm, modes, y, event % 2)
                 if hypot(s_a, s_b) <= 4.0 * slip_tol:
                     stop_slip(dm, modes, y, event % 2)
                     return t, event
-                h *= 0.5  # the slip has only turned by a right angle
-                contact_rates(dm, modes, phase + dm.omega * t, y, b.dy, b.F)
+                h, xi, fresh = 0.5 * h, 0.5 * xi, True  # the slip has only turned by a right angle
+                copy(b.dy_end, b.dy, n)
                 continue
-        contact_rates(dm, modes, now + dm.omega * h, b.out, b.dy, b.F)
-        y[:n] = b.out[:n]
+        contact_rates(dm, modes, now + dm.omega * dt, b.out, path, b.dy, b.F)
+        copy(b.out, y, n)
+        t = span if last else t + dt
         fresh = True
-        t = span if last else t + h
         arm(dm, modes, b.armed, y, b.F, slip_tol)
-        h *= factor
+        if clock == SLOW:
+            xi, h = factor * xi, 2.0 * dt
+        else:
+            h *= factor
     return t, OUT_OF_STEPS
-
-
-@compiled
-def stiffness(dm, F):
-    """Rate at which friction turns a slip, times its speed [m s-2]."""
-    return dm.mu * (1.0 / dm.m + dm.h * dm.h / dm.J_t + dm.r * dm.r / dm.J_a) * max(F[F1], F[F2])
-
-
-@compiled
-def stop_slip(dm, modes, y, i):
-    """Set the slip of end i, which has come down to its tolerance, to zero."""
-    y[YUA] = 0.0
-    if i == 0 or modes[0] == FREE:
-        y[YUB] = 0.0
-    else:
-        y[YWP] = y[YUB] / (2.0 * dm.h)
-
-
-@compiled
-def set_scales(dm, tol, scale):
-    """Tolerances of the contact state: angles, rates and slips in the scales of the scene."""
-    scale[:N_PATH] = tol
-    scale[1] *= dm.w_scale
-    scale[2] *= dm.w_scale
-    scale[3] *= 10.0 * dm.w_scale
-    scale[4] *= dm.v_scale
-    scale[5] *= dm.v_scale
-    scale[7] *= dm.r
-    scale[8] *= dm.r
-    scale[9] *= 10.0

@@ -5,7 +5,7 @@ from dimersweep.kernel.contact import load, unload
 from dimersweep.kernel.engine import ROW_Y, hold_rest, no_slip
 from dimersweep.kernel.flight import fly, take_off
 from dimersweep.kernel.glide import OUT_OF_STEPS, glide
-from dimersweep.kernel.jit import compiled
+from dimersweep.kernel.jit import compiled, exported
 from dimersweep.kernel.layout import CONTACT_STEPS, FREE, N_STATE, OK, PERIOD, PHASE
 
 
@@ -28,7 +28,7 @@ def last_before(segments, period, phase):
     return low
 
 
-@compiled
+@exported
 def sample(row, segments, periods, phases, rtol, work, states, modes):
     """Kernel states of a run at given times.
 

@@ -17,13 +17,17 @@ import numpy as np
 
 from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import STICK, SLIP
-from dimersweep.kernel.steps import DOP_STAGES, explicit_finish, explicit_stage, step_factor
+from dimersweep.kernel.steps import DOP_STAGES, copy, explicit_method, step_factor
 
 DONE, OTHER, LEG, JAM, STEPS = 0, 1, 2, 3, 4
 MAX_LEGS = 200
 MAX_STEPS = 2000
 INVARIANT = 1e-14  # rate of turning (per xi) below which any slip direction counts as invariant
 ATTRACTED = 1e-2  # effect on the rates, in tolerances, of what is left of the turning towards an attracting direction
+
+
+N_LEG = 5
+impact_stage, impact_finish = explicit_method(N_LEG)
 
 
 class EndLaw(NamedTuple):
@@ -150,12 +154,12 @@ def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
         xi = min(dP / y[1], limit, 3.0 / (abs(slope) + abs(K[0, 1] / y[1])))
         scale[0], scale[1], scale[2], scale[3], scale[4] = tol / max(1.0, y[1]), tol, tol, tol, tol
         for i in range(1, DOP_STAGES):
-            explicit_stage(i, xi, y, K, 5, out)
+            impact_stage(i, xi, y, K, N_LEG, out)
             slopes(law, out, n0, gain, K[i])
-        error = explicit_finish(xi, y, K, 5, scale, out)
+        error = impact_finish(xi, y, K, N_LEG, scale, out)
         limit = abs(xi) * step_factor(error, 8.0)
         if error <= 1.0:
-            y[:5] = out[:5]
+            copy(out, y, N_LEG)
     return n0, a, b, E, n_j0, 0.0, 0.0, 0.0, STEPS
 
 

@@ -1,6 +1,6 @@
 """Pieces of the two one-step methods that every phase shares: stage sums, error norms, step control, dense solves."""
 
-import numpy as np
+from math import inf, sqrt
 
 from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.tableaux import DOP_A, DOP_B, DOP_E3, DOP_E5, ROS_A, ROS_CC
@@ -10,31 +10,52 @@ ROS_STAGES = 8
 
 
 @compiled
-def explicit_stage(i, h, y, K, n, out):
-    """Argument of stage i of DOP853, into `out`; K holds the slopes of the earlier stages."""
+def copy(source, target, n):
+    """Copy the first n entries (a slice assignment compiles ten times as slowly)."""
     for k in range(n):
-        total = 0.0
+        target[k] = source[k]
+
+
+def explicit_method(width):
+    """Stage and finish of DOP853 for states of at least `width` entries: the loops over those are unrolled."""
+
+    @compiled
+    def stage(i, h, y, K, n, out):
+        """Argument of stage i, into `out`; K holds the slopes of the earlier stages."""
+        for k in range(width):
+            out[k] = 0.0
+        for k in range(width, n):
+            out[k] = 0.0
         for j in range(i):
-            total += DOP_A[i, j] * K[j, k]
-        out[k] = y[k] + h * total
+            a = DOP_A[i, j]
+            if a != 0.0:
+                for k in range(width):
+                    out[k] += a * K[j, k]
+                for k in range(width, n):
+                    out[k] += a * K[j, k]
+        for k in range(width):
+            out[k] = y[k] + h * out[k]
+        for k in range(width, n):
+            out[k] = y[k] + h * out[k]
 
+    @compiled
+    def finish(h, y, K, n, scale, out):
+        """New state into `out`; returns the error in units of the tolerance (1 is just acceptable)."""
+        sum5, sum3 = 0.0, 0.0
+        for k in range(n):
+            total, e5, e3 = 0.0, 0.0, 0.0
+            for j in range(DOP_STAGES):
+                total += DOP_B[j] * K[j, k]
+                e5 += DOP_E5[j] * K[j, k]
+                e3 += DOP_E3[j] * K[j, k]
+            out[k] = y[k] + h * total
+            sum5 += (e5 / scale[k]) ** 2
+            sum3 += (e3 / scale[k]) ** 2
+        if sum5 == 0.0:
+            return 0.0
+        return abs(h) * sum5 / sqrt((sum5 + 0.01 * sum3) * n)
 
-@compiled
-def explicit_finish(h, y, K, n, scale, out):
-    """New state into `out`; returns the error in units of the tolerance (1 is just acceptable)."""
-    sum5, sum3 = 0.0, 0.0
-    for k in range(n):
-        total, e5, e3 = 0.0, 0.0, 0.0
-        for j in range(DOP_STAGES):
-            total += DOP_B[j] * K[j, k]
-            e5 += DOP_E5[j] * K[j, k]
-            e3 += DOP_E3[j] * K[j, k]
-        out[k] = y[k] + h * total
-        sum5 += (e5 / scale[k]) ** 2
-        sum3 += (e3 / scale[k]) ** 2
-    if sum5 == 0.0:
-        return 0.0
-    return abs(h) * sum5 / np.sqrt((sum5 + 0.01 * sum3) * n)
+    return stage, finish
 
 
 @compiled
@@ -63,13 +84,13 @@ def error_norm(K, i, n, scale):
     total = 0.0
     for k in range(n):
         total += (K[i, k] / scale[k]) ** 2
-    return np.sqrt(total / n)
+    return sqrt(total / n)
 
 
 @compiled
 def step_factor(error, order):
     """By what to multiply the step after one with this error."""
-    if not error < np.inf:
+    if not error < inf:
         return 0.1
     return min(5.0, max(0.1, 0.9 * error ** (-1.0 / order))) if error > 0.0 else 5.0
 
@@ -83,7 +104,7 @@ def lu_factor(A, n, pivots):
             if abs(A[i, k]) > big:
                 p, big = i, abs(A[i, k])
         pivots[k] = p
-        if not (0.0 < big < np.inf):
+        if not (0.0 < big < inf):
             return False
         if p != k:
             for j in range(n):

@@ -11,16 +11,17 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import DOP853
+from scipy.integrate import DOP853, LSODA
 
 from . import body
 from .friction import hold_or_break, stick_excess
-from .march import march
+from .march import TooManySteps, march
 
 Array = NDArray[np.float64]
 
 SLIP_ZERO = 1e-10  # slip speed that counts as zero, in units of the approach speed
-SLIP_FREE = 1e-9  # slip speed at which a contact that broke away follows its own direction
+SLIP_NOISE = 1e-13  # m/s; slip speed that is round-off however slow the approach
+SLIP_FREE = 10.0  # slip speed, in units of the one that counts as zero, at which a breaking contact is on its own
 SPEED_LOST = 1e-10  # gap rate that counts as zero where both contacts lose all their energy, same units
 COMPRESS, RESTITUTE, IDLE = "compress", "restitute", "idle"
 
@@ -28,8 +29,10 @@ COMPRESS, RESTITUTE, IDLE = "compress", "restitute", "idle"
 class _Impact:
     """One impact in units of the approach speed and the normal compliance; `c` are contact velocities, shape (k, 3)."""
 
-    def __init__(self, G: Array, c: Array, e: Sequence[float], mu: float, mu_s: float, axial: Array, tol: float) -> None:
-        self.k, self.G, self.c, self.e = len(c), G, c.copy(), e
+    def __init__(
+        self, G: Array, c: Array, e: Sequence[float], mu: float, mu_s: float, axial: Array, tol: float, slip_zero: float
+    ) -> None:
+        self.k, self.c, self.e, self.slip_zero = len(c), c.copy(), e, slip_zero
         self.flat_G = G.reshape(3 * self.k, 3 * self.k)
         self.mu, self.mu_s, self.axial, self.tol = mu, mu_s, axial, tol
         self.held: dict[tuple[int, ...], tuple[Array, Array]] = {}
@@ -37,7 +40,10 @@ class _Impact:
         self.X = np.zeros(self.k)
         self.P = np.zeros((self.k, 3))
         self.normal = [COMPRESS if rate < 0 else IDLE for rate in c[:, 0]]
-        self.zero = {i for i in range(self.k) if np.hypot(*c[i, 1:]) <= SLIP_ZERO}
+        if self.rough and self.k == 2:  # flat: the ends share the axial velocity, to the last digit
+            shared = self.c[:, 1:] @ axial
+            self.c[:, 1:] += np.outer(shared.mean() - shared, axial)
+        self.zero = {i for i in range(self.k) if np.hypot(*self.c[i, 1:]) <= slip_zero}
         self.stick: list[int] = []
         self.breaking: dict[int, Array] = {}
         self.log: list[str] = []
@@ -147,9 +153,9 @@ class _Impact:
             if not self.rough:
                 continue
             if i in self.breaking:
-                watch(i, "free", lambda c, X, F, f, i=i: SLIP_FREE - float(c[i, 1:] @ self.breaking[i]))
+                watch(i, "free", lambda c, X, F, f, i=i: SLIP_FREE * self.slip_zero - float(c[i, 1:] @ self.breaking[i]))
             elif i not in self.zero and self.normal[i] != IDLE:
-                watch(i, "stopped", lambda c, X, F, f, i=i: float(np.hypot(*c[i, 1:])) - SLIP_ZERO)
+                watch(i, "stopped", lambda c, X, F, f, i=i: float(np.hypot(*c[i, 1:])) - self.slip_zero)
         if self.stick:
             # relative to the total force, so that the limit of vanishing force at both ends of an impact is harmless
             def room(c: Array, X: Array, F: Array, f: Array) -> float:
@@ -159,20 +165,23 @@ class _Impact:
             watch(self.stick[0], "unstuck", room)
 
         y0 = np.concatenate([np.zeros(3 * k), self.X])
-        solver = DOP853(rhs, 0.0, y0, 1e4, first_step=1e-5, rtol=self.tol, atol=self.tol * 1e-2)
+        options = {"t0": 0.0, "y0": y0, "t_bound": 1e4, "first_step": 1e-5, "rtol": self.tol, "atol": self.tol * 1e-2}
 
         def events(_: float, y: Array) -> Array:
             unpacked = unpack(y)
             return np.array([value(*unpacked) for value in values])
 
-        _, y, fired = march(solver, events, parts=2)
+        try:
+            _, y, fired = march(DOP853(rhs, **options), events, parts=2, max_steps=2000)
+        except TooManySteps:  # a slip that stays slow is stiff
+            _, y, fired = march(LSODA(rhs, **options), events, parts=2)
         self.c, X, _, _ = unpack(y)
         self.X = np.maximum(X, 0)
         self.P += y[: 3 * k].reshape(k, 3)
         if not fired:
             raise RuntimeError("the impact does not end")
         # an idle contact's slip is not held by anything
-        self.zero = {i for i in self.zero if i in self.stick or np.hypot(*self.c[i, 1:]) <= SLIP_ZERO}
+        self.zero = {i for i in self.zero if i in self.stick or np.hypot(*self.c[i, 1:]) <= self.slip_zero}
         return [names[j] for j in fired]
 
     def switch(self, i: int, name: str) -> None:
@@ -198,7 +207,7 @@ class _Impact:
         """Set a slip to zero; with two contacts the dimer is flat and its ends share the axial velocity, so that goes too."""
         self.c[i, 1:] = 0.0
         self.c[:, 1:] -= np.outer(self.c[:, 1:] @ self.axial, self.axial)
-        self.zero |= {j for j in range(self.k) if j not in self.breaking and np.hypot(*self.c[j, 1:]) <= SLIP_ZERO}
+        self.zero |= {j for j in range(self.k) if j not in self.breaking and np.hypot(*self.c[j, 1:]) <= self.slip_zero}
 
     def run(self) -> None:
         must_break = False
@@ -249,7 +258,8 @@ def resolve(
     speed, compliance = -c[first, 0], G[first, 0, first, 0]
     if speed <= 0:
         return np.zeros_like(c), {"stuck": [], "log": []}
-    state = _Impact(G / compliance, c / speed, e, mu, mu_s, axial, tol)
+    slip_zero = max(SLIP_ZERO, SLIP_NOISE / speed)
+    state = _Impact(G / compliance, c / speed, e, mu, mu_s, axial, tol, slip_zero)
     state.run()
     stuck = [i for i in range(len(c)) if i in state.zero]
     return state.P * speed / compliance, {"stuck": stuck, "log": state.log}

@@ -10,12 +10,17 @@ from scipy.optimize import brentq
 Array = NDArray[np.float64]
 
 
+class TooManySteps(RuntimeError):
+    """The integrator needs more steps than allowed."""
+
+
 def march(
     solver: OdeSolver,
     events: Callable[[float, Array], Array],
     slopes: Callable[[float, Array], Array] | None = None,
     on_step: Callable[[float, Callable[[float], Array]], None] | None = None,
     parts: int = 4,
+    max_steps: int = 100000,
 ) -> tuple[float, Array, list[int]]:
     """Integrate until one of the event functions falls through zero, or to the solver's end.
 
@@ -33,6 +38,8 @@ def march(
         Called as on_step(s, dense) with the end of the valid stretch of each step and its interpolant.
     parts : int
         Probes per step.
+    max_steps : int
+        Raises `TooManySteps` beyond.
 
     Returns
     -------
@@ -44,7 +51,11 @@ def march(
     g_a = events(s_a, solver.y)
     armed = g_a > 0
     d_a = slopes(s_a, solver.y) if slopes else np.empty(0)
+    steps = 0
     while solver.status == "running":
+        steps += 1
+        if steps > max_steps:
+            raise TooManySteps
         message = solver.step()
         if solver.status == "failed":
             raise RuntimeError(f"integrator failed: {message}")

@@ -30,7 +30,9 @@ class _Run:
         self.t, self.q, self.qdot = 0.0, np.zeros(6), np.zeros(6)
         self.q[4], self.qdot[0] = p["beta0"], p["xdot0"]
         self.qdot[2] = -d.A_z * d.omega * cos(d.phi0)  # at rest in space, on the moving plate
-        self.closed, self.resting = {0}, set[int]()
+        if p["beta0"] < 0:
+            raise ValueError("beta0 < 0 puts end 2 into the plate")
+        self.closed, self.resting = {0, 1} if p["beta0"] == 0 else {0}, set[int]()
         self.breaking: dict[int, Array] = {}
         self.t_samples = [float(t) for t in t_samples]
         self.samples: list[Array] = []
@@ -190,7 +192,7 @@ def simulate(
 ) -> dict[str, Any]:
     """Simulate one dimer from its release to the last sample.
 
-    It starts with end 1 on the plate and at rest in space but for xdot0.
+    It starts with end 1 on the plate (delta1 = 0) and at rest in space but for xdot0, so delta1' = -A_z omega cos(phi0).
 
     Parameters
     ----------

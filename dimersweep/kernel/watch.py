@@ -1,0 +1,107 @@
+"""What ends a phase of sustained contact: event functions that are positive while it goes on."""
+
+from math import hypot, inf
+
+from dimersweep.kernel.contact import F1, F2, YB, YUA, YUB, YWP, hold_reserve, slip_of
+from dimersweep.kernel.jit import compiled
+from dimersweep.kernel.layout import FREE, SLIP, STICK
+
+# events of a contact phase; even numbers are p1's, odd ones p2's
+LIFTS, HOLD_LOST, SLIP_ZERO, LANDS = 0, 2, 4, 6
+N_EVENTS = 7
+
+
+@compiled
+def glide_value(dm, modes, k, base, y, F, slip_tol):
+    """Event function k, positive while the phase goes on; inf where it has no meaning.
+
+    Normal force of an end; reserve of the friction that holds it; its slip along the direction it had at `base`; the
+    other end's height (the dip, which opens its gap).
+    """
+    i = k % 2
+    if k == LANDS:
+        if modes[0] != FREE and modes[1] != FREE:
+            return inf
+        return y[YB] if modes[0] != FREE else -y[YB]
+    if modes[i] == FREE:
+        return inf
+    if k < HOLD_LOST:
+        return F[F1] if i == 0 else F[F2]
+    if k < SLIP_ZERO:
+        return hold_reserve(dm, modes, i, F) if modes[i] == STICK else inf
+    if modes[i] != SLIP:
+        return inf
+    a0, b0 = slip_of(dm, modes, base, i)
+    a, b = slip_of(dm, modes, y, i)
+    return (a * a0 + b * b0) / hypot(a0, b0) - slip_tol
+
+
+@compiled
+def least_value(dm, modes, armed, base, y, F, slip_tol):
+    """Least of the armed event functions and its number (inf and -1 if none is armed)."""
+    least, which = inf, -1
+    for k in range(N_EVENTS):
+        if armed[k] > 0.0:
+            value = glide_value(dm, modes, k, base, y, F, slip_tol)
+            if value < least:
+                least, which = value, k
+    return least, which
+
+
+@compiled
+def arm(dm, modes, armed, y, F, slip_tol):
+    """Arm the event functions that are positive."""
+    for k in range(N_EVENTS):
+        if glide_value(dm, modes, k, y, y, F, slip_tol) > 0.0:
+            armed[k] = 1.0
+
+
+@compiled
+def slip_speed(dm, modes, y, dy):
+    """Speed of the end that slips most slowly, and its rate; inf, 0.0 if none slips."""
+    least, rate = inf, 0.0
+    for i in range(2):
+        if modes[i] == SLIP:
+            a, b = slip_of(dm, modes, y, i)
+            d_a, d_b = slip_of(dm, modes, dy, i)
+            v = hypot(a, b)
+            if v < least:
+                least, rate = v, (a * d_a + b * d_b) / v
+    return least, rate
+
+
+@compiled
+def slip_limit(dm, modes, y, dy):
+    """Time over which no slip falls below about a tenth of itself at its present rate."""
+    h = inf
+    for i in range(2):
+        if modes[i] == SLIP:
+            a, b = slip_of(dm, modes, y, i)
+            d_a, d_b = slip_of(dm, modes, dy, i)
+            v = hypot(a, b)
+            rate = (a * d_a + b * d_b) / v
+            if rate < 0.0:
+                h = min(h, -0.9 * v / rate)
+    return h
+
+
+@compiled
+def stalled_slip(dm, modes, y, dy, slip_tol):
+    """Number of a slipping end that is within the tolerance of rest and slows down, -1 if there is none."""
+    for i in range(2):
+        if modes[i] == SLIP:
+            a, b = slip_of(dm, modes, y, i)
+            d_a, d_b = slip_of(dm, modes, dy, i)
+            if hypot(a, b) <= slip_tol and a * d_a + b * d_b < 0.0:
+                return i
+    return -1
+
+
+@compiled
+def stop_slip(dm, modes, y, i):
+    """Set the slip of end i, which has come down to its tolerance, to zero."""
+    y[YUA] = 0.0
+    if i == 0 or modes[0] == FREE:
+        y[YUB] = 0.0
+    else:
+        y[YWP] = y[YUB] / (2.0 * dm.h)
