@@ -11,7 +11,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from oracle import body, impact, simulate, three_balls  # noqa: E402
+from oracle import body, impact, simulate, three_balls
 
 HERE = Path(__file__).resolve().parent
 SMALL = json.loads((HERE / "reference" / "small.json").read_text())
@@ -90,22 +90,22 @@ def test_axial_stick_ratio(A_r, mubar):
 def test_three_balls():
     assert three_balls(1.0) == pytest.approx([-0.070952354, 0.076403039, 0.994549315], abs=1e-8)
     assert three_balls(0.6) == pytest.approx([0.167595879, 0.182847277, 0.649556845], abs=1e-8)
-    assert three_balls(0.6, (1, 0, -1)) == pytest.approx([-0.6, 0, 0.6], abs=1e-10)  # two independent pairs, by symmetry
+    assert three_balls(0.6, (1, 0, -1)) == pytest.approx([-0.6, 0, 0.6], abs=1e-10)  # by symmetry
     assert three_balls(0.0) == pytest.approx([1 / 3] * 3, abs=1e-9)
 
 
 @pytest.mark.parametrize("e", [0.0, 0.3, 1.0])
 def test_single_smooth_impact_is_newtons(e):
     q, qdot = random_motion(5)
-    after, details = impact({"e": e, "mu": 0.0, "mu_s": 0.0}, q, [*qdot[:2], -0.3, *qdot[3:]], (True, False))
+    _, details = impact({"e": e, "mu": 0.0, "mu_s": 0.0}, q, [*qdot[:2], -0.3, *qdot[3:]], (True, False))
     assert details["gap_rates_plus"][0] == pytest.approx(0.3 * e, abs=1e-10)
 
 
 def test_energetic_restitution_with_friction():
-    """Work of the normal force in restitution is -e^2 times that of compression; without stick it is known in closed form."""
+    """While the slip direction stays, the effective compliance is constant and energetic restitution is Newton's."""
     params = {"A_r": 6, "e": 0.7, "mu": 0.1, "mu_s": 0.1}
     q = [0, 0, 0, 0, 0.3, 0]
-    fast = 1e6  # so fast along the axis that the slip direction is constant: planar with a constant effective compliance
+    fast = 1e6  # along the axis, so that it goes on slipping
     after, _ = impact(params, q, [0, fast, -0.2, 0, 0, 0], (True, False))
     assert after[2] == pytest.approx(0.7 * 0.2, abs=1e-8)
 

@@ -51,9 +51,11 @@ from dimersweep.kernel.watch import (
     arm,
     glide_value,
     least_value,
+    nearly_stopped,
+    run_in,
+    run_out,
     slip_limit,
     slip_speed,
-    stalled_slip,
     stop_slip,
 )
 
@@ -376,7 +378,11 @@ def glide(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
     arm(dm, modes, b.armed, y, b.F, slip_tol)
     if modes[0] == FREE or modes[1] == FREE:
         b.armed[LANDS] = 1.0
-    t, h, xi = 0.0, first_step(dm, modes, y, b.dy), 1.0
+    t = run_in(dm, modes, y, b.dy, span, tol, slip_tol, n)
+    if t > 0.0:
+        contact_rates(dm, modes, phase + dm.omega * t, y, path, b.dy, b.F)
+        arm(dm, modes, b.armed, y, b.F, slip_tol)
+    h, xi = first_step(dm, modes, y, b.dy), 10.0
     fresh = True  # b.start is new: the Jacobian has to be formed
     gamma = stiffness(dm, b.F)
     for _ in range(MAX_STEPS):
@@ -388,11 +394,11 @@ def glide(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
             gamma = stiffness(dm, b.F)
         now = phase + dm.omega * t
         v, rate = slip_speed(dm, modes, y, b.dy)
-        if v <= slip_tol:
-            stalled = stalled_slip(dm, modes, y, b.dy, slip_tol)
-            if stalled >= 0:
-                stop_slip(dm, modes, y, stalled)
-                return t, SLIP_ZERO + stalled
+        if v < STIFF * dm.T * gamma:
+            stopping = nearly_stopped(dm, modes, y, b.dy, span - t, tol, slip_tol) if watch else -1
+            if stopping >= 0:
+                t += run_out(dm, modes, y, b.dy, stopping, slip_tol, n)
+                return t, SLIP_ZERO + stopping
         clock = clock_for(dm, v, rate, gamma)
         if clock == SLOW and 2.0 * xi * v / gamma > span - t:
             clock = IMPLICIT
@@ -409,7 +415,7 @@ def glide(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
         error = step_to(dm, modes, now, size, n, clock, gamma, b)
         dt = b.out[YTIME]
         factor = step_factor(error, 5.0 if clock == IMPLICIT else 8.0)
-        if not error <= 1.0 or dt > span - t:
+        if not error <= 1.0 or (clock == SLOW and dt > span - t):
             factor = min(factor, 0.5)
             h, xi = (h, factor * xi) if clock == SLOW else (factor * h, xi)
             continue

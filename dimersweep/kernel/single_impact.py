@@ -117,6 +117,18 @@ def slopes(law, y, n0, gain, out):
 
 
 @compiled
+def short_step(law, y, n0, gain, xi, K, out):
+    """Classical Runge-Kutta step in place, for the last corrections of an event; K[0] holds the slopes at y."""
+    for i in range(1, 4):
+        part = xi if i == 3 else 0.5 * xi
+        for k in range(N_LEG):
+            out[k] = y[k] + part * K[i - 1, k]
+        slopes(law, out, n0, gain, K[i])
+    for k in range(N_LEG):
+        y[k] += xi / 6.0 * (K[0, k] + 2.0 * (K[1, k] + K[2, k]) + K[3, k])
+
+
+@compiled
 def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
     """One leg with a turning slip direction, up to its first event or until the direction has become invariant.
 
@@ -133,6 +145,7 @@ def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
     y[0], y[1], y[2], y[3], y[4] = atan2(b, a), hypot(a, b), 0.0, 0.0, E
     gain = 1.0 if compressing else 1.0 / (law.e * law.e)
     slip_end = max(tol, 1e-14 * y[1])
+    short = (10.0 * tol) ** 0.2 / max(1.0, y[1])  # the classical method is then good enough
     limit = inf
     for _ in range(MAX_STEPS):
         n, w, w_j = slopes(law, y, n0, gain, K[0])
@@ -152,6 +165,9 @@ def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
             return n, a_plus, b_plus, E, n_j, y[2], y[3], B, LEG
         _, slope = turning(law, c, s)
         xi = min(dP / y[1], limit, 3.0 / (abs(slope) + abs(K[0, 1] / y[1])))
+        if abs(xi) * (abs(slope) + abs(K[0, 1] / y[1])) <= short:
+            short_step(law, y, n0, gain, xi, K, out)
+            continue
         scale[0], scale[1], scale[2], scale[3], scale[4] = tol / max(1.0, y[1]), tol, tol, tol, tol
         for i in range(1, DOP_STAGES):
             impact_stage(i, xi, y, K, N_LEG, out)

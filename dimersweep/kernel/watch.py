@@ -1,8 +1,8 @@
 """What ends a phase of sustained contact: event functions that are positive while it goes on."""
 
-from math import hypot, inf
+from math import hypot, inf, sqrt
 
-from dimersweep.kernel.contact import F1, F2, YB, YUA, YUB, YWP, hold_reserve, slip_of
+from dimersweep.kernel.contact import F1, F2, YB, YUA, YUB, YWB, YWP, hold_reserve, slip_of
 from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import FREE, SLIP, STICK
 
@@ -86,15 +86,54 @@ def slip_limit(dm, modes, y, dy):
 
 
 @compiled
-def stalled_slip(dm, modes, y, dy, slip_tol):
-    """Number of a slipping end that is within the tolerance of rest and slows down, -1 if there is none."""
+def brief(dm, tol):
+    """Time over which a straight line is as good as the tolerance [s]: its error is quadratic."""
+    return 0.1 * sqrt(tol) * dm.T
+
+
+@compiled
+def nearly_stopped(dm, modes, y, dy, span, tol, slip_tol):
+    """Number of a slipping end that comes to rest along a straight line within a brief time, -1 if none does.
+
+    Its slip and the change of its slip must be parallel to the tolerance; within `slip_tol` of rest slowing down will do.
+    """
     for i in range(2):
         if modes[i] == SLIP:
             a, b = slip_of(dm, modes, y, i)
             d_a, d_b = slip_of(dm, modes, dy, i)
-            if hypot(a, b) <= slip_tol and a * d_a + b * d_b < 0.0:
-                return i
+            v, along = hypot(a, b), a * d_a + b * d_b
+            if along < 0.0:
+                across = abs(a * d_b - b * d_a) * v / -along
+                soon = v * v / -along <= min(span, brief(dm, tol))
+                if v <= slip_tol or (soon and across <= 0.1 * tol * dm.v_scale):
+                    return i
     return -1
+
+
+@compiled
+def run_out(dm, modes, y, dy, i, slip_tol, n):
+    """Carry the state along a straight line to where end i is at rest; returns the time it takes."""
+    a, b = slip_of(dm, modes, y, i)
+    d_a, d_b = slip_of(dm, modes, dy, i)
+    v2 = a * a + b * b
+    t = -v2 / (a * d_a + b * d_b) if v2 > slip_tol * slip_tol else 0.0
+    for k in range(n):
+        y[k] += t * dy[k]
+    stop_slip(dm, modes, y, i)
+    return t
+
+
+@compiled
+def run_in(dm, modes, y, dy, span, tol, slip_tol, n):
+    """Carry a state whose slip has only begun a brief time along a straight line; returns the time, 0.0 if it has not."""
+    v, rate = slip_speed(dm, modes, y, dy)
+    t = min(brief(dm, tol), 0.5 * span)
+    single = modes[0] == FREE or modes[1] == FREE
+    if v > slip_tol or rate <= 0.0 or (single and abs(y[YB]) <= 4.0 * t * (abs(y[YWB]) + t * abs(dy[YWB]))):
+        return 0.0
+    for k in range(n):
+        y[k] += t * dy[k]
+    return t
 
 
 @compiled

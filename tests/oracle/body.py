@@ -1,7 +1,7 @@
 """The dimer of the paper's Appendix A: constants, and the 6x6 matrices as printed there.
 
-Coordinates q = (x1, y1, delta1, theta, beta, gamma): the paper's, with the gap delta1 = z1 - r - z_p(t) in the place of z1.
-As M(q) does not depend on z1, that only turns g into the effective g_e(t) = g + z_p''(t) in Q.
+Coordinates q = (x1, y1, delta1, theta, beta, gamma): the paper's, with the gap delta1 = z1 - r - z_p(t) in the place of
+z1. As M(q) does not depend on z1, that only turns g into the effective g_e(t) = g + z_p''(t) in Q.
 """
 
 from collections.abc import Mapping
@@ -158,7 +158,7 @@ def jacobian(d: Dimer, q: Array) -> Array:
 def delassus(d: Dimer, q: Array) -> tuple[Array, Array]:
     """Delassus blocks J M^-1 J^T, shape (2, 3, 2, 3), and M^-1 J^T as an array of shape (6, 2, 3)."""
     J = jacobian(d, q).reshape(6, 6)
-    response = np.linalg.solve(mass_matrix(d, q), J.T)
+    response: Array = np.linalg.solve(mass_matrix(d, q), J.T).astype(float)
     return (J @ response).reshape(2, 3, 2, 3), response.reshape(6, 2, 3)
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ Array = NDArray[np.float64]
 
 @dataclass
 class State:
-    """A contact state: who carries force, who of them sticks, and who is just breaking away (direction held for a moment)."""
+    """A contact state: who carries force, who of them sticks, who is just breaking away (in a fixed direction)."""
 
     active: tuple[int, ...] = ()
     stick: tuple[int, ...] = ()
@@ -31,14 +32,15 @@ class Instant:
         normal, tangential = body.normal_bias(d, q, qdot), body.tangential_bias(d, q, qdot)
         bias = np.array([[normal[i], tangential[i], tangential[2 + i]] for i in (0, 1)])
         load = body.inertial_forces(d, q, qdot) + body.gravity_forces(d, q, body.effective_gravity(d, t))
-        solved = np.linalg.solve(body.mass_matrix(d, q), np.column_stack([load, J.T]))
-        self.qddot_free, self.response = solved[:, 0], solved[:, 1:].reshape(6, 2, 3)
+        solved: Array = np.linalg.solve(body.mass_matrix(d, q), np.column_stack([load, J.T])).astype(float)
+        self.qddot_free: Array = solved[:, 0]
+        self.response: Array = solved[:, 1:].reshape(6, 2, 3)
         self.free = (J @ self.qddot_free).reshape(2, 3) + bias
         self.G = (J @ solved[:, 1:]).reshape(2, 3, 2, 3)
 
     def respond(self, active: Sequence[int], stick: Sequence[int], slip: Mapping[int, Array]) -> tuple[Array, Array]:
-        """Contact forces and accelerations, shape (2, 3), normal, x, y: active gaps stay closed, stuck ends stay put."""
-        columns, rows, units = [], [], []
+        """Contact forces and accelerations, (2, 3), normal, x, y: active gaps stay closed, stuck ends stay."""
+        rows, units = [], []
         for i in active:
             unit = np.zeros((2, 3))
             unit[i, 0] = 1.0
@@ -57,7 +59,7 @@ class Instant:
         columns = [np.einsum("iajb,jb->ia", self.G, unit) for unit in units]
         A = np.array([[column[row] for column in columns] for row in rows])
         b = -np.array([self.free[row] for row in rows])
-        # least squares: two stuck ends of a flat dimer share one axial velocity, and only the split of that force is free
+        # least squares: two stuck ends of a flat dimer share one axial velocity; only the split of that force is free
         x = np.linalg.lstsq(A, b, rcond=1e-10)[0] if len(stick) == 2 else np.linalg.solve(A, b)
         forces = sum(unit * value for unit, value in zip(units, x, strict=True))
         return forces, self.free + sum(column * value for column, value in zip(columns, x, strict=True))
@@ -81,7 +83,8 @@ class Instant:
         """Generalized accelerations in a given contact state."""
         if not state.active:
             return self.qddot_free
-        return self.qddot_free + np.einsum("kia,ia->k", self.response, self.forces(state)[0])
+        reaction: Array = np.einsum("kia,ia->k", self.response, self.forces(state)[0])
+        return self.qddot_free + reaction
 
 
 def settle(
@@ -119,8 +122,7 @@ def settle(
     for active in subsets:
         moving = now.directions(State(active, tuple(zero), dict(breaking)))
         choice = hold_or_break(
-            lambda stick, slip, active=active: now.respond(active, stick, slip),
-            [i for i in active if i in zero], moving, d.mu_s, axial, must_break,
+            partial(now.respond, active), [i for i in active if i in zero], moving, d.mu_s, axial, must_break,
         )  # fmt: skip
         if choice is None:
             continue

@@ -1,8 +1,8 @@
 """Which contacts at zero slip hold, and in which direction the others break away (Coulomb's law at zero speed).
 
-The rules are the same inside an impact and in sustained contact; only the response to a given assignment differs. It comes
-in as a function ``respond(stick, slip) -> (forces, accelerations)``, both of shape (k, 3) with columns normal, x, y, for
-the contacts listed in `stick` held and those in `slip` (contact -> unit vector) sliding in the given direction.
+The rules are the same inside an impact and in sustained contact; only the response to a given assignment differs. It
+comes in as a function ``respond(stick, slip) -> (forces, accelerations)``, both of shape (k, 3), columns normal, x, y,
+with the contacts listed in `stick` held and those in `slip` (contact -> unit vector) sliding in the given direction.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -19,16 +19,16 @@ Respond = Callable[[Sequence[int], Mapping[int, Array]], tuple[Array, Array]]
 def stick_excess(forces: Array, stick: Sequence[int], mu_s: float, axial: Array) -> float:
     """How far the holding forces exceed the stick limit (admissible where <= 0), in units of force.
 
-    One contact: |t| - mu_s f. Two (then the dimer lies flat): only the total A of their axial forces is determined, and they
-    hold if and only if *some* split of it does.
+    One contact: |t| - mu_s f. Two (then the dimer lies flat): only the total A of their axial forces is determined, and
+    they hold if and only if *some* split of it does.
     """
     if len(stick) == 1:
         i = stick[0]
         return float(np.hypot(*forces[i, 1:]) - mu_s * forces[i, 0])
     lateral = np.array([axial[1], -axial[0]])
-    A = abs(sum(forces[i, 1:] @ axial for i in stick))
-    noise = 1e-12 * sum(forces[i, 0] for i in stick)  # an end about to lose its force, in planar motion
-    over = [abs(forces[i, 1:] @ lateral) - mu_s * forces[i, 0] - noise for i in stick]
+    A = abs(sum(float(forces[i, 1:] @ axial) for i in stick))
+    noise = 1e-12 * sum(float(forces[i, 0]) for i in stick)  # an end about to lose its force, in planar motion
+    over = [abs(float(forces[i, 1:] @ lateral)) - mu_s * forces[i, 0] - noise for i in stick]
     room = [sqrt(max(0.0, (mu_s * forces[i, 0]) ** 2 - (forces[i, 1:] @ lateral) ** 2)) for i in stick]
     return float(max(A - sum(room), *over))
 
@@ -149,7 +149,7 @@ def _outward_two(respond: Respond, pair: list[int], hold: Array, mu_s: float, ax
         return at_limit  # the very limit of stick with mu = mu_s: the outward acceleration is still zero
     coarse = np.linspace(0, 2 * pi, 12, endpoint=False)
     for start in [first, *(first + np.array([p, q]) for p in coarse for q in coarse)]:
-        phi, _, flag, _ = fsolve(turning, start, xtol=1e-14, full_output=True)
+        phi = fsolve(turning, start, xtol=1e-14, full_output=True)[0]
         directions = {i: _unit(p) for i, p in zip(pair, phi, strict=True)}
         acc = respond([], directions)[1]
         small = -1e-9 * float(np.abs(acc[:, 1:]).max())

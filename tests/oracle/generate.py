@@ -34,7 +34,7 @@ RUNS: dict[str, dict[str, float]] = {
 def run_case(name: str, change: dict[str, float]) -> dict[str, Any]:
     """One run at two accuracies: the finer one's result, and their difference."""
     params = {**BASE, **change}
-    times = np.linspace(1 / 3, 2, 6) / params["f"]
+    times = [float(t) for t in np.linspace(1 / 3, 2, 6) / params["f"]]
     coarse = simulate(params, times, rtol=1e-9, v_rest=1e-9)
     fine = simulate(params, times, rtol=1e-10, v_rest=1e-10)
     assert fine["status"] == coarse["status"] == "done"
@@ -94,16 +94,16 @@ def main() -> None:
     """Compute everything and write the file."""
     rng = np.random.default_rng(SEED)
     out = {
-        "about": "Runs of the dimer over two forcing periods, and isolated impacts, from the slow oracle in tests/oracle; "
+        "about": "Runs of the dimer over two forcing periods, and isolated impacts, from tests/oracle; "
         "default constants where not named (r=5e-3, rho_b=7850, rho_r=1180, D_r=4e-3, g=9.81, phi0=0).",
         "units": "SI, rad",
-        "state": "x1 y1 delta1 theta beta gamma and their time rates; delta1 = z1 - r - z_p(t), rate relative to the plate",
+        "state": "x1 y1 delta1 theta beta gamma and their rates; delta1 = z1 - r - z_p(t), rate relative to the plate",
         "start": "end 1 on the plate (delta1 = 0) and at rest in space but for xdot0: delta1' = -A_z omega cos(phi0)",
         "samples": "rows: t, then the 12 state entries",
         "t_double": "times of the first impacts that began with both contacts closed (at most six)",
         "scale": SCALE.tolist(),
         "accuracy": "spread: largest difference over `scale` between rtol = v_rest = 1e-9 and 1e-10 (stored: 1e-10)",
-        "impacts": "q and its rates before and after in the coordinates of `state`; with e = 0 the restitution of an end "
+        "impacts": "q and its rates before and after, coordinates of `state`; with e = 0 the restitution of an end "
         "ends at once where its compression does; end: sk, sp, or - where not closed",
         "seed": SEED,
         "cases": [run_case(name, change) for name, change in RUNS.items()],

@@ -5,7 +5,7 @@ dX_i/dtau = -delta_i' while compressing, -delta_i'/e_i^2 while restituting. The 
 switch (compression, restitution, end, slip, stick, breaking away) is located and the integration restarted there.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from math import hypot
 from typing import Any
 
@@ -73,12 +73,13 @@ class _Impact:
     def holds(self, stick: tuple[int, ...]) -> tuple[Array, Array]:
         """Response to the forces that hold the contacts in `stick`, and the inverse of its part at those contacts.
 
-        Two stuck ends of a flat dimer share one axial velocity: the pseudo-inverse splits that force, the motion is unique.
+        Two stuck ends of a flat dimer share one axial velocity: the pseudo-inverse splits that force, which leaves the
+        motion unique.
         """
         if stick not in self.held:
             index = [3 * i + a for i in stick for a in (1, 2)]
             response = self.flat_G[:, index]
-            self.held[stick] = response, np.linalg.pinv(response[index], rcond=1e-10)
+            self.held[stick] = response, np.asarray(np.linalg.pinv(response[index], rcond=1e-10), dtype=float)
         return self.held[stick]
 
     def sliding(self, c: Array) -> dict[int, Array]:
@@ -117,71 +118,80 @@ class _Impact:
 
     def dissipated(self) -> bool:
         """With e = 0 two contacts lose what is left in a geometric series of switches: cut it where nothing is left."""
-        return bool(self.log) and float(np.abs(self.c[:, 0]).max()) < SPEED_LOST and float(self.X.max()) < SPEED_LOST**0.8
+        slow = float(np.abs(self.c[:, 0]).max()) < SPEED_LOST
+        return bool(self.log) and slow and float(self.X.max()) < SPEED_LOST**0.8
+
+    def watched(self) -> list[tuple[int, str]]:
+        """Contact and name of the events that can end the present phase."""
+        turn = {COMPRESS: ["turned"], RESTITUTE: ["ended", "recompressed"], IDLE: ["compressed"]}
+        names = [(i, name) for i in range(self.k) for name in turn[self.normal[i]]]
+        if self.rough:
+            names += [(i, "free") for i in self.breaking]
+            slide = [
+                i for i in range(self.k) if self.normal[i] != IDLE and i not in self.zero and i not in self.breaking
+            ]
+            names += [(i, "stopped") for i in slide] + [(i, "unstuck") for i in self.stick[:1]]
+        return names
+
+    def gauge(self, i: int, name: str, c: Array, X: Array, forces: Array) -> float:
+        """Value that falls through zero where the named event happens."""
+        if name == "turned":
+            return -float(c[i, 0])
+        if name == "ended":
+            return float(X[i])
+        if name in ("recompressed", "compressed"):
+            return float(c[i, 0])
+        if name == "free":
+            return SLIP_FREE * self.slip_zero - float(c[i, 1:] @ self.breaking[i])
+        if name == "stopped":
+            return hypot(*c[i, 1:]) - self.slip_zero
+        # unstuck: relative to the total force, as all force vanishes at both ends of an impact
+        total = float(forces[:, 0].sum())
+        return -stick_excess(forces, self.stick, self.mu_s, self.axial) / total if total > 0 else 1.0
 
     def run_phase(self) -> list[tuple[int, str]]:
         """Integrate to the next switch; return contact and name of what happened, for each event there."""
         k, c0 = self.k, self.c.copy()
 
-        def unpack(y: Array) -> tuple[Array, Array, Array, Array]:
+        def unpack(y: Array) -> tuple[Array, Array, Array]:
             X = y[3 * k :]
             c = c0 + (self.flat_G @ y[: 3 * k]).reshape(k, 3)
             forces, _ = self.respond(np.maximum(X, 0) ** 1.5, self.stick, self.sliding(c) if self.rough else {})
-            return c, X, forces, forces[:, 0]
+            return c, X, forces
 
         def rhs(_: float, y: Array) -> Array:
-            c, _, forces, _ = unpack(y)
+            c, _X, forces = unpack(y)
             factor = [{COMPRESS: -1.0, IDLE: 0.0}.get(n) for n in self.normal]
             dX = [(-1 / self.e[i] ** 2 if a is None else a) * c[i, 0] for i, a in enumerate(factor)]
             return np.concatenate([forces.ravel(), dX])
 
-        names: list[tuple[int, str]] = []
-        values: list[Callable[[Array, Array, Array, Array], float]] = []
-
-        def watch(i: int, name: str, value: Callable[[Array, Array, Array, Array], float]) -> None:
-            names.append((i, name))
-            values.append(value)
-
-        for i in range(k):
-            if self.normal[i] == COMPRESS:
-                watch(i, "turned", lambda c, X, F, f, i=i: -c[i, 0])
-            elif self.normal[i] == RESTITUTE:
-                watch(i, "ended", lambda c, X, F, f, i=i: X[i])
-                watch(i, "recompressed", lambda c, X, F, f, i=i: c[i, 0])
-            else:
-                watch(i, "compressed", lambda c, X, F, f, i=i: c[i, 0])
-            if not self.rough:
-                continue
-            if i in self.breaking:
-                watch(i, "free", lambda c, X, F, f, i=i: SLIP_FREE * self.slip_zero - float(c[i, 1:] @ self.breaking[i]))
-            elif i not in self.zero and self.normal[i] != IDLE:
-                watch(i, "stopped", lambda c, X, F, f, i=i: float(np.hypot(*c[i, 1:])) - self.slip_zero)
-        if self.stick:
-            # relative to the total force, so that the limit of vanishing force at both ends of an impact is harmless
-            def room(c: Array, X: Array, F: Array, f: Array) -> float:
-                total = f.sum()
-                return -stick_excess(F, self.stick, self.mu_s, self.axial) / total if total > 0 else 1.0
-
-            watch(self.stick[0], "unstuck", room)
-
-        y0 = np.concatenate([np.zeros(3 * k), self.X])
-        options = {"t0": 0.0, "y0": y0, "t_bound": 1e4, "first_step": 1e-5, "rtol": self.tol, "atol": self.tol * 1e-2}
+        names = self.watched()
 
         def events(_: float, y: Array) -> Array:
-            unpacked = unpack(y)
-            return np.array([value(*unpacked) for value in values])
+            c, X, forces = unpack(y)
+            return np.array([self.gauge(i, name, c, X, forces) for i, name in names])
 
+        y0 = np.concatenate([np.zeros(3 * k), self.X])
+        options: dict[str, Any] = {
+            "t0": 0.0,
+            "y0": y0,
+            "t_bound": 1e4,
+            "first_step": 1e-5,
+            "rtol": self.tol,
+            "atol": self.tol * 1e-2,
+        }
         try:
             _, y, fired = march(DOP853(rhs, **options), events, parts=2, max_steps=2000)
         except TooManySteps:  # a slip that stays slow is stiff
             _, y, fired = march(LSODA(rhs, **options), events, parts=2)
-        self.c, X, _, _ = unpack(y)
+        self.c, X, _ = unpack(y)
         self.X = np.maximum(X, 0)
         self.P += y[: 3 * k].reshape(k, 3)
         if not fired:
             raise RuntimeError("the impact does not end")
         # an idle contact's slip is not held by anything
-        self.zero = {i for i in self.zero if i in self.stick or np.hypot(*self.c[i, 1:]) <= self.slip_zero}
+        slow = {i for i in range(k) if np.hypot(*self.c[i, 1:]) <= self.slip_zero}
+        self.zero = (slow - set(self.breaking)) | set(self.stick)
         return [names[j] for j in fired]
 
     def switch(self, i: int, name: str) -> None:
@@ -204,7 +214,7 @@ class _Impact:
             self.breaking.pop(i, None)
 
     def halt(self, i: int) -> None:
-        """Set a slip to zero; with two contacts the dimer is flat and its ends share the axial velocity, so that goes too."""
+        """Set a slip to zero; the ends of a flat dimer share the axial velocity, so the other end's goes too."""
         self.c[i, 1:] = 0.0
         self.c[:, 1:] -= np.outer(self.c[:, 1:] @ self.axial, self.axial)
         self.zero |= {j for j in range(self.k) if j not in self.breaking and np.hypot(*self.c[j, 1:]) <= self.slip_zero}
@@ -251,7 +261,7 @@ def resolve(
     P : (k, 3) array
         Impulses, N s.
     details : dict
-        'stuck' (contacts without slip at the end), 'log' (the switches), 'X' is not kept as it ends at zero.
+        'stuck' (contacts without slip at the end), 'log' (the switches).
     """
     G, c = np.asarray(G, dtype=float), np.asarray(c, dtype=float)
     first = int(np.argmin(c[:, 0]))
@@ -305,8 +315,8 @@ def impact(
     params : mapping
         The dimer's parameters, names as in `body.DEFAULTS`.
     q, qdot : (6,) sequences
-        x1, y1, delta1, theta, beta, gamma and their rates before (delta1' relative to the plate), SI. Only theta and beta
-        of q matter; beta is 0 where both contacts are closed.
+        x1, y1, delta1, theta, beta, gamma and their rates before (delta1' relative to the plate), SI. Only theta and
+        beta of q matter; beta is 0 where both contacts are closed.
     closed : pair of bool
         Which contacts are closed.
     tol : float

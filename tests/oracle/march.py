@@ -32,8 +32,8 @@ def march(
         (s, y) -> values, shape (k,). An event happens where a value that *has been* positive reaches zero; a value that
         starts at or below zero must rise first.
     slopes : callable, optional
-        (s, y) -> time derivatives of the first values. Where one is given, a dip below zero and back between two probes is
-        found as well, through the zero of the derivative.
+        (s, y) -> time derivatives of the first values. Where one is given, a dip below zero and back between two probes
+        is found as well, through the zero of the derivative.
     on_step : callable, optional
         Called as on_step(s, dense) with the end of the valid stretch of each step and its interpolant.
     parts : int
@@ -68,10 +68,10 @@ def march(
             for j in np.flatnonzero(armed):
                 end = s_b if g_b[j] <= 0 else None
                 if end is None and slopes and j < len(d_b) and d_a[j] < 0 < d_b[j]:
-                    bottom = _root(lambda s, j=j: slopes(s, dense(s))[j], s_a, s_b)
+                    bottom = _root(slopes, dense, int(j), s_a, s_b)
                     end = bottom if events(bottom, dense(bottom))[j] <= 0 else None
                 if end is not None:
-                    roots.append((_root(lambda s, j=j: events(s, dense(s))[j], s_a, end), int(j)))
+                    roots.append((_root(events, dense, int(j), s_a, end), int(j)))
             if roots:
                 s = min(roots)[0]
                 if on_step:
@@ -84,8 +84,14 @@ def march(
     return solver.t, solver.y, []
 
 
-def _root(function: Callable[[float], float], a: float, b: float) -> float:
-    """Zero of `function` in [a, b]; `a` itself where round-off has already moved the sign there."""
+def _root(
+    functions: Callable[[float, Array], Array], dense: Callable[[float], Array], j: int, a: float, b: float
+) -> float:
+    """Zero in [a, b] of component `j` along the interpolant; `a` itself where round-off has already moved the sign."""
+
+    def function(s: float) -> float:
+        return float(functions(s, dense(s))[j])
+
     if function(a) * function(b) > 0:
         return a
-    return brentq(function, a, b, xtol=1e-22, rtol=1e-14)
+    return float(brentq(function, a, b, xtol=1e-22, rtol=1e-14))

@@ -39,7 +39,7 @@ class _Run:
         self.t_double: list[float] = []
         self.events: list[dict[str, Any]] = []
 
-    # -- instants ---------------------------------------------------------------------------------------------------------
+    # instants
 
     def collide(self) -> None:
         """Resolve an impact, if a closed contact approaches, and find who rests on the plate afterwards."""
@@ -83,7 +83,7 @@ class _Run:
             qdot[2] = 0.0
         return q, qdot
 
-    # -- smooth motion ----------------------------------------------------------------------------------------------------
+    # smooth motion
 
     def watches(self, state: State) -> tuple[list[tuple[int, str]], Callable[[float, Array], Array]]:
         """Names and values of the events that end a smooth phase; the open gaps come first."""
@@ -115,14 +115,14 @@ class _Run:
 
         return names, values
 
-    def first_step(self, state: State) -> float | None:
+    def first_step(self, state: State) -> float:
         """A tenth of the shortest hop about to begin, so that the first step does not jump over it."""
         now = Instant(self.d, self.t, self.q, self.qdot)
         rates, acc = body.gap_rates(self.d, self.q, self.qdot), now.forces(state)[1]
         hops = [
             -2 * rates[i] / acc[i, 0] for i in self.closed if i not in state.active and rates[i] > 0 and acc[i, 0] < 0
         ]
-        return min([0.1 * h for h in hops] + [1e-4])
+        return min([0.1 * float(h) for h in hops] + [1e-4])
 
     def move(self, state: State, t_end: float) -> list[tuple[int, str]]:
         """Integrate one smooth phase; take the samples on the way; return the events that ended it."""
@@ -154,7 +154,7 @@ class _Run:
         self.q, self.qdot = self.clean(y[:6], y[6:], state.stick)
         return [names[j] for j in fired]
 
-    # -- the loop ---------------------------------------------------------------------------------------------------------
+    # the loop
 
     def run(self, t_end: float, limit: int = 20000) -> str:
         must_break, lifted, stopped = False, set[int](), set[int]()
@@ -192,13 +192,13 @@ def simulate(
 ) -> dict[str, Any]:
     """Simulate one dimer from its release to the last sample.
 
-    It starts with end 1 on the plate (delta1 = 0) and at rest in space but for xdot0, so delta1' = -A_z omega cos(phi0).
+    It starts with end 1 on the plate (delta1 = 0), at rest in space but for xdot0: delta1' = -A_z omega cos(phi0).
 
     Parameters
     ----------
     params : mapping
-        e, Gamma, f, A_r, mu, mu_s, beta0, xdot0 and optionally e_1, e_2, phi0, r, rho_b, rho_r, D_r, g; the paper's values
-        where left out.
+        e, Gamma, f, A_r, mu, mu_s, beta0, xdot0 and optionally e_1, e_2, phi0, r, rho_b, rho_r, D_r, g; the paper's
+        values where left out.
     t_samples : sequence of float
         Ascending times, s.
     rtol : float
@@ -210,8 +210,8 @@ def simulate(
     -------
     dict
         'samples' (n, 13): t, x1, y1, delta1, theta, beta, gamma and the six rates, SI, delta1 relative to the plate;
-        't_double': times of the impacts that began with both contacts closed; 'events': a list of dicts with t, kind and,
-        for impacts, gap rates before and after, impulses and final stick or slip; 'status': "done", or what went wrong.
+        't_double': times of the impacts that began with both contacts closed; 'events': a list of dicts with t, kind
+        and, for impacts, gap rates before and after, impulses, final stick or slip; 'status': "done" if all went well.
     """
     run = _Run(params, t_samples, rtol, v_rest)
     status = run.run(max(run.t_samples))
