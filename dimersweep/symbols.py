@@ -71,3 +71,48 @@ QUANTITIES |= {
     f"{name}_drift": Quantity(QUANTITIES[name].units, f"change per forcing period: {QUANTITIES[name].long_name}")
     for name in ("radius", "period", "zeta", "speed", "precession_rate", "impact_phase")
 }
+
+# what a recorded run gives of each event, and of each moment
+EVENTS = {
+    "time": Quantity("s", "time since the start"),
+    "phase": Quantity("rad", "phase of the plate, omega t + phi0, in [0, 2 pi)"),
+    "kind": Quantity("1", "contact state during the impact, or from the event on"),
+    "cause": Quantity("1", "what happened"),
+    "contact_before": Quantity("1", "contact state before the event"),
+    "contact_after": Quantity("1", "contact state after the event"),
+    "gap_1_rate_before": Quantity("m s-1", "rate of the gap of p1 before the event"),
+    "gap_1_rate_after": Quantity("m s-1", "rate of the gap of p1 after the event"),
+    "gap_2_rate_before": Quantity("m s-1", "rate of the gap of p2 before the event"),
+    "gap_2_rate_after": Quantity("m s-1", "rate of the gap of p2 after the event"),
+    "impulse_1": Quantity("N s", "normal impulse of the plate on p1"),
+    "impulse_2": Quantity("N s", "normal impulse of the plate on p2"),
+    "beta": Quantity("rad", "dip angle"),
+    "theta": Quantity("rad", "precession angle"),
+    "slip_1_a": Quantity("m s-1", "velocity of contact point p1 after the event, along the axis p1-p2"),
+    "slip_1_b": Quantity("m s-1", "velocity of contact point p1 after the event, across the axis p1-p2"),
+    "slip_2_a": Quantity("m s-1", "velocity of contact point p2 after the event, along the axis p1-p2"),
+    "slip_2_b": Quantity("m s-1", "velocity of contact point p2 after the event, across the axis p1-p2"),
+}
+STATES = {
+    "x1": Quantity("m", "x of the centre of ball 1"),
+    "y1": Quantity("m", "y of the centre of ball 1"),
+    "z1": Quantity("m", "z of the centre of ball 1"),
+    "theta": Quantity("rad", "precession angle"),
+    "beta": Quantity("rad", "dip angle"),
+    "spin": Quantity("rad", "spinning angle"),
+    "x1_rate": Quantity("m s-1", "x velocity of the centre of ball 1"),
+    "y1_rate": Quantity("m s-1", "y velocity of the centre of ball 1"),
+    "z1_rate": Quantity("m s-1", "z velocity of the centre of ball 1"),
+    "theta_rate": Quantity("rad s-1", "rate of the precession angle"),
+    "beta_rate": Quantity("rad s-1", "rate of the dip angle"),
+    "spin_rate": Quantity("rad s-1", "rate of the spinning angle"),
+    "gap_1": Quantity("m", "gap between p1 and the plate"),
+    "gap_2": Quantity("m", "gap between p2 and the plate"),
+    "gap_1_rate": Quantity("m s-1", "rate of the gap of p1"),
+    "gap_2_rate": Quantity("m s-1", "rate of the gap of p2"),
+    "x": Quantity("m", "x of the centre of mass"),
+    "y": Quantity("m", "y of the centre of mass"),
+    "z": Quantity("m", "z of the centre of mass"),
+    "plate": Quantity("m", "height of the plate over its mean"),
+    "contact_state": Quantity("1", "contact state (Table 1 of the paper)"),
+}

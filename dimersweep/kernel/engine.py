@@ -60,6 +60,7 @@ from dimersweep.kernel.roots import MAX_PROBES, next_landing
 from dimersweep.kernel.watch import HOLD_LOST, LANDS, SLIP_ZERO
 
 EVENTS_PER_PERIOD = 2000  # bound on events: this many per period asked for, and a start
+LOOSEST = 1e-3  # relative tolerance of an impact, however slow
 SLIP_SCALE = 0.1  # slip that counts as none in contact, in units of the tolerance and g/omega
 COINCIDENT = 4e-16  # gap, in units of l, that counts as closed when the other end lands
 WORK_ROWS, WORK_COLUMNS = GLIDE_ROWS + 8, 16
@@ -104,6 +105,8 @@ def collide(dm, state, modes, tol, work, log):
         V = max(V, -state[N1])
     if closed_2:
         V = max(V, -state[N2])
+    # velocities have an absolute tolerance: the small impacts of a chatter need few digits of their own
+    tol = min(LOOSEST, tol * max(1.0, dm.v_scale / V))
     if closed_1 and closed_2:
         state[BETA] = 0.0
         return double_impact(dm, state, V, tol, modes, work, log)

@@ -228,7 +228,7 @@ def step_to(dm, modes, phase, h, n, clock, gamma, b):
 
 @compiled
 def hermite(b, s, h, n, out):
-    """Cubic through the ends of a step of the plain clock at share s, into `out`."""
+    """Cubic through the ends of a step (of the clocks in time) at share s, into `out`."""
     u = 1.0 - s
     for k in range(n):
         rise = b.out[k] - b.start[k]
@@ -277,7 +277,7 @@ def first_crossing(dm, modes, phase, h, n, clock, gamma, event, least, slip_tol,
     g_low, _ = least_value(dm, modes, b.armed, b.start, b.start, b.F, slip_tol)
     floor = 1e-14 * (abs(g_low) + abs(g_high))
     guess, slope = 0.0, 0.0
-    if clock == PLAIN:
+    if clock != SLOW:
         share, per_share = crossing_on_cubic(dm, modes, phase, h, n, g_low, g_high, slip_tol, b)
         guess, slope = share * h, per_share / h
     for probe in range(MAX_PROBES):
