@@ -102,7 +102,7 @@ def simulate(
     plot: Annotated[Path | None, typer.Option(help="Picture of heights, orbit and phase portraits.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON in place of the table.")] = False,
     force: Force = False,
-    **parameters: float,
+    **parameters: Any,
 ) -> None:
     """Run one dimer and tell its mode and its orbit."""
     if plot is not None:

@@ -1,7 +1,6 @@
 """One simulation as labelled data: its outcome, its events, and its state at any time."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from math import pi
 from typing import Any, NamedTuple
@@ -207,10 +206,6 @@ def _times(periods: np.ndarray, phases: np.ndarray, f: float) -> np.ndarray:
     return (periods + phases / (2 * pi)) / f
 
 
-def _labelled(values: np.ndarray, quantity: Quantity) -> tuple[np.ndarray, dict[str, str]]:
-    return values, quantity._asdict()
-
-
 def _dataset(columns: dict[str, np.ndarray], quantities: dict[str, Quantity], dim: str) -> xr.Dataset:
     """Columns of one length with their units and meanings, in the order of `quantities`."""
     return xr.Dataset({name: (dim, columns[name], quantity._asdict()) for name, quantity in quantities.items()})
@@ -220,11 +215,10 @@ def _events(rows: np.ndarray, parameters: dict[str, float]) -> xr.Dataset:
     columns = dict(zip(EVENT, rows.T, strict=True))
     columns["time"] = _times(columns["period"], columns["phase"], parameters["f"])
     columns["phase"] = np.mod(columns["phase"] + parameters["phi0"], 2 * pi)
-    codes = columns["kind"].astype(int)
+    ends = np.array(divmod(columns["kind"].astype(int), 5))
     columns["cause"] = np.array(CAUSES)[columns["cause"].astype(int)]
     for name in ("kind", "contact_before", "contact_after"):
         columns[name] = np.array(CONTACT_STATES)[columns[name].astype(int)]
-    ends = np.array(divmod(codes, 5))
     for own, other in ((0, 1), (1, 0)):
         bystander = (ends[own] == 0) & (ends[other] > IMPACT)
         for way in ("a", "b"):
@@ -256,7 +250,9 @@ def _places(times: np.ndarray, segments: np.ndarray, f: float) -> tuple[np.ndarr
     return segments[last, PERIOD], segments[last, PHASE] + 2 * pi * f * (times - starts[last])
 
 
-def _states(times: np.ndarray, kernel_states: np.ndarray, modes: np.ndarray, parameters: dict[str, float]) -> xr.Dataset:
+def _states(
+    times: np.ndarray, kernel_states: np.ndarray, modes: np.ndarray, parameters: dict[str, float]
+) -> xr.Dataset:
     """The kernel's closed state in the coordinates of the paper."""
     s = kernel_states.T
     h = parameters["r"] * (parameters["A_r"] - 1)  # half the distance of the ball centres
@@ -325,7 +321,7 @@ def _solve(
 
 
 def _orbit(out: dict[str, float], di_end: int) -> Orbit:
-    names: Iterable[str] = (name for name in Orbit.__dataclass_fields__ if name != "di_end")
+    names = {entry.name for entry in fields(Orbit)} - {"di_end"}
     return Orbit(di_end=DI_ENDS[di_end], **{name: out[name] for name in names})
 
 

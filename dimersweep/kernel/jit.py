@@ -1,11 +1,34 @@
 """The compiler settings of the kernel: cached, free of the GIL, strict about floating point."""
 
+from collections.abc import Callable
+from typing import Any
+
 import numba
+from numba.core import types
 
 # no fastmath: it would break the ordering of events and the meaning of nan; error_model "numpy" spares a branch
 # per division (a kernel never raises)
 _SETTINGS = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 
-exported = numba.njit(**_SETTINGS)
-# what only other compiled code calls goes without a wrapper for Python: a third of the compile time
-compiled = numba.njit(no_cpython_wrapper=True, **_SETTINGS)
+
+def _without_literals(function: Any) -> Any:
+    """Have constants in calls typed as plain numbers: else each of them compiles the function once more."""
+    if numba.config.DISABLE_JIT:
+        return function
+    typed = function.get_call_template
+
+    def get_call_template(args: Any, kws: Any) -> Any:
+        return typed(tuple(types.unliteral(a) for a in args), {k: types.unliteral(v) for k, v in kws.items()})
+
+    function.get_call_template = get_call_template
+    return function
+
+
+def exported(function: Callable[..., Any]) -> Any:
+    """Compile a kernel that Python calls."""
+    return _without_literals(numba.njit(**_SETTINGS)(function))
+
+
+def compiled(function: Callable[..., Any]) -> Any:
+    """Compile what only other kernels call: without a wrapper for Python, a third of the compile time."""
+    return _without_literals(numba.njit(no_cpython_wrapper=True, **_SETTINGS)(function))
