@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
 
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.layout import M_DRIFT, MODES
@@ -49,6 +50,12 @@ _TEX = {
     "g": "g",
     "e_1": "e_1",
     "e_2": "e_2",
+}
+_GREEK = {"beta": r"\beta", "theta": r"\theta", "spin": r"\gamma"}
+ANGLES = {  # labels of the angles in phase portraits
+    "beta": r"$\beta$ [rad]",
+    "theta": r"$\theta - \theta_0$ [rad]",
+    "spin": r"$\gamma - \gamma_0$ [rad]",
 }
 PICTURES = (".png", ".pdf", ".svg")
 
@@ -205,30 +212,128 @@ def mode_map(cube: xr.Dataset) -> Figure:
     return figure
 
 
-def _portrait(axes: Axes, states: xr.Dataset, angle: str, symbol: str) -> None:
-    """One phase portrait: solid while no end is closed, dashed in contact."""
-    closed = (states["gap_1"] <= 0) | (states["gap_2"] <= 0)
-    for part, style in ((~closed, "-"), (closed, "--")):
-        axes.plot(states[angle].where(part), states[f"{angle}_rate"].where(part), style, color="black", linewidth=1)
-    axes.set_xlabel(f"${symbol}$ [rad]")
-    axes.set_ylabel(f"$\\dot{{{symbol}}}$ [rad/s]")
+def last_cycle(run: "Run") -> tuple[float, float]:
+    """Start and stop of the last full cycle of a recorded run [s], from just before a double impact if there is one."""
+    end, cycle = run.n_periods / run.parameters["f"], max(1, run.mode_period) / run.parameters["f"]
+    times = run.events["time"].values[np.char.startswith(run.events["kind"].values, "DI")]
+    recent = times.size > 0 and times[-1] >= end - cycle
+    stop = times[-1] - 1e-6 * cycle if recent else end
+    return max(0.0, stop - cycle), stop
 
 
-def _heights(axes: Axes, states: xr.Dataset, f: float) -> None:
-    """Plate, p1 and p2 against time in forcing periods."""
-    cycles = states["time"].values * f
+def impact_rates(run: "Run", time: float) -> xr.Dataset:
+    """The rates of the three angles in the course of a double impact.
+
+    Both ends being down (beta = 0), the contact points tell them: gap rates differ by l beta', lateral slips by
+    l theta', and the mean lateral slip changes in proportion to the spin, both being due to the lateral friction.
+
+    Parameters
+    ----------
+    run : Run
+        Recorded.
+    time : float
+        Of the double impact, as in ``run.events`` [s].
+
+    Returns
+    -------
+    xarray.Dataset
+        `beta_rate`, `theta_rate`, `spin_rate` [rad s-1] along `stage`: before the impact, then after each of its rows,
+        with the row's `kind`.
+    """
+    p = run.parameters
+    rows = run.events.isel(event=np.flatnonzero((run.events["time"] == time) & (run.events["cause"] == "impact")))
+    states = run.states([max(0.0, time - 1e-9 / p["f"]), time])
+    rates = {name: states[name].values for name in ("beta_rate", "theta_rate", "spin_rate")}
+    length = 2 * p["r"] * (p["A_r"] - 1)
+    across = states["x1_rate"] * np.cos(states["theta"]) + states["y1_rate"] * np.sin(states["theta"])
+    mean_slip = (across - length / 2 * states["theta_rate"] - p["r"] * states["spin_rate"]).values[0]
+    slips = np.append(mean_slip, (rows["slip_1_b"] + rows["slip_2_b"]) / 2)
+    share = (slips - slips[0]) / (slips[-1] - slips[0]) if slips[-1] != slips[0] else np.zeros(slips.size)
+    columns = {
+        "beta_rate": np.append(rates["beta_rate"][0], (rows["gap_2_rate_after"] - rows["gap_1_rate_after"]) / length),
+        "theta_rate": np.append(rates["theta_rate"][0], (rows["slip_1_b"] - rows["slip_2_b"]) / length),
+        "spin_rate": rates["spin_rate"][0] + share * np.diff(rates["spin_rate"]),
+        "kind": np.append("", rows["kind"]),
+    }
+    return xr.Dataset({name: ("stage", values) for name, values in columns.items()})
+
+
+def portrait(axes: Axes, run: "Run", angle: str, span: tuple[float, float], *, color: str = "black") -> None:
+    """Phase portrait of an angle, its contact states marked as in the paper's Fig. 3.
+
+    Solid: FM and SI. Dashed: contact. In a double impact, dots while both ends slip, circles while one sticks.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+    run : Run
+        Recorded.
+    angle : str
+        beta, theta or spin; the last two are counted from the start.
+    span : tuple of float
+        Start and stop [s].
+    color : str, optional
+        Of lines and marks.
+    """
+    events = run.events.isel(event=np.flatnonzero((run.events["time"] >= span[0]) & (run.events["time"] < span[1])))
+    jumps = np.unique(events["time"].values[events["cause"].values == "impact"])
+    states = run.states(np.sort(np.concatenate([np.linspace(*span, 2001), jumps - 1e-9 / run.parameters["f"], jumps])))
+    values = states[angle].values - (0.0 if angle == "beta" else states[angle].values[0])
+    rates = states[f"{angle}_rate"].values
+    style = np.where(states["contact_state"].values == 0, "-", "--")
+    double = np.isin(states["time"].values, events["time"].values[np.char.startswith(events["kind"].values, "DI")])
+    # a piece ends where the style changes, or where a double impact, drawn by itself, breaks the curve
+    breaks = np.flatnonzero((style[1:] != style[:-1]) | double[1:]) + 1
+    for first, last in zip([0, *breaks], [*breaks, style.size], strict=True):
+        stop = last + 1 if last < style.size and not double[last] else last
+        axes.plot(values[first:stop], rates[first:stop], style[first], color=color, linewidth=1.2)
+    for k in (values.size // 5, 3 * values.size // 4):
+        tip = {"arrowstyle": "-|>", "color": color, "shrinkA": 0, "shrinkB": 0}
+        axes.annotate("", (values[k + 9], rates[k + 9]), (values[k], rates[k]), arrowprops=tip)
+    for k in np.flatnonzero(double):
+        _impact_marks(axes, impact_rates(run, states["time"].values[k]), f"{angle}_rate", values[k], color)
+    axes.set_xlabel(ANGLES[angle])
+    axes.set_ylabel(f"$\\dot{{{_GREEK[angle]}}}$ [rad/s]")
+    axes.xaxis.set_major_locator(MaxNLocator(5))
+    axes.ticklabel_format(axis="x", scilimits=(-2, 4), useMathText=True)
+
+
+def _impact_marks(axes: Axes, course: xr.Dataset, name: str, value: float, color: str) -> None:
+    """A double impact in a phase portrait, where it is a vertical line: marks along each of its rows."""
+    rates, kinds = course[name].values, course["kind"].values
+    step = np.ptp(rates) / 14 or 1.0
+    for start, stop, kind in zip(rates[:-1], rates[1:], kinds[1:], strict=True):
+        marks = np.linspace(start, stop, max(2, round(abs(stop - start) / step) + 1))[1:]
+        face, size = ("none", 4) if "sk" in kind else (color, 2.5)
+        axes.plot(np.full(marks.size, value), marks, "o", color=color, markerfacecolor=face, markersize=size)
+
+
+def heights(axes: Axes, run: "Run", span: tuple[float, float]) -> None:
+    """Plate, p1 and p2 against time in forcing periods, as in the paper's Fig. 2; `span` is start and stop [s]."""
+    states = run.states(np.linspace(*span, 2001))
+    cycles = states["time"].values * run.parameters["f"]
     plate = states["plate"]
     axes.plot(cycles, 1e3 * (plate + states["gap_2"]), color="black", linewidth=1, label="$p_2$")
-    axes.plot(cycles, 1e3 * (plate + states["gap_1"]), color="#d62728", linewidth=2.5, label="$p_1$")
-    axes.plot(cycles, 1e3 * plate, "--", color="#0072b2", linewidth=1, label="plate")
+    axes.plot(cycles, 1e3 * (plate + states["gap_1"]), color="#d62728", linewidth=3, label="$p_1$")
+    axes.plot(cycles, 1e3 * plate, "--", color="#56b4e9", linewidth=1.2, label="plate")
     axes.set_xlabel("time [forcing periods]")
     axes.set_ylabel("height [mm]")
-    axes.legend(fontsize=8, loc="upper right", ncols=3)
+    axes.legend(fontsize=8, loc="lower right", bbox_to_anchor=(1, 1), ncols=3, frameon=False)
 
 
-def _orbit(axes: Axes, states: xr.Dataset) -> None:
-    axes.plot(states["x"], states["y"], color="#d62728", linewidth=1)
-    axes.plot(states["x"][:1], states["y"][:1], "o", color="black", markersize=4)
+def orbit(axes: Axes, run: "Run", arrows: int = 8) -> None:
+    """Path of the centre of mass seen from above, as in the paper's Fig. 6, with its velocity at some moments."""
+    end = run.n_periods / run.parameters["f"]
+    states = run.states(np.linspace(0.0, end, min(40 * run.n_periods, 40_000) + 1))
+    x, y = states["x"].values, states["y"].values
+    axes.plot(x, y, color="#d62728", linewidth=1)
+    step = (x.size - 1) // run.n_periods
+    at = np.linspace(0, x.size - 1 - step, arrows).astype(int)
+    # over a whole forcing period: the mean velocity, without the wobble
+    u, v = x[at + step] - x[at], y[at + step] - y[at]
+    scale = 6 * max(np.hypot(u, v).max(), 1e-300)
+    axes.quiver(x[at], y[at], u, v, color="#0072b2", width=6e-3, angles="xy", scale=scale, zorder=3)
+    axes.plot(x[:1], y[:1], "o", color="black", markersize=5)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("$x$ [m]")
     axes.set_ylabel("$y$ [m]")
@@ -249,26 +354,31 @@ def run_figure(run: "Run", periods: int = 4) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    f = run.parameters["f"]
-    end = run.n_periods / f
-
-    def last(cycles: int) -> xr.Dataset:
-        return run.states(np.linspace(max(0.0, end - cycles / f), end, 800 * cycles))
-
-    figure = Figure(figsize=(11, 6.5), layout="constrained")
+    end, f = run.n_periods / run.parameters["f"], run.parameters["f"]
+    figure = Figure(figsize=(11, 7), layout="constrained")
     panels = figure.subplot_mosaic([["heights", "heights", "orbit"], ["beta", "theta", "spin"]])
-    _heights(panels["heights"], last(periods), f)
-    _orbit(panels["orbit"], run.states(np.linspace(0.0, end, min(20 * run.n_periods, 20_000) + 1)))
-    cycle = last(max(1, run.mode_period))
-    for angle, symbol in (("beta", r"\beta"), ("theta", r"\theta"), ("spin", r"\gamma")):
-        _portrait(panels[angle], cycle, angle, symbol)
-    titles = ("normal displacements", "centre of mass", "dip (dashed: in contact)", "precession", "spin")
+    heights(panels["heights"], run, (max(0.0, end - periods / f), end))
+    orbit(panels["orbit"], run)
+    for angle in ANGLES:
+        portrait(panels[angle], run, angle, last_cycle(run))
+    titles = ("normal displacements", "centre of mass", "dip", "precession", "spin")
     for letter, title, axes in zip("abcde", titles, panels.values(), strict=True):
         axes.set_title(f"({letter}) {title}", loc="left", fontsize=10)
+    figure.legend(handles=contact_legend(), loc="outside lower center", ncols=4, fontsize=8, frameon=False)
     shown = ("e", "Gamma", "f", "A_r", "mu", "mu_s", "beta0", "xdot0")
     words = ", ".join(_given(name, run.parameters[name]) for name in shown)
     figure.suptitle(f"{run.mode} after {run.n_periods} periods: {words}", fontsize=10)
     return figure
+
+
+def contact_legend(color: str = "black") -> list[Line2D]:
+    """Handles for what `portrait` draws."""
+    return [
+        Line2D([], [], color=color, linestyle="-", label="free motion, single impacts"),
+        Line2D([], [], color=color, linestyle="--", label="contact"),
+        Line2D([], [], color=color, linestyle="", marker="o", markersize=2.5, label="double impact, both slip"),
+        Line2D([], [], color=color, linestyle="", marker="o", fillstyle="none", markersize=4, label="..., one sticks"),
+    ]
 
 
 def check_picture(path: str | os.PathLike[str], *, force: bool = False, name: str = "out") -> Path:

@@ -189,6 +189,8 @@ class Run:
             If nothing was recorded, or a time is outside the run.
         """
         record = self._recorded("states")
+        if not len(record.segments):
+            raise ParameterError(f"states: there are none, the run failed at its first impact ({self.message})")
         times = np.atleast_1d(np.asarray(t, dtype=float))
         if times.ndim != 1:
             raise ParameterError(f"t: has shape {times.shape}; must be one time or a list of times")
@@ -238,14 +240,14 @@ def _places(times: np.ndarray, segments: np.ndarray, f: float) -> tuple[np.ndarr
         If a time is outside the run.
     """
     starts = _times(segments[:, PERIOD], segments[:, PHASE], f)
-    cycles = times * f
-    ends = np.rint(cycles)
-    just_below = (cycles < ends) & (ends - cycles <= BOUNDARY + 1e-15 * ends)
-    times = np.where(just_below, ends / f, times)
     end = starts[-1]
     outside = ~((times >= 0) & (times <= end * (1 + 1e-15) + BOUNDARY / f))  # in this form true for a NaN as well
     if outside.any():
         raise ParameterError(f"t = {times[outside][0]}: must be in [0, {end:.10g}] s, the length of the run")
+    cycles = times * f
+    ends = np.rint(cycles)
+    just_below = (cycles < ends) & (ends - cycles <= BOUNDARY + 1e-15 * ends)
+    times = np.where(just_below, ends / f, times)
     last = np.searchsorted(starts, times, side="right") - 1
     return segments[last, PERIOD], segments[last, PHASE] + 2 * pi * f * (times - starts[last])
 

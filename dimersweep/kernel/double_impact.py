@@ -17,6 +17,8 @@ from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import SLIP, STICK
 from dimersweep.kernel.steps import (
     ROS_STAGES,
+    clear,
+    copy,
     implicit_load,
     implicit_stage,
     inside,
@@ -96,7 +98,7 @@ def impact_rates(law, modes, gains, z, out):
 @compiled
 def friction_slopes(law, mode_1, mode_2, z, g_1, g_2, J):
     """Partial derivatives of (A, L_1, L_2) with respect to (X_1, X_2, a, b_1, b_2) into J (3, 5); g_i = df_i/dX_i."""
-    J[:3, :5] = 0.0
+    clear(J, 3, 5)
     a, b_1, b_2 = z[ZA], z[ZB1], z[ZB2]
     if mode_1 == STICK or mode_2 == STICK:
         J[0, 0], J[0, 1] = law.w * g_1 / law.aa, -law.w * g_2 / law.aa
@@ -127,7 +129,7 @@ def impact_jacobian(law, modes, gains, z, F, J):
     """Jacobian of ``impact_rates`` into J (7, 7); F (3, 5) is scratch."""
     g_1, g_2 = 1.5 * sqrt(max(0.0, z[ZX1])), 1.5 * sqrt(max(0.0, z[ZX2]))
     friction_slopes(law, modes[0], modes[1], z, g_1, g_2, F)
-    J[:N_Z, :N_Z] = 0.0
+    clear(J, N_Z, N_Z)
     for k in range(5):
         f_1 = g_1 if k == 0 else 0.0
         f_2 = g_2 if k == 1 else 0.0
@@ -284,7 +286,7 @@ def pair_leg(law, z, modes, compressing, tol, slip_tol, work):
         armed[k] = 1.0 if event_value(law, k, modes, compressing, z, z, slip_tol) > 0.0 else 0.0
     h = 0.05
     for _ in range(MAX_STEPS):
-        start[:N_Z] = z[:N_Z]
+        copy(z, start, N_Z)
         impact_rates(law, modes, gains, z, rates)
         impact_jacobian(law, modes, gains, z, F, J)
         h = slip_bound(z, rates, modes, h)
@@ -295,14 +297,14 @@ def pair_leg(law, z, modes, compressing, tol, slip_tol, work):
         grown = h * step_factor(error, 5.0)
         event = crossing(law, modes, compressing, armed, start, out, slip_tol)
         if event < 0:
-            z[:N_Z] = out[:N_Z]
+            copy(out, z, N_Z)
             for k in range(8):
                 if event_value(law, k, modes, compressing, z, z, slip_tol) > 0.0:
                     armed[k] = 1.0
             h = grown
             continue
         event = first_crossing(law, modes, compressing, armed, gains, start, h, tol, slip_tol, J, LU, pivots, K, out)
-        z[:N_Z] = out[:N_Z]
+        copy(out, z, N_Z)
         if event < 6 or hypot(z[ZA], z[ZB1 + event - 6]) <= 4.0 * slip_tol:
             return event
         h = grown  # the slip has only turned by a right angle, and goes on

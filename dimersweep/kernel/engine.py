@@ -1,6 +1,7 @@
 """The event loop: collide, come to rest, choose the contact mode, move to the next event; one run, or many."""
 
-from math import hypot, isfinite
+from math import cos, hypot, isfinite, nan, sin
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from dimersweep.kernel.fate import (
 from dimersweep.kernel.flight import fly, take_off
 from dimersweep.kernel.glide import GLIDE_ROWS, NO_EVENT, OUT_OF_STEPS, glide
 from dimersweep.kernel.impact import N_LOG, contact_velocity, double_impact, rounding, single_impact
-from dimersweep.kernel.jit import compiled, exported
+from dimersweep.kernel.jit import compiled, exported, inlined
 from dimersweep.kernel.layout import (
     BETA,
     C_CHATTER_END,
@@ -70,9 +71,10 @@ ROW_Y, ROW_DY, ROW_F = GLIDE_ROWS, GLIDE_ROWS + 1, GLIDE_ROWS + 2
 @compiled
 def start_state(dm, beta0, xdot0, state):
     """Section 7 of the start: p1 on the plate, the rod at beta0 along Y, the balls moving sideways with xdot0."""
-    state[:] = 0.0
-    plate = dm.A_z * dm.omega * np.cos(dm.phi0)
-    state[D2] = 2.0 * dm.h * np.sin(beta0)
+    for k in range(N_STATE):
+        state[k] = 0.0
+    plate = dm.A_z * dm.omega * cos(dm.phi0)
+    state[D2] = 2.0 * dm.h * sin(beta0)
     state[N1] = state[N2] = -plate
     state[BETA] = beta0
     state[CB] = xdot0
@@ -90,7 +92,7 @@ def contact_code(modes):
     return int(5 * modes[0] + modes[1])
 
 
-@compiled
+@inlined
 def collide(dm, state, modes, tol, work, log):
     """Resolve the impact of the closed ends that approach; the state and the friction modes are updated.
 
@@ -141,7 +143,7 @@ def choose(dm, state, modes, lifted, lost, slip_tol, work):
     return answer
 
 
-@compiled
+@inlined
 def move(dm, state, modes, path, tol, slip_tol, work):
     """Move to the next event or to the end of the forcing period, whichever is first.
 
@@ -218,7 +220,7 @@ def cause_of(event):
     return C_SLIP if event < SLIP_ZERO else C_STICK
 
 
-@compiled
+@inlined
 def evolve(dm, state, modes, periods, rtol, settle, path, past, work, log, events, segments, counts):
     """Run from a state to `periods` completed forcing periods, or until the motion has settled.
 
@@ -311,7 +313,7 @@ def evolve(dm, state, modes, periods, rtol, settle, path, past, work, log, event
     return OK, rests_for_good(dm, state, modes)
 
 
-@compiled
+@inlined
 def strike(dm, state, modes, before, rtol, past, work, log, events, counts):
     """An impact with all that is kept of it: landings, the double event, the rows of the record."""
     now = time_of(state, dm.omega, dm.T)
@@ -344,8 +346,8 @@ def note_flights(dm, state, modes, past):
 
 
 @exported
-def run_many(rows, periods, rtol, settle, out, codes):
-    """Verdicts of many runs.
+def run_rows(rows, periods, rtol, settle, path, out, codes, desk, log, events, segments, counts):
+    """Verdicts of many runs, and the record of the last of them where `log`, `events` and `segments` have rows.
 
     Parameters
     ----------
@@ -357,21 +359,18 @@ def run_many(rows, periods, rtol, settle, out, codes):
         The one accuracy knob.
     settle : bool
         Stop each run when its motion has settled.
+    path : bool
+        Whether x1, y1 and gamma are wanted.
     out : float64 array, shape (n, N_OUT)
         Filled in the order of ``layout.OUT``.
     codes : int64 array, shape (n, N_CODES)
         Filled in the order of ``layout.CODES``.
+    desk : Desk
+        Scratch arrays, from ``new_desk``.
+    log, events, segments, counts : arrays
+        The record, see ``evolve``.
     """
-    none, counts = np.zeros((0, N_LOG)), np.zeros(3, np.int64)
-    run_recorded(rows, periods, rtol, settle, False, out, codes, none, none, none, counts)
-
-
-@exported
-def run_recorded(rows, periods, rtol, settle, path, out, codes, log, events, segments, counts):
-    """``run_many`` with a record of its (last) run; see ``evolve`` for the further arrays."""
-    past = np.zeros((PAST_ROWS, PAST_COLUMNS))
-    work = np.zeros((WORK_ROWS, WORK_COLUMNS))
-    state, modes = np.zeros(N_STATE), np.zeros(2)
+    state, modes, past, work = desk.state, desk.modes, desk.past, desk.work
     for k in range(rows.shape[0]):
         row = rows[k]
         dm = as_dimer(row)
@@ -386,6 +385,31 @@ def run_recorded(rows, periods, rtol, settle, path, out, codes, log, events, seg
         if status != OK:
             mode, p, end = M_FAILED, 0, 0
             for j in range(out.shape[1]):
-                out[k, j] = np.nan
+                out[k, j] = nan
         codes[k, 0], codes[k, 1], codes[k, 2], codes[k, 3] = status, mode, p, end
         codes[k, 4], codes[k, 5] = counts[0], int(state[PERIOD])
+
+
+class Desk(NamedTuple):
+    """Scratch arrays of one thread."""
+
+    state: Any
+    modes: Any
+    past: Any
+    work: Any
+
+
+def new_desk() -> Desk:
+    """Scratch arrays for ``run_rows``: the compiled code allocates nothing."""
+    return Desk(np.zeros(N_STATE), np.zeros(2), np.zeros((PAST_ROWS, PAST_COLUMNS)), np.zeros((WORK_ROWS, WORK_COLUMNS)))
+
+
+def run_many(rows, periods, rtol, settle, out, codes) -> None:
+    """Verdicts of many runs, unrecorded: ``run_rows`` with scratch arrays of its own, so that threads may share nothing."""
+    none, counts = np.zeros((0, N_LOG)), np.zeros(3, np.int64)
+    run_rows(rows, periods, rtol, settle, False, out, codes, new_desk(), none, none, none, counts)
+
+
+def run_recorded(rows, periods, rtol, settle, path, out, codes, log, events, segments, counts) -> None:
+    """One run with its record: see ``run_rows`` and ``evolve``."""
+    run_rows(rows, periods, rtol, settle, path, out, codes, new_desk(), log, events, segments, counts)

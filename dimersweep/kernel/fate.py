@@ -36,6 +36,7 @@ from dimersweep.kernel.layout import (
     WB,
     WP,
 )
+from dimersweep.kernel.steps import clear
 
 HOP_LINE = 0.5
 BURST = 0.05
@@ -70,7 +71,7 @@ def time_of(state, omega, T):
 @compiled
 def begin_past(past):
     """An empty past; both balls down."""
-    past[:, :] = 0.0
+    clear(past, PAST_ROWS, PAST_COLUMNS)
     past[SCALARS, S_OFF_1] = past[SCALARS, S_OFF_2] = -1.0
 
 
@@ -298,7 +299,8 @@ def orbit_of(dm, past, out):
 @compiled
 def verdict(dm, past, at_rest, out):
     """Mode, its period and the end of the double impact; fills the outcome row (nan where a number has no meaning)."""
-    out[:N_OUT] = nan
+    for k in range(N_OUT):
+        out[k] = nan
     mode, p = mode_of(dm, past, at_rest)
     end = 0
     if mode == M_DRIFT:

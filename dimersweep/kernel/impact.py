@@ -4,6 +4,7 @@ from math import cos, hypot, sin
 
 from dimersweep.kernel.body import delassus, levers
 from dimersweep.kernel.double_impact import (
+    N_Z,
     ZA,
     ZB1,
     ZB2,
@@ -16,7 +17,7 @@ from dimersweep.kernel.double_impact import (
     onset_pressures,
     pair_leg,
 )
-from dimersweep.kernel.jit import compiled
+from dimersweep.kernel.jit import compiled, inlined
 from dimersweep.kernel.layout import (
     BETA,
     CA,
@@ -34,6 +35,7 @@ from dimersweep.kernel.layout import (
     WB,
     WP,
 )
+from dimersweep.kernel.steps import copy
 from dimersweep.kernel.single_impact import DONE, JAM, STEPS, EndLaw, single_phase
 
 MAX_PHASES = 400
@@ -117,7 +119,7 @@ def log_phase(log, count, code, before_1, before_2, z, V, P_1, P_2):
     return count
 
 
-@compiled
+@inlined
 def single_impact(dm, state, s, V, tol, work, log):
     """Impact at the end with sign s while the other one is off the plate; updates the state.
 
@@ -145,7 +147,8 @@ def single_impact(dm, state, s, V, tol, work, log):
     rows = 0
     if log.shape[0] > 0:
         row = log[0]
-        row[:N_LOG] = 0.0
+        for k in range(N_LOG):
+            row[k] = 0.0
         code = IMPACT + mode
         row[LOG_STATE] = 5 * code if s < 0.0 else code
         own_row = 0 if s < 0.0 else 1
@@ -199,7 +202,7 @@ def pair_impulses(dm, z, start, V):
     return P_1, P_2, A, (bb * d_1 - bb_12 * d_2) / det, (bb * d_2 - bb_12 * d_1) / det
 
 
-@compiled
+@inlined
 def double_impact(dm, state, V, tol, modes, work, log):
     """Impact with both ends on the plate (beta = 0); updates the state and the friction modes of the ends.
 
@@ -211,7 +214,7 @@ def double_impact(dm, state, V, tol, modes, work, log):
     law = pair_law(dm, dm.mu, dm.mu_s)
     z, start, before, compressing = work[31], work[32], work[33], work[34]
     load_pair(dm, state, V, z)
-    start[:7] = z[:7]
+    copy(z, start, N_Z)
     slip_tol = max(SLIP_TOL * tol, rounding(dm, state) / V)
     compressing[0], compressing[1] = 1.0, 1.0
     rows = 0
@@ -222,7 +225,7 @@ def double_impact(dm, state, V, tol, modes, work, log):
         if not on_1 and not on_2:
             status = OK
             break
-        before[:7] = z[:7]
+        copy(z, before, N_Z)
         if on_1 and on_2:
             f_1, f_2 = onset_pressures(z)
             friction_modes(law, z, modes, f_1, f_2, slip_tol, lost)

@@ -32,3 +32,8 @@ def exported(function: Callable[..., Any]) -> Any:
 def compiled(function: Callable[..., Any]) -> Any:
     """Compile what only other kernels call: without a wrapper for Python, a third of the compile time."""
     return _without_literals(numba.njit(no_cpython_wrapper=True, **_SETTINGS)(function))
+
+
+def inlined(function: Callable[..., Any]) -> Any:
+    """Merge into its one caller what is large and called from one place: else LLVM would optimise it twice."""
+    return _without_literals(numba.njit(inline="always", no_cpython_wrapper=True, **_SETTINGS)(function))

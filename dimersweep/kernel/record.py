@@ -16,6 +16,7 @@ from dimersweep.kernel.impact import (
 )
 from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import BETA, N1, N2, N_STATE, PERIOD, PHASE, THETA
+from dimersweep.kernel.steps import copy
 
 # columns of an event row
 EVENT = (
@@ -66,6 +67,6 @@ def note_event(dm, events, count, state, cause, kind, before, after, log_row):
 def note_segment(segments, count, state, modes):
     """Write the start of a smooth phase; returns the count of rows."""
     if count < segments.shape[0]:
-        segments[count, :N_STATE] = state
+        copy(state, segments[count], N_STATE)
         segments[count, N_STATE], segments[count, N_STATE + 1] = modes[0], modes[1]
     return count + 1

@@ -7,6 +7,7 @@ from dimersweep.kernel.flight import fly, take_off
 from dimersweep.kernel.glide import OUT_OF_STEPS, glide
 from dimersweep.kernel.jit import compiled, exported
 from dimersweep.kernel.layout import CONTACT_STEPS, FREE, N_STATE, OK, PERIOD, PHASE
+from dimersweep.kernel.steps import copy
 
 
 @compiled
@@ -56,8 +57,8 @@ def sample(row, segments, periods, phases, rtol, work, states, modes):
     for k in range(periods.shape[0]):
         segment = segments[last_before(segments, periods[k], phases[k])]
         state, mode = states[k], modes[k]
-        state[:] = segment[:N_STATE]
-        mode[:] = segment[N_STATE:]
+        copy(segment, state, N_STATE)
+        mode[0], mode[1] = segment[N_STATE], segment[N_STATE + 1]
         span = (phases[k] - state[PHASE]) / dm.omega + (periods[k] - state[PERIOD]) * dm.T
         if span <= 0.0:
             continue

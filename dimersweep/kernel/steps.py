@@ -16,6 +16,14 @@ def copy(source, target, n):
         target[k] = source[k]
 
 
+@compiled
+def clear(A, rows, columns):
+    """Set the leading block of A to zero."""
+    for i in range(rows):
+        for j in range(columns):
+            A[i, j] = 0.0
+
+
 def explicit_method(width):
     """Stage and finish of DOP853 for states of at least `width` entries: the loops over those are unrolled."""
 

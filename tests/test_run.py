@@ -1,0 +1,319 @@
+"""One run as labelled data: closed forms, invariants of the record, sampling at any time, and the reference runs."""
+
+import dataclasses
+import json
+import os
+from itertools import pairwise
+from math import pi
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dimersweep
+from dimersweep import run as run_module
+from dimersweep import simulate
+from dimersweep.cube import names
+from dimersweep.errors import ParameterError
+
+SHARED = Path(os.environ.get("DIMERSWEEP_SHARED", Path(__file__).parents[2] / "shared")) / "reference"
+REFERENCE = {name: SHARED / f"{name}.json" for name in ("states", "orbits")}
+CASES = json.loads(REFERENCE["states"].read_text())["cases"] if REFERENCE["states"].exists() else []
+ORBITS = json.loads(REFERENCE["orbits"].read_text())["orbits"] if REFERENCE["orbits"].exists() else {}
+needs_reference = pytest.mark.skipif(not (CASES and ORBITS), reason="the reference runs are not at hand")
+LONG_CHATTER = 13  # the reference's own doubtful case, see below
+
+R, F, G, GAMMA, A_R = 5e-3, 15.0, 9.81, 0.9, 6.0  # the base case
+LENGTH, OMEGA = 2 * R * (A_R - 1), 2 * pi * F
+A_Z = GAMMA * G / OMEGA**2
+M, J_T, J_A = 8.813633469891e-3, 5.299695485087e-6, 8.339127315493e-8
+RATES = ("x1", "y1", "z1", "theta", "beta", "spin", "gap_1", "gap_2")
+
+
+@pytest.fixture(scope="module")
+def base():
+    return simulate(periods=60)
+
+
+def first_flight(run, n=50):
+    """The states of a run before its second event."""
+    end = run.events["time"].values[run.events["time"].values > 0][0]
+    return run.states(np.linspace(0, end, n, endpoint=False))
+
+
+def angular_momentum(states):
+    """About the centre of mass, from the axis e1, its rate and the axial spin; shape (3, n)."""
+    theta, beta = states["theta"].values, states["beta"].values
+    axis = np.array([-np.cos(beta) * np.sin(theta), np.cos(beta) * np.cos(theta), np.sin(beta)])
+    by_beta = np.array([np.sin(beta) * np.sin(theta), -np.sin(beta) * np.cos(theta), np.cos(beta)])
+    by_theta = np.array([-np.cos(beta) * np.cos(theta), -np.cos(beta) * np.sin(theta), 0 * beta])
+    rate = by_beta * states["beta_rate"].values + by_theta * states["theta_rate"].values
+    axial = states["spin_rate"].values + states["theta_rate"].values * np.sin(beta)
+    return J_T * np.cross(axis.T, rate.T).T + J_A * axial * axis
+
+
+def test_the_first_flight_is_ballistic_and_keeps_its_angular_momentum(base):
+    states = first_flight(base)
+    t = states["time"].values
+    assert set(names(states["contact_state"]).values) == {"FM"}
+    assert states["x1"][0] == states["y1"][0] == states["theta"][0] == 0
+    start = states.isel(time=0)
+    np.testing.assert_allclose(start["beta"], 4 * pi / 45, rtol=1e-15)
+    half = LENGTH / 2
+    fall = start["z1_rate"] + half * np.cos(start["beta"]) * start["beta_rate"]
+    np.testing.assert_allclose(states["z"], start["z"].item() + fall.item() * t - G * t**2 / 2, atol=1e-16)
+    for name in ("x", "y"):
+        value = states[name].values
+        np.testing.assert_allclose(value, value[0] + (value[-1] - value[0]) * t / t[-1], atol=1e-16)
+    momentum = angular_momentum(states)
+    np.testing.assert_allclose(momentum, momentum[:, :1] * np.ones(t.size), atol=1e-13 * np.abs(momentum).max())
+
+
+def test_the_first_impact_follows_from_the_law_of_restitution():
+    # without friction a single impact turns the gap rate by -e; the plate rises at A_z omega at the start
+    states = simulate(mu=0, mu_s=0, xdot0=0, periods=1).states(0)
+    np.testing.assert_allclose(states["gap_1_rate"], 0.6 * A_Z * OMEGA, rtol=1e-14)
+
+
+def test_coordinates_are_consistent(base):
+    states = base.states(np.linspace(0, 4, 5001))
+    half = LENGTH / 2 * np.cos(states["beta"])
+    np.testing.assert_allclose(states["plate"], A_Z * np.sin(OMEGA * states["time"]), atol=1e-15)
+    np.testing.assert_allclose(states["z1"], R + states["gap_1"] + states["plate"], rtol=1e-15)
+    np.testing.assert_allclose(states["z"], states["z1"] + LENGTH / 2 * np.sin(states["beta"]), rtol=1e-15)
+    np.testing.assert_allclose(states["gap_2"], states["gap_1"] + LENGTH * np.sin(states["beta"]), atol=1e-16)
+    np.testing.assert_allclose(states["x"], states["x1"] - half * np.sin(states["theta"]), rtol=1e-14)
+    np.testing.assert_allclose(states["y"], states["y1"] + half * np.cos(states["theta"]), rtol=1e-14)
+    np.testing.assert_allclose(states["gap_2_rate"], states["gap_1_rate"] + 2 * half * states["beta_rate"], atol=1e-14)
+    assert states["gap_1"].min() >= 0
+    assert states["gap_2"].min() > -1e-14
+
+
+def test_rates_are_the_derivatives_of_what_they_belong_to():
+    fine = simulate(periods=60, rtol=1e-12)
+    step = 1e-6
+    times = np.linspace(0.01, 3.9, 400)
+    events = fine.events["time"].values
+    nearest = np.abs(times[:, None] - events).min(axis=1)
+    times = times[nearest > 2 * step]
+    middle, later, sooner = (fine.states(times + shift) for shift in (0, step, -step))
+    for name in RATES:
+        slope = (later[name].values - sooner[name].values) / (2 * step)
+        expected = middle[f"{name}_rate"].values
+        np.testing.assert_allclose(slope, expected, atol=1e-6 * np.abs(expected).max(), err_msg=name)
+
+
+def test_events_are_in_order_and_tell_what_happened(base):
+    events = base.events
+    time, cause = events["time"].values, events["cause"].values
+    assert (np.diff(time) >= 0).all()
+    assert (cause[-1], time[-1]) == ("end", 4.0)
+    np.testing.assert_allclose(np.sin(events["phase"]), np.sin(OMEGA * events["time"]), atol=1e-11)
+    assert 0 <= events["phase"].min() <= events["phase"].max() < 2 * pi
+    impact = cause == "impact"
+    assert all(kind[:2] in ("SI", "DI") for kind in events["kind"].values[impact])
+    assert all(kind[:2] in ("FM", "SC", "DC") for kind in events["kind"].values[~impact])
+    impulse = events["impulse_1"] + events["impulse_2"]
+    assert (impulse.values[impact] > 0).all()
+    assert (impulse.values[~impact] == 0).all()
+    for dimer_end in (1, 2):
+        assert events[f"impulse_{dimer_end}"].min() >= -1e-15  # rounding, where an end is down but not hit
+    alone = np.char.startswith(events["kind"].values, "SI")
+    assert (np.isnan(events["slip_1_a"].values) ^ np.isnan(events["slip_2_a"].values))[alone].all()
+    assert not np.isnan(events["slip_1_a"].values + events["slip_2_a"].values)[~alone].any()
+
+
+def test_impulses_change_the_motion_of_the_centre_of_mass(base):
+    times = np.unique(base.events["time"].values[base.events["cause"].values == "impact"])[1:]
+    before, after = base.states(times - 1e-13), base.states(times)
+
+    def fall(states):
+        return states["z1_rate"].values + LENGTH / 2 * np.cos(states["beta"].values) * states["beta_rate"].values
+
+    events = base.events.to_dataframe()
+    impulse = (events["impulse_1"] + events["impulse_2"]).groupby(events["time"]).sum()[times]
+    # the end of a chatter changes the rates a little as well, at the time of the bounce before it
+    np.testing.assert_allclose(M * (fall(after) - fall(before)), impulse, atol=1e-7)
+
+
+def test_states_at_the_times_of_events_are_those_right_after(base):
+    events = base.events.to_dataframe().groupby("time", as_index=False).last()
+    states = base.states(events["time"])
+    for name in ("beta", "theta"):
+        np.testing.assert_array_equal(states[name], events[name], err_msg=name)
+    for name in ("gap_1_rate", "gap_2_rate"):
+        np.testing.assert_array_equal(states[name], events[f"{name}_after"], err_msg=name)
+    np.testing.assert_array_equal(names(states["contact_state"]), events["contact_after"])
+
+
+def test_times_may_come_in_any_order_and_number(base):
+    times = np.linspace(0, 4, 301)
+    states = base.states(times)
+    shuffled = np.random.default_rng(1).permutation(301)
+    assert base.states(times[shuffled]).identical(states.isel(time=shuffled))
+    assert base.states(float(times[7])).identical(states.isel(time=[7]))
+    assert base.states(times[7]).sizes == {"time": 1}
+    assert base.states([]).sizes == {"time": 0}
+
+
+def test_boundaries_of_periods_are_met_however_they_are_rounded(base):
+    period = 1 / F
+    exact = base.states(np.arange(61) / F)
+    np.testing.assert_array_equal(exact["plate"], 0)
+    for times in (np.arange(61) * period, np.cumsum([0] + 60 * [period]), np.arange(61) / F * (1 - 1e-15)):
+        near = base.states(times)
+        for name in ("gap_2", "x1", "theta", "beta"):
+            np.testing.assert_allclose(near[name], exact[name], atol=1e-13, err_msg=name)
+
+
+def test_a_run_that_fails_at_its_first_impact_has_no_states():
+    record = run_module.Record(np.zeros(0), np.zeros((0, 18)), np.zeros((0, 18)))
+    failed = dataclasses.replace(simulate(periods=1), message="too many steps", _record=record)
+    with pytest.raises(ParameterError, match=r"^states: there are none, .* \(too many steps\)$"):
+        failed.states(0)
+
+
+@pytest.mark.parametrize("time", [-1e-9, 4.0 + 1e-9, np.inf, np.nan])
+def test_times_outside_the_run_are_refused(base, time):
+    with pytest.raises(ValueError, match=rf"^t = {time}: must be in \[0, 4\] s, the length of the run$"):
+        base.states([1.0, time])
+
+
+def test_times_must_be_a_list(base):
+    with pytest.raises(ParameterError, match=r"^t: has shape \(1, 2\); must be one time or a list of times$"):
+        base.states([[1.0, 2.0]])
+
+
+def test_without_a_record_the_outcome_is_the_same():
+    kept, bare = simulate(periods=60), simulate(periods=60, record=False)
+    for name in ("status", "mode", "mode_period", "n_events", "n_periods", "parameters"):
+        assert getattr(kept, name) == getattr(bare, name)
+    # a recorded run follows the path as well, and so steps a little differently
+    for name in ("radius", "zeta", "period", "speed", "impact_phase"):
+        assert getattr(kept.orbit, name) == pytest.approx(getattr(bare.orbit, name), rel=1e-6)
+    assert repr(kept).startswith("<Run: ok, drift, radius 4.245 m, zeta 1.604 rad, 60 periods, ")
+    assert repr(bare).endswith(" events, not recorded>")
+    for ask in (lambda: bare.events, lambda: bare.states(0.1)):
+        with pytest.raises(ParameterError, match=r"nothing was recorded; run simulate with record=True$"):
+            ask()
+
+
+def test_a_record_grows_until_it_holds_the_run(monkeypatch):
+    expected = simulate(periods=10)
+    monkeypatch.setattr(run_module, "FIRST_ROWS", 3)
+    monkeypatch.setattr(run_module, "ROWS_PER_PERIOD", 0)
+    grown = simulate(periods=10)
+    assert grown.events.identical(expected.events)
+    assert grown.states(np.linspace(0, 10 / F, 99)).identical(expected.states(np.linspace(0, 10 / F, 99)))
+
+
+def test_data_have_units_and_meanings(base):
+    for dataset in (base.events, base.states([0.0, 1.0])):
+        for name, variable in dataset.variables.items():
+            assert variable.attrs["units"], name
+            assert variable.attrs["long_name"], name
+    contact = base.states(0.0)["contact_state"]
+    assert contact.dtype == np.int8
+    assert len(contact.attrs["flag_values"]) == len(contact.attrs["flag_meanings"].split()) == 25
+
+
+def test_a_run_stops_when_settled():
+    run = simulate(periods=1000, stop_when_settled=True)
+    assert (run.status, run.mode) == ("ok", "drift")
+    assert run.n_periods < 200
+    assert run.states(run.n_periods / F)["time"].item() == run.n_periods / F
+
+
+def test_parameters_are_kept_and_judged():
+    run = simulate(e_1=0.5, periods=3)
+    assert run.parameters["e_1"] == 0.5
+    assert "e_2" not in run.parameters
+    assert simulate(**run.parameters, periods=3).events.identical(run.events)
+    with pytest.raises(ParameterError, match=r"^A_r = 1.0: must be >= 2 "):
+        simulate(A_r=1)
+    with pytest.raises(ParameterError, match=r"^periods = 0: must be a whole number >= 1$"):
+        simulate(periods=0)
+    with pytest.raises(ParameterError, match=r"^rtol = 1.0: must be in "):
+        simulate(rtol=1)
+
+
+def test_the_phase_of_the_plate_counts_from_phi0():
+    run = simulate(phi0=5.0, periods=3)
+    states = run.states(np.linspace(0, 0.2, 11))
+    np.testing.assert_allclose(states["plate"], A_Z * np.sin(OMEGA * states["time"] + 5), atol=1e-16)
+    np.testing.assert_allclose(np.sin(run.events["phase"]), np.sin(OMEGA * run.events["time"] + 5), atol=1e-12)
+    assert run.events["phase"].values[0] == pytest.approx(5.0)
+
+
+@pytest.mark.parametrize("more", [{}, {"mu": 0.05, "mu_s": 0.1}, {"Gamma": 1.3, "beta0": 0.7}, {"A_r": 4, "phi0": 2}])
+def test_a_planar_scene_stays_exactly_planar(more):
+    run = simulate(xdot0=0, periods=60, **more)
+    states = run.states(np.linspace(0, 4, 2001))
+    for name in ("theta", "spin", "x", "x1"):
+        assert not states[name].values.any(), name
+    for name in ("theta", "spin", "x1"):
+        assert not states[f"{name}_rate"].values.any(), name
+    assert not np.nan_to_num(run.events["slip_1_b"]).any()
+
+
+def against_reference(case, rtol, reference=None):
+    """Largest difference to the reference's samples in its own scales, and the times of the double impacts."""
+    samples = np.array(case["samples"])
+    run = simulate(**case["params"], periods=5, rtol=rtol)
+    columns = _reference_columns(run, samples[:, 0])
+    expected = samples[:, 1:] if reference is None else reference
+    scale = np.array(json.loads(REFERENCE["states"].read_text())["scale"])
+    double = np.char.startswith(run.events["kind"].values, "DI")
+    starts = run.events["time"].values[double]
+    return np.abs((columns - expected) / scale).max(), starts[np.diff(starts, prepend=-1.0) > 1e-12]
+
+
+def _reference_columns(run, times):
+    states = run.states(times)
+    coordinates = ("x1", "y1", "gap_1", "theta", "beta", "spin")
+    return np.column_stack([states[name] for name in coordinates + tuple(f"{name}_rate" for name in coordinates)])
+
+
+@needs_reference
+@pytest.mark.parametrize("number", range(len(CASES)))
+def test_reference_runs(number):
+    case = CASES[number]
+    error, double_impacts = against_reference(case, 1e-10)
+    # the reference allows 1e-6 for the last samples of its longest chatters, and there case 13 is off by 2e-6; that
+    # it is not this engine is what the next test shows
+    assert error < (3e-6 if number == LONG_CHATTER else 1e-6)
+    expected = case["t_double"]
+    np.testing.assert_allclose(double_impacts[: len(expected)], expected, rtol=0, atol=1e-7)
+    assert against_reference(case, 1e-8)[0] < 1e-4
+
+
+@needs_reference
+def test_the_reference_run_with_the_longest_chatter_has_converged():
+    case = CASES[LONG_CHATTER]
+    finest = _reference_columns(simulate(**case["params"], periods=5, rtol=1e-12), np.array(case["samples"])[:, 0])
+    assert against_reference(case, 1e-10, finest)[0] < 1e-6
+
+
+@needs_reference
+@pytest.mark.parametrize("name", ORBITS)
+def test_reference_orbits(name):
+    expected = ORBITS[name]
+    run = simulate(**expected["params"], periods=100, record=False)
+    assert (run.status, run.mode) == ("ok", expected["mode"])
+    assert run.orbit.di_end == "_".join(expected["end_of_DI"])
+    for quantity, accuracy in {
+        "radius": 1e-4,
+        "zeta": 1e-4,
+        "impact_phase": 1e-3,
+        "period": 1e-3,
+        "speed": 1e-3,
+    }.items():
+        assert getattr(run.orbit, quantity) == pytest.approx(expected[quantity], rel=accuracy), quantity
+    assert run.orbit.spin_rate == pytest.approx(expected["spin_rate"], rel=1e-3)
+    assert run.orbit.beta_rate_after == pytest.approx(expected["beta_rate_after"], rel=1e-3)
+
+
+def test_public_names():
+    assert dimersweep.simulate is simulate
+    assert dimersweep.Run is type(simulate(periods=1))
+    assert all(a < b for a, b in pairwise(sorted(dimersweep.__all__)))
