@@ -296,6 +296,7 @@ def portrait(axes: Axes, run: "Run", angle: str, span: tuple[float, float], *, c
     axes.set_ylabel(f"$\\dot{{{_GREEK[angle]}}}$ [rad/s]")
     axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.ticklabel_format(axis="x", scilimits=(-2, 4), useMathText=True)
+    axes.ticklabel_format(axis="y", useOffset=False)
 
 
 def _impact_marks(axes: Axes, course: xr.Dataset, name: str, value: float, color: str) -> None:
@@ -331,8 +332,8 @@ def orbit(axes: Axes, run: "Run", arrows: int = 8) -> None:
     at = np.linspace(0, x.size - 1 - step, arrows).astype(int)
     # over a whole forcing period: the mean velocity, without the wobble
     u, v = x[at + step] - x[at], y[at + step] - y[at]
-    scale = 6 * max(np.hypot(u, v).max(), 1e-300)
-    axes.quiver(x[at], y[at], u, v, color="#0072b2", width=6e-3, angles="xy", scale=scale, zorder=3)
+    scale = 9 * max(np.hypot(u, v).max(), 1e-300)
+    axes.quiver(x[at], y[at], u, v, color="#0072b2", width=5e-3, angles="xy", scale=scale, zorder=3)
     axes.plot(x[:1], y[:1], "o", color="black", markersize=5)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("$x$ [m]")

@@ -92,5 +92,9 @@ def delassus(dm, p, q):
     """Delassus operator between the ends with levers p and q: velocity at p per impulse at q."""
     im, it = 1.0 / dm.m, 1.0 / dm.J_t
     return Delassus(
-        im + p.n * q.n * it, p.n * q.a * it, p.a * q.n * it, im + p.a * q.a * it, im + p.b * q.b * it + p.c * q.c / dm.J_a
+        im + p.n * q.n * it,
+        p.n * q.a * it,
+        p.a * q.n * it,
+        im + p.a * q.a * it,
+        im + p.b * q.b * it + p.c * q.c / dm.J_a,
     )

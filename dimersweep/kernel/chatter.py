@@ -13,7 +13,7 @@ from dimersweep.kernel.choose import CLOSED, contact_mode
 from dimersweep.kernel.contact import A1, F1, F2, L1, L2, YUA, YUB, double_forces, unload
 from dimersweep.kernel.impact import push
 from dimersweep.kernel.jit import compiled
-from dimersweep.kernel.layout import BETA, CA, CB, D1, D2, FREE, N1, N2, PHASE, SLIP, SPIN, STICK, WB, WP
+from dimersweep.kernel.layout import BETA, CA, CB, D1, D2, FREE, N1, N2, PHASE, SLIP, SPIN, WB, WP
 
 FLOOR = 1e-13  # separation speed, in g/omega, at which round-off rules the hops
 

@@ -54,7 +54,6 @@ from dimersweep.kernel.layout import (
     RECORD_FULL,
     ROOT_STEPS,
     STICK,
-    WB,
 )
 from dimersweep.kernel.record import note_event, note_segment
 from dimersweep.kernel.roots import MAX_PROBES, next_landing
@@ -306,7 +305,9 @@ def evolve(dm, state, modes, periods, rtol, settle, path, past, work, log, event
             if event != LANDS:
                 cause = cause_of(event)
     if record:
-        counts[1] = note_event(dm, events, counts[1], state, C_END, contact_code(modes), before, contact_code(modes), none)
+        counts[1] = note_event(
+            dm, events, counts[1], state, C_END, contact_code(modes), before, contact_code(modes), none
+        )
         counts[2] = note_segment(segments, counts[2], state, modes)
         if counts[1] > events.shape[0] or counts[2] > segments.shape[0]:
             return RECORD_FULL, False
@@ -401,7 +402,9 @@ class Desk(NamedTuple):
 
 def new_desk() -> Desk:
     """Scratch arrays for ``run_rows``: the compiled code allocates nothing."""
-    return Desk(np.zeros(N_STATE), np.zeros(2), np.zeros((PAST_ROWS, PAST_COLUMNS)), np.zeros((WORK_ROWS, WORK_COLUMNS)))
+    return Desk(
+        np.zeros(N_STATE), np.zeros(2), np.zeros((PAST_ROWS, PAST_COLUMNS)), np.zeros((WORK_ROWS, WORK_COLUMNS))
+    )
 
 
 def run_many(rows, periods, rtol, settle, out, codes) -> None:

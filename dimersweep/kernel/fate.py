@@ -9,7 +9,6 @@ from math import acos, hypot, inf, nan, pi
 
 from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import (
-    BETA,
     CA,
     CB,
     D1,
@@ -135,9 +134,7 @@ def note_impact(dm, state, past, double, i, long_flight, modes, now):
     past[row, E_SPIN] = state[SPIN]
     past[row, E_WB] = state[WB]
     held, bounced = modes[1 - i] == STICK, modes[i] == STICK
-    past[row, E_END] = (
-        (DI_SK_SK if bounced else DI_SK_SP) if held else (DI_SP_SK if bounced else DI_SP_SP)
-    )
+    past[row, E_END] = (DI_SK_SK if bounced else DI_SK_SP) if held else (DI_SP_SK if bounced else DI_SP_SP)
 
 
 @compiled

@@ -101,9 +101,7 @@ def gap_series(fl, s, t):
         + fl.plate_s * ky
         + fl.plate_c * x_minus_sin(y, sy)
     )
-    rate = (
-        n - fl.g * t - sh * fl.Omega * (fl.c1 * sx + fl.c2 * kx) + fl.omega * (fl.plate_s * sy + fl.plate_c * ky)
-    )
+    rate = n - fl.g * t - sh * fl.Omega * (fl.c1 * sx + fl.c2 * kx) + fl.omega * (fl.plate_s * sy + fl.plate_c * ky)
     O2, w2 = sh * fl.Omega * fl.Omega, fl.omega * fl.omega
     second = -fl.g - O2 * (fl.c1 * cx + fl.c2 * sx) + w2 * (fl.plate_s * cy + fl.plate_c * sy)
     third = -O2 * fl.Omega * (fl.c2 * cx - fl.c1 * sx) + w2 * fl.omega * (fl.plate_c * cy - fl.plate_s * sy)

@@ -35,8 +35,8 @@ from dimersweep.kernel.layout import (
     WB,
     WP,
 )
-from dimersweep.kernel.steps import copy
 from dimersweep.kernel.single_impact import DONE, JAM, STEPS, EndLaw, single_phase
+from dimersweep.kernel.steps import copy
 
 MAX_PHASES = 400
 SLIP_TOL = 0.1  # slip that counts as none, in units of the impact's tolerance

@@ -11,7 +11,6 @@ from dimersweep.kernel.impact import (
     LOG_N2_AFTER,
     LOG_P1,
     LOG_P2,
-    LOG_STATE,
     contact_velocity,
 )
 from dimersweep.kernel.jit import compiled

@@ -13,10 +13,8 @@ approach speed V, impulses of m V, energies of m V^2, the Delassus operator of 1
 from math import atan2, copysign, cos, exp, hypot, inf, log1p, sin, sqrt
 from typing import NamedTuple
 
-import numpy as np
-
 from dimersweep.kernel.jit import compiled
-from dimersweep.kernel.layout import STICK, SLIP
+from dimersweep.kernel.layout import SLIP, STICK
 from dimersweep.kernel.steps import DOP_STAGES, copy, explicit_method, step_factor
 
 DONE, OTHER, LEG, JAM, STEPS = 0, 1, 2, 3, 4
@@ -194,17 +192,17 @@ def straight_leg(law, n, a, b, E, n_j, compressing, stick, c, s):
     w, w_j = law.nn + law.na * t_a, law.nn_j + law.na_j * t_a
     P_n, P_E, P_j, P_v = time_to_events(law, n, E, v, n_j, compressing, w, w_j, w_v)
     P = min(min(P_n, P_E), min(P_j, P_v))
-    if P == inf:
+    if inf == P:
         return n, a, b, E, n_j, 0.0, 0.0, 0.0, JAM
     gain = 1.0 if compressing else 1.0 / max(law.e * law.e, 1e-300)
     E = 0.0 if P == P_E else max(0.0, E - gain * P * (n + 0.5 * w * P))
-    n = 0.0 if P == P_n else n + w * P
-    n_j = 0.0 if P == P_j else n_j + w_j * P
-    if P == P_v:
+    n = 0.0 if P_n == P else n + w * P
+    n_j = 0.0 if P_j == P else n_j + w_j * P
+    if P_v == P:
         a, b = 0.0, 0.0
     elif not stick:
         a = a + w_a * P
-        b = lateral_left(law, c, b, v, w_v, P) if s == 0.0 and law.mu > 0.0 else b + w_b * P
+        b = lateral_left(law, c, b, v, w_v, P) if s == 0.0 and b != 0.0 and law.mu > 0.0 else b + w_b * P
     return n, a, b, E, n_j, P, t_a * P, (b - b0) / law.bb, LEG
 
 

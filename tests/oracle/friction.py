@@ -106,7 +106,8 @@ def _outward_one(respond: Respond, i: int, moving: Mapping[int, Array], hold: Ar
         return _unit(best[1])
     # at the very limit of stick with mu = mu_s the outward acceleration is still zero
     push = float(acceleration(start) @ _unit(start))
-    return _unit(start) if push > -1e-6 * float(np.hypot(*respond([], moving)[1][i, 1:])) else None
+    driven = respond([], {**moving, i: np.zeros(2)})[1][i, 1:]
+    return _unit(start) if push > -1e-6 * float(np.hypot(*driven)) else None
 
 
 def _break_pair(
