@@ -48,7 +48,9 @@ def come_to_rest(dm, state, modes, slip_tol, tol, y, dy, F):
             return False
         unload(dm, state, -1.0 if may_1 else 1.0, y)
         phase = state[PHASE] + dm.phi0
-        if contact_mode(dm, may_1, may_2, phase, y, modes, slip_tol, False, dy, F) != CLOSED:
+        answer = contact_mode(dm, may_1, may_2, phase, y, modes, slip_tol, False, dy, F)
+        if answer != CLOSED:
+            drop_round_off(dm, state)
             return False
         lv = levers(dm, 1.0, sin(state[BETA]), cos(state[BETA]))
         nn = delassus(dm, lv, lv).nn
@@ -64,6 +66,14 @@ def come_to_rest(dm, state, modes, slip_tol, tol, y, dy, F):
     else:
         close_one(dm, state, modes, 0 if modes[0] != FREE else 1, y)
     return True
+
+
+@compiled
+def drop_round_off(dm, state):
+    """Ends that leave the plate at a rate of round-off leave it at rate zero (a hop at no weight would never end)."""
+    for i in range(2):
+        if state[D1 + i] == 0.0 and 0.0 < state[N1 + i] <= FLOOR * dm.v_scale:
+            state[N1 + i] = 0.0
 
 
 @compiled

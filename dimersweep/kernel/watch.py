@@ -111,14 +111,21 @@ def nearly_stopped(dm, modes, y, dy, span, tol, slip_tol):
 
 
 @compiled
+def carry(y, dy, t, n):
+    """Carry a state on at its present rates; the dip at its present acceleration, or the smallest hops would gain energy."""
+    y[YB] += 0.5 * t * t * dy[YWB]
+    for k in range(n):
+        y[k] += t * dy[k]
+
+
+@compiled
 def run_out(dm, modes, y, dy, i, slip_tol, n):
     """Carry the state along a straight line to where end i is at rest; returns the time it takes."""
     a, b = slip_of(dm, modes, y, i)
     d_a, d_b = slip_of(dm, modes, dy, i)
     v2 = a * a + b * b
     t = -v2 / (a * d_a + b * d_b) if v2 > slip_tol * slip_tol else 0.0
-    for k in range(n):
-        y[k] += t * dy[k]
+    carry(y, dy, t, n)
     stop_slip(dm, modes, y, i)
     return t
 
@@ -131,8 +138,7 @@ def run_in(dm, modes, y, dy, span, tol, slip_tol, n):
     single = modes[0] == FREE or modes[1] == FREE
     if v > slip_tol or rate <= 0.0 or (single and abs(y[YB]) <= 4.0 * t * (abs(y[YWB]) + t * abs(dy[YWB]))):
         return 0.0
-    for k in range(n):
-        y[k] += t * dy[k]
+    carry(y, dy, t, n)
     return t
 
 

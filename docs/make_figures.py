@@ -1,0 +1,33 @@
+"""Make the pictures of the README: ``python docs/make_figures.py`` writes them into docs/figures."""
+
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from dimersweep import simulate
+from dimersweep.plots import contact_legend, heights, last_cycle, orbit, portrait
+
+FOLDER = Path(__file__).parent / "figures"
+
+
+def main() -> None:
+    """The motion of the base case: heights, dip angle and orbit."""
+    run = simulate(periods=600)
+    period = 1 / run.parameters["f"]
+    end = run.n_periods * period
+
+    motion = Figure(figsize=(9, 3.2), layout="constrained")
+    left, right = motion.subplots(1, 2, width_ratios=(2, 1))
+    heights(left, run, (end - 4 * period, end))
+    portrait(right, run, "beta", last_cycle(run))
+    motion.legend(handles=contact_legend(), loc="outside lower center", ncols=4, fontsize=8, frameon=False)
+    motion.savefig(FOLDER / "motion.png", dpi=110)
+
+    path = Figure(figsize=(4.6, 4.4), layout="constrained")
+    orbit(path.subplots(), run)
+    path.savefig(FOLDER / "orbit.png", dpi=110)
+
+
+if __name__ == "__main__":
+    FOLDER.mkdir(exist_ok=True)
+    main()

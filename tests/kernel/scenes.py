@@ -1,0 +1,60 @@
+"""Scenes in which the engine and the slow oracle are compared: random ones, and the coordinates they share."""
+
+from math import pi
+
+import numpy as np
+
+from dimersweep import simulate
+
+SCALE = np.array([0.01, 0.01, 0.01, 1, 1, 10, 0.1, 0.1, 0.1, 1, 1, 100])
+COORDINATES = ("x1", "y1", "gap_1", "theta", "beta", "spin")
+COLUMNS = COORDINATES + tuple(f"{name}_rate" for name in COORDINATES)
+
+
+def random_scene(seed):
+    """Parameters of one random scene: every second one with a feature that the base case lacks."""
+    rng = np.random.default_rng([20240301, seed])
+    mu = float(rng.uniform(0.03, 0.6))
+    scene = {
+        "e": float(rng.uniform(0.2, 0.85)),
+        "Gamma": float(rng.uniform(0.2, 1.7)),
+        "f": float(rng.uniform(10, 35)),
+        "A_r": float(rng.uniform(2.5, 8)),
+        "mu": mu,
+        "mu_s": mu * float(rng.choice([1.0, 1.4, 2.0])),
+        "beta0": float(rng.uniform(0.02, 0.7)),
+        "xdot0": float(rng.choice([0.2, 1.0, 2.0]) * rng.uniform(0.5, 1)),
+    }
+    features = [
+        {"phi0": float(rng.uniform(0, 2 * pi))},
+        {"e_1": float(rng.uniform(0.2, 0.8)), "e_2": float(rng.uniform(0.2, 0.8))},
+        {"xdot0": 0.0},
+        {"r": 3e-3, "rho_b": 2500.0, "rho_r": 2700.0, "D_r": 5e-3},
+        {"e": 0.0},
+        {"mu": 0.0, "mu_s": 0.0},
+        {"Gamma": 0.0},
+    ]
+    return scene | (features[seed // 2 % len(features)] if seed % 2 else {})
+
+
+def sample_times(scene, periods=3):
+    """Two times a period, the boundaries included."""
+    return np.arange(1, 2 * periods + 1) / (2 * scene["f"])
+
+
+def engine_states(scene, times, rtol):
+    """States of the engine in the oracle's coordinates, shape (n, 12), and the times of the double impacts."""
+    run = simulate(**scene, periods=int(np.ceil(times[-1] * scene["f"] - 1e-9)), rtol=rtol)
+    assert run.status == "ok", run.message
+    states = run.states(times)
+    events = run.events
+    double = np.char.startswith(events["kind"].values, "DI")
+    starts = events["time"].values[double]
+    return np.column_stack([states[name] for name in COLUMNS]), starts[np.diff(starts, prepend=-1.0) > 1e-12]
+
+
+def difference(states, expected):
+    """Largest difference of two sets of states in units of SCALE; the spin angle counts up to whole turns."""
+    apart = states - expected
+    apart[:, 5] = (apart[:, 5] + pi) % (2 * pi) - pi
+    return float((np.abs(apart) / SCALE).max())

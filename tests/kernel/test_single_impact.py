@@ -1,0 +1,295 @@
+"""Impacts at one end: against the oracle, in closed form, against a plain integration, and random ones by the thousand."""
+
+import json
+from math import acos, copysign, cos, hypot, sin
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from verbs import (
+    collide_single,
+    contact_velocity,
+    desk,
+    dimer,
+    end_law,
+    kinetic_energy,
+    oracle_state,
+    single_phase,
+    state_of,
+)
+
+import oracle
+from dimersweep.kernel.impact import LOG_N1, LOG_N1_AFTER, LOG_P1, LOG_STATE
+from dimersweep.kernel.layout import BETA, CB, IMPACT, N1, N2, N_STATE, OK, SLIP, SPIN, STICK, WB, WP
+from dimersweep.kernel.single_impact import DONE
+
+SMALL = json.loads((Path(__file__).parents[1] / "reference" / "small.json").read_text())
+STORED = [case for case in SMALL["impact_cases"] if not all(case["closed"])]
+SIGNS = (-1.0, 1.0)
+NAMES = {STICK: "sk", SLIP: "sp"}
+
+
+def strike(dm, state, s, tol=1e-10):
+    """The state after an impact of the end with sign s, its friction mode and its normal impulse."""
+    work, log = desk()
+    state = state.copy()
+    V = -float(state[N1] if s < 0 else state[N2])
+    status, mode, rows = collide_single(dm, state, s, V, tol, work, log)
+    assert (status, rows) == (OK, 1)
+    assert log[0, LOG_STATE] == (5 if s < 0 else 1) * (IMPACT + mode)
+    return state, mode, log[0, LOG_P1 + (0 if s < 0 else 1)]
+
+
+def phase(law, n, a, b, tol=1e-12):
+    """Outcome of one impact on its own: (n, a, b), (P, A, B), mode."""
+    n, a, b, E, _, P, A, B, mode, reason = single_phase(law, n, a, b, 0.0, 0.0, tol, desk()[0])
+    assert reason == DONE
+    assert E == 0.0
+    return np.array([n, a, b]), np.array([P, A, B]), mode
+
+
+def rates_apart(dm, qdot, expected, V):
+    """Largest difference of two sets of generalized rates, as speeds of the ends, in units of the approach speed."""
+    lengths = [1, 1, 1, 2 * dm.h, 2 * dm.h, dm.r]
+    return np.abs((np.asarray(qdot) - expected) * lengths).max() / V
+
+
+@pytest.mark.parametrize("k", range(len(STORED)))
+def test_stored_impacts(k):
+    case = STORED[k]
+    dm = dimer(**case["params"])
+    s = SIGNS[case["closed"].index(True)]
+    before = state_of(dm, case["q"], case["qdot_minus"])
+    after, mode, _ = strike(dm, before, s)
+    V = -contact_velocity(dm, before, s)[0]
+    assert rates_apart(dm, oracle_state(dm, after)[1], case["qdot_plus"], V) < 1e-7
+    assert NAMES[mode] == next(end for end in case["end"] if end != "-")
+
+
+@pytest.mark.slow
+@pytest.mark.jit
+@pytest.mark.parametrize("seed", range(40))
+def test_random_impacts_against_the_oracle(seed):
+    rng = np.random.default_rng([7, seed])
+    mu = rng.uniform(0, 1) * (seed % 8 > 0)
+    params = {"A_r": rng.uniform(2, 9), "mu": mu, "mu_s": mu * rng.uniform(1, 2), "e": rng.uniform(0, 1)}
+    dm = dimer(**params)
+    i = seed % 2
+    q = np.array([0, 0, 0, rng.uniform(-3, 3), rng.uniform(-1.4, 1.4), 0])
+    qdot = rng.normal(size=6) * [0.5, 0.5, 0.1, 2, 5, 80]
+    before = state_of(dm, q, qdot)
+    if before[N1 + i] > 0:
+        qdot *= -1
+        before = state_of(dm, q, qdot)
+    V = -before[N1 + i]
+    after, _, _ = strike(dm, before, SIGNS[i])
+    expected, _ = oracle.impact(params, q, qdot, (i == 0, i == 1))
+    assert rates_apart(dm, oracle_state(dm, after)[1], expected, V) < 1e-7
+
+
+@pytest.mark.parametrize("e", [0.0, 0.3, 0.6, 1.0])
+@pytest.mark.parametrize("s", SIGNS)
+def test_without_friction_the_gap_rate_is_turned_exactly(e, s):
+    rng = np.random.default_rng(11)
+    dm = dimer(mu=0, e=e)
+    for _ in range(20):
+        before = np.zeros(N_STATE)
+        before[BETA], before[CB], before[WB], before[WP], before[SPIN] = rng.normal(size=5) * [0.6, 1, 5, 5, 100]
+        own, other = (N1, N2) if s < 0 else (N2, N1)
+        before[own] = -abs(rng.normal())
+        before[other] = before[own] + s * -2 * dm.h * cos(before[BETA]) * before[WB]
+        after, _, P = strike(dm, before, s)
+        assert after[own] == pytest.approx(-e * before[own], rel=1e-15, abs=1e-15)
+        np.testing.assert_array_equal(after[[CB, WP, SPIN]], before[[CB, WP, SPIN]])
+        dip = s * (after[N2] - after[N1]) - s * 2 * dm.h * cos(before[BETA]) * after[WB]
+        assert dip == pytest.approx(0, abs=1e-13)
+        assert P * end_law(dm, s, before[BETA]).nn == pytest.approx(-(1 + e) * before[own] * dm.m, rel=1e-13)
+
+
+@pytest.mark.parametrize("s", SIGNS)
+@pytest.mark.parametrize("beta", [0.0, -0.3, 0.25])
+def test_a_sticking_end_bounces_in_closed_form(s, beta):
+    law = end_law(dimer(mu=0.9, e_1=0.7, e_2=0.7), s, beta)
+    assert abs(law.na) < law.mu_s * law.aa
+    (n, a, b), (P, A, B), mode = phase(law, -1.0, 0.0, 0.0)
+    assert mode == STICK
+    assert (a, b, B) == (0, 0, 0)
+    assert n == pytest.approx(0.7, rel=1e-15)
+    assert P == pytest.approx(1.7 / (law.nn - law.na**2 / law.aa), rel=1e-14)
+    assert A == pytest.approx(-law.na / law.aa * P, rel=1e-15)
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_fast_axial_slip_bounces_in_closed_form(direction):
+    law = end_law(dimer(mu=0.3), -1.0, 0.2)
+    (n, a, b), (P, A, B), mode = phase(law, -1.0, 10 * direction, 0.0)
+    assert mode == SLIP
+    assert (b, B) == (0, 0)
+    assert n == pytest.approx(0.6, rel=1e-15)
+    assert P == pytest.approx(1.6 / (law.nn - 0.3 * direction * law.na), rel=1e-14)
+    assert A == pytest.approx(-0.3 * direction * P, rel=1e-14)
+    assert a == pytest.approx(10 * direction + law.na * P + law.aa * A, rel=1e-14)
+
+
+def test_axial_slip_that_stops_and_sticks_follows_two_straight_lines():
+    law = end_law(dimer(mu=0.9, e=0.5), -1.0, 0.1)
+    a = 0.1
+    k_1, w_1 = law.na - 0.9 * law.aa, law.nn - 0.9 * law.na  # rates of a and n while it slips
+    w_2 = law.nn - law.na**2 / law.aa  # rate of n while it sticks
+    P_stop = -a / k_1
+    n_stop = -1 + w_1 * P_stop
+    assert n_stop < 0  # it comes to rest during compression
+    work = -(P_stop * (-1 + n_stop) / 2) + n_stop**2 / (2 * w_2)
+    P_2 = -n_stop / w_2 + 0.5 * (2 * work / w_2) ** 0.5
+    expected = 0.5 * (2 * work * w_2) ** 0.5
+    (n, a, b), (P, _, _), mode = phase(law, -1.0, a, 0.0)
+    assert mode == STICK
+    assert (a, b) == (0, 0)
+    assert n == pytest.approx(expected, rel=1e-12)
+    assert P == pytest.approx(P_stop + P_2, rel=1e-12)
+
+
+@pytest.mark.parametrize("s", SIGNS)
+def test_an_end_that_cannot_hold_slips_out_of_rest_along_the_axis(s):
+    law = end_law(dimer(mu=0.1, mu_s=0.15), s, 0.0)
+    assert abs(law.na) > law.mu_s * law.aa
+    c = copysign(1.0, law.na)
+    (n, a, b), (P, A, B), mode = phase(law, -1.0, 0.0, 0.0)
+    assert mode == SLIP
+    assert (b, B) == (0, 0)
+    assert n == pytest.approx(0.6, rel=1e-14)
+    assert P == pytest.approx(1.6 / (law.nn - 0.1 * abs(law.na)), rel=1e-12)
+    assert A == pytest.approx(-0.1 * c * P, rel=1e-12)
+    assert a == pytest.approx(c * (abs(law.na) - 0.1 * law.aa) * P, rel=1e-12)
+
+
+def test_slip_along_an_oblique_invariant_direction_keeps_it():
+    law = end_law(dimer(mu=0.2), -1.0, 0.0)
+    c = law.na / (0.2 * (law.aa - law.bb))
+    assert abs(c) < 1
+    angle = acos(c)
+    v = 5.0
+    (n, a, b), (P, A, B), mode = phase(law, -1.0, v * c, v * sin(angle))
+    assert mode == SLIP
+    assert n == pytest.approx(0.6, rel=1e-14)
+    assert P == pytest.approx(1.6 / (law.nn - 0.2 * law.na * c), rel=1e-13)
+    np.testing.assert_allclose((A, B), (-0.2 * c * P, -0.2 * sin(angle) * P), rtol=1e-12)
+    v_plus = v + (law.na * c - 0.2 * (law.aa * c**2 + law.bb * sin(angle) ** 2)) * P
+    np.testing.assert_allclose((a, b), (v_plus * c, v_plus * sin(angle)), rtol=1e-12)
+
+
+def integrated(law, n, a, b):
+    """The same impact by a plain integration in the normal impulse, for slip that does not stop."""
+
+    def slopes(_, y):
+        v = hypot(y[1], y[2])
+        t_a, t_b = -law.mu * y[1] / v, -law.mu * y[2] / v
+        return [law.nn + law.na * t_a, law.na + law.aa * t_a, law.bb * t_b, -y[0]]
+
+    options = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-14}
+    turn = solve_ivp(slopes, (0, 10), [n, a, b, 0.0], events=_ending(lambda y: y[0]), **options)
+    y = turn.y_events[0][0]
+    left = (1 - law.e**2) * y[3]
+    end = solve_ivp(slopes, (0, 10), y, events=_ending(lambda y: left - y[3]), **options)
+    return end.y_events[0][0][:3], turn.t_events[0][0] + end.t_events[0][0]
+
+
+def _ending(value):
+    def event(_, y):
+        return value(y)
+
+    event.terminal, event.direction = True, 1.0
+    return event
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_turning_slip_against_a_plain_integration(seed):
+    rng = np.random.default_rng(seed)
+    law = end_law(dimer(mu=rng.uniform(0.05, 0.4), e=rng.uniform(0.1, 1)), SIGNS[seed % 2], rng.uniform(-0.5, 0.5))
+    angle = rng.uniform(-3, 3)
+    v = rng.uniform(4, 6)  # fast enough not to stop
+    expected, P_expected = integrated(law, -1.0, v * cos(angle), v * sin(angle))
+    velocity, (P, A, B), _ = phase(law, -1.0, v * cos(angle), v * sin(angle))
+    np.testing.assert_allclose(velocity, expected, atol=1e-10)
+    assert P == pytest.approx(P_expected, abs=1e-10)
+    gained = law.nn * P + law.na * A, law.na * P + law.aa * A, law.bb * B
+    np.testing.assert_allclose(velocity - [-1, v * cos(angle), v * sin(angle)], gained, atol=1e-11)
+
+
+@pytest.mark.parametrize("tol", [1e-6, 1e-8, 1e-10, 1e-12])
+def test_the_error_stays_near_the_tolerance(tol):
+    law = end_law(dimer(mu=0.4), -1.0, 0.15)
+    expected, _ = integrated(law, -1.0, 2.5, 3.0)
+    velocity, _, _ = phase(law, -1.0, 2.5, 3.0, tol)
+    assert np.abs(velocity - expected).max() < 20 * tol + 1e-13
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_mirrored_impacts_have_mirrored_outcomes(seed):
+    rng = np.random.default_rng(seed)
+    dm = dimer(mu=0.35, mu_s=0.5)
+    beta, a, b = rng.uniform(-0.5, 0.5), *rng.normal(size=2)
+    velocity, impulse, mode = phase(end_law(dm, -1.0, beta), -1.0, a, b)
+    lateral = phase(end_law(dm, -1.0, beta), -1.0, a, -b)
+    np.testing.assert_allclose(lateral[0] * [1, 1, -1], velocity, atol=1e-12)
+    np.testing.assert_allclose(lateral[1] * [1, 1, -1], impulse, atol=1e-12)
+    # exchange of the ends is a half turn about the normal: the other end, at the opposite dip
+    ends = phase(end_law(dm, 1.0, -beta), -1.0, -a, -b)
+    np.testing.assert_allclose(ends[0] * [1, -1, -1], velocity, atol=1e-12)
+    assert lateral[2] == ends[2] == mode
+
+
+@pytest.mark.jit
+def test_ten_thousand_random_impacts_never_gain_energy():
+    rng = np.random.default_rng(5)
+    worst, cone = -np.inf, -np.inf
+    for k in range(10000):
+        mu = rng.uniform(0, 1) * (k % 10 > 0)
+        dm = dimer(
+            A_r=rng.uniform(2, 9), mu=mu, mu_s=mu * rng.choice([1, 1.5]), e_1=rng.choice([0, 1, rng.uniform()]), e_2=rng.uniform()
+        )  # fmt: skip
+        i = k % 2
+        before = np.zeros(N_STATE)
+        before[BETA] = rng.uniform(-1.5, 1.5) * (k % 5 > 0)
+        before[[WB, WP, SPIN]] = rng.normal(size=3) * [5, 5, 100]
+        before[9:11] = rng.normal(size=2)
+        if k % 7 == 0:  # planar
+            before[[WP, SPIN, CB]] = 0
+        before[N1] = rng.normal() * rng.choice([1e-6, 0.1, 1])
+        before[N2] = before[N1] + 2 * dm.h * cos(before[BETA]) * before[WB]
+        if before[N1 + i] > 0:
+            before *= -1
+            before[BETA] *= -1
+        _, a, b = contact_velocity(dm, before, SIGNS[i])
+        if k % 3 == 0:  # no slip
+            before[9:11] -= a, b
+        after, _, P = strike(dm, before, SIGNS[i])
+        unit = dm.m * before[N1 + i] ** 2
+        gain = (kinetic_energy(dm, after) - kinetic_energy(dm, before)) / unit
+        noise = 1e-15 * kinetic_energy(dm, before) / unit
+        worst = max(worst, gain - 8 * noise)
+        push = hypot(*(after[9:11] - before[9:11])) * dm.m
+        cone = max(cone, push / P - dm.mu_s - 1e-15 * hypot(*before[9:11]) * dm.m / P)
+        assert after[N1 + i] >= 0
+        if dm.mu == 0:
+            e = (dm.e_1, dm.e_2)[i]
+            law = end_law(dm, SIGNS[i], before[BETA])
+            assert gain == pytest.approx(-(1 - e**2) / law.nn / 2, abs=1e-12 + 8 * noise)
+    # friction takes energy, and restitution gives at most back what was stored, up to the tolerance of the integration
+    assert worst < 1e-9
+    assert cone < 1e-9
+
+
+def test_the_log_tells_what_happened():
+    dm = dimer()
+    work, log = desk()
+    before = np.zeros(N_STATE)
+    before[BETA], before[N1], before[N2] = 0.2, -0.3, -0.3
+    state = before.copy()
+    status, mode, rows = collide_single(dm, state, -1.0, 0.3, 1e-10, work, log)
+    assert (status, rows) == (OK, 1)
+    assert log[0, LOG_STATE] == 5 * (IMPACT + mode)
+    np.testing.assert_allclose(log[0, [LOG_N1, LOG_N1_AFTER]], [before[N1], state[N1]], rtol=1e-15)
+    momentum = dm.m * 0.5 * (state[N1] + state[N2] - before[N1] - before[N2])
+    assert log[0, LOG_P1] == pytest.approx(momentum, rel=1e-12)

@@ -1,0 +1,201 @@
+"""The kernel's verbs, callable from Python: most have no wrapper of their own, to save compile time.
+
+With the JIT off these are the plain functions.
+"""
+
+import numpy as np
+from numba import njit
+
+from dimersweep.kernel import body, chatter, choose, contact, fate, flight, glide, impact, roots, single_impact
+from dimersweep.kernel.engine import WORK_COLUMNS, WORK_ROWS
+from dimersweep.kernel.layout import (
+    BETA,
+    CA,
+    CB,
+    D1,
+    D2,
+    GAMMA,
+    N1,
+    N2,
+    N_STATE,
+    PHASE,
+    SPIN,
+    THETA,
+    WB,
+    WP,
+    X1,
+    Y1,
+)
+from dimersweep.parameters import Parameters
+
+compiled = njit(cache=True, error_model="numpy")
+
+
+@compiled
+def as_dimer(row):
+    return body.as_dimer(row)
+
+
+@compiled
+def levers(dm, s, sin_b, cos_b):
+    return body.levers(dm, s, sin_b, cos_b)
+
+
+@compiled
+def delassus(dm, p, q):
+    return body.delassus(dm, p, q)
+
+
+@compiled
+def contact_velocity(dm, state, s):
+    return impact.contact_velocity(dm, state, s)
+
+
+@compiled
+def angular_momentum(dm, state):
+    return flight.angular_momentum(dm, state, np.sin(state[BETA]), np.cos(state[BETA]))
+
+
+@compiled
+def take_off(dm, state):
+    return flight.take_off(dm, state)
+
+
+@compiled
+def gap_series(fl, s, t):
+    return flight.gap_series(fl, s, t)
+
+
+@compiled
+def fly(dm, state, t):
+    """Free motion with the path, from the state's own take-off."""
+    flight.fly(dm, flight.take_off(dm, state), state, t, True)
+
+
+@compiled
+def first_landing(fl, sign, until):
+    return roots.first_landing(fl, sign, until)
+
+
+@compiled
+def next_landing(fl, until):
+    return roots.next_landing(fl, until)
+
+
+@compiled
+def single_phase(law, n, a, b, E, n_j, tol, work):
+    return single_impact.single_phase(law, n, a, b, E, n_j, tol, work)
+
+
+@compiled
+def end_law(dm, s, beta):
+    return impact.end_law(dm, s, 0.0, np.sin(beta), np.cos(beta), dm.mu, dm.mu_s)
+
+
+@compiled
+def pair_law(dm):
+    return impact.pair_law(dm, dm.mu, dm.mu_s)
+
+
+@compiled
+def collide_single(dm, state, s, V, tol, work, log):
+    return impact.single_impact(dm, state, s, V, tol, work, log)
+
+
+@compiled
+def collide_double(dm, state, V, tol, modes, work, log):
+    return impact.double_impact(dm, state, V, tol, modes, work, log)
+
+
+@compiled
+def unload(dm, state, s, y):
+    contact.unload(dm, state, s, y)
+
+
+@compiled
+def load(dm, modes, y, state):
+    contact.load(dm, modes, y, state)
+
+
+@compiled
+def contact_rates(dm, modes, phase, y, dy, F):
+    contact.contact_rates(dm, modes, phase, y, True, dy, F)
+
+
+@compiled
+def hold_reserve(dm, modes, i, F):
+    return contact.hold_reserve(dm, modes, i, F)
+
+
+@compiled
+def contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, dy, F):
+    return choose.contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, False, dy, F)
+
+
+@compiled
+def glide_path(dm, modes, y, phase, span, tol, slip_tol, watch, work):
+    """Contact phase with the path."""
+    return glide.glide(dm, modes, y, phase, span, True, tol, slip_tol, watch, work)
+
+
+@compiled
+def come_to_rest(dm, state, modes, slip_tol, tol, y, dy, F):
+    return chatter.come_to_rest(dm, state, modes, slip_tol, tol, y, dy, F)
+
+
+@compiled
+def rests_for_good(dm, state, modes):
+    return fate.rests_for_good(dm, state, modes)
+
+
+def row_of(**parameters):
+    """Parameter row; what is not named is the paper's base case."""
+    if "mu" in parameters:
+        parameters.setdefault("mu_s", parameters["mu"])
+    return Parameters(**parameters).row()
+
+
+def dimer(**parameters):
+    """The kernel's dimer; what is not named is the paper's base case (and mu_s = mu where mu alone is)."""
+    return as_dimer(row_of(**parameters))
+
+
+def desk():
+    """Work array and an impact's log."""
+    return np.zeros((WORK_ROWS, WORK_COLUMNS)), np.zeros((200, impact.N_LOG))
+
+
+def state_of(dm, q, qdot, phase=0.0):
+    """Kernel state from the oracle's coordinates (x1, y1, delta1, theta, beta, gamma) and their rates."""
+    state = np.zeros(N_STATE)
+    theta, beta = q[3], q[4]
+    sin_b, cos_b = np.sin(beta), np.cos(beta)
+    state[PHASE], state[BETA], state[THETA], state[GAMMA] = phase, beta, theta, q[5]
+    state[X1], state[Y1] = q[0], q[1]
+    state[D1], state[D2] = q[2], q[2] + 2 * dm.h * sin_b
+    state[N1], state[N2] = qdot[2], qdot[2] + 2 * dm.h * cos_b * qdot[4]
+    state[WB], state[WP], state[SPIN] = qdot[4], qdot[3] * cos_b, qdot[5] + qdot[3] * sin_b
+    state[CA] = qdot[1] * np.cos(theta) - qdot[0] * np.sin(theta) - dm.h * sin_b * qdot[4]
+    state[CB] = qdot[0] * np.cos(theta) + qdot[1] * np.sin(theta) - dm.h * state[WP]
+    return state
+
+
+def oracle_state(dm, state):
+    """The oracle's coordinates and rates, q and qdot, of a kernel state."""
+    theta, beta = state[THETA], state[BETA]
+    sin_b, cos_b = np.sin(beta), np.cos(beta)
+    turn = state[WP] / cos_b
+    v_a, v_b = state[CA] + dm.h * sin_b * state[WB], state[CB] + dm.h * state[WP]
+    q = np.array([state[X1], state[Y1], state[D1], theta, beta, state[GAMMA]])
+    x_rate = v_b * np.cos(theta) - v_a * np.sin(theta)
+    y_rate = v_a * np.cos(theta) + v_b * np.sin(theta)
+    return q, np.array([x_rate, y_rate, state[N1], turn, state[WB], state[SPIN] - turn * sin_b])
+
+
+def kinetic_energy(dm, state):
+    """Kinetic energy in the plate's frame [J]."""
+    c_n = 0.5 * (state[N1] + state[N2])
+    moving = dm.m * (state[CA] ** 2 + state[CB] ** 2 + c_n**2)
+    return 0.5 * (moving + dm.J_t * (state[WB] ** 2 + state[WP] ** 2) + dm.J_a * state[SPIN] ** 2)
+
+
