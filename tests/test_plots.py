@@ -9,7 +9,17 @@ from dimersweep.cube import blank, build
 from dimersweep.errors import ParameterError
 from dimersweep.grid import make_grid
 from dimersweep.kernel.layout import CODES, M_DRIFT, M_REST, MODES
-from dimersweep.plots import MODE_COLORS, check_picture, drift_intervals, drift_lengths, mode_map, run_figure, segments
+from dimersweep.plots import (
+    MODE_COLORS,
+    check_picture,
+    drift_intervals,
+    drift_lengths,
+    impact_rates,
+    last_cycle,
+    mode_map,
+    run_figure,
+    segments,
+)
 
 
 def cube_of(modes, **axes):
@@ -88,3 +98,18 @@ def test_run_figure_labels_its_panels(tmp_path):
     assert [axes.get_title(loc="left")[:3] for axes in figure.axes] == ["(a)", "(b)", "(c)", "(d)", "(e)"]
     assert all(axes.get_xlabel() and axes.get_ylabel() for axes in figure.axes)
     figure.savefig(tmp_path / "run.png")
+
+
+@pytest.mark.parametrize("friction", [{}, {"mu": 0.05, "mu_s": 0.1}])
+def test_the_course_of_a_double_impact_leads_to_the_state_after_it(friction):
+    run = dimersweep.simulate(periods=60, **friction)
+    double = np.char.startswith(run.events["kind"].values, "DI")
+    time = run.events["time"].values[double][-1]
+    course = impact_rates(run, time)
+    after = run.states(time)
+    for name in ("beta_rate", "theta_rate", "spin_rate"):
+        assert course[name].values[-1] == pytest.approx(after[name].item(), abs=1e-10)
+    assert course["kind"].values[0] == ""
+    start, stop = last_cycle(run)
+    assert stop - start == pytest.approx(1 / 15)
+    assert stop < time + 1e-12

@@ -234,7 +234,7 @@ def slip_onset(dm, s, y, phase, v):
     before, last = 0.0, 0.0
     for k in range(steps + 1):
         phi = -3.141592653589793 + 6.283185307179586 * (k + 0.37) / steps
-        cross, along, F = onset_cross(dm, w, n, a, b, phi)
+        cross, _, _ = onset_cross(dm, w, n, a, b, phi)
         if k > 0 and cross * before < 0.0:
             low, high, sign = last, phi, before
             for _ in range(60):

@@ -13,6 +13,7 @@ from dimersweep.kernel.fate import (
     PAST_COLUMNS,
     PAST_ROWS,
     begin_past,
+    last_strobe,
     note_impact,
     note_landing,
     note_period,
@@ -42,7 +43,9 @@ from dimersweep.kernel.layout import (
     D2,
     FREE,
     JAMMED,
+    M_APERIODIC,
     M_FAILED,
+    M_UNRESOLVED,
     MAX_EVENTS,
     N1,
     N2,
@@ -57,12 +60,16 @@ from dimersweep.kernel.layout import (
 )
 from dimersweep.kernel.record import note_event, note_segment
 from dimersweep.kernel.roots import MAX_PROBES, next_landing
+from dimersweep.kernel.steps import copy
 from dimersweep.kernel.watch import HOLD_LOST, LANDS, SLIP_ZERO
 
 EVENTS_PER_PERIOD = 2000  # bound on events: this many per period asked for, and a start
 LOOSEST = 1e-3  # relative tolerance of an impact, however slow
 SLIP_SCALE = 0.1  # slip that counts as none in contact, in units of the tolerance and g/omega
 COINCIDENT = 4e-16  # gap, in units of l, that counts as closed when the other end lands
+# evidence of aperiodic motion: a neighbouring start (its plate phase shifted) has separated from the run by this much,
+# in g/omega and g/omega^2, within this many periods; not looked for in runs too short to have settled
+EVIDENCE, STRETCH, TWIN, TWIN_SHIFT, SEPARATED = 64, 24, 2, 1e-6, 1e-2
 WORK_ROWS, WORK_COLUMNS = GLIDE_ROWS + 8, 16
 ROW_Y, ROW_DY, ROW_F = GLIDE_ROWS, GLIDE_ROWS + 1, GLIDE_ROWS + 2
 
@@ -328,7 +335,7 @@ def strike(dm, state, modes, before, rtol, past, work, log, events, counts):
                 lander = i
     other_down = past[0, 1 - lander] < 0.0 or now - past[0, 1 - lander] < 0.5 * dm.T
     status, rows = collide(dm, state, modes, rtol, work, log)
-    note_impact(dm, state, past, double, lander, long_flight and other_down, modes, now)
+    note_impact(dm, state, past, double, lander, long_flight and other_down, now)
     if log.shape[0] > 0:
         for k in range(rows):
             after = log[k + 1, 0] if k + 1 < rows else 0.0
@@ -379,16 +386,44 @@ def run_rows(rows, periods, rtol, settle, path, out, codes, desk, log, events, s
         modes[0], modes[1] = FREE, FREE
         begin_past(past)
         counts[0], counts[1], counts[2] = 0, 0, 0
-        status, at_rest = evolve(
-            dm, state, modes, periods, rtol, settle, path, past, work, log, events, segments, counts
-        )
-        mode, p, end = verdict(dm, past, at_rest, out[k])
-        if status != OK:
-            mode, p, end = M_FAILED, 0, 0
-            for j in range(out.shape[1]):
-                out[k, j] = nan
-        codes[k, 0], codes[k, 1], codes[k, 2], codes[k, 3] = status, mode, p, end
-        codes[k, 4], codes[k, 5] = counts[0], int(state[PERIOD])
+        # the run itself; if it has not settled, a stretch more of it; and the same stretch from a neighbouring start
+        for leg in range(3):
+            first = leg == 0
+            if leg == TWIN:
+                copy(desk.twin, state, N_STATE)
+                state[PHASE] = TWIN_SHIFT
+                modes[0], modes[1] = desk.twin[N_STATE], desk.twin[N_STATE + 1]
+            status, at_rest = evolve(
+                dm,
+                state,
+                modes,
+                periods if first else int(desk.twin[PERIOD]) + STRETCH,
+                rtol,
+                settle and first,
+                path,
+                past,
+                work,
+                log if first else log[:0],
+                events if first else events[:0],
+                segments if first else segments[:0],
+                counts,
+            )
+            if first:
+                mode, p, end = verdict(dm, past, at_rest, out[k])
+                if status != OK:
+                    mode, p, end = M_FAILED, 0, 0
+                    for j in range(out.shape[1]):
+                        out[k, j] = nan
+                codes[k, 0], codes[k, 1], codes[k, 2], codes[k, 3] = status, mode, p, end
+                codes[k, 4], codes[k, 5] = counts[0], int(state[PERIOD])
+                if mode != M_UNRESOLVED or periods < EVIDENCE:
+                    break
+                copy(state, desk.twin, N_STATE)
+                desk.twin[N_STATE], desk.twin[N_STATE + 1] = modes[0], modes[1]
+            elif status != OK:
+                break
+            elif last_strobe(past, desk.strobe) > SEPARATED and leg == TWIN:
+                codes[k, 1] = M_APERIODIC
 
 
 class Desk(NamedTuple):
@@ -398,12 +433,19 @@ class Desk(NamedTuple):
     modes: Any
     past: Any
     work: Any
+    twin: Any
+    strobe: Any
 
 
 def new_desk() -> Desk:
     """Scratch arrays for ``run_rows``: the compiled code allocates nothing."""
     return Desk(
-        np.zeros(N_STATE), np.zeros(2), np.zeros((PAST_ROWS, PAST_COLUMNS)), np.zeros((WORK_ROWS, WORK_COLUMNS))
+        np.zeros(N_STATE),
+        np.zeros(2),
+        np.zeros((PAST_ROWS, PAST_COLUMNS)),
+        np.zeros((WORK_ROWS, WORK_COLUMNS)),
+        np.zeros(N_STATE + 2),
+        np.zeros(4),
     )
 
 

@@ -7,6 +7,7 @@ ball is down while it is closed or in hops shorter than HOP_LINE; impacts of one
 
 from math import acos, hypot, inf, nan, pi
 
+from dimersweep.kernel.impact import contact_velocity
 from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import (
     CA,
@@ -39,6 +40,7 @@ from dimersweep.kernel.steps import clear
 
 HOP_LINE = 0.5
 BURST = 0.05
+SLIP_LINE = 1e-7  # slip, in g/omega, from which an end slips at the end of a double impact
 DOWN_LINE = 0.9  # share of the time one ball is down in the drift mode
 TOGETHER = 0.15  # landings of a jump lie closer than this
 SETTLED = 1e-4  # change of a strobe, in g/omega^2 and g/omega, that counts as none
@@ -99,7 +101,14 @@ def note_landing(dm, past, i, now):
 
 
 @compiled
-def note_impact(dm, state, past, double, i, long_flight, modes, now):
+def holds(dm, state, i):
+    """Whether end i ends a double impact sticking: slip below the line drawn here is creep of no consequence."""
+    _, a, b = contact_velocity(dm, state, -1.0 if i == 0 else 1.0)
+    return hypot(a, b) <= SLIP_LINE * dm.v_scale
+
+
+@compiled
+def note_impact(dm, state, past, double, i, long_flight, now):
     """Keep the state after an impact that is, begins or continues a double event.
 
     Parameters
@@ -133,7 +142,7 @@ def note_impact(dm, state, past, double, i, long_flight, modes, now):
     past[row, E_THETA] = state[THETA]
     past[row, E_SPIN] = state[SPIN]
     past[row, E_WB] = state[WB]
-    held, bounced = modes[1 - i] == STICK, modes[i] == STICK
+    held, bounced = holds(dm, state, 1 - i), holds(dm, state, i)
     past[row, E_END] = (DI_SK_SK if bounced else DI_SK_SP) if held else (DI_SP_SK if bounced else DI_SP_SP)
 
 
@@ -157,6 +166,17 @@ def note_period(dm, state, modes, past):
                 if not abs(row[k] - old[k]) <= SETTLED:
                     same = False
         past[RUNS, p] = past[RUNS, p] + 1.0 if same else 0.0
+
+
+@compiled
+def last_strobe(past, strobe):
+    """Copy the normal state of the last strobe into `strobe`; returns the largest change of an entry of it."""
+    row = past[STROBES + (int(past[SCALARS, S_STROBES]) - 1) % RING]
+    apart = 0.0
+    for k in range(4):
+        apart = max(apart, abs(row[k] - strobe[k]))
+        strobe[k] = row[k]
+    return apart
 
 
 @compiled
@@ -209,9 +229,8 @@ def mode_of(dm, past, at_rest):
     span = p * max(1, 12 // p)
     down_1, down_2 = shares(dm, past, span)
     doubles = past[STROBES + (count - 1) % RING, P_DOUBLES] - past[STROBES + (count - 1 - span) % RING, P_DOUBLES]
-    if p == 1:
-        if doubles == span and max(down_1, down_2) >= DOWN_LINE:
-            return M_DRIFT, 1
+    if p == 1 and doubles == span and max(down_1, down_2) >= DOWN_LINE:
+        return M_DRIFT, 1
     together, turns, total = landing_pattern(dm, past, span)
     if total > 0 and together == total:
         return M_JUMP, p

@@ -5,7 +5,7 @@ sin(beta)(t) = c0 + c1 cos(Omega t) + c2 sin(Omega t). Everything is written as 
 1 - cos x and x - sin x, which keeps the full relative precision of hops of any smallness.
 """
 
-from math import atan2, ceil, cos, hypot, sin, sqrt
+from math import atan2, cos, hypot, sin, sqrt
 from typing import NamedTuple
 
 from dimersweep.kernel.jit import compiled
@@ -141,7 +141,7 @@ def fly(dm, fl, state, t, path):
     if fl.Omega > 0.0:
         kappa = dm.J_a / dm.J_t * state[SPIN] / fl.Omega
         v_a, v_b = -sin_b * state[WB] / fl.Omega, -state[WP] / fl.Omega
-        pieces = int(ceil(0.5 * fl.Omega * t)) if fl.Omega * t > 2.0 else 1
+        pieces = 1 + int(0.5 * fl.Omega * t) if fl.Omega * t > 2.0 else 1
         for k in range(1, pieces + 1):  # so that the heading never turns by half a turn unseen
             new_a, new_b = heading_of(kappa, L_a, L_b, fl.Omega, cos_b, v_a, v_b, fl.Omega * t * k / pieces)
             turn += atan2(u_a * new_b - u_b * new_a, u_a * new_a + u_b * new_b)

@@ -285,7 +285,7 @@ def lone_phase(dm, pair, i, z, modes, compressing, slip_tol, work):
     s = -1.0 if i == 0 else 1.0
     law = end_law(dm, s, 1.0, 0.0, 1.0, dm.mu, dm.mu_s)
     j = 1 - i
-    n, a, b, E, n_j, P, A, B, mode, reason = single_phase(
+    n, a, b, E, n_j, _, _, B, mode, reason = single_phase(
         law, z[ZN1 + i], z[ZA], z[ZB1 + i], stored_energy(z[ZX1 + i]), z[ZN1 + j], slip_tol, work
     )
     z[ZN1 + i], z[ZA], z[ZB1 + i], z[ZX1 + i], z[ZN1 + j] = n, a, b, compression(E), n_j

@@ -8,7 +8,7 @@ from numba.core import types
 
 # no fastmath: it would break the ordering of events and the meaning of nan; error_model "numpy" spares a branch
 # per division (a kernel never raises)
-_SETTINGS = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+_SETTINGS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 
 
 def _without_literals(function: Any) -> Any:

@@ -10,7 +10,7 @@ from math import inf, sqrt
 from dimersweep.kernel.flight import gap_series
 from dimersweep.kernel.jit import compiled
 
-MAX_PROBES = 400
+MAX_PROBES = 10000
 EPS = 2.3e-16
 
 

@@ -2,7 +2,7 @@
 
 import json
 from itertools import product
-from math import cos, hypot
+from math import hypot
 from pathlib import Path
 
 import numpy as np
@@ -147,7 +147,8 @@ def test_elastic_impacts_without_friction_keep_the_energy(seed):
     before = random_flat(dm, rng, seed)
     after, _, _ = strike(dm, before)
     V = min(before[N1], before[N2])
-    assert kinetic_energy(dm, after) - kinetic_energy(dm, before) == pytest.approx(0, abs=1e-9 * dm.m * V**2)
+    # a few times the tolerance of the integration, 1e-10 a step
+    assert kinetic_energy(dm, after) - kinetic_energy(dm, before) == pytest.approx(0, abs=1e-8 * dm.m * V**2)
 
 
 def test_impulses_of_the_log_make_the_change_of_momentum():
@@ -165,7 +166,7 @@ def test_an_end_at_rest_that_is_pressed_down_takes_an_impulse():
     """The spurious solution E_1 = 0 of the equations (6)-(7): p1 rests, p2 lands, their normals repel each other."""
     dm = dimer(A_r=6)
     assert pair_law(dm).nn_12 < 0
-    after, _, log = strike(dm, flat(dm, 0.0, -0.3, 0.5, 0.5, 0.5))
+    after, _, log = strike(dm, flat(dm, 0.0, -0.3, 0.0, 1.0, 1.0))
     assert log[:, LOG_P1].sum() > 0.01 * log[:, LOG_P2].sum()
     assert after[N1] > 0
 
@@ -179,9 +180,9 @@ def test_an_end_at_rest_that_is_lifted_takes_none():
     np.testing.assert_allclose(after[[N1, N2]], (1.6 * 0.3 * law.nn_12 / law.nn, 0.18), rtol=1e-14)
 
 
-def start_code(dm, n_1, n_2):
-    """Contact state of the first phase of an impact that begins at rest."""
-    return int(strike(dm, flat(dm, n_1, n_2))[2][0, LOG_STATE])
+def first_phase(dm, n_1, n_2):
+    """Digits of both ends in the contact state of the first phase of an impact that begins at rest."""
+    return divmod(int(strike(dm, flat(dm, n_1, n_2))[2][0, LOG_STATE]), 5)
 
 
 @pytest.mark.parametrize(("n_1", "n_2"), [(0.0, -0.3), (-0.3, 0.0), (-0.1, -0.3), (-0.3, -0.2)])
@@ -191,9 +192,10 @@ def test_two_ends_at_rest_hold_up_to_the_sum_of_their_limits(n_1, n_2, A_r):
     law = pair_law(dimer(A_r=A_r))
     f_1, f_2 = (-n_1) ** 1.5, (-n_2) ** 1.5
     limit = law.w / law.aa * abs(f_2 - f_1) / (f_1 + f_2)
-    held, lost = (dimer(A_r=A_r, mu=0.5 * limit, mu_s=limit * factor) for factor in (1 + 1e-9, 1 - 1e-9))
-    both = 6 * (IMPACT + STICK), 6 * (IMPACT + SLIP)
-    assert (start_code(held, n_1, n_2), start_code(lost, n_1, n_2)) == both
+    for factor, mode in ((1 + 1e-9, STICK), (1 - 1e-9, SLIP)):
+        digits = first_phase(dimer(A_r=A_r, mu=0.5 * limit, mu_s=limit * factor), n_1, n_2)
+        hit = [digit for digit, n in zip(digits, (n_1, n_2), strict=True) if n < 0]
+        assert hit == [IMPACT + mode] * len(hit)
 
 
 def test_two_held_ends_do_not_slip():
@@ -259,7 +261,7 @@ def test_ten_thousand_random_impacts_never_gain_energy():
     assert max(cone) < 1e-8
 
 
-@pytest.mark.parametrize(("A_r", "e_1", "e_2"), product([4.0, 6.0, 8.0], [0.0, 0.5], [0.0]))
+@pytest.mark.parametrize(("A_r", "e_1", "e_2"), list(product([4.0, 6.0, 8.0], [0.0, 0.5], [0.0])))
 def test_impacts_without_restitution_end(A_r, e_1, e_2):
     dm = dimer(A_r=A_r, e_1=e_1, e_2=e_2)
     for k in range(10):
@@ -277,7 +279,8 @@ def test_the_vertical_moment_belongs_to_the_lateral_friction():
     turn = dm.J_t * (np.array(angular_momentum(dm, after)) - angular_momentum(dm, before))
     push = dm.m * (after[CB] - before[CB])
     assert turn[0] == pytest.approx(-dm.r * push, rel=1e-9)
-    assert abs(turn[2]) > 0.01 * dm.h * abs(push) * cos(0.0)
+    assert turn[2] == pytest.approx(dm.J_t * (after[WP] - before[WP]), rel=1e-12)
+    assert abs(turn[2]) > 0.01 * dm.h * abs(push)
 
 
 def test_modes_are_free_or_closed():
