@@ -8,7 +8,8 @@ from numba.core import types
 
 # no fastmath: it would break the ordering of events and the meaning of nan; error_model "numpy" spares a branch
 # per division (a kernel never raises)
-_SETTINGS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+_SETTINGS = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+_njit: Any = numba.njit
 
 
 def _without_literals(function: Any) -> Any:
@@ -26,14 +27,14 @@ def _without_literals(function: Any) -> Any:
 
 def exported(function: Callable[..., Any]) -> Any:
     """Compile a kernel that Python calls."""
-    return _without_literals(numba.njit(**_SETTINGS)(function))
+    return _without_literals(_njit(**_SETTINGS)(function))
 
 
 def compiled(function: Callable[..., Any]) -> Any:
     """Compile what only other kernels call: without a wrapper for Python, a third of the compile time."""
-    return _without_literals(numba.njit(no_cpython_wrapper=True, **_SETTINGS)(function))
+    return _without_literals(_njit(no_cpython_wrapper=True, **_SETTINGS)(function))
 
 
 def inlined(function: Callable[..., Any]) -> Any:
     """Merge into its one caller what is large and called from one place: else LLVM would optimise it twice."""
-    return _without_literals(numba.njit(inline="always", no_cpython_wrapper=True, **_SETTINGS)(function))
+    return _without_literals(_njit(inline="always", no_cpython_wrapper=True, **_SETTINGS)(function))
