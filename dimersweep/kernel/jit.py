@@ -10,11 +10,12 @@ from numba.core import types
 # per division (a kernel never raises)
 _SETTINGS = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 _njit: Any = numba.njit
+_config: Any = numba.config
 
 
 def _without_literals(function: Any) -> Any:
     """Have constants in calls typed as plain numbers: else each of them compiles the function once more."""
-    if numba.config.DISABLE_JIT:
+    if _config.DISABLE_JIT:
         return function
     typed = function.get_call_template
 

@@ -1,0 +1,323 @@
+"""Sustained contact: forces and rates against the oracle in every mode, the choice of mode, a whole phase."""
+
+from math import cos, hypot, sin
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from verbs import (
+    contact_mode,
+    contact_rates,
+    contact_velocity,
+    desk,
+    dimer,
+    glide_path,
+    hold_reserve,
+    load,
+    oracle_state,
+    state_of,
+    unload,
+)
+
+from dimersweep.kernel.choose import CLOSED, INCONSISTENT, SEPARATES
+from dimersweep.kernel.contact import A1, F1, F2, L1, YB, YTHETA, YTIME, YUA, YUB, YWB, YWP, YX
+from dimersweep.kernel.glide import NO_EVENT
+from dimersweep.kernel.layout import BETA, CA, CB, D1, D2, FREE, N1, N2, SLIP, SPIN, STICK, WB, WP
+from dimersweep.kernel.watch import HOLD_LOST, LANDS, LIFTS, SLIP_ZERO
+from oracle import body
+from oracle.contact import Instant, State, settle
+
+SLIP_TOL = 1e-10
+TIME = 0.013  # any plate phase will do
+SINGLE = [(STICK, FREE), (SLIP, FREE), (FREE, STICK), (FREE, SLIP)]
+DOUBLE = [(STICK, STICK), (STICK, SLIP), (SLIP, STICK), (SLIP, SLIP)]
+
+
+def at_rest(dm, state, i):
+    """The state with the slip of end i removed by moving the whole body, exactly zero for p1."""
+    _, a, b = contact_velocity(dm, state, -1.0 if i == 0 else 1.0)
+    state = state.copy()
+    state[CA] -= a
+    state[CB] -= b
+    return state
+
+
+def closed_state(dm, modes, rng, fast=1.0):
+    """A random state that fits the contact modes: gaps, gap rates and held slips are zero."""
+    q = np.array([*rng.normal(size=2), 0, rng.uniform(-3, 3), rng.uniform(0.02, 1.2), rng.uniform(-3, 3)])
+    qdot = rng.normal(size=6) * [1, 1, 0, 2, 3, 60] * fast
+    double = FREE not in modes
+    if double:
+        q[4] = qdot[4] = 0.0
+    state = state_of(dm, q, qdot)
+    if modes[0] == FREE:  # p2 stands on the plate: the dimer leans the other way
+        state[[BETA, D1, D2]] = -q[4], 2 * dm.h * sin(q[4]), 0
+        state[[N1, N2]] = state[N1] - state[N2], 0
+        state[WB] = -state[N1] / (2 * dm.h * cos(q[4]))
+    for i in (0, 1):
+        if modes[i] == STICK:
+            state = at_rest(dm, state, i)
+    if modes == (STICK, STICK):
+        state[WP] = 0.0
+        state = at_rest(dm, state, 0)
+    return state
+
+
+def loaded(dm, modes, state):
+    """Modes and contact state as arrays."""
+    y = np.zeros(11)
+    unload(dm, state, -1.0 if modes[0] != FREE else 1.0, y)
+    if modes[0] == STICK or modes[1] == STICK:
+        y[YUA] = 0.0
+    if STICK in (modes[0], modes[1]) and (modes[0] == STICK or modes[0] == FREE):
+        y[YUB] = 0.0
+    return np.array(modes, dtype=float), y
+
+
+def heading_frame(q):
+    """Columns n, a, b in terms of the oracle's normal, x, y."""
+    along = body.axial_direction(q)
+    frame = np.zeros((3, 3))
+    frame[0, 0], frame[1:, 1], frame[1:, 2] = 1, along, [along[1], -along[0]]
+    return frame
+
+
+@pytest.mark.parametrize("modes", SINGLE + DOUBLE)
+@pytest.mark.parametrize("seed", range(8))
+def test_forces_and_rates_are_those_of_the_oracle(modes, seed):
+    params = {"A_r": 4.7, "mu": 0.3, "mu_s": 0.5, "Gamma": 0.8, "phi0": 0.4}
+    dm, d = dimer(**params), body.dimer(params)
+    state = closed_state(dm, modes, np.random.default_rng(seed))
+    codes, y = loaded(dm, modes, state)
+    dy, F = np.zeros(11), np.zeros(6)
+    contact_rates(dm, codes, dm.omega * TIME + dm.phi0, y, dy, F)
+
+    q, qdot = oracle_state(dm, state)
+    active = tuple(i for i in (0, 1) if modes[i] != FREE)
+    held = tuple(i for i in (0, 1) if modes[i] == STICK)
+    now = Instant(d, TIME, q, qdot)
+    forces, acc = now.forces(State(active, held))
+    qddot = now.qddot(State(active, held))
+    frame = heading_frame(q)
+    expected = forces @ frame  # rows: ends; columns n, a, b
+    got = F.reshape(2, 3)
+    weight = dm.m * dm.g
+    np.testing.assert_allclose(got[:, [0, 2]], expected[:, [0, 2]], atol=1e-11 * weight)
+    assert got[:, 1].sum() == pytest.approx(expected[:, 1].sum(), abs=1e-11 * weight)
+
+    turn, cos_b, sin_b = qdot[3], cos(q[4]), sin(q[4])
+    leading = active[0]
+    slip, slip_rate = body.slips(d, q, qdot)[leading] @ frame[1:, 1:], acc[leading] @ frame
+    rates = {
+        YB: qdot[4],
+        YWB: qddot[4],
+        YWP: qddot[3] * cos_b - turn * sin_b * qdot[4],
+        3: qddot[5] + qddot[3] * sin_b + turn * cos_b * qdot[4],
+        YUA: slip_rate[1] - turn * slip[1],
+        YUB: slip_rate[2] + turn * slip[0],
+        YTHETA: turn,
+        YTIME: 1.0,
+        YX: qdot[0],
+        YX + 1: qdot[1],
+        10: qdot[5],
+    }
+    size = max(1.0, np.abs(qddot).max())
+    np.testing.assert_allclose(dy[list(rates)], list(rates.values()), rtol=1e-10, atol=1e-11 * size)
+
+
+@pytest.mark.parametrize("modes", SINGLE + DOUBLE)
+def test_contact_states_survive_the_way_there_and_back(modes):
+    dm = dimer()
+    state = closed_state(dm, modes, np.random.default_rng(1))
+    codes, y = loaded(dm, modes, state)
+    back = np.zeros(16)
+    load(dm, codes, y, back)
+    np.testing.assert_allclose(back, state, atol=1e-14)
+    for i in (0, 1):
+        if modes[i] != FREE:
+            assert back[D1 + i] == back[N1 + i] == 0
+
+
+def chosen(dm, state, closed, time=TIME):
+    """The contact mode that the kernel chooses: answer, modes, contact state, its rates and forces."""
+    modes, y, dy, F = np.zeros(2), np.zeros(11), np.zeros(11), np.zeros(6)
+    unload(dm, state, -1.0 if closed[0] else 1.0, y)
+    answer = contact_mode(dm, *closed, dm.omega * time + dm.phi0, y, modes, SLIP_TOL, dy, F)
+    if answer == CLOSED:
+        contact_rates(dm, modes, dm.omega * time + dm.phi0, y, dy, F)
+    return answer, tuple(int(mode) for mode in modes), y, dy, F
+
+
+def expected_modes(params, dm, state, closed):
+    """The modes that the oracle chooses."""
+    q, qdot = oracle_state(dm, state)
+    resting = [i for i in (0, 1) if closed[i]]
+    slips = body.slips(body.dimer(params), q, qdot)
+    zero = [i for i in resting if hypot(*slips[i]) <= SLIP_TOL]
+    found = settle(body.dimer(params), TIME, q, qdot, resting, zero, {}, False)
+    return tuple(FREE if i not in found.active else STICK if i in found.stick else SLIP for i in (0, 1))
+
+
+@pytest.mark.parametrize("modes", SINGLE + DOUBLE)
+@pytest.mark.parametrize("seed", range(12))
+def test_choice_of_the_mode_is_the_oracles(modes, seed):
+    rng = np.random.default_rng([3, seed])
+    mu = rng.uniform(0.02, 0.4)
+    params = {"A_r": rng.uniform(3, 8), "mu": mu, "mu_s": mu * 1.4, "Gamma": rng.choice([0.5, 1.3]), "f": 20.0}
+    dm = dimer(**params)
+    state = closed_state(dm, modes, rng, rng.choice([0.1, 1, 3]))
+    closed = tuple(mode != FREE for mode in modes)
+    answer, found, y, dy, F = chosen(dm, state, closed)
+    assert found == expected_modes(params, dm, state, closed)
+    assert answer == (CLOSED if any(found) else SEPARATES)
+    if answer == CLOSED:
+        assert all(F[F1 + 3 * i] > 0 for i in (0, 1) if found[i] != FREE)
+        complementary(dm, found, closed, y, dy)
+        slip_starts_outward(dm, found, modes, y, dy)
+
+
+def complementary(dm, found, closed, y, dy):
+    """An end that was closed and is let go is not drawn into the plate."""
+    for i in (0, 1):
+        if closed[i] and found[i] == FREE:
+            sign = 1 if i == 1 else -1
+            assert sign * (dy[YWB] * cos(y[YB]) - sin(y[YB]) * y[YWB] ** 2) > 0
+
+
+def slip_starts_outward(dm, found, modes, y, dy):
+    """Slip out of rest is small, and speeds up along itself: only a single contact has one direction for it."""
+    for i in (0, 1):
+        if modes[i] == STICK and found[i] == SLIP:
+            shift = 2 * dm.h * np.array([y[YWP], dy[YWP]]) * (i == 1 and found[0] != FREE)
+            slip, rate = np.array([y[YUA], y[YUB] - shift[0]]), np.array([dy[YUA], dy[YUB] - shift[1]])
+            assert 0 < hypot(*slip) <= SLIP_TOL
+            assert slip @ rate > 0
+            if FREE in found:
+                assert abs(slip[0] * rate[1] - slip[1] * rate[0]) < 1e-6 * (slip @ rate)
+
+
+@pytest.mark.parametrize(("i", "beta"), [(0, 0.3), (1, -0.3), (0, 0.9), (1, -0.05)])
+def test_an_end_at_rest_holds_up_to_its_limit(i, beta):
+    modes = (STICK, FREE) if i == 0 else (FREE, STICK)
+    rough = dimer(mu=0.0, mu_s=10.0)
+    state = closed_state(rough, modes, np.random.default_rng(4), 0.0)
+    state[BETA] = beta
+    state[[D1, D2]] = max(0.0, -2 * rough.h * sin(beta)), max(0.0, 2 * rough.h * sin(beta))
+    closed = i == 0, i == 1
+    _, _, _, _, F = chosen(rough, state, closed)
+    ratio = hypot(F[A1 + 3 * i], F[L1 + 3 * i]) / F[F1 + 3 * i]
+    assert ratio > 0.01
+    for factor, mode in ((1 + 1e-9, STICK), (1 - 1e-9, SLIP)):
+        answer, found, *_ = chosen(dimer(mu=0.9 * ratio, mu_s=ratio * factor), state, closed)
+        assert (answer, found[i], found[1 - i]) == (CLOSED, mode, FREE)
+
+
+def test_an_end_held_at_its_limit_slips_outward_when_both_coefficients_agree():
+    """With mu = mu_s the acceleration out of rest is zero at the limit: neither lift-off nor stick may come of that."""
+    rough = dimer(mu=0.0, mu_s=10.0)
+    state = closed_state(rough, (STICK, FREE), np.random.default_rng(4))
+    _, _, _, _, F = chosen(rough, state, (True, False))
+    ratio = hypot(F[A1], F[L1]) / F[F1]
+    for k in range(-8, 9):
+        mu = ratio * (1 + k * 1e-16)
+        answer, found, *_ = chosen(dimer(mu=mu, mu_s=mu), state, (True, False))
+        assert answer == CLOSED
+        assert found[0] in (STICK, SLIP)
+
+
+@pytest.mark.parametrize("lateral", [0.3, 0.99, 1.01])
+def test_two_ends_at_rest_share_the_axial_force_only(lateral):
+    """Both stick if and only if |A| <= sqrt((mu_s f_1)^2 - L_1^2) + sqrt((mu_s f_2)^2 - L_2^2), both roots real."""
+    dm = dimer(mu=0.05, mu_s=0.1)
+    codes = np.array([STICK, STICK], dtype=float)
+    F = np.array([1.0, 0.0, 0.1 * lateral, 2.0, 0.0, 0.1 * lateral])
+    room = np.sqrt(0.01 * np.array([1, 4]) - (0.1 * lateral) ** 2) if lateral < 1 else None
+    for part in (0.0, 0.999, 1.001):
+        if room is None:
+            assert hold_reserve(dm, codes, 0, F) < 0
+        else:
+            F[A1] = -part * room.sum()
+            assert hold_reserve(dm, codes, 0, F) == pytest.approx((1 - part) * room.sum(), abs=1e-14)
+
+
+def test_a_plate_that_falls_away_is_left():
+    dm = dimer(Gamma=1.5, phi0=np.pi / 2)
+    for modes in (STICK, FREE), (FREE, STICK), (STICK, STICK):
+        state = closed_state(dm, modes, np.random.default_rng(0), 0.0)
+        answer, found, *_ = chosen(dm, state, tuple(mode != FREE for mode in modes), 0.0)
+        assert (answer, found) == (SEPARATES, (FREE, FREE))
+
+
+def test_a_configuration_without_a_force_is_reported():
+    """Painleve: steep and rough, sliding so that friction presses the end down faster than it can give way."""
+    dm = dimer(mu=3.0, A_r=9)
+    state = np.zeros(16)
+    state[[BETA, CA]] = 0.9, -1.0
+    state[D2] = 2 * dm.h * sin(0.9)
+    answers = set()
+    for speed in (-1.0, 1.0):
+        state[CA] = speed
+        answers.add(chosen(dm, state, (True, False))[0])
+    assert INCONSISTENT in answers
+
+
+def reference_phase(dm, modes, y, phase, span):
+    """The same contact phase by a plain integration."""
+
+    def rates(t, z):
+        dy = np.zeros(11)
+        contact_rates(dm, modes, phase + dm.omega * t, z.copy(), dy, np.zeros(6))
+        return dy
+
+    return solve_ivp(rates, (0, span), y, method="LSODA", rtol=1e-12, atol=1e-14).y[:, -1]
+
+
+@pytest.mark.parametrize("modes", [*SINGLE, (SLIP, SLIP)])
+@pytest.mark.parametrize("tol", [1e-6, 1e-9])
+def test_a_phase_against_a_plain_integration(modes, tol):
+    dm = dimer(mu=0.1, mu_s=3.0, Gamma=0.3)
+    state = closed_state(dm, modes, np.random.default_rng(2), 0.5)
+    if modes == (SLIP, SLIP):
+        state[CA] += 1.0
+    codes, y = loaded(dm, modes, state)
+    start, span = y.copy(), 0.004
+    t, event = glide_path(dm, codes, y, 0.3, span, tol, 1e-12, False, desk()[0])
+    assert (t, event) == (span, NO_EVENT)
+    expected = reference_phase(dm, codes, start, 0.3, span)
+    expected[YTIME] = y[YTIME]
+    scale = np.array([1, dm.w_scale, dm.w_scale, 10 * dm.w_scale, dm.v_scale, dm.v_scale, 1, 1, dm.r, dm.r, 10])
+    assert (np.abs(y - expected) / scale).max() < 20 * tol
+
+
+def test_events_of_a_phase_are_where_their_functions_vanish():
+    """The other end lands, the slip stops, the hold is lost, the end lifts off: each in a phase made for it."""
+    seen = {
+        LANDS: ({"Gamma": 0.2}, (STICK, FREE), {BETA: 0.05, CA: 0.0}),
+        SLIP_ZERO: ({"mu": 0.5, "mu_s": 0.9, "Gamma": 0.0}, (SLIP, SLIP), {CA: 0.05}),
+        HOLD_LOST: ({"mu_s": 0.5, "mu": 0.2, "Gamma": 0.1}, (STICK, FREE), {BETA: 1.35, WB: -1.0}),
+        LIFTS: ({"Gamma": 1.5, "mu": 0.5}, (STICK, STICK), {}),
+    }
+    for event, (params, modes, start) in seen.items():
+        dm = dimer(**params)
+        state = np.zeros(16)
+        for slot, value in start.items():
+            state[slot] = value
+        state[D2] = 2 * dm.h * sin(state[BETA])
+        state[N2] = 2 * dm.h * cos(state[BETA]) * state[WB]
+        if modes == (STICK, FREE):
+            state = at_rest(dm, state, 0)
+        codes, y = loaded(dm, modes, state)
+        t, found = glide_path(dm, codes, y, 0.0, dm.T, 1e-10, 1e-11, True, desk()[0])
+        assert found - found % 2 == event, (event, found)
+        assert 0 < t < dm.T
+        dy, F = np.zeros(11), np.zeros(6)
+        contact_rates(dm, codes, dm.omega * t, y, dy, F)
+        value = {
+            LANDS: y[YB],
+            SLIP_ZERO: hypot(y[YUA], y[YUB]),
+            HOLD_LOST: hold_reserve(dm, codes, 0, F) / (dm.m * dm.g),
+            LIFTS: min(F[F1], F[F2]) / (dm.m * dm.g),
+        }[event]
+        assert value == pytest.approx(0, abs=1e-12)
+    assert sin(dm.omega * t) == pytest.approx(1 / 1.5, rel=1e-12)  # both lift where the effective gravity vanishes
+    assert not state[[CB, WP, SPIN]].any()
