@@ -46,7 +46,8 @@ def as_dimer(row):
         e_1,
         e_2,
         mu,
-        mu_s,
+        # a hair above mu where the two are equal: slip that sets out of rest then accelerates, however slowly
+        mu_s * (1.0 + 1e-9),
         g,
         Gamma * g / omega**2,
         omega,

@@ -58,9 +58,14 @@ def single_mode(dm, i, phase, y, modes, slip_tol, lost, dy, F):
         contact_rates(dm, modes, phase, y, False, dy, F)
         if lost or hold_reserve(dm, modes, i, F) < 0.0:
             modes[i] = SLIP
+            hold_a, hold_b, pressed = F[A1 + 3 * i], F[L1 + 3 * i], F[F1 + 3 * i] > 0.0
             if not slip_onset(dm, s, y, phase, 0.5 * slip_tol):
-                modes[i] = FREE
-                return SEPARATES
+                hold = hypot(hold_a, hold_b)
+                if not pressed or hold == 0.0:
+                    modes[i] = FREE
+                    return SEPARATES
+                # at the limit slip may have no acceleration yet; it sets out against the force that held
+                y[YUA], y[YUB] = -0.5 * slip_tol * hold_a / hold, -0.5 * slip_tol * hold_b / hold
             contact_rates(dm, modes, phase, y, False, dy, F)
     if F[F1 + 3 * i] > 0.0:
         return CLOSED

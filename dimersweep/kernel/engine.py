@@ -269,7 +269,7 @@ def evolve(dm, state, modes, periods, rtol, settle, path, past, work, log, event
             pending, lifted, lost, cause = True, -1, False, C_IMPACT
             if come_to_rest(dm, state, modes, no_slip(dm, state, rtol), rtol, work[ROW_Y], work[ROW_DY], work[ROW_F]):
                 cause = C_CHATTER_END
-            before = contact_code(modes)
+            before = 0
         slip_tol = no_slip(dm, state, rtol)
         if pending:
             answer = choose(dm, state, modes, lifted, lost, slip_tol, work)

@@ -211,7 +211,7 @@ def implicit_step(dm, modes, phase, h, n, b):
         lu_solve(b.LU, n, b.pivots, b.K[i])
     for k in range(n):
         b.out[k] += b.K[ROS_STAGES - 1, k]
-    return error_norm(b.K, ROS_STAGES - 1, n, b.scale)
+    return error_norm(b.K, ROS_STAGES - 1, N_CLOSED, b.scale)
 
 
 @compiled

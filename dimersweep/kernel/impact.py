@@ -39,6 +39,7 @@ from dimersweep.kernel.single_impact import DONE, JAM, STEPS, EndLaw, single_pha
 from dimersweep.kernel.steps import copy
 
 MAX_PHASES = 400
+LEFT_OVER = 1e-10  # approach, in units of V, that ends the infinite series of switches of two ends at e = 0
 SLIP_TOL = 0.1  # slip that counts as none, in units of the impact's tolerance
 # a row of the impact's log: contact state; gap rates before, after; impulses; slips (a_1, b_1, a_2, b_2) after
 LOG_STATE, LOG_N1, LOG_N2, LOG_N1_AFTER, LOG_N2_AFTER, LOG_P1, LOG_P2, LOG_A1, LOG_B1, LOG_A2, LOG_B2 = range(11)
@@ -86,14 +87,20 @@ def stored_energy(X):
 
 
 @compiled
+def presses(i, z):
+    """Whether end i is compressed or approaches (beyond what a series of switches at e = 0 leaves)."""
+    return z[ZX1 + i] > 0.0 or z[ZN1 + i] < -LEFT_OVER
+
+
+@compiled
 def acts(law, i, z, slip_tol):
-    """Whether end i acts now or is about to: it is compressed, approaches, or is driven towards the plate from rest.
+    """Whether end i acts now or is about to: it presses, or the other end's pressing drives it towards the plate from rest.
 
     At rest and uncompressed, an end is driven by the other one alone, with the friction that other end has.
     """
-    if z[ZX1 + i] > 0.0 or z[ZN1 + i] < 0.0:
+    if presses(i, z):
         return True
-    if z[ZN1 + i] > 0.0:
+    if z[ZN1 + i] > 0.0 or not presses(1 - i, z):
         return False
     sign = 1.0 if i == 0 else -1.0
     v = hypot(z[ZA], z[ZB2 - i])
@@ -119,6 +126,22 @@ def log_phase(log, count, code, before_1, before_2, z, V, P_1, P_2):
     return count
 
 
+@compiled
+def log_lone(log, count, s, code, n, n_j, n_after, n_j_after, P, a, b):
+    """Add a row for a phase of an impact at the end with sign s, the other one being off the plate; returns the count."""
+    if count >= log.shape[0]:
+        return count
+    row = log[count]
+    for k in range(N_LOG):
+        row[k] = 0.0
+    i = 0 if s < 0.0 else 1
+    row[LOG_STATE] = 5 * code if s < 0.0 else code
+    row[LOG_N1 + i], row[LOG_N1 + 1 - i] = n, n_j
+    row[LOG_N1_AFTER + i], row[LOG_N1_AFTER + 1 - i] = n_after, n_j_after
+    row[LOG_P1 + i], row[LOG_A1 + 2 * i], row[LOG_B1 + 2 * i] = P, a, b
+    return count + 1
+
+
 @inlined
 def single_impact(dm, state, s, V, tol, work, log):
     """Impact at the end with sign s while the other one is off the plate; updates the state.
@@ -132,7 +155,7 @@ def single_impact(dm, state, s, V, tol, work, log):
     law = end_law(dm, s, 0.0, sin_b, cos_b, dm.mu, dm.mu_s)
     n, a, b = contact_velocity(dm, state, s)
     slip_tol = max(SLIP_TOL * tol, rounding(dm, state) / V)
-    n_plus, a_plus, b_plus, _, _, P, A, B, mode, reason = single_phase(
+    n_plus, a_plus, b_plus, _, _, P, A, B, P_s, A_s, mode, reason = single_phase(
         law, n / V, a / V, b / V, 0.0, 0.0, slip_tol, work
     )
     if reason != DONE:
@@ -144,19 +167,12 @@ def single_impact(dm, state, s, V, tol, work, log):
     state[own] = n_plus * V
     state[other] += unit * (wj.nn * P + wj.na * A)
     push(dm, state, lv, unit * P, unit * A, unit * B)
-    rows = 0
-    if log.shape[0] > 0:
-        row = log[0]
-        for k in range(N_LOG):
-            row[k] = 0.0
-        code = IMPACT + mode
-        row[LOG_STATE] = 5 * code if s < 0.0 else code
-        own_row = 0 if s < 0.0 else 1
-        row[LOG_N1 + own_row], row[LOG_N1_AFTER + own_row], row[LOG_P1 + own_row] = n, n_plus * V, unit * P
-        row[LOG_N1 + 1 - own_row] = state[other] - unit * (wj.nn * P + wj.na * A)
-        row[LOG_N1_AFTER + 1 - own_row] = state[other]
-        row[LOG_A1 + 2 * own_row], row[LOG_B1 + 2 * own_row] = a_plus * V, b_plus * V
-        rows = 1
+    rows, n_j = 0, state[other] - unit * (wj.nn * P + wj.na * A)
+    if mode == STICK and P_s > 0.0:
+        n_s, n_js = n + V * (law.nn * P_s + law.na * A_s), n_j + unit * (wj.nn * P_s + wj.na * A_s)
+        rows = log_lone(log, rows, s, IMPACT + SLIP, n, n_j, n_s, n_js, unit * P_s, 0.0, 0.0)
+        n, n_j, P = n_s, n_js, P - P_s
+    rows = log_lone(log, rows, s, IMPACT + mode, n, n_j, n_plus * V, state[other], unit * P, a_plus * V, b_plus * V)
     return OK, mode, rows
 
 
@@ -212,7 +228,7 @@ def double_impact(dm, state, V, tol, modes, work, log):
         OK or the reason; rows logged.
     """
     law = pair_law(dm, dm.mu, dm.mu_s)
-    z, start, before, compressing = work[31], work[32], work[33], work[34]
+    z, start, before, compressing, mid = work[31], work[32], work[33], work[34], work[35]
     load_pair(dm, state, V, z)
     copy(z, start, N_Z)
     slip_tol = max(SLIP_TOL * tol, rounding(dm, state) / V)
@@ -223,6 +239,7 @@ def double_impact(dm, state, V, tol, modes, work, log):
     for _ in range(MAX_PHASES):
         on_1, on_2 = acts(law, 0, z, slip_tol), acts(law, 1, z, slip_tol)
         if not on_1 and not on_2:
+            z[ZN1], z[ZN2] = max(0.0, z[ZN1]), max(0.0, z[ZN2])
             status = OK
             break
         copy(z, before, N_Z)
@@ -236,11 +253,18 @@ def double_impact(dm, state, V, tol, modes, work, log):
             settle_event(law, event, z, compressing)
         else:
             i = 0 if on_1 else 1
-            reason = lone_phase(dm, law, i, z, modes, compressing, slip_tol, work)
+            halts, reason = lone_phase(dm, law, i, z, modes, compressing, slip_tol, before, mid, work)
             lost = False
             if reason == JAM or reason == STEPS:
                 status = JAMMED if reason == JAM else IMPACT_STEPS
                 break
+            if halts:
+                P_1, P_2, _, _, _ = pair_impulses(dm, mid, before, V)
+                beside = SLIP if hypot(before[ZA], before[ZB2 - i]) > slip_tol else STICK
+                mode_1, mode_2 = (SLIP, beside) if i == 0 else (beside, SLIP)
+                code = 5 * phase_code(on_1, mode_1) + phase_code(on_2, mode_2)
+                rows = log_phase(log, rows, code, before[ZN1], before[ZN2], mid, V, P_1, P_2)
+                copy(mid, before, N_Z)
         P_1, P_2, _, _, _ = pair_impulses(dm, z, before, V)
         code = 5 * phase_code(on_1, modes[0]) + phase_code(on_2, modes[1])
         rows = log_phase(log, rows, code, before[ZN1], before[ZN2], z, V, P_1, P_2)
@@ -280,12 +304,19 @@ def settle_event(law, event, z, compressing):
 
 
 @compiled
-def lone_phase(dm, pair, i, z, modes, compressing, slip_tol, work):
-    """Phase of a double impact in which only end i acts; z, modes and the direction of compression in place."""
+def lone_phase(dm, pair, i, z, modes, compressing, slip_tol, before, mid, work):
+    """Phase of a double impact in which only end i acts; z, modes and the direction of compression in place.
+
+    Returns
+    -------
+    halts : bool
+        Whether end i slipped first and stuck then; the velocities at that moment are in `mid`.
+    reason : int
+    """
     s = -1.0 if i == 0 else 1.0
     law = end_law(dm, s, 1.0, 0.0, 1.0, dm.mu, dm.mu_s)
     j = 1 - i
-    n, a, b, E, n_j, _, _, B, mode, reason = single_phase(
+    n, a, b, E, n_j, P, _, B, P_s, A_s, mode, reason = single_phase(
         law, z[ZN1 + i], z[ZA], z[ZB1 + i], stored_energy(z[ZX1 + i]), z[ZN1 + j], slip_tol, work
     )
     z[ZN1 + i], z[ZA], z[ZB1 + i], z[ZX1 + i], z[ZN1 + j] = n, a, b, compression(E), n_j
@@ -294,4 +325,11 @@ def lone_phase(dm, pair, i, z, modes, compressing, slip_tol, work):
     compressing[j] = 1.0
     modes[i] = mode
     modes[j] = STICK if hypot(z[ZA], z[ZB1 + j]) <= slip_tol else SLIP
-    return reason
+    halts = mode == STICK and 0.0 < P_s < P
+    if halts:
+        copy(before, mid, N_Z)
+        mid[ZN1 + i] += law.nn * P_s + law.na * A_s
+        mid[ZN1 + j] += law.nn_j * P_s + law.na_j * A_s
+        mid[ZA], mid[ZB1 + i] = 0.0, 0.0
+        mid[ZB1 + j] -= pair.bb_12 * before[ZB1 + i] / law.bb
+    return halts, reason

@@ -227,17 +227,20 @@ def single_phase(law, n, a, b, E, n_j, tol, work):
     -------
     n, a, b, E, n_j, P, A, B : float
         After the phase; impulses of it.
+    P_s, A_s : float
+        Of these, what was given before the end stuck (all of it if it slips to the end): an impact at one end does not
+        slip again once it sticks.
     mode : int
         STICK or SLIP, the friction mode in which the phase ended.
     reason : int
         DONE, OTHER, JAM or STEPS.
     """
-    P, A, B = 0.0, 0.0, 0.0
+    P, A, B, P_s, A_s = 0.0, 0.0, 0.0, 0.0, 0.0
     compressing = n < 0.0 or E == 0.0
     mode = SLIP
     for _ in range(MAX_LEGS):
         if not compressing and (E <= 0.0 or law.e == 0.0):
-            return n, a, b, 0.0, n_j, P, A, B, mode, DONE
+            return n, a, b, 0.0, n_j, P, A, B, P_s, A_s, mode, DONE
         v = hypot(a, b)
         stick, turns, c, s = False, False, 1.0, 0.0
         if law.mu == 0.0 and (v > tol or not sticks(law)):
@@ -259,10 +262,12 @@ def single_phase(law, n, a, b, E, n_j, tol, work):
         else:
             n, a, b, E, n_j, dP, dA, dB, reason = straight_leg(law, n, a, b, E, n_j, compressing, stick, c, s)
         P, A, B = P + dP, A + dA, B + dB
+        if not stick:
+            P_s, A_s = P, A
         if reason != LEG:
-            return n, a, b, E, n_j, P, A, B, mode, reason
+            return n, a, b, E, n_j, P, A, B, P_s, A_s, mode, reason
         if n == 0.0:
             compressing = not compressing
         if law.both > 0.0 and n_j == 0.0 and (turns or w_j < 0.0):
-            return n, a, b, E, n_j, P, A, B, mode, OTHER
-    return n, a, b, E, n_j, P, A, B, mode, STEPS
+            return n, a, b, E, n_j, P, A, B, P_s, A_s, mode, OTHER
+    return n, a, b, E, n_j, P, A, B, P_s, A_s, mode, STEPS

@@ -128,8 +128,8 @@ def hold_reserve(dm, modes, i, F):
 
 
 @compiled
-def contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, dy, F):
-    return choose.contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, False, dy, F)
+def contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, lost, dy, F):
+    return choose.contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, lost, dy, F)
 
 
 @compiled

@@ -1,0 +1,262 @@
+"""The event loop: what is conserved, what stays put, what comes to rest, that it is deterministic and always ends."""
+
+from math import pi
+
+import numpy as np
+import pytest
+from verbs import row_of
+
+from dimersweep import simulate
+from dimersweep.kernel import engine, layout
+from dimersweep.kernel.body import as_dimer
+from dimersweep.kernel.layout import CODES, MODES, N_CODES, N_OUT, OUT, STATUS_MESSAGES, STATUSES
+
+CODE = {name: k for k, name in enumerate(CODES)}
+M, J_T, J_A, G, H = 8.813633469891e-3, 5.299695485087e-6, 8.339127315493e-8, 9.81, 0.025  # the base case
+
+
+def outcome(row, periods, rtol=1e-8, settle=False):
+    """Numbers and codes of one run without a record."""
+    rows = np.atleast_2d(row)
+    out, codes = np.full((len(rows), N_OUT), np.nan), np.zeros((len(rows), N_CODES), dtype=np.int64)
+    engine.run_many(rows, periods, rtol, settle, out, codes)
+    return out, codes
+
+
+def status_and_mode(row, periods, rtol=1e-8):
+    _, codes = outcome(row, periods, rtol)
+    return STATUSES[codes[0, CODE["status"]]], MODES[codes[0, CODE["mode"]]]
+
+
+def energy(states):
+    """Energy of the base case's dimer in the frame of the plate, where gravity is taken as constant."""
+    speed2 = _centre_speeds(states)
+    axial = states["spin_rate"] + states["theta_rate"] * np.sin(states["beta"])
+    turning = states["beta_rate"] ** 2 + (states["theta_rate"] * np.cos(states["beta"])) ** 2
+    height = 0.5 * (states["gap_1"] + states["gap_2"])
+    return (0.5 * (M * speed2 + J_T * turning + J_A * axial**2) + M * G * height).values
+
+
+def _centre_speeds(states):
+    """Square of the centre's speed relative to the plate."""
+    s_b, c_b = np.sin(states["beta"]), np.cos(states["beta"])
+    s_t, c_t = np.sin(states["theta"]), np.cos(states["theta"])
+    w_b, w_t = states["beta_rate"], states["theta_rate"]
+    x = states["x1_rate"] - H * (c_b * c_t * w_t - s_b * s_t * w_b)
+    y = states["y1_rate"] - H * (c_b * s_t * w_t + s_b * c_t * w_b)
+    n = 0.5 * (states["gap_1_rate"] + states["gap_2_rate"])
+    return x**2 + y**2 + n**2
+
+
+@pytest.mark.parametrize("params", [{"beta0": 0.0, "Gamma": 0.5}, {"beta0": 0.0, "Gamma": 0.5, "xdot0": 0.0}])
+def test_a_dimer_that_lies_on_the_plate_stays_there(params):
+    run = simulate(**params, e=0.0, periods=6)
+    late = run.states(np.linspace(3, 6, 31) / 15.0)
+    assert (run.status, run.mode) == ("ok", "rest")
+    assert not (late["gap_1"].values.any() or late["gap_2"].values.any() or late["beta"].values.any())
+    assert not late["gap_2_rate"].values.any()
+
+
+@pytest.mark.parametrize("params", [{}, {"xdot0": 0.0}, {"mu": 0.0, "mu_s": 0.0}, {"e": 0.9}])
+def test_on_a_dead_plate_everything_comes_to_rest(params):
+    run = simulate(**params, Gamma=0.0, periods=60)
+    assert (run.status, run.mode) == ("ok", "rest")
+    states = run.states(np.linspace(0, 4, 2001))
+    levels = energy(states)
+    assert (np.diff(levels) <= 1e-9 * levels[0]).all()  # an error of the default accuracy may add a little
+    assert levels[-1] < levels[0]
+    end = states.isel(time=-1)
+    assert end["gap_1"] == end["gap_2"] == end["beta_rate"] == 0
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("beta0", [0.3, 1.0])
+def test_elastic_bounces_on_a_dead_plate_keep_the_energy(beta0):
+    run = simulate(e=1, mu=0, mu_s=0, Gamma=0, beta0=beta0, periods=1000, rtol=1e-11)
+    assert run.status == "ok"
+    levels = energy(run.states(np.linspace(0, 1000 / 15, 4001)))
+    assert np.abs(levels / levels[0] - 1).max() < 1e-9
+
+
+@pytest.mark.jit
+def test_elastic_bounces_on_a_moving_plate_gain_what_the_plate_gives():
+    """Work of the plate on the dimer: the sum of the impulses times the plate's speed. Over 1,000 periods."""
+    periods, Gamma = 1000, 0.4
+    run = simulate(e=1, mu=0, mu_s=0, Gamma=Gamma, periods=periods, rtol=1e-11)
+    assert run.status == "ok"
+    events, omega = run.events, 2 * pi * 15
+    speed = Gamma * G / omega * np.cos(events["phase"].values)
+    work = (speed * (events["impulse_1"] + events["impulse_2"]).values)
+    ends = run.states([0, periods / 15])
+    lab = ends.assign(gap_1_rate=ends["gap_1_rate"] + _plate_speed(ends, Gamma), gap_2_rate=ends["gap_2_rate"] + _plate_speed(ends, Gamma))
+    lab = lab.assign(gap_1=ends["gap_1"] + ends["plate"], gap_2=ends["gap_2"] + ends["plate"])
+    first, last = energy(lab)
+    # the run's first state is recorded after the impact that it begins with
+    begun = events["cause"].values == "start"
+    work_after = work[np.flatnonzero(begun)[-1] :].sum() if begun.any() else work.sum()
+    assert np.abs(work).sum() > 10 * first
+    assert last - first == pytest.approx(work_after, abs=1e-9 * np.abs(work).sum())
+
+
+def _plate_speed(states, Gamma):
+    omega = 2 * pi * 15
+    return Gamma * G / omega * np.cos(omega * states["time"])
+
+
+@pytest.mark.parametrize("periods", [3])
+def test_runs_are_deterministic_to_the_last_bit(periods):
+    row = row_of()
+    first, again = outcome(row, periods), outcome(row, periods)
+    np.testing.assert_array_equal(first[0], again[0])
+    np.testing.assert_array_equal(first[1], again[1])
+
+
+def varied_rows(n):
+    rng = np.random.default_rng(8)
+    return np.array(
+        [row_of(beta0=rng.uniform(0.02, 1.4), Gamma=rng.uniform(0.3, 1.5), A_r=rng.uniform(3, 8)) for _ in range(n)]
+    )
+
+
+@pytest.mark.jit
+def test_many_runs_are_the_runs_one_at_a_time_bit_for_bit():
+    rows = varied_rows(12)
+    out, codes = outcome(rows, 60, settle=True)
+    for k, row in enumerate(rows):
+        single_out, single_codes = outcome(row, 60, settle=True)
+        np.testing.assert_array_equal(single_out[0], out[k])
+        np.testing.assert_array_equal(single_codes[0], codes[k])
+    assert len({tuple(line) for line in codes}) > 6
+
+
+@pytest.mark.jit
+def test_the_order_of_the_runs_is_of_no_consequence():
+    rows = varied_rows(8)
+    out, codes = outcome(rows, 40)
+    back, back_codes = outcome(rows[::-1].copy(), 40)
+    np.testing.assert_array_equal(back[::-1], out)
+    np.testing.assert_array_equal(back_codes[::-1], codes)
+
+
+@pytest.mark.jit
+def test_the_kernel_is_compiled_once():
+    outcome(row_of(), 2)
+    outcome(varied_rows(3), 3, 1e-6, True)
+    simulate(periods=2, record=True)
+    simulate(periods=2, record=False, stop_when_settled=True, e=1, mu=0, mu_s=0, beta0=0)
+    assert len(engine.run_rows.signatures) == 1
+
+
+@pytest.mark.jit
+def test_the_drift_of_the_base_case_does_not_depend_on_the_accuracy():
+    answers, radii = set(), []
+    for exponent in range(6, 13):
+        out, codes = outcome(row_of(), 100, 10.0**-exponent)
+        answers.add(tuple(codes[0, [CODE[name] for name in ("status", "mode", "mode_period", "di_end")]]))
+        radii.append(out[0, OUT.index("radius")])
+    assert answers == {(layout.OK, layout.M_DRIFT, 1, layout.DI_SP_SK)}
+    np.testing.assert_allclose(radii, 4.2447, rtol=2e-4)
+
+
+@pytest.mark.parametrize(
+    "params",
+    [
+        {"e": 0.0},
+        {"mu": 0.3, "mu_s": 0.3},
+        {"phi0": 2.5},
+        {"A_r": 2.0},
+        {"beta0": 1.55},
+        {"xdot0": 0.0},
+        {"Gamma": 0.0},
+        {"mu": 0.0, "mu_s": 0.0},
+        {"e_1": 0.9, "e_2": 0.1},
+    ],
+)
+def test_corners_of_the_parameters_run_to_their_end(params):
+    run = simulate(**params, periods=4)
+    assert (run.status, run.n_periods) == ("ok", 4)
+    states = run.states(np.linspace(0, 4 / 15, 201))
+    assert states["gap_1"].min() >= 0
+    assert states["gap_2"].min() > -1e-14
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("params", [{"mu": 2.0, "mu_s": 2.0}, {"mu": 1.0, "mu_s": 3.0}, {"mu": 5.0, "mu_s": 5.0, "A_r": 2}])
+def test_large_friction_gives_an_answer_and_not_a_hang(params):
+    _, codes = outcome(row_of(**params), 50)
+    status = STATUSES[codes[0, CODE["status"]]]
+    assert status in ("ok", "jammed", "max_events")
+    assert codes[0, CODE["n_events"]] <= engine.EVENTS_PER_PERIOD * 60 + 1
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("kind", ["any", "equal coefficients", "no restitution", "smooth", "planar", "elastic"])
+def test_random_scenes_run_to_their_end(kind):
+    rng = np.random.default_rng(13)
+    rows = []
+    for _ in range(60):
+        mu = rng.uniform(0.02, 0.7)
+        params = {
+            "e": rng.uniform(0.1, 0.95),
+            "Gamma": rng.uniform(0, 2.5),
+            "f": rng.uniform(8, 60),
+            "A_r": rng.uniform(2, 9),
+            "mu": mu,
+            "mu_s": mu * rng.choice([1.3, 2]),
+            "beta0": rng.uniform(0, 1.5),
+            "xdot0": rng.choice([0.1, 1, 3]),
+            "phi0": rng.uniform(0, 2 * pi),
+        }
+        params |= {
+            "any": {},
+            "equal coefficients": {"mu_s": mu},
+            "no restitution": {"e": 0.0},
+            "smooth": {"mu": 0.0, "mu_s": 0.0},
+            "planar": {"xdot0": 0.0},
+            "elastic": {"e": 1.0, "mu": 0.0, "mu_s": 0.0},
+        }[kind]
+        rows.append(row_of(**params))
+    _, codes = outcome(np.array(rows), 20)
+    failed = [(k, STATUSES[code]) for k, code in enumerate(codes[:, CODE["status"]]) if code != layout.OK]
+    assert not failed
+
+
+def test_a_ball_chatters_to_rest_and_is_thrown_off_again():
+    run = simulate(Gamma=1.3, beta0=0.2, periods=12)
+    causes = list(run.events["cause"].values)
+    assert "chatter_end" in causes
+    later = causes[causes.index("chatter_end") :]
+    assert "lift_off" in later
+    # where the plate falls faster than gravity both ends leave it, and with it every contact
+    events = run.events
+    thrown = (events["cause"].values == "lift_off") & (events["contact_after"].values == "FM")
+    assert thrown.any()
+    acceleration = 1.3 * np.sin(events["phase"].values[thrown])
+    assert (acceleration > 0.5).all()
+
+
+def test_a_bound_on_the_events_ends_a_run(monkeypatch):
+    """A ball that bounces elastically at a frequency of 0.01 Hz does so more often than the bound allows."""
+    status, mode = status_and_mode(row_of(e=1, mu=0, Gamma=0, f=0.001, beta0=0.0001), 1)
+    assert (status, mode) == ("max_events", "failed")
+
+
+def test_every_answer_has_a_name_and_every_status_a_message():
+    assert len(STATUSES) == len(STATUS_MESSAGES) == len(set(STATUSES)) == len(set(STATUS_MESSAGES))
+    codes = {name: getattr(layout, name.upper()) for name in STATUSES}
+    assert list(codes.values()) == list(range(len(STATUSES)))
+    for prefix, names in (("M_", layout.MODES), ("DI_", layout.DI_ENDS), ("C_", layout.CAUSES)):
+        assert [getattr(layout, prefix + name.upper()) for name in names] == list(range(len(names)))
+    assert len(set(layout.CONTACT_STATES)) == 16  # of the 25, mirror images share a name
+    assert len(layout.CONTACT_STATES) == 25
+
+
+def test_the_state_at_the_start_is_the_papers():
+    row = row_of(phi0=0.7, beta0=0.4, xdot0=0.8)
+    run = simulate(phi0=0.7, beta0=0.4, xdot0=0.8, periods=1)
+    first = run.events.isel(event=0)
+    assert (first["time"].item(), first["cause"].item()) == (0, "impact")
+    dm = as_dimer(row) if hasattr(as_dimer, "__wrapped__") else None
+    assert dm is None
+    rise = 0.9 * 9.81 / (2 * pi * 15) * np.cos(0.7)
+    assert first["gap_1_rate_before"].item() == pytest.approx(-rise, rel=1e-14)
