@@ -150,8 +150,14 @@ def choose(dm, state, modes, lifted, lost, slip_tol, work):
 
 
 @inlined
-def move(dm, state, modes, path, tol, slip_tol, work):
+def move(dm, state, modes, chosen, path, tol, slip_tol, work):
     """Move to the next event or to the end of the forcing period, whichever is first.
+
+    Parameters
+    ----------
+    chosen : bool
+        The contact modes have just been chosen, and the contact state stands on the desk: it holds slips that a detour
+        through the kernel state would drown in round-off.
 
     Returns
     -------
@@ -171,8 +177,9 @@ def move(dm, state, modes, path, tol, slip_tol, work):
         touch(dm, state, sign)
         return LANDS, OK
     y = work[ROW_Y]
-    unload(dm, state, -1.0 if modes[0] != FREE else 1.0, y)
-    hold_rest(dm, modes, y)
+    if not chosen:
+        unload(dm, state, -1.0 if modes[0] != FREE else 1.0, y)
+        hold_rest(dm, modes, y)
     t, event = glide(dm, modes, y, state[PHASE] + dm.phi0, span, path, tol, slip_tol, True, work)
     if event == LANDS:
         y[YB] = 0.0
@@ -271,6 +278,7 @@ def evolve(dm, state, modes, periods, rtol, settle, path, past, work, log, event
                 cause = C_CHATTER_END
             before = 0
         slip_tol = no_slip(dm, state, rtol)
+        chosen = pending
         if pending:
             answer = choose(dm, state, modes, lifted, lost, slip_tol, work)
             if answer == INCONSISTENT:
@@ -290,7 +298,7 @@ def evolve(dm, state, modes, periods, rtol, settle, path, past, work, log, event
             note_flights(dm, state, modes, past)
             pending = False
         before = contact_code(modes)
-        event, status = move(dm, state, modes, path, rtol, slip_tol, work)
+        event, status = move(dm, state, modes, chosen, path, rtol, slip_tol, work)
         if status != OK:
             return status, False
         if event == NO_EVENT:

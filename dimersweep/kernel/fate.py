@@ -79,6 +79,7 @@ def begin_past(past):
 @compiled
 def note_take_off(past, i, now):
     """End i leaves the plate now."""
+    past[SCALARS, S_CLOSED] = -1.0
     if past[SCALARS, S_OFF_1 + i] < 0.0:
         past[SCALARS, S_OFF_1 + i] = now
 
@@ -229,10 +230,10 @@ def mode_of(dm, past, at_rest):
     span = p * max(1, 12 // p)
     down_1, down_2 = shares(dm, past, span)
     doubles = past[STROBES + (count - 1) % RING, P_DOUBLES] - past[STROBES + (count - 1 - span) % RING, P_DOUBLES]
-    if p == 1 and doubles == span and max(down_1, down_2) >= DOWN_LINE:
+    if p == 1 and doubles == span and max(down_1, down_2) >= DOWN_LINE and min(down_1, down_2) <= 0.5:
         return M_DRIFT, 1
     together, turns, total = landing_pattern(dm, past, span)
-    if total > 0 and together == total:
+    if (total > 0 and together == total) or (total == 0 and doubles >= span / p):
         return M_JUMP, p
     if p > 1 and total >= 2 and turns == total - 1:
         return M_FLUTTER, p

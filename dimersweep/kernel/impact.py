@@ -89,7 +89,8 @@ def stored_energy(X):
 @compiled
 def presses(i, z):
     """Whether end i is compressed or approaches (beyond what a series of switches at e = 0 leaves)."""
-    return z[ZX1 + i] > 0.0 or z[ZN1 + i] < -LEFT_OVER
+    X, n = z[ZX1 + i], z[ZN1 + i]
+    return n < -LEFT_OVER or X > LEFT_OVER or (X > 0.0 and n > LEFT_OVER)
 
 
 @compiled

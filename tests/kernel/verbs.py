@@ -197,5 +197,3 @@ def kinetic_energy(dm, state):
     c_n = 0.5 * (state[N1] + state[N2])
     moving = dm.m * (state[CA] ** 2 + state[CB] ** 2 + c_n**2)
     return 0.5 * (moving + dm.J_t * (state[WB] ** 2 + state[WP] ** 2) + dm.J_a * state[SPIN] ** 2)
-
-
