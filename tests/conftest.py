@@ -1,26 +1,7 @@
-"""A stand-in for the compiled kernel, for tests of what is around it."""
+"""Fixtures of the tests around the kernel."""
 
-import numpy as np
 import pytest
-
-from dimersweep.kernel.layout import CODES, DI_SP_SK, M_DRIFT, M_REST, M_UNRESOLVED, OK, OUT, ROW
-
-SLOT = {name: k for k, name in enumerate(ROW)}
-CODE = {name: k for k, name in enumerate(CODES)}
-
-
-def fake_run_many(rows, periods, rtol, settle, out, codes):
-    """Bands of drift in beta0 that get denser with f, an unresolved start, rest elsewhere."""
-    beta0, f = rows[:, SLOT["beta0"]], rows[:, SLOT["f"]]
-    drift = np.sin(2 * f * beta0) > 0.2
-    codes[:, CODE["status"]] = OK
-    codes[:, CODE["mode"]] = np.where(beta0 < 0.02, M_UNRESOLVED, np.where(drift, M_DRIFT, M_REST))
-    codes[:, CODE["mode_period"]] = 1
-    codes[:, CODE["di_end"]] = np.where(drift, DI_SP_SK, 0)
-    codes[:, CODE["n_events"]] = 30 * periods
-    codes[:, CODE["n_periods"]] = periods
-    out[:, OUT.index("radius")] = np.where(drift, f**2 / 50 + 1e-3 * beta0, np.nan)
-    out[:, OUT.index("zeta")] = np.where(drift, 1.6, np.nan)
+from fakes import fake_run_many
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import threading
 import numpy as np
 import pytest
 import xarray as xr
-from conftest import fake_run_many
+from fakes import fake_run_many
 from hypothesis import given
 from hypothesis import strategies as st
 
