@@ -47,7 +47,7 @@ def as_dimer(row):
         e_2,
         mu,
         # a hair above mu where the two are equal: slip that sets out of rest then accelerates, however slowly
-        mu_s * (1.0 + 1e-9),
+        max(mu_s, mu * (1.0 + 1e-9)),
         g,
         Gamma * g / omega**2,
         omega,

@@ -35,6 +35,7 @@ N_Z = 7
 ENDED, MODE_CHANGE, STEPS = 0, 1, 2
 MAX_STEPS = 20000
 MAX_BISECT = 60
+RUB = 0.02  # friction, in units of a slip's own rate, from which it steers the slip
 
 
 class PairLaw(NamedTuple):
@@ -144,8 +145,11 @@ def impact_jacobian(law, modes, gains, z, F, J):
 
 
 @compiled
-def impact_step(law, modes, gains, z, h, tol, J, LU, pivots, K, out):
-    """One Rodas5P step of size h from z into `out`; J is the Jacobian at z; returns the error over the tolerance."""
+def impact_step(law, modes, gains, z, h, tol, slip_unit, J, LU, pivots, K, out):
+    """One Rodas5P step of size h from z into `out`; J is the Jacobian at z; returns the error over the tolerance.
+
+    Errors of the slips are measured in `slip_unit`.
+    """
     for i in range(N_Z):
         for j in range(N_Z):
             LU[i, j] = -J[i, j]
@@ -160,7 +164,8 @@ def impact_step(law, modes, gains, z, h, tol, J, LU, pivots, K, out):
     total = 0.0
     for k in range(N_Z):
         out[k] += K[ROS_STAGES - 1, k]
-        total += K[ROS_STAGES - 1, k] ** 2
+        unit = slip_unit if k >= ZA else 1.0
+        total += (K[ROS_STAGES - 1, k] / unit) ** 2
     return sqrt(total / N_Z) / tol
 
 
@@ -275,6 +280,21 @@ def slip_bound(z, rates, modes, h):
 
 
 @compiled
+def slip_unit(law, modes, z, rates):
+    """Unit of the slips' errors: a slip that sets out of rest against friction remembers its first direction, so that its
+    errors count relative to itself; else the approach speed is the unit.
+    """
+    unit = 1.0
+    for i in range(2):
+        v = hypot(z[ZA], z[ZB1 + i])
+        if modes[i] == SLIP and v > 0.0:
+            rate = (z[ZA] * rates[ZA] + z[ZB1 + i] * rates[ZB1 + i]) / v
+            if rate > 0.0 and law.mu * pressure(z[ZX1 + i]) * law.aa > RUB * rate:
+                unit = min(unit, v)
+    return unit
+
+
+@compiled
 def pair_leg(law, z, modes, compressing, tol, slip_tol, work):
     """Integrate from z, in place, to the first event of the phase; returns its number, or -1 when steps ran out."""
     J, LU, K, F = work[0:7], work[7:14], work[14:22], work[22:25]
@@ -290,7 +310,8 @@ def pair_leg(law, z, modes, compressing, tol, slip_tol, work):
         impact_rates(law, modes, gains, z, rates)
         impact_jacobian(law, modes, gains, z, F, J)
         h = slip_bound(z, rates, modes, h)
-        error = impact_step(law, modes, gains, start, h, tol, J, LU, pivots, K, out)
+        unit = slip_unit(law, modes, z, rates)
+        error = impact_step(law, modes, gains, start, h, tol, unit, J, LU, pivots, K, out)
         if not error <= 1.0:
             h *= step_factor(error, 5.0)
             continue
@@ -325,13 +346,13 @@ def first_crossing(law, modes, compressing, armed, gains, start, h, tol, slip_to
         if high - low <= 1e-15 * h:
             break
         mid = inside(low, high, g_low, g_high)
-        impact_step(law, modes, gains, start, mid, tol, J, LU, pivots, K, out)
+        impact_step(law, modes, gains, start, mid, tol, 1.0, J, LU, pivots, K, out)
         g = least_value(law, modes, compressing, armed, start, out, slip_tol)
         low, high, g_low, g_high, side = shrink(low, high, g_low, g_high, mid, g, side)
         if abs(g) <= 1e-15:
             high = mid
             break
-    impact_step(law, modes, gains, start, high, tol, J, LU, pivots, K, out)
+    impact_step(law, modes, gains, start, high, tol, 1.0, J, LU, pivots, K, out)
     least, which = inf, -1
     for k in range(8):
         if armed[k] > 0.0:

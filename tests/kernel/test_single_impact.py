@@ -43,7 +43,7 @@ def strike(dm, state, s, tol=1e-10):
 
 def phase(law, n, a, b, tol=1e-12):
     """Outcome of one impact on its own: (n, a, b), (P, A, B), mode."""
-    n, a, b, E, _, P, A, B, mode, reason = single_phase(law, n, a, b, 0.0, 0.0, tol, desk()[0])
+    n, a, b, E, _, P, A, B, _, _, mode, reason = single_phase(law, n, a, b, 0.0, 0.0, tol, desk()[0])
     assert reason == DONE
     assert E == 0.0
     return np.array([n, a, b]), np.array([P, A, B]), mode
