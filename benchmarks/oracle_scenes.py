@@ -14,8 +14,8 @@ import numpy as np
 TESTS = Path(__file__).resolve().parents[1] / "tests"
 sys.path[:0] = [str(TESTS), str(TESTS / "kernel")]
 
-import oracle
-from scenes import difference, engine_states, random_scene, sample_times
+import oracle  # noqa: E402
+from scenes import difference, engine_states, random_scene, sample_times  # noqa: E402
 
 RTOLS = (1e-8, 1e-10, 1e-12)
 

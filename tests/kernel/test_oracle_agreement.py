@@ -5,10 +5,9 @@ import os
 from pathlib import Path
 
 import numpy as np
+import oracle
 import pytest
 from scenes import difference, engine_states, random_scene, sample_times
-
-import oracle
 
 pytestmark = pytest.mark.jit
 
