@@ -36,7 +36,7 @@ def single_impacts(row, start, V, tol, n, work, log):
     state, total = start.copy(), 0.0
     for _ in range(n):
         state[:] = start
-        status, mode, rows = impact.single_impact(dm, state, -1.0, V, tol, work, log)
+        impact.single_impact(dm, state, -1.0, V, tol, work, log)
         total += state[N1]
     return total
 
@@ -48,7 +48,7 @@ def double_impacts(row, start, V, tol, n, work, log):
     state, modes, total = start.copy(), np.zeros(2), 0.0
     for _ in range(n):
         state[:] = start
-        status, rows = impact.double_impact(dm, state, V, tol, modes, work, log)
+        impact.double_impact(dm, state, V, tol, modes, work, log)
         total += state[N1]
     return total
 
@@ -59,7 +59,7 @@ def landings(row, start, n):
     dm = body.as_dimer(row)
     total = 0.0
     for _ in range(n):
-        sign, t, probes = roots.next_landing(flight.take_off(dm, start), dm.T)
+        _, t, _ = roots.next_landing(flight.take_off(dm, start), dm.T)
         total += t
     return total
 

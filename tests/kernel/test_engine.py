@@ -58,9 +58,9 @@ def test_a_dimer_that_lies_on_the_plate_stays_there(params):
 
 @pytest.mark.parametrize("params", [{}, {"xdot0": 0.0}, {"mu": 0.0, "mu_s": 0.0}, {"e": 0.9}])
 def test_on_a_dead_plate_everything_comes_to_rest(params):
-    run = simulate(**params, Gamma=0.0, periods=60)
+    run = simulate(**params, Gamma=0.0, periods=40)
     assert (run.status, run.mode) == ("ok", "rest")
-    states = run.states(np.linspace(0, 4, 2001))
+    states = run.states(np.linspace(0, 40 / 15, 401))
     levels = energy(states)
     assert (np.diff(levels) <= 1e-9 * levels[0]).all()  # an error of the default accuracy may add a little
     assert levels[-1] < levels[0]
@@ -220,7 +220,7 @@ def test_random_scenes_run_to_their_end(kind):
 
 
 def test_a_ball_chatters_to_rest_and_is_thrown_off_again():
-    run = simulate(Gamma=1.3, beta0=0.2, periods=12)
+    run = simulate(Gamma=1.3, beta0=0.2, periods=8)
     causes = list(run.events["cause"].values)
     assert "chatter_end" in causes
     later = causes[causes.index("chatter_end") :]

@@ -21,7 +21,7 @@ from verbs import (
 )
 
 from dimersweep.kernel.impact import LOG_N1, LOG_N1_AFTER, LOG_P1, LOG_STATE
-from dimersweep.kernel.layout import BETA, CB, IMPACT, N1, N2, N_STATE, OK, SLIP, SPIN, STICK, WB, WP
+from dimersweep.kernel.layout import BETA, CA, CB, IMPACT, N1, N2, N_STATE, OK, SLIP, SPIN, STICK, WB, WP
 from dimersweep.kernel.single_impact import DONE
 
 SMALL = json.loads((Path(__file__).parents[1] / "reference" / "small.json").read_text())
@@ -36,9 +36,11 @@ def strike(dm, state, s, tol=1e-10):
     state = state.copy()
     V = -float(state[N1] if s < 0 else state[N2])
     status, mode, rows = collide_single(dm, state, s, V, tol, work, log)
-    assert (status, rows) == (OK, 1)
-    assert log[0, LOG_STATE] == (5 if s < 0 else 1) * (IMPACT + mode)
-    return state, mode, log[0, LOG_P1 + (0 if s < 0 else 1)]
+    assert status == OK
+    # one row, or two where slip came to rest
+    own = 5 if s < 0 else 1
+    assert log[:rows, LOG_STATE].tolist() in ([own * (IMPACT + mode)], [own * (IMPACT + SLIP), own * (IMPACT + STICK)])
+    return state, mode, log[:rows, LOG_P1 + (0 if s < 0 else 1)].sum()
 
 
 def phase(law, n, a, b, tol=1e-12):
@@ -280,15 +282,17 @@ def test_ten_thousand_random_impacts_never_gain_energy():
     assert cone < 1e-9
 
 
-def test_the_log_tells_what_happened():
-    dm = dimer()
+@pytest.mark.parametrize(("slip", "kinds"), [(0.0, [STICK]), (0.01, [SLIP, STICK]), (3.0, [SLIP])])
+def test_the_log_tells_what_happened(slip, kinds):
+    dm = dimer(mu=0.5)
     work, log = desk()
     before = np.zeros(N_STATE)
-    before[BETA], before[N1], before[N2] = 0.2, -0.3, -0.3
+    before[[BETA, CA, N1, N2]] = 0.1, slip, -0.3, -0.3
     state = before.copy()
     status, mode, rows = collide_single(dm, state, -1.0, 0.3, 1e-10, work, log)
-    assert (status, rows) == (OK, 1)
-    assert log[0, LOG_STATE] == 5 * (IMPACT + mode)
-    np.testing.assert_allclose(log[0, [LOG_N1, LOG_N1_AFTER]], [before[N1], state[N1]], rtol=1e-15)
+    assert (status, mode) == (OK, kinds[-1])
+    assert log[:rows, LOG_STATE].tolist() == [5 * (IMPACT + kind) for kind in kinds]
+    assert (log[0, LOG_N1], log[rows - 1, LOG_N1_AFTER]) == (before[N1], pytest.approx(state[N1], rel=1e-14))
+    np.testing.assert_allclose(log[1:rows, LOG_N1], log[: rows - 1, LOG_N1_AFTER], rtol=1e-15)
     momentum = dm.m * 0.5 * (state[N1] + state[N2] - before[N1] - before[N2])
-    assert log[0, LOG_P1] == pytest.approx(momentum, rel=1e-12)
+    assert log[:rows, LOG_P1].sum() == pytest.approx(momentum, rel=1e-12)
