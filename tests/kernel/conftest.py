@@ -13,7 +13,7 @@ for folder in (HERE, HERE.parent):
 
 
 def pytest_collection_modifyitems(items):
-    """Skip tests marked ``jit`` in a session without the JIT, where they would take hours."""
+    """Skip tests marked ``jit`` where the JIT is off: they would take hours."""
     if numba.config.DISABLE_JIT:
         for item in items:
             if item.get_closest_marker("jit"):
