@@ -63,8 +63,8 @@ def contact_state_name(code: int) -> str:
 CONTACT_STATES = tuple(contact_state_name(code) for code in range(25))
 
 # --- why an event row was written -----------------------------------------------------------------------------------
-CAUSES = ("start", "impact", "chatter_end", "lift_off", "stick", "slip", "slip_other", "end")
-C_START, C_IMPACT, C_CHATTER_END, C_LIFT_OFF, C_STICK, C_SLIP, C_SLIP_OTHER, C_END = range(8)
+CAUSES = ("start", "impact", "chatter_end", "lift_off", "stick", "slip", "end")
+C_START, C_IMPACT, C_CHATTER_END, C_LIFT_OFF, C_STICK, C_SLIP, C_END = range(7)
 
 # --- statuses: 0 is kept for a point of a sweep that has not run ------------------------------------------------------
 STATUSES = (
