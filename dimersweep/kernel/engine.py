@@ -26,7 +26,7 @@ from dimersweep.kernel.fate import (
 from dimersweep.kernel.flight import fly, take_off
 from dimersweep.kernel.glide import GLIDE_ROWS, NO_EVENT, OUT_OF_STEPS, glide
 from dimersweep.kernel.impact import N_LOG, contact_velocity, double_impact, rounding, single_impact
-from dimersweep.kernel.jit import compiled, exported, inlined
+from dimersweep.kernel.jit import compiled, exported
 from dimersweep.kernel.layout import (
     BETA,
     C_CHATTER_END,
@@ -98,7 +98,7 @@ def contact_code(modes):
     return int(5 * modes[0] + modes[1])
 
 
-@inlined
+@compiled
 def collide(dm, state, modes, tol, work, log):
     """Resolve the impact of the closed ends that approach; the state and the friction modes are updated.
 
@@ -149,7 +149,7 @@ def choose(dm, state, modes, lifted, lost, slip_tol, work):
     return answer
 
 
-@inlined
+@compiled
 def move(dm, state, modes, chosen, path, tol, slip_tol, work):
     """Move to the next event or to the end of the forcing period, whichever is first.
 
@@ -233,7 +233,7 @@ def cause_of(event):
     return C_SLIP if event < SLIP_ZERO else C_STICK
 
 
-@inlined
+@compiled
 def evolve(dm, state, modes, periods, rtol, settle, path, past, work, log, events, segments, counts):
     """Run from a state to `periods` completed forcing periods, or until the motion has settled.
 
@@ -329,7 +329,7 @@ def evolve(dm, state, modes, periods, rtol, settle, path, past, work, log, event
     return OK, rests_for_good(dm, state, modes)
 
 
-@inlined
+@compiled
 def strike(dm, state, modes, before, rtol, past, work, log, events, counts):
     """An impact with all that is kept of it: landings, the double event, the rows of the record."""
     now = time_of(state, dm.omega, dm.T)

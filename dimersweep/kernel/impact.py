@@ -17,7 +17,7 @@ from dimersweep.kernel.double_impact import (
     onset_pressures,
     pair_leg,
 )
-from dimersweep.kernel.jit import compiled, inlined
+from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import (
     BETA,
     CA,
@@ -143,7 +143,7 @@ def log_lone(log, count, s, code, n, n_j, n_after, n_j_after, P, a, b):
     return count + 1
 
 
-@inlined
+@compiled
 def single_impact(dm, state, s, V, tol, work, log):
     """Impact at the end with sign s while the other one is off the plate; updates the state.
 
@@ -219,7 +219,7 @@ def pair_impulses(dm, z, start, V):
     return P_1, P_2, A, (bb * d_1 - bb_12 * d_2) / det, (bb * d_2 - bb_12 * d_1) / det
 
 
-@inlined
+@compiled
 def double_impact(dm, state, V, tol, modes, work, log):
     """Impact with both ends on the plate (beta = 0); updates the state and the friction modes of the ends.
 
