@@ -362,8 +362,8 @@ def note_flights(dm, state, modes, past):
 
 
 @exported
-def run_rows(rows, periods, rtol, settle, path, out, codes, desk, log, events, segments, counts):
-    """Verdicts of many runs, and the record of the last of them where `log`, `events` and `segments` have rows.
+def run_rows(rows, periods, rtol, settle, until, path, out, codes, desk, log, events, segments, counts):
+    """Verdicts of runs one after the other, and the record of the last of them where `log`, `events` and `segments` have rows.
 
     Parameters
     ----------
@@ -375,6 +375,8 @@ def run_rows(rows, periods, rtol, settle, path, out, codes, desk, log, events, s
         The one accuracy knob.
     settle : bool
         Stop each run when its motion has settled.
+    until : int
+        Set of modes, as a sum of 2**mode: the first run with one of them is the last one made.
     path : bool
         Whether x1, y1 and gamma are wanted.
     out : float64 array, shape (n, N_OUT)
@@ -385,6 +387,11 @@ def run_rows(rows, periods, rtol, settle, path, out, codes, desk, log, events, s
         Scratch arrays, from ``new_desk``.
     log, events, segments, counts : arrays
         The record, see ``evolve``.
+
+    Returns
+    -------
+    int
+        Number of runs made.
     """
     state, modes, past, work = desk.state, desk.modes, desk.past, desk.work
     for k in range(rows.shape[0]):
@@ -432,6 +439,9 @@ def run_rows(rows, periods, rtol, settle, path, out, codes, desk, log, events, s
                 break
             elif last_strobe(past, desk.strobe) > SEPARATED and leg == TWIN:
                 codes[k, 1] = M_APERIODIC
+        if until >> codes[k, 1] & 1:
+            return k + 1
+    return rows.shape[0]
 
 
 class Desk(NamedTuple):
@@ -457,12 +467,12 @@ def new_desk() -> Desk:
     )
 
 
-def run_many(rows, periods, rtol, settle, out, codes) -> None:
+def run_many(rows, periods, rtol, settle, out, codes, until=0) -> int:
     """Verdicts of many runs, unrecorded: ``run_rows`` with scratch arrays of its own, so that threads may share nothing."""
     none, counts = np.zeros((0, N_LOG)), np.zeros(3, np.int64)
-    run_rows(rows, periods, rtol, settle, False, out, codes, new_desk(), none, none, none, counts)
+    return run_rows(rows, periods, rtol, settle, until, False, out, codes, new_desk(), none, none, none, counts)
 
 
 def run_recorded(rows, periods, rtol, settle, path, out, codes, log, events, segments, counts) -> None:
     """One run with its record: see ``run_rows`` and ``evolve``."""
-    run_rows(rows, periods, rtol, settle, path, out, codes, new_desk(), log, events, segments, counts)
+    run_rows(rows, periods, rtol, settle, 0, path, out, codes, new_desk(), log, events, segments, counts)

@@ -367,3 +367,11 @@ def test_a_run_starts_as_the_paper_says():
     for rate in ("gap_1_rate_before", "gap_2_rate_before"):
         assert first[rate].item() == pytest.approx(-rise, rel=1e-14)
     assert first["beta"].item() == 0.4
+
+
+def test_a_batch_ends_with_the_first_run_of_a_wanted_mode():
+    rows = np.array([row_of(beta0=b) for b in (0.5, 1.2, 0.279)])
+    out, codes = np.full((3, N_OUT), np.nan), np.zeros((3, N_CODES), dtype=np.int64)
+    made = engine.run_many(rows, 300, 1e-8, True, out, codes, 1 << MODES.index("drift"))
+    assert made == 2
+    assert [MODES[mode] for mode in codes[:, CODE["mode"]]] == ["rest", "drift", "not_run"]
