@@ -40,6 +40,7 @@ from dimersweep.kernel.steps import copy
 
 MAX_PHASES = 400
 LEFT_OVER = 1e-10  # approach, in units of V, that ends the infinite series of switches of two ends at e = 0
+PAIR_TOL = 0.02  # of the integrator of a double impact, in units of the impact's tolerance: its steps add up
 SLIP_TOL = 0.1  # slip that counts as none, in units of the impact's tolerance
 # a row of the impact's log: contact state; gap rates before, after; impulses; slips (a_1, b_1, a_2, b_2) after
 LOG_STATE, LOG_N1, LOG_N2, LOG_N1_AFTER, LOG_N2_AFTER, LOG_P1, LOG_P2, LOG_A1, LOG_B1, LOG_A2, LOG_B2 = range(11)
@@ -247,7 +248,7 @@ def double_impact(dm, state, V, tol, modes, work, log):
         if on_1 and on_2:
             f_1, f_2 = onset_pressures(z)
             friction_modes(law, z, modes, f_1, f_2, slip_tol, lost)
-            event = pair_leg(law, z, modes, compressing, tol, slip_tol, work)
+            event = pair_leg(law, z, modes, compressing, PAIR_TOL * tol, slip_tol, work)
             if event < 0:
                 break
             lost = 4 <= event < 6
