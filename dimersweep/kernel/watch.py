@@ -37,14 +37,14 @@ def glide_value(dm, modes, k, base, y, F, slip_tol):
 
 
 @compiled
-def least_value(dm, modes, armed, base, y, F, slip_tol):
-    """Least of the armed event functions and its number (inf and -1 if none is armed)."""
+def least_value(dm, modes, armed, base, y, F, slip_tol, values):
+    """Least of the armed event functions and its number (inf and -1 if none is armed); all of them into `values`."""
     least, which = inf, -1
     for k in range(N_EVENTS):
         if armed[k] > 0.0:
-            value = glide_value(dm, modes, k, base, y, F, slip_tol)
-            if value < least:
-                least, which = value, k
+            values[k] = glide_value(dm, modes, k, base, y, F, slip_tol)
+            if values[k] < least:
+                least, which = values[k], k
     return least, which
 
 
@@ -127,18 +127,6 @@ def run_out(dm, modes, y, dy, i, slip_tol, n):
     t = -v2 / (a * d_a + b * d_b) if v2 > slip_tol * slip_tol else 0.0
     carry(y, dy, t, n)
     stop_slip(dm, modes, y, i)
-    return t
-
-
-@compiled
-def run_in(dm, modes, y, dy, span, tol, slip_tol, n):
-    """Carry a state whose slip has only begun a brief time along a straight line; returns the time, 0.0 if it has not."""
-    v, rate = slip_speed(dm, modes, y, dy)
-    t = min(brief(dm, tol), 0.5 * span)
-    single = modes[0] == FREE or modes[1] == FREE
-    if v > slip_tol or rate <= 0.0 or (single and abs(y[YB]) <= 4.0 * t * (abs(y[YWB]) + t * abs(dy[YWB]))):
-        return 0.0
-    carry(y, dy, t, n)
     return t
 
 
