@@ -1,8 +1,8 @@
 """A phase of sustained contact from its start to its first event: integration, and the location of the event."""
 
-from math import hypot, inf
+from math import hypot, inf, sqrt
 
-from dimersweep.kernel.contact import N_CLOSED, N_PATH, YB, YTIME, YWB, contact_rates, slip_of
+from dimersweep.kernel.contact import F1, F2, N_CLOSED, N_PATH, YB, YTIME, YWB, contact_rates, slip_of
 from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import FREE
 from dimersweep.kernel.paces import BENCH_ROWS, PLAIN, SLIDE, SLOW, lay_out, set_scales, step_to, stiffness
@@ -26,8 +26,9 @@ MAX_PROBES = 80
 STIFF = 0.02  # time in which the slip turns, in forcing periods, below which the plain pace is left
 FALLING = 0.15  # rate of slip, in units of -gamma, from which the slow pace takes it
 TURNS = 5.0  # of a slip, that a plain step may span: what the method bears
-LONGEST = 0.125  # longest step, in forcing periods
-FIRST = 0.1  # first step
+LONGEST = 0.25  # longest step, in forcing periods
+FIRST = 0.125  # first step
+BEYOND = 1.02  # how far past a landing in sight a step goes
 EXACT = 1e-3  # what an event function may be past its zero, in units of the tolerance and of its change in the step
 GLIDE_ROWS = BENCH_ROWS
 
@@ -106,10 +107,11 @@ def first_crossing(dm, modes, phase, h, n, pace, gamma, event, least, tol, slip_
 def hidden_dip(dm, modes, phase, h, n, slip_tol, b):
     """Share of an accepted step at which an event function may dip below zero between positive ends; 1.0 if none does.
 
-    The functions are evaluated on the cubic through the step's ends; the parabola through the lowest of them bounds what
-    lies between.
+    The functions are evaluated on the cubic through the step's ends; the parabola through the lowest of them, less the
+    error of the cubic of a function that changes with the plate, bounds what lies between.
     """
     values = b.values
+    doubt = (dm.omega * h) ** 4 / 384.0
     least_value(dm, modes, b.armed, b.start, b.start, b.F, slip_tol, values[0])
     values_on_cubic(dm, modes, phase, 1.0 / 3.0, h, n, slip_tol, b, values[1])
     values_on_cubic(dm, modes, phase, 2.0 / 3.0, h, n, slip_tol, b, values[2])
@@ -124,21 +126,24 @@ def hidden_dip(dm, modes, phase, h, n, slip_tol, b):
         if left < 0.0 or right < 0.0 or left + right == 0.0:
             continue
         shift = 0.5 * (left - right) / (left + right)
-        if low - 0.25 * (left - right) * shift <= 0.0:
+        if low - 0.25 * (left - right) * shift <= doubt * max(left, right):
             share = min(share, (q + shift) / 3.0)
     return share
 
 
 @compiled
-def first_step(dm, modes, y, dy):
-    """Step to begin with: well inside the hop of the other end, if that has just left the plate."""
-    h = FIRST * dm.T
-    rise, fall = y[YWB], dy[YWB]
-    if modes[0] == FREE:
-        rise, fall = -rise, -fall
-    if y[YB] == 0.0 and rise > 0.0 and fall < 0.0:
-        h = min(h, -rise / fall)
-    return h
+def landing_in_sight(dm, modes, y, dy):
+    """Time after which the open end has landed at its present acceleration, and a little more; inf if it does not."""
+    sign = 1.0 if modes[0] != FREE else -1.0
+    gap, rate, fall = sign * y[YB], sign * y[YWB], sign * dy[YWB]
+    if (modes[0] != FREE and modes[1] != FREE) or gap < 0.0:
+        return inf
+    if gap == 0.0:  # it has just left: a step within its hop
+        return -rate / fall if rate > 0.0 and fall < 0.0 else inf
+    disc = rate * rate - 2.0 * fall * gap
+    if disc < 0.0 or (rate >= 0.0 and fall >= 0.0):
+        return inf
+    return BEYOND * (2.0 * gap / (sqrt(disc) - rate) if rate < 0.0 else (rate + sqrt(disc)) / -fall)
 
 
 @compiled
@@ -182,13 +187,13 @@ def glide(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
     arm(dm, modes, b.armed, y, b.F, slip_tol)
     if modes[0] == FREE or modes[1] == FREE:
         b.armed[LANDS] = 1.0
-    h, xi, t = first_step(dm, modes, y, b.dy), 10.0, 0.0
+    h, xi, t = FIRST * dm.T, 2.0, 0.0
     for _ in range(MAX_STEPS):
         if t >= span:
             return t, NO_EVENT
         y[YTIME] = 0.0
         copy(y, b.start, N_PATH)
-        gamma = stiffness(dm, b.F)
+        gamma = stiffness(dm, max(b.F[F1], b.F[F2]))
         now = phase + dm.omega * t
         v, rate = slip_speed(dm, modes, y, b.dy)
         if v < STIFF * dm.T * gamma:
@@ -201,9 +206,10 @@ def glide(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
             pace = SLIDE
         h = min(h, LONGEST * dm.T)
         if pace != SLOW:
-            h = min(h, slip_limit(dm, modes, y, b.dy))
+            slowing = 0.5 if pace == SLIDE else 0.9
+            h = min(h, min(slowing * slip_limit(dm, modes, y, b.dy), landing_in_sight(dm, modes, y, b.dy)))
         if pace == PLAIN and gamma > 0.0:
-            h = min(h, TURNS * v / gamma)
+            h = min(h, TURNS * v / max(gamma, stiffness(dm, 0.5 * dm.m * dm.g)))
         last = pace != SLOW and h >= (span - t) * (1.0 - 1e-12)
         if last:
             h = span - t
@@ -212,7 +218,7 @@ def glide(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
         dt = b.out[YTIME]
         factor = step_factor(error, 8.0)
         if not error <= 1.0 or (pace == SLOW and dt > span - t):
-            factor = min(factor, 0.5)
+            factor = 0.3 if error == inf else min(factor, 0.5)
             h, xi = (h, factor * xi) if pace == SLOW else (factor * h, xi)
             continue
         if watch:

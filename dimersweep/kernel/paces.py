@@ -10,8 +10,6 @@ from typing import Any, NamedTuple
 
 from dimersweep.kernel.collocation import NEXT, NODES, RADAU_A, RADAU_C, TOP
 from dimersweep.kernel.contact import (
-    F1,
-    F2,
     N_CLOSED,
     YB,
     YGAMMA,
@@ -103,9 +101,9 @@ def set_scales(dm, tol, scale):
 
 
 @compiled
-def stiffness(dm, F):
-    """gamma: the rate at which friction turns a slip, times its speed [m s-2]."""
-    return dm.mu * (1.0 / dm.m + dm.h * dm.h / dm.J_t + dm.r * dm.r / dm.J_a) * max(F[F1], F[F2])
+def stiffness(dm, force):
+    """gamma: the rate at which friction under a normal force turns a slip, times its speed [m s-2]."""
+    return dm.mu * (1.0 / dm.m + dm.h * dm.h / dm.J_t + dm.r * dm.r / dm.J_a) * force
 
 
 @compiled
@@ -208,7 +206,7 @@ def slide_error(h, b):
             top += TOP[j + 1] * b.K[j, k]
             near += NEXT[j] * b.K[j, k]
         ratio = min(1.0, abs(top / near)) if near != 0.0 else 1.0
-        total += (h * top * ratio * ratio / b.scale[k]) ** 2
+        total += (h * top * ratio / b.scale[k]) ** 2
     return sqrt(total / N_CLOSED)
 
 

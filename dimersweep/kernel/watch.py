@@ -52,7 +52,7 @@ def least_value(dm, modes, armed, base, y, F, slip_tol, values):
 def arm(dm, modes, armed, y, F, slip_tol):
     """Arm the event functions that are positive."""
     for k in range(N_EVENTS):
-        if glide_value(dm, modes, k, y, y, F, slip_tol) > 0.0:
+        if 0.0 < glide_value(dm, modes, k, y, y, F, slip_tol) < inf:
             armed[k] = 1.0
 
 
@@ -72,7 +72,7 @@ def slip_speed(dm, modes, y, dy):
 
 @compiled
 def slip_limit(dm, modes, y, dy):
-    """Time over which no slip falls below about a tenth of itself at its present rate."""
+    """Time over which no slip comes to rest at its present rate."""
     h = inf
     for i in range(2):
         if modes[i] == SLIP:
@@ -81,7 +81,7 @@ def slip_limit(dm, modes, y, dy):
             v = hypot(a, b)
             rate = (a * d_a + b * d_b) / v
             if rate < 0.0:
-                h = min(h, -0.9 * v / rate)
+                h = min(h, -v / rate)
     return h
 
 
