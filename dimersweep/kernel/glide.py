@@ -25,9 +25,9 @@ MAX_STEPS = 20000
 MAX_PROBES = 80
 STIFF = 0.02  # time in which the slip turns, in forcing periods, below which the plain pace is left
 FALLING = 0.15  # rate of slip, in units of -gamma, from which the slow pace takes it
-TURNS = 5.0  # of a slip, that a plain step may span: what the method bears
-LONGEST = 0.25  # longest step, in forcing periods
-FIRST = 0.125  # first step
+TURNS = 7.0  # of a slip, that a plain step may span: what the method bears
+LONGEST = 0.125  # longest step, in forcing periods
+FIRST = 0.1  # first step
 BEYOND = 1.02  # how far past a landing in sight a step goes
 EXACT = 1e-3  # what an event function may be past its zero, in units of the tolerance and of its change in the step
 GLIDE_ROWS = BENCH_ROWS
@@ -196,8 +196,9 @@ def glide(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
         gamma = stiffness(dm, max(b.F[F1], b.F[F2]))
         now = phase + dm.omega * t
         v, rate = slip_speed(dm, modes, y, b.dy)
-        if v < STIFF * dm.T * gamma:
-            stopping = nearly_stopped(dm, modes, y, b.dy, span - t, tol, slip_tol) if watch else -1
+        sets_out = t == 0.0 and v <= slip_tol  # its mode was chosen: what rounding says of its rate counts less
+        if watch and not sets_out and v < STIFF * dm.T * gamma:
+            stopping = nearly_stopped(dm, modes, y, b.dy, span - t, tol, slip_tol)
             if stopping >= 0:
                 t += run_out(dm, modes, y, b.dy, stopping, slip_tol, n)
                 return t, SLIP_ZERO + stopping

@@ -288,21 +288,35 @@ def phase_code(on, mode):
 
 @compiled
 def settle_event(law, event, z, compressing):
-    """Make the outcome of an event exact: the function that vanished is zero."""
+    """Make the outcome of an event exact: the function that vanished is zero.
+
+    The other end may have passed an event of its own in the same rounding: what its state says then holds for it too.
+    """
     i = event % 2
     if event < 2:
         z[ZN1 + i] = 0.0
-        compressing[i] = -compressing[i]
-        e = law.e_1 if i == 0 else law.e_2
-        if e == 0.0 or z[ZX1 + i] <= 0.0:
-            z[ZX1 + i] = 0.0
-            compressing[i] = 1.0
+        turn(law, i, z, compressing)
     elif event < 4:
         z[ZX1 + i] = 0.0
         compressing[i] = 1.0
     elif event >= 6:
         z[ZB1 + i] = 0.0
         z[ZA] = 0.0
+    j = 1 - i
+    if z[ZX1 + j] > 0.0 and z[ZN1 + j] * compressing[j] > 0.0:
+        turn(law, j, z, compressing)
+    elif z[ZX1 + j] <= 0.0 and compressing[j] < 0.0:
+        z[ZX1 + j], compressing[j] = 0.0, 1.0
+
+
+@compiled
+def turn(law, i, z, compressing):
+    """End i passes from compression to restitution or back; without restitution its energy is lost."""
+    compressing[i] = -compressing[i]
+    e = law.e_1 if i == 0 else law.e_2
+    if e == 0.0 or z[ZX1 + i] <= 0.0:
+        z[ZX1 + i] = 0.0
+        compressing[i] = 1.0
 
 
 @compiled

@@ -27,25 +27,26 @@ from dimersweep.kernel.contact import (
 )
 from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import FREE, SLIP
-from dimersweep.kernel.steps import DOP_STAGES, copy, explicit_method, lu_factor, lu_solve
+from dimersweep.kernel.steps import DOP_STAGES, copy, explicit_finish, explicit_stage, lu_factor, lu_solve
+from dimersweep.kernel.watch import slip_speed
 
 PLAIN, SLOW, SLIDE = 0, 1, 2
 MAX_TURNS = 14  # Newton iterations of a slide
+SETTLED = 0.1  # change in a Newton iteration, over the tolerance, that ends them
+RENEWED = 2  # the iteration that takes new derivatives
 TURN = 1e-6  # change of a slip, in units of itself, in its finite differences
-SLIPS = (YUA, YUB, YWP)  # what turns with a slip: the first two with one end down, all with both
-glide_stage, glide_finish = explicit_method(N_CLOSED)
 
-BENCH_ROWS = 69
+BENCH_ROWS = 79
 
 
 class Bench(NamedTuple):
     """Rows of the work array, by what they hold during a step."""
 
     K: Any  # slopes of the stages
-    Y: Any  # states at the nodes of a slide, and what they lack
-    R: Any
+    Y: Any  # states at the nodes of a slide
     J: Any  # derivatives of the slopes with respect to the slips, and the Newton matrix
     LU: Any
+    B: Any  # directions of the turns
     start: Any  # state, rates and forces at the start of the step, and at its end
     dy: Any
     F: Any
@@ -68,23 +69,23 @@ def lay_out(work):
     return Bench(
         work[0:12],
         work[12:17],
-        work[17:22],
-        work[22:37],
-        work[37:52],
-        work[52],
-        work[53],
-        work[54],
-        work[55],
-        work[56],
-        work[57],
-        work[58],
-        work[59],
-        work[60:64],
+        work[17:32],
+        work[32:47],
+        work[47:62],
+        work[62],
+        work[63],
         work[64],
         work[65],
         work[66],
         work[67],
         work[68],
+        work[69],
+        work[70:74],
+        work[74],
+        work[75],
+        work[76],
+        work[77],
+        work[78],
     )
 
 
@@ -103,7 +104,7 @@ def set_scales(dm, tol, scale):
 @compiled
 def stiffness(dm, force):
     """gamma: the rate at which friction under a normal force turns a slip, times its speed [m s-2]."""
-    return dm.mu * (1.0 / dm.m + dm.h * dm.h / dm.J_t + dm.r * dm.r / dm.J_a) * force
+    return dm.mu * (dm.im + dm.h * dm.h * dm.it + dm.r * dm.r * dm.ia) * force
 
 
 @compiled
@@ -113,7 +114,7 @@ def slowness(dm, modes, y):
     for i in range(2):
         if modes[i] == SLIP:
             a, b = slip_of(dm, modes, y, i)
-            inverse += 1.0 / hypot(a, b)
+            inverse += 1.0 / sqrt(a * a + b * b)
     return 1.0 / inverse
 
 
@@ -125,46 +126,67 @@ def explicit_step(dm, modes, phase, h, n, pace, gamma, b):
             copy(b.dy, b.K[0], n)
             copy(b.start, b.out, n)
         else:
-            glide_stage(i, h, b.start, b.K, n, b.out)
+            explicit_stage(i, h, b.start, b.K, n, b.out)
             contact_rates(dm, modes, phase + dm.omega * b.out[YTIME], b.out, n > N_CLOSED, b.K[i], b.F_out)
         if pace == SLOW:
             share = slowness(dm, modes, b.out) / gamma
             for k in range(n):
                 b.K[i, k] *= share
-    return glide_finish(h, b.start, b.K, n, b.scale, b.out)
+    return explicit_finish(h, b.start, b.K, n, b.scale, b.out)
 
 
 @compiled
-def turn_slopes(dm, modes, phase, h, n, m, j, b):
-    """Derivatives of the slopes at node j with respect to each slip, by forward differences, into b.J."""
+def set_turns(modes, j, y, b):
+    """Directions of change of the slips (YUA, YUB, YWP) that turn them, into rows of b.B; returns how many.
+
+    A single slip only turns across itself; of two slips, which share their axial part, every change turns one.
+    """
+    if modes[0] != FREE and modes[1] != FREE:
+        for i in range(3):
+            row = b.B[3 * j + i]
+            row[0], row[1], row[2] = 0.0, 0.0, 0.0
+            row[i] = 1.0
+        return 3
+    v = hypot(y[YUA], y[YUB])
+    row = b.B[j]
+    row[0], row[1], row[2] = -y[YUB] / v, y[YUA] / v, 0.0
+    return 1
+
+
+@compiled
+def turn_slopes(dm, modes, phase, h, n, j, b):
+    """Derivatives of the slopes at node j with respect to the turns, by forward differences, into b.J; returns how many."""
     y, f = b.Y[j], b.K[j]
-    a_1, b_1 = slip_of(dm, modes, y, 0)
-    v = hypot(a_1, b_1)
-    if m > 2:
-        a_2, b_2 = slip_of(dm, modes, y, 1)
-        v = min(v, hypot(a_2, b_2)) if v > 0.0 else hypot(a_2, b_2)
+    v, _ = slip_speed(dm, modes, y, y)
+    m = set_turns(modes, j, y, b)
     for i in range(m):
-        slot = SLIPS[i]
-        size = TURN * v / (2.0 * dm.h) if slot == YWP else TURN * v
-        kept = y[slot]
-        y[slot] = kept + size
-        size = y[slot] - kept
-        contact_rates(dm, modes, phase + dm.omega * h * RADAU_C[j], y, n > N_CLOSED, b.dy_probe, b.F_probe)
-        y[slot] = kept
+        turn = b.B[j * m + i]
+        size = TURN * v * (1.0 - turn[2] + turn[2] / (2.0 * dm.h))
+        for k in range(N_CLOSED):
+            b.probe[k] = y[k]
+        b.probe[YUA] += size * turn[0]
+        b.probe[YUB] += size * turn[1]
+        b.probe[YWP] += size * turn[2]
+        contact_rates(dm, modes, phase + dm.omega * h * RADAU_C[j], b.probe, n > N_CLOSED, b.dy_probe, b.F_probe)
         row = b.J[j * m + i]
         for k in range(n):
-            row[k] = (b.dy_probe[k] - f[k]) / size if size != 0.0 else 0.0
+            row[k] = (b.dy_probe[k] - f[k]) / size
+    return m
 
 
 @compiled
 def newton_matrix(h, m, b):
-    """1 - h A dq'/dq over the slips q at all nodes, factored, in b.LU; returns whether it could be."""
+    """1 - h A dq'/dq over the turns q at all nodes, factored, in b.LU; returns whether it could be."""
     for j in range(NODES):
         for i in range(m):
+            p = j * m + i
+            turn = b.B[p]
             for k in range(NODES):
-                for q in range(m):
-                    entry = -h * RADAU_A[j, k] * b.J[k * m + q, SLIPS[i]]
-                    b.LU[j * m + i, k * m + q] = entry + 1.0 if j == k and i == q else entry
+                a = h * RADAU_A[j, k]
+                for q in range(k * m, k * m + m):
+                    slope = b.J[q]
+                    b.LU[p, q] = -a * (turn[0] * slope[YUA] + turn[1] * slope[YUB] + turn[2] * slope[YWP])
+            b.LU[p, p] += 1.0
     return lu_factor(b.LU, NODES * m, b.pivots)
 
 
@@ -172,27 +194,32 @@ def newton_matrix(h, m, b):
 def improve(h, n, m, b):
     """One Newton iteration of the states at the nodes; returns the largest change over the tolerance.
 
-    Only the turning of the slips is stiff: the other derivatives are left out, and what the slips change is carried over.
+    Only the turning of the slips is stiff: the other derivatives are left out, and what the turns change is carried over.
     """
     for j in range(NODES):
-        for k in range(n):
-            total = 0.0
-            for i in range(NODES):
-                total += RADAU_A[j, i] * b.K[i, k]
-            b.R[j, k] = b.start[k] + h * total - b.Y[j, k]
-        for i in range(m):
-            b.change[j * m + i] = b.R[j, SLIPS[i]]
+        u_a, u_b, w_p = b.start[YUA] - b.Y[j, YUA], b.start[YUB] - b.Y[j, YUB], b.start[YWP] - b.Y[j, YWP]
+        for k in range(NODES):
+            a, slope = h * RADAU_A[j, k], b.K[k]
+            u_a += a * slope[YUA]
+            u_b += a * slope[YUB]
+            w_p += a * slope[YWP]
+        for i in range(j * m, j * m + m):
+            b.change[i] = b.B[i, 0] * u_a + b.B[i, 1] * u_b + b.B[i, 2] * w_p
     lu_solve(b.LU, NODES * m, b.pivots, b.change)
+    for j in range(NODES):
+        for i in range(j * m, j * m + m):
+            for k in range(n):
+                b.K[j, k] += b.J[i, k] * b.change[i]
     largest = 0.0
     for j in range(NODES):
-        for k in range(n):
-            d = b.R[j, k]
-            for i in range(NODES):
-                for q in range(m):
-                    d += h * RADAU_A[j, i] * b.J[i * m + q, k] * b.change[i * m + q]
-            b.Y[j, k] += d
-            if k < N_CLOSED:
-                largest = max(largest, abs(d) / b.scale[k])
+        copy(b.start, b.probe, n)
+        for i in range(NODES):
+            a = h * RADAU_A[j, i]
+            for k in range(n):
+                b.probe[k] += a * b.K[i, k]
+        for k in range(N_CLOSED):
+            largest = max(largest, abs(b.probe[k] - b.Y[j, k]) / b.scale[k])
+        copy(b.probe, b.Y[j], n)
     return largest
 
 
@@ -213,7 +240,7 @@ def slide_error(h, b):
 @compiled
 def slide_step(dm, modes, phase, h, n, b):
     """One Radau IIA step of h seconds from b.start into b.out; returns the error over the tolerance, inf if it fails."""
-    m = 3 if modes[0] != FREE and modes[1] != FREE else 2
+    m = 1
     for j in range(NODES):
         for k in range(n):
             b.Y[j, k] = b.start[k] + h * RADAU_C[j] * b.dy[k]
@@ -222,17 +249,17 @@ def slide_step(dm, modes, phase, h, n, b):
         for j in range(NODES):
             at = phase + dm.omega * h * RADAU_C[j]
             contact_rates(dm, modes, at, b.Y[j], n > N_CLOSED, b.K[j], b.F_out)
-        if turn == 0 or turn == 5:
+        if turn == 0 or turn == RENEWED:
             for j in range(NODES):
-                turn_slopes(dm, modes, phase, h, n, m, j, b)
+                m = turn_slopes(dm, modes, phase, h, n, j, b)
             if not newton_matrix(h, m, b):
                 return inf
         change = improve(h, n, m, b)
-        if change <= 0.01:
+        if change <= SETTLED:
             copy(b.Y[NODES - 1], b.out, n)
             b.out[YTIME] = h
             return slide_error(h, b)
-        if not change < inf or (turn > 2 and turn != 5 and change > before):
+        if not change < inf or (turn > RENEWED and change > before):
             return inf
         before = change
     return inf
@@ -241,9 +268,7 @@ def slide_step(dm, modes, phase, h, n, b):
 @compiled
 def step_to(dm, modes, phase, h, n, pace, gamma, b):
     """One step; the rates (per time) and forces at its end are left in b.dy_out, b.F_out. Returns the error."""
-    if pace == SLIDE:
-        error = slide_step(dm, modes, phase, h, n, b)
-    else:
-        error = explicit_step(dm, modes, phase, h, n, pace, gamma, b)
+    slides = pace == SLIDE
+    error = slide_step(dm, modes, phase, h, n, b) if slides else explicit_step(dm, modes, phase, h, n, pace, gamma, b)
     contact_rates(dm, modes, phase + dm.omega * b.out[YTIME], b.out, n > N_CLOSED, b.dy_out, b.F_out)
     return error

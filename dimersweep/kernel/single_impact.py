@@ -11,7 +11,7 @@ gives a leg and its events at once. Velocities are in units of the approach spee
 Delassus operator of 1/m.
 """
 
-from math import copysign, exp, hypot, inf, log1p, sqrt
+from math import copysign, exp, hypot, inf, log, log1p, sqrt
 from typing import NamedTuple
 
 from dimersweep.kernel.jit import compiled
@@ -24,7 +24,7 @@ INVARIANT = 1e-14  # rate of turning (per xi) below which any slip direction cou
 ATTRACTED = 1e-2  # effect on the rates, in tolerances, of what is left of the turning towards an attracting direction
 
 
-ORDER = 15  # of the expansion of a leg with a turning slip direction
+ORDER = 15  # at most, of the expansion of a leg with a turning slip direction
 A_V, A_A, A_P, A_N, A_J, A_E = range(6)  # its rows: slip, axial slip, impulse, gap rates of both ends, energy
 
 
@@ -96,8 +96,8 @@ def time_to_events(law, n, E, v, n_j, compressing, w, w_j, w_v):
 
 
 @compiled
-def expand(law, n0, a, b, E, n_j0, gain, c):
-    """Taylor coefficients of a leg in xi, up to xi**ORDER, into the rows of c: A_V, A_A, A_P, A_N, A_J, A_E.
+def expand(law, n0, a, b, E, n_j0, gain, order, c):
+    """Taylor coefficients of a leg in xi, up to xi**order, into the rows of c: A_V, A_A, A_P, A_N, A_J, A_E.
 
     With dP = v dxi both slips have linear laws, a' = W_na v - mu W_aa a and b' = -mu W_bb b, so that b is an exponential
     and v = sqrt(a^2 + b^2) the only function to expand.
@@ -105,7 +105,7 @@ def expand(law, n0, a, b, E, n_j0, gain, c):
     c[A_A, 0], c[A_P, 0], c[A_N, 0], c[A_J, 0], c[A_E, 0] = a, 0.0, n0, n_j0, E
     v0 = hypot(a, b)
     fading = b * b  # coefficient of b^2
-    for j in range(ORDER):
+    for j in range(order):
         square, inner, work = fading, 0.0, 0.0
         for i in range(j + 1):
             square += c[A_A, i] * c[A_A, j - i]
@@ -125,21 +125,21 @@ def expand(law, n0, a, b, E, n_j0, gain, c):
 
 
 @compiled
-def at(c, row, xi):
+def at(c, row, order, xi):
     """Value and slope of an expansion at xi."""
-    value, slope = c[row, ORDER], 0.0
-    for j in range(ORDER - 1, -1, -1):
+    value, slope = c[row, order], 0.0
+    for j in range(order - 1, -1, -1):
         slope = slope * xi + value
         value = value * xi + c[row, j]
     return value, slope
 
 
 @compiled
-def reach(c, v, tol):
+def reach(c, order, v, tol):
     """Step over which the last terms of the expansions stay below the tolerance, and well inside their convergence."""
     small = 0.1 * min(tol, 0.01 * v)
     least = inf
-    for j in range(ORDER - 1, ORDER + 1):
+    for j in range(order - 1, order + 1):
         size = max(abs(c[A_A, j]), max(abs(c[A_P, j]), max(abs(c[A_N, j]), abs(c[A_E, j]))))
         if size > 0.0:
             least = min(least, (small / size) ** (1.0 / j))
@@ -147,19 +147,19 @@ def reach(c, v, tol):
 
 
 @compiled
-def first_zero(c, row, sign, h):
+def first_zero(c, row, order, sign, h):
     """First zero in (0, h] of an expansion, of the given sign before, whose slope changes sign at most once; else inf.
 
     Bracketed Newton steps; a dip below zero between positive ends is looked for at the bottom of it.
     """
     low, high = 0.0, h
-    end, slope_end = at(c, row, h)
+    end, slope_end = at(c, row, order, h)
     if sign * end > 0.0:
         if sign * c[row, 1] >= 0.0 or sign * slope_end <= 0.0:
             return inf
         for _ in range(60):
             mid = 0.5 * (low + high)
-            value, slope = at(c, row, mid)
+            value, slope = at(c, row, order, mid)
             if sign * value <= 0.0:
                 high = mid
                 break
@@ -169,7 +169,7 @@ def first_zero(c, row, sign, h):
         low = 0.0
     x = high
     for _ in range(100):
-        value, slope = at(c, row, x)
+        value, slope = at(c, row, order, x)
         low, high = (x, high) if sign * value > 0.0 else (low, x)
         new = x - value / slope if slope != 0.0 else high
         if not low <= new <= high:
@@ -192,23 +192,24 @@ def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
         LEG (go on with the next leg) or STEPS.
     """
     gain = 1.0 if compressing else 1.0 / (law.e * law.e)
+    order = min(ORDER, int(8.0 - 0.6 * log(tol)))  # the least work for a step of this accuracy
     slip_end = max(tol, 1e-14 * hypot(a, b))
     n, n_j, P, A, B = n0, n_j0, 0.0, 0.0, 0.0
     for _ in range(MAX_STEPS):
         v = hypot(a, b)
-        expand(law, n, a, b, E, n_j, gain, work)
-        h = reach(work, v, tol)
-        xi_n = first_zero(work, A_N, -1.0 if compressing else 1.0, h)
-        xi_E = inf if compressing else first_zero(work, A_E, 1.0, h)
-        xi_j = first_zero(work, A_J, 1.0, h) if law.both > 0.0 else inf
+        expand(law, n, a, b, E, n_j, gain, order, work)
+        h = reach(work, order, v, tol)
+        xi_n = first_zero(work, A_N, order, -1.0 if compressing else 1.0, h)
+        xi_E = inf if compressing else first_zero(work, A_E, order, 1.0, h)
+        xi_j = first_zero(work, A_J, order, 1.0, h) if law.both > 0.0 else inf
         xi = min(min(xi_n, xi_E), min(xi_j, h))
         a_old, b_old = a, b
-        a, _ = at(work, A_A, xi)
+        a, _ = at(work, A_A, order, xi)
         b = b * exp(-law.mu * law.bb * xi)
-        dP, _ = at(work, A_P, xi)
-        n, _ = at(work, A_N, xi)
-        E, _ = at(work, A_E, xi)
-        n_j, _ = at(work, A_J, xi)
+        dP, _ = at(work, A_P, order, xi)
+        n, _ = at(work, A_N, order, xi)
+        E, _ = at(work, A_E, order, xi)
+        n_j, _ = at(work, A_J, order, xi)
         P, A, B = P + dP, A + (a - a_old - law.na * dP) / law.aa, B + (b - b_old) / law.bb
         v = hypot(a, b)
         ended = xi == xi_n or xi == xi_E or xi == xi_j

@@ -9,6 +9,7 @@ from dimersweep.kernel.layout import FREE, SLIP, STICK
 # events of a contact phase; even numbers are p1's, odd ones p2's
 LIFTS, HOLD_LOST, SLIP_ZERO, LANDS = 0, 2, 4, 6
 N_EVENTS = 7
+NEAR = 10.0  # slip, in units of the one that counts as none, whose direction is only known as well as the tolerance
 
 
 @compiled
@@ -58,8 +59,13 @@ def arm(dm, modes, armed, y, F, slip_tol):
 
 @compiled
 def slip_speed(dm, modes, y, dy):
-    """Speed of the end that slips most slowly, and its rate; inf, 0.0 if none slips."""
+    """Speed of the end that slips most slowly, and its rate; inf, 0.0 if none has a slip that turns.
+
+    Beside an end that sticks the other one slips along a fixed line.
+    """
     least, rate = inf, 0.0
+    if modes[0] == STICK or modes[1] == STICK:
+        return least, rate
     for i in range(2):
         if modes[i] == SLIP:
             a, b = slip_of(dm, modes, y, i)
@@ -95,7 +101,7 @@ def brief(dm, tol):
 def nearly_stopped(dm, modes, y, dy, span, tol, slip_tol):
     """Number of a slipping end that comes to rest along a straight line within a brief time, -1 if none does.
 
-    Its slip and the change of its slip must be parallel to the tolerance; within `slip_tol` of rest slowing down will do.
+    Its slip and the change of its slip must be parallel to the tolerance; within a tolerance of rest slowing down will do.
     """
     for i in range(2):
         if modes[i] == SLIP:
@@ -105,7 +111,7 @@ def nearly_stopped(dm, modes, y, dy, span, tol, slip_tol):
             if along < 0.0:
                 across = abs(a * d_b - b * d_a) * v / -along
                 soon = v * v / -along <= min(span, brief(dm, tol))
-                if v <= slip_tol or (soon and across <= 0.1 * tol * dm.v_scale):
+                if v <= NEAR * slip_tol or (soon and across <= 0.1 * tol * dm.v_scale):
                     return i
     return -1
 
