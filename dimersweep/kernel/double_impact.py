@@ -1,4 +1,4 @@
-"""Impact at both ends at once: the regular form of (6)-(7), integrated with an L-stable Rosenbrock method.
+"""Impact at both ends at once: the regular form of (6)-(7), integrated to each event.
 
 At a double contact beta = 0, the ends share one axial velocity a. With X_i = (5 E_i / 2)^(2/5) and dP_i = X_i^(3/2) dtau
 
@@ -6,19 +6,24 @@ At a double contact beta = 0, the ends share one axial velocity a. With X_i = (5
     n_2' = W_12 f_1 + W_11 f_2 + w A        b_i' = B_ii L_i + B_ij L_j
     X_i' = -n_i in compression, -n_i / e_i^2 in restitution
 
-with f_i = X_i^(3/2), A the total axial and L_i the lateral friction per tau. The slip direction is stiff where an end slips
-slowly, hence the method. Units: velocities of the approach speed V, impulses of m V, the Delassus operator of 1/m.
+with f_i = X_i^(3/2), A the total axial and L_i the lateral friction per tau. DOP853 integrates it, but for Rodas5P where a
+slip is so slow that its direction is stiff. Units: velocities of the approach speed V, impulses of m V, the Delassus
+operator of 1/m.
 """
 
 from math import copysign, hypot, inf, sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import SLIP, STICK
 from dimersweep.kernel.steps import (
+    DOP_STAGES,
     ROS_STAGES,
+    WIDTH,
     clear,
     copy,
+    explicit_finish,
+    explicit_stage,
     implicit_load,
     implicit_stage,
     inside,
@@ -35,6 +40,11 @@ N_Z = 7
 ENDED, MODE_CHANGE, STEPS = 0, 1, 2
 MAX_STEPS = 20000
 MAX_BISECT = 60
+PAIR_ROWS = 36
+FIRST = 0.05  # first step
+TURNS = 4.0  # of a slip, that an explicit step may span: what the method bears
+STIFF = 0.01  # explicit step below which the implicit method is the quicker one
+EXACT = 1e-3  # what an event function may be off its zero, in units of the tolerance
 RUB = 0.02  # friction, in units of a slip's own rate, from which it steers the slip
 
 
@@ -144,29 +154,97 @@ def impact_jacobian(law, modes, gains, z, F, J):
     J[ZX2, ZN2] = -gains[1]
 
 
+class PairBench(NamedTuple):
+    """Rows of the work array, by what they hold during a step."""
+
+    K: Any  # slopes of the stages
+    J: Any  # Jacobian, and the matrix of the implicit stages
+    LU: Any
+    F: Any  # derivatives of the frictions
+    start: Any  # state and rates at the start of the step, and the state at its end
+    rates: Any
+    out: Any
+    scale: Any
+    gains: Any
+    armed: Any  # event functions that have been positive
+    pivots: Any
+
+
 @compiled
-def impact_step(law, modes, gains, z, h, tol, slip_unit, J, LU, pivots, K, out):
-    """One Rodas5P step of size h from z into `out`; J is the Jacobian at z; returns the error over the tolerance.
+def lay_out_pair(work):
+    """The bench on a work array of at least PAIR_ROWS rows."""
+    return PairBench(
+        work[0:12],
+        work[12:19],
+        work[19:26],
+        work[26:29],
+        work[29],
+        work[30],
+        work[31],
+        work[32],
+        work[33],
+        work[34],
+        work[35],
+    )
+
+
+@compiled
+def explicit_step(law, modes, h, tol, b):
+    """One DOP853 step of size h from b.start into b.out; returns the error over the tolerance."""
+    for k in range(WIDTH):
+        b.scale[k] = tol
+    copy(b.rates, b.K[0], WIDTH)
+    for i in range(1, DOP_STAGES):
+        explicit_stage(i, h, b.start, b.K, WIDTH, b.out)
+        impact_rates(law, modes, b.gains, b.out, b.K[i])
+    return explicit_finish(h, b.start, b.K, WIDTH, b.scale, b.out)
+
+
+@compiled
+def implicit_step(law, modes, h, tol, slip_unit, b):
+    """One Rodas5P step of size h from b.start into b.out; returns the error over the tolerance.
 
     Errors of the slips are measured in `slip_unit`.
     """
+    impact_jacobian(law, modes, b.gains, b.start, b.F, b.J)
     for i in range(N_Z):
         for j in range(N_Z):
-            LU[i, j] = -J[i, j]
-        LU[i, i] += 1.0 / (ROS_GAMMA * h)
-    if not lu_factor(LU, N_Z, pivots):
+            b.LU[i, j] = -b.J[i, j]
+        b.LU[i, i] += 1.0 / (ROS_GAMMA * h)
+    if not lu_factor(b.LU, N_Z, b.pivots):
         return inf
     for i in range(ROS_STAGES):
-        implicit_stage(i, z, K, N_Z, out)
-        impact_rates(law, modes, gains, out, K[i])
-        implicit_load(i, h, K, N_Z, K[i])
-        lu_solve(LU, N_Z, pivots, K[i])
+        implicit_stage(i, b.start, b.K, N_Z, b.out)
+        impact_rates(law, modes, b.gains, b.out, b.K[i])
+        implicit_load(i, h, b.K, N_Z, b.K[i])
+        lu_solve(b.LU, N_Z, b.pivots, b.K[i])
     total = 0.0
     for k in range(N_Z):
-        out[k] += K[ROS_STAGES - 1, k]
+        b.out[k] += b.K[ROS_STAGES - 1, k]
         unit = slip_unit if k >= ZA else 1.0
-        total += (K[ROS_STAGES - 1, k] / unit) ** 2
+        total += (b.K[ROS_STAGES - 1, k] / unit) ** 2
     return sqrt(total / N_Z) / tol
+
+
+@compiled
+def pair_step(law, modes, h, tol, slip_unit, stiff, b):
+    """One step of size h from b.start into b.out, by the method that suits; returns the error over the tolerance."""
+    if stiff:
+        return implicit_step(law, modes, h, tol, slip_unit, b)
+    return explicit_step(law, modes, h, tol, b)
+
+
+@compiled
+def turning_time(law, modes, z):
+    """Time in which friction turns the slip that it turns fastest; inf if none turns."""
+    least = inf
+    if modes[0] == STICK or modes[1] == STICK:
+        return least
+    for i in range(2):
+        pace = law.mu * law.bb * pressure(z[ZX1 + i])
+        if pace > 0.0:
+            least = min(least, hypot(z[ZA], z[ZB1 + i]) / pace)
+    return least
 
 
 @compiled
@@ -297,66 +375,71 @@ def slip_unit(law, modes, z, rates):
 @compiled
 def pair_leg(law, z, modes, compressing, tol, slip_tol, work):
     """Integrate from z, in place, to the first event of the phase; returns its number, or -1 when steps ran out."""
-    J, LU, K, F = work[0:7], work[7:14], work[14:22], work[22:25]
-    out, gains, pivots, armed, rates, start = work[25], work[26], work[27], work[28], work[29], work[30]
+    b = lay_out_pair(work)
     for i in range(2):
         e = law.e_1 if i == 0 else law.e_2
-        gains[i] = 1.0 if compressing[i] > 0.0 else 1.0 / (e * e)
+        b.gains[i] = 1.0 if compressing[i] > 0.0 else 1.0 / (e * e)
     for k in range(8):
-        armed[k] = 1.0 if event_value(law, k, modes, compressing, z, z, slip_tol) > 0.0 else 0.0
-    h = 0.05
+        b.armed[k] = 1.0 if event_value(law, k, modes, compressing, z, z, slip_tol) > 0.0 else 0.0
+    for k in range(N_Z, WIDTH):
+        b.start[k], b.rates[k] = 0.0, 0.0
+        for i in range(DOP_STAGES):
+            b.K[i, k] = 0.0
+    h = FIRST
     for _ in range(MAX_STEPS):
-        copy(z, start, N_Z)
-        impact_rates(law, modes, gains, z, rates)
-        impact_jacobian(law, modes, gains, z, F, J)
-        h = slip_bound(z, rates, modes, h)
-        unit = slip_unit(law, modes, z, rates)
-        error = impact_step(law, modes, gains, start, h, tol, unit, J, LU, pivots, K, out)
+        copy(z, b.start, N_Z)
+        impact_rates(law, modes, b.gains, z, b.rates)
+        turns = TURNS * turning_time(law, modes, z)
+        stiff = turns < STIFF
+        h = slip_bound(z, b.rates, modes, h if stiff else min(h, turns))
+        unit = slip_unit(law, modes, z, b.rates) if stiff else 1.0
+        error = pair_step(law, modes, h, tol, unit, stiff, b)
+        factor = step_factor(error, 5.0 if stiff else 8.0)
         if not error <= 1.0:
-            h *= step_factor(error, 5.0)
+            h *= factor
             continue
-        grown = h * step_factor(error, 5.0)
-        event = crossing(law, modes, compressing, armed, start, out, slip_tol)
+        event = crossing(law, modes, compressing, b.armed, b.start, b.out, slip_tol)
         if event < 0:
-            copy(out, z, N_Z)
+            copy(b.out, z, N_Z)
             for k in range(8):
                 if event_value(law, k, modes, compressing, z, z, slip_tol) > 0.0:
-                    armed[k] = 1.0
-            h = grown
+                    b.armed[k] = 1.0
+            h *= factor
             continue
-        event = first_crossing(law, modes, compressing, armed, gains, start, h, tol, slip_tol, J, LU, pivots, K, out)
-        copy(out, z, N_Z)
+        event = first_crossing(law, modes, compressing, h, tol, slip_tol, stiff, b)
+        copy(b.out, z, N_Z)
         if event < 6 or hypot(z[ZA], z[ZB1 + event - 6]) <= 4.0 * slip_tol:
             return event
-        h = grown  # the slip has only turned by a right angle, and goes on
+        h *= factor  # the slip has only turned by a right angle, and goes on
     return -1
 
 
 @compiled
-def first_crossing(law, modes, compressing, armed, gains, start, h, tol, slip_tol, J, LU, pivots, K, out):
-    """Number of the first event in the step h from `start`, whose end is in `out`; then `out` is the state at the event.
+def first_crossing(law, modes, compressing, h, tol, slip_tol, stiff, b):
+    """Number of the first event in the step h from b.start, whose end is in b.out; then b.out is the state at the event.
 
     Bracketed search, each probe a step of its own.
     """
     low, high = 0.0, h
-    g_low = least_value(law, modes, compressing, armed, start, start, slip_tol)
-    g_high = least_value(law, modes, compressing, armed, start, out, slip_tol)
+    g_low = least_value(law, modes, compressing, b.armed, b.start, b.start, slip_tol)
+    g_high = least_value(law, modes, compressing, b.armed, b.start, b.out, slip_tol)
     side = 0
     for _ in range(MAX_BISECT):
         if high - low <= 1e-15 * h:
             break
         mid = inside(low, high, g_low, g_high)
-        impact_step(law, modes, gains, start, mid, tol, 1.0, J, LU, pivots, K, out)
-        g = least_value(law, modes, compressing, armed, start, out, slip_tol)
+        pair_step(law, modes, mid, tol, 1.0, stiff, b)
+        g = least_value(law, modes, compressing, b.armed, b.start, b.out, slip_tol)
         low, high, g_low, g_high, side = shrink(low, high, g_low, g_high, mid, g, side)
-        if abs(g) <= 1e-15:
+        if abs(g) <= EXACT * tol:
             high = mid
             break
-    impact_step(law, modes, gains, start, high, tol, 1.0, J, LU, pivots, K, out)
+    else:
+        pair_step(law, modes, high, tol, 1.0, stiff, b)
     least, which = inf, -1
     for k in range(8):
-        if armed[k] > 0.0:
-            value = event_value(law, k, modes, compressing, start, out, slip_tol)
+        if b.armed[k] > 0.0:
+            value = event_value(law, k, modes, compressing, b.start, b.out, slip_tol)
             if value < least:
                 least, which = value, k
     return which

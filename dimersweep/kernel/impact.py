@@ -45,7 +45,6 @@ SLIP_TOL = 0.1  # slip that counts as none, in units of the impact's tolerance
 # a row of the impact's log: contact state; gap rates before, after; impulses; slips (a_1, b_1, a_2, b_2) after
 LOG_STATE, LOG_N1, LOG_N2, LOG_N1_AFTER, LOG_N2_AFTER, LOG_P1, LOG_P2, LOG_A1, LOG_B1, LOG_A2, LOG_B2 = range(11)
 N_LOG = 11
-WORK_ROWS, WORK_COLUMNS = 40, 16
 
 
 @compiled
@@ -230,7 +229,7 @@ def double_impact(dm, state, V, tol, modes, work, log):
         OK or the reason; rows logged.
     """
     law = pair_law(dm, dm.mu, dm.mu_s)
-    z, start, before, compressing, mid = work[31], work[32], work[33], work[34], work[35]
+    z, start, before, compressing, mid = work[36], work[37], work[38], work[39], work[40]
     load_pair(dm, state, V, z)
     copy(z, start, N_Z)
     slip_tol = max(SLIP_TOL * tol, rounding(dm, state) / V)
