@@ -3,20 +3,6 @@
 from math import cos, hypot, sin
 
 from dimersweep.kernel.body import delassus, levers
-from dimersweep.kernel.double_impact import (
-    N_Z,
-    ZA,
-    ZB1,
-    ZB2,
-    ZN1,
-    ZN2,
-    ZX1,
-    ZX2,
-    PairLaw,
-    friction_modes,
-    onset_pressures,
-    pair_leg,
-)
 from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import (
     BETA,
@@ -35,6 +21,8 @@ from dimersweep.kernel.layout import (
     WB,
     WP,
 )
+from dimersweep.kernel.pair_law import N_Z, ZA, ZB1, ZB2, ZN1, ZN2, ZX1, ZX2, PairLaw, friction_modes, onset_pressures
+from dimersweep.kernel.pair_leg import pair_leg
 from dimersweep.kernel.single_impact import DONE, JAM, STEPS, EndLaw, single_phase
 from dimersweep.kernel.steps import copy
 

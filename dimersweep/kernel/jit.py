@@ -15,6 +15,7 @@ from numba.core import types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 
+# no reference counts: nothing is allocated, and a part returns no array to code that counts
 # no fastmath: it would break the ordering of events and the meaning of nan; error_model "numpy" spares a branch
 # per division (a kernel never raises)
 _SETTINGS = {"_nrt": False, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
