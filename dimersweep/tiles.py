@@ -1,7 +1,7 @@
 """The unit of work: a range of grid points, and the pure function that any thread, process or machine runs it with."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from math import ceil
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -9,13 +9,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dimersweep.cube import blank
-from dimersweep.grid import Grid
+from dimersweep.grid import Grid, make_grid
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.engine import run_many
-from dimersweep.kernel.layout import CODES, M_FAILED
+from dimersweep.kernel.layout import CODES, M_APERIODIC, M_FAILED, M_UNRESOLVED
+from dimersweep.parameters import check_count, check_rtol
 
 TILE_SECONDS = 0.5  # long against the cost of a task (4 ms), short against the patience of Ctrl-C (2 s)
 TILES_PER_WORKER = 4  # at least, so that no worker idles for long at the end
+CHUNK_SECONDS = 0.1  # what one call of the kernel aims at: it can be stopped only between calls
+LONGEST_TILE = 2 * TILE_SECONDS  # a task whose points turn out slow comes back with those it has by then
+SLOW_MODES = sum(1 << mode for mode in (M_FAILED, M_APERIODIC, M_UNRESOLVED))  # these use all periods they are given
 _MODE = CODES.index("mode")
 
 
@@ -26,13 +30,17 @@ class Tile(NamedTuple):
     stop: int
 
 
+Bundle = tuple[Tile, ...]  # what one task runs: scattered points would be too little work one by one
+
+
 class Finished(NamedTuple):
-    """A tile with its results, or with the error that kept it from any (empty if none)."""
+    """A tile with its results; what kept points from having any (empty if nothing); and the time it took [s]."""
 
     tile: Tile
     out: np.ndarray
     codes: np.ndarray
-    error: str
+    error: str = ""
+    seconds: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -67,6 +75,51 @@ class Spec:
             "kernel_version": kernel_version(),
         }
 
+    @classmethod
+    def from_configuration(cls, told: Mapping[str, Any]) -> "Spec":
+        """The spec that gave `told` as its `configuration`, whatever the kernel was; judged like any other input.
+
+        Raises
+        ------
+        ParameterError
+            If a value is not allowed.
+        KeyError
+            If something is missing.
+        """
+        return make_spec(
+            told["grid"],
+            told["fixed"],
+            periods=told["periods"],
+            rtol=told["rtol"],
+            stop_when_settled=told["stop_when_settled"],
+        )
+
+
+def make_spec(
+    axes: Mapping[str, Any],
+    fixed: Mapping[str, Any] | None = None,
+    *,
+    periods: int,
+    rtol: float = 1e-8,
+    stop_when_settled: bool = True,
+) -> Spec:
+    """A spec from what a user gives, see `sweep`.
+
+    Raises
+    ------
+    ParameterError
+        Naming what is not allowed.
+    """
+    return Spec(make_grid(axes, fixed), check_count("periods", periods), check_rtol(rtol), bool(stop_when_settled))
+
+
+def advance(spec: Spec, rows: np.ndarray, out: np.ndarray, codes: np.ndarray) -> int:
+    """Run points from the first one on, until all are done or one has used all its periods, and count them.
+
+    That end keeps a batch of quick points from going on for long when it meets slow ones.
+    """
+    return run_many(rows, spec.periods, spec.rtol, spec.stop_when_settled, out, codes, until=SLOW_MODES)
+
 
 def run_tile(spec: Spec, tile: Tile) -> tuple[np.ndarray, np.ndarray]:
     """Run the points of one tile.
@@ -79,18 +132,91 @@ def run_tile(spec: Spec, tile: Tile) -> tuple[np.ndarray, np.ndarray]:
     codes : ndarray, shape (tile.stop - tile.start, N_CODES), int64
     """
     out, codes = blank(tile.stop - tile.start)
-    run_many(spec.grid.rows(*tile), spec.periods, spec.rtol, spec.stop_when_settled, out, codes)
+    rows, done = spec.grid.rows(*tile), 0
+    while done < len(rows):
+        done += advance(spec, rows[done:], out[done:], codes[done:])
     return out, codes
 
 
-def attempt(spec: Spec, tile: Tile) -> Finished:
-    """Run one tile; an exception marks its points as failed and goes no further."""
-    try:
-        return Finished(tile, *run_tile(spec, tile), error="")
-    except Exception as error:  # whatever it is, it must not cost the other tiles
-        out, codes = blank(tile.stop - tile.start)
-        codes[:, _MODE] = M_FAILED
-        return Finished(tile, out, codes, f"{type(error).__name__}: {error}")
+def _never() -> bool:
+    return False
+
+
+def attempt(spec: Spec, tile: Tile, stopped: Callable[[], bool] = _never, shift: int = 0) -> Finished:
+    """Run one tile in short calls of the kernel; a point that raises is marked as failed.
+
+    Parameters
+    ----------
+    spec : Spec
+    tile : Tile
+    stopped : callable
+        Asked between two calls; if it says True, the tile ends there, though not before its first point.
+    shift : int
+        What to add to the numbers of points, where `spec` is a window of a larger grid.
+
+    Returns
+    -------
+    Finished
+    """
+    begun = perf_counter()
+    out, codes = blank(tile.stop - tile.start)
+    rows = spec.grid.rows(*tile)
+    start = tile.start + shift
+    done, batch, errors = 0, 1, []
+    while done < len(rows):
+        part = slice(done, done + batch)
+        try:
+            done += advance(spec, rows[part], out[part], codes[part])
+        except Exception as error:  # whatever it is, it must not cost the other points
+            out[part], codes[part] = blank(len(rows[part]))
+            if len(rows[part]) > 1:
+                batch = 1  # find the one
+                continue
+            codes[done, _MODE] = M_FAILED
+            errors.append(f"point {start + done}: {type(error).__name__}: {error}")
+            done += 1
+        if stopped():
+            break
+        batch = max(1, min(2 * batch, int(CHUNK_SECONDS * done / (perf_counter() - begun))))
+    out[np.isnan(out)] = np.nan  # one pattern of bits, whatever operation made it
+    more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
+    told = errors[0] + more if errors else ""
+    return Finished(Tile(start, start + done), out[:done], codes[:done], told, perf_counter() - begun)
+
+
+def attempt_all(spec: Spec, tiles: Bundle, stopped: Callable[[], bool] = _never, shift: int = 0) -> list[Finished]:
+    """Run tiles one after the other, for `LONGEST_TILE` seconds at most (or one point); see `attempt`.
+
+    Returns
+    -------
+    list of Finished
+        The last one may be short of its tile, and the tiles after it missing.
+    """
+    ends = perf_counter() + LONGEST_TILE
+
+    def out_of_time() -> bool:
+        return stopped() or perf_counter() > ends
+
+    finished = []
+    for tile in tiles:
+        finished.append(attempt(spec, tile, out_of_time, shift))
+        if out_of_time():
+            break
+    return finished
+
+
+def narrowed(spec: Spec, tiles: Bundle) -> tuple[Spec, Bundle, int]:
+    """The same points in a spec that is small enough to travel with every task, and the `shift` back."""
+    grid, start = spec.grid.window(tiles[0].start, tiles[-1].stop)
+    shift = tiles[0].start - start
+    return replace(spec, grid=grid), tuple(Tile(a - shift, b - shift) for a, b in tiles), shift
+
+
+def lost(tile: Tile, error: BaseException) -> Finished:
+    """A tile whose worker died or could not return it, with its points marked as failed."""
+    out, codes = blank(tile.stop - tile.start)
+    codes[:, _MODE] = M_FAILED
+    return Finished(tile, out, codes, f"points {tile.start} to {tile.stop - 1}: {type(error).__name__}: {error}")
 
 
 def seconds_per_point(spec: Spec, sample: int = 8) -> float:
@@ -115,4 +241,44 @@ def tile_length(spec: Spec, workers: int) -> int:
 
 def split(size: int, length: int) -> Iterator[Tile]:
     """Tiles of `length` points that cover `size` points; the last one may be shorter."""
-    return (Tile(start, min(start + length, size)) for start in range(0, size, length))
+    return split_ranges([Tile(0, size)], length)
+
+
+def split_ranges(ranges: Iterable[Tile], length: int) -> Iterator[Tile]:
+    """Tiles of at most `length` points that cover `ranges`."""
+    return (Tile(at, min(at + length, stop)) for start, stop in ranges for at in range(start, stop, length))
+
+
+def bundles(ranges: Iterable[Tile], length: int) -> Iterator[Bundle]:
+    """Bundles of `length` points that cover `ranges`; the last one may have fewer."""
+    bundle: list[Tile] = []
+    room = length
+    for start, stop in ranges:
+        at = start
+        while at < stop:
+            end = min(stop, at + room)
+            bundle.append(Tile(at, end))
+            room -= end - at
+            at = end
+            if room == 0:
+                yield tuple(bundle)
+                bundle, room = [], length
+    if bundle:
+        yield tuple(bundle)
+
+
+def gaps(size: int, done: Iterable[Tile]) -> Iterator[Tile]:
+    """The ranges of `size` points that no tile of `done` covers."""
+    reached = 0
+    for start, stop in sorted(done):
+        if start > reached:
+            yield Tile(reached, start)
+        reached = max(reached, stop)
+    if reached < size:
+        yield Tile(reached, size)
+
+
+def runs(chosen: np.ndarray, start: int = 0) -> list[Tile]:
+    """The ranges where `chosen`, shape (n,), bool, holds; its first item is point `start`."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], chosen, [False])).astype(np.int8))) + start
+    return [Tile(a, b) for a, b in edges.reshape(-1, 2).tolist()]

@@ -56,19 +56,21 @@ def test_threads_and_tiles_give_the_bits_of_a_serial_run(monkeypatch):
 
 
 def test_a_tile_that_fails_marks_only_its_points(monkeypatch):
-    def breaks_at_20_hz(rows, *others):
+    def breaks_at_20_hz(rows, *others, until):
         if (rows[:, 3] == 20).any():
             raise MemoryError("no room")
-        fake_run_many(rows, *others)
+        return fake_run_many(rows, *others)
 
     monkeypatch.setattr("dimersweep.tiles.run_many", breaks_at_20_hz)
     monkeypatch.setattr("dimersweep.sweeping.tile_length", lambda spec, workers: 89)
-    with pytest.warns(RuntimeWarning, match="1 tiles failed; points 89 to 177: MemoryError: no room"):
+    with pytest.warns(
+        RuntimeWarning, match=r"1 tiles have points that failed; point 89: MemoryError: no room \(and 88 more\)"
+    ):
         cube = quiet_sweep()
     failed = names(cube["mode"]) == "failed"
     assert failed.sel(f=20).all() and not failed.sel(f=[15, 25]).any()
     assert cube["radius"].sel(f=20).isnull().all()
-    assert cube.attrs["failures"] == "points 89 to 177: MemoryError: no room"
+    assert cube.attrs["failures"] == "point 89: MemoryError: no room (and 88 more)"
 
 
 def test_the_cube_is_written_and_tells_its_configuration(fake_kernel, tmp_path):
