@@ -4,7 +4,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ThreadPoolExecutor, wait
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any, NamedTuple
 
 from dimersweep.errors import ParameterError, UserError
@@ -17,6 +17,8 @@ GRACE = 1.0  # seconds that running tiles have to come back when the sweep is st
 POLL = 0.1  # seconds between two looks at the flag
 CONNECT_SECONDS = 10.0  # to find a scheduler
 COUNT_SECONDS = 5.0  # between two counts of the workers of a cluster, which may come and go
+
+LOST = "scheduler: the connection to the cluster is lost; what was finished is kept"
 
 
 class Pool(NamedTuple):
@@ -100,17 +102,28 @@ def cluster(spec: Spec, client: Any) -> Iterator[Pool]:
     def workers() -> int:
         nonlocal counted, count
         if time.monotonic() - counted > COUNT_SECONDS:
-            counted, count = time.monotonic(), sum(client.nthreads().values())
+            with _connection():
+                counted, count = time.monotonic(), sum(client.nthreads().values())
         return max(1, count)
 
     def submit(tiles: Bundle) -> "Future[list[Finished]]":
         # the task carries its points along: data scattered beforehand could die with a worker
-        return executor.submit(run_elsewhere, *narrowed(spec, tiles), kernel_version())
+        with _connection():
+            return executor.submit(run_elsewhere, *narrowed(spec, tiles), kernel_version())
 
     try:
         yield Pool(submit, workers)
     finally:
-        executor.shutdown(wait=False)
+        with suppress(Exception):  # of a connection that is lost
+            executor.shutdown(wait=False)
+
+
+@contextmanager
+def _connection() -> Iterator[None]:
+    try:
+        yield
+    except Exception as error:  # distributed has no common class for what a lost scheduler leads to
+        raise UserError(f"{LOST} ({type(error).__name__}: {error})") from error
 
 
 def outcome(future: "Future[list[Finished]]", tiles: Bundle) -> list[Finished]:
@@ -124,7 +137,7 @@ def outcome(future: "Future[list[Finished]]", tiles: Bundle) -> list[Finished]:
     try:
         return future.result()
     except CancelledError:
-        raise UserError("scheduler: the connection to the cluster is lost; what was finished is kept") from None
+        raise UserError(LOST) from None
     except UserError:
         raise
     except Exception as error:  # of the machinery: `attempt` catches those of the kernel

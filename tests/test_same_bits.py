@@ -76,7 +76,7 @@ def test_four_processes(serial, tmp_path):
     from distributed import Client, LocalCluster
 
     with (
-        LocalCluster(n_workers=4, threads_per_worker=1, dashboard_address=None) as cluster,
+        LocalCluster(n_workers=4, threads_per_worker=1, dashboard_address=":0") as cluster,
         Client(cluster) as client,
     ):
         assert_same(swept(client=client, out=tmp_path / "cube.nc"), serial)
