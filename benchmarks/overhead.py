@@ -2,7 +2,8 @@
 
 Each round runs the same sweep to a file on one thread and on two, in turn, and the medians over the rounds are printed:
 the time of the whole call over the sum of the kernel's times shared among the threads, and the speed of two threads over
-that of one. The sum of kernel times is measured around the calls of the compiled code, on the threads that make them.
+that of one. The sum of kernel times is measured around the calls of the compiled code, on the threads that make them. Where the
+kernel was not on a core all that time, other programs were at work, and the scaling says nothing.
 """
 
 import argparse
@@ -10,7 +11,7 @@ import tempfile
 import threading
 from pathlib import Path
 from statistics import median
-from time import perf_counter
+from time import perf_counter, thread_time
 from typing import Any
 
 import dimersweep.tiles
@@ -25,20 +26,21 @@ class KernelClock:
     def __init__(self) -> None:
         self.inner = dimersweep.tiles.run_many
         self.lock = threading.Lock()
-        self.seconds = 0.0
+        self.seconds = self.cpu = 0.0
 
     def __call__(self, *arguments: Any, **more: Any) -> int:
-        begun = perf_counter()
+        begun, begun_cpu = perf_counter(), thread_time()
         made = self.inner(*arguments, **more)
-        spent = perf_counter() - begun
+        spent, spent_cpu = perf_counter() - begun, thread_time() - begun_cpu
         with self.lock:
             self.seconds += spent
+            self.cpu += spent_cpu
         return made
 
 
-def measure(declared: declaration.Declaration, workers: int, clock: KernelClock) -> tuple[float, float]:
-    """Wall time of the sweep and sum of the kernel's times [s]."""
-    clock.seconds = 0.0
+def measure(declared: declaration.Declaration, workers: int, clock: KernelClock) -> tuple[float, float, float]:
+    """Wall time of the sweep, sum of the kernel's times, and its time on a processor [s]."""
+    clock.seconds = clock.cpu = 0.0
     with tempfile.TemporaryDirectory() as folder:
         begun = perf_counter()
         sweep(
@@ -49,7 +51,7 @@ def measure(declared: declaration.Declaration, workers: int, clock: KernelClock)
             workers=workers,
             progress=False,
         )
-        return perf_counter() - begun, clock.seconds
+        return perf_counter() - begun, clock.seconds, clock.cpu
 
 
 def main() -> None:
@@ -62,14 +64,17 @@ def main() -> None:
     clock = KernelClock()
     dimersweep.tiles.run_many = clock  # type: ignore[assignment]
     sweep({"f": [15, 20]}, periods=2, progress=False)  # compiles
-    times: dict[int, list[tuple[float, float]]] = {1: [], 2: []}
+    times: dict[int, list[tuple[float, float, float]]] = {1: [], 2: []}
     for number in range(given.rounds):
         for workers in (1, 2) if number % 2 == 0 else (2, 1):
             times[workers].append(measure(declared, workers, clock))
-    for workers, pairs in times.items():
-        wall, kernel = median(pair[0] for pair in pairs), median(pair[1] for pair in pairs)
-        over = median(workers * pair[0] / pair[1] for pair in pairs)
-        print(f"{workers} threads: wall {wall:.2f} s, sum of kernel times {kernel:.2f} s, overhead {over:.3f}")
+    for workers, rounds in times.items():
+        wall, kernel, cpu = (median(column) for column in zip(*rounds, strict=True))
+        over = median(workers * wall / kernel for wall, kernel, _ in rounds)
+        print(
+            f"{workers} threads: wall {wall:.2f} s, sum of kernel times {kernel:.2f} s ({100 * cpu / kernel:.0f} % of it "
+            f"on a core), overhead {over:.3f}"
+        )
     gains = [one[0] / two[0] for one, two in zip(times[1], times[2], strict=True)]
     print(f"scaling from 1 to 2 threads: {median(gains):.2f} (rounds: {', '.join(f'{gain:.2f}' for gain in gains)})")
 

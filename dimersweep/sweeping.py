@@ -2,6 +2,7 @@
 
 import json
 import os
+import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
@@ -252,8 +253,10 @@ def compute(spec: Spec, store: Store, how: How) -> None:
         tell_of_compiling()
     with ExitStack() as stack:
         client = None if how.client is None else stack.enter_context(connected(how.client))
-        workers = how.workers if client is None else max(1, sum(client.nthreads().values()))
-        length = tile_length(spec, workers)  # compiles: do it before the clock of the progress starts
+        workers = how.workers if client is None else sum(client.nthreads().values())
+        if how.progress and not workers:
+            print("waiting for the first worker of the cluster", file=sys.stderr, flush=True)
+        length = tile_length(spec, max(1, workers))  # compiles: do it before the clock of the progress starts
         stop = stack.enter_context(stop_on_signals())
         pool = stack.enter_context(_pool(spec, how, client, stop))
         shown = stack.enter_context(watch(spec.grid.size, show=how.progress, before=store.modes()))
