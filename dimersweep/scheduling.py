@@ -5,12 +5,13 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 from dimersweep.errors import ParameterError, UserError
 from dimersweep.kernel import kernel_version
 from dimersweep.signals import StopFlag
-from dimersweep.tiles import Bundle, Finished, Spec, Tile, attempt_all, lost, narrowed
+from dimersweep.tiles import Bundle, Finished, Spec, Tile, attempt, attempt_all, lost, narrowed
 
 IN_FLIGHT = 2  # tiles for each worker: one runs and one waits, so that none idles and a million tiles do not pile up
 GRACE = 1.0  # seconds that running tiles have to come back when the sweep is stopped
@@ -26,6 +27,17 @@ class Pool(NamedTuple):
 
     submit: Callable[[Bundle], "Future[list[Finished]]"]
     workers: Callable[[], int]
+
+
+def warm_up(spec: Spec, stop: StopFlag) -> None:
+    """Have the kernel compiled, or loaded, in a thread: signals wait while the main thread is in the compiler."""
+    executor = ThreadPoolExecutor(1)
+    try:
+        future = executor.submit(attempt, replace(spec, periods=1), Tile(0, 1))
+        while not stop.is_set() and not wait([future], timeout=POLL).done:
+            pass
+    finally:
+        executor.shutdown(wait=False)
 
 
 @contextmanager
@@ -97,14 +109,14 @@ def _check_kernels(client: Any) -> None:
 def cluster(spec: Spec, client: Any) -> Iterator[Pool]:
     """The workers of a dask.distributed client."""
     executor: Executor = client.get_executor(pure=False)
-    counted, count = -COUNT_SECONDS, 1
+    counted, count = -COUNT_SECONDS, 0
 
     def workers() -> int:
         nonlocal counted, count
         if time.monotonic() - counted > COUNT_SECONDS:
             with _connection():
                 counted, count = time.monotonic(), sum(client.nthreads().values())
-        return max(1, count)
+        return count
 
     def submit(tiles: Bundle) -> "Future[list[Finished]]":
         # the task carries its points along: data scattered beforehand could die with a worker
@@ -160,7 +172,7 @@ def run_tiles(pool: Pool, tasks: Iterator[Bundle], take: Callable[[Finished], No
     running: dict[Future[list[Finished]], Bundle] = {}
     undone: deque[Bundle] = deque()
     while not stop.is_set():
-        while len(running) < IN_FLIGHT * pool.workers():
+        while len(running) < IN_FLIGHT * max(1, pool.workers()):
             task = undone.popleft() if undone else next(tasks, ())
             if not task:
                 break

@@ -23,10 +23,10 @@ from dimersweep.parameters import check_count
 from dimersweep.progress import tell_of_compiling, watch
 from dimersweep.provenance import as_text, attributes, differences
 from dimersweep.reuse import Known, not_ok, not_run
-from dimersweep.scheduling import Pool, cluster, connected, run_tiles, threads
+from dimersweep.scheduling import Pool, cluster, connected, run_tiles, threads, warm_up
 from dimersweep.signals import StopFlag, stop_on_signals
 from dimersweep.store import check_writable, open_cube, write_cube
-from dimersweep.tiles import Finished, Spec, bundles, make_spec, tile_length
+from dimersweep.tiles import Finished, Pace, Spec, bundles, make_spec
 from dimersweep.tilestore import TileStore, tile_store
 from dimersweep.zarrs import check_zarr, is_zarr, write_zarr
 
@@ -252,18 +252,19 @@ def compute(spec: Spec, store: Store, how: How) -> None:
     if how.progress:
         tell_of_compiling()
     with ExitStack() as stack:
-        client = None if how.client is None else stack.enter_context(connected(how.client))
-        workers = how.workers if client is None else sum(client.nthreads().values())
-        if how.progress and not workers:
-            print("waiting for the first worker of the cluster", file=sys.stderr, flush=True)
-        length = tile_length(spec, max(1, workers))  # compiles: do it before the clock of the progress starts
         stop = stack.enter_context(stop_on_signals())
+        warm_up(spec, stop)  # before the clock of the progress starts, and before workers would all do it
+        client = None if how.client is None else stack.enter_context(connected(how.client))
         pool = stack.enter_context(_pool(spec, how, client, stop))
         shown = stack.enter_context(watch(spec.grid.size, show=how.progress, before=store.modes()))
+        if how.progress and not pool.workers():
+            print("waiting for the first worker of the cluster", file=sys.stderr, flush=True)
+        pace = Pace(spec.grid.size, max(1, pool.workers()))
         failures: list[tuple[int, str]] = []
 
         def take(finished: Finished) -> None:
             store.add(finished)
+            pace.note(finished)
             shown.add(finished.codes[:, _MODE])
             bad = not_ok(finished.codes)
             if how.fail_fast and bad.any():
@@ -271,7 +272,7 @@ def compute(spec: Spec, store: Store, how: How) -> None:
                 stop.set()
 
         try:
-            run_tiles(pool, bundles(ranges, length), take, stop)
+            run_tiles(pool, bundles(ranges, pace), take, stop)
         finally:
             store.flush()
     if failures:

@@ -16,6 +16,7 @@ from dimersweep.kernel.layout import CODES, M_APERIODIC, M_FAILED, M_UNRESOLVED
 from dimersweep.parameters import check_count, check_rtol
 
 TILE_SECONDS = 0.5  # long against the cost of a task (4 ms), short against the patience of Ctrl-C (2 s)
+GROWTH = 4  # a task has at most this many times the points of one that has come back
 TILES_PER_WORKER = 4  # at least, so that no worker idles for long at the end
 CHUNK_SECONDS = 0.1  # what one call of the kernel aims at: it can be stopped only between calls
 LONGEST_TILE = 2 * TILE_SECONDS  # a task whose points turn out slow comes back with those it has by then
@@ -219,24 +220,24 @@ def lost(tile: Tile, error: BaseException) -> Finished:
     return Finished(tile, out, codes, f"points {tile.start} to {tile.stop - 1}: {type(error).__name__}: {error}")
 
 
-def seconds_per_point(spec: Spec, sample: int = 8) -> float:
-    """Mean time of a few points spread over the grid [s], without that of compiling."""
-    attempt(spec, Tile(0, 1))
-    start, done = perf_counter(), 0
-    for point in np.linspace(0, spec.grid.size - 1, sample).astype(int).tolist():
-        attempt(spec, Tile(point, point + 1))
-        done += 1
-        if perf_counter() - start > TILE_SECONDS:
-            break
-    return (perf_counter() - start) / done
+class Pace:
+    """How many points make a task, from the time that the last ones took; one at first.
 
+    Parameters
+    ----------
+    size, workers : int
+        Points to run, and how many run at a time: each worker is to get a few tasks.
+    """
 
-def tile_length(spec: Spec, workers: int) -> int:
-    """Points in a tile, so that one takes about `TILE_SECONDS` and each of `workers` gets a few."""
-    longest = ceil(spec.grid.size / (TILES_PER_WORKER * workers))
-    if longest == 1:
-        return 1
-    return max(1, min(longest, int(TILE_SECONDS / seconds_per_point(spec))))
+    def __init__(self, size: int, workers: int) -> None:
+        self.longest = ceil(size / (TILES_PER_WORKER * workers))
+        self.length = 1
+
+    def note(self, finished: Finished) -> None:
+        """Learn from a tile that has come back."""
+        points = len(finished.codes)
+        aim = int(TILE_SECONDS * points / max(finished.seconds, 1e-6))
+        self.length = max(1, min(aim, GROWTH * points, self.longest))
 
 
 def split(size: int, length: int) -> Iterator[Tile]:
@@ -249,10 +250,10 @@ def split_ranges(ranges: Iterable[Tile], length: int) -> Iterator[Tile]:
     return (Tile(at, min(at + length, stop)) for start, stop in ranges for at in range(start, stop, length))
 
 
-def bundles(ranges: Iterable[Tile], length: int) -> Iterator[Bundle]:
-    """Bundles of `length` points that cover `ranges`; the last one may have fewer."""
+def bundles(ranges: Iterable[Tile], pace: Pace) -> Iterator[Bundle]:
+    """Bundles that cover `ranges`, each of ``pace.length`` points as it is then; the last one may have fewer."""
     bundle: list[Tile] = []
-    room = length
+    room = pace.length
     for start, stop in ranges:
         at = start
         while at < stop:
@@ -262,7 +263,7 @@ def bundles(ranges: Iterable[Tile], length: int) -> Iterator[Bundle]:
             at = end
             if room == 0:
                 yield tuple(bundle)
-                bundle, room = [], length
+                bundle, room = [], pace.length
     if bundle:
         yield tuple(bundle)
 

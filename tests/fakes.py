@@ -21,3 +21,18 @@ def fake_run_many(rows, periods, rtol, settle, out, codes, until=0):
     out[:, OUT.index("radius")] = np.where(drift, f**2 / 50 + 1e-3 * beta0, np.nan)
     out[:, OUT.index("zeta")] = np.where(drift, 1.6, np.nan)
     return len(rows)
+
+
+class SteadyPace:
+    """In place of `Pace`: tasks of a given length."""
+
+    def __init__(self, length):
+        self.length = length
+
+    def note(self, finished):
+        """Learn nothing."""
+
+
+def set_pace(monkeypatch, length):
+    """Cut sweeps into tasks of `length` points."""
+    monkeypatch.setattr("dimersweep.sweeping.Pace", lambda size, workers: SteadyPace(length))

@@ -5,7 +5,7 @@ import os
 import numpy as np
 import pytest
 import xarray as xr
-from fakes import fake_run_many
+from fakes import fake_run_many, set_pace
 
 import dimersweep
 from dimersweep.cube import names
@@ -30,7 +30,8 @@ def asked(monkeypatch):
         return fake_run_many(rows, *rest)
 
     monkeypatch.setattr("dimersweep.tiles.run_many", run_many)
-    monkeypatch.setattr("dimersweep.sweeping.tile_length", lambda spec, workers: 10)
+    set_pace(monkeypatch, 10)
+    monkeypatch.setattr("dimersweep.sweeping.warm_up", lambda spec, stop: None)
     return rows_of_all
 
 

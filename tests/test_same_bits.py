@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fakes import set_pace
 from sweeper import GRID, SETTINGS
 
 import dimersweep
@@ -59,7 +60,7 @@ def serial():
 
 @pytest.mark.parametrize("length", [1, 37])
 def test_threads_and_tilings(serial, monkeypatch, tmp_path, length):
-    monkeypatch.setattr("dimersweep.sweeping.tile_length", lambda spec, workers: length)
+    set_pace(monkeypatch, length)
     assert_same(swept(workers=2), serial)
     assert_same(swept(workers=3, out=tmp_path / "cube.nc"), serial)
     assert_same(dimersweep.open_cube(tmp_path / "cube.nc"), serial)

@@ -7,7 +7,7 @@ from concurrent.futures import Future
 import dask
 import numpy as np
 import pytest
-from fakes import CODE, fake_run_many
+from fakes import CODE, SteadyPace, fake_run_many, set_pace
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -40,7 +40,7 @@ def test_gaps_are_what_no_tile_covers(done):
 @given(ranges, st.integers(1, 12))
 def test_bundles_cover_all_points_and_are_full(done, length):
     missing = list(gaps(70, done))
-    made = list(bundles(missing, length))
+    made = list(bundles(missing, SteadyPace(length)))
     assert points_of(tile for bundle in made for tile in bundle) == points_of(missing)
     assert [len(points_of(bundle)) for bundle in made[:-1]] == [length] * (len(made) - 1)
 
@@ -120,9 +120,8 @@ def test_few_tasks_are_in_flight_and_short_ones_go_on():
         threading.Thread(target=work).start()
         return future
 
-    run_tiles(
-        Pool(submit, lambda: 3), bundles([Tile(0, 500)], 7), lambda finished: taken.append(finished.tile), StopFlag()
-    )
+    tasks = bundles([Tile(0, 500)], SteadyPace(7))
+    run_tiles(Pool(submit, lambda: 3), tasks, lambda finished: taken.append(finished.tile), StopFlag())
     assert sorted(points_of(taken)) == list(range(500))
     assert most[0] <= 3 * IN_FLIGHT
 
@@ -163,7 +162,7 @@ def test_a_worker_that_dies_costs_its_tile_alone(cluster, monkeypatch, tmp_path)
         there.advance = dies_at_20_hz
 
     reference = sweep()
-    monkeypatch.setattr("dimersweep.sweeping.tile_length", lambda spec, workers: 30)
+    set_pace(monkeypatch, 30)
     cluster.run(poison)
     with pytest.warns(RuntimeWarning, match="1 tiles have points that failed; points 30 to 59: KilledWorker: "):
         cube = sweep(client=cluster, out=tmp_path / "cube.nc")

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-from fakes import fake_run_many
+from fakes import fake_run_many, set_pace
 
 import dimersweep
 from dimersweep.errors import StoreError
@@ -50,7 +50,8 @@ def counted(monkeypatch):
         return fake_run_many(rows, *rest)
 
     monkeypatch.setattr("dimersweep.tiles.run_many", run_many)
-    monkeypatch.setattr("dimersweep.sweeping.tile_length", lambda spec, workers: 10)
+    set_pace(monkeypatch, 10)
+    monkeypatch.setattr("dimersweep.sweeping.warm_up", lambda spec, stop: None)
     return asked
 
 
@@ -273,7 +274,7 @@ def test_a_disk_that_is_really_full(disk, monkeypatch):
     reference = sweep(out=None)
     with monkeypatch.context() as patch:
         patch.setattr("dimersweep.tilestore.FLUSH_SECONDS", 0.0)
-        patch.setattr("dimersweep.sweeping.tile_length", lambda spec, workers: 10)
+        set_pace(patch, 10)
         with pytest.raises(StoreError, match=r"\(No space left on device\); what was finished before is kept in "):
             sweep(out=place / "cube.nc", workers=1)
     assert os.listdir(place) == ["cube.nc.tiles"]
