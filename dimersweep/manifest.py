@@ -4,6 +4,7 @@ import json
 import os
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -82,7 +83,7 @@ class Manifest:
     damaged: int = 0
     length: int = 0
 
-    @property
+    @cached_property
     def sha256(self) -> str:
         """Of the configuration."""
         return digest(as_text(self.configuration))

@@ -48,8 +48,15 @@ def check_writable(path: str | os.PathLike[str], *, force: bool = False, name: s
     return path
 
 
-def write_cube(cube: xr.Dataset, path: str | os.PathLike[str], *, force: bool = False, kept: str = "") -> None:
-    """Write `cube` as NetCDF-4: to a temporary file beside `path`, which then takes its name in one step.
+def write_cube(
+    cube: xr.Dataset,
+    path: str | os.PathLike[str],
+    *,
+    force: bool = False,
+    scratch: Path | None = None,
+    kept: str = "",
+) -> None:
+    """Write `cube` as NetCDF-4: to a temporary file, which then takes the name `path` in one step.
 
     Must be called in the thread that does all NetCDF work, as netCDF-C is not thread-safe.
 
@@ -59,6 +66,8 @@ def write_cube(cube: xr.Dataset, path: str | os.PathLike[str], *, force: bool = 
     path : path-like
     force : bool
         Whether it may replace an existing file.
+    scratch : Path, optional
+        The temporary file, on the same disk; beside `path` by default.
     kept : str
         What the message of an error tells of results that are not lost.
 
@@ -68,7 +77,7 @@ def write_cube(cube: xr.Dataset, path: str | os.PathLike[str], *, force: bool = 
         If the file exists and `force` is not given, or the disk refuses.
     """
     path = check_writable(path, force=force)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    temporary = scratch or path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         with told(f"out = {path}", kept):
             cube.to_netcdf(temporary, engine="netcdf4", format="NETCDF4")

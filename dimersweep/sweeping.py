@@ -162,6 +162,8 @@ def _to_file(
     if out.exists() and not force:
         former = _former(out, spec)
         if not retry or not not_ok(flatten(former)[1]).any():
+            if how.progress:
+                print(f"{out}: is complete already; nothing was run", file=sys.stderr, flush=True)
             return former
     force_cube = force or retry
     check_writable(out, force=force_cube)
@@ -178,11 +180,11 @@ def _to_file(
         compute(spec, store, how)
         told = _attributes(spec, store, origin | dict(attrs or {}))
         if is_zarr(out):
-            write_zarr(spec.grid, store.read, told, out, scratch=store.folder / "cube.tmp", kept=store.keeps)
+            write_zarr(spec.grid, store.read, told, out, scratch=store.scratch, kept=store.keeps)
             cube = open_cube(out)
         else:
             cube = build(spec.grid, *store.read(0, spec.grid.size), told)
-            write_cube(cube, out, force=force_cube, kept=store.keeps)
+            write_cube(cube, out, force=force_cube, scratch=store.scratch, kept=store.keeps)
         if not keep_tiles:
             store.remove()
     return cube

@@ -16,7 +16,7 @@ import numpy as np
 
 from dimersweep.cube import blank
 from dimersweep.errors import StoreError
-from dimersweep.files import append, put, told
+from dimersweep.files import append, delete, put, told
 from dimersweep.locking import locked
 from dimersweep.manifest import Entry, Manifest, as_line, lines, read_manifest
 from dimersweep.provenance import as_text, differences
@@ -24,6 +24,7 @@ from dimersweep.tilefiles import Damaged, read_points, write_points
 from dimersweep.tiles import Finished, Tile, gaps, runs
 
 FLUSH_SECONDS = 0.5  # tiles that end within this time share a file, so that fast sweeps do not wait for the disk
+DISK_SHARE = 0.05  # of the driver's time at most: a slow disk gets larger files, less often
 KEPT_FILES = 8  # that are held in memory while points are read in order
 
 
@@ -57,12 +58,18 @@ class TileStore:
         self.out, self.folder, self.manifest = out, folder_of(out), manifest
         self.waiting: list[Finished] = []
         self._since = perf_counter()
+        self._pause = FLUSH_SECONDS
         self._number = max((int(path.stem.split("-")[1]) for path in self._files()), default=0)
         self._cache: dict[str, list[Finished]] = {}
         self._index: list[tuple[Tile, Entry]] = []
 
     def _files(self) -> list[Path]:
         return [path for path in self.folder.glob("tiles-*.npy") if path.stem.split("-")[1].isdigit()]
+
+    @property
+    def scratch(self) -> Path:
+        """Where the cube is written before it takes its name."""
+        return self.folder / "cube.tmp"
 
     @property
     def keeps(self) -> str:
@@ -124,17 +131,18 @@ class TileStore:
         listed = {entry.file for entry in entries}
         for path in (*self._files(), *self.folder.glob("*.tmp")):
             if path.name not in listed:
-                path.unlink(missing_ok=True)
+                delete(path)
 
     def _write(self, pieces: list[Finished], wall: float) -> Entry:
         self._number += 1  # a name is never used twice, so that no entry can be true of another file
         return write_points(self.folder / f"tiles-{self._number:06d}.npy", pieces, self.manifest.sha256, wall)
 
     def add(self, finished: Finished) -> None:
-        """Keep a finished tile; it is on disk within `FLUSH_SECONDS` or with the next `flush`."""
+        """Keep a finished tile; it is on disk after `FLUSH_SECONDS` (more on a slow disk), or with the next `flush`."""
         self.waiting.append(finished)
-        if perf_counter() - self._since > FLUSH_SECONDS:
+        if perf_counter() - self._since > self._pause:
             self.flush()
+            self._pause = max(FLUSH_SECONDS, (perf_counter() - self._since) / DISK_SHARE)
 
     def flush(self) -> None:
         """Write the tiles that wait.
@@ -217,7 +225,7 @@ class TileStore:
     def clear(self) -> None:
         """Delete all results."""
         for path in (*self._files(), *self.folder.glob("*.tmp"), manifest_of(self.out)):
-            path.unlink(missing_ok=True)
+            delete(path)
 
     def remove(self) -> None:
         """Delete the folder, but for files in it that are not this program's."""

@@ -277,7 +277,7 @@ def test_a_finished_sweep_is_not_done_again(call, fake_kernel, monkeypatch):
     assert call("run", "small.toml", "--no-plot")[2] == 0
     monkeypatch.setattr("dimersweep.tiles.run_many", lambda *rest, **more: pytest.fail("work was done"))
     out, err, code = call("run", "small.toml")
-    assert (code, err) == (0, "")
+    assert (code, err) == (0, "fig07-small.nc: is complete already; nothing was run\n")
     assert out.splitlines()[-2:] == ["cube: fig07-small.nc", "picture: fig07-small.png"]
     _, err, code = call("run", "small.toml", "--rtol", "1e-6", "--no-plot")
     assert code == 2

@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 import subprocess
+import time
 from pathlib import Path
 
 import numpy as np
@@ -144,7 +145,9 @@ def test_damaged_results_are_told_and_computed_again(counted, damage, told):
 def test_temporary_files_of_a_kill_are_no_trouble(counted, recwarn):
     left_behind((0, 30))
     Path("cube.nc.tiles/tiles-000002.npy.tmp").write_bytes(b"half a fi")
-    sweep()
+    Path("cube.nc.tiles/cube.tmp").mkdir()  # of a Zarr group
+    Path("cube.nc.tiles/cube.tmp/zarr.json").write_text("{")
+    sweep(periods=6, force=True)
     assert not recwarn.list
     assert os.listdir() == ["cube.nc"]
 
@@ -240,6 +243,7 @@ def test_a_full_disk_keeps_what_was_finished_before(counted, monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr("dimersweep.tilestore.FLUSH_SECONDS", 0.0)
+        patch.setattr("dimersweep.tilestore.DISK_SHARE", 1e9)
         patch.setattr(TileStore, "_write", fills_up)
         with pytest.raises(StoreError) as error:
             sweep(workers=1)
@@ -274,6 +278,7 @@ def test_a_disk_that_is_really_full(disk, monkeypatch):
     reference = sweep(out=None)
     with monkeypatch.context() as patch:
         patch.setattr("dimersweep.tilestore.FLUSH_SECONDS", 0.0)
+        patch.setattr("dimersweep.tilestore.DISK_SHARE", 1e9)
         set_pace(patch, 10)
         with pytest.raises(StoreError, match=r"\(No space left on device\); what was finished before is kept in "):
             sweep(out=place / "cube.nc", workers=1)
@@ -288,6 +293,25 @@ def test_a_disk_that_is_read_only(disk):
     remount("ro")
     with pytest.raises(StoreError, match=rf"cube.nc: the folder {place} is not writable \(Read-only file system\)"):
         sweep(out=place / "cube.nc")
+
+
+def test_a_slow_disk_is_asked_less_often(monkeypatch):
+    whole, write, written = attempt(SPEC, Tile(0, 120)), TileStore._write, []
+
+    def slow(self, pieces, wall):
+        time.sleep(0.02)
+        written.append(len(pieces))
+        return write(self, pieces, wall)
+
+    monkeypatch.setattr("dimersweep.tilestore.FLUSH_SECONDS", 0.0)
+    monkeypatch.setattr(TileStore, "_write", slow)
+    with tile_store(Path("cube.nc"), SPEC.configuration(), 120) as store:
+        for point in range(120):
+            time.sleep(0.01)
+            store.add(Finished(Tile(point, point + 1), whole.out[point : point + 1], whole.codes[point : point + 1]))
+        store.flush()
+        assert store.gaps() == []
+    assert sum(written) == 120 and len(written) < 6
 
 
 def test_a_cube_that_cannot_be_written_costs_no_points(counted, monkeypatch):
