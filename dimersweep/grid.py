@@ -126,9 +126,16 @@ class Grid:
 
     def rows(self, start: int, stop: int) -> np.ndarray:
         """Kernel rows of the points `start` to `stop` - 1, shape (stop - start, N_ROW), float64."""
-        places = np.unravel_index(np.arange(start, stop), self.shape)
-        swept = {name: values[k] for (name, values), k in zip(self.axes.items(), places, strict=True)}
-        return fill_rows(self.fixed | swept, stop - start)
+        return self.rows_at(np.arange(start, stop))
+
+    def rows_at(self, points: np.ndarray) -> np.ndarray:
+        """Kernel rows of `points`, numbers in C order of shape (n,); shape (n, N_ROW), float64."""
+        return fill_rows(self.fixed | self.values(points), points.size)
+
+    def values(self, points: Any) -> dict[str, np.ndarray]:
+        """Values on each axis of `points`, numbers in C order, of the same shape."""
+        places = np.unravel_index(points, self.shape)
+        return {name: values[k] for (name, values), k in zip(self.axes.items(), places, strict=True)}
 
     def point(self, number: int) -> str:
         """Such as ``point 7 (Gamma = 0.9, beta0 = 0.2)``."""

@@ -3,7 +3,7 @@
 import json
 import os
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -103,7 +103,7 @@ def _head(configuration: Mapping[str, Any], size: int) -> dict[str, Any]:
 
 def as_line(record: Mapping[str, Any] | Entry) -> bytes:
     """One line of a manifest."""
-    told = asdict(record) if isinstance(record, Entry) else record
+    told = vars(record) if isinstance(record, Entry) else record
     return json.dumps(told).encode() + b"\n"
 
 

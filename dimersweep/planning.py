@@ -89,10 +89,10 @@ def plan(spec: Spec, workers: int, out: Path | None = None) -> Plan:
     Plan
     """
     chosen = np.random.default_rng(_SEED).integers(spec.grid.size, size=min(SAMPLE, spec.grid.size))
-    attempt(spec, Tile(int(chosen[0]), int(chosen[0]) + 1))  # compiles
+    attempt(spec, (Tile(int(chosen[0]), int(chosen[0]) + 1),))  # compiles
     started, times = perf_counter(), list[float]()
     for point in chosen.tolist():
-        times.append(attempt(spec, Tile(point, point + 1)).seconds)
+        times.append(attempt(spec, (Tile(point, point + 1),))[0].seconds)
         if perf_counter() - started > SAMPLE_SECONDS:
             break
     one = build(Grid({name: values[:1] for name, values in spec.grid.axes.items()}, {}), *blank(1), {})

@@ -25,7 +25,7 @@ def not_run(codes: np.ndarray) -> np.ndarray:
 
 def not_ok(codes: np.ndarray) -> np.ndarray:
     """Where points of codes, shape (n, N_CODES), have no result: failed, or never run; shape (n,), bool."""
-    return (codes[:, _STATUS] != OK) | np.isin(codes[:, _MODE], (M_NOT_RUN, M_FAILED))
+    return (codes[:, _STATUS] != OK) | (codes[:, _MODE] == M_FAILED) | not_run(codes)
 
 
 def _values(told: dict[str, Any], name: str) -> np.ndarray:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from dimersweep.errors import ParameterError, UserError
 from dimersweep.kernel import kernel_version
 from dimersweep.signals import StopFlag
-from dimersweep.tiles import Bundle, Finished, Spec, Tile, attempt, attempt_all, lost, narrowed
+from dimersweep.tiles import Bundle, Finished, Spec, Tile, attempt, lost, narrowed
 
 IN_FLIGHT = 2  # tiles for each worker: one runs and one waits, so that none idles and a million tiles do not pile up
 GRACE = 1.0  # seconds that running tiles have to come back when the sweep is stopped
@@ -23,7 +23,7 @@ LOST = "scheduler: the connection to the cluster is lost; what was finished is k
 
 
 class Pool(NamedTuple):
-    """Where tiles run: ``submit(bundle)`` gives a future of what `attempt_all` returns; ``workers()`` counts threads."""
+    """Where tiles run: ``submit(bundle)`` gives a future of what `attempt` returns; ``workers()`` counts threads."""
 
     submit: Callable[[Bundle], "Future[list[Finished]]"]
     workers: Callable[[], int]
@@ -33,7 +33,7 @@ def warm_up(spec: Spec, stop: StopFlag) -> None:
     """Have the kernel compiled, or loaded, in a thread: signals wait while the main thread is in the compiler."""
     executor = ThreadPoolExecutor(1)
     try:
-        future = executor.submit(attempt, replace(spec, periods=1), Tile(0, 1))
+        future = executor.submit(attempt, replace(spec, periods=1), (Tile(0, 1),))
         while not stop.is_set() and not wait([future], timeout=POLL).done:
             pass
     finally:
@@ -45,7 +45,7 @@ def threads(spec: Spec, workers: int, stop: StopFlag) -> Iterator[Pool]:
     """A pool of threads in this process, the default: the kernel leaves Python's lock alone."""
     executor = ThreadPoolExecutor(workers, thread_name_prefix="dimersweep")
     try:
-        yield Pool(lambda tiles: executor.submit(attempt_all, spec, tiles, stop.is_set), lambda: workers)
+        yield Pool(lambda tiles: executor.submit(attempt, spec, tiles, stop.is_set), lambda: workers)
     finally:
         stop.set()
         executor.shutdown(wait=False, cancel_futures=True)
@@ -61,7 +61,7 @@ def run_elsewhere(spec: Spec, tiles: Bundle, shift: int, version: str) -> list[F
     """
     if kernel_version() != version:
         raise ParameterError(_other_kernel("a worker", kernel_version(), version))
-    return attempt_all(spec, tiles, shift=shift)
+    return attempt(spec, tiles, shift=shift)
 
 
 def _other_kernel(who: str, theirs: str, ours: str) -> str:
@@ -163,8 +163,8 @@ def rest_of(tiles: Bundle, finished: list[Finished]) -> Bundle:
     return (Tile(reached, stop), *left) if reached < stop else left
 
 
-def run_tiles(pool: Pool, tasks: Iterator[Bundle], take: Callable[[Finished], None], stop: StopFlag) -> None:
-    """Run `tasks` and hand each tile to `take`, in the calling thread, as it finishes, until all are done or `stop` is set.
+def run_tiles(pool: Pool, tasks: Iterator[Bundle], take: Callable[[list[Finished]], None], stop: StopFlag) -> None:
+    """Run `tasks` and hand what each brings back to `take`, in the calling thread, until all are done or `stop` is set.
 
     What a task brings back undone becomes a task of its own. After `stop`, tasks that run have `GRACE` seconds to come
     back with the points they have.
@@ -184,9 +184,7 @@ def run_tiles(pool: Pool, tasks: Iterator[Bundle], take: Callable[[Finished], No
             finished = outcome(future, task)
             if left := rest_of(task, finished):
                 undone.append(left)
-            for tile in finished:
-                take(tile)
+            take(finished)
     for future in wait(running, timeout=GRACE).done:
         if not future.cancelled() and future.exception() is None:
-            for tile in future.result():
-                take(tile)
+            take(future.result())

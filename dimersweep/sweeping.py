@@ -261,16 +261,17 @@ def compute(spec: Spec, store: Store, how: How) -> None:
         shown = stack.enter_context(watch(spec.grid.size, show=how.progress, before=store.modes()))
         if how.progress and not pool.workers():
             print("waiting for the first worker of the cluster", file=sys.stderr, flush=True)
-        pace = Pace(spec.grid.size, max(1, pool.workers()))
+        pace = Pace(sum(stop - start for start, stop in ranges), max(1, pool.workers()))
         failures: list[tuple[int, str]] = []
 
-        def take(finished: Finished) -> None:
-            store.add(finished)
+        def take(finished: list[Finished]) -> None:
             pace.note(finished)
-            shown.add(finished.codes[:, _MODE])
-            bad = not_ok(finished.codes)
-            if how.fail_fast and bad.any():
-                failures.append((finished.tile.start, _failure(spec, finished, int(bad.argmax()))))
+            for tile in finished:
+                store.add(tile)
+            codes = np.concatenate([tile.codes for tile in finished])
+            shown.add(codes[:, _MODE])
+            if how.fail_fast and not_ok(codes).any():
+                failures.append(_failure(spec, next(tile for tile in finished if not_ok(tile.codes).any())))
                 stop.set()
 
         try:
@@ -283,10 +284,13 @@ def compute(spec: Spec, store: Store, how: How) -> None:
         raise Stopped(store.kept, stop.signal)
 
 
-def _failure(spec: Spec, finished: Finished, row: int) -> str:
+def _failure(spec: Spec, finished: Finished) -> tuple[int, str]:
+    """The number of the first point of a tile that failed, and why it did."""
+    row = int(not_ok(finished.codes).argmax())
     status = finished.codes[row, _STATUS]
     reason = finished.error.partition(": ")[2] or f"{STATUSES[status]}: {STATUS_MESSAGES[status]}"
-    return f"{spec.grid.point(finished.tile.start + row)} failed: {reason}"
+    number = finished.tile.start + row
+    return number, f"{spec.grid.point(number)} failed: {reason}"
 
 
 def _attributes(spec: Spec, store: Store, more: Mapping[str, str]) -> dict[str, Any]:

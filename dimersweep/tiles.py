@@ -1,6 +1,6 @@
 """The unit of work: a range of grid points, and the pure function that any thread, process or machine runs it with."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import ceil
 from time import perf_counter
@@ -143,28 +143,29 @@ def _never() -> bool:
     return False
 
 
-def attempt(spec: Spec, tile: Tile, stopped: Callable[[], bool] = _never, shift: int = 0) -> Finished:
-    """Run one tile in short calls of the kernel; a point that raises is marked as failed.
+def attempt(spec: Spec, tiles: Bundle, stopped: Callable[[], bool] = _never, shift: int = 0) -> list[Finished]:
+    """Run tiles in short calls of the kernel, for about `LONGEST_TILE` seconds; a point that raises is marked as failed.
 
     Parameters
     ----------
     spec : Spec
-    tile : Tile
+    tiles : tuple of Tile
     stopped : callable
-        Asked between two calls; if it says True, the tile ends there, though not before its first point.
+        Asked between two calls; if it says True, the work ends there, though not before the first point.
     shift : int
         What to add to the numbers of points, where `spec` is a window of a larger grid.
 
     Returns
     -------
-    Finished
+    list of Finished
+        The last one may be short of its tile, and the tiles after it missing. The time is told with the first one.
     """
     begun = perf_counter()
-    out, codes = blank(tile.stop - tile.start)
-    rows = spec.grid.rows(*tile)
-    start = tile.start + shift
-    done, batch, errors = 0, 1, []
-    while done < len(rows):
+    points = np.concatenate([np.arange(*tile) for tile in tiles])
+    rows = spec.grid.rows_at(points)
+    out, codes = blank(points.size)
+    done, batch, errors = 0, 1, {}
+    while done < points.size:
         part = slice(done, done + batch)
         try:
             done += advance(spec, rows[part], out[part], codes[part])
@@ -174,35 +175,32 @@ def attempt(spec: Spec, tile: Tile, stopped: Callable[[], bool] = _never, shift:
                 batch = 1  # find the one
                 continue
             codes[done, _MODE] = M_FAILED
-            errors.append(f"point {start + done}: {type(error).__name__}: {error}")
+            errors[int(points[done]) + shift] = f"{type(error).__name__}: {error}"
             done += 1
-        if stopped():
+        spent = perf_counter() - begun
+        if spent > LONGEST_TILE or stopped():
             break
-        batch = max(1, min(2 * batch, int(CHUNK_SECONDS * done / (perf_counter() - begun))))
+        batch = max(1, min(2 * batch, int(CHUNK_SECONDS * done / spent)))
     out[np.isnan(out)] = np.nan  # one pattern of bits, whatever operation made it
-    more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
-    told = errors[0] + more if errors else ""
-    return Finished(Tile(start, start + done), out[:done], codes[:done], told, perf_counter() - begun)
+    return _cut(tiles, out[:done], codes[:done], errors, perf_counter() - begun, shift)
 
 
-def attempt_all(spec: Spec, tiles: Bundle, stopped: Callable[[], bool] = _never, shift: int = 0) -> list[Finished]:
-    """Run tiles one after the other, for `LONGEST_TILE` seconds at most (or one point); see `attempt`.
-
-    Returns
-    -------
-    list of Finished
-        The last one may be short of its tile, and the tiles after it missing.
-    """
-    ends = perf_counter() + LONGEST_TILE
-
-    def out_of_time() -> bool:
-        return stopped() or perf_counter() > ends
-
-    finished = []
-    for tile in tiles:
-        finished.append(attempt(spec, tile, out_of_time, shift))
-        if out_of_time():
+def _cut(
+    tiles: Bundle, out: np.ndarray, codes: np.ndarray, errors: Mapping[int, str], seconds: float, shift: int
+) -> list[Finished]:
+    """Results of the points of `tiles`, as far as they go, tile by tile."""
+    finished: list[Finished] = []
+    first = 0
+    for start, stop in tiles:
+        if first == len(out):
             break
+        last = min(first + stop - start, len(out))
+        tile = Tile(start + shift, start + shift + last - first)
+        told = [f"point {point}: {error}" for point, error in errors.items() if tile.start <= point < tile.stop]
+        more = f" (and {len(told) - 1} more)" if len(told) > 1 else ""
+        error = told[0] + more if told else ""
+        finished.append(Finished(tile, out[first:last], codes[first:last], error, 0.0 if finished else seconds))
+        first = last
     return finished
 
 
@@ -233,10 +231,10 @@ class Pace:
         self.longest = ceil(size / (TILES_PER_WORKER * workers))
         self.length = 1
 
-    def note(self, finished: Finished) -> None:
-        """Learn from a tile that has come back."""
-        points = len(finished.codes)
-        aim = int(TILE_SECONDS * points / max(finished.seconds, 1e-6))
+    def note(self, finished: Sequence[Finished]) -> None:
+        """Learn from what a task has brought back."""
+        points = sum(len(tile.codes) for tile in finished)
+        aim = int(TILE_SECONDS * points / max(sum(tile.seconds for tile in finished), 1e-6))
         self.length = max(1, min(aim, GROWTH * points, self.longest))
 
 

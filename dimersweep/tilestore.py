@@ -60,7 +60,7 @@ class TileStore:
         self._since = perf_counter()
         self._pause = FLUSH_SECONDS
         self._number = max((int(path.stem.split("-")[1]) for path in self._files()), default=0)
-        self._cache: dict[str, list[Finished]] = {}
+        self._cache: dict[str, dict[Tile, Finished]] = {}
         self._index: list[tuple[Tile, Entry]] = []
 
     def _files(self) -> list[Path]:
@@ -187,8 +187,7 @@ class TileStore:
         """
         out, codes = blank(stop - start)
         for tile, entry in self._meeting(start, stop):
-            whole = next(piece for piece in self._pieces(entry) if piece.tile == tile)
-            piece = part(whole, Tile(max(tile.start, start), min(tile.stop, stop)))
+            piece = part(self._pieces(entry)[tile], Tile(max(tile.start, start), min(tile.stop, stop)))
             where = slice(piece.tile.start - start, piece.tile.stop - start)
             out[where], codes[where] = piece.out, piece.codes
         return out, codes
@@ -204,12 +203,12 @@ class TileStore:
                 return
             yield tile, entry
 
-    def _pieces(self, entry: Entry) -> list[Finished]:
+    def _pieces(self, entry: Entry) -> dict[Tile, Finished]:
         if entry.file not in self._cache:
             while len(self._cache) >= KEPT_FILES:
                 del self._cache[next(iter(self._cache))]
             try:
-                self._cache[entry.file] = read_points(self.folder, entry)
+                self._cache[entry.file] = {piece.tile: piece for piece in read_points(self.folder, entry)}
             except Damaged as error:
                 raise StoreError(f"{self.folder / entry.file}: {error}; run the same again") from None
         return self._cache[entry.file]

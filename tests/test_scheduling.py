@@ -18,7 +18,7 @@ from dimersweep.errors import ParameterError
 from dimersweep.kernel.layout import M_DRIFT, M_UNRESOLVED
 from dimersweep.scheduling import IN_FLIGHT, Pool, run_tiles
 from dimersweep.signals import StopFlag
-from dimersweep.tiles import Finished, Tile, attempt, attempt_all, bundles, gaps, make_spec, narrowed, runs
+from dimersweep.tiles import Finished, Tile, attempt, bundles, gaps, make_spec, narrowed, runs
 
 SPEC = make_spec({"f": [15, 20], "A_r": [5, 6, 7], "beta0": {"start": 0.1, "stop": 1, "num": 40}}, periods=5)
 
@@ -75,7 +75,7 @@ def slow_points(rows, periods, rtol, settle, out, codes, until=0):
 def test_a_task_that_meets_slow_points_comes_back_with_what_it_has(monkeypatch):
     monkeypatch.setattr("dimersweep.tiles.run_many", slow_points)
     begun = time.perf_counter()
-    first, second = attempt_all(SPEC, (Tile(0, 10), Tile(10, 240)))
+    first, second = attempt(SPEC, (Tile(0, 10), Tile(10, 240)))
     assert time.perf_counter() - begun < tiles.LONGEST_TILE + 0.3
     assert first.tile == Tile(0, 10)
     assert second.tile.start == 10 and 30 < second.tile.stop < 60
@@ -85,7 +85,7 @@ def test_a_task_that_meets_slow_points_comes_back_with_what_it_has(monkeypatch):
 
 def test_a_tile_stops_when_it_is_told_to(monkeypatch):
     monkeypatch.setattr("dimersweep.tiles.run_many", slow_points)
-    assert attempt(SPEC, Tile(20, 240), lambda: True).tile == Tile(20, 21)
+    assert [tile.tile for tile in attempt(SPEC, (Tile(20, 240),), lambda: True)] == [Tile(20, 21)]
 
 
 def test_one_point_that_raises_costs_no_other(monkeypatch):
@@ -95,9 +95,11 @@ def test_one_point_that_raises_costs_no_other(monkeypatch):
         return fake_run_many(rows, *rest)
 
     monkeypatch.setattr("dimersweep.tiles.run_many", breaks_at_one)
-    finished = attempt(SPEC, Tile(0, 40), shift=100)
-    assert np.flatnonzero(finished.codes[:, CODE["mode"]] == 1).tolist() == [7]
-    assert finished.error == "point 107: FloatingPointError: bad point"
+    first, second = attempt(SPEC, (Tile(0, 5), Tile(5, 40)), shift=100)
+    assert (first.tile, second.tile) == (Tile(100, 105), Tile(105, 140))
+    assert (first.codes[:, CODE["mode"]] > 1).all()
+    assert np.flatnonzero(second.codes[:, CODE["mode"]] == 1).tolist() == [2]
+    assert (first.error, second.error) == ("", "point 107: FloatingPointError: bad point")
 
 
 def test_few_tasks_are_in_flight_and_short_ones_go_on():
@@ -121,7 +123,7 @@ def test_few_tasks_are_in_flight_and_short_ones_go_on():
         return future
 
     tasks = bundles([Tile(0, 500)], SteadyPace(7))
-    run_tiles(Pool(submit, lambda: 3), tasks, lambda finished: taken.append(finished.tile), StopFlag())
+    run_tiles(Pool(submit, lambda: 3), tasks, lambda finished: taken.extend(tile.tile for tile in finished), StopFlag())
     assert sorted(points_of(taken)) == list(range(500))
     assert most[0] <= 3 * IN_FLIGHT
 

@@ -116,7 +116,7 @@ def test_tiles_cover_every_point_once(size, length):
 
 def test_a_tile_takes_about_half_a_second():
     def note(points, seconds):
-        pace.note(tiles.Finished(Tile(0, points), np.empty((points, 1)), np.empty((points, 1)), "", seconds))
+        pace.note([tiles.Finished(Tile(0, points), np.empty((points, 1)), np.empty((points, 1)), "", seconds)])
         return pace.length
 
     pace = tiles.Pace(10_000, workers=2)
