@@ -2,19 +2,22 @@
 
 import inspect
 import os
+import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dimersweep.errors import UserError
+from dimersweep.errors import Stopped, UserError
 from dimersweep.symbols import BASE, PARAMETERS, QUANTITIES
 
 if TYPE_CHECKING:
     import xarray as xr
 
+    from dimersweep.declaration import Declaration
     from dimersweep.run import Run
 
 INTERRUPTED = 130  # what a shell expects of a program that Ctrl-C has stopped
@@ -149,43 +152,145 @@ def _print_cube(cube: "xr.Dataset") -> None:
         typer.echo(f"{name} = {value:g} {units}: drift from {length:.4f} rad of initial dip angles")
 
 
+@contextmanager
+def _stoppable() -> Iterator[None]:
+    """End the process on Ctrl-C or SIGTERM with one line and the exit code of the signal."""
+
+    def terminate(number: int, frame: Any) -> None:
+        raise Stopped("", number)
+
+    signal.signal(signal.SIGTERM, terminate)
+    try:
+        yield
+    except KeyboardInterrupt as stop:
+        number = stop.signal if isinstance(stop, Stopped) else signal.SIGINT
+        word = "interrupted" if number == signal.SIGINT else "terminated"
+        print(f"dimersweep: {word}: {stop}".rstrip(": "), file=sys.stderr, flush=True)
+        os._exit(128 + number)  # threads may be inside compiled code, which signals do not reach
+
+
+def _declared(declaration: Path | None, source: Path | None, out: Path | None, *, other_kernel: bool) -> "Declaration":
+    """The sweep that a file declares, or that a cube tells to have come from."""
+    if (declaration is None) == (source is None):
+        raise typer.BadParameter("give either SWEEP.toml or --from CUBE")
+    if declaration is not None:
+        from dimersweep.declaration import read_declaration
+
+        return read_declaration(declaration)
+    assert source is not None
+    if out is None:
+        raise typer.BadParameter("--from CUBE needs --out, the cube to write")
+    from dimersweep.rerun import from_cube
+
+    return from_cube(source, other_kernel=other_kernel)
+
+
+Declared = Annotated[Path | None, typer.Argument(metavar="[SWEEP.toml]", help="Declaration of the sweep.")]
+Workers = Annotated[int | None, _whole_option("Threads; one for each core by default.")]
+Periods = Annotated[int | None, _whole_option("Forcing periods, in place of the declared ones.")]
+Rtol = Annotated[float | None, _number_option("Accuracy, in place of the declared one.")]
+
+
 @app.command()
 def run(
-    declaration: Annotated[Path, typer.Argument(metavar="SWEEP.toml", help="Declaration of the sweep.")],
+    declaration: Declared = None,
     *,
     out: Annotated[Path | None, typer.Option(help="Cube to write, in place of the declared output.")] = None,
-    workers: Annotated[int | None, _whole_option("Threads; one for each core by default.")] = None,
-    periods: Annotated[int | None, _whole_option("Forcing periods, in place of the declared ones.")] = None,
-    rtol: Annotated[float | None, _number_option("Accuracy, in place of the declared one.")] = None,
+    source: Annotated[
+        Path | None, typer.Option("--from", metavar="CUBE", help="Make this cube again, from what it tells of itself.")
+    ] = None,
+    workers: Workers = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Scheduler of a dask cluster, such as tcp://host:8786.")
+    ] = None,
+    periods: Periods = None,
+    rtol: Rtol = None,
+    extend: Annotated[Path | None, typer.Option(metavar="CUBE", help="Take over the points this cube has.")] = None,
+    retry: Annotated[bool, typer.Option("--retry", help="Run points that failed again.")] = False,
+    fail_fast: Annotated[bool, typer.Option("--fail-fast", help="Stop at the first point that fails.")] = False,
+    keep_tiles: Annotated[bool, typer.Option("--keep-tiles", help="Keep the folder of finished points.")] = False,
+    other_kernel: Annotated[
+        bool, typer.Option("--other-kernel", help="With --from: go on though numbers may differ.")
+    ] = False,
     plot: Annotated[bool, typer.Option(help="Draw the cube beside its file.")] = True,
     force: Force = False,
 ) -> None:
-    """Run a sweep declared in a file: write its cube and draw it."""
-    from dimersweep.declaration import read_declaration
+    """Run a declared sweep: write its cube and draw it. One that was stopped goes on where it was."""
+    declared = _declared(declaration, source, out, other_kernel=other_kernel)
     from dimersweep.store import check_writable
 
-    declared = read_declaration(declaration)
-    cube_file = check_writable(out or Path(declared.sweep.output), force=force)
+    cube_file = out or Path(declared.sweep.output)
     picture = cube_file.with_suffix(".png")
+    check_writable(cube_file, force=True)  # a cube that is there already is judged by `sweep`, which can read it
     if plot:
-        check_writable(picture, force=force, name="picture")
-    from dimersweep.sweeping import sweep
+        check_writable(picture, force=force or retry, name="picture")
+    with _stoppable():
+        from dimersweep.sweeping import sweep
 
-    cube = sweep(
+        cube = sweep(
+            declared.grid,
+            declared.fixed,
+            periods=declared.sweep.periods if periods is None else periods,
+            rtol=declared.sweep.rtol if rtol is None else rtol,
+            out=cube_file,
+            workers=workers,
+            stop_when_settled=declared.sweep.stop_when_settled,
+            force=force,
+            attrs={"title": declared.sweep.title, "plot": declared.plot.kind},
+            client=scheduler,
+            extend=extend,
+            retry=retry,
+            fail_fast=fail_fast,
+            keep_tiles=keep_tiles,
+        )
+        _print_cube(cube)
+        typer.echo(f"cube: {cube_file}")
+        if plot:
+            _draw(cube, picture)
+
+
+@app.command()
+def plan(
+    declaration: Annotated[Path, typer.Argument(metavar="SWEEP.toml", help="Declaration of the sweep.")],
+    *,
+    workers: Workers = None,
+    periods: Periods = None,
+    rtol: Rtol = None,
+) -> None:
+    """Tell points, size and time of a declared sweep from a timed sample; nothing is written."""
+    from dimersweep.declaration import read_declaration
+    from dimersweep.progress import tell_of_compiling
+
+    declared = read_declaration(declaration)
+    tell_of_compiling()
+    from dask.system import CPU_COUNT
+
+    from dimersweep.parameters import check_count
+    from dimersweep.planning import plan
+    from dimersweep.tiles import make_spec
+
+    spec = make_spec(
         declared.grid,
         declared.fixed,
         periods=declared.sweep.periods if periods is None else periods,
         rtol=declared.sweep.rtol if rtol is None else rtol,
-        out=cube_file,
-        workers=workers,
         stop_when_settled=declared.sweep.stop_when_settled,
-        force=force,
-        attrs={"title": declared.sweep.title, "plot": declared.plot.kind},
     )
-    _print_cube(cube)
-    typer.echo(f"cube: {cube_file}")
-    if plot:
-        _draw(cube, picture)
+    threads = CPU_COUNT if workers is None else check_count("workers", workers)
+    out = Path(declared.sweep.output)
+    for line in plan(spec, threads, out).lines():
+        typer.echo(line)
+
+
+@app.command()
+def status(
+    out: Annotated[Path, typer.Argument(metavar="CUBE", help="Cube to be, as the sweep was given it.")],
+) -> None:
+    """Tell how far the sweep for a cube has come, and whether a process is at work on it."""
+    from dimersweep.status import status
+
+    for line in status(out):
+        typer.echo(line)
 
 
 def _draw(cube: "xr.Dataset", picture: Path) -> None:
@@ -230,12 +335,19 @@ def _top(
 
 
 def _fail(message: str) -> None:
-    print(f"dimersweep: error: {' '.join(message.split())}", file=sys.stderr)
+    print(f"dimersweep: error: {message}", file=sys.stderr)
     sys.exit(2)
 
 
+def _warn(message: Warning | str, *others: Any, **more: Any) -> None:
+    print(f"dimersweep: warning: {message}", file=sys.stderr, flush=True)
+
+
 def main() -> None:
-    """Entry point: every error that is the user's to mend is one line and exit code 2."""
+    """Entry point: every error that is the user's to mend is told in a line and exit code 2."""
+    import warnings
+
+    warnings.showwarning = _warn
     try:
         code = app(prog_name="dimersweep", standalone_mode=False)
     except UserError as error:
@@ -243,7 +355,7 @@ def main() -> None:
     except Exception as error:
         if not hasattr(error, "format_message"):  # of a usage error; its class moved between versions of typer
             raise
-        _fail(error.format_message())
+        _fail(" ".join(error.format_message().split()))
     if code == INTERRUPTED:
         print("dimersweep: interrupted, nothing was written", file=sys.stderr)
         os._exit(INTERRUPTED)  # threads may be inside compiled code, which Ctrl-C does not reach

@@ -84,6 +84,22 @@ def build(grid: Grid, out: np.ndarray, codes: np.ndarray, attributes: Mapping[st
     return xr.Dataset(variables, coordinates, dict(attributes))
 
 
+def flatten(cube: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """The results that `build` made `cube` of.
+
+    Returns
+    -------
+    out : ndarray, shape (n, N_OUT), float64
+    codes : ndarray, shape (n, N_CODES), int64
+    """
+    out, codes = blank(cube["mode"].size)
+    for slot, name in enumerate(OUT):
+        out[:, slot] = cube[name].values.ravel()
+    for slot, name in enumerate(CODES):
+        codes[:, slot] = cube[name].values.ravel()
+    return out, codes
+
+
 def names(flags: xr.DataArray) -> xr.DataArray:
     """The words behind a flag variable, such as "drift" for each point of ``cube["mode"]``.
 

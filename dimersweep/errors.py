@@ -11,3 +11,22 @@ class ParameterError(UserError, ValueError):
 
 class StoreError(UserError, OSError):
     """A file that cannot be written, or that is no cube."""
+
+
+class PointError(UserError, RuntimeError):
+    """A point that failed, where the user asked to stop at the first one."""
+
+
+class Stopped(KeyboardInterrupt):
+    """A sweep that Ctrl-C or a SIGTERM has stopped: the message says what is kept and how to go on.
+
+    Parameters
+    ----------
+    message : str
+    signal : int
+        Number of the signal.
+    """
+
+    def __init__(self, message: str, signal: int) -> None:
+        super().__init__(message)
+        self.signal = signal

@@ -17,7 +17,7 @@ from dimersweep.parameters import (
 )
 from dimersweep.symbols import BASE, PARAMETERS
 
-MAX_POINTS = 50_000_000  # about 10 GB of results in memory
+MAX_POINTS = 50_000_000  # of an axis, and of a cube in memory (about 10 GB of results)
 
 _FORMS = "give values, or start, stop and either step or num; unit is optional"
 
@@ -126,9 +126,37 @@ class Grid:
 
     def rows(self, start: int, stop: int) -> np.ndarray:
         """Kernel rows of the points `start` to `stop` - 1, shape (stop - start, N_ROW), float64."""
-        places = np.unravel_index(np.arange(start, stop), self.shape)
-        swept = {name: values[k] for (name, values), k in zip(self.axes.items(), places, strict=True)}
-        return fill_rows(self.fixed | swept, stop - start)
+        return self.rows_at(np.arange(start, stop))
+
+    def rows_at(self, points: np.ndarray) -> np.ndarray:
+        """Kernel rows of `points`, numbers in C order of shape (n,); shape (n, N_ROW), float64."""
+        return fill_rows(self.fixed | self.values(points), points.size)
+
+    def values(self, points: Any) -> dict[str, np.ndarray]:
+        """Values on each axis of `points`, numbers in C order, of the same shape."""
+        places = np.unravel_index(points, self.shape)
+        return {name: values[k] for (name, values), k in zip(self.axes.items(), places, strict=True)}
+
+    def point(self, number: int) -> str:
+        """Such as ``point 7 (Gamma = 0.9, beta0 = 0.2)``."""
+        places = np.unravel_index(number, self.shape)
+        values = (f"{name} = {float(axis[k])!r}" for (name, axis), k in zip(self.axes.items(), places, strict=True))
+        return f"point {number} ({', '.join(values)})"
+
+    def window(self, start: int, stop: int) -> tuple["Grid", int]:
+        """A small grid with the points `start` to `stop` - 1 in one piece, and the number of the first of them there.
+
+        Tasks that travel carry it in place of the whole grid, whose axes may be long.
+        """
+        axes, stride, lead = dict(self.axes), self.size, 0
+        for name, values in self.axes.items():
+            stride //= values.size
+            first, last = (start - lead) // stride, (stop - 1 - lead) // stride
+            axes[name] = values[first : last + 1]
+            lead += first * stride
+            if last > first:
+                break
+        return Grid(axes, self.fixed), start - lead
 
 
 def make_grid(axes: Mapping[str, Any], fixed: Mapping[str, Any] | None = None) -> Grid:
@@ -166,7 +194,18 @@ def make_grid(axes: Mapping[str, Any], fixed: Mapping[str, Any] | None = None) -
         e = held.pop("e")
         held = {name: e for name in ("e_1", "e_2") if name not in made} | held
     check(held | made)
-    grid = Grid(made, held)
+    return Grid(made, held)
+
+
+def check_fits(grid: Grid) -> None:
+    """Refuse a grid whose results memory cannot be expected to hold.
+
+    Raises
+    ------
+    ParameterError
+    """
     if grid.size > MAX_POINTS:
-        raise ParameterError(f"grid: {grid.size} points; one cube in memory may hold {MAX_POINTS}")
-    return grid
+        raise ParameterError(
+            f"grid: {grid.size} points; one cube in memory may hold {MAX_POINTS} "
+            "(an output that ends in .zarr is not held in memory)"
+        )

@@ -2,7 +2,7 @@
 
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from time import perf_counter
 
@@ -19,9 +19,10 @@ LINE_SECONDS = 10.0  # between two plain lines
 class Tally:
     """Counts of finished points, by mode."""
 
-    def __init__(self, total: int) -> None:
+    def __init__(self, total: int, before: Mapping[str, int] | None = None) -> None:
         self.total = total
-        self.modes: Counter[str] = Counter()
+        self.modes: Counter[str] = Counter(before or {})
+        self.before = self.done  # by an earlier process: they say nothing of the speed of this one
         self.start = perf_counter()
 
     @property
@@ -36,14 +37,15 @@ class Tally:
 
     def seconds_left(self) -> float:
         """Time until the end at the mean rate so far [s]."""
-        return (perf_counter() - self.start) * (self.total - self.done) / max(self.done, 1)
+        return (perf_counter() - self.start) * (self.total - self.done) / max(self.done - self.before, 1)
 
     def words(self) -> str:
         """Such as ``drift 512, rest 30``, the most frequent first."""
         return ", ".join(f"{mode} {count}" for mode, count in self.modes.most_common())
 
 
-def _clock(seconds: float) -> str:
+def clock(seconds: float) -> str:
+    """Such as 1:02:03, hours first."""
     minutes, seconds = divmod(round(seconds), 60)
     return f"{minutes // 60}:{minutes % 60:02d}:{seconds:02d}"
 
@@ -51,8 +53,8 @@ def _clock(seconds: float) -> str:
 class Silent:
     """Counts and shows nothing; the base of the two that show something."""
 
-    def __init__(self, total: int) -> None:
-        self.tally = Tally(total)
+    def __init__(self, total: int, before: Mapping[str, int] | None = None) -> None:
+        self.tally = Tally(total, before)
 
     def add(self, modes: np.ndarray) -> None:
         """Take note of finished points by their mode codes, shape (n,), integers."""
@@ -62,9 +64,11 @@ class Silent:
 class Lines(Silent):
     """Plain lines on stderr, for logs."""
 
-    def __init__(self, total: int) -> None:
-        super().__init__(total)
+    def __init__(self, total: int, before: Mapping[str, int] | None = None) -> None:
+        super().__init__(total, before)
         self.last = perf_counter()
+        if before:
+            print(f"going on: {self.tally.done} of {total} points are done", file=sys.stderr, flush=True)
 
     def add(self, modes: np.ndarray) -> None:
         """Take note, and print a line every `LINE_SECONDS` and at the end."""
@@ -74,17 +78,17 @@ class Lines(Silent):
             return
         self.last = now
         share = f"{tally.done}/{tally.total} points, {100 * tally.done // tally.total} %"
-        times = f"elapsed {_clock(now - tally.start)}, left {_clock(tally.seconds_left())}"
+        times = f"elapsed {clock(now - tally.start)}, left {clock(tally.seconds_left())}"
         print(f"{share}, {times}: {tally.words()}", file=sys.stderr, flush=True)
 
 
 class Bar(Silent):
     """A live bar on a terminal, inside a running `rich` display."""
 
-    def __init__(self, total: int, display: Progress) -> None:
-        super().__init__(total)
+    def __init__(self, total: int, before: Mapping[str, int] | None, display: Progress) -> None:
+        super().__init__(total, before)
         self.display = display
-        self.task = display.add_task("", total=total)
+        self.task = display.add_task(self.tally.words(), total=total, completed=self.tally.done)
 
     def add(self, modes: np.ndarray) -> None:
         """Take note and move the bar."""
@@ -99,15 +103,24 @@ def tell_of_compiling() -> None:
 
 
 @contextmanager
-def watch(total: int, *, show: bool) -> Iterator[Silent]:
-    """Follow a sweep of `total` points; what it yields is told of finished points by ``add``."""
+def watch(total: int, *, show: bool, before: Mapping[str, int] | None = None) -> Iterator[Silent]:
+    """Follow a sweep of `total` points; what it yields is told of finished points by ``add``.
+
+    Parameters
+    ----------
+    total : int
+    show : bool
+        Whether to show anything, on stderr.
+    before : mapping of str to int, optional
+        Tally of points that an earlier process has finished.
+    """
     console = Console(stderr=True)
     if not show:
-        yield Silent(total)
+        yield Silent(total, before)
     elif not console.is_terminal:
-        yield Lines(total)
+        yield Lines(total, before)
     else:
         left = TimeRemainingColumn(elapsed_when_finished=True)
         columns = (BarColumn(), MofNCompleteColumn(), TextColumn("points"), left, TextColumn("{task.description}"))
         with Progress(*columns, console=console) as display:
-            yield Bar(total, display)
+            yield Bar(total, before, display)

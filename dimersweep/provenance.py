@@ -19,6 +19,38 @@ def digest(configuration: str) -> str:
     return hashlib.sha256(configuration.encode()).hexdigest()
 
 
+def as_text(configuration: Mapping[str, Any]) -> str:
+    """A configuration as the JSON text that its digest is taken of; numbers keep every digit."""
+    return json.dumps(configuration)
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, list) and len(value) > 4:
+        return f"{len(value)} values from {value[0]!r} to {value[-1]!r}"
+    return "nothing" if value is None else json.dumps(value)
+
+
+def _flat(configuration: Mapping[str, Any]) -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in configuration.items():
+        nested = value if isinstance(value, Mapping) else {"": value}
+        flat |= {f"{key}.{name}".rstrip("."): item for name, item in nested.items()}
+    return flat
+
+
+def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+    """What has changed from one configuration to another, one line for each key, such as ``periods: 200 -> 400``."""
+    before, after = _flat(old), _flat(new)
+    keys = [key for key in before | after if before.get(key) != after.get(key)]
+    told = []
+    for key in keys:
+        was, now = _short(before.get(key)), _short(after.get(key))
+        told.append(f"{key}: {was} -> {now}" + (" (other values between)" if was == now else ""))
+    if not told and as_text(old) != as_text(new):
+        told.append(f"order: {', '.join(before)} -> {', '.join(after)}")
+    return told
+
+
 def _git(*arguments: str) -> str | None:
     command = ["git", "-C", str(Path(__file__).parent), *arguments]
     try:
@@ -62,7 +94,7 @@ def attributes(configuration: Mapping[str, Any], title: str, wall_time: float) -
     dict
         Strings and floats only: NetCDF takes no dict, None or bool.
     """
-    text = json.dumps(configuration)
+    text = as_text(configuration)
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     return {
         "Conventions": "CF-1.11",

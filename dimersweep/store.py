@@ -7,7 +7,9 @@ from pathlib import Path
 import xarray as xr
 
 from dimersweep.errors import StoreError
+from dimersweep.files import sync, told
 from dimersweep.provenance import digest
+from dimersweep.zarrs import is_zarr, read_zarr
 
 
 def check_writable(path: str | os.PathLike[str], *, force: bool = False, name: str = "out") -> Path:
@@ -32,7 +34,7 @@ def check_writable(path: str | os.PathLike[str], *, force: bool = False, name: s
         If it exists, or its folder does not, or nothing can be created there.
     """
     path = Path(path)
-    if path.is_dir():
+    if path.is_dir() and not is_zarr(path):
         raise StoreError(f"{name} = {path}: is a folder; give a file name")
     if not path.parent.is_dir():
         raise StoreError(f"{name} = {path}: the folder {path.parent} does not exist")
@@ -46,18 +48,28 @@ def check_writable(path: str | os.PathLike[str], *, force: bool = False, name: s
     return path
 
 
-def _sync(path: Path) -> None:
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
-
-
-def write_cube(cube: xr.Dataset, path: str | os.PathLike[str], *, force: bool = False) -> None:
-    """Write `cube` as NetCDF-4: to a temporary file beside `path`, which then takes its name in one step.
+def write_cube(
+    cube: xr.Dataset,
+    path: str | os.PathLike[str],
+    *,
+    force: bool = False,
+    scratch: Path | None = None,
+    kept: str = "",
+) -> None:
+    """Write `cube` as NetCDF-4: to a temporary file, which then takes the name `path` in one step.
 
     Must be called in the thread that does all NetCDF work, as netCDF-C is not thread-safe.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+    path : path-like
+    force : bool
+        Whether it may replace an existing file.
+    scratch : Path, optional
+        The temporary file, on the same disk; beside `path` by default.
+    kept : str
+        What the message of an error tells of results that are not lost.
 
     Raises
     ------
@@ -65,24 +77,25 @@ def write_cube(cube: xr.Dataset, path: str | os.PathLike[str], *, force: bool = 
         If the file exists and `force` is not given, or the disk refuses.
     """
     path = check_writable(path, force=force)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    temporary = scratch or path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
-        cube.to_netcdf(temporary, engine="netcdf4", format="NETCDF4")
-        _sync(temporary)
-        temporary.replace(path)
-        _sync(path.parent)  # the new name must outlive a power cut too
-    except (OSError, RuntimeError) as error:  # netCDF-C reports a full disk as a RuntimeError
-        raise StoreError(f"out = {path}: could not be written ({error})") from error
+        with told(f"out = {path}", kept):
+            cube.to_netcdf(temporary, engine="netcdf4", format="NETCDF4")
+            sync(temporary)
+            temporary.replace(path)
+            sync(path.parent)  # the new name must outlive a power cut too
     finally:
         temporary.unlink(missing_ok=True)
 
 
 def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
-    """Read a cube that `sweep` wrote, whole into memory, and close its file.
+    """Read a cube that `sweep` wrote.
 
     Parameters
     ----------
     path : path-like
+        A NetCDF file, which is read whole into memory and closed; or a folder that ends in .zarr, of which values are
+        read when they are used.
 
     Returns
     -------
@@ -92,17 +105,24 @@ def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
     Raises
     ------
     StoreError
-        If there is no such file, it is no NetCDF file, or no (intact) cube of this program.
+        If there is no such file, it is no NetCDF file or Zarr group, or no (intact) cube of this program.
     """
     path = Path(path)
-    if not path.is_file():
-        raise StoreError(f"{path}: no such file")
-    try:
-        cube = xr.load_dataset(path, engine="netcdf4")
-    except (OSError, ValueError, RuntimeError) as error:
-        raise StoreError(f"{path}: is no NetCDF file, or a damaged one ({error})") from error
+    if path.is_dir() and is_zarr(path):
+        cube, kind = read_zarr(path), "Zarr group"
+    else:
+        cube, kind = _read_netcdf(path), "NetCDF file"
     if "dimersweep_cube" not in cube.attrs:
-        raise StoreError(f"{path}: is a NetCDF file, but no cube of dimersweep")
+        raise StoreError(f"{path}: is a {kind}, but no cube of dimersweep")
     if digest(cube.attrs.get("configuration", "")) != cube.attrs.get("configuration_sha256") or "mode" not in cube:
         raise StoreError(f"{path}: is a cube of dimersweep that was changed or is incomplete; sweep it again")
     return cube
+
+
+def _read_netcdf(path: Path) -> xr.Dataset:
+    if not path.is_file():
+        raise StoreError(f"{path}: no such file")
+    try:
+        return xr.load_dataset(path, engine="netcdf4")
+    except (OSError, ValueError, RuntimeError) as error:
+        raise StoreError(f"{path}: is no NetCDF file, or a damaged one ({error})") from error

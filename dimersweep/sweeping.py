@@ -1,38 +1,59 @@
-"""A whole sweep: a grid in, a labelled cube out; dask owns the cores, the calling thread all bookkeeping and files."""
+"""A whole sweep: a grid in, a labelled cube out; workers compute, and the calling thread keeps all books and files."""
 
+import json
 import os
+import sys
 import warnings
-from collections.abc import Callable, Iterable, Mapping
-from functools import partial
-from time import perf_counter
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-import dask
+import numpy as np
 import xarray as xr
-from dask.callbacks import Callback
 from dask.system import CPU_COUNT
 
-from dimersweep.cube import blank, build
-from dimersweep.grid import make_grid
-from dimersweep.kernel.layout import CODES
-from dimersweep.parameters import check_count, check_rtol
+from dimersweep.cube import build, flatten
+from dimersweep.errors import ParameterError, PointError, Stopped, StoreError
+from dimersweep.grid import check_fits
+from dimersweep.kernel.layout import CODES, STATUS_MESSAGES, STATUSES
+from dimersweep.memorystore import MemoryStore
+from dimersweep.parameters import check_count
 from dimersweep.progress import tell_of_compiling, watch
-from dimersweep.provenance import attributes
-from dimersweep.store import check_writable, write_cube
-from dimersweep.tiles import Finished, Spec, Tile, attempt, split, tile_length
+from dimersweep.provenance import as_text, attributes, differences
+from dimersweep.reuse import Known, not_ok, not_run
+from dimersweep.scheduling import Pool, cluster, connected, run_tiles, threads, warm_up
+from dimersweep.signals import StopFlag, stop_on_signals
+from dimersweep.store import check_writable, open_cube, write_cube
+from dimersweep.tiles import Finished, Pace, Spec, bundles, make_spec
+from dimersweep.tilestore import TileStore, tile_store
+from dimersweep.zarrs import check_zarr, is_zarr, write_zarr
 
-_MODE = CODES.index("mode")
+_MODE, _STATUS = CODES.index("mode"), CODES.index("status")
+_SUMMARY = "sweep of a 3D dimer on a vibrating plate"
+
+Store = MemoryStore | TileStore
 
 
-def run_tiles(spec: Spec, tiles: Iterable[Tile], workers: int, take: Callable[[Finished], None]) -> None:
-    """Run `tiles` on `workers` threads and hand each to `take`, in the calling thread, as it finishes."""
+@dataclass(frozen=True)
+class How:
+    """What decides how a sweep is run, but none of its numbers.
 
-    def posttask(key: Any, result: Any, dsk: Any, state: Any, worker: Any) -> None:
-        take(result)
+    Parameters
+    ----------
+    workers : int
+        Threads of this process.
+    client : distributed.Client or str, optional
+        A cluster in place of them.
+    progress, fail_fast : bool
+        See `sweep`.
+    """
 
-    task = dask.delayed(partial(attempt, spec), name="tile", pure=False)
-    with Callback(posttask=posttask):
-        dask.compute([task(tile) for tile in tiles], scheduler="threads", num_workers=workers)
+    workers: int
+    client: Any = None
+    progress: bool = True
+    fail_fast: bool = False
 
 
 def sweep(
@@ -47,8 +68,16 @@ def sweep(
     stop_when_settled: bool = True,
     force: bool = False,
     attrs: Mapping[str, str] | None = None,
+    client: Any = None,
+    extend: str | os.PathLike[str] | None = None,
+    retry: bool = False,
+    fail_fast: bool = False,
+    keep_tiles: bool = False,
 ) -> xr.Dataset:
     """Run the dimer at every point of a grid.
+
+    With an `out`, finished points are kept in the folder ``<out>.tiles`` beside it until the cube is written: the same call
+    goes on where a former one was stopped or killed, with any number of workers.
 
     Parameters
     ----------
@@ -62,7 +91,8 @@ def sweep(
     rtol : float
         Accuracy [1], 1e-13 to 1e-2.
     out : path-like, optional
-        NetCDF file to write the cube to; written whole at the end or not at all.
+        NetCDF file to write the cube to, whole or not at all; or, if it ends in .zarr, a Zarr group, for cubes larger
+        than memory. A complete cube of this very sweep is read and returned.
     workers : int, optional
         Threads; by default one for each core.
     progress : bool
@@ -70,49 +100,203 @@ def sweep(
     stop_when_settled : bool
         Whether a point stops as soon as its motion has settled.
     force : bool
-        Whether `out` may replace an existing file.
+        Whether `out` may replace an existing file, and results of another configuration be deleted.
     attrs : mapping of str to str, optional
         Further global attributes, such as a title.
+    client : distributed.Client or str, optional
+        A dask.distributed client, or the address of a scheduler such as ``tcp://host:8786``, to run on.
+    extend : path-like, optional
+        A cube whose points are taken over where this grid has them, value by value; same settings, same kernel.
+    retry : bool
+        Whether points of `out` (or `extend`) that failed are run again.
+    fail_fast : bool
+        Whether to stop at the first point that fails; what was finished is kept.
+    keep_tiles : bool
+        Whether the folder of finished points stays when the cube is written.
 
     Returns
     -------
     xarray.Dataset
         `mode`, `status`, orbit quantities and counts over the axes, with units and provenance. The numbers depend
-        neither on `workers` nor on how the grid is cut into tiles.
+        neither on the workers nor on how the grid is cut into tiles.
 
     Raises
     ------
     ParameterError
         For a grid, a parameter or a setting that is not allowed, before any work.
     StoreError
-        For an `out` that cannot be written, before any work.
+        For an `out` that cannot be written or belongs to another sweep, before any work; or a disk that refuses later.
+    PointError
+        With `fail_fast`, for the first point that fails.
+    Stopped
+        A KeyboardInterrupt, after Ctrl-C or SIGTERM; what was finished is kept.
     """
-    spec = Spec(make_grid(grid, fixed), check_count("periods", periods), check_rtol(rtol), bool(stop_when_settled))
-    workers = CPU_COUNT if workers is None else check_count("workers", workers)
-    if out is not None:
-        check_writable(out, force=force)
-    started = perf_counter()
-    results, codes = blank(spec.grid.size)
-    errors: list[str] = []
+    spec = make_spec(grid, fixed, periods=periods, rtol=rtol, stop_when_settled=stop_when_settled)
+    how = How(CPU_COUNT if workers is None else check_count("workers", workers), client, progress, fail_fast)
+    target = None if out is None else Path(out)
+    if target is None or not is_zarr(target):
+        check_fits(spec.grid)
+    if target is not None:
+        return _to_file(spec, target, how, attrs, extend, force=force, retry=retry, keep_tiles=keep_tiles)
+    if retry and extend is None:
+        raise ParameterError("retry: needs an out, or a cube to extend")
+    memory = MemoryStore(spec.grid.size)
+    origin = _take_over(memory, spec, extend, not_ok if retry else not_run)
+    compute(spec, memory, how)
+    return build(spec.grid, memory.out, memory.codes, _attributes(spec, memory, origin | dict(attrs or {})))
 
-    def take(finished: Finished) -> None:
-        where = slice(*finished.tile)
-        results[where], codes[where] = finished.out, finished.codes
-        shown.add(finished.codes[:, _MODE])
-        if finished.error:
-            errors.append(f"points {where.start} to {where.stop - 1}: {finished.error}")
 
-    if progress:
-        tell_of_compiling()
-    tiles = split(spec.grid.size, tile_length(spec, workers))  # compiles: do it before the clock of the progress starts
-    with watch(spec.grid.size, show=progress) as shown:
-        run_tiles(spec, tiles, workers, take)
-    if errors:
-        warnings.warn(f"{len(errors)} tiles failed; {errors[0]}", RuntimeWarning, stacklevel=2)
-    told = attributes(spec.configuration(), "sweep of a 3D dimer on a vibrating plate", perf_counter() - started)
-    cube = build(
-        spec.grid, results, codes, told | dict(attrs or {}) | ({"failures": "; ".join(errors)} if errors else {})
-    )
-    if out is not None:
-        write_cube(cube, out, force=force)
+def _to_file(
+    spec: Spec,
+    out: Path,
+    how: How,
+    attrs: Mapping[str, str] | None,
+    extend: str | os.PathLike[str] | None,
+    *,
+    force: bool,
+    retry: bool,
+    keep_tiles: bool,
+) -> xr.Dataset:
+    if is_zarr(out):
+        check_zarr()
+    if out.exists() and not force:
+        former = _former(out, spec)
+        if not retry or not not_ok(flatten(former)[1]).any():
+            if how.progress:
+                print(f"{out}: is complete already; nothing was run", file=sys.stderr, flush=True)
+            return former
+    force_cube = force or retry
+    check_writable(out, force=force_cube)
+    unwanted = not_ok if retry else not_run
+    with tile_store(out, spec.configuration(), spec.grid.size, force=force) as store, _tidy(store):
+        check_writable(out, force=force_cube)  # who held the lock before may have written it meanwhile
+        if trouble := store.check():
+            warnings.warn(trouble, RuntimeWarning, stacklevel=3)
+        if retry:
+            store.drop(not_ok)
+        origin = _take_over(store, spec, extend, unwanted)
+        if retry and out.exists():
+            _take_over(store, spec, out, unwanted)
+        compute(spec, store, how)
+        told = _attributes(spec, store, origin | dict(attrs or {}))
+        if is_zarr(out):
+            write_zarr(spec.grid, store.read, told, out, scratch=store.scratch, kept=store.keeps)
+            cube = open_cube(out)
+        else:
+            cube = build(spec.grid, *store.read(0, spec.grid.size), told)
+            write_cube(cube, out, force=force_cube, scratch=store.scratch, kept=store.keeps)
+        if not keep_tiles:
+            store.remove()
     return cube
+
+
+@contextmanager
+def _tidy(store: TileStore) -> Iterator[None]:
+    """Leave no folder behind if nothing was finished."""
+    try:
+        yield
+    except BaseException:
+        if not store.manifest.entries:
+            with suppress(OSError):
+                store.remove()
+        raise
+
+
+def _former(out: Path, spec: Spec) -> xr.Dataset:
+    """The cube that is at `out` already, if it is the one that `spec` would give.
+
+    Raises
+    ------
+    StoreError
+        If it is not.
+    """
+    cannot = f"out = {out}: exists already; give another name, or force it to be replaced (--force)"
+    try:
+        cube = open_cube(out)
+    except StoreError:
+        raise StoreError(cannot) from None
+    old, new = json.loads(cube.attrs["configuration"]), spec.configuration()
+    if as_text(old) != as_text(new):
+        raise StoreError(f"{cannot}. What differs:" + "".join(f"\n  {line}" for line in differences(old, new)))
+    return cube
+
+
+def _take_over(
+    store: Store, spec: Spec, source: str | os.PathLike[str] | None, unwanted: Callable[[np.ndarray], np.ndarray]
+) -> dict[str, str]:
+    """Put the points that are missing and that the cube `source` has into the store; the attributes that tell of it."""
+    if source is None:
+        return {}
+    cube = open_cube(source)
+    for piece in Known(cube, str(source), spec).pieces(store.gaps(), unwanted):
+        store.add(piece)
+    store.flush()
+    return {"extends": f"{Path(source).name}, configuration sha256 {cube.attrs['configuration_sha256']}"}
+
+
+@contextmanager
+def _pool(spec: Spec, how: How, client: Any, stop: StopFlag) -> Iterator[Pool]:
+    with threads(spec, how.workers, stop) if client is None else cluster(spec, client) as pool:
+        yield pool
+
+
+def compute(spec: Spec, store: Store, how: How) -> None:
+    """Run the points of `spec` that `store` lacks and put them there.
+
+    Raises
+    ------
+    PointError, Stopped, StoreError
+        See `sweep`; what was finished before is in the store.
+    """
+    ranges = store.gaps()
+    if not ranges:
+        return
+    if how.progress:
+        tell_of_compiling()
+    with ExitStack() as stack:
+        stop = stack.enter_context(stop_on_signals())
+        warm_up(spec, stop)  # before the clock of the progress starts, and before workers would all do it
+        client = None if how.client is None else stack.enter_context(connected(how.client))
+        pool = stack.enter_context(_pool(spec, how, client, stop))
+        shown = stack.enter_context(watch(spec.grid.size, show=how.progress, before=store.modes()))
+        if how.progress and not pool.workers():
+            print("waiting for the first worker of the cluster", file=sys.stderr, flush=True)
+        pace = Pace(sum(stop - start for start, stop in ranges), max(1, pool.workers()))
+        failures: list[tuple[int, str]] = []
+
+        def take(finished: list[Finished]) -> None:
+            pace.note(finished)
+            for tile in finished:
+                store.add(tile)
+            codes = np.concatenate([tile.codes for tile in finished])
+            shown.add(codes[:, _MODE])
+            if how.fail_fast and not_ok(codes).any():
+                failures.append(_failure(spec, next(tile for tile in finished if not_ok(tile.codes).any())))
+                stop.set()
+
+        try:
+            run_tiles(pool, bundles(ranges, pace), take, stop)
+        finally:
+            store.flush()
+    if failures:
+        raise PointError(f"{min(failures)[1]}; {store.kept}")
+    if stop.is_set() and store.gaps():
+        raise Stopped(store.kept, stop.signal)
+
+
+def _failure(spec: Spec, finished: Finished) -> tuple[int, str]:
+    """The number of the first point of a tile that failed, and why it did."""
+    row = int(not_ok(finished.codes).argmax())
+    status = finished.codes[row, _STATUS]
+    reason = finished.error.partition(": ")[2] or f"{STATUSES[status]}: {STATUS_MESSAGES[status]}"
+    number = finished.tile.start + row
+    return number, f"{spec.grid.point(number)} failed: {reason}"
+
+
+def _attributes(spec: Spec, store: Store, more: Mapping[str, str]) -> dict[str, Any]:
+    """Global attributes of the cube, and a warning if points failed for reasons that are not of the model."""
+    errors = sorted(store.errors)
+    if errors:
+        warnings.warn(f"{len(errors)} tiles have points that failed; {errors[0]}", RuntimeWarning, stacklevel=4)
+    told = attributes(spec.configuration(), _SUMMARY, store.wall) | {"kernel_time_s": store.seconds}
+    return told | dict(more) | ({"failures": "; ".join(errors)} if errors else {})

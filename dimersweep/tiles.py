@@ -1,7 +1,7 @@
 """The unit of work: a range of grid points, and the pure function that any thread, process or machine runs it with."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from math import ceil
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -9,13 +9,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dimersweep.cube import blank
-from dimersweep.grid import Grid
+from dimersweep.grid import Grid, make_grid
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.engine import run_many
-from dimersweep.kernel.layout import CODES, M_FAILED
+from dimersweep.kernel.layout import CODES, M_APERIODIC, M_FAILED, M_UNRESOLVED
+from dimersweep.parameters import check_count, check_rtol
 
 TILE_SECONDS = 0.5  # long against the cost of a task (4 ms), short against the patience of Ctrl-C (2 s)
+GROWTH = 4  # a task has at most this many times the points of one that has come back
 TILES_PER_WORKER = 4  # at least, so that no worker idles for long at the end
+CHUNK_SECONDS = 0.1  # what one call of the kernel aims at: it can be stopped only between calls
+LONGEST_TILE = 2 * TILE_SECONDS  # a task whose points turn out slow comes back with those it has by then
+SLOW_MODES = sum(1 << mode for mode in (M_FAILED, M_APERIODIC, M_UNRESOLVED))  # these use all periods they are given
 _MODE = CODES.index("mode")
 
 
@@ -26,13 +31,17 @@ class Tile(NamedTuple):
     stop: int
 
 
+Bundle = tuple[Tile, ...]  # what one task runs: scattered points would be too little work one by one
+
+
 class Finished(NamedTuple):
-    """A tile with its results, or with the error that kept it from any (empty if none)."""
+    """A tile with its results; what kept points from having any (empty if nothing); and the time it took [s]."""
 
     tile: Tile
     out: np.ndarray
     codes: np.ndarray
-    error: str
+    error: str = ""
+    seconds: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -67,6 +76,51 @@ class Spec:
             "kernel_version": kernel_version(),
         }
 
+    @classmethod
+    def from_configuration(cls, told: Mapping[str, Any]) -> "Spec":
+        """The spec that gave `told` as its `configuration`, whatever the kernel was; judged like any other input.
+
+        Raises
+        ------
+        ParameterError
+            If a value is not allowed.
+        KeyError
+            If something is missing.
+        """
+        return make_spec(
+            told["grid"],
+            told["fixed"],
+            periods=told["periods"],
+            rtol=told["rtol"],
+            stop_when_settled=told["stop_when_settled"],
+        )
+
+
+def make_spec(
+    axes: Mapping[str, Any],
+    fixed: Mapping[str, Any] | None = None,
+    *,
+    periods: int,
+    rtol: float = 1e-8,
+    stop_when_settled: bool = True,
+) -> Spec:
+    """A spec from what a user gives, see `sweep`.
+
+    Raises
+    ------
+    ParameterError
+        Naming what is not allowed.
+    """
+    return Spec(make_grid(axes, fixed), check_count("periods", periods), check_rtol(rtol), bool(stop_when_settled))
+
+
+def advance(spec: Spec, rows: np.ndarray, out: np.ndarray, codes: np.ndarray) -> int:
+    """Run points from the first one on, until all are done or one has used all its periods, and count them.
+
+    That end keeps a batch of quick points from going on for long when it meets slow ones.
+    """
+    return run_many(rows, spec.periods, spec.rtol, spec.stop_when_settled, out, codes, until=SLOW_MODES)
+
 
 def run_tile(spec: Spec, tile: Tile) -> tuple[np.ndarray, np.ndarray]:
     """Run the points of one tile.
@@ -79,40 +133,151 @@ def run_tile(spec: Spec, tile: Tile) -> tuple[np.ndarray, np.ndarray]:
     codes : ndarray, shape (tile.stop - tile.start, N_CODES), int64
     """
     out, codes = blank(tile.stop - tile.start)
-    run_many(spec.grid.rows(*tile), spec.periods, spec.rtol, spec.stop_when_settled, out, codes)
+    rows, done = spec.grid.rows(*tile), 0
+    while done < len(rows):
+        done += advance(spec, rows[done:], out[done:], codes[done:])
     return out, codes
 
 
-def attempt(spec: Spec, tile: Tile) -> Finished:
-    """Run one tile; an exception marks its points as failed and goes no further."""
-    try:
-        return Finished(tile, *run_tile(spec, tile), error="")
-    except Exception as error:  # whatever it is, it must not cost the other tiles
-        out, codes = blank(tile.stop - tile.start)
-        codes[:, _MODE] = M_FAILED
-        return Finished(tile, out, codes, f"{type(error).__name__}: {error}")
+def _never() -> bool:
+    return False
 
 
-def seconds_per_point(spec: Spec, sample: int = 8) -> float:
-    """Mean time of a few points spread over the grid [s], without that of compiling."""
-    attempt(spec, Tile(0, 1))
-    start, done = perf_counter(), 0
-    for point in np.linspace(0, spec.grid.size - 1, sample).astype(int).tolist():
-        attempt(spec, Tile(point, point + 1))
-        done += 1
-        if perf_counter() - start > TILE_SECONDS:
+def attempt(spec: Spec, tiles: Bundle, stopped: Callable[[], bool] = _never, shift: int = 0) -> list[Finished]:
+    """Run tiles in short calls of the kernel, for about `LONGEST_TILE` seconds; a point that raises is marked as failed.
+
+    Parameters
+    ----------
+    spec : Spec
+    tiles : tuple of Tile
+    stopped : callable
+        Asked between two calls; if it says True, the work ends there, though not before the first point.
+    shift : int
+        What to add to the numbers of points, where `spec` is a window of a larger grid.
+
+    Returns
+    -------
+    list of Finished
+        The last one may be short of its tile, and the tiles after it missing. The time is told with the first one.
+    """
+    begun = perf_counter()
+    points = np.concatenate([np.arange(*tile) for tile in tiles])
+    rows = spec.grid.rows_at(points)
+    out, codes = blank(points.size)
+    done, batch, errors = 0, 1, {}
+    while done < points.size:
+        part = slice(done, done + batch)
+        try:
+            done += advance(spec, rows[part], out[part], codes[part])
+        except Exception as error:  # whatever it is, it must not cost the other points
+            out[part], codes[part] = blank(len(rows[part]))
+            if len(rows[part]) > 1:
+                batch = 1  # find the one
+                continue
+            codes[done, _MODE] = M_FAILED
+            errors[int(points[done]) + shift] = f"{type(error).__name__}: {error}"
+            done += 1
+        spent = perf_counter() - begun
+        if spent > LONGEST_TILE or stopped():
             break
-    return (perf_counter() - start) / done
+        batch = max(1, min(2 * batch, int(CHUNK_SECONDS * done / spent)))
+    out[np.isnan(out)] = np.nan  # one pattern of bits, whatever operation made it
+    return _cut(tiles, out[:done], codes[:done], errors, perf_counter() - begun, shift)
 
 
-def tile_length(spec: Spec, workers: int) -> int:
-    """Points in a tile, so that one takes about `TILE_SECONDS` and each of `workers` gets a few."""
-    longest = ceil(spec.grid.size / (TILES_PER_WORKER * workers))
-    if longest == 1:
-        return 1
-    return max(1, min(longest, int(TILE_SECONDS / seconds_per_point(spec))))
+def _cut(
+    tiles: Bundle, out: np.ndarray, codes: np.ndarray, errors: Mapping[int, str], seconds: float, shift: int
+) -> list[Finished]:
+    """Results of the points of `tiles`, as far as they go, tile by tile."""
+    finished: list[Finished] = []
+    first = 0
+    for start, stop in tiles:
+        if first == len(out):
+            break
+        last = min(first + stop - start, len(out))
+        tile = Tile(start + shift, start + shift + last - first)
+        told = [f"point {point}: {error}" for point, error in errors.items() if tile.start <= point < tile.stop]
+        more = f" (and {len(told) - 1} more)" if len(told) > 1 else ""
+        error = told[0] + more if told else ""
+        finished.append(Finished(tile, out[first:last], codes[first:last], error, 0.0 if finished else seconds))
+        first = last
+    return finished
+
+
+def narrowed(spec: Spec, tiles: Bundle) -> tuple[Spec, Bundle, int]:
+    """The same points in a spec that is small enough to travel with every task, and the `shift` back."""
+    grid, start = spec.grid.window(tiles[0].start, tiles[-1].stop)
+    shift = tiles[0].start - start
+    return replace(spec, grid=grid), tuple(Tile(a - shift, b - shift) for a, b in tiles), shift
+
+
+def lost(tile: Tile, error: BaseException) -> Finished:
+    """A tile whose worker died or could not return it, with its points marked as failed."""
+    out, codes = blank(tile.stop - tile.start)
+    codes[:, _MODE] = M_FAILED
+    return Finished(tile, out, codes, f"points {tile.start} to {tile.stop - 1}: {type(error).__name__}: {error}")
+
+
+class Pace:
+    """How many points make a task, from the time that the last ones took; one at first.
+
+    Parameters
+    ----------
+    size, workers : int
+        Points to run, and how many run at a time: each worker is to get a few tasks.
+    """
+
+    def __init__(self, size: int, workers: int) -> None:
+        self.longest = ceil(size / (TILES_PER_WORKER * workers))
+        self.length = 1
+
+    def note(self, finished: Sequence[Finished]) -> None:
+        """Learn from what a task has brought back."""
+        points = sum(len(tile.codes) for tile in finished)
+        aim = int(TILE_SECONDS * points / max(sum(tile.seconds for tile in finished), 1e-6))
+        self.length = max(1, min(aim, GROWTH * points, self.longest))
 
 
 def split(size: int, length: int) -> Iterator[Tile]:
     """Tiles of `length` points that cover `size` points; the last one may be shorter."""
-    return (Tile(start, min(start + length, size)) for start in range(0, size, length))
+    return split_ranges([Tile(0, size)], length)
+
+
+def split_ranges(ranges: Iterable[Tile], length: int) -> Iterator[Tile]:
+    """Tiles of at most `length` points that cover `ranges`."""
+    return (Tile(at, min(at + length, stop)) for start, stop in ranges for at in range(start, stop, length))
+
+
+def bundles(ranges: Iterable[Tile], pace: Pace) -> Iterator[Bundle]:
+    """Bundles that cover `ranges`, each of ``pace.length`` points as it is then; the last one may have fewer."""
+    bundle: list[Tile] = []
+    room = pace.length
+    for start, stop in ranges:
+        at = start
+        while at < stop:
+            end = min(stop, at + room)
+            bundle.append(Tile(at, end))
+            room -= end - at
+            at = end
+            if room == 0:
+                yield tuple(bundle)
+                bundle, room = [], pace.length
+    if bundle:
+        yield tuple(bundle)
+
+
+def gaps(size: int, done: Iterable[Tile]) -> Iterator[Tile]:
+    """The ranges of `size` points that no tile of `done` covers."""
+    reached = 0
+    for start, stop in sorted(done):
+        if start > reached:
+            yield Tile(reached, start)
+        reached = max(reached, stop)
+    if reached < size:
+        yield Tile(reached, size)
+
+
+def runs(chosen: np.ndarray, start: int = 0) -> list[Tile]:
+    """The ranges where `chosen`, shape (n,), bool, holds; its first item is point `start`."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], chosen, [False])).astype(np.int8))) + start
+    return [Tile(a, b) for a, b in edges.reshape(-1, 2).tolist()]

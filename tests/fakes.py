@@ -8,7 +8,7 @@ SLOT = {name: k for k, name in enumerate(ROW)}
 CODE = {name: k for k, name in enumerate(CODES)}
 
 
-def fake_run_many(rows, periods, rtol, settle, out, codes):
+def fake_run_many(rows, periods, rtol, settle, out, codes, until=0):
     """Bands of drift in beta0 that get denser with f, an unresolved start, rest elsewhere."""
     beta0, f = rows[:, SLOT["beta0"]], rows[:, SLOT["f"]]
     drift = np.sin(2 * f * beta0) > 0.2
@@ -20,3 +20,19 @@ def fake_run_many(rows, periods, rtol, settle, out, codes):
     codes[:, CODE["n_periods"]] = periods
     out[:, OUT.index("radius")] = np.where(drift, f**2 / 50 + 1e-3 * beta0, np.nan)
     out[:, OUT.index("zeta")] = np.where(drift, 1.6, np.nan)
+    return len(rows)
+
+
+class SteadyPace:
+    """In place of `Pace`: tasks of a given length."""
+
+    def __init__(self, length):
+        self.length = length
+
+    def note(self, finished):
+        """Learn nothing."""
+
+
+def set_pace(monkeypatch, length):
+    """Cut sweeps into tasks of `length` points."""
+    monkeypatch.setattr("dimersweep.sweeping.Pace", lambda size, workers: SteadyPace(length))

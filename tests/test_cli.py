@@ -2,13 +2,16 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from fakes import fake_run_many
 
 import dimersweep
 from dimersweep import cli
@@ -111,7 +114,13 @@ def test_a_bad_declaration_is_named(call, old, new, message):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["run"], "Missing argument 'SWEEP.toml'."),
+        (["run"], "Invalid value: give either SWEEP.toml or --from CUBE"),
+        (["run", "small.toml", "--from", "x.nc"], "Invalid value: give either SWEEP.toml or --from CUBE"),
+        (["run", "--from", "x.nc"], "Invalid value: --from CUBE needs --out, the cube to write"),
+        (["run", "--from", "x.nc", "--out", "y.nc"], "x.nc: no such file"),
+        (["run", "small.toml", "--extend", "x.nc", "--no-plot"], "x.nc: no such file"),
+        (["run", "small.toml", "--scheduler", "tcp://127.0.0.1:9"], "scheduler = tcp://127.0.0.1:9: cannot be reached"),
+        (["status", "absent.nc"], "absent.nc: no such cube, and no sweep for it (absent.nc.tiles has no manifest)"),
         (["run", "absent.toml"], "absent.toml: cannot be read (No such file or directory)"),
         (["run", "small.toml", "--workers", "0"], "workers = 0: must be a whole number >= 1"),
         (["run", "small.toml", "--out", "no/cube.nc"], "out = no/cube.nc: the folder no does not exist"),
@@ -129,7 +138,8 @@ def test_a_bad_declaration_is_named(call, old, new, message):
         (["dance"], "No such command 'dance'."),
     ],
 )
-def test_a_bad_call_is_one_line_and_exit_code_2(call, arguments, message):
+def test_a_bad_call_is_one_line_and_exit_code_2(call, monkeypatch, arguments, message):
+    monkeypatch.setattr("dimersweep.scheduling.CONNECT_SECONDS", 0.5)
     out, err, code = call(*arguments)
     assert code == 2
     assert err.startswith(f"dimersweep: error: {message}")
@@ -173,25 +183,161 @@ def test_help_and_version_answer_at_once():
 SLOW_SWEEP = """
 import sys, time
 import dimersweep.tiles
-dimersweep.tiles.run_many = lambda rows, *rest: time.sleep(0.3 * len(rows))
+from fakes import fake_run_many
+
+def slow(rows, *rest, until=0):
+    time.sleep(0.05 * len(rows))
+    return fake_run_many(rows, *rest)
+
+dimersweep.tiles.run_many = slow
 from dimersweep.cli import main
-sys.argv = ["dimersweep", "run", "small.toml"]
+sys.argv = ["dimersweep", "run", "small.toml", "--workers", "2"]
 print("ready", flush=True)
 main()
 """
 
 
-def test_ctrl_c_stops_a_sweep_within_two_seconds(tmp_path):
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+@contextmanager
+def slow_sweep(*, ignoring=None):
+    """A process at work on a sweep of some seconds, once it has put points on the disk."""
+    environment = os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}"}
     with subprocess.Popen(
         [sys.executable, "-c", SLOW_SWEEP], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
-        assert process.stdout.readline() == "ready\n"
-        time.sleep(2.5)
-        process.send_signal(signal.SIGINT)
+        try:
+            assert process.stdout.readline() == "ready\n"
+            manifest = Path("fig07-small.nc.tiles/manifest.jsonl")
+            give_up = time.monotonic() + 30
+            while not (manifest.exists() and len(manifest.read_bytes().splitlines()) > 1):
+                assert time.monotonic() < give_up and process.poll() is None
+                time.sleep(0.02)
+            yield process
+        finally:
+            process.kill()
+
+
+@pytest.mark.parametrize(
+    ("number", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
+)
+def test_a_signal_stops_a_sweep_within_two_seconds_and_it_goes_on(call, fake_kernel, number, code, word):
+    with slow_sweep() as process:
+        process.send_signal(number)
         start = time.perf_counter()
         _, err = process.communicate(timeout=20)
     assert time.perf_counter() - start < 2
-    assert process.returncode == 130
-    assert err.splitlines()[-1] == "dimersweep: interrupted, nothing was written"
+    assert process.returncode == code
+    told = re.fullmatch(
+        rf"dimersweep: {word}: (\d+) of 132 points are kept in fig07-small.nc.tiles; run the same again to go on",
+        err.splitlines()[-1],
+    )
+    done = int(told[1])
+    assert 0 < done < 132
+    assert sorted(os.listdir()) == ["fig07-small.nc.tiles", "small.toml"]
+    assert call("status", "fig07-small.nc")[0].startswith(f"fig07-small.nc: {done} of 132 points done")
+    _, err, code = call("run", "small.toml", "--no-plot")
+    assert code == 0, err
+    assert f"going on: {done} of 132 points are done" in err
+    assert sorted(os.listdir()) == ["fig07-small.nc", "small.toml"]
+
+
+def test_two_sweeps_do_not_share_a_folder_and_status_names_the_holder(call, fake_kernel):
+    with slow_sweep() as process:
+        out, err, code = call("run", "small.toml")
+        assert (code, err.count("\n")) == (2, 1)
+        assert err.startswith(
+            f"dimersweep: error: fig07-small.nc.tiles: a sweep is at work here (process {process.pid} on "
+        )
+        out, err, code = call("status", "fig07-small.nc")
+        assert (err, code) == ("", 0)
+        assert f"at work: process {process.pid} on " in out
+        process.kill()
+        process.wait()
+    assert "at work: nobody; run the same sweep again to go on" in call("status", "fig07-small.nc")[0]
+    assert call("run", "small.toml")[2] == 0
+
+
+def test_another_configuration_is_refused_with_what_differs(call, fake_kernel):
+    with slow_sweep() as process:
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=20)
+    _, err, code = call("run", "small.toml", "--periods", "300", "--rtol", "1e-6")
+    assert code == 2
+    assert err.splitlines() == [
+        "dimersweep: error: fig07-small.nc.tiles: holds results of another sweep, stopped before its end; begin anew "
+        "with --force, or give another output. What differs:",
+        "  periods: 200 -> 300",
+        "  rtol: 1e-08 -> 1e-06",
+    ]
+    _, err, code = call("run", "small.toml", "--periods", "300", "--force")
+    assert (code, "going on" in err) == (0, False)
+    assert json.loads(dimersweep.open_cube("fig07-small.nc").attrs["configuration"])["periods"] == 300
+
+
+def test_a_finished_sweep_is_not_done_again(call, fake_kernel, monkeypatch):
+    assert call("run", "small.toml", "--no-plot")[2] == 0
+    monkeypatch.setattr("dimersweep.tiles.run_many", lambda *rest, **more: pytest.fail("work was done"))
+    out, err, code = call("run", "small.toml")
+    assert (code, err) == (0, "fig07-small.nc: is complete already; nothing was run\n")
+    assert out.splitlines()[-2:] == ["cube: fig07-small.nc", "picture: fig07-small.png"]
+    _, err, code = call("run", "small.toml", "--rtol", "1e-6", "--no-plot")
+    assert code == 2
+    assert err.splitlines()[1:] == ["  rtol: 1e-08 -> 1e-06"]
+
+
+def test_a_cube_is_made_again_from_what_it_tells(call, fake_kernel, monkeypatch):
+    assert call("run", "small.toml", "--no-plot")[2] == 0
+    out, err, code = call("run", "--from", "fig07-small.nc", "--out", "again.nc")
+    assert code == 0, err
+    assert out.splitlines()[1].startswith("f = 15 Hz: drift from")  # it is drawn as it was declared
+    first, again = dimersweep.open_cube("fig07-small.nc"), dimersweep.open_cube("again.nc")
+    for name, variable in first.variables.items():
+        assert variable.values.tobytes() == again[name].values.tobytes(), name
+    for name in ("configuration", "configuration_sha256", "title", "plot"):
+        assert first.attrs[name] == again.attrs[name]
+    monkeypatch.setattr("dimersweep.tiles.kernel_version", lambda: "another")
+    _, err, code = call("run", "--from", "fig07-small.nc", "--out", "third.nc")
+    assert code == 2
+    assert err.startswith("dimersweep: error: fig07-small.nc: was made by another version, so its numbers may differ")
+    assert err.splitlines()[1] == f'  kernel_version: "{first.attrs["kernel_version"]}" -> "another"'
+    assert call("run", "--from", "fig07-small.nc", "--out", "third.nc", "--other-kernel")[2] == 0
+
+
+def test_fail_fast_names_the_point_and_keeps_the_rest(call, monkeypatch):
+    def breaks(rows, *rest, until=0):
+        if (rows[:, 3] == 20).any():
+            raise MemoryError("no room")
+        return fake_run_many(rows, *rest)
+
+    monkeypatch.setattr("dimersweep.tiles.run_many", breaks)
+    _, err, code = call("run", "small.toml", "--fail-fast", "--workers", "1")
+    assert code == 2
+    assert err.splitlines()[-1].startswith("dimersweep: error: point 44 (f = 20.0, beta0 = 0.0349")
+    assert ") failed: MemoryError: no room" in err
+    assert "points are kept in fig07-small.nc.tiles; run the same again to go on" in err
+    _, err, code = call("run", "small.toml")
+    assert (code, "dimersweep: warning: " in err) == (0, True)
+    assert "failed 44" in call("status", "fig07-small.nc")[0]
+    monkeypatch.setattr("dimersweep.tiles.run_many", fake_run_many)
+    assert call("run", "small.toml", "--retry")[2] == 0
+    assert "failed" not in call("status", "fig07-small.nc")[0]
+
+
+def test_a_plan_writes_nothing_and_takes_any_grid(call, fake_kernel):
+    out, err, code = call("plan", "small.toml", "--workers", "3")
+    assert code == 0, err
+    assert [line.split(":")[0] for line in out.splitlines()] == ["points", "tiles", "cube", "time", "sample"]
+    assert out.startswith("points: 132\n") and "on 3 threads" in out and "132 random points" in out
+    many = "beta0 = { start = 2, stop = 88, num = 20000000, unit = 'deg' }\nxdot0 = { start = 0, stop = 1, num = 50 }"
+    edited("xdot0 = 1", "")
+    Path("small.toml").write_text(
+        re.sub("beta0 = .*", many, Path("small.toml").read_text()),
+    )
+    start = time.perf_counter()
+    out, err, code = call("plan", "small.toml")
+    assert (code, err) == (0, "")
+    assert out.startswith("points: 3000000000\n")
+    _, err, code = call("run", "small.toml")
+    assert code == 2
+    assert err.startswith("dimersweep: error: grid: 3000000000 points; one cube in memory may hold 50000000 (an output")
+    assert time.perf_counter() - start < 15
     assert os.listdir() == ["small.toml"]

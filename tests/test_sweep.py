@@ -8,7 +8,7 @@ import threading
 import numpy as np
 import pytest
 import xarray as xr
-from fakes import fake_run_many
+from fakes import fake_run_many, set_pace
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -39,7 +39,7 @@ def test_a_sweep_fills_every_point(fake_kernel):
 @pytest.mark.parametrize("workers", [1, 2, 5])
 def test_the_numbers_do_not_depend_on_tiles_and_workers(fake_kernel, monkeypatch, workers):
     reference = quiet_sweep()
-    monkeypatch.setattr("dimersweep.sweeping.tile_length", lambda spec, workers: 7)
+    set_pace(monkeypatch, 7)
     xr.testing.assert_equal(quiet_sweep(workers=workers), reference)
 
 
@@ -49,26 +49,28 @@ def test_threads_and_tiles_give_the_bits_of_a_serial_run(monkeypatch):
     spec = Spec(make_grid(grid), 40, 1e-8, True)
     out, codes = run_tile(spec, Tile(0, spec.grid.size))
     for length in (1, 5):
-        monkeypatch.setattr("dimersweep.sweeping.tile_length", lambda spec, workers, length=length: length)
+        set_pace(monkeypatch, length)
         cube = quiet_sweep(grid, periods=40, workers=2)
         for name, values in (*zip(tiles.CODES, codes.T, strict=True), ("radius", out[:, 0])):
             assert cube[name].values.astype(values.dtype).tobytes() == values.tobytes(), name
 
 
 def test_a_tile_that_fails_marks_only_its_points(monkeypatch):
-    def breaks_at_20_hz(rows, *others):
+    def breaks_at_20_hz(rows, *others, until):
         if (rows[:, 3] == 20).any():
             raise MemoryError("no room")
-        fake_run_many(rows, *others)
+        return fake_run_many(rows, *others)
 
     monkeypatch.setattr("dimersweep.tiles.run_many", breaks_at_20_hz)
-    monkeypatch.setattr("dimersweep.sweeping.tile_length", lambda spec, workers: 89)
-    with pytest.warns(RuntimeWarning, match="1 tiles failed; points 89 to 177: MemoryError: no room"):
+    set_pace(monkeypatch, 89)
+    with pytest.warns(
+        RuntimeWarning, match=r"1 tiles have points that failed; point 89: MemoryError: no room \(and 88 more\)"
+    ):
         cube = quiet_sweep()
     failed = names(cube["mode"]) == "failed"
     assert failed.sel(f=20).all() and not failed.sel(f=[15, 25]).any()
     assert cube["radius"].sel(f=20).isnull().all()
-    assert cube.attrs["failures"] == "points 89 to 177: MemoryError: no room"
+    assert cube.attrs["failures"] == "point 89: MemoryError: no room (and 88 more)"
 
 
 def test_the_cube_is_written_and_tells_its_configuration(fake_kernel, tmp_path):
@@ -112,19 +114,18 @@ def test_tiles_cover_every_point_once(size, length):
     assert points == list(range(size))
 
 
-def test_a_tile_takes_about_half_a_second(monkeypatch):
-    monkeypatch.setattr("dimersweep.tiles.seconds_per_point", lambda spec: 0.01)
-    spec = Spec(make_grid({"e": {"start": 0, "stop": 1, "num": 10_000}}), 5, 1e-8, True)
-    assert tiles.tile_length(spec, workers=2) == 50
-    monkeypatch.setattr("dimersweep.tiles.seconds_per_point", lambda spec: 10.0)
-    assert tiles.tile_length(spec, workers=2) == 1
-    monkeypatch.setattr("dimersweep.tiles.seconds_per_point", lambda spec: 1e-6)
-    assert tiles.tile_length(spec, workers=2) == 1250  # each worker gets a few
+def test_a_tile_takes_about_half_a_second():
+    def note(points, seconds):
+        pace.note([tiles.Finished(Tile(0, points), np.empty((points, 1)), np.empty((points, 1)), "", seconds)])
+        return pace.length
 
-
-def test_a_few_points_are_not_timed(monkeypatch):
-    monkeypatch.setattr("dimersweep.tiles.seconds_per_point", lambda spec: pytest.fail("timed"))
-    assert tiles.tile_length(Spec(make_grid({"f": [15, 20]}), 5, 1e-8, True), workers=2) == 1
+    pace = tiles.Pace(10_000, workers=2)
+    assert pace.length == 1
+    assert note(1, 0.01) == 4  # not 50 from one point
+    assert note(4, 0.04) == 16
+    assert note(16, 0.16) == 50
+    assert note(50, 500.0) == 1
+    assert note(1000, 1e-3) == 1250  # each worker gets a few
 
 
 def test_results_are_taken_in_the_calling_thread(fake_kernel, monkeypatch):

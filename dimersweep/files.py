@@ -1,0 +1,68 @@
+"""Writing files so that they are whole or absent, whenever the process is killed, and saying why one could not be written."""
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from dimersweep.errors import StoreError
+
+
+def sync(path: Path) -> None:
+    """Have the system put a file, or the names in a folder, on the disk."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def put(path: Path, written: bytes) -> None:
+    """Write a file: to a temporary name beside `path`, on the disk, and then under its name in one step."""
+    temporary = path.with_name(f"{path.name}.tmp")
+    with temporary.open("wb") as file:
+        file.write(written)
+        file.flush()
+        os.fsync(file.fileno())
+    temporary.replace(path)
+    sync(path.parent)  # the new name must outlive a power cut too
+
+
+def append(path: Path, written: bytes, length: int) -> None:
+    """Add to a file of `length` sound bytes; what a full disk or a kill has left beyond them goes."""
+    handle = os.open(path, os.O_WRONLY)
+    try:
+        os.ftruncate(handle, length)
+        with os.fdopen(os.dup(handle), "wb", buffering=0) as file:
+            file.seek(length)
+            if file.write(written) != len(written):
+                raise OSError("cut by the disk")
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def delete(path: Path) -> None:
+    """Delete a file, or a folder with all that is in it, if it is there."""
+    if path.is_dir():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
+
+
+@contextmanager
+def told(what: str, then: str) -> Iterator[None]:
+    """Turn an error of the disk into one line that names `what` could not be written, and says what `then` holds.
+
+    Raises
+    ------
+    StoreError
+    """
+    try:
+        yield
+    except StoreError:
+        raise
+    except (OSError, RuntimeError) as error:  # netCDF-C reports a full disk as a RuntimeError
+        reason = getattr(error, "strerror", None) or error
+        raise StoreError(f"{what}: could not be written ({reason})" + (f"; {then}" if then else "")) from error

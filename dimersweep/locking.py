@@ -1,0 +1,90 @@
+"""One sweep at a time in a folder: a lock that the system drops with its holder, however that ends."""
+
+import fcntl
+import json
+import os
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from dimersweep.errors import StoreError
+
+PATIENCE = 0.3  # seconds: `holder` looks at a lock by taking it for a moment
+
+
+def _try(handle: int) -> bool:
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
+
+
+def _is_at(handle: int, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(handle), path.stat())
+    except FileNotFoundError:
+        return False
+
+
+def _holder(path: Path) -> str:
+    try:
+        told = json.loads(path.read_text(encoding="utf-8"))
+        return f"process {told['pid']} on {told['host']}, since {told['since']}"
+    except (OSError, ValueError, KeyError, TypeError):  # it has not written its name yet
+        return "another process"
+
+
+@contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Hold the lock file `path`, in a folder that is made if it is missing: its former holder may just have deleted it.
+
+    Raises
+    ------
+    StoreError
+        If another process holds it, naming that process.
+    OSError
+        If the file cannot be made.
+    """
+    patience_ends = time.monotonic() + PATIENCE
+    while True:
+        path.parent.mkdir(exist_ok=True)
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        try:
+            held = _try(handle)
+            # a file that its holder has deleted meanwhile is not the one that others will find
+            if held and _is_at(handle, path):
+                break
+        except BaseException:
+            os.close(handle)
+            raise
+        os.close(handle)
+        if not held and time.monotonic() > patience_ends:
+            raise StoreError(f"{path.parent}: a sweep is at work here ({_holder(path)}); wait for it or stop it first")
+        time.sleep(0.02)
+    try:
+        me = {"pid": os.getpid(), "host": socket.gethostname(), "since": time.strftime("%Y-%m-%d %H:%M:%S")}
+        os.ftruncate(handle, 0)
+        os.write(handle, json.dumps(me).encode())
+        yield
+    finally:
+        os.close(handle)
+
+
+def holder(path: Path) -> str:
+    """Who holds the lock file `path`, or "" if nobody does."""
+    try:
+        handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    except OSError:
+        return ""
+    try:
+        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return _holder(path)
+    except OSError:
+        return ""
+    finally:
+        os.close(handle)
+    return ""

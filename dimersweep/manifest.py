@@ -1,0 +1,156 @@
+"""What a sweep has finished, on disk: a line of JSON for the sweep and one for every file of results."""
+
+import json
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import dimersweep
+from dimersweep.errors import StoreError
+from dimersweep.kernel.layout import CODES, OUT
+from dimersweep.provenance import as_text, digest
+from dimersweep.tiles import Tile
+
+FORMAT = 1
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One file of results.
+
+    Parameters
+    ----------
+    file : str
+        Its name in the folder of the manifest.
+    tiles : list of Tile
+        Points it holds, one range after the other.
+    size, sha256 : int, str
+        Of its bytes.
+    configuration_sha256 : str
+        The configuration that gave it.
+    modes : dict of str to int
+        Tally of its points.
+    errors : list of str
+        What kept points from having results.
+    seconds : float
+        Sum of the times of its tiles [s].
+    wall : float
+        Time of the sweep since the entry before [s].
+    time : str
+        When it was written, UTC.
+    """
+
+    file: str
+    tiles: list[Tile]
+    size: int
+    sha256: str
+    configuration_sha256: str
+    modes: dict[str, int]
+    errors: list[str] = field(default_factory=list)
+    seconds: float = 0.0
+    wall: float = 0.0
+    time: str = ""
+
+    @property
+    def points(self) -> int:
+        """Number of points it holds."""
+        return sum(stop - start for start, stop in self.tiles)
+
+
+@dataclass
+class Manifest:
+    """A manifest as it was read.
+
+    Parameters
+    ----------
+    configuration : dict
+        See ``Spec.configuration``; the coordinates of every point are here, and nowhere else.
+    size : int
+        Number of points of the sweep.
+    entries : list of Entry
+    damaged : int
+        Lines that could not be read; the last one is cut where a sweep was killed while it wrote.
+    length : int
+        Bytes up to and with the last line that could be read.
+    """
+
+    configuration: dict[str, Any]
+    size: int
+    entries: list[Entry]
+    damaged: int = 0
+    length: int = 0
+
+    @cached_property
+    def sha256(self) -> str:
+        """Of the configuration."""
+        return digest(as_text(self.configuration))
+
+
+def _head(configuration: Mapping[str, Any], size: int) -> dict[str, Any]:
+    return {
+        "dimersweep_manifest": FORMAT,
+        "dimersweep": dimersweep.__version__,
+        "kernel_version": configuration["kernel_version"],
+        "configuration": configuration,
+        "configuration_sha256": digest(as_text(configuration)),
+        "points": size,
+        "layout": {"out": OUT, "codes": CODES},
+    }
+
+
+def as_line(record: Mapping[str, Any] | Entry) -> bytes:
+    """One line of a manifest."""
+    told = vars(record) if isinstance(record, Entry) else record
+    return json.dumps(told).encode() + b"\n"
+
+
+def lines(configuration: Mapping[str, Any], size: int, entries: Iterable[Entry]) -> bytes:
+    """A whole manifest."""
+    return as_line(_head(configuration, size)) + b"".join(map(as_line, entries))
+
+
+def _entry(line: bytes, manifest: Manifest) -> Entry | None:
+    try:
+        told = json.loads(line)
+        entry = Entry(**told | {"tiles": [Tile(*map(int, pair)) for pair in told["tiles"]]})
+        sound = all(0 <= start < stop <= manifest.size for start, stop in entry.tiles)
+        sound = sound and entry.configuration_sha256 == manifest.sha256 and os.path.basename(entry.file) == entry.file
+    except (ValueError, TypeError, KeyError, AttributeError):
+        return None
+    return entry if sound else None
+
+
+def read_manifest(path: Path) -> Manifest:
+    """Read a manifest, leaving out the entries that are damaged.
+
+    Raises
+    ------
+    StoreError
+        If its head cannot be read, or was written by another version of the format.
+    OSError
+        If it is not there.
+    """
+    written = path.read_bytes()
+    first, *rest = written.splitlines(keepends=True) or [b""]
+    try:
+        head = json.loads(first)
+        manifest = Manifest(head["configuration"], head["points"], [], length=len(first))
+        sound = head["configuration_sha256"] == manifest.sha256
+        form = head["dimersweep_manifest"], tuple(head["layout"]["out"]), tuple(head["layout"]["codes"])
+    except (ValueError, TypeError, KeyError):
+        sound = False
+    if not sound:
+        raise StoreError(f"{path}: is damaged, or no manifest of a sweep; sweep anew (--force)")
+    if form != (FORMAT, OUT, CODES):
+        raise StoreError(f"{path}: has the format of another version of dimersweep; sweep anew (--force)")
+    for line in rest:
+        entry = _entry(line, manifest) if line.endswith(b"\n") else None
+        if entry is None:
+            manifest.damaged += 1
+        else:
+            manifest.entries.append(entry)
+        manifest.length += len(line) if line.endswith(b"\n") else 0
+    return manifest

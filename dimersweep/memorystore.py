@@ -1,0 +1,61 @@
+"""Results of a sweep that has no file: the verbs of `TileStore` over plain arrays."""
+
+from time import perf_counter
+
+import numpy as np
+
+from dimersweep.cube import blank
+from dimersweep.tilefiles import tally
+from dimersweep.tiles import Finished, Tile, gaps
+
+
+class MemoryStore:
+    """Results in memory, lost with the process.
+
+    Parameters
+    ----------
+    size : int
+        Number of points.
+    """
+
+    def __init__(self, size: int) -> None:
+        self.out, self.codes = blank(size)
+        self.seconds = 0.0
+        self.started = perf_counter()
+        self.errors: list[str] = []
+        self._done: list[Tile] = []
+
+    def add(self, finished: Finished) -> None:
+        """Keep a finished tile."""
+        where = slice(*finished.tile)
+        self.out[where], self.codes[where] = finished.out, finished.codes
+        self.seconds += finished.seconds
+        self.errors += [finished.error] if finished.error else []
+        self._done.append(finished.tile)
+
+    @property
+    def wall(self) -> float:
+        """Time of the sweep so far [s]."""
+        return perf_counter() - self.started
+
+    @property
+    def kept(self) -> str:
+        """What is kept of a sweep that is stopped, in words."""
+        return "nothing is kept, as no output was given"
+
+    def modes(self) -> dict[str, int]:
+        """Tally of the points that are done."""
+        counts = tally(self.codes)
+        counts.pop("not_run", None)
+        return counts
+
+    def flush(self) -> None:
+        """Nothing waits."""
+
+    def gaps(self) -> list[Tile]:
+        """The ranges that are not yet done."""
+        return list(gaps(len(self.out), self._done))
+
+    def read(self, start: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
+        """Results of the points `start` to `stop` - 1."""
+        return self.out[start:stop], self.codes[start:stop]

@@ -1,0 +1,104 @@
+"""Points that an existing cube has already, matched by the exact value of every parameter."""
+
+import json
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from dimersweep.cube import flatten
+from dimersweep.errors import StoreError
+from dimersweep.kernel.layout import CODES, M_FAILED, M_NOT_RUN, OK
+from dimersweep.provenance import differences
+from dimersweep.tiles import Finished, Spec, Tile, runs, split_ranges
+
+BLOCK = 1 << 16  # points looked up at a time
+_MODE, _STATUS = CODES.index("mode"), CODES.index("status")
+_POINTS = ("grid", "fixed")
+
+
+def not_run(codes: np.ndarray) -> np.ndarray:
+    """Where points of codes, shape (n, N_CODES), have never been run; shape (n,), bool."""
+    return codes[:, _MODE] == M_NOT_RUN
+
+
+def not_ok(codes: np.ndarray) -> np.ndarray:
+    """Where points of codes, shape (n, N_CODES), have no result: failed, or never run; shape (n,), bool."""
+    return (codes[:, _STATUS] != OK) | (codes[:, _MODE] == M_FAILED) | not_run(codes)
+
+
+def _values(told: dict[str, Any], name: str) -> np.ndarray:
+    return np.atleast_1d(np.asarray(told["grid"].get(name, told["fixed"].get(name)), dtype=float))
+
+
+def _places(old: np.ndarray, new: np.ndarray) -> np.ndarray:
+    """Index in the increasing `old` of each value of `new`, -1 where it is not there bit for bit."""
+    found = np.minimum(np.searchsorted(old, new), old.size - 1)
+    return np.where(old[found].view(np.int64) == new.view(np.int64), found, -1)
+
+
+def _refuse_other_settings(old: dict[str, Any], new: dict[str, Any], name: str) -> None:
+    swept = {*old["grid"], *new["grid"]}
+
+    def settings(told: dict[str, Any]) -> dict[str, Any]:
+        fixed = {key: value for key, value in told["fixed"].items() if key not in swept}
+        return {key: value for key, value in told.items() if key not in _POINTS} | {"fixed": fixed}
+
+    changes = differences(settings(old), settings(new))
+    if {*old["grid"], *old["fixed"]} != {*new["grid"], *new["fixed"]}:
+        changes.append("parameters: e in one, e_1 and e_2 in the other")
+    if changes:
+        lines = "".join(f"\n  {line}" for line in changes)
+        raise StoreError(f"{name}: cannot be extended to this sweep, as it was made otherwise:{lines}")
+
+
+class Known:
+    """The points of a sweep that `cube` has.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        As `sweep` returned it.
+    name : str
+        What messages call it.
+    spec : Spec
+        The sweep to be; what is an axis in one may be fixed in the other.
+
+    Raises
+    ------
+    StoreError
+        If `cube` was made with other settings or another kernel, with the differences, or has none of the points.
+    """
+
+    def __init__(self, cube: xr.Dataset, name: str, spec: Spec) -> None:
+        old, new = json.loads(cube.attrs["configuration"]), spec.configuration()
+        _refuse_other_settings(old, new, name)
+        self.shape = spec.grid.shape
+        self.offset = 0
+        strides, stride = {}, 1
+        for axis in reversed(old["grid"]):
+            strides[axis], stride = stride, stride * len(old["grid"][axis])
+        self.places = []
+        for axis in {**new["grid"], **old["grid"]}:
+            places = _places(_values(old, axis), _values(new, axis))
+            if (places < 0).all():
+                raise StoreError(f"{name}: has no point of this sweep ({axis} has none of its values)")
+            numbers = np.where(places < 0, -1, places * strides.get(axis, 0))
+            if axis in new["grid"]:
+                self.places.append(numbers)
+            else:
+                self.offset += int(numbers[0])
+        self.out, self.codes = flatten(cube)
+
+    def pieces(self, ranges: Iterable[Tile], unwanted: Callable[[np.ndarray], np.ndarray]) -> Iterator[Finished]:
+        """The known points of `ranges`, without those that `unwanted` picks from their codes."""
+        for tile in split_ranges(ranges, BLOCK):
+            parts = np.unravel_index(np.arange(*tile), self.shape)
+            columns = [numbers[k] for numbers, k in zip(self.places, parts, strict=True)]
+            number = np.sum(columns, axis=0) + self.offset
+            there = np.all([column >= 0 for column in columns], axis=0)
+            there[there] = ~unwanted(self.codes[number[there]])
+            for start, stop in runs(there, tile.start):
+                part = number[start - tile.start : stop - tile.start]
+                yield Finished(Tile(start, stop), self.out[part], self.codes[part])

@@ -1,0 +1,190 @@
+"""Tiles to workers and results back: threads of this process, or those of any dask.distributed cluster."""
+
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+from dimersweep.errors import ParameterError, UserError
+from dimersweep.kernel import kernel_version
+from dimersweep.signals import StopFlag
+from dimersweep.tiles import Bundle, Finished, Spec, Tile, attempt, lost, narrowed
+
+IN_FLIGHT = 2  # tiles for each worker: one runs and one waits, so that none idles and a million tiles do not pile up
+GRACE = 1.0  # seconds that running tiles have to come back when the sweep is stopped
+POLL = 0.1  # seconds between two looks at the flag
+CONNECT_SECONDS = 10.0  # to find a scheduler
+COUNT_SECONDS = 5.0  # between two counts of the workers of a cluster, which may come and go
+
+LOST = "scheduler: the connection to the cluster is lost; what was finished is kept"
+
+
+class Pool(NamedTuple):
+    """Where tiles run: ``submit(bundle)`` gives a future of what `attempt` returns; ``workers()`` counts threads."""
+
+    submit: Callable[[Bundle], "Future[list[Finished]]"]
+    workers: Callable[[], int]
+
+
+def warm_up(spec: Spec, stop: StopFlag) -> None:
+    """Have the kernel compiled, or loaded, in a thread: signals wait while the main thread is in the compiler."""
+    executor = ThreadPoolExecutor(1)
+    try:
+        future = executor.submit(attempt, replace(spec, periods=1), (Tile(0, 1),))
+        while not stop.is_set() and not wait([future], timeout=POLL).done:
+            pass
+    finally:
+        executor.shutdown(wait=False)
+
+
+@contextmanager
+def threads(spec: Spec, workers: int, stop: StopFlag) -> Iterator[Pool]:
+    """A pool of threads in this process, the default: the kernel leaves Python's lock alone."""
+    executor = ThreadPoolExecutor(workers, thread_name_prefix="dimersweep")
+    try:
+        yield Pool(lambda tiles: executor.submit(attempt, spec, tiles, stop.is_set), lambda: workers)
+    finally:
+        stop.set()
+        executor.shutdown(wait=False, cancel_futures=True)
+
+
+def run_elsewhere(spec: Spec, tiles: Bundle, shift: int, version: str) -> list[Finished]:
+    """Run tiles in a worker process, if that has the same kernel as the process that asks.
+
+    Raises
+    ------
+    ParameterError
+        If it has not: its numbers could differ.
+    """
+    if kernel_version() != version:
+        raise ParameterError(_other_kernel("a worker", kernel_version(), version))
+    return attempt(spec, tiles, shift=shift)
+
+
+def _other_kernel(who: str, theirs: str, ours: str) -> str:
+    return (
+        f"scheduler: {who} has kernel version {theirs}, this process {ours}; "
+        "give all the same dimersweep, numba, numpy and Python"
+    )
+
+
+@contextmanager
+def connected(client: Any) -> Iterator[Any]:
+    """A dask.distributed client as it is, or one for a scheduler's address that is closed at the end.
+
+    Raises
+    ------
+    ParameterError
+        If there is no scheduler at that address, or one of its workers has another kernel or none.
+    """
+    if not isinstance(client, str):
+        _check_kernels(client)
+        yield client
+        return
+    from distributed import Client
+
+    try:
+        made = Client(client, timeout=CONNECT_SECONDS)
+    except (OSError, ValueError, ImportError) as error:
+        raise ParameterError(f"scheduler = {client}: cannot be reached ({error})") from None
+    with made:
+        _check_kernels(made)
+        yield made
+
+
+def _check_kernels(client: Any) -> None:
+    try:
+        versions = client.run(kernel_version)
+    except Exception as error:  # whatever a worker raised: it cannot run the kernel
+        raise ParameterError(f"scheduler: a worker cannot use dimersweep ({type(error).__name__}: {error})") from None
+    for worker, version in versions.items():
+        if version != kernel_version():
+            raise ParameterError(_other_kernel(f"worker {worker}", version, kernel_version()))
+
+
+@contextmanager
+def cluster(spec: Spec, client: Any) -> Iterator[Pool]:
+    """The workers of a dask.distributed client."""
+    executor: Executor = client.get_executor(pure=False)
+    counted, count = -COUNT_SECONDS, 0
+
+    def workers() -> int:
+        nonlocal counted, count
+        if time.monotonic() - counted > COUNT_SECONDS:
+            with _connection():
+                counted, count = time.monotonic(), sum(client.nthreads().values())
+        return count
+
+    def submit(tiles: Bundle) -> "Future[list[Finished]]":
+        # the task carries its points along: data scattered beforehand could die with a worker
+        with _connection():
+            return executor.submit(run_elsewhere, *narrowed(spec, tiles), kernel_version())
+
+    try:
+        yield Pool(submit, workers)
+    finally:
+        with suppress(Exception):  # of a connection that is lost
+            executor.shutdown(wait=False)
+
+
+@contextmanager
+def _connection() -> Iterator[None]:
+    try:
+        yield
+    except Exception as error:  # distributed has no common class for what a lost scheduler leads to
+        raise UserError(f"{LOST} ({type(error).__name__}: {error})") from error
+
+
+def outcome(future: "Future[list[Finished]]", tiles: Bundle) -> list[Finished]:
+    """What became of `tiles`: their results, or their points as failed if the worker died.
+
+    Raises
+    ------
+    UserError
+        If the connection to the cluster is lost, or a worker cannot take part.
+    """
+    try:
+        return future.result()
+    except CancelledError:
+        raise UserError(LOST) from None
+    except UserError:
+        raise
+    except Exception as error:  # of the machinery: `attempt` catches those of the kernel
+        return [lost(tile, error) for tile in tiles]
+
+
+def rest_of(tiles: Bundle, finished: list[Finished]) -> Bundle:
+    """What of `tiles` came back undone."""
+    left = tiles[len(finished) :]
+    reached, stop = finished[-1].tile.stop, tiles[len(finished) - 1].stop
+    return (Tile(reached, stop), *left) if reached < stop else left
+
+
+def run_tiles(pool: Pool, tasks: Iterator[Bundle], take: Callable[[list[Finished]], None], stop: StopFlag) -> None:
+    """Run `tasks` and hand what each brings back to `take`, in the calling thread, until all are done or `stop` is set.
+
+    What a task brings back undone becomes a task of its own. After `stop`, tasks that run have `GRACE` seconds to come
+    back with the points they have.
+    """
+    running: dict[Future[list[Finished]], Bundle] = {}
+    undone: deque[Bundle] = deque()
+    while not stop.is_set():
+        while len(running) < IN_FLIGHT * max(1, pool.workers()):
+            task = undone.popleft() if undone else next(tasks, ())
+            if not task:
+                break
+            running[pool.submit(task)] = task
+        if not running:
+            return
+        for future in wait(running, timeout=POLL, return_when=FIRST_COMPLETED).done:
+            task = running.pop(future)
+            finished = outcome(future, task)
+            if left := rest_of(task, finished):
+                undone.append(left)
+            take(finished)
+    for future in wait(running, timeout=GRACE).done:
+        if not future.cancelled() and future.exception() is None:
+            take(future.result())

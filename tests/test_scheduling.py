@@ -1,0 +1,226 @@
+"""Tasks come back in time whatever their points cost, the driver asks for few at a time, and a worker's death costs a tile."""
+
+import threading
+import time
+from concurrent.futures import Future
+
+import dask
+import numpy as np
+import pytest
+from fakes import CODE, SteadyPace, fake_run_many, set_pace
+from hypothesis import given
+from hypothesis import strategies as st
+
+import dimersweep
+from dimersweep import tiles
+from dimersweep.cube import names
+from dimersweep.errors import ParameterError
+from dimersweep.kernel.layout import M_DRIFT, M_UNRESOLVED
+from dimersweep.scheduling import IN_FLIGHT, Pool, run_tiles
+from dimersweep.signals import StopFlag
+from dimersweep.tiles import Finished, Tile, attempt, bundles, gaps, make_spec, narrowed, runs
+
+SPEC = make_spec({"f": [15, 20], "A_r": [5, 6, 7], "beta0": {"start": 0.1, "stop": 1, "num": 40}}, periods=5)
+
+
+def points_of(ranges):
+    return [point for tile in ranges for point in range(*tile)]
+
+
+ranges = st.lists(st.tuples(st.integers(0, 60), st.integers(1, 9)), max_size=8).map(
+    lambda pairs: [Tile(start, start + length) for start, length in pairs]
+)
+
+
+@given(ranges)
+def test_gaps_are_what_no_tile_covers(done):
+    assert points_of(gaps(70, done)) == sorted(set(range(70)) - set(points_of(done)))
+
+
+@given(ranges, st.integers(1, 12))
+def test_bundles_cover_all_points_and_are_full(done, length):
+    missing = list(gaps(70, done))
+    made = list(bundles(missing, SteadyPace(length)))
+    assert points_of(tile for bundle in made for tile in bundle) == points_of(missing)
+    assert [len(points_of(bundle)) for bundle in made[:-1]] == [length] * (len(made) - 1)
+
+
+@given(st.lists(st.booleans()), st.integers(0, 5))
+def test_runs_are_where_it_holds(chosen, start):
+    assert points_of(runs(np.array(chosen, dtype=bool), start)) == [start + k for k, yes in enumerate(chosen) if yes]
+
+
+@given(st.integers(0, 239), st.integers(1, 240))
+def test_a_narrowed_spec_has_the_same_points(start, length):
+    bundle = (Tile(start, min(start + length, 240)),)
+    small, moved, shift = narrowed(SPEC, bundle)
+    stop = bundle[0].stop
+    if start // 40 == (stop - 1) // 40:  # in one row of the last axis
+        assert small.grid.size == stop - start
+    assert [Tile(a + shift, b + shift) for a, b in moved] == list(bundle)
+    assert small.grid.rows(*moved[0]).tobytes() == SPEC.grid.rows(*bundle[0]).tobytes()
+
+
+def slow_points(rows, periods, rtol, settle, out, codes, until=0):
+    """As the kernel does it: a point that uses all its periods is slow, and the last one of its batch."""
+    for k, row in enumerate(rows):
+        slow = row[7] > 0.5
+        time.sleep(0.05 if slow else 1e-4)
+        codes[k, CODE["mode"]] = M_UNRESOLVED if slow else M_DRIFT
+        if until >> int(codes[k, CODE["mode"]]) & 1:
+            return k + 1
+    return len(rows)
+
+
+def test_a_task_that_meets_slow_points_comes_back_with_what_it_has(monkeypatch):
+    monkeypatch.setattr("dimersweep.tiles.run_many", slow_points)
+    begun = time.perf_counter()
+    first, second = attempt(SPEC, (Tile(0, 10), Tile(10, 240)))
+    assert time.perf_counter() - begun < tiles.LONGEST_TILE + 0.3
+    assert first.tile == Tile(0, 10)
+    assert second.tile.start == 10 and 30 < second.tile.stop < 60
+    assert len(second.codes) == len(second.out) == second.tile.stop - 10
+    assert (second.codes[:, CODE["mode"]] > 0).all()
+
+
+def test_a_tile_stops_when_it_is_told_to(monkeypatch):
+    monkeypatch.setattr("dimersweep.tiles.run_many", slow_points)
+    assert [tile.tile for tile in attempt(SPEC, (Tile(20, 240),), lambda: True)] == [Tile(20, 21)]
+
+
+def test_one_point_that_raises_costs_no_other(monkeypatch):
+    def breaks_at_one(rows, *rest, until=0):
+        if (rows[:, 7] == SPEC.grid.axes["beta0"][7]).any():
+            raise FloatingPointError("bad point")
+        return fake_run_many(rows, *rest)
+
+    monkeypatch.setattr("dimersweep.tiles.run_many", breaks_at_one)
+    first, second = attempt(SPEC, (Tile(0, 5), Tile(5, 40)), shift=100)
+    assert (first.tile, second.tile) == (Tile(100, 105), Tile(105, 140))
+    assert (first.codes[:, CODE["mode"]] > 1).all()
+    assert np.flatnonzero(second.codes[:, CODE["mode"]] == 1).tolist() == [2]
+    assert (first.error, second.error) == ("", "point 107: FloatingPointError: bad point")
+
+
+def test_few_tasks_are_in_flight_and_short_ones_go_on():
+    flying, most, taken = set(), [0], []
+    lock = threading.Lock()
+
+    def submit(bundle):
+        future = Future()
+        with lock:
+            flying.add(future)
+            most[0] = max(most[0], len(flying))
+
+        def work():
+            time.sleep(0.001)
+            with lock:
+                flying.discard(future)
+            stop = min(bundle[0].stop, bundle[0].start + 3)
+            future.set_result([Finished(Tile(bundle[0].start, stop), np.zeros((1, 1)), np.zeros((1, 1)))])
+
+        threading.Thread(target=work).start()
+        return future
+
+    tasks = bundles([Tile(0, 500)], SteadyPace(7))
+    run_tiles(Pool(submit, lambda: 3), tasks, lambda finished: taken.extend(tile.tile for tile in finished), StopFlag())
+    assert sorted(points_of(taken)) == list(range(500))
+    assert most[0] <= 3 * IN_FLIGHT
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    from distributed import Client, LocalCluster
+
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
+        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as made,
+        Client(made) as client,
+    ):
+        yield client
+
+
+GRID = {"f": [15, 20, 25], "beta0": {"start": 10, "stop": 80, "num": 30, "unit": "deg"}}
+
+
+def sweep(**settings):
+    return dimersweep.sweep(GRID, **({"periods": 10, "progress": False} | settings))
+
+
+@pytest.mark.jit
+def test_a_worker_that_dies_costs_its_tile_alone(cluster, monkeypatch, tmp_path):
+    def poison():
+        import os
+
+        import dimersweep.tiles as there
+
+        advance = there.advance
+
+        def dies_at_20_hz(spec, rows, out, codes):
+            if (rows[:, 3] == 20).any():
+                os._exit(1)
+            return advance(spec, rows, out, codes)
+
+        there.advance = dies_at_20_hz
+
+    reference = sweep()
+    set_pace(monkeypatch, 30)
+    cluster.run(poison)
+    with pytest.warns(RuntimeWarning, match="1 tiles have points that failed; points 30 to 59: KilledWorker: "):
+        cube = sweep(client=cluster, out=tmp_path / "cube.nc")
+    failed = names(cube["mode"]) == "failed"
+    assert failed.sel(f=20).all() and not failed.sel(f=[15, 25]).any()
+    again = sweep(out=tmp_path / "cube.nc", retry=True)  # here, where nobody dies
+    for name in reference:
+        assert again[name].values.tobytes() == reference[name].values.tobytes(), name
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("module", ["dimersweep.kernel.cache", "dimersweep.scheduling"], ids=["at the start", "later"])
+def test_workers_with_another_kernel_are_refused(cluster, module):
+    def pretend():
+        import sys
+
+        import dimersweep.scheduling  # noqa: F401
+
+        there = sys.modules[module]
+        there.ours, there.kernel_version = there.kernel_version, lambda: "another"
+
+    def be_honest():
+        import sys
+
+        sys.modules[module].kernel_version = sys.modules[module].ours
+
+    cluster.run(pretend)
+    try:
+        with pytest.raises(
+            ParameterError, match=r"^scheduler: \w+.* has kernel version another, this process [0-9a-f]{16}"
+        ):
+            sweep(client=cluster)
+    finally:
+        cluster.run(be_honest)
+
+
+@pytest.mark.jit
+def test_the_loss_of_the_scheduler_is_told_and_costs_nothing_finished(tmp_path):
+    from distributed import Client, LocalCluster
+
+    out = tmp_path / "cube.nc"
+    grid = {"beta0": {"start": 10, "stop": 80, "num": 4000, "unit": "deg"}}
+    made = LocalCluster(n_workers=1, threads_per_worker=2, dashboard_address=":0")
+    client = Client(made, timeout=3)
+
+    def close_when_some_are_done():
+        while not (tmp_path / "cube.nc.tiles" / "tiles-000001.npy").exists():
+            time.sleep(0.05)
+        made.close()
+
+    closing = threading.Thread(target=close_when_some_are_done)
+    closing.start()
+    with pytest.raises(
+        dimersweep.errors.UserError, match=r"^scheduler: the connection to the cluster is lost; what was"
+    ):
+        dimersweep.sweep(grid, periods=60, out=out, client=client, progress=False)
+    closing.join()
+    client.close()
+    assert any((tmp_path / "cube.nc.tiles").glob("tiles-*.npy"))

@@ -1,0 +1,348 @@
+"""What is on disk is used only if every check holds; what is not is told in one line and computed again."""
+
+import errno
+import json
+import os
+import shutil
+import subprocess
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from fakes import fake_run_many, set_pace
+
+import dimersweep
+from dimersweep.errors import StoreError
+from dimersweep.locking import locked
+from dimersweep.tiles import Finished, Tile, attempt, make_spec
+from dimersweep.tilestore import TileStore, tile_store
+
+GRID = {"f": [15, 20, 25], "beta0": {"start": 1, "stop": 40, "step": 1, "unit": "deg"}}
+SPEC = make_spec(GRID, periods=5)
+
+
+@pytest.fixture(autouse=True)
+def in_an_empty_folder(tmp_path, monkeypatch, fake_kernel):
+    monkeypatch.chdir(tmp_path)
+
+
+def sweep(**settings):
+    return dimersweep.sweep(GRID, **({"periods": 5, "progress": False, "out": "cube.nc"} | settings))
+
+
+def left_behind(*tiles):
+    """The files of a sweep that was killed after `tiles`, each in a file of its own; their names."""
+    with tile_store(Path("cube.nc"), SPEC.configuration(), SPEC.grid.size) as store:
+        for tile in tiles:
+            store.add(attempt(SPEC, (Tile(*tile),))[0])
+            store.flush()
+        return [Path("cube.nc.tiles", entry.file) for entry in store.manifest.entries]
+
+
+@pytest.fixture
+def counted(monkeypatch):
+    """Numbers of points that the kernel was asked for, each call one item."""
+    asked = []
+
+    def run_many(rows, *rest, until=0):
+        asked.append(len(rows))
+        return fake_run_many(rows, *rest)
+
+    monkeypatch.setattr("dimersweep.tiles.run_many", run_many)
+    set_pace(monkeypatch, 10)
+    monkeypatch.setattr("dimersweep.sweeping.warm_up", lambda spec, stop: None)
+    return asked
+
+
+def test_finished_tiles_are_not_run_again(counted):
+    reference = sweep(out=None)
+    left_behind((0, 30), (50, 60))
+    counted.clear()
+    xr.testing.assert_equal(sweep(), reference)
+    assert sum(counted) == 120 - 40
+    assert os.listdir() == ["cube.nc"]
+
+
+def cut(path):
+    path.write_bytes(path.read_bytes()[:-100])
+
+
+def flip(path):
+    written = bytearray(path.read_bytes())
+    written[-1] ^= 1
+    path.write_bytes(written)
+
+
+def forge(path, **changes):
+    """Change a file and its entry, so that size and sha256 are true of the new bytes."""
+    from hashlib import sha256
+
+    points = np.load(path)
+    for name, value in changes.items():
+        points[name] = value
+    np.save(path, points)
+    manifest = Path("cube.nc.tiles/manifest.jsonl")
+    lines = [json.loads(line) for line in manifest.read_text().splitlines()]
+    for line in lines[1:]:
+        if line["file"] == path.name:
+            line["sha256"] = sha256(path.read_bytes()).hexdigest()
+    manifest.write_text("".join(json.dumps(line) + "\n" for line in lines))
+
+
+def never_run(path):
+    forge(path, out=np.nan, codes=0)
+
+
+def unlisted(path):
+    manifest = Path("cube.nc.tiles/manifest.jsonl")
+    manifest.write_text("".join(line + "\n" for line in manifest.read_text().splitlines() if path.name not in line))
+
+
+def torn_line(path):
+    manifest = Path("cube.nc.tiles/manifest.jsonl")
+    manifest.write_bytes(manifest.read_bytes()[:-30])
+
+
+def garbled_line(path):
+    manifest = Path("cube.nc.tiles/manifest.jsonl")
+    manifest.write_text(manifest.read_text().replace('"file": "tiles-000002', '"file" "tiles-000002'))
+
+
+def other_configuration(path):
+    manifest = Path("cube.nc.tiles/manifest.jsonl")
+    head, first, second = manifest.read_text().splitlines()
+    told = json.loads(second) | {"configuration_sha256": "0" * 64}
+    manifest.write_text("\n".join([head, first, json.dumps(told)]) + "\n")
+
+
+@pytest.mark.parametrize(
+    ("damage", "told"),
+    [
+        (cut, r"tiles-000002.npy has \d+ bytes in place of \d+"),
+        (flip, "tiles-000002.npy has other bytes than were written"),
+        (Path.unlink, r"tiles-000002.npy cannot be read \(No such file or directory\)"),
+        (never_run, "tiles-000002.npy has points that were not run"),
+        (unlisted, "tiles-000002.npy is not listed"),
+        (torn_line, "tiles-000002.npy is not listed; the manifest has 1 lines that are cut or damaged"),
+        (garbled_line, "tiles-000002.npy is not listed; the manifest has 1 lines that are cut or damaged"),
+        (other_configuration, "tiles-000002.npy is not listed; the manifest has 1 lines that are cut or damaged"),
+    ],
+)
+def test_damaged_results_are_told_and_computed_again(counted, damage, told):
+    reference = sweep(out=None)
+    names = left_behind((0, 30), (50, 60))
+    damage(names[1])
+    counted.clear()
+    with pytest.warns(RuntimeWarning, match=rf"^cube.nc.tiles: damaged results are computed again \({told}\)$"):
+        cube = sweep()
+    assert sum(counted) == 120 - 30
+    xr.testing.assert_equal(cube, reference)
+    assert os.listdir() == ["cube.nc"]
+
+
+def test_temporary_files_of_a_kill_are_no_trouble(counted, recwarn):
+    left_behind((0, 30))
+    Path("cube.nc.tiles/tiles-000002.npy.tmp").write_bytes(b"half a fi")
+    Path("cube.nc.tiles/cube.tmp").mkdir()  # of a Zarr group
+    Path("cube.nc.tiles/cube.tmp/zarr.json").write_text("{")
+    sweep(periods=6, force=True)
+    assert not recwarn.list
+    assert os.listdir() == ["cube.nc"]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda path: path.write_text("hello\n"), r"manifest.jsonl: is damaged, or no manifest of a sweep; .*--force"),
+        (lambda path: path.write_text(path.read_text()[:200]), "manifest.jsonl: is damaged, or no manifest"),
+        (lambda path: path.write_text(path.read_text().replace("15.0", "15.5", 1)), "manifest.jsonl: is damaged, or"),
+        (
+            lambda path: path.write_text(path.read_text().replace('_manifest": 1', '_manifest": 2')),
+            "manifest.jsonl: has the format of another version",
+        ),
+        (Path.unlink, "cube.nc.tiles: holds results, but no manifest of them; sweep anew"),
+    ],
+)
+def test_a_manifest_that_does_not_match_is_refused_and_nothing_is_touched(spoil, message):
+    left_behind((0, 30))
+    spoil(Path("cube.nc.tiles/manifest.jsonl"))
+    before = {path.name: path.read_bytes() for path in Path("cube.nc.tiles").glob("[!l]*")}
+    with pytest.raises(StoreError, match=message):
+        sweep()
+    assert {path.name: path.read_bytes() for path in Path("cube.nc.tiles").glob("[!l]*")} == before
+    sweep(force=True)
+    assert os.listdir() == ["cube.nc"]
+
+
+def test_points_listed_twice_are_refused():
+    left_behind((0, 30))
+    manifest = Path("cube.nc.tiles/manifest.jsonl")
+    told = json.loads(manifest.read_text().splitlines()[1])
+    shutil.copy("cube.nc.tiles/tiles-000001.npy", "cube.nc.tiles/tiles-000002.npy")
+    with manifest.open("a") as file:
+        file.write(json.dumps(told | {"file": "tiles-000002.npy"}) + "\n")
+    with pytest.raises(StoreError, match="its manifest lists points twice; sweep anew"):
+        sweep()
+
+
+def test_another_kernel_is_refused(monkeypatch):
+    left_behind((0, 30))
+    ours = SPEC.configuration()["kernel_version"]
+    monkeypatch.setattr("dimersweep.tiles.kernel_version", lambda: "0123456789abcdef")
+    with pytest.raises(StoreError, match=f'What differs:\n  kernel_version: "{ours}" -> "0123456789abcdef"$'):
+        sweep()
+
+
+def test_force_keeps_what_fits_and_clears_what_does_not(counted):
+    left_behind((0, 30))
+    counted.clear()
+    sweep(force=True)
+    assert sum(counted) == 120 - 30
+    Path("cube.nc").unlink()
+    left_behind((0, 30))
+    counted.clear()
+    sweep(force=True, periods=6)
+    assert sum(counted) == 120
+
+
+def test_foreign_files_in_the_folder_stay():
+    left_behind((0, 30))
+    Path("cube.nc.tiles/notes.txt").write_text("precious")
+    sweep()
+    assert os.listdir("cube.nc.tiles") == ["notes.txt"]
+
+
+def test_tiles_are_kept_when_asked():
+    sweep(keep_tiles=True)
+    assert sorted(os.listdir()) == ["cube.nc", "cube.nc.tiles"]
+
+
+def test_a_lock_frees_itself_and_is_not_shared():
+    told = rf"^folder: a sweep is at work here \(process {os.getpid()} on "
+    with locked(Path("folder/lock")):
+        with pytest.raises(StoreError, match=told), locked(Path("folder/lock")):
+            pass
+        Path("folder/lock").unlink()  # as the holder does at its end
+    with locked(Path("folder/lock")):
+        pass
+
+
+def full_disk(*arguments, **more):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def test_a_full_disk_keeps_what_was_finished_before(counted, monkeypatch):
+    writes = []
+    write = TileStore._write
+
+    def fills_up(self, pieces, wall):
+        writes.append(pieces)
+        return write(self, pieces, wall) if len(writes) < 3 else full_disk()
+
+    with monkeypatch.context() as patch:
+        patch.setattr("dimersweep.tilestore.FLUSH_SECONDS", 0.0)
+        patch.setattr("dimersweep.tilestore.DISK_SHARE", 1e9)
+        patch.setattr(TileStore, "_write", fills_up)
+        with pytest.raises(StoreError) as error:
+            sweep(workers=1)
+    assert str(error.value) == (
+        "cube.nc.tiles: finished tiles: could not be written (No space left on device); "
+        "what was finished before is kept in cube.nc.tiles; mend that and run the same again"
+    )
+    kept = sum(len(finished.codes) for pieces in writes[:2] for finished in pieces)
+    assert kept > 0
+    counted.clear()
+    sweep()
+    assert sum(counted) == 120 - kept
+
+
+@pytest.fixture
+def disk(tmp_path):
+    """A small disk of its own, and a function that mounts it with other options."""
+    if os.geteuid() != 0 or shutil.which("mount") is None:
+        pytest.skip("needs the right to mount")
+    place = tmp_path / "disk"
+    place.mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=24k", "tmpfs", str(place)], check=False).returncode:
+        pytest.skip("mounting is not allowed here")
+    try:
+        yield place, lambda options: subprocess.run(["mount", "-o", f"remount,{options}", str(place)], check=True)
+    finally:
+        subprocess.run(["umount", str(place)], check=True)
+
+
+def test_a_disk_that_is_really_full(disk, monkeypatch):
+    place, remount = disk
+    reference = sweep(out=None)
+    with monkeypatch.context() as patch:
+        patch.setattr("dimersweep.tilestore.FLUSH_SECONDS", 0.0)
+        patch.setattr("dimersweep.tilestore.DISK_SHARE", 1e9)
+        set_pace(patch, 10)
+        with pytest.raises(StoreError, match=r"\(No space left on device\); what was finished before is kept in "):
+            sweep(out=place / "cube.nc", workers=1)
+    assert os.listdir(place) == ["cube.nc.tiles"]
+    remount("size=10m")
+    xr.testing.assert_equal(sweep(out=place / "cube.nc"), reference)
+    assert os.listdir(place) == ["cube.nc"]
+
+
+def test_a_disk_that_is_read_only(disk):
+    place, remount = disk
+    remount("ro")
+    with pytest.raises(StoreError, match=rf"cube.nc: the folder {place} is not writable \(Read-only file system\)"):
+        sweep(out=place / "cube.nc")
+
+
+def test_a_slow_disk_is_asked_less_often(monkeypatch):
+    whole, write, written = attempt(SPEC, (Tile(0, 120),))[0], TileStore._write, []
+
+    def slow(self, pieces, wall):
+        time.sleep(0.02)
+        written.append(len(pieces))
+        return write(self, pieces, wall)
+
+    monkeypatch.setattr("dimersweep.tilestore.FLUSH_SECONDS", 0.0)
+    monkeypatch.setattr(TileStore, "_write", slow)
+    with tile_store(Path("cube.nc"), SPEC.configuration(), 120) as store:
+        for point in range(120):
+            time.sleep(0.01)
+            store.add(Finished(Tile(point, point + 1), whole.out[point : point + 1], whole.codes[point : point + 1]))
+        store.flush()
+        assert store.gaps() == []
+    assert sum(written) == 120 and len(written) < 6
+
+
+def test_a_cube_that_cannot_be_written_costs_no_points(counted, monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr(xr.Dataset, "to_netcdf", full_disk)
+        with pytest.raises(
+            StoreError, match=r"^out = cube.nc: could not be written \(No space left on device\); what "
+        ):
+            sweep()
+    counted.clear()
+    sweep()
+    assert counted == []
+
+
+def test_what_is_read_is_what_was_added():
+    whole = attempt(SPEC, (Tile(0, 120),))[0]
+    with tile_store(Path("cube.nc"), SPEC.configuration(), 120) as store:
+        for piece in ((30, 40), (90, 120), (10, 30), (0, 5)):
+            store.add(Finished(Tile(*piece), whole.out[slice(*piece)], whole.codes[slice(*piece)]))
+        store.flush()
+        store.add(Finished(Tile(5, 10), whole.out[5:10], whole.codes[5:10]))
+        store.flush()
+        assert store.gaps() == [Tile(40, 90)]
+        assert [entry.tiles for entry in store.manifest.entries] == [[(0, 5), (10, 40), (90, 120)], [(5, 10)]]
+        for start, stop in ((0, 40), (3, 12), (39, 40), (100, 120)):
+            out, codes = store.read(start, stop)
+            np.testing.assert_array_equal(out, whole.out[start:stop])
+            np.testing.assert_array_equal(codes, whole.codes[start:stop])
+        assert (store.read(35, 95)[1][5:55] == 0).all()
+        store.drop(lambda codes: codes[:, 1] == 3)
+        drifting = np.flatnonzero(whole.codes[:, 1] == 3)
+        missing = [point for tile in store.gaps() for point in range(*tile)]
+        assert missing == sorted({*drifting.tolist(), *range(40, 90)})
+        assert store.check() == ""

@@ -1,0 +1,121 @@
+"""A cube above memory has the layout of one in memory, block by block, and is resumed, refused and read like it."""
+
+import errno
+import os
+import re
+from math import prod
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given
+from hypothesis import strategies as st
+
+import dimersweep
+from dimersweep.errors import ParameterError, StoreError
+from dimersweep.zarrs import blocks, chunk_shape
+
+pytest.importorskip("zarr")
+GRID = {"f": [15, 20, 25], "A_r": [5, 6], "beta0": {"start": 1, "stop": 11, "step": 1, "unit": "deg"}}
+
+
+@pytest.fixture(autouse=True)
+def in_an_empty_folder(tmp_path, monkeypatch, fake_kernel):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("dimersweep.zarrs.CHUNK_POINTS", 8)
+
+
+def sweep(**settings):
+    return dimersweep.sweep(GRID, **({"periods": 5, "progress": False, "out": "cube.zarr"} | settings))
+
+
+@given(st.lists(st.integers(1, 13), min_size=1, max_size=4).map(tuple))
+def test_blocks_are_chunks_and_follow_each_other(shape):
+    numbers = np.arange(prod(shape)).reshape(shape)
+    chunks, reached = chunk_shape(shape), 0
+    for tile, where in blocks(shape):
+        assert tile.start == reached
+        np.testing.assert_array_equal(numbers[where].ravel(), np.arange(*tile))
+        assert all(part.start % chunk == 0 for part, chunk in zip(where, chunks, strict=True))
+        reached = tile.stop
+    assert reached == prod(shape)
+
+
+def test_it_is_the_cube_in_memory():
+    cube, reference = sweep(), sweep(out=None)
+    assert cube["radius"].chunks is not None
+    xr.testing.assert_equal(cube, reference)
+    for name, variable in reference.variables.items():
+        assert cube[name].dtype == variable.dtype
+        assert cube[name].dims == variable.dims
+        assert {key: str(value) for key, value in cube[name].attrs.items()} == {
+            key: str(value) for key, value in variable.attrs.items()
+        }
+    assert cube["mode"].attrs["flag_values"].dtype == np.int8
+    assert set(cube.attrs) == set(reference.attrs)
+    assert os.listdir() == ["cube.zarr"]
+    xr.testing.assert_identical(dimersweep.open_cube("cube.zarr").load(), cube.load())
+
+
+def test_the_whole_is_never_in_memory(monkeypatch):
+    from dimersweep.tilestore import TileStore
+
+    read, lengths = TileStore.read, []
+
+    def watched(self, start, stop):
+        lengths.append(stop - start)
+        return read(self, start, stop)
+
+    monkeypatch.setattr(TileStore, "read", watched)
+    monkeypatch.setattr("dimersweep.grid.MAX_POINTS", 20)
+    with pytest.raises(ParameterError, match=r"^grid: 66 points; one cube in memory may hold 20 \(an output that ends"):
+        sweep(out="cube.nc")
+    sweep()
+    assert sum(lengths) == 66 and max(lengths) <= 8
+
+
+def test_a_finished_one_is_returned_and_another_one_refused(monkeypatch):
+    first = sweep()
+    monkeypatch.setattr("dimersweep.tiles.run_many", lambda *rest, **more: pytest.fail("work was done"))
+    xr.testing.assert_identical(sweep(), first)
+    with pytest.raises(StoreError, match=r"cube.zarr: exists already; .*What differs:\n  periods: 5 -> 6$"):
+        sweep(periods=6)
+
+
+def test_force_replaces_it_and_an_extension_reads_it():
+    sweep()
+    assert sweep(periods=6, force=True)["n_periods"].values.max() == 6
+    wider = dimersweep.sweep(GRID | {"f": [15, 30]}, periods=6, progress=False, extend="cube.zarr", out="wide.zarr")
+    xr.testing.assert_equal(wider, dimersweep.sweep(GRID | {"f": [15, 30]}, periods=6, progress=False))
+
+
+def test_a_full_disk_keeps_the_points(monkeypatch):
+    with monkeypatch.context() as patch:
+
+        def full(self, *arguments, **more):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+        patch.setattr(xr.Dataset, "to_zarr", full)
+        told = "out = cube.zarr: could not be written (No space left on device); what was finished before is kept"
+        with pytest.raises(StoreError, match=f"^{re.escape(told)}"):
+            sweep()
+    monkeypatch.setattr("dimersweep.tiles.run_many", lambda *rest, **more: pytest.fail("work was done"))
+    sweep()
+    assert os.listdir() == ["cube.zarr"]
+
+
+def test_what_is_no_cube_is_refused():
+    os.mkdir("empty.zarr")
+    with pytest.raises(StoreError, match=r"^empty.zarr: is no Zarr group, or a damaged one"):
+        dimersweep.open_cube("empty.zarr")
+    xr.Dataset({"a": ("x", [1.0])}).to_zarr("other.zarr", consolidated=False)
+    with pytest.raises(StoreError, match=r"^other.zarr: is a Zarr group, but no cube of dimersweep$"):
+        dimersweep.open_cube("other.zarr")
+    with pytest.raises(StoreError, match=r"^out = other.zarr: exists already; give another name"):
+        sweep(out="other.zarr")
+
+
+def test_without_the_package_it_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "zarr", None)
+    with pytest.raises(StoreError, match=r"^zarr: is not installed; pip install 'dimersweep\[zarr\]'$"):
+        sweep()
