@@ -1,6 +1,6 @@
 """Axes to points: a grid is kept as its axes, and any range of its points is laid out when it is needed."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from math import prod
 from typing import Any
@@ -14,6 +14,7 @@ from dimersweep.parameters import (
     check_count,
     check_name,
     fill_rows,
+    keeps_rules,
 )
 from dimersweep.symbols import BASE, PARAMETERS
 
@@ -126,12 +127,29 @@ class Grid:
 
     def rows(self, start: int, stop: int) -> np.ndarray:
         """Kernel rows of the points `start` to `stop` - 1, shape (stop - start, N_ROW), float64."""
-        places = np.unravel_index(np.arange(start, stop), self.shape)
-        swept = {name: values[k] for (name, values), k in zip(self.axes.items(), places, strict=True)}
-        return fill_rows(self.fixed | swept, stop - start)
+        return fill_rows(self.fixed | self.values(np.arange(start, stop)), stop - start)
+
+    def values(self, points: Any) -> dict[str, np.ndarray]:
+        """Values on each axis of `points`, numbers in C order, of the same shape."""
+        places = np.unravel_index(points, self.shape)
+        return {name: values[k] for (name, values), k in zip(self.axes.items(), places, strict=True)}
 
 
-def make_grid(axes: Mapping[str, Any], fixed: Mapping[str, Any] | None = None) -> Grid:
+def legal_points(grid: Grid) -> np.ndarray:
+    """Which points keep the rules that tie two axes, shape (grid.size,), bool.
+
+    Raises
+    ------
+    ParameterError
+        If none does.
+    """
+    legal = np.broadcast_to(keeps_rules(grid.values(np.arange(grid.size))), grid.size)
+    if not legal.any():
+        check(grid.axes)
+    return legal
+
+
+def make_grid(axes: Mapping[str, Any], fixed: Mapping[str, Any] | None = None, *, gaps: Collection[str] = ()) -> Grid:
     """Build a grid and judge every point of it, axis by axis.
 
     Parameters
@@ -140,6 +158,8 @@ def make_grid(axes: Mapping[str, Any], fixed: Mapping[str, Any] | None = None) -
         See `axis`.
     fixed : mapping of str to float, optional
         Parameters that differ from the paper's base case.
+    gaps : collection of str
+        Axes on which points may break a rule that ties two of them (mu_s below mu); see `legal_points`.
 
     Returns
     -------
@@ -165,7 +185,7 @@ def make_grid(axes: Mapping[str, Any], fixed: Mapping[str, Any] | None = None) -
     if {"e_1", "e_2"} & {*axes, *fixed}:
         e = held.pop("e")
         held = {name: e for name in ("e_1", "e_2") if name not in made} | held
-    check(held | made)
+    check(held | made, gaps)
     grid = Grid(made, held)
     if grid.size > MAX_POINTS:
         raise ParameterError(f"grid: {grid.size} points; one cube in memory may hold {MAX_POINTS}")

@@ -8,7 +8,7 @@ SLOT = {name: k for k, name in enumerate(ROW)}
 CODE = {name: k for k, name in enumerate(CODES)}
 
 
-def fake_run_many(rows, periods, rtol, settle, out, codes):
+def fake_run_many(rows, periods, rtol, settle, out, codes, until=0):
     """Bands of drift in beta0 that get denser with f, an unresolved start, rest elsewhere."""
     beta0, f = rows[:, SLOT["beta0"]], rows[:, SLOT["f"]]
     drift = np.sin(2 * f * beta0) > 0.2
@@ -20,3 +20,7 @@ def fake_run_many(rows, periods, rtol, settle, out, codes):
     codes[:, CODE["n_periods"]] = periods
     out[:, OUT.index("radius")] = np.where(drift, f**2 / 50 + 1e-3 * beta0, np.nan)
     out[:, OUT.index("zeta")] = np.where(drift, 1.6, np.nan)
+    stops = np.flatnonzero(until >> codes[:, CODE["mode"]] & 1)
+    made = int(stops[0]) + 1 if stops.size else len(rows)
+    out[made:], codes[made:] = np.nan, 0
+    return made
