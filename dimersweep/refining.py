@@ -33,17 +33,38 @@ class Cell(NamedTuple):
         """Places of the corners."""
         return list(product(*((o, o + s) for o, s in zip(self.origin, self.size, strict=True))))
 
-    def box(self) -> tuple[slice, ...]:
-        """All places of the cell, its borders included."""
-        return tuple(slice(o, o + s + 1) for o, s in zip(self.origin, self.size, strict=True))
-
-    def halves(self) -> list["Cell"]:
-        """The cell cut in two along every axis on which it can be."""
-        cuts = [
-            [(o, s // 2), (o + s // 2, s // 2)] if s > 1 else [(o, s)]
+    def faces(self) -> list[tuple[slice, ...]]:
+        """Boxes, borders included, that the cell falls into along the axes on which it cannot be cut any more."""
+        spans = [
+            [slice(o, o + s + 1)] if s > 1 else [slice(o, o + 1), slice(o + 1, o + 2)]
             for o, s in zip(self.origin, self.size, strict=True)
         ]
+        return list(product(*spans))
+
+    def halves(self, along: set[int]) -> list["Cell"]:
+        """The cell cut in two along each axis in `along`."""
+        cuts = [
+            [(o, s // 2), (o + s // 2, s // 2)] if k in along else [(o, s)]
+            for k, (o, s) in enumerate(zip(self.origin, self.size, strict=True))
+        ]
         return [Cell(*map(tuple, zip(*part, strict=True))) for part in product(*cuts)]
+
+    def torn(self, labels: np.ndarray) -> set[int]:
+        """Axes along which it has to be cut: those on which known labels (not -1) of a face disagree."""
+        axes: set[int] = set()
+        for face in self.faces():
+            part = labels[face]
+            free = {k for k, n in enumerate(part.shape) if n > 1}
+            if not _differ(part).any():
+                continue
+            axes |= {k for k in free if _differ(part, k).any()} or free
+        return axes
+
+
+def _differ(labels: np.ndarray, axis: int | None = None) -> Any:
+    """Whether the known labels are several, all of them or those on each line along `axis`."""
+    lowest = np.where(labels < 0, np.iinfo(labels.dtype).max, labels).min(axis=axis)
+    return lowest < labels.max(axis=axis)
 
 
 def finer(values: np.ndarray, halvings: int) -> np.ndarray:
@@ -91,30 +112,25 @@ class Map:
         self.computed.ravel()[points] = True
 
     def refine(self, cells: list[Cell], progress: bool) -> list[Cell]:
-        """Halve cells until each is uniform, as far as is known, or of one step; returns them all."""
+        """Cut cells until no two known points on a face of one disagree; returns them all."""
         self.compute(cells, cells, progress)
         while True:
             labels = self.labels()
-            torn = [cell for cell in cells if max(cell.size) > 1 and _disagree(labels[cell.box()])]
-            if not torn:
+            cuts = {cell: axes for cell in cells if (axes := cell.torn(labels))}
+            if not cuts:
                 return cells
-            pairs = [(half, cell) for cell in torn for half in cell.halves()]
+            pairs = [(half, cell) for cell, axes in cuts.items() for half in cell.halves(axes)]
             self.compute([half for half, _ in pairs], [cell for _, cell in pairs], progress)
-            cells = list(set(cells) - set(torn)) + [half for half, _ in pairs]
-
-
-def _disagree(labels: np.ndarray) -> bool:
-    known = labels[labels >= 0]
-    return bool((known != known[0]).any())
+            cells = [cell for cell in cells if cell not in cuts] + [half for half, _ in pairs]
 
 
 def _fill(cube: xr.Dataset, cells: Iterable[Cell], computed: np.ndarray) -> xr.Dataset:
-    """`cube` with the points inside of uniform cells set to what their corners are, and a flag that tells them apart."""
-    for cell in cells:
-        missing = ~computed[cell.box()]
+    """`cube` with the points that were not computed set to what the corners around are, and a flag that tells them apart."""
+    for face in (face for cell in cells for face in cell.faces()):
+        missing = ~computed[face]
         for name in FILLED:
             values = cube[name].values
-            values[cell.box()][missing] = values[cell.origin]
+            values[face][missing] = values[tuple(span.start for span in face)]
     cube["computed"] = label_variable("computed", tuple(map(str, cube["mode"].dims)), computed)
     return cube
 
@@ -161,8 +177,8 @@ def refine(
     """A map of regions on a fine grid, at the cost of their boundaries: a search at every point where it is needed.
 
     The search is made at the points of `grid` first. A cell whose computed points (its corners, and what finer
-    neighbours have added on its border) lie in different regions is halved along each axis, down to the fine grid.
-    A region that lies wholly inside of one cell of `grid` is not seen.
+    neighbours have added on its border) lie in different regions is halved along the axes on which they differ, down to
+    the fine grid. A region that lies wholly inside of one cell of `grid`, touching no border of it, is not seen.
 
     Parameters
     ----------
