@@ -169,19 +169,26 @@ def run(
     picture = cube_file.with_suffix(".png")
     if plot:
         check_writable(picture, force=force, name="picture")
-    from dimersweep.sweeping import sweep
+    periods = declared.sweep.periods if periods is None else periods
+    rtol = declared.sweep.rtol if rtol is None else rtol
+    if declared.search is not None:
+        from dimersweep.datasets import make
 
-    cube = sweep(
-        declared.grid,
-        declared.fixed,
-        periods=declared.sweep.periods if periods is None else periods,
-        rtol=declared.sweep.rtol if rtol is None else rtol,
-        out=cube_file,
-        workers=workers,
-        stop_when_settled=declared.sweep.stop_when_settled,
-        force=force,
-        attrs={"title": declared.sweep.title, "plot": declared.plot.kind},
-    )
+        cube = make(declared, cube_file, periods=periods, rtol=rtol, workers=workers, force=force)
+    else:
+        from dimersweep.sweeping import sweep
+
+        cube = sweep(
+            declared.grid,
+            declared.fixed,
+            periods=periods,
+            rtol=rtol,
+            out=cube_file,
+            workers=workers,
+            stop_when_settled=declared.sweep.stop_when_settled,
+            force=force,
+            attrs={"title": declared.sweep.title, "plot": declared.plot.kind},
+        )
     _print_cube(cube)
     typer.echo(f"cube: {cube_file}")
     if plot:

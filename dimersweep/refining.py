@@ -135,9 +135,19 @@ def _fill(cube: xr.Dataset, cells: Iterable[Cell], computed: np.ndarray) -> xr.D
     return cube
 
 
-def _halvings(refine: Mapping[str, Any], spec: Spec) -> dict[str, int]:
+def check_refinement(
+    spec: Spec, halvings: Mapping[str, int], between: Sequence[str] | None
+) -> tuple[dict[str, int], list[int]]:
+    """Halvings of each axis of the coarse grid of `spec`, and the codes of the regions to be told apart.
+
+    Raises
+    ------
+    ParameterError
+        If they are not allowed.
+    """
     axes = spec.grid.axes
-    for name, count in refine.items():
+    check(axes)  # a map has no gaps
+    for name, count in halvings.items():
         if name not in axes:
             raise ParameterError(f"refine.{name}: is no axis of the map ({', '.join(axes)})")
         if check_count(f"refine.{name}", count) > MAX_HALVINGS:
@@ -147,14 +157,11 @@ def _halvings(refine: Mapping[str, Any], spec: Spec) -> dict[str, int]:
             raise ParameterError(
                 f"{name} = {as_number(name, values[0])}: a map to refine needs two values of each axis"
             )
-    return {name: int(refine.get(name, 0)) for name in axes}
-
-
-def _regions(between: Sequence[str] | None) -> list[int]:
-    for name in between or ():
-        if name not in REGIONS:
-            raise ParameterError(f"between = {name!r}: must be some of {', '.join(REGIONS)}")
-    return [REGIONS.index(name) for name in (REGIONS if between is None else between)]
+    for region in between or ():
+        if region not in REGIONS:
+            raise ParameterError(f"between = {region!r}: must be some of {', '.join(REGIONS)}")
+    told_apart = [REGIONS.index(region) for region in (REGIONS if between is None else between)]
+    return {name: int(halvings.get(name, 0)) for name in axes}, told_apart
 
 
 def refine(
@@ -203,8 +210,7 @@ def refine(
         For an `out` that cannot be written, before any work.
     """
     coarse = make_spec(grid, fixed, over=over, ask=ask, mode=mode, periods=periods, rtol=rtol, orbit_periods=0)
-    check(coarse.grid.axes)  # a map has no gaps
-    counts, told_apart = _halvings(halvings, coarse), _regions(between)
+    counts, told_apart = check_refinement(coarse, halvings, between)
     workers = CPU_COUNT if workers is None else check_count("workers", workers)
     if out is not None:
         check_writable(out, force=force)

@@ -71,6 +71,7 @@ QUANTITIES = {
     "region": Quantity("1", "mode asked for where the answer is yes, else the one mode of all runs"),
     "n_runs": Quantity("1", "number of runs that the answer took"),
     "runs": Quantity("1", "number of runs that the answer took, by their mode"),
+    "axial_velocity": Quantity("m s-1", "mean velocity along the axis from the end that is down to the other one"),
     "computed": Quantity("1", "whether runs were made here; else as the cell around it"),
 }
 QUANTITIES |= {
