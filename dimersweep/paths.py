@@ -24,7 +24,7 @@ class Path(NamedTuple):
     axial_velocity: float
 
 
-def path_of(point: int, parameters: dict[str, float], periods: int, per_period: int, rtol: float) -> Path:
+def path_of(point: int, parameters: dict[str, Any], periods: int, per_period: int, rtol: float) -> Path:
     """The path of one run.
 
     The velocity is the mean over the last forcing period, along the axis from the end that is down to the other one.
@@ -36,9 +36,9 @@ def path_of(point: int, parameters: dict[str, float], periods: int, per_period: 
     dx, dy = x[-1] - x[-1 - per_period], y[-1] - y[-1 - per_period]
     forward = 1 if run.down_share_1 >= run.down_share_2 else -1
     along = forward * (dy * np.cos(theta[-1]) - dx * np.sin(theta[-1]))
-    full = np.full((2, periods * per_period + 1), np.nan)
+    full = np.full((2, periods * per_period + 1), np.nan)  # a run that fails is shorter
     full[:, : x.size] = x, y
-    return Path(point, *full, float(along * run.parameters["f"]))
+    return Path(point, full[0], full[1], float(along * run.parameters["f"]))
 
 
 def add_paths(cube: xr.Dataset, *, periods: int, per_period: int, rtol: float, workers: int) -> xr.Dataset:

@@ -3,7 +3,8 @@
 import xarray as xr
 from matplotlib.figure import Figure
 
-from dimersweep.plots.modes import drift_intervals, drift_lengths, mode_map, segments
+from dimersweep.plots.modes import mode_map, regions, segments
+from dimersweep.plots.orbits import impact_ends, least_period, paths, planar, shares, trends
 from dimersweep.plots.runs import (
     contact_legend,
     heights,
@@ -14,6 +15,7 @@ from dimersweep.plots.runs import (
     run_figure,
 )
 from dimersweep.plots.style import MODE_COLORS, check_picture
+from dimersweep.reading import drift_intervals, drift_lengths
 
 __all__ = [
     "KINDS",
@@ -24,16 +26,33 @@ __all__ = [
     "drift_intervals",
     "drift_lengths",
     "heights",
+    "impact_ends",
     "impact_rates",
     "last_cycle",
+    "least_period",
     "mode_map",
     "orbit",
+    "paths",
+    "planar",
     "portrait",
+    "regions",
     "run_figure",
     "segments",
+    "shares",
+    "trends",
 ]
 
-KINDS = {"segments": segments, "mode_map": mode_map}
+KINDS = {
+    "segments": segments,
+    "mode_map": mode_map,
+    "regions": regions,
+    "paths": paths,
+    "trends": trends,
+    "minimum": least_period,
+    "impact_ends": impact_ends,
+    "shares": shares,
+    "planar": planar,
+}
 
 
 def draw(cube: xr.Dataset) -> Figure:

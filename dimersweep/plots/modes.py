@@ -2,57 +2,17 @@
 
 import numpy as np
 import xarray as xr
+from matplotlib import rc_context
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from dimersweep.cube import names
 from dimersweep.errors import ParameterError
-from dimersweep.kernel.layout import M_DRIFT, MODES
-from dimersweep.plots.style import MODE_COLORS, ROW_COLORS, edges_of, given, label, title
-
-
-def _plain(cube: xr.Dataset, most: int, kind: str) -> xr.DataArray:
-    """The modes of `cube` without the axes of one value, of at most `most` dimensions."""
-    mode = cube["mode"].squeeze()
-    if not 1 <= mode.ndim <= most:
-        raise ParameterError(f"{kind}: has axes {', '.join(map(str, mode.dims)) or 'none'}; draws 1 to {most} of them")
-    return mode
-
-
-def _drift_rows(cube: xr.Dataset) -> xr.DataArray:
-    """Where `cube` drifts, shape (rows, beta0)."""
-    mode = _plain(cube, 2, "segments")
-    if "beta0" not in mode.dims:
-        raise ParameterError(f"segments: has axes {', '.join(map(str, mode.dims))}; needs beta0 among them")
-    rows = mode if mode.ndim == 2 else mode.expand_dims("f")
-    return (rows == M_DRIFT).transpose(..., "beta0")
-
-
-def drift_intervals(cube: xr.Dataset) -> list[np.ndarray]:
-    """Intervals of the initial dip angle that lead to drift, for each row of `cube`.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        With the axis `beta0` and at most one more; each point stands for the angles half way to its neighbours.
-
-    Returns
-    -------
-    list of ndarray, shape (n_intervals, 2)
-        Start and end of each interval [rad].
-    """
-    drift = _drift_rows(cube)
-    edges = edges_of(drift["beta0"].values, 0.0, np.pi / 2)
-    padded = np.pad(drift.values, ((0, 0), (1, 1))).astype(np.int8)
-    steps = np.diff(padded, axis=1)
-    return [edges[np.column_stack([np.flatnonzero(row == 1), np.flatnonzero(row == -1)])] for row in steps]
-
-
-def drift_lengths(cube: xr.Dataset) -> xr.DataArray:
-    """Total length of the drift intervals of each row of `cube` [rad], along its other axis."""
-    rows = _drift_rows(cube).isel(beta0=0, drop=True)
-    lengths = np.array([np.diff(intervals).sum() for intervals in drift_intervals(cube)])
-    return rows.copy(data=lengths).rename("drift_length").assign_attrs(units="rad")
+from dimersweep.kernel.layout import MODES
+from dimersweep.plots.style import MODE_COLORS, ROW_COLORS, given, label, title
+from dimersweep.reading import boundary, drift_intervals, drift_lengths, edges_of, plain_modes
 
 
 def segments(cube: xr.Dataset) -> Figure:
@@ -109,7 +69,7 @@ def mode_map(cube: xr.Dataset) -> Figure:
     matplotlib.figure.Figure
         With a legend of the modes that occur and their shares.
     """
-    mode = _plain(cube, 2, "mode_map")
+    mode = plain_modes(cube, 2, "mode_map")
     x_name, y_name = str(mode.dims[-1]), str(mode.dims[0]) if mode.ndim == 2 else ""
     figure = Figure(figsize=(7.5, 4.8 if y_name else 2.2), layout="constrained")
     axes = figure.add_subplot()
@@ -128,5 +88,55 @@ def mode_map(cube: xr.Dataset) -> Figure:
         if share > 0
     ]
     figure.legend(handles=handles, loc="outside right upper", fontsize=9)
+    axes.set_title(title(cube), fontsize=10)
+    return figure
+
+
+def regions(cube: xr.Dataset) -> Figure:
+    """Where some start drifts, where every start rests, and which mode is most frequent elsewhere, as in the paper's Fig. 8.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        Of `search` or `refine` for drift, with two axes; the first one runs to the right.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Drift hatched with lines, rest with slashes, and their borders.
+    """
+    mode = plain_modes(cube, 2, "regions")
+    if mode.ndim != 2 or "region" not in cube:
+        raise ParameterError("regions: needs the regions of a search over two axes")
+    x_name, y_name = map(str, mode.dims)
+    x, y = mode[x_name].values, mode[y_name].values
+    figure = Figure(figsize=(8, 5.6), layout="constrained")
+    axes = figure.add_subplot()
+    region = names(cube["region"]).squeeze().values
+    colors = np.array([to_rgb(color) for color in MODE_COLORS.values()])
+    shown = np.where((region == "drift")[..., None], 1.0, colors[mode.values] * 0.6 + 0.4)
+    axes.pcolormesh(edges_of(x), edges_of(y), shown.transpose(1, 0, 2))
+    handles = []
+    for name, hatch, color, told in (
+        ("drift", "|||", "#d62728", "$R_1$: some start drifts"),
+        ("rest", "///", "#1f4fd8", "$R_2$: every start comes to rest"),
+    ):
+        inside = (region == name).T.astype(float)
+        if inside.min() < inside.max():
+            with rc_context({"hatch.color": color, "hatch.linewidth": 0.6}):
+                axes.contourf(x, y, inside, levels=[0.5, 1.5], colors="none", hatches=[hatch])
+        for line in boundary(cube, name):
+            axes.plot(*line.T, color=color, linewidth=1.4)
+        handles.append(Patch(facecolor="white", edgecolor=color, hatch=hatch, label=told))
+    left = ~np.isin(region, ("drift", "rest"))
+    for code in np.unique(mode.values[left]):
+        word = MODES[code]
+        face = colors[code] * 0.6 + 0.4
+        handles.append(Patch(facecolor=face, edgecolor="black", linewidth=0.5, label=f"mostly {word}"))
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=9)
+    axes.set_xlim(x[0], x[-1])
+    axes.set_ylim(y[0], y[-1])
+    axes.set_xlabel(label(x_name))
+    axes.set_ylabel(label(y_name))
     axes.set_title(title(cube), fontsize=10)
     return figure

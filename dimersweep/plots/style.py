@@ -3,7 +3,6 @@
 import os
 from pathlib import Path
 
-import numpy as np
 import xarray as xr
 
 from dimersweep.errors import ParameterError
@@ -60,15 +59,6 @@ def label(name: str) -> str:
     """Axis label of a parameter: its symbol and unit."""
     units = units_of(name)
     return f"${TEX[name]}$" + (f" [{units}]" if units else "")
-
-
-def edges_of(values: np.ndarray, lowest: float = -np.inf, highest: float = np.inf) -> np.ndarray:
-    """Edges of the cells that the points of an axis stand for, shape (n + 1,): half way to the neighbours."""
-    if values.size == 1:
-        return values[0] + np.array([-0.5, 0.5])
-    inner = (values[1:] + values[:-1]) / 2
-    first, last = 2 * values[0] - inner[0], 2 * values[-1] - inner[-1]
-    return np.clip(np.concatenate([[first], inner, [last]]), lowest, highest)
 
 
 def title(cube: xr.Dataset) -> str:
