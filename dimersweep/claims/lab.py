@@ -133,7 +133,8 @@ class Lab:
         """Orbits over the initial velocity and the aspect ratio (Fig. 17), up to past the first minimum."""
         xdot0 = {"start": 0.5, "stop": 6.5, "step": 0.25 if self.small else 0.125}
         grid = {"A_r": [5, 6, 7], "xdot0": xdot0, "beta0": self.starts}
-        return search(grid, over="beta0", ask="first", periods=1000, orbit_periods=1000, **self.how)
+        periods = 300 if self.small else 1000
+        return search(grid, over="beta0", ask="first", periods=periods, orbit_periods=periods, **self.how)
 
     @cached_property
     def planar(self) -> xr.Dataset:
@@ -156,6 +157,7 @@ class Lab:
 
     @cached_property
     def small_dimer(self) -> xr.Dataset:
-        """The small dimer for an experiment (Sect. 5.2): A_r = 4, r = 2 mm, over friction."""
-        mu = [0.3, 0.4, 0.6] if self.small else np.arange(0.2, 0.81, 0.1)
-        return self._first({"mu": mu, "mu_s": [0.4, 0.6, 0.8, 1.0]}, {"A_r": 4, "r": 2e-3})
+        """The small dimer for an experiment (Sect. 5.2): A_r = 4, r = 2 mm, over friction and frequency."""
+        grid: dict[str, Any] = {"f": [15, 20], "mu": [0.3, 0.4, 0.5, 0.6, 0.7, 0.8], "beta0": degrees(1, 88, 1)}
+        fixed = {"A_r": 4, "r": 2e-3, "mu_s": 0.8}
+        return search(grid, fixed, over="beta0", ask="first", periods=300, orbit_periods=self.late, **self.how)

@@ -14,7 +14,7 @@ def last_cycle(run: Run, points: int = 20_001) -> np.ndarray:
     T = 1 / run.parameters["f"]
     kinds = run.events["kind"].values
     last = run.events["time"].values[np.char.startswith(kinds, "DI")][-1]
-    return np.linspace(last - T, last, points)[:-1] - 1e-9 * T
+    return np.linspace(last - T, last, points)[:-1] - 1e-6 * T
 
 
 def double_impact(run: Run) -> list[str]:
@@ -37,7 +37,7 @@ def shares(run: Run) -> dict[str, float]:
 )
 def base_drifts(lab: Lab) -> Finding:
     run = lab.base
-    value = f"{run.mode}; p1 down {100 * run.down_share_1:.2f} % of the time, p2 {100 * run.down_share_2:.2f} %"
+    value = f"{run.mode}; p1 down {100 * run.down_share_1:.2f} % of the time, p2 {100 * abs(run.down_share_2):.2f} %"
     holds = run.mode == "drift" and run.down_share_1 > 0.95 and run.down_share_2 < 0.05
     return Finding(value, verdict(holds), "p1 down for more than 95 %, p2 for less than 5 %")
 
@@ -98,9 +98,9 @@ def d_shape(lab: Lab) -> Finding:
     run = lab.base
     states = run.states(last_cycle(run))
     beta, rate = states["beta"].values, states["beta_rate"].values
-    value = f"beta {beta.min():.1e} to {beta.max():.4f} rad; rate from {rate[0]:.2f} to {rate[2]:.2f} rad/s at beta = 0"
-    uneven = abs(rate[0]) / rate[2]
-    holds = beta.min() > -1e-6 and rate[0] < 0 < rate[2] and uneven > 1.1
+    value = f"beta {beta.min():.1e} to {beta.max():.4f} rad; rate from {rate[0]:.2f} to {rate[1]:.2f} rad/s at beta = 0"
+    uneven = abs(rate[0]) / rate[1]
+    holds = beta.min() > -1e-6 and rate[0] < 0 < rate[1] and uneven > 1.1
     return Finding(value, verdict(holds), f"beta >= 0, and the rate jumps from - to + with a ratio of {uneven:.2f}")
 
 
@@ -149,6 +149,6 @@ def circular(lab: Lab) -> Finding:
     a, b, radius = circle_through(states["x"].values, states["y"].values)
     away = np.hypot(states["x"].values - a, states["y"].values - b) - radius
     most, told = float(np.abs(away).max()), orbit_of(run).radius
-    value = f"circle of {radius:.4f} m, off by {1e3 * most:.2f} mm at most; R = v/omega = {told:.4f} m"
+    value = f"circle of {radius:.4f} m, off by {1e6 * most:.0f} µm at most (once a period); R = v/omega = {told:.4f} m"
     holds = most < 0.01 * radius and abs(radius / told - 1) < 0.01
     return Finding(value, verdict(holds), "both within 1 % of the radius")

@@ -13,8 +13,9 @@ from dimersweep.run import Run, simulate
 
 
 def drifting(cube: xr.Dataset, name: str) -> np.ndarray:
-    """The values of a quantity where the cube drifts."""
-    return cube[name].values[cube["mode"].values == M_DRIFT]
+    """The values of a quantity where a run of the cube drifts."""
+    values = cube[name].values[cube["mode"].values == M_DRIFT]
+    return values[np.isfinite(values)]
 
 
 def span(values: np.ndarray) -> float:
@@ -54,7 +55,7 @@ def interval_lengths(lab: Lab) -> Finding:
 def normal_energy(run: Run) -> float:
     """Energy per mass of the normal motion after the double impact, from that of the level dimer at rest [m2 s-2]."""
     p = run.parameters
-    state = run.states(last_cycle(run)[[2]])
+    state = run.states(last_cycle(run)[[1]])
     half = p["r"] * (p["A_r"] - 1)
     rate = state["z1_rate"] + half * np.cos(state["beta"]) * state["beta_rate"]
     ball, rod = 4 / 3 * np.pi * p["r"] ** 3 * p["rho_b"], np.pi / 4 * p["D_r"] ** 2 * 2 * (half - p["r"]) * p["rho_r"]
@@ -78,10 +79,8 @@ def energy_and_frequency(lab: Lab) -> Finding:
     value = (
         f"E is {min(ratios):.3f} to {max(ratios):.3f} times g^2/(8 f^2), f from {min(starts):g} to {max(starts):g} Hz"
     )
-    scales, size = spread < 0.1, 0.5 < mean < 2
-    why = (
-        "f^2 E constant to 10 %, and within a factor of 2 of g^2/8; right after the double impact, from the level dimer"
-    )
+    scales, size = spread < 0.1, abs(mean - 1) < 0.2
+    why = "f^2 E constant to 10 %, and g^2/8 to 20 %; partly: the first. Right after the double impact, from the level dimer"
     return Finding(value, verdict(scales and size, scales), why)
 
 
@@ -184,7 +183,9 @@ def friction_and_normal(lab: Lab) -> Finding:
         f"p2 rises {1e3 * tops[0]:.3f}, {1e3 * tops[1]:.3f} mm, lands at {phases[0]:.5f}, {phases[1]:.5f} of the cycle"
     )
     holds = abs(tops[1] / tops[0] - 1) < 0.02 and abs(phases[1] - phases[0]) < 0.005
-    return Finding(value, verdict(holds), "height to 2 %, phase to 0.005 of a cycle")
+    close = abs(tops[1] / tops[0] - 1) < 0.05 and abs(phases[1] - phases[0]) < 0.01
+    why = "height to 2 % and phase to 0.005 of a cycle; partly: 5 % and 0.01. Both motions have the period of the plate"
+    return Finding(value, verdict(holds, close), why)
 
 
 @claim("4.3", "With mu = 0.05, mu_s = 0.1 the impact ends in DI(sp,sp) and the orbit is an inward spiral (Fig. 10)")
@@ -228,7 +229,12 @@ def no_outward_spiral(lab: Lab) -> Finding:
     value = (
         f"{int(grows.sum())} of {change.size} orbits grow by over 1e-6 of R a period, the fastest by {change.max():.1e}"
     )
-    return Finding(value, verdict(not grows.any(), bool(grows.mean() < 0.05)), "none grows; partly: fewer than 5 %")
+    at_paper = drifting(lab.friction.sel(A_r=6).sel(mu=[0.05, 0.2], method="nearest"), "radius_drift").max()
+    why = (
+        "none grows; partly: fewer than 5 %. Those that grow end in DI(sp,sp), mostly at other friction than the paper's; "
+        f"at A_r = 6 and the paper's two mu the fastest change is {at_paper:+.1e} m a period"
+    )
+    return Finding(value, verdict(not grows.any(), bool(grows.mean() < 0.05)), why)
 
 
 @claim("4.3", "DI(sk,sk) barely appears in the 3D drift")
