@@ -14,6 +14,7 @@ FLAGS = {
     "mode": MODES,
     "status": STATUSES,
     "di_end": DI_ENDS,
+    "outcome": MODES,
     "answer": ("not_run", "no", "yes", "unsure"),
     "region": (*MODES, "mixed"),
     "computed": ("no", "yes"),

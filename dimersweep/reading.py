@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from dimersweep.cube import names
 from dimersweep.errors import ParameterError
-from dimersweep.kernel.layout import M_DRIFT
+from dimersweep.kernel.layout import M_DRIFT, MODES
 from dimersweep.symbols import BASE
 
 VALLEY = 5  # points on each side of a minimum that the spline goes through
@@ -66,6 +66,11 @@ def drift_lengths(cube: xr.Dataset) -> xr.DataArray:
     rows = _drift_rows(cube).isel(beta0=0, drop=True)
     lengths = np.array([np.diff(intervals).sum() for intervals in drift_intervals(cube)])
     return rows.copy(data=lengths).rename("drift_length").assign_attrs(units="rad")
+
+
+def runs_of(cube: xr.Dataset, mode: str) -> xr.DataArray:
+    """How many runs of a search led to `mode`, over the axes of its cube."""
+    return cube["runs"].sel(outcome=MODES.index(mode))
 
 
 def boundary(cube: xr.Dataset, region: str) -> list[np.ndarray]:

@@ -242,4 +242,4 @@ def as_cube(
     cube[question.axis] = float_variable(dims, decided, PARAMETERS[question.axis])
     cube["n_runs"] = label_variable("n_runs", dims, findings.counts.sum(axis=1).reshape(shape))
     cube["runs"] = label_variable("runs", (*dims, "outcome"), findings.counts.reshape(*shape, len(MODES)))
-    return cube.assign_coords(outcome=("outcome", list(MODES), {"long_name": "mode of motion"}))
+    return cube.assign_coords(outcome=label_variable("outcome", ("outcome",), np.arange(len(MODES))))

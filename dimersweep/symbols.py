@@ -69,6 +69,7 @@ QUANTITIES = {
     # of a search
     "answer": Quantity("1", "answer to the question of the search"),
     "region": Quantity("1", "mode asked for where the answer is yes, else the one mode of all runs"),
+    "outcome": Quantity("1", "mode of motion that runs led to"),
     "n_runs": Quantity("1", "number of runs that the answer took"),
     "runs": Quantity("1", "number of runs that the answer took, by their mode"),
     "axial_velocity": Quantity("m s-1", "mean velocity along the axis from the end that is down to the other one"),

@@ -15,6 +15,7 @@ from dimersweep.cube import names
 from dimersweep.deciding import spread_order
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.layout import M_DRIFT, MODES
+from dimersweep.reading import runs_of
 from dimersweep.searching import search, waves
 
 # with the fake kernel no start drifts where f is small, some do elsewhere
@@ -56,7 +57,7 @@ def test_all_ends_with_the_first_that_differs(fake_kernel):
     answers = names(cube["answer"])
     xr.testing.assert_equal(answers == "yes", (~drifts).all("beta0"))
     no = answers == "no"
-    assert (cube["runs"].sel(outcome="drift").where(no, 1) == 1).all()
+    assert (runs_of(cube, "drift").where(no, 1) == 1).all()
     assert cube["beta0"].notnull().equals(no)
 
 
@@ -69,7 +70,7 @@ def test_first_gives_the_least_value(fake_kernel):
 def test_fraction_makes_every_run(fake_kernel):
     cube, drifts = quiet_search(ask="fraction"), brute_drifts()
     assert (cube["n_runs"] == drifts.sizes["beta0"]).all()
-    np.testing.assert_array_equal(cube["runs"].sel(outcome="drift"), drifts.sum("beta0"))
+    np.testing.assert_array_equal(runs_of(cube, "drift"), drifts.sum("beta0"))
     assert set(np.unique(names(cube["region"]))) == {"rest", "mixed"}
 
 

@@ -7,8 +7,8 @@ from dimersweep.claims.lab import Lab, orbit_of
 from dimersweep.claims.ledger import Finding, claim, verdict
 from dimersweep.claims.sect3 import double_impact, last_cycle
 from dimersweep.cube import names
-from dimersweep.kernel.layout import M_DRIFT, M_REST
-from dimersweep.reading import drift_intervals, drift_lengths
+from dimersweep.kernel.layout import M_DRIFT, M_REST, MODES
+from dimersweep.reading import drift_intervals, drift_lengths, runs_of
 from dimersweep.run import Run, simulate
 
 
@@ -90,7 +90,7 @@ def energy_and_frequency(lab: Lab) -> Finding:
 )
 def aspect_and_drift(lab: Lab) -> Finding:
     cube = lab.short.isel(Gamma=0)
-    share = (cube["runs"].sel(outcome="drift") / cube["n_runs"]).sel(A_r=slice(3.99, None))
+    share = (runs_of(cube, "drift") / cube["n_runs"]).sel(A_r=slice(3.99, None))
     some = int((share > 0).sum())
     value = f"some start drifts at {some} of {share.size} values; from {100 * share.min():.0f} to {100 * share.max():.0f} % do"
     return Finding(
@@ -103,7 +103,7 @@ def aspect_and_drift(lab: Lab) -> Finding:
 @claim("4.1", "The drift is unstable for A_r below 2.5 (experiments it quotes)")
 def short_dimers(lab: Lab) -> Finding:
     cube = lab.short.isel(Gamma=0)
-    some = cube["A_r"].values[cube["runs"].sel(outcome="drift").values > 0]
+    some = cube["A_r"].values[runs_of(cube, "drift").values > 0]
     value = f"no start drifts below A_r = {some.min():.2f} (Gamma = 0.9)" if some.size else "no start drifts at all"
     return Finding(
         value, verdict(some.size > 0 and some.min() >= 2.5), "no drift below 2.5; where it sets in depends on Gamma"
@@ -150,8 +150,7 @@ def other_modes(lab: Lab) -> Finding:
     inside = names(lab.plane["region"]) == "drift"
     top = inside["Gamma"].where(inside).max("Gamma")
     runs = lab.plane["runs"].where(lab.plane["Gamma"] > top).sum(("e", "Gamma"))
-    total = float(runs.sum())
-    shares = {str(mode): float(runs.sel(outcome=mode)) / total for mode in runs["outcome"].values}
+    shares = dict(zip(MODES, (runs / runs.sum()).values.tolist(), strict=True))
     value = ", ".join(
         f"{mode} {100 * share:.1f} %" for mode, share in sorted(shares.items(), key=lambda item: -item[1]) if share
     )

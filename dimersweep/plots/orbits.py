@@ -11,7 +11,7 @@ from dimersweep.cube import names
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.layout import DI_ENDS, M_DRIFT
 from dimersweep.plots.style import ROW_COLORS, given, label, title
-from dimersweep.reading import circle_through, edges_of, exponents, minimum, stick_ratio
+from dimersweep.reading import circle_through, edges_of, exponents, minimum, runs_of, stick_ratio
 
 END_COLORS = {  # of a double impact
     "none": "#ffffff",
@@ -210,7 +210,7 @@ def shares(cube: xr.Dataset) -> Figure:
     other, name = (str(dim) for dim in cube["mode"].dims)
     figure = Figure(figsize=(7.5, 4.4), layout="constrained")
     axes = figure.add_subplot()
-    share = cube["runs"].sel(outcome="drift") / cube["n_runs"]
+    share = runs_of(cube, "drift") / cube["n_runs"]
     for color, value in zip(ROW_COLORS, cube[other].values, strict=False):
         axes.plot(
             cube[name], 100 * share.sel({other: value}), "o-", color=color, markersize=3, label=given(other, value)
