@@ -242,9 +242,9 @@ def _conclusion(rows: list[tuple[dict[str, Any], Studied]]) -> list[str]:
     return [
         f"Where friction alone is changed, R is {min(slips):.2f} to {max(slips):.2f} m if p1 slips through its contact",
         f"(it rolls for less than 20 % of the cycle) and {min(rolls):.2f} to {max(rolls):.2f} m if it rolls for longer. The",
-        "paper gives that contact state as SC_sp, slip, all along (Sect. 3.1), and its radius is one of slip all along; at its own",
-        "mu = 0.2, mu_s = 0.4 Coulomb's law, Eq. (4), makes p1 roll once its slip has died out. A frequency or an aspect ratio",
-        "misread by 3 to 4 % would do as well; what else is varied moves the radius the other way, or too little.",
+        "paper gives that contact state as SC_sp, slip, all along (Sect. 3.1), and its radius is one of slip all along; at its",
+        "own mu = 0.2, mu_s = 0.4 Coulomb's law, Eq. (4), makes p1 roll once its slip has died out. A frequency or an aspect",
+        "ratio misread by 3 to 4 % would do as well; what else is varied moves the radius the other way, or too little.",
     ]
 
 
