@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from dimersweep.errors import ParameterError
 from dimersweep.grid import make_grid
 from dimersweep.parameters import check_count, check_rtol
+from dimersweep.paths import check_length
 from dimersweep.refining import check_refinement
 from dimersweep.searching import make_spec
 
@@ -90,8 +91,7 @@ class Declaration(_Section):
         if self.refine:
             check_refinement(spec, self.refine.halvings, self.refine.between)
         if self.paths:
-            check_count("paths.periods", self.paths.periods)
-            check_count("paths.per_period", self.paths.per_period)
+            check_length(spec.grid.size, self.paths.periods, self.paths.per_period)
 
 
 _KNOWN: dict[str, type[BaseModel]] = {

@@ -8,6 +8,7 @@ import xarray as xr
 from dimersweep.cube import float_variable
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.layout import M_DRIFT
+from dimersweep.parameters import check_count
 from dimersweep.run import simulate
 from dimersweep.symbols import PARAMETERS, QUANTITIES, STATES
 from dimersweep.threads import run_each
@@ -22,6 +23,18 @@ class Path(NamedTuple):
     x: np.ndarray
     y: np.ndarray
     axial_velocity: float
+
+
+def check_length(runs: int, periods: int, per_period: int) -> None:
+    """Refuse paths that are too long to be held in memory.
+
+    Raises
+    ------
+    ParameterError
+    """
+    moments = check_count("paths.periods", periods) * check_count("paths.per_period", per_period) + 1
+    if runs * moments > MAX_POINTS:
+        raise ParameterError(f"paths: {runs} of {moments} positions each; one cube may hold {MAX_POINTS} positions")
 
 
 def path_of(point: int, parameters: dict[str, Any], periods: int, per_period: int, rtol: float) -> Path:
@@ -70,10 +83,7 @@ def add_paths(cube: xr.Dataset, *, periods: int, per_period: int, rtol: float, w
     """
     mode = cube["mode"]
     moments = periods * per_period + 1
-    if mode.size * moments > MAX_POINTS:
-        raise ParameterError(
-            f"paths: {mode.size} of {moments} positions each; one cube may hold {MAX_POINTS} positions"
-        )
+    check_length(mode.size, periods, per_period)
     x, y = (np.full((mode.size, moments), np.nan) for _ in range(2))
     velocity = np.full(mode.size, np.nan)
 

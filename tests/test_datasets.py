@@ -67,12 +67,14 @@ def test_paths_are_those_of_the_orbits(tmp_path):
     assert cube["cycle"].values[-1] * 16 + 1 == x.size
 
 
-def test_paths_too_long_to_hold_are_refused(fake_kernel, tmp_path):
+def test_paths_too_long_to_hold_are_refused(tmp_path):
     text = (SWEEPS / "fig13-small.toml").read_text()
     path = tmp_path / "long.toml"
     path.write_text(text.replace("per_period = 16", "per_period = 100000"))
-    with pytest.raises(ParameterError, match=r"^paths: 3 of 20000001 positions each; one cube may hold 20000000"):
-        make(read_declaration(path), tmp_path / "long.nc", periods=5, rtol=1e-6, progress=False)
+    with pytest.raises(
+        ParameterError, match=r"paths: 3 of 10000001 positions each; one cube may hold 20000000 positions$"
+    ):
+        read_declaration(path)
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,7 @@ def test_the_boundary_runs_half_way_between_points_that_differ():
     findings.counts[:, M_DRIFT], findings.counts[:, M_REST] = drifts, 2 * ~drifts
     cube = as_cube(spec, findings, {}, 0.0)
     (line,) = boundary(cube, "drift")
-    assert np.abs(line[:, 1] - (1.5 - line[:, 0])).max() <= 0.05 / 2
+    assert np.abs(line[:, 1] - (1.5 - line[:, 0])).max() <= 0.025 + 1e-12
     assert np.ptp(line[:, 0]) == pytest.approx(0.4)
     assert runs_of(cube, "rest").sum() == 2 * (~drifts).sum()
     assert boundary(cube, "flutter") == []
