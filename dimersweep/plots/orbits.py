@@ -105,7 +105,7 @@ def trends(cube: xr.Dataset) -> Figure:
                 law = exponents(cube, quantity)[name]
                 base = "(A_r - 1)" if name == "A_r" else "f"
                 told = (
-                    f"${base}^{{{law.exponent:.2f} \\pm {law.error:.2f}}}$, local {law.least:.2f} to {law.greatest:.2f}"
+                    f"${base}^{{{law.exponent:.3f} \\pm {law.error:.3f}}}$, local {law.least:.2f} to {law.greatest:.2f}"
                 )
                 axes.set_title(told, fontsize=9)
             else:
@@ -184,12 +184,12 @@ def impact_ends(cube: xr.Dataset) -> Figure:
         axes.set_xlabel(label("mu"))
     panels[0].set_ylabel(label("mu_s"))
     found = sorted(set(np.unique(names(cube["di_end"]))), key=DI_ENDS.index)
-    words = {"none": "no drift found, or mu_s < mu"}
+    words = {"none": "no drift found, or $\\mu_s < \\mu$"}
     handles = [
         Patch(facecolor=END_COLORS[end], edgecolor="black", linewidth=0.5, label=words.get(end, end)) for end in found
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=9)
-    figure.suptitle(f"How the double impact ends; dashed: mu = mubar\n{title(cube)}", fontsize=10)
+    figure.suptitle(f"How the double impact ends; dashed: $\\mu = \\bar\\mu$\n{title(cube)}", fontsize=10)
     return figure
 
 
