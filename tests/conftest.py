@@ -2,6 +2,10 @@
 
 import pytest
 from fakes import fake_run_many
+from hypothesis import settings
+
+settings.register_profile("unhurried", deadline=None)  # a machine may be busy
+settings.load_profile("unhurried")
 
 
 @pytest.fixture
