@@ -12,7 +12,7 @@ import numpy as np
 
 import dimersweep
 from dimersweep.cube import blank, names
-from dimersweep.kernel.engine import run_many
+from dimersweep.kernel.batch import run_many
 from dimersweep.kernel.layout import CODES, MODES
 from dimersweep.parameters import fill_rows
 

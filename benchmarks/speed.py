@@ -17,8 +17,9 @@ from numba import njit
 
 from dimersweep import declaration, simulate, sweep
 from dimersweep.kernel import body, contact, flight, impact, roots
+from dimersweep.kernel.batch import run_many
 from dimersweep.kernel.body import TWO_PI
-from dimersweep.kernel.engine import WORK_COLUMNS, WORK_ROWS, run_many
+from dimersweep.kernel.engine import WORK_COLUMNS, WORK_ROWS
 from dimersweep.kernel.layout import BETA, CA, CB, N1, N2, N_CODES, N_OUT, N_STATE, SPIN, WB
 from dimersweep.parameters import Parameters
 

@@ -9,7 +9,7 @@ import numpy as np
 from dimersweep.cube import blank
 from dimersweep.grid import Grid
 from dimersweep.kernel import kernel_version
-from dimersweep.kernel.engine import run_many
+from dimersweep.kernel.batch import run_many
 from dimersweep.kernel.layout import CODES, M_FAILED, M_NOT_RUN, M_UNRESOLVED, MODES, N_CODES, N_OUT, OK
 from dimersweep.parameters import fill_rows
 

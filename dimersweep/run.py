@@ -9,7 +9,8 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.errors import ParameterError
-from dimersweep.kernel.engine import WORK_COLUMNS, WORK_ROWS, run_recorded
+from dimersweep.kernel.batch import run_recorded
+from dimersweep.kernel.engine import WORK_COLUMNS, WORK_ROWS
 from dimersweep.kernel.impact import N_LOG
 from dimersweep.kernel.layout import (
     BETA,

@@ -11,7 +11,7 @@ import numpy as np
 from dimersweep.cube import blank
 from dimersweep.grid import Grid, make_grid
 from dimersweep.kernel import kernel_version
-from dimersweep.kernel.engine import run_many
+from dimersweep.kernel.batch import run_many
 from dimersweep.kernel.layout import CODES, M_APERIODIC, M_FAILED, M_UNRESOLVED
 from dimersweep.parameters import check_count, check_rtol
 

@@ -1,19 +1,12 @@
-"""The event loop: collide, come to rest, choose the contact mode, move to the next event; one run, or many."""
+"""The event loop of one run: collide, come to rest, choose the contact mode, move to the next event."""
 
-from math import cos, hypot, isfinite, nan, sin
-from typing import Any, NamedTuple
+from math import cos, hypot, isfinite, sin
 
-import numpy as np
-
-from dimersweep.kernel.body import TWO_PI, as_dimer
+from dimersweep.kernel.body import TWO_PI
 from dimersweep.kernel.chatter import come_to_rest
 from dimersweep.kernel.choose import CLOSED, INCONSISTENT, contact_mode
-from dimersweep.kernel.contact import YB, YWB, load, unload
+from dimersweep.kernel.contact import YB, YUA, YUB, YWB, YWP, load, unload
 from dimersweep.kernel.fate import (
-    PAST_COLUMNS,
-    PAST_ROWS,
-    begin_past,
-    last_strobe,
     note_impact,
     note_landing,
     note_period,
@@ -21,12 +14,11 @@ from dimersweep.kernel.fate import (
     rests_for_good,
     settled_period,
     time_of,
-    verdict,
 )
 from dimersweep.kernel.flight import fly, take_off
 from dimersweep.kernel.glide import GLIDE_ROWS, NO_EVENT, OUT_OF_STEPS, glide
-from dimersweep.kernel.impact import N_LOG, contact_velocity, double_impact, rounding, single_impact
-from dimersweep.kernel.jit import compiled, exported
+from dimersweep.kernel.impact import contact_velocity, double_impact, rounding, single_impact
+from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import (
     BETA,
     C_CHATTER_END,
@@ -43,9 +35,6 @@ from dimersweep.kernel.layout import (
     D2,
     FREE,
     JAMMED,
-    M_APERIODIC,
-    M_FAILED,
-    M_UNRESOLVED,
     MAX_EVENTS,
     N1,
     N2,
@@ -60,16 +49,12 @@ from dimersweep.kernel.layout import (
 )
 from dimersweep.kernel.record import note_event, note_segment
 from dimersweep.kernel.roots import MAX_PROBES, next_landing
-from dimersweep.kernel.steps import copy
 from dimersweep.kernel.watch import HOLD_LOST, LANDS, SLIP_ZERO
 
 EVENTS_PER_PERIOD = 2000  # bound on events: this many per period asked for, and a start
 LOOSEST = 1e-3  # relative tolerance of an impact, however slow
 SLIP_SCALE = 0.1  # slip that counts as none in contact, in units of the tolerance and g/omega
 COINCIDENT = 4e-16  # gap, in units of l, that counts as closed when the other end lands
-# evidence of aperiodic motion: a neighbouring start (its plate phase shifted) has separated from the run by this much,
-# in g/omega and g/omega^2, within this many periods; not looked for in runs too short to have settled
-EVIDENCE, STRETCH, TWIN, TWIN_SHIFT, SEPARATED = 64, 24, 2, 1e-6, 1e-2
 WORK_ROWS, WORK_COLUMNS = GLIDE_ROWS + 8, 16
 ROW_Y, ROW_DY, ROW_F = GLIDE_ROWS, GLIDE_ROWS + 1, GLIDE_ROWS + 2
 
@@ -194,10 +179,10 @@ def move(dm, state, modes, chosen, path, tol, slip_tol, work):
 def hold_rest(dm, modes, y):
     """Make the slip of a sticking end exactly zero (it was, but for the rounding of ``load`` and ``unload``)."""
     if modes[0] == STICK or (modes[0] == FREE and modes[1] == STICK):
-        y[4], y[5] = 0.0, 0.0
+        y[YUA], y[YUB] = 0.0, 0.0
     elif modes[1] == STICK:
-        y[4] = 0.0
-        y[2] = y[5] / (2.0 * dm.h)
+        y[YUA] = 0.0
+        y[YWP] = y[YUB] / (2.0 * dm.h)
 
 
 @compiled
@@ -359,120 +344,3 @@ def note_flights(dm, state, modes, past):
     for i in range(2):
         if modes[i] == FREE:
             note_take_off(past, i, now)
-
-
-@exported
-def run_rows(rows, periods, rtol, settle, until, path, out, codes, desk, log, events, segments, counts):
-    """Verdicts of runs one after the other, and the record of the last of them where `log`, `events` and `segments` have rows.
-
-    Parameters
-    ----------
-    rows : float64 array, shape (n, N_ROW)
-        Parameters in the order of ``layout.ROW``, SI units.
-    periods : int
-        Forcing periods of each run at most.
-    rtol : float
-        The one accuracy knob.
-    settle : bool
-        Stop each run when its motion has settled.
-    until : int
-        Set of modes, as a sum of 2**mode: the first run with one of them is the last one made.
-    path : bool
-        Whether x1, y1 and gamma are wanted.
-    out : float64 array, shape (n, N_OUT)
-        Filled in the order of ``layout.OUT``.
-    codes : int64 array, shape (n, N_CODES)
-        Filled in the order of ``layout.CODES``.
-    desk : Desk
-        Scratch arrays, from ``new_desk``.
-    log, events, segments, counts : arrays
-        The record, see ``evolve``.
-
-    Returns
-    -------
-    int
-        Number of runs made.
-    """
-    state, modes, past, work = desk.state, desk.modes, desk.past, desk.work
-    for k in range(rows.shape[0]):
-        row = rows[k]
-        dm = as_dimer(row)
-        start_state(dm, row[7], row[8], state)
-        modes[0], modes[1] = FREE, FREE
-        begin_past(past)
-        counts[0], counts[1], counts[2] = 0, 0, 0
-        # the run itself; if it has not settled, a stretch more of it; and the same stretch from a neighbouring start
-        for leg in range(3):
-            first = leg == 0
-            if leg == TWIN:
-                copy(desk.twin, state, N_STATE)
-                state[PHASE] = TWIN_SHIFT
-                modes[0], modes[1] = desk.twin[N_STATE], desk.twin[N_STATE + 1]
-            status, at_rest = evolve(
-                dm,
-                state,
-                modes,
-                periods if first else int(desk.twin[PERIOD]) + STRETCH,
-                rtol,
-                settle and first,
-                path,
-                past,
-                work,
-                log if first else log[:0],
-                events if first else events[:0],
-                segments if first else segments[:0],
-                counts,
-            )
-            if first:
-                mode, p, end = verdict(dm, past, at_rest, out[k])
-                if status != OK:
-                    mode, p, end = M_FAILED, 0, 0
-                    for j in range(out.shape[1]):
-                        out[k, j] = nan
-                codes[k, 0], codes[k, 1], codes[k, 2], codes[k, 3] = status, mode, p, end
-                codes[k, 4], codes[k, 5] = counts[0], int(state[PERIOD])
-                if mode != M_UNRESOLVED or periods < EVIDENCE:
-                    break
-                copy(state, desk.twin, N_STATE)
-                desk.twin[N_STATE], desk.twin[N_STATE + 1] = modes[0], modes[1]
-            elif status != OK:
-                break
-            elif last_strobe(past, desk.strobe) > SEPARATED and leg == TWIN:
-                codes[k, 1] = M_APERIODIC
-        if until >> codes[k, 1] & 1:
-            return k + 1
-    return rows.shape[0]
-
-
-class Desk(NamedTuple):
-    """Scratch arrays of one thread."""
-
-    state: Any
-    modes: Any
-    past: Any
-    work: Any
-    twin: Any
-    strobe: Any
-
-
-def new_desk() -> Desk:
-    """Scratch arrays for ``run_rows``: the compiled code allocates nothing."""
-    return Desk(
-        np.zeros(N_STATE),
-        np.zeros(2),
-        np.zeros((PAST_ROWS, PAST_COLUMNS)),
-        np.zeros((WORK_ROWS, WORK_COLUMNS)),
-        np.zeros(N_STATE + 2),
-        np.zeros(4),
-    )
-
-
-def run_many(rows, periods, rtol, settle, out, codes, until=0) -> int:
-    """Verdicts of many runs, unrecorded: ``run_rows`` with scratch arrays of its own, so that threads may share nothing."""
-    none, counts = np.zeros((0, N_LOG)), np.zeros(3, np.int64)
-    return run_rows(rows, periods, rtol, settle, until, False, out, codes, new_desk(), none, none, none, counts)
-
-
-def run_recorded(rows, periods, rtol, settle, path, out, codes, log, events, segments, counts) -> None:
-    """One run with its record: see ``run_rows`` and ``evolve``."""
-    run_rows(rows, periods, rtol, settle, 0, path, out, codes, new_desk(), log, events, segments, counts)

@@ -7,7 +7,7 @@ import pytest
 from verbs import row_of
 
 from dimersweep import simulate
-from dimersweep.kernel import engine, layout
+from dimersweep.kernel import batch, engine, layout
 from dimersweep.kernel.layout import CODES, MODES, N_CODES, N_OUT, OUT, STATUS_MESSAGES, STATUSES
 
 CODE = {name: k for k, name in enumerate(CODES)}
@@ -18,7 +18,7 @@ def outcome(row, periods, rtol=1e-8, settle=False):
     """Numbers and codes of one run without a record."""
     rows = np.atleast_2d(row)
     out, codes = np.full((len(rows), N_OUT), np.nan), np.zeros((len(rows), N_CODES), dtype=np.int64)
-    engine.run_many(rows, periods, rtol, settle, out, codes)
+    batch.run_many(rows, periods, rtol, settle, out, codes)
     return out, codes
 
 
@@ -140,7 +140,7 @@ def test_the_kernel_is_compiled_once():
     outcome(varied_rows(3), 3, 1e-6, True)
     simulate(periods=2, record=True)
     simulate(periods=2, record=False, stop_when_settled=True, e=1, mu=0, mu_s=0, beta0=0)
-    assert len(engine.run_rows.signatures) == 1
+    assert len(batch.run_rows.signatures) == 1
 
 
 @pytest.mark.jit
@@ -390,6 +390,6 @@ def test_a_run_starts_as_the_paper_says():
 def test_a_batch_ends_with_the_first_run_of_a_wanted_mode():
     rows = np.array([row_of(beta0=b) for b in (0.5, 1.2, 0.279)])
     out, codes = np.full((3, N_OUT), np.nan), np.zeros((3, N_CODES), dtype=np.int64)
-    made = engine.run_many(rows, 300, 1e-8, True, out, codes, 1 << MODES.index("drift"))
+    made = batch.run_many(rows, 300, 1e-8, True, out, codes, 1 << MODES.index("drift"))
     assert made == 2
     assert [MODES[mode] for mode in codes[:, CODE["mode"]]] == ["rest", "drift", "not_run"]
