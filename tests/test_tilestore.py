@@ -52,7 +52,7 @@ def counted(monkeypatch):
 
     monkeypatch.setattr("dimersweep.tiles.run_many", run_many)
     set_pace(monkeypatch, 10)
-    monkeypatch.setattr("dimersweep.sweeping.warm_up", lambda spec, stop: None)
+    monkeypatch.setattr("dimersweep.computing.warm_up", lambda spec, stop: None)
     return asked
 
 
