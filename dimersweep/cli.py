@@ -185,7 +185,7 @@ def _declared(declaration: Path | None, source: Path | None, out: Path | None, *
     return from_cube(source, other_kernel=other_kernel)
 
 
-Declared = Annotated[Path | None, typer.Argument(metavar="[SWEEP.toml]", help="Declaration of the sweep.")]
+Declared = Annotated[Path | None, typer.Argument(metavar="SWEEP.toml", help="Declaration of the sweep.")]
 Workers = Annotated[int | None, _whole_option("Threads; one for each core by default.")]
 Periods = Annotated[int | None, _whole_option("Forcing periods, in place of the declared ones.")]
 Rtol = Annotated[float | None, _number_option("Accuracy, in place of the declared one.")]

@@ -143,8 +143,8 @@ def _to_file(
     unwanted = not_ok if retry else not_run
     with tile_store(out, spec.configuration(), spec.grid.size, force=force) as store, _tidy(store):
         check_writable(out, force=force_cube)  # who held the lock before may have written it meanwhile
-        if trouble := store.check():
-            warnings.warn(trouble, RuntimeWarning, stacklevel=3)
+        for line in store.check():
+            warnings.warn(line, RuntimeWarning, stacklevel=3)
         if retry:
             store.drop(not_ok)
         origin = _take_over(store, spec, extend, unwanted)
