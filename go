@@ -47,10 +47,14 @@ run_checks() {
     step lint-imports --no-logo
     # the next two leave compiled kernels in the cache for the tests
     step dimersweep simulate --plot "$scratch/run.png"
-    step dimersweep run sweeps/fig07-small.toml --out "$scratch/fig07-small.nc"
+    for sweep in sweeps/*-small.toml; do
+        name=$(basename "$sweep" .toml)
+        step dimersweep run "$sweep" --out "$scratch/$name.nc"
+        step compliance-checker -t cf:1.11 "$scratch/$name.nc"
+    done
     step env NUMBA_DISABLE_JIT=1 pytest -q -m "not jit" tests/kernel
     if compgen -G "notebooks/*.ipynb" >/dev/null; then
-        step pytest -q --nbmake notebooks
+        step env DIMERSWEEP_CUBES="$scratch" pytest -q --nbmake notebooks
     fi
     step pytest -q
 }

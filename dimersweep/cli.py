@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dimersweep.errors import Stopped, UserError
+from dimersweep.errors import ParameterError, Stopped, UserError
 from dimersweep.symbols import BASE, PARAMETERS, QUANTITIES
 
 if TYPE_CHECKING:
@@ -225,18 +225,13 @@ def run(
     if plot:
         check_writable(picture, force=force or retry, name="picture")
     with _stoppable():
-        from dimersweep.sweeping import sweep
-
-        cube = sweep(
-            declared.grid,
-            declared.fixed,
+        cube = _made(
+            declared,
+            cube_file,
             periods=declared.sweep.periods if periods is None else periods,
             rtol=declared.sweep.rtol if rtol is None else rtol,
-            out=cube_file,
             workers=workers,
-            stop_when_settled=declared.sweep.stop_when_settled,
             force=force,
-            attrs={"title": declared.sweep.title, "plot": declared.plot.kind},
             client=scheduler,
             extend=extend,
             retry=retry,
@@ -247,6 +242,28 @@ def run(
         typer.echo(f"cube: {cube_file}")
         if plot:
             _draw(cube, picture)
+
+
+def _made(declared: "Declaration", out: Path, **options: Any) -> "xr.Dataset":
+    """The cube of a declared sweep or search, written to `out`."""
+    if declared.search is not None:
+        from dimersweep.datasets import make
+
+        taken = ("periods", "rtol", "workers", "force")
+        refused = [name for name, value in options.items() if value and name not in taken]
+        if refused:
+            raise ParameterError(f"{refused[0]}: is for sweeps of a whole grid; a search does not take it")
+        return make(declared, out, **{name: options[name] for name in taken})
+    from dimersweep.sweeping import sweep
+
+    return sweep(
+        declared.grid,
+        declared.fixed,
+        out=out,
+        stop_when_settled=declared.sweep.stop_when_settled,
+        attrs={"title": declared.sweep.title, "plot": declared.plot.kind},
+        **options,
+    )
 
 
 @app.command()
@@ -315,6 +332,40 @@ def plot(
     opened = open_cube(cube)
     _print_cube(opened)
     _draw(opened, picture)
+
+
+@app.command()
+def claims(
+    *,
+    out: Annotated[Path, typer.Option(help="Page to write, in Markdown.")] = Path("docs/claims.md"),
+    small: Annotated[bool, typer.Option("--small", help="Coarse grids and short runs.")] = False,
+    workers: Annotated[int | None, _whole_option("Threads; one for each core by default.")] = None,
+    force: Force = False,
+) -> None:
+    """Recompute every checkable statement of the paper, tell where it holds, and write the page of all of them."""
+    from dimersweep.store import check_writable
+
+    page = check_writable(out, force=force)
+    from time import perf_counter
+
+    from rich.console import Console
+    from rich.table import Table
+
+    from dimersweep.claims import Lab, as_markdown, made, radius_study
+    from dimersweep.progress import tell_of_compiling
+
+    tell_of_compiling()
+    started, lab, rows = perf_counter(), Lab(small=small, workers=workers), []
+    for row in made(lab):
+        rows.append(row)
+        typer.echo(f"{len(rows)}: Sect. {row.section}, {row.finding.verdict}: {row.statement}", err=True)
+    study = radius_study(lab)
+    table = Table("Sect.", "the paper says", "here", "verdict", show_lines=True)
+    for row in rows:
+        table.add_row(row.section, row.statement, row.finding.value, row.finding.verdict)
+    Console().print(table)
+    page.write_text(as_markdown(rows, study, lab, started), encoding="utf-8")
+    typer.echo(f"page: {page}")
 
 
 def _show_version(wanted: bool) -> None:

@@ -8,9 +8,17 @@ import xarray as xr
 
 from dimersweep.grid import Grid
 from dimersweep.kernel.layout import CODES, DI_ENDS, MODES, N_CODES, N_OUT, OUT, STATUSES
-from dimersweep.symbols import PARAMETERS, QUANTITIES
+from dimersweep.symbols import PARAMETERS, QUANTITIES, Quantity
 
-FLAGS = {"mode": MODES, "status": STATUSES, "di_end": DI_ENDS}
+FLAGS = {
+    "mode": MODES,
+    "status": STATUSES,
+    "di_end": DI_ENDS,
+    "outcome": MODES,
+    "answer": ("not_run", "no", "yes", "unsure"),
+    "region": (*MODES, "mixed"),
+    "computed": ("no", "yes"),
+}
 _PACKED = {"zlib": True, "complevel": 4, "shuffle": True}
 
 
@@ -34,7 +42,7 @@ def _coordinate(name: str, values: Any) -> xr.Variable:
     return variable
 
 
-def _labels(name: str, dims: tuple[str, ...], values: np.ndarray) -> xr.Variable:
+def label_variable(name: str, dims: tuple[str, ...], values: np.ndarray) -> xr.Variable:
     """Integer results: flags as int8, counts as int32."""
     attributes: dict[str, Any] = {"long_name": QUANTITIES[name].long_name}
     kind = np.int8 if name in FLAGS else np.int32
@@ -48,8 +56,9 @@ def _labels(name: str, dims: tuple[str, ...], values: np.ndarray) -> xr.Variable
     return variable
 
 
-def _quantity(name: str, dims: tuple[str, ...], values: np.ndarray) -> xr.Variable:
-    variable = xr.Variable(dims, values, QUANTITIES[name]._asdict())
+def float_variable(dims: tuple[str, ...], values: np.ndarray, quantity: Quantity) -> xr.Variable:
+    """Float results with their unit; NaN where they have no meaning."""
+    variable = xr.Variable(dims, values, quantity._asdict())
     variable.encoding.update(_PACKED, _FillValue=np.nan)
     return variable
 
@@ -75,11 +84,11 @@ def build(grid: Grid, out: np.ndarray, codes: np.ndarray, attributes: Mapping[st
     """
     dims = tuple(grid.axes)
     variables = {
-        name: _labels(name, dims, codes[:, slot].reshape(grid.shape))
+        name: label_variable(name, dims, codes[:, slot].reshape(grid.shape))
         for name, slot in sorted(zip(CODES, range(N_CODES), strict=True), key=lambda item: item[0] != "mode")
     }
     for slot, name in enumerate(OUT):
-        variables[name] = _quantity(name, dims, out[:, slot].reshape(grid.shape))
+        variables[name] = float_variable(dims, out[:, slot].reshape(grid.shape), QUANTITIES[name])
     coordinates = {name: _coordinate(name, value) for name, value in (grid.axes | grid.fixed).items()}
     return xr.Dataset(variables, coordinates, dict(attributes))
 

@@ -8,8 +8,11 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from dimersweep.errors import ParameterError
-from dimersweep.grid import Grid, make_grid
+from dimersweep.grid import make_grid
 from dimersweep.parameters import check_count, check_rtol
+from dimersweep.paths import check_length
+from dimersweep.refining import check_refinement
+from dimersweep.searching import make_spec
 
 
 class _Section(BaseModel):
@@ -26,26 +29,79 @@ class SweepSection(_Section):
     output: str
 
 
+class SearchSection(_Section):
+    """A question about one axis, in place of every point of it."""
+
+    over: str
+    ask: Literal["any", "all", "first", "fraction"] = "any"
+    mode: str = "drift"
+    orbit_periods: int = 0
+
+
+class RefineSection(_Section):
+    """How far a map is refined, and at which boundaries."""
+
+    halvings: dict[str, int]
+    between: list[str] | None = None
+
+
+class PathsSection(_Section):
+    """How much of the path of the centre of mass is kept of each run."""
+
+    periods: int
+    per_period: int = 8
+
+
 class PlotSection(_Section):
     """How to draw the cube."""
 
-    kind: Literal["segments", "mode_map"] = "mode_map"
+    kind: Literal[
+        "segments", "mode_map", "regions", "paths", "trends", "minimum", "impact_ends", "shares", "planar"
+    ] = "mode_map"
 
 
 class Declaration(_Section):
-    """One sweep as a file declares it; `grid` and `fixed` are judged by `make_grid`."""
+    """One sweep, search or refined map as a file declares it."""
 
     sweep: SweepSection
     grid: dict[str, Any]
     fixed: dict[str, Any] = Field(default_factory=dict)
+    search: SearchSection | None = None
+    refine: RefineSection | None = None
+    paths: PathsSection | None = None
     plot: PlotSection = Field(default_factory=PlotSection)
 
-    def points(self) -> Grid:
-        """The declared grid."""
-        return make_grid(self.grid, self.fixed)
+    def judge(self) -> None:
+        """Refuse what the sections say together, as the work itself would.
+
+        Raises
+        ------
+        ParameterError
+        """
+        check_count("sweep.periods", self.sweep.periods)
+        check_rtol(self.sweep.rtol)
+        if self.search is None:
+            if self.refine or self.paths:
+                raise ParameterError("search: is missing; refine and paths go with a search")
+            make_grid(self.grid, self.fixed)
+            return
+        spec = make_spec(
+            self.grid, self.fixed, periods=self.sweep.periods, rtol=self.sweep.rtol, **self.search.model_dump()
+        )
+        if self.refine:
+            check_refinement(spec, self.refine.halvings, self.refine.between)
+        if self.paths:
+            check_length(spec.grid.size, self.paths.periods, self.paths.per_period)
 
 
-_KNOWN: dict[str, type[BaseModel]] = {"": Declaration, "sweep": SweepSection, "plot": PlotSection}
+_KNOWN: dict[str, type[BaseModel]] = {
+    "": Declaration,
+    "sweep": SweepSection,
+    "search": SearchSection,
+    "refine": RefineSection,
+    "paths": PathsSection,
+    "plot": PlotSection,
+}
 
 
 def _explain(error: ValidationError) -> str:
@@ -68,7 +124,8 @@ def read_declaration(path: str | os.PathLike[str]) -> Declaration:
     Parameters
     ----------
     path : path-like
-        TOML with the sections ``[sweep]``, ``[grid]``, and optionally ``[fixed]`` and ``[plot]``.
+        TOML with the sections ``[sweep]``, ``[grid]``, and optionally ``[fixed]``, ``[search]``, ``[refine]``,
+        ``[paths]`` and ``[plot]``.
 
     Returns
     -------
@@ -82,9 +139,7 @@ def read_declaration(path: str | os.PathLike[str]) -> Declaration:
     path = Path(path)
     try:
         declaration = Declaration.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-        declaration.points()
-        check_count("sweep.periods", declaration.sweep.periods)
-        check_rtol(declaration.sweep.rtol)
+        declaration.judge()
     except OSError as error:
         raise ParameterError(f"{path}: cannot be read ({error.strerror})") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:

@@ -1,6 +1,6 @@
 """Axes to points: a grid is kept as its axes, and any range of its points is laid out when it is needed."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from math import prod
 from typing import Any
@@ -14,6 +14,7 @@ from dimersweep.parameters import (
     check_count,
     check_name,
     fill_rows,
+    keeps_rules,
 )
 from dimersweep.symbols import BASE, PARAMETERS
 
@@ -159,7 +160,21 @@ class Grid:
         return Grid(axes, self.fixed), start - lead
 
 
-def make_grid(axes: Mapping[str, Any], fixed: Mapping[str, Any] | None = None) -> Grid:
+def legal_points(grid: Grid) -> np.ndarray:
+    """Which points keep the rules that tie two axes, shape (grid.size,), bool.
+
+    Raises
+    ------
+    ParameterError
+        If none does.
+    """
+    legal = np.broadcast_to(keeps_rules(grid.values(np.arange(grid.size))), grid.size)
+    if not legal.any():
+        check(grid.axes)
+    return legal
+
+
+def make_grid(axes: Mapping[str, Any], fixed: Mapping[str, Any] | None = None, *, gaps: Collection[str] = ()) -> Grid:
     """Build a grid and judge every point of it, axis by axis.
 
     Parameters
@@ -168,6 +183,8 @@ def make_grid(axes: Mapping[str, Any], fixed: Mapping[str, Any] | None = None) -
         See `axis`.
     fixed : mapping of str to float, optional
         Parameters that differ from the paper's base case.
+    gaps : collection of str
+        Axes on which points may break a rule that ties two of them (mu_s below mu); see `legal_points`.
 
     Returns
     -------
@@ -193,7 +210,7 @@ def make_grid(axes: Mapping[str, Any], fixed: Mapping[str, Any] | None = None) -
     if {"e_1", "e_2"} & {*axes, *fixed}:
         e = held.pop("e")
         held = {name: e for name in ("e_1", "e_2") if name not in made} | held
-    check(held | made)
+    check(held | made, gaps)
     return Grid(made, held)
 
 

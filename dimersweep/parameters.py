@@ -1,6 +1,6 @@
 """The one place where input is judged: the parameters of a dimer, one at a time or as whole axes of a sweep."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, fields
 from math import isfinite, pi
 from numbers import Integral, Real
@@ -75,7 +75,7 @@ def as_number(name: str, value: Any) -> float:
     return number
 
 
-def check(columns: Mapping[str, Any]) -> None:
+def check(columns: Mapping[str, Any], gaps: Collection[str] = ()) -> None:
     """Judge every combination of the values in `columns`.
 
     Parameters
@@ -83,6 +83,8 @@ def check(columns: Mapping[str, Any]) -> None:
     columns : mapping of str to float or ndarray
         Values of each parameter, scalars or shape (n_k,), finite, SI units. A rule that ties two parameters is tried
         on the outer product of those two only, so a grid is judged without being laid out.
+    gaps : collection of str
+        Parameters that may break a rule that ties two of them; see `keeps_rules`.
 
     Raises
     ------
@@ -90,7 +92,7 @@ def check(columns: Mapping[str, Any]) -> None:
         Naming the first value that breaks a rule, and what is allowed.
     """
     for rule in RULES:
-        if rule.name not in columns:
+        if rule.name not in columns or {rule.name, rule.other} <= set(gaps):
             continue
         values = np.atleast_1d(columns[rule.name])
         others = np.atleast_1d(columns[rule.other]) if rule.other else None
@@ -99,6 +101,15 @@ def check(columns: Mapping[str, Any]) -> None:
             broken = np.argwhere(~kept)[0]
             allowed = rule.allowed if others is None else rule.allowed.format(float(others[broken[1]]))
             raise ParameterError(f"{rule.name} = {float(values[broken[0]])}: must be {allowed}")
+
+
+def keeps_rules(columns: Mapping[str, Any]) -> Any:
+    """Whether points keep the rules that tie two parameters, for scalars or columns of one shape (n,)."""
+    kept: Any = True
+    for rule in RULES:
+        if rule.other and {rule.name, rule.other} <= set(columns):
+            kept = kept & rule.holds(columns[rule.name], columns[rule.other])
+    return kept
 
 
 def check_name(name: str) -> None:

@@ -66,6 +66,14 @@ QUANTITIES = {
     "down_share_1": Quantity("1", "share of the time that p1 is closed or chattering"),
     "down_share_2": Quantity("1", "share of the time that p2 is closed or chattering"),
     "settled_after": Quantity("1", "forcing periods until the motion had settled"),
+    # of a search
+    "answer": Quantity("1", "answer to the question of the search"),
+    "region": Quantity("1", "mode asked for where the answer is yes, else the one mode of all runs"),
+    "outcome": Quantity("1", "mode of motion that runs led to"),
+    "n_runs": Quantity("1", "number of runs that the answer took"),
+    "runs": Quantity("1", "number of runs that the answer took, by their mode"),
+    "axial_velocity": Quantity("m s-1", "mean velocity along the axis from the end that is down to the other one"),
+    "computed": Quantity("1", "whether runs were made here; else as the cell around it"),
 }
 QUANTITIES |= {
     f"{name}_drift": Quantity(QUANTITIES[name].units, f"change per forcing period: {QUANTITIES[name].long_name}")

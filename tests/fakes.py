@@ -20,7 +20,10 @@ def fake_run_many(rows, periods, rtol, settle, out, codes, until=0):
     codes[:, CODE["n_periods"]] = periods
     out[:, OUT.index("radius")] = np.where(drift, f**2 / 50 + 1e-3 * beta0, np.nan)
     out[:, OUT.index("zeta")] = np.where(drift, 1.6, np.nan)
-    return len(rows)
+    stops = np.flatnonzero(until >> codes[:, CODE["mode"]] & 1)
+    made = int(stops[0]) + 1 if stops.size else len(rows)
+    out[made:], codes[made:] = np.nan, 0
+    return made
 
 
 class SteadyPace:

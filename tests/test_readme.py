@@ -32,5 +32,5 @@ def test_the_commands_run(tmp_path, monkeypatch, fake_kernel, capsys):
     for line in lines:
         monkeypatch.setattr(sys, "argv", shlex.split(line, comments=True))
         cli.main()
-    assert "fig07.nc: complete, 2697 points" in capsys.readouterr().out
+    assert "fig07.nc: complete, 13497 points" in capsys.readouterr().out
     assert {path.name for path in tmp_path.iterdir()} >= {"fig07.nc", "same.nc", "finer.nc", "again.png"}

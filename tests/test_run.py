@@ -124,7 +124,10 @@ def test_events_are_in_order_and_tell_what_happened(base):
 
 
 def test_impulses_change_the_motion_of_the_centre_of_mass(base):
-    times = np.unique(base.events["time"].values[base.events["cause"].values == "impact"])[1:]
+    cause, time = base.events["cause"].values, base.events["time"].values
+    # the last bounce of a chatter is summed with those that would have followed
+    times = np.setdiff1d(np.unique(time[cause == "impact"])[1:], time[cause == "chatter_end"])
+    assert times.size > 100
     before, after = base.states(times - 1e-13), base.states(times)
 
     def fall(states):
@@ -132,8 +135,7 @@ def test_impulses_change_the_motion_of_the_centre_of_mass(base):
 
     events = base.events.to_dataframe()
     impulse = (events["impulse_1"] + events["impulse_2"]).groupby(events["time"]).sum()[times]
-    # the end of a chatter changes the rates a little as well, at the time of the bounce before it
-    np.testing.assert_allclose(M * (fall(after) - fall(before)), impulse, atol=1e-7)
+    np.testing.assert_allclose(M * (fall(after) - fall(before)), impulse, atol=1e-11)
 
 
 def test_states_at_the_times_of_events_are_those_right_after(base):

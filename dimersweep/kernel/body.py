@@ -41,6 +41,7 @@ def as_dimer(row):
     m_r = rho_r * pi * 0.25 * D_r**2 * rod
     J_t = 2.0 * (0.4 * m_b * r**2 + 0.25 * m_b * lever**2) + m_r * (rod**2 / 12.0 + D_r**2 / 16.0)
     J_a = 0.8 * m_b * r**2 + 0.125 * m_r * D_r**2
+    m = 2.0 * m_b + m_r
     omega = TWO_PI * f
     return Dimer(
         e_1,
@@ -55,9 +56,12 @@ def as_dimer(row):
         phi0 - TWO_PI * (phi0 // TWO_PI),
         r,
         0.5 * lever,
-        2.0 * m_b + m_r,
+        m,
         J_t,
         J_a,
+        1.0 / m,
+        1.0 / J_t,
+        1.0 / J_a,
         g / omega,
         sqrt(g / lever),
     )
@@ -91,11 +95,11 @@ class Delassus(NamedTuple):
 @compiled
 def delassus(dm, p, q):
     """Delassus operator between the ends with levers p and q: velocity at p per impulse at q."""
-    im, it = 1.0 / dm.m, 1.0 / dm.J_t
+    im, it = dm.im, dm.it
     return Delassus(
         im + p.n * q.n * it,
         p.n * q.a * it,
         p.a * q.n * it,
         im + p.a * q.a * it,
-        im + p.b * q.b * it + p.c * q.c / dm.J_a,
+        im + p.b * q.b * it + p.c * q.c * dm.ia,
     )

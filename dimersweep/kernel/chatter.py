@@ -1,12 +1,12 @@
 """The end of a chatter: bounces whose remainder lasts too short to matter are summed as a plastic close.
 
-The rest of a chatter, a geometric series of hops, takes t = 2 n / (a (1 - e)) and hands over, up to terms of the order of
-n t, the impulse of a contact that is closed from now on minus the one that cancels the rate n. So the end is closed now by
-that (negative) impulse, with the friction of the contact to come: the error is quadratic in n, and bounded by the
-tolerance.
+The rest of a chatter, a geometric series of hops, takes t = 2 n / (a (1 - e)). Beside an end that is closed from now on, a
+bouncing one lacks at each moment the impulse that goes with its gap rate: n now, none at the end, and on the average none,
+since the gap is zero at both ends. So the end is closed now by the (negative) impulse that cancels n, with the friction of
+the contact to come; what is lost is how that friction and the levers change in the meantime, of the order of n (omega t)^2.
 """
 
-from math import cos, hypot, sin
+from math import cos, hypot, inf, sin
 
 from dimersweep.kernel.body import delassus, levers
 from dimersweep.kernel.choose import CLOSED, contact_mode
@@ -15,18 +15,37 @@ from dimersweep.kernel.impact import push
 from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import BETA, CA, CB, D1, D2, FREE, N1, N2, PHASE, SLIP, SPIN, WB, WP
 
+CLOSE = 4.0  # what the close of a chatter may cost, in tolerances
 FLOOR = 1e-13  # separation speed, in g/omega, at which round-off rules the hops
 
 
 @compiled
-def slow_enough(dm, n, F, nn, e, tol):
-    """Whether the rest of a chatter from gap rate n under a contact force F is below the tolerance."""
+def rest_of_chatter(dm, n, F, nn, e):
+    """Time that the rest of a chatter from gap rate n under a contact force F takes [s].
+
+    0.0 if round-off rules it; inf if it does not end, or if the plate could take the force away before.
+    """
+    press = F * nn
     if n <= FLOOR * dm.v_scale:
-        return True
-    if e >= 1.0 or F <= 0.0:
-        return False
-    remaining = 2.0 * n / (F * nn * (1.0 - e))
-    return n * remaining <= tol * dm.v_scale * dm.T
+        return 0.0
+    if e >= 1.0 or press <= 0.0:
+        return inf
+    time = 2.0 * n / (press * (1.0 - e))
+    return time if dm.A_z * dm.omega**3 * time < 0.5 * press else inf
+
+
+@compiled
+def slow_enough(dm, n, remaining, tol):
+    """Whether what a close from gap rate n loses is below the tolerance."""
+    turn = dm.omega * remaining
+    return n * turn * turn <= CLOSE * tol * dm.v_scale
+
+
+@compiled
+def stays_open(dm, state, j, time):
+    """Whether end j certainly stays off the plate for so long."""
+    fall = dm.g + dm.A_z * dm.omega**2 + dm.h * (state[WB] ** 2 + state[WP] ** 2 + state[SPIN] ** 2)
+    return state[D1 + j] + time * (state[N1 + j] - fall * time) > 0.0
 
 
 @compiled
@@ -38,7 +57,8 @@ def come_to_rest(dm, state, modes, slip_tol, tol, y, dy, F):
     bool
         Whether an end was closed.
     """
-    fast = (tol * dm.v_scale * dm.T * 0.5 * (dm.g + dm.A_z * dm.omega**2) * 4.0) ** 0.5
+    quickest = 2.0 * dm.omega / (dm.g + dm.A_z * dm.omega**2)  # phase that a chatter takes per rate, with e = 0
+    fast = (CLOSE * tol * dm.v_scale / (quickest * quickest)) ** (1.0 / 3.0)
     may_1 = state[D1] == 0.0 and 0.0 <= state[N1] <= fast
     may_2 = state[D2] == 0.0 and 0.0 <= state[N2] <= fast
     if not (may_1 and state[N1] > 0.0) and not (may_2 and state[N2] > 0.0):
@@ -54,9 +74,15 @@ def come_to_rest(dm, state, modes, slip_tol, tol, y, dy, F):
             return False
         lv = levers(dm, 1.0, sin(state[BETA]), cos(state[BETA]))
         nn = delassus(dm, lv, lv).nn
-        slow_1 = modes[0] == FREE or slow_enough(dm, state[N1], F[F1], nn, dm.e_1, tol)
-        slow_2 = modes[1] == FREE or slow_enough(dm, state[N2], F[F2], nn, dm.e_2, tol)
+        rest_1 = rest_of_chatter(dm, state[N1], F[F1], nn, dm.e_1)
+        rest_2 = rest_of_chatter(dm, state[N2], F[F2], nn, dm.e_2)
+        slow_1 = modes[0] == FREE or slow_enough(dm, state[N1], rest_1, tol)
+        slow_2 = modes[1] == FREE or slow_enough(dm, state[N2], rest_2, tol)
         if slow_1 and slow_2:
+            if (modes[0] == FREE and not stays_open(dm, state, 0, rest_2)) or (
+                modes[1] == FREE and not stays_open(dm, state, 1, rest_1)
+            ):
+                return False
             break
         may_1, may_2 = may_1 and slow_1 and modes[0] != FREE, may_2 and slow_2 and modes[1] != FREE
     else:

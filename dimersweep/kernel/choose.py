@@ -5,6 +5,7 @@ from math import copysign, cos, hypot, sin
 from dimersweep.kernel.body import delassus, levers
 from dimersweep.kernel.contact import (
     A1,
+    A2,
     F1,
     F2,
     L1,
@@ -16,13 +17,16 @@ from dimersweep.kernel.contact import (
     contact_rates,
     free_rates,
     hold_reserve,
-    slip_onset,
+    set_slip,
+    slip_of,
 )
 from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import FREE, SLIP, STICK
+from dimersweep.kernel.onset import slip_onset
 from dimersweep.kernel.plate import effective_gravity
 
 CLOSED, SEPARATES, INCONSISTENT = 0, 1, 2
+AT_LIMIT = 1e-6  # deceleration, in units of gravity, that is none
 
 
 @compiled
@@ -56,17 +60,10 @@ def single_mode(dm, i, phase, y, modes, slip_tol, lost, dy, F):
         y[YUA], y[YUB] = 0.0, 0.0
         modes[i] = STICK
         contact_rates(dm, modes, phase, y, False, dy, F)
-        if lost or hold_reserve(dm, modes, i, F) < 0.0:
-            modes[i] = SLIP
-            hold_a, hold_b, pressed = F[A1 + 3 * i], F[L1 + 3 * i], F[F1 + 3 * i] > 0.0
-            if not slip_onset(dm, s, y, phase, 0.5 * slip_tol):
-                hold = hypot(hold_a, hold_b)
-                if not pressed or hold == 0.0:
-                    modes[i] = FREE
-                    return SEPARATES
-                # at the limit slip may have no acceleration yet; it sets out against the force that held
-                y[YUA], y[YUB] = -0.5 * slip_tol * hold_a / hold, -0.5 * slip_tol * hold_b / hold
-            contact_rates(dm, modes, phase, y, False, dy, F)
+        slides = F[F1 + 3 * i] > 0.0 and (lost or hold_reserve(dm, modes, i, F) < 0.0)
+        if slides and not loosen(dm, phase, y, modes, i, slip_tol, dy, F):
+            modes[i] = FREE
+            return INCONSISTENT
     if F[F1 + 3 * i] > 0.0:
         return CLOSED
     modes[i] = FREE
@@ -92,9 +89,9 @@ def double_mode(dm, phase, y, modes, slip_tol, lost, dy, F):
         if lost or hold_reserve(dm, modes, 0, F) < 0.0:
             loosen_pair(dm, y, modes, slip_tol, F)
     elif rest_1 and (lost or hold_reserve(dm, modes, 0, F) < 0.0):
-        loosen_one(dm, y, modes, 0, slip_tol, F)
+        loosen(dm, phase, y, modes, 0, slip_tol, dy, F)
     elif rest_2 and (lost or hold_reserve(dm, modes, 1, F) < 0.0):
-        loosen_one(dm, y, modes, 1, slip_tol, F)
+        loosen(dm, phase, y, modes, 1, slip_tol, dy, F)
     contact_rates(dm, modes, phase, y, False, dy, F)
 
 
@@ -116,19 +113,21 @@ def loosen_pair(dm, y, modes, slip_tol, F):
 
 
 @compiled
-def loosen_one(dm, y, modes, i, slip_tol, F):
-    """End i loses its hold beside an end that slips laterally: it starts against the friction that held it."""
-    axial, lateral = F[A1], F[L1] if i == 0 else F[L2]
-    size = hypot(axial, lateral)
-    u_a, u_b = -0.5 * slip_tol * axial / size, -0.5 * slip_tol * lateral / size
-    y[YUA] = u_a
-    if i == 0:
-        shift = u_b - y[YUB]
-        y[YUB] = u_b
-        y[YWP] += shift / (2.0 * dm.h)
-    else:
-        y[YWP] = (y[YUB] - u_b) / (2.0 * dm.h)
+def loosen(dm, phase, y, modes, i, slip_tol, dy, F):
+    """End i, held by the forces F, begins to slip, with the rates and forces in dy, F; returns whether it can.
+
+    At the limit slip may have no acceleration yet: it sets out against the force that held.
+    """
+    hold_a = F[A1] if modes[0] != FREE else F[A2]
+    hold_b = F[L1] if i == 0 else F[L2]
+    small, hold = 0.5 * slip_tol, hypot(hold_a, hold_b)
     modes[i] = SLIP
+    if slip_onset(dm, modes, i, phase, y, small, hold_a, hold_b, dy, F):
+        return True
+    set_slip(dm, modes, y, i, -small * hold_a / hold, -small * hold_b / hold)
+    contact_rates(dm, modes, phase, y, False, dy, F)
+    a, b = slip_of(dm, modes, dy, i)
+    return a * hold_a + b * hold_b <= AT_LIMIT * dm.g * hold
 
 
 @compiled

@@ -84,7 +84,7 @@ def free_rates(dm, s, y, g_e, sin_b, cos_b):
     w_b, w_p, spin = y[YWB], y[YWP], y[YS]
     lv = levers(dm, s, sin_b, cos_b)
     turn = w_p / cos_b
-    axial = dm.J_a / dm.J_t * spin - sin_b * turn
+    axial = dm.J_a * dm.it * spin - sin_b * turn
     d_wb, d_wp = axial * w_p, -axial * w_b
     c_a = y[YUA] - lv.a * w_b
     c_b = y[YUB] - lv.b * w_p - lv.c * spin
@@ -95,14 +95,21 @@ def free_rates(dm, s, y, g_e, sin_b, cos_b):
 
 
 @compiled
+def direction(a, b):
+    """Cosine and sine of a slip's direction, 0 and 0 for none (no slip is so small that its square vanishes)."""
+    v2 = a * a + b * b
+    k = 1.0 / sqrt(v2) if v2 > 0.0 else 0.0
+    return k * a, k * b
+
+
+@compiled
 def single_forces(dm, mode, lv, y, n, a, b):
     """Normal, axial and lateral force at the one closed end; nan-free, the normal force may come out negative."""
     w = delassus(dm, lv, lv)
     if mode == STICK:
         det = w.nn * w.aa - w.na * w.na
         return (w.na * a - w.aa * n) / det, (w.na * n - w.nn * a) / det, -b / w.bb
-    v = hypot(y[YUA], y[YUB])
-    c, s = (y[YUA] / v, y[YUB] / v) if v > 0.0 else (0.0, 0.0)
+    c, s = direction(y[YUA], y[YUB])
     F = -n / (w.nn - dm.mu * w.na * c)
     return F, -dm.mu * F * c, -dm.mu * F * s
 
@@ -118,9 +125,8 @@ def double_forces(dm, modes, y, n_1, n_2, a, b, F):
     w, wx = delassus(dm, q, q), delassus(dm, p, q)
     total = -(n_1 + n_2) / (w.nn + wx.nn)
     held = modes[0] == STICK or modes[1] == STICK
-    v_1, v_2 = hypot(y[YUA], y[YUB]), hypot(y[YUA], y[YUB] - 2.0 * dm.h * y[YWP])
-    c_1, s_1 = (y[YUA] / v_1, y[YUB] / v_1) if v_1 > 0.0 else (0.0, 0.0)
-    c_2, s_2 = (y[YUA] / v_2, (y[YUB] - 2.0 * dm.h * y[YWP]) / v_2) if v_2 > 0.0 else (0.0, 0.0)
+    c_1, s_1 = direction(y[YUA], y[YUB])
+    c_2, s_2 = direction(y[YUA], y[YUB] - 2.0 * dm.h * y[YWP])
     if held:
         A_c, A_d = -a / w.aa, -w.an / w.aa
     else:
@@ -168,8 +174,8 @@ def contact_rates(dm, modes, phase, y, path, dy, F):
         w = delassus(dm, lv, lv)
         other = delassus(dm, lv, levers(dm, 1.0, 0.0, 1.0))
         dy[YB], dy[YWB] = 0.0, 0.0
-        dy[YWP] = dm.h * (F[L1] - F[L2]) / dm.J_t
-        dy[YS] = -dm.r * (F[L1] + F[L2]) / dm.J_a
+        dy[YWP] = dm.h * (F[L1] - F[L2]) * dm.it
+        dy[YS] = -dm.r * (F[L1] + F[L2]) * dm.ia
         both_slip = slips and modes[1] == SLIP
         dy[YUA] = a + w.an * (F[F1] - F[F2]) + w.aa * F[A1] if both_slip else 0.0
         dy[YUB] = b + w.bb * F[L1] + other.bb * F[L2] if slips else 0.0
@@ -180,9 +186,9 @@ def contact_rates(dm, modes, phase, y, path, dy, F):
         F[F1 + k], F[A1 + k], F[L1 + k] = normal, axial, lateral
         w = delassus(dm, lv, lv)
         dy[YB] = y[YWB]
-        dy[YWB] = d_wb + (lv.n * normal + lv.a * axial) / dm.J_t
-        dy[YWP] = d_wp + lv.b * lateral / dm.J_t
-        dy[YS] = lv.c * lateral / dm.J_a
+        dy[YWB] = d_wb + (lv.n * normal + lv.a * axial) * dm.it
+        dy[YWP] = d_wp + lv.b * lateral * dm.it
+        dy[YS] = lv.c * lateral * dm.ia
         dy[YUA] = a + w.an * normal + w.aa * axial if modes[i] == SLIP else 0.0
         dy[YUB] = b + w.bb * lateral if modes[i] == SLIP else 0.0
     turn = y[YWP] / cos_b
@@ -213,49 +219,13 @@ def hold_reserve(dm, modes, i, F):
 
 
 @compiled
-def slip_onset(dm, s, y, phase, v):
-    """Self-consistent slip (speed v) out of rest of the one closed end, into y; returns False if there is none.
-
-    The contact's acceleration under friction in direction phi is parallel to phi: sign changes of the cross product on a
-    grid of directions, then bisection. The axial directions are tried first, so that planar motion stays planar.
-    """
-    lv = levers(dm, s, sin(y[YB]), cos(y[YB]))
-    y[YUA], y[YUB] = 0.0, 0.0
-    _, _, n, a, b = free_rates(dm, s, y, effective_gravity(dm, phase), sin(y[YB]), cos(y[YB]))
-    w = delassus(dm, lv, lv)
-    if b == 0.0:
-        for k in range(2):
-            c = 1.0 - 2.0 * k
-            F = -n / (w.nn - dm.mu * w.na * c)
-            if F > 0.0 and c * (a + F * (w.na - dm.mu * w.aa * c)) > 0.0:
-                y[YUA] = v * c
-                return True
-    steps = 48
-    before, last = 0.0, 0.0
-    for k in range(steps + 1):
-        phi = -3.141592653589793 + 6.283185307179586 * (k + 0.37) / steps
-        cross, _, _ = onset_cross(dm, w, n, a, b, phi)
-        if k > 0 and cross * before < 0.0:
-            low, high, sign = last, phi, before
-            for _ in range(60):
-                mid = 0.5 * (low + high)
-                cross_mid, _, _ = onset_cross(dm, w, n, a, b, mid)
-                if cross_mid * sign > 0.0:
-                    low = mid
-                else:
-                    high = mid
-            _, along_mid, F_mid = onset_cross(dm, w, n, a, b, 0.5 * (low + high))
-            if along_mid > 0.0 and F_mid > 0.0:
-                y[YUA], y[YUB] = v * cos(0.5 * (low + high)), v * sin(0.5 * (low + high))
-                return True
-        before, last = cross, phi
-    return False
-
-
-@compiled
-def onset_cross(dm, w, n, a, b, phi):
-    """Contact acceleration across and along the direction phi under friction against it, and the normal force."""
-    c, s = cos(phi), sin(phi)
-    F = -n / (w.nn - dm.mu * w.na * c)
-    u_a, u_b = a + F * (w.na - dm.mu * w.aa * c), b - dm.mu * F * w.bb * s
-    return u_a * s - u_b * c, u_a * c + u_b * s, F
+def set_slip(dm, modes, y, i, a, b):
+    """Give end i, which is closed, the slip (a, b); the other end keeps its lateral slip."""
+    y[YUA] = a
+    if modes[0] == FREE or modes[1] == FREE:
+        y[YUB] = b
+    elif i == 0:
+        y[YWP] += (b - y[YUB]) / (2.0 * dm.h)
+        y[YUB] = b
+    else:
+        y[YWP] = (y[YUB] - b) / (2.0 * dm.h)

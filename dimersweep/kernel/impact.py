@@ -3,20 +3,6 @@
 from math import cos, hypot, sin
 
 from dimersweep.kernel.body import delassus, levers
-from dimersweep.kernel.double_impact import (
-    N_Z,
-    ZA,
-    ZB1,
-    ZB2,
-    ZN1,
-    ZN2,
-    ZX1,
-    ZX2,
-    PairLaw,
-    friction_modes,
-    onset_pressures,
-    pair_leg,
-)
 from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import (
     BETA,
@@ -35,16 +21,18 @@ from dimersweep.kernel.layout import (
     WB,
     WP,
 )
+from dimersweep.kernel.pair_law import N_Z, ZA, ZB1, ZB2, ZN1, ZN2, ZX1, ZX2, PairLaw, friction_modes, onset_pressures
+from dimersweep.kernel.pair_leg import pair_leg
 from dimersweep.kernel.single_impact import DONE, JAM, STEPS, EndLaw, single_phase
 from dimersweep.kernel.steps import copy
 
 MAX_PHASES = 400
 LEFT_OVER = 1e-10  # approach, in units of V, that ends the infinite series of switches of two ends at e = 0
+PAIR_TOL = 0.02  # of the integrator of a double impact, in units of the impact's tolerance: its steps add up
 SLIP_TOL = 0.1  # slip that counts as none, in units of the impact's tolerance
 # a row of the impact's log: contact state; gap rates before, after; impulses; slips (a_1, b_1, a_2, b_2) after
 LOG_STATE, LOG_N1, LOG_N2, LOG_N1_AFTER, LOG_N2_AFTER, LOG_P1, LOG_P2, LOG_A1, LOG_B1, LOG_A2, LOG_B2 = range(11)
 N_LOG = 11
-WORK_ROWS, WORK_COLUMNS = 40, 16
 
 
 @compiled
@@ -229,7 +217,7 @@ def double_impact(dm, state, V, tol, modes, work, log):
         OK or the reason; rows logged.
     """
     law = pair_law(dm, dm.mu, dm.mu_s)
-    z, start, before, compressing, mid = work[31], work[32], work[33], work[34], work[35]
+    z, start, before, compressing, mid = work[36], work[37], work[38], work[39], work[40]
     load_pair(dm, state, V, z)
     copy(z, start, N_Z)
     slip_tol = max(SLIP_TOL * tol, rounding(dm, state) / V)
@@ -247,7 +235,7 @@ def double_impact(dm, state, V, tol, modes, work, log):
         if on_1 and on_2:
             f_1, f_2 = onset_pressures(z)
             friction_modes(law, z, modes, f_1, f_2, slip_tol, lost)
-            event = pair_leg(law, z, modes, compressing, tol, slip_tol, work)
+            event = pair_leg(law, z, modes, compressing, PAIR_TOL * tol, slip_tol, work)
             if event < 0:
                 break
             lost = 4 <= event < 6
@@ -287,21 +275,35 @@ def phase_code(on, mode):
 
 @compiled
 def settle_event(law, event, z, compressing):
-    """Make the outcome of an event exact: the function that vanished is zero."""
+    """Make the outcome of an event exact: the function that vanished is zero.
+
+    The other end may have passed an event of its own in the same rounding: what its state says then holds for it too.
+    """
     i = event % 2
     if event < 2:
         z[ZN1 + i] = 0.0
-        compressing[i] = -compressing[i]
-        e = law.e_1 if i == 0 else law.e_2
-        if e == 0.0 or z[ZX1 + i] <= 0.0:
-            z[ZX1 + i] = 0.0
-            compressing[i] = 1.0
+        turn(law, i, z, compressing)
     elif event < 4:
         z[ZX1 + i] = 0.0
         compressing[i] = 1.0
     elif event >= 6:
         z[ZB1 + i] = 0.0
         z[ZA] = 0.0
+    j = 1 - i
+    if z[ZX1 + j] > 0.0 and z[ZN1 + j] * compressing[j] > 0.0:
+        turn(law, j, z, compressing)
+    elif z[ZX1 + j] <= 0.0 and compressing[j] < 0.0:
+        z[ZX1 + j], compressing[j] = 0.0, 1.0
+
+
+@compiled
+def turn(law, i, z, compressing):
+    """End i passes from compression to restitution or back; without restitution its energy is lost."""
+    compressing[i] = -compressing[i]
+    e = law.e_1 if i == 0 else law.e_2
+    if e == 0.0 or z[ZX1 + i] <= 0.0:
+        z[ZX1 + i] = 0.0
+        compressing[i] = 1.0
 
 
 @compiled

@@ -24,6 +24,9 @@ class Dimer(NamedTuple):
     m: float  # total mass [kg]
     J_t: float  # transverse inertia about the centre of mass (J_1 of the appendix) [kg m2]
     J_a: float  # axial inertia (J_2) [kg m2]
+    im: float  # 1/m, 1/J_t, 1/J_a: what an impulse gives
+    it: float
+    ia: float
     v_scale: float  # g/omega, the speed a ball gains in 1/omega of free fall [m s-1]
     w_scale: float  # sqrt(g/l), the rate of a rod tipping over [rad s-1]
 

@@ -6,16 +6,16 @@ With one contact acting, dP is the clock: n' = W_nn - mu W_na cos(phi), and the 
     v phi' = sin(phi) (mu (W_aa - W_bb) cos(phi) - W_na).
 
 Sticking, absent friction and slip along an invariant direction (phi' = 0) make every rate constant: closed form. Between
-them the clock xi with dP = v dxi removes the stiffness of the slip direction at small slip. Velocities are in units of the
-approach speed V, impulses of m V, energies of m V^2, the Delassus operator of 1/m.
+them the clock xi with dP = v dxi removes the stiffness of the slip direction at small slip, and a Taylor expansion in xi
+gives a leg and its events at once. Velocities are in units of the approach speed V, impulses of m V, energies of m V^2, the
+Delassus operator of 1/m.
 """
 
-from math import atan2, copysign, cos, exp, hypot, inf, log1p, sin, sqrt
+from math import copysign, exp, hypot, inf, log, log1p, sqrt
 from typing import NamedTuple
 
 from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import SLIP, STICK
-from dimersweep.kernel.steps import DOP_STAGES, copy, explicit_method, step_factor
 
 DONE, OTHER, LEG, JAM, STEPS = 0, 1, 2, 3, 4
 MAX_LEGS = 200
@@ -24,8 +24,8 @@ INVARIANT = 1e-14  # rate of turning (per xi) below which any slip direction cou
 ATTRACTED = 1e-2  # effect on the rates, in tolerances, of what is left of the turning towards an attracting direction
 
 
-N_LEG = 5
-impact_stage, impact_finish = explicit_method(N_LEG)
+ORDER = 15  # at most, of the expansion of a leg with a turning slip direction
+A_V, A_A, A_P, A_N, A_J, A_E = range(6)  # its rows: slip, axial slip, impulse, gap rates of both ends, energy
 
 
 class EndLaw(NamedTuple):
@@ -96,41 +96,93 @@ def time_to_events(law, n, E, v, n_j, compressing, w, w_j, w_v):
 
 
 @compiled
-def slopes(law, y, n0, gain, out):
-    """d/dxi of y = (phi, v, P, A, E), A the axial impulse; `gain` is 1 in compression, 1/e^2 in restitution.
+def expand(law, n0, a, b, E, n_j0, gain, order, c):
+    """Taylor coefficients of a leg in xi, up to xi**order, into the rows of c: A_V, A_A, A_P, A_N, A_J, A_E.
 
-    Returns
-    -------
-    n, w, w_j : float
-        Own gap rate at y (n0 at the start of the leg), and what an impulse adds to it and to the other end's.
+    With dP = v dxi both slips have linear laws, a' = W_na v - mu W_aa a and b' = -mu W_bb b, so that b is an exponential
+    and v = sqrt(a^2 + b^2) the only function to expand.
     """
-    c, s = cos(y[0]), sin(y[0])
-    n = n0 + law.nn * y[2] + law.na * y[3]
-    out[0], _ = turning(law, c, s)
-    out[1] = y[1] * (law.na * c - law.mu * (law.aa * c * c + law.bb * s * s))
-    out[2] = y[1]
-    out[3] = -law.mu * c * y[1]
-    out[4] = -gain * n * y[1]
-    return n, law.nn - law.mu * law.na * c, law.nn_j - law.mu * law.na_j * c
+    c[A_A, 0], c[A_P, 0], c[A_N, 0], c[A_J, 0], c[A_E, 0] = a, 0.0, n0, n_j0, E
+    v0 = hypot(a, b)
+    fading = b * b  # coefficient of b^2
+    for j in range(order):
+        square, inner, work = fading, 0.0, 0.0
+        for i in range(j + 1):
+            square += c[A_A, i] * c[A_A, j - i]
+        for i in range(1, j):
+            inner += c[A_V, i] * c[A_V, j - i]
+        c[A_V, j] = v0 if j == 0 else (square - inner) / (2.0 * v0)
+        for i in range(j + 1):
+            work += c[A_N, i] * c[A_V, j - i]
+        k = 1.0 / (j + 1.0)
+        fading *= -2.0 * law.mu * law.bb * k
+        dP, dA = c[A_V, j] * k, -law.mu * c[A_A, j] * k
+        c[A_A, j + 1] = law.na * dP + law.aa * dA
+        c[A_P, j + 1] = dP
+        c[A_N, j + 1] = law.nn * dP + law.na * dA
+        c[A_J, j + 1] = law.nn_j * dP + law.na_j * dA
+        c[A_E, j + 1] = -gain * work * k
 
 
 @compiled
-def short_step(law, y, n0, gain, xi, K, out):
-    """Classical Runge-Kutta step in place, for the last corrections of an event; K[0] holds the slopes at y."""
-    for i in range(1, 4):
-        part = xi if i == 3 else 0.5 * xi
-        for k in range(N_LEG):
-            out[k] = y[k] + part * K[i - 1, k]
-        slopes(law, out, n0, gain, K[i])
-    for k in range(N_LEG):
-        y[k] += xi / 6.0 * (K[0, k] + 2.0 * (K[1, k] + K[2, k]) + K[3, k])
+def at(c, row, order, xi):
+    """Value and slope of an expansion at xi."""
+    value, slope = c[row, order], 0.0
+    for j in range(order - 1, -1, -1):
+        slope = slope * xi + value
+        value = value * xi + c[row, j]
+    return value, slope
+
+
+@compiled
+def reach(c, order, v, tol):
+    """Step over which the last terms of the expansions stay below the tolerance, and well inside their convergence."""
+    small = 0.1 * min(tol, 0.01 * v)
+    least = inf
+    for j in range(order - 1, order + 1):
+        size = max(abs(c[A_A, j]), max(abs(c[A_P, j]), max(abs(c[A_N, j]), abs(c[A_E, j]))))
+        if size > 0.0:
+            least = min(least, (small / size) ** (1.0 / j))
+    return least
+
+
+@compiled
+def first_zero(c, row, order, sign, h):
+    """First zero in (0, h] of an expansion, of the given sign before, whose slope changes sign at most once; else inf.
+
+    Bracketed Newton steps; a dip below zero between positive ends is looked for at the bottom of it.
+    """
+    low, high = 0.0, h
+    end, slope_end = at(c, row, order, h)
+    if sign * end > 0.0:
+        if sign * c[row, 1] >= 0.0 or sign * slope_end <= 0.0:
+            return inf
+        for _ in range(60):
+            mid = 0.5 * (low + high)
+            value, slope = at(c, row, order, mid)
+            if sign * value <= 0.0:
+                high = mid
+                break
+            low, high = (mid, high) if sign * slope < 0.0 else (low, mid)
+        else:
+            return inf
+        low = 0.0
+    x = high
+    for _ in range(100):
+        value, slope = at(c, row, order, x)
+        low, high = (x, high) if sign * value > 0.0 else (low, x)
+        new = x - value / slope if slope != 0.0 else high
+        if not low <= new <= high:
+            new = 0.5 * (low + high)
+        if abs(new - x) <= 2e-16 * high:
+            break
+        x = new
+    return x
 
 
 @compiled
 def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
     """One leg with a turning slip direction, up to its first event or until the direction has become invariant.
-
-    Events are approached by Newton steps of the method itself: the slopes are smooth beyond them.
 
     Returns
     -------
@@ -139,42 +191,37 @@ def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
     reason : int
         LEG (go on with the next leg) or STEPS.
     """
-    y, out, scale, K = work[0], work[1], work[2], work[4 : 4 + DOP_STAGES]
-    y[0], y[1], y[2], y[3], y[4] = atan2(b, a), hypot(a, b), 0.0, 0.0, E
     gain = 1.0 if compressing else 1.0 / (law.e * law.e)
-    slip_end = max(tol, 1e-14 * y[1])
-    short = (10.0 * tol) ** 0.2 / max(1.0, y[1])  # the classical method is then good enough
-    limit = inf
+    order = min(ORDER, int(8.0 - 0.6 * log(tol)))  # the least work for a step of this accuracy
+    slip_end = max(tol, 1e-14 * hypot(a, b))
+    n, n_j, P, A, B = n0, n_j0, 0.0, 0.0, 0.0
     for _ in range(MAX_STEPS):
-        n, w, w_j = slopes(law, y, n0, gain, K[0])
-        n_j = n_j0 + law.nn_j * y[2] + law.na_j * y[3]
-        P_n, P_E, P_j, _ = time_to_events(law, n, y[4], y[1], n_j, compressing, w, w_j, 0.0)
-        dP = min(P_n, min(P_E, P_j))
-        c, s = cos(y[0]), sin(y[0])
-        near = abs(dP) <= 2e-15 * max(1.0, abs(y[2]))
-        if near or (dP > 0.0 and (y[1] <= slip_end or is_invariant(law, y[1], c, s, tol))):
-            n = 0.0 if near and dP == P_n else n
-            E = 0.0 if near and dP == P_E else y[4]
-            n_j = 0.0 if near and dP == P_j else n_j
-            a_plus, b_plus = y[1] * c, y[1] * s
-            B = (b_plus - b) / law.bb
-            if y[1] <= slip_end:
-                a_plus, b_plus = 0.0, 0.0
-            return n, a_plus, b_plus, E, n_j, y[2], y[3], B, LEG
-        _, slope = turning(law, c, s)
-        xi = min(dP / y[1], limit, 3.0 / (abs(slope) + abs(K[0, 1] / y[1])))
-        if abs(xi) * (abs(slope) + abs(K[0, 1] / y[1])) <= short:
-            short_step(law, y, n0, gain, xi, K, out)
-            continue
-        scale[0], scale[1], scale[2], scale[3], scale[4] = tol / max(1.0, y[1]), tol, tol, tol, tol
-        for i in range(1, DOP_STAGES):
-            impact_stage(i, xi, y, K, N_LEG, out)
-            slopes(law, out, n0, gain, K[i])
-        error = impact_finish(xi, y, K, N_LEG, scale, out)
-        limit = abs(xi) * step_factor(error, 8.0)
-        if error <= 1.0:
-            copy(out, y, N_LEG)
-    return n0, a, b, E, n_j0, 0.0, 0.0, 0.0, STEPS
+        v = hypot(a, b)
+        expand(law, n, a, b, E, n_j, gain, order, work)
+        h = reach(work, order, v, tol)
+        xi_n = first_zero(work, A_N, order, -1.0 if compressing else 1.0, h)
+        xi_E = inf if compressing else first_zero(work, A_E, order, 1.0, h)
+        xi_j = first_zero(work, A_J, order, 1.0, h) if law.both > 0.0 else inf
+        xi = min(min(xi_n, xi_E), min(xi_j, h))
+        a_old, b_old = a, b
+        a, _ = at(work, A_A, order, xi)
+        b = b * exp(-law.mu * law.bb * xi)
+        dP, _ = at(work, A_P, order, xi)
+        n, _ = at(work, A_N, order, xi)
+        E, _ = at(work, A_E, order, xi)
+        n_j, _ = at(work, A_J, order, xi)
+        P, A, B = P + dP, A + (a - a_old - law.na * dP) / law.aa, B + (b - b_old) / law.bb
+        v = hypot(a, b)
+        ended = xi == xi_n or xi == xi_E or xi == xi_j
+        stopped = v <= slip_end
+        if ended or stopped or is_invariant(law, v, a / v, b / v, tol):
+            n = 0.0 if xi == xi_n else n
+            E = 0.0 if xi == xi_E else E
+            n_j = 0.0 if xi == xi_j else n_j
+            if stopped:
+                a, b = 0.0, 0.0
+            return n, a, b, E, n_j, P, A, B, LEG
+    return n, a, b, E, n_j, P, A, B, STEPS
 
 
 @compiled
@@ -221,7 +268,7 @@ def single_phase(law, n, a, b, E, n_j, tol, work):
         Gap rate of the other end [V].
     tol : float
         Error per unit of velocity, and the slip that counts as none.
-    work : float64 array, at least (16, 8)
+    work : float64 array, at least (6, ORDER + 1)
 
     Returns
     -------

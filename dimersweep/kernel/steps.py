@@ -7,6 +7,7 @@ from dimersweep.kernel.tableaux import DOP_A, DOP_B, DOP_E3, DOP_E5, ROS_A, ROS_
 
 DOP_STAGES = 12
 ROS_STAGES = 8
+WIDTH = 8  # entries of a state that DOP853 controls: a loop over them in registers
 
 
 @compiled
@@ -24,51 +25,50 @@ def clear(A, rows, columns):
             A[i, j] = 0.0
 
 
-def explicit_method(width):
-    """Stage and finish of DOP853 for states of at least `width` entries: the loops over those are unrolled."""
-
-    @compiled
-    def stage(i, h, y, K, n, out):
-        """Argument of stage i, into `out`; K holds the slopes of the earlier stages."""
-        for k in range(width):
-            out[k] = 0.0
-        for k in range(width, n):
-            out[k] = 0.0
+@compiled
+def explicit_stage(i, h, y, K, n, out):
+    """Argument of stage i of DOP853, into `out`; K holds the slopes of the earlier stages. n >= WIDTH."""
+    t0 = t1 = t2 = t3 = t4 = t5 = t6 = t7 = 0.0
+    for j in range(i):
+        a, slope = DOP_A[i, j], K[j]
+        t0 += a * slope[0]
+        t1 += a * slope[1]
+        t2 += a * slope[2]
+        t3 += a * slope[3]
+        t4 += a * slope[4]
+        t5 += a * slope[5]
+        t6 += a * slope[6]
+        t7 += a * slope[7]
+    out[0], out[1], out[2], out[3] = y[0] + h * t0, y[1] + h * t1, y[2] + h * t2, y[3] + h * t3
+    out[4], out[5], out[6], out[7] = y[4] + h * t4, y[5] + h * t5, y[6] + h * t6, y[7] + h * t7
+    for k in range(WIDTH, n):
+        total = 0.0
         for j in range(i):
-            a = DOP_A[i, j]
-            if a != 0.0:
-                for k in range(width):
-                    out[k] += a * K[j, k]
-                for k in range(width, n):
-                    out[k] += a * K[j, k]
-        for k in range(width):
-            out[k] = y[k] + h * out[k]
-        for k in range(width, n):
-            out[k] = y[k] + h * out[k]
+            total += DOP_A[i, j] * K[j, k]
+        out[k] = y[k] + h * total
 
-    @compiled
-    def finish(h, y, K, n, scale, out):
-        """New state into `out`; returns the error of the first `width` entries over the tolerance (1 is acceptable).
 
-        What lies beyond only follows from those: whether it is wanted must not change the steps.
-        """
-        sum5, sum3 = 0.0, 0.0
-        for k in range(n):
-            total, e5, e3 = 0.0, 0.0, 0.0
-            for j in range(DOP_STAGES):
-                total += DOP_B[j] * K[j, k]
-                e5 += DOP_E5[j] * K[j, k]
-                e3 += DOP_E3[j] * K[j, k]
-            out[k] = y[k] + h * total
-            if k >= width:
-                continue
-            sum5 += (e5 / scale[k]) ** 2
-            sum3 += (e3 / scale[k]) ** 2
-        if sum5 == 0.0:
-            return 0.0
-        return abs(h) * sum5 / sqrt((sum5 + 0.01 * sum3) * width)
+@compiled
+def explicit_finish(h, y, K, n, scale, out):
+    """New state into `out`; returns the error of the first WIDTH entries over the tolerance (1 is acceptable).
 
-    return stage, finish
+    What lies beyond only follows from those: whether it is wanted must not change the steps.
+    """
+    sum5, sum3 = 0.0, 0.0
+    for k in range(n):
+        total, e5, e3 = 0.0, 0.0, 0.0
+        for j in range(DOP_STAGES):
+            total += DOP_B[j] * K[j, k]
+            e5 += DOP_E5[j] * K[j, k]
+            e3 += DOP_E3[j] * K[j, k]
+        out[k] = y[k] + h * total
+        if k >= WIDTH:
+            continue
+        sum5 += (e5 / scale[k]) ** 2
+        sum3 += (e3 / scale[k]) ** 2
+    if sum5 == 0.0:
+        return 0.0
+    return abs(h) * sum5 / sqrt((sum5 + 0.01 * sum3) * WIDTH)
 
 
 @compiled

@@ -9,6 +9,7 @@ from dimersweep.kernel.layout import FREE, SLIP, STICK
 # events of a contact phase; even numbers are p1's, odd ones p2's
 LIFTS, HOLD_LOST, SLIP_ZERO, LANDS = 0, 2, 4, 6
 N_EVENTS = 7
+NEAR = 10.0  # slip, in units of the one that counts as none, whose direction is only known as well as the tolerance
 
 
 @compiled
@@ -37,14 +38,14 @@ def glide_value(dm, modes, k, base, y, F, slip_tol):
 
 
 @compiled
-def least_value(dm, modes, armed, base, y, F, slip_tol):
-    """Least of the armed event functions and its number (inf and -1 if none is armed)."""
+def least_value(dm, modes, armed, base, y, F, slip_tol, values):
+    """Least of the armed event functions and its number (inf and -1 if none is armed); all of them into `values`."""
     least, which = inf, -1
     for k in range(N_EVENTS):
         if armed[k] > 0.0:
-            value = glide_value(dm, modes, k, base, y, F, slip_tol)
-            if value < least:
-                least, which = value, k
+            values[k] = glide_value(dm, modes, k, base, y, F, slip_tol)
+            if values[k] < least:
+                least, which = values[k], k
     return least, which
 
 
@@ -52,14 +53,19 @@ def least_value(dm, modes, armed, base, y, F, slip_tol):
 def arm(dm, modes, armed, y, F, slip_tol):
     """Arm the event functions that are positive."""
     for k in range(N_EVENTS):
-        if glide_value(dm, modes, k, y, y, F, slip_tol) > 0.0:
+        if 0.0 < glide_value(dm, modes, k, y, y, F, slip_tol) < inf:
             armed[k] = 1.0
 
 
 @compiled
 def slip_speed(dm, modes, y, dy):
-    """Speed of the end that slips most slowly, and its rate; inf, 0.0 if none slips."""
+    """Speed of the end that slips most slowly, and its rate; inf, 0.0 if none has a slip that turns.
+
+    Beside an end that sticks the other one slips along a fixed line.
+    """
     least, rate = inf, 0.0
+    if modes[0] == STICK or modes[1] == STICK:
+        return least, rate
     for i in range(2):
         if modes[i] == SLIP:
             a, b = slip_of(dm, modes, y, i)
@@ -72,7 +78,7 @@ def slip_speed(dm, modes, y, dy):
 
 @compiled
 def slip_limit(dm, modes, y, dy):
-    """Time over which no slip falls below about a tenth of itself at its present rate."""
+    """Time over which no slip comes to rest at its present rate."""
     h = inf
     for i in range(2):
         if modes[i] == SLIP:
@@ -81,7 +87,7 @@ def slip_limit(dm, modes, y, dy):
             v = hypot(a, b)
             rate = (a * d_a + b * d_b) / v
             if rate < 0.0:
-                h = min(h, -0.9 * v / rate)
+                h = min(h, -v / rate)
     return h
 
 
@@ -95,7 +101,7 @@ def brief(dm, tol):
 def nearly_stopped(dm, modes, y, dy, span, tol, slip_tol):
     """Number of a slipping end that comes to rest along a straight line within a brief time, -1 if none does.
 
-    Its slip and the change of its slip must be parallel to the tolerance; within `slip_tol` of rest slowing down will do.
+    Its slip and the change of its slip must be parallel to the tolerance; within a tolerance of rest slowing down will do.
     """
     for i in range(2):
         if modes[i] == SLIP:
@@ -105,7 +111,7 @@ def nearly_stopped(dm, modes, y, dy, span, tol, slip_tol):
             if along < 0.0:
                 across = abs(a * d_b - b * d_a) * v / -along
                 soon = v * v / -along <= min(span, brief(dm, tol))
-                if v <= slip_tol or (soon and across <= 0.1 * tol * dm.v_scale):
+                if v <= NEAR * slip_tol or (soon and across <= 0.1 * tol * dm.v_scale):
                     return i
     return -1
 
@@ -127,18 +133,6 @@ def run_out(dm, modes, y, dy, i, slip_tol, n):
     t = -v2 / (a * d_a + b * d_b) if v2 > slip_tol * slip_tol else 0.0
     carry(y, dy, t, n)
     stop_slip(dm, modes, y, i)
-    return t
-
-
-@compiled
-def run_in(dm, modes, y, dy, span, tol, slip_tol, n):
-    """Carry a state whose slip has only begun a brief time along a straight line; returns the time, 0.0 if it has not."""
-    v, rate = slip_speed(dm, modes, y, dy)
-    t = min(brief(dm, tol), 0.5 * span)
-    single = modes[0] == FREE or modes[1] == FREE
-    if v > slip_tol or rate <= 0.0 or (single and abs(y[YB]) <= 4.0 * t * (abs(y[YWB]) + t * abs(dy[YWB]))):
-        return 0.0
-    carry(y, dy, t, n)
     return t
 
 

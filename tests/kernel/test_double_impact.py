@@ -90,7 +90,7 @@ def test_three_equal_balls(e, expected):
     The contacts 1-2 and 2-3 are p1 and p2; W_11 = 4/m = 2/(m/2) is that of balls of mass m/2.
     """
     dm = dimer(mu=0, e=e)
-    dm = dm._replace(r=0.0, J_t=dm.m * dm.h**2 / 3)
+    dm = dm._replace(r=0.0, J_t=dm.m * dm.h**2 / 3, it=3 / (dm.m * dm.h**2))
     law = pair_law(dm)
     np.testing.assert_allclose((law.nn, law.nn_12, law.w), (4, -2, 0), rtol=1e-15)
     state, _, log = strike(dm, flat(dm, -1.0, 0.0))

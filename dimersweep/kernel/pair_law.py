@@ -1,4 +1,4 @@
-"""Impact at both ends at once: the regular form of (6)-(7), integrated with an L-stable Rosenbrock method.
+"""The law of an impact at both ends at once: the regular form of (6)-(7), and where friction holds.
 
 At a double contact beta = 0, the ends share one axial velocity a. With X_i = (5 E_i / 2)^(2/5) and dP_i = X_i^(3/2) dtau
 
@@ -6,8 +6,8 @@ At a double contact beta = 0, the ends share one axial velocity a. With X_i = (5
     n_2' = W_12 f_1 + W_11 f_2 + w A        b_i' = B_ii L_i + B_ij L_j
     X_i' = -n_i in compression, -n_i / e_i^2 in restitution
 
-with f_i = X_i^(3/2), A the total axial and L_i the lateral friction per tau. The slip direction is stiff where an end slips
-slowly, hence the method. Units: velocities of the approach speed V, impulses of m V, the Delassus operator of 1/m.
+with f_i = X_i^(3/2), A the total axial and L_i the lateral friction per tau. Units: velocities of the approach speed V,
+impulses of m V, the Delassus operator of 1/m.
 """
 
 from math import copysign, hypot, inf, sqrt
@@ -15,27 +15,12 @@ from typing import NamedTuple
 
 from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import SLIP, STICK
-from dimersweep.kernel.steps import (
-    ROS_STAGES,
-    clear,
-    copy,
-    implicit_load,
-    implicit_stage,
-    inside,
-    lu_factor,
-    lu_solve,
-    shrink,
-    step_factor,
-)
-from dimersweep.kernel.tableaux import ROS_GAMMA
+from dimersweep.kernel.steps import clear
 
 # state of the impact: gap rates, compressions, axial and lateral velocities
 ZN1, ZN2, ZX1, ZX2, ZA, ZB1, ZB2 = range(7)
 N_Z = 7
-ENDED, MODE_CHANGE, STEPS = 0, 1, 2
-MAX_STEPS = 20000
 MAX_BISECT = 60
-RUB = 0.02  # friction, in units of a slip's own rate, from which it steers the slip
 
 
 class PairLaw(NamedTuple):
@@ -145,51 +130,6 @@ def impact_jacobian(law, modes, gains, z, F, J):
 
 
 @compiled
-def impact_step(law, modes, gains, z, h, tol, slip_unit, J, LU, pivots, K, out):
-    """One Rodas5P step of size h from z into `out`; J is the Jacobian at z; returns the error over the tolerance.
-
-    Errors of the slips are measured in `slip_unit`.
-    """
-    for i in range(N_Z):
-        for j in range(N_Z):
-            LU[i, j] = -J[i, j]
-        LU[i, i] += 1.0 / (ROS_GAMMA * h)
-    if not lu_factor(LU, N_Z, pivots):
-        return inf
-    for i in range(ROS_STAGES):
-        implicit_stage(i, z, K, N_Z, out)
-        impact_rates(law, modes, gains, out, K[i])
-        implicit_load(i, h, K, N_Z, K[i])
-        lu_solve(LU, N_Z, pivots, K[i])
-    total = 0.0
-    for k in range(N_Z):
-        out[k] += K[ROS_STAGES - 1, k]
-        unit = slip_unit if k >= ZA else 1.0
-        total += (K[ROS_STAGES - 1, k] / unit) ** 2
-    return sqrt(total / N_Z) / tol
-
-
-@compiled
-def event_value(law, k, modes, compressing, base, z, tol):
-    """Event function k of a phase, positive while the phase goes on; inf where it has no meaning.
-
-    0, 1: gap rate of p1, p2 against the phase; 2, 3: compression left; 4, 5: reserve of the friction that holds;
-    6, 7: slip along its direction at `base`, the start of the step (so that a passage through zero changes sign).
-    """
-    i = k % 2
-    if k < 2:
-        return -z[ZN1 + i] if compressing[i] > 0.0 else z[ZN1 + i]
-    if k < 4:
-        return inf if compressing[i] > 0.0 else z[ZX1 + i]
-    if k < 6:
-        return stick_reserve(law, modes, i, z)
-    if modes[i] == STICK:
-        return inf
-    v = hypot(base[ZA], base[ZB1 + i])
-    return (z[ZA] * base[ZA] + z[ZB1 + i] * base[ZB1 + i]) / v - tol if v > 0.0 else inf
-
-
-@compiled
 def stick_reserve(law, modes, i, z):
     """How far the friction that holds end i is from its limit (with both held, only the sum of the axial parts counts)."""
     if modes[i] != STICK:
@@ -265,120 +205,3 @@ def onset_pressures(z):
     if z[ZX1] > 0.0 or z[ZX2] > 0.0:
         return pressure(z[ZX1]), pressure(z[ZX2])
     return pressure(-z[ZN1]), pressure(-z[ZN2])
-
-
-@compiled
-def slip_bound(z, rates, modes, h):
-    """Step that leaves a slip about a tenth of itself where it decreases, at most h."""
-    for i in range(2):
-        v = hypot(z[ZA], z[ZB1 + i])
-        if modes[i] == SLIP and v > 0.0:
-            rate = (z[ZA] * rates[ZA] + z[ZB1 + i] * rates[ZB1 + i]) / v
-            if rate < 0.0:
-                h = min(h, -0.9 * v / rate)
-    return h
-
-
-@compiled
-def slip_unit(law, modes, z, rates):
-    """Unit of the slips' errors: a slip that sets out of rest against friction remembers its first direction, so that its
-    errors count relative to itself; else the approach speed is the unit.
-    """
-    unit = 1.0
-    for i in range(2):
-        v = hypot(z[ZA], z[ZB1 + i])
-        if modes[i] == SLIP and v > 0.0:
-            rate = (z[ZA] * rates[ZA] + z[ZB1 + i] * rates[ZB1 + i]) / v
-            if rate > 0.0 and law.mu * pressure(z[ZX1 + i]) * law.aa > RUB * rate:
-                unit = min(unit, v)
-    return unit
-
-
-@compiled
-def pair_leg(law, z, modes, compressing, tol, slip_tol, work):
-    """Integrate from z, in place, to the first event of the phase; returns its number, or -1 when steps ran out."""
-    J, LU, K, F = work[0:7], work[7:14], work[14:22], work[22:25]
-    out, gains, pivots, armed, rates, start = work[25], work[26], work[27], work[28], work[29], work[30]
-    for i in range(2):
-        e = law.e_1 if i == 0 else law.e_2
-        gains[i] = 1.0 if compressing[i] > 0.0 else 1.0 / (e * e)
-    for k in range(8):
-        armed[k] = 1.0 if event_value(law, k, modes, compressing, z, z, slip_tol) > 0.0 else 0.0
-    h = 0.05
-    for _ in range(MAX_STEPS):
-        copy(z, start, N_Z)
-        impact_rates(law, modes, gains, z, rates)
-        impact_jacobian(law, modes, gains, z, F, J)
-        h = slip_bound(z, rates, modes, h)
-        unit = slip_unit(law, modes, z, rates)
-        error = impact_step(law, modes, gains, start, h, tol, unit, J, LU, pivots, K, out)
-        if not error <= 1.0:
-            h *= step_factor(error, 5.0)
-            continue
-        grown = h * step_factor(error, 5.0)
-        event = crossing(law, modes, compressing, armed, start, out, slip_tol)
-        if event < 0:
-            copy(out, z, N_Z)
-            for k in range(8):
-                if event_value(law, k, modes, compressing, z, z, slip_tol) > 0.0:
-                    armed[k] = 1.0
-            h = grown
-            continue
-        event = first_crossing(law, modes, compressing, armed, gains, start, h, tol, slip_tol, J, LU, pivots, K, out)
-        copy(out, z, N_Z)
-        if event < 6 or hypot(z[ZA], z[ZB1 + event - 6]) <= 4.0 * slip_tol:
-            return event
-        h = grown  # the slip has only turned by a right angle, and goes on
-    return -1
-
-
-@compiled
-def first_crossing(law, modes, compressing, armed, gains, start, h, tol, slip_tol, J, LU, pivots, K, out):
-    """Number of the first event in the step h from `start`, whose end is in `out`; then `out` is the state at the event.
-
-    Bracketed search, each probe a step of its own.
-    """
-    low, high = 0.0, h
-    g_low = least_value(law, modes, compressing, armed, start, start, slip_tol)
-    g_high = least_value(law, modes, compressing, armed, start, out, slip_tol)
-    side = 0
-    for _ in range(MAX_BISECT):
-        if high - low <= 1e-15 * h:
-            break
-        mid = inside(low, high, g_low, g_high)
-        impact_step(law, modes, gains, start, mid, tol, 1.0, J, LU, pivots, K, out)
-        g = least_value(law, modes, compressing, armed, start, out, slip_tol)
-        low, high, g_low, g_high, side = shrink(low, high, g_low, g_high, mid, g, side)
-        if abs(g) <= 1e-15:
-            high = mid
-            break
-    impact_step(law, modes, gains, start, high, tol, 1.0, J, LU, pivots, K, out)
-    least, which = inf, -1
-    for k in range(8):
-        if armed[k] > 0.0:
-            value = event_value(law, k, modes, compressing, start, out, slip_tol)
-            if value < least:
-                least, which = value, k
-    return which
-
-
-@compiled
-def least_value(law, modes, compressing, armed, base, z, tol):
-    """Least of the armed event functions at z."""
-    least = inf
-    for k in range(8):
-        if armed[k] > 0.0:
-            least = min(least, event_value(law, k, modes, compressing, base, z, tol))
-    return least
-
-
-@compiled
-def crossing(law, modes, compressing, armed, base, z, tol):
-    """Number of the armed event function that is lowest at z, if it is not positive; else -1."""
-    least, which = 0.0, -1
-    for k in range(8):
-        if armed[k] > 0.0:
-            value = event_value(law, k, modes, compressing, base, z, tol)
-            if value <= least:
-                least, which = value, k
-    return which

@@ -1,0 +1,274 @@
+"""One step of a contact phase, at each of three paces.
+
+Plain: DOP853 in time. Slow: DOP853 in xi with dt = (v / gamma) dxi, for a slip v on its way to rest, whose direction turns
+at the rate gamma / v: per xi nothing is stiff and the slip falls exponentially. Slide: Radau IIA in time, for slip that is
+slow and stays so, or sets out from rest: its direction follows the forces at once, and the step need not resolve how.
+"""
+
+from math import hypot, inf, sqrt
+from typing import Any, NamedTuple
+
+from dimersweep.kernel.collocation import NEXT, NODES, RADAU_A, RADAU_C, TOP
+from dimersweep.kernel.contact import (
+    N_CLOSED,
+    YB,
+    YGAMMA,
+    YS,
+    YTHETA,
+    YTIME,
+    YUA,
+    YUB,
+    YWB,
+    YWP,
+    YX,
+    YY,
+    contact_rates,
+    slip_of,
+)
+from dimersweep.kernel.jit import compiled
+from dimersweep.kernel.layout import FREE, SLIP
+from dimersweep.kernel.steps import DOP_STAGES, copy, explicit_finish, explicit_stage, lu_factor, lu_solve
+from dimersweep.kernel.watch import slip_speed
+
+PLAIN, SLOW, SLIDE = 0, 1, 2
+MAX_TURNS = 14  # Newton iterations of a slide
+SETTLED = 0.1  # change in a Newton iteration, over the tolerance, that ends them
+RENEWED = 2  # the iteration that takes new derivatives
+TURN = 1e-6  # change of a slip, in units of itself, in its finite differences
+
+BENCH_ROWS = 79
+
+
+class Bench(NamedTuple):
+    """Rows of the work array, by what they hold during a step."""
+
+    K: Any  # slopes of the stages
+    Y: Any  # states at the nodes of a slide
+    J: Any  # derivatives of the slopes with respect to the slips, and the Newton matrix
+    LU: Any
+    B: Any  # directions of the turns
+    start: Any  # state, rates and forces at the start of the step, and at its end
+    dy: Any
+    F: Any
+    out: Any
+    dy_out: Any
+    F_out: Any
+    scale: Any  # tolerances of the state
+    armed: Any  # event functions that have been positive
+    values: Any  # event functions in the course of the step
+    probe: Any
+    dy_probe: Any
+    F_probe: Any
+    pivots: Any
+    change: Any
+
+
+@compiled
+def lay_out(work):
+    """The bench on a work array of at least BENCH_ROWS rows."""
+    return Bench(
+        work[0:12],
+        work[12:17],
+        work[17:32],
+        work[32:47],
+        work[47:62],
+        work[62],
+        work[63],
+        work[64],
+        work[65],
+        work[66],
+        work[67],
+        work[68],
+        work[69],
+        work[70:74],
+        work[74],
+        work[75],
+        work[76],
+        work[77],
+        work[78],
+    )
+
+
+@compiled
+def set_scales(dm, tol, scale):
+    """Tolerances of the contact state: angles, rates, slips and lengths in the scales of the scene."""
+    scale[YB] = scale[YTHETA] = tol
+    scale[YWB] = scale[YWP] = tol * dm.w_scale
+    scale[YS] = 10.0 * tol * dm.w_scale
+    scale[YUA] = scale[YUB] = tol * dm.v_scale
+    scale[YTIME] = tol * dm.T
+    scale[YX] = scale[YY] = tol * dm.r
+    scale[YGAMMA] = 10.0 * tol
+
+
+@compiled
+def stiffness(dm, force):
+    """gamma: the rate at which friction under a normal force turns a slip, times its speed [m s-2]."""
+    return dm.mu * (dm.im + dm.h * dm.h * dm.it + dm.r * dm.r * dm.ia) * force
+
+
+@compiled
+def slowness(dm, modes, y):
+    """Slip speed of the slow pace: that of the one slipping end, or half the harmonic mean of both."""
+    inverse = 0.0
+    for i in range(2):
+        if modes[i] == SLIP:
+            a, b = slip_of(dm, modes, y, i)
+            inverse += 1.0 / sqrt(a * a + b * b)
+    return 1.0 / inverse
+
+
+@compiled
+def explicit_step(dm, modes, phase, h, n, pace, gamma, b):
+    """One DOP853 step from b.start into b.out, of h seconds or, at the slow pace, h units of xi; returns the error."""
+    for i in range(DOP_STAGES):
+        if i == 0:
+            copy(b.dy, b.K[0], n)
+            copy(b.start, b.out, n)
+        else:
+            explicit_stage(i, h, b.start, b.K, n, b.out)
+            contact_rates(dm, modes, phase + dm.omega * b.out[YTIME], b.out, n > N_CLOSED, b.K[i], b.F_out)
+        if pace == SLOW:
+            share = slowness(dm, modes, b.out) / gamma
+            for k in range(n):
+                b.K[i, k] *= share
+    return explicit_finish(h, b.start, b.K, n, b.scale, b.out)
+
+
+@compiled
+def set_turns(modes, j, y, b):
+    """Directions of change of the slips (YUA, YUB, YWP) that turn them, into rows of b.B; returns how many.
+
+    A single slip only turns across itself; of two slips, which share their axial part, every change turns one.
+    """
+    if modes[0] != FREE and modes[1] != FREE:
+        for i in range(3):
+            row = b.B[3 * j + i]
+            row[0], row[1], row[2] = 0.0, 0.0, 0.0
+            row[i] = 1.0
+        return 3
+    v = hypot(y[YUA], y[YUB])
+    row = b.B[j]
+    row[0], row[1], row[2] = -y[YUB] / v, y[YUA] / v, 0.0
+    return 1
+
+
+@compiled
+def turn_slopes(dm, modes, phase, h, n, j, b):
+    """Derivatives of the slopes at node j with respect to the turns, by forward differences, into b.J; returns how many."""
+    y, f = b.Y[j], b.K[j]
+    v, _ = slip_speed(dm, modes, y, y)
+    m = set_turns(modes, j, y, b)
+    for i in range(m):
+        turn = b.B[j * m + i]
+        size = TURN * v * (1.0 - turn[2] + turn[2] / (2.0 * dm.h))
+        for k in range(N_CLOSED):
+            b.probe[k] = y[k]
+        b.probe[YUA] += size * turn[0]
+        b.probe[YUB] += size * turn[1]
+        b.probe[YWP] += size * turn[2]
+        contact_rates(dm, modes, phase + dm.omega * h * RADAU_C[j], b.probe, n > N_CLOSED, b.dy_probe, b.F_probe)
+        row = b.J[j * m + i]
+        for k in range(n):
+            row[k] = (b.dy_probe[k] - f[k]) / size
+    return m
+
+
+@compiled
+def newton_matrix(h, m, b):
+    """1 - h A dq'/dq over the turns q at all nodes, factored, in b.LU; returns whether it could be."""
+    for j in range(NODES):
+        for i in range(m):
+            p = j * m + i
+            turn = b.B[p]
+            for k in range(NODES):
+                a = h * RADAU_A[j, k]
+                for q in range(k * m, k * m + m):
+                    slope = b.J[q]
+                    b.LU[p, q] = -a * (turn[0] * slope[YUA] + turn[1] * slope[YUB] + turn[2] * slope[YWP])
+            b.LU[p, p] += 1.0
+    return lu_factor(b.LU, NODES * m, b.pivots)
+
+
+@compiled
+def improve(h, n, m, b):
+    """One Newton iteration of the states at the nodes; returns the largest change over the tolerance.
+
+    Only the turning of the slips is stiff: the other derivatives are left out, and what the turns change is carried over.
+    """
+    for j in range(NODES):
+        u_a, u_b, w_p = b.start[YUA] - b.Y[j, YUA], b.start[YUB] - b.Y[j, YUB], b.start[YWP] - b.Y[j, YWP]
+        for k in range(NODES):
+            a, slope = h * RADAU_A[j, k], b.K[k]
+            u_a += a * slope[YUA]
+            u_b += a * slope[YUB]
+            w_p += a * slope[YWP]
+        for i in range(j * m, j * m + m):
+            b.change[i] = b.B[i, 0] * u_a + b.B[i, 1] * u_b + b.B[i, 2] * w_p
+    lu_solve(b.LU, NODES * m, b.pivots, b.change)
+    for j in range(NODES):
+        for i in range(j * m, j * m + m):
+            for k in range(n):
+                b.K[j, k] += b.J[i, k] * b.change[i]
+    largest = 0.0
+    for j in range(NODES):
+        copy(b.start, b.probe, n)
+        for i in range(NODES):
+            a = h * RADAU_A[j, i]
+            for k in range(n):
+                b.probe[k] += a * b.K[i, k]
+        for k in range(N_CLOSED):
+            largest = max(largest, abs(b.probe[k] - b.Y[j, k]) / b.scale[k])
+        copy(b.probe, b.Y[j], n)
+    return largest
+
+
+@compiled
+def slide_error(h, b):
+    """Error of a slide over the tolerance, from how fast the slopes' expansion in Chebyshev polynomials falls off."""
+    total = 0.0
+    for k in range(N_CLOSED):
+        top, near = TOP[0] * b.dy[k], 0.0
+        for j in range(NODES):
+            top += TOP[j + 1] * b.K[j, k]
+            near += NEXT[j] * b.K[j, k]
+        ratio = min(1.0, abs(top / near)) if near != 0.0 else 1.0
+        total += (h * top * ratio / b.scale[k]) ** 2
+    return sqrt(total / N_CLOSED)
+
+
+@compiled
+def slide_step(dm, modes, phase, h, n, b):
+    """One Radau IIA step of h seconds from b.start into b.out; returns the error over the tolerance, inf if it fails."""
+    m = 1
+    for j in range(NODES):
+        for k in range(n):
+            b.Y[j, k] = b.start[k] + h * RADAU_C[j] * b.dy[k]
+    before = inf
+    for turn in range(MAX_TURNS):
+        for j in range(NODES):
+            at = phase + dm.omega * h * RADAU_C[j]
+            contact_rates(dm, modes, at, b.Y[j], n > N_CLOSED, b.K[j], b.F_out)
+        if turn == 0 or turn == RENEWED:
+            for j in range(NODES):
+                m = turn_slopes(dm, modes, phase, h, n, j, b)
+            if not newton_matrix(h, m, b):
+                return inf
+        change = improve(h, n, m, b)
+        if change <= SETTLED:
+            copy(b.Y[NODES - 1], b.out, n)
+            b.out[YTIME] = h
+            return slide_error(h, b)
+        if not change < inf or (turn > RENEWED and change > before):
+            return inf
+        before = change
+    return inf
+
+
+@compiled
+def step_to(dm, modes, phase, h, n, pace, gamma, b):
+    """One step; the rates (per time) and forces at its end are left in b.dy_out, b.F_out. Returns the error."""
+    slides = pace == SLIDE
+    error = slide_step(dm, modes, phase, h, n, b) if slides else explicit_step(dm, modes, phase, h, n, pace, gamma, b)
+    contact_rates(dm, modes, phase + dm.omega * b.out[YTIME], b.out, n > N_CLOSED, b.dy_out, b.F_out)
+    return error

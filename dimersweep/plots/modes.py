@@ -1,0 +1,142 @@
+"""Pictures of modes over axes: intervals of the dip angle, maps of modes and regions."""
+
+import numpy as np
+import xarray as xr
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from dimersweep.cube import names
+from dimersweep.errors import ParameterError
+from dimersweep.kernel.layout import MODES
+from dimersweep.plots.style import MODE_COLORS, ROW_COLORS, given, label, title
+from dimersweep.reading import boundary, drift_intervals, drift_lengths, edges_of, plain_modes
+
+
+def segments(cube: xr.Dataset) -> Figure:
+    """The initial dip angles that lead to drift, as in the paper's Fig. 7: one row for each value of the other axis.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        With the axis `beta0` and at most one more.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        With the total length of each row at its right end.
+    """
+    lengths = drift_lengths(cube)
+    (name,) = lengths.dims
+    figure = Figure(figsize=(8, 1.4 + 0.55 * lengths.size), layout="constrained")
+    axes = figure.add_subplot()
+    for row, (intervals, length) in enumerate(zip(drift_intervals(cube), lengths.values, strict=True)):
+        color = ROW_COLORS[row % len(ROW_COLORS)]
+        axes.hlines(np.full(len(intervals), row), intervals[:, 0], intervals[:, 1], colors=color, linewidth=7)
+        axes.annotate(
+            f"{length:.3f} rad", (1.01, row), xycoords=("axes fraction", "data"), va="center", color=color, fontsize=9
+        )
+    axes.set_yticks(range(lengths.size), [given(str(name), value) for value in lengths[name].values])
+    axes.set_ylim(-0.6, lengths.size - 0.4)
+    axes.grid(axis="x", alpha=0.3)
+    _dip_axis(axes)
+    axes.set_title(f"Initial dip angles that lead to drift\n{title(cube)}", fontsize=10)
+    return figure
+
+
+def _dip_axis(axes: Axes) -> None:
+    """The dip angle from 0 to pi/2 in radians below, in degrees above."""
+    axes.set_xlim(0, np.pi / 2)
+    axes.set_xticks(np.pi / 16 * np.arange(0, 9, 2), ["0", "π/8", "π/4", "3π/8", "π/2"])
+    axes.set_xlabel(label("beta0"))
+    degrees = axes.secondary_xaxis("top", functions=(np.rad2deg, np.deg2rad))
+    degrees.set_xticks(range(0, 91, 15))
+    degrees.set_xlabel("degrees")
+
+
+def mode_map(cube: xr.Dataset) -> Figure:
+    """The mode of motion over one or two axes.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        With one or two axes of more than one value; the last one runs to the right.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        With a legend of the modes that occur and their shares.
+    """
+    mode = plain_modes(cube, 2, "mode_map")
+    x_name, y_name = str(mode.dims[-1]), str(mode.dims[0]) if mode.ndim == 2 else ""
+    figure = Figure(figsize=(7.5, 4.8 if y_name else 2.2), layout="constrained")
+    axes = figure.add_subplot()
+    y_edges = edges_of(mode[y_name].values) if y_name else np.array([0.0, 1.0])
+    colors = np.array([tuple(int(c[k : k + 2], 16) / 255 for k in (1, 3, 5)) for c in MODE_COLORS.values()])
+    axes.pcolormesh(edges_of(mode[x_name].values), y_edges, colors[np.atleast_2d(mode.values)])
+    axes.set_xlabel(label(x_name))
+    if y_name:
+        axes.set_ylabel(label(y_name))
+    else:
+        axes.set_yticks([])
+    shares = np.bincount(mode.values.ravel(), minlength=len(MODES)) / mode.size
+    handles = [
+        Patch(facecolor=MODE_COLORS[name], edgecolor="black", linewidth=0.5, label=f"{name} ({100 * share:.1f} %)")
+        for name, share in zip(MODES, shares, strict=True)
+        if share > 0
+    ]
+    figure.legend(handles=handles, loc="outside right upper", fontsize=9)
+    axes.set_title(title(cube), fontsize=10)
+    return figure
+
+
+def regions(cube: xr.Dataset) -> Figure:
+    """Where some start drifts, where every start rests, and which mode is most frequent elsewhere, as in the paper's Fig. 8.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        Of `search` or `refine` for drift, with two axes; the first one runs to the right.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Drift hatched with lines, rest with slashes, and their borders.
+    """
+    mode = plain_modes(cube, 2, "regions")
+    if mode.ndim != 2 or "region" not in cube:
+        raise ParameterError("regions: needs the regions of a search over two axes")
+    x_name, y_name = map(str, mode.dims)
+    x, y = mode[x_name].values, mode[y_name].values
+    figure = Figure(figsize=(8, 5.6), layout="constrained")
+    axes = figure.add_subplot()
+    region = names(cube["region"]).squeeze().values
+    colors = np.array([to_rgb(color) for color in MODE_COLORS.values()])
+    shown = np.where((region == "drift")[..., None], 1.0, colors[mode.values] * 0.6 + 0.4)
+    axes.pcolormesh(edges_of(x), edges_of(y), shown.transpose(1, 0, 2))
+    handles = []
+    for name, hatch, color, told in (
+        ("drift", "|||", "#d62728", "$R_1$: some start drifts"),
+        ("rest", "///", "#1f4fd8", "$R_2$: every start comes to rest"),
+    ):
+        inside = (region == name).T.astype(float)
+        if inside.min() < inside.max():
+            with rc_context({"hatch.color": color, "hatch.linewidth": 0.6}):
+                axes.contourf(x, y, inside, levels=[0.5, 1.5], colors="none", hatches=[hatch])
+        for line in boundary(cube, name):
+            axes.plot(*line.T, color=color, linewidth=1.4)
+        handles.append(Patch(facecolor="white", edgecolor=color, hatch=hatch, label=told))
+    left = ~np.isin(region, ("drift", "rest"))
+    for code in np.unique(mode.values[left]):
+        word = MODES[code]
+        face = colors[code] * 0.6 + 0.4
+        handles.append(Patch(facecolor=face, edgecolor="black", linewidth=0.5, label=f"mostly {word}"))
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=9)
+    axes.set_xlim(x[0], x[-1])
+    axes.set_ylim(y[0], y[-1])
+    axes.set_xlabel(label(x_name))
+    axes.set_ylabel(label(y_name))
+    axes.set_title(title(cube), fontsize=10)
+    return figure

@@ -1,0 +1,258 @@
+"""Pictures of orbits over parameters: paths, trends with exponents, the least period, ends of the impact, planar drift."""
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from dimersweep.cube import names
+from dimersweep.errors import ParameterError
+from dimersweep.kernel.layout import DI_ENDS, M_DRIFT
+from dimersweep.plots.style import ROW_COLORS, given, label, title
+from dimersweep.reading import circle_through, edges_of, exponents, minimum, runs_of, stick_ratio
+
+END_COLORS = {  # of a double impact
+    "none": "#ffffff",
+    "sp_sp": "#0072b2",
+    "sp_sk": "#e69f00",
+    "sk_sp": "#cc79a7",
+    "sk_sk": "#009e73",
+}
+TRENDS = {"radius": r"$\bar R$ [m]", "period": r"$\bar T$ [s]", "zeta": r"$\zeta$ [rad]"}
+CURVES = 5  # values of the other axis that are drawn
+
+
+def _needs(cube: xr.Dataset, kind: str, *axes: str) -> None:
+    """Refuse a cube without one of `axes`, or with others of more than one value."""
+    present = {str(dim) for dim, n in cube["mode"].sizes.items() if n > 1 or dim in axes}
+    if present != set(axes):
+        raise ParameterError(f"{kind}: has axes {', '.join(sorted(present)) or 'none'}; needs {', '.join(axes)}")
+
+
+def _drifting(cube: xr.Dataset, quantity: str) -> xr.DataArray:
+    return cube[quantity].where(cube["mode"] == M_DRIFT)
+
+
+def paths(cube: xr.Dataset) -> Figure:
+    """Paths of the centre of mass with their centres moved to one point, as in the paper's Fig. 13.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        With paths over one axis.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    if "x" not in cube or cube["x"].ndim != 2:
+        raise ParameterError("paths: the cube has no paths over one axis; declare [paths]")
+    (name,) = (str(dim) for dim in cube["mode"].dims)
+    per_period = round(1 / float(cube["cycle"][1] - cube["cycle"][0]))
+    figure = Figure(figsize=(10, 5.2), layout="constrained")
+    whole, teeth = figure.subplots(1, 2)
+    for k, value in enumerate(cube[name].values):
+        x, y = cube["x"].values[k], cube["y"].values[k]
+        if not np.isfinite(x).all():
+            continue
+        a, b, radius = circle_through(x[x.size // 20 :], y[y.size // 20 :])
+        color = ROW_COLORS[k % len(ROW_COLORS)]
+        told = f"{given(name, value)}: $R$ = {radius:.3f} m"
+        whole.plot(x - a, y - b, color=color, linewidth=0.8, label=told)
+        piece = slice(-4 * per_period - 1, None)
+        cycles = cube["cycle"].values[piece] - cube["cycle"].values[piece][0]
+        teeth.plot(cycles, 1e3 * (np.hypot(x - a, y - b)[piece] - radius), color=color, linewidth=1)
+    whole.set_aspect("equal", adjustable="datalim")
+    whole.set_xlabel("$x$ [m]")
+    whole.set_ylabel("$y$ [m]")
+    whole.legend(fontsize=8, loc="center")
+    teeth.set_xlabel("time [forcing periods]")
+    teeth.set_ylabel("distance from the circle [mm]")
+    figure.suptitle(f"Paths of the centre of mass\n{title(cube)}", fontsize=10)
+    return figure
+
+
+def _spread(n: int) -> np.ndarray:
+    return np.unique(np.linspace(0, n - 1, min(n, CURVES)).round().astype(int))
+
+
+def trends(cube: xr.Dataset) -> Figure:
+    """Radius, period and angle of the orbit over aspect ratio and frequency, as in the paper's Fig. 14 to 16.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        With the axes `A_r` and `f`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        With the exponents of R and T in A_r - 1 and f.
+    """
+    _needs(cube, "trends", "A_r", "f")
+    figure = Figure(figsize=(9, 10), layout="constrained")
+    panels = figure.subplots(3, 2, sharex="col", sharey="row")
+    for row, quantity in zip(panels, TRENDS, strict=True):
+        values = _drifting(cube, quantity)
+        for axes, (name, other) in zip(row, (("A_r", "f"), ("f", "A_r")), strict=True):
+            for color, k in zip(ROW_COLORS, _spread(cube.sizes[other]), strict=False):
+                curve = values.isel({other: k})
+                axes.plot(cube[name], curve, "o-", color=color, markersize=3, label=given(other, cube[other].values[k]))
+            if quantity != "zeta":
+                axes.set_yscale("log")
+                law = exponents(cube, quantity)[name]
+                base = "(A_r - 1)" if name == "A_r" else "f"
+                told = (
+                    f"${base}^{{{law.exponent:.3f} \\pm {law.error:.3f}}}$, local {law.least:.2f} to {law.greatest:.2f}"
+                )
+                axes.set_title(told, fontsize=9)
+            else:
+                axes.axhline(np.pi / 2, color="black", linewidth=0.8, linestyle=":")
+                axes.set_xlabel(label(name))
+        row[0].set_ylabel(TRENDS[quantity])
+    for axes in panels[0]:
+        axes.legend(fontsize=8)
+    figure.suptitle(title(cube), fontsize=10)
+    return figure
+
+
+def least_period(cube: xr.Dataset) -> Figure:
+    """Period and angle of the orbit over the initial velocity, as in the paper's Fig. 17, the first minimum marked.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        With the axes `A_r` and `xdot0`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    _needs(cube, "minimum", "A_r", "xdot0")
+    figure = Figure(figsize=(10, 4.4), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    speeds = cube["xdot0"].values
+    for color, A_r in zip(ROW_COLORS, cube["A_r"].values, strict=False):
+        one = cube.sel(A_r=A_r)
+        period, zeta = (_drifting(one, name).values for name in ("period", "zeta"))
+        left.plot(speeds, period, "o-", color=color, markersize=2.5, linewidth=1, label=given("A_r", A_r))
+        right.plot(speeds, zeta, "o-", color=color, markersize=2.5, linewidth=1)
+        low = minimum(speeds, period)
+        if np.isfinite(low.at):
+            told = f"{low.value:.2f} s at {low.at:.2f}({100 * low.at_error:.0f}) m/s"
+            left.plot([low.at], [low.value], "v", color=color, markersize=8, label=told)
+            right.axvline(low.at, color=color, linewidth=0.8, linestyle=":")
+    left.set_yscale("log")
+    left.set_ylabel(TRENDS["period"])
+    left.legend(fontsize=8)
+    right.axhline(np.pi / 2, color="black", linewidth=0.8, linestyle=":")
+    right.set_ylim(np.pi / 2 - 0.01, np.pi / 2 + 0.12)
+    right.set_ylabel(TRENDS["zeta"])
+    for axes in (left, right):
+        axes.set_xlabel(label("xdot0"))
+    figure.suptitle(title(cube), fontsize=10)
+    return figure
+
+
+def impact_ends(cube: xr.Dataset) -> Figure:
+    """How the double impact of a drift ends over mu and mu_s, one map for each aspect ratio, with the line mu = mubar.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        With the axes `A_r`, `mu` and `mu_s`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    _needs(cube, "impact_ends", "A_r", "mu", "mu_s")
+    body = {name: cube[name].item() for name in ("r", "rho_b", "rho_r", "D_r")}
+    colors = ListedColormap(list(END_COLORS.values()))
+    figure = Figure(figsize=(3.1 * cube.sizes["A_r"] + 0.6, 4.6), layout="constrained")
+    panels = np.atleast_1d(figure.subplots(1, cube.sizes["A_r"], sharey=True))
+    for axes, A_r in zip(panels, cube["A_r"].values, strict=True):
+        ends = cube["di_end"].sel(A_r=A_r).transpose("mu_s", "mu")
+        axes.pcolormesh(
+            edges_of(cube["mu"].values), edges_of(cube["mu_s"].values), ends.values, cmap=colors, vmin=-0.5, vmax=4.5
+        )
+        line = stick_ratio(float(A_r), **body)
+        axes.axvline(line, color="black", linestyle="--", linewidth=1)
+        axes.set_title(f"{given('A_r', A_r)}, $\\bar\\mu$ = {line:.3f}", fontsize=10)
+        axes.set_xlabel(label("mu"))
+    panels[0].set_ylabel(label("mu_s"))
+    found = sorted(set(np.unique(names(cube["di_end"]))), key=DI_ENDS.index)
+    words = {"none": "no drift found, or $\\mu_s < \\mu$"}
+    handles = [
+        Patch(facecolor=END_COLORS[end], edgecolor="black", linewidth=0.5, label=words.get(end, end)) for end in found
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=9)
+    figure.suptitle(f"How the double impact ends; dashed: $\\mu = \\bar\\mu$\n{title(cube)}", fontsize=10)
+    return figure
+
+
+def shares(cube: xr.Dataset) -> Figure:
+    """The share of the searched values that lead to drift, over one axis, one curve for each value of the other.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        Of ``search(..., ask="fraction")`` over two axes; the last one runs to the right.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    if "runs" not in cube or cube["mode"].ndim != 2:
+        raise ParameterError("shares: needs the runs of a search over two axes")
+    other, name = (str(dim) for dim in cube["mode"].dims)
+    figure = Figure(figsize=(7.5, 4.4), layout="constrained")
+    axes = figure.add_subplot()
+    share = runs_of(cube, "drift") / cube["n_runs"]
+    for color, value in zip(ROW_COLORS, cube[other].values, strict=False):
+        axes.plot(
+            cube[name], 100 * share.sel({other: value}), "o-", color=color, markersize=3, label=given(other, value)
+        )
+    axes.set_xlabel(label(name))
+    axes.set_ylabel("initial dip angles that drift [%]")
+    axes.set_ylim(bottom=0)
+    axes.legend(fontsize=8)
+    axes.set_title(title(cube), fontsize=10)
+    return figure
+
+
+def planar(cube: xr.Dataset) -> Figure:
+    """Velocity of the drift along the axis over one parameter: positive from the end that is down to the other one.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        With paths, over one axis.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    if "axial_velocity" not in cube or cube["mode"].ndim != 1:
+        raise ParameterError("planar: needs paths over one axis; declare [paths]")
+    (name,) = (str(dim) for dim in cube["mode"].dims)
+    figure = Figure(figsize=(7.5, 4.4), layout="constrained")
+    axes = figure.add_subplot()
+    ends, velocity = names(cube["di_end"]).values, 1e3 * cube["axial_velocity"].values
+    for end, color in END_COLORS.items():
+        here = (ends == end) & np.isfinite(velocity)
+        if here.any():
+            axes.plot(cube[name].values[here], velocity[here], "o", color=color, markersize=4, label=end)
+    _rule(axes)
+    axes.set_xlabel(label(name))
+    axes.set_ylabel("drift velocity [mm/s]")
+    axes.legend(title="double impact ends", fontsize=8)
+    axes.set_title(title(cube), fontsize=10)
+    return figure
+
+
+def _rule(axes: Axes) -> None:
+    axes.axhline(0.0, color="black", linewidth=0.8)
+    axes.grid(alpha=0.3)

@@ -1,0 +1,83 @@
+"""What all pictures share: colors, labels of parameters, edges of cells, and which files a picture may go to."""
+
+import os
+from pathlib import Path
+
+import xarray as xr
+
+from dimersweep.errors import ParameterError
+from dimersweep.store import check_writable
+from dimersweep.symbols import PARAMETERS
+
+# after Okabe and Ito: told apart by color-blind readers too
+MODE_COLORS = {
+    "not_run": "#ffffff",
+    "failed": "#000000",
+    "rest": "#999999",
+    "drift": "#0072b2",
+    "jump": "#e69f00",
+    "flutter": "#009e73",
+    "period_n": "#cc79a7",
+    "aperiodic": "#d55e00",
+    "unresolved": "#f0e442",
+}
+ROW_COLORS = ("#1f4fd8", "#d62728", "#000000", "#009e73", "#cc79a7", "#e69f00")  # the paper's three first
+TEX = {
+    "e": "e",
+    "Gamma": r"\Gamma",
+    "f": "f",
+    "A_r": "A_r",
+    "mu": r"\mu",
+    "mu_s": r"\mu_s",
+    "beta0": r"\beta(0)",
+    "xdot0": r"\dot{x}_1(0)",
+    "phi0": r"\phi_0",
+    "r": "r",
+    "rho_b": r"\rho_b",
+    "rho_r": r"\rho_r",
+    "D_r": "D_r",
+    "g": "g",
+    "e_1": "e_1",
+    "e_2": "e_2",
+}
+
+
+PICTURES = (".png", ".pdf", ".svg")
+
+
+def units_of(name: str) -> str:
+    """Unit of a parameter as it is shown, empty if it has none."""
+    return PARAMETERS[name].units.replace("m s-1", "m/s").replace("1", "")
+
+
+def given(name: str, value: float) -> str:
+    """A parameter and its value, such as f = 15 Hz."""
+    return f"${TEX[name]}$ = {value:.4g} {units_of(name)}".rstrip()
+
+
+def label(name: str) -> str:
+    """Axis label of a parameter: its symbol and unit."""
+    units = units_of(name)
+    return f"${TEX[name]}$" + (f" [{units}]" if units else "")
+
+
+def title(cube: xr.Dataset) -> str:
+    """The fixed parameters of the paper's captions, in one line."""
+    shown = [name for name in ("xdot0", "A_r", "e", "Gamma", "f", "mu", "mu_s", "beta0") if name in cube.coords]
+    fixed = [name for name in shown if cube[name].ndim == 0]
+    return ", ".join(given(name, cube[name].item()) for name in fixed)
+
+
+def check_picture(path: str | os.PathLike[str], *, force: bool = False, name: str = "out") -> Path:
+    """Refuse a picture file that could not be written, before any work is done.
+
+    Raises
+    ------
+    ParameterError
+        If its ending is none of `PICTURES`.
+    StoreError
+        As for a cube.
+    """
+    if Path(path).suffix not in PICTURES:
+        raise ParameterError(f"{name} = {path}: a picture must end in {', '.join(PICTURES)}")
+    return check_writable(path, force=force, name=name)

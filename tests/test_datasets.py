@@ -1,0 +1,105 @@
+"""Every declared dataset is allowed, and its small preset gives a cube that others can read, and its figure."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from dimersweep.cube import FLAGS
+from dimersweep.datasets import make
+from dimersweep.declaration import read_declaration
+from dimersweep.errors import ParameterError
+from dimersweep.plots import draw
+from dimersweep.reading import circle_through
+from dimersweep.store import open_cube
+
+SWEEPS = Path(__file__).parents[1] / "sweeps"
+SMALL = sorted(path.stem for path in SWEEPS.glob("*-small.toml"))
+SEARCHED = [name for name in SMALL if read_declaration(SWEEPS / f"{name}.toml").search is not None]
+
+
+@pytest.mark.parametrize("path", sorted(SWEEPS.glob("*.toml")), ids=lambda path: path.stem)
+def test_every_declaration_is_allowed_and_has_a_small_preset(path):
+    declared = read_declaration(path)
+    assert declared.sweep.output == f"{path.stem}.nc"
+    small = read_declaration(path.with_name(path.stem.removesuffix("-small") + "-small.toml"))
+    assert small.plot.kind == declared.plot.kind
+    assert list(small.grid) == list(declared.grid)
+
+
+def make_small(name, folder):
+    declared = read_declaration(SWEEPS / f"{name}.toml")
+    out = folder / f"{name}.nc"
+    return make(declared, out, periods=declared.sweep.periods, rtol=declared.sweep.rtol, progress=False), out
+
+
+@pytest.mark.jit
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SEARCHED)
+def test_a_small_preset_gives_a_cube_that_others_read(name, tmp_path):
+    cube, path = make_small(name, tmp_path)
+    xr.testing.assert_identical(open_cube(path), cube)
+    for engine in ("netcdf4", "h5netcdf"):
+        with xr.open_dataset(path, engine=engine) as back:
+            flags = {name for name in FLAGS if name in back.variables}
+            assert {"mode", "answer", "region", "outcome"} <= flags
+            assert all(back[name].dtype == np.int8 for name in flags)
+    draw(cube).savefig(tmp_path / "figure.png")
+    checker = pytest.importorskip("compliance_checker.runner")
+    checker.CheckSuite.load_all_available_checkers()
+    report = tmp_path / "report.txt"
+    passed, failed = checker.ComplianceChecker.run_checker(
+        str(path), ["cf:1.11"], 0, "strict", output_filename=str(report), output_format="text"
+    )
+    assert passed and not failed, report.read_text()
+
+
+@pytest.mark.jit
+def test_paths_are_those_of_the_orbits(tmp_path):
+    cube, _ = make_small("fig13-small", tmp_path)
+    for place in range(cube.sizes["xdot0"]):
+        x, y = (cube[name].values[place] for name in ("x", "y"))
+        radius = circle_through(x[200:], y[200:])[2]
+        assert radius == pytest.approx(cube["radius"].values[place], rel=0.01)
+    speed = np.hypot(x[-1] - x[-17], y[-1] - y[-17]) * 15
+    assert abs(cube["axial_velocity"].values[-1]) < 0.1 * speed  # the orbit is run across the axis
+    assert cube["cycle"].values[-1] * 16 + 1 == x.size
+
+
+def test_paths_too_long_to_hold_are_refused(tmp_path):
+    text = (SWEEPS / "fig13-small.toml").read_text()
+    path = tmp_path / "long.toml"
+    path.write_text(text.replace("per_period = 16", "per_period = 100000"))
+    with pytest.raises(
+        ParameterError, match=r"paths: 3 of 10000001 positions each; one cube may hold 20000000 positions$"
+    ):
+        read_declaration(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('over = "beta0"', "over = 'mu': must be one of the axes (e, Gamma, beta0)"),
+        ("halvings = { e = 1, Gamma = 3 }", "refine.f: is no axis of the map (e, Gamma)"),
+        ('["drift", "rest"]', "between = 'dive': must be some of"),
+        ('ask = "any"', "search.ask = 'most': must be 'any', 'all', 'first' or 'fraction'"),
+    ],
+)
+def test_a_bad_declaration_is_named(tmp_path, text, message):
+    wrong = {"over": 'over = "mu"', "halvings": "halvings = { f = 1 }", '["drift"': '["dive"]', "ask": 'ask = "most"'}
+    path = tmp_path / "bad.toml"
+    given = (SWEEPS / "fig08-small.toml").read_text()
+    path.write_text(given.replace(text, next(new for start, new in wrong.items() if text.startswith(start))))
+    with pytest.raises(ParameterError) as caught:
+        read_declaration(path)
+    assert str(caught.value).startswith(f"{path}: {message}")
+
+
+def test_refine_without_a_search_is_refused(tmp_path):
+    path = tmp_path / "bad.toml"
+    path.write_text(
+        '[sweep]\ntitle = "a"\nperiods = 5\noutput = "a.nc"\n[grid]\nf = [15]\n[refine]\nhalvings = { f = 1 }\n'
+    )
+    with pytest.raises(ParameterError, match=r"bad.toml: search: is missing; refine and paths go with a search$"):
+        read_declaration(path)

@@ -1,0 +1,83 @@
+"""What is read off a cube: known curves, laws, valleys and circles come back."""
+
+import numpy as np
+import pytest
+
+from dimersweep.cube import blank, build
+from dimersweep.deciding import A_NO, A_YES
+from dimersweep.errors import ParameterError
+from dimersweep.grid import make_grid
+from dimersweep.kernel.layout import CODES, M_DRIFT, M_REST, OUT
+from dimersweep.reading import boundary, circle_through, exponents, minimum, runs_of, stick_ratio
+from dimersweep.searching import Findings, as_cube, make_spec
+
+
+def cube_of(quantity, values, modes=M_DRIFT, **axes):
+    grid = make_grid(axes)
+    out, codes = blank(grid.size)
+    out[:, OUT.index(quantity)], codes[:, CODES.index("mode")] = np.ravel(values), modes
+    return build(grid, out, codes, {})
+
+
+def test_the_boundary_runs_half_way_between_points_that_differ():
+    axes = {"e": np.linspace(0.4, 0.8, 9), "Gamma": np.linspace(0.5, 1.5, 41)}
+    spec = make_spec(
+        axes | {"beta0": [0.1, 0.2]}, None, over="beta0", ask="any", mode="drift", periods=1, rtol=1e-6, orbit_periods=0
+    )
+    e, Gamma = np.meshgrid(*axes.values(), indexing="ij")
+    drifts = Gamma.ravel() > 1.5 - e.ravel()
+    findings = Findings(spec.grid.size)
+    findings.answer[:] = np.where(drifts, A_YES, A_NO)
+    findings.counts[:, M_DRIFT], findings.counts[:, M_REST] = drifts, 2 * ~drifts
+    cube = as_cube(spec, findings, {}, 0.0)
+    (line,) = boundary(cube, "drift")
+    assert np.abs(line[:, 1] - (1.5 - line[:, 0])).max() <= 0.025 + 1e-12
+    assert np.ptp(line[:, 0]) == pytest.approx(0.4)
+    assert runs_of(cube, "rest").sum() == 2 * (~drifts).sum()
+    assert boundary(cube, "flutter") == []
+    with pytest.raises(ParameterError, match=r"^boundary: has axes Gamma; needs 2 of them$"):
+        boundary(cube.isel(e=[0]), "drift")
+    with pytest.raises(ParameterError, match=r"^boundary: the cube has no regions; it is not of a search$"):
+        boundary(cube.drop_vars("region"), "drift")
+
+
+def test_exponents_of_a_law_come_back():
+    A_r, f = np.meshgrid([5, 6, 7.0], [15, 20, 30.0], indexing="ij")
+    rng = np.random.default_rng(1)
+    for noise in (0.0, 0.01):
+        radius = 0.1 * (A_r - 1) ** 2.9 * f**-2.1 * (1 + noise * rng.standard_normal(A_r.shape))
+        laws = exponents(cube_of("radius", radius, A_r=[5, 6, 7], f=[15, 20, 30]))
+        assert laws["A_r"].exponent == pytest.approx(2.9, abs=1e-9 + 4 * laws["A_r"].error)
+        assert laws["f"].exponent == pytest.approx(-2.1, abs=1e-9 + 4 * laws["f"].error)
+        assert (laws["f"].error > 1e-3) == (noise > 0)
+        assert laws["f"].least <= laws["f"].exponent <= laws["f"].greatest
+
+
+def test_exponents_leave_out_what_does_not_drift():
+    radius = np.array([1.0, 4.0, 99.0, 16.0])
+    modes = [M_DRIFT, M_DRIFT, M_REST, M_DRIFT]
+    law = exponents(cube_of("radius", radius, modes, f=[10, 20, 30, 40]))["f"]
+    assert law.exponent == pytest.approx(2)
+    with pytest.raises(ParameterError, match=r"^exponents: 2 points drift; too few for a fit over f$"):
+        exponents(cube_of("radius", [1, 2, 3], [M_DRIFT, M_DRIFT, M_REST], f=[10, 20, 30]))
+
+
+def test_the_bottom_of_the_first_valley():
+    x = np.linspace(0.5, 9, 69)
+    y = 30 / x + x**2 + 40 * (x > 7)
+    y[2] = np.nan
+    low = minimum(x, y)
+    at = 15 ** (1 / 3)
+    assert low.at == pytest.approx(at, abs=max(low.at_error, 1e-3)) and low.at_error < 0.02
+    assert low.value == pytest.approx(30 / at + at**2, rel=1e-4) and low.value_error < 0.02
+    assert np.isnan(minimum(x, 1 / x)).all()
+
+
+def test_a_piece_of_a_circle():
+    angle = np.linspace(0, 1, 50)
+    assert circle_through(2 + 3 * np.cos(angle), -1 + 3 * np.sin(angle)) == pytest.approx((2, -1, 3))
+
+
+@pytest.mark.parametrize(("A_r", "ratio"), [(4, 0.29643), (5, 0.23932), (6, 0.19958), (7, 0.17103)])
+def test_the_axial_stick_ratio(A_r, ratio):
+    assert stick_ratio(A_r) == pytest.approx(ratio, abs=5e-6)

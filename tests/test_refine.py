@@ -1,0 +1,133 @@
+"""A refined map is the map of a whole fine grid, at a fraction of its runs."""
+
+import re
+
+import numpy as np
+import pytest
+import xarray as xr
+from fakes import CODE, SLOT
+
+import dimersweep
+from dimersweep.cube import names
+from dimersweep.errors import ParameterError
+from dimersweep.kernel.layout import M_DRIFT, M_JUMP, M_REST, OK
+from dimersweep.refining import Cell, finer, refine
+
+COARSE = {
+    "e": {"start": 0.4, "stop": 0.8, "num": 5},
+    "Gamma": {"start": 0.5, "stop": 1.5, "num": 6},
+    "beta0": {"start": 0.05, "stop": 1.0, "num": 20},
+}
+SETTINGS = {"over": "beta0", "halvings": {"e": 2, "Gamma": 6}, "periods": 5, "progress": False}
+
+
+def banded_kernel(rows, periods, rtol, settle, out, codes, until=0):
+    """Rest below a curve in (e, Gamma); then jumps, and in a part of the border some starts that drift."""
+    e, Gamma, beta0 = rows[:, SLOT["e_1"]], rows[:, SLOT["Gamma"]], rows[:, SLOT["beta0"]]
+    height = Gamma - (1.35 - e**2)
+    drift = (e > 0.47) & (height > 0) & (height < 0.21) & (np.abs(beta0 - 0.3 - e / 2) < 0.1)
+    codes[:, CODE["status"]] = OK
+    codes[:, CODE["mode"]] = np.where(drift, M_DRIFT, np.where(height > 0.13, M_JUMP, M_REST))
+    stops = np.flatnonzero(until >> codes[:, CODE["mode"]] & 1)
+    made = int(stops[0]) + 1 if stops.size else len(rows)
+    codes[made:] = 0
+    return made
+
+
+@pytest.fixture
+def banded(monkeypatch):
+    monkeypatch.setattr("dimersweep.deciding.run_many", banded_kernel)
+    monkeypatch.setattr("dimersweep.tiles.run_many", banded_kernel)
+
+
+def brute_regions(grid, **settings):
+    """Regions from every run of `grid`, and the number of those runs."""
+    modes = names(dimersweep.sweep(grid, **({"periods": 5, "progress": False} | settings))["mode"])
+    rest = xr.where((modes == "rest").all("beta0"), "rest", "other")
+    return xr.where((modes == "drift").any("beta0"), "drift", rest), modes.size
+
+
+def lumped(cube):
+    region = names(cube["region"])
+    return region.where(region.isin(["drift", "rest"]), "other")
+
+
+def test_a_refined_map_is_the_map_of_the_whole_grid(banded):
+    cube = refine(COARSE, between=["drift", "rest"], **SETTINGS)
+    regions, size = brute_regions(COARSE | {name: cube[name].values for name in ("e", "Gamma")})
+    xr.testing.assert_equal(lumped(cube), regions)
+    assert set(np.unique(regions)) == {"drift", "rest", "other"}
+    assert cube["n_runs"].sum() < size / 10
+    computed = cube["computed"] == 1
+    assert 0.05 < computed.mean() < 0.3
+    assert (cube["n_runs"].where(~computed, 0) == 0).all()
+
+
+@pytest.mark.jit
+@pytest.mark.slow
+def test_the_real_map_agrees_point_by_point_with_a_tenth_of_the_runs():
+    grid = {"e": [0.65, 0.7], "Gamma": [0.5, 0.9], "beta0": {"start": 4, "stop": 80, "num": 12, "unit": "deg"}}
+    cube = refine(grid, between=["drift", "rest"], **(SETTINGS | {"halvings": {"Gamma": 7}, "periods": 100}))
+    fine = grid | {"Gamma": cube["Gamma"].values}
+    regions, size = brute_regions(fine, periods=100)
+    xr.testing.assert_equal(lumped(cube), regions)
+    assert len(np.unique(regions)) > 1
+    assert cube["n_runs"].sum() < size / 10
+
+
+@pytest.mark.parametrize("workers", [1, 4])
+def test_threads_change_nothing(banded, workers):
+    xr.testing.assert_equal(refine(COARSE, workers=workers, **SETTINGS), refine(COARSE, workers=2, **SETTINGS))
+
+
+def test_regions_that_are_not_told_apart_cost_nothing(banded):
+    every, drift = refine(COARSE, **SETTINGS), refine(COARSE, between=["drift"], **SETTINGS)
+    assert drift["computed"].sum() < every["computed"].sum()
+    xr.testing.assert_equal(names(drift["region"]) == "drift", names(every["region"]) == "drift")
+
+
+def test_a_refined_map_is_written_and_read_back(banded, tmp_path):
+    cube = refine(COARSE, out=tmp_path / "map.nc", **SETTINGS)
+    xr.testing.assert_identical(dimersweep.open_cube(tmp_path / "map.nc"), cube)
+
+
+def test_finer_keeps_the_given_values():
+    fine = finer(np.array([0.1, 0.3, 1.0]), 2)
+    np.testing.assert_allclose(fine, [0.1, 0.15, 0.2, 0.25, 0.3, 0.475, 0.65, 0.825, 1.0])
+    assert fine[4] == 0.3 and fine[-1] == 1.0
+
+
+def test_cells_are_cut_along_the_axes_on_which_they_disagree():
+    labels = np.full((3, 5), -1)
+    labels[::2, ::4] = [[1, 1], [2, 2]]
+    cell = Cell((0, 0), (2, 4))
+    assert cell.torn(labels) == {0}
+    assert cell.halves({0}) == [Cell((0, 0), (1, 4)), Cell((1, 0), (1, 4))]
+    labels[1, ::4] = 2
+    assert Cell((0, 0), (1, 4)).torn(labels) == set()  # the two columns differ, but neither of them changes
+    labels[0, 2] = 2  # known from a neighbour
+    assert Cell((0, 0), (1, 4)).torn(labels) == {1}
+    assert Cell((1, 0), (1, 4)).torn(labels) == set()
+    labels[2, 4] = 1
+    assert cell.torn(labels) == {0, 1}
+    assert Cell((0, 4), (1, 4)).corners() == [(0, 4), (0, 8), (1, 4), (1, 8)]
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"halvings": {"f": 2}}, "refine.f: is no axis of the map (e, Gamma)"),
+        ({"halvings": {"e": 0}}, "refine.e = 0: must be a whole number >= 1"),
+        ({"halvings": {"e": 13}}, "refine.e = 13: must be <= 12"),
+        ({"between": ["dive"]}, "between = 'dive': must be some of not_run, failed, rest, drift"),
+        (
+            {"grid": {"e": [0.5], "beta0": [0.1]}, "halvings": {"e": 1}},
+            "e = 0.5: a map to refine needs two values of each axis",
+        ),
+    ],
+)
+def test_bad_input_is_refused_before_any_work(monkeypatch, settings, message):
+    monkeypatch.setattr("dimersweep.deciding.run_many", lambda *arguments: pytest.fail("work was done"))
+    given = {"grid": COARSE} | SETTINGS | settings
+    with pytest.raises(ParameterError, match=f"^{re.escape(message)}"):
+        refine(given.pop("grid"), **given)

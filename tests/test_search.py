@@ -1,0 +1,192 @@
+"""A search answers as a whole sweep would, with fewer runs, and whatever order its points are taken in."""
+
+import re
+
+import numpy as np
+import pytest
+import xarray as xr
+from fakes import CODE, fake_run_many
+from hypothesis import given
+from hypothesis import strategies as st
+
+import dimersweep
+from dimersweep import deciding
+from dimersweep.cube import names
+from dimersweep.deciding import spread_order
+from dimersweep.errors import ParameterError
+from dimersweep.kernel.layout import M_DRIFT, MODES
+from dimersweep.reading import runs_of
+from dimersweep.searching import search, waves
+
+# with the fake kernel no start drifts where f is small, some do elsewhere
+GRID = {"f": [0.2, 0.3, 0.4, 0.5, 1, 3, 9], "e": [0.5, 0.6, 0.7], "beta0": {"start": 0.03, "stop": 0.3, "num": 19}}
+
+
+def quiet_search(grid=GRID, fixed=None, **settings):
+    return search(grid, fixed, **({"over": "beta0", "periods": 5, "progress": False} | settings))
+
+
+def brute_drifts(grid=GRID):
+    return names(dimersweep.sweep(grid, periods=5, progress=False)["mode"]) == "drift"
+
+
+def test_any_finds_what_a_whole_sweep_finds(fake_kernel):
+    cube, drifts = quiet_search(), brute_drifts()
+    answers = names(cube["answer"])
+    assert {"no", "yes"} == set(np.unique(answers))
+    xr.testing.assert_equal(answers == "yes", drifts.any("beta0"))
+    for place in np.argwhere(answers.values == "yes"):
+        point = dict(zip(answers.dims, place, strict=True))
+        assert drifts.isel(point).sel(beta0=cube["beta0"].isel(point)).item()
+    assert cube["beta0"].where(answers == "no").isnull().all()
+    assert cube["n_runs"].sum() < 0.5 * drifts.size
+    np.testing.assert_array_equal(cube["n_runs"], cube["runs"].sum("outcome"))
+
+
+def test_the_deciding_run_gives_mode_and_orbit(fake_kernel):
+    cube = quiet_search()
+    yes = names(cube["answer"]) == "yes"
+    assert (names(cube["mode"]).where(yes, "drift") == "drift").all()
+    assert (names(cube["region"]).where(~yes, "rest") == "rest").all()
+    expected = cube["f"] ** 2 / 50 + 1e-3 * cube["beta0"]
+    np.testing.assert_allclose(cube["radius"], expected.where(yes).transpose("f", "e"))
+
+
+def test_all_ends_with_the_first_that_differs(fake_kernel):
+    cube, drifts = quiet_search(ask="all", mode="rest"), brute_drifts()
+    answers = names(cube["answer"])
+    xr.testing.assert_equal(answers == "yes", (~drifts).all("beta0"))
+    no = answers == "no"
+    assert (runs_of(cube, "drift").where(no, 1) == 1).all()
+    assert cube["beta0"].notnull().equals(no)
+
+
+def test_first_gives_the_least_value(fake_kernel):
+    cube, drifts = quiet_search(ask="first"), brute_drifts()
+    least = drifts["beta0"].where(drifts).min("beta0").transpose(*cube["beta0"].dims)
+    np.testing.assert_array_equal(cube["beta0"], least)
+
+
+def test_fraction_makes_every_run(fake_kernel):
+    cube, drifts = quiet_search(ask="fraction"), brute_drifts()
+    assert (cube["n_runs"] == drifts.sizes["beta0"]).all()
+    np.testing.assert_array_equal(runs_of(cube, "drift"), drifts.sum("beta0"))
+    assert set(np.unique(names(cube["region"]))) == {"rest", "mixed"}
+
+
+def test_an_unresolved_run_leaves_the_answer_open(fake_kernel):
+    grid = GRID | {"beta0": [0.01, 0.1, 0.3]}  # the first of them does not settle
+    assert set(np.unique(names(quiet_search(grid)["answer"]))) == {"unsure", "yes"}
+    assert set(np.unique(names(quiet_search(grid, ask="first")["answer"]))) == {"unsure"}
+    assert set(np.unique(names(quiet_search(grid, ask="all", mode="rest")["answer"]))) == {"unsure", "no"}
+
+
+@pytest.mark.parametrize(("workers", "batch"), [(1, 1), (2, 3), (5, 8)])
+def test_threads_and_batches_change_nothing(fake_kernel, monkeypatch, workers, batch):
+    reference = quiet_search(workers=1)
+    monkeypatch.setattr("dimersweep.searching.BATCH", batch)
+    xr.testing.assert_equal(quiet_search(workers=workers), reference)
+
+
+@pytest.mark.jit
+def test_threads_give_the_bits_of_a_serial_search():
+    grid = {"Gamma": [0.8, 0.9, 1.0], "f": [15, 25], "beta0": {"start": 4, "stop": 74, "step": 10, "unit": "deg"}}
+    one, two = (quiet_search(grid, periods=100, workers=workers, orbit_periods=50) for workers in (1, 2))
+    assert (names(one["answer"]) == "yes").any()
+    for name in one.data_vars:
+        assert one[name].values.tobytes() == two[name].values.tobytes(), name
+
+
+@pytest.mark.jit
+def test_the_deciding_run_can_be_followed_for_longer():
+    grid = {"xdot0": [1.0], "beta0": [np.deg2rad(16)]}
+    short = quiet_search(grid, periods=200)
+    long = quiet_search(grid, periods=200, orbit_periods=150)
+    run = dimersweep.simulate(periods=150, record=False)
+    assert long["n_periods"].item() == 150 > short["n_periods"].item()
+    assert long["zeta"].item() == run.orbit.zeta != short["zeta"].item()
+    assert long["n_runs"].item() == 1
+
+
+def test_points_that_break_a_rule_between_two_axes_are_left_out(fake_kernel):
+    grid = {"mu": [0.1, 0.2, 0.3], "mu_s": [0.1, 0.3], "beta0": [0.05, 0.1]}
+    cube = quiet_search(grid)
+    legal = cube["mu_s"] >= cube["mu"]
+    assert (names(cube["answer"]) == "not_run").equals(~legal.transpose("mu", "mu_s"))
+    assert (cube["n_runs"].where(~legal, 0) == 0).all()
+    with pytest.raises(ParameterError, match=r"^mu_s = 0.1: must be >= mu = 0.2"):
+        quiet_search({"mu": [0.2, 0.3], "mu_s": [0.1, 0.15], "beta0": [0.05, 0.1]})
+    with pytest.raises(ParameterError, match=r"^mu_s = 0.1: must be >= mu = 0.2"):
+        quiet_search({"mu_s": [0.1, 0.3], "beta0": [0.05, 0.1]})
+
+
+def test_a_batch_that_fails_marks_only_its_points(monkeypatch):
+    def breaks_at_3_hz(rows, *others):
+        if (rows[:, 3] == 3).any():
+            raise MemoryError("no room")
+        return fake_run_many(rows, *others)
+
+    monkeypatch.setattr("dimersweep.deciding.run_many", breaks_at_3_hz)
+    monkeypatch.setattr("dimersweep.searching.BATCH", 1)
+    with pytest.warns(RuntimeWarning, match=r"3 batches of points failed; points 15 to 15: MemoryError: no room"):
+        cube = quiet_search()
+    failed = names(cube["mode"]) == "failed"
+    assert failed.sel(f=3).all() and not failed.drop_sel(f=3).any()
+    assert (names(cube["answer"]).sel(f=3) == "unsure").all()
+    assert (names(cube["region"]).sel(f=3) == "failed").all()
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"over": "mu"}, "over = 'mu': must be one of the axes (f, e, beta0)"),
+        ({"ask": "most"}, "ask = 'most': must be any, all, first, fraction"),
+        ({"mode": "failed"}, "mode = 'failed': must be rest, drift, jump, flutter, period_n, aperiodic"),
+        ({"grid": {"beta0": [0.1]}}, "grid: has the axis beta0 only; a search needs one more"),
+        ({"orbit_periods": -1}, "orbit_periods = -1: must be a whole number >= 1"),
+        ({"workers": 0}, "workers = 0: must be a whole number >= 1"),
+    ],
+)
+def test_bad_input_is_refused_before_any_work(monkeypatch, settings, message):
+    monkeypatch.setattr("dimersweep.deciding.run_many", lambda *arguments: pytest.fail("work was done"))
+    with pytest.raises(ParameterError, match=f"^{re.escape(message)}"):
+        quiet_search(**settings)
+
+
+def test_a_search_is_written_and_read_back(fake_kernel, tmp_path):
+    cube = quiet_search(out=tmp_path / "cube.nc")
+    back = dimersweep.open_cube(tmp_path / "cube.nc")
+    xr.testing.assert_identical(back, cube)
+    assert back["answer"].dtype == back["region"].dtype == np.int8
+
+
+@given(st.integers(1, 300))
+def test_the_spread_order_tries_each_value_once(n):
+    order = spread_order(n)
+    assert sorted(order) == list(range(n))
+
+
+def test_the_spread_order_hits_every_interval_early():
+    # after k trials no stretch without one is longer than twice the even spacing
+    order = spread_order(64)
+    for k in range(2, 64):
+        assert np.diff(np.sort(np.append(order[:k], [0, 64]))).max() <= 2 * 64 / k
+
+
+@given(st.lists(st.integers(1, 12), min_size=1, max_size=3))
+def test_waves_take_each_point_once_and_know_earlier_ones_only(shape):
+    known = set()
+    for points, neighbours in waves(tuple(shape)):
+        assert not known & set(points.tolist())
+        for near in neighbours:
+            assert set(near) <= known or not known
+        known |= set(points.tolist())
+    assert len(known) == np.prod(shape)
+
+
+def test_a_hint_is_tried_first(fake_kernel):
+    question = deciding.Question("beta0", np.linspace(0.1, 1, 10), "any", M_DRIFT)
+    assert question.order([7, 2])[:2].tolist() == [7, 2]
+    assert sorted(question.order([7, 2])) == list(range(10))
+    assert question.until() == 1 << MODES.index("drift")
+    assert CODE["mode"] == deciding.CODES.index("mode")
