@@ -279,6 +279,8 @@ def plan(
     from dimersweep.progress import tell_of_compiling
 
     declared = read_declaration(declaration)
+    if declared.search is not None:
+        raise ParameterError("search: has no plan, as it stops as soon as its answers are certain; plan a whole grid")
     tell_of_compiling()
     from dask.system import CPU_COUNT
 

@@ -60,12 +60,12 @@ def compute(spec: Spec, store: Store, how: How) -> None:
     ranges = store.gaps()
     if not ranges:
         return
-    if how.progress:
-        tell_of_compiling()
     with ExitStack() as stack:
+        client = None if how.client is None else stack.enter_context(connected(how.client))
+        if how.progress:
+            tell_of_compiling()
         stop = stack.enter_context(stop_on_signals())
         warm_up(spec, stop)  # before the clock of the progress starts, and before workers would all do it
-        client = None if how.client is None else stack.enter_context(connected(how.client))
         pool = stack.enter_context(_pool(spec, how, client, stop))
         shown = stack.enter_context(watch(spec.grid.size, show=how.progress, before=store.modes()))
         if how.progress and not pool.workers():
