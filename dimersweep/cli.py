@@ -185,7 +185,7 @@ def _declared(declaration: Path | None, source: Path | None, out: Path | None, *
     return from_cube(source, other_kernel=other_kernel)
 
 
-Declared = Annotated[Path | None, typer.Argument(metavar="[SWEEP.toml]", help="Declaration of the sweep.")]
+Declared = Annotated[Path | None, typer.Argument(metavar="SWEEP.toml", help="Declaration of the sweep.")]
 Workers = Annotated[int | None, _whole_option("Threads; one for each core by default.")]
 Periods = Annotated[int | None, _whole_option("Forcing periods, in place of the declared ones.")]
 Rtol = Annotated[float | None, _number_option("Accuracy, in place of the declared one.")]
@@ -279,6 +279,8 @@ def plan(
     from dimersweep.progress import tell_of_compiling
 
     declared = read_declaration(declaration)
+    if declared.search is not None:
+        raise ParameterError("search: has no plan, as it stops as soon as its answers are certain; plan a whole grid")
     tell_of_compiling()
     from dask.system import CPU_COUNT
 

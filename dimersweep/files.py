@@ -1,5 +1,6 @@
 """Writing files so that they are whole or absent, whenever the process is killed, and saying why one could not be written."""
 
+import errno
 import os
 import shutil
 from collections.abc import Iterator
@@ -14,6 +15,9 @@ def sync(path: Path) -> None:
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
+    except OSError as error:
+        if error.errno != errno.EINVAL or not path.is_dir():  # some network disks refuse it for folders
+            raise
     finally:
         os.close(handle)
 

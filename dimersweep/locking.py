@@ -1,16 +1,19 @@
 """One sweep at a time in a folder: a lock that the system drops with its holder, however that ends."""
 
+import errno
 import fcntl
 import json
 import os
 import socket
 import time
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from dimersweep.errors import StoreError
 
+NO_LOCKS = (errno.ENOSYS, errno.ENOTSUP, errno.ENOLCK)  # of network disks that are mounted without them
 PATIENCE = 0.3  # seconds: `holder` looks at a lock by taking it for a moment
 
 
@@ -19,6 +22,11 @@ def _try(handle: int) -> bool:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
+    except OSError as error:
+        if error.errno not in NO_LOCKS:
+            raise
+        told = "this file system has no locks; take care that no other sweep writes to the same output"
+        warnings.warn(told, RuntimeWarning, stacklevel=2)
     return True
 
 

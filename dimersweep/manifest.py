@@ -70,6 +70,8 @@ class Manifest:
         See ``Spec.configuration``; the coordinates of every point are here, and nowhere else.
     size : int
         Number of points of the sweep.
+    cpu : str
+        Processor of the process that began it.
     entries : list of Entry
     damaged : int
         Lines that could not be read; the last one is cut where a sweep was killed while it wrote.
@@ -79,6 +81,7 @@ class Manifest:
 
     configuration: dict[str, Any]
     size: int
+    cpu: str
     entries: list[Entry]
     damaged: int = 0
     length: int = 0
@@ -89,7 +92,7 @@ class Manifest:
         return digest(as_text(self.configuration))
 
 
-def _head(configuration: Mapping[str, Any], size: int) -> dict[str, Any]:
+def _head(configuration: Mapping[str, Any], size: int, cpu: str) -> dict[str, Any]:
     return {
         "dimersweep_manifest": FORMAT,
         "dimersweep": dimersweep.__version__,
@@ -97,6 +100,7 @@ def _head(configuration: Mapping[str, Any], size: int) -> dict[str, Any]:
         "configuration": configuration,
         "configuration_sha256": digest(as_text(configuration)),
         "points": size,
+        "cpu": cpu,
         "layout": {"out": OUT, "codes": CODES},
     }
 
@@ -107,9 +111,9 @@ def as_line(record: Mapping[str, Any] | Entry) -> bytes:
     return json.dumps(told).encode() + b"\n"
 
 
-def lines(configuration: Mapping[str, Any], size: int, entries: Iterable[Entry]) -> bytes:
+def lines(configuration: Mapping[str, Any], size: int, cpu: str, entries: Iterable[Entry]) -> bytes:
     """A whole manifest."""
-    return as_line(_head(configuration, size)) + b"".join(map(as_line, entries))
+    return as_line(_head(configuration, size, cpu)) + b"".join(map(as_line, entries))
 
 
 def _entry(line: bytes, manifest: Manifest) -> Entry | None:
@@ -137,7 +141,7 @@ def read_manifest(path: Path) -> Manifest:
     first, *rest = written.splitlines(keepends=True) or [b""]
     try:
         head = json.loads(first)
-        manifest = Manifest(head["configuration"], head["points"], [], length=len(first))
+        manifest = Manifest(head["configuration"], head["points"], head["cpu"], [], length=len(first))
         sound = head["configuration_sha256"] == manifest.sha256
         form = head["dimersweep_manifest"], tuple(head["layout"]["out"]), tuple(head["layout"]["codes"])
     except (ValueError, TypeError, KeyError):

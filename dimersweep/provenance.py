@@ -6,6 +6,7 @@ import platform
 import subprocess
 from collections.abc import Mapping
 from datetime import UTC, datetime
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -68,7 +69,9 @@ def _commit() -> dict[str, str]:
     return {"git_commit": _git("rev-parse", "HEAD") or "unknown", "git_dirty": "true" if changes else "false"}
 
 
-def _cpu() -> str:
+@cache
+def cpu() -> str:
+    """Name of the processor: code compiled for another one may round differently in the last digit."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:  # not Linux
@@ -110,7 +113,7 @@ def attributes(configuration: Mapping[str, Any], title: str, wall_time: float) -
         "python": platform.python_version(),
         "numpy": version("numpy"),
         "numba": version("numba"),
-        "cpu": _cpu(),
+        "cpu": cpu(),
         "platform": platform.platform(),
         "wall_time_s": wall_time,
     }

@@ -56,7 +56,10 @@ def _of_tiles(out: Path, manifest: Manifest) -> list[str]:
     if manifest.damaged:
         lines.append(f"manifest: {manifest.damaged} lines are cut or damaged; their points will be computed again")
     who = holder(lock_of(out))
-    lines.append(f"at work: {who}" if who else "at work: nobody; run the same sweep again to go on")
+    if done == manifest.size and not who:
+        lines.append("cube: is written" if out.exists() else "cube: is still to be written; run the same sweep again")
+    else:
+        lines.append(f"at work: {who}" if who else "at work: nobody; run the same sweep again to go on")
     return lines
 
 

@@ -5,8 +5,7 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,46 +13,20 @@ import numpy as np
 import xarray as xr
 from dask.system import CPU_COUNT
 
+from dimersweep.computing import How, Store, compute
 from dimersweep.cube import build, flatten
-from dimersweep.errors import ParameterError, PointError, Stopped, StoreError
+from dimersweep.errors import ParameterError, StoreError
 from dimersweep.grid import check_fits
-from dimersweep.kernel.layout import CODES, STATUS_MESSAGES, STATUSES
 from dimersweep.memorystore import MemoryStore
 from dimersweep.parameters import check_count
-from dimersweep.progress import tell_of_compiling, watch
 from dimersweep.provenance import as_text, attributes, differences
 from dimersweep.reuse import Known, not_ok, not_run
-from dimersweep.scheduling import Pool, cluster, connected, run_tiles, threads, warm_up
-from dimersweep.signals import StopFlag, stop_on_signals
 from dimersweep.store import check_writable, open_cube, write_cube
-from dimersweep.tiles import Finished, Pace, Spec, bundles, make_spec
+from dimersweep.tiles import Spec, make_spec
 from dimersweep.tilestore import TileStore, tile_store
 from dimersweep.zarrs import check_zarr, is_zarr, write_zarr
 
-_MODE, _STATUS = CODES.index("mode"), CODES.index("status")
 _SUMMARY = "sweep of a 3D dimer on a vibrating plate"
-
-Store = MemoryStore | TileStore
-
-
-@dataclass(frozen=True)
-class How:
-    """What decides how a sweep is run, but none of its numbers.
-
-    Parameters
-    ----------
-    workers : int
-        Threads of this process.
-    client : distributed.Client or str, optional
-        A cluster in place of them.
-    progress, fail_fast : bool
-        See `sweep`.
-    """
-
-    workers: int
-    client: Any = None
-    progress: bool = True
-    fail_fast: bool = False
 
 
 def sweep(
@@ -170,8 +143,8 @@ def _to_file(
     unwanted = not_ok if retry else not_run
     with tile_store(out, spec.configuration(), spec.grid.size, force=force) as store, _tidy(store):
         check_writable(out, force=force_cube)  # who held the lock before may have written it meanwhile
-        if trouble := store.check():
-            warnings.warn(trouble, RuntimeWarning, stacklevel=3)
+        for line in store.check():
+            warnings.warn(line, RuntimeWarning, stacklevel=3)
         if retry:
             store.drop(not_ok)
         origin = _take_over(store, spec, extend, unwanted)
@@ -232,65 +205,6 @@ def _take_over(
         store.add(piece)
     store.flush()
     return {"extends": f"{Path(source).name}, configuration sha256 {cube.attrs['configuration_sha256']}"}
-
-
-@contextmanager
-def _pool(spec: Spec, how: How, client: Any, stop: StopFlag) -> Iterator[Pool]:
-    with threads(spec, how.workers, stop) if client is None else cluster(spec, client) as pool:
-        yield pool
-
-
-def compute(spec: Spec, store: Store, how: How) -> None:
-    """Run the points of `spec` that `store` lacks and put them there.
-
-    Raises
-    ------
-    PointError, Stopped, StoreError
-        See `sweep`; what was finished before is in the store.
-    """
-    ranges = store.gaps()
-    if not ranges:
-        return
-    if how.progress:
-        tell_of_compiling()
-    with ExitStack() as stack:
-        stop = stack.enter_context(stop_on_signals())
-        warm_up(spec, stop)  # before the clock of the progress starts, and before workers would all do it
-        client = None if how.client is None else stack.enter_context(connected(how.client))
-        pool = stack.enter_context(_pool(spec, how, client, stop))
-        shown = stack.enter_context(watch(spec.grid.size, show=how.progress, before=store.modes()))
-        if how.progress and not pool.workers():
-            print("waiting for the first worker of the cluster", file=sys.stderr, flush=True)
-        pace = Pace(sum(stop - start for start, stop in ranges), max(1, pool.workers()))
-        failures: list[tuple[int, str]] = []
-
-        def take(finished: list[Finished]) -> None:
-            pace.note(finished)
-            for tile in finished:
-                store.add(tile)
-            codes = np.concatenate([tile.codes for tile in finished])
-            shown.add(codes[:, _MODE])
-            if how.fail_fast and not_ok(codes).any():
-                failures.append(_failure(spec, next(tile for tile in finished if not_ok(tile.codes).any())))
-                stop.set()
-
-        try:
-            run_tiles(pool, bundles(ranges, pace), take, stop)
-        finally:
-            store.flush()
-    if failures:
-        raise PointError(f"{min(failures)[1]}; {store.kept}")
-    if stop.is_set() and store.gaps():
-        raise Stopped(store.kept, stop.signal)
-
-
-def _failure(spec: Spec, finished: Finished) -> tuple[int, str]:
-    """The number of the first point of a tile that failed, and why it did."""
-    row = int(not_ok(finished.codes).argmax())
-    status = finished.codes[row, _STATUS]
-    reason = finished.error.partition(": ")[2] or f"{STATUSES[status]}: {STATUS_MESSAGES[status]}"
-    number = finished.tile.start + row
-    return number, f"{spec.grid.point(number)} failed: {reason}"
 
 
 def _attributes(spec: Spec, store: Store, more: Mapping[str, str]) -> dict[str, Any]:

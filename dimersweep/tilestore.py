@@ -19,7 +19,7 @@ from dimersweep.errors import StoreError
 from dimersweep.files import append, delete, put, told
 from dimersweep.locking import locked
 from dimersweep.manifest import Entry, Manifest, as_line, lines, read_manifest
-from dimersweep.provenance import as_text, differences
+from dimersweep.provenance import as_text, cpu, differences
 from dimersweep.tilefiles import Damaged, read_points, write_points
 from dimersweep.tiles import Finished, Tile, gaps, runs
 
@@ -103,8 +103,8 @@ class TileStore:
         """The ranges that are not yet on disk."""
         return list(gaps(self.manifest.size, (tile for entry in self.manifest.entries for tile in entry.tiles)))
 
-    def check(self) -> str:
-        """Forget and delete what is damaged or not listed, and say so in one line ("" if all is well)."""
+    def check(self) -> list[str]:
+        """Forget and delete what is damaged or not listed, and say so, and what else a user should know, in lines."""
         kept, trouble = [], []
         for entry in self.manifest.entries:
             try:
@@ -120,12 +120,18 @@ class TileStore:
             trouble.append(f"the manifest has {self.manifest.damaged} lines that are cut or damaged")
         if trouble:
             self._relist(kept)
-        return f"{self.folder}: damaged results are computed again ({'; '.join(trouble)})" if trouble else ""
+        told = [f"{self.folder}: damaged results are computed again ({'; '.join(trouble)})"] if trouble else []
+        if kept and self.manifest.cpu != cpu():
+            told.append(
+                f"{self.folder}: begun on another processor ({self.manifest.cpu}; this one is {cpu()}); "
+                "points from here on may differ in the last digits"
+            )
+        return told
 
     def _relist(self, entries: list[Entry]) -> None:
         """Put `entries` in place of those of the manifest, and delete all other files."""
         self.manifest.entries, self.manifest.damaged, self._index = entries, 0, []
-        written = lines(self.manifest.configuration, self.manifest.size, entries)
+        written = lines(self.manifest.configuration, self.manifest.size, self.manifest.cpu, entries)
         put(manifest_of(self.out), written)
         self.manifest.length = len(written)
         listed = {entry.file for entry in entries}
@@ -245,7 +251,7 @@ def _opened(out: Path, configuration: Mapping[str, Any], size: int) -> TileStore
     if not path.exists():
         if any(folder_of(out).glob("tiles-*.npy")):
             raise StoreError(f"{path.parent}: holds results, but no manifest of them; sweep anew (--force)")
-        put(path, lines(configuration, size, []))
+        put(path, lines(configuration, size, cpu(), []))
     manifest = read_manifest(path)
     if as_text(manifest.configuration) != as_text(configuration):
         changes = "".join(f"\n  {line}" for line in differences(manifest.configuration, configuration))
@@ -286,7 +292,7 @@ def tile_store(out: Path, configuration: Mapping[str, Any], size: int, *, force:
             except StoreError:
                 if not force:
                     raise
-                nothing = Manifest(dict(configuration), size, [])
+                nothing = Manifest(dict(configuration), size, cpu(), [])
                 TileStore(out, nothing).clear()
                 store = _opened(out, configuration, size)
         yield store

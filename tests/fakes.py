@@ -38,4 +38,4 @@ class SteadyPace:
 
 def set_pace(monkeypatch, length):
     """Cut sweeps into tasks of `length` points."""
-    monkeypatch.setattr("dimersweep.sweeping.Pace", lambda size, workers: SteadyPace(length))
+    monkeypatch.setattr("dimersweep.computing.Pace", lambda size, workers: SteadyPace(length))

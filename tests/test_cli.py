@@ -120,6 +120,7 @@ def test_a_bad_declaration_is_named(call, old, new, message):
         (["run", "--from", "x.nc", "--out", "y.nc"], "x.nc: no such file"),
         (["run", "small.toml", "--extend", "x.nc", "--no-plot"], "x.nc: no such file"),
         (["run", "small.toml", "--scheduler", "tcp://127.0.0.1:9"], "scheduler = tcp://127.0.0.1:9: cannot be reached"),
+        (["plan", str(ROOT / "sweeps" / "fig08.toml")], "search: has no plan, as it stops as soon as its answers are"),
         (["status", "absent.nc"], "absent.nc: no such cube, and no sweep for it (absent.nc.tiles has no manifest)"),
         (["run", "absent.toml"], "absent.toml: cannot be read (No such file or directory)"),
         (["run", "small.toml", "--workers", "0"], "workers = 0: must be a whole number >= 1"),

@@ -16,6 +16,7 @@ from fakes import fake_run_many, set_pace
 import dimersweep
 from dimersweep.errors import StoreError
 from dimersweep.locking import locked
+from dimersweep.status import status
 from dimersweep.tiles import Finished, Tile, attempt, make_spec
 from dimersweep.tilestore import TileStore, tile_store
 
@@ -52,7 +53,7 @@ def counted(monkeypatch):
 
     monkeypatch.setattr("dimersweep.tiles.run_many", run_many)
     set_pace(monkeypatch, 10)
-    monkeypatch.setattr("dimersweep.sweeping.warm_up", lambda spec, stop: None)
+    monkeypatch.setattr("dimersweep.computing.warm_up", lambda spec, stop: None)
     return asked
 
 
@@ -217,6 +218,8 @@ def test_foreign_files_in_the_folder_stay():
 def test_tiles_are_kept_when_asked():
     sweep(keep_tiles=True)
     assert sorted(os.listdir()) == ["cube.nc", "cube.nc.tiles"]
+    assert status(Path("cube.nc"))[-1] == "cube: is written"
+    assert status(Path("cube.nc.tiles"))[0] == "cube.nc: 120 of 120 points done (100 %)"
 
 
 def test_a_lock_frees_itself_and_is_not_shared():
@@ -227,6 +230,26 @@ def test_a_lock_frees_itself_and_is_not_shared():
         Path("folder/lock").unlink()  # as the holder does at its end
     with locked(Path("folder/lock")):
         pass
+
+
+def test_a_disk_without_locks_is_used_with_a_warning(monkeypatch):
+    def no_locks(handle, how):
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    monkeypatch.setattr("dimersweep.locking.fcntl.flock", no_locks)
+    with pytest.warns(RuntimeWarning, match="^this file system has no locks; take care that no other sweep"):
+        sweep()
+    assert os.listdir() == ["cube.nc"]
+
+
+def test_another_processor_is_told(counted, monkeypatch):
+    left_behind((0, 30))
+    monkeypatch.setattr("dimersweep.tilestore.cpu", lambda: "Another One")
+    counted.clear()
+    told = r"^cube.nc.tiles: begun on another processor \(.*; this one is Another One\); points from here on may differ"
+    with pytest.warns(RuntimeWarning, match=told):
+        sweep()
+    assert sum(counted) == 120 - 30
 
 
 def full_disk(*arguments, **more):
@@ -345,4 +368,4 @@ def test_what_is_read_is_what_was_added():
         drifting = np.flatnonzero(whole.codes[:, 1] == 3)
         missing = [point for tile in store.gaps() for point in range(*tile)]
         assert missing == sorted({*drifting.tolist(), *range(40, 90)})
-        assert store.check() == ""
+        assert store.check() == []
