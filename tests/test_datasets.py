@@ -96,6 +96,14 @@ def test_a_bad_declaration_is_named(tmp_path, text, message):
     assert str(caught.value).startswith(f"{path}: {message}")
 
 
+def test_a_search_cannot_run_on(tmp_path):
+    path = tmp_path / "bad.toml"
+    given = (SWEEPS / "fig08-small.toml").read_text()
+    path.write_text(given.replace("[sweep]", "[sweep]\nstop_when_settled = false"))
+    with pytest.raises(ParameterError, match=r"stop_when_settled = false: a search stops each run that has settled$"):
+        read_declaration(path)
+
+
 def test_refine_without_a_search_is_refused(tmp_path):
     path = tmp_path / "bad.toml"
     path.write_text(
