@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from dimersweep.cube import FLAGS
-from dimersweep.datasets import make
+from dimersweep.datasets import declared_by, make
 from dimersweep.declaration import read_declaration
 from dimersweep.errors import ParameterError
 from dimersweep.plots import draw
@@ -53,6 +53,21 @@ def test_a_small_preset_gives_a_cube_that_others_read(name, tmp_path):
         str(path), ["cf:1.11"], 0, "strict", output_filename=str(report), output_format="text"
     )
     assert passed and not failed, report.read_text()
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("name", ["fig13-small", "fig08-small"])
+def test_a_cube_carries_what_makes_it_again(name, tmp_path):
+    declared = read_declaration(SWEEPS / f"{name}.toml")
+    if declared.refine:
+        declared.sweep.periods = 30
+        declared.grid["beta0"] = {"start": 10, "stop": 80, "num": 3, "unit": "deg"}
+    settings = {"periods": declared.sweep.periods, "rtol": declared.sweep.rtol, "progress": False}
+    cube = make(declared, tmp_path / "first.nc", **settings)
+    again = make(declared_by(open_cube(tmp_path / "first.nc")), tmp_path / "again.nc", **settings, workers=1)
+    assert again.attrs["configuration_sha256"] == cube.attrs["configuration_sha256"]
+    for variable in cube.variables:
+        assert again[variable].values.tobytes() == cube[variable].values.tobytes(), variable
 
 
 @pytest.mark.jit
