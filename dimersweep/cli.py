@@ -136,10 +136,15 @@ def simulate(
 
 
 def _print_cube(cube: "xr.Dataset") -> None:
-    """The tally of modes and, for segments, the length of each row."""
+    """The tally of modes, or of a search's answers and runs; for segments, the length of each row."""
     from dimersweep.plots import drift_lengths
     from dimersweep.progress import Tally
 
+    if "answer" in cube:
+        from dimersweep.reading import answers_told
+
+        typer.echo(answers_told(cube))
+        return
     tally = Tally(cube["mode"].size)
     tally.add(cube["mode"].values)
     typer.echo(tally.words())

@@ -1,5 +1,6 @@
 """A declared search or refined map made into its cube, the paths of its runs included."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -7,7 +8,9 @@ import xarray as xr
 from dask.system import CPU_COUNT
 
 from dimersweep.declaration import Declaration
+from dimersweep.errors import ParameterError
 from dimersweep.paths import add_paths
+from dimersweep.provenance import configured
 from dimersweep.refining import refine
 from dimersweep.searching import search
 from dimersweep.store import check_writable, write_cube
@@ -55,6 +58,48 @@ def make(
     else:
         cube = search(declared.grid, declared.fixed, **asked, **how)
     if declared.paths is not None:
-        cube = add_paths(cube, **declared.paths.model_dump(), rtol=rtol, workers=workers or CPU_COUNT)
+        kept = declared.paths.model_dump()
+        cube = add_paths(cube, **kept, rtol=rtol, workers=workers or CPU_COUNT)
+        cube.attrs |= configured(json.loads(cube.attrs["configuration"]) | {"paths": kept})
     write_cube(cube, out, force=force)
     return cube
+
+
+def declared_by(cube: xr.Dataset) -> Declaration:
+    """The declaration that makes the cube of a search once more, from the configuration it carries.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        Of `make`, `search` or `refine`.
+
+    Returns
+    -------
+    Declaration
+
+    Raises
+    ------
+    ParameterError
+        If the cube is not of a search.
+    """
+    told = json.loads(cube.attrs["configuration"])
+    if "search" not in told:
+        raise ParameterError("the cube is not of a search: it has no declaration of one")
+    asked = dict(told["search"])
+    over, values = asked.pop("axis"), asked.pop("values")
+    sections = {name: told[name] for name in ("refine", "paths") if name in told}
+    return Declaration.model_validate(
+        {
+            "sweep": {
+                "title": cube.attrs["title"],
+                "periods": told["periods"],
+                "rtol": told["rtol"],
+                "output": "again.nc",
+            },
+            "grid": told["grid"] | {over: values},
+            "fixed": told["fixed"],
+            "search": asked | {"over": over},
+            "plot": {"kind": cube.attrs.get("plot", "mode_map")},
+            **sections,
+        }
+    )

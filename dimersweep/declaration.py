@@ -85,6 +85,8 @@ class Declaration(_Section):
                 raise ParameterError("search: is missing; refine and paths go with a search")
             make_grid(self.grid, self.fixed)
             return
+        if not self.sweep.stop_when_settled:
+            raise ParameterError("sweep.stop_when_settled = false: a search stops each run that has settled")
         spec = make_spec(
             self.grid, self.fixed, periods=self.sweep.periods, rtol=self.sweep.rtol, **self.search.model_dump()
         )

@@ -80,6 +80,12 @@ def cpu() -> str:
     return names[0] if names else platform.processor() or platform.machine()
 
 
+def configured(configuration: Mapping[str, Any]) -> dict[str, str]:
+    """The configuration as attributes: JSON and its sha256."""
+    text = as_text(configuration)
+    return {"configuration": text, "configuration_sha256": digest(text)}
+
+
 def attributes(configuration: Mapping[str, Any], title: str, wall_time: float) -> dict[str, str | float]:
     """Global attributes of a cube.
 
@@ -97,7 +103,6 @@ def attributes(configuration: Mapping[str, Any], title: str, wall_time: float) -
     dict
         Strings and floats only: NetCDF takes no dict, None or bool.
     """
-    text = as_text(configuration)
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     return {
         "Conventions": "CF-1.11",
@@ -106,8 +111,7 @@ def attributes(configuration: Mapping[str, Any], title: str, wall_time: float) -
         "references": "Ratchet rotation of a 3D dimer on a vibrating plate",
         "history": f"{now} swept by dimersweep {dimersweep.__version__}",
         "dimersweep_cube": "1",
-        "configuration": text,
-        "configuration_sha256": digest(text),
+        **configured(configuration),
         "kernel_version": kernel_version(),
         **_commit(),
         "python": platform.python_version(),

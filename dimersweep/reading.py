@@ -1,5 +1,6 @@
 """What a cube says beyond its numbers: intervals, boundaries, exponents, minima and circles, for pictures and notebooks."""
 
+import json
 from typing import NamedTuple
 
 import numpy as np
@@ -66,6 +67,19 @@ def drift_lengths(cube: xr.Dataset) -> xr.DataArray:
     rows = _drift_rows(cube).isel(beta0=0, drop=True)
     lengths = np.array([np.diff(intervals).sum() for intervals in drift_intervals(cube)])
     return rows.copy(data=lengths).rename("drift_length").assign_attrs(units="rad")
+
+
+def answers_told(cube: xr.Dataset) -> str:
+    """How often each answer of a search was given, and the runs that took, in one line."""
+    told = json.loads(cube.attrs["configuration"])["search"]
+    made = cube["n_runs"].values > 0
+    words, counts = np.unique(names(cube["answer"]).values[made], return_counts=True)
+    answers = ", ".join(f"{word} {count}" for word, count in zip(words, counts, strict=True))
+    runs, whole = int(cube["n_runs"].sum()), int(made.sum()) * len(told["values"])
+    asked = (
+        f"{told['ask']} {told['axis']} to {told['mode']}" if told["ask"] != "fraction" else f"modes over {told['axis']}"
+    )
+    return f"{asked}: {answers} at {int(made.sum())} points, in {runs} runs of {whole} that there are"
 
 
 def runs_of(cube: xr.Dataset, mode: str) -> xr.DataArray:

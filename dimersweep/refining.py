@@ -222,7 +222,10 @@ def refine(
     made = Map(spec, told_apart, workers)
     cells = made.refine(_coarse_cells(spec.grid.shape, [1 << counts[name] for name in fine]), progress)
     configuration = coarse.configuration() | {
-        "refine": {"halvings": counts, "between": [REGIONS[code] for code in told_apart]}
+        "refine": {
+            "halvings": {name: n for name, n in counts.items() if n},
+            "between": [REGIONS[code] for code in told_apart],
+        }
     }
     cube = _fill(as_cube(spec, made.findings, configuration, perf_counter() - started, attrs), cells, made.computed)
     if out is not None:

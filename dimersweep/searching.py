@@ -52,7 +52,9 @@ class Findings:
         """Region of each point: the mode asked for where the answer is yes, else the one mode of all runs, or mixed."""
         made = self.counts.sum(axis=1)
         region = np.where(self.counts.max(axis=1) == question.values.size, self.counts.argmax(axis=1), MIXED)
-        region[(self.answer == A_YES) & (question.ask != "fraction")] = question.mode
+        if question.ask != "fraction":
+            found = (self.chosen >= 0) & (question.ask != "all")  # a first one may be found and yet not be sure
+            region[(self.answer == A_YES) | found] = question.mode
         region[made == 0] = self.codes[made == 0, _MODE]
         return region
 

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from dimersweep.cube import FLAGS
-from dimersweep.datasets import make
+from dimersweep.datasets import declared_by, make
 from dimersweep.declaration import read_declaration
 from dimersweep.errors import ParameterError
 from dimersweep.plots import draw
@@ -56,6 +56,21 @@ def test_a_small_preset_gives_a_cube_that_others_read(name, tmp_path):
 
 
 @pytest.mark.jit
+@pytest.mark.parametrize("name", ["fig13-small", "fig08-small"])
+def test_a_cube_carries_what_makes_it_again(name, tmp_path):
+    declared = read_declaration(SWEEPS / f"{name}.toml")
+    if declared.refine:
+        declared.sweep.periods = 30
+        declared.grid["beta0"] = {"start": 10, "stop": 80, "num": 3, "unit": "deg"}
+    settings = {"periods": declared.sweep.periods, "rtol": declared.sweep.rtol, "progress": False}
+    cube = make(declared, tmp_path / "first.nc", **settings)
+    again = make(declared_by(open_cube(tmp_path / "first.nc")), tmp_path / "again.nc", **settings, workers=1)
+    assert again.attrs["configuration_sha256"] == cube.attrs["configuration_sha256"]
+    for variable in cube.variables:
+        assert again[variable].values.tobytes() == cube[variable].values.tobytes(), variable
+
+
+@pytest.mark.jit
 def test_paths_are_those_of_the_orbits(tmp_path):
     cube, _ = make_small("fig13-small", tmp_path)
     for place in range(cube.sizes["xdot0"]):
@@ -94,6 +109,14 @@ def test_a_bad_declaration_is_named(tmp_path, text, message):
     with pytest.raises(ParameterError) as caught:
         read_declaration(path)
     assert str(caught.value).startswith(f"{path}: {message}")
+
+
+def test_a_search_cannot_run_on(tmp_path):
+    path = tmp_path / "bad.toml"
+    given = (SWEEPS / "fig08-small.toml").read_text()
+    path.write_text(given.replace("[sweep]", "[sweep]\nstop_when_settled = false"))
+    with pytest.raises(ParameterError, match=r"stop_when_settled = false: a search stops each run that has settled$"):
+        read_declaration(path)
 
 
 def test_refine_without_a_search_is_refused(tmp_path):

@@ -77,7 +77,9 @@ def test_fraction_makes_every_run(fake_kernel):
 def test_an_unresolved_run_leaves_the_answer_open(fake_kernel):
     grid = GRID | {"beta0": [0.01, 0.1, 0.3]}  # the first of them does not settle
     assert set(np.unique(names(quiet_search(grid)["answer"]))) == {"unsure", "yes"}
-    assert set(np.unique(names(quiet_search(grid, ask="first")["answer"]))) == {"unsure"}
+    first = quiet_search(grid, ask="first")
+    assert set(np.unique(names(first["answer"]))) == {"unsure"}
+    assert (names(first["region"]) == "drift").equals(first["beta0"].notnull())
     assert set(np.unique(names(quiet_search(grid, ask="all", mode="rest")["answer"]))) == {"unsure", "no"}
 
 

@@ -1,0 +1,82 @@
+"""Pictures of searches: each kind draws what it is for, and refuses other cubes with a reason."""
+
+import re
+
+import numpy as np
+import pytest
+
+from dimersweep.cube import names
+from dimersweep.errors import ParameterError
+from dimersweep.plots import KINDS, draw
+from dimersweep.reading import answers_told
+from dimersweep.refining import refine
+from dimersweep.searching import search
+
+BETA0 = {"start": 0.03, "stop": 0.3, "num": 19}
+
+
+def searched(axes, **settings):
+    return search(axes | {"beta0": BETA0}, **({"over": "beta0", "periods": 5, "progress": False} | settings))
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        ("regions", "regions: needs the regions of a search over two axes"),
+        ("paths", "paths: the cube has no paths over one axis; declare [paths]"),
+        ("trends", "trends: has axes Gamma; needs A_r, f"),
+        ("minimum", "minimum: has axes Gamma; needs A_r, xdot0"),
+        ("impact_ends", "impact_ends: has axes Gamma; needs A_r, mu, mu_s"),
+        ("shares", "shares: needs the runs of a search over two axes"),
+        ("planar", "planar: needs paths over one axis; declare [paths]"),
+    ],
+)
+def test_a_cube_that_does_not_fit_is_refused(fake_kernel, kind, message):
+    with pytest.raises(ParameterError) as caught:
+        KINDS[kind](searched({"Gamma": [0.8, 0.9, 1.0]}))
+    assert str(caught.value) == message
+
+
+def test_trends_tell_the_exponent(fake_kernel):
+    # the fake radius is f^2/50 + 1e-3 beta0
+    cube = searched({"A_r": [5, 6, 7], "f": [3, 9, 27]})
+    assert (names(cube["mode"]) == "drift").all()
+    cube["period"] = cube["radius"]
+    titles = [axes.get_title() for axes in KINDS["trends"](cube).axes]
+    assert float(re.match(r"\$f\^\{([\d.]+)", titles[1])[1]) == pytest.approx(2, abs=0.01)
+    assert titles[0].startswith("$(A_r - 1)^{")
+
+
+def test_shares_are_those_of_the_runs(fake_kernel):
+    cube = searched({"e": [0.5, 0.6], "f": [0.3, 3, 9]}, ask="fraction")
+    (axes,) = KINDS["shares"](cube).axes
+    for line, row in zip(axes.lines, cube["runs"].values[:, :, 3], strict=True):
+        np.testing.assert_allclose(line.get_ydata(), 100 * row / 19)
+
+
+def test_ends_of_the_impact_have_one_map_for_each_aspect_ratio(fake_kernel):
+    cube = searched({"A_r": [5, 7], "mu": [0.1, 0.2], "mu_s": [0.1, 0.2]}, fixed={"f": 9.0})
+    figure = KINDS["impact_ends"](cube)
+    assert [axes.get_title() for axes in figure.axes] == [
+        r"$A_r$ = 5, $\bar\mu$ = 0.239",
+        r"$A_r$ = 7, $\bar\mu$ = 0.171",
+    ]
+    assert "no drift found" in figure.legends[0].get_texts()[0].get_text()  # mu_s below mu
+
+
+def test_regions_have_borders_where_they_differ(fake_kernel):
+    grid = {"f": [0.2, 0.3, 1.0, 9.0], "e": [0.5, 0.6], "beta0": BETA0}
+    cube = refine(grid, halvings={"f": 2}, over="beta0", periods=5, progress=False, attrs={"plot": "regions"})
+    (axes,) = draw(cube).axes
+    assert len(axes.lines) == 2  # one of the drift, one of the rest
+    drifts = names(cube["region"]).isel(e=0) == "drift"
+    border = cube["f"].values[drifts.values].min()
+    assert any(abs(line.get_xdata() - border).max() < 0.5 for line in axes.lines)
+
+
+def test_answers_are_told_in_one_line(fake_kernel):
+    told = answers_told(searched({"f": [0.2, 9.0]}))
+    assert told.startswith("any beta0 to drift: no 1, yes 1 at 2 points, in ") and told.endswith(
+        " runs of 38 that there are"
+    )
+    assert answers_told(searched({"f": [0.2, 9.0]}, ask="fraction")).startswith("modes over beta0: yes 2 at 2 points")
