@@ -67,6 +67,11 @@ def made(lab: Lab) -> Iterator[Row]:
         yield Row(entry.section, entry.statement, entry.check(lab))
 
 
+def _line(*cells: str) -> str:
+    """A row of a Markdown table."""
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
 def as_markdown(rows: list[Row], table: list[str], lab: Lab, started: float) -> str:
     """The ledger as a page: counts, one table, and the study of the radius."""
     counts = {word: sum(row.finding.verdict == word for row in rows) for word in (AGREES, PARTLY, DIFFERS)}
@@ -83,6 +88,7 @@ def as_markdown(rows: list[Row], table: list[str], lab: Lab, started: float) -> 
         "|---|---|---|---|---|",
     ]
     body = [
-        f"| {r.section} | {r.statement} | {r.finding.value} | **{r.finding.verdict}** | {r.finding.why} |" for r in rows
+        _line(row.section, row.statement, row.finding.value, f"**{row.finding.verdict}**", row.finding.why)
+        for row in rows
     ]
     return "\n".join([*head, *body, "", *table, ""])
