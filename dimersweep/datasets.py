@@ -8,7 +8,6 @@ import xarray as xr
 from dask.system import CPU_COUNT
 
 from dimersweep.declaration import Declaration
-from dimersweep.errors import ParameterError
 from dimersweep.paths import add_paths
 from dimersweep.provenance import configured
 from dimersweep.refining import refine
@@ -63,43 +62,3 @@ def make(
         cube.attrs |= configured(json.loads(cube.attrs["configuration"]) | {"paths": kept})
     write_cube(cube, out, force=force)
     return cube
-
-
-def declared_by(cube: xr.Dataset) -> Declaration:
-    """The declaration that makes the cube of a search once more, from the configuration it carries.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        Of `make`, `search` or `refine`.
-
-    Returns
-    -------
-    Declaration
-
-    Raises
-    ------
-    ParameterError
-        If the cube is not of a search.
-    """
-    told = json.loads(cube.attrs["configuration"])
-    if "search" not in told:
-        raise ParameterError("the cube is not of a search: it has no declaration of one")
-    asked = dict(told["search"])
-    over, values = asked.pop("axis"), asked.pop("values")
-    sections = {name: told[name] for name in ("refine", "paths") if name in told}
-    return Declaration.model_validate(
-        {
-            "sweep": {
-                "title": cube.attrs["title"],
-                "periods": told["periods"],
-                "rtol": told["rtol"],
-                "output": "again.nc",
-            },
-            "grid": told["grid"] | {over: values},
-            "fixed": told["fixed"],
-            "search": asked | {"over": over},
-            "plot": {"kind": cube.attrs.get("plot", "mode_map")},
-            **sections,
-        }
-    )

@@ -2,11 +2,15 @@
 
 import json
 import os
+from collections.abc import Mapping
+from typing import Any
 
+import xarray as xr
 from pydantic import ValidationError
 
 from dimersweep.declaration import Declaration, PlotSection, SweepSection
 from dimersweep.errors import StoreError
+from dimersweep.kernel import kernel_version
 from dimersweep.provenance import differences
 from dimersweep.store import open_cube
 from dimersweep.tiles import Spec
@@ -36,21 +40,11 @@ def from_cube(path: str | os.PathLike[str], *, other_kernel: bool = False) -> De
     cube = open_cube(path)
     told = json.loads(cube.attrs["configuration"])
     try:
-        declaration = Declaration(
-            sweep=SweepSection(
-                title=cube.attrs["title"],
-                periods=told["periods"],
-                rtol=told["rtol"],
-                stop_when_settled=told["stop_when_settled"],
-                output=str(path),
-            ),
-            grid=told["grid"],
-            fixed=told["fixed"],
-            plot=PlotSection(kind=cube.attrs.get("plot", "mode_map")),
-        )
+        declaration = _of_search(cube, told, path) if "search" in told else _of_sweep(cube, told, path)
     except (KeyError, ValidationError) as error:
         raise StoreError(f"{path}: tells a configuration that this version does not know ({error})") from None
-    changes = differences(told, Spec.from_configuration(told).configuration())
+    today = told | {"kernel_version": kernel_version()}
+    changes = differences(told, today if "search" in told else Spec.from_configuration(told).configuration())
     if changes and not other_kernel:
         made_by = ", ".join(f"{name} {cube.attrs.get(name, 'unknown')}" for name in MADE_BY)
         raise StoreError(
@@ -58,3 +52,38 @@ def from_cube(path: str | os.PathLike[str], *, other_kernel: bool = False) -> De
             f"({made_by}), or go on with --other-kernel. What differs:" + "".join(f"\n  {line}" for line in changes)
         )
     return declaration
+
+
+def _of_sweep(cube: xr.Dataset, told: Mapping[str, Any], path: str | os.PathLike[str]) -> Declaration:
+    return Declaration(
+        sweep=SweepSection(
+            title=cube.attrs["title"],
+            periods=told["periods"],
+            rtol=told["rtol"],
+            stop_when_settled=told["stop_when_settled"],
+            output=str(path),
+        ),
+        grid=told["grid"],
+        fixed=told["fixed"],
+        plot=PlotSection(kind=cube.attrs.get("plot", "mode_map")),
+    )
+
+
+def _of_search(cube: xr.Dataset, told: Mapping[str, Any], path: str | os.PathLike[str]) -> Declaration:
+    asked = dict(told["search"])
+    over, values = asked.pop("axis"), asked.pop("values")
+    return Declaration.model_validate(
+        {
+            "sweep": {
+                "title": cube.attrs["title"],
+                "periods": told["periods"],
+                "rtol": told["rtol"],
+                "output": str(path),
+            },
+            "grid": told["grid"] | {over: values},
+            "fixed": told["fixed"],
+            "search": asked | {"over": over},
+            "plot": {"kind": cube.attrs.get("plot", "mode_map")},
+            **{name: told[name] for name in ("refine", "paths") if name in told},
+        }
+    )

@@ -7,11 +7,12 @@ import pytest
 import xarray as xr
 
 from dimersweep.cube import FLAGS
-from dimersweep.datasets import declared_by, make
+from dimersweep.datasets import make
 from dimersweep.declaration import read_declaration
 from dimersweep.errors import ParameterError
 from dimersweep.plots import draw
 from dimersweep.reading import circle_through
+from dimersweep.rerun import from_cube
 from dimersweep.store import open_cube
 
 SWEEPS = Path(__file__).parents[1] / "sweeps"
@@ -64,7 +65,7 @@ def test_a_cube_carries_what_makes_it_again(name, tmp_path):
         declared.grid["beta0"] = {"start": 10, "stop": 80, "num": 3, "unit": "deg"}
     settings = {"periods": declared.sweep.periods, "rtol": declared.sweep.rtol, "progress": False}
     cube = make(declared, tmp_path / "first.nc", **settings)
-    again = make(declared_by(open_cube(tmp_path / "first.nc")), tmp_path / "again.nc", **settings, workers=1)
+    again = make(from_cube(tmp_path / "first.nc"), tmp_path / "again.nc", **settings, workers=1)
     assert again.attrs["configuration_sha256"] == cube.attrs["configuration_sha256"]
     for variable in cube.variables:
         assert again[variable].values.tobytes() == cube[variable].values.tobytes(), variable
