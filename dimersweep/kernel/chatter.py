@@ -45,7 +45,7 @@ def slow_enough(dm, n, remaining, tol):
 def stays_open(dm, state, j, time):
     """Whether end j certainly stays off the plate for so long."""
     fall = dm.g + dm.A_z * dm.omega**2 + dm.h * (state[WB] ** 2 + state[WP] ** 2 + state[SPIN] ** 2)
-    return state[D1 + j] + time * (state[N1 + j] - fall * time) > 0.0
+    return state[D1 + j] + time * (state[N1 + j] - fall * time) >= 0.0
 
 
 @compiled

@@ -293,6 +293,7 @@ HESITANT = {
         "xdot0": 0.052428464492347907,
         "phi0": 2.893633120904476,
     },
+    "flat at Gamma = 1, where the plate just carries no weight": {"Gamma": 1.0, "beta0": 0.004363323129985824},
     "lifts off at a double contact": {
         "e_1": 0.2353,
         "e_2": 0.2353,
