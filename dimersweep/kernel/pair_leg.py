@@ -38,6 +38,7 @@ from dimersweep.kernel.steps import (
 from dimersweep.kernel.tableaux import ROS_GAMMA
 
 MAX_STEPS = 20000
+N_EVENTS = 8
 PAIR_ROWS = 36
 FIRST = 0.05  # first step
 TURNS = 4.0  # of a slip, that an explicit step may span: what the method bears
@@ -193,7 +194,7 @@ def pair_leg(law, z, modes, compressing, tol, slip_tol, work):
     for i in range(2):
         e = law.e_1 if i == 0 else law.e_2
         b.gains[i] = 1.0 if compressing[i] > 0.0 else 1.0 / (e * e)
-    for k in range(8):
+    for k in range(N_EVENTS):
         b.armed[k] = 1.0 if event_value(law, k, modes, compressing, z, z, slip_tol) > 0.0 else 0.0
     for k in range(N_Z, WIDTH):
         b.start[k], b.rates[k] = 0.0, 0.0
@@ -212,15 +213,15 @@ def pair_leg(law, z, modes, compressing, tol, slip_tol, work):
         if not error <= 1.0:
             h *= factor
             continue
-        event = crossing(law, modes, compressing, b.armed, b.start, b.out, slip_tol)
-        if event < 0:
+        least, _ = least_value(law, modes, compressing, b.armed, b.start, b.out, slip_tol)
+        if least > 0.0:
             copy(b.out, z, N_Z)
-            for k in range(8):
+            for k in range(N_EVENTS):
                 if event_value(law, k, modes, compressing, z, z, slip_tol) > 0.0:
                     b.armed[k] = 1.0
             h *= factor
             continue
-        event = first_crossing(law, modes, compressing, h, tol, slip_tol, stiff, b)
+        event = first_crossing(law, modes, compressing, h, least, tol, slip_tol, stiff, b)
         copy(b.out, z, N_Z)
         if event < 6 or hypot(z[ZA], z[ZB1 + event - 6]) <= 4.0 * slip_tol:
             return event
@@ -229,53 +230,36 @@ def pair_leg(law, z, modes, compressing, tol, slip_tol, work):
 
 
 @compiled
-def first_crossing(law, modes, compressing, h, tol, slip_tol, stiff, b):
-    """Number of the first event in the step h from b.start, whose end is in b.out; then b.out is the state at the event.
+def first_crossing(law, modes, compressing, h, least, tol, slip_tol, stiff, b):
+    """Number of the first event in a step h over which the least event function fell to `least`; b.out becomes its state.
 
     Bracketed search, each probe a step of its own.
     """
-    low, high = 0.0, h
-    g_low = least_value(law, modes, compressing, b.armed, b.start, b.start, slip_tol)
-    g_high = least_value(law, modes, compressing, b.armed, b.start, b.out, slip_tol)
-    side = 0
+    low, high, g_high, side = 0.0, h, least, 0
+    g_low, _ = least_value(law, modes, compressing, b.armed, b.start, b.start, slip_tol)
     for _ in range(MAX_BISECT):
         if high - low <= 1e-15 * h:
             break
         mid = inside(low, high, g_low, g_high)
         pair_step(law, modes, mid, tol, 1.0, stiff, b)
-        g = least_value(law, modes, compressing, b.armed, b.start, b.out, slip_tol)
+        g, _ = least_value(law, modes, compressing, b.armed, b.start, b.out, slip_tol)
         low, high, g_low, g_high, side = shrink(low, high, g_low, g_high, mid, g, side)
         if abs(g) <= EXACT * tol:
             high = mid
             break
     else:
         pair_step(law, modes, high, tol, 1.0, stiff, b)
-    least, which = inf, -1
-    for k in range(8):
-        if b.armed[k] > 0.0:
-            value = event_value(law, k, modes, compressing, b.start, b.out, slip_tol)
-            if value < least:
-                least, which = value, k
+    _, which = least_value(law, modes, compressing, b.armed, b.start, b.out, slip_tol)
     return which
 
 
 @compiled
 def least_value(law, modes, compressing, armed, base, z, tol):
-    """Least of the armed event functions at z."""
-    least = inf
-    for k in range(8):
-        if armed[k] > 0.0:
-            least = min(least, event_value(law, k, modes, compressing, base, z, tol))
-    return least
-
-
-@compiled
-def crossing(law, modes, compressing, armed, base, z, tol):
-    """Number of the armed event function that is lowest at z, if it is not positive; else -1."""
-    least, which = 0.0, -1
-    for k in range(8):
+    """Least of the armed event functions at z, and its number (inf and -1 if none is armed)."""
+    least, which = inf, -1
+    for k in range(N_EVENTS):
         if armed[k] > 0.0:
             value = event_value(law, k, modes, compressing, base, z, tol)
-            if value <= least:
+            if value < least:
                 least, which = value, k
-    return which
+    return least, which

@@ -92,15 +92,6 @@ def implicit_load(i, h, K, n, f):
 
 
 @compiled
-def error_norm(K, i, n, scale):
-    """Root mean square of row i of K in units of `scale`."""
-    total = 0.0
-    for k in range(n):
-        total += (K[i, k] / scale[k]) ** 2
-    return sqrt(total / n)
-
-
-@compiled
 def step_factor(error, order):
     """By what to multiply the step after one with this error."""
     if not error < inf:
