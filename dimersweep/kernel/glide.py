@@ -26,10 +26,12 @@ MAX_PROBES = 80
 STIFF = 0.02  # time in which the slip turns, in forcing periods, below which the plain pace is left
 FALLING = 0.15  # rate of slip, in units of -gamma, from which the slow pace takes it
 TURNS = 7.0  # of a slip, that a plain step may span: what the method bears
-LONGEST = 0.125  # longest step, in forcing periods
-FIRST = 0.1  # first step
+LONGEST = 0.25  # longest step, in forcing periods
+FIRST, FIRST_SLOW = 1.6, 15.0  # first steps, in forcing periods and in xi, over the tolerance to the power of 1/8
+RISE = 1.5  # of the step from one to the next, at most, at the slow pace
 BEYOND = 1.02  # how far past a landing in sight a step goes
 EXACT = 1e-3  # what an event function may be past its zero, in units of the tolerance and of its change in the step
+CLOSE = 100.0  # in units of that, what may be left of a dip when the open end lands: it is then set to zero
 GLIDE_ROWS = BENCH_ROWS
 
 
@@ -53,7 +55,7 @@ def values_on_cubic(dm, modes, phase, s, h, n, slip_tol, b, values):
 
 @compiled
 def crossing_on_cubic(dm, modes, phase, h, n, g_start, g_end, slip_tol, b):
-    """First guess of the share of a step at which an event function vanishes, and the slope of the function there."""
+    """First guess of the time in a step at which an event function vanishes, and the slope of the function there."""
     low, high, g_low, g_high, side = 0.0, 1.0, g_start, g_end, 0
     values = b.values[1]
     mid = 0.5
@@ -65,16 +67,35 @@ def crossing_on_cubic(dm, modes, phase, h, n, g_start, g_end, slip_tol, b):
         low, high, g_low, g_high, side = shrink(low, high, g_low, g_high, mid, g, side)
     g = values_on_cubic(dm, modes, phase, mid, h, n, slip_tol, b, values)
     g_on = values_on_cubic(dm, modes, phase, mid + 1e-3, h, n, slip_tol, b, values)
-    return mid, (g_on - g) / 1e-3
+    slope = (g_on - g) / (1e-3 * h)
+    return (mid * h - g / slope if slope < 0.0 else mid * h), slope
+
+
+@compiled
+def nearby(dm, tol):
+    """Time over which the midpoint rule is as good as the tolerance [s]: its error is cubic."""
+    return 0.1 * tol ** (1.0 / 3.0) * dm.T
+
+
+@compiled
+def carry_on(dm, modes, phase, t, n, b):
+    """Carry the end of a step on (or back) by t seconds, by the midpoint rule."""
+    path = n > N_CLOSED
+    for k in range(n):
+        b.probe[k] = b.out[k] + 0.5 * t * b.dy_out[k]
+    contact_rates(dm, modes, phase + dm.omega * b.probe[YTIME], b.probe, path, b.dy_probe, b.F_probe)
+    for k in range(n):
+        b.out[k] += t * b.dy_probe[k]
+    contact_rates(dm, modes, phase + dm.omega * b.out[YTIME], b.out, path, b.dy_out, b.F_out)
 
 
 @compiled
 def first_crossing(dm, modes, phase, h, n, pace, gamma, event, least, tol, slip_tol, b):
     """Locate the first zero of the armed event functions in a step over which the least of them fell to `least` <= 0.
 
-    Each probe is a step of its own from b.start: the first at the zero on the cubic through the step, the next ones by
-    Newton's rule with the slope there, then by bracketed regula falsi. The state returned is past the zero by a hair, so
-    that what changes there has changed clearly.
+    Each probe is a step of its own from b.start, or carries the last one on where it is near: the first at the zero on the
+    cubic through the step, the next ones by Newton's rule, then by bracketed regula falsi. The state returned is past the
+    zero by a hair, so that what changes there has changed clearly.
 
     Returns
     -------
@@ -84,20 +105,28 @@ def first_crossing(dm, modes, phase, h, n, pace, gamma, event, least, tol, slip_
     low, high, g_high, side = 0.0, h, least, 0
     g_low, _ = least_value(dm, modes, b.armed, b.start, b.start, b.F, slip_tol, b.values[1])
     past = EXACT * tol * (abs(g_low) + abs(g_high))
-    guess, slope = 0.0, 0.0
+    smooth = pace == PLAIN and not SLIP_ZERO <= event < LANDS
+    near = nearby(dm, tol) if smooth else 0.0
+    at, g, guess, slope = h, least, 0.0, 0.0
     if pace != SLOW:
-        share, per_share = crossing_on_cubic(dm, modes, phase, h, n, g_low, g_high, slip_tol, b)
-        guess, slope = share * h, per_share / h
+        guess, slope = crossing_on_cubic(dm, modes, phase, h, n, g_low, g_high, slip_tol, b)
     for probe in range(MAX_PROBES):
         if high - low <= 1e-15 * h:
             break
-        mid = guess if probe < 5 and low < guess < high else inside(low, high, g_low, g_high)
-        step_to(dm, modes, phase, mid, n, pace, gamma, b)
+        mid = guess if probe < 6 and low < guess < high else inside(low, high, g_low, g_high)
+        way, before = mid - at, g
+        if abs(way) <= near:
+            carry_on(dm, modes, phase, way, n, b)
+        else:
+            step_to(dm, modes, phase, mid, n, pace, gamma, b)
+        at = mid
         g, which = least_value(dm, modes, b.armed, b.start, b.out, b.F_out, slip_tol, b.values[1])
-        if -past <= g <= 0.0:
+        if -past <= g <= 0.0 or (which == LANDS and abs(g) <= CLOSE * past):
             return which
         event = which if g <= 0.0 else event
         low, high, g_low, g_high, side = shrink(low, high, g_low, g_high, mid, g, side)
+        if probe > 0:
+            slope = (g - before) / way
         guess = mid - (g + 0.5 * past) / slope if slope < 0.0 else 0.0
     step_to(dm, modes, phase, high, n, pace, gamma, b)
     return event
@@ -187,7 +216,8 @@ def glide(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
     arm(dm, modes, b.armed, y, b.F, slip_tol)
     if modes[0] == FREE or modes[1] == FREE:
         b.armed[LANDS] = 1.0
-    h, xi, t = FIRST * dm.T, 2.0, 0.0
+    natural = tol**0.125
+    h, xi, t = FIRST * natural * dm.T, FIRST_SLOW * natural, 0.0
     for _ in range(MAX_STEPS):
         if t >= span:
             return t, NO_EVENT
@@ -206,6 +236,8 @@ def glide(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
         if pace == SLOW and 2.0 * xi * v / gamma > span - t:
             pace = SLIDE
         h = min(h, LONGEST * dm.T)
+        if t == 0.0 and pace == SLIDE:
+            h = min(h, 0.5 * FIRST * natural * dm.T)
         if pace != SLOW:
             slowing = 0.5 if pace == SLIDE else 0.9
             h = min(h, min(slowing * slip_limit(dm, modes, y, b.dy), landing_in_sight(dm, modes, y, b.dy)))
@@ -219,7 +251,7 @@ def glide(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
         dt = b.out[YTIME]
         factor = step_factor(error, 8.0)
         if not error <= 1.0 or (pace == SLOW and dt > span - t):
-            factor = 0.3 if error == inf else min(factor, 0.5)
+            factor = 0.3 if error == inf else min(factor, 0.8)
             h, xi = (h, factor * xi) if pace == SLOW else (factor * h, xi)
             continue
         if watch:
@@ -251,7 +283,7 @@ def glide(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
         t = span if last else t + dt
         arm(dm, modes, b.armed, y, b.F, slip_tol)
         if pace == SLOW:
-            xi, h = factor * xi, 2.0 * dt
+            xi, h = min(factor, RISE) * xi, 2.0 * dt
         else:
             h *= factor
     return t, OUT_OF_STEPS

@@ -111,7 +111,7 @@ def nearly_stopped(dm, modes, y, dy, span, tol, slip_tol):
             if along < 0.0:
                 across = abs(a * d_b - b * d_a) * v / -along
                 soon = v * v / -along <= min(span, brief(dm, tol))
-                if v <= NEAR * slip_tol or (soon and across <= 0.1 * tol * dm.v_scale):
+                if v <= NEAR * slip_tol or (soon and across <= 0.5 * tol * dm.v_scale):
                     return i
     return -1
 
