@@ -105,6 +105,7 @@ def first_crossing(dm, modes, phase, h, n, pace, gamma, event, least, tol, slip_
     low, high, g_high, side = 0.0, h, least, 0
     g_low, _ = least_value(dm, modes, b.armed, b.start, b.start, b.F, slip_tol, b.values[1])
     past = EXACT * tol * (abs(g_low) + abs(g_high))
+    close = CLOSE * past if b.start[YB] != 0.0 else 0.0  # an end that has just left is not taken for one that lands
     smooth = pace == PLAIN and not SLIP_ZERO <= event < LANDS
     near = nearby(dm, tol) if smooth else 0.0
     at, g, guess, slope = h, least, 0.0, 0.0
@@ -121,7 +122,7 @@ def first_crossing(dm, modes, phase, h, n, pace, gamma, event, least, tol, slip_
             step_to(dm, modes, phase, mid, n, pace, gamma, b)
         at = mid
         g, which = least_value(dm, modes, b.armed, b.start, b.out, b.F_out, slip_tol, b.values[1])
-        if -past <= g <= 0.0 or (which == LANDS and abs(g) <= CLOSE * past):
+        if -past <= g <= 0.0 or (which == LANDS and abs(g) <= close):
             return which
         event = which if g <= 0.0 else event
         low, high, g_low, g_high, side = shrink(low, high, g_low, g_high, mid, g, side)
