@@ -25,6 +25,7 @@ ATTRACTED = 1e-2  # effect on the rates, in tolerances, of what is left of the t
 
 
 ORDER = 15  # at most, of the expansion of a leg with a turning slip direction
+INVERSE = tuple(1.0 / (j + 1.0) for j in range(ORDER))
 A_V, A_A, A_P, A_N, A_J, A_E = range(6)  # its rows: slip, axial slip, impulse, gap rates of both ends, energy
 
 
@@ -104,17 +105,19 @@ def expand(law, n0, a, b, E, n_j0, gain, order, c):
     """
     c[A_A, 0], c[A_P, 0], c[A_N, 0], c[A_J, 0], c[A_E, 0] = a, 0.0, n0, n_j0, E
     v0 = hypot(a, b)
+    inverse = 1.0 / v0
     fading = b * b  # coefficient of b^2
     for j in range(order):
-        square, inner, work = fading, 0.0, 0.0
-        for i in range(j + 1):
-            square += c[A_A, i] * c[A_A, j - i]
-        for i in range(1, j):
-            inner += c[A_V, i] * c[A_V, j - i]
-        c[A_V, j] = v0 if j == 0 else (square - inner) / (2.0 * v0)
+        rest, work = 0.5 * fading + a * c[A_A, j], 0.0  # half the coefficient of v^2, less what is known of it
+        for i in range(1, (j + 1) // 2):
+            rest += c[A_A, i] * c[A_A, j - i] - c[A_V, i] * c[A_V, j - i]
+        if j % 2 == 0:
+            i = j // 2
+            rest += 0.5 * (c[A_A, i] * c[A_A, i] - c[A_V, i] * c[A_V, i])
+        c[A_V, j] = v0 if j == 0 else rest * inverse
         for i in range(j + 1):
             work += c[A_N, i] * c[A_V, j - i]
-        k = 1.0 / (j + 1.0)
+        k = INVERSE[j]
         fading *= -2.0 * law.mu * law.bb * k
         dP, dA = c[A_V, j] * k, -law.mu * c[A_A, j] * k
         c[A_A, j + 1] = law.na * dP + law.aa * dA
