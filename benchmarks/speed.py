@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 
 from dimersweep import declaration, simulate, sweep
-from dimersweep.kernel import body, contact, flight, impact, roots
+from dimersweep.kernel import body, charts, contact, flight, impact, roots
 from dimersweep.kernel.batch import run_many
 from dimersweep.kernel.body import TWO_PI
 from dimersweep.kernel.engine import WORK_COLUMNS, WORK_ROWS
@@ -69,7 +69,7 @@ def landings(row, start, n):
 def contact_evaluations(row, y, modes, n):
     """n evaluations of the rates of a rolling contact."""
     dm = body.as_dimer(row)
-    dy, F, total = np.zeros(11), np.zeros(6), 0.0
+    dy, F, total = np.zeros(charts.N_Y), np.zeros(6), 0.0
     for k in range(n):
         contact.contact_rates(dm, modes, TWO_PI * k / n, y, False, dy, F)
         total += F[0]
@@ -98,7 +98,8 @@ def verbs(repeats):
     hop = np.zeros(N_STATE)
     hop[[BETA, N1, N2, SPIN]] = 0.1, 0.01, 0.01, 100.0
     hop[2] = 0.05 * np.sin(0.1)
-    y, modes = np.array([0.1, 1.0, 0.5, 100.0, 0, 0, 0, 0, 0, 0, 0]), np.array([1.0, 0.0])
+    y, modes = np.zeros(charts.N_Y), np.array([1.0, 0.0])
+    y[:4] = 0.1, 1.0, 0.5, 100.0
     out = {"contact rates": best(lambda n: contact_evaluations(row, y, modes, n), 20000, repeats)}
     out["landing of a hop"] = best(lambda n: landings(row, hop, n), 5000, repeats)
     for tol in (1e-6, 1e-8, 1e-10):

@@ -9,8 +9,9 @@ the contact to come; what is lost is how that friction and the levers change in 
 from math import cos, hypot, inf, sin
 
 from dimersweep.kernel.body import delassus, levers
+from dimersweep.kernel.charts import YUA, YUB, unload
 from dimersweep.kernel.choose import CLOSED, contact_mode
-from dimersweep.kernel.contact import A1, F1, F2, L1, L2, YUA, YUB, double_forces, unload
+from dimersweep.kernel.contact import A1, F1, F2, L1, L2, double_forces
 from dimersweep.kernel.impact import push
 from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import BETA, CA, CB, D1, D2, FREE, N1, N2, PHASE, SLIP, SPIN, WB, WP

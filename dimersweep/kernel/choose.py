@@ -1,29 +1,12 @@
 """The contact mode of ends that rest on the plate: which stay closed, which stick, which slip, by enumeration."""
 
-from math import copysign, cos, hypot, sin
+from math import copysign, hypot, inf
 
-from dimersweep.kernel.body import delassus, levers
-from dimersweep.kernel.contact import (
-    A1,
-    A2,
-    F1,
-    F2,
-    L1,
-    L2,
-    YB,
-    YUA,
-    YUB,
-    YWP,
-    contact_rates,
-    free_rates,
-    hold_reserve,
-    set_slip,
-    slip_of,
-)
+from dimersweep.kernel.charts import YUA, YUB, YWP, set_slip, slip_of
+from dimersweep.kernel.contact import A1, A2, F1, F2, L1, L2, contact_rates, hold_reserve, sliding_compliance
 from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import FREE, SLIP, STICK
 from dimersweep.kernel.onset import slip_onset
-from dimersweep.kernel.plate import effective_gravity
 
 CLOSED, SEPARATES, INCONSISTENT = 0, 1, 2
 AT_LIMIT = 1e-6  # deceleration, in units of gravity, that is none
@@ -45,17 +28,15 @@ def single_mode(dm, i, phase, y, modes, slip_tol, lost, dy, F):
     int
         CLOSED, SEPARATES, or INCONSISTENT when no force satisfies the law (Painleve: only an impact can follow).
     """
-    s = -1.0 if i == 0 else 1.0
     modes[0], modes[1] = FREE, FREE
     if hypot(y[YUA], y[YUB]) > slip_tol:
         modes[i] = SLIP
         contact_rates(dm, modes, phase, y, False, dy, F)
-        lv = levers(dm, s, sin(y[YB]), cos(y[YB]))
-        w = delassus(dm, lv, lv)
-        if w.nn <= dm.mu * w.na * y[YUA] / hypot(y[YUA], y[YUB]):
-            _, _, n, _, _ = free_rates(dm, s, y, effective_gravity(dm, phase), sin(y[YB]), cos(y[YB]))
+        give = sliding_compliance(dm, modes, y)
+        if give <= 0.0:
+            pressed = F[F1 + 3 * i] * give > 0.0 or F[F1 + 3 * i] == inf
             modes[i] = FREE
-            return INCONSISTENT if n < 0.0 else SEPARATES
+            return INCONSISTENT if pressed else SEPARATES
     else:
         y[YUA], y[YUB] = 0.0, 0.0
         modes[i] = STICK

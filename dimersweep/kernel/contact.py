@@ -1,81 +1,33 @@
-"""Sustained contact: the forces that keep closed ends closed, the rates they give, and the choice of contact mode.
-
-The state of a contact phase is y = (beta, beta', theta' cos(beta), spin, u_a, u_b, theta, t, x1, y1, gamma): u is the slip
-of the leading end (p1 if it is closed, else p2), so that slow slip keeps its relative precision and sticking is u = 0; t
-counts from the start of a step.
-"""
+"""Sustained contact: the forces that keep closed ends closed, and the rates they give (state and charts: ``charts``)."""
 
 from math import cos, hypot, sin, sqrt
 
 from dimersweep.kernel.body import delassus, levers
-from dimersweep.kernel.jit import compiled
-from dimersweep.kernel.layout import (
-    BETA,
-    CA,
-    CB,
-    D1,
-    D2,
-    FREE,
-    GAMMA,
-    N1,
-    N2,
-    SLIP,
-    SPIN,
-    STICK,
-    THETA,
-    WB,
-    WP,
-    X1,
-    Y1,
+from dimersweep.kernel.charts import (
+    UPRIGHT,
+    YB,
+    YCHART,
+    YGAMMA,
+    YS,
+    YTHETA,
+    YTIME,
+    YUA,
+    YUB,
+    YWB,
+    YWP,
+    YX,
+    YY,
+    heading,
+    leading_sign,
 )
+from dimersweep.kernel.jit import compiled
+from dimersweep.kernel.law import direction, single_forces
+from dimersweep.kernel.layout import FREE, SLIP, STICK
 from dimersweep.kernel.plate import effective_gravity
+from dimersweep.kernel.upright import upright_rates
 
-YB, YWB, YWP, YS, YUA, YUB, YTHETA, YTIME, YX, YY, YGAMMA = range(11)
-N_CLOSED, N_PATH = 8, 11  # entries without and with the path
 # forces of a contact: normal, axial, lateral of p1, then of p2 (at a double contact A1 holds the sum of the axial ones)
 F1, A1, L1, F2, A2, L2 = range(6)
-
-
-@compiled
-def leading_sign(modes):
-    """Sign of the leading end: -1 for p1, +1 for p2."""
-    return -1.0 if modes[0] != FREE else 1.0
-
-
-@compiled
-def unload(dm, state, s, y):
-    """Contact state y from the kernel state, s the sign of the leading end."""
-    lv = levers(dm, s, sin(state[BETA]), cos(state[BETA]))
-    y[YB], y[YWB], y[YWP], y[YS] = state[BETA], state[WB], state[WP], state[SPIN]
-    y[YUA] = state[CA] + lv.a * state[WB]
-    y[YUB] = state[CB] + lv.b * state[WP] + lv.c * state[SPIN]
-    y[YTHETA], y[YX], y[YY], y[YGAMMA] = state[THETA], state[X1], state[Y1], state[GAMMA]
-    y[YTIME] = 0.0
-
-
-@compiled
-def load(dm, modes, y, state):
-    """Kernel state from the contact state y: closed gaps and their rates are exactly zero."""
-    s = leading_sign(modes)
-    sin_b, cos_b = sin(y[YB]), cos(y[YB])
-    lv = levers(dm, s, sin_b, cos_b)
-    state[BETA], state[WB], state[WP], state[SPIN] = y[YB], y[YWB], y[YWP], y[YS]
-    state[CA] = y[YUA] - lv.a * y[YWB]
-    state[CB] = y[YUB] - lv.b * y[YWP] - lv.c * y[YS]
-    state[THETA], state[X1], state[Y1], state[GAMMA] = y[YTHETA], y[YX], y[YY], y[YGAMMA]
-    gap, rate = 2.0 * dm.h * sin_b, 2.0 * dm.h * cos_b * y[YWB]
-    state[D1] = 0.0 if modes[0] != FREE else -gap
-    state[N1] = 0.0 if modes[0] != FREE else -rate
-    state[D2] = 0.0 if modes[1] != FREE else gap
-    state[N2] = 0.0 if modes[1] != FREE else rate
-
-
-@compiled
-def slip_of(dm, modes, y, i):
-    """Axial and lateral slip of end i (0 or 1), which is closed."""
-    if i == 0 or modes[0] == FREE:
-        return y[YUA], y[YUB]
-    return y[YUA], y[YUB] - 2.0 * dm.h * y[YWP]
 
 
 @compiled
@@ -92,26 +44,6 @@ def free_rates(dm, s, y, g_e, sin_b, cos_b):
     a = -turn * c_b + lv.a * d_wb - s * dm.h * cos_b * w_b * w_b
     b = turn * c_a + lv.b * d_wp + dm.r * w_b * (cos_b * w_p + sin_b * spin)
     return d_wb, d_wp, n, a, b
-
-
-@compiled
-def direction(a, b):
-    """Cosine and sine of a slip's direction, 0 and 0 for none (no slip is so small that its square vanishes)."""
-    v2 = a * a + b * b
-    k = 1.0 / sqrt(v2) if v2 > 0.0 else 0.0
-    return k * a, k * b
-
-
-@compiled
-def single_forces(dm, mode, lv, y, n, a, b):
-    """Normal, axial and lateral force at the one closed end; nan-free, the normal force may come out negative."""
-    w = delassus(dm, lv, lv)
-    if mode == STICK:
-        det = w.nn * w.aa - w.na * w.na
-        return (w.na * a - w.aa * n) / det, (w.na * n - w.nn * a) / det, -b / w.bb
-    c, s = direction(y[YUA], y[YUB])
-    F = -n / (w.nn - dm.mu * w.na * c)
-    return F, -dm.mu * F * c, -dm.mu * F * s
 
 
 @compiled
@@ -147,6 +79,8 @@ def double_forces(dm, modes, y, n_1, n_2, a, b, F):
 def contact_rates(dm, modes, phase, y, path, dy, F):
     """Time derivative of y in a contact phase into dy, and the contact forces into F.
 
+    In the upright chart the friction is along the axes of the chart.
+
     Parameters
     ----------
     dm : Dimer
@@ -154,7 +88,7 @@ def contact_rates(dm, modes, phase, y, path, dy, F):
         FREE, STICK or SLIP of p1 and p2, not both FREE.
     phase : float
         Plate phase omega t + phi0 [rad].
-    y, dy : float64 array, shape (11,)
+    y, dy : float64 array, shape (N_Y,)
         Contact state and its rate.
     path : bool
         Whether the rates of x1, y1 and gamma are wanted.
@@ -162,12 +96,17 @@ def contact_rates(dm, modes, phase, y, path, dy, F):
         Forces [N]: normal, axial, lateral of p1, then of p2.
     """
     s = leading_sign(modes)
+    g_e = effective_gravity(dm, phase)
+    for k in range(6):
+        F[k] = 0.0
+    i = 0 if s < 0.0 else 1
+    if y[YCHART] == UPRIGHT:
+        upright_rates(dm, modes[i], s, g_e, y, path, dy, F, 3 * i)
+        return
     double = modes[0] != FREE and modes[1] != FREE
     sin_b, cos_b = (0.0, 1.0) if double else (sin(y[YB]), cos(y[YB]))
     lv = levers(dm, s, sin_b, cos_b)
-    d_wb, d_wp, n, a, b = free_rates(dm, s, y, effective_gravity(dm, phase), sin_b, cos_b)
-    for k in range(6):
-        F[k] = 0.0
+    d_wb, d_wp, n, a, b = free_rates(dm, s, y, g_e, sin_b, cos_b)
     if double:
         double_forces(dm, modes, y, n, n + 2.0 * dm.h * d_wb, a, b, F)
         slips = modes[0] == SLIP
@@ -180,11 +119,10 @@ def contact_rates(dm, modes, phase, y, path, dy, F):
         dy[YUA] = a + w.an * (F[F1] - F[F2]) + w.aa * F[A1] if both_slip else 0.0
         dy[YUB] = b + w.bb * F[L1] + other.bb * F[L2] if slips else 0.0
     else:
-        i = 0 if s < 0.0 else 1
-        normal, axial, lateral = single_forces(dm, modes[i], lv, y, n, a, b)
+        w = delassus(dm, lv, lv)
+        normal, axial, lateral = single_forces(dm, modes[i], w, y[YUA], y[YUB], n, a, b)
         k = 3 * i
         F[F1 + k], F[A1 + k], F[L1 + k] = normal, axial, lateral
-        w = delassus(dm, lv, lv)
         dy[YB] = y[YWB]
         dy[YWB] = d_wb + (lv.n * normal + lv.a * axial) * dm.it
         dy[YWP] = d_wp + lv.b * lateral * dm.it
@@ -211,7 +149,7 @@ def hold_reserve(dm, modes, i, F):
         room_1 = (mu_s * F[F1]) ** 2 - F[L1] ** 2
         room_2 = (mu_s * F[F2]) ** 2 - F[L2] ** 2
         if room_1 < 0.0 or room_2 < 0.0:
-            return min(room_1, room_2)
+            return -sqrt(-min(room_1, room_2))
         return sqrt(room_1) + sqrt(room_2) - abs(F[A1])
     k = 3 * i
     axial = F[A1] if modes[0] != FREE else F[A2]
@@ -219,13 +157,13 @@ def hold_reserve(dm, modes, i, F):
 
 
 @compiled
-def set_slip(dm, modes, y, i, a, b):
-    """Give end i, which is closed, the slip (a, b); the other end keeps its lateral slip."""
-    y[YUA] = a
-    if modes[0] == FREE or modes[1] == FREE:
-        y[YUB] = b
-    elif i == 0:
-        y[YWP] += (b - y[YUB]) / (2.0 * dm.h)
-        y[YUB] = b
-    else:
-        y[YWP] = (y[YUB] - b) / (2.0 * dm.h)
+def sliding_compliance(dm, modes, y):
+    """Normal acceleration that a unit normal force gives the one closed end while it slips, with its friction [1/kg].
+
+    Where it is not positive no force can keep the end on the plate (Painleve).
+    """
+    s = leading_sign(modes)
+    sin_b, cos_b, c, d = heading(s, y)
+    lv = levers(dm, s, sin_b, cos_b)
+    w = delassus(dm, lv, lv)
+    return w.nn - dm.mu * w.na * (y[YUA] * c + y[YUB] * d) / hypot(y[YUA], y[YUB])

@@ -3,9 +3,9 @@
 from math import cos, hypot, isfinite, sin
 
 from dimersweep.kernel.body import TWO_PI
+from dimersweep.kernel.charts import YB, YUA, YUB, YWB, YWP, load, unload
 from dimersweep.kernel.chatter import come_to_rest
 from dimersweep.kernel.choose import CLOSED, INCONSISTENT, contact_mode
-from dimersweep.kernel.contact import YB, YUA, YUB, YWB, YWP, load, unload
 from dimersweep.kernel.fate import (
     note_impact,
     note_landing,

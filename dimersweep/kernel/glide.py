@@ -2,15 +2,28 @@
 
 from math import hypot, inf, sqrt
 
-from dimersweep.kernel.contact import F1, F2, N_CLOSED, N_PATH, YB, YTIME, YWB, contact_rates, slip_of
+from dimersweep.kernel.charts import (
+    N_CLOSED,
+    N_PATH,
+    UPRIGHT,
+    YB,
+    YCHART,
+    YTIME,
+    YWB,
+    change_chart,
+    leading_sign,
+    slip_of,
+)
+from dimersweep.kernel.contact import F1, F2, contact_rates
 from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import FREE
-from dimersweep.kernel.paces import BENCH_ROWS, PLAIN, SLIDE, SLOW, lay_out, set_scales, step_to, stiffness
+from dimersweep.kernel.paces import BENCH_ROWS, PLAIN, SLIDE, SLOW, lay_out, set_chart, set_scales, step_to, stiffness
 from dimersweep.kernel.steps import copy, inside, shrink, step_factor
 from dimersweep.kernel.watch import (
     LANDS,
     N_EVENTS,
     SLIP_ZERO,
+    TIPS,
     arm,
     least_value,
     nearly_stopped,
@@ -23,6 +36,7 @@ from dimersweep.kernel.watch import (
 NO_EVENT, OUT_OF_STEPS = -1, -2
 MAX_STEPS = 20000
 MAX_PROBES = 80
+MAX_CHARTS = 20000
 STIFF = 0.02  # time in which the slip turns, in forcing periods, below which the plain pace is left
 FALLING = 0.15  # rate of slip, in units of -gamma, from which the slow pace takes it
 TURNS = 7.0  # of a slip, that a plain step may span: what the method bears
@@ -122,7 +136,7 @@ def first_crossing(dm, modes, phase, h, n, pace, gamma, event, least, tol, slip_
             step_to(dm, modes, phase, mid, n, pace, gamma, b)
         at = mid
         g, which = least_value(dm, modes, b.armed, b.start, b.out, b.F_out, slip_tol, b.values[1])
-        if -past <= g <= 0.0 or (which == LANDS and abs(g) <= close):
+        if -past <= g <= 0.0 or (which >= LANDS and abs(g) <= close):
             return which
         event = which if g <= 0.0 else event
         low, high, g_low, g_high, side = shrink(low, high, g_low, g_high, mid, g, side)
@@ -147,7 +161,7 @@ def hidden_dip(dm, modes, phase, h, n, slip_tol, b):
     values_on_cubic(dm, modes, phase, 2.0 / 3.0, h, n, slip_tol, b, values[2])
     least_value(dm, modes, b.armed, b.start, b.out, b.F_out, slip_tol, values[3])
     share = 1.0
-    for k in range(N_EVENTS):
+    for k in range(TIPS):
         if b.armed[k] == 0.0 or SLIP_ZERO <= k < LANDS:
             continue
         q = 1 if values[1, k] <= values[2, k] else 2
@@ -166,7 +180,7 @@ def landing_in_sight(dm, modes, y, dy):
     """Time after which the open end has landed at its present acceleration, and a little more; inf if it does not."""
     sign = 1.0 if modes[0] != FREE else -1.0
     gap, rate, fall = sign * y[YB], sign * y[YWB], sign * dy[YWB]
-    if (modes[0] != FREE and modes[1] != FREE) or gap < 0.0:
+    if (modes[0] != FREE and modes[1] != FREE) or y[YCHART] == UPRIGHT or gap < 0.0:
         return inf
     if gap == 0.0:  # it has just left: a step within its hop
         return -rate / fall if rate > 0.0 and fall < 0.0 else inf
@@ -185,38 +199,19 @@ def pace_for(dm, v, rate, gamma):
 
 
 @compiled
-def glide(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
-    """Integrate a contact phase, y in place, over at most `span` seconds.
-
-    Parameters
-    ----------
-    phase : float
-        Plate phase at the start [rad].
-    path : bool
-        Whether x1, y1 and gamma are wanted.
-    tol : float
-        Error per step, in units of the scales of the state.
-    slip_tol : float
-        Slip that counts as none [m/s].
-    watch : bool
-        Whether to look for events (a phase that is sampled again has none inside).
-
-    Returns
-    -------
-    t : float
-        Time integrated [s].
-    event : int
-        NO_EVENT (the span is over), the number of the event, or OUT_OF_STEPS.
-    """
+def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
+    """The same until the state leaves its chart, which is the event TIPS, too."""
     n = N_PATH if path else N_CLOSED
     b = lay_out(work)
     set_scales(dm, tol, b.scale)
+    set_chart(y, b)
     contact_rates(dm, modes, phase, y, path, b.dy, b.F)
     for k in range(N_EVENTS):
         b.armed[k] = 0.0
-    arm(dm, modes, b.armed, y, b.F, slip_tol)
+    if watch:
+        arm(dm, modes, b.armed, y, b.F, slip_tol)
     if modes[0] == FREE or modes[1] == FREE:
-        b.armed[LANDS] = 1.0
+        b.armed[LANDS], b.armed[TIPS] = 1.0 if watch else 0.0, 1.0
     natural = tol**0.125
     h, xi, t = FIRST * natural * dm.T, FIRST_SLOW * natural, 0.0
     for _ in range(MAX_STEPS):
@@ -255,36 +250,70 @@ def glide(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
             factor = 0.3 if error == inf else min(factor, 0.8)
             h, xi = (h, factor * xi) if pace == SLOW else (factor * h, xi)
             continue
-        if watch:
-            least, event = least_value(dm, modes, b.armed, b.start, b.out, b.F_out, slip_tol, b.values[3])
-            part = 1.0
-            if least > 0.0 and pace != SLOW:
-                part = hidden_dip(dm, modes, now, h, n, slip_tol, b)
-            if part < 1.0 or (least <= 0.0 and event == LANDS and y[YB] == 0.0 and pace != SLOW):
-                h *= min(part, 0.5)
-                if h > 1e-12 * dm.T:
-                    continue
-            if least <= 0.0:
-                event = first_crossing(dm, modes, now, size, n, pace, gamma, event, least, tol, slip_tol, b)
-                copy(b.out, y, n)
-                t += b.out[YTIME]
-                if not SLIP_ZERO <= event < LANDS:
-                    return t, event
-                s_a, s_b = slip_of(dm, modes, y, event % 2)
-                if hypot(s_a, s_b) <= 4.0 * slip_tol:
-                    stop_slip(dm, modes, y, event % 2)
-                    return t, event
-                h, xi, last = 0.5 * h, 0.5 * xi, False  # the slip has only turned by a right angle
-                copy(b.dy_out, b.dy, n)
-                copy(b.F_out, b.F, 6)
+        least, event = least_value(dm, modes, b.armed, b.start, b.out, b.F_out, slip_tol, b.values[3])
+        part = 1.0
+        if watch and least > 0.0 and pace != SLOW:
+            part = hidden_dip(dm, modes, now, h, n, slip_tol, b)
+        if part < 1.0 or (least <= 0.0 and event == LANDS and y[YB] == 0.0 and pace != SLOW):
+            h *= min(part, 0.5)
+            if h > 1e-12 * dm.T:
                 continue
+        if least <= 0.0:
+            event = first_crossing(dm, modes, now, size, n, pace, gamma, event, least, tol, slip_tol, b)
+            copy(b.out, y, n)
+            t += b.out[YTIME]
+            if not SLIP_ZERO <= event < LANDS:
+                return t, event
+            s_a, s_b = slip_of(dm, modes, y, event % 2)
+            if hypot(s_a, s_b) <= 4.0 * slip_tol:
+                stop_slip(dm, modes, y, event % 2)
+                return t, event
+            h, xi, last = 0.5 * h, 0.5 * xi, False  # the slip has only turned by a right angle
+            copy(b.dy_out, b.dy, n)
+            copy(b.F_out, b.F, 6)
+            continue
         copy(b.out, y, n)
         copy(b.dy_out, b.dy, n)
         copy(b.F_out, b.F, 6)
         t = span if last else t + dt
-        arm(dm, modes, b.armed, y, b.F, slip_tol)
+        if watch:
+            arm(dm, modes, b.armed, y, b.F, slip_tol)
         if pace == SLOW:
             xi, h = min(factor, RISE) * xi, 2.0 * dt
         else:
             h *= factor
+    return t, OUT_OF_STEPS
+
+
+@compiled
+def glide(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
+    """Integrate a contact phase, y in place, over at most `span` seconds.
+
+    Parameters
+    ----------
+    phase : float
+        Plate phase at the start [rad].
+    path : bool
+        Whether x1, y1 and gamma are wanted.
+    tol : float
+        Error per step, in units of the scales of the state.
+    slip_tol : float
+        Slip that counts as none [m/s].
+    watch : bool
+        Whether to look for events (a phase that is sampled again has none inside).
+
+    Returns
+    -------
+    t : float
+        Time integrated [s].
+    event : int
+        NO_EVENT (the span is over), the number of the event, or OUT_OF_STEPS.
+    """
+    t = 0.0
+    for _ in range(MAX_CHARTS):
+        part, event = glide_in_chart(dm, modes, y, phase + dm.omega * t, span - t, path, tol, slip_tol, watch, work)
+        t += part
+        if event != TIPS:
+            return t, event
+        change_chart(leading_sign(modes), y)
     return t, OUT_OF_STEPS

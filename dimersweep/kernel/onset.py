@@ -2,7 +2,8 @@
 
 from math import atan2, cos, pi, sin
 
-from dimersweep.kernel.contact import F1, contact_rates, set_slip, slip_of
+from dimersweep.kernel.charts import set_slip, slip_of
+from dimersweep.kernel.contact import F1, contact_rates
 from dimersweep.kernel.jit import compiled
 
 GRID = 48  # directions looked at for a change of sign

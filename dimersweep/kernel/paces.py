@@ -8,8 +8,7 @@ slow and stays so, or sets out from rest: its direction follows the forces at on
 from math import hypot, inf, sqrt
 from typing import Any, NamedTuple
 
-from dimersweep.kernel.collocation import NEXT, NODES, RADAU_A, RADAU_C, TOP
-from dimersweep.kernel.contact import (
+from dimersweep.kernel.charts import (
     N_CLOSED,
     YB,
     YGAMMA,
@@ -22,9 +21,11 @@ from dimersweep.kernel.contact import (
     YWP,
     YX,
     YY,
-    contact_rates,
+    same_chart,
     slip_of,
 )
+from dimersweep.kernel.collocation import NEXT, NODES, RADAU_A, RADAU_C, TOP
+from dimersweep.kernel.contact import contact_rates
 from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import FREE, SLIP
 from dimersweep.kernel.steps import DOP_STAGES, copy, explicit_finish, explicit_stage, lu_factor, lu_solve
@@ -87,6 +88,16 @@ def lay_out(work):
         work[77],
         work[78],
     )
+
+
+@compiled
+def set_chart(y, b):
+    """Mark the states on the bench as ones in the chart of y."""
+    same_chart(y, b.start)
+    same_chart(y, b.out)
+    same_chart(y, b.probe)
+    for j in range(NODES):
+        same_chart(y, b.Y[j])
 
 
 @compiled

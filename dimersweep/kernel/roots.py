@@ -5,13 +5,15 @@ The first root of that quartic is a step over which nothing can land, however sh
 to the first root with order four, without a bracket to lose and without a double crossing or a graze to miss.
 """
 
-from math import inf, sqrt
+from math import cos, hypot, inf, sin, sqrt
 
 from dimersweep.kernel.flight import gap_series
 from dimersweep.kernel.jit import compiled
 
 MAX_PROBES = 10000
+SWIFT = 10.0  # rate of the axis, in units of the plate's, from which whole turns are stepped over
 EPS = 2.3e-16
+ROUNDED = 1e-13  # what a height may be off, in units of what it is the difference of
 
 
 @compiled
@@ -58,6 +60,24 @@ def safe_step(c0, c1, c2, c3, bound4, span):
 
 
 @compiled
+def out_of_reach(fl, sign, t, gap, rate):
+    """Time over which the end with this sign is too high to land, however the axis swings; 0.0 if it is within reach.
+
+    Without its swing of amplitude h |c| the gap has a curvature of at least -(g + plate).
+    """
+    sx, cx = sin(fl.Omega * t), cos(fl.Omega * t)
+    swing = sign * fl.h * (fl.c1 * cx + fl.c2 * sx)
+    rise = rate - sign * fl.h * fl.Omega * (fl.c2 * cx - fl.c1 * sx)
+    reach = fl.h * hypot(fl.c1, fl.c2)
+    height = gap - swing - reach - ROUNDED * (abs(gap) + reach)
+    if height <= 0.0:
+        return 0.0
+    curve = fl.g + fl.omega * fl.omega * hypot(fl.plate_s, fl.plate_c)
+    root = sqrt(rise * rise + 2.0 * curve * height)
+    return (rise + root) / curve if rise > 0.0 else 2.0 * height / (root - rise)
+
+
+@compiled
 def first_landing(fl, sign, until):
     """First time in (0, until] at which the gap of the end with this sign is zero.
 
@@ -74,6 +94,8 @@ def first_landing(fl, sign, until):
         if probe > 1 and gap <= 0.0:
             return t, probe
         step = safe_step(max(gap, 0.0), rate, second, third, fl.bound4, until - t)
+        if fl.Omega > SWIFT * fl.omega:
+            step = max(step, min(out_of_reach(fl, sign, t, gap, rate), until - t))
         if t + step >= until:
             return inf, probe
         if probe > 1 and step <= 4.0 * EPS * t:

@@ -1,7 +1,7 @@
 """States of a recorded run at any time: each is moved again from the start of the smooth phase it lies in."""
 
 from dimersweep.kernel.body import as_dimer
-from dimersweep.kernel.contact import load, unload
+from dimersweep.kernel.charts import load, unload
 from dimersweep.kernel.engine import ROW_Y, hold_rest, no_slip
 from dimersweep.kernel.flight import fly, take_off
 from dimersweep.kernel.glide import OUT_OF_STEPS, glide

@@ -2,39 +2,45 @@
 
 from math import hypot, inf, sqrt
 
-from dimersweep.kernel.contact import F1, F2, YB, YUA, YUB, YWB, YWP, hold_reserve, slip_of
+from dimersweep.kernel.charts import UPRIGHT, YB, YCHART, YUA, YUB, YWB, YWP, slip_of, to_border
+from dimersweep.kernel.contact import F1, F2, hold_reserve
 from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import FREE, SLIP, STICK
 
 # events of a contact phase; even numbers are p1's, odd ones p2's
 LIFTS, HOLD_LOST, SLIP_ZERO, LANDS = 0, 2, 4, 6
-N_EVENTS = 7
+TIPS = 7  # not an event of the dimer: the state leaves its chart
+N_EVENTS = 8
 NEAR = 10.0  # slip, in units of the one that counts as none, whose direction is only known as well as the tolerance
 
 
 @compiled
 def glide_value(dm, modes, k, base, y, F, slip_tol):
-    """Event function k, positive while the phase goes on; inf where it has no meaning.
+    """Event function k, positive while the phase goes on; inf where it has no meaning; in units in which all compare.
 
     Normal force of an end; reserve of the friction that holds it; its slip along the direction it had at `base`; the
-    other end's height (the dip, which opens its gap).
+    other end's height (the dip, which opens its gap); what is left to the border of the chart.
     """
     i = k % 2
-    if k == LANDS:
+    if k >= LANDS:
         if modes[0] != FREE and modes[1] != FREE:
+            return inf
+        if k == TIPS:
+            return to_border(y)
+        if y[YCHART] == UPRIGHT:
             return inf
         return y[YB] if modes[0] != FREE else -y[YB]
     if modes[i] == FREE:
         return inf
     if k < HOLD_LOST:
-        return F[F1] if i == 0 else F[F2]
+        return (F[F1] if i == 0 else F[F2]) / (dm.m * dm.g)
     if k < SLIP_ZERO:
-        return hold_reserve(dm, modes, i, F) if modes[i] == STICK else inf
+        return hold_reserve(dm, modes, i, F) / (dm.m * dm.g) if modes[i] == STICK else inf
     if modes[i] != SLIP:
         return inf
     a0, b0 = slip_of(dm, modes, base, i)
     a, b = slip_of(dm, modes, y, i)
-    return (a * a0 + b * b0) / hypot(a0, b0) - slip_tol
+    return ((a * a0 + b * b0) / hypot(a0, b0) - slip_tol) / dm.v_scale
 
 
 @compiled

@@ -6,7 +6,7 @@ With the JIT off these are the plain functions.
 import numpy as np
 from numba import njit
 
-from dimersweep.kernel import body, chatter, choose, contact, fate, flight, glide, impact, roots, single_impact
+from dimersweep.kernel import body, charts, chatter, choose, contact, fate, flight, glide, impact, roots, single_impact
 from dimersweep.kernel.engine import WORK_COLUMNS, WORK_ROWS
 from dimersweep.kernel.layout import (
     BETA,
@@ -109,12 +109,12 @@ def collide_double(dm, state, V, tol, modes, work, log):
 
 @compiled
 def unload(dm, state, s, y):
-    contact.unload(dm, state, s, y)
+    charts.unload(dm, state, s, y)
 
 
 @compiled
 def load(dm, modes, y, state):
-    contact.load(dm, modes, y, state)
+    charts.load(dm, modes, y, state)
 
 
 @compiled

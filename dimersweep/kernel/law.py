@@ -1,0 +1,27 @@
+"""Coulomb's law at the one closed end: the force that keeps it closed, in the heading frame."""
+
+from math import sqrt
+
+from dimersweep.kernel.jit import compiled
+from dimersweep.kernel.layout import STICK
+
+
+@compiled
+def direction(a, b):
+    """Cosine and sine of a slip's direction, 0 and 0 for none (no slip is so small that its square vanishes)."""
+    v2 = a * a + b * b
+    k = 1.0 / sqrt(v2) if v2 > 0.0 else 0.0
+    return k * a, k * b
+
+
+@compiled
+def single_forces(dm, mode, w, u_a, u_b, n, a, b):
+    """Normal, axial and lateral force at the one closed end with the slip (u_a, u_b), from the accelerations that its
+    contact point has without them and its Delassus operator w; nan-free, the normal force may come out negative.
+    """
+    if mode == STICK:
+        det = w.nn * w.aa - w.na * w.na
+        return (w.na * a - w.aa * n) / det, (w.na * n - w.nn * a) / det, -b / w.bb
+    c, s = direction(u_a, u_b)
+    F = -n / (w.nn - dm.mu * w.na * c)
+    return F, -dm.mu * F * c, -dm.mu * F * s
