@@ -18,12 +18,10 @@ from math import ceil, pi, sqrt
 import numpy as np
 from oracle.body import Dimer, dimer
 
-from .friction import friction
+from .friction import clear_desk, friction
 from .top import (
-    CENTRE,
     N_STATE,
     VELOCITY,
-    Top,
     compiled,
     compliance,
     contact_velocity,
@@ -60,19 +58,17 @@ def drift(top, state, X, e, gaps, h):
 
 
 @compiled
-def kick(top, state, X, k, dashpot, weight, h, held, P, desk):
+def kick(top, state, X, k, dashpot, weight, h, desk):
     """Change the velocities by the forces of a time h: springs, dashpots, gravity (`weight`), and friction."""
-    G, w, before, normal = desk
-    loaded = False
+    _, w, before, normal, P, _, _, held, _ = desk
     for i in range(2):
         v = contact_velocity(top, state, i)
         before[i, 0], before[i, 1] = v[0], v[1]
         damped = min(max(dashpot * v[2], -weight), weight)
         normal[i] = h * max(0.0, k * X[i] * sqrt(X[i]) - damped) if X[i] > 0 else 0.0
-        loaded = loaded or normal[i] > 0
         held[i] = held[i] and normal[i] > 0
     state[VELOCITY + 2] -= h * weight / top.m
-    if not loaded:
+    if normal[0] == 0 and normal[1] == 0:
         return
     for i in range(2):
         push(top, state, i, (0.0, 0.0, normal[i]))
@@ -81,16 +77,10 @@ def kick(top, state, X, k, dashpot, weight, h, held, P, desk):
     for i in range(2):
         v = contact_velocity(top, state, i)
         w[i, 0], w[i, 1] = v[0], v[1]
-    compliance(top, state, G)
-    friction(top.mu, top.mu_s, G, w, before, normal, held, P)
+    compliance(top, state, desk.G)
+    friction(top.mu, top.mu_s, desk)
     for i in range(2):
         push(top, state, i, (P[i, 0], P[i, 1], 0.0))
-
-
-@compiled
-def desk_of():
-    """Room for the compliance, the slips without friction and before, and the normal impulses of a step."""
-    return np.zeros((2, 3, 2, 3)), np.zeros((2, 2)), np.zeros((2, 2)), np.zeros(2)
 
 
 @compiled
@@ -99,13 +89,13 @@ def run(top, state, e, k, dashpot, times, dt, samples, landings):
 
     Returns how many landings there were (more than fit are counted only).
     """
-    X, gaps, held, P, desk = np.zeros(2), np.zeros(2), np.zeros(2, np.bool_), np.zeros((2, 2)), desk_of()
+    X, gaps, desk = np.zeros(2), np.zeros(2), clear_desk()
     was = np.zeros(2)
     for i in range(2):
         gaps[i] = gap(top, state, i)
     t, n_landings = 0.0, 0
     for row in range(len(times)):
-        steps = max(1, int(ceil((times[row] - t) / dt)))
+        steps = max(1, ceil((times[row] - t) / dt))
         start, h = t, (times[row] - t) / steps
         for step in range(steps + 1):
             length = 0.5 * h if step == 0 or step == steps else h
@@ -119,7 +109,7 @@ def run(top, state, e, k, dashpot, times, dt, samples, landings):
                     n_landings += 1
             if step < steps:
                 weight = top.m * gravity(top, start + (step + 0.5) * h)
-                kick(top, state, X, k, dashpot, weight, h, held, P, desk)
+                kick(top, state, X, k, dashpot, weight, h, desk)
         t = times[row]
         samples[row] = state
     return n_landings
@@ -128,7 +118,7 @@ def run(top, state, e, k, dashpot, times, dt, samples, landings):
 @compiled
 def collide(top, state, e, k, dt):
     """March through an isolated impact without gravity; return how many steps it took."""
-    X, gaps, held, P, desk = np.zeros(2), np.zeros(2), np.zeros(2, np.bool_), np.zeros((2, 2)), desk_of()
+    X, gaps, desk = np.zeros(2), np.zeros(2), clear_desk()
     for i in range(2):
         gaps[i] = gap(top, state, i)
     for step in range(LONGEST):
@@ -138,7 +128,7 @@ def collide(top, state, e, k, dt):
         if not acting:
             return step
         drift(top, state, X, e, gaps, 0.5 * dt)
-        kick(top, state, X, k, 0.0, 0.0, dt, held, P, desk)
+        kick(top, state, X, k, 0.0, 0.0, dt, desk)
         drift(top, state, X, e, gaps, 0.5 * dt)
     return LONGEST
 

@@ -9,11 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 from oracle.body import Dimer
 
 CENTRE, AXIS, VELOCITY, MOMENTUM, THETA, GAMMA, N_STATE = 0, 3, 6, 9, 12, 13, 14
 SIDES = (-1.0, 1.0)  # where along the axis the ends are, in units of l/2
 
+Array = NDArray[np.float64]
 compiled = njit(cache=True, error_model="numpy")
 
 
@@ -94,14 +96,14 @@ def push(top, state, i, impulse):
 
 @compiled
 def compliance(top, state, out):
-    """Fill `out`, shape (2, 3, 2, 3), with the velocity of each end (x, y, z) per impulse at each end (the Delassus matrix)."""
+    """Fill `out`, shape (2, 2, 2, 2), with the slip (x, y) of each end per tangential impulse (x, y) at each end."""
     for j in range(2):
-        for b in range(3):
-            unit = (1.0 if b == 0 else 0.0, 1.0 if b == 1 else 0.0, 1.0 if b == 2 else 0.0)
+        for b in range(2):
+            unit = (1.0 - b, 0.0 + b, 0.0)
             omega = turn_rate(top, state, cross(lever(top, state, j), unit))
             for i in range(2):
                 turn = cross(omega, lever(top, state, i))
-                for a in range(3):
+                for a in range(2):
                     out[i, a, j, b] = unit[a] / top.m + turn[a]
 
 
@@ -137,7 +139,7 @@ def gravity(top, t):
     return top.g - top.A_z * top.omega**2 * sin(top.omega * t + top.phi0)
 
 
-def state_of(d: Dimer, q: np.ndarray, qdot: np.ndarray) -> np.ndarray:
+def state_of(d: Dimer, q: Array, qdot: Array) -> Array:
     """State of the paper's coordinates (x1, y1, delta1, theta, beta, gamma) and their rates, shape (6,) each."""
     theta, beta = q[3], q[4]
     u = np.array([-sin(theta) * cos(beta), cos(theta) * cos(beta), sin(beta)])
@@ -149,7 +151,7 @@ def state_of(d: Dimer, q: np.ndarray, qdot: np.ndarray) -> np.ndarray:
     return np.concatenate([q[:3] + d.l / 2 * u, u, qdot[:3] + d.l / 2 * u_rate, momentum, [theta, q[5]]])
 
 
-def coordinates_of(d: Dimer, state: np.ndarray) -> np.ndarray:
+def coordinates_of(d: Dimer, state: Array) -> Array:
     """The paper's coordinates and their rates, shape (12,), of a state; theta and gamma count whole turns."""
     u, momentum = state[AXIS : AXIS + 3], state[MOMENTUM : MOMENTUM + 3]
     u_rate = np.cross(momentum, u) / d.J1
