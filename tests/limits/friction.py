@@ -10,7 +10,6 @@ import numpy as np
 
 from .top import Array, compiled
 
-AT_REST = 1e-9  # m/s; slip speed that counts as zero when an end comes down
 STUCK = 1e-6  # slip speed that counts as zero at the end of a step, in units of the one without friction
 SWEEPS, CLOSE = 500, 1e-13
 
@@ -109,12 +108,12 @@ def clear_desk():
 def friction(mu, mu_s, desk):
     """Find the friction impulses of one step.
 
-    The stick coefficient holds for an end that sticks already, whose slip passes zero, or that comes down at rest.
+    The stick coefficient holds for an end that sticks already or whose slip passes zero.
     """
     G, w, before, normal, P, v, limit, held, tried = desk
     for i in range(2):
         passes = before[i, 0] * w[i, 0] + before[i, 1] * w[i, 1] <= 0
-        tried[i] = normal[i] > 0 and (held[i] or passes or hypot(before[i, 0], before[i, 1]) <= AT_REST)
+        tried[i] = normal[i] > 0 and (held[i] or passes)
     again = True
     while again:
         again = False

@@ -13,7 +13,7 @@ The step is a position Verlet step, with the friction of `friction`: of second o
 """
 
 from collections.abc import Mapping, Sequence
-from math import ceil, pi, sqrt
+from math import ceil, hypot, pi, sqrt
 
 import numpy as np
 from oracle.body import Dimer, dimer
@@ -35,6 +35,7 @@ from .top import (
 )
 
 DAMPING = 0.7  # of an end at rest, in units of the critical one
+AT_REST = 1e-9  # m/s; slip speed that counts as zero at the start
 LONGEST = 4_000_000_000  # steps after which an isolated impact is given up
 
 
@@ -84,6 +85,15 @@ def kick(top, state, X, k, dashpot, weight, h, desk):
 
 
 @compiled
+def begin(top, state, gaps, desk):
+    """Note the gaps, and which ends stick to begin with."""
+    for i in range(2):
+        v = contact_velocity(top, state, i)
+        gaps[i] = gap(top, state, i)
+        desk.held[i] = hypot(v[0], v[1]) <= AT_REST
+
+
+@compiled
 def run(top, state, e, k, dashpot, times, dt, samples, landings):
     """March to each of `times`; fill `samples`, and `landings` with the times when an end comes down beside the other.
 
@@ -91,8 +101,7 @@ def run(top, state, e, k, dashpot, times, dt, samples, landings):
     """
     X, gaps, desk = np.zeros(2), np.zeros(2), clear_desk()
     was = np.zeros(2)
-    for i in range(2):
-        gaps[i] = gap(top, state, i)
+    begin(top, state, gaps, desk)
     t, n_landings = 0.0, 0
     for row in range(len(times)):
         steps = max(1, ceil((times[row] - t) / dt))
@@ -119,8 +128,7 @@ def run(top, state, e, k, dashpot, times, dt, samples, landings):
 def collide(top, state, e, k, dt):
     """March through an isolated impact without gravity; return how many steps it took."""
     X, gaps, desk = np.zeros(2), np.zeros(2), clear_desk()
-    for i in range(2):
-        gaps[i] = gap(top, state, i)
+    begin(top, state, gaps, desk)
     for step in range(LONGEST):
         acting = X[0] > 0 or X[1] > 0
         for i in range(2):
