@@ -85,7 +85,7 @@ def sweep(G, w, before, limit, P, v):
 class Desk(NamedTuple):
     """Room for one step; indices: end, then x or y."""
 
-    G: Array  # slip of each end per friction impulse at each end, (2, 2, 2, 2), kg^-1
+    G: Array  # velocity of each end per impulse at each end, (2, n, 2, n), x, y and perhaps z, kg^-1
     w: Array  # slips at the end of the step if there were no friction, (2, 2), m/s
     before: Array  # slips before the step
     normal: Array  # normal impulses, (2,), N s
@@ -97,9 +97,10 @@ class Desk(NamedTuple):
 
 
 @compiled
-def clear_desk():
+def clear_desk(n):
+    """An empty desk, its compliance for n directions."""
     return Desk(
-        np.zeros((2, 2, 2, 2)), np.zeros((2, 2)), np.zeros((2, 2)), np.zeros(2), np.zeros((2, 2)), np.zeros((2, 2)),
+        np.zeros((2, n, 2, n)), np.zeros((2, 2)), np.zeros((2, 2)), np.zeros(2), np.zeros((2, 2)), np.zeros((2, 2)),
         np.zeros(2), np.zeros(2, np.bool_), np.zeros(2, np.bool_),
     )  # fmt: skip
 

@@ -99,7 +99,7 @@ def run(top, state, e, k, dashpot, times, dt, samples, landings):
 
     Returns how many landings there were (more than fit are counted only).
     """
-    X, gaps, desk = np.zeros(2), np.zeros(2), clear_desk()
+    X, gaps, desk = np.zeros(2), np.zeros(2), clear_desk(2)
     was = np.zeros(2)
     begin(top, state, gaps, desk)
     t, n_landings = 0.0, 0
@@ -127,7 +127,7 @@ def run(top, state, e, k, dashpot, times, dt, samples, landings):
 @compiled
 def collide(top, state, e, k, dt):
     """March through an isolated impact without gravity; return how many steps it took."""
-    X, gaps, desk = np.zeros(2), np.zeros(2), clear_desk()
+    X, gaps, desk = np.zeros(2), np.zeros(2), clear_desk(2)
     begin(top, state, gaps, desk)
     for step in range(LONGEST):
         acting = X[0] > 0 or X[1] > 0

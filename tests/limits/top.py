@@ -96,15 +96,16 @@ def push(top, state, i, impulse):
 
 @compiled
 def compliance(top, state, out):
-    """Fill `out`, shape (2, 2, 2, 2), with the slip (x, y) of each end per tangential impulse (x, y) at each end."""
+    """Fill `out`, shape (2, n, 2, n), with the velocity of each end per impulse at each end: x, y, and for n = 3 also z."""
+    n = out.shape[1]
     for j in range(2):
-        for b in range(2):
-            unit = (1.0 - b, 0.0 + b, 0.0)
+        for b in range(n):
+            unit = (1.0 if b == 0 else 0.0, 1.0 if b == 1 else 0.0, 1.0 if b == 2 else 0.0)
             omega = turn_rate(top, state, cross(lever(top, state, j), unit))
             for i in range(2):
                 turn = cross(omega, lever(top, state, i))
-                for a in range(2):
-                    out[i, a, j, b] = unit[a] / top.m + turn[a]
+                for a in range(n):
+                    out[i, a, j, b] = (unit[a] / top.m if a == b else 0.0) + turn[a]
 
 
 @compiled
