@@ -40,20 +40,24 @@ def test_springs_converge_to_the_impacts_of_the_engine_and_of_the_oracle(name):
 
 
 def random_impact(rng, k):
-    """Both ends or one end lands, sometimes with an end at rest or rolling; mu_s = mu."""
+    """Both ends or one end lands, sometimes with an end at rest or rolling; mu_s = mu, and no end rises to begin with."""
     mu = rng.choice([0.05, 0.2, 0.5])
     parameters = {"e": rng.uniform(0.2, 1), "A_r": rng.uniform(2.2, 8), "mu": mu, "mu_s": mu}
-    n = [-abs(rng.normal()) - 0.1, 0.0 if k % 3 == 0 else rng.normal()]
+    n = [-abs(rng.normal()) - 0.1, 0.0 if k % 3 == 0 else -abs(rng.normal())]
     a, b, spin = 0.0 if k % 5 == 1 else rng.normal(), rng.normal(size=2), 100 * rng.normal()
     return Impact(parameters, tuple(n), a, tuple(b), spin, rng.uniform(0.05, 1.2) if k % 2 else 0.0)
 
 
 def test_springs_converge_to_random_impacts():
-    """From k to 100 k every difference falls, as far as the time step lets it, by the order 2/5 (a factor of 6.3)."""
-    rng = np.random.default_rng(2)
-    errors = np.array([impact_errors(random_impact(rng, k), (1e9, 1e11), 400) for k in range(80)])
-    assert (errors[:, 1] < np.maximum(errors[:, 0] / 4, 3e-5)).all()
-    assert np.median(errors[:, 0] / errors[:, 1]) == pytest.approx(100**0.4, rel=0.03)
+    """From k to 100 k every difference falls by the order 2/5 (a factor of 6.3), or to what the time step leaves.
+
+    That is most where a slip stops and starts anew in another direction: a tenth of the friction of one step.
+    """
+    rng, steps = np.random.default_rng(2), 2000
+    errors = np.array([impact_errors(random_impact(rng, k), (1e10, 1e12), steps) for k in range(60)])
+    assert (errors[:, 1] < np.maximum(errors[:, 0] / 5, 0.1 / steps)).all()
+    assert np.median(errors[:, 0] / errors[:, 1]) == pytest.approx(100**0.4, rel=0.02)
+    assert (errors[:, 0] > 0.5 / steps).mean() > 0.5  # most are not blurred by the step
 
 
 def test_the_time_step_is_of_second_order():
