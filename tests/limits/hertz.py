@@ -94,6 +94,17 @@ def begin(top, state, gaps, desk):
 
 
 @compiled
+def note_landings(was, gaps, now, length, landings, n):
+    """Add the times when an end came down beside the other in the last `length` of time; return how many there are now."""
+    for i in range(2):
+        if was[i] > 0 and gaps[i] <= 0 and gaps[1 - i] <= 0:
+            if n < len(landings):
+                landings[n] = now - length * gaps[i] / (gaps[i] - was[i])
+            n += 1
+    return n
+
+
+@compiled
 def run(top, state, e, k, dashpot, times, dt, samples, landings):
     """March to each of `times`; fill `samples`, and `landings` with the times when an end comes down beside the other.
 
@@ -110,12 +121,8 @@ def run(top, state, e, k, dashpot, times, dt, samples, landings):
             length = 0.5 * h if step == 0 or step == steps else h
             was[:] = gaps
             drift(top, state, X, e, gaps, length)
-            for i in range(2):
-                if was[i] > 0 and gaps[i] <= 0 and gaps[1 - i] <= 0:
-                    if n_landings < len(landings):
-                        late = length * gaps[i] / (gaps[i] - was[i])
-                        landings[n_landings] = start + min(step + 0.5, steps + 0.0) * h + late
-                    n_landings += 1
+            now = start + min(step + 0.5, steps + 0.0) * h
+            n_landings = note_landings(was, gaps, now, length, landings, n_landings)
             if step < steps:
                 weight = top.m * gravity(top, start + (step + 0.5) * h)
                 kick(top, state, X, k, dashpot, weight, h, desk)
