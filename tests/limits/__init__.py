@@ -1,0 +1,1 @@
+"""What the event-driven engine must be the limit of: stiff springs, short time steps, closed forms."""
