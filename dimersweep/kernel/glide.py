@@ -74,7 +74,7 @@ def crossing_on_cubic(dm, modes, phase, h, n, g_start, g_end, slip_tol, b):
     values = b.values[1]
     mid = 0.5
     for _ in range(8):
-        mid = inside(low, high, g_low, g_high)
+        mid = inside(low, high, g_low, g_high, side)
         g = values_on_cubic(dm, modes, phase, mid, h, n, slip_tol, b, values)
         if abs(g) <= 1e-5 * (g_start - g_end):
             break
@@ -128,7 +128,7 @@ def first_crossing(dm, modes, phase, h, n, pace, gamma, event, least, tol, slip_
     for probe in range(MAX_PROBES):
         if high - low <= 1e-15 * h:
             break
-        mid = guess if probe < 6 and low < guess < high else inside(low, high, g_low, g_high)
+        mid = guess if probe < 6 and low < guess < high else inside(low, high, g_low, g_high, side)
         way, before = mid - at, g
         if abs(way) <= near:
             carry_on(dm, modes, phase, way, n, b)

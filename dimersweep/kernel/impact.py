@@ -21,7 +21,20 @@ from dimersweep.kernel.layout import (
     WB,
     WP,
 )
-from dimersweep.kernel.pair_law import N_Z, ZA, ZB1, ZB2, ZN1, ZN2, ZX1, ZX2, PairLaw, friction_modes, onset_pressures
+from dimersweep.kernel.pair_law import (
+    N_Z,
+    ZA,
+    ZB1,
+    ZB2,
+    ZN1,
+    ZN2,
+    ZX1,
+    ZX2,
+    PairLaw,
+    friction_modes,
+    impact_rates,
+    onset_pressures,
+)
 from dimersweep.kernel.pair_leg import pair_leg
 from dimersweep.kernel.single_impact import DONE, JAM, STEPS, EndLaw, single_phase
 from dimersweep.kernel.steps import copy
@@ -29,6 +42,9 @@ from dimersweep.kernel.steps import copy
 MAX_PHASES = 400
 LEFT_OVER = 1e-10  # approach, in units of V, that ends the infinite series of switches of two ends at e = 0
 PAIR_TOL = 0.02  # of the integrator of a double impact, in units of the impact's tolerance: its steps add up
+FAINT = 0.1  # rebound that is none, in units of the impact's tolerance
+FINEST = 5e-14  # tolerance of that integrator that round-off still allows
+LEAST_SLIP = 1e-12  # slip, in units of V, whose setting out of rest the integrator can still follow
 SLIP_TOL = 0.1  # slip that counts as none, in units of the impact's tolerance
 # a row of the impact's log: contact state; gap rates before, after; impulses; slips (a_1, b_1, a_2, b_2) after
 LOG_STATE, LOG_N1, LOG_N2, LOG_N1_AFTER, LOG_N2_AFTER, LOG_P1, LOG_P2, LOG_A1, LOG_B1, LOG_A2, LOG_B2 = range(11)
@@ -44,22 +60,27 @@ def contact_velocity(dm, state, s):
 
 
 @compiled
-def end_law(dm, s, both, sin_b, cos_b, mu, mu_s):
+def restitution(e, tol):
+    """Coefficient of restitution, 0 where the rebound is far below the tolerance: its time scale, e, would be too short."""
+    return e if e > FAINT * tol else 0.0
+
+
+@compiled
+def end_law(dm, s, both, sin_b, cos_b, e, mu, mu_s):
     """The law of an impact at one end."""
     own, other = levers(dm, s, sin_b, cos_b), levers(dm, -s, sin_b, cos_b)
     w, wj = delassus(dm, own, own), delassus(dm, other, own)
-    e = dm.e_1 if s < 0.0 else dm.e_2
     m = dm.m
     return EndLaw(m * w.nn, m * w.na, m * w.aa, m * w.bb, m * wj.nn, m * wj.na, both, e, mu, mu_s)
 
 
 @compiled
-def pair_law(dm, mu, mu_s):
+def pair_law(dm, e_1, e_2, mu, mu_s):
     """The law of a double impact (beta = 0)."""
     p, q = levers(dm, -1.0, 0.0, 1.0), levers(dm, 1.0, 0.0, 1.0)
     w, wj = delassus(dm, p, p), delassus(dm, q, p)
     m = dm.m
-    return PairLaw(m * w.nn, m * wj.nn, -m * w.na, m * w.aa, m * w.bb, m * wj.bb, dm.e_1, dm.e_2, mu, mu_s)
+    return PairLaw(m * w.nn, m * wj.nn, -m * w.na, m * w.aa, m * w.bb, m * wj.bb, e_1, e_2, mu, mu_s)
 
 
 @compiled
@@ -141,7 +162,8 @@ def single_impact(dm, state, s, V, tol, work, log):
         OK or the reason; STICK or SLIP at the end; rows logged.
     """
     sin_b, cos_b = sin(state[BETA]), cos(state[BETA])
-    law = end_law(dm, s, 0.0, sin_b, cos_b, dm.mu, dm.mu_s)
+    e = restitution(dm.e_1 if s < 0.0 else dm.e_2, tol)
+    law = end_law(dm, s, 0.0, sin_b, cos_b, e, dm.mu, dm.mu_s)
     n, a, b = contact_velocity(dm, state, s)
     slip_tol = max(SLIP_TOL * tol, rounding(dm, state) / V)
     n_plus, a_plus, b_plus, _, _, P, A, B, P_s, A_s, mode, reason = single_phase(
@@ -216,11 +238,11 @@ def double_impact(dm, state, V, tol, modes, work, log):
     status, rows : int
         OK or the reason; rows logged.
     """
-    law = pair_law(dm, dm.mu, dm.mu_s)
+    law = pair_law(dm, restitution(dm.e_1, tol), restitution(dm.e_2, tol), dm.mu, dm.mu_s)
     z, start, before, compressing, mid = work[36], work[37], work[38], work[39], work[40]
     load_pair(dm, state, V, z)
     copy(z, start, N_Z)
-    slip_tol = max(SLIP_TOL * tol, rounding(dm, state) / V)
+    slip_tol = max(max(SLIP_TOL * tol, LEAST_SLIP), rounding(dm, state) / V)
     compressing[0], compressing[1] = 1.0, 1.0
     rows = 0
     status = IMPACT_STEPS
@@ -235,7 +257,9 @@ def double_impact(dm, state, V, tol, modes, work, log):
         if on_1 and on_2:
             f_1, f_2 = onset_pressures(z)
             friction_modes(law, z, modes, f_1, f_2, slip_tol, lost)
-            event = pair_leg(law, z, modes, compressing, PAIR_TOL * tol, slip_tol, work)
+            if follow_acceleration(law, z, modes, compressing, mid):
+                continue
+            event = pair_leg(law, z, modes, compressing, max(PAIR_TOL * tol, FINEST), slip_tol, work)
             if event < 0:
                 break
             lost = 4 <= event < 6
@@ -297,6 +321,22 @@ def settle_event(law, event, z, compressing):
 
 
 @compiled
+def follow_acceleration(law, z, modes, compressing, rates):
+    """An end with compression left whose gap rate is exactly zero goes where its acceleration says.
+
+    Returns whether an end without restitution has lost its energy so, and the phase with it.
+    """
+    gone = False
+    for i in range(2):
+        if z[ZN1 + i] == 0.0 and z[ZX1 + i] > 0.0:
+            impact_rates(law, modes, compressing, z, rates)
+            if rates[ZN1 + i] * compressing[i] > 0.0:
+                turn(law, i, z, compressing)
+                gone = gone or z[ZX1 + i] == 0.0
+    return gone
+
+
+@compiled
 def turn(law, i, z, compressing):
     """End i passes from compression to restitution or back; without restitution its energy is lost."""
     compressing[i] = -compressing[i]
@@ -317,7 +357,7 @@ def lone_phase(dm, pair, i, z, modes, compressing, slip_tol, before, mid, work):
     reason : int
     """
     s = -1.0 if i == 0 else 1.0
-    law = end_law(dm, s, 1.0, 0.0, 1.0, dm.mu, dm.mu_s)
+    law = end_law(dm, s, 1.0, 0.0, 1.0, pair.e_1 if i == 0 else pair.e_2, dm.mu, dm.mu_s)
     j = 1 - i
     n, a, b, E, n_j, P, _, B, P_s, A_s, mode, reason = single_phase(
         law, z[ZN1 + i], z[ZA], z[ZB1 + i], stored_energy(z[ZX1 + i]), z[ZN1 + j], slip_tol, work

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import SLIP, STICK
 from dimersweep.kernel.pair_law import (
-    MAX_BISECT,
     N_Z,
     ZA,
     ZB1,
@@ -38,6 +37,7 @@ from dimersweep.kernel.steps import (
 from dimersweep.kernel.tableaux import ROS_GAMMA
 
 MAX_STEPS = 20000
+MAX_PROBES = 120
 N_EVENTS = 8
 PAIR_ROWS = 36
 FIRST = 0.05  # first step
@@ -154,7 +154,7 @@ def event_value(law, k, modes, compressing, base, z, tol):
         return inf if compressing[i] > 0.0 else z[ZX1 + i]
     if k < 6:
         return stick_reserve(law, modes, i, z)
-    if modes[i] == STICK:
+    if modes[i] == STICK or law.mu == 0.0:
         return inf
     v = hypot(base[ZA], base[ZB1 + i])
     return (z[ZA] * base[ZA] + z[ZB1 + i] * base[ZB1 + i]) / v - tol if v > 0.0 else inf
@@ -237,10 +237,10 @@ def first_crossing(law, modes, compressing, h, least, tol, slip_tol, stiff, b):
     """
     low, high, g_high, side = 0.0, h, least, 0
     g_low, _ = least_value(law, modes, compressing, b.armed, b.start, b.start, slip_tol)
-    for _ in range(MAX_BISECT):
+    for _ in range(MAX_PROBES):
         if high - low <= 1e-15 * h:
             break
-        mid = inside(low, high, g_low, g_high)
+        mid = inside(low, high, g_low, g_high, side)
         pair_step(law, modes, mid, tol, 1.0, stiff, b)
         g, _ = least_value(law, modes, compressing, b.armed, b.start, b.out, slip_tol)
         low, high, g_low, g_high, side = shrink(low, high, g_low, g_high, mid, g, side)

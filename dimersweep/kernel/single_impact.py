@@ -24,7 +24,8 @@ INVARIANT = 1e-14  # rate of turning (per xi) below which any slip direction cou
 ATTRACTED = 1e-2  # effect on the rates, in tolerances, of what is left of the turning towards an attracting direction
 
 
-ORDER = 15  # at most, of the expansion of a leg with a turning slip direction
+LEAST_ORDER, ORDER = 6, 15  # of the expansion of a leg with a turning slip direction
+ROUNDED = 1e-15  # error of a velocity, in units of itself, that no step improves
 INVERSE = tuple(1.0 / (j + 1.0) for j in range(ORDER))
 A_V, A_A, A_P, A_N, A_J, A_E = range(6)  # its rows: slip, axial slip, impulse, gap rates of both ends, energy
 
@@ -140,10 +141,11 @@ def at(c, row, order, xi):
 @compiled
 def reach(c, order, v, tol):
     """Step over which the last terms of the expansions stay below the tolerance, and well inside their convergence."""
-    small = 0.1 * min(tol, 0.01 * v)
+    small = max(0.1 * min(tol, 0.01 * v), ROUNDED * max(v, abs(c[A_N, 0])))
+    energy = 1.0 / max(1.0, sqrt(c[A_E, 0]))  # an energy counts by the rate that it gives
     least = inf
     for j in range(order - 1, order + 1):
-        size = max(abs(c[A_A, j]), max(abs(c[A_P, j]), max(abs(c[A_N, j]), abs(c[A_E, j]))))
+        size = max(abs(c[A_A, j]), max(abs(c[A_P, j]), max(abs(c[A_N, j]), energy * abs(c[A_E, j]))))
         if size > 0.0:
             least = min(least, (small / size) ** (1.0 / j))
     return least
@@ -195,7 +197,7 @@ def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
         LEG (go on with the next leg) or STEPS.
     """
     gain = 1.0 if compressing else 1.0 / (law.e * law.e)
-    order = min(ORDER, int(8.0 - 0.6 * log(tol)))  # the least work for a step of this accuracy
+    order = min(ORDER, max(LEAST_ORDER, int(8.0 - 0.6 * log(tol))))  # the least work for a step of this accuracy
     slip_end = max(tol, 1e-14 * hypot(a, b))
     n, n_j, P, A, B = n0, n_j0, 0.0, 0.0, 0.0
     for _ in range(MAX_STEPS):

@@ -89,12 +89,13 @@ def single_phase(law, n, a, b, E, n_j, tol, work):
 
 @compiled
 def end_law(dm, s, beta):
-    return impact.end_law(dm, s, 0.0, np.sin(beta), np.cos(beta), dm.mu, dm.mu_s)
+    e = dm.e_1 if s < 0 else dm.e_2
+    return impact.end_law(dm, s, 0.0, np.sin(beta), np.cos(beta), e, dm.mu, dm.mu_s)
 
 
 @compiled
 def pair_law(dm):
-    return impact.pair_law(dm, dm.mu, dm.mu_s)
+    return impact.pair_law(dm, dm.e_1, dm.e_2, dm.mu, dm.mu_s)
 
 
 @compiled
