@@ -17,17 +17,19 @@ from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import BETA, CA, CB, D1, D2, FREE, N1, N2, PHASE, SLIP, SPIN, WB, WP
 
 CLOSE = 4.0  # what the close of a chatter may cost, in tolerances
+FAINT = 0.1  # separation speed, in tolerances and g/omega, whose hops make no difference
 FLOOR = 1e-13  # separation speed, in g/omega, at which round-off rules the hops
 
 
 @compiled
-def rest_of_chatter(dm, n, F, nn, e):
+def rest_of_chatter(dm, n, F, nn, e, tol):
     """Time that the rest of a chatter from gap rate n under a contact force F takes [s].
 
-    0.0 if round-off rules it; inf if it does not end, or if the plate could take the force away before.
+    0.0 if it is fainter than the tolerance, or ruled by round-off; inf if it does not end, or if the plate could take the
+    force away before.
     """
     press = F * nn
-    if n <= FLOOR * dm.v_scale:
+    if n <= max(FLOOR, FAINT * tol) * dm.v_scale:
         return 0.0
     if e >= 1.0 or press <= 0.0:
         return inf
@@ -75,8 +77,8 @@ def come_to_rest(dm, state, modes, slip_tol, tol, y, dy, F):
             return False
         lv = levers(dm, 1.0, sin(state[BETA]), cos(state[BETA]))
         nn = delassus(dm, lv, lv).nn
-        rest_1 = rest_of_chatter(dm, state[N1], F[F1], nn, dm.e_1)
-        rest_2 = rest_of_chatter(dm, state[N2], F[F2], nn, dm.e_2)
+        rest_1 = rest_of_chatter(dm, state[N1], F[F1], nn, dm.e_1, tol)
+        rest_2 = rest_of_chatter(dm, state[N2], F[F2], nn, dm.e_2, tol)
         slow_1 = modes[0] == FREE or slow_enough(dm, state[N1], rest_1, tol)
         slow_2 = modes[1] == FREE or slow_enough(dm, state[N2], rest_2, tol)
         if slow_1 and slow_2:

@@ -9,6 +9,8 @@ from dimersweep.kernel.layout import FREE, SLIP, STICK
 from dimersweep.kernel.onset import slip_onset
 
 CLOSED, SEPARATES, INCONSISTENT = 0, 1, 2
+NO_FORCE = 1e-15  # force, in units of the weight, that is rounding
+MOMENT = 1e-6  # of the plate's phase
 AT_LIMIT = 1e-6  # deceleration, in units of gravity, that is none
 
 
@@ -45,10 +47,22 @@ def single_mode(dm, i, phase, y, modes, slip_tol, lost, dy, F):
         if slides and not loosen(dm, phase, y, modes, i, slip_tol, dy, F):
             modes[i] = FREE
             return INCONSISTENT
-    if F[F1 + 3 * i] > 0.0:
+    if presses(dm, modes, i, phase, y, dy, F):
         return CLOSED
     modes[i] = FREE
     return SEPARATES
+
+
+@compiled
+def presses(dm, modes, i, phase, y, dy, F):
+    """Whether the force F at end i points outward; where it is only rounding, whether it does a moment later."""
+    force = F[F1 + 3 * i]
+    if abs(force) > NO_FORCE * dm.m * dm.g:
+        return force > 0.0
+    contact_rates(dm, modes, phase + MOMENT, y, False, dy, F)
+    later = F[F1 + 3 * i] > 0.0
+    contact_rates(dm, modes, phase, y, False, dy, F)
+    return later
 
 
 @compiled
@@ -125,12 +139,13 @@ def contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, lost, dy, F)
     if not (closed_1 and closed_2):
         return single_mode(dm, 0 if closed_1 else 1, phase, y, modes, slip_tol, lost, dy, F)
     double_mode(dm, phase, y, modes, slip_tol, lost, dy, F)
-    if F[F1] > 0.0 and F[F2] > 0.0:
+    on_1, on_2 = presses(dm, modes, 0, phase, y, dy, F), presses(dm, modes, 1, phase, y, dy, F)
+    if on_1 and on_2:
         return CLOSED
-    if F[F1] <= 0.0 and F[F2] <= 0.0:
+    if not on_1 and not on_2:
         modes[0], modes[1] = FREE, FREE
         return SEPARATES
-    stays = 1 if F[F1] <= 0.0 else 0
+    stays = 0 if on_1 else 1
     if stays == 1:
         y[YUB] -= 2.0 * dm.h * y[YWP]
     return single_mode(dm, stays, phase, y, modes, slip_tol, lost, dy, F)

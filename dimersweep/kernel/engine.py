@@ -51,7 +51,7 @@ from dimersweep.kernel.record import note_event, note_segment
 from dimersweep.kernel.roots import MAX_PROBES, next_landing
 from dimersweep.kernel.watch import HOLD_LOST, LANDS, SLIP_ZERO
 
-EVENTS_PER_PERIOD = 2000  # bound on events: this many per period asked for, and a start
+EVENTS_PER_PERIOD = 20000  # bound on events: this many per period asked for, and a start
 LOOSEST = 1e-3  # relative tolerance of an impact, however slow
 SLIP_SCALE = 0.1  # slip that counts as none in contact, in units of the tolerance and g/omega
 COINCIDENT = 4e-16  # gap, in units of l, that counts as closed when the other end lands
