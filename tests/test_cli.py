@@ -284,12 +284,43 @@ def test_another_configuration_is_refused_with_what_differs(call, fake_kernel):
 def test_a_finished_sweep_is_not_done_again(call, fake_kernel, monkeypatch):
     assert call("run", "small.toml", "--no-plot")[2] == 0
     monkeypatch.setattr("dimersweep.tiles.run_many", lambda *rest, **more: pytest.fail("work was done"))
-    out, err, code = call("run", "small.toml")
-    assert (code, err) == (0, "fig07-small.nc: is complete already; nothing was run\n")
-    assert out.splitlines()[-2:] == ["cube: fig07-small.nc", "picture: fig07-small.png"]
+    for _ in range(2):  # first without a picture, then with one
+        out, err, code = call("run", "small.toml")
+        assert (code, err) == (0, "fig07-small.nc: is complete already; nothing was run\n")
+        assert out.splitlines()[-2:] == ["cube: fig07-small.nc", "picture: fig07-small.png"]
     _, err, code = call("run", "small.toml", "--rtol", "1e-6", "--no-plot")
     assert code == 2
     assert err.splitlines()[1:] == ["  rtol: 1e-08 -> 1e-06"]
+
+
+def test_a_picture_that_is_not_of_this_sweep_stays(call, fake_kernel):
+    assert call("run", "small.toml", "--periods", "100", "--out", "other.nc")[2] == 0
+    for precious in (Path("other.png").read_bytes(), b"precious"):
+        Path("fig07-small.png").write_bytes(precious)
+        _, err, code = call("run", "small.toml")
+        assert (code, err.count("\n")) == (2, 1)
+        assert err.startswith("dimersweep: error: picture = fig07-small.png: exists already; give another name")
+        assert Path("fig07-small.png").read_bytes() == precious
+
+
+SMALL_MAP = (ROOT / "sweeps" / "fig08-small.toml").read_text()
+
+
+def test_a_map_is_made_told_of_and_not_made_again(call, fake_kernel, monkeypatch):
+    Path("map.toml").write_text(SMALL_MAP)
+    out, err, code = call("run", "map.toml")
+    assert code == 0, err
+    assert re.search(r"(\d+)/\1 points, 100 %, elapsed", err)
+    assert out.splitlines()[-2:] == ["cube: fig08-small.nc", "picture: fig08-small.png"]
+    assert call("status", "fig08-small.nc")[0].startswith("fig08-small.nc: complete, 125 points")
+    monkeypatch.setattr("dimersweep.deciding.run_many", lambda *rest, **more: pytest.fail("work was done"))
+    _, err, code = call("run", "map.toml")
+    assert (code, err) == (0, "fig08-small.nc: is complete already; nothing was run\n")
+    _, err, code = call("run", "map.toml", "--retry")
+    assert (code, err.count("\n")) == (2, 1)
+    assert err.startswith("dimersweep: error: extend, retry: are for sweeps of a whole grid; a search does not take")
+    _, err, code = call("run", "map.toml", "--rtol", "1e-5")
+    assert (code, err.splitlines()[1:]) == (2, ["  rtol: 1e-06 -> 1e-05"])
 
 
 def test_a_cube_is_made_again_from_what_it_tells(call, fake_kernel, monkeypatch):

@@ -1,7 +1,8 @@
 """The command for the picture of a cube, and what every command that has a cube tells of it."""
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -29,11 +30,39 @@ def plot(
 
 
 def draw_beside(cube: "xr.Dataset", picture: Path) -> None:
-    """Draw `cube` to a file that may be replaced, and tell of it."""
+    """Draw `cube` to a file that may be replaced, marked with what it was drawn from, and tell of it."""
     from dimersweep.plots import draw
 
-    draw(cube).savefig(picture, dpi=150)
+    draw(cube).savefig(picture, dpi=150, metadata={"Keywords": _mark(cube.attrs["configuration_sha256"])})
     typer.echo(f"picture: {picture}")
+
+
+def _mark(configuration_sha256: str) -> str:
+    return f"dimersweep cube, configuration sha256 {configuration_sha256}"
+
+
+def check_picture_of(configuration: Callable[[], Mapping[str, Any]], picture: Path, *, force: bool) -> None:
+    """Refuse to replace a picture, unless it was drawn from a cube of this configuration: then nothing is lost.
+
+    Raises
+    ------
+    StoreError
+    """
+    from dimersweep.provenance import as_text, digest
+    from dimersweep.store import check_writable
+
+    ours = picture.exists() and _mark_in(picture) == _mark(digest(as_text(configuration())))
+    check_writable(picture, force=force or ours, name="picture")
+
+
+def _mark_in(picture: Path) -> str | None:
+    from PIL import Image
+
+    try:
+        with Image.open(picture) as image:
+            return image.info.get("Keywords")
+    except OSError:  # there is none, or no picture
+        return None
 
 
 def print_cube(cube: "xr.Dataset") -> None:

@@ -5,12 +5,13 @@ import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from json import loads
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dimersweep.cli.drawing import draw_beside, print_cube
+from dimersweep.cli.drawing import check_picture_of, draw_beside, print_cube
 from dimersweep.cli.options import Force, Periods, Rtol, Workers
 from dimersweep.errors import ParameterError, Stopped
 
@@ -45,16 +46,16 @@ def run(
 ) -> None:
     """Run a declared sweep: write its cube and draw it. One that was stopped goes on where it was."""
     declared = _declared(declaration, source, out, other_kernel=other_kernel)
+    from dimersweep.datasets import make
     from dimersweep.store import check_writable
 
     cube_file = out or Path(declared.sweep.output)
-    picture = cube_file.with_suffix(".png")
+    picture, forced = cube_file.with_suffix(".png"), force or retry
     check_writable(cube_file, force=True)  # a cube that is there already is judged where it can be read
-    if plot:
-        check_writable(picture, force=force or retry, name="picture")
+    if plot and not cube_file.exists():
+        job = declared.job(periods=periods, rtol=rtol, extend=extend, retry=retry)
+        check_picture_of(job.configuration, picture, force=forced)
     with stoppable():
-        from dimersweep.datasets import make
-
         cube = make(
             declared,
             cube_file,
@@ -71,6 +72,7 @@ def run(
         print_cube(cube)
         typer.echo(f"cube: {cube_file}")
         if plot:
+            check_picture_of(lambda: loads(cube.attrs["configuration"]), picture, force=forced)
             draw_beside(cube, picture)
 
 
