@@ -188,35 +188,40 @@ def test_an_import_is_quick_and_leaves_the_heavy_packages_for_later():
     assert min(times) < 0.3, times
 
 
+SMALL_MAP = (ROOT / "sweeps" / "fig08-small.toml").read_text()
 SLOW_SWEEP = """
 import sys, time
-import dimersweep.tiles
+import dimersweep.deciding, dimersweep.tiles
 from fakes import fake_run_many
 
 def slow(rows, *rest, until=0):
     time.sleep(0.05 * len(rows))
     return fake_run_many(rows, *rest)
 
-dimersweep.tiles.run_many = slow
+dimersweep.deciding.run_many = dimersweep.tiles.run_many = slow
 from dimersweep.cli import main
-sys.argv = ["dimersweep", "run", "small.toml", "--workers", "2"]
+sys.argv = ["dimersweep", "run", sys.argv[1], "--workers", "2"]
 print("ready", flush=True)
 main()
 """
 
 
 @contextmanager
-def slow_sweep(*, ignoring=None):
+def slow_sweep(declared="small.toml", cube="fig07-small.nc"):
     """A process at work on a sweep of some seconds, once it has put points on the disk."""
     environment = os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}"}
     with subprocess.Popen(
-        [sys.executable, "-c", SLOW_SWEEP], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [sys.executable, "-c", SLOW_SWEEP, declared],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
     ) as process:
         try:
             assert process.stdout.readline() == "ready\n"
-            manifest = Path("fig07-small.nc.tiles/manifest.jsonl")
+            manifest = Path(f"{cube}.tiles/manifest.jsonl")
             give_up = time.monotonic() + 30
-            while not (manifest.exists() and len(manifest.read_bytes().splitlines()) > 1):
+            while not (manifest.exists() and b"sha256" in manifest.read_bytes().partition(b"\n")[2]):
                 assert time.monotonic() < give_up and process.poll() is None
                 time.sleep(0.02)
             yield process
@@ -246,6 +251,27 @@ def test_a_signal_stops_a_sweep_within_two_seconds_and_it_goes_on(call, fake_ker
     assert code == 0, err
     assert f"going on: {done} of 132 points are done" in err
     assert sorted(os.listdir()) == ["fig07-small.nc", "small.toml"]
+
+
+def test_a_signal_stops_a_map_within_two_seconds_and_it_goes_on(call, fake_kernel):
+    Path("map.toml").write_text(SMALL_MAP)
+    with slow_sweep("map.toml", "fig08-small.nc") as process:
+        process.send_signal(signal.SIGINT)
+        start = time.perf_counter()
+        _, err = process.communicate(timeout=20)
+    assert time.perf_counter() - start < 2
+    assert process.returncode == 130
+    words = r"(\d+) of (\d+) points known to be needed so far"
+    told = re.fullmatch(
+        rf"dimersweep: interrupted: {words} are kept in fig08-small.nc.tiles; run the same again to go on",
+        err.splitlines()[-1],
+    )
+    assert 0 < int(told[1]) < int(told[2])
+    assert call("status", "fig08-small.nc")[0].startswith(f"fig08-small.nc: {told[1]} of {told[2]} points known to")
+    _, err, code = call("run", "map.toml", "--no-plot")
+    assert code == 0, err
+    assert f"going on: {told[1]} of " in err
+    assert sorted(os.listdir()) == ["fig08-small.nc", "map.toml", "small.toml"]
 
 
 def test_two_sweeps_do_not_share_a_folder_and_status_names_the_holder(call, fake_kernel):
@@ -301,9 +327,6 @@ def test_a_picture_that_is_not_of_this_sweep_stays(call, fake_kernel):
         assert (code, err.count("\n")) == (2, 1)
         assert err.startswith("dimersweep: error: picture = fig07-small.png: exists already; give another name")
         assert Path("fig07-small.png").read_bytes() == precious
-
-
-SMALL_MAP = (ROOT / "sweeps" / "fig08-small.toml").read_text()
 
 
 def test_a_map_is_made_told_of_and_not_made_again(call, fake_kernel, monkeypatch):
