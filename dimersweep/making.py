@@ -15,12 +15,14 @@ import xarray as xr
 
 from dimersweep.computing import Crew, How, Store, crew
 from dimersweep.cube import flatten
+from dimersweep.deciding import SearchSpec
 from dimersweep.errors import ParameterError, StoreError
-from dimersweep.grid import Grid, check_fits
+from dimersweep.grid import check_fits
 from dimersweep.memorystore import MemoryStore
 from dimersweep.provenance import as_text, attributes, differences
 from dimersweep.reuse import not_ok
 from dimersweep.store import check_writable, open_cube, write_cube
+from dimersweep.tiles import Spec
 from dimersweep.tilestore import TileStore, tile_store
 from dimersweep.zarrs import check_zarr, is_zarr, write_zarr
 
@@ -33,12 +35,8 @@ class Job(Protocol):
         """What the cube shows, its title unless another one is given."""
 
     @property
-    def grid(self) -> Grid:
-        """Its points."""
-
-    @property
-    def kind(self) -> np.dtype:
-        """Of the result of one of them, see `blank_results`."""
+    def spec(self) -> Spec | SearchSpec:
+        """Its points, the kind of their results, and how they are run."""
 
     @property
     def by_blocks(self) -> bool:
@@ -86,8 +84,8 @@ def make(job: Job, how: How, output: Output) -> xr.Dataset:
     """
     if output.path is not None:
         return _to_file(job, how, output, Path(output.path))
-    check_fits(job.grid)
-    memory = MemoryStore(job.grid.size, job.kind)
+    check_fits(job.spec.grid)
+    memory = MemoryStore(job.spec.grid.size, job.spec.kind)
     more = _filled(job, memory, how)
     return job.cube(memory.results, _attributes(job, memory, more, output))
 
@@ -99,7 +97,7 @@ def _filled(job: Job, store: Store, how: How) -> dict[str, str]:
 
 def _to_file(job: Job, how: How, output: Output, out: Path) -> xr.Dataset:
     if not is_zarr(out):
-        check_fits(job.grid)
+        check_fits(job.spec.grid)
     elif job.by_blocks:
         check_zarr()
     else:
@@ -113,7 +111,7 @@ def _to_file(job: Job, how: How, output: Output, out: Path) -> xr.Dataset:
     replace = output.force or job.retry
     check_writable(out, force=replace)
     with (
-        tile_store(out, job.configuration(), job.grid.size, job.kind, force=output.force) as store,
+        tile_store(out, job.configuration(), job.spec.grid.size, job.spec.kind, force=output.force) as store,
         _tidy(store),
     ):
         check_writable(out, force=replace)  # who held the lock before may have written it meanwhile
@@ -130,9 +128,9 @@ def _to_file(job: Job, how: How, output: Output, out: Path) -> xr.Dataset:
 
 def _written(job: Job, store: TileStore, told: Mapping[str, Any], out: Path, *, force: bool) -> xr.Dataset:
     if is_zarr(out):
-        write_zarr(job.grid, store.read, told, out, scratch=store.scratch, kept=store.keeps)
+        write_zarr(job.spec.grid, store.read, told, out, scratch=store.scratch, kept=store.keeps)
         return open_cube(out)
-    cube = job.cube(store.read(0, job.grid.size), told)
+    cube = job.cube(store.read(0, job.spec.grid.size), told)
     write_cube(cube, out, force=force, scratch=store.scratch, kept=store.keeps)
     return cube
 

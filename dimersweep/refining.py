@@ -110,26 +110,16 @@ class RefineJob:
         halvings = {name: n for name, n in self.halvings.items() if n}
         return self.coarse.configuration() | {"refine": {"halvings": halvings, "between": told_apart}}
 
-    @property
-    def grid(self) -> Grid:
-        """The fine grid."""
-        return self.spec.grid
-
-    @property
-    def kind(self) -> np.dtype:
-        """Of the result of one point."""
-        return self.spec.kind
-
     def fill(self, store: Store, crew: Crew) -> dict[str, str]:
         """Cut cells until no two computed points on a face of one disagree, with searches where the store lacks them.
 
         What the store has is used when its turn comes, so that a map that goes on is cut as an undisturbed one.
         """
-        findings = Findings(self.spec.question, store.read(0, self.grid.size).copy())
-        cells = _coarse_cells(self.grid.shape, [1 << count for count in self.halvings.values()])
+        findings = Findings(self.spec.question, store.read(0, self.spec.grid.size).copy())
+        cells = _coarse_cells(self.spec.grid.shape, [1 << count for count in self.halvings.values()])
         self._search(findings, cells, cells, crew)
         while True:
-            labels = np.where(findings.reached, self.lumped[findings.regions()], -1).reshape(self.grid.shape)
+            labels = np.where(findings.reached, self.lumped[findings.regions()], -1).reshape(self.spec.grid.shape)
             cuts = {cell: axes for cell in cells if (axes := cell.torn(labels))}
             if not cuts:
                 break
@@ -155,11 +145,11 @@ class RefineJob:
 
     def _numbers(self, cell: Cell) -> list[int]:
         """Points at the corners of a cell."""
-        return [int(np.ravel_multi_index(place, self.grid.shape)) for place in cell.corners()]
+        return [int(np.ravel_multi_index(place, self.spec.grid.shape)) for place in cell.corners()]
 
     def cube(self, results: np.ndarray, attributes: Mapping[str, Any]) -> xr.Dataset:
         """The labelled cube, points that were not computed being as the cell around them."""
-        computed = Findings(self.spec.question, results).known.reshape(self.grid.shape)
+        computed = Findings(self.spec.question, results).known.reshape(self.spec.grid.shape)
         return _fill(as_cube(self.spec, results, attributes), self.cells, computed)
 
 

@@ -171,26 +171,16 @@ class SearchJob:
         return self.spec.configuration()
 
     @property
-    def grid(self) -> Grid:
-        """The points at which the question is asked."""
-        return self.spec.grid
-
-    @property
-    def kind(self) -> np.dtype:
-        """Of the result of one point."""
-        return self.spec.kind
-
-    @property
     def summary(self) -> str:
         """What the cube shows."""
         return f"search over {self.spec.question.axis} for a 3D dimer on a vibrating plate"
 
     def fill(self, store: Store, crew: Crew) -> dict[str, str]:
         """Have the search made where the store lacks it."""
-        findings = Findings(self.spec.question, store.read(0, self.grid.size).copy())
-        legal = legal_points(self.grid)
+        findings = Findings(self.spec.question, store.read(0, self.spec.grid.size).copy())
+        legal = legal_points(self.spec.grid)
         crew.expect(int(legal.sum()))
-        for points, neighbours in waves(self.grid.shape):
+        for points, neighbours in waves(self.spec.grid.shape):
             kept = np.flatnonzero(legal[points])
             findings.search(self.spec, points[kept], [neighbours[k] for k in kept], crew)
         return {}

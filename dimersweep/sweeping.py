@@ -12,7 +12,6 @@ import xarray as xr
 from dimersweep.computing import Crew, Store, make_how
 from dimersweep.cube import build
 from dimersweep.errors import ParameterError
-from dimersweep.grid import Grid
 from dimersweep.making import Output, make
 from dimersweep.reuse import Known, not_ok, not_run
 from dimersweep.store import open_cube
@@ -34,22 +33,12 @@ class SweepJob:
         """All that decides its numbers."""
         return self.spec.configuration()
 
-    @property
-    def grid(self) -> Grid:
-        """Its points."""
-        return self.spec.grid
-
-    @property
-    def kind(self) -> np.dtype:
-        """Of the result of one of them."""
-        return self.spec.kind
-
     def fill(self, store: Store, crew: Crew) -> dict[str, str]:
         """Take over what other cubes have, and have the rest run."""
         origin = self._take_over(store, self.extend)
         if self.retry and store.out is not None and store.out.exists():
             self._take_over(store, store.out)
-        crew.expect(self.grid.size)
+        crew.expect(self.spec.grid.size)
         crew.run(self.spec, store.gaps())
         return origin
 
@@ -65,7 +54,7 @@ class SweepJob:
 
     def cube(self, results: np.ndarray, attributes: Mapping[str, Any]) -> xr.Dataset:
         """The labelled cube."""
-        return build(self.grid, results["out"], results["codes"], attributes)
+        return build(self.spec.grid, results["out"], results["codes"], attributes)
 
 
 def sweep(
