@@ -115,7 +115,7 @@ class RefineJob:
 
         What the store has is used when its turn comes, so that a map that goes on is cut as an undisturbed one.
         """
-        findings = Findings(self.spec.question, store.read(0, self.spec.grid.size).copy())
+        findings = Findings(self.spec.question, store.read(0, self.spec.grid.size))
         cells = _coarse_cells(self.spec.grid.shape, [1 << count for count in self.halvings.values()])
         self._search(findings, cells, cells, crew)
         while True:

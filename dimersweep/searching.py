@@ -70,9 +70,8 @@ class Findings:
         question, counts = self.question, self.results["counts"]
         region = np.where(counts.max(axis=1) == question.values.size, counts.argmax(axis=1), MIXED)
         if question.ask != "fraction":
-            found = (self.results["decider"] > 0) & (
-                question.ask != "all"
-            )  # the first may be found and yet not be sure
+            # the first may be found and yet not be sure
+            found = (self.results["decider"] > 0) & (question.ask != "all")
             region[(self.results["answer"] == A_YES) | found] = question.mode
         unsearched = counts.sum(axis=1) == 0
         region[unsearched] = self.modes[unsearched]
@@ -177,7 +176,7 @@ class SearchJob:
 
     def fill(self, store: Store, crew: Crew) -> dict[str, str]:
         """Have the search made where the store lacks it."""
-        findings = Findings(self.spec.question, store.read(0, self.spec.grid.size).copy())
+        findings = Findings(self.spec.question, store.read(0, self.spec.grid.size))
         legal = legal_points(self.spec.grid)
         crew.expect(int(legal.sum()))
         for points, neighbours in waves(self.spec.grid.shape):

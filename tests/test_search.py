@@ -18,9 +18,9 @@ from dimersweep.deciding import Wave, spread_order
 from dimersweep.errors import ParameterError, Stopped, StoreError
 from dimersweep.kernel.layout import M_DRIFT, MODES
 from dimersweep.reading import runs_of
-from dimersweep.searching import make_spec, search, waves
+from dimersweep.searching import as_cube, make_spec, search, waves
 from dimersweep.status import status
-from dimersweep.tiles import Tile, attempt
+from dimersweep.tiles import Tile, attempt, blank_results, lost
 
 # with the fake kernel no start drifts where f is small, some do elsewhere
 GRID = {"f": [0.2, 0.3, 0.4, 0.5, 1, 3, 9], "e": [0.5, 0.6, 0.7], "beta0": {"start": 0.03, "stop": 0.3, "num": 19}}
@@ -132,6 +132,16 @@ def test_a_search_that_is_stopped_keeps_what_it_has(fake_kernel, monkeypatch, tm
     ):
         quiet_search(out=out, mode="jump")
     xr.testing.assert_equal(quiet_search(out=out), reference)
+
+
+def test_points_that_are_lost_with_a_worker_stay_open(fake_kernel):
+    spec = make_spec(GRID, None, over="beta0", ask="any", mode="drift", periods=5, rtol=1e-8)
+    results = blank_results(spec.grid.size, spec.kind)
+    results[2:5] = lost(spec.kind, Tile(2, 5), OSError("gone")).results
+    cube = as_cube(spec, results, {})
+    for name, word in (("answer", "unsure"), ("region", "failed"), ("mode", "failed")):
+        words = names(cube[name]).values.ravel()
+        assert set(words[2:5]) == {word} and set(np.delete(words, [2, 3, 4])) == {"not_run"}
 
 
 def test_a_long_point_can_be_stopped_within(monkeypatch):
