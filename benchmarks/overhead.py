@@ -1,6 +1,6 @@
-"""What a sweep costs beyond its kernel, and how it scales: ``python benchmarks/overhead.py``.
+"""What a sweep, search or map costs beyond its kernel, and how it scales: ``python benchmarks/overhead.py [--sweep FILE]``.
 
-Each round runs the same sweep to a file on one thread and on two, in turn, and the medians over the rounds are printed:
+Each round makes the same cube on one thread and on two, in turn, and the medians over the rounds are printed:
 the time of the whole call over the sum of the kernel's times shared among the threads, and the speed of two threads over
 that of one. The sum of kernel times is measured around the calls of the compiled code, on the threads that make them. Where the
 kernel was not on a core all that time, other programs were at work, and the scaling says nothing.
@@ -14,8 +14,10 @@ from statistics import median
 from time import perf_counter, thread_time
 from typing import Any
 
+import dimersweep.deciding
 import dimersweep.tiles
 from dimersweep import declaration, sweep
+from dimersweep.datasets import make
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -39,18 +41,11 @@ class KernelClock:
 
 
 def measure(declared: declaration.Declaration, workers: int, clock: KernelClock) -> tuple[float, float, float]:
-    """Wall time of the sweep, sum of the kernel's times, and its time on a processor [s]."""
+    """Wall time of the whole, sum of the kernel's times, and its time on a processor [s]."""
     clock.seconds = clock.cpu = 0.0
     with tempfile.TemporaryDirectory() as folder:
         begun = perf_counter()
-        sweep(
-            declared.grid,
-            declared.fixed,
-            periods=declared.sweep.periods,
-            out=Path(folder, "cube.nc"),
-            workers=workers,
-            progress=False,
-        )
+        make(declared, Path(folder, "cube.nc"), workers=workers, progress=False)
         return perf_counter() - begun, clock.seconds, clock.cpu
 
 
@@ -62,7 +57,7 @@ def main() -> None:
     given = parser.parse_args()
     declared = declaration.read_declaration(given.sweep)
     clock = KernelClock()
-    dimersweep.tiles.run_many = clock  # type: ignore[assignment]
+    dimersweep.tiles.run_many = dimersweep.deciding.run_many = clock  # type: ignore[assignment]
     sweep({"f": [15, 20]}, periods=2, progress=False)  # compiles
     times: dict[int, list[tuple[float, float, float]]] = {1: [], 2: []}
     for number in range(given.rounds):

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import resource
 import signal
 import subprocess
 import sys
@@ -164,52 +165,63 @@ def test_simulate_prints_json_and_draws(call):
     assert Path("run.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_help_and_version_answer_at_once():
-    for option in ("--help", "--version"):
-        times = []
-        for _ in range(3):
-            start = time.perf_counter()
-            done = subprocess.run(
-                [sys.executable, "-m", "dimersweep", option],
-                capture_output=True,
-                text=True,
-                check=True,
-                cwd=ROOT,
-            )
-            times.append(time.perf_counter() - start)
-        assert min(times) < 0.5, times
-        assert "dimersweep" in done.stdout
+def processor_seconds(*command):
+    """What a Python process prints, and its time on a processor [s], which other programs hardly change."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    done = subprocess.run([sys.executable, *command], capture_output=True, text=True, check=True, cwd=ROOT)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return done.stdout, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
+@pytest.mark.parametrize("option", ["--help", "--version"])
+def test_help_and_version_answer_at_once(option):
+    printed, times = zip(*(processor_seconds("-m", "dimersweep", option) for _ in range(3)), strict=True)
+    assert "dimersweep" in printed[0]
+    assert min(times) < 0.5, times
+
+
+def test_an_import_is_quick_and_leaves_the_heavy_packages_for_later():
+    heavy = {"numba", "numpy", "xarray", "dask", "distributed", "matplotlib", "scipy", "pandas", "netCDF4", "pydantic"}
+    program = "import sys, dimersweep; print(*(name for name in sys.modules if '.' not in name))"
+    printed, times = zip(*(processor_seconds("-c", program) for _ in range(3)), strict=True)
+    assert heavy & set(printed[0].split()) == set()
+    assert min(times) < 0.3, times
+
+
+SMALL_MAP = (ROOT / "sweeps" / "fig08-small.toml").read_text()
 SLOW_SWEEP = """
 import sys, time
-import dimersweep.tiles
+import dimersweep.deciding, dimersweep.tiles
 from fakes import fake_run_many
 
 def slow(rows, *rest, until=0):
     time.sleep(0.05 * len(rows))
     return fake_run_many(rows, *rest)
 
-dimersweep.tiles.run_many = slow
+dimersweep.deciding.run_many = dimersweep.tiles.run_many = slow
 from dimersweep.cli import main
-sys.argv = ["dimersweep", "run", "small.toml", "--workers", "2"]
+sys.argv = ["dimersweep", "run", sys.argv[1], "--workers", "2"]
 print("ready", flush=True)
 main()
 """
 
 
 @contextmanager
-def slow_sweep(*, ignoring=None):
+def slow_sweep(declared="small.toml", cube="fig07-small.nc"):
     """A process at work on a sweep of some seconds, once it has put points on the disk."""
     environment = os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}"}
     with subprocess.Popen(
-        [sys.executable, "-c", SLOW_SWEEP], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [sys.executable, "-c", SLOW_SWEEP, declared],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
     ) as process:
         try:
             assert process.stdout.readline() == "ready\n"
-            manifest = Path("fig07-small.nc.tiles/manifest.jsonl")
+            manifest = Path(f"{cube}.tiles/manifest.jsonl")
             give_up = time.monotonic() + 30
-            while not (manifest.exists() and len(manifest.read_bytes().splitlines()) > 1):
+            while not (manifest.exists() and b"sha256" in manifest.read_bytes().partition(b"\n")[2]):
                 assert time.monotonic() < give_up and process.poll() is None
                 time.sleep(0.02)
             yield process
@@ -239,6 +251,27 @@ def test_a_signal_stops_a_sweep_within_two_seconds_and_it_goes_on(call, fake_ker
     assert code == 0, err
     assert f"going on: {done} of 132 points are done" in err
     assert sorted(os.listdir()) == ["fig07-small.nc", "small.toml"]
+
+
+def test_a_signal_stops_a_map_within_two_seconds_and_it_goes_on(call, fake_kernel):
+    Path("map.toml").write_text(SMALL_MAP)
+    with slow_sweep("map.toml", "fig08-small.nc") as process:
+        process.send_signal(signal.SIGINT)
+        start = time.perf_counter()
+        _, err = process.communicate(timeout=20)
+    assert time.perf_counter() - start < 2
+    assert process.returncode == 130
+    words = r"(\d+) of (\d+) points known to be needed so far"
+    told = re.fullmatch(
+        rf"dimersweep: interrupted: {words} are kept in fig08-small.nc.tiles; run the same again to go on",
+        err.splitlines()[-1],
+    )
+    assert 0 < int(told[1]) < int(told[2])
+    assert call("status", "fig08-small.nc")[0].startswith(f"fig08-small.nc: {told[1]} of {told[2]} points known to")
+    _, err, code = call("run", "map.toml", "--no-plot")
+    assert code == 0, err
+    assert f"going on: {told[1]} of " in err
+    assert sorted(os.listdir()) == ["fig08-small.nc", "map.toml", "small.toml"]
 
 
 def test_two_sweeps_do_not_share_a_folder_and_status_names_the_holder(call, fake_kernel):
@@ -277,12 +310,40 @@ def test_another_configuration_is_refused_with_what_differs(call, fake_kernel):
 def test_a_finished_sweep_is_not_done_again(call, fake_kernel, monkeypatch):
     assert call("run", "small.toml", "--no-plot")[2] == 0
     monkeypatch.setattr("dimersweep.tiles.run_many", lambda *rest, **more: pytest.fail("work was done"))
-    out, err, code = call("run", "small.toml")
-    assert (code, err) == (0, "fig07-small.nc: is complete already; nothing was run\n")
-    assert out.splitlines()[-2:] == ["cube: fig07-small.nc", "picture: fig07-small.png"]
+    for _ in range(2):  # first without a picture, then with one
+        out, err, code = call("run", "small.toml")
+        assert (code, err) == (0, "fig07-small.nc: is complete already; nothing was run\n")
+        assert out.splitlines()[-2:] == ["cube: fig07-small.nc", "picture: fig07-small.png"]
     _, err, code = call("run", "small.toml", "--rtol", "1e-6", "--no-plot")
     assert code == 2
     assert err.splitlines()[1:] == ["  rtol: 1e-08 -> 1e-06"]
+
+
+def test_a_picture_that_is_not_of_this_sweep_stays(call, fake_kernel):
+    assert call("run", "small.toml", "--periods", "100", "--out", "other.nc")[2] == 0
+    for precious in (Path("other.png").read_bytes(), b"precious"):
+        Path("fig07-small.png").write_bytes(precious)
+        _, err, code = call("run", "small.toml")
+        assert (code, err.count("\n")) == (2, 1)
+        assert err.startswith("dimersweep: error: picture = fig07-small.png: exists already; give another name")
+        assert Path("fig07-small.png").read_bytes() == precious
+
+
+def test_a_map_is_made_told_of_and_not_made_again(call, fake_kernel, monkeypatch):
+    Path("map.toml").write_text(SMALL_MAP)
+    out, err, code = call("run", "map.toml")
+    assert code == 0, err
+    assert re.search(r"(\d+)/\1 points, 100 %, elapsed", err)
+    assert out.splitlines()[-2:] == ["cube: fig08-small.nc", "picture: fig08-small.png"]
+    assert call("status", "fig08-small.nc")[0].startswith("fig08-small.nc: complete, 125 points")
+    monkeypatch.setattr("dimersweep.deciding.run_many", lambda *rest, **more: pytest.fail("work was done"))
+    _, err, code = call("run", "map.toml")
+    assert (code, err) == (0, "fig08-small.nc: is complete already; nothing was run\n")
+    _, err, code = call("run", "map.toml", "--retry")
+    assert (code, err.count("\n")) == (2, 1)
+    assert err.startswith("dimersweep: error: extend, retry: are for sweeps of a whole grid; a search does not take")
+    _, err, code = call("run", "map.toml", "--rtol", "1e-5")
+    assert (code, err.splitlines()[1:]) == (2, ["  rtol: 1e-06 -> 1e-05"])
 
 
 def test_a_cube_is_made_again_from_what_it_tells(call, fake_kernel, monkeypatch):

@@ -1,5 +1,7 @@
 """Pictures of orbits over parameters: paths, trends with exponents, the least period, ends of the impact, planar drift."""
 
+from typing import Any
+
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -31,6 +33,13 @@ def _needs(cube: xr.Dataset, kind: str, *axes: str) -> None:
         raise ParameterError(f"{kind}: has axes {', '.join(sorted(present)) or 'none'}; needs {', '.join(axes)}")
 
 
+def _frame(cube: xr.Dataset, size: tuple[float, float], heading: str = "", **panels: Any) -> tuple[Figure, Any]:
+    """A figure of `size` in inches with the title of `cube` below its `heading`, and its panels, see `Figure.subplots`."""
+    figure = Figure(figsize=size, layout="constrained")
+    figure.suptitle(f"{heading}\n{title(cube)}".lstrip(), fontsize=10)
+    return figure, figure.subplots(**panels)
+
+
 def _drifting(cube: xr.Dataset, quantity: str) -> xr.DataArray:
     return cube[quantity].where(cube["mode"] == M_DRIFT)
 
@@ -51,8 +60,7 @@ def paths(cube: xr.Dataset) -> Figure:
         raise ParameterError("paths: the cube has no paths over one axis; declare [paths]")
     (name,) = (str(dim) for dim in cube["mode"].dims)
     per_period = round(1 / float(cube["cycle"][1] - cube["cycle"][0]))
-    figure = Figure(figsize=(10, 5.2), layout="constrained")
-    whole, teeth = figure.subplots(1, 2)
+    figure, (whole, teeth) = _frame(cube, (10, 5.2), "Paths of the centre of mass", ncols=2)
     for k, value in enumerate(cube[name].values):
         x, y = cube["x"].values[k], cube["y"].values[k]
         if not np.isfinite(x).all():
@@ -70,7 +78,6 @@ def paths(cube: xr.Dataset) -> Figure:
     whole.legend(fontsize=8, loc="center")
     teeth.set_xlabel("time [forcing periods]")
     teeth.set_ylabel("distance from the circle [mm]")
-    figure.suptitle(f"Paths of the centre of mass\n{title(cube)}", fontsize=10)
     return figure
 
 
@@ -92,8 +99,7 @@ def trends(cube: xr.Dataset) -> Figure:
         With the exponents of R and T in A_r - 1 and f.
     """
     _needs(cube, "trends", "A_r", "f")
-    figure = Figure(figsize=(9, 10), layout="constrained")
-    panels = figure.subplots(3, 2, sharex="col", sharey="row")
+    figure, panels = _frame(cube, (9, 10), nrows=3, ncols=2, sharex="col", sharey="row")
     for row, quantity in zip(panels, TRENDS, strict=True):
         values = _drifting(cube, quantity)
         for axes, (name, other) in zip(row, (("A_r", "f"), ("f", "A_r")), strict=True):
@@ -114,7 +120,6 @@ def trends(cube: xr.Dataset) -> Figure:
         row[0].set_ylabel(TRENDS[quantity])
     for axes in panels[0]:
         axes.legend(fontsize=8)
-    figure.suptitle(title(cube), fontsize=10)
     return figure
 
 
@@ -131,8 +136,7 @@ def least_period(cube: xr.Dataset) -> Figure:
     matplotlib.figure.Figure
     """
     _needs(cube, "minimum", "A_r", "xdot0")
-    figure = Figure(figsize=(10, 4.4), layout="constrained")
-    left, right = figure.subplots(1, 2)
+    figure, (left, right) = _frame(cube, (10, 4.4), ncols=2)
     speeds = cube["xdot0"].values
     for color, A_r in zip(ROW_COLORS, cube["A_r"].values, strict=False):
         one = cube.sel(A_r=A_r)
@@ -152,7 +156,6 @@ def least_period(cube: xr.Dataset) -> Figure:
     right.set_ylabel(TRENDS["zeta"])
     for axes in (left, right):
         axes.set_xlabel(label("xdot0"))
-    figure.suptitle(title(cube), fontsize=10)
     return figure
 
 
@@ -171,9 +174,10 @@ def impact_ends(cube: xr.Dataset) -> Figure:
     _needs(cube, "impact_ends", "A_r", "mu", "mu_s")
     body = {name: cube[name].item() for name in ("r", "rho_b", "rho_r", "D_r")}
     colors = ListedColormap(list(END_COLORS.values()))
-    figure = Figure(figsize=(3.1 * cube.sizes["A_r"] + 0.6, 4.6), layout="constrained")
-    panels = np.atleast_1d(figure.subplots(1, cube.sizes["A_r"], sharey=True))
-    for axes, A_r in zip(panels, cube["A_r"].values, strict=True):
+    heading = "How the double impact ends; dashed: $\\mu = \\bar\\mu$"
+    n = cube.sizes["A_r"]
+    figure, panels = _frame(cube, (3.1 * n + 0.6, 4.6), heading, ncols=n, sharey=True, squeeze=False)
+    for axes, A_r in zip(panels[0], cube["A_r"].values, strict=True):
         ends = cube["di_end"].sel(A_r=A_r).transpose("mu_s", "mu")
         axes.pcolormesh(
             edges_of(cube["mu"].values), edges_of(cube["mu_s"].values), ends.values, cmap=colors, vmin=-0.5, vmax=4.5
@@ -182,14 +186,13 @@ def impact_ends(cube: xr.Dataset) -> Figure:
         axes.axvline(line, color="black", linestyle="--", linewidth=1)
         axes.set_title(f"{given('A_r', A_r)}, $\\bar\\mu$ = {line:.3f}", fontsize=10)
         axes.set_xlabel(label("mu"))
-    panels[0].set_ylabel(label("mu_s"))
+    panels[0, 0].set_ylabel(label("mu_s"))
     found = sorted(set(np.unique(names(cube["di_end"]))), key=DI_ENDS.index)
     words = {"none": "no drift found, or $\\mu_s < \\mu$"}
     handles = [
         Patch(facecolor=END_COLORS[end], edgecolor="black", linewidth=0.5, label=words.get(end, end)) for end in found
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=9)
-    figure.suptitle(f"How the double impact ends; dashed: $\\mu = \\bar\\mu$\n{title(cube)}", fontsize=10)
     return figure
 
 
@@ -208,8 +211,7 @@ def shares(cube: xr.Dataset) -> Figure:
     if "runs" not in cube or cube["mode"].ndim != 2:
         raise ParameterError("shares: needs the runs of a search over two axes")
     other, name = (str(dim) for dim in cube["mode"].dims)
-    figure = Figure(figsize=(7.5, 4.4), layout="constrained")
-    axes = figure.add_subplot()
+    figure, axes = _frame(cube, (7.5, 4.4))
     share = runs_of(cube, "drift") / cube["n_runs"]
     for color, value in zip(ROW_COLORS, cube[other].values, strict=False):
         axes.plot(
@@ -219,7 +221,6 @@ def shares(cube: xr.Dataset) -> Figure:
     axes.set_ylabel("initial dip angles that drift [%]")
     axes.set_ylim(bottom=0)
     axes.legend(fontsize=8)
-    axes.set_title(title(cube), fontsize=10)
     return figure
 
 
@@ -238,8 +239,7 @@ def planar(cube: xr.Dataset) -> Figure:
     if "axial_velocity" not in cube or cube["mode"].ndim != 1:
         raise ParameterError("planar: needs paths over one axis; declare [paths]")
     (name,) = (str(dim) for dim in cube["mode"].dims)
-    figure = Figure(figsize=(7.5, 4.4), layout="constrained")
-    axes = figure.add_subplot()
+    figure, axes = _frame(cube, (7.5, 4.4))
     ends, velocity = names(cube["di_end"]).values, 1e3 * cube["axial_velocity"].values
     for end, color in END_COLORS.items():
         here = (ends == end) & np.isfinite(velocity)
@@ -249,7 +249,6 @@ def planar(cube: xr.Dataset) -> Figure:
     axes.set_xlabel(label(name))
     axes.set_ylabel("drift velocity [mm/s]")
     axes.legend(title="double impact ends", fontsize=8)
-    axes.set_title(title(cube), fontsize=10)
     return figure
 
 

@@ -1,0 +1,68 @@
+"""The command line: its commands, and what becomes of errors; heavy imports wait inside the commands."""
+
+import os
+import sys
+from typing import Annotated, Any
+
+import typer
+
+from dimersweep.cli.claiming import claims
+from dimersweep.cli.drawing import plot
+from dimersweep.cli.simulating import simulate
+from dimersweep.cli.sweeping import plan, run, status
+from dimersweep.errors import UserError
+
+INTERRUPTED = 130  # what a shell expects of a program that Ctrl-C has stopped
+
+app = typer.Typer(
+    help="Event-driven simulation of a 3D dimer on a vibrating plate.",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+for command in (simulate, run, plan, status, plot, claims):
+    app.command()(command)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from dimersweep import __version__
+
+        typer.echo(f"dimersweep {__version__}")
+        raise typer.Exit
+
+
+@app.callback(invoke_without_command=True)
+def _top(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Version.")] = False,
+) -> None:
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+
+
+def _fail(message: str) -> None:
+    print(f"dimersweep: error: {message}", file=sys.stderr)
+    sys.exit(2)
+
+
+def _warn(message: Warning | str, *others: Any, **more: Any) -> None:
+    print(f"dimersweep: warning: {message}", file=sys.stderr, flush=True)
+
+
+def main() -> None:
+    """Entry point: every error that is the user's to mend is told in a line and exit code 2."""
+    import warnings
+
+    warnings.showwarning = _warn
+    try:
+        code = app(prog_name="dimersweep", standalone_mode=False)
+    except UserError as error:
+        _fail(str(error))
+    except Exception as error:
+        if not hasattr(error, "format_message"):  # of a usage error; its class moved between versions of typer
+            raise
+        _fail(" ".join(error.format_message().split()))
+    if code == INTERRUPTED:
+        print("dimersweep: interrupted, nothing was written", file=sys.stderr)
+        os._exit(INTERRUPTED)  # threads may be inside compiled code, which Ctrl-C does not reach

@@ -1,0 +1,52 @@
+"""Options that several commands take, and the judging of what is typed for them."""
+
+import inspect
+from collections.abc import Callable
+from typing import Annotated, Any
+
+import typer
+
+from dimersweep.symbols import BASE, PARAMETERS
+
+
+def _number(text: str | float) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise typer.BadParameter(f"{text!r} is not a number") from None
+
+
+def _whole(text: str | int) -> int:
+    try:
+        return int(text)
+    except ValueError:
+        raise typer.BadParameter(f"{text!r} is not a whole number") from None
+
+
+def number_option(told: str, *names: str) -> Any:
+    """An option that takes a number."""
+    return typer.Option(*names, help=told, parser=_number, metavar="NUMBER")
+
+
+def whole_option(told: str) -> Any:
+    """An option that takes a whole number."""
+    return typer.Option(help=told, parser=_whole, metavar="COUNT")
+
+
+Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
+Workers = Annotated[int | None, whole_option("Threads; one for each core by default.")]
+Periods = Annotated[int | None, whole_option("Forcing periods, in place of the declared ones.")]
+Rtol = Annotated[float | None, number_option("Accuracy, in place of the declared one.")]
+
+
+def with_parameters(command: Callable[..., None]) -> Callable[..., None]:
+    """Give `command` an option for each parameter of the model, spelt as in the paper, in place of its keywords."""
+    signature = inspect.signature(command)
+    options = [parameter for parameter in signature.parameters.values() if parameter.kind is not parameter.VAR_KEYWORD]
+    for name, (units, meaning) in PARAMETERS.items():
+        told = meaning + ("" if units == "1" else f" ({units})") + ("" if name in BASE else "; as e by default")
+        kind = Annotated[Any, number_option(told, f"--{name}")]
+        options.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=BASE.get(name), annotation=kind))
+    command.__signature__ = signature.replace(parameters=options)  # type: ignore[attr-defined]
+    command.__annotations__ = {option.name: option.annotation for option in options}
+    return command

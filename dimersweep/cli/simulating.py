@@ -1,0 +1,79 @@
+"""The command for one run."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from dimersweep.cli.options import Force, number_option, whole_option, with_parameters
+from dimersweep.symbols import QUANTITIES
+
+if TYPE_CHECKING:
+    from dimersweep.run import Run
+
+ORBIT = ("radius", "period", "zeta", "speed", "precession_rate", "impact_phase")
+
+
+@with_parameters
+def simulate(
+    *,
+    periods: Annotated[int, whole_option("Forcing periods to run.")] = 100,
+    rtol: Annotated[float, number_option("Accuracy, 1e-13 to 1e-2.")] = 1e-8,
+    plot: Annotated[Path | None, typer.Option(help="Picture of heights, orbit and phase portraits.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON in place of the table.")] = False,
+    force: Force = False,
+    **parameters: Any,
+) -> None:
+    """Run one dimer and tell its mode and its orbit."""
+    if plot is not None:
+        from dimersweep.plots import check_picture
+
+        check_picture(plot, force=force, name="plot")
+    from dimersweep.parameters import Parameters, check_count, check_rtol
+    from dimersweep.progress import tell_of_compiling
+
+    # judged here as well, so that a typing error is told before seconds of imports and compiling
+    Parameters(**parameters)
+    check_count("periods", periods)
+    check_rtol(rtol)
+    tell_of_compiling()
+    from dimersweep.run import simulate
+
+    run = simulate(**parameters, periods=periods, rtol=rtol, record=plot is not None)
+    if json:
+        from json import dumps
+
+        typer.echo(dumps(_as_dict(run), indent=1))
+    else:
+        _print_table(run)
+    if plot is not None:
+        from dimersweep.plots import run_figure
+
+        run_figure(run).savefig(plot, dpi=150)
+
+
+def _as_dict(run: "Run") -> dict[str, Any]:
+    """What came out of `run`, as JSON can hold it."""
+    outcome = {name: getattr(run, name) for name in ("parameters", "status", "message", "mode", "mode_period")}
+    outcome |= {name: getattr(run, name) for name in ("n_events", "n_periods")}
+    names = [*ORBIT, "di_end", "spin_rate", *(f"{name}_drift" for name in ORBIT)]
+    return outcome | {"orbit": run.orbit and {name: getattr(run.orbit, name) for name in names}}
+
+
+def _print_table(run: "Run") -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("quantity", "value", "unit", "change per period")
+    repeats = f", repeats every {run.mode_period} periods" if run.mode_period > 1 else ""
+    table.add_row("status", run.status if run.status == "ok" else f"{run.status}: {run.message}")
+    table.add_row("mode", run.mode + repeats)
+    table.add_row("forcing periods", str(run.n_periods))
+    table.add_row("events", str(run.n_events))
+    if run.orbit is not None:
+        table.add_section()
+        for name in ORBIT:
+            value, drift = getattr(run.orbit, name), getattr(run.orbit, f"{name}_drift")
+            table.add_row(name, f"{value:.8g}", QUANTITIES[name].units, f"{drift:.2e}")
+        table.add_row("double impact ends", run.orbit.di_end)
+    Console().print(table)

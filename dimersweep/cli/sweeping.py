@@ -1,0 +1,153 @@
+"""The commands for declared sweeps: run one, tell what it would cost, tell how far it is."""
+
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from json import loads
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from dimersweep.cli.drawing import check_picture_of, draw_beside, print_cube
+from dimersweep.cli.options import Force, Periods, Rtol, Workers
+from dimersweep.errors import ParameterError, Stopped
+
+if TYPE_CHECKING:
+    from dimersweep.declaration import Declaration
+
+Declared = Annotated[Path | None, typer.Argument(metavar="SWEEP.toml", help="Declaration of the sweep.")]
+
+
+def run(
+    declaration: Declared = None,
+    *,
+    out: Annotated[Path | None, typer.Option(help="Cube to write, in place of the declared output.")] = None,
+    source: Annotated[
+        Path | None, typer.Option("--from", metavar="CUBE", help="Make this cube again, from what it tells of itself.")
+    ] = None,
+    workers: Workers = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Scheduler of a dask cluster, such as tcp://host:8786.")
+    ] = None,
+    periods: Periods = None,
+    rtol: Rtol = None,
+    extend: Annotated[Path | None, typer.Option(metavar="CUBE", help="Take over the points this cube has.")] = None,
+    retry: Annotated[bool, typer.Option("--retry", help="Run points that failed again.")] = False,
+    fail_fast: Annotated[bool, typer.Option("--fail-fast", help="Stop at the first point that fails.")] = False,
+    keep_tiles: Annotated[bool, typer.Option("--keep-tiles", help="Keep the folder of finished points.")] = False,
+    other_kernel: Annotated[
+        bool, typer.Option("--other-kernel", help="With --from: go on though numbers may differ.")
+    ] = False,
+    plot: Annotated[bool, typer.Option(help="Draw the cube beside its file.")] = True,
+    force: Force = False,
+) -> None:
+    """Run a declared sweep: write its cube and draw it. One that was stopped goes on where it was."""
+    declared = _declared(declaration, source, out, other_kernel=other_kernel)
+    from dimersweep.datasets import make
+    from dimersweep.store import check_writable
+
+    cube_file = out or Path(declared.sweep.output)
+    picture, forced = cube_file.with_suffix(".png"), force or retry
+    check_writable(cube_file, force=True)  # a cube that is there already is judged where it can be read
+    if plot and not cube_file.exists():
+        job = declared.job(periods=periods, rtol=rtol, extend=extend, retry=retry)
+        check_picture_of(job.configuration, picture, force=forced)
+    with stoppable():
+        cube = make(
+            declared,
+            cube_file,
+            periods=periods,
+            rtol=rtol,
+            extend=extend,
+            retry=retry,
+            workers=workers,
+            client=scheduler,
+            fail_fast=fail_fast,
+            force=force,
+            keep_tiles=keep_tiles,
+        )
+        print_cube(cube)
+        typer.echo(f"cube: {cube_file}")
+        if plot:
+            check_picture_of(lambda: loads(cube.attrs["configuration"]), picture, force=forced)
+            draw_beside(cube, picture)
+
+
+def _declared(declaration: Path | None, source: Path | None, out: Path | None, *, other_kernel: bool) -> "Declaration":
+    """The sweep that a file declares, or that a cube tells to have come from."""
+    if (declaration is None) == (source is None):
+        raise typer.BadParameter("give either SWEEP.toml or --from CUBE")
+    if declaration is not None:
+        from dimersweep.declaration import read_declaration
+
+        return read_declaration(declaration)
+    assert source is not None
+    if out is None:
+        raise typer.BadParameter("--from CUBE needs --out, the cube to write")
+    from dimersweep.rerun import from_cube
+
+    return from_cube(source, other_kernel=other_kernel)
+
+
+@contextmanager
+def stoppable() -> Iterator[None]:
+    """End the process on Ctrl-C or SIGTERM with one line and the exit code of the signal."""
+
+    def terminate(number: int, frame: Any) -> None:
+        raise Stopped("", number)
+
+    signal.signal(signal.SIGTERM, terminate)
+    try:
+        yield
+    except KeyboardInterrupt as stop:
+        number = stop.signal if isinstance(stop, Stopped) else signal.SIGINT
+        word = "interrupted" if number == signal.SIGINT else "terminated"
+        print(f"dimersweep: {word}: {stop}".rstrip(": "), file=sys.stderr, flush=True)
+        os._exit(128 + number)  # threads may be inside compiled code, which signals do not reach
+
+
+def plan(
+    declaration: Annotated[Path, typer.Argument(metavar="SWEEP.toml", help="Declaration of the sweep.")],
+    *,
+    workers: Workers = None,
+    periods: Periods = None,
+    rtol: Rtol = None,
+) -> None:
+    """Tell points, size and time of a declared sweep from a timed sample; nothing is written."""
+    from dimersweep.declaration import read_declaration
+    from dimersweep.progress import tell_of_compiling
+
+    declared = read_declaration(declaration)
+    if declared.search is not None:
+        raise ParameterError("search: has no plan, as it stops as soon as its answers are certain; plan a whole grid")
+    tell_of_compiling()
+    from dask.system import CPU_COUNT
+
+    from dimersweep.parameters import check_count
+    from dimersweep.planning import plan
+    from dimersweep.tiles import make_spec
+
+    spec = make_spec(
+        declared.grid,
+        declared.fixed,
+        periods=declared.sweep.periods if periods is None else periods,
+        rtol=declared.sweep.rtol if rtol is None else rtol,
+        stop_when_settled=declared.sweep.stop_when_settled,
+    )
+    threads = CPU_COUNT if workers is None else check_count("workers", workers)
+    out = Path(declared.sweep.output)
+    for line in plan(spec, threads, out).lines():
+        typer.echo(line)
+
+
+def status(
+    out: Annotated[Path, typer.Argument(metavar="CUBE", help="Cube to be, as the sweep was given it.")],
+) -> None:
+    """Tell how far the sweep for a cube has come, and whether a process is at work on it."""
+    from dimersweep.status import status
+
+    for line in status(out):
+        typer.echo(line)
