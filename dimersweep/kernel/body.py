@@ -62,7 +62,7 @@ def as_dimer(row):
         1.0 / m,
         1.0 / J_t,
         1.0 / J_a,
-        g / omega,
+        min(g / omega, sqrt(g * lever)),
         sqrt(g / lever),
     )
 

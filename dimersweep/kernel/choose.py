@@ -43,8 +43,16 @@ def single_mode(dm, i, phase, y, modes, slip_tol, lost, dy, F):
         y[YUA], y[YUB] = 0.0, 0.0
         modes[i] = STICK
         contact_rates(dm, modes, phase, y, False, dy, F)
-        slides = F[F1 + 3 * i] > 0.0 and (lost or hold_reserve(dm, modes, i, F) < 0.0)
-        if slides and not loosen(dm, phase, y, modes, i, slip_tol, dy, F):
+        if F[F1 + 3 * i] <= 0.0:
+            modes[i] = SLIP  # without a slip there is no friction: is the end pressed on the plate?
+            contact_rates(dm, modes, phase, y, False, dy, F)
+            if not presses(dm, modes, i, phase, y, dy, F):
+                modes[i] = FREE
+                return SEPARATES
+            modes[i] = STICK
+            contact_rates(dm, modes, phase, y, False, dy, F)
+        holds = F[F1 + 3 * i] > 0.0 and not lost and hold_reserve(dm, modes, i, F) >= 0.0
+        if not holds and not loosen(dm, phase, y, modes, i, slip_tol, dy, F):
             modes[i] = FREE
             return INCONSISTENT
     if presses(dm, modes, i, phase, y, dy, F):

@@ -44,6 +44,8 @@ SLIP_LINE = 1e-7  # slip, in g/omega, from which an end slips at the end of a do
 DOWN_LINE = 0.9  # share of the time one ball is down in the drift mode
 TOGETHER = 0.15  # landings of a jump lie closer than this
 SETTLED = 1e-4  # change of a strobe, in g/omega^2 and g/omega, that counts as none
+KEPT = 1e-3  # the same of a motion that has settled before: one that creeps is not lost at the line
+FADING = 0.99  # share of a shorter period's change that is left after PATIENCE periods, below which it is on its way to none
 PATIENCE = 24  # periods a motion repeats before it counts as settled
 MAX_PERIOD = 16
 FIT = 20  # double events in the fit of an orbit's drift
@@ -105,7 +107,7 @@ def note_landing(dm, past, i, now):
 def holds(dm, state, i):
     """Whether end i ends a double impact sticking: slip below the line drawn here is creep of no consequence."""
     _, a, b = contact_velocity(dm, state, -1.0 if i == 0 else 1.0)
-    return hypot(a, b) <= SLIP_LINE * dm.v_scale
+    return hypot(a, b) <= SLIP_LINE * dm.g / dm.omega
 
 
 @compiled
@@ -152,19 +154,21 @@ def note_period(dm, state, modes, past):
     """Strobe at a period boundary, and count for how long the motion has repeated with each period."""
     count = int(past[SCALARS, S_STROBES])
     row = past[STROBES + count % RING]
-    length = dm.v_scale / dm.omega
+    speed = dm.g / dm.omega
+    length = speed / dm.omega
     row[P_D1], row[P_D2] = state[D1] / length, state[D2] / length
-    row[P_N1], row[P_N2] = state[N1] / dm.v_scale, state[N2] / dm.v_scale
+    row[P_N1], row[P_N2] = state[N1] / speed, state[N2] / speed
     row[P_DOWN_1], row[P_DOWN_2] = past[SCALARS, S_DOWN_1], past[SCALARS, S_DOWN_2]
     row[P_DOUBLES] = past[SCALARS, S_DOUBLES]
     past[SCALARS, S_STROBES] += 1.0
     past[SCALARS, S_CLOSED] = past[SCALARS, S_CLOSED] + 1.0 if modes[0] != FREE and modes[1] != FREE else 0.0
     for p in range(1, MAX_PERIOD + 1):
         same = count >= p
+        line = KEPT if past[RUNS, p] >= PATIENCE + p else SETTLED
         if same:
             old = past[STROBES + (count - p) % RING]
             for k in range(4):
-                if not abs(row[k] - old[k]) <= SETTLED:
+                if not abs(row[k] - old[k]) <= line:
                     same = False
         past[RUNS, p] = past[RUNS, p] + 1.0 if same else 0.0
 
@@ -181,10 +185,31 @@ def last_strobe(past, strobe):
 
 
 @compiled
+def change(past, p, back):
+    """Change of the strobe over p periods, `back` periods before the last one."""
+    last = int(past[SCALARS, S_STROBES]) - 1 - back
+    row, old = past[STROBES + last % RING], past[STROBES + (last - p) % RING]
+    apart = 0.0
+    for k in range(4):
+        apart = max(apart, abs(row[k] - old[k]))
+    return apart
+
+
+@compiled
+def fades(past, p):
+    """Whether a motion that repeats with period p rings down to a shorter one, a divisor of p."""
+    back = p * ((PATIENCE + p - 1) // p)
+    shorter = False
+    for q in range(1, p):
+        shorter = shorter or (p % q == 0 and change(past, q, 0) < FADING * change(past, q, back))
+    return shorter
+
+
+@compiled
 def settled_period(past):
     """Least number of forcing periods with which the motion has repeated long enough, 0 if with none."""
     for p in range(1, MAX_PERIOD + 1):
-        if past[RUNS, p] >= PATIENCE + p:
+        if past[RUNS, p] >= PATIENCE + p and not fades(past, p):
             return p
     return 0
 

@@ -27,6 +27,7 @@ from dimersweep.kernel.watch import (
     arm,
     least_value,
     nearly_stopped,
+    quickness,
     run_out,
     slip_limit,
     slip_speed,
@@ -86,9 +87,9 @@ def crossing_on_cubic(dm, modes, phase, h, n, g_start, g_end, slip_tol, b):
 
 
 @compiled
-def nearby(dm, tol):
+def nearby(dm, y, tol):
     """Time over which the midpoint rule is as good as the tolerance [s]: its error is cubic."""
-    return 0.1 * tol ** (1.0 / 3.0) * dm.T
+    return 0.6 * tol ** (1.0 / 3.0) / quickness(dm, y)
 
 
 @compiled
@@ -121,7 +122,7 @@ def first_crossing(dm, modes, phase, h, n, pace, gamma, event, least, tol, slip_
     past = EXACT * tol * (abs(g_low) + abs(g_high))
     close = CLOSE * past if b.start[YB] != 0.0 else 0.0  # an end that has just left is not taken for one that lands
     smooth = pace == PLAIN and not SLIP_ZERO <= event < LANDS
-    near = nearby(dm, tol) if smooth else 0.0
+    near = nearby(dm, b.start, tol) if smooth else 0.0
     at, g, guess, slope = h, least, 0.0, 0.0
     if pace != SLOW:
         guess, slope = crossing_on_cubic(dm, modes, phase, h, n, g_low, g_high, slip_tol, b)
@@ -152,10 +153,10 @@ def hidden_dip(dm, modes, phase, h, n, slip_tol, b):
     """Share of an accepted step at which an event function may dip below zero between positive ends; 1.0 if none does.
 
     The functions are evaluated on the cubic through the step's ends; the parabola through the lowest of them, less the
-    error of the cubic of a function that changes with the plate, bounds what lies between.
+    error of the cubic of a function that changes as quickly as the motion, bounds what lies between.
     """
     values = b.values
-    doubt = (dm.omega * h) ** 4 / 384.0
+    doubt = (quickness(dm, b.start) * h) ** 4 / 384.0
     least_value(dm, modes, b.armed, b.start, b.start, b.F, slip_tol, values[0])
     values_on_cubic(dm, modes, phase, 1.0 / 3.0, h, n, slip_tol, b, values[1])
     values_on_cubic(dm, modes, phase, 2.0 / 3.0, h, n, slip_tol, b, values[2])

@@ -40,7 +40,7 @@ from dimersweep.kernel.single_impact import DONE, JAM, STEPS, EndLaw, single_pha
 from dimersweep.kernel.steps import copy
 
 MAX_PHASES = 400
-LEFT_OVER = 1e-10  # approach, in units of V, that ends the infinite series of switches of two ends at e = 0
+LEFT_OVER = 1e-10  # approach, in units of V, that ends the (near e = 0 infinite) series of switches of two ends
 PAIR_TOL = 0.02  # of the integrator of a double impact, in units of the impact's tolerance: its steps add up
 FAINT = 0.1  # rebound that is none, in units of the impact's tolerance
 FINEST = 5e-14  # tolerance of that integrator that round-off still allows
@@ -97,9 +97,9 @@ def stored_energy(X):
 
 @compiled
 def presses(i, z):
-    """Whether end i is compressed or approaches (beyond what a series of switches at e = 0 leaves)."""
+    """Whether end i is compressed or approaches (beyond what a series of switches at small e leaves; X^(5/4) gives a rate)."""
     X, n = z[ZX1 + i], z[ZN1 + i]
-    return n < -LEFT_OVER or X > LEFT_OVER or (X > 0.0 and n > LEFT_OVER)
+    return n < -LEFT_OVER or X > LEFT_OVER**0.8 or (X > 0.0 and n > LEFT_OVER)
 
 
 @compiled

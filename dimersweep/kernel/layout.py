@@ -27,7 +27,7 @@ class Dimer(NamedTuple):
     im: float  # 1/m, 1/J_t, 1/J_a: what an impulse gives
     it: float
     ia: float
-    v_scale: float  # g/omega, the speed a ball gains in 1/omega of free fall [m s-1]
+    v_scale: float  # the lesser of g/omega, gained in 1/omega of free fall, and that of a rod tipping over [m s-1]
     w_scale: float  # sqrt(g/l), the rate of a rod tipping over [rad s-1]
 
 

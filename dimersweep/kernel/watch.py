@@ -2,7 +2,7 @@
 
 from math import hypot, inf, sqrt
 
-from dimersweep.kernel.charts import UPRIGHT, YB, YCHART, YUA, YUB, YWB, YWP, slip_of, to_border
+from dimersweep.kernel.charts import UPRIGHT, YB, YCHART, YS, YUA, YUB, YWB, YWP, slip_of, to_border
 from dimersweep.kernel.contact import F1, F2, hold_reserve
 from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import FREE, SLIP, STICK
@@ -98,9 +98,15 @@ def slip_limit(dm, modes, y, dy):
 
 
 @compiled
-def brief(dm, tol):
+def quickness(dm, y):
+    """Rate at which the motion changes [rad/s]: that of the plate, or of the falling and turning rod."""
+    return max(dm.omega, dm.w_scale + abs(y[YWB]) + abs(y[YWP]) + dm.J_a * dm.it * abs(y[YS]))
+
+
+@compiled
+def brief(dm, y, tol):
     """Time over which a straight line is as good as the tolerance [s]: its error is quadratic."""
-    return 0.1 * sqrt(tol) * dm.T
+    return 0.6 * sqrt(tol) / quickness(dm, y)
 
 
 @compiled
@@ -116,7 +122,7 @@ def nearly_stopped(dm, modes, y, dy, span, tol, slip_tol):
             v, along = hypot(a, b), a * d_a + b * d_b
             if along < 0.0:
                 across = abs(a * d_b - b * d_a) * v / -along
-                soon = v * v / -along <= min(span, brief(dm, tol))
+                soon = v * v / -along <= min(span, brief(dm, y, tol))
                 if v <= NEAR * slip_tol or (soon and across <= 0.5 * tol * dm.v_scale):
                     return i
     return -1
