@@ -43,15 +43,15 @@ def single_mode(dm, i, phase, y, modes, slip_tol, lost, dy, F):
         y[YUA], y[YUB] = 0.0, 0.0
         modes[i] = STICK
         contact_rates(dm, modes, phase, y, False, dy, F)
-        if F[F1 + 3 * i] <= 0.0:
-            modes[i] = SLIP  # without a slip there is no friction: is the end pressed on the plate?
-            contact_rates(dm, modes, phase, y, False, dy, F)
-            if not presses(dm, modes, i, phase, y, dy, F):
+        force = F[F1 + 3 * i]
+        no_force = NO_FORCE * dm.m * dm.g
+        if force < -no_force:
+            if not falls(dm, modes, i, phase, y, dy, F):
                 modes[i] = FREE
                 return SEPARATES
             modes[i] = STICK
             contact_rates(dm, modes, phase, y, False, dy, F)
-        holds = F[F1 + 3 * i] > 0.0 and not lost and hold_reserve(dm, modes, i, F) >= 0.0
+        holds = abs(force) <= no_force or (force > 0.0 and not lost and hold_reserve(dm, modes, i, F) >= 0.0)
         if not holds and not loosen(dm, phase, y, modes, i, slip_tol, dy, F):
             modes[i] = FREE
             return INCONSISTENT
@@ -71,6 +71,19 @@ def presses(dm, modes, i, phase, y, dy, F):
     later = F[F1 + 3 * i] > 0.0
     contact_rates(dm, modes, phase, y, False, dy, F)
     return later
+
+
+@compiled
+def falls(dm, modes, i, phase, y, dy, F):
+    """Whether end i, the leading one of y, would go into the plate without a contact force (friction vanishes at no slip)."""
+    u_a, u_b = y[YUA], y[YUB]
+    y[YUA], y[YUB] = 0.0, 0.0
+    modes[0], modes[1] = FREE, FREE
+    modes[i] = SLIP
+    contact_rates(dm, modes, phase, y, False, dy, F)
+    answer = presses(dm, modes, i, phase, y, dy, F)
+    y[YUA], y[YUB] = u_a, u_b
+    return answer
 
 
 @compiled
@@ -150,10 +163,9 @@ def contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, lost, dy, F)
     on_1, on_2 = presses(dm, modes, 0, phase, y, dy, F), presses(dm, modes, 1, phase, y, dy, F)
     if on_1 and on_2:
         return CLOSED
-    if not on_1 and not on_2:
-        modes[0], modes[1] = FREE, FREE
-        return SEPARATES
     stays = 0 if on_1 else 1
+    if not on_1 and not on_2 and falls(dm, modes, 0, phase, y, dy, F):
+        stays = 0
     if stays == 1:
         y[YUB] -= 2.0 * dm.h * y[YWP]
     return single_mode(dm, stays, phase, y, modes, slip_tol, lost, dy, F)

@@ -77,7 +77,6 @@ def test_a_flat_drop_bounces_as_one_ball_and_rests():
     assert run.mode == "rest"
 
 
-@pytest.mark.xfail(strict=True, reason="the turn of an end is missed or found late")
 def test_nearly_equal_approach_is_turned_at_both_ends():
     """Without friction equal approach ends with e at both ends, and a small difference changes that by no more than itself."""
     parameters = {"e": 0.6, "mu": 0.0, "mu_s": 0.0, "A_r": 6.0}
