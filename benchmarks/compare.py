@@ -16,7 +16,7 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.stats import binom
@@ -82,46 +82,52 @@ def checked_out(revision: str, folder: Path) -> Iterator[Path]:
 
 
 class Worker:
-    """A process that times the verbs of one tree."""
+    """A process that runs a script with the package of one tree, and answers each line of JSON by another one."""
 
-    def __init__(self, tree: Path, cache: Path, inputs: Path) -> None:
-        own = tree / "benchmarks" / "verbs_worker.py"
-        script = own if own.exists() else HERE / "verbs_worker.py"
+    def __init__(self, script: Path, argument: str, tree: Path, cache: Path) -> None:
         environment = os.environ | {"PYTHONPATH": str(tree), "NUMBA_CACHE_DIR": str(cache)}
-        command = [sys.executable, str(script), str(inputs)]
         self.process = subprocess.Popen(
-            command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            [sys.executable, str(script), argument],
+            env=environment,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
         )
 
-    def seconds(self, verb: str) -> float | None:
-        """Time of one call of a verb [s]; None if this tree does not know it."""
-        to, back = self._pipes()
-        print(json.dumps([verb, SECONDS]), file=to, flush=True)
-        line = back.readline()
+    def ask(self, question: Any) -> Any:
+        """The answer to a question.
+
+        Raises
+        ------
+        SystemExit
+            If the process has died of it.
+        """
+        assert self.process.stdin and self.process.stdout
+        print(json.dumps(question), file=self.process.stdin, flush=True)
+        line = self.process.stdout.readline()
         if not line:
-            raise SystemExit(f"{self.process.args}: the worker has died")
+            raise SystemExit(f"{' '.join(map(str, self.process.args))}: the process has died")
         return json.loads(line)
 
     def close(self) -> None:
         """End the process."""
-        to, back = self._pipes()
-        to.close()
-        self.process.wait()
-        back.close()
+        self.process.communicate()
 
-    def _pipes(self) -> tuple[IO[str], IO[str]]:
-        assert self.process.stdin and self.process.stdout
-        return self.process.stdin, self.process.stdout
+
+def script_of(tree: Path) -> Path:
+    """The script that times the verbs of a tree: its own, or this one."""
+    own = tree / "benchmarks" / "verbs_worker.py"
+    return own if own.exists() else HERE / "verbs_worker.py"
 
 
 def timed_pair(trees: Sequence[Path], caches: Sequence[Path], inputs: Path, verbs: Sequence[str]) -> np.ndarray:
     """Median times of each verb in one pair of processes, shape (verbs, 2) [s]; NaN where a tree does not know it."""
-    workers = [Worker(tree, cache, inputs) for tree, cache in zip(trees, caches, strict=True)]
+    workers = [Worker(script_of(tree), str(inputs), tree, cache) for tree, cache in zip(trees, caches, strict=True)]
     rows = np.full((len(verbs), TURNS, 2), np.nan)
     for k, verb in enumerate(verbs):
         for turn in range(TURNS):
             for which in (0, 1) if turn % 2 == 0 else (1, 0):
-                rows[k, turn, which] = workers[which].seconds(verb) or np.nan
+                rows[k, turn, which] = workers[which].ask([verb, SECONDS])
     for worker in workers:
         worker.close()
     return np.median(rows, axis=1)

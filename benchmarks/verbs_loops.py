@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from math import cos, hypot, inf, sin
-from time import perf_counter
+from time import thread_time
 from typing import NamedTuple
 
 import numpy as np
@@ -40,6 +40,7 @@ ALONE, GAP, DELASSUS, LANDING, IMPACT, RATES, STEP, PHASE_OF_CONTACT, CHATTER = 
 ROUTE, SLIP_SPEED = range(9, 11)  # not timed: what sorts the inputs
 HELD, STRAIGHT, TURNING, FRICTIONLESS = range(4)  # routes of a single impact
 MAX_HOPS = 200
+CHATTER_HOPS = 3, 40  # of the chatters that are timed
 SHARE = 0.02  # length of a contact step, in forcing periods
 STRETCH = 2.0  # the same at the slow pace, in its own time
 
@@ -264,11 +265,11 @@ class Harvest:
         return inputs.only(lone & (speed >= least) & (speed < most))
 
     def chatters(self) -> Inputs:
-        """The first impact of each chatter of one end that goes to its close."""
+        """The first impact of each chatter of one end that goes to its close, but for the longest (at high restitution)."""
         inputs = self.rough[SINGLE]
         hops = call(CHATTER, inputs)
         begins = np.diff(hops, prepend=0.0) != -1.0  # the next impact of a chatter has one fewer before it
-        return inputs.only((hops > 2) & begins)
+        return inputs.only((hops >= CHATTER_HOPS[0]) & (hops <= CHATTER_HOPS[1]) & begins)
 
 
 VERBS: dict[str, Callable[[Harvest], Timed | Drift]] = {
@@ -298,9 +299,9 @@ def tuned(timed: Timed | Drift, seconds: float) -> int:
     """How many turns take about so long."""
     turns = 1
     while True:
-        begun = perf_counter()
+        begun = thread_time()
         timed.run(turns)
-        taken = perf_counter() - begun
+        taken = thread_time() - begun
         if taken > 0.3 * seconds:
             return max(1, round(turns * seconds / taken))
         turns *= 4
