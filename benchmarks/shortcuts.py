@@ -339,8 +339,10 @@ def document(found: list[Effect], names: list[str]) -> Iterator[str]:
     yield ""
     yield "| shortcut | what is done without it |"
     yield "|---|---|"
+    measured = {effect.shortcut for effect in found}
     for shortcut in SHORTCUTS:
-        yield f"| {shortcut.name} | {shortcut.without} |"
+        if shortcut.name in measured:
+            yield f"| {shortcut.name} | {shortcut.without} |"
     yield ""
     yield "## Time"
     yield ""
