@@ -1,7 +1,8 @@
-"""Speed of the engine and of its verbs: ``python benchmarks/speed.py``.
+"""Speed of the engine as a whole: ``python benchmarks/speed.py``.
 
-Forcing periods a second in the drift of the base case, the time of each verb in a compiled loop, the time to compile
-and to start from the cache, and the time of the sweep of Fig. 7.
+Forcing periods a second in the drift of the base case, what a period costs over rtol in several scenes with the exponent of
+its growth, the time to import, to compile and to start from the cache, and the time of the sweep of Fig. 7. The verbs are
+timed one by one in ``verbs_bench.py``.
 """
 
 import argparse
@@ -10,136 +11,92 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from dimersweep import declaration, simulate, sweep
-from dimersweep.kernel import body, charts, contact, flight, impact, roots
+from dimersweep.cube import blank
 from dimersweep.kernel.batch import run_many
-from dimersweep.kernel.body import TWO_PI
-from dimersweep.kernel.engine import WORK_COLUMNS, WORK_ROWS
-from dimersweep.kernel.layout import BETA, CA, CB, N1, N2, N_CODES, N_OUT, N_STATE, SPIN, WB
 from dimersweep.parameters import Parameters
 
 ROOT = Path(__file__).resolve().parents[1]
-START = (
-    "from dimersweep import simulate; import time; begun = time.perf_counter(); "
+SCENES: dict[str, dict[str, float]] = {  # what is not named is the paper's base case
+    "drift": {},
+    "spiral": {"mu": 0.05, "mu_s": 0.1},
+    "dies": {"Gamma": 0.5},
+    "jump": {"e": 0.54, "Gamma": 1.28, "f": 16.07, "A_r": 4.78, "beta0": 0.13},
+    "flutter": {"e": 0.49, "Gamma": 1.42, "f": 16.53, "A_r": 7.31, "beta0": 0.55},
+    "driven strongly": {"Gamma": 2.0},
+    "frictionless": {"mu": 0.0, "mu_s": 0.0},
+    "planar": {"xdot0": 0.0},
+}
+RTOLS = 10.0 ** -np.arange(3.0, 13.0)
+STEEPEST = -1 / 6  # exponent of rtol with which the cost of a period may grow at most
+IMPORT = "import time; begun = time.perf_counter(); import dimersweep; print(time.perf_counter() - begun)"
+FIRST_RUN = (
+    "import time; from dimersweep import simulate; begun = time.perf_counter(); "
     "simulate(periods=1, record=False); print(time.perf_counter() - begun)"
 )
 
 
-@njit
-def single_impacts(row, start, V, tol, n, work, log):
-    """n single impacts of p1 from one state."""
-    dm = body.as_dimer(row)
-    state, total = start.copy(), 0.0
-    for _ in range(n):
-        state[:] = start
-        impact.single_impact(dm, state, -1.0, V, tol, work, log)
-        total += state[N1]
-    return total
+class Spent(NamedTuple):
+    """Seconds that a fresh process has printed, and that it took as a whole."""
+
+    told: float
+    whole: float
 
 
-@njit
-def double_impacts(row, start, V, tol, n, work, log):
-    """n double impacts from one state."""
-    dm = body.as_dimer(row)
-    state, modes, total = start.copy(), np.zeros(2), 0.0
-    for _ in range(n):
-        state[:] = start
-        impact.double_impact(dm, state, V, tol, modes, work, log)
-        total += state[N1]
-    return total
+def fresh(code: str, cache: Path, tree: Path = ROOT) -> Spent:
+    """Run `code`, which prints seconds, in a new process with its compiled code in `cache` and the package of `tree`."""
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": str(tree)}
+    begun = time.perf_counter()
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    return Spent(float(done.stdout), time.perf_counter() - begun)
 
 
-@njit
-def landings(row, start, n):
-    """n searches for the landing that follows one state."""
-    dm = body.as_dimer(row)
-    total = 0.0
-    for _ in range(n):
-        _, t, _ = roots.next_landing(flight.take_off(dm, start), dm.T)
-        total += t
-    return total
-
-
-@njit
-def contact_evaluations(row, y, modes, n):
-    """n evaluations of the rates of a rolling contact."""
-    dm = body.as_dimer(row)
-    dy, F, total = np.zeros(charts.N_Y), np.zeros(6), 0.0
-    for k in range(n):
-        contact.contact_rates(dm, modes, TWO_PI * k / n, y, False, dy, F)
-        total += F[0]
-    return total
-
-
-def best(call, n, repeats):
-    """Shortest time of one of the n turns of call(n) [us]."""
-    call(1)
-    times = []
-    for _ in range(repeats):
-        begun = time.perf_counter()
-        call(n)
-        times.append(time.perf_counter() - begun)
-    return 1e6 * min(times) / n
-
-
-def verbs(repeats):
-    """Names and times of the verbs [us], each from a state that the drift of the base case passes."""
-    row = Parameters().row()
-    work, log = np.zeros((WORK_ROWS, WORK_COLUMNS)), np.zeros((0, impact.N_LOG))
-    single = np.zeros(N_STATE)
-    single[[BETA, N1, N2, CA, CB, SPIN]] = 0.1, -0.01, -0.01, 0.01, 0.7, 100.0
-    double = np.zeros(N_STATE)
-    double[[N2, WB, CB, CA, SPIN]] = -0.3, -6.0, 0.7, 0.02, 140.0
-    hop = np.zeros(N_STATE)
-    hop[[BETA, N1, N2, SPIN]] = 0.1, 0.01, 0.01, 100.0
-    hop[2] = 0.05 * np.sin(0.1)
-    y, modes = np.zeros(charts.N_Y), np.array([1.0, 0.0])
-    y[:4] = 0.1, 1.0, 0.5, 100.0
-    out = {"contact rates": best(lambda n: contact_evaluations(row, y, modes, n), 20000, repeats)}
-    out["landing of a hop"] = best(lambda n: landings(row, hop, n), 5000, repeats)
-    for tol in (1e-6, 1e-8, 1e-10):
-        name = f"tol {tol:.0e}"
-        out[f"single impact, {name}"] = best(
-            lambda n, tol=tol: single_impacts(row, single, 0.01, tol, n, work, log), 5000, repeats
-        )
-        out[f"double impact, {name}"] = best(
-            lambda n, tol=tol: double_impacts(row, double, 0.3, tol, n, work, log), 500, repeats
-        )
-    return out
-
-
-def drift_speed(rtol, periods, repeats):
-    """Median number of forcing periods a second."""
-    row = Parameters().row()[None]
-    out, codes = np.zeros((1, N_OUT)), np.zeros((1, N_CODES), np.int64)
-    rates = []
-    for _ in range(repeats):
-        begun = time.perf_counter()
-        run_many(row, periods, rtol, False, out, codes)
-        rates.append(periods / (time.perf_counter() - begun))
-    return float(np.median(rates))
-
-
-def start_times():
-    """Seconds to the end of a first run in a new process, without and with the compiled code in the cache; whole process."""
-    rows = []
+def start_times(repeats: int) -> dict[str, Spent]:
+    """Median times of an import, of a first run that compiles (once) and of one from the cache."""
     with tempfile.TemporaryDirectory() as folder:
-        environment = os.environ | {"NUMBA_CACHE_DIR": folder, "PYTHONPATH": str(ROOT)}
-        for _ in range(2):
-            begun = time.perf_counter()
-            done = subprocess.run(
-                [sys.executable, "-c", START], env=environment, capture_output=True, text=True, check=True
-            )
-            rows.append((float(done.stdout), time.perf_counter() - begun))
-    return rows
+        cold = fresh(FIRST_RUN, Path(folder))
+        found = {"first run, nothing cached": cold}
+        for name, code in (("first run, from the cache", FIRST_RUN), ("import dimersweep", IMPORT)):
+            told, whole = np.median([fresh(code, Path(folder)) for _ in range(repeats)], axis=0)
+            found[name] = Spent(float(told), float(whole))
+    return found
 
 
-def fig07_time(workers):
+def period_cost(scene: dict[str, float], rtol: float, periods: int, repeats: int) -> float:
+    """Median time on the processor of a forcing period of a scene, early stop left out [s]."""
+    row = Parameters(**scene).row()[None]
+    out, codes = blank(1)
+    taken = []
+    for _ in range(repeats):
+        begun = time.thread_time()
+        run_many(row, periods, rtol, False, out, codes)
+        taken.append((time.thread_time() - begun) / periods)
+    return float(np.median(taken))
+
+
+def growth(rtols: Sequence[float] | np.ndarray, costs: Sequence[float] | np.ndarray) -> float:
+    """Exponent of rtol in what a period costs, by a straight line through the logarithms."""
+    return float(np.polyfit(np.log(rtols), np.log(costs), 1)[0])
+
+
+def print_costs(names: list[str], periods: int, repeats: int) -> None:
+    """Print what a period costs over rtol, with the exponent and whether it keeps to its bound."""
+    print("us a forcing period, over rtol")
+    print(f"{'':18s}" + "".join(f"{rtol:>9.0e}" for rtol in RTOLS) + "  exponent")
+    for name in names:
+        costs = [period_cost(SCENES[name], rtol, periods, repeats) for rtol in RTOLS]
+        power = growth(RTOLS, costs)
+        kept = "" if power >= STEEPEST else f"  STEEPER than {STEEPEST:.3f}"
+        print(f"{name:18s}" + "".join(f"{1e6 * cost:9.1f}" for cost in costs) + f"  {power:8.3f}{kept}", flush=True)
+
+
+def fig07_time(workers: int) -> tuple[float, int]:
     """Seconds of the sweep of Fig. 7 as it is declared, and its number of points."""
     plan = declaration.read_declaration(ROOT / "sweeps" / "fig07.toml")
     settings = plan.sweep
@@ -155,29 +112,29 @@ def fig07_time(workers):
     return time.perf_counter() - begun, cube["mode"].size
 
 
-def main():
+def main(arguments: list[str] | None = None) -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--repeats", type=int, default=7, help="timings of each thing")
-    parser.add_argument("--periods", type=int, default=2000, help="length of the drift")
+    parser.add_argument("--periods", type=int, default=2000, help="length of the base drift")
     parser.add_argument("--workers", type=int, default=2, help="threads of the sweep")
-    parser.add_argument("--skip-compile", action="store_true", help="leave out the compile time")
+    parser.add_argument("--scenes", nargs="*", choices=list(SCENES), default=list(SCENES))
+    parser.add_argument("--skip-start", action="store_true", help="leave out the import and the compilation")
     parser.add_argument("--skip-sweep", action="store_true", help="leave out the sweep")
-    options = parser.parse_args()
+    given = parser.parse_args(arguments)
     simulate(periods=1, record=False)
     print("rtol    forcing periods/s of the base drift")
-    for rtol in 10.0 ** -np.arange(5.0, 13.0):
-        print(f"{rtol:.0e}   {drift_speed(rtol, options.periods, options.repeats):8.0f}")
-    print("\nverb                            us")
-    for name, value in verbs(options.repeats).items():
-        print(f"{name:28s} {value:6.2f}")
-    if not options.skip_compile:
-        (cold, cold_all), (warm, warm_all) = start_times()
-        print(f"\nfirst run, nothing cached  {cold:6.2f} s ({cold_all:.2f} s with the imports)")
-        print(f"first run, from the cache  {warm:6.2f} s ({warm_all:.2f} s with the imports)")
-    if not options.skip_sweep:
-        taken, points = fig07_time(options.workers)
-        print(f"\nsweeps/fig07.toml: {points} points in {taken:.1f} s on {options.workers} workers")
+    for rtol in RTOLS:
+        print(f"{rtol:.0e}   {1 / period_cost({}, rtol, given.periods, given.repeats):8.0f}")
+    print()
+    print_costs(given.scenes, max(1, given.periods // 20), given.repeats)
+    if not given.skip_start:
+        print()
+        for name, spent in start_times(given.repeats).items():
+            print(f"{name:26s} {spent.told:6.2f} s ({spent.whole:.2f} s the whole process)")
+    if not given.skip_sweep:
+        taken, points = fig07_time(given.workers)
+        print(f"\nsweeps/fig07.toml: {points} points in {taken:.1f} s on {given.workers} workers")
 
 
 if __name__ == "__main__":

@@ -1,0 +1,213 @@
+"""Does the early stop change a verdict, and what does it cost: ``python benchmarks/early_stop.py --points 20000``.
+
+Random points near the paper's domain run twice, with the early stop and to the last period. Printed are every point whose
+modes differ, and why; what a run that dies costs over a run to the end of the forcing period it dies in; and how long a drift
+goes on after it has settled, by its own count and by its distance from where it ends.
+"""
+
+import argparse
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from time import perf_counter, thread_time
+from typing import NamedTuple
+
+import numpy as np
+
+from dimersweep import simulate
+from dimersweep.cube import blank
+from dimersweep.kernel.batch import run_many
+from dimersweep.kernel.fate import PATIENCE, SETTLED
+from dimersweep.kernel.layout import CODES, M_DRIFT, M_REST, MODES, OUT
+from dimersweep.parameters import fill_rows
+from dimersweep.symbols import BASE
+
+RANGES = {  # mu_s is given over mu
+    "e": (0.4, 0.9),
+    "Gamma": (0.4, 1.6),
+    "f": (10.0, 35.0),
+    "A_r": (3.0, 8.0),
+    "mu": (0.05, 0.4),
+    "mu_s": (1.0, 2.0),
+    "beta0": (0.02, 1.5),
+    "xdot0": (0.0, 3.0),
+}
+MODE, PERIOD, TAKEN = CODES.index("mode"), CODES.index("mode_period"), CODES.index("n_periods")
+SETTLED_AFTER = OUT.index("settled_after")
+CHUNK = 50
+DEATH_COST, DRIFT_WAIT = 1.2, 30  # what a death may cost over the time to it; periods a settled drift may go on
+BEYOND = 30  # periods by which a drift is followed further than its stop, to see where it ends
+TIMINGS = 5
+
+
+class Runs(NamedTuple):
+    """Outcomes of all points, in the order of ``layout.OUT`` and ``layout.CODES``, and the time they took [s]."""
+
+    out: np.ndarray
+    codes: np.ndarray
+    seconds: float
+
+
+def random_points(n: int, seed: int) -> dict[str, np.ndarray]:
+    """Columns of parameters, shape (n,)."""
+    rng = np.random.default_rng(seed)
+    columns = {name: rng.uniform(*ends, n) for name, ends in RANGES.items()}
+    columns["mu_s"] *= columns["mu"]
+    return columns
+
+
+def run_all(rows: np.ndarray, periods: int, rtol: float, settle: bool, workers: int) -> Runs:
+    """Verdicts of all rows on several threads."""
+    out, codes = blank(len(rows))
+
+    def run(start: int) -> None:
+        part = slice(start, start + CHUNK)
+        run_many(rows[part], periods, rtol, settle, out[part], codes[part])
+
+    begun = perf_counter()
+    with ThreadPoolExecutor(workers) as threads:
+        list(threads.map(run, range(0, len(rows), CHUNK)))
+    return Runs(out, codes, perf_counter() - begun)
+
+
+def seconds_of(row: np.ndarray, settings: Sequence[tuple[int, bool]], rtol: float) -> list[float]:
+    """Least time on the processor of one run at each of several (periods, settle), in turn [s]."""
+    out, codes = blank(1)
+    least = [np.inf] * len(settings)
+    for _ in range(TIMINGS):
+        for k, (periods, settle) in enumerate(settings):
+            begun = thread_time()
+            run_many(row[None], periods, rtol, settle, out, codes)
+            least[k] = min(least[k], thread_time() - begun)
+    return least
+
+
+def period_of_death(point: dict[str, float], periods: int, rtol: float) -> int:
+    """The forcing period, counted from 1, in which an end is last off the plate."""
+    events = simulate(**point, periods=periods, rtol=rtol).events
+    closed = np.char.startswith(events["contact_after"].values, "DC")
+    last = np.flatnonzero(~closed)[-1] + 1  # with this event both ends are down for good
+    return int(events["time"].values[last] * point["f"]) + 1
+
+
+def strobes(point: dict[str, float], periods: int, rtol: float) -> np.ndarray:
+    """Gaps and gap rates at the ends of the forcing periods in units of g/omega^2 and g/omega, shape (periods, 4)."""
+    states = simulate(**point, periods=periods, rtol=rtol).states(np.arange(1, periods + 1) / point["f"])
+    speed = BASE["g"] / (2.0 * np.pi * point["f"])
+    gaps = [states[name].values * BASE["g"] / speed**2 for name in ("gap_1", "gap_2")]
+    return np.column_stack([*gaps, *(states[name].values / speed for name in ("gap_1_rate", "gap_2_rate"))])
+
+
+def changes(strobe: np.ndarray, p: int) -> np.ndarray:
+    """Largest change of each strobe over p periods, infinite for the first ones."""
+    return np.append(np.full(p, np.inf), np.abs(strobe[p:] - strobe[:-p]).max(axis=1))
+
+
+def settling_of(point: dict[str, float], periods: int, rtol: float) -> int:
+    """Forcing periods after which the strobes of a run stay within the line of settling from the last of them."""
+    strobe = strobes(point, periods, rtol)
+    apart = np.abs(strobe - strobe[-1]).max(axis=1)
+    return int(np.flatnonzero(np.append(1.0, apart) > SETTLED)[-1]) + 1
+
+
+def reason(point: dict[str, float], early: np.ndarray, late: np.ndarray, given: argparse.Namespace) -> str:
+    """Why the verdict of a run differs from the one with the early stop."""
+    if early[PERIOD] == 0:
+        return "the stopped run has no period: rest that was not, or a failure"
+    stop, strobe = early[TAKEN], strobes(point, given.periods, given.rtol)
+    change = changes(strobe, early[PERIOD])
+    lost = stop + np.flatnonzero(change[stop:] > SETTLED)
+    if lost.size == 0 and 0 < late[PERIOD] < early[PERIOD]:
+        shorter = changes(strobe, late[PERIOD])
+        return (
+            f"on its way to period {late[PERIOD]}: the change over that was {shorter[stop - 1 - PATIENCE]:.1e}, "
+            f"{shorter[stop - 1]:.1e} at the stop, {shorter[-1]:.1e} at the end"
+        )
+    if lost.size == 0:
+        return f"it repeats to the end; the change over its period is {change[stop:].max():.1e} at most"
+    leap = change[lost[0]]
+    how = "creeps over the line" if leap < 2.0 * SETTLED else f"leaps by {leap:.1e}"
+    return f"{how} {SETTLED:.0e} after {lost[0] + 1} periods, from {change[stop - 1]:.1e} at the stop"
+
+
+def told(columns: dict[str, np.ndarray], k: int) -> dict[str, float]:
+    """Parameters of one point."""
+    return {name: float(values[k]) for name, values in columns.items()}
+
+
+def print_exceptions(columns: dict[str, np.ndarray], stopped: Runs, full: Runs, given: argparse.Namespace) -> int:
+    """List every point whose modes differ, and why; how many there are."""
+    differ = np.flatnonzero(stopped.codes[:, MODE] != full.codes[:, MODE])
+    for k in differ:
+        early, late, point = stopped.codes[k], full.codes[k], told(columns, k)
+        print(
+            f"  {MODES[early[MODE]]} of period {early[PERIOD]} after {early[TAKEN]} periods, at the end {MODES[late[MODE]]} of "
+            f"period {late[PERIOD]}: {reason(point, early, late, given)}\n    {point}"
+        )
+    return differ.size
+
+
+def print_deaths(
+    columns: dict[str, np.ndarray], rows: np.ndarray, chosen: np.ndarray, stopped: Runs, given: argparse.Namespace
+) -> None:
+    """What runs that die cost over runs that end with the forcing period of the death."""
+    deaths = np.array([period_of_death(told(columns, k), stopped.codes[k, TAKEN], given.rtol) for k in chosen])
+    settings = [((given.periods, True), (int(death), False)) for death in deaths]
+    costs = [seconds_of(rows[k], setting, given.rtol) for k, setting in zip(chosen, settings, strict=True)]
+    cost, least = np.array(costs).T
+    ratio = cost / least
+    print(
+        f"{chosen.size} runs that die: {cost.sum() / least.sum():.3f} times the time to the death in all; each: median "
+        f"{np.median(ratio):.3f}, 95 % below {np.quantile(ratio, 0.95):.3f}, worst {ratio.max():.3f}; "
+        f"{np.count_nonzero(ratio > DEATH_COST)} above {DEATH_COST}"
+    )
+    for k in np.argsort(ratio)[::-1]:
+        if ratio[k] > DEATH_COST:
+            slides = stopped.codes[chosen[k], TAKEN] - deaths[k]
+            print(
+                f"  {ratio[k]:.2f}, both ends down after {deaths[k]} periods, {slides} more: {told(columns, chosen[k])}"
+            )
+
+
+def print_drifts(columns: dict[str, np.ndarray], chosen: np.ndarray, stopped: Runs, given: argparse.Namespace) -> None:
+    """How long drifts go on after they have settled."""
+    taken = stopped.codes[chosen, TAKEN]
+    own = taken - stopped.out[chosen, SETTLED_AFTER]
+    seen = taken - [
+        settling_of(told(columns, k), int(n) + BEYOND, given.rtol) for k, n in zip(chosen, taken, strict=True)
+    ]
+    for name, wait in (("their own count", own), ("the distance from their end", seen)):
+        print(
+            f"{chosen.size} drifts stop after settling, by {name}: median {np.median(wait):.0f} periods, longest "
+            f"{wait.max():.0f}; {np.count_nonzero(wait > DRIFT_WAIT)} above {DRIFT_WAIT}"
+        )
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Print what was found; the number of verdicts that differ."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--points", type=int, default=20000)
+    parser.add_argument("--periods", type=int, default=400)
+    parser.add_argument("--rtol", type=float, default=1e-8)
+    parser.add_argument("--timed", type=int, default=300, help="runs that die, and that drift, looked at one by one")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--seed", type=int, default=1)
+    given = parser.parse_args(arguments)
+    columns = random_points(given.points, given.seed)
+    rows = fill_rows(BASE | columns, given.points)
+    stopped, full = (run_all(rows, given.periods, given.rtol, settle, given.workers) for settle in (True, False))
+    counts = np.bincount(full.codes[:, MODE], minlength=len(MODES))
+    print(f"{given.points} points, {given.periods} periods, rtol {given.rtol:.0e}, full runs: ", end="")
+    print(", ".join(f"{n} {name}" for name, n in zip(MODES, counts, strict=True) if n))
+    print(f"with the early stop {stopped.seconds:.1f} s, without {full.seconds:.1f} s")
+    differ = print_exceptions(columns, stopped, full, given)
+    print(f"{differ} of {given.points} modes differ")
+    dead, drifting = (np.flatnonzero(stopped.codes[:, MODE] == mode)[: given.timed] for mode in (M_REST, M_DRIFT))
+    if dead.size:
+        print_deaths(columns, rows, dead, stopped, given)
+    if drifting.size:
+        print_drifts(columns, drifting, stopped, given)
+    return differ
+
+
+if __name__ == "__main__":
+    main()

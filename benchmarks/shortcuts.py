@@ -1,0 +1,399 @@
+"""What every shortcut of the kernel buys and what it changes: ``python benchmarks/shortcuts.py``.
+
+Each shortcut is taken out of a copy of the package, which is compiled apart. Both copies then run the same scenes in turn:
+the time of a run to its verdict, and the error of the states over four forcing periods against a run at a far tighter
+setting. The table goes to the terminal and to docs/shortcuts.md.
+"""
+
+import argparse
+import ast
+import json
+import os
+import re
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from time import thread_time
+from typing import NamedTuple
+
+import numpy as np
+from compare import Worker
+from speed import ROOT, SCENES
+
+DOCUMENT = ROOT / "docs" / "shortcuts.md"
+KEPT = Path(os.environ["NUMBA_CACHE_DIR"])  # the compiled code of the kernel as it is, see kernel/cache.py
+RTOL, FINEST = 1e-8, 1e-13
+PERIODS, SHORT = 100, 4  # forcing periods of a run to its verdict, and of one whose states are compared
+ROUNDS = 5  # timings of each run
+ALLOWED = 10.0  # error with a shortcut, over the larger of rtol and the error without, from which it changes the answer
+
+Edit = Callable[[str], str]
+
+
+def replaced(old: str, new: str) -> Edit:
+    """An edit of a text that occurs once.
+
+    Raises
+    ------
+    ValueError
+        When the edit is made and the text is not there, or is there more often.
+    """
+
+    def edit(source: str) -> str:
+        if source.count(old) != 1:
+            raise ValueError(f"{old!r} occurs {source.count(old)} times, not once")
+        return source.replace(old, new)
+
+    return edit
+
+
+def constant(name: str, value: str) -> Edit:
+    """An edit that gives a module's constant another value."""
+
+    def edit(source: str) -> str:
+        edited, n = re.subn(rf"^{name} = [^#\n]*", f"{name} = {value}  ", source, flags=re.MULTILINE)
+        if n != 1:
+            raise ValueError(f"{name} is set {n} times, not once")
+        return edited
+
+    return edit
+
+
+def body(function: str, code: str) -> Edit:
+    """An edit that gives a function another body."""
+
+    def edit(source: str) -> str:
+        found = [node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef) and node.name == function]
+        if len(found) != 1:
+            raise ValueError(f"{function} is defined {len(found)} times, not once")
+        lines = source.splitlines(keepends=True)
+        first, last = found[0].body[0].lineno, found[0].end_lineno
+        lines[first - 1 : last] = [f"    {line}\n" for line in code.splitlines()]
+        return "".join(lines)
+
+    return edit
+
+
+class Shortcut(NamedTuple):
+    """One thing the kernel skips.
+
+    Attributes
+    ----------
+    name : str
+    without : str
+        What is done in its place.
+    edits : dict of str to Edit
+        How each module of the kernel reads without it.
+    asked : dict
+        What a run is asked for in addition, where leaving it out is the shortcut.
+    """
+
+    name: str
+    without: str
+    edits: dict[str, Edit] = {}  # noqa: RUF012 (never modified)
+    asked: dict[str, bool] = {}  # noqa: RUF012
+
+
+SCAN = """
+t, step = 0.0, 1e-13 * until
+gap, rate, second, third = gap_series(fl, sign, 0.0)
+if gap <= 0.0 and rate <= 0.0 and second <= 0.0:
+    return 0.0, 1
+for probe in range(2, MAX_PROBES):
+    new = min(t + step, until)
+    gap, rate, second, third = gap_series(fl, sign, new)
+    if gap <= 0.0:
+        low, high = t, new
+        while high - low > 4.0 * EPS * high:
+            mid = 0.5 * (low + high)
+            gap, rate, second, third = gap_series(fl, sign, mid)
+            low, high = (mid, high) if gap > 0.0 else (low, mid)
+        return high, probe
+    if new >= until:
+        return inf, probe
+    t, step = new, min(0.02 * new, 2e-3 * until)
+return t, MAX_PROBES
+""".strip()
+
+SHORTCUTS = (
+    Shortcut("chatter summed to its end", "hops down to round-off", {"chatter": constant("CLOSE", "1e-25")}),
+    Shortcut(
+        "impacts slipping straight in closed form",
+        "the expansion",
+        {"single_impact": body("is_invariant", "return False")},
+    ),
+    Shortcut(
+        "impacts without friction in closed form",
+        "the expansion",
+        {"single_impact": replaced("law.mu == 0.0 and (v > tol or not sticks(law))", "False")},
+    ),
+    Shortcut(
+        "terms of the expansion as the tolerance needs",
+        "always all of them",
+        {"single_impact": replaced("min(ORDER, int(8.0 - 0.6 * log(tol)))", "ORDER + 0 * int(tol)")},
+    ),
+    Shortcut(
+        "fewer digits for slow impacts",
+        "the same relative accuracy for all",
+        {"engine": replaced("tol * max(1.0, dm.v_scale / V)", "tol")},
+    ),
+    Shortcut("explicit steps of a double impact", "implicit steps always", {"pair_leg": constant("STIFF", "1e300")}),
+    Shortcut(
+        "implicit steps where a double impact is stiff", "explicit steps always", {"pair_leg": constant("STIFF", "0.0")}
+    ),
+    Shortcut(
+        "plain pace of a contact phase",
+        "slow or slide",
+        {
+            "glide": body(
+                "pace_for",
+                "if gamma == 0.0 or v == inf:\n    return PLAIN\nreturn SLOW if rate < -FALLING * gamma else SLIDE",
+            )
+        },
+    ),
+    Shortcut(
+        "slow pace for a slip on its way to rest",
+        "slide",
+        {"glide": body("pace_for", "return PLAIN if v >= STIFF * dm.T * gamma else SLIDE")},
+    ),
+    Shortcut(
+        "slide pace for a slip that stays slow",
+        "slow",
+        {"glide": body("pace_for", "return PLAIN if v >= STIFF * dm.T * gamma else SLOW")},
+    ),
+    Shortcut(
+        "straight line over the last of a slip", "steps to its end", {"watch": body("nearly_stopped", "return -1")}
+    ),
+    Shortcut(
+        "first guess of an event on a cubic",
+        "bracketing",
+        {"glide": replaced("if pace != SLOW:\n        share", "if pace < 0:\n        share")},
+    ),
+    Shortcut(
+        "step that ends at a landing in sight",
+        "a step of any length",
+        {"glide": body("landing_in_sight", "return inf")},
+    ),
+    Shortcut("steps to a landing by bounds", "a fine scan, and bisection", {"roots": body("first_landing", SCAN)}),
+    Shortcut(
+        "second end watched until the first one lands",
+        "until the end of the period",
+        {"roots": replaced("first_landing(fl, -near, min(t, until))", "first_landing(fl, -near, until)")},
+    ),
+    Shortcut(
+        "axial onset of slip tried first in planar motion",
+        "all directions",
+        {"onset": replaced("if hold_b == 0.0:", "if hold_b != hold_b:")},
+    ),
+    Shortcut("rest known to be for good", "waiting until it repeats", {"fate": body("rests_for_good", "return False")}),
+    Shortcut("stop when settled", "all periods", asked={"settle": False}),
+    Shortcut(
+        "neighbouring run only where nothing repeats",
+        "for every run",
+        {"batch": replaced("if mode != M_UNRESOLVED or periods < EVIDENCE:", "if periods < EVIDENCE:")},
+    ),
+    Shortcut("no path unless asked", "x1, y1 and gamma too", asked={"path": True}),
+    Shortcut("no record unless asked", "events and segments too", asked={"record": True}),
+    Shortcut(
+        "(safeguard) dips below zero within a step", "not looked for", {"glide": body("hidden_dip", "return 1.0")}
+    ),
+)
+
+
+def without(shortcut: Shortcut, folder: Path) -> Path:
+    """A copy of the package in `folder` without the shortcut; returns the folder."""
+    package = ROOT / "dimersweep"
+    shutil.copytree(package, folder / "dimersweep", ignore=shutil.ignore_patterns("__pycache__"))
+    for module, edit in shortcut.edits.items():
+        path = folder / "dimersweep" / "kernel" / f"{module}.py"
+        path.write_text(edit(path.read_text()))
+    return folder
+
+
+def measure(
+    scene: dict[str, float], rtol: float, settle: bool = True, path: bool = False, record: bool = False
+) -> dict:
+    """States at the ends of the first periods, in their scales; processor time of a run to its verdict, and the verdict."""
+    from dimersweep.cube import blank
+    from dimersweep.kernel import batch, layout
+    from dimersweep.kernel.impact import N_LOG
+    from dimersweep.kernel.record import N_EVENT, N_SEGMENT
+    from dimersweep.parameters import Parameters
+
+    row = Parameters(**scene).row()[None]
+    scale = np.ones(layout.N_STATE)
+    scale[[layout.D1, layout.D2]], scale[layout.SPIN] = 0.01, 100.0
+    scale[[layout.N1, layout.N2, layout.CA, layout.CB]] = 0.1
+    desk, (out, codes), counts = batch.new_desk(), blank(1), np.zeros(3, np.int64)
+    rows = 300 * PERIODS if record else 0
+    log, events, segments = (
+        np.zeros((64 if record else 0, N_LOG)),
+        np.zeros((rows, N_EVENT)),
+        np.zeros((rows, N_SEGMENT)),
+    )
+
+    def run(periods: int, settle: bool) -> None:
+        args = row, periods, rtol, settle, 0, path, out, codes, desk, log, events[:, : N_EVENT if record else N_LOG]
+        batch.run_rows(*args, segments, counts)
+
+    states = []
+    for periods in range(1, SHORT + 1):
+        run(periods, False)
+        states.append((desk.state / scale)[: layout.THETA + 1].tolist())
+    begun = thread_time()
+    run(PERIODS, settle)
+    seconds = thread_time() - begun
+    mode, status = layout.MODES[codes[0, layout.CODES.index("mode")]], layout.STATUSES[codes[0, 0]]
+    return {"states": states, "seconds": seconds, "mode": mode if status == "ok" else f"failed: {status}"}
+
+
+def serve() -> None:
+    """Measure what each line of the input asks for."""
+    for line in sys.stdin:
+        print(json.dumps(measure(**json.loads(line))), flush=True)
+
+
+def worker(tree: Path, cache: Path) -> Worker:
+    """A process that measures with the package of one tree."""
+    return Worker(Path(__file__), "--serve", tree, cache)
+
+
+class Effect(NamedTuple):
+    """What one shortcut does in one scene: times [s] and errors with it and without, modes of motion."""
+
+    shortcut: str
+    scene: str
+    on: float
+    off: float
+    ratio: float
+    error_on: float
+    error_off: float
+    mode_on: str
+    mode_off: str
+
+    @property
+    def changes(self) -> bool:
+        """Whether the shortcut costs more accuracy than rtol allows."""
+        return self.error_on > ALLOWED * max(RTOL, self.error_off)
+
+
+def effects(shortcut: Shortcut, folder: Path, whole: Worker, names: list[str]) -> Iterator[Effect]:
+    """What a shortcut does in each scene; `whole` measures with the package as it is."""
+    bare = worker(without(shortcut, folder), folder / "cache") if shortcut.edits else worker(ROOT, KEPT)
+    bare.ask({"scene": {}, "rtol": RTOL})  # compiles
+    for name in names:
+        scene = SCENES[name]
+        finest = np.array(whole.ask({"scene": scene, "rtol": FINEST})["states"])
+        asked = {"scene": scene, "rtol": RTOL}
+        rounds = [(whole.ask(asked), bare.ask(asked | shortcut.asked)) for _ in range(ROUNDS)]
+        times = np.array([[one["seconds"] for one in pair] for pair in rounds])
+        on, off = rounds[0]
+        yield Effect(
+            shortcut.name,
+            name,
+            *np.median(times, axis=0),
+            float(np.median(times[:, 1] / times[:, 0])),
+            float(np.abs(np.array(on["states"]) - finest).max()),
+            float(np.abs(np.array(off["states"]) - finest).max()),
+            on["mode"],
+            off["mode"],
+        )
+    bare.close()
+
+
+def line(effect: Effect) -> str:
+    """One line of the table on the terminal."""
+    modes = effect.mode_on if effect.mode_on == effect.mode_off else f"{effect.mode_on} / {effect.mode_off}"
+    flag = "  CHANGES THE ANSWER" if effect.changes else ""
+    return (
+        f"{effect.shortcut:50s} {effect.scene:16s} {1e6 * effect.on:9.0f} {1e6 * effect.off:9.0f} {effect.ratio:8.2f} "
+        f"{effect.error_on:9.1e} {effect.error_off:9.1e}  {modes}{flag}"
+    )
+
+
+def grid(found: list[Effect], names: list[str], cell: Callable[[Effect], str]) -> Iterator[str]:
+    """A table in Markdown: a row for each shortcut, a column for each scene."""
+    yield "| without | " + " | ".join(names) + " |"
+    yield "|---|" + "---|" * len(names)
+    for shortcut in SHORTCUTS:
+        row = {effect.scene: cell(effect) for effect in found if effect.shortcut == shortcut.name}
+        if row:
+            yield f"| {shortcut.name} | " + " | ".join(row[name] for name in names) + " |"
+
+
+def errors(effect: Effect) -> str:
+    """Errors with and without the shortcut, and a mode that differs."""
+    mode = f" ({effect.mode_off})" if effect.mode_off != effect.mode_on else ""
+    return f"{effect.error_on:.0e} / {effect.error_off:.0e}{mode}"
+
+
+def document(found: list[Effect], names: list[str]) -> Iterator[str]:
+    """The lines of docs/shortcuts.md."""
+    changed = [effect for effect in found if effect.changes]
+    yield "# What each scene skips"
+    yield ""
+    yield "Made by `python benchmarks/shortcuts.py`: each shortcut of the kernel is taken out of a copy of it, and the"
+    yield f"same scenes are run with it and without, in turn, at `rtol={RTOL:.0e}`."
+    yield ""
+    yield "| shortcut | what is done without it |"
+    yield "|---|---|"
+    measured = {effect.shortcut for effect in found}
+    for shortcut in SHORTCUTS:
+        if shortcut.name in measured:
+            yield f"| {shortcut.name} | {shortcut.without} |"
+    yield ""
+    yield "## Time"
+    yield ""
+    yield f"Time of a run to its verdict (at most {PERIODS} forcing periods) without the shortcut, over that with it."
+    yield "Above 1 the shortcut pays in that scene; near 1 the scene has no use for it."
+    yield ""
+    yield from grid(found, names, lambda effect: f"{effect.ratio:.2f}")
+    yield ""
+    yield "## Error"
+    yield ""
+    yield f"Largest error of the states over {SHORT} periods with the shortcut / without it, in units of 1 cm, 0.1 m/s,"
+    yield "1 rad and 1 rad/s (100 rad/s for the spin), against a run at 1e-13. The mode without it is named where it differs."
+    yield ""
+    yield from grid(found, names, errors)
+    yield ""
+    if changed:
+        yield "Shortcuts that cost more than ten times the larger of `rtol` and the error without them:"
+        yield ""
+        for effect in changed:
+            yield f"- {effect.shortcut}, {effect.scene}: {effect.error_on:.1e}, without it {effect.error_off:.1e}"
+    else:
+        yield "No shortcut costs more than ten times the larger of `rtol` and the error without it."
+
+
+def main(arguments: list[str] | None = None) -> list[Effect]:
+    """Print the table and write the document."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument(
+        "--only", nargs="+", metavar="WORD", default=[""], help="shortcuts with one of these in the name"
+    )
+    parser.add_argument("--scenes", nargs="+", choices=list(SCENES), default=list(SCENES), metavar="SCENE")
+    parser.add_argument("--document", type=Path, default=DOCUMENT)
+    given = parser.parse_args(arguments)
+    found = []
+    print(
+        f"{'without':50s} {'scene':16s} {'on us':>9s} {'off us':>9s} {'off / on':>8s} {'err on':>9s} {'err off':>9s}  mode"
+    )
+    with tempfile.TemporaryDirectory() as name:
+        whole = worker(ROOT, KEPT)
+        for k, shortcut in enumerate(SHORTCUTS):
+            if any(word in shortcut.name for word in given.only):
+                for effect in effects(shortcut, Path(name, str(k)), whole, given.scenes):
+                    found.append(effect)
+                    print(line(effect), flush=True)
+        whole.close()
+    given.document.write_text("\n".join(document(found, given.scenes)) + "\n")
+    return found
+
+
+if __name__ == "__main__":
+    if sys.argv[1:] == ["--serve"]:
+        serve()
+    else:
+        main()

@@ -1,0 +1,307 @@
+"""The verbs of the kernel in one compiled loop over many inputs, so that a call from Python costs nothing beside them."""
+
+from collections.abc import Callable
+from math import cos, hypot, inf, sin
+from time import thread_time
+from typing import NamedTuple
+
+import numpy as np
+from verbs_inputs import CONTACT, DOUBLE, FLIGHT, RTOL, SINGLE, Inputs, record
+
+from dimersweep.kernel import body, chatter, contact, engine, flight, glide, impact, paces, roots, single_impact
+from dimersweep.kernel.batch import run_many
+from dimersweep.kernel.body import TWO_PI
+from dimersweep.kernel.engine import ROW_DY, ROW_F, ROW_Y, WORK_COLUMNS, WORK_ROWS
+from dimersweep.kernel.jit import compiled, exported
+from dimersweep.kernel.layout import (
+    BETA,
+    CA,
+    CB,
+    D1,
+    D2,
+    FREE,
+    N1,
+    N2,
+    N_CODES,
+    N_OUT,
+    N_STATE,
+    OK,
+    PHASE,
+    ROW,
+    SLIP,
+    SPIN,
+    WB,
+    WP,
+)
+from dimersweep.kernel.steps import copy
+from dimersweep.parameters import Parameters
+
+ALONE, GAP, DELASSUS, LANDING, IMPACT, RATES, STEP, PHASE_OF_CONTACT, CHATTER = range(9)
+ROUTE, SLIP_SPEED = range(9, 11)  # not timed: what sorts the inputs
+HELD, STRAIGHT, TURNING, FRICTIONLESS = range(4)  # routes of a single impact
+MAX_HOPS = 200
+CHATTER_HOPS = 3, 40  # of the chatters that are timed
+SHARE = 0.02  # length of a contact step, in forcing periods
+STRETCH = 2.0  # the same at the slow pace, in its own time
+
+
+@compiled
+def approach(state):
+    """Speed of the closed end that approaches faster."""
+    return max(-state[N1] if state[D1] == 0.0 else 0.0, -state[N2] if state[D2] == 0.0 else 0.0)
+
+
+@compiled
+def route(dm, state, tol):
+    """By which route an impact at one end begins: HELD, STRAIGHT, TURNING or FRICTIONLESS."""
+    s = -1.0 if state[D1] == 0.0 else 1.0
+    law = impact.end_law(dm, s, 0.0, sin(state[BETA]), cos(state[BETA]), dm.mu, dm.mu_s)
+    V = approach(state)
+    _, a, b = impact.contact_velocity(dm, state, s)
+    v = hypot(a, b)
+    if law.mu == 0.0:
+        return FRICTIONLESS
+    if v <= max(impact.SLIP_TOL * tol * V, impact.rounding(dm, state)):
+        return HELD if single_impact.sticks(law) else STRAIGHT
+    return STRAIGHT if single_impact.is_invariant(law, v / V, a / v, b / v, tol) else TURNING
+
+
+@compiled
+def gap_evaluation(dm, state):
+    """One gap with its derivatives, half a flight of a tenth of a period ahead."""
+    return flight.gap_series(flight.take_off(dm, state), 1.0, 0.05 * dm.T)[0]
+
+
+@compiled
+def landing(dm, state):
+    """The next landing until the end of the forcing period."""
+    sign, t, _ = roots.next_landing(flight.take_off(dm, state), (TWO_PI - state[PHASE]) / dm.omega)
+    return t if sign != 0.0 else 0.0
+
+
+@compiled
+def delassus_of_both(dm, state):
+    """Contact Jacobian of both ends and the Delassus operator between them."""
+    sin_b, cos_b = sin(state[BETA]), cos(state[BETA])
+    p, q = body.levers(dm, -1.0, sin_b, cos_b), body.levers(dm, 1.0, sin_b, cos_b)
+    return body.delassus(dm, p, p).nn + body.delassus(dm, q, p).na
+
+
+@compiled
+def lay(dm, state, modes, y):
+    """A kernel state as the state of a contact phase."""
+    contact.unload(dm, state, -1.0 if modes[0] != FREE else 1.0, y)
+    engine.hold_rest(dm, modes, y)
+
+
+@compiled
+def contact_step(dm, state, modes, pace, rtol, work):
+    """One step of a contact phase at a given pace."""
+    b = paces.lay_out(work)
+    phase = state[PHASE] + dm.phi0
+    lay(dm, state, modes, b.start)
+    paces.set_scales(dm, rtol, b.scale)
+    contact.contact_rates(dm, modes, phase, b.start, False, b.dy, b.F)
+    gamma = paces.stiffness(dm, max(b.F[contact.F1], b.F[contact.F2]))
+    size = STRETCH if pace == paces.SLOW else SHARE * dm.T
+    return paces.step_to(dm, modes, phase, size, contact.N_CLOSED, pace, gamma, b)
+
+
+@compiled
+def contact_phase(dm, state, modes, rtol, work):
+    """A contact phase to its first event or the end of the forcing period."""
+    y = work[ROW_Y]
+    lay(dm, state, modes, y)
+    span = (TWO_PI - state[PHASE]) / dm.omega
+    slip_tol = engine.no_slip(dm, state, rtol)
+    t, event = glide.glide(dm, modes, y, state[PHASE] + dm.phi0, span, False, rtol, slip_tol, True, work)
+    return t if event != glide.OUT_OF_STEPS else np.nan
+
+
+@compiled
+def whole_chatter(dm, state, modes, rtol, work, log):
+    """Impacts and hops of one end until its chatter is closed; the number of impacts, 0 if something else happens first."""
+    for hop in range(1, MAX_HOPS):
+        status, _ = engine.collide(dm, state, modes, rtol, work, log)
+        slip_tol = engine.no_slip(dm, state, rtol)
+        y, dy, F = work[ROW_Y], work[ROW_DY], work[ROW_F]
+        if chatter.come_to_rest(dm, state, modes, slip_tol, rtol, y, dy, F):
+            return hop
+        answer = engine.choose(dm, state, modes, -1, False, slip_tol, work)
+        _, moved = engine.move(dm, state, modes, answer == engine.CLOSED, False, rtol, slip_tol, work)
+        if status != OK or moved != OK or approach(state) == 0.0:
+            return 0
+    return 0
+
+
+@exported
+def loop(verb, rows, scene, states, modes, option, rtol, turns, work, log, answers):
+    """Call a verb on each input, so many times over.
+
+    Parameters
+    ----------
+    verb : int
+    rows, scene, states, modes : arrays
+        See ``Inputs``.
+    option : int
+        What the verb has to choose from (the pace of a contact step).
+    rtol : float
+    turns : int
+    work, log : arrays
+        Scratch.
+    answers : float64 array, shape (m,)
+        A number of each call, filled in place: else the compiler might leave the call out.
+    """
+    state, mode = work[WORK_ROWS - 1], work[WORK_ROWS - 2]
+    dm = body.as_dimer(rows[0])
+    for _ in range(turns):
+        last = -1
+        for k in range(scene.shape[0]):
+            if scene[k] != last:
+                last = scene[k]
+                dm = body.as_dimer(rows[last])
+            copy(states[k], state, N_STATE)
+            mode[0], mode[1] = modes[k, 0], modes[k, 1]
+            answer = 0.0
+            if verb == ALONE:
+                answer = state[N1]
+            elif verb == GAP:
+                answer = gap_evaluation(dm, state)
+            elif verb == DELASSUS:
+                answer = delassus_of_both(dm, state)
+            elif verb == LANDING:
+                answer = landing(dm, state)
+            elif verb == IMPACT:
+                status, _ = engine.collide(dm, state, mode, rtol, work, log)
+                answer = state[N1] + state[N2] if status == OK else np.nan
+            elif verb == RATES:
+                lay(dm, state, mode, work[ROW_Y])
+                contact.contact_rates(dm, mode, state[PHASE], work[ROW_Y], False, work[ROW_DY], work[ROW_F])
+                answer = work[ROW_F, 0] + work[ROW_F, 3]
+            elif verb == STEP:
+                answer = contact_step(dm, state, mode, option, rtol, work)
+            elif verb == PHASE_OF_CONTACT:
+                answer = contact_phase(dm, state, mode, rtol, work)
+            elif verb == CHATTER:
+                answer = whole_chatter(dm, state, mode, rtol, work, log)
+            elif verb == ROUTE:
+                answer = route(dm, state, rtol)
+            elif verb == SLIP_SPEED:
+                lay(dm, state, mode, work[ROW_Y])
+                answer = hypot(work[ROW_Y, contact.YUA], work[ROW_Y, contact.YUB])
+            answers[k] = answer
+
+
+def call(verb: int, inputs: Inputs, *, option: int = 0, rtol: float = RTOL, turns: int = 1) -> np.ndarray:
+    """Call a verb on each input, and return what it answers, shape (m,)."""
+    answers, none = np.zeros(inputs.scene.size), np.zeros((0, impact.N_LOG))
+    work = np.zeros((WORK_ROWS, WORK_COLUMNS))
+    loop(verb, *inputs, option, rtol, turns, work, none, answers)
+    return answers
+
+
+class Timed(NamedTuple):
+    """A verb with what it is timed on."""
+
+    verb: int
+    inputs: Inputs
+    option: int = 0
+
+    def run(self, turns: int) -> np.ndarray:
+        """Call the verb on all inputs, so many times over; what it answers the last time."""
+        return call(self.verb, self.inputs, option=self.option, turns=turns)
+
+    def calls(self, turns: int) -> int:
+        """How many calls that is."""
+        return turns * self.inputs.scene.size
+
+
+class Drift(NamedTuple):
+    """Whole forcing periods of the base drift, early stop left out."""
+
+    row: np.ndarray
+    at_once: int
+
+    def run(self, turns: int) -> np.ndarray:
+        """Run from the start for so many times `at_once` periods; the outcome."""
+        out, codes = np.zeros((1, N_OUT)), np.zeros((1, N_CODES), np.int64)
+        run_many(self.row[None], self.calls(turns), RTOL, False, out, codes)
+        return out[0, :6]
+
+    def calls(self, turns: int) -> int:
+        """How many periods that is."""
+        return turns * self.at_once
+
+
+def without_slip(inputs: Inputs, axial: bool) -> Inputs:
+    """The same impacts with the lateral slip of the end that lands taken away, and the axial one too if `axial`."""
+    states = inputs.states.copy()
+    s = np.where(states[:, D1] == 0.0, -1.0, 1.0)
+    row = inputs.rows[inputs.scene]
+    r, h = row[:, ROW.index("r")], row[:, ROW.index("r")] * (row[:, ROW.index("A_r")] - 1.0)
+    sin_b, cos_b = np.sin(states[:, BETA]), np.cos(states[:, BETA])
+    if axial:
+        states[:, CA] = -(r - s * h * sin_b) * states[:, WB]
+    states[:, CB] = r * cos_b * states[:, SPIN] - (r * sin_b - s * h) * states[:, WP]
+    return inputs._replace(states=states)
+
+
+def by_route(inputs: Inputs, wanted: int) -> Inputs:
+    """The impacts at one end that take a given route."""
+    return inputs.only(call(ROUTE, inputs) == wanted)
+
+
+class Harvest:
+    """States that occur in runs of the base case and of so many random scenes, with friction and without."""
+
+    def __init__(self, random: int, periods: int) -> None:
+        self.rough, self.smooth = (record(random, periods, frictionless) for frictionless in (False, True))
+
+    def slipping(self, least: float, most: float) -> Inputs:
+        """Contact phases of one end that begin with a slip between two speeds [m/s]."""
+        inputs = self.rough[CONTACT]
+        lone = (inputs.modes == FREE).any(axis=1) & (inputs.modes == SLIP).any(axis=1)
+        speed = call(SLIP_SPEED, inputs)
+        return inputs.only(lone & (speed >= least) & (speed < most))
+
+    def chatters(self) -> Inputs:
+        """The first impact of each chatter of one end that goes to its close, but for the longest (at high restitution)."""
+        inputs = self.rough[SINGLE]
+        hops = call(CHATTER, inputs)
+        begins = np.diff(hops, prepend=0.0) != -1.0  # the next impact of a chatter has one fewer before it
+        return inputs.only((hops >= CHATTER_HOPS[0]) & (hops <= CHATTER_HOPS[1]) & begins)
+
+
+VERBS: dict[str, Callable[[Harvest], Timed | Drift]] = {
+    "loop alone": lambda found: Timed(ALONE, found.rough[FLIGHT]),
+    "gap evaluation": lambda found: Timed(GAP, found.rough[FLIGHT]),
+    "Delassus": lambda found: Timed(DELASSUS, found.rough[FLIGHT]),
+    "next event in flight": lambda found: Timed(LANDING, found.rough[FLIGHT]),
+    "single impact, held": lambda found: Timed(IMPACT, by_route(without_slip(found.rough[SINGLE], True), HELD)),
+    "single impact, straight slip": lambda found: Timed(
+        IMPACT, by_route(without_slip(found.rough[SINGLE], False), STRAIGHT)
+    ),
+    "single impact, frictionless": lambda found: Timed(IMPACT, by_route(found.smooth[SINGLE], FRICTIONLESS)),
+    "single impact, general": lambda found: Timed(IMPACT, by_route(found.rough[SINGLE], TURNING)),
+    "double impact": lambda found: Timed(IMPACT, found.rough[DOUBLE]),
+    "double impact, frictionless": lambda found: Timed(IMPACT, found.smooth[DOUBLE]),
+    "contact rates": lambda found: Timed(RATES, found.rough[CONTACT]),
+    "contact step, plain": lambda found: Timed(STEP, found.slipping(1e-2, inf), paces.PLAIN),
+    "contact step, slow": lambda found: Timed(STEP, found.slipping(1e-9, 1e-2), paces.SLOW),
+    "contact step, slide": lambda found: Timed(STEP, found.slipping(1e-9, 1e-2), paces.SLIDE),
+    "contact phase": lambda found: Timed(PHASE_OF_CONTACT, found.rough[CONTACT]),
+    "chatter": lambda found: Timed(CHATTER, found.chatters()),
+    "drift period": lambda _: Drift(Parameters().row(), 60),
+}
+
+
+def tuned(timed: Timed | Drift, seconds: float) -> int:
+    """How many turns take about so long."""
+    turns = 1
+    while True:
+        begun = thread_time()
+        timed.run(turns)
+        taken = thread_time() - begun
+        if taken > 0.3 * seconds:
+            return max(1, round(turns * seconds / taken))
+        turns *= 4
