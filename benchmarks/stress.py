@@ -28,6 +28,7 @@ from dimersweep.kernel.body import as_dimer
 from dimersweep.kernel.engine import WORK_COLUMNS, WORK_ROWS
 from dimersweep.kernel.impact import N_LOG
 from dimersweep.kernel.layout import (
+    BETA,
     C_CHATTER_END,
     C_IMPACT,
     CA,
@@ -68,6 +69,7 @@ LOG_ROWS, FIRST_ROWS, MOST_ROWS = 400, 2000, 200_000
 RECORDED = 5  # of each block, besides the odd ones
 ODD_EVENTS = 300  # events a period from which a run is odd
 SAME = 1e-13  # events closer than this, in forcing periods, are at one moment
+INSIDE = 0.5 - 0.5 * np.cos(pi * np.arange(1, 13) / 12)  # where a phase is looked at, its end the last
 NODES = 16  # of the quadrature in a contact phase; twice as many tell its error
 KINDS = ("flight", "impact", "contact", "close")
 
@@ -193,70 +195,81 @@ def kinetic(dm, states):
     return 0.5 * (moving + dm.J_t * (s[WB] ** 2 + s[WP] ** 2) + dm.J_a * s[SPIN] ** 2)
 
 
-def lab_gain(dm, start, end):
-    """Change of the dimer's total energy in the lab's frame from one state of a flight to another [J]."""
-    climb = 0.5 * (end[D1] + end[D2] - start[D1] - start[D2])
-    c_0, c_1 = 0.5 * (start[N1] + start[N2]), 0.5 * (end[N1] + end[N2])
-    phase_0, phase_1 = start[PHASE] + dm.phi0, end[PHASE] + dm.phi0
-    speed = dm.A_z * dm.omega
-    p_0, p_1 = speed * np.cos(phase_0), speed * np.cos(phase_1)
-    lift = dm.A_z * (np.sin(phase_1) - np.sin(phase_0))
+def lab_gain(dm, starts, ends):
+    """Change of the dimer's total energy in the lab's frame over flights; states of shape (n, N_STATE) [J]."""
+    (c_0, p_0, z_0), (c_1, p_1, z_1) = (
+        (
+            0.5 * (s[N1] + s[N2]),
+            dm.A_z * dm.omega * np.cos(s[PHASE] + dm.phi0),
+            0.5 * (s[D1] + s[D2]) + dm.A_z * np.sin(s[PHASE] + dm.phi0),
+        )
+        for s in (starts.T, ends.T)
+    )
     frame = dm.m * (c_1 * p_1 - c_0 * p_0 + 0.5 * (p_1 - p_0) * (p_1 + p_0))
-    return kinetic(dm, end) - kinetic(dm, start) + frame + dm.m * dm.g * (climb + lift)
+    return kinetic(dm, ends) - kinetic(dm, starts) + frame + dm.m * dm.g * (z_1 - z_0)
 
 
-class Examiner:
-    """A recorded run, looked at phase by phase.
+def states_at(row, segments, phases, rtol):
+    """Kernel states in the phases that start with each of the segments, all different in time.
 
     Parameters
     ----------
-    row : ndarray, shape (N_ROW,)
-    segments : ndarray, shape (n, N_SEGMENT)
-    rtol : float
+    phases : ndarray, shape (n, k)
+        Plate phases [rad], counted as those of the segment; at most the one of the next segment.
+
+    Returns
+    -------
+    ndarray, shape (n, k, N_STATE)
     """
-
-    def __init__(self, row, segments, rtol):
-        self.row, self.rtol, self.dm = row, rtol, AS_DIMER(row)
-        self.segments = segments
-        self.work = np.zeros((WORK_ROWS, WORK_COLUMNS))
-
-    def states(self, segment, phases):
-        """Kernel states within the phase that starts with a segment."""
-        n = len(phases)
-        states, modes = np.zeros((n, N_STATE)), np.zeros((n, 2))
-        sample(self.row, segment[None], np.full(n, segment[PERIOD]), phases, self.rtol, self.work, states, modes)
-        return states
-
-    def contact_gain(self, segment, start, end, gauss):
-        """Gain of energy in a contact phase beyond the work of the effective gravity, and the doubt about that work [J]."""
-        dm = self.dm
-        rise = kinetic(dm, end) - kinetic(dm, start)
-        if start[D1] == 0.0 and start[D2] == 0.0:
-            return rise, 0.0
-        works = []
-        for nodes, weights in gauss:
-            phases = start[PHASE] + (end[PHASE] - start[PHASE]) * nodes
-            states = self.states(segment, phases)
-            pull = dm.g * (1.0 - dm.A_z * dm.omega**2 / dm.g * np.sin(phases + dm.phi0))
-            rate = 0.5 * (states[:, N1] + states[:, N2])
-            works.append(-dm.m * (weights * pull * rate).sum() * (end[PHASE] - start[PHASE]) / dm.omega)
-        return rise - works[1], abs(works[1] - works[0])
+    n, k = phases.shape
+    states = np.zeros((n, k, N_STATE))
+    work = np.zeros((WORK_ROWS, WORK_COLUMNS))
+    for part in (0, 1):  # every second one alone, so that the time of the next one still belongs to it
+        own = segments[part::2]
+        found, modes = np.zeros((len(own) * k, N_STATE)), np.zeros((len(own) * k, 2))
+        sample(row, own, np.repeat(own[:, PERIOD], k), phases[part::2].ravel(), rtol, work, found, modes)
+        states[part::2] = found.reshape(-1, k, N_STATE)
+    return states
 
 
-def gauss_rules():
-    """Two Gauss rules on [0, 1], the second one twice as fine."""
-    rules = (np.polynomial.legendre.leggauss(n) for n in (NODES, 2 * NODES))
-    return [(0.5 * (nodes + 1.0), 0.5 * weights) for nodes, weights in rules]
+def contact_gains(dm, row, segments, span, rise, rtol):
+    """Gain of energy in contact phases beyond the work of the effective gravity, less the doubt about that work [J]."""
+    works = []
+    for n in (NODES, 2 * NODES):
+        nodes, weights = np.polynomial.legendre.leggauss(n)
+        phases = segments[:, PHASE, None] + span[:, None] * 0.5 * (nodes + 1.0)
+        states = states_at(row, segments, phases, rtol)
+        pull = dm.g - dm.A_z * dm.omega**2 * np.sin(phases + dm.phi0)
+        rate = 0.5 * (states[..., N1] + states[..., N2])
+        works.append(-dm.m * (pull * rate) @ (0.5 * weights) * span / dm.omega)
+    return rise - works[1] - np.abs(works[1] - works[0])
 
 
-def slips(dm, state):
-    """Axial and lateral slip of p1 and of p2 [m/s], shape (2, 2)."""
-    sin_b, cos_b = np.sin(state[5]), np.cos(state[5])
-    found = []
-    for s in (-1.0, 1.0):
-        axial = state[CA] + (dm.r - s * dm.h * sin_b) * state[WB]
-        found.append((axial, state[CB] + (dm.r * sin_b - s * dm.h) * state[WP] - dm.r * cos_b * state[SPIN]))
-    return np.array(found)
+def slips(dm, states):
+    """Axial and lateral slip of p1 and of p2 [m/s], shape (n, 2, 2)."""
+    s = states.T
+    sin_b, cos_b = np.sin(s[BETA]), np.cos(s[BETA])
+    return np.array(
+        [
+            (
+                s[CA] + (dm.r - sign * dm.h * sin_b) * s[WB],
+                s[CB] + (dm.r * sin_b - sign * dm.h) * s[WP] - dm.r * cos_b * s[SPIN],
+            )
+            for sign in (-1.0, 1.0)
+        ]
+    ).transpose(2, 0, 1)
+
+
+def flips(dm, rtol, before, after, was, now):
+    """Slips that turn round from one side of an event that is no impact to the other; columns are the ends."""
+    old, new = slips(dm, before), slips(dm, after)
+    fast = np.hypot(new[..., 0], new[..., 1]) > 10 * rtol * dm.v_scale
+    return int((((old * new).sum(2) < 0.0) & fast & (was == SLIP) & (now == SLIP)).sum())
+
+
+def largest(values):
+    """The largest of some values, 0.0 if there is none."""
+    return float(np.max(values, initial=0.0))
 
 
 def examine(row, periods, rtol):
@@ -267,64 +280,51 @@ def examine(row, periods, rtol):
     dict
         status, n_events; penetration [m] and the scale of length it is measured by [m]; gain by kind of phase, in units of
         the largest kinetic energy of the run; flips, the number of slips that turn round at an event that is no impact;
-        crowd, the largest number of events at one moment; nan, whether any number in the record is none that should be.
+        crowd, the largest number of event rows at one moment; dip, the largest in size [rad]; nan, whether a number of the
+        record is none.
     """
     taken = record(row, periods, rtol)
     if taken is None:
         return None
     codes, events, segments = taken
-    look = Examiner(row, segments, rtol)
-    dm, rules = look.dm, gauss_rules()
+    dm = AS_DIMER(row)
     times = segments[:, PERIOD] + segments[:, PHASE] / (2 * pi)
     event_times = events[:, 0] + events[:, 1] / (2 * pi)
     causes = events[:, EVENT.index("cause")]
-    struck = np.unique(event_times[causes == C_IMPACT])
-    closed = np.unique(event_times[causes == C_CHATTER_END])
-    energies, gains, deepest, highest, flips = [], {kind: [] for kind in KINDS}, 0.0, 0.0, 0
-    for k in range(len(segments) - 1):
-        segment, after = segments[k], segments[k + 1]
-        start = segment[:N_STATE]
-        span = 2 * pi * (after[PERIOD] - start[PERIOD]) + after[PHASE] - start[PHASE]
-        energies.append(kinetic(dm, start))
-        if span > 0.0:
-            grid = 0.5 - 0.5 * np.cos(pi * np.arange(1, 13) / 12)
-            inner = look.states(segment, start[PHASE] + span * grid)
-            end = inner[-1]
-            free = segment[N_STATE] == FREE and segment[N_STATE + 1] == FREE
-            # at its end a flight lands: what is left of the gap is what `touch` takes away
-            deepest = max(deepest, -inner[:, [D1, D2]].min())
-            highest = max(highest, inner[:, [D1, D2]].max())
-            energies.append(kinetic(dm, end))
-            if free:
-                gains["flight"].append(abs(lab_gain(dm, start, end)))
-            else:
-                gain, doubt = look.contact_gain(segment, start, end, rules)
-                gains["contact"].append(gain - doubt)
-        else:
-            end = start
-        now = times[k + 1]
-        gain = kinetic(dm, after[:N_STATE]) - kinetic(dm, end)
-        if np.isin(now, closed):
-            gains["close"].append(gain)
-        elif np.isin(now, struck):
-            gains["impact"].append(gain)
-        else:
-            before, later = slips(dm, end), slips(dm, after[:N_STATE])
-            for i in range(2):
-                if segment[N_STATE + i] == SLIP and after[N_STATE + i] == SLIP:
-                    turned = (before[i] * later[i]).sum() < 0.0
-                    flips += bool(turned and np.hypot(*later[i]) > 10 * rtol * dm.v_scale)
-    scale = max(2 * dm.h, dm.r, dm.A_z, highest)
-    most = max(energies, default=0.0)
+    segments = segments[np.append(np.diff(times) > 0.0, True)[: len(segments)]]  # of each moment the last
+    times = segments[:, PERIOD] + segments[:, PHASE] / (2 * pi)
+    starts, modes = segments[:-1, :N_STATE], segments[:, N_STATE:]
+    span = 2 * pi * np.diff(segments[:, PERIOD]) + np.diff(segments[:, PHASE])
+    inner = states_at(row, segments[:-1], starts[:, PHASE, None] + span[:, None] * INSIDE, rtol)
+    ends, after = inner[:, -1], segments[1:, :N_STATE]
+    free = (modes[:-1] == FREE).all(1)
+    at_rest = ~free & (starts[:, D1] == 0.0) & (starts[:, D2] == 0.0)
+    rise = kinetic(dm, ends) - kinetic(dm, starts)
+    jump = kinetic(dm, after) - kinetic(dm, ends)
+    leans = ~free & ~at_rest
+    closed = np.isin(times[1:], event_times[causes == C_CHATTER_END])
+    struck = np.isin(times[1:], event_times[causes == C_IMPACT]) & ~closed
+    smooth = ~closed & ~struck
+    gains = {
+        "flight": np.abs(lab_gain(dm, starts[free], ends[free])),
+        "impact": jump[struck],
+        "contact": np.concatenate(
+            [rise[at_rest], contact_gains(dm, row, segments[:-1][leans], span[leans], rise[leans], rtol)]
+        ),
+        "close": jump[closed],
+    }
+    gaps = inner[..., [D1, D2]]
+    most = max(largest(kinetic(dm, segments[:, :N_STATE])), largest(kinetic(dm, ends)))
     return {
         "status": STATUSES[codes[CODE["status"]]],
         "n_events": int(codes[CODE["n_events"]]),
-        "penetration": deepest,
-        "length": scale,
-        "gain": {kind: max(values, default=0.0) / most if most else 0.0 for kind, values in gains.items()},
-        "flips": flips,
+        "penetration": largest(-gaps),
+        "length": max(2 * dm.h, dm.A_z, largest(gaps)),
+        "gain": {kind: largest(values) / most if most else 0.0 for kind, values in gains.items()},
+        "flips": flips(dm, rtol, ends[smooth], after[smooth], modes[:-1][smooth], modes[1:][smooth]),
         "crowd": crowd(event_times),
-        "nan": not (np.isfinite(segments).all() and np.isfinite(energies).all()),
+        "dip": largest(np.abs(inner[..., BETA])),
+        "nan": not (np.isfinite(segments).all() and np.isfinite(inner).all()),
     }
 
 
@@ -472,6 +472,7 @@ def summary(codes, nans, seconds, wall, looks, options):
         },
         "energy_above_1e-9": {kind: sum(look["gain"][kind] > 1e-9 for look in seen.values()) for kind in KINDS},
         "flips": sum(look["flips"] for look in seen.values()),
+        "largest_dip": max((look["dip"] for look in seen.values()), default=0.0),
         "most_events_at_one_moment": max((look["crowd"] for look in seen.values()), default=0),
     }
 
@@ -504,6 +505,8 @@ def tell(report, looks):
     for kind, gain in report["energy_from_nothing"].items():
         worst = worst_of(looks, lambda look, kind=kind: look["gain"][kind])
         print(f"{'energy gained, ' + kind:>30}: {gain:.1e}, above 1e-9 in {report['energy_above_1e-9'][kind]}  {worst}")
+    dips = worst_of(looks, lambda look: look["dip"])
+    print(f"{'largest dip':>30}: {report['largest_dip']:.4f} rad  scenes {dips}")
     print(f"{'slips that flip':>30}: {report['flips']}  scenes {worst_of(looks, lambda look: look['flips'])}")
     print(f"{'most event rows at one moment':>30}: {report['most_events_at_one_moment']}")
 
