@@ -4,11 +4,6 @@ Every scene is run to its verdict; some are run again with their record, and so 
 deep an end is ever below the plate, how much energy comes from nothing, and whether a slip turns round at an event.
 A kind of scene that fails is made simple (fewest periods, fewest decimals) and printed as a case for
 ``tests/kernel/test_stress_cases.py``.
-
-Energies are those in the plate's frame, in units of the largest kinetic energy of the run. What comes from nothing: the gain
-of kinetic energy in an impact (the plate has no speed there, friction and restitution only take); the change of the total
-energy of the lab in flight; the gain in sustained contact beyond the work of the effective gravity g (1 - Gamma sin). The
-closing of a chatter stands apart: it books the friction of the hops that it sums ahead of their time.
 """
 
 import argparse
@@ -21,57 +16,18 @@ from math import pi
 from pathlib import Path
 
 import numpy as np
+from examine import CODE, KINDS, examine, lies
 from matplotlib.figure import Figure
 
-from dimersweep.kernel.batch import run_many, run_recorded
-from dimersweep.kernel.body import as_dimer
-from dimersweep.kernel.engine import WORK_COLUMNS, WORK_ROWS
-from dimersweep.kernel.impact import N_LOG
-from dimersweep.kernel.layout import (
-    BETA,
-    C_CHATTER_END,
-    C_IMPACT,
-    CA,
-    CB,
-    CODES,
-    D1,
-    D2,
-    FREE,
-    M_DRIFT,
-    MODES,
-    N1,
-    N2,
-    N_CODES,
-    N_OUT,
-    N_STATE,
-    OK,
-    OUT,
-    PERIOD,
-    PHASE,
-    RECORD_FULL,
-    ROW,
-    SLIP,
-    SPIN,
-    STATUSES,
-    WB,
-    WP,
-)
-from dimersweep.kernel.record import EVENT, N_EVENT, N_SEGMENT
-from dimersweep.kernel.sample import sample
+from dimersweep.kernel.batch import run_many
+from dimersweep.kernel.layout import M_DRIFT, MODES, N_CODES, N_OUT, OK, OUT, ROW, STATUSES
 from dimersweep.parameters import Parameters
 from dimersweep.symbols import BASE
 
 FIGURE = Path(__file__).resolve().parents[1] / "docs" / "figures" / "stress.png"
 BLOCK = 1000
-CODE = {name: k for k, name in enumerate(CODES)}
-AS_DIMER = getattr(as_dimer, "py_func", as_dimer)
-LOG_ROWS, FIRST_ROWS, MOST_ROWS = 400, 2000, 200_000
 RECORDED = 5  # of each block, besides the odd ones
 ODD_EVENTS = 300  # events a period from which a run is odd
-SAME = 1e-13  # events closer than this, in forcing periods, are at one moment
-INSIDE = 0.5 - 0.5 * np.cos(pi * np.arange(1, 13) / 12)  # where a phase is looked at, its end the last
-NODES = 16  # of the quadrature in a contact phase; twice as many tell its error
-KINDS = ("flight", "impact", "contact", "close")
 
 
 def pick(rng, n, usual, *special, share=0.05):
@@ -169,180 +125,16 @@ def lying_nan(codes, out):
     return ok & (~np.isfinite(out[:, shares]).all(1) | (drift & ~np.isfinite(out[:, orbit]).all(1)))
 
 
-# --- examination of a recorded run ------------------------------------------------------------------------------------
-
-
-def record(row, periods, rtol):
-    """Codes, event rows and segments of one run, or None where the record would be too long."""
-    rows = FIRST_ROWS
-    while rows <= MOST_ROWS:
-        codes, counts = np.zeros((1, N_CODES), np.int64), np.zeros(3, np.int64)
-        events, segments = np.zeros((rows, N_EVENT)), np.zeros((rows, N_SEGMENT))
-        run_recorded(
-            row[None], periods, rtol, False, True, np.zeros((1, N_OUT)), codes, np.zeros((LOG_ROWS, N_LOG)), events,
-            segments, counts,
-        )  # fmt: skip
-        if codes[0, CODE["status"]] != RECORD_FULL and max(counts[1], counts[2]) <= rows:
-            return codes[0], events[: counts[1]], segments[: counts[2]]
-        rows *= 10
-    return None
-
-
-def kinetic(dm, states):
-    """Kinetic energy in the plate's frame [J]; states of shape (..., N_STATE)."""
-    s = np.moveaxis(states, -1, 0)
-    moving = dm.m * (s[CA] ** 2 + s[CB] ** 2 + 0.25 * (s[N1] + s[N2]) ** 2)
-    return 0.5 * (moving + dm.J_t * (s[WB] ** 2 + s[WP] ** 2) + dm.J_a * s[SPIN] ** 2)
-
-
-def lab_gain(dm, starts, ends):
-    """Change of the dimer's total energy in the lab's frame over flights; states of shape (n, N_STATE) [J]."""
-    (c_0, p_0, z_0), (c_1, p_1, z_1) = (
-        (
-            0.5 * (s[N1] + s[N2]),
-            dm.A_z * dm.omega * np.cos(s[PHASE] + dm.phi0),
-            0.5 * (s[D1] + s[D2]) + dm.A_z * np.sin(s[PHASE] + dm.phi0),
-        )
-        for s in (starts.T, ends.T)
-    )
-    frame = dm.m * (c_1 * p_1 - c_0 * p_0 + 0.5 * (p_1 - p_0) * (p_1 + p_0))
-    return kinetic(dm, ends) - kinetic(dm, starts) + frame + dm.m * dm.g * (z_1 - z_0)
-
-
-def states_at(row, segments, phases, rtol):
-    """Kernel states in the phases that start with each of the segments, all different in time.
-
-    Parameters
-    ----------
-    phases : ndarray, shape (n, k)
-        Plate phases [rad], counted as those of the segment; at most the one of the next segment.
-
-    Returns
-    -------
-    ndarray, shape (n, k, N_STATE)
-    """
-    n, k = phases.shape
-    states = np.zeros((n, k, N_STATE))
-    work = np.zeros((WORK_ROWS, WORK_COLUMNS))
-    for part in (0, 1):  # every second one alone, so that the time of the next one still belongs to it
-        own = segments[part::2]
-        found, modes = np.zeros((len(own) * k, N_STATE)), np.zeros((len(own) * k, 2))
-        sample(row, own, np.repeat(own[:, PERIOD], k), phases[part::2].ravel(), rtol, work, found, modes)
-        states[part::2] = found.reshape(-1, k, N_STATE)
-    return states
-
-
-def contact_gains(dm, row, segments, span, rise, rtol):
-    """Gain of energy in contact phases beyond the work of the effective gravity, less the doubt about that work [J]."""
-    works = []
-    for n in (NODES, 2 * NODES):
-        nodes, weights = np.polynomial.legendre.leggauss(n)
-        phases = segments[:, PHASE, None] + span[:, None] * 0.5 * (nodes + 1.0)
-        states = states_at(row, segments, phases, rtol)
-        pull = dm.g - dm.A_z * dm.omega**2 * np.sin(phases + dm.phi0)
-        rate = 0.5 * (states[..., N1] + states[..., N2])
-        works.append(-dm.m * (pull * rate) @ (0.5 * weights) * span / dm.omega)
-    return rise - works[1] - np.abs(works[1] - works[0])
-
-
-def slips(dm, states):
-    """Axial and lateral slip of p1 and of p2 [m/s], shape (n, 2, 2)."""
-    s = states.T
-    sin_b, cos_b = np.sin(s[BETA]), np.cos(s[BETA])
-    return np.array(
-        [
-            (
-                s[CA] + (dm.r - sign * dm.h * sin_b) * s[WB],
-                s[CB] + (dm.r * sin_b - sign * dm.h) * s[WP] - dm.r * cos_b * s[SPIN],
-            )
-            for sign in (-1.0, 1.0)
-        ]
-    ).transpose(2, 0, 1)
-
-
-def flips(dm, rtol, before, after, was, now):
-    """Slips that turn round from one side of an event that is no impact to the other; columns are the ends."""
-    old, new = slips(dm, before), slips(dm, after)
-    fast = np.hypot(new[..., 0], new[..., 1]) > 10 * rtol * dm.v_scale
-    return int((((old * new).sum(2) < 0.0) & fast & (was == SLIP) & (now == SLIP)).sum())
-
-
-def largest(values):
-    """The largest of some values, 0.0 if there is none."""
-    return float(np.max(values, initial=0.0))
-
-
-def examine(row, periods, rtol):
-    """What a recorded run shows, or None where its record would be too long.
-
-    Returns
-    -------
-    dict
-        status, n_events; penetration [m] and the scale of length it is measured by [m]; gain by kind of phase, in units of
-        the largest kinetic energy of the run; flips, the number of slips that turn round at an event that is no impact;
-        crowd, the largest number of event rows at one moment; dip, the largest in size [rad]; nan, whether a number of the
-        record is none.
-    """
-    taken = record(row, periods, rtol)
-    if taken is None:
-        return None
-    codes, events, segments = taken
-    dm = AS_DIMER(row)
-    times = segments[:, PERIOD] + segments[:, PHASE] / (2 * pi)
-    event_times = events[:, 0] + events[:, 1] / (2 * pi)
-    causes = events[:, EVENT.index("cause")]
-    segments = segments[np.append(np.diff(times) > 0.0, True)[: len(segments)]]  # of each moment the last
-    times = segments[:, PERIOD] + segments[:, PHASE] / (2 * pi)
-    starts, modes = segments[:-1, :N_STATE], segments[:, N_STATE:]
-    span = 2 * pi * np.diff(segments[:, PERIOD]) + np.diff(segments[:, PHASE])
-    inner = states_at(row, segments[:-1], starts[:, PHASE, None] + span[:, None] * INSIDE, rtol)
-    ends, after = inner[:, -1], segments[1:, :N_STATE]
-    free = (modes[:-1] == FREE).all(1)
-    at_rest = ~free & (starts[:, D1] == 0.0) & (starts[:, D2] == 0.0)
-    rise = kinetic(dm, ends) - kinetic(dm, starts)
-    jump = kinetic(dm, after) - kinetic(dm, ends)
-    leans = ~free & ~at_rest
-    closed = np.isin(times[1:], event_times[causes == C_CHATTER_END])
-    struck = np.isin(times[1:], event_times[causes == C_IMPACT]) & ~closed
-    smooth = ~closed & ~struck
-    gains = {
-        "flight": np.abs(lab_gain(dm, starts[free], ends[free])),
-        "impact": jump[struck],
-        "contact": np.concatenate(
-            [rise[at_rest], contact_gains(dm, row, segments[:-1][leans], span[leans], rise[leans], rtol)]
-        ),
-        "close": jump[closed],
-    }
-    gaps = inner[..., [D1, D2]]
-    most = max(largest(kinetic(dm, segments[:, :N_STATE])), largest(kinetic(dm, ends)))
-    return {
-        "status": STATUSES[codes[CODE["status"]]],
-        "n_events": int(codes[CODE["n_events"]]),
-        "penetration": largest(-gaps),
-        "length": max(2 * dm.h, dm.A_z, largest(gaps)),
-        "gain": {kind: largest(values) / most if most else 0.0 for kind, values in gains.items()},
-        "flips": flips(dm, rtol, ends[smooth], after[smooth], modes[:-1][smooth], modes[1:][smooth]),
-        "crowd": crowd(event_times),
-        "dip": largest(np.abs(inner[..., BETA])),
-        "nan": not (np.isfinite(segments).all() and np.isfinite(inner).all()),
-    }
-
-
-def crowd(times):
-    """Largest number of event rows at one moment."""
-    if not len(times):
-        return 0
-    starts = np.concatenate([[0], np.flatnonzero(np.diff(times) > SAME) + 1, [len(times)]])
-    return int(np.diff(starts).max())
-
-
 # --- failing scenes made simple ---------------------------------------------------------------------------------------
 
 
-def status_of(scene, periods, rtol):
-    """Status of a scene."""
-    codes, _, _ = run_block(Parameters(**scene).row()[None], periods, rtol)
-    return STATUSES[codes[0, CODE["status"]]]
+def faults(scene, periods, rtol, examined=True):
+    """What is wrong with a scene: its status, or what its record shows."""
+    row = Parameters(**scene).row()
+    codes, _, _ = run_block(row[None], periods, rtol)
+    status = STATUSES[codes[0, CODE["status"]]]
+    look = examine(row, periods, rtol) if examined and status == "ok" else None
+    return [status] * (status != "ok") + (lies(look) if look else [])
 
 
 def allowed(scene):
@@ -354,29 +146,33 @@ def allowed(scene):
     return True
 
 
-def minimise(scene, periods, rtol, fails):
-    """The simplest scene found that still fails: fewest periods, then values of the base case or of fewest decimals.
+def minimise(scene, periods, rtol, fault):
+    """The simplest scene found with the same fault: fewest periods, then values of the base case or of fewest decimals.
 
     Parameters
     ----------
     scene : dict
         Keywords of ``simulate``.
-    fails : callable
-        Whether a scene fails in the same way, called with (scene, periods, rtol).
+    fault : str
+        One of its `faults`.
 
     Returns
     -------
     scene, periods
     """
+
+    def fails(trial, n):
+        return allowed(trial) and fault in faults(trial, n, rtol, examined=fault not in STATUSES)
+
     while True:
         before = dict(scene), periods
-        periods = next((n for n in range(1, periods) if fails(scene, n, rtol)), periods)
+        periods = next((n for n in range(1, periods) if fails(scene, n)), periods)
         for name in [name for name in scene if name in BASE]:
-            for value in simpler(name, scene[name]):
-                trial = scene | {name: value}
-                if allowed(trial) and fails(trial, periods, rtol):
-                    scene = trial
-                    break
+            simple = next(
+                (value for value in simpler(name, scene[name]) if fails(scene | {name: value}, periods)), None
+            )
+            if simple is not None:
+                scene = scene | {name: simple}
         if (scene, periods) == before:
             return {name: value for name, value in scene.items() if value != BASE[name]}, periods
 
@@ -424,21 +220,20 @@ def chosen(codes, seconds, periods):
     return sorted({*some, *odd[:500].tolist(), *slow[ok[slow]].tolist()})
 
 
-def failures(codes, seed, domain, periods, rtol, per_kind):
-    """Failing scenes made simple, at most `per_kind` of each status."""
+def failures(codes, looks, options):
+    """Scenes with a fault made simple, at most `per_kind` of each fault."""
+    faulty = {}
+    for k in np.flatnonzero(codes[:, CODE["status"]] != OK):
+        faulty.setdefault(STATUSES[codes[k, CODE["status"]]], []).append(int(k))
+    for k, look in looks.items():
+        for fault in lies(look) if look else ():
+            faulty.setdefault(fault, []).append(k)
     found = []
-    for code in np.unique(codes[:, CODE["status"]]):
-        if code == OK:
-            continue
-        status = STATUSES[code]
-        for k in np.flatnonzero(codes[:, CODE["status"]] == code)[:per_kind]:
-            scene, least = minimise(
-                parameters_of(scene_row(k, seed, domain)),
-                periods,
-                rtol,
-                lambda *given, s=status: status_of(*given) == s,
-            )
-            found.append({"parameters": scene, "status": status, "periods": least, "rtol": rtol, "number": int(k)})
+    for fault, numbers in faulty.items():
+        for k in numbers[: options.per_kind]:
+            scene = parameters_of(scene_row(k, options.seed, options.domain))
+            scene, periods = minimise(scene, options.periods, options.rtol, fault)
+            found.append({"parameters": scene, "fault": fault, "periods": periods, "rtol": options.rtol, "number": k})
     return found
 
 
@@ -584,7 +379,7 @@ def main():
     tell(report, looks)
     draw(codes, seconds, looks, report, options.figure)
     print(options.figure)
-    found = failures(codes, options.seed, options.domain, options.periods, options.rtol, options.per_kind)
+    found = failures(codes, looks, options)
     for case in found:
         print(case)
     if options.out:
