@@ -45,7 +45,7 @@ CODE = {name: k for k, name in enumerate(CODES)}
 AS_DIMER = getattr(as_dimer, "py_func", as_dimer)
 LOG_ROWS, FIRST_ROWS, MOST_ROWS = 400, 2000, 200_000
 SAME = 1e-13  # events closer than this, in forcing periods, are at one moment
-INSIDE = 0.5 - 0.5 * np.cos(pi * np.arange(1, 13) / 12)  # where a phase is looked at, its end the last
+INSIDE = 0.5 - 0.5 * np.cos(pi * np.arange(1, 12) / 12)  # where a phase is looked at
 NODES = 16  # of the quadrature in a contact phase; twice as many tell its error
 KINDS = ("flight", "impact", "contact", "close")
 SUNK = 1e-12  # penetration over length, and energy from nothing over the largest kinetic energy, from which a run lies
@@ -91,7 +91,7 @@ def lab_gain(dm, starts, ends):
 
 
 def states_at(row, segments, phases, rtol):
-    """Kernel states in the phases that start with each of the segments, all different in time.
+    """Kernel states in the phases that start with each of the segments, all different in time; nan from where it fails.
 
     Parameters
     ----------
@@ -103,11 +103,11 @@ def states_at(row, segments, phases, rtol):
     ndarray, shape (n, k, N_STATE)
     """
     n, k = phases.shape
-    states = np.zeros((n, k, N_STATE))
+    states = np.full((n, k, N_STATE), np.nan)
     work = np.zeros((WORK_ROWS, WORK_COLUMNS))
     for part in (0, 1):  # every second one alone, so that the time of the next one still belongs to it
         own = segments[part::2]
-        found, modes = np.zeros((len(own) * k, N_STATE)), np.zeros((len(own) * k, 2))
+        found, modes = np.full((len(own) * k, N_STATE), np.nan), np.zeros((len(own) * k, 2))
         sample(row, own, np.repeat(own[:, PERIOD], k), phases[part::2].ravel(), rtol, work, found, modes)
         states[part::2] = found.reshape(-1, k, N_STATE)
     return states
@@ -149,8 +149,8 @@ def flips(dm, rtol, before, after, was, now):
 
 
 def largest(values):
-    """The largest of some values, 0.0 if there is none."""
-    return float(np.max(values, initial=0.0))
+    """The largest of some values, 0.0 if there is none; nan does not count."""
+    return float(np.fmax.reduce(np.ravel(values), initial=0.0))
 
 
 def examine(row, periods, rtol):
@@ -179,15 +179,17 @@ def look_at(row, rtol, status, n_events, events, segments):
     starts, modes = segments[:-1, :N_STATE], segments[:, N_STATE:]
     span = 2 * pi * np.diff(segments[:, PERIOD]) + np.diff(segments[:, PHASE])
     inner = states_at(row, segments[:-1], starts[:, PHASE, None] + span[:, None] * INSIDE, rtol)
-    ends, after = inner[:, -1], segments[1:, :N_STATE]
+    closed = np.isin(times[1:], event_times[causes == C_CHATTER_END])
+    struck = np.isin(times[1:], event_times[causes == C_IMPACT]) & ~closed
+    smooth = ~closed & ~struck
+    after = segments[1:, :N_STATE]
+    ends = after.copy()
+    ends[~smooth] = states_at(row, segments[:-1][~smooth], (starts[:, PHASE] + span)[~smooth, None], rtol)[:, 0]
     free = (modes[:-1] == FREE).all(1)
     at_rest = ~free & (starts[:, D1] == 0.0) & (starts[:, D2] == 0.0)
     rise = kinetic(dm, ends) - kinetic(dm, starts)
     jump = kinetic(dm, after) - kinetic(dm, ends)
     leans = ~free & ~at_rest
-    closed = np.isin(times[1:], event_times[causes == C_CHATTER_END])
-    struck = np.isin(times[1:], event_times[causes == C_IMPACT]) & ~closed
-    smooth = ~closed & ~struck
     gains = {
         "flight": np.abs(lab_gain(dm, starts[free], ends[free])),
         "impact": jump[struck],
@@ -196,7 +198,8 @@ def look_at(row, rtol, status, n_events, events, segments):
         ),
         "close": jump[closed],
     }
-    gaps = inner[..., [D1, D2]]
+    seen = np.concatenate([inner.reshape(-1, N_STATE), ends])
+    gaps = seen[:, [D1, D2]]
     most = max(largest(kinetic(dm, segments[:, :N_STATE])), largest(kinetic(dm, ends)))
     return {
         "status": status,
@@ -205,10 +208,10 @@ def look_at(row, rtol, status, n_events, events, segments):
         "penetration": largest(-gaps),
         "length": max(2 * dm.h, dm.A_z, largest(gaps)),
         "gain": {kind: largest(values) / most if most else 0.0 for kind, values in gains.items()},
-        "flips": flips(dm, rtol, ends[smooth], after[smooth], modes[:-1][smooth], modes[1:][smooth]),
+        "flips": flips(dm, rtol, inner[smooth, -1], after[smooth], modes[:-1][smooth], modes[1:][smooth]),
         "crowd": crowd(event_times),
-        "dip": largest(np.abs(inner[..., BETA])),
-        "nan": not (np.isfinite(segments).all() and np.isfinite(inner).all()),
+        "dip": largest(np.abs(seen[:, BETA])),
+        "nan": not (np.isfinite(segments).all() and np.isfinite(seen).all()),
     }
 
 
