@@ -16,7 +16,7 @@ from dimersweep.kernel.record import EVENT, N_EVENT, N_SEGMENT
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
-from examine import look_at  # noqa: E402
+from examine import look_at
 
 compiled = njit(cache=True, error_model="numpy")
 
