@@ -1,10 +1,9 @@
 """The engine from any state: what `simulate` cannot start from, with the record of what follows."""
 
-import sys
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from examine import look_at
 from numba import njit
 from verbs import as_dimer
 
@@ -13,10 +12,6 @@ from dimersweep.kernel.batch import new_desk
 from dimersweep.kernel.impact import N_LOG
 from dimersweep.kernel.layout import STATUSES
 from dimersweep.kernel.record import EVENT, N_EVENT, N_SEGMENT
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-
-from examine import look_at
 
 compiled = njit(cache=True, error_model="numpy")
 
