@@ -144,7 +144,7 @@ def slips(dm, states):
 def flips(dm, rtol, before, after, was, now):
     """Slips that turn round from one side of an event that is no impact to the other; columns are the ends."""
     old, new = slips(dm, before), slips(dm, after)
-    fast = np.hypot(new[..., 0], new[..., 1]) > 10 * rtol * dm.v_scale
+    fast = np.hypot(new[..., 0], new[..., 1]) > 100 * rtol * (dm.v_scale + dm.h * dm.w_scale)  # more than the tolerance
     return int((((old * new).sum(2) < 0.0) & fast & (was == SLIP) & (now == SLIP)).sum())
 
 

@@ -285,7 +285,7 @@ def test_uncoupled_ends_do_not_feel_each_other(rtol, side, approach):
 
 # --- slip that turns, ends that meet the plate together or hardly -------------------------------------------------------
 
-FALLING = {"Gamma": 0.0, "mu": 0.3, "mu_s": 0.3, "beta0": 1.2, "A_r": 8.0, "xdot0": 0.0, "e": 0.5}
+FALLING = {"f": 15.0, "Gamma": 0.0, "mu": 0.1, "mu_s": 0.1, "beta0": 1.2, "A_r": 8.0, "xdot0": 0.0, "e": 0.5}
 
 
 @pytest.fixture(scope="module")
@@ -304,7 +304,7 @@ def test_a_planar_slip_that_reverses(rtol, falling):
     assert difference(states, expected) < 1e3 * rtol + 1e-7
     honest(rtol, 4, **FALLING)
     dm = dimer(**FALLING)
-    foot = states[:, 7] + (dm.r + 0.0) * states[:, 10]
+    foot = states[:, 7] + dm.r * states[:, 10]
     assert foot.min() < -1e-3
     assert foot.max() > 1e-3
 
@@ -398,17 +398,16 @@ def test_a_fast_spinning_dimer_keeps_its_balance(rtol, spin):
     assert abs(run.state[SPIN]) < abs(spin)
 
 
-def time_to_fall(dm, beta0):
-    """Time in which a rod at rest, p1 on a smooth dead plate, falls flat: by the energy integral."""
+def time_to_fall(dm, tilt):
+    """Time in which a rod at rest, p1 on a smooth dead plate, falls flat from a tilt: by the energy integral."""
 
-    def per_u(u):  # beta = beta0 - u^2 takes the root out of the integrand
-        beta = beta0 - u * u
-        fall = 2 * cos(0.5 * (beta0 + beta)) * sin(0.5 * u * u)  # sin(beta0) - sin(beta)
-        return (
-            2 * u * sqrt((dm.m * (dm.h * cos(beta)) ** 2 + dm.J_t) / (2 * dm.m * dm.g * dm.h * fall)) if u > 0 else 0.0
-        )
+    def per_u(u):  # the tilt now is tilt + u^2, which takes the root out of the integrand
+        now = tilt + u * u
+        fall = sin(tilt + 0.5 * u * u) * (sin(0.5 * u * u) / (0.5 * u * u) if u > 0.0 else 1.0)  # in units of u^2
+        return 2.0 * sqrt((dm.m * (dm.h * sin(now)) ** 2 + dm.J_t) / (2.0 * dm.m * dm.g * dm.h * fall))
 
-    return quad(per_u, 1e-9, sqrt(beta0), epsabs=1e-13, epsrel=1e-12, limit=400)[0]
+    width, end = 10 * sqrt(tilt), sqrt(0.5 * pi - tilt)
+    return sum(quad(per_u, *ends, epsabs=1e-14, epsrel=1e-13, limit=400)[0] for ends in ((0.0, width), (width, end)))
 
 
 @accuracies
@@ -417,22 +416,20 @@ def test_a_rod_that_starts_vertical_falls_in_its_time(rtol, tilt):
     """Near pi/2 the fall grows from a tilt: each digit of it is a digit of the time."""
     row = row_of(mu=0.0, mu_s=0.0, Gamma=0.0, e=0.0, f=2.0)
     dm = as_dimer(row)
-    beta0 = 0.5 * pi - tilt
-    run = launched(row, standing(dm, beta0), 4, rtol)
+    run = launched(row, standing(dm, 0.5 * pi - tilt), 4, rtol)
     landed = np.flatnonzero(causes(run) == C_IMPACT)[0]
     time = run.column("period")[landed] * dm.T + run.column("phase")[landed] / dm.omega
-    assert time == pytest.approx(time_to_fall(dm, beta0), rel=100 * rtol + 1e-10 / tilt**0.5)
+    assert time == pytest.approx(time_to_fall(dm, tilt), abs=rtol + (0.1 * rtol + 1e-16) / tilt)
 
 
-VERTICAL = [
-    1e-3,
-    1e-6,
-    *(pytest.param(x, marks=bug("the heading turns without bound: contact_steps")) for x in (1e-10, 1e-12)),
-]
+VERTICAL = list(product(RTOLS, (1e-3, 1e-6, 1e-10, 1e-12)))
+SINGULAR = [(1e-11, 1e-10), (1e-8, 1e-12), (1e-11, 1e-12)]
 
 
-@accuracies
-@pytest.mark.parametrize("tilt", VERTICAL)
+@pytest.mark.parametrize(
+    ("rtol", "tilt"),
+    [pytest.param(*case, marks=bug("the heading turns too fast")) if case in SINGULAR else case for case in VERTICAL],
+)
 def test_a_vertical_start_with_a_push(rtol, tilt):
     """The heading of a vertical rod has no meaning, and turns by half a turn in no time beside it."""
     look = honest(rtol, 3, beta0=0.5 * pi - tilt, xdot0=14.0, e=0.0)
@@ -469,9 +466,9 @@ def test_a_planar_rod_tips_over_the_vertical(rtol):
 @accuracies
 def test_a_tumbling_dimer_is_a_free_top(rtol):
     """Thrown at a large Gamma the rod turns over and over: every flight against the turned axis, as a vector."""
-    row = row_of(Gamma=12.0, e=0.8, mu=0.4, mu_s=0.5, beta0=0.4)
+    row = row_of(Gamma=20.0, f=8.0, A_r=2.5, e=0.8, mu=0.4, mu_s=0.5, beta0=0.4)
     dm = as_dimer(row)
-    run = launched(row, lifted(dm, 0.4, 1e-3, cb=0.5), 40, rtol)
+    run = launched(row, lifted(dm, 0.4, 0.3, wb=60.0, wp=3.0, spin=5.0, cb=0.5), 40, rtol)
     before, _ = flight_ends(row, run)
     starts = flight_starts(run)
     over = 0
@@ -483,7 +480,7 @@ def test_a_tumbling_dimer_is_a_free_top(rtol):
         np.testing.assert_allclose(v_1, v_0, atol=1e-12)
         np.testing.assert_allclose(L_1, L_0, atol=1e-12 * max(1.0, np.abs(L_0).max()))
         over += u_0[:2] @ u_1[:2] < 0
-    assert over > 5
+    assert over >= 3
     assert np.abs(before[:, BETA]).max() < 0.5 * pi
 
 
