@@ -1,12 +1,14 @@
 """A recorded run looked at phase by phase: how deep an end is below the plate, and what energy comes from nothing.
 
-Energies are those in the plate's frame, in units of the largest kinetic energy of the run and that of the plate's speed. What comes from nothing: the gain
-of kinetic energy in an impact (the plate has no speed there, friction and restitution only take); the change of the total
-energy of the lab in flight; the gain in sustained contact beyond the work of the effective gravity g (1 - Gamma sin). The
-closing of a chatter stands apart: it books the friction of the hops that it sums ahead of their time.
+Energies are those in the plate's frame, in units of the largest kinetic energy of the run and that of the plate's speed.
+What comes from nothing: the gain of kinetic energy in an impact (the plate has no speed there, friction and restitution only
+take); the change of the total energy of the lab in flight; the gain in sustained contact beyond the work of the effective
+gravity g (1 - Gamma sin). The closing of a chatter stands apart: it books the friction of the hops that it sums ahead of
+their time.
 """
 
 from math import pi
+from typing import NamedTuple
 
 import numpy as np
 
@@ -168,24 +170,43 @@ def examine(row, periods, rtol):
     return None if taken is None else look_at(row, rtol, *taken)
 
 
-def look_at(row, rtol, status, n_events, events, segments):
-    """What the record of a run shows: see `examine`."""
-    dm = AS_DIMER(row)
+class Phases(NamedTuple):
+    """The smooth phases of a run, each with what ends it; arrays with one row a phase."""
+
+    segments: np.ndarray  # what it starts from, with the friction modes
+    span: np.ndarray  # its duration in plate phase [rad]
+    ends: np.ndarray  # states just before what ends it, just after
+    after: np.ndarray
+    after_modes: np.ndarray
+    struck: np.ndarray  # whether an impact ends it, or an impact with the close of a chatter
+    closed: np.ndarray
+
+
+def phases_of(row, rtol, events, segments):
+    """The smooth phases of a record; of several segments at one moment only the last counts."""
     times = segments[:, PERIOD] + segments[:, PHASE] / (2 * pi)
     event_times = events[:, 0] + events[:, 1] / (2 * pi)
     causes = events[:, EVENT.index("cause")]
-    segments = segments[np.append(np.diff(times) > 0.0, True)[: len(segments)]]  # of each moment the last
-    times = segments[:, PERIOD] + segments[:, PHASE] / (2 * pi)
-    starts, modes = segments[:-1, :N_STATE], segments[:, N_STATE:]
+    segments = segments[np.append(np.diff(times) > 0.0, True)[: len(segments)]]
+    times = segments[1:, PERIOD] + segments[1:, PHASE] / (2 * pi)
     span = 2 * pi * np.diff(segments[:, PERIOD]) + np.diff(segments[:, PHASE])
-    inner = states_at(row, segments[:-1], starts[:, PHASE, None] + span[:, None] * INSIDE, rtol)
-    closed = np.isin(times[1:], event_times[causes == C_CHATTER_END])
-    struck = np.isin(times[1:], event_times[causes == C_IMPACT]) & ~closed
-    smooth = ~closed & ~struck
+    closed = np.isin(times, event_times[causes == C_CHATTER_END])
+    struck = np.isin(times, event_times[causes == C_IMPACT]) & ~closed
+    jumps = closed | struck
     after = segments[1:, :N_STATE]
     ends = after.copy()
-    ends[~smooth] = states_at(row, segments[:-1][~smooth], (starts[:, PHASE] + span)[~smooth, None], rtol)[:, 0]
-    free = (modes[:-1] == FREE).all(1)
+    ends[jumps] = states_at(row, segments[:-1][jumps], (segments[:-1, PHASE] + span)[jumps, None], rtol)[:, 0]
+    return Phases(segments[:-1], span, ends, after, segments[1:, N_STATE:], struck, closed)
+
+
+def look_at(row, rtol, status, n_events, events, segments):
+    """What the record of a run shows: see `examine`."""
+    dm = AS_DIMER(row)
+    segments, span, ends, after, after_modes, struck, closed = phases_of(row, rtol, events, segments)
+    starts, modes = segments[:, :N_STATE], segments[:, N_STATE:]
+    smooth = ~closed & ~struck
+    inner = states_at(row, segments, starts[:, PHASE, None] + span[:, None] * INSIDE, rtol)
+    free = (modes == FREE).all(1)
     at_rest = ~free & (starts[:, D1] == 0.0) & (starts[:, D2] == 0.0)
     rise = kinetic(dm, ends) - kinetic(dm, starts)
     jump = kinetic(dm, after) - kinetic(dm, ends)
@@ -194,7 +215,7 @@ def look_at(row, rtol, status, n_events, events, segments):
         "flight": np.abs(lab_gain(dm, starts[free], ends[free])),
         "impact": jump[struck],
         "contact": np.concatenate(
-            [rise[at_rest], contact_gains(dm, row, segments[:-1][leans], span[leans], rise[leans], rtol)]
+            [rise[at_rest], contact_gains(dm, row, segments[leans], span[leans], rise[leans], rtol)]
         ),
         "close": jump[closed],
     }
@@ -207,10 +228,10 @@ def look_at(row, rtol, status, n_events, events, segments):
         "rtol": rtol,
         "n_events": n_events,
         "penetration": largest(-gaps),
-        "length": max(2 * dm.h, dm.A_z, largest(gaps)),
-        "gain": {kind: largest(values) / most if most else 0.0 for kind, values in gains.items()},
-        "flips": flips(dm, rtol, inner[smooth, -1], after[smooth], modes[:-1][smooth], modes[1:][smooth]),
-        "crowd": crowd(event_times),
+        "length": float(max(2 * dm.h, dm.A_z, largest(gaps))),
+        "gain": {kind: float(largest(values) / most) if most else 0.0 for kind, values in gains.items()},
+        "flips": flips(dm, rtol, inner[smooth, -1], after[smooth], modes[smooth], after_modes[smooth]),
+        "crowd": crowd(events[:, 0] + events[:, 1] / (2 * pi)),
         "dip": largest(np.abs(seen[:, BETA])),
         "nan": not (np.isfinite(segments).all() and np.isfinite(seen).all()),
     }

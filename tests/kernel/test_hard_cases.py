@@ -509,6 +509,18 @@ def test_balls_that_touch(rtol, beta0):
     honest(rtol, 10, A_r=2.0, beta0=beta0, D_r=0.0, rho_r=0.0)
 
 
+@accuracies
+def test_a_light_dimer_moves_as_a_heavy_one(rtol):
+    """All forces grow with the mass: 9 milligrams or 9 grams make the same run, or an event is judged in newtons."""
+    ends = []
+    for factor in (1.0, 1e-3):
+        row = row_of(e=0.0, Gamma=0.0, f=8.0, A_r=2.0, mu=0.5, mu_s=0.75, rho_b=7850.0 * factor, rho_r=1180.0 * factor)
+        dm = as_dimer(row)
+        state = lifted(dm, -0.9, 2 * dm.h * sin(0.9), c_n=-0.3, wb=-5.0, wp=-5.0, spin=-50.0, ca=-0.5, cb=-0.5)
+        ends.append(launched(row, state, 2, rtol).state)
+    assert ends[1][THETA] == pytest.approx(ends[0][THETA], abs=1e-6)
+
+
 # --- a long run ---------------------------------------------------------------------------------------------------------
 
 
