@@ -16,6 +16,7 @@ from examine import AS_DIMER, kinetic, lab_gain, phases_of, slips, states_at  # 
 from launch import launch  # noqa: E402
 from verbs import contact_rates, unload  # noqa: E402
 
+from dimersweep.kernel.contact import YUA, YUB  # noqa: E402
 from dimersweep.kernel.layout import (  # noqa: E402
     BETA,
     CA,
@@ -273,11 +274,14 @@ def test_an_end_is_open_or_pressed(rtol, drawn):
 
 
 def forces(dm, modes, state):
-    """Forces on the ends (normal, axial, lateral), shape (2, 3) [N], and their slips (2, 2) [m/s]."""
-    y, dy, F = np.zeros(11), np.zeros(11), np.zeros(6)
+    """Forces on the ends (normal, axial, lateral), shape (2, 3) [N], and their slips along the same axes (2, 2) [m/s]."""
+    y, dy, F = np.zeros(16), np.zeros(16), np.zeros(6)
     unload(dm, state, -1.0 if modes[0] != FREE else 1.0, y)
     contact_rates(dm, modes, state[PHASE] + dm.phi0, y, dy, F)
-    return F.reshape(2, 3), slips(dm, state[None])[0]
+    slip = slips(dm, state[None])[0]
+    if (modes == FREE).any():
+        slip[np.flatnonzero(modes != FREE)[0]] = y[YUA], y[YUB]
+    return F.reshape(2, 3), slip
 
 
 @accuracies
