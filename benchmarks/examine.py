@@ -249,7 +249,7 @@ def lies(look):
     """What is wrong with a recorded run that says it is ok; in contact, gaps and energy are kept to its accuracy."""
     allowance = {"flight": GAINED, "impact": GAINED, "contact": GAINED + 10 * look["rtol"]}
     found = {
-        "sinks": look["penetration"] > (SUNK + 0.01 * look["rtol"]) * look["length"],
+        "sinks": look["penetration"] > (SUNK + 0.1 * look["rtol"]) * look["length"],
         "gains energy": any(look["gain"][kind] > most for kind, most in allowance.items()),
         "flips": look["flips"] > 0,
         "nan": look["nan"],
