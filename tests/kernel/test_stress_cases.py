@@ -151,10 +151,11 @@ MENDED = [
         },
         6,
     ),
-]
-OPEN = [
     ("max_events", {"Gamma": 0.001, "r": 1.0, "e": 1.0}, 5),
     ("max_events", {"Gamma": 0.01, "f": 8.0, "beta0": 6e-10, "rho_b": 20.0, "D_r": 0.0009, "e": 1.0}, 2),
+    ("impact_steps", {"Gamma": 1.0, "f": 593.0, "mu": 0.002, "xdot0": 0.04, "phi0": 1.5707963267948966}, 1),
+]
+OPEN = [
     (
         "max_events",
         {
@@ -173,7 +174,6 @@ OPEN = [
         },
         2,
     ),
-    ("impact_steps", {"Gamma": 1.0, "f": 593.0, "mu": 0.002, "xdot0": 0.04, "phi0": 1.5707963267948966}, 1),
     (
         "contact_steps",
         {
