@@ -124,5 +124,5 @@ def _read_netcdf(path: Path) -> xr.Dataset:
         raise StoreError(f"{path}: no such file")
     try:
         return xr.load_dataset(path, engine="netcdf4")
-    except (OSError, ValueError, RuntimeError) as error:
+    except (OSError, ValueError, RuntimeError, AttributeError) as error:  # the last one of an attribute that is damaged
         raise StoreError(f"{path}: is no NetCDF file, or a damaged one ({error})") from error

@@ -1,4 +1,4 @@
-"""Make the slow oracle and the helpers of the kernel's tests importable; leave out what needs the JIT when it is off."""
+"""Make what the tests around the kernel share importable; leave out what needs the JIT when it is off."""
 
 import sys
 from pathlib import Path
@@ -7,7 +7,7 @@ import numba
 import pytest
 
 HERE = Path(__file__).resolve().parent
-for folder in (HERE, HERE.parent):
+for folder in (HERE, HERE.parent, HERE.parents[1] / "benchmarks"):
     if str(folder) not in sys.path:
         sys.path.insert(0, str(folder))
 

@@ -1,0 +1,257 @@
+"""A recorded run looked at phase by phase: how deep an end is below the plate, and what energy comes from nothing.
+
+Energies are those in the plate's frame, in units of the largest kinetic energy of the run and that of the plate's speed.
+What comes from nothing: the gain of kinetic energy in an impact (the plate has no speed there, friction and restitution only
+take); the change of the total energy of the lab in flight; the gain in sustained contact beyond the work of the effective
+gravity g (1 - Gamma sin). The closing of a chatter stands apart: it books the friction of the hops that it sums ahead of
+their time.
+"""
+
+from math import pi
+from typing import NamedTuple
+
+import numpy as np
+
+from dimersweep.kernel.batch import run_recorded
+from dimersweep.kernel.body import as_dimer
+from dimersweep.kernel.engine import WORK_COLUMNS, WORK_ROWS
+from dimersweep.kernel.impact import N_LOG
+from dimersweep.kernel.layout import (
+    BETA,
+    C_CHATTER_END,
+    C_IMPACT,
+    CA,
+    CB,
+    CODES,
+    D1,
+    D2,
+    FREE,
+    N1,
+    N2,
+    N_CODES,
+    N_OUT,
+    N_STATE,
+    PERIOD,
+    PHASE,
+    RECORD_FULL,
+    SLIP,
+    SPIN,
+    STATUSES,
+    WB,
+    WP,
+)
+from dimersweep.kernel.record import EVENT, N_EVENT, N_SEGMENT
+from dimersweep.kernel.sample import sample
+
+CODE = {name: k for k, name in enumerate(CODES)}
+AS_DIMER = getattr(as_dimer, "py_func", as_dimer)
+LOG_ROWS, FIRST_ROWS, MOST_ROWS = 400, 2000, 200_000
+SAME = 1e-13  # events closer than this, in forcing periods, are at one moment
+INSIDE = 0.5 - 0.5 * np.cos(pi * np.arange(1, 12) / 12)  # where a phase is looked at
+NODES = 16  # of the quadrature in a contact phase; twice as many tell its error
+KINDS = ("flight", "impact", "contact", "close")
+SUNK = 1e-12  # penetration over length, and energy from nothing over the largest kinetic energy, from which a run lies
+GAINED = 1e-9
+
+
+def record(row, periods, rtol):
+    """Status, number of events, event rows and segments of one run, or None where the record would be too long."""
+    rows = FIRST_ROWS
+    while rows <= MOST_ROWS:
+        codes, counts = np.zeros((1, N_CODES), np.int64), np.zeros(3, np.int64)
+        events, segments = np.zeros((rows, N_EVENT)), np.zeros((rows, N_SEGMENT))
+        run_recorded(
+            row[None], periods, rtol, False, True, np.zeros((1, N_OUT)), codes, np.zeros((LOG_ROWS, N_LOG)), events,
+            segments, counts,
+        )  # fmt: skip
+        if codes[0, CODE["status"]] != RECORD_FULL and max(counts[1], counts[2]) <= rows:
+            status, n_events = STATUSES[codes[0, CODE["status"]]], int(codes[0, CODE["n_events"]])
+            return status, n_events, events[: counts[1]], segments[: counts[2]]
+        rows *= 10
+    return None
+
+
+def kinetic(dm, states):
+    """Kinetic energy in the plate's frame [J]; states of shape (..., N_STATE)."""
+    s = np.moveaxis(states, -1, 0)
+    moving = dm.m * (s[CA] ** 2 + s[CB] ** 2 + 0.25 * (s[N1] + s[N2]) ** 2)
+    return 0.5 * (moving + dm.J_t * (s[WB] ** 2 + s[WP] ** 2) + dm.J_a * s[SPIN] ** 2)
+
+
+def lab_gain(dm, starts, ends):
+    """Change of the dimer's total energy in the lab's frame over flights; states of shape (n, N_STATE) [J]."""
+    (c_0, p_0, z_0), (c_1, p_1, z_1) = (
+        (
+            0.5 * (s[N1] + s[N2]),
+            dm.A_z * dm.omega * np.cos(s[PHASE] + dm.phi0),
+            0.5 * (s[D1] + s[D2]) + dm.A_z * np.sin(s[PHASE] + dm.phi0),
+        )
+        for s in (starts.T, ends.T)
+    )
+    frame = dm.m * (c_1 * p_1 - c_0 * p_0 + 0.5 * (p_1 - p_0) * (p_1 + p_0))
+    return kinetic(dm, ends) - kinetic(dm, starts) + frame + dm.m * dm.g * (z_1 - z_0)
+
+
+def states_at(row, segments, phases, rtol):
+    """Kernel states in the phases that start with each of the segments, all different in time; nan from where it fails.
+
+    Parameters
+    ----------
+    phases : ndarray, shape (n, k)
+        Plate phases [rad], counted as those of the segment; at most the one of the next segment.
+
+    Returns
+    -------
+    ndarray, shape (n, k, N_STATE)
+    """
+    n, k = phases.shape
+    states = np.full((n, k, N_STATE), np.nan)
+    work = np.zeros((WORK_ROWS, WORK_COLUMNS))
+    for part in (0, 1):  # every second one alone, so that the time of the next one still belongs to it
+        own = segments[part::2]
+        found, modes = np.full((len(own) * k, N_STATE), np.nan), np.zeros((len(own) * k, 2))
+        sample(row, own, np.repeat(own[:, PERIOD], k), phases[part::2].ravel(), rtol, work, found, modes)
+        states[part::2] = found.reshape(-1, k, N_STATE)
+    return states
+
+
+def contact_gains(dm, row, segments, span, rise, rtol):
+    """Gain of energy in contact phases beyond the work of the effective gravity, less the doubt about that work [J]."""
+    works = []
+    for n in (NODES, 2 * NODES):
+        nodes, weights = np.polynomial.legendre.leggauss(n)
+        phases = segments[:, PHASE, None] + span[:, None] * 0.5 * (nodes + 1.0)
+        states = states_at(row, segments, phases, rtol)
+        pull = dm.g - dm.A_z * dm.omega**2 * np.sin(phases + dm.phi0)
+        rate = 0.5 * (states[..., N1] + states[..., N2])
+        works.append(-dm.m * (pull * rate) @ (0.5 * weights) * span / dm.omega)
+    return rise - works[1] - np.abs(works[1] - works[0])
+
+
+def slips(dm, states):
+    """Axial and lateral slip of p1 and of p2 [m/s], shape (n, 2, 2)."""
+    s = states.T
+    sin_b, cos_b = np.sin(s[BETA]), np.cos(s[BETA])
+    return np.array(
+        [
+            (
+                s[CA] + (dm.r - sign * dm.h * sin_b) * s[WB],
+                s[CB] + (dm.r * sin_b - sign * dm.h) * s[WP] - dm.r * cos_b * s[SPIN],
+            )
+            for sign in (-1.0, 1.0)
+        ]
+    ).transpose(2, 0, 1)
+
+
+def flips(dm, rtol, before, after, was, now):
+    """Slips that turn round from one side of an event that is no impact to the other; columns are the ends."""
+    old, new = slips(dm, before), slips(dm, after)
+    fast = np.hypot(new[..., 0], new[..., 1]) > 100 * rtol * (dm.v_scale + dm.h * dm.w_scale)  # more than the tolerance
+    return int((((old * new).sum(2) < 0.0) & fast & (was == SLIP) & (now == SLIP)).sum())
+
+
+def largest(values):
+    """The largest of some values, 0.0 if there is none; nan does not count."""
+    return float(np.fmax.reduce(np.ravel(values), initial=0.0))
+
+
+def examine(row, periods, rtol):
+    """What a recorded run shows, or None where its record would be too long.
+
+    Returns
+    -------
+    dict
+        status, n_events; penetration [m] and the scale of length it is measured by [m]; gain by kind of phase, in units of
+        the energy of the scene; flips, the number of slips that turn round at an event that is no impact;
+        crowd, the largest number of event rows at one moment; dip, the largest in size [rad]; nan, whether a number of the
+        record is none.
+    """
+    taken = record(row, periods, rtol)
+    return None if taken is None else look_at(row, rtol, *taken)
+
+
+class Phases(NamedTuple):
+    """The smooth phases of a run, each with what ends it; arrays with one row a phase."""
+
+    segments: np.ndarray  # what it starts from, with the friction modes
+    span: np.ndarray  # its duration in plate phase [rad]
+    ends: np.ndarray  # states just before what ends it, just after
+    after: np.ndarray
+    after_modes: np.ndarray
+    struck: np.ndarray  # whether an impact ends it, or an impact with the close of a chatter
+    closed: np.ndarray
+
+
+def phases_of(row, rtol, events, segments):
+    """The smooth phases of a record; of several segments at one moment only the last counts."""
+    times = segments[:, PERIOD] + segments[:, PHASE] / (2 * pi)
+    event_times = events[:, 0] + events[:, 1] / (2 * pi)
+    causes = events[:, EVENT.index("cause")]
+    segments = segments[np.append(np.diff(times) > 0.0, True)[: len(segments)]]
+    times = segments[1:, PERIOD] + segments[1:, PHASE] / (2 * pi)
+    span = 2 * pi * np.diff(segments[:, PERIOD]) + np.diff(segments[:, PHASE])
+    closed = np.isin(times, event_times[causes == C_CHATTER_END])
+    struck = np.isin(times, event_times[causes == C_IMPACT]) & ~closed
+    jumps = closed | struck
+    after = segments[1:, :N_STATE]
+    ends = after.copy()
+    ends[jumps] = states_at(row, segments[:-1][jumps], (segments[:-1, PHASE] + span)[jumps, None], rtol)[:, 0]
+    return Phases(segments[:-1], span, ends, after, segments[1:, N_STATE:], struck, closed)
+
+
+def look_at(row, rtol, status, n_events, events, segments):
+    """What the record of a run shows: see `examine`."""
+    dm = AS_DIMER(row)
+    segments, span, ends, after, after_modes, struck, closed = phases_of(row, rtol, events, segments)
+    starts, modes = segments[:, :N_STATE], segments[:, N_STATE:]
+    smooth = ~closed & ~struck
+    inner = states_at(row, segments, starts[:, PHASE, None] + span[:, None] * INSIDE, rtol)
+    free = (modes == FREE).all(1)
+    at_rest = ~free & (starts[:, D1] == 0.0) & (starts[:, D2] == 0.0)
+    rise = kinetic(dm, ends) - kinetic(dm, starts)
+    jump = kinetic(dm, after) - kinetic(dm, ends)
+    leans = ~free & ~at_rest
+    gains = {
+        "flight": np.abs(lab_gain(dm, starts[free], ends[free])),
+        "impact": jump[struck],
+        "contact": np.concatenate(
+            [rise[at_rest], contact_gains(dm, row, segments[leans], span[leans], rise[leans], rtol)]
+        ),
+        "close": jump[closed],
+    }
+    seen = np.concatenate([inner.reshape(-1, N_STATE), ends])
+    gaps = seen[:, [D1, D2]]
+    most = max(largest(kinetic(dm, segments[:, :N_STATE])), largest(kinetic(dm, ends)))
+    most += 0.5 * dm.m * (dm.A_z * dm.omega) ** 2
+    return {
+        "status": status,
+        "rtol": rtol,
+        "n_events": n_events,
+        "penetration": largest(-gaps),
+        "length": float(max(2 * dm.h, dm.A_z, largest(gaps))),
+        "gain": {kind: float(largest(values) / most) if most else 0.0 for kind, values in gains.items()},
+        "flips": flips(dm, rtol, inner[smooth, -1], after[smooth], modes[smooth], after_modes[smooth]),
+        "crowd": crowd(events[:, 0] + events[:, 1] / (2 * pi)),
+        "dip": largest(np.abs(seen[:, BETA])),
+        "nan": not (np.isfinite(segments).all() and np.isfinite(seen).all()),
+    }
+
+
+def crowd(times):
+    """Largest number of event rows at one moment."""
+    if not len(times):
+        return 0
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(times) > SAME) + 1, [len(times)]])
+    return int(np.diff(starts).max())
+
+
+def lies(look):
+    """What is wrong with a recorded run that says it is ok; in contact, gaps and energy are kept to its accuracy."""
+    allowance = {"flight": GAINED, "impact": GAINED, "contact": GAINED + 10 * look["rtol"]}
+    found = {
+        "sinks": look["penetration"] > (SUNK + 0.1 * look["rtol"]) * look["length"],
+        "gains energy": any(look["gain"][kind] > most for kind, most in allowance.items()),
+        "flips": look["flips"] > 0,
+        "nan": look["nan"],
+    }
+    return [name for name, wrong in found.items() if wrong] if look["status"] == "ok" else []

@@ -1,0 +1,390 @@
+"""Random scenes over the whole domain of the model, counted and examined: ``python benchmarks/stress.py 1000000``.
+
+Every scene is run to its verdict; some are run again with their record, and so is every one that looks odd, to measure how
+deep an end is ever below the plate, how much energy comes from nothing, and whether a slip turns round at an event.
+A kind of scene that fails is made simple (fewest periods, fewest decimals) and printed as a case for
+``tests/kernel/test_stress_cases.py``.
+"""
+
+import argparse
+import json
+import os
+import platform
+import time
+from concurrent.futures import ThreadPoolExecutor
+from math import pi
+from pathlib import Path
+
+import numpy as np
+from examine import CODE, KINDS, examine, lies
+from matplotlib.figure import Figure
+
+from dimersweep.kernel.batch import run_many
+from dimersweep.kernel.layout import M_DRIFT, MODES, N_CODES, N_OUT, OK, OUT, ROW, STATUSES
+from dimersweep.parameters import Parameters
+from dimersweep.symbols import BASE
+
+FIGURE = Path(__file__).resolve().parents[1] / "docs" / "figures" / "stress.png"
+BLOCK = 1000
+RECORDED = 5  # of each block, besides the odd ones
+ODD_EVENTS = 300  # events a period from which a run is odd
+
+
+def pick(rng, n, usual, *special, share=0.05):
+    """`usual` values, each replaced by one of the special ones (numbers, or columns) with probability `share` each."""
+    which = rng.random(n)
+    values = usual.copy()
+    for k, value in enumerate(special):
+        values = np.where((which >= k * share) & (which < (k + 1) * share), value, values)
+    return values
+
+
+def log_uniform(rng, low, high, n):
+    """Values whose logarithm is uniform."""
+    return np.exp(rng.uniform(np.log(low), np.log(high), n))
+
+
+def far(rng, n):
+    """Scenes over the whole domain: decades evenly where a range spans them, and its corners and edges on purpose."""
+    tiny = log_uniform(rng, 1e-12, 1e-2, n)
+    mu = pick(rng, n, np.where(rng.random(n) < 0.5, rng.uniform(0, 5, n), log_uniform(rng, 1e-4, 5, n)), 0.0, 5.0)
+    r = log_uniform(rng, 1e-5, 1, n)
+    Gamma = np.where(rng.random(n) < 0.5, rng.uniform(0, 20, n), log_uniform(rng, 1e-3, 20, n))
+    return {
+        "e": pick(rng, n, rng.uniform(0, 1, n), 0.0, 1.0, tiny, 1.0 - tiny),
+        "Gamma": pick(rng, n, Gamma, 0.0, 1.0, 1.0 + tiny),
+        "f": log_uniform(rng, 1, 1000, n),
+        "A_r": pick(rng, n, log_uniform(rng, 2, 50, n), 2.0, 2.0 + tiny),
+        "mu": mu,
+        "mu_s": pick(rng, n, rng.uniform(mu, 5.0), mu, 5.0, mu * (1.0 + tiny)),
+        "beta0": pick(rng, n, rng.uniform(0, pi / 2, n), 0.0, tiny, (pi / 2 - tiny) * (1.0 - 1e-15)),
+        "xdot0": pick(rng, n, log_uniform(rng, 1e-3, 100, n), 0.0, 100.0, tiny),
+        "phi0": pick(rng, n, rng.uniform(0, 2 * pi, n), 0.0, pi / 2),
+        "r": r,
+        "rho_b": log_uniform(rng, 10, 1e5, n),
+        "rho_r": log_uniform(rng, 10, 1e5, n),
+        "D_r": pick(rng, n, 2.0 * r * rng.uniform(0, 1, n), 2.0 * r, 0.0),
+        "g": np.full(n, BASE["g"]),
+    }
+
+
+def near(rng, n):
+    """Scenes about as far from the base case as a laboratory would go."""
+    mu = pick(rng, n, rng.uniform(0, 1, n), 0.0)
+    return {
+        "e": pick(rng, n, rng.uniform(0.05, 0.98, n), 0.0, 1.0),
+        "Gamma": pick(rng, n, rng.uniform(0, 3, n), 0.0, 1.0),
+        "f": log_uniform(rng, 5, 100, n),
+        "A_r": pick(rng, n, rng.uniform(2, 10, n), 2.0),
+        "mu": mu,
+        "mu_s": pick(rng, n, mu * rng.uniform(1, 2, n), mu),
+        "beta0": pick(rng, n, rng.uniform(0, 1.5, n), 0.0),
+        "xdot0": pick(rng, n, rng.uniform(0, 3, n), 0.0),
+        "phi0": pick(rng, n, rng.uniform(0, 2 * pi, n), 0.0),
+        "r": np.full(n, BASE["r"]),
+        "rho_b": np.full(n, BASE["rho_b"]),
+        "rho_r": np.full(n, BASE["rho_r"]),
+        "D_r": np.full(n, BASE["D_r"]),
+        "g": np.full(n, BASE["g"]),
+    }
+
+
+def rows_of(block, n, seed, domain):
+    """Parameter rows of the first `n` scenes of one block; each block has random numbers of its own."""
+    rng = np.random.default_rng([seed, block])
+    columns = far(rng, BLOCK) if domain == "far" or (domain == "mixed" and block % 2) else near(rng, BLOCK)
+    columns["e_1"] = columns["e_2"] = columns["e"]
+    return np.column_stack([columns[name] for name in ROW])[:n]
+
+
+def parameters_of(row):
+    """Keywords of ``simulate`` of a row of these scenes."""
+    values = dict(zip(ROW, row.tolist(), strict=True))
+    values["e"] = values.pop("e_1")
+    del values["e_2"]
+    return values
+
+
+def run_block(rows, periods, rtol):
+    """Codes, numbers and seconds (of this thread's own time) of scenes, one after the other."""
+    codes, out = np.zeros((len(rows), N_CODES), np.int64), np.full((len(rows), N_OUT), np.nan)
+    seconds = np.zeros(len(rows))
+    for k in range(len(rows)):
+        begun = time.thread_time()
+        run_many(rows[k : k + 1], periods, rtol, False, out[k : k + 1], codes[k : k + 1])
+        seconds[k] = time.thread_time() - begun
+    return codes, out, seconds
+
+
+def lying_nan(codes, out):
+    """Which runs have status ok and a number that should be finite and is not."""
+    shares = [OUT.index("down_share_1"), OUT.index("down_share_2")]
+    orbit = [k for k, name in enumerate(OUT) if not name.endswith("_drift") and name != "settled_after"]
+    drift = codes[:, CODE["mode"]] == M_DRIFT
+    ok = codes[:, CODE["status"]] == OK
+    return ok & (~np.isfinite(out[:, shares]).all(1) | (drift & ~np.isfinite(out[:, orbit]).all(1)))
+
+
+# --- failing scenes made simple ---------------------------------------------------------------------------------------
+
+
+def faults(scene, periods, rtol, examined=True):
+    """What is wrong with a scene: its status, or what its record shows."""
+    row = Parameters(**scene).row()
+    codes, _, _ = run_block(row[None], periods, rtol)
+    status = STATUSES[codes[0, CODE["status"]]]
+    look = examine(row, periods, rtol) if examined and status == "ok" else None
+    return [status] * (status != "ok") + (lies(look) if look else [])
+
+
+def allowed(scene):
+    """Whether the model allows these parameters."""
+    try:
+        Parameters(**scene)
+    except ValueError:
+        return False
+    return True
+
+
+def minimise(scene, periods, rtol, fault):
+    """The simplest scene found with the same fault: fewest periods, then values of the base case or of fewest decimals.
+
+    Parameters
+    ----------
+    scene : dict
+        Keywords of ``simulate``.
+    fault : str
+        One of its `faults`.
+
+    Returns
+    -------
+    scene, periods
+    """
+
+    def fails(trial, n):
+        return allowed(trial) and fault in faults(trial, n, rtol, examined=fault not in STATUSES)
+
+    while True:
+        before = dict(scene), periods
+        periods = next((n for n in range(1, periods) if fails(scene, n)), periods)
+        for name in [name for name in scene if name in BASE]:
+            simple = next(
+                (value for value in simpler(name, scene[name]) if fails(scene | {name: value}, periods)), None
+            )
+            if simple is not None:
+                scene = scene | {name: simple}
+        if (scene, periods) == before:
+            return {name: value for name, value in scene.items() if value != BASE[name]}, periods
+
+
+def simpler(name, value):
+    """Values simpler than this one, the simplest first."""
+    tries = [BASE[name]] + [float(f"{value:.{digits}g}") for digits in range(1, 17)]
+    return tries[: tries.index(value)] if value in tries else tries
+
+
+# --- the whole suite --------------------------------------------------------------------------------------------------
+
+
+def survey(n, seed, domain, periods, rtol, workers, told=lambda done: None):
+    """Run all scenes: codes, lying nans, seconds, shape (n, ...), and the time that passed."""
+    blocks = range(-(-n // BLOCK))
+    codes, nans, seconds = np.zeros((n, N_CODES), np.int64), np.zeros(n, bool), np.zeros(n)
+
+    def work(block):
+        rows = rows_of(block, min(BLOCK, n - block * BLOCK), seed, domain)
+        return block, len(rows), run_block(rows, periods, rtol)
+
+    run_block(rows_of(0, 1, seed, "near"), 1, rtol)  # compiles
+    begun = time.perf_counter()
+    with ThreadPoolExecutor(workers) as pool:
+        for block, size, (found, out, taken) in pool.map(work, blocks):
+            here = slice(block * BLOCK, block * BLOCK + size)
+            codes[here], nans[here], seconds[here] = found, lying_nan(found, out), taken
+            told(here.stop)
+    return codes, nans, seconds, time.perf_counter() - begun
+
+
+def scene_row(k, seed, domain):
+    """Row of scene number k."""
+    return rows_of(k // BLOCK, BLOCK, seed, domain)[k % BLOCK]
+
+
+def chosen(codes, seconds, periods):
+    """Numbers of the scenes that are run again with their record: some of each block, and the odd ones that finished."""
+    n = len(codes)
+    some = [k for k in range(n) if k % BLOCK < RECORDED]
+    ok = codes[:, CODE["status"]] == OK
+    odd = np.flatnonzero(ok & (codes[:, CODE["n_events"]] > ODD_EVENTS * periods))
+    slow = np.argsort(seconds)[-20:]
+    return sorted({*some, *odd[:500].tolist(), *slow[ok[slow]].tolist()})
+
+
+def failures(codes, looks, options):
+    """Scenes with a fault made simple, at most `per_kind` of each fault."""
+    faulty = {}
+    for k in np.flatnonzero(codes[:, CODE["status"]] != OK):
+        faulty.setdefault(STATUSES[codes[k, CODE["status"]]], []).append(int(k))
+    for k, look in looks.items():
+        for fault in lies(look) if look else ():
+            faulty.setdefault(fault, []).append(k)
+    found = []
+    for fault, numbers in faulty.items():
+        for k in numbers[: options.per_kind]:
+            scene = parameters_of(scene_row(k, options.seed, options.domain))
+            scene, periods = minimise(scene, options.periods, options.rtol, fault)
+            found.append({"parameters": scene, "fault": fault, "periods": periods, "rtol": options.rtol, "number": k})
+    return found
+
+
+def summary(codes, nans, seconds, wall, looks, options):
+    """Everything counted, as JSON can hold it."""
+    n = len(codes)
+    status, mode = codes[:, CODE["status"]], codes[:, CODE["mode"]]
+    events = codes[:, CODE["n_events"]]
+    worst = np.argsort(seconds)[::-1][:5]
+    seen = {k: look for k, look in looks.items() if look is not None}
+    return {
+        "scenes": n,
+        "seed": options.seed,
+        "domain": options.domain,
+        "periods": options.periods,
+        "rtol": options.rtol,
+        "machine": f"{platform.machine()}, {os.cpu_count()} cores, {options.workers} threads, {platform.system()}",
+        "seconds": wall,
+        "scenes_per_second": n / wall,
+        "status": {name: int((status == k).sum()) for k, name in enumerate(STATUSES) if (status == k).any()},
+        "mode": {name: int((mode == k).sum()) for k, name in enumerate(MODES) if (mode == k).any()},
+        "nan_with_status_ok": int(nans.sum()) + sum(look["nan"] for look in seen.values() if look["status"] == "ok"),
+        "most_events": int(events.max()),
+        "most_events_per_period_ok": float(events[status == OK].max(initial=0) / options.periods),
+        "slowest": [{"number": int(k), "seconds": seconds[k], "status": STATUSES[status[k]]} for k in worst],
+        "recorded": len(seen),
+        "record_too_long": len(looks) - len(seen),
+        "penetration_over_length": max((look["penetration"] / look["length"] for look in seen.values()), default=0.0),
+        "energy_from_nothing": {
+            kind: max((look["gain"][kind] for look in seen.values()), default=0.0) for kind in KINDS
+        },
+        "energy_above_1e-9": {kind: sum(look["gain"][kind] > 1e-9 for look in seen.values()) for kind in KINDS},
+        "flips": sum(look["flips"] for look in seen.values()),
+        "largest_dip": max((look["dip"] for look in seen.values()), default=0.0),
+        "most_events_at_one_moment": max((look["crowd"] for look in seen.values()), default=0),
+    }
+
+
+def worst_of(looks, measure, most=3):
+    """Numbers of the scenes with the largest `measure`."""
+    seen = [k for k, look in looks.items() if look is not None]
+    return sorted(seen, key=lambda k: measure(looks[k]), reverse=True)[:most]
+
+
+def tell(report, looks):
+    """Print the table."""
+    n = report["scenes"]
+    print(
+        f"{n} scenes ({report['domain']}, seed {report['seed']}), {report['periods']} periods, rtol {report['rtol']:.0e}:"
+        f" {report['seconds']:.0f} s, {report['scenes_per_second']:.0f} a second on {report['machine']}"
+    )
+    for title in ("status", "mode"):
+        print(f"{title:>30}: " + ", ".join(f"{name} {count}" for name, count in report[title].items()))
+    print(f"{'not ok':>30}: {1e4 * (1 - report['status'].get('ok', 0) / n):.2f} in 10,000")
+    print(f"{'nan with status ok':>30}: {report['nan_with_status_ok']}")
+    print(
+        f"{'most events':>30}: {report['most_events']}; per period of an ok run {report['most_events_per_period_ok']:.0f}"
+    )
+    told = (f"{1e3 * s['seconds']:.0f} ms (scene {s['number']}, {s['status']})" for s in report["slowest"])
+    print(f"{'slowest':>30}: " + ", ".join(told))
+    print(f"{'run again with their record':>30}: {report['recorded']} (and {report['record_too_long']} too long)")
+    deep = worst_of(looks, lambda look: look["penetration"] / look["length"])
+    print(f"{'penetration over length':>30}: {report['penetration_over_length']:.1e}  scenes {deep}")
+    for kind, gain in report["energy_from_nothing"].items():
+        worst = worst_of(looks, lambda look, kind=kind: look["gain"][kind])
+        print(f"{'energy gained, ' + kind:>30}: {gain:.1e}, above 1e-9 in {report['energy_above_1e-9'][kind]}  {worst}")
+    dips = worst_of(looks, lambda look: look["dip"])
+    print(f"{'largest dip':>30}: {report['largest_dip']:.4f} rad  scenes {dips}")
+    print(f"{'slips that flip':>30}: {report['flips']}  scenes {worst_of(looks, lambda look: look['flips'])}")
+    print(f"{'most event rows at one moment':>30}: {report['most_events_at_one_moment']}")
+
+
+def draw(codes, seconds, looks, report, path):
+    """Four pictures: what became of the scenes, how long they took, how many events, and what the records show."""
+    blue, orange, grey, green = "#0072b2", "#d55e00", "#999999", "#009e73"
+    figure = Figure(figsize=(10, 7), layout="constrained")
+    axes = figure.subplots(2, 2)
+    ok = codes[:, CODE["status"]] == OK
+    names = [*report["mode"], *(name for name in report["status"] if name != "ok")]
+    counts = [report["mode"].get(name, report["status"].get(name)) for name in names]
+    colors = [blue if name in report["mode"] and name != "failed" else orange for name in names]
+    axes[0, 0].barh(names[::-1], counts[::-1], color=colors[::-1])
+    axes[0, 0].set_xscale("log")
+    axes[0, 0].set_xlabel(f"scenes of {report['scenes']:,}")
+    axes[0, 0].set_title("modes, and why runs failed")
+    for ax, values, label in (
+        (axes[0, 1], 1e3 * seconds, "time of a scene [ms]"),
+        (axes[1, 0], np.maximum(codes[:, CODE["n_events"]], 0.5) / report["periods"], "events per forcing period"),
+    ):
+        edges = np.geomspace(max(values.min(), 1e-3), values.max() * 1.001, 60)
+        ax.hist(values[ok], edges, color=blue, label="ok")
+        if not ok.all():
+            ax.hist(values[~ok], edges, color=orange, label="failed", histtype="step", lw=1.5)
+        ax.set_xscale("log")
+        ax.set_yscale("log")
+        ax.set_xlabel(label)
+        ax.set_ylabel("scenes")
+        ax.legend()
+    seen = [look for look in looks.values() if look is not None]
+    lines = {"penetration over length": ([look["penetration"] / look["length"] for look in seen], grey)}
+    lines |= {
+        f"energy gained, {kind}": ([look["gain"][kind] for look in seen], color)
+        for kind, color in zip(("flight", "impact", "contact"), (blue, orange, green), strict=True)
+    }
+    for name, (values, color) in lines.items():
+        axes[1, 1].step(np.sort(np.maximum(values, 1e-18))[::-1], np.arange(1, len(seen) + 1), color=color, label=name)
+    axes[1, 1].axvline(1e-9, color="black", ls="--", lw=1)
+    axes[1, 1].set_xscale("log")
+    axes[1, 1].set_yscale("log")
+    axes[1, 1].set_xlabel("at least this (dashed: 1e-9)")
+    axes[1, 1].set_ylabel(f"scenes of {len(seen):,} recorded")
+    axes[1, 1].legend(fontsize=8)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=150)
+
+
+def main():
+    """Run, count, examine, make failures simple, tell and draw."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scenes", type=int)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--domain", choices=("near", "far", "mixed"), default="far")
+    parser.add_argument("--periods", type=int, default=10)
+    parser.add_argument("--rtol", type=float, default=1e-8)
+    parser.add_argument("--workers", type=int, default=os.cpu_count())
+    parser.add_argument("--per-kind", type=int, default=5, help="failing scenes of each status that are made simple")
+    parser.add_argument("--out", type=Path, help="JSON file of the counts and the failing scenes")
+    parser.add_argument("--figure", type=Path, default=FIGURE, help="where the figure goes")
+    options = parser.parse_args()
+    step = max(BLOCK, options.scenes // 10)
+
+    def told(done):
+        if done % step < BLOCK:
+            print(f"... {done} scenes", flush=True)
+
+    codes, nans, seconds, wall = survey(
+        options.scenes, options.seed, options.domain, options.periods, options.rtol, options.workers, told
+    )
+    looks = {}
+    for k in chosen(codes, seconds, options.periods):
+        looks[k] = examine(scene_row(k, options.seed, options.domain), options.periods, options.rtol)
+    report = summary(codes, nans, seconds, wall, looks, options)
+    tell(report, looks)
+    draw(codes, seconds, looks, report, options.figure)
+    print(options.figure)
+    found = failures(codes, looks, options)
+    for case in found:
+        print(case)
+    if options.out:
+        options.out.write_text(json.dumps(report | {"failures": found}, indent=1))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,54 @@
+"""The engine from any state: what `simulate` cannot start from, with the record of what follows."""
+
+from typing import NamedTuple
+
+import numpy as np
+from examine import look_at
+from numba import njit
+from verbs import as_dimer
+
+from dimersweep.kernel import engine, fate
+from dimersweep.kernel.batch import new_desk
+from dimersweep.kernel.impact import N_LOG
+from dimersweep.kernel.layout import STATUSES
+from dimersweep.kernel.record import EVENT, N_EVENT, N_SEGMENT
+
+compiled = njit(cache=True, error_model="numpy")
+
+
+@compiled
+def evolve(dm, state, modes, periods, rtol, past, work, log, events, segments, counts):
+    """The event loop with the path and the record."""
+    fate.begin_past(past)
+    status, _ = engine.evolve(dm, state, modes, periods, rtol, False, True, past, work, log, events, segments, counts)
+    return status
+
+
+class Launched(NamedTuple):
+    """What became of a state."""
+
+    row: np.ndarray
+    rtol: float
+    status: str
+    state: np.ndarray  # the last one
+    events: np.ndarray
+    segments: np.ndarray
+
+    def column(self, name):
+        """A column of the event rows."""
+        return self.events[:, EVENT.index(name)]
+
+    def look(self):
+        """What the record shows (see ``examine``)."""
+        return look_at(self.row, self.rtol, self.status, len(self.events), self.events, self.segments)
+
+
+def launch(row, state, periods, rtol=1e-8, rows=20_000):
+    """Run the dimer of a parameter row from a kernel state for some forcing periods."""
+    desk, counts = new_desk(), np.zeros(3, np.int64)
+    state, log = state.copy(), np.zeros((200, N_LOG))
+    events, segments = np.zeros((rows, N_EVENT)), np.zeros((rows, N_SEGMENT))
+    status = evolve(
+        as_dimer(row), state, desk.modes, periods, rtol, desk.past, desk.work, log, events, segments, counts
+    )
+    return Launched(row, rtol, STATUSES[status], state, events[: counts[1]], segments[: counts[2]])

@@ -1,0 +1,255 @@
+"""Scenes that the stress suite has found and made simple: each once hung, sank, gained energy or had no answer."""
+
+import pytest
+from examine import CODE, examine, lies
+from stress import faults, scene_row, survey
+
+from dimersweep.kernel.layout import OK
+
+pytestmark = pytest.mark.jit
+
+# what was wrong, the scene, forcing periods
+MENDED = [
+    (
+        "impact_steps",
+        {
+            "Gamma": 19.13,
+            "f": 2.73,
+            "A_r": 18.72,
+            "mu": 1.3,
+            "mu_s": 3.0,
+            "beta0": 1.182,
+            "xdot0": 3.6,
+            "phi0": 4.789,
+            "r": 0.0464,
+            "rho_b": 36.0,
+            "rho_r": 110.0,
+            "D_r": 0.07,
+            "e": 0.0,
+        },
+        7,
+    ),
+    ("impact_steps", {"r": 0.0001, "rho_r": 60000.0, "D_r": 0.0002, "e": 1e-09}, 1),
+    (
+        "impact_steps",
+        {
+            "Gamma": 13.0,
+            "f": 8.0,
+            "A_r": 3.7,
+            "mu": 2.1,
+            "mu_s": 5.0,
+            "beta0": 1.44,
+            "xdot0": 0.02,
+            "phi0": 3.8,
+            "r": 0.0002,
+            "rho_b": 10.0,
+            "rho_r": 500.0,
+            "D_r": 0.0003,
+            "e": 0.0,
+        },
+        1,
+    ),
+    ("contact_steps", {"Gamma": 0.004, "f": 100.0, "beta0": 1.570796326, "xdot0": 100.0, "phi0": 4.4}, 1),
+    ("contact_steps", {"beta0": 1.57079632674, "xdot0": 14.0, "e": 6e-11}, 1),
+    (
+        "contact_steps",
+        {
+            "Gamma": 0.04391478832115229,
+            "f": 1.656,
+            "A_r": 7.06302,
+            "mu": 3.8460236728,
+            "mu_s": 4.0,
+            "beta0": 0.8974,
+            "xdot0": 0.67804993,
+            "r": 1.214233e-05,
+            "rho_b": 10750.0,
+            "rho_r": 10.44985750319,
+            "D_r": 4.590051761393e-06,
+            "e": 1.0,
+        },
+        8,
+    ),
+    ("root_steps", {"f": 1.0, "A_r": 2.0, "mu": 5.0, "mu_s": 5.0, "xdot0": 100.0, "r": 2e-05, "D_r": 2e-05}, 1),
+    (
+        "root_steps",
+        {"f": 2.0, "A_r": 4.0, "mu": 5.0, "mu_s": 5.0, "beta0": 1.0, "xdot0": 100.0, "r": 2e-05, "D_r": 6e-06},
+        1,
+    ),
+    ("root_steps", {"Gamma": 10.0, "f": 1.0, "A_r": 2.0, "mu": 0.0158, "r": 2e-05, "D_r": 4e-06}, 6),
+    (
+        "jammed",
+        {"Gamma": 4.0, "f": 6.0, "A_r": 3.0, "mu": 5.0, "mu_s": 5.0, "xdot0": 5.0, "phi0": 3.0, "r": 0.3, "e": 0.0},
+        3,
+    ),
+    (
+        "jammed",
+        {
+            "Gamma": 8.3,
+            "f": 34.6,
+            "A_r": 3.1,
+            "mu": 4.2,
+            "mu_s": 4.4,
+            "beta0": 0.056,
+            "phi0": 1.6,
+            "r": 0.06,
+            "D_r": 0.0,
+            "e": 0.413,
+        },
+        3,
+    ),
+    (
+        "jammed",
+        {
+            "Gamma": 0.07093721947277018,
+            "f": 3.72088754064,
+            "A_r": 2.0,
+            "mu": 5.0,
+            "mu_s": 5.0,
+            "beta0": 0.3833,
+            "xdot0": 2.86527647,
+            "phi0": 5.941294097,
+            "r": 0.000166364601315908,
+            "rho_b": 1773.26295,
+            "D_r": 0.0003,
+            "e": 0.6815398777356201,
+        },
+        6,
+    ),
+    (
+        "sinks",
+        {
+            "f": 1.7117808,
+            "A_r": 2.68018378573,
+            "mu": 2.38,
+            "mu_s": 4.0,
+            "beta0": 1.1894235723,
+            "xdot0": 0.0852664,
+            "phi0": 0.59987041,
+            "r": 0.0001946887410643793,
+            "rho_b": 6158.1,
+            "rho_r": 5359.0,
+            "D_r": 0.0003893774821287586,
+            "e": 0.9719037616773101,
+        },
+        6,
+    ),
+    ("sinks", {"r": 2e-05, "D_r": 1e-05}, 1),
+    ("gains energy", {"Gamma": 0.001, "mu": 3.0, "mu_s": 3.0, "xdot0": 0.001, "r": 2e-05, "D_r": 1e-05, "e": 1.0}, 1),
+    ("gains energy", {"Gamma": 10.0, "r": 0.4, "e": 1e-07}, 1),
+    (
+        "sinks",
+        {
+            "e": 0.690847780908484,
+            "Gamma": 0.9411319351172492,
+            "f": 5.359378116770434,
+            "A_r": 5.446285925871992,
+            "mu": 0.5269593998604105,
+            "mu_s": 0.6323512798324926,
+            "beta0": 1.2774796841608846,
+            "xdot0": 0.0,
+            "phi0": 0.993186120089444,
+        },
+        6,
+    ),
+    ("max_events", {"Gamma": 0.001, "r": 1.0, "e": 1.0}, 5),
+    ("max_events", {"Gamma": 0.01, "f": 8.0, "beta0": 6e-10, "rho_b": 20.0, "D_r": 0.0009, "e": 1.0}, 2),
+    ("impact_steps", {"Gamma": 1.0, "f": 593.0, "mu": 0.002, "xdot0": 0.04, "phi0": 1.5707963267948966}, 1),
+]
+OPEN = [
+    (
+        "max_events",
+        {
+            "f": 40.0,
+            "A_r": 14.0,
+            "mu": 5.0,
+            "mu_s": 5.0,
+            "beta0": 0.6,
+            "xdot0": 2.2,
+            "phi0": 1.2,
+            "r": 0.0002,
+            "rho_b": 2000.0,
+            "rho_r": 10000.0,
+            "D_r": 0.0003,
+            "e": 0.5,
+        },
+        2,
+    ),
+    (
+        "contact_steps",
+        {
+            "Gamma": 0.1,
+            "f": 200.0,
+            "A_r": 20.0,
+            "mu": 4.0,
+            "mu_s": 4.0,
+            "beta0": 1.0,
+            "xdot0": 3.0,
+            "r": 9e-05,
+            "rho_b": 20.0,
+            "D_r": 9e-05,
+        },
+        6,
+    ),
+    (
+        "jammed",
+        {
+            "Gamma": 0.356,
+            "f": 2.4,
+            "A_r": 2.07627,
+            "mu": 3.328,
+            "mu_s": 4.0,
+            "r": 3e-05,
+            "rho_r": 200.0,
+            "D_r": 4e-05,
+            "e": 0.5,
+        },
+        1,
+    ),
+    (
+        "jammed",
+        {"Gamma": 20.0, "f": 5.0, "mu": 5.0, "mu_s": 5.0, "beta0": 0.0, "xdot0": 100.0, "phi0": 1.998, "e": 0.2},
+        1,
+    ),
+    (
+        "jammed",
+        {
+            "Gamma": 4.2,
+            "f": 9.52,
+            "A_r": 7.35,
+            "mu": 5.0,
+            "mu_s": 5.0,
+            "beta0": 1.244,
+            "xdot0": 0.208,
+            "phi0": 2.323,
+            "r": 0.00272,
+            "rho_b": 4400.0,
+            "rho_r": 18000.0,
+            "D_r": 0.0036,
+            "e": 0.037,
+        },
+        4,
+    ),
+]
+
+
+@pytest.mark.parametrize(("fault", "scene", "periods"), MENDED)
+def test_a_scene_that_once_failed(fault, scene, periods):
+    assert faults(scene, periods, 1e-8) == [], fault
+
+
+@pytest.mark.xfail(strict=True, reason="not mended yet")
+@pytest.mark.parametrize(("fault", "scene", "periods"), OPEN)
+def test_a_scene_that_fails(fault, scene, periods):
+    assert faults(scene, periods, 1e-8) == [], fault
+
+
+@pytest.mark.parametrize("domain", ["near", "far"])
+def test_random_scenes(domain):
+    """A short run of the suite: every scene ends, in few events, and those looked at show nothing wrong."""
+    codes, nans, seconds, _ = survey(1000, 7, domain, 5, 1e-8, 2)
+    status = codes[:, CODE["status"]]
+    assert (status == OK).mean() > 0.98
+    assert not nans.any()
+    assert seconds.max() < 10.0
+    looks = [examine(scene_row(k, 7, domain), 5, 1e-8) for k in range(0, 1000, 40) if status[k] == OK]
+    assert [lies(look) for look in looks] == [[]] * len(looks)

@@ -1,0 +1,295 @@
+"""Whatever people feed in (files cut short, bytes flipped, words misspelt), they get one clear line or what they asked for."""
+
+import contextlib
+import io
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import strategies as st
+
+import dimersweep
+from dimersweep import cli
+from dimersweep.declaration import Declaration, read_declaration
+from dimersweep.errors import StoreError, UserError
+from dimersweep.manifest import read_manifest
+from dimersweep.store import open_cube
+from dimersweep.symbols import PARAMETERS
+from dimersweep.tiles import Tile, attempt, make_spec
+from dimersweep.tilestore import tile_store
+
+SWEEPS = Path(__file__).parents[1] / "sweeps"
+TEXTS = {path.stem: path.read_text() for path in sorted(SWEEPS.glob("*-small.toml"))}
+GRID = {"f": [15, 20], "beta0": {"start": 1, "stop": 10, "step": 1, "unit": "deg"}}
+steady = settings(
+    derandomize=True,
+    max_examples=40,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+# what a slip of the hand, a unit left in, another program or malice may put where a value stands
+TOKENS = st.sampled_from(
+    [
+        "", "nan", "inf", "-inf", "-1", "0", "1e308", "1e999", "-0.0", "true", "[]", "{}", '""', '"15"', "[[1]]", "[nan]",
+        "[1, 1]", "[2, 1]", '{start = 1}', "{start = 0, stop = 1, step = 0}", "{start = 0, stop = 1, step = -1}",
+        "{start = 0, stop = 1e9, step = 1e-9}", "{start = 1, stop = 2, num = 3}", "{start = 1, stop = 2, num = 1e3}",
+        '{start = 1, stop = 2, step = 1, unit = "Hz"}', "9223372036854775808", "1_000", "0x10", "1979-05-27", "15 Hz",
+        '"\\u0000"',
+    ]
+)  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def in_an_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def one_line(error):
+    """Whether an error is told in one line that says something."""
+    return len(str(error).splitlines()) == 1 and len(str(error)) > 10
+
+
+def judged(text):
+    """What reading a declaration comes to."""
+    Path("fuzzed.toml").write_bytes(text if isinstance(text, bytes) else text.encode("utf-8", "surrogatepass"))
+    try:
+        assert isinstance(read_declaration("fuzzed.toml"), Declaration)
+    except UserError as error:
+        assert one_line(error), error
+        assert str(error).startswith("fuzzed.toml: ")
+
+
+# --- declarations -------------------------------------------------------------------------------------------------------
+
+
+@steady
+@given(st.sampled_from(sorted(TEXTS)), st.data())
+def test_a_value_of_a_declaration_replaced(name, data):
+    lines = TEXTS[name].splitlines()
+    places = [k for k, line in enumerate(lines) if "=" in line and not line.lstrip().startswith("#")]
+    place = data.draw(st.sampled_from(places))
+    key = lines[place].split("=")[0]
+    lines[place] = f"{key}= {data.draw(TOKENS)}"
+    judged("\n".join(lines))
+
+
+@steady
+@given(st.sampled_from(sorted(TEXTS)), st.data())
+def test_a_line_of_a_declaration_lost_doubled_or_moved(name, data):
+    lines = TEXTS[name].splitlines()
+    take, put = data.draw(st.integers(0, len(lines) - 1)), data.draw(st.integers(0, len(lines) - 1))
+    line = lines[take] if data.draw(st.booleans()) else lines.pop(take)
+    if data.draw(st.booleans()):
+        lines.insert(put, line)
+    judged("\n".join(lines))
+
+
+@steady
+@given(st.sampled_from(sorted(TEXTS)), st.integers(0), st.binary(max_size=4), st.booleans())
+def test_bytes_of_a_declaration_changed(name, place, bytes_, cut):
+    written = TEXTS[name].encode()
+    place %= len(written)
+    judged(written[:place] + bytes_ + (b"" if cut else written[place + len(bytes_) :]))
+
+
+# --- cubes --------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def cube(fake_kernel):
+    """A small cube in a file, and its bytes."""
+    made = dimersweep.sweep(GRID, periods=5, out="cube.nc", progress=False)
+    return made, Path("cube.nc").read_bytes()
+
+
+def opened(written, expected):
+    """Open a cube of these bytes: an error in one line, or the cube that was written."""
+    Path("fuzzed.nc").write_bytes(written)
+    try:
+        found = open_cube("fuzzed.nc")
+    except StoreError as error:
+        assert one_line(error), error
+        return
+    xr.testing.assert_identical(found, expected)
+
+
+@steady
+@given(st.data())
+def test_a_cube_cut_short(cube, data):
+    made, written = cube
+    opened(written[: data.draw(st.integers(0, len(written) - 1))], made)
+
+
+@steady
+@given(st.data())
+def test_a_cube_with_bytes_flipped(cube, data):
+    made, written = cube
+    changed = bytearray(written)
+    for place in data.draw(st.lists(st.integers(0, len(written) - 1), min_size=1, max_size=3)):
+        changed[place] ^= 1 << data.draw(st.integers(0, 7))
+    opened(bytes(changed), made)
+
+
+@pytest.mark.xfail(strict=True, reason="a cube has no checksum of its numbers")
+@pytest.mark.parametrize("name", ["radius", "mode", "beta0"])
+def test_a_number_of_a_cube_changed(cube, name):
+    """A disk that forgets a bit of a result: nothing but a checksum can tell."""
+    made, written = cube
+    values = np.ascontiguousarray(made[name].values).tobytes()
+    place = written.find(values)
+    assert place > 0
+    changed = bytearray(written)
+    changed[place + len(values) // 2] ^= 1
+    opened(bytes(changed), made)
+
+
+@steady
+@given(st.binary(max_size=200), st.sampled_from([b"", b"CDF\x01", b"\x89HDF\r\n\x1a\n", b"PK\x03\x04", b"%PDF-1.7"]))
+def test_a_foreign_file_for_a_cube(bytes_, magic):
+    Path("fuzzed.nc").write_bytes(magic + bytes_)
+    with pytest.raises(StoreError) as caught:
+        open_cube("fuzzed.nc")
+    assert one_line(caught.value)
+
+
+def test_a_foreign_dataset_for_a_cube():
+    xr.Dataset({"mode": ("x", np.arange(3))}).to_netcdf("fuzzed.nc")
+    with pytest.raises(StoreError, match="no cube of dimersweep"):
+        open_cube("fuzzed.nc")
+
+
+# --- what a killed sweep leaves behind ----------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def left_behind(fake_kernel):
+    """The folder of a sweep that was killed halfway: its files and their bytes, and the whole cube."""
+    expected = dimersweep.sweep(GRID, periods=5, progress=False)
+    spec = make_spec(GRID, periods=5)
+    with tile_store(Path("cube.nc"), spec.configuration(), spec.grid.size) as store:
+        for tile in ((0, 6), (8, 12)):
+            store.add(attempt(spec, (Tile(*tile),))[0])
+            store.flush()
+    files = {path: path.read_bytes() for path in sorted(Path("cube.nc.tiles").iterdir()) if path.is_file()}
+    return files, expected
+
+
+@steady
+@given(st.data())
+def test_damage_to_what_was_finished_is_never_used(left_behind, data):
+    files, expected = left_behind
+    Path("cube.nc.tiles").mkdir(exist_ok=True)
+    for path, written in files.items():
+        path.write_bytes(written)
+    Path("cube.nc").unlink(missing_ok=True)
+    path = data.draw(st.sampled_from(sorted(files)))
+    changed = bytearray(files[path])
+    assume(changed)
+    place = data.draw(st.integers(0, len(changed) - 1))
+    how = data.draw(st.sampled_from(["flip", "cut", "insert"]))
+    if how == "flip":
+        changed[place] ^= 1 << data.draw(st.integers(0, 7))
+    elif how == "cut":
+        del changed[place:]
+    else:
+        changed[place:place] = data.draw(st.binary(min_size=1, max_size=8))
+    path.write_bytes(bytes(changed))
+    try:
+        found = dimersweep.sweep(GRID, periods=5, progress=False, out="cube.nc")
+    except UserError as error:
+        assert one_line(error), error
+        return
+    xr.testing.assert_equal(found, expected)
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=6,
+)
+
+
+@steady
+@given(
+    JSON,
+    st.lists(JSON, max_size=2),
+    st.sampled_from(["configuration", "points", "cpu", "layout", "configuration_sha256"]),
+)
+def test_a_manifest_of_anything(left_behind, value, lines, key):
+    """Sound JSON with another meaning than a manifest's, in its head and in its lines."""
+    written = next(bytes_ for file, bytes_ in left_behind[0].items() if file.suffix == ".jsonl")
+    head, path = json.loads(written.splitlines()[0]), Path("manifest.jsonl")
+    path.write_text("".join(json.dumps(line) + "\n" for line in (head | {key: value}, *lines)))
+    try:
+        assert read_manifest(path).entries == []
+    except UserError as error:
+        assert one_line(error), error
+
+
+# --- the command line ---------------------------------------------------------------------------------------------------
+
+VALUES = st.sampled_from(
+    [
+        "",
+        "nan",
+        "inf",
+        "-1",
+        "1e999",
+        "abc",
+        "15Hz",
+        "0x10",
+        "1,5",
+        "--Gamma",
+        "\x00",
+        "é",
+        "[1]",
+        "None",
+        "2 3",
+        "2**3",
+    ]
+)
+WORDS = st.sampled_from(
+    ["simulate", "run", "plan", "status", "plot", "--periods", "--rtol", "--out", "--from", "--plot", "--workers",
+     "nofile.toml", ".", "/", "/dev/null", "fuzzed.toml", "--force", "--retry", "-x", "--", "rtol", "out.txt", "--extend",
+     "--scheduler", "x"]
+)  # fmt: skip
+
+
+def called(*arguments):
+    """Exit code and standard error of the command line, run in this process."""
+    before, sys.argv = sys.argv, ["dimersweep", *arguments]
+    errors = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(errors), contextlib.redirect_stdout(io.StringIO()):
+            cli.main()
+        return 0, errors.getvalue()
+    except SystemExit as stop:
+        return stop.code or 0, errors.getvalue()
+    finally:
+        sys.argv = before
+
+
+@steady
+@given(st.sampled_from([*PARAMETERS, "periods", "rtol"]), VALUES)
+def test_a_wrong_value_of_a_parameter_is_told(name, value):
+    code, err = called("simulate", f"--{name}", value)
+    assert code == 2, (name, value, err)
+    assert err.startswith("dimersweep: error: ")
+    assert len(err.splitlines()) == 1
+    assert name in err or value in err
+
+
+@steady
+@given(st.lists(WORDS, min_size=1, max_size=5))
+def test_a_command_line_of_words(words):
+    """Nothing here names a sweep that exists, so that nothing can be done."""
+    assume(words != ["simulate"] and not {"status", "plot"} >= set(words))
+    code, err = called(*words)
+    if code:
+        assert code == 2, err
+        assert err.startswith("dimersweep: error: "), err
+        assert len(err.splitlines()) == 1, err
