@@ -119,9 +119,11 @@ def test_the_equations_on_heyoka_are_those_of_the_kernel():
         dy, F = np.zeros(11), np.zeros(6)
         contact_rates(dm, np.array(modes, float), 0.4 + dm.omega * state[7], state, dy, F)
         phase = taylor.equations(*modes)
-        rates = hy.cfunc([rate for _, rate in phase.rates], [name for name, _ in phase.rates])
-        found = rates(state, pars=pars[: rates.param_count])
-        found /= found[7]  # per time
+        functions = [*(rate for _, rate in phase.rates), hy.par[len(pars) - 1]]  # the last parameter: all are expected
+        rates = hy.cfunc(functions, [name for name, _ in phase.rates])
+        scaled = np.where(np.isin(np.arange(11), [3, 10]), dm.r * state, state)
+        found = rates(scaled, pars=pars)[:-1]
+        found /= found[7] * np.where(np.isin(np.arange(11), [3, 10]), dm.r, 1.0)  # per time, in SI
         np.testing.assert_allclose(found, dy, rtol=1e-12, atol=1e-12, err_msg=str(modes))
 
 

@@ -5,7 +5,7 @@ from math import copysign
 from dimersweep.kernel.body import as_dimer
 from dimersweep.kernel.chatter import come_to_rest
 from dimersweep.kernel.choose import INCONSISTENT
-from dimersweep.kernel.contact import N_PATH, YB, YTIME, load, slip_of
+from dimersweep.kernel.contact import N_PATH, YB, YGAMMA, YS, YTIME, load, slip_of
 from dimersweep.kernel.engine import (
     ROW_DY,
     ROW_F,
@@ -18,7 +18,7 @@ from dimersweep.kernel.engine import (
     touch,
 )
 from dimersweep.kernel.jit import compiled, exported
-from dimersweep.kernel.layout import D1, D2, FREE, JAMMED, N1, N2, N_STATE, OK, PHASE, SLIP, STICK, WB
+from dimersweep.kernel.layout import D1, D2, FREE, GAMMA, JAMMED, N1, N2, N_STATE, OK, PHASE, SLIP, SPIN, STICK, WB
 from dimersweep.kernel.plate import effective_gravity
 from dimersweep.kernel.watch import HOLD_LOST, LANDS, SLIP_ZERO, stop_slip
 
@@ -33,12 +33,18 @@ def take_over(dm, state, modes, ended, event, dt, y):
     if modes[0] == FREE and modes[1] == FREE:
         for k in range(ended.size):
             state[D1 + k] = ended[k]
+        state[SPIN] /= dm.r
+        if D1 + ended.size > GAMMA:
+            state[GAMMA] /= dm.r
         state[PHASE] += dm.omega * dt
         if event >= 0:
             touch(dm, state, 2.0 * event - 1.0)
         return
     for k in range(ended.size):
         y[k] = ended[k]
+    y[YS] /= dm.r
+    if ended.size > YGAMMA:
+        y[YGAMMA] /= dm.r
     if event == LANDS:
         y[YB] = 0.0
     if SLIP_ZERO <= event < LANDS:
@@ -66,13 +72,20 @@ def first_hop(dm, state, start):
 
 @compiled
 def begin(dm, state, modes, y, start, pars):
-    """The start of a phase for its integrator; returns the duration of the hop that begins, 0.0 if none does."""
+    """The start of a phase for its integrator; returns the duration of the hop that begins, 0.0 if none does.
+
+    The integrator has the spin and its angle in units of 1/r: the largest number of its state rules its steps.
+    """
     if modes[0] == FREE and modes[1] == FREE:
         for k in range(D1, N_STATE - 1):
             start[k - D1] = state[k]
+        start[SPIN - D1] *= dm.r
+        start[GAMMA - D1] *= dm.r
         return first_hop(dm, state, start)
     for k in range(N_PATH):
         start[k] = y[k]
+    start[YS] *= dm.r
+    start[YGAMMA] *= dm.r
     if modes[0] == SLIP and modes[1] == STICK:
         _, b = slip_of(dm, modes, y, 0)
         pars[P_SIDE] = copysign(1.0, b)

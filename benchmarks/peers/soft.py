@@ -15,6 +15,7 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 STEPS_A_CONTACT = 20
+PIECE = 100_000  # steps kept at once
 MODEL = """
 <mujoco>
   <option timestep="{dt}" gravity="0 0 -{g}" integrator="implicitfast" cone="elliptic" impratio="10"/>
@@ -72,30 +73,37 @@ class MuJoCo:
         mujoco.mj_getState(self.model, data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
         return state
 
-    def path(self, end):
-        """Positions and velocities after every time step to `end`, shape (n, 13)."""
-        d = self.d
-        middle = self.dt * (np.arange(round(end / self.dt)) + 0.5)
-        force = np.zeros((middle.size, self.model.nbody, 6))
-        force[:, 1, 2] = d.m * d.A_z * d.omega**2 * np.sin(d.omega * middle + d.phi0)
-        states, _ = rollout.rollout(
-            self.model,
-            self.data,
-            self.start()[None],
-            force.reshape(1, middle.size, -1),
-            control_spec=mujoco.mjtState.mjSTATE_XFRC_APPLIED,
-        )
-        return states[0, :, 1:14]
+    def pieces(self, end):
+        """Positions and velocities after every time step to `end`, in pieces of shape (n, 13)."""
+        d, state, steps = self.d, self.start(), round(end / self.dt)
+        for first in range(0, steps, PIECE):
+            middle = self.dt * (np.arange(first, min(first + PIECE, steps)) + 0.5)
+            force = np.zeros((middle.size, self.model.nbody, 6))
+            force[:, 1, 2] = d.m * d.A_z * d.omega**2 * np.sin(d.omega * middle + d.phi0)
+            states, _ = rollout.rollout(
+                self.model,
+                self.data,
+                state[None],
+                force.reshape(1, middle.size, -1),
+                control_spec=mujoco.mjtState.mjSTATE_XFRC_APPLIED,
+            )
+            state = states[0, -1].copy()
+            yield states[0, :, 1:14]
 
     def follow(self, times):
         """States and times of double impacts."""
-        path = self.path(times[-1])
-        at = np.minimum(np.round(np.asarray(times) / self.dt).astype(int), len(path)) - 1
-        return self.coordinates(path[at]), self.landings(path)
+        at = np.round(np.asarray(times) / self.dt).astype(int) - 1
+        first, kept, landings = 0, [], []
+        for piece in self.pieces(times[-1]):
+            kept.append(piece[at[(at >= first) & (at < first + len(piece))] - first])
+            landings.append(self.dt * (first + 1 + self.landings(piece)))
+            first += len(piece)
+        return self.coordinates(np.concatenate(kept)), np.concatenate(landings)
 
     def run(self, end):
         """One run."""
-        self.path(end)
+        for _ in self.pieces(end):
+            pass
 
     def coordinates(self, path):
         """The coordinates of the reference runs and their rates, shape (n, 12)."""
@@ -112,9 +120,8 @@ class MuJoCo:
         return np.column_stack([ball[:, 0], ball[:, 1], gap, theta, beta, gamma, velocity, turning, tipping, rolling])
 
     def landings(self, path):
-        """Times when one end comes down to the plate while the other is there."""
+        """Steps in which one end comes down to the plate while the other is there."""
         rise = self.d.l / 2 * Rotation.from_quat(path[:, 3:7], scalar_first=True).apply([0, 1, 0])[:, 2]
         down = path[:, 2, None] + np.column_stack([-rise, rise]) <= self.d.r
         lands = down[1:] & ~down[:-1]
-        both = (lands[:, 0] & down[1:, 1]) | (lands[:, 1] & down[1:, 0])
-        return self.dt * (np.flatnonzero(both) + 2)
+        return 1 + np.flatnonzero((lands[:, 0] & down[1:, 1]) | (lands[:, 1] & down[1:, 0]))

@@ -57,10 +57,16 @@ def _squared(a, b):
     return a * a + b * b
 
 
+def _above(a, b):
+    """How far a slip is from the one that counts as none: a logarithm, for in xi slip falls exponentially."""
+    return hy.log(_squared(a, b)) - 2.0 * hy.log(SLIP_TOL)
+
+
 def flight():
     """Free motion: the torque-free symmetric top in its heading frame, and both gaps."""
-    names = ("d1", "d2", "n1", "n2", "beta", "wb", "wp", "spin", "ca", "cb", "theta", "x1", "y1", "gamma")
-    d1, d2, n1, n2, beta, wb, wp, spin, ca, cb, theta, x1, y1, gamma = _variables(names)
+    names = ("d1", "d2", "n1", "n2", "beta", "wb", "wp", "spin_r", "ca", "cb", "theta", "x1", "y1", "gamma_r")
+    d1, d2, n1, n2, beta, wb, wp, spin_r, ca, cb, theta, x1, y1, gamma_r = _variables(names)
+    spin = spin_r / R
     sin_b, cos_b = hy.sin(beta), hy.cos(beta)
     turn = wp / cos_b
     axial = IT / IA * spin - sin_b * turn
@@ -76,13 +82,13 @@ def flight():
         (beta, wb),
         (wb, axial * wp),
         (wp, -axial * wb),
-        (spin, hy.expression(0.0)),
+        (spin_r, hy.expression(0.0)),
         (ca, -turn * cb),
         (cb, turn * ca),
         (theta, turn),
         (x1, v_b * cos_t - v_a * sin_t),
         (y1, v_a * cos_t + v_b * sin_t),
-        (gamma, spin - turn * sin_b),
+        (gamma_r, spin_r - R * turn * sin_b),
     ]
     return Phase(rates, [(d1, FALLS, 0), (d2, FALLS, 1)], False)
 
@@ -91,8 +97,9 @@ class _Contact:
     """What the equations of all contact modes share: variables, levers and the Delassus operator of the leading end."""
 
     def __init__(self, s, double):
-        names = ("beta", "wb", "wp", "spin", "ua", "ub", "theta", "t", "x1", "y1", "gamma")
-        self.beta, self.wb, self.wp, self.spin, self.ua, self.ub, self.theta, self.t, *self.path = _variables(names)
+        names = ("beta", "wb", "wp", "spin_r", "ua", "ub", "theta", "t", "x1", "y1", "gamma_r")
+        self.beta, self.wb, self.wp, self.spin_r, self.ua, self.ub, self.theta, self.t, *self.path = _variables(names)
+        self.spin = self.spin_r / R
         self.s, self.double = s, double
         self.sin_b, self.cos_b = (0.0, 1.0) if double else (hy.sin(self.beta), hy.cos(self.beta))
         self.n, self.a = s * H * self.cos_b, R - s * H * self.sin_b
@@ -122,14 +129,14 @@ class _Contact:
             (self.beta, zero if self.double else self.wb),
             (self.wb, zero if self.double else d_wb),
             (self.wp, d_wp),
-            (self.spin, d_spin),
+            (self.spin_r, R * d_spin),
             (self.ua, d_ua),
             (self.ub, d_ub),
             (self.theta, self.turn),
             (self.t, hy.expression(1.0)),
             (self.path[0], v_b * cos_t - v_a * sin_t),
             (self.path[1], v_a * cos_t + v_b * sin_t),
-            (self.path[2], self.spin - self.turn * self.sin_b),
+            (self.path[2], self.spin_r - R * self.turn * self.sin_b),
         ]
         if clock is None:
             return Phase(rates, events, False)
@@ -153,7 +160,7 @@ def single(i, mode):
         v = hy.sqrt(_squared(k.ua, k.ub))
         F = -n / (k.nn - MU * k.na * k.ua / v)
         A, L = -MU * F * k.ua / v, -MU * F * k.ub / v
-        events.append((_squared(k.ua, k.ub) - SLIP_TOL * SLIP_TOL, FALLS, SLIP_ZERO + i))
+        events.append((_above(k.ua, k.ub), FALLS, SLIP_ZERO + i))
         d_ua, d_ub, clock = a + k.na * F + k.aa * A, b + k.bb * L, v
     events.append((F, FALLS, LIFTS + i))
     return k.phase(d_wb + (k.n * F + k.a * A) * IT, d_wp + k.b * L * IT, k.c * L * IA, d_ua, d_ub, events, clock)
@@ -183,8 +190,8 @@ def pair(mode_1, mode_2):
     if slips:
         L_1, L_2 = -MU * F_1 * k.ub / v_1, -MU * F_2 * b_2 / v_2
         clock = v_1 * v_2 / (v_1 + v_2)
-        events.append((_squared(k.ua, k.ub) - SLIP_TOL * SLIP_TOL, FALLS, SLIP_ZERO))
-        events.append((_squared(k.ua, b_2) - SLIP_TOL * SLIP_TOL, FALLS, SLIP_ZERO + 1))
+        events.append((_above(k.ua, k.ub), FALLS, SLIP_ZERO))
+        events.append((_above(k.ua, b_2), FALLS, SLIP_ZERO + 1))
     elif mode_1 == STICK and mode_2 == STICK:
         L_1 = L_2 = -b / (k.bb + bb_12)
         room_1, room_2 = MU_S * MU_S * F_1 * F_1 - L_1 * L_1, MU_S * MU_S * F_2 * F_2 - L_2 * L_2
