@@ -130,7 +130,7 @@ def cross(row, state, modes, ended, event, dt, rtol, doubles, count, start, pars
             lost = HOLD_LOST <= event < SLIP_ZERO
     while True:
         if (state[D1] == 0.0 and state[N1] < 0.0) or (state[D2] == 0.0 and state[N2] < 0.0):
-            if state[D1] == 0.0 and state[D2] == 0.0:
+            if state[D1] == 0.0 and state[D2] == 0.0 and count < doubles.size:
                 doubles[count] = state[PHASE] / dm.omega
                 count += 1
             status, _ = collide(dm, state, modes, rtol, work, log)

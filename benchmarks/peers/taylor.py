@@ -25,9 +25,7 @@ from peers.crossing import constants_of, cross, state_at
 
 LONGEST = 0.125  # longest step of a contact, in forcing periods: forces follow the plate where the state may not
 HOP = 1.5  # first step of a flight that leaves the plate, in times of the hop to be expected
-IMPACTS = (
-    100.0  # tolerance of impacts and of the close of a chatter, in units of that of the series: what serves both best
-)
+IMPACTS = 100.0  # tolerance of impacts and of the close of a chatter, in units of that of the series
 MAX_STEPS = 100_000
 MAX_DOUBLES = 10_000
 TIME_UP = -1
@@ -267,7 +265,7 @@ class March:
         self.rtol = min(max(IMPACTS * tol, RTOL_RANGE[0]), RTOL_RANGE[1])
         self.T = 1.0 / parameters.f
         self.parameters = parameters
-        self.state, self.modes, self.out = np.zeros(N_STATE), np.zeros(2), np.zeros(N_STATE)
+        self.state, self.modes = np.zeros(N_STATE), np.zeros(2)
         self.start, self.pars, self.doubles = np.zeros(N_STATE), np.zeros(4), np.zeros(MAX_DOUBLES)
         self.work, self.log = np.zeros((WORK_ROWS, WORK_COLUMNS)), np.zeros((0, N_LOG))
         self.constants = np.zeros(N_PARS - N_OF_PHASE)
