@@ -1,0 +1,429 @@
+"""Run time against error, the engine beside its peers: ``python benchmarks/pareto.py [--small] [--only METHOD ...]``.
+
+Every method runs the same scenes at a series of accuracies, one after the other, in rounds; each point is the median time
+of the rounds, in seconds of processor time, and three errors against the engine at its tightest: of the states of a short
+run, of the times of its double impacts, and of the orbit long after. Peers that are not installed are named and left out
+(``pip install 'dimersweep[peers]'``). Writes a NetCDF file and the figure, prints the points and the engine's advantage at
+equal error.
+"""
+
+import argparse
+import signal
+import sys
+import time
+import warnings
+from collections.abc import Callable
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT / "benchmarks"), str(ROOT / "tests"), str(ROOT / "tests" / "kernel")]
+
+from scenes import SCALE  # noqa: E402
+
+from dimersweep import provenance  # noqa: E402
+from dimersweep.parameters import Parameters  # noqa: E402
+from dimersweep.plots.style import MODE_COLORS  # noqa: E402
+
+SCENES = {
+    "drift": {},
+    "spiral": {"mu": 0.05, "mu_s": 0.1},
+    "dead run": {
+        "e": 0.368, "Gamma": 0.959, "f": 15.75, "A_r": 7.99, "mu": 0.392, "mu_s": 0.448, "beta0": 0.3083, "xdot0": 1.786,
+    },
+    "jump": {
+        "e": 0.408, "Gamma": 1.155, "f": 26.65, "A_r": 4.62, "mu": 0.067, "mu_s": 0.111, "beta0": 0.4354, "xdot0": 0.653,
+    },
+    "strong forcing": {"Gamma": 2.0},
+    "no friction": {"mu": 0.0, "mu_s": 0.0},
+}  # fmt: skip
+ORBITS = ("drift", "spiral")  # scenes that come to drift
+PERIODS, ORBIT_PERIODS, SAMPLES = 4, 100, 2  # of a short run, of one to the orbit; samples per period
+LONGEST = 60.0  # a run that takes longer is given up, an orbit that would is left out [s]
+SHORTEST = 0.02  # what is timed at once takes at least so long [s]
+PATIENCE = 20.0  # a point is not timed again once its timings have taken so long [s]
+BURST = 0.05  # double impacts closer than this are one, in forcing periods
+SURE = 100.0  # how much larger than the doubt about the reference an error must be to count
+FINEST, FINER = 1e-13, 3e-13
+ERRORS = {
+    "state_error": ("largest error of the states of a short run, in units of their scales", "1"),
+    "double_error": ("largest error of the times of double impacts, in forcing periods", "1"),
+    "orbit_error": ("largest relative error of radius, period and angle of the orbit", "1"),
+}
+COLORS = {
+    "engine": MODE_COLORS["drift"],
+    "heyoka": MODE_COLORS["aperiodic"],
+    "oracle": MODE_COLORS["flutter"],
+    "springs": MODE_COLORS["period_n"],
+    "mujoco": MODE_COLORS["jump"],
+}
+MARKERS = {"engine": "o", "heyoka": "s", "oracle": "^", "springs": "D", "mujoco": "X"}
+TITLES = {"springs": "Hertz springs", "mujoco": "MuJoCo", "oracle": "scipy oracle"}
+
+
+class Method(NamedTuple):
+    """A program to compare: where it is, what it needs, and its settings, from the coarsest."""
+
+    module: str
+    cls: str
+    needs: str | None
+    settings: Callable[[], list]
+    few: int  # settings of a small run
+
+
+def _powers(first, last, step=1):
+    return [10.0**-k for k in range(first, last + 1, step)]
+
+
+def _springs():
+    from peers.springs import Spring
+
+    return [Spring(10.0**power, steps) for power in (6, 8, 10, 12, 14) for steps in (10, 20)]
+
+
+METHODS = {
+    "engine": Method("peers.own", "Engine", None, lambda: _powers(3, 12), 2),
+    "oracle": Method("peers.own", "Oracle", None, lambda: _powers(4, 10, 2), 1),
+    "heyoka": Method("peers.taylor", "Heyoka", "heyoka", lambda: _powers(4, 15), 2),
+    "springs": Method("peers.springs", "Springs", None, _springs, 1),
+    "mujoco": Method("peers.soft", "MuJoCo", "mujoco", lambda: [1e-4, 1e-5, 1e-6], 1),
+}
+
+
+class Truth(NamedTuple):
+    """What the reference says of a scene: states at the samples, double impacts, orbit (None if there is none)."""
+
+    states: np.ndarray
+    doubles: np.ndarray
+    orbit: np.ndarray | None
+
+
+def label(setting):
+    """A setting as text."""
+    return f"{setting:.0e}" if isinstance(setting, float) else str(setting)
+
+
+def available(names):
+    """Classes of the methods at hand, by name; says which are not."""
+    found = {}
+    for name in names:
+        method = METHODS[name]
+        try:
+            found[name] = getattr(import_module(method.module), method.cls)
+        except ModuleNotFoundError as missing:
+            if missing.name != method.needs:
+                raise
+            print(f"{name}: left out, {method.needs} is not installed (pip install 'dimersweep[peers]')")
+    return found
+
+
+def first_of_bursts(doubles, T):
+    """Times of those double impacts that follow none within a burst."""
+    doubles = np.asarray(doubles, dtype=float)
+    return doubles[np.diff(doubles, prepend=-np.inf) > BURST * T]
+
+
+def orbit_of(states, T, h):
+    """Radius, period and angle of the orbit over the period between two states, shape (3,).
+
+    In a period the centre of mass moves along a chord of its circle while the heading turns by the angle of that chord; the
+    angle of the orbit is that between the mean heading and the chord.
+    """
+    theta, beta = states[:, 3], states[:, 4]
+    axis = np.column_stack([-np.sin(theta), np.cos(theta)])
+    chord = np.diff(states[:, :2] + h * np.cos(beta)[:, None] * axis, axis=0)[0]
+    turn, middle = theta[1] - theta[0], theta.mean()
+    along = chord @ [-np.sin(middle), np.cos(middle)]
+    across = chord @ [np.cos(middle), np.sin(middle)]
+    radius = np.hypot(*chord) / (2.0 * np.sin(0.5 * abs(turn)))
+    return np.array([radius, 2.0 * np.pi * T / abs(turn), np.arctan2(abs(across), along)])
+
+
+def look(attempt, scene, periods, orbit):
+    """What a method says of a scene."""
+    T = 1.0 / scene["f"]
+    states, doubles = attempt.follow(T * np.arange(1, SAMPLES * periods + 1) / SAMPLES)
+    around = None
+    if orbit:
+        strobes, _ = attempt.follow(T * np.array([ORBIT_PERIODS - 1, ORBIT_PERIODS]))
+        around = orbit_of(strobes, T, scene["r"] * (scene["A_r"] - 1.0))
+    return Truth(states, first_of_bursts(doubles, T), around)
+
+
+def errors(seen, truth, T):
+    """The three errors; nan where there is nothing to compare, or double impacts differ in number."""
+    apart = seen.states - truth.states
+    apart[:, [3, 5]] = (apart[:, [3, 5]] + np.pi) % (2.0 * np.pi) - np.pi
+    double = orbit = np.nan
+    if len(truth.doubles) == len(seen.doubles) > 0:
+        double = np.abs(seen.doubles - truth.doubles).max() / T
+    if seen.orbit is not None:
+        orbit = np.abs(seen.orbit / truth.orbit - 1.0).max()
+    return np.array([np.abs(apart / SCALE).max(), double, orbit])
+
+
+@contextmanager
+def no_longer_than(limit):
+    """Raise a RuntimeError in what takes more processor time."""
+
+    def stop(*_):
+        raise RuntimeError(f"more than {limit:.0f} s")
+
+    signal.signal(signal.SIGPROF, stop)
+    signal.setitimer(signal.ITIMER_PROF, limit)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+
+
+def seconds(attempt, end, at_least=0.0):
+    """Processor time of one run."""
+    runs, taken = 0, 0.0
+    while taken < at_least or runs == 0:
+        begun = time.process_time()
+        attempt.run(end)
+        taken += time.process_time() - begun
+        runs += attempt.copies
+    return taken / runs
+
+
+def references(found, scenes, periods, orbits):
+    """The truth about every scene, and the doubt about it: how far off a looser engine and heyoka at its tightest are."""
+    engine = found["engine"]
+    truths, doubts = {}, {}
+    for name, scene in scenes.items():
+        orbit = name in orbits
+        truth = truths[name] = look(engine(scene, FINEST), scene, periods, orbit)
+        others = [engine(scene, FINER)]
+        if "heyoka" in found:
+            others.append(found["heyoka"](scene, METHODS["heyoka"].settings()[-1]))
+        seen = [errors(look(other, scene, periods, orbit), truth, 1.0 / scene["f"]) for other in others]
+        doubts[name] = np.max(seen, axis=0)
+    return truths, doubts
+
+
+def measure(found, scenes, settings, periods, orbits, rounds):
+    """Errors and times of every method, setting and scene.
+
+    Returns
+    -------
+    error : ndarray, shape (scenes, methods, settings, 3)
+    taken : ndarray, shape (scenes, methods, settings, rounds)
+        Processor time of a short run [s].
+    doubt : ndarray, shape (scenes, 3)
+    """
+    truths, doubts = references(found, scenes, periods, orbits)
+    shape = len(scenes), len(settings), max(len(values) for values in settings.values())
+    error, taken = np.full((*shape, 3), np.nan), np.full((*shape, rounds), np.nan)
+    attempts = {}
+    for i, (name, scene) in enumerate(scenes.items()):
+        for j, (method, values) in enumerate(settings.items()):
+            for k, setting in enumerate(values):
+                attempt, end = found[method](scene, setting), periods / scene["f"]
+                try:
+                    with no_longer_than(LONGEST):
+                        first = seconds(attempt, end)  # compiles, where something is left to compile
+                        orbit = name in orbits and first * ORBIT_PERIODS / periods < LONGEST
+                    with no_longer_than(2.0 * LONGEST):
+                        error[i, j, k] = errors(look(attempt, scene, periods, orbit), truths[name], 1.0 / scene["f"])
+                except RuntimeError as failure:
+                    print(f"{name}: {method} at {label(setting)} gave up: {failure}")
+                    continue
+                attempts[i, j, k] = attempt, end
+                if first > PATIENCE:
+                    taken[i, j, k, 0] = first
+            print(f"{name}: {method} compared", file=sys.stderr, flush=True)
+    for turn in range(rounds):
+        for place, (attempt, end) in attempts.items():
+            if np.nansum(taken[place]) < PATIENCE:
+                taken[(*place, turn)] = seconds(attempt, end, SHORTEST)
+        print(f"round {turn + 1} of {rounds} timed", file=sys.stderr, flush=True)
+    return error, taken, np.array([doubts[name] for name in scenes])
+
+
+def as_dataset(scenes, settings, error, taken, doubt, periods, wall):
+    """All that was measured, labelled."""
+    dims = ("scene", "program", "setting")
+    labels = np.full(error.shape[1:3], "", dtype=object)
+    for j, values in enumerate(settings.values()):
+        labels[j, : len(values)] = [label(value) for value in values]
+    with warnings.catch_warnings(action="ignore", category=RuntimeWarning):  # points that were given up
+        low, middle, high = np.nanquantile(taken, [0.25, 0.5, 0.75], axis=-1) / periods
+    times = {
+        "time": (middle, "median processor time per forcing period"),
+        "time_low": (low, "first quartile of the processor time per forcing period"),
+        "time_high": (high, "third quartile of the processor time per forcing period"),
+    }
+    data = {name: (dims, values, {"units": "s", "long_name": text}) for name, (values, text) in times.items()}
+    for q, (name, (text, units)) in enumerate(ERRORS.items()):
+        told = {"units": units, "long_name": text}
+        data[name] = (dims, error[..., q], told)
+        data[f"{name}_doubt"] = ("scene", doubt[:, q], told | {"long_name": f"doubt about the reference: {text}"})
+    data["timings"] = (dims, np.isfinite(taken).sum(axis=-1), {"units": "1", "long_name": "number of timings"})
+    data["knob"] = (
+        dims[1:],
+        labels.astype(str),
+        {"long_name": "setting: rtol, tolerance, stiffness and step, time step"},
+    )
+    configuration = {"scenes": scenes, "periods": periods, "rounds": taken.shape[-1]}
+    attributes = provenance.attributes(configuration, "Run time against error, the engine beside its peers", wall)
+    return xr.Dataset(data, {"scene": list(scenes), "program": list(settings)}, attributes)
+
+
+def front(error, seconds_taken):
+    """The points that none beats in both time and error, from the largest error to the smallest; two arrays."""
+    order = np.lexsort((error, seconds_taken))
+    kept, best = [], np.inf
+    for k in order:
+        if error[k] < best:
+            kept.append(k)
+            best = error[k]
+    return error[kept], seconds_taken[kept]
+
+
+def time_at(level, error, seconds_taken):
+    """Time to an error of at most `level`, between the points of the front log-linear; nan if it is not reached."""
+    good = np.isfinite(error) & np.isfinite(seconds_taken)
+    if not good.any() or error[good].min() > level:
+        return np.nan
+    error, seconds_taken = front(np.maximum(error[good], 1e-17), seconds_taken[good])
+    return float(np.exp(np.interp(-np.log(level), -np.log(error), np.log(seconds_taken))))
+
+
+def advantages(points, quantity):
+    """How many times as long a method takes as the engine to the same error: rows (scene, method, level, ratio).
+
+    At the decades of the error that both reach and at which the reference is sure.
+    """
+    rows = []
+    for scene in points["scene"].values:
+        here = points.sel(scene=scene)
+        doubt = float(here[f"{quantity}_doubt"])
+        for method in points["program"].values:
+            if method == "engine":
+                continue
+            for level in 10.0 ** -np.arange(1, 13):
+                if not level >= SURE * doubt:
+                    continue
+                both = [
+                    time_at(level, here[quantity].sel(program=name).values, here["time"].sel(program=name).values)
+                    for name in (method, "engine")
+                ]
+                if np.isfinite(both).all():
+                    rows.append((str(scene), str(method), float(level), both[0] / both[1]))
+    return rows
+
+
+def tell(points):
+    """Print the points, then the ratios at equal error and the least of them."""
+    for scene in points["scene"].values:
+        here = points.sel(scene=scene)
+        doubts = ", ".join(f"{name} {float(here[f'{name}_doubt']):.0e}" for name in ERRORS)
+        print(f"\n{scene}: doubt about the reference: {doubts}")
+        print("method   setting             us/period  (quartiles)         state     double      orbit")
+        for method in points["program"].values:
+            for k in range(points.sizes["setting"]):
+                p = here.sel(program=method).isel(setting=k)
+                if np.isfinite(p["time"]):
+                    low, middle, high = (1e6 * float(p[name]) for name in ("time_low", "time", "time_high"))
+                    found = " ".join(f"{float(p[name]):10.1e}" for name in ERRORS)
+                    print(
+                        f"{method:8s} {p['knob'].item():18s} {middle:10.4g}  ({low:.4g}-{high:.4g})".ljust(57) + found
+                    )
+    for quantity, (text, _) in ERRORS.items():
+        rows = advantages(points, quantity)
+        if not rows:
+            continue
+        print(f"\ntimes the engine's time at equal error: {text}")
+        levels = sorted({row[2] for row in rows}, reverse=True)
+        print(f"{'':26s}" + "".join(f"{level:9.0e}" for level in levels))
+        ratios = {row[:3]: row[3] for row in rows}
+        for scene, method in dict.fromkeys(row[:2] for row in rows):
+            found = [ratios.get((scene, method, level)) for level in levels]
+            print(f"{scene:16s} {method:9s}" + "".join(f"{ratio:9.3g}" if ratio else " " * 9 for ratio in found))
+        for method in dict.fromkeys(row[1] for row in rows):
+            least = min((row for row in rows if row[1] == method), key=lambda row: row[3])
+            print(f"least advantage over {method}: {least[3]:.3g} times ({least[0]}, error {least[2]:.0e})")
+
+
+def draw(points, path):
+    """Time over error of the states, one panel a scene, with the front of each method."""
+    figure = Figure(figsize=(11, 6.5), layout="constrained")
+    panels = figure.subplots(2, -(-points.sizes["scene"] // 2), sharex=True, sharey=True, squeeze=False).ravel()
+    for ax, scene in zip(panels, points["scene"].values, strict=False):
+        here = points.sel(scene=scene)
+        for method in map(str, points["program"].values):
+            values = here.sel(program=method)
+            error, middle = np.maximum(values["state_error"].values, 1e-14), values["time"].values
+            good = np.isfinite(error) & np.isfinite(middle)
+            if not good.any():
+                continue
+            color = COLORS[method]
+            spread = np.abs(np.array([values["time_low"].values, values["time_high"].values]) - middle)[:, good]
+            ax.errorbar(
+                error[good],
+                middle[good],
+                spread,
+                fmt=MARKERS[method],
+                ms=4,
+                color=color,
+                label=TITLES.get(method, method),
+            )
+            ax.plot(*front(error[good], middle[good]), color=color, lw=1)
+        ax.axvspan(1e-15, SURE * float(here["state_error_doubt"]), color="#999999", alpha=0.2, lw=0)
+        ax.set(xscale="log", yscale="log", title=scene, xlim=(100, 1e-14))
+        ax.grid(alpha=0.3)
+    panels[0].legend(fontsize=8)
+    for ax in panels[-(-points.sizes["scene"] // 2) :]:
+        ax.set_xlabel("error of the states, in their scales")
+    for ax in panels[:: -(-points.sizes["scene"] // 2)]:
+        ax.set_ylabel("processor time per forcing period [s]")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=150)
+
+
+def benchmark(names, scenes, *, small, rounds):
+    """Measure the methods that are at hand; the engine is always one of them."""
+    begun = time.perf_counter()
+    found = available(dict.fromkeys(["engine", *names]))
+    settings = {name: METHODS[name].settings() for name in found}
+    if small:
+        settings = {name: values[: METHODS[name].few] for name, values in settings.items()}
+    periods, orbits = (1, ()) if small else (PERIODS, ORBITS)
+    full = {name: Parameters(**SCENES[name]).given() for name in scenes}
+    measured = measure(found, full, settings, periods, orbits, rounds)
+    return as_dataset(full, settings, *measured, periods, time.perf_counter() - begun)
+
+
+def main():
+    """Measure, keep, tell and draw."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--small", action="store_true", help="one period, few settings and scenes, no orbits")
+    parser.add_argument("--only", nargs="+", choices=METHODS, default=list(METHODS), help="methods beside the engine")
+    parser.add_argument("--scenes", nargs="+", choices=SCENES, help="scenes (default: all, or two with --small)")
+    parser.add_argument("--rounds", type=int, default=5, help="timings of each point")
+    parser.add_argument("--out", type=Path, default=Path("pareto.nc"), help="where the results go")
+    parser.add_argument(
+        "--figure", type=Path, help="where the figure goes (default: docs/figures/pareto.png if not small)"
+    )
+    given = parser.parse_args()
+    scenes = given.scenes or (["drift", "no friction"] if given.small else list(SCENES))
+    points = benchmark(given.only, scenes, small=given.small, rounds=given.rounds)
+    points.to_netcdf(given.out)
+    tell(points)
+    figure = given.figure or (
+        given.out.with_suffix(".png") if given.small else ROOT / "docs" / "figures" / "pareto.png"
+    )
+    draw(points, figure)
+    print(f"\n{given.out}, {figure}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,147 @@
+"""The benchmark of run time against error at tiny size, and that its peers run the same model."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+ROOT = Path(__file__).resolve().parents[1]
+for folder in ("benchmarks", "tests", "tests/kernel"):
+    if str(ROOT / folder) not in sys.path:
+        sys.path.append(str(ROOT / folder))
+
+import pareto  # noqa: E402
+from peers.own import Engine, Oracle  # noqa: E402
+from scenes import difference  # noqa: E402
+
+from dimersweep.parameters import Parameters  # noqa: E402
+
+DRIFT = Parameters().given()
+T = 1.0 / DRIFT["f"]
+
+
+def all_scenes():
+    return {name: Parameters(**given).given() for name, given in pareto.SCENES.items()}
+
+
+def test_the_benchmark_measures_keeps_and_draws(tmp_path, capsys):
+    points = pareto.benchmark(["oracle"], ["no friction"], small=True, rounds=2)
+    points.to_netcdf(tmp_path / "pareto.nc")
+    pareto.draw(points, tmp_path / "pareto.png")
+    pareto.tell(points)
+    told = capsys.readouterr().out
+    assert "least advantage over oracle" in told
+    assert (tmp_path / "pareto.png").stat().st_size > 10_000
+    with xr.open_dataset(tmp_path / "pareto.nc") as kept:
+        assert set(kept["program"].values) == {"engine", "oracle"}
+        engine = kept.sel(scene="no friction", program="engine").isel(setting=slice(0, 2))
+        assert (engine["time"] > 0).all()
+        assert (engine["time_low"] <= engine["time"]).all()
+        assert (engine["state_error"] < 1e-3).all()
+        assert (kept["state_error_doubt"] < 1e-9).all()
+
+
+def test_a_program_that_is_not_installed_is_named(monkeypatch, capsys):
+    monkeypatch.setitem(pareto.METHODS, "heyoka", pareto.METHODS["heyoka"]._replace(module="no_such", needs="no_such"))
+    assert set(pareto.available(["engine", "heyoka"])) == {"engine"}
+    assert "no_such is not installed" in capsys.readouterr().out
+
+
+def test_time_at_an_error_lies_on_the_front():
+    error, seconds = np.array([1e-2, 1e-4, 1e-3, np.nan]), np.array([1.0, 4.0, 9.0, 0.1])
+    assert pareto.time_at(1e-3, error, seconds) == pytest.approx(2.0)  # half way, and the third point is beaten
+    assert pareto.time_at(1.0, error, seconds) == 1.0
+    assert np.isnan(pareto.time_at(1e-5, error, seconds))
+
+
+def test_the_orbit_follows_from_two_states():
+    R, omega, angle, h = 3.0, -0.2, 1.6, 0.025
+    t = np.array([0.0, T])
+    states = np.zeros((2, 12))
+    heading = omega * t + 0.3
+    states[:, 3] = heading
+    # the centre moves on a circle, `angle` from the axis towards the lateral, which lies at heading - pi/2 from it
+    direction = heading + np.pi / 2 - angle
+    centre = R * np.column_stack([np.sin(direction), -np.cos(direction)]) * np.sign(omega)
+    states[:, :2] = centre - h * np.column_stack([-np.sin(heading), np.cos(heading)])
+    assert pareto.orbit_of(states, T, h) == pytest.approx([R, 2 * np.pi / abs(omega), angle], rel=1e-12)
+
+
+def test_engine_and_oracle_agree_through_the_benchmark():
+    times = T * np.array([0.5, 1.0])
+    scene = Parameters(mu=0.05, mu_s=0.1).given()
+    (fine, doubles), (slow, late) = Engine(scene, 1e-10).follow(times), Oracle(scene, 1e-7).follow(times)
+    assert difference(fine, slow) < 1e-5
+    np.testing.assert_allclose(doubles, late, atol=1e-6 * T)
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("name", list(pareto.SCENES))
+def test_heyoka_agrees_with_the_engine_at_tight_tolerance(name):
+    pytest.importorskip("heyoka")
+    from peers.taylor import Heyoka
+
+    scene = all_scenes()[name]
+    times = np.arange(1, 9) / (2 * scene["f"])
+    (fine, doubles), (other, late) = Engine(scene, 1e-13).follow(times), Heyoka(scene, 1e-15).follow(times)
+    assert difference(fine, other) < 3e-9
+    bursts = [pareto.first_of_bursts(moments, 1 / scene["f"]) for moments in (doubles, late)]
+    np.testing.assert_allclose(*bursts, atol=1e-10)
+
+
+@pytest.mark.jit
+def test_the_equations_on_heyoka_are_those_of_the_kernel():
+    hy = pytest.importorskip("heyoka")
+    from peers import taylor
+    from verbs import contact_rates, dimer
+
+    dm = dimer(**DRIFT)
+    y = np.array([0.3, 2.0, -1.5, 40.0, 0.02, -0.3, 0.7, 0.01, 0.1, 0.2, 0.3])
+    flat = y.copy()
+    flat[:2] = 0.0
+    pars = [0.4, 1.0, 1e-9, 1.0, dm.h, dm.r, dm.m * dm.it, dm.m * dm.ia, dm.mu, dm.mu_s, dm.g]
+    pars += [dm.A_z * dm.omega**2, dm.omega]
+    for modes in ([1, 0], [0, 1], [2, 0], [0, 2], [1, 2], [2, 1], [1, 1], [2, 2]):
+        state = np.where(np.array(modes).all(), flat, y)
+        if 1 in modes:
+            state[4] = 0.0
+        if modes[0] == 1 or modes == [0, 1]:
+            state[5] = 0.0
+        if modes == [1, 1]:
+            state[2] = 0.0
+        if modes == [1, 2]:
+            pars[1] = np.sign(state[5] - 2 * dm.h * state[2])
+        if modes == [2, 1]:
+            state[2] = state[5] / (2 * dm.h)
+            pars[1] = np.sign(state[5])
+        dy, F = np.zeros(11), np.zeros(6)
+        contact_rates(dm, np.array(modes, float), 0.4 + dm.omega * state[7], state, dy, F)
+        phase = taylor.equations(*modes)
+        functions = [*(rate for _, rate in phase.rates), hy.par[len(pars) - 1]]  # the last parameter: all are expected
+        rates = hy.cfunc(functions, [name for name, _ in phase.rates])
+        scaled = np.where(np.isin(np.arange(11), [3, 10]), dm.r * state, state)
+        found = rates(scaled, pars=pars)[:-1]
+        found /= found[7] * np.where(np.isin(np.arange(11), [3, 10]), dm.r, 1.0)  # per time, in SI
+        np.testing.assert_allclose(found, dy, rtol=1e-12, atol=1e-12, err_msg=str(modes))
+
+
+def test_the_springs_tend_to_the_engine():
+    from peers.springs import Spring, Springs
+
+    times = [0.02]
+    truth, _ = Engine(DRIFT, 1e-10).follow(times)
+    soft, stiff = (difference(Springs(DRIFT, Spring(k, 20)).follow(times)[0], truth) for k in (1e7, 1e10))
+    assert stiff < 0.3 * soft
+
+
+def test_mujoco_starts_as_the_engine_does_and_falls_alike():
+    pytest.importorskip("mujoco")
+    from peers.soft import MuJoCo
+
+    scene = Parameters(Gamma=0.0, mu=0.0, mu_s=0.0, beta0=0.2).given()
+    times = [0.02]
+    truth, _ = Engine(scene, 1e-10).follow(times)
+    found, _ = MuJoCo(scene, 1e-5).follow(times)
+    assert difference(found, truth) < 0.05
