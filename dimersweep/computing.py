@@ -1,21 +1,23 @@
-"""The points that a store lacks, run and put there: workers, progress, and the ways a sweep can end early."""
+"""The points that a store lacks, run and put there: workers, progress, and the ways that this can end early."""
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from dask.system import CPU_COUNT
 
 from dimersweep.errors import PointError, Stopped
 from dimersweep.kernel.layout import CODES, STATUS_MESSAGES, STATUSES
 from dimersweep.memorystore import MemoryStore
-from dimersweep.progress import tell_of_compiling, watch
+from dimersweep.parameters import check_count
+from dimersweep.progress import Silent, tell_of_compiling, watch
 from dimersweep.reuse import not_ok
 from dimersweep.scheduling import Pool, cluster, connected, run_tiles, threads, warm_up
 from dimersweep.signals import StopFlag, stop_on_signals
-from dimersweep.tiles import Finished, Pace, Spec, bundles
+from dimersweep.tiles import Finished, Pace, Tile, Work, bundles
 from dimersweep.tilestore import TileStore
 
 _MODE, _STATUS = CODES.index("mode"), CODES.index("status")
@@ -25,7 +27,7 @@ Store = MemoryStore | TileStore
 
 @dataclass(frozen=True)
 class How:
-    """What decides how a sweep is run, but none of its numbers.
+    """What decides how points are run, but none of their numbers; get one from `make_how`.
 
     Parameters
     ----------
@@ -43,60 +45,107 @@ class How:
     fail_fast: bool = False
 
 
-@contextmanager
-def _pool(spec: Spec, how: How, client: Any, stop: StopFlag) -> Iterator[Pool]:
-    with threads(spec, how.workers, stop) if client is None else cluster(spec, client) as pool:
-        yield pool
-
-
-def compute(spec: Spec, store: Store, how: How) -> None:
-    """Run the points of `spec` that `store` lacks and put them there.
+def make_how(workers: int | None, client: Any = None, *, progress: bool = True, fail_fast: bool = False) -> How:
+    """How, from what a user gives: as many threads as there are cores if `workers` is None.
 
     Raises
     ------
-    PointError, Stopped, StoreError
-        See `sweep`; what was finished before is in the store.
+    ParameterError
+        If `workers` is not allowed.
     """
-    ranges = store.gaps()
-    if not ranges:
-        return
-    with ExitStack() as stack:
-        client = None if how.client is None else stack.enter_context(connected(how.client))
+    return How(CPU_COUNT if workers is None else check_count("workers", workers), client, progress, fail_fast)
+
+
+class Crew:
+    """Those who run what a store lacks; they are hired with the first point that is missing.
+
+    Parameters
+    ----------
+    store : Store
+        Where results are put; as many of its points as ``expect`` says are wanted.
+    how : How
+    hired : ExitStack
+        Lets them go.
+    """
+
+    def __init__(self, store: Store, how: How, hired: ExitStack) -> None:
+        self.store, self.how, self.wanted = store, how, 0
+        self._hired = hired
+        self._pool: Pool | None = None
+        self._stop: StopFlag
+        self._shown: Silent
+
+    def expect(self, wanted: int) -> None:
+        """Have the progress and the store know how many points are to be run in all."""
+        self.wanted = wanted
+        self.store.expect(wanted)
+        if self._pool is not None:
+            self._shown.expect(wanted)
+
+    def _hire(self) -> Pool:
+        how, hired = self.how, self._hired
+        client = None if how.client is None else hired.enter_context(connected(how.client))
         if how.progress:
             tell_of_compiling()
-        stop = stack.enter_context(stop_on_signals())
-        warm_up(spec, stop)  # before the clock of the progress starts, and before workers would all do it
-        pool = stack.enter_context(_pool(spec, how, client, stop))
-        shown = stack.enter_context(watch(spec.grid.size, show=how.progress, before=store.modes()))
+        self._stop = hired.enter_context(stop_on_signals())
+        warm_up(self._stop)  # before the clock of the progress starts, and before workers would all do it
+        pool = hired.enter_context(threads(how.workers, self._stop) if client is None else cluster(client))
+        self._shown = hired.enter_context(watch(self.wanted, show=how.progress, before=self.store.modes()))
         if how.progress and not pool.workers():
             print("waiting for the first worker of the cluster", file=sys.stderr, flush=True)
-        pace = Pace(sum(stop - start for start, stop in ranges), max(1, pool.workers()))
+        return pool
+
+    def run(
+        self, work: Work, missing: Sequence[Tile], also: Callable[[Finished], None] = lambda finished: None
+    ) -> None:
+        """Do `work` at the points of `missing`, and hand each tile that is finished to the store, and to `also`.
+
+        Raises
+        ------
+        PointError, Stopped, StoreError
+            See `sweep`; what was finished before is in the store.
+        """
+        if not missing:
+            return
+        if self._pool is None:
+            self._pool = self._hire()
+        left = sum(stop - start for start, stop in missing)
+        pace = Pace(left, max(1, self._pool.workers()))
         failures: list[tuple[int, str]] = []
 
         def take(finished: list[Finished]) -> None:
+            nonlocal left
             pace.note(finished)
             for tile in finished:
-                store.add(tile)
-            codes = np.concatenate([tile.codes for tile in finished])
-            shown.add(codes[:, _MODE])
-            if how.fail_fast and not_ok(codes).any():
-                failures.append(_failure(spec, next(tile for tile in finished if not_ok(tile.codes).any())))
-                stop.set()
+                self.store.add(tile)
+                also(tile)
+                left -= len(tile.results)
+                if self.how.fail_fast and not_ok(tile.codes).any():
+                    failures.append(_failure(work, tile))
+                    self._stop.set()
+            self._shown.add(np.concatenate([tile.codes[:, _MODE] for tile in finished]))
 
         try:
-            run_tiles(pool, bundles(ranges, pace), take, stop)
+            run_tiles(self._pool, work, bundles(missing, pace), take, self._stop)
         finally:
-            store.flush()
-    if failures:
-        raise PointError(f"{min(failures)[1]}; {store.kept}")
-    if stop.is_set() and store.gaps():
-        raise Stopped(store.kept, stop.signal)
+            self.store.flush()
+        if failures:
+            raise PointError(f"{min(failures)[1]}; {self.store.kept}")
+        if left:
+            raise Stopped(self.store.kept, self._stop.signal)
 
 
-def _failure(spec: Spec, finished: Finished) -> tuple[int, str]:
+@contextmanager
+def crew(store: Store, how: How) -> Iterator[Crew]:
+    """A crew for `store`, which goes home at the end of the context."""
+    with ExitStack() as hired:
+        yield Crew(store, how, hired)
+
+
+def _failure(work: Work, finished: Finished) -> tuple[int, str]:
     """The number of the first point of a tile that failed, and why it did."""
     row = int(not_ok(finished.codes).argmax())
     status = finished.codes[row, _STATUS]
     reason = finished.error.partition(": ")[2] or f"{STATUSES[status]}: {STATUS_MESSAGES[status]}"
     number = finished.tile.start + row
-    return number, f"{spec.grid.point(number)} failed: {reason}"
+    return number, f"{work.grid.point(number)} failed: {reason}"

@@ -1,41 +1,42 @@
-"""A declared search or refined map made into its cube, the paths of its runs included."""
+"""What a file declares, made into its cube."""
 
-import json
 from pathlib import Path
 from typing import Any
 
 import xarray as xr
-from dask.system import CPU_COUNT
 
+from dimersweep.computing import make_how
 from dimersweep.declaration import Declaration
-from dimersweep.paths import add_paths
-from dimersweep.provenance import configured
-from dimersweep.refining import refine
-from dimersweep.searching import search
-from dimersweep.store import check_writable, write_cube
+from dimersweep.making import Output
+from dimersweep.making import make as make_cube
 
 
 def make(
     declared: Declaration,
     out: Path,
     *,
-    periods: int,
-    rtol: float,
+    periods: int | None = None,
+    rtol: float | None = None,
+    extend: Path | None = None,
+    retry: bool = False,
     workers: int | None = None,
-    force: bool = False,
+    client: Any = None,
     progress: bool = True,
+    fail_fast: bool = False,
+    force: bool = False,
+    keep_tiles: bool = False,
 ) -> xr.Dataset:
-    """Make the cube of a declaration that has a ``[search]``, and write it.
+    """Make the cube of a declaration, and write it.
 
     Parameters
     ----------
     declared : Declaration
     out : path-like
-        NetCDF file.
-    periods, rtol : int, float
+        Cube to be.
+    periods, rtol : int, float, optional
         In place of the declared ones.
-    workers, force, progress
-        As in `sweep`.
+    extend, retry, workers, client, progress, fail_fast, force, keep_tiles
+        As in `sweep`; a search takes neither of the first two.
 
     Returns
     -------
@@ -43,22 +44,9 @@ def make(
 
     Raises
     ------
-    ParameterError, StoreError
-        As by `search` and `refine`.
+    ParameterError, StoreError, PointError, Stopped
+        As by `sweep`.
     """
-    assert declared.search is not None
-    check_writable(out, force=force)
-    asked = declared.search.model_dump()
-    attrs = {"title": declared.sweep.title, "plot": declared.plot.kind}
-    how: dict[str, Any] = {"periods": periods, "rtol": rtol, "workers": workers, "progress": progress, "attrs": attrs}
-    if declared.refine is not None:
-        asked.pop("orbit_periods")
-        cube = refine(declared.grid, declared.fixed, **declared.refine.model_dump(), **asked, **how)
-    else:
-        cube = search(declared.grid, declared.fixed, **asked, **how)
-    if declared.paths is not None:
-        kept = declared.paths.model_dump()
-        cube = add_paths(cube, **kept, rtol=rtol, workers=workers or CPU_COUNT)
-        cube.attrs |= configured(json.loads(cube.attrs["configuration"]) | {"paths": kept})
-    write_cube(cube, out, force=force)
-    return cube
+    job = declared.job(periods=periods, rtol=rtol, extend=extend, retry=retry)
+    how = make_how(workers, client, progress=progress, fail_fast=fail_fast)
+    return make_cube(job, how, Output(out, force=force, keep_tiles=keep_tiles, attrs=declared.attrs))

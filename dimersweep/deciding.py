@@ -1,8 +1,8 @@
 """What a search does at one point: try values of an axis in a fixed order until the answer to its question is certain."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -10,12 +10,17 @@ from dimersweep.cube import blank
 from dimersweep.grid import Grid
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import run_many
-from dimersweep.kernel.layout import CODES, M_FAILED, M_NOT_RUN, M_UNRESOLVED, MODES, N_CODES, N_OUT, OK
+from dimersweep.kernel.layout import CODES, M_DRIFT, M_FAILED, M_NOT_RUN, M_UNRESOLVED, MODES, OK
 from dimersweep.parameters import fill_rows
+from dimersweep.paths import PathLength, path_of
+from dimersweep.tiles import RESULT, SLOW_MODES, Bundle, around
 
 ASKS = ("any", "all", "first", "fraction")
 A_NOT_RUN, A_NO, A_YES, A_UNSURE = range(4)
 OPEN = (M_NOT_RUN, M_FAILED, M_UNRESOLVED)  # verdicts that leave an answer open
+CHUNK_RUNS = 16  # in one call of the kernel: it can be stopped only between calls
+# the answer, the index of the value that decided it, counted from 1 (0: none did), and the number of runs in each mode
+FOUND: list[tuple[Any, ...]] = [("answer", "<i8"), ("decider", "<i8"), ("counts", "<i8", (len(MODES),))]
 _MODE, _STATUS = CODES.index("mode"), CODES.index("status")
 
 
@@ -58,7 +63,7 @@ class Question:
 
 
 @dataclass(frozen=True)
-class Spec:
+class SearchSpec:
     """All that decides the numbers of a search.
 
     Parameters
@@ -73,6 +78,8 @@ class Spec:
         Accuracy [1].
     orbit_periods : int
         If not 0, the deciding run is made once more for that many forcing periods, and its orbit recorded at their end.
+    paths : PathLength, optional
+        How much of the path of each deciding run that drifts is kept.
     """
 
     grid: Grid
@@ -80,11 +87,17 @@ class Spec:
     periods: int
     rtol: float
     orbit_periods: int = 0
+    paths: PathLength | None = None
+
+    @property
+    def kind(self) -> np.dtype:
+        """Of the result of one point: that of the deciding run, and how it was found."""
+        return np.dtype(RESULT.descr + FOUND + (self.paths.fields if self.paths else []))
 
     def configuration(self) -> dict[str, Any]:
         """The same as plain numbers, lists and strings, with the version of the kernel that gives the results."""
         question = self.question
-        return {
+        told = {
             "grid": {name: values.tolist() for name, values in self.grid.axes.items()},
             "fixed": self.grid.fixed,
             "search": {
@@ -98,25 +111,45 @@ class Spec:
             "rtol": self.rtol,
             "kernel_version": kernel_version(),
         }
+        return told | ({"paths": vars(self.paths)} if self.paths else {})
 
 
-class Task(NamedTuple):
-    """Points of the grid, by their numbers, each with the indices on the searched axis to try first."""
+@dataclass(frozen=True)
+class Wave:
+    """A search at points that need not know of each other; see `Work`.
 
-    points: list[int]
-    hints: list[list[int]]
+    Parameters
+    ----------
+    spec : SearchSpec
+    hints : mapping of int to sequence of int
+        Of each point, by its number: the indices on the searched axis to try first.
+    """
 
+    spec: SearchSpec
+    hints: Mapping[int, Sequence[int]]
 
-class Decided(NamedTuple):
-    """What a search found at some points, shape (n, ...) each, or the error that kept it from anything."""
+    @property
+    def grid(self) -> Grid:
+        """The points."""
+        return self.spec.grid
 
-    points: list[int]
-    answer: np.ndarray
-    chosen: np.ndarray
-    counts: np.ndarray
-    out: np.ndarray
-    codes: np.ndarray
-    error: str
+    @property
+    def kind(self) -> np.dtype:
+        """See `SearchSpec`."""
+        return self.spec.kind
+
+    def advance(self, points: np.ndarray, results: np.ndarray, stopped: Callable[[], bool]) -> int:
+        """See `Work`."""
+        for k, point in enumerate(points.tolist()):
+            if not decide(self.spec, point, self.hints[point], results[k : k + 1], stopped):
+                return k
+        return points.size
+
+    def narrowed(self, tiles: Bundle) -> tuple["Wave", Bundle, int]:
+        """See `Work`."""
+        grid, moved, shift = around(self.grid, tiles)
+        hints = {point: self.hints[point + shift] for tile in moved for point in range(*tile)}
+        return Wave(replace(self.spec, grid=grid), hints), moved, shift
 
 
 def spread_order(n: int) -> np.ndarray:
@@ -126,7 +159,7 @@ def spread_order(n: int) -> np.ndarray:
     return np.array([k for k in turned if k < n])
 
 
-def _verdict(question: Question, modes: np.ndarray, order: np.ndarray) -> tuple[int, int]:
+def _verdict(question: Question, modes: np.ndarray) -> tuple[int, int]:
     """Answer, and which of the runs made decides it (-1: none alone)."""
     last = modes[-1]
     unclear = np.isin(modes, OPEN).any()
@@ -142,37 +175,60 @@ def _verdict(question: Question, modes: np.ndarray, order: np.ndarray) -> tuple[
     return (A_UNSURE if unclear else A_NO), -1
 
 
-def _decide(spec: Spec, point: int, hints: list[int]) -> tuple[int, int, np.ndarray, np.ndarray, np.ndarray]:
-    """Answer at one point, index that decides it, tally of the runs' modes, and results of the deciding run."""
+def _tried(spec: SearchSpec, rows: np.ndarray, out: np.ndarray, codes: np.ndarray, stopped: Callable[[], bool]) -> int:
+    """Make the runs of `rows`, in short calls, until the answer is certain; their number, 0 if it was `stopped`."""
+    made, ends = 0, spec.question.until()
+    while made < len(rows):
+        part = slice(made, made + CHUNK_RUNS)
+        made += run_many(rows[part], spec.periods, spec.rtol, True, out[part], codes[part], until=ends | SLOW_MODES)
+        if ends >> int(codes[made - 1, _MODE]) & 1:
+            break
+        if stopped():
+            return 0
+    return made
+
+
+def decide(spec: SearchSpec, point: int, hints: Sequence[int], result: np.ndarray, stopped: Callable[[], bool]) -> bool:
+    """Search at one point.
+
+    Parameters
+    ----------
+    spec : SearchSpec
+    point : int
+        Its number.
+    hints : sequence of int
+        Indices on the searched axis to try first.
+    result : ndarray, shape (1,)
+        Filled.
+    stopped : callable
+        If it says True, the search may end there.
+
+    Returns
+    -------
+    bool
+        Whether it came to its end.
+    """
     question = spec.question
     order = question.order(hints)
-    columns = spec.grid.fixed | spec.grid.values(point) | {question.axis: question.values[order]}
-    rows = fill_rows(columns, order.size)
+    here = spec.grid.fixed | {name: float(value) for name, value in spec.grid.values(point).items()}
+    rows = fill_rows(here | {question.axis: question.values[order]}, order.size)
     out, codes = blank(order.size)
-    made = run_many(rows, spec.periods, spec.rtol, True, out, codes, question.until())
+    made = _tried(spec, rows, out, codes, stopped)
+    if not made:
+        return False
     modes = codes[:made, _MODE]
     counts = np.bincount(modes, minlength=len(MODES))
-    answer, which = _verdict(question, modes, order)
-    if which >= 0:
-        if spec.orbit_periods:
-            run_many(rows[which : which + 1], spec.orbit_periods, spec.rtol, False, out[which:], codes[which:])
-        return answer, int(order[which]), counts, out[which], codes[which]
-    # no run alone decides: the most frequent mode, and no orbit
-    nothing, code = np.full(N_OUT, np.nan), np.zeros(N_CODES, dtype=np.int64)
-    code[_MODE], code[_STATUS] = counts.argmax(), OK
-    return answer, -1, counts, nothing, code
-
-
-def decide(spec: Spec, task: Task) -> Decided:
-    """Search at each point of `task`; an exception marks its points as failed and goes no further."""
-    n = len(task.points)
-    try:
-        found = [_decide(spec, point, hints) for point, hints in zip(task.points, task.hints, strict=True)]
-        answer, chosen, counts, out, codes = (np.array(part) for part in zip(*found, strict=True))
-        return Decided(task.points, answer, chosen, counts, out, codes, "")
-    except Exception as error:  # whatever it is, it must not cost the other points
-        out, codes = blank(n)
-        codes[:, _MODE] = M_FAILED
-        counts = np.zeros((n, len(MODES)), dtype=np.int32)
-        told = f"{type(error).__name__}: {error}"
-        return Decided(task.points, np.full(n, A_UNSURE), np.full(n, -1), counts, out, codes, told)
+    answer, which = _verdict(question, modes)
+    result["answer"], result["counts"] = answer, counts
+    if which < 0:  # no run alone decides: the most frequent mode, and no orbit
+        result["codes"][0, [_MODE, _STATUS]] = counts.argmax(), OK
+        return True
+    if spec.orbit_periods:
+        run_many(rows[which : which + 1], spec.orbit_periods, spec.rtol, False, out[which:], codes[which:])
+    result["out"], result["codes"], result["decider"] = out[which], codes[which], order[which] + 1
+    if spec.paths and codes[which, _MODE] == M_DRIFT:
+        value = float(question.values[order[which]])
+        result["x"], result["y"], result["axial_velocity"] = path_of(
+            here | {question.axis: value}, spec.paths, spec.rtol
+        )
+    return True

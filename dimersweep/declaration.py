@@ -7,12 +7,13 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from dimersweep import searching, tiles
 from dimersweep.errors import ParameterError
-from dimersweep.grid import make_grid
+from dimersweep.making import Job
 from dimersweep.parameters import check_count, check_rtol
-from dimersweep.paths import check_length
-from dimersweep.refining import check_refinement
-from dimersweep.searching import make_spec
+from dimersweep.refining import RefineJob, check_refinement
+from dimersweep.searching import SearchJob
+from dimersweep.sweeping import SweepJob
 
 
 class _Section(BaseModel):
@@ -71,29 +72,50 @@ class Declaration(_Section):
     paths: PathsSection | None = None
     plot: PlotSection = Field(default_factory=PlotSection)
 
-    def judge(self) -> None:
-        """Refuse what the sections say together, as the work itself would.
+    def job(
+        self,
+        *,
+        periods: int | None = None,
+        rtol: float | None = None,
+        extend: Path | None = None,
+        retry: bool = False,
+    ) -> Job:
+        """What the sections say together, judged and ready to be made into a cube.
+
+        Parameters
+        ----------
+        periods, rtol : int, float, optional
+            In place of the declared ones.
+        extend, retry
+            As in `sweep`.
 
         Raises
         ------
         ParameterError
         """
-        check_count("sweep.periods", self.sweep.periods)
-        check_rtol(self.sweep.rtol)
+        given: dict[str, Any] = {
+            "periods": check_count("sweep.periods", self.sweep.periods) if periods is None else periods,
+            "rtol": check_rtol(self.sweep.rtol) if rtol is None else rtol,
+        }
         if self.search is None:
             if self.refine or self.paths:
                 raise ParameterError("search: is missing; refine and paths go with a search")
-            make_grid(self.grid, self.fixed)
-            return
+            spec = tiles.make_spec(self.grid, self.fixed, stop_when_settled=self.sweep.stop_when_settled, **given)
+            return SweepJob(spec, extend, retry)
+        if extend or retry:
+            raise ParameterError("extend, retry: are for sweeps of a whole grid; a search does not take them")
         if not self.sweep.stop_when_settled:
             raise ParameterError("sweep.stop_when_settled = false: a search stops each run that has settled")
-        spec = make_spec(
-            self.grid, self.fixed, periods=self.sweep.periods, rtol=self.sweep.rtol, **self.search.model_dump()
-        )
-        if self.refine:
-            check_refinement(spec, self.refine.halvings, self.refine.between)
-        if self.paths:
-            check_length(spec.grid.size, self.paths.periods, self.paths.per_period)
+        paths = None if self.paths is None else self.paths.model_dump()
+        question = searching.make_spec(self.grid, self.fixed, paths=paths, **self.search.model_dump(), **given)
+        if self.refine is None:
+            return SearchJob(question)
+        return RefineJob(question, *check_refinement(question, **self.refine.model_dump()))
+
+    @property
+    def attrs(self) -> dict[str, str]:
+        """Attributes of the cube."""
+        return {"title": self.sweep.title, "plot": self.plot.kind}
 
 
 _KNOWN: dict[str, type[BaseModel]] = {
@@ -141,7 +163,7 @@ def read_declaration(path: str | os.PathLike[str]) -> Declaration:
     path = Path(path)
     try:
         declaration = Declaration.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-        declaration.judge()
+        declaration.job()
     except OSError as error:
         raise ParameterError(f"{path}: cannot be read ({error.strerror})") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:

@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -14,7 +14,7 @@ from dimersweep.kernel.layout import CODES, OUT
 from dimersweep.provenance import as_text, digest
 from dimersweep.tiles import Tile
 
-FORMAT = 1
+FORMAT = 2
 
 
 @dataclass(frozen=True)
@@ -69,10 +69,13 @@ class Manifest:
     configuration : dict
         See ``Spec.configuration``; the coordinates of every point are here, and nowhere else.
     size : int
-        Number of points of the sweep.
+        Number of points of the grid.
     cpu : str
         Processor of the process that began it.
     entries : list of Entry
+        Files of results.
+    wanted : int
+        Points that are to be run: all of a sweep, but for a map that is refined, those known to be needed so far.
     damaged : int
         Lines that could not be read; the last one is cut where a sweep was killed while it wrote.
     length : int
@@ -83,6 +86,7 @@ class Manifest:
     size: int
     cpu: str
     entries: list[Entry]
+    wanted: int
     damaged: int = 0
     length: int = 0
 
@@ -90,6 +94,17 @@ class Manifest:
     def sha256(self) -> str:
         """Of the configuration."""
         return digest(as_text(self.configuration))
+
+    @property
+    def done(self) -> int:
+        """Number of points with results."""
+        return sum(entry.points for entry in self.entries)
+
+    @property
+    def words(self) -> str:
+        """How far it is, such as ``12 of 132 points``."""
+        more = " known to be needed so far" if "refine" in self.configuration else ""
+        return f"{self.done} of {self.wanted} points{more}"
 
 
 def _head(configuration: Mapping[str, Any], size: int, cpu: str) -> dict[str, Any]:
@@ -111,20 +126,41 @@ def as_line(record: Mapping[str, Any] | Entry) -> bytes:
     return json.dumps(told).encode() + b"\n"
 
 
-def lines(configuration: Mapping[str, Any], size: int, cpu: str, entries: Iterable[Entry]) -> bytes:
+def wanted_line(wanted: int) -> bytes:
+    """The line that tells how many points are to be run."""
+    return as_line({"wanted": wanted})
+
+
+def lines(manifest: Manifest) -> bytes:
     """A whole manifest."""
-    return as_line(_head(configuration, size, cpu)) + b"".join(map(as_line, entries))
+    head = as_line(_head(manifest.configuration, manifest.size, manifest.cpu))
+    wanted = wanted_line(manifest.wanted) if manifest.wanted != manifest.size else b""
+    return head + wanted + b"".join(map(as_line, manifest.entries))
 
 
-def _entry(line: bytes, manifest: Manifest) -> Entry | None:
+def _entry(told: dict[str, Any], manifest: Manifest) -> Entry | None:
     try:
-        told = json.loads(line)
         entry = Entry(**told | {"tiles": [Tile(*map(int, pair)) for pair in told["tiles"]]})
         sound = all(0 <= start < stop <= manifest.size for start, stop in entry.tiles)
         sound = sound and entry.configuration_sha256 == manifest.sha256 and os.path.basename(entry.file) == entry.file
     except (ValueError, TypeError, KeyError, AttributeError):
         return None
     return entry if sound else None
+
+
+def _take(line: bytes, manifest: Manifest) -> bool:
+    """Enter what a line after the first tells into `manifest`; whether it could be read."""
+    try:
+        told = json.loads(line)
+    except ValueError:
+        return False
+    match told:
+        case {"wanted": int(wanted)}:
+            manifest.wanted = wanted
+            return True
+    entry = _entry(told, manifest)
+    manifest.entries += [entry] if entry else []
+    return entry is not None
 
 
 def read_manifest(path: Path) -> Manifest:
@@ -141,7 +177,7 @@ def read_manifest(path: Path) -> Manifest:
     first, *rest = written.splitlines(keepends=True) or [b""]
     try:
         head = json.loads(first)
-        manifest = Manifest(head["configuration"], head["points"], head["cpu"], [], length=len(first))
+        manifest = Manifest(head["configuration"], head["points"], head["cpu"], [], head["points"], length=len(first))
         sound = head["configuration_sha256"] == manifest.sha256
         form = head["dimersweep_manifest"], tuple(head["layout"]["out"]), tuple(head["layout"]["codes"])
     except (ValueError, TypeError, KeyError):
@@ -151,10 +187,7 @@ def read_manifest(path: Path) -> Manifest:
     if form != (FORMAT, OUT, CODES):
         raise StoreError(f"{path}: has the format of another version of dimersweep; sweep anew (--force)")
     for line in rest:
-        entry = _entry(line, manifest) if line.endswith(b"\n") else None
-        if entry is None:
+        if not (line.endswith(b"\n") and _take(line, manifest)):
             manifest.damaged += 1
-        else:
-            manifest.entries.append(entry)
         manifest.length += len(line) if line.endswith(b"\n") else 0
     return manifest

@@ -4,9 +4,8 @@ from time import perf_counter
 
 import numpy as np
 
-from dimersweep.cube import blank
 from dimersweep.tilefiles import tally
-from dimersweep.tiles import Finished, Tile, gaps
+from dimersweep.tiles import RESULT, Finished, Tile, blank_results, gaps
 
 
 class MemoryStore:
@@ -16,10 +15,14 @@ class MemoryStore:
     ----------
     size : int
         Number of points.
+    kind : dtype
+        Of the result of one of them.
     """
 
-    def __init__(self, size: int) -> None:
-        self.out, self.codes = blank(size)
+    out = None  # no file
+
+    def __init__(self, size: int, kind: np.dtype = RESULT) -> None:
+        self.results = blank_results(size, kind)
         self.seconds = 0.0
         self.started = perf_counter()
         self.errors: list[str] = []
@@ -27,8 +30,7 @@ class MemoryStore:
 
     def add(self, finished: Finished) -> None:
         """Keep a finished tile."""
-        where = slice(*finished.tile)
-        self.out[where], self.codes[where] = finished.out, finished.codes
+        self.results[slice(*finished.tile)] = finished.results
         self.seconds += finished.seconds
         self.errors += [finished.error] if finished.error else []
         self._done.append(finished.tile)
@@ -45,17 +47,20 @@ class MemoryStore:
 
     def modes(self) -> dict[str, int]:
         """Tally of the points that are done."""
-        counts = tally(self.codes)
+        counts = tally(self.results["codes"])
         counts.pop("not_run", None)
         return counts
+
+    def expect(self, total: int) -> None:
+        """Nobody asks how many points are wanted."""
 
     def flush(self) -> None:
         """Nothing waits."""
 
     def gaps(self) -> list[Tile]:
         """The ranges that are not yet done."""
-        return list(gaps(len(self.out), self._done))
+        return list(gaps(len(self.results), self._done))
 
-    def read(self, start: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
-        """Results of the points `start` to `stop` - 1."""
-        return self.out[start:stop], self.codes[start:stop]
+    def read(self, start: int, stop: int) -> np.ndarray:
+        """Results of the points `start` to `stop` - 1, shape (stop - start,)."""
+        return self.results[start:stop]

@@ -60,6 +60,10 @@ class Silent:
         """Take note of finished points by their mode codes, shape (n,), integers."""
         self.tally.add(modes)
 
+    def expect(self, total: int) -> None:
+        """Take note that so many points are to be run in all: of a map that is refined, that shows as it goes."""
+        self.tally.total = total
+
 
 class Lines(Silent):
     """Plain lines on stderr, for logs."""
@@ -94,6 +98,11 @@ class Bar(Silent):
         """Take note and move the bar."""
         super().add(modes)
         self.display.update(self.task, completed=self.tally.done, description=self.tally.words())
+
+    def expect(self, total: int) -> None:
+        """Take note and lengthen the bar."""
+        super().expect(total)
+        self.display.update(self.task, total=total)
 
 
 def tell_of_compiling() -> None:

@@ -2,22 +2,21 @@
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from itertools import product
-from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from dask.system import CPU_COUNT
 
+from dimersweep.computing import Crew, Store, make_how
 from dimersweep.cube import label_variable
-from dimersweep.deciding import Spec
+from dimersweep.deciding import SearchSpec
 from dimersweep.errors import ParameterError
 from dimersweep.grid import Grid
+from dimersweep.making import Output, make
 from dimersweep.parameters import as_number, check, check_count
-from dimersweep.progress import tell_of_compiling, watch
-from dimersweep.searching import MIXED, REGIONS, Findings, as_cube, hints_from, make_spec, search_points
-from dimersweep.store import check_writable, write_cube
+from dimersweep.searching import MIXED, REGIONS, Findings, as_cube, make_spec
 
 MAX_HALVINGS = 12
 FILLED = ("answer", "region", "mode")  # what a point that was not computed takes from the cell around it
@@ -80,48 +79,88 @@ def _coarse_cells(shape: Sequence[int], parts: Sequence[int]) -> list[Cell]:
     return [Cell(origin, tuple(parts)) for origin in product(*starts)]
 
 
-class Map:
-    """The fine grid of a refinement, of which only the points that are needed are computed."""
+class RefineJob:
+    """The fine grid of a refinement, of which only the points that are needed are computed; see `Job`.
 
-    def __init__(self, spec: Spec, between: Iterable[int], workers: int) -> None:
-        self.spec, self.workers = spec, workers
-        self.findings = Findings(spec.grid.size)
-        self.computed = np.zeros(spec.grid.shape, dtype=bool)
+    Parameters
+    ----------
+    coarse : SearchSpec
+        The search on the grid to begin with.
+    halvings : dict of str to int
+        Of each axis.
+    between : list of int
+        Regions to be told apart, codes.
+    """
+
+    summary = "map refined at the borders of its regions, for a 3D dimer on a vibrating plate"
+    by_blocks = retry = False
+
+    def __init__(self, coarse: SearchSpec, halvings: dict[str, int], between: list[int]) -> None:
+        self.coarse, self.halvings, self.between = coarse, halvings, between
+        fine = {name: finer(values, halvings[name]) for name, values in coarse.grid.axes.items()}
+        self.spec = replace(coarse, grid=Grid(fine, coarse.grid.fixed))
+        self.cells: list[Cell] = []
         # regions that are not to be told apart count as one, MIXED
         self.lumped = np.full(MIXED + 1, MIXED)
-        self.lumped[list(between)] = list(between)
+        self.lumped[between] = between
 
-    def labels(self) -> np.ndarray:
-        """Region of each point as far as it matters, -1 where nothing was computed."""
-        regions = self.lumped[self.findings.regions(self.spec.question)].reshape(self.computed.shape)
-        return np.where(self.computed, regions, -1)
+    def configuration(self) -> dict[str, Any]:
+        """All that decides its numbers."""
+        told_apart = [REGIONS[code] for code in self.between]
+        halvings = {name: n for name, n in self.halvings.items() if n}
+        return self.coarse.configuration() | {"refine": {"halvings": halvings, "between": told_apart}}
 
-    def compute(self, cells: Sequence[Cell], parents: Sequence[Cell], progress: bool) -> None:
-        """Search at the corners of `cells` that are still missing, with hints from the corners of their `parents`."""
-        shape = self.spec.grid.shape
-        near: dict[int, list[int]] = {}
-        for cell, parent in zip(cells, parents, strict=True):
-            around = [int(np.ravel_multi_index(place, shape)) for place in parent.corners()]
-            for place in cell.corners():
-                if not self.computed[place]:
-                    near.setdefault(int(np.ravel_multi_index(place, shape)), []).extend(around)
-        points = np.sort(np.fromiter(near, dtype=np.int64))
-        hints = hints_from(self.findings, [sorted(set(near[point])) for point in points.tolist()])
-        with watch(points.size, show=progress) as shown:
-            search_points(self.spec, points, hints, self.findings, self.workers, shown)
-        self.computed.ravel()[points] = True
+    @property
+    def grid(self) -> Grid:
+        """The fine grid."""
+        return self.spec.grid
 
-    def refine(self, cells: list[Cell], progress: bool) -> list[Cell]:
-        """Cut cells until no two known points on a face of one disagree; returns them all."""
-        self.compute(cells, cells, progress)
+    @property
+    def kind(self) -> np.dtype:
+        """Of the result of one point."""
+        return self.spec.kind
+
+    def fill(self, store: Store, crew: Crew) -> dict[str, str]:
+        """Cut cells until no two computed points on a face of one disagree, with searches where the store lacks them.
+
+        What the store has is used when its turn comes, so that a map that goes on is cut as an undisturbed one.
+        """
+        findings = Findings(self.spec.question, store.read(0, self.grid.size).copy())
+        cells = _coarse_cells(self.grid.shape, [1 << count for count in self.halvings.values()])
+        self._search(findings, cells, cells, crew)
         while True:
-            labels = self.labels()
+            labels = np.where(findings.reached, self.lumped[findings.regions()], -1).reshape(self.grid.shape)
             cuts = {cell: axes for cell in cells if (axes := cell.torn(labels))}
             if not cuts:
-                return cells
+                break
             pairs = [(half, cell) for cell, axes in cuts.items() for half in cell.halves(axes)]
-            self.compute([half for half, _ in pairs], [cell for _, cell in pairs], progress)
+            self._search(findings, [half for half, _ in pairs], [cell for _, cell in pairs], crew)
             cells = [cell for cell in cells if cell not in cuts] + [half for half, _ in pairs]
+        self.cells = cells
+        return {}
+
+    def _search(self, findings: Findings, cells: Sequence[Cell], parents: Sequence[Cell], crew: Crew) -> None:
+        """Search at the corners of `cells` that are new, with hints from the corners of their `parents`."""
+        near: dict[int, set[int]] = {}
+        for cell, parent in zip(cells, parents, strict=True):
+            around = self._numbers(parent)
+            for point in self._numbers(cell):
+                if not findings.reached[point]:
+                    near.setdefault(point, set()).update(around)
+        points = np.sort(np.fromiter(near, dtype=np.int64))
+        needed = findings.known | findings.reached
+        needed[points] = True
+        crew.expect(int(needed.sum()))
+        findings.search(self.spec, points, [sorted(near[point]) for point in points.tolist()], crew)
+
+    def _numbers(self, cell: Cell) -> list[int]:
+        """Points at the corners of a cell."""
+        return [int(np.ravel_multi_index(place, self.grid.shape)) for place in cell.corners()]
+
+    def cube(self, results: np.ndarray, attributes: Mapping[str, Any]) -> xr.Dataset:
+        """The labelled cube, points that were not computed being as the cell around them."""
+        computed = Findings(self.spec.question, results).known.reshape(self.grid.shape)
+        return _fill(as_cube(self.spec, results, attributes), self.cells, computed)
 
 
 def _fill(cube: xr.Dataset, cells: Iterable[Cell], computed: np.ndarray) -> xr.Dataset:
@@ -136,7 +175,7 @@ def _fill(cube: xr.Dataset, cells: Iterable[Cell], computed: np.ndarray) -> xr.D
 
 
 def check_refinement(
-    spec: Spec, halvings: Mapping[str, int], between: Sequence[str] | None
+    spec: SearchSpec, halvings: Mapping[str, int], between: Sequence[str] | None
 ) -> tuple[dict[str, int], list[int]]:
     """Halvings of each axis of the coarse grid of `spec`, and the codes of the regions to be told apart.
 
@@ -147,6 +186,8 @@ def check_refinement(
     """
     axes = spec.grid.axes
     check(axes)  # a map has no gaps
+    if spec.paths or spec.orbit_periods:
+        raise ParameterError("refine: goes with neither paths nor search.orbit_periods")
     for name, count in halvings.items():
         if name not in axes:
             raise ParameterError(f"refine.{name}: is no axis of the map ({', '.join(axes)})")
@@ -180,6 +221,9 @@ def refine(
     progress: bool = True,
     force: bool = False,
     attrs: Mapping[str, str] | None = None,
+    client: Any = None,
+    fail_fast: bool = False,
+    keep_tiles: bool = False,
 ) -> xr.Dataset:
     """A map of regions on a fine grid, at the cost of their boundaries: a search at every point where it is needed.
 
@@ -189,7 +233,7 @@ def refine(
 
     Parameters
     ----------
-    grid, fixed, over, ask, mode, periods, rtol, out, workers, progress, force, attrs
+    grid, fixed, over, ask, mode, periods, rtol, out, workers, progress, force, attrs, client, fail_fast, keep_tiles
         As in `search`; the axes other than `over` are the coarse grid.
     halvings : mapping of str to int
         How often the intervals of each axis are halved at most.
@@ -206,28 +250,10 @@ def refine(
     ------
     ParameterError
         For a grid, a parameter or a setting that is not allowed, before any work.
-    StoreError
-        For an `out` that cannot be written, before any work.
+    StoreError, PointError, Stopped
+        As by `sweep`.
     """
-    coarse = make_spec(grid, fixed, over=over, ask=ask, mode=mode, periods=periods, rtol=rtol, orbit_periods=0)
-    counts, told_apart = check_refinement(coarse, halvings, between)
-    workers = CPU_COUNT if workers is None else check_count("workers", workers)
-    if out is not None:
-        check_writable(out, force=force)
-    if progress:
-        tell_of_compiling()
-    started = perf_counter()
-    fine = {name: finer(values, counts[name]) for name, values in coarse.grid.axes.items()}
-    spec = Spec(Grid(fine, coarse.grid.fixed), coarse.question, coarse.periods, coarse.rtol)
-    made = Map(spec, told_apart, workers)
-    cells = made.refine(_coarse_cells(spec.grid.shape, [1 << counts[name] for name in fine]), progress)
-    configuration = coarse.configuration() | {
-        "refine": {
-            "halvings": {name: n for name, n in counts.items() if n},
-            "between": [REGIONS[code] for code in told_apart],
-        }
-    }
-    cube = _fill(as_cube(spec, made.findings, configuration, perf_counter() - started, attrs), cells, made.computed)
-    if out is not None:
-        write_cube(cube, out, force=force)
-    return cube
+    coarse = make_spec(grid, fixed, over=over, ask=ask, mode=mode, periods=periods, rtol=rtol)
+    job = RefineJob(coarse, *check_refinement(coarse, halvings, between))
+    how = make_how(workers, client, progress=progress, fail_fast=fail_fast)
+    return make(job, how, Output(out, force=force, keep_tiles=keep_tiles, attrs=attrs))

@@ -11,7 +11,7 @@ from dimersweep.cube import flatten
 from dimersweep.errors import StoreError
 from dimersweep.kernel.layout import CODES, M_FAILED, M_NOT_RUN, OK
 from dimersweep.provenance import differences
-from dimersweep.tiles import Finished, Spec, Tile, runs, split_ranges
+from dimersweep.tiles import Finished, Spec, Tile, blank_results, runs, split_ranges
 
 BLOCK = 1 << 16  # points looked up at a time
 _MODE, _STATUS = CODES.index("mode"), CODES.index("status")
@@ -89,7 +89,8 @@ class Known:
                 self.places.append(numbers)
             else:
                 self.offset += int(numbers[0])
-        self.out, self.codes = flatten(cube)
+        self.results = blank_results(cube["mode"].size)
+        self.results["out"], self.results["codes"] = flatten(cube)
 
     def pieces(self, ranges: Iterable[Tile], unwanted: Callable[[np.ndarray], np.ndarray]) -> Iterator[Finished]:
         """The known points of `ranges`, without those that `unwanted` picks from their codes."""
@@ -98,7 +99,7 @@ class Known:
             columns = [numbers[k] for numbers, k in zip(self.places, parts, strict=True)]
             number = np.sum(columns, axis=0) + self.offset
             there = np.all([column >= 0 for column in columns], axis=0)
-            there[there] = ~unwanted(self.codes[number[there]])
+            there[there] = ~unwanted(self.results["codes"][number[there]])
             for start, stop in runs(there, tile.start):
                 part = number[start - tile.start : stop - tile.start]
-                yield Finished(Tile(start, stop), self.out[part], self.codes[part])
+                yield Finished(Tile(start, stop), self.results[part])

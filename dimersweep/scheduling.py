@@ -5,15 +5,17 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
-from dataclasses import replace
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from dimersweep.errors import ParameterError, UserError
 from dimersweep.kernel import kernel_version
 from dimersweep.signals import StopFlag
-from dimersweep.tiles import Bundle, Finished, Spec, Tile, attempt, lost, narrowed
+from dimersweep.symbols import BASE
+from dimersweep.tiles import Bundle, Finished, Tile, Work, attempt, lost, make_spec
 
-IN_FLIGHT = 2  # tiles for each worker: one runs and one waits, so that none idles and a million tiles do not pile up
+IN_FLIGHT = 2  # tasks for each worker: one runs and one waits, so that none idles and a million tiles do not pile up
 GRACE = 1.0  # seconds that running tiles have to come back when the sweep is stopped
 POLL = 0.1  # seconds between two looks at the flag
 CONNECT_SECONDS = 10.0  # to find a scheduler
@@ -23,17 +25,17 @@ LOST = "scheduler: the connection to the cluster is lost; what was finished is k
 
 
 class Pool(NamedTuple):
-    """Where tiles run: ``submit(bundle)`` gives a future of what `attempt` returns; ``workers()`` counts threads."""
+    """Where work is done: ``submit(work, tiles)`` gives a future of what `attempt` returns; ``workers()`` counts threads."""
 
-    submit: Callable[[Bundle], "Future[list[Finished]]"]
+    submit: Callable[[Work, Bundle], "Future[list[Finished]]"]
     workers: Callable[[], int]
 
 
-def warm_up(spec: Spec, stop: StopFlag) -> None:
+def warm_up(stop: StopFlag) -> None:
     """Have the kernel compiled, or loaded, in a thread: signals wait while the main thread is in the compiler."""
     executor = ThreadPoolExecutor(1)
     try:
-        future = executor.submit(attempt, replace(spec, periods=1), (Tile(0, 1),))
+        future = executor.submit(attempt, make_spec({"f": [BASE["f"]]}, periods=1), (Tile(0, 1),))
         while not stop.is_set() and not wait([future], timeout=POLL).done:
             pass
     finally:
@@ -41,17 +43,17 @@ def warm_up(spec: Spec, stop: StopFlag) -> None:
 
 
 @contextmanager
-def threads(spec: Spec, workers: int, stop: StopFlag) -> Iterator[Pool]:
+def threads(workers: int, stop: StopFlag) -> Iterator[Pool]:
     """A pool of threads in this process, the default: the kernel leaves Python's lock alone."""
     executor = ThreadPoolExecutor(workers, thread_name_prefix="dimersweep")
     try:
-        yield Pool(lambda tiles: executor.submit(attempt, spec, tiles, stop.is_set), lambda: workers)
+        yield Pool(lambda work, tiles: executor.submit(attempt, work, tiles, stop.is_set), lambda: workers)
     finally:
         stop.set()
         executor.shutdown(wait=False, cancel_futures=True)
 
 
-def run_elsewhere(spec: Spec, tiles: Bundle, shift: int, version: str) -> list[Finished]:
+def run_elsewhere(work: Work, tiles: Bundle, shift: int, version: str) -> list[Finished]:
     """Run tiles in a worker process, if that has the same kernel as the process that asks.
 
     Raises
@@ -61,7 +63,7 @@ def run_elsewhere(spec: Spec, tiles: Bundle, shift: int, version: str) -> list[F
     """
     if kernel_version() != version:
         raise ParameterError(_other_kernel("a worker", kernel_version(), version))
-    return attempt(spec, tiles, shift=shift)
+    return attempt(work, tiles, shift=shift)
 
 
 def _other_kernel(who: str, theirs: str, ours: str) -> str:
@@ -106,7 +108,7 @@ def _check_kernels(client: Any) -> None:
 
 
 @contextmanager
-def cluster(spec: Spec, client: Any) -> Iterator[Pool]:
+def cluster(client: Any) -> Iterator[Pool]:
     """The workers of a dask.distributed client."""
     executor: Executor = client.get_executor(pure=False)
     counted, count = -COUNT_SECONDS, 0
@@ -118,10 +120,10 @@ def cluster(spec: Spec, client: Any) -> Iterator[Pool]:
                 counted, count = time.monotonic(), sum(client.nthreads().values())
         return count
 
-    def submit(tiles: Bundle) -> "Future[list[Finished]]":
+    def submit(work: Work, tiles: Bundle) -> "Future[list[Finished]]":
         # the task carries its points along: data scattered beforehand could die with a worker
         with _connection():
-            return executor.submit(run_elsewhere, *narrowed(spec, tiles), kernel_version())
+            return executor.submit(run_elsewhere, *work.narrowed(tiles), kernel_version())
 
     try:
         yield Pool(submit, workers)
@@ -138,7 +140,7 @@ def _connection() -> Iterator[None]:
         raise UserError(f"{LOST} ({type(error).__name__}: {error})") from error
 
 
-def outcome(future: "Future[list[Finished]]", tiles: Bundle) -> list[Finished]:
+def outcome(future: "Future[list[Finished]]", kind: np.dtype, tiles: Bundle) -> list[Finished]:
     """What became of `tiles`: their results, or their points as failed if the worker died.
 
     Raises
@@ -153,19 +155,24 @@ def outcome(future: "Future[list[Finished]]", tiles: Bundle) -> list[Finished]:
     except UserError:
         raise
     except Exception as error:  # of the machinery: `attempt` catches those of the kernel
-        return [lost(tile, error) for tile in tiles]
+        return [lost(kind, tile, error) for tile in tiles]
 
 
 def rest_of(tiles: Bundle, finished: list[Finished]) -> Bundle:
     """What of `tiles` came back undone."""
     left = tiles[len(finished) :]
+    if not finished:
+        return left
     reached, stop = finished[-1].tile.stop, tiles[len(finished) - 1].stop
     return (Tile(reached, stop), *left) if reached < stop else left
 
 
-def run_tiles(pool: Pool, tasks: Iterator[Bundle], take: Callable[[list[Finished]], None], stop: StopFlag) -> None:
-    """Run `tasks` and hand what each brings back to `take`, in the calling thread, until all are done or `stop` is set.
+def run_tiles(
+    pool: Pool, work: Work, tasks: Iterator[Bundle], take: Callable[[list[Finished]], None], stop: StopFlag
+) -> None:
+    """Do `work` at the points of `tasks`, until all are done or `stop` is set, and hand what each brings back to `take`.
 
+    `take` is called in the calling thread.
     What a task brings back undone becomes a task of its own. After `stop`, tasks that run have `GRACE` seconds to come
     back with the points they have.
     """
@@ -176,15 +183,16 @@ def run_tiles(pool: Pool, tasks: Iterator[Bundle], take: Callable[[list[Finished
             task = undone.popleft() if undone else next(tasks, ())
             if not task:
                 break
-            running[pool.submit(task)] = task
+            running[pool.submit(work, task)] = task
         if not running:
             return
         for future in wait(running, timeout=POLL, return_when=FIRST_COMPLETED).done:
             task = running.pop(future)
-            finished = outcome(future, task)
+            finished = outcome(future, work.kind, task)
             if left := rest_of(task, finished):
                 undone.append(left)
-            take(finished)
+            if finished:
+                take(finished)
     for future in wait(running, timeout=GRACE).done:
-        if not future.cancelled() and future.exception() is None:
+        if not future.cancelled() and future.exception() is None and future.result():
             take(future.result())

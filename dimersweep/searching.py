@@ -1,81 +1,99 @@
-"""Questions about an axis at every point of a grid, such as whether any initial dip angle drifts: points, threads and cube."""
+"""Questions about an axis at every point of a grid, such as whether any initial dip angle drifts: points, waves and cube."""
 
 import os
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from functools import partial
+from dataclasses import dataclass
 from itertools import product
-from time import perf_counter
 from typing import Any
 
 import numpy as np
 import xarray as xr
-from dask.system import CPU_COUNT
 
-from dimersweep.cube import FLAGS, blank, build, float_variable, label_variable
-from dimersweep.deciding import A_YES, ASKS, OPEN, Decided, Question, Spec, Task, decide
+from dimersweep.computing import Crew, Store, make_how
+from dimersweep.cube import FLAGS, build, float_variable, label_variable
+from dimersweep.deciding import A_NOT_RUN, A_UNSURE, A_YES, ASKS, OPEN, Question, SearchSpec, Wave
 from dimersweep.errors import ParameterError
 from dimersweep.grid import Grid, legal_points, make_grid
-from dimersweep.kernel.layout import CODES, MODES
+from dimersweep.kernel.layout import CODES, M_NOT_RUN, MODES
+from dimersweep.making import Output, make
 from dimersweep.parameters import check_count, check_rtol
-from dimersweep.progress import Silent, tell_of_compiling, watch
-from dimersweep.provenance import attributes
-from dimersweep.store import check_writable, write_cube
-from dimersweep.symbols import PARAMETERS
-from dimersweep.threads import run_each
+from dimersweep.paths import PathLength, path_length
+from dimersweep.symbols import PARAMETERS, QUANTITIES, STATES
+from dimersweep.tiles import Finished, runs
 
 REGIONS = FLAGS["region"]
 MIXED = REGIONS.index("mixed")  # several modes, none of them the one asked for
-BATCH = 8  # points of one task at most: some tenths of a second where each takes a whole axis
 _MODE = CODES.index("mode")
 
 
 class Findings:
-    """What is known of each point of a grid: nothing to begin with."""
+    """What is known of each point of a grid while it is searched.
 
-    def __init__(self, size: int) -> None:
-        self.answer = np.zeros(size, dtype=np.int8)
-        self.chosen = np.full(size, -1)
-        self.counts = np.zeros((size, len(MODES)), dtype=np.int32)
-        self.out, self.codes = blank(size)
-        self.errors: list[str] = []
+    Parameters
+    ----------
+    question : Question
+        What is asked at each of them.
+    results : ndarray, shape (n,)
+        Results of `SearchSpec.kind`, not run where nothing is known.
+    """
 
-    def take(self, decided: Decided) -> None:
-        """Enter what was found at some points."""
-        at = decided.points
-        self.answer[at], self.chosen[at], self.counts[at] = decided.answer, decided.chosen, decided.counts
-        self.out[at], self.codes[at] = decided.out, decided.codes
-        if decided.error:
-            self.errors.append(f"points {at[0]} to {at[-1]}: {decided.error}")
+    def __init__(self, question: Question, results: np.ndarray) -> None:
+        self.question, self.results = question, results
+        # points whose turn has come: others may be known from a search that was stopped, but nothing may depend on that
+        self.reached = np.zeros(results.size, dtype=bool)
 
-    def regions(self, question: Question) -> np.ndarray:
+    def take(self, finished: Finished) -> None:
+        """Enter what was found."""
+        self.results[slice(*finished.tile)] = finished.results
+
+    @property
+    def modes(self) -> np.ndarray:
+        """Mode of each point, shape (n,), codes."""
+        modes: np.ndarray = self.results["codes"][:, _MODE]
+        return modes
+
+    @property
+    def known(self) -> np.ndarray:
+        """Where a point was searched, shape (n,), bool."""
+        return self.modes != M_NOT_RUN
+
+    def answers(self) -> np.ndarray:
+        """Answer at each point, shape (n,): open where the search itself failed."""
+        return np.where(self.known & (self.results["answer"] == A_NOT_RUN), A_UNSURE, self.results["answer"])
+
+    def deciders(self) -> np.ndarray:
+        """Value of the searched axis that decided at each point, shape (n,); NaN where none did."""
+        return np.concatenate(([np.nan], self.question.values))[self.results["decider"]]
+
+    def regions(self) -> np.ndarray:
         """Region of each point: the mode asked for where the answer is yes, else the one mode of all runs, or mixed."""
-        made = self.counts.sum(axis=1)
-        region = np.where(self.counts.max(axis=1) == question.values.size, self.counts.argmax(axis=1), MIXED)
+        question, counts = self.question, self.results["counts"]
+        region = np.where(counts.max(axis=1) == question.values.size, counts.argmax(axis=1), MIXED)
         if question.ask != "fraction":
-            found = (self.chosen >= 0) & (question.ask != "all")  # a first one may be found and yet not be sure
-            region[(self.answer == A_YES) | found] = question.mode
-        region[made == 0] = self.codes[made == 0, _MODE]
+            found = (self.results["decider"] > 0) & (
+                question.ask != "all"
+            )  # the first may be found and yet not be sure
+            region[(self.results["answer"] == A_YES) | found] = question.mode
+        unsearched = counts.sum(axis=1) == 0
+        region[unsearched] = self.modes[unsearched]
         return region
 
+    def search(self, spec: SearchSpec, points: np.ndarray, neighbours: Sequence[list[int]], crew: Crew) -> None:
+        """Search at those of `points` where nothing is known, trying first what decided at the `neighbours` of each.
 
-def search_points(
-    spec: Spec, points: np.ndarray, hints: Sequence[list[int]], findings: Findings, workers: int, shown: Silent
-) -> None:
-    """Search at `points`, enter what is found into `findings`, and tell `shown`.
-
-    Each point gets its own order of trials from its own hints, so that neither threads nor batches change a number.
-    """
-    length = max(1, min(BATCH, len(points) // (4 * workers)))
-    tasks = [
-        Task(list(map(int, points[k : k + length])), list(hints[k : k + length])) for k in range(0, len(points), length)
-    ]
-
-    def take(decided: Decided) -> None:
-        findings.take(decided)
-        shown.add(decided.codes[:, _MODE])
-
-    run_each(partial(decide, spec), tasks, workers, take)
+        Each point has its own order of trials, from points of earlier calls alone: whoever searches, and whatever was
+        known before, no number changes.
+        """
+        lacking, deciders = ~self.known, np.where(self.reached, self.results["decider"], 0)
+        hints = {
+            int(point): list(dict.fromkeys(int(k) - 1 for k in deciders[near] if k))
+            for point, near in zip(points, neighbours, strict=True)
+            if lacking[point]
+        }
+        wanted = np.zeros(lacking.size, dtype=bool)
+        wanted[list(hints)] = True
+        crew.run(Wave(spec, hints), runs(wanted), self.take)
+        self.reached[points] = True
 
 
 def waves(shape: tuple[int, ...]) -> Iterator[tuple[np.ndarray, list[list[int]]]]:
@@ -108,11 +126,6 @@ def _neighbours(place: list[int], stride: int, shape: tuple[int, ...]) -> list[i
     return [point for point in near if point != own]
 
 
-def hints_from(findings: Findings, neighbours: Sequence[list[int]]) -> list[list[int]]:
-    """For each point, the indices that decided at its neighbours, each once."""
-    return [list(dict.fromkeys(int(k) for k in findings.chosen[near] if k >= 0)) for near in neighbours]
-
-
 def make_spec(
     grid: Mapping[str, Any],
     fixed: Mapping[str, Any] | None,
@@ -122,8 +135,9 @@ def make_spec(
     mode: str,
     periods: int,
     rtol: float,
-    orbit_periods: int,
-) -> Spec:
+    orbit_periods: int = 0,
+    paths: Mapping[str, int] | None = None,
+) -> SearchSpec:
     """Judge a search and lay it out; see `search`."""
     if over not in grid:
         raise ParameterError(f"over = {over!r}: must be one of the axes ({', '.join(grid)})")
@@ -137,8 +151,53 @@ def make_spec(
     whole = make_grid(grid, fixed, gaps=set(grid) - {over})
     question = Question(over, whole.axes[over], ask, MODES.index(mode))
     others = Grid({name: values for name, values in whole.axes.items() if name != over}, whole.fixed)
-    kept = 0 if orbit_periods == 0 else check_count("orbit_periods", orbit_periods)
-    return Spec(others, question, check_count("periods", periods), check_rtol(rtol), kept)
+    followed = 0 if orbit_periods == 0 else check_count("orbit_periods", orbit_periods)
+    length = None if paths is None else path_length(**paths)
+    if length is not None:
+        length.check(others.size)
+    return SearchSpec(others, question, check_count("periods", periods), check_rtol(rtol), followed, length)
+
+
+@dataclass(frozen=True)
+class SearchJob:
+    """A search to be made into a cube, see `Job`."""
+
+    spec: SearchSpec
+
+    by_blocks = retry = False
+
+    def configuration(self) -> dict[str, Any]:
+        """All that decides its numbers."""
+        return self.spec.configuration()
+
+    @property
+    def grid(self) -> Grid:
+        """The points at which the question is asked."""
+        return self.spec.grid
+
+    @property
+    def kind(self) -> np.dtype:
+        """Of the result of one point."""
+        return self.spec.kind
+
+    @property
+    def summary(self) -> str:
+        """What the cube shows."""
+        return f"search over {self.spec.question.axis} for a 3D dimer on a vibrating plate"
+
+    def fill(self, store: Store, crew: Crew) -> dict[str, str]:
+        """Have the search made where the store lacks it."""
+        findings = Findings(self.spec.question, store.read(0, self.grid.size).copy())
+        legal = legal_points(self.grid)
+        crew.expect(int(legal.sum()))
+        for points, neighbours in waves(self.grid.shape):
+            kept = np.flatnonzero(legal[points])
+            findings.search(self.spec, points[kept], [neighbours[k] for k in kept], crew)
+        return {}
+
+    def cube(self, results: np.ndarray, attributes: Mapping[str, Any]) -> xr.Dataset:
+        """The labelled cube."""
+        return as_cube(self.spec, results, attributes)
 
 
 def search(
@@ -151,16 +210,22 @@ def search(
     periods: int,
     rtol: float = 1e-8,
     orbit_periods: int = 0,
+    paths: Mapping[str, int] | None = None,
     out: str | os.PathLike[str] | None = None,
     workers: int | None = None,
     progress: bool = True,
     force: bool = False,
     attrs: Mapping[str, str] | None = None,
+    client: Any = None,
+    fail_fast: bool = False,
+    keep_tiles: bool = False,
 ) -> xr.Dataset:
     """Ask a question about one axis at every point of the other ones, and stop at each as soon as its answer is certain.
 
     Points are taken from coarse to fine; each tries the value that decided at its coarser neighbours first, then the
-    others in an order that spreads over the axis. What is recorded depends on neither threads nor their timing.
+    others in an order that spreads over the axis. What is recorded depends on neither workers nor their timing.
+
+    With an `out`, finished points are kept in the folder ``<out>.tiles`` as by `sweep`, and the same call goes on there.
 
     Parameters
     ----------
@@ -183,65 +248,73 @@ def search(
     orbit_periods : int
         If not 0, the deciding run is made once more for that many forcing periods, and its orbit recorded at their
         end: speed and angle of an orbit settle more slowly than the normal motion that the mode depends on.
-    out, workers, progress, force, attrs
-        As in `sweep`.
+    paths : mapping of str to int, optional
+        ``{"periods": ..., "per_period": ...}``: the path of the centre of mass of each deciding run that drifts is kept,
+        for so many forcing periods, with so many positions in each (8 by default).
+    out, workers, progress, force, attrs, client, fail_fast, keep_tiles
+        As in `sweep`; `out` is a NetCDF file.
 
     Returns
     -------
     xarray.Dataset
         Over the axes other than `over`: `answer` (no, yes or unsure), the value of `over` that decided, the number of
-        runs it took, their modes (`runs`), `region`, and mode, status and orbit of the deciding run.
+        runs it took, their modes (`runs`), `region`, and mode, status and orbit of the deciding run. With `paths`: `x`
+        and `y` over a new dimension `cycle`, the time in forcing periods, and `axial_velocity`, the mean velocity along
+        the axis in the last period; NaN where there is no run that drifts.
 
     Raises
     ------
     ParameterError
         For a grid, a parameter or a setting that is not allowed, before any work.
-    StoreError
-        For an `out` that cannot be written, before any work.
+    StoreError, PointError, Stopped
+        As by `sweep`.
     """
     spec = make_spec(
-        grid, fixed, over=over, ask=ask, mode=mode, periods=periods, rtol=rtol, orbit_periods=orbit_periods
+        grid,
+        fixed,
+        over=over,
+        ask=ask,
+        mode=mode,
+        periods=periods,
+        rtol=rtol,
+        orbit_periods=orbit_periods,
+        paths=paths,
     )
-    workers = CPU_COUNT if workers is None else check_count("workers", workers)
-    if out is not None:
-        check_writable(out, force=force)
-    if progress:
-        tell_of_compiling()
-    started, findings = perf_counter(), Findings(spec.grid.size)
-    legal = legal_points(spec.grid)
-    with watch(int(legal.sum()), show=progress) as shown:
-        for points, neighbours in waves(spec.grid.shape):
-            kept = np.flatnonzero(legal[points])
-            hints = hints_from(findings, [neighbours[k] for k in kept])
-            search_points(spec, points[kept], hints, findings, workers, shown)
-    cube = as_cube(spec, findings, spec.configuration(), perf_counter() - started, attrs)
-    if out is not None:
-        write_cube(cube, out, force=force)
-    return cube
+    how = make_how(workers, client, progress=progress, fail_fast=fail_fast)
+    return make(SearchJob(spec), how, Output(out, force=force, keep_tiles=keep_tiles, attrs=attrs))
 
 
-def as_cube(
-    spec: Spec,
-    findings: Findings,
-    configuration: Mapping[str, Any],
-    wall_time: float,
-    attrs: Mapping[str, str] | None = None,
-) -> xr.Dataset:
-    """What was found as a labelled cube; warns of points that failed."""
+def as_cube(spec: SearchSpec, results: np.ndarray, attributes: Mapping[str, Any]) -> xr.Dataset:
+    """What was found as a labelled cube.
+
+    Parameters
+    ----------
+    spec : SearchSpec
+    results : ndarray, shape (spec.grid.size,)
+        Of ``spec.kind``.
+    attributes : mapping
+        Global ones.
+    """
     question, shape, dims = spec.question, spec.grid.shape, tuple(spec.grid.axes)
-    failures = sorted(findings.errors)
-    if failures:
-        told = f"{len(failures)} batches of points failed; {failures[0]}"
-        warnings.warn(told, RuntimeWarning, stacklevel=3)
-    title = f"search over {question.axis} for a 3D dimer on a vibrating plate"
-    about = attributes(configuration, title, wall_time) | dict(attrs or {})
-    if failures:
-        about["failures"] = "; ".join(failures)
-    cube = build(spec.grid, findings.out, findings.codes, about)
-    cube["answer"] = label_variable("answer", dims, findings.answer.reshape(shape))
-    cube["region"] = label_variable("region", dims, findings.regions(question).reshape(shape))
-    decided = np.where(findings.chosen >= 0, question.values[findings.chosen], np.nan).reshape(shape)
-    cube[question.axis] = float_variable(dims, decided, PARAMETERS[question.axis])
-    cube["n_runs"] = label_variable("n_runs", dims, findings.counts.sum(axis=1).reshape(shape))
-    cube["runs"] = label_variable("runs", (*dims, "outcome"), findings.counts.reshape(*shape, len(MODES)))
-    return cube.assign_coords(outcome=label_variable("outcome", ("outcome",), np.arange(len(MODES))))
+    findings, counts = Findings(question, results), results["counts"]
+    cube = build(spec.grid, results["out"], results["codes"], attributes)
+    cube["answer"] = label_variable("answer", dims, findings.answers().reshape(shape))
+    cube["region"] = label_variable("region", dims, findings.regions().reshape(shape))
+    cube[question.axis] = float_variable(dims, findings.deciders().reshape(shape), PARAMETERS[question.axis])
+    cube["n_runs"] = label_variable("n_runs", dims, counts.sum(axis=1).reshape(shape))
+    cube["runs"] = label_variable("runs", (*dims, "outcome"), counts.reshape(*shape, len(MODES)))
+    cube = cube.assign_coords(outcome=label_variable("outcome", ("outcome",), np.arange(len(MODES))))
+    return cube if spec.paths is None else _with_paths(cube, results, spec.paths)
+
+
+def _with_paths(cube: xr.Dataset, results: np.ndarray, length: PathLength) -> xr.Dataset:
+    """`cube` with the paths of its deciding runs, along `cycle`."""
+    shape, dims = cube["mode"].shape, tuple(map(str, cube["mode"].dims))
+    for name in ("x", "y"):
+        cube[name] = float_variable((*dims, "cycle"), results[name].reshape(*shape, length.moments), STATES[name])
+    velocity = results["axial_velocity"].reshape(shape)
+    cube["axial_velocity"] = float_variable(dims, velocity, QUANTITIES["axial_velocity"])
+    cycles = np.arange(length.moments) / length.per_period
+    cycle = xr.Variable("cycle", cycles, {"units": "1", "long_name": "time in forcing periods"})
+    cycle.encoding["_FillValue"] = None
+    return cube.assign_coords(cycle=cycle)

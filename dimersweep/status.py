@@ -47,7 +47,7 @@ def _of_tiles(out: Path, manifest: Manifest) -> list[str]:
     for entry in manifest.entries:
         tally.update(entry.modes)
     done, errors = tally.total(), [error for entry in manifest.entries for error in entry.errors]
-    lines = [f"{out}: {done} of {manifest.size} points done ({100 * done // manifest.size} %)"]
+    lines = [f"{out}: {manifest.words} done ({100 * done // max(manifest.wanted, 1)} %)"]
     if done:
         lines.append(f"modes: {_words(tally)}")
         age = datetime.now(UTC) - datetime.fromisoformat(manifest.entries[-1].time)
@@ -56,7 +56,7 @@ def _of_tiles(out: Path, manifest: Manifest) -> list[str]:
     if manifest.damaged:
         lines.append(f"manifest: {manifest.damaged} lines are cut or damaged; their points will be computed again")
     who = holder(lock_of(out))
-    if done == manifest.size and not who:
+    if done == manifest.wanted and not who:
         lines.append("cube: is written" if out.exists() else "cube: is still to be written; run the same sweep again")
     else:
         lines.append(f"at work: {who}" if who else "at work: nobody; run the same sweep again to go on")

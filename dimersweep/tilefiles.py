@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from dimersweep.files import put
-from dimersweep.kernel.layout import CODES, M_NOT_RUN, MODES, N_CODES, N_OUT
+from dimersweep.kernel.layout import CODES, M_NOT_RUN, MODES
 from dimersweep.manifest import Entry
 from dimersweep.tiles import Finished, Tile
 
-POINT = np.dtype([("out", "<f8", (N_OUT,)), ("codes", "<i8", (N_CODES,))])
 _MODE = CODES.index("mode")
 
 
@@ -50,9 +49,7 @@ def write_points(path: Path, pieces: Sequence[Finished], configuration_sha256: s
         If the disk refuses.
     """
     pieces = sorted(pieces, key=lambda finished: finished.tile)
-    points = np.empty(sum(len(finished.codes) for finished in pieces), POINT)
-    points["out"] = np.concatenate([finished.out for finished in pieces])
-    points["codes"] = np.concatenate([finished.codes for finished in pieces])
+    points = np.concatenate([finished.results for finished in pieces])
     buffer = io.BytesIO()
     np.save(buffer, points, allow_pickle=False)
     written = buffer.getvalue()
@@ -71,8 +68,8 @@ def write_points(path: Path, pieces: Sequence[Finished], configuration_sha256: s
     )
 
 
-def read_points(folder: Path, entry: Entry) -> list[Finished]:
-    """The results of one file, range by range, after every check that it can be put to.
+def read_points(folder: Path, entry: Entry, kind: np.dtype) -> list[Finished]:
+    """The results of one file, each point of `kind`, range by range, after every check that it can be put to.
 
     Raises
     ------
@@ -91,10 +88,10 @@ def read_points(folder: Path, entry: Entry) -> list[Finished]:
         points = np.load(io.BytesIO(written), allow_pickle=False)
     except (ValueError, EOFError):
         raise Damaged("is no file of results") from None
-    if points.dtype != POINT or points.shape != (entry.points,):
+    if points.dtype != kind or points.shape != (entry.points,):
         raise Damaged("has results of another shape")
     if (points["codes"][:, _MODE] == M_NOT_RUN).any():
         raise Damaged("has points that were not run")
     ends = np.cumsum([stop - start for start, stop in entry.tiles])
     parts = np.split(points, ends[:-1])
-    return [Finished(tile, part["out"], part["codes"]) for tile, part in zip(entry.tiles, parts, strict=True)]
+    return [Finished(tile, part) for tile, part in zip(entry.tiles, parts, strict=True)]

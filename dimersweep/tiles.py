@@ -1,10 +1,10 @@
-"""The unit of work: a range of grid points, and the pure function that any thread, process or machine runs it with."""
+"""The unit of work: ranges of grid points, and the pure function that any thread, process or machine runs them with."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import ceil
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from dimersweep.cube import blank
 from dimersweep.grid import Grid, make_grid
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import run_many
-from dimersweep.kernel.layout import CODES, M_APERIODIC, M_FAILED, M_UNRESOLVED
+from dimersweep.kernel.layout import CODES, M_APERIODIC, M_FAILED, M_NOT_RUN, M_UNRESOLVED, N_CODES, N_OUT
 from dimersweep.parameters import check_count, check_rtol
 
 TILE_SECONDS = 0.5  # long against the cost of a task (4 ms), short against the patience of Ctrl-C (2 s)
@@ -21,7 +21,21 @@ TILES_PER_WORKER = 4  # at least, so that no worker idles for long at the end
 CHUNK_SECONDS = 0.1  # what one call of the kernel aims at: it can be stopped only between calls
 LONGEST_TILE = 2 * TILE_SECONDS  # a task whose points turn out slow comes back with those it has by then
 SLOW_MODES = sum(1 << mode for mode in (M_FAILED, M_APERIODIC, M_UNRESOLVED))  # these use all periods they are given
+RESULT = np.dtype([("out", "<f8", (N_OUT,)), ("codes", "<i8", (N_CODES,))])  # of one point of a sweep
 _MODE = CODES.index("mode")
+
+
+def blank_results(n: int, kind: np.dtype = RESULT, mode: int = M_NOT_RUN) -> np.ndarray:
+    """Results of `n` points that have none, shape (n,): NaN and 0, and `mode`, a code, as their mode.
+
+    `kind` has the fields of `RESULT`, and perhaps more.
+    """
+    results = np.zeros(n, kind)
+    for name in kind.names or ():
+        if kind[name].base.kind == "f":
+            results[name] = np.nan
+    results["codes"][:, _MODE] = mode
+    return results
 
 
 class Tile(NamedTuple):
@@ -35,13 +49,50 @@ Bundle = tuple[Tile, ...]  # what one task runs: scattered points would be too l
 
 
 class Finished(NamedTuple):
-    """A tile with its results; what kept points from having any (empty if nothing); and the time it took [s]."""
+    """A tile with its results, shape (n,); what kept points from having any (empty if nothing); and its time [s]."""
 
     tile: Tile
-    out: np.ndarray
-    codes: np.ndarray
+    results: np.ndarray
     error: str = ""
     seconds: float = 0.0
+
+    @property
+    def codes(self) -> np.ndarray:
+        """Integer results, shape (n, N_CODES)."""
+        codes: np.ndarray = self.results["codes"]
+        return codes
+
+    def part(self, tile: Tile) -> "Finished":
+        """The points that lie in `tile`, which is covered."""
+        return Finished(tile, self.results[tile.start - self.tile.start : tile.stop - self.tile.start])
+
+
+class Work(Protocol):
+    """What is done at each point of a grid: the numbers of a point depend on nothing else, so anybody may do it."""
+
+    @property
+    def grid(self) -> Grid:
+        """The points."""
+
+    @property
+    def kind(self) -> np.dtype:
+        """Of the result of one point, see `blank_results`."""
+
+    def advance(self, points: np.ndarray, results: np.ndarray, stopped: Callable[[], bool]) -> int:
+        """Run some of `points`, from the first one on, and count them.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n,), int
+            Their numbers.
+        results : ndarray, shape (n,)
+            Filled as far as points are done.
+        stopped : callable
+            If it says True, the work may end before a point is done.
+        """
+
+    def narrowed(self, tiles: Bundle) -> tuple[Self, Bundle, int]:
+        """The points of `tiles` in a work that is small enough to travel with every task, and the `shift` back."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +115,24 @@ class Spec:
     periods: int
     rtol: float
     stop_when_settled: bool
+
+    @property
+    def kind(self) -> np.dtype:
+        """See `Work`."""
+        return RESULT
+
+    def advance(self, points: np.ndarray, results: np.ndarray, stopped: Callable[[], bool]) -> int:
+        """See `Work`: until one has used all its periods, so that quick points do not go on for long with slow ones."""
+        out, codes = blank(points.size)
+        rows = self.grid.rows_at(points)
+        done = run_many(rows, self.periods, self.rtol, self.stop_when_settled, out, codes, until=SLOW_MODES)
+        results["out"][:done], results["codes"][:done] = out[:done], codes[:done]
+        return done
+
+    def narrowed(self, tiles: Bundle) -> tuple["Spec", Bundle, int]:
+        """See `Work`."""
+        grid, moved, shift = around(self.grid, tiles)
+        return replace(self, grid=grid), moved, shift
 
     def configuration(self) -> dict[str, Any]:
         """The same as plain numbers, lists and strings, with the version of the kernel that gives the results."""
@@ -114,46 +183,36 @@ def make_spec(
     return Spec(make_grid(axes, fixed), check_count("periods", periods), check_rtol(rtol), bool(stop_when_settled))
 
 
-def advance(spec: Spec, rows: np.ndarray, out: np.ndarray, codes: np.ndarray) -> int:
-    """Run points from the first one on, until all are done or one has used all its periods, and count them.
-
-    That end keeps a batch of quick points from going on for long when it meets slow ones.
-    """
-    return run_many(rows, spec.periods, spec.rtol, spec.stop_when_settled, out, codes, until=SLOW_MODES)
-
-
-def run_tile(spec: Spec, tile: Tile) -> tuple[np.ndarray, np.ndarray]:
+def run_tile(spec: Spec, tile: Tile) -> np.ndarray:
     """Run the points of one tile.
 
     Each point depends on its own row alone, so that any tiling gives the same numbers bit for bit.
 
     Returns
     -------
-    out : ndarray, shape (tile.stop - tile.start, N_OUT), float64
-    codes : ndarray, shape (tile.stop - tile.start, N_CODES), int64
+    ndarray, shape (tile.stop - tile.start,), of `RESULT`
     """
-    out, codes = blank(tile.stop - tile.start)
-    rows, done = spec.grid.rows(*tile), 0
-    while done < len(rows):
-        done += advance(spec, rows[done:], out[done:], codes[done:])
-    return out, codes
+    points, results, done = np.arange(*tile), blank_results(tile.stop - tile.start), 0
+    while done < points.size:
+        done += spec.advance(points[done:], results[done:], _never)
+    return results
 
 
 def _never() -> bool:
     return False
 
 
-def attempt(spec: Spec, tiles: Bundle, stopped: Callable[[], bool] = _never, shift: int = 0) -> list[Finished]:
-    """Run tiles in short calls of the kernel, for about `LONGEST_TILE` seconds; a point that raises is marked as failed.
+def attempt(work: Work, tiles: Bundle, stopped: Callable[[], bool] = _never, shift: int = 0) -> list[Finished]:
+    """Run tiles in short calls, for about `LONGEST_TILE` seconds; a point that raises is marked as failed.
 
     Parameters
     ----------
-    spec : Spec
+    work : Work
     tiles : tuple of Tile
     stopped : callable
-        Asked between two calls; if it says True, the work ends there, though not before the first point.
+        Asked between two calls; if it says True, the work ends there.
     shift : int
-        What to add to the numbers of points, where `spec` is a window of a larger grid.
+        What to add to the numbers of points, where `work` is a window of a larger grid.
 
     Returns
     -------
@@ -162,60 +221,63 @@ def attempt(spec: Spec, tiles: Bundle, stopped: Callable[[], bool] = _never, shi
     """
     begun = perf_counter()
     points = np.concatenate([np.arange(*tile) for tile in tiles])
-    rows = spec.grid.rows_at(points)
-    out, codes = blank(points.size)
+    results = blank_results(points.size, work.kind)
     done, batch, errors = 0, 1, {}
     while done < points.size:
         part = slice(done, done + batch)
         try:
-            done += advance(spec, rows[part], out[part], codes[part])
+            made = work.advance(points[part], results[part], stopped)
         except Exception as error:  # whatever it is, it must not cost the other points
-            out[part], codes[part] = blank(len(rows[part]))
-            if len(rows[part]) > 1:
+            if points[part].size > 1:
                 batch = 1  # find the one
                 continue
-            codes[done, _MODE] = M_FAILED
+            results[part], made = blank_results(1, work.kind, M_FAILED), 1
             errors[int(points[done]) + shift] = f"{type(error).__name__}: {error}"
-            done += 1
+        done += made
         spent = perf_counter() - begun
-        if spent > LONGEST_TILE or stopped():
+        if not made or spent > LONGEST_TILE or stopped():
             break
         batch = max(1, min(2 * batch, int(CHUNK_SECONDS * done / spent)))
-    out[np.isnan(out)] = np.nan  # one pattern of bits, whatever operation made it
-    return _cut(tiles, out[:done], codes[:done], errors, perf_counter() - begun, shift)
+    _one_nan(results)
+    return _cut(tiles, results[:done], errors, perf_counter() - begun, shift)
 
 
-def _cut(
-    tiles: Bundle, out: np.ndarray, codes: np.ndarray, errors: Mapping[int, str], seconds: float, shift: int
-) -> list[Finished]:
+def _one_nan(results: np.ndarray) -> None:
+    """Give every NaN the same pattern of bits, whatever operation made it."""
+    for name in results.dtype.names or ():
+        values = results[name]
+        if values.dtype.kind == "f":
+            values[np.isnan(values)] = np.nan
+
+
+def _cut(tiles: Bundle, results: np.ndarray, errors: Mapping[int, str], seconds: float, shift: int) -> list[Finished]:
     """Results of the points of `tiles`, as far as they go, tile by tile."""
     finished: list[Finished] = []
     first = 0
     for start, stop in tiles:
-        if first == len(out):
+        if first == len(results):
             break
-        last = min(first + stop - start, len(out))
+        last = min(first + stop - start, len(results))
         tile = Tile(start + shift, start + shift + last - first)
         told = [f"point {point}: {error}" for point, error in errors.items() if tile.start <= point < tile.stop]
         more = f" (and {len(told) - 1} more)" if len(told) > 1 else ""
         error = told[0] + more if told else ""
-        finished.append(Finished(tile, out[first:last], codes[first:last], error, 0.0 if finished else seconds))
+        finished.append(Finished(tile, results[first:last], error, 0.0 if finished else seconds))
         first = last
     return finished
 
 
-def narrowed(spec: Spec, tiles: Bundle) -> tuple[Spec, Bundle, int]:
-    """The same points in a spec that is small enough to travel with every task, and the `shift` back."""
-    grid, start = spec.grid.window(tiles[0].start, tiles[-1].stop)
+def around(grid: Grid, tiles: Bundle) -> tuple[Grid, Bundle, int]:
+    """A window of `grid` with the points of `tiles`, these by their numbers there, and the `shift` back."""
+    window, start = grid.window(tiles[0].start, tiles[-1].stop)
     shift = tiles[0].start - start
-    return replace(spec, grid=grid), tuple(Tile(a - shift, b - shift) for a, b in tiles), shift
+    return window, tuple(Tile(a - shift, b - shift) for a, b in tiles), shift
 
 
-def lost(tile: Tile, error: BaseException) -> Finished:
+def lost(kind: np.dtype, tile: Tile, error: BaseException) -> Finished:
     """A tile whose worker died or could not return it, with its points marked as failed."""
-    out, codes = blank(tile.stop - tile.start)
-    codes[:, _MODE] = M_FAILED
-    return Finished(tile, out, codes, f"points {tile.start} to {tile.stop - 1}: {type(error).__name__}: {error}")
+    told = f"points {tile.start} to {tile.stop - 1}: {type(error).__name__}: {error}"
+    return Finished(tile, blank_results(tile.stop - tile.start, kind, M_FAILED), told)
 
 
 class Pace:
@@ -233,7 +295,7 @@ class Pace:
 
     def note(self, finished: Sequence[Finished]) -> None:
         """Learn from what a task has brought back."""
-        points = sum(len(tile.codes) for tile in finished)
+        points = sum(len(tile.results) for tile in finished)
         aim = int(TILE_SECONDS * points / max(sum(tile.seconds for tile in finished), 1e-6))
         self.length = max(1, min(aim, GROWTH * points, self.longest))
 

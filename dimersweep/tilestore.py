@@ -14,14 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from dimersweep.cube import blank
 from dimersweep.errors import StoreError
 from dimersweep.files import append, delete, put, told
 from dimersweep.locking import locked
-from dimersweep.manifest import Entry, Manifest, as_line, lines, read_manifest
+from dimersweep.manifest import Entry, Manifest, as_line, lines, read_manifest, wanted_line
 from dimersweep.provenance import as_text, cpu, differences
 from dimersweep.tilefiles import Damaged, read_points, write_points
-from dimersweep.tiles import Finished, Tile, gaps, runs
+from dimersweep.tiles import RESULT, Finished, Tile, blank_results, gaps, runs
 
 FLUSH_SECONDS = 0.5  # tiles that end within this time share a file, so that fast sweeps do not wait for the disk
 DISK_SHARE = 0.05  # of the driver's time at most: a slow disk gets larger files, less often
@@ -52,10 +51,12 @@ class TileStore:
         The cube to be.
     manifest : Manifest
         As it stands on disk.
+    kind : dtype
+        Of the result of one point.
     """
 
-    def __init__(self, out: Path, manifest: Manifest) -> None:
-        self.out, self.folder, self.manifest = out, folder_of(out), manifest
+    def __init__(self, out: Path, manifest: Manifest, kind: np.dtype) -> None:
+        self.out, self.folder, self.manifest, self.kind = out, folder_of(out), manifest, kind
         self.waiting: list[Finished] = []
         self._since = perf_counter()
         self._pause = FLUSH_SECONDS
@@ -79,10 +80,9 @@ class TileStore:
     @property
     def kept(self) -> str:
         """What is kept of a sweep that is stopped, in words."""
-        done = sum(entry.points for entry in self.manifest.entries)
-        if not done:
+        if not self.manifest.done:
             return "nothing was finished yet"
-        return f"{done} of {self.manifest.size} points are kept in {self.folder}; run the same again to go on"
+        return f"{self.manifest.words} are kept in {self.folder}; run the same again to go on"
 
     @property
     def wall(self) -> float:
@@ -108,7 +108,7 @@ class TileStore:
         kept, trouble = [], []
         for entry in self.manifest.entries:
             try:
-                read_points(self.folder, entry)
+                read_points(self.folder, entry, self.kind)
                 kept.append(entry)
             except Damaged as error:
                 trouble.append(f"{entry.file} {error}")
@@ -131,7 +131,7 @@ class TileStore:
     def _relist(self, entries: list[Entry]) -> None:
         """Put `entries` in place of those of the manifest, and delete all other files."""
         self.manifest.entries, self.manifest.damaged, self._index = entries, 0, []
-        written = lines(self.manifest.configuration, self.manifest.size, self.manifest.cpu, entries)
+        written = lines(self.manifest)
         put(manifest_of(self.out), written)
         self.manifest.length = len(written)
         listed = {entry.file for entry in entries}
@@ -163,40 +163,54 @@ class TileStore:
         now = perf_counter()
         with told(f"{self.folder}: finished tiles", self.keeps):
             entry = self._write(self.waiting, now - self._since)
-            line = as_line(entry)
-            append(manifest_of(self.out), line, self.manifest.length)
+            self._append(as_line(entry))
         self.manifest.entries.append(entry)
         self._index = []
-        self.manifest.length += len(line)
         self._since, self.waiting = now, []
+
+    def _append(self, line: bytes) -> None:
+        append(manifest_of(self.out), line, self.manifest.length)
+        self.manifest.length += len(line)
+
+    def expect(self, total: int) -> None:
+        """Have the manifest tell how many points are to be run, where that is not the whole grid.
+
+        Raises
+        ------
+        StoreError
+            If the disk refuses.
+        """
+        if total != self.manifest.wanted:
+            with told(f"{self.folder}: the list of finished tiles", self.keeps):
+                self._append(wanted_line(total))
+            self.manifest.wanted = total
 
     def drop(self, unwanted: Callable[[np.ndarray], np.ndarray]) -> None:
         """Forget the points that `unwanted` picks: codes of shape (n, N_CODES) to bool of shape (n,)."""
         entries = []
         for entry in self.manifest.entries:
-            pieces = read_points(self.folder, entry)
-            kept = [part(piece, tile) for piece in pieces for tile in runs(~unwanted(piece.codes), piece.tile.start)]
-            if sum(len(piece.codes) for piece in kept) == entry.points:
+            pieces = read_points(self.folder, entry, self.kind)
+            kept = [piece.part(tile) for piece in pieces for tile in runs(~unwanted(piece.codes), piece.tile.start)]
+            if sum(len(piece.results) for piece in kept) == entry.points:
                 entries.append(entry)
             elif kept:
                 entries.append(self._write(kept, entry.wall))
         if entries != self.manifest.entries:
             self._relist(entries)
 
-    def read(self, start: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
-        """Results of the points `start` to `stop` - 1, as `run_tile` gives them; not run where they are missing.
+    def read(self, start: int, stop: int) -> np.ndarray:
+        """Results of the points `start` to `stop` - 1, shape (stop - start,); not run where they are missing.
 
         Raises
         ------
         StoreError
             If a file was damaged since it was written or checked.
         """
-        out, codes = blank(stop - start)
+        results = blank_results(stop - start, self.kind)
         for tile, entry in self._meeting(start, stop):
-            piece = part(self._pieces(entry)[tile], Tile(max(tile.start, start), min(tile.stop, stop)))
-            where = slice(piece.tile.start - start, piece.tile.stop - start)
-            out[where], codes[where] = piece.out, piece.codes
-        return out, codes
+            piece = self._pieces(entry)[tile].part(Tile(max(tile.start, start), min(tile.stop, stop)))
+            results[piece.tile.start - start : piece.tile.stop - start] = piece.results
+        return results
 
     def _meeting(self, start: int, stop: int) -> Iterator[tuple[Tile, Entry]]:
         """The listed tiles that have points from `start` to `stop` - 1, in order."""
@@ -214,7 +228,7 @@ class TileStore:
             while len(self._cache) >= KEPT_FILES:
                 del self._cache[next(iter(self._cache))]
             try:
-                self._cache[entry.file] = {piece.tile: piece for piece in read_points(self.folder, entry)}
+                self._cache[entry.file] = {piece.tile: piece for piece in read_points(self.folder, entry, self.kind)}
             except Damaged as error:
                 raise StoreError(f"{self.folder / entry.file}: {error}; run the same again") from None
         return self._cache[entry.file]
@@ -240,30 +254,27 @@ class TileStore:
             self.folder.rmdir()
 
 
-def part(finished: Finished, tile: Tile) -> Finished:
-    """The points of `finished` that lie in `tile`, which it covers."""
-    where = slice(tile.start - finished.tile.start, tile.stop - finished.tile.start)
-    return Finished(tile, finished.out[where], finished.codes[where])
-
-
-def _opened(out: Path, configuration: Mapping[str, Any], size: int) -> TileStore:
+def _opened(out: Path, nothing: Manifest, kind: np.dtype) -> TileStore:
+    """What is in the folder of `out`, if it goes with `nothing`, the manifest to begin with."""
     path = manifest_of(out)
     if not path.exists():
         if any(folder_of(out).glob("tiles-*.npy")):
             raise StoreError(f"{path.parent}: holds results, but no manifest of them; sweep anew (--force)")
-        put(path, lines(configuration, size, cpu(), []))
+        put(path, lines(nothing))
     manifest = read_manifest(path)
-    if as_text(manifest.configuration) != as_text(configuration):
-        changes = "".join(f"\n  {line}" for line in differences(manifest.configuration, configuration))
+    if as_text(manifest.configuration) != as_text(nothing.configuration):
+        changes = "".join(f"\n  {line}" for line in differences(manifest.configuration, nothing.configuration))
         raise StoreError(
             f"{path.parent}: holds results of another sweep, stopped before its end; "
             f"begin anew with --force, or give another output. What differs:{changes}"
         )
-    return TileStore(out, manifest)
+    return TileStore(out, manifest, kind)
 
 
 @contextmanager
-def tile_store(out: Path, configuration: Mapping[str, Any], size: int, *, force: bool = False) -> Iterator[TileStore]:
+def tile_store(
+    out: Path, configuration: Mapping[str, Any], size: int, kind: np.dtype = RESULT, *, force: bool = False
+) -> Iterator[TileStore]:
     """The finished tiles of the sweep for `out`, locked against other processes while the context lasts.
 
     Parameters
@@ -271,9 +282,11 @@ def tile_store(out: Path, configuration: Mapping[str, Any], size: int, *, force:
     out : Path
         The cube to be.
     configuration : mapping
-        See ``Spec.configuration``.
+        All that decides the numbers, see ``Spec.configuration``.
     size : int
         Number of points.
+    kind : dtype
+        Of the result of one of them.
     force : bool
         Whether results of another configuration, or damaged ones, may be deleted. Sound ones of this very
         configuration are kept all the same.
@@ -287,12 +300,12 @@ def tile_store(out: Path, configuration: Mapping[str, Any], size: int, *, force:
     with ExitStack() as stack:
         with told(f"{folder_of(out)}", "nothing was computed"):
             stack.enter_context(locked(lock_of(out)))
+            nothing = Manifest(dict(configuration), size, cpu(), [], size)
             try:
-                store = _opened(out, configuration, size)
+                store = _opened(out, nothing, kind)
             except StoreError:
                 if not force:
                     raise
-                nothing = Manifest(dict(configuration), size, cpu(), [])
-                TileStore(out, nothing).clear()
-                store = _opened(out, configuration, size)
+                TileStore(out, nothing, kind).clear()
+                store = _opened(out, nothing, kind)
         yield store

@@ -64,7 +64,7 @@ def blocks(shape: tuple[int, ...]) -> Iterator[tuple[Tile, tuple[slice, ...]]]:
 
 def write_zarr(
     grid: Grid,
-    read: Callable[[int, int], tuple[np.ndarray, np.ndarray]],
+    read: Callable[[int, int], np.ndarray],
     attributes: Mapping[str, Any],
     path: Path,
     *,
@@ -95,7 +95,8 @@ def write_zarr(
         _template(grid, attributes).to_zarr(scratch, mode="w", compute=False, consolidated=False)
         for tile, where in blocks(grid.shape):
             axes = {name: values[part] for (name, values), part in zip(grid.axes.items(), where, strict=True)}
-            block = build(Grid(axes, {}), *read(*tile), {}).drop_vars(list(axes))
+            results = read(*tile)
+            block = build(Grid(axes, {}), results["out"], results["codes"], {}).drop_vars(list(axes))
             block.to_zarr(scratch, region=dict(zip(axes, where, strict=True)), mode="r+", consolidated=False)
         for folder, _, names in os.walk(scratch):
             for name in names:

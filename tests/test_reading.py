@@ -9,7 +9,8 @@ from dimersweep.errors import ParameterError
 from dimersweep.grid import make_grid
 from dimersweep.kernel.layout import CODES, M_DRIFT, M_REST, OUT
 from dimersweep.reading import boundary, circle_through, exponents, minimum, runs_of, stick_ratio
-from dimersweep.searching import Findings, as_cube, make_spec
+from dimersweep.searching import as_cube, make_spec
+from dimersweep.tiles import blank_results
 
 
 def cube_of(quantity, values, modes=M_DRIFT, **axes):
@@ -26,10 +27,10 @@ def test_the_boundary_runs_half_way_between_points_that_differ():
     )
     e, Gamma = np.meshgrid(*axes.values(), indexing="ij")
     drifts = Gamma.ravel() > 1.5 - e.ravel()
-    findings = Findings(spec.grid.size)
-    findings.answer[:] = np.where(drifts, A_YES, A_NO)
-    findings.counts[:, M_DRIFT], findings.counts[:, M_REST] = drifts, 2 * ~drifts
-    cube = as_cube(spec, findings, {}, 0.0)
+    results = blank_results(spec.grid.size, spec.kind)
+    results["answer"] = np.where(drifts, A_YES, A_NO)
+    results["counts"][:, M_DRIFT], results["counts"][:, M_REST] = drifts, 2 * ~drifts
+    cube = as_cube(spec, results, {})
     (line,) = boundary(cube, "drift")
     assert np.abs(line[:, 1] - (1.5 - line[:, 0])).max() <= 0.025 + 1e-12
     assert np.ptp(line[:, 0]) == pytest.approx(0.4)

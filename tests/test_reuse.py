@@ -31,7 +31,7 @@ def asked(monkeypatch):
 
     monkeypatch.setattr("dimersweep.tiles.run_many", run_many)
     set_pace(monkeypatch, 10)
-    monkeypatch.setattr("dimersweep.computing.warm_up", lambda spec, stop: None)
+    monkeypatch.setattr("dimersweep.computing.warm_up", lambda stop: None)
     return rows_of_all
 
 

@@ -52,7 +52,8 @@ def swept(**settings):
 def serial():
     """All points in one call of the tile function, without any scheduling or file."""
     spec = make_spec(GRID, **SETTINGS)
-    cube = build(spec.grid, *run_tile(spec, Tile(0, spec.grid.size)), attributes(spec.configuration(), "serial", 0))
+    results = run_tile(spec, Tile(0, spec.grid.size))
+    cube = build(spec.grid, results["out"], results["codes"], attributes(spec.configuration(), "serial", 0))
     counts = np.bincount(cube["mode"].values.ravel(), minlength=9)
     assert (counts > 0).sum() >= 4, "the grid should hold several modes"
     return cube

@@ -18,7 +18,7 @@ from dimersweep.errors import ParameterError
 from dimersweep.kernel.layout import M_DRIFT, M_UNRESOLVED
 from dimersweep.scheduling import IN_FLIGHT, Pool, run_tiles
 from dimersweep.signals import StopFlag
-from dimersweep.tiles import Finished, Tile, attempt, bundles, gaps, make_spec, narrowed, runs
+from dimersweep.tiles import Finished, Tile, attempt, blank_results, bundles, gaps, make_spec, runs
 
 SPEC = make_spec({"f": [15, 20], "A_r": [5, 6, 7], "beta0": {"start": 0.1, "stop": 1, "num": 40}}, periods=5)
 
@@ -53,7 +53,7 @@ def test_runs_are_where_it_holds(chosen, start):
 @given(st.integers(0, 239), st.integers(1, 240))
 def test_a_narrowed_spec_has_the_same_points(start, length):
     bundle = (Tile(start, min(start + length, 240)),)
-    small, moved, shift = narrowed(SPEC, bundle)
+    small, moved, shift = SPEC.narrowed(bundle)
     stop = bundle[0].stop
     if start // 40 == (stop - 1) // 40:  # in one row of the last axis
         assert small.grid.size == stop - start
@@ -79,7 +79,7 @@ def test_a_task_that_meets_slow_points_comes_back_with_what_it_has(monkeypatch):
     assert time.perf_counter() - begun < tiles.LONGEST_TILE + 0.3
     assert first.tile == Tile(0, 10)
     assert second.tile.start == 10 and 30 < second.tile.stop < 60
-    assert len(second.codes) == len(second.out) == second.tile.stop - 10
+    assert len(second.results) == second.tile.stop - 10
     assert (second.codes[:, CODE["mode"]] > 0).all()
 
 
@@ -106,7 +106,7 @@ def test_few_tasks_are_in_flight_and_short_ones_go_on():
     flying, most, taken = set(), [0], []
     lock = threading.Lock()
 
-    def submit(bundle):
+    def submit(work, bundle):
         future = Future()
         with lock:
             flying.add(future)
@@ -117,13 +117,15 @@ def test_few_tasks_are_in_flight_and_short_ones_go_on():
             with lock:
                 flying.discard(future)
             stop = min(bundle[0].stop, bundle[0].start + 3)
-            future.set_result([Finished(Tile(bundle[0].start, stop), np.zeros((1, 1)), np.zeros((1, 1)))])
+            future.set_result([Finished(Tile(bundle[0].start, stop), blank_results(stop - bundle[0].start))])
 
         threading.Thread(target=work).start()
         return future
 
     tasks = bundles([Tile(0, 500)], SteadyPace(7))
-    run_tiles(Pool(submit, lambda: 3), tasks, lambda finished: taken.extend(tile.tile for tile in finished), StopFlag())
+    run_tiles(
+        Pool(submit, lambda: 3), SPEC, tasks, lambda finished: taken.extend(tile.tile for tile in finished), StopFlag()
+    )
     assert sorted(points_of(taken)) == list(range(500))
     assert most[0] <= 3 * IN_FLIGHT
 
@@ -154,14 +156,14 @@ def test_a_worker_that_dies_costs_its_tile_alone(cluster, monkeypatch, tmp_path)
 
         import dimersweep.tiles as there
 
-        advance = there.advance
+        run_many = there.run_many
 
-        def dies_at_20_hz(spec, rows, out, codes):
+        def dies_at_20_hz(rows, *rest, until=0):
             if (rows[:, 3] == 20).any():
                 os._exit(1)
-            return advance(spec, rows, out, codes)
+            return run_many(rows, *rest, until=until)
 
-        there.advance = dies_at_20_hz
+        there.run_many = dies_at_20_hz
 
     reference = sweep()
     set_pace(monkeypatch, 30)

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 import xarray as xr
-from fakes import CODE, fake_run_many
+from fakes import CODE, fake_run_many, set_pace
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -83,10 +83,10 @@ def test_an_unresolved_run_leaves_the_answer_open(fake_kernel):
     assert set(np.unique(names(quiet_search(grid, ask="all", mode="rest")["answer"]))) == {"unsure", "no"}
 
 
-@pytest.mark.parametrize(("workers", "batch"), [(1, 1), (2, 3), (5, 8)])
-def test_threads_and_batches_change_nothing(fake_kernel, monkeypatch, workers, batch):
+@pytest.mark.parametrize(("workers", "length"), [(1, 1), (2, 3), (5, 8)])
+def test_threads_and_tilings_change_nothing(fake_kernel, monkeypatch, workers, length):
     reference = quiet_search(workers=1)
-    monkeypatch.setattr("dimersweep.searching.BATCH", batch)
+    set_pace(monkeypatch, length)
     xr.testing.assert_equal(quiet_search(workers=workers), reference)
 
 
@@ -122,15 +122,15 @@ def test_points_that_break_a_rule_between_two_axes_are_left_out(fake_kernel):
         quiet_search({"mu_s": [0.1, 0.3], "beta0": [0.05, 0.1]})
 
 
-def test_a_batch_that_fails_marks_only_its_points(monkeypatch):
-    def breaks_at_3_hz(rows, *others):
+def test_a_point_that_fails_marks_only_itself(fake_kernel, monkeypatch):
+    def breaks_at_3_hz(rows, *others, until=0):
         if (rows[:, 3] == 3).any():
             raise MemoryError("no room")
-        return fake_run_many(rows, *others)
+        return fake_run_many(rows, *others, until=until)
 
     monkeypatch.setattr("dimersweep.deciding.run_many", breaks_at_3_hz)
-    monkeypatch.setattr("dimersweep.searching.BATCH", 1)
-    with pytest.warns(RuntimeWarning, match=r"3 batches of points failed; points 15 to 15: MemoryError: no room"):
+    set_pace(monkeypatch, 1)
+    with pytest.warns(RuntimeWarning, match=r"3 tiles have points that failed; point 15: MemoryError: no room$"):
         cube = quiet_search()
     failed = names(cube["mode"]) == "failed"
     assert failed.sel(f=3).all() and not failed.drop_sel(f=3).any()

@@ -18,7 +18,7 @@ from dimersweep.cube import names
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.grid import make_grid
 from dimersweep.progress import Lines, Tally
-from dimersweep.tiles import Spec, Tile, run_tile, split
+from dimersweep.tiles import Spec, Tile, blank_results, run_tile, split
 
 GRID = {"f": [15, 20, 25], "beta0": {"start": 1, "stop": 89, "step": 1, "unit": "deg"}}
 
@@ -47,7 +47,8 @@ def test_the_numbers_do_not_depend_on_tiles_and_workers(fake_kernel, monkeypatch
 def test_threads_and_tiles_give_the_bits_of_a_serial_run(monkeypatch):
     grid = {"f": [15, 25], "beta0": {"start": 3, "stop": 87, "step": 7, "unit": "deg"}}
     spec = Spec(make_grid(grid), 40, 1e-8, True)
-    out, codes = run_tile(spec, Tile(0, spec.grid.size))
+    results = run_tile(spec, Tile(0, spec.grid.size))
+    out, codes = results["out"], results["codes"]
     for length in (1, 5):
         set_pace(monkeypatch, length)
         cube = quiet_sweep(grid, periods=40, workers=2)
@@ -102,10 +103,9 @@ def test_bad_input_is_refused_before_any_work(monkeypatch, settings, error, mess
 
 def test_tiles_travel_by_pickle(fake_kernel):
     spec = pickle.loads(pickle.dumps(Spec(make_grid(GRID), 5, 1e-8, True)))
-    out, codes = run_tile(spec, pickle.loads(pickle.dumps(Tile(10, 20))))
-    whole, _ = run_tile(spec, Tile(0, 267))
-    np.testing.assert_array_equal(out, whole[10:20])
-    assert codes.shape == (10, len(tiles.CODES))
+    results = run_tile(spec, pickle.loads(pickle.dumps(Tile(10, 20))))
+    assert results.tobytes() == run_tile(spec, Tile(0, 267))[10:20].tobytes()
+    assert results["codes"].shape == (10, len(tiles.CODES))
 
 
 @given(st.integers(1, 500), st.integers(1, 500))
@@ -116,7 +116,7 @@ def test_tiles_cover_every_point_once(size, length):
 
 def test_a_tile_takes_about_half_a_second():
     def note(points, seconds):
-        pace.note([tiles.Finished(Tile(0, points), np.empty((points, 1)), np.empty((points, 1)), "", seconds)])
+        pace.note([tiles.Finished(Tile(0, points), blank_results(points), "", seconds)])
         return pace.length
 
     pace = tiles.Pace(10_000, workers=2)

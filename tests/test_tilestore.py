@@ -17,7 +17,7 @@ import dimersweep
 from dimersweep.errors import StoreError
 from dimersweep.locking import locked
 from dimersweep.status import status
-from dimersweep.tiles import Finished, Tile, attempt, make_spec
+from dimersweep.tiles import Tile, attempt, make_spec
 from dimersweep.tilestore import TileStore, tile_store
 
 GRID = {"f": [15, 20, 25], "beta0": {"start": 1, "stop": 40, "step": 1, "unit": "deg"}}
@@ -53,7 +53,7 @@ def counted(monkeypatch):
 
     monkeypatch.setattr("dimersweep.tiles.run_many", run_many)
     set_pace(monkeypatch, 10)
-    monkeypatch.setattr("dimersweep.computing.warm_up", lambda spec, stop: None)
+    monkeypatch.setattr("dimersweep.computing.warm_up", lambda stop: None)
     return asked
 
 
@@ -160,7 +160,7 @@ def test_temporary_files_of_a_kill_are_no_trouble(counted, recwarn):
         (lambda path: path.write_text(path.read_text()[:200]), "manifest.jsonl: is damaged, or no manifest"),
         (lambda path: path.write_text(path.read_text().replace("15.0", "15.5", 1)), "manifest.jsonl: is damaged, or"),
         (
-            lambda path: path.write_text(path.read_text().replace('_manifest": 1', '_manifest": 2')),
+            lambda path: path.write_text(path.read_text().replace('_manifest": 2', '_manifest": 3')),
             "manifest.jsonl: has the format of another version",
         ),
         (Path.unlink, "cube.nc.tiles: holds results, but no manifest of them; sweep anew"),
@@ -331,7 +331,7 @@ def test_a_slow_disk_is_asked_less_often(monkeypatch):
     with tile_store(Path("cube.nc"), SPEC.configuration(), 120) as store:
         for point in range(120):
             time.sleep(0.01)
-            store.add(Finished(Tile(point, point + 1), whole.out[point : point + 1], whole.codes[point : point + 1]))
+            store.add(whole.part(Tile(point, point + 1)))
         store.flush()
         assert store.gaps() == []
     assert sum(written) == 120 and len(written) < 6
@@ -353,17 +353,15 @@ def test_what_is_read_is_what_was_added():
     whole = attempt(SPEC, (Tile(0, 120),))[0]
     with tile_store(Path("cube.nc"), SPEC.configuration(), 120) as store:
         for piece in ((30, 40), (90, 120), (10, 30), (0, 5)):
-            store.add(Finished(Tile(*piece), whole.out[slice(*piece)], whole.codes[slice(*piece)]))
+            store.add(whole.part(Tile(*piece)))
         store.flush()
-        store.add(Finished(Tile(5, 10), whole.out[5:10], whole.codes[5:10]))
+        store.add(whole.part(Tile(5, 10)))
         store.flush()
         assert store.gaps() == [Tile(40, 90)]
         assert [entry.tiles for entry in store.manifest.entries] == [[(0, 5), (10, 40), (90, 120)], [(5, 10)]]
         for start, stop in ((0, 40), (3, 12), (39, 40), (100, 120)):
-            out, codes = store.read(start, stop)
-            np.testing.assert_array_equal(out, whole.out[start:stop])
-            np.testing.assert_array_equal(codes, whole.codes[start:stop])
-        assert (store.read(35, 95)[1][5:55] == 0).all()
+            assert store.read(start, stop).tobytes() == whole.results[start:stop].tobytes()
+        assert (store.read(35, 95)["codes"][5:55] == 0).all()
         store.drop(lambda codes: codes[:, 1] == 3)
         drifting = np.flatnonzero(whole.codes[:, 1] == 3)
         missing = [point for tile in store.gaps() for point in range(*tile)]

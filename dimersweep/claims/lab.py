@@ -52,7 +52,7 @@ class Lab:
         self.starts = degrees(2, 60, 2 if small else 0.5)  # where a first drift is looked for
         self.late = 200 if small else 400  # forcing periods after which an orbit is read
 
-    def _first(self, grid: dict[str, Any], fixed: dict[str, Any] | None = None) -> xr.Dataset:
+    def _first(self, grid: dict[str, Any], fixed: dict[str, Any] | None = None, **more: Any) -> xr.Dataset:
         """The orbit at each point, from the least initial dip angle that drifts."""
         return search(
             grid | {"beta0": self.starts},
@@ -61,6 +61,7 @@ class Lab:
             ask="first",
             periods=300,
             orbit_periods=self.late,
+            **more,
             **self.how,
         )
 
@@ -139,11 +140,8 @@ class Lab:
     @cached_property
     def planar(self) -> xr.Dataset:
         """Drift of the planar dimer over the aspect ratio, with its mean velocity."""
-        from dimersweep.paths import add_paths
-
         grid = {"A_r": {"start": 3, "stop": 12, "step": 1 if self.small else 0.25}}
-        cube = self._first(grid, {"xdot0": 0})
-        return add_paths(cube, periods=self.late, per_period=1, rtol=RTOL, workers=self.how["workers"] or 2)
+        return self._first(grid, {"xdot0": 0}, paths={"periods": self.late, "per_period": 1})
 
     @cached_property
     def intensity(self) -> xr.Dataset:

@@ -15,8 +15,6 @@ from dimersweep.cli.options import Force, Periods, Rtol, Workers
 from dimersweep.errors import ParameterError, Stopped
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from dimersweep.declaration import Declaration
 
 Declared = Annotated[Path | None, typer.Argument(metavar="SWEEP.toml", help="Declaration of the sweep.")]
@@ -51,49 +49,29 @@ def run(
 
     cube_file = out or Path(declared.sweep.output)
     picture = cube_file.with_suffix(".png")
-    check_writable(cube_file, force=True)  # a cube that is there already is judged by `sweep`, which can read it
+    check_writable(cube_file, force=True)  # a cube that is there already is judged where it can be read
     if plot:
         check_writable(picture, force=force or retry, name="picture")
     with stoppable():
-        cube = _made(
+        from dimersweep.datasets import make
+
+        cube = make(
             declared,
             cube_file,
-            periods=declared.sweep.periods if periods is None else periods,
-            rtol=declared.sweep.rtol if rtol is None else rtol,
-            workers=workers,
-            force=force,
-            client=scheduler,
+            periods=periods,
+            rtol=rtol,
             extend=extend,
             retry=retry,
+            workers=workers,
+            client=scheduler,
             fail_fast=fail_fast,
+            force=force,
             keep_tiles=keep_tiles,
         )
         print_cube(cube)
         typer.echo(f"cube: {cube_file}")
         if plot:
             draw_beside(cube, picture)
-
-
-def _made(declared: "Declaration", out: Path, **options: Any) -> "xr.Dataset":
-    """The cube of a declared sweep or search, written to `out`."""
-    if declared.search is not None:
-        from dimersweep.datasets import make
-
-        taken = ("periods", "rtol", "workers", "force")
-        refused = [name for name, value in options.items() if value and name not in taken]
-        if refused:
-            raise ParameterError(f"{refused[0]}: is for sweeps of a whole grid; a search does not take it")
-        return make(declared, out, **{name: options[name] for name in taken})
-    from dimersweep.sweeping import sweep
-
-    return sweep(
-        declared.grid,
-        declared.fixed,
-        out=out,
-        stop_when_settled=declared.sweep.stop_when_settled,
-        attrs={"title": declared.sweep.title, "plot": declared.plot.kind},
-        **options,
-    )
 
 
 def _declared(declaration: Path | None, source: Path | None, out: Path | None, *, other_kernel: bool) -> "Declaration":
