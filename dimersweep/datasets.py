@@ -13,7 +13,7 @@ from dimersweep.making import make as make_cube
 
 def make(
     declared: Declaration,
-    out: Path,
+    out: Path | None,
     *,
     periods: int | None = None,
     rtol: float | None = None,
@@ -31,7 +31,7 @@ def make(
     Parameters
     ----------
     declared : Declaration
-    out : path-like
+    out : path-like, optional
         Cube to be.
     periods, rtol : int, float, optional
         In place of the declared ones.

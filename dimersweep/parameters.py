@@ -16,12 +16,16 @@ RTOL_RANGE = (1e-13, 1e-2)
 
 
 class Rule(NamedTuple):
-    """What one parameter must obey, alone or against another one; ``holds`` takes scalars or arrays."""
+    """What one parameter must obey, alone or against another one; ``holds`` takes scalars or arrays.
+
+    A value that obeys it against the ``worst`` value of the other one (its least or greatest) does so against all.
+    """
 
     name: str
     holds: Callable[..., Any]
     allowed: str
     other: str = ""
+    worst: Callable[[np.ndarray], Any] = np.max
 
 
 def _not_negative(value: Any) -> Any:
@@ -49,7 +53,7 @@ RULES = (
     Rule("rho_b", _positive, "> 0"),
     Rule("rho_r", _not_negative, ">= 0"),
     Rule("D_r", _not_negative, ">= 0"),
-    Rule("D_r", lambda D_r, r: D_r <= 2 * r, "<= 2 r with r = {} (the rod is thicker than the balls)", "r"),
+    Rule("D_r", lambda D_r, r: D_r <= 2 * r, "<= 2 r with r = {} (the rod is thicker than the balls)", "r", np.min),
     Rule("g", _positive, "> 0"),
 )
 
@@ -81,8 +85,7 @@ def check(columns: Mapping[str, Any], gaps: Collection[str] = ()) -> None:
     Parameters
     ----------
     columns : mapping of str to float or ndarray
-        Values of each parameter, scalars or shape (n_k,), finite, SI units. A rule that ties two parameters is tried
-        on the outer product of those two only, so a grid is judged without being laid out.
+        Values of each parameter, scalars or shape (n_k,), finite, SI units. No combination of values is laid out.
     gaps : collection of str
         Parameters that may break a rule that ties two of them; see `keeps_rules`.
 
@@ -96,11 +99,14 @@ def check(columns: Mapping[str, Any], gaps: Collection[str] = ()) -> None:
             continue
         values = np.atleast_1d(columns[rule.name])
         others = np.atleast_1d(columns[rule.other]) if rule.other else None
-        kept = rule.holds(values) if others is None else rule.holds(values[:, None], others)
-        if not np.all(kept):
-            broken = np.argwhere(~kept)[0]
-            allowed = rule.allowed if others is None else rule.allowed.format(float(others[broken[1]]))
-            raise ParameterError(f"{rule.name} = {float(values[broken[0]])}: must be {allowed}")
+        kept = rule.holds(values) if others is None else rule.holds(values, rule.worst(others))
+        if np.all(kept):
+            continue
+        value = values[np.argmin(kept)]
+        allowed = rule.allowed
+        if others is not None:
+            allowed = allowed.format(float(others[np.argmin(rule.holds(value, others))]))
+        raise ParameterError(f"{rule.name} = {float(value)}: must be {allowed}")
 
 
 def keeps_rules(columns: Mapping[str, Any]) -> Any:

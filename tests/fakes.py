@@ -3,6 +3,8 @@
 import numpy as np
 
 from dimersweep.kernel.layout import CODES, DI_SP_SK, M_DRIFT, M_REST, M_UNRESOLVED, OK, OUT, ROW
+from dimersweep.manifest import read_manifest
+from dimersweep.tilestore import manifest_of, tile_store
 
 SLOT = {name: k for k, name in enumerate(ROW)}
 CODE = {name: k for k, name in enumerate(CODES)}
@@ -39,3 +41,13 @@ class SteadyPace:
 def set_pace(monkeypatch, length):
     """Cut sweeps into tasks of `length` points."""
     monkeypatch.setattr("dimersweep.computing.Pace", lambda size, workers: SteadyPace(length))
+
+
+def forget_some(out, configuration, kind, seed):
+    """As if a search for `out`, whose folder was kept, had been stopped: delete the cube and about half of the points."""
+    rng = np.random.default_rng(seed)
+    manifest = read_manifest(manifest_of(out))
+    out.unlink()
+    with tile_store(out, configuration, manifest.size, kind) as store:
+        store.drop(lambda codes: rng.random(len(codes)) < 0.5)
+        assert 0 < store.manifest.done < manifest.done

@@ -1,28 +1,43 @@
-"""A sweep in a process of its own, slowed down so that it can be killed: ``python sweeper.py out workers seconds``."""
+"""A cube made in a process of its own, slowed down so that it can be killed: ``python sweeper.py kind out workers seconds``."""
 
 import sys
 import time
+from pathlib import Path
 
+import dimersweep.deciding
 import dimersweep.tiles
 from dimersweep import sweep
+from dimersweep.datasets import make
+from dimersweep.declaration import read_declaration
+from dimersweep.searching import search
 
 GRID = {"Gamma": [0.5, 0.9, 1.2], "beta0": {"start": 0.2, "stop": 80, "num": 110, "unit": "deg"}}
 SETTINGS = {"fixed": {"mu": 0.15}, "periods": 50}
+SEARCHED = {"Gamma": [0.5, 0.7, 0.8, 0.9, 1.0, 1.2], "f": [15, 20, 25, 30], "beta0": [0.1, 0.3, 0.5, 0.7, 0.9]}
+SEARCH = {"over": "beta0", "periods": 60, "orbit_periods": 30, "paths": {"periods": 10, "per_period": 4}}
+SMALL_MAP = Path(__file__).parents[1] / "sweeps" / "fig08-small.toml"
+
+MAKERS = {
+    "sweep": lambda out, **how: sweep(GRID, **SETTINGS, out=out, progress=False, **how),
+    "search": lambda out, **how: search(SEARCHED, **SEARCH, out=out, progress=False, **how),
+    "map": lambda out, **how: make(read_declaration(SMALL_MAP), out, progress=False, **how),
+}
 
 
-def slow_down(seconds):
+def slow_down(module, seconds):
     """Let each point take `seconds` more, without any change in its numbers."""
-    fast = dimersweep.tiles.run_many
+    fast = module.run_many
 
     def run_many(rows, *rest, until=0):
         made = fast(rows, *rest, until=until)
         time.sleep(seconds * made)
         return made
 
-    dimersweep.tiles.run_many = run_many
+    module.run_many = run_many
 
 
 if __name__ == "__main__":
-    out, workers, seconds = sys.argv[1:]
-    slow_down(float(seconds))
-    sweep(GRID, **SETTINGS, out=out, workers=int(workers), progress=False)
+    kind, out, workers, seconds = sys.argv[1:]
+    for module in (dimersweep.tiles, dimersweep.deciding):
+        slow_down(module, float(seconds))
+    MAKERS[kind](out, workers=int(workers))

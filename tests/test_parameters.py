@@ -1,6 +1,8 @@
 """Input is judged in one place; each refusal is one line with the parameter, the value and what is allowed."""
 
 import re
+import time
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -9,8 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dimersweep.errors import ParameterError
+from dimersweep.grid import make_grid
 from dimersweep.kernel.layout import ROW
-from dimersweep.parameters import Parameters, check_count, check_rtol
+from dimersweep.parameters import Parameters, check, check_count, check_rtol, keeps_rules
 
 BAD = [
     ({"e": float("nan")}, "e = nan: must be finite"),
@@ -93,3 +96,35 @@ def test_any_floats_give_a_finite_row_or_a_refusal_of_one_line(values):
         assert "\n" not in str(error)
     else:
         assert np.isfinite(row).all()
+
+
+tied = st.lists(st.floats(0.01, 1), min_size=1, max_size=4).map(np.array)
+
+
+@given(tied, tied, tied, tied)
+def test_columns_are_judged_as_all_their_combinations_are(mu, mu_s, D_r, r):
+    columns = {"mu": mu, "mu_s": mu_s, "D_r": D_r, "r": r}
+    combined = dict(zip(columns, map(np.ravel, np.meshgrid(*columns.values())), strict=True))
+    try:
+        check(columns)
+    except ParameterError as error:
+        assert not keeps_rules(combined).all()
+        found = re.match(r"(\w+) = (\S+): must be [<>]= .*?= ([^ ]+) \(", str(error))
+        broken = {found[1]: float(found[2]), {"mu_s": "mu", "D_r": "r"}[found[1]]: float(found[3])}
+        assert not keeps_rules(broken)
+    else:
+        assert keeps_rules(combined).all()
+
+
+def test_a_grid_of_1e9_points_is_judged_at_once():
+    axes = {"mu": np.linspace(0.1, 0.3, 31_700), "mu_s": np.linspace(0.3, 0.9, 31_700)}
+    tracemalloc.start()
+    try:
+        began = time.process_time()
+        assert make_grid(axes).size > 1e9
+        with pytest.raises(ParameterError, match=r"^mu_s = 0.2: must be >= mu = 0.200003"):
+            make_grid(axes | {"mu_s": np.linspace(0.2, 0.9, 31_700)})
+        assert time.process_time() - began < 0.5
+        assert tracemalloc.get_traced_memory()[1] < 20e6
+    finally:
+        tracemalloc.stop()

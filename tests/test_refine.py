@@ -1,17 +1,21 @@
 """A refined map is the map of a whole fine grid, at a fraction of its runs."""
 
+import os
 import re
 
 import numpy as np
 import pytest
 import xarray as xr
-from fakes import CODE, SLOT
+from fakes import CODE, SLOT, forget_some
 
 import dimersweep
 from dimersweep.cube import names
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.layout import M_DRIFT, M_JUMP, M_REST, OK
+from dimersweep.manifest import read_manifest
 from dimersweep.refining import Cell, finer, refine
+from dimersweep.searching import make_spec
+from dimersweep.tilestore import manifest_of
 
 COARSE = {
     "e": {"start": 0.4, "stop": 0.8, "num": 5},
@@ -78,6 +82,18 @@ def test_the_real_map_agrees_point_by_point_with_a_tenth_of_the_runs():
 @pytest.mark.parametrize("workers", [1, 4])
 def test_threads_change_nothing(banded, workers):
     xr.testing.assert_equal(refine(COARSE, workers=workers, **SETTINGS), refine(COARSE, workers=2, **SETTINGS))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_was_known_before_changes_nothing(banded, tmp_path, seed):
+    out = tmp_path / "map.nc"
+    reference = refine(COARSE, out=out, keep_tiles=True, **SETTINGS)
+    manifest = read_manifest(manifest_of(out))
+    assert manifest.words == f"{manifest.done} of {manifest.done} points known to be needed so far"
+    coarse = make_spec(COARSE, None, over="beta0", ask="any", mode="drift", periods=5, rtol=1e-8)
+    forget_some(out, manifest.configuration, coarse.kind, seed)
+    xr.testing.assert_equal(refine(COARSE, out=out, **SETTINGS), reference)
+    assert os.listdir(tmp_path) == ["map.nc"]
 
 
 def test_regions_that_are_not_told_apart_cost_nothing(banded):

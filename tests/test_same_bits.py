@@ -1,4 +1,4 @@
-"""The same cube bit for bit: serial, in threads, on four processes, in two tilings, and after five kills at random moments."""
+"""The same cube bit for bit: serial, in threads, on four processes, in two tilings, and after kills at random moments."""
 
 import os
 import random
@@ -11,13 +11,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fakes import set_pace
-from sweeper import GRID, SETTINGS
+from sweeper import GRID, MAKERS, SETTINGS
 
 import dimersweep
 from dimersweep.cube import build
 from dimersweep.manifest import read_manifest
 from dimersweep.provenance import attributes
+from dimersweep.status import status
 from dimersweep.tiles import Tile, make_spec, run_tile
+from dimersweep.tilestore import folder_of, manifest_of
 
 ROOT = Path(__file__).parents[1]
 pytestmark = [pytest.mark.jit, pytest.mark.slow]
@@ -74,34 +76,61 @@ def test_zarr(serial, tmp_path, monkeypatch):
     assert os.listdir(tmp_path) == ["cube.zarr"]
 
 
-def test_four_processes(serial, tmp_path):
+@pytest.fixture(scope="module")
+def others(serial, tmp_path_factory):
+    """Of each kind, the cube that nothing has disturbed: for a search and a map, in one thread and without any file."""
+    made = {"sweep": serial}
+    for kind in ("search", "map"):
+        made[kind] = MAKERS[kind](None, workers=1)
+    return made
+
+
+@pytest.mark.parametrize("length", [1, 5])
+def test_threads_and_tilings_of_a_search(others, monkeypatch, tmp_path, length):
+    set_pace(monkeypatch, length)
+    assert_same(MAKERS["search"](tmp_path / "cube.nc", workers=3), others["search"])
+    assert_same(dimersweep.open_cube(tmp_path / "cube.nc"), others["search"])
+
+
+@pytest.fixture(scope="module")
+def client():
     from distributed import Client, LocalCluster
 
     with (
         LocalCluster(n_workers=4, threads_per_worker=1, dashboard_address=":0") as cluster,
         Client(cluster) as client,
     ):
-        assert_same(swept(client=client, out=tmp_path / "cube.nc"), serial)
-        assert_same(swept(client=cluster.scheduler_address), serial)
+        yield client
 
 
-def start(out, workers):
+@pytest.mark.parametrize("kind", MAKERS)
+def test_four_processes(others, client, tmp_path, kind):
+    assert_same(MAKERS[kind](tmp_path / "cube.nc", client=client), others[kind])
+    assert_same(dimersweep.open_cube(tmp_path / "cube.nc"), others[kind])
+
+
+def test_the_address_of_a_scheduler_serves_too(serial, client):
+    assert_same(swept(client=client.scheduler.address), serial)
+
+
+def start(kind, out, workers):
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    command = [sys.executable, str(ROOT / "tests" / "sweeper.py"), str(out), str(workers), "0.05"]
+    command = [sys.executable, str(ROOT / "tests" / "sweeper.py"), kind, str(out), str(workers), "0.05"]
     return subprocess.Popen(command, env=environment, cwd=out.parent)
 
 
 def finished_points(out):
-    manifest = out.with_name("cube.nc.tiles") / "manifest.jsonl"
-    return sum(entry.points for entry in read_manifest(manifest).entries) if manifest.exists() else 0
+    manifest = manifest_of(out)
+    return read_manifest(manifest).done if manifest.exists() else 0
 
 
-def test_five_kills_at_random_moments(serial, tmp_path):
-    out, chance = tmp_path / "cube.nc", random.Random(5)
+@pytest.mark.parametrize(("kind", "kills"), [("sweep", 5), ("search", 3), ("map", 3)])
+def test_kills_at_random_moments(others, tmp_path, kind, kills):
+    out, chance = tmp_path / "cube.nc", random.Random(kills)
     done = []
-    for kill in range(5):
-        with start(out, workers=1 + kill % 3) as process:
-            while not out.with_name("cube.nc.tiles").exists():
+    for kill in range(kills):
+        with start(kind, out, workers=1 + kill % 3) as process:
+            while not folder_of(out).exists():
                 time.sleep(0.01)
             if kill:  # at least one after the first tiles, the others anywhere
                 time.sleep(chance.uniform(0.0, 1.5))
@@ -109,11 +138,17 @@ def test_five_kills_at_random_moments(serial, tmp_path):
                 while not finished_points(out):
                     time.sleep(0.01)
             process.send_signal(signal.SIGKILL)
-        assert process.returncode == -signal.SIGKILL, "the sweep ended before it was killed"
+        assert process.returncode == -signal.SIGKILL, "it ended before it was killed"
         done.append(finished_points(out))
+        assert status(out)[0].startswith(f"{out}: {done[-1]} of ")
     assert done == sorted(done), "a kill has cost finished points"
-    assert 0 < done[0] <= done[-1] < serial["mode"].size
-    cube = swept(out=out, workers=2)
-    assert_same(cube, serial)
-    assert_same(dimersweep.open_cube(out), serial)
+    assert 0 < done[0] <= done[-1] < finished(others[kind])
+    cube = MAKERS[kind](out, workers=2)
+    assert_same(cube, others[kind])
+    assert_same(dimersweep.open_cube(out), others[kind])
     assert os.listdir(tmp_path) == ["cube.nc"]
+
+
+def finished(cube):
+    """Number of points that were run."""
+    return int((cube["computed"] == 1).sum()) if "computed" in cube else cube["mode"].size

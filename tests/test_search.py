@@ -1,22 +1,26 @@
 """A search answers as a whole sweep would, with fewer runs, and whatever order its points are taken in."""
 
+import os
 import re
+import signal
 
 import numpy as np
 import pytest
 import xarray as xr
-from fakes import CODE, fake_run_many, set_pace
+from fakes import CODE, fake_run_many, forget_some, set_pace
 from hypothesis import given
 from hypothesis import strategies as st
 
 import dimersweep
 from dimersweep import deciding
 from dimersweep.cube import names
-from dimersweep.deciding import spread_order
-from dimersweep.errors import ParameterError
+from dimersweep.deciding import Wave, spread_order
+from dimersweep.errors import ParameterError, Stopped, StoreError
 from dimersweep.kernel.layout import M_DRIFT, MODES
 from dimersweep.reading import runs_of
-from dimersweep.searching import search, waves
+from dimersweep.searching import make_spec, search, waves
+from dimersweep.status import status
+from dimersweep.tiles import Tile, attempt
 
 # with the fake kernel no start drifts where f is small, some do elsewhere
 GRID = {"f": [0.2, 0.3, 0.4, 0.5, 1, 3, 9], "e": [0.5, 0.6, 0.7], "beta0": {"start": 0.03, "stop": 0.3, "num": 19}}
@@ -88,6 +92,65 @@ def test_threads_and_tilings_change_nothing(fake_kernel, monkeypatch, workers, l
     reference = quiet_search(workers=1)
     set_pace(monkeypatch, length)
     xr.testing.assert_equal(quiet_search(workers=workers), reference)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_was_known_before_changes_nothing(fake_kernel, tmp_path, seed):
+    out = tmp_path / "cube.nc"
+    reference = quiet_search(out=out, keep_tiles=True)
+    spec = make_spec(GRID, None, over="beta0", ask="any", mode="drift", periods=5, rtol=1e-8)
+    forget_some(out, spec.configuration(), spec.kind, seed)
+    xr.testing.assert_equal(quiet_search(out=out), reference)
+    assert os.listdir(tmp_path) == ["cube.nc"]
+
+
+def test_a_search_that_is_complete_is_not_made_again(fake_kernel, monkeypatch, tmp_path):
+    reference = quiet_search(out=tmp_path / "cube.nc")
+    monkeypatch.setattr("dimersweep.deciding.run_many", lambda *arguments, until: pytest.fail("work was done"))
+    xr.testing.assert_identical(quiet_search(out=tmp_path / "cube.nc"), reference)
+    with pytest.raises(StoreError, match=r'exists already; .*What differs:\n  search.ask: "any" -> "all"$'):
+        quiet_search(out=tmp_path / "cube.nc", ask="all")
+
+
+def test_a_search_that_is_stopped_keeps_what_it_has(fake_kernel, monkeypatch, tmp_path):
+    out, asked, fast = tmp_path / "cube.nc", [], fake_run_many
+
+    def interrupts(rows, *rest, until=0):
+        asked.append(len(rows))
+        if len(asked) == 9:
+            signal.raise_signal(signal.SIGINT)
+        return fast(rows, *rest, until=until)
+
+    reference = quiet_search()
+    with monkeypatch.context() as patch:
+        patch.setattr("dimersweep.deciding.run_many", interrupts)
+        with pytest.raises(Stopped, match=r"\d+ of 21 points are kept in .*cube.nc.tiles; run the same again to go on"):
+            quiet_search(out=out, workers=1)
+    assert status(out)[-1] == "at work: nobody; run the same sweep again to go on"
+    with pytest.raises(
+        StoreError, match=r'holds results of another sweep.*What differs:\n  search.mode: "drift" -> "jump"$'
+    ):
+        quiet_search(out=out, mode="jump")
+    xr.testing.assert_equal(quiet_search(out=out), reference)
+
+
+def test_a_long_point_can_be_stopped_within(monkeypatch):
+    spec = make_spec(GRID, None, over="beta0", ask="all", mode="rest", periods=5, rtol=1e-8)
+    monkeypatch.setattr("dimersweep.deciding.CHUNK_RUNS", 1)
+    monkeypatch.setattr("dimersweep.deciding.run_many", fake_run_many)
+    assert attempt(Wave(spec, {0: []}), (Tile(0, 1),), lambda: True) == []
+
+
+def test_a_search_is_not_written_by_blocks(monkeypatch, tmp_path):
+    monkeypatch.setattr("dimersweep.deciding.run_many", lambda *arguments, until: pytest.fail("work was done"))
+    with pytest.raises(ParameterError, match=r"a.zarr: only a sweep of a whole grid is written as Zarr; give a NetCDF"):
+        quiet_search(out=tmp_path / "a.zarr")
+
+
+def test_a_search_larger_than_memory_is_refused_at_once():
+    grid = {name: {"start": 0.1, "stop": 0.9, "num": 1000} for name in ("e", "mu", "Gamma")} | {"beta0": [0.1, 0.2]}
+    with pytest.raises(ParameterError, match=r"^grid: 1000000000 points; one cube in memory may hold 50000000"):
+        quiet_search(grid, {"mu_s": 0.9})
 
 
 @pytest.mark.jit
