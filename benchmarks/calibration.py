@@ -15,8 +15,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from dimersweep import Parameters, simulate
-from dimersweep.certifying import CERTAIN, CONFIDENCES, certified
-from dimersweep.cube import blank
+from dimersweep.certifying import CERTAIN, certified
+from dimersweep.cube import FLAGS, blank
 from dimersweep.kernel.batch import run_many
 from dimersweep.kernel.layout import CODES, MODES
 from dimersweep.shadows import FINEST, delays, difference, scaled
@@ -66,7 +66,7 @@ def error_of(seed, rtol):
 
 
 def verdicts_of(seeds):
-    """Confidence of each verdict at `RTOL`, and the modes at each of `RTOLS`, shapes (n,), (n, 7); the time of both parts [s]."""
+    """Confidence of the verdicts at `RTOL`, modes at each of `RTOLS`, shapes (n,), (n, 7); times without and with it [s]."""
     rows = np.array([Parameters(**scene(seed)).row() for seed in seeds])
     began = time.perf_counter()
     out, codes = blank(len(rows))
@@ -101,11 +101,16 @@ def tell_errors(errors, seconds):
 def tell_verdicts(confidence, modes, plain, spent, seconds):
     """Print how many verdicts are certified, and how many change with rtol."""
     change = (modes != modes[:, :1]).any(axis=1)
-    print(f"{len(modes)} verdicts after up to {VERDICT_PERIODS} periods, {seconds:.0f} s; certifying takes {spent / plain:.1f} times")
-    for code, name in enumerate(CONFIDENCES):
+    print(
+        f"{len(modes)} verdicts after up to {VERDICT_PERIODS} periods, {seconds:.0f} s; "
+        f"a certified sweep takes {spent / plain:.1f} times as long as another one"
+    )
+    for code, name in enumerate(FLAGS["confidence"]):
         some = confidence == code
         if some.any():
-            told = ", ".join(f"{MODES[m]} {n}" for m, n in zip(*np.unique(modes[some, 2], return_counts=True), strict=True))
+            told = ", ".join(
+                f"{MODES[m]} {n}" for m, n in zip(*np.unique(modes[some, 2], return_counts=True), strict=True)
+            )
             print(
                 f"{name:>9}: {100 * some.mean():6.2f} % of the points, of which {100 * change[some].mean():.3f} % "
                 f"({np.count_nonzero(change & some)}) change over rtol 1e-6 to 1e-12 ({told})"
@@ -151,7 +156,9 @@ def main():
         began = time.perf_counter()
         chunks = np.array_split(np.arange(options.scenes), max(1, options.scenes // CHUNK))
         parts = list(zip(*pool.map(verdicts_of, chunks), strict=True))
-    tell_verdicts(*(np.concatenate(part) for part in parts[:2]), sum(parts[2]), sum(parts[3]), time.perf_counter() - began)
+    tell_verdicts(
+        *(np.concatenate(part) for part in parts[:2]), sum(parts[2]), sum(parts[3]), time.perf_counter() - began
+    )
     draw(errors, options.figure)
     print(options.figure)
 
