@@ -20,8 +20,8 @@ COARSER = (
 )
 FINEST = 1e-13
 NUDGE = 1e-4  # change of the start over rtol: far below the error of the run, far above round-off
-SAFETY = 3.0  # bound over difference
-LONGER = 3.0  # time that hops may take, over that of hops under gravity alone
+SAFETY = 10.0  # bound over difference: two runs can be alike by chance
+LONGER = 3.0  # time that summed hops may take, over that of a geometric series
 ROUNDING = 1e-12  # what no number is known better than, in its scale
 _BY_UNIT = {"m": 0.01, "m s-1": 0.1, "rad": 1.0, "rad s-1": 1.0}
 SCALES = {name: _BY_UNIT[unit] for name, (unit, _) in STATES.items() if unit in _BY_UNIT and name != "plate"}
@@ -127,17 +127,18 @@ def summed_hops(run: Recorded, times: np.ndarray) -> dict[str, np.ndarray]:
     In the states of a run an end rests from the close of its chatter on; in truth it hops on for a moment, at gap rates up to
     the last one.
     """
-    events, parameters = run.events, run.parameters
+    parameters = run.parameters
+    t, cause = (run.events[name].values for name in ("time", "cause"))
+    rates = [run.events[f"gap_{end}_rate_after"].values for end in (1, 2)]
     rate, g, r = np.zeros(times.size), parameters["g"], parameters["r"]
     h = r * (parameters["A_r"] - 1)
-    for close in np.flatnonzero(events["cause"].values == "chatter_end"):
-        start = events["time"].values[close]
-        for end in (1, 2):
-            left = events[f"gap_{end}_rate_after"].values[close - 1]
-            if left > 0.0 == events[f"gap_{end}_rate_after"].values[close]:
-                e = parameters.get(f"e_{end}", parameters["e"])
-                lasts = LONGER * 2 * left / (g * (1 - e))
-                rate = np.where((start <= times) & (times < start + lasts), left, rate)
+    for close in np.flatnonzero(cause == "chatter_end"):
+        before = np.searchsorted(t, t[close]) - 1  # the row from which the last hop that was followed set out
+        for k, e in enumerate((parameters.get("e_1", parameters["e"]), parameters.get("e_2", parameters["e"]))):
+            left, last = rates[k][close - 1], rates[k][before]
+            if rates[k][close] == 0.0 < min(left, last):
+                ends = t[close] + LONGER * left / last * (t[close] - t[before]) / (1 - e)
+                rate = np.where((t[close] <= times) & (times < ends), left, rate)
     by_unit = {"m": rate**2 / g, "m s-1": rate, "rad": rate**2 / (g * h), "rad s-1": rate / h}
     off = {name: by_unit[STATES[name].units] for name in SCALES}
     return off | {"spin": rate**2 / (g * r), "spin_rate": rate / r}

@@ -1,9 +1,14 @@
 """The error that a run tells of itself, against finer runs and closed forms."""
 
+import json
+import re
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from dimersweep import simulate
+from dimersweep import cli, simulate
 from dimersweep.errors import ParameterError
 from dimersweep.shadows import CLOSED_STATE, SCALES, bounds, delays, difference, pairs, scaled
 
@@ -57,7 +62,7 @@ def test_what_closed_forms_give_is_known_to_the_nudge_of_the_start():
     bound, states = run.error(times).sel(time=times), run.states(times)
     x = states["x"].values
     assert (np.abs(x - x[0] - times * (x[-1] - x[0]) / times[-1]) <= bound["x"].values).all()
-    assert bound["scaled"].values.max() < 1e-10
+    assert bound["scaled"].values.max() < 1e-9
 
 
 def test_a_sample_in_the_summed_end_of_a_chatter_is_bounded():
@@ -117,3 +122,21 @@ def test_what_cannot_be_bounded_is_refused(coarse):
     assert stuck.status == "max_events"
     with pytest.raises(ParameterError, match="did not reach its end"):
         stuck.error()
+
+
+def test_the_command_line_tells_it(monkeypatch, capsys, coarse):
+    for more in ([], ["--json"]):
+        monkeypatch.setattr(sys, "argv", ["dimersweep", "simulate", "--periods", "4", "--rtol", "1e-6", "--error", *more])
+        cli.main()
+    table, _, told = capsys.readouterr().out.partition("{")
+    assert "state error" in table
+    assert json.loads("{" + told)["state_error"] == pytest.approx(float(coarse.error()["scaled"][-1]))
+
+
+def test_the_examples_of_the_page_run(monkeypatch, tmp_path, capsys):
+    monkeypatch.chdir(tmp_path)
+    page = (Path(__file__).parents[1] / "docs" / "trust.md").read_text(encoding="utf-8")
+    names = {}
+    for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL):
+        exec(compile(block, "trust.md", "exec"), names)
+    assert "certain" in capsys.readouterr().out
