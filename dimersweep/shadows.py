@@ -60,8 +60,10 @@ def nudged(start: dict[str, float], by: float) -> dict[str, float]:
     return start | change
 
 
-def pairs(events: xr.Dataset, others: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
+def pairs(events: xr.Dataset, others: xr.Dataset, T: float) -> tuple[np.ndarray, np.ndarray]:
     """Rows of two event lists that are the same event: of one cause and kind, and each the other's nearest in time.
+
+    Events that are further apart than half the way to the next of their sort, or half a forcing period `T`, are not the same.
 
     Returns
     -------
@@ -73,7 +75,9 @@ def pairs(events: xr.Dataset, others: xr.Dataset) -> tuple[np.ndarray, np.ndarra
     for name in ours.keys() & theirs.keys():
         mine, yours = ours[name], theirs[name]
         there, back = _nearest(t[mine], t_other[yours]), _nearest(t_other[yours], t[mine])
-        mutual = back[there] == np.arange(mine.size)
+        apart = np.abs(t[mine] - t_other[yours][there])
+        close = 2 * apart <= np.minimum(_room(t[mine], T), _room(t_other[yours], T)[there])
+        mutual = close & (back[there] == np.arange(mine.size))
         rows.append(mine[mutual])
         other_rows.append(yours[there[mutual]])
     found, partner = np.concatenate([[], *rows]).astype(int), np.concatenate([[], *other_rows]).astype(int)
@@ -105,6 +109,12 @@ def _nearest(values: np.ndarray, among: np.ndarray) -> np.ndarray:
     return np.where(np.abs(values - among[before]) <= np.abs(values - among[after]), before, after)
 
 
+def _room(values: np.ndarray, most: float) -> np.ndarray:
+    """Distance of each of the increasing `values` to the nearest other one, `most` at most."""
+    steps = np.concatenate(([most], np.diff(values), [most]))
+    return np.minimum(np.minimum(steps[:-1], steps[1:]), most)
+
+
 def difference(run: Recorded, other: Recorded, times: np.ndarray) -> dict[str, np.ndarray]:
     """How far the states of two runs are apart: each quantity of `SCALES`, shape (n,), in its unit; inf if `other` failed."""
     if other.status != "ok":
@@ -115,7 +125,7 @@ def difference(run: Recorded, other: Recorded, times: np.ndarray) -> dict[str, n
 
 def delays(run: Recorded, other: Recorded) -> np.ndarray:
     """How far the events of two runs are apart in time [s], one for each event of `run`; NaN where `other` lacks it."""
-    rows, other_rows = pairs(run.events, other.events)
+    rows, other_rows = pairs(run.events, other.events, 1 / run.parameters["f"])
     apart = np.full(run.events.sizes["event"], np.nan)
     apart[rows] = np.abs(run.events["time"].values[rows] - other.events["time"].values[other_rows])
     return apart

@@ -78,13 +78,13 @@ def test_a_sample_in_the_summed_end_of_a_chatter_is_bounded():
 
 
 def test_events_are_paired_by_kind_and_time(coarse, fine):
-    rows, others = pairs(coarse.events, fine.events)
+    rows, others = pairs(coarse.events, fine.events, 1 / 15)
     for name in ("cause", "kind"):
         assert (coarse.events[name].values[rows] == fine.events[name].values[others]).all()
     assert (np.diff(rows) > 0).all()
     assert len(rows) == len(set(others.tolist()))
     assert np.array_equal(
-        np.stack(pairs(fine.events, fine.events)), np.tile(np.arange(fine.events.sizes["event"]), (2, 1))
+        np.stack(pairs(fine.events, fine.events, 1 / 15)), np.tile(np.arange(fine.events.sizes["event"]), (2, 1))
     )
     assert coarse.events.sizes["event"] < fine.events.sizes["event"]  # whose chatter goes on for longer
     late = np.abs(coarse.events["time"].values[rows] - fine.events["time"].values[others])
@@ -126,7 +126,9 @@ def test_what_cannot_be_bounded_is_refused(coarse):
 
 def test_the_command_line_tells_it(monkeypatch, capsys, coarse):
     for more in ([], ["--json"]):
-        monkeypatch.setattr(sys, "argv", ["dimersweep", "simulate", "--periods", "4", "--rtol", "1e-6", "--error", *more])
+        monkeypatch.setattr(
+            sys, "argv", ["dimersweep", "simulate", "--periods", "4", "--rtol", "1e-6", "--error", *more]
+        )
         cli.main()
     table, _, told = capsys.readouterr().out.partition("{")
     assert "state error" in table
