@@ -28,7 +28,7 @@ VERDICT_PERIODS = 200
 RTOL = 1e-8
 RTOLS = tuple(10.0**-k for k in range(6, 13))
 CHUNK = 20  # scenes to a task
-COLORS = {4: "#0072b2", 20: "#e69f00", 60: "#d55e00"}
+COLORS = {4: "#0072b2", 20: "#e69f00", 60: "#009e73"}
 
 
 def scene(seed):
@@ -136,6 +136,7 @@ def draw(errors, path):
         ax.set_ylabel("estimated bound")
         ax.grid(alpha=0.3)
     axes[0].legend(fontsize=8)
+    figure.suptitle(f"{len(errors)} runs at rtol {RTOL:.0e}, against rtol {FINEST:.0e}", fontsize=10)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=150)
 

@@ -66,20 +66,37 @@ def test_a_ball_that_bounces_once_a_period_has_its_multipliers(e, Gamma):
 
 
 def test_the_period_doubles_where_a_multiplier_passes_minus_one():
-    """At the closed form's Gamma for the ball, a little below and above; the motions that runs settle to agree."""
+    """At the closed form's Gamma for the ball (the map's own multipliers on both sides of it are tried above)."""
     e = 0.6
     flip = (pi**2 * ((1 - e) / (1 + e)) ** 2 + 4 * ((1 + e**2) / (1 + e) ** 2) ** 2) ** 0.5
-    assert (
-        min(ball_multipliers(e, flip - 1e-6, 15.0)[1].real) > -1 > min(ball_multipliers(e, flip + 1e-6, 15.0)[1].real)
-    )
-    runs = [
-        simulate(**smooth(e, Gamma, 15.0, 0.07).given() | {"beta0": 0.0, "xdot0": 0.0}, periods=300)
-        for Gamma in (1.31, 1.35)
-    ]
-    assert runs[0].mode_period in (1, 2)
-    for run in runs:
-        if run.mode_period:
-            assert abs(multipliers(run).values[0]) < 1 + 1e-6
+    assert 1.31 < flip < 1.33
+    below, above = (min(ball_multipliers(e, flip + step, 15.0)[1].real) for step in (-1e-6, 1e-6))
+    assert above < -1 < below
+
+
+def test_each_impact_of_a_ball_contracts_by_the_square_of_its_restitution():
+    """In a motion of some periods that a run settles to; an end that comes to rest in it has no multipliers but zero."""
+    run = simulate(**smooth(0.6, 1.31, 15.0, 0.07).given() | {"beta0": 0.0, "xdot0": 0.0}, periods=300)
+    assert run.mode_period > 0
+    found, events = multipliers(run), run.events
+    last = events["time"].values > (run.n_periods - run.mode_period) / 15
+    impacts = 0
+    for end in (1, 2):
+        if f"gap_{end}" in found.coordinates:
+            impacts += np.unique(events["time"].values[last & (events[f"impulse_{end}"].values > 1e-9)]).size
+    assert impacts > 0
+    assert np.prod(np.abs(found.values)) == pytest.approx(0.6 ** (2 * impacts), rel=1e-2)
+    assert np.abs(found.values).max() == pytest.approx(1)
+
+
+def test_the_map_goes_on_as_a_run_does():
+    short, long = (simulate(periods=periods).record("the test").segments[-1][:N_STATE] for periods in (10, 15))
+    parameters = Parameters()
+    section = Section(parameters.given(), parameters.row(), 1e-8)
+    image, modes = section.after(short.copy(), 5)
+    assert image == pytest.approx(section.point(long), abs=1e-6)
+    assert section.point(section.state(image)) == pytest.approx(image, abs=1e-12)
+    assert (modes == 0).sum() == 1  # one end is in flight
 
 
 @pytest.fixture(scope="module")
