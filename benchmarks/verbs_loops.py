@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from verbs_inputs import CONTACT, DOUBLE, FLIGHT, RTOL, SINGLE, Inputs, record
 
-from dimersweep.kernel import body, chatter, contact, engine, flight, glide, impact, paces, roots, single_impact
+from dimersweep.kernel import body, charts, chatter, contact, engine, flight, glide, impact, paces, roots, single_impact
 from dimersweep.kernel.batch import run_many
 from dimersweep.kernel.body import TWO_PI
 from dimersweep.kernel.engine import ROW_DY, ROW_F, ROW_Y, WORK_COLUMNS, WORK_ROWS
@@ -55,7 +55,8 @@ def approach(state):
 def route(dm, state, tol):
     """By which route an impact at one end begins: HELD, STRAIGHT, TURNING or FRICTIONLESS."""
     s = -1.0 if state[D1] == 0.0 else 1.0
-    law = impact.end_law(dm, s, 0.0, sin(state[BETA]), cos(state[BETA]), dm.mu, dm.mu_s)
+    e = dm.e_1 if s < 0.0 else dm.e_2
+    law = impact.end_law(dm, s, 0.0, sin(state[BETA]), cos(state[BETA]), e, dm.mu, dm.mu_s)
     V = approach(state)
     _, a, b = impact.contact_velocity(dm, state, s)
     v = hypot(a, b)
@@ -90,7 +91,7 @@ def delassus_of_both(dm, state):
 @compiled
 def lay(dm, state, modes, y):
     """A kernel state as the state of a contact phase."""
-    contact.unload(dm, state, -1.0 if modes[0] != FREE else 1.0, y)
+    charts.unload(dm, state, -1.0 if modes[0] != FREE else 1.0, y)
     engine.hold_rest(dm, modes, y)
 
 
@@ -101,10 +102,11 @@ def contact_step(dm, state, modes, pace, rtol, work):
     phase = state[PHASE] + dm.phi0
     lay(dm, state, modes, b.start)
     paces.set_scales(dm, rtol, b.scale)
+    paces.set_chart(b.start, b)
     contact.contact_rates(dm, modes, phase, b.start, False, b.dy, b.F)
     gamma = paces.stiffness(dm, max(b.F[contact.F1], b.F[contact.F2]))
     size = STRETCH if pace == paces.SLOW else SHARE * dm.T
-    return paces.step_to(dm, modes, phase, size, contact.N_CLOSED, pace, gamma, b)
+    return paces.step_to(dm, modes, phase, size, charts.N_CLOSED, pace, gamma, b)
 
 
 @compiled
@@ -188,7 +190,7 @@ def loop(verb, rows, scene, states, modes, option, rtol, turns, work, log, answe
                 answer = route(dm, state, rtol)
             elif verb == SLIP_SPEED:
                 lay(dm, state, mode, work[ROW_Y])
-                answer = hypot(work[ROW_Y, contact.YUA], work[ROW_Y, contact.YUB])
+                answer = hypot(work[ROW_Y, charts.YUA], work[ROW_Y, charts.YUB])
             answers[k] = answer
 
 

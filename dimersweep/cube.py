@@ -18,6 +18,7 @@ FLAGS = {
     "answer": ("not_run", "no", "yes", "unsure"),
     "region": (*MODES, "mixed"),
     "computed": ("no", "yes"),
+    "confidence": ("not_run", "certain", "unsure", "changed"),
 }
 _PACKED = {"zlib": True, "complevel": 4, "shuffle": True}
 
@@ -63,7 +64,13 @@ def float_variable(dims: tuple[str, ...], values: np.ndarray, quantity: Quantity
     return variable
 
 
-def build(grid: Grid, out: np.ndarray, codes: np.ndarray, attributes: Mapping[str, Any]) -> xr.Dataset:
+def build(
+    grid: Grid,
+    out: np.ndarray,
+    codes: np.ndarray,
+    attributes: Mapping[str, Any],
+    more: Mapping[str, np.ndarray] | None = None,
+) -> xr.Dataset:
     """The cube of a swept grid.
 
     Parameters
@@ -76,6 +83,8 @@ def build(grid: Grid, out: np.ndarray, codes: np.ndarray, attributes: Mapping[st
         Integer results of each point.
     attributes : mapping
         Global attributes.
+    more : mapping of str to ndarray, optional
+        What is known of each mode besides, shape (grid.size,).
 
     Returns
     -------
@@ -89,6 +98,14 @@ def build(grid: Grid, out: np.ndarray, codes: np.ndarray, attributes: Mapping[st
     }
     for slot, name in enumerate(OUT):
         variables[name] = float_variable(dims, out[:, slot].reshape(grid.shape), QUANTITIES[name])
+    for name, values in (more or {}).items():
+        shaped = values.reshape(grid.shape)
+        labelled = (
+            label_variable(name, dims, shaped) if name in FLAGS else float_variable(dims, shaped, QUANTITIES[name])
+        )
+        variables[name] = labelled
+    if more:
+        variables["mode"].attrs["ancillary_variables"] = " ".join(more)
     coordinates = {name: _coordinate(name, value) for name, value in (grid.axes | grid.fixed).items()}
     return xr.Dataset(variables, coordinates, dict(attributes))
 

@@ -19,6 +19,7 @@ def make(
     rtol: float | None = None,
     extend: Path | None = None,
     retry: bool = False,
+    certify: bool = False,
     workers: int | None = None,
     client: Any = None,
     progress: bool = True,
@@ -35,8 +36,8 @@ def make(
         Cube to be.
     periods, rtol : int, float, optional
         In place of the declared ones.
-    extend, retry, workers, client, progress, fail_fast, force, keep_tiles
-        As in `sweep`; a search takes neither of the first two.
+    extend, retry, certify, workers, client, progress, fail_fast, force, keep_tiles
+        As in `sweep`; a search takes none of the first three.
 
     Returns
     -------
@@ -47,6 +48,6 @@ def make(
     ParameterError, StoreError, PointError, Stopped
         As by `sweep`.
     """
-    job = declared.job(periods=periods, rtol=rtol, extend=extend, retry=retry)
+    job = declared.job(periods=periods, rtol=rtol, extend=extend, retry=retry, certify=certify)
     how = make_how(workers, client, progress=progress, fail_fast=fail_fast)
     return make_cube(job, how, Output(out, force=force, keep_tiles=keep_tiles, attrs=declared.attrs))

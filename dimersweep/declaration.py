@@ -27,6 +27,7 @@ class SweepSection(_Section):
     periods: int
     rtol: float = 1e-8
     stop_when_settled: bool = True
+    certify: bool = False
     output: str
 
 
@@ -79,6 +80,7 @@ class Declaration(_Section):
         rtol: float | None = None,
         extend: Path | None = None,
         retry: bool = False,
+        certify: bool = False,
     ) -> Job:
         """What the sections say together, judged and ready to be made into a cube.
 
@@ -88,6 +90,8 @@ class Declaration(_Section):
             In place of the declared ones.
         extend, retry
             As in `sweep`.
+        certify : bool
+            Whether to certify what was not declared to be, see `sweep`.
 
         Raises
         ------
@@ -97,13 +101,17 @@ class Declaration(_Section):
             "periods": check_count("sweep.periods", self.sweep.periods) if periods is None else periods,
             "rtol": check_rtol(self.sweep.rtol) if rtol is None else rtol,
         }
+        certify = certify or self.sweep.certify
         if self.search is None:
             if self.refine or self.paths:
                 raise ParameterError("search: is missing; refine and paths go with a search")
-            spec = tiles.make_spec(self.grid, self.fixed, stop_when_settled=self.sweep.stop_when_settled, **given)
+            given |= {"stop_when_settled": self.sweep.stop_when_settled, "certify": certify}
+            spec = tiles.make_spec(self.grid, self.fixed, **given)
             return SweepJob(spec, extend, retry)
         if extend or retry:
             raise ParameterError("extend, retry: are for sweeps of a whole grid; a search does not take them")
+        if certify:
+            raise ParameterError("certify: is for sweeps of a whole grid; a search does not take it")
         if not self.sweep.stop_when_settled:
             raise ParameterError("sweep.stop_when_settled = false: a search stops each run that has settled")
         paths = None if self.paths is None else self.paths.model_dump()

@@ -11,7 +11,7 @@ from dimersweep.cube import blank, build
 from dimersweep.grid import Grid
 from dimersweep.manifest import read_manifest
 from dimersweep.provenance import as_text
-from dimersweep.tiles import TILE_SECONDS, TILES_PER_WORKER, Spec, Tile, attempt
+from dimersweep.tiles import TILE_SECONDS, TILES_PER_WORKER, Spec, Tile, attempt, beyond, blank_results
 from dimersweep.tilestore import manifest_of
 
 SAMPLE = 200  # points timed at most
@@ -95,8 +95,11 @@ def plan(spec: Spec, workers: int, out: Path | None = None) -> Plan:
         times.append(attempt(spec, (Tile(point, point + 1),))[0].seconds)
         if perf_counter() - started > SAMPLE_SECONDS:
             break
-    one = build(Grid({name: values[:1] for name, values in spec.grid.axes.items()}, {}), *blank(1), {})
-    size = sum(variable.dtype.itemsize for variable in one.data_vars.values())
+    one, more = (
+        Grid({name: values[:1] for name, values in spec.grid.axes.items()}, {}),
+        beyond(blank_results(1, spec.kind)),
+    )
+    size = sum(variable.dtype.itemsize for variable in build(one, *blank(1), {}, more).data_vars.values())
     return Plan(spec.grid.size, _done(spec, out), workers, size, np.array(times))
 
 

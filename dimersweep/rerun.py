@@ -61,6 +61,7 @@ def _of_sweep(cube: xr.Dataset, told: Mapping[str, Any], path: str | os.PathLike
             periods=told["periods"],
             rtol=told["rtol"],
             stop_when_settled=told["stop_when_settled"],
+            certify=told.get("certify", False),
             output=str(path),
         ),
         grid=told["grid"],

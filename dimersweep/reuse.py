@@ -11,7 +11,7 @@ from dimersweep.cube import flatten
 from dimersweep.errors import StoreError
 from dimersweep.kernel.layout import CODES, M_FAILED, M_NOT_RUN, OK
 from dimersweep.provenance import differences
-from dimersweep.tiles import Finished, Spec, Tile, blank_results, runs, split_ranges
+from dimersweep.tiles import Finished, Spec, Tile, beyond, blank_results, runs, split_ranges
 
 BLOCK = 1 << 16  # points looked up at a time
 _MODE, _STATUS = CODES.index("mode"), CODES.index("status")
@@ -89,8 +89,10 @@ class Known:
                 self.places.append(numbers)
             else:
                 self.offset += int(numbers[0])
-        self.results = blank_results(cube["mode"].size)
+        self.results = blank_results(cube["mode"].size, spec.kind)
         self.results["out"], self.results["codes"] = flatten(cube)
+        for name in beyond(self.results):
+            self.results[name] = cube[name].values.ravel()
 
     def pieces(self, ranges: Iterable[Tile], unwanted: Callable[[np.ndarray], np.ndarray]) -> Iterator[Finished]:
         """The known points of `ranges`, without those that `unwanted` picks from their codes."""

@@ -14,6 +14,7 @@ from dimersweep.kernel.layout import CODES, DI_ENDS, MODES, N_CODES, N_OUT, OUT,
 from dimersweep.kernel.record import N_EVENT, N_SEGMENT
 from dimersweep.parameters import Parameters, check_count, check_rtol
 from dimersweep.recorded import Record, events_of, states_of
+from dimersweep.shadows import NUDGE, bounds, nudged, shadow_rtol
 from dimersweep.symbols import BASE
 
 LOG_ROWS = 64  # phases of one impact that are kept
@@ -108,7 +109,14 @@ class Run:
         kept = "" if self._record else ", not recorded"
         return f"<Run: {self.status}, {self.mode}{orbit}, {self.n_periods} periods, {self.n_events} events{kept}>"
 
-    def _recorded(self, wanted: str) -> Record:
+    def record(self, wanted: str) -> Record:
+        """The kernel's rows of this run, for what is `wanted` of them.
+
+        Raises
+        ------
+        ParameterError
+            If nothing was recorded.
+        """
         if self._record is None:
             raise ParameterError(f"{wanted}: nothing was recorded; run simulate with record=True")
         return self._record
@@ -125,7 +133,7 @@ class Run:
         ParameterError
             If nothing was recorded.
         """
-        record = self._recorded("events")
+        record = self.record("events")
         return events_of(record, self.parameters)
 
     def states(self, t: Any) -> xr.Dataset:
@@ -148,13 +156,43 @@ class Run:
         ParameterError
             If nothing was recorded, or a time is outside the run.
         """
-        record = self._recorded("states")
+        record = self.record("states")
         if not len(record.segments):
             raise ParameterError(f"states: there are none, the run failed at its first impact ({self.message})")
         times = np.atleast_1d(np.asarray(t, dtype=float))
         if times.ndim != 1:
             raise ParameterError(f"t: has shape {times.shape}; must be one time or a list of times")
         return states_of(record, times, self.rtol, self.parameters)
+
+    def error(self, t: Any = None) -> xr.Dataset:
+        """Bounds on the errors of this run, estimated with two more runs that shadow it (docs/trust.md).
+
+        Parameters
+        ----------
+        t : float or array_like, shape (n,), optional
+            Times since the start [s]; the ends of all forcing periods are added.
+
+        Returns
+        -------
+        xarray.Dataset
+            Along `time`, for each quantity of `states`, a bound on its error up to then, in its unit, and `scaled`, the
+            largest of those of the closed state in units of 1 cm, 0.1 m/s, 1 rad and 1 rad/s (spin: 10 and 100 of them).
+            Along `event`, the bound on the error of its time [s]; NaN for an event that a shadow lacks.
+
+        Raises
+        ------
+        ParameterError
+            If nothing was recorded, the run did not reach its end, or a time is outside the run.
+        """
+        self.record("error")
+        if self.status != "ok":
+            raise ParameterError(f"error: the run did not reach its end ({self.message})")
+        T = 1 / self.parameters["f"]
+        times = np.union1d(np.arange(self.n_periods + 1) * T, [] if t is None else t)
+        rtol = shadow_rtol(self.rtol)
+        starts: tuple[dict[str, Any], ...] = (self.parameters, nudged(self.parameters, NUDGE * self.rtol))
+        shadows = [simulate(**start, periods=self.n_periods, rtol=rtol) for start in starts]
+        return bounds(self, shadows, times, T)
 
 
 def _solve(

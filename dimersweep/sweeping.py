@@ -15,7 +15,7 @@ from dimersweep.errors import ParameterError
 from dimersweep.making import Output, make
 from dimersweep.reuse import Known, not_ok, not_run
 from dimersweep.store import open_cube
-from dimersweep.tiles import Spec, make_spec
+from dimersweep.tiles import Spec, beyond, make_spec
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class SweepJob:
 
     def cube(self, results: np.ndarray, attributes: Mapping[str, Any]) -> xr.Dataset:
         """The labelled cube."""
-        return build(self.spec.grid, results["out"], results["codes"], attributes)
+        return build(self.spec.grid, results["out"], results["codes"], attributes, beyond(results))
 
 
 def sweep(
@@ -67,6 +67,7 @@ def sweep(
     workers: int | None = None,
     progress: bool = True,
     stop_when_settled: bool = True,
+    certify: bool = False,
     force: bool = False,
     attrs: Mapping[str, str] | None = None,
     client: Any = None,
@@ -100,6 +101,9 @@ def sweep(
         Whether to show finished points, time left and a tally of modes on stderr.
     stop_when_settled : bool
         Whether a point stops as soon as its motion has settled.
+    certify : bool
+        Whether each mode gets a `confidence` and each orbit an `error_estimate`, from two more runs of every point that
+        settles (docs/trust.md).
     force : bool
         Whether `out` may replace an existing file, and results of another configuration be deleted.
     attrs : mapping of str to str, optional
@@ -132,7 +136,7 @@ def sweep(
     Stopped
         A KeyboardInterrupt, after Ctrl-C or SIGTERM; what was finished is kept.
     """
-    spec = make_spec(grid, fixed, periods=periods, rtol=rtol, stop_when_settled=stop_when_settled)
+    spec = make_spec(grid, fixed, periods=periods, rtol=rtol, stop_when_settled=stop_when_settled, certify=certify)
     how = make_how(workers, client, progress=progress, fail_fast=fail_fast)
     if retry and out is None and extend is None:
         raise ParameterError("retry: needs an out, or a cube to extend")

@@ -66,6 +66,10 @@ QUANTITIES = {
     "down_share_1": Quantity("1", "share of the time that p1 is closed or chattering"),
     "down_share_2": Quantity("1", "share of the time that p2 is closed or chattering"),
     "settled_after": Quantity("1", "forcing periods until the motion had settled"),
+    "confidence": Quantity("1", "whether the mode stands at other accuracies and from starts beside this one"),
+    "error_estimate": Quantity(
+        "1", "largest relative error of the orbit (of zeta and impact_phase: absolute), estimated"
+    ),
     # of a search
     "answer": Quantity("1", "answer to the question of the search"),
     "region": Quantity("1", "mode asked for where the answer is yes, else the one mode of all runs"),

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 
+from dimersweep.certifying import certified
 from dimersweep.cube import blank
 from dimersweep.grid import Grid, make_grid
 from dimersweep.kernel import kernel_version
@@ -22,6 +23,7 @@ CHUNK_SECONDS = 0.1  # what one call of the kernel aims at: it can be stopped on
 LONGEST_TILE = 2 * TILE_SECONDS  # a task whose points turn out slow comes back with those it has by then
 SLOW_MODES = sum(1 << mode for mode in (M_FAILED, M_APERIODIC, M_UNRESOLVED))  # these use all periods they are given
 RESULT = np.dtype([("out", "<f8", (N_OUT,)), ("codes", "<i8", (N_CODES,))])  # of one point of a sweep
+CERTIFIED = np.dtype([*RESULT.descr, ("confidence", "<i8"), ("error_estimate", "<f8")])  # the same of a certified one
 _MODE = CODES.index("mode")
 
 
@@ -36,6 +38,11 @@ def blank_results(n: int, kind: np.dtype = RESULT, mode: int = M_NOT_RUN) -> np.
             results[name] = np.nan
     results["codes"][:, _MODE] = mode
     return results
+
+
+def beyond(results: np.ndarray) -> dict[str, np.ndarray]:
+    """The fields of results, shape (n,), that those of `RESULT` lack."""
+    return {name: results[name] for name in results.dtype.names or () if name not in (RESULT.names or ())}
 
 
 class Tile(NamedTuple):
@@ -109,17 +116,20 @@ class Spec:
         Accuracy [1].
     stop_when_settled : bool
         Whether a point stops as soon as its motion has settled.
+    certify : bool
+        Whether it is tried how sure each mode is.
     """
 
     grid: Grid
     periods: int
     rtol: float
     stop_when_settled: bool
+    certify: bool = False
 
     @property
     def kind(self) -> np.dtype:
         """See `Work`."""
-        return RESULT
+        return CERTIFIED if self.certify else RESULT
 
     def advance(self, points: np.ndarray, results: np.ndarray, stopped: Callable[[], bool]) -> int:
         """See `Work`: until one has used all its periods, so that quick points do not go on for long with slow ones."""
@@ -127,6 +137,10 @@ class Spec:
         rows = self.grid.rows_at(points)
         done = run_many(rows, self.periods, self.rtol, self.stop_when_settled, out, codes, until=SLOW_MODES)
         results["out"][:done], results["codes"][:done] = out[:done], codes[:done]
+        if self.certify:
+            results["confidence"][:done], results["error_estimate"][:done] = certified(
+                rows[:done], self.periods, self.rtol, self.stop_when_settled, out[:done], codes[:done]
+            )
         return done
 
     def narrowed(self, tiles: Bundle) -> tuple["Spec", Bundle, int]:
@@ -143,7 +157,7 @@ class Spec:
             "rtol": self.rtol,
             "stop_when_settled": self.stop_when_settled,
             "kernel_version": kernel_version(),
-        }
+        } | ({"certify": True} if self.certify else {})
 
     @classmethod
     def from_configuration(cls, told: Mapping[str, Any]) -> "Spec":
@@ -162,6 +176,7 @@ class Spec:
             periods=told["periods"],
             rtol=told["rtol"],
             stop_when_settled=told["stop_when_settled"],
+            certify=told.get("certify", False),
         )
 
 
@@ -172,6 +187,7 @@ def make_spec(
     periods: int,
     rtol: float = 1e-8,
     stop_when_settled: bool = True,
+    certify: bool = False,
 ) -> Spec:
     """A spec from what a user gives, see `sweep`.
 
@@ -180,7 +196,8 @@ def make_spec(
     ParameterError
         Naming what is not allowed.
     """
-    return Spec(make_grid(axes, fixed), check_count("periods", periods), check_rtol(rtol), bool(stop_when_settled))
+    grid = make_grid(axes, fixed)
+    return Spec(grid, check_count("periods", periods), check_rtol(rtol), bool(stop_when_settled), bool(certify))
 
 
 def run_tile(spec: Spec, tile: Tile) -> np.ndarray:
@@ -190,7 +207,7 @@ def run_tile(spec: Spec, tile: Tile) -> np.ndarray:
 
     Returns
     -------
-    ndarray, shape (tile.stop - tile.start,), of `RESULT`
+    ndarray, shape (tile.stop - tile.start,), of ``spec.kind``
     """
     points, results, done = np.arange(*tile), blank_results(tile.stop - tile.start), 0
     while done < points.size:

@@ -15,7 +15,7 @@ from dimersweep.cube import blank, build
 from dimersweep.errors import StoreError
 from dimersweep.files import sync, told
 from dimersweep.grid import Grid
-from dimersweep.tiles import Tile
+from dimersweep.tiles import Tile, beyond, blank_results
 
 CHUNK_POINTS = 1 << 18  # 2 MB a variable and chunk
 
@@ -92,11 +92,11 @@ def write_zarr(
     """
     shutil.rmtree(scratch, ignore_errors=True)
     with told(f"out = {path}", kept):
-        _template(grid, attributes).to_zarr(scratch, mode="w", compute=False, consolidated=False)
+        _template(grid, attributes, read(0, 0).dtype).to_zarr(scratch, mode="w", compute=False, consolidated=False)
         for tile, where in blocks(grid.shape):
             axes = {name: values[part] for (name, values), part in zip(grid.axes.items(), where, strict=True)}
             results = read(*tile)
-            block = build(Grid(axes, {}), results["out"], results["codes"], {}).drop_vars(list(axes))
+            block = build(Grid(axes, {}), results["out"], results["codes"], {}, beyond(results)).drop_vars(list(axes))
             block.to_zarr(scratch, region=dict(zip(axes, where, strict=True)), mode="r+", consolidated=False)
         for folder, _, names in os.walk(scratch):
             for name in names:
@@ -106,10 +106,10 @@ def write_zarr(
         sync(path.parent)
 
 
-def _template(grid: Grid, attributes: Mapping[str, Any]) -> xr.Dataset:
+def _template(grid: Grid, attributes: Mapping[str, Any], kind: np.dtype) -> xr.Dataset:
     """The cube of `grid` with lazy variables, so that only their types, chunks and attributes are written."""
     one = Grid({name: values[:1] for name, values in grid.axes.items()}, grid.fixed)
-    small = build(one, *blank(1), attributes)
+    small = build(one, *blank(1), attributes, beyond(blank_results(1, kind)))
     chunks = chunk_shape(grid.shape)
     coordinates = {name: small[name].variable for name in grid.fixed}
     for name, values in grid.axes.items():

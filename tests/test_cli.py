@@ -89,7 +89,7 @@ def test_nothing_is_replaced_unless_forced(call, fake_kernel):
         (
             "periods =",
             "perods =",
-            "sweep.perods: unknown key (allowed: title, periods, rtol, stop_when_settled, output)",
+            "sweep.perods: unknown key (allowed: title, periods, rtol, stop_when_settled, certify, output)",
         ),
         ("[plot]", "[plott]", "plott: unknown key (allowed: sweep, grid, fixed, search, refine, paths, plot)"),
         ("periods = 200", "", "sweep.periods: is missing"),

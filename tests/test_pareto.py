@@ -16,6 +16,7 @@ import pareto  # noqa: E402
 from peers.own import Engine, Oracle  # noqa: E402
 from scenes import difference  # noqa: E402
 
+from dimersweep.kernel.charts import N_PATH, N_Y  # noqa: E402
 from dimersweep.parameters import Parameters  # noqa: E402
 
 DRIFT = Parameters().given()
@@ -98,7 +99,8 @@ def test_the_equations_on_heyoka_are_those_of_the_kernel():
     from verbs import contact_rates, dimer
 
     dm = dimer(**DRIFT)
-    y = np.array([0.3, 2.0, -1.5, 40.0, 0.02, -0.3, 0.7, 0.01, 0.1, 0.2, 0.3])
+    y = np.zeros(N_Y)
+    y[:N_PATH] = 0.3, 2.0, -1.5, 40.0, 0.02, -0.3, 0.7, 0.01, 0.1, 0.2, 0.3
     flat = y.copy()
     flat[:2] = 0.0
     pars = [0.4, 1.0, 1e-9, 1.0, dm.h, dm.r, dm.m * dm.it, dm.m * dm.ia, dm.mu, dm.mu_s, dm.g]
@@ -116,15 +118,15 @@ def test_the_equations_on_heyoka_are_those_of_the_kernel():
         if modes == [2, 1]:
             state[2] = state[5] / (2 * dm.h)
             pars[1] = np.sign(state[5])
-        dy, F = np.zeros(11), np.zeros(6)
+        dy, F = np.zeros(N_Y), np.zeros(6)
         contact_rates(dm, np.array(modes, float), 0.4 + dm.omega * state[7], state, dy, F)
         phase = taylor.equations(*modes)
         functions = [*(rate for _, rate in phase.rates), hy.par[len(pars) - 1]]  # the last parameter: all are expected
         rates = hy.cfunc(functions, [name for name, _ in phase.rates])
-        scaled = np.where(np.isin(np.arange(11), [3, 10]), dm.r * state, state)
+        scaled = np.where(np.isin(np.arange(N_PATH), [3, 10]), dm.r * state[:N_PATH], state[:N_PATH])
         found = rates(scaled, pars=pars)[:-1]
-        found /= found[7] * np.where(np.isin(np.arange(11), [3, 10]), dm.r, 1.0)  # per time, in SI
-        np.testing.assert_allclose(found, dy, rtol=1e-12, atol=1e-12, err_msg=str(modes))
+        found /= found[7] * np.where(np.isin(np.arange(N_PATH), [3, 10]), dm.r, 1.0)  # per time, in SI
+        np.testing.assert_allclose(found, dy[:N_PATH], rtol=1e-12, atol=1e-12, err_msg=str(modes))
 
 
 def test_the_springs_tend_to_the_engine():

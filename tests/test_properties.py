@@ -16,7 +16,7 @@ from examine import AS_DIMER, kinetic, lab_gain, phases_of, slips, states_at  # 
 from launch import launch  # noqa: E402
 from verbs import contact_rates, unload  # noqa: E402
 
-from dimersweep.kernel.contact import YUA, YUB  # noqa: E402
+from dimersweep.kernel.charts import YUA, YUB  # noqa: E402
 from dimersweep.kernel.layout import (  # noqa: E402
     BETA,
     CA,

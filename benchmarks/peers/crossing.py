@@ -3,9 +3,9 @@
 from math import copysign
 
 from dimersweep.kernel.body import as_dimer
+from dimersweep.kernel.charts import N_PATH, YB, YGAMMA, YS, YTIME, load, slip_of
 from dimersweep.kernel.chatter import come_to_rest
 from dimersweep.kernel.choose import INCONSISTENT
-from dimersweep.kernel.contact import N_PATH, YB, YGAMMA, YS, YTIME, load, slip_of
 from dimersweep.kernel.engine import (
     ROW_DY,
     ROW_F,

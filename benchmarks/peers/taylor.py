@@ -15,7 +15,7 @@ import heyoka as hy
 import numpy as np
 from verbs import dimer, oracle_state
 
-from dimersweep.kernel.contact import N_CLOSED, N_PATH, YTIME
+from dimersweep.kernel.charts import N_CLOSED, N_PATH, YTIME
 from dimersweep.kernel.engine import WORK_COLUMNS, WORK_ROWS
 from dimersweep.kernel.impact import N_LOG
 from dimersweep.kernel.layout import D1, FREE, N_STATE, OK, SLIP, STATUS_MESSAGES, STICK, X1

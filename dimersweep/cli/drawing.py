@@ -1,5 +1,6 @@
 """The command for the picture of a cube, and what every command that has a cube tells of it."""
 
+from collections import Counter
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -78,6 +79,11 @@ def print_cube(cube: "xr.Dataset") -> None:
     tally = Tally(cube["mode"].size)
     tally.add(cube["mode"].values)
     typer.echo(tally.words())
+    if "confidence" in cube:
+        from dimersweep.cube import names
+
+        sure = Counter(names(cube["confidence"]).values.ravel().tolist())
+        typer.echo("modes that are " + ", ".join(f"{word} {count}" for word, count in sure.most_common()))
     if cube.attrs.get("plot") != "segments":
         return
     lengths = drift_lengths(cube)

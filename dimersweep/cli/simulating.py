@@ -20,6 +20,7 @@ def simulate(
     periods: Annotated[int, whole_option("Forcing periods to run.")] = 100,
     rtol: Annotated[float, number_option("Accuracy, 1e-13 to 1e-2.")] = 1e-8,
     plot: Annotated[Path | None, typer.Option(help="Picture of heights, orbit and phase portraits.")] = None,
+    error: Annotated[bool, typer.Option("--error", help="Tell bounds on the errors too, from two more runs.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print JSON in place of the table.")] = False,
     force: Force = False,
     **parameters: Any,
@@ -39,13 +40,14 @@ def simulate(
     tell_of_compiling()
     from dimersweep.run import simulate
 
-    run = simulate(**parameters, periods=periods, rtol=rtol, record=plot is not None)
+    run = simulate(**parameters, periods=periods, rtol=rtol, record=error or plot is not None)
+    bounds = _bounds(run) if error else {}
     if json:
         from json import dumps
 
-        typer.echo(dumps(_as_dict(run), indent=1))
+        typer.echo(dumps(_as_dict(run) | bounds, indent=1))
     else:
-        _print_table(run)
+        _print_table(run, bounds)
     if plot is not None:
         from dimersweep.plots import run_figure
 
@@ -60,7 +62,13 @@ def _as_dict(run: "Run") -> dict[str, Any]:
     return outcome | {"orbit": run.orbit and {name: getattr(run.orbit, name) for name in names}}
 
 
-def _print_table(run: "Run") -> None:
+def _bounds(run: "Run") -> dict[str, float]:
+    """Bounds on the errors at the end of `run`: of its state, in its scales, and of the times of its events [s]."""
+    told = run.error()
+    return {"state_error": float(told["scaled"][-1]), "event_time_error": float(told["event_time"].max())}
+
+
+def _print_table(run: "Run", bounds: dict[str, float]) -> None:
     from rich.console import Console
     from rich.table import Table
 
@@ -70,6 +78,8 @@ def _print_table(run: "Run") -> None:
     table.add_row("mode", run.mode + repeats)
     table.add_row("forcing periods", str(run.n_periods))
     table.add_row("events", str(run.n_events))
+    for name, bound in bounds.items():
+        table.add_row(name.replace("_", " "), f"below {bound:.1e}", "s" if "time" in name else "1")
     if run.orbit is not None:
         table.add_section()
         for name in ORBIT:

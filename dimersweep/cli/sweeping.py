@@ -41,6 +41,9 @@ def run(
     other_kernel: Annotated[
         bool, typer.Option("--other-kernel", help="With --from: go on though numbers may differ.")
     ] = False,
+    certify: Annotated[
+        bool, typer.Option("--certify", help="Tell how sure each mode is; three times the time.")
+    ] = False,
     plot: Annotated[bool, typer.Option(help="Draw the cube beside its file.")] = True,
     force: Force = False,
 ) -> None:
@@ -63,6 +66,7 @@ def run(
             rtol=rtol,
             extend=extend,
             retry=retry,
+            certify=certify,
             workers=workers,
             client=scheduler,
             fail_fast=fail_fast,
@@ -136,6 +140,7 @@ def plan(
         periods=declared.sweep.periods if periods is None else periods,
         rtol=declared.sweep.rtol if rtol is None else rtol,
         stop_when_settled=declared.sweep.stop_when_settled,
+        certify=declared.sweep.certify,
     )
     threads = CPU_COUNT if workers is None else check_count("workers", workers)
     out = Path(declared.sweep.output)

@@ -45,7 +45,9 @@ DOWN_LINE = 0.9  # share of the time one ball is down in the drift mode
 TOGETHER = 0.15  # landings of a jump lie closer than this
 SETTLED = 1e-4  # change of a strobe, in g/omega^2 and g/omega, that counts as none
 KEPT = 1e-3  # the same of a motion that has settled before: one that creeps is not lost at the line
-FADING = 0.99  # share of a shorter period's change that is left after PATIENCE periods, below which it is on its way to none
+FADING = (
+    0.99  # share of a shorter period's change that is left after PATIENCE periods, below which it is on its way to none
+)
 PATIENCE = 24  # periods a motion repeats before it counts as settled
 MAX_PERIOD = 16
 FIT = 20  # double events in the fit of an orbit's drift

@@ -1,0 +1,191 @@
+"""The error of a recorded run, from how far runs that shadow it come out elsewhere.
+
+A shadow is the same run at another accuracy, or from a start that differs in its last digits. The error of a run falls in
+proportion to its rtol and its time grows by a tenth for a digit, so that the difference to a much finer run is the error
+itself, but for a per cent. The nudged shadow adds what rounding has grown to, which a finer rtol does not cure.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+import xarray as xr
+
+from dimersweep.symbols import EVENTS, STATES
+
+FINER = 1e-2  # rtol of a shadow over that of the run
+COARSER = (
+    10.0  # the same where nothing much finer is to be had: its own error, ten times that of the run, is the difference
+)
+FINEST = 1e-13
+NUDGE = 1e-4  # change of the start over rtol: far below the error of the run, far above round-off
+SAFETY = 10.0  # bound over difference: two runs can be alike by chance
+LONGER = 3.0  # time that summed hops may take, over that of a geometric series
+ROUNDING = 1e-12  # what no number is known better than, in its scale
+_BY_UNIT = {"m": 0.01, "m s-1": 0.1, "rad": 1.0, "rad s-1": 1.0}
+SCALES = {name: _BY_UNIT[unit] for name, (unit, _) in STATES.items() if unit in _BY_UNIT and name != "plate"}
+SCALES |= {"spin": 10.0, "spin_rate": 100.0}  # the ball turns as many times as fast as the rod is long
+COORDINATES = ("x1", "y1", "gap_1", "theta", "beta", "spin")
+CLOSED_STATE = COORDINATES + tuple(f"{name}_rate" for name in COORDINATES)
+
+
+class Recorded(Protocol):
+    """What is compared: a recorded run."""
+
+    @property
+    def status(self) -> str:
+        """See `Run`."""
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """See `Run`."""
+
+    @property
+    def events(self) -> xr.Dataset:
+        """See `Run.events`."""
+
+    def states(self, t: Any) -> xr.Dataset:
+        """See `Run.states`."""
+
+
+def shadow_rtol(rtol: float) -> float:
+    """Accuracy of the shadows of a run with accuracy `rtol`."""
+    return FINER * rtol if FINER * rtol >= FINEST else COARSER * rtol
+
+
+def nudged(start: dict[str, float], by: float) -> dict[str, float]:
+    """The parameters of a run with `beta0` less and `xdot0` more by the share `by`, and `phi0` later by `by` radians."""
+    change = {"beta0": start["beta0"] * (1 - by), "xdot0": start["xdot0"] * (1 + by), "phi0": start["phi0"] + by}
+    return start | change
+
+
+def pairs(events: xr.Dataset, others: xr.Dataset, T: float) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of two event lists that are the same event: of one cause and kind, and each the other's nearest in time.
+
+    Events that are further apart than half the way to the next of their sort, or half a forcing period `T`, are not the same.
+
+    Returns
+    -------
+    rows, other_rows : ndarray, shape (n,), int
+    """
+    ours, theirs = _named(events), _named(others)
+    t, t_other = events["time"].values, others["time"].values
+    rows, other_rows = [], []
+    for name in ours.keys() & theirs.keys():
+        mine, yours = ours[name], theirs[name]
+        there, back = _nearest(t[mine], t_other[yours]), _nearest(t_other[yours], t[mine])
+        apart = np.abs(t[mine] - t_other[yours][there])
+        close = 2 * apart <= np.minimum(_room(t[mine], T), _room(t_other[yours], T)[there])
+        mutual = close & (back[there] == np.arange(mine.size))
+        rows.append(mine[mutual])
+        other_rows.append(yours[there[mutual]])
+    found, partner = np.concatenate([[], *rows]).astype(int), np.concatenate([[], *other_rows]).astype(int)
+    order = np.argsort(found)
+    return found[order], partner[order]
+
+
+def _named(events: xr.Dataset) -> dict[tuple[str, str, int], np.ndarray]:
+    """Rows of each sort of event: cause, kind, and which of its sort it is at its time."""
+    sorts: dict[tuple[str, str, int], list[int]] = {}
+    seen: Counter[tuple[str, str]] = Counter()
+    moment = -1.0
+    columns = (events[name].values.tolist() for name in ("time", "cause", "kind"))
+    for row, (time, *sort) in enumerate(zip(*columns, strict=True)):
+        if time != moment:
+            seen.clear()
+            moment = time
+        cause, kind = sort
+        sorts.setdefault((cause, kind, seen[cause, kind]), []).append(row)
+        seen[cause, kind] += 1
+    return {sort: np.array(rows) for sort, rows in sorts.items()}
+
+
+def _nearest(values: np.ndarray, among: np.ndarray) -> np.ndarray:
+    """Number of the item of the increasing `among` that is nearest to each of `values`."""
+    after = np.searchsorted(among, values).clip(1, max(1, among.size - 1))
+    before = after - 1
+    after = after.clip(0, among.size - 1)
+    return np.where(np.abs(values - among[before]) <= np.abs(values - among[after]), before, after)
+
+
+def _room(values: np.ndarray, most: float) -> np.ndarray:
+    """Distance of each of the increasing `values` to the nearest other one, `most` at most."""
+    steps = np.concatenate(([most], np.diff(values), [most]))
+    return np.minimum(np.minimum(steps[:-1], steps[1:]), most)
+
+
+def difference(run: Recorded, other: Recorded, times: np.ndarray) -> dict[str, np.ndarray]:
+    """How far the states of two runs are apart: each quantity of `SCALES`, shape (n,), in its unit; inf if `other` failed."""
+    if other.status != "ok":
+        return dict.fromkeys(SCALES, np.full(times.size, np.inf))
+    ours, theirs = run.states(times), other.states(times)
+    return {name: np.abs(ours[name].values - theirs[name].values) for name in SCALES}
+
+
+def delays(run: Recorded, other: Recorded) -> np.ndarray:
+    """How far the events of two runs are apart in time [s], one for each event of `run`; NaN where `other` lacks it."""
+    rows, other_rows = pairs(run.events, other.events, 1 / run.parameters["f"])
+    apart = np.full(run.events.sizes["event"], np.nan)
+    apart[rows] = np.abs(run.events["time"].values[rows] - other.events["time"].values[other_rows])
+    return apart
+
+
+def summed_hops(run: Recorded, times: np.ndarray) -> dict[str, np.ndarray]:
+    """What the states at `times` may be off because hops were summed: each quantity of `SCALES`, shape (n,), in its unit.
+
+    In the states of a run an end rests from the close of its chatter on; in truth it hops on for a moment, at gap rates up to
+    the last one.
+    """
+    parameters = run.parameters
+    t, cause = (run.events[name].values for name in ("time", "cause"))
+    rates = [run.events[f"gap_{end}_rate_after"].values for end in (1, 2)]
+    rate, g, r = np.zeros(times.size), parameters["g"], parameters["r"]
+    h = r * (parameters["A_r"] - 1)
+    for close in np.flatnonzero(cause == "chatter_end"):
+        before = np.searchsorted(t, t[close]) - 1  # the row from which the last hop that was followed set out
+        for k, e in enumerate((parameters.get("e_1", parameters["e"]), parameters.get("e_2", parameters["e"]))):
+            left, last = rates[k][close - 1], rates[k][before]
+            if rates[k][close] == 0.0 < min(left, last):
+                ends = t[close] + LONGER * left / last * (t[close] - t[before]) / (1 - e)
+                rate = np.where((t[close] <= times) & (times < ends), left, rate)
+    by_unit = {"m": rate**2 / g, "m s-1": rate, "rad": rate**2 / (g * h), "rad s-1": rate / h}
+    off = {name: by_unit[STATES[name].units] for name in SCALES}
+    return off | {"spin": rate**2 / (g * r), "spin_rate": rate / r}
+
+
+def scaled(errors: dict[str, np.ndarray]) -> np.ndarray:
+    """The largest of the errors of the closed state in units of 1 cm, 0.1 m/s, 1 rad and 1 rad/s (spin: 10 and 100 of them)."""
+    return np.max([errors[name] / SCALES[name] for name in CLOSED_STATE], axis=0)
+
+
+def bounds(run: Recorded, shadows: Sequence[Recorded], times: np.ndarray, T: float) -> xr.Dataset:
+    """Estimated bounds on the errors of a run, see `Run.error`.
+
+    Parameters
+    ----------
+    run : Recorded
+    shadows : sequence of Recorded
+        The same run otherwise computed. Where one failed, no bound is known: inf.
+    times : ndarray, shape (n,)
+        Increasing [s].
+    T : float
+        Forcing period [s].
+    """
+    apart = [difference(run, shadow, times) for shadow in shadows]
+    hops = summed_hops(run, times)
+    variables = {}
+    for name, scale in SCALES.items():
+        # what two runs happen to share for a moment is no less in error: the largest difference so far counts
+        bound = SAFETY * np.maximum.accumulate(np.max([errors[name] for errors in apart], axis=0))
+        units, meaning = STATES[name]
+        attributes = {"units": units, "long_name": f"bound on the error: {meaning}"}
+        variables[name] = ("time", bound + ROUNDING * scale + hops[name], attributes)
+    late = np.max([delays(run, shadow) for shadow in shadows], axis=0)
+    bound = np.where(np.isnan(late), np.nan, SAFETY * np.fmax.accumulate(late) + ROUNDING * T)
+    meaning = "bound on the error of the time of the event; NaN where a shadow lacks it"
+    variables["event_time"] = ("event", bound, {"units": "s", "long_name": meaning})
+    total = scaled({name: variables[name][1] for name in CLOSED_STATE})
+    variables["scaled"] = ("time", total, {"units": "1", "long_name": "largest bound of the state, in its scales"})
+    coordinates = {name: run.events[name].variable for name in ("cause", "kind")}
+    return xr.Dataset(variables, coordinates | {"time": ("time", times, EVENTS["time"]._asdict())})

@@ -1,0 +1,174 @@
+"""Multipliers and Lyapunov exponents against closed forms: the ball on a plate, and the decay of an orbit."""
+
+from math import acos, cos, log, pi, sin
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from dimersweep import Parameters, simulate
+from dimersweep.errors import ParameterError
+from dimersweep.kernel.layout import D1, D2, N1, N2, N_STATE
+from dimersweep.stability import Section, lyapunov, multipliers, of_orbit
+
+G = 9.81
+
+
+def uncoupled_aspect_ratio():
+    """At which an impulse at one end leaves the other one at rest, J_t = m h^2: the ends are two balls on their own."""
+    r, rho_b, rho_r, D_r = 5e-3, 7850.0, 1180.0, 4e-3
+
+    def excess(A_r):
+        lever = 2 * r * (A_r - 1)
+        m_b, m_r = rho_b * 4 / 3 * pi * r**3, rho_r * pi / 4 * D_r**2 * (lever - 2 * r)
+        J_t = 2 * (0.4 * m_b * r**2 + m_b * lever**2 / 4) + m_r * ((lever - 2 * r) ** 2 / 12 + D_r**2 / 16)
+        return J_t / (2 * m_b + m_r) - (lever / 2) ** 2
+
+    return brentq(excess, 3, 7)
+
+
+def smooth(e, Gamma, f, phi0=0.0):
+    """A dimer without friction whose ends are uncoupled."""
+    return Parameters(e=e, Gamma=Gamma, f=f, A_r=uncoupled_aspect_ratio(), mu=0.0, mu_s=0.0, phi0=phi0)
+
+
+def ball_multipliers(e, Gamma, f):
+    """Phase of the impact of a ball that bounces once a period, and the two multipliers of that motion.
+
+    From the landing (time t, velocity w before) to u = (1 + e) V(t) - e w after it, and the next one a flight of one period
+    later; the determinant is e^2.
+    """
+    T = 1 / f
+    phase = acos(pi * (1 - e) / (1 + e) / Gamma)
+    V, acceleration, w = G * T / 2 * (1 - e) / (1 + e), -Gamma * G * sin(phase), -G * T / 2
+    later = np.array([1.0, -T / (w - V)])  # of the next landing, per change of this one's time and of u
+    w_after = np.array([G, 1.0]) - G * later
+    return phase, np.linalg.eigvals(np.array([later, (1 + e) * acceleration * later - e * w_after]))
+
+
+@pytest.mark.parametrize(("e", "Gamma"), [(0.6, 1.2), (0.6, 1.31), (0.6, 1.33), (0.8, 0.8)])
+def test_a_ball_that_bounces_once_a_period_has_its_multipliers(e, Gamma):
+    """Two equal balls: each pair twice; and the spins and velocities that frictionless impacts keep."""
+    f = 15.0
+    phase, expected = ball_multipliers(e, Gamma, f)
+    parameters = smooth(e, Gamma, f, phase - pi)
+    height, omega = 1 / (8 * f**2) * G, 2 * pi * f  # at the top of the flight, over the landing
+    amplitude = Gamma * G / omega**2
+    state = np.zeros(N_STATE)
+    state[D1] = state[D2] = height + amplitude * (sin(phase) - sin(phase - pi))
+    state[D2] += 1e-7 * height  # one after the other: two balls that land at once need the impact at both ends
+    state[N1] = state[N2] = -amplitude * omega * cos(phase - pi)
+    found = of_orbit(Section(parameters.given(), parameters.row(), 1e-11), state, np.zeros(2), 1)
+    assert found.closure < 1e-5
+    wanted = np.sort_complex(np.concatenate([expected, expected, np.ones(4)]))
+    assert np.prod(expected) == pytest.approx(e**2)
+    assert np.abs(np.sort_complex(np.round(found.values, 4)) - np.round(wanted, 4)).max() < 3e-4
+
+
+def test_the_period_doubles_where_a_multiplier_passes_minus_one():
+    """At the closed form's Gamma for the ball (the map's own multipliers on both sides of it are tried above)."""
+    e = 0.6
+    flip = (pi**2 * ((1 - e) / (1 + e)) ** 2 + 4 * ((1 + e**2) / (1 + e) ** 2) ** 2) ** 0.5
+    assert 1.31 < flip < 1.33
+    below, above = (min(ball_multipliers(e, flip + step, 15.0)[1].real) for step in (-1e-6, 1e-6))
+    assert above < -1 < below
+
+
+def test_each_impact_of_a_ball_contracts_by_the_square_of_its_restitution():
+    """In a motion of some periods that a run settles to; an end that comes to rest in it has no multipliers but zero."""
+    run = simulate(**smooth(0.6, 1.31, 15.0, 0.07).given() | {"beta0": 0.0, "xdot0": 0.0}, periods=300)
+    assert run.mode_period > 0
+    found, events = multipliers(run), run.events
+    last = events["time"].values > (run.n_periods - run.mode_period) / 15
+    impacts = 0
+    for end in (1, 2):
+        if f"gap_{end}" in found.coordinates:
+            impacts += np.unique(events["time"].values[last & (events[f"impulse_{end}"].values > 1e-9)]).size
+    assert impacts > 0
+    assert np.prod(np.abs(found.values)) == pytest.approx(0.6 ** (2 * impacts), rel=1e-2)
+    assert np.abs(found.values).max() == pytest.approx(1)
+
+
+def test_the_map_goes_on_as_a_run_does():
+    short, long = (simulate(periods=periods).record("the test").segments[-1][:N_STATE] for periods in (10, 15))
+    parameters = Parameters()
+    section = Section(parameters.given(), parameters.row(), 1e-8)
+    image, modes = section.after(short.copy(), 5)
+    assert image == pytest.approx(section.point(long), abs=1e-6)
+    assert section.point(section.state(image)) == pytest.approx(image, abs=1e-12)
+    assert (modes == 0).sum() == 1  # one end is in flight
+
+
+@pytest.fixture(scope="module")
+def drift():
+    return simulate(periods=300)
+
+
+def test_a_drift_is_stable_and_its_bouncing_end_contracts_as_a_ball(drift):
+    found = multipliers(drift)
+    assert (np.abs(found.values) < 1).all()
+    assert found.closure < 1e-4
+    assert abs(found.values[1]) == pytest.approx(drift.parameters["e"], rel=5e-3)
+    assert "along" not in found.coordinates  # the end that is down sticks
+
+
+def test_an_orbit_creeps_as_its_largest_multiplier_says(drift):
+    """The speed of the base case falls towards its limit by that factor each period."""
+    later = simulate(periods=1300)
+    rate = log(later.orbit.speed_drift / drift.orbit.speed_drift) / 1000
+    mean = log(abs(multipliers(drift).values[0] * multipliers(later).values[0])) / 2
+    assert rate == pytest.approx(mean, rel=5e-3)
+
+
+def test_the_exponent_of_a_settled_motion_is_that_of_its_largest_multiplier(drift):
+    found = lyapunov(drift, 100)
+    assert found.per_period == pytest.approx(log(abs(multipliers(drift).values[0])), rel=0.02)
+    assert found.exponent == pytest.approx(15 * found.per_period)
+
+
+def ball_exponent(e, Gamma, impacts, skip=200):
+    """Lyapunov exponent per period of a ball on a plate by the product of its tangent maps; units of 1/omega and g."""
+    t, u, change, total, start = 1.0, 2.0 * Gamma, np.array([1.0, 0.3]), 0.0, 0.0
+    for k in range(skip + impacts):
+
+        def height(s, t=t, u=u):
+            return Gamma * (sin(t) - sin(t + s)) + u * s - s * s / 2
+
+        s = 1e-3
+        while height(s) > 0:
+            s += 0.01
+        s = brentq(height, max(s - 0.01, 1e-6), s)
+        w = u - s
+        later = ((w + s - u + u - s - Gamma * cos(t)) * change[0] - s * change[1]) / (w - Gamma * cos(t + s))
+        w_after = change[1] - (later - change[0])
+        change = np.array([later, -(1 + e) * Gamma * sin(t + s) * later - e * w_after])
+        if k == skip:
+            start = t + s
+        total += log(np.linalg.norm(change)) if k > skip else 0.0
+        change /= np.linalg.norm(change)
+        t, u = t + s, (1 + e) * Gamma * cos(t + s) - e * w
+    return 2 * pi * total / (t - start)
+
+
+def test_a_bouncing_dimer_in_chaos_has_the_exponent_of_a_ball():
+    """The ends are uncoupled, the hops small against the rod."""
+    given = smooth(0.9, 3.0, 1000.0, 0.3).given() | {"beta0": 1e-5, "xdot0": 0.0}
+    found = lyapunov(simulate(**given, periods=200), 2000)
+    assert found.per_period == pytest.approx(ball_exponent(0.9, 3.0, 1500), rel=0.2)
+    assert found.exponent > 10 * found.error > 0
+
+
+def test_what_has_no_multipliers_is_told(drift):
+    chaos = simulate(e=0.8, Gamma=3.0, f=25.0, beta0=0.3, periods=80)
+    with pytest.raises(ParameterError, match="does not repeat"):
+        multipliers(chaos)
+    with pytest.raises(ParameterError, match="nothing was recorded"):
+        lyapunov(simulate(periods=1, record=False))
+    at_impact = simulate(periods=300, phi0=2 * pi * drift.orbit.impact_phase)
+    with pytest.raises(ParameterError, match="lies at an event"):
+        multipliers(at_impact)
+
+
+def test_twins_that_become_one_have_no_exponent():
+    rest = simulate(Gamma=0.0, xdot0=0.0, beta0=0.1, periods=40)
+    assert lyapunov(rest, 20).exponent <= 0.0
