@@ -187,16 +187,12 @@ def hold_rest(dm, modes, y):
 
 @compiled
 def touch(dm, state, sign):
-    """Close the gap of the end that has landed, and the other one too if it is closed to rounding."""
+    """Close the gap of the end that has landed, and the other one too if it is no higher, to rounding."""
     near = COINCIDENT * 2.0 * dm.h
-    if sign < 0.0:
-        state[D1] = 0.0
-        if state[D2] <= near:
-            state[D2] = 0.0
-    else:
-        state[D2] = 0.0
-        if state[D1] <= near:
-            state[D1] = 0.0
+    landed, other = (D1, D2) if sign < 0.0 else (D2, D1)
+    if state[other] - state[landed] <= near:
+        state[other] = 0.0
+    state[landed] = 0.0
     if state[D1] == 0.0 and state[D2] == 0.0:
         state[BETA] = 0.0
 

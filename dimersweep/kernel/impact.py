@@ -299,21 +299,27 @@ def phase_code(on, mode):
 
 @compiled
 def settle_event(law, event, z, compressing):
-    """Make the outcome of an event exact: the function that vanished is zero.
+    """Make the outcome of an event exact: the function that vanished is zero, at both ends if they move alike.
 
     The other end may have passed an event of its own in the same rounding: what its state says then holds for it too.
     """
     i = event % 2
+    j = 1 - i
     if event < 2:
+        if z[ZN1 + j] == z[ZN1 + i] and compressing[j] == compressing[i]:
+            z[ZN1 + j] = 0.0
+            turn(law, j, z, compressing)
         z[ZN1 + i] = 0.0
         turn(law, i, z, compressing)
     elif event < 4:
+        if z[ZX1 + j] == z[ZX1 + i] and compressing[j] == compressing[i]:
+            z[ZX1 + j], compressing[j] = 0.0, 1.0
         z[ZX1 + i] = 0.0
         compressing[i] = 1.0
     elif event >= 6:
+        z[ZB1 + j] = 0.0 if z[ZB1 + j] == z[ZB1 + i] else z[ZB1 + j]
         z[ZB1 + i] = 0.0
         z[ZA] = 0.0
-    j = 1 - i
     if z[ZX1 + j] > 0.0 and z[ZN1 + j] * compressing[j] > 0.0:
         turn(law, j, z, compressing)
     elif z[ZX1 + j] <= 0.0 and compressing[j] < 0.0:
