@@ -132,7 +132,7 @@ SHORTCUTS = (
     Shortcut(
         "terms of the expansion as the tolerance needs",
         "always all of them",
-        {"single_impact": replaced("min(ORDER, int(8.0 - 0.6 * log(tol)))", "ORDER + 0 * int(tol)")},
+        {"single_impact": replaced("min(ORDER, max(LEAST_ORDER, int(8.0 - 0.6 * log(tol))))", "ORDER + 0 * int(tol)")},
     ),
     Shortcut(
         "fewer digits for slow impacts",
@@ -169,7 +169,7 @@ SHORTCUTS = (
     Shortcut(
         "first guess of an event on a cubic",
         "bracketing",
-        {"glide": replaced("if pace != SLOW:\n        share", "if pace < 0:\n        share")},
+        {"glide": replaced("if pace != SLOW:\n        guess", "if pace < 0:\n        guess")},
     ),
     Shortcut(
         "step that ends at a landing in sight",

@@ -40,7 +40,10 @@ from dimersweep.kernel.single_impact import DONE, JAM, STEPS, EndLaw, single_pha
 from dimersweep.kernel.steps import copy
 
 MAX_PHASES = 400
-LEFT_OVER = 1e-10  # approach, in units of V, that ends the (near e = 0 infinite) series of switches of two ends
+LEFT_OVER, LEAST_LEFT = (
+    1e-3,
+    1e-13,
+)  # approach, in tolerances and in V, that ends the series of switches of two ends at small e
 PAIR_TOL = 0.02  # of the integrator of a double impact, in units of the impact's tolerance: its steps add up
 FAINT = 0.1  # rebound that is none, in units of the impact's tolerance
 FINEST = 5e-14  # tolerance of that integrator that round-off still allows
@@ -96,21 +99,29 @@ def stored_energy(X):
 
 
 @compiled
-def presses(i, z):
-    """Whether end i is compressed or approaches (beyond what a series of switches at small e leaves; X^(5/4) gives a rate)."""
+def presses(i, z, left):
+    """Whether end i is compressed or approaches, by more than the gap rate `left` (X^(5/4) is worth one)."""
     X, n = z[ZX1 + i], z[ZN1 + i]
-    return n < -LEFT_OVER or X > LEFT_OVER**0.8 or (X > 0.0 and n > LEFT_OVER)
+    return n < -left or left**0.8 < X or (X > 0.0 and n > left)
 
 
 @compiled
-def acts(law, i, z, slip_tol):
+def let_go(i, z, compressing, left):
+    """An end that does not press has no compression left."""
+    if not presses(i, z, left):
+        z[ZX1 + i] = 0.0
+        compressing[i] = 1.0
+
+
+@compiled
+def acts(law, i, z, left, slip_tol):
     """Whether end i acts now or is about to: it presses, or the other end's pressing drives it towards the plate from rest.
 
     At rest and uncompressed, an end is driven by the other one alone, with the friction that other end has.
     """
-    if presses(i, z):
+    if presses(i, z, left):
         return True
-    if z[ZN1 + i] > 0.0 or not presses(1 - i, z):
+    if z[ZN1 + i] > 0.0 or not presses(1 - i, z, left):
         return False
     sign = 1.0 if i == 0 else -1.0
     v = hypot(z[ZA], z[ZB2 - i])
@@ -243,12 +254,15 @@ def double_impact(dm, state, V, tol, modes, work, log):
     load_pair(dm, state, V, z)
     copy(z, start, N_Z)
     slip_tol = max(max(SLIP_TOL * tol, LEAST_SLIP), rounding(dm, state) / V)
+    left = max(LEFT_OVER * tol, LEAST_LEFT)
     compressing[0], compressing[1] = 1.0, 1.0
     rows = 0
     status = IMPACT_STEPS
     lost = False
     for _ in range(MAX_PHASES):
-        on_1, on_2 = acts(law, 0, z, slip_tol), acts(law, 1, z, slip_tol)
+        let_go(0, z, compressing, left)
+        let_go(1, z, compressing, left)
+        on_1, on_2 = acts(law, 0, z, left, slip_tol), acts(law, 1, z, left, slip_tol)
         if not on_1 and not on_2:
             z[ZN1], z[ZN2] = max(0.0, z[ZN1]), max(0.0, z[ZN2])
             status = OK
