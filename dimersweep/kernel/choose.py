@@ -9,7 +9,7 @@ from dimersweep.kernel.layout import FREE, SLIP, STICK
 from dimersweep.kernel.onset import slip_onset
 
 CLOSED, SEPARATES, INCONSISTENT = 0, 1, 2
-NO_FORCE = 1e-15  # force, in units of the weight, that is rounding
+NO_FORCE = 1e-12  # force, in units of the weight, whose sign a moment later decides
 MOMENT = 1e-6  # of the plate's phase
 AT_LIMIT = 1e-6  # deceleration, in units of gravity, that is none
 

@@ -5,7 +5,8 @@ from math import cos, hypot, isfinite, sin
 from dimersweep.kernel.body import TWO_PI
 from dimersweep.kernel.charts import YB, YUA, YUB, YWB, YWP, load, unload
 from dimersweep.kernel.chatter import come_to_rest
-from dimersweep.kernel.choose import CLOSED, INCONSISTENT, contact_mode
+from dimersweep.kernel.choose import CLOSED, INCONSISTENT, MOMENT, contact_mode
+from dimersweep.kernel.contact import F1, contact_rates
 from dimersweep.kernel.fate import (
     note_impact,
     note_landing,
@@ -207,6 +208,14 @@ def force_impact(dm, state, modes, lifted):
 
 
 @compiled
+def only_touched(dm, modes, i, phase, work):
+    """Whether the force at end i, zero now in the contact phase on the desk, is positive again a moment later."""
+    F = work[ROW_F]
+    contact_rates(dm, modes, phase + MOMENT, work[ROW_Y], False, work[ROW_DY], F)
+    return F[F1 + 3 * i] > 0.0
+
+
+@compiled
 def cause_of(event):
     """Why an event row is written, from the event number of a contact phase."""
     if event < HOLD_LOST:
@@ -294,6 +303,8 @@ def evolve(dm, state, modes, periods, rtol, settle, path, past, work, log, event
                 break
         else:
             counts[0] += 1
+            if event < HOLD_LOST and only_touched(dm, modes, event % 2, state[PHASE] + dm.phi0, work):
+                continue
             pending, lifted, lost = True, -1, False
             if event < HOLD_LOST:
                 lifted = event % 2

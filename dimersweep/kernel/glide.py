@@ -152,11 +152,13 @@ def first_crossing(dm, modes, phase, h, n, pace, gamma, event, least, tol, slip_
 def hidden_dip(dm, modes, phase, h, n, slip_tol, b):
     """Share of an accepted step at which an event function may dip below zero between positive ends; 1.0 if none does.
 
-    The functions are evaluated on the cubic through the step's ends; the parabola through the lowest of them, less the
-    error of the cubic of a function that changes as quickly as the motion, bounds what lies between.
+    The functions are evaluated on the cubic through the step's ends; the parabola through the lowest of them and its
+    neighbours, less the errors of that cubic and of that parabola for a function that changes as quickly as the motion,
+    bounds what lies between.
     """
     values = b.values
-    doubt = (quickness(dm, b.start) * h) ** 4 / 384.0
+    turn = quickness(dm, b.start) * h
+    doubt = turn**4 / 384.0 + turn / 24.0
     least_value(dm, modes, b.armed, b.start, b.start, b.F, slip_tol, values[0])
     values_on_cubic(dm, modes, phase, 1.0 / 3.0, h, n, slip_tol, b, values[1])
     values_on_cubic(dm, modes, phase, 2.0 / 3.0, h, n, slip_tol, b, values[2])
@@ -168,10 +170,11 @@ def hidden_dip(dm, modes, phase, h, n, slip_tol, b):
         q = 1 if values[1, k] <= values[2, k] else 2
         low = values[q, k]
         left, right = values[q - 1, k] - low, values[q + 1, k] - low
-        if left < 0.0 or right < 0.0 or left + right == 0.0:
+        if not left + right > 0.0:
             continue
         shift = 0.5 * (left - right) / (left + right)
-        if low - 0.25 * (left - right) * shift <= doubt * max(left, right):
+        bottom = low - 0.25 * (left - right) * shift
+        if 0.0 < q + shift < 3.0 and bottom <= doubt * max(left, right):
             share = min(share, (q + shift) / 3.0)
     return share
 

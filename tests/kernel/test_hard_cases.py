@@ -100,17 +100,9 @@ def causes(run):
 # --- the intensity at which the plate just carries no weight ------------------------------------------------------------
 
 
-WEIGHTLESS = [(1e-6, 0.0), *((rtol, 0.5 * pi) for rtol in RTOLS)]
-
-
 @pytest.mark.jit
-@pytest.mark.parametrize(
-    ("rtol", "phi0"),
-    [
-        pytest.param(*case, marks=bug("it lifts off, or never goes on, at no weight")) if case in WEIGHTLESS else case
-        for case in product(RTOLS, (0.0, 0.5 * pi, 4.0))
-    ],
-)
+@pytest.mark.parametrize("phi0", [0.0, 0.5 * pi, 4.0])
+@accuracies
 def test_at_gamma_1_a_plastic_dimer_never_leaves_the_plate(rtol, phi0):
     """The normal force touches zero once a period and is positive on either side: a lift-off there would be a lie."""
     row = row_of(Gamma=1.0, beta0=0.0, e=0.0, phi0=phi0)
@@ -132,13 +124,15 @@ def hop_phases(excess):
         return float(off), float(off + mp.findroot(gap, (0.8 * about, 1.2 * about), solver="anderson", tol=1e-60))
 
 
-UNSEEN = [(1e-11, 1e-6), (1e-8, 1e-9), (1e-11, 1e-9)]
+UNSEEN = [(1e-8, 1e-9)]
 
 
 @pytest.mark.parametrize(
     ("rtol", "excess"),
     [
-        pytest.param(*case, marks=bug("the dip of the force is not seen")) if case in UNSEEN else case
+        pytest.param(*case, marks=bug("a dip of the force by a tenth of the tolerance is not seen"))
+        if case in UNSEEN
+        else case
         for case in product(RTOLS, (1e-2, 1e-4, 1e-6, 1e-9))
     ],
 )
