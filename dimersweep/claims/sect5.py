@@ -158,7 +158,8 @@ def angle_at_minimum(lab: Lab) -> Finding:
         zeta = cube["zeta"].sel(A_r=a).values
         known = np.isfinite(zeta)
         off[a] = float(np.interp(low.at, cube["xdot0"].values[known], zeta[known])) - np.pi / 2
-    value = ", ".join(f"A_r = {a:g}: pi/2 {gap:+.4f}" for a, gap in off.items())
+    told = {a: "no minimum located" if np.isnan(gap) else f"pi/2 {gap:+.4f}" for a, gap in off.items()}
+    value = ", ".join(f"A_r = {a:g}: {words}" for a, words in told.items())
     return Finding(value, verdict(all(abs(gap) < 0.02 for gap in off.values())), "within 0.02 rad")
 
 
