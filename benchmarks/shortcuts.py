@@ -344,6 +344,10 @@ def document(found: list[Effect], names: list[str]) -> Iterator[str]:
         if shortcut.name in measured:
             yield f"| {shortcut.name} | {shortcut.without} |"
     yield ""
+    missing = [shortcut.name for shortcut in SHORTCUTS if shortcut.name not in measured]
+    if missing:
+        yield f"Not measured yet: {'; '.join(missing)}."
+        yield ""
     yield "## Time"
     yield ""
     yield f"Time of a run to its verdict (at most {PERIODS} forcing periods) without the shortcut, over that with it."

@@ -20,7 +20,8 @@ FLAGS = {
     "computed": ("no", "yes"),
     "confidence": ("not_run", "certain", "unsure", "changed"),
 }
-_PACKED = {"zlib": True, "complevel": 4, "shuffle": True}
+_SUMMED = {"fletcher32": True}  # a checksum that the NetCDF library itself tests, in any program that reads the file
+_PACKED = {"zlib": True, "complevel": 4, "shuffle": True, **_SUMMED}
 
 
 def blank(n: int) -> tuple[np.ndarray, np.ndarray]:
@@ -36,10 +37,11 @@ def blank(n: int) -> tuple[np.ndarray, np.ndarray]:
     return np.full((n, N_OUT), np.nan), np.zeros((n, N_CODES), dtype=np.int64)
 
 
-def _coordinate(name: str, values: Any) -> xr.Variable:
+def coordinate(name: str, values: Any, quantity: Quantity) -> xr.Variable:
+    """Values along an axis of that name, or the one value of a fixed parameter, with their unit."""
     dims = (name,) if np.ndim(values) else ()
-    variable = xr.Variable(dims, values, PARAMETERS[name]._asdict())
-    variable.encoding["_FillValue"] = None  # CF: a coordinate has no missing values
+    variable = xr.Variable(dims, values, quantity._asdict())
+    variable.encoding.update(_SUMMED if dims else {}, _FillValue=None)  # CF: a coordinate has no missing values
     return variable
 
 
@@ -106,7 +108,7 @@ def build(
         variables[name] = labelled
     if more:
         variables["mode"].attrs["ancillary_variables"] = " ".join(more)
-    coordinates = {name: _coordinate(name, value) for name, value in (grid.axes | grid.fixed).items()}
+    coordinates = {name: coordinate(name, value, PARAMETERS[name]) for name, value in (grid.axes | grid.fixed).items()}
     return xr.Dataset(variables, coordinates, dict(attributes))
 
 

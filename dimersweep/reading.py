@@ -185,6 +185,17 @@ class Minimum(NamedTuple):
     value: float
     value_error: float
 
+    @property
+    def located(self) -> bool:
+        """Whether there is one."""
+        return bool(np.isfinite(self.at))
+
+    def told(self, unit: str, at_unit: str) -> str:
+        """In words, with its errors."""
+        if not self.located:
+            return "no minimum located"
+        return f"{self.value:.2f} ± {self.value_error:.2f} {unit} at {self.at:.2f} ± {self.at_error:.2f} {at_unit}"
+
 
 def minimum(points: np.ndarray, values: np.ndarray) -> Minimum:
     """The bottom of the first valley of `values`, from a cubic spline through them.
@@ -197,25 +208,33 @@ def minimum(points: np.ndarray, values: np.ndarray) -> Minimum:
     Returns
     -------
     Minimum
-        NaN if there is no valley, or fewer than three points on one of its sides.
+        NaN if none is located: there is no valley, there are fewer than three points on one of its sides, a value
+        beside its lowest point is unknown, or a grid twice as coarse would have the bottom outside that valley.
     """
-    known = np.isfinite(values)
+    nowhere = Minimum(*[float("nan")] * 4)
+    known = np.flatnonzero(np.isfinite(values))
     x, y = np.asarray(points)[known], np.asarray(values)[known]
     turns = np.flatnonzero((y[1:-1] <= y[:-2]) & (y[1:-1] <= y[2:])) + 1
     if not turns.size or not 3 <= turns[0] < y.size - 3:
-        return Minimum(*[float("nan")] * 4)
-    near = slice(max(0, int(turns[0]) - VALLEY), int(turns[0]) + VALLEY + 1)
-    at, value = _bottom(x[near], y[near])
+        return nowhere
+    low = int(turns[0])
+    left, right = x[low - 1], x[low + 1]
+    near = slice(max(0, low - VALLEY), low + VALLEY + 1)
+    at, value = _bottom(x[near], y[near], left, right)
     coarser = np.array([_bottom(x[near][first::2], y[near][first::2]) for first in (0, 1)])
-    errors = np.abs(coarser - [at, value]).max(axis=0)
-    return Minimum(at, float(errors[0]), value, float(errors[1]))
+    at_error, value_error = np.abs(coarser - [at, value]).max(axis=0)
+    walls = y[low - 2 : low + 3].max() - y[low]  # as far as the coarser grid sees
+    if known[low + 1] - known[low - 1] > 2 or at_error > right - left or max(value_error, y[low] - value) > walls:
+        return nowhere
+    return Minimum(at, float(at_error), value, float(value_error))
 
 
-def _bottom(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """The lowest point of the spline through `y` at `x`, and its height."""
+def _bottom(x: np.ndarray, y: np.ndarray, left: float = -np.inf, right: float = np.inf) -> tuple[float, float]:
+    """The lowest point between `left` and `right` of the spline through `y` at `x`, and its height."""
     spline = CubicSpline(x, y)
     flat = spline.derivative().roots(extrapolate=False)
     places = np.concatenate([flat, x])
+    places = places[(left <= places) & (places <= right)]
     lowest = places[np.argmin(spline(places))]
     return float(lowest), float(spline(lowest))
 

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.computing import Crew, Store, make_how
-from dimersweep.cube import FLAGS, build, float_variable, label_variable
+from dimersweep.cube import FLAGS, build, coordinate, float_variable, label_variable
 from dimersweep.deciding import A_NOT_RUN, A_UNSURE, A_YES, ASKS, OPEN, Question, SearchSpec, Wave
 from dimersweep.errors import ParameterError
 from dimersweep.grid import Grid, legal_points, make_grid
@@ -18,7 +18,7 @@ from dimersweep.kernel.layout import CODES, M_NOT_RUN, MODES
 from dimersweep.making import Output, make
 from dimersweep.parameters import check_count, check_rtol
 from dimersweep.paths import PathLength, path_length
-from dimersweep.symbols import PARAMETERS, QUANTITIES, STATES
+from dimersweep.symbols import PARAMETERS, QUANTITIES, STATES, Quantity
 from dimersweep.tiles import Finished, runs
 
 REGIONS = FLAGS["region"]
@@ -304,6 +304,4 @@ def _with_paths(cube: xr.Dataset, results: np.ndarray, length: PathLength) -> xr
     velocity = results["axial_velocity"].reshape(shape)
     cube["axial_velocity"] = float_variable(dims, velocity, QUANTITIES["axial_velocity"])
     cycles = np.arange(length.moments) / length.per_period
-    cycle = xr.Variable("cycle", cycles, {"units": "1", "long_name": "time in forcing periods"})
-    cycle.encoding["_FillValue"] = None
-    return cube.assign_coords(cycle=cycle)
+    return cube.assign_coords(cycle=coordinate("cycle", cycles, Quantity("1", "time in forcing periods")))

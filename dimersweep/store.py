@@ -1,8 +1,11 @@
 """Cubes on disk: written whole or not at all, never over another file unasked, and checked when they are opened."""
 
+import json
 import os
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import xarray as xr
 
@@ -95,7 +98,7 @@ def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
     ----------
     path : path-like
         A NetCDF file, which is read whole into memory and closed; or a folder that ends in .zarr, of which values are
-        read when they are used.
+        read, and their checksums tested, when they are used.
 
     Returns
     -------
@@ -114,9 +117,17 @@ def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
         cube, kind = _read_netcdf(path), "NetCDF file"
     if "dimersweep_cube" not in cube.attrs:
         raise StoreError(f"{path}: is a {kind}, but no cube of dimersweep")
-    if digest(cube.attrs.get("configuration", "")) != cube.attrs.get("configuration_sha256") or "mode" not in cube:
+    text = cube.attrs.get("configuration", "")
+    intact = digest(text) == cube.attrs.get("configuration_sha256") and "mode" in cube
+    if not intact or not _fixed_as_told(cube, json.loads(text)):
         raise StoreError(f"{path}: is a cube of dimersweep that was changed or is incomplete; sweep it again")
     return cube
+
+
+def _fixed_as_told(cube: xr.Dataset, configuration: Mapping[str, Any]) -> bool:
+    """Whether the fixed parameters are those of the configuration: single values have no checksum of their own."""
+    fixed = configuration.get("fixed", {})
+    return all(bool((cube[name] == value).all()) for name, value in fixed.items() if name in cube.coords)
 
 
 def _read_netcdf(path: Path) -> xr.Dataset:

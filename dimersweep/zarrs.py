@@ -108,18 +108,21 @@ def write_zarr(
 
 def _template(grid: Grid, attributes: Mapping[str, Any], kind: np.dtype) -> xr.Dataset:
     """The cube of `grid` with lazy variables, so that only their types, chunks and attributes are written."""
+    from zarr.codecs import ZstdCodec
+
     one = Grid({name: values[:1] for name, values in grid.axes.items()}, grid.fixed)
     small = build(one, *blank(1), attributes, beyond(blank_results(1, kind)))
     chunks = chunk_shape(grid.shape)
+    summed = {"compressors": [ZstdCodec(checksum=True)]}
     coordinates = {name: small[name].variable for name in grid.fixed}
     for name, values in grid.axes.items():
-        coordinates[name] = xr.Variable((name,), values, small[name].attrs, {"_FillValue": None})
+        coordinates[name] = xr.Variable((name,), values, small[name].attrs, {"_FillValue": None, **summed})
     lazy = {
         name: xr.Variable(
             variable.dims,
             dask.array.zeros(grid.shape, dtype=variable.dtype, chunks=chunks),
             variable.attrs,
-            {"_FillValue": variable.encoding["_FillValue"], "chunks": chunks},
+            {"_FillValue": variable.encoding["_FillValue"], "chunks": chunks, **summed},
         )
         for name, variable in small.data_vars.items()
     }

@@ -78,3 +78,4 @@ def test_the_file_follows_cf(cube, tmp_path):
         assert file["mode"].dtype == np.int8
         assert file["mode"].filters()["complevel"] == 4
         assert file["radius"].filters()["shuffle"]
+        assert all(variable.filters()["fletcher32"] for variable in file.variables.values() if variable.ndim)

@@ -47,6 +47,16 @@ def test_trends_tell_the_exponent(fake_kernel):
     assert titles[0].startswith("$(A_r - 1)^{")
 
 
+def test_a_minimum_is_marked_only_where_it_is_located(fake_kernel):
+    cube = searched({"A_r": [5, 6], "xdot0": {"start": 1, "stop": 7, "num": 25}}, fixed={"f": 9.0})
+    period = 10 + (cube["xdot0"] - 4) ** 2
+    cube["period"] = period.where((cube["A_r"] == 5) | (cube["xdot0"] != 4.25)).transpose("A_r", "xdot0")
+    left, right = KINDS["minimum"](cube).axes
+    told = [text.get_text() for text in left.get_legend().get_texts()]
+    assert told == ["$A_r$ = 5", "10.00 ± 0.00 s at 4.00 ± 0.00 m/s", "$A_r$ = 6: no minimum located"]
+    assert len(right.lines) == 4  # two curves, the place of one minimum, pi/2
+
+
 def test_shares_are_those_of_the_runs(fake_kernel):
     cube = searched({"e": [0.5, 0.6], "f": [0.3, 3, 9]}, ask="fraction")
     (axes,) = KINDS["shares"](cube).axes

@@ -71,7 +71,29 @@ def test_the_bottom_of_the_first_valley():
     at = 15 ** (1 / 3)
     assert low.at == pytest.approx(at, abs=max(low.at_error, 1e-3)) and low.at_error < 0.02
     assert low.value == pytest.approx(30 / at + at**2, rel=1e-4) and low.value_error < 0.02
-    assert np.isnan(minimum(x, 1 / x)).all()
+    assert low.told("s", "m/s").startswith(f"{low.value:.2f} ± ")
+    nowhere = minimum(x, 1 / x)
+    assert np.isnan(nowhere).all() and not nowhere.located and nowhere.told("s", "m/s") == "no minimum located"
+
+
+def test_a_valley_beside_chaos_is_not_dug_deeper():
+    """A smooth valley keeps its bottom where a scatter begins on its right; a coarse one is refused."""
+    fine, coarse = np.linspace(1, 7, 61), np.linspace(1, 7, 13)
+    for x, located in ((fine, True), (coarse, False)):
+        y = 10 + (x - 4.1) ** 2
+        y[x > 5.2] = 20 + 100 * (np.arange((x > 5.2).sum()) % 2 == 0)  # far above, up and down
+        low = minimum(x, y)
+        assert low.located == located
+        if located:
+            assert (low.at, low.value) == pytest.approx((4.1, 10), abs=1e-6)
+
+
+def test_a_bottom_beside_an_unknown_value_is_not_located():
+    x = np.linspace(1, 7, 61)
+    y = 10 + (x - 4.1) ** 2
+    assert minimum(x, y).located
+    y[32] = np.nan  # right of the lowest point
+    assert not minimum(x, y).located
 
 
 def test_a_piece_of_a_circle():

@@ -4,6 +4,7 @@ import errno
 import os
 import re
 from math import prod
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -55,6 +56,17 @@ def test_it_is_the_cube_in_memory():
     assert set(cube.attrs) == set(reference.attrs)
     assert os.listdir() == ["cube.zarr"]
     xr.testing.assert_identical(dimersweep.open_cube("cube.zarr").load(), cube.load())
+
+
+@pytest.mark.parametrize("name", ["radius", "mode", "beta0", "e"])
+def test_a_changed_byte_is_found(name):
+    sweep()
+    numbers = next(file for file in Path("cube.zarr", name).rglob("*") if file.is_file() and file.name != "zarr.json")
+    written = bytearray(numbers.read_bytes())
+    written[-6] ^= 1  # before the four bytes of a checksum
+    numbers.write_bytes(written)
+    with pytest.raises((StoreError, RuntimeError), match=r"damaged|changed|checksum|decompression"):
+        dimersweep.open_cube("cube.zarr").load()
 
 
 def test_the_whole_is_never_in_memory(monkeypatch):

@@ -136,7 +136,8 @@ def dead_zone(lab: Lab) -> Finding:
     rest = region == "rest"
     under = rest.isel(Gamma=0)
     top = rest["Gamma"].where(rest).max("Gamma")
-    value = "; ".join(f"e = {e:.2f}: up to {g:.2f}" for e, g in zip(lab.plane["e"].values, top.values, strict=True))
+    reached = ("none" if np.isnan(g) else f"up to {g:.2f}" for g in top.values)
+    value = "; ".join(f"e = {e:.2f}: {told}" for e, told in zip(lab.plane["e"].values, reached, strict=True))
     clean = ((region["Gamma"] > top) | rest).all()
     return Finding(
         value,

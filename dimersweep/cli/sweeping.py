@@ -42,7 +42,7 @@ def run(
         bool, typer.Option("--other-kernel", help="With --from: go on though numbers may differ.")
     ] = False,
     certify: Annotated[
-        bool, typer.Option("--certify", help="Tell how sure each mode is; three times the time.")
+        bool, typer.Option("--certify", help="Tell how sure each mode is; about 2.5 times the time.")
     ] = False,
     plot: Annotated[bool, typer.Option(help="Draw the cube beside its file.")] = True,
     force: Force = False,

@@ -141,11 +141,12 @@ def least_period(cube: xr.Dataset) -> Figure:
     for color, A_r in zip(ROW_COLORS, cube["A_r"].values, strict=False):
         one = cube.sel(A_r=A_r)
         period, zeta = (_drifting(one, name).values for name in ("period", "zeta"))
-        left.plot(speeds, period, "o-", color=color, markersize=2.5, linewidth=1, label=given("A_r", A_r))
-        right.plot(speeds, zeta, "o-", color=color, markersize=2.5, linewidth=1)
         low = minimum(speeds, period)
-        if np.isfinite(low.at):
-            told = f"{low.value:.2f} s at {low.at:.2f}({100 * low.at_error:.0f}) m/s"
+        told = low.told("s", "m/s")
+        name = given("A_r", A_r) + ("" if low.located else f": {told}")
+        left.plot(speeds, period, "o-", color=color, markersize=2.5, linewidth=1, label=name)
+        right.plot(speeds, zeta, "o-", color=color, markersize=2.5, linewidth=1)
+        if low.located:
             left.plot([low.at], [low.value], "v", color=color, markersize=8, label=told)
             right.axvline(low.at, color=color, linewidth=0.8, linestyle=":")
     left.set_yscale("log")
