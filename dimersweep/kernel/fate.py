@@ -229,7 +229,9 @@ def rests_for_good(dm, state, modes):
     v2 = state[CA] ** 2 + state[CB] ** 2
     w2 = state[WP] ** 2
     energy = dm.m * v2 + dm.J_t * w2 + dm.J_a * state[SPIN] ** 2
-    moment = 0.5 * energy * (dm.J_a / dm.J_t) ** 0.5  # J_a spin theta' <= sqrt(J_a / J_t) (J_a spin^2 + J_t theta'^2) / 2
+    moment = (
+        0.5 * energy * (dm.J_a / dm.J_t) ** 0.5
+    )  # J_a spin theta' <= sqrt(J_a / J_t) (J_a spin^2 + J_t theta'^2) / 2
     return dm.m * pull * (dm.h - dm.r * dm.mu_s) > moment
 
 
