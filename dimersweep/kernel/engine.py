@@ -17,7 +17,7 @@ from dimersweep.kernel.fate import (
     time_of,
 )
 from dimersweep.kernel.flight import fly, take_off
-from dimersweep.kernel.glide import GLIDE_ROWS, NO_EVENT, OUT_OF_STEPS, glide
+from dimersweep.kernel.glide import GLIDE_ROWS, JAMS, NO_EVENT, OUT_OF_STEPS, glide
 from dimersweep.kernel.impact import contact_velocity, double_impact, rounding, single_impact
 from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import (
@@ -148,7 +148,7 @@ def move(dm, state, modes, chosen, path, tol, slip_tol, work):
     Returns
     -------
     event : int
-        Event number of ``glide`` (a landing of p2 or p1 is LANDS), or NO_EVENT at the end of the period.
+        Event number of ``glide`` (a landing of p2 or p1 is LANDS), JAMS, or NO_EVENT at the end of the period.
     status : int
     """
     span = (TWO_PI - state[PHASE]) / dm.omega
@@ -291,6 +291,12 @@ def evolve(dm, state, modes, periods, rtol, settle, path, past, work, log, event
         event, status = move(dm, state, modes, chosen, path, rtol, slip_tol, work)
         if status != OK:
             return status, False
+        if (
+            event == JAMS
+        ):  # the force of a slip grows beyond all bounds (dynamic jam): an impact without collision follows
+            counts[0] += 1
+            force_impact(dm, state, modes, -1)
+            continue
         if event == NO_EVENT:
             state[PHASE] = 0.0
             state[PERIOD] += 1.0

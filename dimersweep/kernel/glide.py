@@ -34,10 +34,11 @@ from dimersweep.kernel.watch import (
     stop_slip,
 )
 
-NO_EVENT, OUT_OF_STEPS = -1, -2
-MAX_STEPS = 20000
+NO_EVENT, OUT_OF_STEPS, JAMS = -1, -2, -3
+MAX_STEPS = 200000
 MAX_PROBES = 80
 MAX_CHARTS = 20000
+LEAST = 1e-14  # step, in forcing periods, below which the contact force grows beyond all bounds
 STIFF = 0.02  # time in which the slip turns, in forcing periods, below which the plain pace is left
 FALLING = 0.15  # rate of slip, in units of -gamma, from which the slow pace takes it
 TURNS = 7.0  # of a slip, that a plain step may span: what the method bears
@@ -253,6 +254,8 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
         if not error <= 1.0 or (pace == SLOW and dt > span - t):
             factor = 0.3 if error == inf else min(factor, 0.8)
             h, xi = (h, factor * xi) if pace == SLOW else (factor * h, xi)
+            if h < LEAST * dm.T:
+                return t, JAMS
             continue
         least, event = least_value(dm, modes, b.armed, b.start, b.out, b.F_out, slip_tol, b.values[3])
         part = 1.0
@@ -311,7 +314,7 @@ def glide(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
     t : float
         Time integrated [s].
     event : int
-        NO_EVENT (the span is over), the number of the event, or OUT_OF_STEPS.
+        NO_EVENT (the span is over), the number of the event, JAMS (no step is short enough), or OUT_OF_STEPS.
     """
     t = 0.0
     for _ in range(MAX_CHARTS):

@@ -177,8 +177,6 @@ MENDED = [
         {"Gamma": 20.0, "f": 5.0, "mu": 5.0, "mu_s": 5.0, "beta0": 0.0, "xdot0": 100.0, "phi0": 1.998, "e": 0.2},
         1,
     ),
-]
-OPEN = [
     (
         "contact_steps",
         {
@@ -195,6 +193,8 @@ OPEN = [
         },
         6,
     ),
+]
+OPEN = [
     (
         "jammed",
         {
