@@ -216,6 +216,16 @@ def only_touched(dm, modes, i, phase, work):
 
 
 @compiled
+def pass_over(dm, state, modes, path, tol, slip_tol, work):
+    """Go on over that moment in the contact phase on the desk."""
+    y = work[ROW_Y]
+    span = min(MOMENT, TWO_PI - state[PHASE]) / dm.omega
+    t, _ = glide(dm, modes, y, state[PHASE] + dm.phi0, span, path, tol, slip_tol, False, work)
+    load(dm, modes, y, state)
+    state[PHASE] += dm.omega * t
+
+
+@compiled
 def cause_of(event):
     """Why an event row is written, from the event number of a contact phase."""
     if event < HOLD_LOST:
@@ -310,6 +320,7 @@ def evolve(dm, state, modes, periods, rtol, settle, path, past, work, log, event
         else:
             counts[0] += 1
             if event < HOLD_LOST and only_touched(dm, modes, event % 2, state[PHASE] + dm.phi0, work):
+                pass_over(dm, state, modes, path, rtol, slip_tol, work)
                 continue
             pending, lifted, lost = True, -1, False
             if event < HOLD_LOST:

@@ -36,7 +36,7 @@ from dimersweep.kernel.watch import (
 
 NO_EVENT, OUT_OF_STEPS, JAMS = -1, -2, -3
 MAX_STEPS = 200000
-MAX_PROBES = 80
+MAX_PROBES = 160
 MAX_CHARTS = 20000
 LEAST = 1e-14  # step, in forcing periods, below which the contact force grows beyond all bounds
 STIFF = 0.02  # time in which the slip turns, in forcing periods, below which the plain pace is left
@@ -75,8 +75,8 @@ def crossing_on_cubic(dm, modes, phase, h, n, g_start, g_end, slip_tol, b):
     low, high, g_low, g_high, side = 0.0, 1.0, g_start, g_end, 0
     values = b.values[1]
     mid = 0.5
-    for _ in range(8):
-        mid = inside(low, high, g_low, g_high, side)
+    for probe in range(8):
+        mid = inside(low, high, g_low, g_high, probe)
         g = values_on_cubic(dm, modes, phase, mid, h, n, slip_tol, b, values)
         if abs(g) <= 1e-5 * (g_start - g_end):
             break
@@ -130,7 +130,7 @@ def first_crossing(dm, modes, phase, h, n, pace, gamma, event, least, tol, slip_
     for probe in range(MAX_PROBES):
         if high - low <= 1e-15 * h:
             break
-        mid = guess if probe < 6 and low < guess < high else inside(low, high, g_low, g_high, side)
+        mid = guess if probe < 6 and low < guess < high else inside(low, high, g_low, g_high, probe)
         way, before = mid - at, g
         if abs(way) <= near:
             carry_on(dm, modes, phase, way, n, b)

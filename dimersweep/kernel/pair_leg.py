@@ -37,7 +37,7 @@ from dimersweep.kernel.steps import (
 from dimersweep.kernel.tableaux import ROS_GAMMA
 
 MAX_STEPS = 20000
-MAX_PROBES = 120
+MAX_PROBES = 160
 N_EVENTS = 8
 PAIR_ROWS = 36
 FIRST = 0.05  # first step
@@ -240,10 +240,10 @@ def first_crossing(law, modes, compressing, h, least, tol, slip_tol, stiff, b):
     """
     low, high, g_high, side = 0.0, h, least, 0
     g_low, _ = least_value(law, modes, compressing, b.armed, b.start, b.start, slip_tol)
-    for _ in range(MAX_PROBES):
+    for probe in range(MAX_PROBES):
         if high - low <= 1e-15 * h:
             break
-        mid = inside(low, high, g_low, g_high, side)
+        mid = inside(low, high, g_low, g_high, probe)
         pair_step(law, modes, mid, tol, 1.0, stiff, b)
         g, _ = least_value(law, modes, compressing, b.armed, b.start, b.out, slip_tol)
         low, high, g_low, g_high, side = shrink(low, high, g_low, g_high, mid, g, side)

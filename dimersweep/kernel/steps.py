@@ -7,7 +7,6 @@ from dimersweep.kernel.tableaux import DOP_A, DOP_B, DOP_E3, DOP_E5, ROS_A, ROS_
 
 DOP_STAGES = 12
 ROS_STAGES = 8
-STALE = 3  # times in a row that an end of a bracket may stay before it is halved
 WIDTH = 8  # entries of a state that DOP853 controls: a loop over them in registers
 
 
@@ -140,25 +139,26 @@ def lu_solve(A, n, pivots, b):
 
 
 @compiled
-def inside(low, high, g_low, g_high, side):
-    """Where a bracketed zero is probed next: the secant point, or the middle if that is not inside or one end stays."""
+def inside(low, high, g_low, g_high, probe):
+    """Where a bracketed zero is probed next: the secant point; the middle if that is not inside, and in every third probe,
+    since the least of several functions may have a bend that regula falsi creeps to.
+    """
     mid = (low * g_high - high * g_low) / (g_high - g_low)
-    return mid if low < mid < high and abs(side) < STALE else 0.5 * (low + high)
+    return mid if low < mid < high and probe % 3 < 2 else 0.5 * (low + high)
 
 
 @compiled
 def shrink(low, high, g_low, g_high, mid, g, side):
-    """New bracket after the value g at mid (Anderson and Bjorck's regula falsi).
+    """New bracket after the value g at mid (Anderson and Bjorck's regula falsi); side is the end replaced last, -1, 0, 1.
 
-    `side` counts how often in a row the same end was replaced, negative for the lower one. The value kept at an end that
-    stays is scaled down, so that both ends close in.
+    The value kept at an end that stays twice is scaled down, so that both ends close in.
     """
     if g > 0.0:
         if side < 0:
             factor = 1.0 - g / g_low
             g_high *= factor if factor > 0.0 else 0.5
-        return mid, high, g, g_high, min(side, 0) - 1
+        return mid, high, g, g_high, -1
     if side > 0:
         factor = 1.0 - g / g_high
         g_low *= factor if factor > 0.0 else 0.5
-    return low, mid, g_low, g, max(side, 0) + 1
+    return low, mid, g_low, g, 1
