@@ -21,6 +21,7 @@ from dimersweep.kernel.paces import BENCH_ROWS, PLAIN, SLIDE, SLOW, lay_out, set
 from dimersweep.kernel.steps import copy, inside, shrink, step_factor
 from dimersweep.kernel.watch import (
     LANDS,
+    LIFTS,
     N_EVENTS,
     SLIP_ZERO,
     TIPS,
@@ -38,6 +39,7 @@ NO_EVENT, OUT_OF_STEPS, JAMS = -1, -2, -3
 MAX_STEPS = 200000
 MAX_PROBES = 160
 MAX_CHARTS = 20000
+FAINT = 1e-5  # first step of a phase that begins without force: after it the end presses, or lifts off
 LEAST = 1e-14  # step, in forcing periods, below which the contact force grows beyond all bounds
 STIFF = 0.02  # time in which the slip turns, in forcing periods, below which the plain pace is left
 FALLING = 0.15  # rate of slip, in units of -gamma, from which the slow pace takes it
@@ -196,6 +198,15 @@ def landing_in_sight(dm, modes, y, dy):
 
 
 @compiled
+def without_force(modes, F):
+    """Number of a closed end whose force does not press, -1 if there is none."""
+    for i in range(2):
+        if modes[i] != FREE and F[F1 + 3 * i] <= 0.0:
+            return i
+    return -1
+
+
+@compiled
 def pace_for(dm, v, rate, gamma):
     """The pace that suits a slip v that changes at a rate."""
     if v >= STIFF * dm.T * gamma:
@@ -219,6 +230,8 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
         b.armed[LANDS], b.armed[TIPS] = 1.0 if watch else 0.0, 1.0
     natural = tol**0.125
     h, xi, t = FIRST * natural * dm.T, FIRST_SLOW * natural, 0.0
+    if without_force(modes, b.F) >= 0:
+        h = FAINT * dm.T
     for _ in range(MAX_STEPS):
         if t >= span:
             return t, NO_EVENT
@@ -283,6 +296,9 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
         copy(b.dy_out, b.dy, n)
         copy(b.F_out, b.F, 6)
         t = span if last else t + dt
+        pulled = without_force(modes, b.F)
+        if watch and pulled >= 0 and b.armed[LIFTS + pulled] == 0.0:
+            return t, LIFTS + pulled
         if watch:
             arm(dm, modes, b.armed, y, b.F, slip_tol)
         if pace == SLOW:
