@@ -1,10 +1,17 @@
-"""Parts are merged into the kernels that call them, and are nothing that Python can call by mistake."""
+"""Parts are merged into the kernels that call them; what the compiler leaves out changes no result, and no other code."""
 
+import contextlib
+import gc
 import math
+import operator
 
 import numba
+import numpy as np
 import pytest
+from numba.core.types.functions import BaseFunction
 
+from dimersweep.kernel import compiling
+from dimersweep.kernel.compiling import KernelCompiler
 from dimersweep.kernel.jit import compiled, exported
 
 
@@ -50,3 +57,66 @@ def test_a_part_is_never_made_machine_code():
     root(4.0)
     (overload,) = leaf.overloads.values()
     assert not overload.library._finalized
+
+
+@exported
+def indexed(line, grid, whole, table):
+    """Elements by plain, negative, narrow and paired indices, rows, slices and other layouts, read and written."""
+    found = 0.0
+    for n in range(-len(line), len(line)):
+        found = 10.0 * found + line[n] - whole[n]
+        grid[n, n % 2] = n
+        found += grid[n, n % 2 - 2] - grid[-1, n % 2] + grid[n][1] + table[n, -1]
+    line[-1], line[np.int8(1)] = whole[0], True
+    whole[2] = 7.9
+    shape = grid.shape
+    return found + line[-2:][0] + grid[np.int32(1), 0] + shape[1]
+
+
+def test_elements_are_those_of_python():
+    def arrays():
+        grid, table = np.arange(10.0, 16.0).reshape(3, 2), np.asfortranarray(np.arange(6.0).reshape(3, 2))
+        return np.array([1.5, -2.0, 4.0]), grid, np.array([3, 1, -5]), table
+
+    here, there = arrays(), arrays()
+    assert indexed(*here) == getattr(indexed, "py_func", indexed)(*there)
+    for ours, of_python in zip(here, there, strict=True):
+        np.testing.assert_array_equal(ours, of_python)
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="needs the JIT")
+@pytest.mark.parametrize("argument", [3.0, "not a number"], ids=["compiles", "fails to compile"])
+def test_the_compiler_is_as_before_for_other_code(argument):
+    @compiled
+    def below(x):
+        return x + 1.0
+
+    @numba.njit(pipeline_class=KernelCompiler)
+    def above(x):
+        return below(x)
+
+    before = BaseFunction.get_call_type
+    with contextlib.suppress(numba.TypingError):
+        above(argument)
+    assert len(above.overloads) == (argument == 3.0)
+    assert BaseFunction.get_call_type is before
+    assert gc.isenabled()
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="needs the JIT")
+def test_an_operation_is_typed_once_for_all_functions(monkeypatch):
+    asked = []
+    typed = compiling._type
+    monkeypatch.setattr(compiling, "_typed", {})
+    monkeypatch.setattr(compiling, "_type", lambda *given: asked.append(given[0].key[0]) or typed(*given))
+
+    @compiled
+    def first(x):
+        return x * x - x * x * x
+
+    @exported
+    def second(x):
+        return first(x) * x
+
+    assert second(2.0) == -8.0
+    assert asked.count(operator.mul) == 1

@@ -1,0 +1,127 @@
+"""Numba's compiler without what a kernel has no need of, which takes more than half of the time to compile.
+
+Kernels have no closures, no ``with``, no mixed tuples indexed by constants and nothing to count references of (so it does not
+matter when a variable dies). What they have is the same few operations on the same few types a thousand times, most of all
+numbers read from and written to contiguous arrays.
+"""
+
+import gc
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from numba.core import types
+from numba.core.compiler import CompilerBase, PassManager
+from numba.core.compiler_machinery import register_pass
+from numba.core.lowering import Lower
+from numba.core.typed_passes import NativeLowering, NoPythonBackend, NopythonTypeInference, PreLowerStripPhis
+from numba.core.types.functions import BaseFunction
+from numba.core.untyped_passes import FixupArgs, ReconstructSSA, TranslateByteCode
+from numba.np.arrayobj import load_item, store_item
+
+_types: Any = types
+_Base: Any = CompilerBase
+_Function: Any = BaseFunction
+_Lower: Any = Lower
+_Lowering: Any = NativeLowering
+_type: Callable[..., Any] = _Function.get_call_type
+_typed: dict[Any, Any] = {}
+_sizes: dict[Any, int] = {}
+
+
+class _KernelLower(_Lower):
+    """Numba's writer of LLVM code, terse about a number in a contiguous array: Numba unpacks the whole array for each."""
+
+    def _place(self, array: Any, index: Any, signature: Any) -> Any:
+        """Pointer to the number at an index, of which any part may be negative; None if it is not a number that is meant."""
+        builder, context = self.builder, self.context
+        kind, at = signature.args[:2]
+        axes = tuple(at) if isinstance(at, _types.BaseTuple) else (at,)
+        contiguous = isinstance(kind, _types.Array) and kind.layout == "C" and kind.ndim == len(axes)
+        whole = all(isinstance(axis, _types.Integer) and axis.signed for axis in axes)
+        if not (contiguous and whole) or context.enable_boundscheck:
+            return None
+        field = context.data_model_manager[kind].get_field_position
+        data, indices = self.loadvar(array.name), self._cast_var(index, at)
+        place = None
+        for n, axis in enumerate(axes):
+            i = builder.extract_value(indices, n) if isinstance(at, _types.BaseTuple) else indices
+            i = context.cast(builder, i, axis, _types.intp)
+            length = builder.extract_value(data, [field("shape"), n])
+            i = builder.select(builder.icmp_signed("<", i, i.type(0)), builder.add(i, length), i)
+            place = i if place is None else builder.add(builder.mul(place, length), i)
+        return builder.gep(builder.extract_value(data, field("data")), [place])
+
+    def lower_getitem(self, resty: Any, expr: Any, value: Any, index: Any, signature: Any) -> Any:
+        place = self._place(value, index, signature)
+        if place is None:
+            return super().lower_getitem(resty, expr, value, index, signature)
+        number = load_item(self.context, self.builder, signature.args[0], place)
+        return self.context.cast(self.builder, number, signature.return_type, resty)
+
+    def lower_setitem(self, target_var: Any, index_var: Any, value_var: Any, signature: Any) -> Any:
+        place = self._place(target_var, index_var, signature)
+        if place is None:
+            return super().lower_setitem(target_var, index_var, value_var, signature)
+        array = signature.args[0]
+        return store_item(self.context, self.builder, array, self._cast_var(value_var, array.dtype), place)
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _KernelLowering(_Lowering):
+    _name = "kernel_lowering"
+
+    @property
+    def lowering_class(self) -> Any:
+        return _KernelLower
+
+
+_PASSES = (
+    TranslateByteCode,
+    FixupArgs,
+    ReconstructSSA,
+    NopythonTypeInference,
+    PreLowerStripPhis,
+    _KernelLowering,
+    NoPythonBackend,
+)
+
+
+def _type_once(function: Any, context: Any, args: Any, kws: Any) -> Any:
+    """Signature of a built-in function or operator for types of arguments: Numba looks through all it knows every time."""
+    key = function, context, tuple(args), tuple(kws.items())
+    if key not in _typed:
+        _typed[key] = _type(function, context, args, kws)
+    return _typed[key]
+
+
+@contextmanager
+def _in_a_hurry() -> Iterator[None]:
+    """Type every operation once, and look for no garbage; Numba's lock keeps other threads from compiling meanwhile."""
+    before, collects = _Function.get_call_type, gc.isenabled()
+    _Function.get_call_type = _type_once
+    gc.disable()  # looking for cycles among millions of objects takes a seventh of the time
+    try:
+        yield
+    finally:
+        _Function.get_call_type = before
+        if collects:
+            gc.enable()
+
+
+class KernelCompiler(_Base):
+    """Numba's compiler with the passes that a kernel needs."""
+
+    def define_pipelines(self) -> list[Any]:
+        passes = PassManager("kernel")
+        for each in _PASSES:
+            passes.add_pass(each, each.__name__)
+        passes.finalize()
+        return [passes]
+
+    def compile_extra(self, func: Any) -> Any:
+        context = self.state.targetctx  # a copy for this function only
+        size = context.get_abi_sizeof  # asks LLVM each time
+        context.get_abi_sizeof = lambda kind: _sizes.get(kind) or _sizes.setdefault(kind, size(kind))
+        with _in_a_hurry():
+            return super().compile_extra(func)

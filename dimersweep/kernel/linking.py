@@ -1,0 +1,51 @@
+"""The code of a function that only kernels call, kept to be linked into them before it is optimised and made machine code."""
+
+import ctypes
+from importlib import import_module
+from typing import Any
+
+from numba.core.codegen import JITCodeLibrary
+
+_Library: Any = JITCodeLibrary
+_BAD_ARGUMENT = ctypes.cast(ctypes.pythonapi.PyErr_BadArgument, ctypes.c_void_p).value
+
+
+class Part(_Library):
+    """The code of one function, as Numba lowers it: neither optimised with what it calls nor made machine code."""
+
+    _shared_module: Any
+
+    def _ensure_finalized(self) -> None:
+        """Never: only what links it is finalized."""
+
+    def _all(self, seen: dict[int, Any]) -> dict[int, Any]:
+        """This part and those below it."""
+        if id(self) not in seen:
+            seen[id(self)] = self
+            for library in self._linking_libraries:
+                if isinstance(library, Part):
+                    library._all(seen)
+                else:
+                    seen[id(library)] = library
+        return seen
+
+    def _get_module_for_linking(self) -> Any:
+        """The part with all that it calls, for an exported kernel to link."""
+        if self._shared_module is None:
+            shared = self._final_module.clone()
+            for library in self._all({}).values():
+                if library is not self:
+                    part = isinstance(library, Part)
+                    module = library._final_module if part else library._get_module_for_linking()
+                    shared.link_in(module, preserve=True)
+            for function in shared.functions:
+                if not function.is_declaration and function.linkage.name == "external":
+                    function.linkage = "linkonce_odr"
+            self._shared_module = shared
+        return self._shared_module
+
+
+def refusal(library: Any, fndesc: Any, env: Any) -> Any:
+    """What Python gets hold of in place of a part: a function that raises a TypeError."""
+    make_function = import_module("numba._dynfunc").make_function
+    return make_function(fndesc.lookup_module(), fndesc.qualname, "no wrapper", _BAD_ARGUMENT, env, (library,))
