@@ -14,7 +14,6 @@ from statistics import median
 from time import perf_counter, thread_time
 from typing import Any
 
-import dimersweep.deciding
 import dimersweep.tiles
 from dimersweep import declaration, sweep
 from dimersweep.datasets import make
@@ -57,7 +56,7 @@ def main() -> None:
     given = parser.parse_args()
     declared = declaration.read_declaration(given.sweep)
     clock = KernelClock()
-    dimersweep.tiles.run_many = dimersweep.deciding.run_many = clock  # type: ignore[assignment]
+    dimersweep.tiles.run_many = clock  # type: ignore[assignment]
     sweep({"f": [15, 20]}, periods=2, progress=False)  # compiles
     times: dict[int, list[tuple[float, float, float]]] = {1: [], 2: []}
     for number in range(given.rounds):

@@ -10,6 +10,7 @@ import numpy as np
 
 from dimersweep.certifying import certified
 from dimersweep.cube import blank
+from dimersweep.errors import ParameterError
 from dimersweep.grid import Grid, make_grid
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import run_many
@@ -74,6 +75,55 @@ class Finished(NamedTuple):
         return Finished(tile, self.results[tile.start - self.tile.start : tile.stop - self.tile.start])
 
 
+def run_patiently(
+    rows: np.ndarray,
+    periods: int,
+    max_periods: int,
+    rtol: float,
+    settle: bool,
+    out: np.ndarray,
+    codes: np.ndarray,
+    until: int = 0,
+) -> int:
+    """Run points as `run_many` does, up to the first that has not settled; that one again for twice as long, and so on.
+
+    A longer run starts anew: what comes out depends on the point alone. Most motions settle soon, and those that ring down
+    slowly are too few to be given all they may need at once.
+
+    Parameters
+    ----------
+    rows, rtol, settle, out, codes, until
+        See ``kernel.batch.run_rows``.
+    periods, max_periods : int
+        Forcing periods of the first run of a point, and of the longest.
+
+    Returns
+    -------
+    int
+        Number of points made.
+    """
+    made = run_many(rows, periods, rtol, settle, out, codes, until=until | 1 << M_UNRESOLVED)
+    last = slice(made - 1, made)
+    while codes[made - 1, _MODE] == M_UNRESOLVED and periods < max_periods:
+        periods = min(2 * periods, max_periods)
+        run_many(rows[last], periods, rtol, settle, out[last], codes[last], until=until)
+    return made
+
+
+def check_max_periods(periods: int, max_periods: int | None) -> int:
+    """The longest run of a point: `periods` where nothing is given.
+
+    Raises
+    ------
+    ParameterError
+        If it is shorter than that.
+    """
+    longest = periods if max_periods is None else check_count("max_periods", max_periods)
+    if longest < periods:
+        raise ParameterError(f"max_periods = {longest}: must be >= periods = {periods}")
+    return longest
+
+
 class Work(Protocol):
     """What is done at each point of a grid: the numbers of a point depend on nothing else, so anybody may do it."""
 
@@ -118,13 +168,16 @@ class Spec:
         Whether a point stops as soon as its motion has settled.
     certify : bool
         Whether it is tried how sure each mode is.
+    max_periods : int
+        Forcing periods that a point may take if its motion has not settled by then, see `run_patiently`.
     """
 
     grid: Grid
     periods: int
     rtol: float
     stop_when_settled: bool
-    certify: bool = False
+    certify: bool
+    max_periods: int
 
     @property
     def kind(self) -> np.dtype:
@@ -135,11 +188,12 @@ class Spec:
         """See `Work`: until one has used all its periods, so that quick points do not go on for long with slow ones."""
         out, codes = blank(points.size)
         rows = self.grid.rows_at(points)
-        done = run_many(rows, self.periods, self.rtol, self.stop_when_settled, out, codes, until=SLOW_MODES)
+        how = self.rtol, self.stop_when_settled
+        done = run_patiently(rows, self.periods, self.max_periods, *how, out, codes, until=SLOW_MODES)
         results["out"][:done], results["codes"][:done] = out[:done], codes[:done]
         if self.certify:
             results["confidence"][:done], results["error_estimate"][:done] = certified(
-                rows[:done], self.periods, self.rtol, self.stop_when_settled, out[:done], codes[:done]
+                rows[:done], self.max_periods, *how, out[:done], codes[:done]
             )
         return done
 
@@ -150,14 +204,19 @@ class Spec:
 
     def configuration(self) -> dict[str, Any]:
         """The same as plain numbers, lists and strings, with the version of the kernel that gives the results."""
-        return {
+        told = {
             "grid": {name: values.tolist() for name, values in self.grid.axes.items()},
             "fixed": self.grid.fixed,
             "periods": self.periods,
             "rtol": self.rtol,
             "stop_when_settled": self.stop_when_settled,
             "kernel_version": kernel_version(),
-        } | ({"certify": True} if self.certify else {})
+        }
+        if self.max_periods > self.periods:
+            told["max_periods"] = self.max_periods
+        if self.certify:
+            told["certify"] = True
+        return told
 
     @classmethod
     def from_configuration(cls, told: Mapping[str, Any]) -> "Spec":
@@ -177,6 +236,7 @@ class Spec:
             rtol=told["rtol"],
             stop_when_settled=told["stop_when_settled"],
             certify=told.get("certify", False),
+            max_periods=told.get("max_periods"),
         )
 
 
@@ -188,6 +248,7 @@ def make_spec(
     rtol: float = 1e-8,
     stop_when_settled: bool = True,
     certify: bool = False,
+    max_periods: int | None = None,
 ) -> Spec:
     """A spec from what a user gives, see `sweep`.
 
@@ -197,7 +258,11 @@ def make_spec(
         Naming what is not allowed.
     """
     grid = make_grid(axes, fixed)
-    return Spec(grid, check_count("periods", periods), check_rtol(rtol), bool(stop_when_settled), bool(certify))
+    periods = check_count("periods", periods)
+    longest = check_max_periods(periods, max_periods)
+    if longest > periods and not stop_when_settled:
+        raise ParameterError(f"max_periods = {longest}: is for runs that stop when they have settled")
+    return Spec(grid, periods, check_rtol(rtol), bool(stop_when_settled), bool(certify), longest)
 
 
 def run_tile(spec: Spec, tile: Tile) -> np.ndarray:

@@ -49,5 +49,5 @@ def forget_some(out, configuration, kind, seed):
     manifest = read_manifest(manifest_of(out))
     out.unlink()
     with tile_store(out, configuration, manifest.size, kind) as store:
-        store.drop(lambda codes: rng.random(len(codes)) < 0.5)
+        store.drop(lambda results: rng.random(len(results)) < 0.5)
         assert 0 < store.manifest.done < manifest.done

@@ -89,7 +89,7 @@ def test_nothing_is_replaced_unless_forced(call, fake_kernel):
         (
             "periods =",
             "perods =",
-            "sweep.perods: unknown key (allowed: title, periods, rtol, stop_when_settled, certify, output)",
+            "sweep.perods: unknown key (allowed: title, periods, max_periods, rtol, stop_when_settled, certify, output)",
         ),
         ("[plot]", "[plott]", "plott: unknown key (allowed: sweep, grid, fixed, search, refine, paths, plot)"),
         ("periods = 200", "", "sweep.periods: is missing"),
@@ -191,14 +191,14 @@ def test_an_import_is_quick_and_leaves_the_heavy_packages_for_later():
 SMALL_MAP = (ROOT / "sweeps" / "fig08-small.toml").read_text()
 SLOW_SWEEP = """
 import sys, time
-import dimersweep.deciding, dimersweep.tiles
+import dimersweep.tiles
 from fakes import fake_run_many
 
 def slow(rows, *rest, until=0):
     time.sleep(0.05 * len(rows))
     return fake_run_many(rows, *rest)
 
-dimersweep.deciding.run_many = dimersweep.tiles.run_many = slow
+dimersweep.tiles.run_many = slow
 from dimersweep.cli import main
 sys.argv = ["dimersweep", "run", sys.argv[1], "--workers", "2"]
 print("ready", flush=True)
@@ -336,7 +336,7 @@ def test_a_map_is_made_told_of_and_not_made_again(call, fake_kernel, monkeypatch
     assert re.search(r"(\d+)/\1 points, 100 %, elapsed", err)
     assert out.splitlines()[-2:] == ["cube: fig08-small.nc", "picture: fig08-small.png"]
     assert call("status", "fig08-small.nc")[0].startswith("fig08-small.nc: complete, 125 points")
-    monkeypatch.setattr("dimersweep.deciding.run_many", lambda *rest, **more: pytest.fail("work was done"))
+    monkeypatch.setattr("dimersweep.tiles.run_many", lambda *rest, **more: pytest.fail("work was done"))
     _, err, code = call("run", "map.toml")
     assert (code, err) == (0, "fig08-small.nc: is complete already; nothing was run\n")
     _, err, code = call("run", "map.toml", "--retry")

@@ -16,9 +16,8 @@ import dimersweep
 from dimersweep import tiles
 from dimersweep.cube import names
 from dimersweep.errors import ParameterError, StoreError
-from dimersweep.grid import make_grid
 from dimersweep.progress import Lines, Tally
-from dimersweep.tiles import Spec, Tile, blank_results, run_tile, split
+from dimersweep.tiles import Tile, blank_results, make_spec, run_tile, split
 
 GRID = {"f": [15, 20, 25], "beta0": {"start": 1, "stop": 89, "step": 1, "unit": "deg"}}
 
@@ -46,7 +45,7 @@ def test_the_numbers_do_not_depend_on_tiles_and_workers(fake_kernel, monkeypatch
 @pytest.mark.jit
 def test_threads_and_tiles_give_the_bits_of_a_serial_run(monkeypatch):
     grid = {"f": [15, 25], "beta0": {"start": 3, "stop": 87, "step": 7, "unit": "deg"}}
-    spec = Spec(make_grid(grid), 40, 1e-8, True)
+    spec = make_spec(grid, periods=40)
     results = run_tile(spec, Tile(0, spec.grid.size))
     out, codes = results["out"], results["codes"]
     for length in (1, 5):
@@ -102,7 +101,7 @@ def test_bad_input_is_refused_before_any_work(monkeypatch, settings, error, mess
 
 
 def test_tiles_travel_by_pickle(fake_kernel):
-    spec = pickle.loads(pickle.dumps(Spec(make_grid(GRID), 5, 1e-8, True)))
+    spec = pickle.loads(pickle.dumps(make_spec(GRID, periods=5)))
     results = run_tile(spec, pickle.loads(pickle.dumps(Tile(10, 20))))
     assert results.tobytes() == run_tile(spec, Tile(0, 267))[10:20].tobytes()
     assert results["codes"].shape == (10, len(tiles.CODES))
