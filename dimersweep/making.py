@@ -87,7 +87,7 @@ def make(job: Job, how: How, output: Output) -> xr.Dataset:
     """
     if output.path is not None:
         return _to_file(job, how, output, Path(output.path))
-    check_fits(job.spec.grid)
+    check_fits(job.spec.grid, by_blocks=job.by_blocks)
     if job.reuse.retry and job.reuse.extend is None:
         raise ParameterError("retry: needs an out, or a cube to extend")
     memory = MemoryStore(job.spec.grid.size, job.spec.kind)
@@ -102,7 +102,7 @@ def _filled(job: Job, store: Store, how: How) -> dict[str, str]:
 
 def _to_file(job: Job, how: How, output: Output, out: Path) -> xr.Dataset:
     if not is_zarr(out):
-        check_fits(job.spec.grid)
+        check_fits(job.spec.grid, by_blocks=job.by_blocks)
     elif job.by_blocks:
         check_zarr()
     else:

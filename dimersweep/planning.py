@@ -133,12 +133,12 @@ def plan(job: Job, workers: int, out: Path | None = None) -> Plan:
         numbers = rng.choice(job.spec.grid.size, min(SAMPLE, job.spec.grid.size), replace=False)
         units, unit, costs = job.spec.grid.size, "random points", _of_points(job.spec, numbers)
     elif isinstance(job, RefineJob):
-        check_fits(job.spec.grid)
+        check_fits(job.spec.grid, by_blocks=False)
         units, unit = prod(n - 1 for n in job.coarse.grid.shape), "cells spread over the coarse grid"
         costs = _of_cells(job, spread_order(units))
     else:
         assert isinstance(job, SearchJob)
-        check_fits(job.spec.grid)
+        check_fits(job.spec.grid, by_blocks=False)
         legal = legal_points(job.spec.grid)
         units, unit = int(legal.sum()), "random points"
         costs = _of_searches(job.spec, legal, rng.permutation(np.flatnonzero(legal)))

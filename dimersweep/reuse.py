@@ -51,6 +51,9 @@ def _refuse_other_settings(old: dict[str, Any], new: dict[str, Any], name: str) 
         fixed = {key: value for key, value in told["fixed"].items() if key not in swept}
         return {key: value for key, value in told.items() if key not in _POINTS} | {"fixed": fixed}
 
+    if ("search" in old) != ("search" in new):
+        one, other = ("a search", "a whole grid") if "search" in old else ("a whole grid", "a search")
+        raise StoreError(f"{name}: is the cube of {one}; it cannot be extended to {other}")
     changes = differences(settings(old), settings(new))
     if {*old["grid"], *old["fixed"]} != {*new["grid"], *new["fixed"]}:
         changes.append("parameters: e in one, e_1 and e_2 in the other")

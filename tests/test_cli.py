@@ -336,11 +336,9 @@ def test_a_map_is_made_told_of_and_not_made_again(call, fake_kernel, monkeypatch
     assert out.splitlines()[-2:] == ["cube: fig08-small.nc", "picture: fig08-small.png"]
     assert call("status", "fig08-small.nc")[0].startswith("fig08-small.nc: complete, 125 points")
     monkeypatch.setattr("dimersweep.tiles.run_many", lambda *rest, **more: pytest.fail("work was done"))
-    _, err, code = call("run", "map.toml")
-    assert (code, err) == (0, "fig08-small.nc: is complete already; nothing was run\n")
-    _, err, code = call("run", "map.toml", "--retry")
-    assert (code, err.count("\n")) == (2, 1)
-    assert err.startswith("dimersweep: error: extend, retry: are for sweeps of a whole grid; a search does not take")
+    for more in ([], ["--retry"]):
+        _, err, code = call("run", "map.toml", *more)
+        assert (code, err) == (0, "fig08-small.nc: is complete already; nothing was run\n")
     _, err, code = call("run", "map.toml", "--rtol", "1e-5")
     assert (code, err.splitlines()[1:]) == (2, ["  rtol: 1e-06 -> 1e-05"])
 

@@ -182,6 +182,12 @@ def test_a_parameter_that_was_fixed_becomes_an_axis_of_a_search(runs_made, tmp_p
     assert same_bits(cube, quiet_search(ask="first"))
 
 
+def test_the_cube_of_a_sweep_does_not_extend_a_search(fake_kernel, tmp_path):
+    dimersweep.sweep(GRID, periods=5, progress=False, out=tmp_path / "grid.nc")
+    with pytest.raises(StoreError, match=r"grid.nc: is the cube of a whole grid; it cannot be extended to a search$"):
+        quiet_search(extend=tmp_path / "grid.nc")
+
+
 @pytest.mark.parametrize(
     ("settings", "told"),
     [
@@ -259,7 +265,7 @@ def test_a_search_is_not_written_by_blocks(monkeypatch, tmp_path):
 
 def test_a_search_larger_than_memory_is_refused_at_once():
     grid = {name: {"start": 0.1, "stop": 0.9, "num": 1000} for name in ("e", "mu", "Gamma")} | {"beta0": [0.1, 0.2]}
-    with pytest.raises(ParameterError, match=r"^grid: 1000000000 points; one cube in memory may hold 50000000"):
+    with pytest.raises(ParameterError, match=r"^grid: 1000000000 points; one cube in memory may hold 50000000$"):
         quiet_search(grid, {"mu_s": 0.9})
 
 
