@@ -15,9 +15,9 @@ from dimersweep.memorystore import MemoryStore
 from dimersweep.parameters import check_count
 from dimersweep.progress import Silent, tell_of_compiling, watch
 from dimersweep.reuse import not_ok
-from dimersweep.scheduling import Pool, cluster, connected, run_tiles, threads, warm_up
+from dimersweep.scheduling import Pace, Pool, bundles, cluster, connected, run_tiles, threads, warm_up
 from dimersweep.signals import StopFlag, stop_on_signals
-from dimersweep.tiles import Finished, Pace, Tile, Work, bundles
+from dimersweep.tiles import Finished, Tile, Work
 from dimersweep.tilestore import TileStore
 
 _MODE, _STATUS = CODES.index("mode"), CODES.index("status")

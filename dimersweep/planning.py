@@ -19,12 +19,12 @@ from dimersweep.manifest import read_manifest
 from dimersweep.memorystore import MemoryStore
 from dimersweep.provenance import as_text
 from dimersweep.refining import RefineJob
+from dimersweep.scheduling import TILES_PER_WORKER
 from dimersweep.searching import SearchJob
 from dimersweep.sweeping import SweepJob
 from dimersweep.symbols import BASE
 from dimersweep.tiles import (
     TILE_SECONDS,
-    TILES_PER_WORKER,
     Finished,
     Spec,
     Tile,

@@ -15,7 +15,7 @@ from dimersweep.errors import StoreError
 from dimersweep.kernel.layout import CODES, M_FAILED, M_NOT_RUN, OK
 from dimersweep.provenance import differences
 from dimersweep.store import open_cube
-from dimersweep.tiles import Finished, Spec, Tile, runs, split_ranges
+from dimersweep.tiles import Finished, Spec, Tile, runs, split
 
 BLOCK = 1 << 16  # points looked up at a time
 _MODE, _STATUS = CODES.index("mode"), CODES.index("status")
@@ -105,7 +105,7 @@ class Known:
 
     def pieces(self, ranges: Iterable[Tile], unwanted: Callable[[np.ndarray], np.ndarray]) -> Iterator[Finished]:
         """The known points of `ranges`, without those that `unwanted` picks from their codes."""
-        for tile in split_ranges(ranges, BLOCK):
+        for tile in split(ranges, BLOCK):
             parts = np.unravel_index(np.arange(*tile), self.shape)
             columns = [numbers[k] for numbers, k in zip(self.places, parts, strict=True)]
             number = np.sum(columns, axis=0) + self.offset

@@ -1,8 +1,7 @@
 """The unit of work: ranges of grid points, and the pure function that any thread, process or machine runs them with."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from math import ceil
 from time import perf_counter
 from typing import Any, NamedTuple, Protocol, Self
 
@@ -18,8 +17,6 @@ from dimersweep.kernel.layout import CODES, M_APERIODIC, M_FAILED, M_NOT_RUN, M_
 from dimersweep.parameters import check_count, check_rtol
 
 TILE_SECONDS = 0.5  # long against the cost of a task (4 ms), short against the patience of Ctrl-C (2 s)
-GROWTH = 4  # a task has at most this many times the points of one that has come back
-TILES_PER_WORKER = 4  # at least, so that no worker idles for long at the end
 CHUNK_SECONDS = 0.1  # what one call of the kernel aims at: it can be stopped only between calls
 LONGEST_TILE = 2 * TILE_SECONDS  # a task whose points turn out slow comes back with those it has by then
 SLOW_MODES = sum(1 << mode for mode in (M_FAILED, M_APERIODIC, M_UNRESOLVED))  # these use all periods they are given
@@ -265,21 +262,6 @@ def make_spec(
     return Spec(grid, periods, check_rtol(rtol), bool(stop_when_settled), bool(certify), longest)
 
 
-def run_tile(spec: Spec, tile: Tile) -> np.ndarray:
-    """Run the points of one tile.
-
-    Each point depends on its own row alone, so that any tiling gives the same numbers bit for bit.
-
-    Returns
-    -------
-    ndarray, shape (tile.stop - tile.start,), of ``spec.kind``
-    """
-    points, results, done = np.arange(*tile), blank_results(tile.stop - tile.start), 0
-    while done < points.size:
-        done += spec.advance(points[done:], results[done:], _never)
-    return results
-
-
 def _never() -> bool:
     return False
 
@@ -362,52 +344,9 @@ def lost(kind: np.dtype, tile: Tile, error: BaseException) -> Finished:
     return Finished(tile, blank_results(tile.stop - tile.start, kind, M_FAILED), told)
 
 
-class Pace:
-    """How many points make a task, from the time that the last ones took; one at first.
-
-    Parameters
-    ----------
-    size, workers : int
-        Points to run, and how many run at a time: each worker is to get a few tasks.
-    """
-
-    def __init__(self, size: int, workers: int) -> None:
-        self.longest = ceil(size / (TILES_PER_WORKER * workers))
-        self.length = 1
-
-    def note(self, finished: Sequence[Finished]) -> None:
-        """Learn from what a task has brought back."""
-        points = sum(len(tile.results) for tile in finished)
-        aim = int(TILE_SECONDS * points / max(sum(tile.seconds for tile in finished), 1e-6))
-        self.length = max(1, min(aim, GROWTH * points, self.longest))
-
-
-def split(size: int, length: int) -> Iterator[Tile]:
-    """Tiles of `length` points that cover `size` points; the last one may be shorter."""
-    return split_ranges([Tile(0, size)], length)
-
-
-def split_ranges(ranges: Iterable[Tile], length: int) -> Iterator[Tile]:
+def split(ranges: Iterable[Tile], length: int) -> Iterator[Tile]:
     """Tiles of at most `length` points that cover `ranges`."""
     return (Tile(at, min(at + length, stop)) for start, stop in ranges for at in range(start, stop, length))
-
-
-def bundles(ranges: Iterable[Tile], pace: Pace) -> Iterator[Bundle]:
-    """Bundles that cover `ranges`, each of ``pace.length`` points as it is then; the last one may have fewer."""
-    bundle: list[Tile] = []
-    room = pace.length
-    for start, stop in ranges:
-        at = start
-        while at < stop:
-            end = min(stop, at + room)
-            bundle.append(Tile(at, end))
-            room -= end - at
-            at = end
-            if room == 0:
-                yield tuple(bundle)
-                bundle, room = [], pace.length
-    if bundle:
-        yield tuple(bundle)
 
 
 def gaps(size: int, done: Iterable[Tile]) -> Iterator[Tile]:

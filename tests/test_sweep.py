@@ -8,7 +8,7 @@ import threading
 import numpy as np
 import pytest
 import xarray as xr
-from fakes import fake_run_many, set_pace
+from fakes import fake_run_many, run_tile, set_pace
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -19,8 +19,9 @@ from dimersweep.errors import ParameterError, StoreError
 from dimersweep.kernel.layout import M_DRIFT, M_UNRESOLVED, MODES, OK
 from dimersweep.progress import Lines, Tally
 from dimersweep.rerun import from_cube
+from dimersweep.scheduling import Pace
 from dimersweep.searching import search
-from dimersweep.tiles import Tile, blank_results, make_spec, run_tile, split
+from dimersweep.tiles import Tile, blank_results, make_spec, split
 
 GRID = {"f": [15, 20, 25], "beta0": {"start": 1, "stop": 89, "step": 1, "unit": "deg"}}
 
@@ -147,7 +148,7 @@ def test_tiles_travel_by_pickle(fake_kernel):
 
 @given(st.integers(1, 500), st.integers(1, 500))
 def test_tiles_cover_every_point_once(size, length):
-    points = [point for tile in split(size, length) for point in range(*tile)]
+    points = [point for tile in split([Tile(0, size)], length) for point in range(*tile)]
     assert points == list(range(size))
 
 
@@ -156,7 +157,7 @@ def test_a_tile_takes_about_half_a_second():
         pace.note([tiles.Finished(Tile(0, points), blank_results(points), "", seconds)])
         return pace.length
 
-    pace = tiles.Pace(10_000, workers=2)
+    pace = Pace(10_000, workers=2)
     assert pace.length == 1
     assert note(1, 0.01) == 4  # not 50 from one point
     assert note(4, 0.04) == 16
