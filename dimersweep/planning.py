@@ -96,8 +96,9 @@ class Plan:
     def lines(self) -> list[str]:
         """The plan in words."""
         left, (seconds, error) = self.to_run - self.done, self.seconds
-        points, spread = f"{self.to_run}", self._total(self.points)[1]
-        if spread:
+        points = f"{self.to_run}"
+        if (self.points != 1).any():  # of a map
+            spread = self._total(self.points)[1]
             points = f"about {points} (standard error {spread:.0f}) of a fine grid of {self.grid_points}"
         done = f", {self.done} of them done" if self.done else ""
         low, middle, high = (_time(float(value)) for value in np.quantile(self.times, (0, 0.5, 1)))
