@@ -12,7 +12,7 @@ import xarray as xr
 
 from dimersweep.deciding import SearchSpec
 from dimersweep.errors import StoreError
-from dimersweep.kernel.layout import CODES, M_FAILED, M_NOT_RUN, OK
+from dimersweep.kernel.layout import CODES, M_FAILED, M_NOT_RUN, NOT_RUN, OK
 from dimersweep.provenance import differences
 from dimersweep.store import open_cube
 from dimersweep.tiles import Finished, Spec, Tile, runs, split
@@ -30,7 +30,8 @@ def not_run(codes: np.ndarray) -> np.ndarray:
 
 def failed(codes: np.ndarray) -> np.ndarray:
     """Where points of codes, shape (n, N_CODES), were run without a result; shape (n,), bool."""
-    return (codes[:, _STATUS] != OK) | (codes[:, _MODE] == M_FAILED)
+    # a point of a refined map that is as its cell has a mode, but no status
+    return (codes[:, _MODE] == M_FAILED) | ~np.isin(codes[:, _STATUS], (OK, NOT_RUN))
 
 
 def not_ok(codes: np.ndarray) -> np.ndarray:

@@ -133,6 +133,9 @@ def test_a_retry_gives_the_bits_of_a_map_without_failures(banded, monkeypatch, t
         refine(COARSE, out=tmp_path / "map.nc", **SETTINGS)
     cube = refine(COARSE, out=tmp_path / "map.nc", retry=True, **SETTINGS)
     assert {k: cube[k].values.tobytes() for k in cube} == {k: reference[k].values.tobytes() for k in reference}
+    written = (tmp_path / "map.nc").stat().st_mtime_ns
+    refine(COARSE, out=tmp_path / "map.nc", retry=True, **SETTINGS)
+    assert (tmp_path / "map.nc").stat().st_mtime_ns == written, "nothing failed any more"
 
 
 def test_regions_that_are_not_told_apart_cost_nothing(banded):
