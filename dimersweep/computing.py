@@ -1,7 +1,7 @@
 """The points that a store lacks, run and put there: workers, progress, and the ways that this can end early."""
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -15,9 +15,9 @@ from dimersweep.memorystore import MemoryStore
 from dimersweep.parameters import check_count
 from dimersweep.progress import Silent, tell_of_compiling, watch
 from dimersweep.reuse import not_ok
-from dimersweep.scheduling import Pool, cluster, connected, run_tiles, threads, warm_up
+from dimersweep.scheduling import Pace, Pool, bundles, cluster, connected, run_tiles, threads, warm_up
 from dimersweep.signals import StopFlag, stop_on_signals
-from dimersweep.tiles import Finished, Pace, Tile, Work, bundles
+from dimersweep.tiles import Finished, Tile, Work
 from dimersweep.tilestore import TileStore
 
 _MODE, _STATUS = CODES.index("mode"), CODES.index("status")
@@ -81,6 +81,14 @@ class Crew:
         self.store.expect(wanted)
         if self._pool is not None:
             self._shown.expect(wanted)
+
+    def take_over(self, pieces: Iterable[Finished]) -> None:
+        """Put points into the store that need not be run."""
+        for piece in pieces:
+            self.store.add(piece)
+            if self._pool is not None:
+                self._shown.add(piece.codes[:, _MODE])
+        self.store.flush()
 
     def _hire(self) -> Pool:
         how, hired = self.how, self._hired

@@ -37,7 +37,7 @@ def make(
     periods, rtol : int, float, optional
         In place of the declared ones.
     extend, retry, certify, workers, client, progress, fail_fast, force, keep_tiles
-        As in `sweep`; a search takes none of the first three.
+        As in `sweep`; a search takes no `certify`.
 
     Returns
     -------

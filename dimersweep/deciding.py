@@ -9,11 +9,10 @@ import numpy as np
 from dimersweep.cube import blank
 from dimersweep.grid import Grid
 from dimersweep.kernel import kernel_version
-from dimersweep.kernel.batch import run_many
 from dimersweep.kernel.layout import CODES, M_DRIFT, M_FAILED, M_NOT_RUN, M_UNRESOLVED, MODES, OK
 from dimersweep.parameters import fill_rows
 from dimersweep.paths import PathLength, path_of
-from dimersweep.tiles import RESULT, SLOW_MODES, Bundle, around
+from dimersweep.tiles import RESULT, SLOW_MODES, Bundle, around, run_patiently
 
 ASKS = ("any", "all", "first", "fraction")
 A_NOT_RUN, A_NO, A_YES, A_UNSURE = range(4)
@@ -54,9 +53,21 @@ class Question:
             return 1 << self.mode
         return sum(1 << code for code in range(len(MODES)) if code != self.mode and code not in OPEN)
 
+    @property
+    def led(self) -> bool:
+        """Whether the answers of neighbours decide where the trials begin."""
+        return self.ask in ("any", "all")
+
+    def stands(self, result: np.void, hints: Sequence[int]) -> bool:
+        """Whether a result found with unknown hints is what `hints` lead to: bit for bit, the counts of its runs included."""
+        if result["codes"][_MODE] == M_NOT_RUN:
+            return False
+        alone = result["counts"].sum() == 1 and result["decider"] - 1 == self.order(hints)[0]
+        return bool(not self.led or not result["decider"] or alone)
+
     def order(self, hints: Sequence[int]) -> np.ndarray:
         """The order in which values are tried, shape (n,), indices: `hints` first, then spread over the axis."""
-        if self.ask in ("first", "fraction"):
+        if not self.led:
             return np.arange(self.values.size)
         spread = spread_order(self.values.size)
         return np.concatenate([np.array(hints, dtype=int), spread[~np.isin(spread, hints)]])
@@ -74,6 +85,8 @@ class SearchSpec:
         What is asked.
     periods : int
         Forcing periods each run may take; it stops earlier when it has settled.
+    max_periods : int
+        Those that it may take if it has not settled by then, see `run_patiently`.
     rtol : float
         Accuracy [1].
     orbit_periods : int
@@ -85,6 +98,7 @@ class SearchSpec:
     grid: Grid
     question: Question
     periods: int
+    max_periods: int
     rtol: float
     orbit_periods: int = 0
     paths: PathLength | None = None
@@ -111,7 +125,11 @@ class SearchSpec:
             "rtol": self.rtol,
             "kernel_version": kernel_version(),
         }
-        return told | ({"paths": vars(self.paths)} if self.paths else {})
+        if self.max_periods > self.periods:
+            told["max_periods"] = self.max_periods
+        if self.paths:
+            told["paths"] = vars(self.paths)
+        return told
 
 
 @dataclass(frozen=True)
@@ -180,7 +198,8 @@ def _tried(spec: SearchSpec, rows: np.ndarray, out: np.ndarray, codes: np.ndarra
     made, ends = 0, spec.question.until()
     while made < len(rows):
         part = slice(made, made + CHUNK_RUNS)
-        made += run_many(rows[part], spec.periods, spec.rtol, True, out[part], codes[part], until=ends | SLOW_MODES)
+        how = spec.periods, spec.max_periods, spec.rtol, True
+        made += run_patiently(rows[part], *how, out[part], codes[part], until=ends | SLOW_MODES)
         if ends >> int(codes[made - 1, _MODE]) & 1:
             break
         if stopped():
@@ -224,7 +243,8 @@ def decide(spec: SearchSpec, point: int, hints: Sequence[int], result: np.ndarra
         result["codes"][0, [_MODE, _STATUS]] = counts.argmax(), OK
         return True
     if spec.orbit_periods:
-        run_many(rows[which : which + 1], spec.orbit_periods, spec.rtol, False, out[which:], codes[which:])
+        last, longer = slice(which, which + 1), spec.orbit_periods
+        run_patiently(rows[last], longer, longer, spec.rtol, False, out[last], codes[last])
     result["out"], result["codes"], result["decider"] = out[which], codes[which], order[which] + 1
     if spec.paths and codes[which, _MODE] == M_DRIFT:
         value = float(question.values[order[which]])

@@ -12,6 +12,7 @@ from dimersweep.errors import ParameterError
 from dimersweep.making import Job
 from dimersweep.parameters import check_count, check_rtol
 from dimersweep.refining import RefineJob, check_refinement
+from dimersweep.reuse import Reuse
 from dimersweep.searching import SearchJob
 from dimersweep.sweeping import SweepJob
 
@@ -25,6 +26,7 @@ class SweepSection(_Section):
 
     title: str
     periods: int
+    max_periods: int | None = None
     rtol: float = 1e-8
     stop_when_settled: bool = True
     certify: bool = False
@@ -87,7 +89,7 @@ class Declaration(_Section):
         Parameters
         ----------
         periods, rtol : int, float, optional
-            In place of the declared ones.
+            In place of the declared ones; `periods` in place of the declared ``max_periods`` too.
         extend, retry
             As in `sweep`.
         certify : bool
@@ -99,6 +101,7 @@ class Declaration(_Section):
         """
         given: dict[str, Any] = {
             "periods": check_count("sweep.periods", self.sweep.periods) if periods is None else periods,
+            "max_periods": self.sweep.max_periods if periods is None else None,
             "rtol": check_rtol(self.sweep.rtol) if rtol is None else rtol,
         }
         certify = certify or self.sweep.certify
@@ -107,9 +110,7 @@ class Declaration(_Section):
                 raise ParameterError("search: is missing; refine and paths go with a search")
             given |= {"stop_when_settled": self.sweep.stop_when_settled, "certify": certify}
             spec = tiles.make_spec(self.grid, self.fixed, **given)
-            return SweepJob(spec, extend, retry)
-        if extend or retry:
-            raise ParameterError("extend, retry: are for sweeps of a whole grid; a search does not take them")
+            return SweepJob(spec, Reuse(extend, retry))
         if certify:
             raise ParameterError("certify: is for sweeps of a whole grid; a search does not take it")
         if not self.sweep.stop_when_settled:
@@ -117,8 +118,8 @@ class Declaration(_Section):
         paths = None if self.paths is None else self.paths.model_dump()
         question = searching.make_spec(self.grid, self.fixed, paths=paths, **self.search.model_dump(), **given)
         if self.refine is None:
-            return SearchJob(question)
-        return RefineJob(question, *check_refinement(question, **self.refine.model_dump()))
+            return SearchJob(question, Reuse(extend, retry))
+        return RefineJob(question, *check_refinement(question, **self.refine.model_dump()), Reuse(extend, retry))
 
     @property
     def attrs(self) -> dict[str, str]:

@@ -214,15 +214,19 @@ def make_grid(axes: Mapping[str, Any], fixed: Mapping[str, Any] | None = None, *
     return Grid(made, held)
 
 
-def check_fits(grid: Grid) -> None:
+def check_fits(grid: Grid, *, by_blocks: bool) -> None:
     """Refuse a grid whose results memory cannot be expected to hold.
+
+    Parameters
+    ----------
+    grid : Grid
+    by_blocks : bool
+        Whether its cube could be written without being held in memory.
 
     Raises
     ------
     ParameterError
     """
     if grid.size > MAX_POINTS:
-        raise ParameterError(
-            f"grid: {grid.size} points; one cube in memory may hold {MAX_POINTS} "
-            "(an output that ends in .zarr is not held in memory)"
-        )
+        way_out = " (an output that ends in .zarr is not held in memory)" if by_blocks else ""
+        raise ParameterError(f"grid: {grid.size} points; one cube in memory may hold {MAX_POINTS}{way_out}")

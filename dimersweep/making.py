@@ -20,7 +20,7 @@ from dimersweep.errors import ParameterError, StoreError
 from dimersweep.grid import check_fits
 from dimersweep.memorystore import MemoryStore
 from dimersweep.provenance import as_text, attributes, differences
-from dimersweep.reuse import not_ok
+from dimersweep.reuse import Reuse, failed
 from dimersweep.store import check_writable, open_cube, write_cube
 from dimersweep.tiles import Spec
 from dimersweep.tilestore import TileStore, tile_store
@@ -43,8 +43,11 @@ class Job(Protocol):
         """Whether the cube may be larger than memory: its results are those of `RESULT`, block by block."""
 
     @property
-    def retry(self) -> bool:
-        """Whether points that failed are run again."""
+    def reuse(self) -> Reuse:
+        """What is taken over from cubes that exist."""
+
+    def again(self, results: np.ndarray) -> np.ndarray:
+        """Which of `results`, shape (n,), a retry forgets: those that failed, and those that may depend on one; bool."""
 
     def configuration(self) -> dict[str, Any]:
         """All that decides its numbers, as JSON can hold it."""
@@ -84,7 +87,9 @@ def make(job: Job, how: How, output: Output) -> xr.Dataset:
     """
     if output.path is not None:
         return _to_file(job, how, output, Path(output.path))
-    check_fits(job.spec.grid)
+    check_fits(job.spec.grid, by_blocks=job.by_blocks)
+    if job.reuse.retry and job.reuse.extend is None:
+        raise ParameterError("retry: needs an out, or a cube to extend")
     memory = MemoryStore(job.spec.grid.size, job.spec.kind)
     more = _filled(job, memory, how)
     return job.cube(memory.results, _attributes(job, memory, more, output))
@@ -97,18 +102,18 @@ def _filled(job: Job, store: Store, how: How) -> dict[str, str]:
 
 def _to_file(job: Job, how: How, output: Output, out: Path) -> xr.Dataset:
     if not is_zarr(out):
-        check_fits(job.spec.grid)
+        check_fits(job.spec.grid, by_blocks=job.by_blocks)
     elif job.by_blocks:
         check_zarr()
     else:
         raise ParameterError(f"out = {out}: only a sweep of a whole grid is written as Zarr; give a NetCDF file")
     if out.exists() and not output.force:
         former = _former(out, job)
-        if not job.retry or not not_ok(flatten(former)[1]).any():
+        if not job.reuse.retry or not failed(flatten(former)[1]).any():
             if how.progress:
                 print(f"{out}: is complete already; nothing was run", file=sys.stderr, flush=True)
             return former
-    replace = output.force or job.retry
+    replace = output.force or job.reuse.retry
     check_writable(out, force=replace)
     with (
         tile_store(out, job.configuration(), job.spec.grid.size, job.spec.kind, force=output.force) as store,
@@ -117,8 +122,8 @@ def _to_file(job: Job, how: How, output: Output, out: Path) -> xr.Dataset:
         check_writable(out, force=replace)  # who held the lock before may have written it meanwhile
         for line in store.check():
             warnings.warn(line, RuntimeWarning, stacklevel=4)
-        if job.retry:
-            store.drop(not_ok)
+        if job.reuse.retry and "failed" in store.modes():
+            store.drop(job.again)
         more = _filled(job, store, how)
         cube = _written(job, store, _attributes(job, store, more, output), out, force=replace)
         if not output.keep_tiles:

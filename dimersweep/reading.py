@@ -194,7 +194,7 @@ class Minimum(NamedTuple):
         """In words, with its errors."""
         if not self.located:
             return "no minimum located"
-        return f"{self.value:.2f} ± {self.value_error:.2f} {unit} at {self.at:.2f} ± {self.at_error:.2f} {at_unit}"
+        return f"{self.value:.3f} ± {self.value_error:.3f} {unit} at {self.at:.3f} ± {self.at_error:.3f} {at_unit}"
 
 
 def minimum(points: np.ndarray, values: np.ndarray) -> Minimum:

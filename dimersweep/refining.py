@@ -16,7 +16,8 @@ from dimersweep.errors import ParameterError
 from dimersweep.grid import Grid
 from dimersweep.making import Output, make
 from dimersweep.parameters import as_number, check, check_count
-from dimersweep.searching import MIXED, REGIONS, Findings, as_cube, make_spec
+from dimersweep.reuse import NOTHING, Reuse
+from dimersweep.searching import MIXED, REGIONS, Findings, as_cube, begin, make_spec, to_search_again
 
 MAX_HALVINGS = 12
 FILLED = ("answer", "region", "mode")  # what a point that was not computed takes from the cell around it
@@ -90,13 +91,16 @@ class RefineJob:
         Of each axis.
     between : list of int
         Regions to be told apart, codes.
+    reuse : Reuse
     """
 
     summary = "map refined at the borders of its regions, for a 3D dimer on a vibrating plate"
-    by_blocks = retry = False
+    by_blocks = False
 
-    def __init__(self, coarse: SearchSpec, halvings: dict[str, int], between: list[int]) -> None:
-        self.coarse, self.halvings, self.between = coarse, halvings, between
+    def __init__(
+        self, coarse: SearchSpec, halvings: dict[str, int], between: list[int], reuse: Reuse = NOTHING
+    ) -> None:
+        self.coarse, self.halvings, self.between, self.reuse = coarse, halvings, between, reuse
         fine = {name: finer(values, halvings[name]) for name, values in coarse.grid.axes.items()}
         self.spec = replace(coarse, grid=Grid(fine, coarse.grid.fixed))
         self.cells: list[Cell] = []
@@ -115,7 +119,7 @@ class RefineJob:
 
         What the store has is used when its turn comes, so that a map that goes on is cut as an undisturbed one.
         """
-        findings = Findings(self.spec.question, store.read(0, self.spec.grid.size))
+        findings, origin = begin(self.spec, self.reuse, store)
         cells = _coarse_cells(self.spec.grid.shape, [1 << count for count in self.halvings.values()])
         self._search(findings, cells, cells, crew)
         while True:
@@ -127,7 +131,11 @@ class RefineJob:
             self._search(findings, [half for half, _ in pairs], [cell for _, cell in pairs], crew)
             cells = [cell for cell in cells if cell not in cuts] + [half for half, _ in pairs]
         self.cells = cells
-        return {}
+        return origin
+
+    def again(self, results: np.ndarray) -> np.ndarray:
+        """See `Job`."""
+        return to_search_again(self.spec, results)
 
     def _search(self, findings: Findings, cells: Sequence[Cell], parents: Sequence[Cell], crew: Crew) -> None:
         """Search at the corners of `cells` that are new, with hints from the corners of their `parents`."""
@@ -205,6 +213,7 @@ def refine(
     ask: str = "any",
     mode: str = "drift",
     periods: int,
+    max_periods: int | None = None,
     rtol: float = 1e-8,
     out: str | os.PathLike[str] | None = None,
     workers: int | None = None,
@@ -212,6 +221,8 @@ def refine(
     force: bool = False,
     attrs: Mapping[str, str] | None = None,
     client: Any = None,
+    extend: str | os.PathLike[str] | None = None,
+    retry: bool = False,
     fail_fast: bool = False,
     keep_tiles: bool = False,
 ) -> xr.Dataset:
@@ -223,12 +234,14 @@ def refine(
 
     Parameters
     ----------
-    grid, fixed, over, ask, mode, periods, rtol, out, workers, progress, force, attrs, client, fail_fast, keep_tiles
+    grid, fixed, over, ask, mode, periods, max_periods, rtol
         As in `search`; the axes other than `over` are the coarse grid.
     halvings : mapping of str to int
         How often the intervals of each axis are halved at most.
     between : sequence of str, optional
         Regions to be told apart, all others counting as one; all by default.
+    out, workers, progress, force, attrs, client, extend, retry, fail_fast, keep_tiles
+        As in `search`.
 
     Returns
     -------
@@ -243,7 +256,7 @@ def refine(
     StoreError, PointError, Stopped
         As by `sweep`.
     """
-    coarse = make_spec(grid, fixed, over=over, ask=ask, mode=mode, periods=periods, rtol=rtol)
-    job = RefineJob(coarse, *check_refinement(coarse, halvings, between))
+    coarse = make_spec(grid, fixed, over=over, ask=ask, mode=mode, periods=periods, max_periods=max_periods, rtol=rtol)
+    job = RefineJob(coarse, *check_refinement(coarse, halvings, between), Reuse(extend, retry))
     how = make_how(workers, client, progress=progress, fail_fast=fail_fast)
     return make(job, how, Output(out, force=force, keep_tiles=keep_tiles, attrs=attrs))

@@ -59,6 +59,7 @@ def _of_sweep(cube: xr.Dataset, told: Mapping[str, Any], path: str | os.PathLike
         sweep=SweepSection(
             title=cube.attrs["title"],
             periods=told["periods"],
+            max_periods=told.get("max_periods"),
             rtol=told["rtol"],
             stop_when_settled=told["stop_when_settled"],
             certify=told.get("certify", False),
@@ -78,6 +79,7 @@ def _of_search(cube: xr.Dataset, told: Mapping[str, Any], path: str | os.PathLik
             "sweep": {
                 "title": cube.attrs["title"],
                 "periods": told["periods"],
+                "max_periods": told.get("max_periods"),
                 "rtol": told["rtol"],
                 "output": str(path),
             },

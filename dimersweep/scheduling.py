@@ -2,9 +2,10 @@
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
+from math import ceil
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,13 +14,15 @@ from dimersweep.errors import ParameterError, UserError
 from dimersweep.kernel import kernel_version
 from dimersweep.signals import StopFlag
 from dimersweep.symbols import BASE
-from dimersweep.tiles import Bundle, Finished, Tile, Work, attempt, lost, make_spec
+from dimersweep.tiles import TILE_SECONDS, Bundle, Finished, Tile, Work, attempt, lost, make_spec
 
 IN_FLIGHT = 2  # tasks for each worker: one runs and one waits, so that none idles and a million tiles do not pile up
 GRACE = 1.0  # seconds that running tiles have to come back when the sweep is stopped
 POLL = 0.1  # seconds between two looks at the flag
 CONNECT_SECONDS = 10.0  # to find a scheduler
 COUNT_SECONDS = 5.0  # between two counts of the workers of a cluster, which may come and go
+GROWTH = 4  # a task has at most this many times the points of one that has come back
+TILES_PER_WORKER = 4  # at least, so that no worker idles for long at the end
 
 LOST = "scheduler: the connection to the cluster is lost; what was finished is kept"
 
@@ -29,6 +32,44 @@ class Pool(NamedTuple):
 
     submit: Callable[[Work, Bundle], "Future[list[Finished]]"]
     workers: Callable[[], int]
+
+
+class Pace:
+    """How many points make a task, from the time that the last ones took; one at first.
+
+    Parameters
+    ----------
+    size, workers : int
+        Points to run, and how many run at a time: each worker is to get a few tasks.
+    """
+
+    def __init__(self, size: int, workers: int) -> None:
+        self.longest = ceil(size / (TILES_PER_WORKER * workers))
+        self.length = 1
+
+    def note(self, finished: Sequence[Finished]) -> None:
+        """Learn from what a task has brought back."""
+        points = sum(len(tile.results) for tile in finished)
+        aim = int(TILE_SECONDS * points / max(sum(tile.seconds for tile in finished), 1e-6))
+        self.length = max(1, min(aim, GROWTH * points, self.longest))
+
+
+def bundles(ranges: Iterable[Tile], pace: Pace) -> Iterator[Bundle]:
+    """Bundles that cover `ranges`, each of ``pace.length`` points as it is then; the last one may have fewer."""
+    bundle: list[Tile] = []
+    room = pace.length
+    for start, stop in ranges:
+        at = start
+        while at < stop:
+            end = min(stop, at + room)
+            bundle.append(Tile(at, end))
+            room -= end - at
+            at = end
+            if room == 0:
+                yield tuple(bundle)
+                bundle, room = [], pace.length
+    if bundle:
+        yield tuple(bundle)
 
 
 def warm_up(stop: StopFlag) -> None:

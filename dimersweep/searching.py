@@ -1,7 +1,7 @@
 """Questions about an axis at every point of a grid, such as whether any initial dip angle drifts: points, waves and cube."""
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.computing import Crew, Store, make_how
-from dimersweep.cube import FLAGS, build, coordinate, float_variable, label_variable
+from dimersweep.cube import FLAGS, build, coordinate, flatten, float_variable, label_variable
 from dimersweep.deciding import A_NOT_RUN, A_UNSURE, A_YES, ASKS, OPEN, Question, SearchSpec, Wave
 from dimersweep.errors import ParameterError
 from dimersweep.grid import Grid, legal_points, make_grid
@@ -18,8 +18,9 @@ from dimersweep.kernel.layout import CODES, M_NOT_RUN, MODES
 from dimersweep.making import Output, make
 from dimersweep.parameters import check_count, check_rtol
 from dimersweep.paths import PathLength, path_length
+from dimersweep.reuse import NOTHING, Reuse, not_ok
 from dimersweep.symbols import PARAMETERS, QUANTITIES, STATES, Quantity
-from dimersweep.tiles import Finished, runs
+from dimersweep.tiles import Finished, Tile, blank_results, check_max_periods, runs
 
 REGIONS = FLAGS["region"]
 MIXED = REGIONS.index("mixed")  # several modes, none of them the one asked for
@@ -35,10 +36,13 @@ class Findings:
         What is asked at each of them.
     results : ndarray, shape (n,)
         Results of `SearchSpec.kind`, not run where nothing is known.
+    offered : ndarray, shape (n,)
+        The same from other cubes, whose points may have been tried in another order.
     """
 
-    def __init__(self, question: Question, results: np.ndarray) -> None:
+    def __init__(self, question: Question, results: np.ndarray, offered: np.ndarray | None = None) -> None:
         self.question, self.results = question, results
+        self.offered = blank_results(0, results.dtype) if offered is None else offered
         # points whose turn has come: others may be known from a search that was stopped, but nothing may depend on that
         self.reached = np.zeros(results.size, dtype=bool)
 
@@ -89,10 +93,22 @@ class Findings:
             for point, near in zip(points, neighbours, strict=True)
             if lacking[point]
         }
-        wanted = np.zeros(lacking.size, dtype=bool)
-        wanted[list(hints)] = True
-        crew.run(Wave(spec, hints), runs(wanted), self.take)
+        if self.offered.size:
+            known = {point for point, tried in hints.items() if self.question.stands(self.offered[point], tried)}
+            pieces = [Finished(tile, self.offered[slice(*tile)]) for tile in _ranges(known, lacking.size)]
+            crew.take_over(pieces)
+            for piece in pieces:
+                self.take(piece)
+            hints = {point: tried for point, tried in hints.items() if point not in known}
+        crew.run(Wave(spec, hints), _ranges(hints, lacking.size), self.take)
         self.reached[points] = True
+
+
+def _ranges(points: Iterable[int], size: int) -> list[Tile]:
+    """The ranges that `points`, of `size` in all, make up."""
+    chosen = np.zeros(size, dtype=bool)
+    chosen[list(points)] = True
+    return runs(chosen)
 
 
 def waves(shape: tuple[int, ...]) -> Iterator[tuple[np.ndarray, list[list[int]]]]:
@@ -133,6 +149,7 @@ def make_spec(
     ask: str,
     mode: str,
     periods: int,
+    max_periods: int | None = None,
     rtol: float,
     orbit_periods: int = 0,
     paths: Mapping[str, int] | None = None,
@@ -154,7 +171,9 @@ def make_spec(
     length = None if paths is None else path_length(**paths)
     if length is not None:
         length.check(others.size)
-    return SearchSpec(others, question, check_count("periods", periods), check_rtol(rtol), followed, length)
+    periods = check_count("periods", periods)
+    longest = check_max_periods(periods, max_periods)
+    return SearchSpec(others, question, periods, longest, check_rtol(rtol), followed, length)
 
 
 @dataclass(frozen=True)
@@ -162,8 +181,9 @@ class SearchJob:
     """A search to be made into a cube, see `Job`."""
 
     spec: SearchSpec
+    reuse: Reuse = NOTHING
 
-    by_blocks = retry = False
+    by_blocks = False
 
     def configuration(self) -> dict[str, Any]:
         """All that decides its numbers."""
@@ -176,17 +196,44 @@ class SearchJob:
 
     def fill(self, store: Store, crew: Crew) -> dict[str, str]:
         """Have the search made where the store lacks it."""
-        findings = Findings(self.spec.question, store.read(0, self.spec.grid.size))
+        findings, origin = begin(self.spec, self.reuse, store)
         legal = legal_points(self.spec.grid)
         crew.expect(int(legal.sum()))
         for points, neighbours in waves(self.spec.grid.shape):
             kept = np.flatnonzero(legal[points])
             findings.search(self.spec, points[kept], [neighbours[k] for k in kept], crew)
-        return {}
+        return origin
+
+    def again(self, results: np.ndarray) -> np.ndarray:
+        """See `Job`."""
+        return to_search_again(self.spec, results)
 
     def cube(self, results: np.ndarray, attributes: Mapping[str, Any]) -> xr.Dataset:
         """The labelled cube."""
         return as_cube(self.spec, results, attributes)
+
+
+def begin(spec: SearchSpec, reuse: Reuse, store: Store) -> tuple[Findings, dict[str, str]]:
+    """What is known before a search: what its store has, and what other cubes offer; and the attributes that tell of these.
+
+    Raises
+    ------
+    StoreError
+        If such a cube was made with other settings.
+    """
+    cubes, origin = reuse.known(spec, store.out, lambda cube: results_of(spec, cube))
+    offered = blank_results(spec.grid.size if cubes else 0, spec.kind)
+    for cube in cubes:
+        lacking = runs(offered["codes"][:, _MODE] == M_NOT_RUN)
+        for piece in cube.pieces(lacking, reuse.unwanted):
+            offered[slice(*piece.tile)] = piece.results
+    return Findings(spec.question, store.read(0, spec.grid.size), offered), origin
+
+
+def to_search_again(spec: SearchSpec, results: np.ndarray) -> np.ndarray:
+    """Which of `results`, shape (n,), a retry forgets: those that failed, and those that a failed neighbour may have led."""
+    led = (results["decider"] > 0) & spec.question.led
+    return not_ok(results["codes"]) | led
 
 
 def search(
@@ -197,6 +244,7 @@ def search(
     ask: str = "any",
     mode: str = "drift",
     periods: int,
+    max_periods: int | None = None,
     rtol: float = 1e-8,
     orbit_periods: int = 0,
     paths: Mapping[str, int] | None = None,
@@ -206,6 +254,8 @@ def search(
     force: bool = False,
     attrs: Mapping[str, str] | None = None,
     client: Any = None,
+    extend: str | os.PathLike[str] | None = None,
+    retry: bool = False,
     fail_fast: bool = False,
     keep_tiles: bool = False,
 ) -> xr.Dataset:
@@ -232,6 +282,8 @@ def search(
         Such as drift or rest.
     periods : int
         Forcing periods each run may take; a run stops when its motion has settled.
+    max_periods : int, optional
+        As in `sweep`.
     rtol : float
         Accuracy [1], 1e-13 to 1e-2.
     orbit_periods : int
@@ -242,6 +294,12 @@ def search(
         for so many forcing periods, with so many positions in each (8 by default).
     out, workers, progress, force, attrs, client, fail_fast, keep_tiles
         As in `sweep`; `out` is a NetCDF file.
+    extend : path-like, optional
+        A cube of `search` or `refine` whose points are taken over where this grid has them, value by value; same
+        question to the same values of `over`, same settings, same kernel. With any and all, a point whose trials began
+        with another answer of a neighbour is searched again, mostly in one run, so that the cube is as without `extend`.
+    retry : bool
+        Whether points of `out` (or `extend`) that failed are searched again, and those that they may have led astray.
 
     Returns
     -------
@@ -265,12 +323,14 @@ def search(
         ask=ask,
         mode=mode,
         periods=periods,
+        max_periods=max_periods,
         rtol=rtol,
         orbit_periods=orbit_periods,
         paths=paths,
     )
     how = make_how(workers, client, progress=progress, fail_fast=fail_fast)
-    return make(SearchJob(spec), how, Output(out, force=force, keep_tiles=keep_tiles, attrs=attrs))
+    job = SearchJob(spec, Reuse(extend, retry))
+    return make(job, how, Output(out, force=force, keep_tiles=keep_tiles, attrs=attrs))
 
 
 def as_cube(spec: SearchSpec, results: np.ndarray, attributes: Mapping[str, Any]) -> xr.Dataset:
@@ -294,6 +354,22 @@ def as_cube(spec: SearchSpec, results: np.ndarray, attributes: Mapping[str, Any]
     cube["runs"] = label_variable("runs", (*dims, "outcome"), counts.reshape(*shape, len(MODES)))
     cube = cube.assign_coords(outcome=label_variable("outcome", ("outcome",), np.arange(len(MODES))))
     return cube if spec.paths is None else _with_paths(cube, results, spec.paths)
+
+
+def results_of(spec: SearchSpec, cube: xr.Dataset) -> np.ndarray:
+    """The results that `as_cube` made `cube` of, of ``spec.kind``; not run where a refined map was not computed."""
+    results = blank_results(cube["mode"].size, spec.kind)
+    results["out"], results["codes"] = flatten(cube)
+    results["counts"] = cube["runs"].values.reshape(results["counts"].shape)
+    results["answer"] = np.where(cube["n_runs"].values > 0, cube["answer"].values, A_NOT_RUN).ravel()
+    values = cube[spec.question.axis].values.ravel()
+    results["decider"] = np.where(np.isnan(values), 0, np.searchsorted(spec.question.values, values) + 1)
+    if spec.paths is not None:
+        for name in ("x", "y", "axial_velocity"):
+            results[name] = cube[name].values.reshape(results[name].shape)
+    if "computed" in cube:
+        results["codes"][cube["computed"].values.ravel() == 0, _MODE] = M_NOT_RUN
+    return results
 
 
 def _with_paths(cube: xr.Dataset, results: np.ndarray, length: PathLength) -> xr.Dataset:

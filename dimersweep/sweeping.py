@@ -3,28 +3,24 @@
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from dimersweep.computing import Crew, Store, make_how
-from dimersweep.cube import build
-from dimersweep.errors import ParameterError
+from dimersweep.cube import build, flatten
 from dimersweep.making import Output, make
-from dimersweep.reuse import Known, not_ok, not_run
-from dimersweep.store import open_cube
-from dimersweep.tiles import Spec, beyond, make_spec
+from dimersweep.reuse import NOTHING, Reuse, not_ok
+from dimersweep.tiles import Spec, beyond, blank_results, make_spec
 
 
 @dataclass(frozen=True)
 class SweepJob:
-    """A sweep to be made into a cube, see `Job`; `extend` and `retry` as in `sweep`."""
+    """A sweep to be made into a cube, see `Job`."""
 
     spec: Spec
-    extend: str | os.PathLike[str] | None = None
-    retry: bool = False
+    reuse: Reuse = NOTHING
 
     summary = "sweep of a 3D dimer on a vibrating plate"
     by_blocks = True
@@ -35,26 +31,28 @@ class SweepJob:
 
     def fill(self, store: Store, crew: Crew) -> dict[str, str]:
         """Take over what other cubes have, and have the rest run."""
-        origin = self._take_over(store, self.extend)
-        if self.retry and store.out is not None and store.out.exists():
-            self._take_over(store, store.out)
+        known, origin = self.reuse.known(self.spec, store.out, self.results_of)
+        for cube in known:
+            crew.take_over(cube.pieces(store.gaps(), self.reuse.unwanted))
         crew.expect(self.spec.grid.size)
         crew.run(self.spec, store.gaps())
         return origin
 
-    def _take_over(self, store: Store, source: str | os.PathLike[str] | None) -> dict[str, str]:
-        """Put the points that are missing and that the cube `source` has into the store; the attributes that tell of it."""
-        if source is None:
-            return {}
-        cube = open_cube(source)
-        for piece in Known(cube, str(source), self.spec).pieces(store.gaps(), not_ok if self.retry else not_run):
-            store.add(piece)
-        store.flush()
-        return {"extends": f"{Path(source).name}, configuration sha256 {cube.attrs['configuration_sha256']}"}
+    def again(self, results: np.ndarray) -> np.ndarray:
+        """See `Job`."""
+        return not_ok(results["codes"])
 
     def cube(self, results: np.ndarray, attributes: Mapping[str, Any]) -> xr.Dataset:
         """The labelled cube."""
         return build(self.spec.grid, results["out"], results["codes"], attributes, beyond(results))
+
+    def results_of(self, cube: xr.Dataset) -> np.ndarray:
+        """The results that a cube of this kind was made of."""
+        results = blank_results(cube["mode"].size, self.spec.kind)
+        results["out"], results["codes"] = flatten(cube)
+        for name in beyond(results):
+            results[name] = cube[name].values.ravel()
+        return results
 
 
 def sweep(
@@ -62,6 +60,7 @@ def sweep(
     fixed: Mapping[str, Any] | None = None,
     *,
     periods: int,
+    max_periods: int | None = None,
     rtol: float = 1e-8,
     out: str | os.PathLike[str] | None = None,
     workers: int | None = None,
@@ -90,6 +89,9 @@ def sweep(
         Parameters that differ from the paper's base case.
     periods : int
         Forcing periods each point may take.
+    max_periods : int, optional
+        If given, a point that has not settled is run again for twice as many forcing periods, and so on up to these, so
+        that only what rings down slowly costs more.
     rtol : float
         Accuracy [1], 1e-13 to 1e-2.
     out : path-like, optional
@@ -136,8 +138,15 @@ def sweep(
     Stopped
         A KeyboardInterrupt, after Ctrl-C or SIGTERM; what was finished is kept.
     """
-    spec = make_spec(grid, fixed, periods=periods, rtol=rtol, stop_when_settled=stop_when_settled, certify=certify)
+    spec = make_spec(
+        grid,
+        fixed,
+        periods=periods,
+        max_periods=max_periods,
+        rtol=rtol,
+        stop_when_settled=stop_when_settled,
+        certify=certify,
+    )
     how = make_how(workers, client, progress=progress, fail_fast=fail_fast)
-    if retry and out is None and extend is None:
-        raise ParameterError("retry: needs an out, or a cube to extend")
-    return make(SweepJob(spec, extend, retry), how, Output(out, force=force, keep_tiles=keep_tiles, attrs=attrs))
+    job = SweepJob(spec, Reuse(extend, retry))
+    return make(job, how, Output(out, force=force, keep_tiles=keep_tiles, attrs=attrs))

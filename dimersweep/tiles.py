@@ -1,8 +1,7 @@
 """The unit of work: ranges of grid points, and the pure function that any thread, process or machine runs them with."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from math import ceil
 from time import perf_counter
 from typing import Any, NamedTuple, Protocol, Self
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from dimersweep.certifying import certified
 from dimersweep.cube import blank
+from dimersweep.errors import ParameterError
 from dimersweep.grid import Grid, make_grid
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import run_many
@@ -17,8 +17,6 @@ from dimersweep.kernel.layout import CODES, M_APERIODIC, M_FAILED, M_NOT_RUN, M_
 from dimersweep.parameters import check_count, check_rtol
 
 TILE_SECONDS = 0.5  # long against the cost of a task (4 ms), short against the patience of Ctrl-C (2 s)
-GROWTH = 4  # a task has at most this many times the points of one that has come back
-TILES_PER_WORKER = 4  # at least, so that no worker idles for long at the end
 CHUNK_SECONDS = 0.1  # what one call of the kernel aims at: it can be stopped only between calls
 LONGEST_TILE = 2 * TILE_SECONDS  # a task whose points turn out slow comes back with those it has by then
 SLOW_MODES = sum(1 << mode for mode in (M_FAILED, M_APERIODIC, M_UNRESOLVED))  # these use all periods they are given
@@ -74,6 +72,55 @@ class Finished(NamedTuple):
         return Finished(tile, self.results[tile.start - self.tile.start : tile.stop - self.tile.start])
 
 
+def run_patiently(
+    rows: np.ndarray,
+    periods: int,
+    max_periods: int,
+    rtol: float,
+    settle: bool,
+    out: np.ndarray,
+    codes: np.ndarray,
+    until: int = 0,
+) -> int:
+    """Run points as `run_many` does, up to the first that has not settled; that one again for twice as long, and so on.
+
+    A longer run starts anew: what comes out depends on the point alone. Most motions settle soon, and those that ring down
+    slowly are too few to be given all they may need at once.
+
+    Parameters
+    ----------
+    rows, rtol, settle, out, codes, until
+        See ``kernel.batch.run_rows``.
+    periods, max_periods : int
+        Forcing periods of the first run of a point, and of the longest.
+
+    Returns
+    -------
+    int
+        Number of points made.
+    """
+    made = run_many(rows, periods, rtol, settle, out, codes, until=until | 1 << M_UNRESOLVED)
+    last = slice(made - 1, made)
+    while codes[made - 1, _MODE] == M_UNRESOLVED and periods < max_periods:
+        periods = min(2 * periods, max_periods)
+        run_many(rows[last], periods, rtol, settle, out[last], codes[last], until=until)
+    return made
+
+
+def check_max_periods(periods: int, max_periods: int | None) -> int:
+    """The longest run of a point: `periods` where nothing is given.
+
+    Raises
+    ------
+    ParameterError
+        If it is shorter than that.
+    """
+    longest = periods if max_periods is None else check_count("max_periods", max_periods)
+    if longest < periods:
+        raise ParameterError(f"max_periods = {longest}: must be >= periods = {periods}")
+    return longest
+
+
 class Work(Protocol):
     """What is done at each point of a grid: the numbers of a point depend on nothing else, so anybody may do it."""
 
@@ -118,13 +165,16 @@ class Spec:
         Whether a point stops as soon as its motion has settled.
     certify : bool
         Whether it is tried how sure each mode is.
+    max_periods : int
+        Forcing periods that a point may take if its motion has not settled by then, see `run_patiently`.
     """
 
     grid: Grid
     periods: int
     rtol: float
     stop_when_settled: bool
-    certify: bool = False
+    certify: bool
+    max_periods: int
 
     @property
     def kind(self) -> np.dtype:
@@ -135,11 +185,12 @@ class Spec:
         """See `Work`: until one has used all its periods, so that quick points do not go on for long with slow ones."""
         out, codes = blank(points.size)
         rows = self.grid.rows_at(points)
-        done = run_many(rows, self.periods, self.rtol, self.stop_when_settled, out, codes, until=SLOW_MODES)
+        how = self.rtol, self.stop_when_settled
+        done = run_patiently(rows, self.periods, self.max_periods, *how, out, codes, until=SLOW_MODES)
         results["out"][:done], results["codes"][:done] = out[:done], codes[:done]
         if self.certify:
             results["confidence"][:done], results["error_estimate"][:done] = certified(
-                rows[:done], self.periods, self.rtol, self.stop_when_settled, out[:done], codes[:done]
+                rows[:done], self.max_periods, *how, out[:done], codes[:done]
             )
         return done
 
@@ -150,14 +201,19 @@ class Spec:
 
     def configuration(self) -> dict[str, Any]:
         """The same as plain numbers, lists and strings, with the version of the kernel that gives the results."""
-        return {
+        told = {
             "grid": {name: values.tolist() for name, values in self.grid.axes.items()},
             "fixed": self.grid.fixed,
             "periods": self.periods,
             "rtol": self.rtol,
             "stop_when_settled": self.stop_when_settled,
             "kernel_version": kernel_version(),
-        } | ({"certify": True} if self.certify else {})
+        }
+        if self.max_periods > self.periods:
+            told["max_periods"] = self.max_periods
+        if self.certify:
+            told["certify"] = True
+        return told
 
     @classmethod
     def from_configuration(cls, told: Mapping[str, Any]) -> "Spec":
@@ -177,6 +233,7 @@ class Spec:
             rtol=told["rtol"],
             stop_when_settled=told["stop_when_settled"],
             certify=told.get("certify", False),
+            max_periods=told.get("max_periods"),
         )
 
 
@@ -188,6 +245,7 @@ def make_spec(
     rtol: float = 1e-8,
     stop_when_settled: bool = True,
     certify: bool = False,
+    max_periods: int | None = None,
 ) -> Spec:
     """A spec from what a user gives, see `sweep`.
 
@@ -197,22 +255,11 @@ def make_spec(
         Naming what is not allowed.
     """
     grid = make_grid(axes, fixed)
-    return Spec(grid, check_count("periods", periods), check_rtol(rtol), bool(stop_when_settled), bool(certify))
-
-
-def run_tile(spec: Spec, tile: Tile) -> np.ndarray:
-    """Run the points of one tile.
-
-    Each point depends on its own row alone, so that any tiling gives the same numbers bit for bit.
-
-    Returns
-    -------
-    ndarray, shape (tile.stop - tile.start,), of ``spec.kind``
-    """
-    points, results, done = np.arange(*tile), blank_results(tile.stop - tile.start), 0
-    while done < points.size:
-        done += spec.advance(points[done:], results[done:], _never)
-    return results
+    periods = check_count("periods", periods)
+    longest = check_max_periods(periods, max_periods)
+    if longest > periods and not stop_when_settled:
+        raise ParameterError(f"max_periods = {longest}: is for runs that stop when they have settled")
+    return Spec(grid, periods, check_rtol(rtol), bool(stop_when_settled), bool(certify), longest)
 
 
 def _never() -> bool:
@@ -297,52 +344,9 @@ def lost(kind: np.dtype, tile: Tile, error: BaseException) -> Finished:
     return Finished(tile, blank_results(tile.stop - tile.start, kind, M_FAILED), told)
 
 
-class Pace:
-    """How many points make a task, from the time that the last ones took; one at first.
-
-    Parameters
-    ----------
-    size, workers : int
-        Points to run, and how many run at a time: each worker is to get a few tasks.
-    """
-
-    def __init__(self, size: int, workers: int) -> None:
-        self.longest = ceil(size / (TILES_PER_WORKER * workers))
-        self.length = 1
-
-    def note(self, finished: Sequence[Finished]) -> None:
-        """Learn from what a task has brought back."""
-        points = sum(len(tile.results) for tile in finished)
-        aim = int(TILE_SECONDS * points / max(sum(tile.seconds for tile in finished), 1e-6))
-        self.length = max(1, min(aim, GROWTH * points, self.longest))
-
-
-def split(size: int, length: int) -> Iterator[Tile]:
-    """Tiles of `length` points that cover `size` points; the last one may be shorter."""
-    return split_ranges([Tile(0, size)], length)
-
-
-def split_ranges(ranges: Iterable[Tile], length: int) -> Iterator[Tile]:
+def split(ranges: Iterable[Tile], length: int) -> Iterator[Tile]:
     """Tiles of at most `length` points that cover `ranges`."""
     return (Tile(at, min(at + length, stop)) for start, stop in ranges for at in range(start, stop, length))
-
-
-def bundles(ranges: Iterable[Tile], pace: Pace) -> Iterator[Bundle]:
-    """Bundles that cover `ranges`, each of ``pace.length`` points as it is then; the last one may have fewer."""
-    bundle: list[Tile] = []
-    room = pace.length
-    for start, stop in ranges:
-        at = start
-        while at < stop:
-            end = min(stop, at + room)
-            bundle.append(Tile(at, end))
-            room -= end - at
-            at = end
-            if room == 0:
-                yield tuple(bundle)
-                bundle, room = [], pace.length
-    if bundle:
-        yield tuple(bundle)
 
 
 def gaps(size: int, done: Iterable[Tile]) -> Iterator[Tile]:

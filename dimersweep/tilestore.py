@@ -186,11 +186,11 @@ class TileStore:
             self.manifest.wanted = total
 
     def drop(self, unwanted: Callable[[np.ndarray], np.ndarray]) -> None:
-        """Forget the points that `unwanted` picks: codes of shape (n, N_CODES) to bool of shape (n,)."""
+        """Forget the points that `unwanted` picks: results to bool, both of shape (n,)."""
         entries = []
         for entry in self.manifest.entries:
             pieces = read_points(self.folder, entry, self.kind)
-            kept = [piece.part(tile) for piece in pieces for tile in runs(~unwanted(piece.codes), piece.tile.start)]
+            kept = [piece.part(tile) for piece in pieces for tile in runs(~unwanted(piece.results), piece.tile.start)]
             if sum(len(piece.results) for piece in kept) == entry.points:
                 entries.append(entry)
             elif kept:

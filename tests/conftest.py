@@ -12,4 +12,3 @@ settings.load_profile("unhurried")
 def fake_kernel(monkeypatch):
     """Run sweeps on `fake_run_many`."""
     monkeypatch.setattr("dimersweep.tiles.run_many", fake_run_many)
-    monkeypatch.setattr("dimersweep.deciding.run_many", fake_run_many)

@@ -4,7 +4,6 @@ import sys
 import time
 from pathlib import Path
 
-import dimersweep.deciding
 import dimersweep.tiles
 from dimersweep import sweep
 from dimersweep.datasets import make
@@ -24,20 +23,19 @@ MAKERS = {
 }
 
 
-def slow_down(module, seconds):
-    """Let each point take `seconds` more, without any change in its numbers."""
-    fast = module.run_many
+def slow_down(seconds):
+    """Let each run take `seconds` more, without any change in its numbers."""
+    fast = dimersweep.tiles.run_many
 
     def run_many(rows, *rest, until=0):
         made = fast(rows, *rest, until=until)
         time.sleep(seconds * made)
         return made
 
-    module.run_many = run_many
+    dimersweep.tiles.run_many = run_many
 
 
 if __name__ == "__main__":
     kind, out, workers, seconds = sys.argv[1:]
-    for module in (dimersweep.tiles, dimersweep.deciding):
-        slow_down(module, float(seconds))
+    slow_down(float(seconds))
     MAKERS[kind](out, workers=int(workers))

@@ -89,7 +89,7 @@ def test_nothing_is_replaced_unless_forced(call, fake_kernel):
         (
             "periods =",
             "perods =",
-            "sweep.perods: unknown key (allowed: title, periods, rtol, stop_when_settled, certify, output)",
+            "sweep.perods: unknown key (allowed: title, periods, max_periods, rtol, stop_when_settled, certify, output)",
         ),
         ("[plot]", "[plott]", "plott: unknown key (allowed: sweep, grid, fixed, search, refine, paths, plot)"),
         ("periods = 200", "", "sweep.periods: is missing"),
@@ -121,7 +121,6 @@ def test_a_bad_declaration_is_named(call, old, new, message):
         (["run", "--from", "x.nc", "--out", "y.nc"], "x.nc: no such file"),
         (["run", "small.toml", "--extend", "x.nc", "--no-plot"], "x.nc: no such file"),
         (["run", "small.toml", "--scheduler", "tcp://127.0.0.1:9"], "scheduler = tcp://127.0.0.1:9: cannot be reached"),
-        (["plan", str(ROOT / "sweeps" / "fig08.toml")], "search: has no plan, as it stops as soon as its answers are"),
         (["status", "absent.nc"], "absent.nc: no such cube, and no sweep for it (absent.nc.tiles has no manifest)"),
         (["run", "absent.toml"], "absent.toml: cannot be read (No such file or directory)"),
         (["run", "small.toml", "--workers", "0"], "workers = 0: must be a whole number >= 1"),
@@ -191,14 +190,14 @@ def test_an_import_is_quick_and_leaves_the_heavy_packages_for_later():
 SMALL_MAP = (ROOT / "sweeps" / "fig08-small.toml").read_text()
 SLOW_SWEEP = """
 import sys, time
-import dimersweep.deciding, dimersweep.tiles
+import dimersweep.tiles
 from fakes import fake_run_many
 
 def slow(rows, *rest, until=0):
     time.sleep(0.05 * len(rows))
     return fake_run_many(rows, *rest)
 
-dimersweep.deciding.run_many = dimersweep.tiles.run_many = slow
+dimersweep.tiles.run_many = slow
 from dimersweep.cli import main
 sys.argv = ["dimersweep", "run", sys.argv[1], "--workers", "2"]
 print("ready", flush=True)
@@ -336,12 +335,10 @@ def test_a_map_is_made_told_of_and_not_made_again(call, fake_kernel, monkeypatch
     assert re.search(r"(\d+)/\1 points, 100 %, elapsed", err)
     assert out.splitlines()[-2:] == ["cube: fig08-small.nc", "picture: fig08-small.png"]
     assert call("status", "fig08-small.nc")[0].startswith("fig08-small.nc: complete, 125 points")
-    monkeypatch.setattr("dimersweep.deciding.run_many", lambda *rest, **more: pytest.fail("work was done"))
-    _, err, code = call("run", "map.toml")
-    assert (code, err) == (0, "fig08-small.nc: is complete already; nothing was run\n")
-    _, err, code = call("run", "map.toml", "--retry")
-    assert (code, err.count("\n")) == (2, 1)
-    assert err.startswith("dimersweep: error: extend, retry: are for sweeps of a whole grid; a search does not take")
+    monkeypatch.setattr("dimersweep.tiles.run_many", lambda *rest, **more: pytest.fail("work was done"))
+    for more in ([], ["--retry"]):
+        _, err, code = call("run", "map.toml", *more)
+        assert (code, err) == (0, "fig08-small.nc: is complete already; nothing was run\n")
     _, err, code = call("run", "map.toml", "--rtol", "1e-5")
     assert (code, err.splitlines()[1:]) == (2, ["  rtol: 1e-06 -> 1e-05"])
 
@@ -382,6 +379,17 @@ def test_fail_fast_names_the_point_and_keeps_the_rest(call, monkeypatch):
     monkeypatch.setattr("dimersweep.tiles.run_many", fake_run_many)
     assert call("run", "small.toml", "--retry")[2] == 0
     assert "failed" not in call("status", "fig07-small.nc")[0]
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "sweeps").glob("*.toml")), ids=lambda path: path.stem)
+def test_every_dataset_has_a_plan(call, fake_kernel, monkeypatch, path):
+    monkeypatch.setattr("dimersweep.planning.POINT_SECONDS", 0.0)
+    monkeypatch.setattr("dimersweep.planning.CELL_SECONDS", 0.0)
+    monkeypatch.setattr("dimersweep.searching.path_length", lambda **given: None)
+    out, err, code = call("plan", str(path))
+    assert (code, err) == (0, "")
+    assert [line.split(":")[0] for line in out.splitlines()] == ["points", "tiles", "cube", "time", "sample"]
+    assert os.listdir() == ["small.toml"]
 
 
 def test_a_plan_writes_nothing_and_takes_any_grid(call, fake_kernel):

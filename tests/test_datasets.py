@@ -61,11 +61,10 @@ def test_a_small_preset_gives_a_cube_that_others_read(name, tmp_path):
 def test_a_cube_carries_what_makes_it_again(name, tmp_path):
     declared = read_declaration(SWEEPS / f"{name}.toml")
     if declared.refine:
-        declared.sweep.periods = 30
+        declared.sweep.periods, declared.sweep.max_periods = 30, 60
         declared.grid["beta0"] = {"start": 10, "stop": 80, "num": 3, "unit": "deg"}
-    settings = {"periods": declared.sweep.periods, "rtol": declared.sweep.rtol, "progress": False}
-    cube = make(declared, tmp_path / "first.nc", **settings)
-    again = make(from_cube(tmp_path / "first.nc"), tmp_path / "again.nc", **settings, workers=1)
+    cube = make(declared, tmp_path / "first.nc", progress=False)
+    again = make(from_cube(tmp_path / "first.nc"), tmp_path / "again.nc", progress=False, workers=1)
     assert again.attrs["configuration_sha256"] == cube.attrs["configuration_sha256"]
     for variable in cube.variables:
         assert again[variable].values.tobytes() == cube[variable].values.tobytes(), variable

@@ -56,7 +56,7 @@ def test_a_grid_too_large_for_one_cube_is_refused_at_once():
     many = {"start": 0.1, "stop": 0.9, "num": 10**5}
     grid = make_grid({"e": many, "Gamma": many})
     with pytest.raises(ParameterError, match=rf"^grid: {10**10} points; one cube in memory may hold {MAX_POINTS} \("):
-        check_fits(grid)
+        check_fits(grid, by_blocks=True)
 
 
 def test_a_range_holds_its_stop_and_angles_may_be_degrees():

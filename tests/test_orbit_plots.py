@@ -53,7 +53,7 @@ def test_a_minimum_is_marked_only_where_it_is_located(fake_kernel):
     cube["period"] = period.where((cube["A_r"] == 5) | (cube["xdot0"] != 4.25)).transpose("A_r", "xdot0")
     left, right = KINDS["minimum"](cube).axes
     told = [text.get_text() for text in left.get_legend().get_texts()]
-    assert told == ["$A_r$ = 5", "10.00 ± 0.00 s at 4.00 ± 0.00 m/s", "$A_r$ = 6: no minimum located"]
+    assert told == ["$A_r$ = 5", "10.000 ± 0.000 s at 4.000 ± 0.000 m/s", "$A_r$ = 6: no minimum located"]
     assert len(right.lines) == 4  # two curves, the place of one minimum, pi/2
 
 

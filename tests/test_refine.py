@@ -14,7 +14,7 @@ from dimersweep.errors import ParameterError
 from dimersweep.kernel.layout import M_DRIFT, M_JUMP, M_REST, OK
 from dimersweep.manifest import read_manifest
 from dimersweep.refining import Cell, finer, refine
-from dimersweep.searching import make_spec
+from dimersweep.searching import make_spec, search
 from dimersweep.tilestore import manifest_of
 
 COARSE = {
@@ -40,7 +40,6 @@ def banded_kernel(rows, periods, rtol, settle, out, codes, until=0):
 
 @pytest.fixture
 def banded(monkeypatch):
-    monkeypatch.setattr("dimersweep.deciding.run_many", banded_kernel)
     monkeypatch.setattr("dimersweep.tiles.run_many", banded_kernel)
 
 
@@ -96,6 +95,49 @@ def test_what_was_known_before_changes_nothing(banded, tmp_path, seed):
     assert os.listdir(tmp_path) == ["map.nc"]
 
 
+def test_a_map_is_extended_to_the_bits_of_a_new_one(banded, monkeypatch, tmp_path):
+    """From a search on its coarse grid, and from a map that is coarser, on fewer values and told apart otherwise."""
+    gammas = np.linspace(0.5, 1.5, 6)
+    grid, fewer = COARSE | {"Gamma": gammas}, COARSE | {"Gamma": gammas[1:]}
+    half = SETTINGS | {"halvings": {"e": 1, "Gamma": 4}, "between": ["drift", "rest"]}
+    former = {
+        "coarse.nc": search(grid, out=tmp_path / "coarse.nc", over="beta0", periods=5, progress=False),
+        "half.nc": refine(fewer, out=tmp_path / "half.nc", **half),
+    }
+    reference, made = refine(grid, **SETTINGS), []
+
+    def counting(*arguments, until):
+        made.append(banded_kernel(*arguments, until=until))
+        return made[-1]
+
+    monkeypatch.setattr("dimersweep.tiles.run_many", counting)
+    monkeypatch.setattr("dimersweep.computing.warm_up", lambda stop: None)
+    for name, known in former.items():
+        made.clear()
+        cube = refine(grid, extend=tmp_path / name, **SETTINGS)
+        assert {k: cube[k].values.tobytes() for k in cube} == {k: reference[k].values.tobytes() for k in reference}
+        free = known["n_runs"].where(known["beta0"].isnull(), 0)  # every run was made: no neighbour has led anywhere
+        needed = free.where(reference["computed"].sel(e=known["e"], Gamma=known["Gamma"]) == 1, 0)
+        assert 0.05 * reference["n_runs"].sum() < needed.sum() <= reference["n_runs"].sum() - sum(made)
+
+
+def test_a_retry_gives_the_bits_of_a_map_without_failures(banded, monkeypatch, tmp_path):
+    def breaks(rows, *others, until=0):
+        if (np.abs(rows[:, SLOT["e_1"]] - 0.6) < 1e-9).any():
+            raise MemoryError("no room")
+        return banded_kernel(rows, *others, until=until)
+
+    reference = refine(COARSE, **SETTINGS)
+    with monkeypatch.context() as patch, pytest.warns(RuntimeWarning, match="points that failed"):
+        patch.setattr("dimersweep.tiles.run_many", breaks)
+        refine(COARSE, out=tmp_path / "map.nc", **SETTINGS)
+    cube = refine(COARSE, out=tmp_path / "map.nc", retry=True, **SETTINGS)
+    assert {k: cube[k].values.tobytes() for k in cube} == {k: reference[k].values.tobytes() for k in reference}
+    written = (tmp_path / "map.nc").stat().st_mtime_ns
+    refine(COARSE, out=tmp_path / "map.nc", retry=True, **SETTINGS)
+    assert (tmp_path / "map.nc").stat().st_mtime_ns == written, "nothing failed any more"
+
+
 def test_regions_that_are_not_told_apart_cost_nothing(banded):
     every, drift = refine(COARSE, **SETTINGS), refine(COARSE, between=["drift"], **SETTINGS)
     assert drift["computed"].sum() < every["computed"].sum()
@@ -143,7 +185,7 @@ def test_cells_are_cut_along_the_axes_on_which_they_disagree():
     ],
 )
 def test_bad_input_is_refused_before_any_work(monkeypatch, settings, message):
-    monkeypatch.setattr("dimersweep.deciding.run_many", lambda *arguments: pytest.fail("work was done"))
+    monkeypatch.setattr("dimersweep.tiles.run_many", lambda *arguments: pytest.fail("work was done"))
     given = {"grid": COARSE} | SETTINGS | settings
     with pytest.raises(ParameterError, match=f"^{re.escape(message)}"):
         refine(given.pop("grid"), **given)

@@ -10,15 +10,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fakes import set_pace
-from sweeper import GRID, MAKERS, SETTINGS
+from fakes import run_tile, set_pace
+from sweeper import GRID, MAKERS, SEARCH, SEARCHED, SETTINGS, SMALL_MAP
 
 import dimersweep
 from dimersweep.cube import build
+from dimersweep.datasets import make
+from dimersweep.declaration import read_declaration
 from dimersweep.manifest import read_manifest
 from dimersweep.provenance import attributes
+from dimersweep.searching import search
 from dimersweep.status import status
-from dimersweep.tiles import Tile, make_spec, run_tile
+from dimersweep.tiles import Tile, make_spec
 from dimersweep.tilestore import folder_of, manifest_of
 
 ROOT = Path(__file__).parents[1]
@@ -147,6 +150,16 @@ def test_kills_at_random_moments(others, tmp_path, kind, kills):
     assert_same(cube, others[kind])
     assert_same(dimersweep.open_cube(out), others[kind])
     assert os.listdir(tmp_path) == ["cube.nc"]
+
+
+def test_a_search_and_a_map_extend_others(others, tmp_path):
+    fewer = SEARCHED | {"Gamma": SEARCHED["Gamma"][::2], "f": SEARCHED["f"][1:]}
+    search(fewer, **SEARCH, progress=False, out=tmp_path / "fewer.nc")
+    assert_same(MAKERS["search"](tmp_path / "cube.nc", extend=tmp_path / "fewer.nc"), others["search"])
+    declared = read_declaration(SMALL_MAP)
+    declared.refine.halvings = {"Gamma": 2}
+    make(declared, tmp_path / "coarser.nc", progress=False)
+    assert_same(MAKERS["map"](tmp_path / "map.nc", extend=tmp_path / "coarser.nc"), others["map"])
 
 
 def finished(cube):

@@ -16,9 +16,9 @@ from dimersweep import tiles
 from dimersweep.cube import names
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.layout import M_DRIFT, M_UNRESOLVED
-from dimersweep.scheduling import IN_FLIGHT, Pool, run_tiles
+from dimersweep.scheduling import IN_FLIGHT, Pool, bundles, run_tiles
 from dimersweep.signals import StopFlag
-from dimersweep.tiles import Finished, Tile, attempt, blank_results, bundles, gaps, make_spec, runs
+from dimersweep.tiles import Finished, Tile, attempt, blank_results, gaps, make_spec, runs
 
 SPEC = make_spec({"f": [15, 20], "A_r": [5, 6, 7], "beta0": {"start": 0.1, "stop": 1, "num": 40}}, periods=5)
 

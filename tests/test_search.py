@@ -106,7 +106,7 @@ def test_what_was_known_before_changes_nothing(fake_kernel, tmp_path, seed):
 
 def test_a_search_that_is_complete_is_not_made_again(fake_kernel, monkeypatch, tmp_path):
     reference = quiet_search(out=tmp_path / "cube.nc")
-    monkeypatch.setattr("dimersweep.deciding.run_many", lambda *arguments, until: pytest.fail("work was done"))
+    monkeypatch.setattr("dimersweep.tiles.run_many", lambda *arguments, until: pytest.fail("work was done"))
     xr.testing.assert_identical(quiet_search(out=tmp_path / "cube.nc"), reference)
     with pytest.raises(StoreError, match=r'exists already; .*What differs:\n  search.ask: "any" -> "all"$'):
         quiet_search(out=tmp_path / "cube.nc", ask="all")
@@ -123,7 +123,7 @@ def test_a_search_that_is_stopped_keeps_what_it_has(fake_kernel, monkeypatch, tm
 
     reference = quiet_search()
     with monkeypatch.context() as patch:
-        patch.setattr("dimersweep.deciding.run_many", interrupts)
+        patch.setattr("dimersweep.tiles.run_many", interrupts)
         with pytest.raises(Stopped, match=r"\d+ of 21 points are kept in .*cube.nc.tiles; run the same again to go on"):
             quiet_search(out=out, workers=1)
     assert status(out)[-1] == "at work: nobody; run the same sweep again to go on"
@@ -132,6 +132,112 @@ def test_a_search_that_is_stopped_keeps_what_it_has(fake_kernel, monkeypatch, tm
     ):
         quiet_search(out=out, mode="jump")
     xr.testing.assert_equal(quiet_search(out=out), reference)
+
+
+@pytest.fixture
+def runs_made(monkeypatch):
+    """How many runs each call of the kernel has made."""
+    made = []
+
+    def counting(*arguments, until):
+        made.append(fake_run_many(*arguments, until=until))
+        return made[-1]
+
+    monkeypatch.setattr("dimersweep.tiles.run_many", counting)
+    monkeypatch.setattr("dimersweep.computing.warm_up", lambda stop: None)
+    return made
+
+
+QUESTIONS = [{"ask": "any"}, {"ask": "all", "mode": "rest"}, {"ask": "first"}, {"ask": "fraction"}]
+MORE = GRID | {"f": np.union1d(GRID["f"], [0.25, 2, 4]), "e": [0.5, 0.55, 0.6, 0.7]}
+
+
+def same_bits(cube, reference):
+    return {name: cube[name].values.tobytes() for name in reference} == {
+        name: reference[name].values.tobytes() for name in reference
+    }
+
+
+@pytest.mark.parametrize("question", QUESTIONS, ids=lambda question: question["ask"])
+def test_a_search_is_extended_to_the_bits_of_a_new_one(runs_made, tmp_path, question):
+    old = quiet_search(out=tmp_path / "old.nc", **question)
+    runs_made.clear()
+    reference = quiet_search(MORE, **question)
+    whole, known = sum(runs_made), reference["n_runs"].sel(f=old["f"], e=old["e"])
+    runs_made.clear()
+    cube = quiet_search(MORE, extend=tmp_path / "old.nc", out=tmp_path / "new.nc", **question)
+    assert same_bits(cube, reference) and cube.attrs["extends"].startswith("old.nc, configuration sha256 ")
+    # what a neighbour led to is tried again where it was led otherwise; nothing that took every run, or was not led, is
+    free = known.sum() if question["ask"] in ("first", "fraction") else known.where(known == 19, 0).sum()
+    assert free > 0 and sum(runs_made) <= whole - free
+    assert same_bits(quiet_search(MORE, extend=tmp_path / "new.nc", **question), reference)
+
+
+def test_a_parameter_that_was_fixed_becomes_an_axis_of_a_search(runs_made, tmp_path):
+    grid = {"f": GRID["f"], "beta0": GRID["beta0"]}
+    quiet_search(grid, {"e": 0.6}, ask="first", out=tmp_path / "old.nc")
+    runs_made.clear()
+    cube = quiet_search(GRID, ask="first", extend=tmp_path / "old.nc")
+    assert sum(runs_made) == cube["n_runs"].drop_sel(e=0.6).sum()
+    assert same_bits(cube, quiet_search(ask="first"))
+
+
+def test_the_cube_of_a_sweep_does_not_extend_a_search(fake_kernel, tmp_path):
+    dimersweep.sweep(GRID, periods=5, progress=False, out=tmp_path / "grid.nc")
+    with pytest.raises(StoreError, match=r"grid.nc: is the cube of a whole grid; it cannot be extended to a search$"):
+        quiet_search(extend=tmp_path / "grid.nc")
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"),
+    [
+        ({"grid": GRID | {"beta0": [0.1, 0.3]}}, r"\n  search.values: 19 values from 0.03 to 0.3.* -> \[0.1, 0.3\]"),
+        ({"ask": "first"}, r'\n  search.ask: "any" -> "first"'),
+        ({"max_periods": 7}, r"\n  max_periods: nothing -> 7"),
+    ],
+)
+def test_a_search_made_otherwise_is_not_extended(fake_kernel, tmp_path, settings, told):
+    quiet_search(out=tmp_path / "old.nc")
+    with pytest.raises(StoreError, match=f"old.nc: cannot be extended to this sweep, as it was made otherwise:{told}$"):
+        quiet_search(extend=tmp_path / "old.nc", **settings)
+
+
+def lose_points(monkeypatch, chosen):
+    """Searches fail at points that `chosen` picks from their rows, as where a worker dies."""
+
+    def breaks(rows, *others, until=0):
+        if chosen(rows).any():
+            raise MemoryError("no room")
+        return fake_run_many(rows, *others, until=until)
+
+    monkeypatch.setattr("dimersweep.tiles.run_many", breaks)
+    set_pace(monkeypatch, 1)
+
+
+@pytest.mark.parametrize("question", QUESTIONS, ids=lambda question: question["ask"])
+@pytest.mark.parametrize("stopped", [False, True])
+def test_a_retry_gives_the_bits_of_a_search_without_failures(fake_kernel, monkeypatch, tmp_path, question, stopped):
+    out, reference = tmp_path / "cube.nc", quiet_search(**question)
+    with monkeypatch.context() as patch, pytest.warns(RuntimeWarning, match="points that failed"):
+        lose_points(patch, lambda rows: rows[:, 3] == 3)
+        broken = quiet_search(out=out, keep_tiles=stopped, **question)
+    assert (names(broken["mode"]) == "failed").sum() == 3
+    if stopped:
+        out.unlink()
+    cube = quiet_search(out=out, retry=True, **question)
+    assert same_bits(cube, reference) and same_bits(dimersweep.open_cube(out), reference)
+    assert os.listdir(tmp_path) == ["cube.nc"]
+    monkeypatch.setattr("dimersweep.tiles.run_many", lambda *arguments, until: pytest.fail("work was done"))
+    assert same_bits(quiet_search(out=out, retry=True, **question), reference)
+
+
+def test_a_retry_searches_again_only_where_a_failure_may_have_led(fake_kernel, monkeypatch, runs_made, tmp_path):
+    with monkeypatch.context() as patch, pytest.warns(RuntimeWarning, match="points that failed"):
+        lose_points(patch, lambda rows: (rows[:, 3] == 3) & (rows[:, 0] == 0.6))
+        quiet_search(out=tmp_path / "cube.nc")
+    runs_made.clear()
+    cube = quiet_search(out=tmp_path / "cube.nc", retry=True)
+    assert 0 < sum(runs_made) < cube["n_runs"].where(names(cube["answer"]) == "yes", 0).sum()
 
 
 def test_points_that_are_lost_with_a_worker_stay_open(fake_kernel):
@@ -147,19 +253,19 @@ def test_points_that_are_lost_with_a_worker_stay_open(fake_kernel):
 def test_a_long_point_can_be_stopped_within(monkeypatch):
     spec = make_spec(GRID, None, over="beta0", ask="all", mode="rest", periods=5, rtol=1e-8)
     monkeypatch.setattr("dimersweep.deciding.CHUNK_RUNS", 1)
-    monkeypatch.setattr("dimersweep.deciding.run_many", fake_run_many)
+    monkeypatch.setattr("dimersweep.tiles.run_many", fake_run_many)
     assert attempt(Wave(spec, {0: []}), (Tile(0, 1),), lambda: True) == []
 
 
 def test_a_search_is_not_written_by_blocks(monkeypatch, tmp_path):
-    monkeypatch.setattr("dimersweep.deciding.run_many", lambda *arguments, until: pytest.fail("work was done"))
+    monkeypatch.setattr("dimersweep.tiles.run_many", lambda *arguments, until: pytest.fail("work was done"))
     with pytest.raises(ParameterError, match=r"a.zarr: only a sweep of a whole grid is written as Zarr; give a NetCDF"):
         quiet_search(out=tmp_path / "a.zarr")
 
 
 def test_a_search_larger_than_memory_is_refused_at_once():
     grid = {name: {"start": 0.1, "stop": 0.9, "num": 1000} for name in ("e", "mu", "Gamma")} | {"beta0": [0.1, 0.2]}
-    with pytest.raises(ParameterError, match=r"^grid: 1000000000 points; one cube in memory may hold 50000000"):
+    with pytest.raises(ParameterError, match=r"^grid: 1000000000 points; one cube in memory may hold 50000000$"):
         quiet_search(grid, {"mu_s": 0.9})
 
 
@@ -201,7 +307,7 @@ def test_a_point_that_fails_marks_only_itself(fake_kernel, monkeypatch):
             raise MemoryError("no room")
         return fake_run_many(rows, *others, until=until)
 
-    monkeypatch.setattr("dimersweep.deciding.run_many", breaks_at_3_hz)
+    monkeypatch.setattr("dimersweep.tiles.run_many", breaks_at_3_hz)
     set_pace(monkeypatch, 1)
     with pytest.warns(RuntimeWarning, match=r"3 tiles have points that failed; point 15: MemoryError: no room$"):
         cube = quiet_search()
@@ -223,7 +329,7 @@ def test_a_point_that_fails_marks_only_itself(fake_kernel, monkeypatch):
     ],
 )
 def test_bad_input_is_refused_before_any_work(monkeypatch, settings, message):
-    monkeypatch.setattr("dimersweep.deciding.run_many", lambda *arguments: pytest.fail("work was done"))
+    monkeypatch.setattr("dimersweep.tiles.run_many", lambda *arguments: pytest.fail("work was done"))
     with pytest.raises(ParameterError, match=f"^{re.escape(message)}"):
         quiet_search(**settings)
 

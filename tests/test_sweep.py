@@ -8,7 +8,7 @@ import threading
 import numpy as np
 import pytest
 import xarray as xr
-from fakes import fake_run_many, set_pace
+from fakes import fake_run_many, run_tile, set_pace
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -16,9 +16,12 @@ import dimersweep
 from dimersweep import tiles
 from dimersweep.cube import names
 from dimersweep.errors import ParameterError, StoreError
-from dimersweep.grid import make_grid
+from dimersweep.kernel.layout import M_DRIFT, M_UNRESOLVED, MODES, OK
 from dimersweep.progress import Lines, Tally
-from dimersweep.tiles import Spec, Tile, blank_results, run_tile, split
+from dimersweep.rerun import from_cube
+from dimersweep.scheduling import Pace
+from dimersweep.searching import search
+from dimersweep.tiles import Tile, blank_results, make_spec, split
 
 GRID = {"f": [15, 20, 25], "beta0": {"start": 1, "stop": 89, "step": 1, "unit": "deg"}}
 
@@ -46,7 +49,7 @@ def test_the_numbers_do_not_depend_on_tiles_and_workers(fake_kernel, monkeypatch
 @pytest.mark.jit
 def test_threads_and_tiles_give_the_bits_of_a_serial_run(monkeypatch):
     grid = {"f": [15, 25], "beta0": {"start": 3, "stop": 87, "step": 7, "unit": "deg"}}
-    spec = Spec(make_grid(grid), 40, 1e-8, True)
+    spec = make_spec(grid, periods=40)
     results = run_tile(spec, Tile(0, spec.grid.size))
     out, codes = results["out"], results["codes"]
     for length in (1, 5):
@@ -54,6 +57,35 @@ def test_threads_and_tiles_give_the_bits_of_a_serial_run(monkeypatch):
         cube = quiet_sweep(grid, periods=40, workers=2)
         for name, values in (*zip(tiles.CODES, codes.T, strict=True), ("radius", out[:, 0])):
             assert cube[name].values.astype(values.dtype).tobytes() == values.tobytes(), name
+
+
+def rings_down(rows, periods, rtol, settle, out, codes, until=0):
+    """A kernel whose starts settle after 1000 beta0 periods, in drift, and never where f is 25."""
+    need = np.where(rows[:, 3] == 25, np.inf, 1000 * rows[:, 7])
+    codes[:, tiles.CODES.index("status")] = OK
+    codes[:, tiles.CODES.index("mode")] = np.where(need <= periods, M_DRIFT, M_UNRESOLVED)
+    codes[:, tiles.CODES.index("n_periods")] = np.minimum(need, periods)
+    stops = np.flatnonzero(until >> codes[:, tiles.CODES.index("mode")] & 1)
+    made = int(stops[0]) + 1 if stops.size else len(rows)
+    codes[made:] = 0
+    return made
+
+
+@pytest.mark.parametrize("length", [1, 7])
+def test_what_has_not_settled_is_run_longer(monkeypatch, tmp_path, length):
+    monkeypatch.setattr("dimersweep.tiles.run_many", rings_down)
+    set_pace(monkeypatch, length)
+    grid = {"f": [15, 25], "beta0": np.arange(1, 100) / 1000}
+    assert (names(quiet_sweep(grid)["mode"]) == "drift").sum() == 5
+    cube = quiet_sweep(grid, max_periods=30, out=tmp_path / "cube.nc")
+    modes, used = names(cube["mode"]), cube["n_periods"]
+    assert (modes.sel(f=15)[:30] == "drift").all() and (modes.sel(f=15)[30:] == "unresolved").all()
+    np.testing.assert_array_equal(used.sel(f=15), np.minimum(np.arange(1, 100), 30))
+    assert (modes.sel(f=25) == "unresolved").all() and (used.sel(f=25) == 30).all()
+    assert json.loads(cube.attrs["configuration"])["max_periods"] == 30
+    assert from_cube(tmp_path / "cube.nc").sweep.max_periods == 30
+    found = search(grid, over="beta0", ask="fraction", periods=5, max_periods=30, progress=False)
+    assert found["runs"].sel(f=15).values[[MODES.index("drift"), MODES.index("unresolved")]].tolist() == [30, 69]
 
 
 def test_a_tile_that_fails_marks_only_its_points(monkeypatch):
@@ -90,6 +122,12 @@ def test_the_cube_is_written_and_tells_its_configuration(fake_kernel, tmp_path):
         ({"grid": {"f": []}}, ParameterError, "f: the axis is empty"),
         ({"fixed": {"A_r": 1}}, ParameterError, "A_r = 1.0: must be >= 2"),
         ({"periods": 0}, ParameterError, "periods = 0: must be a whole number >= 1"),
+        ({"max_periods": 4}, ParameterError, "max_periods = 4: must be >= periods = 5"),
+        (
+            {"max_periods": 9, "stop_when_settled": False},
+            ParameterError,
+            "max_periods = 9: is for runs that stop when they have settled",
+        ),
         ({"rtol": 1}, ParameterError, "rtol = 1.0: must be in [1e-13, 0.01]"),
         ({"workers": 0}, ParameterError, "workers = 0: must be a whole number >= 1"),
         ({"out": "/nowhere/cube.nc"}, StoreError, "out = /nowhere/cube.nc: the folder /nowhere does not exist"),
@@ -102,7 +140,7 @@ def test_bad_input_is_refused_before_any_work(monkeypatch, settings, error, mess
 
 
 def test_tiles_travel_by_pickle(fake_kernel):
-    spec = pickle.loads(pickle.dumps(Spec(make_grid(GRID), 5, 1e-8, True)))
+    spec = pickle.loads(pickle.dumps(make_spec(GRID, periods=5)))
     results = run_tile(spec, pickle.loads(pickle.dumps(Tile(10, 20))))
     assert results.tobytes() == run_tile(spec, Tile(0, 267))[10:20].tobytes()
     assert results["codes"].shape == (10, len(tiles.CODES))
@@ -110,7 +148,7 @@ def test_tiles_travel_by_pickle(fake_kernel):
 
 @given(st.integers(1, 500), st.integers(1, 500))
 def test_tiles_cover_every_point_once(size, length):
-    points = [point for tile in split(size, length) for point in range(*tile)]
+    points = [point for tile in split([Tile(0, size)], length) for point in range(*tile)]
     assert points == list(range(size))
 
 
@@ -119,7 +157,7 @@ def test_a_tile_takes_about_half_a_second():
         pace.note([tiles.Finished(Tile(0, points), blank_results(points), "", seconds)])
         return pace.length
 
-    pace = tiles.Pace(10_000, workers=2)
+    pace = Pace(10_000, workers=2)
     assert pace.length == 1
     assert note(1, 0.01) == 4  # not 50 from one point
     assert note(4, 0.04) == 16

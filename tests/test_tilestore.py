@@ -362,7 +362,7 @@ def test_what_is_read_is_what_was_added():
         for start, stop in ((0, 40), (3, 12), (39, 40), (100, 120)):
             assert store.read(start, stop).tobytes() == whole.results[start:stop].tobytes()
         assert (store.read(35, 95)["codes"][5:55] == 0).all()
-        store.drop(lambda codes: codes[:, 1] == 3)
+        store.drop(lambda results: results["codes"][:, 1] == 3)
         drifting = np.flatnonzero(whole.codes[:, 1] == 3)
         missing = [point for tile in store.gaps() for point in range(*tile)]
         assert missing == sorted({*drifting.tolist(), *range(40, 90)})

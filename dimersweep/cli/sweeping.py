@@ -13,7 +13,7 @@ import typer
 
 from dimersweep.cli.drawing import check_picture_of, draw_beside, print_cube
 from dimersweep.cli.options import Force, Periods, Rtol, Workers
-from dimersweep.errors import ParameterError, Stopped
+from dimersweep.errors import Stopped
 
 if TYPE_CHECKING:
     from dimersweep.declaration import Declaration
@@ -121,30 +121,15 @@ def plan(
     rtol: Rtol = None,
 ) -> None:
     """Tell points, size and time of a declared sweep from a timed sample; nothing is written."""
+    from dimersweep.computing import make_how
     from dimersweep.declaration import read_declaration
+    from dimersweep.planning import plan
     from dimersweep.progress import tell_of_compiling
 
     declared = read_declaration(declaration)
-    if declared.search is not None:
-        raise ParameterError("search: has no plan, as it stops as soon as its answers are certain; plan a whole grid")
+    job, threads = declared.job(periods=periods, rtol=rtol), make_how(workers).workers
     tell_of_compiling()
-    from dask.system import CPU_COUNT
-
-    from dimersweep.parameters import check_count
-    from dimersweep.planning import plan
-    from dimersweep.tiles import make_spec
-
-    spec = make_spec(
-        declared.grid,
-        declared.fixed,
-        periods=declared.sweep.periods if periods is None else periods,
-        rtol=declared.sweep.rtol if rtol is None else rtol,
-        stop_when_settled=declared.sweep.stop_when_settled,
-        certify=declared.sweep.certify,
-    )
-    threads = CPU_COUNT if workers is None else check_count("workers", workers)
-    out = Path(declared.sweep.output)
-    for line in plan(spec, threads, out).lines():
+    for line in plan(job, threads, Path(declared.sweep.output)).lines():
         typer.echo(line)
 
 

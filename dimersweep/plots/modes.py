@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 from dimersweep.cube import names
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.layout import MODES
-from dimersweep.plots.style import MODE_COLORS, ROW_COLORS, given, label, title
+from dimersweep.plots.style import MODE_COLORS, ROW_COLORS, given, label, percent, title
 from dimersweep.reading import boundary, drift_intervals, drift_lengths, edges_of, plain_modes
 
 
@@ -83,7 +83,7 @@ def mode_map(cube: xr.Dataset) -> Figure:
         axes.set_yticks([])
     shares = np.bincount(mode.values.ravel(), minlength=len(MODES)) / mode.size
     handles = [
-        Patch(facecolor=MODE_COLORS[name], edgecolor="black", linewidth=0.5, label=f"{name} ({100 * share:.1f} %)")
+        Patch(facecolor=MODE_COLORS[name], edgecolor="black", linewidth=0.5, label=f"{name} ({percent(share)})")
         for name, share in zip(MODES, shares, strict=True)
         if share > 0
     ]

@@ -11,8 +11,8 @@ from matplotlib.patches import Patch
 
 from dimersweep.cube import names
 from dimersweep.errors import ParameterError
-from dimersweep.kernel.layout import DI_ENDS, M_DRIFT
-from dimersweep.plots.style import ROW_COLORS, given, label, title
+from dimersweep.kernel.layout import DI_ENDS, M_DRIFT, M_NOT_RUN
+from dimersweep.plots.style import ROW_COLORS, given, label, log_scale, title
 from dimersweep.reading import circle_through, edges_of, exponents, minimum, runs_of, stick_ratio
 
 END_COLORS = {  # of a double impact
@@ -22,6 +22,7 @@ END_COLORS = {  # of a double impact
     "sk_sp": "#cc79a7",
     "sk_sk": "#009e73",
 }
+LEFT_OUT = "#d9d9d9"  # points that break the rule between mu and mu_s
 TRENDS = {"radius": r"$\bar R$ [m]", "period": r"$\bar T$ [s]", "zeta": r"$\zeta$ [rad]"}
 CURVES = 5  # values of the other axis that are drawn
 
@@ -107,7 +108,7 @@ def trends(cube: xr.Dataset) -> Figure:
                 curve = values.isel({other: k})
                 axes.plot(cube[name], curve, "o-", color=color, markersize=3, label=given(other, cube[other].values[k]))
             if quantity != "zeta":
-                axes.set_yscale("log")
+                log_scale(axes)
                 law = exponents(cube, quantity)[name]
                 base = "(A_r - 1)" if name == "A_r" else "f"
                 told = (
@@ -149,7 +150,7 @@ def least_period(cube: xr.Dataset) -> Figure:
         if low.located:
             left.plot([low.at], [low.value], "v", color=color, markersize=8, label=told)
             right.axvline(low.at, color=color, linewidth=0.8, linestyle=":")
-    left.set_yscale("log")
+    log_scale(left)
     left.set_ylabel(TRENDS["period"])
     left.legend(fontsize=8)
     right.axhline(np.pi / 2, color="black", linewidth=0.8, linestyle=":")
@@ -174,25 +175,24 @@ def impact_ends(cube: xr.Dataset) -> Figure:
     """
     _needs(cube, "impact_ends", "A_r", "mu", "mu_s")
     body = {name: cube[name].item() for name in ("r", "rho_b", "rho_r", "D_r")}
-    colors = ListedColormap(list(END_COLORS.values()))
+    colors = ListedColormap([*END_COLORS.values(), LEFT_OUT])
+    shown = cube["di_end"].where(cube["mode"] != M_NOT_RUN, len(END_COLORS))
     heading = "How the double impact ends; dashed: $\\mu = \\bar\\mu$"
     n = cube.sizes["A_r"]
     figure, panels = _frame(cube, (3.1 * n + 0.6, 4.6), heading, ncols=n, sharey=True, squeeze=False)
     for axes, A_r in zip(panels[0], cube["A_r"].values, strict=True):
-        ends = cube["di_end"].sel(A_r=A_r).transpose("mu_s", "mu")
-        axes.pcolormesh(
-            edges_of(cube["mu"].values), edges_of(cube["mu_s"].values), ends.values, cmap=colors, vmin=-0.5, vmax=4.5
-        )
+        ends = shown.sel(A_r=A_r).transpose("mu_s", "mu")
+        x, y = edges_of(cube["mu"].values), edges_of(cube["mu_s"].values)
+        axes.pcolormesh(x, y, ends.values, cmap=colors, vmin=-0.5, vmax=len(END_COLORS) + 0.5)
         line = stick_ratio(float(A_r), **body)
         axes.axvline(line, color="black", linestyle="--", linewidth=1)
         axes.set_title(f"{given('A_r', A_r)}, $\\bar\\mu$ = {line:.3f}", fontsize=10)
         axes.set_xlabel(label("mu"))
     panels[0, 0].set_ylabel(label("mu_s"))
     found = sorted(set(np.unique(names(cube["di_end"]))), key=DI_ENDS.index)
-    words = {"none": "no drift found, or $\\mu_s < \\mu$"}
-    handles = [
-        Patch(facecolor=END_COLORS[end], edgecolor="black", linewidth=0.5, label=words.get(end, end)) for end in found
-    ]
+    told = {"none": "no drift found"} | {end: end for end in found if end != "none"}
+    faces = [(END_COLORS[end], told[end]) for end in found] + [(LEFT_OUT, "$\\mu_s < \\mu$: not run")]
+    handles = [Patch(facecolor=face, edgecolor="black", linewidth=0.5, label=words) for face, words in faces]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=9)
     return figure
 

@@ -4,6 +4,8 @@ import os
 from pathlib import Path
 
 import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from dimersweep.errors import ParameterError
 from dimersweep.store import check_writable
@@ -59,6 +61,19 @@ def label(name: str) -> str:
     """Axis label of a parameter: its symbol and unit."""
     units = units_of(name)
     return f"${TEX[name]}$" + (f" [{units}]" if units else "")
+
+
+def percent(share: float) -> str:
+    """A share that is not 0, such as 12.3 %."""
+    return f"{100 * share:.1f} %" if share >= 5e-4 else "< 0.1 %"
+
+
+def log_scale(axes: Axes) -> None:
+    """A logarithmic y axis with plain numbers at 1, 2 and 5."""
+    axes.set_yscale("log")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 def title(cube: xr.Dataset) -> str:

@@ -1,0 +1,52 @@
+"""What a plan tells of a search or a map is what these then take."""
+
+import numpy as np
+import pytest
+from fakes import fake_run_many
+from test_refine import COARSE, banded_kernel
+
+from dimersweep.planning import plan
+from dimersweep.refining import RefineJob, check_refinement, refine
+from dimersweep.searching import SearchJob, make_spec, search
+
+GRID = {"f": np.linspace(0.2, 9, 30), "e": [0.5, 0.6, 0.7], "beta0": np.linspace(0.03, 0.3, 19)}
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """Have the kernel of a test count its runs, the time of each being one second."""
+    runs = []
+
+    def use(kernel):
+        def counting(*arguments, until):
+            runs.append(kernel(*arguments, until=until))
+            return runs[-1]
+
+        monkeypatch.setattr("dimersweep.tiles.run_many", counting)
+        monkeypatch.setattr("dimersweep.tiles.perf_counter", lambda: float(sum(runs)))
+        monkeypatch.setattr("dimersweep.tiles.LONGEST_TILE", np.inf)
+        return runs
+
+    return use
+
+
+@pytest.mark.parametrize(("ask", "close"), [("first", 1e-12), ("fraction", 1e-12), ("any", 0.25)])
+def test_a_search_takes_the_time_that_was_planned(made, ask, close):
+    made(fake_run_many)
+    spec = make_spec(GRID, None, over="beta0", ask=ask, mode="drift", periods=5, rtol=1e-8)
+    told = plan(SearchJob(spec), 1)
+    runs = search(GRID, over="beta0", ask=ask, periods=5, progress=False)["n_runs"].sum()
+    assert told.to_run == 90 == told.times.size
+    assert told.seconds[0] == pytest.approx(float(runs), rel=close)
+    assert told.seconds[1] == 0  # every point was in the sample
+
+
+def test_a_map_takes_the_points_and_the_time_that_were_planned(made):
+    made(banded_kernel)
+    halvings = {"e": 2, "Gamma": 6}
+    spec = make_spec(COARSE, None, over="beta0", ask="any", mode="drift", periods=5, rtol=1e-8)
+    told = plan(RefineJob(spec, *check_refinement(spec, halvings, None)), 1)
+    cube = refine(COARSE, halvings=halvings, over="beta0", periods=5, progress=False)
+    assert told.times.size == told.units == 20
+    assert told.to_run == pytest.approx(int(cube["computed"].sum()), rel=0.1)
+    assert told.seconds[0] == pytest.approx(float(cube["n_runs"].sum()), rel=0.15)
