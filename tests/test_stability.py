@@ -172,3 +172,12 @@ def test_what_has_no_multipliers_is_told(drift):
 def test_twins_that_become_one_have_no_exponent():
     rest = simulate(Gamma=0.0, xdot0=0.0, beta0=0.1, periods=40)
     assert lyapunov(rest, 20).exponent <= 0.0
+
+
+def test_weak_chaos_is_told_by_a_run_that_is_long_enough():
+    """Here twins separate too slowly for one stretch of 24 periods."""
+    scene = {"Gamma": 1.32, "beta0": 0.2}
+    assert simulate(**scene, periods=100, record=False).mode == "unresolved"
+    run = simulate(**scene, periods=600)
+    assert run.mode == "aperiodic"
+    assert 0.1 < lyapunov(run, periods=600).per_period < log(1e4) / 24

@@ -24,9 +24,10 @@ from dimersweep.kernel.layout import (
 from dimersweep.kernel.steps import copy
 
 BETA0, XDOT0 = ROW.index("beta0"), ROW.index("xdot0")
-# evidence of aperiodic motion: a neighbouring start (its plate phase shifted) has separated from the run by this much,
-# in g/omega and g/omega^2, within this many periods; not looked for in runs too short to have settled
-EVIDENCE, STRETCH, TWIN, TWIN_SHIFT, SEPARATED = 64, 24, 2, 1e-6, 1e-2
+# evidence of aperiodic motion: a twin of the run (its plate phase shifted) separates from it by so much, in g/omega and
+# g/omega^2. Both are followed over stretches of so many periods, one stretch for so many periods of the run, at least one.
+EVIDENCE = 64  # periods of a run below which it is not looked for: too few to have settled
+STRETCH, STRETCH_FOR, TWIN_SHIFT, SEPARATED = 24, 200, 1e-6, 1e-2
 
 
 @exported
@@ -69,18 +70,14 @@ def run_rows(rows, periods, rtol, settle, until, path, out, codes, desk, log, ev
         modes[0], modes[1] = FREE, FREE
         begin_past(past)
         counts[0], counts[1], counts[2] = 0, 0, 0
-        # the run itself; if it has not settled, a stretch more of it; and the same stretch from a neighbouring start
-        for leg in range(3):
-            first = leg == 0
-            if leg == TWIN:
-                copy(desk.twin, state, N_STATE)
-                state[PHASE] = TWIN_SHIFT
-                modes[0], modes[1] = desk.twin[N_STATE], desk.twin[N_STATE + 1]
+        # the run itself; if it has not settled, a stretch more of it, the same of its twin, and so on in turn
+        for leg in range(1 + 2 * max(1, periods // STRETCH_FOR)):
+            first, twin = leg == 0, leg > 0 and leg % 2 == 0
             status, at_rest = evolve(
                 dm,
-                state,
-                modes,
-                periods if first else int(desk.twin[PERIOD]) + STRETCH,
+                desk.twin if twin else state,
+                desk.twin_modes if twin else modes,
+                periods if first else codes[k, 5] + STRETCH * ((leg + 1) // 2),
                 rtol,
                 settle and first,
                 path,
@@ -102,11 +99,13 @@ def run_rows(rows, periods, rtol, settle, until, path, out, codes, desk, log, ev
                 if mode != M_UNRESOLVED or periods < EVIDENCE:
                     break
                 copy(state, desk.twin, N_STATE)
-                desk.twin[N_STATE], desk.twin[N_STATE + 1] = modes[0], modes[1]
+                copy(modes, desk.twin_modes, 2)
+                desk.twin[PHASE] = TWIN_SHIFT
             elif status != OK:
                 break
-            elif last_strobe(past, desk.strobe) > SEPARATED and leg == TWIN:
+            elif last_strobe(past, desk.strobe) > SEPARATED and twin:
                 codes[k, 1] = M_APERIODIC
+                break
         if until >> codes[k, 1] & 1:
             return k + 1
     return rows.shape[0]
@@ -120,6 +119,7 @@ class Desk(NamedTuple):
     past: Any
     work: Any
     twin: Any
+    twin_modes: Any
     strobe: Any
 
 
@@ -130,7 +130,8 @@ def new_desk() -> Desk:
         np.zeros(2),
         np.zeros((PAST_ROWS, PAST_COLUMNS)),
         np.zeros((WORK_ROWS, WORK_COLUMNS)),
-        np.zeros(N_STATE + 2),
+        np.zeros(N_STATE),
+        np.zeros(2),
         np.zeros(4),
     )
 
