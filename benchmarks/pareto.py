@@ -23,7 +23,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT / "benchmarks"), str(ROOT / "tests"), str(ROOT / "tests" / "kernel")]
+sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "tests" / "kernel"), str(ROOT / "benchmarks")]
 
 from scenes import SCALE  # noqa: E402
 
@@ -97,7 +97,7 @@ def _springs():
 METHODS = {
     "engine": Method("peers.own", "Engine", None, lambda: _powers(3, 12), 2),
     "oracle": Method("peers.own", "Oracle", None, lambda: _powers(4, 10, 2), 1),
-    "heyoka": Method("peers.taylor", "Heyoka", "heyoka", lambda: _powers(3, 15), 2),
+    "heyoka": Method("peers.taylor", "Heyoka", "heyoka", lambda: _powers(3, 14), 2),
     "borrower": Method("peers.taylor", "Borrower", "heyoka", lambda: _powers(3, 15), 2),
     "springs": Method("peers.springs", "Springs", None, _springs, 1),
     "mujoco": Method("peers.soft", "MuJoCo", "mujoco", lambda: [1e-4, 1e-5, 1e-6], 1),
@@ -204,6 +204,14 @@ def seconds(attempt, end, at_least=0.0):
     return taken / runs
 
 
+def compare(attempt, scene, truth, periods, orbit):
+    """The three errors of a program from one start; inf where it fails."""
+    try:
+        return errors(look(attempt, scene, periods, orbit), truth, 1.0 / scene["f"])
+    except RuntimeError:
+        return np.full(3, np.inf)
+
+
 def starts_of(scene):
     """The scene from a few starts next to each other."""
     return [scene | {"beta0": scene["beta0"] * (1.0 + shift)} for shift in SHIFTS]
@@ -222,14 +230,11 @@ def references(found, scenes, periods, orbits):
     others += [(found[name], METHODS[name].settings()[-1]) for name in ("heyoka", "borrower") if name in found]
     truths, doubts = {}, []
     for name, scene in scenes.items():
-        orbit, T = name in orbits, 1.0 / scene["f"]
-        starts = starts_of(scene)
+        orbit, starts = name in orbits, starts_of(scene)
         truths[name] = [look(found["engine"](start, FINEST), start, periods, orbit) for start in starts]
+        cases = list(zip(starts, truths[name], strict=True))
         seen = [
-            [
-                errors(look(program(start, setting), start, periods, orbit), truth, T)
-                for start, truth in zip(starts, truths[name], strict=True)
-            ]
+            [compare(program(start, setting), start, truth, periods, orbit) for start, truth in cases]
             for program, setting in others
         ]
         doubts.append(np.median(seen, axis=1).max(axis=0))
@@ -250,25 +255,21 @@ def examine(program, setting, scene, truths, periods, orbit, cap):
     Raises
     ------
     RuntimeError
-        If one run takes longer than that, or the program fails from the first start.
+        If the first run takes longer than that, or the program fails in it.
     """
     T, found = 1.0 / scene["f"], []
     begun = time.process_time()
     for start, truth in zip(starts_of(scene), truths, strict=True):
         attempt = program(start, setting)
+        if not found:
+            with no_longer_than(cap):
+                timed, first = attempt, seconds(attempt, periods * T)  # compiles, where something is left to compile
+            orbit = orbit and first * len(SHIFTS) * ORBIT_PERIODS / periods < cap
         with no_longer_than(cap):
-            if not found:
-                attempts, first = attempt, seconds(attempt, periods * T)  # compiles, where something is left to compile
-                orbit = orbit and first * len(SHIFTS) * ORBIT_PERIODS / periods < cap
-            try:
-                found.append(errors(look(attempt, start, periods, orbit), truth, T))
-            except RuntimeError:
-                if not found:
-                    raise
-                found.append(np.full(3, np.inf))
+            found.append(compare(attempt, start, truth, periods, orbit))
         if time.process_time() - begun > cap:
             break
-    return Point(attempts, np.array(found), first)
+    return Point(timed, np.array(found), first)
 
 
 def measure(found, scenes, settings, periods, orbits, rounds, cap):
@@ -464,13 +465,14 @@ def draw(points, path):
                 continue
             color = COLORS[method]
             spread = np.abs(np.array([values["time_low"].values, values["time_high"].values]) - middle)[:, good]
-            apart = np.array([error - values["state_error_least"].values, values["state_error_most"].values - error])
+            least, most = values["state_error_least"].values[good], values["state_error_most"].values[good]
+            apart = np.array([error[good] - least, np.minimum(most, 1e3) - error[good]])
             hollow = method in HOLLOW
             ax.errorbar(
                 error[good],
                 middle[good],
                 spread,
-                np.clip(apart[:, good], 0.0, 1e3),
+                np.maximum(apart, 0.0),
                 fmt=MARKERS[method],
                 ms=4,
                 color=color,

@@ -27,7 +27,7 @@ HOP = 1.5  # first step of a flight that leaves the plate, in times of the hop t
 IMPACTS = 100.0  # tolerance of the engine's impacts, in units of that of the series
 # tolerance of its own impacts, slip that counts as none, separation that ends a chatter: in units of that of the series,
 # and at least [m/s]
-ACCURACY = (1.0, 1e-16), (1.0, 1e-14), (10.0, 1e-13)
+ACCURACY = (1.0, 1e-16), (1.0, 1e-14), (10.0, 1e-12)
 MAX_STEPS, FOREVER = 100_000, 1e300
 MAX_DOUBLES = 10_000
 STEPPED = (hy.taylor_outcome.success, hy.taylor_outcome.time_limit)
