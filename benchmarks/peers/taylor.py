@@ -1,251 +1,36 @@
-"""The dimer on heyoka: free flight and every contact mode as symbolic equations, integrated by Taylor series with events.
+"""The two peers on heyoka: Taylor series with events for each smooth phase, and a compiled law for what happens between two.
 
-Impacts, the close of a chatter and the choice of the contact mode are the package's own compiled verbs, so that what is
-compared is integration, the location of events and the passage from one phase to the next. Each phase is compiled once for
-each accuracy and serves every dimer: its constants are parameters at run time.
-
-Slip has the clock dt = v dxi (v the speed of the slip, or half the harmonic mean of two): in time the equations are singular
-where the slip comes to rest, and a Taylor series can only creep there; in xi they are not.
+`Heyoka` has a law of its own (`law`), as its users would write it. `Borrower` takes all that happens at an instant from the
+engine (`borrowed`): what is compared then is integration, the location of events and the passage between phases alone.
 """
 
-from functools import cache
-from typing import NamedTuple
+import math
+import time
+from functools import partial
 
 import heyoka as hy
 import numpy as np
+from oracle.body import DEFAULTS
 from verbs import dimer, oracle_state
 
-from dimersweep.kernel.charts import N_CLOSED, N_PATH, YTIME
 from dimersweep.kernel.engine import WORK_COLUMNS, WORK_ROWS
 from dimersweep.kernel.impact import N_LOG
-from dimersweep.kernel.layout import D1, FREE, N_STATE, OK, SLIP, STATUS_MESSAGES, STICK, X1
-from dimersweep.kernel.watch import HOLD_LOST, LANDS, LIFTS, SLIP_ZERO
+from dimersweep.kernel.layout import FREE, N_STATE
 from dimersweep.parameters import RTOL_RANGE, Parameters
-from peers.crossing import constants_of, cross, state_at
+from peers import borrowed, law
+from peers.blow import DESK
+from peers.passage import N_PATH, P_END, YTIME, body_of, start_state, state_at
+from peers.phases import N_OF_PHASE, TIME_UP, constants_of, integrator
 
 LONGEST = 0.125  # longest step of a contact, in forcing periods: forces follow the plate where the state may not
 HOP = 1.5  # first step of a flight that leaves the plate, in times of the hop to be expected
-IMPACTS = 100.0  # tolerance of impacts and of the close of a chatter, in units of that of the series
-MAX_STEPS = 100_000
+IMPACTS = 100.0  # tolerance of the engine's impacts, in units of that of the series
+# tolerance of its own impacts, slip that counts as none, separation that ends a chatter: in units of that of the series,
+# and at least [m/s]
+ACCURACY = (1.0, 1e-16), (1.0, 1e-14), (10.0, 1e-12)
+MAX_STEPS, FOREVER = 100_000, 1e300
 MAX_DOUBLES = 10_000
-TIME_UP = -1
 STEPPED = (hy.taylor_outcome.success, hy.taylor_outcome.time_limit)
-
-# parameters of the equations at run time: four of the phase, then the dimer's constants (the last one is in every equation)
-PHASE_0, SIDE, SLIP_TOL, END = (hy.par[k] for k in range(4))
-H, R, IT, IA, MU, MU_S, G, PLATE, OMEGA = (hy.par[4 + k] for k in range(9))
-P_END = 3
-N_OF_PHASE, N_PARS = 4, 13
-FALLS, RISES = hy.event_direction.negative, hy.event_direction.positive
-
-
-class Phase(NamedTuple):
-    """Equations of one smooth phase, per unit of mass, and what ends it."""
-
-    rates: list  # of the kernel's state [D1:] in flight, of its contact state y in contact
-    events: list  # (event function, direction, event number)
-    slip_clock: bool  # whether it runs in xi
-
-
-def _variables(names):
-    return hy.make_vars(*names)
-
-
-def _squared(a, b):
-    return a * a + b * b
-
-
-def _above(a, b):
-    """How far a slip is from the one that counts as none: a logarithm, for in xi slip falls exponentially."""
-    return hy.log(_squared(a, b)) - 2.0 * hy.log(SLIP_TOL)
-
-
-def flight():
-    """Free motion: the torque-free symmetric top in its heading frame, and both gaps."""
-    names = ("d1", "d2", "n1", "n2", "beta", "wb", "wp", "spin_r", "ca", "cb", "theta", "x1", "y1", "gamma_r")
-    d1, d2, n1, n2, beta, wb, wp, spin_r, ca, cb, theta, x1, y1, gamma_r = _variables(names)
-    spin = spin_r / R
-    sin_b, cos_b = hy.sin(beta), hy.cos(beta)
-    turn = wp / cos_b
-    axial = IT / IA * spin - sin_b * turn
-    fall = PLATE * hy.sin(OMEGA * hy.time + PHASE_0) - G
-    bend = H * (cos_b * axial * wp - sin_b * wb * wb)
-    v_a, v_b = ca + H * sin_b * wb, cb + H * wp
-    sin_t, cos_t = hy.sin(theta), hy.cos(theta)
-    rates = [
-        (d1, n1),
-        (d2, n2),
-        (n1, fall - bend),
-        (n2, fall + bend),
-        (beta, wb),
-        (wb, axial * wp),
-        (wp, -axial * wb),
-        (spin_r, hy.expression(0.0)),
-        (ca, -turn * cb),
-        (cb, turn * ca),
-        (theta, turn),
-        (x1, v_b * cos_t - v_a * sin_t),
-        (y1, v_a * cos_t + v_b * sin_t),
-        (gamma_r, spin_r - R * turn * sin_b),
-    ]
-    return Phase(rates, [(d1, FALLS, 0), (d2, FALLS, 1)], False)
-
-
-class _Contact:
-    """What the equations of all contact modes share: variables, levers and the Delassus operator of the leading end."""
-
-    def __init__(self, s, double):
-        names = ("beta", "wb", "wp", "spin_r", "ua", "ub", "theta", "t", "x1", "y1", "gamma_r")
-        self.beta, self.wb, self.wp, self.spin_r, self.ua, self.ub, self.theta, self.t, *self.path = _variables(names)
-        self.spin = self.spin_r / R
-        self.s, self.double = s, double
-        self.sin_b, self.cos_b = (0.0, 1.0) if double else (hy.sin(self.beta), hy.cos(self.beta))
-        self.n, self.a = s * H * self.cos_b, R - s * H * self.sin_b
-        self.b, self.c = R * self.sin_b - s * H, -R * self.cos_b
-        self.turn = self.wp / self.cos_b
-        self.nn, self.na, self.aa = 1.0 + self.n * self.n * IT, self.n * self.a * IT, 1.0 + self.a * self.a * IT
-        self.bb = 1.0 + self.b * self.b * IT + self.c * self.c * IA
-
-    def free(self):
-        """Accelerations without contact forces: of beta', theta' cos(beta), and of the leading end's n, a, b."""
-        axial = IT / IA * self.spin - self.sin_b * self.turn
-        d_wb, d_wp = axial * self.wp, -axial * self.wb
-        c_a, c_b = self.ua - self.a * self.wb, self.ub - self.b * self.wp - self.c * self.spin
-        bend = self.s * H * self.wb * self.wb
-        n = PLATE * hy.sin(OMEGA * self.t + PHASE_0) - G + self.n * d_wb - bend * self.sin_b
-        a = -self.turn * c_b + self.a * d_wb - bend * self.cos_b
-        b = self.turn * c_a + self.b * d_wp + R * self.wb * (self.cos_b * self.wp + self.sin_b * self.spin)
-        return d_wb, d_wp, n, a, b
-
-    def phase(self, d_wb, d_wp, d_spin, d_ua, d_ub, events, clock=None):
-        """The phase with these accelerations; `clock` is dt/dxi, None for time itself."""
-        zero = hy.expression(0.0)
-        v_a = self.ua - self.a * self.wb + H * self.sin_b * self.wb
-        v_b = self.ub - self.b * self.wp - self.c * self.spin + H * self.wp
-        sin_t, cos_t = hy.sin(self.theta), hy.cos(self.theta)
-        rates = [
-            (self.beta, zero if self.double else self.wb),
-            (self.wb, zero if self.double else d_wb),
-            (self.wp, d_wp),
-            (self.spin_r, R * d_spin),
-            (self.ua, d_ua),
-            (self.ub, d_ub),
-            (self.theta, self.turn),
-            (self.t, hy.expression(1.0)),
-            (self.path[0], v_b * cos_t - v_a * sin_t),
-            (self.path[1], v_a * cos_t + v_b * sin_t),
-            (self.path[2], self.spin_r - R * self.turn * self.sin_b),
-        ]
-        if clock is None:
-            return Phase(rates, events, False)
-        in_xi = [(name, clock * rate) for name, rate in rates]
-        return Phase(in_xi, [*events, (self.t - END, RISES, TIME_UP)], True)
-
-
-def single(i, mode):
-    """End i alone on the plate, sticking or slipping."""
-    s = 2.0 * i - 1.0
-    k = _Contact(s, False)
-    d_wb, d_wp, n, a, b = k.free()
-    events = [(-s * k.beta, FALLS, LANDS)]
-    zero = hy.expression(0.0)
-    if mode == STICK:
-        det = k.nn * k.aa - k.na * k.na
-        F, A, L = (k.na * a - k.aa * n) / det, (k.na * n - k.nn * a) / det, -b / k.bb
-        events.append((MU_S * MU_S * F * F - _squared(A, L), FALLS, HOLD_LOST + i))
-        d_ua, d_ub, clock = zero, zero, None
-    else:
-        v = hy.sqrt(_squared(k.ua, k.ub))
-        F = -n / (k.nn - MU * k.na * k.ua / v)
-        A, L = -MU * F * k.ua / v, -MU * F * k.ub / v
-        events.append((_above(k.ua, k.ub), FALLS, SLIP_ZERO + i))
-        d_ua, d_ub, clock = a + k.na * F + k.aa * A, b + k.bb * L, v
-    events.append((F, FALLS, LIFTS + i))
-    return k.phase(d_wb + (k.n * F + k.a * A) * IT, d_wp + k.b * L * IT, k.c * L * IA, d_ua, d_ub, events, clock)
-
-
-def pair(mode_1, mode_2):
-    """Both ends on the plate (beta = 0), each sticking or slipping; beside an end that sticks the other slips laterally."""
-    k = _Contact(-1.0, True)
-    _, _, n, a, b = k.free()
-    d_wb = IT / IA * k.spin * k.wp
-    zero = hy.expression(0.0)
-    b_2 = k.ub - 2.0 * H * k.wp
-    w = H * R * IT  # axial velocity per normal impulse at p2
-    bb_12 = 1.0 - H * H * IT + R * R * IA
-    total = -(2.0 * n + 2.0 * H * d_wb) / 2.0
-    v_1, v_2 = hy.sqrt(_squared(k.ua, k.ub)), hy.sqrt(_squared(k.ua, b_2))
-    slips = mode_1 == SLIP and mode_2 == SLIP
-    if slips:
-        A_c, A_d = -0.5 * MU * total * (k.ua / v_1 + k.ua / v_2), -0.5 * MU * (k.ua / v_2 - k.ua / v_1)
-    else:
-        A_c, A_d = -a / k.aa, -w / k.aa
-    D = (-2.0 * H * d_wb - 2.0 * w * A_c) / (2.0 * H * H * IT + 2.0 * w * A_d)
-    F_1, F_2 = 0.5 * (total - D), 0.5 * (total + D)
-    A = A_c + A_d * D
-    events = [(F_1, FALLS, LIFTS), (F_2, FALLS, LIFTS + 1)]
-    clock = None
-    if slips:
-        L_1, L_2 = -MU * F_1 * k.ub / v_1, -MU * F_2 * b_2 / v_2
-        clock = v_1 * v_2 / (v_1 + v_2)
-        events.append((_above(k.ua, k.ub), FALLS, SLIP_ZERO))
-        events.append((_above(k.ua, b_2), FALLS, SLIP_ZERO + 1))
-    elif mode_1 == STICK and mode_2 == STICK:
-        L_1 = L_2 = -b / (k.bb + bb_12)
-        room_1, room_2 = MU_S * MU_S * F_1 * F_1 - L_1 * L_1, MU_S * MU_S * F_2 * F_2 - L_2 * L_2
-        events.append((room_1 + room_2 + 2.0 * hy.sqrt(room_1 * room_2) - A * A, FALLS, HOLD_LOST))
-    elif mode_1 == STICK:
-        L_2 = -MU * F_2 * SIDE
-        L_1 = -(b + bb_12 * L_2) / k.bb
-        events.append((MU_S * MU_S * F_1 * F_1 - _squared(A, L_1), FALLS, HOLD_LOST))
-        events.append((SIDE * b_2 - SLIP_TOL, FALLS, SLIP_ZERO + 1))
-    else:
-        L_1 = -MU * F_1 * SIDE
-        L_2 = -(b + bb_12 * L_1) / k.bb
-        events.append((MU_S * MU_S * F_2 * F_2 - _squared(A, L_2), FALLS, HOLD_LOST + 1))
-        events.append((SIDE * k.ub - SLIP_TOL, FALLS, SLIP_ZERO))
-    d_ua = a + w * (F_2 - F_1) + k.aa * A if slips else zero
-    d_ub = b + k.bb * L_1 + bb_12 * L_2 if mode_1 == SLIP else zero
-    return k.phase(zero, H * (L_1 - L_2) * IT, -R * (L_1 + L_2) * IA, d_ua, d_ub, events, clock)
-
-
-def equations(mode_1, mode_2):
-    """The phase with these friction modes."""
-    if mode_1 == FREE and mode_2 == FREE:
-        return flight()
-    if mode_1 == FREE:
-        return single(1, mode_2)
-    return single(0, mode_1) if mode_2 == FREE else pair(mode_1, mode_2)
-
-
-class Integrator(NamedTuple):
-    """A compiled phase, and views of what is set at its start."""
-
-    taylor: hy.taylor_adaptive
-    state: np.ndarray
-    constants: np.ndarray
-    pars: np.ndarray
-    numbers: tuple
-    slip_clock: bool
-    flies: bool
-
-
-@cache
-def integrator(mode_1, mode_2, tol, path):
-    """The compiled phase with these friction modes."""
-    phase = equations(mode_1, mode_2)
-    flies = mode_1 == FREE and mode_2 == FREE
-    n = (N_STATE - 2 if flies else N_PATH) if path else (X1 - D1 if flies else N_CLOSED)
-    taylor = hy.taylor_adaptive(
-        phase.rates[:n],
-        [0.0] * n,
-        tol=tol,
-        pars=[0.0] * N_PARS,
-        t_events=[hy.t_event(function, direction=direction) for function, direction, _ in phase.events],
-    )
-    numbers = tuple(number for _, _, number in phase.events)
-    pars = taylor.pars
-    return Integrator(taylor, taylor.state, pars[N_OF_PHASE:], pars[:N_OF_PHASE], numbers, phase.slip_clock, flies)
 
 
 class March:
@@ -253,26 +38,28 @@ class March:
 
     Parameters
     ----------
-    parameters : Parameters
+    scene : dict
+        Parameters by name.
     tol : float
         Tolerance of the Taylor series.
+    cross : callable
+        What leads from one phase to the next.
     path : bool
         Whether x1, y1 and gamma are wanted.
     """
 
-    def __init__(self, parameters, tol, path):
-        self.row, self.tol, self.path = parameters.row(), tol, path
-        self.rtol = min(max(IMPACTS * tol, RTOL_RANGE[0]), RTOL_RANGE[1])
-        self.T = 1.0 / parameters.f
-        self.parameters = parameters
-        self.state, self.modes = np.zeros(N_STATE), np.zeros(2)
-        self.start, self.pars, self.doubles = np.zeros(N_STATE), np.zeros(4), np.zeros(MAX_DOUBLES)
-        self.work, self.log = np.zeros((WORK_ROWS, WORK_COLUMNS)), np.zeros((0, N_LOG))
-        self.constants = np.zeros(N_PARS - N_OF_PHASE)
+    def __init__(self, scene, tol, cross, path):
+        self.tol, self.path = tol, path
+        self.given, self.body = DEFAULTS | scene, body_of(scene)
+        self.T = 1.0 / self.given["f"]
+        self.modes, self.start, self.pars = np.zeros(2), np.zeros(N_STATE), np.zeros(N_OF_PHASE)
+        self.doubles, self.y = np.zeros(MAX_DOUBLES), np.zeros(N_PATH)
+        self.cross = cross
+        self.constants = constants_of(self.body)
 
     def to(self, times):
-        """Kernel states at ascending times, shape (n, N_STATE), and the times of the double impacts."""
-        constants_of(self.row, self.parameters.beta0, self.parameters.xdot0, self.state, self.constants)
+        """States at ascending times, shape (n, N_STATE), and the times of the double impacts."""
+        self.state = start_state(self.body, self.given["beta0"], self.given["xdot0"])
         self.modes[:] = FREE
         self.count, self.begun = 0, 0.0
         self.integrators = {}
@@ -283,17 +70,16 @@ class March:
             while event != TIME_UP:
                 self._cross(self.now.state, event, dt)
                 event, dt = self._phase(t - self.begun)
-            state_at(self.row, self.state, self.modes, self.now.state, event, dt, self.work, states[k])
+            state_at(self.body, self.state, self.modes, self.now.state, event, dt, self.y, states[k])
         return states, self.doubles[: self.count].copy()
 
     def _cross(self, ended, event, dt):
         """From one phase to the next."""
-        status, self.count, hop = cross(
-            self.row, self.state, self.modes, ended, event, dt, self.rtol, self.doubles, self.count,
-            self.start, self.pars, self.work, self.log,
-        )  # fmt: skip
-        if status != OK:
-            raise RuntimeError(STATUS_MESSAGES[status])
+        self.count, self.hop = self.cross(
+            self.state, self.modes, ended, event, dt, self.doubles, self.count, self.start, self.pars
+        )
+        if self.hop < 0.0:
+            raise RuntimeError("no contact law holds")
         self.begun += dt
         code = (self.modes[0], self.modes[1])
         now = self.integrators.get(code)
@@ -304,26 +90,21 @@ class March:
         now.pars[:] = self.pars
         now.taylor.time = 0.0
         now.taylor.reset_cooldowns()
-        self.now, self.hop = now, hop
+        self.now = now
 
     def _phase(self, span):
         """Integrate the present phase until it has lasted `span` or an event ends it; the event and the duration so far."""
         now, taylor = self.now, self.now.taylor
-        if now.slip_clock:
-            now.pars[P_END] = span
-            outcome = taylor.propagate_until(1e300, max_steps=MAX_STEPS)[0]
-            dt = now.state[YTIME]
-        elif now.flies:
-            outcome = hy.taylor_outcome.time_limit
-            if self.hop > 0.0:
-                outcome = taylor.step(min(HOP * self.hop, span))[0]
-                self.hop = 0.0
-            if outcome in STEPPED:
-                outcome = taylor.propagate_until(span)[0]
-            dt = taylor.time
-        else:
-            outcome = taylor.propagate_until(span, max_delta_t=LONGEST * self.T)[0]
-            dt = taylor.time
+        now.pars[P_END] = span
+        end = FOREVER if now.slip_clock else span
+        outcome = hy.taylor_outcome.time_limit
+        if self.hop > 0.0:
+            outcome = taylor.step(min(HOP * self.hop, end))[0]
+            self.hop = 0.0
+        if outcome in STEPPED:
+            longest = LONGEST * self.T if now.forced else math.inf
+            outcome = taylor.propagate_until(end, max_delta_t=longest, max_steps=MAX_STEPS)[0]
+        dt = now.state[YTIME] if now.slip_clock else taylor.time
         if outcome == hy.taylor_outcome.time_limit:
             return TIME_UP, dt
         if int(outcome) < 0 and -int(outcome) - 1 < len(now.numbers):
@@ -331,14 +112,14 @@ class March:
         raise RuntimeError(f"heyoka stopped with {outcome}")
 
 
-class Heyoka:
+class _Peer:
     """heyoka at one tolerance."""
 
     copies = 1
 
     def __init__(self, scene, tol):
         self.dm = dimer(**scene)
-        self.full, self.bare = (March(Parameters(**scene), tol, path) for path in (True, False))
+        self.full, self.bare = (March(scene, tol, self.crossing(scene, tol), path) for path in (True, False))
 
     def follow(self, times):
         """States and times of double impacts."""
@@ -348,3 +129,46 @@ class Heyoka:
     def run(self, end):
         """One run without the cyclic coordinates, as the engine's."""
         self.bare.to([end])
+
+
+class Heyoka(_Peer):
+    """heyoka with a law of its own."""
+
+    def crossing(self, scene, tol):
+        """What leads from one phase to the next."""
+        accuracy = law.Accuracy(*(max(share * tol, least) for share, least in ACCURACY))
+        return partial(law.cross, np.array([*body_of(scene), *accuracy]), np.zeros(N_PATH), np.zeros(DESK))
+
+
+class Borrower(_Peer):
+    """heyoka with the engine's impacts, close of a chatter and choice of contact modes."""
+
+    def crossing(self, scene, tol):
+        """What leads from one phase to the next."""
+        self.rtol = min(max(IMPACTS * tol, RTOL_RANGE[0]), RTOL_RANGE[1])
+        self.row, self.constants = Parameters(**scene).row(), np.array(body_of(scene))
+        self.work, self.log = np.zeros((WORK_ROWS, WORK_COLUMNS)), np.zeros((0, N_LOG))
+        return partial(borrowed.cross, self.constants, self.row, self.rtol, self.work, self.log)
+
+    def borrowed_seconds(self, end):
+        """Processor time that what is borrowed takes of one run: all its instants, settled once more in one compiled loop."""
+        march, instants = self.bare, []
+        cross = march.cross
+
+        def recording(state, modes, ended, event, dt, *rest):
+            before = state.copy(), modes.copy()
+            lifted, lost = borrowed.arrive(self.constants, *before, ended, event, dt, self.work)
+            instants.append((*before, lifted, lost))
+            return cross(state, modes, ended, event, dt, *rest)
+
+        march.cross = recording
+        self.run(end)
+        march.cross = cross
+        states, modes, lifted, lost = (np.array(each) for each in zip(*instants, strict=True))
+        return min(self._settling(states, modes, lifted, lost) for _ in range(5))
+
+    def _settling(self, states, modes, lifted, lost):
+        arguments = self.row, states.copy(), modes.copy(), lifted, lost, self.rtol, self.work, self.log
+        begun = time.process_time()
+        borrowed.settle_all(*arguments)
+        return time.process_time() - begun
