@@ -20,6 +20,7 @@ from dimersweep.kernel.layout import FREE
 from dimersweep.kernel.paces import BENCH_ROWS, PLAIN, SLIDE, SLOW, lay_out, set_chart, set_scales, step_to, stiffness
 from dimersweep.kernel.steps import copy, inside, shrink, step_factor
 from dimersweep.kernel.watch import (
+    HOLD_LOST,
     LANDS,
     LIFTS,
     N_EVENTS,
@@ -280,6 +281,11 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
                 continue
         if least <= 0.0:
             event = first_crossing(dm, modes, now, size, n, pace, gamma, event, least, tol, slip_tol, b)
+            if event < HOLD_LOST and b.F_out[F1 + 3 * event] < -dm.m * dm.g:  # through infinity, not through zero
+                h, xi = 0.3 * b.out[YTIME], 0.3 * xi
+                if h < LEAST * dm.T:
+                    return t, JAMS
+                continue
             copy(b.out, y, n)
             t += b.out[YTIME]
             if not SLIP_ZERO <= event < LANDS:

@@ -332,10 +332,10 @@ def test_scenes_make_headway(name, rtol):
 
 @pytest.mark.jit
 @pytest.mark.parametrize("rtol", [1e-6, 1e-8, 1e-10])
-def test_an_end_that_can_neither_hold_nor_slip_is_jammed(rtol):
-    """At the limit of its hold every slip out of rest would be stopped: slip friction presses the end to the plate."""
+def test_an_end_that_can_neither_hold_nor_slip_leaves(rtol):
+    """At the limit of its hold every slip out of rest would be stopped, but nothing drives the end into the plate either."""
     _, codes = outcome(row_of(**PARADOX), 33, rtol)
-    assert STATUSES[codes[0, CODE["status"]]] == "jammed"
+    assert STATUSES[codes[0, CODE["status"]]] == "ok"
 
 
 def test_a_ball_chatters_to_rest_and_is_thrown_off_again():
