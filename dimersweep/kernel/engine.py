@@ -52,7 +52,8 @@ from dimersweep.kernel.record import note_event, note_segment
 from dimersweep.kernel.roots import MAX_PROBES, next_landing
 from dimersweep.kernel.watch import HOLD_LOST, LANDS, SLIP_ZERO
 
-EVENTS_PER_PERIOD = 20000  # bound on events: this many per period asked for, and a start
+WORK, WORK_PER_PERIOD = 10_000_000, 100_000  # bound on events, in hops of one end: some seconds, and 0.1 s a period
+GLIDE_WORK, PAIR_WORK = 30, 10  # hops that take as long as a contact phase, as an impact at both ends
 LOOSEST = 1e-3  # relative tolerance of an impact, however slow
 SLIP_SCALE = 0.1  # slip that counts as none in contact, in units of the tolerance and g/omega
 COINCIDENT = 4e-16  # gap, in units of l, that counts as closed when the other end lands
@@ -259,17 +260,18 @@ def evolve(dm, state, modes, periods, rtol, settle, path, past, work, log, event
     -------
     status, at_rest : int, bool
     """
-    bound = EVENTS_PER_PERIOD * (periods + 10)
+    work_left = WORK + WORK_PER_PERIOD * periods
     record = segments.shape[0] > 0
     none = log[0, :0] if record else state[:0]
     pending, lost, cause = True, False, C_START
     forced = 0
     before = contact_code(modes)
     while state[PERIOD] < periods:
-        if counts[0] > bound:
+        if work_left < 0:
             return MAX_EVENTS, False
         if (state[D1] == 0.0 and state[N1] < 0.0) or (state[D2] == 0.0 and state[N2] < 0.0):
             counts[0] += 1
+            work_left -= PAIR_WORK if state[D1] == state[D2] else 0
             status = strike(dm, state, modes, before, rtol, past, work, log, events, counts)
             if status != OK:
                 return status, False
@@ -298,6 +300,7 @@ def evolve(dm, state, modes, periods, rtol, settle, path, past, work, log, event
             note_flights(dm, state, modes, past)
             pending = False
         before = contact_code(modes)
+        work_left -= GLIDE_WORK if before > 0 else 1
         event, status = move(dm, state, modes, chosen, path, rtol, slip_tol, work)
         if status != OK:
             return status, False
