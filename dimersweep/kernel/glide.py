@@ -50,6 +50,7 @@ TURNS = 7.0  # of a slip, that an explicit step may span: what the method bears
 LONGEST = 0.25  # longest step, in forcing periods
 FIRST, FIRST_SLOW = 1.6, 15.0  # first steps, in forcing periods and in xi, over the tolerance to the power of 1/8
 RISE = 1.5  # of the step from one to the next, at most, at the slow pace
+NARROW = 0.02  # share of a step in which the bottom of a dip may hide at either end
 BEYOND = 1.02  # how far past a landing in sight a step goes
 EXACT = 1e-3  # what an event function may be past its zero, in units of the tolerance and of its change in the step
 CLOSE = 100.0  # in units of that, what may be left of a dip when the open end lands: it is then set to zero
@@ -160,7 +161,7 @@ def hidden_dip(dm, modes, phase, h, n, slip_tol, b):
 
     The functions are evaluated on the cubic through the step's ends; the parabola through the lowest of them and its
     neighbours, less the errors of that cubic and of that parabola for a function that changes as quickly as the motion,
-    bounds what lies between.
+    bounds what lies between. It may put a bottom that lies just within the step just outside.
     """
     values = b.values
     turn = quickness(dm, b.start) * h
@@ -180,8 +181,8 @@ def hidden_dip(dm, modes, phase, h, n, slip_tol, b):
             continue
         shift = 0.5 * (left - right) / (left + right)
         bottom = low - 0.25 * (left - right) * shift
-        if 0.0 < q + shift < 3.0 and bottom <= doubt * max(left, right):
-            share = min(share, (q + shift) / 3.0)
+        if -2.0 * doubt < q + shift < 3.0 + 2.0 * doubt and bottom <= doubt * max(left, right):
+            share = min(share, min(max(NARROW, (q + shift) / 3.0), 1.0 - NARROW))
     return share
 
 
