@@ -39,7 +39,7 @@ from dimersweep.kernel.pair_leg import pair_leg
 from dimersweep.kernel.single_impact import DONE, JAM, STEPS, EndLaw, single_phase
 from dimersweep.kernel.steps import copy
 
-MAX_PHASES = 400
+MAX_PHASES = 2000
 LEFT_OVER, LEAST_LEFT = (
     1e-3,
     1e-13,
