@@ -17,7 +17,6 @@ from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import BETA, CA, CB, D1, D2, FREE, N1, N2, PHASE, SLIP, SPIN, WB, WP
 
 CLOSE = 4.0  # what the close of a chatter may cost, in tolerances
-FAINT = 0.1  # separation speed, in tolerances and g/omega, whose hops make no difference
 FLOOR = 1e-13  # separation speed, in g/omega, at which round-off rules the hops
 
 
@@ -25,11 +24,12 @@ FLOOR = 1e-13  # separation speed, in g/omega, at which round-off rules the hops
 def rest_of_chatter(dm, n, F, nn, e, tol):
     """Time that the rest of a chatter from gap rate n under a contact force F takes [s].
 
-    0.0 if it is fainter than the tolerance, or ruled by round-off; inf if it does not end, or if the plate could take the
-    force away before.
+    0.0 if it is fainter than what a close may cost, or ruled by round-off; inf if it does not end, or if the plate could
+    take the force away before. While the force changes slowly, hops without loss keep n^3 over it: they grow with it.
     """
     press = F * nn
-    if n <= max(FLOOR, FAINT * tol) * dm.v_scale:
+    most = dm.g + dm.A_z * dm.omega**2
+    if n <= FLOOR * dm.v_scale or (press > 0.0 and n**3 * most <= (CLOSE * tol * dm.v_scale) ** 3 * press):
         return 0.0
     if e >= 1.0 or press <= 0.0:
         return inf

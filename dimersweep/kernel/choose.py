@@ -1,9 +1,9 @@
 """The contact mode of ends that rest on the plate: which stay closed, which stick, which slip, by enumeration."""
 
-from math import copysign, hypot, inf
+from math import copysign, hypot
 
 from dimersweep.kernel.charts import YUA, YUB, YWP, set_slip, slip_of
-from dimersweep.kernel.contact import A1, A2, F1, F2, L1, L2, contact_rates, hold_reserve, sliding_compliance
+from dimersweep.kernel.contact import A1, A2, F1, F2, L1, L2, contact_rates, hold_reserve
 from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import FREE, SLIP, STICK
 from dimersweep.kernel.onset import slip_onset
@@ -18,6 +18,12 @@ AT_LIMIT = 1e-6  # deceleration, in units of gravity, that is none
 def single_mode(dm, i, phase, y, modes, slip_tol, lost, dy, F):
     """Mode of the one closed end i into modes; y gets the slip that goes with it.
 
+    It sticks where the friction can hold it, or leaves where nothing drives it into the plate, or else slips. At rest one
+    of these always fits (so does a slip out of rest, doi 10.1115/1.4035411). While it slips, none does where the friction
+    would press it into the plate the more, the more the plate pressed back (Painleve): an impact without collision follows,
+    which ends the slip, or turns it to where its force fits. Such a slip that nothing drives into the plate could also be
+    kept by a force, but by an unstable one: it leaves (Champneys and Varkonyi, arXiv:1601.03545).
+
     Parameters
     ----------
     slip_tol : float
@@ -31,34 +37,25 @@ def single_mode(dm, i, phase, y, modes, slip_tol, lost, dy, F):
         CLOSED, SEPARATES, or INCONSISTENT when no force satisfies the law (Painleve: only an impact can follow).
     """
     modes[0], modes[1] = FREE, FREE
-    if hypot(y[YUA], y[YUB]) > slip_tol:
-        modes[i] = SLIP
-        contact_rates(dm, modes, phase, y, False, dy, F)
-        give = sliding_compliance(dm, modes, y)
-        if give <= 0.0:
-            pressed = F[F1 + 3 * i] * give > 0.0 or F[F1 + 3 * i] == inf
-            modes[i] = FREE
-            return INCONSISTENT if pressed else SEPARATES
-    else:
+    slips = hypot(y[YUA], y[YUB]) > slip_tol
+    if not slips:
         y[YUA], y[YUB] = 0.0, 0.0
-        modes[i] = STICK
-        contact_rates(dm, modes, phase, y, False, dy, F)
-        force = F[F1 + 3 * i]
-        no_force = NO_FORCE * dm.m * dm.g
-        if force < -no_force:
-            if not falls(dm, modes, i, phase, y, dy, F):
-                modes[i] = FREE
-                return SEPARATES
-            modes[i] = STICK
-            contact_rates(dm, modes, phase, y, False, dy, F)
-        holds = abs(force) <= no_force or (force > 0.0 and not lost and hold_reserve(dm, modes, i, F) >= 0.0)
-        if not holds and not loosen(dm, phase, y, modes, i, slip_tol, dy, F):
-            modes[i] = FREE
-            return INCONSISTENT
-    if presses(dm, modes, i, phase, y, dy, F):
+    mode = SLIP if slips else STICK
+    modes[i] = mode
+    contact_rates(dm, modes, phase, y, False, dy, F)
+    if not slips and presses(dm, modes, i, phase, y, dy, F):
+        faint = F[F1 + 3 * i] <= NO_FORCE * dm.m * dm.g
+        if faint or (not lost and hold_reserve(dm, modes, i, F) >= 0.0):
+            return CLOSED
+    if not falls(dm, modes, i, phase, y, dy, F):
+        modes[i] = FREE
+        return SEPARATES
+    modes[i] = mode
+    contact_rates(dm, modes, phase, y, False, dy, F)
+    if (slips or loosen(dm, phase, y, modes, i, slip_tol, dy, F)) and presses(dm, modes, i, phase, y, dy, F):
         return CLOSED
     modes[i] = FREE
-    return SEPARATES
+    return INCONSISTENT
 
 
 @compiled

@@ -17,7 +17,6 @@ from dimersweep.kernel.charts import (
     YWP,
     YX,
     YY,
-    heading,
     leading_sign,
 )
 from dimersweep.kernel.jit import compiled
@@ -154,16 +153,3 @@ def hold_reserve(dm, modes, i, F):
     k = 3 * i
     axial = F[A1] if modes[0] != FREE else F[A2]
     return mu_s * F[F1 + k] - hypot(axial, F[L1 + k])
-
-
-@compiled
-def sliding_compliance(dm, modes, y):
-    """Normal acceleration that a unit normal force gives the one closed end while it slips, with its friction [1/kg].
-
-    Where it is not positive no force can keep the end on the plate (Painleve).
-    """
-    s = leading_sign(modes)
-    sin_b, cos_b, c, d = heading(s, y)
-    lv = levers(dm, s, sin_b, cos_b)
-    w = delassus(dm, lv, lv)
-    return w.nn - dm.mu * w.na * (y[YUA] * c + y[YUB] * d) / hypot(y[YUA], y[YUB])

@@ -52,7 +52,8 @@ from dimersweep.kernel.record import note_event, note_segment
 from dimersweep.kernel.roots import MAX_PROBES, next_landing
 from dimersweep.kernel.watch import HOLD_LOST, LANDS, SLIP_ZERO
 
-EVENTS_PER_PERIOD = 20000  # bound on events: this many per period asked for, and a start
+WORK, WORK_PER_PERIOD = 7_000_000, 100_000  # bound on events, in hops of one end: some seconds, and 0.1 s a period
+GLIDE_WORK, PAIR_WORK = 30, 10  # hops that take as long as a contact phase, as an impact at both ends
 LOOSEST = 1e-3  # relative tolerance of an impact, however slow
 SLIP_SCALE = 0.1  # slip that counts as none in contact, in units of the tolerance and g/omega
 COINCIDENT = 4e-16  # gap, in units of l, that counts as closed when the other end lands
@@ -112,8 +113,8 @@ def collide(dm, state, modes, tol, work, log):
 
 
 @compiled
-def choose(dm, state, modes, lifted, lost, slip_tol, work):
-    """Contact modes of the ends at rest on the plate (but for one that has just lifted off); the state follows them.
+def choose(dm, state, modes, lost, slip_tol, work):
+    """Contact modes of the ends at rest on the plate; the state follows them.
 
     Returns
     -------
@@ -121,8 +122,8 @@ def choose(dm, state, modes, lifted, lost, slip_tol, work):
         CLOSED, SEPARATES or INCONSISTENT.
     """
     y, dy, F = work[ROW_Y], work[ROW_DY], work[ROW_F]
-    closed_1 = state[D1] == 0.0 and state[N1] == 0.0 and lifted != 0
-    closed_2 = state[D2] == 0.0 and state[N2] == 0.0 and lifted != 1
+    closed_1 = state[D1] == 0.0 and state[N1] == 0.0
+    closed_2 = state[D2] == 0.0 and state[N2] == 0.0
     modes[0], modes[1] = FREE, FREE
     if not closed_1 and not closed_2:
         return CLOSED
@@ -199,10 +200,10 @@ def touch(dm, state, sign):
 
 
 @compiled
-def force_impact(dm, state, modes, lifted):
+def force_impact(dm, state):
     """Set a vanishing approach at the ends whose contact law has no force: what follows is an impact without collision."""
     for i in range(2):
-        if state[D1 + i] == 0.0 and state[N1 + i] == 0.0 and lifted != i:
+        if state[D1 + i] == 0.0 and state[N1 + i] == 0.0:
             _, a, b = contact_velocity(dm, state, -1.0 if i == 0 else 1.0)
             state[N1 + i] = -1e-9 * hypot(a, b)
 
@@ -259,33 +260,34 @@ def evolve(dm, state, modes, periods, rtol, settle, path, past, work, log, event
     -------
     status, at_rest : int, bool
     """
-    bound = EVENTS_PER_PERIOD * (periods + 10)
+    work_left = WORK + WORK_PER_PERIOD * periods
     record = segments.shape[0] > 0
     none = log[0, :0] if record else state[:0]
-    pending, lifted, lost, cause = True, -1, False, C_START
+    pending, lost, cause = True, False, C_START
     forced = 0
     before = contact_code(modes)
     while state[PERIOD] < periods:
-        if counts[0] > bound:
+        if work_left < 0:
             return MAX_EVENTS, False
         if (state[D1] == 0.0 and state[N1] < 0.0) or (state[D2] == 0.0 and state[N2] < 0.0):
             counts[0] += 1
+            work_left -= PAIR_WORK if state[D1] == state[D2] else 0
             status = strike(dm, state, modes, before, rtol, past, work, log, events, counts)
             if status != OK:
                 return status, False
-            pending, lifted, lost, cause = True, -1, False, C_IMPACT
+            pending, lost, cause = True, False, C_IMPACT
             if come_to_rest(dm, state, modes, no_slip(dm, state, rtol), rtol, work[ROW_Y], work[ROW_DY], work[ROW_F]):
                 cause = C_CHATTER_END
             before = 0
         slip_tol = no_slip(dm, state, rtol)
         chosen = pending
         if pending:
-            answer = choose(dm, state, modes, lifted, lost, slip_tol, work)
+            answer = choose(dm, state, modes, lost, slip_tol, work)
             if answer == INCONSISTENT:
                 forced += 1
                 if forced > 20:
                     return JAMMED, False
-                force_impact(dm, state, modes, lifted)
+                force_impact(dm, state)
                 continue
             forced = 0
             if record:
@@ -298,14 +300,13 @@ def evolve(dm, state, modes, periods, rtol, settle, path, past, work, log, event
             note_flights(dm, state, modes, past)
             pending = False
         before = contact_code(modes)
+        work_left -= GLIDE_WORK if before > 0 else 1
         event, status = move(dm, state, modes, chosen, path, rtol, slip_tol, work)
         if status != OK:
             return status, False
-        if (
-            event == JAMS
-        ):  # the force of a slip grows beyond all bounds (dynamic jam): an impact without collision follows
+        if event == JAMS:  # the force of a slip grows beyond all bounds: an impact without collision follows
             counts[0] += 1
-            force_impact(dm, state, modes, -1)
+            force_impact(dm, state)
             continue
         if event == NO_EVENT:
             state[PHASE] = 0.0
@@ -322,10 +323,7 @@ def evolve(dm, state, modes, periods, rtol, settle, path, past, work, log, event
             if event < HOLD_LOST and only_touched(dm, modes, event % 2, state[PHASE] + dm.phi0, work):
                 pass_over(dm, state, modes, path, rtol, slip_tol, work)
                 continue
-            pending, lifted, lost = True, -1, False
-            if event < HOLD_LOST:
-                lifted = event % 2
-            lost = HOLD_LOST <= event < SLIP_ZERO
+            pending, lost = True, HOLD_LOST <= event < SLIP_ZERO
             if event != LANDS:
                 cause = cause_of(event)
     if record:

@@ -8,6 +8,7 @@ from dimersweep.kernel.charts import (
     UPRIGHT,
     YB,
     YCHART,
+    YS,
     YTIME,
     YWB,
     change_chart,
@@ -16,10 +17,11 @@ from dimersweep.kernel.charts import (
 )
 from dimersweep.kernel.contact import F1, F2, contact_rates
 from dimersweep.kernel.jit import compiled
-from dimersweep.kernel.layout import FREE
+from dimersweep.kernel.layout import FREE, SLIP
 from dimersweep.kernel.paces import BENCH_ROWS, PLAIN, SLIDE, SLOW, lay_out, set_chart, set_scales, step_to, stiffness
 from dimersweep.kernel.steps import copy, inside, shrink, step_factor
 from dimersweep.kernel.watch import (
+    HOLD_LOST,
     LANDS,
     LIFTS,
     N_EVENTS,
@@ -43,10 +45,12 @@ FAINT = 1e-5  # first step of a phase that begins without force: after it the en
 LEAST = 1e-14  # step, in forcing periods, below which the contact force grows beyond all bounds
 STIFF = 0.02  # time in which the slip turns, in forcing periods, below which the plain pace is left
 FALLING = 0.15  # rate of slip, in units of -gamma, from which the slow pace takes it
-TURNS = 7.0  # of a slip, that a plain step may span: what the method bears
+BRAKED = 1e3  # braking of the turn of a spinning dimer, per forcing period, from which it is stiff
+TURNS = 7.0  # of a slip, that an explicit step may span: what the method bears
 LONGEST = 0.25  # longest step, in forcing periods
 FIRST, FIRST_SLOW = 1.6, 15.0  # first steps, in forcing periods and in xi, over the tolerance to the power of 1/8
 RISE = 1.5  # of the step from one to the next, at most, at the slow pace
+NARROW = 0.02  # share of a step in which the bottom of a dip may hide at either end
 BEYOND = 1.02  # how far past a landing in sight a step goes
 EXACT = 1e-3  # what an event function may be past its zero, in units of the tolerance and of its change in the step
 CLOSE = 100.0  # in units of that, what may be left of a dip when the open end lands: it is then set to zero
@@ -157,7 +161,7 @@ def hidden_dip(dm, modes, phase, h, n, slip_tol, b):
 
     The functions are evaluated on the cubic through the step's ends; the parabola through the lowest of them and its
     neighbours, less the errors of that cubic and of that parabola for a function that changes as quickly as the motion,
-    bounds what lies between.
+    bounds what lies between. It may put a bottom that lies just within the step just outside.
     """
     values = b.values
     turn = quickness(dm, b.start) * h
@@ -177,8 +181,8 @@ def hidden_dip(dm, modes, phase, h, n, slip_tol, b):
             continue
         shift = 0.5 * (left - right) / (left + right)
         bottom = low - 0.25 * (left - right) * shift
-        if 0.0 < q + shift < 3.0 and bottom <= doubt * max(left, right):
-            share = min(share, (q + shift) / 3.0)
+        if -2.0 * doubt < q + shift < 3.0 + 2.0 * doubt and bottom <= doubt * max(left, right):
+            share = min(share, min(max(NARROW, (q + shift) / 3.0), 1.0 - NARROW))
     return share
 
 
@@ -207,11 +211,16 @@ def without_force(modes, F):
 
 
 @compiled
-def pace_for(dm, v, rate, gamma):
-    """The pace that suits a slip v that changes at a rate."""
+def pace_for(dm, modes, y, v, rate, gamma):
+    """The pace that suits a slip v that changes at a rate.
+
+    A fast spin loads one of two slipping ends by J_a spin theta' / 2h, and what it rubs then brakes theta' at the rate
+    mu spin J_a / J_t, which may be stiff.
+    """
+    braked = dm.mu * abs(y[YS]) * dm.J_a * dm.it if modes[0] == SLIP and modes[1] == SLIP else 0.0
     if v >= STIFF * dm.T * gamma:
-        return PLAIN
-    return SLOW if rate < -FALLING * gamma else SLIDE
+        return SLIDE if braked * dm.T > BRAKED else PLAIN
+    return SLOW if rate < -FALLING * gamma and braked * v < gamma else SLIDE
 
 
 @compiled
@@ -246,7 +255,7 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
             if stopping >= 0:
                 t += run_out(dm, modes, y, b.dy, stopping, slip_tol, n)
                 return t, SLIP_ZERO + stopping
-        pace = pace_for(dm, v, rate, gamma)
+        pace = pace_for(dm, modes, y, v, rate, gamma)
         if pace == SLOW and 2.0 * xi * v / gamma > span - t:
             pace = SLIDE
         h = min(h, LONGEST * dm.T)
@@ -267,7 +276,7 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
         if not error <= 1.0 or (pace == SLOW and dt > span - t):
             factor = 0.3 if error == inf else min(factor, 0.8)
             h, xi = (h, factor * xi) if pace == SLOW else (factor * h, xi)
-            if h < LEAST * dm.T:
+            if (xi * v / gamma if pace == SLOW else h) < LEAST * dm.T:
                 return t, JAMS
             continue
         least, event = least_value(dm, modes, b.armed, b.start, b.out, b.F_out, slip_tol, b.values[3])
@@ -280,6 +289,11 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
                 continue
         if least <= 0.0:
             event = first_crossing(dm, modes, now, size, n, pace, gamma, event, least, tol, slip_tol, b)
+            if event < HOLD_LOST and b.F_out[F1 + 3 * event] < -dm.m * dm.g:  # through infinity, not through zero
+                h, xi = 0.3 * b.out[YTIME], 0.3 * xi
+                if h < LEAST * dm.T:
+                    return t, JAMS
+                continue
             copy(b.out, y, n)
             t += b.out[YTIME]
             if not SLIP_ZERO <= event < LANDS:
@@ -302,7 +316,7 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
         if watch:
             arm(dm, modes, b.armed, y, b.F, slip_tol)
         if pace == SLOW:
-            xi, h = min(factor, RISE) * xi, 2.0 * dt
+            xi, h = min(TURNS, min(factor, RISE) * xi), 2.0 * dt
         else:
             h *= factor
     return t, OUT_OF_STEPS

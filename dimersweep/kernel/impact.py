@@ -39,7 +39,7 @@ from dimersweep.kernel.pair_leg import pair_leg
 from dimersweep.kernel.single_impact import DONE, JAM, STEPS, EndLaw, single_phase
 from dimersweep.kernel.steps import copy
 
-MAX_PHASES = 400
+MAX_PHASES = 2000
 LEFT_OVER, LEAST_LEFT = (
     1e-3,
     1e-13,
@@ -271,13 +271,13 @@ def double_impact(dm, state, V, tol, modes, work, log):
         if on_1 and on_2:
             f_1, f_2 = onset_pressures(z)
             friction_modes(law, z, modes, f_1, f_2, slip_tol, lost)
-            if follow_acceleration(law, z, modes, compressing, mid):
+            if follow_acceleration(law, z, modes, compressing, left, mid):
                 continue
             event = pair_leg(law, z, modes, compressing, max(PAIR_TOL * tol, FINEST), slip_tol, work)
             if event < 0:
                 break
             lost = 4 <= event < 6
-            settle_event(law, event, z, compressing)
+            settle_event(law, event, z, compressing, left)
         else:
             i = 0 if on_1 else 1
             halts, reason = lone_phase(dm, law, i, z, modes, compressing, slip_tol, before, mid, work)
@@ -312,7 +312,7 @@ def phase_code(on, mode):
 
 
 @compiled
-def settle_event(law, event, z, compressing):
+def settle_event(law, event, z, compressing, left):
     """Make the outcome of an event exact: the function that vanished is zero, at both ends if they move alike.
 
     The other end may have passed an event of its own in the same rounding: what its state says then holds for it too.
@@ -322,9 +322,9 @@ def settle_event(law, event, z, compressing):
     if event < 2:
         if z[ZN1 + j] == z[ZN1 + i] and compressing[j] == compressing[i]:
             z[ZN1 + j] = 0.0
-            turn(law, j, z, compressing)
+            turn(law, j, z, compressing, left)
         z[ZN1 + i] = 0.0
-        turn(law, i, z, compressing)
+        turn(law, i, z, compressing, left)
     elif event < 4:
         if z[ZX1 + j] == z[ZX1 + i] and compressing[j] == compressing[i]:
             z[ZX1 + j], compressing[j] = 0.0, 1.0
@@ -335,13 +335,13 @@ def settle_event(law, event, z, compressing):
         z[ZB1 + i] = 0.0
         z[ZA] = 0.0
     if z[ZX1 + j] > 0.0 and z[ZN1 + j] * compressing[j] > 0.0:
-        turn(law, j, z, compressing)
+        turn(law, j, z, compressing, left)
     elif z[ZX1 + j] <= 0.0 and compressing[j] < 0.0:
         z[ZX1 + j], compressing[j] = 0.0, 1.0
 
 
 @compiled
-def follow_acceleration(law, z, modes, compressing, rates):
+def follow_acceleration(law, z, modes, compressing, left, rates):
     """An end with compression left whose gap rate is exactly zero goes where its acceleration says.
 
     Returns whether an end without restitution has lost its energy so, and the phase with it.
@@ -351,17 +351,17 @@ def follow_acceleration(law, z, modes, compressing, rates):
         if z[ZN1 + i] == 0.0 and z[ZX1 + i] > 0.0:
             impact_rates(law, modes, compressing, z, rates)
             if rates[ZN1 + i] * compressing[i] > 0.0:
-                turn(law, i, z, compressing)
+                turn(law, i, z, compressing, left)
                 gone = gone or z[ZX1 + i] == 0.0
     return gone
 
 
 @compiled
-def turn(law, i, z, compressing):
-    """End i passes from compression to restitution or back; without restitution its energy is lost."""
+def turn(law, i, z, compressing, left):
+    """End i passes from compression to restitution or back; its energy is lost where it is not worth the gap rate `left`."""
     compressing[i] = -compressing[i]
     e = law.e_1 if i == 0 else law.e_2
-    if e == 0.0 or z[ZX1 + i] <= 0.0:
+    if e * max(0.0, z[ZX1 + i]) ** 1.25 <= left:
         z[ZX1 + i] = 0.0
         compressing[i] = 1.0
 

@@ -50,7 +50,6 @@ N_STATE = 16
 FREE, STICK, SLIP = 0, 1, 2
 # contact state of Table 1: 5 * s1 + s2 with s_i = FREE, STICK, SLIP, or, during an impact at that end, IMPACT + mode
 IMPACT = 2
-S_NAMES = ("000", "100", "101", "110", "111")
 
 
 def contact_state_name(code: int) -> str:

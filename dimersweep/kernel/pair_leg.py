@@ -44,6 +44,7 @@ FIRST = 0.05  # first step
 TURNS = 4.0  # of a slip, that an explicit step may span: what the method bears
 STIFF = 0.01  # explicit step below which the implicit method is the quicker one
 EXACT = 1e-3  # what an event function may be off its zero, in units of the tolerance
+STOPPED = 0.25  # slip, in units of the one that counts as none, at which a slip ends: it sets out with more
 RUB = 0.02  # friction, in units of a slip's own rate, from which it steers the slip
 
 
@@ -160,7 +161,7 @@ def event_value(law, k, modes, compressing, base, z, tol):
     if modes[i] == STICK or law.mu == 0.0:
         return inf
     v = hypot(base[ZA], base[ZB1 + i])
-    return (z[ZA] * base[ZA] + z[ZB1 + i] * base[ZB1 + i]) / v - tol if v > 0.0 else inf
+    return (z[ZA] * base[ZA] + z[ZB1 + i] * base[ZB1 + i]) / v - STOPPED * tol if v > 0.0 else inf
 
 
 @compiled

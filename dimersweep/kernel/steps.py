@@ -68,7 +68,8 @@ def explicit_finish(h, y, K, n, scale, out):
         sum3 += (e3 / scale[k]) ** 2
     if sum5 == 0.0:
         return 0.0
-    return abs(h) * sum5 / sqrt((sum5 + 0.01 * sum3) * WIDTH)
+    size = sqrt((sum5 + 0.01 * sum3) * WIDTH)
+    return abs(h) * sum5 / size if size < inf else inf
 
 
 @compiled

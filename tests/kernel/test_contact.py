@@ -197,6 +197,38 @@ def slip_starts_outward(dm, found, modes, y, dy):
                 assert abs(slip[0] * rate[1] - slip[1] * rate[0]) < 1e-6 * (slip @ rate)
 
 
+@pytest.mark.parametrize("modes", SINGLE)
+def test_with_large_friction_a_law_fits_every_end_at_rest(modes):
+    """It leaves only where nothing drives it into the plate; none fits a slip alone, whose friction drives it in the more."""
+    rng, answers = np.random.default_rng(8), {CLOSED: 0, SEPARATES: 0, INCONSISTENT: 0}
+    i = 0 if modes[0] != FREE else 1
+    for _ in range(300):
+        mu = rng.uniform(1, 5)
+        params = {
+            "A_r": rng.uniform(2, 5),
+            "mu": mu,
+            "mu_s": mu * rng.uniform(1, 1.5),
+            "Gamma": rng.uniform(0, 2),
+            "f": 20.0,
+        }
+        dm, d = dimer(**params), body.dimer(params)
+        state = closed_state(dm, modes, rng, rng.choice([0.1, 1]))
+        answer, found, *_ = chosen(dm, state, (i == 0, i == 1))
+        answers[answer] += 1
+        now = Instant(d, TIME, *oracle_state(dm, state))
+        _, free = now.forces(State((), ()))
+        if answer == SEPARATES:
+            assert free[i][0] > 0.0
+        elif answer == CLOSED:
+            assert now.forces(State((i,), (i,) if found[i] == STICK else ()))[0][i][0] > 0.0 or modes[i] == STICK
+        else:
+            assert modes[i] == SLIP
+            assert free[i][0] < 0.0
+            assert now.forces(State((i,), ()))[0][i][0] < 0.0
+    assert (answers[INCONSISTENT] > 0) == (modes[i] == SLIP)
+    assert min(answers[CLOSED], answers[SEPARATES]) > 30
+
+
 @pytest.mark.parametrize(("i", "beta"), [(0, 0.3), (1, -0.3), (0, 0.9), (1, -0.05)])
 def test_an_end_at_rest_holds_up_to_its_limit(i, beta):
     modes = (STICK, FREE) if i == 0 else (FREE, STICK)

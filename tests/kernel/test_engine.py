@@ -184,7 +184,7 @@ def test_large_friction_gives_an_answer_and_not_a_hang(params):
     _, codes = outcome(row_of(**params), 50)
     status = STATUSES[codes[0, CODE["status"]]]
     assert status in ("ok", "jammed", "max_events")
-    assert codes[0, CODE["n_events"]] <= engine.EVENTS_PER_PERIOD * 60 + 1
+    assert codes[0, CODE["n_events"]] <= engine.WORK + engine.WORK_PER_PERIOD * 50 + 1
 
 
 @pytest.mark.jit
@@ -332,10 +332,10 @@ def test_scenes_make_headway(name, rtol):
 
 @pytest.mark.jit
 @pytest.mark.parametrize("rtol", [1e-6, 1e-8, 1e-10])
-def test_an_end_that_can_neither_hold_nor_slip_is_jammed(rtol):
-    """At the limit of its hold every slip out of rest would be stopped: slip friction presses the end to the plate."""
+def test_an_end_that_can_neither_hold_nor_slip_leaves(rtol):
+    """At the limit of its hold every slip out of rest would be stopped, but nothing drives the end into the plate either."""
     _, codes = outcome(row_of(**PARADOX), 33, rtol)
-    assert STATUSES[codes[0, CODE["status"]]] == "jammed"
+    assert STATUSES[codes[0, CODE["status"]]] == "ok"
 
 
 def test_a_ball_chatters_to_rest_and_is_thrown_off_again():
@@ -352,9 +352,10 @@ def test_a_ball_chatters_to_rest_and_is_thrown_off_again():
     assert (acceleration > 0.5).all()
 
 
-def test_a_bound_on_the_events_ends_a_run(monkeypatch):
-    """A ball that bounces elastically at a frequency of 0.01 Hz does so more often than the bound allows."""
-    status, mode = status_and_mode(row_of(e=1, mu=0, Gamma=0, f=0.001, beta0=0.0001), 1)
+@pytest.mark.jit
+def test_a_bound_on_the_events_ends_a_run():
+    """A ball bounces elastically more often in a period of a day than the bound allows."""
+    status, mode = status_and_mode(row_of(e=1, mu=0, Gamma=0, f=1e-5, beta0=1e-5), 1)
     assert (status, mode) == ("max_events", "failed")
 
 
