@@ -48,7 +48,10 @@ AS_DIMER = getattr(as_dimer, "py_func", as_dimer)
 LOG_ROWS, FIRST_ROWS, MOST_ROWS = 400, 2000, 200_000
 SAME = 1e-13  # events closer than this, in forcing periods, are at one moment
 INSIDE = 0.5 - 0.5 * np.cos(pi * np.arange(1, 12) / 12)  # where a phase is looked at
-NODES = 16  # of the quadrature in a contact phase; twice as many tell its error
+RULES = tuple((0.5 * (nodes + 1.0), 0.5 * weights) for nodes, weights in map(np.polynomial.legendre.leggauss, (8, 12)))
+HALVINGS = 12  # of a phase for the quadrature in it, at most
+DOUBT = 1e-13  # about the work in a part of a phase, over the energy of the scene, that ends its halving
+FINER, FINEST = 1e-2, 1e-13  # accuracy of the path for that work, over that of the run, but no less than the finest
 KINDS = ("flight", "impact", "contact", "close")
 SUNK = 1e-12  # penetration over length, and energy from nothing over the largest kinetic energy, from which a run lies
 GAINED = 1e-9
@@ -93,7 +96,7 @@ def lab_gain(dm, starts, ends):
 
 
 def states_at(row, segments, phases, rtol):
-    """Kernel states in the phases that start with each of the segments, all different in time; nan from where it fails.
+    """Kernel states in the phases that start with each of the segments; nan where sampling fails.
 
     Parameters
     ----------
@@ -105,27 +108,64 @@ def states_at(row, segments, phases, rtol):
     ndarray, shape (n, k, N_STATE)
     """
     n, k = phases.shape
-    states = np.full((n, k, N_STATE), np.nan)
+    states, modes = np.zeros((n * k, N_STATE)), np.zeros((n * k, 2))
     work = np.zeros((WORK_ROWS, WORK_COLUMNS))
-    for part in (0, 1):  # every second one alone, so that the time of the next one still belongs to it
-        own = segments[part::2]
-        found, modes = np.full((len(own) * k, N_STATE), np.nan), np.zeros((len(own) * k, 2))
-        sample(row, own, np.repeat(own[:, PERIOD], k), phases[part::2].ravel(), rtol, work, found, modes)
-        states[part::2] = found.reshape(-1, k, N_STATE)
-    return states
+    sample(row, segments, np.repeat(np.arange(n), k), phases.ravel(), rtol, work, states, modes)
+    return states.reshape(n, k, N_STATE)
 
 
-def contact_gains(dm, row, segments, span, rise, rtol):
-    """Gain of energy in contact phases beyond the work of the effective gravity, less the doubt about that work [J]."""
-    works = []
-    for n in (NODES, 2 * NODES):
-        nodes, weights = np.polynomial.legendre.leggauss(n)
-        phases = segments[:, PHASE, None] + span[:, None] * 0.5 * (nodes + 1.0)
-        states = states_at(row, segments, phases, rtol)
-        pull = dm.g - dm.A_z * dm.omega**2 * np.sin(phases + dm.phi0)
-        rate = 0.5 * (states[..., N1] + states[..., N2])
-        works.append(-dm.m * (pull * rate) @ (0.5 * weights) * span / dm.omega)
-    return rise - works[1] - np.abs(works[1] - works[0])
+def integrals(row, segments, span, rtol, rate_of, allowed):
+    """Integrals of a rate over phases, by Gauss rules on panels that are halved until two rules agree.
+
+    Parameters
+    ----------
+    segments : ndarray, shape (n, N_STATE + 2)
+        What the phases start from.
+    span : ndarray, shape (n,)
+        Their durations in plate phase [rad].
+    rtol : float
+        Accuracy of the states in them.
+    rate_of : callable
+        The rate at states of shape (m, k, N_STATE) in phases with numbers of shape (m,); shape (m, k), per rad.
+    allowed : float
+        Difference of the two rules in a panel that ends its halving.
+
+    Returns
+    -------
+    total, doubt : ndarray, shape (n,)
+        The doubt is the sum of the differences, far above the error of the finer rule.
+    """
+    total, doubt = np.zeros(len(span)), np.zeros(len(span))
+    which, left, width = np.arange(len(span)), np.zeros(len(span)), np.ones(len(span))
+    for halving in range(HALVINGS + 1):
+        coarse, fine = (
+            (rate_of(states_at(row, segments[which], at, rtol), which) @ weights) * width * span[which]
+            for nodes, weights in RULES
+            for at in [segments[which, PHASE, None] + (left[:, None] + width[:, None] * nodes) * span[which, None]]
+        )
+        apart = np.abs(fine - coarse)
+        done = (apart <= allowed) | (halving == HALVINGS)
+        np.add.at(total, which[done], fine[done])
+        np.add.at(doubt, which[done], apart[done])
+        which, left, width = (np.repeat(values[~done], 2) for values in (which, left, 0.5 * width))
+        left[1::2] += width[1::2]
+        if not len(which):
+            break
+    return total, doubt
+
+
+def contact_gains(dm, row, segments, span, rise, rtol, unit):
+    """Gain of energy in contact phases beyond the work of the effective gravity, and the doubt about that work [J].
+
+    The work is that along a path more accurate than the run, so that the gain is that of the run's own states.
+    """
+
+    def power(states, which):
+        pull = dm.g - dm.A_z * dm.omega**2 * np.sin(states[..., PHASE] + dm.phi0)
+        return -0.5 * dm.m / dm.omega * pull * (states[..., N1] + states[..., N2])
+
+    work, doubt = integrals(row, segments, span, max(FINER * rtol, FINEST), power, DOUBT * unit)
+    return rise - work, doubt
 
 
 def slips(dm, states):
@@ -211,18 +251,17 @@ def look_at(row, rtol, status, n_events, events, segments):
     rise = kinetic(dm, ends) - kinetic(dm, starts)
     jump = kinetic(dm, after) - kinetic(dm, ends)
     leans = ~free & ~at_rest
+    most = max(largest(kinetic(dm, starts)), largest(kinetic(dm, ends)))
+    most += 0.5 * dm.m * (dm.A_z * dm.omega) ** 2
+    leaning, doubt = contact_gains(dm, row, segments[leans], span[leans], rise[leans], rtol, most)
     gains = {
         "flight": np.abs(lab_gain(dm, starts[free], ends[free])),
         "impact": jump[struck],
-        "contact": np.concatenate(
-            [rise[at_rest], contact_gains(dm, row, segments[leans], span[leans], rise[leans], rtol)]
-        ),
+        "contact": np.concatenate([rise[at_rest], leaning]),
         "close": jump[closed],
     }
     seen = np.concatenate([inner.reshape(-1, N_STATE), ends])
     gaps = seen[:, [D1, D2]]
-    most = max(largest(kinetic(dm, segments[:, :N_STATE])), largest(kinetic(dm, ends)))
-    most += 0.5 * dm.m * (dm.A_z * dm.omega) ** 2
     return {
         "status": status,
         "rtol": rtol,
@@ -230,6 +269,7 @@ def look_at(row, rtol, status, n_events, events, segments):
         "penetration": largest(-gaps),
         "length": float(max(2 * dm.h, dm.A_z, largest(gaps))),
         "gain": {kind: float(largest(values) / most) if most else 0.0 for kind, values in gains.items()},
+        "doubt": float(largest(doubt) / most) if most else 0.0,
         "flips": flips(dm, rtol, inner[smooth, -1], after[smooth], modes[smooth], after_modes[smooth]),
         "crowd": crowd(events[:, 0] + events[:, 1] / (2 * pi)),
         "dip": largest(np.abs(seen[:, BETA])),
