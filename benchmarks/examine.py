@@ -247,7 +247,7 @@ def look_at(row, rtol, status, n_events, events, segments):
     smooth = ~closed & ~struck
     inner = states_at(row, segments, starts[:, PHASE, None] + span[:, None] * INSIDE, rtol)
     free = (modes == FREE).all(1)
-    at_rest = ~free & (starts[:, D1] == 0.0) & (starts[:, D2] == 0.0)
+    at_rest = (modes != FREE).all(1)
     rise = kinetic(dm, ends) - kinetic(dm, starts)
     jump = kinetic(dm, after) - kinetic(dm, ends)
     leans = ~free & ~at_rest

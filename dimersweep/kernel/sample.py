@@ -7,7 +7,7 @@ comes to what the run found there: no end is below the plate, no slip has turned
 from math import nan
 
 from dimersweep.kernel.body import as_dimer
-from dimersweep.kernel.charts import YB, load, unload
+from dimersweep.kernel.charts import BY_HEADING, YB, YCHART, load, unload
 from dimersweep.kernel.choose import CLOSED, MOMENT
 from dimersweep.kernel.engine import ROW_F, ROW_Y, choose, hold_rest, no_slip, only_touched
 from dimersweep.kernel.flight import fly, take_off
@@ -15,7 +15,7 @@ from dimersweep.kernel.glide import NO_EVENT, OUT_OF_STEPS, glide
 from dimersweep.kernel.jit import compiled, exported
 from dimersweep.kernel.layout import CONTACT_STEPS, FREE, N_STATE, OK, PHASE
 from dimersweep.kernel.steps import copy
-from dimersweep.kernel.watch import HOLD_LOST, LANDS, LIFTS, slip_speed
+from dimersweep.kernel.watch import HOLD_LOST, LANDS, LIFTS, SLIP_ZERO, slip_speed
 
 ROW_TRIAL = ROW_F + 1
 
@@ -41,21 +41,24 @@ def begin(dm, state, modes, slip_tol, work):
 def follow(dm, state, modes, span, rtol, work):
     """Move the state of a contact phase on by a time in it, in place; returns whether that took no more steps than allowed.
 
-    Where the event at the end of the phase is found a hair too early, the state stays there.
+    An event before that time is the end of the phase, found a hair too early, or one that the run has passed by: a slip that
+    is over stays so, all else goes on, but no end goes below the plate.
     """
     y, slip_tol = work[ROW_Y], no_slip(dm, state, rtol)
     begin(dm, state, modes, slip_tol, work)
-    phase, event, done = state[PHASE] + dm.phi0, NO_EVENT, 0.0
-    while done < span:
-        t, event = glide(dm, modes, y, phase + dm.omega * done, span - done, True, rtol, slip_tol, True, work)
+    phase, done, side = state[PHASE] + dm.phi0, 0.0, 1.0 if modes[0] != FREE else -1.0
+    t, event = glide(dm, modes, y, phase, span, True, rtol, slip_tol, True, work)
+    while LIFTS <= event < HOLD_LOST and only_touched(dm, modes, event % 2, phase + dm.omega * (done + t), work):
         done += t
-        if not (LIFTS <= event < HOLD_LOST and only_touched(dm, modes, event % 2, phase + dm.omega * done, work)):
-            break
         brief = min(MOMENT / dm.omega, span - done)
         glide(dm, modes, y, phase + dm.omega * done, brief, True, rtol, slip_tol, False, work)
         done += brief
-    if event == LANDS:
-        y[YB] = 0.0
+        t, event = glide(dm, modes, y, phase + dm.omega * done, span - done, True, rtol, slip_tol, True, work)
+    done += t
+    if event != NO_EVENT and not SLIP_ZERO <= event < LANDS:
+        _, event = glide(dm, modes, y, phase + dm.omega * done, span - done, True, rtol, slip_tol, False, work)
+        if y[YCHART] == BY_HEADING:
+            y[YB] = side * max(0.0, side * y[YB])
     load(dm, modes, y, state)
     state[PHASE] += dm.omega * span
     return event != OUT_OF_STEPS
