@@ -139,6 +139,8 @@ def integrals(row, segments, span, rtol, rate_of, allowed):
     total, doubt = np.zeros(len(span)), np.zeros(len(span))
     which, left, width = np.arange(len(span)), np.zeros(len(span)), np.ones(len(span))
     for halving in range(HALVINGS + 1):
+        if not len(which):
+            break
         coarse, fine = (
             (rate_of(states_at(row, segments[which], at, rtol), which) @ weights) * width * span[which]
             for nodes, weights in RULES
@@ -150,8 +152,6 @@ def integrals(row, segments, span, rtol, rate_of, allowed):
         np.add.at(doubt, which[done], apart[done])
         which, left, width = (np.repeat(values[~done], 2) for values in (which, left, 0.5 * width))
         left[1::2] += width[1::2]
-        if not len(which):
-            break
     return total, doubt
 
 
