@@ -51,7 +51,6 @@ INSIDE = 0.5 - 0.5 * np.cos(pi * np.arange(1, 12) / 12)  # where a phase is look
 RULES = tuple((0.5 * (nodes + 1.0), 0.5 * weights) for nodes, weights in map(np.polynomial.legendre.leggauss, (8, 12)))
 HALVINGS = 12  # of a phase for the quadrature in it, at most
 DOUBT = 1e-13  # about the work in a part of a phase, over the energy of the scene, that ends its halving
-FINER, FINEST = 1e-2, 1e-13  # accuracy of the path for that work, over that of the run, but no less than the finest
 KINDS = ("flight", "impact", "contact", "close")
 SUNK = 1e-12  # penetration over length, and energy from nothing over that of the scene, from which a run lies
 GAINED = 1e-9
@@ -156,16 +155,13 @@ def integrals(row, segments, span, rtol, rate_of, allowed):
 
 
 def contact_gains(dm, row, segments, span, rise, rtol, unit):
-    """Gain of energy in contact phases beyond the work of the effective gravity, and the doubt about that work [J].
-
-    The work is that along a path more accurate than the run, so that the gain is that of the run's own states.
-    """
+    """Gain of energy in contact phases beyond the work of the effective gravity, and the doubt about that work [J]."""
 
     def power(states, which):
         pull = dm.g - dm.A_z * dm.omega**2 * np.sin(states[..., PHASE] + dm.phi0)
         return -0.5 * dm.m / dm.omega * pull * (states[..., N1] + states[..., N2])
 
-    work, doubt = integrals(row, segments, span, max(FINER * rtol, FINEST), power, DOUBT * unit)
+    work, doubt = integrals(row, segments, span, rtol, power, DOUBT * unit)
     return rise - work, doubt
 
 

@@ -12,17 +12,7 @@ from hypothesis import strategies as st
 for folder in (Path(__file__).parent / "kernel", Path(__file__).parents[1] / "benchmarks"):
     sys.path.insert(0, str(folder))
 
-from examine import (  # noqa: E402
-    AS_DIMER,
-    FINER,
-    FINEST,
-    integrals,
-    kinetic,
-    lab_gain,
-    phases_of,
-    slips,
-    states_at,
-)
+from examine import AS_DIMER, integrals, kinetic, lab_gain, phases_of, slips, states_at  # noqa: E402
 from launch import launch  # noqa: E402
 from verbs import contact_rates, unload  # noqa: E402
 
@@ -347,9 +337,7 @@ def test_energy_is_accounted_for_event_by_event(rtol, drawn):
         )
 
     held, closed = modes[~free], max(1e-10, rtol)
-    work, doubt = integrals(
-        row, phases.segments[~free], phases.span[~free], max(FINER * rtol, FINEST), power, 1e-3 * closed * unit
-    )
+    work, doubt = integrals(row, phases.segments[~free], phases.span[~free], rtol, power, 1e-3 * closed * unit)
     rise = kinetic(dm, phases.ends[~free]) - kinetic(dm, starts[~free])
     assert np.abs(rise - work).max(initial=0.0) <= closed * unit
     assert doubt.max(initial=0.0) <= 0.1 * closed * unit
