@@ -1,6 +1,6 @@
 """A recorded run looked at phase by phase: how deep an end is below the plate, and what energy comes from nothing.
 
-Energies are those in the plate's frame, in units of the largest kinetic energy of the run and that of the plate's speed.
+Energies are those in the plate's frame, in units of the largest energy of the run and that of the plate's speed.
 What comes from nothing: the gain of kinetic energy in an impact (the plate has no speed there, friction and restitution only
 take); the change of the total energy of the lab in flight; the gain in sustained contact beyond the work of the effective
 gravity g (1 - Gamma sin), which comes from a quadrature of known error. The impact that closes a chatter stands apart: it
@@ -79,6 +79,11 @@ def kinetic(dm, states):
     s = np.moveaxis(states, -1, 0)
     moving = dm.m * (s[CA] ** 2 + s[CB] ** 2 + 0.25 * (s[N1] + s[N2]) ** 2)
     return 0.5 * (moving + dm.J_t * (s[WB] ** 2 + s[WP] ** 2) + dm.J_a * s[SPIN] ** 2)
+
+
+def total(dm, states):
+    """Kinetic energy in the plate's frame and that of the height above it [J]; states of shape (n, N_STATE)."""
+    return kinetic(dm, states) + 0.5 * dm.m * dm.g * (states[:, D1] + states[:, D2])
 
 
 def lab_gain(dm, starts, ends):
@@ -256,8 +261,7 @@ def look_at(row, rtol, status, n_events, events, segments):
     rise = kinetic(dm, ends) - kinetic(dm, starts)
     jump = kinetic(dm, after) - kinetic(dm, ends)
     leans = ~free & ~at_rest
-    most = max(largest(kinetic(dm, starts)), largest(kinetic(dm, ends)))
-    most += 0.5 * dm.m * (dm.A_z * dm.omega) ** 2
+    most = max(largest(total(dm, starts)), largest(total(dm, ends))) + 0.5 * dm.m * (dm.A_z * dm.omega) ** 2
     leaning, doubt = contact_gains(dm, row, segments[leans], span[leans], rise[leans], rtol, most)
     found = {
         "flight": np.abs(lab_gain(dm, starts[free], ends[free])),
