@@ -1,9 +1,9 @@
 """Random scenes over the whole domain of the model, counted and examined: ``python benchmarks/stress.py 1000000``.
 
-Every scene is run to its verdict; some are run again with their record, and so is every one that looks odd, to measure how
-deep an end is ever below the plate, how much energy comes from nothing, and whether a slip turns round at an event.
-A kind of scene that fails is made simple (fewest periods, fewest decimals) and printed as a case for
-``tests/kernel/test_stress_cases.py``.
+Every scene is run to its verdict; some are run again with their record, the odd ones among them, to measure how deep an end
+is ever below the plate, how much energy comes from nothing, and whether a slip turns round at an event (``examine.py``).
+The last table has the worst of each with the number of its scene. A kind of scene that fails is made simple (fewest
+periods, fewest decimals) and printed as a case for ``tests/kernel/test_stress_cases.py``.
 """
 
 import argparse
@@ -11,12 +11,14 @@ import json
 import os
 import platform
 import time
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from functools import partial
 from math import pi
 from pathlib import Path
 
+import numba
 import numpy as np
-from examine import CODE, KINDS, examine, lies
+from examine import CODE, GAINED, KINDS, SUNK, examine, lies
 from matplotlib.figure import Figure
 
 from dimersweep.kernel.batch import run_many
@@ -26,8 +28,9 @@ from dimersweep.symbols import BASE
 
 FIGURE = Path(__file__).resolve().parents[1] / "docs" / "figures" / "stress.png"
 BLOCK = 1000
-RECORDED = 5  # of each block, besides the odd ones
-ODD_EVENTS = 300  # events a period from which a run is odd
+MANY, SLOW = 60, 20  # scenes with the most events, and slowest ones, that are examined besides
+BOUNDS = ("max_events", "impact_steps", "contact_steps", "root_steps")  # statuses that stand for a hang
+TASK = 50  # scenes to a task of the examination
 
 
 def pick(rng, n, usual, *special, share=0.05):
@@ -133,8 +136,8 @@ def faults(scene, periods, rtol, examined=True):
     row = Parameters(**scene).row()
     codes, _, _ = run_block(row[None], periods, rtol)
     status = STATUSES[codes[0, CODE["status"]]]
-    look = examine(row, periods, rtol) if examined and status == "ok" else None
-    return [status] * (status != "ok") + (lies(look) if look else [])
+    seen = examine(row, periods, rtol) if examined and status == "ok" else None
+    return [status] * (status != "ok") + (lies(seen) if seen else [])
 
 
 def allowed(scene):
@@ -210,14 +213,27 @@ def scene_row(k, seed, domain):
     return rows_of(k // BLOCK, BLOCK, seed, domain)[k % BLOCK]
 
 
-def chosen(codes, seconds, periods):
-    """Numbers of the scenes that are run again with their record: some of each block, and the odd ones that finished."""
-    n = len(codes)
-    some = [k for k in range(n) if k % BLOCK < RECORDED]
+def chosen(codes, seconds, examined):
+    """Numbers of the scenes that are run again with their record: every so manieth, and odd ones that finished."""
     ok = codes[:, CODE["status"]] == OK
-    odd = np.flatnonzero(ok & (codes[:, CODE["n_events"]] > ODD_EVENTS * periods))
-    slow = np.argsort(seconds)[-20:]
-    return sorted({*some, *odd[:500].tolist(), *slow[ok[slow]].tolist()})
+    some = np.linspace(0, len(codes), min(examined, len(codes)), endpoint=False).astype(int)
+    many, slow = np.argsort(codes[:, CODE["n_events"]] * ok)[-MANY:], np.argsort(seconds * ok)[-SLOW:]
+    numbers = np.unique(np.concatenate([some, many, slow]))
+    return numbers[ok[numbers]].tolist()
+
+
+def look(k, options):
+    """Examination of scene number k."""
+    return examine(scene_row(k, options.seed, options.domain), options.periods, options.rtol)
+
+
+def examination(numbers, options):
+    """What the records of these scenes show, by number, without those whose record is too long; and the time that passed."""
+    begun = time.perf_counter()
+    with ProcessPoolExecutor(options.workers) as pool:
+        found = pool.map(partial(look, options=options), numbers, chunksize=TASK)
+        looks = {k: seen for k, seen in zip(numbers, found, strict=True) if seen is not None}
+    return looks, time.perf_counter() - begun
 
 
 def failures(codes, looks, options):
@@ -225,8 +241,8 @@ def failures(codes, looks, options):
     faulty = {}
     for k in np.flatnonzero(codes[:, CODE["status"]] != OK):
         faulty.setdefault(STATUSES[codes[k, CODE["status"]]], []).append(int(k))
-    for k, look in looks.items():
-        for fault in lies(look) if look else ():
+    for k, seen in looks.items():
+        for fault in lies(seen):
             faulty.setdefault(fault, []).append(k)
     found = []
     for fault, numbers in faulty.items():
@@ -237,73 +253,105 @@ def failures(codes, looks, options):
     return found
 
 
-def summary(codes, nans, seconds, wall, looks, options):
+def machine(workers):
+    """The computer, in words."""
+    told = Path("/proc/cpuinfo")
+    lines = told.read_text().splitlines() if told.exists() else []
+    cpu = next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), platform.machine())
+    return f"{cpu}, {os.cpu_count()} cores, {workers} at work, {platform.system()}, numba {numba.__version__}"
+
+
+def worst(looks, measure):
+    """The largest `measure` of the examined scenes, and the number of its scene."""
+    k = max(looks, key=lambda k: measure(looks[k]), default=None)
+    return (0.0, None) if k is None else (float(measure(looks[k])), int(k))
+
+
+def acceptance(codes, nans, looks):
+    """What is asked of the engine: each with its value, the most it may be, and the numbers of the worst scenes."""
+    status = codes[:, CODE["status"]]
+    hung = np.isin(status, [STATUSES.index(name) for name in BOUNDS])
+    lying = [
+        *np.flatnonzero(nans).tolist(),
+        *(k for k, seen in looks.items() if seen["nan"] and seen["status"] == "ok"),
+    ]
+    deep, deepest = worst(looks, lambda seen: seen["penetration"] / seen["length"])
+    lines = {
+        "hangs: bounds on events or steps, in 10,000": (1e4 * hung.mean(), 1.0, np.flatnonzero(hung)[:5].tolist()),
+        "nan with status ok": (len(lying), 0, lying[:5]),
+        "penetration over length": (deep, SUNK, [deepest]),
+    }
+    for kind in KINDS:
+        gain, most = worst(looks, lambda seen, kind=kind: seen["nothing"][kind])
+        lines[f"energy from nothing, {kind}"] = (gain, GAINED, [most])
+    return lines
+
+
+def summary(codes, nans, seconds, times, looks, options):
     """Everything counted, as JSON can hold it."""
     n = len(codes)
-    status, mode = codes[:, CODE["status"]], codes[:, CODE["mode"]]
-    events = codes[:, CODE["n_events"]]
-    worst = np.argsort(seconds)[::-1][:5]
-    seen = {k: look for k, look in looks.items() if look is not None}
+    status, mode, events = (codes[:, CODE[name]] for name in ("status", "mode", "n_events"))
+    slowest = np.argsort(seconds)[::-1][:5]
     return {
         "scenes": n,
         "seed": options.seed,
         "domain": options.domain,
         "periods": options.periods,
         "rtol": options.rtol,
-        "machine": f"{platform.machine()}, {os.cpu_count()} cores, {options.workers} threads, {platform.system()}",
-        "seconds": wall,
-        "scenes_per_second": n / wall,
+        "machine": machine(options.workers),
+        "seconds": times,
         "status": {name: int((status == k).sum()) for k, name in enumerate(STATUSES) if (status == k).any()},
         "mode": {name: int((mode == k).sum()) for k, name in enumerate(MODES) if (mode == k).any()},
-        "nan_with_status_ok": int(nans.sum()) + sum(look["nan"] for look in seen.values() if look["status"] == "ok"),
         "most_events": int(events.max()),
         "most_events_per_period_ok": float(events[status == OK].max(initial=0) / options.periods),
-        "slowest": [{"number": int(k), "seconds": seconds[k], "status": STATUSES[status[k]]} for k in worst],
-        "recorded": len(seen),
-        "record_too_long": len(looks) - len(seen),
-        "penetration_over_length": max((look["penetration"] / look["length"] for look in seen.values()), default=0.0),
-        "energy_from_nothing": {
-            kind: max((look["gain"][kind] for look in seen.values()), default=0.0) for kind in KINDS
+        "slowest": [{"number": int(k), "seconds": seconds[k], "status": STATUSES[status[k]]} for k in slowest],
+        "examined": len(looks),
+        "above": {
+            what: {kind: sum(seen[what][kind] > GAINED for seen in looks.values()) for kind in KINDS}
+            for what in ("gain", "nothing")
         },
-        "energy_above_1e-9": {kind: sum(look["gain"][kind] > 1e-9 for look in seen.values()) for kind in KINDS},
-        "flips": sum(look["flips"] for look in seen.values()),
-        "largest_dip": max((look["dip"] for look in seen.values()), default=0.0),
-        "most_events_at_one_moment": max((look["crowd"] for look in seen.values()), default=0),
+        "sinks": sum(seen["penetration"] > SUNK * seen["length"] for seen in looks.values()),
+        "gain": {kind: worst(looks, lambda seen, kind=kind: seen["gain"][kind]) for kind in KINDS},
+        "doubt": worst(looks, lambda seen: seen["doubt"]),
+        "flips": sum(seen["flips"] for seen in looks.values()),
+        "dip": worst(looks, lambda seen: seen["dip"]),
+        "crowd": worst(looks, lambda seen: seen["crowd"]),
+        "acceptance": acceptance(codes, nans, looks),
     }
 
 
-def worst_of(looks, measure, most=3):
-    """Numbers of the scenes with the largest `measure`."""
-    seen = [k for k, look in looks.items() if look is not None]
-    return sorted(seen, key=lambda k: measure(looks[k]), reverse=True)[:most]
-
-
-def tell(report, looks):
-    """Print the table."""
-    n = report["scenes"]
+def tell(report):
+    """Print the tables."""
+    n, times = report["scenes"], report["seconds"]
     print(
-        f"{n} scenes ({report['domain']}, seed {report['seed']}), {report['periods']} periods, rtol {report['rtol']:.0e}:"
-        f" {report['seconds']:.0f} s, {report['scenes_per_second']:.0f} a second on {report['machine']}"
+        f"{n} scenes ({report['domain']}, seed {report['seed']}), {report['periods']} periods, rtol {report['rtol']:.0e}"
+    )
+    print(f"{'machine':>30}: {report['machine']}")
+    print(
+        f"{'time':>30}: {times['runs']:.0f} s for all runs ({n / times['runs']:.0f} a second), {times['records']:.0f} s for the"
+        f" records of {report['examined']} of them"
     )
     for title in ("status", "mode"):
         print(f"{title:>30}: " + ", ".join(f"{name} {count}" for name, count in report[title].items()))
-    print(f"{'not ok':>30}: {1e4 * (1 - report['status'].get('ok', 0) / n):.2f} in 10,000")
-    print(f"{'nan with status ok':>30}: {report['nan_with_status_ok']}")
     print(
         f"{'most events':>30}: {report['most_events']}; per period of an ok run {report['most_events_per_period_ok']:.0f}"
     )
     told = (f"{1e3 * s['seconds']:.0f} ms (scene {s['number']}, {s['status']})" for s in report["slowest"])
     print(f"{'slowest':>30}: " + ", ".join(told))
-    print(f"{'run again with their record':>30}: {report['recorded']} (and {report['record_too_long']} too long)")
-    deep = worst_of(looks, lambda look: look["penetration"] / look["length"])
-    print(f"{'penetration over length':>30}: {report['penetration_over_length']:.1e}  scenes {deep}")
-    for kind, gain in report["energy_from_nothing"].items():
-        worst = worst_of(looks, lambda look, kind=kind: look["gain"][kind])
-        print(f"{'energy gained, ' + kind:>30}: {gain:.1e}, above 1e-9 in {report['energy_above_1e-9'][kind]}  {worst}")
-    dips = worst_of(looks, lambda look: look["dip"])
-    print(f"{'largest dip':>30}: {report['largest_dip']:.4f} rad  scenes {dips}")
-    print(f"{'slips that flip':>30}: {report['flips']}  scenes {worst_of(looks, lambda look: look['flips'])}")
-    print(f"{'most event rows at one moment':>30}: {report['most_events_at_one_moment']}")
+    for kind, (gain, k) in report["gain"].items():
+        count, left = (report["above"][what][kind] for what in ("gain", "nothing"))
+        print(
+            f"{'energy gained, ' + kind:>30}: {gain:.1e} (scene {k}), above {GAINED:.0e} in {count}; with more digits in {left}"
+        )
+    print(f"{'doubt about that, in contact':>30}: {report['doubt'][0]:.1e} at most")
+    print(f"{'scenes that sink':>30}: {report['sinks']}")
+    print(f"{'largest dip':>30}: {report['dip'][0]:.4f} rad (scene {report['dip'][1]})")
+    print(f"{'slips that flip':>30}: {report['flips']}")
+    print(f"{'most event rows at one moment':>30}: {report['crowd'][0]:.0f} (scene {report['crowd'][1]})")
+    print(f"{'what is asked':>45}    found    asked  scenes")
+    for name, (value, most, scenes) in report["acceptance"].items():
+        sign = "<" if most else "="
+        print(f"{name:>45} {value:8.2g}  {sign} {most:.0e}  {scenes}")
 
 
 def draw(codes, seconds, looks, report, path):
@@ -332,10 +380,10 @@ def draw(codes, seconds, looks, report, path):
         ax.set_xlabel(label)
         ax.set_ylabel("scenes")
         ax.legend()
-    seen = [look for look in looks.values() if look is not None]
-    lines = {"penetration over length": ([look["penetration"] / look["length"] for look in seen], grey)}
+    seen = list(looks.values())
+    lines = {"penetration over length": ([shown["penetration"] / shown["length"] for shown in seen], grey)}
     lines |= {
-        f"energy gained, {kind}": ([look["gain"][kind] for look in seen], color)
+        f"energy gained, {kind}": ([shown["gain"][kind] for shown in seen], color)
         for kind, color in zip(("flight", "impact", "contact"), (blue, orange, green), strict=True)
     }
     for name, (values, color) in lines.items():
@@ -359,7 +407,10 @@ def main():
     parser.add_argument("--periods", type=int, default=10)
     parser.add_argument("--rtol", type=float, default=1e-8)
     parser.add_argument("--workers", type=int, default=os.cpu_count())
-    parser.add_argument("--per-kind", type=int, default=5, help="failing scenes of each status that are made simple")
+    parser.add_argument(
+        "--examined", type=int, default=20_000, help="scenes whose records are examined, besides odd ones"
+    )
+    parser.add_argument("--per-kind", type=int, default=2, help="failing scenes of each kind that are made simple")
     parser.add_argument("--out", type=Path, help="JSON file of the counts and the failing scenes")
     parser.add_argument("--figure", type=Path, default=FIGURE, help="where the figure goes")
     options = parser.parse_args()
@@ -372,13 +423,11 @@ def main():
     codes, nans, seconds, wall = survey(
         options.scenes, options.seed, options.domain, options.periods, options.rtol, options.workers, told
     )
-    looks = {}
-    for k in chosen(codes, seconds, options.periods):
-        looks[k] = examine(scene_row(k, options.seed, options.domain), options.periods, options.rtol)
-    report = summary(codes, nans, seconds, wall, looks, options)
-    tell(report, looks)
+    looks, records = examination(chosen(codes, seconds, options.examined), options)
+    report = summary(codes, nans, seconds, {"runs": wall, "records": records}, looks, options)
+    tell(report)
     draw(codes, seconds, looks, report, options.figure)
-    print(options.figure)
+    print(options.figure, flush=True)
     found = failures(codes, looks, options)
     for case in found:
         print(case)

@@ -53,7 +53,7 @@ def before_landings(run: Run) -> tuple[np.ndarray, np.ndarray]:
     # one rounding below its end a phase still goes on; across the end of a forcing period nothing happens
     same = starts[:, PERIOD] == ends[:, PERIOD]
     phases = np.where(same, np.nextafter(ends[:, PHASE], 0.0), starts[:, PHASE])
-    sample(row, segments[:-1], starts[:, PERIOD].copy(), phases, run.rtol, work, states, modes)
+    sample(row, segments[:-1], np.arange(len(phases)), phases, run.rtol, work, states, modes)
     open_before = starts[:, N_STATE:] == FREE
     lands = open_before & (ends[:, [D1, D2]] == 0.0) & same[:, None] & (states[:, [N1, N2]] < 0.0)
     return states, lands

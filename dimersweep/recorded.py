@@ -75,7 +75,7 @@ def events_of(record: Record, parameters: dict[str, float]) -> xr.Dataset:
 
 
 def _places(times: np.ndarray, segments: np.ndarray, f: float) -> tuple[np.ndarray, np.ndarray]:
-    """Completed forcing periods and plate phase since then [rad] of each time, counted from the event before it.
+    """Number of the segment in whose phase each time lies, and the plate phase [rad] of the time, counted as there.
 
     Counted from there, the time of an event gives that event's phase to the last bit, and no time falls before it.
 
@@ -94,7 +94,7 @@ def _places(times: np.ndarray, segments: np.ndarray, f: float) -> tuple[np.ndarr
     just_below = (cycles < ends) & (ends - cycles <= BOUNDARY + 1e-15 * ends)
     times = np.where(just_below, ends / f, times)
     last = np.searchsorted(starts, times, side="right") - 1
-    return segments[last, PERIOD], segments[last, PHASE] + 2 * pi * f * (times - starts[last])
+    return last, segments[last, PHASE] + 2 * pi * f * (times - starts[last])
 
 
 def _states(
@@ -150,10 +150,10 @@ def states_of(record: Record, times: np.ndarray, rtol: float, parameters: dict[s
     ParameterError
         If a time is outside the run.
     """
-    periods, phases = _places(times, record.segments, parameters["f"])
+    which, phases = _places(times, record.segments, parameters["f"])
     kernel_states, modes = np.zeros((times.size, N_STATE)), np.zeros((times.size, 2))
     work = np.zeros((WORK_ROWS, WORK_COLUMNS))
-    status = sample(record.row, record.segments, periods, phases, rtol, work, kernel_states, modes)
+    status = sample(record.row, record.segments, which, phases, rtol, work, kernel_states, modes)
     if status != OK:
         raise RuntimeError(STATUS_MESSAGES[status])
     return _states(times, kernel_states, modes, parameters)

@@ -1,45 +1,82 @@
-"""States of a recorded run at any time: each is moved again from the start of the smooth phase it lies in."""
+"""States of a recorded run at any time: each is moved again from the start of the smooth phase it lies in.
+
+A contact phase takes the steps of the run, and looks for its event as the run does, so that just before an event the state
+comes to what the run found there: no end is below the plate, no slip has turned round.
+"""
+
+from math import nan
 
 from dimersweep.kernel.body import as_dimer
-from dimersweep.kernel.charts import load, unload
-from dimersweep.kernel.engine import ROW_Y, hold_rest, no_slip
+from dimersweep.kernel.charts import BY_HEADING, YB, YCHART, load, unload
+from dimersweep.kernel.choose import CLOSED, MOMENT
+from dimersweep.kernel.engine import ROW_F, ROW_Y, choose, hold_rest, no_slip, only_touched
 from dimersweep.kernel.flight import fly, take_off
-from dimersweep.kernel.glide import OUT_OF_STEPS, glide
+from dimersweep.kernel.glide import NO_EVENT, OUT_OF_STEPS, glide
 from dimersweep.kernel.jit import compiled, exported
-from dimersweep.kernel.layout import CONTACT_STEPS, FREE, N_STATE, OK, PERIOD, PHASE
+from dimersweep.kernel.layout import CONTACT_STEPS, FREE, N_STATE, OK, PHASE
 from dimersweep.kernel.steps import copy
+from dimersweep.kernel.watch import HOLD_LOST, LANDS, LIFTS, SLIP_ZERO, slip_speed
+
+ROW_TRIAL = ROW_F + 1
 
 
 @compiled
-def before(segment, period, phase):
-    """Whether a segment starts at or before a time."""
-    return segment[PERIOD] < period or (segment[PERIOD] == period and segment[PHASE] <= phase)
+def begin(dm, state, modes, slip_tol, work):
+    """Contact state at the start of a phase, on the desk.
+
+    A slip that sets out from rest is chosen again: its direction is lost in the rounding of the state.
+    """
+    y, trial = work[ROW_Y], work[ROW_TRIAL]
+    unload(dm, state, -1.0 if modes[0] != FREE else 1.0, y)
+    hold_rest(dm, modes, y)
+    speed, _ = slip_speed(dm, modes, y, y)
+    if speed <= slip_tol:
+        lifted = 0 if modes[0] == FREE else 1 if modes[1] == FREE else -1
+        answer = choose(dm, state, trial, lifted, True, slip_tol, work)
+        if answer != CLOSED or trial[0] != modes[0] or trial[1] != modes[1]:
+            unload(dm, state, -1.0 if modes[0] != FREE else 1.0, y)
 
 
 @compiled
-def last_before(segments, period, phase):
-    """Number of the last segment that starts at or before a time (bisection; the first if none does)."""
-    low, high = 0, segments.shape[0]
-    while high - low > 1:
-        mid = (low + high) // 2
-        if before(segments[mid], period, phase):
-            low = mid
-        else:
-            high = mid
-    return low
+def follow(dm, state, modes, span, rtol, work):
+    """Move the state of a contact phase on by a time in it, in place; returns whether that took no more steps than allowed.
+
+    An event before that time is the end of the phase, found a hair too early, or one that the run has passed by: a slip that
+    is over stays so, all else goes on, but no end goes below the plate.
+    """
+    y, slip_tol = work[ROW_Y], no_slip(dm, state, rtol)
+    begin(dm, state, modes, slip_tol, work)
+    phase, done, side = state[PHASE] + dm.phi0, 0.0, 1.0 if modes[0] != FREE else -1.0
+    t, event = glide(dm, modes, y, phase, span, True, rtol, slip_tol, True, work)
+    while LIFTS <= event < HOLD_LOST and only_touched(dm, modes, event % 2, phase + dm.omega * (done + t), work):
+        done += t
+        brief = min(MOMENT / dm.omega, span - done)
+        glide(dm, modes, y, phase + dm.omega * done, brief, True, rtol, slip_tol, False, work)
+        done += brief
+        t, event = glide(dm, modes, y, phase + dm.omega * done, span - done, True, rtol, slip_tol, True, work)
+    done += t
+    if event != NO_EVENT and not SLIP_ZERO <= event < LANDS:
+        _, event = glide(dm, modes, y, phase + dm.omega * done, span - done, True, rtol, slip_tol, False, work)
+        if y[YCHART] == BY_HEADING:
+            y[YB] = side * max(0.0, side * y[YB])
+    load(dm, modes, y, state)
+    state[PHASE] += dm.omega * span
+    return event != OUT_OF_STEPS
 
 
 @exported
-def sample(row, segments, periods, phases, rtol, work, states, modes):
+def sample(row, segments, which, phases, rtol, work, states, modes):
     """Kernel states of a run at given times.
 
     Parameters
     ----------
     row : float64 array, shape (N_ROW,)
     segments : float64 array, shape (n, N_STATE + 2)
-        Starts of the smooth phases (``record``).
-    periods, phases : float64 arrays, shape (k,)
-        Completed forcing periods and plate phase since then [rad] of each time.
+        Starts of smooth phases (``record``).
+    which : int64 array, shape (k,)
+        Number of the segment in whose phase each time lies.
+    phases : float64 array, shape (k,)
+        Plate phase [rad] of each time, counted as that of the segment and not below it.
     rtol : float
     work : float64 array, shape (WORK_ROWS, WORK_COLUMNS)
     states : float64 array, shape (k, N_STATE)
@@ -50,26 +87,21 @@ def sample(row, segments, periods, phases, rtol, work, states, modes):
     Returns
     -------
     int
-        OK or the reason why not.
+        OK or the reason why not; the other times are sampled all the same.
     """
     dm = as_dimer(row)
-    y = work[ROW_Y]
-    for k in range(periods.shape[0]):
-        segment = segments[last_before(segments, periods[k], phases[k])]
-        state, mode = states[k], modes[k]
+    status = OK
+    for k in range(phases.shape[0]):
+        segment, state, mode = segments[which[k]], states[k], modes[k]
         copy(segment, state, N_STATE)
         mode[0], mode[1] = segment[N_STATE], segment[N_STATE + 1]
-        span = (phases[k] - state[PHASE]) / dm.omega + (periods[k] - state[PERIOD]) * dm.T
+        span = (phases[k] - state[PHASE]) / dm.omega
         if span <= 0.0:
             continue
         if mode[0] == FREE and mode[1] == FREE:
             fly(dm, take_off(dm, state), state, span, True)
-            continue
-        unload(dm, state, -1.0 if mode[0] != FREE else 1.0, y)
-        hold_rest(dm, mode, y)
-        t, event = glide(dm, mode, y, state[PHASE] + dm.phi0, span, True, rtol, no_slip(dm, state, rtol), False, work)
-        load(dm, mode, y, state)
-        state[PHASE] += dm.omega * t
-        if event == OUT_OF_STEPS:
-            return CONTACT_STEPS
-    return OK
+        elif not follow(dm, state, mode, span, rtol, work):
+            for j in range(N_STATE):
+                state[j] = nan
+            status = CONTACT_STEPS
+    return status
