@@ -12,9 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dimersweep.kernel.batch import run_recorded
+from dimersweep.kernel.batch import new_desk, run_recorded
 from dimersweep.kernel.body import as_dimer
-from dimersweep.kernel.engine import WORK_COLUMNS, WORK_ROWS
 from dimersweep.kernel.impact import N_LOG
 from dimersweep.kernel.layout import (
     BETA,
@@ -40,7 +39,7 @@ from dimersweep.kernel.layout import (
     WB,
     WP,
 )
-from dimersweep.kernel.record import EVENT, N_EVENT, N_SEGMENT
+from dimersweep.kernel.record import EVENT, MODES, N_EVENT, N_SEGMENT, REST
 from dimersweep.kernel.sample import sample
 
 CODE = {name: k for k, name in enumerate(CODES)}
@@ -114,8 +113,10 @@ def states_at(row, segments, phases, rtol):
     """
     n, k = phases.shape
     states, modes = np.zeros((n * k, N_STATE)), np.zeros((n * k, 2))
-    work = np.zeros((WORK_ROWS, WORK_COLUMNS))
-    sample(row, segments, np.repeat(np.arange(n), k), phases.ravel(), rtol, work, states, modes)
+    desk, segments = new_desk(), segments.copy()
+    segments[:, REST] = 0.0  # the run is looked at, which has summed these hops
+    which, counts = np.repeat(np.arange(n), k), np.zeros(3, np.int64)
+    sample(row, segments, which, phases.ravel(), rtol, desk.past, desk.work, counts, states, modes)
     return states.reshape(n, k, N_STATE)
 
 
@@ -124,7 +125,7 @@ def integrals(row, segments, span, rtol, rate_of, allowed):
 
     Parameters
     ----------
-    segments : ndarray, shape (n, N_STATE + 2)
+    segments : ndarray, shape (n, N_SEGMENT)
         What the phases start from.
     span : ndarray, shape (n,)
         Their durations in plate phase [rad].
@@ -246,14 +247,14 @@ def phases_of(row, rtol, events, segments):
     after = segments[1:, :N_STATE]
     ends = after.copy()
     ends[jumps] = states_at(row, segments[:-1][jumps], (segments[:-1, PHASE] + span)[jumps, None], rtol)[:, 0]
-    return Phases(segments[:-1], span, ends, after, segments[1:, N_STATE:], struck, closed)
+    return Phases(segments[:-1], span, ends, after, segments[1:, MODES:REST], struck, closed)
 
 
 def look_at(row, rtol, status, n_events, events, segments):
     """What the record of a run shows: see `examine`."""
     dm = AS_DIMER(row)
     segments, span, ends, after, after_modes, struck, closed = phases_of(row, rtol, events, segments)
-    starts, modes = segments[:, :N_STATE], segments[:, N_STATE:]
+    starts, modes = segments[:, :N_STATE], segments[:, MODES:REST]
     smooth = ~closed & ~struck
     inner = states_at(row, segments, starts[:, PHASE, None] + span[:, None] * INSIDE, rtol)
     free = (modes == FREE).all(1)

@@ -127,9 +127,9 @@ def whole_chatter(dm, state, modes, rtol, work, log):
         status, _ = engine.collide(dm, state, modes, rtol, work, log)
         slip_tol = engine.no_slip(dm, state, rtol)
         y, dy, F = work[ROW_Y], work[ROW_DY], work[ROW_F]
-        if chatter.come_to_rest(dm, state, modes, slip_tol, rtol, y, dy, F):
+        if chatter.come_to_rest(dm, state, modes, slip_tol, rtol, y, dy, F) >= 0.0:
             return hop
-        answer = engine.choose(dm, state, modes, -1, False, slip_tol, work)
+        answer = engine.choose(dm, state, modes, False, slip_tol, work)
         _, moved = engine.move(dm, state, modes, answer == engine.CLOSED, False, rtol, slip_tol, work)
         if status != OK or moved != OK or approach(state) == 0.0:
             return 0

@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.errors import ParameterError
-from dimersweep.kernel.engine import WORK_COLUMNS, WORK_ROWS
+from dimersweep.kernel.batch import new_desk
 from dimersweep.kernel.layout import (
     BETA,
     CA,
@@ -32,8 +32,8 @@ from dimersweep.kernel.layout import (
     X1,
     Y1,
 )
-from dimersweep.kernel.record import EVENT
-from dimersweep.kernel.sample import sample
+from dimersweep.kernel.record import EVENT, REST
+from dimersweep.kernel.sample import HOPS_LAST, sample
 from dimersweep.symbols import EVENTS, STATES, Quantity
 
 BOUNDARY = 1e-12  # a time this far below the end of a forcing period counts as that end, in periods
@@ -77,6 +77,7 @@ def events_of(record: Record, parameters: dict[str, float]) -> xr.Dataset:
 def _places(times: np.ndarray, segments: np.ndarray, f: float) -> tuple[np.ndarray, np.ndarray]:
     """Number of the segment in whose phase each time lies, and the plate phase [rad] of the time, counted as there.
 
+    A time within the hops that the close of a chatter sums belongs to the segment that starts from it.
     Counted from there, the time of an event gives that event's phase to the last bit, and no time falls before it.
 
     Raises
@@ -94,6 +95,11 @@ def _places(times: np.ndarray, segments: np.ndarray, f: float) -> tuple[np.ndarr
     just_below = (cycles < ends) & (ends - cycles <= BOUNDARY + 1e-15 * ends)
     times = np.where(just_below, ends / f, times)
     last = np.searchsorted(starts, times, side="right") - 1
+    (closes,) = np.nonzero(segments[:, REST] > 0)
+    if closes.size:
+        close = closes[np.searchsorted(starts[closes], times, side="right") - 1]
+        hops = (starts[close] <= times) & (times < starts[close] + HOPS_LAST * segments[close, REST])
+        last = np.where(hops, close, last)
     return last, segments[last, PHASE] + 2 * pi * f * (times - starts[last])
 
 
@@ -152,8 +158,19 @@ def states_of(record: Record, times: np.ndarray, rtol: float, parameters: dict[s
     """
     which, phases = _places(times, record.segments, parameters["f"])
     kernel_states, modes = np.zeros((times.size, N_STATE)), np.zeros((times.size, 2))
-    work = np.zeros((WORK_ROWS, WORK_COLUMNS))
-    status = sample(record.row, record.segments, which, phases, rtol, work, kernel_states, modes)
+    desk = new_desk()
+    status = sample(
+        record.row,
+        record.segments,
+        which,
+        phases,
+        rtol,
+        desk.past,
+        desk.work,
+        np.zeros(3, np.int64),
+        kernel_states,
+        modes,
+    )
     if status != OK:
         raise RuntimeError(STATUS_MESSAGES[status])
     return _states(times, kernel_states, modes, parameters)

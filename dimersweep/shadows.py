@@ -21,7 +21,6 @@ COARSER = (
 FINEST = 1e-13
 NUDGE = 1e-4  # change of the start over rtol: far below the error of the run, far above round-off
 SAFETY = 10.0  # bound over difference: two runs can be alike by chance
-LONGER = 3.0  # time that summed hops may take, over that of a geometric series
 ROUNDING = 1e-12  # what no number is known better than, in its scale
 _BY_UNIT = {"m": 0.01, "m s-1": 0.1, "rad": 1.0, "rad s-1": 1.0}
 SCALES = {name: _BY_UNIT[unit] for name, (unit, _) in STATES.items() if unit in _BY_UNIT and name != "plate"}
@@ -131,29 +130,6 @@ def delays(run: Recorded, other: Recorded) -> np.ndarray:
     return apart
 
 
-def summed_hops(run: Recorded, times: np.ndarray) -> dict[str, np.ndarray]:
-    """What the states at `times` may be off because hops were summed: each quantity of `SCALES`, shape (n,), in its unit.
-
-    In the states of a run an end rests from the close of its chatter on; in truth it hops on for a moment, at gap rates up to
-    the last one.
-    """
-    parameters = run.parameters
-    t, cause = (run.events[name].values for name in ("time", "cause"))
-    rates = [run.events[f"gap_{end}_rate_after"].values for end in (1, 2)]
-    rate, g, r = np.zeros(times.size), parameters["g"], parameters["r"]
-    h = r * (parameters["A_r"] - 1)
-    for close in np.flatnonzero(cause == "chatter_end"):
-        before = np.searchsorted(t, t[close]) - 1  # the row from which the last hop that was followed set out
-        for k, e in enumerate((parameters.get("e_1", parameters["e"]), parameters.get("e_2", parameters["e"]))):
-            left, last = rates[k][close - 1], rates[k][before]
-            if rates[k][close] == 0.0 < min(left, last):
-                ends = t[close] + LONGER * left / last * (t[close] - t[before]) / (1 - e)
-                rate = np.where((t[close] <= times) & (times < ends), left, rate)
-    by_unit = {"m": rate**2 / g, "m s-1": rate, "rad": rate**2 / (g * h), "rad s-1": rate / h}
-    off = {name: by_unit[STATES[name].units] for name in SCALES}
-    return off | {"spin": rate**2 / (g * r), "spin_rate": rate / r}
-
-
 def scaled(errors: dict[str, np.ndarray]) -> np.ndarray:
     """The largest of the errors of the closed state in units of 1 cm, 0.1 m/s, 1 rad and 1 rad/s (spin: 10 and 100 of them)."""
     return np.max([errors[name] / SCALES[name] for name in CLOSED_STATE], axis=0)
@@ -173,14 +149,13 @@ def bounds(run: Recorded, shadows: Sequence[Recorded], times: np.ndarray, T: flo
         Forcing period [s].
     """
     apart = [difference(run, shadow, times) for shadow in shadows]
-    hops = summed_hops(run, times)
     variables = {}
     for name, scale in SCALES.items():
         # what two runs happen to share for a moment is no less in error: the largest difference so far counts
         bound = SAFETY * np.maximum.accumulate(np.max([errors[name] for errors in apart], axis=0))
         units, meaning = STATES[name]
         attributes = {"units": units, "long_name": f"bound on the error: {meaning}"}
-        variables[name] = ("time", bound + ROUNDING * scale + hops[name], attributes)
+        variables[name] = ("time", bound + ROUNDING * scale, attributes)
     late = np.max([delays(run, shadow) for shadow in shadows], axis=0)
     bound = np.where(np.isnan(late), np.nan, SAFETY * np.fmax.accumulate(late) + ROUNDING * T)
     meaning = "bound on the error of the time of the event; NaN where a shadow lacks it"

@@ -29,6 +29,7 @@ from dimersweep.kernel.layout import (
     WB,
     WP,
 )
+from dimersweep.kernel.record import MODES, REST
 from dimersweep.kernel.section import advance
 from dimersweep.parameters import check_count
 from dimersweep.recorded import Record
@@ -159,7 +160,7 @@ def _end(run: Run, wanted: str) -> tuple[Record, np.ndarray, np.ndarray]:
     if run.status != "ok":
         raise ParameterError(f"{wanted}: the run did not reach its end ({run.message})")
     last = record.segments[-1]
-    return record, last[:N_STATE].copy(), last[N_STATE:].copy()
+    return record, last[:N_STATE].copy(), last[MODES:REST].copy()
 
 
 def multipliers(run: Run) -> Multipliers:

@@ -39,6 +39,7 @@ from dimersweep.kernel.layout import (  # noqa: E402
     X1,
     Y1,
 )  # fmt: skip
+from dimersweep.kernel.record import MODES, REST  # noqa: E402
 from dimersweep.parameters import Parameters  # noqa: E402
 
 pytestmark = pytest.mark.jit
@@ -281,7 +282,7 @@ def test_an_end_is_open_or_pressed(rtol, drawn):
     weight = dm.m * dm.g
     assert states[..., [D1, D2]].min() >= -1e-15 * dm.h
     for segment, at in zip(phases.segments, states, strict=True):
-        modes = segment[N_STATE:]
+        modes = segment[MODES:REST]
         closed = modes != FREE
         assert not at[:, [D1, D2]][:, closed].any()
         assert not at[:, [N1, N2]][:, closed].any()
@@ -324,7 +325,7 @@ def test_energy_is_accounted_for_event_by_event(rtol, drawn):
     scene, state = drawn
     row, dm, run = run_of(scene, state, rtol)
     phases = phases_of(row, rtol, run.events, run.segments)
-    starts, modes = phases.segments[:, :N_STATE], phases.segments[:, N_STATE:]
+    starts, modes = phases.segments[:, :N_STATE], phases.segments[:, MODES:REST]
     unit = kinetic(dm, starts).max() + 0.5 * dm.m * (dm.A_z * dm.omega) ** 2 + dm.m * dm.g * dm.h
     free = (modes == FREE).all(1)
     assert np.abs(lab_gain(dm, starts[free], phases.ends[free])).max(initial=0.0) <= 1e-10 * unit

@@ -10,7 +10,7 @@ from peers.passage import HOLD_LOST, P_PHASE, P_SLIP, SLIP_ZERO, as_body, begin,
 
 
 @exported
-def settle(row, state, modes, lifted, lost, rtol, work, log):
+def settle(row, state, modes, lost, rtol, work, log):
     """All that the engine does at an instant.
 
     Returns
@@ -25,41 +25,41 @@ def settle(row, state, modes, lifted, lost, rtol, work, log):
             status, _ = collide(dm, state, modes, rtol, work, log)
             if status != OK:
                 return False, 0.0
-            lifted, lost = -1, False
+            lost = False
             come_to_rest(dm, state, modes, no_slip(dm, state, rtol), rtol, work[ROW_Y], work[ROW_DY], work[ROW_F])
         slip_tol = no_slip(dm, state, rtol)
-        if choose(dm, state, modes, lifted, lost, slip_tol, work) != INCONSISTENT:
+        if choose(dm, state, modes, lost, slip_tol, work) != INCONSISTENT:
             return True, slip_tol
-        force_impact(dm, state, modes, lifted)
+        force_impact(dm, state)
     return False, 0.0
 
 
 @compiled
-def settle_all(row, states, modes, lifted, lost, rtol, work, log):
+def settle_all(row, states, modes, lost, rtol, work, log):
     """Settle many instants, one after the other."""
     for k in range(len(states)):
-        settle(row, states[k], modes[k], lifted[k], lost[k], rtol, work, log)
+        settle(row, states[k], modes[k], lost[k], rtol, work, log)
 
 
 @compiled
 def arrive(constants, state, modes, ended, event, dt, work):
-    """The state at the end of a phase; which end has lifted off there (-1 for none), and whether a hold was lost."""
+    """The state at the end of a phase; whether a hold was lost there."""
     if event < 0:
-        return -1, False
+        return False
     flew = modes[0] == FREE and modes[1] == FREE
     take_over(as_body(constants), state, modes, ended, event, dt, work[ROW_Y])
-    return -1 if flew or event >= HOLD_LOST else event % 2, not flew and HOLD_LOST <= event < SLIP_ZERO
+    return not flew and HOLD_LOST <= event < SLIP_ZERO
 
 
 @compiled
 def cross(constants, row, rtol, work, log, state, modes, ended, event, dt, doubles, count, start, pars):
     """From the end of one phase to the start of the next, as `law.cross`."""
     body = as_body(constants)
-    lifted, lost = arrive(constants, state, modes, ended, event, dt, work)
+    lost = arrive(constants, state, modes, ended, event, dt, work)
     if state[D1] == 0.0 and state[D2] == 0.0 and min(state[N1], state[N2]) < 0.0 and count < doubles.size:
         doubles[count] = state[PHASE] / body.omega
         count += 1
-    settled, slip_tol = settle(row, state, modes, lifted, lost, rtol, work, log)
+    settled, slip_tol = settle(row, state, modes, lost, rtol, work, log)
     if not settled:
         return count, -1.0
     pars[P_PHASE], pars[P_SLIP] = state[PHASE] + body.phi0, slip_tol

@@ -79,6 +79,7 @@ def run_rows(rows, periods, rtol, settle, until, path, out, codes, desk, log, ev
                 desk.twin_modes if twin else modes,
                 periods if first else codes[k, 5] + STRETCH * ((leg + 1) // 2),
                 rtol,
+                rtol,
                 settle and first,
                 path,
                 past,

@@ -17,6 +17,7 @@ from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import BETA, CA, CB, D1, D2, FREE, N1, N2, PHASE, SLIP, SPIN, WB, WP
 
 CLOSE = 4.0  # what the close of a chatter may cost, in tolerances
+NOTHING = -1.0  # time of hops where none are summed
 FLOOR = 1e-13  # separation speed, in g/omega, at which round-off rules the hops
 
 
@@ -57,24 +58,24 @@ def come_to_rest(dm, state, modes, slip_tol, tol, y, dy, F):
 
     Returns
     -------
-    bool
-        Whether an end was closed.
+    float
+        Time that the hops which are summed would have taken [s]; below zero if no end was closed.
     """
     quickest = 2.0 * dm.omega / (dm.g + dm.A_z * dm.omega**2)  # phase that a chatter takes per rate, with e = 0
     fast = (CLOSE * tol * dm.v_scale / (quickest * quickest)) ** (1.0 / 3.0)
     may_1 = state[D1] == 0.0 and 0.0 <= state[N1] <= fast
     may_2 = state[D2] == 0.0 and 0.0 <= state[N2] <= fast
     if not (may_1 and state[N1] > 0.0) and not (may_2 and state[N2] > 0.0):
-        return False
+        return NOTHING
     for _ in range(3):
         if not may_1 and not may_2:
-            return False
+            return NOTHING
         unload(dm, state, -1.0 if may_1 else 1.0, y)
         phase = state[PHASE] + dm.phi0
         answer = contact_mode(dm, may_1, may_2, phase, y, modes, slip_tol, False, dy, F)
         if answer != CLOSED:
             drop_round_off(dm, state)
-            return False
+            return NOTHING
         lv = levers(dm, 1.0, sin(state[BETA]), cos(state[BETA]))
         nn = delassus(dm, lv, lv).nn
         rest_1 = rest_of_chatter(dm, state[N1], F[F1], nn, dm.e_1, tol)
@@ -85,16 +86,16 @@ def come_to_rest(dm, state, modes, slip_tol, tol, y, dy, F):
             if (modes[0] == FREE and not stays_open(dm, state, 0, rest_2)) or (
                 modes[1] == FREE and not stays_open(dm, state, 1, rest_1)
             ):
-                return False
+                return NOTHING
             break
         may_1, may_2 = may_1 and slow_1 and modes[0] != FREE, may_2 and slow_2 and modes[1] != FREE
     else:
-        return False
+        return NOTHING
     if modes[0] != FREE and modes[1] != FREE:
         close_both(dm, state, modes, y, F)
     else:
         close_one(dm, state, modes, 0 if modes[0] != FREE else 1, y)
-    return True
+    return max(rest_1 if modes[0] != FREE else 0.0, rest_2 if modes[1] != FREE else 0.0)
 
 
 @compiled

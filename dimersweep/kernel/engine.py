@@ -50,6 +50,7 @@ from dimersweep.kernel.layout import (
 )
 from dimersweep.kernel.record import note_event, note_segment
 from dimersweep.kernel.roots import MAX_PROBES, next_landing
+from dimersweep.kernel.steps import copy
 from dimersweep.kernel.watch import HOLD_LOST, LANDS, SLIP_ZERO
 
 WORK, WORK_PER_PERIOD = 7_000_000, 100_000  # bound on events, in hops of one end: some seconds, and 0.1 s a period
@@ -58,7 +59,7 @@ LOOSEST = 1e-3  # relative tolerance of an impact, however slow
 SLIP_SCALE = 0.1  # slip that counts as none in contact, in units of the tolerance and g/omega
 COINCIDENT = 4e-16  # gap, in units of l, that counts as closed when the other end lands
 WORK_ROWS, WORK_COLUMNS = GLIDE_ROWS + 8, 16
-ROW_Y, ROW_DY, ROW_F = GLIDE_ROWS, GLIDE_ROWS + 1, GLIDE_ROWS + 2
+ROW_Y, ROW_DY, ROW_F, ROW_BEFORE = GLIDE_ROWS, GLIDE_ROWS + 1, GLIDE_ROWS + 2, GLIDE_ROWS + 3
 
 
 @compiled
@@ -235,13 +236,15 @@ def cause_of(event):
 
 
 @compiled
-def evolve(dm, state, modes, periods, rtol, settle, path, past, work, log, events, segments, counts):
+def evolve(dm, state, modes, periods, rtol, close, settle, path, past, work, log, events, segments, counts):
     """Run from a state to `periods` completed forcing periods, or until the motion has settled.
 
     Parameters
     ----------
     state, modes : float64 arrays, shapes (N_STATE,), (2,)
         Modified in place.
+    rtol, close : float
+        The one accuracy knob, and the accuracy of the close of a chatter: less where its hops are to be followed further.
     settle : bool
         Stop when the motion is known.
     path : bool
@@ -263,7 +266,7 @@ def evolve(dm, state, modes, periods, rtol, settle, path, past, work, log, event
     work_left = WORK + WORK_PER_PERIOD * periods
     record = segments.shape[0] > 0
     none = log[0, :0] if record else state[:0]
-    pending, lost, cause = True, False, C_START
+    pending, lost, cause, rest = True, False, C_START, 0.0
     forced = 0
     before = contact_code(modes)
     while state[PERIOD] < periods:
@@ -276,7 +279,10 @@ def evolve(dm, state, modes, periods, rtol, settle, path, past, work, log, event
             if status != OK:
                 return status, False
             pending, lost, cause = True, False, C_IMPACT
-            if come_to_rest(dm, state, modes, no_slip(dm, state, rtol), rtol, work[ROW_Y], work[ROW_DY], work[ROW_F]):
+            copy(state, work[ROW_BEFORE], N_STATE)
+            slip_tol = no_slip(dm, state, rtol)
+            rest = come_to_rest(dm, state, modes, slip_tol, close, work[ROW_Y], work[ROW_DY], work[ROW_F])
+            if rest >= 0.0:
                 cause = C_CHATTER_END
             before = 0
         slip_tol = no_slip(dm, state, rtol)
@@ -294,7 +300,8 @@ def evolve(dm, state, modes, periods, rtol, settle, path, past, work, log, event
                 after = contact_code(modes)
                 if cause != C_IMPACT or after != 0:
                     counts[1] = note_event(dm, events, counts[1], state, cause, after, before, after, none)
-                counts[2] = note_segment(segments, counts[2], state, modes)
+                hops = rest if cause == C_CHATTER_END else 0.0
+                counts[2] = note_segment(segments, counts[2], state, modes, hops, work[ROW_BEFORE])
                 if counts[1] > events.shape[0] or counts[2] > segments.shape[0]:
                     return RECORD_FULL, False
             note_flights(dm, state, modes, past)
@@ -315,7 +322,7 @@ def evolve(dm, state, modes, periods, rtol, settle, path, past, work, log, event
                 return NOT_FINITE, False
             note_period(dm, state, modes, past)
             if record:
-                counts[2] = note_segment(segments, counts[2], state, modes)
+                counts[2] = note_segment(segments, counts[2], state, modes, 0.0, state)
             if settle and (rests_for_good(dm, state, modes) or settled_period(past) > 0):
                 break
         else:
@@ -330,7 +337,7 @@ def evolve(dm, state, modes, periods, rtol, settle, path, past, work, log, event
         counts[1] = note_event(
             dm, events, counts[1], state, C_END, contact_code(modes), before, contact_code(modes), none
         )
-        counts[2] = note_segment(segments, counts[2], state, modes)
+        counts[2] = note_segment(segments, counts[2], state, modes, 0.0, state)
         if counts[1] > events.shape[0] or counts[2] > segments.shape[0]:
             return RECORD_FULL, False
     return OK, rests_for_good(dm, state, modes)

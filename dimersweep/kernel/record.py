@@ -14,7 +14,7 @@ from dimersweep.kernel.impact import (
     contact_velocity,
 )
 from dimersweep.kernel.jit import compiled
-from dimersweep.kernel.layout import BETA, N1, N2, N_STATE, PERIOD, PHASE, THETA
+from dimersweep.kernel.layout import BETA, CB, N1, N2, N_STATE, PERIOD, PHASE, THETA
 from dimersweep.kernel.steps import copy
 
 # columns of an event row
@@ -39,7 +39,10 @@ EVENT = (
     "slip_2_b",
 )
 N_EVENT = len(EVENT)
-N_SEGMENT = N_STATE + 2  # the state, then the friction modes of the phase that starts from it
+# columns of a segment: the state, the friction modes of the phase that starts from it; and where the close of a chatter
+# leads to it, the time that the hops which it sums take [s] (else 0), and what it changes (N1 to CB) as it was before
+MODES, REST, BEFORE = N_STATE, N_STATE + 2, N_STATE + 3
+N_SEGMENT = BEFORE + CB + 1 - N1
 
 
 @compiled
@@ -63,9 +66,15 @@ def note_event(dm, events, count, state, cause, kind, before, after, log_row):
 
 
 @compiled
-def note_segment(segments, count, state, modes):
-    """Write the start of a smooth phase; returns the count of rows."""
+def note_segment(segments, count, state, modes, rest, before):
+    """Write the start of a smooth phase, and the state `before` hops that take the time `rest` were summed.
+
+    Returns the count of rows.
+    """
     if count < segments.shape[0]:
-        copy(state, segments[count], N_STATE)
-        segments[count, N_STATE], segments[count, N_STATE + 1] = modes[0], modes[1]
+        row = segments[count]
+        copy(state, row, N_STATE)
+        row[MODES], row[MODES + 1], row[REST] = modes[0], modes[1], rest
+        for k in range(N1, CB + 1):
+            row[BEFORE + k - N1] = before[k]
     return count + 1

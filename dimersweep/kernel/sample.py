@@ -1,23 +1,28 @@
 """States of a recorded run at any time: each is moved again from the start of the smooth phase it lies in.
 
 A contact phase takes the steps of the run, and looks for its event as the run does, so that just before an event the state
-comes to what the run found there: no end is below the plate, no slip has turned round.
+comes to what the run found there: no end is below the plate, no slip has turned round. The hops that the close of a chatter
+has summed are followed one by one.
 """
 
 from math import nan
 
-from dimersweep.kernel.body import as_dimer
+from dimersweep.kernel.body import TWO_PI, as_dimer
 from dimersweep.kernel.charts import BY_HEADING, YB, YCHART, load, unload
 from dimersweep.kernel.choose import CLOSED, MOMENT
-from dimersweep.kernel.engine import ROW_F, ROW_Y, choose, hold_rest, no_slip, only_touched
+from dimersweep.kernel.engine import ROW_BEFORE, ROW_Y, choose, evolve, hold_rest, no_slip, only_touched
+from dimersweep.kernel.fate import begin_past
 from dimersweep.kernel.flight import fly, take_off
 from dimersweep.kernel.glide import NO_EVENT, OUT_OF_STEPS, glide
 from dimersweep.kernel.jit import compiled, exported
-from dimersweep.kernel.layout import CONTACT_STEPS, FREE, N_STATE, OK, PHASE
+from dimersweep.kernel.layout import CB, CONTACT_STEPS, FREE, N1, N2, N_ROW, N_STATE, OK, PERIOD, PHASE, ROW
+from dimersweep.kernel.record import BEFORE, MODES, REST
 from dimersweep.kernel.steps import copy
 from dimersweep.kernel.watch import HOLD_LOST, LANDS, LIFTS, SLIP_ZERO, slip_speed
 
-ROW_TRIAL = ROW_F + 1
+ROW_TRIAL, ROW_LATER = ROW_BEFORE + 1, ROW_BEFORE + 2
+PHI0 = ROW.index("phi0")
+HOPS_LAST = 2.0  # hops are followed for so long, in units of the time that they take when the plate does not change
 
 
 @compiled
@@ -31,8 +36,7 @@ def begin(dm, state, modes, slip_tol, work):
     hold_rest(dm, modes, y)
     speed, _ = slip_speed(dm, modes, y, y)
     if speed <= slip_tol:
-        lifted = 0 if modes[0] == FREE else 1 if modes[1] == FREE else -1
-        answer = choose(dm, state, trial, lifted, True, slip_tol, work)
+        answer = choose(dm, state, trial, True, slip_tol, work)
         if answer != CLOSED or trial[0] != modes[0] or trial[1] != modes[1]:
             unload(dm, state, -1.0 if modes[0] != FREE else 1.0, y)
 
@@ -64,21 +68,43 @@ def follow(dm, state, modes, span, rtol, work):
     return event != OUT_OF_STEPS
 
 
+@compiled
+def hop(row, omega, segment, state, modes, span, rtol, past, work, counts):
+    """Move the state on by a time from the close of a chatter, through the hops that were summed there; returns a status.
+
+    The plate's phase is counted anew, so that a forcing period ends at the time wanted.
+    """
+    for k in range(N1, CB + 1):
+        state[k] = segment[BEFORE + k - N1]
+    later, none = work[ROW_LATER, :N_ROW], work[:0]
+    start, periods = state[PHASE], state[PERIOD]
+    state[PHASE], state[PERIOD] = TWO_PI - omega * span, 0.0
+    copy(row, later, N_ROW)
+    later[PHI0] += start - state[PHASE]
+    begin_past(past)
+    status, _ = evolve(
+        as_dimer(later), state, modes, 1, rtol, rtol**3, False, True, past, work, none, none, none, counts
+    )
+    state[PHASE], state[PERIOD] = start + omega * span, periods
+    return status
+
+
 @exported
-def sample(row, segments, which, phases, rtol, work, states, modes):
+def sample(row, segments, which, phases, rtol, past, work, counts, states, modes):
     """Kernel states of a run at given times.
 
     Parameters
     ----------
     row : float64 array, shape (N_ROW,)
-    segments : float64 array, shape (n, N_STATE + 2)
-        Starts of smooth phases (``record``).
+    segments : float64 array, shape (n, N_SEGMENT)
+        Starts of smooth phases (``record``); of hops that were summed, if they are to be followed.
     which : int64 array, shape (k,)
         Number of the segment in whose phase each time lies.
     phases : float64 array, shape (k,)
         Plate phase [rad] of each time, counted as that of the segment and not below it.
     rtol : float
-    work : float64 array, shape (WORK_ROWS, WORK_COLUMNS)
+    past, work, counts : arrays
+        Scratch, as of ``evolve``.
     states : float64 array, shape (k, N_STATE)
         Filled in place.
     modes : float64 array, shape (k, 2)
@@ -94,14 +120,17 @@ def sample(row, segments, which, phases, rtol, work, states, modes):
     for k in range(phases.shape[0]):
         segment, state, mode = segments[which[k]], states[k], modes[k]
         copy(segment, state, N_STATE)
-        mode[0], mode[1] = segment[N_STATE], segment[N_STATE + 1]
+        mode[0], mode[1] = segment[MODES], segment[MODES + 1]
         span = (phases[k] - state[PHASE]) / dm.omega
-        if span <= 0.0:
-            continue
-        if mode[0] == FREE and mode[1] == FREE:
+        done = OK
+        if 0.0 < span < HOPS_LAST * segment[REST]:
+            done = hop(row, dm.omega, segment, state, mode, span, rtol, past, work, counts)
+        elif span > 0.0 and mode[0] == FREE and mode[1] == FREE:
             fly(dm, take_off(dm, state), state, span, True)
-        elif not follow(dm, state, mode, span, rtol, work):
+        elif span > 0.0 and not follow(dm, state, mode, span, rtol, work):
+            done = CONTACT_STEPS
+        if done != OK:
             for j in range(N_STATE):
                 state[j] = nan
-            status = CONTACT_STEPS
+            status = done
     return status

@@ -36,5 +36,5 @@ def advance(row, state, modes, periods, rtol, past, work, none, counts):
     begin_past(past)
     counts[0], counts[1], counts[2] = 0, 0, 0
     state[PHASE], state[PERIOD] = 0.0, 0.0
-    status, _ = evolve(dm, state, modes, periods, rtol, False, False, past, work, none, none, none, counts)
+    status, _ = evolve(dm, state, modes, periods, rtol, rtol, False, False, past, work, none, none, none, counts)
     return status

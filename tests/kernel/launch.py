@@ -20,7 +20,9 @@ compiled = njit(cache=True, error_model="numpy")
 def evolve(dm, state, modes, periods, rtol, past, work, log, events, segments, counts):
     """The event loop with the path and the record."""
     fate.begin_past(past)
-    status, _ = engine.evolve(dm, state, modes, periods, rtol, False, True, past, work, log, events, segments, counts)
+    status, _ = engine.evolve(
+        dm, state, modes, periods, rtol, rtol, False, True, past, work, log, events, segments, counts
+    )
     return status
 
 
