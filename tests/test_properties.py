@@ -218,7 +218,7 @@ def test_whole_periods_of_the_phase_are_of_no_consequence(rtol, drawn, turns):
     same(dm, other.state, run.state)
 
 
-@accuracies
+@pytest.mark.parametrize("rtol", [1e-6, 1e-8, 1e-11, 1e-13])
 @steady
 @given(scenes())
 def test_sampling_comes_to_what_the_run_recorded(rtol, drawn):
@@ -227,12 +227,12 @@ def test_sampling_comes_to_what_the_run_recorded(rtol, drawn):
     row, dm, run = run_of(scene, state, rtol)
     phases = phases_of(row, rtol, run.events, run.segments)
     ends = states_at(row, phases.segments, (phases.segments[:, PHASE] + phases.span)[:, None], rtol)[:, 0]
-    assert (ends[:, [D1, D2]] >= -1e-15 * dm.h).all()
+    assert (ends[:, [D1, D2]] >= -1e-13 * dm.h).all()
     for found, told in zip(
         ends[~phases.struck & ~phases.closed], phases.after[~phases.struck & ~phases.closed], strict=True
     ):
         found[PHASE], found[PERIOD] = told[PHASE], told[PERIOD]
-        same(dm, found, told, 1e-12 + 30 * rtol)
+        same(dm, found, told, 100 * max(rtol, 1e-12))
 
 
 @accuracies
@@ -280,7 +280,7 @@ def test_an_end_is_open_or_pressed(rtol, drawn):
     phases = phases_of(row, rtol, run.events, run.segments)
     states = states_at(row, phases.segments, phases.segments[:, PHASE, None] + phases.span[:, None] * SHARES, rtol)
     weight = dm.m * dm.g
-    assert states[..., [D1, D2]].min() >= -1e-15 * dm.h
+    assert states[..., [D1, D2]].min() >= -1e-13 * dm.h
     for segment, at in zip(phases.segments, states, strict=True):
         modes = segment[MODES:REST]
         closed = modes != FREE

@@ -59,6 +59,9 @@ def follow(dm, state, modes, span, rtol, work):
         done += brief
         t, event = glide(dm, modes, y, phase + dm.omega * done, span - done, True, rtol, slip_tol, True, work)
     done += t
+    if SLIP_ZERO <= event < LANDS and dm.omega * (span - done) > MOMENT:  # passed by: all again, with no events in view
+        begin(dm, state, modes, slip_tol, work)
+        done, event = 0.0, LANDS
     if event != NO_EVENT and not SLIP_ZERO <= event < LANDS:
         _, event = glide(dm, modes, y, phase + dm.omega * done, span - done, True, rtol, slip_tol, False, work)
         if y[YCHART] == BY_HEADING:
