@@ -36,6 +36,7 @@ from dimersweep.kernel.layout import (
     WB,
     WP,
 )
+from dimersweep.kernel.rest import slides_to_rest
 from dimersweep.kernel.steps import clear
 
 HOP_LINE = 0.5
@@ -218,21 +219,10 @@ def settled_period(past):
 
 @compiled
 def rests_for_good(dm, state, modes):
-    """Whether both ends stay closed whatever comes: the plate never outruns gravity, and no gyroscopic or friction moment
-    (bounded by the energy, which only falls) can unload an end.
-    """
-    if modes[0] == FREE or modes[1] == FREE:
+    """Whether both ends are closed and stay so whatever comes."""
+    if modes[0] == FREE or modes[1] == FREE or dm.A_z * dm.omega * dm.omega > dm.g:
         return False
-    pull = dm.g - dm.A_z * dm.omega * dm.omega
-    if modes[0] == STICK and modes[1] == STICK:
-        return pull >= 0.0
-    v2 = state[CA] ** 2 + state[CB] ** 2
-    w2 = state[WP] ** 2
-    energy = dm.m * v2 + dm.J_t * w2 + dm.J_a * state[SPIN] ** 2
-    moment = (
-        0.5 * energy * (dm.J_a / dm.J_t) ** 0.5
-    )  # J_a spin theta' <= sqrt(J_a / J_t) (J_a spin^2 + J_t theta'^2) / 2
-    return dm.m * pull * (dm.h - dm.r * dm.mu_s) > moment
+    return (modes[0] == STICK and modes[1] == STICK) or slides_to_rest(dm, state)
 
 
 @compiled
