@@ -2,7 +2,8 @@
 
 Random points near the paper's domain run twice, with the early stop and to the last period. Printed are every point whose
 modes differ, and why; what a run that dies costs over the same run up to the event with which both ends are down for good;
-and how long a drift goes on after it has settled, by its own count and by its distance from where it ends.
+and how long a drift goes on after it has settled, by its own count and by how far apart its later strobes are, which are
+followed beyond the stop.
 """
 
 import argparse
@@ -92,7 +93,7 @@ class Recorder:
             self.seconds(rows)
         events = self._events[: self._counts[1]]
         ends = np.divmod(events[:, EVENT.index("contact_after")], 5)
-        closed = np.all((STICK <= np.array(ends)) & (np.array(ends) <= SLIP), axis=0)
+        closed = np.all((np.array(ends) >= STICK) & (np.array(ends) <= SLIP), axis=0)
         self.rows = int(np.flatnonzero(~closed)[-1]) + 1
         times = events[:, EVENT.index("period")] + events[:, EVENT.index("phase")] / (2 * np.pi)
         self.death, self.end = times[self.rows], times[-1]
@@ -123,10 +124,10 @@ def changes(strobe: np.ndarray, p: int) -> np.ndarray:
 
 
 def settling_of(point: dict[str, float], periods: int, rtol: float) -> int:
-    """Forcing periods after which the strobes of a run stay within the line of settling from the last of them."""
-    strobe = strobes(point, periods, rtol)
-    apart = np.abs(strobe - strobe[-1]).max(axis=1)
-    return int(np.flatnonzero(np.append(1.0, apart) > SETTLED)[-1]) + 1
+    """Forcing periods after which all strobes of a run lie within the line of settling of each other."""
+    back = strobes(point, periods, rtol)[::-1]
+    spread = (np.maximum.accumulate(back) - np.minimum.accumulate(back)).max(axis=1)[::-1]
+    return int(np.flatnonzero(np.append(1.0, spread) > SETTLED)[-1]) + 1
 
 
 def reason(point: dict[str, float], early: np.ndarray, late: np.ndarray, given: argparse.Namespace) -> str:
@@ -142,6 +143,8 @@ def reason(point: dict[str, float], early: np.ndarray, late: np.ndarray, given: 
             f"on its way to period {late[PERIOD]}: the change over that was {shorter[stop - 1 - PATIENCE]:.1e}, "
             f"{shorter[stop - 1]:.1e} at the stop, {shorter[-1]:.1e} at the end"
         )
+    if lost.size == 0 and early[PERIOD] == late[PERIOD]:
+        return f"the same motion, on the border of two words; the change over its period is {change[stop:].max():.1e} at most"
     if lost.size == 0:
         return f"it repeats to the end; the change over its period is {change[stop:].max():.1e} at most"
     leap = change[lost[0]]
@@ -166,7 +169,9 @@ def print_exceptions(columns: dict[str, np.ndarray], stopped: Runs, full: Runs, 
     return differ.size
 
 
-def print_deaths(columns: dict[str, np.ndarray], rows: np.ndarray, chosen: np.ndarray, given: argparse.Namespace) -> None:
+def print_deaths(
+    columns: dict[str, np.ndarray], rows: np.ndarray, chosen: np.ndarray, given: argparse.Namespace
+) -> None:
     """What runs that die cost over the same runs up to their death."""
     runs = [Recorder(rows[k], given.periods, given.rtol) for k in chosen]
     cost, least = np.array([run.cost() for run in runs]).T
@@ -192,7 +197,7 @@ def print_drifts(columns: dict[str, np.ndarray], chosen: np.ndarray, stopped: Ru
     seen = taken - [
         settling_of(told(columns, k), int(n) + BEYOND, given.rtol) for k, n in zip(chosen, taken, strict=True)
     ]
-    for name, wait in (("their own count", own), ("the distance from their end", seen)):
+    for name, wait in (("their own count", own), ("how far apart all later strobes are", seen)):
         print(
             f"{chosen.size} drifts stop after settling, by {name}: median {np.median(wait):.0f} periods, longest "
             f"{wait.max():.0f}; {np.count_nonzero(wait > DRIFT_WAIT)} above {DRIFT_WAIT}"

@@ -9,24 +9,24 @@ v_a, v_b the velocity of its centre, w = theta', s its spin, h half its length, 
 (A the axial friction), so that both ends press as long as J_a |s w| < m g_e (h - r mu_s); g_e >= g (1 - Gamma). What s and w
 can become is told in two ways.
 
-*Calm.* Let I = J_a / r^2, M = m + I, V = (m v_b + I r s) / M the velocity of rolling that friction across the rod leaves as
-it is, and m P^2 = m v_a^2 + (m I / M) c^2 + J_t w^2, so that the energy is (m P^2 + M V^2) / 2. Friction takes
+*Calm.* Let q = J_a / r^2, M = m + q, V = (m v_b + q r s) / M the velocity of rolling that friction across the rod leaves as
+it is, and m P^2 = m v_a^2 + (m q / M) c^2 + J_t w^2, so that the energy is (m P^2 + M V^2) / 2. Friction takes
 mu (F_1 |u_1| + F_2 |u_2|) from it, and M V' = -m w v_a, whence
 
     P P' = -mu (F_1 |u_1| + F_2 |u_2|) / m + w v_a V.
 
-There |u_1| + |u_2| >= 2 sqrt(v_a^2 + max(c^2, h^2 w^2)) >= 2 eta P with eta^-2 = max(1, I / M + J_t / (m h^2)), and
+There |u_1| + |u_2| >= 2 sqrt(v_a^2 + max(c^2, h^2 w^2)) >= 2 eta P with eta^-2 = max(1, q / M + J_t / (m h^2)), and
 |w v_a| <= P^2 / (2 sqrt(J_t / m)). While J_a |s w| is below m g_e (h - r mu_s) / 2, each force is above
 m g_e (1 - mu_s r / h) / 4, and so
 
     P' <= -d g_e(t) + k P,    d = mu eta (1 - mu_s r / h) / 2,    k = max|V| / (2 sqrt(J_t / m)).
 
-If k P <= d g (1 - Gamma), P never grows; if k Q <= d g with Q = P + 2 d A_z omega, P never exceeds Q. Then |w| <= sqrt(m / J_t) P
-and r |s| <= max|V| + m / sqrt(I M) P, which must keep J_a |s w| below that half.
+If k P <= d g (1 - Gamma), P never grows; if k Q <= d g with Q = P + 2 d A_z omega, P never exceeds Q. The largest P bounds
+|w| <= sqrt(m / J_t) P and r |s| <= max|V| + m / sqrt(q M) P, which must keep J_a |s w| below that half.
 
 *Look ahead.* Until it is calm the rod is followed on a plate at rest, in a few coarse steps, where the same half must hold. In
 units of the impulse of the weight, friction does the same on both plates; turning and gyroscopic moment are shifted against it
-by 2 A_z omega / g at most, and change the motion at a rate below |w| + mu r (m |v_b| + I r |s|) / J_t. Where that is more than
+by 2 A_z omega / g at most, and change the motion at a rate below |w| + mu r (m |v_b| + q r |s|) / J_t. Where that is more than
 one in the shift nothing is told. The other half is room for the shift and for the steps.
 """
 
@@ -50,22 +50,22 @@ def half_room(dm):
 @compiled
 def commotion(dm, a, b, w, spin):
     """P: velocity that friction can still take from the rod [m/s]."""
-    c, I = b - dm.r * spin, dm.J_a / dm.r**2
-    return sqrt(a * a + I / (dm.m + I) * c * c + dm.J_t * dm.im * w * w)
+    c, q = b - dm.r * spin, dm.J_a / dm.r**2
+    return sqrt(a * a + q / (dm.m + q) * c * c + dm.J_t * dm.im * w * w)
 
 
 @compiled
 def is_calm(dm, b, spin, P):
     """Whether what is left of the motion is bounded well enough to tell that both ends stay down."""
-    I = dm.J_a / dm.r**2
-    M = dm.m + I
-    V = sqrt(((dm.m * b + I * dm.r * spin) / M) ** 2 + dm.m * P * P / M)
+    q = dm.J_a / dm.r**2
+    M = dm.m + q
+    V = sqrt(((dm.m * b + q * dm.r * spin) / M) ** 2 + dm.m * P * P / M)
     gyration = sqrt(dm.J_t * dm.im)
-    eta = 1.0 / sqrt(max(1.0, I / M + (gyration / dm.h) ** 2))
+    eta = 1.0 / sqrt(max(1.0, q / M + (gyration / dm.h) ** 2))
     d, k = 0.5 * dm.mu * eta * (1.0 - dm.mu_s * dm.r / dm.h), 0.5 * V / gyration
     speed = dm.A_z * dm.omega
     top = P if k * P <= d * (dm.g - speed * dm.omega) else P + 2.0 * d * speed
-    turn, roll = top / gyration, (V + dm.m / sqrt(I * M) * top) / dm.r
+    turn, roll = top / gyration, (V + dm.m / sqrt(q * M) * top) / dm.r
     return k * top <= d * dm.g and dm.J_a * roll * turn <= half_room(dm)
 
 

@@ -6,7 +6,20 @@ With the JIT off these are the plain functions.
 import numpy as np
 from numba import njit
 
-from dimersweep.kernel import body, charts, chatter, choose, contact, fate, flight, glide, impact, rest, roots, single_impact
+from dimersweep.kernel import (
+    body,
+    charts,
+    chatter,
+    choose,
+    contact,
+    fate,
+    flight,
+    glide,
+    impact,
+    rest,
+    roots,
+    single_impact,
+)
 from dimersweep.kernel.engine import WORK_COLUMNS, WORK_ROWS
 from dimersweep.kernel.layout import (
     BETA,
