@@ -1,12 +1,12 @@
 """Does the early stop change a verdict, and what does it cost: ``python benchmarks/early_stop.py --points 20000``.
 
 Random points near the paper's domain run twice, with the early stop and to the last period. Printed are every point whose
-modes differ, and why; what a run that dies costs over a run to the end of the forcing period it dies in; and how long a drift
-goes on after it has settled, by its own count and by its distance from where it ends.
+modes differ, and why; what a run that dies costs over the same run up to the event with which both ends are down for good;
+and how long a drift goes on after it has settled, by its own count and by how far apart its later strobes are, which are
+followed beyond the stop.
 """
 
 import argparse
-from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from time import perf_counter, thread_time
 from typing import NamedTuple
@@ -15,9 +15,11 @@ import numpy as np
 
 from dimersweep import simulate
 from dimersweep.cube import blank
-from dimersweep.kernel.batch import run_many
+from dimersweep.kernel.batch import run_many, run_recorded
 from dimersweep.kernel.fate import PATIENCE, SETTLED
-from dimersweep.kernel.layout import CODES, M_DRIFT, M_REST, MODES, OUT
+from dimersweep.kernel.impact import N_LOG
+from dimersweep.kernel.layout import CODES, M_DRIFT, M_REST, MODES, OUT, SLIP, STICK
+from dimersweep.kernel.record import EVENT, N_EVENT, N_SEGMENT
 from dimersweep.parameters import fill_rows
 from dimersweep.symbols import BASE
 
@@ -37,6 +39,7 @@ CHUNK = 50
 DEATH_COST, DRIFT_WAIT = 1.2, 30  # what a death may cost over the time to it; periods a settled drift may go on
 BEYOND = 30  # periods by which a drift is followed further than its stop, to see where it ends
 TIMINGS = 5
+LOG_ROWS = 64
 
 
 class Runs(NamedTuple):
@@ -69,24 +72,42 @@ def run_all(rows: np.ndarray, periods: int, rtol: float, settle: bool, workers: 
     return Runs(out, codes, perf_counter() - begun)
 
 
-def seconds_of(row: np.ndarray, settings: Sequence[tuple[int, bool]], rtol: float) -> list[float]:
-    """Least time on the processor of one run at each of several (periods, settle), in turn [s]."""
-    out, codes = blank(1)
-    least = [np.inf] * len(settings)
-    for _ in range(TIMINGS):
-        for k, (periods, settle) in enumerate(settings):
-            begun = thread_time()
-            run_many(row[None], periods, rtol, settle, out, codes)
-            least[k] = min(least[k], thread_time() - begun)
-    return least
+class Recorder:
+    """One run to its early stop, recorded, as often as asked, wholly or up to its death.
 
+    Attributes
+    ----------
+    rows : int
+        Events before the one with which both ends are down for good.
+    death, end : float
+        Time of that event, and of the stop, in forcing periods.
+    """
 
-def period_of_death(point: dict[str, float], periods: int, rtol: float) -> int:
-    """The forcing period, counted from 1, in which an end is last off the plate."""
-    events = simulate(**point, periods=periods, rtol=rtol).events
-    closed = np.char.startswith(events["contact_after"].values, "DC")
-    last = np.flatnonzero(~closed)[-1] + 1  # with this event both ends are down for good
-    return int(events["time"].values[last] * point["f"]) + 1
+    def __init__(self, row: np.ndarray, periods: int, rtol: float) -> None:
+        self._run = row[None], periods, rtol, True, False, *blank(1)
+        self._log, self._counts = np.zeros((LOG_ROWS, N_LOG)), np.zeros(3, np.int64)
+        self._events, self._segments = np.zeros((0, N_EVENT)), np.zeros((0, N_SEGMENT))
+        while self._counts[1:].max() >= len(self._events):
+            rows = 4 * len(self._events) + 1000
+            self._events, self._segments = np.zeros((rows, N_EVENT)), np.zeros((rows, N_SEGMENT))
+            self.seconds(rows)
+        events = self._events[: self._counts[1]]
+        ends = np.divmod(events[:, EVENT.index("contact_after")], 5)
+        closed = np.all((np.array(ends) >= STICK) & (np.array(ends) <= SLIP), axis=0)
+        self.rows = int(np.flatnonzero(~closed)[-1]) + 1
+        times = events[:, EVENT.index("period")] + events[:, EVENT.index("phase")] / (2 * np.pi)
+        self.death, self.end = times[self.rows], times[-1]
+
+    def seconds(self, rows: int) -> float:
+        """Time on the processor of the run to its stop, or until it would write one more event than `rows` [s]."""
+        begun = thread_time()
+        run_recorded(*self._run, self._log, self._events[:rows], self._segments, self._counts)
+        return thread_time() - begun
+
+    def cost(self) -> tuple[float, float]:
+        """Least time of the whole run, and of the run to its death, measured in turn [s]."""
+        pairs = [(self.seconds(len(self._events)), self.seconds(self.rows)) for _ in range(TIMINGS)]
+        return min(whole for whole, _ in pairs), min(part for _, part in pairs)
 
 
 def strobes(point: dict[str, float], periods: int, rtol: float) -> np.ndarray:
@@ -103,10 +124,10 @@ def changes(strobe: np.ndarray, p: int) -> np.ndarray:
 
 
 def settling_of(point: dict[str, float], periods: int, rtol: float) -> int:
-    """Forcing periods after which the strobes of a run stay within the line of settling from the last of them."""
-    strobe = strobes(point, periods, rtol)
-    apart = np.abs(strobe - strobe[-1]).max(axis=1)
-    return int(np.flatnonzero(np.append(1.0, apart) > SETTLED)[-1]) + 1
+    """Forcing periods after which all strobes of a run lie within the line of settling of each other."""
+    back = strobes(point, periods, rtol)[::-1]
+    spread = (np.maximum.accumulate(back) - np.minimum.accumulate(back)).max(axis=1)[::-1]
+    return int(np.flatnonzero(np.append(1.0, spread) > SETTLED)[-1]) + 1
 
 
 def reason(point: dict[str, float], early: np.ndarray, late: np.ndarray, given: argparse.Namespace) -> str:
@@ -122,6 +143,8 @@ def reason(point: dict[str, float], early: np.ndarray, late: np.ndarray, given: 
             f"on its way to period {late[PERIOD]}: the change over that was {shorter[stop - 1 - PATIENCE]:.1e}, "
             f"{shorter[stop - 1]:.1e} at the stop, {shorter[-1]:.1e} at the end"
         )
+    if lost.size == 0 and early[PERIOD] == late[PERIOD]:
+        return f"the same motion, on the border of two words; the change over its period is {change[stop:].max():.1e} at most"
     if lost.size == 0:
         return f"it repeats to the end; the change over its period is {change[stop:].max():.1e} at most"
     leap = change[lost[0]]
@@ -147,13 +170,11 @@ def print_exceptions(columns: dict[str, np.ndarray], stopped: Runs, full: Runs, 
 
 
 def print_deaths(
-    columns: dict[str, np.ndarray], rows: np.ndarray, chosen: np.ndarray, stopped: Runs, given: argparse.Namespace
+    columns: dict[str, np.ndarray], rows: np.ndarray, chosen: np.ndarray, given: argparse.Namespace
 ) -> None:
-    """What runs that die cost over runs that end with the forcing period of the death."""
-    deaths = np.array([period_of_death(told(columns, k), stopped.codes[k, TAKEN], given.rtol) for k in chosen])
-    settings = [((given.periods, True), (int(death), False)) for death in deaths]
-    costs = [seconds_of(rows[k], setting, given.rtol) for k, setting in zip(chosen, settings, strict=True)]
-    cost, least = np.array(costs).T
+    """What runs that die cost over the same runs up to their death."""
+    runs = [Recorder(rows[k], given.periods, given.rtol) for k in chosen]
+    cost, least = np.array([run.cost() for run in runs]).T
     ratio = cost / least
     print(
         f"{chosen.size} runs that die: {cost.sum() / least.sum():.3f} times the time to the death in all; each: median "
@@ -162,9 +183,10 @@ def print_deaths(
     )
     for k in np.argsort(ratio)[::-1]:
         if ratio[k] > DEATH_COST:
-            slides = stopped.codes[chosen[k], TAKEN] - deaths[k]
+            run = runs[k]
             print(
-                f"  {ratio[k]:.2f}, both ends down after {deaths[k]} periods, {slides} more: {told(columns, chosen[k])}"
+                f"  {ratio[k]:.2f}, {1e6 * least[k]:.0f} us to the death after {run.death:.2f} periods, stopped "
+                f"{run.end - run.death:.2f} later: {told(columns, chosen[k])}"
             )
 
 
@@ -175,7 +197,7 @@ def print_drifts(columns: dict[str, np.ndarray], chosen: np.ndarray, stopped: Ru
     seen = taken - [
         settling_of(told(columns, k), int(n) + BEYOND, given.rtol) for k, n in zip(chosen, taken, strict=True)
     ]
-    for name, wait in (("their own count", own), ("the distance from their end", seen)):
+    for name, wait in (("their own count", own), ("how far apart all later strobes are", seen)):
         print(
             f"{chosen.size} drifts stop after settling, by {name}: median {np.median(wait):.0f} periods, longest "
             f"{wait.max():.0f}; {np.count_nonzero(wait > DRIFT_WAIT)} above {DRIFT_WAIT}"
@@ -203,7 +225,7 @@ def main(arguments: list[str] | None = None) -> int:
     print(f"{differ} of {given.points} modes differ")
     dead, drifting = (np.flatnonzero(stopped.codes[:, MODE] == mode)[: given.timed] for mode in (M_REST, M_DRIFT))
     if dead.size:
-        print_deaths(columns, rows, dead, stopped, given)
+        print_deaths(columns, rows, dead, given)
     if drifting.size:
         print_drifts(columns, drifting, stopped, given)
     return differ

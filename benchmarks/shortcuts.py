@@ -1,8 +1,8 @@
 """What every shortcut of the kernel buys and what it changes: ``python benchmarks/shortcuts.py``.
 
-Each shortcut is taken out of a copy of the package, which is compiled apart. Both copies then run the same scenes in turn:
-the time of a run to its verdict, and the error of the states over four forcing periods against a run at a far tighter
-setting. The table goes to the terminal and to docs/shortcuts.md.
+Each shortcut is taken out of a copy of the package. The copies are compiled first, several at a time. Then the package and
+each copy run the same scenes in turn: the time of a run to its verdict, and the error of the states over four forcing periods
+against a run at a far tighter setting. The table goes to the terminal and to docs/shortcuts.md.
 """
 
 import argparse
@@ -14,6 +14,7 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from time import thread_time
 from typing import NamedTuple
@@ -172,6 +173,9 @@ SHORTCUTS = (
         {"glide": replaced("if pace != SLOW:\n        guess", "if pace < 0:\n        guess")},
     ),
     Shortcut(
+        "probe of an event carried on from the last one", "a step of its own", {"glide": body("nearby", "return 0.0")}
+    ),
+    Shortcut(
         "step that ends at a landing in sight",
         "a step of any length",
         {"glide": body("landing_in_sight", "return inf")},
@@ -183,11 +187,21 @@ SHORTCUTS = (
         {"roots": replaced("first_landing(fl, -near, min(t, until))", "first_landing(fl, -near, until)")},
     ),
     Shortcut(
+        "(safeguard) turns of a rod high above the plate stepped over",
+        "steps by bounds of the gap alone",
+        {"roots": constant("SWIFT", "1e300")},
+    ),
+    Shortcut(
         "axial onset of slip tried first in planar motion",
         "all directions",
         {"onset": replaced("if hold_b == 0.0:", "if hold_b != hold_b:")},
     ),
     Shortcut("rest known to be for good", "waiting until it repeats", {"fate": body("rests_for_good", "return False")}),
+    Shortcut(
+        "rest told while both ends still slide",
+        "waiting until both ends stick",
+        {"fate": replaced(" or slides_to_rest(dm, state)", "")},
+    ),
     Shortcut("stop when settled", "all periods", asked={"settle": False}),
     Shortcut(
         "neighbouring run only where nothing repeats",
@@ -279,14 +293,30 @@ class Effect(NamedTuple):
         return self.error_on > ALLOWED * max(RTOL, self.error_off)
 
 
-def effects(shortcut: Shortcut, folder: Path, whole: Worker, names: list[str]) -> Iterator[Effect]:
-    """What a shortcut does in each scene; `whole` measures with the package as it is."""
-    bare = worker(without(shortcut, folder), folder / "cache") if shortcut.edits else worker(ROOT, KEPT)
-    bare.ask({"scene": {}, "rtol": RTOL})  # compiles
-    for name in names:
-        scene = SCENES[name]
-        finest = np.array(whole.ask({"scene": scene, "rtol": FINEST})["states"])
-        asked = {"scene": scene, "rtol": RTOL}
+def compile_copies(shortcuts: list[Shortcut], folder: Path) -> None:
+    """A copy of the package without each of them, compiled, in a folder of its own; as many at a time as there are cores."""
+
+    def compile_copy(k: int) -> None:
+        if shortcuts[k].edits:
+            copy = without(shortcuts[k], folder / str(k))
+            made = worker(copy, copy / "cache")
+            made.ask({"scene": {}, "rtol": RTOL})
+            made.close()
+
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        list(threads.map(compile_copy, range(len(shortcuts))))
+
+
+def finest_states(whole: Worker, names: list[str]) -> dict[str, np.ndarray]:
+    """States of each scene at the tight setting."""
+    return {name: np.array(whole.ask({"scene": SCENES[name], "rtol": FINEST})["states"]) for name in names}
+
+
+def effects(shortcut: Shortcut, folder: Path, whole: Worker, finest: dict[str, np.ndarray]) -> Iterator[Effect]:
+    """What a shortcut does in each scene, its copy being compiled in `folder`; `whole` measures with the package as it is."""
+    bare = worker(folder, folder / "cache") if shortcut.edits else worker(ROOT, KEPT)
+    for name, states in finest.items():
+        asked = {"scene": SCENES[name], "rtol": RTOL}
         rounds = [(whole.ask(asked), bare.ask(asked | shortcut.asked)) for _ in range(ROUNDS)]
         times = np.array([[one["seconds"] for one in pair] for pair in rounds])
         on, off = rounds[0]
@@ -295,8 +325,8 @@ def effects(shortcut: Shortcut, folder: Path, whole: Worker, names: list[str]) -
             name,
             *np.median(times, axis=0),
             float(np.median(times[:, 1] / times[:, 0])),
-            float(np.abs(np.array(on["states"]) - finest).max()),
-            float(np.abs(np.array(off["states"]) - finest).max()),
+            float(np.abs(np.array(on["states"]) - states).max()),
+            float(np.abs(np.array(off["states"]) - states).max()),
             on["mode"],
             off["mode"],
         )
@@ -384,13 +414,15 @@ def main(arguments: list[str] | None = None) -> list[Effect]:
     print(
         f"{'without':50s} {'scene':16s} {'on us':>9s} {'off us':>9s} {'off / on':>8s} {'err on':>9s} {'err off':>9s}  mode"
     )
+    chosen = [shortcut for shortcut in SHORTCUTS if any(word in shortcut.name for word in given.only)]
     with tempfile.TemporaryDirectory() as name:
+        compile_copies(chosen, Path(name))
         whole = worker(ROOT, KEPT)
-        for k, shortcut in enumerate(SHORTCUTS):
-            if any(word in shortcut.name for word in given.only):
-                for effect in effects(shortcut, Path(name, str(k)), whole, given.scenes):
-                    found.append(effect)
-                    print(line(effect), flush=True)
+        finest = finest_states(whole, given.scenes)
+        for k, shortcut in enumerate(chosen):
+            for effect in effects(shortcut, Path(name, str(k)), whole, finest):
+                found.append(effect)
+                print(line(effect), flush=True)
         whole.close()
     given.document.write_text("\n".join(document(found, given.scenes)) + "\n")
     return found

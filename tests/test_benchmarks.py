@@ -12,6 +12,7 @@ import pytest
 
 from dimersweep import simulate
 from dimersweep.kernel.layout import BETA, D1, D2, N1, N2
+from dimersweep.parameters import Parameters
 from dimersweep.symbols import BASE
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -139,7 +140,7 @@ def test_an_edit_that_finds_nothing_is_an_error():
 def test_effect_of_a_shortcut(tmp_path):
     (early_end,) = [one for one in shortcuts.SHORTCUTS if one.asked == {"settle": False}]
     whole = shortcuts.worker(ROOT, CACHE)
-    (effect,) = shortcuts.effects(early_end, tmp_path, whole, ["jump"])
+    (effect,) = shortcuts.effects(early_end, tmp_path, whole, shortcuts.finest_states(whole, ["jump"]))
     whole.close()
     assert effect.ratio > 1.5  # about a quarter of the periods
     assert effect.error_on == effect.error_off < 1e-3
@@ -177,8 +178,9 @@ def test_early_stop_on_a_few_points(capsys):
             "leaps by 1.0e+00 1e-04 after 151 periods, from 0.0e+00 at the stop",
         ),
         (lambda n: (-1.0) ** n, 3, "it repeats to the end; the change over its period is 0.0e+00 at most"),
+        (lambda n: (-1.0) ** n, 2, "the same motion, on the border of two words"),
     ],
-    ids=["rings down", "creeps", "leaps", "repeats"],
+    ids=["rings down", "creeps", "leaps", "repeats", "two words"],
 )
 def test_why_a_verdict_differs(course, late, expected, monkeypatch):
     strobe = course(np.arange(200.0))[:, None] * [1.0, 0.0, 0.0, 0.0]
@@ -189,14 +191,24 @@ def test_why_a_verdict_differs(course, late, expected, monkeypatch):
     assert early_stop.reason({}, before, after, given).startswith(expected)
 
 
-def test_period_of_death_is_when_both_gaps_close():
+@pytest.mark.parametrize(("way", "expected"), [(1.0, 44), (-1.0, 50)], ids=["from one side", "by turns from both"])
+def test_settling_is_when_all_later_strobes_are_near_each_other(way, expected, monkeypatch):
+    course = 0.01 * (0.9 * way) ** np.arange(1.0, 201.0)[:, None] * [1.0, 0.0, 0.0, 0.0]
+    monkeypatch.setattr(early_stop, "strobes", lambda *_: course)
+    assert early_stop.settling_of({}, 200, 1e-8) == expected
+
+
+def test_death_is_when_both_gaps_close():
     scene = BASE | {"Gamma": 0.5}
-    death = early_stop.period_of_death(scene, 20, 1e-8)
+    death = early_stop.Recorder(Parameters(**scene).row(), 20, 1e-8)
     run = simulate(**scene, periods=20)
     times = np.linspace(0.0, 20 / scene["f"], 20001)
     states = run.states(times)
     off = np.maximum(states["gap_1"].values, states["gap_2"].values) > 0.0
-    assert int(times[off][-1] * scene["f"]) + 1 == death
+    assert times[off][-1] * scene["f"] == pytest.approx(death.death, abs=2e-3)
+    assert death.rows < run.events.sizes["event"]
+    whole, part = death.cost()
+    assert 0.0 < part < whole
 
 
 def test_exponent_of_the_growth():

@@ -34,8 +34,8 @@ from dimersweep.kernel.layout import (
     STICK,
     THETA,
     WB,
-    WP,
 )
+from dimersweep.kernel.rest import slides_to_rest
 from dimersweep.kernel.steps import clear
 
 HOP_LINE = 0.5
@@ -45,9 +45,8 @@ DOWN_LINE = 0.9  # share of the time one ball is down in the drift mode
 TOGETHER = 0.15  # landings of a jump lie closer than this
 SETTLED = 1e-4  # change of a strobe, in g/omega^2 and g/omega, that counts as none
 KEPT = 1e-3  # the same of a motion that has settled before: one that creeps is not lost at the line
-FADING = (
-    0.99  # share of a shorter period's change that is left after PATIENCE periods, below which it is on its way to none
-)
+# share of a shorter period's change that is left after PATIENCE periods, below which it is on its way to none
+FADING = 0.99
 PATIENCE = 24  # periods a motion repeats before it counts as settled
 MAX_PERIOD = 16
 FIT = 20  # double events in the fit of an orbit's drift
@@ -198,12 +197,20 @@ def change(past, p, back):
 
 
 @compiled
+def largest(past, q, p, back):
+    """Largest change over q periods in a stretch of p strobes, which ends `back` periods before the last one."""
+    apart = 0.0
+    for k in range(p):
+        apart = max(apart, change(past, q, back + k))
+    return apart
+
+
+@compiled
 def fades(past, p):
     """Whether a motion that repeats with period p rings down to a shorter one, a divisor of p."""
-    back = p * ((PATIENCE + p - 1) // p)
     shorter = False
     for q in range(1, p):
-        shorter = shorter or (p % q == 0 and change(past, q, 0) < FADING * change(past, q, back))
+        shorter = shorter or (p % q == 0 and largest(past, q, p, 0) < FADING * largest(past, q, p, PATIENCE))
     return shorter
 
 
@@ -218,21 +225,10 @@ def settled_period(past):
 
 @compiled
 def rests_for_good(dm, state, modes):
-    """Whether both ends stay closed whatever comes: the plate never outruns gravity, and no gyroscopic or friction moment
-    (bounded by the energy, which only falls) can unload an end.
-    """
-    if modes[0] == FREE or modes[1] == FREE:
+    """Whether both ends are closed and stay so whatever comes."""
+    if modes[0] == FREE or modes[1] == FREE or dm.A_z * dm.omega * dm.omega > dm.g:
         return False
-    pull = dm.g - dm.A_z * dm.omega * dm.omega
-    if modes[0] == STICK and modes[1] == STICK:
-        return pull >= 0.0
-    v2 = state[CA] ** 2 + state[CB] ** 2
-    w2 = state[WP] ** 2
-    energy = dm.m * v2 + dm.J_t * w2 + dm.J_a * state[SPIN] ** 2
-    moment = (
-        0.5 * energy * (dm.J_a / dm.J_t) ** 0.5
-    )  # J_a spin theta' <= sqrt(J_a / J_t) (J_a spin^2 + J_t theta'^2) / 2
-    return dm.m * pull * (dm.h - dm.r * dm.mu_s) > moment
+    return (modes[0] == STICK and modes[1] == STICK) or slides_to_rest(dm, state)
 
 
 @compiled

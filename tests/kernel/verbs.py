@@ -6,7 +6,20 @@ With the JIT off these are the plain functions.
 import numpy as np
 from numba import njit
 
-from dimersweep.kernel import body, charts, chatter, choose, contact, fate, flight, glide, impact, roots, single_impact
+from dimersweep.kernel import (
+    body,
+    charts,
+    chatter,
+    choose,
+    contact,
+    fate,
+    flight,
+    glide,
+    impact,
+    rest,
+    roots,
+    single_impact,
+)
 from dimersweep.kernel.engine import WORK_COLUMNS, WORK_ROWS
 from dimersweep.kernel.layout import (
     BETA,
@@ -147,6 +160,21 @@ def come_to_rest(dm, state, modes, slip_tol, tol, y, dy, F):
 @compiled
 def rests_for_good(dm, state, modes):
     return fate.rests_for_good(dm, state, modes)
+
+
+@compiled
+def slide_rates(dm, state, soft):
+    return rest.slide_rates(dm, state[CA], state[CB], state[WP], state[SPIN], soft)
+
+
+@compiled
+def commotion(dm, state):
+    return rest.commotion(dm, state[CA], state[CB], state[WP], state[SPIN])
+
+
+@compiled
+def is_calm(dm, state):
+    return rest.is_calm(dm, state[CB], state[SPIN], commotion(dm, state))
 
 
 def row_of(**parameters):
