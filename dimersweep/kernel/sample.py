@@ -15,7 +15,7 @@ from dimersweep.kernel.fate import begin_past
 from dimersweep.kernel.flight import fly, take_off
 from dimersweep.kernel.glide import NO_EVENT, OUT_OF_STEPS, glide
 from dimersweep.kernel.jit import compiled, exported
-from dimersweep.kernel.layout import CB, CONTACT_STEPS, FREE, N1, N2, N_ROW, N_STATE, OK, PERIOD, PHASE, ROW
+from dimersweep.kernel.layout import CB, CONTACT_STEPS, FREE, N1, N_ROW, N_STATE, OK, PERIOD, PHASE, ROW
 from dimersweep.kernel.record import BEFORE, MODES, REST
 from dimersweep.kernel.steps import copy
 from dimersweep.kernel.watch import HOLD_LOST, LANDS, LIFTS, SLIP_ZERO, slip_speed
