@@ -157,18 +157,18 @@ class Borrower(_Peer):
 
         def recording(state, modes, ended, event, dt, *rest):
             before = state.copy(), modes.copy()
-            lifted, lost = borrowed.arrive(self.constants, *before, ended, event, dt, self.work)
-            instants.append((*before, lifted, lost))
+            lost = borrowed.arrive(self.constants, *before, ended, event, dt, self.work)
+            instants.append((*before, lost))
             return cross(state, modes, ended, event, dt, *rest)
 
         march.cross = recording
         self.run(end)
         march.cross = cross
-        states, modes, lifted, lost = (np.array(each) for each in zip(*instants, strict=True))
-        return min(self._settling(states, modes, lifted, lost) for _ in range(5))
+        states, modes, lost = (np.array(each) for each in zip(*instants, strict=True))
+        return min(self._settling(states, modes, lost) for _ in range(5))
 
-    def _settling(self, states, modes, lifted, lost):
-        arguments = self.row, states.copy(), modes.copy(), lifted, lost, self.rtol, self.work, self.log
+    def _settling(self, states, modes, lost):
+        arguments = self.row, states.copy(), modes.copy(), lost, self.rtol, self.work, self.log
         begun = time.process_time()
         borrowed.settle_all(*arguments)
         return time.process_time() - begun

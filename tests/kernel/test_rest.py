@@ -7,6 +7,7 @@ from verbs import commotion, contact_rates, dimer, is_calm, rests_for_good, row_
 
 from dimersweep.kernel.charts import N_Y, YS, YUA, YUB, YWP
 from dimersweep.kernel.layout import CA, CB, FREE, N_STATE, PHASE, SLIP, SPIN, STICK, WP
+from dimersweep.kernel.record import MODES, REST
 
 BOTH_SLIP, BOTH_STICK = np.array([SLIP, SLIP], float), np.array([STICK, STICK], float)
 PERIODS = 60
@@ -45,7 +46,7 @@ def random_slide(rng):
 def lifts(scene, state):
     """Whether an end leaves the plate, or the run fails."""
     run = launch(row_of(**scene), state, PERIODS, rtol=1e-7)
-    return run.status != "ok" or bool((run.segments[:, N_STATE:] == FREE).any())
+    return run.status != "ok" or bool((run.segments[:, MODES:REST] == FREE).any())
 
 
 @pytest.mark.jit
