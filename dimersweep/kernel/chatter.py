@@ -12,10 +12,9 @@ from dimersweep.kernel.body import delassus, levers
 from dimersweep.kernel.charts import YUA, YUB, unload
 from dimersweep.kernel.choose import CLOSED, contact_mode
 from dimersweep.kernel.contact import A1, F1, F2, L1, L2, double_forces
-from dimersweep.kernel.impact import contact_velocity, push
+from dimersweep.kernel.impact import push
 from dimersweep.kernel.jit import compiled
-from dimersweep.kernel.layout import BETA, CA, CB, D1, D2, FREE, N1, N2, N_STATE, PHASE, SLIP, SPIN, WB, WP
-from dimersweep.kernel.steps import copy
+from dimersweep.kernel.layout import BETA, CA, CB, D1, D2, FREE, N1, N2, PHASE, SLIP, SPIN, WB, WP
 
 CLOSE = 4.0  # what the close of a chatter may cost, in tolerances
 NOTHING = -1.0  # time of hops where none are summed
@@ -92,30 +91,11 @@ def come_to_rest(dm, state, modes, slip_tol, tol, y, dy, F):
         may_1, may_2 = may_1 and slow_1 and modes[0] != FREE, may_2 and slow_2 and modes[1] != FREE
     else:
         return NOTHING
-    rest = max(rest_1 if modes[0] != FREE else 0.0, rest_2 if modes[1] != FREE else 0.0)
-    before = dy
-    copy(state, before, N_STATE)
     if modes[0] != FREE and modes[1] != FREE:
         close_both(dm, state, modes, y, F)
     else:
         close_one(dm, state, modes, 0 if modes[0] != FREE else 1, y)
-    if rest > 0.0 and outweighs_slip(dm, before, state, modes):
-        copy(before, state, N_STATE)
-        return NOTHING
-    return rest
-
-
-@compiled
-def outweighs_slip(dm, before, after, modes):
-    """Whether a close changes a slip by more than there is: it would stop within the hops that are summed."""
-    for i in range(2):
-        if modes[i] == SLIP:
-            s = -1.0 if i == 0 else 1.0
-            _, a, b = contact_velocity(dm, before, s)
-            _, a_after, b_after = contact_velocity(dm, after, s)
-            if hypot(a_after - a, b_after - b) > hypot(a, b):
-                return True
-    return False
+    return max(rest_1 if modes[0] != FREE else 0.0, rest_2 if modes[1] != FREE else 0.0)
 
 
 @compiled
