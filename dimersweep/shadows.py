@@ -15,9 +15,8 @@ import xarray as xr
 from dimersweep.symbols import EVENTS, STATES
 
 FINER = 1e-2  # rtol of a shadow over that of the run
-COARSER = (
-    10.0  # the same where nothing much finer is to be had: its own error, ten times that of the run, is the difference
-)
+# the same where nothing much finer is to be had: its own error, ten times that of the run, is the difference
+COARSER = 10.0
 FINEST = 1e-13
 NUDGE = 1e-4  # change of the start over rtol: far below the error of the run, far above round-off
 SAFETY = 10.0  # bound over difference: two runs can be alike by chance

@@ -40,10 +40,8 @@ from dimersweep.kernel.single_impact import DONE, JAM, STEPS, EndLaw, single_pha
 from dimersweep.kernel.steps import copy
 
 MAX_PHASES = 2000
-LEFT_OVER, LEAST_LEFT = (
-    1e-3,
-    1e-13,
-)  # approach, in tolerances and in V, that ends the series of switches of two ends at small e
+# approach, in tolerances and in V, that ends the series of switches of two ends at small e
+LEFT_OVER, LEAST_LEFT = 1e-3, 1e-13
 PAIR_TOL = 0.02  # of the integrator of a double impact, in units of the impact's tolerance: its steps add up
 FAINT = 0.1  # rebound that is none, in units of the impact's tolerance
 FINEST = 5e-14  # tolerance of that integrator that round-off still allows

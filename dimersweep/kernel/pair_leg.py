@@ -154,9 +154,8 @@ def event_value(law, k, modes, compressing, base, z, tol):
     if k < 4:
         return inf if compressing[i] > 0.0 else z[ZX1 + i]
     if k < 6:
-        total = pressure(z[ZX1]) + pressure(
-            z[ZX1 + 1]
-        )  # all force vanishes where an impact ends: only its ratios decide
+        # all force vanishes where an impact ends: only its ratios decide
+        total = pressure(z[ZX1]) + pressure(z[ZX1 + 1])
         return stick_reserve(law, modes, i, z) / total if total > 0.0 else 1.0
     if modes[i] == STICK or law.mu == 0.0:
         return inf
