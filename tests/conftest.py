@@ -1,11 +1,14 @@
 """Fixtures of the tests around the kernel."""
 
+import signal
+
 import pytest
 from fakes import fake_run_many
 from hypothesis import settings
 
 settings.register_profile("unhurried", deadline=None)  # a machine may be busy
 settings.load_profile("unhurried")
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell starts its background jobs with Ctrl-C ignored
 
 
 @pytest.fixture
