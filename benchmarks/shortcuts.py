@@ -140,10 +140,12 @@ SHORTCUTS = (
         "the same relative accuracy for all",
         {"engine": replaced("tol * max(1.0, dm.v_scale / V)", "tol")},
     ),
-    Shortcut("explicit steps of a double impact", "implicit steps always", {"pair_leg": constant("STIFF", "1e300")}),
     Shortcut(
-        "implicit steps where a double impact is stiff", "explicit steps always", {"pair_leg": constant("STIFF", "0.0")}
+        "explicit steps over a slip that is slow for a moment",
+        "implicit steps at once",
+        {"pair_leg": constant("LASTS", "0")},
     ),
+    Shortcut("implicit steps where a slip stays slow", "explicit steps always", {"pair_leg": constant("STIFF", "0.0")}),
     Shortcut(
         "plain pace of a contact phase",
         "slow or slide",
