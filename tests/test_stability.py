@@ -175,9 +175,11 @@ def test_twins_that_become_one_have_no_exponent():
 
 
 def test_weak_chaos_is_told_by_a_run_that_is_long_enough():
-    """Here twins separate too slowly for one stretch of 24 periods."""
-    scene = {"Gamma": 1.32, "beta0": 0.2}
-    assert simulate(**scene, periods=100, record=False).mode == "unresolved"
-    run = simulate(**scene, periods=600)
-    assert run.mode == "aperiodic"
-    assert 0.1 < lyapunov(run, periods=600).per_period < log(1e4) / 24
+    """Here twins separate too slowly for one stretch of 24 periods; a few of the starts come to another motion."""
+    modes = [
+        simulate(Gamma=1.32, beta0=beta0, periods=1000, record=False).mode for beta0 in np.linspace(0.15, 0.25, 12)
+    ]
+    assert "unresolved" not in modes
+    assert modes.count("aperiodic") >= 6
+    per_period = lyapunov(simulate(Gamma=1.32, beta0=0.2, periods=600), periods=600).per_period
+    assert 0.1 < per_period < log(1e4) / 24
