@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from dimersweep import simulate
+from dimersweep.plots.style import log_scale
 
 HERE = Path(__file__).resolve().parent
 FIGURE = HERE.parent / "docs" / "figures" / "convergence.png"
@@ -67,6 +68,7 @@ def draw(rtols, errors, times, path):
     axes[0].set_ylabel("largest error of the state, in its scales")
     axes[0].legend()
     axes[1].set_ylabel("time of a run of four periods [ms]")
+    log_scale(axes[1])
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=150)
 
