@@ -279,7 +279,8 @@ def evolve(dm, state, modes, periods, rtol, close, settle, path, past, work, log
             if status != OK:
                 return status, False
             pending, lost, cause = True, False, C_IMPACT
-            copy(state, work[ROW_BEFORE], N_STATE)
+            if record:
+                copy(state, work[ROW_BEFORE], N_STATE)
             slip_tol = no_slip(dm, state, rtol)
             rest = come_to_rest(dm, state, modes, slip_tol, close, work[ROW_Y], work[ROW_DY], work[ROW_F])
             if rest >= 0.0:
