@@ -99,7 +99,7 @@ class Plan:
         points = f"{self.to_run}"
         if (self.points != 1).any():  # of a map
             spread = self._total(self.points)[1]
-            points = f"about {points} (standard error {spread:.0f}) of a fine grid of {self.grid_points}"
+            points = f"about {points} (standard error {spread:.0f}), or a third more, of a fine grid of {self.grid_points}"
         done = f", {self.done} of them done" if self.done else ""
         low, middle, high = (_time(float(value)) for value in np.quantile(self.times, (0, 0.5, 1)))
         return [
@@ -181,7 +181,10 @@ def _of_searches(spec: SearchSpec, legal: np.ndarray, numbers: np.ndarray) -> It
 
 
 def _of_cells(job: RefineJob, numbers: np.ndarray) -> Iterator[Cost]:
-    """Costs of cells of the coarse grid of a map, each refined as if it were alone, points that are shared counting in part."""
+    """Costs of cells of the coarse grid of a map, each refined as if it were alone, points that are shared counting in part.
+
+    What a border asks for beyond the cell is left out: of borders near the edges of cells, up to a third of the points.
+    """
     axes, cells = job.coarse.grid.axes, tuple(n - 1 for n in job.coarse.grid.shape)
     for number in numbers.tolist():
         place = np.unravel_index(number, cells)

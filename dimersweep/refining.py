@@ -50,21 +50,53 @@ class Cell(NamedTuple):
         return [Cell(*map(tuple, zip(*part, strict=True))) for part in product(*cuts)]
 
     def torn(self, labels: np.ndarray) -> set[int]:
-        """Axes along which it has to be cut: those on which known labels (not -1) of a face disagree."""
-        axes: set[int] = set()
-        for face in self.faces():
-            part = labels[face]
-            free = {k for k, n in enumerate(part.shape) if n > 1}
-            if not _differ(part).any():
-                continue
-            axes |= {k for k in free if _differ(part, k).any()} or free
-        return axes
+        """Axes along which known labels (not -1) of its points disagree."""
+        part = labels[tuple(slice(o, o + s + 1) for o, s in zip(self.origin, self.size, strict=True))]
+        if not _differ(part).any():
+            return set()
+        axes = set(range(part.ndim))
+        return {k for k in axes if _differ(part, k).any()} or axes
+
+    def inside(self, axis: int = 0, margin: int = 0) -> tuple[slice, ...]:
+        """The cells of the fine grid that it covers, and as many as `margin` more at both its ends along `axis`."""
+        return tuple(
+            slice(max(0, o - margin), o + s + margin) if k == axis else slice(o, o + s)
+            for k, (o, s) in enumerate(zip(self.origin, self.size, strict=True))
+        )
 
 
 def _differ(labels: np.ndarray, axis: int | None = None) -> Any:
     """Whether the known labels are several, all of them or those on each line along `axis`."""
     lowest = np.where(labels < 0, np.iinfo(labels.dtype).max, labels).min(axis=axis)
     return lowest < labels.max(axis=axis)
+
+
+def cuts(cells: Sequence[Cell], labels: np.ndarray) -> dict[Cell, set[int]]:
+    """Cells that have to be cut, each with the axes.
+
+    A cell on which known labels disagree is halved as long as there is something to halve, and one that touches it at an
+    end is brought to its size: so a border has cells of the finest size on either side, and what lies near it is seen.
+
+    Parameters
+    ----------
+    cells : sequence of Cell
+        Of the whole grid.
+    labels : ndarray, int
+        Of the points of the fine grid, -1 where not known.
+    """
+    shape = tuple(n - 1 for n in labels.shape)
+    longest = np.full((labels.ndim, *shape), np.iinfo(np.int64).max)  # that a cell may be along each axis
+    for cell in cells:
+        for axis in cell.torn(labels):
+            size = cell.size[axis]
+            for part, limit in ((cell.inside(axis, 1), size), (cell.inside(), max(1, size // 2))):
+                np.minimum(longest[axis][part], limit, out=longest[axis][part])
+    chosen = {}
+    for cell in cells:
+        axes = {k for k, size in enumerate(cell.size) if size > longest[k][cell.inside()].min()}
+        if axes:
+            chosen[cell] = axes
+    return chosen
 
 
 def finer(values: np.ndarray, halvings: int) -> np.ndarray:
@@ -115,7 +147,7 @@ class RefineJob:
         return self.coarse.configuration() | {"refine": {"halvings": halvings, "between": told_apart}}
 
     def fill(self, store: Store, crew: Crew) -> dict[str, str]:
-        """Cut cells until no two computed points on a face of one disagree, with searches where the store lacks them.
+        """Cut cells until there is none to be cut (see `cuts`), with searches where the store lacks them.
 
         What the store has is used when its turn comes, so that a map that goes on is cut as an undisturbed one.
         """
@@ -124,12 +156,12 @@ class RefineJob:
         self._search(findings, cells, cells, crew)
         while True:
             labels = np.where(findings.reached, self.lumped[findings.regions()], -1).reshape(self.spec.grid.shape)
-            cuts = {cell: axes for cell in cells if (axes := cell.torn(labels))}
-            if not cuts:
+            chosen = cuts(cells, labels)
+            if not chosen:
                 break
-            pairs = [(half, cell) for cell, axes in cuts.items() for half in cell.halves(axes)]
+            pairs = [(half, cell) for cell, axes in chosen.items() for half in cell.halves(axes)]
             self._search(findings, [half for half, _ in pairs], [cell for _, cell in pairs], crew)
-            cells = [cell for cell in cells if cell not in cuts] + [half for half, _ in pairs]
+            cells = [cell for cell in cells if cell not in chosen] + [half for half, _ in pairs]
         self.cells = cells
         return origin
 
@@ -230,7 +262,8 @@ def refine(
 
     The search is made at the points of `grid` first. A cell whose computed points (its corners, and what finer
     neighbours have added on its border) lie in different regions is halved along the axes on which they differ, down to
-    the fine grid. A region that lies wholly inside of one cell of `grid`, touching no border of it, is not seen.
+    the fine grid, and the cells that it touches at its ends are brought to its size. A region that lies wholly inside of
+    one cell of `grid`, away from every border, is not seen.
 
     Parameters
     ----------

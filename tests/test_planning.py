@@ -41,12 +41,12 @@ def test_a_search_takes_the_time_that_was_planned(made, ask, close):
     assert told.seconds[1] == 0  # every point was in the sample
 
 
-def test_a_map_takes_the_points_and_the_time_that_were_planned(made):
+def test_a_map_takes_the_points_and_the_time_that_were_planned_and_at_most_a_third_more(made):
     made(banded_kernel)
     halvings = {"e": 2, "Gamma": 6}
     spec = make_spec(COARSE, None, over="beta0", ask="any", mode="drift", periods=5, rtol=1e-8)
     told = plan(RefineJob(spec, *check_refinement(spec, halvings, None)), 1)
     cube = refine(COARSE, halvings=halvings, over="beta0", periods=5, progress=False)
     assert told.times.size == told.units == 20
-    assert told.to_run == pytest.approx(int(cube["computed"].sum()), rel=0.1)
-    assert told.seconds[0] == pytest.approx(float(cube["n_runs"].sum()), rel=0.15)
+    assert told.to_run <= int(cube["computed"].sum()) <= 1.33 * told.to_run
+    assert told.seconds[0] <= float(cube["n_runs"].sum()) <= 1.33 * told.seconds[0]

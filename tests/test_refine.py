@@ -13,7 +13,7 @@ from dimersweep.cube import names
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.layout import M_DRIFT, M_JUMP, M_REST, OK
 from dimersweep.manifest import read_manifest
-from dimersweep.refining import Cell, finer, refine
+from dimersweep.refining import Cell, cuts, finer, refine
 from dimersweep.searching import make_spec, search
 from dimersweep.tilestore import manifest_of
 
@@ -70,7 +70,7 @@ def test_a_refined_map_is_the_map_of_the_whole_grid(banded):
 @pytest.mark.slow
 def test_the_real_map_agrees_point_by_point_with_a_tenth_of_the_runs():
     grid = {"e": [0.65, 0.7], "Gamma": [0.5, 0.9], "beta0": {"start": 4, "stop": 80, "num": 12, "unit": "deg"}}
-    cube = refine(grid, between=["drift", "rest"], **(SETTINGS | {"halvings": {"Gamma": 7}, "periods": 100}))
+    cube = refine(grid, between=["drift", "rest"], **(SETTINGS | {"halvings": {"Gamma": 8}, "periods": 100}))
     fine = grid | {"Gamma": cube["Gamma"].values}
     regions, size = brute_regions(fine, periods=100)
     xr.testing.assert_equal(lumped(cube), regions)
@@ -159,16 +159,46 @@ def test_cells_are_cut_along_the_axes_on_which_they_disagree():
     labels = np.full((3, 5), -1)
     labels[::2, ::4] = [[1, 1], [2, 2]]
     cell = Cell((0, 0), (2, 4))
-    assert cell.torn(labels) == {0}
-    assert cell.halves({0}) == [Cell((0, 0), (1, 4)), Cell((1, 0), (1, 4))]
+    assert cuts([cell], labels) == {cell: {0}}
+    columns = cell.halves({0})
+    assert columns == [Cell((0, 0), (1, 4)), Cell((1, 0), (1, 4))]
     labels[1, ::4] = 2
-    assert Cell((0, 0), (1, 4)).torn(labels) == set()  # the two columns differ, but neither of them changes
+    assert cuts(columns, labels) == {}  # the two sides of the first one differ, but neither of them changes
     labels[0, 2] = 2  # known from a neighbour
-    assert Cell((0, 0), (1, 4)).torn(labels) == {1}
-    assert Cell((1, 0), (1, 4)).torn(labels) == set()
+    assert cuts(columns, labels) == {columns[0]: {1}}
     labels[2, 4] = 1
-    assert cell.torn(labels) == {0, 1}
+    assert cuts([cell], labels) == {cell: {0, 1}}
     assert Cell((0, 4), (1, 4)).corners() == [(0, 4), (0, 8), (1, 4), (1, 8)]
+
+
+def test_cells_that_touch_a_border_are_brought_to_the_size_of_its_cells():
+    labels = np.full((2, 17), -1)
+    labels[:, ::4], labels[:, 12:] = 1, 2
+    before, torn, after = [Cell((0, o), (1, n)) for o, n in ((0, 8), (8, 4), (12, 4))]
+    assert cuts([before, torn, after], labels) == {before: {1}, torn: {1}}
+    labels[:, 10] = 1
+    left, right = torn.halves({1})
+    beside, far = Cell((0, 4), (1, 4)), Cell((0, 0), (1, 4))
+    assert cuts([far, beside, left, right, after], labels) == {right: {1}, after: {1}}
+    labels[:, 11] = 1  # the border is found, between 11 and 12
+    halves = [*right.halves({1}), *after.halves({1})]
+    assert cuts([far, beside, left, *halves], labels) == {Cell((0, 12), (1, 2)): {1}}
+
+
+def test_an_island_beside_a_border_is_seen(monkeypatch):
+    """One point of drift, with rest between it and the border, as in Fig. 8 at e = 0.7333."""
+
+    def island_kernel(rows, periods, rtol, settle, out, codes, until=0):
+        place = np.rint((rows[:, SLOT["Gamma"]] - 0.5) / (0.2 / 64)).astype(int)
+        codes[:, CODE["status"]] = OK
+        codes[:, CODE["mode"]] = np.where((place == 90) | (place >= 92), M_DRIFT, M_REST)
+        return len(rows)
+
+    monkeypatch.setattr("dimersweep.tiles.run_many", island_kernel)
+    cube = refine(COARSE, **SETTINGS)
+    drift = np.flatnonzero((names(cube["region"]) == "drift").isel(e=0))
+    np.testing.assert_array_equal(drift, [90, *range(92, cube["Gamma"].size)])
+    assert cube["computed"].mean() < 0.2
 
 
 @pytest.mark.parametrize(
