@@ -99,7 +99,9 @@ class Plan:
         points = f"{self.to_run}"
         if (self.points != 1).any():  # of a map
             spread = self._total(self.points)[1]
-            points = f"about {points} (standard error {spread:.0f}), or a third more, of a fine grid of {self.grid_points}"
+            points = (
+                f"about {points} (standard error {spread:.0f}), or a third more, of a fine grid of {self.grid_points}"
+            )
         done = f", {self.done} of them done" if self.done else ""
         low, middle, high = (_time(float(value)) for value in np.quantile(self.times, (0, 0.5, 1)))
         return [
