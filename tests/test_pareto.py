@@ -14,6 +14,7 @@ for folder in ("benchmarks", "tests", "tests/kernel"):
         sys.path.append(str(ROOT / folder))
 
 import pareto  # noqa: E402
+import pareto_report  # noqa: E402
 from peers.own import Engine, Oracle  # noqa: E402
 from scenes import difference  # noqa: E402
 
@@ -29,11 +30,11 @@ def all_scenes():
     return {name: Parameters(**given).given() for name, given in pareto.SCENES.items()}
 
 
-def test_the_benchmark_measures_keeps_and_draws(tmp_path, capsys):
+def test_the_benchmark_measures_keeps_and_draws(tmp_path, monkeypatch, capsys):
     points = pareto.benchmark(["oracle"], ["no friction"], small=True, rounds=2, cap=20.0)
     points.to_netcdf(tmp_path / "pareto.nc")
-    pareto.draw(points, tmp_path / "pareto.png")
-    pareto.tell(points)
+    monkeypatch.setattr(sys, "argv", ["", str(tmp_path / "pareto.nc"), "--figure", str(tmp_path / "pareto.png")])
+    pareto_report.main()
     told = capsys.readouterr().out
     assert "least advantage over scipy oracle" in told
     assert (tmp_path / "pareto.png").stat().st_size > 10_000
@@ -54,9 +55,9 @@ def test_a_program_that_is_not_installed_is_named(monkeypatch, capsys):
 
 def test_time_at_an_error_lies_on_the_front():
     error, seconds = np.array([1e-2, 1e-4, 1e-3, np.nan]), np.array([1.0, 4.0, 9.0, 0.1])
-    assert pareto.time_at(1e-3, error, seconds) == pytest.approx(2.0)  # half way, and the third point is beaten
-    assert pareto.time_at(1.0, error, seconds) == 1.0
-    assert np.isnan(pareto.time_at(1e-5, error, seconds))
+    assert pareto_report.time_at(1e-3, error, seconds) == pytest.approx(2.0)  # half way, and the third point is beaten
+    assert pareto_report.time_at(1.0, error, seconds) == 1.0
+    assert np.isnan(pareto_report.time_at(1e-5, error, seconds))
 
 
 def test_the_orbit_follows_from_two_states():
