@@ -1,9 +1,10 @@
 """An impact from its first touch to its last: which ends act, phase by phase, and what becomes of the body's velocities."""
 
-from math import cos, hypot, sin
+from math import cos, sin
 
 from dimersweep.kernel.body import delassus, levers
 from dimersweep.kernel.jit import compiled
+from dimersweep.kernel.law import length
 from dimersweep.kernel.layout import (
     BETA,
     CA,
@@ -122,7 +123,7 @@ def acts(law, i, z, left, slip_tol):
     if z[ZN1 + i] > 0.0 or not presses(1 - i, z, left):
         return False
     sign = 1.0 if i == 0 else -1.0
-    v = hypot(z[ZA], z[ZB2 - i])
+    v = length(z[ZA], z[ZB2 - i])
     if v > slip_tol:
         tau = -law.mu * z[ZA] / v
     else:
@@ -285,7 +286,7 @@ def double_impact(dm, state, V, tol, modes, work, log):
                 break
             if halts:
                 P_1, P_2, _, _, _ = pair_impulses(dm, mid, before, V)
-                beside = SLIP if hypot(before[ZA], before[ZB2 - i]) > slip_tol else STICK
+                beside = SLIP if length(before[ZA], before[ZB2 - i]) > slip_tol else STICK
                 mode_1, mode_2 = (SLIP, beside) if i == 0 else (beside, SLIP)
                 code = 5 * phase_code(on_1, mode_1) + phase_code(on_2, mode_2)
                 rows = log_phase(log, rows, code, before[ZN1], before[ZN2], mid, V, P_1, P_2)
@@ -385,7 +386,7 @@ def lone_phase(dm, pair, i, z, modes, compressing, slip_tol, before, mid, work):
     compressing[i] = 1.0 if n < 0.0 or E == 0.0 else -1.0
     compressing[j] = 1.0
     modes[i] = mode
-    modes[j] = STICK if hypot(z[ZA], z[ZB1 + j]) <= slip_tol else SLIP
+    modes[j] = STICK if length(z[ZA], z[ZB1 + j]) <= slip_tol else SLIP
     halts = mode == STICK and 0.0 < P_s < P
     if halts:
         copy(before, mid, N_Z)

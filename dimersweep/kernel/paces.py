@@ -5,7 +5,7 @@ at the rate gamma / v: per xi nothing is stiff and the slip falls exponentially.
 slow and stays so, or sets out from rest: its direction follows the forces at once, and the step need not resolve how.
 """
 
-from math import hypot, inf, sqrt
+from math import inf, sqrt
 from typing import Any, NamedTuple
 
 from dimersweep.kernel.charts import (
@@ -27,6 +27,7 @@ from dimersweep.kernel.charts import (
 from dimersweep.kernel.collocation import NEXT, NODES, RADAU_A, RADAU_C, TOP
 from dimersweep.kernel.contact import contact_rates
 from dimersweep.kernel.jit import compiled
+from dimersweep.kernel.law import length
 from dimersweep.kernel.layout import FREE, SLIP
 from dimersweep.kernel.steps import DOP_STAGES, copy, explicit_finish, explicit_stage, lu_factor, lu_solve
 from dimersweep.kernel.watch import slip_speed
@@ -158,7 +159,7 @@ def set_turns(modes, j, y, b):
             row[0], row[1], row[2] = 0.0, 0.0, 0.0
             row[i] = 1.0
         return 3
-    v = hypot(y[YUA], y[YUB])
+    v = length(y[YUA], y[YUB])
     row = b.B[j]
     row[0], row[1], row[2] = -y[YUB] / v, y[YUA] / v, 0.0
     return 1

@@ -10,10 +10,11 @@ with f_i = X_i^(3/2), A the total axial and L_i the lateral friction per tau. Un
 impulses of m V, the Delassus operator of 1/m.
 """
 
-from math import copysign, hypot, inf, sqrt
+from math import copysign, inf, sqrt
 from typing import NamedTuple
 
 from dimersweep.kernel.jit import compiled
+from dimersweep.kernel.law import length
 from dimersweep.kernel.layout import SLIP, STICK
 from dimersweep.kernel.steps import clear
 
@@ -55,7 +56,7 @@ def friction(law, mode_1, mode_2, f_1, f_2, a, b_1, b_2):
     if mode_2 == STICK:
         L_1 = -law.mu * f_1 * copysign(1.0, b_1)
         return law.w * (f_1 - f_2) / law.aa, L_1, -law.bb_12 / law.bb * L_1
-    v_1, v_2 = hypot(a, b_1), hypot(a, b_2)
+    v_1, v_2 = length(a, b_1), length(a, b_2)
     k_1 = law.mu * f_1 / v_1 if v_1 > 0.0 else 0.0
     k_2 = law.mu * f_2 / v_2 if v_2 > 0.0 else 0.0
     return -(k_1 + k_2) * a, -k_1 * b_1, -k_2 * b_2
@@ -96,7 +97,7 @@ def friction_slopes(law, mode_1, mode_2, z, g_1, g_2, J):
             J[2, 1] = -law.mu * g_2 * copysign(1.0, b_2)
             J[1, 1] = ratio * J[2, 1]
         return
-    v_1, v_2 = hypot(a, b_1), hypot(a, b_2)
+    v_1, v_2 = length(a, b_1), length(a, b_2)
     if v_1 > 0.0:
         c, s, k = a / v_1, b_1 / v_1, law.mu * pressure(z[ZX1]) / v_1
         J[0, 0], J[1, 0] = -law.mu * g_1 * c, -law.mu * g_1 * s
@@ -138,7 +139,7 @@ def stick_reserve(law, modes, i, z):
     A, L_1, L_2 = friction(law, modes[0], modes[1], f_1, f_2, z[ZA], z[ZB1], z[ZB2])
     if modes[1 - i] == STICK:
         return law.mu_s * (f_1 + f_2) - abs(A)
-    return law.mu_s * f_1 - hypot(A, L_1) if i == 0 else law.mu_s * f_2 - hypot(A, L_2)
+    return law.mu_s * f_1 - length(A, L_1) if i == 0 else law.mu_s * f_2 - length(A, L_2)
 
 
 @compiled
@@ -148,19 +149,19 @@ def outward_slip(drive_a, drive_b, k_a, k_b):
     `drive` is the contact acceleration without the end's own friction, k its friction over the Delassus diagonal. The
     length of d = (drive_a / (lambda + k_a), drive_b / (lambda + k_b)) falls with lambda: bisection.
     """
-    size = hypot(drive_a, drive_b)
+    size = length(drive_a, drive_b)
     if size == 0.0:
         return 1.0, 0.0
     low, high = 0.0, size
     for _ in range(MAX_BISECT):
         mid = 0.5 * (low + high)
-        if hypot(drive_a / (mid + k_a), drive_b / (mid + k_b)) > 1.0:
+        if length(drive_a / (mid + k_a), drive_b / (mid + k_b)) > 1.0:
             low = mid
         else:
             high = mid
     d_a, d_b = drive_a / (high + k_a), drive_b / (high + k_b)
-    length = hypot(d_a, d_b)
-    return d_a / length, d_b / length
+    size = length(d_a, d_b)
+    return d_a / size, d_b / size
 
 
 @compiled
@@ -170,7 +171,7 @@ def hold_or_slip(law, i, z, f_i, f_j, tol, lost):
     z[ZA], z[ZB1 + i] = 0.0, 0.0
     pull = law.w * (f_j - f_i) if i == 0 else law.w * (f_i - f_j)
     side = -law.bb_12 * law.mu * f_j * copysign(1.0, b_j)
-    if not lost and hypot(pull / law.aa, side / law.bb) <= law.mu_s * f_i:
+    if not lost and length(pull / law.aa, side / law.bb) <= law.mu_s * f_i:
         return STICK
     d_a, d_b = outward_slip(pull, side, law.mu * f_i * law.aa, law.mu * f_i * law.bb)
     z[ZA], z[ZB1 + i] = 0.5 * tol * d_a, 0.5 * tol * d_b
@@ -183,8 +184,8 @@ def friction_modes(law, z, modes, f_1, f_2, tol, lost):
 
     `lost` says that the hold at rest has just been lost, whatever rounding says of the limit.
     """
-    at_rest_1 = hypot(z[ZA], z[ZB1]) <= tol
-    at_rest_2 = hypot(z[ZA], z[ZB2]) <= tol
+    at_rest_1 = length(z[ZA], z[ZB1]) <= tol
+    at_rest_2 = length(z[ZA], z[ZB2]) <= tol
     modes[0], modes[1] = SLIP, SLIP
     if at_rest_1 and at_rest_2:
         z[ZA], z[ZB1], z[ZB2] = 0.0, 0.0, 0.0

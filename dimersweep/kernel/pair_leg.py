@@ -4,10 +4,11 @@ DOP853 integrates it. The direction of a slow slip is stiff; most slips are slow
 the method bears are the cheapest. Where a slip stays slow Rodas5P takes over.
 """
 
-from math import hypot, inf, sqrt
+from math import inf, sqrt
 from typing import Any, NamedTuple
 
 from dimersweep.kernel.jit import compiled
+from dimersweep.kernel.law import length
 from dimersweep.kernel.layout import SLIP, STICK
 from dimersweep.kernel.pair_law import (
     N_Z,
@@ -139,7 +140,7 @@ def turning_time(law, modes, z):
     for i in range(2):
         pace = law.mu * law.bb * pressure(z[ZX1 + i])
         if pace > 0.0:
-            least = min(least, hypot(z[ZA], z[ZB1 + i]) / pace)
+            least = min(least, length(z[ZA], z[ZB1 + i]) / pace)
     return least
 
 
@@ -161,7 +162,7 @@ def event_value(law, k, modes, compressing, base, z, tol):
         return stick_reserve(law, modes, i, z) / total if total > 0.0 else 1.0
     if modes[i] == STICK or law.mu == 0.0:
         return inf
-    v = hypot(base[ZA], base[ZB1 + i])
+    v = length(base[ZA], base[ZB1 + i])
     return (z[ZA] * base[ZA] + z[ZB1 + i] * base[ZB1 + i]) / v - STOPPED * tol if v > 0.0 else inf
 
 
@@ -169,7 +170,7 @@ def event_value(law, k, modes, compressing, base, z, tol):
 def slip_bound(z, rates, modes, h):
     """Step that leaves a slip about a tenth of itself where it decreases, at most h."""
     for i in range(2):
-        v = hypot(z[ZA], z[ZB1 + i])
+        v = length(z[ZA], z[ZB1 + i])
         if modes[i] == SLIP and v > 0.0:
             rate = (z[ZA] * rates[ZA] + z[ZB1 + i] * rates[ZB1 + i]) / v
             if rate < 0.0:
@@ -184,7 +185,7 @@ def slip_unit(law, modes, z, rates):
     """
     unit = 1.0
     for i in range(2):
-        v = hypot(z[ZA], z[ZB1 + i])
+        v = length(z[ZA], z[ZB1 + i])
         if modes[i] == SLIP and v > 0.0:
             rate = (z[ZA] * rates[ZA] + z[ZB1 + i] * rates[ZB1 + i]) / v
             if rate > 0.0 and law.mu * pressure(z[ZX1 + i]) * law.aa > RUB * rate:
@@ -229,7 +230,7 @@ def pair_leg(law, z, modes, compressing, tol, slip_tol, work):
             continue
         event = first_crossing(law, modes, compressing, h, least, tol, slip_tol, stiff, b)
         copy(b.out, z, N_Z)
-        if event < 6 or hypot(z[ZA], z[ZB1 + event - 6]) <= 4.0 * slip_tol:
+        if event < 6 or length(z[ZA], z[ZB1 + event - 6]) <= 4.0 * slip_tol:
             return event
         h *= factor  # the slip has only turned by a right angle, and goes on
     return -1

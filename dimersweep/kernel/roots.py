@@ -5,10 +5,11 @@ The first root of that quartic is a step over which nothing can land, however sh
 to the first root with order four, without a bracket to lose and without a double crossing or a graze to miss.
 """
 
-from math import cos, hypot, inf, sin, sqrt
+from math import cos, inf, sin, sqrt
 
 from dimersweep.kernel.flight import gap_series
 from dimersweep.kernel.jit import compiled
+from dimersweep.kernel.law import length
 
 MAX_PROBES = 10000
 SWIFT = 10.0  # rate of the axis, in units of the plate's, from which whole turns are stepped over
@@ -68,11 +69,11 @@ def out_of_reach(fl, sign, t, gap, rate):
     sx, cx = sin(fl.Omega * t), cos(fl.Omega * t)
     swing = sign * fl.h * (fl.c1 * cx + fl.c2 * sx)
     rise = rate - sign * fl.h * fl.Omega * (fl.c2 * cx - fl.c1 * sx)
-    reach = fl.h * hypot(fl.c1, fl.c2)
+    reach = fl.h * length(fl.c1, fl.c2)
     height = gap - swing - reach - ROUNDED * (abs(gap) + reach)
     if height <= 0.0:
         return 0.0
-    curve = fl.g + fl.omega * fl.omega * hypot(fl.plate_s, fl.plate_c)
+    curve = fl.g + fl.omega * fl.omega * length(fl.plate_s, fl.plate_c)
     root = sqrt(rise * rise + 2.0 * curve * height)
     return (rise + root) / curve if rise > 0.0 else 2.0 * height / (root - rise)
 

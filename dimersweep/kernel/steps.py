@@ -3,7 +3,7 @@
 from math import inf, sqrt
 
 from dimersweep.kernel.jit import compiled
-from dimersweep.kernel.tableaux import DOP_A, DOP_B, DOP_E3, DOP_E5, ROS_A, ROS_CC
+from dimersweep.kernel.tableaux import DOP_A, DOP_E3, DOP_E5, DOP_SKIPPED, ROS_A, ROS_CC
 
 DOP_STAGES = 12
 ROS_STAGES = 8
@@ -27,9 +27,12 @@ def clear(A, rows, columns):
 
 @compiled
 def explicit_stage(i, h, y, K, n, out):
-    """Argument of stage i of DOP853, into `out`; K holds the slopes of the earlier stages. n >= WIDTH."""
-    t0 = t1 = t2 = t3 = t4 = t5 = t6 = t7 = 0.0
-    for j in range(i):
+    """y with the slopes K of the stages of DOP853 before number i, weighted by row i of its table, into `out`. n >= WIDTH."""
+    a, slope = DOP_A[i, 0], K[0]
+    t0, t1, t2, t3 = a * slope[0], a * slope[1], a * slope[2], a * slope[3]
+    t4, t5, t6, t7 = a * slope[4], a * slope[5], a * slope[6], a * slope[7]
+    skipped = DOP_SKIPPED[i]
+    for j in range(skipped, i):
         a, slope = DOP_A[i, j], K[j]
         t0 += a * slope[0]
         t1 += a * slope[1]
@@ -42,8 +45,8 @@ def explicit_stage(i, h, y, K, n, out):
     out[0], out[1], out[2], out[3] = y[0] + h * t0, y[1] + h * t1, y[2] + h * t2, y[3] + h * t3
     out[4], out[5], out[6], out[7] = y[4] + h * t4, y[5] + h * t5, y[6] + h * t6, y[7] + h * t7
     for k in range(WIDTH, n):
-        total = 0.0
-        for j in range(i):
+        total = DOP_A[i, 0] * K[0, k]
+        for j in range(skipped, i):
             total += DOP_A[i, j] * K[j, k]
         out[k] = y[k] + h * total
 
@@ -54,16 +57,13 @@ def explicit_finish(h, y, K, n, scale, out):
 
     What lies beyond only follows from those: whether it is wanted must not change the steps.
     """
+    explicit_stage(DOP_STAGES, h, y, K, n, out)
     sum5, sum3 = 0.0, 0.0
-    for k in range(n):
-        total, e5, e3 = 0.0, 0.0, 0.0
-        for j in range(DOP_STAGES):
-            total += DOP_B[j] * K[j, k]
+    for k in range(WIDTH):
+        e5, e3 = DOP_E5[0] * K[0, k], DOP_E3[0] * K[0, k]
+        for j in range(DOP_SKIPPED[DOP_STAGES], DOP_STAGES):
             e5 += DOP_E5[j] * K[j, k]
             e3 += DOP_E3[j] * K[j, k]
-        out[k] = y[k] + h * total
-        if k >= WIDTH:
-            continue
         sum5 += (e5 / scale[k]) ** 2
         sum3 += (e3 / scale[k]) ** 2
     if sum5 == 0.0:
