@@ -24,6 +24,7 @@ from dimersweep.kernel.layout import (
 )
 from dimersweep.kernel.pair_law import (
     N_Z,
+    PLAIN,
     ZA,
     ZB1,
     ZB2,
@@ -43,7 +44,7 @@ from dimersweep.kernel.steps import copy
 MAX_PHASES = 2000
 # approach, in tolerances and in V, that ends the series of switches of two ends at small e
 LEFT_OVER, LEAST_LEFT = 1e-3, 1e-13
-PAIR_TOL = 0.02  # of the integrator of a double impact, in units of the impact's tolerance: its steps add up
+PAIR_TOL = 0.1  # of the integrator of a double impact, in units of the impact's tolerance: its steps add up
 FAINT = 0.1  # rebound that is none, in units of the impact's tolerance
 FINEST = 5e-14  # tolerance of that integrator that round-off still allows
 LEAST_SLIP = 1e-12  # slip, in units of V, whose setting out of rest the integrator can still follow
@@ -249,7 +250,7 @@ def double_impact(dm, state, V, tol, modes, work, log):
         OK or the reason; rows logged.
     """
     law = pair_law(dm, restitution(dm.e_1, tol), restitution(dm.e_2, tol), dm.mu, dm.mu_s)
-    z, start, before, compressing, mid = work[36], work[37], work[38], work[39], work[40]
+    z, start, before, compressing, mid = work[40], work[41], work[42], work[43], work[44]
     load_pair(dm, state, V, z)
     copy(z, start, N_Z)
     slip_tol = max(max(SLIP_TOL * tol, LEAST_SLIP), rounding(dm, state) / V)
@@ -348,7 +349,7 @@ def follow_acceleration(law, z, modes, compressing, left, rates):
     gone = False
     for i in range(2):
         if z[ZN1 + i] == 0.0 and z[ZX1 + i] > 0.0:
-            impact_rates(law, modes, compressing, z, rates)
+            impact_rates(law, modes, compressing, PLAIN, z, rates)
             if rates[ZN1 + i] * compressing[i] > 0.0:
                 turn(law, i, z, compressing, left)
                 gone = gone or z[ZX1 + i] == 0.0

@@ -6,8 +6,10 @@ At a double contact beta = 0, the ends share one axial velocity a. With X_i = (5
     n_2' = W_12 f_1 + W_11 f_2 + w A        b_i' = B_ii L_i + B_ij L_j
     X_i' = -n_i in compression, -n_i / e_i^2 in restitution
 
-with f_i = X_i^(3/2), A the total axial and L_i the lateral friction per tau. Units: velocities of the approach speed V,
-impulses of m V, the Delassus operator of 1/m.
+with f_i = X_i^(3/2), A the total axial and L_i the lateral friction per tau. Where an end begins or ceases to press, f_i is
+not smooth. It is in the clock of that end, dtau = Y_i dsigma with X_i = Y_i^2, in which dY_i / dsigma = X_i' / 2: there f_i is
+the cube of Y_i, and all can be continued through Y_i = 0. Units: velocities of the approach speed V, impulses of m V, the
+Delassus operator of 1/m.
 """
 
 from math import copysign, inf, sqrt
@@ -21,6 +23,7 @@ from dimersweep.kernel.steps import clear
 # state of the impact: gap rates, compressions, axial and lateral velocities
 ZN1, ZN2, ZX1, ZX2, ZA, ZB1, ZB2 = range(7)
 N_Z = 7
+PLAIN = -1  # in place of the number of an end: the clock tau
 MAX_BISECT = 60
 
 
@@ -43,6 +46,29 @@ class PairLaw(NamedTuple):
 def pressure(X):
     """f = X^(3/2), the normal force in units that fit the clock tau."""
     return X * sqrt(X) if X > 0.0 else 0.0
+
+
+@compiled
+def pressures(z, clock):
+    """f_1, f_2 from a state in the clock of an end, which has Y in place of the X of that end, or in the plain clock."""
+    Y_1, Y_2 = z[ZX1], z[ZX2]
+    f_1 = Y_1 * Y_1 * Y_1 if clock == 0 else pressure(Y_1)
+    f_2 = Y_2 * Y_2 * Y_2 if clock == 1 else pressure(Y_2)
+    return f_1, f_2
+
+
+@compiled
+def to_clock(clock, z):
+    """Write a state of the plain clock in the clock of an end, in place."""
+    if clock != PLAIN:
+        z[ZX1 + clock] = sqrt(max(0.0, z[ZX1 + clock]))
+
+
+@compiled
+def from_clock(clock, z):
+    """Write a state in the clock of an end as one of the plain clock, in place; what lies beyond X = 0 stays negative."""
+    if clock != PLAIN:
+        z[ZX1 + clock] *= abs(z[ZX1 + clock])
 
 
 @compiled
@@ -73,13 +99,18 @@ def velocity_rates(law, f_1, f_2, A, L_1, L_2, out):
 
 
 @compiled
-def impact_rates(law, modes, gains, z, out):
-    """Right-hand side of the double impact; gains are 1 or 1/e^2."""
-    f_1, f_2 = pressure(z[ZX1]), pressure(z[ZX2])
+def impact_rates(law, modes, gains, clock, z, out):
+    """Right-hand side of the double impact in a clock; gains are 1 or 1/e^2."""
+    f_1, f_2 = pressures(z, clock)
     A, L_1, L_2 = friction(law, modes[0], modes[1], f_1, f_2, z[ZA], z[ZB1], z[ZB2])
     velocity_rates(law, f_1, f_2, A, L_1, L_2, out)
     out[ZX1] = -gains[0] * z[ZN1]
     out[ZX2] = -gains[1] * z[ZN2]
+    if clock != PLAIN:
+        rise, pace = 0.5 * out[ZX1 + clock], z[ZX1 + clock]
+        for k in range(N_Z):
+            out[k] *= pace
+        out[ZX1 + clock] = rise
 
 
 @compiled
@@ -113,7 +144,7 @@ def friction_slopes(law, mode_1, mode_2, z, g_1, g_2, J):
 
 @compiled
 def impact_jacobian(law, modes, gains, z, F, J):
-    """Jacobian of ``impact_rates`` into J (7, 7); F (3, 5) is scratch."""
+    """Jacobian of ``impact_rates`` in the plain clock into J (7, 7); F (3, 5) is scratch."""
     g_1, g_2 = 1.5 * sqrt(max(0.0, z[ZX1])), 1.5 * sqrt(max(0.0, z[ZX2]))
     friction_slopes(law, modes[0], modes[1], z, g_1, g_2, F)
     clear(J, N_Z, N_Z)
@@ -131,11 +162,10 @@ def impact_jacobian(law, modes, gains, z, F, J):
 
 
 @compiled
-def stick_reserve(law, modes, i, z):
+def stick_reserve(law, modes, i, z, f_1, f_2):
     """How far the friction that holds end i is from its limit (with both held, only the sum of the axial parts counts)."""
     if modes[i] != STICK:
         return inf
-    f_1, f_2 = pressure(z[ZX1]), pressure(z[ZX2])
     A, L_1, L_2 = friction(law, modes[0], modes[1], f_1, f_2, z[ZA], z[ZB1], z[ZB2])
     if modes[1 - i] == STICK:
         return law.mu_s * (f_1 + f_2) - abs(A)
