@@ -146,9 +146,13 @@ def pair_step(law, modes, clock, h, tol, slip_unit, stiff, b):
 
 @compiled
 def ruling_end(z, gains, faint):
-    """The end in whose clock the motion is most regular: that whose Y changes fastest; X below `faint` count alike."""
+    """The end in whose clock the motion is most regular: that whose Y changes fastest; X below `faint` count alike.
+
+    PLAIN if both ends move alike: so they go on to the last digit.
+    """
     u_1, u_2 = gains[0] * z[ZN1], gains[1] * z[ZN2]
-    return 0 if u_1 * u_1 * (z[ZX2] + faint) > u_2 * u_2 * (z[ZX1] + faint) else 1
+    first, second = u_1 * u_1 * (z[ZX2] + faint), u_2 * u_2 * (z[ZX1] + faint)
+    return PLAIN if first == second else (0 if first > second else 1)
 
 
 @compiled
