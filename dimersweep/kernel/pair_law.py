@@ -24,7 +24,7 @@ from dimersweep.kernel.steps import clear
 ZN1, ZN2, ZX1, ZX2, ZA, ZB1, ZB2 = range(7)
 N_Z = 7
 PLAIN = -1  # in place of the number of an end: the clock tau
-MAX_BISECT = 60
+MAX_TURNS = 30
 
 
 class PairLaw(NamedTuple):
@@ -177,20 +177,20 @@ def outward_slip(drive_a, drive_b, k_a, k_b):
     """Direction d of slip out of rest: drive - (k_a d_a, k_b d_b) = lambda d with lambda >= 0 (doi 10.1115/1.4035411).
 
     `drive` is the contact acceleration without the end's own friction, k its friction over the Delassus diagonal. The
-    length of d = (drive_a / (lambda + k_a), drive_b / (lambda + k_b)) falls with lambda: bisection.
+    length of d = (drive_a / (lambda + k_a), drive_b / (lambda + k_b)) falls with lambda; Newton's rule for its inverse,
+    which is concave, climbs to where it is one.
     """
     size = length(drive_a, drive_b)
     if size == 0.0:
         return 1.0, 0.0
-    low, high = 0.0, size
-    for _ in range(MAX_BISECT):
-        mid = 0.5 * (low + high)
-        if length(drive_a / (mid + k_a), drive_b / (mid + k_b)) > 1.0:
-            low = mid
-        else:
-            high = mid
-    d_a, d_b = drive_a / (high + k_a), drive_b / (high + k_b)
-    size = length(d_a, d_b)
+    rate = max(0.0, max(abs(drive_a) - k_a, abs(drive_b) - k_b))
+    for _ in range(MAX_TURNS):
+        d_a, d_b = drive_a / (rate + k_a), drive_b / (rate + k_b)
+        size = length(d_a, d_b)
+        step = (size - 1.0) * size * size / (d_a * d_a / (rate + k_a) + d_b * d_b / (rate + k_b))
+        if not step > 1e-16 * rate:
+            break
+        rate += step
     return d_a / size, d_b / size
 
 
