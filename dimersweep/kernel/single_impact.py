@@ -26,6 +26,7 @@ ATTRACTED = 1e-2  # effect on the rates, in tolerances, of what is left of the t
 
 
 LEAST_ORDER, ORDER = 6, 15  # of the expansion of a leg with a turning slip direction
+CLOSE = 1e-9  # step of Newton's rule, in units of the interval, after which it is done
 ROUNDED = 1e-15  # error of a velocity, in units of itself, that no step improves
 INVERSE = tuple(1.0 / (j + 1.0) for j in range(ORDER))
 A_V, A_A, A_P, A_N, A_J, A_E = range(6)  # its rows: slip, axial slip, impulse, gap rates of both ends, energy
@@ -142,7 +143,7 @@ def at(c, row, order, xi):
 @compiled
 def reach(c, order, v, tol):
     """Step over which the last terms of the expansions stay below the tolerance, and well inside their convergence."""
-    small = max(0.1 * min(tol, 0.01 * v), ROUNDED * max(v, abs(c[A_N, 0])))
+    small = max(min(tol, 0.01 * v), ROUNDED * max(v, abs(c[A_N, 0])))
     energy = 1.0 / max(1.0, sqrt(c[A_E, 0]))  # an energy counts by the rate that it gives
     least = inf
     for j in range(order - 1, order + 1):
@@ -180,9 +181,9 @@ def first_zero(c, row, order, sign, h):
         new = x - value / slope if slope != 0.0 else high
         if not low <= new <= high:
             new = 0.5 * (low + high)
-        if abs(new - x) <= 2e-16 * high:
+        x, step = new, new - x
+        if abs(step) <= CLOSE * h:  # the next step of Newton's rule would be below round-off
             break
-        x = new
     return x
 
 
