@@ -23,7 +23,7 @@ from dimersweep.kernel.steps import clear
 # state of the impact: gap rates, compressions, axial and lateral velocities
 ZN1, ZN2, ZX1, ZX2, ZA, ZB1, ZB2 = range(7)
 N_Z = 7
-PLAIN = -1  # in place of the number of an end: the clock tau
+PLAIN, BOTH = -1, 2  # clocks besides those of the ends, 0 and 1: tau, and that of two ends that move alike
 MAX_TURNS = 30
 
 
@@ -49,26 +49,34 @@ def pressure(X):
 
 
 @compiled
+def has_root(clock, i):
+    """Whether a state in a clock has Y in place of the X of end i."""
+    return clock == i or clock == BOTH
+
+
+@compiled
 def pressures(z, clock):
-    """f_1, f_2 from a state in the clock of an end, which has Y in place of the X of that end, or in the plain clock."""
+    """f_1, f_2 from a state in a clock."""
     Y_1, Y_2 = z[ZX1], z[ZX2]
-    f_1 = Y_1 * Y_1 * Y_1 if clock == 0 else pressure(Y_1)
-    f_2 = Y_2 * Y_2 * Y_2 if clock == 1 else pressure(Y_2)
+    f_1 = Y_1 * Y_1 * Y_1 if has_root(clock, 0) else pressure(Y_1)
+    f_2 = Y_2 * Y_2 * Y_2 if has_root(clock, 1) else pressure(Y_2)
     return f_1, f_2
 
 
 @compiled
 def to_clock(clock, z):
-    """Write a state of the plain clock in the clock of an end, in place."""
-    if clock != PLAIN:
-        z[ZX1 + clock] = sqrt(max(0.0, z[ZX1 + clock]))
+    """Write a state of the plain clock in another one, in place."""
+    for i in range(2):
+        if has_root(clock, i):
+            z[ZX1 + i] = sqrt(max(0.0, z[ZX1 + i]))
 
 
 @compiled
 def from_clock(clock, z):
-    """Write a state in the clock of an end as one of the plain clock, in place; what lies beyond X = 0 stays negative."""
-    if clock != PLAIN:
-        z[ZX1 + clock] *= abs(z[ZX1 + clock])
+    """Write a state in a clock as one of the plain clock, in place; what lies beyond X = 0 stays negative."""
+    for i in range(2):
+        if has_root(clock, i):
+            z[ZX1 + i] *= abs(z[ZX1 + i])
 
 
 @compiled
@@ -107,10 +115,14 @@ def impact_rates(law, modes, gains, clock, z, out):
     out[ZX1] = -gains[0] * z[ZN1]
     out[ZX2] = -gains[1] * z[ZN2]
     if clock != PLAIN:
-        rise, pace = 0.5 * out[ZX1 + clock], z[ZX1 + clock]
+        rise_1, rise_2 = out[ZX1], out[ZX2]
+        pace = z[ZX2] if clock == 1 else z[ZX1]
         for k in range(N_Z):
             out[k] *= pace
-        out[ZX1 + clock] = rise
+        if has_root(clock, 0):
+            out[ZX1] = 0.5 * rise_1
+        if has_root(clock, 1):
+            out[ZX2] = 0.5 * rise_2
 
 
 @compiled

@@ -11,6 +11,7 @@ from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.law import length
 from dimersweep.kernel.layout import SLIP, STICK
 from dimersweep.kernel.pair_law import (
+    BOTH,
     N_Z,
     PLAIN,
     ZA,
@@ -145,20 +146,21 @@ def pair_step(law, modes, clock, h, tol, slip_unit, stiff, b):
 
 
 @compiled
-def ruling_end(z, gains, faint):
-    """The end in whose clock the motion is most regular: that whose Y changes fastest; X below `faint` count alike.
+def ruling_clock(z, gains, faint):
+    """The clock in which the motion is most regular: of the end whose Y changes fastest (X below `faint` count alike).
 
-    PLAIN if both ends move alike: so they go on to the last digit.
+    Ends that move alike, which they do without axial slip, have one in common, and go on alike to the last digit.
     """
+    if z[ZN1] == z[ZN2] and z[ZX1] == z[ZX2] and gains[0] == gains[1] and z[ZA] == 0.0:
+        return BOTH
     u_1, u_2 = gains[0] * z[ZN1], gains[1] * z[ZN2]
-    first, second = u_1 * u_1 * (z[ZX2] + faint), u_2 * u_2 * (z[ZX1] + faint)
-    return PLAIN if first == second else (0 if first > second else 1)
+    return 0 if u_1 * u_1 * (z[ZX2] + faint) > u_2 * u_2 * (z[ZX1] + faint) else 1
 
 
 @compiled
 def clock_rate(clock, z):
     """dtau/dsigma of a clock in a state of the plain one."""
-    return 1.0 if clock == PLAIN else sqrt(max(0.0, z[ZX1 + clock]))
+    return 1.0 if clock == PLAIN else sqrt(max(0.0, z[ZX2] if clock == 1 else z[ZX1]))
 
 
 @compiled
@@ -237,14 +239,14 @@ def pair_leg(law, z, modes, compressing, tol, slip_tol, work):
         for i in range(DOP_STAGES):
             b.K[i, k] = 0.0
     faint = tol**0.4  # a compression that is worth a gap rate of the tolerance
-    clock, slow = ruling_end(z, b.gains, faint), 0
+    clock, slow = ruling_clock(z, b.gains, faint), 0
     longest = 1.0 / sqrt(max(b.gains[0], b.gains[1]))
     h = FIRST * tol**0.125 * longest
     for _ in range(MAX_STEPS):
         turns = TURNS * turning_time(law, modes, z)
         slow = slow + 1 if turns < STIFF else 0
         stiff = slow > LASTS
-        last, clock = clock, PLAIN if stiff else ruling_end(z, b.gains, faint)
+        last, clock = clock, PLAIN if stiff else ruling_clock(z, b.gains, faint)
         pace = clock_rate(clock, z)
         if clock != last:
             h = min(h * clock_rate(last, z) / pace, longest)
