@@ -8,10 +8,11 @@ y = (k_a, k_a', k_b', spin, u_a, u_b, k_b, t, x_b, x_a, chi), k the axis from p1
 regular at the vertical. Both have the slip in the same slots, and the same tolerances suit both.
 """
 
-from math import atan2, cos, hypot, sin, sqrt
+from math import atan2, cos, sin, sqrt
 
 from dimersweep.kernel.body import levers
 from dimersweep.kernel.jit import compiled
+from dimersweep.kernel.law import length
 from dimersweep.kernel.layout import BETA, CA, CB, D1, D2, FREE, GAMMA, N1, N2, SPIN, THETA, WB, WP, X1, Y1
 
 YB, YWB, YWP, YS, YUA, YUB, YTHETA, YTIME, YX, YY, YGAMMA = range(11)
@@ -92,7 +93,7 @@ def axis(s, y):
     k_n, k_n', cos(beta), c, d : float
         c, d are the components of the heading along the axes a, b of the chart.
     """
-    cos_b = hypot(y[KA], y[KB])
+    cos_b = length(y[KA], y[KB])
     k_n = -s * sqrt(max(0.0, 1.0 - cos_b * cos_b))
     c, d = (y[KA] / cos_b, y[KB] / cos_b) if cos_b > 0.0 else (1.0, 0.0)
     return k_n, -(y[KA] * y[KDA] + y[KB] * y[KDB]) / k_n, cos_b, c, d

@@ -1,6 +1,6 @@
 """Sustained contact: the forces that keep closed ends closed, and the rates they give (state and charts: ``charts``)."""
 
-from math import cos, hypot, sin, sqrt
+from math import cos, sin, sqrt
 
 from dimersweep.kernel.body import delassus, levers
 from dimersweep.kernel.charts import (
@@ -20,7 +20,7 @@ from dimersweep.kernel.charts import (
     leading_sign,
 )
 from dimersweep.kernel.jit import compiled
-from dimersweep.kernel.law import direction, single_forces
+from dimersweep.kernel.law import direction, length, single_forces
 from dimersweep.kernel.layout import FREE, SLIP, STICK
 from dimersweep.kernel.plate import effective_gravity
 from dimersweep.kernel.upright import upright_rates
@@ -152,4 +152,4 @@ def hold_reserve(dm, modes, i, F):
         return sqrt(room_1) + sqrt(room_2) - abs(F[A1])
     k = 3 * i
     axial = F[A1] if modes[0] != FREE else F[A2]
-    return mu_s * F[F1 + k] - hypot(axial, F[L1 + k])
+    return mu_s * F[F1 + k] - length(axial, F[L1 + k])

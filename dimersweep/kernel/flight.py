@@ -5,10 +5,11 @@ sin(beta)(t) = c0 + c1 cos(Omega t) + c2 sin(Omega t). Everything is written as 
 1 - cos x and x - sin x, which keeps the full relative precision of hops of any smallness.
 """
 
-from math import atan2, cos, hypot, sin, sqrt
+from math import atan2, cos, sin, sqrt
 from typing import NamedTuple
 
 from dimersweep.kernel.jit import compiled
+from dimersweep.kernel.law import length
 from dimersweep.kernel.layout import BETA, CA, CB, D1, D2, GAMMA, N1, N2, PHASE, SPIN, THETA, WB, WP, X1, Y1
 
 
@@ -148,7 +149,7 @@ def fly(dm, fl, state, t, path):
             u_a, u_b = new_a, new_b
         x = fl.Omega * t
         u_n += -fl.c1 * one_minus_cos(sin(x), cos(x)) + fl.c2 * sin(x)
-    new_cos = hypot(u_a, u_b)
+    new_cos = length(u_a, u_b)
     co, si = (u_a / new_cos, u_b / new_cos) if new_cos > 0.0 else (1.0, 0.0)
     if path:
         advance_path(dm, fl, state, t, turn, L_a, L_b, L_n, u_a - cos_b, u_b, u_n, co, si)

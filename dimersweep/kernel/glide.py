@@ -28,10 +28,10 @@ from dimersweep.kernel.watch import (
     SLIP_ZERO,
     TIPS,
     arm,
+    glide_value,
     least_value,
     nearly_stopped,
     quickness,
-    run_out,
     slip_limit,
     slip_speed,
     stop_slip,
@@ -49,11 +49,12 @@ BRAKED = 1e3  # braking of the turn of a spinning dimer, per forcing period, fro
 TURNS = 7.0  # of a slip, that an explicit step may span: what the method bears
 LONGEST = 0.25  # longest step, in forcing periods
 FIRST, FIRST_SLOW = 1.6, 15.0  # first steps, in forcing periods and in xi, over the tolerance to the power of 1/8
-RISE = 1.5  # of the step from one to the next, at most, at the slow pace
+RISE = 3.0  # of the step from one to the next, at most, at the slow pace
 NARROW = 0.02  # share of a step in which the bottom of a dip may hide at either end
 BEYOND = 1.02  # how far past a landing in sight a step goes
 EXACT = 1e-3  # what an event function may be past its zero, in units of the tolerance and of its change in the step
 CLOSE = 100.0  # in units of that, what may be left of a dip when the open end lands: it is then set to zero
+BRIEF = 0.02  # longest time that the midpoint rule crosses [rad]
 GLIDE_ROWS = BENCH_ROWS
 
 
@@ -67,6 +68,15 @@ def hermite(b, s, h, n, out):
 
 
 @compiled
+def value_on_cubic(dm, modes, phase, s, h, n, event, slip_tol, b):
+    """Event function `event` on the cubic through the ends of a step, at share s."""
+    hermite(b, s, h, n, b.probe)
+    if not SLIP_ZERO <= event <= TIPS:  # only these depend on the forces
+        contact_rates(dm, modes, phase + dm.omega * h * s, b.probe, False, b.dy_probe, b.F_probe)
+    return glide_value(dm, modes, event, b.start, b.probe, b.F_probe, slip_tol)
+
+
+@compiled
 def values_on_cubic(dm, modes, phase, s, h, n, slip_tol, b, values):
     """Armed event functions on the cubic through the ends of a step, at share s, into `values`; returns the least."""
     hermite(b, s, h, n, b.probe)
@@ -76,19 +86,18 @@ def values_on_cubic(dm, modes, phase, s, h, n, slip_tol, b, values):
 
 
 @compiled
-def crossing_on_cubic(dm, modes, phase, h, n, g_start, g_end, slip_tol, b):
+def crossing_on_cubic(dm, modes, phase, h, n, event, g_start, g_end, slip_tol, b):
     """First guess of the time in a step at which an event function vanishes, and the slope of the function there."""
     low, high, g_low, g_high, side = 0.0, 1.0, g_start, g_end, 0
-    values = b.values[1]
     mid = 0.5
     for probe in range(8):
         mid = inside(low, high, g_low, g_high, probe)
-        g = values_on_cubic(dm, modes, phase, mid, h, n, slip_tol, b, values)
+        g = value_on_cubic(dm, modes, phase, mid, h, n, event, slip_tol, b)
         if abs(g) <= 1e-5 * (g_start - g_end):
             break
         low, high, g_low, g_high, side = shrink(low, high, g_low, g_high, mid, g, side)
-    g = values_on_cubic(dm, modes, phase, mid, h, n, slip_tol, b, values)
-    g_on = values_on_cubic(dm, modes, phase, mid + 1e-3, h, n, slip_tol, b, values)
+    g = value_on_cubic(dm, modes, phase, mid, h, n, event, slip_tol, b)
+    g_on = value_on_cubic(dm, modes, phase, mid + 1e-3, h, n, event, slip_tol, b)
     slope = (g_on - g) / (1e-3 * h)
     return (mid * h - g / slope if slope < 0.0 else mid * h), slope
 
@@ -96,7 +105,39 @@ def crossing_on_cubic(dm, modes, phase, h, n, g_start, g_end, slip_tol, b):
 @compiled
 def nearby(dm, y, tol):
     """Time over which the midpoint rule is as good as the tolerance [s]: its error is cubic."""
-    return 0.6 * tol ** (1.0 / 3.0) / quickness(dm, y)
+    return min(BRIEF, 0.6 * tol ** (1.0 / 3.0)) / quickness(dm, y)
+
+
+@compiled
+def run_out(dm, modes, phase, i, slip_tol, n, b):
+    """Carry the state at the start of a step on to where the slip of end i is at rest, by the midpoint rule, into b.out.
+
+    Returns
+    -------
+    float
+        The time it takes; below zero if something else happens before.
+    """
+    u_a, u_b = slip_of(dm, modes, b.start, i)
+    v2 = u_a * u_a + u_b * u_b
+    t = 0.0
+    copy(b.dy, b.dy_probe, n)
+    if v2 > slip_tol * slip_tol:
+        d_a, d_b = slip_of(dm, modes, b.dy, i)
+        t = -v2 / (u_a * d_a + u_b * d_b)
+        for k in range(n):
+            b.probe[k] = b.start[k] + 0.5 * t * b.dy[k]
+        contact_rates(dm, modes, phase + 0.5 * dm.omega * t, b.probe, n > N_CLOSED, b.dy_probe, b.F_probe)
+        least, _ = least_value(dm, modes, b.armed, b.start, b.probe, b.F_probe, slip_tol, b.values[1])
+        d_a, d_b = slip_of(dm, modes, b.dy_probe, i)
+        along = u_a * d_a + u_b * d_b
+        if least <= 0.0 or along >= 0.0:
+            return -1.0
+        t = -v2 / along
+    for k in range(n):
+        b.out[k] = b.start[k] + t * b.dy_probe[k]
+    stop_slip(dm, modes, b.out, i)
+    landed = b.armed[LANDS] > 0.0 and glide_value(dm, modes, LANDS, b.start, b.out, b.F, slip_tol) <= 0.0
+    return -1.0 if landed else t
 
 
 @compiled
@@ -132,7 +173,7 @@ def first_crossing(dm, modes, phase, h, n, pace, gamma, event, least, tol, slip_
     near = nearby(dm, b.start, tol) if smooth else 0.0
     at, g, guess, slope = h, least, 0.0, 0.0
     if pace != SLOW:
-        guess, slope = crossing_on_cubic(dm, modes, phase, h, n, g_low, g_high, slip_tol, b)
+        guess, slope = crossing_on_cubic(dm, modes, phase, h, n, event, b.values[1, event], g_high, slip_tol, b)
     for probe in range(MAX_PROBES):
         if high - low <= 1e-15 * h:
             break
@@ -251,10 +292,11 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
         v, rate = slip_speed(dm, modes, y, b.dy)
         sets_out = t == 0.0 and v <= slip_tol  # its mode was chosen: what rounding says of its rate counts less
         if watch and not sets_out and v < STIFF * dm.T * gamma:
-            stopping = nearly_stopped(dm, modes, y, b.dy, span - t, tol, slip_tol)
-            if stopping >= 0:
-                t += run_out(dm, modes, y, b.dy, stopping, slip_tol, n)
-                return t, SLIP_ZERO + stopping
+            stopping = nearly_stopped(dm, modes, y, b.dy, min(span - t, nearby(dm, y, tol)), tol, slip_tol)
+            took = run_out(dm, modes, now, stopping, slip_tol, n, b) if stopping >= 0 else -1.0
+            if took >= 0.0:
+                copy(b.out, y, n)
+                return t + took, SLIP_ZERO + stopping
         pace = pace_for(dm, modes, y, v, rate, gamma)
         if pace == SLOW and 2.0 * xi * v / gamma > span - t:
             pace = SLIDE

@@ -1,9 +1,10 @@
 """An impact from its first touch to its last: which ends act, phase by phase, and what becomes of the body's velocities."""
 
-from math import cos, hypot, sin
+from math import cos, sin
 
 from dimersweep.kernel.body import delassus, levers
 from dimersweep.kernel.jit import compiled
+from dimersweep.kernel.law import length
 from dimersweep.kernel.layout import (
     BETA,
     CA,
@@ -23,6 +24,7 @@ from dimersweep.kernel.layout import (
 )
 from dimersweep.kernel.pair_law import (
     N_Z,
+    PLAIN,
     ZA,
     ZB1,
     ZB2,
@@ -42,7 +44,7 @@ from dimersweep.kernel.steps import copy
 MAX_PHASES = 2000
 # approach, in tolerances and in V, that ends the series of switches of two ends at small e
 LEFT_OVER, LEAST_LEFT = 1e-3, 1e-13
-PAIR_TOL = 0.02  # of the integrator of a double impact, in units of the impact's tolerance: its steps add up
+PAIR_TOL = 0.1  # of the integrator of a double impact, in units of the impact's tolerance: its steps add up
 FAINT = 0.1  # rebound that is none, in units of the impact's tolerance
 FINEST = 5e-14  # tolerance of that integrator that round-off still allows
 LEAST_SLIP = 1e-12  # slip, in units of V, whose setting out of rest the integrator can still follow
@@ -122,7 +124,7 @@ def acts(law, i, z, left, slip_tol):
     if z[ZN1 + i] > 0.0 or not presses(1 - i, z, left):
         return False
     sign = 1.0 if i == 0 else -1.0
-    v = hypot(z[ZA], z[ZB2 - i])
+    v = length(z[ZA], z[ZB2 - i])
     if v > slip_tol:
         tau = -law.mu * z[ZA] / v
     else:
@@ -248,7 +250,7 @@ def double_impact(dm, state, V, tol, modes, work, log):
         OK or the reason; rows logged.
     """
     law = pair_law(dm, restitution(dm.e_1, tol), restitution(dm.e_2, tol), dm.mu, dm.mu_s)
-    z, start, before, compressing, mid = work[36], work[37], work[38], work[39], work[40]
+    z, start, before, compressing, mid = work[40], work[41], work[42], work[43], work[44]
     load_pair(dm, state, V, z)
     copy(z, start, N_Z)
     slip_tol = max(max(SLIP_TOL * tol, LEAST_SLIP), rounding(dm, state) / V)
@@ -285,7 +287,7 @@ def double_impact(dm, state, V, tol, modes, work, log):
                 break
             if halts:
                 P_1, P_2, _, _, _ = pair_impulses(dm, mid, before, V)
-                beside = SLIP if hypot(before[ZA], before[ZB2 - i]) > slip_tol else STICK
+                beside = SLIP if length(before[ZA], before[ZB2 - i]) > slip_tol else STICK
                 mode_1, mode_2 = (SLIP, beside) if i == 0 else (beside, SLIP)
                 code = 5 * phase_code(on_1, mode_1) + phase_code(on_2, mode_2)
                 rows = log_phase(log, rows, code, before[ZN1], before[ZN2], mid, V, P_1, P_2)
@@ -347,7 +349,7 @@ def follow_acceleration(law, z, modes, compressing, left, rates):
     gone = False
     for i in range(2):
         if z[ZN1 + i] == 0.0 and z[ZX1 + i] > 0.0:
-            impact_rates(law, modes, compressing, z, rates)
+            impact_rates(law, modes, compressing, PLAIN, z, rates)
             if rates[ZN1 + i] * compressing[i] > 0.0:
                 turn(law, i, z, compressing, left)
                 gone = gone or z[ZX1 + i] == 0.0
@@ -385,7 +387,7 @@ def lone_phase(dm, pair, i, z, modes, compressing, slip_tol, before, mid, work):
     compressing[i] = 1.0 if n < 0.0 or E == 0.0 else -1.0
     compressing[j] = 1.0
     modes[i] = mode
-    modes[j] = STICK if hypot(z[ZA], z[ZB1 + j]) <= slip_tol else SLIP
+    modes[j] = STICK if length(z[ZA], z[ZB1 + j]) <= slip_tol else SLIP
     halts = mode == STICK and 0.0 < P_s < P
     if halts:
         copy(before, mid, N_Z)

@@ -52,3 +52,12 @@ def exported(function: Callable[..., Any]) -> Any:
 def compiled(function: Callable[..., Any]) -> Any:
     """Compile what only other kernels call."""
     return _without_literals(_njit(no_cpython_wrapper=True, pipeline_class=_PartCompiler, **_SETTINGS)(function))
+
+
+def fused(function: Callable[..., Any]) -> Any:
+    """The same for sums of products, which are then rounded once instead of twice.
+
+    Not for what treats the ends of the dimer by different expressions, which must agree exactly where they move alike.
+    """
+    settings = _SETTINGS | {"fastmath": {"contract"}}
+    return _without_literals(_njit(no_cpython_wrapper=True, pipeline_class=_PartCompiler, **settings)(function))

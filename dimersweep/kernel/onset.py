@@ -31,7 +31,7 @@ def settle_near(dm, modes, i, phase, y, v, phi, dy, F):
         if not abs(step) <= 0.5:
             return False
         phi += step
-        if abs(step) <= 1e-13:
+        if abs(step) <= SLANT:  # as exact as this the slope is, and what is left of the error
             across, along = set_out(dm, modes, i, phase, y, v, phi, dy, F)
             return along > 0.0 and F[F1 + 3 * i] > 0.0
     return False

@@ -5,7 +5,7 @@ at the rate gamma / v: per xi nothing is stiff and the slip falls exponentially.
 slow and stays so, or sets out from rest: its direction follows the forces at once, and the step need not resolve how.
 """
 
-from math import hypot, inf, sqrt
+from math import inf, sqrt
 from typing import Any, NamedTuple
 
 from dimersweep.kernel.charts import (
@@ -26,7 +26,8 @@ from dimersweep.kernel.charts import (
 )
 from dimersweep.kernel.collocation import NEXT, NODES, RADAU_A, RADAU_C, TOP
 from dimersweep.kernel.contact import contact_rates
-from dimersweep.kernel.jit import compiled
+from dimersweep.kernel.jit import compiled, fused
+from dimersweep.kernel.law import length
 from dimersweep.kernel.layout import FREE, SLIP
 from dimersweep.kernel.steps import DOP_STAGES, copy, explicit_finish, explicit_stage, lu_factor, lu_solve
 from dimersweep.kernel.watch import slip_speed
@@ -158,7 +159,7 @@ def set_turns(modes, j, y, b):
             row[0], row[1], row[2] = 0.0, 0.0, 0.0
             row[i] = 1.0
         return 3
-    v = hypot(y[YUA], y[YUB])
+    v = length(y[YUA], y[YUB])
     row = b.B[j]
     row[0], row[1], row[2] = -y[YUB] / v, y[YUA] / v, 0.0
     return 1
@@ -185,7 +186,7 @@ def turn_slopes(dm, modes, phase, h, n, j, b):
     return m
 
 
-@compiled
+@fused
 def newton_matrix(h, m, b):
     """1 - h A dq'/dq over the turns q at all nodes, factored, in b.LU; returns whether it could be."""
     for j in range(NODES):
@@ -201,7 +202,7 @@ def newton_matrix(h, m, b):
     return lu_factor(b.LU, NODES * m, b.pivots)
 
 
-@compiled
+@fused
 def improve(h, n, m, b):
     """One Newton iteration of the states at the nodes; returns the largest change over the tolerance.
 

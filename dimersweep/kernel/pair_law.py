@@ -6,21 +6,25 @@ At a double contact beta = 0, the ends share one axial velocity a. With X_i = (5
     n_2' = W_12 f_1 + W_11 f_2 + w A        b_i' = B_ii L_i + B_ij L_j
     X_i' = -n_i in compression, -n_i / e_i^2 in restitution
 
-with f_i = X_i^(3/2), A the total axial and L_i the lateral friction per tau. Units: velocities of the approach speed V,
-impulses of m V, the Delassus operator of 1/m.
+with f_i = X_i^(3/2), A the total axial and L_i the lateral friction per tau. Where an end begins or ceases to press, f_i is
+not smooth. It is in the clock of that end, dtau = Y_i dsigma with X_i = Y_i^2, in which dY_i / dsigma = X_i' / 2: there f_i is
+the cube of Y_i, and all can be continued through Y_i = 0. Units: velocities of the approach speed V, impulses of m V, the
+Delassus operator of 1/m.
 """
 
-from math import copysign, hypot, inf, sqrt
+from math import copysign, inf, sqrt
 from typing import NamedTuple
 
 from dimersweep.kernel.jit import compiled
+from dimersweep.kernel.law import length
 from dimersweep.kernel.layout import SLIP, STICK
 from dimersweep.kernel.steps import clear
 
 # state of the impact: gap rates, compressions, axial and lateral velocities
 ZN1, ZN2, ZX1, ZX2, ZA, ZB1, ZB2 = range(7)
 N_Z = 7
-MAX_BISECT = 60
+PLAIN, BOTH = -1, 2  # clocks besides those of the ends, 0 and 1: tau, and that of two ends that move alike
+MAX_TURNS = 30
 
 
 class PairLaw(NamedTuple):
@@ -45,6 +49,37 @@ def pressure(X):
 
 
 @compiled
+def has_root(clock, i):
+    """Whether a state in a clock has Y in place of the X of end i."""
+    return clock == i or clock == BOTH
+
+
+@compiled
+def pressures(z, clock):
+    """f_1, f_2 from a state in a clock."""
+    Y_1, Y_2 = z[ZX1], z[ZX2]
+    f_1 = Y_1 * Y_1 * Y_1 if has_root(clock, 0) else pressure(Y_1)
+    f_2 = Y_2 * Y_2 * Y_2 if has_root(clock, 1) else pressure(Y_2)
+    return f_1, f_2
+
+
+@compiled
+def to_clock(clock, z):
+    """Write a state of the plain clock in another one, in place."""
+    for i in range(2):
+        if has_root(clock, i):
+            z[ZX1 + i] = sqrt(max(0.0, z[ZX1 + i]))
+
+
+@compiled
+def from_clock(clock, z):
+    """Write a state in a clock as one of the plain clock, in place; what lies beyond X = 0 stays negative."""
+    for i in range(2):
+        if has_root(clock, i):
+            z[ZX1 + i] *= abs(z[ZX1 + i])
+
+
+@compiled
 def friction(law, mode_1, mode_2, f_1, f_2, a, b_1, b_2):
     """Total axial friction A and the laterals L_1, L_2, for given friction modes of the two ends."""
     if mode_1 == STICK and mode_2 == STICK:
@@ -55,7 +90,7 @@ def friction(law, mode_1, mode_2, f_1, f_2, a, b_1, b_2):
     if mode_2 == STICK:
         L_1 = -law.mu * f_1 * copysign(1.0, b_1)
         return law.w * (f_1 - f_2) / law.aa, L_1, -law.bb_12 / law.bb * L_1
-    v_1, v_2 = hypot(a, b_1), hypot(a, b_2)
+    v_1, v_2 = length(a, b_1), length(a, b_2)
     k_1 = law.mu * f_1 / v_1 if v_1 > 0.0 else 0.0
     k_2 = law.mu * f_2 / v_2 if v_2 > 0.0 else 0.0
     return -(k_1 + k_2) * a, -k_1 * b_1, -k_2 * b_2
@@ -72,13 +107,22 @@ def velocity_rates(law, f_1, f_2, A, L_1, L_2, out):
 
 
 @compiled
-def impact_rates(law, modes, gains, z, out):
-    """Right-hand side of the double impact; gains are 1 or 1/e^2."""
-    f_1, f_2 = pressure(z[ZX1]), pressure(z[ZX2])
+def impact_rates(law, modes, gains, clock, z, out):
+    """Right-hand side of the double impact in a clock; gains are 1 or 1/e^2."""
+    f_1, f_2 = pressures(z, clock)
     A, L_1, L_2 = friction(law, modes[0], modes[1], f_1, f_2, z[ZA], z[ZB1], z[ZB2])
     velocity_rates(law, f_1, f_2, A, L_1, L_2, out)
     out[ZX1] = -gains[0] * z[ZN1]
     out[ZX2] = -gains[1] * z[ZN2]
+    if clock != PLAIN:
+        rise_1, rise_2 = out[ZX1], out[ZX2]
+        pace = z[ZX2] if clock == 1 else z[ZX1]
+        for k in range(N_Z):
+            out[k] *= pace
+        if has_root(clock, 0):
+            out[ZX1] = 0.5 * rise_1
+        if has_root(clock, 1):
+            out[ZX2] = 0.5 * rise_2
 
 
 @compiled
@@ -96,7 +140,7 @@ def friction_slopes(law, mode_1, mode_2, z, g_1, g_2, J):
             J[2, 1] = -law.mu * g_2 * copysign(1.0, b_2)
             J[1, 1] = ratio * J[2, 1]
         return
-    v_1, v_2 = hypot(a, b_1), hypot(a, b_2)
+    v_1, v_2 = length(a, b_1), length(a, b_2)
     if v_1 > 0.0:
         c, s, k = a / v_1, b_1 / v_1, law.mu * pressure(z[ZX1]) / v_1
         J[0, 0], J[1, 0] = -law.mu * g_1 * c, -law.mu * g_1 * s
@@ -112,7 +156,7 @@ def friction_slopes(law, mode_1, mode_2, z, g_1, g_2, J):
 
 @compiled
 def impact_jacobian(law, modes, gains, z, F, J):
-    """Jacobian of ``impact_rates`` into J (7, 7); F (3, 5) is scratch."""
+    """Jacobian of ``impact_rates`` in the plain clock into J (7, 7); F (3, 5) is scratch."""
     g_1, g_2 = 1.5 * sqrt(max(0.0, z[ZX1])), 1.5 * sqrt(max(0.0, z[ZX2]))
     friction_slopes(law, modes[0], modes[1], z, g_1, g_2, F)
     clear(J, N_Z, N_Z)
@@ -130,15 +174,14 @@ def impact_jacobian(law, modes, gains, z, F, J):
 
 
 @compiled
-def stick_reserve(law, modes, i, z):
+def stick_reserve(law, modes, i, z, f_1, f_2):
     """How far the friction that holds end i is from its limit (with both held, only the sum of the axial parts counts)."""
     if modes[i] != STICK:
         return inf
-    f_1, f_2 = pressure(z[ZX1]), pressure(z[ZX2])
     A, L_1, L_2 = friction(law, modes[0], modes[1], f_1, f_2, z[ZA], z[ZB1], z[ZB2])
     if modes[1 - i] == STICK:
         return law.mu_s * (f_1 + f_2) - abs(A)
-    return law.mu_s * f_1 - hypot(A, L_1) if i == 0 else law.mu_s * f_2 - hypot(A, L_2)
+    return law.mu_s * f_1 - length(A, L_1) if i == 0 else law.mu_s * f_2 - length(A, L_2)
 
 
 @compiled
@@ -146,21 +189,21 @@ def outward_slip(drive_a, drive_b, k_a, k_b):
     """Direction d of slip out of rest: drive - (k_a d_a, k_b d_b) = lambda d with lambda >= 0 (doi 10.1115/1.4035411).
 
     `drive` is the contact acceleration without the end's own friction, k its friction over the Delassus diagonal. The
-    length of d = (drive_a / (lambda + k_a), drive_b / (lambda + k_b)) falls with lambda: bisection.
+    length of d = (drive_a / (lambda + k_a), drive_b / (lambda + k_b)) falls with lambda; Newton's rule for its inverse,
+    which is concave, climbs to where it is one.
     """
-    size = hypot(drive_a, drive_b)
+    size = length(drive_a, drive_b)
     if size == 0.0:
         return 1.0, 0.0
-    low, high = 0.0, size
-    for _ in range(MAX_BISECT):
-        mid = 0.5 * (low + high)
-        if hypot(drive_a / (mid + k_a), drive_b / (mid + k_b)) > 1.0:
-            low = mid
-        else:
-            high = mid
-    d_a, d_b = drive_a / (high + k_a), drive_b / (high + k_b)
-    length = hypot(d_a, d_b)
-    return d_a / length, d_b / length
+    rate = max(0.0, max(abs(drive_a) - k_a, abs(drive_b) - k_b))
+    for _ in range(MAX_TURNS):
+        d_a, d_b = drive_a / (rate + k_a), drive_b / (rate + k_b)
+        size = length(d_a, d_b)
+        step = (size - 1.0) * size * size / (d_a * d_a / (rate + k_a) + d_b * d_b / (rate + k_b))
+        if not step > 1e-16 * rate:
+            break
+        rate += step
+    return d_a / size, d_b / size
 
 
 @compiled
@@ -170,7 +213,7 @@ def hold_or_slip(law, i, z, f_i, f_j, tol, lost):
     z[ZA], z[ZB1 + i] = 0.0, 0.0
     pull = law.w * (f_j - f_i) if i == 0 else law.w * (f_i - f_j)
     side = -law.bb_12 * law.mu * f_j * copysign(1.0, b_j)
-    if not lost and hypot(pull / law.aa, side / law.bb) <= law.mu_s * f_i:
+    if not lost and length(pull / law.aa, side / law.bb) <= law.mu_s * f_i:
         return STICK
     d_a, d_b = outward_slip(pull, side, law.mu * f_i * law.aa, law.mu * f_i * law.bb)
     z[ZA], z[ZB1 + i] = 0.5 * tol * d_a, 0.5 * tol * d_b
@@ -183,8 +226,8 @@ def friction_modes(law, z, modes, f_1, f_2, tol, lost):
 
     `lost` says that the hold at rest has just been lost, whatever rounding says of the limit.
     """
-    at_rest_1 = hypot(z[ZA], z[ZB1]) <= tol
-    at_rest_2 = hypot(z[ZA], z[ZB2]) <= tol
+    at_rest_1 = length(z[ZA], z[ZB1]) <= tol
+    at_rest_2 = length(z[ZA], z[ZB2]) <= tol
     modes[0], modes[1] = SLIP, SLIP
     if at_rest_1 and at_rest_2:
         z[ZA], z[ZB1], z[ZB2] = 0.0, 0.0, 0.0

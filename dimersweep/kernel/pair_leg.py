@@ -4,21 +4,29 @@ DOP853 integrates it. The direction of a slow slip is stiff; most slips are slow
 the method bears are the cheapest. Where a slip stays slow Rodas5P takes over.
 """
 
-from math import hypot, inf, sqrt
+from math import inf, sqrt
 from typing import Any, NamedTuple
 
 from dimersweep.kernel.jit import compiled
+from dimersweep.kernel.law import length
 from dimersweep.kernel.layout import SLIP, STICK
 from dimersweep.kernel.pair_law import (
+    BOTH,
     N_Z,
+    PLAIN,
     ZA,
     ZB1,
     ZN1,
+    ZN2,
     ZX1,
+    ZX2,
+    from_clock,
     impact_jacobian,
     impact_rates,
     pressure,
+    pressures,
     stick_reserve,
+    to_clock,
 )
 from dimersweep.kernel.steps import (
     DOP_STAGES,
@@ -40,11 +48,12 @@ from dimersweep.kernel.tableaux import ROS_GAMMA
 MAX_STEPS = 20000
 MAX_PROBES = 160
 N_EVENTS = 8
-PAIR_ROWS = 36
-FIRST = 0.05  # first step
-TURNS = 4.0  # of a slip, that an explicit step may span: what the method bears
+PAIR_ROWS = 40
+FIRST = 4.0  # first step, over the tolerance to the power of 1/8
+TURNS = 5.5  # of a slip, that an explicit step may span: what the method bears
 STIFF = 0.01  # explicit step below which a slip is slow
-LASTS = 100  # such steps in a row, after which the implicit method takes over
+LASTS = 30  # such steps in a row, after which the implicit method takes over
+NEAR = 0.3  # distance that one evaluation crosses as well as the tolerance, over its cubic root
 EXACT = 1e-3  # what an event function may be off its zero, in units of the tolerance
 STOPPED = 0.25  # slip, in units of the one that counts as none, at which a slip ends: it sets out with more
 RUB = 0.02  # friction, in units of a slip's own rate, from which it steers the slip
@@ -60,10 +69,13 @@ class PairBench(NamedTuple):
     start: Any  # state and rates at the start of the step, and the state at its end
     rates: Any
     out: Any
+    rates_out: Any
     scale: Any
     gains: Any
     armed: Any  # event functions that have been positive
     pivots: Any
+    probe: Any
+    rates_probe: Any
 
 
 @compiled
@@ -81,18 +93,21 @@ def lay_out_pair(work):
         work[33],
         work[34],
         work[35],
+        work[36],
+        work[37],
+        work[38],
     )
 
 
 @compiled
-def explicit_step(law, modes, h, tol, b):
-    """One DOP853 step of size h from b.start into b.out; returns the error over the tolerance."""
+def explicit_step(law, modes, clock, h, tol, b):
+    """One DOP853 step of size h in a clock, from b.start into b.out; returns the error over the tolerance."""
     for k in range(WIDTH):
         b.scale[k] = tol
     copy(b.rates, b.K[0], WIDTH)
     for i in range(1, DOP_STAGES):
         explicit_stage(i, h, b.start, b.K, WIDTH, b.out)
-        impact_rates(law, modes, b.gains, b.out, b.K[i])
+        impact_rates(law, modes, b.gains, clock, b.out, b.K[i])
     return explicit_finish(h, b.start, b.K, WIDTH, b.scale, b.out)
 
 
@@ -111,7 +126,7 @@ def implicit_step(law, modes, h, tol, slip_unit, b):
         return inf
     for i in range(ROS_STAGES):
         implicit_stage(i, b.start, b.K, N_Z, b.out)
-        impact_rates(law, modes, b.gains, b.out, b.K[i])
+        impact_rates(law, modes, b.gains, PLAIN, b.out, b.K[i])
         implicit_load(i, h, b.K, N_Z, b.K[i])
         lu_solve(b.LU, N_Z, b.pivots, b.K[i])
     total = 0.0
@@ -123,11 +138,29 @@ def implicit_step(law, modes, h, tol, slip_unit, b):
 
 
 @compiled
-def pair_step(law, modes, h, tol, slip_unit, stiff, b):
+def pair_step(law, modes, clock, h, tol, slip_unit, stiff, b):
     """One step of size h from b.start into b.out, by the method that suits; returns the error over the tolerance."""
     if stiff:
         return implicit_step(law, modes, h, tol, slip_unit, b)
-    return explicit_step(law, modes, h, tol, b)
+    return explicit_step(law, modes, clock, h, tol, b)
+
+
+@compiled
+def ruling_clock(z, gains, faint):
+    """The clock in which the motion is most regular: of the end whose Y changes fastest (X below `faint` count alike).
+
+    Ends that move alike, which they do without axial slip, have one in common, and go on alike to the last digit.
+    """
+    if z[ZN1] == z[ZN2] and z[ZX1] == z[ZX2] and gains[0] == gains[1] and z[ZA] == 0.0:
+        return BOTH
+    u_1, u_2 = gains[0] * z[ZN1], gains[1] * z[ZN2]
+    return 0 if u_1 * u_1 * (z[ZX2] + faint) > u_2 * u_2 * (z[ZX1] + faint) else 1
+
+
+@compiled
+def clock_rate(clock, z):
+    """dtau/dsigma of a clock in a state of the plain one."""
+    return 1.0 if clock == PLAIN else sqrt(max(0.0, z[ZX2] if clock == 1 else z[ZX1]))
 
 
 @compiled
@@ -139,12 +172,12 @@ def turning_time(law, modes, z):
     for i in range(2):
         pace = law.mu * law.bb * pressure(z[ZX1 + i])
         if pace > 0.0:
-            least = min(least, hypot(z[ZA], z[ZB1 + i]) / pace)
+            least = min(least, length(z[ZA], z[ZB1 + i]) / pace)
     return least
 
 
 @compiled
-def event_value(law, k, modes, compressing, base, z, tol):
+def event_value(law, k, modes, compressing, clock, base, z, tol):
     """Event function k of a phase, positive while the phase goes on; inf where it has no meaning.
 
     0, 1: gap rate of p1, p2 against the phase; 2, 3: compression left; 4, 5: reserve of the friction that holds;
@@ -157,11 +190,11 @@ def event_value(law, k, modes, compressing, base, z, tol):
         return inf if compressing[i] > 0.0 else z[ZX1 + i]
     if k < 6:
         # all force vanishes where an impact ends: only its ratios decide
-        total = pressure(z[ZX1]) + pressure(z[ZX1 + 1])
-        return stick_reserve(law, modes, i, z) / total if total > 0.0 else 1.0
+        f_1, f_2 = pressures(z, clock)
+        return stick_reserve(law, modes, i, z, f_1, f_2) / (f_1 + f_2) if f_1 + f_2 > 0.0 else 1.0
     if modes[i] == STICK or law.mu == 0.0:
         return inf
-    v = hypot(base[ZA], base[ZB1 + i])
+    v = length(base[ZA], base[ZB1 + i])
     return (z[ZA] * base[ZA] + z[ZB1 + i] * base[ZB1 + i]) / v - STOPPED * tol if v > 0.0 else inf
 
 
@@ -169,7 +202,7 @@ def event_value(law, k, modes, compressing, base, z, tol):
 def slip_bound(z, rates, modes, h):
     """Step that leaves a slip about a tenth of itself where it decreases, at most h."""
     for i in range(2):
-        v = hypot(z[ZA], z[ZB1 + i])
+        v = length(z[ZA], z[ZB1 + i])
         if modes[i] == SLIP and v > 0.0:
             rate = (z[ZA] * rates[ZA] + z[ZB1 + i] * rates[ZB1 + i]) / v
             if rate < 0.0:
@@ -184,7 +217,7 @@ def slip_unit(law, modes, z, rates):
     """
     unit = 1.0
     for i in range(2):
-        v = hypot(z[ZA], z[ZB1 + i])
+        v = length(z[ZA], z[ZB1 + i])
         if modes[i] == SLIP and v > 0.0:
             rate = (z[ZA] * rates[ZA] + z[ZB1 + i] * rates[ZB1 + i]) / v
             if rate > 0.0 and law.mu * pressure(z[ZX1 + i]) * law.aa > RUB * rate:
@@ -200,72 +233,132 @@ def pair_leg(law, z, modes, compressing, tol, slip_tol, work):
         e = law.e_1 if i == 0 else law.e_2
         b.gains[i] = 1.0 if compressing[i] > 0.0 else 1.0 / (e * e)
     for k in range(N_EVENTS):
-        b.armed[k] = 1.0 if event_value(law, k, modes, compressing, z, z, slip_tol) > 0.0 else 0.0
+        b.armed[k] = 1.0 if event_value(law, k, modes, compressing, PLAIN, z, z, slip_tol) > 0.0 else 0.0
     for k in range(N_Z, WIDTH):
         b.start[k], b.rates[k] = 0.0, 0.0
         for i in range(DOP_STAGES):
             b.K[i, k] = 0.0
-    h, slow = FIRST, 0
+    faint = tol**0.4  # a compression that is worth a gap rate of the tolerance
+    clock, slow = ruling_clock(z, b.gains, faint), 0
+    longest = 1.0 / sqrt(max(b.gains[0], b.gains[1]))
+    h = FIRST * tol**0.125 * longest
     for _ in range(MAX_STEPS):
-        copy(z, b.start, N_Z)
-        impact_rates(law, modes, b.gains, z, b.rates)
         turns = TURNS * turning_time(law, modes, z)
         slow = slow + 1 if turns < STIFF else 0
         stiff = slow > LASTS
-        h = slip_bound(z, b.rates, modes, h if stiff else min(h, turns))
+        last, clock = clock, PLAIN if stiff else ruling_clock(z, b.gains, faint)
+        pace = clock_rate(clock, z)
+        if clock != last:
+            h = min(h * clock_rate(last, z) / pace, longest)
+        copy(z, b.start, N_Z)
+        to_clock(clock, b.start)
+        impact_rates(law, modes, b.gains, clock, b.start, b.rates)
+        if not stiff and h * pace > turns:
+            h = turns / pace
+        h = slip_bound(z, b.rates, modes, h)
         unit = slip_unit(law, modes, z, b.rates) if stiff else 1.0
-        error = pair_step(law, modes, h, tol, unit, stiff, b)
+        error = pair_step(law, modes, clock, h, tol, unit, stiff, b)
         factor = step_factor(error, 5.0 if stiff else 8.0)
         if not error <= 1.0:
             h *= factor
             continue
-        least, _ = least_value(law, modes, compressing, b.armed, b.start, b.out, slip_tol)
+        least, event = least_value(law, modes, compressing, clock, b.armed, b.start, b.out, slip_tol)
         if least > 0.0:
-            copy(b.out, z, N_Z)
             for k in range(N_EVENTS):
-                if event_value(law, k, modes, compressing, z, z, slip_tol) > 0.0:
+                if event_value(law, k, modes, compressing, clock, b.out, b.out, slip_tol) > 0.0:
                     b.armed[k] = 1.0
-            h *= factor
-            continue
-        event = first_crossing(law, modes, compressing, h, least, tol, slip_tol, stiff, b)
+        else:
+            event = first_crossing(law, modes, compressing, clock, h, event, least, tol, slip_tol, stiff, b)
         copy(b.out, z, N_Z)
-        if event < 6 or hypot(z[ZA], z[ZB1 + event - 6]) <= 4.0 * slip_tol:
+        from_clock(clock, z)
+        # a slip that has only turned by a right angle goes on
+        if least <= 0.0 and (event < 6 or length(z[ZA], z[ZB1 + event - 6]) <= 4.0 * slip_tol):
             return event
-        h *= factor  # the slip has only turned by a right angle, and goes on
+        h *= factor
     return -1
 
 
 @compiled
-def first_crossing(law, modes, compressing, h, least, tol, slip_tol, stiff, b):
-    """Number of the first event in a step h over which the least event function fell to `least`; b.out becomes its state.
-
-    Bracketed search, each probe a step of its own.
-    """
-    low, high, g_high, side = 0.0, h, least, 0
-    g_low, _ = least_value(law, modes, compressing, b.armed, b.start, b.start, slip_tol)
-    for probe in range(MAX_PROBES):
-        if high - low <= 1e-15 * h:
-            break
-        mid = inside(low, high, g_low, g_high, probe)
-        pair_step(law, modes, mid, tol, 1.0, stiff, b)
-        g, _ = least_value(law, modes, compressing, b.armed, b.start, b.out, slip_tol)
-        low, high, g_low, g_high, side = shrink(low, high, g_low, g_high, mid, g, side)
-        if abs(g) <= EXACT * tol:
-            high = mid
-            break
-    else:
-        pair_step(law, modes, high, tol, 1.0, stiff, b)
-    _, which = least_value(law, modes, compressing, b.armed, b.start, b.out, slip_tol)
-    return which
+def on_cubic(b, s, h, out):
+    """Cubic through the ends of a step of size h at share s, into `out`."""
+    u = 1.0 - s
+    for k in range(N_Z):
+        rise = b.out[k] - b.start[k]
+        out[k] = b.start[k] + s * rise + s * u * ((2.0 * s - 1.0) * rise + h * (u * b.rates[k] - s * b.rates_out[k]))
 
 
 @compiled
-def least_value(law, modes, compressing, armed, base, z, tol):
+def crossing_on_cubic(law, modes, compressing, clock, h, g_start, g_end, slip_tol, b):
+    """First guess of where in a step an event function vanishes, and the slope of the function there."""
+    low, high, g_low, g_high, side = 0.0, 1.0, g_start, g_end, 0
+    mid, g = 0.5, 0.0
+    for probe in range(12):
+        mid = inside(low, high, g_low, g_high, probe)
+        on_cubic(b, mid, h, b.probe)
+        g, _ = least_value(law, modes, compressing, clock, b.armed, b.start, b.probe, slip_tol)
+        if abs(g) <= 1e-6 * (g_start - g_end):
+            break
+        low, high, g_low, g_high, side = shrink(low, high, g_low, g_high, mid, g, side)
+    on_cubic(b, mid + 1e-3, h, b.probe)
+    g_on, _ = least_value(law, modes, compressing, clock, b.armed, b.start, b.probe, slip_tol)
+    return mid * h, (g_on - g) / (1e-3 * h)
+
+
+@compiled
+def carry_on(law, modes, clock, t, b):
+    """Carry the end of a step on (or back) by t, by the midpoint rule."""
+    for k in range(N_Z):
+        b.probe[k] = b.out[k] + 0.5 * t * b.rates_out[k]
+    impact_rates(law, modes, b.gains, clock, b.probe, b.rates_probe)
+    for k in range(N_Z):
+        b.out[k] += t * b.rates_probe[k]
+
+
+@compiled
+def first_crossing(law, modes, compressing, clock, h, event, least, tol, slip_tol, stiff, b):
+    """Number of the first event in a step h over which the least event function fell to `least`; b.out becomes its state.
+
+    Bracketed search. Each probe is a step of its own from b.start, or carries the last one on where it is near; the first
+    guess is the zero on the cubic through the step.
+    """
+    low, high, g_high, side = 0.0, h, least, 0
+    g_low, _ = least_value(law, modes, compressing, clock, b.armed, b.start, b.start, slip_tol)
+    smooth = event < 6
+    near, slope, guess, at, g = 0.0, 0.0, 0.0, h, least
+    if smooth:
+        near = NEAR * tol ** (1.0 / 3.0) / sqrt(max(b.gains[0], b.gains[1]))
+        impact_rates(law, modes, b.gains, clock, b.out, b.rates_out)
+        guess, slope = crossing_on_cubic(law, modes, compressing, clock, h, g_low, g_high, slip_tol, b)
+    for probe in range(MAX_PROBES):
+        if high - low <= 1e-15 * h:
+            break
+        mid = guess if probe < 6 and low < guess < high else inside(low, high, g_low, g_high, probe)
+        way, before = mid - at, g
+        if abs(way) <= near:
+            impact_rates(law, modes, b.gains, clock, b.out, b.rates_out)
+            carry_on(law, modes, clock, way, b)
+        else:
+            pair_step(law, modes, clock, mid, tol, 1.0, stiff, b)
+        at = mid
+        g, event = least_value(law, modes, compressing, clock, b.armed, b.start, b.out, slip_tol)
+        if abs(g) <= EXACT * tol:
+            return event
+        low, high, g_low, g_high, side = shrink(low, high, g_low, g_high, mid, g, side)
+        if smooth and probe > 0:
+            slope = (g - before) / way
+        guess = mid - g / slope if slope < 0.0 else 0.0
+    pair_step(law, modes, clock, high, tol, 1.0, stiff, b)
+    _, event = least_value(law, modes, compressing, clock, b.armed, b.start, b.out, slip_tol)
+    return event
+
+
+@compiled
+def least_value(law, modes, compressing, clock, armed, base, z, tol):
     """Least of the armed event functions at z, and its number (inf and -1 if none is armed)."""
     least, which = inf, -1
     for k in range(N_EVENTS):
         if armed[k] > 0.0:
-            value = event_value(law, k, modes, compressing, base, z, tol)
+            value = event_value(law, k, modes, compressing, clock, base, z, tol)
             if value < least:
                 least, which = value, k
     return least, which

@@ -5,10 +5,11 @@ The first root of that quartic is a step over which nothing can land, however sh
 to the first root with order four, without a bracket to lose and without a double crossing or a graze to miss.
 """
 
-from math import cos, hypot, inf, sin, sqrt
+from math import cos, inf, sin, sqrt
 
 from dimersweep.kernel.flight import gap_series
-from dimersweep.kernel.jit import compiled
+from dimersweep.kernel.jit import compiled, fused
+from dimersweep.kernel.law import length
 
 MAX_PROBES = 10000
 SWIFT = 10.0  # rate of the axis, in units of the plate's, from which whole turns are stepped over
@@ -16,7 +17,7 @@ EPS = 2.3e-16
 ROUNDED = 1e-13  # what a height may be off, in units of what it is the difference of
 
 
-@compiled
+@fused
 def safe_step(c0, c1, c2, c3, bound4, span):
     """Largest step found, at most `span`, on which c0 + c1 s + c2 s^2/2 + c3 s^3/6 - bound4 s^4/24 stays positive.
 
@@ -68,11 +69,11 @@ def out_of_reach(fl, sign, t, gap, rate):
     sx, cx = sin(fl.Omega * t), cos(fl.Omega * t)
     swing = sign * fl.h * (fl.c1 * cx + fl.c2 * sx)
     rise = rate - sign * fl.h * fl.Omega * (fl.c2 * cx - fl.c1 * sx)
-    reach = fl.h * hypot(fl.c1, fl.c2)
+    reach = fl.h * length(fl.c1, fl.c2)
     height = gap - swing - reach - ROUNDED * (abs(gap) + reach)
     if height <= 0.0:
         return 0.0
-    curve = fl.g + fl.omega * fl.omega * hypot(fl.plate_s, fl.plate_c)
+    curve = fl.g + fl.omega * fl.omega * length(fl.plate_s, fl.plate_c)
     root = sqrt(rise * rise + 2.0 * curve * height)
     return (rise + root) / curve if rise > 0.0 else 2.0 * height / (root - rise)
 

@@ -11,10 +11,11 @@ gives a leg and its events at once. Velocities are in units of the approach spee
 Delassus operator of 1/m.
 """
 
-from math import copysign, exp, hypot, inf, log, log1p, sqrt
+from math import copysign, exp, inf, log, log1p, sqrt
 from typing import NamedTuple
 
-from dimersweep.kernel.jit import compiled
+from dimersweep.kernel.jit import compiled, fused
+from dimersweep.kernel.law import length
 from dimersweep.kernel.layout import SLIP, STICK
 
 DONE, OTHER, LEG, JAM, STEPS = 0, 1, 2, 3, 4
@@ -25,6 +26,7 @@ ATTRACTED = 1e-2  # effect on the rates, in tolerances, of what is left of the t
 
 
 LEAST_ORDER, ORDER = 6, 15  # of the expansion of a leg with a turning slip direction
+CLOSE = 1e-9  # step of Newton's rule, in units of the interval, after which it is done
 ROUNDED = 1e-15  # error of a velocity, in units of itself, that no step improves
 INVERSE = tuple(1.0 / (j + 1.0) for j in range(ORDER))
 A_V, A_A, A_P, A_N, A_J, A_E = range(6)  # its rows: slip, axial slip, impulse, gap rates of both ends, energy
@@ -97,7 +99,7 @@ def time_to_events(law, n, E, v, n_j, compressing, w, w_j, w_v):
     return P_n, P_E, P_j, P_v
 
 
-@compiled
+@fused
 def expand(law, n0, a, b, E, n_j0, gain, order, c):
     """Taylor coefficients of a leg in xi, up to xi**order, into the rows of c: A_V, A_A, A_P, A_N, A_J, A_E.
 
@@ -105,7 +107,7 @@ def expand(law, n0, a, b, E, n_j0, gain, order, c):
     and v = sqrt(a^2 + b^2) the only function to expand.
     """
     c[A_A, 0], c[A_P, 0], c[A_N, 0], c[A_J, 0], c[A_E, 0] = a, 0.0, n0, n_j0, E
-    v0 = hypot(a, b)
+    v0 = length(a, b)
     inverse = 1.0 / v0
     fading = b * b  # coefficient of b^2
     for j in range(order):
@@ -128,7 +130,7 @@ def expand(law, n0, a, b, E, n_j0, gain, order, c):
         c[A_E, j + 1] = -gain * work * k
 
 
-@compiled
+@fused
 def at(c, row, order, xi):
     """Value and slope of an expansion at xi."""
     value, slope = c[row, order], 0.0
@@ -151,7 +153,7 @@ def reach(c, order, v, tol):
     return least
 
 
-@compiled
+@fused
 def first_zero(c, row, order, sign, h):
     """First zero in (0, h] of an expansion, of the given sign before, whose slope changes sign at most once; else inf.
 
@@ -179,9 +181,9 @@ def first_zero(c, row, order, sign, h):
         new = x - value / slope if slope != 0.0 else high
         if not low <= new <= high:
             new = 0.5 * (low + high)
-        if abs(new - x) <= 2e-16 * high:
+        x, step = new, new - x
+        if abs(step) <= CLOSE * h:  # the next step of Newton's rule would be below round-off
             break
-        x = new
     return x
 
 
@@ -198,10 +200,10 @@ def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
     """
     gain = 1.0 if compressing else 1.0 / (law.e * law.e)
     order = min(ORDER, max(LEAST_ORDER, int(8.0 - 0.6 * log(tol))))  # the least work for a step of this accuracy
-    slip_end = max(tol, 1e-14 * hypot(a, b))
+    slip_end = max(tol, 1e-14 * length(a, b))
     n, n_j, P, A, B = n0, n_j0, 0.0, 0.0, 0.0
     for _ in range(MAX_STEPS):
-        v = hypot(a, b)
+        v = length(a, b)
         expand(law, n, a, b, E, n_j, gain, order, work)
         h = reach(work, order, v, tol)
         xi_n = first_zero(work, A_N, order, -1.0 if compressing else 1.0, h)
@@ -216,7 +218,7 @@ def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
         E, _ = at(work, A_E, order, xi)
         n_j, _ = at(work, A_J, order, xi)
         P, A, B = P + dP, A + (a - a_old - law.na * dP) / law.aa, B + (b - b_old) / law.bb
-        v = hypot(a, b)
+        v = length(a, b)
         ended = xi == xi_n or xi == xi_E or xi == xi_j
         stopped = v <= slip_end
         if ended or stopped or is_invariant(law, v, a / v, b / v, tol):
@@ -239,7 +241,7 @@ def straight_leg(law, n, a, b, E, n_j, compressing, stick, c, s):
         t_a, t_b = -law.mu * c, -law.mu * s
         w_a, w_b = law.na + law.aa * t_a, law.bb * t_b
         w_v = w_a * c + w_b * s if law.mu > 0.0 else 0.0
-    v = hypot(a, b)
+    v = length(a, b)
     b0 = b
     w, w_j = law.nn + law.na * t_a, law.nn_j + law.na_j * t_a
     P_n, P_E, P_j, P_v = time_to_events(law, n, E, v, n_j, compressing, w, w_j, w_v)
@@ -293,7 +295,7 @@ def single_phase(law, n, a, b, E, n_j, tol, work):
     for _ in range(MAX_LEGS):
         if not compressing and (E <= 0.0 or law.e == 0.0):
             return n, a, b, 0.0, n_j, P, A, B, P_s, A_s, mode, DONE
-        v = hypot(a, b)
+        v = length(a, b)
         stick, turns, c, s = False, False, 1.0, 0.0
         if law.mu == 0.0 and (v > tol or not sticks(law)):
             mode = SLIP  # no friction: the direction is of no consequence
