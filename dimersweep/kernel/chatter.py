@@ -14,23 +14,26 @@ from dimersweep.kernel.choose import CLOSED, contact_mode
 from dimersweep.kernel.contact import A1, F1, F2, L1, L2, double_forces
 from dimersweep.kernel.impact import push
 from dimersweep.kernel.jit import compiled
-from dimersweep.kernel.layout import BETA, CA, CB, D1, D2, FREE, N1, N2, PHASE, SLIP, SPIN, WB, WP
+from dimersweep.kernel.layout import BETA, CA, CB, D1, D2, FREE, N1, N2, N_STATE, PHASE, SLIP, SPIN, WB, WP
+from dimersweep.kernel.steps import copy
 
 CLOSE = 4.0  # what the close of a chatter may cost, in tolerances
+SPREAD = 0.1  # what the errors of a period's events add up to, in tolerances for each
+GAIN = 1e-14  # energy that round-off may give
 NOTHING = -1.0  # time of hops where none are summed
 FLOOR = 1e-13  # separation speed, in g/omega, at which round-off rules the hops
 
 
 @compiled
-def rest_of_chatter(dm, n, F, nn, e, tol):
+def rest_of_chatter(dm, n, F, nn, e, faint):
     """Time that the rest of a chatter from gap rate n under a contact force F takes [s].
 
-    0.0 if it is fainter than what a close may cost, or ruled by round-off; inf if it does not end, or if the plate could
-    take the force away before. While the force changes slowly, hops without loss keep n^3 over it: they grow with it.
+    0.0 if it is as faint as a gap rate may be that is lost, or ruled by round-off; inf if it does not end, or if the plate
+    could take the force away before. While the force changes slowly, hops without loss keep n^3 over it: they grow with it.
     """
     press = F * nn
     most = dm.g + dm.A_z * dm.omega**2
-    if n <= FLOOR * dm.v_scale or (press > 0.0 and n**3 * most <= (CLOSE * tol * dm.v_scale) ** 3 * press):
+    if n <= FLOOR * dm.v_scale or (press > 0.0 and n**3 * most <= faint**3 * press):
         return 0.0
     if e >= 1.0 or press <= 0.0:
         return inf
@@ -53,8 +56,26 @@ def stays_open(dm, state, j, time):
 
 
 @compiled
-def come_to_rest(dm, state, modes, slip_tol, tol, y, dy, F):
+def kinetic(dm, state):
+    """Kinetic energy in the plate's frame [J]."""
+    c_n = 0.5 * (state[N1] + state[N2])
+    moving = dm.m * (state[CA] * state[CA] + state[CB] * state[CB] + c_n * c_n)
+    turning = dm.J_t * (state[WB] * state[WB] + state[WP] * state[WP])
+    return 0.5 * (moving + turning + dm.J_a * state[SPIN] * state[SPIN])
+
+
+@compiled
+def come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F):
     """Close the ends whose chatter is as good as over; the state is updated.
+
+    Parameters
+    ----------
+    tol : float
+        Accuracy of the close.
+    events : float
+        Number of events since the forcing period began.
+    energy : float
+        Kinetic energy before the impact that has led to this state [J].
 
     Returns
     -------
@@ -63,6 +84,7 @@ def come_to_rest(dm, state, modes, slip_tol, tol, y, dy, F):
     """
     quickest = 2.0 * dm.omega / (dm.g + dm.A_z * dm.omega**2)  # phase that a chatter takes per rate, with e = 0
     fast = (CLOSE * tol * dm.v_scale / (quickest * quickest)) ** (1.0 / 3.0)
+    faint = max(CLOSE, SPREAD * events) * tol * dm.v_scale
     may_1 = state[D1] == 0.0 and 0.0 <= state[N1] <= fast
     may_2 = state[D2] == 0.0 and 0.0 <= state[N2] <= fast
     if not (may_1 and state[N1] > 0.0) and not (may_2 and state[N2] > 0.0):
@@ -78,8 +100,8 @@ def come_to_rest(dm, state, modes, slip_tol, tol, y, dy, F):
             return NOTHING
         lv = levers(dm, 1.0, sin(state[BETA]), cos(state[BETA]))
         nn = delassus(dm, lv, lv).nn
-        rest_1 = rest_of_chatter(dm, state[N1], F[F1], nn, dm.e_1, tol)
-        rest_2 = rest_of_chatter(dm, state[N2], F[F2], nn, dm.e_2, tol)
+        rest_1 = rest_of_chatter(dm, state[N1], F[F1], nn, dm.e_1, faint)
+        rest_2 = rest_of_chatter(dm, state[N2], F[F2], nn, dm.e_2, faint)
         slow_1 = modes[0] == FREE or slow_enough(dm, state[N1], rest_1, tol)
         slow_2 = modes[1] == FREE or slow_enough(dm, state[N2], rest_2, tol)
         if slow_1 and slow_2:
@@ -91,10 +113,16 @@ def come_to_rest(dm, state, modes, slip_tol, tol, y, dy, F):
         may_1, may_2 = may_1 and slow_1 and modes[0] != FREE, may_2 and slow_2 and modes[1] != FREE
     else:
         return NOTHING
+    before = dy
+    copy(state, before, N_STATE)
     if modes[0] != FREE and modes[1] != FREE:
         close_both(dm, state, modes, y, F)
     else:
         close_one(dm, state, modes, 0 if modes[0] != FREE else 1, y)
+    limit = energy + max(tol, GAIN) * (energy + 0.5 * dm.m * (dm.A_z * dm.omega) ** 2)
+    if kinetic(dm, state) > limit and max(before[N1], before[N2]) > FLOOR * dm.v_scale:
+        copy(before, state, N_STATE)
+        return NOTHING
     return max(rest_1 if modes[0] != FREE else 0.0, rest_2 if modes[1] != FREE else 0.0)
 
 
