@@ -18,7 +18,8 @@ from dimersweep.kernel.layout import BETA, CA, CB, D1, D2, FREE, N1, N2, N_STATE
 from dimersweep.kernel.steps import copy
 
 CLOSE = 4.0  # what the close of a chatter may cost, in tolerances
-SPREAD = 0.1  # what the errors of a period's events add up to, in tolerances for each
+SPREAD = 0.03  # what the errors of a period's events add up to, in tolerances for each
+ALONE = 20.0  # hops of one end over which the other one stays off the plate if it has no part in them
 GAIN = 1e-14  # energy that round-off may give
 NOTHING = -1.0  # time of hops where none are summed
 FLOOR = 1e-13  # separation speed, in g/omega, at which round-off rules the hops
@@ -56,6 +57,17 @@ def stays_open(dm, state, j, time):
 
 
 @compiled
+def calm(dm, state, rate):
+    """Whether an end that lands within the next hops of a rattle lands no faster than this."""
+    most = dm.g + dm.A_z * dm.omega**2
+    for j in range(2):
+        fast = state[N1 + j] ** 2 + 2.0 * most * state[D1 + j] > rate * rate
+        if fast and not stays_open(dm, state, j, ALONE * rate / dm.g):
+            return False
+    return True
+
+
+@compiled
 def kinetic(dm, state):
     """Kinetic energy in the plate's frame [J]."""
     c_n = 0.5 * (state[N1] + state[N2])
@@ -84,12 +96,14 @@ def come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F):
     """
     quickest = 2.0 * dm.omega / (dm.g + dm.A_z * dm.omega**2)  # phase that a chatter takes per rate, with e = 0
     fast = (CLOSE * tol * dm.v_scale / (quickest * quickest)) ** (1.0 / 3.0)
-    faint = max(CLOSE, SPREAD * events) * tol * dm.v_scale
+    faint, spread = CLOSE * tol * dm.v_scale, SPREAD * events * tol * dm.v_scale
+    if spread > faint and calm(dm, state, spread):
+        faint = spread
     may_1 = state[D1] == 0.0 and 0.0 <= state[N1] <= fast
     may_2 = state[D2] == 0.0 and 0.0 <= state[N2] <= fast
     if not (may_1 and state[N1] > 0.0) and not (may_2 and state[N2] > 0.0):
         return NOTHING
-    for _ in range(3):
+    for _ in range(4):
         if not may_1 and not may_2:
             return NOTHING
         unload(dm, state, -1.0 if may_1 else 1.0, y)
@@ -104,26 +118,37 @@ def come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F):
         rest_2 = rest_of_chatter(dm, state[N2], F[F2], nn, dm.e_2, faint)
         slow_1 = modes[0] == FREE or slow_enough(dm, state[N1], rest_1, tol)
         slow_2 = modes[1] == FREE or slow_enough(dm, state[N2], rest_2, tol)
-        if slow_1 and slow_2:
-            if (modes[0] == FREE and not stays_open(dm, state, 0, rest_2)) or (
-                modes[1] == FREE and not stays_open(dm, state, 1, rest_1)
-            ):
-                return NOTHING
-            break
-        may_1, may_2 = may_1 and slow_1 and modes[0] != FREE, may_2 and slow_2 and modes[1] != FREE
-    else:
-        return NOTHING
-    before = dy
+        if not slow_1 or not slow_2:
+            may_1, may_2 = may_1 and slow_1 and modes[0] != FREE, may_2 and slow_2 and modes[1] != FREE
+            continue
+        if (modes[0] == FREE and not stays_open(dm, state, 0, rest_2)) or (
+            modes[1] == FREE and not stays_open(dm, state, 1, rest_1)
+        ):
+            return NOTHING
+        if close(dm, state, modes, tol, energy, dy, y, F):
+            return max(rest_1 if modes[0] != FREE else 0.0, rest_2 if modes[1] != FREE else 0.0)
+        if modes[0] == FREE or modes[1] == FREE:
+            return NOTHING
+        may_1, may_2 = state[N1] < state[N2], state[N2] < state[N1]  # the slower end alone
+    return NOTHING
+
+
+@compiled
+def close(dm, state, modes, tol, energy, before, y, F):
+    """Close the ends that have a contact mode; returns whether that, with the impact, gains no energy; else nothing is done.
+
+    Beside an end that sticks, friction that is given back may set a slow slip going that would stop within the hops.
+    """
     copy(state, before, N_STATE)
     if modes[0] != FREE and modes[1] != FREE:
         close_both(dm, state, modes, y, F)
     else:
         close_one(dm, state, modes, 0 if modes[0] != FREE else 1, y)
     limit = energy + max(tol, GAIN) * (energy + 0.5 * dm.m * (dm.A_z * dm.omega) ** 2)
-    if kinetic(dm, state) > limit and max(before[N1], before[N2]) > FLOOR * dm.v_scale:
-        copy(before, state, N_STATE)
-        return NOTHING
-    return max(rest_1 if modes[0] != FREE else 0.0, rest_2 if modes[1] != FREE else 0.0)
+    if kinetic(dm, state) <= limit or max(before[N1], before[N2]) <= FLOOR * dm.v_scale:
+        return True
+    copy(before, state, N_STATE)
+    return False
 
 
 @compiled
