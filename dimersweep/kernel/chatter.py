@@ -4,6 +4,12 @@ The rest of a chatter, a geometric series of hops, takes t = 2 n / (a (1 - e)). 
 bouncing one lacks at each moment the impulse that goes with its gap rate: n now, none at the end, and on the average none,
 since the gap is zero at both ends. So the end is closed now by the (negative) impulse that cancels n, with the friction of
 the contact to come; what is lost is how that friction and the levers change in the meantime, of the order of n (omega t)^2.
+Beside an end that sticks that friction may set a slow slip going, which would have stopped within the hops: a close that
+gains energy, the impact before it included, waits for a fainter hop.
+
+Hops without end (e near 1), of one end or of both in turn, are followed one by one, up to millions in a forcing period. Each
+is known to the tolerance, and the errors add up: an end is closed where its rate is no more than a small part of that sum.
+What is lost are the hops; the motion about which they hop goes on as a contact phase.
 """
 
 from math import cos, hypot, inf, sin

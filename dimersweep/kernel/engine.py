@@ -53,8 +53,8 @@ from dimersweep.kernel.roots import MAX_PROBES, next_landing
 from dimersweep.kernel.steps import copy
 from dimersweep.kernel.watch import HOLD_LOST, LANDS, SLIP_ZERO
 
-WORK, WORK_PER_PERIOD = 10_000_000, 100_000  # bound on events, in hops of one end: some seconds, and 0.1 s a period
-GLIDE_WORK, PAIR_WORK = 30, 40  # hops that take as long as a contact phase, as an impact at both ends
+WORK, WORK_PER_PERIOD = 5_000_000, 100_000  # bound on events, in hops of one end: some seconds, and 0.1 s a period
+GLIDE_WORK, PAIR_WORK = 30, 20  # hops that take as long as a contact phase, as an impact at both ends
 LOOSEST = 1e-3  # relative tolerance of an impact, however slow
 SLIP_SCALE = 0.1  # slip that counts as none in contact, in units of the tolerance and g/omega
 COINCIDENT = 4e-16  # gap, in units of l, that counts as closed when the other end lands
