@@ -31,6 +31,7 @@ BLOCK = 1000
 MANY, SLOW = 60, 20  # scenes with the most events, and slowest ones, that are examined besides
 BOUNDS = ("max_events", "impact_steps", "contact_steps", "root_steps")  # statuses that stand for a hang
 TASK = 50  # scenes to a task of the examination
+PATIENCE = 20.0  # time for making one scene simple [s]
 
 
 def pick(rng, n, usual, *special, share=0.05):
@@ -152,6 +153,8 @@ def allowed(scene):
 def minimise(scene, periods, rtol, fault):
     """The simplest scene found with the same fault: fewest periods, then values of the base case or of fewest decimals.
 
+    The search ends after `PATIENCE` seconds with what it has found.
+
     Parameters
     ----------
     scene : dict
@@ -164,8 +167,11 @@ def minimise(scene, periods, rtol, fault):
     scene, periods
     """
 
+    end = time.perf_counter() + PATIENCE
+
     def fails(trial, n):
-        return allowed(trial) and fault in faults(trial, n, rtol, examined=fault not in STATUSES)
+        in_time = time.perf_counter() < end
+        return in_time and allowed(trial) and fault in faults(trial, n, rtol, examined=fault not in STATUSES)
 
     while True:
         before = dict(scene), periods
@@ -187,6 +193,19 @@ def simpler(name, value):
 
 
 # --- the whole suite --------------------------------------------------------------------------------------------------
+
+
+def teller(total, what):
+    """A function that prints how many are done, and the time it took, at about every tenth of them."""
+    begun, shown = time.perf_counter(), 0
+
+    def told(done):
+        nonlocal shown
+        if done - shown >= total / 10:
+            shown = done
+            print(f"... {done} of {total} {what} in {time.perf_counter() - begun:.0f} s", flush=True)
+
+    return told
 
 
 def survey(n, seed, domain, periods, rtol, workers, told=lambda done: None):
@@ -229,10 +248,13 @@ def look(k, options):
 
 def examination(numbers, options):
     """What the records of these scenes show, by number, without those whose record is too long; and the time that passed."""
-    begun = time.perf_counter()
+    begun, told, looks = time.perf_counter(), teller(len(numbers), "records"), {}
     with ProcessPoolExecutor(options.workers) as pool:
         found = pool.map(partial(look, options=options), numbers, chunksize=TASK)
-        looks = {k: seen for k, seen in zip(numbers, found, strict=True) if seen is not None}
+        for done, (k, seen) in enumerate(zip(numbers, found, strict=True), 1):
+            if seen is not None:
+                looks[k] = seen
+            told(done)
     return looks, time.perf_counter() - begun
 
 
@@ -414,12 +436,7 @@ def main():
     parser.add_argument("--out", type=Path, help="JSON file of the counts and the failing scenes")
     parser.add_argument("--figure", type=Path, default=FIGURE, help="where the figure goes")
     options = parser.parse_args()
-    step = max(BLOCK, options.scenes // 10)
-
-    def told(done):
-        if done % step < BLOCK:
-            print(f"... {done} scenes", flush=True)
-
+    told = teller(options.scenes, "scenes")
     codes, nans, seconds, wall = survey(
         options.scenes, options.seed, options.domain, options.periods, options.rtol, options.workers, told
     )

@@ -124,10 +124,11 @@ def contact_phase(dm, state, modes, rtol, work):
 def whole_chatter(dm, state, modes, rtol, work, log):
     """Impacts and hops of one end until its chatter is closed; the number of impacts, 0 if something else happens first."""
     for hop in range(1, MAX_HOPS):
+        energy = chatter.kinetic(dm, state)
         status, _ = engine.collide(dm, state, modes, rtol, work, log)
         slip_tol = engine.no_slip(dm, state, rtol)
         y, dy, F = work[ROW_Y], work[ROW_DY], work[ROW_F]
-        if chatter.come_to_rest(dm, state, modes, slip_tol, rtol, y, dy, F) >= 0.0:
+        if chatter.come_to_rest(dm, state, modes, slip_tol, rtol, hop, energy, y, dy, F) >= 0.0:
             return hop
         answer = engine.choose(dm, state, modes, False, slip_tol, work)
         _, moved = engine.move(dm, state, modes, answer == engine.CLOSED, False, rtol, slip_tol, work)

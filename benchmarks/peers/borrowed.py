@@ -1,7 +1,7 @@
 """What the second peer on heyoka borrows from the engine: impacts, the close of a chatter, the choice of the contact mode."""
 
 from dimersweep.kernel.body import as_dimer
-from dimersweep.kernel.chatter import come_to_rest
+from dimersweep.kernel.chatter import come_to_rest, kinetic
 from dimersweep.kernel.choose import INCONSISTENT
 from dimersweep.kernel.engine import ROW_DY, ROW_F, ROW_Y, choose, collide, force_impact, no_slip
 from dimersweep.kernel.jit import exported
@@ -22,11 +22,13 @@ def settle(row, state, modes, lost, rtol, work, log):
     dm = as_dimer(row)
     for _ in range(20):
         if (state[D1] == 0.0 and state[N1] < 0.0) or (state[D2] == 0.0 and state[N2] < 0.0):
+            energy = kinetic(dm, state)
             status, _ = collide(dm, state, modes, rtol, work, log)
             if status != OK:
                 return False, 0.0
             lost = False
-            come_to_rest(dm, state, modes, no_slip(dm, state, rtol), rtol, work[ROW_Y], work[ROW_DY], work[ROW_F])
+            slip_tol = no_slip(dm, state, rtol)
+            come_to_rest(dm, state, modes, slip_tol, rtol, 0, energy, work[ROW_Y], work[ROW_DY], work[ROW_F])
         slip_tol = no_slip(dm, state, rtol)
         if choose(dm, state, modes, lost, slip_tol, work) != INCONSISTENT:
             return True, slip_tol

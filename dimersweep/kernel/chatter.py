@@ -4,6 +4,12 @@ The rest of a chatter, a geometric series of hops, takes t = 2 n / (a (1 - e)). 
 bouncing one lacks at each moment the impulse that goes with its gap rate: n now, none at the end, and on the average none,
 since the gap is zero at both ends. So the end is closed now by the (negative) impulse that cancels n, with the friction of
 the contact to come; what is lost is how that friction and the levers change in the meantime, of the order of n (omega t)^2.
+Beside an end that sticks that friction may set a slow slip going, which would have stopped within the hops: a close that
+gains energy, the impact before it included, waits for a fainter hop.
+
+Hops without end (e near 1), of one end or of both in turn, are followed one by one, up to millions in a forcing period. Each
+is known to the tolerance, and the errors add up: an end is closed where its rate is no more than a small part of that sum.
+What is lost are the hops; the motion about which they hop goes on as a contact phase.
 """
 
 from math import cos, hypot, inf, sin
@@ -14,23 +20,27 @@ from dimersweep.kernel.choose import CLOSED, contact_mode
 from dimersweep.kernel.contact import A1, F1, F2, L1, L2, double_forces
 from dimersweep.kernel.impact import push
 from dimersweep.kernel.jit import compiled
-from dimersweep.kernel.layout import BETA, CA, CB, D1, D2, FREE, N1, N2, PHASE, SLIP, SPIN, WB, WP
+from dimersweep.kernel.layout import BETA, CA, CB, D1, D2, FREE, N1, N2, N_STATE, PHASE, SLIP, SPIN, WB, WP
+from dimersweep.kernel.steps import copy
 
 CLOSE = 4.0  # what the close of a chatter may cost, in tolerances
+SPREAD = 0.03  # what the errors of a period's events add up to, in tolerances for each
+ALONE = 20.0  # hops of one end over which the other one stays off the plate if it has no part in them
+GAIN = 1e-14  # energy that round-off may give
 NOTHING = -1.0  # time of hops where none are summed
 FLOOR = 1e-13  # separation speed, in g/omega, at which round-off rules the hops
 
 
 @compiled
-def rest_of_chatter(dm, n, F, nn, e, tol):
+def rest_of_chatter(dm, n, F, nn, e, faint):
     """Time that the rest of a chatter from gap rate n under a contact force F takes [s].
 
-    0.0 if it is fainter than what a close may cost, or ruled by round-off; inf if it does not end, or if the plate could
-    take the force away before. While the force changes slowly, hops without loss keep n^3 over it: they grow with it.
+    0.0 if it is as faint as a gap rate may be that is lost, or ruled by round-off; inf if it does not end, or if the plate
+    could take the force away before. While the force changes slowly, hops without loss keep n^3 over it: they grow with it.
     """
     press = F * nn
     most = dm.g + dm.A_z * dm.omega**2
-    if n <= FLOOR * dm.v_scale or (press > 0.0 and n**3 * most <= (CLOSE * tol * dm.v_scale) ** 3 * press):
+    if n <= FLOOR * dm.v_scale or (press > 0.0 and n**3 * most <= faint**3 * press):
         return 0.0
     if e >= 1.0 or press <= 0.0:
         return inf
@@ -53,8 +63,37 @@ def stays_open(dm, state, j, time):
 
 
 @compiled
-def come_to_rest(dm, state, modes, slip_tol, tol, y, dy, F):
+def calm(dm, state, rate):
+    """Whether an end that lands within the next hops of a rattle lands no faster than this."""
+    most = dm.g + dm.A_z * dm.omega**2
+    for j in range(2):
+        fast = state[N1 + j] ** 2 + 2.0 * most * state[D1 + j] > rate * rate
+        if fast and not stays_open(dm, state, j, ALONE * rate / dm.g):
+            return False
+    return True
+
+
+@compiled
+def kinetic(dm, state):
+    """Kinetic energy in the plate's frame [J]."""
+    c_n = 0.5 * (state[N1] + state[N2])
+    moving = dm.m * (state[CA] * state[CA] + state[CB] * state[CB] + c_n * c_n)
+    turning = dm.J_t * (state[WB] * state[WB] + state[WP] * state[WP])
+    return 0.5 * (moving + turning + dm.J_a * state[SPIN] * state[SPIN])
+
+
+@compiled
+def come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F):
     """Close the ends whose chatter is as good as over; the state is updated.
+
+    Parameters
+    ----------
+    tol : float
+        Accuracy of the close.
+    events : float
+        Number of events since the forcing period began.
+    energy : float
+        Kinetic energy before the impact that has led to this state [J].
 
     Returns
     -------
@@ -63,11 +102,14 @@ def come_to_rest(dm, state, modes, slip_tol, tol, y, dy, F):
     """
     quickest = 2.0 * dm.omega / (dm.g + dm.A_z * dm.omega**2)  # phase that a chatter takes per rate, with e = 0
     fast = (CLOSE * tol * dm.v_scale / (quickest * quickest)) ** (1.0 / 3.0)
+    faint, spread = CLOSE * tol * dm.v_scale, SPREAD * events * tol * dm.v_scale
+    if spread > faint and calm(dm, state, spread):
+        faint = spread
     may_1 = state[D1] == 0.0 and 0.0 <= state[N1] <= fast
     may_2 = state[D2] == 0.0 and 0.0 <= state[N2] <= fast
     if not (may_1 and state[N1] > 0.0) and not (may_2 and state[N2] > 0.0):
         return NOTHING
-    for _ in range(3):
+    for _ in range(4):
         if not may_1 and not may_2:
             return NOTHING
         unload(dm, state, -1.0 if may_1 else 1.0, y)
@@ -78,24 +120,41 @@ def come_to_rest(dm, state, modes, slip_tol, tol, y, dy, F):
             return NOTHING
         lv = levers(dm, 1.0, sin(state[BETA]), cos(state[BETA]))
         nn = delassus(dm, lv, lv).nn
-        rest_1 = rest_of_chatter(dm, state[N1], F[F1], nn, dm.e_1, tol)
-        rest_2 = rest_of_chatter(dm, state[N2], F[F2], nn, dm.e_2, tol)
+        rest_1 = rest_of_chatter(dm, state[N1], F[F1], nn, dm.e_1, faint)
+        rest_2 = rest_of_chatter(dm, state[N2], F[F2], nn, dm.e_2, faint)
         slow_1 = modes[0] == FREE or slow_enough(dm, state[N1], rest_1, tol)
         slow_2 = modes[1] == FREE or slow_enough(dm, state[N2], rest_2, tol)
-        if slow_1 and slow_2:
-            if (modes[0] == FREE and not stays_open(dm, state, 0, rest_2)) or (
-                modes[1] == FREE and not stays_open(dm, state, 1, rest_1)
-            ):
-                return NOTHING
-            break
-        may_1, may_2 = may_1 and slow_1 and modes[0] != FREE, may_2 and slow_2 and modes[1] != FREE
-    else:
-        return NOTHING
+        if not slow_1 or not slow_2:
+            may_1, may_2 = may_1 and slow_1 and modes[0] != FREE, may_2 and slow_2 and modes[1] != FREE
+            continue
+        if (modes[0] == FREE and not stays_open(dm, state, 0, rest_2)) or (
+            modes[1] == FREE and not stays_open(dm, state, 1, rest_1)
+        ):
+            return NOTHING
+        if close(dm, state, modes, tol, energy, dy, y, F):
+            return max(rest_1 if modes[0] != FREE else 0.0, rest_2 if modes[1] != FREE else 0.0)
+        if modes[0] == FREE or modes[1] == FREE:
+            return NOTHING
+        may_1, may_2 = state[N1] < state[N2], state[N2] < state[N1]  # the slower end alone
+    return NOTHING
+
+
+@compiled
+def close(dm, state, modes, tol, energy, before, y, F):
+    """Close the ends that have a contact mode; returns whether that, with the impact, gains no energy; else nothing is done.
+
+    Beside an end that sticks, friction that is given back may set a slow slip going that would stop within the hops.
+    """
+    copy(state, before, N_STATE)
     if modes[0] != FREE and modes[1] != FREE:
         close_both(dm, state, modes, y, F)
     else:
         close_one(dm, state, modes, 0 if modes[0] != FREE else 1, y)
-    return max(rest_1 if modes[0] != FREE else 0.0, rest_2 if modes[1] != FREE else 0.0)
+    limit = energy + max(tol, GAIN) * (energy + 0.5 * dm.m * (dm.A_z * dm.omega) ** 2)
+    if kinetic(dm, state) <= limit or max(before[N1], before[N2]) <= FLOOR * dm.v_scale:
+        return True
+    copy(before, state, N_STATE)
+    return False
 
 
 @compiled

@@ -4,7 +4,7 @@ from math import cos, hypot, isfinite, sin
 
 from dimersweep.kernel.body import TWO_PI
 from dimersweep.kernel.charts import YB, YUA, YUB, YWB, YWP, load, unload
-from dimersweep.kernel.chatter import come_to_rest
+from dimersweep.kernel.chatter import come_to_rest, kinetic
 from dimersweep.kernel.choose import CLOSED, INCONSISTENT, MOMENT, contact_mode
 from dimersweep.kernel.contact import F1, contact_rates
 from dimersweep.kernel.fate import (
@@ -53,7 +53,7 @@ from dimersweep.kernel.roots import MAX_PROBES, next_landing
 from dimersweep.kernel.steps import copy
 from dimersweep.kernel.watch import HOLD_LOST, LANDS, SLIP_ZERO
 
-WORK, WORK_PER_PERIOD = 12_000_000, 100_000  # bound on events, in hops of one end: some seconds, and 0.1 s a period
+WORK, WORK_PER_PERIOD = 5_000_000, 100_000  # bound on events, in hops of one end: some seconds, and 0.1 s a period
 GLIDE_WORK, PAIR_WORK = 30, 20  # hops that take as long as a contact phase, as an impact at both ends
 LOOSEST = 1e-3  # relative tolerance of an impact, however slow
 SLIP_SCALE = 0.1  # slip that counts as none in contact, in units of the tolerance and g/omega
@@ -268,13 +268,14 @@ def evolve(dm, state, modes, periods, rtol, close, settle, path, past, work, log
     none = log[0, :0] if record else state[:0]
     pending, lost, cause, rest = True, False, C_START, 0.0
     forced = 0
-    before = contact_code(modes)
+    before, begun = contact_code(modes), counts[0]
     while state[PERIOD] < periods:
         if work_left < 0:
             return MAX_EVENTS, False
         if (state[D1] == 0.0 and state[N1] < 0.0) or (state[D2] == 0.0 and state[N2] < 0.0):
             counts[0] += 1
             work_left -= PAIR_WORK if state[D1] == state[D2] else 0
+            energy = kinetic(dm, state)
             status = strike(dm, state, modes, before, rtol, past, work, log, events, counts)
             if status != OK:
                 return status, False
@@ -282,7 +283,9 @@ def evolve(dm, state, modes, periods, rtol, close, settle, path, past, work, log
             if record:
                 copy(state, work[ROW_BEFORE], N_STATE)
             slip_tol = no_slip(dm, state, rtol)
-            rest = come_to_rest(dm, state, modes, slip_tol, close, work[ROW_Y], work[ROW_DY], work[ROW_F])
+            rest = come_to_rest(
+                dm, state, modes, slip_tol, close, counts[0] - begun, energy, work[ROW_Y], work[ROW_DY], work[ROW_F]
+            )
             if rest >= 0.0:
                 cause = C_CHATTER_END
             before = 0
@@ -319,6 +322,7 @@ def evolve(dm, state, modes, periods, rtol, close, settle, path, past, work, log
         if event == NO_EVENT:
             state[PHASE] = 0.0
             state[PERIOD] += 1.0
+            begun = counts[0]
             if not isfinite(state[BETA] + state[D1] + state[D2] + state[N1] + state[N2] + state[CA] + state[CB]):
                 return NOT_FINITE, False
             note_period(dm, state, modes, past)

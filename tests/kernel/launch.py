@@ -8,7 +8,7 @@ from numba import njit
 from verbs import as_dimer
 
 from dimersweep.kernel import engine, fate
-from dimersweep.kernel.batch import new_desk
+from dimersweep.kernel.batch import BETA0, XDOT0, new_desk
 from dimersweep.kernel.impact import N_LOG
 from dimersweep.kernel.layout import STATUSES
 from dimersweep.kernel.record import EVENT, N_EVENT, N_SEGMENT
@@ -24,6 +24,27 @@ def evolve(dm, state, modes, periods, rtol, past, work, log, events, segments, c
         dm, state, modes, periods, rtol, rtol, False, True, past, work, log, events, segments, counts
     )
     return status
+
+
+@compiled
+def follow(dm, row, state, modes, periods, rtol, close, past, work, none, counts):
+    """The event loop from the start of a scene, with the path, without a record."""
+    fate.begin_past(past)
+    engine.start_state(dm, row[BETA0], row[XDOT0], state)
+    status, _ = engine.evolve(
+        dm, state, modes, periods, rtol, close, False, True, past, work, none, none, none, counts
+    )
+    return status
+
+
+def last_state(row, periods, rtol, close):
+    """Status, number of events and last state of a scene whose chatters are closed with an accuracy of their own."""
+    desk, counts = new_desk(), np.zeros(3, np.int64)
+    none = np.zeros((0, N_LOG))
+    status = follow(
+        as_dimer(row), row, desk.state, desk.modes, periods, rtol, close, desk.past, desk.work, none, counts
+    )
+    return status, counts[0], desk.state
 
 
 class Launched(NamedTuple):

@@ -355,7 +355,7 @@ def test_a_ball_chatters_to_rest_and_is_thrown_off_again():
 @pytest.mark.jit
 def test_a_bound_on_the_events_ends_a_run():
     """A ball bounces elastically more often in a period of a day than the bound allows."""
-    status, mode = status_and_mode(row_of(e=1, mu=0, Gamma=0, f=1e-5, beta0=1e-5), 1)
+    status, mode = status_and_mode(row_of(e=1, mu=0, Gamma=0, f=1e-5, beta0=1e-3), 1)
     assert (status, mode) == ("max_events", "failed")
 
 

@@ -1,8 +1,9 @@
 """Scenes that the stress suite has found and made simple: each once hung, sank, gained energy or had no answer."""
 
 import pytest
+import stress
 from examine import CODE, examine, lies
-from stress import faults, scene_row, survey
+from stress import faults, minimise, run_block, scene_row, survey
 
 from dimersweep.kernel.layout import OK
 
@@ -446,3 +447,21 @@ def test_random_scenes(domain):
     assert seconds.max() < 10.0
     looks = [examine(scene_row(k, 7, domain), 5, 1e-8) for k in range(0, 1000, 40) if status[k] == OK]
     assert [lies(look) for look in looks] == [[]] * len(looks)
+
+
+@pytest.mark.parametrize("number", [7890, 10227, 15342, 252152, 259397])
+def test_hops_without_end(number):
+    """Both ends hop at 1 - e below 1e-7, and so faintly that a period has millions of hops: it once ended in `max_events`."""
+    codes, _, seconds = run_block(scene_row(number, 11, "far")[None], 5, 1e-8)
+    assert codes[0, CODE["status"]] == OK
+    assert codes[0, CODE["n_events"]] < 1_000_000
+    assert seconds[0] < 10.0
+
+
+def test_a_scene_is_made_simple_while_there_is_time(monkeypatch):
+    """Fewest periods, base values, fewest decimals; and nothing at all where no time is left."""
+    scene = {"Gamma": 19.131, "xdot0": 3.614}
+    monkeypatch.setattr(stress, "faults", lambda trial, *_, **__: ["odd"] * (trial["Gamma"] > 15.0))
+    assert minimise(scene, 7, 1e-8, "odd") == ({"Gamma": 20.0}, 1)
+    monkeypatch.setattr(stress, "PATIENCE", 0.0)
+    assert minimise(scene, 7, 1e-8, "odd") == (scene, 7)

@@ -153,8 +153,8 @@ def glide_path(dm, modes, y, phase, span, tol, slip_tol, watch, work):
 
 
 @compiled
-def come_to_rest(dm, state, modes, slip_tol, tol, y, dy, F):
-    return chatter.come_to_rest(dm, state, modes, slip_tol, tol, y, dy, F)
+def come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F):
+    return chatter.come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F)
 
 
 @compiled
