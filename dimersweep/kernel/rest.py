@@ -28,19 +28,19 @@ Nor does friction ever give the rod energy: as long as both ends press, J_a |s w
 that is now bounds it for good.
 
 *Look ahead.* Until it is calm the rod is followed with the plate, in coarse steps of the midpoint rule. In each of them the
-impulse of the weight is exact, and J_a |s w| must keep below m g_e (h - r n) with a share SPARE to spare, with g_e at its least in
-the step and n m g_e at most what axial friction A takes of it: the A found, and mu beyond it (mu_s at most). Where the plate
-is quick the steps are longer than its swing. Turning and gyroscopic moment are then shifted by 2 A_z omega / g at most against
-the impulse of the weight, which changes the motion at a rate below |w| + mu r (m |v_b| + q r |s|) / J_t; with x, that rate times
-that shift, (1 + 2 x) J_a |s w| must keep below.
+impulse of the weight is exact, and J_a |s w| must keep below m g_e (h - r n) with a share SPARE to spare. There g_e is the
+least in the step, and n m g_e the most that axial friction A takes of it: the A found and mu beyond it, or mu_s if that is
+less. Where the plate is quick, steps are longer than its swing. Turning and gyroscopic moment are then shifted by
+2 A_z omega / g at most against the impulse of the weight, which changes the motion at a rate below
+|w| + mu r (m |v_b| + q r |s|) / J_t; with x, that rate times that shift, (1 + 2 x) J_a |s w| must keep below.
 
 The calm is proven, the look ahead is not. It takes for granted that its steps (with friction that falls off below a slip of
-SOFT P, and does not tell stick from slow slip) follow J_a |s w| to the share SPARE and A to mu m g_e. Of 15,000 slides near that
-border, each followed for 60 periods, it told of 8,169, and none of these lifted; nor did any of 107 more that a SPARE of
-nothing would tell.
+SOFT P, and does not tell stick from slow slip) follow J_a |s w| to the share SPARE, and A to mu m g_e. Of 15,000 slides near
+that border, each followed for 60 periods, it told of 8,169, and none of these lifted; nor did any of 107 more that a SPARE
+of nothing would tell.
 """
 
-from math import cos, pi, sin, sqrt
+from math import cos, pi, sqrt
 
 from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import CA, CB, PHASE, SPIN, WP
