@@ -1,9 +1,9 @@
 """Does the early stop change a verdict, and what does it cost: ``python benchmarks/early_stop.py --points 20000``.
 
 Random points near the paper's domain run twice, with the early stop and to the last period. Printed are every point whose
-modes differ, and why; what a run that dies costs over the same run up to the event with which both ends are down for good;
-and how long a drift goes on after it has settled, by its own count and by how far apart its later strobes are, which are
-followed beyond the stop.
+modes differ, and why; how many runs that die stop with the very event with which both ends are down for good, and what
+they cost over the same run up to that event; and how long a drift goes on after it has settled, by its own count and by how
+far apart its later strobes are, which are followed beyond the stop.
 """
 
 import argparse
@@ -38,7 +38,9 @@ SETTLED_AFTER = OUT.index("settled_after")
 CHUNK = 50
 DEATH_COST, DRIFT_WAIT = 1.2, 30  # what a death may cost over the time to it; periods a settled drift may go on
 BEYOND = 30  # periods by which a drift is followed further than its stop, to see where it ends
-TIMINGS = 5
+TIMINGS = 9
+TIMED_FOR = 2e-3  # least time of one timing [s]: a run is repeated as often as that takes
+AT_ONCE = 1e-9  # periods between the death and the stop that are none
 LOG_ROWS = 64
 
 
@@ -84,13 +86,13 @@ class Recorder:
     """
 
     def __init__(self, row: np.ndarray, periods: int, rtol: float) -> None:
-        self._run = row[None], periods, rtol, True, False, *blank(1)
+        self._row, self._asked = row, (periods, rtol, True, False)
         self._log, self._counts = np.zeros((LOG_ROWS, N_LOG)), np.zeros(3, np.int64)
         self._events, self._segments = np.zeros((0, N_EVENT)), np.zeros((0, N_SEGMENT))
         while self._counts[1:].max() >= len(self._events):
             rows = 4 * len(self._events) + 1000
             self._events, self._segments = np.zeros((rows, N_EVENT)), np.zeros((rows, N_SEGMENT))
-            self.seconds(rows)
+            self._seconds(rows, 1)
         events = self._events[: self._counts[1]]
         ends = np.divmod(events[:, EVENT.index("contact_after")], 5)
         closed = np.all((np.array(ends) >= STICK) & (np.array(ends) <= SLIP), axis=0)
@@ -98,16 +100,19 @@ class Recorder:
         times = events[:, EVENT.index("period")] + events[:, EVENT.index("phase")] / (2 * np.pi)
         self.death, self.end = times[self.rows], times[-1]
 
-    def seconds(self, rows: int) -> float:
+    def _seconds(self, rows: int, repeats: int) -> float:
         """Time on the processor of the run to its stop, or until it would write one more event than `rows` [s]."""
+        many = np.tile(self._row, (repeats, 1)), *self._asked, *blank(repeats)
         begun = thread_time()
-        run_recorded(*self._run, self._log, self._events[:rows], self._segments, self._counts)
-        return thread_time() - begun
+        run_recorded(*many, self._log, self._events[:rows], self._segments, self._counts)
+        return (thread_time() - begun) / repeats
 
     def cost(self) -> tuple[float, float]:
-        """Least time of the whole run, and of the run to its death, measured in turn [s]."""
-        pairs = [(self.seconds(len(self._events)), self.seconds(self.rows)) for _ in range(TIMINGS)]
-        return min(whole for whole, _ in pairs), min(part for _, part in pairs)
+        """Time of the run over that to its death, the median of pairs taken in turn, and the time to its death [s]."""
+        repeats = 1 + int(TIMED_FOR / self._seconds(self.rows, 1))
+        pairs = [[self._seconds(rows, repeats) for rows in (len(self._events), self.rows)] for _ in range(TIMINGS)]
+        whole, part = np.array(pairs).T
+        return float(np.median(whole / part)), float(np.median(part))
 
 
 def strobes(point: dict[str, float], periods: int, rtol: float) -> np.ndarray:
@@ -169,24 +174,29 @@ def print_exceptions(columns: dict[str, np.ndarray], stopped: Runs, full: Runs, 
     return differ.size
 
 
-def print_deaths(
-    columns: dict[str, np.ndarray], rows: np.ndarray, chosen: np.ndarray, given: argparse.Namespace
-) -> None:
-    """What runs that die cost over the same runs up to their death."""
-    runs = [Recorder(rows[k], given.periods, given.rtol) for k in chosen]
-    cost, least = np.array([run.cost() for run in runs]).T
-    ratio = cost / least
+def print_deaths(columns: dict[str, np.ndarray], rows: np.ndarray, dead: np.ndarray, given: argparse.Namespace) -> None:
+    """When runs that die stop, and what they cost over the same runs up to their death.
+
+    Timed are the first of them and all that do not stop with the event of their death.
+    """
+    runs = [Recorder(rows[k], given.periods, given.rtol) for k in dead]
+    wait = np.array([run.end - run.death for run in runs])
+    late = wait > AT_ONCE
+    print(f"{dead.size} runs that die: {dead.size - late.sum()} stop with the event of their death", end="")
+    print(f", the others {np.median(wait[late]):.2f} periods later, {wait.max():.2f} at most" if late.any() else "")
+    chosen = np.flatnonzero(late | (np.arange(dead.size) < given.timed))
+    ratio, least = np.array([runs[k].cost() for k in chosen]).T
     print(
-        f"{chosen.size} runs that die: {cost.sum() / least.sum():.3f} times the time to the death in all; each: median "
+        f"time of {chosen.size} of them over that to the death: {ratio @ least / least.sum():.3f} in all; each: median "
         f"{np.median(ratio):.3f}, 95 % below {np.quantile(ratio, 0.95):.3f}, worst {ratio.max():.3f}; "
         f"{np.count_nonzero(ratio > DEATH_COST)} above {DEATH_COST}"
     )
-    for k in np.argsort(ratio)[::-1]:
-        if ratio[k] > DEATH_COST:
-            run = runs[k]
+    for n in np.argsort(ratio)[::-1]:
+        k = chosen[n]
+        if ratio[n] > DEATH_COST or late[k]:
             print(
-                f"  {ratio[k]:.2f}, {1e6 * least[k]:.0f} us to the death after {run.death:.2f} periods, stopped "
-                f"{run.end - run.death:.2f} later: {told(columns, chosen[k])}"
+                f"  {ratio[n]:.2f}, {1e6 * least[n]:.0f} us to the death after {runs[k].death:.2f} periods, stopped "
+                f"{wait[k]:.2f} later: {told(columns, dead[k])}"
             )
 
 
@@ -210,7 +220,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--points", type=int, default=20000)
     parser.add_argument("--periods", type=int, default=400)
     parser.add_argument("--rtol", type=float, default=1e-8)
-    parser.add_argument("--timed", type=int, default=300, help="runs that die, and that drift, looked at one by one")
+    parser.add_argument(
+        "--timed", type=int, default=300, help="runs that die, and that drift, timed and followed one by one"
+    )
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args(arguments)
@@ -223,11 +235,11 @@ def main(arguments: list[str] | None = None) -> int:
     print(f"with the early stop {stopped.seconds:.1f} s, without {full.seconds:.1f} s")
     differ = print_exceptions(columns, stopped, full, given)
     print(f"{differ} of {given.points} modes differ")
-    dead, drifting = (np.flatnonzero(stopped.codes[:, MODE] == mode)[: given.timed] for mode in (M_REST, M_DRIFT))
+    dead, drifting = (np.flatnonzero(stopped.codes[:, MODE] == mode) for mode in (M_REST, M_DRIFT))
     if dead.size:
         print_deaths(columns, rows, dead, given)
     if drifting.size:
-        print_drifts(columns, drifting, stopped, given)
+        print_drifts(columns, drifting[: given.timed], stopped, given)
     return differ
 
 

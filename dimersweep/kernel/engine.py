@@ -246,7 +246,8 @@ def evolve(dm, state, modes, periods, rtol, close, settle, path, past, work, log
     rtol, close : float
         The one accuracy knob, and the accuracy of the close of a chatter: less where its hops are to be followed further.
     settle : bool
-        Stop when the motion is known.
+        Stop when the motion is known: at once where it rests for good and no path is wanted, that forcing period counting
+        as completed; else at the end of a period.
     path : bool
         Whether x1, y1 and gamma are wanted.
     past : float64 array, shape (PAST_ROWS, PAST_COLUMNS)
@@ -267,7 +268,7 @@ def evolve(dm, state, modes, periods, rtol, close, settle, path, past, work, log
     record = segments.shape[0] > 0
     none = log[0, :0] if record else state[:0]
     pending, lost, cause, rest = True, False, C_START, 0.0
-    forced = 0
+    forced, told = 0, -1
     before, begun = contact_code(modes), counts[0]
     while state[PERIOD] < periods:
         if work_left < 0:
@@ -310,6 +311,10 @@ def evolve(dm, state, modes, periods, rtol, close, settle, path, past, work, log
                     return RECORD_FULL, False
             note_flights(dm, state, modes, past)
             pending = False
+            if settle and told < 0 and rests_for_good(dm, state, modes):
+                told = counts[0]
+                if not path:
+                    break
         before = contact_code(modes)
         work_left -= GLIDE_WORK if before > 0 else 1
         event, status = move(dm, state, modes, chosen, path, rtol, slip_tol, work)
@@ -328,7 +333,7 @@ def evolve(dm, state, modes, periods, rtol, close, settle, path, past, work, log
             note_period(dm, state, modes, past)
             if record:
                 counts[2] = note_segment(segments, counts[2], state, modes, 0.0, state)
-            if settle and (rests_for_good(dm, state, modes) or settled_period(past) > 0):
+            if settle and (told >= 0 or rests_for_good(dm, state, modes) or settled_period(past) > 0):
                 break
         else:
             counts[0] += 1
@@ -345,7 +350,14 @@ def evolve(dm, state, modes, periods, rtol, close, settle, path, past, work, log
         counts[2] = note_segment(segments, counts[2], state, modes, 0.0, state)
         if counts[1] > events.shape[0] or counts[2] > segments.shape[0]:
             return RECORD_FULL, False
-    return OK, rests_for_good(dm, state, modes)
+    if told < 0:
+        return OK, rests_for_good(dm, state, modes)
+    counts[0] = told
+    if not path:
+        state[PHASE] = 0.0
+        state[PERIOD] += 1.0
+        note_period(dm, state, modes, past)
+    return OK, True
 
 
 @compiled

@@ -39,6 +39,7 @@ from dimersweep.kernel.rest import slides_to_rest
 from dimersweep.kernel.steps import clear
 
 HOP_LINE = 0.5
+NOTED = 0.4  # hops from which on landings are kept: one just below the line may go with one just above it
 BURST = 0.05
 SLIP_LINE = 1e-7  # slip, in g/omega, from which an end slips at the end of a double impact
 DOWN_LINE = 0.9  # share of the time one ball is down in the drift mode
@@ -62,8 +63,8 @@ RUNS = 1  # this row holds, in column p, for how many periods the motion has rep
 P_D1, P_D2, P_N1, P_N2, P_DOWN_1, P_DOWN_2, P_DOUBLES = range(7)
 # columns of a double event
 E_TIME, E_PHASE, E_SPEED, E_ZETA, E_THETA, E_SPIN, E_WB, E_END, E_BOUNCER = range(9)
-# columns of a long landing
-G_TIME, G_END = range(2)
+# columns of a landing
+G_TIME, G_END, G_LONG = range(3)
 
 
 @compiled
@@ -95,13 +96,15 @@ def note_landing(dm, past, i, now):
         return False
     past[SCALARS, S_OFF_1 + i] = -1.0
     hop = now - off
-    if hop < HOP_LINE * dm.T:
+    if hop < NOTED * dm.T:
         return False
-    past[SCALARS, S_DOWN_1 + i] -= hop
+    is_long = hop >= HOP_LINE * dm.T
     row = LANDINGS + int(past[SCALARS, S_LANDINGS]) % RING
-    past[row, G_TIME], past[row, G_END] = now, i
+    past[row, G_TIME], past[row, G_END], past[row, G_LONG] = now, i, 1.0 if is_long else 0.0
     past[SCALARS, S_LANDINGS] += 1.0
-    return True
+    if is_long:
+        past[SCALARS, S_DOWN_1 + i] -= hop
+    return is_long
 
 
 @compiled
@@ -269,24 +272,28 @@ def mode_of(dm, past, at_rest):
 def landing_pattern(dm, past, span):
     """Of the long landings of the last `span` periods: those with one of the other end beside them, changes of end, all."""
     count = int(past[SCALARS, S_LANDINGS])
-    now = past[SCALARS, S_STROBES] * dm.T
-    together, turns, total = 0, 0, 0
+    begin = (past[SCALARS, S_STROBES] - span) * dm.T
+    together, turns, total, later_end = 0, 0, 0, -1.0
     for back in range(min(count, RING)):
         row = past[LANDINGS + (count - 1 - back) % RING]
-        if row[G_TIME] < now - span * dm.T:
+        if row[G_TIME] < begin:
             break
+        if row[G_LONG] == 0.0:
+            continue
         total += 1
-        beside = False
-        if back > 0:
-            later = past[LANDINGS + (count - back) % RING]
-            if later[G_END] != row[G_END]:
-                turns += 1
-                beside = later[G_TIME] - row[G_TIME] < TOGETHER * dm.T
-        if not beside and back + 1 < min(count, RING):
-            earlier = past[LANDINGS + (count - 2 - back) % RING]
-            beside = earlier[G_END] != row[G_END] and row[G_TIME] - earlier[G_TIME] < TOGETHER * dm.T
-        together += 1 if beside else 0
+        turns += 1 if later_end >= 0.0 and row[G_END] != later_end else 0
+        later_end = row[G_END]
+        before, after = back + 1 < min(count, RING), back > 0
+        if (before and beside(dm, past, row, count - 2 - back)) or (after and beside(dm, past, row, count - back)):
+            together += 1
     return together, turns, total
+
+
+@compiled
+def beside(dm, past, landing, k):
+    """Whether the k-th landing is one of the other end at nearly the same time."""
+    row = past[LANDINGS + k % RING]
+    return row[G_END] != landing[G_END] and abs(row[G_TIME] - landing[G_TIME]) < TOGETHER * dm.T
 
 
 @compiled

@@ -200,6 +200,8 @@ def first_crossing(dm, modes, phase, h, n, pace, gamma, event, least, tol, slip_
 def hidden_dip(dm, modes, phase, h, n, slip_tol, b):
     """Share of an accepted step at which an event function may dip below zero between positive ends; 1.0 if none does.
 
+    (A step that ends with an event of one function may hide the dip of another one.)
+
     The functions are evaluated on the cubic through the step's ends; the parabola through the lowest of them and its
     neighbours, less the errors of that cubic and of that parabola for a function that changes as quickly as the motion,
     bounds what lies between. It may put a bottom that lies just within the step just outside.
@@ -213,7 +215,7 @@ def hidden_dip(dm, modes, phase, h, n, slip_tol, b):
     least_value(dm, modes, b.armed, b.start, b.out, b.F_out, slip_tol, values[3])
     share = 1.0
     for k in range(TIPS):
-        if b.armed[k] == 0.0 or SLIP_ZERO <= k < LANDS:
+        if b.armed[k] == 0.0 or SLIP_ZERO <= k < LANDS or values[3, k] <= 0.0:
             continue
         q = 1 if values[1, k] <= values[2, k] else 2
         low = values[q, k]
@@ -331,6 +333,11 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
                 continue
         if least <= 0.0:
             event = first_crossing(dm, modes, now, size, n, pace, gamma, event, least, tol, slip_tol, b)
+            if watch and pace != SLOW:
+                part = hidden_dip(dm, modes, now, b.out[YTIME], n, slip_tol, b)
+                if part < 1.0 and b.out[YTIME] > 1e-12 * dm.T:
+                    h = part * b.out[YTIME]
+                    continue
             if event < HOLD_LOST and b.F_out[F1 + 3 * event] < -dm.m * dm.g:  # through infinity, not through zero
                 h, xi = 0.3 * b.out[YTIME], 0.3 * xi
                 if h < LEAST * dm.T:

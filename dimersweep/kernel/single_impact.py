@@ -61,6 +61,17 @@ def turning(law, c, s):
 
 
 @compiled
+def turns_away(law, c):
+    """Whether a slip near zero along (c, s), with s != 0, only turns round there and grows again.
+
+    Its direction tends to the way that W_na drives it, where it grows if |W_na| > mu W_aa, unless it is nearer to an
+    attracting direction in which it dies out. At no tolerance does such a slip come to rest, be it small beyond measure.
+    """
+    drive = abs(law.na)
+    return drive > law.mu * law.aa and drive > law.mu * (law.aa - law.bb) * copysign(c, c * law.na)
+
+
+@compiled
 def is_invariant(law, v, c, s, tol):
     """Whether slip along (c, s) keeps its direction: to rounding, or so near to an attracting one that the rates do.
 
@@ -200,7 +211,7 @@ def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
     """
     gain = 1.0 if compressing else 1.0 / (law.e * law.e)
     order = min(ORDER, max(LEAST_ORDER, int(8.0 - 0.6 * log(tol))))  # the least work for a step of this accuracy
-    slip_end = max(tol, 1e-14 * length(a, b))
+    slip_end, lateral = max(tol, 1e-14 * length(a, b)), abs(b) > tol
     n, n_j, P, A, B = n0, n_j0, 0.0, 0.0, 0.0
     for _ in range(MAX_STEPS):
         v = length(a, b)
@@ -226,7 +237,7 @@ def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
             E = 0.0 if xi == xi_E else E
             n_j = 0.0 if xi == xi_j else n_j
             if stopped:
-                a, b = 0.0, 0.0
+                a, b = copysign(2.0 * slip_end, law.na) if lateral and turns_away(law, a / v) else 0.0, 0.0
             return n, a, b, E, n_j, P, A, B, LEG
     return n, a, b, E, n_j, P, A, B, STEPS
 

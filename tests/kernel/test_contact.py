@@ -21,6 +21,7 @@ from verbs import (
     unload,
 )
 
+from dimersweep import simulate
 from dimersweep.kernel.charts import N_PATH, N_Y, YB, YTHETA, YTIME, YUA, YUB, YWB, YWP, YX
 from dimersweep.kernel.choose import CLOSED, INCONSISTENT, SEPARATES
 from dimersweep.kernel.contact import A1, F1, F2, L1
@@ -352,3 +353,14 @@ def test_events_of_a_phase_are_where_their_functions_vanish():
         assert value == pytest.approx(0, abs=1e-12)
     assert sin(dm.omega * t) == pytest.approx(1 / 1.5, rel=1e-12)  # both lift where the effective gravity vanishes
     assert not state[[CB, WP, SPIN]].any()
+
+
+@pytest.mark.jit
+def test_a_hold_that_is_lost_and_regained_before_a_landing_is_not_missed():
+    """The step that ends with the landing of the other end is as long as both together at this accuracy."""
+    scene = {"e": 0.368, "Gamma": 0.959, "f": 15.75, "A_r": 7.99, "mu": 0.392, "mu_s": 0.448, "beta0": 0.3083}
+    for rtol in (5e-8, 7e-8, 1e-7, 1.3e-7):
+        events = simulate(**scene, xdot0=1.786, periods=4, rtol=rtol).events
+        periods, cause = events["time"].values * scene["f"], events["cause"].values
+        assert periods[cause == "slip"] == pytest.approx([3.21717], abs=1e-4)
+        assert periods[cause == "stick"][1] == pytest.approx(3.32370, abs=1e-4)

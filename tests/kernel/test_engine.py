@@ -8,7 +8,7 @@ from verbs import row_of
 
 from dimersweep import simulate
 from dimersweep.kernel import batch, engine, layout
-from dimersweep.kernel.layout import CODES, MODES, N_CODES, N_OUT, OUT, STATUS_MESSAGES, STATUSES
+from dimersweep.kernel.layout import CODES, MODES, N_CODES, N_OUT, OUT, ROW, STATUS_MESSAGES, STATUSES
 
 CODE = {name: k for k, name in enumerate(CODES)}
 M, J_T, J_A, G, H = 8.813633469891e-3, 5.299695485087e-6, 8.339127315493e-8, 9.81, 0.025  # the base case
@@ -123,6 +123,37 @@ def test_many_runs_are_the_runs_one_at_a_time_bit_for_bit():
         np.testing.assert_array_equal(single_out[0], out[k])
         np.testing.assert_array_equal(single_codes[0], codes[k])
     assert len({tuple(line) for line in codes}) > 6
+
+
+@pytest.mark.jit
+def test_a_run_that_dies_is_the_same_whether_or_not_its_last_period_is_followed_to_the_end():
+    died = 0
+    for row in varied_rows(20):
+        scene = dict(zip(ROW[2:], row[2:], strict=True)) | {"e_1": row[0], "e_2": row[1]}
+        cut, whole = (simulate(**scene, periods=60, stop_when_settled=True, record=record) for record in (False, True))
+        died += cut.mode == "rest"
+        for name in ("status", "mode", "n_events", "n_periods", "down_share_1", "down_share_2"):
+            assert getattr(cut, name) == pytest.approx(getattr(whole, name), nan_ok=True), name
+        assert whole.events["time"].values[-1] * scene["f"] == pytest.approx(whole.n_periods)
+    assert died > 3
+
+
+@pytest.mark.jit
+def test_a_jump_whose_hops_last_half_a_period_is_a_jump():
+    """One end flies for just more than half a period and the other one for just less, until both do the latter."""
+    scene = {
+        "e": 0.43666791,
+        "Gamma": 1.3599968,
+        "f": 30.1375785,
+        "A_r": 3.0675756,
+        "mu": 0.07927583,
+        "mu_s": 0.12145898,
+    }
+    start = {"beta0": 1.4720877, "xdot0": 2.1342955}
+    runs = [simulate(**scene, **start, periods=periods, record=False) for periods in (32, 40, 60)]
+    assert [run.mode for run in runs] == ["jump"] * 3
+    assert runs[0].down_share_2 < 0.6
+    assert runs[2].down_share_2 == 1.0
 
 
 @pytest.mark.jit

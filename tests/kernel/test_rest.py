@@ -3,9 +3,21 @@
 import numpy as np
 import pytest
 from launch import launch
-from verbs import commotion, contact_rates, dimer, is_calm, rests_for_good, row_of, slide_rates, unload
+from verbs import (
+    commotion,
+    contact_rates,
+    dimer,
+    is_calm,
+    least_gravity,
+    mean_gravity,
+    rests_for_good,
+    row_of,
+    slide_rates,
+    unload,
+)
 
 from dimersweep.kernel.charts import N_Y, YS, YUA, YUB, YWP
+from dimersweep.kernel.contact import A1
 from dimersweep.kernel.layout import CA, CB, FREE, N_STATE, PHASE, SLIP, SPIN, STICK, WP
 from dimersweep.kernel.record import MODES, REST
 
@@ -89,24 +101,35 @@ def test_a_calm_slide_keeps_its_bound():
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_rates_on_a_plate_at_rest(seed):
+def test_rates_of_a_slide(seed):
     rng = np.random.default_rng(seed)
-    dm = dimer(Gamma=0.0, mu=float(rng.uniform(0.0, 1.0)), A_r=float(rng.uniform(2.5, 8.0)))
-    state = sliding(*rng.normal(size=3), 100.0 * rng.normal())
+    dm = dimer(Gamma=float(rng.uniform(0.0, 0.9)), mu=float(rng.uniform(0.0, 1.0)), A_r=float(rng.uniform(2.5, 8.0)))
+    state, phase = sliding(*rng.normal(size=3), 100.0 * rng.normal()), rng.uniform(0.0, 2.0 * np.pi)
     y, dy, F = np.zeros(N_Y), np.zeros(N_Y), np.zeros(6)
     unload(dm, state, -1.0, y)
-    contact_rates(dm, BOTH_SLIP, 0.0, y, dy, F)
-    d_a, d_b, d_w, d_s = slide_rates(dm, state, 0.0)
-    found = np.array([d_a, d_b + dm.h * d_w - dm.r * d_s, d_w, d_s])
-    assert found == pytest.approx(dy[[YUA, YUB, YWP, YS]], rel=1e-12, abs=1e-12)
+    contact_rates(dm, BOTH_SLIP, phase, y, dy, F)
+    weight = dm.m * (dm.g - dm.A_z * dm.omega**2 * np.sin(phase))
+    d_a, d_b, d_w, d_s, axial = slide_rates(dm, weight / dm.m, state, 0.0)
+    found = np.array([d_a, d_b + dm.h * d_w - dm.r * d_s, d_w, d_s, axial])
+    assert found == pytest.approx(np.append(dy[[YUA, YUB, YWP, YS]], F[A1] / weight), rel=1e-12, abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_gravity_over_a_step(seed):
+    rng = np.random.default_rng(seed)
+    dm = dimer(Gamma=float(rng.uniform(0.0, 1.0)))
+    phase, swing = rng.uniform(-10.0, 10.0), 10.0 ** rng.uniform(-2.0, 1.0)
+    gravity = dm.g - dm.A_z * dm.omega**2 * np.sin(phase + np.linspace(0.0, swing, 20_001))
+    assert least_gravity(dm, phase, swing) == pytest.approx(gravity.min(), abs=1e-6)
+    assert mean_gravity(dm, phase, swing) == pytest.approx(np.trapezoid(gravity) / 20_000, abs=1e-6)
 
 
 def test_without_friction_only_the_spin_of_the_turning_rod_counts():
-    dm = dimer(Gamma=0.0, mu=0.0)
-    most = 0.75 * least_room(dm) / dm.J_a
+    dm = dimer(Gamma=0.3, mu=0.0)
+    most = least_room(dm) / dm.J_a
     for v_a in (0.0, 5.0):
-        assert rests_for_good(dm, sliding(v_a, 1.0, 2.0, 0.49 * most), BOTH_SLIP)
-        assert not rests_for_good(dm, sliding(v_a, 1.0, 2.0, 0.51 * most), BOTH_SLIP)
+        assert rests_for_good(dm, sliding(v_a, 1.0, 2.0, 0.499 * most), BOTH_SLIP)
+        assert not rests_for_good(dm, sliding(v_a, 1.0, 2.0, 0.501 * most), BOTH_SLIP)
 
 
 def test_a_plate_that_falls_away_lets_nothing_rest():

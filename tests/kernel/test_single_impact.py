@@ -296,3 +296,36 @@ def test_the_log_tells_what_happened(slip, kinds):
     np.testing.assert_allclose(log[1:rows, LOG_N1], log[: rows - 1, LOG_N1_AFTER], rtol=1e-15)
     momentum = dm.m * 0.5 * (state[N1] + state[N2] - before[N1] - before[N2])
     assert log[:rows, LOG_P1].sum() == pytest.approx(momentum, rel=1e-12)
+
+
+def least_slip(law, a, b):
+    """Least slip under a force that lasts, and whether it grows again: integrated as log v and phi in the clock dP / v."""
+    spread = law.mu * (law.aa - law.bb)
+
+    def rates(xi, y):
+        c = np.cos(y[1])
+        return [
+            law.na * c - law.mu * (law.aa * c * c + law.bb * (1 - c * c)),
+            np.sin(y[1]) * (spread * c - law.na),
+        ]
+
+    course = solve_ivp(rates, (0, 80), [np.log(hypot(a, b)), np.arctan2(b, a)], rtol=1e-11, atol=1e-11, method="DOP853")
+    return np.exp(course.y[0].min()), course.y[0][-1] > course.y[0].min() + 1.0
+
+
+@pytest.mark.parametrize("lateral", [-0.00456, 0.02])
+def test_a_slip_that_only_turns_round_near_zero_does_not_stick_at_any_tolerance(lateral):
+    """|W_na| is between mu W_aa and mu_s W_aa, and no attracting direction leads to rest: the slip has a least value."""
+    dm = dimer(e=0.7, A_r=3.253, mu=0.2345, mu_s=0.4299)
+    law = end_law(dm, -1.0, 0.485)
+    a = copysign(0.25, -law.na)
+    assert law.mu * law.aa < abs(law.na) <= law.mu_s * law.aa
+    least, grows = least_slip(law, a, lateral)
+    assert grows
+    assert least < 1e-7
+    answers = [phase(law, -1.0, a, lateral, 10.0**-k) for k in range(4, 15)]
+    assert {mode for _, _, mode in answers} == {SLIP}
+    for k, (velocity, _, _) in enumerate(answers, 4):
+        np.testing.assert_allclose(velocity, answers[-1][0], atol=30 * 10.0**-k)
+    # without a lateral slip it does come to rest, and friction holds it
+    assert {phase(law, -1.0, a, 0.0, 10.0**-k)[2] for k in range(4, 15)} == {STICK}

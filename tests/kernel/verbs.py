@@ -163,8 +163,18 @@ def rests_for_good(dm, state, modes):
 
 
 @compiled
-def slide_rates(dm, state, soft):
-    return rest.slide_rates(dm, state[CA], state[CB], state[WP], state[SPIN], soft)
+def slide_rates(dm, g_e, state, soft):
+    return rest.slide_rates(dm, g_e, state[CA], state[CB], state[WP], state[SPIN], soft)
+
+
+@compiled
+def least_gravity(dm, phase, swing):
+    return rest.least_gravity(dm, phase, swing)
+
+
+@compiled
+def mean_gravity(dm, phase, swing):
+    return rest.mean_gravity(dm, phase, swing)
 
 
 @compiled
