@@ -141,6 +141,11 @@ SHORTCUTS = (
         {"engine": replaced("tol * max(1.0, dm.v_scale / V)", "tol")},
     ),
     Shortcut(
+        "clock in which a double impact is regular",
+        "the plain clock",
+        {"pair_leg": body("ruling_clock", "return PLAIN")},
+    ),
+    Shortcut(
         "explicit steps over a slip that is slow for a moment",
         "implicit steps at once",
         {"pair_leg": constant("LASTS", "0")},

@@ -32,6 +32,7 @@ from dimersweep.kernel.watch import (
     least_value,
     nearly_stopped,
     quickness,
+    run_out,
     slip_limit,
     slip_speed,
     stop_slip,
@@ -54,7 +55,6 @@ NARROW = 0.02  # share of a step in which the bottom of a dip may hide at either
 BEYOND = 1.02  # how far past a landing in sight a step goes
 EXACT = 1e-3  # what an event function may be past its zero, in units of the tolerance and of its change in the step
 CLOSE = 100.0  # in units of that, what may be left of a dip when the open end lands: it is then set to zero
-BRIEF = 0.02  # longest time that the midpoint rule crosses [rad]
 GLIDE_ROWS = BENCH_ROWS
 
 
@@ -105,39 +105,7 @@ def crossing_on_cubic(dm, modes, phase, h, n, event, g_start, g_end, slip_tol, b
 @compiled
 def nearby(dm, y, tol):
     """Time over which the midpoint rule is as good as the tolerance [s]: its error is cubic."""
-    return min(BRIEF, 0.6 * tol ** (1.0 / 3.0)) / quickness(dm, y)
-
-
-@compiled
-def run_out(dm, modes, phase, i, slip_tol, n, b):
-    """Carry the state at the start of a step on to where the slip of end i is at rest, by the midpoint rule, into b.out.
-
-    Returns
-    -------
-    float
-        The time it takes; below zero if something else happens before.
-    """
-    u_a, u_b = slip_of(dm, modes, b.start, i)
-    v2 = u_a * u_a + u_b * u_b
-    t = 0.0
-    copy(b.dy, b.dy_probe, n)
-    if v2 > slip_tol * slip_tol:
-        d_a, d_b = slip_of(dm, modes, b.dy, i)
-        t = -v2 / (u_a * d_a + u_b * d_b)
-        for k in range(n):
-            b.probe[k] = b.start[k] + 0.5 * t * b.dy[k]
-        contact_rates(dm, modes, phase + 0.5 * dm.omega * t, b.probe, n > N_CLOSED, b.dy_probe, b.F_probe)
-        least, _ = least_value(dm, modes, b.armed, b.start, b.probe, b.F_probe, slip_tol, b.values[1])
-        d_a, d_b = slip_of(dm, modes, b.dy_probe, i)
-        along = u_a * d_a + u_b * d_b
-        if least <= 0.0 or along >= 0.0:
-            return -1.0
-        t = -v2 / along
-    for k in range(n):
-        b.out[k] = b.start[k] + t * b.dy_probe[k]
-    stop_slip(dm, modes, b.out, i)
-    landed = b.armed[LANDS] > 0.0 and glide_value(dm, modes, LANDS, b.start, b.out, b.F, slip_tol) <= 0.0
-    return -1.0 if landed else t
+    return 0.6 * tol ** (1.0 / 3.0) / quickness(dm, y)
 
 
 @compiled
@@ -294,11 +262,10 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
         v, rate = slip_speed(dm, modes, y, b.dy)
         sets_out = t == 0.0 and v <= slip_tol  # its mode was chosen: what rounding says of its rate counts less
         if watch and not sets_out and v < STIFF * dm.T * gamma:
-            stopping = nearly_stopped(dm, modes, y, b.dy, min(span - t, nearby(dm, y, tol)), tol, slip_tol)
-            took = run_out(dm, modes, now, stopping, slip_tol, n, b) if stopping >= 0 else -1.0
-            if took >= 0.0:
-                copy(b.out, y, n)
-                return t + took, SLIP_ZERO + stopping
+            stopping = nearly_stopped(dm, modes, y, b.dy, span - t, tol, slip_tol)
+            if stopping >= 0:
+                t += run_out(dm, modes, y, b.dy, stopping, slip_tol, n)
+                return t, SLIP_ZERO + stopping
         pace = pace_for(dm, modes, y, v, rate, gamma)
         if pace == SLOW and 2.0 * xi * v / gamma > span - t:
             pace = SLIDE

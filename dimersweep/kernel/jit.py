@@ -13,22 +13,28 @@ import numba
 from numba.core import types
 
 from dimersweep.kernel.compiling import KernelCompiler
-from dimersweep.kernel.linking import Part, refusal
+from dimersweep.kernel.linking import InlinedPart, Part, refusal
 
 # no reference counts: nothing is allocated, and a part returns no array to code that counts
 # no fastmath: it would break the ordering of events and the meaning of nan; error_model "numpy" spares a branch
 # per division (a kernel never raises)
-_SETTINGS = {"_nrt": False, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+_SETTINGS: dict[str, Any] = {"_nrt": False, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 _njit: Any = numba.njit
 _config: Any = numba.config
 
 
 class _PartCompiler(KernelCompiler):
+    part = Part
+
     def compile_extra(self, func: Any) -> Any:
         state = self.state
-        state.library = Part(state.targetctx.codegen(), func.__qualname__)
+        state.library = self.part(state.targetctx.codegen(), func.__qualname__)
         state.targetctx.get_executable = refusal
         return super().compile_extra(func)
+
+
+class _InlinedCompiler(_PartCompiler):
+    part = InlinedPart
 
 
 def _without_literals(function: Any) -> Any:
@@ -49,15 +55,20 @@ def exported(function: Callable[..., Any]) -> Any:
     return _without_literals(_njit(cache=True, pipeline_class=KernelCompiler, **_SETTINGS)(function))
 
 
-def compiled(function: Callable[..., Any]) -> Any:
-    """Compile what only other kernels call."""
-    return _without_literals(_njit(no_cpython_wrapper=True, pipeline_class=_PartCompiler, **_SETTINGS)(function))
+def compiled(function: Callable[..., Any] | None = None, *, fuse: bool = False, inline: bool = False) -> Any:
+    """Compile what only other kernels call.
 
-
-def fused(function: Callable[..., Any]) -> Any:
-    """The same for sums of products, which are then rounded once instead of twice.
-
-    Not for what treats the ends of the dimer by different expressions, which must agree exactly where they move alike.
+    Parameters
+    ----------
+    fuse : bool
+        Round sums of products once instead of twice. Not for what treats the ends of the dimer by different expressions,
+        which must agree exactly where they move alike.
+    inline : bool
+        Write the code into what calls it, however long: for what is called so often that passing its arrays counts.
     """
-    settings = _SETTINGS | {"fastmath": {"contract"}}
-    return _without_literals(_njit(no_cpython_wrapper=True, pipeline_class=_PartCompiler, **settings)(function))
+    if function is None:
+        return lambda wrapped: compiled(wrapped, fuse=fuse, inline=inline)
+    settings = _SETTINGS | {"pipeline_class": _InlinedCompiler if inline else _PartCompiler, "no_cpython_wrapper": True}
+    if fuse:
+        settings["fastmath"] = {"contract"}
+    return _without_literals(_njit(**settings)(function))

@@ -26,7 +26,7 @@ from dimersweep.kernel.charts import (
 )
 from dimersweep.kernel.collocation import NEXT, NODES, RADAU_A, RADAU_C, TOP
 from dimersweep.kernel.contact import contact_rates
-from dimersweep.kernel.jit import compiled, fused
+from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.law import length
 from dimersweep.kernel.layout import FREE, SLIP
 from dimersweep.kernel.steps import DOP_STAGES, copy, explicit_finish, explicit_stage, lu_factor, lu_solve
@@ -186,7 +186,7 @@ def turn_slopes(dm, modes, phase, h, n, j, b):
     return m
 
 
-@fused
+@compiled(fuse=True)
 def newton_matrix(h, m, b):
     """1 - h A dq'/dq over the turns q at all nodes, factored, in b.LU; returns whether it could be."""
     for j in range(NODES):
@@ -202,7 +202,7 @@ def newton_matrix(h, m, b):
     return lu_factor(b.LU, NODES * m, b.pivots)
 
 
-@fused
+@compiled(fuse=True)
 def improve(h, n, m, b):
     """One Newton iteration of the states at the nodes; returns the largest change over the tolerance.
 

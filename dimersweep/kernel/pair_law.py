@@ -106,7 +106,7 @@ def velocity_rates(law, f_1, f_2, A, L_1, L_2, out):
     out[ZB2] = law.bb_12 * L_1 + law.bb * L_2
 
 
-@compiled
+@compiled(inline=True)
 def impact_rates(law, modes, gains, clock, z, out):
     """Right-hand side of the double impact in a clock; gains are 1 or 1/e^2."""
     f_1, f_2 = pressures(z, clock)

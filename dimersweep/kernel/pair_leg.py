@@ -149,10 +149,10 @@ def pair_step(law, modes, clock, h, tol, slip_unit, stiff, b):
 def ruling_clock(z, gains, faint):
     """The clock in which the motion is most regular: of the end whose Y changes fastest (X below `faint` count alike).
 
-    Ends that move alike, which they do without axial slip, have one in common, and go on alike to the last digit.
+    Ends that move alike go on so to the last digit: without axial slip, which parts them, they have a clock in common.
     """
-    if z[ZN1] == z[ZN2] and z[ZX1] == z[ZX2] and gains[0] == gains[1] and z[ZA] == 0.0:
-        return BOTH
+    if z[ZN1] == z[ZN2] and z[ZX1] == z[ZX2] and gains[0] == gains[1]:
+        return BOTH if z[ZA] == 0.0 else PLAIN
     u_1, u_2 = gains[0] * z[ZN1], gains[1] * z[ZN2]
     return 0 if u_1 * u_1 * (z[ZX2] + faint) > u_2 * u_2 * (z[ZX1] + faint) else 1
 

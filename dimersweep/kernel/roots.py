@@ -8,7 +8,7 @@ to the first root with order four, without a bracket to lose and without a doubl
 from math import cos, inf, sin, sqrt
 
 from dimersweep.kernel.flight import gap_series
-from dimersweep.kernel.jit import compiled, fused
+from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.law import length
 
 MAX_PROBES = 10000
@@ -17,7 +17,7 @@ EPS = 2.3e-16
 ROUNDED = 1e-13  # what a height may be off, in units of what it is the difference of
 
 
-@fused
+@compiled(fuse=True)
 def safe_step(c0, c1, c2, c3, bound4, span):
     """Largest step found, at most `span`, on which c0 + c1 s + c2 s^2/2 + c3 s^3/6 - bound4 s^4/24 stays positive.
 

@@ -14,7 +14,7 @@ Delassus operator of 1/m.
 from math import copysign, exp, inf, log, log1p, sqrt
 from typing import NamedTuple
 
-from dimersweep.kernel.jit import compiled, fused
+from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.law import length
 from dimersweep.kernel.layout import SLIP, STICK
 
@@ -110,7 +110,7 @@ def time_to_events(law, n, E, v, n_j, compressing, w, w_j, w_v):
     return P_n, P_E, P_j, P_v
 
 
-@fused
+@compiled(fuse=True)
 def expand(law, n0, a, b, E, n_j0, gain, order, c):
     """Taylor coefficients of a leg in xi, up to xi**order, into the rows of c: A_V, A_A, A_P, A_N, A_J, A_E.
 
@@ -141,7 +141,7 @@ def expand(law, n0, a, b, E, n_j0, gain, order, c):
         c[A_E, j + 1] = -gain * work * k
 
 
-@fused
+@compiled(fuse=True)
 def at(c, row, order, xi):
     """Value and slope of an expansion at xi."""
     value, slope = c[row, order], 0.0
@@ -164,7 +164,7 @@ def reach(c, order, v, tol):
     return least
 
 
-@fused
+@compiled(fuse=True)
 def first_zero(c, row, order, sign, h):
     """First zero in (0, h] of an expansion, of the given sign before, whose slope changes sign at most once; else inf.
 

@@ -2,7 +2,7 @@
 
 from math import inf, sqrt
 
-from dimersweep.kernel.jit import compiled, fused
+from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.tableaux import DOP_A, DOP_E3, DOP_E5, DOP_SKIPPED, ROS_A, ROS_CC
 
 DOP_STAGES = 12
@@ -25,7 +25,7 @@ def clear(A, rows, columns):
             A[i, j] = 0.0
 
 
-@fused
+@compiled(fuse=True, inline=True)
 def explicit_stage(i, h, y, K, n, out):
     """y with the slopes K of the stages of DOP853 before number i, weighted by row i of its table, into `out`. n >= WIDTH."""
     a, slope = DOP_A[i, 0], K[0]
@@ -51,7 +51,7 @@ def explicit_stage(i, h, y, K, n, out):
         out[k] = y[k] + h * total
 
 
-@fused
+@compiled(fuse=True, inline=True)
 def explicit_finish(h, y, K, n, scale, out):
     """New state into `out`; returns the error of the first WIDTH entries over the tolerance (1 is acceptable).
 
@@ -73,7 +73,7 @@ def explicit_finish(h, y, K, n, scale, out):
     return abs(h) * sum5 / size if size < inf else inf
 
 
-@fused
+@compiled(fuse=True)
 def implicit_stage(i, y, K, n, out):
     """Argument of stage i of Rodas5P, into `out`."""
     for k in range(n):
@@ -83,7 +83,7 @@ def implicit_stage(i, y, K, n, out):
         out[k] = total
 
 
-@fused
+@compiled(fuse=True)
 def implicit_load(i, h, K, n, f):
     """Add the couplings to earlier stages to the right-hand side f of stage i, in place."""
     for k in range(n):
@@ -102,7 +102,7 @@ def step_factor(error, order):
     return max(0.1, 0.9 / root) if root > 0.18 else 5.0
 
 
-@fused
+@compiled(fuse=True)
 def lu_factor(A, n, pivots):
     """LU factors of A with row pivoting, in place; returns False when A is singular or not finite."""
     for k in range(n):
@@ -124,7 +124,7 @@ def lu_factor(A, n, pivots):
     return True
 
 
-@fused
+@compiled(fuse=True)
 def lu_solve(A, n, pivots, b):
     """Solve with the factors of ``lu_factor``; b becomes the solution."""
     for k in range(n):

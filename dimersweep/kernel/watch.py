@@ -1,6 +1,6 @@
 """What ends a phase of sustained contact: event functions that are positive while it goes on."""
 
-from math import inf
+from math import inf, sqrt
 
 from dimersweep.kernel.charts import UPRIGHT, YB, YCHART, YS, YUA, YUB, YWB, YWP, slip_of, to_border
 from dimersweep.kernel.contact import F1, F2, hold_reserve
@@ -105,8 +105,14 @@ def quickness(dm, y):
 
 
 @compiled
-def nearly_stopped(dm, modes, y, dy, soon, tol, slip_tol):
-    """Number of a slipping end that comes to rest along a straight line within the time `soon`, -1 if none does.
+def brief(dm, y, tol):
+    """Time over which a straight line is as good as the tolerance [s]: its error is quadratic."""
+    return 0.6 * sqrt(tol) / quickness(dm, y)
+
+
+@compiled
+def nearly_stopped(dm, modes, y, dy, span, tol, slip_tol):
+    """Number of a slipping end that comes to rest along a straight line within a brief time, -1 if none does.
 
     Its slip and the change of its slip must be parallel to the tolerance; within a tolerance of rest slowing down will do.
     """
@@ -117,9 +123,30 @@ def nearly_stopped(dm, modes, y, dy, soon, tol, slip_tol):
             v, along = length(a, b), a * d_a + b * d_b
             if along < 0.0:
                 across = abs(a * d_b - b * d_a) * v / -along
-                if v <= NEAR * slip_tol or (v * v / -along <= soon and across <= 0.5 * tol * dm.v_scale):
+                soon = v * v / -along <= min(span, brief(dm, y, tol))
+                if v <= NEAR * slip_tol or (soon and across <= 0.5 * tol * dm.v_scale):
                     return i
     return -1
+
+
+@compiled
+def carry(y, dy, t, n):
+    """Carry a state on at its present rates; the dip at its present acceleration, or the smallest hops would gain energy."""
+    y[YB] += 0.5 * t * t * dy[YWB]
+    for k in range(n):
+        y[k] += t * dy[k]
+
+
+@compiled
+def run_out(dm, modes, y, dy, i, slip_tol, n):
+    """Carry the state along a straight line to where end i is at rest; returns the time it takes."""
+    a, b = slip_of(dm, modes, y, i)
+    d_a, d_b = slip_of(dm, modes, dy, i)
+    v2 = a * a + b * b
+    t = -v2 / (a * d_a + b * d_b) if v2 > slip_tol * slip_tol else 0.0
+    carry(y, dy, t, n)
+    stop_slip(dm, modes, y, i)
+    return t
 
 
 @compiled
