@@ -111,6 +111,7 @@ def come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F):
         return NOTHING
     for _ in range(4):
         if not may_1 and not may_2:
+            drop_round_off(dm, state)
             return NOTHING
         unload(dm, state, -1.0 if may_1 else 1.0, y)
         phase = state[PHASE] + dm.phi0
@@ -133,17 +134,16 @@ def come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F):
             return NOTHING
         if close(dm, state, modes, tol, energy, dy, y, F):
             return max(rest_1 if modes[0] != FREE else 0.0, rest_2 if modes[1] != FREE else 0.0)
-        if modes[0] == FREE or modes[1] == FREE:
-            return NOTHING
-        may_1, may_2 = state[N1] < state[N2], state[N2] < state[N1]  # the slower end alone
+        alone = modes[0] == FREE or modes[1] == FREE
+        may_1, may_2 = state[N1] < state[N2] and not alone, state[N2] < state[N1] and not alone  # the slower end
     return NOTHING
 
 
 @compiled
 def close(dm, state, modes, tol, energy, before, y, F):
-    """Close the ends that have a contact mode; returns whether that, with the impact, gains no energy; else nothing is done.
+    """Close the ends that have a contact mode, and return whether that may be; else nothing is done.
 
-    Beside an end that sticks, friction that is given back may set a slow slip going that would stop within the hops.
+    With the impact it gains no energy, and it does not drive an end that is open into the plate.
     """
     copy(state, before, N_STATE)
     if modes[0] != FREE and modes[1] != FREE:
@@ -151,7 +151,9 @@ def close(dm, state, modes, tol, energy, before, y, F):
     else:
         close_one(dm, state, modes, 0 if modes[0] != FREE else 1, y)
     limit = energy + max(tol, GAIN) * (energy + 0.5 * dm.m * (dm.A_z * dm.omega) ** 2)
-    if kinetic(dm, state) <= limit or max(before[N1], before[N2]) <= FLOOR * dm.v_scale:
+    gains = kinetic(dm, state) > limit
+    drives = (state[D1] == 0.0 and state[N1] < 0.0) or (state[D2] == 0.0 and state[N2] < 0.0)
+    if not gains and not drives:
         return True
     copy(before, state, N_STATE)
     return False
