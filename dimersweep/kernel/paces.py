@@ -1,7 +1,9 @@
 """One step of a contact phase, at each of three paces.
 
 Plain: DOP853 in time. Slow: DOP853 in xi with dt = (v / gamma) dxi, for a slip v on its way to rest, whose direction turns
-at the rate gamma / v: per xi nothing is stiff and the slip falls exponentially. Slide: Radau IIA in time, for slip that is
+at the rate gamma / v: per xi nothing is stiff and the slip falls exponentially. With the force F at each moment in gamma
+(and that at the start of the step, F_0: dt = 2 v / (gamma (1 + F / F_0)) dxi) nothing is singular either where F goes
+through infinity; beyond, time runs back. Slide: Radau IIA in time, for slip that is
 slow and stays so, or sets out from rest: its direction follows the forces at once, and the step need not resolve how.
 """
 
@@ -25,7 +27,7 @@ from dimersweep.kernel.charts import (
     slip_of,
 )
 from dimersweep.kernel.collocation import NEXT, NODES, RADAU_A, RADAU_C, TOP
-from dimersweep.kernel.contact import contact_rates
+from dimersweep.kernel.contact import F1, F2, contact_rates
 from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import FREE, SLIP
 from dimersweep.kernel.steps import DOP_STAGES, copy, explicit_finish, explicit_stage, lu_factor, lu_solve
@@ -140,7 +142,8 @@ def explicit_step(dm, modes, phase, h, n, pace, gamma, b):
             explicit_stage(i, h, b.start, b.K, n, b.out)
             contact_rates(dm, modes, phase + dm.omega * b.out[YTIME], b.out, n > N_CLOSED, b.K[i], b.F_out)
         if pace == SLOW:
-            share = slowness(dm, modes, b.out) / gamma
+            force = b.F if i == 0 else b.F_out
+            share = 2.0 * slowness(dm, modes, b.out) / (gamma * (1.0 + (force[F1] + force[F2]) / (b.F[F1] + b.F[F2])))
             for k in range(n):
                 b.K[i, k] *= share
     return explicit_finish(h, b.start, b.K, n, b.scale, b.out)

@@ -23,7 +23,7 @@ from verbs import (
 
 from dimersweep.kernel.charts import N_PATH, N_Y, YB, YTHETA, YTIME, YUA, YUB, YWB, YWP, YX
 from dimersweep.kernel.choose import CLOSED, INCONSISTENT, SEPARATES
-from dimersweep.kernel.contact import A1, F1, F2, L1
+from dimersweep.kernel.contact import A1, COMPLIANCE, F1, F2, L1, N_F
 from dimersweep.kernel.glide import NO_EVENT
 from dimersweep.kernel.layout import BETA, CA, CB, D1, D2, FREE, N1, N2, SLIP, SPIN, STICK, WB, WP
 from dimersweep.kernel.watch import HOLD_LOST, LANDS, LIFTS, SLIP_ZERO
@@ -90,7 +90,7 @@ def test_forces_and_rates_are_those_of_the_oracle(modes, seed):
     dm, d = dimer(**params), body.dimer(params)
     state = closed_state(dm, modes, np.random.default_rng(seed))
     codes, y = loaded(dm, modes, state)
-    dy, F = np.zeros(N_Y), np.zeros(6)
+    dy, F = np.zeros(N_Y), np.zeros(N_F)
     contact_rates(dm, codes, dm.omega * TIME + dm.phi0, y, dy, F)
 
     q, qdot = oracle_state(dm, state)
@@ -101,7 +101,7 @@ def test_forces_and_rates_are_those_of_the_oracle(modes, seed):
     qddot = now.qddot(State(active, held))
     frame = heading_frame(q)
     expected = forces @ frame  # rows: ends; columns n, a, b
-    got = F.reshape(2, 3)
+    got = F[:COMPLIANCE].reshape(2, 3)
     weight = dm.m * dm.g
     np.testing.assert_allclose(got[:, [0, 2]], expected[:, [0, 2]], atol=1e-11 * weight)
     assert got[:, 1].sum() == pytest.approx(expected[:, 1].sum(), abs=1e-11 * weight)
@@ -141,7 +141,7 @@ def test_contact_states_survive_the_way_there_and_back(modes):
 
 def chosen(dm, state, closed, time=TIME, lost=False):
     """The contact mode that the kernel chooses: answer, modes, contact state, its rates and forces."""
-    modes, y, dy, F = np.zeros(2), np.zeros(N_Y), np.zeros(N_Y), np.zeros(6)
+    modes, y, dy, F = np.zeros(2), np.zeros(N_Y), np.zeros(N_Y), np.zeros(N_F)
     unload(dm, state, -1.0 if closed[0] else 1.0, y)
     answer = contact_mode(dm, *closed, dm.omega * time + dm.phi0, y, modes, SLIP_TOL, lost, dy, F)
     if answer == CLOSED:
@@ -297,7 +297,7 @@ def reference_phase(dm, modes, y, phase, span):
 
     def rates(t, z):
         dy = np.zeros(N_Y)
-        contact_rates(dm, modes, phase + dm.omega * t, z.copy(), dy, np.zeros(6))
+        contact_rates(dm, modes, phase + dm.omega * t, z.copy(), dy, np.zeros(N_F))
         return dy
 
     return solve_ivp(rates, (0, span), y, method="LSODA", rtol=1e-12, atol=1e-14).y[:, -1]
@@ -341,7 +341,7 @@ def test_events_of_a_phase_are_where_their_functions_vanish():
         t, found = glide_path(dm, codes, y, 0.0, dm.T, 1e-10, 1e-11, True, desk()[0])
         assert found - found % 2 == event, (event, found)
         assert 0 < t < dm.T
-        dy, F = np.zeros(N_Y), np.zeros(6)
+        dy, F = np.zeros(N_Y), np.zeros(N_F)
         contact_rates(dm, codes, dm.omega * t, y, dy, F)
         value = {
             LANDS: y[YB],

@@ -6,6 +6,7 @@ from launch import launch
 from verbs import commotion, contact_rates, dimer, is_calm, rests_for_good, row_of, slide_rates, unload
 
 from dimersweep.kernel.charts import N_Y, YS, YUA, YUB, YWP
+from dimersweep.kernel.contact import N_F
 from dimersweep.kernel.layout import CA, CB, FREE, N_STATE, PHASE, SLIP, SPIN, STICK, WP
 from dimersweep.kernel.record import MODES, REST
 
@@ -93,7 +94,7 @@ def test_rates_on_a_plate_at_rest(seed):
     rng = np.random.default_rng(seed)
     dm = dimer(Gamma=0.0, mu=float(rng.uniform(0.0, 1.0)), A_r=float(rng.uniform(2.5, 8.0)))
     state = sliding(*rng.normal(size=3), 100.0 * rng.normal())
-    y, dy, F = np.zeros(N_Y), np.zeros(N_Y), np.zeros(6)
+    y, dy, F = np.zeros(N_Y), np.zeros(N_Y), np.zeros(N_F)
     unload(dm, state, -1.0, y)
     contact_rates(dm, BOTH_SLIP, 0.0, y, dy, F)
     d_a, d_b, d_w, d_s = slide_rates(dm, state, 0.0)
