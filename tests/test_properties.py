@@ -17,7 +17,7 @@ from launch import launch  # noqa: E402
 from verbs import contact_rates, unload  # noqa: E402
 
 from dimersweep.kernel.charts import YUA, YUB  # noqa: E402
-from dimersweep.kernel.contact import N_F  # noqa: E402
+from dimersweep.kernel.contact import COMPLIANCE, N_F  # noqa: E402
 from dimersweep.kernel.layout import (  # noqa: E402
     BETA,
     CA,
@@ -311,7 +311,7 @@ def forces(dm, modes, state):
     slip = slips(dm, state[None])[0]
     if (modes == FREE).any():
         slip[np.flatnonzero(modes != FREE)[0]] = y[YUA], y[YUB]
-    return F.reshape(2, 3), slip
+    return F[:COMPLIANCE].reshape(2, 3), slip
 
 
 @accuracies

@@ -65,7 +65,7 @@ def double_forces(dm, modes, y, n_1, n_2, a, b, F):
     else:
         A_c, A_d = -0.5 * dm.mu * total * (c_1 + c_2), -0.5 * dm.mu * (c_2 - c_1)
     yields = w.nn - wx.nn + 2.0 * w.an * A_d
-    F[COMPLIANCE] = yields / (w.nn - wx.nn)
+    F[COMPLIANCE] = yields * dm.m
     D = (n_1 - n_2 - 2.0 * w.an * A_c) / yields
     F[F1], F[F2] = 0.5 * (total - D), 0.5 * (total + D)
     F[A1], F[A2] = A_c + A_d * D, 0.0
@@ -96,7 +96,7 @@ def contact_rates(dm, modes, phase, y, path, dy, F):
     path : bool
         Whether the rates of x1, y1 and gamma are wanted.
     F : float64 array, shape (N_F,)
-        Forces [N]: normal, axial, lateral of p1, then of p2; and the compliance [1].
+        Forces [N]: normal, axial, lateral of p1, then of p2; and the compliance [1/m].
     """
     s = leading_sign(modes)
     g_e = effective_gravity(dm, phase)

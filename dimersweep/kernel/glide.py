@@ -18,10 +18,20 @@ from dimersweep.kernel.charts import (
 from dimersweep.kernel.contact import COMPLIANCE, F1, F2, N_F, contact_rates
 from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import FREE, SLIP
-from dimersweep.kernel.paces import BENCH_ROWS, PLAIN, SLIDE, SLOW, lay_out, set_chart, set_scales, step_to, stiffness
+from dimersweep.kernel.paces import (
+    BENCH_ROWS,
+    PLAIN,
+    SLIDE,
+    SLOW,
+    TIGHT,
+    lay_out,
+    set_chart,
+    set_scales,
+    step_to,
+    stiffness,
+)
 from dimersweep.kernel.steps import copy, inside, shrink, step_factor
 from dimersweep.kernel.watch import (
-    HOLD_LOST,
     JAMS,
     LANDS,
     LIFTS,
@@ -46,8 +56,7 @@ FAINT = 1e-5  # first step of a phase that begins without force: after it the en
 LEAST = 1e-14  # step, in forcing periods, below which the contact force grows beyond all bounds
 STIFF = 0.02  # time in which the slip turns, in forcing periods, below which the plain pace is left
 FALLING = 0.15  # rate of slip, in units of -gamma, from which the slow pace takes it
-TIGHT = 0.5  # compliance from which the turning of the slip may lead to a jam
-SOON = 0.1  # rate at which the compliance falls, in units of itself and of gamma / v, from which it does: the slow pace takes it
+SOON = 0.1  # rate at which the compliance falls, in units of itself and of gamma / v, that is a jam for the slow pace
 BRAKED = 1e3  # braking of the turn of a spinning dimer, per forcing period, from which it is stiff
 TURNS = 7.0  # of a slip, that an explicit step may span: what the method bears
 SLIGHT = 1e-6  # turn of the slip over which that rate is taken [rad]
@@ -255,8 +264,6 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
         b.armed[LANDS], b.armed[TIPS] = 1.0 if watch else 0.0, 1.0
     if b.F[COMPLIANCE] <= 0.0:
         return 0.0, JAMS
-    if modes[0] == SLIP or modes[1] == SLIP:
-        b.armed[JAMS] = 1.0
     natural = tol**0.125
     h, xi, t = FIRST * natural * dm.T, FIRST_SLOW * natural, 0.0
     if without_force(modes, b.F) >= 0:
@@ -300,6 +307,7 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
             if (xi * v / gamma if pace == SLOW else h) < LEAST * dm.T:
                 return t, JAMS
             continue
+        b.armed[JAMS] = 1.0 if min(b.F[COMPLIANCE], b.F_out[COMPLIANCE]) < TIGHT else 0.0
         least, event = least_value(dm, modes, b.armed, b.start, b.out, b.F_out, slip_tol, b.values[3])
         part = 1.0
         if watch and least > 0.0 and pace != SLOW:

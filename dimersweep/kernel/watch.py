@@ -19,8 +19,8 @@ NEAR = 10.0  # slip, in units of the one that counts as none, whose direction is
 def glide_value(dm, modes, k, base, y, F, slip_tol):
     """Event function k, positive while the phase goes on; inf where it has no meaning; in units in which all compare.
 
-    Normal force of an end, times the compliance (at a jam the force is infinite and the product is not zero: only at a
-    lift-off it is); reserve of the friction that holds it; its slip along the direction it had at `base`; the other end's
+    Normal force of an end, times the compliance (at a jam the force is infinite, and only at a lift-off the product is
+    zero); reserve of the friction that holds it; its slip along the direction it had at `base`; the other end's
     height (the dip, which opens its gap); what is left to the border of the chart; the compliance.
     """
     if k == JAMS:
