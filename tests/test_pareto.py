@@ -19,6 +19,7 @@ from peers.own import Engine, Oracle  # noqa: E402
 from scenes import difference  # noqa: E402
 
 from dimersweep.kernel.charts import N_PATH, N_Y  # noqa: E402
+from dimersweep.kernel.contact import N_F  # noqa: E402
 from dimersweep.kernel.layout import BETA, CA, CB, D2, N1, N2, N_STATE, SPIN, WB, WP  # noqa: E402
 from dimersweep.parameters import Parameters  # noqa: E402
 
@@ -175,7 +176,7 @@ def test_the_equations_on_heyoka_are_those_of_the_kernel():
         if modes == [2, 1]:
             state[2] = state[5] / (2 * dm.h)
             pars[1] = np.sign(state[5])
-        dy, F = np.zeros(N_Y), np.zeros(6)
+        dy, F = np.zeros(N_Y), np.zeros(N_F)
         contact_rates(dm, np.array(modes, float), 0.4 + dm.omega * state[7], state, dy, F)
         phase = phases.equations(*modes)
         functions = [*(rate for _, rate in phase.rates), hy.par[len(pars) - 1]]  # the last parameter: all are expected

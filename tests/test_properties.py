@@ -17,6 +17,7 @@ from launch import launch  # noqa: E402
 from verbs import contact_rates, unload  # noqa: E402
 
 from dimersweep.kernel.charts import YUA, YUB  # noqa: E402
+from dimersweep.kernel.contact import COMPLIANCE, N_F  # noqa: E402
 from dimersweep.kernel.layout import (  # noqa: E402
     BETA,
     CA,
@@ -304,13 +305,13 @@ def test_an_end_is_open_or_pressed(rtol, drawn):
 
 def forces(dm, modes, state):
     """Forces on the ends (normal, axial, lateral), shape (2, 3) [N], and their slips along the same axes (2, 2) [m/s]."""
-    y, dy, F = np.zeros(16), np.zeros(16), np.zeros(6)
+    y, dy, F = np.zeros(16), np.zeros(16), np.zeros(N_F)
     unload(dm, state, -1.0 if modes[0] != FREE else 1.0, y)
     contact_rates(dm, modes, state[PHASE] + dm.phi0, y, dy, F)
     slip = slips(dm, state[None])[0]
     if (modes == FREE).any():
         slip[np.flatnonzero(modes != FREE)[0]] = y[YUA], y[YUB]
-    return F.reshape(2, 3), slip
+    return F[:COMPLIANCE].reshape(2, 3), slip
 
 
 @accuracies

@@ -3,7 +3,7 @@
 from math import copysign, hypot
 
 from dimersweep.kernel.charts import YUA, YUB, YWP, set_slip, slip_of
-from dimersweep.kernel.contact import A1, A2, F1, F2, L1, L2, contact_rates, hold_reserve
+from dimersweep.kernel.contact import A1, A2, COMPLIANCE, F1, F2, L1, L2, contact_rates, hold_reserve
 from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import FREE, SLIP, STICK
 from dimersweep.kernel.onset import slip_onset
@@ -147,7 +147,9 @@ def loosen(dm, phase, y, modes, i, slip_tol, dy, F):
 def contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, lost, dy, F):
     """Which of the closed ends stay closed, and in which friction modes, into modes (y with p1 leading if it is closed).
 
-    With both ends on the plate the double contact is tried first, then each end alone where its force points outward.
+    With both ends on the plate the double contact is tried first, then each end alone where its force points outward. At a
+    negative compliance the double contact is no answer even where both forces point outward: the least difference between
+    the ends grows, and drives off the one with the greater force, or the one that nothing drives into the plate.
 
     Returns
     -------
@@ -158,10 +160,13 @@ def contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, lost, dy, F)
         return single_mode(dm, 0 if closed_1 else 1, phase, y, modes, slip_tol, lost, dy, F)
     double_mode(dm, phase, y, modes, slip_tol, lost, dy, F)
     on_1, on_2 = presses(dm, modes, 0, phase, y, dy, F), presses(dm, modes, 1, phase, y, dy, F)
-    if on_1 and on_2:
-        return CLOSED
     stays = 0 if on_1 else 1
-    if not on_1 and not on_2 and falls(dm, modes, 0, phase, y, dy, F):
+    if F[COMPLIANCE] < 0.0:
+        stays = 0 if F[F1] < F[F2] else 1
+        stays = stays if falls(dm, modes, stays, phase, y, dy, F) else 1 - stays
+    elif on_1 and on_2:
+        return CLOSED
+    elif not on_1 and not on_2 and falls(dm, modes, 0, phase, y, dy, F):
         stays = 0
     if stays == 1:
         y[YUB] -= 2.0 * dm.h * y[YWP]

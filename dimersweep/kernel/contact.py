@@ -25,8 +25,10 @@ from dimersweep.kernel.layout import FREE, SLIP, STICK
 from dimersweep.kernel.plate import effective_gravity
 from dimersweep.kernel.upright import upright_rates
 
-# forces of a contact: normal, axial, lateral of p1, then of p2 (at a double contact A1 holds the sum of the axial ones)
-F1, A1, L1, F2, A2, L2 = range(6)
+# forces of a contact: normal, axial, lateral of p1, then of p2 (at a double contact A1 holds the sum of the axial ones);
+# and its compliance (``law``), at a double contact that to the difference of the normal forces
+F1, A1, L1, F2, A2, L2, COMPLIANCE = range(7)
+N_F = 7
 
 
 @compiled
@@ -62,7 +64,9 @@ def double_forces(dm, modes, y, n_1, n_2, a, b, F):
         A_c, A_d = -a / w.aa, -w.an / w.aa
     else:
         A_c, A_d = -0.5 * dm.mu * total * (c_1 + c_2), -0.5 * dm.mu * (c_2 - c_1)
-    D = (n_1 - n_2 - 2.0 * w.an * A_c) / (w.nn - wx.nn + 2.0 * w.an * A_d)
+    yields = w.nn - wx.nn + 2.0 * w.an * A_d
+    F[COMPLIANCE] = yields * dm.m
+    D = (n_1 - n_2 - 2.0 * w.an * A_c) / yields
     F[F1], F[F2] = 0.5 * (total - D), 0.5 * (total + D)
     F[A1], F[A2] = A_c + A_d * D, 0.0
     F[L1], F[L2] = -dm.mu * F[F1] * s_1, -dm.mu * F[F2] * s_2
@@ -91,16 +95,16 @@ def contact_rates(dm, modes, phase, y, path, dy, F):
         Contact state and its rate.
     path : bool
         Whether the rates of x1, y1 and gamma are wanted.
-    F : float64 array, shape (6,)
-        Forces [N]: normal, axial, lateral of p1, then of p2.
+    F : float64 array, shape (N_F,)
+        Forces [N]: normal, axial, lateral of p1, then of p2; and the compliance [1/m].
     """
     s = leading_sign(modes)
     g_e = effective_gravity(dm, phase)
-    for k in range(6):
+    for k in range(N_F):
         F[k] = 0.0
     i = 0 if s < 0.0 else 1
     if y[YCHART] == UPRIGHT:
-        upright_rates(dm, modes[i], s, g_e, y, path, dy, F, 3 * i)
+        F[COMPLIANCE] = upright_rates(dm, modes[i], s, g_e, y, path, dy, F, 3 * i)
         return
     double = modes[0] != FREE and modes[1] != FREE
     sin_b, cos_b = (0.0, 1.0) if double else (sin(y[YB]), cos(y[YB]))
@@ -119,7 +123,7 @@ def contact_rates(dm, modes, phase, y, path, dy, F):
         dy[YUB] = b + w.bb * F[L1] + other.bb * F[L2] if slips else 0.0
     else:
         w = delassus(dm, lv, lv)
-        normal, axial, lateral = single_forces(dm, modes[i], w, y[YUA], y[YUB], n, a, b)
+        normal, axial, lateral, F[COMPLIANCE] = single_forces(dm, modes[i], w, y[YUA], y[YUB], n, a, b)
         k = 3 * i
         F[F1 + k], F[A1 + k], F[L1 + k] = normal, axial, lateral
         dy[YB] = y[YWB]

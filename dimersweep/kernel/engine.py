@@ -17,7 +17,7 @@ from dimersweep.kernel.fate import (
     time_of,
 )
 from dimersweep.kernel.flight import fly, take_off
-from dimersweep.kernel.glide import GLIDE_ROWS, JAMS, NO_EVENT, OUT_OF_STEPS, glide
+from dimersweep.kernel.glide import GLIDE_ROWS, NO_EVENT, OUT_OF_STEPS, glide
 from dimersweep.kernel.impact import contact_velocity, double_impact, rounding, single_impact
 from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import (
@@ -51,7 +51,7 @@ from dimersweep.kernel.layout import (
 from dimersweep.kernel.record import note_event, note_segment
 from dimersweep.kernel.roots import MAX_PROBES, next_landing
 from dimersweep.kernel.steps import copy
-from dimersweep.kernel.watch import HOLD_LOST, LANDS, SLIP_ZERO
+from dimersweep.kernel.watch import HOLD_LOST, JAMS, LANDS, SLIP_ZERO
 
 WORK, WORK_PER_PERIOD = 5_000_000, 100_000  # bound on events, in hops of one end: some seconds, and 0.1 s a period
 GLIDE_WORK, PAIR_WORK = 30, 20  # hops that take as long as a contact phase, as an impact at both ends
@@ -150,7 +150,7 @@ def move(dm, state, modes, chosen, path, tol, slip_tol, work):
     Returns
     -------
     event : int
-        Event number of ``glide`` (a landing of p2 or p1 is LANDS), JAMS, or NO_EVENT at the end of the period.
+        Event number of ``glide`` (a landing of p2 or p1 is LANDS), or NO_EVENT at the end of the period.
     status : int
     """
     span = (TWO_PI - state[PHASE]) / dm.omega

@@ -15,13 +15,24 @@ from dimersweep.kernel.charts import (
     leading_sign,
     slip_of,
 )
-from dimersweep.kernel.contact import F1, F2, contact_rates
+from dimersweep.kernel.contact import COMPLIANCE, F1, F2, N_F, contact_rates
 from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import FREE, SLIP
-from dimersweep.kernel.paces import BENCH_ROWS, PLAIN, SLIDE, SLOW, lay_out, set_chart, set_scales, step_to, stiffness
+from dimersweep.kernel.paces import (
+    BENCH_ROWS,
+    PLAIN,
+    SLIDE,
+    SLOW,
+    TIGHT,
+    lay_out,
+    set_chart,
+    set_scales,
+    step_to,
+    stiffness,
+)
 from dimersweep.kernel.steps import copy, inside, shrink, step_factor
 from dimersweep.kernel.watch import (
-    HOLD_LOST,
+    JAMS,
     LANDS,
     LIFTS,
     N_EVENTS,
@@ -38,7 +49,7 @@ from dimersweep.kernel.watch import (
     stop_slip,
 )
 
-NO_EVENT, OUT_OF_STEPS, JAMS = -1, -2, -3
+NO_EVENT, OUT_OF_STEPS = -1, -2
 MAX_STEPS = 200000
 MAX_PROBES = 160
 MAX_CHARTS = 20000
@@ -46,8 +57,10 @@ FAINT = 1e-5  # first step of a phase that begins without force: after it the en
 LEAST = 1e-14  # step, in forcing periods, below which the contact force grows beyond all bounds
 STIFF = 0.02  # time in which the slip turns, in forcing periods, below which the plain pace is left
 FALLING = 0.15  # rate of slip, in units of -gamma, from which the slow pace takes it
+SOON = 0.1  # rate at which the compliance falls, in units of itself and of gamma / v, that is a jam for the slow pace
 BRAKED = 1e3  # braking of the turn of a spinning dimer, per forcing period, from which it is stiff
 TURNS = 7.0  # of a slip, that an explicit step may span: what the method bears
+SLIGHT = 1e-6  # turn of the slip over which that rate is taken [rad]
 LONGEST = 0.25  # longest step, in forcing periods
 FIRST, FIRST_SLOW = 1.6, 15.0  # first steps, in forcing periods and in xi, over the tolerance to the power of 1/8
 RISE = 3.0  # of the step from one to the next, at most, at the slow pace
@@ -153,7 +166,7 @@ def first_crossing(dm, modes, phase, h, n, pace, gamma, event, least, tol, slip_
             step_to(dm, modes, phase, mid, n, pace, gamma, b)
         at = mid
         g, which = least_value(dm, modes, b.armed, b.start, b.out, b.F_out, slip_tol, b.values[1])
-        if -past <= g <= 0.0 or (which >= LANDS and abs(g) <= close):
+        if -past <= g <= 0.0 or (which == LANDS and abs(g) <= close and b.out[YB] * b.out[YWB] < 0.0):
             return which
         event = which if g <= 0.0 else event
         low, high, g_low, g_high, side = shrink(low, high, g_low, g_high, mid, g, side)
@@ -182,8 +195,8 @@ def hidden_dip(dm, modes, phase, h, n, slip_tol, b):
     values_on_cubic(dm, modes, phase, 2.0 / 3.0, h, n, slip_tol, b, values[2])
     least_value(dm, modes, b.armed, b.start, b.out, b.F_out, slip_tol, values[3])
     share = 1.0
-    for k in range(TIPS):
-        if b.armed[k] == 0.0 or SLIP_ZERO <= k < LANDS or values[3, k] <= 0.0:
+    for k in range(N_EVENTS):
+        if b.armed[k] == 0.0 or SLIP_ZERO <= k < LANDS or k == TIPS or values[3, k] <= 0.0:
             continue
         q = 1 if values[1, k] <= values[2, k] else 2
         low = values[q, k]
@@ -222,8 +235,20 @@ def without_force(modes, F):
 
 
 @compiled
-def pace_for(dm, modes, y, v, rate, gamma):
-    """The pace that suits a slip v that changes at a rate.
+def jams_soon(dm, modes, phase, v, gamma, b):
+    """Whether the compliance falls to zero as fast as the slip v turns."""
+    if b.F[COMPLIANCE] > TIGHT or not 0.0 < v < inf:
+        return False
+    t = SLIGHT * v / gamma
+    for k in range(N_CLOSED):
+        b.probe[k] = b.start[k] + t * b.dy[k]
+    contact_rates(dm, modes, phase + dm.omega * t, b.probe, False, b.dy_probe, b.F_probe)
+    return b.F[COMPLIANCE] - b.F_probe[COMPLIANCE] > SOON * SLIGHT * b.F[COMPLIANCE]
+
+
+@compiled
+def pace_for(dm, modes, y, v, rate, gamma, tight):
+    """The pace that suits a slip v that changes at a rate, and may jam soon.
 
     A fast spin loads one of two slipping ends by J_a spin theta' / 2h, and what it rubs then brakes theta' at the rate
     mu spin J_a / J_t, which may be stiff.
@@ -231,7 +256,7 @@ def pace_for(dm, modes, y, v, rate, gamma):
     braked = dm.mu * abs(y[YS]) * dm.J_a * dm.it if modes[0] == SLIP and modes[1] == SLIP else 0.0
     if v >= STIFF * dm.T * gamma:
         return SLIDE if braked * dm.T > BRAKED else PLAIN
-    return SLOW if rate < -FALLING * gamma and braked * v < gamma else SLIDE
+    return SLOW if tight or (rate < -FALLING * gamma and braked * v < gamma) else SLIDE
 
 
 @compiled
@@ -248,6 +273,8 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
         arm(dm, modes, b.armed, y, b.F, slip_tol)
     if modes[0] == FREE or modes[1] == FREE:
         b.armed[LANDS], b.armed[TIPS] = 1.0 if watch else 0.0, 1.0
+    if b.F[COMPLIANCE] <= 0.0:
+        return 0.0, JAMS
     natural = tol**0.125
     h, xi, t = FIRST * natural * dm.T, FIRST_SLOW * natural, 0.0
     if without_force(modes, b.F) >= 0:
@@ -266,7 +293,8 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
             if stopping >= 0:
                 t += run_out(dm, modes, y, b.dy, stopping, slip_tol, n)
                 return t, SLIP_ZERO + stopping
-        pace = pace_for(dm, modes, y, v, rate, gamma)
+        tight = jams_soon(dm, modes, now, v, gamma, b)
+        pace = pace_for(dm, modes, y, v, rate, gamma, tight)
         if pace == SLOW and 2.0 * xi * v / gamma > span - t:
             pace = SLIDE
         h = min(h, LONGEST * dm.T)
@@ -290,6 +318,7 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
             if (xi * v / gamma if pace == SLOW else h) < LEAST * dm.T:
                 return t, JAMS
             continue
+        b.armed[JAMS] = 1.0 if min(b.F[COMPLIANCE], b.F_out[COMPLIANCE]) < TIGHT else 0.0
         least, event = least_value(dm, modes, b.armed, b.start, b.out, b.F_out, slip_tol, b.values[3])
         part = 1.0
         if watch and least > 0.0 and pace != SLOW:
@@ -305,13 +334,8 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
                 if part < 1.0 and b.out[YTIME] > 1e-12 * dm.T:
                     h = part * b.out[YTIME]
                     continue
-            if event < HOLD_LOST and b.F_out[F1 + 3 * event] < -dm.m * dm.g:  # through infinity, not through zero
-                h, xi = 0.3 * b.out[YTIME], 0.3 * xi
-                if h < LEAST * dm.T:
-                    return t, JAMS
-                continue
             copy(b.out, y, n)
-            t += b.out[YTIME]
+            t += max(0.0, b.out[YTIME])
             if not SLIP_ZERO <= event < LANDS:
                 return t, event
             s_a, s_b = slip_of(dm, modes, y, event % 2)
@@ -320,11 +344,11 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
                 return t, event
             h, xi, last = 0.5 * h, 0.5 * xi, False  # the slip has only turned by a right angle
             copy(b.dy_out, b.dy, n)
-            copy(b.F_out, b.F, 6)
+            copy(b.F_out, b.F, N_F)
             continue
         copy(b.out, y, n)
         copy(b.dy_out, b.dy, n)
-        copy(b.F_out, b.F, 6)
+        copy(b.F_out, b.F, N_F)
         t = span if last else t + dt
         pulled = without_force(modes, b.F)
         if watch and pulled >= 0 and b.armed[LIFTS + pulled] == 0.0:
@@ -360,7 +384,7 @@ def glide(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
     t : float
         Time integrated [s].
     event : int
-        NO_EVENT (the span is over), the number of the event, JAMS (no step is short enough), or OUT_OF_STEPS.
+        NO_EVENT (the span is over), the number of the event (JAMS also where no step is short enough), or OUT_OF_STEPS.
     """
     t = 0.0
     for _ in range(MAX_CHARTS):

@@ -1,8 +1,10 @@
 """One step of a contact phase, at each of three paces.
 
 Plain: DOP853 in time. Slow: DOP853 in xi with dt = (v / gamma) dxi, for a slip v on its way to rest, whose direction turns
-at the rate gamma / v: per xi nothing is stiff and the slip falls exponentially. Slide: Radau IIA in time, for slip that is
-slow and stays so, or sets out from rest: its direction follows the forces at once, and the step need not resolve how.
+at the rate gamma / v: per xi nothing is stiff and the slip falls exponentially. Near a jam, with the force at each moment in
+gamma, nothing is singular either where it goes through infinity, beyond which time runs back (``clock``). Slide: Radau IIA in
+time, for slip that is slow and stays so, or sets out from rest: its direction follows the forces at once, and the step need
+not resolve how.
 """
 
 from math import inf, sqrt
@@ -25,7 +27,7 @@ from dimersweep.kernel.charts import (
     slip_of,
 )
 from dimersweep.kernel.collocation import NEXT, NODES, RADAU_A, RADAU_C, TOP
-from dimersweep.kernel.contact import contact_rates
+from dimersweep.kernel.contact import COMPLIANCE, F1, F2, contact_rates
 from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.law import length
 from dimersweep.kernel.layout import FREE, SLIP
@@ -36,6 +38,7 @@ PLAIN, SLOW, SLIDE = 0, 1, 2
 MAX_TURNS = 14  # Newton iterations of a slide
 SETTLED = 0.1  # change in a Newton iteration, over the tolerance, that ends them
 RENEWED = 2  # the iteration that takes new derivatives
+TIGHT = 0.5  # compliance from which the turning of the slip may lead to a jam
 TURN = 1e-6  # change of a slip, in units of itself, in its finite differences
 
 BENCH_ROWS = 79
@@ -131,6 +134,17 @@ def slowness(dm, modes, y):
 
 
 @compiled
+def clock(F, start):
+    """Time per xi under the forces F, in units of that at the start of the step.
+
+    It goes with 1 / F, and stays finite where the force vanishes: to F is added its product with the compliance, which is
+    about what it would be without friction.
+    """
+    more = start[COMPLIANCE]
+    return (1.0 + more) / ((F[F1] + F[F2]) / (start[F1] + start[F2]) + more)
+
+
+@compiled
 def explicit_step(dm, modes, phase, h, n, pace, gamma, b):
     """One DOP853 step from b.start into b.out, of h seconds or, at the slow pace, h units of xi; returns the error."""
     for i in range(DOP_STAGES):
@@ -142,6 +156,8 @@ def explicit_step(dm, modes, phase, h, n, pace, gamma, b):
             contact_rates(dm, modes, phase + dm.omega * b.out[YTIME], b.out, n > N_CLOSED, b.K[i], b.F_out)
         if pace == SLOW:
             share = slowness(dm, modes, b.out) / gamma
+            if b.F[COMPLIANCE] < TIGHT:
+                share *= clock(b.F if i == 0 else b.F_out, b.F)
             for k in range(n):
                 b.K[i, k] *= share
     return explicit_finish(h, b.start, b.K, n, b.scale, b.out)

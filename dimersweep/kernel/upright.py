@@ -16,7 +16,9 @@ from dimersweep.kernel.layout import SLIP
 
 @compiled
 def upright_rates(dm, mode, s, g_e, y, path, dy, F, first):
-    """Rates of y into dy; normal force and friction along the axes a, b of the chart into F from number `first` on."""
+    """Rates of y into dy; normal force and friction along the axes a, b of the chart into F from number `first` on; the
+    compliance, which is returned.
+    """
     # right-handed coordinates: x along b, y along a, z upwards
     h, r, spin = s * dm.h, dm.r, y[YS]
     kz, dz, cos_b, c, d = axis(s, y)
@@ -28,7 +30,8 @@ def upright_rates(dm, mode, s, g_e, y, path, dy, F, first):
     fx, fy, fn = h * ax - r * rest * dy_, h * ay + r * rest * dx, h * az - g_e
     lv = levers(dm, s, kz, cos_b)
     u_a, u_b = y[YUA] * c + y[YUB] * d, y[YUB] * c - y[YUA] * d
-    N, A, L = single_forces(dm, mode, delassus(dm, lv, lv), u_a, u_b, fn, fy * c + fx * d, fx * c - fy * d)
+    w = delassus(dm, lv, lv)
+    N, A, L, compliance = single_forces(dm, mode, w, u_a, u_b, fn, fy * c + fx * d, fx * c - fy * d)
     Fy, Fx = A * c - L * d, A * d + L * c
     F[first], F[first + 1], F[first + 2] = N, Fy, Fx
     px, py, pz = h * kx, h * ky, h * kz - r  # from the centre of mass to the contact
@@ -45,8 +48,9 @@ def upright_rates(dm, mode, s, g_e, y, path, dy, F, first):
         dy[YUA] = fy + dm.im * Fy + h * by + r * ux
     dy[YTIME] = 1.0
     if not path:
-        return
+        return compliance
     wx, wy = wx + spin * kx, wy + spin * ky
     dy[YX] = y[YUB] - (h + dm.h) * dx + r * wy
     dy[YY] = y[YUA] - (h + dm.h) * dy_ - r * wx
     dy[YGAMMA] = spin + (dy_ * kx - dx * ky) / (kz - s)
+    return compliance

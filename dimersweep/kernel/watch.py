@@ -3,7 +3,7 @@
 from math import inf, sqrt
 
 from dimersweep.kernel.charts import UPRIGHT, YB, YCHART, YS, YUA, YUB, YWB, YWP, slip_of, to_border
-from dimersweep.kernel.contact import F1, F2, hold_reserve
+from dimersweep.kernel.contact import COMPLIANCE, F1, F2, hold_reserve
 from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.law import length
 from dimersweep.kernel.layout import FREE, SLIP, STICK
@@ -11,7 +11,8 @@ from dimersweep.kernel.layout import FREE, SLIP, STICK
 # events of a contact phase; even numbers are p1's, odd ones p2's
 LIFTS, HOLD_LOST, SLIP_ZERO, LANDS = 0, 2, 4, 6
 TIPS = 7  # not an event of the dimer: the state leaves its chart
-N_EVENTS = 8
+JAMS = 8  # the force of a slip grows beyond all bounds (a dynamic jam)
+N_EVENTS = 9
 NEAR = 10.0  # slip, in units of the one that counts as none, whose direction is only known as well as the tolerance
 
 
@@ -19,9 +20,12 @@ NEAR = 10.0  # slip, in units of the one that counts as none, whose direction is
 def glide_value(dm, modes, k, base, y, F, slip_tol):
     """Event function k, positive while the phase goes on; inf where it has no meaning; in units in which all compare.
 
-    Normal force of an end; reserve of the friction that holds it; its slip along the direction it had at `base`; the
-    other end's height (the dip, which opens its gap); what is left to the border of the chart.
+    Normal force of an end, times the compliance (at a jam the force is infinite, and only at a lift-off the product is
+    zero); reserve of the friction that holds it; its slip along the direction it had at `base`; the other end's
+    height (the dip, which opens its gap); what is left to the border of the chart; the compliance.
     """
+    if k == JAMS:
+        return F[COMPLIANCE]
     i = k % 2
     if k >= LANDS:
         if modes[0] != FREE and modes[1] != FREE:
@@ -34,7 +38,7 @@ def glide_value(dm, modes, k, base, y, F, slip_tol):
     if modes[i] == FREE:
         return inf
     if k < HOLD_LOST:
-        return (F[F1] if i == 0 else F[F2]) / (dm.m * dm.g)
+        return F[COMPLIANCE] * (F[F1] if i == 0 else F[F2]) / (dm.m * dm.g)
     if k < SLIP_ZERO:
         return hold_reserve(dm, modes, i, F) / (dm.m * dm.g) if modes[i] == STICK else inf
     if modes[i] != SLIP:
@@ -58,8 +62,8 @@ def least_value(dm, modes, armed, base, y, F, slip_tol, values):
 
 @compiled
 def arm(dm, modes, armed, y, F, slip_tol):
-    """Arm the event functions that are positive."""
-    for k in range(N_EVENTS):
+    """Arm the event functions of the ends that are positive."""
+    for k in range(TIPS):
         if 0.0 < glide_value(dm, modes, k, y, y, F, slip_tol) < inf:
             armed[k] = 1.0
 

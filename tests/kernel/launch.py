@@ -31,9 +31,7 @@ def follow(dm, row, state, modes, periods, rtol, close, past, work, none, counts
     """The event loop from the start of a scene, with the path, without a record."""
     fate.begin_past(past)
     engine.start_state(dm, row[BETA0], row[XDOT0], state)
-    status, _ = engine.evolve(
-        dm, state, modes, periods, rtol, close, False, True, past, work, none, none, none, counts
-    )
+    status, _ = engine.evolve(dm, state, modes, periods, rtol, close, False, True, past, work, none, none, none, counts)
     return status
 
 

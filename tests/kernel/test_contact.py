@@ -22,12 +22,12 @@ from verbs import (
 )
 
 from dimersweep import simulate
-from dimersweep.kernel.charts import N_PATH, N_Y, YB, YTHETA, YTIME, YUA, YUB, YWB, YWP, YX
+from dimersweep.kernel.charts import N_PATH, N_Y, YB, YS, YTHETA, YTIME, YUA, YUB, YWB, YWP, YX
 from dimersweep.kernel.choose import CLOSED, INCONSISTENT, SEPARATES
-from dimersweep.kernel.contact import A1, F1, F2, L1
+from dimersweep.kernel.contact import A1, COMPLIANCE, F1, F2, L1, N_F
 from dimersweep.kernel.glide import NO_EVENT
 from dimersweep.kernel.layout import BETA, CA, CB, D1, D2, FREE, N1, N2, SLIP, SPIN, STICK, WB, WP
-from dimersweep.kernel.watch import HOLD_LOST, LANDS, LIFTS, SLIP_ZERO
+from dimersweep.kernel.watch import HOLD_LOST, JAMS, LANDS, LIFTS, SLIP_ZERO
 
 SLIP_TOL = 1e-10
 TIME = 0.013  # any plate phase will do
@@ -91,7 +91,7 @@ def test_forces_and_rates_are_those_of_the_oracle(modes, seed):
     dm, d = dimer(**params), body.dimer(params)
     state = closed_state(dm, modes, np.random.default_rng(seed))
     codes, y = loaded(dm, modes, state)
-    dy, F = np.zeros(N_Y), np.zeros(6)
+    dy, F = np.zeros(N_Y), np.zeros(N_F)
     contact_rates(dm, codes, dm.omega * TIME + dm.phi0, y, dy, F)
 
     q, qdot = oracle_state(dm, state)
@@ -102,7 +102,7 @@ def test_forces_and_rates_are_those_of_the_oracle(modes, seed):
     qddot = now.qddot(State(active, held))
     frame = heading_frame(q)
     expected = forces @ frame  # rows: ends; columns n, a, b
-    got = F.reshape(2, 3)
+    got = F[:COMPLIANCE].reshape(2, 3)
     weight = dm.m * dm.g
     np.testing.assert_allclose(got[:, [0, 2]], expected[:, [0, 2]], atol=1e-11 * weight)
     assert got[:, 1].sum() == pytest.approx(expected[:, 1].sum(), abs=1e-11 * weight)
@@ -142,7 +142,7 @@ def test_contact_states_survive_the_way_there_and_back(modes):
 
 def chosen(dm, state, closed, time=TIME, lost=False):
     """The contact mode that the kernel chooses: answer, modes, contact state, its rates and forces."""
-    modes, y, dy, F = np.zeros(2), np.zeros(N_Y), np.zeros(N_Y), np.zeros(6)
+    modes, y, dy, F = np.zeros(2), np.zeros(N_Y), np.zeros(N_Y), np.zeros(N_F)
     unload(dm, state, -1.0 if closed[0] else 1.0, y)
     answer = contact_mode(dm, *closed, dm.omega * time + dm.phi0, y, modes, SLIP_TOL, lost, dy, F)
     if answer == CLOSED:
@@ -293,12 +293,86 @@ def test_a_configuration_without_a_force_is_reported():
     assert INCONSISTENT in answers
 
 
+def test_two_ends_that_rub_hard_stay_down_only_where_that_is_stable():
+    """At a negative compliance both forces may point outward (here they are equal), and the force at one end alone, too."""
+    dm = dimer(mu=5.0, mu_s=5.0, A_r=2.0)
+    rng = np.random.default_rng(3)
+    codes, state, F = np.array([SLIP, SLIP], dtype=float), np.zeros(16), np.zeros((2, N_F))
+    seen = 0
+    for _ in range(200):
+        y, dy = np.zeros(N_Y), np.zeros(N_Y)
+        y[[YUA, YUB, YWP]] = rng.normal(size=3) * [1e-3, 1e-3, 1e-3 / dm.h]
+        for spin in (0, 1):
+            y[YS] = spin
+            contact_rates(dm, codes, dm.omega * TIME, y, dy, F[spin])
+        apart = F[:, F2] - F[:, F1]
+        y[YS] = apart[0] / (apart[0] - apart[1])
+        load(dm, codes, y, state)
+        answer, modes, y, dy, force = chosen(dm, state, (True, True))
+        if F[0, COMPLIANCE] > 0:
+            assert (answer, modes) == (CLOSED, (SLIP, SLIP))
+            continue
+        seen += 1
+        assert answer == CLOSED
+        assert FREE in modes
+        assert force[COMPLIANCE] > 0
+        assert max(force[F1], force[F2]) > 0
+        assert (1 if modes[1] == FREE else -1) * dy[YWB] > 0  # the other end is driven off
+    assert seen > 20
+
+
+def compliance(d, t, q, qdot, i):
+    """Normal acceleration of end i per normal force and the friction that goes with it, less that of the oracle's bodies."""
+    now = Instant(d, t, q, qdot)
+    unit = np.array([1.0, *-d.mu * now.slip[i] / np.hypot(*now.slip[i])])
+    return now.G[i, 0, i] @ unit / now.G[i, 0, i, 0]
+
+
+@pytest.mark.parametrize(
+    "start",
+    [
+        (1.197, 0.004, -0.233, -0.219, -3.738),
+        (0.398, -0.131, 0.109, -0.051, -0.849),
+        (0.882, -0.063, -0.038, -1.091, -3.833),
+    ],
+)
+def test_a_jam_is_where_the_oracles_compliance_vanishes(start):
+    """A slip that turns to where its force is infinite, against the oracle in coordinates fixed in space.
+
+    The clock dt = ds / (1 + F / m g) passes smoothly through the infinite force.
+    """
+    params = {"mu": 2.6, "mu_s": 3.4, "A_r": 3.2, "Gamma": 0.0}
+    dm, d = dimer(**params), body.dimer(params)
+    state = np.zeros(16)
+    state[[BETA, CA, CB, WB, WP]] = start
+    state[D2], state[N2] = 2 * dm.h * sin(state[BETA]), 2 * dm.h * cos(state[BETA]) * state[WB]
+    codes, y = loaded(dm, (SLIP, FREE), state)
+    q, qdot = oracle_state(dm, state)
+
+    def rates(s, z):
+        now, mode = Instant(d, z[12], z[:6], z[6:12]), State((0,), ())
+        force = now.forces(mode)[0][0, 0]
+        return np.array([*z[6:12], *now.qddot(mode), 1.0]) / (1.0 + force / (dm.m * dm.g))
+
+    def jam(s, z):
+        return compliance(d, z[12], z[:6], z[6:12], 0)
+
+    jam.terminal = True
+    expected = solve_ivp(rates, (0, 0.05), [*q, *qdot, 0.0], events=jam, method="DOP853", rtol=1e-11, atol=1e-13)
+    assert expected.status == 1
+    t, event = glide_path(dm, codes, y, 0.0, dm.T, 1e-10, 1e-11, True, desk()[0])
+    assert event == JAMS
+    assert t == pytest.approx(expected.y[12, -1], rel=1e-8)
+    load(dm, codes, y, state)
+    np.testing.assert_allclose(np.concatenate(oracle_state(dm, state)), expected.y[:12, -1], rtol=1e-8, atol=1e-8)
+
+
 def reference_phase(dm, modes, y, phase, span):
     """The same contact phase by a plain integration."""
 
     def rates(t, z):
         dy = np.zeros(N_Y)
-        contact_rates(dm, modes, phase + dm.omega * t, z.copy(), dy, np.zeros(6))
+        contact_rates(dm, modes, phase + dm.omega * t, z.copy(), dy, np.zeros(N_F))
         return dy
 
     return solve_ivp(rates, (0, span), y, method="LSODA", rtol=1e-12, atol=1e-14).y[:, -1]
@@ -342,7 +416,7 @@ def test_events_of_a_phase_are_where_their_functions_vanish():
         t, found = glide_path(dm, codes, y, 0.0, dm.T, 1e-10, 1e-11, True, desk()[0])
         assert found - found % 2 == event, (event, found)
         assert 0 < t < dm.T
-        dy, F = np.zeros(N_Y), np.zeros(6)
+        dy, F = np.zeros(N_Y), np.zeros(N_F)
         contact_rates(dm, codes, dm.omega * t, y, dy, F)
         value = {
             LANDS: y[YB],

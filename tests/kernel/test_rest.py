@@ -17,7 +17,7 @@ from verbs import (
 )
 
 from dimersweep.kernel.charts import N_Y, YS, YUA, YUB, YWP
-from dimersweep.kernel.contact import A1
+from dimersweep.kernel.contact import A1, N_F
 from dimersweep.kernel.layout import CA, CB, FREE, N_STATE, PHASE, SLIP, SPIN, STICK, WP
 from dimersweep.kernel.record import MODES, REST
 
@@ -105,7 +105,7 @@ def test_rates_of_a_slide(seed):
     rng = np.random.default_rng(seed)
     dm = dimer(Gamma=float(rng.uniform(0.0, 0.9)), mu=float(rng.uniform(0.0, 1.0)), A_r=float(rng.uniform(2.5, 8.0)))
     state, phase = sliding(*rng.normal(size=3), 100.0 * rng.normal()), rng.uniform(0.0, 2.0 * np.pi)
-    y, dy, F = np.zeros(N_Y), np.zeros(N_Y), np.zeros(6)
+    y, dy, F = np.zeros(N_Y), np.zeros(N_Y), np.zeros(N_F)
     unload(dm, state, -1.0, y)
     contact_rates(dm, BOTH_SLIP, phase, y, dy, F)
     weight = dm.m * (dm.g - dm.A_z * dm.omega**2 * np.sin(phase))

@@ -6,6 +6,7 @@ from examine import CODE, examine, lies
 from stress import faults, minimise, run_block, scene_row, survey
 
 from dimersweep.kernel.layout import OK
+from dimersweep.parameters import Parameters
 
 pytestmark = pytest.mark.jit
 
@@ -429,12 +430,55 @@ MENDED = [
         },
         1,
     ),
+    (
+        "gains energy",
+        {
+            "Gamma": 0.0054,
+            "f": 114.0,
+            "A_r": 3.0,
+            "mu": 2.6,
+            "mu_s": 3.0,
+            "beta0": 1.21,
+            "xdot0": 0.001705,
+            "phi0": 4.9,
+            "r": 0.1,
+            "rho_b": 1600.0,
+            "rho_r": 300.0,
+        },
+        1,
+    ),
+]
+# slow slips that jam: their force goes through infinity, and a contact that pulls would gain 1e-4, 1e-1 of the energy
+JAMMING = [
+    MENDED[-1][1],
+    {
+        "Gamma": 0.0041272663974591655,
+        "f": 11.373524674036407,
+        "A_r": 3.23098923843542,
+        "mu": 5.0,
+        "mu_s": 5.0,
+        "beta0": 0.4023337268391604,
+        "xdot0": 0.9040481048784311,
+        "phi0": 6.235877626220597,
+        "r": 0.00037659182608236453,
+        "rho_b": 87.67724760848877,
+        "rho_r": 191.37790172744917,
+        "D_r": 8.840905525924649e-05,
+        "e": 0.0,
+    },
 ]
 
 
 @pytest.mark.parametrize(("fault", "scene", "periods"), MENDED)
 def test_a_scene_that_once_failed(fault, scene, periods):
     assert faults(scene, periods, 1e-8) == [], fault
+
+
+@pytest.mark.parametrize("scene", JAMMING)
+def test_a_slip_that_jams_is_stopped(scene):
+    look = examine(Parameters(**scene).row(), 1, 1e-8)
+    assert max(look["gain"].values()) < 1e-9
+    assert look["flips"] == 0
 
 
 @pytest.mark.parametrize("domain", ["near", "far"])
