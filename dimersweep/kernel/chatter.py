@@ -111,7 +111,6 @@ def come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F):
         return NOTHING
     for _ in range(4):
         if not may_1 and not may_2:
-            drop_round_off(dm, state)
             return NOTHING
         unload(dm, state, -1.0 if may_1 else 1.0, y)
         phase = state[PHASE] + dm.phi0
@@ -134,8 +133,10 @@ def come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F):
             return NOTHING
         if close(dm, state, modes, tol, energy, dy, y, F):
             return max(rest_1 if modes[0] != FREE else 0.0, rest_2 if modes[1] != FREE else 0.0)
-        alone = modes[0] == FREE or modes[1] == FREE
-        may_1, may_2 = state[N1] < state[N2] and not alone, state[N2] < state[N1] and not alone  # the slower end
+        if modes[0] != FREE and modes[1] != FREE:
+            may_1, may_2 = state[N1] < state[N2], state[N2] < state[N1]  # the slower end alone
+        else:
+            may_1, may_2 = may_1 and modes[0] == FREE, may_2 and modes[1] == FREE
     return NOTHING
 
 
@@ -143,7 +144,7 @@ def come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F):
 def close(dm, state, modes, tol, energy, before, y, F):
     """Close the ends that have a contact mode, and return whether that may be; else nothing is done.
 
-    With the impact it gains no energy, and it does not drive an end that is open into the plate.
+    With the impact it gains no energy, and it does not drive an end that is open into the plate; rates of round-off may.
     """
     copy(state, before, N_STATE)
     if modes[0] != FREE and modes[1] != FREE:
@@ -153,7 +154,7 @@ def close(dm, state, modes, tol, energy, before, y, F):
     limit = energy + max(tol, GAIN) * (energy + 0.5 * dm.m * (dm.A_z * dm.omega) ** 2)
     gains = kinetic(dm, state) > limit
     drives = (state[D1] == 0.0 and state[N1] < 0.0) or (state[D2] == 0.0 and state[N2] < 0.0)
-    if not gains and not drives:
+    if (not gains and not drives) or max(before[N1], before[N2]) <= FLOOR * dm.v_scale:
         return True
     copy(before, state, N_STATE)
     return False

@@ -502,6 +502,15 @@ def test_hops_without_end(number):
     assert seconds[0] < 10.0
 
 
+@pytest.mark.parametrize("number", [3918, 5406, 5969, 66316])
+def test_hops_of_round_off(number):
+    """Beside an end that hops by no more than round-off the other one leaves: its close is not followed to denormal rates."""
+    look = examine(scene_row(number, 11, "far"), 5, 1e-8)
+    assert look["status"] == "ok"
+    assert look["n_events"] < 1000
+    assert lies(look) == []
+
+
 def test_a_scene_is_made_simple_while_there_is_time(monkeypatch):
     """Fewest periods, base values, fewest decimals; and nothing at all where no time is left."""
     scene = {"Gamma": 19.131, "xdot0": 3.614}
