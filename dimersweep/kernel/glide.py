@@ -65,6 +65,9 @@ LONGEST = 0.25  # longest step, in forcing periods
 FIRST, FIRST_SLOW = 1.6, 15.0  # first steps, in forcing periods and in xi, over the tolerance to the power of 1/8
 RISE = 3.0  # of the step from one to the next, at most, at the slow pace
 NARROW = 0.02  # share of a step in which the bottom of a dip may hide at either end
+LOW = (
+    0.5  # force or hold, in weights and per square of the angle that the motion turns in a step, which may dip to zero
+)
 BEYOND = 1.02  # how far past a landing in sight a step goes
 EXACT = 1e-3  # what an event function may be past its zero, in units of the tolerance and of its change in the step
 CLOSE = 100.0  # in units of that, what may be left of a dip when the open end lands: it is then set to zero
@@ -211,6 +214,19 @@ def hidden_dip(dm, modes, phase, h, n, slip_tol, b):
 
 
 @compiled
+def another_is_low(dm, modes, h, slip_tol, b):
+    """Whether a force or a hold is so low at an end of a step to an event that it may dip below zero within the step."""
+    values = b.values
+    least_value(dm, modes, b.armed, b.start, b.start, b.F, slip_tol, values[0])
+    least_value(dm, modes, b.armed, b.start, b.out, b.F_out, slip_tol, values[3])
+    turn = quickness(dm, b.start) * h
+    for k in range(SLIP_ZERO):
+        if b.armed[k] > 0.0 and values[3, k] > 0.0 and min(values[0, k], values[3, k]) < LOW * turn * turn:
+            return True
+    return False
+
+
+@compiled
 def landing_in_sight(dm, modes, y, dy):
     """Time after which the open end has landed at its present acceleration, and a little more; inf if it does not."""
     sign = 1.0 if modes[0] != FREE else -1.0
@@ -329,7 +345,7 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
                 continue
         if least <= 0.0:
             event = first_crossing(dm, modes, now, size, n, pace, gamma, event, least, tol, slip_tol, b)
-            if watch and pace != SLOW:
+            if watch and pace != SLOW and another_is_low(dm, modes, b.out[YTIME], slip_tol, b):
                 part = hidden_dip(dm, modes, now, b.out[YTIME], n, slip_tol, b)
                 if part < 1.0 and b.out[YTIME] > 1e-12 * dm.T:
                     h = part * b.out[YTIME]
