@@ -87,7 +87,7 @@ def x_minus_sin(x, s):
     return x * y / 6.0 * (1.0 - y / 20.0 * (1.0 - y / 42.0 * (1.0 - y / 72.0 * (1.0 - y / 110.0 * (1.0 - y / 156.0)))))
 
 
-@compiled
+@compiled(inline=True)
 def gap_series(fl, s, t):
     """Gap of the end with sign s at time t and its first three time derivatives."""
     x, y = fl.Omega * t, fl.omega * t

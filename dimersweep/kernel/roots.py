@@ -17,7 +17,7 @@ EPS = 2.3e-16
 ROUNDED = 1e-13  # what a height may be off, in units of what it is the difference of
 
 
-@compiled(fuse=True)
+@compiled(fuse=True, inline=True)
 def safe_step(c0, c1, c2, c3, bound4, span):
     """Largest step found, at most `span`, on which c0 + c1 s + c2 s^2/2 + c3 s^3/6 - bound4 s^4/24 stays positive.
 

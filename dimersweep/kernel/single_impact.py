@@ -110,7 +110,7 @@ def time_to_events(law, n, E, v, n_j, compressing, w, w_j, w_v):
     return P_n, P_E, P_j, P_v
 
 
-@compiled(fuse=True)
+@compiled(fuse=True, inline=True)
 def expand(law, n0, a, b, E, n_j0, gain, order, c):
     """Taylor coefficients of a leg in xi, up to xi**order, into the rows of c: A_V, A_A, A_P, A_N, A_J, A_E.
 
