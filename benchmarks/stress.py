@@ -378,7 +378,7 @@ def tell(report):
 
 def draw(codes, seconds, looks, report, path):
     """Four pictures: what became of the scenes, how long they took, how many events, and what the records show."""
-    blue, orange, grey, green = "#0072b2", "#d55e00", "#999999", "#009e73"
+    blue, orange, grey, green, pink = "#0072b2", "#d55e00", "#999999", "#009e73", "#cc79a7"
     figure = Figure(figsize=(10, 7), layout="constrained")
     axes = figure.subplots(2, 2)
     ok = codes[:, CODE["status"]] == OK
@@ -387,6 +387,7 @@ def draw(codes, seconds, looks, report, path):
     colors = [blue if name in report["mode"] and name != "failed" else orange for name in names]
     axes[0, 0].barh(names[::-1], counts[::-1], color=colors[::-1])
     axes[0, 0].set_xscale("log")
+    axes[0, 0].set_xlim(left=0.5)
     axes[0, 0].set_xlabel(f"scenes of {report['scenes']:,}")
     axes[0, 0].set_title("modes, and why runs failed")
     for ax, values, label in (
@@ -406,7 +407,7 @@ def draw(codes, seconds, looks, report, path):
     lines = {"penetration over length": ([shown["penetration"] / shown["length"] for shown in seen], grey)}
     lines |= {
         f"energy gained, {kind}": ([shown["gain"][kind] for shown in seen], color)
-        for kind, color in zip(("flight", "impact", "contact"), (blue, orange, green), strict=True)
+        for kind, color in zip(KINDS, (blue, orange, green, pink), strict=True)
     }
     for name, (values, color) in lines.items():
         axes[1, 1].step(np.sort(np.maximum(values, 1e-18))[::-1], np.arange(1, len(seen) + 1), color=color, label=name)

@@ -17,31 +17,26 @@ compiled = njit(cache=True, error_model="numpy")
 
 
 @compiled
-def evolve(dm, state, modes, periods, rtol, past, work, log, events, segments, counts):
+def evolve(dm, state, modes, periods, rtol, close, past, work, log, events, segments, counts):
     """The event loop with the path and the record."""
     fate.begin_past(past)
     status, _ = engine.evolve(
-        dm, state, modes, periods, rtol, rtol, False, True, past, work, log, events, segments, counts
+        dm, state, modes, periods, rtol, close, False, True, past, work, log, events, segments, counts
     )
     return status
 
 
 @compiled
-def follow(dm, row, state, modes, periods, rtol, close, past, work, none, counts):
-    """The event loop from the start of a scene, with the path, without a record."""
-    fate.begin_past(past)
+def begin(dm, row, state):
+    """The start of a scene."""
     engine.start_state(dm, row[BETA0], row[XDOT0], state)
-    status, _ = engine.evolve(dm, state, modes, periods, rtol, close, False, True, past, work, none, none, none, counts)
-    return status
 
 
 def last_state(row, periods, rtol, close):
     """Status, number of events and last state of a scene whose chatters are closed with an accuracy of their own."""
-    desk, counts = new_desk(), np.zeros(3, np.int64)
-    none = np.zeros((0, N_LOG))
-    status = follow(
-        as_dimer(row), row, desk.state, desk.modes, periods, rtol, close, desk.past, desk.work, none, counts
-    )
+    dm, desk, counts, none = as_dimer(row), new_desk(), np.zeros(3, np.int64), np.zeros((0, N_LOG))
+    begin(dm, row, desk.state)
+    status = evolve(dm, desk.state, desk.modes, periods, rtol, close, desk.past, desk.work, none, none, none, counts)
     return status, counts[0], desk.state
 
 
@@ -70,6 +65,6 @@ def launch(row, state, periods, rtol=1e-8, rows=20_000):
     state, log = state.copy(), np.zeros((200, N_LOG))
     events, segments = np.zeros((rows, N_EVENT)), np.zeros((rows, N_SEGMENT))
     status = evolve(
-        as_dimer(row), state, desk.modes, periods, rtol, desk.past, desk.work, log, events, segments, counts
+        as_dimer(row), state, desk.modes, periods, rtol, rtol, desk.past, desk.work, log, events, segments, counts
     )
     return Launched(row, rtol, STATUSES[status], state, events[: counts[1]], segments[: counts[2]])
