@@ -149,8 +149,14 @@ def pair_step(law, modes, clock, h, tol, slip_unit, stiff, b):
 def ruling_clock(z, gains, faint):
     """The clock in which the motion is most regular: of the end whose Y changes fastest (X below `faint` count alike).
 
+    The clock of an end that has gone, with nothing to press any more, would stand still.
     Ends that move alike go on so to the last digit: without axial slip, which parts them, they have a clock in common.
     """
+    gone_1, gone_2 = z[ZX1] <= 0.0 and z[ZN1] >= 0.0, z[ZX2] <= 0.0 and z[ZN2] >= 0.0
+    if gone_1 and gone_2:
+        return PLAIN
+    if gone_1 or gone_2:
+        return 1 if gone_1 else 0
     if z[ZN1] == z[ZN2] and z[ZX1] == z[ZX2] and gains[0] == gains[1]:
         return BOTH if z[ZA] == 0.0 else PLAIN
     u_1, u_2 = gains[0] * z[ZN1], gains[1] * z[ZN2]
