@@ -2,6 +2,7 @@
 
 from math import hypot, inf, sqrt
 
+from dimersweep.kernel.body import TWO_PI
 from dimersweep.kernel.charts import (
     N_CLOSED,
     N_PATH,
@@ -53,7 +54,7 @@ NO_EVENT, OUT_OF_STEPS = -1, -2
 MAX_STEPS = 200000
 MAX_PROBES = 160
 MAX_CHARTS = 20000
-FAINT = 1e-5  # first step of a phase that begins without force: after it the end presses, or lifts off
+FAINT = 1e-5  # first step of a phase that begins without force, in turns of its motion: after it the end presses, or lifts off
 LEAST = 1e-14  # step, in forcing periods, below which the contact force grows beyond all bounds
 STIFF = 0.02  # time in which the slip turns, in forcing periods, below which the plain pace is left
 FALLING = 0.15  # rate of slip, in units of -gamma, from which the slow pace takes it
@@ -294,7 +295,7 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
     natural = tol**0.125
     h, xi, t = FIRST * natural * dm.T, FIRST_SLOW * natural, 0.0
     if without_force(modes, b.F) >= 0:
-        h = FAINT * dm.T
+        h = FAINT * TWO_PI / quickness(dm, y)
     for _ in range(MAX_STEPS):
         if t >= span:
             return t, NO_EVENT

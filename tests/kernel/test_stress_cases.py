@@ -12,6 +12,7 @@ pytestmark = pytest.mark.jit
 
 # what was wrong, the scene, forcing periods
 MENDED = [
+    ("impact_steps", {"Gamma": 0.4153301202337764, "A_r": 4.82919957333898, "beta0": 0.4744193398622203}, 6),
     (
         "impact_steps",
         {
