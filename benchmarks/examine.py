@@ -56,19 +56,26 @@ GAINED = 1e-9
 STRICT = 1e-11  # accuracy of the run that shows whether energy comes from nothing
 
 
+def attempt(row, periods, rtol, rows):
+    """Status, number of events, event rows and segments of one run, at most `rows` of each; and whether these are all."""
+    codes, counts = np.zeros((1, N_CODES), np.int64), np.zeros(3, np.int64)
+    events, segments = np.zeros((rows, N_EVENT)), np.zeros((rows, N_SEGMENT))
+    run_recorded(
+        row[None], periods, rtol, False, True, np.zeros((1, N_OUT)), codes, np.zeros((LOG_ROWS, N_LOG)), events,
+        segments, counts,
+    )  # fmt: skip
+    fits = codes[0, CODE["status"]] != RECORD_FULL and max(counts[1], counts[2]) <= rows
+    status, n_events = STATUSES[codes[0, CODE["status"]]], int(codes[0, CODE["n_events"]])
+    return (status, n_events, events[: counts[1]], segments[: counts[2]]), fits
+
+
 def record(row, periods, rtol):
     """Status, number of events, event rows and segments of one run, or None where the record would be too long."""
     rows = FIRST_ROWS
     while rows <= MOST_ROWS:
-        codes, counts = np.zeros((1, N_CODES), np.int64), np.zeros(3, np.int64)
-        events, segments = np.zeros((rows, N_EVENT)), np.zeros((rows, N_SEGMENT))
-        run_recorded(
-            row[None], periods, rtol, False, True, np.zeros((1, N_OUT)), codes, np.zeros((LOG_ROWS, N_LOG)), events,
-            segments, counts,
-        )  # fmt: skip
-        if codes[0, CODE["status"]] != RECORD_FULL and max(counts[1], counts[2]) <= rows:
-            status, n_events = STATUSES[codes[0, CODE["status"]]], int(codes[0, CODE["n_events"]])
-            return status, n_events, events[: counts[1]], segments[: counts[2]]
+        taken, fits = attempt(row, periods, rtol, rows)
+        if fits:
+            return taken
         rows *= 10
     return None
 
@@ -217,8 +224,35 @@ def examine(row, periods, rtol):
     if taken is None:
         return None
     look = look_at(row, rtol, *taken)
-    again = record(row, periods, STRICT) if rtol > STRICT and max(look["gain"].values()) > GAINED else None
-    return look if again is None else look | {"nothing": look_at(row, STRICT, *again)["gain"], "rtol": STRICT}
+    if rtol <= STRICT or max(look["gain"].values()) <= GAINED:
+        return look
+    again, fits = attempt(row, periods, STRICT, MOST_ROWS)
+    nothing = look_at(row, STRICT, *again)["gain"] if fits else gain_in_parts(row, rtol, taken, again)
+    return look | {"nothing": nothing, "rtol": STRICT}
+
+
+def gain_in_parts(row, rtol, taken, begun):
+    """Gain by kind of a run whose record with more digits goes on for a part of it only: the greater one of the two parts.
+
+    Each part counts in units of its own energy, which is at most that of the whole scene.
+    """
+    reached = min(event_times(begun[2])[-1], segment_times(begun[3])[-1])
+    first = look_at(row, STRICT, *begun[:3], begun[3][segment_times(begun[3]) < reached])["gain"]
+    later = taken[3][segment_times(taken[3]) >= reached]
+    if len(later) < 2:
+        return first
+    rest = look_at(row, rtol, *taken[:3], later)["gain"]
+    return {kind: max(first[kind], rest[kind]) for kind in KINDS}
+
+
+def event_times(events):
+    """Times of event rows, in forcing periods."""
+    return events[:, EVENT.index("period")] + events[:, EVENT.index("phase")] / (2 * pi)
+
+
+def segment_times(segments):
+    """Times at which segments begin, in forcing periods."""
+    return segments[:, PERIOD] + segments[:, PHASE] / (2 * pi)
 
 
 class Phases(NamedTuple):
@@ -235,14 +269,13 @@ class Phases(NamedTuple):
 
 def phases_of(row, rtol, events, segments):
     """The smooth phases of a record; of several segments at one moment only the last counts."""
-    times = segments[:, PERIOD] + segments[:, PHASE] / (2 * pi)
-    event_times = events[:, 0] + events[:, 1] / (2 * pi)
+    times, at = segment_times(segments), event_times(events)
     causes = events[:, EVENT.index("cause")]
     segments = segments[np.append(np.diff(times) > 0.0, True)[: len(segments)]]
-    times = segments[1:, PERIOD] + segments[1:, PHASE] / (2 * pi)
+    times = segment_times(segments[1:])
     span = 2 * pi * np.diff(segments[:, PERIOD]) + np.diff(segments[:, PHASE])
-    closed = np.isin(times, event_times[causes == C_CHATTER_END])
-    struck = np.isin(times, event_times[causes == C_IMPACT]) & ~closed
+    closed = np.isin(times, at[causes == C_CHATTER_END])
+    struck = np.isin(times, at[causes == C_IMPACT]) & ~closed
     jumps = closed | struck
     after = segments[1:, :N_STATE]
     ends = after.copy()
@@ -283,7 +316,7 @@ def look_at(row, rtol, status, n_events, events, segments):
         "nothing": gain,
         "doubt": float(largest(doubt) / most) if most else 0.0,
         "flips": flips(dm, rtol, inner[smooth, -1], after[smooth], modes[smooth], after_modes[smooth]),
-        "crowd": crowd(events[:, 0] + events[:, 1] / (2 * pi)),
+        "crowd": crowd(event_times(events)),
         "dip": largest(np.abs(seen[:, BETA])),
         "nan": not (np.isfinite(segments).all() and np.isfinite(seen).all()),
     }

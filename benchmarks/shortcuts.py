@@ -138,7 +138,7 @@ SHORTCUTS = (
     Shortcut(
         "fewer digits for slow impacts",
         "the same relative accuracy for all",
-        {"engine": replaced("tol * max(1.0, dm.v_scale / V)", "tol")},
+        {"engine": replaced("tol * max(1.0, min(dm.v_scale, fastest) / V)", "tol")},
     ),
     Shortcut(
         "clock in which a double impact is regular",

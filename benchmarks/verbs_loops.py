@@ -125,7 +125,7 @@ def whole_chatter(dm, state, modes, rtol, work, log):
     """Impacts and hops of one end until its chatter is closed; the number of impacts, 0 if something else happens first."""
     for hop in range(1, MAX_HOPS):
         energy = chatter.kinetic(dm, state)
-        status, _ = engine.collide(dm, state, modes, rtol, work, log)
+        status, _ = engine.collide(dm, state, modes, rtol, dm.v_scale, work, log)
         slip_tol = engine.no_slip(dm, state, rtol)
         y, dy, F = work[ROW_Y], work[ROW_DY], work[ROW_F]
         if chatter.come_to_rest(dm, state, modes, slip_tol, rtol, hop, energy, y, dy, F) >= 0.0:
@@ -175,7 +175,7 @@ def loop(verb, rows, scene, states, modes, option, rtol, turns, work, log, answe
             elif verb == LANDING:
                 answer = landing(dm, state)
             elif verb == IMPACT:
-                status, _ = engine.collide(dm, state, mode, rtol, work, log)
+                status, _ = engine.collide(dm, state, mode, rtol, dm.v_scale, work, log)
                 answer = state[N1] + state[N2] if status == OK else np.nan
             elif verb == RATES:
                 lay(dm, state, mode, work[ROW_Y])

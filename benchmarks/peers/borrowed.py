@@ -23,7 +23,7 @@ def settle(row, state, modes, lost, rtol, work, log):
     for _ in range(20):
         if (state[D1] == 0.0 and state[N1] < 0.0) or (state[D2] == 0.0 and state[N2] < 0.0):
             energy = kinetic(dm, state)
-            status, _ = collide(dm, state, modes, rtol, work, log)
+            status, _ = collide(dm, state, modes, rtol, dm.v_scale, work, log)
             if status != OK:
                 return False, 0.0
             lost = False

@@ -1,6 +1,6 @@
 """The event loop of one run: collide, come to rest, choose the contact mode, move to the next event."""
 
-from math import cos, hypot, isfinite, sin
+from math import cos, hypot, isfinite, sin, sqrt
 
 from dimersweep.kernel.body import TWO_PI
 from dimersweep.kernel.charts import YB, YUA, YUB, YWB, YWP, load, unload
@@ -87,8 +87,13 @@ def contact_code(modes):
 
 
 @compiled
-def collide(dm, state, modes, tol, work, log):
+def collide(dm, state, modes, tol, fastest, work, log):
     """Resolve the impact of the closed ends that approach; the state and the friction modes are updated.
+
+    Parameters
+    ----------
+    fastest : float
+        Greatest speed in the plate's frame so far [m/s]: a motion that has always been slow has its own measure of small.
 
     Returns
     -------
@@ -102,7 +107,7 @@ def collide(dm, state, modes, tol, work, log):
     if closed_2:
         V = max(V, -state[N2])
     # velocities have an absolute tolerance: the small impacts of a chatter need few digits of their own
-    tol = min(LOOSEST, tol * max(1.0, dm.v_scale / V))
+    tol = min(LOOSEST, tol * max(1.0, min(dm.v_scale, fastest) / V))
     if closed_1 and closed_2:
         state[BETA] = 0.0
         return double_impact(dm, state, V, tol, modes, work, log)
@@ -268,7 +273,7 @@ def evolve(dm, state, modes, periods, rtol, close, settle, path, past, work, log
     record = segments.shape[0] > 0
     none = log[0, :0] if record else state[:0]
     pending, lost, cause, rest = True, False, C_START, 0.0
-    forced, told = 0, -1
+    forced, told, fastest = 0, -1, 0.0
     before, begun = contact_code(modes), counts[0]
     while state[PERIOD] < periods:
         if work_left < 0:
@@ -277,7 +282,8 @@ def evolve(dm, state, modes, periods, rtol, close, settle, path, past, work, log
             counts[0] += 1
             work_left -= PAIR_WORK if state[D1] == state[D2] else 0
             energy = kinetic(dm, state)
-            status = strike(dm, state, modes, before, rtol, past, work, log, events, counts)
+            fastest = max(fastest, sqrt(2.0 * energy * dm.im))
+            status = strike(dm, state, modes, before, rtol, fastest, past, work, log, events, counts)
             if status != OK:
                 return status, False
             pending, lost, cause = True, False, C_IMPACT
@@ -361,7 +367,7 @@ def evolve(dm, state, modes, periods, rtol, close, settle, path, past, work, log
 
 
 @compiled
-def strike(dm, state, modes, before, rtol, past, work, log, events, counts):
+def strike(dm, state, modes, before, rtol, fastest, past, work, log, events, counts):
     """An impact with all that is kept of it: landings, the double event, the rows of the record."""
     now = time_of(state, dm.omega, dm.T)
     double = state[D1] == 0.0 and state[D2] == 0.0
@@ -373,7 +379,7 @@ def strike(dm, state, modes, before, rtol, past, work, log, events, counts):
             elif state[N1 + i] < 0.0 and not long_flight:
                 lander = i
     other_down = past[0, 1 - lander] < 0.0 or now - past[0, 1 - lander] < 0.5 * dm.T
-    status, rows = collide(dm, state, modes, rtol, work, log)
+    status, rows = collide(dm, state, modes, rtol, fastest, work, log)
     note_impact(dm, state, past, double, lander, long_flight and other_down, now)
     if log.shape[0] > 0:
         for k in range(rows):

@@ -512,6 +512,13 @@ def test_hops_of_round_off(number):
     assert lies(look) == []
 
 
+@pytest.mark.parametrize("number", [188650, 752250])
+def test_no_energy_from_nothing(number):
+    """A swift turn that pulls at the plate from its start; a scene so slow that each of its impacts counts."""
+    look = examine(scene_row(number, 11, "far"), 1, 1e-8)
+    assert (look["status"], lies(look)) == ("ok", [])
+
+
 def test_a_scene_is_made_simple_while_there_is_time(monkeypatch):
     """Fewest periods, base values, fewest decimals; and nothing at all where no time is left."""
     scene = {"Gamma": 19.131, "xdot0": 3.614}
