@@ -249,7 +249,8 @@ def pair_leg(law, z, modes, compressing, tol, slip_tol, work):
     longest = 1.0 / sqrt(max(b.gains[0], b.gains[1]))
     h = FIRST * tol**0.125 * longest
     for _ in range(MAX_STEPS):
-        turns = TURNS * turning_time(law, modes, z)
+        turning = turning_time(law, modes, z)
+        turns = TURNS * turning
         slow = slow + 1 if turns < STIFF else 0
         stiff = slow > LASTS
         last, clock = clock, PLAIN if stiff else ruling_clock(z, b.gains, faint)
@@ -274,7 +275,8 @@ def pair_leg(law, z, modes, compressing, tol, slip_tol, work):
                 if event_value(law, k, modes, compressing, clock, b.out, b.out, slip_tol) > 0.0:
                     b.armed[k] = 1.0
         else:
-            event = first_crossing(law, modes, compressing, clock, h, event, least, tol, slip_tol, stiff, b)
+            brisk = turning / pace if longest * pace > turning else longest
+            event = first_crossing(law, modes, compressing, clock, h, event, least, tol, slip_tol, stiff, brisk, b)
         copy(b.out, z, N_Z)
         from_clock(clock, z)
         # a slip that has only turned by a right angle goes on
@@ -321,18 +323,18 @@ def carry_on(law, modes, clock, t, b):
 
 
 @compiled
-def first_crossing(law, modes, compressing, clock, h, event, least, tol, slip_tol, stiff, b):
+def first_crossing(law, modes, compressing, clock, h, event, least, tol, slip_tol, stiff, brisk, b):
     """Number of the first event in a step h over which the least event function fell to `least`; b.out becomes its state.
 
     Bracketed search. Each probe is a step of its own from b.start, or carries the last one on where it is near; the first
-    guess is the zero on the cubic through the step.
+    guess is the zero on the cubic through the step. The motion changes in a time `brisk`: only a small part of it is near.
     """
     low, high, g_high, side = 0.0, h, least, 0
     g_low, _ = least_value(law, modes, compressing, clock, b.armed, b.start, b.start, slip_tol)
     smooth = event < 6
     near, slope, guess, at, g = 0.0, 0.0, 0.0, h, least
     if smooth:
-        near = NEAR * tol ** (1.0 / 3.0) / sqrt(max(b.gains[0], b.gains[1]))
+        near = NEAR * tol ** (1.0 / 3.0) * brisk
         impact_rates(law, modes, b.gains, clock, b.out, b.rates_out)
         guess, slope = crossing_on_cubic(law, modes, compressing, clock, h, g_low, g_high, slip_tol, b)
     for probe in range(MAX_PROBES):

@@ -13,6 +13,8 @@ pytestmark = pytest.mark.jit
 # what was wrong, the scene, forcing periods
 MENDED = [
     ("impact_steps", {"Gamma": 0.4153301202337764, "A_r": 4.82919957333898, "beta0": 0.4744193398622203}, 6),
+    ("impact_steps", {"e": 0.3333333333333333, "Gamma": 1.2875, "beta0": 0.5759586531581288}, 5),
+    ("impact_steps", {"e": 0.4, "Gamma": 1.284375, "beta0": 1.0733774899765127}, 5),
     (
         "impact_steps",
         {
