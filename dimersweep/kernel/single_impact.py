@@ -26,7 +26,7 @@ ATTRACTED = 1e-2  # effect on the rates, in tolerances, of what is left of the t
 
 
 LEAST_ORDER, ORDER = 6, 15  # of the expansion of a leg with a turning slip direction
-CLOSE = 1e-9  # step of Newton's rule, in units of the interval, after which it is done
+CLOSE = 1e-8  # step of Newton's rule, in units of its place, after which it is done
 ROUNDED = 1e-15  # error of a velocity, in units of itself, that no step improves
 INVERSE = tuple(1.0 / (j + 1.0) for j in range(ORDER))
 A_V, A_A, A_P, A_N, A_J, A_E = range(6)  # its rows: slip, axial slip, impulse, gap rates of both ends, energy
@@ -164,11 +164,22 @@ def reach(c, order, v, tol):
     return least
 
 
+@compiled
+def parabola_zero(c0, c1, c2):
+    """First zero of c0 + c1 x + c2 x^2 at x > 0, from c0 > 0; inf if there is none."""
+    disc = c1 * c1 - 4.0 * c0 * c2
+    if disc < 0.0:
+        return inf
+    below = sqrt(disc) - c1
+    return 2.0 * c0 / below if below > 0.0 else inf
+
+
 @compiled(fuse=True)
 def first_zero(c, row, order, sign, h):
     """First zero in (0, h] of an expansion, of the given sign before, whose slope changes sign at most once; else inf.
 
-    Bracketed Newton steps; a dip below zero between positive ends is looked for at the bottom of it.
+    Bracketed Newton steps from the zero of the first three terms: a fast slip has its events at a tiny part of the interval.
+    A dip below zero between positive ends is looked for at the bottom of it.
     """
     low, high = 0.0, h
     end, slope_end = at(c, row, order, h)
@@ -185,7 +196,9 @@ def first_zero(c, row, order, sign, h):
         else:
             return inf
         low = 0.0
-    x = high
+    x = parabola_zero(sign * c[row, 0], sign * c[row, 1], sign * c[row, 2])
+    if not 0.0 < x < high:
+        x = high
     for _ in range(100):
         value, slope = at(c, row, order, x)
         low, high = (x, high) if sign * value > 0.0 else (low, x)
@@ -193,7 +206,7 @@ def first_zero(c, row, order, sign, h):
         if not low <= new <= high:
             new = 0.5 * (low + high)
         x, step = new, new - x
-        if abs(step) <= CLOSE * h:  # the next step of Newton's rule would be below round-off
+        if abs(step) <= CLOSE * x:  # the next step of Newton's rule would be below round-off
             break
     return x
 

@@ -109,6 +109,19 @@ def test_without_friction_the_gap_rate_is_turned_exactly(e, s):
         assert p * end_law(dm, s, before[BETA]).nn == pytest.approx(-(1 + e) * before[own] * dm.m, rel=1e-13)
 
 
+@pytest.mark.parametrize("tol", [1e-3, 1e-8, 1e-12])
+@pytest.mark.parametrize("e", [0.05, 0.34, 1.0])
+def test_a_hop_fainter_than_any_slip_still_loses_its_part(tol, e):
+    """The impulse is too small a part of the one that would stop the slip to turn it, so that all rates are constant."""
+    law = end_law(dimer(e=e), -1.0, 0.0)
+    for size in 10.0 ** np.arange(3, 13):
+        (n, _, _), (p, _, _), mode = phase(law, -1.0, 0.03 * size, size, tol)
+        drive = law.nn - law.mu * law.na * 0.03 / hypot(0.03, 1.0)
+        assert mode == SLIP
+        assert n == pytest.approx(e, abs=1e-3 * tol + 10.0 / size)
+        assert p * drive == pytest.approx(1 + e, abs=1e-3 * tol + 10.0 / size)
+
+
 @pytest.mark.parametrize("s", SIGNS)
 @pytest.mark.parametrize("beta", [0.0, -0.3, 0.25])
 def test_a_sticking_end_bounces_in_closed_form(s, beta):
