@@ -20,6 +20,9 @@ from dimersweep.kernel import (
     roots,
     single_impact,
 )
+from dimersweep.kernel import (
+    sincos as trigonometry,
+)
 from dimersweep.kernel.engine import WORK_COLUMNS, WORK_ROWS
 from dimersweep.kernel.layout import (
     BETA,
@@ -47,6 +50,11 @@ compiled = njit(cache=True, error_model="numpy")
 @compiled
 def as_dimer(row):
     return body.as_dimer(row)
+
+
+@compiled
+def sincos(x):
+    return trigonometry.sincos(x)
 
 
 @compiled

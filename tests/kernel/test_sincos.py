@@ -1,0 +1,32 @@
+"""Sine and cosine at once: against 40 digits, at the borders of the reduction, and beyond it."""
+
+from math import cos, inf, nextafter, pi, sin
+
+import mpmath
+import numpy as np
+import pytest
+from verbs import sincos
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e-9, 1e-3, 0.8, 10.0, 1e3, 1e5])
+def test_both_are_right_to_rounding(size):
+    rng = np.random.default_rng(5)
+    whole = (pi / 4) * np.arange(-20.0, 21.0)
+    angles = np.concatenate([size * rng.uniform(-1, 1, 300), whole[abs(whole) <= size], [size, -size]])
+    with mpmath.workdps(40):
+        for x in angles:
+            exact = [float(mpmath.sin(mpmath.mpf(x))), float(mpmath.cos(mpmath.mpf(x)))]
+            for told, true in zip(sincos(x), exact, strict=True):
+                # next to a zero the error is that of the angle, reduced by a pi of 86 bits
+                assert abs(told - true) <= 1.5 * np.spacing(abs(true)) + 1e-26 * max(1.0, abs(x))
+
+
+def test_opposite_angles_have_the_same_digits():
+    for x in np.random.default_rng(6).uniform(0, 50, 1000):
+        s, c = sincos(x)
+        assert sincos(-x) == (-s, c)
+
+
+@pytest.mark.parametrize("x", [nextafter(1e5, inf), -3e7, 1e300])
+def test_large_angles_are_left_to_the_library(x):
+    assert sincos(x) == (sin(x), cos(x))
