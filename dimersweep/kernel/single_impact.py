@@ -11,7 +11,7 @@ gives a leg and its events at once. Velocities are in units of the approach spee
 Delassus operator of 1/m.
 """
 
-from math import copysign, exp, inf, log, log1p, sqrt
+from math import copysign, exp, expm1, inf, log, log1p, sqrt
 from typing import NamedTuple
 
 from dimersweep.kernel.jit import compiled
@@ -21,11 +21,15 @@ from dimersweep.kernel.layout import SLIP, STICK
 DONE, OTHER, LEG, JAM, STEPS = 0, 1, 2, 3, 4
 MAX_LEGS = 200
 MAX_STEPS = 2000
+OFF_AXIS = 0.1  # sine of the angle to an axial direction below which its expansion is in powers of that
 INVARIANT = 1e-14  # rate of turning (per xi) below which any slip direction counts as invariant
 ATTRACTED = 1e-2  # effect on the rates, in tolerances, of what is left of the turning towards an attracting direction
 
 
-LEAST_ORDER, ORDER = 6, 15  # of the expansion of a leg with a turning slip direction
+LEAST_ORDER, ORDER = 4, 15  # of the expansion of a leg with a turning slip direction
+BEYOND = 1.1  # how far past the likely end of a leg its expansion is to reach
+LIVELY = 0.1  # coefficient of restitution from which the energy given back is a clear part of what is stored
+SLACK = 0.5  # ratio of two terms there from which an expansion is taken to the highest order at once
 CLOSE = 1e-8  # step of Newton's rule, in units of its place, after which it is done
 ROUNDED = 1e-15  # error of a velocity, in units of itself, that no step improves
 INVERSE = tuple(1.0 / (j + 1.0) for j in range(ORDER))
@@ -75,25 +79,46 @@ def turns_away(law, c):
 def is_invariant(law, v, c, s, tol):
     """Whether slip along (c, s) keeps its direction: to rounding, or so near to an attracting one that the rates do.
 
-    The axial directions (s = 0) change the rates only with s^2; how the lateral slip dies out is known (``lateral_left``).
+    Near an axial direction they change with s^2 only; what that does while s dies out is known to the next order.
     """
     rate, slope = turning(law, c, s)
     if abs(rate) <= INVARIANT:
         return True
-    off = s * s if abs(s) < 1e-2 else abs(rate / slope)
+    off = abs(s * s * s) if abs(s) < OFF_AXIS else abs(rate / slope)
     return slope < 0.0 and v * off <= ATTRACTED * tol
 
 
 @compiled
-def lateral_left(law, c, b, v, w_v, P):
-    """Lateral slip near the axial direction c = +-1 after an impulse P over which the slip changes at the rate w_v.
+def integral(k, x):
+    """Integral of exp(k x) from zero to x; with k < 0 where x is infinite."""
+    if x == inf:
+        return -1.0 / k
+    return expm1(k * x) / k if abs(k * x) > 1e-12 else x
 
-    phi changes by the factor exp(slope xi), with xi the integral of dP / v.
+
+@compiled
+def integral_of_integral(k, w, x):
+    """Integral over x of exp(w x) times that of exp(k x); not both k and w are zero."""
+    if abs(k) >= abs(w):
+        return (integral(k + w, x) - integral(w, x)) / k
+    return integral(k, x) * integral(w, x) - (integral(k + w, x) - integral(k, x)) / w
+
+
+@compiled
+def swerve(w_v, slope, v, b, P):
+    """What is left of the turning while slip near an axial direction goes on over an impulse P.
+
+    With dv/dP = w_v, v = v_0 exp(w_v xi), the direction comes nearer to the axis as s = s_0 exp(slope xi), slope < 0.
+
+    Returns
+    -------
+    S, S_1, b : float
+        Integral of s^2 / 2 over P, that of S, and the lateral slip that is left.
     """
-    _, slope = turning(law, c, 0.0)
     x = w_v * P / v
-    xi = P / v * (log1p(x) / x if abs(x) > 1e-12 else 1.0)
-    return b * (1.0 + x) * exp(slope * xi)
+    xi = inf if x <= -1.0 else P / v * (log1p(x) / x if abs(x) > 1e-12 else 1.0)
+    g, size = 2.0 * slope + w_v, 0.5 * b * b / v
+    return size * integral(g, xi), size * v * integral_of_integral(g, w_v, xi), b * (1.0 + x) * exp(slope * xi)
 
 
 @compiled
@@ -110,26 +135,33 @@ def time_to_events(law, n, E, v, n_j, compressing, w, w_j, w_v):
     return P_n, P_E, P_j, P_v
 
 
+@compiled
+def begin_expansion(n, a, b, E, n_j, c):
+    """First coefficients of a leg's expansion; returns that of b^2."""
+    c[A_V, 0] = length(a, b)
+    c[A_A, 0], c[A_P, 0], c[A_N, 0], c[A_J, 0], c[A_E, 0] = a, 0.0, n, n_j, E
+    return b * b
+
+
 @compiled(fuse=True, inline=True)
-def expand(law, n0, a, b, E, n_j0, gain, order, c):
-    """Taylor coefficients of a leg in xi, up to xi**order, into the rows of c: A_V, A_A, A_P, A_N, A_J, A_E.
+def expand(law, gain, fading, first, order, c):
+    """Taylor coefficients of a leg in xi beyond xi**first up to xi**order, into the rows of c: A_V, A_A, A_P, A_N, A_J, A_E.
 
     With dP = v dxi both slips have linear laws, a' = W_na v - mu W_aa a and b' = -mu W_bb b, so that b is an exponential
-    and v = sqrt(a^2 + b^2) the only function to expand.
+    and v = sqrt(a^2 + b^2) the only function to expand. `fading` is the coefficient of b^2 at xi**first; returns that at
+    xi**order.
     """
-    c[A_A, 0], c[A_P, 0], c[A_N, 0], c[A_J, 0], c[A_E, 0] = a, 0.0, n0, n_j0, E
-    v0 = length(a, b)
-    inverse = 1.0 / v0
-    fading = b * b  # coefficient of b^2
-    for j in range(order):
-        rest, work = 0.5 * fading + a * c[A_A, j], 0.0  # half the coefficient of v^2, less what is known of it
-        for i in range(1, (j + 1) // 2):
-            rest += c[A_A, i] * c[A_A, j - i] - c[A_V, i] * c[A_V, j - i]
-        if j % 2 == 0:
-            i = j // 2
-            rest += 0.5 * (c[A_A, i] * c[A_A, i] - c[A_V, i] * c[A_V, i])
-        c[A_V, j] = v0 if j == 0 else rest * inverse
-        for i in range(j + 1):
+    inverse = 1.0 / c[A_V, 0]
+    for j in range(first, order):
+        if j > 0:  # the newest coefficients are added last: the processor need not wait for them with the others
+            rest, middle = 0.5 * fading, j // 2
+            if j % 2 == 0:
+                rest += 0.5 * (c[A_A, middle] * c[A_A, middle] - c[A_V, middle] * c[A_V, middle])
+            for i in range((j - 1) // 2, 0, -1):
+                rest += c[A_A, i] * c[A_A, j - i] - c[A_V, i] * c[A_V, j - i]
+            c[A_V, j] = (rest + c[A_A, 0] * c[A_A, j]) * inverse
+        work = 0.0
+        for i in range(j, -1, -1):
             work += c[A_N, i] * c[A_V, j - i]
         k = INVERSE[j]
         fading *= -2.0 * law.mu * law.bb * k
@@ -139,6 +171,7 @@ def expand(law, n0, a, b, E, n_j0, gain, order, c):
         c[A_N, j + 1] = law.nn * dP + law.na * dA
         c[A_J, j + 1] = law.nn_j * dP + law.na_j * dA
         c[A_E, j + 1] = -gain * work * k
+    return fading
 
 
 @compiled(fuse=True)
@@ -152,16 +185,54 @@ def at(c, row, order, xi):
 
 
 @compiled
-def reach(c, order, v, tol):
-    """Step over which the last terms of the expansions stay below the tolerance, and well inside their convergence."""
-    small = max(0.1 * min(tol, 0.01 * v), ROUNDED * max(v, abs(c[A_N, 0])))
-    energy = 1.0 / max(1.0, sqrt(c[A_E, 0]))  # an energy counts by the rate that it gives
+def unseen(c, v, tol):
+    """Size of a term of the expansions that is none."""
+    return max(0.1 * min(tol, 0.01 * v), ROUNDED * max(v, abs(c[A_N, 0])))
+
+
+@compiled
+def term(c, j):
+    """Largest coefficient of xi**j; an energy counts by the rate that it gives."""
+    energy = abs(c[A_E, j]) / max(1.0, sqrt(c[A_E, 0]))
+    return max(abs(c[A_A, j]), max(abs(c[A_P, j]), max(abs(c[A_N, j]), energy)))
+
+
+@compiled
+def reach(c, order, small):
+    """Step over which the last terms of the expansions stay below `small`, and well inside their convergence."""
     least = inf
     for j in range(order - 1, order + 1):
-        size = max(abs(c[A_A, j]), max(abs(c[A_P, j]), max(abs(c[A_N, j]), energy * abs(c[A_E, j]))))
+        size = term(c, j)
         if size > 0.0:
             least = min(least, (small / size) ** (1.0 / j))
     return least
+
+
+@compiled
+def likely_end(law, c, compressing, whole):
+    """Where a leg (with `whole`, also the restitution after it) has ended by the first three terms of its expansion; or inf."""
+    if compressing:
+        rebound = law.e if whole else 0.0
+        return BEYOND * (1.0 + rebound) * parabola_zero(-c[A_N, 0], -c[A_N, 1], -c[A_N, 2])
+    return BEYOND * parabola_zero(c[A_E, 0], c[A_E, 1], c[A_E, 2])
+
+
+@compiled
+def expand_to_end(law, gain, compressing, whole, fading, small, highest, c):
+    """Expand a leg to the order that reaches its end, or to the highest; returns the order and the step it is good for."""
+    order = LEAST_ORDER
+    fading = expand(law, gain, fading, 0, order, c)
+    end = likely_end(law, c, compressing, whole)
+    if 0.0 < end < inf and term(c, order) * end <= SLACK * term(c, order - 1):
+        while order < highest:
+            power = end ** (order - 1)
+            if term(c, order - 1) * power <= small and term(c, order) * power * end <= small:
+                return order, end
+            more = min(order + 2, highest)
+            fading = expand(law, gain, fading, order, more, c)
+            order = more
+    expand(law, gain, fading, order, highest, c)
+    return highest, reach(c, highest, small)
 
 
 @compiled
@@ -178,8 +249,8 @@ def parabola_zero(c0, c1, c2):
 def first_zero(c, row, order, sign, h):
     """First zero in (0, h] of an expansion, of the given sign before, whose slope changes sign at most once; else inf.
 
-    Bracketed Newton steps from the zero of the first three terms: a fast slip has its events at a tiny part of the interval.
-    A dip below zero between positive ends is looked for at the bottom of it.
+    It is looked for from that of the first three terms: a fast slip has its events at a tiny part of the interval. A dip
+    below zero between positive ends is looked for at the bottom of it.
     """
     low, high = 0.0, h
     end, slope_end = at(c, row, order, h)
@@ -196,8 +267,15 @@ def first_zero(c, row, order, sign, h):
         else:
             return inf
         low = 0.0
-    x = parabola_zero(sign * c[row, 0], sign * c[row, 1], sign * c[row, 2])
-    if not 0.0 < x < high:
+    return zero_between(
+        c, row, order, sign, low, high, parabola_zero(sign * c[row, 0], sign * c[row, 1], sign * c[row, 2])
+    )
+
+
+@compiled(fuse=True)
+def zero_between(c, row, order, sign, low, high, x):
+    """Zero of an expansion between two places, of the given sign at the first only; by bracketed Newton steps from x."""
+    if not low < x < high:
         x = high
     for _ in range(100):
         value, slope = at(c, row, order, x)
@@ -212,8 +290,28 @@ def first_zero(c, row, order, sign, h):
 
 
 @compiled
+def end_of_restitution(law, c, order, xi_n, h):
+    """End of the restitution that follows a compression up to xi_n within the same expansion; inf if it reaches beyond h.
+
+    Of the energy, stored to the last bit at xi_n, restitution gives back e^2 by the law of compression.
+    """
+    stored, _ = at(c, A_E, order, xi_n)
+    c[A_E, 0] -= (1.0 - law.e * law.e) * stored
+    left, slope = at(c, A_E, order, h)
+    _, rise = at(c, A_N, order, xi_n)
+    found = inf
+    if left <= 0.0 and slope < 0.0 < rise:
+        found = zero_between(c, A_E, order, 1.0, xi_n, h, xi_n * (1.0 + law.e))
+        _, rise = at(c, A_N, order, found)
+    c[A_E, 0] += (1.0 - law.e * law.e) * stored
+    return found if rise > 0.0 else inf
+
+
+@compiled
 def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
     """One leg with a turning slip direction, up to its first event or until the direction has become invariant.
+
+    A compression goes on into the restitution after it where one expansion serves both.
 
     Returns
     -------
@@ -223,17 +321,22 @@ def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
         LEG (go on with the next leg) or STEPS.
     """
     gain = 1.0 if compressing else 1.0 / (law.e * law.e)
-    order = min(ORDER, max(LEAST_ORDER, int(8.0 - 0.6 * log(tol))))  # the least work for a step of this accuracy
+    highest = min(ORDER, max(LEAST_ORDER, int(8.0 - 0.6 * log(tol))))  # the least work for a step of this accuracy
     slip_end, lateral = max(tol, 1e-14 * length(a, b)), abs(b) > tol
+    whole = compressing and law.both == 0.0 and law.e >= LIVELY
     n, n_j, P, A, B = n0, n_j0, 0.0, 0.0, 0.0
     for _ in range(MAX_STEPS):
         v = length(a, b)
-        expand(law, n, a, b, E, n_j, gain, order, work)
-        h = reach(work, order, v, tol)
+        fading = begin_expansion(n, a, b, E, n_j, work)
+        small = unseen(work, v, tol) * (law.e * law.e if whole else 1.0)
+        order, h = expand_to_end(law, gain, compressing, whole, fading, small, highest, work)
         xi_n = first_zero(work, A_N, order, -1.0 if compressing else 1.0, h)
         xi_E = inf if compressing else first_zero(work, A_E, order, 1.0, h)
         xi_j = first_zero(work, A_J, order, 1.0, h) if law.both > 0.0 else inf
         xi = min(min(xi_n, xi_E), min(xi_j, h))
+        if whole and xi == xi_n:
+            xi_E = end_of_restitution(law, work, order, xi_n, h)
+            xi = xi_E if xi_E < inf else xi
         a_old, b_old = a, b
         a, _ = at(work, A_A, order, xi)
         b = b * exp(-law.mu * law.bb * xi)
@@ -256,8 +359,17 @@ def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
 
 
 @compiled
+def later(P, change, rate):
+    """When a function that falls to zero at P, at this rate, does so if it has changed a little."""
+    return max(0.0, P - change / rate) if inf > P else inf
+
+
+@compiled
 def straight_leg(law, n, a, b, E, n_j, compressing, stick, c, s):
-    """One leg at constant rates: sticking (stick), or slipping along the direction (c, s); closed form."""
+    """One leg at constant rates: sticking (stick), or slipping along the direction (c, s); closed form.
+
+    With s = 0 and b != 0 the slip is near the axis: what is left of its turning changes all rates by little.
+    """
     if stick:
         t_a, t_b = -law.na / law.aa, 0.0
         w_a, w_b, w_v = 0.0, 0.0, 0.0
@@ -266,22 +378,31 @@ def straight_leg(law, n, a, b, E, n_j, compressing, stick, c, s):
         w_a, w_b = law.na + law.aa * t_a, law.bb * t_b
         w_v = w_a * c + w_b * s if law.mu > 0.0 else 0.0
     v = length(a, b)
-    b0 = b
     w, w_j = law.nn + law.na * t_a, law.nn_j + law.na_j * t_a
     P_n, P_E, P_j, P_v = time_to_events(law, n, E, v, n_j, compressing, w, w_j, w_v)
     P = min(min(P_n, P_E), min(P_j, P_v))
     if inf == P:
         return n, a, b, E, n_j, 0.0, 0.0, 0.0, JAM
     gain = 1.0 if compressing else 1.0 / max(law.e * law.e, 1e-300)
-    E = 0.0 if P == P_E else max(0.0, E - gain * P * (n + 0.5 * w * P))
-    n = 0.0 if P_n == P else n + w * P
-    n_j = 0.0 if P_j == P else n_j + w_j * P
+    rub, rub_1, b_left = 0.0, 0.0, b + w_b * P
+    _, slope = turning(law, c, 0.0)
+    if s == 0.0 and b != 0.0 and law.mu > 0.0 and slope < 0.0 and not stick:
+        S, S_1, b_left = swerve(w_v, slope, v, b, P)
+        rub, rub_1 = -t_a * S, -t_a * S_1
+        slower = 2.0 * law.mu * (law.aa - law.bb) * S - law.na * rub / law.mu
+        P_n, P_j = later(P_n, law.na * rub, w), later(P_j, law.na_j * rub, w_j)
+        P_E, P_v = later(P_E, -law.na * rub_1, -(n + w * P_E)), later(P_v, slower, w_v)
+        P = min(min(P_n, P_E), min(P_j, P_v))
+    E = 0.0 if P == P_E else max(0.0, E - gain * (P * (n + 0.5 * w * P) + law.na * rub_1))
+    n = 0.0 if P_n == P else n + w * P + law.na * rub
+    n_j = 0.0 if P_j == P else n_j + w_j * P + law.na_j * rub
+    A, b_0 = t_a * P + rub, b
     if P_v == P:
         a, b = 0.0, 0.0
     elif not stick:
-        a = a + w_a * P
-        b = lateral_left(law, c, b, v, w_v, P) if s == 0.0 and b != 0.0 and law.mu > 0.0 else b + w_b * P
-    return n, a, b, E, n_j, P, t_a * P, (b - b0) / law.bb, LEG
+        a = a + w_a * P + law.aa * rub
+        b = b_left
+    return n, a, b, E, n_j, P, A, (b - b_0) / law.bb, LEG
 
 
 @compiled
@@ -332,7 +453,7 @@ def single_phase(law, n, a, b, E, n_j, tol, work):
             mode = SLIP
             c, s = a / v, b / v
             turns = not is_invariant(law, v, c, s, tol)
-            if not turns and abs(s) < 1e-2:
+            if not turns and abs(s) < OFF_AXIS:
                 c, s = copysign(1.0, a), 0.0
         w_j = law.nn_j + law.na_j * (-law.na / law.aa if stick else -law.mu * c)
         if turns:
@@ -344,7 +465,7 @@ def single_phase(law, n, a, b, E, n_j, tol, work):
             P_s, A_s = P, A
         if reason != LEG:
             return n, a, b, E, n_j, P, A, B, P_s, A_s, mode, reason
-        if n == 0.0:
+        if n == 0.0 or (compressing and n > 0.0):
             compressing = not compressing
         if law.both > 0.0 and n_j == 0.0 and (turns or w_j < 0.0):
             return n, a, b, E, n_j, P, A, B, P_s, A_s, mode, OTHER

@@ -240,6 +240,25 @@ def test_the_error_stays_near_the_tolerance(tol):
     assert np.abs(velocity - expected).max() < 20 * tol + 1e-13
 
 
+@pytest.mark.parametrize("tol", [1e-5, 1e-7, 1e-9])
+@pytest.mark.parametrize("v", [0.05, 5.0])
+@pytest.mark.parametrize("e", [0.2, 0.9])
+def test_slip_near_the_axis_is_followed_in_closed_form(e, v, tol):
+    """As far from it as the closed form is taken, s^3 v = tolerance / 100, the turning counts: s^2 v is far above it."""
+    for s, direction in ((s, direction) for s in SIGNS for direction in SIGNS):
+        law = end_law(dimer(mu=0.25, e=e), s, 0.1)
+        drive = copysign(law.na, direction * law.na)
+        assert law.mu * (law.aa - law.bb) < drive  # attracting, whether the slip grows or dies out
+        off = 0.95 * (1e-2 * tol / v) ** (1 / 3)
+        a, b = direction * v * (1 - off**2) ** 0.5, v * off
+        velocity, (p, _, _), _ = phase(law, -1.0, a, b, tol)
+        expected, (p_exact, _, _), _ = phase(law, -1.0, a, b, 1e-13)
+        if v > 1:
+            expected, p_exact = integrated(law, -1.0, a, b)
+        assert np.abs(velocity - expected).max() < 0.2 * tol
+        assert p == pytest.approx(p_exact, abs=0.2 * tol)
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_mirrored_impacts_have_mirrored_outcomes(seed):
     rng = np.random.default_rng(seed)
