@@ -1,8 +1,9 @@
 """The next landing: gap roots approached from the left by steps that certainly hold no root.
 
 From a probe (gap and three derivatives) the gap is bounded below by a quartic, because its fourth derivative is bounded.
-The first root of that quartic is a step over which nothing can land, however short the hop; repeated, the steps converge
-to the first root with order four, without a bracket to lose and without a double crossing or a graze to miss.
+The first root of that quartic is a step over which nothing can land, however short the hop: no double crossing and no graze
+is missed. As soon as the gap certainly falls all the way to a zero, that is the landing: the zero of the cubic is off by no
+more than the fourth derivative allows, and is taken where this is rounding.
 """
 
 from math import cos, inf, sin, sqrt
@@ -14,6 +15,8 @@ from dimersweep.kernel.law import length
 MAX_PROBES = 10000
 SWIFT = 10.0  # rate of the axis, in units of the plate's, from which whole turns are stepped over
 EPS = 2.3e-16
+BEYOND = 1.2  # how far past the zero of a cubic the gap must fall, in units of the step to it
+NEWTON = 8  # steps of Newton's rule to that zero
 ROUNDED = 1e-13  # what a height may be off, in units of what it is the difference of
 
 
@@ -78,6 +81,37 @@ def out_of_reach(fl, sign, t, gap, rate):
     return (rise + root) / curve if rise > 0.0 else 2.0 * height / (root - rise)
 
 
+@compiled(fuse=True, inline=True)
+def fall(c0, c1, c2, c3, bound4):
+    """Step to the zero of c0 + c1 s + c2 s^2/2 + c3 s^3/6 next to a probe at which the gap falls (backwards if c0 < 0).
+
+    Returns
+    -------
+    step, off : float
+        inf where the gap may cease to fall before; how far the gap's own zero may be from that of the cubic.
+    """
+    disc = c1 * c1 - 2.0 * c2 * c0
+    if disc <= 0.0:
+        return inf, inf
+    step = 2.0 * c0 / (sqrt(disc) - c1)
+    for _ in range(NEWTON):
+        slope = c1 + step * (c2 + 0.5 * step * c3)
+        if slope >= 0.0:
+            return inf, inf
+        change = (c0 + step * (c1 + step * (0.5 * c2 + step * (c3 / 6.0)))) / slope
+        step -= change
+        if abs(change) <= 1e-8 * abs(step):
+            break
+    size = abs(step)
+    reach = BEYOND * size
+    ahead = 1.0 if step > 0.0 else -1.0
+    rate = c1 + reach * (max(0.0, ahead * c2) + reach * (0.5 * max(0.0, c3) + reach * (bound4 / 6.0)))
+    if rate >= 0.0:
+        return inf, inf
+    off = bound4 * size**4 / (-24.0 * rate)
+    return (step, off) if off <= (BEYOND - 1.0) * size else (inf, inf)
+
+
 @compiled
 def first_landing(fl, sign, until):
     """First time in (0, until] at which the gap of the end with this sign is zero.
@@ -89,9 +123,17 @@ def first_landing(fl, sign, until):
     probes : int
         Evaluations of the gap, MAX_PROBES if the search did not end.
     """
-    t = 0.0
+    t, falls = 0.0, False
     for probe in range(1, MAX_PROBES):
         gap, rate, second, third = gap_series(fl, sign, t)
+        if rate < 0.0 and (gap > 0.0 or falls):
+            step, off = fall(gap, rate, second, third, fl.bound4)
+            if step < inf:
+                falls = True
+                t += step
+                if off > EPS * t:
+                    continue
+                return (t if t < until else inf), probe
         if probe > 1 and gap <= 0.0:
             return t, probe
         step = safe_step(max(gap, 0.0), rate, second, third, fl.bound4, until - t)
