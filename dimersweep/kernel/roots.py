@@ -15,6 +15,8 @@ from dimersweep.kernel.law import length
 MAX_PROBES = 10000
 SWIFT = 10.0  # rate of the axis, in units of the plate's, from which whole turns are stepped over
 EPS = 2.3e-16
+SHORT = 0.9  # first try of a safe step, over the fall of the parabola
+SHRINK, MAX_TRIES = 0.65, 100
 BEYOND = 1.2  # how far past the zero of a cubic the gap must fall, in units of the step to it
 NEWTON = 8  # steps of Newton's rule to that zero
 ROUNDED = 1e-13  # what a height may be off, in units of what it is the difference of
@@ -22,45 +24,25 @@ ROUNDED = 1e-13  # what a height may be off, in units of what it is the differen
 
 @compiled(fuse=True, inline=True)
 def safe_step(c0, c1, c2, c3, bound4, span):
-    """Largest step found, at most `span`, on which c0 + c1 s + c2 s^2/2 + c3 s^3/6 - bound4 s^4/24 stays positive.
+    """A step of at most `span` on which c0 + c1 s + c2 s^2/2 + c3 s^3/6 - bound4 s^4/24 does not fall below zero.
 
-    The quartic is walked with its own quadratic bound, whose curvature is the least over the window ahead (the second
-    derivative is concave, so the least is at an end of the window).
+    None of its Bernstein coefficients on the step is negative. The first try ends short of where the parabola does.
     """
-    s, window = 0.0, span
-    if c0 == 0.0 and c1 == 0.0:  # lift-off at zero rate: s^2 is factored out, half of the rest's first root is safe
-        half2 = 0.5 * c2
-        if half2 <= 0.0 and c3 <= 0.0:
-            return 0.0
-        third = c3 / 6.0
-        quarter = max(bound4 / 24.0, 1e-300)
-        s = 0.5 * (third + sqrt(third * third + 4.0 * quarter * max(half2, 0.0))) / (2.0 * quarter)
-        if s >= span:
-            return span
-        window = s
-        if half2 < 0.0:
+    a2, a3, a4 = 0.5 * c2, c3 / 6.0, -bound4 / 24.0
+    disc = c1 * c1 - 4.0 * a2 * c0
+    s = span
+    if c2 < 0.0:
+        s = min(span, SHORT * (c1 + sqrt(disc)) / -c2)
+    elif c1 < 0.0 and disc > 0.0:
+        s = min(span, SHORT * 2.0 * c0 / (sqrt(disc) - c1))
+    for _ in range(MAX_TRIES):
+        x1, x2, x3 = c1 * s, a2 * s * s, a3 * s * s * s
+        early = min(c0 + 0.25 * x1, c0 + 0.5 * x1 + x2 / 6.0)
+        late = min(c0 + 0.75 * x1 + 0.5 * x2 + 0.25 * x3, c0 + x1 + x2 + x3 + a4 * s * s * s * s)
+        if min(early, late) >= 0.0:
             return s
-    for _ in range(12):
-        p = c0 + s * (c1 + s * (0.5 * c2 + s * (c3 / 6.0 - s * bound4 / 24.0)))
-        if p <= 0.0 and s > 0.0:
-            return s * (1.0 - 1e-3)
-        q = c1 + s * (c2 + s * (0.5 * c3 - s * bound4 / 6.0))
-        end = min(span, s + window)
-        curve = min(c2 + s * (c3 - 0.5 * s * bound4), c2 + end * (c3 - 0.5 * end * bound4))
-        disc = q * q - 2.0 * curve * p
-        if disc < 0.0 or (curve >= 0.0 and q >= 0.0):
-            step = end - s
-        elif q < 0.0:
-            step = min(end - s, 2.0 * p / (sqrt(disc) - q))
-        else:
-            step = min(end - s, (q + sqrt(disc)) / -curve)
-        s += step
-        if s >= span:
-            return span
-        if step <= 1e-4 * s:
-            break
-        window = 4.0 * step
-    return s
+        s *= SHRINK
+    return 0.0
 
 
 @compiled
