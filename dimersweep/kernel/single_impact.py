@@ -29,6 +29,7 @@ ATTRACTED = 1e-2  # effect on the rates, in tolerances, of what is left of the t
 LEAST_ORDER, ORDER = 4, 15  # of the expansion of a leg with a turning slip direction
 BEYOND = 1.1  # how far past the likely end of a leg its expansion is to reach
 LIVELY = 0.1  # coefficient of restitution from which the energy given back is a clear part of what is stored
+CONVERGES, MAX_TERMS = 0.4, 80  # ratio of the terms in closed form below which they are summed, and the most of them
 SLACK = 0.5  # ratio of two terms there from which an expansion is taken to the highest order at once
 CLOSE = 1e-8  # step of Newton's rule, in units of its place, after which it is done
 ROUNDED = 1e-15  # error of a velocity, in units of itself, that no step improves
@@ -200,12 +201,11 @@ def term(c, j):
 @compiled
 def reach(c, order, small):
     """Step over which the last terms of the expansions stay below `small`, and well inside their convergence."""
-    least = inf
-    for j in range(order - 1, order + 1):
-        size = term(c, j)
-        if size > 0.0:
-            least = min(least, (small / size) ** (1.0 / j))
-    return least
+    last, before = term(c, order), term(c, order - 1)
+    h = (small / last) ** (1.0 / order) if last > 0.0 else inf
+    if before * min(h, 1e9) ** (order - 1) > small:
+        h = (small / before) ** (1.0 / (order - 1))
+    return h
 
 
 @compiled
@@ -307,6 +307,68 @@ def end_of_restitution(law, c, order, xi_n, h):
     return found if rise > 0.0 else inf
 
 
+@compiled(fuse=True)
+def run_down(law, a, b, tol):
+    """Impulse P over which a slip that turns towards an attracting axial direction dies out, and the integral of a over it.
+
+    With q = tan^2 of half the angle to that direction, the sign sigma of which is c, the hodograph is
+
+        v = K q^alpha (1 - w q)^beta (1 + q),    dq/dxi = 2 m q (1 - w q) / (1 + q),
+
+    m = mu (W_aa - W_bb) - sigma W_na < 0, alpha = (sigma W_na - mu W_aa) / 2m > 0, w = (mu (W_aa - W_bb) + sigma W_na) / m,
+    so that the integrals of v and of a v over xi down to q = 0 are power series in q. inf where they converge slowly.
+    """
+    v = length(a, b)
+    spread = law.mu * (law.aa - law.bb)
+    c = 1.0 if spread * a < law.na * v else -1.0
+    m, fade = spread - c * law.na, c * law.na - law.mu * law.aa
+    near = v + c * a
+    if m >= 0.0 or fade >= 0.0 or near <= 0.0:
+        return inf, inf
+    q, w = (v - c * a) / near, (spread + c * law.na) / m
+    if q * max(1.0, abs(w)) > CONVERGES:
+        return inf, inf
+    alpha, g = 0.5 * fade / m, 0.5 * law.mu * law.bb * (1.0 + w) / m  # g = beta w
+    f, f_1, f_2 = 1.0, 0.0, 0.0  # terms of (1 - w q)^(beta - 1) in powers of q, the newest first
+    d, d_1, d_2, d_3 = 1.0, 0.0, 0.0, 0.0  # of (1 - w q)^(2 beta - 1)
+    shape, first, second = 0.0, 0.0, 0.0
+    for k in range(MAX_TERMS):
+        shape += f
+        first += (f + q * (2.0 * f_1 + q * f_2)) / (alpha + k)
+        second += (d + q * (d_1 - q * (d_2 + q * d_3))) / (2.0 * alpha + k)
+        if abs(f) + abs(f_1) + abs(d) + abs(d_1) <= 0.1 * tol:
+            size = v / (shape * (1.0 - w * q) * (1.0 + q))
+            return size * first / (-2.0 * m), c * size * size * second / (-2.0 * m)
+        more, step = w * (k + 1.0), q / (k + 1.0)
+        f_2, f_1, f = f_1, f, f * (more - g) * step
+        d_3, d_2, d_1, d = d_2, d_1, d, d * (more - 2.0 * g) * step
+    return inf, inf
+
+
+@compiled
+def stop_at_once(law, n, a, b, E, compressing, tol):
+    """The rest of a leg in which the slip dies out before anything else happens.
+
+    Returns
+    -------
+    n, E, P, A : float
+        Gap rate and energy then; normal and axial impulse. P is inf if the slip does not die out first, as far as is known.
+    """
+    P, swept = run_down(law, a, b, tol)
+    # the gap rate must only rise, wherever the slip turns
+    if inf == P or law.nn - law.mu * abs(law.na) < 0.0:
+        return n, E, inf, 0.0
+    A = -(a + law.na * P) / law.aa
+    n_end = n + law.nn * P + law.na * A
+    # n = n_0 + W_nn P + W_na (a - a_0 - W_na P) / W_aa, integrated over P
+    gain = 1.0 if compressing else 1.0 / (law.e * law.e)
+    worked = P * (n - law.na * a / law.aa + 0.5 * P * (law.nn - law.na * law.na / law.aa)) + law.na / law.aa * swept
+    E_end = E - gain * worked
+    if (compressing and n_end >= 0.0) or E_end <= 0.0:
+        return n, E, inf, 0.0
+    return n_end, E_end, P, A
+
+
 @compiled
 def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
     """One leg with a turning slip direction, up to its first event or until the direction has become invariant.
@@ -326,6 +388,11 @@ def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
     whole = compressing and law.both == 0.0 and law.e >= LIVELY
     n, n_j, P, A, B = n0, n_j0, 0.0, 0.0, 0.0
     for _ in range(MAX_STEPS):
+        if law.both == 0.0:
+            n_end, E_end, dP, dA = stop_at_once(law, n, a, b, E, compressing, tol)
+            if dP < inf:
+                n_j += law.nn_j * dP + law.na_j * dA
+                return n_end, 0.0, 0.0, E_end, n_j, P + dP, A + dA, B - b / law.bb, LEG
         v = length(a, b)
         fading = begin_expansion(n, a, b, E, n_j, work)
         small = unseen(work, v, tol) * (law.e * law.e if whole else 1.0)

@@ -1,7 +1,7 @@
 """Impacts at one end: against the oracle, in closed form, against a plain integration, and random ones by the thousand."""
 
 import json
-from math import acos, copysign, cos, hypot, sin
+from math import acos, copysign, cos, hypot, inf, pi, sin
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,7 @@ from verbs import (
     end_law,
     kinetic_energy,
     oracle_state,
+    run_down,
     single_phase,
     state_of,
 )
@@ -257,6 +258,31 @@ def test_slip_near_the_axis_is_followed_in_closed_form(e, v, tol):
             expected, p_exact = integrated(law, -1.0, a, b)
         assert np.abs(velocity - expected).max() < 0.2 * tol
         assert p == pytest.approx(p_exact, abs=0.2 * tol)
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_a_slip_that_dies_out_is_summed_in_closed_form(seed):
+    """Against an integration with the slip's own clock, in which it falls exponentially."""
+    rng = np.random.default_rng([7, seed])
+    law = end_law(dimer(mu=rng.uniform(0.05, 1.0), A_r=rng.uniform(2, 8)), SIGNS[seed % 2], rng.uniform(-0.7, 0.7))
+    found = 0
+    for angle in rng.uniform(-pi, pi, 12):
+        a, b = 0.3 * cos(angle), 0.3 * sin(angle)
+        impulse, swept = run_down(law, a, b, 1e-14)
+        if impulse == inf:
+            continue
+        found += 1
+
+        def slopes(_, y):
+            v = hypot(y[0], y[1])
+            return [law.na * v - law.mu * law.aa * y[0], -law.mu * law.bb * y[1], v, y[0] * v]
+
+        gone = _ending(lambda y: 1e-15 - hypot(y[0], y[1]))
+        end = solve_ivp(slopes, (0, 1e4), [a, b, 0.0, 0.0], method="DOP853", rtol=1e-12, atol=1e-17, events=gone)
+        assert end.y_events[0].size  # it does die out
+        assert impulse == pytest.approx(end.y[2, -1], rel=1e-10)
+        assert swept == pytest.approx(end.y[3, -1], rel=1e-10)
+    assert found or law.mu * law.aa < abs(law.na)
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -104,6 +104,11 @@ def next_landing(fl, until):
 
 
 @compiled
+def run_down(law, a, b, tol):
+    return single_impact.run_down(law, a, b, tol)
+
+
+@compiled
 def single_phase(law, n, a, b, E, n_j, tol, work):
     return single_impact.single_phase(law, n, a, b, E, n_j, tol, work)
 
