@@ -29,6 +29,11 @@ def safe_step(c0, c1, c2, c3, bound4, span):
     None of its Bernstein coefficients on the step is negative. The first try ends short of where the parabola does.
     """
     a2, a3, a4 = 0.5 * c2, c3 / 6.0, -bound4 / 24.0
+    if c0 == 0.0 and c1 == 0.0:  # lift-off at zero rate: s^2 is factored out, half of the rest's first root is safe
+        if a2 <= 0.0 and a3 <= 0.0:
+            return 0.0
+        most = min(a4, -1e-300)
+        return min(span, 0.5 * (a3 + sqrt(a3 * a3 - 4.0 * most * max(a2, 0.0))) / (-2.0 * most))
     disc = c1 * c1 - 4.0 * a2 * c0
     s = span
     if c2 < 0.0:
