@@ -2,6 +2,7 @@
 
 import importlib
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -52,6 +53,29 @@ def test_a_program_that_is_not_installed_is_named(monkeypatch, capsys):
     monkeypatch.setitem(pareto.METHODS, "heyoka", pareto.METHODS["heyoka"]._replace(module="no_such", needs="no_such"))
     assert set(pareto.available(["engine", "heyoka"])) == {"engine"}
     assert "no_such is not installed" in capsys.readouterr().out
+
+
+class CompilesAtFirst(Engine):
+    """The engine, slow the first time it runs at a setting, as a program that compiles then."""
+
+    copies = 1
+    compiled = set()  # noqa: RUF012 (shared on purpose)
+
+    def run(self, end):
+        until = time.process_time() + (0.0 if self.rtol in self.compiled else 0.3)
+        self.compiled.add(self.rtol)
+        while time.process_time() < until:
+            pass
+        super().run(end)
+
+
+def test_no_time_has_the_compilation_in_it(monkeypatch):
+    monkeypatch.setattr(pareto, "PATIENCE", 0.1)  # what took longer once is not timed again
+    found, settings = {"engine": Engine, "late": CompilesAtFirst}, {"engine": [1e-4], "late": [1e-4, 1e-5]}
+    Engine(DRIFT, 1e-4).run(T)  # without the JIT or with it: what there is to compile is compiled here
+    _, taken, _, _ = pareto.measure(found, {"drift": DRIFT}, settings, 1, ("drift",), 2, 20.0, 1)
+    assert np.isfinite(taken[0, 1]).any(axis=-1).all()
+    assert np.nanmedian(taken[0, 1], axis=-1).max() < 0.1
 
 
 def test_time_at_an_error_lies_on_the_front():
