@@ -237,6 +237,8 @@ def one_end(law, n, a, b, slip_zero, tol, desk):
     while speed(y[AA], y[AB]) > slip_zero:
         y[AB] = 0.0 if abs(y[AB]) <= AXIAL * slip_zero else y[AB]
         v = speed(y[AA], y[AB])
+        if v <= slip_zero:
+            break
         rate = max(law.nn * v - law.mu * law.na * y[AA], 1e-3 * v)
         h = sqrt(2.0 * y[AE] / (law.gain * rate * v)) if restoring[0] else -y[AN] / rate
         if not march(slip_rates, slip_gauges, law, restoring, y, 1.001 * h, 4, 3, tol, slip_zero, desk):
@@ -382,6 +384,7 @@ def hold_or_slip(law, switches, z, f_1, f_2, slip_zero, lost):
     switches[MODES] = switches[MODES + 1] = SLIP
     if law.mu_s == 0.0:
         return
+    straighten(switches, z, slip_zero)
     rest_1, rest_2 = speed(z[ZA], z[ZB1]) <= slip_zero, speed(z[ZA], z[ZB2]) <= slip_zero
     pull = law.na * (f_2 - f_1)
     if rest_1 and rest_2:
@@ -394,7 +397,6 @@ def hold_or_slip(law, switches, z, f_1, f_2, slip_zero, lost):
     i = 0 if rest_1 else 1
     f, f_j = (f_1, f_2) if rest_1 else (f_2, f_1)
     if not (rest_1 or rest_2) or f == 0.0:
-        straighten(switches, z, slip_zero)
         return
     switches[SIDE] = copysign(1.0, z[ZB2 - i])
     z[ZA] = z[ZB1 + i] = 0.0
