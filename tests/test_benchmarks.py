@@ -146,9 +146,28 @@ def test_effect_of_a_shortcut(tmp_path):
     assert effect.error_on == effect.error_off < 1e-3
     assert effect.mode_on == effect.mode_off == "jump"
     text = "\n".join(
-        shortcuts.document([effect, effect._replace(scene="drift", error_on=1e-3, error_off=1e-9)], ["jump", "drift"])
+        shortcuts.document(
+            [effect, effect._replace(scene="drift", error_on=1e-3, error_off=1e-9)], ["jump", "drift"], "1a2b"
+        )
     )
+    assert "revision 1a2b." in text
     assert "- stop when settled, drift: 1.0e-03, without it 1.0e-09" in text
+
+
+@pytest.mark.skipif(not (ROOT / ".git").exists(), reason="not a checkout")
+def test_the_table_of_shortcuts_at_small_size(tmp_path, capsys):
+    found = shortcuts.main(["--small", "--document", str(tmp_path / "page.md"), "--note", "A trial."])
+    page = (tmp_path / "page.md").read_text()
+    assert {effect.scene for effect in found} == {"jump", "frictionless"}
+    assert all(effect.error_on == effect.error_off < 1e-3 for effect in found)  # asked for more, the motion is the same
+    assert "A trial." in page
+    assert "Not measured yet: chatter summed to its end;" in page
+    assert "stop when settled" in capsys.readouterr().out
+
+
+def test_the_page_of_shortcuts_names_each_of_them():
+    page = shortcuts.DOCUMENT.read_text()
+    assert not [shortcut.name for shortcut in shortcuts.SHORTCUTS if shortcut.name not in page]
 
 
 def test_early_stop_on_a_few_points(capsys):
