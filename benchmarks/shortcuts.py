@@ -166,7 +166,9 @@ SHORTCUTS = (
         "implicit steps at once",
         {"pair_leg": constant("LASTS", "0")},
     ),
-    Shortcut("implicit steps where a slip stays slow", "explicit steps always", {"pair_leg": constant("STIFF", "0.0")}),
+    Shortcut(
+        "implicit steps where a slip stays slow", "explicit steps always", {"pair_leg": constant("LASTS", "MAX_STEPS")}
+    ),
     Shortcut(
         "plain pace of a contact phase",
         "slow or slide",
@@ -191,17 +193,14 @@ SHORTCUTS = (
         "straight line over the last of a slip", "steps to its end", {"watch": body("nearly_stopped", "return -1")}
     ),
     Shortcut(
-        "first guess of an event on a cubic",
+        "first guess of an event on a cubic, in contact",
         "bracketing",
-        {
-            "glide": replaced("if pace != SLOW:\n        guess", "if pace < 0:\n        guess"),
-            "pair_leg": body("crossing_on_cubic", "return 0.0, 0.0"),
-        },
+        {"glide": replaced("if pace != SLOW:\n        guess", "if pace < 0:\n        guess")},
     ),
     Shortcut(
-        "probe of an event carried on from the last one, by the midpoint rule",
+        "probe of an event carried on by the midpoint rule, in contact",
         "a step of its own",
-        {"glide": body("nearby", "return 0.0"), "pair_leg": constant("NEAR", "0.0")},
+        {"glide": body("nearby", "return 0.0")},
     ),
     Shortcut(
         "step that ends at a landing in sight",
