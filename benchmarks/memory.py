@@ -1,4 +1,4 @@
-"""Memory that a sweep takes for each point beyond its output: ``python benchmarks/memory.py``.
+"""Memory that a sweep takes for each point beyond its output: ``python benchmarks/memory.py``, in a minute or so.
 
 Two sweeps of different size run in fresh processes, in memory and to a file. Their peak memory differs by what a point costs:
 as the operating system sees it (peak resident memory), and as Python's allocator does (tracemalloc, which counts the arrays of
@@ -52,7 +52,7 @@ def main(arguments: list[str] | None = None) -> list[float]:
     """Print the bytes a point takes."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--small", type=int, default=20_000, help="points of the smaller sweep")
-    parser.add_argument("--large", type=int, default=220_000, help="points of the larger sweep")
+    parser.add_argument("--large", type=int, default=120_000, help="points of the larger sweep")
     given = parser.parse_args(arguments)
     found = []
     for to_file in (False, True):

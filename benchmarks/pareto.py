@@ -218,12 +218,28 @@ def references(found, scenes, periods, orbits, count):
     return truths, np.array(doubts)
 
 
+def warm_seconds(attempt, end, cap):
+    """Processor time of a run in which nothing is left to compile.
+
+    Raises
+    ------
+    RuntimeError
+        If a run takes longer than `cap` seconds, or fails.
+    """
+    for _ in range(2):
+        with no_longer_than(cap):
+            taken = seconds(attempt, end)
+        if taken < SHORTEST:
+            break
+    return taken
+
+
 class Point(NamedTuple):
-    """One program at one setting in one scene: errors at every start looked at, and what its first run took [s]."""
+    """One program at one setting in one scene: errors at every start looked at, and what a run of its took [s]."""
 
     attempt: object
     error: np.ndarray
-    first: float
+    taken: float
 
 
 def examine(program, setting, scene, truths, periods, orbit, cap):
@@ -232,21 +248,20 @@ def examine(program, setting, scene, truths, periods, orbit, cap):
     Raises
     ------
     RuntimeError
-        If the first run takes longer than that, or the program fails in it.
+        If one of its first runs takes longer than that, or the program fails in it.
     """
-    T, found = 1.0 / scene["f"], []
+    T, found, starts = 1.0 / scene["f"], [], starts_of(scene, len(truths))
+    timed = program(starts[0], setting)
+    taken = warm_seconds(timed, periods * T, cap)
+    orbit = orbit and taken * len(truths) * ORBIT_PERIODS / periods < cap
     begun = time.process_time()
-    for start, truth in zip(starts_of(scene, len(truths)), truths, strict=True):
-        attempt = program(start, setting)
-        if not found:
-            with no_longer_than(cap):
-                timed, first = attempt, seconds(attempt, periods * T)  # compiles, where something is left to compile
-            orbit = orbit and first * len(truths) * ORBIT_PERIODS / periods < cap
+    for start, truth in zip(starts, truths, strict=True):
+        attempt = program(start, setting) if found else timed
         with no_longer_than(cap):
             found.append(compare(attempt, start, truth, periods, orbit))
         if time.process_time() - begun > cap:
             break
-    return Point(timed, np.array(found), first)
+    return Point(timed, np.array(found), taken)
 
 
 def measure(found, scenes, settings, periods, orbits, rounds, cap, count):
@@ -275,8 +290,8 @@ def measure(found, scenes, settings, periods, orbits, rounds, cap, count):
                     continue
                 points[i, j, k] = point.attempt, periods / scene["f"]
                 error[i, j, k, : len(point.error)] = point.error
-                if point.first > PATIENCE:
-                    taken[i, j, k, 0] = point.first
+                if point.taken > PATIENCE:
+                    taken[i, j, k, 0] = point.taken
             print(f"{name}: {method} compared", file=sys.stderr, flush=True)
     for turn in range(rounds):
         for place, (attempt, end) in points.items():

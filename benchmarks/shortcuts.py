@@ -1,8 +1,9 @@
-"""What every shortcut of the kernel buys and what it changes: ``python benchmarks/shortcuts.py``.
+"""What every shortcut of the kernel buys and what it changes: ``python benchmarks/shortcuts.py [--small]``.
 
 Each shortcut is taken out of a copy of the package. The copies are compiled first, several at a time. Then the package and
 each copy run the same scenes in turn: the time of a run to its verdict, and the error of the states over four forcing periods
-against a run at a far tighter setting. The table goes to the terminal and to docs/shortcuts.md.
+against a run at a far tighter setting. The table goes to the terminal and to docs/shortcuts.md. Most of the time goes into
+compiling: some minutes in all on two quiet cores.
 """
 
 import argparse
@@ -20,14 +21,14 @@ from time import thread_time
 from typing import NamedTuple
 
 import numpy as np
-from compare import Worker
+from compare import Worker, git
 from speed import ROOT, SCENES
 
 DOCUMENT = ROOT / "docs" / "shortcuts.md"
 KEPT = Path(os.environ["NUMBA_CACHE_DIR"])  # the compiled code of the kernel as it is, see kernel/cache.py
 RTOL, FINEST = 1e-8, 1e-13
 PERIODS, SHORT = 100, 4  # forcing periods of a run to its verdict, and of one whose states are compared
-ROUNDS = 5  # timings of each run
+ROUNDS = 7  # timings of each run
 ALLOWED = 10.0  # error with a shortcut, over the larger of rtol and the error without, from which it changes the answer
 
 Edit = Callable[[str], str]
@@ -77,6 +78,17 @@ def body(function: str, code: str) -> Edit:
     return edit
 
 
+def in_turn(*edits: Edit) -> Edit:
+    """Edits of one module, one after the other."""
+
+    def edit(source: str) -> str:
+        for one in edits:
+            source = one(source)
+        return source
+
+    return edit
+
+
 class Shortcut(NamedTuple):
     """One thing the kernel skips.
 
@@ -119,7 +131,11 @@ return t, MAX_PROBES
 """.strip()
 
 SHORTCUTS = (
-    Shortcut("chatter summed to its end", "hops down to round-off", {"chatter": constant("CLOSE", "1e-25")}),
+    Shortcut(
+        "chatter summed to its end",
+        "hops down to round-off",
+        {"chatter": in_turn(constant("CLOSE", "1e-25"), constant("SPREAD", "0.0"))},
+    ),
     Shortcut(
         "impacts slipping straight in closed form",
         "the expansion",
@@ -150,7 +166,9 @@ SHORTCUTS = (
         "implicit steps at once",
         {"pair_leg": constant("LASTS", "0")},
     ),
-    Shortcut("implicit steps where a slip stays slow", "explicit steps always", {"pair_leg": constant("STIFF", "0.0")}),
+    Shortcut(
+        "implicit steps where a slip stays slow", "explicit steps always", {"pair_leg": constant("LASTS", "MAX_STEPS")}
+    ),
     Shortcut(
         "plain pace of a contact phase",
         "slow or slide",
@@ -175,12 +193,14 @@ SHORTCUTS = (
         "straight line over the last of a slip", "steps to its end", {"watch": body("nearly_stopped", "return -1")}
     ),
     Shortcut(
-        "first guess of an event on a cubic",
+        "first guess of an event on a cubic, in contact",
         "bracketing",
         {"glide": replaced("if pace != SLOW:\n        guess", "if pace < 0:\n        guess")},
     ),
     Shortcut(
-        "probe of an event carried on from the last one", "a step of its own", {"glide": body("nearby", "return 0.0")}
+        "probe of an event carried on by the midpoint rule, in contact",
+        "a step of its own",
+        {"glide": body("nearby", "return 0.0")},
     ),
     Shortcut(
         "step that ends at a landing in sight",
@@ -208,6 +228,11 @@ SHORTCUTS = (
         "rest told while both ends still slide",
         "waiting until both ends stick",
         {"fate": replaced(" or slides_to_rest(dm, state)", "")},
+    ),
+    Shortcut(
+        "rest told at the event after which it is known",
+        "at the end of the forcing period",
+        {"engine": replaced("if settle and told < 0 and", "if settle and told < -1 and")},
     ),
     Shortcut("stop when settled", "all periods", asked={"settle": False}),
     Shortcut(
@@ -300,8 +325,8 @@ class Effect(NamedTuple):
         return self.error_on > ALLOWED * max(RTOL, self.error_off)
 
 
-def compile_copies(shortcuts: list[Shortcut], folder: Path) -> None:
-    """A copy of the package without each of them, compiled, in a folder of its own; as many at a time as there are cores."""
+def compile_copies(shortcuts: list[Shortcut], folder: Path, jobs: int) -> None:
+    """A copy of the package without each of them, compiled, in a folder of its own; so many at a time."""
 
     def compile_copy(k: int) -> None:
         if shortcuts[k].edits:
@@ -310,7 +335,7 @@ def compile_copies(shortcuts: list[Shortcut], folder: Path) -> None:
             made.ask({"scene": {}, "rtol": RTOL})
             made.close()
 
-    with ThreadPoolExecutor(os.cpu_count()) as threads:
+    with ThreadPoolExecutor(jobs) as threads:
         list(threads.map(compile_copy, range(len(shortcuts))))
 
 
@@ -319,12 +344,14 @@ def finest_states(whole: Worker, names: list[str]) -> dict[str, np.ndarray]:
     return {name: np.array(whole.ask({"scene": SCENES[name], "rtol": FINEST})["states"]) for name in names}
 
 
-def effects(shortcut: Shortcut, folder: Path, whole: Worker, finest: dict[str, np.ndarray]) -> Iterator[Effect]:
+def effects(
+    shortcut: Shortcut, folder: Path, whole: Worker, finest: dict[str, np.ndarray], turns: int = ROUNDS
+) -> Iterator[Effect]:
     """What a shortcut does in each scene, its copy being compiled in `folder`; `whole` measures with the package as it is."""
     bare = worker(folder, folder / "cache") if shortcut.edits else worker(ROOT, KEPT)
     for name, states in finest.items():
         asked = {"scene": SCENES[name], "rtol": RTOL}
-        rounds = [(whole.ask(asked), bare.ask(asked | shortcut.asked)) for _ in range(ROUNDS)]
+        rounds = [(whole.ask(asked), bare.ask(asked | shortcut.asked)) for _ in range(turns)]
         times = np.array([[one["seconds"] for one in pair] for pair in rounds])
         on, off = rounds[0]
         yield Effect(
@@ -361,18 +388,26 @@ def grid(found: list[Effect], names: list[str], cell: Callable[[Effect], str]) -
 
 
 def errors(effect: Effect) -> str:
-    """Errors with and without the shortcut, and a mode that differs."""
+    """Errors with and without the shortcut (one of them if they are the same to a digit), and a mode that differs."""
     mode = f" ({effect.mode_off})" if effect.mode_off != effect.mode_on else ""
-    return f"{effect.error_on:.0e} / {effect.error_off:.0e}{mode}"
+    on, off = f"{effect.error_on:.0e}", f"{effect.error_off:.0e}"
+    return (on if on == off else f"{on} / {off}") + mode
 
 
-def document(found: list[Effect], names: list[str]) -> Iterator[str]:
+def kernel_revision() -> str:
+    """The last change of the kernel that was measured."""
+    changed = git("status", "--porcelain", "--", "dimersweep/kernel")
+    return git("log", "-1", "--format=%h of %cs", "--", "dimersweep/kernel") + (", changed" if changed else "")
+
+
+def document(found: list[Effect], names: list[str], revision: str, note: str = "") -> Iterator[str]:
     """The lines of docs/shortcuts.md."""
     changed = [effect for effect in found if effect.changes]
     yield "# What each scene skips"
     yield ""
     yield "Made by `python benchmarks/shortcuts.py`: each shortcut of the kernel is taken out of a copy of it, and the"
     yield f"same scenes are run with it and without, in turn, at `rtol={RTOL:.0e}`."
+    yield f"The kernel is that of revision {revision}." + (f" {note}" if note else "")
     yield ""
     yield "| shortcut | what is done without it |"
     yield "|---|---|"
@@ -394,8 +429,9 @@ def document(found: list[Effect], names: list[str]) -> Iterator[str]:
     yield ""
     yield "## Error"
     yield ""
-    yield f"Largest error of the states over {SHORT} periods with the shortcut / without it, in units of 1 cm, 0.1 m/s,"
-    yield "1 rad and 1 rad/s (100 rad/s for the spin), against a run at 1e-13. The mode without it is named where it differs."
+    yield f"Largest error of the states over {SHORT} periods with the shortcut / without it (one number where both are alike),"
+    yield "in units of 1 cm, 0.1 m/s, 1 rad and 1 rad/s (100 rad/s for the spin), against a run at 1e-13. The mode without it"
+    yield "is named where it differs."
     yield ""
     yield from grid(found, names, errors)
     yield ""
@@ -414,24 +450,32 @@ def main(arguments: list[str] | None = None) -> list[Effect]:
     parser.add_argument(
         "--only", nargs="+", metavar="WORD", default=[""], help="shortcuts with one of these in the name"
     )
-    parser.add_argument("--scenes", nargs="+", choices=list(SCENES), default=list(SCENES), metavar="SCENE")
-    parser.add_argument("--document", type=Path, default=DOCUMENT)
+    parser.add_argument("--scenes", nargs="+", choices=list(SCENES), metavar="SCENE")
+    parser.add_argument("--small", action="store_true", help="two scenes, one timing, and nothing that compiles")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="copies compiled at a time")
+    parser.add_argument("--note", default="", help="a sentence for the document, on how it was made")
+    parser.add_argument("--document", type=Path, help="where the tables go (default: docs/shortcuts.md if not small)")
     given = parser.parse_args(arguments)
+    scenes = given.scenes or (["jump", "frictionless"] if given.small else list(SCENES))
     found = []
     print(
         f"{'without':50s} {'scene':16s} {'on us':>9s} {'off us':>9s} {'off / on':>8s} {'err on':>9s} {'err off':>9s}  mode"
     )
     chosen = [shortcut for shortcut in SHORTCUTS if any(word in shortcut.name for word in given.only)]
+    if given.small:
+        chosen = [shortcut for shortcut in chosen if not shortcut.edits]
     with tempfile.TemporaryDirectory() as name:
-        compile_copies(chosen, Path(name))
+        compile_copies(chosen, Path(name), given.jobs)
         whole = worker(ROOT, KEPT)
-        finest = finest_states(whole, given.scenes)
+        finest = finest_states(whole, scenes)
         for k, shortcut in enumerate(chosen):
-            for effect in effects(shortcut, Path(name, str(k)), whole, finest):
+            for effect in effects(shortcut, Path(name, str(k)), whole, finest, 1 if given.small else ROUNDS):
                 found.append(effect)
                 print(line(effect), flush=True)
         whole.close()
-    given.document.write_text("\n".join(document(found, given.scenes)) + "\n")
+    target = given.document or (None if given.small else DOCUMENT)
+    if target:
+        target.write_text("\n".join(document(found, scenes, kernel_revision(), given.note)) + "\n")
     return found
 
 

@@ -3,6 +3,7 @@
 # ruff: noqa: E402
 
 import ast
+import json
 import os
 import sys
 from pathlib import Path
@@ -146,9 +147,28 @@ def test_effect_of_a_shortcut(tmp_path):
     assert effect.error_on == effect.error_off < 1e-3
     assert effect.mode_on == effect.mode_off == "jump"
     text = "\n".join(
-        shortcuts.document([effect, effect._replace(scene="drift", error_on=1e-3, error_off=1e-9)], ["jump", "drift"])
+        shortcuts.document(
+            [effect, effect._replace(scene="drift", error_on=1e-3, error_off=1e-9)], ["jump", "drift"], "1a2b"
+        )
     )
+    assert "revision 1a2b." in text
     assert "- stop when settled, drift: 1.0e-03, without it 1.0e-09" in text
+
+
+@pytest.mark.skipif(not (ROOT / ".git").exists(), reason="not a checkout")
+def test_the_table_of_shortcuts_at_small_size(tmp_path, capsys):
+    found = shortcuts.main(["--small", "--document", str(tmp_path / "page.md"), "--note", "A trial."])
+    page = (tmp_path / "page.md").read_text()
+    assert {effect.scene for effect in found} == {"jump", "frictionless"}
+    assert all(effect.error_on == effect.error_off < 1e-3 for effect in found)  # asked for more, the motion is the same
+    assert "A trial." in page
+    assert "Not measured yet: chatter summed to its end;" in page
+    assert "stop when settled" in capsys.readouterr().out
+
+
+def test_the_page_of_shortcuts_names_each_of_them():
+    page = shortcuts.DOCUMENT.read_text()
+    assert not [shortcut.name for shortcut in shortcuts.SHORTCUTS if shortcut.name not in page]
 
 
 def test_early_stop_on_a_few_points(capsys):
@@ -160,35 +180,40 @@ def test_early_stop_on_a_few_points(capsys):
 
 
 @pytest.mark.parametrize(
-    ("course", "late", "expected"),
+    ("course", "late", "kind", "expected"),
     [
         (
             lambda n: 3e-4 * (-0.99) ** n,
             1,
+            "shorter period",
             "on its way to period 1: the change over that was 5.2e-04, 4.1e-04 at the stop",
         ),
         (
             lambda n: 1e-5 * n + 5.1e-7 * n**2,
             0,
+            "hovers at the line",
             "creeps over the line 1e-04 after 42 periods, from 9.8e-05 at the stop",
         ),
         (
             lambda n: np.where(n < 150, 0.0, 1.0),
             0,
-            "leaps by 1.0e+00 1e-04 after 151 periods, from 0.0e+00 at the stop",
+            "passes a border later",
+            "leaps by 1.0e+00 over the line 1e-04 after 151 periods, from 0.0e+00 at the stop",
         ),
-        (lambda n: (-1.0) ** n, 3, "it repeats to the end; the change over its period is 0.0e+00 at most"),
-        (lambda n: (-1.0) ** n, 2, "the same motion, on the border of two words"),
+        (lambda n: (-1.0) ** n, 3, "repeats", "it repeats to the end; the change over its period is 0.0e+00 at most"),
+        (lambda n: (-1.0) ** n, 2, "border of two words", "the same motion, on the border of two words"),
     ],
     ids=["rings down", "creeps", "leaps", "repeats", "two words"],
 )
-def test_why_a_verdict_differs(course, late, expected, monkeypatch):
+def test_why_a_verdict_differs(course, late, kind, expected, monkeypatch):
     strobe = course(np.arange(200.0))[:, None] * [1.0, 0.0, 0.0, 0.0]
     monkeypatch.setattr(early_stop, "strobes", lambda *_: strobe)
     given = early_stop.argparse.Namespace(periods=200, rtol=1e-8)
     before, after = np.zeros(6, np.int64), np.zeros(6, np.int64)
     before[[early_stop.PERIOD, early_stop.TAKEN]], after[early_stop.PERIOD] = (2, 40), late
-    assert early_stop.reason({}, before, after, given).startswith(expected)
+    why = early_stop.reason({}, before, after, given)
+    assert why.kind == kind
+    assert why.shown.startswith(expected)
 
 
 @pytest.mark.parametrize(("way", "expected"), [(1.0, 44), (-1.0, 50)], ids=["from one side", "by turns from both"])
@@ -214,6 +239,12 @@ def test_death_is_when_both_gaps_close():
 def test_exponent_of_the_growth():
     rtols = 10.0 ** -np.arange(3, 13)
     assert speed.growth(rtols, 3.0 * rtols ** (-1 / 8)) == pytest.approx(-1 / 8)
+
+
+def test_the_stored_times_are_those_of_the_verbs():
+    stored = json.loads((ROOT / "benchmarks" / "baseline.json").read_text())
+    named = {one["param"] for one in stored["benchmarks"] if one["param"]}
+    assert named == set(VERBS)
 
 
 def test_import_is_quick(tmp_path):

@@ -2,6 +2,7 @@
 
 import importlib
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -54,6 +55,29 @@ def test_a_program_that_is_not_installed_is_named(monkeypatch, capsys):
     assert "no_such is not installed" in capsys.readouterr().out
 
 
+class CompilesAtFirst(Engine):
+    """The engine, slow the first time it runs at a setting, as a program that compiles then."""
+
+    copies = 1
+    compiled = set()  # noqa: RUF012 (shared on purpose)
+
+    def run(self, end):
+        until = time.process_time() + (0.0 if self.rtol in self.compiled else 0.3)
+        self.compiled.add(self.rtol)
+        while time.process_time() < until:
+            pass
+        super().run(end)
+
+
+def test_no_time_has_the_compilation_in_it(monkeypatch):
+    monkeypatch.setattr(pareto, "PATIENCE", 0.1)  # what took longer once is not timed again
+    found, settings = {"engine": Engine, "late": CompilesAtFirst}, {"engine": [1e-4], "late": [1e-4, 1e-5]}
+    Engine(DRIFT, 1e-4).run(T)  # without the JIT or with it: what there is to compile is compiled here
+    _, taken, _, _ = pareto.measure(found, {"drift": DRIFT}, settings, 1, ("drift",), 2, 20.0, 1)
+    assert np.isfinite(taken[0, 1]).any(axis=-1).all()
+    assert np.nanmedian(taken[0, 1], axis=-1).max() < 0.1
+
+
 def test_time_at_an_error_lies_on_the_front():
     error, seconds = np.array([1e-2, 1e-4, 1e-3, np.nan]), np.array([1.0, 4.0, 9.0, 0.1])
     assert pareto_report.time_at(1e-3, error, seconds) == pytest.approx(2.0)  # half way, and the third point is beaten
@@ -101,7 +125,7 @@ def test_both_peers_on_heyoka_agree_with_the_engine_at_tight_tolerance(name):
 @pytest.mark.jit
 def test_the_peer_with_its_own_law_takes_nothing_of_the_engines_but_its_numbering():
     pytest.importorskip("heyoka")
-    for name in ("passage", "blow", "law", "phases"):
+    for name in ("passage", "blow", "forces", "chatter", "law", "phases"):
         module = importlib.import_module(f"peers.{name}")
         homes = {getattr(thing, "__module__", "") or "" for thing in vars(module).values()}
         assert not [home for home in homes if home.startswith("dimersweep")]
@@ -112,7 +136,7 @@ def test_the_impacts_of_the_peer_are_those_of_the_engine():
     from peers import blow, law, passage
     from verbs import collide_double, collide_single, desk, dimer
 
-    rng, accuracy = np.random.default_rng(1), law.Accuracy(1e-13, 1e-13, 0.0)
+    rng, accuracy = np.random.default_rng(1), law.Accuracy(1e-13, 1e-13, 0.0, 0.0)
     for mu, mu_s in ((0.2, 0.4), (0.05, 0.1), (0.5, 0.6), (0.0, 0.0)):
         for trial in range(40):
             scene = {"mu": mu, "mu_s": mu_s, "e": rng.uniform(0.2, 0.9), "A_r": rng.uniform(3, 8)}
@@ -138,6 +162,31 @@ def test_the_impacts_of_the_peer_are_those_of_the_engine():
             scale = np.array([1, 1, body.h, body.h, body.r, 1, 1])
             moved = [N1, N2, WB, WP, SPIN, CA, CB]
             np.testing.assert_allclose(scale * own[moved], scale * engine[moved], rtol=0, atol=2e-9, err_msg=str(scene))
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("name", ["drift", "dead run", "no friction"])
+def test_the_peer_closes_a_chatter_where_its_hops_would_lead(name, monkeypatch):
+    pytest.importorskip("heyoka")
+    from peers import taylor
+
+    scene = all_scenes()[name]
+    times, tol = np.arange(1, 5) / scene["f"], 1e-9
+    impact, slip_zero, _, _ = taylor.ACCURACY
+    seen, crossings = [], []
+    for close, v_rest in (((4.0, 0.0), (0.0, 1e-14)), ((0.0, 0.0), (0.0, 1e-13))):
+        monkeypatch.setattr(taylor, "ACCURACY", (impact, slip_zero, close, v_rest))
+        peer = taylor.Heyoka(scene, tol)
+        seen.append(peer.follow(times))
+        counted, cross = [], peer.bare._cross
+        peer.bare._cross = lambda *rest, cross=cross, counted=counted: counted.append(cross(*rest))
+        peer.run(times[-1])
+        crossings.append(len(counted))
+    (states, doubles), (hopped, late) = seen
+    assert difference(states, hopped) < 30 * tol
+    bursts = [pareto.first_of_bursts(moments, 1 / scene["f"]) for moments in (doubles, late)]
+    np.testing.assert_allclose(*bursts, rtol=0, atol=10 * tol / scene["f"])
+    assert 2 * crossings[0] < crossings[1]
 
 
 @pytest.mark.jit

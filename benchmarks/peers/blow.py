@@ -3,7 +3,8 @@
 Velocities are in units of the approach speed, impulses in units of mass times that. An impact at one end is closed form
 where it sticks, slips in a constant direction or has no friction; else its slip is integrated in the clock dP = v dxi, in
 which it is regular where the slip ends. Two ends at once are integrated in tau, from switch to switch. The integrator is
-DOP853 with the coefficients of scipy; a switch is located by repeating the step that passes it with other lengths.
+DOP853 with the coefficients of scipy; a switch is located by repeating the step that passes it with other
+lengths, guessed from the values and slopes of what falls to zero there.
 """
 
 from math import copysign, inf, log, sqrt
@@ -17,12 +18,14 @@ compiled = njit(error_model="numpy", nogil=True)  # not cached: functions are ar
 
 A, B, E3, E5 = (np.ascontiguousarray(each) for each in (DOP853.A, DOP853.B, DOP853.E3, DOP853.E5))
 STAGES = B.size
-ARG, OUT, VALUES, ARMED, STATE, SWITCHES, RATES = range(STAGES, STAGES + 7)  # rows of the desk, after the slopes
-DESK = STAGES + 7, 8
+# rows of the desk, after the slopes
+ARG, OUT, VALUES, ARMED, STATE, SWITCHES, RATES, FALLS, LOW, LOW_FALLS = range(STAGES, STAGES + 10)
+DESK = STAGES + 10, 8
 MAX_STEPS, MAX_PROBES, MAX_SWITCHES = 20_000, 60, 400
 NONE, STICK, SLIP = 0, 1, 2
 DONE, LOST_WAY = 0, 1
 NEAR, NEAREST = 1e-3, 1e-15  # how near to zero a switch is located: in tolerances, and at best
+SLIGHT = 1e-7  # part of a step over which the slope of a gauge is taken
 FIRST = 0.05  # first step of a double impact in tau; it lasts about 3
 AXIAL = 10.0  # lateral part of a slip that is none, in units of the slip that is none
 LEFT = 1e-3  # gap rate, in tolerances, that is none
@@ -96,14 +99,14 @@ def step(rates, law, switches, z, h, n, tol, desk):
 
 @compiled
 def least(gauges, law, switches, z, slip_zero, n, desk):
-    """The least of the gauges that were positive at the start of the step; their values into the desk."""
+    """The least of the gauges that were positive at the start of the step, and its number; their values into the desk."""
     values, armed = desk[VALUES], desk[ARMED]
     gauges(law, switches, z, slip_zero, values)
-    lowest = inf
+    lowest, which = inf, 0
     for k in range(n):
         if armed[k] and values[k] < lowest:
-            lowest = values[k]
-    return lowest
+            lowest, which = values[k], k
+    return lowest, which
 
 
 @compiled
@@ -113,27 +116,52 @@ def near(tol):
 
 
 @compiled
-def locate(rates, gauges, law, switches, z, h, n, n_g, tol, slip_zero, g_low, desk):
-    """The state at the shortest step, up to h, at which a gauge falls to zero, into the desk (Illinois rule)."""
-    out = desk[OUT]
-    low, high, g_high = 0.0, h, least(gauges, law, switches, out, slip_zero, n_g, desk)
-    side = 0
-    for _ in range(MAX_PROBES):
-        mid = (low * g_high - high * g_low) / (g_high - g_low)
-        if not low < mid < high:
+def slopes(rates, gauges, law, switches, z, h, n, n_g, slip_zero, values, falls, desk):
+    """Slopes of the gauges at z, where they have these values, by a difference over a slight part of the step h."""
+    rates(law, switches, z, desk[RATES])
+    for k in range(n):
+        desk[ARG, k] = z[k] + SLIGHT * h * desk[RATES, k]
+    gauges(law, switches, desk[ARG], slip_zero, falls)
+    for k in range(n_g):
+        falls[k] = (falls[k] - values[k]) / (SLIGHT * h)
+
+
+@compiled
+def zero_between(low, high, g_low, g_high, s_low, s_high):
+    """Where a falling gauge is zero, by the inverse cubic through values and slopes; if it is level at first, by Newton."""
+    if s_low < 0.0 and s_high < 0.0:
+        rise = g_high - g_low
+        u = -g_low / rise
+        v = 1.0 - u
+        return v * v * ((1.0 + 2.0 * u) * low + u * rise / s_low) + u * u * ((3.0 - 2.0 * u) * high - v * rise / s_high)
+    return high - g_high / s_high if s_high < 0.0 else inf
+
+
+@compiled
+def locate(rates, gauges, law, switches, z, h, n, n_g, tol, slip_zero, desk):
+    """The state at the shortest step, up to h, at which a gauge falls to zero, into the desk."""
+    out, values, falls, low_values, low_falls = desk[OUT], desk[VALUES], desk[FALLS], desk[LOW], desk[LOW_FALLS]
+    low, high = 0.0, h
+    gauges(law, switches, z, slip_zero, low_values)
+    slopes(rates, gauges, law, switches, z, h, n, n_g, slip_zero, low_values, low_falls, desk)
+    g_high, which = least(gauges, law, switches, out, slip_zero, n_g, desk)
+    slopes(rates, gauges, law, switches, out, h, n, n_g, slip_zero, values, falls, desk)
+    s_high = falls[which]
+    for probe in range(MAX_PROBES):
+        mid = zero_between(low, high, low_values[which], g_high, low_falls[which], s_high)
+        if not low < mid < high or probe % 4 == 3:
             mid = 0.5 * (low + high)
         step(rates, law, switches, z, mid, n, 1.0, desk)
-        g = least(gauges, law, switches, out, slip_zero, n_g, desk)
+        g, k = least(gauges, law, switches, out, slip_zero, n_g, desk)
         if abs(g) <= near(tol) or high - low <= NEAREST * high:
             break
+        slopes(rates, gauges, law, switches, out, h, n, n_g, slip_zero, values, falls, desk)
         if g > 0.0:
-            low, g_low = mid, g
-            g_high *= 0.5 if side > 0 else 1.0
-            side = 1
+            low = mid
+            for i in range(n_g):
+                low_values[i], low_falls[i] = values[i], falls[i]
         else:
-            high, g_high = mid, g
-            g_low *= 0.5 if side < 0 else 1.0
-            side = -1
+            high, g_high, which, s_high = mid, g, k, falls[k]
 
 
 @compiled
@@ -159,15 +187,12 @@ def march(rates, gauges, law, switches, z, h, n, n_g, tol, slip_zero, desk):
             h *= max(0.1, factor) if error < inf else 0.1
             continue
         gauges(law, switches, z, slip_zero, values)
-        before = inf
         for k in range(n_g):
             armed[k] = values[k] > 0.0
-            if armed[k] and values[k] < before:
-                before = values[k]
-        fell = least(gauges, law, switches, out, slip_zero, n_g, desk) <= 0.0
+        fell = least(gauges, law, switches, out, slip_zero, n_g, desk)[0] <= 0.0
         strayed = not fell and strays(n_g, desk)
         if fell:
-            locate(rates, gauges, law, switches, z, h, n, n_g, tol, slip_zero, before, desk)
+            locate(rates, gauges, law, switches, z, h, n, n_g, tol, slip_zero, desk)
         for k in range(n):
             z[k] = out[k]
         if fell or strayed:
@@ -237,6 +262,8 @@ def one_end(law, n, a, b, slip_zero, tol, desk):
     while speed(y[AA], y[AB]) > slip_zero:
         y[AB] = 0.0 if abs(y[AB]) <= AXIAL * slip_zero else y[AB]
         v = speed(y[AA], y[AB])
+        if v <= slip_zero:
+            break
         rate = max(law.nn * v - law.mu * law.na * y[AA], 1e-3 * v)
         h = sqrt(2.0 * y[AE] / (law.gain * rate * v)) if restoring[0] else -y[AN] / rate
         if not march(slip_rates, slip_gauges, law, restoring, y, 1.001 * h, 4, 3, tol, slip_zero, desk):
@@ -382,6 +409,7 @@ def hold_or_slip(law, switches, z, f_1, f_2, slip_zero, lost):
     switches[MODES] = switches[MODES + 1] = SLIP
     if law.mu_s == 0.0:
         return
+    straighten(switches, z, slip_zero)
     rest_1, rest_2 = speed(z[ZA], z[ZB1]) <= slip_zero, speed(z[ZA], z[ZB2]) <= slip_zero
     pull = law.na * (f_2 - f_1)
     if rest_1 and rest_2:
@@ -394,7 +422,6 @@ def hold_or_slip(law, switches, z, f_1, f_2, slip_zero, lost):
     i = 0 if rest_1 else 1
     f, f_j = (f_1, f_2) if rest_1 else (f_2, f_1)
     if not (rest_1 or rest_2) or f == 0.0:
-        straighten(switches, z, slip_zero)
         return
     switches[SIDE] = copysign(1.0, z[ZB2 - i])
     z[ZA] = z[ZB1 + i] = 0.0

@@ -1,16 +1,16 @@
 """The contact law at an instant, as a user of heyoka would compile it: which ends collide, rest, lift off, stick or slip.
 
 Nothing of the package's own impacts, chatter or contact modes is in here: what this program agrees on with the engine are
-the equations. A chatter is over where an end separates slower than `v_rest` (the error is linear in it). The contact mode is
-found by trying all: both ends on the plate, either, none; each with stick where the slip is zero and the force that holds
-stays within the limit, else with slip in the direction in which it can set out.
+the equations. The contact mode is found by trying all: both ends on the plate, either, none; each with stick where the slip
+is zero and the force that holds stays within the limit, else with slip in the direction in which it can set out.
 """
 
 from math import atan2, copysign, cos, hypot, inf, pi, sin
-from typing import NamedTuple
 
 from dimersweep.kernel.layout import BETA, CA, CB, D1, D2, FREE, N1, N2, PHASE, SLIP, SPIN, STICK, WB, WP
 from peers.blow import DONE, STATE, End, Pair, one_end, two_ends
+from peers.chatter import Accuracy, come_to_rest
+from peers.forces import compliance, forces_both, forces_one, free_rates, respond
 from peers.passage import (
     HOLD_LOST,
     N_BODY,
@@ -22,7 +22,6 @@ from peers.passage import (
     as_body,
     begin,
     compiled,
-    gravity,
     lateral_slip,
     levers,
     load,
@@ -34,14 +33,6 @@ from peers.passage import (
 LOOSEST, FINEST = 1e-3, 2e-15  # relative tolerance of an impact: however slow, and that round-off allows
 DIRECTIONS, HALVINGS = 32, 50  # of the search for a slip out of rest
 NO_FORCE = 1e-12  # of the weight
-
-
-class Accuracy(NamedTuple):
-    """Absolute tolerance of impacts, slip that counts as none, and separation that ends a chatter [m/s]."""
-
-    impact: float
-    slip_zero: float
-    v_rest: float
 
 
 @compiled
@@ -57,12 +48,6 @@ def tolerance(accuracy, V):
 
 
 @compiled
-def respond(p, q, it, ia):
-    """Normal from normal, axial from normal, axial from axial, lateral from lateral, at levers p for impulses at levers q."""
-    return 1.0 + p[0] * q[0] * it, p[1] * q[0] * it, 1.0 + p[1] * q[1] * it, 1.0 + p[2] * q[2] * it + p[3] * q[3] * ia
-
-
-@compiled
 def collide_one(body, state, i, accuracy, desk):
     """Impact of end i, which approaches, while the other one is in the air; returns the status."""
     s = 2.0 * i - 1.0
@@ -75,12 +60,11 @@ def collide_one(body, state, i, accuracy, desk):
     law = End(nn, na, aa, bb, gain(body.e_1 if i == 0 else body.e_2), body.mu, body.mu_s)
     tol = tolerance(accuracy, V)
     status, n_after, a_after, b_after = one_end(law, -1.0, a / V, b / V, accuracy.slip_zero / V, tol, desk)
-    n_after = 0.0 if n_after * V < accuracy.v_rest else n_after * V
-    d_n, d_a, d_b = n_after - n, a_after * V - a, b_after * V - b
+    d_n, d_a, d_b = n_after * V - n, a_after * V - a, b_after * V - b
     det = nn * aa - na * na
     P, T, L = (aa * d_n - na * d_a) / det, (nn * d_a - na * d_n) / det, d_b / bb
     nn_j, na_j = 1.0 + q[0] * p[0] * body.it, q[0] * p[1] * body.it
-    state[N1 + i] = n_after
+    state[N1 + i] = n_after * V
     state[N2 - i] += nn_j * P + na_j * T
     state[CA] += T
     state[CB] += L
@@ -105,7 +89,7 @@ def collide_both(body, state, accuracy, desk):
     z[0], z[1], z[4], z[5], z[6] = state[N1] / V, state[N2] / V, a / V, (b + turn) / V, (b - turn) / V
     status = two_ends(law, z, accuracy.slip_zero / V, tolerance(accuracy, V), desk)
     for i in range(2):
-        state[N1 + i] = 0.0 if z[i] * V < accuracy.v_rest else z[i] * V
+        state[N1 + i] = max(0.0, z[i] * V)
     L = (0.5 * (z[5] + z[6]) * V - b) / (1.0 + r * r * ia)
     state[WB] = (state[N2] - state[N1]) / (2.0 * h)
     state[CA] = z[4] * V - r * state[WB]
@@ -113,56 +97,6 @@ def collide_both(body, state, accuracy, desk):
     state[CB] += L
     state[SPIN] -= r * L * ia
     return status
-
-
-@compiled
-def free_rates(body, state, s):
-    """Accelerations of the contact point of the end with sign s without contact forces: normal, axial, lateral."""
-    h, r = body.h, body.r
-    sin_b, cos_b = sin(state[BETA]), cos(state[BETA])
-    w_b, w_p, spin = state[WB], state[WP], state[SPIN]
-    p = levers(body, s, sin_b, cos_b)
-    turn = w_p / cos_b
-    axial = body.it / body.ia * spin - sin_b * turn
-    n = -gravity(body, state) + p[0] * axial * w_p - s * h * sin_b * w_b * w_b
-    a = -turn * state[CB] + p[1] * axial * w_p - s * h * cos_b * w_b * w_b
-    b = turn * state[CA] - p[2] * axial * w_b + r * w_b * (cos_b * w_p + sin_b * spin)
-    return n, a, b
-
-
-@compiled
-def forces_one(body, w, free, mode, c, d):
-    """Normal, axial and lateral force at the only closed end, slipping along (c, d) or held."""
-    nn, na, aa, bb = w
-    n, a, b = free
-    if mode == STICK:
-        det = nn * aa - na * na
-        return (na * a - aa * n) / det, (na * n - nn * a) / det, -b / bb
-    F = -n / (nn - body.mu * na * c)
-    return F, -body.mu * F * c, -body.mu * F * d
-
-
-@compiled
-def forces_both(body, free_1, free_2, mode_1, mode_2, c_1, d_1, c_2, d_2):
-    """F_1, F_2, axial total, L_1, L_2 of a dimer that lies flat; ends that slip do so along (c_i, d_i)."""
-    h, r, it, ia, mu = body.h, body.r, body.it, body.ia, body.mu
-    na, aa = h * r * it, 1.0 + r * r * it
-    bb, bb_12 = 1.0 + h * h * it + r * r * ia, 1.0 - h * h * it + r * r * ia
-    total = -0.5 * (free_1[0] + free_2[0])
-    if mode_1 == SLIP and mode_2 == SLIP:
-        T_c, T_d = -0.5 * mu * total * (c_1 + c_2), -0.5 * mu * (c_2 - c_1)
-    else:
-        T_c, T_d = -free_1[1] / aa, -na / aa
-    difference = (free_1[0] - free_2[0] - 2.0 * na * T_c) / (2.0 * h * h * it + 2.0 * na * T_d)
-    F_1, F_2 = 0.5 * (total - difference), 0.5 * (total + difference)
-    L_1, L_2 = -mu * F_1 * d_1, -mu * F_2 * d_2
-    if mode_1 == STICK and mode_2 == STICK:
-        L_1 = L_2 = -free_1[2] / (bb + bb_12)
-    elif mode_1 == STICK:
-        L_1 = -(free_1[2] + bb_12 * L_2) / bb
-    elif mode_2 == STICK:
-        L_2 = -(free_2[2] + bb_12 * L_1) / bb
-    return F_1, F_2, T_c + T_d * difference, L_1, L_2
 
 
 @compiled
@@ -206,13 +140,6 @@ def direction(body, w, free, free_j, i, side, hold):
                 return right
         before, low = across, high
     return hold + pi
-
-
-@compiled
-def compliance(body, state, s):
-    """Of the end with sign s: normal, axial from normal, axial, lateral."""
-    p = levers(body, s, sin(state[BETA]), cos(state[BETA]))
-    return respond(p, p, body.it, body.ia)
 
 
 @compiled
@@ -343,7 +270,7 @@ def cross(constants, y, desk, state, modes, ended, event, dt, doubles, count, st
         Double impacts so far; duration of the hop that begins [s], 0.0 if none does, negative where no law holds.
     """
     body = as_body(constants)
-    accuracy = Accuracy(constants[N_BODY], constants[N_BODY + 1], constants[N_BODY + 2])
+    accuracy = Accuracy(constants[N_BODY], constants[N_BODY + 1], constants[N_BODY + 2], constants[N_BODY + 3])
     lifted, lost = -1, False
     if event >= 0:
         flew = modes[0] == FREE and modes[1] == FREE
@@ -353,6 +280,7 @@ def cross(constants, y, desk, state, modes, ended, event, dt, doubles, count, st
             lost = HOLD_LOST <= event < SLIP_ZERO
     closed_1, closed_2 = state[D1] == 0.0, state[D2] == 0.0
     if (closed_1 and state[N1] < 0.0) or (closed_2 and state[N2] < 0.0):
+        V = -min(state[N1] if closed_1 else 0.0, state[N2] if closed_2 else 0.0)
         if closed_1 and closed_2:
             if count == doubles.size:
                 return count, -1.0
@@ -363,6 +291,7 @@ def cross(constants, y, desk, state, modes, ended, event, dt, doubles, count, st
             status = collide_one(body, state, 0 if closed_1 else 1, accuracy, desk)
         if status != DONE:
             return count, -1.0
+        come_to_rest(body, state, V, accuracy)
         lifted, lost = -1, False
     if not choose(body, state, modes, lifted, lost, accuracy.slip_zero, y):
         return count, -1.0

@@ -25,9 +25,9 @@ from peers.phases import N_OF_PHASE, TIME_UP, constants_of, integrator
 LONGEST = 0.125  # longest step of a contact, in forcing periods: forces follow the plate where the state may not
 HOP = 1.5  # first step of a flight that leaves the plate, in times of the hop to be expected
 IMPACTS = 100.0  # tolerance of the engine's impacts, in units of that of the series
-# tolerance of its own impacts, slip that counts as none, separation that ends a chatter: in units of that of the series,
-# and at least [m/s]
-ACCURACY = (1.0, 1e-16), (1.0, 1e-14), (10.0, 1e-12)
+# tolerance of its own impacts, slip that counts as none, cost of the close of a chatter, separation that is none in any
+# case: in units of the tolerance of the series, and at least [m/s]
+ACCURACY = (0.01, 1e-16), (1.0, 1e-14), (4.0, 1e-16), (0.0, 1e-14)
 MAX_STEPS, FOREVER = 100_000, 1e300
 MAX_DOUBLES = 10_000
 STEPPED = (hy.taylor_outcome.success, hy.taylor_outcome.time_limit)
