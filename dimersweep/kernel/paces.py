@@ -188,7 +188,7 @@ def stage_sums(i, K):
     return t0, t1, t2, t3, t4, t5, t6, t7
 
 
-@compiled(fuse=True)
+@compiled(fuse=True, inline=True)
 def single_step(dm, modes, phase, h, n, pace, gamma, b):
     """The same of the contact of one end in the chart by heading.
 
@@ -357,7 +357,7 @@ def slide_step(dm, modes, phase, h, n, b):
     return inf
 
 
-@compiled
+@compiled(inline=True)
 def step_to(dm, modes, phase, h, n, pace, gamma, b):
     """One step; the rates (per time) and forces at its end are left in b.dy_out, b.F_out. Returns the error."""
     if pace == SLIDE:
