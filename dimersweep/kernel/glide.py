@@ -65,7 +65,8 @@ SLIGHT = 1e-6  # turn of the slip over which that rate is taken [rad]
 LONGEST = 0.25  # longest step, in forcing periods
 FIRST, FIRST_SLOW = 1.6, 15.0  # first steps, in forcing periods and in xi, over the tolerance to the power of 1/8
 HALTING = 1.4  # step over the time to rest of a slip that turns, over the tolerance to the power of 1/16: as measured
-RISE = 3.0  # of the step from one to the next, at most, at the slow pace
+SLIDING = 0.65  # the same of a slide: as measured
+RISE = 3.0  # of the step from one to the next, at most, at the slow pace and of slides
 NARROW = 0.02  # share of a step in which the bottom of a dip may hide at either end
 LOW = 0.5  # force or hold which may dip to zero, in weights and per square of the angle that the motion turns in a step
 BEYOND = 1.02  # how far past a landing in sight a step goes
@@ -304,7 +305,7 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
         now = phase + dm.omega * t
         v, rate = slip_speed(dm, modes, y, b.dy)
         sets_out = t == 0.0 and v <= slip_tol  # its mode was chosen: what rounding says of its rate counts less
-        if watch and not sets_out and not STIFF * dm.T * gamma <= v < inf:
+        if watch and not sets_out and v < STIFF * dm.T * gamma:
             stopping = nearly_stopped(dm, modes, y, b.dy, span - t, tol, slip_tol)
             if stopping >= 0:
                 t += run_out(dm, modes, y, b.dy, stopping, slip_tol, n)
@@ -317,7 +318,7 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
         if t == 0.0 and pace == SLIDE:
             h = min(h, 0.5 * FIRST * natural * dm.T)
         if pace != SLOW:
-            slowing = 0.5 if pace == SLIDE else (0.9 if v == inf else min(0.9, HALTING * sqrt(natural)))
+            slowing = SLIDING if pace == SLIDE else (0.9 if v == inf else min(0.9, HALTING * sqrt(natural)))
             h = min(h, min(slowing * slip_limit(dm, modes, y, b.dy), landing_in_sight(dm, modes, y, b.dy)))
         if pace == PLAIN and gamma > 0.0:
             h = min(h, TURNS * v / max(gamma, stiffness(dm, 0.5 * dm.m * dm.g)))
@@ -380,7 +381,7 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
         if pace == SLOW:
             xi, h = min(TURNS, min(factor, RISE) * xi), 2.0 * dt
         else:
-            h *= factor
+            h *= min(factor, RISE) if pace == SLIDE else factor
     return t, OUT_OF_STEPS
 
 
