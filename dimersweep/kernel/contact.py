@@ -1,6 +1,7 @@
 """Sustained contact: the forces that keep closed ends closed, and the rates they give (state and charts: ``charts``)."""
 
-from math import cos, sin, sqrt
+from math import sqrt
+from typing import NamedTuple
 
 from dimersweep.kernel.body import delassus, levers
 from dimersweep.kernel.charts import (
@@ -20,9 +21,10 @@ from dimersweep.kernel.charts import (
     leading_sign,
 )
 from dimersweep.kernel.jit import compiled
-from dimersweep.kernel.law import direction, length, single_forces
+from dimersweep.kernel.law import direction, length
 from dimersweep.kernel.layout import FREE, SLIP, STICK
 from dimersweep.kernel.plate import effective_gravity
+from dimersweep.kernel.sincos import sincos
 from dimersweep.kernel.upright import upright_rates
 
 # forces of a contact: normal, axial, lateral of p1, then of p2 (at a double contact A1 holds the sum of the axial ones);
@@ -78,6 +80,81 @@ def double_forces(dm, modes, y, n_1, n_2, a, b, F):
         F[L2] = -(b + wx.bb * F[L1]) / w.bb
 
 
+class Single(NamedTuple):
+    """Rates and forces of a contact of one end, in the chart by heading."""
+
+    w_b: float  # of beta'
+    w_p: float  # of theta' cos(beta)
+    spin: float
+    a: float  # of the slip, axial and lateral
+    b: float
+    turn: float  # of theta
+    F: float  # forces [N]: normal, axial, lateral
+    A: float
+    L: float
+    compliance: float  # [1/m]
+
+
+@compiled(inline=True, fuse=True)
+def single_rates(dm, mode, s, g_e, sin_b, cos_b, w_b, w_p, spin, u_a, u_b):
+    """Rates and forces of the contact of one end (sign s, friction mode, slip u): those of ``single_forces``, written out.
+
+    With `push` what they add to beta'' the normal acceleration is n + F / m + arm_n push = 0, the axial one a + A / m + arm_a
+    push, zero at an end that sticks.
+    """
+    h, r, im, it = s * dm.h, dm.r, dm.im, dm.it
+    arm_n, arm_a, arm_b, arm_c = h * cos_b, r - h * sin_b, r * sin_b - h, -r * cos_b
+    turn = w_p / cos_b
+    axial = dm.J_a * it * spin - sin_b * turn
+    d_wb, d_wp = axial * w_p, -axial * w_b
+    swing = h * w_b * w_b
+    n = arm_n * d_wb - sin_b * swing - g_e
+    a = arm_a * d_wb - cos_b * swing - turn * (u_b - arm_b * w_p - arm_c * spin)
+    b = arm_b * d_wp + r * w_b * (cos_b * w_p + sin_b * spin) + turn * (u_a - arm_a * w_b)
+    if mode == STICK:
+        push = -(arm_n * n + arm_a * a) / (dm.J_t * im + (h * h + r * r - 2.0 * r * h * sin_b))
+        F, A = -dm.m * (n + arm_n * push), -dm.m * (a + arm_a * push)
+        L = -b / (im + arm_b * arm_b * it + arm_c * arm_c * dm.ia)
+        return Single(d_wb + push, d_wp + arm_b * it * L, arm_c * dm.ia * L, 0.0, 0.0, turn, F, A, L, 1.0)
+    v2 = u_a * u_a + u_b * u_b
+    k = dm.mu / sqrt(v2) if v2 > 0.0 else 0.0
+    c, d = k * u_a, k * u_b
+    yields = im + it * arm_n * (arm_n - c * arm_a)
+    F = -n / yields
+    A, L = -c * F, -d * F
+    push, roll, spun = it * (arm_n * F + arm_a * A), arm_b * it * L, arm_c * dm.ia * L
+    d_a, d_b = a + im * A + arm_a * push, b + im * L + arm_b * roll + arm_c * spun
+    return Single(d_wb + push, d_wp + roll, spun, d_a, d_b, turn, F, A, L, yields * dm.m)
+
+
+@compiled(inline=True)
+def path_rates(dm, s, sin_b, cos_b, w_b, w_p, spin, u_a, u_b, theta):
+    """Rates of x1, y1 and gamma, with the end of sign s the leading one."""
+    v_a = u_a - (dm.r - (s + 1.0) * dm.h * sin_b) * w_b
+    v_b = u_b - (dm.r * sin_b - (s + 1.0) * dm.h) * w_p + dm.r * cos_b * spin
+    sin_t, cos_t = sincos(theta)
+    return v_b * cos_t - v_a * sin_t, v_a * cos_t + v_b * sin_t, spin - w_p / cos_b * sin_b
+
+
+@compiled
+def double_rates(dm, modes, g_e, y, path, dy, F):
+    """The same of the contact of both ends, the forces into F."""
+    p, q = levers(dm, -1.0, 0.0, 1.0), levers(dm, 1.0, 0.0, 1.0)
+    d_wb, _, n, a, b = free_rates(dm, -1.0, y, g_e, 0.0, 1.0)
+    double_forces(dm, modes, y, n, n + 2.0 * dm.h * d_wb, a, b, F)
+    slips = modes[0] == SLIP
+    w, other = delassus(dm, p, p), delassus(dm, p, q)
+    dy[YB], dy[YWB] = 0.0, 0.0
+    dy[YWP] = dm.h * (F[L1] - F[L2]) * dm.it
+    dy[YS] = -dm.r * (F[L1] + F[L2]) * dm.ia
+    both_slip = slips and modes[1] == SLIP
+    dy[YUA] = a + w.an * (F[F1] - F[F2]) + w.aa * F[A1] if both_slip else 0.0
+    dy[YUB] = b + w.bb * F[L1] + other.bb * F[L2] if slips else 0.0
+    dy[YTHETA], dy[YTIME] = y[YWP], 1.0
+    if path:
+        dy[YX], dy[YY], dy[YGAMMA] = path_rates(dm, -1.0, 0.0, 1.0, 0.0, y[YWP], y[YS], y[YUA], y[YUB], y[YTHETA])
+
+
 @compiled
 def contact_rates(dm, modes, phase, y, path, dy, F):
     """Time derivative of y in a contact phase into dy, and the contact forces into F.
@@ -100,48 +177,23 @@ def contact_rates(dm, modes, phase, y, path, dy, F):
     """
     s = leading_sign(modes)
     g_e = effective_gravity(dm, phase)
+    i = 0 if s < 0.0 else 1
+    if modes[0] != FREE and modes[1] != FREE:
+        double_rates(dm, modes, g_e, y, path, dy, F)
+        return
     for k in range(N_F):
         F[k] = 0.0
-    i = 0 if s < 0.0 else 1
+    k = 3 * i
     if y[YCHART] == UPRIGHT:
-        F[COMPLIANCE] = upright_rates(dm, modes[i], s, g_e, y, path, dy, F, 3 * i)
+        F[COMPLIANCE] = upright_rates(dm, modes[i], s, g_e, y, path, dy, F, k)
         return
-    double = modes[0] != FREE and modes[1] != FREE
-    sin_b, cos_b = (0.0, 1.0) if double else (sin(y[YB]), cos(y[YB]))
-    lv = levers(dm, s, sin_b, cos_b)
-    d_wb, d_wp, n, a, b = free_rates(dm, s, y, g_e, sin_b, cos_b)
-    if double:
-        double_forces(dm, modes, y, n, n + 2.0 * dm.h * d_wb, a, b, F)
-        slips = modes[0] == SLIP
-        w = delassus(dm, lv, lv)
-        other = delassus(dm, lv, levers(dm, 1.0, 0.0, 1.0))
-        dy[YB], dy[YWB] = 0.0, 0.0
-        dy[YWP] = dm.h * (F[L1] - F[L2]) * dm.it
-        dy[YS] = -dm.r * (F[L1] + F[L2]) * dm.ia
-        both_slip = slips and modes[1] == SLIP
-        dy[YUA] = a + w.an * (F[F1] - F[F2]) + w.aa * F[A1] if both_slip else 0.0
-        dy[YUB] = b + w.bb * F[L1] + other.bb * F[L2] if slips else 0.0
-    else:
-        w = delassus(dm, lv, lv)
-        normal, axial, lateral, F[COMPLIANCE] = single_forces(dm, modes[i], w, y[YUA], y[YUB], n, a, b)
-        k = 3 * i
-        F[F1 + k], F[A1 + k], F[L1 + k] = normal, axial, lateral
-        dy[YB] = y[YWB]
-        dy[YWB] = d_wb + (lv.n * normal + lv.a * axial) * dm.it
-        dy[YWP] = d_wp + lv.b * lateral * dm.it
-        dy[YS] = lv.c * lateral * dm.ia
-        dy[YUA] = a + w.an * normal + w.aa * axial if modes[i] == SLIP else 0.0
-        dy[YUB] = b + w.bb * lateral if modes[i] == SLIP else 0.0
-    turn = y[YWP] / cos_b
-    dy[YTHETA], dy[YTIME] = turn, 1.0
-    if not path:
-        return
-    v_a = y[YUA] - lv.a * y[YWB] + dm.h * sin_b * y[YWB]
-    v_b = y[YUB] - lv.b * y[YWP] - lv.c * y[YS] + dm.h * y[YWP]
-    sin_t, cos_t = sin(y[YTHETA]), cos(y[YTHETA])
-    dy[YX] = v_b * cos_t - v_a * sin_t
-    dy[YY] = v_a * cos_t + v_b * sin_t
-    dy[YGAMMA] = y[YS] - turn * sin_b
+    sin_b, cos_b = sincos(y[YB])
+    r = single_rates(dm, modes[i], s, g_e, sin_b, cos_b, y[YWB], y[YWP], y[YS], y[YUA], y[YUB])
+    F[F1 + k], F[A1 + k], F[L1 + k], F[COMPLIANCE] = r.F, r.A, r.L, r.compliance
+    dy[YB], dy[YWB], dy[YWP], dy[YS], dy[YUA], dy[YUB] = y[YWB], r.w_b, r.w_p, r.spin, r.a, r.b
+    dy[YTHETA], dy[YTIME] = r.turn, 1.0
+    if path:
+        dy[YX], dy[YY], dy[YGAMMA] = path_rates(dm, s, sin_b, cos_b, y[YWB], y[YWP], y[YS], y[YUA], y[YUB], y[YTHETA])
 
 
 @compiled

@@ -64,18 +64,18 @@ TURNS = 7.0  # of a slip, that an explicit step may span: what the method bears
 SLIGHT = 1e-6  # turn of the slip over which that rate is taken [rad]
 LONGEST = 0.25  # longest step, in forcing periods
 FIRST, FIRST_SLOW = 1.6, 15.0  # first steps, in forcing periods and in xi, over the tolerance to the power of 1/8
-RISE = 3.0  # of the step from one to the next, at most, at the slow pace
+HALTING = 1.4  # step over the time to rest of a slip that turns, over the tolerance to the power of 1/16: as measured
+SLIDING = 0.65  # the same of a slide: as measured
+RISE = 3.0  # of the step from one to the next, at most, at the slow pace and of slides
 NARROW = 0.02  # share of a step in which the bottom of a dip may hide at either end
-LOW = (
-    0.5  # force or hold, in weights and per square of the angle that the motion turns in a step, which may dip to zero
-)
+LOW = 0.5  # force or hold which may dip to zero, in weights and per square of the angle that the motion turns in a step
 BEYOND = 1.02  # how far past a landing in sight a step goes
 EXACT = 1e-3  # what an event function may be past its zero, in units of the tolerance and of its change in the step
 CLOSE = 100.0  # in units of that, what may be left of a dip when the open end lands: it is then set to zero
 GLIDE_ROWS = BENCH_ROWS
 
 
-@compiled
+@compiled(inline=True)
 def hermite(b, s, h, n, out):
     """Cubic through the ends of a step (of the paces in time) at share s, into `out`."""
     u = 1.0 - s
@@ -93,7 +93,7 @@ def value_on_cubic(dm, modes, phase, s, h, n, event, slip_tol, b):
     return glide_value(dm, modes, event, b.start, b.probe, b.F_probe, slip_tol)
 
 
-@compiled
+@compiled(inline=True)
 def values_on_cubic(dm, modes, phase, s, h, n, slip_tol, b, values):
     """Armed event functions on the cubic through the ends of a step, at share s, into `values`; returns the least."""
     hermite(b, s, h, n, b.probe)
@@ -170,7 +170,8 @@ def first_crossing(dm, modes, phase, h, n, pace, gamma, event, least, tol, slip_
             step_to(dm, modes, phase, mid, n, pace, gamma, b)
         at = mid
         g, which = least_value(dm, modes, b.armed, b.start, b.out, b.F_out, slip_tol, b.values[1])
-        if -past <= g <= 0.0 or (which == LANDS and abs(g) <= close and b.out[YB] * b.out[YWB] < 0.0):
+        at_rest = SLIP_ZERO <= which < LANDS and abs(g) <= slip_tol / dm.v_scale
+        if -past <= g <= 0.0 or at_rest or (which == LANDS and abs(g) <= close and b.out[YB] * b.out[YWB] < 0.0):
             return which
         event = which if g <= 0.0 else event
         low, high, g_low, g_high, side = shrink(low, high, g_low, g_high, mid, g, side)
@@ -182,22 +183,33 @@ def first_crossing(dm, modes, phase, h, n, pace, gamma, event, least, tol, slip_
 
 
 @compiled
+def low_between(b, turn):
+    """Whether a force or a hold is so low at an end of a step over which the motion turns so far that it may dip to zero."""
+    for k in range(SLIP_ZERO):
+        first, last = b.values[0, k], b.values[3, k]
+        if b.armed[k] > 0.0 and last > 0.0 and min(first, last) < LOW * turn * turn:
+            return True
+    return False
+
+
+@compiled(inline=True)
 def hidden_dip(dm, modes, phase, h, n, slip_tol, b):
     """Share of an accepted step at which an event function may dip below zero between positive ends; 1.0 if none does.
 
     (A step that ends with an event of one function may hide the dip of another one.)
 
+    It is only looked for where a force or a hold is low, or a dip that falls at the start rises at the end, or a jam is near.
     The functions are evaluated on the cubic through the step's ends; the parabola through the lowest of them and its
     neighbours, less the errors of that cubic and of that parabola for a function that changes as quickly as the motion,
     bounds what lies between. It may put a bottom that lies just within the step just outside.
     """
-    values = b.values
-    turn = quickness(dm, b.start) * h
+    values, turn = b.values, quickness(dm, b.start) * h
+    returns = b.armed[LANDS] > 0.0 and leading_sign(modes) * b.start[YWB] > 0.0 > leading_sign(modes) * b.out[YWB]
+    if not (returns or b.armed[JAMS] > 0.0 or low_between(b, turn)):
+        return 1.0
     doubt = turn**4 / 384.0 + turn / 24.0
-    least_value(dm, modes, b.armed, b.start, b.start, b.F, slip_tol, values[0])
     values_on_cubic(dm, modes, phase, 1.0 / 3.0, h, n, slip_tol, b, values[1])
     values_on_cubic(dm, modes, phase, 2.0 / 3.0, h, n, slip_tol, b, values[2])
-    least_value(dm, modes, b.armed, b.start, b.out, b.F_out, slip_tol, values[3])
     share = 1.0
     for k in range(N_EVENTS):
         if b.armed[k] == 0.0 or SLIP_ZERO <= k < LANDS or k == TIPS or values[3, k] <= 0.0:
@@ -212,19 +224,6 @@ def hidden_dip(dm, modes, phase, h, n, slip_tol, b):
         if -2.0 * doubt < q + shift < 3.0 + 2.0 * doubt and bottom <= doubt * max(left, right):
             share = min(share, min(max(NARROW, (q + shift) / 3.0), 1.0 - NARROW))
     return share
-
-
-@compiled
-def another_is_low(dm, modes, h, slip_tol, b):
-    """Whether a force or a hold is so low at an end of a step to an event that it may dip below zero within the step."""
-    values = b.values
-    least_value(dm, modes, b.armed, b.start, b.start, b.F, slip_tol, values[0])
-    least_value(dm, modes, b.armed, b.start, b.out, b.F_out, slip_tol, values[3])
-    turn = quickness(dm, b.start) * h
-    for k in range(SLIP_ZERO):
-        if b.armed[k] > 0.0 and values[3, k] > 0.0 and min(values[0, k], values[3, k]) < LOW * turn * turn:
-            return True
-    return False
 
 
 @compiled
@@ -251,7 +250,7 @@ def without_force(modes, F):
     return -1
 
 
-@compiled
+@compiled(inline=True)
 def jams_soon(dm, modes, phase, v, gamma, b):
     """Whether the compliance falls to zero as fast as the slip v turns."""
     if b.F[COMPLIANCE] > TIGHT or not 0.0 < v < inf:
@@ -286,10 +285,11 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
     contact_rates(dm, modes, phase, y, path, b.dy, b.F)
     for k in range(N_EVENTS):
         b.armed[k] = 0.0
-    if watch:
-        arm(dm, modes, b.armed, y, b.F, slip_tol)
     if modes[0] == FREE or modes[1] == FREE:
         b.armed[LANDS], b.armed[TIPS] = 1.0 if watch else 0.0, 1.0
+    if watch:
+        arm(dm, modes, b.armed, y, b.F, slip_tol, b.values[0])
+    least_value(dm, modes, b.armed, y, y, b.F, slip_tol, b.values[0])
     if b.F[COMPLIANCE] <= 0.0:
         return 0.0, JAMS
     natural = tol**0.125
@@ -318,7 +318,7 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
         if t == 0.0 and pace == SLIDE:
             h = min(h, 0.5 * FIRST * natural * dm.T)
         if pace != SLOW:
-            slowing = 0.5 if pace == SLIDE else 0.9
+            slowing = SLIDING if pace == SLIDE else (0.9 if v == inf else min(0.9, HALTING * sqrt(natural)))
             h = min(h, min(slowing * slip_limit(dm, modes, y, b.dy), landing_in_sight(dm, modes, y, b.dy)))
         if pace == PLAIN and gamma > 0.0:
             h = min(h, TURNS * v / max(gamma, stiffness(dm, 0.5 * dm.m * dm.g)))
@@ -336,6 +336,7 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
                 return t, JAMS
             continue
         b.armed[JAMS] = 1.0 if min(b.F[COMPLIANCE], b.F_out[COMPLIANCE]) < TIGHT else 0.0
+        b.values[0, JAMS] = b.F[COMPLIANCE]
         least, event = least_value(dm, modes, b.armed, b.start, b.out, b.F_out, slip_tol, b.values[3])
         part = 1.0
         if watch and least > 0.0 and pace != SLOW:
@@ -346,10 +347,13 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
                 continue
         if least <= 0.0:
             event = first_crossing(dm, modes, now, size, n, pace, gamma, event, least, tol, slip_tol, b)
-            if watch and pace != SLOW and another_is_low(dm, modes, b.out[YTIME], slip_tol, b):
-                part = hidden_dip(dm, modes, now, b.out[YTIME], n, slip_tol, b)
-                if part < 1.0 and b.out[YTIME] > 1e-12 * dm.T:
-                    h = part * b.out[YTIME]
+            if watch and pace != SLOW:
+                least_value(dm, modes, b.armed, b.start, b.out, b.F_out, slip_tol, b.values[3])
+                dt = b.out[YTIME]
+                low = low_between(b, quickness(dm, b.start) * dt)
+                part = hidden_dip(dm, modes, now, dt, n, slip_tol, b) if low else 1.0
+                if part < 1.0 and dt > 1e-12 * dm.T:
+                    h = part * dt
                     continue
             copy(b.out, y, n)
             t += max(0.0, b.out[YTIME])
@@ -362,6 +366,7 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
             h, xi, last = 0.5 * h, 0.5 * xi, False  # the slip has only turned by a right angle
             copy(b.dy_out, b.dy, n)
             copy(b.F_out, b.F, N_F)
+            least_value(dm, modes, b.armed, y, y, b.F, slip_tol, b.values[0])
             continue
         copy(b.out, y, n)
         copy(b.dy_out, b.dy, n)
@@ -370,12 +375,13 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
         pulled = without_force(modes, b.F)
         if watch and pulled >= 0 and b.armed[LIFTS + pulled] == 0.0:
             return t, LIFTS + pulled
+        copy(b.values[3], b.values[0], N_EVENTS)
         if watch:
-            arm(dm, modes, b.armed, y, b.F, slip_tol)
+            arm(dm, modes, b.armed, y, b.F, slip_tol, b.values[0])
         if pace == SLOW:
             xi, h = min(TURNS, min(factor, RISE) * xi), 2.0 * dt
         else:
-            h *= factor
+            h *= min(factor, RISE) if pace == SLIDE else factor
     return t, OUT_OF_STEPS
 
 

@@ -12,7 +12,9 @@ from typing import Any, NamedTuple
 
 from dimersweep.kernel.charts import (
     N_CLOSED,
+    UPRIGHT,
     YB,
+    YCHART,
     YGAMMA,
     YS,
     YTHETA,
@@ -23,15 +25,19 @@ from dimersweep.kernel.charts import (
     YWP,
     YX,
     YY,
+    leading_sign,
     same_chart,
     slip_of,
 )
 from dimersweep.kernel.collocation import NEXT, NODES, RADAU_A, RADAU_C, TOP
-from dimersweep.kernel.contact import COMPLIANCE, F1, F2, contact_rates
+from dimersweep.kernel.contact import COMPLIANCE, F1, F2, contact_rates, path_rates, single_rates
 from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.law import length
 from dimersweep.kernel.layout import FREE, SLIP
+from dimersweep.kernel.plate import effective_gravity
+from dimersweep.kernel.sincos import sincos
 from dimersweep.kernel.steps import DOP_STAGES, copy, explicit_finish, explicit_stage, lu_factor, lu_solve
+from dimersweep.kernel.tableaux import DOP_A, DOP_C, DOP_SKIPPED
 from dimersweep.kernel.watch import slip_speed
 
 PLAIN, SLOW, SLIDE = 0, 1, 2
@@ -160,6 +166,64 @@ def explicit_step(dm, modes, phase, h, n, pace, gamma, b):
                 share *= clock(b.F if i == 0 else b.F_out, b.F)
             for k in range(n):
                 b.K[i, k] *= share
+    return explicit_finish(h, b.start, b.K, n, b.scale, b.out)
+
+
+@compiled(fuse=True, inline=True)
+def stage_sums(i, K):
+    """Slopes of the stages of DOP853 before the last one before number i, weighted by row i of its table."""
+    a, slope = DOP_A[i, 0] if i > 1 else 0.0, K[0]
+    t0, t1, t2, t3 = a * slope[0], a * slope[1], a * slope[2], a * slope[3]
+    t4, t5, t6, t7 = a * slope[4], a * slope[5], a * slope[6], a * slope[7]
+    for j in range(DOP_SKIPPED[i], i - 1):
+        a, slope = DOP_A[i, j], K[j]
+        t0 += a * slope[0]
+        t1 += a * slope[1]
+        t2 += a * slope[2]
+        t3 += a * slope[3]
+        t4 += a * slope[4]
+        t5 += a * slope[5]
+        t6 += a * slope[6]
+        t7 += a * slope[7]
+    return t0, t1, t2, t3, t4, t5, t6, t7
+
+
+@compiled(fuse=True, inline=True)
+def single_step(dm, modes, phase, h, n, pace, gamma, b):
+    """The same of the contact of one end in the chart by heading.
+
+    The newest slopes stay in registers: to write them to K and to read them at once takes as long as half of the rates.
+    """
+    s = leading_sign(modes)
+    mode, y, path = modes[0] if s < 0.0 else modes[1], b.start, n > N_CLOSED
+    share = length(y[YUA], y[YUB]) / gamma if pace == SLOW else 1.0
+    clocked, force, more = pace == SLOW and b.F[COMPLIANCE] < TIGHT, b.F[F1] + b.F[F2], b.F[COMPLIANCE]
+    k = b.K[0]
+    for j in range(n):
+        k[j] = share * b.dy[j]
+    k0, k1, k2, k3, k4, k5, k6, k7 = k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7]
+    for i in range(1, DOP_STAGES):
+        t0, t1, t2, t3, t4, t5, t6, t7 = stage_sums(i, b.K)
+        a = DOP_A[i, i - 1]
+        beta, w_b = y[YB] + h * (t0 + a * k0), y[YWB] + h * (t1 + a * k1)
+        w_p, spin = y[YWP] + h * (t2 + a * k2), y[YS] + h * (t3 + a * k3)
+        u_a, u_b = y[YUA] + h * (t4 + a * k4), y[YUB] + h * (t5 + a * k5)
+        theta = y[YTHETA] + h * (t6 + a * k6)
+        t = h * (t7 + a * k7) if pace == SLOW else h * DOP_C[i]
+        g_e = effective_gravity(dm, phase + dm.omega * t)
+        sin_b, cos_b = sincos(beta)
+        rates = single_rates(dm, mode, s, g_e, sin_b, cos_b, w_b, w_p, spin, u_a, u_b)
+        if pace == SLOW:
+            share = length(u_a, u_b) / gamma
+            if clocked:
+                share *= (1.0 + more) / (rates.F / force + more)
+        k0, k1, k2, k3 = share * w_b, share * rates.w_b, share * rates.w_p, share * rates.spin
+        k4, k5, k6, k7 = share * rates.a, share * rates.b, share * rates.turn, share
+        k = b.K[i]
+        k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7] = k0, k1, k2, k3, k4, k5, k6, k7
+        if path:
+            x, y_1, spun = path_rates(dm, s, sin_b, cos_b, w_b, w_p, spin, u_a, u_b, theta)
+            k[YX], k[YY], k[YGAMMA] = share * x, share * y_1, share * spun
     return explicit_finish(h, b.start, b.K, n, b.scale, b.out)
 
 
@@ -293,10 +357,14 @@ def slide_step(dm, modes, phase, h, n, b):
     return inf
 
 
-@compiled
+@compiled(inline=True)
 def step_to(dm, modes, phase, h, n, pace, gamma, b):
     """One step; the rates (per time) and forces at its end are left in b.dy_out, b.F_out. Returns the error."""
-    slides = pace == SLIDE
-    error = slide_step(dm, modes, phase, h, n, b) if slides else explicit_step(dm, modes, phase, h, n, pace, gamma, b)
+    if pace == SLIDE:
+        error = slide_step(dm, modes, phase, h, n, b)
+    elif b.start[YCHART] == UPRIGHT or (modes[0] != FREE and modes[1] != FREE):
+        error = explicit_step(dm, modes, phase, h, n, pace, gamma, b)
+    else:
+        error = single_step(dm, modes, phase, h, n, pace, gamma, b)
     contact_rates(dm, modes, phase + dm.omega * b.out[YTIME], b.out, n > N_CLOSED, b.dy_out, b.F_out)
     return error

@@ -1,11 +1,11 @@
 """The vibrating plate: effective gravity in the plate's own frame."""
 
-from math import sin
-
 from dimersweep.kernel.jit import compiled
+from dimersweep.kernel.sincos import sincos
 
 
 @compiled
 def effective_gravity(dm, phase):
     """g_e = g + z_p'' = g - A_z omega^2 sin(phase) [m s-2]."""
-    return dm.g - dm.A_z * dm.omega * dm.omega * sin(phase)
+    sine, _ = sincos(phase)
+    return dm.g - dm.A_z * dm.omega * dm.omega * sine

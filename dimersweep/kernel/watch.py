@@ -61,11 +61,13 @@ def least_value(dm, modes, armed, base, y, F, slip_tol, values):
 
 
 @compiled
-def arm(dm, modes, armed, y, F, slip_tol):
-    """Arm the event functions of the ends that are positive."""
+def arm(dm, modes, armed, y, F, slip_tol, values):
+    """Arm the event functions of the ends that have become positive; they are written into `values`."""
     for k in range(TIPS):
-        if 0.0 < glide_value(dm, modes, k, y, y, F, slip_tol) < inf:
-            armed[k] = 1.0
+        if armed[k] == 0.0:
+            value = glide_value(dm, modes, k, y, y, F, slip_tol)
+            if 0.0 < value < inf:
+                armed[k], values[k] = 1.0, value
 
 
 @compiled

@@ -13,6 +13,7 @@ from verbs import (
     contact_velocity,
     desk,
     dimer,
+    glide_closed,
     glide_path,
     hold_reserve,
     load,
@@ -22,7 +23,7 @@ from verbs import (
 )
 
 from dimersweep import simulate
-from dimersweep.kernel.charts import N_PATH, N_Y, YB, YS, YTHETA, YTIME, YUA, YUB, YWB, YWP, YX
+from dimersweep.kernel.charts import N_CLOSED, N_PATH, N_Y, YB, YS, YTHETA, YTIME, YUA, YUB, YWB, YWP, YX
 from dimersweep.kernel.choose import CLOSED, INCONSISTENT, SEPARATES
 from dimersweep.kernel.contact import A1, COMPLIANCE, F1, F2, L1, N_F
 from dimersweep.kernel.glide import NO_EVENT
@@ -427,6 +428,54 @@ def test_events_of_a_phase_are_where_their_functions_vanish():
         assert value == pytest.approx(0, abs=1e-12)
     assert sin(dm.omega * t) == pytest.approx(1 / 1.5, rel=1e-12)  # both lift where the effective gravity vanishes
     assert not state[[CB, WP, SPIN]].any()
+
+
+@pytest.mark.parametrize("modes", [*SINGLE, (SLIP, SLIP)])
+def test_whether_the_path_is_wanted_does_not_change_the_motion(modes):
+    dm = dimer(mu=0.1, mu_s=3.0, Gamma=0.3)
+    state = closed_state(dm, modes, np.random.default_rng(2), 0.5)
+    codes, y = loaded(dm, modes, state)
+    other = y.copy()
+    told = glide_path(dm, codes, y, 0.3, 0.02, 1e-6, 1e-9, True, desk()[0])
+    assert told == glide_closed(dm, codes, other, 0.3, 0.02, 1e-6, 1e-9, True, desk()[0])
+    assert (y[:N_CLOSED] == other[:N_CLOSED]).all()
+    assert (y[YX : YX + 2] != other[YX : YX + 2]).all()
+
+
+@pytest.mark.parametrize("tol", [1e-3, 1e-6, 1e-10])
+@pytest.mark.parametrize("modes", [(SLIP, FREE), (STICK, STICK), (SLIP, SLIP)])
+def test_a_brief_pull_within_a_step_is_found(tol, modes):
+    """The plate falls faster than the dimer for a thousandth of a period, or almost as fast; one that tips is light before."""
+    for Gamma in (1.0 + 1e-5, 1.0 - 1e-4):
+        dm = dimer(Gamma=Gamma, mu=1e-9, mu_s=3.0)
+        state = np.zeros(16)
+        state[CB] = 1.0 if SLIP in modes else 0.0
+        if FREE in modes:
+            state[[BETA, D2]] = 0.3, 2 * dm.h * sin(0.3)
+        codes, y = loaded(dm, modes, state)
+        phase = 0.5 * np.pi - 0.6
+        t, event = glide_path(dm, codes, y, phase, 1.2 / dm.omega, tol, 0.1 * tol * dm.v_scale, True, desk()[0])
+        if Gamma > 1:
+            assert event in (LIFTS, LIFTS + 1)
+            assert sin(phase + dm.omega * t) == pytest.approx(1 / Gamma, abs=max(tol, 1e-5))
+        else:
+            assert event == NO_EVENT
+
+
+@pytest.mark.parametrize("tol", [1e-4, 1e-7, 1e-10])
+def test_slip_beside_an_end_that_sticks_comes_to_rest_on_a_line(tol):
+    """p1 is the pivot, p2 slips around it: the time is right to what the tolerance says of the speed."""
+    dm = dimer(mu=0.2, mu_s=3.0, Gamma=0.5)
+    state, times = np.zeros(16), []
+    state[WP] = 0.05 / (2 * dm.h)
+    state = at_rest(dm, state, 0)
+    for accuracy in (tol, 1e-13):
+        codes, y = loaded(dm, (STICK, SLIP), state)
+        t, event = glide_path(dm, codes, y, 0.0, dm.T, accuracy, 0.1 * accuracy * dm.v_scale, True, desk()[0])
+        assert event == SLIP_ZERO + 1
+        assert y[YWP] == y[YUB] == 0.0
+        times.append(t)
+    assert times[0] == pytest.approx(times[1], abs=tol * dm.v_scale / (dm.mu * dm.g))
 
 
 @pytest.mark.jit

@@ -166,6 +166,12 @@ def glide_path(dm, modes, y, phase, span, tol, slip_tol, watch, work):
 
 
 @compiled
+def glide_closed(dm, modes, y, phase, span, tol, slip_tol, watch, work):
+    """Contact phase without the path."""
+    return glide.glide(dm, modes, y, phase, span, False, tol, slip_tol, watch, work)
+
+
+@compiled
 def come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F):
     return chatter.come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F)
 
