@@ -104,7 +104,7 @@ def contact_step(dm, state, modes, pace, rtol, work):
     paces.set_scales(dm, rtol, b.scale)
     paces.set_chart(b.start, b)
     contact.contact_rates(dm, modes, phase, b.start, False, b.dy, b.F)
-    gamma = paces.stiffness(dm, max(b.F[contact.F1], b.F[contact.F2]))
+    gamma = paces.stiffness(dm, b.start, max(b.F[contact.F1], b.F[contact.F2]))
     size = STRETCH if pace == paces.SLOW else SHARE * dm.T
     return paces.step_to(dm, modes, phase, size, charts.N_CLOSED, pace, gamma, b)
 

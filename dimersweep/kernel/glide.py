@@ -31,7 +31,7 @@ from dimersweep.kernel.paces import (
     step_to,
     stiffness,
 )
-from dimersweep.kernel.steps import copy, inside, shrink, step_factor
+from dimersweep.kernel.steps import copy, inside, on_cubic, shrink, step_factor
 from dimersweep.kernel.watch import (
     JAMS,
     LANDS,
@@ -75,19 +75,10 @@ CLOSE = 100.0  # in units of that, what may be left of a dip when the open end l
 GLIDE_ROWS = BENCH_ROWS
 
 
-@compiled(inline=True)
-def hermite(b, s, h, n, out):
-    """Cubic through the ends of a step (of the paces in time) at share s, into `out`."""
-    u = 1.0 - s
-    for k in range(n):
-        rise = b.out[k] - b.start[k]
-        out[k] = b.start[k] + s * rise + s * u * ((2.0 * s - 1.0) * rise + h * (u * b.dy[k] - s * b.dy_out[k]))
-
-
 @compiled
 def value_on_cubic(dm, modes, phase, s, h, n, event, slip_tol, b):
     """Event function `event` on the cubic through the ends of a step, at share s."""
-    hermite(b, s, h, n, b.probe)
+    on_cubic(b.start, b.dy, b.out, b.dy_out, s, h, n, b.probe)
     if not SLIP_ZERO <= event <= TIPS:  # only these depend on the forces
         contact_rates(dm, modes, phase + dm.omega * h * s, b.probe, False, b.dy_probe, b.F_probe)
     return glide_value(dm, modes, event, b.start, b.probe, b.F_probe, slip_tol)
@@ -96,7 +87,7 @@ def value_on_cubic(dm, modes, phase, s, h, n, event, slip_tol, b):
 @compiled(inline=True)
 def values_on_cubic(dm, modes, phase, s, h, n, slip_tol, b, values):
     """Armed event functions on the cubic through the ends of a step, at share s, into `values`; returns the least."""
-    hermite(b, s, h, n, b.probe)
+    on_cubic(b.start, b.dy, b.out, b.dy_out, s, h, n, b.probe)
     contact_rates(dm, modes, phase + dm.omega * h * s, b.probe, False, b.dy_probe, b.F_probe)
     least, _ = least_value(dm, modes, b.armed, b.start, b.probe, b.F_probe, slip_tol, values)
     return least
@@ -301,7 +292,7 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
             return t, NO_EVENT
         y[YTIME] = 0.0
         copy(y, b.start, N_PATH)
-        gamma = stiffness(dm, max(b.F[F1], b.F[F2]))
+        gamma = stiffness(dm, y, max(b.F[F1], b.F[F2]))
         now = phase + dm.omega * t
         v, rate = slip_speed(dm, modes, y, b.dy)
         sets_out = t == 0.0 and v <= slip_tol  # its mode was chosen: what rounding says of its rate counts less
@@ -321,7 +312,7 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
             slowing = SLIDING if pace == SLIDE else (0.9 if v == inf else min(0.9, HALTING * sqrt(natural)))
             h = min(h, min(slowing * slip_limit(dm, modes, y, b.dy), landing_in_sight(dm, modes, y, b.dy)))
         if pace == PLAIN and gamma > 0.0:
-            h = min(h, TURNS * v / max(gamma, stiffness(dm, 0.5 * dm.m * dm.g)))
+            h = min(h, TURNS * v / max(gamma, stiffness(dm, y, 0.5 * dm.m * dm.g)))
         last = pace != SLOW and h >= (span - t) * (1.0 - 1e-12)
         if last:
             h = span - t

@@ -123,9 +123,11 @@ def set_scales(dm, tol, scale):
 
 
 @compiled
-def stiffness(dm, force):
-    """gamma: the rate at which friction under a normal force turns a slip, times its speed [m s-2]."""
-    return dm.mu * (dm.im + dm.h * dm.h * dm.it + dm.r * dm.r * dm.ia) * force
+def stiffness(dm, y, force):
+    """gamma: a bound on the rate at which friction under a normal force turns a slip, times its speed [m s-2]."""
+    tilt = 1.0 if y[YCHART] == UPRIGHT else min(1.0, abs(y[YB]))
+    arm = dm.h + dm.r * tilt
+    return dm.mu * (dm.im + arm * arm * dm.it + dm.r * dm.r * dm.ia) * force
 
 
 @compiled

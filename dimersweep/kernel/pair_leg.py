@@ -40,6 +40,7 @@ from dimersweep.kernel.steps import (
     inside,
     lu_factor,
     lu_solve,
+    on_cubic,
     shrink,
     step_factor,
 )
@@ -232,6 +233,23 @@ def slip_unit(law, modes, z, rates):
 
 
 @compiled
+def stays_slow(law, modes, z, slip_tol):
+    """Number of an end whose slip counts as none and that friction can hold, -1 if there is none.
+
+    Where drive and friction balance, a slip goes on at a speed below all that counts.
+    """
+    f_1, f_2 = pressure(z[ZX1]), pressure(z[ZX2])
+    for i in range(2):
+        if modes[i] == SLIP and law.mu > 0.0 and length(z[ZA], z[ZB1 + i]) <= slip_tol:
+            modes[i] = STICK
+            room = stick_reserve(law, modes, i, z, f_1, f_2)
+            modes[i] = SLIP
+            if room > 0.0:
+                return i
+    return -1
+
+
+@compiled
 def pair_leg(law, z, modes, compressing, tol, slip_tol, work):
     """Integrate from z, in place, to the first event of the phase; returns its number, or -1 when steps ran out."""
     b = lay_out_pair(work)
@@ -282,17 +300,12 @@ def pair_leg(law, z, modes, compressing, tol, slip_tol, work):
         # a slip that has only turned by a right angle goes on
         if least <= 0.0 and (event < 6 or length(z[ZA], z[ZB1 + event - 6]) <= 4.0 * slip_tol):
             return event
+        if stiff:
+            still = stays_slow(law, modes, z, slip_tol)
+            if still >= 0:
+                return 6 + still
         h *= factor
     return -1
-
-
-@compiled
-def on_cubic(b, s, h, out):
-    """Cubic through the ends of a step of size h at share s, into `out`."""
-    u = 1.0 - s
-    for k in range(N_Z):
-        rise = b.out[k] - b.start[k]
-        out[k] = b.start[k] + s * rise + s * u * ((2.0 * s - 1.0) * rise + h * (u * b.rates[k] - s * b.rates_out[k]))
 
 
 @compiled
@@ -302,12 +315,12 @@ def crossing_on_cubic(law, modes, compressing, clock, h, g_start, g_end, slip_to
     mid, g = 0.5, 0.0
     for probe in range(12):
         mid = inside(low, high, g_low, g_high, probe)
-        on_cubic(b, mid, h, b.probe)
+        on_cubic(b.start, b.rates, b.out, b.rates_out, mid, h, N_Z, b.probe)
         g, _ = least_value(law, modes, compressing, clock, b.armed, b.start, b.probe, slip_tol)
         if abs(g) <= 1e-6 * (g_start - g_end):
             break
         low, high, g_low, g_high, side = shrink(low, high, g_low, g_high, mid, g, side)
-    on_cubic(b, mid + 1e-3, h, b.probe)
+    on_cubic(b.start, b.rates, b.out, b.rates_out, mid + 1e-3, h, N_Z, b.probe)
     g_on, _ = least_value(law, modes, compressing, clock, b.armed, b.start, b.probe, slip_tol)
     return mid * h, (g_on - g) / (1e-3 * h)
 

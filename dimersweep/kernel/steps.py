@@ -142,6 +142,15 @@ def lu_solve(A, n, pivots, b):
 
 
 @compiled
+def on_cubic(start, rates, end, rates_end, s, h, n, out):
+    """Cubic through the ends of a step of size h at share s, into `out`."""
+    u = 1.0 - s
+    for k in range(n):
+        rise = end[k] - start[k]
+        out[k] = start[k] + s * rise + s * u * ((2.0 * s - 1.0) * rise + h * (u * rates[k] - s * rates_end[k]))
+
+
+@compiled
 def inside(low, high, g_low, g_high, probe):
     """Where a bracketed zero is probed next: the secant point; the middle if that is not inside, and in every third probe,
     since the least of several functions may have a bend that regula falsi creeps to.

@@ -12,6 +12,23 @@ pytestmark = pytest.mark.jit
 
 # what was wrong, the scene, forcing periods
 MENDED = [
+    # a slip at the balance of its drive and its friction, below what counts as a slip, for a whole leg
+    (
+        "impact_steps",
+        {
+            "e": 0.5687916475792059,
+            "Gamma": 1.0233781377213425,
+            "f": 31.704075390130033,
+            "A_r": 7.387598073929487,
+            "mu": 0.17166098076505276,
+            "mu_s": 0.252334650684187,
+            "beta0": 0.5119646351186895,
+            "xdot0": 0.9266172961268846,
+        },
+        8,
+    ),
+    # a slow slip at a steep dip, where friction turns it faster than at a small one
+    ("contact_steps", {"A_r": 2.0, "mu": 0.15, "beta0": 1.27, "xdot0": 0.02, "phi0": 1.6}, 1),
     ("impact_steps", {"Gamma": 0.4153301202337764, "A_r": 4.82919957333898, "beta0": 0.4744193398622203}, 6),
     ("impact_steps", {"e": 0.3333333333333333, "Gamma": 1.2875, "beta0": 0.5759586531581288}, 5),
     ("impact_steps", {"e": 0.4, "Gamma": 1.284375, "beta0": 1.0733774899765127}, 5),
