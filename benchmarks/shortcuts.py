@@ -152,6 +152,21 @@ SHORTCUTS = (
         {"single_impact": replaced("min(ORDER, max(LEAST_ORDER, int(8.0 - 0.6 * log(tol))))", "ORDER + 0 * int(tol)")},
     ),
     Shortcut(
+        "expansion only as far as the leg goes",
+        "to the highest order",
+        {"single_impact": replaced("if 0.0 < end < inf and term", "if end < 0.0 and term")},
+    ),
+    Shortcut(
+        "compression and restitution in one expansion",
+        "one for each",
+        {"single_impact": replaced("law.both == 0.0 and law.e >= LIVELY", "law.e > 2.0")},
+    ),
+    Shortcut(
+        "slip that dies out summed in closed form",
+        "the expansion",
+        {"single_impact": body("run_down", "return inf, inf")},
+    ),
+    Shortcut(
         "fewer digits for slow impacts",
         "the same relative accuracy for all",
         {"engine": replaced("tol * max(1.0, min(dm.v_scale, fastest) / V)", "tol")},
@@ -208,6 +223,11 @@ SHORTCUTS = (
         {"glide": body("landing_in_sight", "return inf")},
     ),
     Shortcut("steps to a landing by bounds", "a fine scan, and bisection", {"roots": body("first_landing", SCAN)}),
+    Shortcut(
+        "Newton's rule to a landing where the gap certainly falls",
+        "steps by bounds to the end",
+        {"roots": body("fall", "return inf, inf")},
+    ),
     Shortcut(
         "second end watched until the first one lands",
         "until the end of the period",
