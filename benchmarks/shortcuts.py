@@ -149,7 +149,11 @@ SHORTCUTS = (
     Shortcut(
         "terms of the expansion as the tolerance needs",
         "always all of them",
-        {"single_impact": replaced("min(ORDER, max(LEAST_ORDER, int(8.0 - 0.6 * log(tol))))", "ORDER + 0 * int(tol)")},
+        {
+            "single_impact": replaced(
+                "min(ORDER, max(LEAST_ORDER, int(8.0 - 0.6 * log(share))))", "ORDER + 0 * int(share)"
+            )
+        },
     ),
     Shortcut(
         "expansion only as far as the leg goes",

@@ -297,7 +297,8 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
         v, rate = slip_speed(dm, modes, y, b.dy)
         sets_out = t == 0.0 and v <= slip_tol  # its mode was chosen: what rounding says of its rate counts less
         if watch and not sets_out and v < STIFF * dm.T * gamma:
-            stopping = nearly_stopped(dm, modes, y, b.dy, span - t, tol, slip_tol)
+            lands = landing_in_sight(dm, modes, y, b.dy) / BEYOND
+            stopping = nearly_stopped(dm, modes, y, b.dy, min(lands, span - t), tol, slip_tol)
             if stopping >= 0:
                 t += run_out(dm, modes, y, b.dy, stopping, slip_tol, n)
                 return t, SLIP_ZERO + stopping

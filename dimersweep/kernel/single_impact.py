@@ -383,7 +383,8 @@ def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
         LEG (go on with the next leg) or STEPS.
     """
     gain = 1.0 if compressing else 1.0 / (law.e * law.e)
-    highest = min(ORDER, max(LEAST_ORDER, int(8.0 - 0.6 * log(tol))))  # the least work for a step of this accuracy
+    share = tol / max(1.0, length(a, b))
+    highest = min(ORDER, max(LEAST_ORDER, int(8.0 - 0.6 * log(share))))  # the least work for a step of this accuracy
     slip_end, lateral = max(tol, 1e-14 * length(a, b)), abs(b) > tol
     whole = compressing and law.both == 0.0 and law.e >= LIVELY
     n, n_j, P, A, B = n0, n_j0, 0.0, 0.0, 0.0

@@ -118,7 +118,7 @@ def brief(dm, y, tol):
 
 @compiled
 def nearly_stopped(dm, modes, y, dy, span, tol, slip_tol):
-    """Number of a slipping end that comes to rest along a straight line within a brief time, -1 if none does.
+    """Number of a slipping end that comes to rest along a straight line within a brief time, at most `span`; -1 if none does.
 
     Its slip and the change of its slip must be parallel to the tolerance; within a tolerance of rest slowing down will do.
     """
@@ -129,8 +129,9 @@ def nearly_stopped(dm, modes, y, dy, span, tol, slip_tol):
             v, along = length(a, b), a * d_a + b * d_b
             if along < 0.0:
                 across = abs(a * d_b - b * d_a) * v / -along
-                soon = v * v / -along <= min(span, brief(dm, y, tol))
-                if v <= NEAR * slip_tol or (soon and across <= 0.5 * tol * dm.v_scale):
+                time = v * v / -along
+                straight = time <= brief(dm, y, tol) and across <= 0.5 * tol * dm.v_scale
+                if time <= span and (v <= NEAR * slip_tol or straight):
                     return i
     return -1
 
