@@ -36,8 +36,8 @@ from dimersweep.kernel.law import length
 from dimersweep.kernel.layout import FREE, SLIP
 from dimersweep.kernel.plate import effective_gravity
 from dimersweep.kernel.sincos import sincos
-from dimersweep.kernel.steps import DOP_STAGES, copy, explicit_finish, explicit_stage, lu_factor, lu_solve
-from dimersweep.kernel.tableaux import DOP_A, DOP_C, DOP_SKIPPED
+from dimersweep.kernel.steps import DOP_STAGES, copy, explicit_finish, explicit_stage, lu_factor, lu_solve, stage_sums
+from dimersweep.kernel.tableaux import DOP_A, DOP_C
 from dimersweep.kernel.watch import slip_speed
 
 PLAIN, SLOW, SLIDE = 0, 1, 2
@@ -172,25 +172,6 @@ def explicit_step(dm, modes, phase, h, n, pace, gamma, b):
 
 
 @compiled(fuse=True, inline=True)
-def stage_sums(i, K):
-    """Slopes of the stages of DOP853 before the last one before number i, weighted by row i of its table."""
-    a, slope = DOP_A[i, 0] if i > 1 else 0.0, K[0]
-    t0, t1, t2, t3 = a * slope[0], a * slope[1], a * slope[2], a * slope[3]
-    t4, t5, t6, t7 = a * slope[4], a * slope[5], a * slope[6], a * slope[7]
-    for j in range(DOP_SKIPPED[i], i - 1):
-        a, slope = DOP_A[i, j], K[j]
-        t0 += a * slope[0]
-        t1 += a * slope[1]
-        t2 += a * slope[2]
-        t3 += a * slope[3]
-        t4 += a * slope[4]
-        t5 += a * slope[5]
-        t6 += a * slope[6]
-        t7 += a * slope[7]
-    return t0, t1, t2, t3, t4, t5, t6, t7
-
-
-@compiled(fuse=True, inline=True)
 def single_step(dm, modes, phase, h, n, pace, gamma, b):
     """The same of the contact of one end in the chart by heading.
 
@@ -205,7 +186,7 @@ def single_step(dm, modes, phase, h, n, pace, gamma, b):
         k[j] = share * b.dy[j]
     k0, k1, k2, k3, k4, k5, k6, k7 = k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7]
     for i in range(1, DOP_STAGES):
-        t0, t1, t2, t3, t4, t5, t6, t7 = stage_sums(i, b.K)
+        t0, t1, t2, t3, t4, t5, t6, t7 = stage_sums(i, i - 1, b.K)
         a = DOP_A[i, i - 1]
         beta, w_b = y[YB] + h * (t0 + a * k0), y[YWB] + h * (t1 + a * k1)
         w_p, spin = y[YWP] + h * (t2 + a * k2), y[YS] + h * (t3 + a * k3)

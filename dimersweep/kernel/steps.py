@@ -26,13 +26,12 @@ def clear(A, rows, columns):
 
 
 @compiled(fuse=True, inline=True)
-def explicit_stage(i, h, y, K, n, out):
-    """y with the slopes K of the stages of DOP853 before number i, weighted by row i of its table, into `out`. n >= WIDTH."""
-    a, slope = DOP_A[i, 0], K[0]
+def stage_sums(i, last, K):
+    """Slopes K of the stages of DOP853 before number `last`, weighted by row i of its table; the first WIDTH entries."""
+    a, slope = DOP_A[i, 0] if last > 0 else 0.0, K[0]
     t0, t1, t2, t3 = a * slope[0], a * slope[1], a * slope[2], a * slope[3]
     t4, t5, t6, t7 = a * slope[4], a * slope[5], a * slope[6], a * slope[7]
-    skipped = DOP_SKIPPED[i]
-    for j in range(skipped, i):
+    for j in range(DOP_SKIPPED[i], last):
         a, slope = DOP_A[i, j], K[j]
         t0 += a * slope[0]
         t1 += a * slope[1]
@@ -42,11 +41,18 @@ def explicit_stage(i, h, y, K, n, out):
         t5 += a * slope[5]
         t6 += a * slope[6]
         t7 += a * slope[7]
+    return t0, t1, t2, t3, t4, t5, t6, t7
+
+
+@compiled(fuse=True, inline=True)
+def explicit_stage(i, h, y, K, n, out):
+    """y with the slopes K of the stages of DOP853 before number i, weighted by row i of its table, into `out`. n >= WIDTH."""
+    t0, t1, t2, t3, t4, t5, t6, t7 = stage_sums(i, i, K)
     out[0], out[1], out[2], out[3] = y[0] + h * t0, y[1] + h * t1, y[2] + h * t2, y[3] + h * t3
     out[4], out[5], out[6], out[7] = y[4] + h * t4, y[5] + h * t5, y[6] + h * t6, y[7] + h * t7
     for k in range(WIDTH, n):
         total = DOP_A[i, 0] * K[0, k]
-        for j in range(skipped, i):
+        for j in range(DOP_SKIPPED[i], i):
             total += DOP_A[i, j] * K[j, k]
         out[k] = y[k] + h * total
 
