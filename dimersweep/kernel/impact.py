@@ -99,29 +99,29 @@ def stored_energy(X):
 
 
 @compiled
-def presses(i, z, left):
-    """Whether end i is compressed or approaches, by more than the gap rate `left` (X^(5/4) is worth one)."""
+def presses(i, z, left, least):
+    """Whether end i is compressed or approaches, by more than the gap rate `left`, or the compression `least` worth as much."""
     X, n = z[ZX1 + i], z[ZN1 + i]
-    return n < -left or left**0.8 < X or (X > 0.0 and n > left)
+    return n < -left or least < X or (X > 0.0 and n > left)
 
 
 @compiled
-def let_go(i, z, compressing, left):
+def let_go(i, z, compressing, left, least):
     """An end that does not press has no compression left."""
-    if not presses(i, z, left):
+    if not presses(i, z, left, least):
         z[ZX1 + i] = 0.0
         compressing[i] = 1.0
 
 
 @compiled
-def acts(law, i, z, left, slip_tol):
+def acts(law, i, z, left, least, slip_tol):
     """Whether end i acts now or is about to: it presses, or the other end's pressing drives it towards the plate from rest.
 
     At rest and uncompressed, an end is driven by the other one alone, with the friction that other end has.
     """
-    if presses(i, z, left):
+    if presses(i, z, left, least):
         return True
-    if z[ZN1 + i] > 0.0 or not presses(1 - i, z, left):
+    if z[ZN1 + i] > 0.0 or not presses(1 - i, z, left, least):
         return False
     sign = 1.0 if i == 0 else -1.0
     v = length(z[ZA], z[ZB2 - i])
@@ -255,14 +255,15 @@ def double_impact(dm, state, V, tol, modes, work, log):
     copy(z, start, N_Z)
     slip_tol = max(max(SLIP_TOL * tol, LEAST_SLIP), rounding(dm, state) / V)
     left = max(LEFT_OVER * tol, LEAST_LEFT)
+    least = left**0.8  # X^(5/4) is worth a gap rate
     compressing[0], compressing[1] = 1.0, 1.0
     rows = 0
     status = IMPACT_STEPS
     lost = False
     for _ in range(MAX_PHASES):
-        let_go(0, z, compressing, left)
-        let_go(1, z, compressing, left)
-        on_1, on_2 = acts(law, 0, z, left, slip_tol), acts(law, 1, z, left, slip_tol)
+        let_go(0, z, compressing, left, least)
+        let_go(1, z, compressing, left, least)
+        on_1, on_2 = acts(law, 0, z, left, least, slip_tol), acts(law, 1, z, left, least, slip_tol)
         if not on_1 and not on_2:
             z[ZN1], z[ZN2] = max(0.0, z[ZN1]), max(0.0, z[ZN2])
             status = OK

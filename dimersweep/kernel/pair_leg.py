@@ -266,31 +266,35 @@ def pair_leg(law, z, modes, compressing, tol, slip_tol, work):
     clock, slow = ruling_clock(z, b.gains, faint), 0
     longest = 1.0 / sqrt(max(b.gains[0], b.gains[1]))
     h = FIRST * tol**0.125 * longest
+    turning, turns, pace, unit, stiff, fresh = inf, inf, 1.0, 1.0, False, True
     for _ in range(MAX_STEPS):
-        turning = turning_time(law, modes, z)
-        turns = TURNS * turning
+        if fresh:
+            turning = turning_time(law, modes, z)
+            turns = TURNS * turning
         slow = slow + 1 if turns < STIFF else 0
-        stiff = slow > LASTS
-        last, clock = clock, PLAIN if stiff else ruling_clock(z, b.gains, faint)
-        pace = clock_rate(clock, z)
-        if clock != last:
-            h = min(h * clock_rate(last, z) / pace, longest)
-        copy(z, b.start, N_Z)
-        to_clock(clock, b.start)
-        impact_rates(law, modes, b.gains, clock, b.start, b.rates)
-        if not stiff and h * pace > turns:
-            h = turns / pace
-        h = slip_bound(z, b.rates, modes, h)
-        unit = slip_unit(law, modes, z, b.rates) if stiff else 1.0
+        fresh, stiff = fresh or stiff != (slow > LASTS), slow > LASTS
+        if fresh:  # else the last step was refused, and only its size is another one
+            last, clock = clock, PLAIN if stiff else ruling_clock(z, b.gains, faint)
+            pace = clock_rate(clock, z)
+            if clock != last:
+                h = min(h * clock_rate(last, z) / pace, longest)
+            copy(z, b.start, N_Z)
+            to_clock(clock, b.start)
+            impact_rates(law, modes, b.gains, clock, b.start, b.rates)
+            if not stiff and h * pace > turns:
+                h = turns / pace
+            h = slip_bound(z, b.rates, modes, h)
+            unit = slip_unit(law, modes, z, b.rates) if stiff else 1.0
         error = pair_step(law, modes, clock, h, tol, unit, stiff, b)
         factor = step_factor(error, 5.0 if stiff else 8.0)
         if not error <= 1.0:
-            h *= factor
+            h, fresh = factor * h, False
             continue
+        fresh = True
         least, event = least_value(law, modes, compressing, clock, b.armed, b.start, b.out, slip_tol)
         if least > 0.0:
             for k in range(N_EVENTS):
-                if event_value(law, k, modes, compressing, clock, b.out, b.out, slip_tol) > 0.0:
+                if b.armed[k] == 0.0 and event_value(law, k, modes, compressing, clock, b.out, b.out, slip_tol) > 0.0:
                     b.armed[k] = 1.0
         else:
             brisk = turning / pace if longest * pace > turning else longest
