@@ -96,33 +96,31 @@ def friction(law, mode_1, mode_2, f_1, f_2, a, b_1, b_2):
     return -(k_1 + k_2) * a, -k_1 * b_1, -k_2 * b_2
 
 
-@compiled
-def velocity_rates(law, f_1, f_2, A, L_1, L_2, out):
-    """d/dtau of the contact velocities under given forces."""
-    out[ZN1] = law.nn * f_1 + law.nn_12 * f_2 - law.w * A
-    out[ZN2] = law.nn_12 * f_1 + law.nn * f_2 + law.w * A
-    out[ZA] = law.w * (f_2 - f_1) + law.aa * A
-    out[ZB1] = law.bb * L_1 + law.bb_12 * L_2
-    out[ZB2] = law.bb_12 * L_1 + law.bb * L_2
+@compiled(inline=True)
+def rates_in_clock(law, modes, gains, clock, n_1, n_2, X_1, X_2, a, b_1, b_2):
+    """Rates of the state of a double impact in a clock, in the order of the state; gains are 1 or 1/e^2."""
+    f_1 = X_1 * X_1 * X_1 if has_root(clock, 0) else pressure(X_1)
+    f_2 = X_2 * X_2 * X_2 if has_root(clock, 1) else pressure(X_2)
+    A, L_1, L_2 = friction(law, modes[0], modes[1], f_1, f_2, a, b_1, b_2)
+    pace = 1.0 if clock == PLAIN else (X_2 if clock == 1 else X_1)
+    rise_1, rise_2 = -gains[0] * n_1, -gains[1] * n_2
+    return (
+        pace * (law.nn * f_1 + law.nn_12 * f_2 - law.w * A),
+        pace * (law.nn_12 * f_1 + law.nn * f_2 + law.w * A),
+        (0.5 if has_root(clock, 0) else pace) * rise_1,
+        (0.5 if has_root(clock, 1) else pace) * rise_2,
+        pace * (law.w * (f_2 - f_1) + law.aa * A),
+        pace * (law.bb * L_1 + law.bb_12 * L_2),
+        pace * (law.bb_12 * L_1 + law.bb * L_2),
+    )
 
 
 @compiled(inline=True)
 def impact_rates(law, modes, gains, clock, z, out):
-    """Right-hand side of the double impact in a clock; gains are 1 or 1/e^2."""
-    f_1, f_2 = pressures(z, clock)
-    A, L_1, L_2 = friction(law, modes[0], modes[1], f_1, f_2, z[ZA], z[ZB1], z[ZB2])
-    velocity_rates(law, f_1, f_2, A, L_1, L_2, out)
-    out[ZX1] = -gains[0] * z[ZN1]
-    out[ZX2] = -gains[1] * z[ZN2]
-    if clock != PLAIN:
-        rise_1, rise_2 = out[ZX1], out[ZX2]
-        pace = z[ZX2] if clock == 1 else z[ZX1]
-        for k in range(N_Z):
-            out[k] *= pace
-        if has_root(clock, 0):
-            out[ZX1] = 0.5 * rise_1
-        if has_root(clock, 1):
-            out[ZX2] = 0.5 * rise_2
+    """The same from a state z into `out`."""
+    out[ZN1], out[ZN2], out[ZX1], out[ZX2], out[ZA], out[ZB1], out[ZB2] = rates_in_clock(
+        law, modes, gains, clock, z[ZN1], z[ZN2], z[ZX1], z[ZX2], z[ZA], z[ZB1], z[ZB2]
+    )
 
 
 @compiled

@@ -25,6 +25,7 @@ from dimersweep.kernel.pair_law import (
     impact_rates,
     pressure,
     pressures,
+    rates_in_clock,
     stick_reserve,
     to_clock,
 )
@@ -34,7 +35,6 @@ from dimersweep.kernel.steps import (
     WIDTH,
     copy,
     explicit_finish,
-    explicit_stage,
     implicit_load,
     implicit_stage,
     inside,
@@ -42,9 +42,10 @@ from dimersweep.kernel.steps import (
     lu_solve,
     on_cubic,
     shrink,
+    stage_sums,
     step_factor,
 )
-from dimersweep.kernel.tableaux import ROS_GAMMA
+from dimersweep.kernel.tableaux import DOP_A, ROS_GAMMA
 
 MAX_STEPS = 20000
 MAX_PROBES = 160
@@ -100,15 +101,41 @@ def lay_out_pair(work):
     )
 
 
+@compiled(fuse=True, inline=True)
+def stage_value(y, h, total, a, k):
+    """An entry of the state at a stage, from the sum over the older slopes and the newest one k."""
+    return y + h * (total + a * k)
+
+
 @compiled
 def explicit_step(law, modes, clock, h, tol, b):
-    """One DOP853 step of size h in a clock, from b.start into b.out; returns the error over the tolerance."""
-    for k in range(WIDTH):
-        b.scale[k] = tol
-    copy(b.rates, b.K[0], WIDTH)
-    for i in range(1, DOP_STAGES):
-        explicit_stage(i, h, b.start, b.K, WIDTH, b.out)
-        impact_rates(law, modes, b.gains, clock, b.out, b.K[i])
+    """One DOP853 step of size h in a clock, from b.start into b.out; returns the error over the tolerance.
+
+    The newest slopes stay in registers: to write them to K and to read them at once takes a fifth of the step.
+    """
+    y, k = b.start, b.rates
+    k0, k1, k2, k3, k4, k5, k6 = k[0], k[1], k[2], k[3], k[4], k[5], k[6]
+    for i in range(DOP_STAGES):
+        k = b.K[i]
+        k[0], k[1], k[2], k[3], k[4], k[5], k[6] = k0, k1, k2, k3, k4, k5, k6
+        if i < DOP_STAGES - 1:
+            t0, t1, t2, t3, t4, t5, t6, _ = stage_sums(i + 1, i, b.K)
+            a = DOP_A[i + 1, i]
+            k0, k1, k2, k3, k4, k5, k6 = rates_in_clock(
+                law,
+                modes,
+                b.gains,
+                clock,
+                stage_value(y[0], h, t0, a, k0),
+                stage_value(y[1], h, t1, a, k1),
+                stage_value(y[2], h, t2, a, k2),
+                stage_value(y[3], h, t3, a, k3),
+                stage_value(y[4], h, t4, a, k4),
+                stage_value(y[5], h, t5, a, k5),
+                stage_value(y[6], h, t6, a, k6),
+            )
+    for j in range(WIDTH):
+        b.scale[j] = tol
     return explicit_finish(h, b.start, b.K, WIDTH, b.scale, b.out)
 
 
