@@ -69,6 +69,5 @@ def compiled(function: Callable[..., Any] | None = None, *, fuse: bool = False, 
     if function is None:
         return lambda wrapped: compiled(wrapped, fuse=fuse, inline=inline)
     settings = _SETTINGS | {"pipeline_class": _InlinedCompiler if inline else _PartCompiler, "no_cpython_wrapper": True}
-    if fuse:
-        settings["fastmath"] = {"contract"}
+    settings["fastmath"] = {"contract"} if fuse else False  # where it is not set, that of the first caller would hold
     return _without_literals(_njit(**settings)(function))

@@ -96,22 +96,28 @@ def friction(law, mode_1, mode_2, f_1, f_2, a, b_1, b_2):
     return -(k_1 + k_2) * a, -k_1 * b_1, -k_2 * b_2
 
 
-@compiled(inline=True)
+@compiled(fuse=True, inline=True)
 def rates_in_clock(law, modes, gains, clock, n_1, n_2, X_1, X_2, a, b_1, b_2):
-    """Rates of the state of a double impact in a clock, in the order of the state; gains are 1 or 1/e^2."""
+    """Rates of the state of a double impact in a clock, in the order of the state; gains are 1 or 1/e^2.
+
+    By what both ends have in common and what parts them: so ends that move alike go on so to the last digit, however sums of
+    products are rounded. dtau/dsigma multiplies the forces, which are known before the frictions.
+    """
     f_1 = X_1 * X_1 * X_1 if has_root(clock, 0) else pressure(X_1)
     f_2 = X_2 * X_2 * X_2 if has_root(clock, 1) else pressure(X_2)
-    A, L_1, L_2 = friction(law, modes[0], modes[1], f_1, f_2, a, b_1, b_2)
     pace = 1.0 if clock == PLAIN else (X_2 if clock == 1 else X_1)
-    rise_1, rise_2 = -gains[0] * n_1, -gains[1] * n_2
+    f_1, f_2 = pace * f_1, pace * f_2
+    A, L_1, L_2 = friction(law, modes[0], modes[1], f_1, f_2, a, b_1, b_2)
+    f, apart = 0.5 * (law.nn + law.nn_12) * (f_1 + f_2), 0.5 * (law.nn - law.nn_12) * (f_1 - f_2) - law.w * A
+    L, L_apart = 0.5 * (law.bb + law.bb_12) * (L_1 + L_2), 0.5 * (law.bb - law.bb_12) * (L_1 - L_2)
     return (
-        pace * (law.nn * f_1 + law.nn_12 * f_2 - law.w * A),
-        pace * (law.nn_12 * f_1 + law.nn * f_2 + law.w * A),
-        (0.5 if has_root(clock, 0) else pace) * rise_1,
-        (0.5 if has_root(clock, 1) else pace) * rise_2,
-        pace * (law.w * (f_2 - f_1) + law.aa * A),
-        pace * (law.bb * L_1 + law.bb_12 * L_2),
-        pace * (law.bb_12 * L_1 + law.bb * L_2),
+        f + apart,
+        f - apart,
+        -(0.5 if has_root(clock, 0) else pace) * gains[0] * n_1,
+        -(0.5 if has_root(clock, 1) else pace) * gains[1] * n_2,
+        law.aa * A - law.w * (f_1 - f_2),
+        L + L_apart,
+        L - L_apart,
     )
 
 
