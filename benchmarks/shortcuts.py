@@ -158,7 +158,7 @@ SHORTCUTS = (
     Shortcut(
         "expansion only as far as the leg goes",
         "to the highest order",
-        {"single_impact": replaced("if 0.0 < end < inf and term", "if end < 0.0 and term")},
+        {"expansion": replaced("if 0.0 < end < inf and term", "if end < 0.0 and term")},
     ),
     Shortcut(
         "compression and restitution in one expansion",

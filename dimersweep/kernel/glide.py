@@ -31,7 +31,8 @@ from dimersweep.kernel.paces import (
     step_to,
     stiffness,
 )
-from dimersweep.kernel.steps import copy, inside, on_cubic, shrink, step_factor
+from dimersweep.kernel.search import S_AT, S_HIGH, begin_search, is_closed, next_probe, note_probe
+from dimersweep.kernel.steps import copy, on_cubic, step_factor
 from dimersweep.kernel.watch import (
     JAMS,
     LANDS,
@@ -52,7 +53,6 @@ from dimersweep.kernel.watch import (
 
 NO_EVENT, OUT_OF_STEPS = -1, -2
 MAX_STEPS = 200000
-MAX_PROBES = 160
 MAX_CHARTS = 20000
 FAINT = 1e-5  # first step of a phase that begins without force, in turns of its motion: after it the end presses, or lifts off
 LEAST = 1e-14  # step, in forcing periods, below which the contact force grows beyond all bounds
@@ -96,14 +96,14 @@ def values_on_cubic(dm, modes, phase, s, h, n, slip_tol, b, values):
 @compiled
 def crossing_on_cubic(dm, modes, phase, h, n, event, g_start, g_end, slip_tol, b):
     """First guess of the time in a step at which an event function vanishes, and the slope of the function there."""
-    low, high, g_low, g_high, side = 0.0, 1.0, g_start, g_end, 0
-    mid = 0.5
-    for probe in range(8):
-        mid = inside(low, high, g_low, g_high, probe)
+    s, mid = b.search, 0.5
+    begin_search(s, 1.0, g_start, g_end, 0.0, 0.0)
+    for _ in range(8):
+        mid = next_probe(s)
         g = value_on_cubic(dm, modes, phase, mid, h, n, event, slip_tol, b)
         if abs(g) <= 1e-5 * (g_start - g_end):
             break
-        low, high, g_low, g_high, side = shrink(low, high, g_low, g_high, mid, g, side)
+        note_probe(s, mid, g, 0.0, False)
     g = value_on_cubic(dm, modes, phase, mid, h, n, event, slip_tol, b)
     g_on = value_on_cubic(dm, modes, phase, mid + 1e-3, h, n, event, slip_tol, b)
     slope = (g_on - g) / (1e-3 * h)
@@ -141,35 +141,29 @@ def first_crossing(dm, modes, phase, h, n, pace, gamma, event, least, tol, slip_
     int
         The event; b.out is the state there.
     """
-    low, high, g_high, side = 0.0, h, least, 0
     g_low, _ = least_value(dm, modes, b.armed, b.start, b.start, b.F, slip_tol, b.values[1])
-    past = EXACT * tol * (abs(g_low) + abs(g_high))
+    past = EXACT * tol * (abs(g_low) + abs(least))
     close = CLOSE * past if b.start[YB] != 0.0 else 0.0  # an end that has just left is not taken for one that lands
-    smooth = pace == PLAIN and not SLIP_ZERO <= event < LANDS
+    smooth, s = pace == PLAIN and not SLIP_ZERO <= event < LANDS, b.search
     near = nearby(dm, b.start, tol) if smooth else 0.0
-    at, g, guess, slope = h, least, 0.0, 0.0
+    guess, slope = 0.0, 0.0
     if pace != SLOW:
-        guess, slope = crossing_on_cubic(dm, modes, phase, h, n, event, b.values[1, event], g_high, slip_tol, b)
-    for probe in range(MAX_PROBES):
-        if high - low <= 1e-15 * h:
-            break
-        mid = guess if probe < 6 and low < guess < high else inside(low, high, g_low, g_high, probe)
-        way, before = mid - at, g
+        guess, slope = crossing_on_cubic(dm, modes, phase, h, n, event, b.values[1, event], least, slip_tol, b)
+    begin_search(s, h, g_low, least, guess, slope)
+    while not is_closed(s, h):
+        mid = next_probe(s)
+        way = mid - s[S_AT]
         if abs(way) <= near:
             carry_on(dm, modes, phase, way, n, b)
         else:
             step_to(dm, modes, phase, mid, n, pace, gamma, b)
-        at = mid
         g, which = least_value(dm, modes, b.armed, b.start, b.out, b.F_out, slip_tol, b.values[1])
         at_rest = SLIP_ZERO <= which < LANDS and abs(g) <= slip_tol / dm.v_scale
         if -past <= g <= 0.0 or at_rest or (which == LANDS and abs(g) <= close and b.out[YB] * b.out[YWB] < 0.0):
             return which
         event = which if g <= 0.0 else event
-        low, high, g_low, g_high, side = shrink(low, high, g_low, g_high, mid, g, side)
-        if probe > 0:
-            slope = (g - before) / way
-        guess = mid - (g + 0.5 * past) / slope if slope < 0.0 else 0.0
-    step_to(dm, modes, phase, high, n, pace, gamma, b)
+        note_probe(s, mid, g, -0.5 * past, True)
+    step_to(dm, modes, phase, s[S_HIGH], n, pace, gamma, b)
     return event
 
 

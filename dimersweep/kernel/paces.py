@@ -47,7 +47,7 @@ RENEWED = 2  # the iteration that takes new derivatives
 TIGHT = 0.5  # compliance from which the turning of the slip may lead to a jam
 TURN = 1e-6  # change of a slip, in units of itself, in its finite differences
 
-BENCH_ROWS = 79
+BENCH_ROWS = 80
 
 
 class Bench(NamedTuple):
@@ -72,6 +72,7 @@ class Bench(NamedTuple):
     F_probe: Any
     pivots: Any
     change: Any
+    search: Any  # for an event
 
 
 @compiled
@@ -97,6 +98,7 @@ def lay_out(work):
         work[76],
         work[77],
         work[78],
+        work[79],
     )
 
 

@@ -29,6 +29,7 @@ from dimersweep.kernel.pair_law import (
     stick_reserve,
     to_clock,
 )
+from dimersweep.kernel.search import S_AT, S_HIGH, begin_search, is_closed, next_probe, note_probe
 from dimersweep.kernel.steps import (
     DOP_STAGES,
     ROS_STAGES,
@@ -37,18 +38,15 @@ from dimersweep.kernel.steps import (
     explicit_finish,
     implicit_load,
     implicit_stage,
-    inside,
     lu_factor,
     lu_solve,
     on_cubic,
-    shrink,
     stage_sums,
     step_factor,
 )
 from dimersweep.kernel.tableaux import DOP_A, ROS_GAMMA
 
 MAX_STEPS = 20000
-MAX_PROBES = 160
 N_EVENTS = 8
 PAIR_ROWS = 40
 FIRST = 4.0  # first step, over the tolerance to the power of 1/8
@@ -78,6 +76,7 @@ class PairBench(NamedTuple):
     pivots: Any
     probe: Any
     rates_probe: Any
+    search: Any
 
 
 @compiled
@@ -98,6 +97,7 @@ def lay_out_pair(work):
         work[36],
         work[37],
         work[38],
+        work[39],
     )
 
 
@@ -342,15 +342,15 @@ def pair_leg(law, z, modes, compressing, tol, slip_tol, work):
 @compiled
 def crossing_on_cubic(law, modes, compressing, clock, h, g_start, g_end, slip_tol, b):
     """First guess of where in a step an event function vanishes, and the slope of the function there."""
-    low, high, g_low, g_high, side = 0.0, 1.0, g_start, g_end, 0
-    mid, g = 0.5, 0.0
-    for probe in range(12):
-        mid = inside(low, high, g_low, g_high, probe)
+    s, mid, g = b.search, 0.5, 0.0
+    begin_search(s, 1.0, g_start, g_end, 0.0, 0.0)
+    for _ in range(12):
+        mid = next_probe(s)
         on_cubic(b.start, b.rates, b.out, b.rates_out, mid, h, N_Z, b.probe)
         g, _ = least_value(law, modes, compressing, clock, b.armed, b.start, b.probe, slip_tol)
         if abs(g) <= 1e-6 * (g_start - g_end):
             break
-        low, high, g_low, g_high, side = shrink(low, high, g_low, g_high, mid, g, side)
+        note_probe(s, mid, g, 0.0, False)
     on_cubic(b.start, b.rates, b.out, b.rates_out, mid + 1e-3, h, N_Z, b.probe)
     g_on, _ = least_value(law, modes, compressing, clock, b.armed, b.start, b.probe, slip_tol)
     return mid * h, (g_on - g) / (1e-3 * h)
@@ -373,33 +373,27 @@ def first_crossing(law, modes, compressing, clock, h, event, least, tol, slip_to
     Bracketed search. Each probe is a step of its own from b.start, or carries the last one on where it is near; the first
     guess is the zero on the cubic through the step. The motion changes in a time `brisk`: only a small part of it is near.
     """
-    low, high, g_high, side = 0.0, h, least, 0
     g_low, _ = least_value(law, modes, compressing, clock, b.armed, b.start, b.start, slip_tol)
-    smooth = event < 6
-    near, slope, guess, at, g = 0.0, 0.0, 0.0, h, least
+    smooth, s = event < 6, b.search
+    near, slope, guess = 0.0, 0.0, 0.0
     if smooth:
         near = NEAR * tol ** (1.0 / 3.0) * brisk
         impact_rates(law, modes, b.gains, clock, b.out, b.rates_out)
-        guess, slope = crossing_on_cubic(law, modes, compressing, clock, h, g_low, g_high, slip_tol, b)
-    for probe in range(MAX_PROBES):
-        if high - low <= 1e-15 * h:
-            break
-        mid = guess if probe < 6 and low < guess < high else inside(low, high, g_low, g_high, probe)
-        way, before = mid - at, g
+        guess, slope = crossing_on_cubic(law, modes, compressing, clock, h, g_low, least, slip_tol, b)
+    begin_search(s, h, g_low, least, guess, slope)
+    while not is_closed(s, h):
+        mid = next_probe(s)
+        way = mid - s[S_AT]
         if abs(way) <= near:
             impact_rates(law, modes, b.gains, clock, b.out, b.rates_out)
             carry_on(law, modes, clock, way, b)
         else:
             pair_step(law, modes, clock, mid, tol, 1.0, stiff, b)
-        at = mid
         g, event = least_value(law, modes, compressing, clock, b.armed, b.start, b.out, slip_tol)
         if abs(g) <= EXACT * tol:
             return event
-        low, high, g_low, g_high, side = shrink(low, high, g_low, g_high, mid, g, side)
-        if smooth and probe > 0:
-            slope = (g - before) / way
-        guess = mid - g / slope if slope < 0.0 else 0.0
-    pair_step(law, modes, clock, high, tol, 1.0, stiff, b)
+        note_probe(s, mid, g, 0.0, smooth)
+    pair_step(law, modes, clock, s[S_HIGH], tol, 1.0, stiff, b)
     _, event = least_value(law, modes, compressing, clock, b.armed, b.start, b.out, slip_tol)
     return event
 

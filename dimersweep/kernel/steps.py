@@ -154,29 +154,3 @@ def on_cubic(start, rates, end, rates_end, s, h, n, out):
     for k in range(n):
         rise = end[k] - start[k]
         out[k] = start[k] + s * rise + s * u * ((2.0 * s - 1.0) * rise + h * (u * rates[k] - s * rates_end[k]))
-
-
-@compiled
-def inside(low, high, g_low, g_high, probe):
-    """Where a bracketed zero is probed next: the secant point; the middle if that is not inside, and in every third probe,
-    since the least of several functions may have a bend that regula falsi creeps to.
-    """
-    mid = (low * g_high - high * g_low) / (g_high - g_low)
-    return mid if low < mid < high and probe % 3 < 2 else 0.5 * (low + high)
-
-
-@compiled
-def shrink(low, high, g_low, g_high, mid, g, side):
-    """New bracket after the value g at mid (Anderson and Bjorck's regula falsi); side is the end replaced last, -1, 0, 1.
-
-    The value kept at an end that stays twice is scaled down, so that both ends close in.
-    """
-    if g > 0.0:
-        if side < 0:
-            factor = 1.0 - g / g_low
-            g_high *= factor if factor > 0.0 else 0.5
-        return mid, high, g, g_high, -1
-    if side > 0:
-        factor = 1.0 - g / g_high
-        g_low *= factor if factor > 0.0 else 0.5
-    return low, mid, g_low, g, 1
