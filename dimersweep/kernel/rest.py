@@ -93,6 +93,8 @@ def is_calm(dm, b, spin, P):
     gyration = sqrt(dm.J_t * dm.im)
     eta = 1.0 / sqrt(max(1.0, q / M + (gyration / dm.h) ** 2))
     d, k = 0.5 * dm.mu * eta * (1.0 - dm.mu_s * dm.r / dm.h), 0.5 * V / gyration
+    if d < 0.0:
+        return False
     speed = dm.A_z * dm.omega
     least = room(dm, dm.g - speed * dm.omega, dm.mu_s)
     if 0.5 * (dm.m * P * P + M * now * now) * sqrt(dm.J_a * dm.it) <= least:
