@@ -21,6 +21,111 @@ from dimersweep.kernel.contact import A1, N_F
 from dimersweep.kernel.layout import CA, CB, FREE, N_STATE, PHASE, SLIP, SPIN, STICK, WP
 from dimersweep.kernel.record import MODES, REST
 
+# deaths near the border of lifting: on one end is left, for a moment, as little as 0.03 to 0.2 of half the weight
+DEATHS = [  # Gamma, f, A_r, mu, mu_s; v_a, v_b, w, s, phase
+    (0.936106, 34.0968, 3.09312, 0.390545, 0.646876, 1.5341, 1.0831, 2.3744, 123.92, 3.5583),
+    (0.997344, 29.3395, 6.31904, 0.108145, 0.198536, 0.62383, 2.4958, 0.068295, 203.74, 5.0403),
+    (0.960104, 26.4896, 3.24174, 0.134896, 0.193995, 1.5231, 1.6577, 1.4329, 225.24, 5.7164),
+    (0.996649, 28.9048, 3.93229, 0.147041, 0.190018, 0.091112, 1.2252, 0.35095, 234.38, 1.8087),
+    (0.98073, 34.6592, 4.15733, 0.265429, 0.529253, 0.16629, 2.0463, 1.1063, 384.59, 1.9931),
+    (0.984687, 24.8027, 3.78711, 0.327916, 0.63609, 0.29334, 1.4248, 1.1992, 273.34, 1.9888),
+    (0.99874, 23.4833, 7.23037, 0.189828, 0.253686, 0.42985, 1.7748, 0.1349, 347.69, 1.6391),
+    (0.991256, 34.4758, 3.31959, 0.150204, 0.281005, 0.12326, 1.2157, 0.64678, 239.01, 1.9656),
+]
+# slides that lift, but in coarse steps seem not to: an end nearly stops, the moment falls to a trace, or it grows for long
+LIFTING = [  # the same, and phi0
+    (
+        0.9996842,
+        35.80794,
+        4.620539,
+        0.3204815,
+        0.4878604,
+        -0.01833941,
+        0.08655785,
+        6.624712,
+        -18.02963,
+        0.4497256,
+        2.213272,
+    ),
+    (
+        0.9996544,
+        39.88843,
+        5.649449,
+        1.292895,
+        2.460356,
+        0.07418007,
+        0.10001798,
+        6.356567,
+        -18.26807,
+        0.433498,
+        4.720971,
+    ),
+    (
+        0.6431324,
+        9.605337,
+        3.378588,
+        0.9184543,
+        0.9201247,
+        -0.1855326,
+        -0.0859825,
+        -93.63443,
+        -17.13127,
+        5.628025,
+        1.918647,
+    ),
+    (
+        0.999074,
+        21.22255,
+        4.252586,
+        0.2808631,
+        0.519642,
+        0.01392128,
+        0.06771081,
+        11.08975,
+        -7.757620,
+        0.2451663,
+        3.176559,
+    ),
+    (
+        0.9994133,
+        20.10029,
+        3.865574,
+        0.08853865,
+        0.1594474,
+        -0.01311905,
+        0.05719184,
+        6.012467,
+        -6.165245,
+        1.417743,
+        2.594063,
+    ),
+    (
+        0.9996793,
+        11.04876,
+        2.657417,
+        0.1961613,
+        0.2509137,
+        -0.04984723,
+        -0.0008458474,
+        20.80249,
+        -0.1660765,
+        0.9024614,
+        1.854335,
+    ),
+    (
+        0.9998446,
+        19.20407,
+        2.505392,
+        0.1172121,
+        0.2184352,
+        3.90913,
+        2.07403e-4,
+        3.618026e-4,
+        0.04152942,
+        0.9775796,
+        2.130838,
+    ),
+]
 BOTH_SLIP, BOTH_STICK = np.array([SLIP, SLIP], float), np.array([STICK, STICK], float)
 PERIODS = 60
 
@@ -74,6 +179,66 @@ def test_what_is_told_to_rest_never_lifts():
     assert len(told) > 30
     assert lifted == 3  # the draw goes beyond the border
     assert not [scene for scene, state in told if lifts(scene, state)]
+
+
+def slide_of(Gamma, f, A_r, mu, mu_s, v_a, v_b, turn, spin, phase, phi0=0.0):
+    """A scene, and a slide in it."""
+    scene = {"Gamma": Gamma, "f": f, "A_r": A_r, "mu": mu, "mu_s": mu_s, "phi0": phi0}
+    return scene, sliding(v_a, v_b, turn, spin, phase)
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("death", DEATHS)
+def test_a_death_near_the_border_of_lifting_is_told_at_once(death):
+    scene, state = slide_of(*death)
+    assert rests_for_good(dimer(**scene), state, BOTH_SLIP)
+    assert not lifts(scene, state)
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("death", DEATHS)
+def test_a_death_that_turns_a_little_faster_is_told_as_long_as_it_does_not_lift(death):
+    scene, state = slide_of(*death)
+    told, lifting, turn = [], [], state[WP]
+    for more in np.arange(0.0, 0.5, 0.02):
+        state[WP] = (1.0 + more) * turn
+        told.append(bool(rests_for_good(dimer(**scene), state, BOTH_SLIP)))
+        lifting.append(lifts(scene, state))
+    assert any(lifting)
+    assert not any(t and up for t, up in zip(told, lifting, strict=True))
+    assert sum(told) >= lifting.index(True) - 5  # told up to a tenth below the border
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("slide", LIFTING)
+def test_a_slide_that_lifts_is_not_told_for_its_coarse_steps(slide):
+    scene, state = slide_of(*slide)
+    assert lifts(scene, state)
+    assert not rests_for_good(dimer(**scene), state, BOTH_SLIP)
+
+
+@pytest.mark.jit
+def test_no_slide_just_beyond_the_border_is_told():
+    rng, borders, near = np.random.default_rng(11), 0, 0
+    while borders < 25:
+        scene, state = random_slide(rng)
+        dm, low, high, turn = dimer(**scene), 1.0, 100.0, state[WP]
+        state[WP] = high * turn
+        if (
+            turn == 0.0
+            or lifts(scene, sliding(*state[[CA, CB]], turn, state[SPIN], state[PHASE]))
+            or not lifts(scene, state)
+        ):
+            continue
+        borders += 1
+        while high > 1.005 * low:
+            state[WP] = np.sqrt(low * high) * turn
+            up = lifts(scene, state)
+            assert not (up and rests_for_good(dm, state, BOTH_SLIP))
+            low, high = (low, state[WP] / turn) if up else (state[WP] / turn, high)
+        state[WP] = 0.95 * low * turn
+        near += bool(rests_for_good(dm, state, BOTH_SLIP))
+    assert near > 8
 
 
 @pytest.mark.jit
