@@ -56,6 +56,8 @@ LASTS = 30  # such steps in a row, after which the implicit method takes over
 NEAR = 0.3  # distance that one evaluation crosses as well as the tolerance, over its cubic root
 EXACT = 1e-3  # what an event function may be off its zero, in units of the tolerance
 STOPPED = 0.25  # slip, in units of the one that counts as none, at which a slip ends: it sets out with more
+UNFORESEEN = 1e-3  # error over the tolerance below which the last step tells nothing of how errors change
+ONSET = 0.95  # second step of a leg that sets out uncompressed, over the first: its error tells little of what follows
 RUB = 0.02  # friction, in units of a slip's own rate, from which it steers the slip
 
 
@@ -277,6 +279,13 @@ def stays_slow(law, modes, z, slip_tol):
 
 
 @compiled
+def foreseen(h, error, h_before, error_before):
+    """By what to multiply a step, if errors go on to change as from the step before to this one (Gustafsson's controller)."""
+    root = sqrt(sqrt(sqrt(max(error_before, UNFORESEEN) / max(error * error, 1e-30))))
+    return max(0.3, 0.9 * h / h_before * root)
+
+
+@compiled
 def pair_leg(law, z, modes, compressing, tol, slip_tol, work):
     """Integrate from z, in place, to the first event of the phase; returns its number, or -1 when steps ran out."""
     b = lay_out_pair(work)
@@ -294,6 +303,7 @@ def pair_leg(law, z, modes, compressing, tol, slip_tol, work):
     longest = 1.0 / sqrt(max(b.gains[0], b.gains[1]))
     h = FIRST * tol**0.125 * longest
     turning, turns, pace, unit, stiff, fresh = inf, inf, 1.0, 1.0, False, True
+    onset, h_before, error_before, clock_before = z[ZX1] <= 0.0 and z[ZX2] <= 0.0, 0.0, 1.0, PLAIN
     for _ in range(MAX_STEPS):
         if fresh:
             turning = turning_time(law, modes, z)
@@ -317,6 +327,12 @@ def pair_leg(law, z, modes, compressing, tol, slip_tol, work):
         if not error <= 1.0:
             h, fresh = factor * h, False
             continue
+        if not stiff:
+            if h_before > 0.0 and clock == clock_before:
+                factor = min(factor, foreseen(h, error, h_before, error_before))
+            elif onset:
+                factor = min(factor, ONSET)
+            h_before, error_before, clock_before = h, error, clock
         fresh = True
         least, event = least_value(law, modes, compressing, clock, b.armed, b.start, b.out, slip_tol)
         if least > 0.0:

@@ -53,7 +53,7 @@ from dimersweep.kernel.jit import compiled
 from dimersweep.kernel.layout import CA, CB, PHASE, SPIN, WP
 from dimersweep.kernel.plate import effective_gravity
 
-STEPS = 300  # of the look ahead
+STEPS = 400  # of the look ahead, and of the close one
 STRIDE = 0.4  # of a step, in times in which friction across the rod would stop it
 BEND = 0.15  # of a step, in times in which the rod turns, or its turning grows
 SWING = 1.0  # of a step, in the plate's phase
@@ -62,6 +62,7 @@ SPARE = 0.1  # of the room for the gyroscopic moment
 SOFT = 0.3  # slip, in units of P, below which friction falls off: what steps of that length bear
 CLOSE = 0.02  # share that is to spare where the slide is followed closely
 CLOSE_BEND, CLOSE_SWING = 0.3, 0.5 * pi  # of a step there
+CLOSE_SOFT = 0.02  # SOFT there: steps are shorter where an end is slow
 AT_CREST = 1e-9  # phase to the crest that counts as none
 
 
@@ -140,10 +141,10 @@ def carried(dm, g_e, a, b, w, spin, t, d, soft):
 
 
 @compiled
-def is_slow(dm, a, b, w, spin, soft):
-    """Whether the slip of an end is below `soft`."""
+def slowest_slip(dm, a, b, w, spin):
+    """Speed of the end that slips less."""
     c = abs(b - dm.r * spin) - dm.h * abs(w)
-    return a * a + c * c < soft * soft
+    return sqrt(a * a + c * c)
 
 
 @compiled
@@ -153,9 +154,22 @@ def quickness(dm, b, w, spin):
 
 
 @compiled
-def stride(dm, P, quick, bend):
+def braking(dm, P):
+    """Rate at which friction across the rod stops a slip P, per effective gravity, and over STRIDE [s/m]."""
+    return dm.mu * (1.0 + dm.m * dm.r**2 * dm.ia) / (STRIDE * P)
+
+
+@compiled
+def stride(dm, P, quick):
     """Length of a step [s]."""
-    return 1.0 / (dm.mu * dm.g * (1.0 + dm.m * dm.r**2 * dm.ia) / (STRIDE * P) + quick / bend)
+    return 1.0 / (braking(dm, P) * dm.g + quick / BEND)
+
+
+@compiled
+def close_stride(dm, P, quick, g_e):
+    """The same of a close look, from the present effective gravity and the most that it grows in the step."""
+    rate, growth = braking(dm, P) * g_e + quick / CLOSE_BEND, braking(dm, P) * dm.A_z * dm.omega**3
+    return 2.0 / (rate + sqrt(rate * rate + 4.0 * growth))
 
 
 @compiled
@@ -181,9 +195,10 @@ def followed_to_rest(dm, a, b, w, spin, phase):
         P = commotion(dm, a, b, w, spin)
         if is_calm(dm, b, spin, P):
             return True
-        soft = SOFT * P
-        close = close and not is_slow(dm, a, b, w, spin, soft)
-        swing = min(CLOSE_SWING, dm.omega * stride(dm, P, quickness(dm, b, w, spin), CLOSE_BEND))
+        soft, slip = CLOSE_SOFT * P, slowest_slip(dm, a, b, w, spin)
+        close = close and slip >= soft
+        pace = min(P, max(slip, soft) / SOFT)
+        swing = min(CLOSE_SWING, dm.omega * close_stride(dm, pace, quickness(dm, b, w, spin), g_0))
         to_crest = (0.5 * pi - phase) % (2.0 * pi)
         if to_crest > AT_CREST:
             swing = min(swing, to_crest)
@@ -224,11 +239,11 @@ def slides_to_rest(dm, state):
         if is_calm(dm, b, spin, P):
             return True
         quick = quickness(dm, b, w, spin)
-        shift, t = 2.0 * dm.A_z * dm.omega * quick / dm.g, stride(dm, P, quick, BEND)
+        shift, t = 2.0 * dm.A_z * dm.omega * quick / dm.g, stride(dm, P, quick)
         if shift > STILL:
             shift, t = 0.0, min(t, SWING / dm.omega)
         swing, soft = dm.omega * t, SOFT * P
-        slow = is_slow(dm, a, b, w, spin, soft)
+        slow = slowest_slip(dm, a, b, w, spin) < soft
         before, g_e = moment, mean_gravity(dm, phase, swing)
         first = slide_rates(dm, g_e, a, b, w, spin, soft)
         mid = carried(dm, g_e, a, b, w, spin, 0.5 * t, first, soft)
