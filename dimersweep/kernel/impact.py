@@ -44,9 +44,9 @@ from dimersweep.kernel.steps import copy
 MAX_PHASES = 2000
 # approach, in tolerances and in V, that ends the series of switches of two ends at small e
 LEFT_OVER, LEAST_LEFT = 1e-3, 1e-13
-PAIR_TOL = 0.1  # of the integrator of a double impact, in units of the impact's tolerance: its steps add up
+PAIR_TOL = 0.2  # of the integrator of a double impact, in units of the impact's tolerance: its steps add up
 FAINT = 0.1  # rebound that is none, in units of the impact's tolerance
-FINEST = 5e-14  # tolerance of that integrator that round-off still allows
+FINEST, COARSEST = 5e-14, 1e-4  # tolerances of that integrator: what round-off allows, and what finds events easily
 LEAST_SLIP = 1e-12  # slip, in units of V, whose setting out of rest the integrator can still follow
 SLIP_TOL = 0.1  # slip that counts as none, in units of the impact's tolerance
 # a row of the impact's log: contact state; gap rates before, after; impulses; slips (a_1, b_1, a_2, b_2) after
@@ -274,7 +274,7 @@ def double_impact(dm, state, V, tol, modes, work, log):
             friction_modes(law, z, modes, f_1, f_2, slip_tol, lost)
             if follow_acceleration(law, z, modes, compressing, left, mid):
                 continue
-            event = pair_leg(law, z, modes, compressing, max(PAIR_TOL * tol, FINEST), slip_tol, work)
+            event = pair_leg(law, z, modes, compressing, max(min(PAIR_TOL * tol, COARSEST), FINEST), slip_tol, work)
             if event < 0:
                 break
             lost = 4 <= event < 6

@@ -32,6 +32,8 @@ DEATHS = [  # Gamma, f, A_r, mu, mu_s; v_a, v_b, w, s, phase
     (0.99874, 23.4833, 7.23037, 0.189828, 0.253686, 0.42985, 1.7748, 0.1349, 347.69, 1.6391),
     (0.991256, 34.4758, 3.31959, 0.150204, 0.281005, 0.12326, 1.2157, 0.64678, 239.01, 1.9656),
 ]
+# one in which an end comes near to a stop
+NEAR_A_STOP = (0.95554, 28.6285, 3.17891, 0.274726, 0.458306, 0.103702, 2.08236, 1.99327, 370.503, 2.46488)
 # slides that lift, but in coarse steps seem not to: an end nearly stops, the moment falls to a trace, or it grows for long
 LIFTING = [  # the same, and phi0
     (
@@ -188,7 +190,7 @@ def slide_of(Gamma, f, A_r, mu, mu_s, v_a, v_b, turn, spin, phase, phi0=0.0):
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize("death", DEATHS)
+@pytest.mark.parametrize("death", [*DEATHS, NEAR_A_STOP])
 def test_a_death_near_the_border_of_lifting_is_told_at_once(death):
     scene, state = slide_of(*death)
     assert rests_for_good(dimer(**scene), state, BOTH_SLIP)
