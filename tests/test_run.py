@@ -119,7 +119,8 @@ def test_events_are_in_order_and_tell_what_happened(base):
     assert (impulse.values[impact] > 0).all()
     assert (impulse.values[~impact] == 0).all()
     for dimer_end in (1, 2):
-        assert events[f"impulse_{dimer_end}"].min() >= -1e-15  # rounding, where an end is down but not hit
+        # an end that is down but hardly hit: its event makes exact what is zero to the tolerance
+        assert (events[f"impulse_{dimer_end}"] >= -base.rtol * impulse).all()
     alone = np.char.startswith(events["kind"].values, "SI")
     assert (np.isnan(events["slip_1_a"].values) ^ np.isnan(events["slip_2_a"].values))[alone].all()
     assert not np.isnan(events["slip_1_a"].values + events["slip_2_a"].values)[~alone].any()
