@@ -31,7 +31,7 @@ from dimersweep.kernel.paces import (
     step_to,
     stiffness,
 )
-from dimersweep.kernel.search import S_AT, S_HIGH, begin_search, is_closed, next_probe, note_probe
+from dimersweep.kernel.search import CARRIED, S_AT, S_HIGH, begin_search, is_closed, next_probe, note_probe
 from dimersweep.kernel.steps import copy, on_cubic, step_factor
 from dimersweep.kernel.watch import (
     JAMS,
@@ -153,7 +153,7 @@ def first_crossing(dm, modes, phase, h, n, pace, gamma, event, least, tol, slip_
     while not is_closed(s, h):
         mid = next_probe(s)
         way = mid - s[S_AT]
-        if abs(way) <= near:
+        if abs(way) <= min(near, CARRIED * mid):
             carry_on(dm, modes, phase, way, n, b)
         else:
             step_to(dm, modes, phase, mid, n, pace, gamma, b)

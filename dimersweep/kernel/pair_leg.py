@@ -29,7 +29,7 @@ from dimersweep.kernel.pair_law import (
     stick_reserve,
     to_clock,
 )
-from dimersweep.kernel.search import S_AT, S_HIGH, begin_search, is_closed, next_probe, note_probe
+from dimersweep.kernel.search import CARRIED, S_AT, S_HIGH, begin_search, is_closed, next_probe, note_probe
 from dimersweep.kernel.steps import (
     DOP_STAGES,
     ROS_STAGES,
@@ -400,7 +400,7 @@ def first_crossing(law, modes, compressing, clock, h, event, least, tol, slip_to
     while not is_closed(s, h):
         mid = next_probe(s)
         way = mid - s[S_AT]
-        if abs(way) <= near:
+        if abs(way) <= min(near, CARRIED * mid):
             impact_rates(law, modes, b.gains, clock, b.out, b.rates_out)
             carry_on(law, modes, clock, way, b)
         else:
