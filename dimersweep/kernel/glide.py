@@ -31,7 +31,7 @@ from dimersweep.kernel.paces import (
     step_to,
     stiffness,
 )
-from dimersweep.kernel.search import CARRIED, S_AT, S_HIGH, begin_search, is_closed, next_probe, note_probe
+from dimersweep.kernel.search import CARRIED, S_AT, S_HIGH, UNSOUND, begin_search, is_closed, next_probe, note_probe
 from dimersweep.kernel.steps import copy, on_cubic, step_factor
 from dimersweep.kernel.watch import (
     JAMS,
@@ -139,7 +139,7 @@ def first_crossing(dm, modes, phase, h, n, pace, gamma, event, least, tol, slip_
     Returns
     -------
     int
-        The event; b.out is the state there.
+        The event, b.out being the state there; or UNSOUND.
     """
     g_low, _ = least_value(dm, modes, b.armed, b.start, b.start, b.F, slip_tol, b.values[1])
     past = EXACT * tol * (abs(g_low) + abs(least))
@@ -155,8 +155,8 @@ def first_crossing(dm, modes, phase, h, n, pace, gamma, event, least, tol, slip_
         way = mid - s[S_AT]
         if abs(way) <= min(near, CARRIED * mid):
             carry_on(dm, modes, phase, way, n, b)
-        else:
-            step_to(dm, modes, phase, mid, n, pace, gamma, b)
+        elif not step_to(dm, modes, phase, mid, n, pace, gamma, b) <= 1.0:
+            return UNSOUND
         g, which = least_value(dm, modes, b.armed, b.start, b.out, b.F_out, slip_tol, b.values[1])
         at_rest = SLIP_ZERO <= which < LANDS and abs(g) <= slip_tol / dm.v_scale
         if -past <= g <= 0.0 or at_rest or (which == LANDS and abs(g) <= close and b.out[YB] * b.out[YWB] < 0.0):
@@ -333,6 +333,11 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
                 continue
         if least <= 0.0:
             event = first_crossing(dm, modes, now, size, n, pace, gamma, event, least, tol, slip_tol, b)
+            if event == UNSOUND:
+                h, xi = (h, 0.5 * xi) if pace == SLOW else (0.5 * h, xi)
+                if (xi * v / gamma if pace == SLOW else h) < LEAST * dm.T:
+                    return t, JAMS
+                continue
             if watch and pace != SLOW:
                 least_value(dm, modes, b.armed, b.start, b.out, b.F_out, slip_tol, b.values[3])
                 dt = b.out[YTIME]

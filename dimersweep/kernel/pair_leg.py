@@ -29,7 +29,7 @@ from dimersweep.kernel.pair_law import (
     stick_reserve,
     to_clock,
 )
-from dimersweep.kernel.search import CARRIED, S_AT, S_HIGH, begin_search, is_closed, next_probe, note_probe
+from dimersweep.kernel.search import CARRIED, S_AT, S_HIGH, UNSOUND, begin_search, is_closed, next_probe, note_probe
 from dimersweep.kernel.steps import (
     DOP_STAGES,
     ROS_STAGES,
@@ -342,6 +342,9 @@ def pair_leg(law, z, modes, compressing, tol, slip_tol, work):
         else:
             brisk = turning / pace if longest * pace > turning else longest
             event = first_crossing(law, modes, compressing, clock, h, event, least, tol, slip_tol, stiff, brisk, b)
+            if event == UNSOUND:
+                h, fresh = 0.5 * h, False
+                continue
         copy(b.out, z, N_Z)
         from_clock(clock, z)
         # a slip that has only turned by a right angle goes on
@@ -386,8 +389,9 @@ def carry_on(law, modes, clock, t, b):
 def first_crossing(law, modes, compressing, clock, h, event, least, tol, slip_tol, stiff, brisk, b):
     """Number of the first event in a step h over which the least event function fell to `least`; b.out becomes its state.
 
-    Bracketed search. Each probe is a step of its own from b.start, or carries the last one on where it is near; the first
-    guess is the zero on the cubic through the step. The motion changes in a time `brisk`: only a small part of it is near.
+    Bracketed search; UNSOUND where a probe is refused. Each probe is a step of its own from b.start, or carries the last one on
+    where it is near; the first guess is the zero on the cubic through the step. The motion changes in a time `brisk`: only a
+    small part of it is near.
     """
     g_low, _ = least_value(law, modes, compressing, clock, b.armed, b.start, b.start, slip_tol)
     smooth, s = event < 6, b.search
@@ -403,8 +407,8 @@ def first_crossing(law, modes, compressing, clock, h, event, least, tol, slip_to
         if abs(way) <= min(near, CARRIED * mid):
             impact_rates(law, modes, b.gains, clock, b.out, b.rates_out)
             carry_on(law, modes, clock, way, b)
-        else:
-            pair_step(law, modes, clock, mid, tol, 1.0, stiff, b)
+        elif not pair_step(law, modes, clock, mid, tol, 1.0, stiff, b) <= 1.0:
+            return UNSOUND
         g, event = least_value(law, modes, compressing, clock, b.armed, b.start, b.out, slip_tol)
         if abs(g) <= EXACT * tol:
             return event

@@ -4,6 +4,8 @@ from dimersweep.kernel.jit import compiled
 
 MAX_PROBES = 160
 CARRIED = 0.1  # way over which a probe may carry the last one on, in units of its place: its error is one of that
+# in place of an event: a probe within the step is worse than the step itself, which has passed over a singularity
+UNSOUND = -3
 GUESSES = 6  # probes by Newton's rule, after which the bracket alone decides
 # what a row holds: the bracket and the values at its ends, the end replaced last (-1, 0 or 1), probes made, place and value of
 # the last one, the next place by Newton's rule and the slope there
