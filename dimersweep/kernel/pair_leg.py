@@ -113,7 +113,7 @@ def stage_value(y, h, total, a, k):
 def explicit_step(law, modes, clock, h, tol, b):
     """One DOP853 step of size h in a clock, from b.start into b.out; returns the error over the tolerance.
 
-    The newest slopes stay in registers: to write them to K and to read them at once takes a fifth of the step.
+    The newest slopes stay in registers: to write them to K and to read them at once takes a tenth of the step.
     """
     y, k = b.start, b.rates
     k0, k1, k2, k3, k4, k5, k6 = k[0], k[1], k[2], k[3], k[4], k[5], k[6]
