@@ -13,7 +13,7 @@ import pickle
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -114,6 +114,14 @@ class Worker:
         self.process.communicate()
 
 
+def on_one_core(workers: Iterable[Worker]) -> None:
+    """Have processes that take turns run on the same core, where the system can: two cores may differ in pace for a while."""
+    if hasattr(os, "sched_setaffinity"):
+        core = min(os.sched_getaffinity(0))
+        for worker in workers:
+            os.sched_setaffinity(worker.process.pid, {core})
+
+
 def script_of(tree: Path) -> Path:
     """The script that times the verbs of a tree: its own, or this one."""
     own = tree / "benchmarks" / "verbs_worker.py"
@@ -123,6 +131,7 @@ def script_of(tree: Path) -> Path:
 def timed_pair(trees: Sequence[Path], caches: Sequence[Path], inputs: Path, verbs: Sequence[str]) -> np.ndarray:
     """Median times of each verb in one pair of processes, shape (verbs, 2) [s]; NaN where a tree does not know it."""
     workers = [Worker(script_of(tree), str(inputs), tree, cache) for tree, cache in zip(trees, caches, strict=True)]
+    on_one_core(workers)
     rows = np.full((len(verbs), TURNS, 2), np.nan)
     for k, verb in enumerate(verbs):
         for turn in range(TURNS):

@@ -167,7 +167,7 @@ def draw(points, path):
         ax.axvspan(1e-15, min(100.0, SURE * float(here["state_error_doubt"])), color="#999999", alpha=0.2, lw=0)
         ax.set(xscale="log", yscale="log", title=scene, xlim=(100, 1e-14))
         ax.grid(alpha=0.3)
-    panels[0].legend(fontsize=8)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=6, fontsize=8)
     for ax in panels[-(-points.sizes["scene"] // 2) :]:
         ax.set_xlabel("error of the states, in their scales")
     for ax in panels[:: -(-points.sizes["scene"] // 2)]:

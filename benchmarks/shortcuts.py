@@ -21,7 +21,7 @@ from time import thread_time
 from typing import NamedTuple
 
 import numpy as np
-from compare import Worker, git
+from compare import Worker, git, on_one_core
 from speed import ROOT, SCENES
 
 DOCUMENT = ROOT / "docs" / "shortcuts.md"
@@ -373,6 +373,7 @@ def effects(
 ) -> Iterator[Effect]:
     """What a shortcut does in each scene, its copy being compiled in `folder`; `whole` measures with the package as it is."""
     bare = worker(folder, folder / "cache") if shortcut.edits else worker(ROOT, KEPT)
+    on_one_core([whole, bare])
     for name, states in finest.items():
         asked = {"scene": SCENES[name], "rtol": RTOL}
         rounds = [(whole.ask(asked), bare.ask(asked | shortcut.asked)) for _ in range(turns)]
