@@ -261,6 +261,14 @@ def pace_for(dm, modes, y, v, rate, gamma, tight):
 
 
 @compiled
+def shortened(pace, h, xi, factor, v, gamma):
+    """The steps in time and in xi with that of the pace shortened, and how long it is in time."""
+    if pace == SLOW:
+        return h, factor * xi, factor * xi * v / gamma
+    return factor * h, xi, factor * h
+
+
+@compiled
 def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
     """The same until the state leaves its chart, which is the event TIPS, too."""
     n = N_PATH if path else N_CLOSED
@@ -316,9 +324,8 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
         dt = b.out[YTIME]
         factor = step_factor(error, 8.0)
         if not error <= 1.0 or (pace == SLOW and dt > span - t):
-            factor = 0.3 if error == inf else min(factor, 0.8)
-            h, xi = (h, factor * xi) if pace == SLOW else (factor * h, xi)
-            if (xi * v / gamma if pace == SLOW else h) < LEAST * dm.T:
+            h, xi, left = shortened(pace, h, xi, 0.3 if error == inf else min(factor, 0.8), v, gamma)
+            if left < LEAST * dm.T:
                 return t, JAMS
             continue
         b.armed[JAMS] = 1.0 if min(b.F[COMPLIANCE], b.F_out[COMPLIANCE]) < TIGHT else 0.0
@@ -334,8 +341,8 @@ def glide_in_chart(dm, modes, y, phase, span, path, tol, slip_tol, watch, work):
         if least <= 0.0:
             event = first_crossing(dm, modes, now, size, n, pace, gamma, event, least, tol, slip_tol, b)
             if event == UNSOUND:
-                h, xi = (h, 0.5 * xi) if pace == SLOW else (0.5 * h, xi)
-                if (xi * v / gamma if pace == SLOW else h) < LEAST * dm.T:
+                h, xi, left = shortened(pace, h, xi, 0.5, v, gamma)
+                if left < LEAST * dm.T:
                     return t, JAMS
                 continue
             if watch and pace != SLOW:

@@ -54,13 +54,16 @@ def has_root(clock, i):
     return clock == i or clock == BOTH
 
 
+@compiled(inline=True)
+def end_pressure(clock, i, X):
+    """f_i from what a state in a clock has in the place of X_i."""
+    return X * X * X if has_root(clock, i) else pressure(X)
+
+
 @compiled
 def pressures(z, clock):
     """f_1, f_2 from a state in a clock."""
-    Y_1, Y_2 = z[ZX1], z[ZX2]
-    f_1 = Y_1 * Y_1 * Y_1 if has_root(clock, 0) else pressure(Y_1)
-    f_2 = Y_2 * Y_2 * Y_2 if has_root(clock, 1) else pressure(Y_2)
-    return f_1, f_2
+    return end_pressure(clock, 0, z[ZX1]), end_pressure(clock, 1, z[ZX2])
 
 
 @compiled
@@ -103,10 +106,8 @@ def rates_in_clock(law, modes, gains, clock, n_1, n_2, X_1, X_2, a, b_1, b_2):
     By what both ends have in common and what parts them: so ends that move alike go on so to the last digit, however sums of
     products are rounded. dtau/dsigma multiplies the forces, which are known before the frictions.
     """
-    f_1 = X_1 * X_1 * X_1 if has_root(clock, 0) else pressure(X_1)
-    f_2 = X_2 * X_2 * X_2 if has_root(clock, 1) else pressure(X_2)
     pace = 1.0 if clock == PLAIN else (X_2 if clock == 1 else X_1)
-    f_1, f_2 = pace * f_1, pace * f_2
+    f_1, f_2 = pace * end_pressure(clock, 0, X_1), pace * end_pressure(clock, 1, X_2)
     A, L_1, L_2 = friction(law, modes[0], modes[1], f_1, f_2, a, b_1, b_2)
     f, apart = 0.5 * (law.nn + law.nn_12) * (f_1 + f_2), 0.5 * (law.nn - law.nn_12) * (f_1 - f_2) - law.w * A
     L, L_apart = 0.5 * (law.bb + law.bb_12) * (L_1 + L_2), 0.5 * (law.bb - law.bb_12) * (L_1 - L_2)
