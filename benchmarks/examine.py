@@ -48,10 +48,9 @@ LOG_ROWS, FIRST_ROWS, MOST_ROWS = 400, 2000, 200_000
 SAME = 1e-13  # events closer than this, in forcing periods, are at one moment
 INSIDE = 0.5 - 0.5 * np.cos(pi * np.arange(1, 12) / 12)  # where a phase is looked at
 RULES = tuple((0.5 * (nodes + 1.0), 0.5 * weights) for nodes, weights in map(np.polynomial.legendre.leggauss, (8, 12)))
-HALVINGS, SAMPLES = (
-    12,
-    20_000,
-)  # of a phase for the quadrature in it, at most; states of a scene after which no panel is halved
+STATES = sum(len(nodes) for nodes, _ in RULES)  # looked at in a panel
+HALVINGS = 12  # of a phase for the quadrature in it, at most
+SAMPLES = 20_000  # states of a scene, beyond one panel a phase, after which no panel is halved
 DOUBT = 1e-13  # about the work in a part of a phase, over the energy of the scene, that ends its halving
 KINDS = ("flight", "impact", "contact", "close")
 SUNK = 1e-12  # penetration over length, and energy from nothing over that of the scene, from which a run lies
@@ -153,7 +152,7 @@ def integrals(row, segments, span, rtol, rate_of, allowed):
     """
     total, doubt = np.zeros(len(span)), np.zeros(len(span))
     which, left, width = np.arange(len(span)), np.zeros(len(span)), np.ones(len(span))
-    samples = -len(span) * sum(len(nodes) for nodes, _ in RULES)  # each phase is looked at once in any case
+    panels = 0
     for halving in range(HALVINGS + 1):
         if not len(which):
             break
@@ -163,8 +162,8 @@ def integrals(row, segments, span, rtol, rate_of, allowed):
             for at in [segments[which, PHASE, None] + (left[:, None] + width[:, None] * nodes) * span[which, None]]
         )
         apart = np.abs(fine - coarse)
-        samples += len(which) * sum(len(nodes) for nodes, _ in RULES)
-        done = (apart <= allowed) | (halving == HALVINGS) | (samples > SAMPLES)
+        panels += len(which)
+        done = (apart <= allowed) | (halving == HALVINGS) | (STATES * (panels - len(span)) > SAMPLES)
         np.add.at(total, which[done], fine[done])
         np.add.at(doubt, which[done], apart[done])
         which, left, width = (np.repeat(values[~done], 2) for values in (which, left, 0.5 * width))
@@ -305,7 +304,8 @@ def look_at(row, rtol, status, n_events, events, segments):
     found = {
         "flight": np.abs(lab_gain(dm, starts[free], ends[free])),
         "impact": jump[struck],
-        "contact": np.concatenate([rise[at_rest], leaning - doubt]),  # what is beyond doubt
+        # where the work is in doubt by more than is asked, what is gained beyond the doubt
+        "contact": np.concatenate([rise[at_rest], np.where(doubt > GAINED * most, leaning - doubt, leaning)]),
         "close": jump[closed],
     }
     seen = np.concatenate([inner.reshape(-1, N_STATE), ends])
