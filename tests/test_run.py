@@ -120,7 +120,7 @@ def test_events_are_in_order_and_tell_what_happened(base):
     assert (impulse.values[~impact] == 0).all()
     for dimer_end in (1, 2):
         # an end that is down but hardly hit: its event makes exact what is zero to the tolerance
-        assert (events[f"impulse_{dimer_end}"] >= -base.rtol * impulse).all()
+        assert (events[f"impulse_{dimer_end}"] >= -np.minimum(base.rtol * impulse, 1e-14)).all()
     alone = np.char.startswith(events["kind"].values, "SI")
     assert (np.isnan(events["slip_1_a"].values) ^ np.isnan(events["slip_2_a"].values))[alone].all()
     assert not np.isnan(events["slip_1_a"].values + events["slip_2_a"].values)[~alone].any()
