@@ -6,12 +6,21 @@ all the parts it needs, and they are optimised and made machine code once, toget
 kernel has no need of is left out (``compiling.py``). Both together save two thirds of the time to compile.
 """
 
+import hashlib
+import inspect
+import pickle
 from collections.abc import Callable
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numba
 from numba.core import types
+from numba.core.caching import NullCache
+from numba.core.compiler import CompileResult
+from numba.core.serialize import dumps
 
+from dimersweep.kernel.cache import load, save, sources_digest
 from dimersweep.kernel.compiling import KernelCompiler
 from dimersweep.kernel.linking import InlinedPart, Part, refusal
 
@@ -21,6 +30,42 @@ from dimersweep.kernel.linking import InlinedPart, Part, refusal
 _SETTINGS: dict[str, Any] = {"_nrt": False, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 _njit: Any = numba.njit
 _config: Any = numba.config
+_NoCache: Any = NullCache
+_Result: Any = CompileResult
+_folder_digest = cache(sources_digest)
+
+
+class _Kept(_NoCache):
+    """The cache of one compiled function, in the place of the one that Numba makes by the settings of the process."""
+
+    def __init__(self, function: Callable[..., Any], folder: Path) -> None:
+        self._digest = hashlib.sha256(
+            _folder_digest(folder) + f"{function.__module__}.{function.__qualname__}".encode()
+        )
+        self._function = function.__name__
+
+    def _name(self, signature: Any, codegen: Any) -> str:
+        digest = self._digest.copy()
+        digest.update(f" {signature} {codegen.magic_tuple()}".encode())
+        return f"{self._function}-{digest.hexdigest()[:16]}"
+
+    def load_overload(self, signature: Any, context: Any) -> Any:
+        context.refresh()  # what the code refers to must be known
+        code = load(self._name(signature, context.codegen()))
+        return None if code is None else _Result._rebuild(context, *pickle.loads(code))
+
+    def save_overload(self, signature: Any, result: Any) -> None:
+        if not result.library.has_dynamic_globals:  # addresses of this process
+            save(self._name(signature, result.codegen), dumps(result._reduce()))
+
+
+def kept(function: Any) -> Any:
+    """Keep the code of a compiled function for later processes: by the kernel's version and all sources of its own folder."""
+    if not _config.DISABLE_JIT:
+        path = Path(inspect.getfile(function.py_func))
+        if path.is_file() and not function.py_func.__closure__:  # no prompt, and nothing that sources do not tell
+            function._cache = _Kept(function.py_func, path.parent)
+    return function
 
 
 class _PartCompiler(KernelCompiler):
@@ -52,7 +97,7 @@ def _without_literals(function: Any) -> Any:
 
 def exported(function: Callable[..., Any]) -> Any:
     """Compile a kernel that Python calls."""
-    return _without_literals(_njit(cache=True, pipeline_class=KernelCompiler, **_SETTINGS)(function))
+    return kept(_without_literals(_njit(pipeline_class=KernelCompiler, **_SETTINGS)(function)))
 
 
 def compiled(function: Callable[..., Any] | None = None, *, fuse: bool = False, inline: bool = False) -> Any:

@@ -3,8 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
+from cached import compiled
 from examine import look_at
-from numba import njit
 from verbs import as_dimer
 
 from dimersweep.kernel import engine, fate
@@ -12,8 +12,6 @@ from dimersweep.kernel.batch import BETA0, XDOT0, new_desk
 from dimersweep.kernel.impact import N_LOG
 from dimersweep.kernel.layout import STATUSES
 from dimersweep.kernel.record import EVENT, N_EVENT, N_SEGMENT
-
-compiled = njit(cache=True, error_model="numpy")
 
 
 @compiled

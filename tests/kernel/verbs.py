@@ -4,7 +4,7 @@ With the JIT off these are the plain functions.
 """
 
 import numpy as np
-from numba import njit
+from cached import compiled
 
 from dimersweep.kernel import (
     body,
@@ -43,8 +43,6 @@ from dimersweep.kernel.layout import (
     Y1,
 )
 from dimersweep.parameters import Parameters
-
-compiled = njit(cache=True, error_model="numpy")
 
 
 @compiled

@@ -8,7 +8,7 @@ from math import asin, atan2, cos, hypot, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+from cached import compiled
 from numpy.typing import NDArray
 from oracle.body import Dimer
 
@@ -16,7 +16,6 @@ CENTRE, AXIS, VELOCITY, MOMENTUM, THETA, GAMMA, N_STATE = 0, 3, 6, 9, 12, 13, 14
 SIDES = (-1.0, 1.0)  # where along the axis the ends are, in units of l/2
 
 Array = NDArray[np.float64]
-compiled = njit(cache=True, error_model="numpy")
 
 
 class Top(NamedTuple):
