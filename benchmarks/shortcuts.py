@@ -24,10 +24,10 @@ import numpy as np
 from compare import Worker, git, on_one_core
 from speed import ROOT, SCENES
 
-from dimersweep.kernel.cache import base_folder
+from dimersweep.kernel.cache import base_folders
 
 DOCUMENT = ROOT / "docs" / "shortcuts.md"
-KEPT = base_folder().parent  # where the compiled code of the kernel as it is lies
+KEPT = base_folders()[0].parent  # where the compiled code of the kernel as it is lies
 RTOL, FINEST = 1e-8, 1e-13
 PERIODS, SHORT = 100, 4  # forcing periods of a run to its verdict, and of one whose states are compared
 ROUNDS = 7  # timings of each run

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from dimersweep import simulate
-from dimersweep.kernel.cache import base_folder
+from dimersweep.kernel.cache import base_folders
 from dimersweep.kernel.layout import BETA, D1, D2, N1, N2
 from dimersweep.parameters import Parameters
 from dimersweep.symbols import BASE
@@ -29,7 +29,7 @@ from verbs_inputs import DOUBLE, SINGLE, harvest
 from verbs_loops import VERBS, Harvest, call
 
 pytestmark = pytest.mark.jit
-CACHE = base_folder().parent
+CACHE = base_folders()[0].parent
 
 
 @pytest.fixture(scope="module")

@@ -80,10 +80,10 @@ def copy(tmp_path):
 def twice(copy, first="pass", **environment):
     """Value of the small program, and the folder of its code, in a process of its own."""
     program = (
-        f"{first}; from dimersweep.kernel.room.above import twice; from {cache.__name__} import code_folder; "
-        "print(twice(), code_folder())"
+        f"{first}; from dimersweep.kernel.room.above import twice; from {cache.__name__} import code_folders; "
+        "print(twice(), *code_folders())"
     )
-    value, place = run_python(program, copy, **environment).split()
+    value, place, _ = run_python(program, copy, **environment).split()
     return int(value), Path(place)
 
 
@@ -121,8 +121,6 @@ def plant(folder, name):
     [
         ("NUMBA_CACHE_DIR", "p/dimersweep/.numba"),
         ("NUMBA_CACHE_DIR", "p/dimersweep/0123456789abcdef"),
-        ("NUMBA_CACHE_DIR", "p"),
-        ("NUMBA_CACHE_DIR", "p/dimersweep"),
         ("XDG_CACHE_HOME", "p"),
         ("HOME", "p"),
     ],
@@ -186,7 +184,96 @@ def test_settings_of_the_process_stay_as_they_are():
 
 def test_a_chosen_folder_is_the_base_and_a_child_process_shares_it(tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    folder = cache.code_folder()
-    assert folder == tmp_path / "dimersweep" / cache.kernel_version()
-    assert run_python(f"from {cache.__name__} import code_folder; print(code_folder())") == f"{folder}\n"
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "tmp"))
+    folders = cache.code_folders()
+    assert folders[0] == tmp_path / "dimersweep" / cache.kernel_version()
+    assert folders[1] == tmp_path / "tmp" / f"dimersweep-{os.getuid()}" / cache.kernel_version()
+    printed = run_python(f"from {cache.__name__} import code_folders; print(*code_folders(), sep='\\n')")
+    assert printed.split() == [str(folder) for folder in folders]
     assert not cache.is_compiled()
+
+
+@pytest.fixture
+def places(tmp_path, monkeypatch):
+    """The place that a user has chosen, and a temporary folder; none can be written yet."""
+    names = {"NUMBA_CACHE_DIR": tmp_path / "chosen", "TMPDIR": tmp_path / "tmp"}
+    for name, path in names.items():
+        path.touch()  # a file in the place of a folder
+        monkeypatch.setenv(name, str(path))
+    return names
+
+
+def allow(path):
+    path.unlink()
+    path.mkdir()
+    return path
+
+
+@pytest.mark.jit
+def test_code_goes_to_a_keyed_temporary_folder_where_no_other_can_be_written(copy, places):
+    scratch = allow(places["TMPDIR"]) / f"dimersweep-{os.getuid()}"
+    assert twice(copy)[0] == 2
+    (code,) = scratch.glob("*/twice-*")
+    made = code.stat().st_mtime_ns
+    assert twice(copy)[0] == 2
+    assert code.stat().st_mtime_ns == made, "compiled again"
+    below = copy / "dimersweep" / "kernel" / "room" / "below.py"
+    below.write_text(below.read_text().replace("return 1", "return 21"))
+    assert twice(copy)[0] == 42
+    assert len(list(scratch.iterdir())) == 2
+    assert scratch.stat().st_mode & 0o777 == 0o700
+    assert not list(copy.rglob("*.nb?"))
+
+
+@pytest.mark.jit
+def test_code_is_not_kept_where_nothing_can_be_written(copy, places):
+    program = "import warnings; warnings.simplefilter('error'); from dimersweep.kernel.room.above import twice; "
+    told = run_python(
+        program + "\ntry: twice()\nexcept RuntimeWarning as line: print(line)\nprint(twice())", copy
+    ).splitlines()
+    assert told[0].startswith(f"compiled code cannot be kept in {places['NUMBA_CACHE_DIR']}/dimersweep or ")
+    assert told[1:] == ["2"]
+    assert not list(copy.rglob("*.nb?")) and not list(copy.rglob("*.code"))
+
+
+def test_code_is_read_from_a_folder_that_others_have_filled(places):
+    base = allow(places["NUMBA_CACHE_DIR"]) / "dimersweep"
+    cache.save("name", b"code")
+    (base / cache.kernel_version() / cache.MARK).unlink()  # so that the use cannot be noted
+    assert cache.load("name") == b"code"
+
+
+@pytest.mark.parametrize("fault", ["others may write", "a link"])
+def test_code_from_a_temporary_folder_of_others_is_not_run(tmp_path, places, fault):
+    scratch = allow(places["TMPDIR"]) / f"dimersweep-{os.getuid()}"
+    cache.save("name", b"code")
+    assert cache.load("name") == b"code" and cache.is_compiled()
+    if fault == "a link":
+        scratch.rename(tmp_path / "elsewhere")
+        scratch.symlink_to(tmp_path / "elsewhere")
+    else:
+        scratch.chmod(0o777)
+    assert cache.load("name") is None and not cache.is_compiled()
+    with pytest.warns(RuntimeWarning, match=r"^compiled code cannot be kept in .*, so every process compiles;"):
+        cache.save("other", b"code")
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="needs to be another user")
+def test_code_from_a_folder_of_another_user_is_not_run(places):
+    scratch = allow(places["TMPDIR"]) / f"dimersweep-{os.getuid()}"
+    cache.save("name", b"code")
+    os.chown(scratch, 12345, 12345)
+    assert cache.load("name") is None
+
+
+@pytest.mark.usefixtures("fake_kernel")
+def test_cubes_are_read_where_nothing_can_be_written_and_nobody_is_home(tmp_path, copy, places):
+    cube = tmp_path / "cube.nc"
+    dimersweep.sweep({"f": [15.0, 20.0]}, periods=5, out=cube, progress=False)
+    nobody = "import pwd\ndef unknown(uid): raise KeyError(uid)\npwd.getpwuid = unknown\n"
+    read = f"import dimersweep\nprint(dimersweep.open_cube({str(cube)!r}).sizes['f'])\n"
+    status = f"from dimersweep.cli import main\nimport sys\nsys.argv = ['dimersweep', 'status', {str(cube)!r}]\nmain()"
+    environment = dict.fromkeys(("HOME", "NUMBA_CACHE_DIR", "XDG_CACHE_HOME"))
+    printed = run_python(nobody + read + status, copy, **environment).splitlines()
+    assert printed[:2] == ["2", f"{cube}: complete, 2 points"]
+    assert run_python(nobody + "from dimersweep.kernel.room.above import twice; print(twice())", copy, **environment)

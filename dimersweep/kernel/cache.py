@@ -8,8 +8,11 @@ import hashlib
 import os
 import platform
 import re
+import stat
 import time
 import uuid
+import warnings
+from contextlib import suppress
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -38,45 +41,91 @@ def kernel_version(sources: Path = Path(__file__).parent) -> str:
     return digest.hexdigest()[:16]
 
 
-def base_folder() -> Path:
-    """The folder of all versions: below NUMBA_CACHE_DIR if that is set, else below the user's cache folder."""
+def base_folders() -> list[Path]:
+    """The folders of all versions, in the order in which they are tried.
+
+    Below NUMBA_CACHE_DIR if that is set, else below the user's cache folder; where that cannot be written, in the temporary
+    folder, by the user's number, if nobody else can write there.
+    """
+    scratch = Path(os.environ.get("TMPDIR") or "/tmp") / f"dimersweep-{os.getuid()}"
+    with suppress(RuntimeError):  # nobody knows of a home
+        return [_chosen() / "dimersweep", scratch]
+    return [scratch]
+
+
+def _chosen() -> Path:
     chosen = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
-    return (Path(chosen) if chosen else Path.home() / ".cache").absolute() / "dimersweep"
+    return (Path(chosen) if chosen else Path.home() / ".cache").absolute()
 
 
-def code_folder() -> Path:
-    """The folder of this version; it may not exist."""
-    return base_folder() / kernel_version()
+def _is_trusted(base: Path) -> bool:
+    """Whether what is found in one of the `base_folders` was put there by whom the user trusts: code is run from it."""
+    if not base.name.startswith("dimersweep-"):
+        return True
+    try:
+        found = base.lstat()
+    except OSError:
+        return False
+    return stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o022
+
+
+def code_folders() -> list[Path]:
+    """The folders of this version, in the order in which they are tried; they may not exist."""
+    return [base / kernel_version() for base in base_folders()]
 
 
 def is_compiled() -> bool:
     """Whether compiled code of this version of the kernel is at hand, so that the next call is quick."""
-    return any(code_folder().glob("*" + SUFFIX))
+    return any(_is_trusted(folder.parent) and any(folder.glob("*" + SUFFIX)) for folder in code_folders())
 
 
 def load(name: str) -> bytes | None:
     """The code that was saved by that name, if there is any; its folder is marked as used now."""
-    folder = code_folder()
-    try:
-        code = (folder / (name + SUFFIX)).read_bytes()
-        os.utime(folder / MARK)
-    except OSError:
-        return None
-    return code
+    for folder in code_folders():
+        with suppress(OSError):
+            if _is_trusted(folder.parent):
+                code = (folder / (name + SUFFIX)).read_bytes()
+                with suppress(OSError):  # a folder that others have filled
+                    os.utime(folder / MARK)
+                return code
+    return None
 
 
 def save(name: str, code: bytes) -> None:
-    """Keep `code` by that name, and delete what has not been used for long; nothing happens where that is not allowed."""
-    folder = code_folder()
+    """Keep `code` by that name, and delete what has not been used for long.
+
+    Where no folder can be written, that is told in one line, and the next process compiles again.
+    """
+    for folder in code_folders():
+        try:
+            folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            if not _is_trusted(folder.parent):
+                continue
+            folder.mkdir(exist_ok=True)
+            (folder / MARK).touch()
+            _write(folder / (name + SUFFIX), code)
+        except OSError:
+            continue
+        with suppress(OSError):
+            prune(folder.parent, keep=folder.name)
+        return
+    tried = " or ".join(str(base) for base in base_folders())
+    warnings.warn(
+        f"compiled code cannot be kept in {tried}, so every process compiles; NUMBA_CACHE_DIR names another folder",
+        RuntimeWarning,
+        stacklevel=2,
+    )
+
+
+def _write(path: Path, content: bytes) -> None:
+    """Write a file at once, whoever else does the same."""
+    scratch = path.with_name(f"{path.name}.{uuid.uuid4().hex}.tmp")
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / MARK).touch()
-        scratch = folder / f"{name}.{uuid.uuid4().hex}.tmp"
-        scratch.write_bytes(code)
-        scratch.replace(folder / (name + SUFFIX))
-        prune(folder.parent, keep=folder.name)
+        scratch.write_bytes(content)
+        scratch.replace(path)
     except OSError:
-        pass
+        scratch.unlink(missing_ok=True)
+        raise
 
 
 def prune(base: Path, keep: str) -> None:
@@ -87,8 +136,9 @@ def prune(base: Path, keep: str) -> None:
     for folder in base.iterdir():
         mark = folder / MARK
         ours = _KEY.fullmatch(folder.name) and not folder.is_symlink() and mark.is_file()
-        if ours and folder.name != keep and time.time() - mark.stat().st_mtime > KEPT_SECONDS:
-            _delete(folder)
+        with suppress(OSError):  # another process may do the same
+            if ours and folder.name != keep and time.time() - mark.stat().st_mtime > KEPT_SECONDS:
+                _delete(folder)
 
 
 def _delete(folder: Path) -> None:
