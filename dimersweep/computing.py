@@ -6,10 +6,10 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from dask.system import CPU_COUNT
 
-from dimersweep.errors import PointError, Stopped
+from dimersweep.errors import PointError, Stopped, UnfinishedError
+from dimersweep.grid import Grid
 from dimersweep.kernel.layout import CODES, STATUS_MESSAGES, STATUSES
 from dimersweep.memorystore import MemoryStore
 from dimersweep.parameters import check_count
@@ -17,9 +17,11 @@ from dimersweep.progress import Silent, tell_of_compiling, watch
 from dimersweep.reuse import not_ok
 from dimersweep.scheduling import Pace, Pool, bundles, cluster, connected, run_tiles, threads, warm_up
 from dimersweep.signals import StopFlag, stop_on_signals
-from dimersweep.tiles import Finished, Tile, Work
+from dimersweep.tiles import Broken, Finished, Made, Tile, Work, count
 from dimersweep.tilestore import TileStore
 
+MAX_WORKERS = 4096  # threads
+ALIKE = 10  # tasks that break off in a row for the same reason: then it is not for the points
 _MODE, _STATUS = CODES.index("mode"), CODES.index("status")
 
 Store = MemoryStore | TileStore
@@ -53,7 +55,39 @@ def make_how(workers: int | None, client: Any = None, *, progress: bool = True, 
     ParameterError
         If `workers` is not allowed.
     """
-    return How(CPU_COUNT if workers is None else check_count("workers", workers), client, progress, fail_fast)
+    return How(
+        CPU_COUNT if workers is None else check_count("workers", workers, MAX_WORKERS), client, progress, fail_fast
+    )
+
+
+class Troubles:
+    """What has left points without results, for reasons that are not the model's."""
+
+    def __init__(self) -> None:
+        self.first: Broken | None = None
+        self.last = ""  # sort of reason
+        self.points = 0
+        self.alike = 0  # in a row
+
+    def note(self, made: Made) -> None:
+        """Take note of what a task has brought back."""
+        if made.finished:
+            self.alike = 0
+        if made.broken is None:
+            return
+        self.first = min(self.first or made.broken, made.broken)
+        self.points += made.broken.points
+        sort = made.broken.reason.partition(":")[0]
+        self.alike = self.alike + 1 if sort == self.last else 1
+        self.last = sort
+
+    def words(self, grid: Grid) -> str:
+        """Such as ``3 points could not be run, such as point 7 (Gamma = 0.9): MemoryError: no room``."""
+        assert self.first is not None
+        points, such = ("points", ", such as ") if self.points > 1 else ("point", ": ")
+        where = grid.point(self.first.tiles[0].start)
+        told = f"{self.points} {points} could not be run{such}{where}: {self.first.reason}"
+        return told + ("; the sweep was stopped, as these came in a row" if self.alike >= ALIKE else "")
 
 
 class Crew:
@@ -110,28 +144,32 @@ class Crew:
 
         Raises
         ------
-        PointError, Stopped, StoreError
+        PointError, UnfinishedError, Stopped, StoreError
             See `sweep`; what was finished before is in the store.
         """
         if not missing:
             return
         if self._pool is None:
             self._pool = self._hire()
-        left = sum(stop - start for start, stop in missing)
+        left = count(missing)
         pace = Pace(left, max(1, self._pool.workers()))
         failures: list[tuple[int, str]] = []
+        troubles = Troubles()
 
-        def take(finished: list[Finished]) -> None:
+        def take(made: Made) -> None:
             nonlocal left
-            pace.note(finished)
-            for tile in finished:
+            pace.note(made.finished)
+            troubles.note(made)
+            if troubles.alike >= ALIKE or (troubles.points and self.how.fail_fast):
+                self._stop.set()
+            for tile in made.finished:
                 self.store.add(tile)
                 also(tile)
                 left -= len(tile.results)
                 if self.how.fail_fast and not_ok(tile.codes).any():
                     failures.append(_failure(work, tile))
                     self._stop.set()
-            self._shown.add(np.concatenate([tile.codes[:, _MODE] for tile in finished]))
+                self._shown.add(tile.codes[:, _MODE])
 
         try:
             run_tiles(self._pool, work, bundles(missing, pace), take, self._stop)
@@ -139,6 +177,8 @@ class Crew:
             self.store.flush()
         if failures:
             raise PointError(f"{min(failures)[1]}; {self.store.kept}")
+        if troubles.points and not self._stop.signal:
+            raise UnfinishedError(f"{troubles.words(work.grid)}; {self.store.kept}")
         if left:
             raise Stopped(self.store.kept, self._stop.signal)
 
@@ -154,6 +194,5 @@ def _failure(work: Work, finished: Finished) -> tuple[int, str]:
     """The number of the first point of a tile that failed, and why it did."""
     row = int(not_ok(finished.codes).argmax())
     status = finished.codes[row, _STATUS]
-    reason = finished.error.partition(": ")[2] or f"{STATUSES[status]}: {STATUS_MESSAGES[status]}"
     number = finished.tile.start + row
-    return number, f"{work.grid.point(number)} failed: {reason}"
+    return number, f"{work.grid.point(number)} failed: {STATUSES[status]}: {STATUS_MESSAGES[status]}"

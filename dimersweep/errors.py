@@ -17,6 +17,14 @@ class PointError(UserError, RuntimeError):
     """A point that failed, where the user asked to stop at the first one."""
 
 
+class UnfinishedError(UserError, RuntimeError):
+    """A sweep that lacks points, which the machine or the program could not run: they are still to be done."""
+
+
+class KernelError(UserError, RuntimeError):
+    """A kernel that cannot run here, or that gives other numbers than it must."""
+
+
 class Stopped(KeyboardInterrupt):
     """A sweep that Ctrl-C or a SIGTERM has stopped: the message says what is kept and how to go on.
 

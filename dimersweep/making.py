@@ -82,7 +82,7 @@ def make(job: Job, how: How, output: Output) -> xr.Dataset:
 
     Raises
     ------
-    ParameterError, StoreError, PointError, Stopped
+    ParameterError, StoreError, KernelError, PointError, UnfinishedError, Stopped
         See `sweep`.
     """
     if output.path is not None:
@@ -172,9 +172,6 @@ def _former(out: Path, job: Job) -> xr.Dataset:
 
 
 def _attributes(job: Job, store: Store, more: Mapping[str, str], output: Output) -> dict[str, Any]:
-    """Global attributes of the cube, and a warning if points failed for reasons that are not of the model."""
-    errors = sorted(store.errors)
-    if errors:
-        warnings.warn(f"{len(errors)} tiles have points that failed; {errors[0]}", RuntimeWarning, stacklevel=5)
+    """Global attributes of the cube."""
     told = attributes(job.configuration(), job.summary, store.wall) | {"kernel_time_s": store.seconds}
-    return told | dict(more) | dict(output.attrs or {}) | ({"failures": "; ".join(errors)} if errors else {})
+    return told | dict(more) | dict(output.attrs or {})

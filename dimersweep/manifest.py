@@ -3,7 +3,7 @@
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -33,8 +33,6 @@ class Entry:
         The configuration that gave it.
     modes : dict of str to int
         Tally of its points.
-    errors : list of str
-        What kept points from having results.
     seconds : float
         Sum of the times of its tiles [s].
     wall : float
@@ -49,7 +47,6 @@ class Entry:
     sha256: str
     configuration_sha256: str
     modes: dict[str, int]
-    errors: list[str] = field(default_factory=list)
     seconds: float = 0.0
     wall: float = 0.0
     time: str = ""

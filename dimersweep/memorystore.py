@@ -25,14 +25,12 @@ class MemoryStore:
         self.results = blank_results(size, kind)
         self.seconds = 0.0
         self.started = perf_counter()
-        self.errors: list[str] = []
         self._done: list[Tile] = []
 
     def add(self, finished: Finished) -> None:
         """Keep a finished tile."""
         self.results[slice(*finished.tile)] = finished.results
         self.seconds += finished.seconds
-        self.errors += [finished.error] if finished.error else []
         self._done.append(finished.tile)
 
     @property

@@ -13,6 +13,7 @@ from dimersweep.kernel.layout import N_ROW, ROW
 from dimersweep.symbols import BASE, PARAMETERS
 
 RTOL_RANGE = (1e-13, 1e-2)
+MAX_COUNT = 1_000_000_000  # forcing periods and other counts: the cube keeps them in 32 bits
 
 
 class Rule(NamedTuple):
@@ -144,16 +145,18 @@ def check_rtol(rtol: Any) -> float:
     return number
 
 
-def check_count(name: str, value: Any) -> int:
-    """`value` as an int of at least 1, for a number of periods or of workers.
+def check_count(name: str, value: Any, most: int = MAX_COUNT) -> int:
+    """`value` as an int of at least 1 and at most `most`, for a number of periods or of workers.
 
     Raises
     ------
     ParameterError
-        If it is no whole number or below 1.
+        If it is no whole number, or out of that range.
     """
     if isinstance(value, bool) or not isinstance(value, Integral) or value < 1:
         raise ParameterError(f"{name} = {value!r}: must be a whole number >= 1")
+    if int(value) > most:
+        raise ParameterError(f"{name} = {value!r}: must be <= {most}")
     return int(value)
 
 

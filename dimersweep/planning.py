@@ -13,16 +13,17 @@ import xarray as xr
 
 from dimersweep.computing import How, crew
 from dimersweep.deciding import SearchSpec, Wave, spread_order
+from dimersweep.errors import UnfinishedError
 from dimersweep.grid import Grid, check_fits, legal_points
 from dimersweep.making import Job
 from dimersweep.manifest import read_manifest
 from dimersweep.memorystore import MemoryStore
 from dimersweep.provenance import as_text
+from dimersweep.proving import prove
 from dimersweep.refining import RefineJob
 from dimersweep.scheduling import TILES_PER_WORKER
 from dimersweep.searching import SearchJob
 from dimersweep.sweeping import SweepJob
-from dimersweep.symbols import BASE
 from dimersweep.tiles import (
     TILE_SECONDS,
     Finished,
@@ -31,7 +32,6 @@ from dimersweep.tiles import (
     Work,
     attempt,
     blank_results,
-    make_spec,
 )
 from dimersweep.tilestore import manifest_of
 
@@ -130,7 +130,7 @@ def plan(job: Job, workers: int, out: Path | None = None) -> Plan:
     -------
     Plan
     """
-    attempt(make_spec({"f": [BASE["f"]]}, periods=1), (Tile(0, 1),))  # compiles
+    prove()  # and compile
     rng = np.random.default_rng(_SEED)
     if isinstance(job, SweepJob):
         numbers = rng.choice(job.spec.grid.size, min(SAMPLE, job.spec.grid.size), replace=False)
@@ -163,7 +163,10 @@ def _for_some_time(costs: Iterator[Cost], seconds: float) -> Iterator[Cost]:
 
 
 def _made(work: Work, point: int) -> Finished:
-    return attempt(work, (Tile(point, point + 1),))[0]
+    made = attempt(work, (Tile(point, point + 1),))
+    if made.broken:
+        raise UnfinishedError(f"{work.grid.point(point)} could not be run: {made.broken.reason}")
+    return made.finished[0]
 
 
 def _of_points(spec: Spec, numbers: np.ndarray) -> Iterator[Cost]:

@@ -286,7 +286,7 @@ def refine(
     ------
     ParameterError
         For a grid, a parameter or a setting that is not allowed, before any work.
-    StoreError, PointError, Stopped
+    StoreError, KernelError, PointError, UnfinishedError, Stopped
         As by `sweep`.
     """
     coarse = make_spec(grid, fixed, over=over, ask=ask, mode=mode, periods=periods, max_periods=max_periods, rtol=rtol)

@@ -1,5 +1,7 @@
 """Tiles to workers and results back: threads of this process, or those of any dask.distributed cluster."""
 
+import os
+import socket
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -8,13 +10,11 @@ from contextlib import contextmanager, suppress
 from math import ceil
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from dimersweep.errors import ParameterError, UserError
+from dimersweep.errors import KernelError, ParameterError, UserError
 from dimersweep.kernel import kernel_version
+from dimersweep.proving import prove
 from dimersweep.signals import StopFlag
-from dimersweep.symbols import BASE
-from dimersweep.tiles import TILE_SECONDS, Bundle, Finished, Tile, Work, attempt, lost, make_spec
+from dimersweep.tiles import TILE_SECONDS, Broken, Bundle, Finished, Made, Tile, Work, after, attempt
 
 IN_FLIGHT = 2  # tasks for each worker: one runs and one waits, so that none idles and a million tiles do not pile up
 GRACE = 1.0  # seconds that running tiles have to come back when the sweep is stopped
@@ -30,7 +30,7 @@ LOST = "scheduler: the connection to the cluster is lost; what was finished is k
 class Pool(NamedTuple):
     """Where work is done: ``submit(work, tiles)`` gives a future of what `attempt` returns; ``workers()`` counts threads."""
 
-    submit: Callable[[Work, Bundle], "Future[list[Finished]]"]
+    submit: Callable[[Work, Bundle], "Future[Made]"]
     workers: Callable[[], int]
 
 
@@ -50,6 +50,8 @@ class Pace:
     def note(self, finished: Sequence[Finished]) -> None:
         """Learn from what a task has brought back."""
         points = sum(len(tile.results) for tile in finished)
+        if not points:
+            return
         aim = int(TILE_SECONDS * points / max(sum(tile.seconds for tile in finished), 1e-6))
         self.length = max(1, min(aim, GROWTH * points, self.longest))
 
@@ -73,12 +75,20 @@ def bundles(ranges: Iterable[Tile], pace: Pace) -> Iterator[Bundle]:
 
 
 def warm_up(stop: StopFlag) -> None:
-    """Have the kernel compiled, or loaded, in a thread: signals wait while the main thread is in the compiler."""
+    """Have the kernel compiled, or loaded, and proven in a thread: signals wait while the main thread is in the compiler.
+
+    Raises
+    ------
+    KernelError
+        If it cannot run, or gives wrong numbers.
+    """
     executor = ThreadPoolExecutor(1)
     try:
-        future = executor.submit(attempt, make_spec({"f": [BASE["f"]]}, periods=1), (Tile(0, 1),))
-        while not stop.is_set() and not wait([future], timeout=POLL).done:
-            pass
+        future = executor.submit(prove)
+        while not stop.is_set():
+            if wait([future], timeout=POLL).done:
+                future.result()
+                break
     finally:
         executor.shutdown(wait=False)
 
@@ -94,16 +104,22 @@ def threads(workers: int, stop: StopFlag) -> Iterator[Pool]:
         executor.shutdown(wait=False, cancel_futures=True)
 
 
-def run_elsewhere(work: Work, tiles: Bundle, shift: int, version: str) -> list[Finished]:
-    """Run tiles in a worker process, if that has the same kernel as the process that asks.
+def run_elsewhere(work: Work, tiles: Bundle, shift: int, version: str) -> Made:
+    """Run tiles in a worker process, if that has the same kernel as the process that asks, and it works there.
 
     Raises
     ------
     ParameterError
-        If it has not: its numbers could differ.
+        If the kernel is another one: its numbers could differ.
+    KernelError
+        If it cannot run there, or gives wrong numbers.
     """
     if kernel_version() != version:
         raise ParameterError(_other_kernel("a worker", kernel_version(), version))
+    try:
+        prove()
+    except KernelError as error:
+        raise KernelError(f"scheduler: worker process {os.getpid()} on {socket.gethostname()}: {error}") from None
     return attempt(work, tiles, shift=shift)
 
 
@@ -161,7 +177,7 @@ def cluster(client: Any) -> Iterator[Pool]:
                 counted, count = time.monotonic(), sum(client.nthreads().values())
         return count
 
-    def submit(work: Work, tiles: Bundle) -> "Future[list[Finished]]":
+    def submit(work: Work, tiles: Bundle) -> "Future[Made]":
         # the task carries its points along: data scattered beforehand could die with a worker
         with _connection():
             return executor.submit(run_elsewhere, *work.narrowed(tiles), kernel_version())
@@ -181,8 +197,8 @@ def _connection() -> Iterator[None]:
         raise UserError(f"{LOST} ({type(error).__name__}: {error})") from error
 
 
-def outcome(future: "Future[list[Finished]]", kind: np.dtype, tiles: Bundle) -> list[Finished]:
-    """What became of `tiles`: their results, or their points as failed if the worker died.
+def outcome(future: "Future[Made]", tiles: Bundle) -> Made:
+    """What became of `tiles`: all are broken if the worker died with them.
 
     Raises
     ------
@@ -196,28 +212,17 @@ def outcome(future: "Future[list[Finished]]", kind: np.dtype, tiles: Bundle) -> 
     except UserError:
         raise
     except Exception as error:  # of the machinery: `attempt` catches those of the kernel
-        return [lost(kind, tile, error) for tile in tiles]
+        return Made([], Broken(tiles, f"{type(error).__name__}: {error}"))
 
 
-def rest_of(tiles: Bundle, finished: list[Finished]) -> Bundle:
-    """What of `tiles` came back undone."""
-    left = tiles[len(finished) :]
-    if not finished:
-        return left
-    reached, stop = finished[-1].tile.stop, tiles[len(finished) - 1].stop
-    return (Tile(reached, stop), *left) if reached < stop else left
-
-
-def run_tiles(
-    pool: Pool, work: Work, tasks: Iterator[Bundle], take: Callable[[list[Finished]], None], stop: StopFlag
-) -> None:
+def run_tiles(pool: Pool, work: Work, tasks: Iterator[Bundle], take: Callable[[Made], None], stop: StopFlag) -> None:
     """Do `work` at the points of `tasks`, until all are done or `stop` is set, and hand what each brings back to `take`.
 
     `take` is called in the calling thread.
     What a task brings back undone becomes a task of its own. After `stop`, tasks that run have `GRACE` seconds to come
     back with the points they have.
     """
-    running: dict[Future[list[Finished]], Bundle] = {}
+    running: dict[Future[Made], Bundle] = {}
     undone: deque[Bundle] = deque()
     while not stop.is_set():
         while len(running) < IN_FLIGHT * max(1, pool.workers()):
@@ -229,11 +234,10 @@ def run_tiles(
             return
         for future in wait(running, timeout=POLL, return_when=FIRST_COMPLETED).done:
             task = running.pop(future)
-            finished = outcome(future, work.kind, task)
-            if left := rest_of(task, finished):
+            made = outcome(future, task)
+            if left := after(task, made.points):
                 undone.append(left)
-            if finished:
-                take(finished)
+            take(made)
     for future in wait(running, timeout=GRACE).done:
-        if not future.cancelled() and future.exception() is None and future.result():
+        if not future.cancelled() and future.exception() is None:
             take(future.result())

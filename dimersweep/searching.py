@@ -313,7 +313,7 @@ def search(
     ------
     ParameterError
         For a grid, a parameter or a setting that is not allowed, before any work.
-    StoreError, PointError, Stopped
+    StoreError, KernelError, PointError, UnfinishedError, Stopped
         As by `sweep`.
     """
     spec = make_spec(

@@ -46,13 +46,13 @@ def _of_tiles(out: Path, manifest: Manifest) -> list[str]:
     tally: Counter[str] = Counter()
     for entry in manifest.entries:
         tally.update(entry.modes)
-    done, errors = tally.total(), [error for entry in manifest.entries for error in entry.errors]
+    done = tally.total()
     lines = [f"{out}: {manifest.words} done ({100 * done // max(manifest.wanted, 1)} %)"]
     if done:
         lines.append(f"modes: {_words(tally)}")
         age = datetime.now(UTC) - datetime.fromisoformat(manifest.entries[-1].time)
         lines.append(f"last tile: {clock(age.total_seconds())} ago")
-    lines.append(f"failed: {tally['failed']} points" + (f"; {errors[0]}" if errors else ""))
+    lines.append(f"failed: {tally['failed']} points")
     if manifest.damaged:
         lines.append(f"manifest: {manifest.damaged} lines are cut or damaged; their points will be computed again")
     who = holder(lock_of(out))

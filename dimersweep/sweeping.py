@@ -135,6 +135,11 @@ def sweep(
         For an `out` that cannot be written or belongs to another sweep, before any work; or a disk that refuses later.
     PointError
         With `fail_fast`, for the first point that fails.
+    KernelError
+        If the compiled kernel cannot run here, or on a worker, or gives wrong numbers there.
+    UnfinishedError
+        If points could not be run for a reason that is not the model's, such as memory that ran out or a worker that
+        died: they are still to be done, and what was finished is kept.
     Stopped
         A KeyboardInterrupt, after Ctrl-C or SIGTERM; what was finished is kept.
     """

@@ -61,7 +61,6 @@ def write_points(path: Path, pieces: Sequence[Finished], configuration_sha256: s
         sha256=hashlib.sha256(written).hexdigest(),
         configuration_sha256=configuration_sha256,
         modes=tally(points["codes"]),
-        errors=[finished.error for finished in pieces if finished.error],
         seconds=sum(finished.seconds for finished in pieces),
         wall=wall,
         time=datetime.now(UTC).isoformat(timespec="seconds"),

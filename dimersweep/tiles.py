@@ -54,11 +54,10 @@ Bundle = tuple[Tile, ...]  # what one task runs: scattered points would be too l
 
 
 class Finished(NamedTuple):
-    """A tile with its results, shape (n,); what kept points from having any (empty if nothing); and its time [s]."""
+    """A tile with its results, shape (n,), and its time [s]."""
 
     tile: Tile
     results: np.ndarray
-    error: str = ""
     seconds: float = 0.0
 
     @property
@@ -70,6 +69,47 @@ class Finished(NamedTuple):
     def part(self, tile: Tile) -> "Finished":
         """The points that lie in `tile`, which is covered."""
         return Finished(tile, self.results[tile.start - self.tile.start : tile.stop - self.tile.start])
+
+
+class Broken(NamedTuple):
+    """Points that are still to be done, and why: a reason that is not the model's, such as ``MemoryError: no room``."""
+
+    tiles: Bundle
+    reason: str
+
+    @property
+    def points(self) -> int:
+        """Number of points."""
+        return count(self.tiles)
+
+
+class Made(NamedTuple):
+    """What a task brings back: what it has done of its tiles, in their order, and what broke it off, if anything did."""
+
+    finished: list[Finished]
+    broken: Broken | None = None
+
+    @property
+    def points(self) -> int:
+        """Number of points that are done or broken: the first ones of the task."""
+        done = sum(len(tile.results) for tile in self.finished)
+        return done + (self.broken.points if self.broken else 0)
+
+
+def count(tiles: Iterable[Tile]) -> int:
+    """Number of points in `tiles`."""
+    return sum(stop - start for start, stop in tiles)
+
+
+def after(tiles: Bundle, points: int) -> Bundle:
+    """What is left of `tiles` without their first `points`."""
+    left = []
+    for start, stop in tiles:
+        taken = min(points, stop - start)
+        points -= taken
+        if start + taken < stop:
+            left.append(Tile(start + taken, stop))
+    return tuple(left)
 
 
 def run_patiently(
@@ -266,8 +306,8 @@ def _never() -> bool:
     return False
 
 
-def attempt(work: Work, tiles: Bundle, stopped: Callable[[], bool] = _never, shift: int = 0) -> list[Finished]:
-    """Run tiles in short calls, for about `LONGEST_TILE` seconds; a point that raises is marked as failed.
+def attempt(work: Work, tiles: Bundle, stopped: Callable[[], bool] = _never, shift: int = 0) -> Made:
+    """Run tiles in short calls, for about `LONGEST_TILE` seconds, or up to a point that raises.
 
     Parameters
     ----------
@@ -280,13 +320,13 @@ def attempt(work: Work, tiles: Bundle, stopped: Callable[[], bool] = _never, shi
 
     Returns
     -------
-    list of Finished
-        The last one may be short of its tile, and the tiles after it missing. The time is told with the first one.
+    Made
+        The last tile may be short, and those after it missing. The time is told with the first one.
     """
     begun = perf_counter()
     points = np.concatenate([np.arange(*tile) for tile in tiles])
     results = blank_results(points.size, work.kind)
-    done, batch, errors = 0, 1, {}
+    done, batch, broken = 0, 1, None
     while done < points.size:
         part = slice(done, done + batch)
         try:
@@ -295,15 +335,16 @@ def attempt(work: Work, tiles: Bundle, stopped: Callable[[], bool] = _never, shi
             if points[part].size > 1:
                 batch = 1  # find the one
                 continue
-            results[part], made = blank_results(1, work.kind, M_FAILED), 1
-            errors[int(points[done]) + shift] = f"{type(error).__name__}: {error}"
+            point = int(points[done]) + shift
+            broken = Broken((Tile(point, point + 1),), f"{type(error).__name__}: {error}")
+            break
         done += made
         spent = perf_counter() - begun
         if not made or spent > LONGEST_TILE or stopped():
             break
         batch = max(1, min(2 * batch, int(CHUNK_SECONDS * done / spent)))
     _one_nan(results)
-    return _cut(tiles, results[:done], errors, perf_counter() - begun, shift)
+    return Made(_cut(tiles, results[:done], perf_counter() - begun, shift), broken)
 
 
 def _one_nan(results: np.ndarray) -> None:
@@ -314,7 +355,7 @@ def _one_nan(results: np.ndarray) -> None:
             values[np.isnan(values)] = np.nan
 
 
-def _cut(tiles: Bundle, results: np.ndarray, errors: Mapping[int, str], seconds: float, shift: int) -> list[Finished]:
+def _cut(tiles: Bundle, results: np.ndarray, seconds: float, shift: int) -> list[Finished]:
     """Results of the points of `tiles`, as far as they go, tile by tile."""
     finished: list[Finished] = []
     first = 0
@@ -323,10 +364,7 @@ def _cut(tiles: Bundle, results: np.ndarray, errors: Mapping[int, str], seconds:
             break
         last = min(first + stop - start, len(results))
         tile = Tile(start + shift, start + shift + last - first)
-        told = [f"point {point}: {error}" for point, error in errors.items() if tile.start <= point < tile.stop]
-        more = f" (and {len(told) - 1} more)" if len(told) > 1 else ""
-        error = told[0] + more if told else ""
-        finished.append(Finished(tile, results[first:last], error, 0.0 if finished else seconds))
+        finished.append(Finished(tile, results[first:last], 0.0 if finished else seconds))
         first = last
     return finished
 
@@ -336,12 +374,6 @@ def around(grid: Grid, tiles: Bundle) -> tuple[Grid, Bundle, int]:
     window, start = grid.window(tiles[0].start, tiles[-1].stop)
     shift = tiles[0].start - start
     return window, tuple(Tile(a - shift, b - shift) for a, b in tiles), shift
-
-
-def lost(kind: np.dtype, tile: Tile, error: BaseException) -> Finished:
-    """A tile whose worker died or could not return it, with its points marked as failed."""
-    told = f"points {tile.start} to {tile.stop - 1}: {type(error).__name__}: {error}"
-    return Finished(tile, blank_results(tile.stop - tile.start, kind, M_FAILED), told)
 
 
 def split(ranges: Iterable[Tile], length: int) -> Iterator[Tile]:

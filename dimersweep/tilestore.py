@@ -94,11 +94,6 @@ class TileStore:
         """Sum of the times of all tiles [s]."""
         return sum(entry.seconds for entry in self.manifest.entries)
 
-    @property
-    def errors(self) -> list[str]:
-        """What kept points from having results."""
-        return [error for entry in self.manifest.entries for error in entry.errors]
-
     def gaps(self) -> list[Tile]:
         """The ranges that are not yet on disk."""
         return list(gaps(self.manifest.size, (tile for entry in self.manifest.entries for tile in entry.tiles)))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dimersweep.kernel.layout import CODES, DI_SP_SK, M_DRIFT, M_REST, M_UNRESOLVED, OK, OUT, ROW
+from dimersweep.kernel.layout import CODES, DI_SP_SK, JAMMED, M_DRIFT, M_FAILED, M_REST, M_UNRESOLVED, OK, OUT, ROW
 from dimersweep.manifest import read_manifest
 from dimersweep.tiles import blank_results
 from dimersweep.tilestore import manifest_of, tile_store
@@ -27,6 +27,33 @@ def fake_run_many(rows, periods, rtol, settle, out, codes, until=0):
     made = int(stops[0]) + 1 if stops.size else len(rows)
     out[made:], codes[made:] = np.nan, 0
     return made
+
+
+def failing(chosen, run_many=fake_run_many):
+    """A kernel that ends without a result, as the model may, at points that `chosen` picks from their rows."""
+
+    def fails(rows, periods, rtol, settle, out, codes, until=0):
+        run_many(rows, periods, rtol, settle, out, codes)
+        failed = np.broadcast_to(chosen(rows), len(rows))
+        out[failed], codes[failed] = np.nan, 0
+        codes[failed, CODE["status"]], codes[failed, CODE["mode"]] = JAMMED, M_FAILED
+        stops = np.flatnonzero(until >> codes[:, CODE["mode"]] & 1)
+        made = int(stops[0]) + 1 if stops.size else len(rows)
+        out[made:], codes[made:] = np.nan, 0
+        return made
+
+    return fails
+
+
+def raising(chosen, run_many=fake_run_many):
+    """A kernel that raises at points that `chosen` picks from their rows."""
+
+    def raises(rows, *others, until=0):
+        if np.any(chosen(rows)):
+            raise MemoryError("no room")
+        return run_many(rows, *others, until=until)
+
+    return raises
 
 
 def run_tile(spec, tile):

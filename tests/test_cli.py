@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from fakes import fake_run_many
+from fakes import failing, fake_run_many, raising
 
 import dimersweep
 from dimersweep import cli
@@ -362,23 +362,36 @@ def test_a_cube_is_made_again_from_what_it_tells(call, fake_kernel, monkeypatch)
 
 
 def test_fail_fast_names_the_point_and_keeps_the_rest(call, monkeypatch):
-    def breaks(rows, *rest, until=0):
-        if (rows[:, 3] == 20).any():
-            raise MemoryError("no room")
-        return fake_run_many(rows, *rest)
-
-    monkeypatch.setattr("dimersweep.tiles.run_many", breaks)
+    monkeypatch.setattr("dimersweep.tiles.run_many", failing(lambda rows: rows[:, 3] == 20))
     _, err, code = call("run", "small.toml", "--fail-fast", "--workers", "1")
     assert code == 2
     assert err.splitlines()[-1].startswith("dimersweep: error: point 44 (f = 20.0, beta0 = 0.0349")
-    assert ") failed: MemoryError: no room" in err
+    assert ") failed: jammed: no contact force" in err
     assert "points are kept in fig07-small.nc.tiles; run the same again to go on" in err
     _, err, code = call("run", "small.toml")
-    assert (code, "dimersweep: warning: " in err) == (0, True)
+    assert (code, "failed 44" in err) == (0, True)
     assert "failed 44" in call("status", "fig07-small.nc")[0]
     monkeypatch.setattr("dimersweep.tiles.run_many", fake_run_many)
     assert call("run", "small.toml", "--retry")[2] == 0
     assert "failed" not in call("status", "fig07-small.nc")[0]
+
+
+def test_points_that_cannot_be_run_end_in_a_line_and_an_exit_code(call, monkeypatch):
+    monkeypatch.setattr("dimersweep.tiles.run_many", raising(lambda rows: rows[:, 7] > 1.5))
+    _, err, code = call("run", "small.toml")
+    assert code == 2
+    assert re.match(
+        r"dimersweep: error: \d+ points could not be run, such as point .*: MemoryError: ", err.splitlines()[-1]
+    )
+    assert os.listdir() and not Path("fig07-small.nc").exists()
+    monkeypatch.setattr("dimersweep.tiles.run_many", fake_run_many)
+    assert call("run", "small.toml")[2] == 0
+
+
+@pytest.mark.parametrize("command", [("simulate",), ("run", "small.toml")])
+def test_a_number_of_periods_beyond_any_run_is_refused(call, command):
+    told = "dimersweep: error: periods = 9223372036854775808: must be <= 1000000000\n"
+    assert call(*command, "--periods", str(2**63))[1:] == (told, 2)
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "sweeps").glob("*.toml")), ids=lambda path: path.stem)

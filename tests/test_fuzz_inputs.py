@@ -178,7 +178,7 @@ def left_behind(fake_kernel):
     spec = make_spec(GRID, periods=5)
     with tile_store(Path("cube.nc"), spec.configuration(), spec.grid.size) as store:
         for tile in ((0, 6), (8, 12)):
-            store.add(attempt(spec, (Tile(*tile),))[0])
+            store.add(attempt(spec, (Tile(*tile),)).finished[0])
             store.flush()
     files = {path: path.read_bytes() for path in sorted(Path("cube.nc.tiles").iterdir()) if path.is_file()}
     return files, expected

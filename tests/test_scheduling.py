@@ -7,18 +7,17 @@ from concurrent.futures import Future
 import dask
 import numpy as np
 import pytest
-from fakes import CODE, SteadyPace, fake_run_many, set_pace
+from fakes import CODE, SteadyPace, raising, set_pace
 from hypothesis import given
 from hypothesis import strategies as st
 
 import dimersweep
 from dimersweep import tiles
-from dimersweep.cube import names
-from dimersweep.errors import ParameterError
+from dimersweep.errors import KernelError, ParameterError, UnfinishedError
 from dimersweep.kernel.layout import M_DRIFT, M_UNRESOLVED
 from dimersweep.scheduling import IN_FLIGHT, Pool, bundles, run_tiles
 from dimersweep.signals import StopFlag
-from dimersweep.tiles import Finished, Tile, attempt, blank_results, gaps, make_spec, runs
+from dimersweep.tiles import Broken, Finished, Made, Tile, after, attempt, blank_results, gaps, make_spec, runs
 
 SPEC = make_spec({"f": [15, 20], "A_r": [5, 6, 7], "beta0": {"start": 0.1, "stop": 1, "num": 40}}, periods=5)
 
@@ -75,7 +74,7 @@ def slow_points(rows, periods, rtol, settle, out, codes, until=0):
 def test_a_task_that_meets_slow_points_comes_back_with_what_it_has(monkeypatch):
     monkeypatch.setattr("dimersweep.tiles.run_many", slow_points)
     begun = time.perf_counter()
-    first, second = attempt(SPEC, (Tile(0, 10), Tile(10, 240)))
+    first, second = attempt(SPEC, (Tile(0, 10), Tile(10, 240))).finished
     assert time.perf_counter() - begun < tiles.LONGEST_TILE + 0.3
     assert first.tile == Tile(0, 10)
     assert second.tile.start == 10 and 30 < second.tile.stop < 60
@@ -85,21 +84,23 @@ def test_a_task_that_meets_slow_points_comes_back_with_what_it_has(monkeypatch):
 
 def test_a_tile_stops_when_it_is_told_to(monkeypatch):
     monkeypatch.setattr("dimersweep.tiles.run_many", slow_points)
-    assert [tile.tile for tile in attempt(SPEC, (Tile(20, 240),), lambda: True)] == [Tile(20, 21)]
+    assert [tile.tile for tile in attempt(SPEC, (Tile(20, 240),), lambda: True).finished] == [Tile(20, 21)]
 
 
 def test_one_point_that_raises_costs_no_other(monkeypatch):
-    def breaks_at_one(rows, *rest, until=0):
-        if (rows[:, 7] == SPEC.grid.axes["beta0"][7]).any():
-            raise FloatingPointError("bad point")
-        return fake_run_many(rows, *rest)
+    bad = SPEC.grid.axes["beta0"][7]
+    monkeypatch.setattr("dimersweep.tiles.run_many", raising(lambda rows: rows[:, 7] == bad))
+    task = (Tile(0, 5), Tile(5, 40))
+    (first, second), broken = attempt(SPEC, task, shift=100)
+    assert (first.tile, second.tile) == (Tile(100, 105), Tile(105, 107))
+    assert (np.concatenate([first.codes, second.codes])[:, CODE["mode"]] > 1).all()
+    assert broken == Broken((Tile(107, 108),), "MemoryError: no room")
+    assert after(task, Made([first, second], broken).points) == (Tile(8, 40),)
 
-    monkeypatch.setattr("dimersweep.tiles.run_many", breaks_at_one)
-    first, second = attempt(SPEC, (Tile(0, 5), Tile(5, 40)), shift=100)
-    assert (first.tile, second.tile) == (Tile(100, 105), Tile(105, 140))
-    assert (first.codes[:, CODE["mode"]] > 1).all()
-    assert np.flatnonzero(second.codes[:, CODE["mode"]] == 1).tolist() == [2]
-    assert (first.error, second.error) == ("", "point 107: FloatingPointError: bad point")
+
+@given(ranges, st.integers(0, 80))
+def test_what_comes_after_some_points(made, points):
+    assert points_of(after(tuple(made), points)) == points_of(made)[points:]
 
 
 def test_few_tasks_are_in_flight_and_short_ones_go_on():
@@ -117,14 +118,15 @@ def test_few_tasks_are_in_flight_and_short_ones_go_on():
             with lock:
                 flying.discard(future)
             stop = min(bundle[0].stop, bundle[0].start + 3)
-            future.set_result([Finished(Tile(bundle[0].start, stop), blank_results(stop - bundle[0].start))])
+            finished = Finished(Tile(bundle[0].start, stop), blank_results(stop - bundle[0].start))
+            future.set_result(Made([finished]))
 
         threading.Thread(target=work).start()
         return future
 
     tasks = bundles([Tile(0, 500)], SteadyPace(7))
     run_tiles(
-        Pool(submit, lambda: 3), SPEC, tasks, lambda finished: taken.extend(tile.tile for tile in finished), StopFlag()
+        Pool(submit, lambda: 3), SPEC, tasks, lambda made: taken.extend(tile.tile for tile in made.finished), StopFlag()
     )
     assert sorted(points_of(taken)) == list(range(500))
     assert most[0] <= 3 * IN_FLIGHT
@@ -163,16 +165,23 @@ def test_a_worker_that_dies_costs_its_tile_alone(cluster, monkeypatch, tmp_path)
                 os._exit(1)
             return run_many(rows, *rest, until=until)
 
-        there.run_many = dies_at_20_hz
+        there.ours, there.run_many = run_many, dies_at_20_hz
+
+    def heal():
+        import dimersweep.tiles as there
+
+        there.run_many = getattr(there, "ours", there.run_many)  # a worker that has died comes back sound
 
     reference = sweep()
     set_pace(monkeypatch, 30)
     cluster.run(poison)
-    with pytest.warns(RuntimeWarning, match="1 tiles have points that failed; points 30 to 59: KilledWorker: "):
-        cube = sweep(client=cluster, out=tmp_path / "cube.nc")
-    failed = names(cube["mode"]) == "failed"
-    assert failed.sel(f=20).all() and not failed.sel(f=[15, 25]).any()
-    again = sweep(out=tmp_path / "cube.nc", retry=True)  # here, where nobody dies
+    told = r"^30 points could not be run, such as point 30 \(f = 20.0, .*\): KilledWorker: .*; 60 of 90 points are kept in "
+    with pytest.raises(UnfinishedError, match=told):
+        sweep(client=cluster, out=tmp_path / "cube.nc")
+    cluster.wait_for_workers(2)
+    cluster.run(heal)
+    assert not (tmp_path / "cube.nc").exists()
+    again = sweep(out=tmp_path / "cube.nc")  # here, where nobody dies
     for name in reference:
         assert again[name].values.tobytes() == reference[name].values.tobytes(), name
 
@@ -201,6 +210,34 @@ def test_workers_with_another_kernel_are_refused(cluster, module):
             sweep(client=cluster)
     finally:
         cluster.run(be_honest)
+
+
+@pytest.mark.jit
+def test_a_worker_whose_kernel_does_not_work_gets_no_work(cluster, tmp_path):
+    def damage():
+        import dimersweep.proving as there
+
+        def cannot_load(*arguments):
+            raise EOFError("Ran out of input")
+
+        there.ours, there.run_many = there.run_many, cannot_load
+        there.prove.cache_clear()
+
+    def mend():
+        import dimersweep.proving as there
+
+        there.run_many = there.ours
+
+    one = list(cluster.scheduler_info()["workers"])[:1]
+    cluster.run(damage, workers=one)
+    told = r"^scheduler: worker process \d+ on .*: kernel: cannot run here \(EOFError: Ran out of input\)$"
+    try:
+        with pytest.raises(KernelError, match=told):
+            sweep(client=cluster, out=tmp_path / "cube.nc")
+    finally:
+        cluster.run(mend, workers=one)
+    assert not (tmp_path / "cube.nc").exists()
+    assert (sweep(client=cluster, out=tmp_path / "cube.nc")["mode"].values > 1).all()
 
 
 @pytest.mark.jit

@@ -7,7 +7,7 @@ import signal
 import numpy as np
 import pytest
 import xarray as xr
-from fakes import CODE, fake_run_many, forget_some, set_pace
+from fakes import CODE, failing, fake_run_many, forget_some, raising, set_pace
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -15,12 +15,12 @@ import dimersweep
 from dimersweep import deciding
 from dimersweep.cube import names
 from dimersweep.deciding import Wave, spread_order
-from dimersweep.errors import ParameterError, Stopped, StoreError
+from dimersweep.errors import ParameterError, Stopped, StoreError, UnfinishedError
 from dimersweep.kernel.layout import M_DRIFT, MODES
 from dimersweep.reading import runs_of
-from dimersweep.searching import as_cube, make_spec, search, waves
+from dimersweep.searching import make_spec, search, waves
 from dimersweep.status import status
-from dimersweep.tiles import Tile, attempt, blank_results, lost
+from dimersweep.tiles import Tile, attempt
 
 # with the fake kernel no start drifts where f is small, some do elsewhere
 GRID = {"f": [0.2, 0.3, 0.4, 0.5, 1, 3, 9], "e": [0.5, 0.6, 0.7], "beta0": {"start": 0.03, "stop": 0.3, "num": 19}}
@@ -202,24 +202,12 @@ def test_a_search_made_otherwise_is_not_extended(fake_kernel, tmp_path, settings
         quiet_search(extend=tmp_path / "old.nc", **settings)
 
 
-def lose_points(monkeypatch, chosen):
-    """Searches fail at points that `chosen` picks from their rows, as where a worker dies."""
-
-    def breaks(rows, *others, until=0):
-        if chosen(rows).any():
-            raise MemoryError("no room")
-        return fake_run_many(rows, *others, until=until)
-
-    monkeypatch.setattr("dimersweep.tiles.run_many", breaks)
-    set_pace(monkeypatch, 1)
-
-
 @pytest.mark.parametrize("question", QUESTIONS, ids=lambda question: question["ask"])
 @pytest.mark.parametrize("stopped", [False, True])
 def test_a_retry_gives_the_bits_of_a_search_without_failures(fake_kernel, monkeypatch, tmp_path, question, stopped):
     out, reference = tmp_path / "cube.nc", quiet_search(**question)
-    with monkeypatch.context() as patch, pytest.warns(RuntimeWarning, match="points that failed"):
-        lose_points(patch, lambda rows: rows[:, 3] == 3)
+    with monkeypatch.context() as patch:
+        patch.setattr("dimersweep.tiles.run_many", failing(lambda rows: rows[:, 3] == 3))
         broken = quiet_search(out=out, keep_tiles=stopped, **question)
     assert (names(broken["mode"]) == "failed").sum() == 3
     if stopped:
@@ -232,29 +220,19 @@ def test_a_retry_gives_the_bits_of_a_search_without_failures(fake_kernel, monkey
 
 
 def test_a_retry_searches_again_only_where_a_failure_may_have_led(fake_kernel, monkeypatch, runs_made, tmp_path):
-    with monkeypatch.context() as patch, pytest.warns(RuntimeWarning, match="points that failed"):
-        lose_points(patch, lambda rows: (rows[:, 3] == 3) & (rows[:, 0] == 0.6))
+    with monkeypatch.context() as patch:
+        patch.setattr("dimersweep.tiles.run_many", failing(lambda rows: (rows[:, 3] == 3) & (rows[:, 0] == 0.6)))
         quiet_search(out=tmp_path / "cube.nc")
     runs_made.clear()
     cube = quiet_search(out=tmp_path / "cube.nc", retry=True)
     assert 0 < sum(runs_made) < cube["n_runs"].where(names(cube["answer"]) == "yes", 0).sum()
 
 
-def test_points_that_are_lost_with_a_worker_stay_open(fake_kernel):
-    spec = make_spec(GRID, None, over="beta0", ask="any", mode="drift", periods=5, rtol=1e-8)
-    results = blank_results(spec.grid.size, spec.kind)
-    results[2:5] = lost(spec.kind, Tile(2, 5), OSError("gone")).results
-    cube = as_cube(spec, results, {})
-    for name, word in (("answer", "unsure"), ("region", "failed"), ("mode", "failed")):
-        words = names(cube[name]).values.ravel()
-        assert set(words[2:5]) == {word} and set(np.delete(words, [2, 3, 4])) == {"not_run"}
-
-
 def test_a_long_point_can_be_stopped_within(monkeypatch):
     spec = make_spec(GRID, None, over="beta0", ask="all", mode="rest", periods=5, rtol=1e-8)
     monkeypatch.setattr("dimersweep.deciding.CHUNK_RUNS", 1)
     monkeypatch.setattr("dimersweep.tiles.run_many", fake_run_many)
-    assert attempt(Wave(spec, {0: []}), (Tile(0, 1),), lambda: True) == []
+    assert attempt(Wave(spec, {0: []}), (Tile(0, 1),), lambda: True).finished == []
 
 
 def test_a_search_is_not_written_by_blocks(monkeypatch, tmp_path):
@@ -301,16 +279,21 @@ def test_points_that_break_a_rule_between_two_axes_are_left_out(fake_kernel):
         quiet_search({"mu_s": [0.1, 0.3], "beta0": [0.05, 0.1]})
 
 
-def test_a_point_that_fails_marks_only_itself(fake_kernel, monkeypatch):
-    def breaks_at_3_hz(rows, *others, until=0):
-        if (rows[:, 3] == 3).any():
-            raise MemoryError("no room")
-        return fake_run_many(rows, *others, until=until)
+def test_a_point_that_cannot_be_run_is_left_to_be_done(fake_kernel, monkeypatch, tmp_path):
+    reference, out = quiet_search(), tmp_path / "cube.nc"
+    with monkeypatch.context() as patch:
+        patch.setattr("dimersweep.tiles.run_many", raising(lambda rows: rows[:, 3] == 3))
+        set_pace(patch, 1)
+        with pytest.raises(UnfinishedError, match=r"could not be run.* point 15 \(f = 3.0, .*MemoryError: no room; "):
+            quiet_search(out=out)
+    assert not out.exists()
+    assert same_bits(quiet_search(out=out), reference)
 
-    monkeypatch.setattr("dimersweep.tiles.run_many", breaks_at_3_hz)
+
+def test_a_point_that_fails_marks_only_itself(fake_kernel, monkeypatch):
+    monkeypatch.setattr("dimersweep.tiles.run_many", failing(lambda rows: rows[:, 3] == 3))
     set_pace(monkeypatch, 1)
-    with pytest.warns(RuntimeWarning, match=r"3 tiles have points that failed; point 15: MemoryError: no room$"):
-        cube = quiet_search()
+    cube = quiet_search()
     failed = names(cube["mode"]) == "failed"
     assert failed.sel(f=3).all() and not failed.drop_sel(f=3).any()
     assert (names(cube["answer"]).sel(f=3) == "unsure").all()

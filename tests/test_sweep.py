@@ -8,16 +8,17 @@ import threading
 import numpy as np
 import pytest
 import xarray as xr
-from fakes import fake_run_many, run_tile, set_pace
+from fakes import failing, fake_run_many, raising, run_tile, set_pace
 from hypothesis import given
 from hypothesis import strategies as st
 
 import dimersweep
 from dimersweep import tiles
 from dimersweep.cube import names
-from dimersweep.errors import ParameterError, StoreError
+from dimersweep.errors import KernelError, ParameterError, StoreError, UnfinishedError
 from dimersweep.kernel.layout import M_DRIFT, M_UNRESOLVED, MODES, OK
 from dimersweep.progress import Lines, Tally
+from dimersweep.proving import prove
 from dimersweep.rerun import from_cube
 from dimersweep.scheduling import Pace
 from dimersweep.searching import search
@@ -88,22 +89,77 @@ def test_what_has_not_settled_is_run_longer(monkeypatch, tmp_path, length):
     assert found["runs"].sel(f=15).values[[MODES.index("drift"), MODES.index("unresolved")]].tolist() == [30, 69]
 
 
-def test_a_tile_that_fails_marks_only_its_points(monkeypatch):
-    def breaks_at_20_hz(rows, *others, until):
-        if (rows[:, 3] == 20).any():
-            raise MemoryError("no room")
-        return fake_run_many(rows, *others)
-
-    monkeypatch.setattr("dimersweep.tiles.run_many", breaks_at_20_hz)
+def test_a_point_that_fails_marks_only_itself(monkeypatch):
+    monkeypatch.setattr("dimersweep.tiles.run_many", failing(lambda rows: rows[:, 3] == 20))
     set_pace(monkeypatch, 89)
-    with pytest.warns(
-        RuntimeWarning, match=r"1 tiles have points that failed; point 89: MemoryError: no room \(and 88 more\)"
-    ):
-        cube = quiet_sweep()
+    cube = quiet_sweep()
     failed = names(cube["mode"]) == "failed"
     assert failed.sel(f=20).all() and not failed.sel(f=[15, 25]).any()
     assert cube["radius"].sel(f=20).isnull().all()
-    assert cube.attrs["failures"] == "point 89: MemoryError: no room (and 88 more)"
+    assert (names(cube["status"]) == "jammed").equals(failed)
+
+
+@pytest.mark.parametrize("workers", [1, 3])
+def test_points_that_cannot_be_run_are_left_to_be_done(fake_kernel, monkeypatch, tmp_path, workers):
+    reference, out, asked = quiet_sweep(), tmp_path / "cube.nc", []
+    bad = reference["beta0"].values[[7, 50]]
+    with monkeypatch.context() as patch:
+        patch.setattr("dimersweep.tiles.run_many", raising(lambda rows: np.isin(rows[:, 7], bad)))
+        told = r"^6 points could not be run, such as point \d+ \(f = .*\): MemoryError: no room; 261 of 267 points are kept in "
+        with pytest.raises(UnfinishedError, match=told):
+            quiet_sweep(out=out, workers=workers)
+    assert not out.exists()
+
+    def run_many(rows, *rest, until=0):
+        asked.append(len(rows))
+        return fake_run_many(rows, *rest, until=until)
+
+    monkeypatch.setattr("dimersweep.tiles.run_many", run_many)
+    xr.testing.assert_equal(quiet_sweep(out=out), reference)
+    assert 6 <= sum(asked) <= 6 + 4  # an unresolved point ends its call
+
+
+def test_many_breaks_alike_in_a_row_stop_the_sweep(monkeypatch, tmp_path):
+    tried = []
+
+    def run_many(rows, *rest, until=0):
+        tried.append(len(rows))
+        if len(tried) > 20:
+            raise MemoryError("no room")
+        return fake_run_many(rows, *rest, until=until)
+
+    monkeypatch.setattr("dimersweep.tiles.run_many", run_many)
+    set_pace(monkeypatch, 5)
+    told = r"^1[0-2] points could not be run, .*: MemoryError: no room; the sweep was stopped, as these came in a row; \d+ of "
+    with pytest.raises(UnfinishedError, match=told):
+        quiet_sweep(workers=1, out=tmp_path / "cube.nc")
+    assert not (tmp_path / "cube.nc").exists()
+    assert len(tried) < 60
+
+
+def cannot_load(*arguments):
+    raise EOFError("Ran out of input")
+
+
+def all_nan(rows, periods, rtol, settle, out, codes):
+    codes[:, tiles.CODES.index("mode")] = M_DRIFT
+
+
+@pytest.mark.parametrize(
+    ("kernel", "told"),
+    [
+        (cannot_load, "kernel: cannot run here (EOFError: Ran out of input)"),
+        (all_nan, "kernel: gives radius nan in place of 4.2447157 for the base case; it must not be used"),
+        (lambda *arguments: None, "kernel: gives not_run in place of drift for the base case; it must not be used"),
+    ],
+)
+def test_a_kernel_that_does_not_work_ends_the_sweep_before_any_point(monkeypatch, tmp_path, kernel, told):
+    monkeypatch.setattr("dimersweep.proving.run_many", kernel)
+    monkeypatch.setattr("dimersweep.tiles.run_many", lambda *rest, **more: pytest.fail("work was done"))
+    prove.cache_clear()
+    with pytest.raises(KernelError, match=f"^{re.escape(told)}$"):
+        quiet_sweep(out=tmp_path / "cube.nc")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_cube_is_written_and_tells_its_configuration(fake_kernel, tmp_path):
@@ -129,6 +185,9 @@ def test_the_cube_is_written_and_tells_its_configuration(fake_kernel, tmp_path):
             "max_periods = 9: is for runs that stop when they have settled",
         ),
         ({"rtol": 1}, ParameterError, "rtol = 1.0: must be in [1e-13, 0.01]"),
+        ({"periods": 2**63}, ParameterError, "periods = 9223372036854775808: must be <= 1000000000"),
+        ({"max_periods": 10**10}, ParameterError, "max_periods = 10000000000: must be <= 1000000000"),
+        ({"workers": 10**6}, ParameterError, "workers = 1000000: must be <= 4096"),
         ({"workers": 0}, ParameterError, "workers = 0: must be a whole number >= 1"),
         ({"out": "/nowhere/cube.nc"}, StoreError, "out = /nowhere/cube.nc: the folder /nowhere does not exist"),
     ],
@@ -154,7 +213,7 @@ def test_tiles_cover_every_point_once(size, length):
 
 def test_a_tile_takes_about_half_a_second():
     def note(points, seconds):
-        pace.note([tiles.Finished(Tile(0, points), blank_results(points), "", seconds)])
+        pace.note([tiles.Finished(Tile(0, points), blank_results(points), seconds)])
         return pace.length
 
     pace = Pace(10_000, workers=2)

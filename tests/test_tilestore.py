@@ -37,7 +37,7 @@ def left_behind(*tiles):
     """The files of a sweep that was killed after `tiles`, each in a file of its own; their names."""
     with tile_store(Path("cube.nc"), SPEC.configuration(), SPEC.grid.size) as store:
         for tile in tiles:
-            store.add(attempt(SPEC, (Tile(*tile),))[0])
+            store.add(attempt(SPEC, (Tile(*tile),)).finished[0])
             store.flush()
         return [Path("cube.nc.tiles", entry.file) for entry in store.manifest.entries]
 
@@ -319,7 +319,7 @@ def test_a_disk_that_is_read_only(disk):
 
 
 def test_a_slow_disk_is_asked_less_often(monkeypatch):
-    whole, write, written = attempt(SPEC, (Tile(0, 120),))[0], TileStore._write, []
+    whole, write, written = attempt(SPEC, (Tile(0, 120),)).finished[0], TileStore._write, []
 
     def slow(self, pieces, wall):
         time.sleep(0.02)
@@ -350,7 +350,7 @@ def test_a_cube_that_cannot_be_written_costs_no_points(counted, monkeypatch):
 
 
 def test_what_is_read_is_what_was_added():
-    whole = attempt(SPEC, (Tile(0, 120),))[0]
+    whole = attempt(SPEC, (Tile(0, 120),)).finished[0]
     with tile_store(Path("cube.nc"), SPEC.configuration(), 120) as store:
         for piece in ((30, 40), (90, 120), (10, 30), (0, 5)):
             store.add(whole.part(Tile(*piece)))
