@@ -1,20 +1,24 @@
-"""What a sweep has finished, on disk: a line of JSON for the sweep and one for every file of results."""
+"""What a sweep has finished, on disk: a line of JSON for the sweep and one for every file of results, each with a checksum."""
 
 import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import datetime
 from functools import cached_property
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
 import dimersweep
 from dimersweep.errors import StoreError
-from dimersweep.kernel.layout import CODES, OUT
+from dimersweep.kernel.layout import CODES, MODES, OUT
 from dimersweep.provenance import as_text, digest
 from dimersweep.tiles import Tile
 
-FORMAT = 2
+FORMAT = 3
+_CHECK = ', "check": '  # the last key of every line: of all that comes before it
+_LAYOUT = {"out": list(OUT), "codes": list(CODES)}
 
 
 @dataclass(frozen=True)
@@ -113,14 +117,28 @@ def _head(configuration: Mapping[str, Any], size: int, cpu: str) -> dict[str, An
         "configuration_sha256": digest(as_text(configuration)),
         "points": size,
         "cpu": cpu,
-        "layout": {"out": OUT, "codes": CODES},
+        "layout": _LAYOUT,
     }
 
 
 def as_line(record: Mapping[str, Any] | Entry) -> bytes:
     """One line of a manifest."""
-    told = vars(record) if isinstance(record, Entry) else record
-    return json.dumps(told).encode() + b"\n"
+    text = json.dumps(vars(record) if isinstance(record, Entry) else record)[:-1]
+    return f"{text}{_CHECK}{_ending(text)}".encode()
+
+
+def _ending(text: str) -> str:
+    return f'"{digest(text)[:16]}"}}\n'
+
+
+def _told(line: bytes) -> dict[str, Any] | None:
+    """What `line` tells; None if it is not as it was written."""
+    try:
+        text, _, ending = line.decode().rpartition(_CHECK)
+        told = json.loads(text + "}") if ending == _ending(text) else None
+    except (ValueError, RecursionError):
+        return None
+    return told if isinstance(told, dict) else None
 
 
 def wanted_line(wanted: int) -> bytes:
@@ -140,24 +158,37 @@ def _entry(told: dict[str, Any], manifest: Manifest) -> Entry | None:
         entry = Entry(**told | {"tiles": [Tile(*map(int, pair)) for pair in told["tiles"]]})
         sound = all(0 <= start < stop <= manifest.size for start, stop in entry.tiles)
         sound = sound and entry.configuration_sha256 == manifest.sha256 and os.path.basename(entry.file) == entry.file
-    except (ValueError, TypeError, KeyError, AttributeError):
+        sound = sound and set(entry.modes) <= set(MODES) and sum(entry.modes.values()) == entry.points
+        sound = sound and isfinite(entry.seconds) and isfinite(entry.wall)
+        sound = sound and datetime.fromisoformat(entry.time).tzinfo is not None
+    except (ValueError, TypeError, KeyError, AttributeError, OverflowError):
         return None
     return entry if sound else None
 
 
 def _take(line: bytes, manifest: Manifest) -> bool:
     """Enter what a line after the first tells into `manifest`; whether it could be read."""
-    try:
-        told = json.loads(line)
-    except ValueError:
+    told = _told(line)
+    if told is None:
         return False
-    match told:
-        case {"wanted": int(wanted)}:
-            manifest.wanted = wanted
-            return True
+    if set(told) == {"wanted"}:
+        sound = type(told["wanted"]) is int and 0 < told["wanted"] <= manifest.size
+        manifest.wanted = told["wanted"] if sound else manifest.wanted
+        return sound
     entry = _entry(told, manifest)
     manifest.entries += [entry] if entry else []
     return entry is not None
+
+
+def _begun(head: dict[str, Any], length: int) -> Manifest | None:
+    """A manifest without entries, as its first line tells; None if that makes no sense."""
+    try:
+        configuration, size, cpu = (head[name] for name in ("configuration", "points", "cpu"))
+        manifest = Manifest(configuration, size, cpu, [], size, length=length)
+        sound = isinstance(configuration, dict) and type(size) is int and size > 0 and isinstance(cpu, str)
+        return manifest if sound and head["configuration_sha256"] == manifest.sha256 else None
+    except (TypeError, KeyError, RecursionError):
+        return None
 
 
 def read_manifest(path: Path) -> Manifest:
@@ -172,16 +203,11 @@ def read_manifest(path: Path) -> Manifest:
     """
     written = path.read_bytes()
     first, *rest = written.splitlines(keepends=True) or [b""]
-    try:
-        head = json.loads(first)
-        manifest = Manifest(head["configuration"], head["points"], head["cpu"], [], head["points"], length=len(first))
-        sound = head["configuration_sha256"] == manifest.sha256
-        form = head["dimersweep_manifest"], tuple(head["layout"]["out"]), tuple(head["layout"]["codes"])
-    except (ValueError, TypeError, KeyError):
-        sound = False
-    if not sound:
-        raise StoreError(f"{path}: is damaged, or no manifest of a sweep; sweep anew (--force)")
-    if form != (FORMAT, OUT, CODES):
+    head = _told(first)
+    manifest = _begun(head, len(first)) if head else None
+    if head is None or manifest is None:
+        raise StoreError(f"{path}: is damaged, or no manifest of this version of dimersweep; sweep anew (--force)")
+    if (head.get("dimersweep_manifest"), head.get("layout")) != (FORMAT, _LAYOUT):
         raise StoreError(f"{path}: has the format of another version of dimersweep; sweep anew (--force)")
     for line in rest:
         if not (line.endswith(b"\n") and _take(line, manifest)):

@@ -263,6 +263,9 @@ def _opened(out: Path, nothing: Manifest, kind: np.dtype) -> TileStore:
             f"{path.parent}: holds results of another sweep, stopped before its end; "
             f"begin anew with --force, or give another output. What differs:{changes}"
         )
+    if manifest.size != nothing.size:
+        told = f"tells of {manifest.size} points, where its grid has {nothing.size}"
+        raise StoreError(f"{path}: is damaged ({told}); sweep anew (--force)")
     return TileStore(out, manifest, kind)
 
 

@@ -16,6 +16,7 @@ from fakes import fake_run_many, set_pace
 import dimersweep
 from dimersweep.errors import StoreError
 from dimersweep.locking import locked
+from dimersweep.manifest import as_line
 from dimersweep.status import status
 from dimersweep.tiles import Tile, attempt, make_spec
 from dimersweep.tilestore import TileStore, tile_store
@@ -76,6 +77,20 @@ def flip(path):
     path.write_bytes(written)
 
 
+MANIFEST = Path("cube.nc.tiles/manifest.jsonl")
+
+
+def listed():
+    """What the lines of the manifest tell, without their checksums."""
+    told = [json.loads(line) for line in MANIFEST.read_text().splitlines()]
+    return [{name: value for name, value in line.items() if name != "check"} for line in told]
+
+
+def list_anew(lines):
+    """Write the manifest with true checksums."""
+    MANIFEST.write_bytes(b"".join(map(as_line, lines)))
+
+
 def forge(path, **changes):
     """Change a file and its entry, so that size and sha256 are true of the new bytes."""
     from hashlib import sha256
@@ -84,12 +99,16 @@ def forge(path, **changes):
     for name, value in changes.items():
         points[name] = value
     np.save(path, points)
-    manifest = Path("cube.nc.tiles/manifest.jsonl")
-    lines = [json.loads(line) for line in manifest.read_text().splitlines()]
-    for line in lines[1:]:
+    told = listed()
+    for line in told[1:]:
         if line["file"] == path.name:
             line["sha256"] = sha256(path.read_bytes()).hexdigest()
-    manifest.write_text("".join(json.dumps(line) + "\n" for line in lines))
+    list_anew(told)
+
+
+def edit_head(**changes):
+    head, *rest = listed()
+    list_anew([head | changes, *rest])
 
 
 def never_run(path):
@@ -112,10 +131,19 @@ def garbled_line(path):
 
 
 def other_configuration(path):
-    manifest = Path("cube.nc.tiles/manifest.jsonl")
-    head, first, second = manifest.read_text().splitlines()
-    told = json.loads(second) | {"configuration_sha256": "0" * 64}
-    manifest.write_text("\n".join([head, first, json.dumps(told)]) + "\n")
+    head, first, second = listed()
+    list_anew([head, first, second | {"configuration_sha256": "0" * 64}])
+
+
+def other_digit(path):
+    text = MANIFEST.read_text()
+    at = text.index('"wall": ', text.index(path.name)) + len('"wall": ')
+    MANIFEST.write_text(text[:at] + str((int(text[at]) + 1) % 10) + text[at + 1 :])
+
+
+def other_modes(path):
+    head, first, second = listed()
+    list_anew([head, first, second | {"modes": {"rest": 9}}])
 
 
 @pytest.mark.parametrize(
@@ -128,6 +156,8 @@ def other_configuration(path):
         (unlisted, "tiles-000002.npy is not listed"),
         (torn_line, "tiles-000002.npy is not listed; the manifest has 1 lines that are cut or damaged"),
         (garbled_line, "tiles-000002.npy is not listed; the manifest has 1 lines that are cut or damaged"),
+        (other_digit, "tiles-000002.npy is not listed; the manifest has 1 lines that are cut or damaged"),
+        (other_modes, "tiles-000002.npy is not listed; the manifest has 1 lines that are cut or damaged"),
         (other_configuration, "tiles-000002.npy is not listed; the manifest has 1 lines that are cut or damaged"),
     ],
 )
@@ -156,12 +186,16 @@ def test_temporary_files_of_a_kill_are_no_trouble(counted, recwarn):
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (lambda path: path.write_text("hello\n"), r"manifest.jsonl: is damaged, or no manifest of a sweep; .*--force"),
+        (lambda path: path.write_text("hello\n"), r"manifest.jsonl: is damaged, or no manifest of this .*--force"),
         (lambda path: path.write_text(path.read_text()[:200]), "manifest.jsonl: is damaged, or no manifest"),
         (lambda path: path.write_text(path.read_text().replace("15.0", "15.5", 1)), "manifest.jsonl: is damaged, or"),
+        (lambda path: edit_head(dimersweep_manifest=2), "manifest.jsonl: has the format of another version"),
+        (lambda path: edit_head(points=30), r"jsonl: is damaged \(tells of 30 points, where its grid has 120\); sweep"),
+        (lambda path: edit_head(points=10**15), r"is damaged \(tells of 1000000000000000 points, where its grid has"),
+        (lambda path: edit_head(points="120"), "manifest.jsonl: is damaged, or no manifest of this version"),
         (
-            lambda path: path.write_text(path.read_text().replace('_manifest": 2', '_manifest": 3')),
-            "manifest.jsonl: has the format of another version",
+            lambda path: path.write_text(path.read_text().replace('"points": 120', '"points": 20')),
+            "manifest.jsonl: is damaged, or no manifest",
         ),
         (Path.unlink, "cube.nc.tiles: holds results, but no manifest of them; sweep anew"),
     ],
@@ -179,11 +213,9 @@ def test_a_manifest_that_does_not_match_is_refused_and_nothing_is_touched(spoil,
 
 def test_points_listed_twice_are_refused():
     left_behind((0, 30))
-    manifest = Path("cube.nc.tiles/manifest.jsonl")
-    told = json.loads(manifest.read_text().splitlines()[1])
+    head, told = listed()
     shutil.copy("cube.nc.tiles/tiles-000001.npy", "cube.nc.tiles/tiles-000002.npy")
-    with manifest.open("a") as file:
-        file.write(json.dumps(told | {"file": "tiles-000002.npy"}) + "\n")
+    list_anew([head, told, told | {"file": "tiles-000002.npy"}])
     with pytest.raises(StoreError, match="its manifest lists points twice; sweep anew"):
         sweep()
 
