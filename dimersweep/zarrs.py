@@ -25,17 +25,25 @@ def is_zarr(path: Path) -> bool:
     return path.suffix == ".zarr"
 
 
+OLDEST = (3, 1)  # of zarr: earlier ones may run code that a store brings along
+
+
 def check_zarr() -> None:
-    """Refuse to go on without the package.
+    """Refuse to go on without the package, or with an old one.
 
     Raises
     ------
     StoreError
     """
     try:
-        import zarr  # noqa: F401
+        import zarr
     except ImportError:
         raise StoreError("zarr: is not installed; pip install 'dimersweep[zarr]'") from None
+    if tuple(map(int, zarr.__version__.split(".")[:2])) < OLDEST:
+        raise StoreError(
+            f"zarr = {zarr.__version__}: must be >= 3.1, as an older one may run code that a store brings along; "
+            "pip install -U 'dimersweep[zarr]'"
+        )
 
 
 def chunk_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
@@ -138,8 +146,8 @@ def read_zarr(path: Path) -> xr.Dataset:
         If it is none, or damaged.
     """
     check_zarr()
-    try:
-        cube = xr.open_zarr(path, consolidated=False)
+    try:  # format 2 may name filters that run code
+        cube = xr.open_zarr(path, consolidated=False, zarr_format=3)
     except (OSError, ValueError, KeyError, RuntimeError) as error:
         raise StoreError(f"{path}: is no Zarr group, or a damaged one ({error})") from error
     for variable in cube.variables.values():

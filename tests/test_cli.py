@@ -172,6 +172,17 @@ def processor_seconds(*command):
     return done.stdout, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
+def test_a_package_of_another_version_is_told_in_a_line(call, monkeypatch):
+    def refuse(**given):
+        raise ImportError("Numba needs NumPy 2.2 or less. Got NumPy 2.4.")
+
+    monkeypatch.setattr("dimersweep.run.simulate", refuse)
+    _, err, code = call("simulate")
+    assert code == 2
+    assert err.endswith("must (Numba needs NumPy 2.2 or less. Got NumPy 2.4.)\n")
+    assert err.startswith("dimersweep: error: a package that is needed is missing, or has another version than it")
+
+
 @pytest.mark.parametrize("option", ["--help", "--version"])
 def test_help_and_version_answer_at_once(option):
     printed, times = zip(*(processor_seconds("-m", "dimersweep", option) for _ in range(3)), strict=True)

@@ -131,3 +131,29 @@ def test_without_the_package_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "zarr", None)
     with pytest.raises(StoreError, match=r"^zarr: is not installed; pip install 'dimersweep\[zarr\]'$"):
         sweep()
+
+
+def test_a_zarr_that_may_run_code_of_a_store_is_refused(monkeypatch):
+    sweep()
+    monkeypatch.setattr("zarr.__version__", "3.0.10")
+    for use in (lambda: dimersweep.open_cube("cube.zarr"), lambda: sweep(out="other.zarr")):
+        with pytest.raises(StoreError, match=r"^zarr = 3.0.10: must be >= 3.1, as an older one may run code"):
+            use()
+
+
+def test_a_store_whose_filters_may_run_code_is_not_read(monkeypatch):
+    read = []
+    monkeypatch.setattr("numcodecs.fletcher32.Fletcher32.decode", lambda *given: read.append(given))
+    attributes = sweep().attrs
+    filters = {"filters": [zarr_filter("fletcher32")], "compressors": None}
+    cube = xr.Dataset({"mode": ("f", np.arange(3.0), {}, filters)}, attrs=attributes)
+    cube.to_zarr("foreign.zarr", consolidated=False, zarr_format=2)
+    with pytest.raises(StoreError, match=r"^foreign.zarr: is no Zarr group, or a damaged one"):
+        dimersweep.open_cube("foreign.zarr").load()
+    assert not read
+
+
+def zarr_filter(name):
+    import numcodecs
+
+    return numcodecs.get_codec({"id": name})

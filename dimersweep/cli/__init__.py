@@ -59,6 +59,8 @@ def main() -> None:
         code = app(prog_name="dimersweep", standalone_mode=False)
     except UserError as error:
         _fail(str(error))
+    except ImportError as error:
+        _fail(f"a package that is needed is missing, or has another version than it must ({error})")
     except Exception as error:
         if not hasattr(error, "format_message"):  # of a usage error; its class moved between versions of typer
             raise

@@ -22,8 +22,9 @@ from numba.core.serialize import dumps
 
 from dimersweep.kernel.cache import load, save, sources_digest
 from dimersweep.kernel.compiling import KernelCompiler
-from dimersweep.kernel.linking import InlinedPart, Part, refusal
+from dimersweep.kernel.linking import Part, refusal
 
+OLDEST = (0, 61)  # of Numba, as in pyproject.toml
 # no reference counts: nothing is allocated, and a part returns no array to code that counts
 # no fastmath: it would break the ordering of events and the meaning of nan; error_model "numpy" spares a branch
 # per division (a kernel never raises)
@@ -32,6 +33,9 @@ _njit: Any = numba.njit
 _config: Any = numba.config
 _NoCache: Any = NullCache
 _Result: Any = CompileResult
+_version = numba.__version__
+if tuple(map(int, _version.split(".")[:2])) < OLDEST:
+    raise ImportError(f"numba = {_version}: must be >= {'.'.join(map(str, OLDEST))}")
 _folder_digest = cache(sources_digest)
 
 
@@ -69,17 +73,11 @@ def kept(function: Any) -> Any:
 
 
 class _PartCompiler(KernelCompiler):
-    part = Part
-
     def compile_extra(self, func: Any) -> Any:
         state = self.state
-        state.library = self.part(state.targetctx.codegen(), func.__qualname__)
+        state.library = Part(state.targetctx.codegen(), func.__qualname__)
         state.targetctx.get_executable = refusal
         return super().compile_extra(func)
-
-
-class _InlinedCompiler(_PartCompiler):
-    part = InlinedPart
 
 
 def _without_literals(function: Any) -> Any:
@@ -113,6 +111,7 @@ def compiled(function: Callable[..., Any] | None = None, *, fuse: bool = False, 
     """
     if function is None:
         return lambda wrapped: compiled(wrapped, fuse=fuse, inline=inline)
-    settings = _SETTINGS | {"pipeline_class": _InlinedCompiler if inline else _PartCompiler, "no_cpython_wrapper": True}
-    settings["fastmath"] = {"contract"} if fuse else False  # where it is not set, that of the first caller would hold
+    settings = _SETTINGS | {"pipeline_class": _PartCompiler, "no_cpython_wrapper": True}
+    # where these two are not set, those of the first caller would hold
+    settings |= {"fastmath": {"contract"} if fuse else False, "forceinline": inline}
     return _without_literals(_njit(**settings)(function))

@@ -37,25 +37,12 @@ class Part(_Library):
                 if library is not self:
                     part = isinstance(library, Part)
                     module = library._final_module if part else library._get_module_for_linking()
-                    if isinstance(library, InlinedPart):
-                        inline(module)
                     shared.link_in(module, preserve=True)
             for function in shared.functions:
                 if not function.is_declaration and function.linkage.name == "external":
                     function.linkage = "linkonce_odr"
             self._shared_module = shared
         return self._shared_module
-
-
-class InlinedPart(Part):
-    """The same for a function that is to be written into its callers."""
-
-
-def inline(module: Any) -> None:
-    """Have the functions that a module defines written into their callers."""
-    for function in module.functions:
-        if not function.is_declaration:
-            function.add_function_attribute("alwaysinline")
 
 
 def refusal(library: Any, fndesc: Any, env: Any) -> Any:

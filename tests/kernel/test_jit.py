@@ -4,6 +4,8 @@ import contextlib
 import gc
 import math
 import operator
+import subprocess
+import sys
 
 import numba
 import numpy as np
@@ -120,3 +122,41 @@ def test_an_operation_is_typed_once_for_all_functions(monkeypatch):
 
     assert second(2.0) == -8.0
     assert asked.count(operator.mul) == 1
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="needs the JIT")
+@pytest.mark.parametrize("inline", [False, True])
+def test_what_is_called_often_is_written_into_its_callers(inline):
+    @compiled(inline=inline)
+    def long(x):
+        for n in range(3):
+            x += math.sin(x) * math.cos(x + n) / (1.0 + math.sqrt(x * x + math.exp(x)))
+            if x > 4.0:
+                x -= math.log(x) + math.atan2(x, n + 1.0)
+            elif x < 2.0:
+                x *= math.hypot(x, math.tan(n + 0.5)) + math.pow(x, 0.3)
+        return x
+
+    @exported
+    def caller(x):
+        return long(x) + long(x + 1.0) * long(x + 2.0) - long(x - 1.0)
+
+    assert caller(1.0) == pytest.approx(expected(long.py_func))
+    assert ("call" in calls_of(caller, "long")) is not inline
+
+
+def expected(long):
+    return long(1.0) + long(2.0) * long(3.0) - long(0.0)
+
+
+def calls_of(function, name):
+    """The calls of what bears a name in the machine-independent code of a compiled function."""
+    (code,) = function.inspect_llvm().values()
+    return " ".join(line for line in code.splitlines() if " call " in line and f"{name}B" in line)
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="needs the JIT")
+def test_an_old_numba_is_refused():
+    code = "import numba; numba.__version__ = '0.60.0'; import dimersweep.kernel.batch"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stderr.endswith("ImportError: numba = 0.60.0: must be >= 0.61\n")
