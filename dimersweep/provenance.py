@@ -117,6 +117,7 @@ def attributes(configuration: Mapping[str, Any], title: str, wall_time: float) -
         "python": platform.python_version(),
         "numpy": version("numpy"),
         "numba": version("numba"),
+        "llvmlite": version("llvmlite"),
         "cpu": cpu(),
         "platform": platform.platform(),
         "wall_time_s": wall_time,

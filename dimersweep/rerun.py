@@ -15,7 +15,7 @@ from dimersweep.provenance import differences
 from dimersweep.store import open_cube
 from dimersweep.tiles import Spec
 
-MADE_BY = ("source", "git_commit", "python", "numpy", "numba", "cpu")
+MADE_BY = ("source", "git_commit", "python", "numpy", "numba", "llvmlite", "cpu")
 
 
 def from_cube(path: str | os.PathLike[str], *, other_kernel: bool = False) -> Declaration:

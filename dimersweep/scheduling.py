@@ -126,7 +126,8 @@ def run_elsewhere(work: Work, tiles: Bundle, shift: int, version: str) -> Made:
 def _other_kernel(who: str, theirs: str, ours: str) -> str:
     return (
         f"scheduler: {who} has kernel version {theirs}, this process {ours}; "
-        "give all the same dimersweep, numba, numpy and Python"
+        "give all the same dimersweep, numba, llvmlite, numpy, Python and settings of Numba, and processors of one kind "
+        "(or NUMBA_CPU_NAME=generic, which fits any)"
     )
 
 

@@ -5,31 +5,32 @@ import shutil
 import subprocess
 import sys
 import time
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
 
 import dimersweep
-from dimersweep.kernel import cache
+from dimersweep import cli, deciding, parameters, plots, tiles
+from dimersweep.kernel import batch, cache, versions
 from dimersweep.kernel.jit import exported
 
 PACKAGE = Path(dimersweep.__file__).parent
 KERNEL = PACKAGE / "kernel"
-fresh_version = cache.kernel_version.__wrapped__
 
 
-def test_an_edit_in_any_kernel_module_changes_the_version(tmp_path):
+def test_an_edit_in_any_module_changes_the_hash(tmp_path):
     sources = tmp_path / "kernel"
     shutil.copytree(KERNEL, sources)
     (sources / "room" / "inner").mkdir(parents=True)
     (sources / "room" / "inner" / "module.py").touch()
-    before = fresh_version(sources)
+    before = versions.sources_digest(sources)
     for path in sources.rglob("*.py"):
         original = path.read_text()
         path.write_text(original + "\n")
-        assert fresh_version(sources) != before, path.name
+        assert versions.sources_digest(sources) != before, path.name
         path.write_text(original)
-    assert fresh_version(sources) == before
+    assert versions.sources_digest(sources) == before
 
 
 def test_a_module_in_another_room_changes_the_version(tmp_path):
@@ -37,9 +38,9 @@ def test_a_module_in_another_room_changes_the_version(tmp_path):
         (tmp_path / "one" / room).mkdir(parents=True)
     (tmp_path / "one" / "a" / "module.py").touch()
     shutil.copytree(tmp_path / "one", tmp_path / "two")
-    assert cache.sources_digest(tmp_path / "one") == cache.sources_digest(tmp_path / "two")
+    assert versions.sources_digest(tmp_path / "one") == versions.sources_digest(tmp_path / "two")
     (tmp_path / "two" / "a" / "module.py").rename(tmp_path / "two" / "b" / "module.py")
-    assert cache.sources_digest(tmp_path / "one") != cache.sources_digest(tmp_path / "two")
+    assert versions.sources_digest(tmp_path / "one") != versions.sources_digest(tmp_path / "two")
 
 
 def run_python(code, tree=PACKAGE.parent, **environment):
@@ -56,6 +57,77 @@ def run_python(code, tree=PACKAGE.parent, **environment):
     )
     assert done.returncode == 0, done.stderr
     return done.stdout
+
+
+def versions_of(tree=PACKAGE.parent, **environment):
+    """The version of the code and that of the results, in a process of its own."""
+    program = f"from {versions.__name__} import code_version, kernel_version; print(code_version(), kernel_version())"
+    return run_python(program, tree, **environment).split()
+
+
+@pytest.mark.parametrize(
+    ("module", "code", "results"),
+    [
+        (batch, True, True),
+        (tiles, False, True),
+        (parameters, False, True),
+        (deciding, False, True),
+        (dimersweep, False, True),
+        (plots, False, False),
+        (cli, False, False),
+    ],
+    ids=lambda given: getattr(given, "__name__", ""),
+)
+def test_what_an_edit_changes(copy, module, code, results):
+    before = versions_of(copy)
+    path = copy / "dimersweep" / Path(module.__file__).relative_to(PACKAGE)
+    path.write_text(path.read_text() + "\n")
+    assert [new != old for new, old in zip(versions_of(copy), before, strict=True)] == [code, results]
+
+
+@pytest.mark.parametrize(
+    "setting",
+    [
+        {"NUMBA_CPU_NAME": "generic"},
+        {"NUMBA_CPU_FEATURES": "+sse2"},
+        {"NUMBA_DISABLE_JIT": "1"},
+        {"NUMBA_OPT": "1"},
+        {"NUMBA_BOUNDSCHECK": "1"},
+        {"NUMBA_ENABLE_AVX": "0"},
+        {"NUMBA_SLP_VECTORIZE": "1"},
+    ],
+    ids=" ".join,
+)
+def test_settings_of_the_compiler_change_both_versions(setting):
+    assert not set(versions_of(**setting)) & set(versions_of())
+
+
+def test_places_and_threads_change_no_version(tmp_path):
+    assert versions_of(NUMBA_CACHE_DIR=str(tmp_path), NUMBA_NUM_THREADS="1") == versions_of()
+
+
+def test_the_versions_tell_processor_and_packages():
+    told = versions.compiler()
+    assert {"numba", "llvmlite", "numpy", "python", "libc", "processor", "features"} <= set(told)
+    assert told["numba"] == version("numba") and told["llvmlite"] == version("llvmlite")
+
+
+def test_all_that_a_number_may_come_through_is_in_the_version():
+    from grimp import build_graph
+
+    graph = build_graph("dimersweep", cache_dir=None)
+    beside = {f"dimersweep.{room}" for room in versions.BESIDE}
+    left_out = set(versions.sources(PACKAGE)) - set(versions.result_sources(PACKAGE))
+    assert {path.relative_to(PACKAGE).parts[0] for path in left_out} == set(versions.BESIDE)
+    for module in (
+        "dimersweep.tiles",
+        "dimersweep.deciding",
+        "dimersweep.refining",
+        "dimersweep.making",
+        "dimersweep.run",
+    ):
+        above = {".".join(name.split(".")[:2]) for name in graph.find_upstream_modules(module)}
+        assert not above & beside, module
 
 
 SMALL = {  # a small program in a room of the kernel's
@@ -186,8 +258,8 @@ def test_a_chosen_folder_is_the_base_and_a_child_process_shares_it(tmp_path, mon
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     monkeypatch.setenv("TMPDIR", str(tmp_path / "tmp"))
     folders = cache.code_folders()
-    assert folders[0] == tmp_path / "dimersweep" / cache.kernel_version()
-    assert folders[1] == tmp_path / "tmp" / f"dimersweep-{os.getuid()}" / cache.kernel_version()
+    assert folders[0] == tmp_path / "dimersweep" / versions.code_version()
+    assert folders[1] == tmp_path / "tmp" / f"dimersweep-{os.getuid()}" / versions.code_version()
     printed = run_python(f"from {cache.__name__} import code_folders; print(*code_folders(), sep='\\n')")
     assert printed.split() == [str(folder) for folder in folders]
     assert not cache.is_compiled()
@@ -239,7 +311,7 @@ def test_code_is_not_kept_where_nothing_can_be_written(copy, places):
 def test_code_is_read_from_a_folder_that_others_have_filled(places):
     base = allow(places["NUMBA_CACHE_DIR"]) / "dimersweep"
     cache.save("name", b"code")
-    (base / cache.kernel_version() / cache.MARK).unlink()  # so that the use cannot be noted
+    (base / versions.code_version() / cache.MARK).unlink()  # so that the use cannot be noted
     assert cache.load("name") == b"code"
 
 

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 import dimersweep
 from dimersweep import tiles
 from dimersweep.errors import KernelError, ParameterError, UnfinishedError
+from dimersweep.kernel import versions
 from dimersweep.kernel.layout import M_DRIFT, M_UNRESOLVED
 from dimersweep.scheduling import IN_FLIGHT, Pool, bundles, run_tiles
 from dimersweep.signals import StopFlag
@@ -187,7 +188,7 @@ def test_a_worker_that_dies_costs_its_tile_alone(cluster, monkeypatch, tmp_path)
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize("module", ["dimersweep.kernel.cache", "dimersweep.scheduling"], ids=["at the start", "later"])
+@pytest.mark.parametrize("module", [versions.__name__, "dimersweep.scheduling"], ids=["at the start", "later"])
 def test_workers_with_another_kernel_are_refused(cluster, module):
     def pretend():
         import sys

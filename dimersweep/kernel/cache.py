@@ -4,41 +4,21 @@ Numba's own cache misses edits in imported modules, and its settings belong to t
 function has a cache of its own (``jit.py``), and only what bears our mark is ever deleted.
 """
 
-import hashlib
 import os
-import platform
 import re
 import stat
 import time
 import uuid
 import warnings
 from contextlib import suppress
-from functools import cache
-from importlib.metadata import version
 from pathlib import Path
+
+from dimersweep.kernel.versions import code_version
 
 KEPT_SECONDS = 30 * 86400.0  # folders of other versions go when unused for this long
 MARK = "made-by-dimersweep"  # the file that tells a folder of ours, touched at each use
 SUFFIX = ".code"
 _KEY = re.compile("[0-9a-f]{16}")
-
-
-def sources_digest(folder: Path) -> bytes:
-    """Hash of the Python sources below `folder`, with their paths in it."""
-    digest = hashlib.sha256()
-    for path in sorted(folder.rglob("*.py")):
-        if path.is_file():
-            digest.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
-    return digest.digest()
-
-
-@cache
-def kernel_version(sources: Path = Path(__file__).parent) -> str:
-    """Short hash of the kernel's `sources` and of what compiles them: 16 hexadecimal digits."""
-    digest = hashlib.sha256(sources_digest(sources))
-    for made_by in (version("numba"), version("numpy"), platform.python_version()):
-        digest.update(made_by.encode() + b"\0")
-    return digest.hexdigest()[:16]
 
 
 def base_folders() -> list[Path]:
@@ -71,7 +51,7 @@ def _is_trusted(base: Path) -> bool:
 
 def code_folders() -> list[Path]:
     """The folders of this version, in the order in which they are tried; they may not exist."""
-    return [base / kernel_version() for base in base_folders()]
+    return [base / code_version() for base in base_folders()]
 
 
 def is_compiled() -> bool:

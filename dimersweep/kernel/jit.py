@@ -20,9 +20,10 @@ from numba.core.caching import NullCache
 from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 
-from dimersweep.kernel.cache import load, save, sources_digest
+from dimersweep.kernel.cache import load, save
 from dimersweep.kernel.compiling import KernelCompiler
 from dimersweep.kernel.linking import Part, refusal
+from dimersweep.kernel.versions import sources_digest
 
 OLDEST = (0, 61)  # of Numba, as in pyproject.toml
 # no reference counts: nothing is allocated, and a part returns no array to code that counts
@@ -48,19 +49,19 @@ class _Kept(_NoCache):
         )
         self._function = function.__name__
 
-    def _name(self, signature: Any, codegen: Any) -> str:
+    def _name(self, signature: Any) -> str:
         digest = self._digest.copy()
-        digest.update(f" {signature} {codegen.magic_tuple()}".encode())
+        digest.update(f" {signature}".encode())
         return f"{self._function}-{digest.hexdigest()[:16]}"
 
     def load_overload(self, signature: Any, context: Any) -> Any:
         context.refresh()  # what the code refers to must be known
-        code = load(self._name(signature, context.codegen()))
+        code = load(self._name(signature))
         return None if code is None else _Result._rebuild(context, *pickle.loads(code))
 
     def save_overload(self, signature: Any, result: Any) -> None:
         if not result.library.has_dynamic_globals:  # addresses of this process
-            save(self._name(signature, result.codegen), dumps(result._reduce()))
+            save(self._name(signature), dumps(result._reduce()))
 
 
 def kept(function: Any) -> Any:

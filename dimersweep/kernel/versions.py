@@ -1,0 +1,86 @@
+"""What code and results are made of, as two hashes: one names the folder of compiled code, the other is compared.
+
+Both hold the compiler, its settings and the processor that it makes code for. The first holds the sources of the kernel
+besides, the second those of all modules that a number comes through on its way into a cube.
+"""
+
+import hashlib
+import platform
+import sys
+from collections.abc import Iterable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+# of numba.config: those that change what machine code is made
+SETTINGS = (
+    "BOUNDSCHECK",
+    "DEBUGINFO_DEFAULT",
+    "DISABLE_INTEL_SVML",
+    "DISABLE_JIT",
+    "ENABLE_AVX",
+    "LOOP_VECTORIZE",
+    "OPT",
+    "SLP_VECTORIZE",
+    "USING_SVML",
+)
+BESIDE = ("claims", "cli", "plots")  # rooms of the package that read cubes, and make none
+KERNEL = __name__.rpartition(".kernel.")[0] + ".kernel"
+
+
+def sources(folder: Path) -> Iterator[Path]:
+    """The Python sources below `folder`, in order."""
+    return (path for path in sorted(folder.rglob("*.py")) if path.is_file())
+
+
+def sources_digest(folder: Path, files: Iterable[Path] | None = None) -> bytes:
+    """Hash of source files below `folder`, by default all of them, with their paths in it."""
+    digest = hashlib.sha256()
+    for path in sources(folder) if files is None else files:
+        digest.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest.digest()
+
+
+def compiler() -> dict[str, str]:
+    """What makes machine code of the kernel, how, and for which processor; imports Numba."""
+    import llvmlite
+    import numba
+    import numpy as np
+    from llvmlite import binding
+
+    config: Any = numba.config
+    told = {module.__name__: module.__version__ for module in (numba, llvmlite, np)}
+    told["python"] = f"{platform.python_implementation()} {platform.python_version()}"
+    told["libc"] = " ".join(platform.libc_ver())  # some functions of the kernel are those of the system
+    told["processor"] = str(config.CPU_NAME or binding.get_host_cpu_name())
+    features = config.CPU_FEATURES
+    told["features"] = binding.get_host_cpu_features().flatten() if features is None else str(features)
+    told["machine"] = platform.machine()
+    return told | {name: str(getattr(config, name, None)) for name in SETTINGS}
+
+
+def _short(*parts: bytes) -> str:
+    told = "\n".join(f"{name} = {value}" for name, value in compiler().items())
+    return hashlib.sha256(b"\0".join([*parts, told.encode()])).hexdigest()[:16]
+
+
+def _folder_of(package: str) -> Path:
+    return Path(str(sys.modules[package].__file__)).parent
+
+
+@cache
+def code_version() -> str:
+    """Of compiled code: the kernel's sources and the compiler; 16 hexadecimal digits."""
+    return _short(sources_digest(_folder_of(KERNEL)))
+
+
+def result_sources(package: Path) -> list[Path]:
+    """The modules of the package that a number may come through on its way into a cube."""
+    return [path for path in sources(package) if path.relative_to(package).parts[0] not in BESIDE]
+
+
+@cache
+def kernel_version() -> str:
+    """Of results: what is compared between a sweep and its workers, or the one it goes on with; 16 hexadecimal digits."""
+    package = _folder_of(__name__.partition(".")[0])
+    return _short(sources_digest(package, result_sources(package)))
