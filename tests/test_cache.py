@@ -8,6 +8,7 @@ import time
 from importlib.metadata import version
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import dimersweep
@@ -349,3 +350,43 @@ def test_cubes_are_read_where_nothing_can_be_written_and_nobody_is_home(tmp_path
     printed = run_python(nobody + read + status, copy, **environment).splitlines()
     assert printed[:2] == ["2", f"{cube}: complete, 2 points"]
     assert run_python(nobody + "from dimersweep.kernel.room.above import twice; print(twice())", copy, **environment)
+
+
+def flipped(content, at, bit):
+    changed = bytearray(content)
+    changed[at] ^= 1 << bit
+    return bytes(changed)
+
+
+def test_damaged_code_is_not_read(places):
+    allow(places["NUMBA_CACHE_DIR"])
+    code = bytes(range(256)) * 20
+    cache.save("name", code)
+    cache.save("other", b"code of another function")
+    (path,) = cache.code_folders()[0].glob("name.*")
+    (other,) = cache.code_folders()[0].glob("other.*")
+    content = path.read_bytes()
+    rng = np.random.default_rng(1)
+    damaged = [
+        flipped(content, at, bit)
+        for at, bit in zip(rng.integers(0, len(content), 200), rng.integers(0, 8, 200), strict=True)
+    ]
+    damaged += [content[:length] for length in (0, 1, 31, 32, 33, len(content) // 2, len(content) - 1)]
+    damaged += [content + b"x", bytes(len(content)), other.read_bytes()]
+    for each in damaged:
+        path.write_bytes(each)
+        assert cache.load("name") is None
+    cache.save("name", code)
+    assert cache.load("name") == code
+
+
+@pytest.mark.jit
+def test_damaged_code_is_made_again(tmp_path, copy):
+    environment = {"NUMBA_CACHE_DIR": str(tmp_path)}
+    twice(copy, **environment)
+    (path,) = tmp_path.glob("dimersweep/*/twice-*")
+    content = path.read_bytes()
+    for damaged in (content[:-100], flipped(content, len(content) // 2, 3), b""):
+        path.write_bytes(damaged)
+        assert twice(copy, **environment)[0] == 2
+        assert len(path.read_bytes()) == len(content) and path.read_bytes() != damaged

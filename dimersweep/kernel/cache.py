@@ -4,6 +4,7 @@ Numba's own cache misses edits in imported modules, and its settings belong to t
 function has a cache of its own (``jit.py``), and only what bears our mark is ever deleted.
 """
 
+import hashlib
 import os
 import re
 import stat
@@ -18,6 +19,7 @@ from dimersweep.kernel.versions import code_version
 KEPT_SECONDS = 30 * 86400.0  # folders of other versions go when unused for this long
 MARK = "made-by-dimersweep"  # the file that tells a folder of ours, touched at each use
 SUFFIX = ".code"
+DIGEST_BYTES = 32  # a checksum of name and code is written before the code: damaged code could end the process
 _KEY = re.compile("[0-9a-f]{16}")
 
 
@@ -60,15 +62,22 @@ def is_compiled() -> bool:
 
 
 def load(name: str) -> bytes | None:
-    """The code that was saved by that name, if there is any; its folder is marked as used now."""
+    """The code that was saved by that name, if it is there and undamaged; its folder is marked as used now."""
     for folder in code_folders():
         with suppress(OSError):
             if _is_trusted(folder.parent):
-                code = (folder / (name + SUFFIX)).read_bytes()
+                content = (folder / (name + SUFFIX)).read_bytes()
+                code = content[DIGEST_BYTES:]
+                if content[:DIGEST_BYTES] != _checksum(name, code):
+                    continue  # it will be compiled and saved again
                 with suppress(OSError):  # a folder that others have filled
                     os.utime(folder / MARK)
                 return code
     return None
+
+
+def _checksum(name: str, code: bytes) -> bytes:
+    return hashlib.sha256(name.encode() + b"\0" + code).digest()
 
 
 def save(name: str, code: bytes) -> None:
@@ -83,7 +92,7 @@ def save(name: str, code: bytes) -> None:
                 continue
             folder.mkdir(exist_ok=True)
             (folder / MARK).touch()
-            _write(folder / (name + SUFFIX), code)
+            _write(folder / (name + SUFFIX), _checksum(name, code) + code)
         except OSError:
             continue
         with suppress(OSError):
