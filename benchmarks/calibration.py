@@ -15,11 +15,16 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from dimersweep import Parameters, simulate
-from dimersweep.certifying import CERTAIN, certified
-from dimersweep.cube import FLAGS, blank
+from dimersweep.cubes.cube import FLAGS, blank
 from dimersweep.kernel.batch import run_many
-from dimersweep.kernel.layout import CODES, MODES
-from dimersweep.shadows import FINEST, delays, difference, scaled
+from dimersweep.kernel.model.layout import CODES, MODES
+from dimersweep.runs.error_bounds import (
+    FINEST,
+    delays,
+    difference,
+    scaled,
+)
+from dimersweep.studies.certifying import CERTAIN, certified
 
 FIGURE = Path(__file__).resolve().parent.parent / "docs" / "figures" / "calibration.png"
 LENGTHS = (4, 4, 20, 60)  # forcing periods, in turns

@@ -15,12 +15,20 @@ from typing import NamedTuple
 import numpy as np
 
 from dimersweep import simulate
-from dimersweep.cube import blank
+from dimersweep.cubes.cube import blank
 from dimersweep.kernel.batch import run_many, run_recorded
-from dimersweep.kernel.fate import PATIENCE, SETTLED
-from dimersweep.kernel.impact import N_LOG
-from dimersweep.kernel.layout import CODES, M_DRIFT, M_REST, MODES, OUT, SLIP, STICK
+from dimersweep.kernel.impact.impact import N_LOG
+from dimersweep.kernel.model.layout import (
+    CODES,
+    M_DRIFT,
+    M_REST,
+    MODES,
+    OUT,
+    SLIP,
+    STICK,
+)
 from dimersweep.kernel.record import EVENT, N_EVENT, N_SEGMENT
+from dimersweep.kernel.verdict.classify import PATIENCE, SETTLED
 from dimersweep.parameters import fill_rows
 from dimersweep.symbols import BASE
 

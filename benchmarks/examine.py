@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from dimersweep.kernel.batch import new_desk, run_recorded
-from dimersweep.kernel.body import as_dimer
-from dimersweep.kernel.impact import N_LOG
-from dimersweep.kernel.layout import (
+from dimersweep.kernel.impact.impact import N_LOG
+from dimersweep.kernel.model.body import as_dimer
+from dimersweep.kernel.model.layout import (
     BETA,
     C_CHATTER_END,
     C_IMPACT,

@@ -18,19 +18,20 @@ from statistics import median
 from time import perf_counter, thread_time
 from typing import Any
 
-import dimersweep.certifying
-import dimersweep.run
-import dimersweep.tiles
-from dimersweep import declaration, sweep
-from dimersweep.datasets import make
+import dimersweep.runs.run
+import dimersweep.studies.certifying
+import dimersweep.work.tiles
+from dimersweep import sweep
+from dimersweep.studies import declaration
+from dimersweep.studies.datasets import make
 
 ROOT = Path(__file__).resolve().parents[1]
 OVERHEAD, SCALING = 1.1, 1.7  # limits: below, above
 ON_CORE = 0.95  # share of the kernel's time on a processor, below which the machine was busy
 CALLS = (  # of compiled code, by those who run points, certify them, and record paths
-    (dimersweep.tiles, "run_many"),
-    (dimersweep.certifying, "run_many"),
-    (dimersweep.run, "run_recorded"),
+    (dimersweep.work.tiles, "run_many"),
+    (dimersweep.studies.certifying, "run_many"),
+    (dimersweep.runs.run, "run_recorded"),
 )
 
 

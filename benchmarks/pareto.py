@@ -27,8 +27,8 @@ sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "tests" / "kernel"), str(ROOT / 
 from pareto_report import ERRORS, draw, tell  # noqa: E402
 from scenes import SCALE  # noqa: E402
 
-from dimersweep import provenance  # noqa: E402
 from dimersweep.parameters import Parameters  # noqa: E402
+from dimersweep.storage import provenance  # noqa: E402
 
 SCENES = {
     "drift": {},

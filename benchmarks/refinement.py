@@ -20,12 +20,12 @@ from time import perf_counter
 import numpy as np
 
 import dimersweep
-from dimersweep.cube import blank, names
-from dimersweep.declaration import read_declaration
-from dimersweep.kernel.layout import CODES, MODES
+from dimersweep.cubes.cube import blank, names
+from dimersweep.kernel.model.layout import CODES, MODES
 from dimersweep.parameters import fill_rows
-from dimersweep.refining import refine
-from dimersweep.tiles import run_patiently
+from dimersweep.studies.declaration import read_declaration
+from dimersweep.studies.refine import refine
+from dimersweep.work.tiles import run_patiently
 
 SHARE = 0.1  # of the grid's runs that a map may take
 

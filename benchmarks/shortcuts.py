@@ -24,7 +24,7 @@ import numpy as np
 from compare import Worker, git, on_one_core
 from speed import ROOT, SCENES
 
-from dimersweep.kernel.cache import base_folders
+from dimersweep.kernel.compiler.cache import base_folders
 
 DOCUMENT = ROOT / "docs" / "shortcuts.md"
 KEPT = base_folders()[0].parent  # where the compiled code of the kernel as it is lies
@@ -288,9 +288,10 @@ def measure(
     scene: dict[str, float], rtol: float, settle: bool = True, path: bool = False, record: bool = False
 ) -> dict:
     """States at the ends of the first periods, in their scales; processor time of a run to its verdict, and the verdict."""
-    from dimersweep.cube import blank
-    from dimersweep.kernel import batch, layout
-    from dimersweep.kernel.impact import N_LOG
+    from dimersweep.cubes.cube import blank
+    from dimersweep.kernel import batch
+    from dimersweep.kernel.impact.impact import N_LOG
+    from dimersweep.kernel.model import layout
     from dimersweep.kernel.record import N_EVENT, N_SEGMENT
     from dimersweep.parameters import Parameters
 

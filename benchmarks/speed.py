@@ -17,10 +17,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dimersweep import declaration, simulate, sweep
-from dimersweep.cube import blank
+from dimersweep import simulate, sweep
+from dimersweep.cubes.cube import blank
 from dimersweep.kernel.batch import run_many
 from dimersweep.parameters import Parameters
+from dimersweep.studies import declaration
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENES: dict[str, dict[str, float]] = {  # what is not named is the paper's base case

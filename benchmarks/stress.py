@@ -22,7 +22,16 @@ from examine import CODE, GAINED, KINDS, SUNK, examine, lies
 from matplotlib.figure import Figure
 
 from dimersweep.kernel.batch import run_many
-from dimersweep.kernel.layout import M_DRIFT, MODES, N_CODES, N_OUT, OK, OUT, ROW, STATUSES
+from dimersweep.kernel.model.layout import (
+    M_DRIFT,
+    MODES,
+    N_CODES,
+    N_OUT,
+    OK,
+    OUT,
+    ROW,
+    STATUSES,
+)
 from dimersweep.parameters import Parameters
 from dimersweep.symbols import BASE
 

@@ -8,10 +8,20 @@ import numpy as np
 
 from dimersweep import simulate
 from dimersweep.kernel.batch import new_desk
-from dimersweep.kernel.layout import BETA, D1, D2, FREE, N1, N2, N_STATE, PERIOD, PHASE
+from dimersweep.kernel.model.layout import (
+    BETA,
+    D1,
+    D2,
+    FREE,
+    N1,
+    N2,
+    N_STATE,
+    PERIOD,
+    PHASE,
+)
 from dimersweep.kernel.record import MODES, REST
 from dimersweep.kernel.sample import sample
-from dimersweep.run import Run
+from dimersweep.runs.run import Run
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "kernel"))
 

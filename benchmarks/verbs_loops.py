@@ -8,12 +8,35 @@ from typing import NamedTuple
 import numpy as np
 from verbs_inputs import CONTACT, DOUBLE, FLIGHT, RTOL, SINGLE, Inputs, record
 
-from dimersweep.kernel import body, charts, chatter, contact, engine, flight, glide, impact, paces, roots, single_impact
+from dimersweep.kernel import chatter
+from dimersweep.kernel import event_loop as engine
 from dimersweep.kernel.batch import run_many
-from dimersweep.kernel.body import TWO_PI
-from dimersweep.kernel.engine import ROW_DY, ROW_F, ROW_Y, WORK_COLUMNS, WORK_ROWS
-from dimersweep.kernel.jit import compiled, exported
-from dimersweep.kernel.layout import (
+from dimersweep.kernel.compiler.jit import compiled, exported
+from dimersweep.kernel.contact import (
+    coordinates as charts,
+)
+from dimersweep.kernel.contact import (
+    forces as contact,
+)
+from dimersweep.kernel.contact import (
+    phase as glide,
+)
+from dimersweep.kernel.contact import (
+    step_control as paces,
+)
+from dimersweep.kernel.event_loop import (
+    ROW_DY,
+    ROW_F,
+    ROW_Y,
+    WORK_COLUMNS,
+    WORK_ROWS,
+)
+from dimersweep.kernel.flight import free_motion as flight
+from dimersweep.kernel.flight import landing as roots
+from dimersweep.kernel.impact import impact, single_impact
+from dimersweep.kernel.model import body
+from dimersweep.kernel.model.body import TWO_PI
+from dimersweep.kernel.model.layout import (
     BETA,
     CA,
     CB,
@@ -33,7 +56,7 @@ from dimersweep.kernel.layout import (
     WB,
     WP,
 )
-from dimersweep.kernel.steps import copy
+from dimersweep.kernel.numerics.steps import copy
 from dimersweep.parameters import Parameters
 
 ALONE, GAP, DELASSUS, LANDING, IMPACT, RATES, STEP, PHASE_OF_CONTACT, CHATTER = range(9)

@@ -9,8 +9,8 @@ import argparse
 import numpy as np
 
 from dimersweep import sweep
-from dimersweep.kernel.layout import M_DRIFT
-from dimersweep.reading import drift_lengths
+from dimersweep.cubes.reading import drift_lengths
+from dimersweep.kernel.model.layout import M_DRIFT
 
 RTOLS = (1e-6, 1e-8, 1e-10)
 

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from dimersweep.errors import ParameterError, StoreError
     from dimersweep.parameters import Parameters
-    from dimersweep.run import Run, simulate
-    from dimersweep.store import open_cube
-    from dimersweep.sweeping import sweep
+    from dimersweep.runs.run import Run, simulate
+    from dimersweep.storage.netcdf import open_cube
+    from dimersweep.studies.sweep import sweep
 
 __version__ = "0.1.0"
 __all__ = ["ParameterError", "Parameters", "Run", "StoreError", "open_cube", "simulate", "sweep"]

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dimersweep.errors import ParameterError
-from dimersweep.kernel.layout import N_ROW, ROW
+from dimersweep.kernel.model.layout import N_ROW, ROW
 from dimersweep.symbols import BASE, PARAMETERS
 
 RTOL_RANGE = (1e-13, 1e-2)

@@ -2,7 +2,7 @@
 
 from numba import njit
 
-from dimersweep.kernel.jit import kept
+from dimersweep.kernel.compiler.jit import kept
 
 
 def compiled(function):

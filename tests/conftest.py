@@ -14,4 +14,4 @@ signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell starts its b
 @pytest.fixture
 def fake_kernel(monkeypatch):
     """Run sweeps on `fake_run_many`."""
-    monkeypatch.setattr("dimersweep.tiles.run_many", fake_run_many)
+    monkeypatch.setattr("dimersweep.work.tiles.run_many", fake_run_many)

@@ -2,10 +2,21 @@
 
 import numpy as np
 
-from dimersweep.kernel.layout import CODES, DI_SP_SK, JAMMED, M_DRIFT, M_FAILED, M_REST, M_UNRESOLVED, OK, OUT, ROW
-from dimersweep.manifest import read_manifest
-from dimersweep.tiles import blank_results
-from dimersweep.tilestore import manifest_of, tile_store
+from dimersweep.cubes.results import blank_results
+from dimersweep.kernel.model.layout import (
+    CODES,
+    DI_SP_SK,
+    JAMMED,
+    M_DRIFT,
+    M_FAILED,
+    M_REST,
+    M_UNRESOLVED,
+    OK,
+    OUT,
+    ROW,
+)
+from dimersweep.storage.manifest import read_manifest
+from dimersweep.storage.tilestore import manifest_of, tile_store
 
 SLOT = {name: k for k, name in enumerate(ROW)}
 CODE = {name: k for k, name in enumerate(CODES)}
@@ -76,7 +87,7 @@ class SteadyPace:
 
 def set_pace(monkeypatch, length):
     """Cut sweeps into tasks of `length` points."""
-    monkeypatch.setattr("dimersweep.computing.Pace", lambda size, workers: SteadyPace(length))
+    monkeypatch.setattr("dimersweep.work.computing.Pace", lambda size, workers: SteadyPace(length))
 
 
 def forget_some(out, configuration, kind, seed):

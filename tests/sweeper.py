@@ -4,11 +4,11 @@ import sys
 import time
 from pathlib import Path
 
-import dimersweep.tiles
+import dimersweep.work.tiles
 from dimersweep import sweep
-from dimersweep.datasets import make
-from dimersweep.declaration import read_declaration
-from dimersweep.searching import search
+from dimersweep.studies.datasets import make
+from dimersweep.studies.declaration import read_declaration
+from dimersweep.studies.search import search
 
 GRID = {"Gamma": [0.5, 0.9, 1.2], "beta0": {"start": 0.2, "stop": 80, "num": 110, "unit": "deg"}}
 SETTINGS = {"fixed": {"mu": 0.15}, "periods": 50}
@@ -25,14 +25,14 @@ MAKERS = {
 
 def slow_down(seconds):
     """Let each run take `seconds` more, without any change in its numbers."""
-    fast = dimersweep.tiles.run_many
+    fast = dimersweep.work.tiles.run_many
 
     def run_many(rows, *rest, until=0):
         made = fast(rows, *rest, until=until)
         time.sleep(seconds * made)
         return made
 
-    dimersweep.tiles.run_many = run_many
+    dimersweep.work.tiles.run_many = run_many
 
 
 if __name__ == "__main__":

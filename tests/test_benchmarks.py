@@ -11,8 +11,14 @@ import numpy as np
 import pytest
 
 from dimersweep import simulate
-from dimersweep.kernel.cache import base_folders
-from dimersweep.kernel.layout import BETA, D1, D2, N1, N2
+from dimersweep.kernel.compiler.cache import base_folders
+from dimersweep.kernel.model.layout import (
+    BETA,
+    D1,
+    D2,
+    N1,
+    N2,
+)
 from dimersweep.parameters import Parameters
 from dimersweep.symbols import BASE
 

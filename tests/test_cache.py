@@ -12,9 +12,12 @@ import numpy as np
 import pytest
 
 import dimersweep
-from dimersweep import cli, deciding, parameters, plots, tiles
-from dimersweep.kernel import batch, cache, versions
-from dimersweep.kernel.jit import exported
+from dimersweep import cli, parameters, plots
+from dimersweep.kernel import batch
+from dimersweep.kernel.compiler import cache, versions
+from dimersweep.kernel.compiler.jit import exported
+from dimersweep.studies import deciding
+from dimersweep.work import tiles
 
 PACKAGE = Path(dimersweep.__file__).parent
 KERNEL = PACKAGE / "kernel"
@@ -121,11 +124,11 @@ def test_all_that_a_number_may_come_through_is_in_the_version():
     left_out = set(versions.sources(PACKAGE)) - set(versions.result_sources(PACKAGE))
     assert {path.relative_to(PACKAGE).parts[0] for path in left_out} == set(versions.BESIDE)
     for module in (
-        "dimersweep.tiles",
-        "dimersweep.deciding",
-        "dimersweep.refining",
-        "dimersweep.making",
-        "dimersweep.run",
+        "dimersweep.work.tiles",
+        "dimersweep.studies.deciding",
+        "dimersweep.studies.refine",
+        "dimersweep.studies.making",
+        "dimersweep.runs.run",
     ):
         above = {".".join(name.split(".")[:2]) for name in graph.find_upstream_modules(module)}
         assert not above & beside, module

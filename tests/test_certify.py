@@ -9,13 +9,29 @@ from fakes import fake_run_many
 
 import dimersweep
 from dimersweep import Parameters, cli
-from dimersweep.certifying import CERTAIN, CHANGED, ORBIT, UNSURE, certified, compared, orbit_difference, run
-from dimersweep.cube import FLAGS, names
-from dimersweep.datasets import make
-from dimersweep.declaration import read_declaration
+from dimersweep.cubes.cube import FLAGS, names
 from dimersweep.errors import ParameterError, StoreError
-from dimersweep.kernel.layout import CODES, M_APERIODIC, M_DRIFT, M_REST, M_UNRESOLVED, OUT
-from dimersweep.rerun import from_cube
+from dimersweep.kernel.model.layout import (
+    CODES,
+    M_APERIODIC,
+    M_DRIFT,
+    M_REST,
+    M_UNRESOLVED,
+    OUT,
+)
+from dimersweep.studies.certifying import (
+    CERTAIN,
+    CHANGED,
+    ORBIT,
+    UNSURE,
+    certified,
+    compared,
+    orbit_difference,
+    run,
+)
+from dimersweep.studies.datasets import make
+from dimersweep.studies.declaration import read_declaration
+from dimersweep.studies.rerun import from_cube
 
 GRID = {"Gamma": [0.7, 0.9], "beta0": {"start": 4, "stop": 60, "num": 8, "unit": "deg"}}
 SETTINGS = {"periods": 100, "progress": False, "workers": 1}
@@ -39,7 +55,7 @@ def in_an_empty_folder(tmp_path, monkeypatch):
 
 @pytest.fixture
 def fake_kernels(fake_kernel, monkeypatch):
-    monkeypatch.setattr("dimersweep.certifying.run_many", fake_run_many)
+    monkeypatch.setattr("dimersweep.studies.certifying.run_many", fake_run_many)
 
 
 def judged(periods=100, rtol=1e-8, **start):
@@ -127,7 +143,7 @@ def test_certified_points_extend_certified_sweeps_only():
 
 def test_a_cube_above_memory_has_them_too(fake_kernels, monkeypatch):
     pytest.importorskip("zarr")
-    monkeypatch.setattr("dimersweep.zarrs.CHUNK_POINTS", 3)
+    monkeypatch.setattr("dimersweep.storage.zarr.CHUNK_POINTS", 3)
     cube = dimersweep.sweep(GRID, **SETTINGS, certify=True, out="cube.zarr")
     memory = dimersweep.sweep(GRID, **SETTINGS, certify=True)
     for name in ("confidence", "error_estimate"):

@@ -140,7 +140,7 @@ def test_a_bad_declaration_is_named(call, old, new, message):
     ],
 )
 def test_a_bad_call_is_one_line_and_exit_code_2(call, monkeypatch, arguments, message):
-    monkeypatch.setattr("dimersweep.scheduling.CONNECT_SECONDS", 0.5)
+    monkeypatch.setattr("dimersweep.work.scheduling.CONNECT_SECONDS", 0.5)
     out, err, code = call(*arguments)
     assert code == 2
     assert err.startswith(f"dimersweep: error: {message}")
@@ -176,7 +176,7 @@ def test_a_package_of_another_version_is_told_in_a_line(call, monkeypatch):
     def refuse(**given):
         raise ImportError("Numba needs NumPy 2.2 or less. Got NumPy 2.4.")
 
-    monkeypatch.setattr("dimersweep.run.simulate", refuse)
+    monkeypatch.setattr("dimersweep.runs.run.simulate", refuse)
     _, err, code = call("simulate")
     assert code == 2
     assert err.endswith("must (Numba needs NumPy 2.2 or less. Got NumPy 2.4.)\n")
@@ -201,14 +201,14 @@ def test_an_import_is_quick_and_leaves_the_heavy_packages_for_later():
 SMALL_MAP = (ROOT / "sweeps" / "fig08-small.toml").read_text()
 SLOW_SWEEP = """
 import sys, time
-import dimersweep.tiles
+import dimersweep.work.tiles
 from fakes import fake_run_many
 
 def slow(rows, *rest, until=0):
     time.sleep(0.05 * len(rows))
     return fake_run_many(rows, *rest)
 
-dimersweep.tiles.run_many = slow
+dimersweep.work.tiles.run_many = slow
 from dimersweep.cli import main
 sys.argv = ["dimersweep", "run", sys.argv[1], "--workers", "2"]
 print("ready", flush=True)
@@ -319,7 +319,7 @@ def test_another_configuration_is_refused_with_what_differs(call, fake_kernel):
 
 def test_a_finished_sweep_is_not_done_again(call, fake_kernel, monkeypatch):
     assert call("run", "small.toml", "--no-plot")[2] == 0
-    monkeypatch.setattr("dimersweep.tiles.run_many", lambda *rest, **more: pytest.fail("work was done"))
+    monkeypatch.setattr("dimersweep.work.tiles.run_many", lambda *rest, **more: pytest.fail("work was done"))
     for _ in range(2):  # first without a picture, then with one
         out, err, code = call("run", "small.toml")
         assert (code, err) == (0, "fig07-small.nc: is complete already; nothing was run\n")
@@ -346,7 +346,7 @@ def test_a_map_is_made_told_of_and_not_made_again(call, fake_kernel, monkeypatch
     assert re.search(r"(\d+)/\1 points, 100 %, elapsed", err)
     assert out.splitlines()[-2:] == ["cube: fig08-small.nc", "picture: fig08-small.png"]
     assert call("status", "fig08-small.nc")[0].startswith("fig08-small.nc: complete, 125 points")
-    monkeypatch.setattr("dimersweep.tiles.run_many", lambda *rest, **more: pytest.fail("work was done"))
+    monkeypatch.setattr("dimersweep.work.tiles.run_many", lambda *rest, **more: pytest.fail("work was done"))
     for more in ([], ["--retry"]):
         _, err, code = call("run", "map.toml", *more)
         assert (code, err) == (0, "fig08-small.nc: is complete already; nothing was run\n")
@@ -364,7 +364,7 @@ def test_a_cube_is_made_again_from_what_it_tells(call, fake_kernel, monkeypatch)
         assert variable.values.tobytes() == again[name].values.tobytes(), name
     for name in ("configuration", "configuration_sha256", "title", "plot"):
         assert first.attrs[name] == again.attrs[name]
-    monkeypatch.setattr("dimersweep.tiles.kernel_version", lambda: "another")
+    monkeypatch.setattr("dimersweep.work.tiles.kernel_version", lambda: "another")
     _, err, code = call("run", "--from", "fig07-small.nc", "--out", "third.nc")
     assert code == 2
     assert err.startswith("dimersweep: error: fig07-small.nc: was made by another version, so its numbers may differ")
@@ -373,7 +373,7 @@ def test_a_cube_is_made_again_from_what_it_tells(call, fake_kernel, monkeypatch)
 
 
 def test_fail_fast_names_the_point_and_keeps_the_rest(call, monkeypatch):
-    monkeypatch.setattr("dimersweep.tiles.run_many", failing(lambda rows: rows[:, 3] == 20))
+    monkeypatch.setattr("dimersweep.work.tiles.run_many", failing(lambda rows: rows[:, 3] == 20))
     _, err, code = call("run", "small.toml", "--fail-fast", "--workers", "1")
     assert code == 2
     assert err.splitlines()[-1].startswith("dimersweep: error: point 44 (f = 20.0, beta0 = 0.0349")
@@ -382,20 +382,20 @@ def test_fail_fast_names_the_point_and_keeps_the_rest(call, monkeypatch):
     _, err, code = call("run", "small.toml")
     assert (code, "failed 44" in err) == (0, True)
     assert "failed 44" in call("status", "fig07-small.nc")[0]
-    monkeypatch.setattr("dimersweep.tiles.run_many", fake_run_many)
+    monkeypatch.setattr("dimersweep.work.tiles.run_many", fake_run_many)
     assert call("run", "small.toml", "--retry")[2] == 0
     assert "failed" not in call("status", "fig07-small.nc")[0]
 
 
 def test_points_that_cannot_be_run_end_in_a_line_and_an_exit_code(call, monkeypatch):
-    monkeypatch.setattr("dimersweep.tiles.run_many", raising(lambda rows: rows[:, 7] > 1.5))
+    monkeypatch.setattr("dimersweep.work.tiles.run_many", raising(lambda rows: rows[:, 7] > 1.5))
     _, err, code = call("run", "small.toml")
     assert code == 2
     assert re.match(
         r"dimersweep: error: \d+ points could not be run, such as point .*: MemoryError: ", err.splitlines()[-1]
     )
     assert os.listdir() and not Path("fig07-small.nc").exists()
-    monkeypatch.setattr("dimersweep.tiles.run_many", fake_run_many)
+    monkeypatch.setattr("dimersweep.work.tiles.run_many", fake_run_many)
     assert call("run", "small.toml")[2] == 0
 
 
@@ -407,9 +407,9 @@ def test_a_number_of_periods_beyond_any_run_is_refused(call, command):
 
 @pytest.mark.parametrize("path", sorted((ROOT / "sweeps").glob("*.toml")), ids=lambda path: path.stem)
 def test_every_dataset_has_a_plan(call, fake_kernel, monkeypatch, path):
-    monkeypatch.setattr("dimersweep.planning.POINT_SECONDS", 0.0)
-    monkeypatch.setattr("dimersweep.planning.CELL_SECONDS", 0.0)
-    monkeypatch.setattr("dimersweep.searching.path_length", lambda **given: None)
+    monkeypatch.setattr("dimersweep.studies.planning.POINT_SECONDS", 0.0)
+    monkeypatch.setattr("dimersweep.studies.planning.CELL_SECONDS", 0.0)
+    monkeypatch.setattr("dimersweep.studies.search.path_length", lambda **given: None)
     out, err, code = call("plan", str(path))
     assert (code, err) == (0, "")
     assert [line.split(":")[0] for line in out.splitlines()] == ["points", "tiles", "cube", "time", "sample"]

@@ -9,10 +9,17 @@ import pytest
 import xarray as xr
 
 import dimersweep
-from dimersweep.cube import blank, build, names
-from dimersweep.grid import make_grid
-from dimersweep.kernel.layout import CODES, DI_ENDS, M_DRIFT, MODES, OUT, STATUSES
-from dimersweep.provenance import attributes
+from dimersweep.cubes.cube import blank, build, names
+from dimersweep.cubes.grid import make_grid
+from dimersweep.kernel.model.layout import (
+    CODES,
+    DI_ENDS,
+    M_DRIFT,
+    MODES,
+    OUT,
+    STATUSES,
+)
+from dimersweep.storage.provenance import attributes
 
 
 @pytest.fixture

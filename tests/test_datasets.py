@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from dimersweep.cube import FLAGS
-from dimersweep.datasets import make
-from dimersweep.declaration import read_declaration
+from dimersweep.cubes.cube import FLAGS
+from dimersweep.cubes.reading import circle_through
 from dimersweep.errors import ParameterError
 from dimersweep.plots import draw
-from dimersweep.reading import circle_through
-from dimersweep.rerun import from_cube
-from dimersweep.store import open_cube
+from dimersweep.storage.netcdf import open_cube
+from dimersweep.studies.datasets import make
+from dimersweep.studies.declaration import read_declaration
+from dimersweep.studies.rerun import from_cube
 
 SWEEPS = Path(__file__).parents[1] / "sweeps"
 SMALL = sorted(path.stem for path in SWEEPS.glob("*-small.toml"))

@@ -11,7 +11,15 @@ import pytest
 
 from dimersweep import cli, simulate
 from dimersweep.errors import ParameterError
-from dimersweep.shadows import CLOSED_STATE, SCALES, bounds, delays, difference, pairs, scaled
+from dimersweep.runs.error_bounds import (
+    CLOSED_STATE,
+    SCALES,
+    bounds,
+    delays,
+    difference,
+    pairs,
+    scaled,
+)
 
 
 @pytest.fixture(scope="module")

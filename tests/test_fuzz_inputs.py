@@ -15,13 +15,15 @@ from hypothesis import strategies as st
 
 import dimersweep
 from dimersweep import cli
-from dimersweep.declaration import Declaration, read_declaration
+from dimersweep.cubes.results import Tile
 from dimersweep.errors import StoreError, UserError
-from dimersweep.manifest import as_line, read_manifest
-from dimersweep.store import open_cube
+from dimersweep.storage.manifest import as_line, read_manifest
+from dimersweep.storage.netcdf import open_cube
+from dimersweep.storage.tilestore import tile_store
+from dimersweep.studies.declaration import Declaration, read_declaration
+from dimersweep.studies.sweep_spec import make_spec
 from dimersweep.symbols import PARAMETERS
-from dimersweep.tiles import Tile, attempt, make_spec
-from dimersweep.tilestore import tile_store
+from dimersweep.work.tiles import attempt
 
 SWEEPS = Path(__file__).parents[1] / "sweeps"
 TEXTS = {path.stem: path.read_text() for path in sorted(SWEEPS.glob("*-small.toml"))}

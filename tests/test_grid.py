@@ -7,9 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dimersweep.cubes.grid import (
+    MAX_POINTS,
+    axis,
+    check_fits,
+    make_grid,
+)
 from dimersweep.errors import ParameterError
-from dimersweep.grid import MAX_POINTS, axis, check_fits, make_grid
-from dimersweep.kernel.layout import ROW
+from dimersweep.kernel.model.layout import ROW
 
 BAD = [
     ({}, {}, "grid: has no axis; give at least one parameter to sweep"),

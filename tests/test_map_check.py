@@ -13,9 +13,9 @@ import overhead
 import refinement
 
 import dimersweep
-from dimersweep.datasets import make
-from dimersweep.declaration import read_declaration
-from dimersweep.kernel.layout import M_DRIFT, M_REST
+from dimersweep.kernel.model.layout import M_DRIFT, M_REST
+from dimersweep.studies.datasets import make
+from dimersweep.studies.declaration import read_declaration
 
 MAP = """
 [sweep]
@@ -37,7 +37,7 @@ between = ["drift", "rest"]
 
 @pytest.fixture(autouse=True)
 def bands(monkeypatch, tmp_path):
-    monkeypatch.setattr("dimersweep.tiles.run_many", banded_kernel)
+    monkeypatch.setattr("dimersweep.work.tiles.run_many", banded_kernel)
     monkeypatch.chdir(tmp_path)
     Path("map.toml").write_text(MAP)
 

@@ -5,12 +5,12 @@ import re
 import numpy as np
 import pytest
 
-from dimersweep.cube import names
+from dimersweep.cubes.cube import names
+from dimersweep.cubes.reading import answers_told
 from dimersweep.errors import ParameterError
 from dimersweep.plots import KINDS, draw
-from dimersweep.reading import answers_told
-from dimersweep.refining import refine
-from dimersweep.searching import search
+from dimersweep.studies.refine import refine
+from dimersweep.studies.search import search
 
 BETA0 = {"start": 0.03, "stop": 0.3, "num": 19}
 

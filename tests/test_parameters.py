@@ -10,9 +10,9 @@ import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dimersweep.cubes.grid import make_grid
 from dimersweep.errors import ParameterError
-from dimersweep.grid import make_grid
-from dimersweep.kernel.layout import ROW
+from dimersweep.kernel.model.layout import ROW
 from dimersweep.parameters import Parameters, check, check_count, check_rtol, keeps_rules
 
 BAD = [

@@ -19,9 +19,20 @@ import pareto_report  # noqa: E402
 from peers.own import Engine, Oracle  # noqa: E402
 from scenes import difference  # noqa: E402
 
-from dimersweep.kernel.charts import N_PATH, N_Y  # noqa: E402
-from dimersweep.kernel.contact import N_F  # noqa: E402
-from dimersweep.kernel.layout import BETA, CA, CB, D2, N1, N2, N_STATE, SPIN, WB, WP  # noqa: E402
+from dimersweep.kernel.contact.coordinates import N_PATH, N_Y  # noqa: E402
+from dimersweep.kernel.contact.forces import N_F  # noqa: E402
+from dimersweep.kernel.model.layout import (  # noqa: E402
+    BETA,
+    CA,
+    CB,
+    D2,
+    N1,
+    N2,
+    N_STATE,
+    SPIN,
+    WB,
+    WP,
+)
 from dimersweep.parameters import Parameters  # noqa: E402
 
 DRIFT = Parameters().given()

@@ -5,9 +5,9 @@ import pytest
 from fakes import fake_run_many
 from test_refine import COARSE, banded_kernel
 
-from dimersweep.planning import plan
-from dimersweep.refining import RefineJob, check_refinement, refine
-from dimersweep.searching import SearchJob, make_spec, search
+from dimersweep.studies.planning import plan
+from dimersweep.studies.refine import RefineJob, check_refinement, refine
+from dimersweep.studies.search import SearchJob, make_spec, search
 
 GRID = {"f": np.linspace(0.2, 9, 30), "e": [0.5, 0.6, 0.7], "beta0": np.linspace(0.03, 0.3, 19)}
 
@@ -22,9 +22,9 @@ def made(monkeypatch):
             runs.append(kernel(*arguments, until=until))
             return runs[-1]
 
-        monkeypatch.setattr("dimersweep.tiles.run_many", counting)
-        monkeypatch.setattr("dimersweep.tiles.perf_counter", lambda: float(sum(runs)))
-        monkeypatch.setattr("dimersweep.tiles.LONGEST_TILE", np.inf)
+        monkeypatch.setattr("dimersweep.work.tiles.run_many", counting)
+        monkeypatch.setattr("dimersweep.work.tiles.perf_counter", lambda: float(sum(runs)))
+        monkeypatch.setattr("dimersweep.work.tiles.LONGEST_TILE", np.inf)
         return runs
 
     return use

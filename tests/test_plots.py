@@ -5,10 +5,15 @@ import pytest
 from matplotlib.colors import to_rgb
 
 import dimersweep
-from dimersweep.cube import blank, build
+from dimersweep.cubes.cube import blank, build
+from dimersweep.cubes.grid import make_grid
 from dimersweep.errors import ParameterError
-from dimersweep.grid import make_grid
-from dimersweep.kernel.layout import CODES, M_DRIFT, M_REST, MODES
+from dimersweep.kernel.model.layout import (
+    CODES,
+    M_DRIFT,
+    M_REST,
+    MODES,
+)
 from dimersweep.plots import (
     MODE_COLORS,
     check_picture,

@@ -16,9 +16,9 @@ from examine import AS_DIMER, integrals, kinetic, lab_gain, phases_of, slips, st
 from launch import launch  # noqa: E402
 from verbs import contact_rates, unload  # noqa: E402
 
-from dimersweep.kernel.charts import YUA, YUB  # noqa: E402
-from dimersweep.kernel.contact import COMPLIANCE, N_F  # noqa: E402
-from dimersweep.kernel.layout import (  # noqa: E402
+from dimersweep.kernel.contact.coordinates import YUA, YUB  # noqa: E402
+from dimersweep.kernel.contact.forces import COMPLIANCE, N_F  # noqa: E402
+from dimersweep.kernel.model.layout import (
     BETA,
     CA,
     CB,
@@ -39,7 +39,7 @@ from dimersweep.kernel.layout import (  # noqa: E402
     WP,
     X1,
     Y1,
-)  # fmt: skip
+)
 from dimersweep.kernel.record import MODES, REST  # noqa: E402
 from dimersweep.parameters import Parameters  # noqa: E402
 

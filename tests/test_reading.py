@@ -3,14 +3,26 @@
 import numpy as np
 import pytest
 
-from dimersweep.cube import blank, build
-from dimersweep.deciding import A_NO, A_YES
+from dimersweep.cubes.cube import blank, build
+from dimersweep.cubes.grid import make_grid
+from dimersweep.cubes.reading import (
+    boundary,
+    circle_through,
+    exponents,
+    minimum,
+    runs_of,
+    stick_ratio,
+)
+from dimersweep.cubes.results import blank_results
 from dimersweep.errors import ParameterError
-from dimersweep.grid import make_grid
-from dimersweep.kernel.layout import CODES, M_DRIFT, M_REST, OUT
-from dimersweep.reading import boundary, circle_through, exponents, minimum, runs_of, stick_ratio
-from dimersweep.searching import as_cube, make_spec
-from dimersweep.tiles import blank_results
+from dimersweep.kernel.model.layout import (
+    CODES,
+    M_DRIFT,
+    M_REST,
+    OUT,
+)
+from dimersweep.studies.deciding import A_NO, A_YES
+from dimersweep.studies.search import as_cube, make_spec
 
 
 def cube_of(quantity, values, modes=M_DRIFT, **axes):

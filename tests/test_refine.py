@@ -9,13 +9,23 @@ import xarray as xr
 from fakes import CODE, SLOT, failing, forget_some
 
 import dimersweep
-from dimersweep.cube import names
+from dimersweep.cubes.cube import names
 from dimersweep.errors import ParameterError
-from dimersweep.kernel.layout import M_DRIFT, M_JUMP, M_REST, OK
-from dimersweep.manifest import read_manifest
-from dimersweep.refining import Cell, cuts, finer, refine
-from dimersweep.searching import make_spec, search
-from dimersweep.tilestore import manifest_of
+from dimersweep.kernel.model.layout import (
+    M_DRIFT,
+    M_JUMP,
+    M_REST,
+    OK,
+)
+from dimersweep.storage.manifest import read_manifest
+from dimersweep.storage.tilestore import manifest_of
+from dimersweep.studies.refine import (
+    Cell,
+    cuts,
+    finer,
+    refine,
+)
+from dimersweep.studies.search import make_spec, search
 
 COARSE = {
     "e": {"start": 0.4, "stop": 0.8, "num": 5},
@@ -40,7 +50,7 @@ def banded_kernel(rows, periods, rtol, settle, out, codes, until=0):
 
 @pytest.fixture
 def banded(monkeypatch):
-    monkeypatch.setattr("dimersweep.tiles.run_many", banded_kernel)
+    monkeypatch.setattr("dimersweep.work.tiles.run_many", banded_kernel)
 
 
 def brute_regions(grid, **settings):
@@ -110,8 +120,8 @@ def test_a_map_is_extended_to_the_bits_of_a_new_one(banded, monkeypatch, tmp_pat
         made.append(banded_kernel(*arguments, until=until))
         return made[-1]
 
-    monkeypatch.setattr("dimersweep.tiles.run_many", counting)
-    monkeypatch.setattr("dimersweep.computing.warm_up", lambda stop: None)
+    monkeypatch.setattr("dimersweep.work.tiles.run_many", counting)
+    monkeypatch.setattr("dimersweep.work.computing.warm_up", lambda stop: None)
     for name, known in former.items():
         made.clear()
         cube = refine(grid, extend=tmp_path / name, **SETTINGS)
@@ -125,7 +135,7 @@ def test_a_retry_gives_the_bits_of_a_map_without_failures(banded, monkeypatch, t
     fails = failing(lambda rows: np.abs(rows[:, SLOT["e_1"]] - 0.6) < 1e-9, banded_kernel)
     reference = refine(COARSE, **SETTINGS)
     with monkeypatch.context() as patch:
-        patch.setattr("dimersweep.tiles.run_many", fails)
+        patch.setattr("dimersweep.work.tiles.run_many", fails)
         refine(COARSE, out=tmp_path / "map.nc", **SETTINGS)
     cube = refine(COARSE, out=tmp_path / "map.nc", retry=True, **SETTINGS)
     assert {k: cube[k].values.tobytes() for k in cube} == {k: reference[k].values.tobytes() for k in reference}
@@ -190,7 +200,7 @@ def test_an_island_beside_a_border_is_seen(monkeypatch):
         codes[:, CODE["mode"]] = np.where((place == 90) | (place >= 92), M_DRIFT, M_REST)
         return len(rows)
 
-    monkeypatch.setattr("dimersweep.tiles.run_many", island_kernel)
+    monkeypatch.setattr("dimersweep.work.tiles.run_many", island_kernel)
     cube = refine(COARSE, **SETTINGS)
     drift = np.flatnonzero((names(cube["region"]) == "drift").isel(e=0))
     np.testing.assert_array_equal(drift, [90, *range(92, cube["Gamma"].size)])
@@ -211,7 +221,7 @@ def test_an_island_beside_a_border_is_seen(monkeypatch):
     ],
 )
 def test_bad_input_is_refused_before_any_work(monkeypatch, settings, message):
-    monkeypatch.setattr("dimersweep.tiles.run_many", lambda *arguments: pytest.fail("work was done"))
+    monkeypatch.setattr("dimersweep.work.tiles.run_many", lambda *arguments: pytest.fail("work was done"))
     given = {"grid": COARSE} | SETTINGS | settings
     with pytest.raises(ParameterError, match=f"^{re.escape(message)}"):
         refine(given.pop("grid"), **given)

@@ -8,7 +8,7 @@ import xarray as xr
 from fakes import failing, fake_run_many, set_pace
 
 import dimersweep
-from dimersweep.cube import names
+from dimersweep.cubes.cube import names
 from dimersweep.errors import ParameterError, StoreError
 
 BETA0 = np.linspace(0.1, 1.5, 29)
@@ -29,9 +29,9 @@ def asked(monkeypatch):
         rows_of_all.append(rows.copy())
         return fake_run_many(rows, *rest)
 
-    monkeypatch.setattr("dimersweep.tiles.run_many", run_many)
+    monkeypatch.setattr("dimersweep.work.tiles.run_many", run_many)
     set_pace(monkeypatch, 10)
-    monkeypatch.setattr("dimersweep.computing.warm_up", lambda stop: None)
+    monkeypatch.setattr("dimersweep.work.computing.warm_up", lambda stop: None)
     return rows_of_all
 
 
@@ -105,7 +105,7 @@ def test_a_cube_made_otherwise_is_not_extended(asked, settings, told):
 
 def test_a_cube_of_another_kernel_is_not_extended(asked, monkeypatch):
     sweep(out="old.nc")
-    monkeypatch.setattr("dimersweep.tiles.kernel_version", lambda: "another")
+    monkeypatch.setattr("dimersweep.work.tiles.kernel_version", lambda: "another")
     with pytest.raises(StoreError, match=r'otherwise:\n  kernel_version: "[0-9a-f]{16}" -> "another"$'):
         sweep(extend="old.nc")
 
@@ -119,7 +119,7 @@ def test_a_cube_without_any_of_the_points_is_refused(asked):
 def test_failed_points_are_run_again(monkeypatch, asked):
     reference = sweep()
     with monkeypatch.context() as patch:
-        patch.setattr("dimersweep.tiles.run_many", failing(lambda rows: rows[:, 7] > 1.3))
+        patch.setattr("dimersweep.work.tiles.run_many", failing(lambda rows: rows[:, 7] > 1.3))
         cube = sweep(out="cube.nc")
     failed = int((names(cube["mode"]) == "failed").sum())
     assert failed == 8
@@ -138,7 +138,7 @@ def test_failed_points_are_run_again(monkeypatch, asked):
 def test_a_stopped_sweep_runs_its_failed_points_again(monkeypatch, asked):
     reference = sweep()
     with monkeypatch.context() as patch, pytest.raises(dimersweep.errors.PointError):
-        patch.setattr("dimersweep.tiles.run_many", failing(lambda rows: rows[:, 7] > 1.3))
+        patch.setattr("dimersweep.work.tiles.run_many", failing(lambda rows: rows[:, 7] > 1.3))
         sweep(out="cube.nc", fail_fast=True, workers=1)
     assert os.listdir() == ["cube.nc.tiles"]
     xr.testing.assert_equal(sweep(out="cube.nc", retry=True), reference)

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import dimersweep
-from dimersweep import run as run_module
 from dimersweep import simulate
-from dimersweep.cube import names
+from dimersweep.cubes.cube import names
 from dimersweep.errors import ParameterError
+from dimersweep.runs import run as run_module
 
 SHARED = Path(os.environ.get("DIMERSWEEP_SHARED", Path(__file__).parents[2] / "shared")) / "reference"
 REFERENCE = {name: SHARED / f"{name}.json" for name in ("states", "orbits")}

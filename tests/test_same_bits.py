@@ -14,15 +14,16 @@ from fakes import run_tile, set_pace
 from sweeper import GRID, MAKERS, SEARCH, SEARCHED, SETTINGS, SMALL_MAP
 
 import dimersweep
-from dimersweep.cube import build
-from dimersweep.datasets import make
-from dimersweep.declaration import read_declaration
-from dimersweep.manifest import read_manifest
-from dimersweep.provenance import attributes
-from dimersweep.searching import search
-from dimersweep.status import status
-from dimersweep.tiles import Tile, make_spec
-from dimersweep.tilestore import folder_of, manifest_of
+from dimersweep.cubes.cube import build
+from dimersweep.cubes.results import Tile
+from dimersweep.storage.manifest import read_manifest
+from dimersweep.storage.provenance import attributes
+from dimersweep.storage.tilestore import folder_of, manifest_of
+from dimersweep.studies.datasets import make
+from dimersweep.studies.declaration import read_declaration
+from dimersweep.studies.search import search
+from dimersweep.studies.status import status
+from dimersweep.studies.sweep_spec import make_spec
 
 ROOT = Path(__file__).parents[1]
 pytestmark = [pytest.mark.jit, pytest.mark.slow]
@@ -74,7 +75,7 @@ def test_threads_and_tilings(serial, monkeypatch, tmp_path, length):
 
 def test_zarr(serial, tmp_path, monkeypatch):
     pytest.importorskip("zarr")
-    monkeypatch.setattr("dimersweep.zarrs.CHUNK_POINTS", 130)
+    monkeypatch.setattr("dimersweep.storage.zarr.CHUNK_POINTS", 130)
     assert_same(swept(out=tmp_path / "cube.zarr"), serial)
     assert os.listdir(tmp_path) == ["cube.zarr"]
 

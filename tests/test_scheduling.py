@@ -12,13 +12,31 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import dimersweep
-from dimersweep import tiles
+from dimersweep.cubes.results import (
+    Finished,
+    Tile,
+    blank_results,
+    gaps,
+    runs,
+)
 from dimersweep.errors import KernelError, ParameterError, UnfinishedError
-from dimersweep.kernel import versions
-from dimersweep.kernel.layout import M_DRIFT, M_UNRESOLVED
-from dimersweep.scheduling import IN_FLIGHT, Pool, bundles, run_tiles
-from dimersweep.signals import StopFlag
-from dimersweep.tiles import Broken, Finished, Made, Tile, after, attempt, blank_results, gaps, make_spec, runs
+from dimersweep.kernel.compiler import versions
+from dimersweep.kernel.model.layout import M_DRIFT, M_UNRESOLVED
+from dimersweep.studies.sweep_spec import make_spec
+from dimersweep.work import tiles
+from dimersweep.work.scheduling import (
+    IN_FLIGHT,
+    Pool,
+    bundles,
+    run_tiles,
+)
+from dimersweep.work.signals import StopFlag
+from dimersweep.work.tiles import (
+    Broken,
+    Made,
+    after,
+    attempt,
+)
 
 SPEC = make_spec({"f": [15, 20], "A_r": [5, 6, 7], "beta0": {"start": 0.1, "stop": 1, "num": 40}}, periods=5)
 
@@ -73,7 +91,7 @@ def slow_points(rows, periods, rtol, settle, out, codes, until=0):
 
 
 def test_a_task_that_meets_slow_points_comes_back_with_what_it_has(monkeypatch):
-    monkeypatch.setattr("dimersweep.tiles.run_many", slow_points)
+    monkeypatch.setattr("dimersweep.work.tiles.run_many", slow_points)
     begun = time.perf_counter()
     first, second = attempt(SPEC, (Tile(0, 10), Tile(10, 240))).finished
     assert time.perf_counter() - begun < tiles.LONGEST_TILE + 0.3
@@ -84,13 +102,13 @@ def test_a_task_that_meets_slow_points_comes_back_with_what_it_has(monkeypatch):
 
 
 def test_a_tile_stops_when_it_is_told_to(monkeypatch):
-    monkeypatch.setattr("dimersweep.tiles.run_many", slow_points)
+    monkeypatch.setattr("dimersweep.work.tiles.run_many", slow_points)
     assert [tile.tile for tile in attempt(SPEC, (Tile(20, 240),), lambda: True).finished] == [Tile(20, 21)]
 
 
 def test_one_point_that_raises_costs_no_other(monkeypatch):
     bad = SPEC.grid.axes["beta0"][7]
-    monkeypatch.setattr("dimersweep.tiles.run_many", raising(lambda rows: rows[:, 7] == bad))
+    monkeypatch.setattr("dimersweep.work.tiles.run_many", raising(lambda rows: rows[:, 7] == bad))
     task = (Tile(0, 5), Tile(5, 40))
     (first, second), broken = attempt(SPEC, task, shift=100)
     assert (first.tile, second.tile) == (Tile(100, 105), Tile(105, 107))
@@ -157,7 +175,7 @@ def test_a_worker_that_dies_costs_its_tile_alone(cluster, monkeypatch, tmp_path)
     def poison():
         import os
 
-        import dimersweep.tiles as there
+        import dimersweep.work.tiles as there
 
         run_many = there.run_many
 
@@ -169,7 +187,7 @@ def test_a_worker_that_dies_costs_its_tile_alone(cluster, monkeypatch, tmp_path)
         there.ours, there.run_many = run_many, dies_at_20_hz
 
     def heal():
-        import dimersweep.tiles as there
+        import dimersweep.work.tiles as there
 
         there.run_many = getattr(there, "ours", there.run_many)  # a worker that has died comes back sound
 
@@ -188,12 +206,12 @@ def test_a_worker_that_dies_costs_its_tile_alone(cluster, monkeypatch, tmp_path)
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize("module", [versions.__name__, "dimersweep.scheduling"], ids=["at the start", "later"])
+@pytest.mark.parametrize("module", [versions.__name__, "dimersweep.work.scheduling"], ids=["at the start", "later"])
 def test_workers_with_another_kernel_are_refused(cluster, module):
     def pretend():
         import sys
 
-        import dimersweep.scheduling  # noqa: F401
+        import dimersweep.work.scheduling  # noqa: F401
 
         there = sys.modules[module]
         there.ours, there.kernel_version = there.kernel_version, lambda: "another"
@@ -216,7 +234,7 @@ def test_workers_with_another_kernel_are_refused(cluster, module):
 @pytest.mark.jit
 def test_a_worker_whose_kernel_does_not_work_gets_no_work(cluster, tmp_path):
     def damage():
-        import dimersweep.proving as there
+        import dimersweep.work.proving as there
 
         def cannot_load(*arguments):
             raise EOFError("Ran out of input")
@@ -225,7 +243,7 @@ def test_a_worker_whose_kernel_does_not_work_gets_no_work(cluster, tmp_path):
         there.prove.cache_clear()
 
     def mend():
-        import dimersweep.proving as there
+        import dimersweep.work.proving as there
 
         there.run_many = there.ours
 

@@ -8,8 +8,19 @@ from scipy.optimize import brentq
 
 from dimersweep import Parameters, simulate
 from dimersweep.errors import ParameterError
-from dimersweep.kernel.layout import D1, D2, N1, N2, N_STATE
-from dimersweep.stability import Section, lyapunov, multipliers, of_orbit
+from dimersweep.kernel.model.layout import (
+    D1,
+    D2,
+    N1,
+    N2,
+    N_STATE,
+)
+from dimersweep.runs.stability import (
+    Section,
+    lyapunov,
+    multipliers,
+    of_orbit,
+)
 
 G = 9.81
 

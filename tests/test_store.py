@@ -5,11 +5,11 @@ import os
 import pytest
 import xarray as xr
 
-from dimersweep.cube import blank, build
+from dimersweep.cubes.cube import blank, build
+from dimersweep.cubes.grid import make_grid
 from dimersweep.errors import StoreError
-from dimersweep.grid import make_grid
-from dimersweep.provenance import attributes
-from dimersweep.store import check_writable, open_cube, write_cube
+from dimersweep.storage.netcdf import check_writable, open_cube, write_cube
+from dimersweep.storage.provenance import attributes
 
 
 @pytest.fixture

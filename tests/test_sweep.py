@@ -13,16 +13,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import dimersweep
-from dimersweep import tiles
-from dimersweep.cube import names
+from dimersweep.cubes.cube import names
+from dimersweep.cubes.results import Tile, blank_results, split
 from dimersweep.errors import KernelError, ParameterError, StoreError, UnfinishedError
-from dimersweep.kernel.layout import M_DRIFT, M_UNRESOLVED, MODES, OK
-from dimersweep.progress import Lines, Tally
-from dimersweep.proving import prove
-from dimersweep.rerun import from_cube
-from dimersweep.scheduling import Pace
-from dimersweep.searching import search
-from dimersweep.tiles import Tile, blank_results, make_spec, split
+from dimersweep.kernel.model.layout import (
+    M_DRIFT,
+    M_UNRESOLVED,
+    MODES,
+    OK,
+)
+from dimersweep.studies.rerun import from_cube
+from dimersweep.studies.search import search
+from dimersweep.studies.sweep_spec import make_spec
+from dimersweep.work import tiles
+from dimersweep.work.progress import Lines, Tally
+from dimersweep.work.proving import prove
+from dimersweep.work.scheduling import Pace
 
 GRID = {"f": [15, 20, 25], "beta0": {"start": 1, "stop": 89, "step": 1, "unit": "deg"}}
 
@@ -74,7 +80,7 @@ def rings_down(rows, periods, rtol, settle, out, codes, until=0):
 
 @pytest.mark.parametrize("length", [1, 7])
 def test_what_has_not_settled_is_run_longer(monkeypatch, tmp_path, length):
-    monkeypatch.setattr("dimersweep.tiles.run_many", rings_down)
+    monkeypatch.setattr("dimersweep.work.tiles.run_many", rings_down)
     set_pace(monkeypatch, length)
     grid = {"f": [15, 25], "beta0": np.arange(1, 100) / 1000}
     assert (names(quiet_sweep(grid)["mode"]) == "drift").sum() == 5
@@ -90,7 +96,7 @@ def test_what_has_not_settled_is_run_longer(monkeypatch, tmp_path, length):
 
 
 def test_a_point_that_fails_marks_only_itself(monkeypatch):
-    monkeypatch.setattr("dimersweep.tiles.run_many", failing(lambda rows: rows[:, 3] == 20))
+    monkeypatch.setattr("dimersweep.work.tiles.run_many", failing(lambda rows: rows[:, 3] == 20))
     set_pace(monkeypatch, 89)
     cube = quiet_sweep()
     failed = names(cube["mode"]) == "failed"
@@ -104,7 +110,7 @@ def test_points_that_cannot_be_run_are_left_to_be_done(fake_kernel, monkeypatch,
     reference, out, asked = quiet_sweep(), tmp_path / "cube.nc", []
     bad = reference["beta0"].values[[7, 50]]
     with monkeypatch.context() as patch:
-        patch.setattr("dimersweep.tiles.run_many", raising(lambda rows: np.isin(rows[:, 7], bad)))
+        patch.setattr("dimersweep.work.tiles.run_many", raising(lambda rows: np.isin(rows[:, 7], bad)))
         told = r"^6 points could not be run, such as point \d+ \(f = .*\): MemoryError: no room; 261 of 267 points are kept in "
         with pytest.raises(UnfinishedError, match=told):
             quiet_sweep(out=out, workers=workers)
@@ -114,7 +120,7 @@ def test_points_that_cannot_be_run_are_left_to_be_done(fake_kernel, monkeypatch,
         asked.append(len(rows))
         return fake_run_many(rows, *rest, until=until)
 
-    monkeypatch.setattr("dimersweep.tiles.run_many", run_many)
+    monkeypatch.setattr("dimersweep.work.tiles.run_many", run_many)
     xr.testing.assert_equal(quiet_sweep(out=out), reference)
     assert 6 <= sum(asked) <= 6 + 4  # an unresolved point ends its call
 
@@ -128,7 +134,7 @@ def test_many_breaks_alike_in_a_row_stop_the_sweep(monkeypatch, tmp_path):
             raise MemoryError("no room")
         return fake_run_many(rows, *rest, until=until)
 
-    monkeypatch.setattr("dimersweep.tiles.run_many", run_many)
+    monkeypatch.setattr("dimersweep.work.tiles.run_many", run_many)
     set_pace(monkeypatch, 5)
     told = r"^1[0-2] points could not be run, .*: MemoryError: no room; the sweep was stopped, as these came in a row; \d+ of "
     with pytest.raises(UnfinishedError, match=told):
@@ -154,8 +160,8 @@ def all_nan(rows, periods, rtol, settle, out, codes):
     ],
 )
 def test_a_kernel_that_does_not_work_ends_the_sweep_before_any_point(monkeypatch, tmp_path, kernel, told):
-    monkeypatch.setattr("dimersweep.proving.run_many", kernel)
-    monkeypatch.setattr("dimersweep.tiles.run_many", lambda *rest, **more: pytest.fail("work was done"))
+    monkeypatch.setattr("dimersweep.work.proving.run_many", kernel)
+    monkeypatch.setattr("dimersweep.work.tiles.run_many", lambda *rest, **more: pytest.fail("work was done"))
     prove.cache_clear()
     with pytest.raises(KernelError, match=f"^{re.escape(told)}$"):
         quiet_sweep(out=tmp_path / "cube.nc")
@@ -193,7 +199,7 @@ def test_the_cube_is_written_and_tells_its_configuration(fake_kernel, tmp_path):
     ],
 )
 def test_bad_input_is_refused_before_any_work(monkeypatch, settings, error, message):
-    monkeypatch.setattr("dimersweep.tiles.run_many", lambda *arguments: pytest.fail("work was done"))
+    monkeypatch.setattr("dimersweep.work.tiles.run_many", lambda *arguments: pytest.fail("work was done"))
     with pytest.raises(error, match=f"^{re.escape(message)}"):
         quiet_sweep(**settings)
 

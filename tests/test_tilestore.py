@@ -14,12 +14,14 @@ import xarray as xr
 from fakes import fake_run_many, set_pace
 
 import dimersweep
+from dimersweep.cubes.results import Tile
 from dimersweep.errors import StoreError
-from dimersweep.locking import locked
-from dimersweep.manifest import as_line
-from dimersweep.status import status
-from dimersweep.tiles import Tile, attempt, make_spec
-from dimersweep.tilestore import TileStore, tile_store
+from dimersweep.storage.locking import locked
+from dimersweep.storage.manifest import as_line
+from dimersweep.storage.tilestore import TileStore, tile_store
+from dimersweep.studies.status import status
+from dimersweep.studies.sweep_spec import make_spec
+from dimersweep.work.tiles import attempt
 
 GRID = {"f": [15, 20, 25], "beta0": {"start": 1, "stop": 40, "step": 1, "unit": "deg"}}
 SPEC = make_spec(GRID, periods=5)
@@ -52,9 +54,9 @@ def counted(monkeypatch):
         asked.append(len(rows))
         return fake_run_many(rows, *rest)
 
-    monkeypatch.setattr("dimersweep.tiles.run_many", run_many)
+    monkeypatch.setattr("dimersweep.work.tiles.run_many", run_many)
     set_pace(monkeypatch, 10)
-    monkeypatch.setattr("dimersweep.computing.warm_up", lambda stop: None)
+    monkeypatch.setattr("dimersweep.work.computing.warm_up", lambda stop: None)
     return asked
 
 
@@ -223,7 +225,7 @@ def test_points_listed_twice_are_refused():
 def test_another_kernel_is_refused(monkeypatch):
     left_behind((0, 30))
     ours = SPEC.configuration()["kernel_version"]
-    monkeypatch.setattr("dimersweep.tiles.kernel_version", lambda: "0123456789abcdef")
+    monkeypatch.setattr("dimersweep.work.tiles.kernel_version", lambda: "0123456789abcdef")
     with pytest.raises(StoreError, match=f'What differs:\n  kernel_version: "{ours}" -> "0123456789abcdef"$'):
         sweep()
 
@@ -268,7 +270,7 @@ def test_a_disk_without_locks_is_used_with_a_warning(monkeypatch):
     def no_locks(handle, how):
         raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
 
-    monkeypatch.setattr("dimersweep.locking.fcntl.flock", no_locks)
+    monkeypatch.setattr("dimersweep.storage.locking.fcntl.flock", no_locks)
     with pytest.warns(RuntimeWarning, match="^this file system has no locks; take care that no other sweep"):
         sweep()
     assert os.listdir() == ["cube.nc"]
@@ -276,7 +278,7 @@ def test_a_disk_without_locks_is_used_with_a_warning(monkeypatch):
 
 def test_another_processor_is_told(counted, monkeypatch):
     left_behind((0, 30))
-    monkeypatch.setattr("dimersweep.tilestore.cpu", lambda: "Another One")
+    monkeypatch.setattr("dimersweep.storage.tilestore.cpu", lambda: "Another One")
     counted.clear()
     told = r"^cube.nc.tiles: begun on another processor \(.*; this one is Another One\); points from here on may differ"
     with pytest.warns(RuntimeWarning, match=told):
@@ -297,8 +299,8 @@ def test_a_full_disk_keeps_what_was_finished_before(counted, monkeypatch):
         return write(self, pieces, wall) if len(writes) < 3 else full_disk()
 
     with monkeypatch.context() as patch:
-        patch.setattr("dimersweep.tilestore.FLUSH_SECONDS", 0.0)
-        patch.setattr("dimersweep.tilestore.DISK_SHARE", 1e9)
+        patch.setattr("dimersweep.storage.tilestore.FLUSH_SECONDS", 0.0)
+        patch.setattr("dimersweep.storage.tilestore.DISK_SHARE", 1e9)
         patch.setattr(TileStore, "_write", fills_up)
         with pytest.raises(StoreError) as error:
             sweep(workers=1)
@@ -332,8 +334,8 @@ def test_a_disk_that_is_really_full(disk, monkeypatch):
     place, remount = disk
     reference = sweep(out=None)
     with monkeypatch.context() as patch:
-        patch.setattr("dimersweep.tilestore.FLUSH_SECONDS", 0.0)
-        patch.setattr("dimersweep.tilestore.DISK_SHARE", 1e9)
+        patch.setattr("dimersweep.storage.tilestore.FLUSH_SECONDS", 0.0)
+        patch.setattr("dimersweep.storage.tilestore.DISK_SHARE", 1e9)
         set_pace(patch, 10)
         with pytest.raises(StoreError, match=r"\(No space left on device\); what was finished before is kept in "):
             sweep(out=place / "cube.nc", workers=1)
@@ -358,7 +360,7 @@ def test_a_slow_disk_is_asked_less_often(monkeypatch):
         written.append(len(pieces))
         return write(self, pieces, wall)
 
-    monkeypatch.setattr("dimersweep.tilestore.FLUSH_SECONDS", 0.0)
+    monkeypatch.setattr("dimersweep.storage.tilestore.FLUSH_SECONDS", 0.0)
     monkeypatch.setattr(TileStore, "_write", slow)
     with tile_store(Path("cube.nc"), SPEC.configuration(), 120) as store:
         for point in range(120):

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import dimersweep
 from dimersweep.errors import ParameterError, StoreError
-from dimersweep.zarrs import blocks, chunk_shape
+from dimersweep.storage.zarr import blocks, chunk_shape
 
 pytest.importorskip("zarr")
 GRID = {"f": [15, 20, 25], "A_r": [5, 6], "beta0": {"start": 1, "stop": 11, "step": 1, "unit": "deg"}}
@@ -23,7 +23,7 @@ GRID = {"f": [15, 20, 25], "A_r": [5, 6], "beta0": {"start": 1, "stop": 11, "ste
 @pytest.fixture(autouse=True)
 def in_an_empty_folder(tmp_path, monkeypatch, fake_kernel):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("dimersweep.zarrs.CHUNK_POINTS", 8)
+    monkeypatch.setattr("dimersweep.storage.zarr.CHUNK_POINTS", 8)
 
 
 def sweep(**settings):
@@ -70,7 +70,7 @@ def test_a_changed_byte_is_found(name):
 
 
 def test_the_whole_is_never_in_memory(monkeypatch):
-    from dimersweep.tilestore import TileStore
+    from dimersweep.storage.tilestore import TileStore
 
     read, lengths = TileStore.read, []
 
@@ -79,7 +79,7 @@ def test_the_whole_is_never_in_memory(monkeypatch):
         return read(self, start, stop)
 
     monkeypatch.setattr(TileStore, "read", watched)
-    monkeypatch.setattr("dimersweep.grid.MAX_POINTS", 20)
+    monkeypatch.setattr("dimersweep.cubes.grid.MAX_POINTS", 20)
     with pytest.raises(ParameterError, match=r"^grid: 66 points; one cube in memory may hold 20 \(an output that ends"):
         sweep(out="cube.nc")
     sweep()
@@ -88,7 +88,7 @@ def test_the_whole_is_never_in_memory(monkeypatch):
 
 def test_a_finished_one_is_returned_and_another_one_refused(monkeypatch):
     first = sweep()
-    monkeypatch.setattr("dimersweep.tiles.run_many", lambda *rest, **more: pytest.fail("work was done"))
+    monkeypatch.setattr("dimersweep.work.tiles.run_many", lambda *rest, **more: pytest.fail("work was done"))
     xr.testing.assert_identical(sweep(), first)
     with pytest.raises(StoreError, match=r"cube.zarr: exists already; .*What differs:\n  periods: 5 -> 6$"):
         sweep(periods=6)
@@ -111,7 +111,7 @@ def test_a_full_disk_keeps_the_points(monkeypatch):
         told = "out = cube.zarr: could not be written (No space left on device); what was finished before is kept"
         with pytest.raises(StoreError, match=f"^{re.escape(told)}"):
             sweep()
-    monkeypatch.setattr("dimersweep.tiles.run_many", lambda *rest, **more: pytest.fail("work was done"))
+    monkeypatch.setattr("dimersweep.work.tiles.run_many", lambda *rest, **more: pytest.fail("work was done"))
     sweep()
     assert os.listdir() == ["cube.zarr"]
 

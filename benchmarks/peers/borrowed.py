@@ -1,11 +1,27 @@
 """What the second peer on heyoka borrows from the engine: impacts, the close of a chatter, the choice of the contact mode."""
 
-from dimersweep.kernel.body import as_dimer
 from dimersweep.kernel.chatter import come_to_rest, kinetic
-from dimersweep.kernel.choose import INCONSISTENT
-from dimersweep.kernel.engine import ROW_DY, ROW_F, ROW_Y, choose, collide, force_impact, no_slip
-from dimersweep.kernel.jit import exported
-from dimersweep.kernel.layout import D1, D2, FREE, N1, N2, OK, PHASE
+from dimersweep.kernel.compiler.jit import exported
+from dimersweep.kernel.contact.contact_mode import INCONSISTENT
+from dimersweep.kernel.event_loop import (
+    ROW_DY,
+    ROW_F,
+    ROW_Y,
+    choose,
+    collide,
+    force_impact,
+    no_slip,
+)
+from dimersweep.kernel.model.body import as_dimer
+from dimersweep.kernel.model.layout import (
+    D1,
+    D2,
+    FREE,
+    N1,
+    N2,
+    OK,
+    PHASE,
+)
 from peers.passage import HOLD_LOST, P_PHASE, P_SLIP, SLIP_ZERO, as_body, begin, compiled, take_over
 
 

@@ -8,7 +8,20 @@ of the contact to come the close costs n (omega t)^2 only, and as much again for
 from math import cos, hypot, inf, sin
 from typing import NamedTuple
 
-from dimersweep.kernel.layout import BETA, CA, CB, D1, D2, N1, N2, SLIP, SPIN, STICK, WB, WP
+from dimersweep.kernel.model.layout import (
+    BETA,
+    CA,
+    CB,
+    D1,
+    D2,
+    N1,
+    N2,
+    SLIP,
+    SPIN,
+    STICK,
+    WB,
+    WP,
+)
 from peers.forces import compliance, forces_both, forces_one, free_rates
 from peers.passage import compiled, levers
 

@@ -5,7 +5,16 @@ All is linear in the accelerations of the ends without forces; with rates in the
 
 from math import cos, sin
 
-from dimersweep.kernel.layout import BETA, CA, CB, SLIP, SPIN, STICK, WB, WP
+from dimersweep.kernel.model.layout import (
+    BETA,
+    CA,
+    CB,
+    SLIP,
+    SPIN,
+    STICK,
+    WB,
+    WP,
+)
 from peers.passage import compiled, gravity, levers
 
 

@@ -7,7 +7,22 @@ is zero and the force that holds stays within the limit, else with slip in the d
 
 from math import atan2, copysign, cos, hypot, inf, pi, sin
 
-from dimersweep.kernel.layout import BETA, CA, CB, D1, D2, FREE, N1, N2, PHASE, SLIP, SPIN, STICK, WB, WP
+from dimersweep.kernel.model.layout import (
+    BETA,
+    CA,
+    CB,
+    D1,
+    D2,
+    FREE,
+    N1,
+    N2,
+    PHASE,
+    SLIP,
+    SPIN,
+    STICK,
+    WB,
+    WP,
+)
 from peers.blow import DONE, STATE, End, Pair, one_end, two_ends
 from peers.chatter import Accuracy, come_to_rest
 from peers.forces import compliance, forces_both, forces_one, free_rates, respond

@@ -5,7 +5,12 @@ import oracle
 from scenes import engine_states
 
 from dimersweep.kernel.batch import run_many
-from dimersweep.kernel.layout import CODES, N_CODES, N_OUT, OK
+from dimersweep.kernel.model.layout import (
+    CODES,
+    N_CODES,
+    N_OUT,
+    OK,
+)
 from dimersweep.parameters import Parameters
 
 

@@ -1,6 +1,6 @@
 """Between two phases on heyoka: the body's state from what the integrator ended with, and what it starts with next.
 
-The state has the slots of `dimersweep.kernel.layout`; that numbering is all these modules take from the package. A contact
+The state has the slots of `dimersweep.kernel.model.layout`; that numbering is all these modules take from the package. A contact
 is described by y = (beta, beta', theta' cos(beta), spin, u_a, u_b, theta, t, x1, y1, gamma), u the slip of the leading end
 (p1 if it is closed, else p2). The integrator has the spin and its angle in units of 1/r: the largest number of its state
 rules its steps.
@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from oracle.body import dimer
 
-from dimersweep.kernel.layout import (
+from dimersweep.kernel.model.layout import (
     BETA,
     CA,
     CB,

@@ -12,7 +12,14 @@ from typing import NamedTuple
 import heyoka as hy
 import numpy as np
 
-from dimersweep.kernel.layout import D1, FREE, N_STATE, SLIP, STICK, X1
+from dimersweep.kernel.model.layout import (
+    D1,
+    FREE,
+    N_STATE,
+    SLIP,
+    STICK,
+    X1,
+)
 from peers.passage import HOLD_LOST, LANDS, LIFTS, N_CLOSED, N_PATH, SLIP_ZERO
 
 TIME_UP = -1  # the event of a phase that has lasted as long as was asked

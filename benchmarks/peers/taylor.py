@@ -13,9 +13,9 @@ import numpy as np
 from oracle.body import DEFAULTS
 from verbs import dimer, oracle_state
 
-from dimersweep.kernel.engine import WORK_COLUMNS, WORK_ROWS
-from dimersweep.kernel.impact import N_LOG
-from dimersweep.kernel.layout import FREE, N_STATE
+from dimersweep.kernel.event_loop import WORK_COLUMNS, WORK_ROWS
+from dimersweep.kernel.impact.impact import N_LOG
+from dimersweep.kernel.model.layout import FREE, N_STATE
 from dimersweep.parameters import RTOL_RANGE, Parameters
 from peers import borrowed, law
 from peers.blow import DESK

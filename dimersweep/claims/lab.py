@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from dimersweep.refining import refine
-from dimersweep.run import Orbit, Run, simulate
-from dimersweep.searching import search
-from dimersweep.sweeping import sweep
+from dimersweep.runs.run import Orbit, Run, simulate
+from dimersweep.studies.refine import refine
+from dimersweep.studies.search import search
+from dimersweep.studies.sweep import sweep
 
 LOW: dict[str, Any] = {"mu": 0.05, "mu_s": 0.1}  # the paper's small friction
 RTOL = 1e-8

@@ -4,9 +4,9 @@ import numpy as np
 
 from dimersweep.claims.lab import Lab, orbit_of
 from dimersweep.claims.ledger import Finding, claim, verdict
-from dimersweep.cube import names
-from dimersweep.reading import circle_through
-from dimersweep.run import Run
+from dimersweep.cubes.cube import names
+from dimersweep.cubes.reading import circle_through
+from dimersweep.runs.run import Run
 
 
 def last_cycle(run: Run, points: int = 20_001) -> np.ndarray:

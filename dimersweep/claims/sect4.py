@@ -6,10 +6,10 @@ import xarray as xr
 from dimersweep.claims.lab import Lab, orbit_of
 from dimersweep.claims.ledger import Finding, claim, verdict
 from dimersweep.claims.sect3 import double_impact, last_cycle
-from dimersweep.cube import names
-from dimersweep.kernel.layout import M_DRIFT, M_REST, MODES
-from dimersweep.reading import drift_intervals, drift_lengths, runs_of
-from dimersweep.run import Run, simulate
+from dimersweep.cubes.cube import names
+from dimersweep.cubes.reading import drift_intervals, drift_lengths, runs_of
+from dimersweep.kernel.model.layout import M_DRIFT, M_REST, MODES
+from dimersweep.runs.run import Run, simulate
 
 
 def drifting(cube: xr.Dataset, name: str) -> np.ndarray:

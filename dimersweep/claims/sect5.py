@@ -8,11 +8,17 @@ from dimersweep.claims.lab import LOW, Lab, orbit_of
 from dimersweep.claims.ledger import Finding, claim, verdict
 from dimersweep.claims.sect3 import shares
 from dimersweep.claims.sect4 import drifting, span
-from dimersweep.cube import names
-from dimersweep.kernel.layout import M_DRIFT
-from dimersweep.reading import Minimum, PowerLaw, exponents, minimum, stick_ratio
-from dimersweep.run import simulate
-from dimersweep.searching import search
+from dimersweep.cubes.cube import names
+from dimersweep.cubes.reading import (
+    Minimum,
+    PowerLaw,
+    exponents,
+    minimum,
+    stick_ratio,
+)
+from dimersweep.kernel.model.layout import M_DRIFT
+from dimersweep.runs.run import simulate
+from dimersweep.studies.search import search
 
 PAPER_RADIUS = 2.4  # m, read by the paper off its Fig. 14 at A_r = 5, f = 15 Hz
 

@@ -16,7 +16,7 @@ def claims(
     force: Force = False,
 ) -> None:
     """Recompute every checkable statement of the paper, tell where it holds, and write the page of all of them."""
-    from dimersweep.store import check_writable
+    from dimersweep.storage.netcdf import check_writable
 
     page = check_writable(out, force=force)
     from time import perf_counter
@@ -25,7 +25,7 @@ def claims(
     from rich.table import Table
 
     from dimersweep.claims import Lab, as_markdown, made, radius_study
-    from dimersweep.progress import tell_of_compiling
+    from dimersweep.work.progress import tell_of_compiling
 
     tell_of_compiling()
     started, lab, rows = perf_counter(), Lab(small=small, workers=workers), []

@@ -22,7 +22,7 @@ def plot(
 ) -> None:
     """Draw a cube."""
     from dimersweep.plots import check_picture
-    from dimersweep.store import open_cube
+    from dimersweep.storage.netcdf import open_cube
 
     picture = check_picture(out or cube.with_suffix(".png"), force=force)
     opened = open_cube(cube)
@@ -49,8 +49,8 @@ def check_picture_of(configuration: Callable[[], Mapping[str, Any]], picture: Pa
     ------
     StoreError
     """
-    from dimersweep.provenance import as_text, digest
-    from dimersweep.store import check_writable
+    from dimersweep.storage.netcdf import check_writable
+    from dimersweep.storage.provenance import as_text, digest
 
     ours = picture.exists() and _mark_in(picture) == _mark(digest(as_text(configuration())))
     check_writable(picture, force=force or ours, name="picture")
@@ -69,10 +69,10 @@ def _mark_in(picture: Path) -> str | None:
 def print_cube(cube: "xr.Dataset") -> None:
     """The tally of modes, or of a search's answers and runs; for segments, the length of each row."""
     from dimersweep.plots import drift_lengths
-    from dimersweep.progress import Tally
+    from dimersweep.work.progress import Tally
 
     if "answer" in cube:
-        from dimersweep.reading import answers_told
+        from dimersweep.cubes.reading import answers_told
 
         typer.echo(answers_told(cube))
         return
@@ -80,7 +80,7 @@ def print_cube(cube: "xr.Dataset") -> None:
     tally.add(cube["mode"].values)
     typer.echo(tally.words())
     if "confidence" in cube:
-        from dimersweep.cube import names
+        from dimersweep.cubes.cube import names
 
         sure = Counter(names(cube["confidence"]).values.ravel().tolist())
         typer.echo("modes that are " + ", ".join(f"{word} {count}" for word, count in sure.most_common()))

@@ -9,7 +9,7 @@ from dimersweep.cli.options import Force, number_option, whole_option, with_para
 from dimersweep.symbols import QUANTITIES
 
 if TYPE_CHECKING:
-    from dimersweep.run import Run
+    from dimersweep.runs.run import Run
 
 ORBIT = ("radius", "period", "zeta", "speed", "precession_rate", "impact_phase")
 
@@ -31,14 +31,14 @@ def simulate(
 
         check_picture(plot, force=force, name="plot")
     from dimersweep.parameters import Parameters, check_count, check_rtol
-    from dimersweep.progress import tell_of_compiling
+    from dimersweep.work.progress import tell_of_compiling
 
     # judged here as well, so that a typing error is told before seconds of imports and compiling
     Parameters(**parameters)
     check_count("periods", periods)
     check_rtol(rtol)
     tell_of_compiling()
-    from dimersweep.run import simulate
+    from dimersweep.runs.run import simulate
 
     run = simulate(**parameters, periods=periods, rtol=rtol, record=error or plot is not None)
     bounds = _bounds(run) if error else {}

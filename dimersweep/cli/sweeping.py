@@ -16,7 +16,7 @@ from dimersweep.cli.options import Force, Periods, Rtol, Workers
 from dimersweep.errors import Stopped
 
 if TYPE_CHECKING:
-    from dimersweep.declaration import Declaration
+    from dimersweep.studies.declaration import Declaration
 
 Declared = Annotated[Path | None, typer.Argument(metavar="SWEEP.toml", help="Declaration of the sweep.")]
 
@@ -49,8 +49,8 @@ def run(
 ) -> None:
     """Run a declared sweep: write its cube and draw it. One that was stopped goes on where it was."""
     declared = _declared(declaration, source, out, other_kernel=other_kernel)
-    from dimersweep.datasets import make
-    from dimersweep.store import check_writable
+    from dimersweep.storage.netcdf import check_writable
+    from dimersweep.studies.datasets import make
 
     cube_file = out or Path(declared.sweep.output)
     picture, forced = cube_file.with_suffix(".png"), force or retry
@@ -85,13 +85,13 @@ def _declared(declaration: Path | None, source: Path | None, out: Path | None, *
     if (declaration is None) == (source is None):
         raise typer.BadParameter("give either SWEEP.toml or --from CUBE")
     if declaration is not None:
-        from dimersweep.declaration import read_declaration
+        from dimersweep.studies.declaration import read_declaration
 
         return read_declaration(declaration)
     assert source is not None
     if out is None:
         raise typer.BadParameter("--from CUBE needs --out, the cube to write")
-    from dimersweep.rerun import from_cube
+    from dimersweep.studies.rerun import from_cube
 
     return from_cube(source, other_kernel=other_kernel)
 
@@ -121,10 +121,10 @@ def plan(
     rtol: Rtol = None,
 ) -> None:
     """Tell points, size and time of a declared sweep from a timed sample; nothing is written."""
-    from dimersweep.computing import make_how
-    from dimersweep.declaration import read_declaration
-    from dimersweep.planning import plan
-    from dimersweep.progress import tell_of_compiling
+    from dimersweep.studies.declaration import read_declaration
+    from dimersweep.studies.planning import plan
+    from dimersweep.work.computing import make_how
+    from dimersweep.work.progress import tell_of_compiling
 
     declared = read_declaration(declaration)
     job, threads = declared.job(periods=periods, rtol=rtol), make_how(workers).workers
@@ -137,7 +137,7 @@ def status(
     out: Annotated[Path, typer.Argument(metavar="CUBE", help="Cube to be, as the sweep was given it.")],
 ) -> None:
     """Tell how far the sweep for a cube has come, and whether a process is at work on it."""
-    from dimersweep.status import status
+    from dimersweep.studies.status import status
 
     for line in status(out):
         typer.echo(line)

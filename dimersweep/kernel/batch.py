@@ -5,12 +5,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dimersweep.kernel.body import as_dimer
-from dimersweep.kernel.engine import WORK_COLUMNS, WORK_ROWS, evolve, start_state
-from dimersweep.kernel.fate import PAST_COLUMNS, PAST_ROWS, begin_past, last_strobe, verdict
-from dimersweep.kernel.impact import N_LOG
-from dimersweep.kernel.jit import exported
-from dimersweep.kernel.layout import (
+from dimersweep.kernel.compiler.jit import exported
+from dimersweep.kernel.event_loop import (
+    WORK_COLUMNS,
+    WORK_ROWS,
+    evolve,
+    start_state,
+)
+from dimersweep.kernel.impact.impact import N_LOG
+from dimersweep.kernel.model.body import as_dimer
+from dimersweep.kernel.model.layout import (
     FREE,
     M_APERIODIC,
     M_FAILED,
@@ -21,7 +25,14 @@ from dimersweep.kernel.layout import (
     PHASE,
     ROW,
 )
-from dimersweep.kernel.steps import copy
+from dimersweep.kernel.numerics.steps import copy
+from dimersweep.kernel.verdict.classify import (
+    PAST_COLUMNS,
+    PAST_ROWS,
+    begin_past,
+    last_strobe,
+    verdict,
+)
 
 BETA0, XDOT0 = ROW.index("beta0"), ROW.index("xdot0")
 # evidence of aperiodic motion: a twin of the run (its plate phase shifted) separates from it by so much, in g/omega and

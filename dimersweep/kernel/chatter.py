@@ -14,14 +14,36 @@ What is lost are the hops; the motion about which they hop goes on as a contact 
 
 from math import cos, hypot, inf, sin
 
-from dimersweep.kernel.body import delassus, levers
-from dimersweep.kernel.charts import YUA, YUB, unload
-from dimersweep.kernel.choose import CLOSED, contact_mode
-from dimersweep.kernel.contact import A1, F1, F2, L1, L2, double_forces
-from dimersweep.kernel.impact import push
-from dimersweep.kernel.jit import compiled
-from dimersweep.kernel.layout import BETA, CA, CB, D1, D2, FREE, N1, N2, N_STATE, PHASE, SLIP, SPIN, WB, WP
-from dimersweep.kernel.steps import copy
+from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.contact.contact_mode import CLOSED, contact_mode
+from dimersweep.kernel.contact.coordinates import YUA, YUB, unload
+from dimersweep.kernel.contact.forces import (
+    A1,
+    F1,
+    F2,
+    L1,
+    L2,
+    double_forces,
+)
+from dimersweep.kernel.impact.impact import push
+from dimersweep.kernel.model.body import delassus, levers
+from dimersweep.kernel.model.layout import (
+    BETA,
+    CA,
+    CB,
+    D1,
+    D2,
+    FREE,
+    N1,
+    N2,
+    N_STATE,
+    PHASE,
+    SLIP,
+    SPIN,
+    WB,
+    WP,
+)
+from dimersweep.kernel.numerics.steps import copy
 
 CLOSE = 4.0  # what the close of a chatter may cost, in tolerances
 SPREAD = 0.03  # what the errors of a period's events add up to, in tolerances for each

@@ -1,6 +1,7 @@
 """The record of a run: one row an event, and the state from which each smooth phase starts."""
 
-from dimersweep.kernel.impact import (
+from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.impact.impact import (
     LOG_A1,
     LOG_A2,
     LOG_B1,
@@ -13,9 +14,17 @@ from dimersweep.kernel.impact import (
     LOG_P2,
     contact_velocity,
 )
-from dimersweep.kernel.jit import compiled
-from dimersweep.kernel.layout import BETA, CB, N1, N2, N_STATE, PERIOD, PHASE, THETA
-from dimersweep.kernel.steps import copy
+from dimersweep.kernel.model.layout import (
+    BETA,
+    CB,
+    N1,
+    N2,
+    N_STATE,
+    PERIOD,
+    PHASE,
+    THETA,
+)
+from dimersweep.kernel.numerics.steps import copy
 
 # columns of an event row
 EVENT = (

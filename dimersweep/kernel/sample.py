@@ -7,18 +7,49 @@ has summed are followed one by one.
 
 from math import nan
 
-from dimersweep.kernel.body import TWO_PI, as_dimer
-from dimersweep.kernel.charts import BY_HEADING, YB, YCHART, load, unload
-from dimersweep.kernel.choose import CLOSED, MOMENT
-from dimersweep.kernel.engine import ROW_BEFORE, ROW_Y, choose, evolve, hold_rest, no_slip, only_touched
-from dimersweep.kernel.fate import begin_past
-from dimersweep.kernel.flight import fly, take_off
-from dimersweep.kernel.glide import NO_EVENT, OUT_OF_STEPS, glide
-from dimersweep.kernel.jit import compiled, exported
-from dimersweep.kernel.layout import CB, CONTACT_STEPS, FREE, N1, N_ROW, N_STATE, OK, PERIOD, PHASE, ROW
+from dimersweep.kernel.compiler.jit import compiled, exported
+from dimersweep.kernel.contact.contact_mode import CLOSED, MOMENT
+from dimersweep.kernel.contact.coordinates import (
+    BY_HEADING,
+    YB,
+    YCHART,
+    load,
+    unload,
+)
+from dimersweep.kernel.contact.events import (
+    HOLD_LOST,
+    LANDS,
+    LIFTS,
+    SLIP_ZERO,
+    slip_speed,
+)
+from dimersweep.kernel.contact.phase import NO_EVENT, OUT_OF_STEPS, glide
+from dimersweep.kernel.event_loop import (
+    ROW_BEFORE,
+    ROW_Y,
+    choose,
+    evolve,
+    hold_rest,
+    no_slip,
+    only_touched,
+)
+from dimersweep.kernel.flight.free_motion import fly, take_off
+from dimersweep.kernel.model.body import TWO_PI, as_dimer
+from dimersweep.kernel.model.layout import (
+    CB,
+    CONTACT_STEPS,
+    FREE,
+    N1,
+    N_ROW,
+    N_STATE,
+    OK,
+    PERIOD,
+    PHASE,
+    ROW,
+)
+from dimersweep.kernel.numerics.steps import copy
 from dimersweep.kernel.record import BEFORE, MODES, REST
-from dimersweep.kernel.steps import copy
-from dimersweep.kernel.watch import HOLD_LOST, LANDS, LIFTS, SLIP_ZERO, slip_speed
+from dimersweep.kernel.verdict.classify import begin_past
 
 ROW_TRIAL, ROW_LATER = ROW_BEFORE + 1, ROW_BEFORE + 2
 PHI0 = ROW.index("phi0")

@@ -3,6 +3,7 @@
 import xarray as xr
 from matplotlib.figure import Figure
 
+from dimersweep.cubes.reading import drift_intervals, drift_lengths
 from dimersweep.plots.modes import mode_map, regions, segments
 from dimersweep.plots.orbits import impact_ends, least_period, paths, planar, shares, trends
 from dimersweep.plots.runs import (
@@ -15,7 +16,6 @@ from dimersweep.plots.runs import (
     run_figure,
 )
 from dimersweep.plots.style import MODE_COLORS, check_picture
-from dimersweep.reading import drift_intervals, drift_lengths
 
 __all__ = [
     "KINDS",

@@ -8,11 +8,17 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from dimersweep.cube import names
+from dimersweep.cubes.cube import names
+from dimersweep.cubes.reading import (
+    boundary,
+    drift_intervals,
+    drift_lengths,
+    edges_of,
+    plain_modes,
+)
 from dimersweep.errors import ParameterError
-from dimersweep.kernel.layout import MODES
+from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots.style import MODE_COLORS, ROW_COLORS, given, label, percent, title
-from dimersweep.reading import boundary, drift_intervals, drift_lengths, edges_of, plain_modes
 
 
 def segments(cube: xr.Dataset) -> Figure:

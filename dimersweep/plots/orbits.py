@@ -9,11 +9,18 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from dimersweep.cube import names
+from dimersweep.cubes.cube import names
+from dimersweep.cubes.reading import (
+    circle_through,
+    edges_of,
+    exponents,
+    minimum,
+    runs_of,
+    stick_ratio,
+)
 from dimersweep.errors import ParameterError
-from dimersweep.kernel.layout import DI_ENDS, M_DRIFT, M_NOT_RUN
+from dimersweep.kernel.model.layout import DI_ENDS, M_DRIFT, M_NOT_RUN
 from dimersweep.plots.style import ROW_COLORS, given, label, log_scale, title
-from dimersweep.reading import circle_through, edges_of, exponents, minimum, runs_of, stick_ratio
 
 END_COLORS = {  # of a double impact
     "none": "#ffffff",

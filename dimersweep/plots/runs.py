@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from dimersweep.plots.style import given
 
 if TYPE_CHECKING:
-    from dimersweep.run import Run
+    from dimersweep.runs.run import Run
 
 _GREEK = {"beta": r"\beta", "theta": r"\theta", "spin": r"\gamma"}
 ANGLES = {  # labels of the angles in phase portraits

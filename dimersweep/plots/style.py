@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from dimersweep.errors import ParameterError
-from dimersweep.store import check_writable
+from dimersweep.storage.netcdf import check_writable
 from dimersweep.symbols import PARAMETERS
 
 # after Okabe and Ito: told apart by color-blind readers too

@@ -7,11 +7,12 @@ from cached import compiled
 from examine import look_at
 from verbs import as_dimer
 
-from dimersweep.kernel import engine, fate
+from dimersweep.kernel import event_loop as engine
 from dimersweep.kernel.batch import BETA0, XDOT0, new_desk
-from dimersweep.kernel.impact import N_LOG
-from dimersweep.kernel.layout import STATUSES
+from dimersweep.kernel.impact.impact import N_LOG
+from dimersweep.kernel.model.layout import STATUSES
 from dimersweep.kernel.record import EVENT, N_EVENT, N_SEGMENT
+from dimersweep.kernel.verdict import classify as fate
 
 
 @compiled

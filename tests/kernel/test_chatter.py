@@ -8,7 +8,22 @@ from stress import scene_row
 from verbs import as_dimer
 
 from dimersweep.kernel.chatter import CLOSE, SPREAD
-from dimersweep.kernel.layout import CA, CB, D1, D2, N1, N2, N_STATE, SPIN, STATUSES, THETA, WB, WP, X1, Y1
+from dimersweep.kernel.model.layout import (
+    CA,
+    CB,
+    D1,
+    D2,
+    N1,
+    N2,
+    N_STATE,
+    SPIN,
+    STATUSES,
+    THETA,
+    WB,
+    WP,
+    X1,
+    Y1,
+)
 
 pytestmark = pytest.mark.jit
 GROWTH = 10.0  # of the rate of faint hops in a period, with the weight on the end

@@ -23,12 +23,52 @@ from verbs import (
 )
 
 from dimersweep import simulate
-from dimersweep.kernel.charts import N_CLOSED, N_PATH, N_Y, YB, YS, YTHETA, YTIME, YUA, YUB, YWB, YWP, YX
-from dimersweep.kernel.choose import CLOSED, INCONSISTENT, SEPARATES
-from dimersweep.kernel.contact import A1, COMPLIANCE, F1, F2, L1, N_F
-from dimersweep.kernel.glide import NO_EVENT
-from dimersweep.kernel.layout import BETA, CA, CB, D1, D2, FREE, N1, N2, SLIP, SPIN, STICK, WB, WP
-from dimersweep.kernel.watch import HOLD_LOST, JAMS, LANDS, LIFTS, SLIP_ZERO
+from dimersweep.kernel.contact.contact_mode import CLOSED, INCONSISTENT, SEPARATES
+from dimersweep.kernel.contact.coordinates import (
+    N_CLOSED,
+    N_PATH,
+    N_Y,
+    YB,
+    YS,
+    YTHETA,
+    YTIME,
+    YUA,
+    YUB,
+    YWB,
+    YWP,
+    YX,
+)
+from dimersweep.kernel.contact.events import (
+    HOLD_LOST,
+    JAMS,
+    LANDS,
+    LIFTS,
+    SLIP_ZERO,
+)
+from dimersweep.kernel.contact.forces import (
+    A1,
+    COMPLIANCE,
+    F1,
+    F2,
+    L1,
+    N_F,
+)
+from dimersweep.kernel.contact.phase import NO_EVENT
+from dimersweep.kernel.model.layout import (
+    BETA,
+    CA,
+    CB,
+    D1,
+    D2,
+    FREE,
+    N1,
+    N2,
+    SLIP,
+    SPIN,
+    STICK,
+    WB,
+    WP,
+)
 
 SLIP_TOL = 1e-10
 TIME = 0.013  # any plate phase will do

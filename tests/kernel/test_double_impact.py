@@ -20,8 +20,27 @@ from verbs import (
     state_of,
 )
 
-from dimersweep.kernel.impact import LOG_N1_AFTER, LOG_P1, LOG_P2, LOG_STATE
-from dimersweep.kernel.layout import CA, CB, FREE, IMPACT, N1, N2, N_STATE, OK, SLIP, SPIN, STICK, WB, WP
+from dimersweep.kernel.impact.impact import (
+    LOG_N1_AFTER,
+    LOG_P1,
+    LOG_P2,
+    LOG_STATE,
+)
+from dimersweep.kernel.model.layout import (
+    CA,
+    CB,
+    FREE,
+    IMPACT,
+    N1,
+    N2,
+    N_STATE,
+    OK,
+    SLIP,
+    SPIN,
+    STICK,
+    WB,
+    WP,
+)
 
 SMALL = json.loads((Path(__file__).parents[1] / "reference" / "small.json").read_text())
 STORED = [case for case in SMALL["impact_cases"] if all(case["closed"])]

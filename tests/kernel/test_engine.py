@@ -7,8 +7,19 @@ import pytest
 from verbs import row_of
 
 from dimersweep import simulate
-from dimersweep.kernel import batch, engine, layout
-from dimersweep.kernel.layout import CODES, MODES, N_CODES, N_OUT, OUT, ROW, STATUS_MESSAGES, STATUSES
+from dimersweep.kernel import batch
+from dimersweep.kernel import event_loop as engine
+from dimersweep.kernel.model import layout
+from dimersweep.kernel.model.layout import (
+    CODES,
+    MODES,
+    N_CODES,
+    N_OUT,
+    OUT,
+    ROW,
+    STATUS_MESSAGES,
+    STATUSES,
+)
 
 CODE = {name: k for k, name in enumerate(CODES)}
 M, J_T, J_A, G, H = 8.813633469891e-3, 5.299695485087e-6, 8.339127315493e-8, 9.81, 0.025  # the base case

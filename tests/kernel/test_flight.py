@@ -11,7 +11,22 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from verbs import angular_momentum, dimer, fly, gap_series, oracle_state, state_of, take_off
 
-from dimersweep.kernel.layout import BETA, CA, CB, D1, D2, N1, N2, N_STATE, PHASE, SPIN, THETA, WB, WP, X1
+from dimersweep.kernel.model.layout import (
+    BETA,
+    CA,
+    CB,
+    D1,
+    D2,
+    N1,
+    N2,
+    N_STATE,
+    PHASE,
+    SPIN,
+    THETA,
+    WB,
+    WP,
+    X1,
+)
 
 PARAMETERS = {"A_r": 5.3, "Gamma": 1.2, "phi0": 0.7}
 

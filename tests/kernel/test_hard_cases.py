@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from verbs import as_dimer, collide_double, desk, dimer, kinetic_energy, row_of
 
 from dimersweep import simulate
-from dimersweep.kernel.layout import (
+from dimersweep.kernel.model.layout import (
     BETA,
     C_CHATTER_END,
     C_IMPACT,
@@ -43,7 +43,7 @@ from dimersweep.kernel.layout import (
     THETA,
     WB,
     WP,
-)  # fmt: skip
+)
 from dimersweep.kernel.record import MODES, REST
 
 RTOLS = (1e-6, 1e-8, 1e-11)

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from numba.core.types.functions import BaseFunction
 
-from dimersweep.kernel import compiling
-from dimersweep.kernel.compiling import KernelCompiler
-from dimersweep.kernel.jit import compiled, exported
+from dimersweep.kernel.compiler import compiling
+from dimersweep.kernel.compiler.compiling import KernelCompiler
+from dimersweep.kernel.compiler.jit import compiled, exported
 
 
 @compiled

@@ -16,9 +16,25 @@ from verbs import (
     unload,
 )
 
-from dimersweep.kernel.charts import N_Y, YS, YUA, YUB, YWP
-from dimersweep.kernel.contact import A1, N_F
-from dimersweep.kernel.layout import CA, CB, FREE, N_STATE, PHASE, SLIP, SPIN, STICK, WP
+from dimersweep.kernel.contact.coordinates import (
+    N_Y,
+    YS,
+    YUA,
+    YUB,
+    YWP,
+)
+from dimersweep.kernel.contact.forces import A1, N_F
+from dimersweep.kernel.model.layout import (
+    CA,
+    CB,
+    FREE,
+    N_STATE,
+    PHASE,
+    SLIP,
+    SPIN,
+    STICK,
+    WP,
+)
 from dimersweep.kernel.record import MODES, REST
 
 # deaths near the border of lifting: on one end is left, for a moment, as little as 0.03 to 0.2 of half the weight

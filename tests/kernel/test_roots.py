@@ -8,9 +8,20 @@ import pytest
 from scipy.optimize import brentq
 from verbs import dimer, first_landing, gap_series, next_landing, take_off
 
-from dimersweep.kernel.flight import Flight
-from dimersweep.kernel.layout import BETA, D1, D2, N1, N2, N_STATE, PHASE, SPIN, WB, WP
-from dimersweep.kernel.roots import MAX_PROBES
+from dimersweep.kernel.flight.free_motion import Flight
+from dimersweep.kernel.flight.landing import MAX_PROBES
+from dimersweep.kernel.model.layout import (
+    BETA,
+    D1,
+    D2,
+    N1,
+    N2,
+    N_STATE,
+    PHASE,
+    SPIN,
+    WB,
+    WP,
+)
 
 FEW = 60  # probes that even a hard case should not take
 

@@ -21,9 +21,28 @@ from verbs import (
     state_of,
 )
 
-from dimersweep.kernel.impact import LOG_N1, LOG_N1_AFTER, LOG_P1, LOG_STATE
-from dimersweep.kernel.layout import BETA, CA, CB, IMPACT, N1, N2, N_STATE, OK, SLIP, SPIN, STICK, WB, WP
-from dimersweep.kernel.single_impact import DONE
+from dimersweep.kernel.impact.impact import (
+    LOG_N1,
+    LOG_N1_AFTER,
+    LOG_P1,
+    LOG_STATE,
+)
+from dimersweep.kernel.impact.single_impact import DONE
+from dimersweep.kernel.model.layout import (
+    BETA,
+    CA,
+    CB,
+    IMPACT,
+    N1,
+    N2,
+    N_STATE,
+    OK,
+    SLIP,
+    SPIN,
+    STICK,
+    WB,
+    WP,
+)
 
 SMALL = json.loads((Path(__file__).parents[1] / "reference" / "small.json").read_text())
 STORED = [case for case in SMALL["impact_cases"] if not all(case["closed"])]

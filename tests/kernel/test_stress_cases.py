@@ -5,7 +5,7 @@ import stress
 from examine import CODE, examine, lies
 from stress import faults, minimise, run_block, scene_row, survey
 
-from dimersweep.kernel.layout import OK
+from dimersweep.kernel.model.layout import OK
 from dimersweep.parameters import Parameters
 
 pytestmark = pytest.mark.jit

@@ -6,25 +6,25 @@ With the JIT off these are the plain functions.
 import numpy as np
 from cached import compiled
 
-from dimersweep.kernel import (
-    body,
-    charts,
-    chatter,
-    choose,
-    contact,
-    fate,
-    flight,
-    glide,
-    impact,
-    rest,
-    roots,
-    single_impact,
+from dimersweep.kernel import chatter
+from dimersweep.kernel.contact import (
+    contact_mode as choose,
 )
-from dimersweep.kernel import (
-    sincos as trigonometry,
+from dimersweep.kernel.contact import (
+    coordinates as charts,
 )
-from dimersweep.kernel.engine import WORK_COLUMNS, WORK_ROWS
-from dimersweep.kernel.layout import (
+from dimersweep.kernel.contact import (
+    forces as contact,
+)
+from dimersweep.kernel.contact import (
+    phase as glide,
+)
+from dimersweep.kernel.event_loop import WORK_COLUMNS, WORK_ROWS
+from dimersweep.kernel.flight import free_motion as flight
+from dimersweep.kernel.flight import landing as roots
+from dimersweep.kernel.impact import impact, single_impact
+from dimersweep.kernel.model import body
+from dimersweep.kernel.model.layout import (
     BETA,
     CA,
     CB,
@@ -42,6 +42,9 @@ from dimersweep.kernel.layout import (
     X1,
     Y1,
 )
+from dimersweep.kernel.numerics import sincos as trigonometry
+from dimersweep.kernel.verdict import classify as fate
+from dimersweep.kernel.verdict import rest
 from dimersweep.parameters import Parameters
 
 

@@ -10,7 +10,7 @@ from scenes import difference, engine_states
 from verbs import collide_double, collide_single, desk, oracle_state, state_of
 from verbs import dimer as kernel_dimer
 
-from dimersweep.kernel.layout import N1, N2, OK
+from dimersweep.kernel.model.layout import N1, N2, OK
 
 from . import hertz, moreau
 from .top import Array

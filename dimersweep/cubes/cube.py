@@ -1,0 +1,148 @@
+"""Points to a labelled cube: an xarray.Dataset over the axes of the grid, ready to be written as CF NetCDF."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from dimersweep.cubes.grid import Grid
+from dimersweep.kernel.model.layout import (
+    CODES,
+    DI_ENDS,
+    MODES,
+    N_CODES,
+    N_OUT,
+    OUT,
+    STATUSES,
+)
+from dimersweep.symbols import PARAMETERS, QUANTITIES, Quantity
+
+FLAGS = {
+    "mode": MODES,
+    "status": STATUSES,
+    "di_end": DI_ENDS,
+    "outcome": MODES,
+    "answer": ("not_run", "no", "yes", "unsure"),
+    "region": (*MODES, "mixed"),
+    "computed": ("no", "yes"),
+    "confidence": ("not_run", "certain", "unsure", "changed"),
+}
+_SUMMED = {"fletcher32": True}  # a checksum that the NetCDF library itself tests, in any program that reads the file
+_PACKED = {"zlib": True, "complevel": 4, "shuffle": True, **_SUMMED}
+
+
+def blank(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Results of `n` points that have not run.
+
+    Returns
+    -------
+    out : ndarray, shape (n, N_OUT), float64
+        NaN, in the order of ``kernel.layout.OUT``.
+    codes : ndarray, shape (n, N_CODES), int64
+        0, which is ``not_run`` and ``none``, in the order of ``kernel.layout.CODES``.
+    """
+    return np.full((n, N_OUT), np.nan), np.zeros((n, N_CODES), dtype=np.int64)
+
+
+def coordinate(name: str, values: Any, quantity: Quantity) -> xr.Variable:
+    """Values along an axis of that name, or the one value of a fixed parameter, with their unit."""
+    dims = (name,) if np.ndim(values) else ()
+    variable = xr.Variable(dims, values, quantity._asdict())
+    variable.encoding.update(_SUMMED if dims else {}, _FillValue=None)  # CF: a coordinate has no missing values
+    return variable
+
+
+def label_variable(name: str, dims: tuple[str, ...], values: np.ndarray) -> xr.Variable:
+    """Integer results: flags as int8, counts as int32."""
+    attributes: dict[str, Any] = {"long_name": QUANTITIES[name].long_name}
+    kind = np.int8 if name in FLAGS else np.int32
+    if name in FLAGS:
+        attributes["flag_values"] = np.arange(len(FLAGS[name]), dtype=np.int8)
+        attributes["flag_meanings"] = " ".join(FLAGS[name])
+    else:
+        attributes["units"] = QUANTITIES[name].units
+    variable = xr.Variable(dims, values.astype(kind), attributes)
+    variable.encoding.update(_PACKED, _FillValue=None)  # with one, xarray would read the integers back as floats
+    return variable
+
+
+def float_variable(dims: tuple[str, ...], values: np.ndarray, quantity: Quantity) -> xr.Variable:
+    """Float results with their unit; NaN where they have no meaning."""
+    variable = xr.Variable(dims, values, quantity._asdict())
+    variable.encoding.update(_PACKED, _FillValue=np.nan)
+    return variable
+
+
+def build(
+    grid: Grid,
+    out: np.ndarray,
+    codes: np.ndarray,
+    attributes: Mapping[str, Any],
+    more: Mapping[str, np.ndarray] | None = None,
+) -> xr.Dataset:
+    """The cube of a swept grid.
+
+    Parameters
+    ----------
+    grid : Grid
+        Its axes are the dimensions, in that order; its fixed parameters become scalar coordinates.
+    out : ndarray, shape (grid.size, N_OUT), float64
+        Float results of each point; NaN where they have no meaning.
+    codes : ndarray, shape (grid.size, N_CODES), int64
+        Integer results of each point.
+    attributes : mapping
+        Global attributes.
+    more : mapping of str to ndarray, optional
+        What is known of each mode besides, shape (grid.size,).
+
+    Returns
+    -------
+    xarray.Dataset
+        `mode`, `status`, `di_end` (int8 with flag meanings), counts (int32) and the float quantities, each with units.
+    """
+    dims = tuple(grid.axes)
+    variables = {
+        name: label_variable(name, dims, codes[:, slot].reshape(grid.shape))
+        for name, slot in sorted(zip(CODES, range(N_CODES), strict=True), key=lambda item: item[0] != "mode")
+    }
+    for slot, name in enumerate(OUT):
+        variables[name] = float_variable(dims, out[:, slot].reshape(grid.shape), QUANTITIES[name])
+    for name, values in (more or {}).items():
+        shaped = values.reshape(grid.shape)
+        labelled = (
+            label_variable(name, dims, shaped) if name in FLAGS else float_variable(dims, shaped, QUANTITIES[name])
+        )
+        variables[name] = labelled
+    if more:
+        variables["mode"].attrs["ancillary_variables"] = " ".join(more)
+    coordinates = {name: coordinate(name, value, PARAMETERS[name]) for name, value in (grid.axes | grid.fixed).items()}
+    return xr.Dataset(variables, coordinates, dict(attributes))
+
+
+def flatten(cube: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """The results that `build` made `cube` of.
+
+    Returns
+    -------
+    out : ndarray, shape (n, N_OUT), float64
+    codes : ndarray, shape (n, N_CODES), int64
+    """
+    out, codes = blank(cube["mode"].size)
+    for slot, name in enumerate(OUT):
+        out[:, slot] = cube[name].values.ravel()
+    for slot, name in enumerate(CODES):
+        codes[:, slot] = cube[name].values.ravel()
+    return out, codes
+
+
+def names(flags: xr.DataArray) -> xr.DataArray:
+    """The words behind a flag variable, such as "drift" for each point of ``cube["mode"]``.
+
+    Returns
+    -------
+    xarray.DataArray of str
+        Same dimensions and coordinates.
+    """
+    words = np.array(flags.attrs["flag_meanings"].split())
+    return flags.copy(data=words[flags.values]).drop_attrs()

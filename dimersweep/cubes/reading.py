@@ -1,0 +1,275 @@
+"""What a cube says beyond its numbers: intervals, boundaries, exponents, minima and circles, for pictures and notebooks."""
+
+import json
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+from contourpy import contour_generator
+from scipy.interpolate import CubicSpline
+
+from dimersweep.cubes.cube import names
+from dimersweep.errors import ParameterError
+from dimersweep.kernel.model.layout import M_DRIFT, MODES
+from dimersweep.symbols import BASE
+
+VALLEY = 5  # points on each side of a minimum that the spline goes through
+
+
+def edges_of(values: np.ndarray, lowest: float = -np.inf, highest: float = np.inf) -> np.ndarray:
+    """Edges of the cells that the points of an axis stand for, shape (n + 1,): half way to the neighbours."""
+    if values.size == 1:
+        return values[0] + np.array([-0.5, 0.5])
+    inner = (values[1:] + values[:-1]) / 2
+    first, last = 2 * values[0] - inner[0], 2 * values[-1] - inner[-1]
+    return np.clip(np.concatenate([[first], inner, [last]]), lowest, highest)
+
+
+def plain_modes(cube: xr.Dataset, most: int, kind: str) -> xr.DataArray:
+    """The modes of `cube` without the axes of one value, of at most `most` dimensions."""
+    mode = cube["mode"].squeeze()
+    if not 1 <= mode.ndim <= most:
+        raise ParameterError(f"{kind}: has axes {', '.join(map(str, mode.dims)) or 'none'}; draws 1 to {most} of them")
+    return mode
+
+
+def _drift_rows(cube: xr.Dataset) -> xr.DataArray:
+    """Where `cube` drifts, shape (rows, beta0)."""
+    mode = plain_modes(cube, 2, "segments")
+    if "beta0" not in mode.dims:
+        raise ParameterError(f"segments: has axes {', '.join(map(str, mode.dims))}; needs beta0 among them")
+    rows = mode if mode.ndim == 2 else mode.expand_dims("f")
+    return (rows == M_DRIFT).transpose(..., "beta0")
+
+
+def drift_intervals(cube: xr.Dataset) -> list[np.ndarray]:
+    """Intervals of the initial dip angle that lead to drift, for each row of `cube`.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        With the axis `beta0` and at most one more; each point stands for the angles half way to its neighbours.
+
+    Returns
+    -------
+    list of ndarray, shape (n_intervals, 2)
+        Start and end of each interval [rad].
+    """
+    drift = _drift_rows(cube)
+    edges = edges_of(drift["beta0"].values, 0.0, np.pi / 2)
+    padded = np.pad(drift.values, ((0, 0), (1, 1))).astype(np.int8)
+    steps = np.diff(padded, axis=1)
+    return [edges[np.column_stack([np.flatnonzero(row == 1), np.flatnonzero(row == -1)])] for row in steps]
+
+
+def drift_lengths(cube: xr.Dataset) -> xr.DataArray:
+    """Total length of the drift intervals of each row of `cube` [rad], along its other axis."""
+    rows = _drift_rows(cube).isel(beta0=0, drop=True)
+    lengths = np.array([np.diff(intervals).sum() for intervals in drift_intervals(cube)])
+    return rows.copy(data=lengths).rename("drift_length").assign_attrs(units="rad")
+
+
+def answers_told(cube: xr.Dataset) -> str:
+    """How often each answer of a search was given, and the runs that took, in one line."""
+    told = json.loads(cube.attrs["configuration"])["search"]
+    made = cube["n_runs"].values > 0
+    words, counts = np.unique(names(cube["answer"]).values[made], return_counts=True)
+    answers = ", ".join(f"{word} {count}" for word, count in zip(words, counts, strict=True))
+    runs, whole = int(cube["n_runs"].sum()), int(made.sum()) * len(told["values"])
+    asked = (
+        f"{told['ask']} {told['axis']} to {told['mode']}" if told["ask"] != "fraction" else f"modes over {told['axis']}"
+    )
+    return f"{asked}: {answers} at {int(made.sum())} points, in {runs} runs of {whole} that there are"
+
+
+def runs_of(cube: xr.Dataset, mode: str) -> xr.DataArray:
+    """How many runs of a search led to `mode`, over the axes of its cube."""
+    return cube["runs"].sel(outcome=MODES.index(mode))
+
+
+def boundary(cube: xr.Dataset, region: str) -> list[np.ndarray]:
+    """The border of a region in a map of two axes.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        Of `search` or `refine`, with two axes of more than one value.
+    region : str
+        Such as drift or rest.
+
+    Returns
+    -------
+    list of ndarray, shape (n, 2)
+        Polylines; the columns are the first and the second axis of the map. They run half way between neighbouring
+        points that differ.
+
+    Raises
+    ------
+    ParameterError
+        If the cube has no regions over two axes.
+    """
+    if "region" not in cube:
+        raise ParameterError("boundary: the cube has no regions; it is not of a search")
+    inside = (names(cube["region"]) == region).squeeze()
+    if inside.ndim != 2:
+        raise ParameterError(f"boundary: has axes {', '.join(map(str, inside.dims)) or 'none'}; needs 2 of them")
+    first, second = (inside[dim].values for dim in inside.dims)
+    lines = contour_generator(second, first, inside.values.astype(float)).lines(0.5)
+    return [np.asarray(line)[:, ::-1] for line in lines]
+
+
+class PowerLaw(NamedTuple):
+    """Exponent with its standard error, and the least and the greatest slope between neighbouring points."""
+
+    exponent: float
+    error: float
+    least: float
+    greatest: float
+
+
+def _grown(name: str, values: np.ndarray) -> np.ndarray:
+    """What a quantity is compared with a power of: A_r - 1 (the distance of the balls) for A_r."""
+    return values - 1 if name == "A_r" else values
+
+
+def exponents(cube: xr.Dataset, quantity: str = "radius") -> dict[str, PowerLaw]:
+    """Exponents of a power law of `quantity` in all axes of `cube` at once, A_r by way of A_r - 1.
+
+    The standard error is that of a straight line through the logarithms; the slopes between neighbours tell how far
+    the law is one.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        Of `search` or `sweep`; points that do not drift are left out.
+    quantity : str
+        Such as radius or period.
+
+    Returns
+    -------
+    dict of str to PowerLaw
+        One for each axis of more than one value.
+
+    Raises
+    ------
+    ParameterError
+        If there are too few points that drift.
+    """
+    values = cube[quantity].where(cube["mode"] == M_DRIFT).squeeze(drop=True)
+    logs = {str(dim): np.log(_grown(str(dim), cube[dim].values)) for dim in values.dims}
+    columns = np.meshgrid(*logs.values(), indexing="ij")
+    known = np.isfinite(values.values)
+    if known.sum() <= len(columns) + 1:
+        raise ParameterError(f"exponents: {known.sum()} points drift; too few for a fit over {', '.join(logs)}")
+    design = np.column_stack([np.ones(known.sum()), *(column[known] for column in columns)])
+    target = np.log(values.values[known])
+    fit, *_ = np.linalg.lstsq(design, target)
+    rest = target - design @ fit
+    covariance = np.linalg.inv(design.T @ design) * (rest @ rest) / (target.size - design.shape[1])
+    errors = np.sqrt(np.diag(covariance))
+    found = {}
+    for k, (name, log) in enumerate(logs.items()):
+        step = np.diff(log).reshape([-1 if axis == k else 1 for axis in range(values.ndim)])
+        slopes = np.diff(np.log(values.values), axis=k) / step
+        found[name] = PowerLaw(
+            float(fit[k + 1]), float(errors[k + 1]), float(np.nanmin(slopes)), float(np.nanmax(slopes))
+        )
+    return found
+
+
+class Minimum(NamedTuple):
+    """Where a quantity is least and what it is there, each with what a grid twice as coarse would change of it."""
+
+    at: float
+    at_error: float
+    value: float
+    value_error: float
+
+    @property
+    def located(self) -> bool:
+        """Whether there is one."""
+        return bool(np.isfinite(self.at))
+
+    def told(self, unit: str, at_unit: str) -> str:
+        """In words, with its errors."""
+        if not self.located:
+            return "no minimum located"
+        return f"{self.value:.3f} ± {self.value_error:.3f} {unit} at {self.at:.3f} ± {self.at_error:.3f} {at_unit}"
+
+
+def minimum(points: np.ndarray, values: np.ndarray) -> Minimum:
+    """The bottom of the first valley of `values`, from a cubic spline through them.
+
+    Parameters
+    ----------
+    points, values : ndarray, shape (n,)
+        Points increase; values are NaN where they are unknown.
+
+    Returns
+    -------
+    Minimum
+        NaN if none is located: there is no valley, there are fewer than three points on one of its sides, a value
+        beside its lowest point is unknown, or a grid twice as coarse would have the bottom outside that valley.
+    """
+    nowhere = Minimum(*[float("nan")] * 4)
+    known = np.flatnonzero(np.isfinite(values))
+    x, y = np.asarray(points)[known], np.asarray(values)[known]
+    turns = np.flatnonzero((y[1:-1] <= y[:-2]) & (y[1:-1] <= y[2:])) + 1
+    if not turns.size or not 3 <= turns[0] < y.size - 3:
+        return nowhere
+    low = int(turns[0])
+    left, right = x[low - 1], x[low + 1]
+    near = slice(max(0, low - VALLEY), low + VALLEY + 1)
+    at, value = _bottom(x[near], y[near], left, right)
+    coarser = np.array([_bottom(x[near][first::2], y[near][first::2]) for first in (0, 1)])
+    at_error, value_error = np.abs(coarser - [at, value]).max(axis=0)
+    walls = y[low - 2 : low + 3].max() - y[low]  # as far as the coarser grid sees
+    if known[low + 1] - known[low - 1] > 2 or at_error > right - left or max(value_error, y[low] - value) > walls:
+        return nowhere
+    return Minimum(at, float(at_error), value, float(value_error))
+
+
+def _bottom(x: np.ndarray, y: np.ndarray, left: float = -np.inf, right: float = np.inf) -> tuple[float, float]:
+    """The lowest point between `left` and `right` of the spline through `y` at `x`, and its height."""
+    spline = CubicSpline(x, y)
+    flat = spline.derivative().roots(extrapolate=False)
+    places = np.concatenate([flat, x])
+    places = places[(left <= places) & (places <= right)]
+    lowest = places[np.argmin(spline(places))]
+    return float(lowest), float(spline(lowest))
+
+
+def circle_through(x: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
+    """Centre and radius of the circle that fits a path best, by least squares of its equation, in the unit of `x`.
+
+    Parameters
+    ----------
+    x, y : ndarray, shape (n,)
+    """
+    a, b, c = np.linalg.lstsq(np.column_stack([2 * x, 2 * y, np.ones(x.size)]), x**2 + y**2)[0]
+    return float(a), float(b), float(np.sqrt(c + a * a + b * b))
+
+
+def stick_ratio(
+    A_r: float,
+    r: float = BASE["r"],
+    rho_b: float = BASE["rho_b"],
+    rho_r: float = BASE["rho_r"],
+    D_r: float = BASE["D_r"],
+) -> float:
+    """The axial friction per normal force that keeps one contact of a level dimer from slipping, mubar [1].
+
+    It is (l r/2)/(J_t/m + r^2), with J_t the transverse inertia about the centre of mass. An end that slips when
+    mu < mubar cannot come to rest in an impact at that end.
+
+    Parameters
+    ----------
+    A_r, r, rho_b, rho_r, D_r : float
+        As in `simulate`.
+    """
+    length = 2 * r * (A_r - 1)
+    ball, rod = 4 / 3 * np.pi * r**3 * rho_b, np.pi / 4 * D_r**2 * (length - 2 * r) * rho_r
+    about_ball = 2 / 5 * ball * r**2 + ball * length**2 / 4
+    about_rod = rod * ((length - 2 * r) ** 2 / 12 + D_r**2 / 16)
+    inertia = (2 * about_ball + about_rod) / (2 * ball + rod)
+    return float(length * r / 2 / (inertia + r**2))

@@ -1,0 +1,101 @@
+"""Results of grid points: their layout, ranges of points, and which of them have failed or never run."""
+
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from dimersweep.kernel.model.layout import CODES, M_FAILED, M_NOT_RUN, MODES, N_CODES, N_OUT, NOT_RUN, OK
+
+_MODE, _STATUS = CODES.index("mode"), CODES.index("status")
+RESULT = np.dtype([("out", "<f8", (N_OUT,)), ("codes", "<i8", (N_CODES,))])  # of one point of a sweep
+
+
+def blank_results(n: int, kind: np.dtype = RESULT, mode: int = M_NOT_RUN) -> np.ndarray:
+    """Results of `n` points that have none, shape (n,): NaN and 0, and `mode`, a code, as their mode.
+
+    `kind` has the fields of `RESULT`, and perhaps more.
+    """
+    results = np.zeros(n, kind)
+    for name in kind.names or ():
+        if kind[name].base.kind == "f":
+            results[name] = np.nan
+    results["codes"][:, _MODE] = mode
+    return results
+
+
+def beyond(results: np.ndarray) -> dict[str, np.ndarray]:
+    """The fields of results, shape (n,), that those of `RESULT` lack."""
+    return {name: results[name] for name in results.dtype.names or () if name not in (RESULT.names or ())}
+
+
+class Tile(NamedTuple):
+    """The grid points `start` to `stop` - 1, in C order."""
+
+    start: int
+    stop: int
+
+
+Bundle = tuple[Tile, ...]  # what one task runs: scattered points would be too little work one by one
+
+
+class Finished(NamedTuple):
+    """A tile with its results, shape (n,), and its time [s]."""
+
+    tile: Tile
+    results: np.ndarray
+    seconds: float = 0.0
+
+    @property
+    def codes(self) -> np.ndarray:
+        """Integer results, shape (n, N_CODES)."""
+        codes: np.ndarray = self.results["codes"]
+        return codes
+
+    def part(self, tile: Tile) -> "Finished":
+        """The points that lie in `tile`, which is covered."""
+        return Finished(tile, self.results[tile.start - self.tile.start : tile.stop - self.tile.start])
+
+
+def split(ranges: Iterable[Tile], length: int) -> Iterator[Tile]:
+    """Tiles of at most `length` points that cover `ranges`."""
+    return (Tile(at, min(at + length, stop)) for start, stop in ranges for at in range(start, stop, length))
+
+
+def gaps(size: int, done: Iterable[Tile]) -> Iterator[Tile]:
+    """The ranges of `size` points that no tile of `done` covers."""
+    reached = 0
+    for start, stop in sorted(done):
+        if start > reached:
+            yield Tile(reached, start)
+        reached = max(reached, stop)
+    if reached < size:
+        yield Tile(reached, size)
+
+
+def runs(chosen: np.ndarray, start: int = 0) -> list[Tile]:
+    """The ranges where `chosen`, shape (n,), bool, holds; its first item is point `start`."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], chosen, [False])).astype(np.int8))) + start
+    return [Tile(a, b) for a, b in edges.reshape(-1, 2).tolist()]
+
+
+def not_run(codes: np.ndarray) -> np.ndarray:
+    """Where points of codes, shape (n, N_CODES), have never been run; shape (n,), bool."""
+    return codes[:, _MODE] == M_NOT_RUN
+
+
+def failed(codes: np.ndarray) -> np.ndarray:
+    """Where points of codes, shape (n, N_CODES), were run without a result; shape (n,), bool."""
+    # a point of a refined map that is as its cell has a mode, but no status
+    return (codes[:, _MODE] == M_FAILED) | ~np.isin(codes[:, _STATUS], (OK, NOT_RUN))
+
+
+def not_ok(codes: np.ndarray) -> np.ndarray:
+    """Where points of codes, shape (n, N_CODES), have no result: failed, or never run; shape (n,), bool."""
+    return failed(codes) | not_run(codes)
+
+
+def tally(codes: np.ndarray) -> dict[str, int]:
+    """Number of points in each mode, from codes of shape (n, N_CODES)."""
+    values, counts = np.unique(codes[:, _MODE], return_counts=True)
+    return {MODES[value]: int(count) for value, count in zip(values, counts, strict=True)}

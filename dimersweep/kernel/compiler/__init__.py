@@ -1,0 +1,1 @@
+"""What is done to Numba, and where compiled code is kept."""

@@ -1,0 +1,1 @@
+"""Sustained contact: forces, modes, events, and the phase from start to end."""

@@ -1,0 +1,189 @@
+"""The contact mode of ends that rest on the plate: which stay closed, which stick, which slip, by enumeration."""
+
+from math import copysign, hypot
+
+from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.contact.coordinates import (
+    YUA,
+    YUB,
+    YWP,
+    set_slip,
+    slip_of,
+)
+from dimersweep.kernel.contact.forces import (
+    A1,
+    A2,
+    COMPLIANCE,
+    F1,
+    F2,
+    L1,
+    L2,
+    contact_rates,
+    hold_reserve,
+)
+from dimersweep.kernel.contact.slip_onset import slip_onset
+from dimersweep.kernel.model.layout import FREE, SLIP, STICK
+
+CLOSED, SEPARATES, INCONSISTENT = 0, 1, 2
+NO_FORCE = 1e-12  # force, in units of the weight, whose sign a moment later decides
+MOMENT = 1e-6  # of the plate's phase
+AT_LIMIT = 1e-6  # deceleration, in units of gravity, that is none
+
+
+@compiled
+def single_mode(dm, i, phase, y, modes, slip_tol, lost, dy, F):
+    """Mode of the one closed end i into modes; y gets the slip that goes with it.
+
+    It sticks where the friction can hold it, or leaves where nothing drives it into the plate, or else slips. At rest one
+    of these always fits (so does a slip out of rest, doi 10.1115/1.4035411). While it slips, none does where the friction
+    would press it into the plate the more, the more the plate pressed back (Painleve): an impact without collision follows,
+    which ends the slip, or turns it to where its force fits. Such a slip that nothing drives into the plate could also be
+    kept by a force, but by an unstable one: it leaves (Champneys and Varkonyi, arXiv:1601.03545).
+
+    Parameters
+    ----------
+    slip_tol : float
+        Slip that counts as none [m/s].
+    lost : bool
+        The hold at rest has just been lost.
+
+    Returns
+    -------
+    int
+        CLOSED, SEPARATES, or INCONSISTENT when no force satisfies the law (Painleve: only an impact can follow).
+    """
+    modes[0], modes[1] = FREE, FREE
+    slips = hypot(y[YUA], y[YUB]) > slip_tol
+    if not slips:
+        y[YUA], y[YUB] = 0.0, 0.0
+    mode = SLIP if slips else STICK
+    modes[i] = mode
+    contact_rates(dm, modes, phase, y, False, dy, F)
+    if not slips and presses(dm, modes, i, phase, y, dy, F):
+        faint = F[F1 + 3 * i] <= NO_FORCE * dm.m * dm.g
+        if faint or (not lost and hold_reserve(dm, modes, i, F) >= 0.0):
+            return CLOSED
+    if not falls(dm, modes, i, phase, y, dy, F):
+        modes[i] = FREE
+        return SEPARATES
+    modes[i] = mode
+    contact_rates(dm, modes, phase, y, False, dy, F)
+    if (slips or loosen(dm, phase, y, modes, i, slip_tol, dy, F)) and presses(dm, modes, i, phase, y, dy, F):
+        return CLOSED
+    modes[i] = FREE
+    return INCONSISTENT
+
+
+@compiled
+def presses(dm, modes, i, phase, y, dy, F):
+    """Whether the force F at end i points outward; where it is only rounding, whether it does a moment later."""
+    force = F[F1 + 3 * i]
+    if abs(force) > NO_FORCE * dm.m * dm.g:
+        return force > 0.0
+    contact_rates(dm, modes, phase + MOMENT, y, False, dy, F)
+    later = F[F1 + 3 * i] > 0.0
+    contact_rates(dm, modes, phase, y, False, dy, F)
+    return later
+
+
+@compiled
+def falls(dm, modes, i, phase, y, dy, F):
+    """Whether end i, the leading one of y, would go into the plate without a contact force (friction vanishes at no slip)."""
+    u_a, u_b = y[YUA], y[YUB]
+    y[YUA], y[YUB] = 0.0, 0.0
+    modes[0], modes[1] = FREE, FREE
+    modes[i] = SLIP
+    contact_rates(dm, modes, phase, y, False, dy, F)
+    answer = presses(dm, modes, i, phase, y, dy, F)
+    y[YUA], y[YUB] = u_a, u_b
+    return answer
+
+
+@compiled
+def double_mode(dm, phase, y, modes, slip_tol, lost, dy, F):
+    """Friction modes with both ends on the plate into modes, and the forces into F; y gets the slips that go with them."""
+    two_h = 2.0 * dm.h
+    rest_1 = hypot(y[YUA], y[YUB]) <= slip_tol
+    rest_2 = hypot(y[YUA], y[YUB] - two_h * y[YWP]) <= slip_tol
+    if rest_1 or rest_2:
+        y[YUA] = 0.0
+    if rest_1:
+        y[YUB] = 0.0
+    if rest_2:
+        y[YWP] = y[YUB] / two_h
+    modes[0] = STICK if rest_1 else SLIP
+    modes[1] = STICK if rest_2 else SLIP
+    contact_rates(dm, modes, phase, y, False, dy, F)
+    if rest_1 and rest_2:
+        if lost or hold_reserve(dm, modes, 0, F) < 0.0:
+            loosen_pair(dm, y, modes, slip_tol, F)
+    elif rest_1 and (lost or hold_reserve(dm, modes, 0, F) < 0.0):
+        loosen(dm, phase, y, modes, 0, slip_tol, dy, F)
+    elif rest_2 and (lost or hold_reserve(dm, modes, 1, F) < 0.0):
+        loosen(dm, phase, y, modes, 1, slip_tol, dy, F)
+    contact_rates(dm, modes, phase, y, False, dy, F)
+
+
+@compiled
+def loosen_pair(dm, y, modes, slip_tol, F):
+    """Both ends at rest and not both held: an end whose lateral hold is exceeded slips laterally, else both axially."""
+    over_1 = abs(F[L1]) > dm.mu_s * F[F1]
+    over_2 = abs(F[L2]) > dm.mu_s * F[F2]
+    small = 0.5 * slip_tol
+    if over_1 or over_2:
+        u_1 = -copysign(small, F[L1]) if over_1 else 0.0
+        u_2 = -copysign(small, F[L2]) if over_2 else 0.0
+        y[YUB], y[YWP] = u_1, (u_1 - u_2) / (2.0 * dm.h)
+        modes[0] = SLIP if over_1 else STICK
+        modes[1] = SLIP if over_2 else STICK
+    else:
+        y[YUA] = -copysign(small, F[A1])
+        modes[0], modes[1] = SLIP, SLIP
+
+
+@compiled
+def loosen(dm, phase, y, modes, i, slip_tol, dy, F):
+    """End i, held by the forces F, begins to slip, with the rates and forces in dy, F; returns whether it can.
+
+    At the limit slip may have no acceleration yet: it sets out against the force that held.
+    """
+    hold_a = F[A1] if modes[0] != FREE else F[A2]
+    hold_b = F[L1] if i == 0 else F[L2]
+    small, hold = 0.5 * slip_tol, hypot(hold_a, hold_b)
+    modes[i] = SLIP
+    if slip_onset(dm, modes, i, phase, y, small, hold_a, hold_b, dy, F):
+        return True
+    set_slip(dm, modes, y, i, -small * hold_a / hold, -small * hold_b / hold)
+    contact_rates(dm, modes, phase, y, False, dy, F)
+    a, b = slip_of(dm, modes, dy, i)
+    return a * hold_a + b * hold_b <= AT_LIMIT * dm.g * hold
+
+
+@compiled
+def contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, lost, dy, F):
+    """Which of the closed ends stay closed, and in which friction modes, into modes (y with p1 leading if it is closed).
+
+    With both ends on the plate the double contact is tried first, then each end alone where its force points outward. At a
+    negative compliance the double contact is no answer even where both forces point outward: the least difference between
+    the ends grows, and drives off the one with the greater force, or the one that nothing drives into the plate.
+
+    Returns
+    -------
+    int
+        CLOSED, SEPARATES or INCONSISTENT.
+    """
+    if not (closed_1 and closed_2):
+        return single_mode(dm, 0 if closed_1 else 1, phase, y, modes, slip_tol, lost, dy, F)
+    double_mode(dm, phase, y, modes, slip_tol, lost, dy, F)
+    on_1, on_2 = presses(dm, modes, 0, phase, y, dy, F), presses(dm, modes, 1, phase, y, dy, F)
+    stays = 0 if on_1 else 1
+    if F[COMPLIANCE] < 0.0:
+        stays = 0 if F[F1] < F[F2] else 1
+        stays = stays if falls(dm, modes, stays, phase, y, dy, F) else 1 - stays
+    elif on_1 and on_2:
+        return CLOSED
+    elif not on_1 and not on_2 and falls(dm, modes, 0, phase, y, dy, F):
+        stays = 0
+    if stays == 1:
+        y[YUB] -= 2.0 * dm.h * y[YWP]
+    return single_mode(dm, stays, phase, y, modes, slip_tol, lost, dy, F)

@@ -1,0 +1,211 @@
+"""Sustained contact: the forces that keep closed ends closed, and the rates they give (state and charts: ``charts``)."""
+
+from math import sqrt
+from typing import NamedTuple
+
+from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.contact.coordinates import (
+    UPRIGHT,
+    YB,
+    YCHART,
+    YGAMMA,
+    YS,
+    YTHETA,
+    YTIME,
+    YUA,
+    YUB,
+    YWB,
+    YWP,
+    YX,
+    YY,
+    leading_sign,
+)
+from dimersweep.kernel.contact.steep_rod import upright_rates
+from dimersweep.kernel.model.body import delassus, levers
+from dimersweep.kernel.model.friction import direction, length
+from dimersweep.kernel.model.layout import FREE, SLIP, STICK
+from dimersweep.kernel.model.plate import effective_gravity
+from dimersweep.kernel.numerics.sincos import sincos
+
+# forces of a contact: normal, axial, lateral of p1, then of p2 (at a double contact A1 holds the sum of the axial ones);
+# and its compliance (``law``), at a double contact that to the difference of the normal forces
+F1, A1, L1, F2, A2, L2, COMPLIANCE = range(7)
+N_F = 7
+
+
+@compiled
+def free_rates(dm, s, y, g_e, sin_b, cos_b):
+    """Rates without contact forces: of (beta', theta' cos(beta)), and of the leading end's (n, a, b) velocities."""
+    w_b, w_p, spin = y[YWB], y[YWP], y[YS]
+    lv = levers(dm, s, sin_b, cos_b)
+    turn = w_p / cos_b
+    axial = dm.J_a * dm.it * spin - sin_b * turn
+    d_wb, d_wp = axial * w_p, -axial * w_b
+    c_a = y[YUA] - lv.a * w_b
+    c_b = y[YUB] - lv.b * w_p - lv.c * spin
+    n = -g_e + lv.n * d_wb - s * dm.h * sin_b * w_b * w_b
+    a = -turn * c_b + lv.a * d_wb - s * dm.h * cos_b * w_b * w_b
+    b = turn * c_a + lv.b * d_wp + dm.r * w_b * (cos_b * w_p + sin_b * spin)
+    return d_wb, d_wp, n, a, b
+
+
+@compiled
+def double_forces(dm, modes, y, n_1, n_2, a, b, F):
+    """Forces at both ends (beta = 0) into F; the axial ones as their sum in F[A1]. b is the free lateral rate of both.
+
+    The sum S of the normal forces is fixed by the weight, their difference D by the balance of moments, in which the axial
+    friction A = A_c + A_d D takes part.
+    """
+    p, q = levers(dm, -1.0, 0.0, 1.0), levers(dm, 1.0, 0.0, 1.0)
+    w, wx = delassus(dm, q, q), delassus(dm, p, q)
+    total = -(n_1 + n_2) / (w.nn + wx.nn)
+    held = modes[0] == STICK or modes[1] == STICK
+    c_1, s_1 = direction(y[YUA], y[YUB])
+    c_2, s_2 = direction(y[YUA], y[YUB] - 2.0 * dm.h * y[YWP])
+    if held:
+        A_c, A_d = -a / w.aa, -w.an / w.aa
+    else:
+        A_c, A_d = -0.5 * dm.mu * total * (c_1 + c_2), -0.5 * dm.mu * (c_2 - c_1)
+    yields = w.nn - wx.nn + 2.0 * w.an * A_d
+    F[COMPLIANCE] = yields * dm.m
+    D = (n_1 - n_2 - 2.0 * w.an * A_c) / yields
+    F[F1], F[F2] = 0.5 * (total - D), 0.5 * (total + D)
+    F[A1], F[A2] = A_c + A_d * D, 0.0
+    F[L1], F[L2] = -dm.mu * F[F1] * s_1, -dm.mu * F[F2] * s_2
+    if modes[0] == STICK and modes[1] == STICK:
+        F[L1] = F[L2] = -b / (w.bb + wx.bb)
+    elif modes[0] == STICK:
+        F[L1] = -(b + wx.bb * F[L2]) / w.bb
+    elif modes[1] == STICK:
+        F[L2] = -(b + wx.bb * F[L1]) / w.bb
+
+
+class Single(NamedTuple):
+    """Rates and forces of a contact of one end, in the chart by heading."""
+
+    w_b: float  # of beta'
+    w_p: float  # of theta' cos(beta)
+    spin: float
+    a: float  # of the slip, axial and lateral
+    b: float
+    turn: float  # of theta
+    F: float  # forces [N]: normal, axial, lateral
+    A: float
+    L: float
+    compliance: float  # [1/m]
+
+
+@compiled(inline=True, fuse=True)
+def single_rates(dm, mode, s, g_e, sin_b, cos_b, w_b, w_p, spin, u_a, u_b):
+    """Rates and forces of the contact of one end (sign s, friction mode, slip u): those of ``single_forces``, written out.
+
+    With `push` what they add to beta'' the normal acceleration is n + F / m + arm_n push = 0, the axial one a + A / m + arm_a
+    push, zero at an end that sticks.
+    """
+    h, r, im, it = s * dm.h, dm.r, dm.im, dm.it
+    arm_n, arm_a, arm_b, arm_c = h * cos_b, r - h * sin_b, r * sin_b - h, -r * cos_b
+    turn = w_p / cos_b
+    axial = dm.J_a * it * spin - sin_b * turn
+    d_wb, d_wp = axial * w_p, -axial * w_b
+    swing = h * w_b * w_b
+    n = arm_n * d_wb - sin_b * swing - g_e
+    a = arm_a * d_wb - cos_b * swing - turn * (u_b - arm_b * w_p - arm_c * spin)
+    b = arm_b * d_wp + r * w_b * (cos_b * w_p + sin_b * spin) + turn * (u_a - arm_a * w_b)
+    if mode == STICK:
+        push = -(arm_n * n + arm_a * a) / (dm.J_t * im + (h * h + r * r - 2.0 * r * h * sin_b))
+        F, A = -dm.m * (n + arm_n * push), -dm.m * (a + arm_a * push)
+        L = -b / (im + arm_b * arm_b * it + arm_c * arm_c * dm.ia)
+        return Single(d_wb + push, d_wp + arm_b * it * L, arm_c * dm.ia * L, 0.0, 0.0, turn, F, A, L, 1.0)
+    v2 = u_a * u_a + u_b * u_b
+    k = dm.mu / sqrt(v2) if v2 > 0.0 else 0.0
+    c, d = k * u_a, k * u_b
+    yields = im + it * arm_n * (arm_n - c * arm_a)
+    F = -n / yields
+    A, L = -c * F, -d * F
+    push, roll, spun = it * (arm_n * F + arm_a * A), arm_b * it * L, arm_c * dm.ia * L
+    d_a, d_b = a + im * A + arm_a * push, b + im * L + arm_b * roll + arm_c * spun
+    return Single(d_wb + push, d_wp + roll, spun, d_a, d_b, turn, F, A, L, yields * dm.m)
+
+
+@compiled(inline=True)
+def path_rates(dm, s, sin_b, cos_b, w_b, w_p, spin, u_a, u_b, theta):
+    """Rates of x1, y1 and gamma, with the end of sign s the leading one."""
+    v_a = u_a - (dm.r - (s + 1.0) * dm.h * sin_b) * w_b
+    v_b = u_b - (dm.r * sin_b - (s + 1.0) * dm.h) * w_p + dm.r * cos_b * spin
+    sin_t, cos_t = sincos(theta)
+    return v_b * cos_t - v_a * sin_t, v_a * cos_t + v_b * sin_t, spin - w_p / cos_b * sin_b
+
+
+@compiled
+def double_rates(dm, modes, g_e, y, path, dy, F):
+    """The same of the contact of both ends, the forces into F."""
+    p, q = levers(dm, -1.0, 0.0, 1.0), levers(dm, 1.0, 0.0, 1.0)
+    d_wb, _, n, a, b = free_rates(dm, -1.0, y, g_e, 0.0, 1.0)
+    double_forces(dm, modes, y, n, n + 2.0 * dm.h * d_wb, a, b, F)
+    slips = modes[0] == SLIP
+    w, other = delassus(dm, p, p), delassus(dm, p, q)
+    dy[YB], dy[YWB] = 0.0, 0.0
+    dy[YWP] = dm.h * (F[L1] - F[L2]) * dm.it
+    dy[YS] = -dm.r * (F[L1] + F[L2]) * dm.ia
+    both_slip = slips and modes[1] == SLIP
+    dy[YUA] = a + w.an * (F[F1] - F[F2]) + w.aa * F[A1] if both_slip else 0.0
+    dy[YUB] = b + w.bb * F[L1] + other.bb * F[L2] if slips else 0.0
+    dy[YTHETA], dy[YTIME] = y[YWP], 1.0
+    if path:
+        dy[YX], dy[YY], dy[YGAMMA] = path_rates(dm, -1.0, 0.0, 1.0, 0.0, y[YWP], y[YS], y[YUA], y[YUB], y[YTHETA])
+
+
+@compiled
+def contact_rates(dm, modes, phase, y, path, dy, F):
+    """Time derivative of y in a contact phase into dy, and the contact forces into F.
+
+    In the upright chart the friction is along the axes of the chart.
+
+    Parameters
+    ----------
+    dm : Dimer
+    modes : float64 array, shape (2,)
+        FREE, STICK or SLIP of p1 and p2, not both FREE.
+    phase : float
+        Plate phase omega t + phi0 [rad].
+    y, dy : float64 array, shape (N_Y,)
+        Contact state and its rate.
+    path : bool
+        Whether the rates of x1, y1 and gamma are wanted.
+    F : float64 array, shape (N_F,)
+        Forces [N]: normal, axial, lateral of p1, then of p2; and the compliance [1/m].
+    """
+    s = leading_sign(modes)
+    g_e = effective_gravity(dm, phase)
+    i = 0 if s < 0.0 else 1
+    if modes[0] != FREE and modes[1] != FREE:
+        double_rates(dm, modes, g_e, y, path, dy, F)
+        return
+    for k in range(N_F):
+        F[k] = 0.0
+    k = 3 * i
+    if y[YCHART] == UPRIGHT:
+        F[COMPLIANCE] = upright_rates(dm, modes[i], s, g_e, y, path, dy, F, k)
+        return
+    sin_b, cos_b = sincos(y[YB])
+    r = single_rates(dm, modes[i], s, g_e, sin_b, cos_b, y[YWB], y[YWP], y[YS], y[YUA], y[YUB])
+    F[F1 + k], F[A1 + k], F[L1 + k], F[COMPLIANCE] = r.F, r.A, r.L, r.compliance
+    dy[YB], dy[YWB], dy[YWP], dy[YS], dy[YUA], dy[YUB] = y[YWB], r.w_b, r.w_p, r.spin, r.a, r.b
+    dy[YTHETA], dy[YTIME] = r.turn, 1.0
+    if path:
+        dy[YX], dy[YY], dy[YGAMMA] = path_rates(dm, s, sin_b, cos_b, y[YWB], y[YWP], y[YS], y[YUA], y[YUB], y[YTHETA])
+
+
+@compiled
+def hold_reserve(dm, modes, i, F):
+    """How far the friction that holds end i is from its limit [N]; of two held ends only the sum of the axial parts counts."""
+    mu_s = dm.mu_s
+    if modes[0] == STICK and modes[1] == STICK:
+        room_1 = (mu_s * F[F1]) ** 2 - F[L1] ** 2
+        room_2 = (mu_s * F[F2]) ** 2 - F[L2] ** 2
+        if room_1 < 0.0 or room_2 < 0.0:
+            return -sqrt(-min(room_1, room_2))
+        return sqrt(room_1) + sqrt(room_2) - abs(F[A1])
+    k = 3 * i
+    axial = F[A1] if modes[0] != FREE else F[A2]
+    return mu_s * F[F1 + k] - length(axial, F[L1 + k])

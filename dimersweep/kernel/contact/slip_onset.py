@@ -1,0 +1,78 @@
+"""Slip that sets out from rest: in the direction that the contact's acceleration then has."""
+
+from math import atan2, cos, pi, sin
+
+from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.contact.coordinates import set_slip, slip_of
+from dimersweep.kernel.contact.forces import F1, contact_rates
+
+GRID = 48  # directions looked at for a change of sign
+SLANT = 1e-7  # change of direction in a finite difference [rad]
+
+
+@compiled
+def set_out(dm, modes, i, phase, y, v, phi, dy, F):
+    """Acceleration of the slip of end i across and along the direction phi, once it slips there with speed v."""
+    c, s = cos(phi), sin(phi)
+    set_slip(dm, modes, y, i, v * c, v * s)
+    contact_rates(dm, modes, phase, y, False, dy, F)
+    a, b = slip_of(dm, modes, dy, i)
+    return a * s - b * c, a * c + b * s
+
+
+@compiled
+def settle_near(dm, modes, i, phase, y, v, phi, dy, F):
+    """Outward direction near phi, by Newton's rule, into y; whether there is one."""
+    for _ in range(20):
+        across, along = set_out(dm, modes, i, phase, y, v, phi, dy, F)
+        beside, _ = set_out(dm, modes, i, phase, y, v, phi + SLANT, dy, F)
+        slope = (beside - across) / SLANT
+        step = -across / slope if slope != 0.0 else 1.0
+        if not abs(step) <= 0.5:
+            return False
+        phi += step
+        if abs(step) <= SLANT:  # as exact as this the slope is, and what is left of the error
+            across, along = set_out(dm, modes, i, phase, y, v, phi, dy, F)
+            return along > 0.0 and F[F1 + 3 * i] > 0.0
+    return False
+
+
+@compiled
+def settle_anywhere(dm, modes, i, phase, y, v, dy, F):
+    """The same among all directions: changes of sign on a grid, then bisection."""
+    before, last = 0.0, 0.0
+    for k in range(GRID + 1):
+        phi = -pi + 2.0 * pi * (k + 0.37) / GRID
+        across, _ = set_out(dm, modes, i, phase, y, v, phi, dy, F)
+        if k > 0 and across * before < 0.0:
+            low, high = last, phi
+            for _ in range(60):
+                mid = 0.5 * (low + high)
+                cross, _ = set_out(dm, modes, i, phase, y, v, mid, dy, F)
+                low, high = (mid, high) if cross * before > 0.0 else (low, mid)
+            _, along = set_out(dm, modes, i, phase, y, v, 0.5 * (low + high), dy, F)
+            if along > 0.0 and F[F1 + 3 * i] > 0.0:
+                return True
+        before, last = across, phi
+    return False
+
+
+@compiled
+def slip_onset(dm, modes, i, phase, y, v, hold_a, hold_b, dy, F):
+    """Self-consistent slip (speed v) out of rest of end i, into y; returns False if there is none.
+
+    The contact's acceleration under friction against the slip is parallel to it (doi 10.1115/1.4035411). It is looked for
+    near the direction against the force (hold_a, hold_b) that held, then everywhere; where that force is axial, in the
+    axial directions first, so that planar motion stays planar.
+    """
+    if hold_b == 0.0:
+        for k in range(2):
+            phi_c = 1.0 - 2.0 * k
+            set_slip(dm, modes, y, i, v * phi_c, 0.0)
+            contact_rates(dm, modes, phase, y, False, dy, F)
+            a, b = slip_of(dm, modes, dy, i)
+            if phi_c * a > 0.0 and b == 0.0 and F[F1 + 3 * i] > 0.0:
+                return True
+    if settle_near(dm, modes, i, phase, y, v, atan2(-hold_b, -hold_a), dy, F):
+        return True
+    return settle_anywhere(dm, modes, i, phase, y, v, dy, F)

@@ -1,0 +1,376 @@
+"""One step of a contact phase, at each of three paces.
+
+Plain: DOP853 in time. Slow: DOP853 in xi with dt = (v / gamma) dxi, for a slip v on its way to rest, whose direction turns
+at the rate gamma / v: per xi nothing is stiff and the slip falls exponentially. Near a jam, with the force at each moment in
+gamma, nothing is singular either where it goes through infinity, beyond which time runs back (``clock``). Slide: Radau IIA in
+time, for slip that is slow and stays so, or sets out from rest: its direction follows the forces at once, and the step need
+not resolve how.
+"""
+
+from math import inf, sqrt
+from typing import Any, NamedTuple
+
+from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.contact.coordinates import (
+    N_CLOSED,
+    UPRIGHT,
+    YB,
+    YCHART,
+    YGAMMA,
+    YS,
+    YTHETA,
+    YTIME,
+    YUA,
+    YUB,
+    YWB,
+    YWP,
+    YX,
+    YY,
+    leading_sign,
+    same_chart,
+    slip_of,
+)
+from dimersweep.kernel.contact.events import slip_speed
+from dimersweep.kernel.contact.forces import (
+    COMPLIANCE,
+    F1,
+    F2,
+    contact_rates,
+    path_rates,
+    single_rates,
+)
+from dimersweep.kernel.model.friction import length
+from dimersweep.kernel.model.layout import FREE, SLIP
+from dimersweep.kernel.model.plate import effective_gravity
+from dimersweep.kernel.numerics.collocation import (
+    NEXT,
+    NODES,
+    RADAU_A,
+    RADAU_C,
+    TOP,
+)
+from dimersweep.kernel.numerics.sincos import sincos
+from dimersweep.kernel.numerics.steps import (
+    DOP_STAGES,
+    copy,
+    explicit_finish,
+    explicit_stage,
+    lu_factor,
+    lu_solve,
+    stage_sums,
+)
+from dimersweep.kernel.numerics.tableaux import DOP_A, DOP_C
+
+PLAIN, SLOW, SLIDE = 0, 1, 2
+MAX_TURNS = 14  # Newton iterations of a slide
+SETTLED = 0.1  # change in a Newton iteration, over the tolerance, that ends them
+RENEWED = 2  # the iteration that takes new derivatives
+TIGHT = 0.5  # compliance from which the turning of the slip may lead to a jam
+TURN = 1e-6  # change of a slip, in units of itself, in its finite differences
+
+BENCH_ROWS = 80
+
+
+class Bench(NamedTuple):
+    """Rows of the work array, by what they hold during a step."""
+
+    K: Any  # slopes of the stages
+    Y: Any  # states at the nodes of a slide
+    J: Any  # derivatives of the slopes with respect to the slips, and the Newton matrix
+    LU: Any
+    B: Any  # directions of the turns
+    start: Any  # state, rates and forces at the start of the step, and at its end
+    dy: Any
+    F: Any
+    out: Any
+    dy_out: Any
+    F_out: Any
+    scale: Any  # tolerances of the state
+    armed: Any  # event functions that have been positive
+    values: Any  # event functions in the course of the step
+    probe: Any
+    dy_probe: Any
+    F_probe: Any
+    pivots: Any
+    change: Any
+    search: Any  # for an event
+
+
+@compiled
+def lay_out(work):
+    """The bench on a work array of at least BENCH_ROWS rows."""
+    return Bench(
+        work[0:12],
+        work[12:17],
+        work[17:32],
+        work[32:47],
+        work[47:62],
+        work[62],
+        work[63],
+        work[64],
+        work[65],
+        work[66],
+        work[67],
+        work[68],
+        work[69],
+        work[70:74],
+        work[74],
+        work[75],
+        work[76],
+        work[77],
+        work[78],
+        work[79],
+    )
+
+
+@compiled
+def set_chart(y, b):
+    """Mark the states on the bench as ones in the chart of y."""
+    same_chart(y, b.start)
+    same_chart(y, b.out)
+    same_chart(y, b.probe)
+    for j in range(NODES):
+        same_chart(y, b.Y[j])
+
+
+@compiled
+def set_scales(dm, tol, scale):
+    """Tolerances of the contact state: angles, rates, slips and lengths in the scales of the scene."""
+    scale[YB] = scale[YTHETA] = tol
+    scale[YWB] = scale[YWP] = tol * dm.w_scale
+    scale[YS] = 10.0 * tol * dm.w_scale
+    scale[YUA] = scale[YUB] = tol * dm.v_scale
+    scale[YTIME] = tol * dm.T
+    scale[YX] = scale[YY] = tol * dm.r
+    scale[YGAMMA] = 10.0 * tol
+
+
+@compiled
+def stiffness(dm, y, force):
+    """gamma: a bound on the rate at which friction under a normal force turns a slip, times its speed [m s-2]."""
+    tilt = 1.0 if y[YCHART] == UPRIGHT else min(1.0, abs(y[YB]))
+    arm = dm.h + dm.r * tilt
+    return dm.mu * (dm.im + arm * arm * dm.it + dm.r * dm.r * dm.ia) * force
+
+
+@compiled
+def slowness(dm, modes, y):
+    """Slip speed of the slow pace: that of the one slipping end, or half the harmonic mean of both."""
+    inverse = 0.0
+    for i in range(2):
+        if modes[i] == SLIP:
+            a, b = slip_of(dm, modes, y, i)
+            inverse += 1.0 / sqrt(a * a + b * b)
+    return 1.0 / inverse
+
+
+@compiled
+def clock(F, start):
+    """Time per xi under the forces F, in units of that at the start of the step.
+
+    It goes with 1 / F, and stays finite where the force vanishes: to F is added its product with the compliance, which is
+    about what it would be without friction.
+    """
+    more = start[COMPLIANCE]
+    return (1.0 + more) / ((F[F1] + F[F2]) / (start[F1] + start[F2]) + more)
+
+
+@compiled
+def explicit_step(dm, modes, phase, h, n, pace, gamma, b):
+    """One DOP853 step from b.start into b.out, of h seconds or, at the slow pace, h units of xi; returns the error."""
+    for i in range(DOP_STAGES):
+        if i == 0:
+            copy(b.dy, b.K[0], n)
+            copy(b.start, b.out, n)
+        else:
+            explicit_stage(i, h, b.start, b.K, n, b.out)
+            contact_rates(dm, modes, phase + dm.omega * b.out[YTIME], b.out, n > N_CLOSED, b.K[i], b.F_out)
+        if pace == SLOW:
+            share = slowness(dm, modes, b.out) / gamma
+            if b.F[COMPLIANCE] < TIGHT:
+                share *= clock(b.F if i == 0 else b.F_out, b.F)
+            for k in range(n):
+                b.K[i, k] *= share
+    return explicit_finish(h, b.start, b.K, n, b.scale, b.out)
+
+
+@compiled(fuse=True, inline=True)
+def single_step(dm, modes, phase, h, n, pace, gamma, b):
+    """The same of the contact of one end in the chart by heading.
+
+    The newest slopes stay in registers: to write them to K and to read them at once takes as long as half of the rates.
+    """
+    s = leading_sign(modes)
+    mode, y, path = modes[0] if s < 0.0 else modes[1], b.start, n > N_CLOSED
+    share = length(y[YUA], y[YUB]) / gamma if pace == SLOW else 1.0
+    clocked, force, more = pace == SLOW and b.F[COMPLIANCE] < TIGHT, b.F[F1] + b.F[F2], b.F[COMPLIANCE]
+    k = b.K[0]
+    for j in range(n):
+        k[j] = share * b.dy[j]
+    k0, k1, k2, k3, k4, k5, k6, k7 = k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7]
+    for i in range(1, DOP_STAGES):
+        t0, t1, t2, t3, t4, t5, t6, t7 = stage_sums(i, i - 1, b.K)
+        a = DOP_A[i, i - 1]
+        beta, w_b = y[YB] + h * (t0 + a * k0), y[YWB] + h * (t1 + a * k1)
+        w_p, spin = y[YWP] + h * (t2 + a * k2), y[YS] + h * (t3 + a * k3)
+        u_a, u_b = y[YUA] + h * (t4 + a * k4), y[YUB] + h * (t5 + a * k5)
+        theta = y[YTHETA] + h * (t6 + a * k6)
+        t = h * (t7 + a * k7) if pace == SLOW else h * DOP_C[i]
+        g_e = effective_gravity(dm, phase + dm.omega * t)
+        sin_b, cos_b = sincos(beta)
+        rates = single_rates(dm, mode, s, g_e, sin_b, cos_b, w_b, w_p, spin, u_a, u_b)
+        if pace == SLOW:
+            share = length(u_a, u_b) / gamma
+            if clocked:
+                share *= (1.0 + more) / (rates.F / force + more)
+        k0, k1, k2, k3 = share * w_b, share * rates.w_b, share * rates.w_p, share * rates.spin
+        k4, k5, k6, k7 = share * rates.a, share * rates.b, share * rates.turn, share
+        k = b.K[i]
+        k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7] = k0, k1, k2, k3, k4, k5, k6, k7
+        if path:
+            x, y_1, spun = path_rates(dm, s, sin_b, cos_b, w_b, w_p, spin, u_a, u_b, theta)
+            k[YX], k[YY], k[YGAMMA] = share * x, share * y_1, share * spun
+    return explicit_finish(h, b.start, b.K, n, b.scale, b.out)
+
+
+@compiled
+def set_turns(modes, j, y, b):
+    """Directions of change of the slips (YUA, YUB, YWP) that turn them, into rows of b.B; returns how many.
+
+    A single slip only turns across itself; of two slips, which share their axial part, every change turns one.
+    """
+    if modes[0] != FREE and modes[1] != FREE:
+        for i in range(3):
+            row = b.B[3 * j + i]
+            row[0], row[1], row[2] = 0.0, 0.0, 0.0
+            row[i] = 1.0
+        return 3
+    v = length(y[YUA], y[YUB])
+    row = b.B[j]
+    row[0], row[1], row[2] = -y[YUB] / v, y[YUA] / v, 0.0
+    return 1
+
+
+@compiled
+def turn_slopes(dm, modes, phase, h, n, j, b):
+    """Derivatives of the slopes at node j with respect to the turns, by forward differences, into b.J; returns how many."""
+    y, f = b.Y[j], b.K[j]
+    v, _ = slip_speed(dm, modes, y, y)
+    m = set_turns(modes, j, y, b)
+    for i in range(m):
+        turn = b.B[j * m + i]
+        size = TURN * v * (1.0 - turn[2] + turn[2] / (2.0 * dm.h))
+        for k in range(N_CLOSED):
+            b.probe[k] = y[k]
+        b.probe[YUA] += size * turn[0]
+        b.probe[YUB] += size * turn[1]
+        b.probe[YWP] += size * turn[2]
+        contact_rates(dm, modes, phase + dm.omega * h * RADAU_C[j], b.probe, n > N_CLOSED, b.dy_probe, b.F_probe)
+        row = b.J[j * m + i]
+        for k in range(n):
+            row[k] = (b.dy_probe[k] - f[k]) / size
+    return m
+
+
+@compiled(fuse=True)
+def newton_matrix(h, m, b):
+    """1 - h A dq'/dq over the turns q at all nodes, factored, in b.LU; returns whether it could be."""
+    for j in range(NODES):
+        for i in range(m):
+            p = j * m + i
+            turn = b.B[p]
+            for k in range(NODES):
+                a = h * RADAU_A[j, k]
+                for q in range(k * m, k * m + m):
+                    slope = b.J[q]
+                    b.LU[p, q] = -a * (turn[0] * slope[YUA] + turn[1] * slope[YUB] + turn[2] * slope[YWP])
+            b.LU[p, p] += 1.0
+    return lu_factor(b.LU, NODES * m, b.pivots)
+
+
+@compiled(fuse=True)
+def improve(h, n, m, b):
+    """One Newton iteration of the states at the nodes; returns the largest change over the tolerance.
+
+    Only the turning of the slips is stiff: the other derivatives are left out, and what the turns change is carried over.
+    """
+    for j in range(NODES):
+        u_a, u_b, w_p = b.start[YUA] - b.Y[j, YUA], b.start[YUB] - b.Y[j, YUB], b.start[YWP] - b.Y[j, YWP]
+        for k in range(NODES):
+            a, slope = h * RADAU_A[j, k], b.K[k]
+            u_a += a * slope[YUA]
+            u_b += a * slope[YUB]
+            w_p += a * slope[YWP]
+        for i in range(j * m, j * m + m):
+            b.change[i] = b.B[i, 0] * u_a + b.B[i, 1] * u_b + b.B[i, 2] * w_p
+    lu_solve(b.LU, NODES * m, b.pivots, b.change)
+    for j in range(NODES):
+        for i in range(j * m, j * m + m):
+            for k in range(n):
+                b.K[j, k] += b.J[i, k] * b.change[i]
+    largest = 0.0
+    for j in range(NODES):
+        copy(b.start, b.probe, n)
+        for i in range(NODES):
+            a = h * RADAU_A[j, i]
+            for k in range(n):
+                b.probe[k] += a * b.K[i, k]
+        for k in range(N_CLOSED):
+            largest = max(largest, abs(b.probe[k] - b.Y[j, k]) / b.scale[k])
+        copy(b.probe, b.Y[j], n)
+    return largest
+
+
+@compiled
+def slide_error(h, b):
+    """Error of a slide over the tolerance, from how fast the slopes' expansion in Chebyshev polynomials falls off."""
+    total = 0.0
+    for k in range(N_CLOSED):
+        top, near = TOP[0] * b.dy[k], 0.0
+        for j in range(NODES):
+            top += TOP[j + 1] * b.K[j, k]
+            near += NEXT[j] * b.K[j, k]
+        ratio = min(1.0, abs(top / near)) if near != 0.0 else 1.0
+        total += (h * top * ratio / b.scale[k]) ** 2
+    return sqrt(total / N_CLOSED)
+
+
+@compiled
+def slide_step(dm, modes, phase, h, n, b):
+    """One Radau IIA step of h seconds from b.start into b.out; returns the error over the tolerance, inf if it fails."""
+    m = 1
+    for j in range(NODES):
+        for k in range(n):
+            b.Y[j, k] = b.start[k] + h * RADAU_C[j] * b.dy[k]
+    before = inf
+    for turn in range(MAX_TURNS):
+        for j in range(NODES):
+            at = phase + dm.omega * h * RADAU_C[j]
+            contact_rates(dm, modes, at, b.Y[j], n > N_CLOSED, b.K[j], b.F_out)
+        if turn == 0 or turn == RENEWED:
+            for j in range(NODES):
+                m = turn_slopes(dm, modes, phase, h, n, j, b)
+            if not newton_matrix(h, m, b):
+                return inf
+        change = improve(h, n, m, b)
+        if change <= SETTLED:
+            copy(b.Y[NODES - 1], b.out, n)
+            b.out[YTIME] = h
+            return slide_error(h, b)
+        if not change < inf or (turn > RENEWED and change > before):
+            return inf
+        before = change
+    return inf
+
+
+@compiled(inline=True)
+def step_to(dm, modes, phase, h, n, pace, gamma, b):
+    """One step; the rates (per time) and forces at its end are left in b.dy_out, b.F_out. Returns the error."""
+    if pace == SLIDE:
+        error = slide_step(dm, modes, phase, h, n, b)
+    elif b.start[YCHART] == UPRIGHT or (modes[0] != FREE and modes[1] != FREE):
+        error = explicit_step(dm, modes, phase, h, n, pace, gamma, b)
+    else:
+        error = single_step(dm, modes, phase, h, n, pace, gamma, b)
+    contact_rates(dm, modes, phase + dm.omega * b.out[YTIME], b.out, n > N_CLOSED, b.dy_out, b.F_out)
+    return error

@@ -1,0 +1,1 @@
+"""Free motion in closed form, and the next landing."""

@@ -1,0 +1,214 @@
+"""Free motion in closed form: ballistic centre of mass, torque-free symmetric top, harmonic plate.
+
+The axis u of the dimer turns about the constant angular momentum L at Omega = |L|/J_t, so that
+sin(beta)(t) = c0 + c1 cos(Omega t) + c2 sin(Omega t). Everything is written as an increment over the start in
+1 - cos x and x - sin x, which keeps the full relative precision of hops of any smallness.
+"""
+
+from math import atan2, cos, sin, sqrt
+from typing import NamedTuple
+
+from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.model.friction import length
+from dimersweep.kernel.model.layout import (
+    BETA,
+    CA,
+    CB,
+    D1,
+    D2,
+    GAMMA,
+    N1,
+    N2,
+    PHASE,
+    SPIN,
+    THETA,
+    WB,
+    WP,
+    X1,
+    Y1,
+)
+
+
+class Flight(NamedTuple):
+    """Constants of one flight; times count from its start."""
+
+    d_1: float  # gaps and gap rates at the start
+    d_2: float
+    n_1: float
+    n_2: float
+    g: float
+    h: float
+    Omega: float  # rate of the axis about L [rad s-1]
+    c1: float  # amplitudes of sin(beta)
+    c2: float
+    omega: float
+    plate_s: float  # A_z sin, A_z cos of the phase at the start
+    plate_c: float
+    bound4: float  # bound of the fourth time derivative of either gap
+
+
+@compiled
+def angular_momentum(dm, state, sin_b, cos_b):
+    """Angular momentum over J_t in the frame (a, b, n) of the present heading: L_a, L_b, L_n [rad s-1]."""
+    axial = dm.J_a / dm.J_t * state[SPIN]
+    return (
+        -sin_b * state[WP] + cos_b * axial,
+        state[WB],
+        cos_b * state[WP] + sin_b * axial,
+    )
+
+
+@compiled
+def take_off(dm, state):
+    """Flight that starts from a state."""
+    sin_b, cos_b = sin(state[BETA]), cos(state[BETA])
+    L_a, L_b, L_n = angular_momentum(dm, state, sin_b, cos_b)
+    Omega = sqrt(L_a * L_a + L_b * L_b + L_n * L_n)
+    c1, c2 = 0.0, 0.0
+    if Omega > 0.0:
+        c1 = sin_b - dm.J_a / dm.J_t * state[SPIN] * L_n / (Omega * Omega)
+        c2 = cos_b * state[WB] / Omega
+    phase = state[PHASE] + dm.phi0
+    w2 = dm.omega * dm.omega
+    O2 = Omega * Omega
+    return Flight(
+        state[D1],
+        state[D2],
+        state[N1],
+        state[N2],
+        dm.g,
+        dm.h,
+        Omega,
+        c1,
+        c2,
+        dm.omega,
+        dm.A_z * sin(phase),
+        dm.A_z * cos(phase),
+        dm.h * O2 * O2 * sqrt(c1 * c1 + c2 * c2) + dm.A_z * w2 * w2,
+    )
+
+
+@compiled
+def one_minus_cos(s, c):
+    """1 - cos x from sin x, cos x without cancellation."""
+    return s * s / (1.0 + c) if c > 0.0 else 1.0 - c
+
+
+@compiled
+def x_minus_sin(x, s):
+    """x - sin x without cancellation."""
+    if abs(x) > 0.5:
+        return x - s
+    y = x * x
+    return x * y / 6.0 * (1.0 - y / 20.0 * (1.0 - y / 42.0 * (1.0 - y / 72.0 * (1.0 - y / 110.0 * (1.0 - y / 156.0)))))
+
+
+@compiled(inline=True)
+def gap_series(fl, s, t):
+    """Gap of the end with sign s at time t and its first three time derivatives."""
+    x, y = fl.Omega * t, fl.omega * t
+    sx, cx, sy, cy = sin(x), cos(x), sin(y), cos(y)
+    kx, ky = one_minus_cos(sx, cx), one_minus_cos(sy, cy)
+    sh = s * fl.h
+    d, n = (fl.d_1, fl.n_1) if s < 0.0 else (fl.d_2, fl.n_2)
+    gap = (
+        d
+        + (n - 0.5 * fl.g * t) * t
+        - sh * (fl.c1 * kx + fl.c2 * x_minus_sin(x, sx))
+        + fl.plate_s * ky
+        + fl.plate_c * x_minus_sin(y, sy)
+    )
+    rate = n - fl.g * t - sh * fl.Omega * (fl.c1 * sx + fl.c2 * kx) + fl.omega * (fl.plate_s * sy + fl.plate_c * ky)
+    O2, w2 = sh * fl.Omega * fl.Omega, fl.omega * fl.omega
+    second = -fl.g - O2 * (fl.c1 * cx + fl.c2 * sx) + w2 * (fl.plate_s * cy + fl.plate_c * sy)
+    third = -O2 * fl.Omega * (fl.c2 * cx - fl.c1 * sx) + w2 * fl.omega * (fl.plate_c * cy - fl.plate_s * sy)
+    return gap, rate, second, third
+
+
+@compiled
+def heading_of(kappa, L_a, L_b, Omega, u_a, v_a, v_b, x):
+    """Horizontal components of the axis u after turning by x about L (v = u'/Omega at the start)."""
+    c, s = cos(x), sin(x)
+    par_a, par_b = kappa * L_a / Omega, kappa * L_b / Omega
+    return par_a + (u_a - par_a) * c + v_a * s, par_b * (1.0 - c) + v_b * s
+
+
+@compiled
+def fly(dm, fl, state, t, path):
+    """Advance a state by t of free motion, in place.
+
+    Parameters
+    ----------
+    dm : Dimer
+    fl : Flight
+        From ``take_off(dm, state)``.
+    state : float64 array, shape (N_STATE,)
+        Modified in place.
+    t : float
+        Time of flight [s].
+    path : bool
+        Whether the cyclic coordinates x1, y1, gamma are wanted (theta always is).
+    """
+    sin_b, cos_b = sin(state[BETA]), cos(state[BETA])
+    L_a, L_b, L_n = angular_momentum(dm, state, sin_b, cos_b)
+    gap_1, rate_1, _, _ = gap_series(fl, -1.0, t)
+    gap_2, rate_2, _, _ = gap_series(fl, 1.0, t)
+    u_a, u_b, u_n = cos_b, 0.0, sin_b
+    turn = 0.0
+    if fl.Omega > 0.0:
+        kappa = dm.J_a / dm.J_t * state[SPIN] / fl.Omega
+        v_a, v_b = -sin_b * state[WB] / fl.Omega, -state[WP] / fl.Omega
+        pieces = 1 + int(0.5 * fl.Omega * t) if fl.Omega * t > 2.0 else 1
+        for k in range(1, pieces + 1):  # so that the heading never turns by half a turn unseen
+            new_a, new_b = heading_of(kappa, L_a, L_b, fl.Omega, cos_b, v_a, v_b, fl.Omega * t * k / pieces)
+            turn += atan2(u_a * new_b - u_b * new_a, u_a * new_a + u_b * new_b)
+            u_a, u_b = new_a, new_b
+        x = fl.Omega * t
+        u_n += -fl.c1 * one_minus_cos(sin(x), cos(x)) + fl.c2 * sin(x)
+    new_cos = length(u_a, u_b)
+    co, si = (u_a / new_cos, u_b / new_cos) if new_cos > 0.0 else (1.0, 0.0)
+    if path:
+        advance_path(dm, fl, state, t, turn, L_a, L_b, L_n, u_a - cos_b, u_b, u_n, co, si)
+    c_a, c_b = state[CA], state[CB]
+    state[PHASE] += dm.omega * t
+    state[N1], state[N2] = rate_1, rate_2
+    # the smaller gap keeps its relative precision, the other one follows from the dip
+    if abs(gap_1) <= abs(gap_2):
+        state[D1], state[D2] = gap_1, gap_1 + 2.0 * dm.h * u_n
+    else:
+        state[D1], state[D2] = gap_2 - 2.0 * dm.h * u_n, gap_2
+    state[BETA] = atan2(u_n, new_cos)
+    state[WB] = L_b * co - L_a * si
+    state[WP] = -u_n * (L_a * co + L_b * si) + new_cos * L_n
+    state[CA] = c_a * co + c_b * si
+    state[CB] = c_b * co - c_a * si
+    state[THETA] -= turn
+
+
+@compiled
+def advance_path(dm, fl, state, t, turn, L_a, L_b, L_n, du_a, du_b, u_n, co, si):
+    """Advance x1, y1 and the spinning angle gamma over a flight, in place (the state is still the one of its start)."""
+    sin_t, cos_t = sin(state[THETA]), cos(state[THETA])
+    s_a = state[CA] * t - dm.h * du_a
+    s_b = state[CB] * t - dm.h * du_b
+    state[X1] += -s_a * sin_t + s_b * cos_t
+    state[Y1] += s_a * cos_t + s_b * sin_t
+    spin = state[SPIN]
+    state[GAMMA] += (1.0 - dm.J_a / dm.J_t) * spin * t
+    if fl.Omega == 0.0:
+        return
+    # b turned about L, measured against the new b in the plane across the axis
+    x = fl.Omega * t
+    s, k = sin(x), one_minus_cos(sin(x), cos(x))
+    l_a, l_b, l_n = L_a / fl.Omega, L_b / fl.Omega, L_n / fl.Omega
+    b_a = l_n * s + l_a * l_b * k
+    b_b = 1.0 - k + l_b * l_b * k
+    b_n = -l_a * s + l_n * l_b * k
+    new_cos = sqrt(max(0.0, 1.0 - u_n * u_n))
+    along_b = b_b * co - b_a * si
+    along_p = -u_n * (b_a * co + b_b * si) + new_cos * b_n
+    angle = atan2(-along_p, along_b)
+    # the winding follows the heading: gamma' = spin - theta' sin(beta)
+    guess = dm.J_a / dm.J_t * spin * t + turn * 0.5 * (sin(state[BETA]) + u_n)
+    angle += 6.283185307179586 * round((guess - angle) / 6.283185307179586)
+    state[GAMMA] += angle

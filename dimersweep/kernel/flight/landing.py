@@ -1,0 +1,152 @@
+"""The next landing: gap roots approached from the left by steps that certainly hold no root.
+
+From a probe (gap and three derivatives) the gap is bounded below by a quartic, because its fourth derivative is bounded.
+The first root of that quartic is a step over which nothing can land, however short the hop: no double crossing and no graze
+is missed. As soon as the gap certainly falls all the way to a zero, that is the landing: the zero of the cubic is off by no
+more than the fourth derivative allows, and is taken where this is rounding.
+"""
+
+from math import cos, inf, sin, sqrt
+
+from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.flight.free_motion import gap_series
+from dimersweep.kernel.model.friction import length
+
+MAX_PROBES = 10000
+SWIFT = 10.0  # rate of the axis, in units of the plate's, from which whole turns are stepped over
+EPS = 2.3e-16
+SHORT = 0.9  # first try of a safe step, over the fall of the parabola
+SHRINK, MAX_TRIES = 0.65, 100
+BEYOND = 1.2  # how far past the zero of a cubic the gap must fall, in units of the step to it
+NEWTON = 8  # steps of Newton's rule to that zero
+ROUNDED = 1e-13  # what a height may be off, in units of what it is the difference of
+
+
+@compiled(fuse=True, inline=True)
+def safe_step(c0, c1, c2, c3, bound4, span):
+    """A step of at most `span` on which c0 + c1 s + c2 s^2/2 + c3 s^3/6 - bound4 s^4/24 does not fall below zero.
+
+    None of its Bernstein coefficients on the step is negative. The first try ends short of where the parabola does.
+    """
+    a2, a3, a4 = 0.5 * c2, c3 / 6.0, -bound4 / 24.0
+    if c0 == 0.0 and c1 == 0.0:  # lift-off at zero rate: s^2 is factored out, half of the rest's first root is safe
+        if a2 <= 0.0 and a3 <= 0.0:
+            return 0.0
+        most = min(a4, -1e-300)
+        return min(span, 0.5 * (a3 + sqrt(a3 * a3 - 4.0 * most * max(a2, 0.0))) / (-2.0 * most))
+    disc = c1 * c1 - 4.0 * a2 * c0
+    s = span
+    if c2 < 0.0:
+        s = min(span, SHORT * (c1 + sqrt(disc)) / -c2)
+    elif c1 < 0.0 and disc > 0.0:
+        s = min(span, SHORT * 2.0 * c0 / (sqrt(disc) - c1))
+    for _ in range(MAX_TRIES):
+        x1, x2, x3 = c1 * s, a2 * s * s, a3 * s * s * s
+        early = min(c0 + 0.25 * x1, c0 + 0.5 * x1 + x2 / 6.0)
+        late = min(c0 + 0.75 * x1 + 0.5 * x2 + 0.25 * x3, c0 + x1 + x2 + x3 + a4 * s * s * s * s)
+        if min(early, late) >= 0.0:
+            return s
+        s *= SHRINK
+    return 0.0
+
+
+@compiled
+def out_of_reach(fl, sign, t, gap, rate):
+    """Time over which the end with this sign is too high to land, however the axis swings; 0.0 if it is within reach.
+
+    Without its swing of amplitude h |c| the gap has a curvature of at least -(g + plate).
+    """
+    sx, cx = sin(fl.Omega * t), cos(fl.Omega * t)
+    swing = sign * fl.h * (fl.c1 * cx + fl.c2 * sx)
+    rise = rate - sign * fl.h * fl.Omega * (fl.c2 * cx - fl.c1 * sx)
+    reach = fl.h * length(fl.c1, fl.c2)
+    height = gap - swing - reach - ROUNDED * (abs(gap) + reach)
+    if height <= 0.0:
+        return 0.0
+    curve = fl.g + fl.omega * fl.omega * length(fl.plate_s, fl.plate_c)
+    root = sqrt(rise * rise + 2.0 * curve * height)
+    return (rise + root) / curve if rise > 0.0 else 2.0 * height / (root - rise)
+
+
+@compiled(fuse=True, inline=True)
+def fall(c0, c1, c2, c3, bound4):
+    """Step to the zero of c0 + c1 s + c2 s^2/2 + c3 s^3/6 next to a probe at which the gap falls (backwards if c0 < 0).
+
+    Returns
+    -------
+    step, off : float
+        inf where the gap may cease to fall before; how far the gap's own zero may be from that of the cubic.
+    """
+    disc = c1 * c1 - 2.0 * c2 * c0
+    if disc <= 0.0:
+        return inf, inf
+    step = 2.0 * c0 / (sqrt(disc) - c1)
+    for _ in range(NEWTON):
+        slope = c1 + step * (c2 + 0.5 * step * c3)
+        if slope >= 0.0:
+            return inf, inf
+        change = (c0 + step * (c1 + step * (0.5 * c2 + step * (c3 / 6.0)))) / slope
+        step -= change
+        if abs(change) <= 1e-8 * abs(step):
+            break
+    size = abs(step)
+    reach = BEYOND * size
+    ahead = 1.0 if step > 0.0 else -1.0
+    rate = c1 + reach * (max(0.0, ahead * c2) + reach * (0.5 * max(0.0, c3) + reach * (bound4 / 6.0)))
+    if rate >= 0.0:
+        return inf, inf
+    off = bound4 * size**4 / (-24.0 * rate)
+    return (step, off) if off <= (BEYOND - 1.0) * size else (inf, inf)
+
+
+@compiled
+def first_landing(fl, sign, until):
+    """First time in (0, until] at which the gap of the end with this sign is zero.
+
+    Returns
+    -------
+    t : float
+        Time of the landing [s], or inf if there is certainly none.
+    probes : int
+        Evaluations of the gap, MAX_PROBES if the search did not end.
+    """
+    t, falls = 0.0, False
+    for probe in range(1, MAX_PROBES):
+        gap, rate, second, third = gap_series(fl, sign, t)
+        if rate < 0.0 and (gap > 0.0 or falls):
+            step, off = fall(gap, rate, second, third, fl.bound4)
+            if step < inf:
+                falls = True
+                t += step
+                if off > EPS * t:
+                    continue
+                return (t if t < until else inf), probe
+        if probe > 1 and gap <= 0.0:
+            return t, probe
+        step = safe_step(max(gap, 0.0), rate, second, third, fl.bound4, until - t)
+        if fl.Omega > SWIFT * fl.omega:
+            step = max(step, min(out_of_reach(fl, sign, t, gap, rate), until - t))
+        if t + step >= until:
+            return inf, probe
+        if probe > 1 and step <= 4.0 * EPS * t:
+            return t, probe
+        if step == 0.0:  # neither a positive gap nor one that opens: it is closed now
+            return t, probe
+        t += step
+    return t, MAX_PROBES
+
+
+@compiled
+def next_landing(fl, until):
+    """The end that lands first: its sign (0.0 for neither), the time, and the probes it took.
+
+    The end nearer to the plate is asked first: the other one then needs to be watched only until that landing.
+    """
+    near = -1.0 if fl.d_1 <= fl.d_2 else 1.0
+    t, probes = first_landing(fl, near, until)
+    other, more = first_landing(fl, -near, min(t, until))
+    if probes == MAX_PROBES or more == MAX_PROBES:
+        return 0.0, t, MAX_PROBES
+    if other < t:
+        return -near, other, more
+    return (near if t < inf else 0.0), t, probes

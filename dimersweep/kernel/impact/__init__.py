@@ -1,0 +1,1 @@
+"""Impacts at one end and at both."""

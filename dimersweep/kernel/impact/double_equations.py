@@ -1,0 +1,255 @@
+"""The law of an impact at both ends at once: the regular form of (6)-(7), and where friction holds.
+
+At a double contact beta = 0, the ends share one axial velocity a. With X_i = (5 E_i / 2)^(2/5) and dP_i = X_i^(3/2) dtau
+
+    n_1' = W_11 f_1 + W_12 f_2 - w A        a'   = w (f_2 - f_1) + W_aa A
+    n_2' = W_12 f_1 + W_11 f_2 + w A        b_i' = B_ii L_i + B_ij L_j
+    X_i' = -n_i in compression, -n_i / e_i^2 in restitution
+
+with f_i = X_i^(3/2), A the total axial and L_i the lateral friction per tau. Where an end begins or ceases to press, f_i is
+not smooth. It is in the clock of that end, dtau = Y_i dsigma with X_i = Y_i^2, in which dY_i / dsigma = X_i' / 2: there f_i is
+the cube of Y_i, and all can be continued through Y_i = 0. Units: velocities of the approach speed V, impulses of m V, the
+Delassus operator of 1/m.
+"""
+
+from math import copysign, inf, sqrt
+from typing import NamedTuple
+
+from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.model.friction import length
+from dimersweep.kernel.model.layout import SLIP, STICK
+from dimersweep.kernel.numerics.steps import clear
+
+# state of the impact: gap rates, compressions, axial and lateral velocities
+ZN1, ZN2, ZX1, ZX2, ZA, ZB1, ZB2 = range(7)
+N_Z = 7
+PLAIN, BOTH = -1, 2  # clocks besides those of the ends, 0 and 1: tau, and that of two ends that move alike
+MAX_TURNS = 30
+
+
+class PairLaw(NamedTuple):
+    """What governs a double impact; the Delassus operator is in units of 1/m."""
+
+    nn: float  # W_11 = W_22
+    nn_12: float
+    w: float  # axial velocity per normal impulse at p2, minus that at p1
+    aa: float
+    bb: float
+    bb_12: float
+    e_1: float
+    e_2: float
+    mu: float
+    mu_s: float
+
+
+@compiled
+def pressure(X):
+    """f = X^(3/2), the normal force in units that fit the clock tau."""
+    return X * sqrt(X) if X > 0.0 else 0.0
+
+
+@compiled
+def has_root(clock, i):
+    """Whether a state in a clock has Y in place of the X of end i."""
+    return clock == i or clock == BOTH
+
+
+@compiled(inline=True)
+def end_pressure(clock, i, X):
+    """f_i from what a state in a clock has in the place of X_i."""
+    return X * X * X if has_root(clock, i) else pressure(X)
+
+
+@compiled
+def pressures(z, clock):
+    """f_1, f_2 from a state in a clock."""
+    return end_pressure(clock, 0, z[ZX1]), end_pressure(clock, 1, z[ZX2])
+
+
+@compiled
+def to_clock(clock, z):
+    """Write a state of the plain clock in another one, in place."""
+    for i in range(2):
+        if has_root(clock, i):
+            z[ZX1 + i] = sqrt(max(0.0, z[ZX1 + i]))
+
+
+@compiled
+def from_clock(clock, z):
+    """Write a state in a clock as one of the plain clock, in place; what lies beyond X = 0 stays negative."""
+    for i in range(2):
+        if has_root(clock, i):
+            z[ZX1 + i] *= abs(z[ZX1 + i])
+
+
+@compiled
+def friction(law, mode_1, mode_2, f_1, f_2, a, b_1, b_2):
+    """Total axial friction A and the laterals L_1, L_2, for given friction modes of the two ends."""
+    if mode_1 == STICK and mode_2 == STICK:
+        return law.w * (f_1 - f_2) / law.aa, 0.0, 0.0
+    if mode_1 == STICK:  # a = 0, so that p2 can slip only laterally
+        L_2 = -law.mu * f_2 * copysign(1.0, b_2)
+        return law.w * (f_1 - f_2) / law.aa, -law.bb_12 / law.bb * L_2, L_2
+    if mode_2 == STICK:
+        L_1 = -law.mu * f_1 * copysign(1.0, b_1)
+        return law.w * (f_1 - f_2) / law.aa, L_1, -law.bb_12 / law.bb * L_1
+    v_1, v_2 = length(a, b_1), length(a, b_2)
+    k_1 = law.mu * f_1 / v_1 if v_1 > 0.0 else 0.0
+    k_2 = law.mu * f_2 / v_2 if v_2 > 0.0 else 0.0
+    return -(k_1 + k_2) * a, -k_1 * b_1, -k_2 * b_2
+
+
+@compiled(fuse=True, inline=True)
+def rates_in_clock(law, modes, gains, clock, n_1, n_2, X_1, X_2, a, b_1, b_2):
+    """Rates of the state of a double impact in a clock, in the order of the state; gains are 1 or 1/e^2.
+
+    By what both ends have in common and what parts them: so ends that move alike go on so to the last digit, however sums of
+    products are rounded. dtau/dsigma multiplies the forces, which are known before the frictions.
+    """
+    pace = 1.0 if clock == PLAIN else (X_2 if clock == 1 else X_1)
+    f_1, f_2 = pace * end_pressure(clock, 0, X_1), pace * end_pressure(clock, 1, X_2)
+    A, L_1, L_2 = friction(law, modes[0], modes[1], f_1, f_2, a, b_1, b_2)
+    f, apart = 0.5 * (law.nn + law.nn_12) * (f_1 + f_2), 0.5 * (law.nn - law.nn_12) * (f_1 - f_2) - law.w * A
+    L, L_apart = 0.5 * (law.bb + law.bb_12) * (L_1 + L_2), 0.5 * (law.bb - law.bb_12) * (L_1 - L_2)
+    return (
+        f + apart,
+        f - apart,
+        -(0.5 if has_root(clock, 0) else pace) * gains[0] * n_1,
+        -(0.5 if has_root(clock, 1) else pace) * gains[1] * n_2,
+        law.aa * A - law.w * (f_1 - f_2),
+        L + L_apart,
+        L - L_apart,
+    )
+
+
+@compiled(inline=True)
+def impact_rates(law, modes, gains, clock, z, out):
+    """The same from a state z into `out`."""
+    out[ZN1], out[ZN2], out[ZX1], out[ZX2], out[ZA], out[ZB1], out[ZB2] = rates_in_clock(
+        law, modes, gains, clock, z[ZN1], z[ZN2], z[ZX1], z[ZX2], z[ZA], z[ZB1], z[ZB2]
+    )
+
+
+@compiled
+def friction_slopes(law, mode_1, mode_2, z, g_1, g_2, J):
+    """Partial derivatives of (A, L_1, L_2) with respect to (X_1, X_2, a, b_1, b_2) into J (3, 5); g_i = df_i/dX_i."""
+    clear(J, 3, 5)
+    a, b_1, b_2 = z[ZA], z[ZB1], z[ZB2]
+    if mode_1 == STICK or mode_2 == STICK:
+        J[0, 0], J[0, 1] = law.w * g_1 / law.aa, -law.w * g_2 / law.aa
+        ratio = -law.bb_12 / law.bb
+        if mode_1 != STICK:
+            J[1, 0] = -law.mu * g_1 * copysign(1.0, b_1)
+            J[2, 0] = ratio * J[1, 0]
+        if mode_2 != STICK:
+            J[2, 1] = -law.mu * g_2 * copysign(1.0, b_2)
+            J[1, 1] = ratio * J[2, 1]
+        return
+    v_1, v_2 = length(a, b_1), length(a, b_2)
+    if v_1 > 0.0:
+        c, s, k = a / v_1, b_1 / v_1, law.mu * pressure(z[ZX1]) / v_1
+        J[0, 0], J[1, 0] = -law.mu * g_1 * c, -law.mu * g_1 * s
+        J[0, 2], J[0, 3] = -k * s * s, k * c * s
+        J[1, 2], J[1, 3] = k * c * s, -k * c * c
+    if v_2 > 0.0:
+        c, s, k = a / v_2, b_2 / v_2, law.mu * pressure(z[ZX2]) / v_2
+        J[0, 1], J[2, 1] = -law.mu * g_2 * c, -law.mu * g_2 * s
+        J[0, 2] -= k * s * s
+        J[0, 4] = k * c * s
+        J[2, 2], J[2, 4] = k * c * s, -k * c * c
+
+
+@compiled
+def impact_jacobian(law, modes, gains, z, F, J):
+    """Jacobian of ``impact_rates`` in the plain clock into J (7, 7); F (3, 5) is scratch."""
+    g_1, g_2 = 1.5 * sqrt(max(0.0, z[ZX1])), 1.5 * sqrt(max(0.0, z[ZX2]))
+    friction_slopes(law, modes[0], modes[1], z, g_1, g_2, F)
+    clear(J, N_Z, N_Z)
+    for k in range(5):
+        f_1 = g_1 if k == 0 else 0.0
+        f_2 = g_2 if k == 1 else 0.0
+        A, L_1, L_2 = F[0, k], F[1, k], F[2, k]
+        J[ZN1, 2 + k] = law.nn * f_1 + law.nn_12 * f_2 - law.w * A
+        J[ZN2, 2 + k] = law.nn_12 * f_1 + law.nn * f_2 + law.w * A
+        J[ZA, 2 + k] = law.w * (f_2 - f_1) + law.aa * A
+        J[ZB1, 2 + k] = law.bb * L_1 + law.bb_12 * L_2
+        J[ZB2, 2 + k] = law.bb_12 * L_1 + law.bb * L_2
+    J[ZX1, ZN1] = -gains[0]
+    J[ZX2, ZN2] = -gains[1]
+
+
+@compiled
+def stick_reserve(law, modes, i, z, f_1, f_2):
+    """How far the friction that holds end i is from its limit (with both held, only the sum of the axial parts counts)."""
+    if modes[i] != STICK:
+        return inf
+    A, L_1, L_2 = friction(law, modes[0], modes[1], f_1, f_2, z[ZA], z[ZB1], z[ZB2])
+    if modes[1 - i] == STICK:
+        return law.mu_s * (f_1 + f_2) - abs(A)
+    return law.mu_s * f_1 - length(A, L_1) if i == 0 else law.mu_s * f_2 - length(A, L_2)
+
+
+@compiled
+def outward_slip(drive_a, drive_b, k_a, k_b):
+    """Direction d of slip out of rest: drive - (k_a d_a, k_b d_b) = lambda d with lambda >= 0 (doi 10.1115/1.4035411).
+
+    `drive` is the contact acceleration without the end's own friction, k its friction over the Delassus diagonal. The
+    length of d = (drive_a / (lambda + k_a), drive_b / (lambda + k_b)) falls with lambda; Newton's rule for its inverse,
+    which is concave, climbs to where it is one.
+    """
+    size = length(drive_a, drive_b)
+    if size == 0.0:
+        return 1.0, 0.0
+    rate = max(0.0, max(abs(drive_a) - k_a, abs(drive_b) - k_b))
+    for _ in range(MAX_TURNS):
+        d_a, d_b = drive_a / (rate + k_a), drive_b / (rate + k_b)
+        size = length(d_a, d_b)
+        step = (size - 1.0) * size * size / (d_a * d_a / (rate + k_a) + d_b * d_b / (rate + k_b))
+        if not step > 1e-16 * rate:
+            break
+        rate += step
+    return d_a / size, d_b / size
+
+
+@compiled
+def hold_or_slip(law, i, z, f_i, f_j, tol, lost):
+    """Friction mode of end i, at rest at beta = 0 beside an end that slips laterally; nudges z outward when it slips."""
+    b_j = z[ZB2 - i]
+    z[ZA], z[ZB1 + i] = 0.0, 0.0
+    pull = law.w * (f_j - f_i) if i == 0 else law.w * (f_i - f_j)
+    side = -law.bb_12 * law.mu * f_j * copysign(1.0, b_j)
+    if not lost and length(pull / law.aa, side / law.bb) <= law.mu_s * f_i:
+        return STICK
+    d_a, d_b = outward_slip(pull, side, law.mu * f_i * law.aa, law.mu * f_i * law.bb)
+    z[ZA], z[ZB1 + i] = 0.5 * tol * d_a, 0.5 * tol * d_b
+    return SLIP
+
+
+@compiled
+def friction_modes(law, z, modes, f_1, f_2, tol, lost):
+    """Friction modes of both ends for the present slips and pressures, into `modes`; slips below tol are set to rest.
+
+    `lost` says that the hold at rest has just been lost, whatever rounding says of the limit.
+    """
+    at_rest_1 = length(z[ZA], z[ZB1]) <= tol
+    at_rest_2 = length(z[ZA], z[ZB2]) <= tol
+    modes[0], modes[1] = SLIP, SLIP
+    if at_rest_1 and at_rest_2:
+        z[ZA], z[ZB1], z[ZB2] = 0.0, 0.0, 0.0
+        pull = law.w * (f_2 - f_1)
+        if not lost and abs(pull) <= law.mu_s * law.aa * (f_1 + f_2):
+            modes[0], modes[1] = STICK, STICK
+        else:
+            z[ZA] = copysign(0.5 * tol, pull)
+    elif at_rest_1:
+        modes[0] = hold_or_slip(law, 0, z, f_1, f_2, tol, lost)
+    elif at_rest_2:
+        modes[1] = hold_or_slip(law, 1, z, f_2, f_1, tol, lost)
+
+
+@compiled
+def onset_pressures(z):
+    """Pressures in their ratio at a phase's start: X^(3/2), or (-n)^(3/2) where both compressions are only beginning."""
+    if z[ZX1] > 0.0 or z[ZX2] > 0.0:
+        return pressure(z[ZX1]), pressure(z[ZX2])
+    return pressure(-z[ZN1]), pressure(-z[ZN2])

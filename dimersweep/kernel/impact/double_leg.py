@@ -1,0 +1,439 @@
+"""One leg of an impact at both ends, from its start to its first event.
+
+DOP853 integrates it. The direction of a slow slip is stiff; most slips are slow for a moment only, in which steps within what
+the method bears are the cheapest. Where a slip stays slow Rodas5P takes over.
+"""
+
+from math import inf, sqrt
+from typing import Any, NamedTuple
+
+from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.impact.double_equations import (
+    BOTH,
+    N_Z,
+    PLAIN,
+    ZA,
+    ZB1,
+    ZN1,
+    ZN2,
+    ZX1,
+    ZX2,
+    from_clock,
+    impact_jacobian,
+    impact_rates,
+    pressure,
+    pressures,
+    rates_in_clock,
+    stick_reserve,
+    to_clock,
+)
+from dimersweep.kernel.model.friction import length
+from dimersweep.kernel.model.layout import SLIP, STICK
+from dimersweep.kernel.numerics.root_bracket import (
+    CARRIED,
+    S_AT,
+    S_HIGH,
+    UNSOUND,
+    begin_search,
+    is_closed,
+    next_probe,
+    note_probe,
+)
+from dimersweep.kernel.numerics.steps import (
+    DOP_STAGES,
+    ROS_STAGES,
+    WIDTH,
+    copy,
+    explicit_finish,
+    implicit_load,
+    implicit_stage,
+    lu_factor,
+    lu_solve,
+    on_cubic,
+    stage_sums,
+    step_factor,
+)
+from dimersweep.kernel.numerics.tableaux import DOP_A, ROS_GAMMA
+
+MAX_STEPS = 20000
+N_EVENTS = 8
+PAIR_ROWS = 40
+FIRST = 4.0  # first step, over the tolerance to the power of 1/8
+TURNS = 5.5  # of a slip, that an explicit step may span: what the method bears
+STIFF = 0.01  # explicit step below which a slip is slow
+LASTS = 30  # such steps in a row, after which the implicit method takes over
+NEAR = 0.3  # distance that one evaluation crosses as well as the tolerance, over its cubic root
+EXACT = 1e-3  # what an event function may be off its zero, in units of the tolerance
+STOPPED = 0.25  # slip, in units of the one that counts as none, at which a slip ends: it sets out with more
+UNFORESEEN = 1e-3  # error over the tolerance below which the last step tells nothing of how errors change
+ONSET = 0.95  # second step of a leg that sets out uncompressed, over the first: its error tells little of what follows
+RUB = 0.02  # friction, in units of a slip's own rate, from which it steers the slip
+
+
+class PairBench(NamedTuple):
+    """Rows of the work array, by what they hold during a step."""
+
+    K: Any  # slopes of the stages
+    J: Any  # Jacobian, and the matrix of the implicit stages
+    LU: Any
+    F: Any  # derivatives of the frictions
+    start: Any  # state and rates at the start of the step, and the state at its end
+    rates: Any
+    out: Any
+    rates_out: Any
+    scale: Any
+    gains: Any
+    armed: Any  # event functions that have been positive
+    pivots: Any
+    probe: Any
+    rates_probe: Any
+    search: Any
+
+
+@compiled
+def lay_out_pair(work):
+    """The bench on a work array of at least PAIR_ROWS rows."""
+    return PairBench(
+        work[0:12],
+        work[12:19],
+        work[19:26],
+        work[26:29],
+        work[29],
+        work[30],
+        work[31],
+        work[32],
+        work[33],
+        work[34],
+        work[35],
+        work[36],
+        work[37],
+        work[38],
+        work[39],
+    )
+
+
+@compiled(fuse=True, inline=True)
+def stage_value(y, h, total, a, k):
+    """An entry of the state at a stage, from the sum over the older slopes and the newest one k."""
+    return y + h * (total + a * k)
+
+
+@compiled
+def explicit_step(law, modes, clock, h, tol, b):
+    """One DOP853 step of size h in a clock, from b.start into b.out; returns the error over the tolerance.
+
+    The newest slopes stay in registers: to write them to K and to read them at once takes a tenth of the step.
+    """
+    y, k = b.start, b.rates
+    k0, k1, k2, k3, k4, k5, k6 = k[0], k[1], k[2], k[3], k[4], k[5], k[6]
+    for i in range(DOP_STAGES):
+        k = b.K[i]
+        k[0], k[1], k[2], k[3], k[4], k[5], k[6] = k0, k1, k2, k3, k4, k5, k6
+        if i < DOP_STAGES - 1:
+            t0, t1, t2, t3, t4, t5, t6, _ = stage_sums(i + 1, i, b.K)
+            a = DOP_A[i + 1, i]
+            k0, k1, k2, k3, k4, k5, k6 = rates_in_clock(
+                law,
+                modes,
+                b.gains,
+                clock,
+                stage_value(y[0], h, t0, a, k0),
+                stage_value(y[1], h, t1, a, k1),
+                stage_value(y[2], h, t2, a, k2),
+                stage_value(y[3], h, t3, a, k3),
+                stage_value(y[4], h, t4, a, k4),
+                stage_value(y[5], h, t5, a, k5),
+                stage_value(y[6], h, t6, a, k6),
+            )
+    for j in range(WIDTH):
+        b.scale[j] = tol
+    return explicit_finish(h, b.start, b.K, WIDTH, b.scale, b.out)
+
+
+@compiled
+def implicit_step(law, modes, h, tol, slip_unit, b):
+    """One Rodas5P step of size h from b.start into b.out; returns the error over the tolerance.
+
+    Errors of the slips are measured in `slip_unit`.
+    """
+    impact_jacobian(law, modes, b.gains, b.start, b.F, b.J)
+    for i in range(N_Z):
+        for j in range(N_Z):
+            b.LU[i, j] = -b.J[i, j]
+        b.LU[i, i] += 1.0 / (ROS_GAMMA * h)
+    if not lu_factor(b.LU, N_Z, b.pivots):
+        return inf
+    for i in range(ROS_STAGES):
+        implicit_stage(i, b.start, b.K, N_Z, b.out)
+        impact_rates(law, modes, b.gains, PLAIN, b.out, b.K[i])
+        implicit_load(i, h, b.K, N_Z, b.K[i])
+        lu_solve(b.LU, N_Z, b.pivots, b.K[i])
+    total = 0.0
+    for k in range(N_Z):
+        b.out[k] += b.K[ROS_STAGES - 1, k]
+        unit = slip_unit if k >= ZA else 1.0
+        total += (b.K[ROS_STAGES - 1, k] / unit) ** 2
+    return sqrt(total / N_Z) / tol
+
+
+@compiled
+def pair_step(law, modes, clock, h, tol, slip_unit, stiff, b):
+    """One step of size h from b.start into b.out, by the method that suits; returns the error over the tolerance."""
+    if stiff:
+        return implicit_step(law, modes, h, tol, slip_unit, b)
+    return explicit_step(law, modes, clock, h, tol, b)
+
+
+@compiled
+def ruling_clock(z, gains, faint):
+    """The clock in which the motion is most regular: of the end whose Y changes fastest (X below `faint` count alike).
+
+    The clock of an end that has gone, with nothing to press any more, would stand still.
+    Ends that move alike go on so to the last digit: without axial slip, which parts them, they have a clock in common.
+    """
+    gone_1, gone_2 = z[ZX1] <= 0.0 and z[ZN1] >= 0.0, z[ZX2] <= 0.0 and z[ZN2] >= 0.0
+    if gone_1 and gone_2:
+        return PLAIN
+    if gone_1 or gone_2:
+        return 1 if gone_1 else 0
+    if z[ZN1] == z[ZN2] and z[ZX1] == z[ZX2] and gains[0] == gains[1]:
+        return BOTH if z[ZA] == 0.0 else PLAIN
+    u_1, u_2 = gains[0] * z[ZN1], gains[1] * z[ZN2]
+    return 0 if u_1 * u_1 * (z[ZX2] + faint) > u_2 * u_2 * (z[ZX1] + faint) else 1
+
+
+@compiled
+def clock_rate(clock, z):
+    """dtau/dsigma of a clock in a state of the plain one."""
+    return 1.0 if clock == PLAIN else sqrt(max(0.0, z[ZX2] if clock == 1 else z[ZX1]))
+
+
+@compiled
+def turning_time(law, modes, z):
+    """Time in which friction turns the slip that it turns fastest; inf if none turns."""
+    least = inf
+    if modes[0] == STICK or modes[1] == STICK:
+        return least
+    for i in range(2):
+        pace = law.mu * law.bb * pressure(z[ZX1 + i])
+        if pace > 0.0:
+            least = min(least, length(z[ZA], z[ZB1 + i]) / pace)
+    return least
+
+
+@compiled
+def event_value(law, k, modes, compressing, clock, base, z, tol):
+    """Event function k of a phase, positive while the phase goes on; inf where it has no meaning.
+
+    0, 1: gap rate of p1, p2 against the phase; 2, 3: compression left; 4, 5: reserve of the friction that holds;
+    6, 7: slip along its direction at `base`, the start of the step (so that a passage through zero changes sign).
+    """
+    i = k % 2
+    if k < 2:
+        return -z[ZN1 + i] if compressing[i] > 0.0 else z[ZN1 + i]
+    if k < 4:
+        return inf if compressing[i] > 0.0 else z[ZX1 + i]
+    if k < 6:
+        # all force vanishes where an impact ends: only its ratios decide
+        f_1, f_2 = pressures(z, clock)
+        return stick_reserve(law, modes, i, z, f_1, f_2) / (f_1 + f_2) if f_1 + f_2 > 0.0 else 1.0
+    if modes[i] == STICK or law.mu == 0.0:
+        return inf
+    v = length(base[ZA], base[ZB1 + i])
+    return (z[ZA] * base[ZA] + z[ZB1 + i] * base[ZB1 + i]) / v - STOPPED * tol if v > 0.0 else inf
+
+
+@compiled
+def slip_bound(z, rates, modes, h):
+    """Step that leaves a slip about a tenth of itself where it decreases, at most h."""
+    for i in range(2):
+        v = length(z[ZA], z[ZB1 + i])
+        if modes[i] == SLIP and v > 0.0:
+            rate = (z[ZA] * rates[ZA] + z[ZB1 + i] * rates[ZB1 + i]) / v
+            if rate < 0.0:
+                h = min(h, -0.9 * v / rate)
+    return h
+
+
+@compiled
+def slip_unit(law, modes, z, rates):
+    """Unit of the slips' errors: a slip that sets out of rest against friction remembers its first direction, so that its
+    errors count relative to itself; else the approach speed is the unit.
+    """
+    unit = 1.0
+    for i in range(2):
+        v = length(z[ZA], z[ZB1 + i])
+        if modes[i] == SLIP and v > 0.0:
+            rate = (z[ZA] * rates[ZA] + z[ZB1 + i] * rates[ZB1 + i]) / v
+            if rate > 0.0 and law.mu * pressure(z[ZX1 + i]) * law.aa > RUB * rate:
+                unit = min(unit, v)
+    return unit
+
+
+@compiled
+def stays_slow(law, modes, z, slip_tol):
+    """Number of an end whose slip counts as none and that friction can hold, -1 if there is none.
+
+    Where drive and friction balance, a slip goes on at a speed below all that counts.
+    """
+    f_1, f_2 = pressure(z[ZX1]), pressure(z[ZX2])
+    for i in range(2):
+        if modes[i] == SLIP and law.mu > 0.0 and length(z[ZA], z[ZB1 + i]) <= slip_tol:
+            modes[i] = STICK
+            room = stick_reserve(law, modes, i, z, f_1, f_2)
+            modes[i] = SLIP
+            if room > 0.0:
+                return i
+    return -1
+
+
+@compiled
+def foreseen(h, error, h_before, error_before):
+    """By what to multiply a step, if errors go on to change as from the step before to this one (Gustafsson's controller)."""
+    root = sqrt(sqrt(sqrt(max(error_before, UNFORESEEN) / max(error * error, 1e-30))))
+    return max(0.3, 0.9 * h / h_before * root)
+
+
+@compiled
+def pair_leg(law, z, modes, compressing, tol, slip_tol, work):
+    """Integrate from z, in place, to the first event of the phase; returns its number, or -1 when steps ran out."""
+    b = lay_out_pair(work)
+    for i in range(2):
+        e = law.e_1 if i == 0 else law.e_2
+        b.gains[i] = 1.0 if compressing[i] > 0.0 else 1.0 / (e * e)
+    for k in range(N_EVENTS):
+        b.armed[k] = 1.0 if event_value(law, k, modes, compressing, PLAIN, z, z, slip_tol) > 0.0 else 0.0
+    for k in range(N_Z, WIDTH):
+        b.start[k], b.rates[k] = 0.0, 0.0
+        for i in range(DOP_STAGES):
+            b.K[i, k] = 0.0
+    faint = tol**0.4  # a compression that is worth a gap rate of the tolerance
+    clock, slow = ruling_clock(z, b.gains, faint), 0
+    longest = 1.0 / sqrt(max(b.gains[0], b.gains[1]))
+    h = FIRST * tol**0.125 * longest
+    turning, turns, pace, unit, stiff, fresh = inf, inf, 1.0, 1.0, False, True
+    onset, h_before, error_before, clock_before = z[ZX1] <= 0.0 and z[ZX2] <= 0.0, 0.0, 1.0, PLAIN
+    for _ in range(MAX_STEPS):
+        if fresh:
+            turning = turning_time(law, modes, z)
+            turns = TURNS * turning
+        slow = slow + 1 if turns < STIFF else 0
+        fresh, stiff = fresh or stiff != (slow > LASTS), slow > LASTS
+        if fresh:  # else the last step was refused, and only its size is another one
+            last, clock = clock, PLAIN if stiff else ruling_clock(z, b.gains, faint)
+            pace = clock_rate(clock, z)
+            if clock != last:
+                h = min(h * clock_rate(last, z) / pace, longest)
+            copy(z, b.start, N_Z)
+            to_clock(clock, b.start)
+            impact_rates(law, modes, b.gains, clock, b.start, b.rates)
+            if not stiff and h * pace > turns:
+                h = turns / pace
+            h = slip_bound(z, b.rates, modes, h)
+            unit = slip_unit(law, modes, z, b.rates) if stiff else 1.0
+        error = pair_step(law, modes, clock, h, tol, unit, stiff, b)
+        factor = step_factor(error, 5.0 if stiff else 8.0)
+        if not error <= 1.0:
+            h, fresh = factor * h, False
+            continue
+        if not stiff:
+            if h_before > 0.0 and clock == clock_before:
+                factor = min(factor, foreseen(h, error, h_before, error_before))
+            elif onset:
+                factor = min(factor, ONSET)
+            h_before, error_before, clock_before = h, error, clock
+        fresh = True
+        least, event = least_value(law, modes, compressing, clock, b.armed, b.start, b.out, slip_tol)
+        if least > 0.0:
+            for k in range(N_EVENTS):
+                if b.armed[k] == 0.0 and event_value(law, k, modes, compressing, clock, b.out, b.out, slip_tol) > 0.0:
+                    b.armed[k] = 1.0
+        else:
+            brisk = turning / pace if longest * pace > turning else longest
+            event = first_crossing(law, modes, compressing, clock, h, event, least, tol, slip_tol, stiff, brisk, b)
+            if event == UNSOUND:
+                h, fresh = 0.5 * h, False
+                continue
+        copy(b.out, z, N_Z)
+        from_clock(clock, z)
+        # a slip that has only turned by a right angle goes on
+        if least <= 0.0 and (event < 6 or length(z[ZA], z[ZB1 + event - 6]) <= 4.0 * slip_tol):
+            return event
+        if stiff:
+            still = stays_slow(law, modes, z, slip_tol)
+            if still >= 0:
+                return 6 + still
+        h *= factor
+    return -1
+
+
+@compiled
+def crossing_on_cubic(law, modes, compressing, clock, h, g_start, g_end, slip_tol, b):
+    """First guess of where in a step an event function vanishes, and the slope of the function there."""
+    s, mid, g = b.search, 0.5, 0.0
+    begin_search(s, 1.0, g_start, g_end, 0.0, 0.0)
+    for _ in range(12):
+        mid = next_probe(s)
+        on_cubic(b.start, b.rates, b.out, b.rates_out, mid, h, N_Z, b.probe)
+        g, _ = least_value(law, modes, compressing, clock, b.armed, b.start, b.probe, slip_tol)
+        if abs(g) <= 1e-6 * (g_start - g_end):
+            break
+        note_probe(s, mid, g, 0.0, False)
+    on_cubic(b.start, b.rates, b.out, b.rates_out, mid + 1e-3, h, N_Z, b.probe)
+    g_on, _ = least_value(law, modes, compressing, clock, b.armed, b.start, b.probe, slip_tol)
+    return mid * h, (g_on - g) / (1e-3 * h)
+
+
+@compiled
+def carry_on(law, modes, clock, t, b):
+    """Carry the end of a step on (or back) by t, by the midpoint rule."""
+    for k in range(N_Z):
+        b.probe[k] = b.out[k] + 0.5 * t * b.rates_out[k]
+    impact_rates(law, modes, b.gains, clock, b.probe, b.rates_probe)
+    for k in range(N_Z):
+        b.out[k] += t * b.rates_probe[k]
+
+
+@compiled
+def first_crossing(law, modes, compressing, clock, h, event, least, tol, slip_tol, stiff, brisk, b):
+    """Number of the first event in a step h over which the least event function fell to `least`; b.out becomes its state.
+
+    Bracketed search; UNSOUND where a probe is refused. Each probe is a step of its own from b.start, or carries the last one on
+    where it is near; the first guess is the zero on the cubic through the step. The motion changes in a time `brisk`: only a
+    small part of it is near.
+    """
+    g_low, _ = least_value(law, modes, compressing, clock, b.armed, b.start, b.start, slip_tol)
+    smooth, s = event < 6, b.search
+    near, slope, guess = 0.0, 0.0, 0.0
+    if smooth:
+        near = NEAR * tol ** (1.0 / 3.0) * brisk
+        impact_rates(law, modes, b.gains, clock, b.out, b.rates_out)
+        guess, slope = crossing_on_cubic(law, modes, compressing, clock, h, g_low, least, slip_tol, b)
+    begin_search(s, h, g_low, least, guess, slope)
+    while not is_closed(s, h):
+        mid = next_probe(s)
+        way = mid - s[S_AT]
+        if abs(way) <= min(near, CARRIED * mid):
+            impact_rates(law, modes, b.gains, clock, b.out, b.rates_out)
+            carry_on(law, modes, clock, way, b)
+        elif not pair_step(law, modes, clock, mid, tol, 1.0, stiff, b) <= 1.0:
+            return UNSOUND
+        g, event = least_value(law, modes, compressing, clock, b.armed, b.start, b.out, slip_tol)
+        if abs(g) <= EXACT * tol:
+            return event
+        note_probe(s, mid, g, 0.0, smooth)
+    pair_step(law, modes, clock, s[S_HIGH], tol, 1.0, stiff, b)
+    _, event = least_value(law, modes, compressing, clock, b.armed, b.start, b.out, slip_tol)
+    return event
+
+
+@compiled
+def least_value(law, modes, compressing, clock, armed, base, z, tol):
+    """Least of the armed event functions at z, and its number (inf and -1 if none is armed)."""
+    least, which = inf, -1
+    for k in range(N_EVENTS):
+        if armed[k] > 0.0:
+            value = event_value(law, k, modes, compressing, clock, base, z, tol)
+            if value < least:
+                least, which = value, k
+    return least, which

@@ -1,0 +1,170 @@
+"""A leg of an impact at one end in powers of xi, with dP = v dxi: its expansion, how far that reaches, and where it vanishes.
+
+In that clock the slip direction is not stiff at small slip, and one expansion gives a leg with all its events.
+"""
+
+from math import inf, sqrt
+
+from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.model.friction import length
+
+LEAST_ORDER, ORDER = 4, 15  # of the expansion of a leg with a turning slip direction
+BEYOND = 1.1  # how far past the likely end of a leg its expansion is to reach
+SLACK = 0.5  # ratio of two terms there from which an expansion is taken to the highest order at once
+CLOSE = 1e-8  # step of Newton's rule, in units of its place, after which it is done
+ROUNDED = 1e-15  # error of a velocity, in units of itself, that no step improves
+INVERSE = tuple(1.0 / (j + 1.0) for j in range(ORDER))
+A_V, A_A, A_P, A_N, A_J, A_E = range(6)  # its rows: slip, axial slip, impulse, gap rates of both ends, energy
+
+
+@compiled
+def begin_expansion(n, a, b, E, n_j, c):
+    """First coefficients of a leg's expansion; returns that of b^2."""
+    c[A_V, 0] = length(a, b)
+    c[A_A, 0], c[A_P, 0], c[A_N, 0], c[A_J, 0], c[A_E, 0] = a, 0.0, n, n_j, E
+    return b * b
+
+
+@compiled(fuse=True, inline=True)
+def expand(law, gain, fading, first, order, c):
+    """Taylor coefficients of a leg in xi beyond xi**first up to xi**order, into the rows of c: A_V, A_A, A_P, A_N, A_J, A_E.
+
+    With dP = v dxi both slips have linear laws, a' = W_na v - mu W_aa a and b' = -mu W_bb b, so that b is an exponential
+    and v = sqrt(a^2 + b^2) the only function to expand. `fading` is the coefficient of b^2 at xi**first; returns that at
+    xi**order.
+    """
+    inverse = 1.0 / c[A_V, 0]
+    for j in range(first, order):
+        if j > 0:  # the newest coefficients are added last: the processor need not wait for them with the others
+            rest, middle = 0.5 * fading, j // 2
+            if j % 2 == 0:
+                rest += 0.5 * (c[A_A, middle] * c[A_A, middle] - c[A_V, middle] * c[A_V, middle])
+            for i in range((j - 1) // 2, 0, -1):
+                rest += c[A_A, i] * c[A_A, j - i] - c[A_V, i] * c[A_V, j - i]
+            c[A_V, j] = (rest + c[A_A, 0] * c[A_A, j]) * inverse
+        work = 0.0
+        for i in range(j, -1, -1):
+            work += c[A_N, i] * c[A_V, j - i]
+        k = INVERSE[j]
+        fading *= -2.0 * law.mu * law.bb * k
+        dP, dA = c[A_V, j] * k, -law.mu * c[A_A, j] * k
+        c[A_A, j + 1] = law.na * dP + law.aa * dA
+        c[A_P, j + 1] = dP
+        c[A_N, j + 1] = law.nn * dP + law.na * dA
+        c[A_J, j + 1] = law.nn_j * dP + law.na_j * dA
+        c[A_E, j + 1] = -gain * work * k
+    return fading
+
+
+@compiled(fuse=True)
+def at(c, row, order, xi):
+    """Value and slope of an expansion at xi."""
+    value, slope = c[row, order], 0.0
+    for j in range(order - 1, -1, -1):
+        slope = slope * xi + value
+        value = value * xi + c[row, j]
+    return value, slope
+
+
+@compiled
+def unseen(c, v, tol):
+    """Size of a term of the expansions that is none."""
+    return max(0.1 * min(tol, 0.01 * v), ROUNDED * max(v, abs(c[A_N, 0])))
+
+
+@compiled
+def term(c, j):
+    """Largest coefficient of xi**j; an energy counts by the rate that it gives."""
+    energy = abs(c[A_E, j]) / max(1.0, sqrt(c[A_E, 0]))
+    return max(abs(c[A_A, j]), max(abs(c[A_P, j]), max(abs(c[A_N, j]), energy)))
+
+
+@compiled
+def reach(c, order, small):
+    """Step over which the last terms of the expansions stay below `small`, and well inside their convergence."""
+    last, before = term(c, order), term(c, order - 1)
+    h = (small / last) ** (1.0 / order) if last > 0.0 else inf
+    if before * min(h, 1e9) ** (order - 1) > small:
+        h = (small / before) ** (1.0 / (order - 1))
+    return h
+
+
+@compiled
+def likely_end(law, c, compressing, whole):
+    """Where a leg (with `whole`, also the restitution after it) has ended by the first three terms of its expansion; or inf."""
+    if compressing:
+        rebound = law.e if whole else 0.0
+        return BEYOND * (1.0 + rebound) * parabola_zero(-c[A_N, 0], -c[A_N, 1], -c[A_N, 2])
+    return BEYOND * parabola_zero(c[A_E, 0], c[A_E, 1], c[A_E, 2])
+
+
+@compiled
+def expand_to_end(law, gain, compressing, whole, fading, small, highest, c):
+    """Expand a leg to the order that reaches its end, or to the highest; returns the order and the step it is good for."""
+    order = LEAST_ORDER
+    fading = expand(law, gain, fading, 0, order, c)
+    end = likely_end(law, c, compressing, whole)
+    if 0.0 < end < inf and term(c, order) * end <= SLACK * term(c, order - 1):
+        while order < highest:
+            power = end ** (order - 1)
+            if term(c, order - 1) * power <= small and term(c, order) * power * end <= small:
+                return order, end
+            more = min(order + 2, highest)
+            fading = expand(law, gain, fading, order, more, c)
+            order = more
+    expand(law, gain, fading, order, highest, c)
+    return highest, reach(c, highest, small)
+
+
+@compiled
+def parabola_zero(c0, c1, c2):
+    """First zero of c0 + c1 x + c2 x^2 at x > 0, from c0 > 0; inf if there is none."""
+    disc = c1 * c1 - 4.0 * c0 * c2
+    if disc < 0.0:
+        return inf
+    below = sqrt(disc) - c1
+    return 2.0 * c0 / below if below > 0.0 else inf
+
+
+@compiled(fuse=True)
+def first_zero(c, row, order, sign, h):
+    """First zero in (0, h] of an expansion, of the given sign before, whose slope changes sign at most once; else inf.
+
+    It is looked for from that of the first three terms: a fast slip has its events at a tiny part of the interval. A dip
+    below zero between positive ends is looked for at the bottom of it.
+    """
+    low, high = 0.0, h
+    end, slope_end = at(c, row, order, h)
+    if sign * end > 0.0:
+        if sign * c[row, 1] >= 0.0 or sign * slope_end <= 0.0:
+            return inf
+        for _ in range(60):
+            mid = 0.5 * (low + high)
+            value, slope = at(c, row, order, mid)
+            if sign * value <= 0.0:
+                high = mid
+                break
+            low, high = (mid, high) if sign * slope < 0.0 else (low, mid)
+        else:
+            return inf
+        low = 0.0
+    return zero_between(
+        c, row, order, sign, low, high, parabola_zero(sign * c[row, 0], sign * c[row, 1], sign * c[row, 2])
+    )
+
+
+@compiled(fuse=True)
+def zero_between(c, row, order, sign, low, high, x):
+    """Zero of an expansion between two places, of the given sign at the first only; by bracketed Newton steps from x."""
+    if not low < x < high:
+        x = high
+    for _ in range(100):
+        value, slope = at(c, row, order, x)
+        low, high = (x, high) if sign * value > 0.0 else (low, x)
+        new = x - value / slope if slope != 0.0 else high
+        if not low <= new <= high:
+            new = 0.5 * (low + high)
+        x, step = new, new - x
+        if abs(step) <= CLOSE * x:  # the next step of Newton's rule would be below round-off
+            break
+    return x

@@ -1,0 +1,392 @@
+"""Impact at one end: the impulse ODE with the end's own normal impulse as time, and its closed forms.
+
+With one contact acting, dP is the clock: n' = W_nn - mu W_na cos(phi), and the slip (v, phi) obeys
+
+    v'     = W_na cos(phi) - mu (W_aa cos^2(phi) + W_bb sin^2(phi))
+    v phi' = sin(phi) (mu (W_aa - W_bb) cos(phi) - W_na).
+
+Sticking, absent friction and slip along an invariant direction (phi' = 0) make every rate constant: closed form. Between
+them a leg is expanded in powers of xi, with dP = v dxi (``expansion``). Velocities are in units of the approach speed V,
+impulses of m V, energies of m V^2, the Delassus operator of 1/m.
+"""
+
+from math import copysign, exp, expm1, inf, log, log1p, sqrt
+from typing import NamedTuple
+
+from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.impact.expansion import (
+    A_A,
+    A_E,
+    A_J,
+    A_N,
+    A_P,
+    LEAST_ORDER,
+    ORDER,
+    at,
+    begin_expansion,
+    expand_to_end,
+    first_zero,
+    unseen,
+    zero_between,
+)
+from dimersweep.kernel.model.friction import length
+from dimersweep.kernel.model.layout import SLIP, STICK
+
+DONE, OTHER, LEG, JAM, STEPS = 0, 1, 2, 3, 4
+MAX_LEGS = 200
+MAX_STEPS = 2000
+OFF_AXIS = 0.1  # sine of the angle to an axial direction below which its expansion is in powers of that
+INVARIANT = 1e-14  # rate of turning (per xi) below which any slip direction counts as invariant
+ATTRACTED = 1e-2  # effect on the rates, in tolerances, of what is left of the turning towards an attracting direction
+LIVELY = 0.1  # coefficient of restitution from which the energy given back is a clear part of what is stored
+CONVERGES, MAX_TERMS = 0.4, 80  # ratio of the terms in closed form below which they are summed, and the most of them
+
+
+class EndLaw(NamedTuple):
+    """What governs the impact at one end while nothing acts at the other."""
+
+    nn: float  # Delassus operator of the end, in units of 1/m
+    na: float
+    aa: float
+    bb: float
+    nn_j: float  # gap rate of the other end per normal and per axial impulse here
+    na_j: float
+    both: float  # 1.0 if the other end is closed (and may be set in motion towards the plate), else 0.0
+    e: float
+    mu: float
+    mu_s: float
+
+
+@compiled
+def sticks(law):
+    """Whether the end holds where its slip has come to rest: |W_na| / W_aa <= mu_s."""
+    return abs(law.na) <= law.mu_s * law.aa
+
+
+@compiled
+def turning(law, c, s):
+    """dphi/dxi at the slip direction (c, s), and its derivative with respect to phi (negative: attracting)."""
+    spread = law.mu * (law.aa - law.bb)
+    return s * (spread * c - law.na), c * (spread * c - law.na) - spread * s * s
+
+
+@compiled
+def turns_away(law, c):
+    """Whether a slip near zero along (c, s), with s != 0, only turns round there and grows again.
+
+    Its direction tends to the way that W_na drives it, where it grows if |W_na| > mu W_aa, unless it is nearer to an
+    attracting direction in which it dies out. At no tolerance does such a slip come to rest, be it small beyond measure.
+    """
+    drive = abs(law.na)
+    return drive > law.mu * law.aa and drive > law.mu * (law.aa - law.bb) * copysign(c, c * law.na)
+
+
+@compiled
+def is_invariant(law, v, c, s, tol):
+    """Whether slip along (c, s) keeps its direction: to rounding, or so near to an attracting one that the rates do.
+
+    Near an axial direction they change with s^2 only; what that does while s dies out is known to the next order.
+    """
+    rate, slope = turning(law, c, s)
+    if abs(rate) <= INVARIANT:
+        return True
+    off = abs(s * s * s) if abs(s) < OFF_AXIS else abs(rate / slope)
+    return slope < 0.0 and v * off <= ATTRACTED * tol
+
+
+@compiled
+def integral(k, x):
+    """Integral of exp(k x) from zero to x; with k < 0 where x is infinite."""
+    if x == inf:
+        return -1.0 / k
+    return expm1(k * x) / k if abs(k * x) > 1e-12 else x
+
+
+@compiled
+def integral_of_integral(k, w, x):
+    """Integral over x of exp(w x) times that of exp(k x); not both k and w are zero."""
+    if abs(k) >= abs(w):
+        return (integral(k + w, x) - integral(w, x)) / k
+    return integral(k, x) * integral(w, x) - (integral(k + w, x) - integral(k, x)) / w
+
+
+@compiled
+def swerve(w_v, slope, v, b, P):
+    """What is left of the turning while slip near an axial direction goes on over an impulse P.
+
+    With dv/dP = w_v, v = v_0 exp(w_v xi), the direction comes nearer to the axis as s = s_0 exp(slope xi), slope < 0.
+
+    Returns
+    -------
+    S, S_1, b : float
+        Integral of s^2 / 2 over P, that of S, and the lateral slip that is left.
+    """
+    x = w_v * P / v
+    xi = inf if x <= -1.0 else P / v * (log1p(x) / x if abs(x) > 1e-12 else 1.0)
+    g, size = 2.0 * slope + w_v, 0.5 * b * b / v
+    return size * integral(g, xi), size * v * integral_of_integral(g, w_v, xi), b * (1.0 + x) * exp(slope * xi)
+
+
+@compiled
+def time_to_events(law, n, E, v, n_j, compressing, w, w_j, w_v):
+    """Impulses after which, at constant rates, the leg ends: own rate zero, energy spent, other end turned, slip zero."""
+    P_n = -n / w if (compressing and w > 0.0) or (not compressing and w < 0.0) else inf
+    P_E = inf
+    if not compressing:
+        disc = n * n + 2.0 * w * law.e * law.e * E
+        if disc >= 0.0:
+            P_E = 2.0 * law.e * law.e * E / (n + sqrt(disc))
+    P_j = -n_j / w_j if law.both > 0.0 and w_j < 0.0 else inf
+    P_v = -v / w_v if w_v < 0.0 else inf
+    return P_n, P_E, P_j, P_v
+
+
+@compiled
+def end_of_restitution(law, c, order, xi_n, h):
+    """End of the restitution that follows a compression up to xi_n within the same expansion; inf if it reaches beyond h.
+
+    Of the energy, stored to the last bit at xi_n, restitution gives back e^2 by the law of compression.
+    """
+    stored, _ = at(c, A_E, order, xi_n)
+    c[A_E, 0] -= (1.0 - law.e * law.e) * stored
+    left, slope = at(c, A_E, order, h)
+    _, rise = at(c, A_N, order, xi_n)
+    found = inf
+    if left <= 0.0 and slope < 0.0 < rise:
+        found = zero_between(c, A_E, order, 1.0, xi_n, h, xi_n * (1.0 + law.e))
+        _, rise = at(c, A_N, order, found)
+    c[A_E, 0] += (1.0 - law.e * law.e) * stored
+    return found if rise > 0.0 else inf
+
+
+@compiled(fuse=True)
+def run_down(law, a, b, tol):
+    """Impulse P over which a slip that turns towards an attracting axial direction dies out, and the integral of a over it.
+
+    With q = tan^2 of half the angle to that direction, the sign sigma of which is c, the hodograph is
+
+        v = K q^alpha (1 - w q)^beta (1 + q),    dq/dxi = 2 m q (1 - w q) / (1 + q),
+
+    m = mu (W_aa - W_bb) - sigma W_na < 0, alpha = (sigma W_na - mu W_aa) / 2m > 0, w = (mu (W_aa - W_bb) + sigma W_na) / m,
+    so that the integrals of v and of a v over xi down to q = 0 are power series in q. inf where they converge slowly.
+    """
+    v = length(a, b)
+    spread = law.mu * (law.aa - law.bb)
+    c = 1.0 if spread * a < law.na * v else -1.0
+    m, fade = spread - c * law.na, c * law.na - law.mu * law.aa
+    near = v + c * a
+    if m >= 0.0 or fade >= 0.0 or near <= 0.0:
+        return inf, inf
+    q, w = (v - c * a) / near, (spread + c * law.na) / m
+    if q * max(1.0, abs(w)) > CONVERGES:
+        return inf, inf
+    alpha, g = 0.5 * fade / m, 0.5 * law.mu * law.bb * (1.0 + w) / m  # g = beta w
+    f, f_1, f_2 = 1.0, 0.0, 0.0  # terms of (1 - w q)^(beta - 1) in powers of q, the newest first
+    d, d_1, d_2, d_3 = 1.0, 0.0, 0.0, 0.0  # of (1 - w q)^(2 beta - 1)
+    shape, first, second = 0.0, 0.0, 0.0
+    for k in range(MAX_TERMS):
+        shape += f
+        first += (f + q * (2.0 * f_1 + q * f_2)) / (alpha + k)
+        second += (d + q * (d_1 - q * (d_2 + q * d_3))) / (2.0 * alpha + k)
+        if abs(f) + abs(f_1) + abs(d) + abs(d_1) <= 0.1 * tol:
+            size = v / (shape * (1.0 - w * q) * (1.0 + q))
+            return size * first / (-2.0 * m), c * size * size * second / (-2.0 * m)
+        more, step = w * (k + 1.0), q / (k + 1.0)
+        f_2, f_1, f = f_1, f, f * (more - g) * step
+        d_3, d_2, d_1, d = d_2, d_1, d, d * (more - 2.0 * g) * step
+    return inf, inf
+
+
+@compiled
+def stop_at_once(law, n, a, b, E, compressing, tol):
+    """The rest of a leg in which the slip dies out before anything else happens.
+
+    Returns
+    -------
+    n, E, P, A : float
+        Gap rate and energy then; normal and axial impulse. P is inf if the slip does not die out first, as far as is known.
+    """
+    P, swept = run_down(law, a, b, tol)
+    # the gap rate must only rise, wherever the slip turns
+    if inf == P or law.nn - law.mu * abs(law.na) < 0.0:
+        return n, E, inf, 0.0
+    A = -(a + law.na * P) / law.aa
+    n_end = n + law.nn * P + law.na * A
+    # n = n_0 + W_nn P + W_na (a - a_0 - W_na P) / W_aa, integrated over P
+    gain = 1.0 if compressing else 1.0 / (law.e * law.e)
+    worked = P * (n - law.na * a / law.aa + 0.5 * P * (law.nn - law.na * law.na / law.aa)) + law.na / law.aa * swept
+    E_end = E - gain * worked
+    if (compressing and n_end >= 0.0) or E_end <= 0.0:
+        return n, E, inf, 0.0
+    return n_end, E_end, P, A
+
+
+@compiled
+def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
+    """One leg with a turning slip direction, up to its first event or until the direction has become invariant.
+
+    A compression goes on into the restitution after it where one expansion serves both.
+
+    Returns
+    -------
+    n, a, b, E, n_j, P, A, B : float
+        Velocities, energy and other gap rate after the leg; normal, axial, lateral impulse of it.
+    reason : int
+        LEG (go on with the next leg) or STEPS.
+    """
+    gain = 1.0 if compressing else 1.0 / (law.e * law.e)
+    share = tol / max(1.0, length(a, b))
+    highest = min(ORDER, max(LEAST_ORDER, int(8.0 - 0.6 * log(share))))  # the least work for a step of this accuracy
+    slip_end, lateral = max(tol, 1e-14 * length(a, b)), abs(b) > tol
+    whole = compressing and law.both == 0.0 and law.e >= LIVELY
+    n, n_j, P, A, B = n0, n_j0, 0.0, 0.0, 0.0
+    for _ in range(MAX_STEPS):
+        if law.both == 0.0:
+            n_end, E_end, dP, dA = stop_at_once(law, n, a, b, E, compressing, tol)
+            if dP < inf:
+                n_j += law.nn_j * dP + law.na_j * dA
+                return n_end, 0.0, 0.0, E_end, n_j, P + dP, A + dA, B - b / law.bb, LEG
+        v = length(a, b)
+        fading = begin_expansion(n, a, b, E, n_j, work)
+        small = unseen(work, v, tol) * (law.e * law.e if whole else 1.0)
+        order, h = expand_to_end(law, gain, compressing, whole, fading, small, highest, work)
+        xi_n = first_zero(work, A_N, order, -1.0 if compressing else 1.0, h)
+        xi_E = inf if compressing else first_zero(work, A_E, order, 1.0, h)
+        xi_j = first_zero(work, A_J, order, 1.0, h) if law.both > 0.0 else inf
+        xi = min(min(xi_n, xi_E), min(xi_j, h))
+        if whole and xi == xi_n:
+            xi_E = end_of_restitution(law, work, order, xi_n, h)
+            xi = xi_E if xi_E < inf else xi
+        a_old, b_old = a, b
+        a, _ = at(work, A_A, order, xi)
+        b = b * exp(-law.mu * law.bb * xi)
+        dP, _ = at(work, A_P, order, xi)
+        n, _ = at(work, A_N, order, xi)
+        E, _ = at(work, A_E, order, xi)
+        n_j, _ = at(work, A_J, order, xi)
+        P, A, B = P + dP, A + (a - a_old - law.na * dP) / law.aa, B + (b - b_old) / law.bb
+        v = length(a, b)
+        ended = xi == xi_n or xi == xi_E or xi == xi_j
+        stopped = v <= slip_end
+        if ended or stopped or is_invariant(law, v, a / v, b / v, tol):
+            n = 0.0 if xi == xi_n else n
+            E = 0.0 if xi == xi_E else E
+            n_j = 0.0 if xi == xi_j else n_j
+            if stopped:
+                a, b = copysign(2.0 * slip_end, law.na) if lateral and turns_away(law, a / v) else 0.0, 0.0
+            return n, a, b, E, n_j, P, A, B, LEG
+    return n, a, b, E, n_j, P, A, B, STEPS
+
+
+@compiled
+def later(P, change, rate):
+    """When a function that falls to zero at P, at this rate, does so if it has changed a little."""
+    return max(0.0, P - change / rate) if inf > P else inf
+
+
+@compiled
+def straight_leg(law, n, a, b, E, n_j, compressing, stick, c, s):
+    """One leg at constant rates: sticking (stick), or slipping along the direction (c, s); closed form.
+
+    With s = 0 and b != 0 the slip is near the axis: what is left of its turning changes all rates by little.
+    """
+    if stick:
+        t_a, t_b = -law.na / law.aa, 0.0
+        w_a, w_b, w_v = 0.0, 0.0, 0.0
+    else:
+        t_a, t_b = -law.mu * c, -law.mu * s
+        w_a, w_b = law.na + law.aa * t_a, law.bb * t_b
+        w_v = w_a * c + w_b * s if law.mu > 0.0 else 0.0
+    v = length(a, b)
+    w, w_j = law.nn + law.na * t_a, law.nn_j + law.na_j * t_a
+    P_n, P_E, P_j, P_v = time_to_events(law, n, E, v, n_j, compressing, w, w_j, w_v)
+    P = min(min(P_n, P_E), min(P_j, P_v))
+    if inf == P:
+        return n, a, b, E, n_j, 0.0, 0.0, 0.0, JAM
+    gain = 1.0 if compressing else 1.0 / max(law.e * law.e, 1e-300)
+    rub, rub_1, b_left = 0.0, 0.0, b + w_b * P
+    _, slope = turning(law, c, 0.0)
+    if s == 0.0 and b != 0.0 and law.mu > 0.0 and slope < 0.0 and not stick:
+        S, S_1, b_left = swerve(w_v, slope, v, b, P)
+        rub, rub_1 = -t_a * S, -t_a * S_1
+        slower = 2.0 * law.mu * (law.aa - law.bb) * S - law.na * rub / law.mu
+        P_n, P_j = later(P_n, law.na * rub, w), later(P_j, law.na_j * rub, w_j)
+        P_E, P_v = later(P_E, -law.na * rub_1, -(n + w * P_E)), later(P_v, slower, w_v)
+        P = min(min(P_n, P_E), min(P_j, P_v))
+    E = 0.0 if P == P_E else max(0.0, E - gain * (P * (n + 0.5 * w * P) + law.na * rub_1))
+    n = 0.0 if P_n == P else n + w * P + law.na * rub
+    n_j = 0.0 if P_j == P else n_j + w_j * P + law.na_j * rub
+    A, b_0 = t_a * P + rub, b
+    if P_v == P:
+        a, b = 0.0, 0.0
+    elif not stick:
+        a = a + w_a * P + law.aa * rub
+        b = b_left
+    return n, a, b, E, n_j, P, A, (b - b_0) / law.bb, LEG
+
+
+@compiled
+def single_phase(law, n, a, b, E, n_j, tol, work):
+    """Run the impact at one end until its energy is spent or the other closed end begins to be compressed.
+
+    Parameters
+    ----------
+    law : EndLaw
+    n, a, b : float
+        Gap rate, axial and lateral velocity of the end [V].
+    E : float
+        Elastic energy stored at the end [m V^2].
+    n_j : float
+        Gap rate of the other end [V].
+    tol : float
+        Error per unit of velocity, and the slip that counts as none.
+    work : float64 array, at least (6, ORDER + 1)
+
+    Returns
+    -------
+    n, a, b, E, n_j, P, A, B : float
+        After the phase; impulses of it.
+    P_s, A_s : float
+        Of these, what was given before the end stuck (all of it if it slips to the end): an impact at one end does not
+        slip again once it sticks.
+    mode : int
+        STICK or SLIP, the friction mode in which the phase ended.
+    reason : int
+        DONE, OTHER, JAM or STEPS.
+    """
+    P, A, B, P_s, A_s = 0.0, 0.0, 0.0, 0.0, 0.0
+    compressing = n < 0.0 or E == 0.0
+    mode = SLIP
+    for _ in range(MAX_LEGS):
+        if not compressing and (E <= 0.0 or law.e == 0.0):
+            return n, a, b, 0.0, n_j, P, A, B, P_s, A_s, mode, DONE
+        v = length(a, b)
+        stick, turns, c, s = False, False, 1.0, 0.0
+        if law.mu == 0.0 and (v > tol or not sticks(law)):
+            mode = SLIP  # no friction: the direction is of no consequence
+        elif v <= tol:
+            a, b, v = 0.0, 0.0, 0.0
+            stick = sticks(law)
+            mode = STICK if stick else SLIP
+            c = 1.0 if law.na > 0.0 else -1.0  # the self-consistent direction of slip out of rest
+        else:
+            mode = SLIP
+            c, s = a / v, b / v
+            turns = not is_invariant(law, v, c, s, tol)
+            if not turns and abs(s) < OFF_AXIS:
+                c, s = copysign(1.0, a), 0.0
+        w_j = law.nn_j + law.na_j * (-law.na / law.aa if stick else -law.mu * c)
+        if turns:
+            n, a, b, E, n_j, dP, dA, dB, reason = turning_leg(law, n, a, b, E, n_j, compressing, tol, work)
+        else:
+            n, a, b, E, n_j, dP, dA, dB, reason = straight_leg(law, n, a, b, E, n_j, compressing, stick, c, s)
+        P, A, B = P + dP, A + dA, B + dB
+        if not stick:
+            P_s, A_s = P, A
+        if reason != LEG:
+            return n, a, b, E, n_j, P, A, B, P_s, A_s, mode, reason
+        if n == 0.0 or (compressing and n > 0.0):
+            compressing = not compressing
+        if law.both > 0.0 and n_j == 0.0 and (turns or w_j < 0.0):
+            return n, a, b, E, n_j, P, A, B, P_s, A_s, mode, OTHER
+    return n, a, b, E, n_j, P, A, B, P_s, A_s, mode, STEPS

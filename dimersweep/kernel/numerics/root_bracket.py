@@ -1,0 +1,61 @@
+"""The search for a zero of event functions within a step: a bracket, where it is probed next, and what a probe tells."""
+
+from dimersweep.kernel.compiler.jit import compiled
+
+MAX_PROBES = 160
+CARRIED = 0.1  # way over which a probe may carry the last one on, in units of its place: its error is one of that
+# in place of an event: a probe within the step is worse than the step itself, which has passed over a singularity
+UNSOUND = -3
+GUESSES = 6  # probes by Newton's rule, after which the bracket alone decides
+# what a row holds: the bracket and the values at its ends, the end replaced last (-1, 0 or 1), probes made, place and value of
+# the last one, the next place by Newton's rule and the slope there
+S_LOW, S_HIGH, S_G_LOW, S_G_HIGH, S_SIDE, S_PROBES, S_AT, S_G, S_GUESS, S_SLOPE = range(10)
+
+
+@compiled
+def begin_search(s, h, g_low, g_high, guess, slope):
+    """Look for a zero in (0, h], from the values at its ends and a first guess with the slope there."""
+    s[S_LOW], s[S_HIGH], s[S_G_LOW], s[S_G_HIGH], s[S_SIDE] = 0.0, h, g_low, g_high, 0.0
+    s[S_PROBES], s[S_AT], s[S_G] = 0.0, h, g_high
+    s[S_GUESS], s[S_SLOPE] = guess, slope
+
+
+@compiled
+def is_closed(s, h):
+    """Whether the bracket is as small as round-off allows, or has been probed as often as it may."""
+    return s[S_HIGH] - s[S_LOW] <= 1e-15 * h or s[S_PROBES] >= MAX_PROBES
+
+
+@compiled
+def next_probe(s):
+    """Where to probe: by Newton's rule, else at the secant point; in the middle if that is not inside, and in every third
+    probe, since the least of several functions may have a bend that regula falsi creeps to.
+    """
+    low, high, g_low, g_high = s[S_LOW], s[S_HIGH], s[S_G_LOW], s[S_G_HIGH]
+    if s[S_PROBES] < GUESSES and low < s[S_GUESS] < high:
+        return s[S_GUESS]
+    mid = (low * g_high - high * g_low) / (g_high - g_low)
+    return mid if low < mid < high and int(s[S_PROBES]) % 3 < 2 else 0.5 * (low + high)
+
+
+@compiled
+def note_probe(s, mid, g, aim, steep):
+    """Narrow the bracket by the value g at mid (Anderson and Bjorck's regula falsi); Newton's rule aims at the value `aim`.
+
+    The value kept at an end that stays twice is scaled down, so that both ends close in. `steep` says that the last two probes
+    tell the slope better than the guess did.
+    """
+    if g > 0.0:
+        if s[S_SIDE] < 0.0:
+            factor = 1.0 - g / s[S_G_LOW]
+            s[S_G_HIGH] *= factor if factor > 0.0 else 0.5
+        s[S_LOW], s[S_G_LOW], s[S_SIDE] = mid, g, -1.0
+    else:
+        if s[S_SIDE] > 0.0:
+            factor = 1.0 - g / s[S_G_HIGH]
+            s[S_G_LOW] *= factor if factor > 0.0 else 0.5
+        s[S_HIGH], s[S_G_HIGH], s[S_SIDE] = mid, g, 1.0
+    if steep and s[S_PROBES] > 0.0:
+        s[S_SLOPE] = (g - s[S_G]) / (mid - s[S_AT])
+    s[S_GUESS] = mid - (g - aim) / s[S_SLOPE] if s[S_SLOPE] < 0.0 else 0.0
+    s[S_AT], s[S_G], s[S_PROBES] = mid, g, s[S_PROBES] + 1.0

@@ -1,0 +1,163 @@
+"""Pieces of the two one-step methods that every phase shares: stage sums, error norms, step control, dense solves."""
+
+from math import inf, sqrt
+
+from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.numerics.tableaux import (
+    DOP_A,
+    DOP_E3,
+    DOP_E5,
+    DOP_SKIPPED,
+    ROS_A,
+    ROS_CC,
+)
+
+DOP_STAGES = 12
+ROS_STAGES = 8
+WIDTH = 8  # entries of a state that DOP853 controls: a loop over them in registers
+
+
+@compiled
+def copy(source, target, n):
+    """Copy the first n entries (a slice assignment compiles ten times as slowly)."""
+    for k in range(n):
+        target[k] = source[k]
+
+
+@compiled
+def clear(A, rows, columns):
+    """Set the leading block of A to zero."""
+    for i in range(rows):
+        for j in range(columns):
+            A[i, j] = 0.0
+
+
+@compiled(fuse=True, inline=True)
+def stage_sums(i, last, K):
+    """Slopes K of the stages of DOP853 before number `last`, weighted by row i of its table; the first WIDTH entries."""
+    a, slope = DOP_A[i, 0] if last > 0 else 0.0, K[0]
+    t0, t1, t2, t3 = a * slope[0], a * slope[1], a * slope[2], a * slope[3]
+    t4, t5, t6, t7 = a * slope[4], a * slope[5], a * slope[6], a * slope[7]
+    for j in range(DOP_SKIPPED[i], last):
+        a, slope = DOP_A[i, j], K[j]
+        t0 += a * slope[0]
+        t1 += a * slope[1]
+        t2 += a * slope[2]
+        t3 += a * slope[3]
+        t4 += a * slope[4]
+        t5 += a * slope[5]
+        t6 += a * slope[6]
+        t7 += a * slope[7]
+    return t0, t1, t2, t3, t4, t5, t6, t7
+
+
+@compiled(fuse=True, inline=True)
+def explicit_stage(i, h, y, K, n, out):
+    """y with the slopes K of the stages of DOP853 before number i, weighted by row i of its table, into `out`. n >= WIDTH."""
+    t0, t1, t2, t3, t4, t5, t6, t7 = stage_sums(i, i, K)
+    out[0], out[1], out[2], out[3] = y[0] + h * t0, y[1] + h * t1, y[2] + h * t2, y[3] + h * t3
+    out[4], out[5], out[6], out[7] = y[4] + h * t4, y[5] + h * t5, y[6] + h * t6, y[7] + h * t7
+    for k in range(WIDTH, n):
+        total = DOP_A[i, 0] * K[0, k]
+        for j in range(DOP_SKIPPED[i], i):
+            total += DOP_A[i, j] * K[j, k]
+        out[k] = y[k] + h * total
+
+
+@compiled(fuse=True, inline=True)
+def explicit_finish(h, y, K, n, scale, out):
+    """New state into `out`; returns the error of the first WIDTH entries over the tolerance (1 is acceptable).
+
+    What lies beyond only follows from those: whether it is wanted must not change the steps.
+    """
+    explicit_stage(DOP_STAGES, h, y, K, n, out)
+    sum5, sum3 = 0.0, 0.0
+    for k in range(WIDTH):
+        e5, e3 = DOP_E5[0] * K[0, k], DOP_E3[0] * K[0, k]
+        for j in range(DOP_SKIPPED[DOP_STAGES], DOP_STAGES):
+            e5 += DOP_E5[j] * K[j, k]
+            e3 += DOP_E3[j] * K[j, k]
+        unit = 1.0 / scale[k]
+        sum5 += (e5 * unit) ** 2
+        sum3 += (e3 * unit) ** 2
+    if sum5 == 0.0:
+        return 0.0
+    size = sqrt((sum5 + 0.01 * sum3) * WIDTH)
+    return abs(h) * sum5 / size if size < inf else inf
+
+
+@compiled(fuse=True)
+def implicit_stage(i, y, K, n, out):
+    """Argument of stage i of Rodas5P, into `out`."""
+    for k in range(n):
+        total = y[k]
+        for j in range(i):
+            total += ROS_A[i, j] * K[j, k]
+        out[k] = total
+
+
+@compiled(fuse=True)
+def implicit_load(i, h, K, n, f):
+    """Add the couplings to earlier stages to the right-hand side f of stage i, in place."""
+    for k in range(n):
+        total = 0.0
+        for j in range(i):
+            total += ROS_CC[i, j] * K[j, k]
+        f[k] += total / h
+
+
+@compiled
+def step_factor(error, order):
+    """By what to multiply the step after one with this error."""
+    if not error < inf:
+        return 0.1
+    root = sqrt(sqrt(sqrt(error))) if order == 8.0 else error ** (1.0 / order)  # a power takes five times as long
+    return max(0.1, 0.9 / root) if root > 0.18 else 5.0
+
+
+@compiled(fuse=True)
+def lu_factor(A, n, pivots):
+    """LU factors of A with row pivoting, in place; returns False when A is singular or not finite."""
+    for k in range(n):
+        p, big = k, abs(A[k, k])
+        for i in range(k + 1, n):
+            if abs(A[i, k]) > big:
+                p, big = i, abs(A[i, k])
+        pivots[k] = p
+        if not (0.0 < big < inf):
+            return False
+        if p != k:
+            for j in range(n):
+                A[k, j], A[p, j] = A[p, j], A[k, j]
+        inverse = 1.0 / A[k, k]
+        for i in range(k + 1, n):
+            A[i, k] *= inverse
+            for j in range(k + 1, n):
+                A[i, j] -= A[i, k] * A[k, j]
+    return True
+
+
+@compiled(fuse=True)
+def lu_solve(A, n, pivots, b):
+    """Solve with the factors of ``lu_factor``; b becomes the solution."""
+    for k in range(n):
+        p = int(pivots[k])
+        if p != k:
+            b[k], b[p] = b[p], b[k]
+    for k in range(n):
+        for i in range(k + 1, n):
+            b[i] -= A[i, k] * b[k]
+    for k in range(n - 1, -1, -1):
+        total = b[k]
+        for j in range(k + 1, n):
+            total -= A[k, j] * b[j]
+        b[k] = total / A[k, k]
+
+
+@compiled
+def on_cubic(start, rates, end, rates_end, s, h, n, out):
+    """Cubic through the ends of a step of size h at share s, into `out`."""
+    u = 1.0 - s
+    for k in range(n):
+        rise = end[k] - start[k]
+        out[k] = start[k] + s * rise + s * u * ((2.0 * s - 1.0) * rise + h * (u * rates[k] - s * rates_end[k]))

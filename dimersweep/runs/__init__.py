@@ -1,0 +1,1 @@
+"""One run: its outcome, its record, its errors, its stability."""

@@ -1,0 +1,139 @@
+"""Cubes on disk: written whole or not at all, never over another file unasked, and checked when they are opened."""
+
+import json
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from dimersweep.errors import StoreError
+from dimersweep.storage.files import sync, told
+from dimersweep.storage.provenance import digest
+from dimersweep.storage.zarr import is_zarr, read_zarr
+
+
+def check_writable(path: str | os.PathLike[str], *, force: bool = False, name: str = "out") -> Path:
+    """Refuse an output that could not be written, before any work is done.
+
+    Parameters
+    ----------
+    path : path-like
+        The file to be.
+    force : bool
+        Whether it may replace an existing file.
+    name : str
+        What the message calls it.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    StoreError
+        If it exists, or its folder does not, or nothing can be created there.
+    """
+    path = Path(path)
+    if path.is_dir() and not is_zarr(path):
+        raise StoreError(f"{name} = {path}: is a folder; give a file name")
+    if not path.parent.is_dir():
+        raise StoreError(f"{name} = {path}: the folder {path.parent} does not exist")
+    if path.exists() and not force:
+        raise StoreError(f"{name} = {path}: exists already; give another name, or force it to be replaced (--force)")
+    try:
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    except OSError as error:
+        raise StoreError(f"{name} = {path}: the folder {path.parent} is not writable ({error.strerror})") from None
+    return path
+
+
+def write_cube(
+    cube: xr.Dataset,
+    path: str | os.PathLike[str],
+    *,
+    force: bool = False,
+    scratch: Path | None = None,
+    kept: str = "",
+) -> None:
+    """Write `cube` as NetCDF-4: to a temporary file, which then takes the name `path` in one step.
+
+    Must be called in the thread that does all NetCDF work, as netCDF-C is not thread-safe.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+    path : path-like
+    force : bool
+        Whether it may replace an existing file.
+    scratch : Path, optional
+        The temporary file, on the same disk; beside `path` by default.
+    kept : str
+        What the message of an error tells of results that are not lost.
+
+    Raises
+    ------
+    StoreError
+        If the file exists and `force` is not given, or the disk refuses.
+    """
+    path = check_writable(path, force=force)
+    temporary = scratch or path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        with told(f"out = {path}", kept):
+            cube.to_netcdf(temporary, engine="netcdf4", format="NETCDF4")
+            sync(temporary)
+            temporary.replace(path)
+            sync(path.parent)  # the new name must outlive a power cut too
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
+    """Read a cube that `sweep` wrote.
+
+    Parameters
+    ----------
+    path : path-like
+        A NetCDF file, which is read whole into memory and closed; or a folder that ends in .zarr, of which values are
+        read, and their checksums tested, when they are used.
+
+    Returns
+    -------
+    xarray.Dataset
+        As it was returned by `sweep`.
+
+    Raises
+    ------
+    StoreError
+        If there is no such file, it is no NetCDF file or Zarr group, or no (intact) cube of this program.
+    """
+    path = Path(path)
+    if path.is_dir() and is_zarr(path):
+        cube, kind = read_zarr(path), "Zarr group"
+    else:
+        cube, kind = _read_netcdf(path), "NetCDF file"
+    if "dimersweep_cube" not in cube.attrs:
+        raise StoreError(f"{path}: is a {kind}, but no cube of dimersweep")
+    text = cube.attrs.get("configuration", "")
+    intact = digest(text) == cube.attrs.get("configuration_sha256") and "mode" in cube
+    if not intact or not _fixed_as_told(cube, json.loads(text)):
+        raise StoreError(f"{path}: is a cube of dimersweep that was changed or is incomplete; sweep it again")
+    return cube
+
+
+def _fixed_as_told(cube: xr.Dataset, configuration: Mapping[str, Any]) -> bool:
+    """Whether the fixed parameters are those of the configuration: single values have no checksum of their own."""
+    fixed = configuration.get("fixed", {})
+    return all(bool((cube[name] == value).all()) for name, value in fixed.items() if name in cube.coords)
+
+
+def _read_netcdf(path: Path) -> xr.Dataset:
+    if not path.is_file():
+        raise StoreError(f"{path}: no such file")
+    try:
+        return xr.load_dataset(path, engine="netcdf4")
+    except (OSError, ValueError, RuntimeError, AttributeError) as error:  # the last one of an attribute that is damaged
+        raise StoreError(f"{path}: is no NetCDF file, or a damaged one ({error})") from error

@@ -1,0 +1,90 @@
+"""Files of finished points: written whole, and put to every check before they are used."""
+
+import hashlib
+import io
+from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from dimersweep.cubes.results import Finished, Tile, tally
+from dimersweep.kernel.model.layout import CODES, M_NOT_RUN
+from dimersweep.storage.files import put
+from dimersweep.storage.manifest import Entry
+
+_MODE = CODES.index("mode")
+
+
+class Damaged(Exception):
+    """A file of results that must not be used."""
+
+
+def joined(tiles: Iterable[Tile]) -> list[Tile]:
+    """Sorted `tiles` with those that touch made one."""
+    whole: list[Tile] = []
+    for start, stop in tiles:
+        joins = whole and whole[-1].stop == start
+        whole.append(Tile(whole.pop().start if joins else start, stop))
+    return whole
+
+
+def write_points(path: Path, pieces: Sequence[Finished], configuration_sha256: str, wall: float) -> Entry:
+    """Write the results of `pieces` to one file.
+
+    Returns
+    -------
+    Entry
+        What the manifest must tell of it.
+
+    Raises
+    ------
+    OSError
+        If the disk refuses.
+    """
+    pieces = sorted(pieces, key=lambda finished: finished.tile)
+    points = np.concatenate([finished.results for finished in pieces])
+    buffer = io.BytesIO()
+    np.save(buffer, points, allow_pickle=False)
+    written = buffer.getvalue()
+    put(path, written)
+    return Entry(
+        file=path.name,
+        tiles=joined(finished.tile for finished in pieces),
+        size=len(written),
+        sha256=hashlib.sha256(written).hexdigest(),
+        configuration_sha256=configuration_sha256,
+        modes=tally(points["codes"]),
+        seconds=sum(finished.seconds for finished in pieces),
+        wall=wall,
+        time=datetime.now(UTC).isoformat(timespec="seconds"),
+    )
+
+
+def read_points(folder: Path, entry: Entry, kind: np.dtype) -> list[Finished]:
+    """The results of one file, each point of `kind`, range by range, after every check that it can be put to.
+
+    Raises
+    ------
+    Damaged
+        Saying why it must not be used.
+    """
+    try:
+        written = (folder / entry.file).read_bytes()
+    except OSError as error:
+        raise Damaged(f"cannot be read ({error.strerror})") from None
+    if len(written) != entry.size:
+        raise Damaged(f"has {len(written)} bytes in place of {entry.size}")
+    if hashlib.sha256(written).hexdigest() != entry.sha256:
+        raise Damaged("has other bytes than were written")
+    try:
+        points = np.load(io.BytesIO(written), allow_pickle=False)
+    except (ValueError, EOFError):
+        raise Damaged("is no file of results") from None
+    if points.dtype != kind or points.shape != (entry.points,):
+        raise Damaged("has results of another shape")
+    if (points["codes"][:, _MODE] == M_NOT_RUN).any():
+        raise Damaged("has points that were not run")
+    ends = np.cumsum([stop - start for start, stop in entry.tiles])
+    parts = np.split(points, ends[:-1])
+    return [Finished(tile, part) for tile, part in zip(entry.tiles, parts, strict=True)]

@@ -1,0 +1,328 @@
+"""Finished tiles beside the cube to be: files listed in a manifest, and a lock, in a folder that goes when the cube is written.
+
+What a process killed at any moment leaves behind is a manifest whose entries are true, and perhaps a file that is not
+listed or a last line that is cut; those are told and never used.
+"""
+
+from bisect import bisect_right
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from itertools import islice, pairwise
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from dimersweep.cubes.results import (
+    RESULT,
+    Finished,
+    Tile,
+    blank_results,
+    gaps,
+    runs,
+)
+from dimersweep.errors import StoreError
+from dimersweep.storage.files import (
+    append,
+    delete,
+    put,
+    told,
+)
+from dimersweep.storage.locking import locked
+from dimersweep.storage.manifest import (
+    Entry,
+    Manifest,
+    as_line,
+    lines,
+    read_manifest,
+    wanted_line,
+)
+from dimersweep.storage.provenance import as_text, cpu, differences
+from dimersweep.storage.tilefiles import Damaged, read_points, write_points
+
+FLUSH_SECONDS = 0.5  # tiles that end within this time share a file, so that fast sweeps do not wait for the disk
+DISK_SHARE = 0.05  # of the driver's time at most: a slow disk gets larger files, less often
+KEPT_FILES = 8  # that are held in memory while points are read in order
+
+
+def folder_of(out: Path) -> Path:
+    """The folder that holds the finished tiles of the cube `out`."""
+    return out.with_name(f"{out.name}.tiles")
+
+
+def manifest_of(out: Path) -> Path:
+    """The manifest of the sweep for `out`."""
+    return folder_of(out) / "manifest.jsonl"
+
+
+def lock_of(out: Path) -> Path:
+    """The lock of the sweep for `out`."""
+    return folder_of(out) / "lock"
+
+
+class TileStore:
+    """Results of a sweep in a folder; get one from `tile_store`, which holds its lock.
+
+    Parameters
+    ----------
+    out : Path
+        The cube to be.
+    manifest : Manifest
+        As it stands on disk.
+    kind : dtype
+        Of the result of one point.
+    """
+
+    def __init__(self, out: Path, manifest: Manifest, kind: np.dtype) -> None:
+        self.out, self.folder, self.manifest, self.kind = out, folder_of(out), manifest, kind
+        self.waiting: list[Finished] = []
+        self._since = perf_counter()
+        self._pause = FLUSH_SECONDS
+        self._number = max((int(path.stem.split("-")[1]) for path in self._files()), default=0)
+        self._cache: dict[str, dict[Tile, Finished]] = {}
+        self._index: list[tuple[Tile, Entry]] = []
+
+    def _files(self) -> list[Path]:
+        return [path for path in self.folder.glob("tiles-*.npy") if path.stem.split("-")[1].isdigit()]
+
+    @property
+    def scratch(self) -> Path:
+        """Where the cube is written before it takes its name."""
+        return self.folder / "cube.tmp"
+
+    @property
+    def keeps(self) -> str:
+        """What is kept, in words."""
+        return f"what was finished before is kept in {self.folder}; mend that and run the same again"
+
+    @property
+    def kept(self) -> str:
+        """What is kept of a sweep that is stopped, in words."""
+        if not self.manifest.done:
+            return "nothing was finished yet"
+        return f"{self.manifest.words} are kept in {self.folder}; run the same again to go on"
+
+    @property
+    def wall(self) -> float:
+        """Time of the sweep so far, with that of processes before this one [s]."""
+        return sum(entry.wall for entry in self.manifest.entries)
+
+    @property
+    def seconds(self) -> float:
+        """Sum of the times of all tiles [s]."""
+        return sum(entry.seconds for entry in self.manifest.entries)
+
+    def gaps(self) -> list[Tile]:
+        """The ranges that are not yet on disk."""
+        return list(gaps(self.manifest.size, (tile for entry in self.manifest.entries for tile in entry.tiles)))
+
+    def check(self) -> list[str]:
+        """Forget and delete what is damaged or not listed, and say so, and what else a user should know, in lines."""
+        kept, trouble = [], []
+        for entry in self.manifest.entries:
+            try:
+                read_points(self.folder, entry, self.kind)
+                kept.append(entry)
+            except Damaged as error:
+                trouble.append(f"{entry.file} {error}")
+        if any(later.start < earlier.stop for earlier, later in pairwise(sorted(t for e in kept for t in e.tiles))):
+            raise StoreError(f"{self.folder}: its manifest lists points twice; sweep anew (--force)")
+        listed = {entry.file for entry in self.manifest.entries}
+        trouble += [f"{path.name} is not listed" for path in self._files() if path.name not in listed]
+        if self.manifest.damaged:
+            trouble.append(f"the manifest has {self.manifest.damaged} lines that are cut or damaged")
+        if trouble:
+            self._relist(kept)
+        told = [f"{self.folder}: damaged results are computed again ({'; '.join(trouble)})"] if trouble else []
+        if kept and self.manifest.cpu != cpu():
+            told.append(
+                f"{self.folder}: begun on another processor ({self.manifest.cpu}; this one is {cpu()}); "
+                "points from here on may differ in the last digits"
+            )
+        return told
+
+    def _relist(self, entries: list[Entry]) -> None:
+        """Put `entries` in place of those of the manifest, and delete all other files."""
+        self.manifest.entries, self.manifest.damaged, self._index = entries, 0, []
+        written = lines(self.manifest)
+        put(manifest_of(self.out), written)
+        self.manifest.length = len(written)
+        listed = {entry.file for entry in entries}
+        for path in (*self._files(), *self.folder.glob("*.tmp")):
+            if path.name not in listed:
+                delete(path)
+
+    def _write(self, pieces: list[Finished], wall: float) -> Entry:
+        self._number += 1  # a name is never used twice, so that no entry can be true of another file
+        return write_points(self.folder / f"tiles-{self._number:06d}.npy", pieces, self.manifest.sha256, wall)
+
+    def add(self, finished: Finished) -> None:
+        """Keep a finished tile; it is on disk after `FLUSH_SECONDS` (more on a slow disk), or with the next `flush`."""
+        self.waiting.append(finished)
+        if perf_counter() - self._since > self._pause:
+            self.flush()
+            self._pause = max(FLUSH_SECONDS, (perf_counter() - self._since) / DISK_SHARE)
+
+    def flush(self) -> None:
+        """Write the tiles that wait.
+
+        Raises
+        ------
+        StoreError
+            If the disk refuses; all that was written before is kept.
+        """
+        if not self.waiting:
+            return
+        now = perf_counter()
+        with told(f"{self.folder}: finished tiles", self.keeps):
+            entry = self._write(self.waiting, now - self._since)
+            self._append(as_line(entry))
+        self.manifest.entries.append(entry)
+        self._index = []
+        self._since, self.waiting = now, []
+
+    def _append(self, line: bytes) -> None:
+        append(manifest_of(self.out), line, self.manifest.length)
+        self.manifest.length += len(line)
+
+    def expect(self, total: int) -> None:
+        """Have the manifest tell how many points are to be run, where that is not the whole grid.
+
+        Raises
+        ------
+        StoreError
+            If the disk refuses.
+        """
+        if total != self.manifest.wanted:
+            with told(f"{self.folder}: the list of finished tiles", self.keeps):
+                self._append(wanted_line(total))
+            self.manifest.wanted = total
+
+    def drop(self, unwanted: Callable[[np.ndarray], np.ndarray]) -> None:
+        """Forget the points that `unwanted` picks: results to bool, both of shape (n,)."""
+        entries = []
+        for entry in self.manifest.entries:
+            pieces = read_points(self.folder, entry, self.kind)
+            kept = [piece.part(tile) for piece in pieces for tile in runs(~unwanted(piece.results), piece.tile.start)]
+            if sum(len(piece.results) for piece in kept) == entry.points:
+                entries.append(entry)
+            elif kept:
+                entries.append(self._write(kept, entry.wall))
+        if entries != self.manifest.entries:
+            self._relist(entries)
+
+    def read(self, start: int, stop: int) -> np.ndarray:
+        """Results of the points `start` to `stop` - 1, shape (stop - start,); not run where they are missing.
+
+        Raises
+        ------
+        StoreError
+            If a file was damaged since it was written or checked.
+        """
+        results = blank_results(stop - start, self.kind)
+        for tile, entry in self._meeting(start, stop):
+            piece = self._pieces(entry)[tile].part(Tile(max(tile.start, start), min(tile.stop, stop)))
+            results[piece.tile.start - start : piece.tile.stop - start] = piece.results
+        return results
+
+    def _meeting(self, start: int, stop: int) -> Iterator[tuple[Tile, Entry]]:
+        """The listed tiles that have points from `start` to `stop` - 1, in order."""
+        if not self._index:
+            self._index = [(tile, entry) for entry in self.manifest.entries for tile in entry.tiles]
+            self._index.sort(key=lambda item: item[0])
+        first = bisect_right(self._index, start, key=lambda item: item[0].stop)
+        for tile, entry in islice(self._index, first, None):
+            if tile.start >= stop:
+                return
+            yield tile, entry
+
+    def _pieces(self, entry: Entry) -> dict[Tile, Finished]:
+        if entry.file not in self._cache:
+            while len(self._cache) >= KEPT_FILES:
+                del self._cache[next(iter(self._cache))]
+            try:
+                self._cache[entry.file] = {piece.tile: piece for piece in read_points(self.folder, entry, self.kind)}
+            except Damaged as error:
+                raise StoreError(f"{self.folder / entry.file}: {error}; run the same again") from None
+        return self._cache[entry.file]
+
+    def modes(self) -> dict[str, int]:
+        """Tally of the points on disk."""
+        total: dict[str, int] = {}
+        for entry in self.manifest.entries:
+            for mode, count in entry.modes.items():
+                total[mode] = total.get(mode, 0) + count
+        return total
+
+    def clear(self) -> None:
+        """Delete all results."""
+        for path in (*self._files(), *self.folder.glob("*.tmp"), manifest_of(self.out)):
+            delete(path)
+
+    def remove(self) -> None:
+        """Delete the folder, but for files in it that are not this program's."""
+        self.clear()
+        lock_of(self.out).unlink(missing_ok=True)
+        if not any(self.folder.iterdir()):
+            self.folder.rmdir()
+
+
+def _opened(out: Path, nothing: Manifest, kind: np.dtype) -> TileStore:
+    """What is in the folder of `out`, if it goes with `nothing`, the manifest to begin with."""
+    path = manifest_of(out)
+    if not path.exists():
+        if any(folder_of(out).glob("tiles-*.npy")):
+            raise StoreError(f"{path.parent}: holds results, but no manifest of them; sweep anew (--force)")
+        put(path, lines(nothing))
+    manifest = read_manifest(path)
+    if as_text(manifest.configuration) != as_text(nothing.configuration):
+        changes = "".join(f"\n  {line}" for line in differences(manifest.configuration, nothing.configuration))
+        raise StoreError(
+            f"{path.parent}: holds results of another sweep, stopped before its end; "
+            f"begin anew with --force, or give another output. What differs:{changes}"
+        )
+    if manifest.size != nothing.size:
+        told = f"tells of {manifest.size} points, where its grid has {nothing.size}"
+        raise StoreError(f"{path}: is damaged ({told}); sweep anew (--force)")
+    return TileStore(out, manifest, kind)
+
+
+@contextmanager
+def tile_store(
+    out: Path, configuration: Mapping[str, Any], size: int, kind: np.dtype = RESULT, *, force: bool = False
+) -> Iterator[TileStore]:
+    """The finished tiles of the sweep for `out`, locked against other processes while the context lasts.
+
+    Parameters
+    ----------
+    out : Path
+        The cube to be.
+    configuration : mapping
+        All that decides the numbers, see ``Spec.configuration``.
+    size : int
+        Number of points.
+    kind : dtype
+        Of the result of one of them.
+    force : bool
+        Whether results of another configuration, or damaged ones, may be deleted. Sound ones of this very
+        configuration are kept all the same.
+
+    Raises
+    ------
+    StoreError
+        If another process is at work there, what is there belongs to another configuration (with what differs), or
+        the folder cannot be written.
+    """
+    with ExitStack() as stack:
+        with told(f"{folder_of(out)}", "nothing was computed"):
+            stack.enter_context(locked(lock_of(out)))
+            nothing = Manifest(dict(configuration), size, cpu(), [], size)
+            try:
+                store = _opened(out, nothing, kind)
+            except StoreError:
+                if not force:
+                    raise
+                TileStore(out, nothing, kind).clear()
+                store = _opened(out, nothing, kind)
+        yield store

@@ -1,0 +1,156 @@
+"""Cubes larger than memory: Zarr groups of the same layout, written block after block of grid points."""
+
+import os
+import shutil
+from collections.abc import Callable, Iterator, Mapping
+from math import prod
+from pathlib import Path
+from typing import Any
+
+import dask.array
+import numpy as np
+import xarray as xr
+
+from dimersweep.cubes.cube import blank, build
+from dimersweep.cubes.grid import Grid
+from dimersweep.cubes.results import Tile, beyond, blank_results
+from dimersweep.errors import StoreError
+from dimersweep.storage.files import sync, told
+
+CHUNK_POINTS = 1 << 18  # 2 MB a variable and chunk
+
+
+def is_zarr(path: Path) -> bool:
+    """Whether a path names a Zarr group by its ending."""
+    return path.suffix == ".zarr"
+
+
+OLDEST = (3, 1)  # of zarr: earlier ones may run code that a store brings along
+
+
+def check_zarr() -> None:
+    """Refuse to go on without the package, or with an old one.
+
+    Raises
+    ------
+    StoreError
+    """
+    try:
+        import zarr
+    except ImportError:
+        raise StoreError("zarr: is not installed; pip install 'dimersweep[zarr]'") from None
+    if tuple(map(int, zarr.__version__.split(".")[:2])) < OLDEST:
+        raise StoreError(
+            f"zarr = {zarr.__version__}: must be >= 3.1, as an older one may run code that a store brings along; "
+            "pip install -U 'dimersweep[zarr]'"
+        )
+
+
+def chunk_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """Chunks that are ranges of points in C order: whole last axes, a part of one, and single values of the first ones."""
+    chunks, room = [], CHUNK_POINTS
+    for length in reversed(shape):
+        chunks.append(min(length, max(1, room)))
+        room = room // length if room >= length else 0
+    return tuple(reversed(chunks))
+
+
+def blocks(shape: tuple[int, ...]) -> Iterator[tuple[Tile, tuple[slice, ...]]]:
+    """The range of points of each chunk, and where it lies along each axis."""
+    chunks = chunk_shape(shape)
+    counts = [-(-length // chunk) for length, chunk in zip(shape, chunks, strict=True)]
+    start = 0
+    for place in np.ndindex(*counts):
+        where = tuple(
+            slice(k * chunk, min((k + 1) * chunk, length))
+            for k, chunk, length in zip(place, chunks, shape, strict=True)
+        )
+        stop = start + prod(part.stop - part.start for part in where)
+        yield Tile(start, stop), where
+        start = stop
+
+
+def write_zarr(
+    grid: Grid,
+    read: Callable[[int, int], np.ndarray],
+    attributes: Mapping[str, Any],
+    path: Path,
+    *,
+    scratch: Path,
+    kept: str,
+) -> None:
+    """Write the cube of a grid block by block into `scratch`, on the same disk, which then takes the name `path`.
+
+    Parameters
+    ----------
+    grid : Grid
+    read : callable
+        ``read(start, stop)`` gives the results of these points, see ``TileStore.read``.
+    attributes : mapping
+        Global attributes.
+    path, scratch : Path
+        A group that is at `path` already is replaced.
+    kept : str
+        What the message of an error tells of results that are not lost.
+
+    Raises
+    ------
+    StoreError
+        If the disk refuses.
+    """
+    shutil.rmtree(scratch, ignore_errors=True)
+    with told(f"out = {path}", kept):
+        _template(grid, attributes, read(0, 0).dtype).to_zarr(scratch, mode="w", compute=False, consolidated=False)
+        for tile, where in blocks(grid.shape):
+            axes = {name: values[part] for (name, values), part in zip(grid.axes.items(), where, strict=True)}
+            results = read(*tile)
+            block = build(Grid(axes, {}), results["out"], results["codes"], {}, beyond(results)).drop_vars(list(axes))
+            block.to_zarr(scratch, region=dict(zip(axes, where, strict=True)), mode="r+", consolidated=False)
+        for folder, _, names in os.walk(scratch):
+            for name in names:
+                sync(Path(folder, name))
+        shutil.rmtree(path, ignore_errors=True)
+        scratch.replace(path)
+        sync(path.parent)
+
+
+def _template(grid: Grid, attributes: Mapping[str, Any], kind: np.dtype) -> xr.Dataset:
+    """The cube of `grid` with lazy variables, so that only their types, chunks and attributes are written."""
+    from zarr.codecs import ZstdCodec
+
+    one = Grid({name: values[:1] for name, values in grid.axes.items()}, grid.fixed)
+    small = build(one, *blank(1), attributes, beyond(blank_results(1, kind)))
+    chunks = chunk_shape(grid.shape)
+    summed = {"compressors": [ZstdCodec(checksum=True)]}
+    coordinates = {name: small[name].variable for name in grid.fixed}
+    for name, values in grid.axes.items():
+        coordinates[name] = xr.Variable((name,), values, small[name].attrs, {"_FillValue": None, **summed})
+    lazy = {
+        name: xr.Variable(
+            variable.dims,
+            dask.array.zeros(grid.shape, dtype=variable.dtype, chunks=chunks),
+            variable.attrs,
+            {"_FillValue": variable.encoding["_FillValue"], "chunks": chunks, **summed},
+        )
+        for name, variable in small.data_vars.items()
+    }
+    return xr.Dataset(lazy, coordinates, small.attrs)
+
+
+def read_zarr(path: Path) -> xr.Dataset:
+    """A group as a dataset whose values are read when they are used.
+
+    Raises
+    ------
+    StoreError
+        If it is none, or damaged.
+    """
+    check_zarr()
+    try:  # format 2 may name filters that run code
+        cube = xr.open_zarr(path, consolidated=False, zarr_format=3)
+    except (OSError, ValueError, KeyError, RuntimeError) as error:
+        raise StoreError(f"{path}: is no Zarr group, or a damaged one ({error})") from error
+    for variable in cube.variables.values():
+        if "flag_values" in variable.attrs:  # Zarr keeps attributes as JSON
+            variable.attrs["flag_values"] = np.array(variable.attrs["flag_values"], dtype=variable.dtype)
+    return cube

@@ -1,0 +1,1 @@
+"""What is asked of many runs: sweeps, searches, refined maps, and their declarations."""

@@ -1,0 +1,303 @@
+"""Boundaries at the cost of their length: cells of a coarse grid are halved only where the answers of a search disagree."""
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from itertools import product
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from dimersweep.cubes.cube import label_variable
+from dimersweep.cubes.grid import Grid
+from dimersweep.errors import ParameterError
+from dimersweep.parameters import as_number, check, check_count
+from dimersweep.studies.deciding import SearchSpec
+from dimersweep.studies.making import Output, make
+from dimersweep.studies.reuse import NOTHING, Reuse
+from dimersweep.studies.search import (
+    MIXED,
+    REGIONS,
+    Findings,
+    as_cube,
+    begin,
+    make_spec,
+    to_search_again,
+)
+from dimersweep.work.computing import Crew, Store, make_how
+
+MAX_HALVINGS = 12
+FILLED = ("answer", "region", "mode")  # what a point that was not computed takes from the cell around it
+
+
+class Cell(NamedTuple):
+    """A box of the fine grid: its lowest corner and its extent, in points."""
+
+    origin: tuple[int, ...]
+    size: tuple[int, ...]
+
+    def corners(self) -> list[tuple[int, ...]]:
+        """Places of the corners."""
+        return list(product(*((o, o + s) for o, s in zip(self.origin, self.size, strict=True))))
+
+    def faces(self) -> list[tuple[slice, ...]]:
+        """Boxes, borders included, that the cell falls into along the axes on which it cannot be cut any more."""
+        spans = [
+            [slice(o, o + s + 1)] if s > 1 else [slice(o, o + 1), slice(o + 1, o + 2)]
+            for o, s in zip(self.origin, self.size, strict=True)
+        ]
+        return list(product(*spans))
+
+    def halves(self, along: set[int]) -> list["Cell"]:
+        """The cell cut in two along each axis in `along`."""
+        cuts = [
+            [(o, s // 2), (o + s // 2, s // 2)] if k in along else [(o, s)]
+            for k, (o, s) in enumerate(zip(self.origin, self.size, strict=True))
+        ]
+        return [Cell(*map(tuple, zip(*part, strict=True))) for part in product(*cuts)]
+
+    def torn(self, labels: np.ndarray) -> set[int]:
+        """Axes along which known labels (not -1) of its points disagree."""
+        part = labels[tuple(slice(o, o + s + 1) for o, s in zip(self.origin, self.size, strict=True))]
+        if not _differ(part).any():
+            return set()
+        axes = set(range(part.ndim))
+        return {k for k in axes if _differ(part, k).any()} or axes
+
+    def inside(self, axis: int = 0, margin: int = 0) -> tuple[slice, ...]:
+        """The cells of the fine grid that it covers, and as many as `margin` more at both its ends along `axis`."""
+        return tuple(
+            slice(max(0, o - margin), o + s + margin) if k == axis else slice(o, o + s)
+            for k, (o, s) in enumerate(zip(self.origin, self.size, strict=True))
+        )
+
+
+def _differ(labels: np.ndarray, axis: int | None = None) -> Any:
+    """Whether the known labels are several, all of them or those on each line along `axis`."""
+    lowest = np.where(labels < 0, np.iinfo(labels.dtype).max, labels).min(axis=axis)
+    return lowest < labels.max(axis=axis)
+
+
+def cuts(cells: Sequence[Cell], labels: np.ndarray) -> dict[Cell, set[int]]:
+    """Cells that have to be cut, each with the axes.
+
+    A cell on which known labels disagree is halved as long as there is something to halve, and one that touches it at an
+    end is brought to its size: so a border has cells of the finest size on either side, and what lies near it is seen.
+
+    Parameters
+    ----------
+    cells : sequence of Cell
+        Of the whole grid.
+    labels : ndarray, int
+        Of the points of the fine grid, -1 where not known.
+    """
+    shape = tuple(n - 1 for n in labels.shape)
+    longest = np.full((labels.ndim, *shape), np.iinfo(np.int64).max)  # that a cell may be along each axis
+    for cell in cells:
+        for axis in cell.torn(labels):
+            size = cell.size[axis]
+            for part, limit in ((cell.inside(axis, 1), size), (cell.inside(), max(1, size // 2))):
+                np.minimum(longest[axis][part], limit, out=longest[axis][part])
+    chosen = {}
+    for cell in cells:
+        axes = {k for k, size in enumerate(cell.size) if size > longest[k][cell.inside()].min()}
+        if axes:
+            chosen[cell] = axes
+    return chosen
+
+
+def finer(values: np.ndarray, halvings: int) -> np.ndarray:
+    """`values` with each of their intervals halved so many times; the given values are kept as they are."""
+    parts = 1 << halvings
+    steps = np.arange(parts) / parts
+    inner = values[:-1, None] + np.diff(values)[:, None] * steps
+    return np.append(inner.ravel(), values[-1])
+
+
+def _coarse_cells(shape: Sequence[int], parts: Sequence[int]) -> list[Cell]:
+    starts = (range(0, n - 1, part) for n, part in zip(shape, parts, strict=True))
+    return [Cell(origin, tuple(parts)) for origin in product(*starts)]
+
+
+class RefineJob:
+    """The fine grid of a refinement, of which only the points that are needed are computed; see `Job`.
+
+    Parameters
+    ----------
+    coarse : SearchSpec
+        The search on the grid to begin with.
+    halvings : dict of str to int
+        Of each axis.
+    between : list of int
+        Regions to be told apart, codes.
+    reuse : Reuse
+    """
+
+    summary = "map refined at the borders of its regions, for a 3D dimer on a vibrating plate"
+    by_blocks = False
+
+    def __init__(
+        self, coarse: SearchSpec, halvings: dict[str, int], between: list[int], reuse: Reuse = NOTHING
+    ) -> None:
+        self.coarse, self.halvings, self.between, self.reuse = coarse, halvings, between, reuse
+        fine = {name: finer(values, halvings[name]) for name, values in coarse.grid.axes.items()}
+        self.spec = replace(coarse, grid=Grid(fine, coarse.grid.fixed))
+        self.cells: list[Cell] = []
+        # regions that are not to be told apart count as one, MIXED
+        self.lumped = np.full(MIXED + 1, MIXED)
+        self.lumped[between] = between
+
+    def configuration(self) -> dict[str, Any]:
+        """All that decides its numbers."""
+        told_apart = [REGIONS[code] for code in self.between]
+        halvings = {name: n for name, n in self.halvings.items() if n}
+        return self.coarse.configuration() | {"refine": {"halvings": halvings, "between": told_apart}}
+
+    def fill(self, store: Store, crew: Crew) -> dict[str, str]:
+        """Cut cells until there is none to be cut (see `cuts`), with searches where the store lacks them.
+
+        What the store has is used when its turn comes, so that a map that goes on is cut as an undisturbed one.
+        """
+        findings, origin = begin(self.spec, self.reuse, store)
+        cells = _coarse_cells(self.spec.grid.shape, [1 << count for count in self.halvings.values()])
+        self._search(findings, cells, cells, crew)
+        while True:
+            labels = np.where(findings.reached, self.lumped[findings.regions()], -1).reshape(self.spec.grid.shape)
+            chosen = cuts(cells, labels)
+            if not chosen:
+                break
+            pairs = [(half, cell) for cell, axes in chosen.items() for half in cell.halves(axes)]
+            self._search(findings, [half for half, _ in pairs], [cell for _, cell in pairs], crew)
+            cells = [cell for cell in cells if cell not in chosen] + [half for half, _ in pairs]
+        self.cells = cells
+        return origin
+
+    def again(self, results: np.ndarray) -> np.ndarray:
+        """See `Job`."""
+        return to_search_again(self.spec, results)
+
+    def _search(self, findings: Findings, cells: Sequence[Cell], parents: Sequence[Cell], crew: Crew) -> None:
+        """Search at the corners of `cells` that are new, with hints from the corners of their `parents`."""
+        near: dict[int, set[int]] = {}
+        for cell, parent in zip(cells, parents, strict=True):
+            around = self._numbers(parent)
+            for point in self._numbers(cell):
+                if not findings.reached[point]:
+                    near.setdefault(point, set()).update(around)
+        points = np.sort(np.fromiter(near, dtype=np.int64))
+        needed = findings.known | findings.reached
+        needed[points] = True
+        crew.expect(int(needed.sum()))
+        findings.search(self.spec, points, [sorted(near[point]) for point in points.tolist()], crew)
+
+    def _numbers(self, cell: Cell) -> list[int]:
+        """Points at the corners of a cell."""
+        return [int(np.ravel_multi_index(place, self.spec.grid.shape)) for place in cell.corners()]
+
+    def cube(self, results: np.ndarray, attributes: Mapping[str, Any]) -> xr.Dataset:
+        """The labelled cube, points that were not computed being as the cell around them."""
+        computed = Findings(self.spec.question, results).known.reshape(self.spec.grid.shape)
+        return _fill(as_cube(self.spec, results, attributes), self.cells, computed)
+
+
+def _fill(cube: xr.Dataset, cells: Iterable[Cell], computed: np.ndarray) -> xr.Dataset:
+    """`cube` with the points that were not computed set to what the corners around are, and a flag that tells them apart."""
+    for face in (face for cell in cells for face in cell.faces()):
+        missing = ~computed[face]
+        for name in FILLED:
+            values = cube[name].values
+            values[face][missing] = values[tuple(span.start for span in face)]
+    cube["computed"] = label_variable("computed", tuple(map(str, cube["mode"].dims)), computed)
+    return cube
+
+
+def check_refinement(
+    spec: SearchSpec, halvings: Mapping[str, int], between: Sequence[str] | None
+) -> tuple[dict[str, int], list[int]]:
+    """Halvings of each axis of the coarse grid of `spec`, and the codes of the regions to be told apart.
+
+    Raises
+    ------
+    ParameterError
+        If they are not allowed.
+    """
+    axes = spec.grid.axes
+    check(axes)  # a map has no gaps
+    if spec.paths or spec.orbit_periods:
+        raise ParameterError("refine: goes with neither paths nor search.orbit_periods")
+    for name, count in halvings.items():
+        if name not in axes:
+            raise ParameterError(f"refine.{name}: is no axis of the map ({', '.join(axes)})")
+        if check_count(f"refine.{name}", count) > MAX_HALVINGS:
+            raise ParameterError(f"refine.{name} = {count}: must be <= {MAX_HALVINGS}")
+    for name, values in axes.items():
+        if values.size < 2:
+            raise ParameterError(
+                f"{name} = {as_number(name, values[0])}: a map to refine needs two values of each axis"
+            )
+    for region in between or ():
+        if region not in REGIONS:
+            raise ParameterError(f"between = {region!r}: must be some of {', '.join(REGIONS)}")
+    told_apart = [REGIONS.index(region) for region in (REGIONS if between is None else between)]
+    return {name: int(halvings.get(name, 0)) for name in axes}, told_apart
+
+
+def refine(
+    grid: Mapping[str, Any],
+    fixed: Mapping[str, Any] | None = None,
+    *,
+    halvings: Mapping[str, int],
+    between: Sequence[str] | None = None,
+    over: str,
+    ask: str = "any",
+    mode: str = "drift",
+    periods: int,
+    max_periods: int | None = None,
+    rtol: float = 1e-8,
+    out: str | os.PathLike[str] | None = None,
+    workers: int | None = None,
+    progress: bool = True,
+    force: bool = False,
+    attrs: Mapping[str, str] | None = None,
+    client: Any = None,
+    extend: str | os.PathLike[str] | None = None,
+    retry: bool = False,
+    fail_fast: bool = False,
+    keep_tiles: bool = False,
+) -> xr.Dataset:
+    """A map of regions on a fine grid, at the cost of their boundaries: a search at every point where it is needed.
+
+    The search is made at the points of `grid` first. A cell whose computed points (its corners, and what finer
+    neighbours have added on its border) lie in different regions is halved along the axes on which they differ, down to
+    the fine grid, and the cells that it touches at its ends are brought to its size. A region that lies wholly inside of
+    one cell of `grid`, away from every border, is not seen.
+
+    Parameters
+    ----------
+    grid, fixed, over, ask, mode, periods, max_periods, rtol
+        As in `search`; the axes other than `over` are the coarse grid.
+    halvings : mapping of str to int
+        How often the intervals of each axis are halved at most.
+    between : sequence of str, optional
+        Regions to be told apart, all others counting as one; all by default.
+    out, workers, progress, force, attrs, client, extend, retry, fail_fast, keep_tiles
+        As in `search`.
+
+    Returns
+    -------
+    xarray.Dataset
+        As of `search`, on the fine grid; where ``computed`` is no, `answer`, `region` and `mode` are those of the
+        cell around the point, and the rest is missing.
+
+    Raises
+    ------
+    ParameterError
+        For a grid, a parameter or a setting that is not allowed, before any work.
+    StoreError, KernelError, PointError, UnfinishedError, Stopped
+        As by `sweep`.
+    """
+    coarse = make_spec(grid, fixed, over=over, ask=ask, mode=mode, periods=periods, max_periods=max_periods, rtol=rtol)
+    job = RefineJob(coarse, *check_refinement(coarse, halvings, between), Reuse(extend, retry))
+    how = make_how(workers, client, progress=progress, fail_fast=fail_fast)
+    return make(job, how, Output(out, force=force, keep_tiles=keep_tiles, attrs=attrs))

@@ -1,0 +1,92 @@
+"""A cube made again from its provenance: the declaration that it tells to have come from."""
+
+import json
+import os
+from collections.abc import Mapping
+from typing import Any
+
+import xarray as xr
+from pydantic import ValidationError
+
+from dimersweep.errors import StoreError
+from dimersweep.kernel import kernel_version
+from dimersweep.storage.netcdf import open_cube
+from dimersweep.storage.provenance import differences
+from dimersweep.studies.declaration import Declaration, PlotSection, SweepSection
+from dimersweep.studies.sweep_spec import Spec
+
+MADE_BY = ("source", "git_commit", "python", "numpy", "numba", "llvmlite", "cpu")
+
+
+def from_cube(path: str | os.PathLike[str], *, other_kernel: bool = False) -> Declaration:
+    """The declaration that gives the cube at `path` again, from what the cube tells of itself.
+
+    Parameters
+    ----------
+    path : path-like
+    other_kernel : bool
+        Whether the cube may come from another kernel than this program's, or be configured in ways that it does not
+        know.
+
+    Returns
+    -------
+    Declaration
+
+    Raises
+    ------
+    StoreError
+        If there is no such cube, or it comes from another kernel; with the versions that made it.
+    """
+    cube = open_cube(path)
+    told = json.loads(cube.attrs["configuration"])
+    try:
+        declaration = _of_search(cube, told, path) if "search" in told else _of_sweep(cube, told, path)
+    except (KeyError, ValidationError) as error:
+        raise StoreError(f"{path}: tells a configuration that this version does not know ({error})") from None
+    today = told | {"kernel_version": kernel_version()}
+    changes = differences(told, today if "search" in told else Spec.from_configuration(told).configuration())
+    if changes and not other_kernel:
+        made_by = ", ".join(f"{name} {cube.attrs.get(name, 'unknown')}" for name in MADE_BY)
+        raise StoreError(
+            f"{path}: was made by another version, so its numbers may differ in the last digits; install that one "
+            f"({made_by}), or go on with --other-kernel. What differs:" + "".join(f"\n  {line}" for line in changes)
+        )
+    return declaration
+
+
+def _of_sweep(cube: xr.Dataset, told: Mapping[str, Any], path: str | os.PathLike[str]) -> Declaration:
+    return Declaration(
+        sweep=SweepSection(
+            title=cube.attrs["title"],
+            periods=told["periods"],
+            max_periods=told.get("max_periods"),
+            rtol=told["rtol"],
+            stop_when_settled=told["stop_when_settled"],
+            certify=told.get("certify", False),
+            output=str(path),
+        ),
+        grid=told["grid"],
+        fixed=told["fixed"],
+        plot=PlotSection(kind=cube.attrs.get("plot", "mode_map")),
+    )
+
+
+def _of_search(cube: xr.Dataset, told: Mapping[str, Any], path: str | os.PathLike[str]) -> Declaration:
+    asked = dict(told["search"])
+    over, values = asked.pop("axis"), asked.pop("values")
+    return Declaration.model_validate(
+        {
+            "sweep": {
+                "title": cube.attrs["title"],
+                "periods": told["periods"],
+                "max_periods": told.get("max_periods"),
+                "rtol": told["rtol"],
+                "output": str(path),
+            },
+            "grid": told["grid"] | {over: values},
+            "fixed": told["fixed"],
+            "search": asked | {"over": over},
+            "plot": {"kind": cube.attrs.get("plot", "mode_map")},
+            **{name: told[name] for name in ("refine", "paths") if name in told},
+        }
+    )

@@ -1,0 +1,144 @@
+"""Points that existing cubes have already, matched by the exact value of every parameter."""
+
+import json
+import os
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from dimersweep.cubes.results import (
+    Finished,
+    Tile,
+    not_ok,
+    not_run,
+    runs,
+    split,
+)
+from dimersweep.errors import StoreError
+from dimersweep.kernel.model.layout import (
+    CODES,
+)
+from dimersweep.storage.netcdf import open_cube
+from dimersweep.storage.provenance import differences
+from dimersweep.studies.deciding import SearchSpec
+from dimersweep.studies.sweep_spec import Spec
+
+BLOCK = 1 << 16  # points looked up at a time
+_MODE, _STATUS = CODES.index("mode"), CODES.index("status")
+_POINTS = ("grid", "fixed", "refine")
+Read = Callable[[xr.Dataset], np.ndarray]  # the results of all points that a cube was made of
+
+
+def _places(old: np.ndarray, new: np.ndarray) -> np.ndarray:
+    """Index in the increasing `old` of each value of `new`, -1 where it is not there bit for bit."""
+    found = np.minimum(np.searchsorted(old, new), old.size - 1)
+    return np.where(old[found].view(np.int64) == new.view(np.int64), found, -1)
+
+
+def _refuse_other_settings(old: dict[str, Any], new: dict[str, Any], name: str) -> None:
+    swept = {*old["grid"], *new["grid"]}
+
+    def settings(told: dict[str, Any]) -> dict[str, Any]:
+        fixed = {key: value for key, value in told["fixed"].items() if key not in swept}
+        return {key: value for key, value in told.items() if key not in _POINTS} | {"fixed": fixed}
+
+    if ("search" in old) != ("search" in new):
+        one, other = ("a search", "a whole grid") if "search" in old else ("a whole grid", "a search")
+        raise StoreError(f"{name}: is the cube of {one}; it cannot be extended to {other}")
+    changes = differences(settings(old), settings(new))
+    if {*old["grid"], *old["fixed"]} != {*new["grid"], *new["fixed"]}:
+        changes.append("parameters: e in one, e_1 and e_2 in the other")
+    if changes:
+        lines = "".join(f"\n  {line}" for line in changes)
+        raise StoreError(f"{name}: cannot be extended to this sweep, as it was made otherwise:{lines}")
+
+
+class Known:
+    """The points of a sweep that `cube` has.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        As `sweep`, `search` or `refine` returned it.
+    name : str
+        What messages call it.
+    spec : Spec or SearchSpec
+        The sweep to be; what is an axis in one may be fixed in the other.
+    read : callable
+        Gives the results of `cube`.
+
+    Raises
+    ------
+    StoreError
+        If `cube` was made with other settings or another kernel, with the differences, or has none of the points.
+    """
+
+    def __init__(self, cube: xr.Dataset, name: str, spec: Spec | SearchSpec, read: Read) -> None:
+        old, new = json.loads(cube.attrs["configuration"]), spec.configuration()
+        _refuse_other_settings(old, new, name)
+        self.shape = spec.grid.shape
+        self.offset = 0
+        strides, stride = {}, 1
+        for axis in reversed(old["grid"]):
+            strides[axis], stride = stride, stride * cube.sizes[axis]
+        self.places = []
+        for axis in {**new["grid"], **old["grid"]}:
+            values = spec.grid.axes.get(axis, spec.grid.fixed.get(axis))
+            places = _places(np.atleast_1d(cube[axis].values), np.atleast_1d(np.asarray(values)))
+            if (places < 0).all():
+                raise StoreError(f"{name}: has no point of this sweep ({axis} has none of its values)")
+            numbers = np.where(places < 0, -1, places * strides.get(axis, 0))
+            if axis in new["grid"]:
+                self.places.append(numbers)
+            else:
+                self.offset += int(numbers[0])
+        self.results = read(cube)
+
+    def pieces(self, ranges: Iterable[Tile], unwanted: Callable[[np.ndarray], np.ndarray]) -> Iterator[Finished]:
+        """The known points of `ranges`, without those that `unwanted` picks from their codes."""
+        for tile in split(ranges, BLOCK):
+            parts = np.unravel_index(np.arange(*tile), self.shape)
+            columns = [numbers[k] for numbers, k in zip(self.places, parts, strict=True)]
+            number = np.sum(columns, axis=0) + self.offset
+            there = np.all([column >= 0 for column in columns], axis=0)
+            there[there] = ~unwanted(self.results["codes"][number[there]])
+            for start, stop in runs(there, tile.start):
+                part = number[start - tile.start : stop - tile.start]
+                yield Finished(Tile(start, stop), self.results[part])
+
+
+@dataclass(frozen=True)
+class Reuse:
+    """Which points of cubes that exist are taken over; `extend` and `retry` as in `sweep`."""
+
+    extend: str | os.PathLike[str] | None = None
+    retry: bool = False
+
+    def known(self, spec: Spec | SearchSpec, out: Path | None, read: Read) -> tuple[list[Known], dict[str, str]]:
+        """What `extend`, and `out` with `retry`, have of the points of `spec`; and the attributes that tell of the first.
+
+        Raises
+        ------
+        StoreError
+            See `Known`.
+        """
+        found, origin = [], dict[str, str]()
+        if self.extend is not None:
+            cube = open_cube(self.extend)
+            found.append(Known(cube, str(self.extend), spec, read))
+            told = f"{Path(self.extend).name}, configuration sha256 {cube.attrs['configuration_sha256']}"
+            origin["extends"] = told
+        if self.retry and out is not None and out.exists():
+            found.append(Known(open_cube(out), str(out), spec, read))
+        return found, origin
+
+    def unwanted(self, codes: np.ndarray) -> np.ndarray:
+        """Which points, from codes of shape (n, N_CODES), are not taken over; shape (n,), bool."""
+        return not_ok(codes) if self.retry else not_run(codes)
+
+
+NOTHING = Reuse()  # is taken over

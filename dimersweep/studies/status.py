@@ -1,0 +1,67 @@
+"""How far a sweep has come, read from its files while it runs or after it was stopped."""
+
+from collections import Counter
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from dimersweep.cubes.cube import names
+from dimersweep.errors import StoreError
+from dimersweep.storage.locking import holder
+from dimersweep.storage.manifest import Manifest, read_manifest
+from dimersweep.storage.netcdf import open_cube
+from dimersweep.storage.tilestore import folder_of, lock_of, manifest_of
+from dimersweep.work.progress import clock
+
+
+def status(path: Path) -> list[str]:
+    """What is done of the sweep for the cube `path`, in lines; nothing is changed.
+
+    Parameters
+    ----------
+    path : Path
+        The cube to be, or the folder of its finished points.
+
+    Raises
+    ------
+    StoreError
+        If there is no sweep of that name, or its files are damaged.
+    """
+    out = path.with_suffix("") if path.suffix == ".tiles" else path
+    if not manifest_of(out).exists():
+        if out.exists():
+            return _of_cube(out)
+        raise StoreError(f"{out}: no such cube, and no sweep for it ({folder_of(out)} has no manifest)")
+    return _of_tiles(out, read_manifest(manifest_of(out)))
+
+
+def _of_cube(out: Path) -> list[str]:
+    modes, counts = np.unique(names(open_cube(out)["mode"].load()), return_counts=True)
+    tally = Counter(dict(zip(modes.tolist(), counts.tolist(), strict=True)))
+    return [f"{out}: complete, {tally.total()} points", f"modes: {_words(tally)}"]
+
+
+def _of_tiles(out: Path, manifest: Manifest) -> list[str]:
+    tally: Counter[str] = Counter()
+    for entry in manifest.entries:
+        tally.update(entry.modes)
+    done = tally.total()
+    lines = [f"{out}: {manifest.words} done ({100 * done // max(manifest.wanted, 1)} %)"]
+    if done:
+        lines.append(f"modes: {_words(tally)}")
+        age = datetime.now(UTC) - datetime.fromisoformat(manifest.entries[-1].time)
+        lines.append(f"last tile: {clock(age.total_seconds())} ago")
+    lines.append(f"failed: {tally['failed']} points")
+    if manifest.damaged:
+        lines.append(f"manifest: {manifest.damaged} lines are cut or damaged; their points will be computed again")
+    who = holder(lock_of(out))
+    if done == manifest.wanted and not who:
+        lines.append("cube: is written" if out.exists() else "cube: is still to be written; run the same sweep again")
+    else:
+        lines.append(f"at work: {who}" if who else "at work: nobody; run the same sweep again to go on")
+    return lines
+
+
+def _words(tally: Counter[str]) -> str:
+    return ", ".join(f"{mode} {count}" for mode, count in tally.most_common())

@@ -1,0 +1,158 @@
+"""A whole sweep: a grid in, a labelled cube out."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from dimersweep.cubes.cube import build, flatten
+from dimersweep.cubes.results import beyond, blank_results, not_ok
+from dimersweep.studies.making import Output, make
+from dimersweep.studies.reuse import NOTHING, Reuse
+from dimersweep.studies.sweep_spec import Spec, make_spec
+from dimersweep.work.computing import Crew, Store, make_how
+
+
+@dataclass(frozen=True)
+class SweepJob:
+    """A sweep to be made into a cube, see `Job`."""
+
+    spec: Spec
+    reuse: Reuse = NOTHING
+
+    summary = "sweep of a 3D dimer on a vibrating plate"
+    by_blocks = True
+
+    def configuration(self) -> dict[str, Any]:
+        """All that decides its numbers."""
+        return self.spec.configuration()
+
+    def fill(self, store: Store, crew: Crew) -> dict[str, str]:
+        """Take over what other cubes have, and have the rest run."""
+        known, origin = self.reuse.known(self.spec, store.out, self.results_of)
+        for cube in known:
+            crew.take_over(cube.pieces(store.gaps(), self.reuse.unwanted))
+        crew.expect(self.spec.grid.size)
+        crew.run(self.spec, store.gaps())
+        return origin
+
+    def again(self, results: np.ndarray) -> np.ndarray:
+        """See `Job`."""
+        return not_ok(results["codes"])
+
+    def cube(self, results: np.ndarray, attributes: Mapping[str, Any]) -> xr.Dataset:
+        """The labelled cube."""
+        return build(self.spec.grid, results["out"], results["codes"], attributes, beyond(results))
+
+    def results_of(self, cube: xr.Dataset) -> np.ndarray:
+        """The results that a cube of this kind was made of."""
+        results = blank_results(cube["mode"].size, self.spec.kind)
+        results["out"], results["codes"] = flatten(cube)
+        for name in beyond(results):
+            results[name] = cube[name].values.ravel()
+        return results
+
+
+def sweep(
+    grid: Mapping[str, Any],
+    fixed: Mapping[str, Any] | None = None,
+    *,
+    periods: int,
+    max_periods: int | None = None,
+    rtol: float = 1e-8,
+    out: str | os.PathLike[str] | None = None,
+    workers: int | None = None,
+    progress: bool = True,
+    stop_when_settled: bool = True,
+    certify: bool = False,
+    force: bool = False,
+    attrs: Mapping[str, str] | None = None,
+    client: Any = None,
+    extend: str | os.PathLike[str] | None = None,
+    retry: bool = False,
+    fail_fast: bool = False,
+    keep_tiles: bool = False,
+) -> xr.Dataset:
+    """Run the dimer at every point of a grid.
+
+    With an `out`, finished points are kept in the folder ``<out>.tiles`` beside it until the cube is written: the same call
+    goes on where a former one was stopped or killed, with any number of workers.
+
+    Parameters
+    ----------
+    grid : mapping of str to array_like or mapping
+        The axes: a parameter's name (see `Parameters`) and its values, or ``{"start", "stop", "step" or "num"}`` with
+        the stop included; ``"unit": "deg"`` for angles in degrees. SI units otherwise.
+    fixed : mapping of str to float, optional
+        Parameters that differ from the paper's base case.
+    periods : int
+        Forcing periods each point may take.
+    max_periods : int, optional
+        If given, a point that has not settled is run again for twice as many forcing periods, and so on up to these, so
+        that only what rings down slowly costs more.
+    rtol : float
+        Accuracy [1], 1e-13 to 1e-2.
+    out : path-like, optional
+        NetCDF file to write the cube to, whole or not at all; or, if it ends in .zarr, a Zarr group, for cubes larger
+        than memory. A complete cube of this very sweep is read and returned.
+    workers : int, optional
+        Threads; by default one for each core.
+    progress : bool
+        Whether to show finished points, time left and a tally of modes on stderr.
+    stop_when_settled : bool
+        Whether a point stops as soon as its motion has settled.
+    certify : bool
+        Whether each mode gets a `confidence` and each orbit an `error_estimate`, from two more runs of every point that
+        settles (docs/trust.md).
+    force : bool
+        Whether `out` may replace an existing file, and results of another configuration be deleted.
+    attrs : mapping of str to str, optional
+        Further global attributes, such as a title.
+    client : distributed.Client or str, optional
+        A dask.distributed client, or the address of a scheduler such as ``tcp://host:8786``, to run on.
+    extend : path-like, optional
+        A cube whose points are taken over where this grid has them, value by value; same settings, same kernel.
+    retry : bool
+        Whether points of `out` (or `extend`) that failed are run again.
+    fail_fast : bool
+        Whether to stop at the first point that fails; what was finished is kept.
+    keep_tiles : bool
+        Whether the folder of finished points stays when the cube is written.
+
+    Returns
+    -------
+    xarray.Dataset
+        `mode`, `status`, orbit quantities and counts over the axes, with units and provenance. The numbers depend
+        neither on the workers nor on how the grid is cut into tiles.
+
+    Raises
+    ------
+    ParameterError
+        For a grid, a parameter or a setting that is not allowed, before any work.
+    StoreError
+        For an `out` that cannot be written or belongs to another sweep, before any work; or a disk that refuses later.
+    PointError
+        With `fail_fast`, for the first point that fails.
+    KernelError
+        If the compiled kernel cannot run here, or on a worker, or gives wrong numbers there.
+    UnfinishedError
+        If points could not be run for a reason that is not the model's, such as memory that ran out or a worker that
+        died: they are still to be done, and what was finished is kept.
+    Stopped
+        A KeyboardInterrupt, after Ctrl-C or SIGTERM; what was finished is kept.
+    """
+    spec = make_spec(
+        grid,
+        fixed,
+        periods=periods,
+        max_periods=max_periods,
+        rtol=rtol,
+        stop_when_settled=stop_when_settled,
+        certify=certify,
+    )
+    how = make_how(workers, client, progress=progress, fail_fast=fail_fast)
+    job = SweepJob(spec, Reuse(extend, retry))
+    return make(job, how, Output(out, force=force, keep_tiles=keep_tiles, attrs=attrs))

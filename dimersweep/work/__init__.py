@@ -1,0 +1,1 @@
+"""Who runs the points and where: tiles, threads, clusters, progress, signals."""

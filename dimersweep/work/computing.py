@@ -1,0 +1,212 @@
+"""The points that a store lacks, run and put there: workers, progress, and the ways that this can end early."""
+
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from dask.system import CPU_COUNT
+
+from dimersweep.cubes.grid import Grid
+from dimersweep.cubes.results import Finished, Tile, not_ok
+from dimersweep.errors import PointError, Stopped, UnfinishedError
+from dimersweep.kernel.model.layout import CODES, STATUS_MESSAGES, STATUSES
+from dimersweep.parameters import check_count
+from dimersweep.storage.memorystore import MemoryStore
+from dimersweep.storage.tilestore import TileStore
+from dimersweep.work.progress import Silent, tell_of_compiling, watch
+from dimersweep.work.scheduling import (
+    Pace,
+    Pool,
+    bundles,
+    cluster,
+    connected,
+    run_tiles,
+    threads,
+    warm_up,
+)
+from dimersweep.work.signals import StopFlag, stop_on_signals
+from dimersweep.work.tiles import (
+    Broken,
+    Made,
+    Work,
+    count,
+)
+
+MAX_WORKERS = 4096  # threads
+ALIKE = 10  # tasks that break off in a row for the same reason: then it is not for the points
+_MODE, _STATUS = CODES.index("mode"), CODES.index("status")
+
+Store = MemoryStore | TileStore
+
+
+@dataclass(frozen=True)
+class How:
+    """What decides how points are run, but none of their numbers; get one from `make_how`.
+
+    Parameters
+    ----------
+    workers : int
+        Threads of this process.
+    client : distributed.Client or str, optional
+        A cluster in place of them.
+    progress, fail_fast : bool
+        See `sweep`.
+    """
+
+    workers: int
+    client: Any = None
+    progress: bool = True
+    fail_fast: bool = False
+
+
+def make_how(workers: int | None, client: Any = None, *, progress: bool = True, fail_fast: bool = False) -> How:
+    """How, from what a user gives: as many threads as there are cores if `workers` is None.
+
+    Raises
+    ------
+    ParameterError
+        If `workers` is not allowed.
+    """
+    return How(
+        CPU_COUNT if workers is None else check_count("workers", workers, MAX_WORKERS), client, progress, fail_fast
+    )
+
+
+class Troubles:
+    """What has left points without results, for reasons that are not the model's."""
+
+    def __init__(self) -> None:
+        self.first: Broken | None = None
+        self.last = ""  # sort of reason
+        self.points = 0
+        self.alike = 0  # in a row
+
+    def note(self, made: Made) -> None:
+        """Take note of what a task has brought back."""
+        if made.finished:
+            self.alike = 0
+        if made.broken is None:
+            return
+        self.first = min(self.first or made.broken, made.broken)
+        self.points += made.broken.points
+        sort = made.broken.reason.partition(":")[0]
+        self.alike = self.alike + 1 if sort == self.last else 1
+        self.last = sort
+
+    def words(self, grid: Grid) -> str:
+        """Such as ``3 points could not be run, such as point 7 (Gamma = 0.9): MemoryError: no room``."""
+        assert self.first is not None
+        points, such = ("points", ", such as ") if self.points > 1 else ("point", ": ")
+        where = grid.point(self.first.tiles[0].start)
+        told = f"{self.points} {points} could not be run{such}{where}: {self.first.reason}"
+        return told + ("; the sweep was stopped, as these came in a row" if self.alike >= ALIKE else "")
+
+
+class Crew:
+    """Those who run what a store lacks; they are hired with the first point that is missing.
+
+    Parameters
+    ----------
+    store : Store
+        Where results are put; as many of its points as ``expect`` says are wanted.
+    how : How
+    hired : ExitStack
+        Lets them go.
+    """
+
+    def __init__(self, store: Store, how: How, hired: ExitStack) -> None:
+        self.store, self.how, self.wanted = store, how, 0
+        self._hired = hired
+        self._pool: Pool | None = None
+        self._stop: StopFlag
+        self._shown: Silent
+
+    def expect(self, wanted: int) -> None:
+        """Have the progress and the store know how many points are to be run in all."""
+        self.wanted = wanted
+        self.store.expect(wanted)
+        if self._pool is not None:
+            self._shown.expect(wanted)
+
+    def take_over(self, pieces: Iterable[Finished]) -> None:
+        """Put points into the store that need not be run."""
+        for piece in pieces:
+            self.store.add(piece)
+            if self._pool is not None:
+                self._shown.add(piece.codes[:, _MODE])
+        self.store.flush()
+
+    def _hire(self) -> Pool:
+        how, hired = self.how, self._hired
+        client = None if how.client is None else hired.enter_context(connected(how.client))
+        if how.progress:
+            tell_of_compiling()
+        self._stop = hired.enter_context(stop_on_signals())
+        warm_up(self._stop)  # before the clock of the progress starts, and before workers would all do it
+        pool = hired.enter_context(threads(how.workers, self._stop) if client is None else cluster(client))
+        self._shown = hired.enter_context(watch(self.wanted, show=how.progress, before=self.store.modes()))
+        if how.progress and not pool.workers():
+            print("waiting for the first worker of the cluster", file=sys.stderr, flush=True)
+        return pool
+
+    def run(
+        self, work: Work, missing: Sequence[Tile], also: Callable[[Finished], None] = lambda finished: None
+    ) -> None:
+        """Do `work` at the points of `missing`, and hand each tile that is finished to the store, and to `also`.
+
+        Raises
+        ------
+        PointError, UnfinishedError, Stopped, StoreError
+            See `sweep`; what was finished before is in the store.
+        """
+        if not missing:
+            return
+        if self._pool is None:
+            self._pool = self._hire()
+        left = count(missing)
+        pace = Pace(left, max(1, self._pool.workers()))
+        failures: list[tuple[int, str]] = []
+        troubles = Troubles()
+
+        def take(made: Made) -> None:
+            nonlocal left
+            pace.note(made.finished)
+            troubles.note(made)
+            if troubles.alike >= ALIKE or (troubles.points and self.how.fail_fast):
+                self._stop.set()
+            for tile in made.finished:
+                self.store.add(tile)
+                also(tile)
+                left -= len(tile.results)
+                if self.how.fail_fast and not_ok(tile.codes).any():
+                    failures.append(_failure(work, tile))
+                    self._stop.set()
+                self._shown.add(tile.codes[:, _MODE])
+
+        try:
+            run_tiles(self._pool, work, bundles(missing, pace), take, self._stop)
+        finally:
+            self.store.flush()
+        if failures:
+            raise PointError(f"{min(failures)[1]}; {self.store.kept}")
+        if troubles.points and not self._stop.signal:
+            raise UnfinishedError(f"{troubles.words(work.grid)}; {self.store.kept}")
+        if left:
+            raise Stopped(self.store.kept, self._stop.signal)
+
+
+@contextmanager
+def crew(store: Store, how: How) -> Iterator[Crew]:
+    """A crew for `store`, which goes home at the end of the context."""
+    with ExitStack() as hired:
+        yield Crew(store, how, hired)
+
+
+def _failure(work: Work, finished: Finished) -> tuple[int, str]:
+    """The number of the first point of a tile that failed, and why it did."""
+    row = int(not_ok(finished.codes).argmax())
+    status = finished.codes[row, _STATUS]
+    number = finished.tile.start + row
+    return number, f"{work.grid.point(number)} failed: {STATUSES[status]}: {STATUS_MESSAGES[status]}"

@@ -1,0 +1,66 @@
+"""Whether the kernel works: known scenes, each with the numbers that must come out, run before any work is given to it."""
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from dimersweep.errors import KernelError
+from dimersweep.kernel.batch import run_many
+from dimersweep.kernel.model.layout import (
+    CODES,
+    MODES,
+    N_CODES,
+    N_OUT,
+    OUT,
+)
+from dimersweep.parameters import Parameters
+
+CLOSE = 1e-4  # relative; the numbers are known to 1e-7, and a kernel that is damaged is far off
+PERIODS, RTOL = 100, 1e-8
+
+
+class Scene(NamedTuple):
+    """Parameters that differ from the base case, the mode that they lead to, and numbers of its motion."""
+
+    parameters: dict[str, float]
+    mode: str
+    numbers: dict[str, float]
+
+
+SCENES = (  # numbers at rtol 1e-11
+    Scene({}, "drift", {"radius": 4.2447157, "zeta": 1.6042314, "impact_phase": 0.08090007, "settled_after": 22.0}),
+    Scene({"Gamma": 0.5}, "rest", {"down_share_1": 1.0}),
+    Scene({"Gamma": 1.2, "beta0": 0.8}, "jump", {"down_share_1": 1.0, "settled_after": 4.0}),
+)
+
+
+@cache
+def prove() -> None:
+    """Run `SCENES`, once in a process.
+
+    Raises
+    ------
+    KernelError
+        If the kernel raises, or gives other numbers.
+    """
+    rows = np.array([Parameters(**scene.parameters).row() for scene in SCENES])
+    out, codes = np.full((len(rows), N_OUT), np.nan), np.zeros((len(rows), N_CODES), dtype=np.int64)
+    try:
+        run_many(rows, PERIODS, RTOL, True, out, codes)
+    except Exception as error:  # whatever the compiler, its cache or the machine leads to
+        raise KernelError(f"kernel: cannot run here ({type(error).__name__}: {error})") from error
+    for scene, floats, labels in zip(SCENES, out, codes, strict=True):
+        _compare(scene, dict(zip(OUT, floats.tolist(), strict=True)), int(labels[CODES.index("mode")]))
+
+
+def _compare(scene: Scene, given: dict[str, float], mode: int) -> None:
+    what = ", ".join(f"{name} = {value}" for name, value in scene.parameters.items()) or "the base case"
+    if mode != MODES.index(scene.mode):
+        word = MODES[mode] if 0 <= mode < len(MODES) else mode
+        raise KernelError(f"kernel: gives {word} in place of {scene.mode} for {what}; it must not be used")
+    for name, value in scene.numbers.items():
+        if not abs(given[name] - value) <= CLOSE * value:
+            raise KernelError(
+                f"kernel: gives {name} {given[name]:.8g} in place of {value:.8g} for {what}; it must not be used"
+            )

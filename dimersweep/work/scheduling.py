@@ -1,0 +1,252 @@
+"""Tiles to workers and results back: threads of this process, or those of any dask.distributed cluster."""
+
+import os
+import socket
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager, suppress
+from math import ceil
+from typing import Any, NamedTuple
+
+from dimersweep.cubes.results import Bundle, Finished, Tile
+from dimersweep.errors import KernelError, ParameterError, UserError
+from dimersweep.kernel import kernel_version
+from dimersweep.work.proving import prove
+from dimersweep.work.signals import StopFlag
+from dimersweep.work.tiles import (
+    TILE_SECONDS,
+    Broken,
+    Made,
+    Work,
+    after,
+    attempt,
+)
+
+IN_FLIGHT = 2  # tasks for each worker: one runs and one waits, so that none idles and a million tiles do not pile up
+GRACE = 1.0  # seconds that running tiles have to come back when the sweep is stopped
+POLL = 0.1  # seconds between two looks at the flag
+CONNECT_SECONDS = 10.0  # to find a scheduler
+COUNT_SECONDS = 5.0  # between two counts of the workers of a cluster, which may come and go
+GROWTH = 4  # a task has at most this many times the points of one that has come back
+TILES_PER_WORKER = 4  # at least, so that no worker idles for long at the end
+
+LOST = "scheduler: the connection to the cluster is lost; what was finished is kept"
+
+
+class Pool(NamedTuple):
+    """Where work is done: ``submit(work, tiles)`` gives a future of what `attempt` returns; ``workers()`` counts threads."""
+
+    submit: Callable[[Work, Bundle], "Future[Made]"]
+    workers: Callable[[], int]
+
+
+class Pace:
+    """How many points make a task, from the time that the last ones took; one at first.
+
+    Parameters
+    ----------
+    size, workers : int
+        Points to run, and how many run at a time: each worker is to get a few tasks.
+    """
+
+    def __init__(self, size: int, workers: int) -> None:
+        self.longest = ceil(size / (TILES_PER_WORKER * workers))
+        self.length = 1
+
+    def note(self, finished: Sequence[Finished]) -> None:
+        """Learn from what a task has brought back."""
+        points = sum(len(tile.results) for tile in finished)
+        if not points:
+            return
+        aim = int(TILE_SECONDS * points / max(sum(tile.seconds for tile in finished), 1e-6))
+        self.length = max(1, min(aim, GROWTH * points, self.longest))
+
+
+def bundles(ranges: Iterable[Tile], pace: Pace) -> Iterator[Bundle]:
+    """Bundles that cover `ranges`, each of ``pace.length`` points as it is then; the last one may have fewer."""
+    bundle: list[Tile] = []
+    room = pace.length
+    for start, stop in ranges:
+        at = start
+        while at < stop:
+            end = min(stop, at + room)
+            bundle.append(Tile(at, end))
+            room -= end - at
+            at = end
+            if room == 0:
+                yield tuple(bundle)
+                bundle, room = [], pace.length
+    if bundle:
+        yield tuple(bundle)
+
+
+def warm_up(stop: StopFlag) -> None:
+    """Have the kernel compiled, or loaded, and proven in a thread: signals wait while the main thread is in the compiler.
+
+    Raises
+    ------
+    KernelError
+        If it cannot run, or gives wrong numbers.
+    """
+    executor = ThreadPoolExecutor(1)
+    try:
+        future = executor.submit(prove)
+        while not stop.is_set():
+            if wait([future], timeout=POLL).done:
+                future.result()
+                break
+    finally:
+        executor.shutdown(wait=False)
+
+
+@contextmanager
+def threads(workers: int, stop: StopFlag) -> Iterator[Pool]:
+    """A pool of threads in this process, the default: the kernel leaves Python's lock alone."""
+    executor = ThreadPoolExecutor(workers, thread_name_prefix="dimersweep")
+    try:
+        yield Pool(lambda work, tiles: executor.submit(attempt, work, tiles, stop.is_set), lambda: workers)
+    finally:
+        stop.set()
+        executor.shutdown(wait=False, cancel_futures=True)
+
+
+def run_elsewhere(work: Work, tiles: Bundle, shift: int, version: str) -> Made:
+    """Run tiles in a worker process, if that has the same kernel as the process that asks, and it works there.
+
+    Raises
+    ------
+    ParameterError
+        If the kernel is another one: its numbers could differ.
+    KernelError
+        If it cannot run there, or gives wrong numbers.
+    """
+    if kernel_version() != version:
+        raise ParameterError(_other_kernel("a worker", kernel_version(), version))
+    try:
+        prove()
+    except KernelError as error:
+        raise KernelError(f"scheduler: worker process {os.getpid()} on {socket.gethostname()}: {error}") from None
+    return attempt(work, tiles, shift=shift)
+
+
+def _other_kernel(who: str, theirs: str, ours: str) -> str:
+    return (
+        f"scheduler: {who} has kernel version {theirs}, this process {ours}; "
+        "give all the same dimersweep, numba, llvmlite, numpy, Python and settings of Numba, and processors of one kind "
+        "(or NUMBA_CPU_NAME=generic, which fits any)"
+    )
+
+
+@contextmanager
+def connected(client: Any) -> Iterator[Any]:
+    """A dask.distributed client as it is, or one for a scheduler's address that is closed at the end.
+
+    Raises
+    ------
+    ParameterError
+        If there is no scheduler at that address, or one of its workers has another kernel or none.
+    """
+    if not isinstance(client, str):
+        _check_kernels(client)
+        yield client
+        return
+    from distributed import Client
+
+    try:
+        made = Client(client, timeout=CONNECT_SECONDS)
+    except (OSError, ValueError, ImportError) as error:
+        raise ParameterError(f"scheduler = {client}: cannot be reached ({error})") from None
+    with made:
+        _check_kernels(made)
+        yield made
+
+
+def _check_kernels(client: Any) -> None:
+    try:
+        versions = client.run(kernel_version)
+    except Exception as error:  # whatever a worker raised: it cannot run the kernel
+        raise ParameterError(f"scheduler: a worker cannot use dimersweep ({type(error).__name__}: {error})") from None
+    for worker, version in versions.items():
+        if version != kernel_version():
+            raise ParameterError(_other_kernel(f"worker {worker}", version, kernel_version()))
+
+
+@contextmanager
+def cluster(client: Any) -> Iterator[Pool]:
+    """The workers of a dask.distributed client."""
+    executor: Executor = client.get_executor(pure=False)
+    counted, count = -COUNT_SECONDS, 0
+
+    def workers() -> int:
+        nonlocal counted, count
+        if time.monotonic() - counted > COUNT_SECONDS:
+            with _connection():
+                counted, count = time.monotonic(), sum(client.nthreads().values())
+        return count
+
+    def submit(work: Work, tiles: Bundle) -> "Future[Made]":
+        # the task carries its points along: data scattered beforehand could die with a worker
+        with _connection():
+            return executor.submit(run_elsewhere, *work.narrowed(tiles), kernel_version())
+
+    try:
+        yield Pool(submit, workers)
+    finally:
+        with suppress(Exception):  # of a connection that is lost
+            executor.shutdown(wait=False)
+
+
+@contextmanager
+def _connection() -> Iterator[None]:
+    try:
+        yield
+    except Exception as error:  # distributed has no common class for what a lost scheduler leads to
+        raise UserError(f"{LOST} ({type(error).__name__}: {error})") from error
+
+
+def outcome(future: "Future[Made]", tiles: Bundle) -> Made:
+    """What became of `tiles`: all are broken if the worker died with them.
+
+    Raises
+    ------
+    UserError
+        If the connection to the cluster is lost, or a worker cannot take part.
+    """
+    try:
+        return future.result()
+    except CancelledError:
+        raise UserError(LOST) from None
+    except UserError:
+        raise
+    except Exception as error:  # of the machinery: `attempt` catches those of the kernel
+        return Made([], Broken(tiles, f"{type(error).__name__}: {error}"))
+
+
+def run_tiles(pool: Pool, work: Work, tasks: Iterator[Bundle], take: Callable[[Made], None], stop: StopFlag) -> None:
+    """Do `work` at the points of `tasks`, until all are done or `stop` is set, and hand what each brings back to `take`.
+
+    `take` is called in the calling thread.
+    What a task brings back undone becomes a task of its own. After `stop`, tasks that run have `GRACE` seconds to come
+    back with the points they have.
+    """
+    running: dict[Future[Made], Bundle] = {}
+    undone: deque[Bundle] = deque()
+    while not stop.is_set():
+        while len(running) < IN_FLIGHT * max(1, pool.workers()):
+            task = undone.popleft() if undone else next(tasks, ())
+            if not task:
+                break
+            running[pool.submit(work, task)] = task
+        if not running:
+            return
+        for future in wait(running, timeout=POLL, return_when=FIRST_COMPLETED).done:
+            task = running.pop(future)
+            made = outcome(future, task)
+            if left := after(task, made.points):
+                undone.append(left)
+            take(made)
+    for future in wait(running, timeout=GRACE).done:
+        if not future.cancelled() and future.exception() is None:
+            take(future.result())

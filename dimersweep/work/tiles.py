@@ -1,0 +1,201 @@
+"""The unit of work: ranges of grid points, and the pure function that any thread, process or machine runs them with."""
+
+from collections.abc import Callable, Iterable
+from time import perf_counter
+from typing import NamedTuple, Protocol, Self
+
+import numpy as np
+
+from dimersweep.cubes.grid import Grid
+from dimersweep.cubes.results import Bundle, Finished, Tile, blank_results
+from dimersweep.kernel.batch import run_many
+from dimersweep.kernel.model.layout import (
+    CODES,
+    M_APERIODIC,
+    M_FAILED,
+    M_UNRESOLVED,
+)
+
+TILE_SECONDS = 0.5  # long against the cost of a task (4 ms), short against the patience of Ctrl-C (2 s)
+CHUNK_SECONDS = 0.1  # what one call of the kernel aims at: it can be stopped only between calls
+LONGEST_TILE = 2 * TILE_SECONDS  # a task whose points turn out slow comes back with those it has by then
+SLOW_MODES = sum(1 << mode for mode in (M_FAILED, M_APERIODIC, M_UNRESOLVED))  # these use all periods they are given
+_MODE = CODES.index("mode")
+
+
+class Broken(NamedTuple):
+    """Points that are still to be done, and why: a reason that is not the model's, such as ``MemoryError: no room``."""
+
+    tiles: Bundle
+    reason: str
+
+    @property
+    def points(self) -> int:
+        """Number of points."""
+        return count(self.tiles)
+
+
+class Made(NamedTuple):
+    """What a task brings back: what it has done of its tiles, in their order, and what broke it off, if anything did."""
+
+    finished: list[Finished]
+    broken: Broken | None = None
+
+    @property
+    def points(self) -> int:
+        """Number of points that are done or broken: the first ones of the task."""
+        done = sum(len(tile.results) for tile in self.finished)
+        return done + (self.broken.points if self.broken else 0)
+
+
+def count(tiles: Iterable[Tile]) -> int:
+    """Number of points in `tiles`."""
+    return sum(stop - start for start, stop in tiles)
+
+
+def after(tiles: Bundle, points: int) -> Bundle:
+    """What is left of `tiles` without their first `points`."""
+    left = []
+    for start, stop in tiles:
+        taken = min(points, stop - start)
+        points -= taken
+        if start + taken < stop:
+            left.append(Tile(start + taken, stop))
+    return tuple(left)
+
+
+def run_patiently(
+    rows: np.ndarray,
+    periods: int,
+    max_periods: int,
+    rtol: float,
+    settle: bool,
+    out: np.ndarray,
+    codes: np.ndarray,
+    until: int = 0,
+) -> int:
+    """Run points as `run_many` does, up to the first that has not settled; that one again for twice as long, and so on.
+
+    A longer run starts anew: what comes out depends on the point alone. Most motions settle soon, and those that ring down
+    slowly are too few to be given all they may need at once.
+
+    Parameters
+    ----------
+    rows, rtol, settle, out, codes, until
+        See ``kernel.batch.run_rows``.
+    periods, max_periods : int
+        Forcing periods of the first run of a point, and of the longest.
+
+    Returns
+    -------
+    int
+        Number of points made.
+    """
+    made = run_many(rows, periods, rtol, settle, out, codes, until=until | 1 << M_UNRESOLVED)
+    last = slice(made - 1, made)
+    while codes[made - 1, _MODE] == M_UNRESOLVED and periods < max_periods:
+        periods = min(2 * periods, max_periods)
+        run_many(rows[last], periods, rtol, settle, out[last], codes[last], until=until)
+    return made
+
+
+class Work(Protocol):
+    """What is done at each point of a grid: the numbers of a point depend on nothing else, so anybody may do it."""
+
+    @property
+    def grid(self) -> Grid:
+        """The points."""
+
+    @property
+    def kind(self) -> np.dtype:
+        """Of the result of one point, see `blank_results`."""
+
+    def advance(self, points: np.ndarray, results: np.ndarray, stopped: Callable[[], bool]) -> int:
+        """Run some of `points`, from the first one on, and count them.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n,), int
+            Their numbers.
+        results : ndarray, shape (n,)
+            Filled as far as points are done.
+        stopped : callable
+            If it says True, the work may end before a point is done.
+        """
+
+    def narrowed(self, tiles: Bundle) -> tuple[Self, Bundle, int]:
+        """The points of `tiles` in a work that is small enough to travel with every task, and the `shift` back."""
+
+
+def _never() -> bool:
+    return False
+
+
+def attempt(work: Work, tiles: Bundle, stopped: Callable[[], bool] = _never, shift: int = 0) -> Made:
+    """Run tiles in short calls, for about `LONGEST_TILE` seconds, or up to a point that raises.
+
+    Parameters
+    ----------
+    work : Work
+    tiles : tuple of Tile
+    stopped : callable
+        Asked between two calls; if it says True, the work ends there.
+    shift : int
+        What to add to the numbers of points, where `work` is a window of a larger grid.
+
+    Returns
+    -------
+    Made
+        The last tile may be short, and those after it missing. The time is told with the first one.
+    """
+    begun = perf_counter()
+    points = np.concatenate([np.arange(*tile) for tile in tiles])
+    results = blank_results(points.size, work.kind)
+    done, batch, broken = 0, 1, None
+    while done < points.size:
+        part = slice(done, done + batch)
+        try:
+            made = work.advance(points[part], results[part], stopped)
+        except Exception as error:  # whatever it is, it must not cost the other points
+            if points[part].size > 1:
+                batch = 1  # find the one
+                continue
+            point = int(points[done]) + shift
+            broken = Broken((Tile(point, point + 1),), f"{type(error).__name__}: {error}")
+            break
+        done += made
+        spent = perf_counter() - begun
+        if not made or spent > LONGEST_TILE or stopped():
+            break
+        batch = max(1, min(2 * batch, int(CHUNK_SECONDS * done / spent)))
+    _one_nan(results)
+    return Made(_cut(tiles, results[:done], perf_counter() - begun, shift), broken)
+
+
+def _one_nan(results: np.ndarray) -> None:
+    """Give every NaN the same pattern of bits, whatever operation made it."""
+    for name in results.dtype.names or ():
+        values = results[name]
+        if values.dtype.kind == "f":
+            values[np.isnan(values)] = np.nan
+
+
+def _cut(tiles: Bundle, results: np.ndarray, seconds: float, shift: int) -> list[Finished]:
+    """Results of the points of `tiles`, as far as they go, tile by tile."""
+    finished: list[Finished] = []
+    first = 0
+    for start, stop in tiles:
+        if first == len(results):
+            break
+        last = min(first + stop - start, len(results))
+        tile = Tile(start + shift, start + shift + last - first)
+        finished.append(Finished(tile, results[first:last], 0.0 if finished else seconds))
+        first = last
+    return finished
+
+
+def around(grid: Grid, tiles: Bundle) -> tuple[Grid, Bundle, int]:
+    """A window of `grid` with the points of `tiles`, these by their numbers there, and the `shift` back."""
+    window, start = grid.window(tiles[0].start, tiles[-1].stop)
+    shift = tiles[0].start - start
+    return window, tuple(Tile(a - shift, b - shift) for a, b in tiles), shift
