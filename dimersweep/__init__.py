@@ -4,31 +4,55 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from dimersweep.cubes.cube import names
     from dimersweep.errors import ParameterError, StoreError
     from dimersweep.parameters import Parameters
+    from dimersweep.runs import stability
     from dimersweep.runs.run import Run, simulate
     from dimersweep.storage.netcdf import open_cube
+    from dimersweep.studies.refine import refine
+    from dimersweep.studies.search import search
     from dimersweep.studies.sweep import sweep
 
 __version__ = "0.1.0"
-__all__ = ["ParameterError", "Parameters", "Run", "StoreError", "open_cube", "simulate", "sweep"]
+__all__ = [
+    "ParameterError",
+    "Parameters",
+    "Run",
+    "StoreError",
+    "names",
+    "open_cube",
+    "refine",
+    "search",
+    "simulate",
+    "stability",
+    "sweep",
+]
 
+_MODULES = {"stability": "runs.stability"}
 _HOME = {
     "ParameterError": "errors",
     "Parameters": "parameters",
-    "Run": "run",
+    "Run": "runs.run",
     "StoreError": "errors",
-    "open_cube": "store",
-    "simulate": "run",
-    "sweep": "sweeping",
+    "names": "cubes.cube",
+    "open_cube": "storage.netcdf",
+    "refine": "studies.refine",
+    "search": "studies.search",
+    "simulate": "runs.run",
+    "sweep": "studies.sweep",
 }
 
 
 def __getattr__(name: str) -> Any:
     # importing Numba and xarray takes a second or two: pay it with the first name that needs them (PEP 562)
-    if name not in _HOME:
+    if name in _MODULES:
+        value = import_module(f"dimersweep.{_MODULES[name]}")
+    elif name in _HOME:
+        value = getattr(import_module(f"dimersweep.{_HOME[name]}"), name)
+    else:
         raise AttributeError(f"module 'dimersweep' has no attribute {name!r}")
-    globals()[name] = value = getattr(import_module(f"dimersweep.{_HOME[name]}"), name)
+    globals()[name] = value
     return value
 
 

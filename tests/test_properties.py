@@ -18,7 +18,7 @@ from verbs import contact_rates, unload  # noqa: E402
 
 from dimersweep.kernel.contact.coordinates import YUA, YUB  # noqa: E402
 from dimersweep.kernel.contact.forces import COMPLIANCE, N_F  # noqa: E402
-from dimersweep.kernel.model.layout import (
+from dimersweep.kernel.model.layout import (  # noqa: E402
     BETA,
     CA,
     CB,

@@ -1,9 +1,9 @@
 """Between two phases on heyoka: the body's state from what the integrator ended with, and what it starts with next.
 
-The state has the slots of `dimersweep.kernel.model.layout`; that numbering is all these modules take from the package. A contact
-is described by y = (beta, beta', theta' cos(beta), spin, u_a, u_b, theta, t, x1, y1, gamma), u the slip of the leading end
-(p1 if it is closed, else p2). The integrator has the spin and its angle in units of 1/r: the largest number of its state
-rules its steps.
+The state has the slots of `dimersweep.kernel.model.layout`; that numbering is all these modules take from the package. A
+contact is described by y = (beta, beta', theta' cos(beta), spin, u_a, u_b, theta, t, x1, y1, gamma), u the slip of the
+leading end (p1 if it is closed, else p2). The integrator has the spin and its angle in units of 1/r: the largest number of
+its state rules its steps.
 """
 
 from math import copysign, cos, hypot, sin

@@ -10,12 +10,12 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from dimersweep.errors import ParameterError
 from dimersweep.parameters import check_count, check_rtol
 from dimersweep.studies import search as searching
+from dimersweep.studies import sweep_spec
 from dimersweep.studies.making import Job
 from dimersweep.studies.refine import RefineJob, check_refinement
 from dimersweep.studies.reuse import Reuse
 from dimersweep.studies.search import SearchJob
 from dimersweep.studies.sweep import SweepJob
-from dimersweep.work import tiles
 
 
 class _Section(BaseModel):
@@ -110,7 +110,7 @@ class Declaration(_Section):
             if self.refine or self.paths:
                 raise ParameterError("search: is missing; refine and paths go with a search")
             given |= {"stop_when_settled": self.sweep.stop_when_settled, "certify": certify}
-            spec = tiles.make_spec(self.grid, self.fixed, **given)
+            spec = sweep_spec.make_spec(self.grid, self.fixed, **given)
             return SweepJob(spec, Reuse(extend, retry))
         if certify:
             raise ParameterError("certify: is for sweeps of a whole grid; a search does not take it")
