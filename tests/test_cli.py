@@ -364,7 +364,7 @@ def test_a_cube_is_made_again_from_what_it_tells(call, fake_kernel, monkeypatch)
         assert variable.values.tobytes() == again[name].values.tobytes(), name
     for name in ("configuration", "configuration_sha256", "title", "plot"):
         assert first.attrs[name] == again.attrs[name]
-    monkeypatch.setattr("dimersweep.work.tiles.kernel_version", lambda: "another")
+    monkeypatch.setattr("dimersweep.studies.sweep_spec.kernel_version", lambda: "another")
     _, err, code = call("run", "--from", "fig07-small.nc", "--out", "third.nc")
     assert code == 2
     assert err.startswith("dimersweep: error: fig07-small.nc: was made by another version, so its numbers may differ")

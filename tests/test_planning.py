@@ -6,8 +6,8 @@ from fakes import fake_run_many
 from test_refine import COARSE, banded_kernel
 
 from dimersweep.studies.planning import plan
-from dimersweep.studies.refine import RefineJob, check_refinement, refine
-from dimersweep.studies.search import SearchJob, make_spec, search
+from dimersweep.studies.refine import RefineSpec, check_refinement, refine
+from dimersweep.studies.search import make_spec, search
 
 GRID = {"f": np.linspace(0.2, 9, 30), "e": [0.5, 0.6, 0.7], "beta0": np.linspace(0.03, 0.3, 19)}
 
@@ -34,7 +34,7 @@ def made(monkeypatch):
 def test_a_search_takes_the_time_that_was_planned(made, ask, close):
     made(fake_run_many)
     spec = make_spec(GRID, None, over="beta0", ask=ask, mode="drift", periods=5, rtol=1e-8)
-    told = plan(SearchJob(spec), 1)
+    told = plan(spec, 1)
     runs = search(GRID, over="beta0", ask=ask, periods=5, progress=False)["n_runs"].sum()
     assert told.to_run == 90 == told.times.size
     assert told.seconds[0] == pytest.approx(float(runs), rel=close)
@@ -45,7 +45,7 @@ def test_a_map_takes_the_points_and_the_time_that_were_planned_and_at_most_a_thi
     made(banded_kernel)
     halvings = {"e": 2, "Gamma": 6}
     spec = make_spec(COARSE, None, over="beta0", ask="any", mode="drift", periods=5, rtol=1e-8)
-    told = plan(RefineJob(spec, *check_refinement(spec, halvings, None)), 1)
+    told = plan(RefineSpec(spec, *check_refinement(spec, halvings, None)), 1)
     cube = refine(COARSE, halvings=halvings, over="beta0", periods=5, progress=False)
     assert told.times.size == told.units == 20
     assert told.to_run <= int(cube["computed"].sum()) <= 1.33 * told.to_run

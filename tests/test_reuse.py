@@ -105,7 +105,7 @@ def test_a_cube_made_otherwise_is_not_extended(asked, settings, told):
 
 def test_a_cube_of_another_kernel_is_not_extended(asked, monkeypatch):
     sweep(out="old.nc")
-    monkeypatch.setattr("dimersweep.work.tiles.kernel_version", lambda: "another")
+    monkeypatch.setattr("dimersweep.studies.sweep_spec.kernel_version", lambda: "another")
     with pytest.raises(StoreError, match=r'otherwise:\n  kernel_version: "[0-9a-f]{16}" -> "another"$'):
         sweep(extend="old.nc")
 

@@ -225,7 +225,7 @@ def test_points_listed_twice_are_refused():
 def test_another_kernel_is_refused(monkeypatch):
     left_behind((0, 30))
     ours = SPEC.configuration()["kernel_version"]
-    monkeypatch.setattr("dimersweep.work.tiles.kernel_version", lambda: "0123456789abcdef")
+    monkeypatch.setattr("dimersweep.studies.sweep_spec.kernel_version", lambda: "0123456789abcdef")
     with pytest.raises(StoreError, match=f'What differs:\n  kernel_version: "{ours}" -> "0123456789abcdef"$'):
         sweep()
 

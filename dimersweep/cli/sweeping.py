@@ -56,8 +56,8 @@ def run(
     picture, forced = cube_file.with_suffix(".png"), force or retry
     check_writable(cube_file, force=True)  # a cube that is there already is judged where it can be read
     if plot and not cube_file.exists():
-        job = declared.job(periods=periods, rtol=rtol, extend=extend, retry=retry)
-        check_picture_of(job.configuration, picture, force=forced)
+        study = declared.study(periods=periods, rtol=rtol)
+        check_picture_of(study.configuration, picture, force=forced)
     with stoppable():
         cube = make(
             declared,
@@ -127,9 +127,9 @@ def plan(
     from dimersweep.work.progress import tell_of_compiling
 
     declared = read_declaration(declaration)
-    job, threads = declared.job(periods=periods, rtol=rtol), make_how(workers).workers
+    study, threads = declared.study(periods=periods, rtol=rtol), make_how(workers).workers
     tell_of_compiling()
-    for line in plan(job, threads, Path(declared.sweep.output)).lines():
+    for line in plan(study, threads, Path(declared.sweep.output)).lines():
         typer.echo(line)
 
 

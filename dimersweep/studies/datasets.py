@@ -1,31 +1,26 @@
 """What a file declares, made into its cube."""
 
-from pathlib import Path
-from typing import Any
+import os
+from typing import Unpack
 
 import xarray as xr
 
 from dimersweep.studies.declaration import Declaration
-from dimersweep.studies.making import Output
-from dimersweep.studies.making import make as make_cube
-from dimersweep.work.computing import make_how
+from dimersweep.studies.options import Manner, make_options
+from dimersweep.studies.refine import RefineSpec, run_refine
+from dimersweep.studies.search import run_search
+from dimersweep.studies.sweep import run_sweep
+from dimersweep.studies.sweep_spec import Spec
 
 
 def make(
     declared: Declaration,
-    out: Path | None,
+    out: str | os.PathLike[str] | None,
     *,
     periods: int | None = None,
     rtol: float | None = None,
-    extend: Path | None = None,
-    retry: bool = False,
     certify: bool = False,
-    workers: int | None = None,
-    client: Any = None,
-    progress: bool = True,
-    fail_fast: bool = False,
-    force: bool = False,
-    keep_tiles: bool = False,
+    **options: Unpack[Manner],
 ) -> xr.Dataset:
     """Make the cube of a declaration, and write it.
 
@@ -33,11 +28,13 @@ def make(
     ----------
     declared : Declaration
     out : path-like, optional
-        Cube to be.
+        File of the cube.
     periods, rtol : int, float, optional
         In place of the declared ones.
-    extend, retry, certify, workers, client, progress, fail_fast, force, keep_tiles
-        As in `sweep`; a search takes no `certify`.
+    certify : bool
+        As in `sweep`; a search takes none.
+    **options
+        As in `sweep`.
 
     Returns
     -------
@@ -45,9 +42,12 @@ def make(
 
     Raises
     ------
-    ParameterError, StoreError, PointError, Stopped
+    ParameterError, StoreError, PointError, UnfinishedError, Stopped
         As by `sweep`.
     """
-    job = declared.job(periods=periods, rtol=rtol, extend=extend, retry=retry, certify=certify)
-    how = make_how(workers, client, progress=progress, fail_fast=fail_fast)
-    return make_cube(job, how, Output(out, force=force, keep_tiles=keep_tiles, attrs=declared.attrs))
+    study = declared.study(periods=periods, rtol=rtol, certify=certify)
+    options.setdefault("attrs", declared.attrs)
+    chosen = make_options(out=out, **options)
+    if isinstance(study, Spec):
+        return run_sweep(study, chosen)
+    return run_refine(study, chosen) if isinstance(study, RefineSpec) else run_search(study, chosen)

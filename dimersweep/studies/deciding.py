@@ -112,6 +112,13 @@ class SearchSpec:
     orbit_periods: int = 0
     paths: PathLength | None = None
 
+    by_blocks = False
+
+    @property
+    def summary(self) -> str:
+        """What its cube shows."""
+        return f"search over {self.question.axis} for a 3D dimer on a vibrating plate"
+
     @property
     def kind(self) -> np.dtype:
         """Of the result of one point: that of the deciding run, and how it was found."""

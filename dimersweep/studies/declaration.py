@@ -11,11 +11,9 @@ from dimersweep.errors import ParameterError
 from dimersweep.parameters import check_count, check_rtol
 from dimersweep.studies import search as searching
 from dimersweep.studies import sweep_spec
-from dimersweep.studies.making import Job
-from dimersweep.studies.refine import RefineJob, check_refinement
-from dimersweep.studies.reuse import Reuse
-from dimersweep.studies.search import SearchJob
-from dimersweep.studies.sweep import SweepJob
+from dimersweep.studies.deciding import SearchSpec
+from dimersweep.studies.refine import RefineSpec, check_refinement
+from dimersweep.studies.sweep_spec import Spec
 
 
 class _Section(BaseModel):
@@ -76,23 +74,15 @@ class Declaration(_Section):
     paths: PathsSection | None = None
     plot: PlotSection = Field(default_factory=PlotSection)
 
-    def job(
-        self,
-        *,
-        periods: int | None = None,
-        rtol: float | None = None,
-        extend: Path | None = None,
-        retry: bool = False,
-        certify: bool = False,
-    ) -> Job:
-        """What the sections say together, judged and ready to be made into a cube.
+    def study(
+        self, *, periods: int | None = None, rtol: float | None = None, certify: bool = False
+    ) -> Spec | SearchSpec | RefineSpec:
+        """What the sections say together, judged.
 
         Parameters
         ----------
         periods, rtol : int, float, optional
             In place of the declared ones; `periods` in place of the declared ``max_periods`` too.
-        extend, retry
-            As in `sweep`.
         certify : bool
             Whether to certify what was not declared to be, see `sweep`.
 
@@ -110,8 +100,7 @@ class Declaration(_Section):
             if self.refine or self.paths:
                 raise ParameterError("search: is missing; refine and paths go with a search")
             given |= {"stop_when_settled": self.sweep.stop_when_settled, "certify": certify}
-            spec = sweep_spec.make_spec(self.grid, self.fixed, **given)
-            return SweepJob(spec, Reuse(extend, retry))
+            return sweep_spec.make_spec(self.grid, self.fixed, **given)
         if certify:
             raise ParameterError("certify: is for sweeps of a whole grid; a search does not take it")
         if not self.sweep.stop_when_settled:
@@ -119,8 +108,8 @@ class Declaration(_Section):
         paths = None if self.paths is None else self.paths.model_dump()
         question = searching.make_spec(self.grid, self.fixed, paths=paths, **self.search.model_dump(), **given)
         if self.refine is None:
-            return SearchJob(question, Reuse(extend, retry))
-        return RefineJob(question, *check_refinement(question, **self.refine.model_dump()), Reuse(extend, retry))
+            return question
+        return RefineSpec(question, *check_refinement(question, **self.refine.model_dump()))
 
     @property
     def attrs(self) -> dict[str, str]:
@@ -173,7 +162,7 @@ def read_declaration(path: str | os.PathLike[str]) -> Declaration:
     path = Path(path)
     try:
         declaration = Declaration.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-        declaration.job()
+        declaration.study()
     except OSError as error:
         raise ParameterError(f"{path}: cannot be read ({error.strerror})") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:

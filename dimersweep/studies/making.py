@@ -1,12 +1,10 @@
-"""A cube made whole, of a sweep, a search or a refined map: what is there already, the store, the crew, and the output."""
+"""A cube from start to end: what is there already, the store of its points and the crew that runs them, and the output."""
 
 import json
-import os
 import sys
 import warnings
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -14,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.cubes.cube import flatten
-from dimersweep.cubes.grid import check_fits
+from dimersweep.cubes.grid import Grid, check_fits
 from dimersweep.cubes.results import failed
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.storage.memorystore import MemoryStore
@@ -22,128 +20,155 @@ from dimersweep.storage.netcdf import check_writable, open_cube, write_cube
 from dimersweep.storage.provenance import as_text, attributes, differences
 from dimersweep.storage.tilestore import TileStore, tile_store
 from dimersweep.storage.zarr import check_zarr, is_zarr, write_zarr
-from dimersweep.studies.deciding import SearchSpec
-from dimersweep.studies.reuse import Reuse
-from dimersweep.studies.sweep_spec import Spec
-from dimersweep.work.computing import (
-    Crew,
-    How,
-    Store,
-    crew,
-)
+from dimersweep.studies.options import Options
+from dimersweep.work.computing import Crew, Store, crew
 
 
-class Job(Protocol):
-    """What a cube is made of."""
+class Study(Protocol):
+    """What a cube is made of: all that decides its numbers."""
+
+    @property
+    def grid(self) -> Grid:
+        """Its points."""
+
+    @property
+    def kind(self) -> np.dtype:
+        """Of the result of one point."""
 
     @property
     def summary(self) -> str:
         """What the cube shows, its title unless another one is given."""
 
     @property
-    def spec(self) -> Spec | SearchSpec:
-        """Its points, the kind of their results, and how they are run."""
-
-    @property
     def by_blocks(self) -> bool:
-        """Whether the cube may be larger than memory: its results are those of `RESULT`, block by block."""
-
-    @property
-    def reuse(self) -> Reuse:
-        """What is taken over from cubes that exist."""
-
-    def again(self, results: np.ndarray) -> np.ndarray:
-        """Which of `results`, shape (n,), a retry forgets: those that failed, and those that may depend on one; bool."""
+        """Whether the cube may be larger than memory, made block by block from its results."""
 
     def configuration(self) -> dict[str, Any]:
         """All that decides its numbers, as JSON can hold it."""
 
-    def fill(self, store: Store, crew: Crew) -> dict[str, str]:
-        """Have `crew` run the points that `store` lacks; returns further attributes of the cube."""
 
-    def cube(self, results: np.ndarray, attributes: Mapping[str, Any]) -> xr.Dataset:
-        """The cube of the results of all points."""
+def complete_cube(study: Study, options: Options) -> xr.Dataset | None:
+    """The cube of `study` if it is at the output already, with nothing to retry; the output is judged.
+
+    Raises
+    ------
+    ParameterError, StoreError
+        If there is another cube, or the output cannot be written.
+    """
+    out = options.out
+    if out is None or not is_zarr(out):
+        check_fits(study.grid, by_blocks=study.by_blocks)
+    elif study.by_blocks:
+        check_zarr()
+    else:
+        raise ParameterError(f"out = {out}: only a sweep of a whole grid is written as Zarr; give a NetCDF file")
+    if out is None:
+        if options.retry and options.extend is None:
+            raise ParameterError("retry: needs an out, or a cube to extend")
+        return None
+    if out.exists() and not options.force:
+        former = _former(out, study)
+        if not options.retry or not failed(flatten(former)[1]).any():
+            if options.how.progress:
+                print(f"{out}: is complete already; nothing was run", file=sys.stderr, flush=True)
+            return former
+    check_writable(out, force=options.force or options.retry)
+    return None
 
 
-@dataclass(frozen=True)
-class Output:
-    """Where a cube goes, and what may happen to what is there; see `sweep`.
+class UnfinishedCube:
+    """A cube that is being made: the store of its points, and the crew that runs those that are missing.
 
     Parameters
     ----------
-    path : path-like, optional
-    force, keep_tiles : bool
-    attrs : mapping of str to str, optional
-        Further global attributes.
+    study : Study
+    options : Options
+    store : Store
+    crew : Crew
     """
 
-    path: str | os.PathLike[str] | None
-    force: bool = False
-    keep_tiles: bool = False
-    attrs: Mapping[str, str] | None = None
+    def __init__(self, study: Study, options: Options, store: Store, crew: Crew) -> None:
+        self.study, self.options, self.store, self.crew = study, options, store, crew
+
+    @property
+    def is_zarr(self) -> bool:
+        """Whether it is written as Zarr, block by block."""
+        return self.options.out is not None and is_zarr(self.options.out)
+
+    def results(self) -> np.ndarray:
+        """Results of all points, shape (n,)."""
+        return self.store.read(0, self.study.grid.size)
+
+    def attributes(self, origin: Mapping[str, str]) -> dict[str, Any]:
+        """Global attributes, with those of its `origin`."""
+        told = attributes(self.study.configuration(), self.study.summary, self.store.wall)
+        return told | {"kernel_time_s": self.store.seconds} | dict(origin) | dict(self.options.attrs)
+
+    def write(self, cube: xr.Dataset) -> xr.Dataset:
+        """Write the finished cube, if it has an output, and remove the folder of its points."""
+        if isinstance(self.store, TileStore):
+            write_cube(cube, self.store.out, force=self._replaces, scratch=self.store.scratch, kept=self.store.keeps)
+            self._tidy_up(self.store)
+        return cube
+
+    def write_blocks(self, told: Mapping[str, Any]) -> xr.Dataset:
+        """Write it as Zarr, block by block, with the global attributes `told`; returns it opened again."""
+        assert isinstance(self.store, TileStore)
+        out = self.store.out
+        write_zarr(self.study.grid, self.store.read, told, out, scratch=self.store.scratch, kept=self.store.keeps)
+        self._tidy_up(self.store)
+        return open_cube(out)
+
+    @property
+    def _replaces(self) -> bool:
+        return self.options.force or self.options.retry
+
+    def _tidy_up(self, store: TileStore) -> None:
+        if not self.options.keep_tiles:
+            store.remove()
 
 
-def make(job: Job, how: How, output: Output) -> xr.Dataset:
-    """The cube of `job`, written if it has an output.
+@contextmanager
+def unfinished_cube(
+    study: Study, options: Options, again: Callable[[np.ndarray], np.ndarray]
+) -> Iterator[UnfinishedCube]:
+    """A cube to be made, with what was finished of it before.
+
+    Parameters
+    ----------
+    study : Study
+    options : Options
+    again : callable
+        Which of results, shape (n,), a retry forgets: those that failed, and those that may depend on one; bool.
 
     Raises
     ------
     ParameterError, StoreError, KernelError, PointError, UnfinishedError, Stopped
         See `sweep`.
     """
-    if output.path is not None:
-        return _to_file(job, how, output, Path(output.path))
-    check_fits(job.spec.grid, by_blocks=job.by_blocks)
-    if job.reuse.retry and job.reuse.extend is None:
-        raise ParameterError("retry: needs an out, or a cube to extend")
-    memory = MemoryStore(job.spec.grid.size, job.spec.kind)
-    more = _filled(job, memory, how)
-    return job.cube(memory.results, _attributes(job, memory, more, output))
+    with ExitStack() as stack:
+        store: Store = MemoryStore(study.grid.size, study.kind)
+        if options.out is not None:
+            store = stack.enter_context(_store_of(study, options, options.out, again))
+        yield UnfinishedCube(study, options, store, stack.enter_context(crew(store, options.how)))
 
 
-def _filled(job: Job, store: Store, how: How) -> dict[str, str]:
-    with crew(store, how) as hands:
-        return job.fill(store, hands)
-
-
-def _to_file(job: Job, how: How, output: Output, out: Path) -> xr.Dataset:
-    if not is_zarr(out):
-        check_fits(job.spec.grid, by_blocks=job.by_blocks)
-    elif job.by_blocks:
-        check_zarr()
-    else:
-        raise ParameterError(f"out = {out}: only a sweep of a whole grid is written as Zarr; give a NetCDF file")
-    if out.exists() and not output.force:
-        former = _former(out, job)
-        if not job.reuse.retry or not failed(flatten(former)[1]).any():
-            if how.progress:
-                print(f"{out}: is complete already; nothing was run", file=sys.stderr, flush=True)
-            return former
-    replace = output.force or job.reuse.retry
-    check_writable(out, force=replace)
+@contextmanager
+def _store_of(
+    study: Study, options: Options, out: Path, again: Callable[[np.ndarray], np.ndarray]
+) -> Iterator[TileStore]:
+    """The store of finished points beside `out`, under its lock."""
     with (
-        tile_store(out, job.configuration(), job.spec.grid.size, job.spec.kind, force=output.force) as store,
+        tile_store(out, study.configuration(), study.grid.size, study.kind, force=options.force) as store,
         _tidy(store),
     ):
-        check_writable(out, force=replace)  # who held the lock before may have written it meanwhile
+        # who held the lock before may have written it meanwhile
+        check_writable(out, force=options.force or options.retry)
         for line in store.check():
-            warnings.warn(line, RuntimeWarning, stacklevel=4)
-        if job.reuse.retry and "failed" in store.modes():
-            store.drop(job.again)
-        more = _filled(job, store, how)
-        cube = _written(job, store, _attributes(job, store, more, output), out, force=replace)
-        if not output.keep_tiles:
-            store.remove()
-    return cube
-
-
-def _written(job: Job, store: TileStore, told: Mapping[str, Any], out: Path, *, force: bool) -> xr.Dataset:
-    if is_zarr(out):
-        write_zarr(job.spec.grid, store.read, told, out, scratch=store.scratch, kept=store.keeps)
-        return open_cube(out)
-    cube = job.cube(store.read(0, job.spec.grid.size), told)
-    write_cube(cube, out, force=force, scratch=store.scratch, kept=store.keeps)
-    return cube
+            warnings.warn(line, RuntimeWarning, stacklevel=8)  # of what has called sweep, search or refine
+        if options.retry and "failed" in store.modes():
+            store.drop(again)
+        yield store
 
 
 @contextmanager
@@ -158,8 +183,8 @@ def _tidy(store: TileStore) -> Iterator[None]:
         raise
 
 
-def _former(out: Path, job: Job) -> xr.Dataset:
-    """The cube that is at `out` already, if it is the one that `job` would give.
+def _former(out: Path, study: Study) -> xr.Dataset:
+    """The cube that is at `out` already, if it is the one that `study` would give.
 
     Raises
     ------
@@ -171,13 +196,7 @@ def _former(out: Path, job: Job) -> xr.Dataset:
         cube = open_cube(out)
     except StoreError:
         raise StoreError(cannot) from None
-    old, new = json.loads(cube.attrs["configuration"]), job.configuration()
+    old, new = json.loads(cube.attrs["configuration"]), study.configuration()
     if as_text(old) != as_text(new):
         raise StoreError(f"{cannot}. What differs:" + "".join(f"\n  {line}" for line in differences(old, new)))
     return cube
-
-
-def _attributes(job: Job, store: Store, more: Mapping[str, str], output: Output) -> dict[str, Any]:
-    """Global attributes of the cube."""
-    told = attributes(job.configuration(), job.summary, store.wall) | {"kernel_time_s": store.seconds}
-    return told | dict(more) | dict(output.attrs or {})

@@ -18,11 +18,10 @@ from dimersweep.storage.manifest import read_manifest
 from dimersweep.storage.memorystore import MemoryStore
 from dimersweep.storage.provenance import as_text
 from dimersweep.storage.tilestore import manifest_of
+from dimersweep.studies import search, sweep
 from dimersweep.studies.deciding import SearchSpec, Wave, spread_order
-from dimersweep.studies.making import Job
-from dimersweep.studies.refine import RefineJob
-from dimersweep.studies.search import SearchJob
-from dimersweep.studies.sweep import SweepJob
+from dimersweep.studies.making import Study
+from dimersweep.studies.refine import RefineSpec, cut_cells
 from dimersweep.studies.sweep_spec import Spec
 from dimersweep.work.computing import How, crew
 from dimersweep.work.proving import prove
@@ -108,12 +107,12 @@ class Plan:
         ]
 
 
-def plan(job: Job, workers: int, out: Path | None = None) -> Plan:
+def plan(study: Study, workers: int, out: Path | None = None) -> Plan:
     """Time a random sample of a sweep, a search or a map, on one thread.
 
     Parameters
     ----------
-    job : Job
+    study : Spec, SearchSpec or RefineSpec
         The grid of a sweep may be of any size: only the sampled points are laid out.
     workers : int
         Threads that it would have.
@@ -126,22 +125,27 @@ def plan(job: Job, workers: int, out: Path | None = None) -> Plan:
     """
     prove()  # and compile
     rng = np.random.default_rng(_SEED)
-    if isinstance(job, SweepJob):
-        numbers = rng.choice(job.spec.grid.size, min(SAMPLE, job.spec.grid.size), replace=False)
-        units, unit, costs = job.spec.grid.size, "random points", _of_points(job.spec, numbers)
-    elif isinstance(job, RefineJob):
-        check_fits(job.spec.grid, by_blocks=False)
-        units, unit = prod(n - 1 for n in job.coarse.grid.shape), "cells spread over the coarse grid"
-        costs = _of_cells(job, spread_order(units))
+    seconds = POINT_SECONDS
+    if isinstance(study, Spec):
+        numbers = rng.choice(study.grid.size, min(SAMPLE, study.grid.size), replace=False)
+        units, unit, costs = study.grid.size, "random points", _of_points(study, numbers)
+    elif isinstance(study, RefineSpec):
+        check_fits(study.grid, by_blocks=False)
+        units, unit, seconds = (
+            prod(n - 1 for n in study.coarse.grid.shape),
+            "cells spread over the coarse grid",
+            CELL_SECONDS,
+        )
+        costs = _of_cells(study, spread_order(units))
     else:
-        assert isinstance(job, SearchJob)
-        check_fits(job.spec.grid, by_blocks=False)
-        legal = legal_points(job.spec.grid)
+        assert isinstance(study, SearchSpec)
+        check_fits(study.grid, by_blocks=False)
+        legal = legal_points(study.grid)
         units, unit = int(legal.sum()), "random points"
-        costs = _of_searches(job.spec, legal, rng.permutation(np.flatnonzero(legal)))
-    sample = np.array(list(_for_some_time(costs, CELL_SECONDS if isinstance(job, RefineJob) else POINT_SECONDS)))
-    bytes_per_point = sum(variable.nbytes for variable in _of_one_point(job).data_vars.values())
-    return Plan(job.spec.grid.size, _done(job, out), workers, bytes_per_point, units, unit, *sample.T)
+        costs = _of_searches(study, legal, rng.permutation(np.flatnonzero(legal)))
+    sample = np.array(list(_for_some_time(costs, seconds)))
+    bytes_per_point = sum(variable.nbytes for variable in _of_one_point(study).data_vars.values())
+    return Plan(study.grid.size, _done(study, out), workers, bytes_per_point, units, unit, *sample.T)
 
 
 Cost = tuple[float, float]  # points to run, and their time [s]
@@ -179,20 +183,20 @@ def _of_searches(spec: SearchSpec, legal: np.ndarray, numbers: np.ndarray) -> It
         yield 1, _made(Wave(spec, {point: [decider - 1] if decider else []}), point).seconds
 
 
-def _of_cells(job: RefineJob, numbers: np.ndarray) -> Iterator[Cost]:
+def _of_cells(spec: RefineSpec, numbers: np.ndarray) -> Iterator[Cost]:
     """Costs of cells of the coarse grid of a map, each refined as if it were alone, points that are shared counting in part.
 
     What a border asks for beyond the cell is left out: of borders near the edges of cells, up to a third of the points.
     """
-    axes, cells = job.coarse.grid.axes, tuple(n - 1 for n in job.coarse.grid.shape)
+    axes, cells = spec.coarse.grid.axes, tuple(n - 1 for n in spec.coarse.grid.shape)
     for number in numbers.tolist():
         place = np.unravel_index(number, cells)
         own = {name: values[k : k + 2] for (name, values), k in zip(axes.items(), place, strict=True)}
-        cell = RefineJob(replace(job.coarse, grid=Grid(own, job.coarse.grid.fixed)), job.halvings, job.between)
-        store = MemoryStore(cell.spec.grid.size, cell.spec.kind)
+        cell = replace(spec, coarse=replace(spec.coarse, grid=Grid(own, spec.coarse.grid.fixed)))
+        store = MemoryStore(cell.grid.size, cell.kind)
         with crew(store, How(1, progress=False)) as hands:
-            cell.fill(store, hands)
-        ends = zip(place, cells, cell.spec.grid.shape, strict=True)
+            cut_cells(cell, search.Findings(cell.fine.question, store.read(0, cell.grid.size)), hands)
+        ends = zip(place, cells, cell.grid.shape, strict=True)
         share = reduce(np.multiply.outer, [_shares(n, k == 0, k == last - 1) for k, last, n in ends]).ravel()
         made = store.results["counts"].sum(axis=1)
         yield float(share[made > 0].sum()), store.seconds * float(share @ made) / float(made.sum())
@@ -205,20 +209,22 @@ def _shares(n: int, first: bool, last: bool) -> np.ndarray:
     return shares
 
 
-def _of_one_point(job: Job) -> xr.Dataset:
-    """The cube of the first point of a job, without results."""
-    one = Grid({name: values[:1] for name, values in job.spec.grid.axes.items()}, {})
-    small = (
-        SweepJob(replace(job.spec, grid=one)) if isinstance(job.spec, Spec) else SearchJob(replace(job.spec, grid=one))
-    )
-    return small.cube(blank_results(1, job.spec.kind), {})
+def _of_one_point(study: Study) -> xr.Dataset:
+    """The cube of the first point of a study, without results."""
+    one = Grid({name: values[:1] for name, values in study.grid.axes.items()}, {})
+    blank = blank_results(1, study.kind)
+    if isinstance(study, Spec):
+        return sweep.as_cube(replace(study, grid=one), blank, {})
+    spec = study.fine if isinstance(study, RefineSpec) else study
+    assert isinstance(spec, SearchSpec)
+    return search.as_cube(replace(spec, grid=one), blank, {})
 
 
-def _done(job: Job, out: Path | None) -> int:
+def _done(study: Study, out: Path | None) -> int:
     if out is None or not manifest_of(out).exists():
         return 0
     manifest = read_manifest(manifest_of(out))
-    return manifest.done if as_text(manifest.configuration) == as_text(job.configuration()) else 0
+    return manifest.done if as_text(manifest.configuration) == as_text(study.configuration()) else 0
 
 
 def _bytes(number: float) -> str:

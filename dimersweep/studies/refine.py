@@ -1,10 +1,10 @@
 """Boundaries at the cost of their length: cells of a coarse grid are halved only where the answers of a search disagree."""
 
-import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from itertools import product
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 import xarray as xr
@@ -14,8 +14,8 @@ from dimersweep.cubes.grid import Grid
 from dimersweep.errors import ParameterError
 from dimersweep.parameters import as_number, check, check_count
 from dimersweep.studies.deciding import SearchSpec
-from dimersweep.studies.making import Output, make
-from dimersweep.studies.reuse import NOTHING, Reuse
+from dimersweep.studies.making import complete_cube, unfinished_cube
+from dimersweep.studies.options import Given, Options, make_options
 from dimersweep.studies.search import (
     MIXED,
     REGIONS,
@@ -25,7 +25,7 @@ from dimersweep.studies.search import (
     make_spec,
     to_search_again,
 )
-from dimersweep.work.computing import Crew, Store, make_how
+from dimersweep.work.computing import Crew
 
 MAX_HALVINGS = 12
 FILLED = ("answer", "region", "mode")  # what a point that was not computed takes from the cell around it
@@ -120,8 +120,9 @@ def _coarse_cells(shape: Sequence[int], parts: Sequence[int]) -> list[Cell]:
     return [Cell(origin, tuple(parts)) for origin in product(*starts)]
 
 
-class RefineJob:
-    """The fine grid of a refinement, of which only the points that are needed are computed; see `Job`.
+@dataclass(frozen=True)
+class RefineSpec:
+    """All that decides the numbers of a refined map.
 
     Parameters
     ----------
@@ -131,74 +132,102 @@ class RefineJob:
         Of each axis.
     between : list of int
         Regions to be told apart, codes.
-    reuse : Reuse
     """
+
+    coarse: SearchSpec
+    halvings: dict[str, int]
+    between: list[int]
 
     summary = "map refined at the borders of its regions, for a 3D dimer on a vibrating plate"
     by_blocks = False
 
-    def __init__(
-        self, coarse: SearchSpec, halvings: dict[str, int], between: list[int], reuse: Reuse = NOTHING
-    ) -> None:
-        self.coarse, self.halvings, self.between, self.reuse = coarse, halvings, between, reuse
-        fine = {name: finer(values, halvings[name]) for name, values in coarse.grid.axes.items()}
-        self.spec = replace(coarse, grid=Grid(fine, coarse.grid.fixed))
-        self.cells: list[Cell] = []
-        # regions that are not to be told apart count as one, MIXED
-        self.lumped = np.full(MIXED + 1, MIXED)
-        self.lumped[between] = between
+    @cached_property
+    def fine(self) -> SearchSpec:
+        """The same search on the fine grid, of which only the points that are needed are computed."""
+        axes = self.coarse.grid.axes.items()
+        fine = {name: finer(values, self.halvings[name]) for name, values in axes}
+        return replace(self.coarse, grid=Grid(fine, self.coarse.grid.fixed))
+
+    @property
+    def grid(self) -> Grid:
+        """The fine grid."""
+        return self.fine.grid
+
+    @property
+    def kind(self) -> np.dtype:
+        """Of the result of one point."""
+        return self.fine.kind
+
+    @property
+    def labels(self) -> np.ndarray:
+        """What each region counts as, codes: those that are not to be told apart count as one, MIXED."""
+        labels = np.full(MIXED + 1, MIXED)
+        labels[self.between] = self.between
+        return labels
 
     def configuration(self) -> dict[str, Any]:
-        """All that decides its numbers."""
+        """All that decides its numbers, as JSON can hold it."""
         told_apart = [REGIONS[code] for code in self.between]
         halvings = {name: n for name, n in self.halvings.items() if n}
         return self.coarse.configuration() | {"refine": {"halvings": halvings, "between": told_apart}}
 
-    def fill(self, store: Store, crew: Crew) -> dict[str, str]:
-        """Cut cells until there is none to be cut (see `cuts`), with searches where the store lacks them.
 
-        What the store has is used when its turn comes, so that a map that goes on is cut as an undisturbed one.
-        """
-        findings, origin = begin(self.spec, self.reuse, store)
-        cells = _coarse_cells(self.spec.grid.shape, [1 << count for count in self.halvings.values()])
-        self._search(findings, cells, cells, crew)
-        while True:
-            labels = np.where(findings.reached, self.lumped[findings.regions()], -1).reshape(self.spec.grid.shape)
-            chosen = cuts(cells, labels)
-            if not chosen:
-                break
-            pairs = [(half, cell) for cell, axes in chosen.items() for half in cell.halves(axes)]
-            self._search(findings, [half for half, _ in pairs], [cell for _, cell in pairs], crew)
-            cells = [cell for cell in cells if cell not in chosen] + [half for half, _ in pairs]
-        self.cells = cells
-        return origin
+def run_refine(spec: RefineSpec, options: Options) -> xr.Dataset:
+    """The cube of a refined map: what is there already, then what is missing, cell by cell.
 
-    def again(self, results: np.ndarray) -> np.ndarray:
-        """See `Job`."""
-        return to_search_again(self.spec, results)
+    Raises
+    ------
+    ParameterError, StoreError, KernelError, PointError, UnfinishedError, Stopped
+        See `refine`.
+    """
+    former = complete_cube(spec, options)
+    if former is not None:
+        return former
+    with unfinished_cube(spec, options, partial(to_search_again, spec.fine)) as cube:
+        findings, origin = begin(spec.fine, options, cube.results())
+        cells = cut_cells(spec, findings, cube.crew)
+        results = cube.results()
+        computed = Findings(spec.fine.question, results).known.reshape(spec.grid.shape)
+        return cube.write(_fill(as_cube(spec.fine, results, cube.attributes(origin)), cells, computed))
 
-    def _search(self, findings: Findings, cells: Sequence[Cell], parents: Sequence[Cell], crew: Crew) -> None:
-        """Search at the corners of `cells` that are new, with hints from the corners of their `parents`."""
-        near: dict[int, set[int]] = {}
-        for cell, parent in zip(cells, parents, strict=True):
-            around = self._numbers(parent)
-            for point in self._numbers(cell):
-                if not findings.reached[point]:
-                    near.setdefault(point, set()).update(around)
-        points = np.sort(np.fromiter(near, dtype=np.int64))
-        needed = findings.known | findings.reached
-        needed[points] = True
-        crew.expect(int(needed.sum()))
-        findings.search(self.spec, points, [sorted(near[point]) for point in points.tolist()], crew)
 
-    def _numbers(self, cell: Cell) -> list[int]:
-        """Points at the corners of a cell."""
-        return [int(np.ravel_multi_index(place, self.spec.grid.shape)) for place in cell.corners()]
+def cut_cells(spec: RefineSpec, findings: Findings, crew: Crew) -> list[Cell]:
+    """Cut cells until there is none to be cut (see `cuts`), with searches at the corners that are not known; returns them.
 
-    def cube(self, results: np.ndarray, attributes: Mapping[str, Any]) -> xr.Dataset:
-        """The labelled cube, points that were not computed being as the cell around them."""
-        computed = Findings(self.spec.question, results).known.reshape(self.spec.grid.shape)
-        return _fill(as_cube(self.spec, results, attributes), self.cells, computed)
+    What was known before is used when its turn comes, so that a map that goes on is cut as an undisturbed one.
+    """
+    cells = _coarse_cells(spec.grid.shape, [1 << count for count in spec.halvings.values()])
+    _search_corners(spec, findings, cells, cells, crew)
+    while True:
+        labels = np.where(findings.reached, spec.labels[findings.regions()], -1).reshape(spec.grid.shape)
+        chosen = cuts(cells, labels)
+        if not chosen:
+            return cells
+        pairs = [(half, cell) for cell, axes in chosen.items() for half in cell.halves(axes)]
+        _search_corners(spec, findings, [half for half, _ in pairs], [cell for _, cell in pairs], crew)
+        cells = [cell for cell in cells if cell not in chosen] + [half for half, _ in pairs]
+
+
+def _search_corners(
+    spec: RefineSpec, findings: Findings, cells: Sequence[Cell], parents: Sequence[Cell], crew: Crew
+) -> None:
+    """Search at the corners of `cells` that are new, with hints from the corners of their `parents`."""
+    near: dict[int, set[int]] = {}
+    for cell, parent in zip(cells, parents, strict=True):
+        around = _corners(spec.grid, parent)
+        for point in _corners(spec.grid, cell):
+            if not findings.reached[point]:
+                near.setdefault(point, set()).update(around)
+    points = np.sort(np.fromiter(near, dtype=np.int64))
+    needed = findings.known | findings.reached
+    needed[points] = True
+    crew.expect(int(needed.sum()))
+    findings.search(spec.fine, points, [sorted(near[point]) for point in points.tolist()], crew)
+
+
+def _corners(grid: Grid, cell: Cell) -> list[int]:
+    """Numbers of the points at the corners of a cell."""
+    return [int(np.ravel_multi_index(place, grid.shape)) for place in cell.corners()]
 
 
 def _fill(cube: xr.Dataset, cells: Iterable[Cell], computed: np.ndarray) -> xr.Dataset:
@@ -255,16 +284,7 @@ def refine(
     periods: int,
     max_periods: int | None = None,
     rtol: float = 1e-8,
-    out: str | os.PathLike[str] | None = None,
-    workers: int | None = None,
-    progress: bool = True,
-    force: bool = False,
-    attrs: Mapping[str, str] | None = None,
-    client: Any = None,
-    extend: str | os.PathLike[str] | None = None,
-    retry: bool = False,
-    fail_fast: bool = False,
-    keep_tiles: bool = False,
+    **options: Unpack[Given],
 ) -> xr.Dataset:
     """A map of regions on a fine grid, at the cost of their boundaries: a search at every point where it is needed.
 
@@ -298,6 +318,4 @@ def refine(
         As by `sweep`.
     """
     coarse = make_spec(grid, fixed, over=over, ask=ask, mode=mode, periods=periods, max_periods=max_periods, rtol=rtol)
-    job = RefineJob(coarse, *check_refinement(coarse, halvings, between), Reuse(extend, retry))
-    how = make_how(workers, client, progress=progress, fail_fast=fail_fast)
-    return make(job, how, Output(out, force=force, keep_tiles=keep_tiles, attrs=attrs))
+    return run_refine(RefineSpec(coarse, *check_refinement(coarse, halvings, between)), make_options(**options))

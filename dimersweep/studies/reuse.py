@@ -1,9 +1,7 @@
 """Points that existing cubes have already, matched by the exact value of every parameter."""
 
 import json
-import os
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +11,6 @@ import xarray as xr
 from dimersweep.cubes.results import (
     Finished,
     Tile,
-    not_ok,
-    not_run,
     runs,
     split,
 )
@@ -25,6 +21,7 @@ from dimersweep.kernel.model.layout import (
 from dimersweep.storage.netcdf import open_cube
 from dimersweep.storage.provenance import differences
 from dimersweep.studies.deciding import SearchSpec
+from dimersweep.studies.options import Options
 from dimersweep.studies.sweep_spec import Spec
 
 BLOCK = 1 << 16  # points looked up at a time
@@ -111,34 +108,22 @@ class Known:
                 yield Finished(Tile(start, stop), self.results[part])
 
 
-@dataclass(frozen=True)
-class Reuse:
-    """Which points of cubes that exist are taken over; `extend` and `retry` as in `sweep`."""
+def known_points(spec: Spec | SearchSpec, options: Options, read: Read) -> tuple[list[Known], dict[str, str]]:
+    """What other cubes have of the points of `spec`, and the attributes that tell of the first of them.
 
-    extend: str | os.PathLike[str] | None = None
-    retry: bool = False
+    These are the cube to extend, and at a retry the one at the output.
 
-    def known(self, spec: Spec | SearchSpec, out: Path | None, read: Read) -> tuple[list[Known], dict[str, str]]:
-        """What `extend`, and `out` with `retry`, have of the points of `spec`; and the attributes that tell of the first.
-
-        Raises
-        ------
-        StoreError
-            See `Known`.
-        """
-        found, origin = [], dict[str, str]()
-        if self.extend is not None:
-            cube = open_cube(self.extend)
-            found.append(Known(cube, str(self.extend), spec, read))
-            told = f"{Path(self.extend).name}, configuration sha256 {cube.attrs['configuration_sha256']}"
-            origin["extends"] = told
-        if self.retry and out is not None and out.exists():
-            found.append(Known(open_cube(out), str(out), spec, read))
-        return found, origin
-
-    def unwanted(self, codes: np.ndarray) -> np.ndarray:
-        """Which points, from codes of shape (n, N_CODES), are not taken over; shape (n,), bool."""
-        return not_ok(codes) if self.retry else not_run(codes)
-
-
-NOTHING = Reuse()  # is taken over
+    Raises
+    ------
+    StoreError
+        See `Known`.
+    """
+    found, origin = [], dict[str, str]()
+    if options.extend is not None:
+        cube = open_cube(options.extend)
+        found.append(Known(cube, str(options.extend), spec, read))
+        told = f"{Path(options.extend).name}, configuration sha256 {cube.attrs['configuration_sha256']}"
+        origin["extends"] = told
+    if options.retry and options.out is not None and options.out.exists():
+        found.append(Known(open_cube(options.out), str(options.out), spec, read))
+    return found, origin

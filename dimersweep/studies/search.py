@@ -1,10 +1,9 @@
 """Questions about an axis at every point of a grid, such as whether any initial dip angle drifts: points, waves and cube."""
 
-import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from functools import partial
 from itertools import product
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 import xarray as xr
@@ -38,12 +37,13 @@ from dimersweep.studies.deciding import (
     SearchSpec,
     Wave,
 )
-from dimersweep.studies.making import Output, make
+from dimersweep.studies.making import complete_cube, unfinished_cube
+from dimersweep.studies.options import Given, Options, make_options
 from dimersweep.studies.paths import PathLength, path_length
-from dimersweep.studies.reuse import NOTHING, Reuse
+from dimersweep.studies.reuse import known_points
 from dimersweep.studies.sweep_spec import check_max_periods
 from dimersweep.symbols import PARAMETERS, QUANTITIES, STATES, Quantity
-from dimersweep.work.computing import Crew, Store, make_how
+from dimersweep.work.computing import Crew
 
 REGIONS = FLAGS["region"]
 MIXED = REGIONS.index("mixed")  # several modes, none of them the one asked for
@@ -199,58 +199,42 @@ def make_spec(
     return SearchSpec(others, question, periods, longest, check_rtol(rtol), followed, length)
 
 
-@dataclass(frozen=True)
-class SearchJob:
-    """A search to be made into a cube, see `Job`."""
+def run_search(spec: SearchSpec, options: Options) -> xr.Dataset:
+    """The cube of a search: what is there already, then what is missing, from coarse to fine.
 
-    spec: SearchSpec
-    reuse: Reuse = NOTHING
-
-    by_blocks = False
-
-    def configuration(self) -> dict[str, Any]:
-        """All that decides its numbers."""
-        return self.spec.configuration()
-
-    @property
-    def summary(self) -> str:
-        """What the cube shows."""
-        return f"search over {self.spec.question.axis} for a 3D dimer on a vibrating plate"
-
-    def fill(self, store: Store, crew: Crew) -> dict[str, str]:
-        """Have the search made where the store lacks it."""
-        findings, origin = begin(self.spec, self.reuse, store)
-        legal = legal_points(self.spec.grid)
-        crew.expect(int(legal.sum()))
-        for points, neighbours in waves(self.spec.grid.shape):
+    Raises
+    ------
+    ParameterError, StoreError, KernelError, PointError, UnfinishedError, Stopped
+        See `search`.
+    """
+    former = complete_cube(spec, options)
+    if former is not None:
+        return former
+    with unfinished_cube(spec, options, partial(to_search_again, spec)) as cube:
+        findings, origin = begin(spec, options, cube.results())
+        legal = legal_points(spec.grid)
+        cube.crew.expect(int(legal.sum()))
+        for points, neighbours in waves(spec.grid.shape):
             kept = np.flatnonzero(legal[points])
-            findings.search(self.spec, points[kept], [neighbours[k] for k in kept], crew)
-        return origin
-
-    def again(self, results: np.ndarray) -> np.ndarray:
-        """See `Job`."""
-        return to_search_again(self.spec, results)
-
-    def cube(self, results: np.ndarray, attributes: Mapping[str, Any]) -> xr.Dataset:
-        """The labelled cube."""
-        return as_cube(self.spec, results, attributes)
+            findings.search(spec, points[kept], [neighbours[k] for k in kept], cube.crew)
+        return cube.write(as_cube(spec, cube.results(), cube.attributes(origin)))
 
 
-def begin(spec: SearchSpec, reuse: Reuse, store: Store) -> tuple[Findings, dict[str, str]]:
-    """What is known before a search: what its store has, and what other cubes offer; and the attributes that tell of these.
+def begin(spec: SearchSpec, options: Options, results: np.ndarray) -> tuple[Findings, dict[str, str]]:
+    """What is known before a search: its own `results` so far and what other cubes offer; and attributes that tell of these.
 
     Raises
     ------
     StoreError
         If such a cube was made with other settings.
     """
-    cubes, origin = reuse.known(spec, store.out, lambda cube: results_of(spec, cube))
+    cubes, origin = known_points(spec, options, partial(results_of, spec))
     offered = blank_results(spec.grid.size if cubes else 0, spec.kind)
     for cube in cubes:
         lacking = runs(offered["codes"][:, _MODE] == M_NOT_RUN)
-        for piece in cube.pieces(lacking, reuse.unwanted):
+        for piece in cube.pieces(lacking, options.unwanted):
             offered[slice(*piece.tile)] = piece.results
-    return Findings(spec.question, store.read(0, spec.grid.size), offered), origin
+    return Findings(spec.question, results, offered), origin
 
 
 def to_search_again(spec: SearchSpec, results: np.ndarray) -> np.ndarray:
@@ -271,16 +255,7 @@ def search(
     rtol: float = 1e-8,
     orbit_periods: int = 0,
     paths: Mapping[str, int] | None = None,
-    out: str | os.PathLike[str] | None = None,
-    workers: int | None = None,
-    progress: bool = True,
-    force: bool = False,
-    attrs: Mapping[str, str] | None = None,
-    client: Any = None,
-    extend: str | os.PathLike[str] | None = None,
-    retry: bool = False,
-    fail_fast: bool = False,
-    keep_tiles: bool = False,
+    **options: Unpack[Given],
 ) -> xr.Dataset:
     """Ask a question about one axis at every point of the other ones, and stop at each as soon as its answer is certain.
 
@@ -351,9 +326,7 @@ def search(
         orbit_periods=orbit_periods,
         paths=paths,
     )
-    how = make_how(workers, client, progress=progress, fail_fast=fail_fast)
-    job = SearchJob(spec, Reuse(extend, retry))
-    return make(job, how, Output(out, force=force, keep_tiles=keep_tiles, attrs=attrs))
+    return run_search(spec, make_options(**options))
 
 
 def as_cube(spec: SearchSpec, results: np.ndarray, attributes: Mapping[str, Any]) -> xr.Dataset:

@@ -1,59 +1,58 @@
 """A whole sweep: a grid in, a labelled cube out."""
 
-import os
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import Any, Unpack
 
 import numpy as np
 import xarray as xr
 
 from dimersweep.cubes.cube import build, flatten
 from dimersweep.cubes.results import beyond, blank_results, not_ok
-from dimersweep.studies.making import Output, make
-from dimersweep.studies.reuse import NOTHING, Reuse
+from dimersweep.studies.making import complete_cube, unfinished_cube
+from dimersweep.studies.options import Given, Options, make_options
+from dimersweep.studies.reuse import known_points
 from dimersweep.studies.sweep_spec import Spec, make_spec
-from dimersweep.work.computing import Crew, Store, make_how
 
 
-@dataclass(frozen=True)
-class SweepJob:
-    """A sweep to be made into a cube, see `Job`."""
+def run_sweep(spec: Spec, options: Options) -> xr.Dataset:
+    """The cube of a sweep: what is there already, then what is missing.
 
-    spec: Spec
-    reuse: Reuse = NOTHING
+    Raises
+    ------
+    ParameterError, StoreError, KernelError, PointError, UnfinishedError, Stopped
+        See `sweep`.
+    """
+    former = complete_cube(spec, options)
+    if former is not None:
+        return former
+    with unfinished_cube(spec, options, _to_run_again) as cube:
+        others, origin = known_points(spec, options, partial(results_of, spec))
+        for other in others:
+            cube.crew.take_over(other.pieces(cube.store.gaps(), options.unwanted))
+        cube.crew.expect(spec.grid.size)
+        cube.crew.run(spec, cube.store.gaps())
+        if cube.is_zarr:
+            return cube.write_blocks(cube.attributes(origin))
+        return cube.write(as_cube(spec, cube.results(), cube.attributes(origin)))
 
-    summary = "sweep of a 3D dimer on a vibrating plate"
-    by_blocks = True
 
-    def configuration(self) -> dict[str, Any]:
-        """All that decides its numbers."""
-        return self.spec.configuration()
+def _to_run_again(results: np.ndarray) -> np.ndarray:
+    return not_ok(results["codes"])
 
-    def fill(self, store: Store, crew: Crew) -> dict[str, str]:
-        """Take over what other cubes have, and have the rest run."""
-        known, origin = self.reuse.known(self.spec, store.out, self.results_of)
-        for cube in known:
-            crew.take_over(cube.pieces(store.gaps(), self.reuse.unwanted))
-        crew.expect(self.spec.grid.size)
-        crew.run(self.spec, store.gaps())
-        return origin
 
-    def again(self, results: np.ndarray) -> np.ndarray:
-        """See `Job`."""
-        return not_ok(results["codes"])
+def as_cube(spec: Spec, results: np.ndarray, attributes: Mapping[str, Any]) -> xr.Dataset:
+    """Results of all points, shape (spec.grid.size,), as a labelled cube with global attributes."""
+    return build(spec.grid, results["out"], results["codes"], attributes, beyond(results))
 
-    def cube(self, results: np.ndarray, attributes: Mapping[str, Any]) -> xr.Dataset:
-        """The labelled cube."""
-        return build(self.spec.grid, results["out"], results["codes"], attributes, beyond(results))
 
-    def results_of(self, cube: xr.Dataset) -> np.ndarray:
-        """The results that a cube of this kind was made of."""
-        results = blank_results(cube["mode"].size, self.spec.kind)
-        results["out"], results["codes"] = flatten(cube)
-        for name in beyond(results):
-            results[name] = cube[name].values.ravel()
-        return results
+def results_of(spec: Spec, cube: xr.Dataset) -> np.ndarray:
+    """The results that `as_cube` made a cube of."""
+    results = blank_results(cube["mode"].size, spec.kind)
+    results["out"], results["codes"] = flatten(cube)
+    for name in beyond(results):
+        results[name] = cube[name].values.ravel()
+    return results
 
 
 def sweep(
@@ -63,18 +62,9 @@ def sweep(
     periods: int,
     max_periods: int | None = None,
     rtol: float = 1e-8,
-    out: str | os.PathLike[str] | None = None,
-    workers: int | None = None,
-    progress: bool = True,
     stop_when_settled: bool = True,
     certify: bool = False,
-    force: bool = False,
-    attrs: Mapping[str, str] | None = None,
-    client: Any = None,
-    extend: str | os.PathLike[str] | None = None,
-    retry: bool = False,
-    fail_fast: bool = False,
-    keep_tiles: bool = False,
+    **options: Unpack[Given],
 ) -> xr.Dataset:
     """Run the dimer at every point of a grid.
 
@@ -153,6 +143,4 @@ def sweep(
         stop_when_settled=stop_when_settled,
         certify=certify,
     )
-    how = make_how(workers, client, progress=progress, fail_fast=fail_fast)
-    job = SweepJob(spec, Reuse(extend, retry))
-    return make(job, how, Output(out, force=force, keep_tiles=keep_tiles, attrs=attrs))
+    return run_sweep(spec, make_options(**options))

@@ -59,6 +59,9 @@ class Spec:
     certify: bool
     max_periods: int
 
+    summary = "sweep of a 3D dimer on a vibrating plate"
+    by_blocks = True
+
     @property
     def kind(self) -> np.dtype:
         """See `Work`."""

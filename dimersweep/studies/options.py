@@ -1,0 +1,89 @@
+"""The options that sweep, search and refine share: where the cube goes, who runs the points, what is taken from other cubes."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypedDict
+
+import numpy as np
+
+from dimersweep.cubes.results import not_ok, not_run
+from dimersweep.work.computing import How, make_how
+
+
+class Manner(TypedDict, total=False):
+    """The options but for the output, as keyword arguments that may be left out; see `sweep`."""
+
+    workers: int | None
+    progress: bool
+    force: bool
+    attrs: Mapping[str, str] | None
+    client: Any
+    extend: str | os.PathLike[str] | None
+    retry: bool
+    fail_fast: bool
+    keep_tiles: bool
+
+
+class Given(Manner, total=False):
+    """All options as keyword arguments that may be left out; see `sweep`."""
+
+    out: str | os.PathLike[str] | None
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a cube is made, but none of its numbers; get one from `make_options`.
+
+    Parameters
+    ----------
+    how : How
+        Who runs the points.
+    out : Path, optional
+        The file of the cube.
+    force, keep_tiles : bool
+        Whether `out` may replace what is there, and whether the folder of finished points stays.
+    attrs : mapping of str to str
+        Further global attributes.
+    extend : path-like, optional
+        A cube whose points are taken over.
+    retry : bool
+        Whether points that failed there, or at `out`, are run again.
+    """
+
+    how: How
+    out: Path | None = None
+    force: bool = False
+    keep_tiles: bool = False
+    attrs: Mapping[str, str] = field(default_factory=dict)
+    extend: str | os.PathLike[str] | None = None
+    retry: bool = False
+
+    def unwanted(self, codes: np.ndarray) -> np.ndarray:
+        """Which points of another cube, from codes of shape (n, N_CODES), are not taken over; shape (n,), bool."""
+        return not_ok(codes) if self.retry else not_run(codes)
+
+
+def make_options(
+    *,
+    out: str | os.PathLike[str] | None = None,
+    workers: int | None = None,
+    progress: bool = True,
+    force: bool = False,
+    attrs: Mapping[str, str] | None = None,
+    client: Any = None,
+    extend: str | os.PathLike[str] | None = None,
+    retry: bool = False,
+    fail_fast: bool = False,
+    keep_tiles: bool = False,
+) -> Options:
+    """Options from what a user gives, see `sweep`.
+
+    Raises
+    ------
+    ParameterError
+        If `workers` is not allowed.
+    """
+    how = make_how(workers, client, progress=progress, fail_fast=fail_fast)
+    return Options(how, None if out is None else Path(out), force, keep_tiles, attrs or {}, extend, retry)
