@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dimersweep.kernel.batch import new_desk, run_recorded
+from dimersweep.kernel.batch import run_recorded
+from dimersweep.kernel.course import new_workspace
 from dimersweep.kernel.impact.impact import N_LOG
 from dimersweep.kernel.model.body import as_dimer
 from dimersweep.kernel.model.layout import (
@@ -39,7 +40,7 @@ from dimersweep.kernel.model.layout import (
     WB,
     WP,
 )
-from dimersweep.kernel.record import EVENT, MODES, N_EVENT, N_SEGMENT, REST
+from dimersweep.kernel.record import EVENT, HOP_TIME, MODES, N_EVENT, N_SEGMENT, no_record
 from dimersweep.kernel.sample import sample
 
 CODE = {name: k for k, name in enumerate(CODES)}
@@ -122,10 +123,10 @@ def states_at(row, segments, phases, rtol):
     """
     n, k = phases.shape
     states, modes = np.zeros((n * k, N_STATE)), np.zeros((n * k, 2))
-    desk, segments = new_desk(), segments.copy()
-    segments[:, REST] = 0.0  # the run is looked at, which has summed these hops
-    which, counts = np.repeat(np.arange(n), k), np.zeros(3, np.int64)
-    sample(row, segments, which, phases.ravel(), rtol, desk.past, desk.work, counts, states, modes)
+    segments = segments.copy()
+    segments[:, HOP_TIME] = 0.0  # the run is looked at, which has summed these hops
+    which = np.repeat(np.arange(n), k)
+    sample(row, segments, which, phases.ravel(), rtol, new_workspace(), no_record(), states, modes)
     return states.reshape(n, k, N_STATE)
 
 
@@ -284,14 +285,14 @@ def phases_of(row, rtol, events, segments):
     after = segments[1:, :N_STATE]
     ends = after.copy()
     ends[jumps] = states_at(row, segments[:-1][jumps], (segments[:-1, PHASE] + span)[jumps, None], rtol)[:, 0]
-    return Phases(segments[:-1], span, ends, after, segments[1:, MODES:REST], struck, closed)
+    return Phases(segments[:-1], span, ends, after, segments[1:, MODES:HOP_TIME], struck, closed)
 
 
 def look_at(row, rtol, status, n_events, events, segments):
     """What the record of a run shows: see `examine`."""
     dm = AS_DIMER(row)
     segments, span, ends, after, after_modes, struck, closed = phases_of(row, rtol, events, segments)
-    starts, modes = segments[:, :N_STATE], segments[:, MODES:REST]
+    starts, modes = segments[:, :N_STATE], segments[:, MODES:HOP_TIME]
     smooth = ~closed & ~struck
     inner = states_at(row, segments, starts[:, PHASE, None] + span[:, None] * INSIDE, rtol)
     free = (modes == FREE).all(1)

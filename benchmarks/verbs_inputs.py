@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dimersweep import simulate
-from dimersweep.kernel.batch import new_desk
+from dimersweep.kernel.course import new_workspace
 from dimersweep.kernel.model.layout import (
     BETA,
     D1,
@@ -19,7 +19,7 @@ from dimersweep.kernel.model.layout import (
     PERIOD,
     PHASE,
 )
-from dimersweep.kernel.record import MODES, REST
+from dimersweep.kernel.record import HOP_TIME, MODES, no_record
 from dimersweep.kernel.sample import sample
 from dimersweep.runs.run import Run
 
@@ -59,9 +59,8 @@ def before_landings(run: Run) -> tuple[np.ndarray, np.ndarray]:
     """States just before the events that end the smooth phases of a run, and which ends land there, shape (n, 2)."""
     row, _, segments = run._record
     starts, ends = segments[:-1].copy(), segments[1:]
-    starts[:, REST] = 0.0  # hops that were summed stay so
+    starts[:, HOP_TIME] = 0.0  # hops that were summed stay so
     states, modes = np.zeros((len(starts), N_STATE)), np.zeros((len(starts), 2))
-    desk = new_desk()
     # one rounding below its end a phase still goes on; across the end of a forcing period nothing happens
     same = starts[:, PERIOD] == ends[:, PERIOD]
     phases = np.where(same, np.nextafter(ends[:, PHASE], 0.0), starts[:, PHASE])
@@ -71,13 +70,12 @@ def before_landings(run: Run) -> tuple[np.ndarray, np.ndarray]:
         np.arange(len(phases)),
         phases,
         run.rtol,
-        desk.past,
-        desk.work,
-        np.zeros(3, np.int64),
+        new_workspace(),
+        no_record(),
         states,
         modes,
     )
-    open_before = starts[:, MODES:REST] == FREE
+    open_before = starts[:, MODES:HOP_TIME] == FREE
     lands = open_before & (ends[:, [D1, D2]] == 0.0) & same[:, None] & (states[:, [N1, N2]] < 0.0)
     return states, lands
 
@@ -93,7 +91,7 @@ def closed(states: np.ndarray, shut: np.ndarray) -> np.ndarray:
 def occurring(run: Run) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """States and friction modes of one run, by what begins with them."""
     segments = run._record.segments
-    modes, starts = segments[:, MODES:REST], segments[:, :N_STATE]
+    modes, starts = segments[:, MODES:HOP_TIME], segments[:, :N_STATE]
     free = (modes == FREE).all(axis=1)
     states, lands = before_landings(run)
     shut = lands | (modes[:-1] != FREE)

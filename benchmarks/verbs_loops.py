@@ -8,31 +8,23 @@ from typing import NamedTuple
 import numpy as np
 from verbs_inputs import CONTACT, DOUBLE, FLIGHT, RTOL, SINGLE, Inputs, record
 
-from dimersweep.kernel import chatter
-from dimersweep.kernel import event_loop as engine
+from dimersweep.kernel import chatter, event_loop
 from dimersweep.kernel.batch import run_many
 from dimersweep.kernel.compiler.jit import compiled, exported
-from dimersweep.kernel.contact import (
-    coordinates as charts,
+from dimersweep.kernel.contact import coordinates, forces, phase, step_control
+from dimersweep.kernel.contact.contact_mode import CLOSED
+from dimersweep.kernel.contact.events import OUT_OF_STEPS, is_failure
+from dimersweep.kernel.course import (
+    CONTACT_IS_SET,
+    NO,
+    SLIP_TOL,
+    YES,
+    Ask,
+    motion_of,
+    new_workspace,
 )
-from dimersweep.kernel.contact import (
-    forces as contact,
-)
-from dimersweep.kernel.contact import (
-    phase as glide,
-)
-from dimersweep.kernel.contact import (
-    step_control as paces,
-)
-from dimersweep.kernel.event_loop import (
-    ROW_DY,
-    ROW_F,
-    ROW_Y,
-    WORK_COLUMNS,
-    WORK_ROWS,
-)
-from dimersweep.kernel.flight import free_motion as flight
-from dimersweep.kernel.flight import landing as roots
+from dimersweep.kernel.flight import free_motion
+from dimersweep.kernel.flight import landing as landings
 from dimersweep.kernel.impact import impact, single_impact
 from dimersweep.kernel.model import body
 from dimersweep.kernel.model.body import TWO_PI
@@ -57,6 +49,7 @@ from dimersweep.kernel.model.layout import (
     WP,
 )
 from dimersweep.kernel.numerics.steps import copy
+from dimersweep.kernel.record import no_record
 from dimersweep.parameters import Parameters
 
 ALONE, GAP, DELASSUS, LANDING, IMPACT, RATES, STEP, PHASE_OF_CONTACT, CHATTER = range(9)
@@ -65,7 +58,7 @@ HELD, STRAIGHT, TURNING, FRICTIONLESS = range(4)  # routes of a single impact
 MAX_HOPS = 200
 CHATTER_HOPS = 3, 40  # of the chatters that are timed
 SHARE = 0.02  # length of a contact step, in forcing periods
-STRETCH = 2.0  # the same at the slow pace, in its own time
+STRETCH = 2.0  # the same by the rescaled method, in its own time
 
 
 @compiled
@@ -93,13 +86,13 @@ def route(dm, state, tol):
 @compiled
 def gap_evaluation(dm, state):
     """One gap with its derivatives, half a flight of a tenth of a period ahead."""
-    return flight.gap_series(flight.take_off(dm, state), 1.0, 0.05 * dm.T)[0]
+    return free_motion.gap_series(free_motion.take_off(dm, state), 1.0, 0.05 * dm.T)[0]
 
 
 @compiled
 def landing(dm, state):
     """The next landing until the end of the forcing period."""
-    sign, t, _ = roots.next_landing(flight.take_off(dm, state), (TWO_PI - state[PHASE]) / dm.omega)
+    sign, t, _ = landings.next_landing(free_motion.take_off(dm, state), (TWO_PI - state[PHASE]) / dm.omega)
     return t if sign != 0.0 else 0.0
 
 
@@ -112,56 +105,51 @@ def delassus_of_both(dm, state):
 
 
 @compiled
-def lay(dm, state, modes, y):
-    """A kernel state as the state of a contact phase."""
-    charts.unload(dm, state, -1.0 if modes[0] != FREE else 1.0, y)
-    engine.hold_rest(dm, modes, y)
+def contact_step(dm, motion, method, rtol):
+    """One step of a contact phase by a given method."""
+    b = step_control.bench_of(motion.work)
+    plate = motion.state[PHASE] + dm.phi0
+    event_loop.set_contact(dm, motion.state, motion.modes, b.start)
+    step_control.set_scales(dm, rtol, b.scale)
+    step_control.set_chart(b.start, b)
+    forces.contact_rates(dm, motion.modes, plate, b.start, False, b.dy, b.F)
+    gamma = step_control.stiffness(dm, b.start, max(b.F[forces.F1], b.F[forces.F2]))
+    size = STRETCH if method == step_control.RESCALED else SHARE * dm.T
+    return step_control.step_to(dm, motion.modes, plate, size, coordinates.N_CLOSED, method, gamma, b)
 
 
 @compiled
-def contact_step(dm, state, modes, pace, rtol, work):
-    """One step of a contact phase at a given pace."""
-    b = paces.lay_out(work)
-    phase = state[PHASE] + dm.phi0
-    lay(dm, state, modes, b.start)
-    paces.set_scales(dm, rtol, b.scale)
-    paces.set_chart(b.start, b)
-    contact.contact_rates(dm, modes, phase, b.start, False, b.dy, b.F)
-    gamma = paces.stiffness(dm, b.start, max(b.F[contact.F1], b.F[contact.F2]))
-    size = STRETCH if pace == paces.SLOW else SHARE * dm.T
-    return paces.step_to(dm, modes, phase, size, charts.N_CLOSED, pace, gamma, b)
-
-
-@compiled
-def contact_phase(dm, state, modes, rtol, work):
+def contact_phase(dm, motion, rtol):
     """A contact phase to its first event or the end of the forcing period."""
-    y = work[ROW_Y]
-    lay(dm, state, modes, y)
-    span = (TWO_PI - state[PHASE]) / dm.omega
-    slip_tol = engine.no_slip(dm, state, rtol)
-    t, event = glide.glide(dm, modes, y, state[PHASE] + dm.phi0, span, False, rtol, slip_tol, True, work)
-    return t if event != glide.OUT_OF_STEPS else np.nan
+    state, y = motion.state, motion.contact
+    event_loop.set_contact(dm, state, motion.modes, y)
+    plate, span = state[PHASE] + dm.phi0, (TWO_PI - state[PHASE]) / dm.omega
+    slip_tol = event_loop.no_slip(dm, state, rtol)
+    t, event = phase.sustain_contact(dm, motion.modes, y, plate, span, False, rtol, slip_tol, True, motion.work)
+    return t if event != OUT_OF_STEPS else np.nan
 
 
 @compiled
-def whole_chatter(dm, state, modes, rtol, work, log):
+def whole_chatter(dm, motion, ask, record):
     """Impacts and hops of one end until its chatter is closed; the number of impacts, 0 if something else happens first."""
+    state, modes, course = motion.state, motion.modes, motion.course
     for hop in range(1, MAX_HOPS):
         energy = chatter.kinetic(dm, state)
-        status, _ = engine.collide(dm, state, modes, rtol, dm.v_scale, work, log)
-        slip_tol = engine.no_slip(dm, state, rtol)
-        y, dy, F = work[ROW_Y], work[ROW_DY], work[ROW_F]
-        if chatter.come_to_rest(dm, state, modes, slip_tol, rtol, hop, energy, y, dy, F) >= 0.0:
+        status, _ = event_loop.collide(dm, state, modes, ask.rtol, dm.v_scale, motion.work, record.log)
+        slip_tol = event_loop.no_slip(dm, state, ask.rtol)
+        y, dy, F = motion.contact, motion.rates, motion.forces
+        if chatter.come_to_rest(dm, state, modes, slip_tol, ask.close, 1.0 * hop, energy, y, dy, F) >= 0.0:
             return hop
-        answer = engine.choose(dm, state, modes, False, slip_tol, work)
-        _, moved = engine.move(dm, state, modes, answer == engine.CLOSED, False, rtol, slip_tol, work)
-        if status != OK or moved != OK or approach(state) == 0.0:
+        answer = event_loop.find_contact(dm, motion, modes, NO, slip_tol)
+        course[CONTACT_IS_SET], course[SLIP_TOL] = YES if answer == CLOSED else NO, slip_tol
+        event = event_loop.move_to_next_event(dm, ask, motion)
+        if status != OK or is_failure(event) or approach(state) == 0.0:
             return 0
     return 0
 
 
 @exported
-def loop(verb, rows, scene, states, modes, option, rtol, turns, work, log, answers):
+def loop(verb, rows, scene, states, modes, option, rtol, turns, space, record, answers):
     """Call a verb on each input, so many times over.
 
     Parameters
@@ -170,15 +158,17 @@ def loop(verb, rows, scene, states, modes, option, rtol, turns, work, log, answe
     rows, scene, states, modes : arrays
         See ``Inputs``.
     option : int
-        What the verb has to choose from (the pace of a contact step).
+        What the verb has to choose from (the method of a contact step).
     rtol : float
     turns : int
-    work, log : arrays
-        Scratch.
+    space, record : Workspace, Record
+        Scratch, without rows.
     answers : float64 array, shape (m,)
         A number of each call, filled in place: else the compiler might leave the call out.
     """
-    state, mode = work[WORK_ROWS - 1], work[WORK_ROWS - 2]
+    motion = motion_of(space.state, space.modes, space)
+    state, mode, work = motion.state, motion.modes, motion.work
+    ask = Ask(1, rtol, rtol, False, False)
     dm = body.as_dimer(rows[0])
     for _ in range(turns):
         last = -1
@@ -198,31 +188,30 @@ def loop(verb, rows, scene, states, modes, option, rtol, turns, work, log, answe
             elif verb == LANDING:
                 answer = landing(dm, state)
             elif verb == IMPACT:
-                status, _ = engine.collide(dm, state, mode, rtol, dm.v_scale, work, log)
+                status, _ = event_loop.collide(dm, state, mode, rtol, dm.v_scale, work, record.log)
                 answer = state[N1] + state[N2] if status == OK else np.nan
             elif verb == RATES:
-                lay(dm, state, mode, work[ROW_Y])
-                contact.contact_rates(dm, mode, state[PHASE], work[ROW_Y], False, work[ROW_DY], work[ROW_F])
-                answer = work[ROW_F, 0] + work[ROW_F, 3]
+                event_loop.set_contact(dm, state, mode, motion.contact)
+                forces.contact_rates(dm, mode, state[PHASE], motion.contact, False, motion.rates, motion.forces)
+                answer = motion.forces[forces.F1] + motion.forces[forces.F2]
             elif verb == STEP:
-                answer = contact_step(dm, state, mode, option, rtol, work)
+                answer = contact_step(dm, motion, option, rtol)
             elif verb == PHASE_OF_CONTACT:
-                answer = contact_phase(dm, state, mode, rtol, work)
+                answer = contact_phase(dm, motion, rtol)
             elif verb == CHATTER:
-                answer = whole_chatter(dm, state, mode, rtol, work, log)
+                answer = whole_chatter(dm, motion, ask, record)
             elif verb == ROUTE:
                 answer = route(dm, state, rtol)
             elif verb == SLIP_SPEED:
-                lay(dm, state, mode, work[ROW_Y])
-                answer = hypot(work[ROW_Y, charts.YUA], work[ROW_Y, charts.YUB])
+                event_loop.set_contact(dm, state, mode, motion.contact)
+                answer = hypot(motion.contact[coordinates.YUA], motion.contact[coordinates.YUB])
             answers[k] = answer
 
 
 def call(verb: int, inputs: Inputs, *, option: int = 0, rtol: float = RTOL, turns: int = 1) -> np.ndarray:
     """Call a verb on each input, and return what it answers, shape (m,)."""
-    answers, none = np.zeros(inputs.scene.size), np.zeros((0, impact.N_LOG))
-    work = np.zeros((WORK_ROWS, WORK_COLUMNS))
-    loop(verb, *inputs, option, rtol, turns, work, none, answers)
+    answers = np.zeros(inputs.scene.size)
+    loop(verb, *inputs, option, rtol, turns, new_workspace(), no_record(), answers)
     return answers
 
 
@@ -312,9 +301,9 @@ VERBS: dict[str, Callable[[Harvest], Timed | Drift]] = {
     "double impact": lambda found: Timed(IMPACT, found.rough[DOUBLE]),
     "double impact, frictionless": lambda found: Timed(IMPACT, found.smooth[DOUBLE]),
     "contact rates": lambda found: Timed(RATES, found.rough[CONTACT]),
-    "contact step, plain": lambda found: Timed(STEP, found.slipping(1e-2, inf), paces.PLAIN),
-    "contact step, slow": lambda found: Timed(STEP, found.slipping(1e-9, 1e-2), paces.SLOW),
-    "contact step, slide": lambda found: Timed(STEP, found.slipping(1e-9, 1e-2), paces.SLIDE),
+    "contact step, plain": lambda found: Timed(STEP, found.slipping(1e-2, inf), step_control.PLAIN),
+    "contact step, slow": lambda found: Timed(STEP, found.slipping(1e-9, 1e-2), step_control.RESCALED),
+    "contact step, slide": lambda found: Timed(STEP, found.slipping(1e-9, 1e-2), step_control.IMPLICIT),
     "contact phase": lambda found: Timed(PHASE_OF_CONTACT, found.rough[CONTACT]),
     "chatter": lambda found: Timed(CHATTER, found.chatters()),
     "drift period": lambda _: Drift(Parameters().row(), 60),

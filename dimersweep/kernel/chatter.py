@@ -16,7 +16,7 @@ from math import cos, hypot, inf, sin
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.contact_mode import CLOSED, contact_mode
-from dimersweep.kernel.contact.coordinates import YUA, YUB, unload
+from dimersweep.kernel.contact.coordinates import YUA, YUB, contact_state
 from dimersweep.kernel.contact.forces import (
     A1,
     F1,
@@ -134,7 +134,7 @@ def come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F):
     for _ in range(4):
         if not may_1 and not may_2:
             return NOTHING
-        unload(dm, state, -1.0 if may_1 else 1.0, y)
+        contact_state(dm, state, -1.0 if may_1 else 1.0, y)
         phase = state[PHASE] + dm.phi0
         answer = contact_mode(dm, may_1, may_2, phase, y, modes, slip_tol, False, dy, F)
         if answer != CLOSED:

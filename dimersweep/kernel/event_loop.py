@@ -1,45 +1,47 @@
-"""The event loop of one run: collide, come to rest, choose the contact mode, move to the next event."""
+"""The event loop of one run: resolve the impact, choose the contact, move to the next event, and see to what follows it."""
 
 from math import cos, hypot, isfinite, sin, sqrt
 
 from dimersweep.kernel.chatter import come_to_rest, kinetic
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.contact.contact_mode import (
-    CLOSED,
-    INCONSISTENT,
-    MOMENT,
-    contact_mode,
-)
-from dimersweep.kernel.contact.coordinates import (
-    YB,
-    YUA,
-    YUB,
-    YWB,
-    YWP,
-    load,
-    unload,
-)
+from dimersweep.kernel.contact.contact_mode import CLOSED, INCONSISTENT, MOMENT, contact_mode
+from dimersweep.kernel.contact.coordinates import YB, YUA, YUB, YWB, YWP, contact_state, kernel_state
 from dimersweep.kernel.contact.events import (
-    HOLD_LOST,
-    JAMS,
-    LANDS,
-    SLIP_ZERO,
+    JAM,
+    LANDING,
+    NO_EVENT,
+    OUT_OF_PROBES,
+    OUT_OF_STEPS,
+    end_of,
+    is_failure,
+    is_hold_lost,
+    is_lift_off,
+    is_slip_end,
 )
 from dimersweep.kernel.contact.forces import F1, contact_rates
-from dimersweep.kernel.contact.phase import (
-    GLIDE_ROWS,
-    NO_EVENT,
-    OUT_OF_STEPS,
-    glide,
+from dimersweep.kernel.contact.phase import sustain_contact
+from dimersweep.kernel.course import (
+    BUDGET_LEFT,
+    CAUSE,
+    CONTACT_BEFORE,
+    CONTACT_IS_SET,
+    ENDED,
+    FASTEST,
+    FORCED,
+    HOLD_IS_LOST,
+    HOP_TIME,
+    NO,
+    PENDING,
+    PERIOD_EVENTS,
+    REST_EVENTS,
+    SLIP_TOL,
+    STATUS,
+    YES,
+    begin_course,
 )
 from dimersweep.kernel.flight.free_motion import fly, take_off
 from dimersweep.kernel.flight.landing import MAX_PROBES, next_landing
-from dimersweep.kernel.impact.impact import (
-    contact_velocity,
-    double_impact,
-    rounding,
-    single_impact,
-)
+from dimersweep.kernel.impact.impact import contact_velocity, double_impact, rounding, single_impact
 from dimersweep.kernel.model.body import TWO_PI
 from dimersweep.kernel.model.layout import (
     BETA,
@@ -56,6 +58,7 @@ from dimersweep.kernel.model.layout import (
     D1,
     D2,
     FREE,
+    INTERRUPTED,
     JAMMED,
     MAX_EVENTS,
     N1,
@@ -70,48 +73,132 @@ from dimersweep.kernel.model.layout import (
     STICK,
 )
 from dimersweep.kernel.numerics.steps import copy
-from dimersweep.kernel.record import note_event, note_segment
+from dimersweep.kernel.record import (
+    EVENTS,
+    is_full,
+    is_kept,
+    note_contact,
+    note_event,
+    note_impact_phases,
+    note_segment,
+)
 from dimersweep.kernel.verdict.classify import (
     note_impact,
-    note_landing,
+    note_landings,
     note_period,
-    note_take_off,
+    note_take_offs,
     rests_for_good,
     settled_period,
-    time_of,
 )
 
-WORK, WORK_PER_PERIOD = 5_000_000, 100_000  # bound on events, in hops of one end: some seconds, and 0.1 s a period
-GLIDE_WORK, PAIR_WORK = 30, 20  # hops that take as long as a contact phase, as an impact at both ends
+CONTACT_COST, DOUBLE_COST = 30, 20  # hops that take as long as a contact phase, as an impact at both ends
 LOOSEST = 1e-3  # relative tolerance of an impact, however slow
 SLIP_SCALE = 0.1  # slip that counts as none in contact, in units of the tolerance and g/omega
 COINCIDENT = 4e-16  # gap, in units of l, that counts as closed when the other end lands
-WORK_ROWS, WORK_COLUMNS = GLIDE_ROWS + 8, 16
-ROW_Y, ROW_DY, ROW_F, ROW_BEFORE = GLIDE_ROWS, GLIDE_ROWS + 1, GLIDE_ROWS + 2, GLIDE_ROWS + 3
+MOST_FORCED = 20  # impacts without collision in a row, after which the contact counts as jammed
+TURNED = 1e-9  # approach that stands for an impact without collision, in units of the slip
 
 
 @compiled
-def start_state(dm, beta0, xdot0, state):
-    """Section 7 of the start: p1 on the plate, the rod at beta0 along Y, the balls moving sideways with xdot0."""
-    for k in range(N_STATE):
-        state[k] = 0.0
-    plate = dm.A_z * dm.omega * cos(dm.phi0)
-    state[D2] = 2.0 * dm.h * sin(beta0)
-    state[N1] = state[N2] = -plate
-    state[BETA] = beta0
-    state[CB] = xdot0
+def evolve(dm, ask, motion, record):
+    """Run from a state to the end of the last forcing period asked for, or until the motion has settled.
+
+    Parameters
+    ----------
+    dm : Dimer
+    ask : Ask
+    motion : Motion
+        Modified in place.
+    record : Record
+        Filled in place where it has rows.
+
+    Returns
+    -------
+    status, at_rest : int, bool
+        OK or the reason why the run could not go on; whether the dimer rests for good.
+    """
+    begin_course(motion.course, ask, contact_code(motion.modes), C_START, record.counts[EVENTS])
+    while going_on(ask, motion):
+        if approaches(motion.state) and not resolve_impact(dm, ask, motion, record):
+            break
+        if motion.course[PENDING] and not choose_contact(dm, ask, motion, record):
+            continue
+        event = move_to_next_event(dm, ask, motion)
+        follow_up(dm, ask, motion, record, event)
+    return finish(dm, ask, motion, record)
 
 
 @compiled
-def no_slip(dm, state, rtol):
-    """Slip that counts as none in contact [m/s]: below the tolerance, but clear of round-off."""
-    return max(SLIP_SCALE * rtol * dm.v_scale, 32.0 * rounding(dm, state))
+def going_on(ask, motion):
+    """Whether the run is to go on; sets its status where it cannot."""
+    course = motion.course
+    if course[STATUS] != OK or course[ENDED] or motion.state[PERIOD] >= ask.periods:
+        return False
+    if course[BUDGET_LEFT] < 0.0:
+        course[STATUS] = MAX_EVENTS
+    elif motion.stop[0]:
+        course[STATUS] = INTERRUPTED
+    return course[STATUS] == OK
 
 
 @compiled
-def contact_code(modes):
-    """Contact state of Table 1 between impacts."""
-    return int(5 * modes[0] + modes[1])
+def approaches(state):
+    """Whether a closed end moves into the plate."""
+    return (state[D1] == 0.0 and state[N1] < 0.0) or (state[D2] == 0.0 and state[N2] < 0.0)
+
+
+# --- impacts ----------------------------------------------------------------------------------------------------------
+
+
+@compiled
+def resolve_impact(dm, ask, motion, record):
+    """The impact of the closed ends that approach, and the close of a chatter that is as good as over.
+
+    Returns
+    -------
+    bool
+        Whether the run goes on.
+    """
+    state, modes, course = motion.state, motion.modes, motion.course
+    record.counts[EVENTS] += 1
+    if state[D1] == state[D2]:
+        course[BUDGET_LEFT] -= DOUBLE_COST
+    energy = kinetic(dm, state)
+    course[FASTEST] = max(course[FASTEST], sqrt(2.0 * energy * dm.im))
+    course[STATUS] = noted_impact(dm, ask, motion, record)
+    if course[STATUS] != OK:
+        return False
+    course[PENDING], course[HOLD_IS_LOST], course[CAUSE], course[CONTACT_BEFORE] = YES, NO, C_IMPACT, 0.0
+    if is_kept(record):
+        copy(state, motion.before, N_STATE)
+    hops = record.counts[EVENTS] - course[PERIOD_EVENTS]
+    course[HOP_TIME] = come_to_rest(
+        dm,
+        state,
+        modes,
+        no_slip(dm, state, ask.rtol),
+        ask.close,
+        hops,
+        energy,
+        motion.contact,
+        motion.rates,
+        motion.forces,
+    )
+    if course[HOP_TIME] >= 0.0:
+        course[CAUSE] = C_CHATTER_END
+    return True
+
+
+@compiled
+def noted_impact(dm, ask, motion, record):
+    """An impact with all that is kept of it: landings, the double event, the rows of the record. Returns its status."""
+    state, past, course = motion.state, motion.past, motion.course
+    double = state[D1] == 0.0 and state[D2] == 0.0
+    end, begins = note_landings(dm, past, state)
+    status, rows = collide(dm, state, motion.modes, ask.rtol, course[FASTEST], motion.work, record.log)
+    note_impact(dm, state, past, double, end, begins)
+    note_impact_phases(record, state, rows, course[CONTACT_BEFORE])
+    return status
 
 
 @compiled
@@ -147,78 +234,125 @@ def collide(dm, state, modes, tol, fastest, work, log):
 
 
 @compiled
-def choose(dm, state, modes, lost, slip_tol, work):
-    """Contact modes of the ends at rest on the plate; the state follows them.
+def force_impact(dm, state):
+    """Set a vanishing approach at the ends whose contact law has no force: what follows is an impact without collision."""
+    for i in range(2):
+        if state[D1 + i] == 0.0 and state[N1 + i] == 0.0:
+            _, a, b = contact_velocity(dm, state, -1.0 if i == 0 else 1.0)
+            state[N1 + i] = -TURNED * hypot(a, b)
+
+
+# --- the contact of ends at rest on the plate ---------------------------------------------------------------------------
+
+
+@compiled
+def choose_contact(dm, ask, motion, record):
+    """Choose the contact of the ends at rest on the plate, and note the smooth phase that begins with it.
+
+    Returns
+    -------
+    bool
+        Whether the run moves on: not where an impact without collision has to come first, nor where the run has ended.
+    """
+    state, modes, course = motion.state, motion.modes, motion.course
+    course[SLIP_TOL] = no_slip(dm, state, ask.rtol)
+    if find_contact(dm, motion, modes, course[HOLD_IS_LOST], course[SLIP_TOL]) == INCONSISTENT:
+        course[FORCED] += 1.0
+        if course[FORCED] > MOST_FORCED:
+            course[STATUS] = JAMMED
+        else:
+            force_impact(dm, state)
+        return False
+    course[FORCED], course[PENDING], course[CONTACT_IS_SET] = 0.0, NO, YES
+    before, after = course[CONTACT_BEFORE], contact_code(modes)
+    note_contact(dm, record, state, modes, int(course[CAUSE]), before, after, course[HOP_TIME], motion.before)
+    if is_kept(record) and is_full(record):
+        course[STATUS] = RECORD_FULL
+        return False
+    note_take_offs(dm, motion.past, state, modes)
+    if ask.settle and course[REST_EVENTS] < 0.0 and rests_for_good(dm, state, modes):
+        course[REST_EVENTS] = record.counts[EVENTS]
+        course[ENDED] = NO if ask.path else YES
+    return not course[ENDED]
+
+
+@compiled
+def find_contact(dm, motion, modes, hold_is_lost, slip_tol):
+    """Contact modes of the ends at rest on the plate into `modes`; the state follows them, and the contact state is set.
 
     Returns
     -------
     int
         CLOSED, SEPARATES or INCONSISTENT.
     """
-    y, dy, F = work[ROW_Y], work[ROW_DY], work[ROW_F]
+    state, y = motion.state, motion.contact
     closed_1 = state[D1] == 0.0 and state[N1] == 0.0
     closed_2 = state[D2] == 0.0 and state[N2] == 0.0
     modes[0], modes[1] = FREE, FREE
     if not closed_1 and not closed_2:
         return CLOSED
-    unload(dm, state, -1.0 if closed_1 else 1.0, y)
+    contact_state(dm, state, -1.0 if closed_1 else 1.0, y)
     if closed_1 and closed_2:
         y[YB], y[YWB] = 0.0, 0.0
-    answer = contact_mode(dm, closed_1, closed_2, state[PHASE] + dm.phi0, y, modes, slip_tol, lost, dy, F)
+    phase, lost = state[PHASE] + dm.phi0, hold_is_lost != NO
+    answer = contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, lost, motion.rates, motion.forces)
     if answer == CLOSED:
-        load(dm, modes, y, state)
+        kernel_state(dm, modes, y, state)
     return answer
 
 
 @compiled
-def move(dm, state, modes, chosen, path, tol, slip_tol, work):
-    """Move to the next event or to the end of the forcing period, whichever is first.
-
-    Parameters
-    ----------
-    chosen : bool
-        The contact modes have just been chosen, and the contact state stands on the desk: it holds slips that a detour
-        through the kernel state would drown in round-off.
-
-    Returns
-    -------
-    event : int
-        Event number of ``glide`` (a landing of p2 or p1 is LANDS), or NO_EVENT at the end of the period.
-    status : int
-    """
-    span = (TWO_PI - state[PHASE]) / dm.omega
-    if modes[0] == FREE and modes[1] == FREE:
-        fl = take_off(dm, state)
-        sign, t, probes = next_landing(fl, span)
-        if probes == MAX_PROBES:
-            return NO_EVENT, ROOT_STEPS
-        fly(dm, fl, state, min(t, span), path)
-        if sign == 0.0:
-            return NO_EVENT, OK
-        touch(dm, state, sign)
-        return LANDS, OK
-    y = work[ROW_Y]
-    if not chosen:
-        unload(dm, state, -1.0 if modes[0] != FREE else 1.0, y)
-        hold_rest(dm, modes, y)
-    t, event = glide(dm, modes, y, state[PHASE] + dm.phi0, span, path, tol, slip_tol, True, work)
-    if event == LANDS:
-        y[YB] = 0.0
-    load(dm, modes, y, state)
-    state[PHASE] += dm.omega * t
-    if event == OUT_OF_STEPS:
-        return NO_EVENT, CONTACT_STEPS
-    return event, OK
+def contact_code(modes):
+    """Contact state of Table 1 between impacts."""
+    return 5.0 * modes[0] + modes[1]
 
 
 @compiled
-def hold_rest(dm, modes, y):
-    """Make the slip of a sticking end exactly zero (it was, but for the rounding of ``load`` and ``unload``)."""
-    if modes[0] == STICK or (modes[0] == FREE and modes[1] == STICK):
-        y[YUA], y[YUB] = 0.0, 0.0
-    elif modes[1] == STICK:
-        y[YUA] = 0.0
-        y[YWP] = y[YUB] / (2.0 * dm.h)
+def no_slip(dm, state, rtol):
+    """Slip that counts as none in contact [m/s]: below the tolerance, but clear of round-off."""
+    return max(SLIP_SCALE * rtol * dm.v_scale, 32.0 * rounding(dm, state))
+
+
+# --- smooth motion ------------------------------------------------------------------------------------------------------
+
+
+@compiled
+def move_to_next_event(dm, ask, motion):
+    """Move to the next event or to the end of the forcing period, whichever is first.
+
+    Returns
+    -------
+    int
+        The event (`contact.events`), or NO_EVENT at the end of the period.
+    """
+    modes, course = motion.modes, motion.course
+    course[CONTACT_BEFORE] = contact_code(modes)
+    free = modes[0] == FREE and modes[1] == FREE
+    course[BUDGET_LEFT] -= 1.0 if free else CONTACT_COST
+    if free:
+        event = fly_to_landing(dm, motion.state, ask.path)
+    else:
+        if not course[CONTACT_IS_SET]:
+            course[SLIP_TOL] = no_slip(dm, motion.state, ask.rtol)
+            set_contact(dm, motion.state, modes, motion.contact)
+        event = follow_contact(dm, ask, motion, TWO_PI - motion.state[PHASE], True)
+    course[CONTACT_IS_SET] = NO
+    return event
+
+
+@compiled
+def fly_to_landing(dm, state, path):
+    """Move freely to the next landing or to the end of the forcing period; returns the event."""
+    span = (TWO_PI - state[PHASE]) / dm.omega
+    fl = take_off(dm, state)
+    sign, t, probes = next_landing(fl, span)
+    if probes == MAX_PROBES:
+        return OUT_OF_PROBES
+    fly(dm, fl, state, min(t, span), path)
+    if sign == 0.0:
+        return NO_EVENT
+    touch(dm, state, sign)
+    return LANDING
 
 
 @compiled
@@ -234,193 +368,123 @@ def touch(dm, state, sign):
 
 
 @compiled
-def force_impact(dm, state):
-    """Set a vanishing approach at the ends whose contact law has no force: what follows is an impact without collision."""
-    for i in range(2):
-        if state[D1 + i] == 0.0 and state[N1 + i] == 0.0:
-            _, a, b = contact_velocity(dm, state, -1.0 if i == 0 else 1.0)
-            state[N1 + i] = -1e-9 * hypot(a, b)
+def set_contact(dm, state, modes, y):
+    """The contact state of a phase under way, from the kernel state."""
+    contact_state(dm, state, -1.0 if modes[0] != FREE else 1.0, y)
+    clear_slip(dm, modes, y)
 
 
 @compiled
-def only_touched(dm, modes, i, phase, work):
-    """Whether the force at end i, zero now in the contact phase on the desk, is positive again a moment later."""
-    F = work[ROW_F]
-    contact_rates(dm, modes, phase + MOMENT, work[ROW_Y], False, work[ROW_DY], F)
-    return F[F1 + 3 * i] > 0.0
+def clear_slip(dm, modes, y):
+    """Make the slip of a sticking end exactly zero (it was, but for the rounding on the way to the kernel state and back)."""
+    if modes[0] == STICK or (modes[0] == FREE and modes[1] == STICK):
+        y[YUA], y[YUB] = 0.0, 0.0
+    elif modes[1] == STICK:
+        y[YUA] = 0.0
+        y[YWP] = y[YUB] / (2.0 * dm.h)
 
 
 @compiled
-def pass_over(dm, state, modes, path, tol, slip_tol, work):
-    """Go on over that moment in the contact phase on the desk."""
-    y = work[ROW_Y]
-    span = min(MOMENT, TWO_PI - state[PHASE]) / dm.omega
-    t, _ = glide(dm, modes, y, state[PHASE] + dm.phi0, span, path, tol, slip_tol, False, work)
-    load(dm, modes, y, state)
+def follow_contact(dm, ask, motion, turn, locate):
+    """Follow the contact phase to its next event, but no further than the plate turns by `turn` [rad]; returns the event."""
+    state, y = motion.state, motion.contact
+    phase, span = state[PHASE] + dm.phi0, turn / dm.omega
+    t, event = sustain_contact(
+        dm, motion.modes, y, phase, span, ask.path, ask.rtol, motion.course[SLIP_TOL], locate, motion.work
+    )
+    if event == LANDING:
+        y[YB] = 0.0
+    kernel_state(dm, motion.modes, y, state)
     state[PHASE] += dm.omega * t
+    return event
+
+
+# --- what follows an event ----------------------------------------------------------------------------------------------
+
+
+@compiled
+def follow_up(dm, ask, motion, record, event):
+    """What an event leads to: an impact, the next forcing period, a new contact, or nothing."""
+    course = motion.course
+    if is_failure(event):
+        course[STATUS] = CONTACT_STEPS if event == OUT_OF_STEPS else ROOT_STEPS
+    elif event == NO_EVENT:
+        end_period(dm, ask, motion, record)
+    else:
+        record.counts[EVENTS] += 1
+        if event == JAM:  # the force of a slip grows beyond all bounds: an impact without collision follows
+            force_impact(dm, motion.state)
+        elif is_lift_off(event) and only_grazes(dm, motion, end_of(event), motion.state[PHASE] + dm.phi0):
+            follow_contact(dm, ask, motion, min(MOMENT, TWO_PI - motion.state[PHASE]), False)
+        else:
+            course[PENDING] = YES
+            course[HOLD_IS_LOST] = YES if is_hold_lost(event) else NO
+            if event != LANDING:
+                course[CAUSE] = cause_of(event)
+
+
+@compiled
+def end_period(dm, ask, motion, record):
+    """The end of a forcing period: a strobe of the motion, and whether it is known by now."""
+    state, modes, course = motion.state, motion.modes, motion.course
+    state[PHASE] = 0.0
+    state[PERIOD] += 1.0
+    course[PERIOD_EVENTS] = record.counts[EVENTS]
+    if not isfinite(state[BETA] + state[D1] + state[D2] + state[N1] + state[N2] + state[CA] + state[CB]):
+        course[STATUS] = NOT_FINITE
+        return
+    note_period(dm, state, modes, motion.past)
+    note_segment(record, state, modes, 0.0, state)
+    known = course[REST_EVENTS] >= 0.0
+    if ask.settle and (known or rests_for_good(dm, state, modes) or settled_period(motion.past) > 0):
+        course[ENDED] = YES
+
+
+@compiled
+def only_grazes(dm, motion, i, phase):
+    """Whether the force at end i, zero now in the contact phase, is positive again a moment later."""
+    contact_rates(dm, motion.modes, phase + MOMENT, motion.contact, False, motion.rates, motion.forces)
+    return motion.forces[F1 + 3 * i] > 0.0
 
 
 @compiled
 def cause_of(event):
-    """Why an event row is written, from the event number of a contact phase."""
-    if event < HOLD_LOST:
-        return C_LIFT_OFF
-    return C_SLIP if event < SLIP_ZERO else C_STICK
+    """Why an event row is written, from the event of a contact phase."""
+    if is_slip_end(event):
+        return C_STICK
+    return C_SLIP if is_hold_lost(event) else C_LIFT_OFF
+
+
+# --- start and end of a run ---------------------------------------------------------------------------------------------
 
 
 @compiled
-def evolve(dm, state, modes, periods, rtol, close, settle, path, past, work, log, events, segments, counts):
-    """Run from a state to `periods` completed forcing periods, or until the motion has settled.
+def start_state(dm, beta0, xdot0, state):
+    """Section 7 of the start: p1 on the plate, the rod at beta0 along Y, the balls moving sideways with xdot0."""
+    for k in range(N_STATE):
+        state[k] = 0.0
+    plate = dm.A_z * dm.omega * cos(dm.phi0)
+    state[D2] = 2.0 * dm.h * sin(beta0)
+    state[N1] = state[N2] = -plate
+    state[BETA] = beta0
+    state[CB] = xdot0
 
-    Parameters
-    ----------
-    state, modes : float64 arrays, shapes (N_STATE,), (2,)
-        Modified in place.
-    rtol, close : float
-        The one accuracy knob, and the accuracy of the close of a chatter: less where its hops are to be followed further.
-    settle : bool
-        Stop when the motion is known: at once where it rests for good and no path is wanted, that forcing period counting
-        as completed; else at the end of a period.
-    path : bool
-        Whether x1, y1 and gamma are wanted.
-    past : float64 array, shape (PAST_ROWS, PAST_COLUMNS)
-        What the verdict needs (``fate``), modified in place.
-    work : float64 array, shape (WORK_ROWS, WORK_COLUMNS)
-    log : float64 array, shape (n, N_LOG)
-        Phases of one impact; no rows if no record is wanted.
-    events, segments : float64 arrays
-        The record (``record``); no rows if none is wanted.
-    counts : int64 array, shape (3,)
-        Number of events, event rows and segments, modified in place.
 
-    Returns
-    -------
-    status, at_rest : int, bool
-    """
-    work_left = WORK + WORK_PER_PERIOD * periods
-    record = segments.shape[0] > 0
-    none = log[0, :0] if record else state[:0]
-    pending, lost, cause, rest = True, False, C_START, 0.0
-    forced, told, fastest = 0, -1, 0.0
-    before, begun = contact_code(modes), counts[0]
-    while state[PERIOD] < periods:
-        if work_left < 0:
-            return MAX_EVENTS, False
-        if (state[D1] == 0.0 and state[N1] < 0.0) or (state[D2] == 0.0 and state[N2] < 0.0):
-            counts[0] += 1
-            work_left -= PAIR_WORK if state[D1] == state[D2] else 0
-            energy = kinetic(dm, state)
-            fastest = max(fastest, sqrt(2.0 * energy * dm.im))
-            status = strike(dm, state, modes, before, rtol, fastest, past, work, log, events, counts)
-            if status != OK:
-                return status, False
-            pending, lost, cause = True, False, C_IMPACT
-            if record:
-                copy(state, work[ROW_BEFORE], N_STATE)
-            slip_tol = no_slip(dm, state, rtol)
-            rest = come_to_rest(
-                dm, state, modes, slip_tol, close, counts[0] - begun, energy, work[ROW_Y], work[ROW_DY], work[ROW_F]
-            )
-            if rest >= 0.0:
-                cause = C_CHATTER_END
-            before = 0
-        slip_tol = no_slip(dm, state, rtol)
-        chosen = pending
-        if pending:
-            answer = choose(dm, state, modes, lost, slip_tol, work)
-            if answer == INCONSISTENT:
-                forced += 1
-                if forced > 20:
-                    return JAMMED, False
-                force_impact(dm, state)
-                continue
-            forced = 0
-            if record:
-                after = contact_code(modes)
-                if cause != C_IMPACT or after != 0:
-                    counts[1] = note_event(dm, events, counts[1], state, cause, after, before, after, none)
-                hops = rest if cause == C_CHATTER_END else 0.0
-                counts[2] = note_segment(segments, counts[2], state, modes, hops, work[ROW_BEFORE])
-                if counts[1] > events.shape[0] or counts[2] > segments.shape[0]:
-                    return RECORD_FULL, False
-            note_flights(dm, state, modes, past)
-            pending = False
-            if settle and told < 0 and rests_for_good(dm, state, modes):
-                told = counts[0]
-                if not path:
-                    break
-        before = contact_code(modes)
-        work_left -= GLIDE_WORK if before > 0 else 1
-        event, status = move(dm, state, modes, chosen, path, rtol, slip_tol, work)
-        if status != OK:
-            return status, False
-        if event == JAMS:  # the force of a slip grows beyond all bounds: an impact without collision follows
-            counts[0] += 1
-            force_impact(dm, state)
-            continue
-        if event == NO_EVENT:
-            state[PHASE] = 0.0
-            state[PERIOD] += 1.0
-            begun = counts[0]
-            if not isfinite(state[BETA] + state[D1] + state[D2] + state[N1] + state[N2] + state[CA] + state[CB]):
-                return NOT_FINITE, False
-            note_period(dm, state, modes, past)
-            if record:
-                counts[2] = note_segment(segments, counts[2], state, modes, 0.0, state)
-            if settle and (told >= 0 or rests_for_good(dm, state, modes) or settled_period(past) > 0):
-                break
-        else:
-            counts[0] += 1
-            if event < HOLD_LOST and only_touched(dm, modes, event % 2, state[PHASE] + dm.phi0, work):
-                pass_over(dm, state, modes, path, rtol, slip_tol, work)
-                continue
-            pending, lost = True, HOLD_LOST <= event < SLIP_ZERO
-            if event != LANDS:
-                cause = cause_of(event)
-    if record:
-        counts[1] = note_event(
-            dm, events, counts[1], state, C_END, contact_code(modes), before, contact_code(modes), none
-        )
-        counts[2] = note_segment(segments, counts[2], state, modes, 0.0, state)
-        if counts[1] > events.shape[0] or counts[2] > segments.shape[0]:
-            return RECORD_FULL, False
-    if told < 0:
+@compiled
+def finish(dm, ask, motion, record):
+    """The last row of the record; a rest known before the end of a forcing period counts as that end. See `evolve`."""
+    state, modes, course = motion.state, motion.modes, motion.course
+    if course[STATUS] != OK:
+        return int(course[STATUS]), False
+    note_event(dm, record, state, C_END, course[CONTACT_BEFORE], contact_code(modes))
+    note_segment(record, state, modes, 0.0, state)
+    if is_kept(record) and is_full(record):
+        return RECORD_FULL, False
+    if course[REST_EVENTS] < 0.0:
         return OK, rests_for_good(dm, state, modes)
-    counts[0] = told
-    if not path:
+    record.counts[EVENTS] = int(course[REST_EVENTS])
+    if not ask.path:
         state[PHASE] = 0.0
         state[PERIOD] += 1.0
-        note_period(dm, state, modes, past)
+        note_period(dm, state, modes, motion.past)
     return OK, True
-
-
-@compiled
-def strike(dm, state, modes, before, rtol, fastest, past, work, log, events, counts):
-    """An impact with all that is kept of it: landings, the double event, the rows of the record."""
-    now = time_of(state, dm.omega, dm.T)
-    double = state[D1] == 0.0 and state[D2] == 0.0
-    long_flight, lander = False, 0
-    for i in range(2):
-        if state[D1 + i] == 0.0:
-            if note_landing(dm, past, i, now):
-                long_flight, lander = True, i
-            elif state[N1 + i] < 0.0 and not long_flight:
-                lander = i
-    other_down = past[0, 1 - lander] < 0.0 or now - past[0, 1 - lander] < 0.5 * dm.T
-    status, rows = collide(dm, state, modes, rtol, fastest, work, log)
-    note_impact(dm, state, past, double, lander, long_flight and other_down, now)
-    if log.shape[0] > 0:
-        for k in range(rows):
-            after = log[k + 1, 0] if k + 1 < rows else 0.0
-            counts[1] = note_event(dm, events, counts[1], state, C_IMPACT, log[k, 0], before, after, log[k])
-            before = int(log[k, 0])
-    return status
-
-
-@compiled
-def note_flights(dm, state, modes, past):
-    """Note the ends that are off the plate from now on."""
-    now = time_of(state, dm.omega, dm.T)
-    for i in range(2):
-        if modes[i] == FREE:
-            note_take_off(past, i, now)

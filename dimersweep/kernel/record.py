@@ -1,5 +1,9 @@
 """The record of a run: one row an event, and the state from which each smooth phase starts."""
 
+from typing import Any, NamedTuple
+
+import numpy as np
+
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.impact.impact import (
     LOG_A1,
@@ -12,10 +16,14 @@ from dimersweep.kernel.impact.impact import (
     LOG_N2_AFTER,
     LOG_P1,
     LOG_P2,
+    LOG_STATE,
+    N_LOG,
     contact_velocity,
 )
 from dimersweep.kernel.model.layout import (
     BETA,
+    C_CHATTER_END,
+    C_IMPACT,
     CB,
     N1,
     N2,
@@ -26,7 +34,7 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.kernel.numerics.steps import copy
 
-# columns of an event row
+# columns of an event row, and their numbers
 EVENT = (
     "period",
     "phase",
@@ -48,42 +56,126 @@ EVENT = (
     "slip_2_b",
 )
 N_EVENT = len(EVENT)
+E_PERIOD, E_PHASE, E_CAUSE, E_KIND, E_BEFORE, E_AFTER = range(6)
+E_N1, E_N2, E_N1_AFTER, E_N2_AFTER, E_P1, E_P2, E_BETA, E_THETA, E_A1, E_B1, E_A2, E_B2 = range(6, N_EVENT)
 # columns of a segment: the state, the friction modes of the phase that starts from it; and where the close of a chatter
 # leads to it, the time that the hops which it sums take [s] (else 0), and what it changes (N1 to CB) as it was before
-MODES, REST, BEFORE = N_STATE, N_STATE + 2, N_STATE + 3
+MODES, HOP_TIME, BEFORE = N_STATE, N_STATE + 2, N_STATE + 3
 N_SEGMENT = BEFORE + CB + 1 - N1
+# what is counted: events, and the rows that the record has or would need
+EVENTS, EVENT_ROWS, SEGMENT_ROWS = range(3)
+N_COUNTS = 3
+
+
+class Record(NamedTuple):
+    """Rows for the record of a run, none if none is wanted, and the counts."""
+
+    log: Any  # phases of one impact, shape (n, N_LOG)
+    events: Any  # shape (n, N_EVENT)
+    segments: Any  # shape (n, N_SEGMENT)
+    counts: Any  # shape (N_COUNTS,), int64
+
+
+def no_record() -> Record:
+    """A record that keeps nothing but the counts."""
+    none = np.zeros((0, N_LOG))
+    return Record(none, none, none, np.zeros(N_COUNTS, np.int64))
 
 
 @compiled
-def note_event(dm, events, count, state, cause, kind, before, after, log_row):
-    """Write an event row; `log_row` is a row of an impact's log or has no entries. Returns the count of rows."""
-    if count >= events.shape[0]:
-        return count + 1
-    row = events[count]
-    row[0], row[1], row[2], row[3], row[4], row[5] = state[PERIOD], state[PHASE], cause, kind, before, after
-    row[10], row[11], row[12], row[13] = 0.0, 0.0, state[BETA], state[THETA]
-    if log_row.shape[0] > 0:
-        row[6], row[7] = log_row[LOG_N1], log_row[LOG_N2]
-        row[8], row[9] = log_row[LOG_N1_AFTER], log_row[LOG_N2_AFTER]
-        row[10], row[11] = log_row[LOG_P1], log_row[LOG_P2]
-        row[14], row[15], row[16], row[17] = log_row[LOG_A1], log_row[LOG_B1], log_row[LOG_A2], log_row[LOG_B2]
-    else:
-        row[6], row[7], row[8], row[9] = state[N1], state[N2], state[N1], state[N2]
-        _, row[14], row[15] = contact_velocity(dm, state, -1.0)
-        _, row[16], row[17] = contact_velocity(dm, state, 1.0)
-    return count + 1
+def without_rows(record):
+    """A record that keeps nothing, with the same counts."""
+    return Record(record.log[:0], record.events[:0], record.segments[:0], record.counts)
 
 
 @compiled
-def note_segment(segments, count, state, modes, rest, before):
-    """Write the start of a smooth phase, and the state `before` hops that take the time `rest` were summed.
+def clear_counts(counts):
+    """No events yet, and no rows."""
+    counts[EVENTS], counts[EVENT_ROWS], counts[SEGMENT_ROWS] = 0, 0, 0
 
-    Returns the count of rows.
-    """
-    if count < segments.shape[0]:
-        row = segments[count]
+
+@compiled
+def is_kept(record):
+    """Whether a record is wanted."""
+    return record.segments.shape[0] > 0
+
+
+@compiled
+def is_full(record):
+    """Whether the record would have needed more rows."""
+    counts = record.counts
+    return counts[EVENT_ROWS] > record.events.shape[0] or counts[SEGMENT_ROWS] > record.segments.shape[0]
+
+
+@compiled
+def next_row(record):
+    """Number of the next event row, which is counted even where there is no room for it: then below zero."""
+    count = record.counts[EVENT_ROWS]
+    record.counts[EVENT_ROWS] = count + 1
+    return count if count < record.events.shape[0] else -1
+
+
+@compiled
+def head(row, state, cause, kind, before, after):
+    """Write what all event rows have."""
+    row[E_PERIOD], row[E_PHASE], row[E_CAUSE], row[E_KIND] = state[PERIOD], state[PHASE], cause, kind
+    row[E_BEFORE], row[E_AFTER], row[E_BETA], row[E_THETA] = before, after, state[BETA], state[THETA]
+
+
+@compiled
+def note_event(dm, record, state, cause, before, after):
+    """Write the row of an event between impacts, from one contact state of Table 1 to another."""
+    k = next_row(record) if is_kept(record) else -1
+    if k < 0:
+        return
+    row = record.events[k]
+    head(row, state, cause, after, before, after)
+    row[E_N1], row[E_N2], row[E_N1_AFTER], row[E_N2_AFTER] = state[N1], state[N2], state[N1], state[N2]
+    row[E_P1], row[E_P2] = 0.0, 0.0
+    _, row[E_A1], row[E_B1] = contact_velocity(dm, state, -1.0)
+    _, row[E_A2], row[E_B2] = contact_velocity(dm, state, 1.0)
+
+
+@compiled
+def note_impact_phases(record, state, rows, before):
+    """Write the event rows of an impact: one for each phase in its log."""
+    if not is_kept(record):
+        return
+    for i in range(rows):
+        kind, after = record.log[i, LOG_STATE], record.log[i + 1, LOG_STATE] if i + 1 < rows else 0.0
+        k = next_row(record)
+        if k >= 0:
+            row, phase = record.events[k], record.log[i]
+            head(row, state, C_IMPACT, kind, before, after)
+            row[E_N1], row[E_N2], row[E_N1_AFTER], row[E_N2_AFTER] = (
+                phase[LOG_N1],
+                phase[LOG_N2],
+                phase[LOG_N1_AFTER],
+                phase[LOG_N2_AFTER],
+            )
+            row[E_P1], row[E_P2] = phase[LOG_P1], phase[LOG_P2]
+            row[E_A1], row[E_B1], row[E_A2], row[E_B2] = phase[LOG_A1], phase[LOG_B1], phase[LOG_A2], phase[LOG_B2]
+        before = kind
+
+
+@compiled
+def note_segment(record, state, modes, hop_time, before):
+    """Write the start of a smooth phase, and the state `before` hops that take the time `hop_time` were summed."""
+    if not is_kept(record):
+        return
+    count = record.counts[SEGMENT_ROWS]
+    record.counts[SEGMENT_ROWS] = count + 1
+    if count < record.segments.shape[0]:
+        row = record.segments[count]
         copy(state, row, N_STATE)
-        row[MODES], row[MODES + 1], row[REST] = modes[0], modes[1], rest
+        row[MODES], row[MODES + 1], row[HOP_TIME] = modes[0], modes[1], hop_time
         for k in range(N1, CB + 1):
             row[BEFORE + k - N1] = before[k]
-    return count + 1
+
+
+@compiled
+def note_contact(dm, record, state, modes, cause, before, after, hop_time, before_hops):
+    """Write the smooth phase that starts now, and the event that has led to it unless the impact's own rows tell all."""
+    if cause != C_IMPACT or after != 0:
+        note_event(dm, record, state, cause, before, after)
+    note_segment(record, state, modes, hop_time if cause == C_CHATTER_END else 0.0, before_hops)

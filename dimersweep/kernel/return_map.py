@@ -1,14 +1,16 @@
-"""The return map of the section at the start of a forcing period: whole periods from any state there."""
+"""The return map of the start of a forcing period: whole periods from any state there."""
 
 from dimersweep.kernel.compiler.jit import exported
+from dimersweep.kernel.course import Ask, motion_of
 from dimersweep.kernel.event_loop import evolve
 from dimersweep.kernel.model.body import as_dimer
 from dimersweep.kernel.model.layout import PERIOD, PHASE
+from dimersweep.kernel.record import clear_counts
 from dimersweep.kernel.verdict.classify import begin_past
 
 
 @exported
-def advance(row, state, modes, periods, rtol, past, work, none, counts):
+def advance(row, state, modes, periods, rtol, space, record):
     """Move a state at the start of a forcing period over whole periods.
 
     Parameters
@@ -21,20 +23,19 @@ def advance(row, state, modes, periods, rtol, past, work, none, counts):
         Friction modes of the ends, chosen anew from the state; those at the end are filled in.
     periods : int
     rtol : float
-    past, work : float64 arrays, shapes (PAST_ROWS, PAST_COLUMNS), (WORK_ROWS, WORK_COLUMNS)
-    none : float64 array, shape (0, n)
-        In place of a record.
-    counts : int64 array, shape (3,)
-        The first entry becomes the number of events.
+    space : Workspace
+        Scratch.
+    record : Record
+        Of the periods, where it has rows; its counts become those of these periods.
 
     Returns
     -------
     int
         OK or the reason why not.
     """
-    dm = as_dimer(row)
-    begin_past(past)
-    counts[0], counts[1], counts[2] = 0, 0, 0
+    begin_past(space.past)
+    clear_counts(record.counts)
     state[PHASE], state[PERIOD] = 0.0, 0.0
-    status, _ = evolve(dm, state, modes, periods, rtol, rtol, False, False, past, work, none, none, none, counts)
+    ask = Ask(periods, rtol, rtol, False, False)
+    status, _ = evolve(as_dimer(row), ask, motion_of(state, modes, space), record)
     return status

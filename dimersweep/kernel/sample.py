@@ -9,30 +9,19 @@ from math import nan
 
 from dimersweep.kernel.compiler.jit import compiled, exported
 from dimersweep.kernel.contact.contact_mode import CLOSED, MOMENT
-from dimersweep.kernel.contact.coordinates import (
-    BY_HEADING,
-    YB,
-    YCHART,
-    load,
-    unload,
-)
+from dimersweep.kernel.contact.coordinates import BY_HEADING, YB, YCHART, contact_state, kernel_state
 from dimersweep.kernel.contact.events import (
-    HOLD_LOST,
-    LANDS,
-    LIFTS,
-    SLIP_ZERO,
+    LANDING,
+    NO_EVENT,
+    OUT_OF_STEPS,
+    end_of,
+    is_lift_off,
+    is_slip_end,
     slip_speed,
 )
-from dimersweep.kernel.contact.phase import NO_EVENT, OUT_OF_STEPS, glide
-from dimersweep.kernel.event_loop import (
-    ROW_BEFORE,
-    ROW_Y,
-    choose,
-    evolve,
-    hold_rest,
-    no_slip,
-    only_touched,
-)
+from dimersweep.kernel.contact.phase import sustain_contact
+from dimersweep.kernel.course import ROW_SHIFTED, ROW_TRIAL, SLIP_TOL, YES, Ask, motion_of
+from dimersweep.kernel.event_loop import evolve, find_contact, no_slip, only_grazes, set_contact
 from dimersweep.kernel.flight.free_motion import fly, take_off
 from dimersweep.kernel.model.body import TWO_PI, as_dimer
 from dimersweep.kernel.model.layout import (
@@ -45,86 +34,17 @@ from dimersweep.kernel.model.layout import (
     OK,
     PERIOD,
     PHASE,
-    ROW,
+    ROW_PHI0,
 )
 from dimersweep.kernel.numerics.steps import copy
-from dimersweep.kernel.record import BEFORE, MODES, REST
+from dimersweep.kernel.record import BEFORE, HOP_TIME, MODES
 from dimersweep.kernel.verdict.classify import begin_past
 
-ROW_TRIAL, ROW_LATER = ROW_BEFORE + 1, ROW_BEFORE + 2
-PHI0 = ROW.index("phi0")
 HOPS_LAST = 2.0  # hops are followed for so long, in units of the time that they take when the plate does not change
 
 
-@compiled
-def begin(dm, state, modes, slip_tol, work):
-    """Contact state at the start of a phase, on the desk.
-
-    A slip that sets out from rest is chosen again: its direction is lost in the rounding of the state.
-    """
-    y, trial = work[ROW_Y], work[ROW_TRIAL]
-    unload(dm, state, -1.0 if modes[0] != FREE else 1.0, y)
-    hold_rest(dm, modes, y)
-    speed, _ = slip_speed(dm, modes, y, y)
-    if speed <= slip_tol:
-        answer = choose(dm, state, trial, True, slip_tol, work)
-        if answer != CLOSED or trial[0] != modes[0] or trial[1] != modes[1]:
-            unload(dm, state, -1.0 if modes[0] != FREE else 1.0, y)
-
-
-@compiled
-def follow(dm, state, modes, span, rtol, work):
-    """Move the state of a contact phase on by a time in it, in place; returns whether that took no more steps than allowed.
-
-    An event before that time is the end of the phase, found a hair too early, or one that the run has passed by: a slip that
-    is over stays so, all else goes on, but no end goes below the plate.
-    """
-    y, slip_tol = work[ROW_Y], no_slip(dm, state, rtol)
-    begin(dm, state, modes, slip_tol, work)
-    phase, done, side = state[PHASE] + dm.phi0, 0.0, 1.0 if modes[0] != FREE else -1.0
-    t, event = glide(dm, modes, y, phase, span, True, rtol, slip_tol, True, work)
-    while LIFTS <= event < HOLD_LOST and only_touched(dm, modes, event % 2, phase + dm.omega * (done + t), work):
-        done += t
-        brief = min(MOMENT / dm.omega, span - done)
-        glide(dm, modes, y, phase + dm.omega * done, brief, True, rtol, slip_tol, False, work)
-        done += brief
-        t, event = glide(dm, modes, y, phase + dm.omega * done, span - done, True, rtol, slip_tol, True, work)
-    done += t
-    if SLIP_ZERO <= event < LANDS and dm.omega * (span - done) > MOMENT:  # passed by: all again, with no events in view
-        begin(dm, state, modes, slip_tol, work)
-        done, event = 0.0, LANDS
-    if event != NO_EVENT and not SLIP_ZERO <= event < LANDS:
-        _, event = glide(dm, modes, y, phase + dm.omega * done, span - done, True, rtol, slip_tol, False, work)
-        if y[YCHART] == BY_HEADING:
-            y[YB] = side * max(0.0, side * y[YB])
-    load(dm, modes, y, state)
-    state[PHASE] += dm.omega * span
-    return event != OUT_OF_STEPS
-
-
-@compiled
-def hop(row, omega, segment, state, modes, span, rtol, past, work, counts):
-    """Move the state on by a time from the close of a chatter, through the hops that were summed there; returns a status.
-
-    The plate's phase is counted anew, so that a forcing period ends at the time wanted.
-    """
-    for k in range(N1, CB + 1):
-        state[k] = segment[BEFORE + k - N1]
-    later, none = work[ROW_LATER, :N_ROW], work[:0]
-    start, periods = state[PHASE], state[PERIOD]
-    state[PHASE], state[PERIOD] = TWO_PI - omega * span, 0.0
-    copy(row, later, N_ROW)
-    later[PHI0] += start - state[PHASE]
-    begin_past(past)
-    status, _ = evolve(
-        as_dimer(later), state, modes, 1, rtol, rtol**3, False, True, past, work, none, none, none, counts
-    )
-    state[PHASE], state[PERIOD] = start + omega * span, periods
-    return status
-
-
 @exported
-def sample(row, segments, which, phases, rtol, past, work, counts, states, modes):
+def sample(row, segments, which, phases, rtol, space, record, states, modes):
     """Kernel states of a run at given times.
 
     Parameters
@@ -137,8 +57,10 @@ def sample(row, segments, which, phases, rtol, past, work, counts, states, modes
     phases : float64 array, shape (k,)
         Plate phase [rad] of each time, counted as that of the segment and not below it.
     rtol : float
-    past, work, counts : arrays
-        Scratch, as of ``evolve``.
+    space : Workspace
+        Scratch.
+    record : Record
+        Scratch, without rows.
     states : float64 array, shape (k, N_STATE)
         Filled in place.
     modes : float64 array, shape (k, 2)
@@ -150,21 +72,103 @@ def sample(row, segments, which, phases, rtol, past, work, counts, states, modes
         OK or the reason why not; the other times are sampled all the same.
     """
     dm = as_dimer(row)
-    status = OK
+    worst = OK
     for k in range(phases.shape[0]):
-        segment, state, mode = segments[which[k]], states[k], modes[k]
+        segment, state = segments[which[k]], states[k]
         copy(segment, state, N_STATE)
-        mode[0], mode[1] = segment[MODES], segment[MODES + 1]
+        modes[k, 0], modes[k, 1] = segment[MODES], segment[MODES + 1]
+        motion = motion_of(state, modes[k], space)
         span = (phases[k] - state[PHASE]) / dm.omega
-        done = OK
-        if 0.0 < span < HOPS_LAST * segment[REST]:
-            done = hop(row, dm.omega, segment, state, mode, span, rtol, past, work, counts)
-        elif span > 0.0 and mode[0] == FREE and mode[1] == FREE:
+        status = OK
+        if 0.0 < span < HOPS_LAST * segment[HOP_TIME]:
+            status = follow_hops(dm, row, segment, motion, span, rtol, record)
+        elif span > 0.0 and modes[k, 0] == FREE and modes[k, 1] == FREE:
             fly(dm, take_off(dm, state), state, span, True)
-        elif span > 0.0 and not follow(dm, state, mode, span, rtol, work):
-            done = CONTACT_STEPS
-        if done != OK:
+        elif span > 0.0:
+            status = follow_contact(dm, motion, span, rtol)
+        if status != OK:
             for j in range(N_STATE):
                 state[j] = nan
-            status = done
+            worst = status
+    return worst
+
+
+@compiled
+def follow_hops(dm, row, segment, motion, span, rtol, record):
+    """Move the state on by a time from the close of a chatter, through the hops that were summed there; returns a status.
+
+    The plate's phase is counted anew, so that a forcing period ends at the time wanted.
+    """
+    state, shifted = motion.state, motion.work[ROW_SHIFTED, :N_ROW]
+    for k in range(N1, CB + 1):
+        state[k] = segment[BEFORE + k - N1]
+    start, periods = state[PHASE], state[PERIOD]
+    state[PHASE], state[PERIOD] = TWO_PI - dm.omega * span, 0.0
+    copy(row, shifted, N_ROW)
+    shifted[ROW_PHI0] += start - state[PHASE]
+    begin_past(motion.past)
+    status, _ = evolve(as_dimer(shifted), Ask(1, rtol, rtol**3, False, True), motion, record)
+    state[PHASE], state[PERIOD] = start + dm.omega * span, periods
     return status
+
+
+@compiled
+def follow_contact(dm, motion, span, rtol):
+    """Move the state of a contact phase on by a time in it, in place; returns a status.
+
+    An event before that time is the end of the phase, found a hair too early, or one that the run has passed by: a slip that
+    is over stays so, all else goes on, but no end goes below the plate.
+    """
+    state, modes, y = motion.state, motion.modes, motion.contact
+    motion.course[SLIP_TOL] = no_slip(dm, state, rtol)
+    phase = state[PHASE] + dm.phi0
+    begin_contact(dm, motion)
+    done, event = follow_to_event(dm, motion, phase, span, rtol)
+    if is_slip_end(event) and dm.omega * (span - done) > MOMENT:  # passed by: all again, with no events in view
+        begin_contact(dm, motion)
+        done, event = 0.0, LANDING
+    if event != NO_EVENT and not is_slip_end(event):
+        _, event = sustain(dm, motion, phase + dm.omega * done, span - done, rtol, False)
+        if y[YCHART] == BY_HEADING:
+            side = 1.0 if modes[0] != FREE else -1.0
+            y[YB] = side * max(0.0, side * y[YB])
+    kernel_state(dm, modes, y, state)
+    state[PHASE] += dm.omega * span
+    return CONTACT_STEPS if event == OUT_OF_STEPS else OK
+
+
+@compiled
+def begin_contact(dm, motion):
+    """Set the contact state at the start of a phase.
+
+    A slip that sets out from rest is chosen again: its direction is lost in the rounding of the state.
+    """
+    state, modes, y, trial = motion.state, motion.modes, motion.contact, motion.work[ROW_TRIAL]
+    slip_tol = motion.course[SLIP_TOL]
+    set_contact(dm, state, modes, y)
+    speed, _ = slip_speed(dm, modes, y, y)
+    if speed <= slip_tol:
+        answer = find_contact(dm, motion, trial, YES, slip_tol)
+        if answer != CLOSED or trial[0] != modes[0] or trial[1] != modes[1]:
+            contact_state(dm, state, -1.0 if modes[0] != FREE else 1.0, y)
+
+
+@compiled
+def follow_to_event(dm, motion, phase, span, rtol):
+    """Follow a contact phase to its first event, over the moments in which an end only grazes; returns time and event."""
+    done = 0.0
+    while True:
+        t, event = sustain(dm, motion, phase + dm.omega * done, span - done, rtol, True)
+        done += t
+        if not (is_lift_off(event) and only_grazes(dm, motion, end_of(event), phase + dm.omega * done)):
+            return done, event
+        brief = min(MOMENT / dm.omega, span - done)
+        sustain(dm, motion, phase + dm.omega * done, brief, rtol, False)
+        done += brief
+
+
+@compiled
+def sustain(dm, motion, phase, span, rtol, locate):
+    """Integrate the contact phase with its path; see `sustain_contact`."""
+    slip_tol = motion.course[SLIP_TOL]
+    return sustain_contact(dm, motion.modes, motion.contact, phase, span, True, rtol, slip_tol, locate, motion.work)

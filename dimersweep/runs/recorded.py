@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.errors import ParameterError
-from dimersweep.kernel.batch import new_desk
+from dimersweep.kernel.course import new_workspace
 from dimersweep.kernel.model.layout import (
     BETA,
     CA,
@@ -32,7 +32,7 @@ from dimersweep.kernel.model.layout import (
     X1,
     Y1,
 )
-from dimersweep.kernel.record import EVENT, REST
+from dimersweep.kernel.record import EVENT, HOP_TIME, no_record
 from dimersweep.kernel.sample import HOPS_LAST, sample
 from dimersweep.symbols import EVENTS, STATES, Quantity
 
@@ -95,10 +95,10 @@ def _places(times: np.ndarray, segments: np.ndarray, f: float) -> tuple[np.ndarr
     just_below = (cycles < ends) & (ends - cycles <= BOUNDARY + 1e-15 * ends)
     times = np.where(just_below, ends / f, times)
     last = np.searchsorted(starts, times, side="right") - 1
-    (closes,) = np.nonzero(segments[:, REST] > 0)
+    (closes,) = np.nonzero(segments[:, HOP_TIME] > 0)
     if closes.size:
         close = closes[np.searchsorted(starts[closes], times, side="right") - 1]
-        hops = (starts[close] <= times) & (times < starts[close] + HOPS_LAST * segments[close, REST])
+        hops = (starts[close] <= times) & (times < starts[close] + HOPS_LAST * segments[close, HOP_TIME])
         last = np.where(hops, close, last)
     return last, segments[last, PHASE] + 2 * pi * f * (times - starts[last])
 
@@ -158,16 +158,14 @@ def states_of(record: Record, times: np.ndarray, rtol: float, parameters: dict[s
     """
     which, phases = _places(times, record.segments, parameters["f"])
     kernel_states, modes = np.zeros((times.size, N_STATE)), np.zeros((times.size, 2))
-    desk = new_desk()
     status = sample(
         record.row,
         record.segments,
         which,
         phases,
         rtol,
-        desk.past,
-        desk.work,
-        np.zeros(3, np.int64),
+        new_workspace(),
+        no_record(),
         kernel_states,
         modes,
     )

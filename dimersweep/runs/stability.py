@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dimersweep.errors import ParameterError
-from dimersweep.kernel.batch import new_desk
-from dimersweep.kernel.impact.impact import N_LOG
+from dimersweep.kernel.course import new_workspace
 from dimersweep.kernel.model.layout import (
     BETA,
     CA,
@@ -29,7 +28,7 @@ from dimersweep.kernel.model.layout import (
     WB,
     WP,
 )
-from dimersweep.kernel.record import MODES, REST
+from dimersweep.kernel.record import HOP_TIME, MODES, no_record
 from dimersweep.kernel.return_map import advance
 from dimersweep.parameters import check_count
 from dimersweep.runs.recorded import Record
@@ -99,7 +98,7 @@ class Section:
         omega = 2 * np.pi * parameters["f"]
         v = parameters["g"] / omega
         self.units = np.array([v / omega, v / omega, v, v, v / self.h, v / self.r, v, v])
-        self.desk, self.none, self.counts = new_desk(), np.zeros((0, N_LOG)), np.zeros(3, np.int64)
+        self.space, self.record = new_workspace(), no_record()
 
     def point(self, state: np.ndarray) -> np.ndarray:
         """The point of the section that a kernel state is at."""
@@ -134,8 +133,7 @@ class Section:
             If the kernel cannot go on.
         """
         modes = np.zeros(2)
-        desk = self.desk
-        status = advance(self.row, state, modes, periods, self.rtol, desk.past, desk.work, self.none, self.counts)
+        status = advance(self.row, state, modes, periods, self.rtol, self.space, self.record)
         if status != OK:
             raise RuntimeError(STATUS_MESSAGES[status])
         return self.point(state), modes
@@ -160,7 +158,7 @@ def _end(run: Run, wanted: str) -> tuple[Record, np.ndarray, np.ndarray]:
     if run.status != "ok":
         raise ParameterError(f"{wanted}: the run did not reach its end ({run.message})")
     last = record.segments[-1]
-    return record, last[:N_STATE].copy(), last[MODES:REST].copy()
+    return record, last[:N_STATE].copy(), last[MODES:HOP_TIME].copy()
 
 
 def multipliers(run: Run) -> Multipliers:

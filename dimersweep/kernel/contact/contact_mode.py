@@ -3,24 +3,8 @@
 from math import copysign, hypot
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.contact.coordinates import (
-    YUA,
-    YUB,
-    YWP,
-    set_slip,
-    slip_of,
-)
-from dimersweep.kernel.contact.forces import (
-    A1,
-    A2,
-    COMPLIANCE,
-    F1,
-    F2,
-    L1,
-    L2,
-    contact_rates,
-    hold_reserve,
-)
+from dimersweep.kernel.contact.coordinates import YUA, YUB, YWP, set_slip, slip_of
+from dimersweep.kernel.contact.forces import A1, A2, COMPLIANCE, F1, F2, L1, L2, contact_rates, hold_reserve
 from dimersweep.kernel.contact.slip_onset import slip_onset
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
 
@@ -59,23 +43,23 @@ def single_mode(dm, i, phase, y, modes, slip_tol, lost, dy, F):
     mode = SLIP if slips else STICK
     modes[i] = mode
     contact_rates(dm, modes, phase, y, False, dy, F)
-    if not slips and presses(dm, modes, i, phase, y, dy, F):
+    if not slips and is_compressive(dm, modes, i, phase, y, dy, F):
         faint = F[F1 + 3 * i] <= NO_FORCE * dm.m * dm.g
         if faint or (not lost and hold_reserve(dm, modes, i, F) >= 0.0):
             return CLOSED
-    if not falls(dm, modes, i, phase, y, dy, F):
+    if not is_driven_in(dm, modes, i, phase, y, dy, F):
         modes[i] = FREE
         return SEPARATES
     modes[i] = mode
     contact_rates(dm, modes, phase, y, False, dy, F)
-    if (slips or loosen(dm, phase, y, modes, i, slip_tol, dy, F)) and presses(dm, modes, i, phase, y, dy, F):
+    if (slips or start_slip(dm, phase, y, modes, i, slip_tol, dy, F)) and is_compressive(dm, modes, i, phase, y, dy, F):
         return CLOSED
     modes[i] = FREE
     return INCONSISTENT
 
 
 @compiled
-def presses(dm, modes, i, phase, y, dy, F):
+def is_compressive(dm, modes, i, phase, y, dy, F):
     """Whether the force F at end i points outward; where it is only rounding, whether it does a moment later."""
     force = F[F1 + 3 * i]
     if abs(force) > NO_FORCE * dm.m * dm.g:
@@ -87,14 +71,14 @@ def presses(dm, modes, i, phase, y, dy, F):
 
 
 @compiled
-def falls(dm, modes, i, phase, y, dy, F):
+def is_driven_in(dm, modes, i, phase, y, dy, F):
     """Whether end i, the leading one of y, would go into the plate without a contact force (friction vanishes at no slip)."""
     u_a, u_b = y[YUA], y[YUB]
     y[YUA], y[YUB] = 0.0, 0.0
     modes[0], modes[1] = FREE, FREE
     modes[i] = SLIP
     contact_rates(dm, modes, phase, y, False, dy, F)
-    answer = presses(dm, modes, i, phase, y, dy, F)
+    answer = is_compressive(dm, modes, i, phase, y, dy, F)
     y[YUA], y[YUB] = u_a, u_b
     return answer
 
@@ -116,16 +100,16 @@ def double_mode(dm, phase, y, modes, slip_tol, lost, dy, F):
     contact_rates(dm, modes, phase, y, False, dy, F)
     if rest_1 and rest_2:
         if lost or hold_reserve(dm, modes, 0, F) < 0.0:
-            loosen_pair(dm, y, modes, slip_tol, F)
+            start_slips(dm, y, modes, slip_tol, F)
     elif rest_1 and (lost or hold_reserve(dm, modes, 0, F) < 0.0):
-        loosen(dm, phase, y, modes, 0, slip_tol, dy, F)
+        start_slip(dm, phase, y, modes, 0, slip_tol, dy, F)
     elif rest_2 and (lost or hold_reserve(dm, modes, 1, F) < 0.0):
-        loosen(dm, phase, y, modes, 1, slip_tol, dy, F)
+        start_slip(dm, phase, y, modes, 1, slip_tol, dy, F)
     contact_rates(dm, modes, phase, y, False, dy, F)
 
 
 @compiled
-def loosen_pair(dm, y, modes, slip_tol, F):
+def start_slips(dm, y, modes, slip_tol, F):
     """Both ends at rest and not both held: an end whose lateral hold is exceeded slips laterally, else both axially."""
     over_1 = abs(F[L1]) > dm.mu_s * F[F1]
     over_2 = abs(F[L2]) > dm.mu_s * F[F2]
@@ -142,7 +126,7 @@ def loosen_pair(dm, y, modes, slip_tol, F):
 
 
 @compiled
-def loosen(dm, phase, y, modes, i, slip_tol, dy, F):
+def start_slip(dm, phase, y, modes, i, slip_tol, dy, F):
     """End i, held by the forces F, begins to slip, with the rates and forces in dy, F; returns whether it can.
 
     At the limit slip may have no acceleration yet: it sets out against the force that held.
@@ -175,14 +159,14 @@ def contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, lost, dy, F)
     if not (closed_1 and closed_2):
         return single_mode(dm, 0 if closed_1 else 1, phase, y, modes, slip_tol, lost, dy, F)
     double_mode(dm, phase, y, modes, slip_tol, lost, dy, F)
-    on_1, on_2 = presses(dm, modes, 0, phase, y, dy, F), presses(dm, modes, 1, phase, y, dy, F)
+    on_1, on_2 = is_compressive(dm, modes, 0, phase, y, dy, F), is_compressive(dm, modes, 1, phase, y, dy, F)
     stays = 0 if on_1 else 1
     if F[COMPLIANCE] < 0.0:
         stays = 0 if F[F1] < F[F2] else 1
-        stays = stays if falls(dm, modes, stays, phase, y, dy, F) else 1 - stays
+        stays = stays if is_driven_in(dm, modes, stays, phase, y, dy, F) else 1 - stays
     elif on_1 and on_2:
         return CLOSED
-    elif not on_1 and not on_2 and falls(dm, modes, 0, phase, y, dy, F):
+    elif not on_1 and not on_2 and is_driven_in(dm, modes, 0, phase, y, dy, F):
         stays = 0
     if stays == 1:
         y[YUB] -= 2.0 * dm.h * y[YWP]

@@ -48,7 +48,7 @@ def leading_sign(modes):
 
 
 @compiled
-def unload(dm, state, s, y):
+def contact_state(dm, state, s, y):
     """Contact state y from the kernel state, s the sign of the leading end."""
     lv = levers(dm, s, sin(state[BETA]), cos(state[BETA]))
     y[YB], y[YWB], y[YWP], y[YS] = state[BETA], state[WB], state[WP], state[SPIN]
@@ -62,7 +62,7 @@ def unload(dm, state, s, y):
 
 
 @compiled
-def load(dm, modes, y, state):
+def kernel_state(dm, modes, y, state):
     """Kernel state from the contact state y: closed gaps and their rates are exactly zero."""
     s = leading_sign(modes)
     beta, w_b, w_p, u_a, u_b, theta, x, y_1, gamma = by_heading(s, y)

@@ -3,59 +3,80 @@
 from math import inf, sqrt
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.contact.coordinates import (
-    UPRIGHT,
-    YB,
-    YCHART,
-    YS,
-    YUA,
-    YUB,
-    YWB,
-    YWP,
-    slip_of,
-    to_border,
-)
-from dimersweep.kernel.contact.forces import (
-    COMPLIANCE,
-    F1,
-    F2,
-    hold_reserve,
-)
+from dimersweep.kernel.contact.coordinates import UPRIGHT, YB, YCHART, YS, YUA, YUB, YWB, YWP, slip_of, to_border
+from dimersweep.kernel.contact.forces import COMPLIANCE, F1, F2, hold_reserve
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
 
-# events of a contact phase; even numbers are p1's, odd ones p2's
-LIFTS, HOLD_LOST, SLIP_ZERO, LANDS = 0, 2, 4, 6
-TIPS = 7  # not an event of the dimer: the state leaves its chart
-JAMS = 8  # the force of a slip grows beyond all bounds (a dynamic jam)
+# Events of a contact phase, two numbers of each kind that an end has: the even one is p1's, the odd one p2's. A phase
+# evaluates one event function for each number.
+LIFT_OFF, HOLD_LOST, SLIP_END = 0, 2, 4
+LANDING = 6  # of the end that is open
+LEAVES_CHART = 7  # not an event of the dimer: the state leaves its chart
+JAM = 8  # the force of a slip grows beyond all bounds (a dynamic jam)
 N_EVENTS = 9
+N_FORCE_EVENTS = SLIP_END  # those below this number are lift-offs and lost holds
+# in place of an event: the time is over; a bound on steps, or on probes for a landing, was reached; the phase goes on
+NO_EVENT, OUT_OF_STEPS, OUT_OF_PROBES, GOES_ON = -1, -2, -4, -5
 NEAR = 10.0  # slip, in units of the one that counts as none, whose direction is only known as well as the tolerance
 
 
 @compiled
-def glide_value(dm, modes, k, base, y, F, slip_tol):
+def end_of(event):
+    """Number of the end, 0 or 1, at which a lift-off, the loss of a hold or the end of a slip happens."""
+    return event % 2
+
+
+@compiled
+def is_lift_off(event):
+    """Whether a closed end leaves the plate."""
+    return LIFT_OFF <= event < HOLD_LOST
+
+
+@compiled
+def is_hold_lost(event):
+    """Whether the friction can no longer hold a sticking end."""
+    return HOLD_LOST <= event < SLIP_END
+
+
+@compiled
+def is_slip_end(event):
+    """Whether the slip of an end comes to rest."""
+    return SLIP_END <= event < LANDING
+
+
+@compiled
+def is_failure(event):
+    """Whether a bound was reached in place of an event."""
+    return event == OUT_OF_STEPS or event == OUT_OF_PROBES
+
+
+@compiled
+def needs_forces(event):
+    """Whether the event function depends on the contact forces: else on the contact state alone."""
+    return event < SLIP_END or event == JAM
+
+
+@compiled
+def event_function(dm, modes, k, base, y, F, slip_tol):
     """Event function k, positive while the phase goes on; inf where it has no meaning; in units in which all compare.
 
     Normal force of an end, times the compliance (at a jam the force is infinite, and only at a lift-off the product is
     zero); reserve of the friction that holds it; its slip along the direction it had at `base`; the other end's
     height (the dip, which opens its gap); what is left to the border of the chart; the compliance.
     """
-    if k == JAMS:
+    if k == JAM:
         return F[COMPLIANCE]
-    i = k % 2
-    if k >= LANDS:
+    if k == LANDING or k == LEAVES_CHART:
         if modes[0] != FREE and modes[1] != FREE:
             return inf
-        if k == TIPS:
-            return to_border(y)
-        if y[YCHART] == UPRIGHT:
-            return inf
-        return y[YB] if modes[0] != FREE else -y[YB]
+        return to_border(y) if k == LEAVES_CHART else height_of_open_end(modes, y)
+    i = end_of(k)
     if modes[i] == FREE:
         return inf
-    if k < HOLD_LOST:
+    if is_lift_off(k):
         return F[COMPLIANCE] * (F[F1] if i == 0 else F[F2]) / (dm.m * dm.g)
-    if k < SLIP_ZERO:
+    if is_hold_lost(k):
         return hold_reserve(dm, modes, i, F) / (dm.m * dm.g) if modes[i] == STICK else inf
     if modes[i] != SLIP:
         return inf
@@ -65,12 +86,20 @@ def glide_value(dm, modes, k, base, y, F, slip_tol):
 
 
 @compiled
+def height_of_open_end(modes, y):
+    """The dip, positive where it opens the gap of the end that is not closed; inf in the upright chart."""
+    if y[YCHART] == UPRIGHT:
+        return inf
+    return y[YB] if modes[0] != FREE else -y[YB]
+
+
+@compiled
 def least_value(dm, modes, armed, base, y, F, slip_tol, values):
     """Least of the armed event functions and its number (inf and -1 if none is armed); all of them into `values`."""
     least, which = inf, -1
     for k in range(N_EVENTS):
         if armed[k] > 0.0:
-            values[k] = glide_value(dm, modes, k, base, y, F, slip_tol)
+            values[k] = event_function(dm, modes, k, base, y, F, slip_tol)
             if values[k] < least:
                 least, which = values[k], k
     return least, which
@@ -79,9 +108,9 @@ def least_value(dm, modes, armed, base, y, F, slip_tol, values):
 @compiled
 def arm(dm, modes, armed, y, F, slip_tol, values):
     """Arm the event functions of the ends that have become positive; they are written into `values`."""
-    for k in range(TIPS):
+    for k in range(LANDING + 1):
         if armed[k] == 0.0:
-            value = glide_value(dm, modes, k, y, y, F, slip_tol)
+            value = event_function(dm, modes, k, y, y, F, slip_tol)
             if 0.0 < value < inf:
                 armed[k], values[k] = 1.0, value
 
@@ -121,7 +150,7 @@ def slip_limit(dm, modes, y, dy):
 
 
 @compiled
-def quickness(dm, y):
+def motion_rate(dm, y):
     """Rate at which the motion changes [rad/s]: that of the plate, or of the falling and turning rod."""
     return max(dm.omega, dm.w_scale + abs(y[YWB]) + abs(y[YWP]) + dm.J_a * dm.it * abs(y[YS]))
 
@@ -129,11 +158,11 @@ def quickness(dm, y):
 @compiled
 def brief(dm, y, tol):
     """Time over which a straight line is as good as the tolerance [s]: its error is quadratic."""
-    return 0.6 * sqrt(tol) / quickness(dm, y)
+    return 0.6 * sqrt(tol) / motion_rate(dm, y)
 
 
 @compiled
-def nearly_stopped(dm, modes, y, dy, span, tol, slip_tol):
+def slip_about_to_end(dm, modes, y, dy, span, tol, slip_tol):
     """Number of a slipping end that comes to rest along a straight line within a brief time, at most `span`; -1 if none does.
 
     Its slip and the change of its slip must be parallel to the tolerance; within a tolerance of rest slowing down will do.
@@ -161,19 +190,19 @@ def carry(y, dy, t, n):
 
 
 @compiled
-def run_out(dm, modes, y, dy, i, slip_tol, n):
+def run_to_slip_end(dm, modes, y, dy, i, slip_tol, n):
     """Carry the state along a straight line to where end i is at rest; returns the time it takes."""
     a, b = slip_of(dm, modes, y, i)
     d_a, d_b = slip_of(dm, modes, dy, i)
     v2 = a * a + b * b
     t = -v2 / (a * d_a + b * d_b) if v2 > slip_tol * slip_tol else 0.0
     carry(y, dy, t, n)
-    stop_slip(dm, modes, y, i)
+    end_slip(dm, modes, y, i)
     return t
 
 
 @compiled
-def stop_slip(dm, modes, y, i):
+def end_slip(dm, modes, y, i):
     """Set the slip of end i, which has come down to its tolerance, to zero."""
     y[YUA] = 0.0
     if i == 0 or modes[0] == FREE:

@@ -1,10 +1,10 @@
-"""One step of a contact phase, at each of three paces.
+"""One step of a contact phase, by each of three methods.
 
-Plain: DOP853 in time. Slow: DOP853 in xi with dt = (v / gamma) dxi, for a slip v on its way to rest, whose direction turns
+Plain: DOP853 in time. Rescaled: DOP853 in xi with dt = (v / gamma) dxi, for a slip v on its way to rest, whose direction turns
 at the rate gamma / v: per xi nothing is stiff and the slip falls exponentially. Near a jam, with the force at each moment in
-gamma, nothing is singular either where it goes through infinity, beyond which time runs back (``clock``). Slide: Radau IIA in
-time, for slip that is slow and stays so, or sets out from rest: its direction follows the forces at once, and the step need
-not resolve how.
+gamma, nothing is singular either where it goes through infinity, beyond which time runs back (``clock``). Implicit: Radau IIA
+in time, for slip that is slow and stays so, or sets out from rest: its direction follows the forces at once, and the step
+need not resolve how.
 """
 
 from math import inf, sqrt
@@ -31,24 +31,11 @@ from dimersweep.kernel.contact.coordinates import (
     slip_of,
 )
 from dimersweep.kernel.contact.events import slip_speed
-from dimersweep.kernel.contact.forces import (
-    COMPLIANCE,
-    F1,
-    F2,
-    contact_rates,
-    path_rates,
-    single_rates,
-)
+from dimersweep.kernel.contact.forces import COMPLIANCE, F1, F2, contact_rates, path_rates, single_rates
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import FREE, SLIP
 from dimersweep.kernel.model.plate import effective_gravity
-from dimersweep.kernel.numerics.collocation import (
-    NEXT,
-    NODES,
-    RADAU_A,
-    RADAU_C,
-    TOP,
-)
+from dimersweep.kernel.numerics.collocation import NEXT, NODES, RADAU_A, RADAU_C, TOP
 from dimersweep.kernel.numerics.sincos import sincos
 from dimersweep.kernel.numerics.steps import (
     DOP_STAGES,
@@ -61,21 +48,21 @@ from dimersweep.kernel.numerics.steps import (
 )
 from dimersweep.kernel.numerics.tableaux import DOP_A, DOP_C
 
-PLAIN, SLOW, SLIDE = 0, 1, 2
-MAX_TURNS = 14  # Newton iterations of a slide
+PLAIN, RESCALED, IMPLICIT = 0, 1, 2
+MAX_TURNS = 14  # Newton iterations of an implicit step
 SETTLED = 0.1  # change in a Newton iteration, over the tolerance, that ends them
 RENEWED = 2  # the iteration that takes new derivatives
 TIGHT = 0.5  # compliance from which the turning of the slip may lead to a jam
 TURN = 1e-6  # change of a slip, in units of itself, in its finite differences
 
-BENCH_ROWS = 80
+STEP_ROWS = 81
 
 
 class Bench(NamedTuple):
     """Rows of the work array, by what they hold during a step."""
 
     K: Any  # slopes of the stages
-    Y: Any  # states at the nodes of a slide
+    Y: Any  # states at the nodes of an implicit step
     J: Any  # derivatives of the slopes with respect to the slips, and the Newton matrix
     LU: Any
     B: Any  # directions of the turns
@@ -93,12 +80,42 @@ class Bench(NamedTuple):
     F_probe: Any
     pivots: Any
     change: Any
-    search: Any  # for an event
+    bracket: Any  # of an event
+    control: Any  # what one step leaves to the next (`phase`)
+
+
+# slots of the step control
+(
+    TIME,  # since the start of the phase [s]
+    NOW,  # plate phase at the start of the step [rad]
+    H,  # size of the next step: in time [s], and in xi
+    XI,
+    NATURAL,  # tolerance to the power of 1/8
+    STIFFNESS,  # gamma of the step, and the slip that it turns with its rate
+    SPEED,
+    SPEED_RATE,
+    METHOD,  # of the step
+    SIZE,  # of the step, in the unit of its method
+    LAST,  # whether the step ends the span
+) = range(11)
+
+
+class Phase(NamedTuple):
+    """A contact phase in one chart, and what is asked of it."""
+
+    modes: Any
+    y: Any  # the contact state, modified in place
+    phase: float  # of the plate at the start [rad]
+    span: float  # [s]
+    tol: float
+    slip_tol: float  # slip that counts as none [m/s]
+    n: int  # entries of y that are integrated
+    locate: bool  # whether events are looked for
 
 
 @compiled
-def lay_out(work):
-    """The bench on a work array of at least BENCH_ROWS rows."""
+def bench_of(work):
+    """The bench on a work array of at least STEP_ROWS rows."""
     return Bench(
         work[0:12],
         work[12:17],
@@ -120,6 +137,7 @@ def lay_out(work):
         work[77],
         work[78],
         work[79],
+        work[80],
     )
 
 
@@ -155,7 +173,7 @@ def stiffness(dm, y, force):
 
 @compiled
 def slowness(dm, modes, y):
-    """Slip speed of the slow pace: that of the one slipping end, or half the harmonic mean of both."""
+    """Slip speed of the rescaled method: that of the one slipping end, or half the harmonic mean of both."""
     inverse = 0.0
     for i in range(2):
         if modes[i] == SLIP:
@@ -176,8 +194,8 @@ def clock(F, start):
 
 
 @compiled
-def explicit_step(dm, modes, phase, h, n, pace, gamma, b):
-    """One DOP853 step from b.start into b.out, of h seconds or, at the slow pace, h units of xi; returns the error."""
+def explicit_step(dm, modes, phase, h, n, method, gamma, b):
+    """One DOP853 step from b.start into b.out, of h seconds or, by the rescaled method, h units of xi; returns the error."""
     for i in range(DOP_STAGES):
         if i == 0:
             copy(b.dy, b.K[0], n)
@@ -185,7 +203,7 @@ def explicit_step(dm, modes, phase, h, n, pace, gamma, b):
         else:
             explicit_stage(i, h, b.start, b.K, n, b.out)
             contact_rates(dm, modes, phase + dm.omega * b.out[YTIME], b.out, n > N_CLOSED, b.K[i], b.F_out)
-        if pace == SLOW:
+        if method == RESCALED:
             share = slowness(dm, modes, b.out) / gamma
             if b.F[COMPLIANCE] < TIGHT:
                 share *= clock(b.F if i == 0 else b.F_out, b.F)
@@ -195,15 +213,15 @@ def explicit_step(dm, modes, phase, h, n, pace, gamma, b):
 
 
 @compiled(fuse=True, inline=True)
-def single_step(dm, modes, phase, h, n, pace, gamma, b):
+def explicit_step_single(dm, modes, phase, h, n, method, gamma, b):
     """The same of the contact of one end in the chart by heading.
 
     The newest slopes stay in registers: to write them to K and to read them at once takes as long as half of the rates.
     """
     s = leading_sign(modes)
     mode, y, path = modes[0] if s < 0.0 else modes[1], b.start, n > N_CLOSED
-    share = length(y[YUA], y[YUB]) / gamma if pace == SLOW else 1.0
-    clocked, force, more = pace == SLOW and b.F[COMPLIANCE] < TIGHT, b.F[F1] + b.F[F2], b.F[COMPLIANCE]
+    share = length(y[YUA], y[YUB]) / gamma if method == RESCALED else 1.0
+    clocked, force, more = method == RESCALED and b.F[COMPLIANCE] < TIGHT, b.F[F1] + b.F[F2], b.F[COMPLIANCE]
     k = b.K[0]
     for j in range(n):
         k[j] = share * b.dy[j]
@@ -215,11 +233,11 @@ def single_step(dm, modes, phase, h, n, pace, gamma, b):
         w_p, spin = y[YWP] + h * (t2 + a * k2), y[YS] + h * (t3 + a * k3)
         u_a, u_b = y[YUA] + h * (t4 + a * k4), y[YUB] + h * (t5 + a * k5)
         theta = y[YTHETA] + h * (t6 + a * k6)
-        t = h * (t7 + a * k7) if pace == SLOW else h * DOP_C[i]
+        t = h * (t7 + a * k7) if method == RESCALED else h * DOP_C[i]
         g_e = effective_gravity(dm, phase + dm.omega * t)
         sin_b, cos_b = sincos(beta)
         rates = single_rates(dm, mode, s, g_e, sin_b, cos_b, w_b, w_p, spin, u_a, u_b)
-        if pace == SLOW:
+        if method == RESCALED:
             share = length(u_a, u_b) / gamma
             if clocked:
                 share *= (1.0 + more) / (rates.F / force + more)
@@ -289,7 +307,7 @@ def newton_matrix(h, m, b):
 
 
 @compiled(fuse=True)
-def improve(h, n, m, b):
+def newton_iteration(h, n, m, b):
     """One Newton iteration of the states at the nodes; returns the largest change over the tolerance.
 
     Only the turning of the slips is stiff: the other derivatives are left out, and what the turns change is carried over.
@@ -322,8 +340,8 @@ def improve(h, n, m, b):
 
 
 @compiled
-def slide_error(h, b):
-    """Error of a slide over the tolerance, from how fast the slopes' expansion in Chebyshev polynomials falls off."""
+def implicit_error(h, b):
+    """Error of an implicit step over the tolerance, from how fast the slopes' expansion in Chebyshev polynomials falls off."""
     total = 0.0
     for k in range(N_CLOSED):
         top, near = TOP[0] * b.dy[k], 0.0
@@ -336,7 +354,7 @@ def slide_error(h, b):
 
 
 @compiled
-def slide_step(dm, modes, phase, h, n, b):
+def implicit_step(dm, modes, phase, h, n, b):
     """One Radau IIA step of h seconds from b.start into b.out; returns the error over the tolerance, inf if it fails."""
     m = 1
     for j in range(NODES):
@@ -352,11 +370,11 @@ def slide_step(dm, modes, phase, h, n, b):
                 m = turn_slopes(dm, modes, phase, h, n, j, b)
             if not newton_matrix(h, m, b):
                 return inf
-        change = improve(h, n, m, b)
+        change = newton_iteration(h, n, m, b)
         if change <= SETTLED:
             copy(b.Y[NODES - 1], b.out, n)
             b.out[YTIME] = h
-            return slide_error(h, b)
+            return implicit_error(h, b)
         if not change < inf or (turn > RENEWED and change > before):
             return inf
         before = change
@@ -364,13 +382,13 @@ def slide_step(dm, modes, phase, h, n, b):
 
 
 @compiled(inline=True)
-def step_to(dm, modes, phase, h, n, pace, gamma, b):
+def step_to(dm, modes, phase, h, n, method, gamma, b):
     """One step; the rates (per time) and forces at its end are left in b.dy_out, b.F_out. Returns the error."""
-    if pace == SLIDE:
-        error = slide_step(dm, modes, phase, h, n, b)
+    if method == IMPLICIT:
+        error = implicit_step(dm, modes, phase, h, n, b)
     elif b.start[YCHART] == UPRIGHT or (modes[0] != FREE and modes[1] != FREE):
-        error = explicit_step(dm, modes, phase, h, n, pace, gamma, b)
+        error = explicit_step(dm, modes, phase, h, n, method, gamma, b)
     else:
-        error = single_step(dm, modes, phase, h, n, pace, gamma, b)
+        error = explicit_step_single(dm, modes, phase, h, n, method, gamma, b)
     contact_rates(dm, modes, phase + dm.omega * b.out[YTIME], b.out, n > N_CLOSED, b.dy_out, b.F_out)
     return error

@@ -5,6 +5,7 @@ from typing import NamedTuple
 # --- parameters at rest: one flat row of floats per run -------------------------------------------------------------
 ROW = ("e_1", "e_2", "Gamma", "f", "A_r", "mu", "mu_s", "beta0", "xdot0", "phi0", "r", "rho_b", "rho_r", "D_r", "g")
 N_ROW = len(ROW)
+ROW_BETA0, ROW_XDOT0, ROW_PHI0 = ROW.index("beta0"), ROW.index("xdot0"), ROW.index("phi0")
 
 
 class Dimer(NamedTuple):
@@ -79,8 +80,11 @@ STATUSES = (
     "jammed",
     "not_finite",
     "record_full",
+    "interrupted",
 )
-NOT_RUN, OK, MAX_EVENTS, IMPACT_STEPS, CONTACT_STEPS, ROOT_STEPS, JAMMED, NOT_FINITE, RECORD_FULL = range(9)
+NOT_RUN, OK, MAX_EVENTS, IMPACT_STEPS, CONTACT_STEPS, ROOT_STEPS, JAMMED, NOT_FINITE, RECORD_FULL, INTERRUPTED = range(
+    10
+)
 STATUS_MESSAGES = (
     "this point has not been run",
     "the run reached its end",
@@ -91,6 +95,7 @@ STATUS_MESSAGES = (
     "no contact force satisfies the friction law (a Painleve configuration that an impact did not resolve)",
     "a number that is not finite appeared in the state",
     "the record is full: ask for fewer periods at a time",
+    "the run was stopped from outside",
 )
 
 # --- modes of motion ------------------------------------------------------------------------------------------------
@@ -122,5 +127,9 @@ OUT = (
     "settled_after",
 )
 N_OUT = len(OUT)
+OUT_ORBIT, N_ORBIT = 0, 6  # the values of the orbit begin here, and their drifts so many slots later
+OUT_DRIFT = OUT_ORBIT + N_ORBIT
+OUT_SPIN_RATE, OUT_BETA_RATE_AFTER, OUT_DOWN_1, OUT_DOWN_2, OUT_SETTLED_AFTER = range(OUT_DRIFT + N_ORBIT, N_OUT)
 CODES = ("status", "mode", "mode_period", "di_end", "n_events", "n_periods")
 N_CODES = len(CODES)
+CODE_STATUS, CODE_MODE, CODE_MODE_PERIOD, CODE_DI_END, CODE_N_EVENTS, CODE_N_PERIODS = range(N_CODES)

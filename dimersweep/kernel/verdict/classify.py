@@ -68,9 +68,9 @@ G_TIME, G_END, G_LONG = range(3)
 
 
 @compiled
-def time_of(state, omega, T):
+def time_of(dm, state):
     """Time since the start [s]."""
-    return state[PERIOD] * T + state[PHASE] / omega
+    return state[PERIOD] * dm.T + state[PHASE] / dm.omega
 
 
 @compiled
@@ -81,11 +81,13 @@ def begin_past(past):
 
 
 @compiled
-def note_take_off(past, i, now):
-    """End i leaves the plate now."""
-    past[SCALARS, S_CLOSED] = -1.0
-    if past[SCALARS, S_OFF_1 + i] < 0.0:
-        past[SCALARS, S_OFF_1 + i] = now
+def note_take_offs(dm, past, state, modes):
+    """Note the ends that are off the plate from now on."""
+    for i in range(2):
+        if modes[i] == FREE:
+            past[SCALARS, S_CLOSED] = -1.0
+            if past[SCALARS, S_OFF_1 + i] < 0.0:
+                past[SCALARS, S_OFF_1 + i] = time_of(dm, state)
 
 
 @compiled
@@ -108,6 +110,28 @@ def note_landing(dm, past, i, now):
 
 
 @compiled
+def note_landings(dm, past, state):
+    """Note the ends that are back on the plate before their impact.
+
+    Returns
+    -------
+    end, begins : int, bool
+        The end that has landed, the one from a long flight if there is one; and whether a double event begins with it: it
+        comes from a long flight, and the other ball is down.
+    """
+    now = time_of(dm, state)
+    long_flight, end = False, 0
+    for i in range(2):
+        if state[D1 + i] == 0.0:
+            if note_landing(dm, past, i, now):
+                long_flight, end = True, i
+            elif state[N1 + i] < 0.0 and not long_flight:
+                end = i
+    other_off = past[SCALARS, S_OFF_1 + 1 - end]
+    return end, long_flight and (other_off < 0.0 or now - other_off < HOP_LINE * dm.T)
+
+
+@compiled
 def holds(dm, state, i):
     """Whether end i ends a double impact sticking: slip below the line drawn here is creep of no consequence."""
     _, a, b = contact_velocity(dm, state, -1.0 if i == 0 else 1.0)
@@ -115,18 +139,17 @@ def holds(dm, state, i):
 
 
 @compiled
-def note_impact(dm, state, past, double, i, long_flight, now):
+def note_impact(dm, state, past, double, i, begins):
     """Keep the state after an impact that is, begins or continues a double event.
 
     Parameters
     ----------
     double : bool
         The impact began with both ends closed.
-    i : int
-        The end that landed.
-    long_flight : bool
-        That landing ended a long flight, the other ball being down.
+    i, begins : int, bool
+        See `note_landings`.
     """
+    now = time_of(dm, state)
     count = int(past[SCALARS, S_DOUBLES])
     row = DOUBLES + (count - 1) % RING if count > 0 else DOUBLES
     burst = count > 0 and now - past[row, E_TIME] < BURST * dm.T
@@ -134,7 +157,7 @@ def note_impact(dm, state, past, double, i, long_flight, now):
         if not double and past[row, E_BOUNCER] != i:
             return
         i = int(past[row, E_BOUNCER])
-    elif double or long_flight:
+    elif double or begins:
         row = DOUBLES + count % RING
         past[SCALARS, S_DOUBLES] += 1.0
         past[row, E_BOUNCER] = i

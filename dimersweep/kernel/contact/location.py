@@ -1,0 +1,174 @@
+"""Where in a step of a contact phase its event lies, and whether a step may hide one."""
+
+from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.contact.coordinates import N_CLOSED, YB, YTIME, YWB, leading_sign
+from dimersweep.kernel.contact.events import (
+    JAM,
+    LANDING,
+    LEAVES_CHART,
+    N_EVENTS,
+    N_FORCE_EVENTS,
+    event_function,
+    is_slip_end,
+    least_value,
+    motion_rate,
+    needs_forces,
+)
+from dimersweep.kernel.contact.forces import contact_rates
+from dimersweep.kernel.contact.step_control import METHOD, NOW, PLAIN, RESCALED, SIZE, STIFFNESS, step_to
+from dimersweep.kernel.numerics.root_bracket import (
+    CARRIED,
+    S_AT,
+    S_HIGH,
+    UNSOUND,
+    begin_search,
+    is_closed,
+    next_probe,
+    note_probe,
+)
+from dimersweep.kernel.numerics.steps import on_cubic
+
+NARROW = 0.02  # share of a step in which the bottom of a dip may hide at either end
+LOW = 0.5  # force or hold which may dip to zero, in weights and per square of the angle that the motion turns in a step
+EXACT = 1e-3  # what an event function may be past its zero, in units of the tolerance and of its change in the step
+DIP_LEFT = 100.0  # in units of that, what may be left of a dip when the open end lands: it is then set to zero
+
+
+@compiled
+def value_on_cubic(dm, modes, phase, s, h, n, event, slip_tol, b):
+    """Event function `event` on the cubic through the ends of a step, at share s."""
+    on_cubic(b.start, b.dy, b.out, b.dy_out, s, h, n, b.probe)
+    if needs_forces(event):
+        contact_rates(dm, modes, phase + dm.omega * h * s, b.probe, False, b.dy_probe, b.F_probe)
+    return event_function(dm, modes, event, b.start, b.probe, b.F_probe, slip_tol)
+
+
+@compiled(inline=True)
+def values_on_cubic(dm, modes, phase, s, h, n, slip_tol, b, values):
+    """Armed event functions on the cubic through the ends of a step, at share s, into `values`; returns the least."""
+    on_cubic(b.start, b.dy, b.out, b.dy_out, s, h, n, b.probe)
+    contact_rates(dm, modes, phase + dm.omega * h * s, b.probe, False, b.dy_probe, b.F_probe)
+    least, _ = least_value(dm, modes, b.armed, b.start, b.probe, b.F_probe, slip_tol, values)
+    return least
+
+
+@compiled
+def crossing_on_cubic(dm, modes, phase, h, n, event, g_start, g_end, slip_tol, b):
+    """First guess of the time in a step at which an event function vanishes, and the slope of the function there."""
+    s, mid = b.bracket, 0.5
+    begin_search(s, 1.0, g_start, g_end, 0.0, 0.0)
+    for _ in range(8):
+        mid = next_probe(s)
+        g = value_on_cubic(dm, modes, phase, mid, h, n, event, slip_tol, b)
+        if abs(g) <= 1e-5 * (g_start - g_end):
+            break
+        note_probe(s, mid, g, 0.0, False)
+    g = value_on_cubic(dm, modes, phase, mid, h, n, event, slip_tol, b)
+    g_on = value_on_cubic(dm, modes, phase, mid + 1e-3, h, n, event, slip_tol, b)
+    slope = (g_on - g) / (1e-3 * h)
+    return (mid * h - g / slope if slope < 0.0 else mid * h), slope
+
+
+@compiled
+def nearby(dm, y, tol):
+    """Time over which the midpoint rule is as good as the tolerance [s]: its error is cubic."""
+    return 0.6 * tol ** (1.0 / 3.0) / motion_rate(dm, y)
+
+
+@compiled
+def carry_on(dm, modes, phase, t, n, b):
+    """Carry the end of a step on (or back) by t seconds, by the midpoint rule."""
+    path = n > N_CLOSED
+    for k in range(n):
+        b.probe[k] = b.out[k] + 0.5 * t * b.dy_out[k]
+    contact_rates(dm, modes, phase + dm.omega * b.probe[YTIME], b.probe, path, b.dy_probe, b.F_probe)
+    for k in range(n):
+        b.out[k] += t * b.dy_probe[k]
+    contact_rates(dm, modes, phase + dm.omega * b.out[YTIME], b.out, path, b.dy_out, b.F_out)
+
+
+@compiled(inline=True)
+def first_crossing(dm, p, event, least, b):
+    """Locate the first zero of the armed event functions in a step over which the least of them fell to `least` <= 0.
+
+    Each probe is a step of its own from b.start, or carries the last one on where it is near: the first at the zero on the
+    cubic through the step, the next ones by Newton's rule, then by bracketed regula falsi. The state returned is past the
+    zero by a hair, so that what changes there has changed clearly.
+
+    Returns
+    -------
+    int
+        The event, b.out being the state there; or UNSOUND.
+    """
+    modes, s, c = p.modes, b.bracket, b.control
+    phase, h, method, gamma = c[NOW], c[SIZE], int(c[METHOD]), c[STIFFNESS]
+    g_low, _ = least_value(dm, modes, b.armed, b.start, b.start, b.F, p.slip_tol, b.values[1])
+    past = EXACT * p.tol * (abs(g_low) + abs(least))
+    dip_left = (
+        DIP_LEFT * past if b.start[YB] != 0.0 else 0.0
+    )  # an end that has just left is not taken for one that lands
+    near = nearby(dm, b.start, p.tol) if method == PLAIN and not is_slip_end(event) else 0.0
+    guess, slope = 0.0, 0.0
+    if method != RESCALED:
+        guess, slope = crossing_on_cubic(dm, modes, phase, h, p.n, event, b.values[1, event], least, p.slip_tol, b)
+    begin_search(s, h, g_low, least, guess, slope)
+    while not is_closed(s, h):
+        mid = next_probe(s)
+        way = mid - s[S_AT]
+        if abs(way) <= min(near, CARRIED * mid):
+            carry_on(dm, modes, phase, way, p.n, b)
+        elif not step_to(dm, modes, phase, mid, p.n, method, gamma, b) <= 1.0:
+            return UNSOUND
+        g, which = least_value(dm, modes, b.armed, b.start, b.out, b.F_out, p.slip_tol, b.values[1])
+        at_rest = is_slip_end(which) and abs(g) <= p.slip_tol / dm.v_scale
+        landed = which == LANDING and abs(g) <= dip_left and b.out[YB] * b.out[YWB] < 0.0
+        if -past <= g <= 0.0 or at_rest or landed:
+            return which
+        event = which if g <= 0.0 else event
+        note_probe(s, mid, g, -0.5 * past, True)
+    step_to(dm, modes, phase, s[S_HIGH], p.n, method, gamma, b)
+    return event
+
+
+@compiled
+def low_between(b, turn):
+    """Whether a force or a hold is so low at an end of a step over which the motion turns so far that it may dip to zero."""
+    for k in range(N_FORCE_EVENTS):
+        first, last = b.values[0, k], b.values[3, k]
+        if b.armed[k] > 0.0 and last > 0.0 and min(first, last) < LOW * turn * turn:
+            return True
+    return False
+
+
+@compiled(inline=True)
+def hidden_dip(dm, modes, phase, h, n, slip_tol, b):
+    """Share of an accepted step at which an event function may dip below zero between positive ends; 1.0 if none does.
+
+    (A step that ends with an event of one function may hide the dip of another one.)
+
+    It is only looked for where a force or a hold is low, or a dip that falls at the start rises at the end, or a jam is near.
+    The functions are evaluated on the cubic through the step's ends; the parabola through the lowest of them and its
+    neighbours, less the errors of that cubic and of that parabola for a function that changes as quickly as the motion,
+    bounds what lies between. It may put a bottom that lies just within the step just outside.
+    """
+    values, turn = b.values, motion_rate(dm, b.start) * h
+    returns = b.armed[LANDING] > 0.0 and leading_sign(modes) * b.start[YWB] > 0.0 > leading_sign(modes) * b.out[YWB]
+    if not (returns or b.armed[JAM] > 0.0 or low_between(b, turn)):
+        return 1.0
+    doubt = turn**4 / 384.0 + turn / 24.0
+    values_on_cubic(dm, modes, phase, 1.0 / 3.0, h, n, slip_tol, b, values[1])
+    values_on_cubic(dm, modes, phase, 2.0 / 3.0, h, n, slip_tol, b, values[2])
+    share = 1.0
+    for k in range(N_EVENTS):
+        if b.armed[k] == 0.0 or is_slip_end(k) or k == LEAVES_CHART or values[3, k] <= 0.0:
+            continue
+        q = 1 if values[1, k] <= values[2, k] else 2
+        low = values[q, k]
+        left, right = values[q - 1, k] - low, values[q + 1, k] - low
+        if not left + right > 0.0:
+            continue
+        shift = 0.5 * (left - right) / (left + right)
+        bottom = low - 0.25 * (left - right) * shift
+        if -2.0 * doubt < q + shift < 3.0 + 2.0 * doubt and bottom <= doubt * max(left, right):
+            share = min(share, min(max(NARROW, (q + shift) / 3.0), 1.0 - NARROW))
+    return share

@@ -1,0 +1,123 @@
+"""What is asked of a run, and a run on its way: the arrays it works on, and what stands between its events."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.contact.step_control import STEP_ROWS
+from dimersweep.kernel.model.layout import N_STATE, OK
+from dimersweep.kernel.verdict.classify import PAST_COLUMNS, PAST_ROWS
+
+BUDGET, BUDGET_PER_PERIOD = 5_000_000, 100_000  # bound on events, in hops of one end: some seconds, and 0.1 s a period
+
+# slots of a course
+(
+    STATUS,  # OK, or why the run cannot go on
+    ENDED,  # whether the run has ended before its last forcing period
+    PENDING,  # whether the contact of the ends at rest on the plate is to be chosen anew
+    HOLD_IS_LOST,  # whether a sticking end has just reached the limit of its friction
+    CONTACT_IS_SET,  # whether the contact state is the one just chosen: it holds slips that the kernel state would round off
+    SLIP_TOL,  # slip that counts as none in contact [m/s]
+    CAUSE,  # of the next event row
+    CONTACT_BEFORE,  # contact state of Table 1 before the event
+    HOP_TIME,  # time that the hops take which the close of a chatter sums; below zero if none were [s]
+    FORCED,  # impacts without collision in a row
+    FASTEST,  # greatest speed in the plate's frame so far [m/s]
+    PERIOD_EVENTS,  # number of events when the forcing period began
+    REST_EVENTS,  # number of events when it was known that the dimer rests for good, -1 before
+    BUDGET_LEFT,  # hops that the run may still take
+) = range(14)
+NO, YES = 0.0, 1.0
+
+# rows of the work array beyond those of a contact step; the last two are free
+ROW_CONTACT = STEP_ROWS
+ROW_RATES, ROW_FORCES, ROW_BEFORE, ROW_COURSE, ROW_TRIAL, ROW_SHIFTED = range(ROW_CONTACT + 1, ROW_CONTACT + 7)
+WORK_ROWS, WORK_COLUMNS = ROW_SHIFTED + 3, 16
+
+
+class Ask(NamedTuple):
+    """What is asked of a run."""
+
+    periods: int  # forcing periods at most
+    rtol: float  # the one accuracy knob
+    close: float  # accuracy of the close of a chatter: less than rtol where its hops are to be followed further
+    settle: bool  # stop when the motion is known: at once where it rests for good and no path is wanted, else at a period's end
+    path: bool  # whether x1, y1 and gamma are wanted
+
+
+class Motion(NamedTuple):
+    """A run on its way; all arrays are modified in place."""
+
+    state: Any  # shape (N_STATE,)
+    modes: Any  # friction modes of the ends, shape (2,)
+    past: Any  # what the verdict needs (`classify`), shape (PAST_ROWS, PAST_COLUMNS)
+    course: Any  # the slots above
+    contact: Any  # the state as a contact phase has it (`coordinates`), its rates, and its forces
+    rates: Any
+    forces: Any
+    before: Any  # the state before hops were summed
+    work: Any  # rows for impacts and contact steps, shape (WORK_ROWS, WORK_COLUMNS)
+    stop: Any  # shape (1,), uint8: the run ends at its next event when another thread writes a one here
+
+
+class Workspace(NamedTuple):
+    """Scratch arrays of one thread."""
+
+    state: Any
+    modes: Any
+    twin_state: Any
+    twin_modes: Any
+    strobe: Any
+    past: Any
+    work: Any
+    stop: Any
+
+
+def new_workspace(stop: np.ndarray | None = None) -> Workspace:
+    """Scratch arrays for what Python calls: the compiled code allocates nothing.
+
+    Parameters
+    ----------
+    stop : uint8 array, shape (1,), optional
+        Set its entry to 1, from any thread, to end the run under way with the status ``INTERRUPTED`` at its next event.
+    """
+    return Workspace(
+        state=np.zeros(N_STATE),
+        modes=np.zeros(2),
+        twin_state=np.zeros(N_STATE),
+        twin_modes=np.zeros(2),
+        strobe=np.zeros(4),
+        past=np.zeros((PAST_ROWS, PAST_COLUMNS)),
+        work=np.zeros((WORK_ROWS, WORK_COLUMNS)),
+        stop=np.zeros(1, np.uint8) if stop is None else stop,
+    )
+
+
+@compiled
+def motion_of(state, modes, space):
+    """The run of a state, on the scratch arrays of a workspace."""
+    work = space.work
+    return Motion(
+        state,
+        modes,
+        space.past,
+        work[ROW_COURSE],
+        work[ROW_CONTACT],
+        work[ROW_RATES],
+        work[ROW_FORCES],
+        work[ROW_BEFORE],
+        work,
+        space.stop,
+    )
+
+
+@compiled
+def begin_course(course, ask, contact, cause, events):
+    """A course at its start, in a contact state of Table 1 that is to be chosen anew, after so many events."""
+    course[STATUS], course[ENDED] = OK, NO
+    course[PENDING], course[HOLD_IS_LOST], course[CONTACT_IS_SET], course[SLIP_TOL] = YES, NO, NO, 0.0
+    course[CAUSE], course[CONTACT_BEFORE], course[HOP_TIME] = cause, contact, 0.0
+    course[FORCED], course[FASTEST] = 0.0, 0.0
+    course[PERIOD_EVENTS], course[REST_EVENTS] = events, -1.0
+    course[BUDGET_LEFT] = BUDGET + BUDGET_PER_PERIOD * ask.periods
