@@ -87,7 +87,7 @@ def carry_on(dm, modes, phase, t, n, b):
     contact_rates(dm, modes, phase + dm.omega * b.out[YTIME], b.out, path, b.dy_out, b.F_out)
 
 
-@compiled(inline=True)
+@compiled
 def first_crossing(dm, p, event, least, b):
     """Locate the first zero of the armed event functions in a step over which the least of them fell to `least` <= 0.
 
