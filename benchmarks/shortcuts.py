@@ -141,18 +141,18 @@ SHORTCUTS = (
     Shortcut(
         "impacts slipping straight in closed form",
         "the expansion",
-        {"single_impact": body("is_invariant", "return False")},
+        {"impact/single_impact": body("is_invariant", "return False")},
     ),
     Shortcut(
         "impacts without friction in closed form",
         "the expansion",
-        {"single_impact": replaced("law.mu == 0.0 and (v > tol or not sticks(law))", "False")},
+        {"impact/single_impact": replaced("law.mu == 0.0 and (v > tol or not sticks(law))", "False")},
     ),
     Shortcut(
         "terms of the expansion as the tolerance needs",
         "always all of them",
         {
-            "single_impact": replaced(
+            "impact/single_impact": replaced(
                 "min(ORDER, max(LEAST_ORDER, int(8.0 - 0.6 * log(share))))", "ORDER + 0 * int(share)"
             )
         },
@@ -160,116 +160,133 @@ SHORTCUTS = (
     Shortcut(
         "expansion only as far as the leg goes",
         "to the highest order",
-        {"expansion": replaced("if 0.0 < end < inf and term", "if end < 0.0 and term")},
+        {"impact/expansion": replaced("if 0.0 < end < inf and term", "if end < 0.0 and term")},
     ),
     Shortcut(
         "compression and restitution in one expansion",
         "one for each",
-        {"single_impact": replaced("law.both == 0.0 and law.e >= LIVELY", "law.e > 2.0")},
+        {"impact/single_impact": replaced("law.both == 0.0 and law.e >= LIVELY", "law.e > 2.0")},
     ),
     Shortcut(
         "slip that dies out summed in closed form",
         "the expansion",
-        {"single_impact": body("run_down", "return inf, inf")},
+        {"impact/single_impact": body("run_down", "return inf, inf")},
     ),
     Shortcut(
         "fewer digits for slow impacts",
         "the same relative accuracy for all",
-        {"engine": replaced("tol * max(1.0, min(dm.v_scale, fastest) / V)", "tol")},
+        {"event_loop": replaced("tol * max(1.0, min(dm.v_scale, fastest) / V)", "tol")},
     ),
     Shortcut(
         "clock in which a double impact is regular",
         "the plain clock",
-        {"pair_leg": body("ruling_clock", "return PLAIN")},
+        {"impact/double_leg": body("ruling_clock", "return PLAIN")},
     ),
     Shortcut(
         "explicit steps over a slip that is slow for a moment",
         "implicit steps at once",
-        {"pair_leg": constant("LASTS", "0")},
+        {"impact/double_leg": constant("LASTS", "0")},
     ),
     Shortcut(
-        "implicit steps where a slip stays slow", "explicit steps always", {"pair_leg": constant("LASTS", "MAX_STEPS")}
+        "implicit steps where a slip stays slow",
+        "explicit steps always",
+        {"impact/double_leg": constant("LASTS", "MAX_STEPS")},
     ),
     Shortcut(
-        "plain pace of a contact phase",
-        "slow or slide",
+        "plain method of a contact phase",
+        "rescaled or implicit",
         {
-            "glide": body(
-                "pace_for",
-                "if gamma == 0.0 or v == inf:\n    return PLAIN\nreturn SLOW if rate < -FALLING * gamma else SLIDE",
+            "contact/phase": body(
+                "method_for",
+                "if gamma == 0.0 or v == inf:\n    return PLAIN\n"
+                "return RESCALED if rate < -FALLING * gamma else IMPLICIT",
             )
         },
     ),
     Shortcut(
-        "slow pace for a slip on its way to rest",
-        "slide",
-        {"glide": body("pace_for", "return PLAIN if v >= STIFF * dm.T * gamma else SLIDE")},
+        "rescaled method for a slip on its way to rest",
+        "implicit",
+        {"contact/phase": body("method_for", "return PLAIN if v >= STIFF * dm.T * gamma else IMPLICIT")},
     ),
     Shortcut(
-        "slide pace for a slip that stays slow",
-        "slow",
-        {"glide": body("pace_for", "return PLAIN if v >= STIFF * dm.T * gamma else SLOW")},
+        "implicit method for a slip that stays slow",
+        "rescaled",
+        {"contact/phase": body("method_for", "return PLAIN if v >= STIFF * dm.T * gamma else RESCALED")},
     ),
     Shortcut(
-        "straight line over the last of a slip", "steps to its end", {"watch": body("nearly_stopped", "return -1")}
+        "straight line over the last of a slip",
+        "steps to its end",
+        {"contact/events": body("slip_about_to_end", "return -1")},
     ),
     Shortcut(
         "first guess of an event on a cubic, in contact",
         "bracketing",
-        {"glide": replaced("if pace != SLOW:\n        guess", "if pace < 0:\n        guess")},
+        {"contact/location": replaced("if method != RESCALED:\n        guess", "if method < 0:\n        guess")},
     ),
     Shortcut(
         "probe of an event carried on by the midpoint rule, in contact",
         "a step of its own",
-        {"glide": body("nearby", "return 0.0")},
+        {"contact/location": body("nearby", "return 0.0")},
     ),
     Shortcut(
         "step that ends at a landing in sight",
         "a step of any length",
-        {"glide": body("landing_in_sight", "return inf")},
+        {"contact/phase": body("landing_in_sight", "return inf")},
     ),
-    Shortcut("steps to a landing by bounds", "a fine scan, and bisection", {"roots": body("first_landing", SCAN)}),
+    Shortcut(
+        "steps to a landing by bounds", "a fine scan, and bisection", {"flight/landing": body("first_landing", SCAN)}
+    ),
     Shortcut(
         "Newton's rule to a landing where the gap certainly falls",
         "steps by bounds to the end",
-        {"roots": body("fall", "return inf, inf")},
+        {"flight/landing": body("fall", "return inf, inf")},
     ),
     Shortcut(
         "second end watched until the first one lands",
         "until the end of the period",
-        {"roots": replaced("first_landing(fl, -near, min(t, until))", "first_landing(fl, -near, until)")},
+        {"flight/landing": replaced("first_landing(fl, -near, min(t, until))", "first_landing(fl, -near, until)")},
     ),
     Shortcut(
         "(safeguard) turns of a rod high above the plate stepped over",
         "steps by bounds of the gap alone",
-        {"roots": constant("SWIFT", "1e300")},
+        {"flight/landing": constant("SWIFT", "1e300")},
     ),
     Shortcut(
         "axial onset of slip tried first in planar motion",
         "all directions",
-        {"onset": replaced("if hold_b == 0.0:", "if hold_b != hold_b:")},
+        {"contact/slip_onset": replaced("if hold_b == 0.0:", "if hold_b != hold_b:")},
     ),
-    Shortcut("rest known to be for good", "waiting until it repeats", {"fate": body("rests_for_good", "return False")}),
+    Shortcut(
+        "rest known to be for good",
+        "waiting until it repeats",
+        {"verdict/classify": body("rests_for_good", "return False")},
+    ),
     Shortcut(
         "rest told while both ends still slide",
         "waiting until both ends stick",
-        {"fate": replaced(" or slides_to_rest(dm, state)", "")},
+        {"verdict/classify": replaced(" or slides_to_rest(dm, state)", "")},
     ),
     Shortcut(
         "rest told at the event after which it is known",
         "at the end of the forcing period",
-        {"engine": replaced("if settle and told < 0 and", "if settle and told < -1 and")},
+        {
+            "event_loop": replaced(
+                "if ask.settle and course[REST_EVENTS] < 0.0 and", "if ask.settle and course[REST_EVENTS] < -1.0 and"
+            )
+        },
     ),
     Shortcut("stop when settled", "all periods", asked={"settle": False}),
     Shortcut(
         "neighbouring run only where nothing repeats",
         "for every run",
-        {"batch": replaced("if mode != M_UNRESOLVED or periods < EVIDENCE:", "if periods < EVIDENCE:")},
+        {"batch": replaced("codes[k, CODE_MODE] == M_UNRESOLVED and ask.periods", "ask.periods")},
     ),
     Shortcut("no path unless asked", "x1, y1 and gamma too", asked={"path": True}),
     Shortcut("no record unless asked", "events and segments too", asked={"record": True}),
     Shortcut(
-        "(safeguard) dips below zero within a step", "not looked for", {"glide": body("hidden_dip", "return 1.0")}
+        "(safeguard) dips below zero within a step",
+        "not looked for",
+        {"contact/location": body("hidden_dip", "return 1.0")},
     ),
 )
 
@@ -290,35 +307,32 @@ def measure(
     """States at the ends of the first periods, in their scales; processor time of a run to its verdict, and the verdict."""
     from dimersweep.cubes.cube import blank
     from dimersweep.kernel import batch
+    from dimersweep.kernel.course import new_workspace
     from dimersweep.kernel.impact.impact import N_LOG
     from dimersweep.kernel.model import layout
-    from dimersweep.kernel.record import N_EVENT, N_SEGMENT
+    from dimersweep.kernel.record import N_COUNTS, N_EVENT, N_SEGMENT, Record
     from dimersweep.parameters import Parameters
 
     row = Parameters(**scene).row()[None]
     scale = np.ones(layout.N_STATE)
     scale[[layout.D1, layout.D2]], scale[layout.SPIN] = 0.01, 100.0
     scale[[layout.N1, layout.N2, layout.CA, layout.CB]] = 0.1
-    desk, (out, codes), counts = batch.new_desk(), blank(1), np.zeros(3, np.int64)
+    space, (out, codes) = new_workspace(), blank(1)
     rows = 300 * PERIODS if record else 0
-    log, events, segments = (
-        np.zeros((64 if record else 0, N_LOG)),
-        np.zeros((rows, N_EVENT)),
-        np.zeros((rows, N_SEGMENT)),
-    )
+    log, counts = np.zeros((64 if record else 0, N_LOG)), np.zeros(N_COUNTS, np.int64)
+    kept = Record(log, np.zeros((rows, N_EVENT)), np.zeros((rows, N_SEGMENT)), counts)
 
     def run(periods: int, settle: bool) -> None:
-        args = row, periods, rtol, settle, 0, path, out, codes, desk, log, events[:, : N_EVENT if record else N_LOG]
-        batch.run_rows(*args, segments, counts)
+        batch.run_rows(row, batch.ask_for(periods, rtol, settle, path), 0, out, codes, space, kept)
 
     states = []
     for periods in range(1, SHORT + 1):
         run(periods, False)
-        states.append((desk.state / scale)[: layout.THETA + 1].tolist())
+        states.append((space.state / scale)[: layout.THETA + 1].tolist())
     begun = thread_time()
     run(PERIODS, settle)
     seconds = thread_time() - begun
-    mode, status = layout.MODES[codes[0, layout.CODES.index("mode")]], layout.STATUSES[codes[0, 0]]
+    mode, status = layout.MODES[codes[0, layout.CODE_MODE]], layout.STATUSES[codes[0, layout.CODE_STATUS]]
     return {"states": states, "seconds": seconds, "mode": mode if status == "ok" else f"failed: {status}"}
 
 

@@ -121,7 +121,7 @@ def test_a_pair_of_processes_times_the_same_tree_alike(found, tmp_path):
 @pytest.mark.skipif(not (ROOT / ".git").exists(), reason="not a checkout")
 def test_a_revision_is_checked_out_and_leaves_nothing(tmp_path):
     with compare.checked_out("HEAD", tmp_path / "tree") as tree:
-        assert (tree / "dimersweep" / "kernel" / "jit.py").exists()
+        assert (tree / "dimersweep" / "kernel" / "event_loop.py").exists()
     assert not (tmp_path / "tree").exists()
     with pytest.raises(SystemExit, match="no-such"), compare.checked_out("no-such", tmp_path / "tree"):
         pass

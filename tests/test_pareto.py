@@ -145,13 +145,13 @@ def test_the_peer_with_its_own_law_takes_nothing_of_the_engines_but_its_numberin
 @pytest.mark.jit
 def test_the_impacts_of_the_peer_are_those_of_the_engine():
     from peers import blow, law, passage
-    from verbs import collide_double, collide_single, desk, dimer
+    from verbs import collide_double, collide_single, dimer, scratch
 
     rng, accuracy = np.random.default_rng(1), law.Accuracy(1e-13, 1e-13, 0.0, 0.0)
     for mu, mu_s in ((0.2, 0.4), (0.05, 0.1), (0.5, 0.6), (0.0, 0.0)):
         for trial in range(40):
             scene = {"mu": mu, "mu_s": mu_s, "e": rng.uniform(0.2, 0.9), "A_r": rng.uniform(3, 8)}
-            body, dm, (work, log) = passage.body_of(scene), dimer(**scene), desk()
+            body, dm, (work, log) = passage.body_of(scene), dimer(**scene), scratch()
             double = trial % 2 == 0
             state = np.zeros(N_STATE)
             state[BETA] = 0.0 if double else rng.uniform(0.05, 0.6)

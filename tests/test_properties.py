@@ -14,7 +14,7 @@ for folder in (Path(__file__).parent / "kernel", Path(__file__).parents[1] / "be
 
 from examine import AS_DIMER, integrals, kinetic, lab_gain, phases_of, slips, states_at, total  # noqa: E402
 from launch import launch  # noqa: E402
-from verbs import contact_rates, unload  # noqa: E402
+from verbs import contact_rates, contact_state  # noqa: E402
 
 from dimersweep.kernel.contact.coordinates import YUA, YUB  # noqa: E402
 from dimersweep.kernel.contact.forces import COMPLIANCE, N_F  # noqa: E402
@@ -40,7 +40,7 @@ from dimersweep.kernel.model.layout import (  # noqa: E402
     X1,
     Y1,
 )
-from dimersweep.kernel.record import MODES, REST  # noqa: E402
+from dimersweep.kernel.record import HOP_TIME, MODES  # noqa: E402
 from dimersweep.parameters import Parameters  # noqa: E402
 
 pytestmark = pytest.mark.jit
@@ -283,7 +283,7 @@ def test_an_end_is_open_or_pressed(rtol, drawn):
     weight = dm.m * dm.g
     assert states[..., [D1, D2]].min() >= -1e-13 * dm.h
     for segment, at in zip(phases.segments, states, strict=True):
-        modes = segment[MODES:REST]
+        modes = segment[MODES:HOP_TIME]
         closed = modes != FREE
         assert not at[:, [D1, D2]][:, closed].any()
         assert not at[:, [N1, N2]][:, closed].any()
@@ -306,7 +306,7 @@ def test_an_end_is_open_or_pressed(rtol, drawn):
 def forces(dm, modes, state):
     """Forces on the ends (normal, axial, lateral), shape (2, 3) [N], and their slips along the same axes (2, 2) [m/s]."""
     y, dy, F = np.zeros(16), np.zeros(16), np.zeros(N_F)
-    unload(dm, state, -1.0 if modes[0] != FREE else 1.0, y)
+    contact_state(dm, state, -1.0 if modes[0] != FREE else 1.0, y)
     contact_rates(dm, modes, state[PHASE] + dm.phi0, y, dy, F)
     slip = slips(dm, state[None])[0]
     if (modes == FREE).any():
@@ -326,7 +326,7 @@ def test_energy_is_accounted_for_event_by_event(rtol, drawn):
     scene, state = drawn
     row, dm, run = run_of(scene, state, rtol)
     phases = phases_of(row, rtol, run.events, run.segments)
-    starts, modes = phases.segments[:, :N_STATE], phases.segments[:, MODES:REST]
+    starts, modes = phases.segments[:, :N_STATE], phases.segments[:, MODES:HOP_TIME]
     unit = kinetic(dm, starts).max() + 0.5 * dm.m * (dm.A_z * dm.omega) ** 2 + dm.m * dm.g * dm.h
     free = (modes == FREE).all(1)
     assert np.abs(lab_gain(dm, starts[free], phases.ends[free])).max(initial=0.0) <= 1e-10 * unit

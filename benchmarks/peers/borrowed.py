@@ -3,30 +3,15 @@
 from dimersweep.kernel.chatter import come_to_rest, kinetic
 from dimersweep.kernel.compiler.jit import exported
 from dimersweep.kernel.contact.contact_mode import INCONSISTENT
-from dimersweep.kernel.event_loop import (
-    ROW_DY,
-    ROW_F,
-    ROW_Y,
-    choose,
-    collide,
-    force_impact,
-    no_slip,
-)
+from dimersweep.kernel.course import NO, ROW_CONTACT, YES, motion_of
+from dimersweep.kernel.event_loop import approaches, collide, find_contact, force_impact, no_slip
 from dimersweep.kernel.model.body import as_dimer
-from dimersweep.kernel.model.layout import (
-    D1,
-    D2,
-    FREE,
-    N1,
-    N2,
-    OK,
-    PHASE,
-)
+from dimersweep.kernel.model.layout import D1, D2, FREE, N1, N2, OK, PHASE
 from peers.passage import HOLD_LOST, P_PHASE, P_SLIP, SLIP_ZERO, as_body, begin, compiled, take_over
 
 
 @exported
-def settle(row, state, modes, lost, rtol, work, log):
+def settle(row, state, modes, lost, rtol, space, log):
     """All that the engine does at an instant.
 
     Returns
@@ -35,50 +20,50 @@ def settle(row, state, modes, lost, rtol, work, log):
     slip_tol : float
         Slip that counts as none [m/s].
     """
-    dm = as_dimer(row)
+    dm, motion = as_dimer(row), motion_of(state, modes, space)
+    y, dy, F = motion.contact, motion.rates, motion.forces
     for _ in range(20):
-        if (state[D1] == 0.0 and state[N1] < 0.0) or (state[D2] == 0.0 and state[N2] < 0.0):
+        if approaches(state):
             energy = kinetic(dm, state)
-            status, _ = collide(dm, state, modes, rtol, dm.v_scale, work, log)
+            status, _ = collide(dm, state, modes, rtol, dm.v_scale, motion.work, log)
             if status != OK:
                 return False, 0.0
             lost = False
-            slip_tol = no_slip(dm, state, rtol)
-            come_to_rest(dm, state, modes, slip_tol, rtol, 0, energy, work[ROW_Y], work[ROW_DY], work[ROW_F])
+            come_to_rest(dm, state, modes, no_slip(dm, state, rtol), rtol, 0.0, energy, y, dy, F)
         slip_tol = no_slip(dm, state, rtol)
-        if choose(dm, state, modes, lost, slip_tol, work) != INCONSISTENT:
+        if find_contact(dm, motion, modes, YES if lost else NO, slip_tol) != INCONSISTENT:
             return True, slip_tol
         force_impact(dm, state)
     return False, 0.0
 
 
 @compiled
-def settle_all(row, states, modes, lost, rtol, work, log):
+def settle_all(row, states, modes, lost, rtol, space, log):
     """Settle many instants, one after the other."""
     for k in range(len(states)):
-        settle(row, states[k], modes[k], lost[k], rtol, work, log)
+        settle(row, states[k], modes[k], lost[k], rtol, space, log)
 
 
 @compiled
-def arrive(constants, state, modes, ended, event, dt, work):
+def arrive(constants, state, modes, ended, event, dt, y):
     """The state at the end of a phase; whether a hold was lost there."""
     if event < 0:
         return False
     flew = modes[0] == FREE and modes[1] == FREE
-    take_over(as_body(constants), state, modes, ended, event, dt, work[ROW_Y])
+    take_over(as_body(constants), state, modes, ended, event, dt, y)
     return not flew and HOLD_LOST <= event < SLIP_ZERO
 
 
 @compiled
-def cross(constants, row, rtol, work, log, state, modes, ended, event, dt, doubles, count, start, pars):
+def cross(constants, row, rtol, space, log, state, modes, ended, event, dt, doubles, count, start, pars):
     """From the end of one phase to the start of the next, as `law.cross`."""
-    body = as_body(constants)
-    lost = arrive(constants, state, modes, ended, event, dt, work)
+    body, y = as_body(constants), space.work[ROW_CONTACT]
+    lost = arrive(constants, state, modes, ended, event, dt, y)
     if state[D1] == 0.0 and state[D2] == 0.0 and min(state[N1], state[N2]) < 0.0 and count < doubles.size:
         doubles[count] = state[PHASE] / body.omega
         count += 1
-    settled, slip_tol = settle(row, state, modes, lost, rtol, work, log)
+    settled, slip_tol = settle(row, state, modes, lost, rtol, space, log)
     if not settled:
         return count, -1.0
     pars[P_PHASE], pars[P_SLIP] = state[PHASE] + body.phi0, slip_tol
-    return count, begin(body, state, modes, work[ROW_Y], start, pars)
+    return count, begin(body, state, modes, y, start, pars)

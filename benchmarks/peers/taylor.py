@@ -13,7 +13,7 @@ import numpy as np
 from oracle.body import DEFAULTS
 from verbs import dimer, oracle_state
 
-from dimersweep.kernel.event_loop import WORK_COLUMNS, WORK_ROWS
+from dimersweep.kernel.course import ROW_CONTACT, new_workspace
 from dimersweep.kernel.impact.impact import N_LOG
 from dimersweep.kernel.model.layout import FREE, N_STATE
 from dimersweep.parameters import RTOL_RANGE, Parameters
@@ -147,8 +147,8 @@ class Borrower(_Peer):
         """What leads from one phase to the next."""
         self.rtol = min(max(IMPACTS * tol, RTOL_RANGE[0]), RTOL_RANGE[1])
         self.row, self.constants = Parameters(**scene).row(), np.array(body_of(scene))
-        self.work, self.log = np.zeros((WORK_ROWS, WORK_COLUMNS)), np.zeros((0, N_LOG))
-        return partial(borrowed.cross, self.constants, self.row, self.rtol, self.work, self.log)
+        self.space, self.log = new_workspace(), np.zeros((0, N_LOG))
+        return partial(borrowed.cross, self.constants, self.row, self.rtol, self.space, self.log)
 
     def borrowed_seconds(self, end):
         """Processor time that what is borrowed takes of one run: all its instants, settled once more in one compiled loop."""
@@ -157,7 +157,7 @@ class Borrower(_Peer):
 
         def recording(state, modes, ended, event, dt, *rest):
             before = state.copy(), modes.copy()
-            lost = borrowed.arrive(self.constants, *before, ended, event, dt, self.work)
+            lost = borrowed.arrive(self.constants, *before, ended, event, dt, self.space.work[ROW_CONTACT])
             instants.append((*before, lost))
             return cross(state, modes, ended, event, dt, *rest)
 
@@ -168,7 +168,7 @@ class Borrower(_Peer):
         return min(self._settling(states, modes, lost) for _ in range(5))
 
     def _settling(self, states, modes, lost):
-        arguments = self.row, states.copy(), modes.copy(), lost, self.rtol, self.work, self.log
+        arguments = self.row, states.copy(), modes.copy(), lost, self.rtol, self.space, self.log
         begun = time.process_time()
         borrowed.settle_all(*arguments)
         return time.process_time() - begun

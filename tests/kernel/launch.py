@@ -7,36 +7,34 @@ from cached import compiled
 from examine import look_at
 from verbs import as_dimer
 
-from dimersweep.kernel import event_loop as engine
-from dimersweep.kernel.batch import BETA0, XDOT0, new_desk
+from dimersweep.kernel import event_loop
+from dimersweep.kernel.course import Ask, motion_of, new_workspace
 from dimersweep.kernel.impact.impact import N_LOG
-from dimersweep.kernel.model.layout import STATUSES
-from dimersweep.kernel.record import EVENT, N_EVENT, N_SEGMENT
-from dimersweep.kernel.verdict import classify as fate
+from dimersweep.kernel.model.layout import ROW_BETA0, ROW_XDOT0, STATUSES
+from dimersweep.kernel.record import EVENT, EVENTS, N_COUNTS, N_EVENT, N_SEGMENT, Record, no_record
+from dimersweep.kernel.verdict import classify
 
 
 @compiled
-def evolve(dm, state, modes, periods, rtol, close, past, work, log, events, segments, counts):
-    """The event loop with the path and the record."""
-    fate.begin_past(past)
-    status, _ = engine.evolve(
-        dm, state, modes, periods, rtol, close, False, True, past, work, log, events, segments, counts
-    )
+def evolve(dm, ask, state, space, record):
+    """The event loop from any state."""
+    classify.begin_past(space.past)
+    status, _ = event_loop.evolve(dm, ask, motion_of(state, space.modes, space), record)
     return status
 
 
 @compiled
 def begin(dm, row, state):
     """The start of a scene."""
-    engine.start_state(dm, row[BETA0], row[XDOT0], state)
+    event_loop.start_state(dm, row[ROW_BETA0], row[ROW_XDOT0], state)
 
 
 def last_state(row, periods, rtol, close):
     """Status, number of events and last state of a scene whose chatters are closed with an accuracy of their own."""
-    dm, desk, counts, none = as_dimer(row), new_desk(), np.zeros(3, np.int64), np.zeros((0, N_LOG))
-    begin(dm, row, desk.state)
-    status = evolve(dm, desk.state, desk.modes, periods, rtol, close, desk.past, desk.work, none, none, none, counts)
-    return status, counts[0], desk.state
+    dm, space, record = as_dimer(row), new_workspace(), no_record()
+    begin(dm, row, space.state)
+    status = evolve(dm, Ask(periods, rtol, close, False, True), space.state, space, record)
+    return status, record.counts[EVENTS], space.state
 
 
 class Launched(NamedTuple):
@@ -60,10 +58,8 @@ class Launched(NamedTuple):
 
 def launch(row, state, periods, rtol=1e-8, rows=20_000):
     """Run the dimer of a parameter row from a kernel state for some forcing periods."""
-    desk, counts = new_desk(), np.zeros(3, np.int64)
-    state, log = state.copy(), np.zeros((200, N_LOG))
-    events, segments = np.zeros((rows, N_EVENT)), np.zeros((rows, N_SEGMENT))
-    status = evolve(
-        as_dimer(row), state, desk.modes, periods, rtol, rtol, desk.past, desk.work, log, events, segments, counts
-    )
-    return Launched(row, rtol, STATUSES[status], state, events[: counts[1]], segments[: counts[2]])
+    state, counts = state.copy(), np.zeros(N_COUNTS, np.int64)
+    record = Record(np.zeros((200, N_LOG)), np.zeros((rows, N_EVENT)), np.zeros((rows, N_SEGMENT)), counts)
+    status = evolve(as_dimer(row), Ask(periods, rtol, rtol, False, True), state, new_workspace(), record)
+    _, n_events, n_segments = counts
+    return Launched(row, rtol, STATUSES[status], state, record.events[:n_events], record.segments[:n_segments])

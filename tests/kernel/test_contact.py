@@ -10,16 +10,16 @@ from scipy.integrate import solve_ivp
 from verbs import (
     contact_mode,
     contact_rates,
+    contact_state,
     contact_velocity,
-    desk,
     dimer,
-    glide_closed,
-    glide_path,
     hold_reserve,
-    load,
+    kernel_state,
     oracle_state,
+    scratch,
     state_of,
-    unload,
+    sustain_contact,
+    sustain_contact_without_path,
 )
 
 from dimersweep import simulate
@@ -40,10 +40,11 @@ from dimersweep.kernel.contact.coordinates import (
 )
 from dimersweep.kernel.contact.events import (
     HOLD_LOST,
-    JAMS,
-    LANDS,
-    LIFTS,
-    SLIP_ZERO,
+    JAM,
+    LANDING,
+    LIFT_OFF,
+    NO_EVENT,
+    SLIP_END,
 )
 from dimersweep.kernel.contact.forces import (
     A1,
@@ -53,7 +54,6 @@ from dimersweep.kernel.contact.forces import (
     L1,
     N_F,
 )
-from dimersweep.kernel.contact.phase import NO_EVENT
 from dimersweep.kernel.model.layout import (
     BETA,
     CA,
@@ -109,7 +109,7 @@ def closed_state(dm, modes, rng, fast=1.0):
 def loaded(dm, modes, state):
     """Modes and contact state as arrays."""
     y = np.zeros(N_Y)
-    unload(dm, state, -1.0 if modes[0] != FREE else 1.0, y)
+    contact_state(dm, state, -1.0 if modes[0] != FREE else 1.0, y)
     if modes[0] == STICK or modes[1] == STICK:
         y[YUA] = 0.0
     if STICK in (modes[0], modes[1]) and (modes[0] == STICK or modes[0] == FREE):
@@ -174,7 +174,7 @@ def test_contact_states_survive_the_way_there_and_back(modes):
     state = closed_state(dm, modes, np.random.default_rng(1))
     codes, y = loaded(dm, modes, state)
     back = np.zeros(16)
-    load(dm, codes, y, back)
+    kernel_state(dm, codes, y, back)
     np.testing.assert_allclose(back, state, atol=1e-14)
     for i in (0, 1):
         if modes[i] != FREE:
@@ -184,7 +184,7 @@ def test_contact_states_survive_the_way_there_and_back(modes):
 def chosen(dm, state, closed, time=TIME, lost=False):
     """The contact mode that the kernel chooses: answer, modes, contact state, its rates and forces."""
     modes, y, dy, F = np.zeros(2), np.zeros(N_Y), np.zeros(N_Y), np.zeros(N_F)
-    unload(dm, state, -1.0 if closed[0] else 1.0, y)
+    contact_state(dm, state, -1.0 if closed[0] else 1.0, y)
     answer = contact_mode(dm, *closed, dm.omega * time + dm.phi0, y, modes, SLIP_TOL, lost, dy, F)
     if answer == CLOSED:
         contact_rates(dm, modes, dm.omega * time + dm.phi0, y, dy, F)
@@ -348,7 +348,7 @@ def test_two_ends_that_rub_hard_stay_down_only_where_that_is_stable():
             contact_rates(dm, codes, dm.omega * TIME, y, dy, F[spin])
         apart = F[:, F2] - F[:, F1]
         y[YS] = apart[0] / (apart[0] - apart[1])
-        load(dm, codes, y, state)
+        kernel_state(dm, codes, y, state)
         answer, modes, y, dy, force = chosen(dm, state, (True, True))
         if F[0, COMPLIANCE] > 0:
             assert (answer, modes) == (CLOSED, (SLIP, SLIP))
@@ -401,10 +401,10 @@ def test_a_jam_is_where_the_oracles_compliance_vanishes(start):
     jam.terminal = True
     expected = solve_ivp(rates, (0, 0.05), [*q, *qdot, 0.0], events=jam, method="DOP853", rtol=1e-11, atol=1e-13)
     assert expected.status == 1
-    t, event = glide_path(dm, codes, y, 0.0, dm.T, 1e-10, 1e-11, True, desk()[0])
-    assert event == JAMS
+    t, event = sustain_contact(dm, codes, y, 0.0, dm.T, 1e-10, 1e-11, True, scratch()[0])
+    assert event == JAM
     assert t == pytest.approx(expected.y[12, -1], rel=1e-8)
-    load(dm, codes, y, state)
+    kernel_state(dm, codes, y, state)
     np.testing.assert_allclose(np.concatenate(oracle_state(dm, state)), expected.y[:12, -1], rtol=1e-8, atol=1e-8)
 
 
@@ -428,7 +428,7 @@ def test_a_phase_against_a_plain_integration(modes, tol):
         state[CA] += 1.0
     codes, y = loaded(dm, modes, state)
     start, span = y.copy(), 0.004
-    t, event = glide_path(dm, codes, y, 0.3, span, tol, 1e-12, False, desk()[0])
+    t, event = sustain_contact(dm, codes, y, 0.3, span, tol, 1e-12, False, scratch()[0])
     assert (t, event) == (span, NO_EVENT)
     expected = reference_phase(dm, codes, start, 0.3, span)[:N_PATH]
     expected[YTIME] = y[YTIME]
@@ -439,10 +439,10 @@ def test_a_phase_against_a_plain_integration(modes, tol):
 def test_events_of_a_phase_are_where_their_functions_vanish():
     """The other end lands, the slip stops, the hold is lost, the end lifts off: each in a phase made for it."""
     seen = {
-        LANDS: ({"Gamma": 0.2}, (STICK, FREE), {BETA: 0.05, CA: 0.0}),
-        SLIP_ZERO: ({"mu": 0.5, "mu_s": 0.9, "Gamma": 0.0}, (SLIP, SLIP), {CA: 0.05}),
+        LANDING: ({"Gamma": 0.2}, (STICK, FREE), {BETA: 0.05, CA: 0.0}),
+        SLIP_END: ({"mu": 0.5, "mu_s": 0.9, "Gamma": 0.0}, (SLIP, SLIP), {CA: 0.05}),
         HOLD_LOST: ({"mu_s": 0.195, "mu": 0.1, "Gamma": 0.0}, (STICK, FREE), {BETA: 1.2}),
-        LIFTS: ({"Gamma": 1.5, "mu": 0.5}, (STICK, STICK), {}),
+        LIFT_OFF: ({"Gamma": 1.5, "mu": 0.5}, (STICK, STICK), {}),
     }
     for event, (params, modes, start) in seen.items():
         dm = dimer(**params)
@@ -454,16 +454,16 @@ def test_events_of_a_phase_are_where_their_functions_vanish():
         if modes == (STICK, FREE):
             state = at_rest(dm, state, 0)
         codes, y = loaded(dm, modes, state)
-        t, found = glide_path(dm, codes, y, 0.0, dm.T, 1e-10, 1e-11, True, desk()[0])
+        t, found = sustain_contact(dm, codes, y, 0.0, dm.T, 1e-10, 1e-11, True, scratch()[0])
         assert found - found % 2 == event, (event, found)
         assert 0 < t < dm.T
         dy, F = np.zeros(N_Y), np.zeros(N_F)
         contact_rates(dm, codes, dm.omega * t, y, dy, F)
         value = {
-            LANDS: y[YB],
-            SLIP_ZERO: hypot(y[YUA], y[YUB]),
+            LANDING: y[YB],
+            SLIP_END: hypot(y[YUA], y[YUB]),
             HOLD_LOST: hold_reserve(dm, codes, 0, F) / (dm.m * dm.g),
-            LIFTS: min(F[F1], F[F2]) / (dm.m * dm.g),
+            LIFT_OFF: min(F[F1], F[F2]) / (dm.m * dm.g),
         }[event]
         assert value == pytest.approx(0, abs=1e-12)
     assert sin(dm.omega * t) == pytest.approx(1 / 1.5, rel=1e-12)  # both lift where the effective gravity vanishes
@@ -476,8 +476,8 @@ def test_whether_the_path_is_wanted_does_not_change_the_motion(modes):
     state = closed_state(dm, modes, np.random.default_rng(2), 0.5)
     codes, y = loaded(dm, modes, state)
     other = y.copy()
-    told = glide_path(dm, codes, y, 0.3, 0.02, 1e-6, 1e-9, True, desk()[0])
-    assert told == glide_closed(dm, codes, other, 0.3, 0.02, 1e-6, 1e-9, True, desk()[0])
+    told = sustain_contact(dm, codes, y, 0.3, 0.02, 1e-6, 1e-9, True, scratch()[0])
+    assert told == sustain_contact_without_path(dm, codes, other, 0.3, 0.02, 1e-6, 1e-9, True, scratch()[0])
     assert (y[:N_CLOSED] == other[:N_CLOSED]).all()
     assert (y[YX : YX + 2] != other[YX : YX + 2]).all()
 
@@ -494,9 +494,9 @@ def test_a_brief_pull_within_a_step_is_found(tol, modes):
             state[[BETA, D2]] = 0.3, 2 * dm.h * sin(0.3)
         codes, y = loaded(dm, modes, state)
         phase = 0.5 * np.pi - 0.6
-        t, event = glide_path(dm, codes, y, phase, 1.2 / dm.omega, tol, 0.1 * tol * dm.v_scale, True, desk()[0])
+        t, event = sustain_contact(dm, codes, y, phase, 1.2 / dm.omega, tol, 0.1 * tol * dm.v_scale, True, scratch()[0])
         if Gamma > 1:
-            assert event in (LIFTS, LIFTS + 1)
+            assert event in (LIFT_OFF, LIFT_OFF + 1)
             assert sin(phase + dm.omega * t) == pytest.approx(1 / Gamma, abs=max(tol, 1e-5))
         else:
             assert event == NO_EVENT
@@ -511,8 +511,8 @@ def test_slip_beside_an_end_that_sticks_comes_to_rest_on_a_line(tol):
     state = at_rest(dm, state, 0)
     for accuracy in (tol, 1e-13):
         codes, y = loaded(dm, (STICK, SLIP), state)
-        t, event = glide_path(dm, codes, y, 0.0, dm.T, accuracy, 0.1 * accuracy * dm.v_scale, True, desk()[0])
-        assert event == SLIP_ZERO + 1
+        t, event = sustain_contact(dm, codes, y, 0.0, dm.T, accuracy, 0.1 * accuracy * dm.v_scale, True, scratch()[0])
+        assert event == SLIP_END + 1
         assert y[YWP] == y[YUB] == 0.0
         times.append(t)
     assert times[0] == pytest.approx(times[1], abs=tol * dm.v_scale / (dm.mu * dm.g))

@@ -12,11 +12,11 @@ from verbs import (
     angular_momentum,
     collide_double,
     contact_velocity,
-    desk,
     dimer,
     kinetic_energy,
     oracle_state,
     pair_law,
+    scratch,
     state_of,
 )
 
@@ -49,7 +49,7 @@ NAMES = {STICK: "sk", SLIP: "sp"}
 
 def strike(dm, state, tol=1e-10):
     """After an impact of both ends: the state, the friction modes, and the log of the phases."""
-    work, log = desk()
+    work, log = scratch()
     state, modes = state.copy(), np.zeros(2)
     status, rows = collide_double(dm, state, -float(min(state[N1], state[N2])), tol, modes, work, log)
     assert status == OK

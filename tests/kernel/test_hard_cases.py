@@ -16,7 +16,7 @@ from mpmath import mp, mpf
 from scenes import difference, engine_states
 from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
-from verbs import as_dimer, collide_double, desk, dimer, kinetic_energy, row_of
+from verbs import as_dimer, collide_double, dimer, kinetic_energy, row_of, scratch
 
 from dimersweep import simulate
 from dimersweep.kernel.model.layout import (
@@ -44,7 +44,7 @@ from dimersweep.kernel.model.layout import (
     WB,
     WP,
 )
-from dimersweep.kernel.record import MODES, REST
+from dimersweep.kernel.record import HOP_TIME, MODES
 
 RTOLS = (1e-6, 1e-8, 1e-11)
 
@@ -166,7 +166,7 @@ def test_without_loss_every_impact_keeps_the_energy(rtol):
 
 def flight_ends(row, run):
     """States just before and just after each end of a flight that is an impact."""
-    free = (run.segments[:-1, MODES:REST] == FREE).all(1)
+    free = (run.segments[:-1, MODES:HOP_TIME] == FREE).all(1)
     times = run.segments[:, PERIOD] + run.segments[:, PHASE] / (2 * pi)
     span = 2 * pi * np.diff(times)
     struck = free & (span > 0) & (run.segments[1:, PHASE] > 0.0)
@@ -221,7 +221,7 @@ def axial_ratio(dm):
 
 def flat_impact(dm, n_1, n_2, tol, **rates):
     """State after a double impact with these approaches, and the friction modes of its end."""
-    work, log = desk()
+    work, log = scratch()
     state, modes = lifted(dm, 0.0, 0.0, **rates), np.zeros(2)
     state[N1], state[N2] = n_1, n_2
     state[WB] = (n_2 - n_1) / (2 * dm.h)
@@ -472,7 +472,7 @@ def test_a_tumbling_dimer_is_a_free_top(rtol):
 def flight_starts(run):
     """The starts of the flights that `flight_ends` follows."""
     times = run.segments[:, PERIOD] + run.segments[:, PHASE] / (2 * pi)
-    free = (run.segments[:-1, MODES:REST] == FREE).all(1)
+    free = (run.segments[:-1, MODES:HOP_TIME] == FREE).all(1)
     struck = free & (np.diff(times) > 0) & (run.segments[1:, PHASE] > 0.0)
     return run.segments[:-1][struck][:, :N_STATE]
 

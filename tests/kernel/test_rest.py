@@ -6,6 +6,7 @@ from launch import launch
 from verbs import (
     commotion,
     contact_rates,
+    contact_state,
     dimer,
     is_calm,
     least_gravity,
@@ -13,7 +14,6 @@ from verbs import (
     rests_for_good,
     row_of,
     slide_rates,
-    unload,
 )
 
 from dimersweep.kernel.contact.coordinates import (
@@ -35,7 +35,7 @@ from dimersweep.kernel.model.layout import (
     STICK,
     WP,
 )
-from dimersweep.kernel.record import MODES, REST
+from dimersweep.kernel.record import HOP_TIME, MODES
 
 # deaths near the border of lifting: on one end is left, for a moment, as little as 0.03 to 0.2 of half the weight
 DEATHS = [  # Gamma, f, A_r, mu, mu_s; v_a, v_b, w, s, phase
@@ -181,7 +181,7 @@ def random_slide(rng):
 def lifts(scene, state):
     """Whether an end leaves the plate, or the run fails."""
     run = launch(row_of(**scene), state, PERIODS, rtol=1e-7)
-    return run.status != "ok" or bool((run.segments[:, MODES:REST] == FREE).any())
+    return run.status != "ok" or bool((run.segments[:, MODES:HOP_TIME] == FREE).any())
 
 
 @pytest.mark.jit
@@ -289,7 +289,7 @@ def test_rates_of_a_slide(seed):
     dm = dimer(Gamma=float(rng.uniform(0.0, 0.9)), mu=float(rng.uniform(0.0, 1.0)), A_r=float(rng.uniform(2.5, 8.0)))
     state, phase = sliding(*rng.normal(size=3), 100.0 * rng.normal()), rng.uniform(0.0, 2.0 * np.pi)
     y, dy, F = np.zeros(N_Y), np.zeros(N_Y), np.zeros(N_F)
-    unload(dm, state, -1.0, y)
+    contact_state(dm, state, -1.0, y)
     contact_rates(dm, BOTH_SLIP, phase, y, dy, F)
     weight = dm.m * (dm.g - dm.A_z * dm.omega**2 * np.sin(phase))
     d_a, d_b, d_w, d_s, axial = slide_rates(dm, weight / dm.m, state, 0.0)

@@ -11,12 +11,12 @@ from scipy.integrate import solve_ivp
 from verbs import (
     collide_single,
     contact_velocity,
-    desk,
     dimer,
     end_law,
     kinetic_energy,
     oracle_state,
     run_down,
+    scratch,
     single_phase,
     state_of,
 )
@@ -52,7 +52,7 @@ NAMES = {STICK: "sk", SLIP: "sp"}
 
 def strike(dm, state, s, tol=1e-10):
     """The state after an impact of the end with sign s, its friction mode and its normal impulse."""
-    work, log = desk()
+    work, log = scratch()
     state = state.copy()
     V = -float(state[N1] if s < 0 else state[N2])
     status, mode, rows = collide_single(dm, state, s, V, tol, work, log)
@@ -65,7 +65,7 @@ def strike(dm, state, s, tol=1e-10):
 
 def phase(law, n, a, b, tol=1e-12):
     """Outcome of one impact on its own: (n, a, b), (p, t_a, t_b), mode."""
-    n, a, b, E, _, p, t_a, t_b, _, _, mode, reason = single_phase(law, n, a, b, 0.0, 0.0, tol, desk()[0])
+    n, a, b, E, _, p, t_a, t_b, _, _, mode, reason = single_phase(law, n, a, b, 0.0, 0.0, tol, scratch()[0])
     assert reason == DONE
     assert E == 0.0
     return np.array([n, a, b]), np.array([p, t_a, t_b]), mode
@@ -362,7 +362,7 @@ def test_ten_thousand_random_impacts_never_gain_energy():
 @pytest.mark.parametrize(("slip", "kinds"), [(0.0, [STICK]), (0.01, [SLIP, STICK]), (3.0, [SLIP])])
 def test_the_log_tells_what_happened(slip, kinds):
     dm = dimer(mu=0.5)
-    work, log = desk()
+    work, log = scratch()
     before = np.zeros(N_STATE)
     before[[BETA, CA, N1, N2]] = 0.1, slip, -0.3, -0.3
     state = before.copy()

@@ -7,21 +7,10 @@ import numpy as np
 from cached import compiled
 
 from dimersweep.kernel import chatter
-from dimersweep.kernel.contact import (
-    contact_mode as choose,
-)
-from dimersweep.kernel.contact import (
-    coordinates as charts,
-)
-from dimersweep.kernel.contact import (
-    forces as contact,
-)
-from dimersweep.kernel.contact import (
-    phase as glide,
-)
-from dimersweep.kernel.event_loop import WORK_COLUMNS, WORK_ROWS
-from dimersweep.kernel.flight import free_motion as flight
-from dimersweep.kernel.flight import landing as roots
+from dimersweep.kernel.contact import contact_mode as contact_modes
+from dimersweep.kernel.contact import coordinates, forces, phase
+from dimersweep.kernel.course import WORK_COLUMNS, WORK_ROWS
+from dimersweep.kernel.flight import free_motion, landing
 from dimersweep.kernel.impact import impact, single_impact
 from dimersweep.kernel.model import body
 from dimersweep.kernel.model.layout import (
@@ -42,9 +31,8 @@ from dimersweep.kernel.model.layout import (
     X1,
     Y1,
 )
-from dimersweep.kernel.numerics import sincos as trigonometry
-from dimersweep.kernel.verdict import classify as fate
-from dimersweep.kernel.verdict import rest
+from dimersweep.kernel.numerics import sincos as sines
+from dimersweep.kernel.verdict import classify, rest
 from dimersweep.parameters import Parameters
 
 
@@ -55,7 +43,7 @@ def as_dimer(row):
 
 @compiled
 def sincos(x):
-    return trigonometry.sincos(x)
+    return sines.sincos(x)
 
 
 @compiled
@@ -75,33 +63,33 @@ def contact_velocity(dm, state, s):
 
 @compiled
 def angular_momentum(dm, state):
-    return flight.angular_momentum(dm, state, np.sin(state[BETA]), np.cos(state[BETA]))
+    return free_motion.angular_momentum(dm, state, np.sin(state[BETA]), np.cos(state[BETA]))
 
 
 @compiled
 def take_off(dm, state):
-    return flight.take_off(dm, state)
+    return free_motion.take_off(dm, state)
 
 
 @compiled
 def gap_series(fl, s, t):
-    return flight.gap_series(fl, s, t)
+    return free_motion.gap_series(fl, s, t)
 
 
 @compiled
 def fly(dm, state, t):
     """Free motion with the path, from the state's own take-off."""
-    flight.fly(dm, flight.take_off(dm, state), state, t, True)
+    free_motion.fly(dm, free_motion.take_off(dm, state), state, t, True)
 
 
 @compiled
 def first_landing(fl, sign, until):
-    return roots.first_landing(fl, sign, until)
+    return landing.first_landing(fl, sign, until)
 
 
 @compiled
 def next_landing(fl, until):
-    return roots.next_landing(fl, until)
+    return landing.next_landing(fl, until)
 
 
 @compiled
@@ -136,40 +124,40 @@ def collide_double(dm, state, V, tol, modes, work, log):
 
 
 @compiled
-def unload(dm, state, s, y):
-    charts.unload(dm, state, s, y)
+def contact_state(dm, state, s, y):
+    coordinates.contact_state(dm, state, s, y)
 
 
 @compiled
-def load(dm, modes, y, state):
-    charts.load(dm, modes, y, state)
+def kernel_state(dm, modes, y, state):
+    coordinates.kernel_state(dm, modes, y, state)
 
 
 @compiled
 def contact_rates(dm, modes, phase, y, dy, F):
-    contact.contact_rates(dm, modes, phase, y, True, dy, F)
+    forces.contact_rates(dm, modes, phase, y, True, dy, F)
 
 
 @compiled
 def hold_reserve(dm, modes, i, F):
-    return contact.hold_reserve(dm, modes, i, F)
+    return forces.hold_reserve(dm, modes, i, F)
 
 
 @compiled
 def contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, lost, dy, F):
-    return choose.contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, lost, dy, F)
+    return contact_modes.contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, lost, dy, F)
 
 
 @compiled
-def glide_path(dm, modes, y, phase, span, tol, slip_tol, watch, work):
+def sustain_contact(dm, modes, y, at, span, tol, slip_tol, locate, work):
     """Contact phase with the path."""
-    return glide.glide(dm, modes, y, phase, span, True, tol, slip_tol, watch, work)
+    return phase.sustain_contact(dm, modes, y, at, span, True, tol, slip_tol, locate, work)
 
 
 @compiled
-def glide_closed(dm, modes, y, phase, span, tol, slip_tol, watch, work):
+def sustain_contact_without_path(dm, modes, y, at, span, tol, slip_tol, locate, work):
     """Contact phase without the path."""
-    return glide.glide(dm, modes, y, phase, span, False, tol, slip_tol, watch, work)
+    return phase.sustain_contact(dm, modes, y, at, span, False, tol, slip_tol, locate, work)
 
 
 @compiled
@@ -179,7 +167,7 @@ def come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F):
 
 @compiled
 def rests_for_good(dm, state, modes):
-    return fate.rests_for_good(dm, state, modes)
+    return classify.rests_for_good(dm, state, modes)
 
 
 @compiled
@@ -219,7 +207,7 @@ def dimer(**parameters):
     return as_dimer(row_of(**parameters))
 
 
-def desk():
+def scratch():
     """Work array and an impact's log."""
     return np.zeros((WORK_ROWS, WORK_COLUMNS)), np.zeros((200, impact.N_LOG))
 

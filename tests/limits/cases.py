@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from oracle.body import dimer
 from scenes import difference, engine_states
-from verbs import collide_double, collide_single, desk, oracle_state, state_of
+from verbs import collide_double, collide_single, oracle_state, scratch, state_of
 from verbs import dimer as kernel_dimer
 
 from dimersweep.kernel.model.layout import N1, N2, OK
@@ -87,7 +87,7 @@ def coordinates(impact: Impact) -> tuple[Array, Array]:
 def engine_impact(parameters: Mapping[str, float], q: Array, qdot: Array, tol: float = TOL) -> Array:
     """Rates after an impact by the engine's own verbs."""
     dm = kernel_dimer(**parameters)
-    state, (work, log) = state_of(dm, q, qdot), desk()
+    state, (work, log) = state_of(dm, q, qdot), scratch()
     speed = -float(min(state[N1], state[N2] if q[4] == 0 else 0.0))
     if q[4] == 0:
         status, _ = collide_double(dm, state, speed, tol, np.zeros(2), work, log)
