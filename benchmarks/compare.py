@@ -1,9 +1,10 @@
 """Compare the speed of two revisions in one run: ``python benchmarks/compare.py REV_A REV_B [--verbs ...]``.
 
 Both are checked out into a folder of their own and compiled once. Then pairs of fresh processes, one of each revision, time
-every verb in turn on the same inputs. Printed are the medians, the median over the pairs of B's time over A's, and an
-interval for it by the signs of the pairs, which needs no assumption on the noise: together, the intervals of all verbs hold
-the truth with 95 %. A folder may stand for a revision. The loops are those of each revision, or these where it has none.
+every verb in turn on the same inputs, and a forcing period of each scene of ``speed.py`` without early stop. Printed are the
+medians, the median over the pairs of B's time over A's, and an interval for it by the signs of the pairs, which needs no
+assumption on the noise: together, the intervals of all verbs and scenes hold the truth with 95 %. A folder may stand for a
+revision. The loops of the verbs are those of each revision, or these where it has none.
 """
 
 import argparse
@@ -15,18 +16,32 @@ import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from copy import copy
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.stats import binom
+from speed import SCENES
 from verbs_loops import VERBS, Harvest
+
+from dimersweep.kernel.model.layout import ROW
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
 DOUBT = 0.05  # chance that any of the intervals misses the truth
 SECONDS = 0.01  # length of one timing
 TURNS = 4  # of A and B with each verb in a pair of processes
+NAMES = [*VERBS, *(f"scene: {name}" for name in SCENES)]
+# prints the order of the parameters in a row of the kernel, wherever the revision has it
+TELL_ROW = """
+import json
+try:
+    from dimersweep.kernel.model.layout import ROW
+except ImportError:
+    from dimersweep.kernel.layout import ROW
+print(json.dumps(ROW))
+"""
 
 
 class Ratio(NamedTuple):
@@ -81,14 +96,18 @@ def checked_out(revision: str, folder: Path) -> Iterator[Path]:
         git("worktree", "remove", "--force", str(folder))
 
 
+def environment_of(tree: Path, cache: Path) -> dict[str, str]:
+    """The environment of a process that imports the package of a tree."""
+    return os.environ | {"PYTHONPATH": str(tree), "NUMBA_CACHE_DIR": str(cache)}
+
+
 class Worker:
     """A process that runs a script with the package of one tree, and answers each line of JSON by another one."""
 
     def __init__(self, script: Path, argument: str, tree: Path, cache: Path) -> None:
-        environment = os.environ | {"PYTHONPATH": str(tree), "NUMBA_CACHE_DIR": str(cache)}
         self.process = subprocess.Popen(
             [sys.executable, str(script), argument],
-            env=environment,
+            env=environment_of(tree, cache),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -128,31 +147,57 @@ def script_of(tree: Path) -> Path:
     return own if own.exists() else HERE / "verbs_worker.py"
 
 
-def timed_pair(trees: Sequence[Path], caches: Sequence[Path], inputs: Path, verbs: Sequence[str]) -> np.ndarray:
-    """Median times of each verb in one pair of processes, shape (verbs, 2) [s]; NaN where a tree does not know it."""
-    workers = [Worker(script_of(tree), str(inputs), tree, cache) for tree, cache in zip(trees, caches, strict=True)]
-    on_one_core(workers)
-    rows = np.full((len(verbs), TURNS, 2), np.nan)
-    for k, verb in enumerate(verbs):
+def inputs_for(found: Harvest, tree: Path, cache: Path, folder: Path) -> Path:
+    """A file with the inputs of the verbs, their parameter rows cut to those that the revision of a tree knows."""
+    command = [sys.executable, "-c", TELL_ROW]
+    told = subprocess.run(command, env=environment_of(tree, cache), check=True, capture_output=True, text=True)
+    columns = [ROW.index(name) for name in json.loads(told.stdout)]
+    cut = copy(found)
+    for kinds in ("rough", "smooth"):
+        every = getattr(found, kinds).items()
+        setattr(cut, kinds, {kind: inputs._replace(rows=inputs.rows[:, columns].copy()) for kind, inputs in every})
+    file = folder / f"{cache.name}_inputs"
+    file.write_bytes(pickle.dumps(cut))
+    return file
+
+
+def question(name: str) -> tuple[bool, list[Any]]:
+    """Whether a name is that of a scene, and what a worker is asked."""
+    scene = name.removeprefix("scene: ")
+    return (True, [SCENES[scene], SECONDS]) if scene != name else (False, [name, SECONDS])
+
+
+def timed_pair(
+    trees: Sequence[Path], caches: Sequence[Path], inputs: Sequence[Path], names: Sequence[str]
+) -> np.ndarray:
+    """Median times of each verb or scene in one pair of processes, shape (names, 2) [s]; NaN where a tree has it not."""
+    each = list(zip(trees, caches, inputs, strict=True))
+    verbs = [Worker(script_of(tree), str(found), tree, cache) for tree, cache, found in each]
+    scenes = [Worker(HERE / "scenes_worker.py", "", tree, cache) for tree, cache, _ in each]
+    on_one_core([*verbs, *scenes])
+    rows = np.full((len(names), TURNS, 2), np.nan)
+    for k, name in enumerate(names):
+        is_scene, asked = question(name)
+        workers = scenes if is_scene else verbs
         for turn in range(TURNS):
             for which in (0, 1) if turn % 2 == 0 else (1, 0):
-                rows[k, turn, which] = workers[which].ask([verb, SECONDS])
-    for worker in workers:
+                rows[k, turn, which] = workers[which].ask(asked)
+    for worker in (*verbs, *scenes):
         worker.close()
     return np.median(rows, axis=1)
 
 
-def compare(revisions: Sequence[str], verbs: Sequence[str], pairs: int) -> np.ndarray:
-    """Median times of each verb in each pair of processes, shape (pairs, verbs, 2) [s]."""
-    sign_interval(np.ones(pairs), DOUBT / len(verbs))  # too few pairs are told before the work
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        inputs = folder / "inputs"
-        inputs.write_bytes(pickle.dumps(Harvest(random=8, periods=6)))
+def compare(revisions: Sequence[str], names: Sequence[str], pairs: int) -> np.ndarray:
+    """Median times of each verb or scene in each pair of processes, shape (pairs, names, 2) [s]."""
+    sign_interval(np.ones(pairs), DOUBT / len(names))  # too few pairs are told before the work
+    with tempfile.TemporaryDirectory() as folder_name:
+        folder = Path(folder_name)
         caches = [folder / "cache_a", folder / "cache_b"]
         with checked_out(revisions[0], folder / "a") as a, checked_out(revisions[1], folder / "b") as b:
-            timed_pair((a, b), caches, inputs, verbs)  # compiles
-            return np.array([timed_pair((a, b), caches, inputs, verbs) for _ in range(pairs)])
+            found = Harvest(random=8, periods=6)
+            inputs = [inputs_for(found, tree, cache, folder) for tree, cache in zip((a, b), caches, strict=True)]
+            timed_pair((a, b), caches, inputs, names)  # compiles
+            return np.array([timed_pair((a, b), caches, inputs, names) for _ in range(pairs)])
 
 
 def table(times: np.ndarray, verbs: Sequence[str]) -> Iterator[str]:
@@ -165,13 +210,14 @@ def table(times: np.ndarray, verbs: Sequence[str]) -> Iterator[str]:
             continue
         ratio = sign_interval(times[:, k, 1] / times[:, k, 0], DOUBT / len(verbs))
         yield f"{verb:30s} {a:10.3f} {b:10.3f} {ratio.median:7.3f}  {ratio.low:.3f}..{ratio.high:.3f}  {ratio.verdict}"
+    yield f"{'median of all':52s} {np.nanmedian(np.median(times[:, :, 1] / times[:, :, 0], axis=0)):7.3f}"
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("revisions", nargs=2, metavar=("REV_A", "REV_B"))
-    parser.add_argument("--verbs", nargs="+", choices=list(VERBS), default=list(VERBS), metavar="VERB")
+    parser.add_argument("--verbs", nargs="+", choices=NAMES, default=NAMES, metavar="VERB")
     parser.add_argument("--pairs", type=int, default=12, help="pairs of processes")
     given = parser.parse_args(arguments)
     for line in table(compare(given.revisions, given.verbs, given.pairs), given.verbs):

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from verbs_inputs import CONTACT, DOUBLE, FLIGHT, RTOL, SINGLE, Inputs, record
 
-from dimersweep.kernel import chatter, event_loop
+from dimersweep.kernel import chatter, event_loop, smooth_motion
 from dimersweep.kernel.batch import run_many
 from dimersweep.kernel.compiler.jit import compiled, exported
 from dimersweep.kernel.contact import coordinates, forces, phase, step_control
@@ -107,9 +107,9 @@ def delassus_of_both(dm, state):
 @compiled
 def contact_step(dm, motion, method, rtol):
     """One step of a contact phase by a given method."""
-    b = step_control.bench_of(motion.work)
+    b = step_control.step_arrays(motion.work)
     plate = motion.state[PHASE] + dm.phi0
-    event_loop.set_contact(dm, motion.state, motion.modes, b.start)
+    smooth_motion.set_contact(dm, motion.state, motion.modes, b.start)
     step_control.set_scales(dm, rtol, b.scale)
     step_control.set_chart(b.start, b)
     forces.contact_rates(dm, motion.modes, plate, b.start, False, b.dy, b.F)
@@ -122,9 +122,9 @@ def contact_step(dm, motion, method, rtol):
 def contact_phase(dm, motion, rtol):
     """A contact phase to its first event or the end of the forcing period."""
     state, y = motion.state, motion.contact
-    event_loop.set_contact(dm, state, motion.modes, y)
+    smooth_motion.set_contact(dm, state, motion.modes, y)
     plate, span = state[PHASE] + dm.phi0, (TWO_PI - state[PHASE]) / dm.omega
-    slip_tol = event_loop.no_slip(dm, state, rtol)
+    slip_tol = smooth_motion.no_slip(dm, state, rtol)
     t, event = phase.sustain_contact(dm, motion.modes, y, plate, span, False, rtol, slip_tol, True, motion.work)
     return t if event != OUT_OF_STEPS else np.nan
 
@@ -136,13 +136,13 @@ def whole_chatter(dm, motion, ask, record):
     for hop in range(1, MAX_HOPS):
         energy = chatter.kinetic(dm, state)
         status, _ = event_loop.collide(dm, state, modes, ask.rtol, dm.v_scale, motion.work, record.log)
-        slip_tol = event_loop.no_slip(dm, state, ask.rtol)
+        slip_tol = smooth_motion.no_slip(dm, state, ask.rtol)
         y, dy, F = motion.contact, motion.rates, motion.forces
         if chatter.come_to_rest(dm, state, modes, slip_tol, ask.close, 1.0 * hop, energy, y, dy, F) >= 0.0:
             return hop
-        answer = event_loop.find_contact(dm, motion, modes, NO, slip_tol)
+        answer = smooth_motion.find_contact(dm, motion, modes, NO, slip_tol)
         course[CONTACT_IS_SET], course[SLIP_TOL] = YES if answer == CLOSED else NO, slip_tol
-        event = event_loop.move_to_next_event(dm, ask, motion)
+        event = smooth_motion.move_to_next_event(dm, ask, motion)
         if status != OK or is_failure(event) or approach(state) == 0.0:
             return 0
     return 0
@@ -191,7 +191,7 @@ def loop(verb, rows, scene, states, modes, option, rtol, turns, space, record, a
                 status, _ = event_loop.collide(dm, state, mode, rtol, dm.v_scale, work, record.log)
                 answer = state[N1] + state[N2] if status == OK else np.nan
             elif verb == RATES:
-                event_loop.set_contact(dm, state, mode, motion.contact)
+                smooth_motion.set_contact(dm, state, mode, motion.contact)
                 forces.contact_rates(dm, mode, state[PHASE], motion.contact, False, motion.rates, motion.forces)
                 answer = motion.forces[forces.F1] + motion.forces[forces.F2]
             elif verb == STEP:
@@ -203,7 +203,7 @@ def loop(verb, rows, scene, states, modes, option, rtol, turns, space, record, a
             elif verb == ROUTE:
                 answer = route(dm, state, rtol)
             elif verb == SLIP_SPEED:
-                event_loop.set_contact(dm, state, mode, motion.contact)
+                smooth_motion.set_contact(dm, state, mode, motion.contact)
                 answer = hypot(motion.contact[coordinates.YUA], motion.contact[coordinates.YUB])
             answers[k] = answer
 

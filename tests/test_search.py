@@ -7,7 +7,7 @@ import signal
 import numpy as np
 import pytest
 import xarray as xr
-from fakes import CODE, failing, fake_run_many, forget_some, raising, set_pace
+from fakes import failing, fake_run_many, forget_some, raising, set_pace
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -354,4 +354,3 @@ def test_a_hint_is_tried_first(fake_kernel):
     assert question.order([7, 2])[:2].tolist() == [7, 2]
     assert sorted(question.order([7, 2])) == list(range(10))
     assert question.until() == 1 << MODES.index("drift")
-    assert CODE["mode"] == deciding.CODES.index("mode")

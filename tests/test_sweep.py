@@ -17,6 +17,9 @@ from dimersweep.cubes.cube import names
 from dimersweep.cubes.results import Tile, blank_results, split
 from dimersweep.errors import KernelError, ParameterError, StoreError, UnfinishedError
 from dimersweep.kernel.model.layout import (
+    CODE_MODE,
+    CODE_N_PERIODS,
+    CODE_STATUS,
     M_DRIFT,
     M_UNRESOLVED,
     MODES,
@@ -69,10 +72,10 @@ def test_threads_and_tiles_give_the_bits_of_a_serial_run(monkeypatch):
 def rings_down(rows, periods, rtol, settle, out, codes, until=0):
     """A kernel whose starts settle after 1000 beta0 periods, in drift, and never where f is 25."""
     need = np.where(rows[:, 3] == 25, np.inf, 1000 * rows[:, 7])
-    codes[:, tiles.CODES.index("status")] = OK
-    codes[:, tiles.CODES.index("mode")] = np.where(need <= periods, M_DRIFT, M_UNRESOLVED)
-    codes[:, tiles.CODES.index("n_periods")] = np.minimum(need, periods)
-    stops = np.flatnonzero(until >> codes[:, tiles.CODES.index("mode")] & 1)
+    codes[:, CODE_STATUS] = OK
+    codes[:, CODE_MODE] = np.where(need <= periods, M_DRIFT, M_UNRESOLVED)
+    codes[:, CODE_N_PERIODS] = np.minimum(need, periods)
+    stops = np.flatnonzero(until >> codes[:, CODE_MODE] & 1)
     made = int(stops[0]) + 1 if stops.size else len(rows)
     codes[made:] = 0
     return made

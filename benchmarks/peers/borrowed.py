@@ -4,9 +4,10 @@ from dimersweep.kernel.chatter import come_to_rest, kinetic
 from dimersweep.kernel.compiler.jit import exported
 from dimersweep.kernel.contact.contact_mode import INCONSISTENT
 from dimersweep.kernel.course import NO, ROW_CONTACT, YES, motion_of
-from dimersweep.kernel.event_loop import approaches, collide, find_contact, force_impact, no_slip
+from dimersweep.kernel.event_loop import approaches, collide, force_impact
 from dimersweep.kernel.model.body import as_dimer
 from dimersweep.kernel.model.layout import D1, D2, FREE, N1, N2, OK, PHASE
+from dimersweep.kernel.smooth_motion import find_contact, no_slip
 from peers.passage import HOLD_LOST, P_PHASE, P_SLIP, SLIP_ZERO, as_body, begin, compiled, take_over
 
 

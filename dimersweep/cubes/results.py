@@ -5,9 +5,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dimersweep.kernel.model.layout import CODES, M_FAILED, M_NOT_RUN, MODES, N_CODES, N_OUT, NOT_RUN, OK
+from dimersweep.kernel.model.layout import (
+    CODE_MODE,
+    CODE_STATUS,
+    M_FAILED,
+    M_NOT_RUN,
+    MODES,
+    N_CODES,
+    N_OUT,
+    NOT_RUN,
+    OK,
+)
 
-_MODE, _STATUS = CODES.index("mode"), CODES.index("status")
 RESULT = np.dtype([("out", "<f8", (N_OUT,)), ("codes", "<i8", (N_CODES,))])  # of one point of a sweep
 
 
@@ -20,7 +29,7 @@ def blank_results(n: int, kind: np.dtype = RESULT, mode: int = M_NOT_RUN) -> np.
     for name in kind.names or ():
         if kind[name].base.kind == "f":
             results[name] = np.nan
-    results["codes"][:, _MODE] = mode
+    results["codes"][:, CODE_MODE] = mode
     return results
 
 
@@ -81,13 +90,13 @@ def runs(chosen: np.ndarray, start: int = 0) -> list[Tile]:
 
 def not_run(codes: np.ndarray) -> np.ndarray:
     """Where points of codes, shape (n, N_CODES), have never been run; shape (n,), bool."""
-    return codes[:, _MODE] == M_NOT_RUN
+    return codes[:, CODE_MODE] == M_NOT_RUN
 
 
 def failed(codes: np.ndarray) -> np.ndarray:
     """Where points of codes, shape (n, N_CODES), were run without a result; shape (n,), bool."""
     # a point of a refined map that is as its cell has a mode, but no status
-    return (codes[:, _MODE] == M_FAILED) | ~np.isin(codes[:, _STATUS], (OK, NOT_RUN))
+    return (codes[:, CODE_MODE] == M_FAILED) | ~np.isin(codes[:, CODE_STATUS], (OK, NOT_RUN))
 
 
 def not_ok(codes: np.ndarray) -> np.ndarray:
@@ -97,5 +106,5 @@ def not_ok(codes: np.ndarray) -> np.ndarray:
 
 def tally(codes: np.ndarray) -> dict[str, int]:
     """Number of points in each mode, from codes of shape (n, N_CODES)."""
-    values, counts = np.unique(codes[:, _MODE], return_counts=True)
+    values, counts = np.unique(codes[:, CODE_MODE], return_counts=True)
     return {MODES[value]: int(count) for value, count in zip(values, counts, strict=True)}

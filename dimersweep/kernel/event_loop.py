@@ -4,13 +4,11 @@ from math import cos, hypot, isfinite, sin, sqrt
 
 from dimersweep.kernel.chatter import come_to_rest, kinetic
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.contact.contact_mode import CLOSED, INCONSISTENT, MOMENT, contact_mode
-from dimersweep.kernel.contact.coordinates import YB, YUA, YUB, YWB, YWP, contact_state, kernel_state
+from dimersweep.kernel.contact.contact_mode import INCONSISTENT, MOMENT
 from dimersweep.kernel.contact.events import (
     JAM,
     LANDING,
     NO_EVENT,
-    OUT_OF_PROBES,
     OUT_OF_STEPS,
     end_of,
     is_failure,
@@ -18,8 +16,6 @@ from dimersweep.kernel.contact.events import (
     is_lift_off,
     is_slip_end,
 )
-from dimersweep.kernel.contact.forces import F1, contact_rates
-from dimersweep.kernel.contact.phase import sustain_contact
 from dimersweep.kernel.course import (
     BUDGET_LEFT,
     CAUSE,
@@ -39,9 +35,7 @@ from dimersweep.kernel.course import (
     YES,
     begin_course,
 )
-from dimersweep.kernel.flight.free_motion import fly, take_off
-from dimersweep.kernel.flight.landing import MAX_PROBES, next_landing
-from dimersweep.kernel.impact.impact import contact_velocity, double_impact, rounding, single_impact
+from dimersweep.kernel.impact.impact import contact_velocity, double_impact, single_impact
 from dimersweep.kernel.model.body import TWO_PI
 from dimersweep.kernel.model.layout import (
     BETA,
@@ -70,7 +64,6 @@ from dimersweep.kernel.model.layout import (
     PHASE,
     RECORD_FULL,
     ROOT_STEPS,
-    STICK,
 )
 from dimersweep.kernel.numerics.steps import copy
 from dimersweep.kernel.record import (
@@ -82,6 +75,14 @@ from dimersweep.kernel.record import (
     note_impact_phases,
     note_segment,
 )
+from dimersweep.kernel.smooth_motion import (
+    contact_code,
+    find_contact,
+    follow_contact,
+    move_to_next_event,
+    no_slip,
+    only_grazes,
+)
 from dimersweep.kernel.verdict.classify import (
     note_impact,
     note_landings,
@@ -91,10 +92,8 @@ from dimersweep.kernel.verdict.classify import (
     settled_period,
 )
 
-CONTACT_COST, DOUBLE_COST = 30, 20  # hops that take as long as a contact phase, as an impact at both ends
+DOUBLE_COST = 20  # hops that take as long as an impact at both ends
 LOOSEST = 1e-3  # relative tolerance of an impact, however slow
-SLIP_SCALE = 0.1  # slip that counts as none in contact, in units of the tolerance and g/omega
-COINCIDENT = 4e-16  # gap, in units of l, that counts as closed when the other end lands
 MOST_FORCED = 20  # impacts without collision in a row, after which the contact counts as jammed
 TURNED = 1e-9  # approach that stands for an impact without collision, in units of the slip
 
@@ -276,129 +275,6 @@ def choose_contact(dm, ask, motion, record):
     return not course[ENDED]
 
 
-@compiled
-def find_contact(dm, motion, modes, hold_is_lost, slip_tol):
-    """Contact modes of the ends at rest on the plate into `modes`; the state follows them, and the contact state is set.
-
-    Returns
-    -------
-    int
-        CLOSED, SEPARATES or INCONSISTENT.
-    """
-    state, y = motion.state, motion.contact
-    closed_1 = state[D1] == 0.0 and state[N1] == 0.0
-    closed_2 = state[D2] == 0.0 and state[N2] == 0.0
-    modes[0], modes[1] = FREE, FREE
-    if not closed_1 and not closed_2:
-        return CLOSED
-    contact_state(dm, state, -1.0 if closed_1 else 1.0, y)
-    if closed_1 and closed_2:
-        y[YB], y[YWB] = 0.0, 0.0
-    phase, lost = state[PHASE] + dm.phi0, hold_is_lost != NO
-    answer = contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, lost, motion.rates, motion.forces)
-    if answer == CLOSED:
-        kernel_state(dm, modes, y, state)
-    return answer
-
-
-@compiled
-def contact_code(modes):
-    """Contact state of Table 1 between impacts."""
-    return 5.0 * modes[0] + modes[1]
-
-
-@compiled
-def no_slip(dm, state, rtol):
-    """Slip that counts as none in contact [m/s]: below the tolerance, but clear of round-off."""
-    return max(SLIP_SCALE * rtol * dm.v_scale, 32.0 * rounding(dm, state))
-
-
-# --- smooth motion ------------------------------------------------------------------------------------------------------
-
-
-@compiled
-def move_to_next_event(dm, ask, motion):
-    """Move to the next event or to the end of the forcing period, whichever is first.
-
-    Returns
-    -------
-    int
-        The event (`contact.events`), or NO_EVENT at the end of the period.
-    """
-    modes, course = motion.modes, motion.course
-    course[CONTACT_BEFORE] = contact_code(modes)
-    free = modes[0] == FREE and modes[1] == FREE
-    course[BUDGET_LEFT] -= 1.0 if free else CONTACT_COST
-    if free:
-        event = fly_to_landing(dm, motion.state, ask.path)
-    else:
-        if not course[CONTACT_IS_SET]:
-            course[SLIP_TOL] = no_slip(dm, motion.state, ask.rtol)
-            set_contact(dm, motion.state, modes, motion.contact)
-        event = follow_contact(dm, ask, motion, TWO_PI - motion.state[PHASE], True)
-    course[CONTACT_IS_SET] = NO
-    return event
-
-
-@compiled
-def fly_to_landing(dm, state, path):
-    """Move freely to the next landing or to the end of the forcing period; returns the event."""
-    span = (TWO_PI - state[PHASE]) / dm.omega
-    fl = take_off(dm, state)
-    sign, t, probes = next_landing(fl, span)
-    if probes == MAX_PROBES:
-        return OUT_OF_PROBES
-    fly(dm, fl, state, min(t, span), path)
-    if sign == 0.0:
-        return NO_EVENT
-    touch(dm, state, sign)
-    return LANDING
-
-
-@compiled
-def touch(dm, state, sign):
-    """Close the gap of the end that has landed, and the other one too if it is no higher, to rounding."""
-    near = COINCIDENT * 2.0 * dm.h
-    landed, other = (D1, D2) if sign < 0.0 else (D2, D1)
-    if state[other] - state[landed] <= near:
-        state[other] = 0.0
-    state[landed] = 0.0
-    if state[D1] == 0.0 and state[D2] == 0.0:
-        state[BETA] = 0.0
-
-
-@compiled
-def set_contact(dm, state, modes, y):
-    """The contact state of a phase under way, from the kernel state."""
-    contact_state(dm, state, -1.0 if modes[0] != FREE else 1.0, y)
-    clear_slip(dm, modes, y)
-
-
-@compiled
-def clear_slip(dm, modes, y):
-    """Make the slip of a sticking end exactly zero (it was, but for the rounding on the way to the kernel state and back)."""
-    if modes[0] == STICK or (modes[0] == FREE and modes[1] == STICK):
-        y[YUA], y[YUB] = 0.0, 0.0
-    elif modes[1] == STICK:
-        y[YUA] = 0.0
-        y[YWP] = y[YUB] / (2.0 * dm.h)
-
-
-@compiled
-def follow_contact(dm, ask, motion, turn, locate):
-    """Follow the contact phase to its next event, but no further than the plate turns by `turn` [rad]; returns the event."""
-    state, y = motion.state, motion.contact
-    phase, span = state[PHASE] + dm.phi0, turn / dm.omega
-    t, event = sustain_contact(
-        dm, motion.modes, y, phase, span, ask.path, ask.rtol, motion.course[SLIP_TOL], locate, motion.work
-    )
-    if event == LANDING:
-        y[YB] = 0.0
-    kernel_state(dm, motion.modes, y, state)
-    state[PHASE] += dm.omega * t
-    return event
-
-
 # --- what follows an event ----------------------------------------------------------------------------------------------
 
 
@@ -438,13 +314,6 @@ def end_period(dm, ask, motion, record):
     known = course[REST_EVENTS] >= 0.0
     if ask.settle and (known or rests_for_good(dm, state, modes) or settled_period(motion.past) > 0):
         course[ENDED] = YES
-
-
-@compiled
-def only_grazes(dm, motion, i, phase):
-    """Whether the force at end i, zero now in the contact phase, is positive again a moment later."""
-    contact_rates(dm, motion.modes, phase + MOMENT, motion.contact, False, motion.rates, motion.forces)
-    return motion.forces[F1 + 3 * i] > 0.0
 
 
 @compiled

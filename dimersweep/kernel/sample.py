@@ -21,23 +21,13 @@ from dimersweep.kernel.contact.events import (
 )
 from dimersweep.kernel.contact.phase import sustain_contact
 from dimersweep.kernel.course import ROW_SHIFTED, ROW_TRIAL, SLIP_TOL, YES, Ask, motion_of
-from dimersweep.kernel.event_loop import evolve, find_contact, no_slip, only_grazes, set_contact
+from dimersweep.kernel.event_loop import evolve
 from dimersweep.kernel.flight.free_motion import fly, take_off
 from dimersweep.kernel.model.body import TWO_PI, as_dimer
-from dimersweep.kernel.model.layout import (
-    CB,
-    CONTACT_STEPS,
-    FREE,
-    N1,
-    N_ROW,
-    N_STATE,
-    OK,
-    PERIOD,
-    PHASE,
-    ROW_PHI0,
-)
+from dimersweep.kernel.model.layout import CB, CONTACT_STEPS, FREE, N1, N_ROW, N_STATE, OK, PERIOD, PHASE, ROW_PHI0
 from dimersweep.kernel.numerics.steps import copy
 from dimersweep.kernel.record import BEFORE, HOP_TIME, MODES
+from dimersweep.kernel.smooth_motion import find_contact, no_slip, only_grazes, set_contact
 from dimersweep.kernel.verdict.classify import begin_past
 
 HOPS_LAST = 2.0  # hops are followed for so long, in units of the time that they take when the plate does not change

@@ -9,11 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from dimersweep.cubes.results import Finished, Tile, tally
-from dimersweep.kernel.model.layout import CODES, M_NOT_RUN
+from dimersweep.kernel.model.layout import CODE_MODE, M_NOT_RUN
 from dimersweep.storage.files import put
 from dimersweep.storage.manifest import Entry
-
-_MODE = CODES.index("mode")
 
 
 class Damaged(Exception):
@@ -83,7 +81,7 @@ def read_points(folder: Path, entry: Entry, kind: np.dtype) -> list[Finished]:
         raise Damaged("is no file of results") from None
     if points.dtype != kind or points.shape != (entry.points,):
         raise Damaged("has results of another shape")
-    if (points["codes"][:, _MODE] == M_NOT_RUN).any():
+    if (points["codes"][:, CODE_MODE] == M_NOT_RUN).any():
         raise Damaged("has points that were not run")
     ends = np.cumsum([stop - start for start, stop in entry.tiles])
     parts = np.split(points, ends[:-1])

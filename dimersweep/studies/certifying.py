@@ -10,14 +10,18 @@ import numpy as np
 from dimersweep.cubes.cube import blank
 from dimersweep.kernel.batch import run_many
 from dimersweep.kernel.model.layout import (
-    CODES,
+    CODE_MODE,
+    CODE_N_PERIODS,
     M_DRIFT,
     M_FLUTTER,
     M_JUMP,
     M_PERIOD_N,
     M_REST,
-    OUT,
-    ROW,
+    N_ORBIT,
+    OUT_SETTLED_AFTER,
+    ROW_BETA0,
+    ROW_PHI0,
+    ROW_XDOT0,
 )
 from dimersweep.parameters import RTOL_RANGE
 
@@ -26,9 +30,7 @@ FINER, COARSER = 1e-2, 1e2  # rtol of shadows, over that of the run
 COARSE = 1e-6  # but the coarser one is at least this
 ROUNDING = 1e-12  # nudge of the start with the finer rtol; with the coarser one it is that rtol
 SETTLED = (M_REST, M_DRIFT, M_JUMP, M_FLUTTER, M_PERIOD_N)
-ORBIT = tuple(OUT.index(name) for name in ("radius", "period", "zeta", "speed", "precession_rate", "impact_phase"))
-_MODE, _PERIODS, _SETTLED_AFTER = CODES.index("mode"), CODES.index("n_periods"), OUT.index("settled_after")
-_BETA0, _XDOT0, _PHI0 = ROW.index("beta0"), ROW.index("xdot0"), ROW.index("phi0")
+ORBIT = tuple(range(N_ORBIT))
 
 
 def certified(
@@ -53,7 +55,7 @@ def certified(
         Largest relative difference of an orbit's quantities (of zeta and the impact phase: absolute) to those with more
         digits; NaN where the mode is not drift for both.
     """
-    confidence = np.where(np.isin(codes[:, _MODE], SETTLED), CERTAIN, UNSURE)
+    confidence = np.where(np.isin(codes[:, CODE_MODE], SETTLED), CERTAIN, UNSURE)
     error = np.full(len(rows), np.nan)
     finer = max(FINER * rtol, RTOL_RANGE[0])
     coarser = min(max(COARSER * rtol, COARSE), RTOL_RANGE[1])
@@ -69,9 +71,9 @@ def certified(
 def nudged(rows: np.ndarray, by: float) -> np.ndarray:
     """Points that start with `beta0` less and `xdot0` more by the share `by`, and `phi0` later by `by` radians."""
     moved = rows.copy()
-    moved[:, _BETA0] *= 1 - by
-    moved[:, _XDOT0] *= 1 + by
-    moved[:, _PHI0] += by
+    moved[:, ROW_BETA0] *= 1 - by
+    moved[:, ROW_XDOT0] *= 1 + by
+    moved[:, ROW_PHI0] += by
     return moved
 
 
@@ -85,10 +87,10 @@ def run(rows: np.ndarray, periods: int, rtol: float, settle: bool) -> tuple[np.n
 def compared(results: tuple[np.ndarray, np.ndarray], shadow: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
     """CERTAIN, UNSURE or CHANGED, for points with these results, given those of their shadows; shape (n,)."""
     (out, codes), (other_out, other_codes) = results, shadow
-    ended = codes[:, _PERIODS] == other_codes[:, _PERIODS]
-    after, other_after = out[:, _SETTLED_AFTER], other_out[:, _SETTLED_AFTER]
+    ended = codes[:, CODE_N_PERIODS] == other_codes[:, CODE_N_PERIODS]
+    after, other_after = out[:, OUT_SETTLED_AFTER], other_out[:, OUT_SETTLED_AFTER]
     alike = ended & ((after == other_after) | np.isnan(after))  # what rests has no period that it settled in
-    return np.where(codes[:, _MODE] != other_codes[:, _MODE], CHANGED, np.where(alike, CERTAIN, UNSURE))
+    return np.where(codes[:, CODE_MODE] != other_codes[:, CODE_MODE], CHANGED, np.where(alike, CERTAIN, UNSURE))
 
 
 def orbit_difference(out: np.ndarray, other: np.ndarray) -> np.ndarray:

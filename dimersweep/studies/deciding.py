@@ -10,15 +10,7 @@ from dimersweep.cubes.cube import blank
 from dimersweep.cubes.grid import Grid
 from dimersweep.cubes.results import RESULT, Bundle
 from dimersweep.kernel import kernel_version
-from dimersweep.kernel.model.layout import (
-    CODES,
-    M_DRIFT,
-    M_FAILED,
-    M_NOT_RUN,
-    M_UNRESOLVED,
-    MODES,
-    OK,
-)
+from dimersweep.kernel.model.layout import CODE_MODE, CODE_STATUS, M_DRIFT, M_FAILED, M_NOT_RUN, M_UNRESOLVED, MODES, OK
 from dimersweep.parameters import fill_rows
 from dimersweep.studies.paths import PathLength, path_of
 from dimersweep.work.tiles import SLOW_MODES, around, run_patiently
@@ -29,7 +21,6 @@ OPEN = (M_NOT_RUN, M_FAILED, M_UNRESOLVED)  # verdicts that leave an answer open
 CHUNK_RUNS = 16  # in one call of the kernel: it can be stopped only between calls
 # the answer, the index of the value that decided it, counted from 1 (0: none did), and the number of runs in each mode
 FOUND: list[tuple[Any, ...]] = [("answer", "<i8"), ("decider", "<i8"), ("counts", "<i8", (len(MODES),))]
-_MODE, _STATUS = CODES.index("mode"), CODES.index("status")
 
 
 @dataclass(frozen=True)
@@ -69,7 +60,7 @@ class Question:
 
     def stands(self, result: np.void, hints: Sequence[int]) -> bool:
         """Whether a result found with unknown hints is what `hints` lead to: bit for bit, the counts of its runs included."""
-        if result["codes"][_MODE] == M_NOT_RUN:
+        if result["codes"][CODE_MODE] == M_NOT_RUN:
             return False
         alone = result["counts"].sum() == 1 and result["decider"] - 1 == self.order(hints)[0]
         return bool(not self.led or not result["decider"] or alone)
@@ -216,7 +207,7 @@ def _tried(spec: SearchSpec, rows: np.ndarray, out: np.ndarray, codes: np.ndarra
         part = slice(made, made + CHUNK_RUNS)
         how = spec.periods, spec.max_periods, spec.rtol, True
         made += run_patiently(rows[part], *how, out[part], codes[part], until=ends | SLOW_MODES)
-        if ends >> int(codes[made - 1, _MODE]) & 1:
+        if ends >> int(codes[made - 1, CODE_MODE]) & 1:
             break
         if stopped():
             return 0
@@ -251,18 +242,18 @@ def decide(spec: SearchSpec, point: int, hints: Sequence[int], result: np.ndarra
     made = _tried(spec, rows, out, codes, stopped)
     if not made:
         return False
-    modes = codes[:made, _MODE]
+    modes = codes[:made, CODE_MODE]
     counts = np.bincount(modes, minlength=len(MODES))
     answer, which = _verdict(question, modes)
     result["answer"], result["counts"] = answer, counts
     if which < 0:  # no run alone decides: the most frequent mode, and no orbit
-        result["codes"][0, [_MODE, _STATUS]] = counts.argmax(), OK
+        result["codes"][0, [CODE_MODE, CODE_STATUS]] = counts.argmax(), OK
         return True
     if spec.orbit_periods:
         last, longer = slice(which, which + 1), spec.orbit_periods
         run_patiently(rows[last], longer, longer, spec.rtol, False, out[last], codes[last])
     result["out"], result["codes"], result["decider"] = out[which], codes[which], order[which] + 1
-    if spec.paths and codes[which, _MODE] == M_DRIFT:
+    if spec.paths and codes[which, CODE_MODE] == M_DRIFT:
         value = float(question.values[order[which]])
         result["x"], result["y"], result["axial_velocity"] = path_of(
             here | {question.axis: value}, spec.paths, spec.rtol

@@ -15,9 +15,6 @@ from dimersweep.cubes.results import (
     split,
 )
 from dimersweep.errors import StoreError
-from dimersweep.kernel.model.layout import (
-    CODES,
-)
 from dimersweep.storage.netcdf import open_cube
 from dimersweep.storage.provenance import differences
 from dimersweep.studies.deciding import SearchSpec
@@ -25,7 +22,6 @@ from dimersweep.studies.options import Options
 from dimersweep.studies.sweep_spec import Spec
 
 BLOCK = 1 << 16  # points looked up at a time
-_MODE, _STATUS = CODES.index("mode"), CODES.index("status")
 _POINTS = ("grid", "fixed", "refine")
 Read = Callable[[xr.Dataset], np.ndarray]  # the results of all points that a cube was made of
 

@@ -25,7 +25,7 @@ from dimersweep.cubes.results import (
     runs,
 )
 from dimersweep.errors import ParameterError
-from dimersweep.kernel.model.layout import CODES, M_NOT_RUN, MODES
+from dimersweep.kernel.model.layout import CODE_MODE, M_NOT_RUN, MODES
 from dimersweep.parameters import check_count, check_rtol
 from dimersweep.studies.deciding import (
     A_NOT_RUN,
@@ -47,7 +47,6 @@ from dimersweep.work.computing import Crew
 
 REGIONS = FLAGS["region"]
 MIXED = REGIONS.index("mixed")  # several modes, none of them the one asked for
-_MODE = CODES.index("mode")
 
 
 class Findings:
@@ -76,7 +75,7 @@ class Findings:
     @property
     def modes(self) -> np.ndarray:
         """Mode of each point, shape (n,), codes."""
-        modes: np.ndarray = self.results["codes"][:, _MODE]
+        modes: np.ndarray = self.results["codes"][:, CODE_MODE]
         return modes
 
     @property
@@ -231,7 +230,7 @@ def begin(spec: SearchSpec, options: Options, results: np.ndarray) -> tuple[Find
     cubes, origin = known_points(spec, options, partial(results_of, spec))
     offered = blank_results(spec.grid.size if cubes else 0, spec.kind)
     for cube in cubes:
-        lacking = runs(offered["codes"][:, _MODE] == M_NOT_RUN)
+        lacking = runs(offered["codes"][:, CODE_MODE] == M_NOT_RUN)
         for piece in cube.pieces(lacking, options.unwanted):
             offered[slice(*piece.tile)] = piece.results
     return Findings(spec.question, results, offered), origin
@@ -364,7 +363,7 @@ def results_of(spec: SearchSpec, cube: xr.Dataset) -> np.ndarray:
         for name in ("x", "y", "axial_velocity"):
             results[name] = cube[name].values.reshape(results[name].shape)
     if "computed" in cube:
-        results["codes"][cube["computed"].values.ravel() == 0, _MODE] = M_NOT_RUN
+        results["codes"][cube["computed"].values.ravel() == 0, CODE_MODE] = M_NOT_RUN
     return results
 
 

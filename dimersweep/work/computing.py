@@ -11,7 +11,7 @@ from dask.system import CPU_COUNT
 from dimersweep.cubes.grid import Grid
 from dimersweep.cubes.results import Finished, Tile, not_ok
 from dimersweep.errors import PointError, Stopped, UnfinishedError
-from dimersweep.kernel.model.layout import CODES, STATUS_MESSAGES, STATUSES
+from dimersweep.kernel.model.layout import CODE_MODE, CODE_STATUS, STATUS_MESSAGES, STATUSES
 from dimersweep.parameters import check_count
 from dimersweep.storage.memorystore import MemoryStore
 from dimersweep.storage.tilestore import TileStore
@@ -36,7 +36,6 @@ from dimersweep.work.tiles import (
 
 MAX_WORKERS = 4096  # threads
 ALIKE = 10  # tasks that break off in a row for the same reason: then it is not for the points
-_MODE, _STATUS = CODES.index("mode"), CODES.index("status")
 
 Store = MemoryStore | TileStore
 
@@ -135,7 +134,7 @@ class Crew:
         for piece in pieces:
             self.store.add(piece)
             if self._pool is not None:
-                self._shown.add(piece.codes[:, _MODE])
+                self._shown.add(piece.codes[:, CODE_MODE])
         self.store.flush()
 
     def _hire(self) -> Pool:
@@ -183,7 +182,7 @@ class Crew:
                 if self.how.fail_fast and not_ok(tile.codes).any():
                     failures.append(_failure(work, tile))
                     self._stop.set()
-                self._shown.add(tile.codes[:, _MODE])
+                self._shown.add(tile.codes[:, CODE_MODE])
 
         try:
             run_tiles(self._pool, work, bundles(missing, pace), take, self._stop)
@@ -207,6 +206,6 @@ def crew(store: Store, how: How) -> Iterator[Crew]:
 def _failure(work: Work, finished: Finished) -> tuple[int, str]:
     """The number of the first point of a tile that failed, and why it did."""
     row = int(not_ok(finished.codes).argmax())
-    status = finished.codes[row, _STATUS]
+    status = finished.codes[row, CODE_STATUS]
     number = finished.tile.start + row
     return number, f"{work.grid.point(number)} failed: {STATUSES[status]}: {STATUS_MESSAGES[status]}"

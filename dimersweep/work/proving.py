@@ -8,7 +8,7 @@ import numpy as np
 from dimersweep.errors import KernelError
 from dimersweep.kernel.batch import run_many
 from dimersweep.kernel.model.layout import (
-    CODES,
+    CODE_MODE,
     MODES,
     N_CODES,
     N_OUT,
@@ -51,7 +51,7 @@ def prove() -> None:
     except Exception as error:  # whatever the compiler, its cache or the machine leads to
         raise KernelError(f"kernel: cannot run here ({type(error).__name__}: {error})") from error
     for scene, floats, labels in zip(SCENES, out, codes, strict=True):
-        _compare(scene, dict(zip(OUT, floats.tolist(), strict=True)), int(labels[CODES.index("mode")]))
+        _compare(scene, dict(zip(OUT, floats.tolist(), strict=True)), int(labels[CODE_MODE]))
 
 
 def _compare(scene: Scene, given: dict[str, float], mode: int) -> None:

@@ -9,18 +9,12 @@ import numpy as np
 from dimersweep.cubes.grid import Grid
 from dimersweep.cubes.results import Bundle, Finished, Tile, blank_results
 from dimersweep.kernel.batch import run_many
-from dimersweep.kernel.model.layout import (
-    CODES,
-    M_APERIODIC,
-    M_FAILED,
-    M_UNRESOLVED,
-)
+from dimersweep.kernel.model.layout import CODE_MODE, M_APERIODIC, M_FAILED, M_UNRESOLVED
 
 TILE_SECONDS = 0.5  # long against the cost of a task (4 ms), short against the patience of Ctrl-C (2 s)
 CHUNK_SECONDS = 0.1  # what one call of the kernel aims at: it can be stopped only between calls
 LONGEST_TILE = 2 * TILE_SECONDS  # a task whose points turn out slow comes back with those it has by then
 SLOW_MODES = sum(1 << mode for mode in (M_FAILED, M_APERIODIC, M_UNRESOLVED))  # these use all periods they are given
-_MODE = CODES.index("mode")
 
 
 class Broken(NamedTuple):
@@ -93,7 +87,7 @@ def run_patiently(
     """
     made = run_many(rows, periods, rtol, settle, out, codes, until=until | 1 << M_UNRESOLVED)
     last = slice(made - 1, made)
-    while codes[made - 1, _MODE] == M_UNRESOLVED and periods < max_periods:
+    while codes[made - 1, CODE_MODE] == M_UNRESOLVED and periods < max_periods:
         periods = min(2 * periods, max_periods)
         run_many(rows[last], periods, rtol, settle, out[last], codes[last], until=until)
     return made

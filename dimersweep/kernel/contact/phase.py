@@ -56,9 +56,9 @@ from dimersweep.kernel.contact.step_control import (
     XI,
     H,
     Phase,
-    bench_of,
     set_chart,
     set_scales,
+    step_arrays,
     step_to,
     stiffness,
 )
@@ -72,16 +72,18 @@ MAX_CHARTS = 20000
 FAINT = 1e-5  # first step of a phase that begins without force, in turns of its motion: after it the end presses, or lifts off
 LEAST = 1e-14  # step, in forcing periods, below which the contact force grows beyond all bounds
 STIFF = 0.02  # time in which the slip turns, in forcing periods, below which the plain method is left
-FALLING = 0.15  # rate of slip, in units of -gamma, from which the slow method takes it
-SOON = 0.1  # rate at which the compliance falls, in units of itself and of gamma / v, that is a jam for the slow method
+FALLING = 0.15  # rate of slip, in units of -gamma, from which the rescaled method takes it
+SOON = (
+    0.1  # rate at which the compliance falls, in units of itself and of gamma / v, that calls for the rescaled method
+)
 BRAKED = 1e3  # braking of the turn of a spinning dimer, per forcing period, from which it is stiff
 TURNS = 7.0  # of a slip, that an explicit step may span: what the method bears
 SLIGHT = 1e-6  # turn of the slip over which that rate is taken [rad]
 LONGEST = 0.25  # longest step, in forcing periods
 FIRST, FIRST_RESCALED = 1.6, 15.0  # first steps, in forcing periods and in xi, over the tolerance to the power of 1/8
 HALTING = 1.4  # step over the time to rest of a slip that turns, over the tolerance to the power of 1/16: as measured
-SLIDING = 0.65  # the same of a slide: as measured
-RISE = 3.0  # of the step from one to the next, at most, at the slow method and of slides
+SLIDING = 0.65  # the same of an implicit step: as measured
+RISE = 3.0  # of the step from one to the next, at most, by the rescaled and the implicit method
 SHORTEST = 1e-12  # step, in forcing periods, that is not shortened for an event that may hide in it
 BEYOND = 1.02  # how far past a landing in sight a step goes
 
@@ -322,7 +324,7 @@ def step_on(dm, p, b):
 @compiled
 def sustain_in_chart(dm, p, work):
     """The contact phase to its first event, LEAVES_CHART among them; returns its time and the event."""
-    b = bench_of(work)
+    b = step_arrays(work)
     begin_phase(dm, p, b)
     if b.F[COMPLIANCE] <= 0.0:
         return 0.0, JAM

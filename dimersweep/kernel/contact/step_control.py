@@ -2,9 +2,9 @@
 
 Plain: DOP853 in time. Rescaled: DOP853 in xi with dt = (v / gamma) dxi, for a slip v on its way to rest, whose direction turns
 at the rate gamma / v: per xi nothing is stiff and the slip falls exponentially. Near a jam, with the force at each moment in
-gamma, nothing is singular either where it goes through infinity, beyond which time runs back (``clock``). Implicit: Radau IIA
-in time, for slip that is slow and stays so, or sets out from rest: its direction follows the forces at once, and the step
-need not resolve how.
+gamma, nothing is singular either where it goes through infinity, beyond which time runs back (``time_per_xi``). Implicit: Radau
+IIA in time, for slip that is slow and stays so, or sets out from rest: its direction follows the forces at once, and the
+step need not resolve how.
 """
 
 from math import inf, sqrt
@@ -50,7 +50,7 @@ from dimersweep.kernel.numerics.tableaux import DOP_A, DOP_C
 
 PLAIN, RESCALED, IMPLICIT = 0, 1, 2
 MAX_TURNS = 14  # Newton iterations of an implicit step
-SETTLED = 0.1  # change in a Newton iteration, over the tolerance, that ends them
+CONVERGED = 0.1  # change in a Newton iteration, over the tolerance, that ends them
 RENEWED = 2  # the iteration that takes new derivatives
 TIGHT = 0.5  # compliance from which the turning of the slip may lead to a jam
 TURN = 1e-6  # change of a slip, in units of itself, in its finite differences
@@ -58,8 +58,8 @@ TURN = 1e-6  # change of a slip, in units of itself, in its finite differences
 STEP_ROWS = 81
 
 
-class Bench(NamedTuple):
-    """Rows of the work array, by what they hold during a step."""
+class StepArrays(NamedTuple):
+    """Rows of the work array, by what they hold during a step of a contact phase."""
 
     K: Any  # slopes of the stages
     Y: Any  # states at the nodes of an implicit step
@@ -114,9 +114,9 @@ class Phase(NamedTuple):
 
 
 @compiled
-def bench_of(work):
-    """The bench on a work array of at least STEP_ROWS rows."""
-    return Bench(
+def step_arrays(work):
+    """The arrays of a step on a work array of at least STEP_ROWS rows."""
+    return StepArrays(
         work[0:12],
         work[12:17],
         work[17:32],
@@ -143,7 +143,7 @@ def bench_of(work):
 
 @compiled
 def set_chart(y, b):
-    """Mark the states on the bench as ones in the chart of y."""
+    """Mark the states of a step as ones in the chart of y."""
     same_chart(y, b.start)
     same_chart(y, b.out)
     same_chart(y, b.probe)
@@ -172,7 +172,7 @@ def stiffness(dm, y, force):
 
 
 @compiled
-def slowness(dm, modes, y):
+def ruling_slip(dm, modes, y):
     """Slip speed of the rescaled method: that of the one slipping end, or half the harmonic mean of both."""
     inverse = 0.0
     for i in range(2):
@@ -183,7 +183,7 @@ def slowness(dm, modes, y):
 
 
 @compiled
-def clock(F, start):
+def time_per_xi(F, start):
     """Time per xi under the forces F, in units of that at the start of the step.
 
     It goes with 1 / F, and stays finite where the force vanishes: to F is added its product with the compliance, which is
@@ -204,9 +204,9 @@ def explicit_step(dm, modes, phase, h, n, method, gamma, b):
             explicit_stage(i, h, b.start, b.K, n, b.out)
             contact_rates(dm, modes, phase + dm.omega * b.out[YTIME], b.out, n > N_CLOSED, b.K[i], b.F_out)
         if method == RESCALED:
-            share = slowness(dm, modes, b.out) / gamma
+            share = ruling_slip(dm, modes, b.out) / gamma
             if b.F[COMPLIANCE] < TIGHT:
-                share *= clock(b.F if i == 0 else b.F_out, b.F)
+                share *= time_per_xi(b.F if i == 0 else b.F_out, b.F)
             for k in range(n):
                 b.K[i, k] *= share
     return explicit_finish(h, b.start, b.K, n, b.scale, b.out)
@@ -371,7 +371,7 @@ def implicit_step(dm, modes, phase, h, n, b):
             if not newton_matrix(h, m, b):
                 return inf
         change = newton_iteration(h, n, m, b)
-        if change <= SETTLED:
+        if change <= CONVERGED:
             copy(b.Y[NODES - 1], b.out, n)
             b.out[YTIME] = h
             return implicit_error(h, b)

@@ -127,9 +127,9 @@ OUT = (
     "settled_after",
 )
 N_OUT = len(OUT)
-OUT_ORBIT, N_ORBIT = 0, 6  # the values of the orbit begin here, and their drifts so many slots later
-OUT_DRIFT = OUT_ORBIT + N_ORBIT
-OUT_SPIN_RATE, OUT_BETA_RATE_AFTER, OUT_DOWN_1, OUT_DOWN_2, OUT_SETTLED_AFTER = range(OUT_DRIFT + N_ORBIT, N_OUT)
+OUT_RADIUS, OUT_PERIOD, OUT_ZETA, OUT_SPEED, OUT_PRECESSION_RATE, OUT_IMPACT_PHASE = range(6)
+N_ORBIT = 6  # values of an orbit, in the first slots; the drift of each is so many slots later
+OUT_SPIN_RATE, OUT_BETA_RATE_AFTER, OUT_DOWN_SHARE_1, OUT_DOWN_SHARE_2, OUT_SETTLED_AFTER = range(2 * N_ORBIT, N_OUT)
 CODES = ("status", "mode", "mode_period", "di_end", "n_events", "n_periods")
 N_CODES = len(CODES)
 CODE_STATUS, CODE_MODE, CODE_MODE_PERIOD, CODE_DI_END, CODE_N_EVENTS, CODE_N_PERIODS = range(N_CODES)

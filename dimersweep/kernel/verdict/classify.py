@@ -1,4 +1,4 @@
-"""What motion is this: what a run keeps of its past, when it has settled, its mode, and its orbit.
+"""The classification of a motion: what a run keeps of its past, when it has settled, its mode, and its orbit.
 
 Kept are the last strobes (normal state at the period boundaries), double events (landings of one ball while the other one
 is down, with the state after the last impact of each burst) and long landings. Lines drawn here, in forcing periods: a
@@ -27,7 +27,18 @@ from dimersweep.kernel.model.layout import (
     M_UNRESOLVED,
     N1,
     N2,
+    N_ORBIT,
     N_OUT,
+    OUT_BETA_RATE_AFTER,
+    OUT_DOWN_SHARE_1,
+    OUT_DOWN_SHARE_2,
+    OUT_IMPACT_PHASE,
+    OUT_PRECESSION_RATE,
+    OUT_RADIUS,
+    OUT_SETTLED_AFTER,
+    OUT_SPEED,
+    OUT_SPIN_RATE,
+    OUT_ZETA,
     PERIOD,
     PHASE,
     SPIN,
@@ -61,6 +72,7 @@ S_OFF_1, S_OFF_2, S_DOWN_1, S_DOWN_2, S_DOUBLES, S_LANDINGS, S_STROBES, S_CLOSED
 RUNS = 1  # this row holds, in column p, for how many periods the motion has repeated with period p
 # columns of a strobe
 P_D1, P_D2, P_N1, P_N2, P_DOWN_1, P_DOWN_2, P_DOUBLES = range(7)
+N_NORMAL = P_N2 + 1  # those up to here are the normal state, which a motion repeats
 # columns of a double event
 E_TIME, E_PHASE, E_SPEED, E_ZETA, E_THETA, E_SPIN, E_WB, E_END, E_BOUNCER = range(9)
 # columns of a landing
@@ -76,7 +88,7 @@ def time_of(dm, state):
 @compiled
 def begin_past(past):
     """An empty past; both balls down."""
-    clear(past, STROBES, PAST_COLUMNS)  # the rest is read no further than it is counted here
+    clear(past, STROBES, PAST_COLUMNS)  # the other rows are read no further than they are counted here
     past[SCALARS, S_OFF_1] = past[SCALARS, S_OFF_2] = -1.0
 
 
@@ -194,7 +206,7 @@ def note_period(dm, state, modes, past):
         line = KEPT if past[RUNS, p] >= PATIENCE + p else SETTLED
         if same:
             old = past[STROBES + (count - p) % RING]
-            for k in range(4):
+            for k in range(N_NORMAL):
                 if not abs(row[k] - old[k]) <= line:
                     same = False
         past[RUNS, p] = past[RUNS, p] + 1.0 if same else 0.0
@@ -205,7 +217,7 @@ def last_strobe(past, strobe):
     """Copy the normal state of the last strobe into `strobe`; returns the largest change of an entry of it."""
     row = past[STROBES + (int(past[SCALARS, S_STROBES]) - 1) % RING]
     apart = 0.0
-    for k in range(4):
+    for k in range(N_NORMAL):
         apart = max(apart, abs(row[k] - strobe[k]))
         strobe[k] = row[k]
     return apart
@@ -217,13 +229,13 @@ def change(past, p, back):
     last = int(past[SCALARS, S_STROBES]) - 1 - back
     row, old = past[STROBES + last % RING], past[STROBES + (last - p) % RING]
     apart = 0.0
-    for k in range(4):
+    for k in range(N_NORMAL):
         apart = max(apart, abs(row[k] - old[k]))
     return apart
 
 
 @compiled
-def largest(past, q, p, back):
+def largest_change(past, q, p, back):
     """Largest change over q periods in a stretch of p strobes, which ends `back` periods before the last one."""
     apart = 0.0
     for k in range(p):
@@ -236,7 +248,9 @@ def fades(past, p):
     """Whether a motion that repeats with period p rings down to a shorter one, a divisor of p."""
     shorter = False
     for q in range(1, p):
-        shorter = shorter or (p % q == 0 and largest(past, q, p, 0) < FADING * largest(past, q, p, PATIENCE))
+        shorter = shorter or (
+            p % q == 0 and largest_change(past, q, p, 0) < FADING * largest_change(past, q, p, PATIENCE)
+        )
     return shorter
 
 
@@ -321,22 +335,22 @@ def beside(dm, past, landing, k):
 
 @compiled
 def orbit_value(past, k, back):
-    """Observable k (radius, period, zeta, speed, precession rate, impact phase) of the double event `back` before the last."""
+    """Value k of the orbit (OUT_RADIUS to OUT_IMPACT_PHASE) at the double event `back` before the last."""
     count = int(past[SCALARS, S_DOUBLES])
     row = past[DOUBLES + (count - 1 - back) % RING]
     old = past[DOUBLES + (count - 2 - back) % RING]
-    if k == 2:
+    if k == OUT_ZETA:
         return row[E_ZETA]
-    if k == 3:
+    if k == OUT_SPEED:
         return row[E_SPEED]
-    if k == 5:
+    if k == OUT_IMPACT_PHASE:
         return row[E_PHASE]
     rate = (row[E_THETA] - old[E_THETA]) / (row[E_TIME] - old[E_TIME])
-    if k == 4:
+    if k == OUT_PRECESSION_RATE:
         return rate
     if rate == 0.0:
         return inf
-    return row[E_SPEED] / abs(rate) if k == 0 else 2.0 * pi / abs(rate)
+    return row[E_SPEED] / abs(rate) if k == OUT_RADIUS else 2.0 * pi / abs(rate)
 
 
 @compiled
@@ -352,7 +366,7 @@ def orbit_of(dm, past, out):
     if count < 2:
         return 0
     n = min(FIT, count - 1, RING - 1)
-    for k in range(6):
+    for k in range(N_ORBIT):
         out[k] = orbit_value(past, k, 0)
         mean_x, mean_y = 0.5 * (n - 1), 0.0
         for back in range(n):
@@ -362,9 +376,9 @@ def orbit_of(dm, past, out):
             x = (n - 1 - back) - mean_x
             xy += x * (orbit_value(past, k, back) - mean_y)
             xx += x * x
-        out[6 + k] = xy / xx if n > 1 else nan
+        out[N_ORBIT + k] = xy / xx if n > 1 else nan
     last = past[DOUBLES + (count - 1) % RING]
-    out[12], out[13] = last[E_SPIN], last[E_WB]
+    out[OUT_SPIN_RATE], out[OUT_BETA_RATE_AFTER] = last[E_SPIN], last[E_WB]
     return int(last[E_END])
 
 
@@ -379,7 +393,7 @@ def verdict(dm, past, at_rest, out):
         end = orbit_of(dm, past, out)
     if past[SCALARS, S_STROBES] > 1.0:
         span = int(min(past[SCALARS, S_STROBES] - 1.0, 12.0))
-        out[14], out[15] = shares(dm, past, span)
+        out[OUT_DOWN_SHARE_1], out[OUT_DOWN_SHARE_2] = shares(dm, past, span)
     if p > 0:
-        out[16] = past[SCALARS, S_STROBES] - past[RUNS, p]
+        out[OUT_SETTLED_AFTER] = past[SCALARS, S_STROBES] - past[RUNS, p]
     return mode, p, end
