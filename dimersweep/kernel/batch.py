@@ -13,7 +13,9 @@ from dimersweep.kernel.model.layout import (
     CODE_N_EVENTS,
     CODE_N_PERIODS,
     CODE_STATUS,
+    DI_NONE,
     FREE,
+    INTERRUPTED,
     M_APERIODIC,
     M_FAILED,
     M_UNRESOLVED,
@@ -67,9 +69,12 @@ def run_rows(rows, ask, until, out, codes, space, record):
         start_state(dm, rows[k, ROW_BETA0], rows[k, ROW_XDOT0], run.state)
         run.modes[0], run.modes[1] = FREE, FREE
         run_to_verdict(dm, ask, run, record, out[k], codes[k])
-        unresolved = codes[k, CODE_MODE] == M_UNRESOLVED and ask.periods >= EVIDENCE
-        if unresolved and leaves_its_twin(dm, ask, run, twin, without_rows(record), space.strobe):
-            codes[k, CODE_MODE] = M_APERIODIC
+        if codes[k, CODE_MODE] == M_UNRESOLVED and ask.periods >= EVIDENCE:
+            status, apart = follow_with_twin(dm, ask, run, twin, without_rows(record), space.strobe)
+            if apart:
+                codes[k, CODE_MODE] = M_APERIODIC
+            elif status == INTERRUPTED:
+                note_failure(status, out[k], codes[k])
         if until >> codes[k, CODE_MODE] & 1:
             return k + 1
     return rows.shape[0]
@@ -82,19 +87,30 @@ def run_to_verdict(dm, ask, run, record, out, codes):
     clear_counts(record.counts)
     status, at_rest = evolve(dm, ask, run, record)
     mode, p, end = verdict(dm, run.past, at_rest, out)
-    if status != OK:
-        mode, p, end = M_FAILED, 0, 0
-        for j in range(out.shape[0]):
-            out[j] = nan
     codes[CODE_STATUS], codes[CODE_MODE], codes[CODE_MODE_PERIOD], codes[CODE_DI_END] = status, mode, p, end
     codes[CODE_N_EVENTS], codes[CODE_N_PERIODS] = record.counts[EVENTS], int(run.state[PERIOD])
+    if status != OK:
+        note_failure(status, out, codes)
 
 
 @compiled
-def leaves_its_twin(dm, ask, run, twin, record, strobe):
-    """Whether a run that has not settled parts from a twin that starts beside it, both followed on in stretches.
+def note_failure(status, out, codes):
+    """The outcome of a run that could not go on."""
+    codes[CODE_STATUS], codes[CODE_MODE], codes[CODE_MODE_PERIOD], codes[CODE_DI_END] = status, M_FAILED, 0, DI_NONE
+    for j in range(out.shape[0]):
+        out[j] = nan
+
+
+@compiled
+def follow_with_twin(dm, ask, run, twin, record, strobe):
+    """Follow a run that has not settled, and a twin that starts beside it, on in stretches until they are apart.
 
     They share their past: only the last strobe in it is looked at, which `strobe` keeps from the one to the other.
+
+    Returns
+    -------
+    status, apart : int, bool
+        OK or why the two could not go on; whether they came apart.
     """
     copy(run.state, twin.state, N_STATE)
     copy(run.modes, twin.modes, 2)
@@ -106,11 +122,11 @@ def leaves_its_twin(dm, ask, run, twin, record, strobe):
         for which in range(2):
             status, _ = evolve(dm, further, run if which == 0 else twin, record)
             if status != OK:
-                return False
+                return status, False
             apart = last_strobe(run.past, strobe)
         if apart > SEPARATED:
-            return True
-    return False
+            return OK, True
+    return OK, False
 
 
 def ask_for(periods, rtol, settle=False, path=False) -> Ask:

@@ -1,13 +1,14 @@
 """The event loop: what is conserved, what stays put, what comes to rest, that it is deterministic and always ends."""
 
 from math import pi
+from threading import Timer
 
 import numpy as np
 import pytest
 from verbs import row_of
 
 from dimersweep import simulate
-from dimersweep.kernel import batch
+from dimersweep.kernel import batch, record
 from dimersweep.kernel.course import BUDGET, BUDGET_PER_PERIOD
 from dimersweep.kernel.model import layout
 from dimersweep.kernel.model.layout import (
@@ -183,6 +184,46 @@ def test_the_kernel_is_compiled_once():
     simulate(periods=2, record=True)
     simulate(periods=2, record=False, stop_when_settled=True, e=1, mu=0, mu_s=0, beta0=0)
     assert len(batch.run_rows.signatures) == 1
+
+
+@pytest.mark.jit
+def test_a_run_ends_when_another_thread_asks_for_it():
+    rows, stop = row_of()[None].repeat(3, axis=0), np.zeros(1, np.uint8)
+    out, codes = outcome(rows, 1)  # compiles
+    timer = Timer(0.3, lambda: stop.fill(1))
+    timer.start()
+    batch.run_many(rows, 10**9, 1e-8, False, out, codes, 0, stop)
+    assert (codes[:, layout.CODE_STATUS] == layout.INTERRUPTED).all()
+    assert 0 < codes[0, layout.CODE_N_PERIODS] < 10**9
+    assert not codes[1:, layout.CODE_N_PERIODS].any()
+    assert (codes[:, layout.CODE_MODE] == layout.M_FAILED).all()
+    assert np.isnan(out).all()
+    stop[0] = 0
+    batch.run_many(rows, 100, 1e-8, False, out, codes, 0, stop)
+    assert (codes[:, layout.CODE_STATUS] == layout.OK).all()
+
+
+def test_a_run_that_is_to_stop_makes_no_event():
+    row, stop = row_of()[None], np.ones(1, np.uint8)
+    out, codes = np.zeros((1, layout.N_OUT)), np.zeros((1, layout.N_CODES), np.int64)
+    batch.run_many(row, 5, 1e-8, False, out, codes, 0, stop)
+    assert codes[0, layout.CODE_STATUS] == layout.INTERRUPTED
+    assert codes[0, layout.CODE_N_EVENTS] == codes[0, layout.CODE_N_PERIODS] == 0
+
+
+def test_slots_are_those_of_the_names():
+    assert [getattr(layout, f"CODE_{name.upper()}") for name in CODES] == list(range(layout.N_CODES))
+    named = [name for name in OUT if not name.endswith("_drift")]
+    assert [getattr(layout, f"OUT_{name.upper()}") for name in named] == [OUT.index(name) for name in named]
+    assert [OUT.index(f"{name}_drift") for name in OUT[: layout.N_ORBIT]] == list(
+        range(layout.N_ORBIT, 2 * layout.N_ORBIT)
+    )
+    assert [record.EVENT[k] for k in (record.E_CAUSE, record.E_N1, record.E_P1, record.E_A1)] == [
+        "cause",
+        "gap_1_rate_before",
+        "impulse_1",
+        "slip_1_a",
+    ]
 
 
 @pytest.mark.jit
