@@ -94,7 +94,7 @@ def new_workspace(stop: np.ndarray | None = None) -> Workspace:
     )
 
 
-@compiled
+@compiled(inline=True)
 def motion_of(state, modes, space):
     """The run of a state, on the scratch arrays of a workspace."""
     work = space.work
@@ -112,7 +112,7 @@ def motion_of(state, modes, space):
     )
 
 
-@compiled
+@compiled(inline=True)
 def begin_course(course, ask, contact, cause, events):
     """A course at its start, in a contact state of Table 1 that is to be chosen anew, after so many events."""
     course[STATUS], course[ENDED] = OK, NO

@@ -127,7 +127,7 @@ def evolve(dm, ask, motion, record):
     return finish(dm, ask, motion, record)
 
 
-@compiled
+@compiled(inline=True)
 def going_on(ask, motion):
     """Whether the run is to go on; sets its status where it cannot."""
     course = motion.course
@@ -140,7 +140,7 @@ def going_on(ask, motion):
     return course[STATUS] == OK
 
 
-@compiled
+@compiled(inline=True)
 def approaches(state):
     """Whether a closed end moves into the plate."""
     return (state[D1] == 0.0 and state[N1] < 0.0) or (state[D2] == 0.0 and state[N2] < 0.0)
@@ -149,7 +149,7 @@ def approaches(state):
 # --- impacts ----------------------------------------------------------------------------------------------------------
 
 
-@compiled
+@compiled(inline=True)
 def resolve_impact(dm, ask, motion, record):
     """The impact of the closed ends that approach, and the close of a chatter that is as good as over.
 
@@ -188,7 +188,7 @@ def resolve_impact(dm, ask, motion, record):
     return True
 
 
-@compiled
+@compiled(inline=True)
 def noted_impact(dm, ask, motion, record):
     """An impact with all that is kept of it: landings, the double event, the rows of the record. Returns its status."""
     state, past, course = motion.state, motion.past, motion.course
@@ -244,7 +244,7 @@ def force_impact(dm, state):
 # --- the contact of ends at rest on the plate ---------------------------------------------------------------------------
 
 
-@compiled
+@compiled(inline=True)
 def choose_contact(dm, ask, motion, record):
     """Choose the contact of the ends at rest on the plate, and note the smooth phase that begins with it.
 
@@ -278,7 +278,7 @@ def choose_contact(dm, ask, motion, record):
 # --- what follows an event ----------------------------------------------------------------------------------------------
 
 
-@compiled
+@compiled(inline=True)
 def follow_up(dm, ask, motion, record, event):
     """What an event leads to: an impact, the next forcing period, a new contact, or nothing."""
     course = motion.course
@@ -299,7 +299,7 @@ def follow_up(dm, ask, motion, record, event):
                 course[CAUSE] = cause_of(event)
 
 
-@compiled
+@compiled(inline=True)
 def end_period(dm, ask, motion, record):
     """The end of a forcing period: a strobe of the motion, and whether it is known by now."""
     state, modes, course = motion.state, motion.modes, motion.course
@@ -316,7 +316,7 @@ def end_period(dm, ask, motion, record):
         course[ENDED] = YES
 
 
-@compiled
+@compiled(inline=True)
 def cause_of(event):
     """Why an event row is written, from the event of a contact phase."""
     if is_slip_end(event):
@@ -329,7 +329,7 @@ def cause_of(event):
 
 @compiled
 def start_state(dm, beta0, xdot0, state):
-    """Section 7 of the start: p1 on the plate, the rod at beta0 along Y, the balls moving sideways with xdot0."""
+    """The start of a run: p1 on the plate, the rod at beta0 along Y, the balls moving sideways with xdot0."""
     for k in range(N_STATE):
         state[k] = 0.0
     plate = dm.A_z * dm.omega * cos(dm.phi0)
@@ -339,7 +339,7 @@ def start_state(dm, beta0, xdot0, state):
     state[CB] = xdot0
 
 
-@compiled
+@compiled(inline=True)
 def finish(dm, ask, motion, record):
     """The last row of the record; a rest known before the end of a forcing period counts as that end. See `evolve`."""
     state, modes, course = motion.state, motion.modes, motion.course

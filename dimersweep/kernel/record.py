@@ -94,20 +94,20 @@ def clear_counts(counts):
     counts[EVENTS], counts[EVENT_ROWS], counts[SEGMENT_ROWS] = 0, 0, 0
 
 
-@compiled
+@compiled(inline=True)
 def is_kept(record):
     """Whether a record is wanted."""
     return record.segments.shape[0] > 0
 
 
-@compiled
+@compiled(inline=True)
 def is_full(record):
     """Whether the record would have needed more rows."""
     counts = record.counts
     return counts[EVENT_ROWS] > record.events.shape[0] or counts[SEGMENT_ROWS] > record.segments.shape[0]
 
 
-@compiled
+@compiled(inline=True)
 def next_row(record):
     """Number of the next event row, which is counted even where there is no room for it: then below zero."""
     count = record.counts[EVENT_ROWS]
@@ -115,7 +115,7 @@ def next_row(record):
     return count if count < record.events.shape[0] else -1
 
 
-@compiled
+@compiled(inline=True)
 def head(row, state, cause, kind, before, after):
     """Write what all event rows have."""
     row[E_PERIOD], row[E_PHASE], row[E_CAUSE], row[E_KIND] = state[PERIOD], state[PHASE], cause, kind
@@ -173,7 +173,7 @@ def note_segment(record, state, modes, hop_time, before):
             row[BEFORE + k - N1] = before[k]
 
 
-@compiled
+@compiled(inline=True)
 def note_contact(dm, record, state, modes, cause, before, after, hop_time, before_hops):
     """Write the smooth phase that starts now, and the event that has led to it unless the impact's own rows tell all."""
     if cause != C_IMPACT or after != 0:

@@ -30,7 +30,7 @@ def no_slip(dm, state, rtol):
     return max(SLIP_SCALE * rtol * dm.v_scale, 32.0 * rounding(dm, state))
 
 
-@compiled
+@compiled(inline=True)
 def find_contact(dm, motion, modes, hold_is_lost, slip_tol):
     """Contact modes of the ends at rest on the plate into `modes`; the state follows them, and the contact state is set.
 
@@ -55,7 +55,7 @@ def find_contact(dm, motion, modes, hold_is_lost, slip_tol):
     return answer
 
 
-@compiled
+@compiled(inline=True)
 def move_to_next_event(dm, ask, motion):
     """Move to the next event or to the end of the forcing period, whichever is first.
 
@@ -79,7 +79,7 @@ def move_to_next_event(dm, ask, motion):
     return event
 
 
-@compiled
+@compiled(inline=True)
 def fly_to_landing(dm, state, path):
     """Move freely to the next landing or to the end of the forcing period; returns the event."""
     span = (TWO_PI - state[PHASE]) / dm.omega
@@ -106,7 +106,7 @@ def touch(dm, state, sign):
         state[BETA] = 0.0
 
 
-@compiled
+@compiled(inline=True)
 def set_contact(dm, state, modes, y):
     """The contact state of a phase under way, from the kernel state."""
     contact_state(dm, state, -1.0 if modes[0] != FREE else 1.0, y)
@@ -123,7 +123,7 @@ def clear_slip(dm, modes, y):
         y[YWP] = y[YUB] / (2.0 * dm.h)
 
 
-@compiled
+@compiled(inline=True)
 def follow_contact(dm, ask, motion, turn, locate):
     """Follow the contact phase to its next event, but no further than the plate turns by `turn` [rad]; returns the event."""
     state, y = motion.state, motion.contact
@@ -138,7 +138,7 @@ def follow_contact(dm, ask, motion, turn, locate):
     return event
 
 
-@compiled
+@compiled(inline=True)
 def only_grazes(dm, motion, i, phase):
     """Whether the force at end i, zero now in the contact phase, is positive again a moment later."""
     contact_rates(dm, motion.modes, phase + MOMENT, motion.contact, False, motion.rates, motion.forces)

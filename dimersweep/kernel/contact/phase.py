@@ -1,4 +1,4 @@
-"""A phase of sustained contact from its start to its first event: integration, and the location of the event."""
+"""A phase of sustained contact from its start to its first event: its steps, and what ends it."""
 
 from math import hypot, inf, sqrt
 
@@ -89,55 +89,52 @@ BEYOND = 1.02  # how far past a landing in sight a step goes
 
 
 @compiled
-def landing_in_sight(dm, modes, y, dy):
-    """Time after which the open end has landed at its present acceleration, and a little more; inf if it does not."""
-    sign = 1.0 if modes[0] != FREE else -1.0
-    gap, rate, fall = sign * y[YB], sign * y[YWB], sign * dy[YWB]
-    if (modes[0] != FREE and modes[1] != FREE) or y[YCHART] == UPRIGHT or gap < 0.0:
-        return inf
-    if gap == 0.0:  # it has just left: a step within its hop
-        return -rate / fall if rate > 0.0 and fall < 0.0 else inf
-    disc = rate * rate - 2.0 * fall * gap
-    if disc < 0.0 or (rate >= 0.0 and fall >= 0.0):
-        return inf
-    return BEYOND * (2.0 * gap / (sqrt(disc) - rate) if rate < 0.0 else (rate + sqrt(disc)) / -fall)
+def sustain_contact(dm, modes, y, phase, span, path, tol, slip_tol, locate, work):
+    """Integrate a phase of sustained contact, y in place, to its first event, or over `span` seconds.
 
+    Parameters
+    ----------
+    phase : float
+        Plate phase at the start [rad].
+    path : bool
+        Whether x1, y1 and gamma are wanted.
+    tol : float
+        Error per step, in units of the scales of the state.
+    slip_tol : float
+        Slip that counts as none [m/s].
+    locate : bool
+        Whether to look for events (a phase that is sampled again has none inside).
 
-@compiled
-def without_force(modes, F):
-    """Number of a closed end whose force does not press, -1 if there is none."""
-    for i in range(2):
-        if modes[i] != FREE and F[F1 + 3 * i] <= 0.0:
-            return i
-    return -1
-
-
-@compiled(inline=True)
-def jams_soon(dm, modes, phase, v, gamma, b):
-    """Whether the compliance falls to zero as fast as the slip v turns."""
-    if b.F[COMPLIANCE] > TIGHT or not 0.0 < v < inf:
-        return False
-    t = SLIGHT * v / gamma
-    for k in range(N_CLOSED):
-        b.probe[k] = b.start[k] + t * b.dy[k]
-    contact_rates(dm, modes, phase + dm.omega * t, b.probe, False, b.dy_probe, b.F_probe)
-    return b.F[COMPLIANCE] - b.F_probe[COMPLIANCE] > SOON * SLIGHT * b.F[COMPLIANCE]
-
-
-@compiled
-def method_for(dm, modes, y, v, rate, gamma, tight):
-    """The method that suits a slip v that changes at a rate, and may jam soon.
-
-    A fast spin loads one of two slipping ends by J_a spin theta' / 2h, and what it rubs then brakes theta' at the rate
-    mu spin J_a / J_t, which may be stiff.
+    Returns
+    -------
+    t : float
+        Time integrated [s].
+    event : int
+        NO_EVENT (the span is over), the number of the event (JAM also where no step is short enough), or OUT_OF_STEPS.
     """
-    braked = dm.mu * abs(y[YS]) * dm.J_a * dm.it if modes[0] == SLIP and modes[1] == SLIP else 0.0
-    if v >= STIFF * dm.T * gamma:
-        return IMPLICIT if braked * dm.T > BRAKED else PLAIN
-    return RESCALED if tight or (rate < -FALLING * gamma and braked * v < gamma) else IMPLICIT
+    t, n = 0.0, N_PATH if path else N_CLOSED
+    for _ in range(MAX_CHARTS):
+        p = Phase(modes, y, phase + dm.omega * t, span - t, tol, slip_tol, n, locate)
+        part, event = sustain_in_chart(dm, p, work)
+        t += part
+        if event != LEAVES_CHART:
+            return t, event
+        change_chart(leading_sign(modes), y)
+    return t, OUT_OF_STEPS
 
 
-# --- one step -----------------------------------------------------------------------------------------------------------
+@compiled
+def sustain_in_chart(dm, p, work):
+    """The contact phase to its first event, LEAVES_CHART among them; returns its time and the event."""
+    b = step_arrays(work)
+    begin_phase(dm, p, b)
+    if b.F[COMPLIANCE] <= 0.0:
+        return 0.0, JAM
+    for _ in range(MAX_STEPS):
+        event = step_on(dm, p, b)
+        if event != GOES_ON:
+            return b.control[TIME], event
+    return b.control[TIME], OUT_OF_STEPS
 
 
 @compiled(inline=True)
@@ -158,6 +155,29 @@ def begin_phase(dm, p, b):
     c[TIME], c[NATURAL], c[H], c[XI] = 0.0, natural, FIRST * natural * dm.T, FIRST_RESCALED * natural
     if without_force(modes, b.F) >= 0:
         c[H] = FAINT * TWO_PI / motion_rate(dm, y)
+
+
+@compiled(inline=True)
+def step_on(dm, p, b):
+    """Take one step, or find that it has to be shorter; returns the event that ends the phase, or GOES_ON."""
+    c = b.control
+    if c[TIME] >= p.span:
+        return NO_EVENT
+    begin_step(dm, p, b)
+    event = end_slip_on_line(dm, p, b)
+    if event != GOES_ON:
+        return event
+    choose_step(dm, p, b)
+    error = step_to(dm, p.modes, c[NOW], c[SIZE], p.n, int(c[METHOD]), c[STIFFNESS], b)
+    factor = step_factor(error, 8.0)
+    if not error <= 1.0 or (c[METHOD] == RESCALED and b.out[YTIME] > p.span - c[TIME]):
+        return shorten(dm, 0.3 if error == inf else min(factor, 0.8), b)
+    least, event = least_after_step(dm, p, b)
+    if may_hide_event(dm, p, least, event, b):
+        return GOES_ON
+    if least <= 0.0:
+        return stop_at_event(dm, p, least, event, b)
+    return accept_step(dm, p, factor, b)
 
 
 @compiled(inline=True)
@@ -206,6 +226,46 @@ def choose_step(dm, p, b):
     if last:
         h = left
     c[METHOD], c[LAST], c[H], c[SIZE] = method, 1.0 if last else 0.0, h, c[XI] if method == RESCALED else h
+
+
+@compiled
+def method_for(dm, modes, y, v, rate, gamma, tight):
+    """The method that suits a slip v that changes at a rate, and may jam soon.
+
+    A fast spin loads one of two slipping ends by J_a spin theta' / 2h, and what it rubs then brakes theta' at the rate
+    mu spin J_a / J_t, which may be stiff.
+    """
+    braked = dm.mu * abs(y[YS]) * dm.J_a * dm.it if modes[0] == SLIP and modes[1] == SLIP else 0.0
+    if v >= STIFF * dm.T * gamma:
+        return IMPLICIT if braked * dm.T > BRAKED else PLAIN
+    return RESCALED if tight or (rate < -FALLING * gamma and braked * v < gamma) else IMPLICIT
+
+
+@compiled(inline=True)
+def jams_soon(dm, modes, phase, v, gamma, b):
+    """Whether the compliance falls to zero as fast as the slip v turns."""
+    if b.F[COMPLIANCE] > TIGHT or not 0.0 < v < inf:
+        return False
+    t = SLIGHT * v / gamma
+    for k in range(N_CLOSED):
+        b.probe[k] = b.start[k] + t * b.dy[k]
+    contact_rates(dm, modes, phase + dm.omega * t, b.probe, False, b.dy_probe, b.F_probe)
+    return b.F[COMPLIANCE] - b.F_probe[COMPLIANCE] > SOON * SLIGHT * b.F[COMPLIANCE]
+
+
+@compiled
+def landing_in_sight(dm, modes, y, dy):
+    """Time after which the open end has landed at its present acceleration, and a little more; inf if it does not."""
+    sign = 1.0 if modes[0] != FREE else -1.0
+    gap, rate, fall = sign * y[YB], sign * y[YWB], sign * dy[YWB]
+    if (modes[0] != FREE and modes[1] != FREE) or y[YCHART] == UPRIGHT or gap < 0.0:
+        return inf
+    if gap == 0.0:  # it has just left: a step within its hop
+        return -rate / fall if rate > 0.0 and fall < 0.0 else inf
+    disc = rate * rate - 2.0 * fall * gap
+    if disc < 0.0 or (rate >= 0.0 and fall >= 0.0):
+        return inf
+    return BEYOND * (2.0 * gap / (sqrt(disc) - rate) if rate < 0.0 else (rate + sqrt(disc)) / -fall)
 
 
 @compiled
@@ -295,76 +355,10 @@ def accept_step(dm, p, factor, b):
     return GOES_ON
 
 
-@compiled(inline=True)
-def step_on(dm, p, b):
-    """Take one step, or find that it has to be shorter; returns the event that ends the phase, or GOES_ON."""
-    c = b.control
-    if c[TIME] >= p.span:
-        return NO_EVENT
-    begin_step(dm, p, b)
-    event = end_slip_on_line(dm, p, b)
-    if event != GOES_ON:
-        return event
-    choose_step(dm, p, b)
-    error = step_to(dm, p.modes, c[NOW], c[SIZE], p.n, int(c[METHOD]), c[STIFFNESS], b)
-    factor = step_factor(error, 8.0)
-    if not error <= 1.0 or (c[METHOD] == RESCALED and b.out[YTIME] > p.span - c[TIME]):
-        return shorten(dm, 0.3 if error == inf else min(factor, 0.8), b)
-    least, event = least_after_step(dm, p, b)
-    if may_hide_event(dm, p, least, event, b):
-        return GOES_ON
-    if least <= 0.0:
-        return stop_at_event(dm, p, least, event, b)
-    return accept_step(dm, p, factor, b)
-
-
-# --- the phase ----------------------------------------------------------------------------------------------------------
-
-
 @compiled
-def sustain_in_chart(dm, p, work):
-    """The contact phase to its first event, LEAVES_CHART among them; returns its time and the event."""
-    b = step_arrays(work)
-    begin_phase(dm, p, b)
-    if b.F[COMPLIANCE] <= 0.0:
-        return 0.0, JAM
-    for _ in range(MAX_STEPS):
-        event = step_on(dm, p, b)
-        if event != GOES_ON:
-            return b.control[TIME], event
-    return b.control[TIME], OUT_OF_STEPS
-
-
-@compiled
-def sustain_contact(dm, modes, y, phase, span, path, tol, slip_tol, locate, work):
-    """Integrate a phase of sustained contact, y in place, to its first event, or over `span` seconds.
-
-    Parameters
-    ----------
-    phase : float
-        Plate phase at the start [rad].
-    path : bool
-        Whether x1, y1 and gamma are wanted.
-    tol : float
-        Error per step, in units of the scales of the state.
-    slip_tol : float
-        Slip that counts as none [m/s].
-    locate : bool
-        Whether to look for events (a phase that is sampled again has none inside).
-
-    Returns
-    -------
-    t : float
-        Time integrated [s].
-    event : int
-        NO_EVENT (the span is over), the number of the event (JAM also where no step is short enough), or OUT_OF_STEPS.
-    """
-    t, n = 0.0, N_PATH if path else N_CLOSED
-    for _ in range(MAX_CHARTS):
-        p = Phase(modes, y, phase + dm.omega * t, span - t, tol, slip_tol, n, locate)
-        part, event = sustain_in_chart(dm, p, work)
-        t += part
-        if event != LEAVES_CHART:
-            return t, event
-        change_chart(leading_sign(modes), y)
-    return t, OUT_OF_STEPS
+def without_force(modes, F):
+    """Number of a closed end whose force does not press, -1 if there is none."""
+    for i in range(2):
+        if modes[i] != FREE and F[F1 + 3 * i] <= 0.0:
+            return i
+    return -1
