@@ -3,7 +3,7 @@
 from math import nan
 
 from dimersweep.kernel.compiler.jit import compiled, exported
-from dimersweep.kernel.course import Ask, motion_of, new_workspace
+from dimersweep.kernel.course import Ask, Workspace, motion_of, new_workspace
 from dimersweep.kernel.event_loop import evolve, start_state
 from dimersweep.kernel.model.body import as_dimer
 from dimersweep.kernel.model.layout import (
@@ -15,7 +15,6 @@ from dimersweep.kernel.model.layout import (
     CODE_STATUS,
     DI_NONE,
     FREE,
-    INTERRUPTED,
     M_APERIODIC,
     M_FAILED,
     M_UNRESOLVED,
@@ -25,6 +24,7 @@ from dimersweep.kernel.model.layout import (
     PHASE,
     ROW_BETA0,
     ROW_XDOT0,
+    STOPPED,
 )
 from dimersweep.kernel.numerics.steps import copy
 from dimersweep.kernel.record import EVENTS, Record, clear_counts, no_record, without_rows
@@ -47,13 +47,14 @@ def run_rows(rows, ask, until, out, codes, space, record):
     ask : Ask
         What is asked of each run.
     until : int
-        Set of modes, as a sum of 2**mode: the first run with one of them is the last one made.
+        Set of modes, as a sum of 2**mode: the first run with one of them is the last one made. A run that is stopped is
+        not made, and neither are those after it.
     out : float64 array, shape (n, N_OUT)
         Filled in the order of ``layout.OUT``.
     codes : int64 array, shape (n, N_CODES)
         Filled in the order of ``layout.CODES``.
     space : Workspace
-        Scratch.
+        Scratch arrays; `stop` ends what runs on them.
     record : Record
         Filled in place where it has rows.
 
@@ -73,8 +74,10 @@ def run_rows(rows, ask, until, out, codes, space, record):
             status, apart = follow_with_twin(dm, ask, run, twin, without_rows(record), space.strobe)
             if apart:
                 codes[k, CODE_MODE] = M_APERIODIC
-            elif status == INTERRUPTED:
+            elif status == STOPPED:
                 note_failure(status, out[k], codes[k])
+        if codes[k, CODE_STATUS] == STOPPED:
+            return k
         if until >> codes[k, CODE_MODE] & 1:
             return k + 1
     return rows.shape[0]
@@ -134,15 +137,24 @@ def ask_for(periods, rtol, settle=False, path=False) -> Ask:
     return Ask(int(periods), float(rtol), float(rtol), bool(settle), bool(path))
 
 
-def run_many(rows, periods, rtol, settle, out, codes, until=0, stop=None) -> int:
-    """Verdicts of many runs, unrecorded: ``run_rows`` with scratch arrays of its own, so that threads may share nothing.
-
-    Where the entry of `stop` (``new_workspace``) becomes 1, the run under way and all after it end at once.
-    """
-    return run_rows(rows, ask_for(periods, rtol, settle), until, out, codes, new_workspace(stop), no_record())
+def stop(space: Workspace) -> None:
+    """Have the runs on the scratch arrays of a thread end at their next event; they stay stopped."""
+    space.stop[0] = 1
 
 
-def run_recorded(rows, periods, rtol, settle, path, out, codes, log, events, segments, counts, stop=None) -> None:
+def is_stopped(space: Workspace) -> bool:
+    """Whether the runs on these scratch arrays were stopped."""
+    return bool(space.stop[0])
+
+
+def run_many(rows, periods, rtol, settle, out, codes, until=0, space: Workspace | None = None) -> int:
+    """Verdicts of many runs, unrecorded: ``run_rows``, with scratch arrays of its own unless some are given."""
+    return run_rows(rows, ask_for(periods, rtol, settle), until, out, codes, space or new_workspace(), no_record())
+
+
+def run_recorded(
+    rows, periods, rtol, settle, path, out, codes, log, events, segments, counts, space: Workspace | None = None
+) -> None:
     """One run with its record: see ``run_rows``."""
     record = Record(log, events, segments, counts)
-    run_rows(rows, ask_for(periods, rtol, settle, path), 0, out, codes, new_workspace(stop), record)
+    run_rows(rows, ask_for(periods, rtol, settle, path), 0, out, codes, space or new_workspace(), record)

@@ -74,14 +74,8 @@ class Workspace(NamedTuple):
     stop: Any
 
 
-def new_workspace(stop: np.ndarray | None = None) -> Workspace:
-    """Scratch arrays for what Python calls: the compiled code allocates nothing.
-
-    Parameters
-    ----------
-    stop : uint8 array, shape (1,), optional
-        Set its entry to 1, from any thread, to end the run under way with the status ``INTERRUPTED`` at its next event.
-    """
+def new_workspace() -> Workspace:
+    """Scratch arrays for what Python calls: the compiled code allocates nothing."""
     return Workspace(
         state=np.zeros(N_STATE),
         modes=np.zeros(2),
@@ -90,7 +84,7 @@ def new_workspace(stop: np.ndarray | None = None) -> Workspace:
         strobe=np.zeros(4),
         past=np.zeros((PAST_ROWS, PAST_COLUMNS)),
         work=np.zeros((WORK_ROWS, WORK_COLUMNS)),
-        stop=np.zeros(1, np.uint8) if stop is None else stop,
+        stop=np.zeros(1, np.uint8),
     )
 
 

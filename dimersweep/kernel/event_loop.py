@@ -52,7 +52,6 @@ from dimersweep.kernel.model.layout import (
     D1,
     D2,
     FREE,
-    INTERRUPTED,
     JAMMED,
     MAX_EVENTS,
     N1,
@@ -64,6 +63,7 @@ from dimersweep.kernel.model.layout import (
     PHASE,
     RECORD_FULL,
     ROOT_STEPS,
+    STOPPED,
 )
 from dimersweep.kernel.numerics.steps import copy
 from dimersweep.kernel.record import (
@@ -136,7 +136,7 @@ def going_on(ask, motion):
     if course[BUDGET_LEFT] < 0.0:
         course[STATUS] = MAX_EVENTS
     elif motion.stop[0]:
-        course[STATUS] = INTERRUPTED
+        course[STATUS] = STOPPED
     return course[STATUS] == OK
 
 

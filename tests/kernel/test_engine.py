@@ -1,7 +1,7 @@
 """The event loop: what is conserved, what stays put, what comes to rest, that it is deterministic and always ends."""
 
+import threading
 from math import pi
-from threading import Timer
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from verbs import row_of
 
 from dimersweep import simulate
 from dimersweep.kernel import batch, record
-from dimersweep.kernel.course import BUDGET, BUDGET_PER_PERIOD
+from dimersweep.kernel.course import BUDGET, BUDGET_PER_PERIOD, new_workspace
 from dimersweep.kernel.model import layout
 from dimersweep.kernel.model.layout import (
     CODES,
@@ -184,31 +184,6 @@ def test_the_kernel_is_compiled_once():
     simulate(periods=2, record=True)
     simulate(periods=2, record=False, stop_when_settled=True, e=1, mu=0, mu_s=0, beta0=0)
     assert len(batch.run_rows.signatures) == 1
-
-
-@pytest.mark.jit
-def test_a_run_ends_when_another_thread_asks_for_it():
-    rows, stop = row_of()[None].repeat(3, axis=0), np.zeros(1, np.uint8)
-    out, codes = outcome(rows, 1)  # compiles
-    timer = Timer(0.3, lambda: stop.fill(1))
-    timer.start()
-    batch.run_many(rows, 10**9, 1e-8, False, out, codes, 0, stop)
-    assert (codes[:, layout.CODE_STATUS] == layout.INTERRUPTED).all()
-    assert 0 < codes[0, layout.CODE_N_PERIODS] < 10**9
-    assert not codes[1:, layout.CODE_N_PERIODS].any()
-    assert (codes[:, layout.CODE_MODE] == layout.M_FAILED).all()
-    assert np.isnan(out).all()
-    stop[0] = 0
-    batch.run_many(rows, 100, 1e-8, False, out, codes, 0, stop)
-    assert (codes[:, layout.CODE_STATUS] == layout.OK).all()
-
-
-def test_a_run_that_is_to_stop_makes_no_event():
-    row, stop = row_of()[None], np.ones(1, np.uint8)
-    out, codes = np.zeros((1, layout.N_OUT)), np.zeros((1, layout.N_CODES), np.int64)
-    batch.run_many(row, 5, 1e-8, False, out, codes, 0, stop)
-    assert codes[0, layout.CODE_STATUS] == layout.INTERRUPTED
-    assert codes[0, layout.CODE_N_EVENTS] == codes[0, layout.CODE_N_PERIODS] == 0
 
 
 def test_slots_are_those_of_the_names():
@@ -478,3 +453,19 @@ def test_a_batch_ends_with_the_first_run_of_a_wanted_mode():
     made = batch.run_many(rows, 300, 1e-8, True, out, codes, 1 << MODES.index("drift"))
     assert made == 2
     assert [MODES[mode] for mode in codes[:, CODE["mode"]]] == ["rest", "drift", "not_run"]
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("changes", [{}, {"Gamma": 2.5, "e": 0.9}, {"Gamma": 0.3}], ids=["drift", "flights", "rest"])
+def test_a_run_can_be_stopped_from_another_thread(changes):
+    rows = np.array([row_of(beta0=0.5), row_of(**changes)])
+    out, codes, space = np.full((2, N_OUT), np.nan), np.zeros((2, N_CODES), dtype=np.int64), new_workspace()
+    whole = outcome(rows[:1], 1, settle=True)
+    assert batch.run_many(rows[:1], 1, 1e-8, True, out[:1], codes[:1], 0, space) == 1
+    assert (codes[0].tolist(), out[0].tobytes()) == (whole[1][0].tolist(), whole[0][0].tobytes())
+    later = threading.Timer(0.2, batch.stop, (space,))
+    later.start()
+    made = batch.run_many(rows, 10**9, 1e-8, False, out, codes, 0, space)  # it would take weeks
+    assert made == 0 and batch.is_stopped(space)
+    assert (STATUSES[codes[0, CODE["status"]]], MODES[codes[0, CODE["mode"]]]) == ("stopped", "failed")
+    assert codes[0, CODE["n_periods"]] > 0 and codes[1].tolist() == [0] * N_CODES

@@ -80,11 +80,9 @@ STATUSES = (
     "jammed",
     "not_finite",
     "record_full",
-    "interrupted",
+    "stopped",
 )
-NOT_RUN, OK, MAX_EVENTS, IMPACT_STEPS, CONTACT_STEPS, ROOT_STEPS, JAMMED, NOT_FINITE, RECORD_FULL, INTERRUPTED = range(
-    10
-)
+NOT_RUN, OK, MAX_EVENTS, IMPACT_STEPS, CONTACT_STEPS, ROOT_STEPS, JAMMED, NOT_FINITE, RECORD_FULL, STOPPED = range(10)
 STATUS_MESSAGES = (
     "this point has not been run",
     "the run reached its end",
@@ -95,7 +93,7 @@ STATUS_MESSAGES = (
     "no contact force satisfies the friction law (a Painleve configuration that an impact did not resolve)",
     "a number that is not finite appeared in the state",
     "the record is full: ask for fewer periods at a time",
-    "the run was stopped from outside",
+    "the run was stopped from outside, as where its time was up",
 )
 
 # --- modes of motion ------------------------------------------------------------------------------------------------
