@@ -13,6 +13,7 @@ from dimersweep.kernel.model.layout import N_ROW, ROW
 from dimersweep.symbols import BASE, PARAMETERS
 
 RTOL_RANGE = (1e-13, 1e-2)
+MAX_SECONDS = 1e8  # a bound on time: the system takes no longer ones
 MAX_COUNT = 1_000_000_000  # forcing periods and other counts: the cube keeps them in 32 bits
 
 
@@ -158,6 +159,22 @@ def check_count(name: str, value: Any, most: int = MAX_COUNT) -> int:
     if int(value) > most:
         raise ParameterError(f"{name} = {value!r}: must be <= {most}")
     return int(value)
+
+
+def check_seconds(name: str, value: Any) -> float | None:
+    """A bound on time [s] as a float above 0, or None for none.
+
+    Raises
+    ------
+    ParameterError
+        If it is no number, or not above 0.
+    """
+    if value is None:
+        return None
+    number = as_number(name, value)
+    if number <= 0:
+        raise ParameterError(f"{name} = {number}: must be > 0")
+    return min(number, MAX_SECONDS)
 
 
 def fill_rows(columns: Mapping[str, Any], n: int) -> np.ndarray:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from dimersweep.cubes.results import blank_results
+from dimersweep.kernel.batch import new_workspace
 from dimersweep.kernel.model.layout import (
     CODES,
     DI_SP_SK,
@@ -22,7 +23,7 @@ SLOT = {name: k for k, name in enumerate(ROW)}
 CODE = {name: k for k, name in enumerate(CODES)}
 
 
-def fake_run_many(rows, periods, rtol, settle, out, codes, until=0):
+def fake_run_many(rows, periods, rtol, settle, out, codes, until=0, space=None):
     """Bands of drift in beta0 that get denser with f, an unresolved start, rest elsewhere."""
     beta0, f = rows[:, SLOT["beta0"]], rows[:, SLOT["f"]]
     drift = np.sin(2 * f * beta0) > 0.2
@@ -43,7 +44,7 @@ def fake_run_many(rows, periods, rtol, settle, out, codes, until=0):
 def failing(chosen, run_many=fake_run_many):
     """A kernel that ends without a result, as the model may, at points that `chosen` picks from their rows."""
 
-    def fails(rows, periods, rtol, settle, out, codes, until=0):
+    def fails(rows, periods, rtol, settle, out, codes, until=0, space=None):
         run_many(rows, periods, rtol, settle, out, codes)
         failed = np.broadcast_to(chosen(rows), len(rows))
         out[failed], codes[failed] = np.nan, 0
@@ -59,7 +60,7 @@ def failing(chosen, run_many=fake_run_many):
 def raising(chosen, run_many=fake_run_many):
     """A kernel that raises at points that `chosen` picks from their rows."""
 
-    def raises(rows, *others, until=0):
+    def raises(rows, *others, until=0, space=None):
         if np.any(chosen(rows)):
             raise MemoryError("no room")
         return run_many(rows, *others, until=until)
@@ -71,7 +72,7 @@ def run_tile(spec, tile):
     """Results of the points of a tile in as few calls as can be, without any scheduling: what all else must give."""
     points, results, done = np.arange(*tile), blank_results(tile.stop - tile.start), 0
     while done < points.size:
-        done += spec.advance(points[done:], results[done:], lambda: False)
+        done += spec.advance(points[done:], results[done:], new_workspace())
     return results
 
 

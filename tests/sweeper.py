@@ -27,8 +27,8 @@ def slow_down(seconds):
     """Let each run take `seconds` more, without any change in its numbers."""
     fast = dimersweep.work.tiles.run_many
 
-    def run_many(rows, *rest, until=0):
-        made = fast(rows, *rest, until=until)
+    def run_many(rows, *rest, until=0, space=None):
+        made = fast(rows, *rest, until=until, space=space)
         time.sleep(seconds * made)
         return made
 

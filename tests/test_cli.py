@@ -204,7 +204,7 @@ import sys, time
 import dimersweep.work.tiles
 from fakes import fake_run_many
 
-def slow(rows, *rest, until=0):
+def slow(rows, *rest, until=0, space=None):
     time.sleep(0.05 * len(rows))
     return fake_run_many(rows, *rest)
 
@@ -261,6 +261,63 @@ def test_a_signal_stops_a_sweep_within_two_seconds_and_it_goes_on(call, fake_ker
     assert code == 0, err
     assert f"going on: {done} of 132 points are done" in err
     assert sorted(os.listdir()) == ["fig07-small.nc", "small.toml"]
+
+
+ENDLESS = """
+import sys
+import dimersweep.kernel.batch as batch
+
+run_rows = batch.run_rows
+
+def told(rows, periods, *rest):
+    if periods == 10**9:
+        print("ready", flush=True)
+    return run_rows(rows, periods, *rest)
+
+batch.run_rows = told
+"""
+ENDLESS_COMMAND = """
+from dimersweep.cli import main
+sys.argv = ["dimersweep", "simulate", "--periods", "1000000000"]
+main()
+"""
+ENDLESS_CALL = """
+import dimersweep
+dimersweep.simulate(periods=10**9, record=False)
+"""
+ENDLESS_SWEEP = """
+import dimersweep
+dimersweep.sweep({"beta0": [0.28, 0.3]}, periods=10**9, stop_when_settled=False, progress=False)
+"""
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize(
+    ("program", "code"), [(ENDLESS_COMMAND, 130), (ENDLESS_CALL, -signal.SIGINT), (ENDLESS_SWEEP, 1)]
+)
+def test_a_signal_ends_a_run_of_weeks(program, code):
+    with subprocess.Popen(
+        [sys.executable, "-c", ENDLESS + program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            assert process.stdout.readline() == "ready\n"
+            time.sleep(0.3)  # until it is in compiled code
+            process.send_signal(signal.SIGINT)
+            _, err = process.communicate(timeout=60)
+        finally:
+            process.kill()
+    assert process.returncode == code, err
+    assert ("Traceback" in err) == (code != 130)
+
+
+@pytest.mark.jit
+def test_a_bound_on_the_time_of_a_run(call):
+    out, _, code = call("simulate", "--periods", "1000000000", "--max-seconds", "0.2", "--json")
+    told = json.loads(out)
+    assert (code, told["status"], told["mode"]) == (0, "stopped", "failed")
+    assert 0 < told["n_periods"] < 10**9
+    refused = "dimersweep: error: max_seconds = 0.0: must be > 0\n"
+    assert call("simulate", "--max-seconds", "0")[1:] == (refused, 2)
 
 
 def test_a_signal_stops_a_map_within_two_seconds_and_it_goes_on(call, fake_kernel):

@@ -18,7 +18,7 @@ def made(monkeypatch):
     runs = []
 
     def use(kernel):
-        def counting(*arguments, until):
+        def counting(*arguments, until, space=None):
             runs.append(kernel(*arguments, until=until))
             return runs[-1]
 

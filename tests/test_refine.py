@@ -35,7 +35,7 @@ COARSE = {
 SETTINGS = {"over": "beta0", "halvings": {"e": 2, "Gamma": 6}, "periods": 5, "progress": False}
 
 
-def banded_kernel(rows, periods, rtol, settle, out, codes, until=0):
+def banded_kernel(rows, periods, rtol, settle, out, codes, until=0, space=None):
     """Rest below a curve in (e, Gamma); then jumps, and in a part of the border some starts that drift."""
     e, Gamma, beta0 = rows[:, SLOT["e_1"]], rows[:, SLOT["Gamma"]], rows[:, SLOT["beta0"]]
     height = Gamma - (1.35 - e**2)
@@ -116,7 +116,7 @@ def test_a_map_is_extended_to_the_bits_of_a_new_one(banded, monkeypatch, tmp_pat
     }
     reference, made = refine(grid, **SETTINGS), []
 
-    def counting(*arguments, until):
+    def counting(*arguments, until, space=None):
         made.append(banded_kernel(*arguments, until=until))
         return made[-1]
 
@@ -194,7 +194,7 @@ def test_cells_that_touch_a_border_are_brought_to_the_size_of_its_cells():
 def test_an_island_beside_a_border_is_seen(monkeypatch):
     """One point of drift, with rest between it and the border, as in Fig. 8 at e = 0.7333."""
 
-    def island_kernel(rows, periods, rtol, settle, out, codes, until=0):
+    def island_kernel(rows, periods, rtol, settle, out, codes, until=0, space=None):
         place = np.rint((rows[:, SLOT["Gamma"]] - 0.5) / (0.2 / 64)).astype(int)
         codes[:, CODE["status"]] = OK
         codes[:, CODE["mode"]] = np.where((place == 90) | (place >= 92), M_DRIFT, M_REST)

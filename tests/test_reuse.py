@@ -25,7 +25,7 @@ def asked(monkeypatch):
     """Rows that the kernel was asked for."""
     rows_of_all = []
 
-    def run_many(rows, *rest, until=0):
+    def run_many(rows, *rest, until=0, space=None):
         rows_of_all.append(rows.copy())
         return fake_run_many(rows, *rest)
 

@@ -210,6 +210,18 @@ def test_a_record_grows_until_it_holds_the_run(monkeypatch):
     assert grown.states(np.linspace(0, 10 / F, 99)).identical(expected.states(np.linspace(0, 10 / F, 99)))
 
 
+def test_a_run_that_is_stopped_is_recorded_up_to_there():
+    run = simulate(periods=3000, max_seconds=1e-3)
+    whole = simulate(periods=run.n_periods + 1)
+    if run.status == "ok":  # on a very fast machine
+        assert run.n_periods == 3000
+        return
+    assert (run.status, run.mode, run.orbit) == ("stopped", "failed", None)
+    rows = run.events.sizes["event"]
+    assert run.events.equals(whole.events.isel(event=slice(rows)))
+    assert run.states(0.0).identical(whole.states(0.0))
+
+
 def test_data_have_units_and_meanings(base):
     for dataset in (base.events, base.states([0.0, 1.0])):
         for name, variable in dataset.variables.items():

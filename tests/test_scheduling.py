@@ -22,6 +22,7 @@ from dimersweep.cubes.results import (
 from dimersweep.errors import KernelError, ParameterError, UnfinishedError
 from dimersweep.kernel.compiler import versions
 from dimersweep.kernel.model.layout import M_DRIFT, M_UNRESOLVED
+from dimersweep.runs.stopping import StopFlag
 from dimersweep.studies.sweep_spec import make_spec
 from dimersweep.work import tiles
 from dimersweep.work.scheduling import (
@@ -30,7 +31,6 @@ from dimersweep.work.scheduling import (
     bundles,
     run_tiles,
 )
-from dimersweep.work.signals import StopFlag
 from dimersweep.work.tiles import (
     Broken,
     Made,
@@ -79,7 +79,7 @@ def test_a_narrowed_spec_has_the_same_points(start, length):
     assert small.grid.rows(*moved[0]).tobytes() == SPEC.grid.rows(*bundle[0]).tobytes()
 
 
-def slow_points(rows, periods, rtol, settle, out, codes, until=0):
+def slow_points(rows, periods, rtol, settle, out, codes, until=0, space=None):
     """As the kernel does it: a point that uses all its periods is slow, and the last one of its batch."""
     for k, row in enumerate(rows):
         slow = row[7] > 0.5
@@ -103,7 +103,9 @@ def test_a_task_that_meets_slow_points_comes_back_with_what_it_has(monkeypatch):
 
 def test_a_tile_stops_when_it_is_told_to(monkeypatch):
     monkeypatch.setattr("dimersweep.work.tiles.run_many", slow_points)
-    assert [tile.tile for tile in attempt(SPEC, (Tile(20, 240),), lambda: True).finished] == [Tile(20, 21)]
+    stop = StopFlag()
+    stop.set()
+    assert [tile.tile for tile in attempt(SPEC, (Tile(20, 240),), stop).finished] == [Tile(20, 21)]
 
 
 def test_one_point_that_raises_costs_no_other(monkeypatch):
@@ -179,10 +181,10 @@ def test_a_worker_that_dies_costs_its_tile_alone(cluster, monkeypatch, tmp_path)
 
         run_many = there.run_many
 
-        def dies_at_20_hz(rows, *rest, until=0):
+        def dies_at_20_hz(rows, *rest, until=0, space=None):
             if (rows[:, 3] == 20).any():
                 os._exit(1)
-            return run_many(rows, *rest, until=until)
+            return run_many(rows, *rest, until=until, space=space)
 
         there.ours, there.run_many = run_many, dies_at_20_hz
 
@@ -234,7 +236,7 @@ def test_workers_with_another_kernel_are_refused(cluster, module):
 @pytest.mark.jit
 def test_a_worker_whose_kernel_does_not_work_gets_no_work(cluster, tmp_path):
     def damage():
-        import dimersweep.work.proving as there
+        import dimersweep.runs.proving as there
 
         def cannot_load(*arguments):
             raise EOFError("Ran out of input")
@@ -243,7 +245,7 @@ def test_a_worker_whose_kernel_does_not_work_gets_no_work(cluster, tmp_path):
         there.prove.cache_clear()
 
     def mend():
-        import dimersweep.work.proving as there
+        import dimersweep.runs.proving as there
 
         there.run_many = there.ours
 

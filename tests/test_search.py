@@ -17,6 +17,7 @@ from dimersweep.cubes.reading import runs_of
 from dimersweep.cubes.results import Tile
 from dimersweep.errors import ParameterError, Stopped, StoreError, UnfinishedError
 from dimersweep.kernel.model.layout import M_DRIFT, MODES
+from dimersweep.runs.stopping import StopFlag
 from dimersweep.studies import deciding
 from dimersweep.studies.deciding import Wave, spread_order
 from dimersweep.studies.search import make_spec, search, waves
@@ -116,11 +117,11 @@ def test_a_search_that_is_complete_is_not_made_again(fake_kernel, monkeypatch, t
 def test_a_search_that_is_stopped_keeps_what_it_has(fake_kernel, monkeypatch, tmp_path):
     out, asked, fast = tmp_path / "cube.nc", [], fake_run_many
 
-    def interrupts(rows, *rest, until=0):
+    def interrupts(rows, *rest, until=0, space=None):
         asked.append(len(rows))
         if len(asked) == 9:
             signal.raise_signal(signal.SIGINT)
-        return fast(rows, *rest, until=until)
+        return fast(rows, *rest, until=until, space=space)
 
     reference = quiet_search()
     with monkeypatch.context() as patch:
@@ -140,7 +141,7 @@ def runs_made(monkeypatch):
     """How many runs each call of the kernel has made."""
     made = []
 
-    def counting(*arguments, until):
+    def counting(*arguments, until, space=None):
         made.append(fake_run_many(*arguments, until=until))
         return made[-1]
 
@@ -233,7 +234,9 @@ def test_a_long_point_can_be_stopped_within(monkeypatch):
     spec = make_spec(GRID, None, over="beta0", ask="all", mode="rest", periods=5, rtol=1e-8)
     monkeypatch.setattr("dimersweep.studies.deciding.CHUNK_RUNS", 1)
     monkeypatch.setattr("dimersweep.work.tiles.run_many", fake_run_many)
-    assert attempt(Wave(spec, {0: []}), (Tile(0, 1),), lambda: True).finished == []
+    stop = StopFlag()
+    stop.set()
+    assert attempt(Wave(spec, {0: []}), (Tile(0, 1),), stop).finished == []
 
 
 def test_a_search_is_not_written_by_blocks(monkeypatch, tmp_path):

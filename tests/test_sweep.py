@@ -25,12 +25,12 @@ from dimersweep.kernel.model.layout import (
     MODES,
     OK,
 )
+from dimersweep.runs.proving import prove
 from dimersweep.studies.rerun import from_cube
 from dimersweep.studies.search import search
 from dimersweep.studies.sweep_spec import make_spec
 from dimersweep.work import tiles
 from dimersweep.work.progress import Lines, Tally
-from dimersweep.work.proving import prove
 from dimersweep.work.scheduling import Pace
 
 GRID = {"f": [15, 20, 25], "beta0": {"start": 1, "stop": 89, "step": 1, "unit": "deg"}}
@@ -69,7 +69,7 @@ def test_threads_and_tiles_give_the_bits_of_a_serial_run(monkeypatch):
             assert cube[name].values.astype(values.dtype).tobytes() == values.tobytes(), name
 
 
-def rings_down(rows, periods, rtol, settle, out, codes, until=0):
+def rings_down(rows, periods, rtol, settle, out, codes, until=0, space=None):
     """A kernel whose starts settle after 1000 beta0 periods, in drift, and never where f is 25."""
     need = np.where(rows[:, 3] == 25, np.inf, 1000 * rows[:, 7])
     codes[:, CODE_STATUS] = OK
@@ -119,7 +119,7 @@ def test_points_that_cannot_be_run_are_left_to_be_done(fake_kernel, monkeypatch,
             quiet_sweep(out=out, workers=workers)
     assert not out.exists()
 
-    def run_many(rows, *rest, until=0):
+    def run_many(rows, *rest, until=0, space=None):
         asked.append(len(rows))
         return fake_run_many(rows, *rest, until=until)
 
@@ -131,7 +131,7 @@ def test_points_that_cannot_be_run_are_left_to_be_done(fake_kernel, monkeypatch,
 def test_many_breaks_alike_in_a_row_stop_the_sweep(monkeypatch, tmp_path):
     tried = []
 
-    def run_many(rows, *rest, until=0):
+    def run_many(rows, *rest, until=0, space=None):
         tried.append(len(rows))
         if len(tried) > 20:
             raise MemoryError("no room")
@@ -163,7 +163,7 @@ def all_nan(rows, periods, rtol, settle, out, codes):
     ],
 )
 def test_a_kernel_that_does_not_work_ends_the_sweep_before_any_point(monkeypatch, tmp_path, kernel, told):
-    monkeypatch.setattr("dimersweep.work.proving.run_many", kernel)
+    monkeypatch.setattr("dimersweep.runs.proving.run_many", kernel)
     monkeypatch.setattr("dimersweep.work.tiles.run_many", lambda *rest, **more: pytest.fail("work was done"))
     prove.cache_clear()
     with pytest.raises(KernelError, match=f"^{re.escape(told)}$"):

@@ -50,7 +50,7 @@ def counted(monkeypatch):
     """Numbers of points that the kernel was asked for, each call one item."""
     asked = []
 
-    def run_many(rows, *rest, until=0):
+    def run_many(rows, *rest, until=0, space=None):
         asked.append(len(rows))
         return fake_run_many(rows, *rest)
 

@@ -18,7 +18,7 @@ compiled = njit(error_model="numpy", nogil=True)  # not cached: functions are ar
 
 A, B, E3, E5 = (np.ascontiguousarray(each) for each in (DOP853.A, DOP853.B, DOP853.E3, DOP853.E5))
 STAGES = B.size
-# rows of the desk, after the slopes
+# rows of the space, after the slopes
 ARG, OUT, VALUES, ARMED, STATE, SWITCHES, RATES, FALLS, LOW, LOW_FALLS = range(STAGES, STAGES + 10)
 DESK = STAGES + 10, 8
 MAX_STEPS, MAX_PROBES, MAX_SWITCHES = 20_000, 60, 400
@@ -70,9 +70,9 @@ def speed(a, b):
 
 
 @compiled
-def step(rates, law, switches, z, h, n, tol, desk):
-    """One step of DOP853 from z, whose slopes stand on the desk, to the desk; returns its error over the tolerance."""
-    arg, out = desk[ARG], desk[OUT]
+def step(rates, law, switches, z, h, n, tol, space):
+    """One step of DOP853 from z, whose slopes stand on the space, to the space; returns its error over the tolerance."""
+    arg, out = space[ARG], space[OUT]
     for i in range(1, STAGES):
         for k in range(n):
             arg[k] = z[k]
@@ -80,15 +80,15 @@ def step(rates, law, switches, z, h, n, tol, desk):
             share = h * A[i, j]
             if share != 0.0:
                 for k in range(n):
-                    arg[k] += share * desk[j, k]
-        rates(law, switches, arg, desk[i])
+                    arg[k] += share * space[j, k]
+        rates(law, switches, arg, space[i])
     sum5 = sum3 = 0.0
     for k in range(n):
         total = e5 = e3 = 0.0
         for j in range(STAGES):
-            total += B[j] * desk[j, k]
-            e5 += E5[j] * desk[j, k]
-            e3 += E3[j] * desk[j, k]
+            total += B[j] * space[j, k]
+            e5 += E5[j] * space[j, k]
+            e3 += E3[j] * space[j, k]
         out[k] = z[k] + h * total
         sum5 += e5 * e5
         sum3 += e3 * e3
@@ -98,9 +98,9 @@ def step(rates, law, switches, z, h, n, tol, desk):
 
 
 @compiled
-def least(gauges, law, switches, z, slip_zero, n, desk):
-    """The least of the gauges that were positive at the start of the step, and its number; their values into the desk."""
-    values, armed = desk[VALUES], desk[ARMED]
+def least(gauges, law, switches, z, slip_zero, n, space):
+    """The least of the gauges that were positive at the start of the step, and its number; their values into the space."""
+    values, armed = space[VALUES], space[ARMED]
     gauges(law, switches, z, slip_zero, values)
     lowest, which = inf, 0
     for k in range(n):
@@ -116,12 +116,12 @@ def near(tol):
 
 
 @compiled
-def slopes(rates, gauges, law, switches, z, h, n, n_g, slip_zero, values, falls, desk):
+def slopes(rates, gauges, law, switches, z, h, n, n_g, slip_zero, values, falls, space):
     """Slopes of the gauges at z, where they have these values, by a difference over a slight part of the step h."""
-    rates(law, switches, z, desk[RATES])
+    rates(law, switches, z, space[RATES])
     for k in range(n):
-        desk[ARG, k] = z[k] + SLIGHT * h * desk[RATES, k]
-    gauges(law, switches, desk[ARG], slip_zero, falls)
+        space[ARG, k] = z[k] + SLIGHT * h * space[RATES, k]
+    gauges(law, switches, space[ARG], slip_zero, falls)
     for k in range(n_g):
         falls[k] = (falls[k] - values[k]) / (SLIGHT * h)
 
@@ -138,24 +138,24 @@ def zero_between(low, high, g_low, g_high, s_low, s_high):
 
 
 @compiled
-def locate(rates, gauges, law, switches, z, h, n, n_g, tol, slip_zero, desk):
-    """The state at the shortest step, up to h, at which a gauge falls to zero, into the desk."""
-    out, values, falls, low_values, low_falls = desk[OUT], desk[VALUES], desk[FALLS], desk[LOW], desk[LOW_FALLS]
+def locate(rates, gauges, law, switches, z, h, n, n_g, tol, slip_zero, space):
+    """The state at the shortest step, up to h, at which a gauge falls to zero, into the space."""
+    out, values, falls, low_values, low_falls = space[OUT], space[VALUES], space[FALLS], space[LOW], space[LOW_FALLS]
     low, high = 0.0, h
     gauges(law, switches, z, slip_zero, low_values)
-    slopes(rates, gauges, law, switches, z, h, n, n_g, slip_zero, low_values, low_falls, desk)
-    g_high, which = least(gauges, law, switches, out, slip_zero, n_g, desk)
-    slopes(rates, gauges, law, switches, out, h, n, n_g, slip_zero, values, falls, desk)
+    slopes(rates, gauges, law, switches, z, h, n, n_g, slip_zero, low_values, low_falls, space)
+    g_high, which = least(gauges, law, switches, out, slip_zero, n_g, space)
+    slopes(rates, gauges, law, switches, out, h, n, n_g, slip_zero, values, falls, space)
     s_high = falls[which]
     for probe in range(MAX_PROBES):
         mid = zero_between(low, high, low_values[which], g_high, low_falls[which], s_high)
         if not low < mid < high or probe % 4 == 3:
             mid = 0.5 * (low + high)
-        step(rates, law, switches, z, mid, n, 1.0, desk)
-        g, k = least(gauges, law, switches, out, slip_zero, n_g, desk)
+        step(rates, law, switches, z, mid, n, 1.0, space)
+        g, k = least(gauges, law, switches, out, slip_zero, n_g, space)
         if abs(g) <= near(tol) or high - low <= NEAREST * high:
             break
-        slopes(rates, gauges, law, switches, out, h, n, n_g, slip_zero, values, falls, desk)
+        slopes(rates, gauges, law, switches, out, h, n, n_g, slip_zero, values, falls, space)
         if g > 0.0:
             low = mid
             for i in range(n_g):
@@ -165,9 +165,9 @@ def locate(rates, gauges, law, switches, z, h, n, n_g, tol, slip_zero, desk):
 
 
 @compiled
-def strays(n_g, desk):
+def strays(n_g, space):
     """Whether a gauge of normal motion that began at zero goes below it: then it falls with this step, whose dip was tiny."""
-    values, armed = desk[VALUES], desk[ARMED]
+    values, armed = space[VALUES], space[ARMED]
     found = False
     for k in range(n_g // 2):
         if not armed[k] and values[k] < 0.0:
@@ -176,12 +176,12 @@ def strays(n_g, desk):
 
 
 @compiled
-def march(rates, gauges, law, switches, z, h, n, n_g, tol, slip_zero, desk):
-    """Integrate z until a gauge that has been positive falls to zero; whether one did. The gauges stand on the desk."""
-    out, values, armed = desk[OUT], desk[VALUES], desk[ARMED]
+def march(rates, gauges, law, switches, z, h, n, n_g, tol, slip_zero, space):
+    """Integrate z until a gauge that has been positive falls to zero; whether one did. The gauges stand on the space."""
+    out, values, armed = space[OUT], space[VALUES], space[ARMED]
     for _ in range(MAX_STEPS):
-        rates(law, switches, z, desk[0])
-        error = step(rates, law, switches, z, h, n, tol, desk)
+        rates(law, switches, z, space[0])
+        error = step(rates, law, switches, z, h, n, tol, space)
         factor = 0.9 * error ** (-1.0 / 8.0) if error > 0.0 else 5.0
         if not error <= 1.0:
             h *= max(0.1, factor) if error < inf else 0.1
@@ -189,10 +189,10 @@ def march(rates, gauges, law, switches, z, h, n, n_g, tol, slip_zero, desk):
         gauges(law, switches, z, slip_zero, values)
         for k in range(n_g):
             armed[k] = values[k] > 0.0
-        fell = least(gauges, law, switches, out, slip_zero, n_g, desk)[0] <= 0.0
-        strayed = not fell and strays(n_g, desk)
+        fell = least(gauges, law, switches, out, slip_zero, n_g, space)[0] <= 0.0
+        strayed = not fell and strays(n_g, space)
         if fell:
-            locate(rates, gauges, law, switches, z, h, n, n_g, tol, slip_zero, desk)
+            locate(rates, gauges, law, switches, z, h, n, n_g, tol, slip_zero, space)
         for k in range(n):
             z[k] = out[k]
         if fell or strayed:
@@ -202,9 +202,9 @@ def march(rates, gauges, law, switches, z, h, n, n_g, tol, slip_zero, desk):
 
 
 @compiled
-def fired(k, tol, desk):
+def fired(k, tol, space):
     """Whether gauge k has fallen to zero at the end of a march."""
-    return desk[ARMED, k] > 0.0 and desk[VALUES, k] <= near(tol)
+    return space[ARMED, k] > 0.0 and space[VALUES, k] <= near(tol)
 
 
 @compiled
@@ -242,14 +242,14 @@ def with_constant_rates(law, n, rate, E, restoring):
 
 
 @compiled
-def one_end(law, n, a, b, slip_zero, tol, desk):
+def one_end(law, n, a, b, slip_zero, tol, space):
     """Gap rate, axial and lateral slip after an impact at one end.
 
     Returns
     -------
     status, n, a, b
     """
-    y, restoring = desk[STATE], desk[SWITCHES]
+    y, restoring = space[STATE], space[SWITCHES]
     y[AA], y[AB], y[AN], y[AE] = a, b, n, 0.0
     restoring[0] = 0.0
     if law.mu_s == 0.0:
@@ -266,13 +266,13 @@ def one_end(law, n, a, b, slip_zero, tol, desk):
             break
         rate = max(law.nn * v - law.mu * law.na * y[AA], 1e-3 * v)
         h = sqrt(2.0 * y[AE] / (law.gain * rate * v)) if restoring[0] else -y[AN] / rate
-        if not march(slip_rates, slip_gauges, law, restoring, y, 1.001 * h, 4, 3, tol, slip_zero, desk):
+        if not march(slip_rates, slip_gauges, law, restoring, y, 1.001 * h, 4, 3, tol, slip_zero, space):
             return LOST_WAY, n, a, b
-        if fired(1, tol, desk):
+        if fired(1, tol, space):
             break
-        if fired(2, tol, desk):
+        if fired(2, tol, space):
             y[AB] = 0.0
-        if not fired(0, tol, desk):
+        if not fired(0, tol, space):
             continue
         if restoring[0] or law.gain == inf:
             return DONE, max(0.0, y[AN]), y[AA], y[AB]
@@ -455,12 +455,12 @@ def wake(law, switches, z, f_1, f_2, left, rates):
 
 
 @compiled
-def turn(law, switches, z, tol, desk):
+def turn(law, switches, z, tol, space):
     """What follows from the gauges that have fallen to zero; whether it was only a hold that was lost."""
     lost = True
     for i in range(2):
         acts, restores = switches[ACTS + i] > 0.0, switches[RESTORES + i] > 0.0
-        if fired(G_GAP + i, tol, desk):
+        if fired(G_GAP + i, tol, space):
             z[ZN1 + i], lost = 0.0, False
             if acts:
                 switches[RESTORES + i] = not restores
@@ -468,21 +468,21 @@ def turn(law, switches, z, tol, desk):
                     z[ZX1 + i] = switches[ACTS + i] = switches[RESTORES + i] = 0.0
             else:
                 switches[ACTS + i] = 1.0
-        if restores and fired(G_TURN + i, tol, desk):
+        if restores and fired(G_TURN + i, tol, space):
             z[ZX1 + i] = switches[ACTS + i] = switches[RESTORES + i] = 0.0
             lost = False
-        if fired(G_SLIP + i, tol, desk):
+        if fired(G_SLIP + i, tol, space):
             z[ZA] = z[ZB1 + i] = 0.0
             lost = False
-        elif switches[MODES + i] == SLIP and fired(G_HOLD + i, tol, desk):
+        elif switches[MODES + i] == SLIP and fired(G_HOLD + i, tol, space):
             z[ZB1 + i], lost = 0.0, False
     return lost
 
 
 @compiled
-def two_ends(law, z, slip_zero, tol, desk):
+def two_ends(law, z, slip_zero, tol, space):
     """Carry the contact velocities z of a dimer that lies flat through an impact; returns the status."""
-    switches = desk[SWITCHES]
+    switches = space[SWITCHES]
     for k in range(6):
         switches[k] = 0.0
     z[ZX1] = z[ZX2] = 0.0
@@ -494,13 +494,13 @@ def two_ends(law, z, slip_zero, tol, desk):
                 switches[ACTS + i] = 1.0
         f_1, f_2 = pressures(switches, z)
         hold_or_slip(law, switches, z, f_1, f_2, slip_zero, lost)
-        if wake(law, switches, z, f_1, f_2, left, desk[RATES]):
+        if wake(law, switches, z, f_1, f_2, left, space[RATES]):
             f_1, f_2 = pressures(switches, z)
             hold_or_slip(law, switches, z, f_1, f_2, slip_zero, lost)
         if not switches[ACTS] and not switches[ACTS + 1]:
             return DONE
         h = FIRST / slip_clock(law, switches, z)
-        if not march(pair_rates, pair_gauges, law, switches, z, h, N_Z, N_G, tol, slip_zero, desk):
+        if not march(pair_rates, pair_gauges, law, switches, z, h, N_Z, N_G, tol, slip_zero, space):
             return LOST_WAY
-        lost = turn(law, switches, z, tol, desk)
+        lost = turn(law, switches, z, tol, space)
     return LOST_WAY

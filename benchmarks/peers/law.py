@@ -63,7 +63,7 @@ def tolerance(accuracy, V):
 
 
 @compiled
-def collide_one(body, state, i, accuracy, desk):
+def collide_one(body, state, i, accuracy, space):
     """Impact of end i, which approaches, while the other one is in the air; returns the status."""
     s = 2.0 * i - 1.0
     sin_b, cos_b = sin(state[BETA]), cos(state[BETA])
@@ -74,7 +74,7 @@ def collide_one(body, state, i, accuracy, desk):
     V = -n
     law = End(nn, na, aa, bb, gain(body.e_1 if i == 0 else body.e_2), body.mu, body.mu_s)
     tol = tolerance(accuracy, V)
-    status, n_after, a_after, b_after = one_end(law, -1.0, a / V, b / V, accuracy.slip_zero / V, tol, desk)
+    status, n_after, a_after, b_after = one_end(law, -1.0, a / V, b / V, accuracy.slip_zero / V, tol, space)
     d_n, d_a, d_b = n_after * V - n, a_after * V - a, b_after * V - b
     det = nn * aa - na * na
     P, T, L = (aa * d_n - na * d_a) / det, (nn * d_a - na * d_n) / det, d_b / bb
@@ -90,7 +90,7 @@ def collide_one(body, state, i, accuracy, desk):
 
 
 @compiled
-def collide_both(body, state, accuracy, desk):
+def collide_both(body, state, accuracy, space):
     """Impact of a dimer that lies flat; returns the status."""
     h, r, it, ia = body.h, body.r, body.it, body.ia
     V = -min(state[N1], state[N2])
@@ -100,9 +100,9 @@ def collide_both(body, state, accuracy, desk):
     )  # fmt: skip
     a = state[CA] + r * state[WB]
     b, turn = state[CB] - r * state[SPIN], h * state[WP]
-    z = desk[STATE]
+    z = space[STATE]
     z[0], z[1], z[4], z[5], z[6] = state[N1] / V, state[N2] / V, a / V, (b + turn) / V, (b - turn) / V
-    status = two_ends(law, z, accuracy.slip_zero / V, tolerance(accuracy, V), desk)
+    status = two_ends(law, z, accuracy.slip_zero / V, tolerance(accuracy, V), space)
     for i in range(2):
         state[N1 + i] = max(0.0, z[i] * V)
     L = (0.5 * (z[5] + z[6]) * V - b) / (1.0 + r * r * ia)
@@ -263,7 +263,7 @@ def other_leaves(body, state, modes, i, y):
 
 
 @compiled
-def cross(constants, y, desk, state, modes, ended, event, dt, doubles, count, start, pars):
+def cross(constants, y, space, state, modes, ended, event, dt, doubles, count, start, pars):
     """From the end of one phase to the start of the next: impacts, the end of a chatter, the contact mode.
 
     Parameters
@@ -301,9 +301,9 @@ def cross(constants, y, desk, state, modes, ended, event, dt, doubles, count, st
                 return count, -1.0
             doubles[count] = state[PHASE] / body.omega
             count += 1
-            status = collide_both(body, state, accuracy, desk)
+            status = collide_both(body, state, accuracy, space)
         else:
-            status = collide_one(body, state, 0 if closed_1 else 1, accuracy, desk)
+            status = collide_one(body, state, 0 if closed_1 else 1, accuracy, space)
         if status != DONE:
             return count, -1.0
         come_to_rest(body, state, V, accuracy)

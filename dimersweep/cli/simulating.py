@@ -21,6 +21,7 @@ def simulate(
     rtol: Annotated[float, number_option("Accuracy, 1e-13 to 1e-2.")] = 1e-8,
     plot: Annotated[Path | None, typer.Option(help="Picture of heights, orbit and phase portraits.")] = None,
     error: Annotated[bool, typer.Option("--error", help="Tell bounds on the errors too, from two more runs.")] = False,
+    max_seconds: Annotated[float | None, number_option("Bound on the time of the run (s); none by default.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON in place of the table.")] = False,
     force: Force = False,
     **parameters: Any,
@@ -30,17 +31,18 @@ def simulate(
         from dimersweep.plots import check_picture
 
         check_picture(plot, force=force, name="plot")
-    from dimersweep.parameters import Parameters, check_count, check_rtol
+    from dimersweep.parameters import Parameters, check_count, check_rtol, check_seconds
     from dimersweep.work.progress import tell_of_compiling
 
     # judged here as well, so that a typing error is told before seconds of imports and compiling
     Parameters(**parameters)
     check_count("periods", periods)
     check_rtol(rtol)
+    check_seconds("max_seconds", max_seconds)
     tell_of_compiling()
     from dimersweep.runs.run import simulate
 
-    run = simulate(**parameters, periods=periods, rtol=rtol, record=error or plot is not None)
+    run = simulate(**parameters, periods=periods, rtol=rtol, record=error or plot is not None, max_seconds=max_seconds)
     bounds = _bounds(run) if error else {}
     if json:
         from json import dumps

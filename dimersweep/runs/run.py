@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.errors import ParameterError
-from dimersweep.kernel.batch import run_recorded
+from dimersweep.kernel.batch import Workspace, run_recorded
 from dimersweep.kernel.impact.impact import N_LOG
 from dimersweep.kernel.model.layout import (
     CODES,
@@ -21,14 +21,16 @@ from dimersweep.kernel.model.layout import (
     STATUSES,
 )
 from dimersweep.kernel.record import N_EVENT, N_SEGMENT
-from dimersweep.parameters import Parameters, check_count, check_rtol
+from dimersweep.parameters import Parameters, check_count, check_rtol, check_seconds
 from dimersweep.runs.error_bounds import (
     NUDGE,
     bounds,
     nudged,
     shadow_rtol,
 )
+from dimersweep.runs.proving import is_proven, prove
 from dimersweep.runs.recorded import Record, events_of, states_of
+from dimersweep.runs.stopping import StopFlag, stoppable
 from dimersweep.symbols import BASE
 
 LOG_ROWS = 64  # phases of one impact that are kept
@@ -210,7 +212,7 @@ class Run:
 
 
 def _solve(
-    row: np.ndarray, periods: int, rtol: float, settle: bool, record: bool
+    row: np.ndarray, periods: int, rtol: float, settle: bool, record: bool, space: Workspace
 ) -> tuple[np.ndarray, np.ndarray, Record | None]:
     """One run of the kernel; a record that turns out too small is taken again with more rows (a run is deterministic).
 
@@ -225,7 +227,7 @@ def _solve(
     log = np.zeros((LOG_ROWS if record else 0, N_LOG))
     while True:
         events, segments = np.zeros((rows, N_EVENT if record else N_LOG)), np.zeros((rows, N_SEGMENT))
-        run_recorded(row[None], periods, rtol, settle, record, out, codes, log, events, segments, counts)
+        run_recorded(row[None], periods, rtol, settle, record, out, codes, log, events, segments, counts, space)
         if not record:
             return out[0], codes[0], None
         if max(counts[1], counts[2]) <= rows:
@@ -261,6 +263,7 @@ def simulate(
     rtol: float = 1e-8,
     stop_when_settled: bool = False,
     record: bool = True,
+    max_seconds: float | None = None,
 ) -> Run:
     """Run one dimer on its vibrating plate; the defaults are the paper's base case (Sect. 3).
 
@@ -288,6 +291,9 @@ def simulate(
         Whether the run ends as soon as its motion is known.
     record : bool
         Whether events and states are kept; without them a run takes no memory and less time.
+    max_seconds : float, optional
+        Bound on the time that the run takes [s]. One that is stopped so has the status "stopped", the `n_periods` that it
+        came to, and the events and states up to there.
 
     Returns
     -------
@@ -297,13 +303,28 @@ def simulate(
     ------
     ParameterError
         Naming the parameter, its value and what is allowed.
+    KernelError
+        If the compiled kernel cannot run here.
     """
     parameters = Parameters(
         e=e, Gamma=Gamma, f=f, A_r=A_r, mu=mu, mu_s=mu_s, beta0=beta0, xdot0=xdot0, phi0=phi0,
         r=r, rho_b=rho_b, rho_r=rho_r, D_r=D_r, g=g, e_1=e_1, e_2=e_2,
     )  # fmt: skip
-    periods, rtol = check_count("periods", periods), check_rtol(rtol)
-    out, codes, kept = _solve(parameters.row(), periods, rtol, bool(stop_when_settled), bool(record))
+    how = check_count("periods", periods), check_rtol(rtol), bool(stop_when_settled), bool(record)
+    seconds = check_seconds("max_seconds", max_seconds)
+    if not is_proven():
+        stoppable(lambda stop: prove())  # to compile is no part of the run's time
+
+    def call(stop: StopFlag) -> Run:
+        with stop.space() as space:
+            return follow(parameters, *how, space)
+
+    return stoppable(call, seconds)
+
+
+def follow(parameters: Parameters, periods: int, rtol: float, settle: bool, record: bool, space: Workspace) -> Run:
+    """The run that `simulate` gives for what it has judged, on scratch arrays that may be stopped."""
+    out, codes, kept = _solve(parameters.row(), periods, rtol, settle, record, space)
     return _as_run(parameters.given(), rtol, dict(zip(OUT, out.tolist(), strict=True)), codes, kept)
 
 

@@ -8,7 +8,7 @@ was another one, and the mode is luck. A motion that has not settled has no cert
 import numpy as np
 
 from dimersweep.cubes.cube import blank
-from dimersweep.kernel.batch import run_many
+from dimersweep.kernel.batch import Workspace, run_many
 from dimersweep.kernel.model.layout import (
     CODE_MODE,
     CODE_N_PERIODS,
@@ -34,7 +34,13 @@ ORBIT = tuple(range(N_ORBIT))
 
 
 def certified(
-    rows: np.ndarray, periods: int, rtol: float, settle: bool, out: np.ndarray, codes: np.ndarray
+    rows: np.ndarray,
+    periods: int,
+    rtol: float,
+    settle: bool,
+    out: np.ndarray,
+    codes: np.ndarray,
+    space: Workspace | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Confidence in the verdicts of points, and the error of their orbits.
 
@@ -42,7 +48,7 @@ def certified(
     ----------
     rows : ndarray, shape (n, N_ROW), float64
         The points.
-    periods, rtol, settle
+    periods, rtol, settle, space
         What they were run with, see ``kernel.batch.run_rows``.
     out, codes : ndarrays, shapes (n, N_OUT), (n, N_CODES)
         Their results.
@@ -61,7 +67,7 @@ def certified(
     coarser = min(max(COARSER * rtol, COARSE), RTOL_RANGE[1])
     for shadow_rtol, nudge in ((finer, ROUNDING), (coarser, coarser)):
         left = np.flatnonzero(confidence == CERTAIN)
-        shadow = run(nudged(rows[left], nudge), periods, shadow_rtol, settle)
+        shadow = run(nudged(rows[left], nudge), periods, shadow_rtol, settle, space)
         confidence[left] = compared((out[left], codes[left]), shadow)
         if shadow_rtol == finer:
             error[left] = orbit_difference(out[left], shadow[0])
@@ -77,10 +83,12 @@ def nudged(rows: np.ndarray, by: float) -> np.ndarray:
     return moved
 
 
-def run(rows: np.ndarray, periods: int, rtol: float, settle: bool) -> tuple[np.ndarray, np.ndarray]:
+def run(
+    rows: np.ndarray, periods: int, rtol: float, settle: bool, space: Workspace | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Results of points: `out` and `codes` as the kernel gives them."""
     out, codes = blank(len(rows))
-    run_many(rows, periods, rtol, settle, out, codes)
+    run_many(rows, periods, rtol, settle, out, codes, space=space)
     return out, codes
 
 

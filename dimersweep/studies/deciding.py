@@ -1,6 +1,6 @@
 """What a search does at one point: try values of an axis in a fixed order until the answer to its question is certain."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,7 +10,17 @@ from dimersweep.cubes.cube import blank
 from dimersweep.cubes.grid import Grid
 from dimersweep.cubes.results import RESULT, Bundle
 from dimersweep.kernel import kernel_version
-from dimersweep.kernel.model.layout import CODE_MODE, CODE_STATUS, M_DRIFT, M_FAILED, M_NOT_RUN, M_UNRESOLVED, MODES, OK
+from dimersweep.kernel.batch import Workspace, is_stopped
+from dimersweep.kernel.model.layout import (
+    CODE_MODE,
+    CODE_STATUS,
+    M_DRIFT,
+    M_FAILED,
+    M_NOT_RUN,
+    M_UNRESOLVED,
+    MODES,
+    OK,
+)
 from dimersweep.parameters import fill_rows
 from dimersweep.studies.paths import PathLength, path_of
 from dimersweep.work.tiles import SLOW_MODES, around, run_patiently
@@ -163,10 +173,10 @@ class Wave:
         """See `SearchSpec`."""
         return self.spec.kind
 
-    def advance(self, points: np.ndarray, results: np.ndarray, stopped: Callable[[], bool]) -> int:
+    def advance(self, points: np.ndarray, results: np.ndarray, space: Workspace) -> int:
         """See `Work`."""
         for k, point in enumerate(points.tolist()):
-            if not decide(self.spec, point, self.hints[point], results[k : k + 1], stopped):
+            if not decide(self.spec, point, self.hints[point], results[k : k + 1], space):
                 return k
         return points.size
 
@@ -200,21 +210,21 @@ def _verdict(question: Question, modes: np.ndarray) -> tuple[int, int]:
     return (A_UNSURE if unclear else A_NO), -1
 
 
-def _tried(spec: SearchSpec, rows: np.ndarray, out: np.ndarray, codes: np.ndarray, stopped: Callable[[], bool]) -> int:
-    """Make the runs of `rows`, in short calls, until the answer is certain; their number, 0 if it was `stopped`."""
+def _tried(spec: SearchSpec, rows: np.ndarray, out: np.ndarray, codes: np.ndarray, space: Workspace) -> int:
+    """Make the runs of `rows`, in short calls, until the answer is certain; their number, 0 if `space` was stopped."""
     made, ends = 0, spec.question.until()
     while made < len(rows):
         part = slice(made, made + CHUNK_RUNS)
         how = spec.periods, spec.max_periods, spec.rtol, True
-        made += run_patiently(rows[part], *how, out[part], codes[part], until=ends | SLOW_MODES)
+        made += run_patiently(rows[part], *how, out[part], codes[part], until=ends | SLOW_MODES, space=space)
+        if is_stopped(space):
+            return 0
         if ends >> int(codes[made - 1, CODE_MODE]) & 1:
             break
-        if stopped():
-            return 0
     return made
 
 
-def decide(spec: SearchSpec, point: int, hints: Sequence[int], result: np.ndarray, stopped: Callable[[], bool]) -> bool:
+def decide(spec: SearchSpec, point: int, hints: Sequence[int], result: np.ndarray, space: Workspace) -> bool:
     """Search at one point.
 
     Parameters
@@ -226,8 +236,8 @@ def decide(spec: SearchSpec, point: int, hints: Sequence[int], result: np.ndarra
         Indices on the searched axis to try first.
     result : ndarray, shape (1,)
         Filled.
-    stopped : callable
-        If it says True, the search may end there.
+    space : Workspace
+        Scratch arrays; if they are stopped, the search ends there.
 
     Returns
     -------
@@ -239,7 +249,7 @@ def decide(spec: SearchSpec, point: int, hints: Sequence[int], result: np.ndarra
     here = spec.grid.fixed | {name: float(value) for name, value in spec.grid.values(point).items()}
     rows = fill_rows(here | {question.axis: question.values[order]}, order.size)
     out, codes = blank(order.size)
-    made = _tried(spec, rows, out, codes, stopped)
+    made = _tried(spec, rows, out, codes, space)
     if not made:
         return False
     modes = codes[:made, CODE_MODE]
@@ -251,11 +261,11 @@ def decide(spec: SearchSpec, point: int, hints: Sequence[int], result: np.ndarra
         return True
     if spec.orbit_periods:
         last, longer = slice(which, which + 1), spec.orbit_periods
-        run_patiently(rows[last], longer, longer, spec.rtol, False, out[last], codes[last])
+        run_patiently(rows[last], longer, longer, spec.rtol, False, out[last], codes[last], space=space)
     result["out"], result["codes"], result["decider"] = out[which], codes[which], order[which] + 1
     if spec.paths and codes[which, CODE_MODE] == M_DRIFT:
         value = float(question.values[order[which]])
         result["x"], result["y"], result["axial_velocity"] = path_of(
-            here | {question.axis: value}, spec.paths, spec.rtol
+            here | {question.axis: value}, spec.paths, spec.rtol, space
         )
-    return True
+    return not is_stopped(space)

@@ -1,13 +1,15 @@
 """The path of one run: positions of the centre of mass over time, and the velocity along the axis."""
 
 from dataclasses import dataclass
+from math import nan
 from typing import Any
 
 import numpy as np
 
 from dimersweep.errors import ParameterError
-from dimersweep.parameters import check_count
-from dimersweep.runs.run import simulate
+from dimersweep.kernel.batch import Workspace
+from dimersweep.parameters import Parameters, check_count
+from dimersweep.runs.run import follow
 
 MAX_POSITIONS = 20_000_000  # in one cube, which is held in memory
 
@@ -61,23 +63,28 @@ def path_length(periods: int, per_period: int = 8) -> PathLength:
     return PathLength(check_count("paths.periods", periods), check_count("paths.per_period", per_period))
 
 
-def path_of(parameters: dict[str, Any], length: PathLength, rtol: float) -> tuple[np.ndarray, np.ndarray, float]:
-    """The path of one run.
+def path_of(
+    parameters: dict[str, Any], length: PathLength, rtol: float, space: Workspace
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """The path of one run, made on `space`.
 
     Returns
     -------
     x, y : ndarray, shape (length.moments,), float64
         Position of the centre of mass [m]; NaN after the end of a run that fails.
     axial_velocity : float
-        Mean over the last forcing period, along the axis from the end that is down to the other one [m s-1].
+        Mean over the last forcing period, along the axis from the end that is down to the other one [m s-1]; NaN if no
+        period was completed.
     """
-    run = simulate(**parameters, periods=length.periods, rtol=rtol)
+    full = np.full((2, length.moments), np.nan)
+    run = follow(Parameters(**parameters), length.periods, rtol, False, True, space)
+    if not run.n_periods:
+        return full[0], full[1], nan
     ends = run.n_periods / run.parameters["f"]
     states = run.states(np.linspace(0, ends, run.n_periods * length.per_period + 1))
     x, y, theta = (states[name].values for name in ("x", "y", "theta"))
     dx, dy = x[-1] - x[-1 - length.per_period], y[-1] - y[-1 - length.per_period]
     forward = 1 if run.down_share_1 >= run.down_share_2 else -1
     along = forward * (dy * np.cos(theta[-1]) - dx * np.sin(theta[-1]))
-    full = np.full((2, length.moments), np.nan)
     full[:, : x.size] = x, y
     return full[0], full[1], float(along * run.parameters["f"])

@@ -14,6 +14,8 @@ import xarray as xr
 from dimersweep.cubes.grid import Grid, check_fits, legal_points
 from dimersweep.cubes.results import Finished, Tile, blank_results
 from dimersweep.errors import UnfinishedError
+from dimersweep.runs.proving import prove
+from dimersweep.runs.stopping import stoppable
 from dimersweep.storage.manifest import read_manifest
 from dimersweep.storage.memorystore import MemoryStore
 from dimersweep.storage.provenance import as_text
@@ -24,7 +26,6 @@ from dimersweep.studies.making import Study
 from dimersweep.studies.refine import RefineSpec, cut_cells
 from dimersweep.studies.sweep_spec import Spec
 from dimersweep.work.computing import How, crew
-from dimersweep.work.proving import prove
 from dimersweep.work.scheduling import TILES_PER_WORKER
 from dimersweep.work.tiles import TILE_SECONDS, Work, attempt
 
@@ -123,7 +124,7 @@ def plan(study: Study, workers: int, out: Path | None = None) -> Plan:
     -------
     Plan
     """
-    prove()  # and compile
+    stoppable(lambda stop: prove())  # and compile
     rng = np.random.default_rng(_SEED)
     seconds = POINT_SECONDS
     if isinstance(study, Spec):
@@ -161,7 +162,7 @@ def _for_some_time(costs: Iterator[Cost], seconds: float) -> Iterator[Cost]:
 
 
 def _made(work: Work, point: int) -> Finished:
-    made = attempt(work, (Tile(point, point + 1),))
+    made = stoppable(lambda stop: attempt(work, (Tile(point, point + 1),), stop))
     if made.broken:
         raise UnfinishedError(f"{work.grid.point(point)} could not be run: {made.broken.reason}")
     return made.finished[0]

@@ -1,6 +1,6 @@
 """All that decides the numbers of a sweep."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,6 +11,7 @@ from dimersweep.cubes.grid import Grid, make_grid
 from dimersweep.cubes.results import RESULT, Bundle
 from dimersweep.errors import ParameterError
 from dimersweep.kernel import kernel_version
+from dimersweep.kernel.batch import Workspace, is_stopped
 from dimersweep.parameters import check_count, check_rtol
 from dimersweep.studies.certifying import certified
 from dimersweep.work.tiles import SLOW_MODES, around, run_patiently
@@ -67,17 +68,18 @@ class Spec:
         """See `Work`."""
         return CERTIFIED if self.certify else RESULT
 
-    def advance(self, points: np.ndarray, results: np.ndarray, stopped: Callable[[], bool]) -> int:
+    def advance(self, points: np.ndarray, results: np.ndarray, space: Workspace) -> int:
         """See `Work`: until one has used all its periods, so that quick points do not go on for long with slow ones."""
         out, codes = blank(points.size)
         rows = self.grid.rows_at(points)
         how = self.rtol, self.stop_when_settled
-        done = run_patiently(rows, self.periods, self.max_periods, *how, out, codes, until=SLOW_MODES)
+        done = run_patiently(rows, self.periods, self.max_periods, *how, out, codes, until=SLOW_MODES, space=space)
         results["out"][:done], results["codes"][:done] = out[:done], codes[:done]
         if self.certify:
             results["confidence"][:done], results["error_estimate"][:done] = certified(
-                rows[:done], self.max_periods, *how, out[:done], codes[:done]
+                rows[:done], self.max_periods, *how, out[:done], codes[:done], space
             )
+            return 0 if is_stopped(space) else done  # it may not have been certified
         return done
 
     def narrowed(self, tiles: Bundle) -> tuple["Spec", Bundle, int]:

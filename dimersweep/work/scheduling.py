@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 from dimersweep.cubes.results import Bundle, Finished, Tile
 from dimersweep.errors import KernelError, ParameterError, UserError
 from dimersweep.kernel import kernel_version
-from dimersweep.work.proving import prove
-from dimersweep.work.signals import StopFlag
+from dimersweep.runs.proving import prove
+from dimersweep.runs.stopping import StopFlag, in_thread
 from dimersweep.work.tiles import (
     TILE_SECONDS,
     Broken,
@@ -90,15 +90,11 @@ def warm_up(stop: StopFlag) -> None:
     KernelError
         If it cannot run, or gives wrong numbers.
     """
-    executor = ThreadPoolExecutor(1)
-    try:
-        future = executor.submit(prove)
-        while not stop.is_set():
-            if wait([future], timeout=POLL).done:
-                future.result()
-                break
-    finally:
-        executor.shutdown(wait=False)
+    future = in_thread(prove)
+    while not stop.is_set() and not wait([future], timeout=POLL).done:
+        pass
+    if future.done():
+        future.result()
 
 
 @contextmanager
@@ -106,7 +102,7 @@ def threads(workers: int, stop: StopFlag) -> Iterator[Pool]:
     """A pool of threads in this process, the default: the kernel leaves Python's lock alone."""
     executor = ThreadPoolExecutor(workers, thread_name_prefix="dimersweep")
     try:
-        yield Pool(lambda work, tiles: executor.submit(attempt, work, tiles, stop.is_set), lambda: workers)
+        yield Pool(lambda work, tiles: executor.submit(attempt, work, tiles, stop), lambda: workers)
     finally:
         stop.set()
         executor.shutdown(wait=False, cancel_futures=True)

@@ -6,11 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-
-class StopFlag(threading.Event):
-    """Set when the sweep is to stop; `signal` is the number of the signal that asked for it, or 0."""
-
-    signal = 0
+from dimersweep.runs.stopping import StopFlag
 
 
 @contextmanager

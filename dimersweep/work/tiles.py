@@ -1,6 +1,6 @@
 """The unit of work: ranges of grid points, and the pure function that any thread, process or machine runs them with."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from time import perf_counter
 from typing import NamedTuple, Protocol, Self
 
@@ -8,8 +8,14 @@ import numpy as np
 
 from dimersweep.cubes.grid import Grid
 from dimersweep.cubes.results import Bundle, Finished, Tile, blank_results
-from dimersweep.kernel.batch import run_many
-from dimersweep.kernel.model.layout import CODE_MODE, M_APERIODIC, M_FAILED, M_UNRESOLVED
+from dimersweep.kernel.batch import Workspace, is_stopped, run_many
+from dimersweep.kernel.model.layout import (
+    CODE_MODE,
+    M_APERIODIC,
+    M_FAILED,
+    M_UNRESOLVED,
+)
+from dimersweep.runs.stopping import StopFlag
 
 TILE_SECONDS = 0.5  # long against the cost of a task (4 ms), short against the patience of Ctrl-C (2 s)
 CHUNK_SECONDS = 0.1  # what one call of the kernel aims at: it can be stopped only between calls
@@ -27,6 +33,10 @@ class Broken(NamedTuple):
     def points(self) -> int:
         """Number of points."""
         return count(self.tiles)
+
+    def moved(self, shift: int) -> "Broken":
+        """The same with other numbers of points."""
+        return Broken(tuple(Tile(start + shift, stop + shift) for start, stop in self.tiles), self.reason)
 
 
 class Made(NamedTuple):
@@ -67,6 +77,7 @@ def run_patiently(
     out: np.ndarray,
     codes: np.ndarray,
     until: int = 0,
+    space: Workspace | None = None,
 ) -> int:
     """Run points as `run_many` does, up to the first that has not settled; that one again for twice as long, and so on.
 
@@ -75,7 +86,7 @@ def run_patiently(
 
     Parameters
     ----------
-    rows, rtol, settle, out, codes, until
+    rows, rtol, settle, out, codes, until, space
         See ``kernel.batch.run_rows``.
     periods, max_periods : int
         Forcing periods of the first run of a point, and of the longest.
@@ -85,11 +96,12 @@ def run_patiently(
     int
         Number of points made.
     """
-    made = run_many(rows, periods, rtol, settle, out, codes, until=until | 1 << M_UNRESOLVED)
+    made = run_many(rows, periods, rtol, settle, out, codes, until=until | 1 << M_UNRESOLVED, space=space)
     last = slice(made - 1, made)
-    while codes[made - 1, CODE_MODE] == M_UNRESOLVED and periods < max_periods:
+    while made and codes[made - 1, CODE_MODE] == M_UNRESOLVED and periods < max_periods:
         periods = min(2 * periods, max_periods)
-        run_many(rows[last], periods, rtol, settle, out[last], codes[last], until=until)
+        if not run_many(rows[last], periods, rtol, settle, out[last], codes[last], until=until, space=space):
+            return made - 1  # it was stopped
     return made
 
 
@@ -104,7 +116,7 @@ class Work(Protocol):
     def kind(self) -> np.dtype:
         """Of the result of one point, see `blank_results`."""
 
-    def advance(self, points: np.ndarray, results: np.ndarray, stopped: Callable[[], bool]) -> int:
+    def advance(self, points: np.ndarray, results: np.ndarray, space: Workspace) -> int:
         """Run some of `points`, from the first one on, and count them.
 
         Parameters
@@ -113,27 +125,23 @@ class Work(Protocol):
             Their numbers.
         results : ndarray, shape (n,)
             Filled as far as points are done.
-        stopped : callable
-            If it says True, the work may end before a point is done.
+        space : Workspace
+            Scratch arrays; if they are stopped, the work ends before the point that it is at.
         """
 
     def narrowed(self, tiles: Bundle) -> tuple[Self, Bundle, int]:
         """The points of `tiles` in a work that is small enough to travel with every task, and the `shift` back."""
 
 
-def _never() -> bool:
-    return False
-
-
-def attempt(work: Work, tiles: Bundle, stopped: Callable[[], bool] = _never, shift: int = 0) -> Made:
+def attempt(work: Work, tiles: Bundle, stop: StopFlag | None = None, shift: int = 0) -> Made:
     """Run tiles in short calls, for about `LONGEST_TILE` seconds, or up to a point that raises.
 
     Parameters
     ----------
     work : Work
     tiles : tuple of Tile
-    stopped : callable
-        Asked between two calls; if it says True, the work ends there.
+    stop : StopFlag, optional
+        If it is set, the work ends before the point that it is at.
     shift : int
         What to add to the numbers of points, where `work` is a window of a larger grid.
 
@@ -145,25 +153,33 @@ def attempt(work: Work, tiles: Bundle, stopped: Callable[[], bool] = _never, shi
     begun = perf_counter()
     points = np.concatenate([np.arange(*tile) for tile in tiles])
     results = blank_results(points.size, work.kind)
-    done, batch, broken = 0, 1, None
+    with (stop or StopFlag()).space() as space:
+        done, broken = _advanced(work, points, results, space, begun)
+    _one_nan(results)
+    return Made(_cut(tiles, results[:done], perf_counter() - begun, shift), broken and broken.moved(shift))
+
+
+def _advanced(
+    work: Work, points: np.ndarray, results: np.ndarray, space: Workspace, begun: float
+) -> tuple[int, Broken | None]:
+    """Number of `points` that are done, from the first one on, and what broke off the work, if anything did."""
+    done, batch = 0, 1
     while done < points.size:
         part = slice(done, done + batch)
         try:
-            made = work.advance(points[part], results[part], stopped)
+            made = work.advance(points[part], results[part], space)
         except Exception as error:  # whatever it is, it must not cost the other points
             if points[part].size > 1:
                 batch = 1  # find the one
                 continue
-            point = int(points[done]) + shift
-            broken = Broken((Tile(point, point + 1),), f"{type(error).__name__}: {error}")
-            break
+            point = int(points[done])
+            return done, Broken((Tile(point, point + 1),), f"{type(error).__name__}: {error}")
         done += made
         spent = perf_counter() - begun
-        if not made or spent > LONGEST_TILE or stopped():
+        if not made or spent > LONGEST_TILE or is_stopped(space):
             break
         batch = max(1, min(2 * batch, int(CHUNK_SECONDS * done / spent)))
-    _one_nan(results)
-    return Made(_cut(tiles, results[:done], perf_counter() - begun, shift), broken)
+    return done, None
 
 
 def _one_nan(results: np.ndarray) -> None:

@@ -82,7 +82,7 @@ def sweep(G, w, before, limit, P, v):
                 v[i, k] += G[i, k, j, 0] * P[j, 0] + G[i, k, j, 1] * P[j, 1]
 
 
-class Desk(NamedTuple):
+class Workspace(NamedTuple):
     """Room for one step; indices: end, then x or y."""
 
     G: Array  # velocity of each end per impulse at each end, (2, n, 2, n), x, y and perhaps z, kg^-1
@@ -98,20 +98,20 @@ class Desk(NamedTuple):
 
 @compiled
 def clear_desk(n):
-    """An empty desk, its compliance for n directions."""
-    return Desk(
+    """An empty space, its compliance for n directions."""
+    return Workspace(
         np.zeros((2, n, 2, n)), np.zeros((2, 2)), np.zeros((2, 2)), np.zeros(2), np.zeros((2, 2)), np.zeros((2, 2)),
         np.zeros(2), np.zeros(2, np.bool_), np.zeros(2, np.bool_),
     )  # fmt: skip
 
 
 @compiled
-def friction(mu, mu_s, desk):
+def friction(mu, mu_s, space):
     """Find the friction impulses of one step.
 
     The stick coefficient holds for an end that sticks already or whose slip passes zero.
     """
-    G, w, before, normal, P, v, limit, held, tried = desk
+    G, w, before, normal, P, v, limit, held, tried = space
     for i in range(2):
         passes = before[i, 0] * w[i, 0] + before[i, 1] * w[i, 1] <= 0
         tried[i] = normal[i] > 0 and (held[i] or passes)

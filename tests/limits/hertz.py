@@ -59,9 +59,9 @@ def drift(top, state, X, e, gaps, h):
 
 
 @compiled
-def kick(top, state, X, k, dashpot, weight, h, desk):
+def kick(top, state, X, k, dashpot, weight, h, space):
     """Change the velocities by the forces of a time h: springs, dashpots, gravity (`weight`), and friction."""
-    _, w, before, normal, P, _, _, held, _ = desk
+    _, w, before, normal, P, _, _, held, _ = space
     for i in range(2):
         v = contact_velocity(top, state, i)
         before[i, 0], before[i, 1] = v[0], v[1]
@@ -78,19 +78,19 @@ def kick(top, state, X, k, dashpot, weight, h, desk):
     for i in range(2):
         v = contact_velocity(top, state, i)
         w[i, 0], w[i, 1] = v[0], v[1]
-    compliance(top, state, desk.G)
-    friction(top.mu, top.mu_s, desk)
+    compliance(top, state, space.G)
+    friction(top.mu, top.mu_s, space)
     for i in range(2):
         push(top, state, i, (P[i, 0], P[i, 1], 0.0))
 
 
 @compiled
-def begin(top, state, gaps, desk):
+def begin(top, state, gaps, space):
     """Note the gaps, and which ends stick to begin with."""
     for i in range(2):
         v = contact_velocity(top, state, i)
         gaps[i] = gap(top, state, i)
-        desk.held[i] = hypot(v[0], v[1]) <= AT_REST
+        space.held[i] = hypot(v[0], v[1]) <= AT_REST
 
 
 @compiled
@@ -110,9 +110,9 @@ def run(top, state, e, k, dashpot, times, dt, samples, landings):
 
     Returns how many landings there were (more than fit are counted only).
     """
-    X, gaps, desk = np.zeros(2), np.zeros(2), clear_desk(2)
+    X, gaps, space = np.zeros(2), np.zeros(2), clear_desk(2)
     was = np.zeros(2)
-    begin(top, state, gaps, desk)
+    begin(top, state, gaps, space)
     t, n_landings = 0.0, 0
     for row in range(len(times)):
         steps = max(1, ceil((times[row] - t) / dt))
@@ -125,7 +125,7 @@ def run(top, state, e, k, dashpot, times, dt, samples, landings):
             n_landings = note_landings(was, gaps, now, length, landings, n_landings)
             if step < steps:
                 weight = top.m * gravity(top, start + (step + 0.5) * h)
-                kick(top, state, X, k, dashpot, weight, h, desk)
+                kick(top, state, X, k, dashpot, weight, h, space)
         t = times[row]
         samples[row] = state
     return n_landings
@@ -134,8 +134,8 @@ def run(top, state, e, k, dashpot, times, dt, samples, landings):
 @compiled
 def collide(top, state, e, k, dt):
     """March through an isolated impact without gravity; return how many steps it took."""
-    X, gaps, desk = np.zeros(2), np.zeros(2), clear_desk(2)
-    begin(top, state, gaps, desk)
+    X, gaps, space = np.zeros(2), np.zeros(2), clear_desk(2)
+    begin(top, state, gaps, space)
     for step in range(LONGEST):
         acting = X[0] > 0 or X[1] > 0
         for i in range(2):
@@ -143,7 +143,7 @@ def collide(top, state, e, k, dt):
         if not acting:
             return step
         drift(top, state, X, e, gaps, 0.5 * dt)
-        kick(top, state, X, k, 0.0, 0.0, dt, desk)
+        kick(top, state, X, k, 0.0, 0.0, dt, space)
         drift(top, state, X, e, gaps, 0.5 * dt)
     return LONGEST
 

@@ -56,32 +56,34 @@ def normal_impulses(G, rates, closed, P, normal):
 
 
 @compiled
-def contact(top, state, closed, before, held, desk):
+def contact(top, state, closed, before, held, space):
     """Find normal and friction impulses in turn until they agree, and apply them; `held` are the ends that stuck before."""
     rates, last, slips = np.zeros(2), np.zeros(2), np.zeros((2, 2))
-    compliance(top, state, desk.G)
+    compliance(top, state, space.G)
     for i in range(2):
         v = contact_velocity(top, state, i)
         slips[i, 0], slips[i, 1], rates[i] = v[0], v[1], v[2]
     for _ in range(ROUNDS):
-        last[:] = desk.normal
-        normal_impulses(desk.G, rates, closed, desk.P, desk.normal)
+        last[:] = space.normal
+        normal_impulses(space.G, rates, closed, space.P, space.normal)
         for i in range(2):
-            desk.before[i] = before[i]
-            desk.held[i] = held[i] and closed[i]
+            space.before[i] = before[i]
+            space.held[i] = held[i] and closed[i]
             for k in range(2):
-                desk.w[i, k] = slips[i, k] + desk.G[i, k, 0, 2] * desk.normal[0] + desk.G[i, k, 1, 2] * desk.normal[1]
-        friction(top.mu, top.mu_s, desk)
-        if np.abs(desk.normal - last).max() <= CLOSE * desk.normal.max():
+                space.w[i, k] = (
+                    slips[i, k] + space.G[i, k, 0, 2] * space.normal[0] + space.G[i, k, 1, 2] * space.normal[1]
+                )
+        friction(top.mu, top.mu_s, space)
+        if np.abs(space.normal - last).max() <= CLOSE * space.normal.max():
             break
     for i in range(2):
-        push(top, state, i, (desk.P[i, 0], desk.P[i, 1], desk.normal[i]))
+        push(top, state, i, (space.P[i, 0], space.P[i, 1], space.normal[i]))
 
 
 @compiled
 def run(top, state, t, times, dt, samples):
     """March from t to each of `times`, filling `samples`."""
-    desk, before, closed, held = clear_desk(3), np.zeros((2, 2)), np.zeros(2, np.bool_), np.zeros(2, np.bool_)
+    space, before, closed, held = clear_desk(3), np.zeros((2, 2)), np.zeros(2, np.bool_), np.zeros(2, np.bool_)
     for i in range(2):
         v = contact_velocity(top, state, i)
         closed[i] = gap(top, state, i) <= CLOSED
@@ -97,10 +99,10 @@ def run(top, state, t, times, dt, samples):
             state[VELOCITY + 2] -= h * gravity(top, t + (step + 0.5) * h)
             for i in range(2):
                 closed[i] = closed[i] or gap(top, state, i) <= 0
-            contact(top, state, closed, before, held, desk)
+            contact(top, state, closed, before, held, space)
             for i in range(2):
-                held[i] = desk.held[i]
-                closed[i] = desk.normal[i] > 0
+                held[i] = space.held[i]
+                closed[i] = space.normal[i] > 0
             fly(top, state, 0.5 * h)
         t = times[row]
         samples[row] = state

@@ -35,6 +35,11 @@ SCENES = (  # numbers at rtol 1e-11
 )
 
 
+def is_proven() -> bool:
+    """Whether `prove` has been through, so that it costs nothing."""
+    return prove.cache_info().currsize > 0
+
+
 @cache
 def prove() -> None:
     """Run `SCENES`, once in a process.

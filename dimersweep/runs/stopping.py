@@ -1,0 +1,82 @@
+"""Ending runs of the kernel from outside: compiled code does not see signals, nor the time."""
+
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from contextlib import contextmanager
+from typing import TypeVar
+
+from dimersweep.kernel.batch import Workspace, new_workspace, stop
+
+GRACE = 1.0  # seconds that a run has to end when it is stopped: a compiler at work does not
+
+T = TypeVar("T")
+
+
+class StopFlag(threading.Event):
+    """Set when work is to stop: what runs on its spaces ends too. `signal` is the number of the signal that asked, or 0."""
+
+    signal = 0
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._spaces: dict[int, Workspace] = {}
+
+    def set(self) -> None:
+        """Have all work stop."""
+        super().set()
+        for space in list(self._spaces.values()):
+            stop(space)
+
+    @contextmanager
+    def space(self) -> Iterator[Workspace]:
+        """Scratch arrays for the runs of one thread."""
+        space = new_workspace()
+        self._spaces[id(space)] = space
+        if self.is_set():
+            stop(space)
+        try:
+            yield space
+        finally:
+            del self._spaces[id(space)]
+
+
+def in_thread(call: Callable[[], T]) -> "Future[T]":
+    """The future of `call` in a thread of its own, for which Python does not wait at its end."""
+    future: Future[T] = Future()
+
+    def run() -> None:
+        try:
+            future.set_result(call())
+        except BaseException as error:
+            future.set_exception(error)
+
+    threading.Thread(target=run, daemon=True, name="dimersweep").start()
+    return future
+
+
+def stoppable(call: Callable[[StopFlag], T], seconds: float | None = None) -> T:
+    """What `call` returns, with a flag that Ctrl-C sets, or the end of its time.
+
+    Parameters
+    ----------
+    call : callable
+        Runs the kernel on a space of the flag that it is given. Made in another thread, so that this one can see signals;
+        in a thread that has none, and has no bound on its time, it is made right here.
+    seconds : float, optional
+        Bound on its time [s].
+    """
+    flag = StopFlag()
+    if seconds is None and threading.current_thread() is not threading.main_thread():
+        return call(flag)
+    future = in_thread(lambda: call(flag))
+    try:
+        try:
+            return future.result(seconds)
+        except TimeoutError:
+            flag.set()
+            return future.result()
+    except KeyboardInterrupt:
+        flag.set()
+        future.exception(GRACE)
+        raise
