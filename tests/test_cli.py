@@ -456,6 +456,16 @@ def test_points_that_cannot_be_run_end_in_a_line_and_an_exit_code(call, monkeypa
     assert call("run", "small.toml")[2] == 0
 
 
+@pytest.mark.parametrize("out", ["", ".", "..", "/dev/full", "a" * 300])
+def test_an_output_that_is_no_file_is_refused_before_any_work(call, monkeypatch, out):
+    monkeypatch.setattr("dimersweep.work.tiles.run_many", lambda *rest, **more: pytest.fail("work was done"))
+    edited('output = "fig07-small.nc"', f'output = "{out}"')
+    for arguments in (("run", "small.toml"), ("run", "small.toml", "--force"), ("run", "small.toml", "--out", out)):
+        _, err, code = call(*arguments)
+        assert (code, len(err.splitlines())) == (2, 1), err
+        assert err.startswith("dimersweep: error: out = ")
+
+
 @pytest.mark.parametrize("command", [("simulate",), ("run", "small.toml")])
 def test_a_number_of_periods_beyond_any_run_is_refused(call, command):
     told = "dimersweep: error: periods = 9223372036854775808: must be <= 1000000000\n"

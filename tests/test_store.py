@@ -1,6 +1,7 @@
 """Files are whole or absent, never replaced unasked, and only an intact cube of this program is opened."""
 
 import os
+from pathlib import Path
 
 import pytest
 import xarray as xr
@@ -10,6 +11,7 @@ from dimersweep.cubes.grid import make_grid
 from dimersweep.errors import StoreError
 from dimersweep.storage.netcdf import check_writable, open_cube, write_cube
 from dimersweep.storage.provenance import attributes
+from dimersweep.studies.status import status
 
 
 @pytest.fixture
@@ -50,6 +52,57 @@ def test_outputs_that_cannot_be_written_are_refused_before(tmp_path):
         check_writable(tmp_path)
     with pytest.raises(StoreError, match=r"out = .*nowhere/cube.nc: the folder .*nowhere does not exist"):
         check_writable(tmp_path / "nowhere" / "cube.nc")
+
+
+def link(path):
+    (path.parent / "target").write_text("precious")
+    path.symlink_to("target")
+
+
+def zarr_of_others(path):
+    path.mkdir()
+    (path / "notes.txt").write_text("precious")
+
+
+@pytest.mark.parametrize(
+    ("name", "made", "told"),
+    [
+        ("cube.nc", link, r"cube.nc: is a link to target; give the name of the file itself$"),
+        ("cube.nc", lambda path: path.symlink_to("nothing"), r"cube.nc: is a link to nothing; give the name of"),
+        ("cube.nc", os.mkfifo, r"cube.nc: is no regular file; give another name$"),
+        ("cube.nc", lambda path: path.mkdir(), r"cube.nc: is a folder; give a file name$"),
+        (
+            "cube.zarr",
+            lambda path: path.write_text("precious"),
+            r"cube.zarr: is a file, where a Zarr group is a folder",
+        ),
+        ("cube.zarr", zarr_of_others, r"cube.zarr: is a folder, but no Zarr group; give another name$"),
+        ("a" * 300 + ".nc", lambda path: None, r"a.nc: cannot be a file \(File name too long\)$"),
+        ("a\0.nc", lambda path: None, r"cannot be a file \(.*null.*\)$"),
+        ("file/cube.nc", lambda path: path.parent.write_text(""), r"cube.nc: cannot be a file \(Not a directory\)$"),
+    ],
+)
+def test_what_is_no_regular_file_is_never_replaced(cube, tmp_path, name, made, told):
+    path = tmp_path / name
+    made(path)
+    before = {each: os.lstat(each) for each in tmp_path.rglob("*")}
+    for write in (check_writable, lambda path, force: write_cube(cube, path, force=force)):
+        with pytest.raises(StoreError, match=rf"^out = .*{told}"):
+            write(path, force=True)
+    assert {each: os.lstat(each) for each in tmp_path.rglob("*")} == before
+
+
+@pytest.mark.parametrize("path", ["/dev/full", "/dev/null", ".", "", ".."])
+def test_devices_and_folders_are_never_replaced(cube, path):
+    with pytest.raises(StoreError, match=r"^out = .*: is (no regular file|a folder); give"):
+        write_cube(cube, path, force=True)
+
+
+@pytest.mark.parametrize("name", ["a" * 300, "a\0", "."])
+def test_names_that_no_file_can_have_are_told(name):
+    for ask in (open_cube, lambda path: status(Path(path))):
+        with pytest.raises(StoreError, match=r": (no such|is no cube)"):
+            ask(name)
 
 
 @pytest.mark.skipif(not os.path.isdir("/proc"), reason="needs a folder that refuses even root")

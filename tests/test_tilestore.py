@@ -256,6 +256,32 @@ def test_tiles_are_kept_when_asked():
     assert status(Path("cube.nc.tiles"))[0] == "cube.nc: 120 of 120 points done (100 %)"
 
 
+@pytest.mark.parametrize("target", ["elsewhere", "nowhere", "file"])
+def test_a_folder_of_tiles_that_is_a_link_is_refused_before_any_work(monkeypatch, target):
+    Path("elsewhere").mkdir()
+    Path("file").write_text("precious")
+    Path("cube.nc.tiles").symlink_to(target)
+    monkeypatch.setattr("dimersweep.work.tiles.run_many", lambda *rest, **more: pytest.fail("work was done"))
+    with pytest.raises(StoreError, match=r"^cube.nc.tiles: is no folder, where finished points are kept; move it, or"):
+        sweep(force=True)
+    assert os.listdir("elsewhere") == []
+    assert sorted(os.listdir()) == ["cube.nc.tiles", "elsewhere", "file"]
+
+
+@pytest.mark.parametrize("name", ["lock", "manifest.jsonl", "tiles-000002.npy.tmp", "cube.tmp"])
+def test_links_among_the_tiles_never_lead_to_another_file(name):
+    left_behind((0, 30))
+    Path("precious").write_bytes(MANIFEST.read_bytes())
+    Path("cube.nc.tiles", name).unlink(missing_ok=True)
+    Path("cube.nc.tiles", name).symlink_to(Path("precious").absolute())
+    before = Path("precious").read_bytes()
+    try:
+        sweep()
+    except StoreError as error:
+        assert "\n" not in str(error)
+    assert Path("precious").read_bytes() == before
+
+
 def test_a_lock_frees_itself_and_is_not_shared():
     told = rf"^folder: a sweep is at work here \(process {os.getpid()} on "
     with locked(Path("folder/lock")):

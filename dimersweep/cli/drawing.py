@@ -24,6 +24,8 @@ def plot(
     from dimersweep.plots import check_picture
     from dimersweep.storage.netcdf import open_cube
 
+    if out is None and not cube.name:
+        raise typer.BadParameter(f"{str(cube)!r}: is no cube")
     picture = check_picture(out or cube.with_suffix(".png"), force=force)
     opened = open_cube(cube)
     print_cube(opened)
@@ -52,6 +54,7 @@ def check_picture_of(configuration: Callable[[], Mapping[str, Any]], picture: Pa
     from dimersweep.storage.netcdf import check_writable
     from dimersweep.storage.provenance import as_text, digest
 
+    check_writable(picture, force=True, name="picture")  # to look into a device might take for ever
     ours = picture.exists() and _mark_in(picture) == _mark(digest(as_text(configuration())))
     check_writable(picture, force=force or ours, name="picture")
 

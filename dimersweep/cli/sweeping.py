@@ -53,8 +53,8 @@ def run(
     from dimersweep.studies.datasets import make
 
     cube_file = out or Path(declared.sweep.output)
-    picture, forced = cube_file.with_suffix(".png"), force or retry
     check_writable(cube_file, force=True)  # a cube that is there already is judged where it can be read
+    picture, forced = cube_file.with_suffix(".png"), force or retry
     if plot and not cube_file.exists():
         study = declared.study(periods=periods, rtol=rtol)
         check_picture_of(study.configuration, picture, force=forced)

@@ -25,7 +25,8 @@ def sync(path: Path) -> None:
 def put(path: Path, written: bytes) -> None:
     """Write a file: to a temporary name beside `path`, on the disk, and then under its name in one step."""
     temporary = path.with_name(f"{path.name}.tmp")
-    with temporary.open("wb") as file:
+    temporary.unlink(missing_ok=True)
+    with temporary.open("xb") as file:  # never through a link that somebody has put there
         file.write(written)
         file.flush()
         os.fsync(file.fileno())
@@ -35,7 +36,7 @@ def put(path: Path, written: bytes) -> None:
 
 def append(path: Path, written: bytes, length: int) -> None:
     """Add to a file of `length` sound bytes; what a full disk or a kill has left beyond them goes."""
-    handle = os.open(path, os.O_WRONLY)
+    handle = os.open(path, os.O_WRONLY | os.O_NOFOLLOW)
     try:
         os.ftruncate(handle, length)
         with os.fdopen(os.dup(handle), "wb", buffering=0) as file:
@@ -48,8 +49,8 @@ def append(path: Path, written: bytes, length: int) -> None:
 
 
 def delete(path: Path) -> None:
-    """Delete a file, or a folder with all that is in it, if it is there."""
-    if path.is_dir():
+    """Delete a file or a link, or a folder with all that is in it, if it is there."""
+    if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path)
     else:
         path.unlink(missing_ok=True)

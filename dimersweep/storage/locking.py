@@ -59,7 +59,7 @@ def locked(path: Path) -> Iterator[None]:
     patience_ends = time.monotonic() + PATIENCE
     while True:
         path.parent.mkdir(exist_ok=True)
-        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
         try:
             held = _try(handle)
             # a file that its holder has deleted meanwhile is not the one that others will find

@@ -2,6 +2,7 @@
 
 import json
 import os
+import stat
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -34,11 +35,13 @@ def check_writable(path: str | os.PathLike[str], *, force: bool = False, name: s
     Raises
     ------
     StoreError
-        If it exists, or its folder does not, or nothing can be created there.
+        If it exists, or its folder does not, or nothing can be created there; and, `force` or not, if it is a link, a
+        device or anything else that is no file (or no Zarr group, for a name that ends in .zarr).
     """
     path = Path(path)
-    if path.is_dir() and not is_zarr(path):
-        raise StoreError(f"{name} = {path}: is a folder; give a file name")
+    wrong = _no_output(path)
+    if wrong:
+        raise StoreError(f"{name} = {path}: {wrong}")
     if not path.parent.is_dir():
         raise StoreError(f"{name} = {path}: the folder {path.parent} does not exist")
     if path.exists() and not force:
@@ -49,6 +52,26 @@ def check_writable(path: str | os.PathLike[str], *, force: bool = False, name: s
     except OSError as error:
         raise StoreError(f"{name} = {path}: the folder {path.parent} is not writable ({error.strerror})") from None
     return path
+
+
+def _no_output(path: Path) -> str:
+    """Why `path` cannot be replaced by a file, or a Zarr group, whoever allows it; "" if it can."""
+    try:
+        kind = os.lstat(path).st_mode
+    except FileNotFoundError:
+        return ""
+    except (OSError, ValueError) as error:  # too long, with a NUL, below a file
+        return f"cannot be a file ({getattr(error, 'strerror', None) or error})"
+    if stat.S_ISLNK(kind):
+        return f"is a link to {os.readlink(path)}; give the name of the file itself"
+    if stat.S_ISDIR(kind) and not is_zarr(path):
+        return "is a folder; give a file name"
+    if stat.S_ISDIR(kind):
+        foreign = any(path.iterdir()) and not (path / "zarr.json").is_file()
+        return "is a folder, but no Zarr group; give another name" if foreign else ""
+    if not stat.S_ISREG(kind):
+        return "is no regular file; give another name"
+    return "is a file, where a Zarr group is a folder; give another name" if is_zarr(path) else ""
 
 
 def write_cube(
@@ -83,6 +106,7 @@ def write_cube(
     temporary = scratch or path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         with told(f"out = {path}", kept):
+            temporary.unlink(missing_ok=True)
             cube.to_netcdf(temporary, engine="netcdf4", format="NETCDF4")
             sync(temporary)
             temporary.replace(path)
@@ -111,7 +135,7 @@ def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
         If there is no such file, it is no NetCDF file or Zarr group, or no (intact) cube of this program.
     """
     path = Path(path)
-    if path.is_dir() and is_zarr(path):
+    if os.path.isdir(path) and is_zarr(path):
         cube, kind = read_zarr(path), "Zarr group"
     else:
         cube, kind = _read_netcdf(path), "NetCDF file"
@@ -131,7 +155,7 @@ def _fixed_as_told(cube: xr.Dataset, configuration: Mapping[str, Any]) -> bool:
 
 
 def _read_netcdf(path: Path) -> xr.Dataset:
-    if not path.is_file():
+    if not os.path.isfile(path):  # a name that no file can have is no error for it
         raise StoreError(f"{path}: no such file")
     try:
         return xr.load_dataset(path, engine="netcdf4")

@@ -1,7 +1,6 @@
 """Cubes larger than memory: Zarr groups of the same layout, written block after block of grid points."""
 
 import os
-import shutil
 from collections.abc import Callable, Iterator, Mapping
 from math import prod
 from pathlib import Path
@@ -15,7 +14,7 @@ from dimersweep.cubes.cube import blank, build
 from dimersweep.cubes.grid import Grid
 from dimersweep.cubes.results import Tile, beyond, blank_results
 from dimersweep.errors import StoreError
-from dimersweep.storage.files import sync, told
+from dimersweep.storage.files import delete, sync, told
 
 CHUNK_POINTS = 1 << 18  # 2 MB a variable and chunk
 
@@ -98,8 +97,8 @@ def write_zarr(
     StoreError
         If the disk refuses.
     """
-    shutil.rmtree(scratch, ignore_errors=True)
     with told(f"out = {path}", kept):
+        delete(scratch)
         _template(grid, attributes, read(0, 0).dtype).to_zarr(scratch, mode="w", compute=False, consolidated=False)
         for tile, where in blocks(grid.shape):
             axes = {name: values[part] for (name, values), part in zip(grid.axes.items(), where, strict=True)}
@@ -109,9 +108,13 @@ def write_zarr(
         for folder, _, names in os.walk(scratch):
             for name in names:
                 sync(Path(folder, name))
-        shutil.rmtree(path, ignore_errors=True)
+        former = scratch.with_name("former.tmp")
+        delete(former)
+        if path.exists():
+            path.replace(former)  # whole, so that a kill leaves no half of it under its name
         scratch.replace(path)
         sync(path.parent)
+        delete(former)
 
 
 def _template(grid: Grid, attributes: Mapping[str, Any], kind: np.dtype) -> xr.Dataset:

@@ -66,6 +66,7 @@ def complete_cube(study: Study, options: Options) -> xr.Dataset | None:
         if options.retry and options.extend is None:
             raise ParameterError("retry: needs an out, or a cube to extend")
         return None
+    check_writable(out, force=True)  # what can never be written to is told first
     if out.exists() and not options.force:
         former = _former(out, study)
         if not options.retry or not failed(flatten(former)[1]).any():

@@ -1,5 +1,6 @@
 """How far a sweep has come, read from its files while it runs or after it was stopped."""
 
+import os
 from collections import Counter
 from datetime import UTC, datetime
 from pathlib import Path
@@ -29,8 +30,10 @@ def status(path: Path) -> list[str]:
         If there is no sweep of that name, or its files are damaged.
     """
     out = path.with_suffix("") if path.suffix == ".tiles" else path
-    if not manifest_of(out).exists():
-        if out.exists():
+    if not out.name:
+        raise StoreError(f"{out}: is no cube")
+    if not os.path.exists(manifest_of(out)):
+        if os.path.exists(out):
             return _of_cube(out)
         raise StoreError(f"{out}: no such cube, and no sweep for it ({folder_of(out)} has no manifest)")
     return _of_tiles(out, read_manifest(manifest_of(out)))
