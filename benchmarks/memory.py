@@ -13,6 +13,8 @@ import sys
 import tempfile
 from pathlib import Path
 
+from dimersweep.cubes.grid import MAX_POINTS
+
 ROOT = Path(__file__).resolve().parents[1]
 MOST = 1000.0  # bytes a point may take beyond its output
 SWEEP = """
@@ -25,7 +27,8 @@ settings = {"fixed": {"Gamma": 0.1, "e": 0.0}, "periods": 1, "workers": 1, "prog
 sweep({"beta0": [0.1, 0.2]}, **settings)  # compiles and imports
 if traced:
     tracemalloc.start()
-cube = sweep({"beta0": np.linspace(1e-3, 1.0, points)}, out=out, **settings)
+grid = {"beta0": np.linspace(1e-3, 1.0, points // 100), "phi0": np.linspace(0, 1, 100)}
+cube = sweep(grid, out=out, **settings)
 peak = tracemalloc.get_traced_memory()[1] if traced else 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 print(json.dumps([peak, cube.nbytes]))
 """
@@ -42,10 +45,11 @@ def peak(points: int, traced: bool, to_file: bool) -> tuple[float, float]:
     return most, size
 
 
-def beyond_output(small: int, large: int, traced: bool, to_file: bool) -> float:
-    """Bytes a point takes beyond its output."""
+def bytes_a_point(small: int, large: int, traced: bool, to_file: bool) -> tuple[float, float]:
+    """Bytes a point takes in all, and beyond its output."""
     (low, low_cube), (high, high_cube) = (peak(points, traced, to_file) for points in (small, large))
-    return ((high - low) - (high_cube - low_cube)) / (large - small)
+    whole, output = (high - low) / (large - small), (high_cube - low_cube) / (large - small)
+    return whole, whole - output
 
 
 def main(arguments: list[str] | None = None) -> list[float]:
@@ -57,10 +61,15 @@ def main(arguments: list[str] | None = None) -> list[float]:
     found = []
     for to_file in (False, True):
         for traced in (True, False):
-            found.append(beyond_output(given.small, given.large, traced, to_file))
+            whole, beyond = bytes_a_point(given.small, given.large, traced, to_file)
+            found.append(beyond)
             where, how = "to a file" if to_file else "in memory", "allocated" if traced else "resident"
             verdict = "" if found[-1] < MOST else f"  MORE than {MOST:.0f}"
-            print(f"sweep {where}: {found[-1]:6.0f} bytes a point beyond the output, {how}{verdict}", flush=True)
+            print(
+                f"sweep {where}: {found[-1]:6.0f} bytes a point beyond the output, {how}{verdict}; {whole:.0f} in all, "
+                f"{1e-9 * whole * MAX_POINTS:.1f} GB for {MAX_POINTS} points",
+                flush=True,
+            )
     return found
 
 

@@ -258,4 +258,4 @@ def test_import_is_quick(tmp_path):
 
 
 def test_memory_of_a_point():
-    assert memory.beyond_output(500, 1500, traced=True, to_file=False) < memory.MOST
+    assert memory.bytes_a_point(500, 1500, traced=True, to_file=False)[1] < memory.MOST

@@ -1,8 +1,10 @@
 """Files are whole or absent, never replaced unasked, and only an intact cube of this program is opened."""
 
 import os
+import tracemalloc
 from pathlib import Path
 
+import numpy as np
 import pytest
 import xarray as xr
 
@@ -45,6 +47,24 @@ def test_a_write_that_fails_leaves_nothing_behind(cube, tmp_path, monkeypatch):
     with pytest.raises(StoreError, match=r"could not be written \(NetCDF: HDF error\)"):
         write_cube(cube, tmp_path / "cube.nc")
     assert os.listdir(tmp_path) == []
+
+
+def test_a_cube_is_written_in_parts(monkeypatch, tmp_path):
+    """Peak memory of the writing, beside the cube itself, that of all variables at once before."""
+    grid = make_grid({"f": np.linspace(15, 25, 100), "beta0": np.linspace(0.1, 1, 1000)})
+    cube = build(grid, *blank(grid.size), attributes({"periods": 3}, "a title", 1.5))
+    monkeypatch.setattr("dimersweep.storage.netcdf.PART_BYTES", 1 << 20)
+    write_cube(cube, tmp_path / "first.nc")  # what is imported and kept counts once
+    tracemalloc.start()
+    try:
+        write_cube(cube, tmp_path / "cube.nc")
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 4 * 8 * grid.size < cube.nbytes / 4
+    xr.testing.assert_identical(open_cube(tmp_path / "cube.nc"), cube)
+    variables = list(xr.open_dataset(tmp_path / "cube.nc").data_vars)
+    assert variables == list(cube.data_vars)
 
 
 def test_outputs_that_cannot_be_written_are_refused_before(tmp_path):

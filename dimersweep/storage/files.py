@@ -3,7 +3,7 @@
 import errno
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -22,12 +22,13 @@ def sync(path: Path) -> None:
         os.close(handle)
 
 
-def put(path: Path, written: bytes) -> None:
-    """Write a file: to a temporary name beside `path`, on the disk, and then under its name in one step."""
+def put(path: Path, parts: Iterable[bytes]) -> None:
+    """Write a file of `parts`: to a temporary name beside `path`, on the disk, and then under its name in one step."""
     temporary = path.with_name(f"{path.name}.tmp")
     temporary.unlink(missing_ok=True)
     with temporary.open("xb") as file:  # never through a link that somebody has put there
-        file.write(written)
+        for part in parts:
+            file.write(part)
         file.flush()
         os.fsync(file.fileno())
     temporary.replace(path)

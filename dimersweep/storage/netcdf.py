@@ -4,7 +4,7 @@ import json
 import os
 import stat
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,8 @@ from dimersweep.errors import StoreError
 from dimersweep.storage.files import sync, told
 from dimersweep.storage.provenance import digest
 from dimersweep.storage.zarr import is_zarr, read_zarr
+
+PART_BYTES = 1 << 26  # of a cube, that are written at once
 
 
 def check_writable(path: str | os.PathLike[str], *, force: bool = False, name: str = "out") -> Path:
@@ -74,6 +76,19 @@ def _no_output(path: Path) -> str:
     return "is a file, where a Zarr group is a folder; give another name" if is_zarr(path) else ""
 
 
+def _parts(cube: xr.Dataset) -> Iterator[xr.Dataset]:
+    """`cube` in parts of a few variables: xarray holds a copy of all that it writes at once."""
+    names: list[Any] = []
+    size = 0
+    for name, variable in cube.data_vars.items():
+        if names and size + variable.nbytes > PART_BYTES:
+            yield cube[names]
+            names, size = [], 0
+        names.append(name)
+        size += variable.nbytes
+    yield cube[names]
+
+
 def write_cube(
     cube: xr.Dataset,
     path: str | os.PathLike[str],
@@ -107,7 +122,8 @@ def write_cube(
     try:
         with told(f"out = {path}", kept):
             temporary.unlink(missing_ok=True)
-            cube.to_netcdf(temporary, engine="netcdf4", format="NETCDF4")
+            for number, part in enumerate(_parts(cube)):
+                part.to_netcdf(temporary, mode="a" if number else "w", engine="netcdf4", format="NETCDF4")
             sync(temporary)
             temporary.replace(path)
             sync(path.parent)  # the new name must outlive a power cut too

@@ -2,8 +2,10 @@
 
 import hashlib
 import io
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import UTC, datetime
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +29,15 @@ def joined(tiles: Iterable[Tile]) -> list[Tile]:
     return whole
 
 
+def _header(pieces: Sequence[Finished]) -> bytes:
+    """What a file of NumPy's begins with that holds the results of `pieces`."""
+    kind, points = pieces[0].results.dtype, sum(len(finished.results) for finished in pieces)
+    told = {"descr": np.lib.format.dtype_to_descr(kind), "fortran_order": False, "shape": (points,)}
+    buffer = io.BytesIO()
+    np.lib.format.write_array_header_1_0(buffer, told)
+    return buffer.getvalue()
+
+
 def write_points(path: Path, pieces: Sequence[Finished], configuration_sha256: str, wall: float) -> Entry:
     """Write the results of `pieces` to one file.
 
@@ -41,18 +52,25 @@ def write_points(path: Path, pieces: Sequence[Finished], configuration_sha256: s
         If the disk refuses.
     """
     pieces = sorted(pieces, key=lambda finished: finished.tile)
-    points = np.concatenate([finished.results for finished in pieces])
-    buffer = io.BytesIO()
-    np.save(buffer, points, allow_pickle=False)
-    written = buffer.getvalue()
-    put(path, written)
+    sha256, size, modes = hashlib.sha256(), 0, Counter[str]()
+
+    def parts() -> Iterator[bytes]:
+        nonlocal size
+        for part in chain([_header(pieces)], (finished.results.tobytes() for finished in pieces)):
+            sha256.update(part)
+            size += len(part)
+            yield part
+
+    put(path, parts())
+    for finished in pieces:
+        modes.update(tally(finished.codes))
     return Entry(
         file=path.name,
         tiles=joined(finished.tile for finished in pieces),
-        size=len(written),
-        sha256=hashlib.sha256(written).hexdigest(),
+        size=size,
+        sha256=sha256.hexdigest(),
         configuration_sha256=configuration_sha256,
-        modes=tally(points["codes"]),
+        modes=dict(modes),
         seconds=sum(finished.seconds for finished in pieces),
         wall=wall,
         time=datetime.now(UTC).isoformat(timespec="seconds"),

@@ -147,7 +147,7 @@ class TileStore:
         """Put `entries` in place of those of the manifest, and delete all other files."""
         self.manifest.entries, self.manifest.damaged, self._index = entries, 0, []
         written = lines(self.manifest)
-        put(manifest_of(self.out), written)
+        put(manifest_of(self.out), [written])
         self.manifest.length = len(written)
         listed = {entry.file for entry in entries}
         for path in (*self._files(), *self.folder.glob("*.tmp")):
@@ -275,7 +275,7 @@ def _opened(out: Path, nothing: Manifest, kind: np.dtype) -> TileStore:
     if not path.exists():
         if any(folder_of(out).glob("tiles-*.npy")):
             raise StoreError(f"{path.parent}: holds results, but no manifest of them; sweep anew (--force)")
-        put(path, lines(nothing))
+        put(path, [lines(nothing)])
     manifest = read_manifest(path)
     if as_text(manifest.configuration) != as_text(nothing.configuration):
         changes = "".join(f"\n  {line}" for line in differences(manifest.configuration, nothing.configuration))
