@@ -10,7 +10,7 @@ import numpy as np
 
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import N_ROW, ROW
-from dimersweep.symbols import BASE, PARAMETERS
+from dimersweep.symbols import BASE, LEFT_OUT, PARAMETERS
 
 RTOL_RANGE = (1e-13, 1e-2)
 MAX_SECONDS = 1e8  # a bound on time: the system takes no longer ones
@@ -45,10 +45,12 @@ def _share(value: Any) -> Any:
 RULES = (
     *(Rule(name, _share, "in [0, 1]") for name in ("e", "e_1", "e_2")),
     Rule("Gamma", _not_negative, ">= 0"),
+    Rule("Gamma_2", _not_negative, ">= 0 (turn it by phi_2)"),
     Rule("f", _positive, "> 0"),
     Rule("A_r", lambda value: value >= 2, ">= 2 (below 2 the balls overlap)"),
     Rule("mu", _not_negative, ">= 0"),
     Rule("mu_s", lambda mu_s, mu: mu_s >= mu, ">= mu = {} (stick friction is never below slip friction)", "mu"),
+    Rule("mu_h", lambda mu_h, mu: mu_h >= mu, ">= mu = {} (stick friction is never below slip friction)", "mu"),
     Rule("beta0", lambda value: abs(value) < pi / 2, "below pi/2 = 1.5708 in size (radians)"),
     Rule("beta0", _not_negative, ">= 0 (p1 starts on the plate, so a negative dip angle puts p2 below it)"),
     Rule("r", _positive, "> 0"),
@@ -183,7 +185,7 @@ def fill_rows(columns: Mapping[str, Any], n: int) -> np.ndarray:
     Parameters
     ----------
     columns : mapping of str to float or ndarray
-        Every parameter but `e_1`, `e_2`, which count as `e` where they are missing; scalars or shape (n,), SI units.
+        Every parameter; those of `symbols.LEFT_OUT` may be missing. Scalars or shape (n,), SI units.
     n : int
         Number of points.
 
@@ -194,7 +196,8 @@ def fill_rows(columns: Mapping[str, Any], n: int) -> np.ndarray:
     """
     rows = np.empty((n, N_ROW))
     for slot, name in enumerate(ROW):
-        rows[:, slot] = columns["e" if name in ("e_1", "e_2") and name not in columns else name]
+        value = columns.get(name, LEFT_OUT.get(name))
+        rows[:, slot] = columns[value] if isinstance(value, str) else value
     return rows
 
 
@@ -208,10 +211,13 @@ class Parameters:
         Energetic coefficients of restitution [1], in [0, 1]; `e_1`, `e_2` of one end, None for `e`.
     Gamma, f, phi0 : float
         Vibration intensity A_z omega^2/g [1], frequency [Hz] and phase at the start [rad] of the plate.
+    Gamma_2, phi_2 : float
+        Intensity A_2 (2 omega)^2/g [1] of the plate's second harmonic A_2 sin(2 omega t + phi_2), and its phase [rad].
     A_r, r, D_r : float
         Aspect ratio (l + 2r)/(2r) [1], at least 2; ball radius and rod diameter [m].
-    mu, mu_s : float
-        Slip and stick friction coefficients [1].
+    mu, mu_s, mu_h : float
+        Slip and stick friction coefficients [1]. `mu_h` holds an end in lasting contact, None for `mu_s`; `mu_s` then holds
+        it inside impacts only.
     beta0, xdot0 : float
         Initial dip angle [rad], in [0, pi/2), and lateral velocity of ball 1 [m s-1].
     rho_b, rho_r : float
@@ -241,16 +247,21 @@ class Parameters:
     g: float = BASE["g"]
     e_1: float | None = None
     e_2: float | None = None
+    Gamma_2: float = 0.0
+    phi_2: float = 0.0
+    mu_h: float | None = None
 
     def __post_init__(self) -> None:
-        for name, value in self.given().items():
-            object.__setattr__(self, name, as_number(name, value))  # the dataclass is frozen from here on
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value is not None or field.default is not None:
+                object.__setattr__(self, field.name, as_number(field.name, value))
         check(self.given())
 
     def given(self) -> dict[str, float]:
-        """The parameters that have a value of their own: all, less an `e_1` or `e_2` that is as `e`."""
+        """The parameters that have a value of their own: all, less the optional ones (`symbols.LEFT_OUT`) left out or zero."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
-        return {name: value for name, value in values.items() if value is not None}
+        return {name: value for name, value in values.items() if value is not None and value != LEFT_OUT.get(name)}
 
     def row(self) -> np.ndarray:
         """The kernel's flat row, shape (N_ROW,), float64, in the order of ``kernel.layout.ROW``."""

@@ -35,7 +35,7 @@ PARAMETERS = {
     "f": Quantity("Hz", "vibration frequency"),
     "A_r": Quantity("1", "aspect ratio (l + 2 r) / (2 r)"),
     "mu": Quantity("1", "coefficient of slip friction"),
-    "mu_s": Quantity("1", "coefficient of stick friction"),
+    "mu_s": Quantity("1", "coefficient of stick friction (inside impacts only, where mu_h is given)"),
     "beta0": Quantity("rad", "initial dip angle"),
     "xdot0": Quantity("m s-1", "initial lateral velocity of ball 1"),
     "phi0": Quantity("rad", "phase of the plate at the start"),
@@ -46,7 +46,12 @@ PARAMETERS = {
     "g": Quantity("m s-2", "gravity"),
     "e_1": Quantity("1", "energetic coefficient of restitution of end p1"),
     "e_2": Quantity("1", "energetic coefficient of restitution of end p2"),
+    "Gamma_2": Quantity("1", "intensity of the plate's second harmonic, A_2 (2 omega)^2 / g"),
+    "phi_2": Quantity("rad", "phase of the plate's second harmonic at the start"),
+    "mu_h": Quantity("1", "coefficient of stick friction of a lasting contact"),
 }
+# what the parameters that may be left out are then: the value of another parameter, or a number
+LEFT_OUT: dict[str, str | float] = {"e_1": "e", "e_2": "e", "Gamma_2": 0.0, "phi_2": 0.0, "mu_h": "mu_s"}
 
 QUANTITIES = {
     "status": Quantity("1", "how the run ended"),

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from dimersweep.symbols import BASE, PARAMETERS
+from dimersweep.symbols import BASE, LEFT_OUT, PARAMETERS
 
 
 def _number(text: str | float) -> float:
@@ -44,9 +44,14 @@ def with_parameters(command: Callable[..., None]) -> Callable[..., None]:
     signature = inspect.signature(command)
     options = [parameter for parameter in signature.parameters.values() if parameter.kind is not parameter.VAR_KEYWORD]
     for name, (units, meaning) in PARAMETERS.items():
-        told = meaning + ("" if units == "1" else f" ({units})") + ("" if name in BASE else "; as e by default")
+        told = (
+            meaning
+            + ("" if units == "1" else f" ({units})")
+            + ("" if name in BASE else f"; {LEFT_OUT[name]} by default")
+        )
         kind = Annotated[Any, number_option(told, f"--{name}")]
-        options.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=BASE.get(name), annotation=kind))
+        default = BASE.get(name, None if isinstance(LEFT_OUT.get(name), str) else LEFT_OUT.get(name))
+        options.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind))
     command.__signature__ = signature.replace(parameters=options)  # type: ignore[attr-defined]
     command.__annotations__ = {option.name: option.annotation for option in options}
     return command

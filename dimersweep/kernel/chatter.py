@@ -27,6 +27,7 @@ from dimersweep.kernel.contact.forces import (
 )
 from dimersweep.kernel.impact.impact import push
 from dimersweep.kernel.model.body import delassus, levers
+from dimersweep.kernel.model.friction import slip_force
 from dimersweep.kernel.model.layout import (
     BETA,
     CA,
@@ -43,6 +44,7 @@ from dimersweep.kernel.model.layout import (
     WB,
     WP,
 )
+from dimersweep.kernel.model.plate import heaviest, jerk_bound, speed_bound
 from dimersweep.kernel.numerics.steps import copy
 
 CLOSE = 4.0  # what the close of a chatter may cost, in tolerances
@@ -61,33 +63,39 @@ def rest_of_chatter(dm, n, F, nn, e, faint):
     could take the force away before. While the force changes slowly, hops without loss keep n^3 over it: they grow with it.
     """
     press = F * nn
-    most = dm.g + dm.A_z * dm.omega**2
+    most = heaviest(dm)
     if n <= FLOOR * dm.v_scale or (press > 0.0 and n**3 * most <= faint**3 * press):
         return 0.0
     if e >= 1.0 or press <= 0.0:
         return inf
     time = 2.0 * n / (press * (1.0 - e))
-    return time if dm.A_z * dm.omega**3 * time < 0.5 * press else inf
+    return time if jerk_bound(dm) * time < 0.5 * press else inf
 
 
 @compiled
 def slow_enough(dm, n, remaining, tol):
-    """Whether what a close from gap rate n loses is below the tolerance."""
-    turn = dm.omega * remaining
+    """Whether what a close from gap rate n loses is below the tolerance.
+
+    Where an impact holds an end otherwise than a lasting contact, a close lets slip what hops would have held, or holds it:
+    that is of the order of n, and no hop is summed that counts.
+    """
+    if dm.mu_h != dm.mu_s:
+        return remaining == 0.0
+    turn = dm.tempo * remaining
     return n * turn * turn <= CLOSE * tol * dm.v_scale
 
 
 @compiled
 def stays_open(dm, state, j, time):
     """Whether end j certainly stays off the plate for so long."""
-    fall = dm.g + dm.A_z * dm.omega**2 + dm.h * (state[WB] ** 2 + state[WP] ** 2 + state[SPIN] ** 2)
+    fall = heaviest(dm) + dm.h * (state[WB] ** 2 + state[WP] ** 2 + state[SPIN] ** 2)
     return state[D1 + j] + time * (state[N1 + j] - fall * time) >= 0.0
 
 
 @compiled
 def calm(dm, state, rate):
     """Whether an end that lands within the next hops of a rattle lands no faster than this."""
-    most = dm.g + dm.A_z * dm.omega**2
+    most = heaviest(dm)
     for j in range(2):
         fast = state[N1 + j] ** 2 + 2.0 * most * state[D1 + j] > rate * rate
         if fast and not stays_open(dm, state, j, ALONE * rate / dm.g):
@@ -122,7 +130,7 @@ def come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F):
     float
         Time that the hops which are summed would have taken [s]; below zero if no end was closed.
     """
-    quickest = 2.0 * dm.omega / (dm.g + dm.A_z * dm.omega**2)  # phase that a chatter takes per rate, with e = 0
+    quickest = 2.0 * dm.tempo / heaviest(dm)  # phase that a chatter takes per rate, with e = 0
     fast = (CLOSE * tol * dm.v_scale / (quickest * quickest)) ** (1.0 / 3.0)
     faint, spread = CLOSE * tol * dm.v_scale, SPREAD * events * tol * dm.v_scale
     if spread > faint and calm(dm, state, spread):
@@ -173,7 +181,7 @@ def close(dm, state, modes, tol, energy, before, y, F):
         close_both(dm, state, modes, y, F)
     else:
         close_one(dm, state, modes, 0 if modes[0] != FREE else 1, y)
-    limit = energy + max(tol, GAIN) * (energy + 0.5 * dm.m * (dm.A_z * dm.omega) ** 2)
+    limit = energy + max(tol, GAIN) * (energy + 0.5 * dm.m * speed_bound(dm) ** 2)
     gains = kinetic(dm, state) > limit
     drives = (state[D1] == 0.0 and state[N1] < 0.0) or (state[D2] == 0.0 and state[N2] < 0.0)
     if (not gains and not drives) or max(before[N1], before[N2]) <= FLOOR * dm.v_scale:
@@ -200,7 +208,8 @@ def close_one(dm, state, modes, i, y):
     t_a, t_b = -w.an / w.aa, 0.0
     if modes[i] == SLIP:
         v = hypot(y[YUA], y[YUB])
-        t_a, t_b = -dm.mu * y[YUA] / v, -dm.mu * y[YUB] / v
+        t_a, t_b = slip_force(dm.mu, 1.0, y[YUA], y[YUB])
+        t_a, t_b = t_a / v, t_b / v
     own, other = (N1, N2) if i == 0 else (N2, N1)
     P = -state[own] / (w.nn + w.na * t_a)
     push(dm, state, lv, P, t_a * P, t_b * P)

@@ -6,7 +6,7 @@ import numpy as np
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.step_control import STEP_ROWS
-from dimersweep.kernel.model.layout import N_STATE, OK
+from dimersweep.kernel.model.layout import N_ROW, N_STATE, OK
 from dimersweep.kernel.verdict.classify import PAST_COLUMNS, PAST_ROWS
 
 BUDGET, BUDGET_PER_PERIOD = 5_000_000, 100_000  # bound on events, in hops of one end: some seconds, and 0.1 s a period
@@ -32,8 +32,8 @@ NO, YES = 0.0, 1.0
 
 # rows of the work array beyond those of a contact step; the last two are free
 ROW_CONTACT = STEP_ROWS
-ROW_RATES, ROW_FORCES, ROW_BEFORE, ROW_COURSE, ROW_TRIAL, ROW_SHIFTED = range(ROW_CONTACT + 1, ROW_CONTACT + 7)
-WORK_ROWS, WORK_COLUMNS = ROW_SHIFTED + 3, 16
+ROW_RATES, ROW_FORCES, ROW_BEFORE, ROW_COURSE, ROW_TRIAL = range(ROW_CONTACT + 1, ROW_CONTACT + 6)
+WORK_ROWS, WORK_COLUMNS = ROW_TRIAL + 3, 16
 
 
 class Ask(NamedTuple):
@@ -70,6 +70,7 @@ class Workspace(NamedTuple):
     twin_modes: Any
     strobe: Any
     past: Any
+    row: Any  # parameters of a plate whose phase is shifted
     work: Any
     stop: Any
 
@@ -83,6 +84,7 @@ def new_workspace() -> Workspace:
         twin_modes=np.zeros(2),
         strobe=np.zeros(4),
         past=np.zeros((PAST_ROWS, PAST_COLUMNS)),
+        row=np.zeros(N_ROW),
         work=np.zeros((WORK_ROWS, WORK_COLUMNS)),
         stop=np.zeros(1, np.uint8),
     )

@@ -1,6 +1,6 @@
 """The event loop of one run: resolve the impact, choose the contact, move to the next event, and see to what follows it."""
 
-from math import cos, hypot, isfinite, sin, sqrt
+from math import hypot, isfinite, sin, sqrt
 
 from dimersweep.kernel.chatter import come_to_rest, kinetic
 from dimersweep.kernel.compiler.jit import compiled
@@ -65,6 +65,7 @@ from dimersweep.kernel.model.layout import (
     ROOT_STEPS,
     STOPPED,
 )
+from dimersweep.kernel.model.plate import plate_rate
 from dimersweep.kernel.numerics.steps import copy
 from dimersweep.kernel.record import (
     EVENTS,
@@ -332,9 +333,8 @@ def start_state(dm, beta0, xdot0, state):
     """The start of a run: p1 on the plate, the rod at beta0 along Y, the balls moving sideways with xdot0."""
     for k in range(N_STATE):
         state[k] = 0.0
-    plate = dm.A_z * dm.omega * cos(dm.phi0)
     state[D2] = 2.0 * dm.h * sin(beta0)
-    state[N1] = state[N2] = -plate
+    state[N1] = state[N2] = -plate_rate(dm, dm.phi0)
     state[BETA] = beta0
     state[CB] = xdot0
 

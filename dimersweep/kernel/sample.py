@@ -20,11 +20,12 @@ from dimersweep.kernel.contact.events import (
     slip_speed,
 )
 from dimersweep.kernel.contact.phase import sustain_contact
-from dimersweep.kernel.course import ROW_SHIFTED, ROW_TRIAL, SLIP_TOL, YES, Ask, motion_of
+from dimersweep.kernel.course import ROW_TRIAL, SLIP_TOL, YES, Ask, motion_of
 from dimersweep.kernel.event_loop import evolve
 from dimersweep.kernel.flight.free_motion import fly, take_off
 from dimersweep.kernel.model.body import TWO_PI, as_dimer
-from dimersweep.kernel.model.layout import CB, CONTACT_STEPS, FREE, N1, N_ROW, N_STATE, OK, PERIOD, PHASE, ROW_PHI0
+from dimersweep.kernel.model.layout import CB, CONTACT_STEPS, FREE, N1, N_ROW, N_STATE, OK, PERIOD, PHASE
+from dimersweep.kernel.model.plate import start_later
 from dimersweep.kernel.numerics.steps import copy
 from dimersweep.kernel.record import BEFORE, HOP_TIME, MODES
 from dimersweep.kernel.smooth_motion import find_contact, no_slip, only_grazes, set_contact
@@ -71,7 +72,8 @@ def sample(row, segments, which, phases, rtol, space, record, states, modes):
         span = (phases[k] - state[PHASE]) / dm.omega
         status = OK
         if 0.0 < span < HOPS_LAST * segment[HOP_TIME]:
-            status = follow_hops(dm, row, segment, motion, span, rtol, record)
+            copy(row, space.row, N_ROW)
+            status = follow_hops(dm, space.row, segment, motion, span, rtol, record)
         elif span > 0.0 and modes[k, 0] == FREE and modes[k, 1] == FREE:
             fly(dm, take_off(dm, state), state, span, True)
         elif span > 0.0:
@@ -87,17 +89,16 @@ def sample(row, segments, which, phases, rtol, space, record, states, modes):
 def follow_hops(dm, row, segment, motion, span, rtol, record):
     """Move the state on by a time from the close of a chatter, through the hops that were summed there; returns a status.
 
-    The plate's phase is counted anew, so that a forcing period ends at the time wanted.
+    The plate's phase is counted anew, so that a forcing period ends at the time wanted; the row changes accordingly.
     """
-    state, shifted = motion.state, motion.work[ROW_SHIFTED, :N_ROW]
+    state = motion.state
     for k in range(N1, CB + 1):
         state[k] = segment[BEFORE + k - N1]
     start, periods = state[PHASE], state[PERIOD]
     state[PHASE], state[PERIOD] = TWO_PI - dm.omega * span, 0.0
-    copy(row, shifted, N_ROW)
-    shifted[ROW_PHI0] += start - state[PHASE]
+    start_later(row, start - state[PHASE])
     begin_past(motion.past)
-    status, _ = evolve(as_dimer(shifted), Ask(1, rtol, rtol**3, False, True), motion, record)
+    status, _ = evolve(as_dimer(row), Ask(1, rtol, rtol**3, False, True), motion, record)
     state[PHASE], state[PERIOD] = start + dm.omega * span, periods
     return status
 

@@ -41,6 +41,9 @@ TEX = {
     "g": "g",
     "e_1": "e_1",
     "e_2": "e_2",
+    "Gamma_2": r"\Gamma_2",
+    "phi_2": r"\phi_2",
+    "mu_h": r"\mu_h",
 }
 
 

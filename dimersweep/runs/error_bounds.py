@@ -53,8 +53,10 @@ def shadow_rtol(rtol: float) -> float:
 
 
 def nudged(start: dict[str, float], by: float) -> dict[str, float]:
-    """The parameters of a run with `beta0` less and `xdot0` more by the share `by`, and `phi0` later by `by` radians."""
+    """The parameters of a run with `beta0` less and `xdot0` more by the share `by`, and the plate later by `by` radians."""
     change = {"beta0": start["beta0"] * (1 - by), "xdot0": start["xdot0"] * (1 + by), "phi0": start["phi0"] + by}
+    if "Gamma_2" in start:
+        change["phi_2"] = start.get("phi_2", 0.0) + 2 * by
     return start | change
 
 

@@ -8,6 +8,7 @@ import xarray as xr
 
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.course import new_workspace
+from dimersweep.kernel.model.body import dimer_of
 from dimersweep.kernel.model.layout import (
     BETA,
     CA,
@@ -32,6 +33,7 @@ from dimersweep.kernel.model.layout import (
     X1,
     Y1,
 )
+from dimersweep.kernel.model.plate import motion
 from dimersweep.kernel.record import EVENT, HOP_TIME, no_record
 from dimersweep.kernel.sample import HOPS_LAST, sample
 from dimersweep.symbols import EVENTS, STATES, Quantity
@@ -104,15 +106,12 @@ def _places(times: np.ndarray, segments: np.ndarray, f: float) -> tuple[np.ndarr
 
 
 def _states(
-    times: np.ndarray, kernel_states: np.ndarray, modes: np.ndarray, parameters: dict[str, float]
+    record: Record, times: np.ndarray, kernel_states: np.ndarray, modes: np.ndarray, parameters: dict[str, float]
 ) -> xr.Dataset:
     """The kernel's closed state in the coordinates of the paper."""
     s = kernel_states.T
     h = parameters["r"] * (parameters["A_r"] - 1)  # half the distance of the ball centres
-    omega = 2 * pi * parameters["f"]
-    A_z = parameters["Gamma"] * parameters["g"] / omega**2
-    phase = s[PHASE] + parameters["phi0"]
-    plate, plate_rate = A_z * np.sin(phase), A_z * omega * np.cos(phase)
+    plate, plate_rate, _ = motion(dimer_of(record.row), s[PHASE] + parameters["phi0"])
     sin_b, cos_b, sin_t, cos_t = np.sin(s[BETA]), np.cos(s[BETA]), np.sin(s[THETA]), np.cos(s[THETA])
     theta_rate = s[WP] / cos_b
     v_a, v_b = s[CA] + h * sin_b * s[WB], s[CB] + h * s[WP]  # of ball 1, along the heading and across it
@@ -171,4 +170,4 @@ def states_of(record: Record, times: np.ndarray, rtol: float, parameters: dict[s
     )
     if status != OK:
         raise RuntimeError(STATUS_MESSAGES[status])
-    return _states(times, kernel_states, modes, parameters)
+    return _states(record, times, kernel_states, modes, parameters)

@@ -93,7 +93,7 @@ class Run:
     mode_period : int
         Forcing periods after which it repeats, 0 if it does not.
     parameters : dict
-        Every parameter of the model; `e_1` and `e_2` where they were given.
+        Every parameter of the model; those that may be left out (`symbols.LEFT_OUT`) where they were not.
     rtol : float
         Accuracy [1].
     n_events, n_periods : int
@@ -259,6 +259,9 @@ def simulate(
     g: float = BASE["g"],
     e_1: float | None = None,
     e_2: float | None = None,
+    Gamma_2: float = 0.0,
+    phi_2: float = 0.0,
+    mu_h: float | None = None,
     periods: int = 100,
     rtol: float = 1e-8,
     stop_when_settled: bool = False,
@@ -273,10 +276,13 @@ def simulate(
         Energetic coefficients of restitution [1], in [0, 1]; `e_1`, `e_2` of one end, None for `e`.
     Gamma, f, phi0 : float
         Vibration intensity A_z omega^2/g [1], frequency [Hz] and phase at the start [rad] of the plate.
+    Gamma_2, phi_2 : float
+        Intensity A_2 (2 omega)^2/g [1] of the plate's second harmonic A_2 sin(2 omega t + phi_2), and its phase [rad].
     A_r, r, D_r : float
         Aspect ratio (l + 2r)/(2r) [1], at least 2; ball radius and rod diameter [m].
-    mu, mu_s : float
-        Slip and stick friction coefficients [1].
+    mu, mu_s, mu_h : float
+        Slip and stick friction coefficients [1]. `mu_h` holds an end in lasting contact, None for `mu_s`; `mu_s` then holds
+        it inside impacts only.
     beta0, xdot0 : float
         Initial dip angle [rad], in [0, pi/2), and lateral velocity of ball 1 [m s-1].
     rho_b, rho_r : float
@@ -308,7 +314,7 @@ def simulate(
     """
     parameters = Parameters(
         e=e, Gamma=Gamma, f=f, A_r=A_r, mu=mu, mu_s=mu_s, beta0=beta0, xdot0=xdot0, phi0=phi0,
-        r=r, rho_b=rho_b, rho_r=rho_r, D_r=D_r, g=g, e_1=e_1, e_2=e_2,
+        r=r, rho_b=rho_b, rho_r=rho_r, D_r=D_r, g=g, e_1=e_1, e_2=e_2, Gamma_2=Gamma_2, phi_2=phi_2, mu_h=mu_h,
     )  # fmt: skip
     how = check_count("periods", periods), check_rtol(rtol), bool(stop_when_settled), bool(record)
     seconds = check_seconds("max_seconds", max_seconds)

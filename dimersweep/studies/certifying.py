@@ -21,6 +21,7 @@ from dimersweep.kernel.model.layout import (
     OUT_SETTLED_AFTER,
     ROW_BETA0,
     ROW_PHI0,
+    ROW_PHI_2,
     ROW_XDOT0,
 )
 from dimersweep.parameters import RTOL_RANGE
@@ -75,11 +76,12 @@ def certified(
 
 
 def nudged(rows: np.ndarray, by: float) -> np.ndarray:
-    """Points that start with `beta0` less and `xdot0` more by the share `by`, and `phi0` later by `by` radians."""
+    """Points that start with `beta0` less and `xdot0` more by the share `by`, and the plate later by `by` radians."""
     moved = rows.copy()
     moved[:, ROW_BETA0] *= 1 - by
     moved[:, ROW_XDOT0] *= 1 + by
     moved[:, ROW_PHI0] += by
+    moved[:, ROW_PHI_2] += 2 * by
     return moved
 
 

@@ -90,15 +90,16 @@ def test_elastic_bounces_on_a_dead_plate_keep_the_energy(beta0):
 
 
 @pytest.mark.jit
-def test_elastic_bounces_on_a_moving_plate_gain_what_the_plate_gives():
+@pytest.mark.parametrize("plate", [{"Gamma": 0.4}, {"Gamma": 0.4, "Gamma_2": 0.6, "phi_2": 1.0}])
+def test_elastic_bounces_on_a_moving_plate_gain_what_the_plate_gives(plate):
     """Work of the plate on the dimer: the sum of the impulses times the plate's speed. Over 1,000 periods."""
-    periods, Gamma = 1000, 0.4
-    run = simulate(e=1, mu=0, mu_s=0, Gamma=Gamma, periods=periods, rtol=1e-11)
+    periods = 1000
+    run = simulate(e=1, mu=0, mu_s=0, **plate, periods=periods, rtol=1e-11)
     assert run.status == "ok"
     events = run.events.isel(event=run.events["time"].values > 0)  # the first state is that after the first impact
-    work = _plate_speed(events, Gamma) * (events["impulse_1"] + events["impulse_2"]).values
+    work = _plate_speed(events, **plate) * (events["impulse_1"] + events["impulse_2"]).values
     ends = run.states([0, periods / 15])
-    in_the_lab = {f"gap_{i}_rate": ends[f"gap_{i}_rate"] + _plate_speed(ends, Gamma) for i in (1, 2)}
+    in_the_lab = {f"gap_{i}_rate": ends[f"gap_{i}_rate"] + _plate_speed(ends, **plate) for i in (1, 2)}
     in_the_lab |= {f"gap_{i}": ends[f"gap_{i}"] + ends["plate"] for i in (1, 2)}
     first, last = energy(ends.assign(in_the_lab))
     exchanged = np.abs(work).sum()
@@ -106,9 +107,9 @@ def test_elastic_bounces_on_a_moving_plate_gain_what_the_plate_gives():
     assert last - first == pytest.approx(work.sum(), abs=1e-9 * exchanged)
 
 
-def _plate_speed(dataset, Gamma):
-    omega = 2 * pi * 15
-    return Gamma * G / omega * np.cos(omega * dataset["time"].values)
+def _plate_speed(dataset, Gamma, Gamma_2=0.0, phi_2=0.0):
+    omega, t = 2 * pi * 15, dataset["time"].values
+    return Gamma * G / omega * np.cos(omega * t) + Gamma_2 * G / (2 * omega) * np.cos(2 * omega * t + phi_2)
 
 
 @pytest.mark.parametrize("periods", [3])

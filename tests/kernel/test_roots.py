@@ -22,6 +22,7 @@ from dimersweep.kernel.model.layout import (
     WB,
     WP,
 )
+from dimersweep.kernel.model.plate import Sway
 
 FEW = 60  # probes that even a hard case should not take
 
@@ -29,9 +30,9 @@ FEW = 60  # probes that even a hard case should not take
 def gaps(fl, sign, t):
     """The gap over an array of times, as it stands."""
     d, n = (fl.d_1, fl.n_1) if sign < 0 else (fl.d_2, fl.n_2)
-    x, y = fl.Omega * t, fl.omega * t
+    x, y = fl.Omega * t, fl.sway.omega * t
     dip = fl.c1 * (1 - np.cos(x)) + fl.c2 * (x - np.sin(x))
-    plate = fl.plate_s * (1 - np.cos(y)) + fl.plate_c * (y - np.sin(y))
+    plate = fl.sway.s * (1 - np.cos(y)) + fl.sway.c * (y - np.sin(y))
     return d + n * t - 0.5 * fl.g * t**2 - sign * fl.h * dip + plate
 
 
@@ -39,7 +40,7 @@ def made(d=0.0, n=0.0, g=9.81, swing=(0.0, 0.0), Omega=0.0, plate=(0.0, 0.0), om
     """A flight of p1 from its constants; p2 is far away."""
     c1, c2 = swing
     bound = h * Omega**4 * sqrt(c1**2 + c2**2) + omega**4 * sqrt(plate[0] ** 2 + plate[1] ** 2)
-    return Flight(d, 1.0, n, 0.0, g, h, Omega, c1, c2, omega, plate[0], plate[1], bound)
+    return Flight(d, 1.0, n, 0.0, g, h, Omega, c1, c2, Sway(omega, *plate, 0.0, 0.0), bound)
 
 
 def random_flight(rng, k):
@@ -113,8 +114,8 @@ def grazing(miss):
 
 def _exact(fl):
     mp = mpmath.mpf
-    n, g, h, Omega, omega = mp(fl.n_1), mp(fl.g), mp(fl.h), mp(fl.Omega), mp(fl.omega)
-    c1, c2, p_s, p_c = mp(fl.c1), mp(fl.c2), mp(fl.plate_s), mp(fl.plate_c)
+    n, g, h, Omega, omega = mp(fl.n_1), mp(fl.g), mp(fl.h), mp(fl.Omega), mp(fl.sway.omega)
+    c1, c2, p_s, p_c = mp(fl.c1), mp(fl.c2), mp(fl.sway.s), mp(fl.sway.c)
 
     def gap(t):
         x, y = Omega * t, omega * t

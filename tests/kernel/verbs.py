@@ -11,8 +11,8 @@ from dimersweep.kernel.contact import contact_mode as contact_modes
 from dimersweep.kernel.contact import coordinates, forces, phase
 from dimersweep.kernel.course import WORK_COLUMNS, WORK_ROWS
 from dimersweep.kernel.flight import free_motion, landing
-from dimersweep.kernel.impact import impact, single_impact
-from dimersweep.kernel.model import body
+from dimersweep.kernel.impact import double_equations, impact, single_impact
+from dimersweep.kernel.model import body, friction, plate
 from dimersweep.kernel.model.layout import (
     BETA,
     CA,
@@ -139,6 +139,56 @@ def contact_rates(dm, modes, phase, y, dy, F):
 
 
 @compiled
+def single_forces(dm, mode, w, u_a, u_b, n, a, b):
+    return friction.single_forces(dm, mode, w, u_a, u_b, n, a, b)
+
+
+@compiled
+def slip_force(mu, F, c, s):
+    return friction.slip_force(mu, F, c, s)
+
+
+@compiled
+def hold_left(hold, F, A, L):
+    return friction.hold_left(hold, F, A, L)
+
+
+@compiled
+def hold_left_of_pair(hold, F_1, L_1, F_2, L_2, A):
+    return friction.hold_left_of_pair(hold, F_1, L_1, F_2, L_2, A)
+
+
+@compiled
+def axial_of_pair(mu, total, c_1, c_2):
+    return friction.axial_of_pair(mu, total, c_1, c_2)
+
+
+@compiled
+def outward_slip(drive_a, drive_b, k_a, k_b):
+    return friction.outward_slip(drive_a, drive_b, k_a, k_b)
+
+
+@compiled
+def pair_friction(law, mode_1, mode_2, f_1, f_2, a, b_1, b_2):
+    return double_equations.friction(law, mode_1, mode_2, f_1, f_2, a, b_1, b_2)
+
+
+@compiled
+def friction_slopes(law, mode_1, mode_2, z, g_1, g_2, J):
+    double_equations.friction_slopes(law, mode_1, mode_2, z, g_1, g_2, J)
+
+
+@compiled
+def straight_leg(law, n, a, b, E, n_j, compressing, stick, c, s):
+    return single_impact.straight_leg(law, n, a, b, E, n_j, compressing, stick, c, s)
+
+
+@compiled
+def free_rates(dm, s, y, g_e, sin_b, cos_b):
+    return forces.free_rates(dm, s, y, g_e, sin_b, cos_b)
+
+
+@compiled
 def hold_reserve(dm, modes, i, F):
     return forces.hold_reserve(dm, modes, i, F)
 
@@ -176,13 +226,34 @@ def slide_rates(dm, g_e, state, soft):
 
 
 @compiled
+def effective_gravity(dm, phase):
+    return plate.effective_gravity(dm, phase)
+
+
+@compiled
+def plate_rate(dm, phase):
+    return plate.plate_rate(dm, phase)
+
+
+@compiled
+def sag(dm, swing):
+    return plate.sag(dm, swing)
+
+
+@compiled
+def plate_bounds(dm):
+    """Bounds of the plate's speed, of the effective gravity from above, and of the third and fourth derivative."""
+    return plate.speed_bound(dm), plate.heaviest(dm), plate.jerk_bound(dm), plate.snap_bound(dm)
+
+
+@compiled
 def least_gravity(dm, phase, swing):
-    return rest.least_gravity(dm, phase, swing)
+    return plate.least_gravity(dm, phase, swing)
 
 
 @compiled
 def mean_gravity(dm, phase, swing):
-    return rest.mean_gravity(dm, phase, swing)
+    return plate.mean_gravity(dm, phase, swing)
 
 
 @compiled

@@ -6,6 +6,7 @@ from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.coordinates import YUA, YUB, YWP, set_slip, slip_of
 from dimersweep.kernel.contact.forces import A1, A2, COMPLIANCE, F1, F2, L1, L2, contact_rates, hold_reserve
 from dimersweep.kernel.contact.slip_onset import slip_onset
+from dimersweep.kernel.model.friction import hold_left
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
 
 CLOSED, SEPARATES, INCONSISTENT = 0, 1, 2
@@ -111,8 +112,8 @@ def double_mode(dm, phase, y, modes, slip_tol, lost, dy, F):
 @compiled
 def start_slips(dm, y, modes, slip_tol, F):
     """Both ends at rest and not both held: an end whose lateral hold is exceeded slips laterally, else both axially."""
-    over_1 = abs(F[L1]) > dm.mu_s * F[F1]
-    over_2 = abs(F[L2]) > dm.mu_s * F[F2]
+    over_1 = hold_left(dm.mu_h, F[F1], 0.0, F[L1]) < 0.0
+    over_2 = hold_left(dm.mu_h, F[F2], 0.0, F[L2]) < 0.0
     small = 0.5 * slip_tol
     if over_1 or over_2:
         u_1 = -copysign(small, F[L1]) if over_1 else 0.0

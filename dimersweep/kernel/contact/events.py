@@ -152,7 +152,7 @@ def slip_limit(dm, modes, y, dy):
 @compiled
 def motion_rate(dm, y):
     """Rate at which the motion changes [rad/s]: that of the plate, or of the falling and turning rod."""
-    return max(dm.omega, dm.w_scale + abs(y[YWB]) + abs(y[YWP]) + dm.J_a * dm.it * abs(y[YS]))
+    return max(dm.tempo, dm.w_scale + abs(y[YWB]) + abs(y[YWP]) + dm.J_a * dm.it * abs(y[YS]))
 
 
 @compiled

@@ -22,7 +22,7 @@ from dimersweep.kernel.contact.coordinates import (
 )
 from dimersweep.kernel.contact.steep_rod import upright_rates
 from dimersweep.kernel.model.body import delassus, levers
-from dimersweep.kernel.model.friction import direction, length
+from dimersweep.kernel.model.friction import axial_of_pair, direction, hold_left, hold_left_of_pair, slip_force
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
 from dimersweep.kernel.model.plate import effective_gravity
 from dimersweep.kernel.numerics.sincos import sincos
@@ -65,13 +65,14 @@ def double_forces(dm, modes, y, n_1, n_2, a, b, F):
     if held:
         A_c, A_d = -a / w.aa, -w.an / w.aa
     else:
-        A_c, A_d = -0.5 * dm.mu * total * (c_1 + c_2), -0.5 * dm.mu * (c_2 - c_1)
+        A_c, A_d = axial_of_pair(dm.mu, total, c_1, c_2)
     yields = w.nn - wx.nn + 2.0 * w.an * A_d
     F[COMPLIANCE] = yields * dm.m
     D = (n_1 - n_2 - 2.0 * w.an * A_c) / yields
     F[F1], F[F2] = 0.5 * (total - D), 0.5 * (total + D)
     F[A1], F[A2] = A_c + A_d * D, 0.0
-    F[L1], F[L2] = -dm.mu * F[F1] * s_1, -dm.mu * F[F2] * s_2
+    _, F[L1] = slip_force(dm.mu, F[F1], c_1, s_1)
+    _, F[L2] = slip_force(dm.mu, F[F2], c_2, s_2)
     if modes[0] == STICK and modes[1] == STICK:
         F[L1] = F[L2] = -b / (w.bb + wx.bb)
     elif modes[0] == STICK:
@@ -199,13 +200,8 @@ def contact_rates(dm, modes, phase, y, path, dy, F):
 @compiled
 def hold_reserve(dm, modes, i, F):
     """How far the friction that holds end i is from its limit [N]; of two held ends only the sum of the axial parts counts."""
-    mu_s = dm.mu_s
     if modes[0] == STICK and modes[1] == STICK:
-        room_1 = (mu_s * F[F1]) ** 2 - F[L1] ** 2
-        room_2 = (mu_s * F[F2]) ** 2 - F[L2] ** 2
-        if room_1 < 0.0 or room_2 < 0.0:
-            return -sqrt(-min(room_1, room_2))
-        return sqrt(room_1) + sqrt(room_2) - abs(F[A1])
+        return hold_left_of_pair(dm.mu_h, F[F1], F[L1], F[F2], F[L2], F[A1])
     k = 3 * i
     axial = F[A1] if modes[0] != FREE else F[A2]
-    return mu_s * F[F1 + k] - length(axial, F[L1 + k])
+    return hold_left(dm.mu_h, F[F1 + k], axial, F[L1 + k])

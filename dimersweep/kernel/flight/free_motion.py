@@ -1,4 +1,4 @@
-"""Free motion in closed form: ballistic centre of mass, torque-free symmetric top, harmonic plate.
+"""Free motion in closed form over the moving plate: ballistic centre of mass, torque-free symmetric top.
 
 The axis u of the dimer turns about the constant angular momentum L at Omega = |L|/J_t, so that
 sin(beta)(t) = c0 + c1 cos(Omega t) + c2 sin(Omega t). Everything is written as an increment over the start in
@@ -6,7 +6,7 @@ sin(beta)(t) = c0 + c1 cos(Omega t) + c2 sin(Omega t). Everything is written as 
 """
 
 from math import atan2, cos, sin, sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.model.friction import length
@@ -27,6 +27,8 @@ from dimersweep.kernel.model.layout import (
     X1,
     Y1,
 )
+from dimersweep.kernel.model.plate import over_plate, snap_bound, sway_from
+from dimersweep.kernel.numerics.sincos import one_minus_cos, x_minus_sin
 
 
 class Flight(NamedTuple):
@@ -41,9 +43,7 @@ class Flight(NamedTuple):
     Omega: float  # rate of the axis about L [rad s-1]
     c1: float  # amplitudes of sin(beta)
     c2: float
-    omega: float
-    plate_s: float  # A_z sin, A_z cos of the phase at the start
-    plate_c: float
+    sway: Any  # the plate from the start on
     bound4: float  # bound of the fourth time derivative of either gap
 
 
@@ -68,8 +68,6 @@ def take_off(dm, state):
     if Omega > 0.0:
         c1 = sin_b - dm.J_a / dm.J_t * state[SPIN] * L_n / (Omega * Omega)
         c2 = cos_b * state[WB] / Omega
-    phase = state[PHASE] + dm.phi0
-    w2 = dm.omega * dm.omega
     O2 = Omega * Omega
     return Flight(
         state[D1],
@@ -81,48 +79,28 @@ def take_off(dm, state):
         Omega,
         c1,
         c2,
-        dm.omega,
-        dm.A_z * sin(phase),
-        dm.A_z * cos(phase),
-        dm.h * O2 * O2 * sqrt(c1 * c1 + c2 * c2) + dm.A_z * w2 * w2,
+        sway_from(dm, state[PHASE] + dm.phi0),
+        dm.h * O2 * O2 * sqrt(c1 * c1 + c2 * c2) + snap_bound(dm),
     )
-
-
-@compiled
-def one_minus_cos(s, c):
-    """1 - cos x from sin x, cos x without cancellation."""
-    return s * s / (1.0 + c) if c > 0.0 else 1.0 - c
-
-
-@compiled
-def x_minus_sin(x, s):
-    """x - sin x without cancellation."""
-    if abs(x) > 0.5:
-        return x - s
-    y = x * x
-    return x * y / 6.0 * (1.0 - y / 20.0 * (1.0 - y / 42.0 * (1.0 - y / 72.0 * (1.0 - y / 110.0 * (1.0 - y / 156.0)))))
 
 
 @compiled(inline=True)
 def gap_series(fl, s, t):
     """Gap of the end with sign s at time t and its first three time derivatives."""
-    x, y = fl.Omega * t, fl.omega * t
-    sx, cx, sy, cy = sin(x), cos(x), sin(y), cos(y)
-    kx, ky = one_minus_cos(sx, cx), one_minus_cos(sy, cy)
+    x = fl.Omega * t
+    sx, cx = sin(x), cos(x)
+    kx = one_minus_cos(sx, cx)
     sh = s * fl.h
     d, n = (fl.d_1, fl.n_1) if s < 0.0 else (fl.d_2, fl.n_2)
-    gap = (
-        d
-        + (n - 0.5 * fl.g * t) * t
-        - sh * (fl.c1 * kx + fl.c2 * x_minus_sin(x, sx))
-        + fl.plate_s * ky
-        + fl.plate_c * x_minus_sin(y, sy)
+    O2 = sh * fl.Omega * fl.Omega
+    return over_plate(
+        fl.sway,
+        t,
+        d + (n - 0.5 * fl.g * t) * t - sh * (fl.c1 * kx + fl.c2 * x_minus_sin(x, sx)),
+        n - fl.g * t - sh * fl.Omega * (fl.c1 * sx + fl.c2 * kx),
+        -fl.g - O2 * (fl.c1 * cx + fl.c2 * sx),
+        -O2 * fl.Omega * (fl.c2 * cx - fl.c1 * sx),
     )
-    rate = n - fl.g * t - sh * fl.Omega * (fl.c1 * sx + fl.c2 * kx) + fl.omega * (fl.plate_s * sy + fl.plate_c * ky)
-    O2, w2 = sh * fl.Omega * fl.Omega, fl.omega * fl.omega
-    second = -fl.g - O2 * (fl.c1 * cx + fl.c2 * sx) + w2 * (fl.plate_s * cy + fl.plate_c * sy)
-    third = -O2 * fl.Omega * (fl.c2 * cx - fl.c1 * sx) + w2 * fl.omega * (fl.plate_c * cy - fl.plate_s * sy)
-    return gap, rate, second, third
 
 
 @compiled

@@ -11,6 +11,7 @@ from math import cos, inf, sin, sqrt
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.flight.free_motion import gap_series
 from dimersweep.kernel.model.friction import length
+from dimersweep.kernel.model.plate import bound_of_acceleration
 
 MAX_PROBES = 10000
 SWIFT = 10.0  # rate of the axis, in units of the plate's, from which whole turns are stepped over
@@ -63,7 +64,7 @@ def out_of_reach(fl, sign, t, gap, rate):
     height = gap - swing - reach - ROUNDED * (abs(gap) + reach)
     if height <= 0.0:
         return 0.0
-    curve = fl.g + fl.omega * fl.omega * length(fl.plate_s, fl.plate_c)
+    curve = fl.g + bound_of_acceleration(fl.sway)
     root = sqrt(rise * rise + 2.0 * curve * height)
     return (rise + root) / curve if rise > 0.0 else 2.0 * height / (root - rise)
 
@@ -124,7 +125,7 @@ def first_landing(fl, sign, until):
         if probe > 1 and gap <= 0.0:
             return t, probe
         step = safe_step(max(gap, 0.0), rate, second, third, fl.bound4, until - t)
-        if fl.Omega > SWIFT * fl.omega:
+        if fl.Omega > SWIFT * fl.sway.omega:
             step = max(step, min(out_of_reach(fl, sign, t, gap, rate), until - t))
         if t + step >= until:
             return inf, probe

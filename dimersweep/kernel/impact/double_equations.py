@@ -16,7 +16,14 @@ from math import copysign, inf, sqrt
 from typing import NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.model.friction import length
+from dimersweep.kernel.model.friction import (
+    axial_hold_left,
+    hold_left,
+    length,
+    outward_slip,
+    slip_force,
+    slip_strength,
+)
 from dimersweep.kernel.model.layout import SLIP, STICK
 from dimersweep.kernel.numerics.steps import clear
 
@@ -24,7 +31,6 @@ from dimersweep.kernel.numerics.steps import clear
 ZN1, ZN2, ZX1, ZX2, ZA, ZB1, ZB2 = range(7)
 N_Z = 7
 PLAIN, BOTH = -1, 2  # clocks besides those of the ends, 0 and 1: tau, and that of two ends that move alike
-MAX_TURNS = 30
 
 
 class PairLaw(NamedTuple):
@@ -88,14 +94,12 @@ def friction(law, mode_1, mode_2, f_1, f_2, a, b_1, b_2):
     if mode_1 == STICK and mode_2 == STICK:
         return law.w * (f_1 - f_2) / law.aa, 0.0, 0.0
     if mode_1 == STICK:  # a = 0, so that p2 can slip only laterally
-        L_2 = -law.mu * f_2 * copysign(1.0, b_2)
+        _, L_2 = slip_force(law.mu, f_2, 0.0, copysign(1.0, b_2))
         return law.w * (f_1 - f_2) / law.aa, -law.bb_12 / law.bb * L_2, L_2
     if mode_2 == STICK:
-        L_1 = -law.mu * f_1 * copysign(1.0, b_1)
+        _, L_1 = slip_force(law.mu, f_1, 0.0, copysign(1.0, b_1))
         return law.w * (f_1 - f_2) / law.aa, L_1, -law.bb_12 / law.bb * L_1
-    v_1, v_2 = length(a, b_1), length(a, b_2)
-    k_1 = law.mu * f_1 / v_1 if v_1 > 0.0 else 0.0
-    k_2 = law.mu * f_2 / v_2 if v_2 > 0.0 else 0.0
+    k_1, k_2 = slip_strength(law.mu, f_1, length(a, b_1)), slip_strength(law.mu, f_2, length(a, b_2))
     return -(k_1 + k_2) * a, -k_1 * b_1, -k_2 * b_2
 
 
@@ -147,12 +151,12 @@ def friction_slopes(law, mode_1, mode_2, z, g_1, g_2, J):
         return
     v_1, v_2 = length(a, b_1), length(a, b_2)
     if v_1 > 0.0:
-        c, s, k = a / v_1, b_1 / v_1, law.mu * pressure(z[ZX1]) / v_1
+        c, s, k = a / v_1, b_1 / v_1, slip_strength(law.mu, pressure(z[ZX1]), v_1)
         J[0, 0], J[1, 0] = -law.mu * g_1 * c, -law.mu * g_1 * s
         J[0, 2], J[0, 3] = -k * s * s, k * c * s
         J[1, 2], J[1, 3] = k * c * s, -k * c * c
     if v_2 > 0.0:
-        c, s, k = a / v_2, b_2 / v_2, law.mu * pressure(z[ZX2]) / v_2
+        c, s, k = a / v_2, b_2 / v_2, slip_strength(law.mu, pressure(z[ZX2]), v_2)
         J[0, 1], J[2, 1] = -law.mu * g_2 * c, -law.mu * g_2 * s
         J[0, 2] -= k * s * s
         J[0, 4] = k * c * s
@@ -185,30 +189,8 @@ def stick_reserve(law, modes, i, z, f_1, f_2):
         return inf
     A, L_1, L_2 = friction(law, modes[0], modes[1], f_1, f_2, z[ZA], z[ZB1], z[ZB2])
     if modes[1 - i] == STICK:
-        return law.mu_s * (f_1 + f_2) - abs(A)
-    return law.mu_s * f_1 - length(A, L_1) if i == 0 else law.mu_s * f_2 - length(A, L_2)
-
-
-@compiled
-def outward_slip(drive_a, drive_b, k_a, k_b):
-    """Direction d of slip out of rest: drive - (k_a d_a, k_b d_b) = lambda d with lambda >= 0 (doi 10.1115/1.4035411).
-
-    `drive` is the contact acceleration without the end's own friction, k its friction over the Delassus diagonal. The
-    length of d = (drive_a / (lambda + k_a), drive_b / (lambda + k_b)) falls with lambda; Newton's rule for its inverse,
-    which is concave, climbs to where it is one.
-    """
-    size = length(drive_a, drive_b)
-    if size == 0.0:
-        return 1.0, 0.0
-    rate = max(0.0, max(abs(drive_a) - k_a, abs(drive_b) - k_b))
-    for _ in range(MAX_TURNS):
-        d_a, d_b = drive_a / (rate + k_a), drive_b / (rate + k_b)
-        size = length(d_a, d_b)
-        step = (size - 1.0) * size * size / (d_a * d_a / (rate + k_a) + d_b * d_b / (rate + k_b))
-        if not step > 1e-16 * rate:
-            break
-        rate += step
-    return d_a / size, d_b / size
+        return axial_hold_left(law.mu_s, f_1 + f_2, A)
+    return hold_left(law.mu_s, f_1, A, L_1) if i == 0 else hold_left(law.mu_s, f_2, A, L_2)
 
 
 @compiled
@@ -218,7 +200,7 @@ def hold_or_slip(law, i, z, f_i, f_j, tol, lost):
     z[ZA], z[ZB1 + i] = 0.0, 0.0
     pull = law.w * (f_j - f_i) if i == 0 else law.w * (f_i - f_j)
     side = -law.bb_12 * law.mu * f_j * copysign(1.0, b_j)
-    if not lost and length(pull / law.aa, side / law.bb) <= law.mu_s * f_i:
+    if not lost and hold_left(law.mu_s, f_i, pull / law.aa, side / law.bb) >= 0.0:
         return STICK
     d_a, d_b = outward_slip(pull, side, law.mu * f_i * law.aa, law.mu * f_i * law.bb)
     z[ZA], z[ZB1 + i] = 0.5 * tol * d_a, 0.5 * tol * d_b
@@ -237,7 +219,7 @@ def friction_modes(law, z, modes, f_1, f_2, tol, lost):
     if at_rest_1 and at_rest_2:
         z[ZA], z[ZB1], z[ZB2] = 0.0, 0.0, 0.0
         pull = law.w * (f_2 - f_1)
-        if not lost and abs(pull) <= law.mu_s * law.aa * (f_1 + f_2):
+        if not lost and axial_hold_left(law.mu_s * law.aa, f_1 + f_2, pull) >= 0.0:
             modes[0], modes[1] = STICK, STICK
         else:
             z[ZA] = copysign(0.5 * tol, pull)

@@ -27,7 +27,7 @@ from dimersweep.kernel.impact.single_impact import (
     single_phase,
 )
 from dimersweep.kernel.model.body import delassus, levers
-from dimersweep.kernel.model.friction import length
+from dimersweep.kernel.model.friction import holds_axially, length, slip_force
 from dimersweep.kernel.model.layout import (
     BETA,
     CA,
@@ -132,10 +132,10 @@ def acts(law, i, z, left, least, slip_tol):
     sign = 1.0 if i == 0 else -1.0
     v = length(z[ZA], z[ZB2 - i])
     if v > slip_tol:
-        tau = -law.mu * z[ZA] / v
+        friction, _ = slip_force(law.mu, 1.0, z[ZA], 0.0)
+        tau = friction / v
     else:
-        hold = law.w / law.aa
-        tau = -sign * (hold if hold <= law.mu_s else law.mu)
+        tau = -sign * (law.w / law.aa if holds_axially(law.mu_s, law.w, law.aa) else law.mu)
     return law.nn_12 - sign * law.w * tau < 0.0
 
 

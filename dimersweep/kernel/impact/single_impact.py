@@ -29,7 +29,7 @@ from dimersweep.kernel.impact.expansion import (
     unseen,
     zero_between,
 )
-from dimersweep.kernel.model.friction import length
+from dimersweep.kernel.model.friction import holds_axially, length, slip_force
 from dimersweep.kernel.model.layout import SLIP, STICK
 
 DONE, OTHER, LEG, JAM, STEPS = 0, 1, 2, 3, 4
@@ -55,12 +55,6 @@ class EndLaw(NamedTuple):
     e: float
     mu: float
     mu_s: float
-
-
-@compiled
-def sticks(law):
-    """Whether the end holds where its slip has come to rest: |W_na| / W_aa <= mu_s."""
-    return abs(law.na) <= law.mu_s * law.aa
 
 
 @compiled
@@ -294,7 +288,7 @@ def straight_leg(law, n, a, b, E, n_j, compressing, stick, c, s):
         t_a, t_b = -law.na / law.aa, 0.0
         w_a, w_b, w_v = 0.0, 0.0, 0.0
     else:
-        t_a, t_b = -law.mu * c, -law.mu * s
+        t_a, t_b = slip_force(law.mu, 1.0, c, s)
         w_a, w_b = law.na + law.aa * t_a, law.bb * t_b
         w_v = w_a * c + w_b * s if law.mu > 0.0 else 0.0
     v = length(a, b)
@@ -362,11 +356,11 @@ def single_phase(law, n, a, b, E, n_j, tol, work):
             return n, a, b, 0.0, n_j, P, A, B, P_s, A_s, mode, DONE
         v = length(a, b)
         stick, turns, c, s = False, False, 1.0, 0.0
-        if law.mu == 0.0 and (v > tol or not sticks(law)):
+        if law.mu == 0.0 and (v > tol or not holds_axially(law.mu_s, law.na, law.aa)):
             mode = SLIP  # no friction: the direction is of no consequence
         elif v <= tol:
             a, b, v = 0.0, 0.0, 0.0
-            stick = sticks(law)
+            stick = holds_axially(law.mu_s, law.na, law.aa)
             mode = STICK if stick else SLIP
             c = 1.0 if law.na > 0.0 else -1.0  # the self-consistent direction of slip out of rest
         else:

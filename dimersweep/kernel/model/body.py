@@ -11,13 +11,12 @@ s_2 = +1) moves with
 so W and N of (A.1), (A.3) have one row each, and normal and axial motion never couple to the lateral one.
 """
 
-from math import pi, sqrt
+from math import cos, pi, sin, sqrt
 from typing import NamedTuple
 
-from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.compiler.jit import compiled, exported
 from dimersweep.kernel.model.layout import Dimer
-
-TWO_PI = 2.0 * pi
+from dimersweep.kernel.model.plate import TWO_PI, amplitude, least_of_cycle
 
 
 @compiled
@@ -34,7 +33,7 @@ def as_dimer(row):
     Dimer
         Derived constants: inertias of a solid rod of length l - 2r between two solid balls.
     """
-    e_1, e_2, Gamma, f, A_r, mu, mu_s, _, _, phi0, r, rho_b, rho_r, D_r, g = row
+    e_1, e_2, Gamma, f, A_r, mu, mu_s, _, _, phi0, r, rho_b, rho_r, D_r, g, Gamma_2, phi_2, mu_h = row
     lever = 2.0 * r * (A_r - 1.0)
     rod = lever - 2.0 * r
     m_b = rho_b * 4.0 / 3.0 * pi * r**3
@@ -43,17 +42,27 @@ def as_dimer(row):
     J_a = 0.8 * m_b * r**2 + 0.125 * m_r * D_r**2
     m = 2.0 * m_b + m_r
     omega = TWO_PI * f
+    A_z, A_2, lag = amplitude(Gamma, g, omega), amplitude(Gamma_2, g, 2.0 * omega), phi_2 - 2.0 * phi0
+    lag_s, lag_c = sin(lag), cos(lag)
+    hold = mu * (
+        1.0 + 1e-9
+    )  # a hair above mu where it is equal: slip that sets out of rest accelerates, however slowly
     return Dimer(
         e_1,
         e_2,
         mu,
-        # a hair above mu where the two are equal: slip that sets out of rest then accelerates, however slowly
-        max(mu_s, mu * (1.0 + 1e-9)),
+        max(mu_s, hold),
+        max(mu_h, hold),
         g,
-        Gamma * g / omega**2,
+        A_z,
         omega,
         1.0 / f,
         phi0 - TWO_PI * (phi0 // TWO_PI),
+        A_2,
+        lag_s,
+        lag_c,
+        omega if A_2 == 0.0 else 2.0 * omega,
+        least_of_cycle(g, omega, A_z, A_2, lag_s, lag_c),
         r,
         0.5 * lever,
         m,
@@ -65,6 +74,12 @@ def as_dimer(row):
         min(g / omega, sqrt(g * lever)),
         sqrt(g / lever),
     )
+
+
+@exported
+def dimer_of(row):
+    """The same for Python."""
+    return as_dimer(row)
 
 
 class Levers(NamedTuple):

@@ -1,9 +1,20 @@
-"""Coulomb's law at the one closed end: the force that keeps it closed, and how near it is to a jam, in the heading frame."""
+"""Coulomb's law, eq. (4): the friction of an end that slips, and what friction can hold. Another law is written here.
+
+An end that slips with the velocity u under the normal force F feels -mu F u / |u|. One at rest is held as long as its friction
+is at most ``hold`` times F: mu_h in lasting contact, mu_s inside an impact. Both ends of a flat dimer share one axial velocity:
+of two held ends only the sum of the axial parts is determined, and they hold where some split of it does.
+
+Forces, impulses and forces per clock of an impact all obey this law. Closed forms of it, written out for speed where many
+are needed: ``forces.single_rates``, ``forces.double_forces`` (sustained contact), ``double_equations.friction``,
+``single_impact.straight_leg``, ``turning`` and ``expansion`` (impacts). Each is tested against the functions here.
+"""
 
 from math import sqrt
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.model.layout import STICK
+
+MAX_TURNS = 30  # of Newton's rule for the direction of a slip out of rest
 
 
 @compiled
@@ -20,6 +31,82 @@ def direction(a, b):
     return k * a, k * b
 
 
+# --- slip -------------------------------------------------------------------------------------------------------------
+
+
+@compiled
+def slip_force(mu, F, c, s):
+    """Axial and lateral friction of an end that slips in the direction (c, s) under the normal force F."""
+    return -mu * F * c, -mu * F * s
+
+
+@compiled
+def slip_strength(mu, F, v):
+    """Size of that friction over the speed v of the slip; 0.0 for no slip."""
+    return mu * F / v if v > 0.0 else 0.0
+
+
+@compiled
+def axial_of_pair(mu, total, c_1, c_2):
+    """Axial friction of two slipping ends as A_c + A_d D, from the sum `total` of their normal forces; D = F_2 - F_1."""
+    return -0.5 * mu * total * (c_1 + c_2), -0.5 * mu * (c_2 - c_1)
+
+
+@compiled
+def outward_slip(drive_a, drive_b, k_a, k_b):
+    """Direction d of slip out of rest: drive - (k_a d_a, k_b d_b) = lambda d with lambda >= 0 (doi 10.1115/1.4035411).
+
+    `drive` is the contact acceleration without the end's own friction, k its friction over the Delassus diagonal. The
+    length of d = (drive_a / (lambda + k_a), drive_b / (lambda + k_b)) falls with lambda; Newton's rule for its inverse,
+    which is concave, climbs to where it is one.
+    """
+    size = length(drive_a, drive_b)
+    if size == 0.0:
+        return 1.0, 0.0
+    rate = max(0.0, max(abs(drive_a) - k_a, abs(drive_b) - k_b))
+    for _ in range(MAX_TURNS):
+        d_a, d_b = drive_a / (rate + k_a), drive_b / (rate + k_b)
+        size = length(d_a, d_b)
+        step = (size - 1.0) * size * size / (d_a * d_a / (rate + k_a) + d_b * d_b / (rate + k_b))
+        if not step > 1e-16 * rate:
+            break
+        rate += step
+    return d_a / size, d_b / size
+
+
+# --- hold -------------------------------------------------------------------------------------------------------------
+
+
+@compiled
+def hold_left(hold, F, A, L):
+    """How far the friction (A, L) that holds an end is from its limit; negative beyond it."""
+    return hold * F - length(A, L)
+
+
+@compiled
+def hold_left_of_pair(hold, F_1, L_1, F_2, L_2, A):
+    """The same of two held ends with the lateral frictions L_1, L_2 and the sum A of the axial ones."""
+    room_1, room_2 = (hold * F_1) ** 2 - L_1**2, (hold * F_2) ** 2 - L_2**2
+    if room_1 < 0.0 or room_2 < 0.0:
+        return -sqrt(-min(room_1, room_2))
+    return sqrt(room_1) + sqrt(room_2) - abs(A)
+
+
+@compiled
+def axial_hold_left(hold, F, A):
+    """The same of one or two ends without lateral friction, with the sum F of their normal forces."""
+    return hold * F - abs(A)
+
+
+@compiled
+def holds_axially(hold, na, aa):
+    """Whether an end at rest stays so where its normal force alone, by its Delassus operator, drives it along the axis."""
+    return abs(na) <= hold * aa
+
+
+# --- the forces of one contact ----------------------------------------------------------------------------------------
+
+
 @compiled
 def single_forces(dm, mode, w, u_a, u_b, n, a, b):
     """Normal, axial and lateral force at the one closed end with the slip (u_a, u_b), and its compliance, from the
@@ -34,4 +121,5 @@ def single_forces(dm, mode, w, u_a, u_b, n, a, b):
     c, s = direction(u_a, u_b)
     yields = w.nn - dm.mu * w.na * c
     F = -n / yields
-    return F, -dm.mu * F * c, -dm.mu * F * s, yields * dm.m
+    A, L = slip_force(dm.mu, F, c, s)
+    return F, A, L, yields * dm.m

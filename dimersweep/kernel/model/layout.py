@@ -3,9 +3,12 @@
 from typing import NamedTuple
 
 # --- parameters at rest: one flat row of floats per run -------------------------------------------------------------
-ROW = ("e_1", "e_2", "Gamma", "f", "A_r", "mu", "mu_s", "beta0", "xdot0", "phi0", "r", "rho_b", "rho_r", "D_r", "g")
+ROW = (
+    "e_1", "e_2", "Gamma", "f", "A_r", "mu", "mu_s", "beta0", "xdot0", "phi0", "r", "rho_b", "rho_r", "D_r", "g",
+    "Gamma_2", "phi_2", "mu_h",
+)  # fmt: skip
 N_ROW = len(ROW)
-ROW_BETA0, ROW_XDOT0, ROW_PHI0 = ROW.index("beta0"), ROW.index("xdot0"), ROW.index("phi0")
+ROW_BETA0, ROW_XDOT0, ROW_PHI0, ROW_PHI_2 = (ROW.index(name) for name in ("beta0", "xdot0", "phi0", "phi_2"))
 
 
 class Dimer(NamedTuple):
@@ -14,12 +17,18 @@ class Dimer(NamedTuple):
     e_1: float  # energetic restitution of p1, p2 [1]
     e_2: float
     mu: float  # slip and stick friction coefficients [1]
-    mu_s: float
+    mu_s: float  # stick inside impacts
+    mu_h: float  # stick of a lasting contact
     g: float  # gravity [m s-2]
     A_z: float  # plate amplitude [m]
     omega: float  # plate angular frequency [rad s-1]
     T: float  # forcing period [s]
     phi0: float  # plate phase at t = 0, reduced to [0, 2 pi) [rad]
+    A_2: float  # amplitude of the plate's second harmonic [m]; sine and cosine of its lag (``plate``)
+    lag_s: float
+    lag_c: float
+    tempo: float  # greatest angular frequency in the plate's motion [rad s-1]
+    lightest: float  # least effective gravity of a cycle [m s-2]
     r: float  # ball radius [m]
     h: float  # half the distance of the ball centres, l/2 [m]
     m: float  # total mass [kg]

@@ -1,11 +1,247 @@
-"""The vibrating plate: effective gravity in the plate's own frame."""
+"""The vibrating plate: its height, and all that follows from it. Another waveform is written here, and nowhere else.
+
+    z_p = A_z sin(phase) + A_2 sin(2 phase + lag),    phase = omega t + phi0,    lag = phi_2 - 2 phi0
+
+In the frame of the plate gravity is g_e = g + z_p''. A plate without second harmonic (A_2 = 0) takes one sine a value.
+"""
+
+from math import cos, inf, sin, sqrt
+from typing import NamedTuple
+
+import numpy as np
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.numerics.sincos import sincos
+from dimersweep.kernel.model.layout import ROW_PHI0, ROW_PHI_2
+from dimersweep.kernel.numerics.sincos import one_minus_cos, sincos, x_minus_sin
+
+TWO_PI = 6.283185307179586
+GRID, CLIMBS = 16, 60  # phases from the best of which the crest is climbed, and steps of that
+CERTAIN = 1e-9  # excess of the bound on a crest over its height, over the sum of both harmonics
+
+
+# --- constants of a plate ---------------------------------------------------------------------------------------------
+
+
+@compiled
+def amplitude(Gamma, g, omega):
+    """Amplitude of a harmonic of this intensity and angular frequency [m]."""
+    return Gamma * g / omega**2
+
+
+@compiled
+def doubled(s, c, lag_s, lag_c):
+    """Sine and cosine of 2 phase + lag, from those of the phase and of the lag."""
+    s_2, c_2 = 2.0 * s * c, 1.0 - 2.0 * s * s
+    return s_2 * lag_c + c_2 * lag_s, c_2 * lag_c - s_2 * lag_s
+
+
+@compiled
+def wave(a, b, lag_s, lag_c, phase):
+    """a sin(phase) + b sin(2 phase + lag), and its derivative with respect to the phase."""
+    s, c = sincos(phase)
+    s_2, c_2 = doubled(s, c, lag_s, lag_c)
+    return a * s + b * s_2, a * c + 2.0 * b * c_2
+
+
+@compiled
+def crest(a, b, lag_s, lag_c):
+    """A bound of a sin(phase) + b sin(2 phase + lag) over all phases, above its maximum by `CERTAIN` at most.
+
+    A climb of the best of some phases finds the maximum, as a rule. Steps over which the wave certainly stays below it (its
+    curvature is at most a + 4 b) then lead once round the cycle; what is higher takes its place.
+    """
+    bend, spare = a + 4.0 * b, CERTAIN * (a + b)
+    top, at = -inf, 0.0
+    for k in range(GRID):
+        value, _ = wave(a, b, lag_s, lag_c, TWO_PI * k / GRID)
+        if value > top:
+            top, at = value, TWO_PI * k / GRID
+    for _ in range(CLIMBS):
+        value, slope = wave(a, b, lag_s, lag_c, at)
+        top = max(top, value)
+        at += slope / bend
+    phase = 0.0
+    while phase < TWO_PI:
+        value, slope = wave(a, b, lag_s, lag_c, phase)
+        top = max(top, value)
+        phase += (sqrt(slope * slope + 2.0 * bend * (top - value + spare)) - slope) / bend
+    return top + spare
+
+
+@compiled
+def least_of_cycle(g, omega, A_z, A_2, lag_s, lag_c):
+    """Least effective gravity of a cycle [m s-2]."""
+    if A_2 == 0.0:
+        return g - A_z * omega * omega
+    return g - crest(A_z * omega * omega, 4.0 * A_2 * omega * omega, lag_s, lag_c)
+
+
+# --- the plate at a phase ---------------------------------------------------------------------------------------------
+
+
+@compiled
+def plate_rate(dm, phase):
+    """z_p' [m s-1]."""
+    first = dm.A_z * dm.omega * cos(phase)
+    if dm.A_2 == 0.0:
+        return first
+    _, c_2 = second_harmonic(dm, phase)
+    return first + 2.0 * dm.A_2 * dm.omega * c_2
+
+
+@compiled
+def second_harmonic(dm, phase):
+    """Sine and cosine of 2 phase + lag."""
+    s, c = sincos(phase)
+    return doubled(s, c, dm.lag_s, dm.lag_c)
 
 
 @compiled
 def effective_gravity(dm, phase):
-    """g_e = g + z_p'' = g - A_z omega^2 sin(phase) [m s-2]."""
-    sine, _ = sincos(phase)
-    return dm.g - dm.A_z * dm.omega * dm.omega * sine
+    """g_e = g + z_p'' [m s-2]."""
+    s, c = sincos(phase)
+    g_e = dm.g - dm.A_z * dm.omega * dm.omega * s
+    if dm.A_2 == 0.0:
+        return g_e
+    s_2, _ = doubled(s, c, dm.lag_s, dm.lag_c)
+    return g_e - 4.0 * dm.A_2 * dm.omega * dm.omega * s_2
+
+
+@compiled
+def mean_gravity(dm, phase, swing):
+    """Mean effective gravity while the plate goes on by `swing` from a phase [m s-2]."""
+    mean = dm.g + dm.A_z * dm.omega * dm.omega * (cos(phase + swing) - cos(phase)) / swing
+    if dm.A_2 == 0.0:
+        return mean
+    _, before = second_harmonic(dm, phase)
+    _, after = second_harmonic(dm, phase + swing)
+    return mean + 2.0 * dm.A_2 * dm.omega * dm.omega * (after - before) / swing
+
+
+@compiled
+def to_crest(phase):
+    """Phase that is left to where the first harmonic is highest."""
+    return (0.25 * TWO_PI - phase) % TWO_PI
+
+
+@compiled
+def least_gravity(dm, phase, swing):
+    """Effective gravity below which it does not fall while the plate goes on by `swing` from a phase [m s-2]."""
+    least = min(effective_gravity(dm, phase), effective_gravity(dm, phase + swing))
+    if dm.A_2 == 0.0:
+        return dm.lightest if to_crest(phase) <= swing else least
+    return max(dm.lightest, least - sag(dm, swing))
+
+
+@compiled
+def sag(dm, swing):
+    """How far g_e may fall below a straight line between two phases that are `swing` apart [m s-2]."""
+    bend = (dm.A_z + 16.0 * dm.A_2) * dm.omega * dm.omega
+    return 0.125 * bend * swing * swing
+
+
+# --- bounds over a cycle ----------------------------------------------------------------------------------------------
+
+
+@compiled
+def speed_bound(dm):
+    """Bound of z_p' [m s-1]."""
+    return (dm.A_z + 2.0 * dm.A_2) * dm.omega
+
+
+@compiled
+def heaviest(dm):
+    """Bound of g_e from above [m s-2]; that from below is ``dm.lightest``."""
+    return dm.g + (dm.A_z + 4.0 * dm.A_2) * dm.omega**2
+
+
+@compiled
+def jerk_bound(dm):
+    """Bound of the rate of g_e [m s-3]."""
+    return (dm.A_z + 8.0 * dm.A_2) * dm.omega**3
+
+
+@compiled
+def snap_bound(dm):
+    """Bound of the fourth time derivative of z_p [m s-4]."""
+    w2 = dm.omega * dm.omega
+    return (dm.A_z + 16.0 * dm.A_2) * w2 * w2
+
+
+# --- the plate under a flight -----------------------------------------------------------------------------------------
+
+
+class Sway(NamedTuple):
+    """The plate from a moment on, from which times count."""
+
+    omega: float
+    s: float  # A_z sin, A_z cos of its phase at that moment
+    c: float
+    s_2: float  # the same of its second harmonic
+    c_2: float
+
+
+@compiled
+def sway_from(dm, phase):
+    """The plate from a phase on."""
+    s_2, c_2 = 0.0, 0.0
+    if dm.A_2 != 0.0:
+        s_2, c_2 = second_harmonic(dm, phase)
+    return Sway(dm.omega, dm.A_z * sin(phase), dm.A_z * cos(phase), dm.A_2 * s_2, dm.A_2 * c_2)
+
+
+@compiled
+def bound_of_acceleration(sway):
+    """Bound of z_p'' [m s-2]."""
+    bound = sway.omega * sway.omega * sqrt(sway.s * sway.s + sway.c * sway.c)
+    return bound + 4.0 * sway.omega * sway.omega * sqrt(sway.s_2 * sway.s_2 + sway.c_2 * sway.c_2)
+
+
+@compiled(inline=True)
+def less_harmonic(omega, s, c, y, sy, cy, height, rate, second, third):
+    """A height and its first three time derivatives less those of one harmonic, an angle y = omega t after the start.
+
+    Of the harmonic only counts what its height and its rate at the start do not foretell.
+    """
+    k = one_minus_cos(sy, cy)
+    w2 = omega * omega
+    return (
+        height + s * k + c * x_minus_sin(y, sy),
+        rate + omega * (s * sy + c * k),
+        second + w2 * (s * cy + c * sy),
+        third + w2 * omega * (c * cy - s * sy),
+    )
+
+
+@compiled(inline=True)
+def over_plate(sway, t, height, rate, second, third):
+    """Height over the plate and its first three time derivatives, from those over one that goes on at its first rate."""
+    y = sway.omega * t
+    sy, cy = sin(y), cos(y)
+    height, rate, second, third = less_harmonic(sway.omega, sway.s, sway.c, y, sy, cy, height, rate, second, third)
+    if sway.s_2 != 0.0 or sway.c_2 != 0.0:
+        omega, s_2, c_2 = 2.0 * sway.omega, 2.0 * sy * cy, 1.0 - 2.0 * sy * sy
+        return less_harmonic(omega, sway.s_2, sway.c_2, 2.0 * y, s_2, c_2, height, rate, second, third)
+    return height, rate, second, third
+
+
+@compiled
+def start_later(row, by):
+    """Move the phase of the plate at the start on by an angle [rad], in a parameter row in place."""
+    row[ROW_PHI0] += by
+    row[ROW_PHI_2] += 2.0 * by
+
+
+# --- for Python -------------------------------------------------------------------------------------------------------
+
+
+def motion(dm, phase):
+    """z_p, z_p' and z_p'' at phases of any shape [m, m s-1, m s-2]."""
+    omega = dm.omega
+    height, rate = dm.A_z * np.sin(phase), dm.A_z * omega * np.cos(phase)
+    acceleration = -dm.A_z * omega**2 * np.sin(phase)
+    if dm.A_2 == 0.0:
+        return height, rate, acceleration
+    twice = 2.0 * phase + np.arctan2(dm.lag_s, dm.lag_c)
+    height, rate = height + dm.A_2 * np.sin(twice), rate + 2.0 * dm.A_2 * omega * np.cos(twice)
+    return height, rate, acceleration - 4.0 * dm.A_2 * omega**2 * np.sin(twice)

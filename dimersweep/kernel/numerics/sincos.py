@@ -42,3 +42,18 @@ def sincos(x):
     if quarter & 1:
         s, c = c, s
     return (-s if quarter & 2 else s), (-c if quarter == 1 or quarter == 2 else c)
+
+
+@compiled
+def one_minus_cos(s, c):
+    """1 - cos x from sin x, cos x without cancellation."""
+    return s * s / (1.0 + c) if c > 0.0 else 1.0 - c
+
+
+@compiled
+def x_minus_sin(x, s):
+    """x - sin x without cancellation."""
+    if abs(x) > 0.5:
+        return x - s
+    y = x * x
+    return x * y / 6.0 * (1.0 - y / 20.0 * (1.0 - y / 42.0 * (1.0 - y / 72.0 * (1.0 - y / 110.0 * (1.0 - y / 156.0)))))

@@ -266,7 +266,7 @@ def settled_period(past):
 @compiled
 def rests_for_good(dm, state, modes):
     """Whether both ends are closed and stay so whatever comes."""
-    if modes[0] == FREE or modes[1] == FREE or dm.A_z * dm.omega * dm.omega > dm.g:
+    if modes[0] == FREE or modes[1] == FREE or dm.lightest < 0.0:
         return False
     return (modes[0] == STICK and modes[1] == STICK) or slides_to_rest(dm, state)
 

@@ -47,9 +47,10 @@ The calm is proven, looking ahead is not. Of 20,000 random slides it told of 11,
 1.06 of what lifts the other one, by the rates of the slide in fine steps, of 18,009. None of these lifted in 60 periods.
 """
 
-from math import cos, pi, sqrt
+from math import pi, sqrt
 
 from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.model.friction import axial_of_pair, slip_force
 from dimersweep.kernel.model.layout import (
     CA,
     CB,
@@ -57,7 +58,15 @@ from dimersweep.kernel.model.layout import (
     SPIN,
     WP,
 )
-from dimersweep.kernel.model.plate import effective_gravity
+from dimersweep.kernel.model.plate import (
+    effective_gravity,
+    jerk_bound,
+    least_gravity,
+    mean_gravity,
+    sag,
+    speed_bound,
+    to_crest,
+)
 
 STEPS = 400  # of the look ahead, and of the close one
 STRIDE = 0.4  # of a step, in times in which friction across the rod would stop it
@@ -79,21 +88,6 @@ def room(dm, g_e, drag):
 
 
 @compiled
-def least_gravity(dm, phase, swing):
-    """Least effective gravity while the plate goes on by `swing` from a phase."""
-    to_crest = (0.5 * pi - phase) % (2.0 * pi)
-    if to_crest <= swing:
-        return dm.g - dm.A_z * dm.omega * dm.omega
-    return min(effective_gravity(dm, phase), effective_gravity(dm, phase + swing))
-
-
-@compiled
-def mean_gravity(dm, phase, swing):
-    """Mean effective gravity while the plate goes on by `swing` from a phase."""
-    return dm.g + dm.A_z * dm.omega * dm.omega * (cos(phase + swing) - cos(phase)) / swing
-
-
-@compiled
 def commotion(dm, a, b, w, spin):
     """P: velocity that friction can still take from the rod [m/s]."""
     c, q = b - dm.r * spin, dm.J_a / dm.r**2
@@ -109,14 +103,14 @@ def is_calm(dm, b, spin, P):
     V = sqrt(now * now + dm.m * P * P / M)
     gyration = sqrt(dm.J_t * dm.im)
     eta = 1.0 / sqrt(max(1.0, q / M + (gyration / dm.h) ** 2))
-    d, k = 0.5 * dm.mu * eta * (1.0 - dm.mu_s * dm.r / dm.h), 0.5 * V / gyration
+    d, k = 0.5 * dm.mu * eta * (1.0 - dm.mu_h * dm.r / dm.h), 0.5 * V / gyration
     if d < 0.0:
         return False
-    speed = dm.A_z * dm.omega
-    least = room(dm, dm.g - speed * dm.omega, dm.mu_s)
+    speed = speed_bound(dm)
+    least = room(dm, dm.lightest, dm.mu_h)
     if 0.5 * (dm.m * P * P + M * now * now) * sqrt(dm.J_a * dm.it) <= least:
         return True
-    top = P if k * P <= d * (dm.g - speed * dm.omega) else P + 2.0 * d * speed
+    top = P if k * P <= d * dm.lightest else P + 2.0 * d * speed
     turn, roll = top / gyration, (V + dm.m / sqrt(q * M) * top) / dm.r
     return k * top <= d * dm.g and dm.J_a * roll * turn <= 0.5 * least
 
@@ -127,10 +121,10 @@ def slide_rates(dm, g_e, a, b, w, spin, soft):
     c, weight = b - dm.r * spin, dm.m * g_e
     b_1, b_2 = c + dm.h * w, c - dm.h * w
     v_1, v_2 = max(soft, sqrt(a * a + b_1 * b_1)), max(soft, sqrt(a * a + b_2 * b_2))
-    # F_1 = (weight - D) / 2, F_2 = (weight + D) / 2, A = A_c + A_d D
-    A_c, A_d = -0.5 * dm.mu * weight * (a / v_1 + a / v_2), -0.5 * dm.mu * (a / v_2 - a / v_1)
+    A_c, A_d = axial_of_pair(dm.mu, weight, a / v_1, a / v_2)
     D = -(dm.J_a * spin * w + dm.r * A_c) / (dm.h + dm.r * A_d)
-    L_1, L_2 = -0.5 * dm.mu * (weight - D) * b_1 / v_1, -0.5 * dm.mu * (weight + D) * b_2 / v_2
+    _, L_1 = slip_force(dm.mu, 0.5 * (weight - D), 0.0, b_1 / v_1)
+    _, L_2 = slip_force(dm.mu, 0.5 * (weight + D), 0.0, b_2 / v_2)
     return (
         (A_c + A_d * D) * dm.im - w * b,
         (L_1 + L_2) * dm.im + w * a,
@@ -174,14 +168,14 @@ def stride(dm, P, quick):
 @compiled
 def close_stride(dm, P, quick, g_e):
     """The same of a close look, from the present effective gravity and the most that it grows in the step."""
-    rate, growth = braking(dm, P) * g_e + quick / CLOSE_BEND, braking(dm, P) * dm.A_z * dm.omega**3
+    rate, growth = braking(dm, P) * g_e + quick / CLOSE_BEND, braking(dm, P) * jerk_bound(dm)
     return 2.0 / (rate + sqrt(rate * rate + 4.0 * growth))
 
 
 @compiled
 def drag_of(dm, moment, least, most):
     """Axial friction against a gyroscopic moment, in weights, where it was found between two values, and mu beyond it."""
-    return min(dm.mu_s, dm.mu + (most if moment > 0.0 else -least))
+    return min(dm.mu_h, dm.mu + (most if moment > 0.0 else -least))
 
 
 @compiled
@@ -204,10 +198,11 @@ def followed_to_rest(dm, a, b, w, spin, phase):
         soft, slip = CLOSE_SOFT * P, slowest_slip(dm, a, b, w, spin)
         close = close and slip >= soft
         pace = min(P, max(slip, soft) / SOFT)
-        swing = min(CLOSE_SWING, dm.omega * close_stride(dm, pace, quickness(dm, b, w, spin), g_0))
-        to_crest = (0.5 * pi - phase) % (2.0 * pi)
-        if to_crest > AT_CREST:
-            swing = min(swing, to_crest)
+        swing = min(
+            CLOSE_SWING * (dm.omega / dm.tempo), dm.omega * close_stride(dm, pace, quickness(dm, b, w, spin), g_0)
+        )
+        if to_crest(phase) > AT_CREST:
+            swing = min(swing, to_crest(phase))
         t = swing / dm.omega
         g_1, g_2 = effective_gravity(dm, phase + 0.5 * swing), effective_gravity(dm, phase + swing)
         d_0 = slide_rates(dm, g_0, a, b, w, spin, soft)
@@ -216,9 +211,10 @@ def followed_to_rest(dm, a, b, w, spin, phase):
         d_3 = carried(dm, g_2, a, b, w, spin, t, d_2, soft)
         moment, halfway = dm.J_a * spin * w, dm.J_a * (spin + 0.5 * t * d_1[3]) * (w + 0.5 * t * d_1[2])
         swell, veer = 0.25 * abs(halfway - moment) + doubt, abs(d_2[4] - d_0[4])
-        if not presses(dm, g_0, moment, d_0[4], swell, veer, close):
+        low = 0.0 if dm.A_2 == 0.0 else sag(dm, 0.5 * swing)
+        if not presses(dm, g_0 - low, moment, d_0[4], swell, veer, close):
             return False
-        if not presses(dm, g_1, halfway, d_2[4], swell, veer, close):
+        if not presses(dm, g_1 - low, halfway, d_2[4], swell, veer, close):
             return False
         a += t / 6.0 * (d_0[0] + 2.0 * (d_1[0] + d_2[0]) + d_3[0])
         b += t / 6.0 * (d_0[1] + 2.0 * (d_1[1] + d_2[1]) + d_3[1])
@@ -236,18 +232,17 @@ def slides_to_rest(dm, state):
     a, b, w, spin = state[CA], state[CB], state[WP], state[SPIN]
     phase = state[PHASE] + dm.phi0
     moment = dm.J_a * abs(spin * w)
-    lightest = dm.g - dm.A_z * dm.omega * dm.omega
     if dm.mu == 0.0:
-        return moment <= room(dm, lightest, dm.mu_s)
+        return moment <= room(dm, dm.lightest, dm.mu_h)
     doubt = 0.0
     for _ in range(STEPS):
         P = commotion(dm, a, b, w, spin)
         if is_calm(dm, b, spin, P):
             return True
         quick = quickness(dm, b, w, spin)
-        shift, t = 2.0 * dm.A_z * dm.omega * quick / dm.g, stride(dm, P, quick)
+        shift, t = 2.0 * speed_bound(dm) * quick / dm.g, stride(dm, P, quick)
         if shift > STILL:
-            shift, t = 0.0, min(t, SWING / dm.omega)
+            shift, t = 0.0, min(t, SWING / dm.tempo)
         swing, soft = dm.omega * t, SOFT * P
         slow = slowest_slip(dm, a, b, w, spin) < soft
         before, g_e = moment, mean_gravity(dm, phase, swing)
