@@ -12,12 +12,13 @@ from hypothesis import strategies as st
 for folder in (Path(__file__).parent / "kernel", Path(__file__).parents[1] / "benchmarks"):
     sys.path.insert(0, str(folder))
 
-from examine import AS_DIMER, integrals, kinetic, lab_gain, phases_of, slips, states_at, total  # noqa: E402
+from examine import integrals, kinetic, lab_gain, phases_of, slips, states_at, total  # noqa: E402
 from launch import launch  # noqa: E402
 from verbs import contact_rates, contact_state  # noqa: E402
 
 from dimersweep.kernel.contact.coordinates import YUA, YUB  # noqa: E402
 from dimersweep.kernel.contact.forces import COMPLIANCE, N_F  # noqa: E402
+from dimersweep.kernel.model.body import dimer_of  # noqa: E402
 from dimersweep.kernel.model.layout import (  # noqa: E402
     BETA,
     CA,
@@ -40,6 +41,7 @@ from dimersweep.kernel.model.layout import (  # noqa: E402
     X1,
     Y1,
 )
+from dimersweep.kernel.model.plate import motion  # noqa: E402
 from dimersweep.kernel.record import HOP_TIME, MODES  # noqa: E402
 from dimersweep.parameters import Parameters  # noqa: E402
 
@@ -68,7 +70,7 @@ def scenes(draw):
         "mu_s": mu * draw(st.sampled_from([1.0, 1.5, 2.0])),
         "phi0": draw(between(0.0, 6.0)),
     }
-    dm = AS_DIMER(Parameters(**scene).row())
+    dm = dimer_of(Parameters(**scene).row())
     state = np.zeros(N_STATE)
     state[BETA] = draw(between(-0.9, 0.9))
     lowest = draw(between(0.0, 2e-3))
@@ -86,7 +88,7 @@ def run_of(scene, state, rtol):
     row = Parameters(**scene).row()
     run = launch(row, state, PERIODS, rtol)
     assert run.status == "ok"
-    return row, AS_DIMER(row), run
+    return row, dimer_of(row), run
 
 
 def same(dm, found, expected, allowed=1e-6):
@@ -327,7 +329,7 @@ def test_energy_is_accounted_for_event_by_event(rtol, drawn):
     row, dm, run = run_of(scene, state, rtol)
     phases = phases_of(row, rtol, run.events, run.segments)
     starts, modes = phases.segments[:, :N_STATE], phases.segments[:, MODES:HOP_TIME]
-    unit = kinetic(dm, starts).max() + 0.5 * dm.m * (dm.A_z * dm.omega) ** 2 + dm.m * dm.g * dm.h
+    unit = kinetic(dm, starts).max() + 0.5 * dm.m * (dm.omega * (dm.A_z + 2 * dm.A_2)) ** 2 + dm.m * dm.g * dm.h
     free = (modes == FREE).all(1)
     assert np.abs(lab_gain(dm, starts[free], phases.ends[free])).max(initial=0.0) <= 1e-10 * unit
 
@@ -348,7 +350,7 @@ def test_energy_is_accounted_for_event_by_event(rtol, drawn):
 def power_of(dm, modes, state):
     """Power of effective gravity and friction in the plate's frame [W]; the normal forces have none there."""
     F, slip = forces(dm, modes, state)
-    gravity = dm.g - dm.A_z * dm.omega**2 * np.sin(state[PHASE] + dm.phi0)
+    gravity = dm.g + motion(dm, state[PHASE] + dm.phi0)[2]
     return -dm.m * gravity * 0.5 * (state[N1] + state[N2]) + (F[:, 1:] * slip).sum()
 
 

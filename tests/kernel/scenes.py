@@ -58,3 +58,13 @@ def difference(states, expected):
     apart = states - expected
     apart[:, 5] = (apart[:, 5] + pi) % (2 * pi) - pi
     return float((np.abs(apart) / SCALE).max())
+
+
+def wider_scene(seed):
+    """A random scene whose plate has a second harmonic, or whose lasting contacts are held by a coefficient of their own."""
+    scene, rng = random_scene(seed), np.random.default_rng([20240302, seed])
+    if seed % 3 != 1:
+        scene |= {"Gamma_2": float(rng.uniform(0.05, 1.2)), "phi_2": float(rng.uniform(0, 2 * pi))}
+    if seed % 3 != 0:
+        scene |= {"mu_h": scene["mu"] * float(rng.choice([1.0, 1.2, 1.7, 3.0]))}
+    return scene

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import oracle
 import pytest
-from scenes import difference, engine_states, random_scene, sample_times
+from scenes import difference, engine_states, random_scene, sample_times, wider_scene
 
 pytestmark = pytest.mark.jit
 
@@ -36,10 +36,11 @@ def test_stored_runs_are_the_scenes_that_matter():
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not os.environ.get("DIMERSWEEP_SLOW"), reason="ten minutes: set DIMERSWEEP_SLOW=1")
+@pytest.mark.skipif(not os.environ.get("DIMERSWEEP_SLOW"), reason="an hour: set DIMERSWEEP_SLOW=1")
 @pytest.mark.parametrize("seed", range(30))
-def test_random_scenes(seed):
-    scene = random_scene(seed)
+@pytest.mark.parametrize("drawn", [random_scene, wider_scene])
+def test_random_scenes(drawn, seed):
+    scene = drawn(seed)
     times = sample_times(scene)
     expected = oracle.simulate(scene, times, rtol=1e-10, v_rest=1e-10)
     assert expected["status"] == "done"

@@ -31,9 +31,12 @@ class Dimer:
     e: tuple[float, float]
     mu: float
     mu_s: float
+    mu_h: float
     A_z: float
     omega: float
     phi0: float
+    A_2: float
+    phi_2: float
     g: float
 
 
@@ -43,13 +46,14 @@ def dimer(params: Mapping[str, float]) -> Dimer:
     Parameters
     ----------
     params : mapping
-        Any of the names in `DEFAULTS`, and e_1, e_2 where the two ends differ.
+        Any of the names in `DEFAULTS`; e_1, e_2 where the two ends differ; Gamma_2, phi_2 of the plate's second harmonic;
+        mu_h where a lasting contact is held by another coefficient than mu_s.
 
     Returns
     -------
     Dimer
     """
-    unknown = set(params) - set(DEFAULTS) - {"e_1", "e_2"}
+    unknown = set(params) - set(DEFAULTS) - {"e_1", "e_2", "Gamma_2", "phi_2", "mu_h"}
     if unknown:
         raise ValueError(f"unknown parameters: {sorted(unknown)}")
     p = {**DEFAULTS, **params}
@@ -61,13 +65,21 @@ def dimer(params: Mapping[str, float]) -> Dimer:
     omega = 2 * pi * p["f"]
     return Dimer(
         r=r, l=length, m=2 * m_b + m_r, J1=J1, J2=J2, e=(p.get("e_1", p["e"]), p.get("e_2", p["e"])),
-        mu=p["mu"], mu_s=p["mu_s"], A_z=p["Gamma"] * p["g"] / omega**2, omega=omega, phi0=p["phi0"], g=p["g"],
+        mu=p["mu"], mu_s=p["mu_s"], mu_h=p.get("mu_h", p["mu_s"]), A_z=p["Gamma"] * p["g"] / omega**2, omega=omega,
+        phi0=p["phi0"], A_2=p.get("Gamma_2", 0.0) * p["g"] / (2 * omega) ** 2, phi_2=p.get("phi_2", 0.0), g=p["g"],
     )  # fmt: skip
 
 
 def effective_gravity(d: Dimer, t: float) -> float:
     """g + z_p''(t), the gravity felt in the plate's frame."""
-    return d.g - d.A_z * d.omega**2 * sin(d.omega * t + d.phi0)
+    first, second = d.omega * t + d.phi0, 2 * d.omega * t + d.phi_2
+    return d.g - d.A_z * d.omega**2 * sin(first) - d.A_2 * (2 * d.omega) ** 2 * sin(second)
+
+
+def plate_rate(d: Dimer, t: float) -> float:
+    """z_p'(t)."""
+    first, second = d.omega * t + d.phi0, 2 * d.omega * t + d.phi_2
+    return d.A_z * d.omega * cos(first) + d.A_2 * 2 * d.omega * cos(second)
 
 
 def mass_matrix(d: Dimer, q: Array) -> Array:

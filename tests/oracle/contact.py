@@ -122,7 +122,7 @@ def settle(
     for active in subsets:
         moving = now.directions(State(active, tuple(zero), dict(breaking)))
         choice = hold_or_break(
-            partial(now.respond, active), [i for i in active if i in zero], moving, d.mu_s, axial, must_break,
+            partial(now.respond, active), [i for i in active if i in zero], moving, d.mu_h, axial, must_break,
         )  # fmt: skip
         if choice is None:
             continue

@@ -1,7 +1,7 @@
 """One run: free motion, sustained contact and impacts, one after the other, each integrated as the equations stand."""
 
 from collections.abc import Callable, Mapping, Sequence
-from math import cos, sin
+from math import pi, sin
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from .march import march
 Array = NDArray[np.float64]
 
 SCALE = np.array([0.01, 0.01, 0.01, 1, 1, 10, 0.1, 0.1, 0.1, 1, 1, 100])
+STRIDE = 0.05  # longest step, in forcing periods: at rest the plate may throw the dimer off for a moment only
 SLIP_ZERO, SLIP_FREE = 1e-10, 1e-9  # m/s; slip that counts as zero, slip at which a breaking contact is on its own
 
 
@@ -29,7 +30,7 @@ class _Run:
         self.rtol, self.v_rest = rtol, v_rest
         self.t, self.q, self.qdot = 0.0, np.zeros(6), np.zeros(6)
         self.q[4], self.qdot[0] = p["beta0"], p["xdot0"]
-        self.qdot[2] = -d.A_z * d.omega * cos(d.phi0)  # at rest in space, on the moving plate
+        self.qdot[2] = -body.plate_rate(d, 0.0)  # at rest in space, on the moving plate
         if p["beta0"] < 0:
             raise ValueError("beta0 < 0 puts end 2 into the plate")
         self.closed, self.resting = {0, 1} if p["beta0"] == 0 else {0}, set[int]()
@@ -91,7 +92,7 @@ class _Run:
         opened = [i for i in (0, 1) if i not in state.active]
         # an end that is just leaving the plate starts from zero whatever round-off says
         offset = [body.gaps(d, self.q)[i] if i in self.closed else 0.0 for i in (0, 1)]
-        rough = d.mu > 0 or d.mu_s > 0
+        rough = d.mu > 0 or d.mu_h > 0
         free = [i for i in state.active if rough and i in state.breaking]
         slide = [i for i in state.active if rough and i not in state.breaking and i not in state.stick]
         names = [(i, "land") for i in opened] + [(i, "lift") for i in state.active]
@@ -110,7 +111,7 @@ class _Run:
                 out += [SLIP_FREE - float(now.slip[i] @ state.breaking[i]) for i in free]
                 out += [float(np.hypot(*now.slip[i])) - SLIP_ZERO for i in slide]
                 if state.stick:
-                    out.append(-stick_excess(forces, state.stick, d.mu_s, body.axial_direction(q)) / weight)
+                    out.append(-stick_excess(forces, state.stick, d.mu_h, body.axial_direction(q)) / weight)
             return np.array(out)
 
         return names, values
@@ -146,7 +147,7 @@ class _Run:
         span = t_end - t0
         solver = DOP853(
             rhs, 0.0, np.concatenate([self.q, self.qdot]), span,
-            first_step=min(self.first_step(state), span), rtol=tol, atol=0.1 * tol * SCALE,
+            first_step=min(self.first_step(state), span), max_step=STRIDE * 2 * pi / d.omega, rtol=tol, atol=0.1 * tol * SCALE,
         )  # fmt: skip
         s, y, fired = march(solver, values, slopes, sample)
         self.t = t0 + s if fired else t_end
@@ -192,13 +193,13 @@ def simulate(
 ) -> dict[str, Any]:
     """Simulate one dimer from its release to the last sample.
 
-    It starts with end 1 on the plate (delta1 = 0), at rest in space but for xdot0: delta1' = -A_z omega cos(phi0).
+    It starts with end 1 on the plate (delta1 = 0), at rest in space but for xdot0: delta1' = -z_p'(0).
 
     Parameters
     ----------
     params : mapping
-        e, Gamma, f, A_r, mu, mu_s, beta0, xdot0 and optionally e_1, e_2, phi0, r, rho_b, rho_r, D_r, g; the paper's
-        values where left out.
+        e, Gamma, f, A_r, mu, mu_s, beta0, xdot0 and optionally e_1, e_2, phi0, r, rho_b, rho_r, D_r, g,
+        Gamma_2, phi_2, mu_h; the paper's values where left out.
     t_samples : sequence of float
         Ascending times, s.
     rtol : float

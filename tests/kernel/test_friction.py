@@ -1,0 +1,171 @@
+"""The law of friction: its statements, and each closed form of it against them."""
+
+from math import cos, hypot, sin
+
+import numpy as np
+import pytest
+from verbs import (
+    axial_of_pair,
+    contact_rates,
+    delassus,
+    dimer,
+    end_law,
+    free_rates,
+    friction_slopes,
+    hold_left,
+    hold_left_of_pair,
+    hold_reserve,
+    levers,
+    outward_slip,
+    pair_friction,
+    pair_law,
+    single_forces,
+    slip_force,
+    straight_leg,
+)
+
+from dimersweep.kernel.contact.coordinates import N_Y, YB, YS, YUA, YUB, YWB, YWP
+from dimersweep.kernel.contact.forces import A1, COMPLIANCE, F1, F2, L1, L2, N_F
+from dimersweep.kernel.impact.double_equations import N_Z, ZA, ZB1, ZB2, ZX1, ZX2
+from dimersweep.kernel.model.layout import FREE, SLIP, STICK
+
+seeds = pytest.mark.parametrize("seed", range(6))
+
+
+def scene(seed):
+    """Random numbers, and a dimer whose three coefficients differ."""
+    rng = np.random.default_rng(seed)
+    mu = rng.uniform(0.05, 0.8)
+    return rng, dimer(mu=mu, mu_s=2.0 * mu, mu_h=1.5 * mu, A_r=rng.uniform(2.5, 8.0))
+
+
+@seeds
+def test_friction_of_a_slip_opposes_it(seed):
+    rng, dm = scene(seed)
+    u, F = rng.normal(size=2), rng.uniform(0.1, 5.0)
+    force = np.array(slip_force(dm.mu, F, *(u / hypot(*u))))
+    assert hypot(*force) == pytest.approx(dm.mu * F, rel=1e-14)
+    assert force @ u == pytest.approx(-dm.mu * F * hypot(*u), rel=1e-14)
+
+
+@seeds
+def test_two_held_ends_hold_where_some_split_of_the_axial_force_does(seed):
+    rng, dm = scene(seed)
+    for _ in range(50):
+        F, L, A = rng.uniform(0.1, 2.0, 2), rng.normal(size=2) * 0.3, rng.normal()
+        splits = A * np.linspace(-3.0, 4.0, 20_001)
+        best = max(min(hold_left(dm.mu_h, F[0], a, L[0]), hold_left(dm.mu_h, F[1], A - a, L[1])) for a in splits[::20])
+        left = hold_left_of_pair(dm.mu_h, F[0], L[0], F[1], L[1], A)
+        assert (best >= 0.0) == (left >= 0.0) or abs(left) < 1e-2
+
+
+def test_a_lasting_contact_is_held_by_its_own_coefficient():
+    """One end, both ends, and the law of an impact, which keeps mu_s."""
+    dm = dimer(mu=0.2, mu_s=0.7, mu_h=0.4)
+    F = np.zeros(N_F)
+    F[[F1, A1, L1]] = 1.0, 0.3, -0.1
+    assert hold_reserve(dm, np.array([STICK, FREE], float), 0, F) == pytest.approx(0.4 - hypot(0.3, 0.1), rel=1e-14)
+    F[F2] = 2.0
+    expected = (0.4**2 - 0.1**2) ** 0.5 + 0.8 - 0.3
+    assert hold_reserve(dm, np.array([STICK, STICK], float), 0, F) == pytest.approx(expected, rel=1e-14)
+    assert (end_law(dm, -1.0, 0.2).mu_s, pair_law(dm).mu_s) == (0.7, 0.7)
+
+
+def contact(rng, both):
+    """A contact state in the chart by heading."""
+    y = np.zeros(N_Y)
+    y[[YB, YWB]] = (0.0, 0.0) if both else (rng.uniform(0.05, 1.2), rng.normal())
+    y[[YWP, YS, YUA, YUB]] = rng.normal(size=4) * [3, 40, 0.5, 0.5]
+    return y
+
+
+@seeds
+@pytest.mark.parametrize("mode", [STICK, SLIP])
+def test_the_written_out_contact_of_one_end(seed, mode):
+    """``single_rates`` against the general forces of one contact."""
+    rng, dm = scene(seed)
+    y, dy, F = contact(rng, both=False), np.zeros(N_Y), np.zeros(N_F)
+    if mode == STICK:
+        y[[YUA, YUB]] = 0.0
+    contact_rates(dm, np.array([mode, FREE], float), 0.0, y, dy, F)
+    s, c = sin(y[YB]), cos(y[YB])
+    own = levers(dm, -1.0, s, c)
+    _, _, n, a, b = free_rates(dm, -1.0, y, dm.g, s, c)
+    expected = single_forces(dm, mode, delassus(dm, own, own), y[YUA], y[YUB], n, a, b)
+    np.testing.assert_allclose(F[[F1, A1, L1, COMPLIANCE]], expected, rtol=1e-12, atol=1e-14)
+
+
+@seeds
+def test_the_contact_of_two_slipping_ends(seed):
+    """``double_forces``: each end has the friction of its own slip, and no gap opens."""
+    rng, dm = scene(seed)
+    y, dy, F = contact(rng, both=True), np.zeros(N_Y), np.zeros(N_F)
+    contact_rates(dm, np.array([SLIP, SLIP], float), 0.0, y, dy, F)
+    slips = [(y[YUA], y[YUB]), (y[YUA], y[YUB] - 2 * dm.h * y[YWP])]
+    friction = np.array(
+        [slip_force(dm.mu, F[k], *(np.array(u) / hypot(*u))) for k, u in zip((F1, F2), slips, strict=True)]
+    )
+    np.testing.assert_allclose(F[[A1, L1, L2]], [friction[:, 0].sum(), *friction[:, 1]], rtol=1e-12, atol=1e-14)
+    directions = [u[0] / hypot(*u) for u in slips]
+    A_c, A_d = axial_of_pair(dm.mu, F[F1] + F[F2], *directions)
+    assert A_c + A_d * (F[F2] - F[F1]) == pytest.approx(F[A1], rel=1e-12)
+    assert F[F1] + F[F2] == pytest.approx(dm.m * dm.g, rel=1e-12)
+    moment = dm.h * (F[F1] - F[F2]) - dm.r * F[A1]
+    assert moment == pytest.approx(dm.J_a * y[YS] * y[YWP], rel=1e-11)
+
+
+@seeds
+def test_the_friction_of_an_impact_at_both_ends(seed):
+    rng, dm = scene(seed)
+    law = pair_law(dm)
+    f_1, f_2, a, b_1, b_2 = rng.uniform(0.1, 2.0), rng.uniform(0.1, 2.0), *rng.normal(size=3)
+    first, second = (slip_force(law.mu, f, a / hypot(a, b), b / hypot(a, b)) for f, b in ((f_1, b_1), (f_2, b_2)))
+    expected = first[0] + second[0], first[1], second[1]
+    np.testing.assert_allclose(pair_friction(law, SLIP, SLIP, f_1, f_2, a, b_1, b_2), expected, rtol=1e-13)
+
+
+@seeds
+@pytest.mark.parametrize("modes", [(SLIP, SLIP), (STICK, SLIP), (SLIP, STICK), (STICK, STICK)])
+def test_the_slopes_of_that_friction(seed, modes):
+    """Against differences, with respect to (X_1, X_2, a, b_1, b_2)."""
+    rng, dm = scene(seed)
+    law, z, J = pair_law(dm), np.zeros(N_Z), np.zeros((3, 5))
+    z[[ZX1, ZX2]] = rng.uniform(0.5, 1.5, 2)
+    z[[ZA, ZB1, ZB2]] = rng.normal(size=3)
+    friction_slopes(law, *modes, z, 1.5 * z[ZX1] ** 0.5, 1.5 * z[ZX2] ** 0.5, J)
+
+    def friction(x):
+        return np.array(pair_friction(law, *modes, x[0] ** 1.5, x[1] ** 1.5, *x[2:]))
+
+    x, step = z[[ZX1, ZX2, ZA, ZB1, ZB2]], 1e-6
+    for k in range(5):
+        by = step * np.eye(5)[k]
+        np.testing.assert_allclose(J[:, k], (friction(x + by) - friction(x - by)) / (2 * step), atol=1e-8)
+
+
+@seeds
+@pytest.mark.parametrize("stick", [True, False])
+def test_a_leg_at_constant_rates(seed, stick):
+    """``straight_leg``: along the axis, where slip keeps its direction, with the impulses of the law."""
+    rng, dm = scene(seed)
+    law = end_law(dm, -1.0, rng.uniform(0.1, 1.0))
+    a = 0.0 if stick else rng.choice([-1.0, 1.0]) * rng.uniform(2.0, 5.0)
+    c = 1.0 if a >= 0.0 else -1.0
+    n, a_end, b_end, _, _, P, A, B, _ = straight_leg(law, -1.0, a, 0.0, 0.0, 0.0, True, stick, c, 0.0)
+    expected = (-law.na / law.aa, 0.0) if stick else slip_force(law.mu, 1.0, c, 0.0)
+    assert pytest.approx(expected, rel=1e-13) == (A / P, B / P)
+    assert n == pytest.approx(-1.0 + law.nn * P + law.na * A, abs=1e-13)
+    assert (a_end, b_end) == pytest.approx((a + law.na * P + law.aa * A, 0.0), abs=1e-13)
+
+
+@seeds
+def test_a_slip_out_of_rest_is_driven_along_itself(seed):
+    """What drives the contact, less the friction of that slip, points along the slip."""
+    rng, _ = scene(seed)
+    for _ in range(50):
+        drive, k = rng.normal(size=2), rng.uniform(0.1, 1.0, 2)
+        drive *= rng.uniform(1.0, 3.0) / hypot(*(drive / k))  # more than friction can hold
+        d = np.array(outward_slip(*drive, *k))
+        assert hypot(*d) == pytest.approx(1.0, rel=1e-14)
+        left = drive - k * d
+        assert left @ d >= -1e-12 and abs(left[0] * d[1] - left[1] * d[0]) <= 1e-12 * hypot(*drive)

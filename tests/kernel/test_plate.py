@@ -1,0 +1,213 @@
+"""The plate: every function of it against the derivatives of its height, with and without a second harmonic."""
+
+from math import pi
+
+import mpmath
+import numpy as np
+import pytest
+from oracle import body as slow
+from verbs import (
+    as_dimer,
+    effective_gravity,
+    first_landing,
+    gap_series,
+    least_gravity,
+    mean_gravity,
+    plate_bounds,
+    plate_rate,
+    rests_for_good,
+    row_of,
+    sag,
+    take_off,
+)
+
+from dimersweep.kernel.model.layout import (
+    BETA,
+    D1,
+    D2,
+    N1,
+    N2,
+    N_STATE,
+    PHASE,
+    ROW_PHI0,
+    ROW_PHI_2,
+    SPIN,
+    STICK,
+    WB,
+    WP,
+)
+from dimersweep.kernel.model.plate import motion
+
+PLATES = [
+    {"Gamma": 0.9},
+    {"Gamma": 0.9, "phi0": 2.0, "Gamma_2": 0.5, "phi_2": 1.0},
+    {"Gamma": 0.0, "Gamma_2": 0.8, "phi_2": 4.0},
+    {"Gamma": 1.3, "phi0": 1.0, "Gamma_2": 1e-3, "phi_2": 0.3},
+    {"Gamma": 0.2, "phi0": 5.0, "Gamma_2": 2.5, "phi_2": 2.0},
+]
+plates = pytest.mark.parametrize("plate", PLATES)
+CYCLE = np.linspace(0.0, 2 * pi, 4001)
+
+
+def height(plate, t):
+    """z_p as declared, in 40 digits."""
+    omega = 2 * mpmath.pi * 15
+    first = plate["Gamma"] * mpmath.mpf("9.81") / omega**2
+    second = plate.get("Gamma_2", 0.0) * mpmath.mpf("9.81") / (2 * omega) ** 2
+    return first * mpmath.sin(omega * t + plate.get("phi0", 0.0)) + second * mpmath.sin(
+        2 * omega * t + plate.get("phi_2", 0.0)
+    )
+
+
+def made(plate, **others):
+    """The dimer on a plate, its row, and the phases of a cycle."""
+    row = row_of(**plate, **others)
+    dm = as_dimer(row)
+    return dm, row, CYCLE + dm.phi0
+
+
+@plates
+def test_height_and_its_derivatives(plate):
+    dm, _, _ = made(plate)
+    with mpmath.workdps(40):
+        for t in (0.0, 0.013, 0.05):
+            phase = dm.omega * t + dm.phi0
+            exact = [float(mpmath.diff(lambda x: height(plate, x), mpmath.mpf(t), n)) for n in range(3)]
+            np.testing.assert_allclose(motion(dm, phase), exact, rtol=1e-12, atol=1e-14)
+            assert plate_rate(dm, phase) == pytest.approx(exact[1], rel=1e-12, abs=1e-14)
+            assert effective_gravity(dm, phase) == pytest.approx(dm.g + exact[2], rel=1e-12, abs=1e-13)
+
+
+@plates
+def test_the_oracles_plate_is_the_same(plate):
+    dm, _, _ = made(plate)
+    d = slow.dimer(plate)
+    for t in (0.0, 0.01, 0.04):
+        phase = dm.omega * t + dm.phi0
+        assert slow.plate_rate(d, t) == pytest.approx(plate_rate(dm, phase), rel=1e-12, abs=1e-14)
+        assert slow.effective_gravity(d, t) == pytest.approx(effective_gravity(dm, phase), rel=1e-12, abs=1e-13)
+
+
+@plates
+def test_the_least_gravity_of_a_cycle(plate):
+    """It is reached, but for a share of 1e-9 by which it may be taken too low."""
+    dm, _, phases = made(plate)
+    gravity = dm.g + motion(dm, phases)[2]
+    around = phases[np.argmin(gravity)] + np.linspace(-2e-3, 2e-3, 20_001)
+    least = min(gravity.min(), (dm.g + motion(dm, around)[2]).min())
+    assert dm.lightest <= least + 1e-12
+    assert dm.lightest == pytest.approx(least, abs=1e-6 * dm.g)
+
+
+def test_crests_of_random_waves_are_certain():
+    """Also of two that are equally high, and of flat ones (Gamma_2 = Gamma / 4 at a lag of 90 degrees)."""
+    rng = np.random.default_rng(3)
+    special = [(1.0, 0.5, pi / 2), (1.0, 0.5, 0.0), (1.0, 0.25, 1.5 * pi), (1.0, 0.25, pi / 2), (0.0, 1.0, 0.7)]
+    drawn = [(rng.uniform(0, 2), rng.uniform(1e-6, 2), rng.uniform(0, 2 * pi)) for _ in range(60)]
+    for Gamma, Gamma_2, phi_2 in special + drawn:
+        dm, _, phases = made({"Gamma": Gamma, "Gamma_2": Gamma_2, "phi_2": phi_2})
+        least = (dm.g + motion(dm, phases)[2]).min()
+        bend = (Gamma + 4 * Gamma_2) * dm.g
+        assert dm.lightest <= least + 1e-12
+        assert dm.lightest >= least - bend * (CYCLE[1] / 2) ** 2 / 2 - 2e-9 * bend
+
+
+@plates
+def test_gravity_over_a_stretch(plate):
+    dm, _, _ = made(plate)
+    rng = np.random.default_rng(1)
+    for _ in range(8):
+        phase, swing = rng.uniform(-10.0, 10.0), 10.0 ** rng.uniform(-2.0, 1.0)
+        gravity = dm.g + motion(dm, phase + np.linspace(0.0, swing, 20_001))[2]
+        assert least_gravity(dm, phase, swing) <= gravity.min() + 1e-6
+        assert mean_gravity(dm, phase, swing) == pytest.approx(np.trapezoid(gravity) / 20_000, abs=1e-6 * dm.g)
+        line = gravity[0] + (gravity[-1] - gravity[0]) * np.linspace(0.0, 1.0, 20_001)
+        assert sag(dm, swing) >= (line - gravity).max() - 1e-9
+
+
+@plates
+def test_bounds_of_the_derivatives(plate):
+    """No derivative exceeds its bound, and a single harmonic reaches it."""
+    dm, _, phases = made(plate)
+    speed, heaviest, jerk, snap = plate_bounds(dm)
+    _, rate, acceleration = motion(dm, phases)
+    step = (phases[1] - phases[0]) / dm.omega
+    third = np.gradient(acceleration, step)
+    seen = [
+        np.abs(rate).max(),
+        (dm.g + acceleration).max(),
+        np.abs(third).max(),
+        np.abs(np.gradient(third, step)).max(),
+    ]
+    bounds = [speed, heaviest, jerk, snap]
+    assert (np.array(seen) <= np.array(bounds) * (1 + 1e-9)).all()
+    if 0.0 in (dm.A_z, dm.A_2):
+        np.testing.assert_allclose(seen, bounds, rtol=1e-4)
+
+
+@plates
+def test_a_later_start_is_the_same_plate_later(plate):
+    """Shifting both phases, one twice as far, is waiting."""
+    dm, row, _ = made(plate)
+    row[ROW_PHI0] += 0.7
+    row[ROW_PHI_2] += 1.4
+    later = as_dimer(row)
+    np.testing.assert_allclose(motion(later, later.phi0 + 0.2), motion(dm, dm.phi0 + 0.9), atol=1e-13)
+
+
+def hop(plate, seed):
+    """A flight that starts on the plate."""
+    dm, _, _ = made(plate)
+    rng = np.random.default_rng(seed)
+    state = np.zeros(N_STATE)
+    state[PHASE], state[BETA] = rng.uniform(0, 2 * pi), rng.uniform(0.0, 0.4)
+    state[[WB, WP, SPIN]] = rng.normal(size=3) * [5, 5, 60]
+    state[N1] = 10.0 ** rng.uniform(-6, 0)
+    state[D2] = state[D1] + 2 * dm.h * np.sin(state[BETA])
+    state[N2] = state[N1] + 2 * dm.h * np.cos(state[BETA]) * state[WB]
+    return dm, state
+
+
+@plates
+@pytest.mark.parametrize("seed", range(4))
+def test_the_gap_of_a_flight(plate, seed):
+    """Its derivatives, and the plate's part in it, which grows from nothing to all digits."""
+    dm, state = hop(plate, seed)
+    fl, at_rest = take_off(dm, state), take_off(made({"Gamma": 0.0})[0], state)
+    start = state[PHASE] + dm.phi0
+    with mpmath.workdps(40):
+        t_0 = (mpmath.mpf(float(start)) - plate.get("phi0", 0.0)) / (2 * mpmath.pi * 15)
+        for t in (1e-7, 1e-4, 3e-3, 0.1):
+            z, rate = height(plate, t_0), mpmath.diff(lambda x: height(plate, x), t_0)
+            moved = float(height(plate, t_0 + t) - z - rate * t)
+            apart = np.array(gap_series(at_rest, -1.0, t)) - gap_series(fl, -1.0, t)
+            assert apart[0] == pytest.approx(moved, rel=1e-9, abs=1e-16 * max(1.0, state[N1]))
+            higher = [float(mpmath.diff(lambda x: height(plate, x), t_0 + t, n)) for n in (1, 2, 3)]
+            higher[0] -= float(rate)
+            np.testing.assert_allclose(apart[1:], higher, rtol=1e-9, atol=1e-12)
+            fourth = abs(float(mpmath.diff(lambda x: height(plate, x), t_0 + t, 4)))
+            assert fourth + fl.bound4 - plate_bounds(dm)[3] <= fl.bound4 * (1 + 1e-12)
+
+
+@plates
+@pytest.mark.parametrize("seed", range(10))
+def test_landings_are_the_first_ones(plate, seed):
+    dm, state = hop(plate, seed)
+    fl = take_off(dm, state)
+    t, _ = first_landing(fl, -1.0, 3.0)
+    before = t * np.linspace(1e-6, 1.0 - 1e-9, 1001)
+    gaps = np.array([gap_series(fl, -1.0, x)[0] for x in before])
+    assert (gaps > 0.0).all()
+    gap, rate, _, _ = gap_series(fl, -1.0, t)
+    assert abs(gap) <= 1e-13 * (abs(rate) + 1.0) and rate < 0.0
+
+
+def test_what_rests_for_good_is_told_by_the_least_gravity_of_the_cycle():
+    """Not by the intensities: two harmonics of 0.7 leave the dimer down, or throw it off, as their phases have it."""
+    state, held = np.zeros(N_STATE), np.array([STICK, STICK], float)
+    told = {}
+    for phi_2 in (0.0, pi / 2, 1.5 * pi):
+        dm, _, phases = made({"Gamma": 0.7, "Gamma_2": 0.7, "phi_2": phi_2})
+        told[phi_2] = rests_for_good(dm, state, held)
+        assert told[phi_2] == ((dm.g + motion(dm, phases)[2]).min() > 0.0)
+    assert True in told.values() and False in told.values()

@@ -1,0 +1,125 @@
+"""The parameters that may be left out: a plate with a second harmonic, and a coefficient for lasting contacts."""
+
+import numpy as np
+import pytest
+
+import dimersweep
+from dimersweep import simulate
+from dimersweep.errors import ParameterError
+from dimersweep.kernel.model.layout import ROW
+from dimersweep.parameters import Parameters
+from dimersweep.studies.sweep_spec import make_spec
+from dimersweep.symbols import BASE, LEFT_OUT, PARAMETERS
+
+jit = pytest.mark.jit
+SCENES = [
+    {},
+    {"Gamma": 0.5, "e": 0.4},
+    {"Gamma": 1.7, "A_r": 4.0, "beta0": 0.6},
+    {"e": 0.54, "Gamma": 1.28, "f": 16.07, "A_r": 4.78, "beta0": 0.13, "phi0": 2.0},
+    {"mu": 0.6, "mu_s": 1.2, "Gamma": 0.8, "xdot0": 2.0},
+]
+
+
+def test_every_parameter_has_a_value_where_it_is_left_out():
+    assert set(BASE) | set(LEFT_OUT) == set(PARAMETERS)
+    assert set(ROW) == set(PARAMETERS) - {"e"}
+    for name, value in LEFT_OUT.items():
+        assert value in BASE if isinstance(value, str) else value == 0.0, name
+
+
+def test_rows():
+    row = dict(zip(ROW, Parameters(mu_s=0.7).row(), strict=True))
+    assert (row["Gamma_2"], row["phi_2"], row["mu_h"]) == (0.0, 0.0, 0.7)
+    row = dict(zip(ROW, Parameters(Gamma_2=0.3, phi_2=-1.0, mu_h=0.25).row(), strict=True))
+    assert (row["Gamma_2"], row["phi_2"], row["mu_h"], row["mu_s"]) == (0.3, -1.0, 0.25, 0.4)
+
+
+def test_what_is_left_out_or_zero_is_not_told():
+    assert set(Parameters().given()) == set(BASE)
+    assert set(Parameters(Gamma_2=0.0, phi_2=0).given()) == set(BASE)
+    assert set(Parameters(mu_h=0.4, Gamma_2=0.1).given()) == {*BASE, "mu_h", "Gamma_2"}
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"mu_h": 0.1}, "mu_h = 0.1: must be >= mu = 0.2"),
+        ({"mu_h": True}, "mu_h = True: must be a number"),
+        ({"Gamma_2": -0.1}, "Gamma_2 = -0.1: must be >= 0"),
+        ({"Gamma_2": None}, "Gamma_2 = None: must be a number"),
+        ({"phi_2": float("inf")}, "phi_2 = inf: must be finite"),
+    ],
+)
+def test_what_is_not_allowed(parameters, message):
+    with pytest.raises(ParameterError, match=r"^" + message):
+        Parameters(**parameters)
+
+
+def test_the_configuration_of_a_sweep_without_them_does_not_name_them():
+    told = make_spec({"Gamma": [0.5, 0.9]}, periods=10).configuration()
+    assert set(told["fixed"]) == set(BASE) - {"Gamma"}
+    told = make_spec({"mu_h": [0.2, 0.4]}, {"Gamma_2": 0.3}, periods=10).configuration()
+    assert set(told["fixed"]) == {*BASE, "Gamma_2"}
+
+
+def arrays(run, periods):
+    """Every number of a run, as bytes."""
+    states = run.states(np.linspace(0.0, periods / run.parameters["f"], 301))
+    told = [repr((run.mode, run.n_events, run.orbit, run.down_share_1, run.settled_after))]
+    return told + [data[name].values.tobytes() for data in (run.events, states) for name in data.variables]
+
+
+@jit
+@pytest.mark.parametrize("scene", SCENES)
+def test_nothing_changes_where_they_say_nothing_new(scene):
+    """No second harmonic, whatever its phase, and lasting contacts held as impacts are: the same bits."""
+    same = {"Gamma_2": 0.0, "phi_2": 1.0, "mu_h": scene.get("mu_s", BASE["mu_s"])}
+    assert arrays(simulate(**scene, **same, periods=30), 30) == arrays(simulate(**scene, periods=30), 30)
+
+
+@jit
+def test_a_second_harmonic_alone_is_a_plate_of_twice_the_frequency():
+    """Gamma = 0: the run at 2 f, period by period, up to rounding."""
+    shaken = {"Gamma": 0.0, "f": 10.0, "Gamma_2": 0.9, "phi_2": 0.7}
+    times = np.linspace(0.0, 0.4, 41)
+    twice = simulate(**shaken, periods=4, rtol=1e-12).states(times)
+    plain = simulate(Gamma=0.9, f=20.0, phi0=0.7, periods=8, rtol=1e-12).states(times)
+    for name in ("x1", "y1", "z1", "theta", "beta", "gap_1", "gap_2", "plate", "z1_rate", "beta_rate"):
+        np.testing.assert_allclose(twice[name], plain[name], rtol=0, atol=1e-7)
+
+
+@jit
+def test_shadows_of_a_run_bound_its_error_with_both():
+    scene = {"Gamma_2": 0.4, "phi_2": 2.0, "mu_h": 0.25, "beta0": 0.2}
+    run = simulate(**scene, periods=5, rtol=1e-8)
+    finer = simulate(**scene, periods=5, rtol=1e-12)
+    times = np.linspace(0.0, 5 / 15, 21)
+    bound = run.error(times)["gap_2"].sel(time=times, method="nearest")
+    assert (np.abs(run.states(times)["gap_2"].values - finer.states(times)["gap_2"].values) <= bound.values).all()
+
+
+@jit
+def test_they_are_axes_like_any_other():
+    axes = {"Gamma_2": [0.0, 0.2], "mu_h": [0.2, 0.3, 0.4], "phi_2": [0.0, 1.0]}
+    cube = dimersweep.sweep(axes, periods=60, workers=1, progress=False)
+    assert cube["mode"].dims == tuple(axes)
+    assert cube["mu_h"].attrs["units"] == "1" and cube["phi_2"].attrs["units"] == "rad"
+    plain = dimersweep.sweep({"xdot0": [1.0]}, periods=60, workers=1, progress=False)
+    same = cube.sel(Gamma_2=0.0, mu_h=0.4)
+    for name in ("mode", "n_events", "radius", "zeta"):
+        np.testing.assert_array_equal(same[name].values, np.repeat(plain[name].values, 2))
+    assert cube["n_events"].sel(Gamma_2=0.2).values.min() > 0
+    assert not np.array_equal(cube["n_events"].sel(mu_h=0.2), cube["n_events"].sel(mu_h=0.4))
+
+
+@jit
+def test_held_by_mu_in_lasting_contact_the_end_that_is_down_slips_more():
+    """With mu_h = mu p1 slips for most of a cycle of the drift, with mu_h = mu_s it rolls for most of it."""
+    shares = {}
+    for mu_h in (0.2, 0.4):
+        run = simulate(mu_h=mu_h, periods=300)
+        assert run.mode == "drift"
+        late = run.states((280 + np.linspace(0.0, 10.0, 4001)) / 15)
+        shares[mu_h] = float((late["contact_state"] == 10).mean())  # SC_sp of p1
+    assert shares[0.2] > 0.8 and shares[0.4] < 0.35
