@@ -3,7 +3,7 @@
 Energies are those in the plate's frame, in units of the largest energy of the run and that of the plate's speed.
 What comes from nothing: the gain of kinetic energy in an impact (the plate has no speed there, friction and restitution only
 take); the change of the total energy of the lab in flight; the gain in sustained contact beyond the work of the effective
-gravity g (1 - Gamma sin), which comes from a quadrature of known error. The impact that closes a chatter stands apart: it
+gravity g + z_p'', which comes from a quadrature of known error. The impact that closes a chatter stands apart: it
 cancels the last hop, and with it the friction that this hop would have given back.
 """
 
@@ -15,7 +15,7 @@ import numpy as np
 from dimersweep.kernel.batch import run_recorded
 from dimersweep.kernel.course import new_workspace
 from dimersweep.kernel.impact.impact import N_LOG
-from dimersweep.kernel.model.body import as_dimer
+from dimersweep.kernel.model.body import dimer_of
 from dimersweep.kernel.model.layout import (
     BETA,
     C_CHATTER_END,
@@ -40,11 +40,11 @@ from dimersweep.kernel.model.layout import (
     WB,
     WP,
 )
+from dimersweep.kernel.model.plate import motion
 from dimersweep.kernel.record import EVENT, HOP_TIME, MODES, N_EVENT, N_SEGMENT, no_record
 from dimersweep.kernel.sample import sample
 
 CODE = {name: k for k, name in enumerate(CODES)}
-AS_DIMER = getattr(as_dimer, "py_func", as_dimer)
 LOG_ROWS, FIRST_ROWS, MOST_ROWS = 400, 2000, 200_000
 SAME = 1e-13  # events closer than this, in forcing periods, are at one moment
 INSIDE = 0.5 - 0.5 * np.cos(pi * np.arange(1, 12) / 12)  # where a phase is looked at
@@ -98,12 +98,9 @@ def total(dm, states):
 def lab_gain(dm, starts, ends):
     """Change of the dimer's total energy in the lab's frame over flights; states of shape (n, N_STATE) [J]."""
     (c_0, p_0, z_0), (c_1, p_1, z_1) = (
-        (
-            0.5 * (s[N1] + s[N2]),
-            dm.A_z * dm.omega * np.cos(s[PHASE] + dm.phi0),
-            0.5 * (s[D1] + s[D2]) + dm.A_z * np.sin(s[PHASE] + dm.phi0),
-        )
+        (0.5 * (s[N1] + s[N2]), rate, 0.5 * (s[D1] + s[D2]) + height)
         for s in (starts.T, ends.T)
+        for height, rate, _ in [motion(dm, s[PHASE] + dm.phi0)]
     )
     frame = dm.m * (c_1 * p_1 - c_0 * p_0 + 0.5 * (p_1 - p_0) * (p_1 + p_0))
     return kinetic(dm, ends) - kinetic(dm, starts) + frame + dm.m * dm.g * (z_1 - z_0)
@@ -176,7 +173,7 @@ def contact_gains(dm, row, segments, span, rise, rtol, unit):
     """Gain of energy in contact phases beyond the work of the effective gravity, and the doubt about that work [J]."""
 
     def power(states, which):
-        pull = dm.g - dm.A_z * dm.omega**2 * np.sin(states[..., PHASE] + dm.phi0)
+        pull = dm.g + motion(dm, states[..., PHASE] + dm.phi0)[2]
         return -0.5 * dm.m / dm.omega * pull * (states[..., N1] + states[..., N2])
 
     work, doubt = integrals(row, segments, span, rtol, power, DOUBT * unit)
@@ -290,7 +287,7 @@ def phases_of(row, rtol, events, segments):
 
 def look_at(row, rtol, status, n_events, events, segments):
     """What the record of a run shows: see `examine`."""
-    dm = AS_DIMER(row)
+    dm = dimer_of(row)
     segments, span, ends, after, after_modes, struck, closed = phases_of(row, rtol, events, segments)
     starts, modes = segments[:, :N_STATE], segments[:, MODES:HOP_TIME]
     smooth = ~closed & ~struck
@@ -300,7 +297,10 @@ def look_at(row, rtol, status, n_events, events, segments):
     rise = kinetic(dm, ends) - kinetic(dm, starts)
     jump = kinetic(dm, after) - kinetic(dm, ends)
     leans = ~free & ~at_rest
-    most = max(largest(total(dm, starts)), largest(total(dm, ends))) + 0.5 * dm.m * (dm.A_z * dm.omega) ** 2
+    most = (
+        max(largest(total(dm, starts)), largest(total(dm, ends)))
+        + 0.5 * dm.m * (dm.omega * (dm.A_z + 2.0 * dm.A_2)) ** 2
+    )
     leaning, doubt = contact_gains(dm, row, segments[leans], span[leans], rise[leans], rtol, most)
     found = {
         "flight": np.abs(lab_gain(dm, starts[free], ends[free])),
@@ -317,7 +317,7 @@ def look_at(row, rtol, status, n_events, events, segments):
         "rtol": rtol,
         "n_events": n_events,
         "penetration": largest(-gaps),
-        "length": float(max(2 * dm.h, dm.A_z, largest(gaps))),
+        "length": float(max(2 * dm.h, dm.A_z + dm.A_2, largest(gaps))),
         "gain": gain,
         "nothing": gain,
         "doubt": float(largest(doubt) / most) if most else 0.0,

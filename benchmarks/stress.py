@@ -32,8 +32,8 @@ from dimersweep.kernel.model.layout import (
     ROW,
     STATUSES,
 )
-from dimersweep.parameters import Parameters
-from dimersweep.symbols import BASE
+from dimersweep.parameters import Parameters, fill_rows
+from dimersweep.symbols import BASE, LEFT_OUT
 
 FIGURE = Path(__file__).resolve().parents[1] / "docs" / "figures" / "stress.png"
 BLOCK = 1000
@@ -102,12 +102,26 @@ def near(rng, n):
     }
 
 
+def wider(rng, n, columns):
+    """What the parameters that may be left out add to scenes: a second harmonic, and another hold of lasting contacts."""
+    Gamma, mu, mu_s = columns["Gamma"], columns["mu"], columns["mu_s"]
+    tiny = log_uniform(rng, 1e-12, 1e-2, n)
+    Gamma_2 = np.where(rng.random(n) < 0.5, Gamma * rng.uniform(0, 2, n), log_uniform(rng, 1e-3, 20, n))
+    return {
+        "Gamma_2": pick(rng, n, Gamma_2, 0.0, Gamma, 0.25 * Gamma, tiny),
+        "phi_2": pick(rng, n, rng.uniform(0, 2 * pi, n), 0.0, pi / 2, 1.5 * pi),
+        "mu_h": pick(rng, n, rng.uniform(mu, 1.5 * mu_s), mu, mu_s, mu * (1.0 + tiny)),
+    }
+
+
 def rows_of(block, n, seed, domain):
     """Parameter rows of the first `n` scenes of one block; each block has random numbers of its own."""
     rng = np.random.default_rng([seed, block])
-    columns = far(rng, BLOCK) if domain == "far" or (domain == "mixed" and block % 2) else near(rng, BLOCK)
-    columns["e_1"] = columns["e_2"] = columns["e"]
-    return np.column_stack([columns[name] for name in ROW])[:n]
+    away = domain == "far" or (domain in ("mixed", "wider") and block % 2)
+    columns = far(rng, BLOCK) if away else near(rng, BLOCK)
+    if domain == "wider":
+        columns |= wider(rng, BLOCK, columns)
+    return fill_rows(columns, BLOCK)[:n]
 
 
 def parameters_of(row):
@@ -115,7 +129,13 @@ def parameters_of(row):
     values = dict(zip(ROW, row.tolist(), strict=True))
     values["e"] = values.pop("e_1")
     del values["e_2"]
-    return values
+    return {name: value for name, value in values.items() if name not in LEFT_OUT or value != base(values, name)}
+
+
+def base(scene, name):
+    """Value of a parameter of a scene where it is left out."""
+    value = BASE[name] if name in BASE else LEFT_OUT[name]
+    return scene[value] if isinstance(value, str) else value
 
 
 def run_block(rows, periods, rtol):
@@ -185,19 +205,20 @@ def minimise(scene, periods, rtol, fault):
     while True:
         before = dict(scene), periods
         periods = next((n for n in range(1, periods) if fails(scene, n)), periods)
-        for name in [name for name in scene if name in BASE]:
+        for name in list(scene):
             simple = next(
-                (value for value in simpler(name, scene[name]) if fails(scene | {name: value}, periods)), None
+                (value for value in simpler(base(scene, name), scene[name]) if fails(scene | {name: value}, periods)),
+                None,
             )
             if simple is not None:
                 scene = scene | {name: simple}
         if (scene, periods) == before:
-            return {name: value for name, value in scene.items() if value != BASE[name]}, periods
+            return {name: value for name, value in scene.items() if value != base(scene, name)}, periods
 
 
-def simpler(name, value):
-    """Values simpler than this one, the simplest first."""
-    tries = [BASE[name]] + [float(f"{value:.{digits}g}") for digits in range(1, 17)]
+def simpler(usual, value):
+    """Values simpler than this one, the simplest, the usual one, first."""
+    tries = [usual] + [float(f"{value:.{digits}g}") for digits in range(1, 17)]
     return tries[: tries.index(value)] if value in tries else tries
 
 
@@ -435,7 +456,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scenes", type=int)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--domain", choices=("near", "far", "mixed"), default="far")
+    parser.add_argument("--domain", choices=("near", "far", "mixed", "wider"), default="far")
     parser.add_argument("--periods", type=int, default=10)
     parser.add_argument("--rtol", type=float, default=1e-8)
     parser.add_argument("--workers", type=int, default=os.cpu_count())
