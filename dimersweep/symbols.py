@@ -1,14 +1,22 @@
 """The words of the package: every parameter and every quantity that comes out, with its unit and its meaning."""
 
-from math import pi
-from typing import NamedTuple
+from math import inf, pi
+from typing import Any, NamedTuple
 
 
 class Quantity(NamedTuple):
-    """Unit ("1" if none) and meaning of a parameter, of something that a run gives, or of a label."""
+    """Unit ("1" if none), meaning and range of a parameter, of something that a run gives, or of a label."""
 
     units: str
     long_name: str
+    least: float = -inf
+    most: float = inf
+
+    def attributes(self, kind: type = float) -> dict[str, Any]:
+        """Attributes of a CF variable of a `kind` of number: unit, meaning, and the ends of the range that are finite."""
+        ends = {"valid_min": self.least, "valid_max": self.most}
+        bounds = {name: kind(value) for name, value in ends.items() if abs(value) < inf}
+        return {"units": self.units, "long_name": self.long_name} | bounds
 
 
 # the paper's base case (Sect. 3)
@@ -56,31 +64,31 @@ LEFT_OUT: dict[str, str | float] = {"e_1": "e", "e_2": "e", "Gamma_2": 0.0, "phi
 QUANTITIES = {
     "status": Quantity("1", "how the run ended"),
     "mode": Quantity("1", "mode of motion"),
-    "mode_period": Quantity("1", "period of the motion in forcing periods"),
+    "mode_period": Quantity("1", "period of the motion in forcing periods", 0, 16),
     "di_end": Quantity("1", "friction of p1, p2 at the end of the double impact"),
-    "n_events": Quantity("1", "number of events of the run"),
-    "n_periods": Quantity("1", "number of forcing periods run"),
-    "radius": Quantity("m", "radius of the orbit"),
-    "period": Quantity("s", "period of the orbit"),
-    "zeta": Quantity("rad", "angle from the axis p1-p2 to the velocity at the end of the double impact"),
-    "speed": Quantity("m s-1", "speed of the centre of mass at the end of the double impact"),
+    "n_events": Quantity("1", "number of events of the run", 0),
+    "n_periods": Quantity("1", "number of forcing periods run", 0),
+    "radius": Quantity("m", "radius of the orbit", 0),
+    "period": Quantity("s", "period of the orbit", 0),
+    "zeta": Quantity("rad", "angle from the axis p1-p2 to the velocity at the end of the double impact", 0, pi),
+    "speed": Quantity("m s-1", "speed of the centre of mass at the end of the double impact", 0),
     "precession_rate": Quantity("rad s-1", "mean precession rate over the last forcing period"),
-    "impact_phase": Quantity("1", "phase of the double impact in cycles of the plate"),
+    "impact_phase": Quantity("1", "phase of the double impact in cycles of the plate", 0, 1),
     "spin_rate": Quantity("rad s-1", "axial spin after the double impact"),
     "beta_rate_after": Quantity("rad s-1", "rate of the dip angle after the double impact"),
-    "down_share_1": Quantity("1", "share of the time that p1 is closed or chattering"),
-    "down_share_2": Quantity("1", "share of the time that p2 is closed or chattering"),
-    "settled_after": Quantity("1", "forcing periods until the motion had settled"),
+    "down_share_1": Quantity("1", "share of the last (at most 12) periods that p1 is down", 0, 1),
+    "down_share_2": Quantity("1", "share of the last (at most 12) periods that p2 is down", 0, 1),
+    "settled_after": Quantity("1", "forcing periods until the motion had settled", 0),
     "confidence": Quantity("1", "whether the mode stands at other accuracies and from starts beside this one"),
     "error_estimate": Quantity(
-        "1", "largest relative error of the orbit (of zeta and impact_phase: absolute), estimated"
+        "1", "largest relative error of the orbit (of zeta and impact_phase: absolute), estimated", 0
     ),
     # of a search
     "answer": Quantity("1", "answer to the question of the search"),
     "region": Quantity("1", "mode asked for where the answer is yes, else the one mode of all runs"),
     "outcome": Quantity("1", "mode of motion that runs led to"),
-    "n_runs": Quantity("1", "number of runs that the answer took"),
-    "runs": Quantity("1", "number of runs that the answer took, by their mode"),
+    "n_runs": Quantity("1", "number of runs that the answer took", 0),
+    "runs": Quantity("1", "number of runs that the answer took, by their mode", 0),
     "axial_velocity": Quantity("m s-1", "mean velocity along the axis from the end that is down to the other one"),
     "computed": Quantity("1", "whether runs were made here; else as the cell around it"),
 }
@@ -91,8 +99,8 @@ QUANTITIES |= {
 
 # what a recorded run gives of each event, and of each moment
 EVENTS = {
-    "time": Quantity("s", "time since the start"),
-    "phase": Quantity("rad", "phase of the plate, omega t + phi0, in [0, 2 pi)"),
+    "time": Quantity("s", "time since the start", 0),
+    "phase": Quantity("rad", "phase of the plate, omega t + phi0, in [0, 2 pi)", 0, 2 * pi),
     "kind": Quantity("1", "contact state during the impact, or from the event on"),
     "cause": Quantity("1", "what happened"),
     "contact_before": Quantity("1", "contact state before the event"),
@@ -103,7 +111,7 @@ EVENTS = {
     "gap_2_rate_after": Quantity("m s-1", "rate of the gap of p2 after the event"),
     "impulse_1": Quantity("N s", "normal impulse of the plate on p1"),
     "impulse_2": Quantity("N s", "normal impulse of the plate on p2"),
-    "beta": Quantity("rad", "dip angle"),
+    "beta": Quantity("rad", "dip angle", -pi / 2, pi / 2),
     "theta": Quantity("rad", "precession angle"),
     "slip_1_a": Quantity("m s-1", "velocity of contact point p1 after the event, along the axis p1-p2"),
     "slip_1_b": Quantity("m s-1", "velocity of contact point p1 after the event, across the axis p1-p2"),
@@ -115,7 +123,7 @@ STATES = {
     "y1": Quantity("m", "y of the centre of ball 1"),
     "z1": Quantity("m", "z of the centre of ball 1"),
     "theta": Quantity("rad", "precession angle"),
-    "beta": Quantity("rad", "dip angle"),
+    "beta": Quantity("rad", "dip angle", -pi / 2, pi / 2),
     "spin": Quantity("rad", "spinning angle"),
     "x1_rate": Quantity("m s-1", "x velocity of the centre of ball 1"),
     "y1_rate": Quantity("m s-1", "y velocity of the centre of ball 1"),

@@ -229,7 +229,7 @@ def test_data_have_units_and_meanings(base):
             assert variable.attrs["long_name"], name
     contact = base.states(0.0)["contact_state"]
     assert contact.dtype == np.int8
-    assert len(contact.attrs["flag_values"]) == len(contact.attrs["flag_meanings"].split()) == 25
+    assert len(contact.attrs["flag_values"]) == len(contact.attrs["flag_meanings"].split()) == 9
 
 
 def test_a_run_stops_when_settled():

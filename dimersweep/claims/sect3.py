@@ -37,7 +37,7 @@ def shares(run: Run) -> dict[str, float]:
 )
 def base_drifts(lab: Lab) -> Finding:
     run = lab.base
-    value = f"{run.mode}; p1 down {100 * run.down_share_1:.2f} % of the time, p2 {100 * abs(run.down_share_2):.2f} %"
+    value = f"{run.mode}; p1 down {100 * run.down_share_1:.2f} % of the time, p2 {100 * run.down_share_2:.2f} %"
     holds = run.mode == "drift" and run.down_share_1 > 0.95 and run.down_share_2 < 0.05
     return Finding(value, verdict(holds), "p1 down for more than 95 %, p2 for less than 5 %")
 
@@ -70,7 +70,7 @@ def opposite_velocities(lab: Lab) -> Finding:
 @claim("3.1", "After the single impacts B1 keeps contact in the slip state SC_sp, until B2 lands")
 def sliding_contact(lab: Lab) -> Finding:
     share = shares(lab.base)
-    slip, stick = share.get("SC_sp", 0.0), share.get("SC_sk", 0.0)
+    slip, stick = share.get("SC1_sp", 0.0), share.get("SC1_sk", 0.0)
     why = (
         "SC_sp for more than half of the cycle. With mu = 0.2 the friction brings the slip (2.3 mm/s at most) to zero "
         "within a quarter of a cycle, and then holds p1 rolling: |F_t| stays below mu_s F_n"

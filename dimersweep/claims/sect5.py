@@ -263,5 +263,5 @@ def _studied(lab: Lab, changed: dict[str, Any]) -> Studied | None:
     run = simulate(**(given | {"f": f, "beta0": cube["beta0"].item()}), periods=lab.late)
     if run.orbit is None:
         return None
-    rolls = shares(run).get("SC_sk", 0.0)
+    rolls = shares(run).get("SC1_sk", 0.0)
     return Studied(run.orbit.radius, run.orbit.di_end, rolls, float(np.rad2deg(cube["beta0"].item())))

@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.cubes.grid import Grid
+from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import (
     CODES,
     DI_ENDS,
@@ -48,7 +49,7 @@ def blank(n: int) -> tuple[np.ndarray, np.ndarray]:
 def coordinate(name: str, values: Any, quantity: Quantity) -> xr.Variable:
     """Values along an axis of that name, or the one value of a fixed parameter, with their unit."""
     dims = (name,) if np.ndim(values) else ()
-    variable = xr.Variable(dims, values, quantity._asdict())
+    variable = xr.Variable(dims, values, quantity.attributes())
     variable.encoding.update(_SUMMED if dims else {}, _FillValue=None)  # CF: a coordinate has no missing values
     return variable
 
@@ -61,7 +62,7 @@ def label_variable(name: str, dims: tuple[str, ...], values: np.ndarray) -> xr.V
         attributes["flag_values"] = np.arange(len(FLAGS[name]), dtype=np.int8)
         attributes["flag_meanings"] = " ".join(FLAGS[name])
     else:
-        attributes["units"] = QUANTITIES[name].units
+        attributes |= QUANTITIES[name].attributes(np.int32)
     variable = xr.Variable(dims, values.astype(kind), attributes)
     variable.encoding.update(_PACKED, _FillValue=None)  # with one, xarray would read the integers back as floats
     return variable
@@ -69,7 +70,7 @@ def label_variable(name: str, dims: tuple[str, ...], values: np.ndarray) -> xr.V
 
 def float_variable(dims: tuple[str, ...], values: np.ndarray, quantity: Quantity) -> xr.Variable:
     """Float results with their unit; NaN where they have no meaning."""
-    variable = xr.Variable(dims, values, quantity._asdict())
+    variable = xr.Variable(dims, values, quantity.attributes())
     variable.encoding.update(_PACKED, _FillValue=np.nan)
     return variable
 
@@ -139,10 +140,24 @@ def flatten(cube: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
 def names(flags: xr.DataArray) -> xr.DataArray:
     """The words behind a flag variable, such as "drift" for each point of ``cube["mode"]``.
 
+    Parameters
+    ----------
+    flags : xarray.DataArray of int
+        With the CF attributes `flag_values` and `flag_meanings`.
+
     Returns
     -------
     xarray.DataArray of str
         Same dimensions and coordinates.
+
+    Raises
+    ------
+    ParameterError
+        If it is no flag variable.
     """
+    if not isinstance(flags, xr.DataArray) or "flag_meanings" not in flags.attrs:
+        told = getattr(flags, "name", None) or type(flags).__name__
+        raise ParameterError(f"names: {told} has no words; give a flag variable such as cube['mode']")
     words = np.array(flags.attrs["flag_meanings"].split())
-    return flags.copy(data=words[flags.values]).drop_attrs()
+    places = np.searchsorted(flags.attrs["flag_values"], flags.values)
+    return flags.copy(data=words[places]).drop_attrs()

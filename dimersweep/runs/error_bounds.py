@@ -22,7 +22,11 @@ NUDGE = 1e-4  # change of the start over rtol: far below the error of the run, f
 SAFETY = 10.0  # bound over difference: two runs can be alike by chance
 ROUNDING = 1e-12  # what no number is known better than, in its scale
 _BY_UNIT = {"m": 0.01, "m s-1": 0.1, "rad": 1.0, "rad s-1": 1.0}
-SCALES = {name: _BY_UNIT[unit] for name, (unit, _) in STATES.items() if unit in _BY_UNIT and name != "plate"}
+SCALES = {
+    name: _BY_UNIT[quantity.units]
+    for name, quantity in STATES.items()
+    if quantity.units in _BY_UNIT and name != "plate"
+}
 SCALES |= {"spin": 10.0, "spin_rate": 100.0}  # the ball turns as many times as fast as the rod is long
 COORDINATES = ("x1", "y1", "gap_1", "theta", "beta", "spin")
 CLOSED_STATE = COORDINATES + tuple(f"{name}_rate" for name in COORDINATES)
@@ -154,8 +158,8 @@ def bounds(run: Recorded, shadows: Sequence[Recorded], times: np.ndarray, T: flo
     for name, scale in SCALES.items():
         # what two runs happen to share for a moment is no less in error: the largest difference so far counts
         bound = SAFETY * np.maximum.accumulate(np.max([errors[name] for errors in apart], axis=0))
-        units, meaning = STATES[name]
-        attributes = {"units": units, "long_name": f"bound on the error: {meaning}"}
+        meaning = f"bound on the error: {STATES[name].long_name}"
+        attributes = {"units": STATES[name].units, "long_name": meaning}
         variables[name] = ("time", bound + ROUNDING * scale, attributes)
     late = np.max([delays(run, shadow) for shadow in shadows], axis=0)
     bound = np.where(np.isnan(late), np.nan, SAFETY * np.fmax.accumulate(late) + ROUNDING * T)
@@ -164,4 +168,4 @@ def bounds(run: Recorded, shadows: Sequence[Recorded], times: np.ndarray, T: flo
     total = scaled({name: variables[name][1] for name in CLOSED_STATE})
     variables["scaled"] = ("time", total, {"units": "1", "long_name": "largest bound of the state, in its scales"})
     coordinates = {name: run.events[name].variable for name in ("cause", "kind")}
-    return xr.Dataset(variables, coordinates | {"time": ("time", times, EVENTS["time"]._asdict())})
+    return xr.Dataset(variables, coordinates | {"time": ("time", times, EVENTS["time"].attributes())})

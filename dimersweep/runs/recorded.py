@@ -17,6 +17,7 @@ from dimersweep.kernel.model.layout import (
     CONTACT_STATES,
     D1,
     D2,
+    FREE,
     GAMMA,
     IMPACT,
     N1,
@@ -25,8 +26,10 @@ from dimersweep.kernel.model.layout import (
     OK,
     PERIOD,
     PHASE,
+    SLIP,
     SPIN,
     STATUS_MESSAGES,
+    STICK,
     THETA,
     WB,
     WP,
@@ -38,6 +41,7 @@ from dimersweep.kernel.record import EVENT, HOP_TIME, no_record
 from dimersweep.kernel.sample import HOPS_LAST, sample
 from dimersweep.symbols import EVENTS, STATES, Quantity
 
+BETWEEN_IMPACTS = [5 * first + second for first in (FREE, STICK, SLIP) for second in (FREE, STICK, SLIP)]
 BOUNDARY = 1e-12  # a time this far below the end of a forcing period counts as that end, in periods
 
 
@@ -56,7 +60,7 @@ def _times(periods: np.ndarray, phases: np.ndarray, f: float) -> np.ndarray:
 
 def _dataset(columns: dict[str, np.ndarray], quantities: dict[str, Quantity], dim: str) -> xr.Dataset:
     """Columns of one length with their units and meanings, in the order of `quantities`."""
-    return xr.Dataset({name: (dim, columns[name], quantity._asdict()) for name, quantity in quantities.items()})
+    return xr.Dataset({name: (dim, columns[name], quantity.attributes()) for name, quantity in quantities.items()})
 
 
 def events_of(record: Record, parameters: dict[str, float]) -> xr.Dataset:
@@ -139,10 +143,10 @@ def _states(
         "plate": plate,
         "contact_state": (5 * modes[:, 0] + modes[:, 1]).astype(np.int8),
     }
-    states = _dataset(columns, STATES, "time").assign_coords(time=("time", times, EVENTS["time"]._asdict()))
+    states = _dataset(columns, STATES, "time").assign_coords(time=("time", times, EVENTS["time"].attributes()))
     states["contact_state"].attrs |= {
-        "flag_values": np.arange(len(CONTACT_STATES), dtype=np.int8),
-        "flag_meanings": " ".join(CONTACT_STATES),
+        "flag_values": np.array(BETWEEN_IMPACTS, dtype=np.int8),
+        "flag_meanings": " ".join(CONTACT_STATES[code] for code in BETWEEN_IMPACTS),
     }
     return states
 

@@ -101,7 +101,8 @@ class Run:
     orbit : Orbit or None
         None unless the mode is drift.
     down_share_1, down_share_2 : float
-        Share of the last (at most 12) periods that each end is closed or in hops shorter than half a period [1].
+        Share of the last (at most 12) periods that each end is down [1]: closed, or in hops shorter than half a period. A
+        longer flight, or one that goes on at the end, counts from the start of those periods on.
     settled_after : float
         Forcing periods until the motion had settled; NaN if it has not.
     """

@@ -428,11 +428,11 @@ def test_every_answer_has_a_name_and_every_status_a_message():
 
 def test_contact_states_are_those_of_table_1():
     table = """
-        FM     SC_sk     SC_sp     SI_sk     SI_sp
-        SC_sk  DC_sk_sk  DC_sk_sp  DI_sk_sk  DI_sk_sp
-        SC_sp  DC_sp_sk  DC_sp_sp  DI_sp_sk  DI_sp_sp
-        SI_sk  DI_sk_sk  DI_sk_sp  DI_sk_sk  DI_sk_sp
-        SI_sp  DI_sp_sk  DI_sp_sp  DI_sp_sk  DI_sp_sp
+        FM      SC2_sk    SC2_sp    SI2_sk    SI2_sp
+        SC1_sk  DC_sk_sk  DC_sk_sp  DI_sk_sk  DI_sk_sp
+        SC1_sp  DC_sp_sk  DC_sp_sp  DI_sp_sk  DI_sp_sp
+        SI1_sk  DI_sk_sk  DI_sk_sp  DI_sk_sk  DI_sk_sp
+        SI1_sp  DI_sp_sk  DI_sp_sp  DI_sp_sk  DI_sp_sp
     """
     assert list(layout.CONTACT_STATES) == table.split()
 
@@ -441,7 +441,7 @@ def test_a_run_starts_as_the_paper_says():
     """p1 on the plate and at rest in space but for xdot0, so that the plate hits it at once."""
     run = simulate(phi0=0.7, beta0=0.4, xdot0=0.8, periods=1)
     first = run.events.isel(event=0)
-    assert (first["time"].item(), first["cause"].item(), first["kind"].item()) == (0, "impact", "SI_sp")
+    assert (first["time"].item(), first["cause"].item(), first["kind"].item()) == (0, "impact", "SI1_sp")
     rise = 0.9 * G / (2 * pi * 15) * np.cos(0.7)
     for rate in ("gap_1_rate_before", "gap_2_rate_before"):
         assert first[rate].item() == pytest.approx(-rise, rel=1e-14)

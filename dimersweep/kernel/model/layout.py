@@ -63,12 +63,14 @@ IMPACT = 2
 
 
 def contact_state_name(code: int) -> str:
-    """Name of a contact state of Table 1, such as ``SC_sp`` or ``DI_sp_sk``."""
+    """Name of a contact state of Table 1, such as ``SC1_sp`` or ``DI_sp_sk``; a digit tells which end alone is down."""
     s = divmod(int(code), 5)
     closed = [k for k in s if k > 0]
     if not closed:
         return "FM"
     family = ("D" if len(closed) == 2 else "S") + ("I" if max(closed) > SLIP else "C")
+    if len(closed) == 1:
+        family += "1" if s[0] > 0 else "2"
     return family + "".join("_sk" if k in (STICK, STICK + IMPACT) else "_sp" for k in closed)
 
 

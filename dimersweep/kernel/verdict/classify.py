@@ -71,7 +71,7 @@ PAST_ROWS, PAST_COLUMNS = 2 + 3 * RING, 24
 S_OFF_1, S_OFF_2, S_DOWN_1, S_DOWN_2, S_DOUBLES, S_LANDINGS, S_STROBES, S_CLOSED = range(8)
 RUNS = 1  # this row holds, in column p, for how many periods the motion has repeated with period p
 # columns of a strobe
-P_D1, P_D2, P_N1, P_N2, P_DOWN_1, P_DOWN_2, P_DOUBLES = range(7)
+P_D1, P_D2, P_N1, P_N2, P_DOWN_1, P_DOWN_2, P_DOUBLES, P_TIME, P_OFF_1, P_OFF_2 = range(10)
 N_NORMAL = P_N2 + 1  # those up to here are the normal state, which a motion repeats
 # columns of a double event
 E_TIME, E_PHASE, E_SPEED, E_ZETA, E_THETA, E_SPIN, E_WB, E_END, E_BOUNCER = range(9)
@@ -110,6 +110,10 @@ def note_landing(dm, past, i, now):
         return False
     past[SCALARS, S_OFF_1 + i] = -1.0
     hop = now - off
+    if hop < HOP_LINE * dm.T:  # it counts as down after all, and crosses the last period boundary at most
+        strobe = STROBES + (int(past[SCALARS, S_STROBES]) + RING - 1) % RING
+        if past[strobe, P_OFF_1 + i] == off:
+            past[strobe, P_OFF_1 + i] = -1.0
     if hop < NOTED * dm.T:
         return False
     is_long = hop >= HOP_LINE * dm.T
@@ -199,6 +203,8 @@ def note_period(dm, state, modes, past):
     row[P_N1], row[P_N2] = state[N1] / speed, state[N2] / speed
     row[P_DOWN_1], row[P_DOWN_2] = past[SCALARS, S_DOWN_1], past[SCALARS, S_DOWN_2]
     row[P_DOUBLES] = past[SCALARS, S_DOUBLES]
+    row[P_TIME] = time_of(state, dm.omega, dm.T)
+    row[P_OFF_1], row[P_OFF_2] = past[SCALARS, S_OFF_1], past[SCALARS, S_OFF_2]
     past[SCALARS, S_STROBES] += 1.0
     past[SCALARS, S_CLOSED] = past[SCALARS, S_CLOSED] + 1.0 if modes[0] != FREE and modes[1] != FREE else 0.0
     for p in range(1, MAX_PERIOD + 1):
@@ -272,15 +278,20 @@ def rests_for_good(dm, state, modes):
 
 
 @compiled
-def shares(dm, past, p):
-    """Shares of the last p periods: p1 down, p2 down, neither down."""
+def down_until(strobe, i):
+    """Time that end i has been down by a strobe [s], up to a constant; a flight that goes on then counts as a long one."""
+    off = strobe[P_OFF_1 + i]
+    return strobe[P_TIME] + strobe[P_DOWN_1 + i] - (strobe[P_TIME] - off if off >= 0.0 else 0.0)
+
+
+@compiled
+def share(past, p, i):
+    """Share of the last p periods that end i is down, in [0, 1]: of a flight, the part within them is not."""
     count = int(past[SCALARS, S_STROBES])
     last = past[STROBES + (count - 1) % RING]
     first = past[STROBES + (count - 1 - p) % RING]
-    span = p * dm.T
-    down_1 = 1.0 + (last[P_DOWN_1] - first[P_DOWN_1]) / span
-    down_2 = 1.0 + (last[P_DOWN_2] - first[P_DOWN_2]) / span
-    return down_1, down_2
+    down = (down_until(last, i) - down_until(first, i)) / (last[P_TIME] - first[P_TIME])
+    return max(0.0, min(1.0, down))  # but for rounding it is
 
 
 @compiled
@@ -293,7 +304,7 @@ def mode_of(dm, past, at_rest):
     if p == 0:
         return M_UNRESOLVED, 0
     span = p * max(1, 12 // p)
-    down_1, down_2 = shares(dm, past, span)
+    down_1, down_2 = share(past, span, 0), share(past, span, 1)
     doubles = past[STROBES + (count - 1) % RING, P_DOUBLES] - past[STROBES + (count - 1 - span) % RING, P_DOUBLES]
     if p == 1 and doubles == span and max(down_1, down_2) >= DOWN_LINE and min(down_1, down_2) <= 0.5:
         return M_DRIFT, 1
@@ -393,7 +404,7 @@ def verdict(dm, past, at_rest, out):
         end = orbit_of(dm, past, out)
     if past[SCALARS, S_STROBES] > 1.0:
         span = int(min(past[SCALARS, S_STROBES] - 1.0, 12.0))
-        out[OUT_DOWN_SHARE_1], out[OUT_DOWN_SHARE_2] = shares(dm, past, span)
+        out[OUT_DOWN_SHARE_1], out[OUT_DOWN_SHARE_2] = share(past, span, 0), share(past, span, 1)
     if p > 0:
         out[OUT_SETTLED_AFTER] = past[SCALARS, S_STROBES] - past[RUNS, p]
     return mode, p, end
