@@ -323,7 +323,9 @@ def measure(
     kept = Record(log, np.zeros((rows, N_EVENT)), np.zeros((rows, N_SEGMENT)), counts)
 
     def run(periods: int, settle: bool) -> None:
-        batch.run_rows(row, batch.ask_for(periods, rtol, settle, path), 0, out, codes, space, kept)
+        batch.run_rows(
+            row, np.zeros((0, batch.N_START)), batch.ask_for(periods, rtol, settle, path), 0, out, codes, space, kept
+        )
 
     states = []
     for periods in range(1, SHORT + 1):

@@ -166,7 +166,7 @@ def loop(verb, rows, scene, states, modes, option, rtol, turns, space, record, a
     answers : float64 array, shape (m,)
         A number of each call, filled in place: else the compiler might leave the call out.
     """
-    motion = motion_of(space.state, space.modes, space)
+    motion = motion_of(space.state, space.modes, space.past, space)
     state, mode, work = motion.state, motion.modes, motion.work
     ask = Ask(1, rtol, rtol, False, False)
     dm = body.as_dimer(rows[0])

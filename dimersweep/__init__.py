@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from dimersweep.parameters import Parameters
     from dimersweep.runs import stability
     from dimersweep.runs.run import Run, simulate
+    from dimersweep.runs.saving import load_run
     from dimersweep.storage.netcdf import open_cube
     from dimersweep.studies.refine import refine
     from dimersweep.studies.search import search
@@ -20,6 +21,7 @@ __all__ = [
     "Parameters",
     "Run",
     "StoreError",
+    "load_run",
     "names",
     "open_cube",
     "refine",
@@ -35,6 +37,7 @@ _HOME = {
     "Parameters": "parameters",
     "Run": "runs.run",
     "StoreError": "errors",
+    "load_run": "runs.saving",
     "names": "cubes.cube",
     "open_cube": "storage.netcdf",
     "refine": "studies.refine",

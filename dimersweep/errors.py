@@ -1,5 +1,7 @@
 """Errors that are the user's to mend: each message is one line with the name, the value and what is allowed."""
 
+from collections.abc import Iterable
+
 
 class UserError(Exception):
     """Something given to the program that it cannot work with."""
@@ -38,3 +40,13 @@ class Stopped(KeyboardInterrupt):
     def __init__(self, message: str, signal: int) -> None:
         super().__init__(message)
         self.signal = signal
+
+
+def unknown(name: str, kind: str, allowed: Iterable[str]) -> str:
+    """What to say of a `name` that is none of `allowed`: which one it is near to, and all of them."""
+    from difflib import get_close_matches
+
+    allowed = list(allowed)
+    near = get_close_matches(str(name), allowed, 1) or [each for each in allowed if each.lower() == str(name).lower()]
+    meant = f"; did you mean {near[0]}?" if near else ""
+    return f"{name}: unknown {kind}{meant} (allowed: {', '.join(allowed)})"

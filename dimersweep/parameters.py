@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dimersweep.errors import ParameterError
+from dimersweep.errors import ParameterError, unknown
 from dimersweep.kernel.model.layout import N_ROW, ROW
 from dimersweep.symbols import BASE, LEFT_OUT, PARAMETERS
 
@@ -131,7 +131,7 @@ def check_name(name: str) -> None:
         With the names that are.
     """
     if name not in PARAMETERS:
-        raise ParameterError(f"{name}: unknown parameter (allowed: {', '.join(PARAMETERS)})")
+        raise ParameterError(unknown(name, "parameter", PARAMETERS))
 
 
 def check_rtol(rtol: Any) -> float:

@@ -119,6 +119,7 @@ EVENTS = {
     "slip_2_b": Quantity("m s-1", "velocity of contact point p2 after the event, across the axis p1-p2"),
 }
 STATES = {
+    "phase": Quantity("rad", "phase of the plate, omega t + phi0, in [0, 2 pi)", 0, 2 * pi),
     "x1": Quantity("m", "x of the centre of ball 1"),
     "y1": Quantity("m", "y of the centre of ball 1"),
     "z1": Quantity("m", "z of the centre of ball 1"),

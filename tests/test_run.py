@@ -15,6 +15,7 @@ from dimersweep import simulate
 from dimersweep.cubes.cube import names
 from dimersweep.errors import ParameterError
 from dimersweep.runs import run as run_module
+from dimersweep.runs import solving
 
 SHARED = Path(os.environ.get("DIMERSWEEP_SHARED", Path(__file__).parents[2] / "shared")) / "reference"
 REFERENCE = {name: SHARED / f"{name}.json" for name in ("states", "orbits")}
@@ -203,8 +204,8 @@ def test_without_a_record_the_outcome_is_the_same():
 
 def test_a_record_grows_until_it_holds_the_run(monkeypatch):
     expected = simulate(periods=10)
-    monkeypatch.setattr(run_module, "FIRST_ROWS", 3)
-    monkeypatch.setattr(run_module, "ROWS_PER_PERIOD", 0)
+    monkeypatch.setattr(solving, "FIRST_ROWS", 3)
+    monkeypatch.setattr(solving, "ROWS_PER_PERIOD", 0)
     grown = simulate(periods=10)
     assert grown.events.identical(expected.events)
     assert grown.states(np.linspace(0, 10 / F, 99)).identical(expected.states(np.linspace(0, 10 / F, 99)))

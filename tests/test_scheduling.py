@@ -22,7 +22,6 @@ from dimersweep.cubes.results import (
 from dimersweep.errors import KernelError, ParameterError, UnfinishedError
 from dimersweep.kernel.compiler import versions
 from dimersweep.kernel.model.layout import M_DRIFT, M_UNRESOLVED
-from dimersweep.runs.stopping import StopFlag
 from dimersweep.studies.sweep_spec import make_spec
 from dimersweep.work import tiles
 from dimersweep.work.scheduling import (
@@ -31,6 +30,7 @@ from dimersweep.work.scheduling import (
     bundles,
     run_tiles,
 )
+from dimersweep.work.stopping import StopFlag
 from dimersweep.work.tiles import (
     Broken,
     Made,
@@ -236,7 +236,7 @@ def test_workers_with_another_kernel_are_refused(cluster, module):
 @pytest.mark.jit
 def test_a_worker_whose_kernel_does_not_work_gets_no_work(cluster, tmp_path):
     def damage():
-        import dimersweep.runs.proving as there
+        import dimersweep.work.proving as there
 
         def cannot_load(*arguments):
             raise EOFError("Ran out of input")
@@ -245,7 +245,7 @@ def test_a_worker_whose_kernel_does_not_work_gets_no_work(cluster, tmp_path):
         there.prove.cache_clear()
 
     def mend():
-        import dimersweep.runs.proving as there
+        import dimersweep.work.proving as there
 
         there.run_many = there.ours
 

@@ -17,11 +17,11 @@ from dimersweep.cubes.reading import runs_of
 from dimersweep.cubes.results import Tile
 from dimersweep.errors import ParameterError, Stopped, StoreError, UnfinishedError
 from dimersweep.kernel.model.layout import M_DRIFT, MODES
-from dimersweep.runs.stopping import StopFlag
 from dimersweep.studies import deciding
 from dimersweep.studies.deciding import Wave, spread_order
 from dimersweep.studies.search import make_spec, search, waves
 from dimersweep.studies.status import status
+from dimersweep.work.stopping import StopFlag
 from dimersweep.work.tiles import attempt
 
 # with the fake kernel no start drifts where f is small, some do elsewhere

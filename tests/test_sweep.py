@@ -25,12 +25,12 @@ from dimersweep.kernel.model.layout import (
     MODES,
     OK,
 )
-from dimersweep.runs.proving import prove
 from dimersweep.studies.rerun import from_cube
 from dimersweep.studies.search import search
 from dimersweep.studies.sweep_spec import make_spec
 from dimersweep.work import tiles
 from dimersweep.work.progress import Lines, Tally
+from dimersweep.work.proving import prove
 from dimersweep.work.scheduling import Pace
 
 GRID = {"f": [15, 20, 25], "beta0": {"start": 1, "stop": 89, "step": 1, "unit": "deg"}}
@@ -163,7 +163,7 @@ def all_nan(rows, periods, rtol, settle, out, codes):
     ],
 )
 def test_a_kernel_that_does_not_work_ends_the_sweep_before_any_point(monkeypatch, tmp_path, kernel, told):
-    monkeypatch.setattr("dimersweep.runs.proving.run_many", kernel)
+    monkeypatch.setattr("dimersweep.work.proving.run_many", kernel)
     monkeypatch.setattr("dimersweep.work.tiles.run_many", lambda *rest, **more: pytest.fail("work was done"))
     prove.cache_clear()
     with pytest.raises(KernelError, match=f"^{re.escape(told)}$"):

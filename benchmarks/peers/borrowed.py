@@ -21,7 +21,7 @@ def settle(row, state, modes, lost, rtol, space, log):
     slip_tol : float
         Slip that counts as none [m/s].
     """
-    dm, motion = as_dimer(row), motion_of(state, modes, space)
+    dm, motion = as_dimer(row), motion_of(state, modes, space.past, space)
     y, dy, F = motion.contact, motion.rates, motion.forces
     for _ in range(20):
         if approaches(state):

@@ -2,6 +2,8 @@
 
 from math import nan
 
+import numpy as np
+
 from dimersweep.kernel.compiler.jit import compiled, exported
 from dimersweep.kernel.course import Ask, Workspace, motion_of, new_workspace
 from dimersweep.kernel.event_loop import evolve, start_state
@@ -28,8 +30,9 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.kernel.numerics.steps import copy
 from dimersweep.kernel.record import EVENTS, Record, clear_counts, no_record, without_rows
-from dimersweep.kernel.verdict.classify import begin_past, last_strobe, verdict
+from dimersweep.kernel.verdict.classify import PAST_COLUMNS, PAST_ROWS, begin_past, last_strobe, verdict
 
+N_START = N_STATE + 2  # numbers that a run starts from: the state, and the friction modes of the ends
 # evidence of aperiodic motion: a twin of the run (its plate phase shifted) separates from it by so much, in g/omega and
 # g/omega^2. Both are followed over stretches of so many periods, one stretch for so many periods of the run, at least one.
 EVIDENCE = 64  # periods of a run below which it is not looked for: too few to have settled
@@ -37,15 +40,18 @@ STRETCH, STRETCH_FOR, TWIN_SHIFT, SEPARATED = 24, 200, 1e-6, 1e-2
 
 
 @exported
-def run_rows(rows, ask, until, out, codes, space, record):
+def run_rows(rows, starts, ask, until, out, codes, space, record):
     """Verdicts of runs one after the other, and the record of the last of them where it has rows.
 
     Parameters
     ----------
     rows : float64 array, shape (n, N_ROW)
         Parameters in the order of ``layout.ROW``, SI units.
+    starts : float64 array, shape (n, N_START)
+        States and friction modes to start from, each at the start of a forcing period, in place of `beta0` and `xdot0` of
+        the rows; no rows for those. Where its periods are not 0 a run goes on, with the past that stands in the workspace.
     ask : Ask
-        What is asked of each run.
+        What is asked of each run; its periods count those before the start.
     until : int
         Set of modes, as a sum of 2**mode: the first run with one of them is the last one made. A run that is stopped is
         not made, and neither are those after it.
@@ -63,15 +69,15 @@ def run_rows(rows, ask, until, out, codes, space, record):
     int
         Number of runs made.
     """
-    run = motion_of(space.state, space.modes, space)
-    twin = motion_of(space.twin_state, space.twin_modes, space)
+    run = motion_of(space.state, space.modes, space.past, space)
+    later = motion_of(space.later_state, space.later_modes, space.later_past, space)
+    twin = motion_of(space.twin_state, space.twin_modes, space.later_past, space)
     for k in range(rows.shape[0]):
         dm = as_dimer(rows[k])
-        start_state(dm, rows[k, ROW_BETA0], rows[k, ROW_XDOT0], run.state)
-        run.modes[0], run.modes[1] = FREE, FREE
+        begin_run(dm, rows[k], starts, k, run)
         run_to_verdict(dm, ask, run, record, out[k], codes[k])
         if codes[k, CODE_MODE] == M_UNRESOLVED and ask.periods >= EVIDENCE:
-            status, apart = follow_with_twin(dm, ask, run, twin, without_rows(record), space.strobe)
+            status, apart = follow_with_twin(dm, ask, run, later, twin, without_rows(record), space.strobe)
             if apart:
                 codes[k, CODE_MODE] = M_APERIODIC
             elif status == STOPPED:
@@ -84,9 +90,21 @@ def run_rows(rows, ask, until, out, codes, space, record):
 
 
 @compiled
+def begin_run(dm, row, starts, k, run):
+    """The start of a run: that of its row, or the k-th of `starts`."""
+    if starts.shape[0] == 0:
+        start_state(dm, row[ROW_BETA0], row[ROW_XDOT0], run.state)
+        run.modes[0], run.modes[1] = FREE, FREE
+    else:
+        copy(starts[k], run.state, N_STATE)
+        run.modes[0], run.modes[1] = starts[k, N_STATE], starts[k, N_STATE + 1]
+    if run.state[PERIOD] == 0.0:
+        begin_past(run.past)
+
+
+@compiled
 def run_to_verdict(dm, ask, run, record, out, codes):
     """A run from its start to its verdict; fills its outcome."""
-    begin_past(run.past)
     clear_counts(record.counts)
     status, at_rest = evolve(dm, ask, run, record)
     mode, p, end = verdict(dm, run.past, at_rest, out)
@@ -105,16 +123,21 @@ def note_failure(status, out, codes):
 
 
 @compiled
-def follow_with_twin(dm, ask, run, twin, record, strobe):
-    """Follow a run that has not settled, and a twin that starts beside it, on in stretches until they are apart.
+def follow_with_twin(dm, ask, run, later, twin, record, strobe):
+    """Follow a run that has not settled on as `later`, and a `twin` that starts beside it, in stretches until they are apart.
 
-    They share their past: only the last strobe in it is looked at, which `strobe` keeps from the one to the other.
+    The run itself stays as it ended. The two share their past: only the last strobe in it is looked at, which `strobe`
+    keeps from the one to the other.
 
     Returns
     -------
     status, apart : int, bool
         OK or why the two could not go on; whether they came apart.
     """
+    for row in range(PAST_ROWS):
+        copy(run.past[row], later.past[row], PAST_COLUMNS)
+    copy(run.state, later.state, N_STATE)
+    copy(run.modes, later.modes, 2)
     copy(run.state, twin.state, N_STATE)
     copy(run.modes, twin.modes, 2)
     twin.state[PHASE] = TWIN_SHIFT
@@ -123,10 +146,10 @@ def follow_with_twin(dm, ask, run, twin, record, strobe):
         further = Ask(begun + STRETCH * (stretch + 1), ask.rtol, ask.close, False, ask.path)
         apart = 0.0
         for which in range(2):
-            status, _ = evolve(dm, further, run if which == 0 else twin, record)
+            status, _ = evolve(dm, further, later if which == 0 else twin, record)
             if status != OK:
                 return status, False
-            apart = last_strobe(run.past, strobe)
+            apart = last_strobe(later.past, strobe)
         if apart > SEPARATED:
             return OK, True
     return OK, False
@@ -149,12 +172,14 @@ def is_stopped(space: Workspace) -> bool:
 
 def run_many(rows, periods, rtol, settle, out, codes, until=0, space: Workspace | None = None) -> int:
     """Verdicts of many runs, unrecorded: ``run_rows``, with scratch arrays of its own unless some are given."""
-    return run_rows(rows, ask_for(periods, rtol, settle), until, out, codes, space or new_workspace(), no_record())
+    ask, nowhere = ask_for(periods, rtol, settle), np.zeros((0, N_START))
+    return run_rows(rows, nowhere, ask, until, out, codes, space or new_workspace(), no_record())
 
 
 def run_recorded(
-    rows, periods, rtol, settle, path, out, codes, log, events, segments, counts, space: Workspace | None = None
+    rows, periods, rtol, settle, path, out, codes, log, events, segments, counts, space: Workspace, starts=None
 ) -> None:
-    """One run with its record: see ``run_rows``."""
+    """One run with its record, see ``run_rows``; its end and its past stand in the workspace."""
+    starts = np.zeros((0, N_START)) if starts is None else starts
     record = Record(log, events, segments, counts)
-    run_rows(rows, ask_for(periods, rtol, settle, path), 0, out, codes, space or new_workspace(), record)
+    run_rows(rows, starts, ask_for(periods, rtol, settle, path), 0, out, codes, space, record)

@@ -62,10 +62,13 @@ class Motion(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """Scratch arrays of one thread."""
+    """Scratch arrays of one thread; `state`, `modes` and `past` are those at the end of the last run."""
 
     state: Any
     modes: Any
+    later_state: Any
+    later_modes: Any
+    later_past: Any
     twin_state: Any
     twin_modes: Any
     strobe: Any
@@ -80,6 +83,9 @@ def new_workspace() -> Workspace:
     return Workspace(
         state=np.zeros(N_STATE),
         modes=np.zeros(2),
+        later_state=np.zeros(N_STATE),
+        later_modes=np.zeros(2),
+        later_past=np.zeros((PAST_ROWS, PAST_COLUMNS)),
         twin_state=np.zeros(N_STATE),
         twin_modes=np.zeros(2),
         strobe=np.zeros(4),
@@ -91,13 +97,13 @@ def new_workspace() -> Workspace:
 
 
 @compiled(inline=True)
-def motion_of(state, modes, space):
-    """The run of a state, on the scratch arrays of a workspace."""
+def motion_of(state, modes, past, space):
+    """The run of a state with its past, on the scratch arrays of a workspace."""
     work = space.work
     return Motion(
         state,
         modes,
-        space.past,
+        past,
         work[ROW_COURSE],
         work[ROW_CONTACT],
         work[ROW_RATES],

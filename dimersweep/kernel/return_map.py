@@ -37,5 +37,5 @@ def advance(row, state, modes, periods, rtol, space, record):
     clear_counts(record.counts)
     state[PHASE], state[PERIOD] = 0.0, 0.0
     ask = Ask(periods, rtol, rtol, False, False)
-    status, _ = evolve(as_dimer(row), ask, motion_of(state, modes, space), record)
+    status, _ = evolve(as_dimer(row), ask, motion_of(state, modes, space.past, space), record)
     return status

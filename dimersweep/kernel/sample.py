@@ -68,7 +68,7 @@ def sample(row, segments, which, phases, rtol, space, record, states, modes):
         segment, state = segments[which[k]], states[k]
         copy(segment, state, N_STATE)
         modes[k, 0], modes[k, 1] = segment[MODES], segment[MODES + 1]
-        motion = motion_of(state, modes[k], space)
+        motion = motion_of(state, modes[k], space.past, space)
         span = (phases[k] - state[PHASE]) / dm.omega
         status = OK
         if 0.0 < span < HOPS_LAST * segment[HOP_TIME]:

@@ -15,7 +15,7 @@ from dimersweep.plots.runs import (
     portrait,
     run_figure,
 )
-from dimersweep.plots.style import MODE_COLORS, check_picture
+from dimersweep.plots.style import MODE_COLORS, check_picture, write_picture
 
 __all__ = [
     "KINDS",
@@ -40,6 +40,7 @@ __all__ = [
     "segments",
     "shares",
     "trends",
+    "write_picture",
 ]
 
 KINDS = {

@@ -2,9 +2,11 @@
 
 import os
 from pathlib import Path
+from typing import Any
 
 import xarray as xr
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from dimersweep.errors import ParameterError
@@ -45,9 +47,8 @@ TEX = {
     "phi_2": r"\phi_2",
     "mu_h": r"\mu_h",
 }
-
-
 PICTURES = (".png", ".pdf", ".svg")
+DPI = 200  # of a picture that is not made of lines
 
 
 def units_of(name: str) -> str:
@@ -99,3 +100,14 @@ def check_picture(path: str | os.PathLike[str], *, force: bool = False, name: st
     if Path(path).suffix not in PICTURES:
         raise ParameterError(f"{name} = {path}: a picture must end in {', '.join(PICTURES)}")
     return check_writable(path, force=force, name=name)
+
+
+def write_picture(figure: Figure, path: str | os.PathLike[str], *, force: bool = False, **how: Any) -> None:
+    """Write `figure` to a file; `how` is handed to `Figure.savefig`.
+
+    Raises
+    ------
+    ParameterError, StoreError
+        As by `check_picture`.
+    """
+    figure.savefig(check_picture(path, force=force, name="picture"), **{"dpi": DPI} | how)

@@ -25,7 +25,7 @@ _BY_UNIT = {"m": 0.01, "m s-1": 0.1, "rad": 1.0, "rad s-1": 1.0}
 SCALES = {
     name: _BY_UNIT[quantity.units]
     for name, quantity in STATES.items()
-    if quantity.units in _BY_UNIT and name != "plate"
+    if quantity.units in _BY_UNIT and name not in ("plate", "phase")
 }
 SCALES |= {"spin": 10.0, "spin_rate": 100.0}  # the ball turns as many times as fast as the rod is long
 COORDINATES = ("x1", "y1", "gap_1", "theta", "beta", "spin")
@@ -56,12 +56,20 @@ def shadow_rtol(rtol: float) -> float:
     return FINER * rtol if FINER * rtol >= FINEST else COARSER * rtol
 
 
-def nudged(start: dict[str, float], by: float) -> dict[str, float]:
-    """The parameters of a run with `beta0` less and `xdot0` more by the share `by`, and the plate later by `by` radians."""
-    change = {"beta0": start["beta0"] * (1 - by), "xdot0": start["xdot0"] * (1 + by), "phi0": start["phi0"] + by}
-    if "Gamma_2" in start:
-        change["phi_2"] = start.get("phi_2", 0.0) + 2 * by
-    return start | change
+def nudged(
+    given: dict[str, float], start: dict[str, float] | None, by: float
+) -> tuple[dict[str, float], dict[str, float] | None]:
+    """Parameters and start of a run that begins a little otherwise, by a share `by`.
+
+    The plate is later by `by` radians, `beta0` less and `xdot0` more; of a state, the rates are more that no contact ties.
+    """
+    moved = given | {"phi0": given["phi0"] + by}
+    if "Gamma_2" in given:
+        moved["phi_2"] = given.get("phi_2", 0.0) + 2 * by
+    if start is None:
+        return moved | {"beta0": given["beta0"] * (1 - by), "xdot0": given["xdot0"] * (1 + by)}, None
+    faster = ("x1_rate", "y1_rate", "theta_rate", "spin_rate")
+    return moved, {name: value * (1 + by if name in faster else 1.0) for name, value in start.items()}
 
 
 def pairs(events: xr.Dataset, others: xr.Dataset, T: float) -> tuple[np.ndarray, np.ndarray]:

@@ -121,6 +121,7 @@ def _states(
     v_a, v_b = s[CA] + h * sin_b * s[WB], s[CB] + h * s[WP]  # of ball 1, along the heading and across it
     z1 = parameters["r"] + s[D1] + plate
     columns = {
+        "phase": np.mod(s[PHASE] + parameters["phi0"], 2 * pi),
         "x1": s[X1],
         "y1": s[Y1],
         "z1": z1,

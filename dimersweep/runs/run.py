@@ -1,40 +1,30 @@
 """One simulation: parameters in, its outcome out, with its events and its state at any time where it was recorded."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import Any
+from inspect import Parameter, Signature
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
 from dimersweep.errors import ParameterError
-from dimersweep.kernel.batch import Workspace, run_recorded
-from dimersweep.kernel.impact.impact import N_LOG
-from dimersweep.kernel.model.layout import (
-    CODES,
-    DI_ENDS,
-    MODES,
-    N_CODES,
-    N_OUT,
-    OUT,
-    STATUS_MESSAGES,
-    STATUSES,
-)
-from dimersweep.kernel.record import N_EVENT, N_SEGMENT
-from dimersweep.parameters import Parameters, check_count, check_rtol, check_seconds
-from dimersweep.runs.error_bounds import (
-    NUDGE,
-    bounds,
-    nudged,
-    shadow_rtol,
-)
-from dimersweep.runs.proving import is_proven, prove
+from dimersweep.kernel.batch import Workspace
+from dimersweep.kernel.model.layout import CODES, DI_ENDS, MODES, OUT, STATUS_MESSAGES, STATUSES
+from dimersweep.parameters import Parameters, check_count, check_name, check_rtol, check_seconds
+from dimersweep.runs.error_bounds import NUDGE, bounds, nudged, shadow_rtol
 from dimersweep.runs.recorded import Record, events_of, states_of
-from dimersweep.runs.stopping import StopFlag, stoppable
-from dimersweep.symbols import BASE
+from dimersweep.runs.solving import End, Solved, go_on, solve, speed_at
+from dimersweep.runs.starting import INITIAL, is_point, kernel_start, parameters_of, start_of
+from dimersweep.symbols import BASE, PARAMETERS
+from dimersweep.work.proving import is_proven, prove
+from dimersweep.work.stopping import StopFlag, stoppable
 
-LOG_ROWS = 64  # phases of one impact that are kept
-FIRST_ROWS, ROWS_PER_PERIOD, GROWTH = 500, 100, 4  # capacity of a record: about twice what a drift takes
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,6 +84,9 @@ class Run:
         Forcing periods after which it repeats, 0 if it does not.
     parameters : dict
         Every parameter of the model; those that may be left out (`symbols.LEFT_OUT`) where they were not.
+    start : dict or None
+        The state that it started from, by the names of `states`, its phase being `phi0`; None where `beta0` and `xdot0`
+        tell the start.
     rtol : float
         Accuracy [1].
     n_events, n_periods : int
@@ -119,12 +112,33 @@ class Run:
     down_share_1: float
     down_share_2: float
     settled_after: float
+    start: dict[str, float] | None = None
     _record: Record | None = field(default=None)
+    _end: End | None = field(default=None)
 
     def __repr__(self) -> str:
         orbit = f", radius {self.orbit.radius:.4g} m, zeta {self.orbit.zeta:.4g} rad" if self.orbit else ""
         kept = "" if self._record else ", not recorded"
         return f"<Run: {self.status}, {self.mode}{orbit}, {self.n_periods} periods, {self.n_events} events{kept}>"
+
+    def _repr_html_(self) -> str:
+        from dimersweep.plots.tables import run_table
+
+        return run_table(self)
+
+    @property
+    def duration(self) -> float:
+        """Time that was run [s]."""
+        return self.n_periods / self.parameters["f"]
+
+    @property
+    def end_speed(self) -> float:
+        """Speed of the centre of mass over the floor at the end [m/s]: a dimer at rest on the plate may roll or slide on."""
+        return float("nan") if self._end is None else speed_at(self._end)
+
+    def _given(self) -> dict[str, Any]:
+        """The parameters to be given with its start to `simulate` for the same run."""
+        return {name: value for name, value in self.parameters.items() if self.start is None or name not in INITIAL}
 
     def record(self, wanted: str) -> Record:
         """The kernel's rows of this run, for what is `wanted` of them.
@@ -181,6 +195,90 @@ class Run:
             raise ParameterError(f"t: has shape {times.shape}; must be one time or a list of times")
         return states_of(record, times, self.rtol, self.parameters)
 
+    def section(self) -> xr.Dataset:
+        """The points of the return map: the state at the start of each forcing period, and at the end.
+
+        Returns
+        -------
+        xarray.Dataset
+            As `states`, along `n`, the number of forcing periods since the start.
+
+        Raises
+        ------
+        ParameterError
+            If nothing was recorded.
+        """
+        n = np.arange(self.n_periods + 1)
+        points = self.states(n / self.parameters["f"]).swap_dims(time="n")
+        return points.assign_coords(n=("n", n, {"units": "1", "long_name": "forcing periods since the start"}))
+
+    def go_on(self, periods: int) -> "Run":
+        """The same run for so many forcing periods more.
+
+        It goes on from the state at the end of the last period, and tells of the whole: n and m periods in two parts
+        are n + m at once, bit for bit, but where a contact at that moment is undecided to the accuracy.
+
+        Parameters
+        ----------
+        periods : int
+
+        Returns
+        -------
+        Run
+            Recorded if this one is.
+
+        Raises
+        ------
+        ParameterError
+            If the run did not reach its end.
+        """
+        total = self.n_periods + check_count("periods", periods)
+        if self.status != "ok" or self._end is None:
+            raise ParameterError(f"go_on: the run did not reach its end ({self.message})")
+        if not self._end.whole:
+            return simulate(**self._given(), start=self.start, periods=total, rtol=self.rtol, record=False)
+        row, end = Parameters(**self.parameters).row(), self._end
+
+        def call(stop: StopFlag) -> Solved:
+            with stop.space() as space:
+                return go_on(row, end, self.n_events, self._record, total, self.rtol, space)
+
+        return _as_run(self.parameters, self.rtol, stoppable(call), self.start)
+
+    def save(self, path: str | PathLike[str], *, force: bool = False) -> Path:
+        """Write the run to one NetCDF file, from which `load_run` gives it back, exactly.
+
+        Parameters
+        ----------
+        path : path-like
+        force : bool
+            Whether an existing file may be replaced.
+
+        Raises
+        ------
+        StoreError
+            If the file cannot be written.
+        """
+        from dimersweep.runs.saving import save_run
+
+        return save_run(self, path, force=force)
+
+    def plot(self, path: str | PathLike[str] | None = None, *, force: bool = False) -> "Figure":
+        """Heights, orbit and phase portraits, and a picture of them at `path` if one is given.
+
+        Raises
+        ------
+        ParameterError, StoreError
+            If nothing was recorded, or the picture cannot be written.
+        """
+        from dimersweep.plots import run_figure, write_picture
+
+        self.record("plot")
+        figure = run_figure(self)
+        if path is not None:
+            write_picture(figure, path, force=force)
+        return figure
+
     def error(self, t: Any = None) -> xr.Dataset:
         """Bounds on the errors of this run, estimated with two more runs that shadow it (docs/trust.md).
 
@@ -207,34 +305,10 @@ class Run:
         T = 1 / self.parameters["f"]
         times = np.union1d(np.arange(self.n_periods + 1) * T, [] if t is None else t)
         rtol = shadow_rtol(self.rtol)
-        starts: tuple[dict[str, Any], ...] = (self.parameters, nudged(self.parameters, NUDGE * self.rtol))
-        shadows = [simulate(**start, periods=self.n_periods, rtol=rtol) for start in starts]
+        given: dict[str, Any] = self._given()
+        starts = ((given, self.start), nudged(given, self.start, NUDGE * self.rtol))
+        shadows = [simulate(**dict(one), start=begin, periods=self.n_periods, rtol=rtol) for one, begin in starts]
         return bounds(self, shadows, times, T)
-
-
-def _solve(
-    row: np.ndarray, periods: int, rtol: float, settle: bool, record: bool, space: Workspace
-) -> tuple[np.ndarray, np.ndarray, Record | None]:
-    """One run of the kernel; a record that turns out too small is taken again with more rows (a run is deterministic).
-
-    Returns
-    -------
-    out : ndarray, shape (N_OUT,), float64
-    codes : ndarray, shape (N_CODES,), int64
-    record : Record or None
-    """
-    out, codes, counts = np.full((1, N_OUT), np.nan), np.zeros((1, N_CODES), dtype=np.int64), np.zeros(3, np.int64)
-    rows = FIRST_ROWS + ROWS_PER_PERIOD * periods if record else 0
-    log = np.zeros((LOG_ROWS if record else 0, N_LOG))
-    while True:
-        events, segments = np.zeros((rows, N_EVENT if record else N_LOG)), np.zeros((rows, N_SEGMENT))
-        run_recorded(row[None], periods, rtol, settle, record, out, codes, log, events, segments, counts, space)
-        if not record:
-            return out[0], codes[0], None
-        if max(counts[1], counts[2]) <= rows:
-            kept = Record(row, events[: counts[1]].copy(), segments[: counts[2]].copy())
-            return out[0], codes[0], kept
-        rows *= GROWTH
 
 
 def _orbit(out: dict[str, float], di_end: int) -> Orbit:
@@ -242,54 +316,36 @@ def _orbit(out: dict[str, float], di_end: int) -> Orbit:
     return Orbit(di_end=DI_ENDS[di_end], **{name: out[name] for name in names})
 
 
+def _signature(function: Any) -> Signature:
+    """The signature of a function that takes parameters of the model as keywords, each of them named."""
+    own = [each for each in Signature.from_callable(function).parameters.values() if each.kind is not each.VAR_KEYWORD]
+    model = [
+        Parameter(name, Parameter.KEYWORD_ONLY, default=BASE.get(name), annotation="float | str | None")
+        for name in PARAMETERS
+    ]
+    return Signature([*model, *own])
+
+
 def simulate(
     *,
-    e: float = BASE["e"],
-    Gamma: float = BASE["Gamma"],
-    f: float = BASE["f"],
-    A_r: float = BASE["A_r"],
-    mu: float = BASE["mu"],
-    mu_s: float = BASE["mu_s"],
-    beta0: float = BASE["beta0"],
-    xdot0: float = BASE["xdot0"],
-    phi0: float = BASE["phi0"],
-    r: float = BASE["r"],
-    rho_b: float = BASE["rho_b"],
-    rho_r: float = BASE["rho_r"],
-    D_r: float = BASE["D_r"],
-    g: float = BASE["g"],
-    e_1: float | None = None,
-    e_2: float | None = None,
-    Gamma_2: float = 0.0,
-    phi_2: float = 0.0,
-    mu_h: float | None = None,
+    start: Any = None,
     periods: int = 100,
     rtol: float = 1e-8,
     stop_when_settled: bool = False,
     record: bool = True,
     max_seconds: float | None = None,
+    **parameters: Any,
 ) -> Run:
     """Run one dimer on its vibrating plate; the defaults are the paper's base case (Sect. 3).
 
     Parameters
     ----------
-    e, e_1, e_2 : float
-        Energetic coefficients of restitution [1], in [0, 1]; `e_1`, `e_2` of one end, None for `e`.
-    Gamma, f, phi0 : float
-        Vibration intensity A_z omega^2/g [1], frequency [Hz] and phase at the start [rad] of the plate.
-    Gamma_2, phi_2 : float
-        Intensity A_2 (2 omega)^2/g [1] of the plate's second harmonic A_2 sin(2 omega t + phi_2), and its phase [rad].
-    A_r, r, D_r : float
-        Aspect ratio (l + 2r)/(2r) [1], at least 2; ball radius and rod diameter [m].
-    mu, mu_s, mu_h : float
-        Slip and stick friction coefficients [1]. `mu_h` holds an end in lasting contact, None for `mu_s`; `mu_s` then holds
-        it inside impacts only.
-    beta0, xdot0 : float
-        Initial dip angle [rad], in [0, pi/2), and lateral velocity of ball 1 [m s-1].
-    rho_b, rho_r : float
-        Densities of balls and rod [kg m-3]; the rod may be without mass.
-    g : float
-        Gravity [m s-2].
+    e, Gamma, f, A_r, mu, mu_s, beta0, xdot0, phi0, r, rho_b, rho_r, D_r, g, e_1, e_2, Gamma_2, phi_2, mu_h : float
+        Parameters of the model in SI units, see `Parameters`; an angle may be a text such as "16 deg".
+    start : mapping of str to float, xarray.Dataset, or Run, optional
+        State to start from, in place of `beta0` and `xdot0`: values by the names of `Run.states` (what is not given is
+        zero, and the lower end on the plate), one time of it, or a run whose end it is. Its `phase` is the `phi0` of the
+        new run. Or one point of a cube: the run behind it.
     periods : int
         Forcing periods to run.
     rtol : float
@@ -313,10 +369,12 @@ def simulate(
     KernelError
         If the compiled kernel cannot run here.
     """
-    parameters = Parameters(
-        e=e, Gamma=Gamma, f=f, A_r=A_r, mu=mu, mu_s=mu_s, beta0=beta0, xdot0=xdot0, phi0=phi0,
-        r=r, rho_b=rho_b, rho_r=rho_r, D_r=D_r, g=g, e_1=e_1, e_2=e_2, Gamma_2=Gamma_2, phi_2=phi_2, mu_h=mu_h,
-    )  # fmt: skip
+    for name in parameters:
+        check_name(name)
+    if is_point(start):
+        parameters, start = parameters_of(start) | parameters, None
+    begun = None if start is None else start_of(start)
+    given = Parameters(**(parameters if begun is None else _with_start(parameters, begun)))
     how = check_count("periods", periods), check_rtol(rtol), bool(stop_when_settled), bool(record)
     seconds = check_seconds("max_seconds", max_seconds)
     if not is_proven():
@@ -324,27 +382,52 @@ def simulate(
 
     def call(stop: StopFlag) -> Run:
         with stop.space() as space:
-            return follow(parameters, *how, space)
+            return follow(given, *how, space, begun)
 
     return stoppable(call, seconds)
 
 
-def follow(parameters: Parameters, periods: int, rtol: float, settle: bool, record: bool, space: Workspace) -> Run:
-    """The run that `simulate` gives for what it has judged, on scratch arrays that may be stopped."""
-    out, codes, kept = _solve(parameters.row(), periods, rtol, settle, record, space)
-    return _as_run(parameters.given(), rtol, dict(zip(OUT, out.tolist(), strict=True)), codes, kept)
-
-
-def _as_run(
-    parameters: dict[str, float], rtol: float, out: dict[str, float], codes: np.ndarray, record: Record | None
+def follow(
+    parameters: Parameters,
+    periods: int,
+    rtol: float,
+    settle: bool,
+    record: bool,
+    space: Workspace,
+    begun: dict[str, float] | None = None,
 ) -> Run:
-    code = dict(zip(CODES, codes.tolist(), strict=True))
+    """The run that `simulate` gives for what it has judged, on scratch arrays that may be stopped."""
+    first = None if begun is None else kernel_start(begun, parameters.given())
+    solved = solve(parameters.row(), first, periods, rtol, space, settle=settle, record=record)
+    begun = begun and {name: value for name, value in begun.items() if name != "phase"}  # which is phi0 now
+    return _as_run(parameters.given(), rtol, solved, begun)
+
+
+simulate.__signature__ = _signature(simulate)  # type: ignore[attr-defined]
+
+
+def _with_start(parameters: Mapping[str, Any], start: Mapping[str, float]) -> dict[str, Any]:
+    """The parameters of a run that starts from a state: its `phase` is theirs, and they tell no other start."""
+    for name in INITIAL:
+        if parameters.get(name) is not None:
+            raise ParameterError(f"{name}: given together with start, which tells it")
+    if "phase" not in start:
+        return dict(parameters)
+    if "phi0" in parameters:
+        raise ParameterError("phi0: given together with start.phase; leave one out")
+    return {**parameters, "phi0": start["phase"]}
+
+
+def _as_run(parameters: dict[str, float], rtol: float, solved: Solved, start: dict[str, float] | None) -> Run:
+    code = dict(zip(CODES, solved.codes.tolist(), strict=True))
+    out = dict(zip(OUT, solved.out.tolist(), strict=True))
     return Run(
         status=STATUSES[code["status"]],
         message=STATUS_MESSAGES[code["status"]],
         mode=MODES[code["mode"]],
         mode_period=code["mode_period"],
         parameters=parameters,
+        start=start,
         rtol=rtol,
         n_events=code["n_events"],
         n_periods=code["n_periods"],
@@ -352,5 +435,6 @@ def _as_run(
         down_share_1=out["down_share_1"],
         down_share_2=out["down_share_2"],
         settled_after=out["settled_after"],
-        _record=record,
+        _record=solved.record,
+        _end=solved.end,
     )

@@ -154,7 +154,7 @@ def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
     if os.path.isdir(path) and is_zarr(path):
         cube, kind = read_zarr(path), "Zarr group"
     else:
-        cube, kind = _read_netcdf(path), "NetCDF file"
+        cube, kind = read_netcdf(path), "NetCDF file"
     if "dimersweep_cube" not in cube.attrs:
         raise StoreError(f"{path}: is a {kind}, but no cube of dimersweep")
     text = cube.attrs.get("configuration", "")
@@ -170,7 +170,14 @@ def _fixed_as_told(cube: xr.Dataset, configuration: Mapping[str, Any]) -> bool:
     return all(bool((cube[name] == value).all()) for name, value in fixed.items() if name in cube.coords)
 
 
-def _read_netcdf(path: Path) -> xr.Dataset:
+def read_netcdf(path: Path) -> xr.Dataset:
+    """A NetCDF file, whole, in memory.
+
+    Raises
+    ------
+    StoreError
+        If there is none, or it is no NetCDF file, or damaged.
+    """
     if not os.path.isfile(path):  # a name that no file can have is no error for it
         raise StoreError(f"{path}: no such file")
     try:

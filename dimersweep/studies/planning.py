@@ -14,8 +14,6 @@ import xarray as xr
 from dimersweep.cubes.grid import Grid, check_fits, legal_points
 from dimersweep.cubes.results import Finished, Tile, blank_results
 from dimersweep.errors import UnfinishedError
-from dimersweep.runs.proving import prove
-from dimersweep.runs.stopping import stoppable
 from dimersweep.storage.manifest import read_manifest
 from dimersweep.storage.memorystore import MemoryStore
 from dimersweep.storage.provenance import as_text
@@ -26,7 +24,9 @@ from dimersweep.studies.making import Study
 from dimersweep.studies.refine import RefineSpec, cut_cells
 from dimersweep.studies.sweep_spec import Spec
 from dimersweep.work.computing import How, crew
+from dimersweep.work.proving import prove
 from dimersweep.work.scheduling import TILES_PER_WORKER
+from dimersweep.work.stopping import stoppable
 from dimersweep.work.tiles import TILE_SECONDS, Work, attempt
 
 SAMPLE = 200  # points or cells timed at most

@@ -13,7 +13,6 @@ from dimersweep.cubes.results import Finished, Tile, not_ok
 from dimersweep.errors import PointError, Stopped, UnfinishedError
 from dimersweep.kernel.model.layout import CODE_MODE, CODE_STATUS, STATUS_MESSAGES, STATUSES
 from dimersweep.parameters import check_count
-from dimersweep.runs.stopping import StopFlag
 from dimersweep.storage.memorystore import MemoryStore
 from dimersweep.storage.tilestore import TileStore
 from dimersweep.work.progress import Silent, tell_of_compiling, watch
@@ -28,6 +27,7 @@ from dimersweep.work.scheduling import (
     warm_up,
 )
 from dimersweep.work.signals import stop_on_signals
+from dimersweep.work.stopping import StopFlag
 from dimersweep.work.tiles import (
     Broken,
     Made,

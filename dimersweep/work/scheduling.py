@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 from dimersweep.cubes.results import Bundle, Finished, Tile
 from dimersweep.errors import KernelError, ParameterError, UserError
 from dimersweep.kernel import kernel_version
-from dimersweep.runs.proving import prove
-from dimersweep.runs.stopping import StopFlag, in_thread
+from dimersweep.work.proving import prove
+from dimersweep.work.stopping import StopFlag, in_thread
 from dimersweep.work.tiles import (
     TILE_SECONDS,
     Broken,

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from dimersweep.runs.stopping import StopFlag
+from dimersweep.work.stopping import StopFlag
 
 
 @contextmanager

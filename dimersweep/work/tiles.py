@@ -15,7 +15,7 @@ from dimersweep.kernel.model.layout import (
     M_FAILED,
     M_UNRESOLVED,
 )
-from dimersweep.runs.stopping import StopFlag
+from dimersweep.work.stopping import StopFlag
 
 TILE_SECONDS = 0.5  # long against the cost of a task (4 ms), short against the patience of Ctrl-C (2 s)
 CHUNK_SECONDS = 0.1  # what one call of the kernel aims at: it can be stopped only between calls

@@ -3,11 +3,11 @@
 from typing import NamedTuple
 
 import numpy as np
-from cached import compiled
 from examine import look_at
 from verbs import as_dimer
 
 from dimersweep.kernel import event_loop
+from dimersweep.kernel.compiler.jit import exported
 from dimersweep.kernel.course import Ask, motion_of, new_workspace
 from dimersweep.kernel.impact.impact import N_LOG
 from dimersweep.kernel.model.layout import ROW_BETA0, ROW_XDOT0, STATUSES
@@ -15,15 +15,15 @@ from dimersweep.kernel.record import EVENT, EVENTS, N_COUNTS, N_EVENT, N_SEGMENT
 from dimersweep.kernel.verdict import classify
 
 
-@compiled
+@exported
 def evolve(dm, ask, state, space, record):
     """The event loop from any state."""
     classify.begin_past(space.past)
-    status, _ = event_loop.evolve(dm, ask, motion_of(state, space.modes, space), record)
+    status, _ = event_loop.evolve(dm, ask, motion_of(state, space.modes, space.past, space), record)
     return status
 
 
-@compiled
+@exported
 def begin(dm, row, state):
     """The start of a scene."""
     event_loop.start_state(dm, row[ROW_BETA0], row[ROW_XDOT0], state)

@@ -1,0 +1,59 @@
+"""Runs and cubes as small tables of HTML, for notebooks."""
+
+from collections.abc import Iterable
+from html import escape
+from typing import TYPE_CHECKING
+
+from dimersweep.plots.style import MODE_COLORS, units_of
+from dimersweep.symbols import BASE, QUANTITIES
+
+if TYPE_CHECKING:
+    from dimersweep.runs.run import Run
+
+ORBIT = ("radius", "period", "zeta", "speed", "impact_phase")
+PLAIN = {
+    "Gamma": "Γ",
+    "mu": "μ",
+    "mu_s": "μ_s",
+    "beta0": "β(0)",
+    "xdot0": "ẋ(0)",
+    "phi0": "φ₀",
+    "rho_b": "ρ_b",
+    "rho_r": "ρ_r",
+}
+
+
+def run_table(run: "Run") -> str:
+    """What a run is: its mode, its parameters that are not the base case's, its orbit."""
+    changed = [name for name, value in run.parameters.items() if value != BASE.get(name)]
+    start = "" if run.start is None else ", from a given state"
+    rows = [
+        ("parameters", ", ".join(_given(name, run.parameters[name]) for name in changed) or "the base case"),
+        ("periods", f"{run.n_periods} of {1 / run.parameters['f']:.4g} s{start}"),
+        ("events", f"{run.n_events}" + ("" if run._record else " (not recorded)")),
+    ]
+    if run.status != "ok":
+        rows.append(("status", f"{run.status}: {run.message}"))
+    if run.orbit is not None:
+        for name in ORBIT:
+            units = QUANTITIES[name].units.replace("m s-1", "m/s").replace("1", "")
+            rows.append((name.replace("_", " "), f"{getattr(run.orbit, name):.6g} {units}"))
+    elif run.mode == "rest":
+        rows.append(("both ends stay down", f"the centre of mass moves at {run.end_speed:.3g} m/s"))
+    repeats = f", repeats every {run.mode_period} periods" if run.mode_period > 1 else ""
+    return _table(f"Run: {_badge(run.mode)}{escape(repeats)}", rows)
+
+
+def _given(name: str, value: float) -> str:
+    return f"{PLAIN.get(name, name)} = {value:.4g} {units_of(name)}".rstrip()
+
+
+def _badge(mode: str) -> str:
+    color = MODE_COLORS[mode]
+    return f'<span style="border-left: 0.8em solid {color}; padding-left: 0.3em">{escape(mode)}</span>'
+
+
+def _table(heading: str, rows: Iterable[tuple[str, str]]) -> str:
+    cell = 'style="text-align: left; padding: 0 1em 0 0"'
+    body = "".join(f"<tr><td {cell}>{escape(name)}</td><td {cell}>{escape(told)}</td></tr>" for name, told in rows)
+    return f"<table><caption style='text-align: left'><b>{heading}</b></caption>{body}</table>"

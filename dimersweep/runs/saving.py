@@ -1,0 +1,120 @@
+"""A run in a file: one NetCDF file that other programs read too, and that gives the run back, exactly."""
+
+import json
+import os
+import warnings
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from dimersweep.errors import StoreError
+from dimersweep.kernel import kernel_version
+from dimersweep.parameters import Parameters
+from dimersweep.runs.recorded import Record
+from dimersweep.runs.solving import End
+from dimersweep.storage.netcdf import check_writable, read_netcdf, write_cube
+from dimersweep.storage.provenance import attributes, digest
+from dimersweep.symbols import PARAMETERS
+
+if TYPE_CHECKING:
+    from dimersweep.runs.run import Run
+
+PACKED = {"zlib": True, "complevel": 4, "shuffle": True, "fletcher32": True}
+OUTCOME: tuple[str, ...] = (  # what a run tells of itself, besides its orbit
+    *("status", "message", "mode", "mode_period", "n_events", "n_periods"),
+    *("down_share_1", "down_share_2", "settled_after"),
+)
+ROWS = {  # arrays of the kernel and their dimensions
+    "event_rows": ("event", "event_column"),
+    "segment_rows": ("segment", "segment_column"),
+    "end_start": ("one", "start_column"),
+    "end_past": ("past_row", "past_column"),
+}
+
+
+def save_run(run: "Run", path: str | os.PathLike[str], *, force: bool = False) -> Path:
+    """Write a run, see `Run.save`."""
+    path = check_writable(path, force=force)
+    write_cube(_as_dataset(run), path, force=force)
+    return path
+
+
+def _as_dataset(run: "Run") -> xr.Dataset:
+    """A run as one dataset: its parameters and labelled events for the reader, the kernel's rows for `load_run`."""
+    end = run._end
+    if end is None:
+        raise StoreError("save: the run has no end; it was not made by simulate")
+    arrays = {"end_start": end.start, "end_past": end.past}
+    events = xr.Dataset()
+    if run._record is not None:
+        events = run.events.drop_encoding()
+        arrays |= {"event_rows": run._record.events, "segment_rows": run._record.segments}
+    variables = {name: xr.Variable(ROWS[name], values) for name, values in arrays.items()}
+    for variable in variables.values():
+        variable.encoding.update(PACKED, _FillValue=None)
+    parameters = {name: xr.Variable((), value, PARAMETERS[name].attributes()) for name, value in run.parameters.items()}
+    dataset = events.assign(variables).assign_coords(parameters)
+    dataset.attrs = attributes(_configuration(run), "run of a 3D dimer on a vibrating plate", 0.0)
+    del dataset.attrs["dimersweep_cube"], dataset.attrs["wall_time_s"]
+    return dataset.assign_attrs(dimersweep_run="1", mode=run.mode, status=run.status)
+
+
+def _configuration(run: "Run") -> dict[str, Any]:
+    """What a run was made from, and what came out, as JSON can hold it; numbers keep every digit."""
+    return {
+        "parameters": run.parameters,
+        "start": run.start,
+        "rtol": run.rtol,
+        "outcome": {name: getattr(run, name) for name in OUTCOME},
+        "orbit": run.orbit and asdict(run.orbit),
+        "whole": run._end is not None and run._end.whole,
+        "kernel_version": kernel_version(),
+    }
+
+
+def load_run(path: str | os.PathLike[str]) -> "Run":
+    """Read a run that `Run.save` wrote.
+
+    Parameters
+    ----------
+    path : path-like
+
+    Returns
+    -------
+    Run
+        With the same events and states, bit for bit, on the machine and the version that wrote it.
+
+    Raises
+    ------
+    StoreError
+        If there is no such file, or it is no run, or one that is damaged.
+    """
+    from dimersweep.runs.run import Orbit, Run
+
+    dataset = read_netcdf(Path(path))
+    if "dimersweep_run" not in dataset.attrs:
+        raise StoreError(f"{path}: is a NetCDF file, but no run of dimersweep")
+    text = dataset.attrs.get("configuration", "")
+    if digest(text) != dataset.attrs.get("configuration_sha256") or "end_start" not in dataset:
+        raise StoreError(f"{path}: is a run of dimersweep that was changed or is incomplete")
+    told = json.loads(text)
+    if told["kernel_version"] != kernel_version():
+        line = f"{path}: was made by another version of the kernel; states between its events may differ in the last digits"
+        warnings.warn(line, RuntimeWarning, stacklevel=2)
+    rows = {name: np.ascontiguousarray(dataset[name].values) for name in ROWS if name in dataset}
+    return Run(
+        parameters=told["parameters"],
+        start=told["start"],
+        rtol=told["rtol"],
+        orbit=told["orbit"] and Orbit(**told["orbit"]),
+        **told["outcome"],
+        _record=_record(told["parameters"], rows) if "event_rows" in rows else None,
+        _end=End(rows["end_start"], rows["end_past"], told["whole"]),
+    )
+
+
+def _record(parameters: dict[str, float], rows: dict[str, np.ndarray]) -> Record:
+    return Record(Parameters(**parameters).row(), rows["event_rows"], rows["segment_rows"])

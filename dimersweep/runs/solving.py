@@ -1,0 +1,112 @@
+"""One run of the kernel: its outcome, its record, and the end from which it can go on."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from dimersweep.kernel.batch import Workspace, run_recorded
+from dimersweep.kernel.impact.impact import N_LOG
+from dimersweep.kernel.model.layout import C_START, CA, CB, CODE_N_EVENTS, N_CODES, N_OUT
+from dimersweep.kernel.record import EVENT, N_EVENT, N_SEGMENT
+from dimersweep.runs.recorded import Record
+
+LOG_ROWS = 64  # phases of one impact that are kept
+FIRST_ROWS, ROWS_PER_PERIOD, GROWTH = 500, 100, 4  # capacity of a record: about twice what a drift takes
+_CAUSE = EVENT.index("cause")
+
+
+class End(NamedTuple):
+    """Where a run has ended: what the kernel needs to go on.
+
+    Attributes
+    ----------
+    start : ndarray, shape (1, N_START)
+        State and friction modes.
+    past : ndarray, shape (PAST_ROWS, PAST_COLUMNS)
+        What the verdict keeps of the run.
+    whole : bool
+        Whether the state is that of the end of the last period: a rest that is told early, unrecorded, stops before.
+    """
+
+    start: np.ndarray
+    past: np.ndarray
+    whole: bool
+
+
+class Solved(NamedTuple):
+    """What the kernel gives of one run.
+
+    Attributes
+    ----------
+    out, codes : ndarray, shapes (N_OUT,), (N_CODES,)
+    record : Record or None
+    end : End
+    """
+
+    out: np.ndarray
+    codes: np.ndarray
+    record: Record | None
+    end: End
+
+
+def solve(
+    row: np.ndarray,
+    start: np.ndarray | None,
+    periods: int,
+    rtol: float,
+    space: Workspace,
+    *,
+    settle: bool,
+    record: bool,
+    past: np.ndarray | None = None,
+) -> Solved:
+    """One run; a record that turns out too small is taken again with more rows (a run is deterministic).
+
+    Parameters
+    ----------
+    row : ndarray, shape (N_ROW,)
+    start : ndarray, shape (1, N_START), optional
+        In place of the start in `row`.
+    periods : int
+        Forcing periods, with those before `start`.
+    rtol : float
+    space : Workspace
+        Scratch arrays, which may be stopped.
+    settle, record : bool
+    past : ndarray, optional
+        Of the run that goes on.
+    """
+    out, codes, counts = np.full((1, N_OUT), np.nan), np.zeros((1, N_CODES), dtype=np.int64), np.zeros(3, np.int64)
+    rows = FIRST_ROWS + ROWS_PER_PERIOD * periods if record else 0
+    log = np.zeros((LOG_ROWS if record else 0, N_LOG))
+    while True:
+        events, segments = np.zeros((rows, N_EVENT if record else N_LOG)), np.zeros((rows, N_SEGMENT))
+        if past is not None:
+            space.past[:] = past
+        run_recorded(row[None], periods, rtol, settle, record, out, codes, log, events, segments, counts, space, start)
+        if not record or max(counts[1], counts[2]) <= rows:
+            break
+        rows *= GROWTH
+    end = End(np.concatenate([space.state, space.modes])[None], space.past.copy(), record or not settle)
+    kept = Record(row, events[: counts[1]].copy(), segments[: counts[2]].copy()) if record else None
+    return Solved(out[0], codes[0], kept, end)
+
+
+def go_on(
+    row: np.ndarray, end: End, n_events: int, record: Record | None, periods: int, rtol: float, space: Workspace
+) -> Solved:
+    """More of a run that has ended after `n_events` events with `record`: the whole of it, up to `periods` in all."""
+    more = solve(row, end.start, periods, rtol, space, settle=False, record=record is not None, past=end.past)
+    more.codes[CODE_N_EVENTS] += n_events
+    if record is None or more.record is None:
+        return more
+    # what was noted where the two parts meet, an end and a start, is no event
+    begun = int(more.record.events[0, _CAUSE] == C_START)
+    events = np.concatenate([record.events[:-1], more.record.events[begun:]])
+    segments = np.concatenate([record.segments[:-1], more.record.segments[begun:]])
+    return more._replace(record=Record(row, events, segments))
+
+
+def speed_at(end: End) -> float:
+    """Speed of the centre of mass where a run has ended [m s-1], horizontally."""
+    return float(np.hypot(end.start[0, CA], end.start[0, CB]))

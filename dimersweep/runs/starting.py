@@ -1,0 +1,164 @@
+"""A run that starts from any state: the names of `Run.states` to the kernel's state, and what a start may be."""
+
+from collections.abc import Mapping
+from math import cos, pi, sin
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from dimersweep.errors import ParameterError, unknown
+from dimersweep.kernel.batch import N_START
+from dimersweep.kernel.model.layout import (
+    BETA,
+    CA,
+    CB,
+    D1,
+    D2,
+    GAMMA,
+    N1,
+    N2,
+    SPIN,
+    THETA,
+    WB,
+    WP,
+    X1,
+    Y1,
+)
+from dimersweep.parameters import as_number
+from dimersweep.symbols import PARAMETERS, STATES
+
+CLOSED = 1e-12  # a gap this far below zero is a closed one [m]
+AGREES = 1e-9  # how well the gaps of a start must agree with its dip angle, in units of the distance of the balls
+INITIAL = ("beta0", "xdot0")  # parameters that a start takes the place of
+
+
+def start_of(start: Any) -> dict[str, float]:
+    """What a start says, as numbers by the names of `STATES`.
+
+    Parameters
+    ----------
+    start : mapping of str to float, xarray.Dataset, or Run
+        Values of `Run.states`, one time of it, or a run whose end it is.
+
+    Raises
+    ------
+    ParameterError
+        If a name is unknown, or a value is no finite number, or there are several times.
+    """
+    if hasattr(start, "states"):
+        start = start.states(start.duration)
+    if isinstance(start, xr.Dataset):
+        return {str(name): _one(str(name), value) for name, value in start.variables.items() if str(name) in STATES}
+    if not isinstance(start, Mapping):
+        raise ParameterError(f"start = {start!r}: must be a mapping, one time of Run.states, or a run")
+    for name in start:
+        if name not in STATES:
+            raise ParameterError("start." + unknown(name, "quantity of a state", STATES))
+    return {name: as_number(f"start.{name}", value) for name, value in start.items()}
+
+
+def _one(name: str, variable: Any) -> float:
+    if variable.size != 1:
+        raise ParameterError(f"start.{name}: has {variable.size} values; give one time, such as states.isel(time=-1)")
+    return as_number(f"start.{name}", variable.values.item())
+
+
+def is_point(start: Any) -> bool:
+    """Whether `start` is one point of a cube, which tells parameters in place of a state."""
+    return isinstance(start, xr.Dataset) and "mode" in start and "gap_1" not in start
+
+
+def parameters_of(point: xr.Dataset) -> dict[str, float]:
+    """The parameters of the run behind one point of a cube.
+
+    Raises
+    ------
+    ParameterError
+        If it is not one point, or a search has found no run there.
+    """
+    given = {}
+    for name in PARAMETERS:
+        if name not in point:
+            continue
+        if point[name].size != 1:
+            raise ParameterError(f"{name}: has {point[name].size} values; give one point, such as cube.sel({name}=...)")
+        given[name] = float(point[name].values.item())
+        if np.isnan(given[name]):
+            raise ParameterError(f"{name}: the search has found none here; give one")
+    return given
+
+
+def kernel_start(start: Mapping[str, float], parameters: Mapping[str, float]) -> np.ndarray:
+    """The kernel's state of a start, shape (1, N_START), float64, at the start of a forcing period.
+
+    What is not given is zero; a gap that is not given is that of a dimer which touches the plate. Gaps and their rates
+    count, and heights only where those are missing.
+
+    Parameters
+    ----------
+    start : mapping
+        See `start_of`; its `phase` is the matter of `parameters`.
+    parameters : mapping
+        Of the run: its plate and its dimer.
+
+    Raises
+    ------
+    ParameterError
+        If the dip angle is no less than a right one, a gap is negative, or the gaps do not go with it.
+    """
+    beta = start.get("beta", 0.0)
+    if not abs(beta) < pi / 2:
+        raise ParameterError(f"start.beta = {beta}: must be below pi/2 = 1.5708 in size (radians)")
+    row = np.zeros((1, N_START))
+    state, h = row[0], parameters["r"] * (parameters["A_r"] - 1)
+    state[D1], state[D2] = _gaps(start, parameters, 2 * h * sin(beta))
+    state[BETA] = beta if state[D1] != state[D2] else 0.0
+    state[WB] = start.get("beta_rate", 0.0)
+    state[N1], state[N2] = _gap_rates(start, parameters, 2 * h * cos(beta) * state[WB])
+    theta, theta_rate = start.get("theta", 0.0), start.get("theta_rate", 0.0)
+    state[WP] = theta_rate * cos(beta)
+    state[SPIN] = start.get("spin_rate", 0.0) + theta_rate * sin(beta)
+    u, v = start.get("x1_rate", 0.0), start.get("y1_rate", 0.0)
+    state[CA] = v * cos(theta) - u * sin(theta) - h * sin(beta) * state[WB]
+    state[CB] = u * cos(theta) + v * sin(theta) - h * state[WP]
+    state[THETA], state[GAMMA] = theta, start.get("spin", 0.0)
+    state[X1] = start.get("x1", start.get("x", -h * cos(beta) * sin(theta)) + h * cos(beta) * sin(theta))
+    state[Y1] = start.get("y1", start.get("y", h * cos(beta) * cos(theta)) - h * cos(beta) * cos(theta))
+    return row
+
+
+def _gaps(start: Mapping[str, float], parameters: Mapping[str, float], rise: float) -> tuple[float, float]:
+    """Gaps of p1 and p2 [m]; p2 is higher by `rise`."""
+    if "gap_1" in start:
+        first = start["gap_1"]
+    elif "gap_2" in start:
+        first = start["gap_2"] - rise
+    elif "z1" in start or "z" in start:
+        centre = start["z1"] if "z1" in start else start["z"] - rise / 2
+        omega = 2 * pi * parameters["f"]
+        plate = parameters["Gamma"] * parameters["g"] / omega**2 * sin(parameters["phi0"])
+        first = centre - parameters["r"] - plate
+    else:
+        first = max(0.0, -rise)
+    second = start.get("gap_2", first + rise)
+    if abs(second - first - rise) > AGREES * 2 * parameters["r"] * (parameters["A_r"] - 1):
+        raise ParameterError(f"start.gap_2 = {second}: must be gap_1 + l sin(beta) = {first + rise}; leave one out")
+    for name, gap in (("gap_1", first), ("gap_2", second)):
+        if gap < -CLOSED:
+            raise ParameterError(f"start.{name} = {gap}: must be >= 0 (that end would be below the plate)")
+    return (0.0 if first < CLOSED else first), (0.0 if second < CLOSED else second)
+
+
+def _gap_rates(start: Mapping[str, float], parameters: Mapping[str, float], apart: float) -> tuple[float, float]:
+    """Rates of the gaps [m/s]; that of p2 is greater by `apart`."""
+    if "gap_1_rate" in start:
+        first = start["gap_1_rate"]
+    elif "gap_2_rate" in start:
+        first = start["gap_2_rate"] - apart
+    elif "z1_rate" in start:
+        omega = 2 * pi * parameters["f"]
+        first = start["z1_rate"] - parameters["Gamma"] * parameters["g"] / omega * cos(parameters["phi0"])
+    else:
+        first = 0.0
+    return first, start.get("gap_2_rate", first + apart)
