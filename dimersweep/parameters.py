@@ -1,5 +1,6 @@
 """The one place where input is judged: the parameters of a dimer, one at a time or as whole axes of a sweep."""
 
+import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, fields
 from math import isfinite, pi
@@ -51,7 +52,7 @@ RULES = (
     Rule("mu", _not_negative, ">= 0"),
     Rule("mu_s", lambda mu_s, mu: mu_s >= mu, ">= mu = {} (stick friction is never below slip friction)", "mu"),
     Rule("mu_h", lambda mu_h, mu: mu_h >= mu, ">= mu = {} (stick friction is never below slip friction)", "mu"),
-    Rule("beta0", lambda value: abs(value) < pi / 2, "below pi/2 = 1.5708 in size (radians)"),
+    Rule("beta0", lambda value: abs(value) < pi / 2, 'below pi/2 = 1.5708 in size (radians; degrees as "16 deg")'),
     Rule("beta0", _not_negative, ">= 0 (p1 starts on the plate, so a negative dip angle puts p2 below it)"),
     Rule("r", _positive, "> 0"),
     Rule("rho_b", _positive, "> 0"),
@@ -81,6 +82,41 @@ def as_number(name: str, value: Any) -> float:
     if not isfinite(number):
         raise ParameterError(f"{name} = {number}: must be finite")
     return number
+
+
+def number(name: str, value: Any) -> float:
+    """The value of the parameter `name` in its SI unit, as a finite float.
+
+    Parameters
+    ----------
+    name : str
+    value : float or str
+        A number in the SI unit, or a text with a unit after it: an angle may be in degrees, such as "16 deg" or "16deg".
+
+    Raises
+    ------
+    ParameterError
+        If it is no number, or the unit is another one.
+    """
+    if not isinstance(value, str):
+        return as_number(name, value)
+    units = PARAMETERS[name].units
+    factors = {"": 1.0, units: 1.0} | ({"deg": pi / 180, "°": pi / 180} if units == "rad" else {})
+    found = re.fullmatch(r"\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?|[-+]?inf|nan)\s*(.*?)\s*", value)
+    try:
+        size = float(found[1]) if found else None
+    except ValueError:
+        size = None
+    if found is None or size is None:
+        raise ParameterError(f"{name} = {value!r}: must be a number{_or_degrees(name)}")
+    if found[2] not in factors:
+        allowed = " or ".join(dict.fromkeys(unit for unit in factors if unit not in ("", "°")))
+        raise ParameterError(f"{name} = {value!r}: the unit must be {'left out' if units == '1' else allowed}")
+    return as_number(name, size * factors[found[2]])
+
+
+def _or_degrees(name: str) -> str:
+    return ', or an angle with its unit such as "16 deg"' if PARAMETERS[name].units == "rad" else ""
 
 
 def check(columns: Mapping[str, Any], gaps: Collection[str] = ()) -> None:
@@ -255,7 +291,7 @@ class Parameters:
         for field in fields(self):
             value = getattr(self, field.name)
             if value is not None or field.default is not None:
-                object.__setattr__(self, field.name, as_number(field.name, value))
+                object.__setattr__(self, field.name, number(field.name, value))  # the dataclass is frozen from here on
         check(self.given())
 
     def given(self) -> dict[str, float]:

@@ -130,11 +130,12 @@ def test_a_bad_declaration_is_named(call, old, new, message):
         (["plot", "small.toml"], "small.toml: is no NetCDF file, or a damaged one"),
         (["plot", "absent.nc", "--out", "a.xyz"], "out = a.xyz: a picture must end in .png, .pdf, .svg"),
         (["simulate", "--plot", "a.xyz"], "plot = a.xyz: a picture must end in .png, .pdf, .svg"),
-        (["simulate", "--e", "fast"], "Invalid value for '--e': 'fast' is not a number"),
+        (["simulate", "--e", "fast"], "e = 'fast': must be a number"),
         (["simulate", "--periods", "1e3"], "Invalid value for '--periods': '1e3' is not a whole number"),
         (["simulate", "--A_r", "1.5"], "A_r = 1.5: must be >= 2 (below 2 the balls overlap)"),
         (["simulate", "--e", "nan"], "e = nan: must be finite"),
         (["simulate", "--periods", "0"], "periods = 0: must be a whole number >= 1"),
+        (["simulate", "--beta0", "16foo"], "beta0 = '16foo': the unit must be rad or deg"),
         (["simulate", "--alpha", "1"], "No such option: --alpha"),
         (["dance"], "No such command 'dance'."),
     ],
@@ -394,6 +395,102 @@ def test_a_picture_that_is_not_of_this_sweep_stays(call, fake_kernel):
         assert (code, err.count("\n")) == (2, 1)
         assert err.startswith("dimersweep: error: picture = fig07-small.png: exists already; give another name")
         assert Path("fig07-small.png").read_bytes() == precious
+    Path("fig07-small.png").unlink()
+    assert call("run", "small.toml", "--no-plot")[2] == 0
+    Path("fig07-small.png").write_bytes(b"precious")
+    _, err, code = call("run", "small.toml")  # the cube is there: a picture that cannot be drawn is no failure
+    assert (code, err.splitlines()[-1].startswith("dimersweep: warning: fig07-small.png: was not drawn (")) == (0, True)
+    assert Path("fig07-small.png").read_bytes() == b"precious"
+
+
+THREE_AXES = SMALL.replace("f = [15, 20, 25]", "f = [15, 20]\nA_r = [5, 6]").replace("A_r = 6\n", "")
+
+
+def test_three_axes_without_a_plot_section_are_drawn_as_panels(call, fake_kernel):
+    Path("small.toml").write_text(THREE_AXES.partition("[plot]")[0])
+    out, err, code = call("run", "small.toml")
+    assert (code, "warning" in err) == (0, False)
+    assert out.splitlines()[-1] == "picture: fig07-small.png"
+
+
+@pytest.mark.parametrize(
+    ("declared", "kind", "message"),
+    [
+        (THREE_AXES, "segments", "segments: has axes f, A_r, beta0; draws 1 to 2 of them"),
+        (SMALL.replace("beta0", "phi0"), "segments", "segments: has axes f, phi0; needs beta0 among them"),
+        (SMALL, "trends", "trends: has axes beta0, f; needs A_r, f"),
+        (SMALL, "regions", "regions: needs the regions of a search over two axes"),
+        (SMALL, "paths", "paths: the cube has no paths over one axis; declare [paths]"),
+    ],
+)
+def test_a_picture_that_cannot_be_is_told_of_before_the_sweep(call, fake_kernel, declared, kind, message):
+    Path("small.toml").write_text(declared.replace('"segments"', f'"{kind}"'))
+    _, err, code = call("run", "small.toml")
+    assert (code, err) == (2, f"dimersweep: error: plot.kind = '{kind}': {message}; another kind, or --no-plot\n")
+    assert os.listdir() == ["small.toml"]
+    _, err, code = call("run", "small.toml", "--no-plot")
+    assert code == 0, err
+    assert Path("fig07-small.nc").exists()
+
+
+def test_a_picture_that_fails_takes_nothing_from_the_success(call, fake_kernel, monkeypatch):
+    monkeypatch.setattr("dimersweep.plots.draw", lambda *rest, **more: 1 / 0)
+    out, err, code = call("run", "small.toml")
+    assert (code, out.splitlines()[-1]) == (0, "cube: fig07-small.nc")
+    assert err.splitlines()[-1] == "dimersweep: warning: fig07-small.png: was not drawn (division by zero)"
+
+
+def test_plot_takes_a_kind_a_quantity_and_a_selection(call, fake_kernel):
+    Path("small.toml").write_text(THREE_AXES.partition("[plot]")[0])
+    assert call("run", "small.toml", "--no-plot")[2] == 0
+    for more in (["--select", "A_r=5"], ["--quantity", "radius"], ["--select", "A_r=5", "--kind", "segments"]):
+        _, err, code = call("plot", "fig07-small.nc", *more, "--force")
+        assert code == 0, err
+    _, err, code = call("plot", "fig07-small.nc", "--select", "e=1", "--force")
+    assert (code, "e is no axis of the cube (f, A_r, beta0)" in err) == (2, True)
+    _, err, code = call("plot", "fig07-small.nc", "--kind", "trends", "--force")
+    assert (code, err) == (2, "dimersweep: error: trends: has axes A_r, beta0, f; needs A_r, f\n")
+
+
+def test_an_output_has_the_ending_of_its_format(call, fake_kernel):
+    _, err, code = call("run", "small.toml", "--out", "a.csv")
+    assert (code, err) == (2, "dimersweep: error: out = a.csv: a cube must end in .nc or .zarr\n")
+    with pytest.raises(dimersweep.ParameterError, match=r"^out = a.h5: a cube must end in .nc or .zarr$"):
+        dimersweep.sweep({"f": [15]}, periods=1, out="a.h5")
+
+
+def test_python_errors_speak_python(call, fake_kernel):
+    assert call("run", "small.toml", "--no-plot")[2] == 0
+    with pytest.raises(dimersweep.StoreError, match=r"\(force=True\)"):
+        dimersweep.sweep({"f": [15]}, periods=1, out="fig07-small.nc")
+    _, err, _ = call("run", "small.toml", "--periods", "3", "--no-plot")
+    assert "(--force)" in err and "force=True" not in err
+
+
+@pytest.mark.parametrize(
+    ("attempt", "message"),
+    [
+        (lambda: dimersweep.sweep([15, 20], periods=1), r"^grid: is a list; give a mapping of parameters"),
+        (lambda: dimersweep.open_cube("/tmp"), r"^/tmp: is a folder; give a NetCDF file"),
+        (lambda: dimersweep.names([1, 2]), r"^names: list has no words; give a flag variable such as cube\['mode'\]$"),
+    ],
+)
+def test_odd_things_in_python_are_one_line(attempt, message):
+    with pytest.raises((dimersweep.ParameterError, dimersweep.StoreError), match=message):
+        attempt()
+
+
+@pytest.mark.jit
+def test_a_run_of_one_period_is_drawn(call):
+    _, err, code = call("simulate", "--periods", "1", "--beta0", "16deg", "--plot", "one.png")
+    assert (code, err) == (0, "")
+    assert Path("one.png").exists()
+
+
+@pytest.mark.jit
+def test_a_dimer_that_stays_down_tells_its_speed(call):
+    out, _, _ = call("simulate", "--f", "25", "--beta0", "88 deg", "--periods", "60")
+    assert re.search(r"both ends stay down, speed +│ 0\.\d+ +│ m/s", out)
 
 
 def test_a_map_is_made_told_of_and_not_made_again(call, fake_kernel, monkeypatch):

@@ -7,6 +7,7 @@ from matplotlib.colors import to_rgb
 import dimersweep
 from dimersweep.cubes.cube import blank, build
 from dimersweep.cubes.grid import make_grid
+from dimersweep.cubes.reading import edges_of
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import (
     CODES,
@@ -17,6 +18,7 @@ from dimersweep.kernel.model.layout import (
 from dimersweep.plots import (
     MODE_COLORS,
     check_picture,
+    draw,
     drift_intervals,
     drift_lengths,
     impact_rates,
@@ -86,11 +88,48 @@ def test_cubes_that_cannot_be_drawn_are_refused():
     flat = cube_of([R, D], f=[15, 20])
     with pytest.raises(ParameterError, match=r"^segments: has axes f; needs beta0 among them$"):
         segments(flat)
-    deep = cube_of(np.full((2, 2, 2), R), f=[15, 20], e=[0.5, 0.6], beta0=[0.1, 0.2])
-    with pytest.raises(ParameterError, match=r"^mode_map: has axes f, e, beta0; draws 1 to 2 of them$"):
-        mode_map(deep)
-    with pytest.raises(ParameterError, match=r"^mode_map: has axes none; draws 1 to 2 of them$"):
+    with pytest.raises(ParameterError, match=r"^mode_map: has axes none; needs one of more than one value$"):
         mode_map(cube_of([R], f=[15]))
+    empty = flat.isel(f=[])
+    for kind in ("mode_map", "segments", "trends"):
+        with pytest.raises(ParameterError, match=rf"^{kind}: the axis f is empty$"):
+            draw(empty, kind)
+    with pytest.raises(ParameterError, match=r"^kind = 'pie': must be one of segments, mode_map"):
+        draw(flat, "pie")
+
+
+def test_further_axes_are_panels_over_the_first_ones():
+    deep = cube_of(np.full((3, 2, 4), R), f=[15, 20, 25], e=[0.5, 0.6], beta0=[0.1, 0.2, 0.3, 0.4])
+    panels = [axes for axes in mode_map(deep).axes if axes.axison]
+    assert [axes.get_title() for axes in panels] == ["$f$ = 15 Hz", "$f$ = 20 Hz", "$f$ = 25 Hz"]
+    assert {axes.get_xlabel() for axes in panels} == {r"$\beta(0)$ [rad]"}
+    assert panels[0].get_ylabel() == "$e$"
+    many = cube_of(np.full((5, 5, 2, 2), R), f=range(1, 6), g=range(1, 6), e=[0.5, 0.6], beta0=[0.1, 0.2])
+    assert len([axes for axes in mode_map(many).axes if axes.axison]) == 12
+    assert mode_map(many).get_suptitle().startswith("12 of 25 maps")
+
+
+def test_a_quantity_is_drawn_over_the_axes():
+    cube = cube_of([[R, D, D], [D, D, R]], f=[15, 20], Gamma=[0.8, 0.9, 1.0])
+    cube["radius"] = cube["radius"].copy(data=[[np.nan, 1, 2], [3, 4, np.nan]])
+    figure = draw(cube, quantity="radius")
+    mesh = figure.axes[0].collections[0]
+    np.testing.assert_array_equal(np.ma.filled(mesh.get_array(), np.nan), cube["radius"])
+    assert figure.axes[1].get_ylabel() == "radius [m]"
+    curve = draw(cube.isel(f=0), quantity="radius").axes[0]
+    assert curve.get_ylabel() == "radius [m]"
+    with pytest.raises(ParameterError, match=r"^quantity = 'size': must be one of mode, status, "):
+        draw(cube, quantity="size")
+    with pytest.raises(ParameterError, match=r"^quantity = 'radius': goes with a map, not with kind = 'trends'$"):
+        draw(cube, "trends", quantity="radius")
+
+
+def test_values_in_a_fixed_ratio_are_drawn_on_logarithmic_axes():
+    cube = cube_of(np.full((4, 3), R), f=[1, 10, 100, 1000], Gamma=[0.8, 0.9, 1.0])
+    (axes,) = mode_map(cube).axes
+    assert (axes.get_xscale(), axes.get_yscale()) == ("linear", "log")
+    edges = edges_of(cube["f"].values)
+    np.testing.assert_allclose(edges, 10 ** np.array([-0.5, 0.5, 1.5, 2.5, 3.5]))
 
 
 def test_a_picture_needs_a_known_ending(tmp_path):

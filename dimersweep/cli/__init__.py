@@ -1,6 +1,7 @@
 """The command line: its commands, and what becomes of errors; heavy imports wait inside the commands."""
 
 import os
+import re
 import sys
 from typing import Annotated, Any
 
@@ -42,7 +43,8 @@ def _top(
 
 
 def _fail(message: str) -> None:
-    print(f"dimersweep: error: {message}", file=sys.stderr)
+    typed = re.sub(r"\b([a-z_]+)=True\b", lambda found: "--" + found[1].replace("_", "-"), message)  # as an option
+    print(f"dimersweep: error: {typed}", file=sys.stderr)
     sys.exit(2)
 
 

@@ -1,26 +1,38 @@
 """The command for the picture of a cube, and what every command that has a cube tells of it."""
 
+import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping
+from json import loads
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from dimersweep.cli.options import Force
+from dimersweep.errors import ParameterError
 from dimersweep.symbols import PARAMETERS
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from dimersweep.studies.declaration import Declaration
+    from dimersweep.studies.making import Study
 
 
 def plot(
     cube: Annotated[Path, typer.Argument(metavar="CUBE", help="Cube to draw.")],
     *,
     out: Annotated[Path | None, typer.Option(help="Picture; the cube's name with .png by default.")] = None,
+    kind: Annotated[str | None, typer.Option(help="Kind of picture, in place of the declared one.")] = None,
+    quantity: Annotated[str | None, typer.Option(help="Draw a map of this variable, such as radius.")] = None,
+    select: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=VALUE", help="Keep the nearest value of an axis, such as f=15 or beta0=16deg."),
+    ] = None,
     force: Force = False,
 ) -> None:
-    """Draw a cube."""
+    """Draw a cube: as it was declared, or another kind, a quantity, a selection."""
     from dimersweep.plots import check_picture
     from dimersweep.storage.netcdf import open_cube
 
@@ -28,16 +40,59 @@ def plot(
         raise typer.BadParameter(f"{str(cube)!r}: is no cube")
     picture = check_picture(out or cube.with_suffix(".png"), force=force)
     opened = open_cube(cube)
+    for each in select or ():
+        opened = _selected(opened, each)
     print_cube(opened)
-    draw_beside(opened, picture)
+    draw_beside(opened, picture, kind, quantity)
 
 
-def draw_beside(cube: "xr.Dataset", picture: Path) -> None:
+def _selected(cube: "xr.Dataset", text: str) -> "xr.Dataset":
+    """`cube` at the value of an axis that is nearest to the one in `text`, such as f=15."""
+    from dimersweep.parameters import number
+
+    name, _, value = text.partition("=")
+    if name not in cube.dims:
+        allowed = ", ".join(map(str, cube["mode"].dims))
+        raise typer.BadParameter(f"--select {text}: {name or 'nothing'} is no axis of the cube ({allowed})")
+    return cube.sel({name: number(name, value)}, method="nearest")
+
+
+def draw_beside(cube: "xr.Dataset", picture: Path, kind: str | None = None, quantity: str | None = None) -> None:
     """Draw `cube` to a file that may be replaced, marked with what it was drawn from, and tell of it."""
-    from dimersweep.plots import draw
+    from dimersweep.plots import DPI, draw
 
-    draw(cube).savefig(picture, dpi=150, metadata={"Keywords": _mark(cube.attrs["configuration_sha256"])})
+    figure = draw(cube, kind, quantity=quantity)
+    figure.savefig(picture, dpi=DPI, metadata={"Keywords": _mark(cube.attrs["configuration_sha256"])})
     typer.echo(f"picture: {picture}")
+
+
+def draw_if_it_can(cube: "xr.Dataset", picture: Path, *, force: bool) -> None:
+    """The same for a cube that is written: a picture that fails is told of, and takes nothing from the success."""
+    try:
+        check_picture_of(lambda: loads(cube.attrs["configuration"]), picture, force=force)
+        draw_beside(cube, picture)
+    except Exception as error:
+        warnings.warn(f"{picture}: was not drawn ({error})", RuntimeWarning, stacklevel=2)
+
+
+def judge_picture(declared: "Declaration", study: "Study") -> None:
+    """Refuse a declared kind of picture that the cube of `study` will not fit.
+
+    Raises
+    ------
+    ParameterError
+    """
+    from dimersweep.plots.judging import judge
+
+    if "plot" not in declared.model_fields_set:
+        return
+    has = {"search"} if declared.search else set()
+    has |= {"paths"} if declared.paths else set()
+    sizes = {name: values.size for name, values in study.grid.axes.items()}
+    try:
+        judge(declared.plot.kind, sizes, has)
+    except ParameterError as error:
+        raise ParameterError(f"plot.kind = {declared.plot.kind!r}: {error}; another kind, or --no-plot") from None
 
 
 def _mark(configuration_sha256: str) -> str:
@@ -71,7 +126,7 @@ def _mark_in(picture: Path) -> str | None:
 
 def print_cube(cube: "xr.Dataset") -> None:
     """The tally of modes, or of a search's answers and runs; for segments, the length of each row."""
-    from dimersweep.plots import drift_lengths
+    from dimersweep.cubes.reading import drift_lengths
     from dimersweep.work.progress import Tally
 
     if "answer" in cube:
@@ -87,10 +142,10 @@ def print_cube(cube: "xr.Dataset") -> None:
 
         sure = Counter(names(cube["confidence"]).values.ravel().tolist())
         typer.echo("modes that are " + ", ".join(f"{word} {count}" for word, count in sure.most_common()))
-    if cube.attrs.get("plot") != "segments":
+    if cube.attrs.get("plot") != "segments" or "beta0" not in cube["mode"].dims or cube["mode"].squeeze().ndim > 2:
         return
     lengths = drift_lengths(cube)
     name = str(lengths.dims[0])
     units = PARAMETERS[name].units
     for value, length in zip(lengths[name].values, lengths.values, strict=True):
-        typer.echo(f"{name} = {value:g} {units}: drift from {length:.4f} rad of initial dip angles")
+        typer.echo(f"{name} = {value:g} {units}: initial dip angles that drift make up {length:.4f} rad in all")

@@ -43,10 +43,11 @@ def with_parameters(command: Callable[..., None]) -> Callable[..., None]:
     """Give `command` an option for each parameter of the model, spelt as in the paper, in place of its keywords."""
     signature = inspect.signature(command)
     options = [parameter for parameter in signature.parameters.values() if parameter.kind is not parameter.VAR_KEYWORD]
-    for name, quantity in PARAMETERS.items():
-        units = "" if quantity.units == "1" else f" ({quantity.units})"
+    for name, quantity in PARAMETERS.items():  # their texts are judged with all else, where units are known
+        either = quantity.units + (", or 16deg" if quantity.units == "rad" else "")
+        units = "" if quantity.units == "1" else f" ({either})"
         told = quantity.long_name + units + ("" if name in BASE else f"; {LEFT_OUT[name]} by default")
-        kind = Annotated[Any, number_option(told, f"--{name}")]
+        kind = Annotated[Any, typer.Option(f"--{name}", help=told, parser=str, metavar="NUMBER")]
         default = BASE.get(name, None if isinstance(LEFT_OUT.get(name), str) else LEFT_OUT.get(name))
         options.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind))
     command.__signature__ = signature.replace(parameters=options)  # type: ignore[attr-defined]

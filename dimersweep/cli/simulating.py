@@ -59,7 +59,7 @@ def simulate(
 def _as_dict(run: "Run") -> dict[str, Any]:
     """What came out of `run`, as JSON can hold it."""
     outcome = {name: getattr(run, name) for name in ("parameters", "status", "message", "mode", "mode_period")}
-    outcome |= {name: getattr(run, name) for name in ("n_events", "n_periods")}
+    outcome |= {name: getattr(run, name) for name in ("n_events", "n_periods", "end_speed")}
     names = [*ORBIT, "di_end", "spin_rate", *(f"{name}_drift" for name in ORBIT)]
     return outcome | {"orbit": run.orbit and {name: getattr(run.orbit, name) for name in names}}
 
@@ -78,6 +78,8 @@ def _print_table(run: "Run", bounds: dict[str, float]) -> None:
     repeats = f", repeats every {run.mode_period} periods" if run.mode_period > 1 else ""
     table.add_row("status", run.status if run.status == "ok" else f"{run.status}: {run.message}")
     table.add_row("mode", run.mode + repeats)
+    if run.mode == "rest":
+        table.add_row("both ends stay down, speed", f"{run.end_speed:.4g}", "m/s")
     table.add_row("forcing periods", str(run.n_periods))
     table.add_row("events", str(run.n_events))
     for name, bound in bounds.items():

@@ -5,13 +5,12 @@ import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from json import loads
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dimersweep.cli.drawing import check_picture_of, draw_beside, print_cube
+from dimersweep.cli.drawing import check_picture_of, draw_if_it_can, judge_picture, print_cube
 from dimersweep.cli.options import Force, Periods, Rtol, Workers
 from dimersweep.errors import Stopped
 
@@ -49,14 +48,15 @@ def run(
 ) -> None:
     """Run a declared sweep: write its cube and draw it. One that was stopped goes on where it was."""
     declared = _declared(declaration, source, out, other_kernel=other_kernel)
-    from dimersweep.storage.netcdf import check_writable
+    from dimersweep.storage.netcdf import check_output
     from dimersweep.studies.datasets import make
 
     cube_file = out or Path(declared.sweep.output)
-    check_writable(cube_file, force=True)  # a cube that is there already is judged where it can be read
+    check_output(cube_file, force=True)  # a cube that is there already is judged where it can be read
     picture, forced = cube_file.with_suffix(".png"), force or retry
     if plot and not cube_file.exists():
         study = declared.study(periods=periods, rtol=rtol)
+        judge_picture(declared, study)
         check_picture_of(study.configuration, picture, force=forced)
     with stoppable():
         cube = make(
@@ -76,8 +76,7 @@ def run(
         print_cube(cube)
         typer.echo(f"cube: {cube_file}")
         if plot:
-            check_picture_of(lambda: loads(cube.attrs["configuration"]), picture, force=forced)
-            draw_beside(cube, picture)
+            draw_if_it_can(cube, picture, force=forced)
 
 
 def _declared(declaration: Path | None, source: Path | None, out: Path | None, *, other_kernel: bool) -> "Declaration":

@@ -1,6 +1,6 @@
 """Axes to points: a grid is kept as its axes, and any range of its points is laid out when it is needed."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from math import prod
 from typing import Any
@@ -15,24 +15,26 @@ from dimersweep.parameters import (
     check_name,
     fill_rows,
     keeps_rules,
+    number,
 )
 from dimersweep.symbols import BASE, PARAMETERS
 
 MAX_POINTS = 50_000_000  # of an axis, and of a cube in memory: about 12 GB, see benchmarks/memory.py
 
-_FORMS = "give values, or start, stop and either step or num; unit is optional"
+_FORMS = "give values, or start, stop and either step or num; unit is optional, and spacing = log with num"
+Reader = Callable[[str, Any], float]
 
 
-def _from_range(name: str, start: Any, stop: Any, step: Any = None, num: Any = None) -> np.ndarray:
+def _from_range(name: str, read: Reader, start: Any, stop: Any, step: Any = None, num: Any = None) -> np.ndarray:
     """Values from `start` on; `stop` is the last one where whole steps reach it."""
-    start, stop = as_number(f"{name}.start", start), as_number(f"{name}.stop", stop)
+    start, stop = read(f"{name}.start", start), read(f"{name}.stop", stop)
     if stop < start:
         raise ParameterError(f"{name}.stop = {stop}: must be >= start = {start}")
     if num is not None:
         count = check_count(f"{name}.num", num)
         stride = (stop - start) / max(count - 1, 1)
     else:
-        stride = as_number(f"{name}.step", step)
+        stride = read(f"{name}.step", step)
         if stride <= 0:
             raise ParameterError(f"{name}.step = {stride}: must be > 0")
         steps = (stop - start) / stride
@@ -44,20 +46,40 @@ def _from_range(name: str, start: Any, stop: Any, step: Any = None, num: Any = N
     return start + stride * np.arange(count)
 
 
-def _from_values(name: str, values: Any) -> np.ndarray:
+def _from_logarithms(name: str, read: Reader, start: Any, stop: Any, num: Any) -> np.ndarray:
+    """So many values from `start` to `stop` in a fixed ratio."""
+    ends = read(f"{name}.start", start), read(f"{name}.stop", stop)
+    if not 0 < ends[0] < ends[1]:
+        raise ParameterError(f"{name}.start = {ends[0]}: must be > 0 and < stop = {ends[1]}, for logarithmic spacing")
+    count = check_count(f"{name}.num", num)
+    if count > MAX_POINTS:
+        raise ParameterError(f"{name}.num = {count}: must be <= {MAX_POINTS}")
+    return np.geomspace(*ends, count)
+
+
+def _from_values(name: str, values: Any, read: Reader) -> np.ndarray:
     """`values` as a float array of one dimension; a lone number is an axis of one value."""
     values = np.asarray(values).tolist() if hasattr(values, "__array__") else values
     values = values if isinstance(values, list | tuple | range) else [values]
-    return np.array([as_number(name, value) for value in values])
+    return np.array([read(name, value) for value in values])
+
+
+def _with_units(name: str, value: Any) -> float:
+    return number(name.partition(".")[0], value)
 
 
 def _from_declaration(name: str, declared: Mapping[str, Any]) -> np.ndarray:
     given = dict(declared)
-    unit = given.pop("unit", PARAMETERS[name].units)
-    if set(given) == {"values"}:
-        values = _from_values(name, given["values"])
-    elif set(given) in ({"start", "stop", "step"}, {"start", "stop", "num"}):
-        values = _from_range(name, **given)
+    read: Reader = as_number if "unit" in given else _with_units
+    unit, spacing = given.pop("unit", PARAMETERS[name].units), given.pop("spacing", "linear")
+    if spacing not in ("linear", "log"):
+        raise ParameterError(f"{name}.spacing = {spacing!r}: must be linear or log")
+    if spacing == "log" and set(given) == {"start", "stop", "num"}:
+        values = _from_logarithms(name, read, **given)
+    elif set(given) == {"values"} and spacing == "linear":
+        values = _from_values(name, given["values"], read)
+    elif set(given) in ({"start", "stop", "step"}, {"start", "stop", "num"}) and spacing == "linear":
+        values = _from_range(name, read, **given)
     else:
         raise ParameterError(f"{name}: has {', '.join(given) or 'nothing'}; {_FORMS}")
     if unit == "deg" and PARAMETERS[name].units == "rad":
@@ -66,6 +88,15 @@ def _from_declaration(name: str, declared: Mapping[str, Any]) -> np.ndarray:
         allowed = PARAMETERS[name].units + (" or deg" if PARAMETERS[name].units == "rad" else "")
         raise ParameterError(f"{name}.unit = {unit!r}: must be {allowed}")
     return values
+
+
+def _held(name: str, value: Any) -> float:
+    """A fixed value: a number, a text with its unit, or a mapping with a `value` and a `unit`."""
+    if isinstance(value, Mapping):
+        if set(value) != {"value", "unit"}:
+            raise ParameterError(f"{name}: has {', '.join(value) or 'nothing'}; give value and unit")
+        value = f"{as_number(name, value['value'])!r} {value['unit']}"
+    return number(name, value)
 
 
 def axis(name: str, declared: Any) -> np.ndarray:
@@ -77,7 +108,8 @@ def axis(name: str, declared: Any) -> np.ndarray:
         A parameter of the model.
     declared : array_like or mapping
         Values, or ``{"values": ...}``, ``{"start", "stop", "step"}`` or ``{"start", "stop", "num"}``, each with an
-        optional ``"unit"`` ("deg" for an angle). The stop of a range belongs to it.
+        optional ``"unit"`` ("deg" for an angle). The stop of a range belongs to it. With ``"spacing": "log"`` the `num`
+        values are in a fixed ratio. A value may be a text with its unit, such as "16 deg".
 
     Returns
     -------
@@ -90,7 +122,11 @@ def axis(name: str, declared: Any) -> np.ndarray:
         If the name is unknown, or the axis empty, not finite or not strictly increasing.
     """
     check_name(name)
-    values = _from_declaration(name, declared) if isinstance(declared, Mapping) else _from_values(name, declared)
+    values = (
+        _from_declaration(name, declared)
+        if isinstance(declared, Mapping)
+        else _from_values(name, declared, _with_units)
+    )
     if values.size == 0:
         raise ParameterError(f"{name}: the axis is empty; give at least one value")
     falls = np.flatnonzero(np.diff(values) <= 0)
@@ -196,6 +232,8 @@ def make_grid(axes: Mapping[str, Any], fixed: Mapping[str, Any] | None = None, *
         Naming the parameter, its value and what is allowed.
     """
     fixed = dict(fixed or {})
+    if not isinstance(axes, Mapping):
+        raise ParameterError(f"grid: is a {type(axes).__name__}; give a mapping of parameters to their values")
     if not axes:
         raise ParameterError("grid: has no axis; give at least one parameter to sweep")
     for name in fixed:
@@ -206,7 +244,7 @@ def make_grid(axes: Mapping[str, Any], fixed: Mapping[str, Any] | None = None, *
         if {"e", end} <= {*axes, *fixed}:
             raise ParameterError(f"{end}: given together with e; give e, or e_1 and e_2")
     made = {name: axis(name, declared) for name, declared in axes.items()}
-    held = {name: as_number(name, value) for name, value in (BASE | fixed).items() if name not in made}
+    held = {name: _held(name, value) for name, value in (BASE | fixed).items() if name not in made}
     if {"e_1", "e_2"} & {*axes, *fixed}:
         e = held.pop("e")
         held = {name: e for name in ("e_1", "e_2") if name not in made} | held

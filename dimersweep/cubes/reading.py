@@ -17,27 +17,36 @@ VALLEY = 5  # points on each side of a minimum that the spline goes through
 
 
 def edges_of(values: np.ndarray, lowest: float = -np.inf, highest: float = np.inf) -> np.ndarray:
-    """Edges of the cells that the points of an axis stand for, shape (n + 1,): half way to the neighbours."""
+    """Edges of the cells that the points of an axis stand for, shape (n + 1,): half way to the neighbours.
+
+    Half way is a ratio where the values are in a fixed ratio.
+    """
     if values.size == 1:
         return values[0] + np.array([-0.5, 0.5])
+    if is_geometric(values):
+        return np.clip(np.exp(_middles(np.log(values))), lowest, highest)
+    return np.clip(_middles(values), lowest, highest)
+
+
+def _middles(values: np.ndarray) -> np.ndarray:
     inner = (values[1:] + values[:-1]) / 2
-    first, last = 2 * values[0] - inner[0], 2 * values[-1] - inner[-1]
-    return np.clip(np.concatenate([[first], inner, [last]]), lowest, highest)
+    return np.concatenate([[2 * values[0] - inner[0]], inner, [2 * values[-1] - inner[-1]]])
 
 
-def plain_modes(cube: xr.Dataset, most: int, kind: str) -> xr.DataArray:
-    """The modes of `cube` without the axes of one value, of at most `most` dimensions."""
-    mode = cube["mode"].squeeze()
-    if not 1 <= mode.ndim <= most:
-        raise ParameterError(f"{kind}: has axes {', '.join(map(str, mode.dims)) or 'none'}; draws 1 to {most} of them")
-    return mode
+def is_geometric(values: np.ndarray) -> bool:
+    """Whether the values of an axis, three or more, are in a fixed ratio rather than at a fixed distance."""
+    if values.size < 3 or values[0] <= 0:
+        return False
+    ratios, steps = np.diff(np.log(values)), np.diff(values)
+    return bool(np.ptp(ratios) < 1e-6 * ratios.mean() and np.ptp(steps) > 1e-6 * steps.mean())
 
 
 def _drift_rows(cube: xr.Dataset) -> xr.DataArray:
     """Where `cube` drifts, shape (rows, beta0)."""
-    mode = plain_modes(cube, 2, "segments")
-    if "beta0" not in mode.dims:
-        raise ParameterError(f"segments: has axes {', '.join(map(str, mode.dims))}; needs beta0 among them")
+    mode = cube["mode"].squeeze()
+    if "beta0" not in mode.dims or mode.ndim > 2 or not mode.size:
+        told = ", ".join(map(str, mode.dims)) or "none"
+        raise ParameterError(f"drift_intervals: has axes {told}; needs beta0 and at most one more")
     rows = mode if mode.ndim == 2 else mode.expand_dims("f")
     return (rows == M_DRIFT).transpose(..., "beta0")
 

@@ -4,7 +4,10 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from dimersweep.cubes.reading import drift_intervals, drift_lengths
-from dimersweep.plots.modes import mode_map, regions, segments
+from dimersweep.errors import ParameterError
+from dimersweep.plots.judging import judge_cube
+from dimersweep.plots.maps import mode_map, quantity_map
+from dimersweep.plots.modes import regions, segments
 from dimersweep.plots.orbits import impact_ends, least_period, paths, planar, shares, trends
 from dimersweep.plots.runs import (
     contact_legend,
@@ -15,9 +18,10 @@ from dimersweep.plots.runs import (
     portrait,
     run_figure,
 )
-from dimersweep.plots.style import MODE_COLORS, check_picture, write_picture
+from dimersweep.plots.style import DPI, MODE_COLORS, check_picture, write_picture
 
 __all__ = [
+    "DPI",
     "KINDS",
     "MODE_COLORS",
     "check_picture",
@@ -35,6 +39,7 @@ __all__ = [
     "paths",
     "planar",
     "portrait",
+    "quantity_map",
     "regions",
     "run_figure",
     "segments",
@@ -56,6 +61,18 @@ KINDS = {
 }
 
 
-def draw(cube: xr.Dataset) -> Figure:
-    """The figure that `cube` was declared for, a mode map if none was."""
-    return KINDS[cube.attrs.get("plot", "mode_map")](cube)
+def draw(cube: xr.Dataset, kind: str | None = None, *, quantity: str | None = None) -> Figure:
+    """A figure of `cube`: of a kind, of a quantity over its axes, or by default the one that it was declared for.
+
+    Raises
+    ------
+    ParameterError
+        If the cube cannot be drawn so.
+    """
+    if quantity is not None:
+        if kind not in (None, "mode_map"):
+            raise ParameterError(f"quantity = {quantity!r}: goes with a map, not with kind = {kind!r}")
+        return quantity_map(cube, quantity)
+    kind = kind or cube.attrs.get("plot", "mode_map")
+    judge_cube(kind, cube)
+    return KINDS[kind](cube)

@@ -1,4 +1,4 @@
-"""Pictures of modes over axes: intervals of the dip angle, maps of modes and regions."""
+"""Pictures of where the modes lie: intervals of the dip angle, and regions of a search."""
 
 import numpy as np
 import xarray as xr
@@ -14,11 +14,10 @@ from dimersweep.cubes.reading import (
     drift_intervals,
     drift_lengths,
     edges_of,
-    plain_modes,
 )
-from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import MODES
-from dimersweep.plots.style import MODE_COLORS, ROW_COLORS, given, label, percent, title
+from dimersweep.plots.judging import judge_cube
+from dimersweep.plots.style import MODE_COLORS, ROW_COLORS, given, label, title
 
 
 def segments(cube: xr.Dataset) -> Figure:
@@ -34,6 +33,7 @@ def segments(cube: xr.Dataset) -> Figure:
     matplotlib.figure.Figure
         With the total length of each row at its right end.
     """
+    judge_cube("segments", cube)
     lengths = drift_lengths(cube)
     (name,) = lengths.dims
     figure = Figure(figsize=(8, 1.4 + 0.55 * lengths.size), layout="constrained")
@@ -62,42 +62,6 @@ def _dip_axis(axes: Axes) -> None:
     degrees.set_xlabel("degrees")
 
 
-def mode_map(cube: xr.Dataset) -> Figure:
-    """The mode of motion over one or two axes.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        With one or two axes of more than one value; the last one runs to the right.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        With a legend of the modes that occur and their shares.
-    """
-    mode = plain_modes(cube, 2, "mode_map")
-    x_name, y_name = str(mode.dims[-1]), str(mode.dims[0]) if mode.ndim == 2 else ""
-    figure = Figure(figsize=(7.5, 4.8 if y_name else 2.2), layout="constrained")
-    axes = figure.add_subplot()
-    y_edges = edges_of(mode[y_name].values) if y_name else np.array([0.0, 1.0])
-    colors = np.array([tuple(int(c[k : k + 2], 16) / 255 for k in (1, 3, 5)) for c in MODE_COLORS.values()])
-    axes.pcolormesh(edges_of(mode[x_name].values), y_edges, colors[np.atleast_2d(mode.values)])
-    axes.set_xlabel(label(x_name))
-    if y_name:
-        axes.set_ylabel(label(y_name))
-    else:
-        axes.set_yticks([])
-    shares = np.bincount(mode.values.ravel(), minlength=len(MODES)) / mode.size
-    handles = [
-        Patch(facecolor=MODE_COLORS[name], edgecolor="black", linewidth=0.5, label=f"{name} ({percent(share)})")
-        for name, share in zip(MODES, shares, strict=True)
-        if share > 0
-    ]
-    figure.legend(handles=handles, loc="outside right upper", fontsize=9)
-    axes.set_title(title(cube), fontsize=10)
-    return figure
-
-
 def regions(cube: xr.Dataset) -> Figure:
     """Where some start drifts, where every start rests, and which mode is most frequent elsewhere, as in the paper's Fig. 8.
 
@@ -111,9 +75,8 @@ def regions(cube: xr.Dataset) -> Figure:
     matplotlib.figure.Figure
         Drift hatched with lines, rest with slashes, and their borders.
     """
-    mode = plain_modes(cube, 2, "regions")
-    if mode.ndim != 2 or "region" not in cube:
-        raise ParameterError("regions: needs the regions of a search over two axes")
+    judge_cube("regions", cube)
+    mode = cube["mode"].squeeze()
     x_name, y_name = map(str, mode.dims)
     x, y = mode[x_name].values, mode[y_name].values
     figure = Figure(figsize=(8, 5.6), layout="constrained")

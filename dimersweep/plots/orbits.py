@@ -18,8 +18,8 @@ from dimersweep.cubes.reading import (
     runs_of,
     stick_ratio,
 )
-from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import DI_ENDS, M_DRIFT, M_NOT_RUN
+from dimersweep.plots.judging import judge_cube
 from dimersweep.plots.style import ROW_COLORS, given, label, log_scale, title
 
 END_COLORS = {  # of a double impact
@@ -32,13 +32,6 @@ END_COLORS = {  # of a double impact
 LEFT_OUT = "#d9d9d9"  # points that break the rule between mu and mu_s
 TRENDS = {"radius": r"$\bar R$ [m]", "period": r"$\bar T$ [s]", "zeta": r"$\zeta$ [rad]"}
 CURVES = 5  # values of the other axis that are drawn
-
-
-def _needs(cube: xr.Dataset, kind: str, *axes: str) -> None:
-    """Refuse a cube without one of `axes`, or with others of more than one value."""
-    present = {str(dim) for dim, n in cube["mode"].sizes.items() if n > 1 or dim in axes}
-    if present != set(axes):
-        raise ParameterError(f"{kind}: has axes {', '.join(sorted(present)) or 'none'}; needs {', '.join(axes)}")
 
 
 def _frame(cube: xr.Dataset, size: tuple[float, float], heading: str = "", **panels: Any) -> tuple[Figure, Any]:
@@ -64,8 +57,7 @@ def paths(cube: xr.Dataset) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    if "x" not in cube or cube["x"].ndim != 2:
-        raise ParameterError("paths: the cube has no paths over one axis; declare [paths]")
+    judge_cube("paths", cube)
     (name,) = (str(dim) for dim in cube["mode"].dims)
     per_period = round(1 / float(cube["cycle"][1] - cube["cycle"][0]))
     figure, (whole, teeth) = _frame(cube, (10, 5.2), "Paths of the centre of mass", ncols=2)
@@ -106,7 +98,7 @@ def trends(cube: xr.Dataset) -> Figure:
     matplotlib.figure.Figure
         With the exponents of R and T in A_r - 1 and f.
     """
-    _needs(cube, "trends", "A_r", "f")
+    judge_cube("trends", cube)
     figure, panels = _frame(cube, (9, 10), nrows=3, ncols=2, sharex="col", sharey="row")
     for row, quantity in zip(panels, TRENDS, strict=True):
         values = _drifting(cube, quantity)
@@ -143,7 +135,7 @@ def least_period(cube: xr.Dataset) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    _needs(cube, "minimum", "A_r", "xdot0")
+    judge_cube("minimum", cube)
     figure, (left, right) = _frame(cube, (10, 4.4), ncols=2)
     speeds = cube["xdot0"].values
     for color, A_r in zip(ROW_COLORS, cube["A_r"].values, strict=False):
@@ -180,7 +172,7 @@ def impact_ends(cube: xr.Dataset) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    _needs(cube, "impact_ends", "A_r", "mu", "mu_s")
+    judge_cube("impact_ends", cube)
     body = {name: cube[name].item() for name in ("r", "rho_b", "rho_r", "D_r")}
     colors = ListedColormap([*END_COLORS.values(), LEFT_OUT])
     shown = cube["di_end"].where(cube["mode"] != M_NOT_RUN, len(END_COLORS))
@@ -216,8 +208,7 @@ def shares(cube: xr.Dataset) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    if "runs" not in cube or cube["mode"].ndim != 2:
-        raise ParameterError("shares: needs the runs of a search over two axes")
+    judge_cube("shares", cube)
     other, name = (str(dim) for dim in cube["mode"].dims)
     figure, axes = _frame(cube, (7.5, 4.4))
     share = runs_of(cube, "drift") / cube["n_runs"]
@@ -244,8 +235,7 @@ def planar(cube: xr.Dataset) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    if "axial_velocity" not in cube or cube["mode"].ndim != 1:
-        raise ParameterError("planar: needs paths over one axis; declare [paths]")
+    judge_cube("planar", cube)
     (name,) = (str(dim) for dim in cube["mode"].dims)
     figure, axes = _frame(cube, (7.5, 4.4))
     ends, velocity = names(cube["di_end"]).values, 1e3 * cube["axial_velocity"].values

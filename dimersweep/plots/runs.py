@@ -87,7 +87,8 @@ def portrait(axes: Axes, run: "Run", angle: str, span: tuple[float, float], *, c
     """
     events = run.events.isel(event=np.flatnonzero((run.events["time"] >= span[0]) & (run.events["time"] < span[1])))
     jumps = np.unique(events["time"].values[events["cause"].values == "impact"])
-    states = run.states(np.sort(np.concatenate([np.linspace(*span, 2001), jumps - 1e-9 / run.parameters["f"], jumps])))
+    just_before = np.maximum(span[0], jumps - 1e-9 / run.parameters["f"])
+    states = run.states(np.sort(np.concatenate([np.linspace(*span, 2001), just_before, jumps])))
     values = states[angle].values - (0.0 if angle == "beta" else states[angle].values[0])
     rates = states[f"{angle}_rate"].values
     style = np.where(states["contact_state"].values == 0, "-", "--")

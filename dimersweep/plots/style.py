@@ -23,7 +23,7 @@ MODE_COLORS = {
     "flutter": "#009e73",
     "period_n": "#cc79a7",
     "aperiodic": "#d55e00",
-    "unresolved": "#f0e442",
+    "unresolved": "#e3e0d5",
 }
 ROW_COLORS = ("#1f4fd8", "#d62728", "#000000", "#009e73", "#cc79a7", "#e69f00")  # the paper's three first
 TEX = {
@@ -53,7 +53,12 @@ DPI = 200  # of a picture that is not made of lines
 
 def units_of(name: str) -> str:
     """Unit of a parameter as it is shown, empty if it has none."""
-    return PARAMETERS[name].units.replace("m s-1", "m/s").replace("1", "")
+    return units_shown(PARAMETERS[name].units)
+
+
+def units_shown(units: str) -> str:
+    """A unit as it is shown, such as rad/s of rad s-1."""
+    return "" if units == "1" else units.replace(" s-1", "/s").replace(" s-2", "/s²").replace(" m-3", "/m³")
 
 
 def given(name: str, value: float) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from html import escape
 from typing import TYPE_CHECKING
 
-from dimersweep.plots.style import MODE_COLORS, units_of
+from dimersweep.plots.style import MODE_COLORS, units_of, units_shown
 from dimersweep.symbols import BASE, QUANTITIES
 
 if TYPE_CHECKING:
@@ -36,8 +36,8 @@ def run_table(run: "Run") -> str:
         rows.append(("status", f"{run.status}: {run.message}"))
     if run.orbit is not None:
         for name in ORBIT:
-            units = QUANTITIES[name].units.replace("m s-1", "m/s").replace("1", "")
-            rows.append((name.replace("_", " "), f"{getattr(run.orbit, name):.6g} {units}"))
+            value = f"{getattr(run.orbit, name):.6g} {units_shown(QUANTITIES[name].units)}"
+            rows.append((name.replace("_", " "), value))
     elif run.mode == "rest":
         rows.append(("both ends stay down", f"the centre of mass moves at {run.end_speed:.3g} m/s"))
     repeats = f", repeats every {run.mode_period} periods" if run.mode_period > 1 else ""

@@ -206,9 +206,9 @@ def read_manifest(path: Path) -> Manifest:
     head = _told(first)
     manifest = _begun(head, len(first)) if head else None
     if head is None or manifest is None:
-        raise StoreError(f"{path}: is damaged, or no manifest of this version of dimersweep; sweep anew (--force)")
+        raise StoreError(f"{path}: is damaged, or no manifest of this version of dimersweep; sweep anew (force=True)")
     if (head.get("dimersweep_manifest"), head.get("layout")) != (FORMAT, _LAYOUT):
-        raise StoreError(f"{path}: has the format of another version of dimersweep; sweep anew (--force)")
+        raise StoreError(f"{path}: has the format of another version of dimersweep; sweep anew (force=True)")
     for line in rest:
         if not (line.endswith(b"\n") and _take(line, manifest)):
             manifest.damaged += 1

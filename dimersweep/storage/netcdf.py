@@ -10,12 +10,13 @@ from typing import Any
 
 import xarray as xr
 
-from dimersweep.errors import StoreError
+from dimersweep.errors import ParameterError, StoreError
 from dimersweep.storage.files import sync, told
 from dimersweep.storage.provenance import digest
 from dimersweep.storage.zarr import is_zarr, read_zarr
 
 PART_BYTES = 1 << 26  # of a cube, that are written at once
+CUBES = (".nc", ".zarr")
 
 
 def check_writable(path: str | os.PathLike[str], *, force: bool = False, name: str = "out") -> Path:
@@ -47,7 +48,7 @@ def check_writable(path: str | os.PathLike[str], *, force: bool = False, name: s
     if not path.parent.is_dir():
         raise StoreError(f"{name} = {path}: the folder {path.parent} does not exist")
     if path.exists() and not force:
-        raise StoreError(f"{name} = {path}: exists already; give another name, or force it to be replaced (--force)")
+        raise StoreError(f"{name} = {path}: exists already; give another name, or force it to be replaced (force=True)")
     try:
         with tempfile.TemporaryFile(dir=path.parent):
             pass
@@ -87,6 +88,21 @@ def _parts(cube: xr.Dataset) -> Iterator[xr.Dataset]:
         names.append(name)
         size += variable.nbytes
     yield cube[names]
+
+
+def check_output(path: str | os.PathLike[str], *, force: bool = False) -> Path:
+    """Refuse an output of a sweep that could not be written, or whose ending promises another format.
+
+    Raises
+    ------
+    ParameterError
+        If it ends in neither .nc nor .zarr.
+    StoreError
+        As by `check_writable`.
+    """
+    if Path(path).suffix not in CUBES:
+        raise ParameterError(f"out = {path}: a cube must end in {' or '.join(CUBES)}")
+    return check_writable(path, force=force)
 
 
 def write_cube(
@@ -178,6 +194,8 @@ def read_netcdf(path: Path) -> xr.Dataset:
     StoreError
         If there is none, or it is no NetCDF file, or damaged.
     """
+    if os.path.isdir(path):
+        raise StoreError(f"{path}: is a folder; give a NetCDF file, or a folder that ends in .zarr")
     if not os.path.isfile(path):  # a name that no file can have is no error for it
         raise StoreError(f"{path}: no such file")
     try:

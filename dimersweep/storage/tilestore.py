@@ -128,7 +128,7 @@ class TileStore:
             except Damaged as error:
                 trouble.append(f"{entry.file} {error}")
         if any(later.start < earlier.stop for earlier, later in pairwise(sorted(t for e in kept for t in e.tiles))):
-            raise StoreError(f"{self.folder}: its manifest lists points twice; sweep anew (--force)")
+            raise StoreError(f"{self.folder}: its manifest lists points twice; sweep anew (force=True)")
         listed = {entry.file for entry in self.manifest.entries}
         trouble += [f"{path.name} is not listed" for path in self._files() if path.name not in listed]
         if self.manifest.damaged:
@@ -274,18 +274,18 @@ def _opened(out: Path, nothing: Manifest, kind: np.dtype) -> TileStore:
     path = manifest_of(out)
     if not path.exists():
         if any(folder_of(out).glob("tiles-*.npy")):
-            raise StoreError(f"{path.parent}: holds results, but no manifest of them; sweep anew (--force)")
+            raise StoreError(f"{path.parent}: holds results, but no manifest of them; sweep anew (force=True)")
         put(path, [lines(nothing)])
     manifest = read_manifest(path)
     if as_text(manifest.configuration) != as_text(nothing.configuration):
         changes = "".join(f"\n  {line}" for line in differences(manifest.configuration, nothing.configuration))
         raise StoreError(
             f"{path.parent}: holds results of another sweep, stopped before its end; "
-            f"begin anew with --force, or give another output. What differs:{changes}"
+            f"begin anew with force=True, or give another output. What differs:{changes}"
         )
     if manifest.size != nothing.size:
         told = f"tells of {manifest.size} points, where its grid has {nothing.size}"
-        raise StoreError(f"{path}: is damaged ({told}); sweep anew (--force)")
+        raise StoreError(f"{path}: is damaged ({told}); sweep anew (force=True)")
     return TileStore(out, manifest, kind)
 
 

@@ -16,7 +16,7 @@ from dimersweep.cubes.grid import Grid, check_fits
 from dimersweep.cubes.results import failed
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.storage.memorystore import MemoryStore
-from dimersweep.storage.netcdf import check_writable, open_cube, write_cube
+from dimersweep.storage.netcdf import check_output, check_writable, open_cube, write_cube
 from dimersweep.storage.provenance import as_text, attributes, differences
 from dimersweep.storage.tilestore import TileStore, tile_store
 from dimersweep.storage.zarr import check_zarr, is_zarr, write_zarr
@@ -66,7 +66,7 @@ def complete_cube(study: Study, options: Options) -> xr.Dataset | None:
         if options.retry and options.extend is None:
             raise ParameterError("retry: needs an out, or a cube to extend")
         return None
-    check_writable(out, force=True)  # what can never be written to is told first
+    check_output(out, force=True)  # what can never be written to is told first
     if out.exists() and not options.force:
         former = _former(out, study)
         if not options.retry or not failed(flatten(former)[1]).any():
@@ -192,7 +192,7 @@ def _former(out: Path, study: Study) -> xr.Dataset:
     StoreError
         If it is not.
     """
-    cannot = f"out = {out}: exists already; give another name, or force it to be replaced (--force)"
+    cannot = f"out = {out}: exists already; give another name, or force it to be replaced (force=True)"
     try:
         cube = open_cube(out)
     except StoreError:

@@ -49,7 +49,7 @@ def from_cube(path: str | os.PathLike[str], *, other_kernel: bool = False) -> De
         made_by = ", ".join(f"{name} {cube.attrs.get(name, 'unknown')}" for name in MADE_BY)
         raise StoreError(
             f"{path}: was made by another version, so its numbers may differ in the last digits; install that one "
-            f"({made_by}), or go on with --other-kernel. What differs:" + "".join(f"\n  {line}" for line in changes)
+            f"({made_by}), or go on with other_kernel=True. What differs:" + "".join(f"\n  {line}" for line in changes)
         )
     return declaration
 

@@ -1,0 +1,75 @@
+"""What each kind of picture needs of a cube, known before the cube is: its axes, and what was asked."""
+
+from collections.abc import Collection, Mapping
+
+import xarray as xr
+
+from dimersweep.errors import ParameterError
+
+KINDS = (
+    "segments",
+    "mode_map",
+    "regions",
+    "paths",
+    "trends",
+    "minimum",
+    "impact_ends",
+    "shares",
+    "planar",
+    "bifurcation",
+)
+EXACT = {"trends": ("A_r", "f"), "minimum": ("A_r", "xdot0"), "impact_ends": ("A_r", "mu", "mu_s")}
+
+
+def features(cube: xr.Dataset) -> set[str]:
+    """What a cube has besides modes and orbits: regions and runs of a search, paths, strobes."""
+    marks = {"search": "region", "paths": "x", "strobes": "strobe", "points": "point"}
+    return {name for name, variable in marks.items() if variable in cube.variables or variable in cube.dims}
+
+
+def judge(kind: str, sizes: Mapping[str, int], has: Collection[str] = ()) -> None:
+    """Refuse a kind of picture for a cube that it could not draw.
+
+    Parameters
+    ----------
+    kind : str
+        One of `KINDS`.
+    sizes : mapping of str to int
+        Axes of the cube and how many values each has.
+    has : collection of str
+        See `features`.
+
+    Raises
+    ------
+    ParameterError
+        Telling what it needs.
+    """
+    if kind not in KINDS:
+        raise ParameterError(f"kind = {kind!r}: must be one of {', '.join(KINDS)}")
+    for name, n in sizes.items():
+        if n == 0:
+            raise ParameterError(f"{kind}: the axis {name} is empty")
+    axes = [name for name, n in sizes.items() if n > 1]
+    told = f"{kind}: has axes {', '.join(axes) or 'none'}; "
+    if kind == "segments" and not (1 <= len(axes) <= 2 and "beta0" in axes):
+        raise ParameterError(told + ("needs beta0 among them" if 1 <= len(axes) <= 2 else "draws 1 to 2 of them"))
+    if kind == "mode_map" and not axes:
+        raise ParameterError(told + "needs one of more than one value")
+    if kind == "regions" and not ("search" in has and len(axes) == 2):
+        raise ParameterError("regions: needs the regions of a search over two axes")
+    if kind in EXACT:
+        present = sorted({*axes, *(name for name in sizes if name in EXACT[kind])})
+        if set(present) != set(EXACT[kind]):
+            raise ParameterError(f"{kind}: has axes {', '.join(present) or 'none'}; needs {', '.join(EXACT[kind])}")
+    if kind == "shares" and not ("search" in has and len(sizes) == 2):
+        raise ParameterError("shares: needs the runs of a search over two axes")
+    if kind in ("paths", "planar") and not ("paths" in has and len(sizes) == 1):
+        words = "the cube has no paths over one axis" if kind == "paths" else "needs paths over one axis"
+        raise ParameterError(f"{kind}: {words}; declare [paths]")
+    if kind == "bifurcation" and "strobes" not in has:
+        raise ParameterError("bifurcation: the cube has no strobes; make it with bifurcation(...)")
+
+
+def judge_cube(kind: str, cube: xr.Dataset) -> None:
+    """The same of a cube that is there."""
+    judge(kind, {str(name): n for name, n in cube["mode"].sizes.items()}, features(cube))

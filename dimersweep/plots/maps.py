@@ -1,0 +1,183 @@
+"""Maps over the axes of a cube: modes in their colours, or any quantity; one panel for each value of further axes."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from dimersweep.cubes.cube import names
+from dimersweep.cubes.reading import edges_of, is_geometric
+from dimersweep.errors import ParameterError
+from dimersweep.kernel.model.layout import MODES
+from dimersweep.plots.judging import judge_cube
+from dimersweep.plots.style import MODE_COLORS, given, label, percent, title, units_shown
+from dimersweep.symbols import QUANTITIES
+
+MOST_PANELS = 12
+COLORS = np.array([to_rgb(color) for color in MODE_COLORS.values()])
+
+
+def mode_map(cube: xr.Dataset) -> Figure:
+    """The mode of motion over one or two axes, in panels over further ones.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        With axes of more than one value; the last one runs to the right, the one before upward.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        With a legend of the modes that occur and their shares.
+    """
+    judge_cube("mode_map", cube)
+    if "point" in cube["mode"].dims:
+        return point_map(cube)
+    mode = cube["mode"].squeeze()
+    figure, panels = _panels(mode, title(cube))
+    for axes, part in panels:
+        _mesh(axes, part, COLORS[np.atleast_2d(part.values)])
+    figure.legend(handles=mode_handles(mode), loc="outside right upper", fontsize=9)
+    return figure
+
+
+def mode_handles(mode: xr.DataArray) -> list[Patch]:
+    """Handles of a legend of the modes that occur, with their shares."""
+    shares = np.bincount(mode.values.ravel(), minlength=len(MODES)) / mode.size
+    return [
+        Patch(facecolor=MODE_COLORS[name], edgecolor="black", linewidth=0.5, label=f"{name} ({percent(share)})")
+        for name, share in zip(MODES, shares, strict=True)
+        if share > 0
+    ]
+
+
+def quantity_map(cube: xr.Dataset, quantity: str) -> Figure:
+    """A quantity over the axes of a cube: curves over one axis, a map over two, in panels over further ones.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+    quantity : str
+        A variable of the cube such as radius; points where it has no meaning stay empty.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    ParameterError
+        If the cube has no such numbers over its axes.
+    """
+    drawable = [str(name) for name, each in cube.data_vars.items() if each.dims == cube["mode"].dims]
+    if quantity not in drawable:
+        raise ParameterError(f"quantity = {quantity!r}: must be one of {', '.join(drawable)}")
+    if quantity == "mode":
+        return mode_map(cube)
+    judge_cube("mode_map", cube)
+    if "point" in cube["mode"].dims:
+        return point_map(cube, quantity)
+    values = cube[quantity].squeeze()
+    figure, panels = _panels(values, title(cube))
+    words = names(cube[quantity]).squeeze() if "flag_meanings" in cube[quantity].attrs else None
+    finite = values.values[np.isfinite(values.values)]
+    how: dict[str, Any] = {"vmin": finite.min(), "vmax": finite.max()} if finite.size else {}
+    for axes, part in panels:
+        if part.ndim == 1:
+            axes.plot(part[part.dims[0]], part, "o-", markersize=3, linewidth=1, color=MODE_COLORS["drift"])
+            axes.set_ylabel(quantity_label(quantity))
+            _scale(axes, part)
+        else:
+            mesh = _mesh(axes, part, part.values, cmap="viridis", **how)
+    if values.ndim > 1:
+        figure.colorbar(mesh, ax=figure.axes, label=quantity_label(quantity) + (" (code)" if words is not None else ""))
+    return figure
+
+
+def quantity_label(quantity: str) -> str:
+    """Name of a quantity and its unit."""
+    units = units_shown(QUANTITIES[quantity].units)
+    return quantity.replace("_", " ") + (f" [{units}]" if units else "")
+
+
+def point_map(cube: xr.Dataset, quantity: str | None = None) -> Figure:
+    """Points that are no grid: each pair of parameters that vary, one over the other, coloured by mode or a quantity."""
+    varied = [str(name) for name, each in cube.coords.items() if each.dims == ("point",) and np.ptp(each.values) > 0]
+    pairs = [(varied[i], varied[j]) for j in range(len(varied)) for i in range(j)][:MOST_PANELS]
+    pairs = pairs or [(varied[0], varied[0])]
+    columns = min(3, len(pairs))
+    rows = -(-len(pairs) // columns)
+    figure = Figure(figsize=(1.6 + 3.4 * columns, 0.8 + 3.0 * rows), layout="constrained")
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    if quantity is None:
+        how: dict[str, Any] = {"c": COLORS[cube["mode"].values]}
+    else:
+        how = {"c": cube[quantity].values, "cmap": "viridis"}
+    for axes, (x, y) in zip(panels, pairs, strict=False):
+        dots = axes.scatter(cube[x], cube[y], s=9, **how)
+        axes.set_xlabel(label(x))
+        axes.set_ylabel(label(y))
+    for axes in panels[len(pairs) :]:
+        axes.set_axis_off()
+    if quantity is None:
+        figure.legend(handles=mode_handles(cube["mode"]), loc="outside right upper", fontsize=9)
+    else:
+        figure.colorbar(dots, ax=list(panels), label=quantity_label(quantity))
+    figure.suptitle(title(cube), fontsize=10)
+    return figure
+
+
+def _panels(values: xr.DataArray, heading: str) -> tuple[Figure, Iterator[tuple[Axes, xr.DataArray]]]:
+    """A figure with a panel for each combination of the leading axes of `values`, at most `MOST_PANELS`, and what is in it."""
+    leading = [str(name) for name in values.dims[:-2]]
+    places = list(np.ndindex(*(values.sizes[name] for name in leading)))
+    if len(places) > MOST_PANELS:
+        chosen = np.unique(np.linspace(0, len(places) - 1, MOST_PANELS).round().astype(int))
+        heading = f"{len(chosen)} of {len(places)} maps; {heading}"
+        places = [places[k] for k in chosen]
+    columns = min(len(places), 4 if len(places) > 6 else 3)
+    rows = -(-len(places) // columns)
+    flat = values.ndim == 1
+    size = (7.5, 2.6 if flat else 4.8) if len(places) == 1 else (1.8 + 2.9 * columns, 1.0 + 2.5 * rows)
+    figure = Figure(figsize=size, layout="constrained")
+    grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    figure.suptitle(heading, fontsize=10)
+    for axes in grid.ravel()[len(places) :]:
+        axes.set_axis_off()
+
+    def each() -> Iterator[tuple[Axes, xr.DataArray]]:
+        for number, (axes, place) in enumerate(zip(grid.ravel(), places, strict=False)):
+            part = values.isel(dict(zip(leading, place, strict=True)))
+            axes.set_title(", ".join(given(name, part[name].item()) for name in leading), fontsize=9)
+            if number >= len(places) - columns:
+                axes.set_xlabel(label(str(part.dims[-1])))
+                axes.tick_params(labelbottom=True)
+            if part.ndim == 2 and number % columns == 0:
+                axes.set_ylabel(label(str(part.dims[0])))
+            yield axes, part
+
+    return figure, each()
+
+
+def _mesh(axes: Axes, part: xr.DataArray, colors: np.ndarray, **how: Any) -> Any:
+    """Cells around the points of a panel, each in its colour."""
+    x = part[part.dims[-1]].values
+    y_edges = edges_of(part[part.dims[0]].values) if part.ndim == 2 else np.array([0.0, 1.0])
+    mesh = axes.pcolormesh(edges_of(x), y_edges, colors, **how)
+    _scale(axes, part)
+    if part.ndim == 1:
+        axes.set_yticks([])
+    return mesh
+
+
+def _scale(axes: Axes, part: xr.DataArray) -> None:
+    """Logarithmic axes where the values of an axis are in a fixed ratio."""
+    if is_geometric(part[part.dims[-1]].values):
+        axes.set_xscale("log")
+    if part.ndim == 2 and is_geometric(part[part.dims[0]].values):
+        axes.set_yscale("log")
