@@ -45,6 +45,7 @@ _HOME = {
     "simulate": "runs.run",
     "sweep": "studies.sweep",
 }
+_MAKES_CUBES = ("open_cube", "refine", "search", "sweep")
 
 
 def __getattr__(name: str) -> Any:
@@ -55,6 +56,8 @@ def __getattr__(name: str) -> Any:
         value = getattr(import_module(f"dimersweep.{_HOME[name]}"), name)
     else:
         raise AttributeError(f"module 'dimersweep' has no attribute {name!r}")
+    if name in _MAKES_CUBES:
+        import_module("dimersweep.runs.accessor")  # which gives every cube its `cube.dimersweep`
     globals()[name] = value
     return value
 

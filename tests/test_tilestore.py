@@ -188,7 +188,7 @@ def test_temporary_files_of_a_kill_are_no_trouble(counted, recwarn):
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (lambda path: path.write_text("hello\n"), r"manifest.jsonl: is damaged, or no manifest of this .*--force"),
+        (lambda path: path.write_text("hello\n"), r"manifest.jsonl: is damaged, or no manifest of this .*force=True"),
         (lambda path: path.write_text(path.read_text()[:200]), "manifest.jsonl: is damaged, or no manifest"),
         (lambda path: path.write_text(path.read_text().replace("15.0", "15.5", 1)), "manifest.jsonl: is damaged, or"),
         (lambda path: edit_head(dimersweep_manifest=2), "manifest.jsonl: has the format of another version"),

@@ -4,8 +4,12 @@ from collections.abc import Iterable
 from html import escape
 from typing import TYPE_CHECKING
 
-from dimersweep.plots.style import MODE_COLORS, units_of, units_shown
-from dimersweep.symbols import BASE, QUANTITIES
+import numpy as np
+import xarray as xr
+
+from dimersweep.cubes.cube import names
+from dimersweep.plots.style import MODE_COLORS, percent, units_of, units_shown
+from dimersweep.symbols import BASE, PARAMETERS, QUANTITIES
 
 if TYPE_CHECKING:
     from dimersweep.runs.run import Run
@@ -42,6 +46,22 @@ def run_table(run: "Run") -> str:
         rows.append(("both ends stay down", f"the centre of mass moves at {run.end_speed:.3g} m/s"))
     repeats = f", repeats every {run.mode_period} periods" if run.mode_period > 1 else ""
     return _table(f"Run: {_badge(run.mode)}{escape(repeats)}", rows)
+
+
+def cube_table(cube: xr.Dataset) -> str:
+    """What a cube is: its title, its axes, its fixed parameters, and how often each mode occurs."""
+    mode = cube["mode"]
+    rows = []
+    for name, n in mode.sizes.items():
+        values = cube[name].values if name in PARAMETERS else None
+        span = "" if values is None else f" from {values[0]:.4g} to {values[-1]:.4g} {units_of(str(name))}"
+        rows.append((f"axis {PLAIN.get(str(name), name)}", f"{n} values{span}"))
+    fixed = [name for name in PARAMETERS if name in cube.coords and cube[name].ndim == 0]
+    rows.append(("fixed", ", ".join(_given(name, cube[name].item()) for name in fixed)))
+    words, counts = np.unique(names(mode).values, return_counts=True)
+    for k in np.argsort(-counts, kind="stable"):
+        rows.append((str(words[k]), f"{counts[k]} ({percent(counts[k] / mode.size)})"))
+    return _table(escape(cube.attrs.get("title", "cube of dimersweep")), rows)
 
 
 def _given(name: str, value: float) -> str:

@@ -15,6 +15,7 @@ from dimersweep.cubes.cube import flatten
 from dimersweep.cubes.grid import Grid, check_fits
 from dimersweep.cubes.results import failed
 from dimersweep.errors import ParameterError, StoreError
+from dimersweep.runs import accessor  # noqa: F401 - gives every cube its `cube.dimersweep`
 from dimersweep.storage.memorystore import MemoryStore
 from dimersweep.storage.netcdf import check_output, check_writable, open_cube, write_cube
 from dimersweep.storage.provenance import as_text, attributes, differences

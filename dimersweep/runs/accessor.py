@@ -1,0 +1,153 @@
+"""What a cube can do: ``cube.dimersweep.plot()``, ``.run(f=15, beta0="16 deg")``, ``.drifts()``."""
+
+import json
+from os import PathLike
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from dimersweep.cubes.cube import names
+from dimersweep.errors import ParameterError, unknown
+from dimersweep.kernel.model.layout import M_DRIFT, MODES
+from dimersweep.parameters import number
+from dimersweep.runs.run import Run, simulate
+from dimersweep.runs.starting import parameters_of
+from dimersweep.symbols import PARAMETERS
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@xr.register_dataset_accessor("dimersweep")
+class CubeAccessor:
+    """A cube of `sweep`, `search` or `refine`, as ``cube.dimersweep``.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+
+    Raises
+    ------
+    ParameterError
+        If it is no such cube.
+    """
+
+    def __init__(self, cube: xr.Dataset) -> None:
+        if "mode" not in cube or "flag_meanings" not in cube["mode"].attrs:
+            raise ParameterError("dimersweep: the dataset is no cube of dimersweep (it has no modes)")
+        self._cube = cube
+
+    def __repr__(self) -> str:
+        mode = self._cube["mode"]
+        axes = ", ".join(f"{name} ({n})" for name, n in mode.sizes.items()) or "one point"
+        return f"<cube of dimersweep over {axes}: {self._tally()}>"
+
+    def _tally(self) -> str:
+        counts = np.bincount(self._cube["mode"].values.ravel(), minlength=len(MODES))
+        order = np.argsort(-counts, kind="stable")
+        return ", ".join(f"{MODES[code]} {counts[code]}" for code in order if counts[code]) or "no points"
+
+    def _repr_html_(self) -> str:
+        from dimersweep.plots.tables import cube_table
+
+        return cube_table(self._cube)
+
+    def drifts(self) -> xr.DataArray:
+        """Which points drift, bool, over the axes of the cube."""
+        return (self._cube["mode"] == M_DRIFT).drop_attrs().rename("drifts")
+
+    def modes(self) -> xr.DataArray:
+        """The words of the modes, over the axes of the cube."""
+        return names(self._cube["mode"])
+
+    def at(self, **where: Any) -> xr.Dataset:
+        """The point of the cube that is nearest to values of its axes.
+
+        Parameters
+        ----------
+        **where : float or str
+            Axes and values, such as ``f=15, beta0="16 deg"``; or ``point=7``, its number, of points that are no grid.
+
+        Raises
+        ------
+        ParameterError
+            If a name is no axis, or an axis of several values has none.
+        """
+        axes = {str(name): n for name, n in self._cube["mode"].sizes.items()}
+        picked = self._cube
+        for name, value in where.items():
+            if name not in axes:
+                raise ParameterError(unknown(name, "axis of the cube", axes))
+            if name in PARAMETERS:
+                picked = picked.sel({name: number(name, value)}, method="nearest")
+            else:
+                picked = picked.isel({name: int(value)})
+        for name, n in axes.items():
+            if name not in where and n != 1:
+                raise ParameterError(f"{name}: has {n} values; give one of them")
+        return picked.squeeze(dim=[name for name in axes if name in picked["mode"].dims])
+
+    def run(self, *, periods: int | None = None, record: bool = True, **where: Any) -> Run:
+        """The full run behind a point: the one nearest to values of the axes; of a search, the one that decided.
+
+        Parameters
+        ----------
+        periods : int, optional
+            Forcing periods, in place of those of the cube: then the run does not stop when it has settled.
+        record : bool
+            As in `simulate`.
+        **where : float or str
+            See `at`.
+
+        Returns
+        -------
+        Run
+
+        Raises
+        ------
+        ParameterError
+            If that is not one point, or a search has found no run there.
+        """
+        point = self.at(**where)
+        told = json.loads(self._cube.attrs.get("configuration", "{}"))
+        late = told.get("search", {}).get("orbit_periods", 0)
+        settles = told.get("stop_when_settled", True) and not late
+        longest = late or told.get("max_periods", told.get("periods", 100))
+        given: dict[str, Any] = parameters_of(point) | {"rtol": told.get("rtol", 1e-8), "record": record}
+        if periods is not None:
+            return simulate(**given, periods=periods)
+        return simulate(**given, periods=longest, stop_when_settled=settles)
+
+    def plot(
+        self,
+        kind: str | None = None,
+        path: str | PathLike[str] | None = None,
+        *,
+        quantity: str | None = None,
+        force: bool = False,
+    ) -> "Figure":
+        """Draw the cube, and write the picture to `path` if one is given.
+
+        Parameters
+        ----------
+        kind : str, optional
+            Such as mode_map; by default the one that the cube was declared for.
+        path : path-like, optional
+            Picture to write.
+        quantity : str, optional
+            A variable of the cube, to be drawn over its axes.
+        force : bool
+            Whether `path` may be replaced.
+
+        Raises
+        ------
+        ParameterError
+            If the cube cannot be drawn so.
+        """
+        from dimersweep.plots import draw, write_picture
+
+        figure = draw(self._cube, kind, quantity=quantity)
+        if path is not None:
+            write_picture(figure, path, force=force)
+        return figure

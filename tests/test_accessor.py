@@ -1,0 +1,87 @@
+"""What a cube can do: draw itself, tell its drifts, and give the run behind a point."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import dimersweep
+from dimersweep.errors import ParameterError
+
+pytestmark = pytest.mark.jit
+DEG = np.pi / 180
+
+
+@pytest.fixture(scope="module")
+def cube():
+    return dimersweep.sweep(
+        {"f": [15, 20], "beta0": {"start": 8, "stop": 24, "step": 4, "unit": "deg"}},
+        fixed={"Gamma": 0.9},
+        periods=150,
+        progress=False,
+        attrs={"title": "some starts"},
+    )
+
+
+def test_the_run_behind_a_point_is_the_one_of_the_cube(cube):
+    run = cube.dimersweep.run(f=15, beta0="16.3 deg")
+    point = cube.sel(f=15, beta0=16 * DEG, method="nearest")
+    assert run.parameters["beta0"] == point["beta0"].item() == pytest.approx(16 * DEG)
+    assert (run.mode, run.n_periods) == ("drift", point["n_periods"].item())
+    assert run.orbit.radius == pytest.approx(point["radius"].item(), rel=1e-6)
+    longer = cube.dimersweep.run(f=15, beta0="16 deg", periods=200, record=False)
+    assert longer.n_periods == 200
+    assert dimersweep.simulate(start=point, periods=3).parameters == run.parameters
+
+
+def test_the_run_behind_a_search_is_the_one_that_decided():
+    found = dimersweep.search(
+        {"f": [15, 20], "beta0": {"start": 8, "stop": 60, "step": 4, "unit": "deg"}},
+        over="beta0",
+        ask="first",
+        periods=150,
+        orbit_periods=160,
+        progress=False,
+    )
+    run = found.dimersweep.run(f=20)
+    assert (run.n_periods, run.mode) == (160, "drift")
+    assert run.parameters["beta0"] == found.sel(f=20)["beta0"].item()
+    assert run.orbit.radius == pytest.approx(found.sel(f=20)["radius"].item(), rel=1e-6)
+
+
+def test_drifts_are_a_mask(cube):
+    drifts = cube.dimersweep.drifts()
+    assert drifts.dtype == bool
+    np.testing.assert_array_equal(drifts, dimersweep.names(cube["mode"]) == "drift")
+    assert (cube.dimersweep.modes() == dimersweep.names(cube["mode"])).all()
+
+
+def test_a_cube_draws_itself(cube, tmp_path):
+    assert cube.dimersweep.plot().legends
+    assert cube.dimersweep.plot(quantity="radius", path=tmp_path / "radius.png")
+    assert (tmp_path / "radius.png").exists()
+    assert cube.dimersweep.plot("segments").axes
+
+
+def test_a_cube_tells_what_it_is(cube):
+    assert repr(cube.dimersweep).startswith("<cube of dimersweep over f (2), beta0 (5): ")
+    table = cube.dimersweep._repr_html_()
+    for word in ("some starts", "axis β(0)", "drift", "Γ = 0.9"):
+        assert word in table
+
+
+@pytest.mark.parametrize(
+    ("where", "message"),
+    [
+        ({"f": 15}, r"^beta0: has 5 values; give one of them$"),
+        ({"F": 15}, r"^F: unknown axis of the cube; did you mean f\? \(allowed: f, beta0\)$"),
+        ({"f": "15 deg", "beta0": 0.1}, r"^f = '15 deg': the unit must be Hz$"),
+    ],
+)
+def test_a_point_that_is_none_is_named(cube, where, message):
+    with pytest.raises(ParameterError, match=message):
+        cube.dimersweep.run(**where)
+
+
+def test_other_datasets_have_no_such_thing():
+    with pytest.raises(ParameterError, match="no cube of dimersweep"):
+        _ = xr.Dataset({"a": 1}).dimersweep
