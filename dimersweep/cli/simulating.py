@@ -20,6 +20,8 @@ def simulate(
     periods: Annotated[int, whole_option("Forcing periods to run.")] = 100,
     rtol: Annotated[float, number_option("Accuracy, 1e-13 to 1e-2.")] = 1e-8,
     plot: Annotated[Path | None, typer.Option(help="Picture of heights, orbit and phase portraits.")] = None,
+    movie: Annotated[Path | None, typer.Option(help="Movie of the last periods: .gif, .mp4 or .html (in 3D).")] = None,
+    save: Annotated[Path | None, typer.Option(help="File to keep the run in (NetCDF), for load_run.")] = None,
     error: Annotated[bool, typer.Option("--error", help="Tell bounds on the errors too, from two more runs.")] = False,
     max_seconds: Annotated[float | None, number_option("Bound on the time of the run (s); none by default.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON in place of the table.")] = False,
@@ -31,6 +33,14 @@ def simulate(
         from dimersweep.plots import check_picture
 
         check_picture(plot, force=force, name="plot")
+    if movie is not None:
+        from dimersweep.plots.movie import check_movie
+
+        check_movie(movie, force=force)
+    if save is not None:
+        from dimersweep.storage.netcdf import check_writable
+
+        check_writable(save, force=force, name="save")
     from dimersweep.parameters import Parameters, check_count, check_rtol, check_seconds
     from dimersweep.work.progress import tell_of_compiling
 
@@ -42,7 +52,8 @@ def simulate(
     tell_of_compiling()
     from dimersweep.runs.run import simulate
 
-    run = simulate(**parameters, periods=periods, rtol=rtol, record=error or plot is not None, max_seconds=max_seconds)
+    recorded = error or bool(plot or movie or save)
+    run = simulate(**parameters, periods=periods, rtol=rtol, record=recorded, max_seconds=max_seconds)
     bounds = _bounds(run) if error else {}
     if json:
         from json import dumps
@@ -51,9 +62,11 @@ def simulate(
     else:
         _print_table(run, bounds)
     if plot is not None:
-        from dimersweep.plots import run_figure
-
-        run_figure(run).savefig(plot, dpi=150)
+        run.plot(plot, force=force)
+    if movie is not None:
+        run.animate(movie, force=force)
+    if save is not None:
+        run.save(save, force=force)
 
 
 def _as_dict(run: "Run") -> dict[str, Any]:

@@ -279,6 +279,65 @@ class Run:
             write_picture(figure, path, force=force)
         return figure
 
+    def animate(
+        self,
+        path: str | PathLike[str],
+        *,
+        periods: int = 6,
+        speed: float = 0.1,
+        fps: int = 25,
+        slow_impacts: bool = False,
+        last: bool = True,
+        dpi: int = 80,
+        force: bool = False,
+    ) -> Path:
+        """Write a movie: the dimer on its plate from the side and from above, with the track of its centre of mass.
+
+        Parameters
+        ----------
+        path : path-like
+            Ends in .gif; in .mp4 (needs ffmpeg); or in .html, for one page that shows the motion in three dimensions
+            without a network (needs plotly).
+        periods : int
+            Forcing periods to show.
+        speed : float
+            Seconds of the run in one of the movie [1].
+        fps : int
+            Frames in one second of the movie.
+        slow_impacts : bool
+            Whether time runs 20 times slower around double impacts.
+        last : bool
+            Whether the end of the run is shown, else its start.
+        dpi : int
+            Dots per inch of a GIF or video of 7.2 by 3.7 inches.
+        force : bool
+            Whether an existing file may be replaced.
+
+        Returns
+        -------
+        Path
+
+        Raises
+        ------
+        ParameterError
+            If nothing was recorded, or the movie would be too long.
+        StoreError
+            If the file cannot be written, or what it needs is not installed.
+        """
+        from dimersweep.plots.movie import write_movie
+
+        return write_movie(
+            self,
+            path,
+            periods=periods,
+            speed=speed,
+            fps=fps,
+            slow_impacts=slow_impacts,
+            last=last,
+            dpi=dpi,
+            force=force,
+        )
+
     def error(self, t: Any = None) -> xr.Dataset:
         """Bounds on the errors of this run, estimated with two more runs that shadow it (docs/trust.md).
 

@@ -1,0 +1,282 @@
+"""Motion to look at: the dimer on its shaking plate from the side and from above, as a GIF, a video, or frames of a page."""
+
+import os
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Rectangle
+from PIL import Image
+
+from dimersweep.errors import ParameterError, StoreError
+from dimersweep.parameters import as_number, check_count
+from dimersweep.storage.files import told
+from dimersweep.storage.netcdf import check_writable
+
+if TYPE_CHECKING:
+    from dimersweep.runs.run import Run
+
+MOVIES = (".gif", ".mp4", ".html")
+BALLS = ("#d62728", "#0072b2")  # p1, p2
+ROD, PLATE, TRACK = "#444444", "#56b4e9", "#999999"
+SLOWED = 20.0  # how much slower the double impacts are shown
+NEAR_IMPACT = 0.04  # of a double impact, in forcing periods on either side
+MOST_FRAMES = 2000
+COLORS_OF_GIF = 64
+
+
+@dataclass(frozen=True)
+class Pace:
+    """Which times of a run are shown.
+
+    Parameters
+    ----------
+    start, stop : float
+        Times since the start of the run [s].
+    speed : float
+        Seconds of the run in a second of the movie.
+    fps : int
+        Frames a second.
+    slow_impacts : bool
+        Whether time runs slower around double impacts.
+    """
+
+    start: float
+    stop: float
+    speed: float
+    fps: int
+    slow_impacts: bool
+
+    def times(self, impacts: np.ndarray, T: float) -> np.ndarray:
+        """Times of the frames [s], increasing.
+
+        Parameters
+        ----------
+        impacts : ndarray, shape (n,)
+            Of the double impacts [s].
+        T : float
+            Forcing period [s].
+
+        Raises
+        ------
+        ParameterError
+            If there are too many.
+        """
+        step = self.speed / self.fps
+        if (self.stop - self.start) / step > MOST_FRAMES:
+            n = (self.stop - self.start) / step
+            raise ParameterError(f"animate: {n:.0f} frames; at most {MOST_FRAMES}: give fewer periods or more speed")
+        if not self.slow_impacts:
+            return np.arange(self.start, self.stop, step)
+        shown: list[float] = []
+        t = self.start
+        while t < self.stop and len(shown) <= MOST_FRAMES:
+            shown.append(t)
+            slow = bool((np.abs(impacts - t) < NEAR_IMPACT * T).any())
+            t += step / SLOWED if slow else step
+        if len(shown) > MOST_FRAMES:
+            raise ParameterError(f"animate: more than {MOST_FRAMES} frames; give fewer periods, or no slow impacts")
+        return np.array(shown)
+
+
+def check_movie(path: str | os.PathLike[str], *, force: bool = False, name: str = "movie") -> Path:
+    """Refuse a movie file that could not be written, before any work is done.
+
+    Raises
+    ------
+    ParameterError
+        If its ending is none of `MOVIES`.
+    StoreError
+        As for a cube; or a video is asked for and there is no ffmpeg.
+    """
+    path = Path(path)
+    if path.suffix not in MOVIES:
+        raise ParameterError(f"{name} = {path}: a movie must end in {', '.join(MOVIES)}")
+    if path.suffix == ".mp4" and _ffmpeg() is None:
+        raise StoreError(
+            f"{name} = {path}: a video needs ffmpeg; pip install 'dimersweep[movie]', or write a .gif or .html"
+        )
+    return check_writable(path, force=force, name=name)
+
+
+def _ffmpeg() -> str | None:
+    """The program ffmpeg: the system's, or that of the package imageio-ffmpeg; None if there is neither."""
+    found = shutil.which("ffmpeg")
+    if found is None:
+        with suppress(ImportError, RuntimeError):  # not installed, or installed without its program
+            from imageio_ffmpeg import get_ffmpeg_exe
+
+            found = get_ffmpeg_exe()
+    return found
+
+
+def write_movie(
+    run: "Run",
+    path: str | os.PathLike[str],
+    *,
+    periods: int = 6,
+    speed: float = 0.1,
+    fps: int = 25,
+    slow_impacts: bool = False,
+    last: bool = True,
+    dpi: int = 80,
+    force: bool = False,
+) -> Path:
+    """Write a movie of a recorded run, see `Run.animate`.
+
+    Raises
+    ------
+    ParameterError, StoreError
+    """
+    path = check_movie(path, force=force)
+    pace = _pace(run, periods, speed, fps, last=last, slow_impacts=slow_impacts)
+    if path.suffix == ".html":
+        from dimersweep.plots.replay import write_replay
+
+        return write_replay(run, path, pace)
+    with told(f"movie = {path}", ""):
+        (_write_gif if path.suffix == ".gif" else _write_video)(path, _rendered(run, pace, dpi), fps)
+    return path
+
+
+def _write_gif(path: Path, pictures: Iterator[np.ndarray], fps: int) -> None:
+    """Frames of shape (height, width, 3) as an endless GIF with one palette."""
+    first = Image.fromarray(next(pictures)).quantize(COLORS_OF_GIF)
+    others = (Image.fromarray(each).quantize(palette=first, dither=Image.Dither.NONE) for each in pictures)
+    first.save(path, save_all=True, append_images=others, duration=round(1000 / fps), loop=0, optimize=True)
+
+
+def _write_video(path: Path, pictures: Iterator[np.ndarray], fps: int) -> None:
+    """Frames of shape (height, width, 3) as H.264, which takes even sizes only."""
+    first = next(pictures)
+    height, width, _ = first.shape
+    source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(fps), "-i", "-"]
+    target = ["-an", "-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-c:v", "libx264", "-pix_fmt", "yuv420p", str(path)]
+    command = [str(_ffmpeg()), "-y", "-loglevel", "error", *source, *target]
+    data = b"".join(each.tobytes() for each in chain([first], pictures))
+    done = subprocess.run(command, input=data, capture_output=True, check=False)
+    if done.returncode != 0:
+        raise OSError(done.stderr.decode(errors="replace").strip().splitlines()[-1])
+
+
+def _pace(run: "Run", periods: int, speed: float, fps: int, *, last: bool, slow_impacts: bool) -> Pace:
+    """The stretch of the run that is shown, judged.
+
+    Raises
+    ------
+    ParameterError
+    """
+    run.record("animate")
+    periods, fps, speed = check_count("periods", periods), check_count("fps", fps), as_number("speed", speed)
+    if speed <= 0:
+        raise ParameterError(f"speed = {speed}: must be > 0")
+    length = min(periods / run.parameters["f"], run.duration)
+    start = run.duration - length if last else 0.0
+    return Pace(start, start + length, speed, fps, slow_impacts)
+
+
+def frames(run: "Run", pace: Pace) -> xr.Dataset:
+    """The states of the frames, with the centres of both balls."""
+    p = run.parameters
+    kinds = run.events["kind"].values
+    impacts = np.unique(run.events["time"].values[np.char.startswith(kinds, "DI")])
+    states = run.states(pace.times(impacts, 1 / p["f"]))
+    length = 2 * p["r"] * (p["A_r"] - 1)
+    across = length * np.cos(states["beta"])
+    return states.assign(
+        x2=states["x1"] - across * np.sin(states["theta"]),
+        y2=states["y1"] + across * np.cos(states["theta"]),
+        z2=states["z1"] + length * np.sin(states["beta"]),
+    )
+
+
+def _rendered(run: "Run", pace: Pace, dpi: int) -> Iterator[np.ndarray]:
+    """Pictures of the frames, shape (height, width, 3), uint8: what stands still is drawn once."""
+    shown = frames(run, pace)
+    figure = Figure(figsize=(7.2, 3.7), layout="constrained", dpi=dpi)
+    canvas = FigureCanvasAgg(figure)
+    side, above = figure.subplots(1, 2, width_ratios=(1.25, 1))
+    updates = _side_view(side, run, shown), _view_from_above(above, run, shown)
+    heading = figure.suptitle(" ", fontsize=10)
+    for artist in (heading, *updates[0](0), *updates[1](0)):
+        artist.set_animated(True)
+    canvas.draw()
+    still = canvas.copy_from_bbox(figure.bbox)
+    for k, cycles in enumerate(shown["time"].values * run.parameters["f"]):
+        heading.set_text(f"{run.mode}, forcing period {int(cycles)}, {360 * (cycles % 1):3.0f}° of the plate")
+        canvas.restore_region(still)
+        for axes, update in zip((side, above), updates, strict=True):
+            for artist in update(k):
+                axes.draw_artist(artist)
+        figure.draw_artist(heading)
+        yield np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+
+def _side_view(axes: Axes, run: "Run", shown: xr.Dataset) -> Callable[[int], list[Any]]:
+    """Seen along the plate, square to the rod: heights are true, and the ball p1 stands still."""
+    p = run.parameters
+    r, length = p["r"], 2 * p["r"] * (p["A_r"] - 1)
+    across = 1e3 * length * np.cos(shown["beta"].values)
+    z1, z2, plate = (1e3 * shown[name].values for name in ("z1", "z2", "plate"))
+    r *= 1e3
+    table = Rectangle((-3 * r, 0), 1e3 * length + 6 * r, r / 2, color=PLATE)
+    axes.add_patch(table)
+    (rod,) = axes.plot([], [], color=ROD, linewidth=3, solid_capstyle="round")
+    balls = [Circle((0, 0), r, color=color) for color in BALLS]
+    for ball in balls:
+        axes.add_patch(ball)
+    axes.set_xlim(-3 * r, 1e3 * length + 3 * r)
+    axes.set_ylim(plate.min() - r, max(z1.max(), z2.max()) + 2 * r)
+    axes.set_aspect("equal", adjustable="box")
+    axes.set_xlabel("along the rod [mm]")
+    axes.set_ylabel("height [mm]")
+    axes.set_title("from the side", fontsize=9)
+    for name, color, at in (("$p_1$", BALLS[0], 0.02), ("$p_2$", BALLS[1], 0.12)):
+        axes.text(at, 0.98, name, color=color, transform=axes.transAxes, va="top")
+
+    def update(k: int) -> list[Any]:
+        balls[0].center, balls[1].center = (0.0, z1[k]), (across[k], z2[k])
+        rod.set_data([0.0, across[k]], [z1[k], z2[k]])
+        table.set_y(plate[k] - r / 2)
+        return [table, rod, *balls]
+
+    return update
+
+
+def _view_from_above(axes: Axes, run: "Run", shown: xr.Dataset) -> Callable[[int], list[Any]]:
+    """Seen from above, with the track of the centre of mass."""
+    r = 1e3 * run.parameters["r"]
+    x, y = (1e3 * shown[name].values for name in ("x", "y"))
+    ends = [(1e3 * shown[f"x{k}"].values, 1e3 * shown[f"y{k}"].values) for k in (1, 2)]
+    (track,) = axes.plot([], [], color=TRACK, linewidth=1.2)
+    (rod,) = axes.plot([], [], color=ROD, linewidth=3, solid_capstyle="round")
+    balls = [Circle((0, 0), r, color=color) for color in BALLS]
+    for ball in balls:
+        axes.add_patch(ball)
+    allx, ally = np.concatenate([e[0] for e in ends]), np.concatenate([e[1] for e in ends])
+    half = max(np.ptp(allx), np.ptp(ally)) / 2 + 2 * r
+    axes.set_xlim((allx.min() + allx.max()) / 2 + np.array([-half, half]))
+    axes.set_ylim((ally.min() + ally.max()) / 2 + np.array([-half, half]))
+    axes.set_aspect("equal", adjustable="box")
+    axes.set_xlabel("$x$ [mm]")
+    axes.set_ylabel("$y$ [mm]")
+    axes.set_title("from above", fontsize=9)
+
+    def update(k: int) -> list[Any]:
+        track.set_data(x[: k + 1], y[: k + 1])
+        for ball, (u, v) in zip(balls, ends, strict=True):
+            ball.center = (u[k], v[k])
+        rod.set_data([ends[0][0][k], ends[1][0][k]], [ends[0][1][k], ends[1][1][k]])
+        return [track, rod, *balls]
+
+    return update

@@ -1,0 +1,135 @@
+"""A run to turn around: one page of HTML that holds its own script (plotly) and shows the motion in three dimensions."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from dimersweep.errors import StoreError
+from dimersweep.plots.movie import BALLS, PLATE, ROD, TRACK, Pace, frames
+from dimersweep.storage.files import put, told
+
+if TYPE_CHECKING:
+    from dimersweep.runs.run import Run
+
+RINGS, SPOKES = 9, 14  # of the mesh of a ball
+DIGITS = 3  # of a coordinate [mm]
+
+
+def write_replay(run: "Run", path: Path, pace: Pace) -> Path:
+    """Write the page of a recorded run.
+
+    Raises
+    ------
+    StoreError
+        If plotly is not installed, or the page cannot be written.
+    """
+    try:
+        from plotly.graph_objects import Figure
+    except ImportError:
+        raise StoreError(f"movie = {path}: a page needs plotly; pip install 'dimersweep[movie]'") from None
+    shown = frames(run, pace)
+    data, layout = _scene(run, shown), _layout(run, shown, pace)
+    steps = [
+        {"name": str(k), "data": _moved(run, shown, k), "traces": [0, 1, 2, 3, 4]} for k in range(shown.sizes["time"])
+    ]
+    figure = Figure(data=data, layout=layout, frames=steps)
+    page = figure.to_html(include_plotlyjs=True, full_html=True, auto_play=False, config={"displaylogo": False})
+    with told(f"movie = {path}", ""):
+        put(path, page.encode())
+    return path
+
+
+def _ball(r: float) -> tuple[np.ndarray, dict[str, list[int]]]:
+    """Points of a sphere about the origin, shape (n, 3), and its triangles."""
+    latitude = np.linspace(-np.pi / 2, np.pi / 2, RINGS)
+    longitude = np.linspace(0, 2 * np.pi, SPOKES, endpoint=False)
+    north, east = np.meshgrid(latitude, longitude, indexing="ij")
+    points = r * np.column_stack(
+        [(np.cos(north) * np.cos(east)).ravel(), (np.cos(north) * np.sin(east)).ravel(), np.sin(north).ravel()]
+    )
+    corners = []
+    for ring in range(RINGS - 1):
+        for k in range(SPOKES):
+            a, b = ring * SPOKES + k, ring * SPOKES + (k + 1) % SPOKES
+            corners += [(a, b, b + SPOKES), (a, b + SPOKES, a + SPOKES)]
+    i, j, k = np.array(corners).T.tolist()
+    return points, {"i": i, "j": j, "k": k}
+
+
+def _xyz(points: np.ndarray) -> dict[str, list[float]]:
+    """Columns of points in mm, short enough for a page."""
+    rounded = np.round(points, DIGITS).T.tolist()
+    return dict(zip("xyz", rounded, strict=True))
+
+
+def _centre(shown: xr.Dataset, k: int, ball: int) -> np.ndarray:
+    """Centre of a ball (1 or 2) in frame k [mm]."""
+    return 1e3 * np.array([shown[f"{axis}{ball}"].values[k] for axis in "xyz"])
+
+
+def _plate(shown: xr.Dataset, r: float, k: int) -> dict[str, list[float]]:
+    """Corners of the piece of plate that is shown, at its height in frame k."""
+    low = [1e3 * min(shown[f"{axis}{ball}"].min().item() for ball in (1, 2)) - 4 * r for axis in "xy"]
+    high = [1e3 * max(shown[f"{axis}{ball}"].max().item() for ball in (1, 2)) + 4 * r for axis in "xy"]
+    x, y = [low[0], high[0], high[0], low[0]], [low[1], low[1], high[1], high[1]]
+    z = [1e3 * shown["plate"].values[k]] * 4
+    return _xyz(np.column_stack([x, y, z]))
+
+
+def _moved(run: "Run", shown: xr.Dataset, k: int) -> list[dict[str, Any]]:
+    """What of the scene is new in frame k."""
+    r = 1e3 * run.parameters["r"]
+    sphere, _ = _ball(r)
+    first, second = _centre(shown, k, 1), _centre(shown, k, 2)
+    path = np.column_stack([shown["x"][: k + 1], shown["y"][: k + 1], shown["z"][: k + 1]]) * 1e3
+    ends = np.array([first, second])
+    kinds = ("mesh3d", "mesh3d", "scatter3d", "mesh3d", "scatter3d")
+    places = (_xyz(first + sphere), _xyz(second + sphere), _xyz(ends), _plate(shown, r, k), _xyz(path[-1:]))
+    return [{"type": kind} | place for kind, place in zip(kinds, places, strict=True)]
+
+
+def _scene(run: "Run", shown: xr.Dataset) -> list[dict[str, Any]]:
+    """The scene in its first frame: two balls, rod, plate, centre of mass; and the whole track."""
+    _, triangles = _ball(1.0)
+    light = {"ambient": 0.45, "diffuse": 0.8, "specular": 0.3}
+    looks: list[dict[str, Any]] = [
+        {"color": BALLS[0], "name": "p1", "flatshading": False, "lighting": light, "showlegend": True} | triangles,
+        {"color": BALLS[1], "name": "p2", "flatshading": False, "lighting": light, "showlegend": True} | triangles,
+        {"mode": "lines", "line": {"color": ROD, "width": 9}, "name": "rod", "showlegend": False},
+        {"color": PLATE, "opacity": 0.55, "name": "plate", "i": [0, 0], "j": [1, 2], "k": [2, 3], "showlegend": True},
+        {"mode": "markers", "marker": {"color": TRACK, "size": 3}, "name": "centre of mass", "showlegend": False},
+    ]
+    moving = [place | look | {"hoverinfo": "name"} for place, look in zip(_moved(run, shown, 0), looks, strict=True)]
+    path = 1e3 * np.column_stack([shown["x"], shown["y"], shown["z"]])
+    line = {"color": TRACK, "width": 3}
+    track = {"type": "scatter3d", "mode": "lines", "line": line, "name": "track", "hoverinfo": "skip"}
+    return [*moving, track | _xyz(path)]
+
+
+def _layout(run: "Run", shown: xr.Dataset, pace: Pace) -> dict[str, Any]:
+    """Axes in true proportion, a button to play and one to pause, and a slider over the frames."""
+    still = {"mode": "immediate", "frame": {"duration": 0, "redraw": True}, "transition": {"duration": 0}}
+    going = still | {"frame": {"duration": 1000 / pace.fps, "redraw": True}, "fromcurrent": True}
+    cycles = shown["time"].values * run.parameters["f"]
+    slider = {
+        "currentvalue": {"prefix": "forcing period "},
+        "pad": {"t": 30},
+        "steps": [
+            {"method": "animate", "label": f"{cycles[k]:.2f}", "args": [[str(k)], still]} for k in range(cycles.size)
+        ],
+    }
+    buttons = [
+        {"label": "play", "method": "animate", "args": [None, going]},
+        {"label": "pause", "method": "animate", "args": [[None], still]},
+    ]
+    given = ", ".join(f"{name} = {run.parameters[name]:.4g}" for name in ("Gamma", "f", "A_r", "e", "mu", "mu_s"))
+    axes = {f"{axis}axis": {"title": {"text": f"{axis} [mm]"}} for axis in "xyz"}
+    return {
+        "title": {"text": f"{run.mode}: {given}", "font": {"size": 14}},
+        "scene": axes | {"aspectmode": "data", "camera": {"eye": {"x": 1.1, "y": -1.3, "z": 0.7}}},
+        "updatemenus": [{"type": "buttons", "direction": "left", "x": 0, "y": 0, "pad": {"t": 60}, "buttons": buttons}],
+        "sliders": [slider | {"x": 0.18, "len": 0.8}],
+        "margin": {"l": 0, "r": 0, "t": 40, "b": 0},
+    }

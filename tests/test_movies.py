@@ -1,0 +1,114 @@
+"""Motion to look at: movies of a run, and a page that shows it in three dimensions, opened in a real browser."""
+
+import re
+import sys
+
+import numpy as np
+import pytest
+from browser import chromium_page, colors_of, needs_chromium
+from PIL import Image
+
+from dimersweep import cli, simulate
+from dimersweep.errors import ParameterError, StoreError
+from dimersweep.plots import movie
+
+pytestmark = pytest.mark.jit
+
+
+@pytest.fixture(scope="module")
+def run():
+    return simulate(periods=60)
+
+
+def test_frames_are_the_states_of_the_run(run):
+    pace = movie.Pace(3.0, 3.2, 0.1, 25, False)
+    shown = movie.frames(run, pace)
+    np.testing.assert_allclose(shown["time"], np.arange(3.0, 3.2, 0.004))
+    length = 2 * 5e-3 * 5
+    apart = [(shown[f"{axis}2"] - shown[f"{axis}1"]).values for axis in "xyz"]
+    np.testing.assert_allclose(np.linalg.norm(apart, axis=0), length)
+    np.testing.assert_allclose(shown["z2"], 5e-3 + shown["gap_2"] + shown["plate"], atol=1e-15)
+
+
+def test_time_is_slow_around_double_impacts(run):
+    T = 1 / 15
+    impacts = np.array([3.05])
+    times = movie.Pace(3.0, 3.1, 0.5, 25, True).times(impacts, T)
+    steps, near = np.diff(times), np.abs(times[:-1] - 3.05) < movie.NEAR_IMPACT * T
+    np.testing.assert_allclose(steps[near], 0.02 / movie.SLOWED)
+    np.testing.assert_allclose(steps[~near], 0.02)
+
+
+def test_a_gif_moves(run, tmp_path):
+    assert run.animate(tmp_path / "run.gif", periods=2, fps=20) == tmp_path / "run.gif"
+    with Image.open(tmp_path / "run.gif") as image:
+        assert image.n_frames == len(np.arange(0, 2 / 15, 0.005))
+        assert image.info["duration"] == 50
+        first = np.asarray(image.convert("RGB"), dtype=int)
+        image.seek(image.n_frames // 2)
+        later = np.asarray(image.convert("RGB"), dtype=int)
+    assert (np.abs(first - later).max(axis=2) > 60).sum() > 200
+
+
+def test_a_video_is_a_video(run, tmp_path):
+    if movie._ffmpeg() is None:
+        pytest.skip("there is no ffmpeg")
+    run.animate(tmp_path / "run.mp4", periods=1)
+    assert (tmp_path / "run.mp4").read_bytes()[4:8] == b"ftyp"
+
+
+@pytest.mark.parametrize(
+    ("how", "message"),
+    [
+        ({"periods": 0}, r"^periods = 0: must be a whole number >= 1$"),
+        ({"speed": 0}, r"^speed = 0.0: must be > 0$"),
+        ({"periods": 60, "speed": 0.001}, r"^animate: 100000 frames; at most 2000: give fewer periods or more speed$"),
+    ],
+)
+def test_a_movie_that_cannot_be_is_refused(run, tmp_path, how, message):
+    with pytest.raises(ParameterError, match=message):
+        run.animate(tmp_path / "run.gif", **how)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_movie_needs_a_known_ending_and_its_program(run, tmp_path, monkeypatch):
+    with pytest.raises(ParameterError, match=r"a movie must end in .gif, .mp4, .html$"):
+        run.animate(tmp_path / "run.avi")
+    monkeypatch.setattr(movie, "_ffmpeg", lambda: None)
+    with pytest.raises(StoreError, match=r"a video needs ffmpeg; pip install 'dimersweep\[movie\]'"):
+        run.animate(tmp_path / "run.mp4")
+    monkeypatch.setitem(sys.modules, "plotly.graph_objects", None)
+    with pytest.raises(StoreError, match=r"a page needs plotly; pip install 'dimersweep\[movie\]'$"):
+        run.animate(tmp_path / "run.html")
+    with pytest.raises(ParameterError, match="nothing was recorded"):
+        simulate(periods=1, record=False).animate(tmp_path / "run.gif")
+
+
+def test_simulate_makes_a_movie_and_keeps_the_run(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["dimersweep", "simulate", "--periods", "8", "--movie", "a.gif", "--save", "a.nc"])
+    cli.main()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.gif", "a.nc"]
+
+
+@needs_chromium
+def test_the_page_plays_in_a_browser_without_a_network(run, tmp_path):
+    page_file = run.animate(tmp_path / "run.html", periods=3, fps=20)
+    text = page_file.read_text()
+    assert len(text) < 7e6
+    assert not re.findall(r"<(?:script|link)[^>]*(?:src|href)=", text)
+    with chromium_page(offline=True) as (page, errors):
+        page.goto(page_file.as_uri())
+        page.wait_for_function("document.querySelector('.gl-container canvas') !== null")
+        page.wait_for_timeout(1500)
+        before = page.screenshot()
+        found = colors_of(before)
+        assert found.get((3, 0, 0), 0) + found.get((2, 0, 0), 0) > 100  # p1 is red
+        assert sum(count for (r, g, b), count in found.items() if b > r and b >= 2) > 1000  # the plate is blue
+        moved = "() => document.querySelector('.js-plotly-plot').data[1].z[0]"
+        first = page.evaluate(moved)
+        page.get_by_text("play", exact=True).click()
+        page.wait_for_timeout(2500)
+        assert page.evaluate(moved) != first
+        assert page.screenshot() != before
+        assert errors == []
