@@ -211,6 +211,32 @@ def test_a_record_grows_until_it_holds_the_run(monkeypatch):
     assert grown.states(np.linspace(0, 10 / F, 99)).identical(expected.states(np.linspace(0, 10 / F, 99)))
 
 
+def test_a_record_is_bounded_and_says_where_it_is_cut(monkeypatch):
+    whole, bare = simulate(periods=30), simulate(periods=30, record=False)
+    monkeypatch.setattr(run_module, "MAX_ROWS", 200)
+    with pytest.warns(
+        RuntimeWarning, match=r"^record: is full; events and states end after (\d+) of 30 forcing periods$"
+    ):
+        cut = simulate(periods=30)
+    assert (cut.status, cut.mode, cut.n_periods, cut.n_events) == ("ok", whole.mode, 30, whole.n_events)
+    assert cut.orbit == whole.orbit and cut.mode == bare.mode
+    assert cut.events.sizes["event"] <= 200 and cut.events.attrs["comment"].startswith("cut: events and states end")
+    assert cut.events.drop_attrs().equals(whole.events.isel(event=slice(cut.events.sizes["event"])).drop_attrs())
+    assert cut.states(0.3).identical(whole.states(0.3))
+    assert repr(cut).endswith(", record cut>")
+    with pytest.raises(ParameterError, match=r"^t = 1.9: must be in \[0, .*\] s, where the record was cut$"):
+        cut.states(1.9)
+    with pytest.raises(ParameterError, match=r"^error: needs the whole record, but events and states end after"):
+        cut.error()
+
+
+def test_a_record_that_memory_cannot_hold_is_refused_before_the_run(monkeypatch):
+    monkeypatch.setattr(run_module, "run_recorded", lambda *arguments: pytest.fail("it was run"))
+    told = r"^periods = 10000000: must be <= 100000 for a run whose .* are recorded; give record=False for one without them$"
+    with pytest.raises(ParameterError, match=told):
+        simulate(periods=10**7)
+
+
 def test_a_run_that_is_stopped_is_recorded_up_to_there():
     run = simulate(periods=3000, max_seconds=1e-3)
     whole = simulate(periods=run.n_periods + 1)

@@ -46,11 +46,15 @@ BOUNDARY = 1e-12  # a time this far below the end of a forcing period counts as 
 
 
 class Record(NamedTuple):
-    """Rows that the kernel wrote of one run (columns in ``kernel.record``), with the parameters that they belong to."""
+    """Rows that the kernel wrote of one run (columns in ``kernel.record``), with the parameters that they belong to.
+
+    `cut` says that there was no room for all of them.
+    """
 
     row: np.ndarray
     events: np.ndarray
     segments: np.ndarray
+    cut: bool = False
 
 
 def _times(periods: np.ndarray, phases: np.ndarray, f: float) -> np.ndarray:
@@ -80,7 +84,7 @@ def events_of(record: Record, parameters: dict[str, float]) -> xr.Dataset:
     return _dataset(columns, EVENTS, "event")
 
 
-def _places(times: np.ndarray, segments: np.ndarray, f: float) -> tuple[np.ndarray, np.ndarray]:
+def _places(times: np.ndarray, segments: np.ndarray, f: float, cut: bool) -> tuple[np.ndarray, np.ndarray]:
     """Number of the segment in whose phase each time lies, and the plate phase [rad] of the time, counted as there.
 
     A time within the hops that the close of a chatter sums belongs to the segment that starts from it.
@@ -95,7 +99,8 @@ def _places(times: np.ndarray, segments: np.ndarray, f: float) -> tuple[np.ndarr
     end = starts[-1]
     outside = ~((times >= 0) & (times <= end * (1 + 1e-15) + BOUNDARY / f))  # in this form true for a NaN as well
     if outside.any():
-        raise ParameterError(f"t = {times[outside][0]}: must be in [0, {end:.10g}] s, the length of the run")
+        length = "where the record was cut" if cut else "the length of the run"
+        raise ParameterError(f"t = {times[outside][0]}: must be in [0, {end:.10g}] s, {length}")
     cycles = times * f
     ends = np.rint(cycles)
     just_below = (cycles < ends) & (ends - cycles <= BOUNDARY + 1e-15 * ends)
@@ -160,7 +165,7 @@ def states_of(record: Record, times: np.ndarray, rtol: float, parameters: dict[s
     ParameterError
         If a time is outside the run.
     """
-    which, phases = _places(times, record.segments, parameters["f"])
+    which, phases = _places(times, record.segments, parameters["f"], record.cut)
     kernel_states, modes = np.zeros((times.size, N_STATE)), np.zeros((times.size, 2))
     status = sample(
         record.row,

@@ -1,5 +1,6 @@
 """One simulation: parameters in, its outcome out, with its events and its state at any time where it was recorded."""
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
@@ -13,11 +14,11 @@ import xarray as xr
 
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.batch import Workspace
-from dimersweep.kernel.model.layout import CODES, DI_ENDS, MODES, OUT, STATUS_MESSAGES, STATUSES
+from dimersweep.kernel.model.layout import CODES, DI_ENDS, MODES, OUT, PERIOD, STATUS_MESSAGES, STATUSES
 from dimersweep.parameters import Parameters, check_count, check_name, check_rtol, check_seconds
 from dimersweep.runs.error_bounds import NUDGE, bounds, nudged, shadow_rtol
 from dimersweep.runs.recorded import Record, events_of, states_of
-from dimersweep.runs.solving import End, Solved, go_on, solve, speed_at
+from dimersweep.runs.solving import MAX_RECORDED, End, Solved, go_on, solve, speed_at
 from dimersweep.runs.starting import INITIAL, is_point, kernel_start, parameters_of, start_of
 from dimersweep.symbols import BASE, PARAMETERS
 from dimersweep.work.proving import is_proven, prove
@@ -119,6 +120,7 @@ class Run:
     def __repr__(self) -> str:
         orbit = f", radius {self.orbit.radius:.4g} m, zeta {self.orbit.zeta:.4g} rad" if self.orbit else ""
         kept = "" if self._record else ", not recorded"
+        kept += ", record cut" if self.record_cut else ""
         return f"<Run: {self.status}, {self.mode}{orbit}, {self.n_periods} periods, {self.n_events} events{kept}>"
 
     def _repr_html_(self) -> str:
@@ -152,6 +154,14 @@ class Run:
             raise ParameterError(f"{wanted}: nothing was recorded; run simulate with record=True")
         return self._record
 
+    @property
+    def record_cut(self) -> str:
+        """Where the record ends before the run does, in words; "" if it does not."""
+        if self._record is None or not self._record.cut:
+            return ""
+        periods = int(self._record.segments[-1, PERIOD])
+        return f"events and states end after {periods} of {self.n_periods} forcing periods"
+
     @cached_property
     def events(self) -> xr.Dataset:
         """What happened, along `event`, in order of time.
@@ -165,7 +175,8 @@ class Run:
             If nothing was recorded.
         """
         record = self.record("events")
-        return events_of(record, self.parameters)
+        events = events_of(record, self.parameters)
+        return events.assign_attrs(comment=f"cut: {self.record_cut}") if record.cut else events
 
     def states(self, t: Any) -> xr.Dataset:
         """The state at any times: moved in closed form, or integrated to `rtol`, from the event before each of them.
@@ -361,6 +372,8 @@ class Run:
         self.record("error")
         if self.status != "ok":
             raise ParameterError(f"error: the run did not reach its end ({self.message})")
+        if self.record_cut:
+            raise ParameterError(f"error: needs the whole record, but {self.record_cut}")
         T = 1 / self.parameters["f"]
         times = np.union1d(np.arange(self.n_periods + 1) * T, [] if t is None else t)
         rtol = shadow_rtol(self.rtol)
@@ -412,7 +425,8 @@ def simulate(
     stop_when_settled : bool
         Whether the run ends as soon as its motion is known.
     record : bool
-        Whether events and states are kept; without them a run takes no memory and less time.
+        Whether events and states are kept, of at most 100,000 forcing periods; without them a run takes no memory and less
+        time. A record of more than 2 million events is cut there, which `Run.events` and a warning tell.
     max_seconds : float, optional
         Bound on the time that the run takes [s]. One that is stopped so has the status "stopped", the `n_periods` that it
         came to, and the events and states up to there.
@@ -436,6 +450,11 @@ def simulate(
     given = Parameters(**(parameters if begun is None else _with_start(parameters, begun)))
     how = check_count("periods", periods), check_rtol(rtol), bool(stop_when_settled), bool(record)
     seconds = check_seconds("max_seconds", max_seconds)
+    if record and how[0] > MAX_RECORDED:
+        raise ParameterError(
+            f"periods = {how[0]}: must be <= {MAX_RECORDED} for a run whose events and states are recorded; "
+            "give record=False for one without them"
+        )
     if not is_proven():
         stoppable(lambda stop: prove())  # to compile is no part of the run's time
 
@@ -443,7 +462,10 @@ def simulate(
         with stop.space() as space:
             return follow(given, *how, space, begun)
 
-    return stoppable(call, seconds)
+    run = stoppable(call, seconds)
+    if run.record_cut:
+        warnings.warn(f"record: is full; {run.record_cut}", RuntimeWarning, stacklevel=2)
+    return run
 
 
 def follow(

@@ -71,6 +71,7 @@ def _configuration(run: "Run") -> dict[str, Any]:
         "outcome": {name: getattr(run, name) for name in OUTCOME},
         "orbit": run.orbit and asdict(run.orbit),
         "whole": run._end is not None and run._end.whole,
+        "record_cut": run._record is not None and run._record.cut,
         "kernel_version": kernel_version(),
     }
 
@@ -111,10 +112,11 @@ def load_run(path: str | os.PathLike[str]) -> "Run":
         rtol=told["rtol"],
         orbit=told["orbit"] and Orbit(**told["orbit"]),
         **told["outcome"],
-        _record=_record(told["parameters"], rows) if "event_rows" in rows else None,
+        _record=_record(told, rows) if "event_rows" in rows else None,
         _end=End(rows["end_start"], rows["end_past"], told["whole"]),
     )
 
 
-def _record(parameters: dict[str, float], rows: dict[str, np.ndarray]) -> Record:
-    return Record(Parameters(**parameters).row(), rows["event_rows"], rows["segment_rows"])
+def _record(told: dict[str, Any], rows: dict[str, np.ndarray]) -> Record:
+    row = Parameters(**told["parameters"]).row()
+    return Record(row, rows["event_rows"], rows["segment_rows"], told["record_cut"])

@@ -12,6 +12,8 @@ from dimersweep.runs.recorded import Record
 
 LOG_ROWS = 64  # phases of one impact that are kept
 FIRST_ROWS, ROWS_PER_PERIOD, GROWTH = 500, 100, 4  # capacity of a record: about twice what a drift takes
+MAX_ROWS = 2_000_000  # of events and of segments each, 0.7 GB in all
+MAX_RECORDED = 100_000  # forcing periods: those of a drift fit
 _CAUSE = EVENT.index("cause")
 
 
@@ -62,6 +64,8 @@ def solve(
 ) -> Solved:
     """One run; a record that turns out too small is taken again with more rows (a run is deterministic).
 
+    One of more than `MAX_ROWS` is cut: the whole run is then made without it.
+
     Parameters
     ----------
     row : ndarray, shape (N_ROW,)
@@ -77,18 +81,25 @@ def solve(
         Of the run that goes on.
     """
     out, codes, counts = np.full((1, N_OUT), np.nan), np.zeros((1, N_CODES), dtype=np.int64), np.zeros(3, np.int64)
-    rows = FIRST_ROWS + ROWS_PER_PERIOD * periods if record else 0
-    log = np.zeros((LOG_ROWS if record else 0, N_LOG))
-    while True:
-        events, segments = np.zeros((rows, N_EVENT if record else N_LOG)), np.zeros((rows, N_SEGMENT))
+    rows = min(FIRST_ROWS + ROWS_PER_PERIOD * periods, MAX_ROWS) if record else 0
+    log, bare = np.zeros((LOG_ROWS if record else 0, N_LOG)), np.zeros((0, N_LOG))
+
+    def run(log: np.ndarray, events: np.ndarray, segments: np.ndarray) -> None:
         if past is not None:
             space.past[:] = past
         run_recorded(row[None], periods, rtol, settle, record, out, codes, log, events, segments, counts, space, start)
-        if not record or max(counts[1], counts[2]) <= rows:
+
+    while True:
+        events, segments = np.zeros((rows, N_EVENT if record else N_LOG)), np.zeros((rows, N_SEGMENT))
+        run(log, events, segments)
+        full = record and max(counts[1], counts[2]) > rows
+        if not full or rows == MAX_ROWS:
             break
-        rows *= GROWTH
+        rows = min(GROWTH * rows, MAX_ROWS)
+    kept = Record(row, events[: counts[1]].copy(), segments[: counts[2]].copy(), full) if record else None
+    if full:
+        run(bare, bare, bare)
     end = End(np.concatenate([space.state, space.modes])[None], space.past.copy(), record or not settle)
-    kept = Record(row, events[: counts[1]].copy(), segments[: counts[2]].copy()) if record else None
     return Solved(out[0], codes[0], kept, end)
 
 
@@ -104,7 +115,7 @@ def go_on(
     begun = int(more.record.events[0, _CAUSE] == C_START)
     events = np.concatenate([record.events[:-1], more.record.events[begun:]])
     segments = np.concatenate([record.segments[:-1], more.record.segments[begun:]])
-    return more._replace(record=Record(row, events, segments))
+    return more._replace(record=Record(row, events, segments, record.cut or more.record.cut))
 
 
 def speed_at(end: End) -> float:

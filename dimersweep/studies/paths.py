@@ -9,7 +9,7 @@ import numpy as np
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.batch import Workspace
 from dimersweep.parameters import Parameters, check_count
-from dimersweep.runs.run import follow
+from dimersweep.runs.run import MAX_RECORDED, follow
 
 MAX_POSITIONS = 20_000_000  # in one cube, which is held in memory
 
@@ -60,7 +60,7 @@ def path_length(periods: int, per_period: int = 8) -> PathLength:
     ParameterError
         If a number is not allowed.
     """
-    return PathLength(check_count("paths.periods", periods), check_count("paths.per_period", per_period))
+    return PathLength(check_count("paths.periods", periods, MAX_RECORDED), check_count("paths.per_period", per_period))
 
 
 def path_of(
