@@ -4,17 +4,15 @@ import contextlib
 import gc
 import math
 import operator
-import subprocess
-import sys
 
 import numba
 import numpy as np
 import pytest
-from numba.core.types.functions import BaseFunction
 
-from dimersweep.kernel.compiler import compiling
-from dimersweep.kernel.compiler.compiling import KernelCompiler
 from dimersweep.kernel.compiler.jit import compiled, exported
+from dimersweep.kernel.compiler.versions import FAST, way
+
+fast_only = pytest.mark.skipif(way() != FAST, reason="for the fast way of compiling")
 
 
 @compiled
@@ -47,14 +45,14 @@ def test_parts_shared_by_several_kernels_are_linked_once_into_each():
     assert other_root(4.0) == 5.0
 
 
-@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="parts are plain functions with the JIT off")
+@fast_only
 def test_python_cannot_call_a_part():
     root(4.0)
     with pytest.raises(TypeError):
         leaf(4.0)
 
 
-@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="needs the JIT")
+@fast_only
 def test_a_part_is_never_made_machine_code():
     root(4.0)
     (overload,) = leaf.overloads.values()
@@ -86,16 +84,20 @@ def test_elements_are_those_of_python():
         np.testing.assert_array_equal(ours, of_python)
 
 
-@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="needs the JIT")
+@fast_only
 @pytest.mark.parametrize("argument", [3.0, "not a number"], ids=["compiles", "fails to compile"])
 def test_the_compiler_is_as_before_for_other_code(argument):
+    from dimersweep.kernel.compiler import compiling
+
     @compiled
     def below(x):
         return x + 1.0
 
-    @numba.njit(pipeline_class=KernelCompiler)
+    @numba.njit(pipeline_class=compiling.KernelCompiler)
     def above(x):
         return below(x)
+
+    from numba.core.types.functions import BaseFunction
 
     before = BaseFunction.get_call_type
     with contextlib.suppress(numba.TypingError):
@@ -105,8 +107,10 @@ def test_the_compiler_is_as_before_for_other_code(argument):
     assert gc.isenabled()
 
 
-@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="needs the JIT")
+@fast_only
 def test_an_operation_is_typed_once_for_all_functions(monkeypatch):
+    from dimersweep.kernel.compiler import compiling
+
     asked = []
     typed = compiling._type
     monkeypatch.setattr(compiling, "_typed", {})
@@ -124,7 +128,7 @@ def test_an_operation_is_typed_once_for_all_functions(monkeypatch):
     assert asked.count(operator.mul) == 1
 
 
-@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="needs the JIT")
+@fast_only
 @pytest.mark.parametrize("inline", [False, True])
 def test_what_is_called_often_is_written_into_its_callers(inline):
     @compiled(inline=inline)
@@ -153,10 +157,3 @@ def calls_of(function, name):
     """The calls of what bears a name in the machine-independent code of a compiled function."""
     (code,) = function.inspect_llvm().values()
     return " ".join(line for line in code.splitlines() if " call " in line and f"{name}B" in line)
-
-
-@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="needs the JIT")
-def test_an_old_numba_is_refused():
-    code = "import numba; numba.__version__ = '0.60.0'; import dimersweep.kernel.batch"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.stderr.endswith("ImportError: numba = 0.60.0: must be >= 0.61\n")

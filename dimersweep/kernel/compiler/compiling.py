@@ -19,6 +19,8 @@ from numba.core.types.functions import BaseFunction
 from numba.core.untyped_passes import FixupArgs, ReconstructSSA, TranslateByteCode
 from numba.np.arrayobj import load_item, store_item
 
+from dimersweep.kernel.compiler.linking import Part, refusal
+
 _types: Any = types
 _Base: Any = CompilerBase
 _Function: Any = BaseFunction
@@ -125,3 +127,22 @@ class KernelCompiler(_Base):
         context.get_abi_sizeof = lambda kind: _sizes.get(kind) or _sizes.setdefault(kind, size(kind))
         with _in_a_hurry():
             return super().compile_extra(func)
+
+
+class _PartCompiler(KernelCompiler):
+    """The same for a function that only other kernels call."""
+
+    def compile_extra(self, func: Any) -> Any:
+        state = self.state
+        state.library = Part(state.targetctx.codegen(), func.__qualname__)
+        state.targetctx.get_executable = refusal
+        return super().compile_extra(func)
+
+
+def fast_settings(part: bool, inline: bool) -> dict[str, Any]:
+    """Further settings of ``numba.njit`` for a kernel that Python calls, or a part that only other kernels call."""
+    # no reference counts: nothing is allocated, and a part returns no array to code that counts
+    settings: dict[str, Any] = {"_nrt": False, "no_cfunc_wrapper": True}
+    if part:  # where forceinline is not set, that of the first caller would hold
+        return settings | {"pipeline_class": _PartCompiler, "no_cpython_wrapper": True, "forceinline": inline}
+    return settings | {"pipeline_class": KernelCompiler}

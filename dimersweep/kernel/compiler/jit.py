@@ -1,91 +1,40 @@
-"""The compiler settings of the kernel: cached, free of the GIL, strict about floating point, optimised once.
+"""How the kernel is compiled: free of the GIL, strict about floating point, and kept for later processes.
 
-Numba makes machine code of every function on its own, and LLVM optimises what a function calls once more with each of its
-callers. Here the functions that only other kernels call stay unoptimised parts (``linking.py``); an exported kernel links
-all the parts it needs, and they are optimised and made machine code once, together. What Numba does on the way that a
-kernel has no need of is left out (``compiling.py``). Both together save two thirds of the time to compile.
+There are two ways. The plain one is ``numba.njit``, which works with every Numba. The fast one takes a third of its time, by
+means that only the versions it was tested with are known to have. Numba makes machine code of every function on its own, and
+LLVM optimises what a function calls once more with each of its callers. The fast way keeps the functions that only other
+kernels call as unoptimised parts (``linking.py``); an exported kernel links all the parts it needs, and they are optimised and
+made machine code once, together. What Numba does on the way that a kernel has no need of is left out (``compiling.py``).
 """
 
-import hashlib
-import inspect
-import pickle
 from collections.abc import Callable
-from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numba
-from numba.core import types
-from numba.core.caching import NullCache
-from numba.core.compiler import CompileResult
-from numba.core.serialize import dumps
+from numba import types
 
-from dimersweep.kernel.compiler.cache import load, save
-from dimersweep.kernel.compiler.compiling import KernelCompiler
-from dimersweep.kernel.compiler.linking import Part, refusal
-from dimersweep.kernel.compiler.versions import sources_digest
+from dimersweep.kernel.compiler.versions import FAST, way
+from dimersweep.kernel.keeping import kept
 
-OLDEST = (0, 61)  # of Numba, as in pyproject.toml
-# no reference counts: nothing is allocated, and a part returns no array to code that counts
 # no fastmath: it would break the ordering of events and the meaning of nan; error_model "numpy" spares a branch
 # per division (a kernel never raises)
-_SETTINGS: dict[str, Any] = {"_nrt": False, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+_SETTINGS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 _njit: Any = numba.njit
-_config: Any = numba.config
-_NoCache: Any = NullCache
-_Result: Any = CompileResult
-_version = numba.__version__
-if tuple(map(int, _version.split(".")[:2])) < OLDEST:
-    raise ImportError(f"numba = {_version}: must be >= {'.'.join(map(str, OLDEST))}")
-_folder_digest = cache(sources_digest)
 
 
-class _Kept(_NoCache):
-    """The cache of one compiled function, in the place of the one that Numba makes by the settings of the process."""
+def _compile(function: Callable[..., Any], part: bool, inline: bool, **settings: Any) -> Any:
+    if way() == FAST:
+        from dimersweep.kernel.compiler.compiling import fast_settings
 
-    def __init__(self, function: Callable[..., Any], folder: Path) -> None:
-        self._digest = hashlib.sha256(
-            _folder_digest(folder) + f"{function.__module__}.{function.__qualname__}".encode()
-        )
-        self._function = function.__name__
-
-    def _name(self, signature: Any) -> str:
-        digest = self._digest.copy()
-        digest.update(f" {signature}".encode())
-        return f"{self._function}-{digest.hexdigest()[:16]}"
-
-    def load_overload(self, signature: Any, context: Any) -> Any:
-        context.refresh()  # what the code refers to must be known
-        code = load(self._name(signature))
-        return None if code is None else _Result._rebuild(context, *pickle.loads(code))
-
-    def save_overload(self, signature: Any, result: Any) -> None:
-        if not result.library.has_dynamic_globals:  # addresses of this process
-            save(self._name(signature), dumps(result._reduce()))
-
-
-def kept(function: Any) -> Any:
-    """Keep the code of a compiled function for later processes: by the kernel's version and all sources of its own folder."""
-    if not _config.DISABLE_JIT:
-        path = Path(inspect.getfile(function.py_func))
-        if path.is_file() and not function.py_func.__closure__:  # no prompt, and nothing that sources do not tell
-            function._cache = _Kept(function.py_func, path.parent)
-    return function
-
-
-class _PartCompiler(KernelCompiler):
-    def compile_extra(self, func: Any) -> Any:
-        state = self.state
-        state.library = Part(state.targetctx.codegen(), func.__qualname__)
-        state.targetctx.get_executable = refusal
-        return super().compile_extra(func)
+        settings |= fast_settings(part, inline)
+    return _without_literals(_njit(**_SETTINGS, **settings)(function))
 
 
 def _without_literals(function: Any) -> Any:
     """Have constants in calls typed as plain numbers: else each of them compiles the function once more."""
-    if _config.DISABLE_JIT:
+    typed = getattr(function, "get_call_template", None)
+    if typed is None:  # the JIT is off, or Numba has changed
         return function
-    typed = function.get_call_template
 
     def get_call_template(args: Any, kws: Any) -> Any:
         return typed(tuple(types.unliteral(a) for a in args), {k: types.unliteral(v) for k, v in kws.items()})
@@ -96,7 +45,7 @@ def _without_literals(function: Any) -> Any:
 
 def exported(function: Callable[..., Any]) -> Any:
     """Compile a kernel that Python calls."""
-    return kept(_without_literals(_njit(pipeline_class=KernelCompiler, **_SETTINGS)(function)))
+    return kept(_compile(function, part=False, inline=False))
 
 
 def compiled(function: Callable[..., Any] | None = None, *, fuse: bool = False, inline: bool = False) -> Any:
@@ -109,10 +58,9 @@ def compiled(function: Callable[..., Any] | None = None, *, fuse: bool = False, 
         which must agree exactly where they move alike.
     inline : bool
         Write the code into what calls it, however long: for what is called so often that passing its arrays counts.
+        LLVM decides by itself where the kernel is compiled the plain way.
     """
     if function is None:
         return lambda wrapped: compiled(wrapped, fuse=fuse, inline=inline)
-    settings = _SETTINGS | {"pipeline_class": _PartCompiler, "no_cpython_wrapper": True}
-    # where these two are not set, those of the first caller would hold
-    settings |= {"fastmath": {"contract"} if fuse else False, "forceinline": inline}
-    return _without_literals(_njit(**settings)(function))
+    # where it is not set, that of the first caller would hold
+    return _compile(function, part=True, inline=inline, fastmath={"contract"} if fuse else False)

@@ -5,6 +5,7 @@ besides, the second those of all modules that a number comes through on its way 
 """
 
 import hashlib
+import os
 import platform
 import sys
 from collections.abc import Iterable, Iterator
@@ -12,6 +13,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+OLDEST, NEWEST = (
+    (0, 61),
+    (0, 68),
+)  # of Numba: the least one that the package allows, the last one the fast way was tested with
+FAST, PLAIN, PYTHON = "fast", "plain", "python"
 # of numba.config: those that change what machine code is made
 SETTINGS = (
     "BOUNDSCHECK",
@@ -41,6 +47,28 @@ def sources_digest(folder: Path, files: Iterable[Path] | None = None) -> bytes:
     return digest.digest()
 
 
+@cache
+def way() -> str:
+    """How the kernel is compiled: FAST, PLAIN or, with the JIT off, PYTHON.
+
+    Raises
+    ------
+    ImportError
+        If Numba is too old, or DIMERSWEEP_COMPILER asks for what there is not.
+    """
+    import numba
+
+    told: str = numba.__version__
+    found = tuple(map(int, told.split(".")[:2]))
+    if found < OLDEST:
+        raise ImportError(f"numba = {told}: must be >= {'.'.join(map(str, OLDEST))}")
+    asked = os.environ.get("DIMERSWEEP_COMPILER") or (FAST if found <= NEWEST else PLAIN)
+    if asked not in (FAST, PLAIN):
+        raise ImportError(f"DIMERSWEEP_COMPILER = {asked}: must be {FAST} or {PLAIN}")
+    config: Any = numba.config
+    return PYTHON if config.DISABLE_JIT else asked
+
+
 def compiler() -> dict[str, str]:
     """What makes machine code of the kernel, how, and for which processor; imports Numba."""
     import llvmlite
@@ -50,6 +78,7 @@ def compiler() -> dict[str, str]:
 
     config: Any = numba.config
     told = {module.__name__: module.__version__ for module in (numba, llvmlite, np)}
+    told["way"] = way()
     told["python"] = f"{platform.python_implementation()} {platform.python_version()}"
     told["libc"] = " ".join(platform.libc_ver())  # some functions of the kernel are those of the system
     told["processor"] = str(config.CPU_NAME or binding.get_host_cpu_name())

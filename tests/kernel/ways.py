@@ -1,0 +1,65 @@
+"""What the kernel answers in some scenes: modes, and states after a few forcing periods; ``python ways.py FILE`` saves it."""
+
+import sys
+
+import numpy as np
+
+from dimersweep.cubes.cube import blank
+from dimersweep.kernel.batch import run_many, run_recorded
+from dimersweep.kernel.compiler import versions
+from dimersweep.kernel.impact.impact import N_LOG
+from dimersweep.kernel.model.layout import (
+    CA,
+    CB,
+    CODES,
+    D1,
+    D2,
+    N1,
+    N2,
+    N_STATE,
+    PHASE,
+    SPIN,
+    WB,
+    WP,
+)
+from dimersweep.kernel.record import N_EVENT, N_SEGMENT
+from dimersweep.parameters import Parameters
+
+RTOL = 1e-8
+SCENES = (  # what is not named is the paper's base case
+    {},
+    {"mu": 0.05, "mu_s": 0.1},
+    {"Gamma": 0.5},
+    {"e": 0.54, "Gamma": 1.28, "f": 16.07, "A_r": 4.78, "beta0": 0.13},
+    {"e": 0.49, "Gamma": 1.42, "f": 16.53, "A_r": 7.31, "beta0": 0.55},
+    {"Gamma": 2.0},
+    {"mu": 0.0, "mu_s": 0.0},
+    {"xdot0": 0.0},
+    {"beta0": 1.4, "Gamma": 0.3},
+)
+SCALE = np.ones(N_STATE)  # of a state, SI units
+SCALE[[D1, D2]], SCALE[[N1, N2, CA, CB]], SCALE[[WB, WP]], SCALE[SPIN] = 0.01, 0.1, 10.0, 100.0
+
+
+def last_state(row, periods):
+    """Kernel state at the end of some forcing periods, in its scales."""
+    out, codes = blank(1)
+    counts, log = np.zeros(3, np.int64), np.zeros((200, N_LOG))
+    events, segments = np.zeros((20_000, N_EVENT)), np.zeros((20_000, N_SEGMENT))
+    run_recorded(row[None], periods, RTOL, False, True, out, codes, log, events, segments, counts)
+    state = segments[counts[2] - 1, :N_STATE]
+    state[PHASE] = np.round(state[PHASE], 12)  # 0 or the end of the period
+    return state / SCALE
+
+
+def answers(periods=200, few=4):
+    """Integer outcomes of the scenes, shape (n, N_CODES), and states after `few` periods, shape (n, N_STATE)."""
+    rows = np.array([Parameters(**scene).row() for scene in SCENES])
+    out, codes = blank(len(rows))
+    run_many(rows, periods, RTOL, True, out, codes)
+    return codes[:, : CODES.index("n_events")], np.array([last_state(row, few) for row in rows])
+
+
+if __name__ == "__main__":
+    codes, states = answers()
+    np.savez(sys.argv[1], codes=codes, states=states, way=versions.way())
