@@ -122,7 +122,7 @@ def head(row, state, cause, kind, before, after):
     row[E_BEFORE], row[E_AFTER], row[E_BETA], row[E_THETA] = before, after, state[BETA], state[THETA]
 
 
-@compiled
+@compiled(inline=True)
 def note_event(dm, record, state, cause, before, after):
     """Write the row of an event between impacts, from one contact state of Table 1 to another."""
     k = next_row(record) if is_kept(record) else -1
@@ -158,7 +158,7 @@ def note_impact_phases(record, state, rows, before):
         before = kind
 
 
-@compiled
+@compiled(inline=True)
 def note_segment(record, state, modes, hop_time, before):
     """Write the start of a smooth phase, and the state `before` hops that take the time `hop_time` were summed."""
     if not is_kept(record):

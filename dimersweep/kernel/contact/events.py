@@ -57,7 +57,7 @@ def needs_forces(event):
     return event < SLIP_END or event == JAM
 
 
-@compiled
+@compiled(inline=True)
 def event_function(dm, modes, k, base, y, F, slip_tol):
     """Event function k, positive while the phase goes on; inf where it has no meaning; in units in which all compare.
 
@@ -85,7 +85,7 @@ def event_function(dm, modes, k, base, y, F, slip_tol):
     return ((a * a0 + b * b0) / length(a0, b0) - slip_tol) / dm.v_scale
 
 
-@compiled
+@compiled(inline=True)
 def height_of_open_end(modes, y):
     """The dip, positive where it opens the gap of the end that is not closed; inf in the upright chart."""
     if y[YCHART] == UPRIGHT:
