@@ -4,6 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from dimersweep import orbits
     from dimersweep.cubes.cube import names
     from dimersweep.errors import ParameterError, StoreError
     from dimersweep.parameters import Parameters
@@ -24,6 +25,7 @@ __all__ = [
     "load_run",
     "names",
     "open_cube",
+    "orbits",
     "refine",
     "search",
     "simulate",
@@ -31,7 +33,7 @@ __all__ = [
     "sweep",
 ]
 
-_MODULES = {"stability": "runs.stability"}
+_MODULES = {"orbits": "orbits", "stability": "runs.stability"}
 _HOME = {
     "ParameterError": "errors",
     "Parameters": "parameters",

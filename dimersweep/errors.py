@@ -11,6 +11,10 @@ class ParameterError(UserError, ValueError):
     """A parameter, an axis or a setting that the model does not allow."""
 
 
+class OrbitError(UserError, RuntimeError):
+    """An orbit, a branch or a border that was not found: with what was tried."""
+
+
 class StoreError(UserError, OSError):
     """A file that cannot be written, or that is no cube."""
 

@@ -254,7 +254,7 @@ class Run:
             with stop.space() as space:
                 return go_on(row, end, self.n_events, self._record, total, self.rtol, space)
 
-        return _as_run(self.parameters, self.rtol, stoppable(call), self.start)
+        return as_run(self.parameters, self.rtol, stoppable(call), self.start)
 
     def save(self, path: str | PathLike[str], *, force: bool = False) -> Path:
         """Write the run to one NetCDF file, from which `load_run` gives it back, exactly.
@@ -481,7 +481,7 @@ def follow(
     first = None if begun is None else kernel_start(begun, parameters.given())
     solved = solve(parameters.row(), first, periods, rtol, space, settle=settle, record=record)
     begun = begun and {name: value for name, value in begun.items() if name != "phase"}  # which is phi0 now
-    return _as_run(parameters.given(), rtol, solved, begun)
+    return as_run(parameters.given(), rtol, solved, begun)
 
 
 simulate.__signature__ = _signature(simulate)  # type: ignore[attr-defined]
@@ -499,7 +499,8 @@ def _with_start(parameters: Mapping[str, Any], start: Mapping[str, float]) -> di
     return {**parameters, "phi0": start["phase"]}
 
 
-def _as_run(parameters: dict[str, float], rtol: float, solved: Solved, start: dict[str, float] | None) -> Run:
+def as_run(parameters: dict[str, float], rtol: float, solved: Solved, start: dict[str, float] | None) -> Run:
+    """A run from what the kernel has filled in."""
     code = dict(zip(CODES, solved.codes.tolist(), strict=True))
     out = dict(zip(OUT, solved.out.tolist(), strict=True))
     return Run(

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dimersweep.errors import ParameterError
-from dimersweep.kernel.course import new_workspace
+from dimersweep.kernel.course import Workspace, new_workspace
 from dimersweep.kernel.model.layout import (
     BETA,
     CA,
@@ -90,15 +90,19 @@ class Section:
         The same as the kernel takes them.
     rtol : float
         Accuracy of the map [1].
+    space : Workspace, optional
+        Scratch arrays to share.
     """
 
-    def __init__(self, parameters: dict[str, float], row: np.ndarray, rtol: float) -> None:
+    def __init__(
+        self, parameters: dict[str, float], row: np.ndarray, rtol: float, space: Workspace | None = None
+    ) -> None:
         self.row, self.rtol = row, rtol
         self.r, self.h = parameters["r"], parameters["r"] * (parameters["A_r"] - 1)
         omega = 2 * np.pi * parameters["f"]
         v = parameters["g"] / omega
         self.units = np.array([v / omega, v / omega, v, v, v / self.h, v / self.r, v, v])
-        self.space, self.record = new_workspace(), no_record()
+        self.space, self.record = space or new_workspace(), no_record()
 
     def point(self, state: np.ndarray) -> np.ndarray:
         """The point of the section that a kernel state is at."""
@@ -133,13 +137,13 @@ class Section:
             If the kernel cannot go on.
         """
         modes = np.zeros(2)
-        status = advance(self.row, state, modes, periods, self.rtol, self.space, self.record)
+        status = advance(self.row, state, modes, periods, self.rtol, False, self.space, self.record)
         if status != OK:
             raise RuntimeError(STATUS_MESSAGES[status])
         return self.point(state), modes
 
 
-def _free(modes: np.ndarray) -> list[int]:
+def free_coordinates(modes: np.ndarray) -> list[int]:
     """Numbers of the coordinates that contact leaves free.
 
     An end on the plate has neither gap nor rate. Where one sticks, the centre of mass moves as it must; where both do, only
@@ -189,7 +193,7 @@ def multipliers(run: Run) -> Multipliers:
 
 def of_orbit(section: Section, state: np.ndarray, modes: np.ndarray, periods: int) -> Multipliers:
     """Multipliers of the motion that comes back to `state`, in contact `modes`, after whole periods; see `multipliers`."""
-    point, free = section.point(state), _free(modes)
+    point, free = section.point(state), free_coordinates(modes)
     step = section.rtol ** (1 / 3)  # balances the error of the differences, step^2, with that of the map, rtol/step
     close = any(modes[end] == FREE and point[end] <= 2 * step for end in (0, 1))
 

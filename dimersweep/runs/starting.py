@@ -9,6 +9,7 @@ import xarray as xr
 
 from dimersweep.errors import ParameterError, unknown
 from dimersweep.kernel.batch import N_START
+from dimersweep.kernel.model.body import dimer_of
 from dimersweep.kernel.model.layout import (
     BETA,
     CA,
@@ -25,7 +26,8 @@ from dimersweep.kernel.model.layout import (
     X1,
     Y1,
 )
-from dimersweep.parameters import as_number
+from dimersweep.kernel.model.plate import motion
+from dimersweep.parameters import Parameters, as_number
 from dimersweep.symbols import PARAMETERS, STATES
 
 CLOSED = 1e-12  # a gap this far below zero is a closed one [m]
@@ -136,9 +138,7 @@ def _gaps(start: Mapping[str, float], parameters: Mapping[str, float], rise: flo
         first = start["gap_2"] - rise
     elif "z1" in start or "z" in start:
         centre = start["z1"] if "z1" in start else start["z"] - rise / 2
-        omega = 2 * pi * parameters["f"]
-        plate = parameters["Gamma"] * parameters["g"] / omega**2 * sin(parameters["phi0"])
-        first = centre - parameters["r"] - plate
+        first = centre - parameters["r"] - _plate(parameters)[0]
     else:
         first = max(0.0, -rise)
     second = start.get("gap_2", first + rise)
@@ -157,8 +157,13 @@ def _gap_rates(start: Mapping[str, float], parameters: Mapping[str, float], apar
     elif "gap_2_rate" in start:
         first = start["gap_2_rate"] - apart
     elif "z1_rate" in start:
-        omega = 2 * pi * parameters["f"]
-        first = start["z1_rate"] - parameters["Gamma"] * parameters["g"] / omega * cos(parameters["phi0"])
+        first = start["z1_rate"] - _plate(parameters)[1]
     else:
         first = 0.0
     return first, start.get("gap_2_rate", first + apart)
+
+
+def _plate(parameters: Mapping[str, float]) -> tuple[float, float]:
+    """Height and rate of the plate at the start [m, m/s]."""
+    height, rate, _ = motion(dimer_of(Parameters(**parameters).row()), parameters["phi0"])
+    return float(height), float(rate)

@@ -13,8 +13,8 @@ from typing import Any
 import numba
 from numba import types
 
+from dimersweep.kernel.compiler.keeping import kept
 from dimersweep.kernel.compiler.versions import FAST, way
-from dimersweep.kernel.keeping import kept
 
 # no fastmath: it would break the ordering of events and the meaning of nan; error_model "numpy" spares a branch
 # per division (a kernel never raises)

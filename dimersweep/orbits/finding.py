@@ -1,0 +1,184 @@
+"""Find an orbit: from a run, from another orbit, or from the closed form of a ball on a plate."""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from dimersweep.errors import OrbitError, ParameterError
+from dimersweep.orbits.guesses import of_ball, of_run, rolled_up
+from dimersweep.orbits.orbit import Orbit, orbit_of
+from dimersweep.orbits.passage import TURN
+from dimersweep.orbits.return_map import OrbitLost, ReturnMap, Tape
+from dimersweep.orbits.solving import Fixed, solve, system
+from dimersweep.parameters import Parameters, as_number, check_count, check_name, check_rtol
+from dimersweep.runs.run import Run
+
+RTOL = 1e-12
+TRANSIENTS = (1, 30, 200)  # periods of the map run from the ball's orbit before Newton's method
+SAME = 1e-6  # in units of the section: a motion that comes as near as this to its start has repeated
+SMALLEST_STEP = 1e-3  # of the way from the parameters of one orbit to other ones
+Start = tuple[ReturnMap, np.ndarray]
+
+
+def find(
+    *,
+    spin: float | None = None,
+    periods: int = 1,
+    guess: Run | Orbit | None = None,
+    rtol: float = RTOL,
+    **parameters: float,
+) -> Orbit:
+    """The orbit at a given axial spin: a fixed point of the fast part of the return map, stable or not.
+
+    Parameters
+    ----------
+    spin : float, optional
+        Axial spin after the double impact [rad s-1]; by default that of the guess, or without one what a lateral start
+        with `xdot0` rolls up to. 0.0 is the dimer that moves in a plane.
+    periods : int
+        Forcing periods after which the motion repeats.
+    guess : Run or Orbit, optional
+        A recorded run that has come near the orbit, or an orbit nearby; parameters that are not given are as there.
+    rtol : float
+        Accuracy of the map [1].
+    **parameters : float
+        Of the model; by default the paper's base case.
+
+    Returns
+    -------
+    Orbit
+
+    Raises
+    ------
+    ParameterError
+        For an unknown parameter or a value that is not allowed.
+    OrbitError
+        If Newton's method does not come to an orbit, with what was tried.
+    """
+    periods, rtol = check_count("periods", periods), check_rtol(rtol)
+    given = checked(parameters, guess)
+    if spin is not None:
+        spin = as_number("spin", spin)
+    tape = Tape()
+    tried = []
+    for name, start in _starts(spin, periods, guess, given, rtol, tape):
+        try:
+            return _found(start(), spin, guess, given, tape)
+        except OrbitLost as reason:
+            tried.append(f"{name}: {reason}")
+    raise OrbitError(f"no orbit of period {periods}{_where(spin)}; tried {'; '.join(tried)}{_why_not(given)}")
+
+
+def checked(parameters: dict[str, Any], guess: Run | Orbit | None = None) -> dict[str, float]:
+    """All parameters, those of the guess where they are not given.
+
+    Raises
+    ------
+    ParameterError
+        For an unknown one, or a value that is not allowed.
+    """
+    for name in parameters:
+        check_name(name)
+    if guess is not None and not isinstance(guess, Run | Orbit):
+        raise ParameterError(f"guess = {guess!r}: must be a Run or an Orbit")
+    known = dict(guess.parameters) if guess is not None else {}
+    if "e" in parameters:  # both ends, unless one is given
+        known = {name: value for name, value in known.items() if name not in ("e_1", "e_2")}
+    return Parameters(**known | parameters).given()
+
+
+def _starts(
+    spin: float | None, periods: int, guess: Run | Orbit | None, given: dict[str, float], rtol: float, tape: Tape
+) -> Iterator[tuple[str, Callable[[], Start | Fixed]]]:
+    """What is tried, in its order, with its name."""
+    if isinstance(guess, Run):
+        yield "the end of the run", lambda: of_run(guess, given, periods, rtol, tape)
+        return
+    if isinstance(guess, Orbit):
+        yield "the orbit given", lambda: _from_orbit(guess, given, spin, periods, rtol, tape)
+        return
+    at = rolled_up(given) if spin is None else spin
+    for transient in TRANSIENTS:
+        name = f"the ball's orbit in closed form, {transient} period{'s' if transient > 1 else ''} on"
+        yield name, lambda transient=transient: of_ball(given, at, transient, periods, rtol, tape)  # type: ignore[misc]
+
+
+def _found(
+    start: Start | Fixed, spin: float | None, guess: Run | Orbit | None, given: dict[str, float], tape: Tape
+) -> Orbit:
+    if isinstance(start, Fixed):
+        fixed = start
+    else:
+        m, z = start
+        if spin is None:
+            spin = m.image(z).spin if isinstance(guess, Run) else rolled_up(given)
+        fixed = solve(m, z, spin)
+    fixed = centred(fixed)
+    shorter = repeats_after(fixed)
+    if shorter < fixed.map.periods:
+        raise OrbitError(
+            f"periods = {fixed.map.periods}: the motion found repeats after {shorter} already; ask for periods={shorter}"
+        )
+    return orbit_of(fixed, tape.spent.periods)
+
+
+def centred(fixed: Fixed) -> Fixed:
+    """The same orbit, its section moved if an event lies near."""
+    m = fixed.map
+    if m.well_placed(fixed.image.passage):
+        return fixed
+    moved, z = m.moved(fixed.image.passage)
+    return solve(moved, z, fixed.image.spin)
+
+
+def repeats_after(fixed: Fixed) -> int:
+    """Least number of forcing periods after which a motion comes back to its point of the section."""
+    m = fixed.map
+    first = m.state(fixed.z)
+    for k in range(1, m.periods):
+        if m.periods % k == 0:
+            state, _ = m.sampled(fixed.image.passage, TURN * k)
+            if np.abs(m.section.point(state) - m.section.point(first))[m.free].max() < SAME:
+                return k
+    return m.periods
+
+
+def _from_orbit(
+    orbit: Orbit, given: dict[str, float], spin: float | None, periods: int, rtol: float, tape: Tape
+) -> Fixed:
+    """Newton from the orbit's own point; if that fails, by steps from its parameters and spin to those asked for."""
+    old, spin = orbit.fixed.map, orbit.spin if spin is None else spin
+    base = old.parameters | {name: old.parameters["e"] for name in given if name not in old.parameters}
+    m = ReturnMap(base, old.phase, old.modes, periods, rtol, tape)
+    known = system(old, orbit.fixed.matrix, orbit.fixed.gradient) if periods == old.periods else None
+    done, step, z, fixed = 0.0, 1.0, orbit.fixed.z, None
+    reason = OrbitLost("")
+    while done < 1.0:
+        if step < SMALLEST_STEP:
+            raise OrbitLost(f"{reason}, {done:.0%} of the way")
+        there = min(1.0, done + step)
+        values = {name: base[name] + there * (given[name] - base[name]) for name in given}
+        now = ReturnMap(values, m.phase, m.modes, periods, rtol, tape)
+        try:
+            fixed = centred(solve(now, z, orbit.spin + there * (spin - orbit.spin), known))
+        except OrbitLost as error:
+            reason, step = error, 0.5 * step
+            continue
+        m, z, done, step = fixed.map, fixed.z, there, 2 * step
+        known = system(m, fixed.matrix, fixed.gradient)
+    assert fixed is not None
+    return fixed
+
+
+def _where(spin: float | None) -> str:
+    return "" if spin is None else f" at spin = {spin:g} rad/s"
+
+
+def _why_not(given: dict[str, float]) -> str:
+    """What the closed form of a ball says, if it has no orbit either."""
+    e = given.get("e_2", given["e"])
+    least = np.pi * (1 - e) / (1 + e)
+    if given["Gamma"] >= least:
+        return ""
+    return f" (a ball that bounces once a period needs Gamma >= pi (1 - e)/(1 + e) = {least:.4f})"

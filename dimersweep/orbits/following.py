@@ -1,0 +1,188 @@
+"""Follow an orbit along a branch, through folds, with its stability, its words and its special points."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from dimersweep.errors import ParameterError
+from dimersweep.orbits.branch import (
+    Axis,
+    Leap,
+    Point,
+    Special,
+    corrected,
+    doubled,
+    in_own_section,
+    point_of,
+    specials,
+)
+from dimersweep.orbits.orbit import Orbit, orbit_of
+from dimersweep.orbits.return_map import OrbitLost, Tape
+from dimersweep.orbits.tables import dataset
+from dimersweep.parameters import as_number, check_count, check_name
+
+FIRST, LARGEST, SMALLEST, GROWTH = (
+    0.02,
+    0.25,
+    1e-6,
+    1.3,
+)  # length of a step, in units of the section and of the parameter
+LEAST_SCALE = 1e-3  # of a parameter, where it and its target are both near zero
+
+
+class Entry(NamedTuple):
+    """A row of the dataset of a branch."""
+
+    orbit: Orbit
+    value: float
+    special: str = ""
+    change: str = ""
+    jump: float = 0.0
+
+
+def follow(
+    orbit: Orbit, parameter: str, *, to: float, points: int = 200, switch: bool = False, words: bool = True
+) -> xr.Dataset:
+    """The branch of an orbit in a parameter or the spin, by pseudo-arclength steps, through folds.
+
+    Parameters
+    ----------
+    orbit : Orbit
+        Where the branch begins.
+    parameter : str
+        Any parameter of the model, or "spin".
+    to : float
+        Where it ends. A branch that turns round at a fold ends where it comes back to the value it began with.
+    points : int
+        Points at most, special ones aside.
+    switch : bool
+        Whether to leave the branch at its first flip for that of twice the period.
+    words : bool
+        Whether changes of the word are located.
+
+    Returns
+    -------
+    xarray.Dataset
+        Along `point`: what an `Orbit` tells, the parameter, and `special`: fold, flip, torus or word where the row is such
+        a point (1e-8 in the parameter over its scale), with the kind of `change` of a word and the `jump` of the orbit. The attribute `end` says why
+        the branch ends, `cost` how many forcing periods of the map it took.
+
+    Raises
+    ------
+    ParameterError
+        For an unknown parameter, or a value that is not allowed.
+    """
+    axis, start, to = _begin(orbit, parameter, to)
+    points = check_count("points", points)
+    spent = start.fixed.map.tape.spent
+    entries = [_entry(start)]
+    point, step, end = start, FIRST, ""
+    while not end:
+        if sum(not entry.special for entry in entries) >= points:
+            end = f"points: {points} points were asked for"
+            break
+        try:
+            nxt = corrected(axis, point, point.y(axis) + step * point.tangent, point.tangent)
+            _same_way(point, nxt)
+        except OrbitLost as reason:
+            step *= 0.5
+            if step < SMALLEST:
+                end = f"lost: {reason}"
+            continue
+        nxt, end = _window(axis, point, nxt, start.value, to)
+        found, leap = _specials(axis, point, nxt, words)
+        if leap is not None:
+            entries += [_entry(special.point, special) for special in found]
+            entries.append(_entry(leap.last))
+            end = f"word: {leap}"
+            break
+        flips = [special for special in found if special.kind == "flip"]
+        if switch and flips:
+            found = found[: found.index(flips[0]) + 1]
+        entries += [_entry(special.point, special) for special in found]
+        if switch and flips:
+            try:
+                nxt, switch, end, step = doubled(axis, flips[0].point), False, "", FIRST
+            except OrbitLost as reason:
+                end = f"lost: no branch of twice the period was found ({reason})"
+                break
+        entries.append(_entry(nxt))
+        point = in_own_section(axis, nxt) if not end else nxt
+        step = min(step * GROWTH, LARGEST)
+    return _dataset(entries, parameter, end, spent.periods)
+
+
+def _begin(orbit: Orbit, parameter: str, to: float) -> tuple[Axis, Point, float]:
+    if not isinstance(orbit, Orbit):
+        raise ParameterError(f"orbit = {orbit!r}: must be an Orbit")
+    if parameter != "spin":
+        check_name(parameter)
+    to = as_number("to", to)
+    value = orbit.spin if parameter == "spin" else orbit.parameters.get(parameter, orbit.parameters["e"])
+    if to == value:
+        raise ParameterError(f"to = {to}: must differ from the value {parameter} has")
+    axis = Axis(parameter, max(abs(value), abs(to - value), LEAST_SCALE), orbit.spin)
+    fixed = orbit.fixed._replace(map=orbit.fixed.map.on(Tape()))
+    start = point_of(axis, fixed, value, None)
+    return axis, start if to > value else start._replace(tangent=-start.tangent), to
+
+
+def _same_way(a: Point, b: Point) -> None:
+    """Refuse a step over which the branch turns too far."""
+    if a.tangent @ b.tangent < 0.7:
+        raise OrbitLost("the branch turns too sharply")
+
+
+def _window(axis: Axis, a: Point, b: Point, start: float, to: float) -> tuple[Point, str]:
+    """The point, or where the step leaves the range from `start` to `to` the one at its edge, with why the branch ends."""
+    for edge, why in (
+        (to, "to: the value asked for is reached"),
+        (start, "back: the branch has turned round to its start"),
+    ):
+        outward = np.sign(edge - (start if edge == to else to))
+        if (b.value - edge) * outward >= 0 and (a.value - edge) * outward < 0:
+            normal = np.append(np.zeros(a.fixed.z.size), 1.0)
+            share = (edge - a.value) / (b.value - a.value)
+            y = a.y(axis) + share * (b.y(axis) - a.y(axis))
+            y[-1] = edge / axis.scale
+            try:
+                return corrected(axis, b, y, normal)._replace(value=edge), why
+            except OrbitLost:
+                return b, why
+    return b, ""
+
+
+def _specials(axis: Axis, a: Point, b: Point, words: bool) -> tuple[list[Special], Leap | None]:
+    try:
+        return specials(axis, a, b, words), None
+    except Leap as leap:
+        return leap.found, leap
+
+
+def _entry(point: Point, special: Special | None = None) -> Entry:
+    orbit = orbit_of(point.fixed, point.fixed.map.tape.spent.periods)
+    return Entry(
+        orbit,
+        point.value,
+        special.kind if special else "",
+        special.change if special else "",
+        special.jump if special else 0.0,
+    )
+
+
+def _dataset(entries: Sequence[Entry], parameter: str, end: str, cost: float) -> xr.Dataset:
+    table = dataset([entry.orbit for entry in entries], "point")
+    columns: dict[str, Any] = {
+        "special": [entry.special for entry in entries],
+        "change": [entry.change for entry in entries],
+    }
+    for name, values in columns.items():
+        table[name] = ("point", np.array(values, dtype=object).astype(str))
+    table["jump"] = ("point", np.array([entry.jump for entry in entries]))
+    if parameter != "spin":
+        table[parameter] = ("point", np.array([entry.value for entry in entries]), table.attrs["units_of"][parameter])
+    del table.attrs["units_of"]
+    table.attrs |= {"end": end, "cost": cost, "parameter": parameter}
+    return table

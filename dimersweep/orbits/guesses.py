@@ -1,0 +1,97 @@
+"""Where Newton's method begins: the ball's orbit in closed form, a transient from it, the end of a run."""
+
+from math import acos, cos, sin
+
+import numpy as np
+
+from dimersweep.kernel.model.layout import BETA, CB, D2, FREE, N2, N_STATE, PERIOD, PHASE, ROW_PHI0, SPIN, STICK, WB
+from dimersweep.kernel.record import HOP_TIME, MODES
+from dimersweep.orbits.passage import TURN
+from dimersweep.orbits.return_map import OrbitLost, ReturnMap, Tape
+from dimersweep.runs.run import Run
+
+SECTION = 0.75 * TURN  # of the guess: well before the double impact, which lies in the first quadrant
+
+
+def rolled_up(parameters: dict[str, float]) -> float:
+    """Axial spin [rad/s] of a lateral start with `xdot0` once friction has set its end rolling.
+
+    The angular momentum about the contact point is kept: m v + J_a s/r = m xdot0, v = r s.
+    """
+    r, l_rod = parameters["r"], 2 * parameters["r"] * (parameters["A_r"] - 2)
+    m_b, m_r = masses(parameters, l_rod)
+    J_a = 0.8 * m_b * r**2 + m_r * parameters["D_r"] ** 2 / 8
+    return parameters["xdot0"] / r / (1 + J_a / ((2 * m_b + m_r) * r**2))
+
+
+def masses(parameters: dict[str, float], l_rod: float) -> tuple[float, float]:
+    """Mass of a ball and of the rod [kg]."""
+    m_b = parameters["rho_b"] * 4 / 3 * np.pi * parameters["r"] ** 3
+    return m_b, parameters["rho_r"] * np.pi / 4 * parameters["D_r"] ** 2 * l_rod
+
+
+def pivot_share(parameters: dict[str, float]) -> float:
+    """Acceleration of the bouncing end over gravity while the other one stays down: 2 m h^2/(J_t + m h^2)."""
+    r = parameters["r"]
+    lever, l_rod = 2 * r * (parameters["A_r"] - 1), 2 * r * (parameters["A_r"] - 2)
+    m_b, m_r = masses(parameters, l_rod)
+    J_t = 0.8 * m_b * r**2 + m_b * lever**2 / 2 + m_r * (l_rod**2 / 12 + parameters["D_r"] ** 2 / 16)
+    mh2 = (2 * m_b + m_r) * lever**2 / 4
+    return 2 * mh2 / (J_t + mh2)
+
+
+def ball_state(parameters: dict[str, float], spin: float) -> tuple[np.ndarray, np.ndarray]:
+    """Kernel state and friction modes at `SECTION` if p2 were a ball that bounces once a period, and p1 stayed down."""
+    e, Gamma = parameters.get("e_2", parameters["e"]), parameters["Gamma"]
+    least = np.pi * (1 - e) / (1 + e)
+    phase = acos(min(1.0, least / Gamma)) if Gamma > 0 else 0.0
+    kappa = pivot_share(parameters)
+    tau = SECTION - phase
+    rate = kappa * (2 * np.pi * e / (1 + e) - tau - Gamma * (cos(phase + tau) - cos(phase)))
+    gap = kappa * (
+        2 * np.pi * e / (1 + e) * tau - tau**2 / 2 - Gamma * (sin(phase + tau) - sin(phase) - tau * cos(phase))
+    )
+    omega, h = TURN * parameters["f"], parameters["r"] * (parameters["A_r"] - 1)
+    v = parameters["g"] / omega
+    state = np.zeros(N_STATE)
+    state[D2], state[N2], state[SPIN] = max(gap, 0.1) * v / omega, rate * v, spin
+    state[BETA] = np.arcsin(min(1.0, state[D2] / (2 * h)))
+    state[WB] = state[N2] / (2 * h * max(0.1, np.cos(state[BETA])))
+    state[CB] = parameters["r"] * spin
+    return state, np.array([STICK, FREE], dtype=float)
+
+
+def settled_on(m: ReturnMap, state: np.ndarray, periods: int) -> tuple[ReturnMap, np.ndarray]:
+    """The map at a section of its own, and the point there, after some periods from a state at the section of `m`.
+
+    Raises
+    ------
+    OrbitLost
+        If the kernel cannot go on, or both ends have come to rest on the plate.
+    """
+    for _ in range(periods // m.periods):
+        state[[PHASE, PERIOD]] = 0.0
+        state, modes, passage = m.tape.run(m.row, state, m.periods, m.rtol)
+    if (modes != FREE).all() and len(passage.segments) < 4:
+        raise OrbitLost("the motion dies")
+    return m.moved(passage)
+
+
+def of_run(
+    run: Run, parameters: dict[str, float], periods: int, rtol: float, tape: Tape
+) -> tuple[ReturnMap, np.ndarray]:
+    """The map and the point that a recorded run has come to; `parameters` may differ from those of the run."""
+    record = run.record("guess")
+    last = record.segments[-1]
+    m = ReturnMap(parameters, record.row[ROW_PHI0], last[MODES:HOP_TIME].copy(), periods, rtol, tape)
+    return settled_on(m, last[:N_STATE].copy(), periods)
+
+
+def of_ball(
+    parameters: dict[str, float], spin: float, transient: int, periods: int, rtol: float, tape: Tape
+) -> tuple[ReturnMap, np.ndarray]:
+    """The map and the point of the ball's orbit, after a transient."""
+    state, modes = ball_state(parameters, spin)
+    m = ReturnMap(parameters, SECTION, modes, periods, rtol, tape)
+    state = m.section.held(state, modes)
+    return settled_on(m, state, max(transient, 1) * periods)

@@ -1,0 +1,168 @@
+"""An orbit: the fixed point of the fast part at a given spin, with all that is told of it."""
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from dimersweep.kernel.model.layout import DI_ENDS, GAMMA, PERIOD, PHASE, THETA, X1, Y1
+from dimersweep.orbits.passage import TURN, Strike, strike_of
+from dimersweep.orbits.return_map import OrbitLost
+from dimersweep.orbits.solving import Fixed, system
+from dimersweep.orbits.word import word_of
+from dimersweep.parameters import check_count
+from dimersweep.runs.run import Run, as_run
+from dimersweep.runs.solving import solve
+from dimersweep.runs.starting import start_of
+
+CIRCLE = 1e-12  # turn of a period [rad] that is none
+
+
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
+class Orbit:
+    """A periodic motion of the fast part at a given axial spin, stable or not.
+
+    Attributes
+    ----------
+    parameters : dict
+        Of the model.
+    periods : int
+        Forcing periods after which it repeats.
+    spin : float
+        Axial spin after the double impact (without one: after the last impact of the end that is in the air for longer)
+        [rad s-1]: what `Run.orbit` calls `spin_rate`. For period n, of the last one.
+    radius : float
+        Speed over precession rate; inf for a motion in a plane [m].
+    period : float
+        Time once round [s].
+    zeta, speed : float
+        Angle from the axis to the velocity [rad], speed of the centre of mass [m s-1], there too.
+    precession_rate : float
+        Mean rate of theta [rad s-1].
+    impact_phase : float
+        Phase of that impact in cycles of the plate, in [0, 1) [1].
+    di_end : str
+        Friction of p1 and p2 after it; none if it is no double impact.
+    spin_drift : float
+        Change of the spin per forcing period along the slow family [rad s-1].
+    multipliers : ndarray of complex
+        Of the fast part, over the period of the motion, the largest first [1].
+    slow_multiplier : float
+        That of the direction along the family [1].
+    stable : bool
+        Whether all multipliers of the fast part are below 1 in size.
+    residual : float
+        How far the fast part fails to close, in units of the section.
+    word : str
+        The sequence of contact states (docs/orbits.md).
+    cost : float
+        Forcing periods of the map that it took.
+    """
+
+    parameters: dict[str, float]
+    periods: int
+    spin: float
+    radius: float
+    period: float
+    zeta: float
+    speed: float
+    precession_rate: float
+    impact_phase: float
+    di_end: str
+    spin_drift: float
+    multipliers: np.ndarray
+    slow_multiplier: float
+    stable: bool
+    residual: float
+    word: str
+    cost: float
+    rtol: float
+    fixed: Fixed = field(repr=False)
+
+    def __repr__(self) -> str:
+        kind = "stable" if self.stable else "unstable"
+        return (
+            f"<Orbit: period {self.periods}, {kind}, spin {self.spin:.6g} rad/s, radius {self.radius:.6g} m, "
+            f"zeta {self.zeta:.6g} rad, residual {self.residual:.1e}>"
+        )
+
+    def run(self, periods: int = 100, rtol: float = 1e-8) -> Run:
+        """A recorded run that starts on the orbit, at the plate's phase `phi0` of the parameters.
+
+        Parameters
+        ----------
+        periods : int
+        rtol : float
+            Accuracy of the run [1].
+
+        Returns
+        -------
+        Run
+        """
+        periods = check_count("periods", periods)
+        m, tape = self.fixed.map, self.fixed.map.tape
+        phase = (self.parameters["phi0"] - m.phase) % TURN
+        state, _ = m.sampled(self.fixed.image.passage, phase)
+        state[[PHASE, PERIOD, THETA, X1, Y1, GAMMA]] = 0.0  # the cyclic ones begin anew
+        row = m.row_at(self.parameters["phi0"])
+        solved = solve(
+            row, np.concatenate([state, np.zeros(2)])[None], periods, rtol, tape.space, settle=False, record=True
+        )
+        run = as_run(self.parameters, rtol, solved, None)
+        start = start_of(run.states(0.0))
+        del start["phase"]  # which is phi0
+        return replace(run, start=start)
+
+
+def slow_rate(fixed: Fixed) -> tuple[np.ndarray, float, float]:
+    """Multipliers of the fast part, that of the slow direction, and the change of the spin a period of the motion [rad/s].
+
+    The slow manifold leads along the family of fixed points; what the map adds to a point of it is split by the left
+    eigenvector of the slow multiplier, so that only the part along the manifold counts.
+    """
+    m = fixed.map
+    values, left = np.linalg.eig(fixed.matrix.T)
+    slow = int(np.argmin(np.abs(values - 1)))
+    along = np.linalg.solve(system(m, fixed.matrix, fixed.gradient), np.eye(len(values))[m.slow])
+    change = fixed.image.point - fixed.z
+    row = left[:, slow].real
+    rate = float(row @ change / (row @ along)) * m.unit
+    fast = np.delete(values, slow).astype(complex)
+    return fast[np.argsort(-np.abs(fast), kind="stable")], float(values[slow].real), rate
+
+
+def orbit_of(fixed: Fixed, spent: float) -> Orbit:
+    """What is told of a fixed point that took so many periods of the map."""
+    m = fixed.map
+    parameters, image = m.parameters, fixed.image
+    scale = parameters["g"] / (TURN * parameters["f"])
+    strike = strike_of(image.passage, m.section.r, m.section.h, scale)
+    if strike is None:
+        strike = Strike(float("nan"), image.spin, *(float("nan"),) * 3, DI_ENDS[0])
+    turn = image.theta / m.periods
+    rate = turn * parameters["f"] if abs(turn) > CIRCLE else 0.0
+    fast, slow, drift = slow_rate(fixed)
+    return Orbit(
+        parameters=dict(parameters),
+        periods=m.periods,
+        spin=image.spin,
+        radius=strike.speed / abs(rate) if rate else float("inf"),
+        period=TURN / abs(rate) if rate else float("inf"),
+        zeta=strike.zeta,
+        speed=strike.speed,
+        precession_rate=rate,
+        impact_phase=float((m.phase + strike.phase) / TURN % 1.0),
+        di_end=strike.di_end,
+        spin_drift=drift / m.periods,
+        multipliers=fast,
+        slow_multiplier=slow,
+        stable=bool((np.abs(fast) < 1).all()),
+        residual=fixed.residual,
+        word=word_of(image.passage),
+        cost=spent,
+        rtol=m.rtol,
+        fixed=fixed,
+    )
+
+
+__all__: list[Any] = ["Orbit", "OrbitLost", "orbit_of", "slow_rate"]

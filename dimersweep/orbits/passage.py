@@ -1,0 +1,131 @@
+"""One passage through a motion: its record, and what is read from it.
+
+The axial spin of an orbit is that after its last impact in a period (of the drift: the end of the double impact), as
+`Run.orbit` tells it. The bouncer is the end that is in contact for less of the time.
+"""
+
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from dimersweep.kernel.model.layout import (
+    CA,
+    CB,
+    D1,
+    FREE,
+    IMPACT,
+    N1,
+    PERIOD,
+    PHASE,
+    SPIN,
+    WB,
+    WP,
+)
+from dimersweep.kernel.record import BEFORE, MODES
+
+TURN = 2 * np.pi
+_ENDS = np.array([divmod(code, 5) for code in range(25)])
+STRUCK = (_ENDS > IMPACT).T  # by end and contact state: whether the state is an impact at that end
+SLIP_LINE = 1e-7  # slip, in g/omega, from which an end slips at the end of a double impact
+# columns of an event row
+E_PERIOD, E_PHASE, E_CAUSE, E_KIND, E_CONTACT_BEFORE, E_CONTACT = range(6)
+
+
+class Passage:
+    """The record of some forcing periods from a section point.
+
+    Parameters
+    ----------
+    events, segments : ndarray
+        Rows of the kernel's record; they belong to the passage.
+    """
+
+    def __init__(self, events: np.ndarray, segments: np.ndarray) -> None:
+        self.events, self.segments = events, segments
+        self.times = segments[:, PERIOD] * TURN + segments[:, PHASE]  # phases since the section [rad]
+
+    @cached_property
+    def bouncer(self) -> int:
+        """The end that is in the air for longer: 0 or 1."""
+        spans = np.diff(self.times)
+        free = self.segments[:-1, MODES : MODES + 2] == FREE
+        airborne = spans @ free
+        return int(airborne[1] >= airborne[0])
+
+    def last_impact(self, end: int) -> np.ndarray | None:
+        """Kernel state right after the last impact of an end, or None if there is none."""
+        kinds = self.events[:, E_KIND].astype(np.intp)
+        (rows,) = np.nonzero(STRUCK[end][kinds])
+        if not rows.size:
+            return None
+        row = self.events[rows[-1]]
+        at = np.searchsorted(self.times, row[E_PERIOD] * TURN + row[E_PHASE])
+        if at >= len(self.segments):
+            return None
+        segment = self.segments[at]
+        state = segment[: PERIOD + 1].copy()
+        state[N1 : CB + 1] = segment[BEFORE:]  # before the hops of a chatter were summed
+        return state
+
+    def smooth(self) -> np.ndarray:
+        """Smooth phases that begin and end in the passage, as rows of start, length [rad], number of the segment."""
+        lengths = np.diff(self.times)
+        return np.array([self.times[:-1], lengths, np.arange(lengths.size)]).T
+
+
+class Strike(NamedTuple):
+    """State of the dimer after the impact that ends a period of a drift.
+
+    Attributes
+    ----------
+    phase : float
+        Since the section [rad].
+    spin, beta_rate : float
+        [rad s-1].
+    speed, zeta : float
+        Of the centre of mass [m s-1]; from the axis, in the sense from the end that is down to the other one [rad].
+    di_end : str
+        Friction of p1 and p2.
+    """
+
+    phase: float
+    spin: float
+    beta_rate: float
+    speed: float
+    zeta: float
+    di_end: str
+
+
+def strike_of(passage: Passage, r: float, h: float, slip_scale: float) -> Strike | None:
+    """The last impact of the bouncer.
+
+    Parameters
+    ----------
+    passage : Passage
+    r, h : float
+        Ball radius, half the distance of the centres [m].
+    slip_scale : float
+        g/omega [m s-1].
+    """
+    bouncer = passage.bouncer
+    state = passage.last_impact(bouncer)
+    if state is None:
+        return None
+    speed = float(np.hypot(state[CA], state[CB]))
+    forward = state[CA] if bouncer == 1 else -state[CA]
+    zeta = float(np.arccos(np.clip(forward / speed, -1.0, 1.0))) if speed > 0 else float("nan")
+    held = [np.hypot(*slip_of(state, end, r, h)) <= SLIP_LINE * slip_scale for end in (0, 1)]
+    order = held if bouncer == 1 else held[::-1]
+    di_end = "_".join("sk" if end else "sp" for end in order) if state[D1] == state[D1 + 1] == 0.0 else "none"
+    return Strike(state[PHASE], state[SPIN], state[WB], speed, zeta, di_end)
+
+
+def slip_of(state: np.ndarray, end: int, r: float, h: float) -> tuple[float, float]:
+    """Velocity of a contact point along the axis and across it [m s-1]."""
+    sign = -1.0 if end == 0 else 1.0
+    beta = np.arcsin((state[D1 + 1] - state[D1]) / (2 * h))
+    sin_b, cos_b = np.sin(beta), np.cos(beta)
+    along = state[CA] + (r - sign * h * sin_b) * state[WB]
+    across = state[CB] - r * cos_b * state[SPIN] + (r * sin_b - sign * h) * state[WP]
+    return along, across

@@ -1,0 +1,250 @@
+"""The return map in the coordinates that contact leaves free at a section, for one set of parameters.
+
+The section is a phase of the plate that lies away from the events of the orbit. A point of it is the row of those
+coordinates of `stability.NAMES` that are free in the contact there, in their units; the axial spin is one of them, the
+rest is the fast part. The cost of all that is asked here is counted in forcing periods.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from dimersweep.kernel.course import new_workspace
+from dimersweep.kernel.impact.impact import N_LOG
+from dimersweep.kernel.model.layout import (
+    N_STATE,
+    OK,
+    PERIOD,
+    PHASE,
+    RECORD_FULL,
+    ROW_PHI0,
+    ROW_PHI_2,
+    SPIN,
+    STATUS_MESSAGES,
+    THETA,
+)
+from dimersweep.kernel.record import EVENT_ROWS, MODES, N_COUNTS, N_EVENT, N_SEGMENT, SEGMENT_ROWS, Record, no_record
+from dimersweep.kernel.return_map import advance
+from dimersweep.kernel.sample import sample
+from dimersweep.orbits.passage import TURN, Passage
+from dimersweep.parameters import fill_rows
+from dimersweep.runs.stability import NAMES, Section, free_coordinates
+
+SPIN_COORDINATE = NAMES.index("spin")
+ROWS, LOG_ROWS, GROWTH, MOST_ROWS = 400, 64, 4, 2_000_000
+MARGIN = 0.03  # distance of the section from the next event that is too small, in forcing periods
+LONG = 0.1  # length of a smooth phase from which on the simpler contact counts for more than more length
+
+
+class OrbitLost(RuntimeError):
+    """The map cannot be taken here, or leads to another contact: in one line, why."""
+
+
+class Image(NamedTuple):
+    """Where a point goes: the image in the free coordinates, the spin [rad/s], the change of theta [rad], the record."""
+
+    point: np.ndarray
+    spin: float
+    theta: float
+    passage: Passage
+
+
+@dataclass
+class Spent:
+    """Forcing periods of the map that have been run."""
+
+    periods: float = 0.0
+
+
+class Tape:
+    """Where the kernel writes its record: grown when it is full, shared by the maps of one task."""
+
+    def __init__(self) -> None:
+        self.space = new_workspace()
+        self.spent = Spent()
+        self.grow(ROWS)
+
+    def grow(self, rows: int) -> None:
+        """Room for so many events and smooth phases."""
+        log, counts = np.zeros((LOG_ROWS, N_LOG)), np.zeros(N_COUNTS, np.int64)
+        self.record = Record(log, np.zeros((rows, N_EVENT)), np.zeros((rows, N_SEGMENT)), counts)
+
+    def run(
+        self, row: np.ndarray, start: np.ndarray, periods: int, rtol: float, path: bool = False
+    ) -> tuple[np.ndarray, np.ndarray, Passage]:
+        """State and friction modes after whole periods, and the record.
+
+        Raises
+        ------
+        OrbitLost
+            If the kernel cannot go on.
+        """
+        self.spent.periods += periods - start[PHASE] / TURN
+        while True:
+            state, modes = start.copy(), np.zeros(2)
+            status = advance(row, state, modes, periods, rtol, path, self.space, self.record)
+            if status != RECORD_FULL or len(self.record.events) >= MOST_ROWS:
+                break
+            self.grow(GROWTH * len(self.record.events))
+        if status != OK:
+            raise OrbitLost(STATUS_MESSAGES[status])
+        events, segments = (self.record.counts[which] for which in (EVENT_ROWS, SEGMENT_ROWS))
+        passage = Passage(self.record.events[:events].copy(), self.record.segments[:segments].copy())
+        return state, modes, passage
+
+
+class ReturnMap:
+    """The map of one dimer on one plate over the periods of a motion.
+
+    Parameters
+    ----------
+    parameters : dict
+        Of the model, validated.
+    phase : float
+        Phase of the plate at the section [rad].
+    modes : ndarray, shape (2,)
+        Friction modes of the ends there.
+    periods : int
+        Forcing periods of the motion.
+    rtol : float
+        Accuracy [1].
+    tape : Tape
+    """
+
+    def __init__(
+        self, parameters: dict[str, float], phase: float, modes: np.ndarray, periods: int, rtol: float, tape: Tape
+    ) -> None:
+        self.parameters, self.phase, self.modes, self.periods, self.rtol, self.tape = (
+            parameters, phase, modes, periods, rtol, tape,
+        )  # fmt: skip
+        self.row = self.row_at(phase)
+        self.section = Section(parameters, self.row, rtol, tape.space)
+        self.free = np.array(free_coordinates(modes))
+        self.slow = int(np.flatnonzero(self.free == SPIN_COORDINATE)[0])
+        self.unit = float(self.section.units[SPIN_COORDINATE])  # of the spin [rad/s]
+        self.step = rtol ** (
+            1 / 3
+        )  # balances the error of central differences, step^2, with that of the map, rtol/step
+
+    def row_at(self, phase: float) -> np.ndarray:
+        """The kernel's row of the parameters, with the plate at `phase` [rad] at the start."""
+        row = fill_rows(self.parameters, 1)[0]
+        row[ROW_PHI_2] += 2.0 * (phase - row[ROW_PHI0])  # the second harmonic goes with the plate
+        row[ROW_PHI0] = phase % TURN
+        return row
+
+    def with_value(self, name: str, value: float) -> "ReturnMap":
+        """The same map for another value of a parameter."""
+        parameters = self.parameters | {name: value}
+        return ReturnMap(parameters, self.phase, self.modes, self.periods, self.rtol, self.tape)
+
+    def on(self, tape: Tape) -> "ReturnMap":
+        """The same map with a count of its own."""
+        return ReturnMap(self.parameters, self.phase, self.modes, self.periods, self.rtol, tape)
+
+    def state(self, z: np.ndarray) -> np.ndarray:
+        """The kernel's state at a point.
+
+        Raises
+        ------
+        OrbitLost
+            If an end is below the plate.
+        """
+        point = np.zeros(len(NAMES))
+        point[self.free] = z
+        if point[0] < 0 or point[1] < 0:
+            raise OrbitLost("an end meets the plate at the section")
+        return self.section.held(self.section.state(point), self.modes)
+
+    def image(self, z: np.ndarray) -> Image:
+        """The image of a point after the periods of the motion; its spin is that after the last impact of the bouncer.
+
+        Raises
+        ------
+        OrbitLost
+            If the kernel cannot go on, or the image is in another contact.
+        """
+        state, modes, passage = self.tape.run(self.row, self.state(z), self.periods, self.rtol)
+        self._same(modes)
+        struck = passage.last_impact(passage.bouncer)
+        spin = state[SPIN] if struck is None else struck[SPIN]
+        return Image(self.section.point(state)[self.free], float(spin), float(state[THETA]), passage)
+
+    def _same(self, modes: np.ndarray) -> None:
+        if (modes != self.modes).any():
+            raise OrbitLost("the contact at the section changes")
+
+    def jacobian(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of the image and of the spin (in its unit), by central differences.
+
+        Returns
+        -------
+        matrix : ndarray, shape (n, n)
+        gradient : ndarray, shape (n,)
+        """
+        columns, gradient = [], []
+        for k in range(z.size):
+            d = np.zeros(z.size)
+            d[k] = self.step
+            ahead, back = self.image(z + d), self.image(z - d)
+            columns.append((ahead.point - back.point) / (2 * self.step))
+            gradient.append((ahead.spin - back.spin) / (2 * self.step * self.unit))
+        return np.array(columns).T, np.array(gradient)
+
+    def well_placed(self, passage: Passage) -> bool:
+        """Whether the section is away from the events of the motion, and no simpler contact lasts long enough."""
+        simplest = len(free_coordinates(best_phase(passage, self.periods)[2]))
+        return self.margin(passage) > MARGIN and self.free.size <= simplest
+
+    def margin(self, passage: Passage) -> float:
+        """Distance of the section from the next event on either side, in forcing periods."""
+        inner = passage.times[np.mod(passage.times, TURN) > 0]
+        if not inner.size:
+            return 0.5
+        return float(min(inner[0], self.periods * TURN - inner[-1]) / TURN)
+
+    def moved(self, passage: Passage) -> tuple["ReturnMap", np.ndarray]:
+        """The map with its section halfway through the best smooth phase of the motion, and the motion's point there."""
+        start, length, _ = best_phase(passage, self.periods)
+        at = (start + 0.5 * length) % (TURN * self.periods)
+        state, contact = self.sampled(passage, at)
+        moved = ReturnMap(self.parameters, (self.phase + at) % TURN, contact, self.periods, self.rtol, self.tape)
+        return moved, moved.section.point(state)[moved.free]
+
+    def sampled(self, passage: Passage, phase: float) -> tuple[np.ndarray, np.ndarray]:
+        """Kernel state and friction modes at a phase since the section [rad]."""
+        segments = passage.segments
+        which = int(np.searchsorted(passage.times, phase, side="right")) - 1
+        state, modes = np.zeros((1, N_STATE)), np.zeros((1, 2))
+        at = phase - TURN * segments[which, PERIOD]
+        status = sample(
+            self.row, segments, np.array([which]), np.array([at]), self.rtol, self.tape.space, no_record(), state, modes
+        )
+        if status != OK:
+            raise OrbitLost(STATUS_MESSAGES[status])
+        return state[0], modes[0]
+
+
+def smooth_phases(passage: Passage, periods: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Starts and lengths [rad] of the smooth phases of a motion, and the friction modes in each.
+
+    The one through the section counts once and whole.
+    """
+    (events,) = np.nonzero(np.mod(passage.times, TURN) > 0)
+    modes = passage.segments[:, MODES : MODES + 2]
+    if not events.size:
+        return np.zeros(1), np.array([TURN * periods]), modes[:1]
+    starts = passage.times[events]
+    return starts, np.diff(np.append(starts, starts[0] + TURN * periods)), modes[events]
+
+
+def best_phase(passage: Passage, periods: int) -> tuple[float, float, np.ndarray]:
+    """Start and length [rad] of a smooth phase that suits a section, and the friction modes in it.
+
+    Of the phases longer than `LONG` it is one with the fewest free coordinates, of these the longest.
+    """
+    starts, lengths, modes = smooth_phases(passage, periods)
+    count = np.array([len(free_coordinates(pair)) for pair in modes])
+    best = np.lexsort((-lengths, count, lengths < LONG * TURN))[0]
+    return float(starts[best]), float(lengths[best]), modes[best]

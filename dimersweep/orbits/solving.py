@@ -1,0 +1,150 @@
+"""Newton's method for fixed points of the fast part: at a given spin, or on a plane across a branch."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from dimersweep.orbits.return_map import Image, OrbitLost, ReturnMap
+
+TOLERANCE = 10.0  # residual of an orbit over the rtol of the map
+STEPS, SLOW = 25, 0.2  # Newton steps at most; a residual that falls by less asks for a new derivative
+HALVINGS = 6
+ROUNDING = 1e3  # residual, over the target, of steps that come no nearer but are near enough
+
+
+class Fixed(NamedTuple):
+    """A fixed point of the fast part.
+
+    Attributes
+    ----------
+    map : ReturnMap
+    z : ndarray, shape (n,)
+        Point of the section, the spin there included.
+    image : Image
+    matrix, gradient : ndarray, shapes (n, n), (n,)
+        Derivatives of the map and of the spin after the last impact, in its unit.
+    residual : float
+        In units of the section.
+    """
+
+    map: ReturnMap
+    z: np.ndarray
+    image: Image
+    matrix: np.ndarray
+    gradient: np.ndarray
+    residual: float
+
+
+def defect(m: ReturnMap, z: np.ndarray, image: Image, spin: float) -> np.ndarray:
+    """How far the fast part fails to close, and in the place of the slow one how far the spin is from that asked for."""
+    r = image.point - z
+    r[m.slow] = (image.spin - spin) / m.unit
+    return r
+
+
+def system(m: ReturnMap, matrix: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+    """Derivative of `defect`."""
+    A = matrix - np.eye(len(matrix))
+    A[m.slow] = gradient
+    return A
+
+
+class Root(NamedTuple):
+    """Where Newton's method has come to: the point, what the function told of it beside its value, the value."""
+
+    y: np.ndarray
+    told: Any
+    value: np.ndarray
+
+
+def newton(
+    f: Callable[[np.ndarray], tuple[np.ndarray, Any]],
+    y: np.ndarray,
+    derivative: Callable[[np.ndarray], np.ndarray],
+    target: float,
+    known: np.ndarray | None = None,
+) -> Root:
+    """A zero of `f` near `y`, with a derivative that is taken anew only where Broyden's update of a known one is too slow.
+
+    Parameters
+    ----------
+    f : callable
+        Value, shape (n,), and whatever else is to be kept of the last point.
+    derivative : callable
+        Shape (n, n).
+    target : float
+        Largest entry of the value that counts as none.
+    known : ndarray, shape (n, n), optional
+        Derivative nearby.
+
+    Raises
+    ------
+    OrbitLost
+        If the steps do not come to a zero.
+    """
+    r, told = f(y)
+    A, fresh = known, False
+    for _ in range(STEPS):
+        size = np.abs(r).max()
+        if size <= target:
+            return Root(y, told, r)
+        if A is None:
+            A, fresh = derivative(y), True
+        try:
+            y_next, r_next, told_next = _nearer(f, y, -np.linalg.solve(A, r), size)
+        except (np.linalg.LinAlgError, OrbitLost) as error:
+            if size <= ROUNDING * target:
+                return Root(y, told, r)  # as near as the rounding of the map allows
+            if fresh:
+                raise OrbitLost(str(error)) from error
+            A = None
+            continue
+        taken = y_next - y
+        if np.abs(r_next).max() < SLOW * size:
+            A = A + np.outer(r_next - r - A @ taken, taken) / (taken @ taken)
+        else:
+            A = None
+        y, r, told, fresh = y_next, r_next, told_next, False
+    raise OrbitLost(f"Newton's method stays {np.abs(r).max():.1e} away")
+
+
+def _nearer(
+    f: Callable[[np.ndarray], tuple[np.ndarray, Any]], y: np.ndarray, step: np.ndarray, size: float
+) -> tuple[np.ndarray, np.ndarray, Any]:
+    """The first of the step and its halves that leads to a smaller value."""
+    lost = OrbitLost("Newton's method finds no step that comes nearer")
+    for _ in range(HALVINGS):
+        try:
+            r, told = f(y + step)
+            if np.abs(r).max() < size:
+                return y + step, r, told
+        except OrbitLost as error:
+            lost = error
+        step = 0.5 * step
+    raise lost
+
+
+def solve(m: ReturnMap, z: np.ndarray, spin: float, known: np.ndarray | None = None) -> Fixed:
+    """The fixed point near a point, at a spin after the last impact of a period [rad/s].
+
+    Parameters
+    ----------
+    m : ReturnMap
+    z : ndarray, shape (n,)
+    spin : float
+    known : ndarray, shape (n, n), optional
+        Derivative of `defect` nearby, from which the steps begin.
+
+    Raises
+    ------
+    OrbitLost
+        If the steps do not come to one.
+    """
+
+    def value(z: np.ndarray) -> tuple[np.ndarray, Image]:
+        image = m.image(z)
+        return defect(m, z, image, spin), image
+
+    root = newton(value, z, lambda z: system(m, *m.jacobian(z)), TOLERANCE * m.rtol, known)
+    return Fixed(m, root.y, root.told, *m.jacobian(root.y), float(np.abs(root.value).max()))

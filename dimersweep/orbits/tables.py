@@ -1,0 +1,51 @@
+"""Orbits as labelled data."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+
+from dimersweep.orbits.orbit import Orbit
+from dimersweep.runs.stability import NAMES
+from dimersweep.symbols import PARAMETERS, QUANTITIES, Quantity
+
+WIDTH = len(NAMES) - 1  # multipliers of a fast part at most; those that contact takes away are zero
+COLUMNS = {
+    "spin": Quantity("rad s-1", "axial spin after the double impact"),
+    **{name: QUANTITIES[name] for name in ("radius", "period", "zeta", "speed", "precession_rate", "impact_phase")},
+    "spin_drift": Quantity("rad s-1", "change per forcing period: axial spin after the double impact"),
+    "slow_multiplier": Quantity("1", "multiplier of the direction along the family"),
+    "residual": Quantity("1", "how far the fast part fails to close, in units of the section"),
+    "cost": Quantity("1", "forcing periods of the map spent up to here"),
+}
+WORDS = {
+    "stable": Quantity("1", "whether all multipliers of the fast part are below 1 in size"),
+    "periods": Quantity("1", "forcing periods after which the motion repeats"),
+    "di_end": QUANTITIES["di_end"],
+    "word": Quantity("1", "sequence of contact states"),
+}
+MULTIPLIERS = Quantity("1", "multipliers of the fast part, the largest first")
+
+
+def padded(values: np.ndarray) -> np.ndarray:
+    """Multipliers, shape (WIDTH,), with zeros for the directions that contact takes away."""
+    row = np.zeros(WIDTH, dtype=complex)
+    row[: values.size] = values
+    return row
+
+
+def dataset(orbits: Sequence[Orbit], dim: str) -> xr.Dataset:
+    """What orbits tell, along `dim`; the parameters that all of them share are attributes."""
+    table = xr.Dataset()
+    for name, quantity in COLUMNS.items():
+        table[name] = (dim, np.array([getattr(orbit, name) for orbit in orbits], dtype=float), quantity._asdict())
+    for name, quantity in WORDS.items():
+        table[name] = (dim, np.array([getattr(orbit, name) for orbit in orbits]), quantity._asdict())
+    rows = np.array([padded(orbit.multipliers) for orbit in orbits]).reshape(-1, WIDTH)
+    table["multipliers"] = ((dim, "multiplier"), rows, MULTIPLIERS._asdict())
+    table.attrs["units_of"] = {name: quantity._asdict() for name, quantity in PARAMETERS.items()}
+    if orbits:
+        first = orbits[0].parameters
+        shared = {k: v for k, v in first.items() if all(orbit.parameters.get(k) == v for orbit in orbits)}
+        table.attrs |= shared
+    return table

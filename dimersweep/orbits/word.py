@@ -1,0 +1,118 @@
+"""The word of a motion: the sequence of contact states in one of its periods, chatter counted as one symbol.
+
+A symbol is a state of sustained contact with its end (``SC_sk.1``), an impact with all its contact states
+(``DI_sp_sp>DI_sp_sk``), ``chatter.1`` for hops that die out, ``FM`` for a lift-off, and ``far.2`` for an end that is in the
+air for more than half a forcing period: the line from which a ball counts as flying. The word begins with its double impact.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dimersweep.kernel.model.layout import C_CHATTER_END, C_END, C_IMPACT, C_START, CONTACT_STATES, IMPACT
+from dimersweep.orbits.passage import E_CAUSE, E_CONTACT, E_CONTACT_BEFORE, E_KIND, E_PERIOD, E_PHASE, TURN, Passage
+
+HOP_LINE = 0.5  # forcing periods
+MANY = 4  # bounces that do not die out are counted so far: beyond, their number changes without end
+
+
+def word_of(passage: Passage) -> str:
+    """The word of a passage that is one period of a motion."""
+    symbols = _chatter_as_one(_symbols(passage.events))
+    far = _far(passage.events, passage.times[-1])
+    return " ".join(_from_double_impact(symbols) + far)
+
+
+def _name(code: int) -> str:
+    ends = divmod(code, 5)
+    name = CONTACT_STATES[code]
+    return name if 0 not in ends or not any(ends) else f"{name}.{1 if ends[0] else 2}"
+
+
+def _symbols(events: np.ndarray) -> list[str]:
+    """One symbol an impact or a change of contact."""
+    symbols: list[str] = []
+    last, last_time = 0, -1.0
+    for row in events:
+        cause, kind, time = int(row[E_CAUSE]), int(row[E_KIND]), row[E_PERIOD] * TURN + row[E_PHASE]
+        if cause == C_IMPACT and max(divmod(kind, 5)) > IMPACT:
+            name = _name(kind)
+            if time == last_time and symbols and symbols[-1].startswith(("DI", "SI")):
+                if not symbols[-1].endswith(name):
+                    symbols[-1] += f">{name}"
+            else:
+                symbols.append(name)
+            last, last_time = 0, time
+            continue
+        if cause in (C_START, C_END):
+            last = kind
+            continue
+        if cause == C_CHATTER_END:
+            symbols.append("chatter")
+        if kind != last or cause == C_CHATTER_END:
+            symbols.append(_name(kind))
+        last = kind
+    return symbols
+
+
+def _chatter_as_one(symbols: Sequence[str]) -> list[str]:
+    """Single impacts of one end that end in the close of a chatter become one symbol; other ones are counted."""
+    kept: list[str] = []
+    for symbol in symbols:
+        end = symbol[-1] if symbol.startswith("SI") else ""
+        name = f"bounces.{end}" if end else symbol
+        if symbol == "chatter":
+            if kept and kept[-1].startswith("bounces"):
+                kept[-1] = f"chatter.{kept[-1].split('.')[1][0]}"
+            continue
+        if end and kept and kept[-1].split("*")[0] == name:
+            before = kept[-1].split("*")
+            kept[-1] = f"{name}*{min(MANY, int(before[1]) + 1 if len(before) > 1 else 2)}"
+            continue
+        kept.append(name)
+    return kept
+
+
+def _far(events: np.ndarray, length: float) -> list[str]:
+    """The ends that are in the air for more than half a forcing period at a time."""
+    return [f"far.{end + 1}" for end in (0, 1) if _longest_hop(events, end, length) > HOP_LINE * TURN]
+
+
+def _longest_hop(events: np.ndarray, end: int, length: float) -> float:
+    """Longest time [rad] for which an end is off the plate."""
+    touches: list[tuple[float, bool]] = []  # when, and whether the end stays on the plate from then on
+    for row in events:
+        time = row[E_PERIOD] * TURN + row[E_PHASE]
+        struck = divmod(int(row[E_KIND]), 5)[end] > IMPACT
+        before, after = divmod(int(row[E_CONTACT_BEFORE]), 5)[end], divmod(int(row[E_CONTACT]), 5)[end]
+        if int(row[E_CAUSE]) == C_START:
+            continue
+        if struck or before or after:
+            touches.append((time, 0 < after <= IMPACT))
+    if not touches:
+        return 0.0
+    spans = [b[0] - a[0] for a, b in zip(touches, touches[1:], strict=False) if not a[1]]
+    if not touches[-1][1]:
+        spans.append(touches[0][0] + length - touches[-1][0])
+    return max(spans, default=0.0)
+
+
+def _from_double_impact(symbols: list[str]) -> list[str]:
+    """The same round, begun at its first double impact, or else at the rotation that sorts first."""
+    turns = [symbols[k:] + symbols[:k] for k in range(len(symbols))] or [[]]
+    return min(turns, key=lambda turn: (not (turn and turn[0].startswith("DI")), turn))
+
+
+def change_of(old: str, new: str) -> str:
+    """What kind of change leads from one word to another."""
+    old_set, new_set = set(old.split()), set(new.split())
+    changed = (old_set - new_set) | (new_set - old_set)
+    if changed and all(symbol.startswith("far") for symbol in changed):
+        return "hop"
+    if any(symbol.startswith(("chatter", "bounces")) for symbol in changed):
+        return "chatter"
+    if any(symbol.startswith("DI") for symbol in changed):
+        return "double_impact"
+    if old.split().count("FM") != new.split().count("FM"):
+        return "lift_off"
+    return "stick_slip"
