@@ -272,7 +272,7 @@ def word_changes(axis: Axis, a: Point, b: Point) -> list[Special]:
     low, left = 0.0, a
     last = word_of(b.fixed.image.passage)
     while (word := word_of(left.fixed.image.passage)) != last:
-        low, left, right = _last_with(axis, word, low, left, b)
+        low, left, right = last_with(axis, word.__eq__, low, left, b)
         beyond = word_of(right.fixed.image.passage)
         jump = float(np.abs(left.y(axis) - right.y(axis)).max())
         if jump > JOINED:
@@ -284,8 +284,10 @@ def word_changes(axis: Axis, a: Point, b: Point) -> list[Special]:
     return found
 
 
-def _last_with(axis: Axis, word: str, low: float, left: Point, b: Point) -> tuple[float, Point, Point]:
-    """The last point with a word, with its share of the step that ends in `b`, and the first one found after it.
+def last_with(
+    axis: Axis, holds: Callable[[str], bool], low: float, left: Point, b: Point
+) -> tuple[float, Point, Point]:
+    """The last point whose word obeys, with its share of the step that ends in `b`, and the first one found after it.
 
     Where the hold of an end that sticks is lost, friction falls from mu_s to mu, and the map leaps. So there may be no orbit
     for a little way: that counts as after the word.
@@ -299,7 +301,7 @@ def _last_with(axis: Axis, word: str, low: float, left: Point, b: Point) -> tupl
         except OrbitLost:
             high = middle
             continue
-        if word_of(point.fixed.image.passage) == word:
+        if holds(word_of(point.fixed.image.passage)):
             low, left = middle, point
         else:
             high, right, right_at = middle, point, middle

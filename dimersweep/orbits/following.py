@@ -66,52 +66,59 @@ def follow(
     -------
     xarray.Dataset
         Along `point`: what an `Orbit` tells, the parameter, and `special`: fold, flip, torus or word where the row is such
-        a point (1e-8 in the parameter over its scale), with the kind of `change` of a word and the `jump` of the orbit. The attribute `end` says why
-        the branch ends, `cost` how many forcing periods of the map it took.
+        a point (1e-8 in the parameter over its scale), with the kind of `change` of a word and the `jump` of the orbit. The
+        attribute `end` says why the branch ends, `cost` how many forcing periods of the map it took.
 
     Raises
     ------
     ParameterError
         For an unknown parameter, or a value that is not allowed.
     """
-    axis, start, to = _begin(orbit, parameter, to)
-    points = check_count("points", points)
-    spent = start.fixed.map.tape.spent
-    entries = [_entry(start)]
-    point, step, end = start, FIRST, ""
+    trace = traced(orbit, parameter, to, check_count("points", points), switch, words)
+    return _dataset(trace.entries, parameter, trace.end, trace.cost)
+
+
+class Trace(NamedTuple):
+    """The points of a branch, why it ends, and the forcing periods of the map that it took."""
+
+    entries: list[Entry]
+    end: str
+    cost: float
+
+
+def traced(
+    orbit: Orbit, parameter: str, to: float, points: int = 200, switch: bool = False, words: bool = True
+) -> Trace:
+    """The points of a branch; see `follow`."""
+    axis, point, to = _begin(orbit, parameter, to)
+    start, spent = point.value, point.fixed.map.tape.spent
+    entries, step, end = [_entry(point)], FIRST, ""
     while not end:
         if sum(not entry.special for entry in entries) >= points:
-            end = f"points: {points} points were asked for"
-            break
+            return Trace(entries, f"points: {points} points were asked for", spent.periods)
         try:
             nxt = corrected(axis, point, point.y(axis) + step * point.tangent, point.tangent)
             _same_way(point, nxt)
         except OrbitLost as reason:
             step *= 0.5
-            if step < SMALLEST:
-                end = f"lost: {reason}"
+            end = f"lost: {reason}" if step < SMALLEST else ""
             continue
-        nxt, end = _window(axis, point, nxt, start.value, to)
+        nxt, end = _window(axis, point, nxt, start, to)
         found, leap = _specials(axis, point, nxt, words)
+        flips = [special for special in found if special.kind == "flip"] if switch else []
+        kept = found[: found.index(flips[0]) + 1] if flips else found
+        entries += [_entry(special.point, special) for special in kept]
         if leap is not None:
-            entries += [_entry(special.point, special) for special in found]
-            entries.append(_entry(leap.last))
-            end = f"word: {leap}"
-            break
-        flips = [special for special in found if special.kind == "flip"]
-        if switch and flips:
-            found = found[: found.index(flips[0]) + 1]
-        entries += [_entry(special.point, special) for special in found]
-        if switch and flips:
+            return Trace([*entries, _entry(leap.last)], f"word: {leap}", spent.periods)
+        if flips:
             try:
                 nxt, switch, end, step = doubled(axis, flips[0].point), False, "", FIRST
             except OrbitLost as reason:
-                end = f"lost: no branch of twice the period was found ({reason})"
-                break
+                return Trace(entries, f"lost: no branch of twice the period was found ({reason})", spent.periods)
         entries.append(_entry(nxt))
         point = in_own_section(axis, nxt) if not end else nxt
         step = min(step * GROWTH, LARGEST)
-    return _dataset(entries, parameter, end, spent.periods)
+    return Trace(entries, end, spent.periods)
 
 
 def _begin(orbit: Orbit, parameter: str, to: float) -> tuple[Axis, Point, float]:

@@ -1,13 +1,11 @@
 """An orbit: the fixed point of the fast part at a given spin, with all that is told of it."""
 
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
 from dimersweep.kernel.model.layout import DI_ENDS, GAMMA, PERIOD, PHASE, THETA, X1, Y1
 from dimersweep.orbits.passage import TURN, Strike, strike_of
-from dimersweep.orbits.return_map import OrbitLost
 from dimersweep.orbits.solving import Fixed, system
 from dimersweep.orbits.word import word_of
 from dimersweep.parameters import check_count
@@ -114,21 +112,25 @@ class Orbit:
         return replace(run, start=start)
 
 
-def slow_rate(fixed: Fixed) -> tuple[np.ndarray, float, float]:
-    """Multipliers of the fast part, that of the slow direction, and the change of the spin a period of the motion [rad/s].
+def slow_direction(fixed: Fixed) -> tuple[np.ndarray, float]:
+    """Derivative of the section point by the spin (in its unit) along the family, and the spin's change a period [rad/s].
 
     The slow manifold leads along the family of fixed points; what the map adds to a point of it is split by the left
     eigenvector of the slow multiplier, so that only the part along the manifold counts.
     """
     m = fixed.map
     values, left = np.linalg.eig(fixed.matrix.T)
-    slow = int(np.argmin(np.abs(values - 1)))
+    row = left[:, int(np.argmin(np.abs(values - 1)))].real
     along = np.linalg.solve(system(m, fixed.matrix, fixed.gradient), np.eye(len(values))[m.slow])
-    change = fixed.image.point - fixed.z
-    row = left[:, slow].real
-    rate = float(row @ change / (row @ along)) * m.unit
+    return along, float(row @ (fixed.image.point - fixed.z) / (row @ along)) * m.unit
+
+
+def multipliers_of(fixed: Fixed) -> tuple[np.ndarray, float]:
+    """Multipliers of the fast part, over the period of the motion, the largest first, and that of the slow direction."""
+    values = np.linalg.eigvals(fixed.matrix)
+    slow = int(np.argmin(np.abs(values - 1)))
     fast = np.delete(values, slow).astype(complex)
-    return fast[np.argsort(-np.abs(fast), kind="stable")], float(values[slow].real), rate
+    return fast[np.argsort(-np.abs(fast), kind="stable")], float(values[slow].real)
 
 
 def orbit_of(fixed: Fixed, spent: float) -> Orbit:
@@ -141,7 +143,7 @@ def orbit_of(fixed: Fixed, spent: float) -> Orbit:
         strike = Strike(float("nan"), image.spin, *(float("nan"),) * 3, DI_ENDS[0])
     turn = image.theta / m.periods
     rate = turn * parameters["f"] if abs(turn) > CIRCLE else 0.0
-    fast, slow, drift = slow_rate(fixed)
+    (fast, slow), (_, drift) = multipliers_of(fixed), slow_direction(fixed)
     return Orbit(
         parameters=dict(parameters),
         periods=m.periods,
@@ -153,7 +155,7 @@ def orbit_of(fixed: Fixed, spent: float) -> Orbit:
         precession_rate=rate,
         impact_phase=float((m.phase + strike.phase) / TURN % 1.0),
         di_end=strike.di_end,
-        spin_drift=drift / m.periods,
+        spin_drift=drift / m.periods + 0.0,
         multipliers=fast,
         slow_multiplier=slow,
         stable=bool((np.abs(fast) < 1).all()),
@@ -163,6 +165,3 @@ def orbit_of(fixed: Fixed, spent: float) -> Orbit:
         rtol=m.rtol,
         fixed=fixed,
     )
-
-
-__all__: list[Any] = ["Orbit", "OrbitLost", "orbit_of", "slow_rate"]

@@ -137,11 +137,11 @@ class ReturnMap:
     def with_value(self, name: str, value: float) -> "ReturnMap":
         """The same map for another value of a parameter."""
         parameters = self.parameters | {name: value}
-        return ReturnMap(parameters, self.phase, self.modes, self.periods, self.rtol, self.tape)
+        return type(self)(parameters, self.phase, self.modes, self.periods, self.rtol, self.tape)
 
     def on(self, tape: Tape) -> "ReturnMap":
         """The same map with a count of its own."""
-        return ReturnMap(self.parameters, self.phase, self.modes, self.periods, self.rtol, tape)
+        return type(self)(self.parameters, self.phase, self.modes, self.periods, self.rtol, tape)
 
     def state(self, z: np.ndarray) -> np.ndarray:
         """The kernel's state at a point.

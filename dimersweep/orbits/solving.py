@@ -101,10 +101,8 @@ def newton(
             A = None
             continue
         taken = y_next - y
-        if np.abs(r_next).max() < SLOW * size:
-            A = A + np.outer(r_next - r - A @ taken, taken) / (taken @ taken)
-        else:
-            A = None
+        quick = np.abs(r_next).max() < SLOW * size
+        A = A + np.outer(r_next - r - A @ taken, taken) / (taken @ taken) if quick else None
         y, r, told, fresh = y_next, r_next, told_next, False
     raise OrbitLost(f"Newton's method stays {np.abs(r).max():.1e} away")
 

@@ -6,6 +6,7 @@ air for more than half a forcing period: the line from which a ball counts as fl
 """
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -91,7 +92,7 @@ def _longest_hop(events: np.ndarray, end: int, length: float) -> float:
             touches.append((time, 0 < after <= IMPACT))
     if not touches:
         return 0.0
-    spans = [b[0] - a[0] for a, b in zip(touches, touches[1:], strict=False) if not a[1]]
+    spans = [b[0] - a[0] for a, b in pairwise(touches) if not a[1]]
     if not touches[-1][1]:
         spans.append(touches[0][0] + length - touches[-1][0])
     return max(spans, default=0.0)

@@ -1,0 +1,150 @@
+"""Borders: curves of folds, flips, tori and changes of word, one point for each value of other parameters.
+
+A fold, a flip or a torus is solved for by bordering (Govaerts, doi 10.1137/1.9780898719543): the orbit closes, and a matrix
+that is singular there has a bordered solution whose last entry is zero. The derivative of that entry is taken by differences
+once; from one point of a curve to the next Broyden's update keeps it.
+"""
+
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from dimersweep.orbits.branch import Axis, slope_of
+from dimersweep.orbits.held import HeldMap
+from dimersweep.orbits.return_map import Image, OrbitLost, ReturnMap
+from dimersweep.orbits.solving import TOLERANCE, Fixed, defect, system
+
+STEPS = 14
+SINGULAR = 3e-8  # last entry of the bordered solution that counts as none: what differences know
+STEP = 1e-3  # of the differences of that entry
+LARGEST = 0.5  # step of Newton's method, in units of the section
+
+
+class Frame(NamedTuple):
+    """What is kept along a curve: the borders of the matrix, and the derivative of all equations."""
+
+    left: np.ndarray
+    right: np.ndarray
+    derivative: np.ndarray
+
+
+class OnBorder(NamedTuple):
+    """A point of a border: the orbit, the parameter, and what the next point begins with."""
+
+    fixed: Fixed
+    value: float
+    frame: Frame
+
+    def y(self, axis: Axis) -> np.ndarray:
+        """The section point and the parameter over its scale."""
+        return np.append(self.fixed.z, self.value / axis.scale)
+
+
+def compound(J: np.ndarray) -> np.ndarray:
+    """Second compound matrix: its eigenvalues are the products of two eigenvalues."""
+    pairs = np.array(list(combinations(range(len(J)), 2)))
+    a, b = pairs[:, 0], pairs[:, 1]
+    return J[np.ix_(a, a)] * J[np.ix_(b, b)] - J[np.ix_(a, b)] * J[np.ix_(b, a)]
+
+
+def own_map(kind: str, m: ReturnMap) -> ReturnMap:
+    """The map that tells a border: of flips and tori that with the spin held at the start of a forcing period."""
+    make = ReturnMap if kind == "fold" else HeldMap
+    return make(m.parameters, m.phase, m.modes, m.periods, m.rtol, m.tape)
+
+
+class Told(NamedTuple):
+    """The map at a point, its image and derivatives, and the matrix that is singular on the border."""
+
+    map: ReturnMap
+    image: Image
+    matrix: np.ndarray
+    gradient: np.ndarray
+    singular: np.ndarray
+
+
+def tell(kind: str, m: ReturnMap, z: np.ndarray) -> Told:
+    """All that the equations of a border take at a point."""
+    J, gradient = m.jacobian(z)
+    if isinstance(m, HeldMap):
+        fast = J - np.outer(m.kick(z), gradient)
+        M = fast + np.eye(len(J)) if kind == "flip" else compound(fast) - np.eye(len(J) * (len(J) - 1) // 2)
+    else:
+        M = system(m, J, gradient)
+    return Told(m, m.image(z), J, gradient, M)
+
+
+def last_entry(M: np.ndarray, left: np.ndarray, right: np.ndarray) -> float:
+    """Zero where M is singular: the last entry of the solution of [[M, left], [right, 0]] x = (0, 1)."""
+    n = len(M)
+    bordered = np.zeros((n + 1, n + 1))
+    bordered[:n, :n], bordered[:n, n], bordered[n, :n] = M, left, right
+    return float(np.linalg.solve(bordered, np.eye(n + 1)[n])[n])
+
+
+def framed(kind: str, axis: Axis, m: ReturnMap, z: np.ndarray, value: float) -> Frame:
+    """Borders from the least singular value, and the derivative of all equations by differences."""
+    here = tell(kind, m, z)
+    U, _, V = np.linalg.svd(here.singular)
+    left, right = U[:, -1], V[-1]
+    base = last_entry(here.singular, left, right)
+    row = []
+    for k in range(z.size):
+        d = np.zeros(z.size)
+        d[k] = STEP
+        row.append((last_entry(tell(kind, m, z + d).singular, left, right) - base) / STEP)
+    moved = axis.map_at(m, value + STEP * axis.scale)
+    row.append((last_entry(tell(kind, moved, z).singular, left, right) - base) / STEP)
+    top = np.column_stack([system(m, here.matrix, here.gradient), slope_of(axis, m, z, value)])
+    return Frame(left, right, np.vstack([top, row]))
+
+
+def on_border(kind: str, axis: Axis, m: ReturnMap, y: np.ndarray, frame: Frame | None = None) -> OnBorder:
+    """The point of a border near `y`, at the parameters of `m`.
+
+    Parameters
+    ----------
+    kind : str
+        fold, flip or torus.
+    axis : Axis
+        The parameter that is solved for.
+    m : ReturnMap
+        From `own_map`.
+    y : ndarray, shape (n + 1,)
+        Section point and parameter over its scale.
+    frame : Frame, optional
+        Of a point nearby.
+
+    Raises
+    ------
+    OrbitLost
+        If Newton's method does not come to one.
+    """
+    if frame is None:
+        frame = framed(kind, axis, axis.map_at(m, y[-1] * axis.scale), y[:-1], y[-1] * axis.scale)
+    A, old_r, taken = frame.derivative.copy(), None, None
+    A[:-1, -1] = slope_of(axis, axis.map_at(m, y[-1] * axis.scale), y[:-1], y[-1] * axis.scale)
+    best = np.inf
+    for _ in range(STEPS):
+        value = y[-1] * axis.scale
+        told = tell(kind, axis.map_at(m, value), y[:-1])
+        r = np.append(
+            defect(told.map, y[:-1], told.image, axis.spin_at(value)),
+            last_entry(told.singular, frame.left, frame.right),
+        )
+        if taken is not None:
+            A = A + np.outer(r - old_r - A @ taken, taken) / (taken @ taken)
+        A[:-1, :-1] = system(told.map, told.matrix, told.gradient)
+        if np.abs(r[:-1]).max() <= TOLERANCE * m.rtol and abs(r[-1]) <= SINGULAR:
+            fixed = Fixed(told.map, y[:-1], told.image, told.matrix, told.gradient, float(np.abs(r[:-1]).max()))
+            return OnBorder(fixed, value, Frame(frame.left, frame.right, A))
+        best = min(best, np.abs(r).max())
+        try:
+            taken = -np.linalg.solve(A, r)
+        except np.linalg.LinAlgError as error:
+            raise OrbitLost(f"the equations of the {kind} are singular") from error
+        if np.abs(taken).max() > LARGEST:
+            raise OrbitLost(f"Newton's method for the {kind} goes too far")
+        y, old_r = y + taken, r
+    raise OrbitLost(f"Newton's method for the {kind} stays {best:.1e} away")

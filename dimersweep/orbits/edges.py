@@ -1,0 +1,239 @@
+"""The edge of a basin: where the fate of a start changes, and the motion that a start on the edge stays near."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from dimersweep.errors import OrbitError, ParameterError
+from dimersweep.kernel.model.layout import D1, D2, N1, N2, N_STATE, PERIOD, PHASE
+from dimersweep.kernel.record import MODES, REST
+from dimersweep.orbits.finding import RTOL, centred, checked
+from dimersweep.orbits.following import traced
+from dimersweep.orbits.orbit import Orbit, orbit_of
+from dimersweep.orbits.return_map import OrbitLost, ReturnMap, Tape
+from dimersweep.orbits.solving import solve
+from dimersweep.parameters import as_number, check_count
+from dimersweep.runs.run import Run, simulate
+
+FINEST = 1e-10  # how well an edge is known, in the unit of its axis
+NEAR = 0.3  # change of the strobe in a period, in g/omega^2 and g/omega, of a motion that is near a periodic one
+BESIDE, SCALES = 6, 4  # starts on either side of an edge, at each of some distances, that tell whether it is clean
+PROBES, DISTANCES = 60, (1e-3, 1e-4, 1e-5, 1e-6)  # for the uncertainty exponent, in shares of the interval
+PARTNER = 1e-4  # distance of the partner's start, in the parameter, that counts as the same
+
+
+@dataclass(frozen=True, kw_only=True)
+class Edge:
+    """Where the fate of a start changes.
+
+    Attributes
+    ----------
+    axis : str
+    value : float
+        Middle of `bracket`, in the unit of the axis.
+    bracket : tuple of float
+        Starts with different fates.
+    fates : tuple of str
+        Modes that they lead to.
+    near : Orbit or None
+        The periodic motion that a start on the edge stays near for longest, if it is one.
+    stays : int
+        Forcing periods for which it stays near it.
+    partner : bool or None
+        Whether that motion is the unstable partner of a fold: followed down in Gamma it turns round into a stable one.
+    clean : bool
+        Whether all starts tried beside the edge share the fate of their side.
+    exponent : float
+        Where it is not clean, the uncertainty exponent: the share of starts whose fate is not certain falls with this
+        power of the distance to which a start is known; else NaN.
+    runs : int
+        Runs that it took.
+    """
+
+    axis: str
+    value: float
+    bracket: tuple[float, float]
+    fates: tuple[str, str]
+    near: Orbit | None
+    stays: int
+    partner: bool | None
+    clean: bool
+    exponent: float
+    runs: int
+
+
+class Fates:
+    """The modes of motion that starts lead to; each run is made once."""
+
+    def __init__(self, axis: str, periods: int, rtol: float, given: dict[str, float]) -> None:
+        self.axis, self.periods, self.rtol, self.given = axis, periods, rtol, given
+        self.known: dict[float, str] = {}
+
+    def __call__(self, value: float) -> str:
+        if value not in self.known:
+            run = simulate(
+                **self.given | {self.axis: value},  # type: ignore[arg-type]
+                periods=self.periods, rtol=self.rtol, record=False, stop_when_settled=True,
+            )  # fmt: skip
+            self.known[value] = run.mode
+        return self.known[value]
+
+
+def edge(
+    axis: str,
+    between: tuple[float, float],
+    *,
+    periods: int = 300,
+    rtol: float = 1e-11,
+    within: float = FINEST,
+    **parameters: float,
+) -> Edge:
+    """The border between two fates of a start, by halving an axis of it.
+
+    Parameters
+    ----------
+    axis : str
+        beta0, xdot0, phi0 or any other parameter.
+    between : tuple of float
+        Two values that lead to different modes of motion.
+    periods : int
+        Forcing periods of a run at most.
+    rtol : float
+        Accuracy of the runs [1].
+    within : float
+        How well the edge is to be known, in the unit of the axis.
+    **parameters : float
+        Of the model.
+
+    Returns
+    -------
+    Edge
+
+    Raises
+    ------
+    ParameterError
+        For an unknown parameter, or two starts with one fate.
+    """
+    given = checked(parameters | {axis: between[0]})
+    low, high = as_number(axis, between[0]), as_number(axis, between[1])
+    checked(parameters | {axis: high})
+    fate = Fates(axis, check_count("periods", periods), rtol, given)
+    if fate(low) == fate(high):
+        raise ParameterError(f"between = ({low:g}, {high:g}): both lead to {fate(low)}; must lead to different motions")
+    wide = high - low
+    low, high = halved(fate, low, high, within)
+    near, stays = _stays_near(given | {axis: low}, given | {axis: high}, periods, rtol)
+    clean = _clean(fate, low, high, wide)
+    return Edge(
+        axis=axis,
+        value=0.5 * (low + high),
+        bracket=(low, high),
+        fates=(fate(low), fate(high)),
+        near=near,
+        stays=stays,
+        partner=_is_partner(near) if near is not None else None,
+        clean=clean,
+        exponent=float("nan") if clean else uncertainty(fate, *sorted(between)),
+        runs=len(fate.known),
+    )
+
+
+def halved(fate: Callable[[float], str], low: float, high: float, within: float) -> tuple[float, float]:
+    """Two starts with different fates, one that of `low`, no further apart than `within`."""
+    first = fate(low)
+    while abs(high - low) > within:
+        middle = 0.5 * (low + high)
+        if middle in (low, high):
+            break
+        if fate(middle) == first:
+            low = middle
+        else:
+            high = middle
+    return low, high
+
+
+def _clean(fate: Callable[[float], str], low: float, high: float, wide: float) -> bool:
+    """Whether starts beside an edge, up to a hundredth of the interval from it, share the fate of their side."""
+    distances = np.geomspace(max(10 * abs(high - low), 1e-6 * abs(wide)), 1e-2 * abs(wide), SCALES)
+    sense = np.sign(wide)
+    for distance in distances:
+        for share in np.linspace(0.3, 1.0, BESIDE):
+            if fate(low - sense * share * distance) != fate(low) or fate(high + sense * share * distance) != fate(high):
+                return False
+    return True
+
+
+def uncertainty(fate: Callable[[float], str], low: float, high: float) -> float:
+    """Uncertainty exponent of the fates in an interval (McDonald et al., doi 10.1016/0167-2789(85)90001-6)."""
+    rng = np.random.default_rng(0)
+    starts = rng.uniform(low, high, PROBES)
+    shares = []
+    for distance in DISTANCES:
+        by = distance * (high - low)
+        uncertain = [fate(x) != fate(x + by) or fate(x) != fate(max(low, x - by)) for x in starts]
+        shares.append(np.mean(uncertain))
+    kept = [(d, s) for d, s in zip(DISTANCES, shares, strict=True) if s > 0]
+    if len(kept) < 2:
+        return 1.0
+    x, y = np.log(np.array(kept)).T
+    return float(np.polyfit(x, y, 1)[0])
+
+
+def _stays_near(
+    low: dict[str, float], high: dict[str, float], periods: int, rtol: float
+) -> tuple[Orbit | None, int]:
+    """The periodic motion that both starts stay near before they part, and for how long."""
+    runs = [simulate(**start, periods=periods, rtol=rtol) for start in (low, high)]  # type: ignore[arg-type]
+    ends = [_strobes(run) for run in runs]
+    count = min(len(ends[0]), len(ends[1]))
+    together = np.abs(ends[0][:count, :4] - ends[1][:count, :4]).max(axis=1) < NEAR
+    parts = count if together.all() else int(np.argmin(together))
+    change = np.abs(np.diff(ends[0][: parts + 1, :4], axis=0)).max(axis=1)
+    if not change.size:
+        return None, 0
+    stillest = int(np.argmin(change))
+    near = change < NEAR
+    first = stillest
+    while first > 0 and near[first - 1]:
+        first -= 1
+    last = stillest
+    while last + 1 < near.size and near[last + 1]:
+        last += 1
+    return _orbit_at(runs[0], stillest), last - first + 1
+
+
+def _strobes(run: Run) -> np.ndarray:
+    """Gaps and their rates at the ends of the periods, in g/omega^2 and g/omega, and the number of the segment."""
+    segments = run.record("edge").segments
+    (rows,) = np.nonzero((segments[:, PHASE] == 0.0) & (segments[:, PERIOD] > 0))
+    omega = 2 * np.pi * run.parameters["f"]
+    v = run.parameters["g"] / omega
+    return np.column_stack([segments[rows][:, [D1, D2]] * omega / v, segments[rows][:, [N1, N2]] / v, rows])
+
+
+def _orbit_at(run: Run, period: int) -> Orbit | None:
+    """The orbit that Newton's method comes to from the end of a period of a run."""
+    record, tape = run.record("edge"), Tape()
+    segment = record.segments[int(_strobes(run)[period, 4])]
+    state = segment[:N_STATE].copy()
+    state[[PHASE, PERIOD]] = 0.0
+    try:
+        m = ReturnMap(run.parameters, run.parameters["phi0"], segment[MODES:REST].copy(), 1, RTOL, tape)
+        _, _, passage = tape.run(m.row, state, 1, RTOL)
+        m, z = m.moved(passage)
+        return orbit_of(centred(solve(m, z, m.image(z).spin)), tape.spent.periods)
+    except OrbitLost:
+        return None
+
+
+def _is_partner(orbit: Orbit) -> bool:
+    """Whether an orbit has one multiplier above 1, and turns round at a fold into a stable one as Gamma falls."""
+    if (np.abs(orbit.multipliers) > 1).sum() != 1 or orbit.multipliers[0].real < 1:
+        return False
+    try:
+        entries = traced(orbit, "Gamma", 0.5 * orbit.parameters["Gamma"], words=False).entries
+    except (OrbitError, OrbitLost):
+        return False
+    folds = [k for k, entry in enumerate(entries) if entry.special == "fold"]
+    return bool(folds) and any(entry.orbit.stable for entry in entries[folds[0] + 1 :])
