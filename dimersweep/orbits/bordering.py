@@ -1,6 +1,6 @@
 """Curves of borders over other parameters, and where they meet other borders."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product, takewhile
 from math import hypot, pi
 from typing import Any, NamedTuple
@@ -20,12 +20,11 @@ from dimersweep.orbits.branch import (
     point_of,
     specials,
 )
-from dimersweep.orbits.finding import RTOL, checked, find, rolled_up
+from dimersweep.orbits.finding import RTOL, checked, orbit_at, rolled_up
 from dimersweep.orbits.orbit import Orbit, orbit_of
 from dimersweep.orbits.return_map import OrbitLost, ReturnMap, Tape
-from dimersweep.orbits.solving import Fixed
 from dimersweep.orbits.tables import dataset
-from dimersweep.orbits.word import word_of
+from dimersweep.orbits.word import change_of, word_of
 from dimersweep.parameters import as_number, check_name, check_rtol
 from dimersweep.symbols import PARAMETERS
 
@@ -34,8 +33,8 @@ WORDS = ("word", "stick_slip", "lift_off", "double_impact", "chatter", "hop")
 KINDS = CURVES + WORDS
 SEED_POINTS, SEED_STEP = 120, 0.1  # of the branch on which the first point is looked for
 WIDEST, NARROWEST, MARGIN = 0.05, 2e-5, 4.0  # bracket of a change of word, in the parameter over its scale
+HALVINGS = 4  # of a step from one point of a curve to the next
 MEETING = 1e-6  # how well a meeting is known, in the step of the curve
-LINES = {"fold-flip": -1.0}
 
 
 class Found(NamedTuple):
@@ -143,8 +142,8 @@ def _checked(
         axes[name] = np.array([as_number(name, value) for value in np.atleast_1d(np.asarray(values))])
         if not axes[name].size:
             raise ParameterError(f"over: {name} has no values")
-    for name, values in axes.items():
-        for value in values:
+    for name, column in axes.items():
+        for value in column:
             checked(fixed | {name: float(value)})
     return checked(fixed | {name: float(values[0]) for name, values in axes.items()}), axes
 
@@ -177,6 +176,7 @@ class Curve:
         scale = abs(given.get(parameter, given["e"])) or 1.0
         self.axis = Axis(parameter, scale, spin)
         self.tape = Tape()
+        self.present: frozenset[str] = frozenset()
         self.symbols: frozenset[str] = frozenset()  # whose presence tells the sides of a change of word apart
 
     def point(self, values: dict[str, float], near: list[Found], start: Orbit | None) -> Found:
@@ -190,10 +190,28 @@ class Curve:
         spent = self.tape.spent.periods
         given = self.given | values
         if not near:
-            orbit, value, begin = self._first(given, start)
+            told = self._first(given, start)
         else:
-            orbit, value, begin = self._next(given, near)
+            try:
+                told = self._next(given, near)
+            except OrbitLost:
+                told = self._by_halves(given, near[0], HALVINGS)
+        orbit, value, begin = told
         return Found(orbit, value, self.tape.spent.periods - spent, begin)
+
+    def _by_halves(self, given: dict[str, float], near: Found, depth: int) -> tuple[Orbit, float, Any]:
+        """The point reached over one halfway, and so on, where the step from its neighbour is too wide."""
+        known = near.orbit.parameters
+        middle = {name: 0.5 * (value + known.get(name, value)) for name, value in given.items()}
+        for target in (middle, given):
+            try:
+                told = self._next(target, [near])
+            except OrbitLost:
+                if depth == 0:
+                    raise
+                told = self._by_halves(target, near, depth - 1)
+            near = Found(told[0], told[1], 0.0, told[2])
+        return told
 
     def _next(self, given: dict[str, float], near: list[Found]) -> tuple[Orbit, float, Any]:
         if self.kind in CURVES:
@@ -238,7 +256,7 @@ class Curve:
         reasons = []
         for at in [start] if start is not None else self._starts(given):
             try:
-                orbit = at if isinstance(at, Orbit) else find(spin=self.spin, rtol=self.rtol, **given | at)
+                orbit = at if isinstance(at, Orbit) else orbit_at(given | at, self.spin, rtol=self.rtol)
                 special = self._along(orbit)
             except (OrbitError, OrbitLost) as reason:
                 reasons.append(str(reason))
@@ -358,8 +376,6 @@ def meetings(kind: str, a: Orbit, b: Orbit) -> list[str]:
     first, second = marks(kind, a), marks(kind, b)
     names = [name for name in first if first[name] * second[name] < 0]
     if a.word != b.word and kind in CURVES:
-        from dimersweep.orbits.word import change_of
-
         names.append(f"{kind}-{change_of(a.word, b.word)}")
     return names
 
@@ -401,12 +417,13 @@ def _dataset(
     at = tuple(np.array(list(found)).T)
     result = xr.Dataset(coords={n: (n, v, PARAMETERS[n]._asdict()) for n, v in axes.items()})
     for name, column in table.data_vars.items():
-        values = np.full(shape + column.shape[1:], _empty(column.dtype), dtype=_dtype(column.dtype))
+        values = np.full(shape + column.shape[1:], _empty(column.dtype), dtype=column.dtype)
         values[at] = column.values
         result[name] = ((*axes, *column.dims[1:]), values, column.attrs)
-    for name, get in (("cost", _cost), (curve.parameter, _value)):
+    rows = {"cost": [one.cost for one in found.values()], curve.parameter: [one.value for one in found.values()]}
+    for name, numbers in rows.items():
         values = np.full(shape, np.nan)
-        values[at] = [get(one) for one in found.values()]
+        values[at] = numbers
         result[name] = (tuple(axes), values)
     result[curve.parameter].attrs = PARAMETERS[curve.parameter]._asdict()
     result["cost"].attrs = {"units": "1", "long_name": "forcing periods of the map that the point took"}
@@ -414,10 +431,10 @@ def _dataset(
     for index, reason in status.items():
         told[index] = reason
     result["status"] = (tuple(axes), told.astype(str))
-    rows = _meetings(curve, axes, found)
+    met = _meetings(curve, axes, found)
     for name in (*axes, curve.parameter):
-        result[f"{name}_at_meeting"] = ("meeting", np.array([row[name] for row in rows], dtype=float))
-    result["meets"] = ("meeting", np.array([row["meets"] for row in rows], dtype=str))
+        result[f"{name}_at_meeting"] = ("meeting", np.array([row[name] for row in met], dtype=float))
+    result["meets"] = ("meeting", np.array([row["meets"] for row in met], dtype=str))
     fixed = {name: value for name, value in curve.given.items() if name not in (*axes, curve.parameter)}
     result.attrs = fixed | {
         "kind": curve.kind, "parameter": curve.parameter, "spin": curve.spin, "rtol": curve.rtol,
@@ -426,20 +443,5 @@ def _dataset(
     return result
 
 
-def _cost(one: Found) -> float:
-    return one.cost
-
-
-def _value(one: Found) -> float:
-    return one.value
-
-
 def _empty(dtype: np.dtype) -> Any:
     return {"U": "", "b": False, "i": 0}.get(dtype.kind, np.nan)
-
-
-def _dtype(dtype: np.dtype) -> Any:
-    return dtype
-
-
-__all__: list[str] = ["KINDS", "Callable", "Fixed", "ball_flip", "ball_fold", "border", "find"]

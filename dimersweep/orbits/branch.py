@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 
 from dimersweep.errors import ParameterError
 from dimersweep.orbits.return_map import Image, OrbitLost, ReturnMap
-from dimersweep.orbits.solving import TOLERANCE, Fixed, defect, newton, system
+from dimersweep.orbits.solving import TOLERANCE, Fixed, defect, fixed_at, newton, system
 from dimersweep.orbits.word import change_of, word_of
 from dimersweep.parameters import check
 
@@ -142,7 +142,7 @@ def corrected(axis: Axis, near: Point, y: np.ndarray, normal: np.ndarray, known:
     root = newton(value, y, derivative, TOLERANCE * m.rtol, known)
     own, image = root.told
     z, p = root.y[:-1], float(root.y[-1] * axis.scale)
-    fixed = Fixed(own, z, image, *own.jacobian(z), float(np.abs(root.value).max()))
+    fixed = fixed_at(own, z, image, float(np.abs(root.value).max()))
     return point_of(axis, fixed, p, near.tangent)
 
 
@@ -152,8 +152,7 @@ def in_own_section(axis: Axis, point: Point) -> Point:
     if m.well_placed(passage):
         return point
     moved, z = m.moved(passage)
-    fixed_at = Fixed(moved, z, moved.image(z), *moved.jacobian(z), 0.0)
-    near = Point(fixed_at, point.value, slope_of(axis, moved, z, point.value), np.zeros(z.size + 1))
+    near = Point(fixed_at(moved, z), point.value, slope_of(axis, moved, z, point.value), np.zeros(z.size + 1))
     forward = 1.0 if point.tangent[-1] >= 0 else -1.0
     normal = np.append(np.zeros(z.size), 1.0)
     if abs(point.tangent[-1]) < 0.05:  # near a fold the parameter says nothing of where one is
@@ -343,6 +342,5 @@ def doubled(axis: Axis, flip: Point) -> Point:
     m = ReturnMap(old.parameters, old.phase, old.modes, 2 * old.periods, old.rtol, old.tape)
     y = flip.y(axis) + BORN * tangent
     z = y[:-1]
-    fixed = Fixed(m, z, m.image(z), *m.jacobian(z), 0.0)
-    near = Point(fixed, flip.value, slope_of(axis, m, z, flip.value), tangent)
+    near = Point(fixed_at(m, z), flip.value, slope_of(axis, m, z, flip.value), tangent)
     return corrected(axis, near, y, tangent)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -72,10 +73,8 @@ class Fates:
 
     def __call__(self, value: float) -> str:
         if value not in self.known:
-            run = simulate(
-                **self.given | {self.axis: value},  # type: ignore[arg-type]
-                periods=self.periods, rtol=self.rtol, record=False, stop_when_settled=True,
-            )  # fmt: skip
+            start: dict[str, Any] = self.given | {self.axis: value}
+            run = simulate(**start, periods=self.periods, rtol=self.rtol, record=False, stop_when_settled=True)
             self.known[value] = run.mode
         return self.known[value]
 
@@ -180,9 +179,7 @@ def uncertainty(fate: Callable[[float], str], low: float, high: float) -> float:
     return float(np.polyfit(x, y, 1)[0])
 
 
-def _stays_near(
-    low: dict[str, float], high: dict[str, float], periods: int, rtol: float
-) -> tuple[Orbit | None, int]:
+def _stays_near(low: dict[str, float], high: dict[str, float], periods: int, rtol: float) -> tuple[Orbit | None, int]:
     """The periodic motion that both starts stay near before they part, and for how long."""
     runs = [simulate(**start, periods=periods, rtol=rtol) for start in (low, high)]  # type: ignore[arg-type]
     ends = [_strobes(run) for run in runs]

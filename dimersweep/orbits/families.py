@@ -16,9 +16,10 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
 from dimersweep.errors import OrbitError, ParameterError
-from dimersweep.orbits.finding import RTOL, centred, checked, find
+from dimersweep.orbits.finding import RTOL, centred, checked, orbit_at
 from dimersweep.orbits.following import Trace, traced
-from dimersweep.orbits.orbit import Orbit, orbit_of, slow_direction
+from dimersweep.orbits.manifold import lag
+from dimersweep.orbits.orbit import Orbit, orbit_of
 from dimersweep.orbits.return_map import OrbitLost
 from dimersweep.orbits.solving import Fixed, solve, system
 from dimersweep.orbits.tables import dataset
@@ -72,9 +73,9 @@ def family(*, spin: tuple[float, float], points: int = 50, rtol: float = RTOL, *
     ends = {}
     for name, order in (("high_end", range(begin + 1, spins.size)), ("low_end", range(begin - 1, -1, -1))):
         ends[name] = _along(seen, spins, order)
-    order = sorted(seen)
-    table = dataset([seen[k].orbit for k in order], "spin_")
-    table = table.drop_vars("spin").rename_dims({"spin_": "spin"}).assign_coords(spin=("spin", spins[order]))
+    kept = sorted(seen)
+    table = dataset([seen[k].orbit for k in kept], "spin_")
+    table = table.drop_vars("spin").rename_dims({"spin_": "spin"}).assign_coords(spin=("spin", spins[kept]))
     table["spin"].attrs = {"units": "rad s-1", "long_name": "axial spin after the double impact"}
     table = table.drop_vars("cost")
     del table.attrs["units_of"]
@@ -99,7 +100,7 @@ def _anywhere(spins: np.ndarray, given: dict[str, float], rtol: float) -> tuple[
     for share in (0.5, 0.25, 0.75, 0.0, 1.0):
         k = round(share * (spins.size - 1))
         try:
-            return find(spin=float(spins[k]), rtol=rtol, **given), k
+            return orbit_at(given, float(spins[k]), rtol=rtol), k
         except OrbitError as error:
             reason = error
     raise OrbitError(f"spin = ({spins[0]:g}, {spins[-1]:g}): no orbit found; {reason}")
@@ -135,18 +136,13 @@ def _why(branch: Trace) -> str:
 
 def seen_at(fixed: Fixed) -> Seen:
     """A fixed point, and the orbit of a motion that passes its spin on the slow manifold."""
-    m = fixed.map
-    along, rate = slow_direction(fixed)
-    fast = np.delete(np.arange(fixed.z.size), m.slow)
-    lag = np.zeros(fixed.z.size)
-    J = fixed.matrix[np.ix_(fast, fast)]
-    lag[fast] = -np.linalg.solve(np.eye(fast.size) - J, along[fast] * rate / m.unit)
+    m, away = fixed.map, lag(fixed)
     told = orbit_of(fixed, 0.0)
     try:
-        image = m.image(fixed.z + lag)
+        image = m.image(fixed.z + away)
     except OrbitLost:
         return Seen(fixed, told)
-    moved = orbit_of(fixed._replace(image=image, z=fixed.z + lag), 0.0)
+    moved = orbit_of(fixed._replace(image=image, z=fixed.z + away), 0.0)
     return Seen(fixed, replace(told, **{name: getattr(moved, name) for name in SHOWN}))
 
 

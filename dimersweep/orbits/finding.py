@@ -7,6 +7,7 @@ import numpy as np
 
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.orbits.guesses import of_ball, of_run, rolled_up
+from dimersweep.orbits.manifold import on_manifold
 from dimersweep.orbits.orbit import Orbit, orbit_of
 from dimersweep.orbits.passage import TURN
 from dimersweep.orbits.return_map import OrbitLost, ReturnMap, Tape
@@ -56,10 +57,24 @@ def find(
     OrbitError
         If Newton's method does not come to an orbit, with what was tried.
     """
-    periods, rtol = check_count("periods", periods), check_rtol(rtol)
     given = checked(parameters, guess)
-    if spin is not None:
-        spin = as_number("spin", spin)
+    return orbit_at(
+        given,
+        None if spin is None else as_number("spin", spin),
+        check_count("periods", periods),
+        guess,
+        check_rtol(rtol),
+    )
+
+
+def orbit_at(
+    given: dict[str, float],
+    spin: float | None = None,
+    periods: int = 1,
+    guess: Run | Orbit | None = None,
+    rtol: float = RTOL,
+) -> Orbit:
+    """As `find`, for parameters that have been checked."""
     tape = Tape()
     tried = []
     for name, start in _starts(spin, periods, guess, given, rtol, tape):
@@ -120,7 +135,8 @@ def _found(
         raise OrbitError(
             f"periods = {fixed.map.periods}: the motion found repeats after {shorter} already; ask for periods={shorter}"
         )
-    return orbit_of(fixed, tape.spent.periods)
+    shown = on_manifold(fixed)
+    return orbit_of(fixed, tape.spent.periods, shown)
 
 
 def centred(fixed: Fixed) -> Fixed:

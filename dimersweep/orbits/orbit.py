@@ -5,8 +5,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dimersweep.kernel.model.layout import DI_ENDS, GAMMA, PERIOD, PHASE, THETA, X1, Y1
+from dimersweep.orbits.manifold import multipliers_of, slow_direction
 from dimersweep.orbits.passage import TURN, Strike, strike_of
-from dimersweep.orbits.solving import Fixed, system
+from dimersweep.orbits.solving import Fixed
 from dimersweep.orbits.word import word_of
 from dimersweep.parameters import check_count
 from dimersweep.runs.run import Run, as_run
@@ -50,7 +51,7 @@ class Orbit:
     stable : bool
         Whether all multipliers of the fast part are below 1 in size.
     residual : float
-        How far the fast part fails to close, in units of the section.
+        How far the motion fails to close, but for the creep along the family, in units of the section.
     word : str
         The sequence of contact states (docs/orbits.md).
     cost : float
@@ -76,6 +77,7 @@ class Orbit:
     cost: float
     rtol: float
     fixed: Fixed = field(repr=False)
+    shown: Fixed = field(repr=False)
 
     def __repr__(self) -> str:
         kind = "stable" if self.stable else "unstable"
@@ -100,7 +102,7 @@ class Orbit:
         periods = check_count("periods", periods)
         m, tape = self.fixed.map, self.fixed.map.tape
         phase = (self.parameters["phi0"] - m.phase) % TURN
-        state, _ = m.sampled(self.fixed.image.passage, phase)
+        state, _ = m.sampled(self.shown.image.passage, phase)
         state[[PHASE, PERIOD, THETA, X1, Y1, GAMMA]] = 0.0  # the cyclic ones begin anew
         row = m.row_at(self.parameters["phi0"])
         solved = solve(
@@ -112,38 +114,18 @@ class Orbit:
         return replace(run, start=start)
 
 
-def slow_direction(fixed: Fixed) -> tuple[np.ndarray, float]:
-    """Derivative of the section point by the spin (in its unit) along the family, and the spin's change a period [rad/s].
-
-    The slow manifold leads along the family of fixed points; what the map adds to a point of it is split by the left
-    eigenvector of the slow multiplier, so that only the part along the manifold counts.
-    """
+def orbit_of(fixed: Fixed, spent: float, shown: Fixed | None = None) -> Orbit:
+    """What is told of a fixed point that took so many periods of the map; `shown` is the point beside it that is told."""
+    shown = fixed if shown is None else shown
     m = fixed.map
-    values, left = np.linalg.eig(fixed.matrix.T)
-    row = left[:, int(np.argmin(np.abs(values - 1)))].real
-    along = np.linalg.solve(system(m, fixed.matrix, fixed.gradient), np.eye(len(values))[m.slow])
-    return along, float(row @ (fixed.image.point - fixed.z) / (row @ along)) * m.unit
-
-
-def multipliers_of(fixed: Fixed) -> tuple[np.ndarray, float]:
-    """Multipliers of the fast part, over the period of the motion, the largest first, and that of the slow direction."""
-    values = np.linalg.eigvals(fixed.matrix)
-    slow = int(np.argmin(np.abs(values - 1)))
-    fast = np.delete(values, slow).astype(complex)
-    return fast[np.argsort(-np.abs(fast), kind="stable")], float(values[slow].real)
-
-
-def orbit_of(fixed: Fixed, spent: float) -> Orbit:
-    """What is told of a fixed point that took so many periods of the map."""
-    m = fixed.map
-    parameters, image = m.parameters, fixed.image
+    parameters, image = m.parameters, shown.image
     scale = parameters["g"] / (TURN * parameters["f"])
     strike = strike_of(image.passage, m.section.r, m.section.h, scale)
     if strike is None:
         strike = Strike(float("nan"), image.spin, *(float("nan"),) * 3, DI_ENDS[0])
     turn = image.theta / m.periods
     rate = turn * parameters["f"] if abs(turn) > CIRCLE else 0.0
-    (fast, slow), (_, drift) = multipliers_of(fixed), slow_direction(fixed)
+    (fast, slow), (_, drift) = multipliers_of(shown), slow_direction(shown)
     return Orbit(
         parameters=dict(parameters),
         periods=m.periods,
@@ -159,9 +141,10 @@ def orbit_of(fixed: Fixed, spent: float) -> Orbit:
         multipliers=fast,
         slow_multiplier=slow,
         stable=bool((np.abs(fast) < 1).all()),
-        residual=fixed.residual,
+        residual=shown.residual,
         word=word_of(image.passage),
         cost=spent,
         rtol=m.rtol,
         fixed=fixed,
+        shown=shown,
     )

@@ -123,6 +123,13 @@ def _nearer(
     raise lost
 
 
+def fixed_at(m: ReturnMap, z: np.ndarray, image: Image | None = None, residual: float = 0.0) -> Fixed:
+    """A point as a fixed point, with the derivatives there."""
+    image = m.image(z) if image is None else image
+    matrix, gradient = m.jacobian(z)
+    return Fixed(m, z, image, matrix, gradient, residual)
+
+
 def solve(m: ReturnMap, z: np.ndarray, spin: float, known: np.ndarray | None = None) -> Fixed:
     """The fixed point near a point, at a spin after the last impact of a period [rad/s].
 
@@ -145,4 +152,4 @@ def solve(m: ReturnMap, z: np.ndarray, spin: float, known: np.ndarray | None = N
         return defect(m, z, image, spin), image
 
     root = newton(value, z, lambda z: system(m, *m.jacobian(z)), TOLERANCE * m.rtol, known)
-    return Fixed(m, root.y, root.told, *m.jacobian(root.y), float(np.abs(root.value).max()))
+    return fixed_at(m, root.y, root.told, float(np.abs(root.value).max()))

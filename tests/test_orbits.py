@@ -1,0 +1,157 @@
+"""Orbits as fixed points: against settled runs, long runs, the multipliers of stability and closed forms."""
+
+import inspect
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import dimersweep
+from dimersweep import orbits, simulate, stability
+from dimersweep.errors import OrbitError, ParameterError
+from dimersweep.orbits.guesses import rolled_up
+from dimersweep.orbits.word import change_of, word_of
+from dimersweep.parameters import Parameters
+
+TOLD = ("radius", "period", "zeta", "speed", "precession_rate", "impact_phase")
+
+
+@pytest.fixture(scope="module")
+def drift():
+    return simulate(periods=400, rtol=1e-11)
+
+
+@pytest.fixture(scope="module")
+def base():
+    return orbits.find()
+
+
+def test_the_package_reaches_orbits_lazily():
+    assert dimersweep.orbits is orbits
+    assert {"find", "follow", "border", "family", "later", "edge", "Orbit"} <= set(dir(orbits))
+    wanted = ("parameters", "spin", "radius", "period", "zeta", "speed", "precession_rate", "impact_phase", "di_end")
+    wanted += ("spin_drift", "multipliers", "stable", "residual", "word", "run")
+    known = set(orbits.Orbit.__dataclass_fields__) | {n for n, _ in inspect.getmembers(orbits.Orbit)}
+    assert set(wanted) <= known
+
+
+def test_an_orbit_closes_at_the_spin_a_lateral_start_rolls_up_to(base, drift):
+    assert base.residual < 1e-11
+    assert base.spin == pytest.approx(rolled_up(Parameters().given()), abs=1e-9)
+    assert base.spin == pytest.approx(drift.orbit.spin_rate, rel=1e-2)
+    assert base.stable
+
+
+def test_the_orbit_of_a_run_is_the_one_it_has_come_to(drift):
+    found = orbits.find(guess=drift)
+    assert found.residual < 1e-11
+    assert found.cost <= 100
+    assert found.spin == pytest.approx(drift.orbit.spin_rate, rel=1e-5)
+    again = orbits.find(guess=drift, spin=drift.orbit.spin_rate)
+    for name in TOLD:
+        assert getattr(again, name) == pytest.approx(getattr(drift.orbit, name), rel=1e-5), name
+    assert again.di_end == drift.orbit.di_end
+    assert again.spin_drift < 0
+
+
+@pytest.mark.parametrize("given", [{}, {"A_r": 5.0}, {"A_r": 7.0, "f": 20.0}, {"mu": 0.05, "mu_s": 0.1}])
+def test_multipliers_are_those_of_stability(given):
+    """Those of the fast part, and the slow one, which an orbit tells apart.
+
+    With little friction the spin falls by a hundredth of a rad/s in the period that lies between the two.
+    """
+    run = simulate(**given, periods=600, rtol=1e-12, phi0=1.5 * np.pi, beta0=0.3)
+    starts = iter(np.linspace(0.05, 1.0, 20))
+    while run.mode != "drift":
+        run = simulate(**given, periods=600, rtol=1e-12, phi0=1.5 * np.pi, beta0=next(starts))
+    expected = stability.multipliers(run).values
+    found = orbits.find(guess=run)
+    slow = int(np.argmin(abs(expected - found.slow_multiplier)))
+    assert expected[slow] == pytest.approx(found.slow_multiplier, abs=1e-6)
+    fast = np.delete(expected, slow)
+    size = max(fast.size, found.multipliers.size)
+    padded = [np.pad(np.sort_complex(values), (0, size - values.size)) for values in (fast, found.multipliers)]
+    assert_allclose(np.sort(np.abs(padded[0])), np.sort(np.abs(padded[1])), atol=1e-6 if "mu" not in given else 5e-6)
+
+
+def test_the_slow_rate_is_that_of_a_long_run(base):
+    short, long = (simulate(periods=n, record=False, rtol=1e-11).orbit.spin_rate for n in (500, 1500))
+    middle = orbits.find(spin=0.5 * (short + long))
+    assert middle.spin_drift == pytest.approx((long - short) / 1000, rel=1e-5)
+    assert middle.slow_multiplier == pytest.approx(1, abs=1e-5)
+
+
+def test_the_orbit_does_not_depend_on_where_it_was_looked_for(base, drift):
+    by_run = orbits.find(guess=drift, spin=base.spin)
+    far = orbits.find(spin=60.0, Gamma=1.0)
+    by_orbit = orbits.find(guess=far, Gamma=0.9, spin=base.spin)
+    for other in (by_run, by_orbit):
+        assert other.word == base.word
+        for name in TOLD:
+            assert getattr(other, name) == pytest.approx(getattr(base, name), rel=2e-6), name
+
+
+def test_a_planar_orbit_stays_in_its_plane():
+    plane = orbits.find(spin=0.0)
+    assert plane.radius == plane.period == np.inf
+    assert plane.precession_rate == plane.spin == 0.0
+    assert plane.zeta == pytest.approx(np.pi)  # it drifts towards the end that is down
+    run = simulate(xdot0=0.0, periods=300, rtol=1e-11)
+    assert plane.speed == pytest.approx(run.orbit.speed, rel=1e-6)
+
+
+def test_a_run_from_an_orbit_stays_on_it(base):
+    run = base.run(40, rtol=1e-11)
+    assert run.mode == "drift"
+    assert run.parameters == base.parameters
+    assert run.orbit.radius == pytest.approx(base.radius, rel=1e-5)
+    assert run.orbit.spin_rate == pytest.approx(base.spin + 40 * base.spin_drift, rel=1e-6)
+    x = run.states([0.0, 1.0])
+    assert float(abs(x.x[1] - x.x[0])) > 0.1  # it has a path
+
+
+def test_an_unstable_orbit_is_found_and_left():
+    flipped = orbits.find(spin=100.0, Gamma=1.3)
+    assert not flipped.stable
+    assert flipped.multipliers[0].real < -1
+    assert flipped.run(200, rtol=1e-11).mode != "drift"
+
+
+def test_twice_the_period():
+    run = simulate(Gamma=1.28, beta0=0.3, periods=400, rtol=1e-11)
+    values = iter(np.linspace(0.05, 1.2, 40))
+    while run.mode_period != 2:
+        run = simulate(Gamma=1.28, beta0=next(values), periods=400, rtol=1e-11)
+    two = orbits.find(guess=run, periods=2)
+    assert two.periods == 2
+    assert two.stable
+    one = orbits.find(spin=two.spin, Gamma=1.28)
+    assert not one.stable
+    with pytest.raises(OrbitError, match="repeats after 1"):
+        orbits.find(spin=100.0, periods=2)
+
+
+def test_what_is_no_orbit_is_told_in_one_line():
+    with pytest.raises(ParameterError, match="unknown parameter"):
+        orbits.find(gamma=1.0)
+    with pytest.raises(ParameterError, match="must be a Run or an Orbit"):
+        orbits.find(guess=3)
+    with pytest.raises(ParameterError, match=r"periods = 0"):
+        orbits.find(periods=0)
+    with pytest.raises(OrbitError, match=r"tried the ball's orbit.*needs Gamma >= .* = 0.7854"):
+        orbits.find(Gamma=0.7)
+    rest = simulate(beta0=0.02, periods=50)
+    with pytest.raises(OrbitError, match="the end of the run"):
+        orbits.find(guess=rest)
+    with pytest.raises(ParameterError, match="nothing was recorded"):
+        orbits.find(guess=simulate(periods=50, record=False))
+
+
+def test_words_are_told_of_the_states_in_their_order(base):
+    assert base.word == "DI_sp_sp>DI_sp_sk chatter.1 SC_sk.1 SC_sp.1 SC_sk.1 SC_sp.1 far.2"
+    assert word_of(base.fixed.image.passage) == base.word
+    assert change_of("DI_sp_sp far.2", "DI_sp_sp far.1 far.2") == "hop"
+    assert change_of("DI_sp_sp>DI_sp_sk SC_sk.1", "DI_sp_sp SC_sk.1") == "double_impact"
+    assert change_of("DI_sp_sp SC_sk.1", "DI_sp_sp FM SC_sk.1") == "lift_off"
+    assert change_of("DI_sp_sp chatter.1 SC_sk.1", "DI_sp_sp bounces.1*4") == "chatter"
+    assert change_of("DI_sp_sp SC_sk.1", "DI_sp_sp SC_sk.1 SC_sp.1") == "stick_slip"
