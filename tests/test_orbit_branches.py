@@ -1,0 +1,225 @@
+"""Branches and borders: the folds, flips and words they pass, against measured values, closed forms and long runs."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from dimersweep import orbits, simulate
+from dimersweep.errors import OrbitError, ParameterError
+from dimersweep.orbits.border import compound, last_entry
+from dimersweep.orbits.bordering import ball_flip, ball_fold, serpentine
+
+# at spin 100 rad/s, all else as in the base case; found with a prototype of its own
+FOLDS = {0.5: 1.04771531, 0.6: 0.78725965, 0.7: 0.55603099}
+FLIPS = {0.5: 1.468736, 0.6: 1.264428, 0.7: 1.115556}
+
+
+@pytest.fixture(scope="module")
+def orbit():
+    return orbits.find(spin=100.0)
+
+
+@pytest.fixture(scope="module")
+def down(orbit):
+    return orbits.follow(orbit, "Gamma", to=0.7)
+
+
+@pytest.fixture(scope="module")
+def up(orbit):
+    return orbits.follow(orbit, "Gamma", to=1.3, switch=True)
+
+
+@pytest.mark.parametrize(("kind", "known"), [("fold", FOLDS), ("flip", FLIPS)])
+def test_borders_are_where_they_were_measured(kind, known):
+    found = orbits.border(kind, "Gamma", over={"e": list(known)}, spin=100.0)
+    assert (found["status"] == "ok").all()
+    assert np.abs(found["Gamma"].values - list(known.values())).max() < 2e-6
+    assert (found["residual"] < 1.1e-11).all()
+
+
+def test_a_curve_costs_little_and_does_not_depend_on_its_points():
+    fine = orbits.border("fold", "Gamma", over={"e": np.linspace(0.5, 0.7, 21)}, spin=100.0)
+    assert fine["cost"].values[2:].max() <= 120
+    assert float(fine["Gamma"].sel(e=0.6, method="nearest")) == pytest.approx(FOLDS[0.6], abs=5e-8)
+    flips = orbits.border("flip", "Gamma", over={"e": np.linspace(0.6, 0.7, 11)}, spin=100.0)
+    assert flips["cost"].values[2:].max() <= 120
+    assert float(flips["Gamma"].values[-1]) == pytest.approx(FLIPS[0.7], abs=2e-6)
+
+
+def test_the_fold_of_a_long_light_rod_is_that_of_a_ball():
+    """As A_r grows without bound and the rod is without mass, J_t tends to m h^2 and r/h to 0: the ends are two balls."""
+    e = [0.5, 0.6, 0.7]
+    away = []
+    for A_r in (100.0, 1000.0, 10_000.0):
+        found = orbits.border("fold", "Gamma", over={"e": e}, spin=1e-3, A_r=A_r, rho_r=0.0)
+        away.append(np.abs(found["Gamma"].values - [ball_fold(k) for k in e]).max())
+    assert away[-1] < 1e-8
+    assert away[0] / away[1] == pytest.approx(100, rel=0.1)  # it falls with the square of the length
+
+
+def test_a_flip_where_the_end_that_is_down_slips_is_nearly_that_of_a_ball():
+    """With little friction p1 gives way only through the coupling of the normals."""
+    found = orbits.border("flip", "Gamma", over={"e": [0.6]}, spin=100.0, mu=0.05, mu_s=0.1)
+    assert float(found["Gamma"][0]) == pytest.approx(ball_flip(0.6), abs=3e-3)
+
+
+def test_a_branch_goes_through_its_fold_and_back(down):
+    kinds = list(down["special"].values)
+    fold = kinds.index("fold")
+    assert float(down["Gamma"][fold]) == pytest.approx(FOLDS[0.6], abs=2e-7)
+    assert kinds.count("fold") == 1
+    assert down["stable"].values[: fold - 1].all()
+    assert not down["stable"].values[fold + 1 :].any()
+    assert down.attrs["end"].startswith("back")
+    assert float(down["Gamma"][-1]) == pytest.approx(0.9, abs=1e-9)
+    multipliers = down["multipliers"].values[fold]
+    assert np.abs(multipliers - 1).min() < 1e-3
+
+
+def test_a_warm_point_of_a_branch_costs_at_most_forty_periods(down):
+    cost = np.diff(down["cost"].values)
+    plain = (down["special"].values[1:] == "") & (down["special"].values[:-1] == "")
+    assert plain.sum() > 10
+    assert cost[plain].max() <= 40
+
+
+def test_words_change_where_they_are_said_to(down):
+    """On either side of the change nearest to the base case the orbits have the words of the rows beside it."""
+    at = int(np.flatnonzero(down["special"].values == "word")[0])
+    place = float(down["Gamma"][at])
+    assert down["change"].values[at] == "stick_slip"
+    below, above = (orbits.find(spin=100.0, Gamma=place + by).word for by in (-1e-6, 1e-6))
+    assert below == down["word"].values[at + 1]
+    assert above == down["word"].values[at - 1]
+
+
+def test_a_flip_leads_to_the_doubled_branch(up):
+    flip = int(np.flatnonzero(up["special"].values == "flip")[0])
+    assert float(up["Gamma"][flip]) == pytest.approx(FLIPS[0.6], abs=1e-5)  # there the spin is held elsewhere
+    assert np.abs(up["multipliers"].values[flip] + 1).min() < 1e-4
+    assert (up["periods"].values[: flip + 1] == 1).all()
+    assert (up["periods"].values[flip + 1 :] == 2).all()
+    beyond = up.isel(point=slice(flip + 2, None))
+    assert beyond["stable"].values.all()
+    assert up.attrs["end"].startswith("to")
+
+
+def apart(run, orbit, skip=0):
+    """Greatest distance of the strobes of a run from those of an orbit, in g/omega^2 and g/omega."""
+    omega = 2 * np.pi * run.parameters["f"]
+    units = np.array([9.81 / omega**2, 9.81 / omega])
+    T = 1 / run.parameters["f"]
+    names = ["gap_2", "gap_2_rate"]
+    runs = run.states(np.arange(skip, run.n_periods) * T)[names].to_array().values.T / units
+    own = orbit.run(3, rtol=1e-11).states([T])[names].to_array().values.T / units
+    return np.abs(runs - own).max(axis=1)
+
+
+@pytest.mark.parametrize("Gamma", [FOLDS[0.6] + 1e-4, FLIPS[0.6] - 1e-4])
+def test_runs_stay_on_the_orbits_just_inside_the_borders(Gamma):
+    orbit = orbits.find(spin=100.0, Gamma=Gamma)
+    run = orbit.run(2000, rtol=1e-10)
+    later = orbits.find(spin=run.orbit.spin_rate, Gamma=Gamma)
+    assert max(apart(run, orbit, 0).min(), apart(run, later, 1990).max()) < 1e-2
+    assert min(apart(run, orbit, 0).max(), apart(run, later, 0).max()) < 1e-2
+
+
+def test_beyond_the_flip_a_run_goes_to_the_doubled_orbit():
+    Gamma = FLIPS[0.6] + 1e-4
+    orbit = orbits.find(spin=100.0, Gamma=Gamma)
+    assert not orbit.stable
+    run = orbit.run(3300, rtol=1e-10)
+    two = orbits.find(guess=run, periods=2)
+    assert two.stable
+    odd, even = apart(run, two, 3298)
+    assert min(odd, even) < 1e-2 < 2e-2 < max(odd, even)
+    below = orbits.find(spin=two.spin, Gamma=Gamma - 4e-3)
+    branch = orbits.follow(below, "Gamma", to=Gamma, switch=True)
+    assert branch["periods"].values[-1] == 2
+    assert float(branch["radius"][-1]) == pytest.approx(two.radius, rel=1e-4)
+    assert branch["word"].values[-1] == two.word
+
+
+def test_below_the_fold_a_run_leaves():
+    orbit = orbits.find(spin=100.0, Gamma=FOLDS[0.6] + 1e-6)
+    from dimersweep.orbits.guesses import of_run
+
+    run = orbit.run(5)
+    moved, z = of_run(run, run.parameters | {"Gamma": FOLDS[0.6] - 1e-4}, 1, 1e-10, orbit.fixed.map.tape)
+    left = False
+    for _ in range(3000):
+        try:
+            z = moved.image(z).point
+        except RuntimeError:
+            left = True
+            break
+    assert left
+    with pytest.raises(OrbitError):
+        orbits.find(guess=orbit, Gamma=FOLDS[0.6] - 1e-4)
+
+
+def test_a_curve_names_where_it_meets_other_borders():
+    found = orbits.border("fold", "Gamma", over={"e": np.linspace(0.54, 0.57, 4)}, spin=100.0)
+    assert list(found["meets"].values) == ["fold-stick_slip"]
+    e = float(found["e_at_meeting"][0])
+    sides = orbits.border("fold", "Gamma", over={"e": [e - 1e-4, e + 1e-4]}, spin=100.0)
+    assert sides["word"].values[0] != sides["word"].values[1]
+
+
+def test_a_change_of_word_is_followed():
+    found = orbits.border("double_impact", "Gamma", over={"e": [0.6, 0.601, 0.602]}, spin=100.0)
+    assert (found["status"] == "ok").all()
+    for e, Gamma in zip(found["e"].values, found["Gamma"].values, strict=True):
+        below, above = (orbits.find(spin=100.0, e=e, Gamma=Gamma + by).word for by in (-1e-6, 1e-6))
+        assert below.split()[0] != above.split()[0]
+
+
+def test_a_branch_in_the_spin_and_one_in_the_length():
+    base = orbits.find(spin=100.0)
+    spins = orbits.follow(base, "spin", to=110.0)
+    assert spins["spin"].values[-1] == pytest.approx(110.0)
+    assert float(spins["radius"][-1]) == pytest.approx(orbits.find(spin=110.0).radius, rel=1e-5)
+    lengths = orbits.follow(base, "A_r", to=5.8)
+    assert float(lengths["radius"][-1]) == pytest.approx(orbits.find(spin=100.0, A_r=5.8).radius, rel=1e-5)
+
+
+def test_bordering_tells_a_singular_matrix():
+    A = np.diag([2.0, 3.0, 0.0])
+    assert last_entry(A, np.eye(3)[2], np.eye(3)[2]) == 0.0
+    assert last_entry(A + np.eye(3), np.eye(3)[2], np.eye(3)[2]) != 0.0
+    J = np.random.default_rng(0).normal(size=(4, 4))
+    values = np.linalg.eigvals(J)
+    products = [values[i] * values[j] for i in range(4) for j in range(i)]
+    assert np.sort_complex(np.linalg.eigvals(compound(J))) == pytest.approx(np.sort_complex(products))
+
+
+def test_a_grid_is_walked_from_neighbour_to_neighbour():
+    walk = list(serpentine((3, 4, 2)))
+    assert len(set(walk)) == 24
+    assert all(sum(abs(a - b) for a, b in zip(p, q, strict=True)) == 1 for p, q in pairwise(walk))
+
+
+def test_bad_input_is_told(orbit):
+    for wrong in ("kink", "Fold"):
+        with pytest.raises(ParameterError, match="unknown border"):
+            orbits.border(wrong, "Gamma", over={"e": [0.6]})
+    with pytest.raises(ParameterError, match="unknown parameter"):
+        orbits.border("fold", "gamma", over={"e": [0.6]})
+    with pytest.raises(ParameterError, match="given twice"):
+        orbits.border("fold", "Gamma", over={"Gamma": [0.6]})
+    with pytest.raises(ParameterError, match="must be in"):
+        orbits.border("fold", "Gamma", over={"e": [0.6, 1.6]})
+    with pytest.raises(ParameterError, match="unknown parameter"):
+        orbits.follow(orbit, "gama", to=1.0)
+    with pytest.raises(ParameterError, match="must differ"):
+        orbits.follow(orbit, "Gamma", to=0.9)
+    with pytest.raises(ParameterError, match="must be an Orbit"):
+        orbits.follow(simulate(periods=1), "Gamma", to=1.0)
+
+
+def test_a_point_that_fails_is_marked_and_the_rest_kept():
+    found = orbits.border("fold", "Gamma", over={"e": [0.6, 0.62, 1.0]}, spin=100.0)
+    assert list(found["status"].values[:2]) == ["ok", "ok"]
+    assert found["status"].values[2] != "ok"
+    assert np.isnan(found["Gamma"].values[2])
