@@ -39,7 +39,7 @@ class HeldMap(ReturnMap):
     def kick(self, z: np.ndarray) -> np.ndarray:
         """Derivative of the image by the spin at the start of the period (in its unit), all else there as it is."""
         start, modes = self.to_start(z)
-        there = Section(self.parameters, self.row, self.rtol, self.tape.desk)
+        there = Section(self.parameters, self.row, self.rtol, self.tape.space)
         point, images = there.point(start), []
         for sign in (1.0, -1.0):
             moved = point.copy()
