@@ -203,7 +203,7 @@ def note_period(dm, state, modes, past):
     row[P_N1], row[P_N2] = state[N1] / speed, state[N2] / speed
     row[P_DOWN_1], row[P_DOWN_2] = past[SCALARS, S_DOWN_1], past[SCALARS, S_DOWN_2]
     row[P_DOUBLES] = past[SCALARS, S_DOUBLES]
-    row[P_TIME] = time_of(state, dm.omega, dm.T)
+    row[P_TIME] = time_of(dm, state)
     row[P_OFF_1], row[P_OFF_2] = past[SCALARS, S_OFF_1], past[SCALARS, S_OFF_2]
     past[SCALARS, S_STROBES] += 1.0
     past[SCALARS, S_CLOSED] = past[SCALARS, S_CLOSED] + 1.0 if modes[0] != FREE and modes[1] != FREE else 0.0
