@@ -1,0 +1,54 @@
+"""The notebooks run, and what is stored in them is what they give."""
+
+import os
+import sys
+from pathlib import Path
+
+import nbformat
+import pytest
+from sybil.evaluators.doctest import NUMBER, OutputChecker
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="module")
+def maker():
+    """The program that fills the notebooks."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(ROOT / "docs"))
+        import make_notebooks
+
+        yield make_notebooks
+        del sys.modules["make_notebooks"]
+
+
+@pytest.fixture(scope="module")
+def cubes(maker, tmp_path_factory):
+    """The folder of the cubes of all small presets."""
+    if "DIMERSWEEP_CUBES" in os.environ:
+        return os.environ["DIMERSWEEP_CUBES"]
+    folder = tmp_path_factory.mktemp("cubes")
+    maker.make_small_cubes(folder)
+    return str(folder)
+
+
+def shown(notebook):
+    """Lines, text and number of pictures of each code cell, in order."""
+    for cell in notebook.cells:
+        if cell.cell_type == "code":
+            outputs = [output for output in cell.outputs if output.get("name") != "stderr"]
+            texts = [output.text if "text" in output else output.data["text/plain"] for output in outputs]
+            yield cell.source, "\n".join(texts), sum("image/png" in output.get("data", {}) for output in outputs)
+
+
+@pytest.mark.parametrize("name", ["figures", "datasets"])
+def test_a_notebook_gives_what_is_stored_in_it(name, maker, cubes, monkeypatch):
+    monkeypatch.setenv("DIMERSWEEP_CUBES", cubes)
+    path = ROOT / "notebooks" / f"{name}.ipynb"
+    assert path in maker.NOTEBOOKS
+    stored, fresh = list(shown(nbformat.read(path, as_version=4))), list(shown(maker.executed(path)))
+    assert sum(pictures for *_, pictures in stored) >= 8
+    for (source, text, pictures), (_, new_text, new_pictures) in zip(stored, fresh, strict=True):
+        assert pictures == new_pictures, source
+        # numbers are compared to the digits that are shown
+        assert OutputChecker().check_output(text, new_text, NUMBER), f"{source}\nstored:\n{text}\nnow:\n{new_text}"
