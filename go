@@ -2,7 +2,8 @@
 # From a fresh machine with Python 3.11 or later to a result in one command:
 #   ./go fig07 [options]   make fig07.nc and fig07.png
 #   ./go test              run every check and test
-# Both set up a virtual environment first (.venv, or the folder that DIMERSWEEP_VENV names).
+#   ./go docs              build the site: build/docs/index.html
+# Each sets up a virtual environment first (.venv, or the folder that DIMERSWEEP_VENV names).
 set -euo pipefail
 cd "$(dirname "$0")"
 venv=${DIMERSWEEP_VENV:-.venv}
@@ -38,24 +39,34 @@ step() {
     "$@"
 }
 
-run_checks() {
+# the cubes of the small presets, in a scratch folder, where notebooks look for them
+make_small_cubes() {
     scratch=$(mktemp -d)
     trap 'rm -rf "$scratch"' EXIT
+    export DIMERSWEEP_CUBES=$scratch
+    for sweep in sweeps/*-small.toml; do
+        step dimersweep run "$sweep" --out "$scratch/$(basename "$sweep" .toml).nc"
+    done
+}
+
+build_site() {
+    rm -rf docs/generated # pages of names that are gone would be orphans
+    step python -m sphinx -W --keep-going --fresh-env --quiet docs build/docs
+    echo "site: build/docs/index.html"
+}
+
+run_checks() {
     step ruff check
     step ruff format --check
     step mypy
     step lint-imports --no-logo
-    # the next two leave compiled kernels in the cache for the tests
+    make_small_cubes # this leaves compiled kernels in the cache for all that follows
     step dimersweep simulate --plot "$scratch/run.png"
-    for sweep in sweeps/*-small.toml; do
-        name=$(basename "$sweep" .toml)
-        step dimersweep run "$sweep" --out "$scratch/$name.nc"
-        step compliance-checker -t cf:1.11 "$scratch/$name.nc"
+    for cube in "$scratch"/*.nc; do
+        step compliance-checker -t cf:1.11 "$cube"
     done
     step env NUMBA_DISABLE_JIT=1 pytest -q -m "not jit" tests/kernel
-    if compgen -G "notebooks/*.ipynb" >/dev/null; then
-        step env DIMERSWEEP_CUBES="$scratch" pytest -q --nbmake notebooks
-    fi
+    build_site
     step pytest -q
 }
 
@@ -68,8 +79,13 @@ test)
     set_up ".[dev]"
     run_checks
     ;;
+docs)
+    set_up ".[docs]"
+    make_small_cubes
+    build_site
+    ;;
 *)
-    sed -n '2,5s/^# //p' "$0" >&2
+    sed -n '2,6s/^# //p' "$0" >&2
     exit 2
     ;;
 esac

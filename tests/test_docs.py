@@ -1,17 +1,33 @@
-"""What the pages in docs/ name is there: files of the kernel, links, pictures."""
+"""The pages in docs/ say what is so: files, links, keys and attributes that they name are there, and their examples run."""
 
+import inspect
+import json
 import re
+import sys
 from pathlib import Path
 
 import pytest
+from pydantic import BaseModel
+from sybil import Sybil
+from sybil.document import PythonDocStringDocument
+from sybil.evaluators.doctest import NUMBER
+from sybil.parsers.myst import PythonCodeBlockParser, SkipParser
+from sybil.parsers.rest import DocTestParser
+
+from dimersweep import refine, search, sweep
+from dimersweep.cubes.cube import FLAGS
+from dimersweep.studies.declaration import Declaration, read_declaration
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*(ROOT / "docs").glob("*.md"), *ROOT.glob("*.md")])
 
 
+def text_of(page):
+    return (ROOT / page).read_text(encoding="utf-8")
+
+
 def test_every_file_that_the_page_of_the_model_names_is_there():
-    page = (ROOT / "docs" / "model.md").read_text(encoding="utf-8")
-    named = set(re.findall(r"`([a-z_]+(?:/[a-z_]+)*\.py)`", page))
+    named = set(re.findall(r"`([a-z_]+(?:/[a-z_]+)*\.py)`", text_of("docs/model.md")))
     assert len(named) > 15
     kernel = ROOT / "dimersweep" / "kernel"
     assert not [name for name in named if not (kernel / name).exists()]
@@ -19,7 +35,7 @@ def test_every_file_that_the_page_of_the_model_names_is_there():
 
 @pytest.mark.parametrize("number", [*range(1, 9), "A.1", "A.2", "A.3", "A.4", "A.5", "A.6"])
 def test_the_page_of_the_model_maps_every_numbered_equation(number):
-    page = (ROOT / "docs" / "model.md").read_text(encoding="utf-8")
+    page = text_of("docs/model.md")
     table = page[page.index("## Map from the paper to the code") :]
     assert f"({number})" in table
 
@@ -29,3 +45,117 @@ def test_links_within_the_repository_lead_somewhere(page):
     for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
         if "://" not in target and not target.startswith("mailto:"):
             assert (page.parent / target).exists(), target
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_programs_and_presets_that_a_page_names_are_there(page):
+    text = page.read_text(encoding="utf-8")
+    for name in re.findall(r"\b(?:benchmarks|docs|sweeps|tests|notebooks)/[\w/-]+\.(?:py|toml|ipynb|json)\b", text):
+        assert "/NAME" in name or (ROOT / name).exists(), name
+
+
+# --- examples ---------------------------------------------------------------------------------------------------------
+def evaluate(path, parsers, **more):
+    """Run the examples of a file in one namespace, one after the other; how many there were."""
+    document = Sybil(parsers=parsers, **more).parse(path)
+    document.namespace["__name__"] = "__main__"
+    examples = list(document.examples())
+    for example in examples:
+        example.evaluate()
+    return len(examples)
+
+
+WITH_PYTHON = [page for page in PAGES if "```python" in page.read_text(encoding="utf-8")]
+
+
+@pytest.mark.parametrize("page", WITH_PYTHON, ids=lambda page: page.name)
+def test_the_python_of_a_page_runs(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert evaluate(page, [PythonCodeBlockParser(), SkipParser()])
+
+
+WITH_DOCTESTS = [
+    path for path in sorted((ROOT / "dimersweep").rglob("*.py")) if ">>> " in path.read_text(encoding="utf-8")
+]
+
+
+@pytest.mark.parametrize("path", WITH_DOCTESTS, ids=lambda path: str(path.relative_to(ROOT / "dimersweep")))
+def test_the_examples_of_docstrings_print_what_they_show(path, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert evaluate(path, [DocTestParser(optionflags=NUMBER)], document_types={".py": PythonDocStringDocument})
+
+
+# --- sweep files ------------------------------------------------------------------------------------------------------
+def sections():
+    """The sections of a declaration that have keys of their own, and their models."""
+    for name, field in Declaration.model_fields.items():
+        kinds = [field.annotation, *getattr(field.annotation, "__args__", ())]
+        yield from ((name, kind) for kind in kinds if inspect.isclass(kind) and issubclass(kind, BaseModel))
+
+
+def as_written(field):
+    """The default of a key as the page has it."""
+    if field.is_required():
+        return "required"
+    default = field.get_default()
+    return "none" if default is None else default if isinstance(default, str) else json.dumps(default)
+
+
+def test_the_page_on_sweep_files_has_every_key_with_its_default():
+    rows = re.findall(r"^\| `(\w+\.\w+)` \| [^|]+ \| ([^|]+) \|", text_of("docs/sweepfile.md"), re.MULTILINE)
+    keys = {
+        f"{section}.{key}": as_written(field)
+        for section, model in sections()
+        for key, field in model.model_fields.items()
+    }
+    assert dict(rows) == keys
+
+
+def test_the_page_on_sweep_files_has_every_kind_of_picture():
+    from dimersweep.plots import KINDS
+
+    rows = re.findall(r"^\| `(\w+)` \|", text_of("docs/sweepfile.md"), re.MULTILINE)
+    assert set(rows) == set(KINDS)
+
+
+def test_the_sweep_file_of_the_page_is_one(tmp_path):
+    (block,) = re.findall(r"```toml\n(.*?)```", text_of("docs/sweepfile.md"), re.DOTALL)
+    file = tmp_path / "angles.toml"
+    file.write_text(block, encoding="utf-8")
+    assert list(read_declaration(file).grid) == ["f", "beta0"]
+
+
+# --- cubes ------------------------------------------------------------------------------------------------------------
+@pytest.fixture
+def tables(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "docs"))
+    yield __import__("tables")
+    sys.modules.pop("tables")
+
+
+def test_the_page_on_cubes_explains_every_word_of_every_flag(tables):
+    assert {name: list(words) for name, words in tables.WORDS.items()} == {
+        name: list(words) for name, words in FLAGS.items()
+    }
+
+
+def test_the_page_on_cubes_shows_every_flag():
+    shown = set(re.findall(r'flags\("(\w+)"\)', text_of("docs/cubes.md")))
+    assert shown == FLAGS.keys() - {"outcome"}  # whose words are those of mode
+
+
+def test_the_page_on_cubes_has_every_attribute_and_variable(tables, fake_kernel, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    grid, how = {"e": [0.5, 0.7], "Gamma": [0.8, 1.0], "beta0": [0.2, 0.4]}, {"periods": 10, "progress": False}
+    cubes = [
+        sweep(grid, **how, certify=True, out="one.nc", attrs={"plot": "segments"}),
+        sweep(grid | {"beta0": [0.2, 0.3]}, **how, certify=True, extend="one.nc"),
+        search(grid, over="beta0", **how, paths={"periods": 5}),
+        refine(grid, over="beta0", halvings={"e": 1}, **how),
+    ]
+    named = tables.ATTRIBUTES.keys() | tables.SOMETIMES.keys()
+    for cube in cubes:
+        assert tables.ATTRIBUTES.keys() <= set(cube.attrs) <= named
+        for name in map(str, cube.data_vars):
+            shown = tables.quantities().data + tables.parameters().data + tables.states().data
+            assert f"`{name}`" in shown, name

@@ -1,0 +1,38 @@
+"""How Sphinx builds the site: ``./go docs``."""
+
+import dimersweep
+
+project = "dimersweep"
+copyright = "the dimersweep authors"
+version = release = dimersweep.__version__
+
+extensions = [
+    "myst_nb",
+    "numpydoc",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.mathjax",
+    "sphinx-mathjax-offline",
+    "sphinx_copybutton",
+    "sphinxcontrib.typer",
+]
+exclude_patterns = ["notebooks/.ipynb_checkpoints"]
+
+myst_enable_extensions = ["amsmath", "dollarmath", "fieldlist"]
+myst_heading_anchors = 3
+nb_execution_mode = "force"
+nb_execution_raise_on_error = True
+nb_execution_show_tb = True
+nb_execution_timeout = 300
+nb_merge_streams = True
+nb_render_markdown_format = "myst"
+
+autosummary_generate = True
+autodoc_typehints = "none"  # numpydoc tells the types
+numpydoc_show_class_members = False
+numpydoc_xref_param_type = False
+
+html_theme = "furo"
+html_title = f"dimersweep {version}"
+copybutton_prompt_text = r">>> |\.\.\. |\$ "
+copybutton_prompt_is_regexp = True

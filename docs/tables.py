@@ -1,0 +1,152 @@
+"""Tables of the site, written from the words of the package itself, so that a page cannot name what the code does not have."""
+
+import re
+import tomllib
+from collections.abc import Iterable
+from pathlib import Path
+
+from IPython.display import Markdown
+
+from dimersweep.cubes.cube import FLAGS
+from dimersweep.kernel.model.layout import STATUS_MESSAGES, STATUSES
+from dimersweep.parameters import RULES
+from dimersweep.plots.style import TEX
+from dimersweep.symbols import BASE, EVENTS, PARAMETERS, QUANTITIES, STATES, Quantity
+
+SWEEPS = Path(__file__).resolve().parents[1] / "sweeps"
+
+# what the words of the flags stand for; a word that is missing here stops the build
+MODES = {
+    "not_run": "the point has not been run",
+    "failed": "the run could not be finished; `status` says why",
+    "rest": "both ends stay on the plate for good; the dimer may still roll or slide",
+    "drift": "the motion repeats every forcing period; the raised end lands once, the other one stays down nearly all the time",
+    "jump": "both ends leave the plate and land almost together",
+    "flutter": "the ends take turns, with a period longer than the forcing period",
+    "period_n": "any other motion that repeats after n forcing periods",
+    "aperiodic": "bounded, and does not repeat",
+    "unresolved": "had not settled within the periods given; ask for more",
+}
+WORDS = {
+    "mode": MODES,
+    "outcome": MODES,
+    "region": MODES | {"mixed": "the runs led to several modes, and none of them is the one asked for"},
+    "status": dict(zip(STATUSES, STATUS_MESSAGES, strict=True)),
+    "di_end": {
+        "none": "there was no double impact, or the mode is not drift",
+        "sp_sp": "both ends slip",
+        "sp_sk": "p1 slips, p2 sticks",
+        "sk_sp": "p1 sticks, p2 slips",
+        "sk_sk": "both ends stick",
+    },
+    "answer": {
+        "not_run": "the point has not been searched",
+        "no": "certain: no",
+        "yes": "certain: yes",
+        "unsure": "runs failed or did not settle, and the answer depends on them",
+    },
+    "computed": {"no": "the values are those of the cell around the point", "yes": "runs were made at this point"},
+    "confidence": {
+        "not_run": "the point was not certified",
+        "certain": "both further runs come to the same mode and settle in the same period",
+        "unsure": "they settle in another period, or the motion has not settled",
+        "changed": "a further run comes to another mode: a border is that near",
+    },
+}
+
+# global attributes of a cube
+ATTRIBUTES = {
+    "Conventions": "version of the CF conventions that the file follows",
+    "title": "what the cube shows",
+    "source": "program and version",
+    "references": "the paper",
+    "history": "when the cube was made (UTC)",
+    "dimersweep_cube": "version of this layout",
+    "configuration": "all that decides the numbers, as JSON: axes, fixed parameters, periods, accuracy, version of the kernel",
+    "configuration_sha256": "checksum of that text; a cube in which they differ is refused",
+    "kernel_version": "checksum of the sources of the kernel",
+    "git_commit": "revision of the program, or unknown",
+    "git_dirty": "whether its files had been changed since",
+    "python": "version",
+    "numpy": "version",
+    "numba": "version",
+    "cpu": "name of the processor of the machine that made the cube",
+    "platform": "its operating system",
+    "wall_time_s": "duration of the sweep in seconds, over all its starts",
+    "kernel_time_s": "sum of the times of all threads or workers in seconds",
+}
+SOMETIMES = {
+    "plot": "kind of picture that the file declares",
+    "extends": "the cube whose points were taken over (`--extend`)",
+    "failures": "what kept points from having results",
+}
+
+
+def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> Markdown:
+    lines = [head, ("---",) * len(head), *rows]
+    return Markdown("\n".join("| " + " | ".join(line) + " |" for line in lines))
+
+
+def _allowed(name: str) -> str:
+    """What the rules of a parameter allow, without the value that a message would name, and without its explanation."""
+    rules = [re.sub(r"( with \w+)? = \{\}| \(.*\)", "", rule.allowed) for rule in RULES if rule.name == name]
+    return " and ".join(dict.fromkeys(rules)).replace("<", "&lt;") or "any number"
+
+
+def parameters() -> Markdown:
+    """Every parameter of the model."""
+    rows = (
+        (
+            f"`{name}`",
+            f"${TEX[name]}$",
+            meaning,
+            units,
+            f"{BASE[name]:.6g}" if name in BASE else "not given",
+            _allowed(name),
+        )
+        for name, (units, meaning) in PARAMETERS.items()
+    )
+    return _table(("name", "symbol", "meaning", "unit", "base case", "allowed"), rows)
+
+
+def _quantities(quantities: dict[str, Quantity]) -> Markdown:
+    rows = ((f"`{name}`", meaning, units) for name, (units, meaning) in quantities.items())
+    return _table(("name", "meaning", "unit"), rows)
+
+
+def quantities() -> Markdown:
+    """Every variable that a cube may have besides its axes."""
+    return _quantities({name: quantity for name, quantity in QUANTITIES.items() if name != "outcome"})
+
+
+def events() -> Markdown:
+    """The columns of ``run.events``."""
+    return _quantities(EVENTS)
+
+
+def states() -> Markdown:
+    """The variables of ``run.states(t)``."""
+    return _quantities(STATES)
+
+
+def flags(name: str) -> Markdown:
+    """Codes, words and meanings of a flag variable."""
+    rows = ((str(code), f"`{word}`", WORDS[name][word]) for code, word in enumerate(FLAGS[name]))
+    return _table(("code", "word", "meaning"), rows)
+
+
+def attributes(named: dict[str, str]) -> Markdown:
+    """Attributes and their meanings."""
+    return _table(("attribute", "meaning"), ((f"`{name}`", meaning) for name, meaning in named.items()))
+
+
+def presets() -> Markdown:
+    """Every sweep file that has a small one beside it."""
+    rows = []
+    for small in sorted(SWEEPS.glob("*-small.toml")):
+        name = small.stem.removesuffix("-small")
+        declared = tomllib.loads((SWEEPS / f"{name}.toml").read_text(encoding="utf-8"))
+        over = declared.get("search", {}).get("over")
+        axes = ", ".join(f"`{axis}`" + (" (searched)" if axis == over else "") for axis in declared["grid"])
+        rows.append((f"`{name}`", declared["sweep"]["title"], axes))
+    return _table(("name", "what it holds", "axes"), rows)
