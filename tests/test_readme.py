@@ -1,4 +1,4 @@
-"""The Python of the README runs as it stands, block after block, and so do its commands."""
+"""README, the page on sweeps and the tutorial run as they stand, and what README shows is what is printed."""
 
 import re
 import shlex
@@ -6,31 +6,85 @@ import shutil
 import sys
 from pathlib import Path
 
+import jupytext
+import pytest
+from nbclient import NotebookClient
+
+import dimersweep
 from dimersweep import cli
 
-README = Path(__file__).parents[1] / "README.md"
+ROOT = Path(__file__).parents[1]
+README = ROOT / "README.md"
+
+
+def blocks(page, language):
+    """The code blocks of a page, in order."""
+    return re.findall(rf"```{language}\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+
+
+def commands(page):
+    """The lines of a page that call the program, as arguments."""
+    lines = [line for block in blocks(page, "bash") for line in block.splitlines()]
+    return [shlex.split(line, comments=True) for line in lines if line.startswith("dimersweep ")]
 
 
 def test_the_examples_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    blocks = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
-    assert len(blocks) >= 3
+    python = blocks(README, "python")
+    assert len(python) >= 2
     names = {}
-    for block in blocks:
+    for block in python:
         exec(compile(block, str(README), "exec"), names)
     assert capsys.readouterr().out.startswith("drift ")
     assert (tmp_path / "cube.nc").exists()
+    assert (tmp_path / "intervals.png").stat().st_size > 10_000
 
 
-def test_the_commands_run(tmp_path, monkeypatch, fake_kernel, capsys):
+def table(text):
+    """Value and unit of each row of a printed table; the changes per period, which are all but noise, are left out."""
+    rows = [[cell.strip() for cell in line.split("│")[1:4]] for line in text.splitlines() if "│" in line]
+    return {name: (value, unit) for name, value, unit in rows}
+
+
+def test_the_run_prints_what_is_shown(monkeypatch, capsys):
+    (arguments,) = commands(README)
+    (shown,) = map(table, blocks(README, "text"))
+    monkeypatch.setattr(sys, "argv", arguments)
+    cli.main()
+    printed = table(capsys.readouterr().out)
+    assert shown.keys() == printed.keys()
+    for name, (value, unit) in shown.items():
+        assert printed[name][1] == unit
+        assert printed[name][0] == value or float(printed[name][0]) == pytest.approx(float(value), rel=1e-5)
+
+
+def test_the_commands_on_sweeps_run_one_after_the_other(tmp_path, monkeypatch, fake_kernel, capsys):
     monkeypatch.chdir(tmp_path)
-    shutil.copytree(README.parent / "sweeps", "sweeps")
-    blocks = re.findall(r"```bash\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
-    lines = [line for block in blocks for line in block.splitlines() if line.startswith("dimersweep ")]
-    lines.sort(key=lambda line: "run sweeps/fig07.toml" not in line or "--extend" in line)  # which others start from
+    shutil.copytree(ROOT / "sweeps", "sweeps")
+    lines = commands(ROOT / "docs" / "sweeps.md")
     assert len(lines) >= 6
     for line in lines:
-        monkeypatch.setattr(sys, "argv", shlex.split(line, comments=True))
+        monkeypatch.setattr(sys, "argv", line)
         cli.main()
     assert "fig07.nc: complete, 13497 points" in capsys.readouterr().out
     assert {path.name for path in tmp_path.iterdir()} >= {"fig07.nc", "same.nc", "finer.nc", "again.png"}
+
+
+def test_the_tutorial_runs(tmp_path):
+    tutorial = jupytext.read(ROOT / "docs" / "tutorial.md")
+    assert sum(cell.cell_type == "code" for cell in tutorial.cells) > 20
+    NotebookClient(tutorial, timeout=300, kernel_name="python3", resources={"metadata": {"path": tmp_path}}).execute()
+
+
+SCRIPT = ROOT / "docs" / "stranger.py"
+MISSING = [name for name in ("load_run", "bifurcation") if not hasattr(dimersweep, name)]
+
+
+@pytest.mark.skipif(bool(MISSING), reason=f"dimersweep has no {' and no '.join(MISSING)} yet")
+def test_the_script_of_25_lines_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    script = SCRIPT.read_text(encoding="utf-8")
+    assert len(script.splitlines()) <= 25
+    exec(compile(script, str(SCRIPT), "exec"), {})
+    for name in ("walk.nc", "sample.nc", "walk.gif", "bifurcation.png"):
+        assert (tmp_path / name).stat().st_size > 1000
