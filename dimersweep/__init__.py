@@ -1,4 +1,15 @@
-"""dimersweep: event-driven simulation of a 3D dimer on a vibrating plate, one run or millions of them."""
+"""dimersweep: event-driven simulation of a 3D dimer on a vibrating plate, one run or millions of them.
+
+Examples
+--------
+>>> import dimersweep
+>>> run = dimersweep.simulate(Gamma=0.9, f=15, periods=100)
+>>> run.mode, round(run.orbit.radius, 2)
+('drift', 4.24)
+>>> cube = dimersweep.sweep({"beta0": {"start": 10, "stop": 30, "step": 10, "unit": "deg"}}, periods=100, progress=False)
+>>> dimersweep.names(cube["mode"]).values.tolist()
+['rest', 'drift', 'drift']
+"""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any

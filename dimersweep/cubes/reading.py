@@ -254,6 +254,15 @@ def circle_through(x: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
     Parameters
     ----------
     x, y : ndarray, shape (n,)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from dimersweep.cubes.reading import circle_through
+    >>> angle = np.linspace(0, 1, 5)
+    >>> a, b, radius = circle_through(3 + 2 * np.cos(angle), 4 + 2 * np.sin(angle))
+    >>> round(a, 6), round(b, 6), round(radius, 6)
+    (3.0, 4.0, 2.0)
     """
     a, b, c = np.linalg.lstsq(np.column_stack([2 * x, 2 * y, np.ones(x.size)]), x**2 + y**2)[0]
     return float(a), float(b), float(np.sqrt(c + a * a + b * b))
@@ -275,6 +284,12 @@ def stick_ratio(
     ----------
     A_r, r, rho_b, rho_r, D_r : float
         As in `simulate`.
+
+    Examples
+    --------
+    >>> from dimersweep.cubes.reading import stick_ratio
+    >>> round(stick_ratio(5), 3), round(stick_ratio(6), 3), round(stick_ratio(7), 3)
+    (0.239, 0.2, 0.171)
     """
     length = 2 * r * (A_r - 1)
     ball, rod = 4 / 3 * np.pi * r**3 * rho_b, np.pi / 4 * D_r**2 * (length - 2 * r) * rho_r

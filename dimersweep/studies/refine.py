@@ -316,6 +316,20 @@ def refine(
         For a grid, a parameter or a setting that is not allowed, before any work.
     StoreError, KernelError, PointError, UnfinishedError, Stopped
         As by `sweep`.
+
+    Examples
+    --------
+    From which intensity between 0.5 and 0.9 does some of nine dip angles drift?
+
+    >>> from dimersweep import names, refine
+    >>> angles = {"start": 10, "stop": 50, "step": 5, "unit": "deg"}
+    >>> found = refine(
+    ...     {"Gamma": [0.5, 0.9], "beta0": angles}, over="beta0", halvings={"Gamma": 3}, periods=100, progress=False
+    ... )
+    >>> names(found["region"]).values.tolist()
+    ['rest', 'rest', 'rest', 'rest', 'rest', 'rest', 'rest', 'rest', 'drift']
+    >>> int(found["computed"].sum()), found["computed"].size
+    (5, 9)
     """
     coarse = make_spec(grid, fixed, over=over, ask=ask, mode=mode, periods=periods, max_periods=max_periods, rtol=rtol)
     return run_refine(RefineSpec(coarse, *check_refinement(coarse, halvings, between)), make_options(**options))

@@ -312,6 +312,16 @@ def search(
         For a grid, a parameter or a setting that is not allowed, before any work.
     StoreError, KernelError, PointError, UnfinishedError, Stopped
         As by `sweep`.
+
+    Examples
+    --------
+    Does any of nine dip angles drift, at two intensities?
+
+    >>> from dimersweep import names, search
+    >>> angles = {"start": 10, "stop": 50, "step": 5, "unit": "deg"}
+    >>> found = search({"Gamma": [0.5, 0.9], "beta0": angles}, over="beta0", periods=100, progress=False)
+    >>> names(found["answer"]).values.tolist()
+    ['no', 'yes']
     """
     spec = make_spec(
         grid,
