@@ -6,7 +6,8 @@ Examples
 >>> run = dimersweep.simulate(Gamma=0.9, f=15, periods=100)
 >>> run.mode, round(run.orbit.radius, 2)
 ('drift', 4.24)
->>> cube = dimersweep.sweep({"beta0": {"start": 10, "stop": 30, "step": 10, "unit": "deg"}}, periods=100, progress=False)
+>>> angles = {"start": 10, "stop": 30, "step": 10, "unit": "deg"}
+>>> cube = dimersweep.sweep({"beta0": angles}, periods=100, progress=False)
 >>> dimersweep.names(cube["mode"]).values.tolist()
 ['rest', 'drift', 'drift']
 """

@@ -87,6 +87,11 @@ def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> Markdown:
     return Markdown("\n".join("| " + " | ".join(line) + " |" for line in lines))
 
 
+def _unit(units: str) -> str:
+    """A unit as it is in the file, kept on one line."""
+    return units.replace(" ", "\u00a0").replace("-", "\u2011")
+
+
 def _allowed(name: str) -> str:
     """What the rules of a parameter allow, without the value that a message would name, and without its explanation."""
     rules = [re.sub(r"( with \w+)? = \{\}| \(.*\)", "", rule.allowed) for rule in RULES if rule.name == name]
@@ -99,18 +104,18 @@ def parameters() -> Markdown:
         (
             f"`{name}`",
             f"${TEX[name]}$",
-            meaning,
-            units,
+            quantity.long_name,
+            _unit(quantity.units),
             f"{BASE[name]:.6g}" if name in BASE else "not given",
             _allowed(name),
         )
-        for name, (units, meaning) in PARAMETERS.items()
+        for name, quantity in PARAMETERS.items()
     )
     return _table(("name", "symbol", "meaning", "unit", "base case", "allowed"), rows)
 
 
 def _quantities(quantities: dict[str, Quantity]) -> Markdown:
-    rows = ((f"`{name}`", meaning, units) for name, (units, meaning) in quantities.items())
+    rows = ((f"`{name}`", quantity.long_name, _unit(quantity.units)) for name, quantity in quantities.items())
     return _table(("name", "meaning", "unit"), rows)
 
 

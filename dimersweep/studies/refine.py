@@ -323,9 +323,8 @@ def refine(
 
     >>> from dimersweep import names, refine
     >>> angles = {"start": 10, "stop": 50, "step": 5, "unit": "deg"}
-    >>> found = refine(
-    ...     {"Gamma": [0.5, 0.9], "beta0": angles}, over="beta0", halvings={"Gamma": 3}, periods=100, progress=False
-    ... )
+    >>> grid = {"Gamma": [0.5, 0.9], "beta0": angles}
+    >>> found = refine(grid, over="beta0", halvings={"Gamma": 3}, periods=100, progress=False)
     >>> names(found["region"]).values.tolist()
     ['rest', 'rest', 'rest', 'rest', 'rest', 'rest', 'rest', 'rest', 'drift']
     >>> int(found["computed"].sum()), found["computed"].size

@@ -319,7 +319,8 @@ def search(
 
     >>> from dimersweep import names, search
     >>> angles = {"start": 10, "stop": 50, "step": 5, "unit": "deg"}
-    >>> found = search({"Gamma": [0.5, 0.9], "beta0": angles}, over="beta0", periods=100, progress=False)
+    >>> grid = {"Gamma": [0.5, 0.9], "beta0": angles}
+    >>> found = search(grid, over="beta0", periods=100, progress=False)
     >>> names(found["answer"]).values.tolist()
     ['no', 'yes']
     """
