@@ -11,8 +11,8 @@ low, high = {"e": 0.5, "Gamma": 0.6, "beta0": 0.1}, {"e": 0.8, "Gamma": 1.4, "be
 unit = qmc.LatinHypercube(d=3, seed=1).random(500)
 table = dict(zip(low, qmc.scale(unit, list(low.values()), list(high.values())).T, strict=True))
 cube = dimersweep.sweep(points=table, periods=200, out="sample.nc")
-drifts = dimersweep.names(cube["mode"]).values == "drift"
-print(f"{100 * drifts.mean():.0f} % of the points drift")
+drifts = cube.dimersweep.drifts()
+print(f"{100 * drifts.mean().item():.0f} % of the points drift")
 
 clicked = int(np.flatnonzero(drifts)[0])
 behind = cube.dimersweep.run(point=clicked)

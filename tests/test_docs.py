@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import pkgutil
 import re
 import sys
 from pathlib import Path
@@ -55,10 +56,19 @@ def test_programs_and_presets_that_a_page_names_are_there(page):
 
 
 # --- examples ---------------------------------------------------------------------------------------------------------
+def lacks(name):
+    """Whether the package has no such name, or module, yet."""
+    try:
+        pkgutil.resolve_name(f"dimersweep.{name}")
+    except (AttributeError, ImportError):
+        return True
+    return False
+
+
 def evaluate(path, parsers, **more):
     """Run the examples of a file in one namespace, one after the other; how many there were."""
     document = Sybil(parsers=parsers, **more).parse(path)
-    document.namespace["__name__"] = "__main__"
+    document.namespace |= {"__name__": "__main__", "lacks": lacks}
     examples = list(document.examples())
     for example in examples:
         example.evaluate()
