@@ -1,5 +1,7 @@
 """How Sphinx builds the site: ``./go docs``."""
 
+from sphinx.ext import autosummary
+
 import dimersweep
 
 project = "dimersweep"
@@ -28,6 +30,9 @@ nb_merge_streams = True
 nb_render_markdown_format = "myst"
 
 autosummary_generate = True
+# summaries are first sentences, which do not end at these
+autosummary.WELL_KNOWN_ABBREVIATIONS += ("Fig.", "Figs.", "Sect.")
+templates_path = ["_templates"]
 autodoc_typehints = "none"  # numpydoc tells the types
 numpydoc_show_class_members = False
 numpydoc_xref_param_type = False

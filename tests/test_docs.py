@@ -15,6 +15,7 @@ from sybil.evaluators.doctest import NUMBER
 from sybil.parsers.myst import PythonCodeBlockParser, SkipParser
 from sybil.parsers.rest import DocTestParser
 
+import dimersweep
 from dimersweep import refine, search, sweep
 from dimersweep.cubes.cube import FLAGS
 from dimersweep.studies.declaration import Declaration, read_declaration
@@ -133,6 +134,14 @@ def test_the_sweep_file_of_the_page_is_one(tmp_path):
     file = tmp_path / "angles.toml"
     file.write_text(block, encoding="utf-8")
     assert list(read_declaration(file).grid) == ["f", "beta0"]
+
+
+# --- Python -----------------------------------------------------------------------------------------------------------
+def test_the_page_on_python_has_every_public_name():
+    shown = set(re.findall(r"^   ([\w.]+)$", text_of("docs/api.md"), re.MULTILINE))
+    assert set(dimersweep.__all__) - {"stability"} <= shown  # a module, whose functions are there
+    public = [name for name, value in vars(dimersweep.Run).items() if not name.startswith("_") and value.__doc__]
+    assert {f"Run.{name}" for name in public if name not in ("record", *dimersweep.Run.__annotations__)} <= shown
 
 
 # --- cubes ------------------------------------------------------------------------------------------------------------
