@@ -5,6 +5,7 @@ import json
 import pkgutil
 import re
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -54,6 +55,20 @@ def test_programs_and_presets_that_a_page_names_are_there(page):
     text = page.read_text(encoding="utf-8")
     for name in re.findall(r"\b(?:benchmarks|docs|sweeps|tests|notebooks)/[\w/-]+\.(?:py|toml|ipynb|json)\b", text):
         assert "/NAME" in name or (ROOT / name).exists(), name
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_commands_and_extras_that_a_page_names_are_there(page):
+    text = page.read_text(encoding="utf-8")
+    for verb in re.findall(r"\./go (\w+)", text):
+        assert re.search(rf"^{verb}\)$", text_of("go"), re.MULTILINE), verb
+    for extra in re.findall(r"\.\[(\w+)\]'", text):
+        assert extra in tomllib.loads(text_of("pyproject.toml"))["project"]["optional-dependencies"], extra
+
+
+def test_the_page_on_installing_has_every_extra():
+    extras = tomllib.loads(text_of("pyproject.toml"))["project"]["optional-dependencies"]
+    assert set(re.findall(r"\.\[(\w+)\]'", text_of("docs/install.md"))) == set(extras)
 
 
 # --- examples ---------------------------------------------------------------------------------------------------------
