@@ -20,6 +20,7 @@ from dimersweep.kernel.model.layout import (
     CODE_MODE,
     CODE_N_PERIODS,
     CODE_STATUS,
+    CODES,
     M_DRIFT,
     M_UNRESOLVED,
     MODES,
@@ -65,7 +66,7 @@ def test_threads_and_tiles_give_the_bits_of_a_serial_run(monkeypatch):
     for length in (1, 5):
         set_pace(monkeypatch, length)
         cube = quiet_sweep(grid, periods=40, workers=2)
-        for name, values in (*zip(tiles.CODES, codes.T, strict=True), ("radius", out[:, 0])):
+        for name, values in (*zip(CODES, codes.T, strict=True), ("radius", out[:, 0])):
             assert cube[name].values.astype(values.dtype).tobytes() == values.tobytes(), name
 
 
@@ -211,7 +212,7 @@ def test_tiles_travel_by_pickle(fake_kernel):
     spec = pickle.loads(pickle.dumps(make_spec(GRID, periods=5)))
     results = run_tile(spec, pickle.loads(pickle.dumps(Tile(10, 20))))
     assert results.tobytes() == run_tile(spec, Tile(0, 267))[10:20].tobytes()
-    assert results["codes"].shape == (10, len(tiles.CODES))
+    assert results["codes"].shape == (10, len(CODES))
 
 
 @given(st.integers(1, 500), st.integers(1, 500))
