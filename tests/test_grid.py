@@ -1,6 +1,7 @@
 """Axes become points in C order, whatever range is asked for, and a bad axis is refused in one line."""
 
 import re
+from functools import reduce
 
 import numpy as np
 import pytest
@@ -39,6 +40,8 @@ BAD = [
     ({"f": {"start": 2, "stop": 1, "num": 3}}, {}, "f.stop = 1.0: must be >= start = 2.0"),
     ({"f": {"start": 1, "stop": 2, "step": 0}}, {}, "f.step = 0.0: must be > 0"),
     ({"f": {"start": 1, "stop": 2, "num": 0}}, {}, "f.num = 0: must be a whole number >= 1"),
+    ({"f": [reduce(lambda inner, _: [inner], range(5000), 1.0)]}, {}, "f = [[[[[[[...]]]]]]]: must be a number"),
+    ({"f": [15, None]}, {}, "f = None: must be a number"),
     ({"f": {"start": 1, "stop": 2, "step": 1e-300}}, {}, f"f.step = 1e-300: gives more than {MAX_POINTS} values"),
     ({"f": {"start": 1, "stop": 2, "num": 10**12}}, {}, f"f.num = {10**12}: must be <= {MAX_POINTS}"),
     ({"f": {"values": [1], "unit": "deg"}}, {}, "f.unit = 'deg': must be Hz"),

@@ -357,3 +357,12 @@ def test_public_names():
     assert dimersweep.simulate is simulate
     assert dimersweep.Run is type(simulate(periods=1))
     assert all(a < b for a, b in pairwise(sorted(dimersweep.__all__)))
+
+
+def test_a_straight_path_has_no_circle():
+    """Without friction nothing turns the dimer."""
+    run = simulate(mu=0, mu_s=0, periods=60, record=False)
+    assert (run.status, run.mode, run.orbit.precession_rate) == ("ok", "drift", 0)
+    for name in ("radius", "period", "radius_drift", "period_drift"):
+        assert np.isnan(getattr(run.orbit, name)), name
+    assert repr(run).startswith("<Run: ok, drift, straight, zeta 1.571 rad, ")

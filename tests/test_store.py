@@ -4,15 +4,18 @@ import os
 import tracemalloc
 from pathlib import Path
 
+import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
 
-from dimersweep.cubes.cube import blank, build
+import dimersweep
+from dimersweep.cubes.cube import blank, build, names
 from dimersweep.cubes.grid import make_grid
-from dimersweep.errors import StoreError
+from dimersweep.errors import StoreError, UserError
 from dimersweep.storage.netcdf import check_writable, open_cube, write_cube
-from dimersweep.storage.provenance import attributes
+from dimersweep.storage.provenance import attributes, digest
+from dimersweep.studies.rerun import from_cube
 from dimersweep.studies.status import status
 
 
@@ -140,6 +143,65 @@ def test_files_that_are_no_cubes_are_told_apart(cube, tmp_path):
     xr.Dataset({"a": 1}).to_netcdf(tmp_path / "other.nc")
     with pytest.raises(StoreError, match=r"other.nc: is a NetCDF file, but no cube of dimersweep$"):
         open_cube(tmp_path / "other.nc")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[]",
+        "3",
+        "null",
+        '{"grid": ' * 50_000,
+        "[" * 100_000,
+        '{"fixed": null}',
+        '{"fixed": {"e": null}}',
+        '{"grid": []}',
+        '{"grid": {"f": 3}}',
+        '{"grid": {"f": [[[]]]}}',
+        '{"grid": {"e": [0.5]}}',
+        "{",
+    ],
+    ids=lambda text: text[:24],
+)
+def test_a_forged_configuration_is_refused(cube, tmp_path, text):
+    cube.assign_attrs(configuration=text, configuration_sha256=digest(text)).to_netcdf(tmp_path / "forged.nc")
+    for ask in (open_cube, from_cube, status):
+        with pytest.raises(StoreError, match=r"forged.nc: is a cube of dimersweep that was changed or is incomplete"):
+            ask(tmp_path / "forged.nc")
+
+
+@pytest.mark.parametrize("text", ["{}", '{"grid": {}}', '{"grid": {}, "fixed": {}, "periods": "x"}', '{"search": 3}'])
+def test_a_configuration_that_lacks_what_is_needed_is_told(cube, tmp_path, text):
+    cube.assign_attrs(configuration=text, configuration_sha256=digest(text)).to_netcdf(tmp_path / "forged.nc")
+    with pytest.raises(UserError) as caught:
+        from_cube(tmp_path / "forged.nc")
+    assert str(caught.value).startswith(str(tmp_path / "forged.nc"))
+    with pytest.raises(UserError, match=r"forged\.nc"):
+        dimersweep.sweep({"f": [15]}, periods=3, extend=tmp_path / "forged.nc", progress=False)
+
+
+def test_codes_of_no_word_are_refused(cube, tmp_path):
+    cube["mode"].values[1] = 127
+    write_cube(cube, tmp_path / "forged.nc")
+    for ask in (open_cube, status):
+        with pytest.raises(StoreError, match=r"^mode = 127: is the code of no mode; the cube was changed$"):
+            ask(tmp_path / "forged.nc")
+    with pytest.raises(StoreError, match=r"^mode = 127: is the code of no mode"):
+        names(cube["mode"])
+
+
+@pytest.mark.parametrize("points", [10**7, 10**10])
+def test_a_small_file_that_declares_much_is_refused(cube, tmp_path, points):
+    attrs = dict(cube.attrs)
+    with netCDF4.Dataset(tmp_path / "bomb.nc", "w") as file:
+        file.createDimension("f", points)
+        for name, kind in (("mode", "i1"), ("radius", "f8"), ("f", "f8")):
+            file.createVariable(name, kind, ("f",), zlib=True, chunksizes=(10**6,), fill_value=False)
+        file.setncatts({name: value for name, value in attrs.items() if name != "title"})
+    assert os.path.getsize(tmp_path / "bomb.nc") < 50_000
+    for ask in (open_cube, status):
+        with pytest.raises(StoreError, match=r"bomb.nc: declares \d+ bytes, which its \d+ cannot hold; it is damaged$"):
+            ask(tmp_path / "bomb.nc")
 
 
 def test_a_damaged_or_changed_cube_is_refused(cube, tmp_path):

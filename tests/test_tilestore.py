@@ -1,11 +1,12 @@
 """What is on disk is used only if every check holds; what is not is told in one line and computed again."""
 
 import errno
+import hashlib
 import json
 import os
 import shutil
 import subprocess
-import time
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -137,6 +138,15 @@ def other_configuration(path):
     list_anew([head, first, second | {"configuration_sha256": "0" * 64}])
 
 
+def mode_of_no_name(path):
+    points = np.load(path)
+    points["codes"][3, 1] = 127
+    np.save(path, points)
+    told = listed()
+    told[-1] |= {"sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
+    list_anew(told)
+
+
 def other_digit(path):
     text = MANIFEST.read_text()
     at = text.index('"wall": ', text.index(path.name)) + len('"wall": ')
@@ -158,6 +168,7 @@ def other_modes(path):
         (unlisted, "tiles-000002.npy is not listed"),
         (torn_line, "tiles-000002.npy is not listed; the manifest has 1 lines that are cut or damaged"),
         (garbled_line, "tiles-000002.npy is not listed; the manifest has 1 lines that are cut or damaged"),
+        (mode_of_no_name, "tiles-000002.npy has other modes than were listed"),
         (other_digit, "tiles-000002.npy is not listed; the manifest has 1 lines that are cut or damaged"),
         (other_modes, "tiles-000002.npy is not listed; the manifest has 1 lines that are cut or damaged"),
         (other_configuration, "tiles-000002.npy is not listed; the manifest has 1 lines that are cut or damaged"),
@@ -240,6 +251,34 @@ def test_force_keeps_what_fits_and_clears_what_does_not(counted):
     counted.clear()
     sweep(force=True, periods=6)
     assert sum(counted) == 120
+
+
+def test_status_reads_a_manifest_line_by_line():
+    left_behind((0, 30), (30, 60))
+    head, first, *_ = listed()
+    list_anew([head, *(first | {"file": f"tiles-{k:06d}.npy", "tiles": [[k % 90, k % 90 + 30]]} for k in range(3000))])
+    tracemalloc.start()
+    try:
+        lines = status(Path("cube.nc"))
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert lines[0].startswith("cube.nc: 90000 of 120 points done")
+    assert peak < 300_000  # 7 MB as a whole
+
+
+def test_status_tells_of_a_clock_that_was_set_back():
+    left_behind((0, 30))
+    head, first = listed()
+    list_anew([head, first | {"time": "2999-01-01T00:00:00+00:00"}])
+    assert status(Path("cube.nc"))[2] == "last tile: 2999-01-01T00:00:00+00:00, by a clock that has been set back since"
+
+
+def test_nothing_is_said_to_be_kept_where_nothing_is(monkeypatch):
+    monkeypatch.setattr(TileStore, "_write", full_disk)
+    with pytest.raises(StoreError, match=r"\(No space left on device\); nothing was finished before$"):
+        sweep()
+    assert os.listdir() == []
 
 
 def test_foreign_files_in_the_folder_stay():
@@ -380,9 +419,11 @@ def test_a_disk_that_is_read_only(disk):
 
 def test_a_slow_disk_is_asked_less_often(monkeypatch):
     whole, write, written = attempt(SPEC, (Tile(0, 120),)).finished[0], TileStore._write, []
+    clock = [0.0]
+    monkeypatch.setattr("dimersweep.storage.tilestore.perf_counter", lambda: clock[0])
 
     def slow(self, pieces, wall):
-        time.sleep(0.02)
+        clock[0] += 0.02
         written.append(len(pieces))
         return write(self, pieces, wall)
 
@@ -390,7 +431,7 @@ def test_a_slow_disk_is_asked_less_often(monkeypatch):
     monkeypatch.setattr(TileStore, "_write", slow)
     with tile_store(Path("cube.nc"), SPEC.configuration(), 120) as store:
         for point in range(120):
-            time.sleep(0.01)
+            clock[0] += 0.01
             store.add(whole.part(Tile(point, point + 1)))
         store.flush()
         assert store.gaps() == []

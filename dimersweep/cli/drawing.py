@@ -127,16 +127,14 @@ def _mark_in(picture: Path) -> str | None:
 def print_cube(cube: "xr.Dataset") -> None:
     """The tally of modes, or of a search's answers and runs; for segments, the length of each row."""
     from dimersweep.cubes.reading import drift_lengths
-    from dimersweep.work.progress import Tally
+    from dimersweep.storage.netcdf import modes_in
 
     if "answer" in cube:
         from dimersweep.cubes.reading import answers_told
 
         typer.echo(answers_told(cube))
         return
-    tally = Tally(cube["mode"].size)
-    tally.add(cube["mode"].values)
-    typer.echo(tally.words())
+    typer.echo(", ".join(f"{mode} {count}" for mode, count in modes_in(cube).items()))
     if "confidence" in cube:
         from dimersweep.cubes.cube import names
 

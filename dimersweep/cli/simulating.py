@@ -1,5 +1,6 @@
 """The command for one run."""
 
+from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -101,6 +102,7 @@ def _print_table(run: "Run", bounds: dict[str, float]) -> None:
         table.add_section()
         for name in ORBIT:
             value, drift = getattr(run.orbit, name), getattr(run.orbit, f"{name}_drift")
-            table.add_row(name, f"{value:.8g}", QUANTITIES[name].units, f"{drift:.2e}")
+            told = (f"{value:.8g}", QUANTITIES[name].units, f"{drift:.2e}")
+            table.add_row(name, *(("none: straight", "", "") if isnan(value) else told))
         table.add_row("double impact ends", run.orbit.di_end)
     Console().print(table)

@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.cubes.grid import Grid
-from dimersweep.errors import ParameterError
+from dimersweep.errors import ParameterError, StoreError
 from dimersweep.kernel.model.layout import (
     CODES,
     DI_ENDS,
@@ -137,6 +137,19 @@ def flatten(cube: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     return out, codes
 
 
+def check_flags(name: Any, values: np.ndarray) -> None:
+    """Refuse values of a flag variable that are the codes of no words.
+
+    Raises
+    ------
+    StoreError
+        With the first of them.
+    """
+    wrong = (values < 0) | (values >= len(FLAGS.get(name, ())))
+    if name in FLAGS and wrong.any():
+        raise StoreError(f"{name} = {values[wrong][0]}: is the code of no {name}; the cube was changed")
+
+
 def names(flags: xr.DataArray) -> xr.DataArray:
     """The words behind a flag variable, such as "drift" for each point of ``cube["mode"]``.
 
@@ -154,10 +167,13 @@ def names(flags: xr.DataArray) -> xr.DataArray:
     ------
     ParameterError
         If it is no flag variable.
+    StoreError
+        If a number is the code of no word.
     """
     if not isinstance(flags, xr.DataArray) or "flag_meanings" not in flags.attrs:
         told = getattr(flags, "name", None) or type(flags).__name__
         raise ParameterError(f"names: {told} has no words; give a flag variable such as cube['mode']")
+    check_flags(flags.name, flags.values)
     words = np.array(flags.attrs["flag_meanings"].split())
     places = np.searchsorted(flags.attrs["flag_values"], flags.values)
     return flags.copy(data=words[places]).drop_attrs()

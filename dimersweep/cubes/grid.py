@@ -31,7 +31,7 @@ def _from_range(name: str, read: Reader, start: Any, stop: Any, step: Any = None
     if stop < start:
         raise ParameterError(f"{name}.stop = {stop}: must be >= start = {start}")
     if num is not None:
-        count = check_count(f"{name}.num", num)
+        count = check_count(f"{name}.num", num, MAX_POINTS)
         stride = (stop - start) / max(count - 1, 1)
     else:
         stride = read(f"{name}.step", step)
@@ -41,8 +41,6 @@ def _from_range(name: str, read: Reader, start: Any, stop: Any, step: Any = None
         if steps >= MAX_POINTS:
             raise ParameterError(f"{name}.step = {stride}: gives more than {MAX_POINTS} values")
         count = int(steps + 1e-9) + 1  # round-off must not cost the last step
-    if count > MAX_POINTS:
-        raise ParameterError(f"{name}.num = {count}: must be <= {MAX_POINTS}")
     return start + stride * np.arange(count)
 
 

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from inspect import Parameter, Signature
+from math import isnan
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,9 +36,9 @@ class Orbit:
     Attributes
     ----------
     radius : float
-        Radius of the circle, speed over precession rate [m].
+        Radius of the circle, speed over precession rate [m]; NaN for a straight path, which has none.
     period : float
-        Time once round [s].
+        Time once round [s]; NaN for a straight path.
     zeta : float
         Angle from the axis (from the ball that is down to the one that bounces) to the velocity [rad].
     speed : float
@@ -118,7 +119,8 @@ class Run:
     _end: End | None = field(default=None)
 
     def __repr__(self) -> str:
-        orbit = f", radius {self.orbit.radius:.4g} m, zeta {self.orbit.zeta:.4g} rad" if self.orbit else ""
+        circle = f"radius {self.orbit.radius:.4g} m" if self.orbit and not isnan(self.orbit.radius) else "straight"
+        orbit = f", {circle}, zeta {self.orbit.zeta:.4g} rad" if self.orbit else ""
         kept = "" if self._record else ", not recorded"
         kept += ", record cut" if self.record_cut else ""
         return f"<Run: {self.status}, {self.mode}{orbit}, {self.n_periods} periods, {self.n_events} events{kept}>"

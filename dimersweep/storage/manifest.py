@@ -2,13 +2,13 @@
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from functools import cached_property
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import dimersweep
 from dimersweep.cubes.results import Tile
@@ -104,8 +104,12 @@ class Manifest:
     @property
     def words(self) -> str:
         """How far it is, such as ``12 of 132 points``."""
+        return self.words_for(self.done)
+
+    def words_for(self, done: int) -> str:
+        """The same for so many points that are done."""
         more = " known to be needed so far" if "refine" in self.configuration else ""
-        return f"{self.done} of {self.wanted} points{more}"
+        return f"{done} of {self.wanted} points{more}"
 
 
 def _head(configuration: Mapping[str, Any], size: int, cpu: str) -> dict[str, Any]:
@@ -166,8 +170,8 @@ def _entry(told: dict[str, Any], manifest: Manifest) -> Entry | None:
     return entry if sound else None
 
 
-def _take(line: bytes, manifest: Manifest) -> bool:
-    """Enter what a line after the first tells into `manifest`; whether it could be read."""
+def _take(line: bytes, manifest: Manifest, take: Callable[[Entry], None]) -> bool:
+    """Enter what a line after the first tells into `manifest`, or hand it to `take`; whether it could be read."""
     told = _told(line)
     if told is None:
         return False
@@ -176,7 +180,8 @@ def _take(line: bytes, manifest: Manifest) -> bool:
         manifest.wanted = told["wanted"] if sound else manifest.wanted
         return sound
     entry = _entry(told, manifest)
-    manifest.entries += [entry] if entry else []
+    if entry is not None:
+        take(entry)
     return entry is not None
 
 
@@ -191,8 +196,14 @@ def _begun(head: dict[str, Any], length: int) -> Manifest | None:
         return None
 
 
-def read_manifest(path: Path) -> Manifest:
+def read_manifest(path: Path, take: Callable[[Entry], None] | None = None) -> Manifest:
     """Read a manifest, leaving out the entries that are damaged.
+
+    Parameters
+    ----------
+    path : Path
+    take : callable, optional
+        Is given the entries one by one, in place of the manifest, which may be too long to be held.
 
     Raises
     ------
@@ -201,8 +212,12 @@ def read_manifest(path: Path) -> Manifest:
     OSError
         If it is not there.
     """
-    written = path.read_bytes()
-    first, *rest = written.splitlines(keepends=True) or [b""]
+    with path.open("rb") as file:
+        return _read(path, file, take)
+
+
+def _read(path: Path, rest: BinaryIO, take: Callable[[Entry], None] | None) -> Manifest:
+    first = rest.readline()
     head = _told(first)
     manifest = _begun(head, len(first)) if head else None
     if head is None or manifest is None:
@@ -210,7 +225,7 @@ def read_manifest(path: Path) -> Manifest:
     if (head.get("dimersweep_manifest"), head.get("layout")) != (FORMAT, _LAYOUT):
         raise StoreError(f"{path}: has the format of another version of dimersweep; sweep anew (force=True)")
     for line in rest:
-        if not (line.endswith(b"\n") and _take(line, manifest)):
+        if not (line.endswith(b"\n") and _take(line, manifest, take or manifest.entries.append)):
             manifest.damaged += 1
         manifest.length += len(line) if line.endswith(b"\n") else 0
     return manifest

@@ -1,22 +1,27 @@
 """Cubes on disk: written whole or not at all, never over another file unasked, and checked when they are opened."""
 
-import json
 import os
 import stat
 import tempfile
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
+from dimersweep.cubes.cube import FLAGS, check_flags
+from dimersweep.cubes.grid import MAX_POINTS
 from dimersweep.errors import ParameterError, StoreError
+from dimersweep.kernel.model.layout import MODES
 from dimersweep.storage.files import sync, told
-from dimersweep.storage.provenance import digest
-from dimersweep.storage.zarr import is_zarr, read_zarr
+from dimersweep.storage.provenance import digest, read_configuration
+from dimersweep.storage.zarr import blocks, is_zarr, read_zarr
 
 PART_BYTES = 1 << 26  # of a cube, that are written at once
 CUBES = (".nc", ".zarr")
+DEFLATED = 1100  # zlib makes nothing smaller by more than this
 
 
 def check_writable(path: str | os.PathLike[str], *, force: bool = False, name: str = "out") -> Path:
@@ -167,23 +172,50 @@ def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
         If there is no such file, it is no NetCDF file or Zarr group, or no (intact) cube of this program.
     """
     path = Path(path)
+    with _opened(path) as cube:
+        if is_zarr(path):
+            return cube
+        if cube.sizes and cube["mode"].size > MAX_POINTS:
+            raise StoreError(f"{path}: has {cube['mode'].size} points; a NetCDF cube may have {MAX_POINTS}")
+        with _damage_told(path):
+            cube.load()
+        for name in set(FLAGS) & set(cube.variables):
+            check_flags(name, cube[name].values)
+        return cube
+
+
+def count_modes(path: str | os.PathLike[str]) -> dict[str, int]:
+    """How many points of the cube at `path` are in each mode; they are read block by block.
+
+    Raises
+    ------
+    StoreError
+        See `open_cube`.
+    """
+    with _opened(Path(path)) as cube:
+        return modes_in(cube)
+
+
+def modes_in(cube: xr.Dataset) -> dict[str, int]:
+    """How many points of `cube` are in each mode, the most frequent first; a lazy one is read block by block."""
+    counts = np.zeros(len(MODES), dtype=np.int64)
+    for _, where in blocks(cube["mode"].shape):
+        values = cube["mode"][where].values.ravel()
+        check_flags("mode", values)
+        counts += np.bincount(values, minlength=len(MODES))
+    return {MODES[code]: int(counts[code]) for code in np.argsort(-counts, kind="stable") if counts[code]}
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[xr.Dataset]:
+    """The cube at `path`, whose values are still to be read, if what it tells of itself is sound."""
     if os.path.isdir(path) and is_zarr(path):
-        cube, kind = read_zarr(path), "Zarr group"
-    else:
-        cube, kind = read_netcdf(path), "NetCDF file"
-    if "dimersweep_cube" not in cube.attrs:
-        raise StoreError(f"{path}: is a {kind}, but no cube of dimersweep")
-    text = cube.attrs.get("configuration", "")
-    intact = digest(text) == cube.attrs.get("configuration_sha256") and "mode" in cube
-    if not intact or not _fixed_as_told(cube, json.loads(text)):
-        raise StoreError(f"{path}: is a cube of dimersweep that was changed or is incomplete; sweep it again")
-    return cube
-
-
-def _fixed_as_told(cube: xr.Dataset, configuration: Mapping[str, Any]) -> bool:
-    """Whether the fixed parameters are those of the configuration: single values have no checksum of their own."""
-    fixed = configuration.get("fixed", {})
-    return all(bool((cube[name] == value).all()) for name, value in fixed.items() if name in cube.coords)
+        yield _sound(read_zarr(path), path, "Zarr group")
+        return
+    with _netcdf(path) as cube:
+        with _damage_told(path):
+            sound = _sound(cube, path, "NetCDF file")
+        yield sound
 
 
 def read_netcdf(path: Path) -> xr.Dataset:
@@ -194,11 +226,58 @@ def read_netcdf(path: Path) -> xr.Dataset:
     StoreError
         If there is none, or it is no NetCDF file, or damaged.
     """
+    with _netcdf(path) as dataset, _damage_told(path):
+        return dataset.load()
+
+
+def _netcdf(path: Path) -> xr.Dataset:
+    """A NetCDF file whose values are still to be read."""
     if os.path.isdir(path):
         raise StoreError(f"{path}: is a folder; give a NetCDF file, or a folder that ends in .zarr")
     if not os.path.isfile(path):  # a name that no file can have is no error for it
         raise StoreError(f"{path}: no such file")
+    with _damage_told(path):
+        declared, size = _declared_bytes(path), path.stat().st_size
+        if declared > DEFLATED * size:
+            raise StoreError(f"{path}: declares {declared} bytes, which its {size} cannot hold; it is damaged")
+        return xr.open_dataset(path, engine="netcdf4", cache=False)
+
+
+def _declared_bytes(path: Path) -> int:
+    """What the numbers of a NetCDF file would take, as it says."""
+    from netCDF4 import Dataset
+
+    with Dataset(path) as file:
+        return sum(int(variable.size) * np.dtype(variable.dtype).itemsize for variable in file.variables.values())
+
+
+def _sound(cube: xr.Dataset, path: Path, kind: str) -> xr.Dataset:
+    if "dimersweep_cube" not in cube.attrs:
+        raise StoreError(f"{path}: is a {kind}, but no cube of dimersweep")
+    text = cube.attrs.get("configuration", "")
     try:
-        return xr.load_dataset(path, engine="netcdf4")
-    except (OSError, ValueError, RuntimeError, AttributeError) as error:  # the last one of an attribute that is damaged
+        intact = digest(text) == cube.attrs.get("configuration_sha256") and "mode" in cube
+        told = read_configuration(text)
+        intact = intact and set(told.get("grid", {})) <= set(cube.dims) and _fixed_as_told(cube, told)
+    except (ValueError, TypeError, AttributeError):
+        intact = False
+    if not intact:
+        raise StoreError(f"{path}: is a cube of dimersweep that was changed or is incomplete; sweep it again")
+    return cube
+
+
+@contextmanager
+def _damage_told(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except StoreError:
+        raise
+    except (OSError, ValueError, RuntimeError, AttributeError, MemoryError) as error:
+        # an AttributeError is that of an attribute that is damaged
         raise StoreError(f"{path}: is no NetCDF file, or a damaged one ({error})") from error
+
+
+def _fixed_as_told(cube: xr.Dataset, configuration: Mapping[str, Any]) -> bool:
+    """Whether the fixed parameters are those of the configuration: single values have no checksum of their own."""
+    fixed = configuration.get("fixed", {})
+    return all(bool((cube[name] == value).all()) for name, value in fixed.items() if name in cube.coords)

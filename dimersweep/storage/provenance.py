@@ -25,6 +25,34 @@ def as_text(configuration: Mapping[str, Any]) -> str:
     return json.dumps(configuration)
 
 
+def read_configuration(text: str) -> dict[str, Any]:
+    """The configuration that `text` tells.
+
+    Raises
+    ------
+    ValueError
+        If it is none: of another shape, or with axes or fixed parameters that are no numbers.
+    """
+    try:
+        told = json.loads(text)
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
+    if not isinstance(told, dict):
+        raise ValueError("no object")
+    axes, fixed = told.get("grid", {}), told.get("fixed", {})
+    if not (isinstance(axes, dict) and isinstance(fixed, dict)):
+        raise ValueError("grid and fixed must be objects")
+    if not all(isinstance(values, list) and all(map(_is_number, values)) for values in axes.values()):
+        raise ValueError("axes must be lists of numbers")
+    if not all(map(_is_number, fixed.values())):
+        raise ValueError("fixed parameters must be numbers")
+    return told
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
 def _short(value: Any) -> str:
     if isinstance(value, list) and len(value) > 4:
         return f"{len(value)} values from {value[0]!r} to {value[-1]!r}"

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from dimersweep.cubes.results import Finished, Tile, tally
-from dimersweep.kernel.model.layout import CODE_MODE, M_NOT_RUN
+from dimersweep.kernel.model.layout import CODE_MODE, M_NOT_RUN, MODES
 from dimersweep.storage.files import put
 from dimersweep.storage.manifest import Entry
 
@@ -99,8 +99,11 @@ def read_points(folder: Path, entry: Entry, kind: np.dtype) -> list[Finished]:
         raise Damaged("is no file of results") from None
     if points.dtype != kind or points.shape != (entry.points,):
         raise Damaged("has results of another shape")
-    if (points["codes"][:, CODE_MODE] == M_NOT_RUN).any():
+    modes = points["codes"][:, CODE_MODE]
+    if (modes == M_NOT_RUN).any():
         raise Damaged("has points that were not run")
+    if (modes.size and not 0 <= modes.min() <= modes.max() < len(MODES)) or tally(points["codes"]) != entry.modes:
+        raise Damaged("has other modes than were listed")
     ends = np.cumsum([stop - start for start, stop in entry.tiles])
     parts = np.split(points, ends[:-1])
     return [Finished(tile, part) for tile, part in zip(entry.tiles, parts, strict=True)]

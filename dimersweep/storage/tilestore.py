@@ -94,7 +94,9 @@ class TileStore:
 
     @property
     def keeps(self) -> str:
-        """What is kept, in words."""
+        """What is kept when the disk refuses, in words."""
+        if not self.manifest.done:
+            return "nothing was finished before"
         return f"what was finished before is kept in {self.folder}; mend that and run the same again"
 
     @property

@@ -165,6 +165,8 @@ def read_declaration(path: str | os.PathLike[str]) -> Declaration:
         declaration.study()
     except OSError as error:
         raise ParameterError(f"{path}: cannot be read ({error.strerror})") from None
+    except RecursionError:
+        raise ParameterError(f"{path}: is nested too deeply") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ParameterError(f"{path}: is no valid TOML ({error})") from None
     except ValidationError as error:

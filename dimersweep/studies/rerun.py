@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import xarray as xr
-from pydantic import ValidationError
 
 from dimersweep.errors import StoreError
 from dimersweep.kernel import kernel_version
@@ -41,7 +40,7 @@ def from_cube(path: str | os.PathLike[str], *, other_kernel: bool = False) -> De
     told = json.loads(cube.attrs["configuration"])
     try:
         declaration = _of_search(cube, told, path) if "search" in told else _of_sweep(cube, told, path)
-    except (KeyError, ValidationError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError) as error:  # a ValidationError is a ValueError
         raise StoreError(f"{path}: tells a configuration that this version does not know ({error})") from None
     today = told | {"kernel_version": kernel_version()}
     changes = differences(told, today if "search" in told else Spec.from_configuration(told).configuration())

@@ -72,6 +72,8 @@ class Known:
 
     def __init__(self, cube: xr.Dataset, name: str, spec: Spec | SearchSpec, read: Read) -> None:
         old, new = json.loads(cube.attrs["configuration"]), spec.configuration()
+        if not {"grid", "fixed"} <= set(old):
+            raise StoreError(f"{name}: tells a configuration that this version does not know")
         _refuse_other_settings(old, new, name)
         self.shape = spec.grid.shape
         self.offset = 0

@@ -5,13 +5,10 @@ from collections import Counter
 from datetime import UTC, datetime
 from pathlib import Path
 
-import numpy as np
-
-from dimersweep.cubes.cube import names
 from dimersweep.errors import StoreError
 from dimersweep.storage.locking import holder
-from dimersweep.storage.manifest import Manifest, read_manifest
-from dimersweep.storage.netcdf import open_cube
+from dimersweep.storage.manifest import Entry, read_manifest
+from dimersweep.storage.netcdf import count_modes
 from dimersweep.storage.tilestore import folder_of, lock_of, manifest_of
 from dimersweep.work.progress import clock
 
@@ -36,25 +33,28 @@ def status(path: Path) -> list[str]:
         if os.path.exists(out):
             return _of_cube(out)
         raise StoreError(f"{out}: no such cube, and no sweep for it ({folder_of(out)} has no manifest)")
-    return _of_tiles(out, read_manifest(manifest_of(out)))
+    return _of_tiles(out)
 
 
 def _of_cube(out: Path) -> list[str]:
-    modes, counts = np.unique(names(open_cube(out)["mode"].load()), return_counts=True)
-    tally = Counter(dict(zip(modes.tolist(), counts.tolist(), strict=True)))
+    tally = Counter(count_modes(out))
     return [f"{out}: complete, {tally.total()} points", f"modes: {_words(tally)}"]
 
 
-def _of_tiles(out: Path, manifest: Manifest) -> list[str]:
+def _of_tiles(out: Path) -> list[str]:
     tally: Counter[str] = Counter()
-    for entry in manifest.entries:
+    last = ""
+
+    def take(entry: Entry) -> None:
+        nonlocal last
         tally.update(entry.modes)
+        last = entry.time
+
+    manifest = read_manifest(manifest_of(out), take)
     done = tally.total()
-    lines = [f"{out}: {manifest.words} done ({100 * done // max(manifest.wanted, 1)} %)"]
+    lines = [f"{out}: {manifest.words_for(done)} done ({100 * done // max(manifest.wanted, 1)} %)"]
     if done:
-        lines.append(f"modes: {_words(tally)}")
-        age = datetime.now(UTC) - datetime.fromisoformat(manifest.entries[-1].time)
-        lines.append(f"last tile: {clock(age.total_seconds())} ago")
+        lines += [f"modes: {_words(tally)}", f"last tile: {_ago(last)}"]
     lines.append(f"failed: {tally['failed']} points")
     if manifest.damaged:
         lines.append(f"manifest: {manifest.damaged} lines are cut or damaged; their points will be computed again")
@@ -64,6 +64,11 @@ def _of_tiles(out: Path, manifest: Manifest) -> list[str]:
     else:
         lines.append(f"at work: {who}" if who else "at work: nobody; run the same sweep again to go on")
     return lines
+
+
+def _ago(time: str) -> str:
+    seconds = (datetime.now(UTC) - datetime.fromisoformat(time)).total_seconds()
+    return f"{clock(seconds)} ago" if seconds >= 0 else f"{time}, by a clock that has been set back since"
 
 
 def _words(tally: Counter[str]) -> str:

@@ -5,7 +5,7 @@ is down, with the state after the last impact of each burst) and long landings. 
 ball is down while it is closed or in hops shorter than HOP_LINE; impacts of one double event lie within BURST.
 """
 
-from math import acos, hypot, inf, nan, pi
+from math import acos, hypot, nan, pi
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.impact.impact import contact_velocity
@@ -360,7 +360,7 @@ def orbit_value(past, k, back):
     if k == OUT_PRECESSION_RATE:
         return rate
     if rate == 0.0:
-        return inf
+        return nan  # a straight path: there is no circle
     return row[E_SPEED] / abs(rate) if k == OUT_RADIUS else 2.0 * pi / abs(rate)
 
 
