@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from dimersweep import orbits
     from dimersweep.cubes.cube import names
     from dimersweep.errors import ParameterError, StoreError
+    from dimersweep.exploring.serving import explore
     from dimersweep.parameters import Parameters
     from dimersweep.runs import stability
     from dimersweep.runs.run import Run, simulate
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from dimersweep.storage.netcdf import open_cube
     from dimersweep.studies.refine import refine
     from dimersweep.studies.search import search
-    from dimersweep.studies.sweep import sweep
+    from dimersweep.studies.sweep import bifurcation, sweep
 
 __version__ = "0.1.0"
 __all__ = [
@@ -34,6 +35,8 @@ __all__ = [
     "Parameters",
     "Run",
     "StoreError",
+    "bifurcation",
+    "explore",
     "load_run",
     "names",
     "open_cube",
@@ -51,6 +54,8 @@ _HOME = {
     "Parameters": "parameters",
     "Run": "runs.run",
     "StoreError": "errors",
+    "bifurcation": "studies.sweep",
+    "explore": "exploring.serving",
     "load_run": "runs.saving",
     "names": "cubes.cube",
     "open_cube": "storage.netcdf",
@@ -59,7 +64,7 @@ _HOME = {
     "simulate": "runs.run",
     "sweep": "studies.sweep",
 }
-_MAKES_CUBES = ("open_cube", "refine", "search", "sweep")
+_MAKES_CUBES = ("bifurcation", "open_cube", "refine", "search", "sweep")
 
 
 def __getattr__(name: str) -> Any:

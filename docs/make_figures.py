@@ -23,6 +23,8 @@ def main() -> None:
     motion.legend(handles=contact_legend(), loc="outside lower center", ncols=4, fontsize=8, frameon=False)
     motion.savefig(FOLDER / "motion.png", dpi=110)
 
+    run.animate(FOLDER / "drift.gif", periods=12, speed=0.12, fps=20, force=True)
+
     path = Figure(figsize=(4.6, 4.4), layout="constrained")
     orbit(path.subplots(), run)
     path.savefig(FOLDER / "orbit.png", dpi=110)

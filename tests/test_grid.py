@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from dimersweep.cubes.grid import (
     MAX_POINTS,
     axis,
-    check_fits,
     make_grid,
 )
+from dimersweep.cubes.points import check_fits
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import ROW
 

@@ -9,6 +9,7 @@ import typer
 
 from dimersweep.cli.claiming import claims
 from dimersweep.cli.drawing import plot
+from dimersweep.cli.exploring import explore
 from dimersweep.cli.simulating import simulate
 from dimersweep.cli.sweeping import plan, run, status
 from dimersweep.errors import UserError
@@ -21,7 +22,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (simulate, run, plan, status, plot, claims):
+for command in (simulate, run, plan, status, plot, explore, claims):
     app.command()(command)
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.grid import Grid
+from dimersweep.cubes.points import AnyGrid
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.kernel.model.layout import (
     CODES,
@@ -76,7 +76,7 @@ def float_variable(dims: tuple[str, ...], values: np.ndarray, quantity: Quantity
 
 
 def build(
-    grid: Grid,
+    grid: AnyGrid,
     out: np.ndarray,
     codes: np.ndarray,
     attributes: Mapping[str, Any],
@@ -86,7 +86,7 @@ def build(
 
     Parameters
     ----------
-    grid : Grid
+    grid : Grid or Points
         Its axes are the dimensions, in that order; its fixed parameters become scalar coordinates.
     out : ndarray, shape (grid.size, N_OUT), float64
         Float results of each point; NaN where they have no meaning.
@@ -117,8 +117,17 @@ def build(
         variables[name] = labelled
     if more:
         variables["mode"].attrs["ancillary_variables"] = " ".join(more)
-    coordinates = {name: coordinate(name, value, PARAMETERS[name]) for name, value in (grid.axes | grid.fixed).items()}
-    return xr.Dataset(variables, coordinates, dict(attributes))
+    return xr.Dataset(variables, coordinates_of(grid), dict(attributes))
+
+
+def coordinates_of(grid: AnyGrid) -> dict[str, xr.Variable]:
+    """The axes of a grid, or the columns of single points; and every fixed parameter."""
+    given = PARAMETERS | {"point": Quantity("1", "number of the point")}
+    coordinates = {name: coordinate(name, value, given[name]) for name, value in (grid.axes | grid.fixed).items()}
+    for name, values in grid.columns.items():
+        coordinates[name] = xr.Variable(("point",), values, PARAMETERS[name].attributes())
+        coordinates[name].encoding.update(_SUMMED, _FillValue=None)
+    return coordinates
 
 
 def flatten(cube: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:

@@ -178,6 +178,19 @@ class Grid:
         values = (f"{name} = {float(axis[k])!r}" for (name, axis), k in zip(self.axes.items(), places, strict=True))
         return f"point {number} ({', '.join(values)})"
 
+    def told(self) -> dict[str, Any]:
+        """What of a configuration tells the points."""
+        return {"grid": {name: values.tolist() for name, values in self.axes.items()}, "fixed": self.fixed}
+
+    def first(self) -> "Grid":
+        """Its first point alone, without the fixed parameters."""
+        return Grid({name: values[:1] for name, values in self.axes.items()}, {})
+
+    @property
+    def columns(self) -> dict[str, np.ndarray]:
+        """Parameters that vary along the axis `point`: none, of a grid."""
+        return {}
+
     def window(self, start: int, stop: int) -> tuple["Grid", int]:
         """A small grid with the points `start` to `stop` - 1 in one piece, and the number of the first of them there.
 
@@ -208,6 +221,31 @@ def legal_points(grid: Grid) -> np.ndarray:
     return legal
 
 
+def refuse_twice(varied: Mapping[str, Any], fixed: Mapping[str, Any]) -> None:
+    """Refuse parameters that are given twice: as varied and as fixed, or e beside that of one end.
+
+    Raises
+    ------
+    ParameterError
+    """
+    for name in fixed:
+        check_name(name)
+        if name in varied:
+            raise ParameterError(f"{name}: given twice, as an axis and as a fixed value")
+    for end in ("e_1", "e_2"):
+        if {"e", end} <= {*varied, *fixed}:
+            raise ParameterError(f"{end}: given together with e; give e, or e_1 and e_2")
+
+
+def fixed_values(varied: Mapping[str, np.ndarray], fixed: Mapping[str, Any]) -> dict[str, float]:
+    """Every parameter that does not vary, in SI units: as `fixed` says, or as in the base case."""
+    held = {name: _held(name, value) for name, value in (BASE | dict(fixed)).items() if name not in varied}
+    if {"e_1", "e_2"} & {*varied, *fixed}:
+        e = held.pop("e")
+        held = {name: e for name in ("e_1", "e_2") if name not in varied} | held
+    return held
+
+
 def make_grid(axes: Mapping[str, Any], fixed: Mapping[str, Any] | None = None, *, gaps: Collection[str] = ()) -> Grid:
     """Build a grid and judge every point of it, axis by axis.
 
@@ -234,35 +272,8 @@ def make_grid(axes: Mapping[str, Any], fixed: Mapping[str, Any] | None = None, *
         raise ParameterError(f"grid: is a {type(axes).__name__}; give a mapping of parameters to their values")
     if not axes:
         raise ParameterError("grid: has no axis; give at least one parameter to sweep")
-    for name in fixed:
-        check_name(name)
-        if name in axes:
-            raise ParameterError(f"{name}: given twice, as an axis and as a fixed value")
-    for end in ("e_1", "e_2"):
-        if {"e", end} <= {*axes, *fixed}:
-            raise ParameterError(f"{end}: given together with e; give e, or e_1 and e_2")
+    refuse_twice(axes, fixed)
     made = {name: axis(name, declared) for name, declared in axes.items()}
-    held = {name: _held(name, value) for name, value in (BASE | fixed).items() if name not in made}
-    if {"e_1", "e_2"} & {*axes, *fixed}:
-        e = held.pop("e")
-        held = {name: e for name in ("e_1", "e_2") if name not in made} | held
+    held = fixed_values(made, fixed)
     check(held | made, gaps)
     return Grid(made, held)
-
-
-def check_fits(grid: Grid, *, by_blocks: bool) -> None:
-    """Refuse a grid whose results memory cannot be expected to hold.
-
-    Parameters
-    ----------
-    grid : Grid
-    by_blocks : bool
-        Whether its cube could be written without being held in memory.
-
-    Raises
-    ------
-    ParameterError
-    """
-    if grid.size > MAX_POINTS:
-        way_out = " (an output that ends in .zarr is not held in memory)" if by_blocks else ""
-        raise ParameterError(f"grid: {grid.size} points; one cube in memory may hold {MAX_POINTS}{way_out}")

@@ -18,12 +18,14 @@ from dimersweep.plots.runs import (
     portrait,
     run_figure,
 )
+from dimersweep.plots.strobes import bifurcation
 from dimersweep.plots.style import DPI, MODE_COLORS, check_picture, write_picture
 
 __all__ = [
     "DPI",
     "KINDS",
     "MODE_COLORS",
+    "bifurcation",
     "check_picture",
     "contact_legend",
     "draw",
@@ -58,6 +60,7 @@ KINDS = {
     "impact_ends": impact_ends,
     "shares": shares,
     "planar": planar,
+    "bifurcation": bifurcation,
 }
 
 

@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
+from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
 from dimersweep.errors import ParameterError, StoreError
@@ -271,6 +272,8 @@ def _view_from_above(axes: Axes, run: "Run", shown: xr.Dataset) -> Callable[[int
     axes.set_xlabel("$x$ [mm]")
     axes.set_ylabel("$y$ [mm]")
     axes.set_title("from above", fontsize=9)
+    for each in (axes.xaxis, axes.yaxis):
+        each.set_major_locator(MaxNLocator(4))
 
     def update(k: int) -> list[Any]:
         track.set_data(x[: k + 1], y[: k + 1])

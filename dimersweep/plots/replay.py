@@ -69,11 +69,17 @@ def _centre(shown: xr.Dataset, k: int, ball: int) -> np.ndarray:
     return 1e3 * np.array([shown[f"{axis}{ball}"].values[k] for axis in "xyz"])
 
 
+def _span(shown: xr.Dataset, axis: str, room: float) -> list[float]:
+    """Least and greatest coordinate that is shown, with room around the balls [mm]; heights from below the plate."""
+    values = 1e3 * np.concatenate([shown[f"{axis}1"].values, shown[f"{axis}2"].values])
+    lowest = 1e3 * shown["plate"].min().item() if axis == "z" else values.min() - room
+    return [float(lowest), float(values.max() + (room / 2 if axis == "z" else room))]
+
+
 def _plate(shown: xr.Dataset, r: float, k: int) -> dict[str, list[float]]:
     """Corners of the piece of plate that is shown, at its height in frame k."""
-    low = [1e3 * min(shown[f"{axis}{ball}"].min().item() for ball in (1, 2)) - 4 * r for axis in "xy"]
-    high = [1e3 * max(shown[f"{axis}{ball}"].max().item() for ball in (1, 2)) + 4 * r for axis in "xy"]
-    x, y = [low[0], high[0], high[0], low[0]], [low[1], low[1], high[1], high[1]]
+    (left, right), (near, far) = (_span(shown, axis, 4 * r) for axis in "xy")
+    x, y = [left, right, right, left], [near, near, far, far]
     z = [1e3 * shown["plate"].values[k]] * 4
     return _xyz(np.column_stack([x, y, z]))
 
@@ -125,10 +131,15 @@ def _layout(run: "Run", shown: xr.Dataset, pace: Pace) -> dict[str, Any]:
         {"label": "pause", "method": "animate", "args": [[None], still]},
     ]
     given = ", ".join(f"{name} = {run.parameters[name]:.4g}" for name in ("Gamma", "f", "A_r", "e", "mu", "mu_s"))
-    axes = {f"{axis}axis": {"title": {"text": f"{axis} [mm]"}} for axis in "xyz"}
+    room = 4e3 * run.parameters["r"]
+    spans = {axis: _span(shown, axis, room) for axis in "xyz"}
+    widest = max(high - low for low, high in spans.values())
+    ratio = {axis: (high - low) / widest for axis, (low, high) in spans.items()}
+    axes = {f"{axis}axis": {"title": {"text": f"{axis} [mm]"}, "range": span} for axis, span in spans.items()}
     return {
         "title": {"text": f"{run.mode}: {given}", "font": {"size": 14}},
-        "scene": axes | {"aspectmode": "data", "camera": {"eye": {"x": 1.1, "y": -1.3, "z": 0.7}}},
+        "scene": axes
+        | {"aspectmode": "manual", "aspectratio": ratio, "camera": {"eye": {"x": 0.7, "y": -0.9, "z": 0.55}}},
         "updatemenus": [{"type": "buttons", "direction": "left", "x": 0, "y": 0, "pad": {"t": 60}, "buttons": buttons}],
         "sliders": [slider | {"x": 0.18, "len": 0.8}],
         "margin": {"l": 0, "r": 0, "t": 40, "b": 0},

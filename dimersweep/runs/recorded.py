@@ -26,6 +26,7 @@ from dimersweep.kernel.model.layout import (
     OK,
     PERIOD,
     PHASE,
+    ROW,
     SLIP,
     SPIN,
     STATUS_MESSAGES,
@@ -37,7 +38,7 @@ from dimersweep.kernel.model.layout import (
     Y1,
 )
 from dimersweep.kernel.model.plate import motion
-from dimersweep.kernel.record import EVENT, HOP_TIME, no_record
+from dimersweep.kernel.record import EVENT, HOP_TIME, MODES, no_record
 from dimersweep.kernel.sample import HOPS_LAST, sample
 from dimersweep.symbols import EVENTS, STATES, Quantity
 
@@ -181,3 +182,13 @@ def states_of(record: Record, times: np.ndarray, rtol: float, parameters: dict[s
     if status != OK:
         raise RuntimeError(STATUS_MESSAGES[status])
     return _states(record, times, kernel_states, modes, parameters)
+
+
+def states_of_segments(record: Record, periods: np.ndarray) -> xr.Dataset:
+    """The states at the ends of forcing periods, which the record holds, shape (n,): numbers of completed periods."""
+    segments = record.segments
+    rows = np.flatnonzero((segments[:, PHASE] == 0.0) & np.isin(segments[:, PERIOD], periods))
+    rows = rows[np.unique(segments[rows, PERIOD], return_index=True)[1]]
+    parameters = dict(zip(ROW, record.row.tolist(), strict=True))
+    times = segments[rows, PERIOD] / parameters["f"]
+    return _states(record, times, segments[rows, :N_STATE], segments[rows, MODES : MODES + 2], parameters)

@@ -12,6 +12,7 @@ import xarray as xr
 
 from dimersweep.cubes.cube import blank, build
 from dimersweep.cubes.grid import Grid
+from dimersweep.cubes.points import AnyGrid
 from dimersweep.cubes.results import Tile, beyond, blank_results
 from dimersweep.errors import StoreError
 from dimersweep.storage.files import delete, sync, told
@@ -70,7 +71,7 @@ def blocks(shape: tuple[int, ...]) -> Iterator[tuple[Tile, tuple[slice, ...]]]:
 
 
 def write_zarr(
-    grid: Grid,
+    grid: AnyGrid,
     read: Callable[[int, int], np.ndarray],
     attributes: Mapping[str, Any],
     path: Path,
@@ -117,7 +118,7 @@ def write_zarr(
         delete(former)
 
 
-def _template(grid: Grid, attributes: Mapping[str, Any], kind: np.dtype) -> xr.Dataset:
+def _template(grid: AnyGrid, attributes: Mapping[str, Any], kind: np.dtype) -> xr.Dataset:
     """The cube of `grid` with lazy variables, so that only their types, chunks and attributes are written."""
     from zarr.codecs import ZstdCodec
 

@@ -29,6 +29,7 @@ class SweepSection(_Section):
     rtol: float = 1e-8
     stop_when_settled: bool = True
     certify: bool = False
+    strobes: int = 0
     output: str
 
 
@@ -59,7 +60,16 @@ class PlotSection(_Section):
     """How to draw the cube."""
 
     kind: Literal[
-        "segments", "mode_map", "regions", "paths", "trends", "minimum", "impact_ends", "shares", "planar"
+        "segments",
+        "mode_map",
+        "regions",
+        "paths",
+        "trends",
+        "minimum",
+        "impact_ends",
+        "shares",
+        "planar",
+        "bifurcation",
     ] = "mode_map"
 
 
@@ -100,7 +110,10 @@ class Declaration(_Section):
             if self.refine or self.paths:
                 raise ParameterError("search: is missing; refine and paths go with a search")
             given |= {"stop_when_settled": self.sweep.stop_when_settled, "certify": certify}
+            given["strobes"] = self.sweep.strobes
             return sweep_spec.make_spec(self.grid, self.fixed, **given)
+        if self.sweep.strobes:
+            raise ParameterError(f"sweep.strobes = {self.sweep.strobes}: is for sweeps of a whole grid")
         if certify:
             raise ParameterError("certify: is for sweeps of a whole grid; a search does not take it")
         if not self.sweep.stop_when_settled:

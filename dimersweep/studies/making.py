@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.cubes.cube import flatten
-from dimersweep.cubes.grid import Grid, check_fits
+from dimersweep.cubes.points import AnyGrid, check_fits
 from dimersweep.cubes.results import failed
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.runs import accessor  # noqa: F401 - gives every cube its `cube.dimersweep`
@@ -29,7 +29,7 @@ class Study(Protocol):
     """What a cube is made of: all that decides its numbers."""
 
     @property
-    def grid(self) -> Grid:
+    def grid(self) -> AnyGrid:
         """Its points."""
 
     @property

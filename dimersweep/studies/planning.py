@@ -11,7 +11,8 @@ from time import perf_counter
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.grid import Grid, check_fits, legal_points
+from dimersweep.cubes.grid import Grid, legal_points
+from dimersweep.cubes.points import check_fits
 from dimersweep.cubes.results import Finished, Tile, blank_results
 from dimersweep.errors import UnfinishedError
 from dimersweep.storage.manifest import read_manifest
@@ -212,13 +213,12 @@ def _shares(n: int, first: bool, last: bool) -> np.ndarray:
 
 def _of_one_point(study: Study) -> xr.Dataset:
     """The cube of the first point of a study, without results."""
-    one = Grid({name: values[:1] for name, values in study.grid.axes.items()}, {})
     blank = blank_results(1, study.kind)
     if isinstance(study, Spec):
-        return sweep.as_cube(replace(study, grid=one), blank, {})
+        return sweep.as_cube(replace(study, grid=study.grid.first()), blank, {})
     spec = study.fine if isinstance(study, RefineSpec) else study
     assert isinstance(spec, SearchSpec)
-    return search.as_cube(replace(spec, grid=one), blank, {})
+    return search.as_cube(replace(spec, grid=spec.grid.first()), blank, {})
 
 
 def _done(study: Study, out: Path | None) -> int:

@@ -38,6 +38,8 @@ def from_cube(path: str | os.PathLike[str], *, other_kernel: bool = False) -> De
     """
     cube = open_cube(path)
     told = json.loads(cube.attrs["configuration"])
+    if "points" in told:
+        raise StoreError(f"{path}: is of single points; sweep(points=open_cube(...), fixed=...) makes it again")
     try:
         declaration = _of_search(cube, told, path) if "search" in told else _of_sweep(cube, told, path)
     except (KeyError, TypeError, ValueError, AttributeError) as error:  # a ValidationError is a ValueError
@@ -62,6 +64,7 @@ def _of_sweep(cube: xr.Dataset, told: Mapping[str, Any], path: str | os.PathLike
             rtol=told["rtol"],
             stop_when_settled=told["stop_when_settled"],
             certify=told.get("certify", False),
+            strobes=told.get("strobes", 0),
             output=str(path),
         ),
         grid=told["grid"],

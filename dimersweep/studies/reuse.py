@@ -106,7 +106,23 @@ class Known:
                 yield Finished(Tile(start, stop), self.results[part])
 
 
-def known_points(spec: Spec | SearchSpec, options: Options, read: Read) -> tuple[list[Known], dict[str, str]]:
+class SamePoints:
+    """The points of a cube whose configuration is that of the sweep: `results` of all of them, shape (n,)."""
+
+    def __init__(self, results: np.ndarray) -> None:
+        self.results = results
+
+    def pieces(self, ranges: Iterable[Tile], unwanted: Callable[[np.ndarray], np.ndarray]) -> Iterator[Finished]:
+        """See `Known.pieces`."""
+        for tile in ranges:
+            part = self.results[tile.start : tile.stop]
+            for start, stop in runs(~unwanted(part["codes"]), tile.start):
+                yield Finished(Tile(start, stop), self.results[start:stop])
+
+
+def known_points(
+    spec: Spec | SearchSpec, options: Options, read: Read
+) -> tuple[list[Known | SamePoints], dict[str, str]]:
     """What other cubes have of the points of `spec`, and the attributes that tell of the first of them.
 
     These are the cube to extend, and at a retry the one at the output.
@@ -116,12 +132,15 @@ def known_points(spec: Spec | SearchSpec, options: Options, read: Read) -> tuple
     StoreError
         See `Known`.
     """
-    found, origin = [], dict[str, str]()
+    found: list[Known | SamePoints] = []
+    origin: dict[str, str] = {}
     if options.extend is not None:
         cube = open_cube(options.extend)
         found.append(Known(cube, str(options.extend), spec, read))
         told = f"{Path(options.extend).name}, configuration sha256 {cube.attrs['configuration_sha256']}"
         origin["extends"] = told
     if options.retry and options.out is not None and options.out.exists():
-        found.append(Known(open_cube(options.out), str(options.out), spec, read))
+        cube = open_cube(options.out)
+        same = "points" in json.loads(cube.attrs["configuration"])
+        found.append(SamePoints(read(cube)) if same else Known(cube, str(options.out), spec, read))
     return found, origin

@@ -9,9 +9,11 @@ import xarray as xr
 
 from dimersweep.cubes.cube import build, flatten
 from dimersweep.cubes.results import beyond, blank_results, not_ok
+from dimersweep.errors import ParameterError
 from dimersweep.studies.making import complete_cube, unfinished_cube
 from dimersweep.studies.options import Given, Options, make_options
 from dimersweep.studies.reuse import known_points
+from dimersweep.studies.strobes import with_strobes
 from dimersweep.studies.sweep_spec import Spec, make_spec
 
 
@@ -23,6 +25,8 @@ def run_sweep(spec: Spec, options: Options) -> xr.Dataset:
     ParameterError, StoreError, KernelError, PointError, UnfinishedError, Stopped
         See `sweep`.
     """
+    if spec.grid.columns and options.extend is not None:
+        raise ParameterError("extend: is for grids, not for single points")
     former = complete_cube(spec, options)
     if former is not None:
         return former
@@ -43,7 +47,9 @@ def _to_run_again(results: np.ndarray) -> np.ndarray:
 
 def as_cube(spec: Spec, results: np.ndarray, attributes: Mapping[str, Any]) -> xr.Dataset:
     """Results of all points, shape (spec.grid.size,), as a labelled cube with global attributes."""
-    return build(spec.grid, results["out"], results["codes"], attributes, beyond(results))
+    more = {name: values for name, values in beyond(results).items() if values.ndim == 1}
+    cube = build(spec.grid, results["out"], results["codes"], attributes, more)
+    return with_strobes(cube, results) if spec.strobes else cube
 
 
 def results_of(spec: Spec, cube: xr.Dataset) -> np.ndarray:
@@ -51,22 +57,24 @@ def results_of(spec: Spec, cube: xr.Dataset) -> np.ndarray:
     results = blank_results(cube["mode"].size, spec.kind)
     results["out"], results["codes"] = flatten(cube)
     for name in beyond(results):
-        results[name] = cube[name].values.ravel()
+        results[name] = cube[name].values.reshape(results[name].shape)
     return results
 
 
 def sweep(
-    grid: Mapping[str, Any],
+    grid: Mapping[str, Any] | None = None,
     fixed: Mapping[str, Any] | None = None,
     *,
+    points: Any = None,
     periods: int,
     max_periods: int | None = None,
     rtol: float = 1e-8,
     stop_when_settled: bool = True,
     certify: bool = False,
+    strobes: int = 0,
     **options: Unpack[Given],
 ) -> xr.Dataset:
-    """Run the dimer at every point of a grid.
+    """Run the dimer at every point of a grid, or at points of a table.
 
     With an `out`, finished points are kept in the folder ``<out>.tiles`` beside it until the cube is written: the same call
     goes on where a former one was stopped or killed, with any number of workers.
@@ -78,6 +86,9 @@ def sweep(
         the stop included; ``"unit": "deg"`` for angles in degrees. SI units otherwise.
     fixed : mapping of str to float, optional
         Parameters that differ from the paper's base case.
+    points : mapping of str to array_like, pandas.DataFrame or xarray.Dataset, optional
+        In place of a grid: columns of one length, one for each parameter that varies, in SI units. The cube then lies along
+        `point`. Random and Latin hypercube sets come from `scipy.stats.qmc`.
     periods : int
         Forcing periods each point may take.
     max_periods : int, optional
@@ -97,6 +108,8 @@ def sweep(
     certify : bool
         Whether each mode gets a `confidence` and each orbit an `error_estimate`, from two more runs of every point that
         settles (docs/trust.md).
+    strobes : int
+        If above 0, each run goes on for so many forcing periods, and the states at their ends are kept; see `bifurcation`.
     force : bool
         Whether `out` may replace an existing file, and results of another configuration be deleted.
     attrs : mapping of str to str, optional
@@ -142,5 +155,38 @@ def sweep(
         rtol=rtol,
         stop_when_settled=stop_when_settled,
         certify=certify,
+        points=points,
+        strobes=strobes,
     )
     return run_sweep(spec, make_options(**options))
+
+
+def bifurcation(
+    grid: Mapping[str, Any], fixed: Mapping[str, Any] | None = None, *, periods: int, strobes: int = 64, **how: Any
+) -> xr.Dataset:
+    """A bifurcation diagram: the states at the starts of some forcing periods, after the transients, over any axis.
+
+    Parameters
+    ----------
+    grid, fixed
+        As in `sweep`.
+    periods : int
+        Forcing periods that go before; a run that settles earlier is not followed so far.
+    strobes : int
+        Forcing periods whose starts are kept.
+    **how
+        As in `sweep`.
+
+    Returns
+    -------
+    xarray.Dataset
+        A cube of `sweep`, with `strobe_gap_1`, `strobe_gap_2`, their rates, `strobe_theta_rate` and `strobe_beta_rate`
+        along `strobe`. ``cube.dimersweep.plot()`` draws it.
+
+    Raises
+    ------
+    ParameterError, StoreError, PointError, Stopped
+        As by `sweep`.
+    """
+    attrs = {"plot": "bifurcation"} | dict(how.pop("attrs", None) or {})
+    return sweep(grid, fixed, periods=periods, strobes=strobes, attrs=attrs, **how)

@@ -7,13 +7,15 @@ from typing import Any
 import numpy as np
 
 from dimersweep.cubes.cube import blank
-from dimersweep.cubes.grid import Grid, make_grid
+from dimersweep.cubes.grid import make_grid
+from dimersweep.cubes.points import AnyGrid, make_points
 from dimersweep.cubes.results import RESULT, Bundle
 from dimersweep.errors import ParameterError
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import Workspace, is_stopped
 from dimersweep.parameters import check_count, check_rtol
 from dimersweep.studies.certifying import certified
+from dimersweep.studies.strobes import MAX_STROBES, add_strobes, strobe_fields
 from dimersweep.work.tiles import SLOW_MODES, around, run_patiently
 
 CERTIFIED = np.dtype([*RESULT.descr, ("confidence", "<i8"), ("error_estimate", "<f8")])  # the same of a certified one
@@ -39,7 +41,7 @@ class Spec:
 
     Parameters
     ----------
-    grid : Grid
+    grid : Grid or Points
         The points.
     periods : int
         Forcing periods each point may take.
@@ -49,24 +51,32 @@ class Spec:
         Whether a point stops as soon as its motion has settled.
     certify : bool
         Whether it is tried how sure each mode is.
+    strobes : int
+        Forcing periods after the run whose starts are kept, see `add_strobes`; 0 for none.
     max_periods : int
         Forcing periods that a point may take if its motion has not settled by then, see `run_patiently`.
     """
 
-    grid: Grid
+    grid: AnyGrid
     periods: int
     rtol: float
     stop_when_settled: bool
     certify: bool
     max_periods: int
+    strobes: int = 0
 
     summary = "sweep of a 3D dimer on a vibrating plate"
-    by_blocks = True
+
+    @property
+    def by_blocks(self) -> bool:
+        """Whether the cube may be written block by block: that of a grid without strobes."""
+        return not (self.strobes or self.grid.columns)
 
     @property
     def kind(self) -> np.dtype:
         """See `Work`."""
-        return CERTIFIED if self.certify else RESULT
+        kind = CERTIFIED if self.certify else RESULT
+        return np.dtype([*kind.descr, *strobe_fields(self.strobes)]) if self.strobes else kind
 
     def advance(self, points: np.ndarray, results: np.ndarray, space: Workspace) -> int:
         """See `Work`: until one has used all its periods, so that quick points do not go on for long with slow ones."""
@@ -79,7 +89,10 @@ class Spec:
             results["confidence"][:done], results["error_estimate"][:done] = certified(
                 rows[:done], self.max_periods, *how, out[:done], codes[:done], space
             )
-            return 0 if is_stopped(space) else done  # it may not have been certified
+        if self.strobes:
+            add_strobes(rows[:done], self.rtol, results[:done], space)
+        if (self.certify or self.strobes) and is_stopped(space):
+            return 0  # some of it may be missing
         return done
 
     def narrowed(self, tiles: Bundle) -> tuple["Spec", Bundle, int]:
@@ -89,9 +102,7 @@ class Spec:
 
     def configuration(self) -> dict[str, Any]:
         """The same as plain numbers, lists and strings, with the version of the kernel that gives the results."""
-        told = {
-            "grid": {name: values.tolist() for name, values in self.grid.axes.items()},
-            "fixed": self.grid.fixed,
+        told = self.grid.told() | {
             "periods": self.periods,
             "rtol": self.rtol,
             "stop_when_settled": self.stop_when_settled,
@@ -101,6 +112,8 @@ class Spec:
             told["max_periods"] = self.max_periods
         if self.certify:
             told["certify"] = True
+        if self.strobes:
+            told["strobes"] = self.strobes
         return told
 
     @classmethod
@@ -115,25 +128,29 @@ class Spec:
             If something is missing.
         """
         return make_spec(
-            told["grid"],
+            told.get("grid"),
             told["fixed"],
+            points=told.get("points"),
             periods=told["periods"],
             rtol=told["rtol"],
             stop_when_settled=told["stop_when_settled"],
             certify=told.get("certify", False),
             max_periods=told.get("max_periods"),
+            strobes=told.get("strobes", 0),
         )
 
 
 def make_spec(
-    axes: Mapping[str, Any],
+    axes: Mapping[str, Any] | None,
     fixed: Mapping[str, Any] | None = None,
     *,
+    points: Any = None,
     periods: int,
     rtol: float = 1e-8,
     stop_when_settled: bool = True,
     certify: bool = False,
     max_periods: int | None = None,
+    strobes: int = 0,
 ) -> Spec:
     """A spec from what a user gives, see `sweep`.
 
@@ -142,9 +159,14 @@ def make_spec(
     ParameterError
         Naming what is not allowed.
     """
-    grid = make_grid(axes, fixed)
+    if (axes is None) == (points is None):
+        raise ParameterError("grid: give either a grid or points")
+    grid: AnyGrid = make_points(points, fixed) if axes is None else make_grid(axes, fixed)
     periods = check_count("periods", periods)
     longest = check_max_periods(periods, max_periods)
     if longest > periods and not stop_when_settled:
         raise ParameterError(f"max_periods = {longest}: is for runs that stop when they have settled")
-    return Spec(grid, periods, check_rtol(rtol), bool(stop_when_settled), bool(certify), longest)
+    kept = 0 if strobes == 0 else check_count("strobes", strobes)
+    if grid.size * kept > MAX_STROBES:
+        raise ParameterError(f"strobes = {kept}: of {grid.size} points; one cube may hold {MAX_STROBES} strobes")
+    return Spec(grid, periods, check_rtol(rtol), bool(stop_when_settled), bool(certify), longest, kept)

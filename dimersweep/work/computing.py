@@ -8,7 +8,7 @@ from typing import Any
 
 from dask.system import CPU_COUNT
 
-from dimersweep.cubes.grid import Grid
+from dimersweep.cubes.points import AnyGrid
 from dimersweep.cubes.results import Finished, Tile, not_ok
 from dimersweep.errors import PointError, Stopped, UnfinishedError
 from dimersweep.kernel.model.layout import CODE_MODE, CODE_STATUS, STATUS_MESSAGES, STATUSES
@@ -95,7 +95,7 @@ class Troubles:
         self.alike = self.alike + 1 if sort == self.last else 1
         self.last = sort
 
-    def words(self, grid: Grid) -> str:
+    def words(self, grid: AnyGrid) -> str:
         """Such as ``3 points could not be run, such as point 7 (Gamma = 0.9): MemoryError: no room``."""
         assert self.first is not None
         points, such = ("points", ", such as ") if self.points > 1 else ("point", ": ")

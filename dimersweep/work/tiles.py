@@ -2,11 +2,11 @@
 
 from collections.abc import Iterable
 from time import perf_counter
-from typing import NamedTuple, Protocol, Self
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 
-from dimersweep.cubes.grid import Grid
+from dimersweep.cubes.points import AnyGrid
 from dimersweep.cubes.results import Bundle, Finished, Tile, blank_results
 from dimersweep.kernel.batch import Workspace, is_stopped, run_many
 from dimersweep.kernel.model.layout import (
@@ -109,7 +109,7 @@ class Work(Protocol):
     """What is done at each point of a grid: the numbers of a point depend on nothing else, so anybody may do it."""
 
     @property
-    def grid(self) -> Grid:
+    def grid(self) -> AnyGrid:
         """The points."""
 
     @property
@@ -204,8 +204,8 @@ def _cut(tiles: Bundle, results: np.ndarray, seconds: float, shift: int) -> list
     return finished
 
 
-def around(grid: Grid, tiles: Bundle) -> tuple[Grid, Bundle, int]:
-    """A window of `grid` with the points of `tiles`, these by their numbers there, and the `shift` back."""
+def around(grid: Any, tiles: Bundle) -> tuple[Any, Bundle, int]:
+    """A window of `grid` (of its kind) with the points of `tiles`, these by their numbers there, and the `shift` back."""
     window, start = grid.window(tiles[0].start, tiles[-1].stop)
     shift = tiles[0].start - start
     return window, tuple(Tile(a - shift, b - shift) for a, b in tiles), shift

@@ -1,0 +1,21 @@
+"""The command for a map to click."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dimersweep.cli.options import whole_option
+
+
+def explore(
+    cube: Annotated[Path, typer.Argument(metavar="CUBE", help="Cube to look at.")],
+    *,
+    port: Annotated[int, whole_option("Port of the page; 0 for any that is free.")] = 0,
+    show: Annotated[bool, typer.Option(help="Open a browser.")] = True,
+) -> None:
+    """Look at a cube in a browser: a map to click, and the run behind each point."""
+    from dimersweep.exploring.serving import serve
+    from dimersweep.storage.netcdf import open_cube
+
+    serve(open_cube(cube), port=port, show=show)

@@ -1,0 +1,68 @@
+"""The board of a cube in a browser, or in a notebook."""
+
+from typing import Any
+
+import xarray as xr
+
+from dimersweep.errors import StoreError
+
+
+def _panel() -> Any:
+    """The package `panel`.
+
+    Raises
+    ------
+    StoreError
+        If it is not installed.
+    """
+    try:
+        import panel
+    except ImportError:
+        raise StoreError("explore: needs panel; pip install 'dimersweep[explore]'") from None
+    return panel
+
+
+def explore(cube: xr.Dataset) -> Any:
+    """A map to click, in a notebook: the map of a cube, sliders for its further axes, and the run behind a clicked point.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        Of `sweep`, `search` or `refine`.
+
+    Returns
+    -------
+    panel.viewable.Viewable
+        What a notebook shows; ``.show()`` opens it in a browser.
+
+    Raises
+    ------
+    StoreError
+        If the package panel is not installed.
+    ParameterError
+        If the cube has no axis of more than one value.
+    """
+    _panel()
+    from dimersweep.exploring.board import layout_of
+
+    return layout_of(cube)
+
+
+def serve(cube: xr.Dataset, *, port: int, show: bool) -> None:
+    """Serve the board to browsers on this machine, until Ctrl-C.
+
+    Raises
+    ------
+    StoreError
+        If the package panel is not installed, or the port is taken.
+    """
+    panel = _panel()
+    from dimersweep.exploring.board import Board, layout_of
+
+    Board(cube)  # what is wrong with a cube is told before a server starts
+    try:
+        panel.serve(
+            lambda: layout_of(cube), port=port, show=show, address="127.0.0.1", title="dimersweep", verbose=True
+        )
+    except OSError as error:
+        raise StoreError(f"port = {port}: cannot be served on ({error.strerror or error})") from None

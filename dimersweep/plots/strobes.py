@@ -1,0 +1,55 @@
+"""Bifurcation diagrams: the strobes of each point over one axis, coloured by mode."""
+
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from dimersweep.cubes.reading import is_geometric
+from dimersweep.errors import ParameterError
+from dimersweep.kernel.model.layout import MODES
+from dimersweep.plots.judging import judge_cube
+from dimersweep.plots.style import MODE_COLORS, label, title, units_shown
+from dimersweep.symbols import STATES
+
+SHOWN = {"gap_1": 1e3, "gap_2": 1e3, "theta_rate": 1.0}  # rows of the picture, and the factor to what is shown
+
+
+def bifurcation(cube: xr.Dataset) -> Figure:
+    """The states at the starts of forcing periods over one axis: a point for each period, in the colour of the mode.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        With strobes over one axis of more than one value, see `dimersweep.bifurcation`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    judge_cube("bifurcation", cube)
+    mode = cube["mode"].squeeze()
+    if mode.ndim != 1:
+        raise ParameterError(
+            f"bifurcation: has axes {', '.join(map(str, mode.dims))}; needs one: select values of others"
+        )
+    (name,) = map(str, mode.dims)
+    figure = Figure(figsize=(8, 7.5), layout="constrained")
+    panels = figure.subplots(len(SHOWN), 1, sharex=True)
+    for axes, (quantity, factor) in zip(panels, SHOWN.items(), strict=True):
+        values = factor * cube[f"strobe_{quantity}"].squeeze().transpose(name, "strobe").values
+        for code in np.unique(mode.values):
+            here = mode.values == code
+            places = np.repeat(mode[name].values[here], values.shape[1])
+            color = MODE_COLORS[MODES[code]]
+            axes.plot(places, values[here].ravel(), ".", color=color, markersize=1.6, markeredgewidth=0)
+        units = "mm" if STATES[quantity].units == "m" else units_shown(STATES[quantity].units)
+        axes.set_ylabel(f"{quantity.replace('_', ' ')} [{units}]")
+        if is_geometric(mode[name].values):
+            axes.set_xscale("log")
+    panels[-1].set_xlabel(label(name))
+    found = [MODES[code] for code in np.unique(mode.values)]
+    handles = [Line2D([], [], color=MODE_COLORS[word], marker="o", linestyle="", label=word) for word in found]
+    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), fontsize=9)
+    figure.suptitle(f"At the start of each forcing period\n{title(cube)}", fontsize=10)
+    return figure

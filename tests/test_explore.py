@@ -1,0 +1,138 @@
+"""A map to click: what a click shows, and the page in a real browser."""
+
+import subprocess
+import sys
+import time
+import urllib.request
+from contextlib import contextmanager
+from socket import create_server
+
+import numpy as np
+import pytest
+from browser import chromium_page, colors_of, needs_chromium
+
+import dimersweep
+from dimersweep import cli
+from dimersweep.errors import ParameterError, StoreError
+
+board = pytest.importorskip("dimersweep.exploring.board", reason="panel is not installed", exc_type=ImportError)
+pytestmark = pytest.mark.jit
+DEG = np.pi / 180
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    return tmp_path_factory.mktemp("explore") / "cube.nc"
+
+
+@pytest.fixture(scope="module")
+def cube(file):
+    return dimersweep.sweep(
+        {"f": [15, 20], "Gamma": [0.8, 0.9], "beta0": {"start": 8, "stop": 24, "step": 4, "unit": "deg"}},
+        periods=150,
+        progress=False,
+        out=file,
+        attrs={"title": "some starts"},
+    )
+
+
+def test_a_click_shows_the_run_behind_the_nearest_point(cube):
+    shown = board.Board(cube)
+    run = shown.click(16.9 * DEG, 0.88)
+    assert run.parameters["Gamma"] == 0.9
+    assert run.parameters["beta0"] == pytest.approx(16 * DEG)
+    assert run.parameters["f"] == 15
+    assert shown.spot.data == {"x": [run.parameters["beta0"]], "y": [0.9]}
+    assert "drift" in shown.told.object
+    assert len(shown.picture.object.axes) == 5
+    assert run.n_periods >= board.SHOWN_PERIODS
+
+
+def test_a_slider_moves_the_map_and_the_run(cube):
+    shown = board.Board(cube)
+    before = list(shown.source.data["mode"])
+    shown.sliders["f"].value = 1
+    words = dimersweep.names(cube["mode"]).sel(f=20).values.ravel()
+    assert list(shown.source.data["mode"]) == list(words)
+    assert shown.click(16 * DEG, 0.9).parameters["f"] == 20
+    assert before == list(dimersweep.names(cube["mode"]).sel(f=15).values.ravel())
+
+
+def test_a_quantity_is_shown_in_shades(cube):
+    shown = board.Board(cube)
+    modes = set(shown.source.data["color"])
+    shown.quantity.value = "radius"
+    finite = np.isfinite(cube["radius"].sel(f=15).values.ravel())
+    colors = np.array(shown.source.data["color"])
+    assert set(colors[~finite]) <= {"#ffffff"}
+    assert "#ffffff" not in colors[finite]
+    assert set(colors) != modes
+    assert shown.bar.visible
+
+
+def test_a_cube_over_one_axis_and_a_search_are_shown(cube):
+    assert board.Board(cube.isel(f=0, Gamma=1)).click(16 * DEG, 0.3).mode == "drift"
+    found = dimersweep.search(
+        {"f": [15, 20], "beta0": [0.05, 0.28]}, over="beta0", ask="first", periods=100, progress=False
+    )
+    assert board.Board(found).click(15, 0.5).parameters["f"] == 15
+
+
+def test_a_cube_without_axes_is_refused(cube):
+    with pytest.raises(ParameterError, match=r"^explore: needs a cube over at least one axis of more than one value$"):
+        dimersweep.explore(cube.isel(f=0, Gamma=0, beta0=0))
+
+
+def test_without_panel_it_says_what_to_install(cube, monkeypatch):
+    monkeypatch.setitem(sys.modules, "panel", None)
+    with pytest.raises(StoreError, match=r"^explore: needs panel; pip install 'dimersweep\[explore\]'$"):
+        dimersweep.explore(cube)
+
+
+def test_a_cube_that_is_none_is_refused_before_a_server_starts(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["dimersweep", "explore", "absent.nc"])
+    with pytest.raises(SystemExit) as stop:
+        cli.main()
+    assert (stop.value.code, capsys.readouterr().err) == (2, "dimersweep: error: absent.nc: no such file\n")
+
+
+@contextmanager
+def served(path):
+    """The address of a server for the cube at `path`."""
+    with create_server(("127.0.0.1", 0)) as listener:
+        port = listener.getsockname()[1]
+    command = [sys.executable, "-m", "dimersweep", "explore", str(path), "--no-show", "--port", str(port)]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        try:
+            address, give_up = f"http://127.0.0.1:{port}/", time.monotonic() + 90
+            while True:
+                try:
+                    with urllib.request.urlopen(address, timeout=60):
+                        break
+                except OSError:
+                    assert process.poll() is None and time.monotonic() < give_up
+                    time.sleep(0.2)
+            yield address
+        finally:
+            process.terminate()
+
+
+@needs_chromium
+def test_a_click_in_a_browser_changes_the_run(cube, file):
+    with (
+        served(file) as address,
+        chromium_page(offline=False, width=1300, height=900) as (page, errors),
+    ):
+        page.on("request", lambda request: errors.append(request.url) if "127.0.0.1" not in request.url else None)
+        page.goto(address)
+        page.get_by_text("Click a point of the map").wait_for(timeout=60_000)
+        place = page.locator(".bk-Canvas").first.bounding_box()
+        assert colors_of(page.screenshot())  # the map is drawn
+        for right, told in ((0.85, "0.4189"), (0.25, "0.2094")):
+            page.mouse.click(place["x"] + right * place["width"], place["y"] + 0.25 * place["height"])
+            page.get_by_text("centre of mass").or_(page.get_by_text("Run:")).first.wait_for(timeout=30_000)
+            page.screenshot(path="/tmp/explore0.png")
+            page.get_by_text(f"β(0) = {told}").wait_for(timeout=30_000)
+        page.locator("svg, img").last.wait_for(timeout=30_000)
+        page.screenshot(path="/tmp/explore.png")
+        assert [each for each in errors if "favicon" not in each] == []

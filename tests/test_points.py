@@ -1,0 +1,148 @@
+"""Points that are no grid, and strobes: the same numbers as from a grid or a run, one row a point."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.stats import qmc
+
+import dimersweep
+from dimersweep.errors import ParameterError
+from dimersweep.plots import draw
+
+pytestmark = pytest.mark.jit
+QUIET = {"periods": 120, "progress": False}
+
+
+def latin(n, seed=1):
+    sample = qmc.LatinHypercube(3, seed=seed).random(n)
+    return dict(zip(("Gamma", "f", "beta0"), qmc.scale(sample, [0.7, 10, 0.05], [1.2, 30, 1.0]).T, strict=True))
+
+
+def test_points_have_the_numbers_of_a_grid():
+    grid = dimersweep.sweep({"f": [15, 20], "beta0": [0.1, 0.28, 0.5]}, **QUIET)
+    table = {"f": [15, 15, 15, 20, 20, 20], "beta0": [0.1, 0.28, 0.5] * 2}
+    points = dimersweep.sweep(points=table, **QUIET)
+    assert points.sizes == {"point": 6}
+    for name in ("mode", "radius", "n_events", "down_share_1"):
+        np.testing.assert_array_equal(points[name], grid[name].values.ravel(), err_msg=name)
+    np.testing.assert_array_equal(points["f"], table["f"])
+    assert points["f"].dims == ("point",)
+
+
+def test_tables_of_all_kinds_are_taken(tmp_path):
+    table = latin(20)
+    cube = dimersweep.sweep(points=table, out=tmp_path / "points.nc", **QUIET)
+    for same in (pd.DataFrame(table), pd.DataFrame(table).to_xarray(), cube):
+        again = dimersweep.sweep(points=same, **QUIET)
+        np.testing.assert_array_equal(again["radius"], cube["radius"])
+    back = dimersweep.open_cube(tmp_path / "points.nc")
+    assert back.drop_attrs().identical(cube.drop_attrs())
+    assert dimersweep.sweep(points=table, out=tmp_path / "points.nc", **QUIET).sizes == {"point": 20}
+
+
+def test_the_workers_do_not_matter():
+    one, two = (dimersweep.sweep(points=latin(40), workers=n, **QUIET) for n in (1, 2))
+    assert one.drop_attrs().identical(two.drop_attrs())
+
+
+def test_a_point_has_its_run_and_its_picture():
+    cube = dimersweep.sweep(points=latin(30), **QUIET)
+    run = cube.dimersweep.run(point=7)
+    assert run.parameters["f"] == cube["f"].values[7]
+    assert run.mode == dimersweep.names(cube["mode"]).values[7]
+    assert len([axes for axes in draw(cube).axes if axes.axison]) == 3
+    assert draw(cube, quantity="down_share_1").axes
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ({}, r"^points: has no column"),
+        ({"f": [15, 20], "e": [0.5]}, r"^points: the columns differ in length \(f 2, e 1\)$"),
+        ({"freq": [15]}, r"^freq: unknown parameter"),
+        ({"f": [15, np.nan]}, r"^f = nan: must be finite$"),
+        ({"e": [0.5, 1.5]}, r"^e = 1.5: must be in \[0, 1\]$"),
+        ({"mu": [0.1, 0.3], "mu_s": [0.2, 0.2]}, r"^point 1: mu_s = 0.2: must be >= mu = 0.3 "),
+        ({"mu": [0.1, 0.5]}, r"^point 1: mu_s = 0.4: must be >= mu = 0.5 "),
+        ({"f": [[15]]}, r"^f: has shape \(1, 1\); must be one column$"),
+        ([1, 2], r"^points: is a list; give a mapping of parameters to columns, or a table$"),
+    ],
+)
+def test_a_table_that_cannot_be_is_named(table, message):
+    with pytest.raises(ParameterError, match=message):
+        dimersweep.sweep(points=table, **QUIET)
+
+
+def test_either_a_grid_or_points():
+    with pytest.raises(ParameterError, match=r"^grid: give either a grid or points$"):
+        dimersweep.sweep({"f": [15]}, points={"f": [15]}, **QUIET)
+    with pytest.raises(ParameterError, match=r"^f: given twice"):
+        dimersweep.sweep(points={"f": [15]}, fixed={"f": 20}, **QUIET)
+
+
+def test_sensitivity_indices_come_from_points():
+    """Sobol indices of the share of time down: an example with SALib; of its axes, the spare one counts for nothing."""
+    sample = pytest.importorskip("SALib.sample.sobol", reason="SALib is not installed")
+    analyze = pytest.importorskip("SALib.analyze.sobol")
+    problem = {"num_vars": 2, "names": ["Gamma", "phi0"], "bounds": [[0.2, 0.9], [0.0, 1e-9]]}
+    values = sample.sample(problem, 16, calc_second_order=False, seed=1)
+    cube = dimersweep.sweep(points=dict(zip(problem["names"], values.T, strict=True)), periods=20, progress=False)
+    found = analyze.analyze(problem, cube["n_events"].values.astype(float), calc_second_order=False, seed=1)
+    assert found["ST"][0] > 0.5
+
+
+def test_strobes_are_the_section_of_the_run_that_goes_on():
+    cube = dimersweep.bifurcation(
+        {"Gamma": [0.9, 1.9]}, periods=100, strobes=12, progress=False, stop_when_settled=False
+    )
+    assert cube["strobe_gap_2"].dims == ("Gamma", "strobe")
+    for k, Gamma in enumerate((0.9, 1.9)):
+        run = dimersweep.simulate(Gamma=Gamma, periods=100, record=False)
+        section = dimersweep.simulate(Gamma=Gamma, periods=112).section().isel(n=slice(101, None))
+        assert run.mode == dimersweep.names(cube["mode"]).values[k]
+        for name in ("gap_1", "gap_2", "theta_rate"):
+            # an unrecorded run steps a little differently: chaos tells the two apart soon
+            n = 12 if Gamma == 0.9 else 1
+            found, expected = cube[f"strobe_{name}"].values[k, :n], section[name].values[:n]
+            np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-6)
+
+
+def test_a_settled_motion_has_as_many_strobes_as_its_period_and_is_drawn(tmp_path):
+    cube = dimersweep.bifurcation(
+        {"Gamma": {"start": 0.85, "stop": 1.0, "num": 4}}, periods=200, strobes=8, progress=False, out=tmp_path / "b.nc"
+    )
+    drift = cube.dimersweep.drifts().values
+    assert drift.any()
+    assert np.ptp(cube["strobe_gap_2"].values[drift], axis=1).max() < 1e-7
+    back = dimersweep.open_cube(tmp_path / "b.nc")
+    figure = back.dimersweep.plot()
+    assert [axes.get_ylabel() for axes in figure.axes] == ["gap 1 [mm]", "gap 2 [mm]", "theta rate [rad/s]"]
+
+
+def test_a_logarithmic_axis_has_values_in_a_fixed_ratio():
+    cube = dimersweep.sweep(
+        {"xdot0": {"start": 0.01, "stop": 1, "num": 3, "spacing": "log"}}, periods=2, progress=False
+    )
+    np.testing.assert_allclose(cube["xdot0"], [0.01, 0.1, 1])
+    for wrong, message in (
+        ({"start": 0, "stop": 1, "num": 3}, r"^xdot0.start = 0.0: must be > 0 and < stop = 1.0, for log"),
+        ({"start": 1, "stop": 2, "step": 1}, r"^xdot0: has start, stop, step; give values, or start"),
+    ):
+        with pytest.raises(ParameterError, match=message):
+            dimersweep.sweep({"xdot0": wrong | {"spacing": "log"}}, periods=2)
+
+
+def test_angles_may_be_in_degrees_anywhere():
+    degrees = np.deg2rad([10, 20])
+    for axis in (["10 deg", "20deg"], {"start": "10 deg", "stop": "20 deg", "num": 2}):
+        cube = dimersweep.sweep({"beta0": axis}, periods=1, progress=False)
+        np.testing.assert_allclose(cube["beta0"], degrees)
+    for held in ("20 deg", {"value": 20, "unit": "deg"}):
+        assert dimersweep.sweep({"f": [15]}, {"beta0": held}, periods=1, progress=False)["beta0"].item() == degrees[1]
+    assert dimersweep.simulate(beta0="20 deg", periods=1).parameters["beta0"] == degrees[1]
+    with pytest.raises(ParameterError, match=r"^beta0 = '20 m': the unit must be rad or deg$"):
+        dimersweep.simulate(beta0="20 m")
+    with pytest.raises(
+        ParameterError, match=r'^beta0 = 20.0: must be below pi/2 = 1.5708 .* degrees as "20 deg"|"16 deg"'
+    ):
+        dimersweep.simulate(beta0=20)
