@@ -16,7 +16,7 @@ from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots.judging import judge_cube
 from dimersweep.plots.style import MODE_COLORS, given, label, percent, title, units_shown
-from dimersweep.symbols import QUANTITIES
+from dimersweep.symbols import PARAMETERS, QUANTITIES
 
 MOST_PANELS = 12
 COLORS = np.array([to_rgb(color) for color in MODE_COLORS.values()])
@@ -107,7 +107,7 @@ def quantity_label(quantity: str) -> str:
 
 def point_map(cube: xr.Dataset, quantity: str | None = None) -> Figure:
     """Points that are no grid: each pair of parameters that vary, one over the other, coloured by mode or a quantity."""
-    varied = [str(name) for name, each in cube.coords.items() if each.dims == ("point",) and np.ptp(each.values) > 0]
+    varied = [str(name) for name, each in cube.coords.items() if name in PARAMETERS and np.ptp(each.values) > 0]
     pairs = [(varied[i], varied[j]) for j in range(len(varied)) for i in range(j)][:MOST_PANELS]
     pairs = pairs or [(varied[0], varied[0])]
     columns = min(3, len(pairs))
