@@ -140,7 +140,7 @@ def _panels(values: xr.DataArray, heading: str) -> tuple[Figure, Iterator[tuple[
         chosen = np.unique(np.linspace(0, len(places) - 1, MOST_PANELS).round().astype(int))
         heading = f"{len(chosen)} of {len(places)} maps; {heading}"
         places = [places[k] for k in chosen]
-    columns = min(len(places), 4 if len(places) > 6 else 3)
+    columns = min(4, round(len(places) ** 0.5 + 0.49))
     rows = -(-len(places) // columns)
     flat = values.ndim == 1
     size = (7.5, 2.6 if flat else 4.8) if len(places) == 1 else (1.8 + 2.9 * columns, 1.0 + 2.5 * rows)

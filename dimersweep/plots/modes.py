@@ -10,7 +10,6 @@ from matplotlib.patches import Patch
 
 from dimersweep.cubes.cube import names
 from dimersweep.cubes.reading import (
-    boundary,
     drift_intervals,
     drift_lengths,
     edges_of,
@@ -85,6 +84,7 @@ def regions(cube: xr.Dataset) -> Figure:
     colors = np.array([to_rgb(color) for color in MODE_COLORS.values()])
     shown = np.where((region == "drift")[..., None], 1.0, colors[mode.values] * 0.6 + 0.4)
     axes.pcolormesh(edges_of(x), edges_of(y), shown.transpose(1, 0, 2))
+    corners = [np.repeat(edges_of(values), 2)[1:-1] for values in (x, y)]
     handles = []
     for name, hatch, color, told in (
         ("drift", "|||", "#d62728", "$R_1$: some start drifts"),
@@ -92,10 +92,10 @@ def regions(cube: xr.Dataset) -> Figure:
     ):
         inside = (region == name).T.astype(float)
         if inside.min() < inside.max():
+            cells = np.repeat(np.repeat(inside, 2, axis=0), 2, axis=1)  # borders run along the cells that are drawn
             with rc_context({"hatch.color": color, "hatch.linewidth": 0.6}):
-                axes.contourf(x, y, inside, levels=[0.5, 1.5], colors="none", hatches=[hatch])
-        for line in boundary(cube, name):
-            axes.plot(*line.T, color=color, linewidth=1.4)
+                axes.contourf(*corners, cells, levels=[0.5, 1.5], colors="none", hatches=[hatch])
+            axes.contour(*corners, cells, levels=[0.5], colors=color, linewidths=1.4)
         handles.append(Patch(facecolor="white", edgecolor=color, hatch=hatch, label=told))
     left = ~np.isin(region, ("drift", "rest"))
     for code in np.unique(mode.values[left]):
@@ -103,8 +103,8 @@ def regions(cube: xr.Dataset) -> Figure:
         face = colors[code] * 0.6 + 0.4
         handles.append(Patch(facecolor=face, edgecolor="black", linewidth=0.5, label=f"mostly {word}"))
     figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=9)
-    axes.set_xlim(x[0], x[-1])
-    axes.set_ylim(y[0], y[-1])
+    axes.set_xlim(corners[0][0], corners[0][-1])
+    axes.set_ylim(corners[1][0], corners[1][-1])
     axes.set_xlabel(label(x_name))
     axes.set_ylabel(label(y_name))
     axes.set_title(title(cube), fontsize=10)

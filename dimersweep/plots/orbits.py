@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from dimersweep.cubes.cube import names
 from dimersweep.cubes.reading import (
@@ -20,7 +21,7 @@ from dimersweep.cubes.reading import (
 )
 from dimersweep.kernel.model.layout import DI_ENDS, M_DRIFT, M_NOT_RUN
 from dimersweep.plots.judging import judge_cube
-from dimersweep.plots.style import ROW_COLORS, given, label, log_scale, title
+from dimersweep.plots.style import given, label, log_scale, row_colors, title
 
 END_COLORS = {  # of a double impact
     "none": "#ffffff",
@@ -61,12 +62,13 @@ def paths(cube: xr.Dataset) -> Figure:
     (name,) = (str(dim) for dim in cube["mode"].dims)
     per_period = round(1 / float(cube["cycle"][1] - cube["cycle"][0]))
     figure, (whole, teeth) = _frame(cube, (10, 5.2), "Paths of the centre of mass", ncols=2)
+    colors = row_colors(cube.sizes[name])
     for k, value in enumerate(cube[name].values):
         x, y = cube["x"].values[k], cube["y"].values[k]
         if not np.isfinite(x).all():
             continue
         a, b, radius = circle_through(x[x.size // 20 :], y[y.size // 20 :])
-        color = ROW_COLORS[k % len(ROW_COLORS)]
+        color = colors[k]
         told = f"{given(name, value)}: $R$ = {radius:.3f} m"
         whole.plot(x - a, y - b, color=color, linewidth=0.8, label=told)
         piece = slice(-4 * per_period - 1, None)
@@ -101,26 +103,36 @@ def trends(cube: xr.Dataset) -> Figure:
     judge_cube("trends", cube)
     figure, panels = _frame(cube, (9, 10), nrows=3, ncols=2, sharex="col", sharey="row")
     for row, quantity in zip(panels, TRENDS, strict=True):
-        values = _drifting(cube, quantity)
         for axes, (name, other) in zip(row, (("A_r", "f"), ("f", "A_r")), strict=True):
-            for color, k in zip(ROW_COLORS, _spread(cube.sizes[other]), strict=False):
-                curve = values.isel({other: k})
-                axes.plot(cube[name], curve, "o-", color=color, markersize=3, label=given(other, cube[other].values[k]))
-            if quantity != "zeta":
-                log_scale(axes)
-                law = exponents(cube, quantity)[name]
-                base = "(A_r - 1)" if name == "A_r" else "f"
-                told = (
-                    f"${base}^{{{law.exponent:.3f} \\pm {law.error:.3f}}}$, local {law.least:.2f} to {law.greatest:.2f}"
-                )
-                axes.set_title(told, fontsize=9)
-            else:
-                axes.axhline(np.pi / 2, color="black", linewidth=0.8, linestyle=":")
-                axes.set_xlabel(label(name))
+            _trend(axes, cube, quantity, name, other)
         row[0].set_ylabel(TRENDS[quantity])
     for axes in panels[0]:
-        axes.legend(fontsize=8)
+        axes.legend(fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.08), ncols=3, frameon=False)
     return figure
+
+
+def _trend(axes: Axes, cube: xr.Dataset, quantity: str, name: str, other: str) -> None:
+    """A quantity over an axis, one curve for some values of the other; of a power law, its exponent and a line with it."""
+    shift, base = (1.0, "A_r - 1") if name == "A_r" else (0.0, "f")
+    x, values, chosen = cube[name].values - shift, _drifting(cube, quantity), _spread(cube.sizes[other])
+    for color, k in zip(row_colors(chosen.size), chosen, strict=True):
+        curve = values.isel({other: k}).transpose(name).values
+        axes.plot(x, curve, "o-", color=color, markersize=3, label=given(other, cube[other].values[k]))
+    if quantity == "zeta":
+        axes.axhline(np.pi / 2, color="black", linewidth=0.8, linestyle=":")
+        axes.set_xlabel(f"${base}$" + (" [Hz]" if name == "f" else ""))
+        return
+    log_scale(axes)
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 1.5, 2, 2.5, 3, 4, 5, 6)))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    law = exponents(cube, quantity)[name]
+    shown = f"({base})" if name == "A_r" else base
+    told = f"${shown}^{{{law.exponent:.3f} \\pm {law.error:.3f}}}$, local {law.least:.2f} to {law.greatest:.2f}"
+    axes.set_title(told, fontsize=9)
+    level = 0.8 * np.nanmin(values.values)
+    axes.plot(x, level * (x / x[0]) ** law.exponent, "--", color="#888888", linewidth=1)
 
 
 def least_period(cube: xr.Dataset) -> Figure:
@@ -138,7 +150,7 @@ def least_period(cube: xr.Dataset) -> Figure:
     judge_cube("minimum", cube)
     figure, (left, right) = _frame(cube, (10, 4.4), ncols=2)
     speeds = cube["xdot0"].values
-    for color, A_r in zip(ROW_COLORS, cube["A_r"].values, strict=False):
+    for color, A_r in zip(row_colors(cube.sizes["A_r"]), cube["A_r"].values, strict=True):
         one = cube.sel(A_r=A_r)
         period, zeta = (_drifting(one, name).values for name in ("period", "zeta"))
         low = minimum(speeds, period)
@@ -212,7 +224,7 @@ def shares(cube: xr.Dataset) -> Figure:
     other, name = (str(dim) for dim in cube["mode"].dims)
     figure, axes = _frame(cube, (7.5, 4.4))
     share = runs_of(cube, "drift") / cube["n_runs"]
-    for color, value in zip(ROW_COLORS, cube[other].values, strict=False):
+    for color, value in zip(row_colors(cube.sizes[other]), cube[other].values, strict=True):
         axes.plot(
             cube[name], 100 * share.sel({other: value}), "o-", color=color, markersize=3, label=given(other, value)
         )

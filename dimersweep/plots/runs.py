@@ -110,6 +110,27 @@ def portrait(axes: Axes, run: "Run", angle: str, span: tuple[float, float], *, c
     axes.ticklabel_format(axis="y", useOffset=False)
 
 
+def strobes(axes: Axes, run: "Run", angle: str) -> None:
+    """Rate of an angle at the start of each forcing period, of a motion that does not repeat: over beta, or over itself.
+
+    Precession and spin, whose angles have no bounds, are drawn against their rate one period later.
+    """
+    section = run.section()
+    rates = section[f"{angle}_rate"].values
+    letter, cycles = _GREEK[angle], section["n"].values
+    if angle == "beta":
+        x, y = section["beta"].values, rates
+        axes.set_xlabel(ANGLES[angle])
+        axes.set_ylabel(f"$\\dot{{{letter}}}$ [rad/s]")
+    else:
+        x, y, cycles = rates[:-1], rates[1:], cycles[1:]
+        axes.set_xlabel(f"$\\dot{{{letter}}}_n$ [rad/s]")
+        axes.set_ylabel(f"$\\dot{{{letter}}}_{{n+1}}$ [rad/s]")
+    later = cycles >= cycles[-1] // 2  # transients are left out
+    axes.plot(x[later], y[later], ".", color="#d55e00", markersize=3)
+    axes.xaxis.set_major_locator(MaxNLocator(5))
+
+
 def _impact_marks(axes: Axes, course: xr.Dataset, name: str, value: float, color: str) -> None:
     """A double impact in a phase portrait, where it is a vertical line: marks along each of its rows."""
     rates, kinds = course[name].values, course["kind"].values
@@ -149,7 +170,8 @@ def orbit(axes: Axes, run: "Run", arrows: int = 8) -> None:
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("$x$ [m]")
     axes.set_ylabel("$y$ [m]")
-    axes.legend(handles=[Line2D([], [], marker="o", color="black", linestyle="", label="start")], fontsize=8)
+    start = Line2D([], [], marker="o", color="black", linestyle="", markersize=5, label="start")
+    axes.legend(handles=[start], fontsize=8, loc="lower right", bbox_to_anchor=(1, 1), frameon=False)
 
 
 def run_figure(run: "Run", periods: int = 4) -> Figure:
@@ -171,13 +193,18 @@ def run_figure(run: "Run", periods: int = 4) -> Figure:
     panels = figure.subplot_mosaic([["heights", "heights", "orbit"], ["beta", "theta", "spin"]])
     heights(panels["heights"], run, (max(0.0, end - periods / f), end))
     orbit(panels["orbit"], run)
+    aperiodic = run.mode == "aperiodic"
     for angle in ANGLES:
-        portrait(panels[angle], run, angle, last_cycle(run))
+        if aperiodic:
+            strobes(panels[angle], run, angle)
+        else:
+            portrait(panels[angle], run, angle, last_cycle(run))
     titles = ("normal displacements", "centre of mass", "dip", "precession", "spin")
     for letter, title, axes in zip("abcde", titles, panels.values(), strict=True):
         axes.set_title(f"({letter}) {title}", loc="left", fontsize=10)
-    figure.legend(handles=contact_legend(), loc="outside lower center", ncols=4, fontsize=8, frameon=False)
-    shown = ("e", "Gamma", "f", "A_r", "mu", "mu_s", "beta0", "xdot0")
+    if not aperiodic:
+        figure.legend(handles=contact_legend(), loc="outside lower center", ncols=4, fontsize=8, frameon=False)
+    shown = ("e", "Gamma", "f", "A_r", "mu", "mu_s", *(() if run.start else ("beta0", "xdot0")))
     words = ", ".join(given(name, run.parameters[name]) for name in shown)
     figure.suptitle(f"{run.mode} after {run.n_periods} periods: {words}", fontsize=10)
     return figure

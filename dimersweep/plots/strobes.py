@@ -42,7 +42,7 @@ def bifurcation(cube: xr.Dataset) -> Figure:
             here = mode.values == code
             places = np.repeat(mode[name].values[here], values.shape[1])
             color = MODE_COLORS[MODES[code]]
-            axes.plot(places, values[here].ravel(), ".", color=color, markersize=1.6, markeredgewidth=0)
+            axes.plot(places, values[here].ravel(), ".", color=color, markersize=2.4, markeredgewidth=0)
         units = "mm" if STATES[quantity].units == "m" else units_shown(STATES[quantity].units)
         axes.set_ylabel(f"{quantity.replace('_', ' ')} [{units}]")
         if is_geometric(mode[name].values):
@@ -50,6 +50,6 @@ def bifurcation(cube: xr.Dataset) -> Figure:
     panels[-1].set_xlabel(label(name))
     found = [MODES[code] for code in np.unique(mode.values)]
     handles = [Line2D([], [], color=MODE_COLORS[word], marker="o", linestyle="", label=word) for word in found]
-    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), fontsize=9)
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=9)
     figure.suptitle(f"At the start of each forcing period\n{title(cube)}", fontsize=10)
     return figure

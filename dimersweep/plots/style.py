@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import xarray as xr
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
@@ -49,6 +50,13 @@ TEX = {
 }
 PICTURES = (".png", ".pdf", ".svg")
 DPI = 200  # of a picture that is not made of lines
+
+
+def row_colors(n: int) -> list[Any]:
+    """Colours of `n` curves in one panel, all of them distinct."""
+    if n <= len(ROW_COLORS):
+        return list(ROW_COLORS[:n])
+    return [colormaps["viridis"](k / (n - 1)) for k in range(n)]
 
 
 def units_of(name: str) -> str:
