@@ -89,9 +89,13 @@ def test_nothing_is_replaced_unless_forced(call, fake_kernel):
         (
             "periods =",
             "perods =",
-            "sweep.perods: unknown key (allowed: title, periods, max_periods, rtol, stop_when_settled, certify, output)",
+            "sweep.perods: unknown key; did you mean periods? (allowed: title, periods, max_periods, rtol, ",
         ),
-        ("[plot]", "[plott]", "plott: unknown key (allowed: sweep, grid, fixed, search, refine, paths, plot)"),
+        (
+            "[plot]",
+            "[plott]",
+            "plott: unknown key; did you mean plot? (allowed: sweep, grid, fixed, search, refine, paths, plot)",
+        ),
         ("periods = 200", "", "sweep.periods: is missing"),
         ("periods = 200", "periods = 0", "sweep.periods = 0: must be a whole number >= 1"),
         ("periods = 200", "periods = 2.5", "sweep.periods = 2.5: must be a valid integer"),
@@ -519,6 +523,63 @@ def test_a_cube_is_made_again_from_what_it_tells(call, fake_kernel, monkeypatch)
     assert err.startswith("dimersweep: error: fig07-small.nc: was made by another version, so its numbers may differ")
     assert err.splitlines()[1] == f'  kernel_version: "{first.attrs["kernel_version"]}" -> "another"'
     assert call("run", "--from", "fig07-small.nc", "--out", "third.nc", "--other-kernel")[2] == 0
+
+
+def test_all_mistakes_of_a_file_are_told_at_once(call):
+    bad = SMALL.replace("periods =", "perods =").replace("mu = 0.2", "mu = -1\nGama = 2").replace('"segments"', '"pie"')
+    Path("small.toml").write_text(bad.replace("f = [15, 20, 25]", 'f = ["15 rpm"]'))
+    _, err, code = call("run", "small.toml")
+    first, *lines = err.splitlines()
+    assert (code, first) == (2, "dimersweep: error: small.toml: 5 mistakes")
+    assert [line.split(" (allowed")[0] for line in lines] == [
+        "  sweep.perods: unknown key; did you mean periods?",
+        "  plot.kind = 'pie': must be 'segments', 'mode_map', 'regions', 'paths', 'trends', 'minimum', 'impact_ends', "
+        "'shares', 'planar' or 'bifurcation'",
+        "  f = '15 rpm': the unit must be Hz",
+        "  mu = -1.0: must be >= 0",
+        "  Gama: unknown parameter; did you mean Gamma?",
+    ]
+
+
+def test_a_title_may_be_left_out_and_a_fixed_angle_be_in_degrees(call, fake_kernel):
+    bare = SMALL.replace('title = "Drift over the initial dip angle (Fig. 7, coarse)"\n', "").partition("[plot]")[0]
+    Path("small.toml").write_text(bare + 'phi0 = { value = 90, unit = "deg" }\n')
+    _, err, code = call("run", "small.toml", "--no-plot")
+    assert code == 0, err
+    cube = dimersweep.open_cube("fig07-small.nc")
+    assert cube.attrs["title"] == "sweep of a 3D dimer on a vibrating plate"
+    assert cube["phi0"].item() == pytest.approx(1.5707963)
+
+
+def test_presets_are_listed_printed_and_run(call, fake_kernel):
+    out, _, _ = call("presets")
+    assert {path.stem for path in (ROOT / "sweeps").glob("*.toml")} == {line.split()[0] for line in out.splitlines()}
+    assert any(line.startswith("fig08 ") and "Regions of the e-Gamma plane" in line for line in out.splitlines())
+    assert call("presets", "fig07-small")[0].strip() == SMALL.strip()
+    _, err, code = call("run", "fig07-small", "--no-plot")
+    assert code == 0, err
+    assert Path("fig07-small.nc").exists()
+    _, err, code = call("run", "fig7")
+    assert (code, err.startswith("dimersweep: error: fig7: unknown preset, and no file; did you mean fig")) == (2, True)
+
+
+@pytest.mark.jit
+def test_a_bifurcation_diagram_is_a_preset(call):
+    out, err, code = call("run", "bifurcation-small")
+    assert (code, "warning" in err) == (0, False)
+    assert out.splitlines()[-1] == "picture: bifurcation-small.png"
+    assert dimersweep.open_cube("bifurcation-small.nc").sizes == {"Gamma": 41, "strobe": 16}
+
+
+def test_a_shell_completes_commands(monkeypatch):
+    done = subprocess.run(
+        ["dimersweep"],
+        env=os.environ | {"_DIMERSWEEP_COMPLETE": "complete_bash", "COMP_WORDS": "dimersweep pre", "COMP_CWORD": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.stdout.split() == ["presets"]
 
 
 def test_fail_fast_names_the_point_and_keeps_the_rest(call, monkeypatch):

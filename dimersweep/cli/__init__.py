@@ -11,18 +11,17 @@ from dimersweep.cli.claiming import claims
 from dimersweep.cli.drawing import plot
 from dimersweep.cli.exploring import explore
 from dimersweep.cli.simulating import simulate
-from dimersweep.cli.sweeping import plan, run, status
+from dimersweep.cli.sweeping import plan, presets, run, status
 from dimersweep.errors import UserError
 
 INTERRUPTED = 130  # what a shell expects of a program that Ctrl-C has stopped
 
 app = typer.Typer(
     help="Event-driven simulation of a 3D dimer on a vibrating plate.",
-    add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (simulate, run, plan, status, plot, explore, claims):
+for command in (simulate, run, presets, plan, status, plot, explore, claims):
     app.command()(command)
 
 

@@ -17,7 +17,8 @@ from dimersweep.errors import Stopped
 if TYPE_CHECKING:
     from dimersweep.studies.declaration import Declaration
 
-Declared = Annotated[Path | None, typer.Argument(metavar="SWEEP.toml", help="Declaration of the sweep.")]
+PRESET = "Declaration of the sweep: a file, or a preset such as fig07."
+Declared = Annotated[Path | None, typer.Argument(metavar="SWEEP.toml", help=PRESET)]
 
 
 def run(
@@ -85,8 +86,9 @@ def _declared(declaration: Path | None, source: Path | None, out: Path | None, *
         raise typer.BadParameter("give either SWEEP.toml or --from CUBE")
     if declaration is not None:
         from dimersweep.studies.declaration import read_declaration
+        from dimersweep.studies.presets import find_declaration
 
-        return read_declaration(declaration)
+        return read_declaration(find_declaration(declaration))
     assert source is not None
     if out is None:
         raise typer.BadParameter("--from CUBE needs --out, the cube to write")
@@ -113,7 +115,7 @@ def stoppable() -> Iterator[None]:
 
 
 def plan(
-    declaration: Annotated[Path, typer.Argument(metavar="SWEEP.toml", help="Declaration of the sweep.")],
+    declaration: Annotated[Path, typer.Argument(metavar="SWEEP.toml", help=PRESET)],
     *,
     workers: Workers = None,
     periods: Periods = None,
@@ -122,10 +124,11 @@ def plan(
     """Tell points, size and time of a declared sweep from a timed sample; nothing is written."""
     from dimersweep.studies.declaration import read_declaration
     from dimersweep.studies.planning import plan
+    from dimersweep.studies.presets import find_declaration
     from dimersweep.work.computing import make_how
     from dimersweep.work.progress import tell_of_compiling
 
-    declared = read_declaration(declaration)
+    declared = read_declaration(find_declaration(declaration))
     study, threads = declared.study(periods=periods, rtol=rtol), make_how(workers).workers
     tell_of_compiling()
     for line in plan(study, threads, Path(declared.sweep.output)).lines():
@@ -140,3 +143,24 @@ def status(
 
     for line in status(out):
         typer.echo(line)
+
+
+def presets(
+    name: Annotated[
+        str | None, typer.Argument(metavar="NAME", help="Preset whose file is printed, to be changed.")
+    ] = None,
+) -> None:
+    """List the sweeps that come with the program, or print one of them."""
+    import tomllib
+
+    from dimersweep.studies.presets import find_declaration
+    from dimersweep.studies.presets import presets as all_presets
+
+    if name is not None:
+        typer.echo(find_declaration(Path(name)).read_text(encoding="utf-8").rstrip())
+        return
+    known = all_presets()
+    width = max(map(len, known), default=0)
+    for each, path in known.items():
+        title = tomllib.loads(path.read_text(encoding="utf-8"))["sweep"].get("title", "")
+        typer.echo(f"{each:{width}}  {title}")

@@ -88,8 +88,15 @@ def _from_declaration(name: str, declared: Mapping[str, Any]) -> np.ndarray:
     return values
 
 
-def _held(name: str, value: Any) -> float:
-    """A fixed value: a number, a text with its unit, or a mapping with a `value` and a `unit`."""
+def fixed_value(name: str, value: Any) -> float:
+    """A fixed value: a number, a text with its unit, or a mapping with a `value` and a `unit`.
+
+    Raises
+    ------
+    ParameterError
+        If the name is unknown, or it is no such value.
+    """
+    check_name(name)
     if isinstance(value, Mapping):
         if set(value) != {"value", "unit"}:
             raise ParameterError(f"{name}: has {', '.join(value) or 'nothing'}; give value and unit")
@@ -239,7 +246,7 @@ def refuse_twice(varied: Mapping[str, Any], fixed: Mapping[str, Any]) -> None:
 
 def fixed_values(varied: Mapping[str, np.ndarray], fixed: Mapping[str, Any]) -> dict[str, float]:
     """Every parameter that does not vary, in SI units: as `fixed` says, or as in the base case."""
-    held = {name: _held(name, value) for name, value in (BASE | dict(fixed)).items() if name not in varied}
+    held = {name: fixed_value(name, value) for name, value in (BASE | dict(fixed)).items() if name not in varied}
     if {"e_1", "e_2"} & {*varied, *fixed}:
         e = held.pop("e")
         held = {name: e for name in ("e_1", "e_2") if name not in varied} | held

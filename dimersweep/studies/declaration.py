@@ -1,19 +1,23 @@
 """Sweeps declared in a file: TOML in, checked for unknown words, and ready to be handed to `sweep`."""
 
 import os
+import re
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from dimersweep.errors import ParameterError
-from dimersweep.parameters import check_count, check_rtol
+from dimersweep.cubes.grid import axis, fixed_value
+from dimersweep.errors import ParameterError, unknown
+from dimersweep.parameters import check, check_count, check_rtol
 from dimersweep.studies import search as searching
 from dimersweep.studies import sweep_spec
 from dimersweep.studies.deciding import SearchSpec
 from dimersweep.studies.refine import RefineSpec, check_refinement
 from dimersweep.studies.sweep_spec import Spec
+from dimersweep.symbols import PARAMETERS
 
 
 class _Section(BaseModel):
@@ -23,7 +27,7 @@ class _Section(BaseModel):
 class SweepSection(_Section):
     """What to compute and where to put it."""
 
-    title: str
+    title: str | None = None
     periods: int
     max_periods: int | None = None
     rtol: float = 1e-8
@@ -127,7 +131,7 @@ class Declaration(_Section):
     @property
     def attrs(self) -> dict[str, str]:
         """Attributes of the cube."""
-        return {"title": self.sweep.title, "plot": self.plot.kind}
+        return ({} if self.sweep.title is None else {"title": self.sweep.title}) | {"plot": self.plot.kind}
 
 
 _KNOWN: dict[str, type[BaseModel]] = {
@@ -140,18 +144,53 @@ _KNOWN: dict[str, type[BaseModel]] = {
 }
 
 
-def _explain(error: ValidationError) -> str:
-    """The first complaint of pydantic as one line with the key and what is allowed."""
-    # a misspelt key is also a missing one: name the spelling first
-    first = min(error.errors(), key=lambda complaint: complaint["type"] != "extra_forbidden")
-    *section, key = (str(part) for part in first["loc"])
-    where = ".".join([*section, key])
-    if first["type"] == "extra_forbidden":
-        allowed = ", ".join(_KNOWN[".".join(section)].model_fields)
-        return f"{where}: unknown key (allowed: {allowed})"
-    if first["type"] == "missing":
-        return f"{where}: is missing"
-    return f"{where} = {first['input']!r}: {first['msg'].replace('Input should', 'must')}"
+def _explain(error: ValidationError) -> list[str]:
+    """The complaints of pydantic, each as one line with the key and what is allowed."""
+    told: list[str] = []
+    meant: set[str] = set()
+    for complaint in error.errors():
+        *section, key = (str(part) for part in complaint["loc"])
+        where = ".".join([*section, key])
+        if complaint["type"] == "extra_forbidden":
+            line = unknown(key, "key", _KNOWN[".".join(section)].model_fields)
+            told.append(".".join([*section, line]))
+            meant.update(".".join([*section, name]) for name in re.findall(r"did you mean (\w+)\?", line))
+        elif complaint["type"] == "missing":
+            told.append(f"{where}: is missing")
+        else:
+            told.append(f"{where} = {complaint['input']!r}: {complaint['msg'].replace('Input should', 'must')}")
+    return [
+        line for line in told if line.partition(": is missing")[0] not in meant
+    ]  # a misspelt key is not missing too
+
+
+def _of_parameters(raw: Mapping[str, Any]) -> list[str]:
+    """What is wrong with single parameters in the sections grid and fixed, each in one line."""
+    told = []
+    for section, judged in (("grid", axis), ("fixed", fixed_value)):
+        given = raw.get(section, {})
+        for name, value in given.items() if isinstance(given, Mapping) else ():
+            try:
+                check({name: judged(name, value)}, gaps=PARAMETERS)  # rules between two parameters wait for all of them
+            except ParameterError as error:
+                told.append(str(error))
+    return told
+
+
+def _mistakes(raw: Mapping[str, Any]) -> list[str]:
+    """All that is wrong with a declaration, as far as it can be judged piece by piece."""
+    told = []
+    try:
+        declaration = Declaration.model_validate(raw)
+    except ValidationError as error:
+        told = _explain(error)
+    told += _of_parameters(raw)
+    if not told:
+        try:
+            declaration.study()
+        except ParameterError as error:
+            told = [str(error)]
+    return told
 
 
 def read_declaration(path: str | os.PathLike[str]) -> Declaration:
@@ -170,20 +209,20 @@ def read_declaration(path: str | os.PathLike[str]) -> Declaration:
     Raises
     ------
     ParameterError
-        One line with the file, the key and what is allowed.
+        With the file and every key that is wrong, and what is allowed.
     """
     path = Path(path)
     try:
-        declaration = Declaration.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-        declaration.study()
+        raw = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ParameterError(f"{path}: cannot be read ({error.strerror})") from None
     except RecursionError:
         raise ParameterError(f"{path}: is nested too deeply") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ParameterError(f"{path}: is no valid TOML ({error})") from None
-    except ValidationError as error:
-        raise ParameterError(f"{path}: {_explain(error)}") from None
-    except ParameterError as error:
-        raise ParameterError(f"{path}: {error}") from None
-    return declaration
+    told = _mistakes(raw)
+    if len(told) > 1:
+        raise ParameterError(f"{path}: {len(told)} mistakes" + "".join(f"\n  {line}" for line in told))
+    if told:
+        raise ParameterError(f"{path}: {told[0]}")
+    return Declaration.model_validate(raw)

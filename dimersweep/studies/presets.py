@@ -1,0 +1,34 @@
+"""The declared sweeps that come with the package: every dataset of the paper, and more."""
+
+from pathlib import Path
+
+import dimersweep
+from dimersweep.errors import ParameterError, unknown
+
+_HERE = Path(dimersweep.__file__).parent
+FOLDERS = (_HERE / "presets", _HERE.parent / "sweeps")  # of an installed package, and of a copy of the repository
+
+
+def presets() -> dict[str, Path]:
+    """The files of all presets, by their names."""
+    for folder in FOLDERS:
+        found = {path.stem: path for path in sorted(folder.glob("*.toml"))}
+        if found:
+            return found
+    return {}
+
+
+def find_declaration(given: Path) -> Path:
+    """The file that is meant by `given`: a path, or the name of a preset.
+
+    Raises
+    ------
+    ParameterError
+        If it is neither.
+    """
+    if given.exists() or given.suffix or given.parent != Path():
+        return given
+    known = presets()
+    if given.name not in known:
+        raise ParameterError(unknown(given.name, "preset, and no file", known))
+    return known[given.name]
