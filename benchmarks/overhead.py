@@ -18,7 +18,7 @@ from statistics import median
 from time import perf_counter, thread_time
 from typing import Any
 
-import dimersweep.runs.run
+import dimersweep.runs.solving
 import dimersweep.studies.certifying
 import dimersweep.work.tiles
 from dimersweep import sweep
@@ -31,7 +31,7 @@ ON_CORE = 0.95  # share of the kernel's time on a processor, below which the mac
 CALLS = (  # of compiled code, by those who run points, certify them, and record paths
     (dimersweep.work.tiles, "run_many"),
     (dimersweep.studies.certifying, "run_many"),
-    (dimersweep.runs.run, "run_recorded"),
+    (dimersweep.runs.solving, "run_recorded"),
 )
 
 

@@ -2,9 +2,8 @@
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cached_property
-from inspect import Parameter, Signature
 from math import isnan
 from os import PathLike
 from pathlib import Path
@@ -15,61 +14,18 @@ import xarray as xr
 
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.batch import Workspace
-from dimersweep.kernel.model.layout import CODES, DI_ENDS, MODES, OUT, PERIOD, STATUS_MESSAGES, STATUSES
+from dimersweep.kernel.model.layout import CODES, MODES, OUT, PERIOD, STATUS_MESSAGES, STATUSES
 from dimersweep.parameters import Parameters, check_count, check_name, check_rtol, check_seconds
 from dimersweep.runs.error_bounds import NUDGE, bounds, nudged, shadow_rtol
+from dimersweep.runs.outcome import Orbit, orbit_from
 from dimersweep.runs.recorded import Record, events_of, states_of
 from dimersweep.runs.solving import MAX_RECORDED, End, Solved, go_on, solve, speed_at
-from dimersweep.runs.starting import INITIAL, is_point, kernel_start, parameters_of, start_of
-from dimersweep.symbols import BASE, PARAMETERS
+from dimersweep.runs.starting import INITIAL, is_point, kernel_start, named, parameters_of, start_of
 from dimersweep.work.proving import is_proven, prove
 from dimersweep.work.stopping import StopFlag, stoppable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-
-@dataclass(frozen=True, kw_only=True)
-class Orbit:
-    """The orbit of a drift: values of its last full period, and the change of each per period, fitted over the last 20.
-
-    Attributes
-    ----------
-    radius : float
-        Radius of the circle, speed over precession rate [m]; NaN for a straight path, which has none.
-    period : float
-        Time once round [s]; NaN for a straight path.
-    zeta : float
-        Angle from the axis (from the ball that is down to the one that bounces) to the velocity [rad].
-    speed : float
-        Speed of the centre of mass at the end of the double impact [m s-1].
-    precession_rate : float
-        Mean rate of theta, signed [rad s-1].
-    impact_phase : float
-        Phase of the double impact in cycles of the plate, in [0, 1) [1].
-    di_end : str
-        Friction of p1 and p2 when the double impact ends: sp_sp, sp_sk, sk_sp or sk_sk.
-    spin_rate, beta_rate_after : float
-        Axial spin, and rate of the dip angle, after the double impact [rad s-1].
-    radius_drift, period_drift, zeta_drift, speed_drift, precession_rate_drift, impact_phase_drift : float
-        Change per forcing period, in the unit of the quantity.
-    """
-
-    radius: float
-    period: float
-    zeta: float
-    speed: float
-    precession_rate: float
-    impact_phase: float
-    di_end: str
-    spin_rate: float
-    beta_rate_after: float
-    radius_drift: float
-    period_drift: float
-    zeta_drift: float
-    speed_drift: float
-    precession_rate_drift: float
-    impact_phase_drift: float
 
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)
@@ -385,21 +341,6 @@ class Run:
         return bounds(self, shadows, times, T)
 
 
-def _orbit(out: dict[str, float], di_end: int) -> Orbit:
-    names = {entry.name for entry in fields(Orbit)} - {"di_end"}
-    return Orbit(di_end=DI_ENDS[di_end], **{name: out[name] for name in names})
-
-
-def _signature(function: Any) -> Signature:
-    """The signature of a function that takes parameters of the model as keywords, each of them named."""
-    own = [each for each in Signature.from_callable(function).parameters.values() if each.kind is not each.VAR_KEYWORD]
-    model = [
-        Parameter(name, Parameter.KEYWORD_ONLY, default=BASE.get(name), annotation="float | str | None")
-        for name in PARAMETERS
-    ]
-    return Signature([*model, *own])
-
-
 def simulate(
     *,
     start: Any = None,
@@ -414,8 +355,6 @@ def simulate(
 
     Parameters
     ----------
-    e, Gamma, f, A_r, mu, mu_s, beta0, xdot0, phi0, r, rho_b, rho_r, D_r, g, e_1, e_2, Gamma_2, phi_2, mu_h : float
-        Parameters of the model in SI units, see `Parameters`; an angle may be a text such as "16 deg".
     start : mapping of str to float, xarray.Dataset, or Run, optional
         State to start from, in place of `beta0` and `xdot0`: values by the names of `Run.states` (what is not given is
         zero, and the lower end on the plate), one time of it, or a run whose end it is. Its `phase` is the `phi0` of the
@@ -432,6 +371,8 @@ def simulate(
     max_seconds : float, optional
         Bound on the time that the run takes [s]. One that is stopped so has the status "stopped", the `n_periods` that it
         came to, and the events and states up to there.
+    **parameters : float or str
+        Parameters of the model in SI units, each by its name, see `Parameters`; an angle may be a text such as "16 deg".
 
     Returns
     -------
@@ -486,7 +427,7 @@ def follow(
     return as_run(parameters.given(), rtol, solved, begun)
 
 
-simulate.__signature__ = _signature(simulate)  # type: ignore[attr-defined]
+simulate.__signature__ = named(simulate)  # type: ignore[attr-defined]
 
 
 def _with_start(parameters: Mapping[str, Any], start: Mapping[str, float]) -> dict[str, Any]:
@@ -515,7 +456,7 @@ def as_run(parameters: dict[str, float], rtol: float, solved: Solved, start: dic
         rtol=rtol,
         n_events=code["n_events"],
         n_periods=code["n_periods"],
-        orbit=_orbit(out, code["di_end"]) if MODES[code["mode"]] == "drift" else None,
+        orbit=orbit_from(out, code["di_end"]) if MODES[code["mode"]] == "drift" else None,
         down_share_1=out["down_share_1"],
         down_share_2=out["down_share_2"],
         settled_after=out["settled_after"],

@@ -27,11 +27,11 @@ OUTCOME: tuple[str, ...] = (  # what a run tells of itself, besides its orbit
     *("status", "message", "mode", "mode_period", "n_events", "n_periods"),
     *("down_share_1", "down_share_2", "settled_after"),
 )
-ROWS = {  # arrays of the kernel and their dimensions
-    "event_rows": ("event", "event_column"),
-    "segment_rows": ("segment", "segment_column"),
-    "end_start": ("one", "start_column"),
-    "end_past": ("past_row", "past_column"),
+ROWS = {  # arrays of the kernel, their dimensions and meanings
+    "event_rows": (("event", "event_column"), "events as the kernel wrote them"),
+    "segment_rows": (("segment", "segment_column"), "state at the start of each smooth phase, as the kernel wrote it"),
+    "end_start": (("one", "start_column"), "state and friction modes at the end, from which the run goes on"),
+    "end_past": (("past_row", "past_column"), "what the verdict on the mode keeps of the run"),
 }
 
 
@@ -52,7 +52,9 @@ def _as_dataset(run: "Run") -> xr.Dataset:
     if run._record is not None:
         events = run.events.drop_encoding()
         arrays |= {"event_rows": run._record.events, "segment_rows": run._record.segments}
-    variables = {name: xr.Variable(ROWS[name], values) for name, values in arrays.items()}
+    variables = {
+        name: xr.Variable(ROWS[name][0], values, {"long_name": ROWS[name][1]}) for name, values in arrays.items()
+    }
     for variable in variables.values():
         variable.encoding.update(PACKED, _FillValue=None)
     parameters = {name: xr.Variable((), value, PARAMETERS[name].attributes()) for name, value in run.parameters.items()}

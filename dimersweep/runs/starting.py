@@ -1,6 +1,7 @@
 """A run that starts from any state: the names of `Run.states` to the kernel's state, and what a start may be."""
 
 from collections.abc import Mapping
+from inspect import Parameter, Signature
 from math import cos, pi, sin
 from typing import Any
 
@@ -28,7 +29,7 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.kernel.model.plate import motion
 from dimersweep.parameters import Parameters, as_number
-from dimersweep.symbols import PARAMETERS, STATES
+from dimersweep.symbols import BASE, PARAMETERS, STATES
 
 CLOSED = 1e-12  # a gap this far below zero is a closed one [m]
 AGREES = 1e-9  # how well the gaps of a start must agree with its dip angle, in units of the distance of the balls
@@ -167,3 +168,13 @@ def _plate(parameters: Mapping[str, float]) -> tuple[float, float]:
     """Height and rate of the plate at the start [m, m/s]."""
     height, rate, _ = motion(dimer_of(Parameters(**parameters).row()), parameters["phi0"])
     return float(height), float(rate)
+
+
+def named(function: Any) -> Signature:
+    """The signature of a function that takes parameters of the model as keywords, each of them named."""
+    own = [each for each in Signature.from_callable(function).parameters.values() if each.kind is not each.VAR_KEYWORD]
+    model = [
+        Parameter(name, Parameter.KEYWORD_ONLY, default=BASE.get(name), annotation="float | str | None")
+        for name in PARAMETERS
+    ]
+    return Signature([*model, *own])
