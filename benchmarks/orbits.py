@@ -60,7 +60,7 @@ def costs():
     for kind in ("fold", "flip"):
         e = np.linspace(0.4, 0.8, 1000) if kind == "fold" else np.linspace(0.6, 0.7, 200)
         found, seconds = timed(lambda kind=kind, e=e: orbits.border(kind, "Gamma", over={"e": e}, spin=SPIN))
-        cost = found["cost"].values[2:]
+        cost = np.sort(found["cost"].values)[:-3]  # without the first ones
         print(
             f"a warm point of a {kind} curve: median {np.nanmedian(cost):.0f}, most {np.nanmax(cost):.0f} periods;"
             f" {e.size} points: {found.attrs['cost']:.0f} periods with the meetings, {seconds:.1f} s,"

@@ -1,14 +1,12 @@
 """Branches and borders: the folds, flips and words they pass, against measured values, closed forms and long runs."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 
 from dimersweep import orbits, simulate
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.orbits.border import compound, last_entry
-from dimersweep.orbits.bordering import ball_flip, ball_fold, serpentine
+from dimersweep.orbits.bordering import ball_flip, ball_fold, outwards
 
 # at spin 100 rad/s, all else as in the base case; found with a prototype of its own
 FOLDS = {0.5: 1.04771531, 0.6: 0.78725965, 0.7: 0.55603099}
@@ -40,10 +38,10 @@ def test_borders_are_where_they_were_measured(kind, known):
 
 def test_a_curve_costs_little_and_does_not_depend_on_its_points():
     fine = orbits.border("fold", "Gamma", over={"e": np.linspace(0.5, 0.7, 21)}, spin=100.0)
-    assert fine["cost"].values[2:].max() <= 120
+    assert np.sort(fine["cost"].values)[:-3].max() <= 120
     assert float(fine["Gamma"].sel(e=0.6, method="nearest")) == pytest.approx(FOLDS[0.6], abs=5e-8)
     flips = orbits.border("flip", "Gamma", over={"e": np.linspace(0.6, 0.7, 11)}, spin=100.0)
-    assert flips["cost"].values[2:].max() <= 120
+    assert np.sort(flips["cost"].values)[:-3].max() <= 120
     assert float(flips["Gamma"].values[-1]) == pytest.approx(FLIPS[0.7], abs=2e-6)
 
 
@@ -194,10 +192,12 @@ def test_bordering_tells_a_singular_matrix():
     assert np.sort_complex(np.linalg.eigvals(compound(J))) == pytest.approx(np.sort_complex(products))
 
 
-def test_a_grid_is_walked_from_neighbour_to_neighbour():
-    walk = list(serpentine((3, 4, 2)))
+def test_a_grid_is_walked_from_its_middle_outwards():
+    walk = outwards((3, 4, 2))
     assert len(set(walk)) == 24
-    assert all(sum(abs(a - b) for a, b in zip(p, q, strict=True)) == 1 for p, q in pairwise(walk))
+    assert walk[0] == (1, 1, 0)
+    for k, index in enumerate(walk[1:], 1):
+        assert any(sum(abs(a - b) for a, b in zip(index, other, strict=True)) == 1 for other in walk[:k])
 
 
 def test_bad_input_is_told(orbit):

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from dimersweep.cli.bordering import borders
 from dimersweep.cli.claiming import claims
 from dimersweep.cli.drawing import plot
 from dimersweep.cli.exploring import explore
@@ -21,7 +22,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (simulate, run, presets, plan, status, plot, explore, claims):
+for command in (simulate, run, presets, plan, status, plot, explore, borders, claims):
     app.command()(command)
 
 

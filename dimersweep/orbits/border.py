@@ -6,14 +6,14 @@ once; from one point of a curve to the next Broyden's update keeps it.
 """
 
 from itertools import combinations
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
-from dimersweep.orbits.branch import Axis, slope_of
+from dimersweep.orbits.branch import Axis
 from dimersweep.orbits.held import HeldMap
-from dimersweep.orbits.return_map import Image, OrbitLost, ReturnMap
-from dimersweep.orbits.solving import TOLERANCE, Fixed, defect, system
+from dimersweep.orbits.return_map import Image, OrbitLost, ReturnMap, Tape
+from dimersweep.orbits.solving import TOLERANCE, Fixed
 
 STEPS = 14
 SINGULAR = 3e-8  # last entry of the bordered solution that counts as none: what differences know
@@ -48,31 +48,38 @@ def compound(J: np.ndarray) -> np.ndarray:
     return J[np.ix_(a, a)] * J[np.ix_(b, b)] - J[np.ix_(a, b)] * J[np.ix_(b, a)]
 
 
-def own_map(kind: str, m: ReturnMap) -> ReturnMap:
-    """The map that tells a border: of flips and tori that with the spin held at the start of a forcing period."""
-    make = ReturnMap if kind == "fold" else HeldMap
-    return make(m.parameters, m.phase, m.modes, m.periods, m.rtol, m.tape)
+def held(m: ReturnMap, parameters: dict[str, float], spin: float, tape: Tape) -> HeldMap:
+    """The map that tells a border, in the section of another map."""
+    return HeldMap(parameters, m.phase, m.modes, m.periods, m.rtol, tape, spin)
 
 
 class Told(NamedTuple):
-    """The map at a point, its image and derivatives, and the matrix that is singular on the border."""
+    """The image of a point, the derivative of the map, and the matrix that is singular on the border."""
 
-    map: ReturnMap
     image: Image
     matrix: np.ndarray
     gradient: np.ndarray
     singular: np.ndarray
 
 
-def tell(kind: str, m: ReturnMap, z: np.ndarray) -> Told:
+def tell(kind: str, m: HeldMap, z: np.ndarray) -> Told:
     """All that the equations of a border take at a point."""
     J, gradient = m.jacobian(z)
-    if isinstance(m, HeldMap):
-        fast = J - np.outer(m.kick(z), gradient)
-        M = fast + np.eye(len(J)) if kind == "flip" else compound(fast) - np.eye(len(J) * (len(J) - 1) // 2)
-    else:
-        M = system(m, J, gradient)
-    return Told(m, m.image(z), J, gradient, M)
+    singular = {"fold": J - np.eye(len(J)), "flip": J + np.eye(len(J))}.get(kind)
+    if singular is None:
+        singular = compound(J) - np.eye(len(J) * (len(J) - 1) // 2)
+    return Told(m.image(z), J, gradient, singular)
+
+
+def at_value(axis: Axis, m: HeldMap, value: float) -> HeldMap:
+    """The map at a value of the parameter."""
+    return cast(HeldMap, axis.map_at(m, value))
+
+
+def slope_of(axis: Axis, m: HeldMap, z: np.ndarray, value: float) -> np.ndarray:
+    """Derivative of the image by the parameter over its scale, by central differences."""
+    ahead, back = (at_value(axis, m, value + by * m.step * axis.scale).image(z).point for by in (1, -1))
+    return (ahead - back) / (2 * m.step)
 
 
 def last_entry(M: np.ndarray, left: np.ndarray, right: np.ndarray) -> float:
@@ -83,7 +90,7 @@ def last_entry(M: np.ndarray, left: np.ndarray, right: np.ndarray) -> float:
     return float(np.linalg.solve(bordered, np.eye(n + 1)[n])[n])
 
 
-def framed(kind: str, axis: Axis, m: ReturnMap, z: np.ndarray, value: float) -> Frame:
+def framed(kind: str, axis: Axis, m: HeldMap, z: np.ndarray, value: float) -> Frame:
     """Borders from the least singular value, and the derivative of all equations by differences."""
     here = tell(kind, m, z)
     U, _, V = np.linalg.svd(here.singular)
@@ -94,13 +101,13 @@ def framed(kind: str, axis: Axis, m: ReturnMap, z: np.ndarray, value: float) -> 
         d = np.zeros(z.size)
         d[k] = STEP
         row.append((last_entry(tell(kind, m, z + d).singular, left, right) - base) / STEP)
-    moved = axis.map_at(m, value + STEP * axis.scale)
+    moved = at_value(axis, m, value + STEP * axis.scale)
     row.append((last_entry(tell(kind, moved, z).singular, left, right) - base) / STEP)
-    top = np.column_stack([system(m, here.matrix, here.gradient), slope_of(axis, m, z, value)])
+    top = np.column_stack([here.matrix - np.eye(z.size), slope_of(axis, m, z, value)])
     return Frame(left, right, np.vstack([top, row]))
 
 
-def on_border(kind: str, axis: Axis, m: ReturnMap, y: np.ndarray, frame: Frame | None = None) -> OnBorder:
+def on_border(kind: str, axis: Axis, m: HeldMap, y: np.ndarray, frame: Frame | None = None) -> OnBorder:
     """The point of a border near `y`, at the parameters of `m`.
 
     Parameters
@@ -109,8 +116,7 @@ def on_border(kind: str, axis: Axis, m: ReturnMap, y: np.ndarray, frame: Frame |
         fold, flip or torus.
     axis : Axis
         The parameter that is solved for.
-    m : ReturnMap
-        From `own_map`.
+    m : HeldMap
     y : ndarray, shape (n + 1,)
         Section point and parameter over its scale.
     frame : Frame, optional
@@ -122,22 +128,20 @@ def on_border(kind: str, axis: Axis, m: ReturnMap, y: np.ndarray, frame: Frame |
         If Newton's method does not come to one.
     """
     if frame is None:
-        frame = framed(kind, axis, axis.map_at(m, y[-1] * axis.scale), y[:-1], y[-1] * axis.scale)
+        frame = framed(kind, axis, at_value(axis, m, y[-1] * axis.scale), y[:-1], y[-1] * axis.scale)
     A, old_r, taken = frame.derivative.copy(), None, None
-    A[:-1, -1] = slope_of(axis, axis.map_at(m, y[-1] * axis.scale), y[:-1], y[-1] * axis.scale)
+    A[:-1, -1] = slope_of(axis, at_value(axis, m, y[-1] * axis.scale), y[:-1], y[-1] * axis.scale)
     best = np.inf
     for _ in range(STEPS):
         value = y[-1] * axis.scale
-        told = tell(kind, axis.map_at(m, value), y[:-1])
-        r = np.append(
-            defect(told.map, y[:-1], told.image, axis.spin_at(value)),
-            last_entry(told.singular, frame.left, frame.right),
-        )
+        there = at_value(axis, m, value)
+        told = tell(kind, there, y[:-1])
+        r = np.append(told.image.point - y[:-1], last_entry(told.singular, frame.left, frame.right))
         if taken is not None:
             A = A + np.outer(r - old_r - A @ taken, taken) / (taken @ taken)
-        A[:-1, :-1] = system(told.map, told.matrix, told.gradient)
+        A[:-1, :-1] = told.matrix - np.eye(y.size - 1)
         if np.abs(r[:-1]).max() <= TOLERANCE * m.rtol and abs(r[-1]) <= SINGULAR:
-            fixed = Fixed(told.map, y[:-1], told.image, told.matrix, told.gradient, float(np.abs(r[:-1]).max()))
+            fixed = Fixed(there, y[:-1], told.image, told.matrix, told.gradient, float(np.abs(r[:-1]).max()))
             return OnBorder(fixed, value, Frame(frame.left, frame.right, A))
         best = min(best, np.abs(r).max())
         try:

@@ -1,6 +1,7 @@
 """Curves of borders over other parameters, and where they meet other borders."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from itertools import product, takewhile
 from math import hypot, pi
 from typing import Any, NamedTuple
@@ -9,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.errors import OrbitError, ParameterError
-from dimersweep.orbits.border import OnBorder, on_border, own_map
+from dimersweep.orbits.border import OnBorder, held, on_border
 from dimersweep.orbits.branch import (
     Axis,
     Leap,
@@ -23,6 +24,7 @@ from dimersweep.orbits.branch import (
 from dimersweep.orbits.finding import RTOL, checked, orbit_at, rolled_up
 from dimersweep.orbits.orbit import Orbit, orbit_of
 from dimersweep.orbits.return_map import OrbitLost, ReturnMap, Tape
+from dimersweep.orbits.solving import fixed_at
 from dimersweep.orbits.tables import dataset
 from dimersweep.orbits.word import change_of, word_of
 from dimersweep.parameters import as_number, check_name, check_rtol
@@ -59,7 +61,7 @@ def ball_flip(e: float) -> float:
 def border(
     kind: str,
     parameter: str,
-    over: Mapping[str, Sequence[float]],
+    over: Mapping[str, Any],
     *,
     spin: float | None = None,
     start: Orbit | None = None,
@@ -78,8 +80,9 @@ def border(
     over : mapping of str to sequence of float
         Values of one or more others; each point begins with what its neighbour has come to.
     spin : float, optional
-        Axial spin [rad s-1]; by default what a lateral start with `xdot0` rolls up to. Of a flip and a torus it is that at
-        the start of each forcing period, to which the fast part is put back there; else that after the double impact.
+        Axial spin [rad s-1]; by default what a lateral start with `xdot0` rolls up to. Of a fold, a flip and a torus it is
+        that to which the spin is put back at the start of each forcing period; of a change of word that after the double
+        impact.
     start : Orbit, optional
         From which the first point is looked for; by default one found between the ball's fold and flip.
     rtol : float
@@ -105,22 +108,14 @@ def border(
     rtol = check_rtol(rtol)
     spin = rolled_up(given) if spin is None else as_number("spin", spin)
     curve = Curve(kind, parameter, given, spin, rtol)
-    names, shape = list(axes), tuple(len(values) for values in axes.values())
-    found: dict[tuple[int, ...], Found] = {}
-    status: dict[tuple[int, ...], str] = {}
-    for index in serpentine(shape):
-        values = {name: float(axes[name][k]) for name, k in zip(names, index, strict=True)}
-        try:
-            found[index] = curve.point(values, _near(found, index), start)
-        except (OrbitLost, OrbitError, ParameterError) as reason:
-            status[index] = str(reason)
+    found, status = _walked(curve, axes, start)
     if not found:
         raise OrbitError(f"no {kind} found in {parameter}: {next(iter(status.values()))}")
     return _dataset(curve, axes, found, status)
 
 
 def _checked(
-    kind: str, parameter: str, over: Mapping[str, Sequence[float]], fixed: dict[str, float]
+    kind: str, parameter: str, over: Mapping[str, Any], fixed: dict[str, float]
 ) -> tuple[dict[str, float], dict[str, np.ndarray]]:
     """All parameters, and the axes.
 
@@ -148,24 +143,56 @@ def _checked(
     return checked(fixed | {name: float(values[0]) for name, values in axes.items()}), axes
 
 
-def serpentine(shape: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
-    """Every point of a grid, each but the first beside the one before it."""
-    for flat in product(*(range(n) for n in shape)):
-        index, odd = [], False
-        for k, n in zip(flat, shape, strict=True):
-            index.append(n - 1 - k if odd else k)
-            odd = sum(index) % 2 == 1
-        yield tuple(index)
+def outwards(shape: tuple[int, ...]) -> list[tuple[int, ...]]:
+    """Every point of a grid, from its middle outwards."""
+    middle = [(n - 1) // 2 for n in shape]
+    points = product(*(range(n) for n in shape))
+    return sorted(points, key=lambda index: sum(abs(k - m) for k, m in zip(index, middle, strict=True)))
+
+
+def _walked(
+    curve: "Curve", axes: dict[str, np.ndarray], start: Orbit | None
+) -> tuple[dict[tuple[int, ...], Found], dict[tuple[int, ...], str]]:
+    """The points that are found, and why the others are not: from the middle outwards, each from a neighbour.
+
+    A point that is not found is tried again when another neighbour of it has been found since.
+    """
+    found: dict[tuple[int, ...], Found] = {}
+    status: dict[tuple[int, ...], str] = {}
+    tried: dict[tuple[int, ...], int] = {}
+    order = outwards(tuple(len(values) for values in axes.values()))
+    going_on = True
+    while going_on:
+        going_on = False
+        for index in order:
+            sides = len(_beside(found, index))
+            if index in found or (found and sides == 0) or tried.get(index) == sides:
+                continue
+            tried[index] = sides
+            values = {name: float(axes[name][k]) for name, k in zip(axes, index, strict=True)}
+            try:
+                found[index] = curve.point(values, _near(found, index), start)
+                going_on = True
+            except (OrbitLost, OrbitError, ParameterError) as reason:
+                status[index] = str(reason)
+    return found, {index: status.get(index, "no neighbour was found") for index in order if index not in found}
+
+
+def _beside(found: dict[tuple[int, ...], Found], index: tuple[int, ...]) -> list[tuple[int, ...]]:
+    """The neighbours of a point that are found."""
+    moves = product(range(len(index)), (-1, 1))
+    around = [tuple(n + side * (j == k) for j, n in enumerate(index)) for k, side in moves]
+    return [other for other in around if other in found]
 
 
 def _near(found: dict[tuple[int, ...], Found], index: tuple[int, ...]) -> list[Found]:
-    """The found neighbours of a point along one axis, the nearest first, for a curve through them; the last found one else."""
+    """The found neighbours of a point along one axis, the nearest first, for a curve through them."""
     for k in range(len(index)):
         for side in (-1, 1):
             line = [tuple(n + by * side * (j == k) for j, n in enumerate(index)) for by in (1, 2, 3)]
             if line[0] in found:
                 return [found[at] for at in takewhile(found.__contains__, line)]
-    return [next(reversed(found.values()))] if found else []
+    return []
 
 
 class Curve:
@@ -216,7 +243,7 @@ class Curve:
     def _next(self, given: dict[str, float], near: list[Found]) -> tuple[Orbit, float, Any]:
         if self.kind in CURVES:
             old: OnBorder = near[0].begin
-            m = self._map(old.fixed.map, given)
+            m = held(old.fixed.map, given, self.spin, self.tape)
             try:
                 return self._told(on_border(self.kind, self.axis, m, self._extrapolated(near), old.frame))
             except OrbitLost:
@@ -242,37 +269,53 @@ class Curve:
         """The orbit of a point of the border, in a section that suits the next one."""
         m = at.fixed.map
         plain = ReturnMap(m.parameters, m.phase, m.modes, m.periods, m.rtol, self.tape)
-        image = plain.image(at.fixed.z)
-        orbit = orbit_of(at.fixed._replace(map=plain, image=image), 0.0)
-        if not plain.well_placed(image.passage):
-            moved, z = plain.moved(image.passage)
-            there = own_map(self.kind, moved)
+        fixed = fixed_at(plain, at.fixed.z, residual=at.fixed.residual)
+        fast = np.linalg.eigvals(at.fixed.matrix).astype(complex)
+        fast = fast[np.argsort(-np.abs(fast), kind="stable")][:-1]  # without that of the spin, which is put back
+        orbit = replace(orbit_of(fixed, 0.0), multipliers=fast, stable=bool((np.abs(fast) < 1).all()))
+        if not plain.well_placed(fixed.image.passage):
+            moved, z = plain.moved(fixed.image.passage)
+            there = held(moved, m.parameters, self.spin, self.tape)
             at = on_border(self.kind, self.axis, there, np.append(z, at.value / self.axis.scale))
         return orbit, at.value, at
 
     # --- the first point: on a branch ------------------------------------------------------------------------------
 
     def _first(self, given: dict[str, float], start: Orbit | None) -> tuple[Orbit, float, Any]:
-        reasons = []
-        for at in [start] if start is not None else self._starts(given):
+        reasons: list[str] = []
+        for orbit in [start] if start is not None else self._starts(given, reasons):
             try:
-                orbit = at if isinstance(at, Orbit) else orbit_at(given | at, self.spin, rtol=self.rtol)
                 special = self._along(orbit)
             except (OrbitError, OrbitLost) as reason:
                 reasons.append(str(reason))
                 continue
             if self.kind in CURVES:
-                m = own_map(self.kind, special.fixed.map)
+                m = held(special.fixed.map, special.fixed.map.parameters, self.spin, self.tape)
                 return self._told(on_border(self.kind, self.axis, m, special.y(self.axis)))
             return orbit_of(special.fixed, 0.0), special.value, in_own_section(self.axis, special)
         raise OrbitError(f"no {self.kind} was met; {'; '.join(reasons)}")
 
-    def _starts(self, given: dict[str, float]) -> Iterator[dict[str, float]]:
-        """Where an orbit is looked for: between the ball's fold and flip, near the border that is wanted."""
+    def _starts(self, given: dict[str, float], reasons: list[str]) -> Iterator[Orbit]:
+        """Orbits from which the border is looked for; those in which both ends fly, perhaps another motion, come last."""
+        flying = []
+        for at in self._places(given):
+            try:
+                orbit = orbit_at(given | at, self.spin, rtol=self.rtol)
+            except OrbitError as reason:
+                reasons.append(str(reason))
+                continue
+            if orbit.word.endswith("far.1 far.2"):
+                flying.append(orbit)
+            else:
+                yield orbit
+        yield from flying
+
+    def _places(self, given: dict[str, float]) -> Iterator[dict[str, float]]:
+        """Where an orbit is looked for: between the ball's fold and flip."""
         if self.parameter not in ("Gamma", "e"):
             yield {}
             return
-        for share in (0.05, 0.3, 0.6) if self.kind == "fold" else (0.8, 0.5, 0.2):
+        for share in (0.05, 0.3, 0.6) if self.kind == "fold" else (0.3, 0.1, 0.6, 0.8):
             if self.parameter == "Gamma":
                 e = given.get("e_2", given["e"])
                 yield {"Gamma": ball_fold(e) + share * (ball_flip(e) - ball_fold(e))}

@@ -162,7 +162,7 @@ def storable(table: xr.Dataset) -> xr.Dataset:
         if column.dtype.kind == "c":
             for part in ("real", "imag"):
                 table[f"{name}_{part}"] = (column.dims, getattr(column.values, part), column.attrs)
-            table = table.drop_vars(name)
+            table = table.drop_vars([name])
         elif column.dtype.kind == "b":
             flags = {"flag_values": np.array([0, 1], dtype=np.int8), "flag_meanings": "no yes"}
             table[name] = (
@@ -182,12 +182,13 @@ def _curves(declared: Borders, curves: Curves, tell: Tell) -> xr.Dataset:
     axes = declared.axes
     tables, meetings = [], []
     for kind in curves.kinds:
-        table = border(kind, curves.parameter, over=axes, spin=curves.spin, **declared.fixed)
+        fixed: dict[str, Any] = declared.fixed
+        table = border(kind, curves.parameter, over=axes, spin=curves.spin, **fixed)
         found = int(np.isfinite(table[curves.parameter]).sum())
         tell(f"{kind}: {found} of {table[curves.parameter].size} points, {table.attrs['cost']:.0f} periods of the map")
-        met = [name for name in table.data_vars if "meeting" in table[name].dims]
-        meetings.append(table[met])
-        table = table.drop_vars(met)
+        beside = [name for name in table.data_vars if "meeting" in table[name].dims]
+        meetings.append(table[beside])
+        table = table.drop_vars(beside)
         if kind in BALL and curves.parameter == "Gamma":
             e = table["e"] if "e" in table.coords else xr.DataArray(checked(declared.fixed)["e"])
             ball = xr.apply_ufunc(np.vectorize(BALL[kind]), e)
@@ -204,8 +205,8 @@ def _curves(declared: Borders, curves: Curves, tell: Tell) -> xr.Dataset:
 
 
 def _branches(declared: Borders, branches: Branches, tell: Tell) -> xr.Dataset:
-    tables = []
-    for number, point in enumerate(declared.points()):
+    tables: list[xr.Dataset] = []
+    for point in declared.points():
         orbit = find(spin=branches.spin, **point)  # type: ignore[arg-type]
         for end in branches.ends:
             table = follow(
@@ -220,7 +221,6 @@ def _branches(declared: Borders, branches: Branches, tell: Tell) -> xr.Dataset:
                 units = PARAMETERS[name]._asdict() if name in PARAMETERS else {"long_name": "number of the branch"}
                 table[name] = ("point", values, units)
             tables.append(table)
-        del number
     made = xr.concat(tables, dim="point", combine_attrs="drop")
     made.attrs = {"what": "branches", "parameter": branches.parameter}
     return made
@@ -232,7 +232,7 @@ def _families(declared: Borders, families: Families, tell: Tell) -> xr.Dataset:
     tables = []
     for point in declared.points():
         try:
-            table = family(spin=families.spin, points=families.points, **point)  # type: ignore[arg-type]
+            table = family(spin=families.spin, points=families.points, **point)
         except OrbitError as error:
             tell(f"{_at(point, declared)}{error}")
             raise
@@ -241,10 +241,9 @@ def _families(declared: Borders, families: Families, tell: Tell) -> xr.Dataset:
         table = table.drop_vars([name for name in table.data_vars if table[name].dtype.kind not in "fc"])
         tables.append(table.reindex(spin=spins).assign(ends))
     made = xr.concat(tables, dim="over", combine_attrs="drop")
-    for k, (name, values) in enumerate(axes.items()):
-        column = [point[k] for point in product(*axes.values())]
+    for name in axes:
+        column = [point[name] for point in declared.points()]
         made = made.assign_coords({name: ("over", np.array(column), PARAMETERS[name]._asdict())})
-        del values
     made.attrs = {"what": "families"}
     return made
 

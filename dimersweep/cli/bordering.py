@@ -1,0 +1,35 @@
+"""The command for borders, branches and families of orbits."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dimersweep.cli.options import Force
+
+
+def borders(
+    declaration: Annotated[Path, typer.Argument(metavar="FILE", help="Borders to make, such as borders/atlas.toml.")],
+    *,
+    out: Annotated[Path | None, typer.Option(help="NetCDF file, in place of the declared one.")] = None,
+    picture: Annotated[Path | None, typer.Option(help="Picture; the output's name with .png by default.")] = None,
+    over: Annotated[Path | None, typer.Option(metavar="CUBE", help="Map of regions to draw curves over.")] = None,
+    force: Force = False,
+) -> None:
+    """Make borders, branches or families of orbits, and draw them."""
+    from dimersweep.plots.style import check_picture
+    from dimersweep.storage.netcdf import check_writable, open_cube
+    from dimersweep.studies.bordering import make_borders, read_borders
+    from dimersweep.work.progress import tell_of_compiling
+
+    declared = read_borders(declaration)
+    out = out or Path(declared.borders.output)
+    check_writable(out, force=force)
+    drawn = check_picture(picture or out.with_suffix(".png"), force=force, name="picture")
+    under = open_cube(over) if over is not None else None
+    tell_of_compiling()
+    table = make_borders(declared, out, force=force, tell=typer.echo)
+    from dimersweep.plots.borders import draw_borders
+
+    draw_borders(table, under).savefig(drawn, dpi=150)
+    typer.echo(f"{out} and {drawn} in {table.attrs['wall_time_s']:.1f} s")
