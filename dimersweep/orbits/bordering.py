@@ -1,6 +1,7 @@
 """Curves of borders over other parameters, and where they meet other borders."""
 
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from itertools import product, takewhile
 from math import hypot, pi
@@ -274,9 +275,10 @@ class Curve:
         fast = fast[np.argsort(-np.abs(fast), kind="stable")][:-1]  # without that of the spin, which is put back
         orbit = replace(orbit_of(fixed, 0.0), multipliers=fast, stable=bool((np.abs(fast) < 1).all()))
         if not plain.well_placed(fixed.image.passage):
-            moved, z = plain.moved(fixed.image.passage)
-            there = held(moved, m.parameters, self.spin, self.tape)
-            at = on_border(self.kind, self.axis, there, np.append(z, at.value / self.axis.scale))
+            with suppress(OrbitLost):
+                moved, z = plain.moved(fixed.image.passage)
+                there = held(moved, m.parameters, self.spin, self.tape)
+                at = on_border(self.kind, self.axis, there, np.append(z, at.value / self.axis.scale))
         return orbit, at.value, at
 
     # --- the first point: on a branch ------------------------------------------------------------------------------

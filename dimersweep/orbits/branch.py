@@ -147,10 +147,21 @@ def corrected(axis: Axis, near: Point, y: np.ndarray, normal: np.ndarray, known:
 
 
 def in_own_section(axis: Axis, point: Point) -> Point:
-    """The same point at a section of its own, if events have come near to the one it has, or simpler contact lasts."""
-    m, passage = point.fixed.map, point.fixed.image.passage
-    if m.well_placed(passage):
+    """The same point at a section of its own, if events have come near to the one it has, or simpler contact lasts.
+
+    Where that cannot be had, the point stays in its section as long as it lasts.
+    """
+    if point.fixed.map.well_placed(point.fixed.image.passage):
         return point
+    try:
+        return _moved(axis, point)
+    except OrbitLost:
+        return point
+
+
+def _moved(axis: Axis, point: Point) -> Point:
+    """The same point in the section that suits it best."""
+    m, passage = point.fixed.map, point.fixed.image.passage
     moved, z = m.moved(passage)
     near = Point(fixed_at(moved, z), point.value, slope_of(axis, moved, z, point.value), np.zeros(z.size + 1))
     forward = 1.0 if point.tangent[-1] >= 0 else -1.0

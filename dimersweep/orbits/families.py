@@ -18,13 +18,14 @@ from scipy.optimize import brentq
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.orbits.finding import RTOL, centred, checked, orbit_at
 from dimersweep.orbits.following import Trace, traced
-from dimersweep.orbits.manifold import lag
+from dimersweep.orbits.manifold import lag, slow_direction
 from dimersweep.orbits.orbit import Orbit, orbit_of
 from dimersweep.orbits.return_map import OrbitLost
 from dimersweep.orbits.solving import Fixed, solve, system
 from dimersweep.orbits.tables import dataset
 from dimersweep.parameters import as_number, check_count, check_rtol
 
+ASIDE = 0.05  # distance from where the family leads, in units of the section
 STEPS = 60  # of a branch from one spin to the next, where Newton's method does not get there at once
 SHOWN = ("radius", "period", "zeta", "speed", "precession_rate", "impact_phase", "di_end")
 TOLD = ("radius", "period", "zeta")
@@ -109,20 +110,34 @@ def _anywhere(spins: np.ndarray, given: dict[str, float], rtol: float) -> tuple[
 def _along(seen: dict[int, Seen], spins: np.ndarray, order: range) -> str:
     """Solve at one spin after the other, until there is no orbit; why the family ends."""
     fixed = seen[order.start - order.step].fixed
-    before: Fixed | None = None
     for k in order:
-        m, spin = fixed.map, float(spins[k])
-        z = fixed.z if before is None or before.map is not m else 2 * fixed.z - before.z
+        spin = float(spins[k])
         try:
-            nxt = centred(solve(m, z, spin, system(m, fixed.matrix, fixed.gradient)))
+            fixed = _next(fixed, spin)
         except OrbitLost:
             branch = traced(orbit_of(fixed, 0.0), "spin", spin, STEPS)
             if not branch.end.startswith("to:"):
                 return _why(branch)
-            nxt = branch.entries[-1].orbit.fixed
-        before, fixed = fixed, nxt
+            fixed = branch.entries[-1].orbit.fixed
         seen[k] = seen_at(fixed)
     return "asked for"
+
+
+def _next(fixed: Fixed, spin: float) -> Fixed:
+    """The orbit at another spin, along the family.
+
+    Raises
+    ------
+    OrbitLost
+        If there is none nearby, or one so far from where the family leads that it may be another one's.
+    """
+    m = fixed.map
+    along, _ = slow_direction(fixed)
+    z = fixed.z + along * (spin - fixed.image.spin) / m.unit
+    nxt = solve(m, z, spin, system(m, fixed.matrix, fixed.gradient))
+    if np.abs(nxt.z - z).max() > ASIDE:
+        raise OrbitLost("the next orbit lies aside of the family")
+    return centred(nxt)
 
 
 def _why(branch: Trace) -> str:

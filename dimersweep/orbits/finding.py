@@ -140,12 +140,15 @@ def _found(
 
 
 def centred(fixed: Fixed) -> Fixed:
-    """The same orbit, its section moved if an event lies near."""
+    """The same orbit, its section moved if an event lies near and it can be had in another one."""
     m = fixed.map
     if m.well_placed(fixed.image.passage):
         return fixed
-    moved, z = m.moved(fixed.image.passage)
-    return solve(moved, z, fixed.image.spin)
+    try:
+        moved, z = m.moved(fixed.image.passage)
+        return solve(moved, z, fixed.image.spin)
+    except OrbitLost:
+        return fixed
 
 
 def repeats_after(fixed: Fixed) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 from dimersweep.orbits.return_map import Image, OrbitLost
 from dimersweep.orbits.solving import TOLERANCE, Fixed, defect, fixed_at, newton, system
 
-APART = 1e-2  # distance of the multipliers of the fast part from 1 below which it is no slower than the spin
+APART = 0.05  # distance of the multipliers of the fast part from 1 below which it is no slower than the spin
 FARTHEST = 0.05  # of the manifold from the fixed point, in units of the section
 
 
@@ -35,21 +35,28 @@ def multipliers_of(fixed: Fixed) -> tuple[np.ndarray, float]:
 
 
 def lag(fixed: Fixed) -> np.ndarray:
-    """How far the manifold lies from the fixed point, to first order in the change of the spin."""
+    """How far the manifold lies from the fixed point, to first order in the change of the spin; 0 where nothing is fast."""
     m = fixed.map
+    if not has_fast_part(fixed):
+        return np.zeros(fixed.z.size)
     along, rate = slow_direction(fixed)
     fast = np.delete(np.arange(fixed.z.size), m.slow)
     away = np.zeros(fixed.z.size)
     J = fixed.matrix[np.ix_(fast, fast)]
     away[fast] = -np.linalg.solve(np.eye(fast.size) - J, along[fast] * rate / m.unit)
-    return away
+    return away if np.abs(away).max() <= FARTHEST else np.zeros(fixed.z.size)
+
+
+def has_fast_part(fixed: Fixed) -> bool:
+    """Whether all multipliers but the slow one are away from 1."""
+    fast, _ = multipliers_of(fixed)
+    return bool(fast.size > 0 and np.abs(fast - 1).min() >= APART)
 
 
 def on_manifold(fixed: Fixed) -> Fixed:
     """The point of the slow manifold at the spin of a fixed point; the fixed point itself where the fast part is not fast."""
     m = fixed.map
-    fast, _ = multipliers_of(fixed)
-    if fast.size == 0 or np.abs(fast - 1).min() < APART:
+    if not has_fast_part(fixed):
         return fixed
     values, vectors = np.linalg.eig(fixed.matrix)
     v = vectors[:, int(np.argmin(np.abs(values - 1)))].real

@@ -1,0 +1,81 @@
+"""Borders declared in files: made, written, drawn, and refused with a line."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from dimersweep import orbits
+from dimersweep.cli import app
+from dimersweep.errors import ParameterError, StoreError
+from dimersweep.plots.borders import draw_borders
+from dimersweep.studies.bordering import make_borders, read_borders
+
+BORDERS = Path(__file__).parents[1] / "borders"
+
+
+@pytest.mark.parametrize("path", sorted(BORDERS.glob("*.toml")), ids=lambda path: path.stem)
+def test_every_declaration_is_allowed_and_has_a_small_preset(path):
+    declared = read_borders(path)
+    small = read_borders(path.with_name(path.stem.removesuffix("-small") + "-small.toml"))
+    assert Path(declared.borders.output).suffix == ".nc"
+    for part in ("curves", "branches", "families"):
+        assert (getattr(declared, part) is None) == (getattr(small, part) is None)
+    assert list(declared.over) == list(small.over)
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("name", ["branch-small", "families-small", "fig14_16-small"])
+def test_a_small_preset_is_written_and_drawn(name, tmp_path):
+    out = tmp_path / "borders.nc"
+    made = make_borders(read_borders(BORDERS / f"{name}.toml"), out)
+    with xr.open_dataset(out) as back:
+        back.load()
+        xr.testing.assert_identical(back, made)
+        assert back.attrs["Conventions"] == "CF-1.11"
+        assert back.attrs["configuration_sha256"]
+        draw_borders(back).savefig(tmp_path / "figure.png")
+    with pytest.raises(StoreError, match="exists already"):
+        make_borders(read_borders(BORDERS / f"{name}.toml"), out)
+
+
+@pytest.mark.jit
+def test_curves_are_those_of_border(tmp_path):
+    text = (BORDERS / "atlas-small.toml").read_text()
+    text = text.replace('kinds = ["fold", "flip", "hop"]', 'kinds = ["fold", "flip"]').replace("num = 7", "num = 3")
+    declaration = tmp_path / "atlas.toml"
+    declaration.write_text(text)
+    made = make_borders(read_borders(declaration))
+    direct = orbits.border("flip", "Gamma", over={"A_r": [6.0], "e": [0.5, 0.6, 0.7]}, spin=100.0)
+    assert made["Gamma"].sel(kind="flip").values == pytest.approx(direct["Gamma"].values, abs=1e-9)
+    assert made["ball"].sel(kind="fold").values[0] == pytest.approx(np.pi * np.array([0.5, 0.4, 0.3]) / [1.5, 1.6, 1.7])
+    draw_borders(made).savefig(tmp_path / "figure.png")
+
+
+@pytest.mark.jit
+def test_the_command_makes_a_file_and_a_picture(tmp_path, capsys):
+    out = tmp_path / "branch.nc"
+    app(["borders", str(BORDERS / "branch-small.toml"), "--out", str(out)], standalone_mode=False)
+    assert out.is_file()
+    assert out.with_suffix(".png").is_file()
+    assert "points" in capsys.readouterr().out
+
+
+def test_what_is_not_allowed_is_told(tmp_path):
+    bad = tmp_path / "bad.toml"
+    for text, message in (
+        ("", "Field required"),
+        ('[borders]\ntitle = "a"\noutput = "b.nc"\n', "must have one of"),
+        ('[borders]\ntitle = "a"\noutput = "b.nc"\n[curves]\nkinds = ["kink"]\n', "kink: unknown border"),
+        ('[borders]\ntitle = "a"\noutput = "b.nc"\n[curves]\nkinds = ["fold"]\ncolor = 1\n', "Extra inputs"),
+        ('[borders]\ntitle = "a"\noutput = "b.nc"\n[families]\nspin = [1, 2]\n[fixed]\nx = 1\n', "unknown parameter"),
+        ("[[", "no TOML"),
+    ):
+        bad.write_text(text)
+        with pytest.raises(ParameterError, match=message):
+            read_borders(bad)
+    with pytest.raises(ParameterError, match="cannot be read"):
+        read_borders(tmp_path / "none.toml")
+    with pytest.raises(ParameterError, match="neither curves nor branches"):
+        draw_borders(xr.Dataset())
