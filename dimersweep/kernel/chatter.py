@@ -44,7 +44,7 @@ from dimersweep.kernel.model.layout import (
     WB,
     WP,
 )
-from dimersweep.kernel.model.plate import heaviest, jerk_bound, speed_bound
+from dimersweep.kernel.model.plate import heaviest, jerk_bound, speed_bound, tempo
 from dimersweep.kernel.numerics.steps import copy
 
 CLOSE = 4.0  # what the close of a chatter may cost, in tolerances
@@ -81,7 +81,7 @@ def slow_enough(dm, n, remaining, tol):
     """
     if dm.mu_h != dm.mu_s:
         return remaining == 0.0
-    turn = dm.tempo * remaining
+    turn = tempo(dm) * remaining
     return n * turn * turn <= CLOSE * tol * dm.v_scale
 
 
@@ -130,7 +130,7 @@ def come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F):
     float
         Time that the hops which are summed would have taken [s]; below zero if no end was closed.
     """
-    quickest = 2.0 * dm.tempo / heaviest(dm)  # phase that a chatter takes per rate, with e = 0
+    quickest = 2.0 * tempo(dm) / heaviest(dm)  # phase that a chatter takes per rate, with e = 0
     fast = (CLOSE * tol * dm.v_scale / (quickest * quickest)) ** (1.0 / 3.0)
     faint, spread = CLOSE * tol * dm.v_scale, SPREAD * events * tol * dm.v_scale
     if spread > faint and calm(dm, state, spread):

@@ -12,6 +12,7 @@ from verbs import (
     first_landing,
     gap_series,
     least_gravity,
+    lightest,
     mean_gravity,
     plate_bounds,
     plate_rate,
@@ -95,8 +96,8 @@ def test_the_least_gravity_of_a_cycle(plate):
     gravity = dm.g + motion(dm, phases)[2]
     around = phases[np.argmin(gravity)] + np.linspace(-2e-3, 2e-3, 20_001)
     least = min(gravity.min(), (dm.g + motion(dm, around)[2]).min())
-    assert dm.lightest <= least + 1e-12
-    assert dm.lightest == pytest.approx(least, abs=1e-6 * dm.g)
+    assert lightest(dm) <= least + 1e-12
+    assert lightest(dm) == pytest.approx(least, abs=1e-6 * dm.g)
 
 
 def test_crests_of_random_waves_are_certain():
@@ -108,8 +109,8 @@ def test_crests_of_random_waves_are_certain():
         dm, _, phases = made({"Gamma": Gamma, "Gamma_2": Gamma_2, "phi_2": phi_2})
         least = (dm.g + motion(dm, phases)[2]).min()
         bend = (Gamma + 4 * Gamma_2) * dm.g
-        assert dm.lightest <= least + 1e-12
-        assert dm.lightest >= least - bend * (CYCLE[1] / 2) ** 2 / 2 - 2e-9 * bend
+        assert lightest(dm) <= least + 1e-12
+        assert lightest(dm) >= least - bend * (CYCLE[1] / 2) ** 2 / 2 - 2e-9 * bend
 
 
 @plates

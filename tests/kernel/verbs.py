@@ -241,6 +241,11 @@ def sag(dm, swing):
 
 
 @compiled
+def lightest(dm):
+    return plate.lightest(dm)
+
+
+@compiled
 def plate_bounds(dm):
     """Bounds of the plate's speed, of the effective gravity from above, and of the third and fourth derivative."""
     return plate.speed_bound(dm), plate.heaviest(dm), plate.jerk_bound(dm), plate.snap_bound(dm)

@@ -7,6 +7,7 @@ from dimersweep.kernel.contact.coordinates import UPRIGHT, YB, YCHART, YS, YUA, 
 from dimersweep.kernel.contact.forces import COMPLIANCE, F1, F2, hold_reserve
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
+from dimersweep.kernel.model.plate import tempo
 
 # Events of a contact phase, two numbers of each kind that an end has: the even one is p1's, the odd one p2's. A phase
 # evaluates one event function for each number.
@@ -152,7 +153,7 @@ def slip_limit(dm, modes, y, dy):
 @compiled
 def motion_rate(dm, y):
     """Rate at which the motion changes [rad/s]: that of the plate, or of the falling and turning rod."""
-    return max(dm.tempo, dm.w_scale + abs(y[YWB]) + abs(y[YWP]) + dm.J_a * dm.it * abs(y[YS]))
+    return max(tempo(dm), dm.w_scale + abs(y[YWB]) + abs(y[YWP]) + dm.J_a * dm.it * abs(y[YS]))
 
 
 @compiled

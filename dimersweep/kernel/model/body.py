@@ -11,12 +11,12 @@ s_2 = +1) moves with
 so W and N of (A.1), (A.3) have one row each, and normal and axial motion never couple to the lateral one.
 """
 
-from math import cos, pi, sin, sqrt
+from math import pi, sqrt
 from typing import NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled, exported
 from dimersweep.kernel.model.layout import Dimer
-from dimersweep.kernel.model.plate import TWO_PI, amplitude, least_of_cycle
+from dimersweep.kernel.model.plate import TWO_PI, amplitude
 
 
 @compiled
@@ -42,8 +42,6 @@ def as_dimer(row):
     J_a = 0.8 * m_b * r**2 + 0.125 * m_r * D_r**2
     m = 2.0 * m_b + m_r
     omega = TWO_PI * f
-    A_z, A_2, lag = amplitude(Gamma, g, omega), amplitude(Gamma_2, g, 2.0 * omega), phi_2 - 2.0 * phi0
-    lag_s, lag_c = sin(lag), cos(lag)
     hold = mu * (
         1.0 + 1e-9
     )  # a hair above mu where it is equal: slip that sets out of rest accelerates, however slowly
@@ -54,15 +52,12 @@ def as_dimer(row):
         max(mu_s, hold),
         max(mu_h, hold),
         g,
-        A_z,
+        amplitude(Gamma, g, omega),
         omega,
         1.0 / f,
         phi0 - TWO_PI * (phi0 // TWO_PI),
-        A_2,
-        lag_s,
-        lag_c,
-        omega if A_2 == 0.0 else 2.0 * omega,
-        least_of_cycle(g, omega, A_z, A_2, lag_s, lag_c),
+        amplitude(Gamma_2, g, 2.0 * omega),
+        (phi_2 - 2.0 * phi0) % TWO_PI,
         r,
         0.5 * lever,
         m,

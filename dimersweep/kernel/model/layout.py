@@ -24,11 +24,8 @@ class Dimer(NamedTuple):
     omega: float  # plate angular frequency [rad s-1]
     T: float  # forcing period [s]
     phi0: float  # plate phase at t = 0, reduced to [0, 2 pi) [rad]
-    A_2: float  # amplitude of the plate's second harmonic [m]; sine and cosine of its lag (``plate``)
-    lag_s: float
-    lag_c: float
-    tempo: float  # greatest angular frequency in the plate's motion [rad s-1]
-    lightest: float  # least effective gravity of a cycle [m s-2]
+    A_2: float  # amplitude of the plate's second harmonic [m]
+    lag: float  # its angle where the phase is zero [rad]
     r: float  # ball radius [m]
     h: float  # half the distance of the ball centres, l/2 [m]
     m: float  # total mass [kg]

@@ -29,22 +29,15 @@ def amplitude(Gamma, g, omega):
 
 
 @compiled
-def doubled(s, c, lag_s, lag_c):
-    """Sine and cosine of 2 phase + lag, from those of the phase and of the lag."""
-    s_2, c_2 = 2.0 * s * c, 1.0 - 2.0 * s * s
-    return s_2 * lag_c + c_2 * lag_s, c_2 * lag_c - s_2 * lag_s
-
-
-@compiled
-def wave(a, b, lag_s, lag_c, phase):
+def wave(a, b, lag, phase):
     """a sin(phase) + b sin(2 phase + lag), and its derivative with respect to the phase."""
     s, c = sincos(phase)
-    s_2, c_2 = doubled(s, c, lag_s, lag_c)
+    s_2, c_2 = sincos(2.0 * phase + lag)
     return a * s + b * s_2, a * c + 2.0 * b * c_2
 
 
 @compiled
-def crest(a, b, lag_s, lag_c):
+def crest(a, b, lag):
     """A bound of a sin(phase) + b sin(2 phase + lag) over all phases, above its maximum by `CERTAIN` at most.
 
     A climb of the best of some phases finds the maximum, as a rule. Steps over which the wave certainly stays below it (its
@@ -53,27 +46,19 @@ def crest(a, b, lag_s, lag_c):
     bend, spare = a + 4.0 * b, CERTAIN * (a + b)
     top, at = -inf, 0.0
     for k in range(GRID):
-        value, _ = wave(a, b, lag_s, lag_c, TWO_PI * k / GRID)
+        value, _ = wave(a, b, lag, TWO_PI * k / GRID)
         if value > top:
             top, at = value, TWO_PI * k / GRID
     for _ in range(CLIMBS):
-        value, slope = wave(a, b, lag_s, lag_c, at)
+        value, slope = wave(a, b, lag, at)
         top = max(top, value)
         at += slope / bend
     phase = 0.0
     while phase < TWO_PI:
-        value, slope = wave(a, b, lag_s, lag_c, phase)
+        value, slope = wave(a, b, lag, phase)
         top = max(top, value)
         phase += (sqrt(slope * slope + 2.0 * bend * (top - value + spare)) - slope) / bend
     return top + spare
-
-
-@compiled
-def least_of_cycle(g, omega, A_z, A_2, lag_s, lag_c):
-    """Least effective gravity of a cycle [m s-2]."""
-    if A_2 == 0.0:
-        return g - A_z * omega * omega
-    return g - crest(A_z * omega * omega, 4.0 * A_2 * omega * omega, lag_s, lag_c)
 
 
 # --- the plate at a phase ---------------------------------------------------------------------------------------------
@@ -85,26 +70,23 @@ def plate_rate(dm, phase):
     first = dm.A_z * dm.omega * cos(phase)
     if dm.A_2 == 0.0:
         return first
-    _, c_2 = second_harmonic(dm, phase)
+    _, c_2 = sincos(2.0 * phase + dm.lag)
     return first + 2.0 * dm.A_2 * dm.omega * c_2
 
 
-@compiled
-def second_harmonic(dm, phase):
-    """Sine and cosine of 2 phase + lag."""
-    s, c = sincos(phase)
-    return doubled(s, c, dm.lag_s, dm.lag_c)
-
-
-@compiled
+@compiled(inline=True)
 def effective_gravity(dm, phase):
     """g_e = g + z_p'' [m s-2]."""
-    s, c = sincos(phase)
+    s, _ = sincos(phase)
     g_e = dm.g - dm.A_z * dm.omega * dm.omega * s
-    if dm.A_2 == 0.0:
-        return g_e
-    s_2, _ = doubled(s, c, dm.lag_s, dm.lag_c)
-    return g_e - 4.0 * dm.A_2 * dm.omega * dm.omega * s_2
+    return g_e if dm.A_2 == 0.0 else g_e - second_acceleration(dm.A_2, dm.lag, dm.omega, phase)
+
+
+@compiled
+def second_acceleration(A_2, lag, omega, phase):
+    """The part of the second harmonic in -z_p''. (A call of its own: what calls the others often stays small without it.)"""
+    s_2, _ = sincos(2.0 * phase + lag)
+    return 4.0 * A_2 * omega * omega * s_2
 
 
 @compiled
@@ -113,8 +95,8 @@ def mean_gravity(dm, phase, swing):
     mean = dm.g + dm.A_z * dm.omega * dm.omega * (cos(phase + swing) - cos(phase)) / swing
     if dm.A_2 == 0.0:
         return mean
-    _, before = second_harmonic(dm, phase)
-    _, after = second_harmonic(dm, phase + swing)
+    _, before = sincos(2.0 * phase + dm.lag)
+    _, after = sincos(2.0 * (phase + swing) + dm.lag)
     return mean + 2.0 * dm.A_2 * dm.omega * dm.omega * (after - before) / swing
 
 
@@ -129,8 +111,8 @@ def least_gravity(dm, phase, swing):
     """Effective gravity below which it does not fall while the plate goes on by `swing` from a phase [m s-2]."""
     least = min(effective_gravity(dm, phase), effective_gravity(dm, phase + swing))
     if dm.A_2 == 0.0:
-        return dm.lightest if to_crest(phase) <= swing else least
-    return max(dm.lightest, least - sag(dm, swing))
+        return lightest(dm) if to_crest(phase) <= swing else least
+    return max(lightest(dm), least - sag(dm, swing))
 
 
 @compiled
@@ -144,6 +126,20 @@ def sag(dm, swing):
 
 
 @compiled
+def tempo(dm):
+    """Greatest angular frequency in the motion of the plate [rad s-1]."""
+    return dm.omega if dm.A_2 == 0.0 else 2.0 * dm.omega
+
+
+@compiled
+def lightest(dm):
+    """Least g_e of a cycle [m s-2]."""
+    if dm.A_2 == 0.0:
+        return dm.g - dm.A_z * dm.omega * dm.omega
+    return dm.g - crest(dm.A_z * dm.omega * dm.omega, 4.0 * dm.A_2 * dm.omega * dm.omega, dm.lag)
+
+
+@compiled
 def speed_bound(dm):
     """Bound of z_p' [m s-1]."""
     return (dm.A_z + 2.0 * dm.A_2) * dm.omega
@@ -151,7 +147,7 @@ def speed_bound(dm):
 
 @compiled
 def heaviest(dm):
-    """Bound of g_e from above [m s-2]; that from below is ``dm.lightest``."""
+    """Bound of g_e from above [m s-2]."""
     return dm.g + (dm.A_z + 4.0 * dm.A_2) * dm.omega**2
 
 
@@ -181,12 +177,10 @@ class Sway(NamedTuple):
     c_2: float
 
 
-@compiled
+@compiled(inline=True)
 def sway_from(dm, phase):
     """The plate from a phase on."""
-    s_2, c_2 = 0.0, 0.0
-    if dm.A_2 != 0.0:
-        s_2, c_2 = second_harmonic(dm, phase)
+    s_2, c_2 = (0.0, 0.0) if dm.A_2 == 0.0 else sincos(2.0 * phase + dm.lag)
     return Sway(dm.omega, dm.A_z * sin(phase), dm.A_z * cos(phase), dm.A_2 * s_2, dm.A_2 * c_2)
 
 
@@ -213,6 +207,13 @@ def less_harmonic(omega, s, c, y, sy, cy, height, rate, second, third):
     )
 
 
+@compiled
+def less_second_harmonic(sway, y, sy, cy, height, rate, second, third):
+    """The same of the second harmonic, an angle y of the first one after the start."""
+    omega, s_2, c_2 = 2.0 * sway.omega, 2.0 * sy * cy, 1.0 - 2.0 * sy * sy
+    return less_harmonic(omega, sway.s_2, sway.c_2, 2.0 * y, s_2, c_2, height, rate, second, third)
+
+
 @compiled(inline=True)
 def over_plate(sway, t, height, rate, second, third):
     """Height over the plate and its first three time derivatives, from those over one that goes on at its first rate."""
@@ -220,8 +221,7 @@ def over_plate(sway, t, height, rate, second, third):
     sy, cy = sin(y), cos(y)
     height, rate, second, third = less_harmonic(sway.omega, sway.s, sway.c, y, sy, cy, height, rate, second, third)
     if sway.s_2 != 0.0 or sway.c_2 != 0.0:
-        omega, s_2, c_2 = 2.0 * sway.omega, 2.0 * sy * cy, 1.0 - 2.0 * sy * sy
-        return less_harmonic(omega, sway.s_2, sway.c_2, 2.0 * y, s_2, c_2, height, rate, second, third)
+        return less_second_harmonic(sway, y, sy, cy, height, rate, second, third)
     return height, rate, second, third
 
 
@@ -242,6 +242,6 @@ def motion(dm, phase):
     acceleration = -dm.A_z * omega**2 * np.sin(phase)
     if dm.A_2 == 0.0:
         return height, rate, acceleration
-    twice = 2.0 * phase + np.arctan2(dm.lag_s, dm.lag_c)
+    twice = 2.0 * phase + dm.lag
     height, rate = height + dm.A_2 * np.sin(twice), rate + 2.0 * dm.A_2 * omega * np.cos(twice)
     return height, rate, acceleration - 4.0 * dm.A_2 * omega**2 * np.sin(twice)

@@ -46,6 +46,7 @@ from dimersweep.kernel.model.layout import (
     THETA,
     WB,
 )
+from dimersweep.kernel.model.plate import lightest
 from dimersweep.kernel.numerics.steps import clear
 from dimersweep.kernel.verdict.rest import slides_to_rest
 
@@ -272,7 +273,7 @@ def settled_period(past):
 @compiled
 def rests_for_good(dm, state, modes):
     """Whether both ends are closed and stay so whatever comes."""
-    if modes[0] == FREE or modes[1] == FREE or dm.lightest < 0.0:
+    if modes[0] == FREE or modes[1] == FREE or lightest(dm) < 0.0:
         return False
     return (modes[0] == STICK and modes[1] == STICK) or slides_to_rest(dm, state)
 

@@ -62,9 +62,11 @@ from dimersweep.kernel.model.plate import (
     effective_gravity,
     jerk_bound,
     least_gravity,
+    lightest,
     mean_gravity,
     sag,
     speed_bound,
+    tempo,
     to_crest,
 )
 
@@ -107,10 +109,10 @@ def is_calm(dm, b, spin, P):
     if d < 0.0:
         return False
     speed = speed_bound(dm)
-    least = room(dm, dm.lightest, dm.mu_h)
+    least = room(dm, lightest(dm), dm.mu_h)
     if 0.5 * (dm.m * P * P + M * now * now) * sqrt(dm.J_a * dm.it) <= least:
         return True
-    top = P if k * P <= d * dm.lightest else P + 2.0 * d * speed
+    top = P if k * P <= d * lightest(dm) else P + 2.0 * d * speed
     turn, roll = top / gyration, (V + dm.m / sqrt(q * M) * top) / dm.r
     return k * top <= d * dm.g and dm.J_a * roll * turn <= 0.5 * least
 
@@ -199,7 +201,7 @@ def followed_to_rest(dm, a, b, w, spin, phase):
         close = close and slip >= soft
         pace = min(P, max(slip, soft) / SOFT)
         swing = min(
-            CLOSE_SWING * (dm.omega / dm.tempo), dm.omega * close_stride(dm, pace, quickness(dm, b, w, spin), g_0)
+            CLOSE_SWING * (dm.omega / tempo(dm)), dm.omega * close_stride(dm, pace, quickness(dm, b, w, spin), g_0)
         )
         if to_crest(phase) > AT_CREST:
             swing = min(swing, to_crest(phase))
@@ -233,7 +235,7 @@ def slides_to_rest(dm, state):
     phase = state[PHASE] + dm.phi0
     moment = dm.J_a * abs(spin * w)
     if dm.mu == 0.0:
-        return moment <= room(dm, dm.lightest, dm.mu_h)
+        return moment <= room(dm, lightest(dm), dm.mu_h)
     doubt = 0.0
     for _ in range(STEPS):
         P = commotion(dm, a, b, w, spin)
@@ -242,7 +244,7 @@ def slides_to_rest(dm, state):
         quick = quickness(dm, b, w, spin)
         shift, t = 2.0 * speed_bound(dm) * quick / dm.g, stride(dm, P, quick)
         if shift > STILL:
-            shift, t = 0.0, min(t, SWING / dm.tempo)
+            shift, t = 0.0, min(t, SWING / tempo(dm))
         swing, soft = dm.omega * t, SOFT * P
         slow = slowest_slip(dm, a, b, w, spin) < soft
         before, g_e = moment, mean_gravity(dm, phase, swing)
