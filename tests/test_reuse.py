@@ -88,7 +88,7 @@ def test_values_match_bit_for_bit_or_not_at_all(asked):
         ({"fixed": {"mu": 0.1}}, "  fixed.mu: 0.2 -> 0.1"),
         (
             {"grid": {"beta0": BETA0, "e_1": [0.5]}, "fixed": {"f": 15}},
-            "  parameters: e in one, e_1 and e_2 in the other",
+            "  parameters: e, e_1, e_2 in one of them only",
         ),
     ],
 )

@@ -43,8 +43,9 @@ def _refuse_other_settings(old: dict[str, Any], new: dict[str, Any], name: str) 
         one, other = ("a search", "a whole grid") if "search" in old else ("a whole grid", "a search")
         raise StoreError(f"{name}: is the cube of {one}; it cannot be extended to {other}")
     changes = differences(settings(old), settings(new))
-    if {*old["grid"], *old["fixed"]} != {*new["grid"], *new["fixed"]}:
-        changes.append("parameters: e in one, e_1 and e_2 in the other")
+    lacking = {*old["grid"], *old["fixed"]} ^ {*new["grid"], *new["fixed"]}
+    if lacking:
+        changes.append(f"parameters: {', '.join(sorted(lacking))} in one of them only")
     if changes:
         lines = "".join(f"\n  {line}" for line in changes)
         raise StoreError(f"{name}: cannot be extended to this sweep, as it was made otherwise:{lines}")
