@@ -25,7 +25,7 @@ from dimersweep.kernel.contact.forces import (
     L2,
     double_forces,
 )
-from dimersweep.kernel.impact.impact import push
+from dimersweep.kernel.impact.impact import apply_impulse
 from dimersweep.kernel.model.body import delassus, levers
 from dimersweep.kernel.model.friction import slip_force
 from dimersweep.kernel.model.layout import (
@@ -93,7 +93,7 @@ def stays_open(dm, state, j, time):
 
 
 @compiled
-def calm(dm, state, rate):
+def lands_slowly(dm, state, rate):
     """Whether an end that lands within the next hops of a rattle lands no faster than this."""
     most = heaviest(dm)
     for j in range(2):
@@ -133,7 +133,7 @@ def come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F):
     quickest = 2.0 * tempo(dm) / heaviest(dm)  # phase that a chatter takes per rate, with e = 0
     fast = (CLOSE * tol * dm.v_scale / (quickest * quickest)) ** (1.0 / 3.0)
     faint, spread = CLOSE * tol * dm.v_scale, SPREAD * events * tol * dm.v_scale
-    if spread > faint and calm(dm, state, spread):
+    if spread > faint and lands_slowly(dm, state, spread):
         faint = spread
     may_1 = state[D1] == 0.0 and 0.0 <= state[N1] <= fast
     may_2 = state[D2] == 0.0 and 0.0 <= state[N2] <= fast
@@ -212,7 +212,7 @@ def close_one(dm, state, modes, i, y):
         t_a, t_b = t_a / v, t_b / v
     own, other = (N1, N2) if i == 0 else (N2, N1)
     P = -state[own] / (w.nn + w.na * t_a)
-    push(dm, state, lv, P, t_a * P, t_b * P)
+    apply_impulse(dm, state, lv, P, t_a * P, t_b * P)
     state[other] += P * (wj.nn + wj.na * t_a)
     state[own] = 0.0
 

@@ -13,9 +13,9 @@ from verbs import (
     collide_double,
     contact_velocity,
     dimer,
+    double_law,
     kinetic_energy,
     oracle_state,
-    pair_law,
     scratch,
     state_of,
 )
@@ -110,7 +110,7 @@ def test_three_equal_balls(e, expected):
     """
     dm = dimer(mu=0, e=e)
     dm = dm._replace(r=0.0, J_t=dm.m * dm.h**2 / 3, it=3 / (dm.m * dm.h**2))
-    law = pair_law(dm)
+    law = double_law(dm)
     np.testing.assert_allclose((law.nn, law.nn_12, law.w), (4, -2, 0), rtol=1e-15)
     state, _, log = strike(dm, flat(dm, -1.0, 0.0))
     ball = dm.m / 2
@@ -184,7 +184,7 @@ def test_impulses_of_the_log_make_the_change_of_momentum():
 def test_an_end_at_rest_that_is_pressed_down_takes_an_impulse():
     """The spurious solution E_1 = 0 of the equations (6)-(7): p1 rests, p2 lands, their normals repel each other."""
     dm = dimer(A_r=6)
-    assert pair_law(dm).nn_12 < 0
+    assert double_law(dm).nn_12 < 0
     after, _, log = strike(dm, flat(dm, 0.0, -0.3, 0.0, 1.0, 1.0))
     assert log[:, LOG_P1].sum() > 0.01 * log[:, LOG_P2].sum()
     assert after[N1] > 0
@@ -192,10 +192,10 @@ def test_an_end_at_rest_that_is_pressed_down_takes_an_impulse():
 
 def test_an_end_at_rest_that_is_lifted_takes_none():
     dm = dimer(A_r=4, mu=0)
-    assert pair_law(dm).nn_12 > 0
+    assert double_law(dm).nn_12 > 0
     after, _, log = strike(dm, flat(dm, 0.0, -0.3))
     assert log[:, LOG_P1] == pytest.approx(0, abs=1e-16)
-    law = pair_law(dm)
+    law = double_law(dm)
     np.testing.assert_allclose(after[[N1, N2]], (1.6 * 0.3 * law.nn_12 / law.nn, 0.18), rtol=1e-14)
 
 
@@ -208,7 +208,7 @@ def first_phase(dm, n_1, n_2):
 @pytest.mark.parametrize("A_r", [5.5, 6.0, 7.0])
 def test_two_ends_at_rest_hold_up_to_the_sum_of_their_limits(n_1, n_2, A_r):
     """Both hold if and only if |A| <= mu_s (f_1 + f_2), where A = W_an (f_2 - f_1) / W_aa and f_i ~ (-n_i)^(3/2)."""
-    law = pair_law(dimer(A_r=A_r))
+    law = double_law(dimer(A_r=A_r))
     f_1, f_2 = (-n_1) ** 1.5, (-n_2) ** 1.5
     limit = law.w / law.aa * abs(f_2 - f_1) / (f_1 + f_2)
     for factor, mode in ((1 + 1e-8, STICK), (1 - 1e-8, SLIP)):

@@ -109,8 +109,8 @@ def end_law(dm, s, beta):
 
 
 @compiled
-def pair_law(dm):
-    return impact.pair_law(dm, dm.e_1, dm.e_2, dm.mu, dm.mu_s)
+def double_law(dm):
+    return impact.double_law(dm, dm.e_1, dm.e_2, dm.mu, dm.mu_s)
 
 
 @compiled

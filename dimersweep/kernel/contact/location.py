@@ -21,10 +21,10 @@ from dimersweep.kernel.numerics.root_bracket import (
     S_AT,
     S_HIGH,
     UNSOUND,
-    begin_search,
     is_closed,
     next_probe,
     note_probe,
+    set_bracket,
 )
 from dimersweep.kernel.numerics.steps import on_cubic
 
@@ -56,7 +56,7 @@ def values_on_cubic(dm, modes, phase, s, h, n, slip_tol, b, values):
 def crossing_on_cubic(dm, modes, phase, h, n, event, g_start, g_end, slip_tol, b):
     """First guess of the time in a step at which an event function vanishes, and the slope of the function there."""
     s, mid = b.bracket, 0.5
-    begin_search(s, 1.0, g_start, g_end, 0.0, 0.0)
+    set_bracket(s, 1.0, g_start, g_end, 0.0, 0.0)
     for _ in range(8):
         mid = next_probe(s)
         g = value_on_cubic(dm, modes, phase, mid, h, n, event, slip_tol, b)
@@ -111,7 +111,7 @@ def first_crossing(dm, p, event, least, b):
     guess, slope = 0.0, 0.0
     if method != RESCALED:
         guess, slope = crossing_on_cubic(dm, modes, phase, h, p.n, event, b.values[1, event], least, p.slip_tol, b)
-    begin_search(s, h, g_low, least, guess, slope)
+    set_bracket(s, h, g_low, least, guess, slope)
     while not is_closed(s, h):
         mid = next_probe(s)
         way = mid - s[S_AT]

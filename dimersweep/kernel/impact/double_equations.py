@@ -33,7 +33,7 @@ N_Z = 7
 PLAIN, BOTH = -1, 2  # clocks besides those of the ends, 0 and 1: tau, and that of two ends that move alike
 
 
-class PairLaw(NamedTuple):
+class DoubleLaw(NamedTuple):
     """What governs a double impact; the Delassus operator is in units of 1/m."""
 
     nn: float  # W_11 = W_22
@@ -230,7 +230,7 @@ def friction_modes(law, z, modes, f_1, f_2, tol, lost):
 
 
 @compiled
-def onset_pressures(z):
+def first_pressures(z):
     """Pressures in their ratio at a phase's start: X^(3/2), or (-n)^(3/2) where both compressions are only beginning."""
     if z[ZX1] > 0.0 or z[ZX2] > 0.0:
         return pressure(z[ZX1]), pressure(z[ZX2])

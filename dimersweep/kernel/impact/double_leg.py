@@ -34,10 +34,10 @@ from dimersweep.kernel.numerics.root_bracket import (
     S_AT,
     S_HIGH,
     UNSOUND,
-    begin_search,
     is_closed,
     next_probe,
     note_probe,
+    set_bracket,
 )
 from dimersweep.kernel.numerics.steps import (
     DOP_STAGES,
@@ -57,7 +57,7 @@ from dimersweep.kernel.numerics.tableaux import DOP_A, ROS_GAMMA
 
 MAX_STEPS = 20000
 N_EVENTS = 8
-PAIR_ROWS = 40
+LEG_ROWS = 40
 FIRST = 4.0  # first step, over the tolerance to the power of 1/8
 TURNS = 5.5  # of a slip, that an explicit step may span: what the method bears
 STIFF = 0.01  # explicit step below which a slip is slow
@@ -66,11 +66,13 @@ NEAR = 0.3  # distance that one evaluation crosses as well as the tolerance, ove
 EXACT = 1e-3  # what an event function may be off its zero, in units of the tolerance
 STOPPED = 0.25  # slip, in units of the one that counts as none, at which a slip ends: it sets out with more
 UNFORESEEN = 1e-3  # error over the tolerance below which the last step tells nothing of how errors change
-ONSET = 0.95  # second step of a leg that sets out uncompressed, over the first: its error tells little of what follows
+SECOND_STEP = (
+    0.95  # second step of a leg that sets out uncompressed, over the first: its error tells little of what follows
+)
 RUB = 0.02  # friction, in units of a slip's own rate, from which it steers the slip
 
 
-class PairBench(NamedTuple):
+class LegRows(NamedTuple):
     """Rows of the work array, by what they hold during a step."""
 
     K: Any  # slopes of the stages
@@ -87,13 +89,13 @@ class PairBench(NamedTuple):
     pivots: Any
     probe: Any
     rates_probe: Any
-    search: Any
+    bracket: Any
 
 
 @compiled
-def lay_out_pair(work):
-    """The bench on a work array of at least PAIR_ROWS rows."""
-    return PairBench(
+def leg_rows(work):
+    """The bench on a work array of at least LEG_ROWS rows."""
+    return LegRows(
         work[0:12],
         work[12:19],
         work[19:26],
@@ -177,7 +179,7 @@ def implicit_step(law, modes, h, tol, slip_unit, b):
 
 
 @compiled
-def pair_step(law, modes, clock, h, tol, slip_unit, stiff, b):
+def leg_step(law, modes, clock, h, tol, slip_unit, stiff, b):
     """One step of size h from b.start into b.out, by the method that suits; returns the error over the tolerance."""
     if stiff:
         return implicit_step(law, modes, h, tol, slip_unit, b)
@@ -295,9 +297,8 @@ def foreseen(h, error, h_before, error_before):
 
 
 @compiled
-def pair_leg(law, z, modes, compressing, tol, slip_tol, work):
-    """Integrate from z, in place, to the first event of the phase; returns its number, or -1 when steps ran out."""
-    b = lay_out_pair(work)
+def begin_leg(law, z, modes, compressing, slip_tol, b):
+    """Gains of the compressions, event functions that are positive already, and zeros where a step reads beyond the state."""
     for i in range(2):
         e = law.e_1 if i == 0 else law.e_2
         b.gains[i] = 1.0 if compressing[i] > 0.0 else 1.0 / (e * e)
@@ -307,6 +308,13 @@ def pair_leg(law, z, modes, compressing, tol, slip_tol, work):
         b.start[k], b.rates[k] = 0.0, 0.0
         for i in range(DOP_STAGES):
             b.K[i, k] = 0.0
+
+
+@compiled
+def double_leg(law, z, modes, compressing, tol, slip_tol, work):
+    """Integrate from z, in place, to the first event of the phase; returns its number, or -1 when steps ran out."""
+    b = leg_rows(work)
+    begin_leg(law, z, modes, compressing, slip_tol, b)
     faint = tol**0.4  # a compression that is worth a gap rate of the tolerance
     clock, slow = ruling_clock(z, b.gains, faint), 0
     longest = 1.0 / sqrt(max(b.gains[0], b.gains[1]))
@@ -331,7 +339,7 @@ def pair_leg(law, z, modes, compressing, tol, slip_tol, work):
                 h = turns / pace
             h = slip_bound(z, b.rates, modes, h)
             unit = slip_unit(law, modes, z, b.rates) if stiff else 1.0
-        error = pair_step(law, modes, clock, h, tol, unit, stiff, b)
+        error = leg_step(law, modes, clock, h, tol, unit, stiff, b)
         factor = step_factor(error, 5.0 if stiff else 8.0)
         if not error <= 1.0:
             h, fresh = factor * h, False
@@ -340,7 +348,7 @@ def pair_leg(law, z, modes, compressing, tol, slip_tol, work):
             if h_before > 0.0 and clock == clock_before:
                 factor = min(factor, foreseen(h, error, h_before, error_before))
             elif onset:
-                factor = min(factor, ONSET)
+                factor = min(factor, SECOND_STEP)
             h_before, error_before, clock_before = h, error, clock
         fresh = True
         least, event = least_value(law, modes, compressing, clock, b.armed, b.start, b.out, slip_tol)
@@ -370,8 +378,8 @@ def pair_leg(law, z, modes, compressing, tol, slip_tol, work):
 @compiled
 def crossing_on_cubic(law, modes, compressing, clock, h, g_start, g_end, slip_tol, b):
     """First guess of where in a step an event function vanishes, and the slope of the function there."""
-    s, mid, g = b.search, 0.5, 0.0
-    begin_search(s, 1.0, g_start, g_end, 0.0, 0.0)
+    s, mid, g = b.bracket, 0.5, 0.0
+    set_bracket(s, 1.0, g_start, g_end, 0.0, 0.0)
     for _ in range(12):
         mid = next_probe(s)
         on_cubic(b.start, b.rates, b.out, b.rates_out, mid, h, N_Z, b.probe)
@@ -403,26 +411,26 @@ def first_crossing(law, modes, compressing, clock, h, event, least, tol, slip_to
     small part of it is near.
     """
     g_low, _ = least_value(law, modes, compressing, clock, b.armed, b.start, b.start, slip_tol)
-    smooth, s = event < 6, b.search
+    smooth, s = event < 6, b.bracket
     near, slope, guess = 0.0, 0.0, 0.0
     if smooth:
         near = NEAR * tol ** (1.0 / 3.0) * brisk
         impact_rates(law, modes, b.gains, clock, b.out, b.rates_out)
         guess, slope = crossing_on_cubic(law, modes, compressing, clock, h, g_low, least, slip_tol, b)
-    begin_search(s, h, g_low, least, guess, slope)
+    set_bracket(s, h, g_low, least, guess, slope)
     while not is_closed(s, h):
         mid = next_probe(s)
         way = mid - s[S_AT]
         if abs(way) <= min(near, CARRIED * mid):
             impact_rates(law, modes, b.gains, clock, b.out, b.rates_out)
             carry_on(law, modes, clock, way, b)
-        elif not pair_step(law, modes, clock, mid, tol, 1.0, stiff, b) <= 1.0:
+        elif not leg_step(law, modes, clock, mid, tol, 1.0, stiff, b) <= 1.0:
             return UNSOUND
         g, event = least_value(law, modes, compressing, clock, b.armed, b.start, b.out, slip_tol)
         if abs(g) <= EXACT * tol:
             return event
         note_probe(s, mid, g, 0.0, smooth)
-    pair_step(law, modes, clock, s[S_HIGH], tol, 1.0, stiff, b)
+    leg_step(law, modes, clock, s[S_HIGH], tol, 1.0, stiff, b)
     _, event = least_value(law, modes, compressing, clock, b.armed, b.start, b.out, slip_tol)
     return event
 

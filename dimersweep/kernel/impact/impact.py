@@ -13,12 +13,12 @@ from dimersweep.kernel.impact.double_equations import (
     ZN2,
     ZX1,
     ZX2,
-    PairLaw,
+    DoubleLaw,
+    first_pressures,
     friction_modes,
     impact_rates,
-    onset_pressures,
 )
-from dimersweep.kernel.impact.double_leg import pair_leg
+from dimersweep.kernel.impact.double_leg import double_leg
 from dimersweep.kernel.impact.single_impact import (
     DONE,
     JAM,
@@ -50,7 +50,7 @@ from dimersweep.kernel.numerics.steps import copy
 MAX_PHASES = 2000
 # approach, in tolerances and in V, that ends the series of switches of two ends at small e
 LEFT_OVER, LEAST_LEFT = 1e-3, 1e-13
-PAIR_TOL = 0.2  # of the integrator of a double impact, in units of the impact's tolerance: its steps add up
+DOUBLE_TOL = 0.2  # of the integrator of a double impact, in units of the impact's tolerance: its steps add up
 FAINT = 0.1  # rebound that is none, in units of the impact's tolerance
 FINEST, COARSEST = 5e-14, 1e-4  # tolerances of that integrator: what round-off allows, and what finds events easily
 LEAST_SLIP = 1e-12  # slip, in units of V, whose setting out of rest the integrator can still follow
@@ -84,12 +84,12 @@ def end_law(dm, s, both, sin_b, cos_b, e, mu, mu_s):
 
 
 @compiled
-def pair_law(dm, e_1, e_2, mu, mu_s):
+def double_law(dm, e_1, e_2, mu, mu_s):
     """The law of a double impact (beta = 0)."""
     p, q = levers(dm, -1.0, 0.0, 1.0), levers(dm, 1.0, 0.0, 1.0)
     w, wj = delassus(dm, p, p), delassus(dm, q, p)
     m = dm.m
-    return PairLaw(m * w.nn, m * wj.nn, -m * w.na, m * w.aa, m * w.bb, m * wj.bb, e_1, e_2, mu, mu_s)
+    return DoubleLaw(m * w.nn, m * wj.nn, -m * w.na, m * w.aa, m * w.bb, m * wj.bb, e_1, e_2, mu, mu_s)
 
 
 @compiled
@@ -105,7 +105,7 @@ def stored_energy(X):
 
 
 @compiled
-def presses(i, z, left, least):
+def is_loaded(i, z, left, least):
     """Whether end i is compressed or approaches, by more than the gap rate `left`, or the compression `least` worth as much."""
     X, n = z[ZX1 + i], z[ZN1 + i]
     return n < -left or least < X or (X > 0.0 and n > left)
@@ -114,7 +114,7 @@ def presses(i, z, left, least):
 @compiled
 def let_go(i, z, compressing, left, least):
     """An end that does not press has no compression left."""
-    if not presses(i, z, left, least):
+    if not is_loaded(i, z, left, least):
         z[ZX1 + i] = 0.0
         compressing[i] = 1.0
 
@@ -125,9 +125,9 @@ def acts(law, i, z, left, least, slip_tol):
 
     At rest and uncompressed, an end is driven by the other one alone, with the friction that other end has.
     """
-    if presses(i, z, left, least):
+    if is_loaded(i, z, left, least):
         return True
-    if z[ZN1 + i] > 0.0 or not presses(1 - i, z, left, least):
+    if z[ZN1 + i] > 0.0 or not is_loaded(1 - i, z, left, least):
         return False
     sign = 1.0 if i == 0 else -1.0
     v = length(z[ZA], z[ZB2 - i])
@@ -154,7 +154,7 @@ def log_phase(log, count, code, before_1, before_2, z, V, P_1, P_2):
 
 
 @compiled
-def log_lone(log, count, s, code, n, n_j, n_after, n_j_after, P, a, b):
+def log_single(log, count, s, code, n, n_j, n_after, n_j_after, P, a, b):
     """Add a row for a phase of an impact at the end with sign s, the other one being off the plate; returns the count."""
     if count >= log.shape[0]:
         return count
@@ -194,18 +194,18 @@ def single_impact(dm, state, s, V, tol, work, log):
     own, other = (N1, N2) if s < 0.0 else (N2, N1)
     state[own] = n_plus * V
     state[other] += unit * (wj.nn * P + wj.na * A)
-    push(dm, state, lv, unit * P, unit * A, unit * B)
+    apply_impulse(dm, state, lv, unit * P, unit * A, unit * B)
     rows, n_j = 0, state[other] - unit * (wj.nn * P + wj.na * A)
     if mode == STICK and P_s > 0.0:
         n_s, n_js = n + V * (law.nn * P_s + law.na * A_s), n_j + unit * (wj.nn * P_s + wj.na * A_s)
-        rows = log_lone(log, rows, s, IMPACT + SLIP, n, n_j, n_s, n_js, unit * P_s, 0.0, 0.0)
+        rows = log_single(log, rows, s, IMPACT + SLIP, n, n_j, n_s, n_js, unit * P_s, 0.0, 0.0)
         n, n_j, P = n_s, n_js, P - P_s
-    rows = log_lone(log, rows, s, IMPACT + mode, n, n_j, n_plus * V, state[other], unit * P, a_plus * V, b_plus * V)
+    rows = log_single(log, rows, s, IMPACT + mode, n, n_j, n_plus * V, state[other], unit * P, a_plus * V, b_plus * V)
     return OK, mode, rows
 
 
 @compiled
-def push(dm, state, lv, P, A, B):
+def apply_impulse(dm, state, lv, P, A, B):
     """Add impulses at an end with the given levers to the body's velocities (gap rates apart)."""
     state[CA] += A / dm.m
     state[CB] += B / dm.m
@@ -222,7 +222,7 @@ def rounding(dm, state):
 
 
 @compiled
-def load_pair(dm, state, V, z):
+def load_double(dm, state, V, z):
     """Contact velocities at a double contact into z, in units of V, uncompressed."""
     z[ZN1], z[ZN2] = state[N1] / V, state[N2] / V
     z[ZX1], z[ZX2] = 0.0, 0.0
@@ -232,7 +232,7 @@ def load_pair(dm, state, V, z):
 
 
 @compiled
-def pair_impulses(dm, z, start, V):
+def impulses_between(dm, z, start, V):
     """Normal impulses (P_1, P_2), axial sum A and laterals (B_1, B_2) that lead from `start` to z [kg m/s]."""
     d_c = 0.5 * (z[ZN1] - start[ZN1] + z[ZN2] - start[ZN2]) * V
     d_w = 0.5 * (z[ZN2] - start[ZN2] - z[ZN1] + start[ZN1]) * V / dm.h
@@ -255,9 +255,9 @@ def double_impact(dm, state, V, tol, modes, work, log):
     status, rows : int
         OK or the reason; rows logged.
     """
-    law = pair_law(dm, restitution(dm.e_1, tol), restitution(dm.e_2, tol), dm.mu, dm.mu_s)
+    law = double_law(dm, restitution(dm.e_1, tol), restitution(dm.e_2, tol), dm.mu, dm.mu_s)
     z, start, before, compressing, mid = work[40], work[41], work[42], work[43], work[44]
-    load_pair(dm, state, V, z)
+    load_double(dm, state, V, z)
     copy(z, start, N_Z)
     slip_tol = max(max(SLIP_TOL * tol, LEAST_SLIP), rounding(dm, state) / V)
     left = max(LEFT_OVER * tol, LEAST_LEFT)
@@ -276,39 +276,39 @@ def double_impact(dm, state, V, tol, modes, work, log):
             break
         copy(z, before, N_Z)
         if on_1 and on_2:
-            f_1, f_2 = onset_pressures(z)
+            f_1, f_2 = first_pressures(z)
             friction_modes(law, z, modes, f_1, f_2, slip_tol, lost)
             if follow_acceleration(law, z, modes, compressing, left, mid):
                 continue
-            event = pair_leg(law, z, modes, compressing, max(min(PAIR_TOL * tol, COARSEST), FINEST), slip_tol, work)
+            event = double_leg(law, z, modes, compressing, max(min(DOUBLE_TOL * tol, COARSEST), FINEST), slip_tol, work)
             if event < 0:
                 break
             lost = 4 <= event < 6
             settle_event(law, event, z, compressing, left)
         else:
             i = 0 if on_1 else 1
-            halts, reason = lone_phase(dm, law, i, z, modes, compressing, slip_tol, before, mid, work)
+            halts, reason = single_end_phase(dm, law, i, z, modes, compressing, slip_tol, before, mid, work)
             lost = False
             if reason == JAM or reason == STEPS:
                 status = JAMMED if reason == JAM else IMPACT_STEPS
                 break
             if halts:
-                P_1, P_2, _, _, _ = pair_impulses(dm, mid, before, V)
+                P_1, P_2, _, _, _ = impulses_between(dm, mid, before, V)
                 beside = SLIP if length(before[ZA], before[ZB2 - i]) > slip_tol else STICK
                 mode_1, mode_2 = (SLIP, beside) if i == 0 else (beside, SLIP)
                 code = 5 * phase_code(on_1, mode_1) + phase_code(on_2, mode_2)
                 rows = log_phase(log, rows, code, before[ZN1], before[ZN2], mid, V, P_1, P_2)
                 copy(mid, before, N_Z)
-        P_1, P_2, _, _, _ = pair_impulses(dm, z, before, V)
+        P_1, P_2, _, _, _ = impulses_between(dm, z, before, V)
         code = 5 * phase_code(on_1, modes[0]) + phase_code(on_2, modes[1])
         rows = log_phase(log, rows, code, before[ZN1], before[ZN2], z, V, P_1, P_2)
-    P_1, P_2, A, B_1, B_2 = pair_impulses(dm, z, start, V)
+    P_1, P_2, A, B_1, B_2 = impulses_between(dm, z, start, V)
     state[N1], state[N2] = z[ZN1] * V, z[ZN2] * V
     state[CA] += A / dm.m
     state[WB] = (state[N2] - state[N1]) / (2.0 * dm.h)
     p, q = levers(dm, -1.0, 0.0, 1.0), levers(dm, 1.0, 0.0, 1.0)
-    push(dm, state, p, 0.0, 0.0, B_1)
-    push(dm, state, q, 0.0, 0.0, B_2)
+    apply_impulse(dm, state, p, 0.0, 0.0, B_1)
+    apply_impulse(dm, state, q, 0.0, 0.0, B_2)
     return status, rows
 
 
@@ -374,7 +374,7 @@ def turn(law, i, z, compressing, left):
 
 
 @compiled
-def lone_phase(dm, pair, i, z, modes, compressing, slip_tol, before, mid, work):
+def single_end_phase(dm, pair, i, z, modes, compressing, slip_tol, before, mid, work):
     """Phase of a double impact in which only end i acts; z, modes and the direction of compression in place.
 
     Returns

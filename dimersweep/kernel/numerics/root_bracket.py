@@ -13,7 +13,7 @@ S_LOW, S_HIGH, S_G_LOW, S_G_HIGH, S_SIDE, S_PROBES, S_AT, S_G, S_GUESS, S_SLOPE 
 
 
 @compiled
-def begin_search(s, h, g_low, g_high, guess, slope):
+def set_bracket(s, h, g_low, g_high, guess, slope):
     """Look for a zero in (0, h], from the values at its ends and a first guess with the slope there."""
     s[S_LOW], s[S_HIGH], s[S_G_LOW], s[S_G_HIGH], s[S_SIDE] = 0.0, h, g_low, g_high, 0.0
     s[S_PROBES], s[S_AT], s[S_G] = 0.0, h, g_high

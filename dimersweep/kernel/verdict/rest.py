@@ -150,7 +150,7 @@ def slowest_slip(dm, a, b, w, spin):
 
 
 @compiled
-def quickness(dm, b, w, spin):
+def turning_rate(dm, b, w, spin):
     """Rate at which the rod turns, or its turning grows [1/s]."""
     return abs(w) + dm.mu * dm.r * dm.it * (dm.m * abs(b) + dm.J_a / dm.r * abs(spin))
 
@@ -181,7 +181,7 @@ def drag_of(dm, moment, least, most):
 
 
 @compiled
-def presses(dm, g_e, moment, A, swell, veer, close):
+def both_press(dm, g_e, moment, A, swell, veer, close):
     """Whether both ends press, where moment and friction may be greater than these by `swell` and, in weights, `veer`."""
     if close:
         weight = dm.m * g_e
@@ -201,7 +201,7 @@ def followed_to_rest(dm, a, b, w, spin, phase):
         close = close and slip >= soft
         pace = min(P, max(slip, soft) / SOFT)
         swing = min(
-            CLOSE_SWING * (dm.omega / tempo(dm)), dm.omega * close_stride(dm, pace, quickness(dm, b, w, spin), g_0)
+            CLOSE_SWING * (dm.omega / tempo(dm)), dm.omega * close_stride(dm, pace, turning_rate(dm, b, w, spin), g_0)
         )
         if to_crest(phase) > AT_CREST:
             swing = min(swing, to_crest(phase))
@@ -214,9 +214,9 @@ def followed_to_rest(dm, a, b, w, spin, phase):
         moment, halfway = dm.J_a * spin * w, dm.J_a * (spin + 0.5 * t * d_1[3]) * (w + 0.5 * t * d_1[2])
         swell, veer = 0.25 * abs(halfway - moment) + doubt, abs(d_2[4] - d_0[4])
         low = 0.0 if dm.A_2 == 0.0 else sag(dm, 0.5 * swing)
-        if not presses(dm, g_0 - low, moment, d_0[4], swell, veer, close):
+        if not both_press(dm, g_0 - low, moment, d_0[4], swell, veer, close):
             return False
-        if not presses(dm, g_1 - low, halfway, d_2[4], swell, veer, close):
+        if not both_press(dm, g_1 - low, halfway, d_2[4], swell, veer, close):
             return False
         a += t / 6.0 * (d_0[0] + 2.0 * (d_1[0] + d_2[0]) + d_3[0])
         b += t / 6.0 * (d_0[1] + 2.0 * (d_1[1] + d_2[1]) + d_3[1])
@@ -241,7 +241,7 @@ def slides_to_rest(dm, state):
         P = commotion(dm, a, b, w, spin)
         if is_calm(dm, b, spin, P):
             return True
-        quick = quickness(dm, b, w, spin)
+        quick = turning_rate(dm, b, w, spin)
         shift, t = 2.0 * speed_bound(dm) * quick / dm.g, stride(dm, P, quick)
         if shift > STILL:
             shift, t = 0.0, min(t, SWING / tempo(dm))
