@@ -3,6 +3,7 @@
 #   ./go fig07 [options]   make fig07.nc and fig07.png
 #   ./go test              run every check and test
 #   ./go docs              build the site: build/docs/index.html
+#   ./go matrix [options]  try versions, ways to compile and places (--small: those of continuous integration)
 # Each sets up a virtual environment first (.venv, or the folder that DIMERSWEEP_VENV names).
 set -euo pipefail
 cd "$(dirname "$0")"
@@ -84,8 +85,12 @@ docs)
     make_small_cubes
     build_site
     ;;
+matrix)
+    set_up ".[dev]"
+    python benchmarks/matrix.py "${@:2}"
+    ;;
 *)
-    sed -n '2,6s/^# //p' "$0" >&2
+    sed -n '2,7s/^# //p' "$0" >&2
     exit 2
     ;;
 esac

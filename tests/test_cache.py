@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
+import threading
 import time
 from importlib.metadata import version
 from pathlib import Path
@@ -14,7 +15,7 @@ import pytest
 import dimersweep
 from dimersweep import cli, parameters, plots
 from dimersweep.kernel import batch
-from dimersweep.kernel.compiler import cache, versions
+from dimersweep.kernel.compiler import cache, keeping, versions
 from dimersweep.kernel.compiler.jit import exported
 from dimersweep.studies import deciding
 from dimersweep.work import tiles
@@ -393,3 +394,31 @@ def test_damaged_code_is_made_again(tmp_path, copy):
         path.write_bytes(damaged)
         assert twice(copy, **environment)[0] == 2
         assert len(path.read_bytes()) == len(content) and path.read_bytes() != damaged
+
+
+def test_a_long_compilation_is_told_until_it_is_done(monkeypatch, capsys):
+    done = threading.Event()
+    monkeypatch.setattr(progress, "COMPILE_STEP", 0.01)
+    monkeypatch.setattr(keeping, "ready", done)
+    monkeypatch.setattr(progress, "is_compiled", lambda: True)
+    progress.tell_of_compiling()
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(progress, "is_compiled", lambda: False)
+    before = set(threading.enumerate())
+    progress.tell_of_compiling()
+    (teller,) = set(threading.enumerate()) - before
+    told = ""
+    while "so far" not in told:
+        told += capsys.readouterr().err
+    done.set()
+    teller.join(60.0)
+    assert told.startswith(
+        "compiling the kernel: 10 to 60 s, once for each version\ncompiling the kernel: 0 s so far\n"
+    )
+    assert not teller.is_alive()
+
+
+def test_nothing_is_compiled_with_the_jit_off(tmp_path):
+    program = f"from {cache.__name__} import is_compiled; print(is_compiled())"
+    assert run_python(program, NUMBA_CACHE_DIR=str(tmp_path), NUMBA_DISABLE_JIT="1") == "True\n"
+    assert run_python(program, NUMBA_CACHE_DIR=str(tmp_path), TMPDIR=str(tmp_path), NUMBA_DISABLE_JIT=None) == "False\n"

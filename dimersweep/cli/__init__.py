@@ -63,7 +63,7 @@ def main() -> None:
     except UserError as error:
         _fail(str(error))
     except ImportError as error:
-        _fail(f"a package that is needed is missing, or has another version than it must ({error})")
+        _fail(f"cannot run with the packages and settings that there are ({error})")
     except Exception as error:
         if not hasattr(error, "format_message"):  # of a usage error; its class moved between versions of typer
             raise

@@ -1,6 +1,7 @@
 """How far a sweep is: a live bar on a terminal, a plain line now and then in a log."""
 
 import sys
+import threading
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -14,6 +15,7 @@ from dimersweep.kernel.compiler.cache import is_compiled
 from dimersweep.kernel.model.layout import MODES
 
 LINE_SECONDS = 10.0  # between two plain lines
+COMPILE_STEP, COMPILE_TOLD = 10.0, 600.0  # between two lines while the kernel is compiled, and how long at most [s]
 
 
 class Tally:
@@ -106,9 +108,19 @@ class Bar(Silent):
 
 
 def tell_of_compiling() -> None:
-    """Say on stderr that the kernel is about to be compiled, if it is."""
+    """Say on stderr that the kernel is about to be compiled, if it is, and go on saying how long that has taken."""
     if not is_compiled():
-        print("compiling the kernel; this is done once and takes a while", file=sys.stderr, flush=True)
+        print("compiling the kernel: 10 to 60 s, once for each version", file=sys.stderr, flush=True)
+        threading.Thread(target=_tell_seconds, daemon=True).start()
+
+
+def _tell_seconds() -> None:
+    from dimersweep.kernel.compiler.keeping import ready
+
+    seconds = 0.0
+    while seconds < COMPILE_TOLD and not ready.wait(COMPILE_STEP):
+        seconds += COMPILE_STEP
+        print(f"compiling the kernel: {seconds:.0f} s so far", file=sys.stderr, flush=True)
 
 
 @contextmanager

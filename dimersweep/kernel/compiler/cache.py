@@ -14,7 +14,7 @@ import warnings
 from contextlib import suppress
 from pathlib import Path
 
-from dimersweep.kernel.compiler.versions import code_version
+from dimersweep.kernel.compiler.versions import PYTHON, code_version, way
 
 KEPT_SECONDS = 30 * 86400.0  # folders of other versions go when unused for this long
 MARK = "made-by-dimersweep"  # the file that tells a folder of ours, touched at each use
@@ -57,8 +57,10 @@ def code_folders() -> list[Path]:
 
 
 def is_compiled() -> bool:
-    """Whether compiled code of this version of the kernel is at hand, so that the next call is quick."""
-    return any(_is_trusted(folder.parent) and any(folder.glob("*" + SUFFIX)) for folder in code_folders())
+    """Whether compiled code of this version of the kernel is at hand, or none is needed, so that the next call is quick."""
+    return way() == PYTHON or any(
+        _is_trusted(folder.parent) and any(folder.glob("*" + SUFFIX)) for folder in code_folders()
+    )
 
 
 def load(name: str) -> bytes | None:

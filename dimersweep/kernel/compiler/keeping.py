@@ -6,6 +6,7 @@ A Numba that has changed inside costs the cache, and nothing else: then every pr
 import hashlib
 import inspect
 import pickle
+import threading
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
@@ -20,6 +21,7 @@ from dimersweep.kernel.compiler.versions import sources_digest
 
 _config: Any = numba.config
 _folder_digest = cache(sources_digest)
+ready = threading.Event()  # set as soon as a function that Python calls is compiled, or loaded
 
 
 class _Kept:
@@ -47,11 +49,14 @@ class _Kept:
 
                 context.refresh()  # what the code refers to must be known
                 result: Any = CompileResult
-                return result._rebuild(context, *pickle.loads(code))
+                found = result._rebuild(context, *pickle.loads(code))
+                ready.set()
+                return found
         return None
 
     def save_overload(self, signature: Any, result: Any) -> None:
         """Keep it, unless it holds addresses of this process."""
+        ready.set()
         if result.library.has_dynamic_globals:
             return
         try:
