@@ -1,6 +1,7 @@
 """Compiled code is kept by the hash of all sources, so that no edit is missed, and in folders of our own alone."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -17,8 +18,10 @@ from dimersweep import cli, parameters, plots
 from dimersweep.kernel import batch
 from dimersweep.kernel.compiler import cache, keeping, versions
 from dimersweep.kernel.compiler.jit import exported
-from dimersweep.studies import deciding
-from dimersweep.work import tiles
+from dimersweep.runs import run
+from dimersweep.studies import deciding, making
+from dimersweep.studies import refine as refining
+from dimersweep.work import progress, tiles
 
 PACKAGE = Path(dimersweep.__file__).parent
 KERNEL = PACKAGE / "kernel"
@@ -124,15 +127,9 @@ def test_all_that_a_number_may_come_through_is_in_the_version():
     beside = {f"dimersweep.{room}" for room in versions.BESIDE}
     left_out = set(versions.sources(PACKAGE)) - set(versions.result_sources(PACKAGE))
     assert {path.relative_to(PACKAGE).parts[0] for path in left_out} == set(versions.BESIDE)
-    for module in (
-        "dimersweep.work.tiles",
-        "dimersweep.studies.deciding",
-        "dimersweep.studies.refine",
-        "dimersweep.studies.making",
-        "dimersweep.runs.run",
-    ):
-        above = {".".join(name.split(".")[:2]) for name in graph.find_upstream_modules(module)}
-        assert not above & beside, module
+    for module in (tiles, deciding, refining, making, run):
+        above = {".".join(name.split(".")[:2]) for name in graph.find_upstream_modules(module.__name__)}
+        assert not above & beside, module.__name__
 
 
 SMALL = {  # a small program in a room of the kernel's
@@ -397,9 +394,10 @@ def test_damaged_code_is_made_again(tmp_path, copy):
 
 
 def test_a_long_compilation_is_told_until_it_is_done(monkeypatch, capsys):
-    done = threading.Event()
+    state = {"ready": threading.Event(), "under_way": threading.Event()}
+    for name, event in state.items():
+        monkeypatch.setattr(keeping, name, event)
     monkeypatch.setattr(progress, "COMPILE_STEP", 0.01)
-    monkeypatch.setattr(keeping, "ready", done)
     monkeypatch.setattr(progress, "is_compiled", lambda: True)
     progress.tell_of_compiling()
     assert capsys.readouterr().err == ""
@@ -407,14 +405,15 @@ def test_a_long_compilation_is_told_until_it_is_done(monkeypatch, capsys):
     before = set(threading.enumerate())
     progress.tell_of_compiling()
     (teller,) = set(threading.enumerate()) - before
-    told = ""
-    while "so far" not in told:
-        told += capsys.readouterr().err
-    done.set()
+    time.sleep(0.1)  # other work comes first
+    told = capsys.readouterr().err
+    assert told == "compiling the kernel: 10 to 60 s, once for each version\n"
+    state["under_way"].set()
+    while "so far" not in (told := capsys.readouterr().err):
+        time.sleep(0.01)
+    state["ready"].set()
     teller.join(60.0)
-    assert told.startswith(
-        "compiling the kernel: 10 to 60 s, once for each version\ncompiling the kernel: 0 s so far\n"
-    )
+    assert re.match("compiling the kernel: [0-9]+ s so far\n", told)
     assert not teller.is_alive()
 
 

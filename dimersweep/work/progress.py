@@ -115,12 +115,12 @@ def tell_of_compiling() -> None:
 
 
 def _tell_seconds() -> None:
-    from dimersweep.kernel.compiler.keeping import ready
+    from dimersweep.kernel.compiler import keeping
 
-    seconds = 0.0
-    while seconds < COMPILE_TOLD and not ready.wait(COMPILE_STEP):
-        seconds += COMPILE_STEP
-        print(f"compiling the kernel: {seconds:.0f} s so far", file=sys.stderr, flush=True)
+    begun = perf_counter()
+    while (seconds := perf_counter() - begun) < COMPILE_TOLD and not keeping.ready.wait(COMPILE_STEP):
+        if keeping.under_way.is_set():
+            print(f"compiling the kernel: {seconds + COMPILE_STEP:.0f} s so far", file=sys.stderr, flush=True)
 
 
 @contextmanager

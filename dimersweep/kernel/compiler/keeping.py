@@ -21,7 +21,8 @@ from dimersweep.kernel.compiler.versions import sources_digest
 
 _config: Any = numba.config
 _folder_digest = cache(sources_digest)
-ready = threading.Event()  # set as soon as a function that Python calls is compiled, or loaded
+# whether a function that Python calls is being compiled, and whether one has been compiled or loaded
+under_way, ready = threading.Event(), threading.Event()
 
 
 class _Kept:
@@ -52,10 +53,12 @@ class _Kept:
                 found = result._rebuild(context, *pickle.loads(code))
                 ready.set()
                 return found
+        under_way.set()
         return None
 
     def save_overload(self, signature: Any, result: Any) -> None:
         """Keep it, unless it holds addresses of this process."""
+        under_way.clear()
         ready.set()
         if result.library.has_dynamic_globals:
             return
