@@ -154,12 +154,13 @@ def environment_of(row: Row, wheel: Path, folder: Path) -> tuple[Path, dict[str,
     python = home / "bin" / "python"
     if not home.exists():
         subprocess.run([base, "-m", "venv", *(["--without-pip"] if like_this else []), str(home)], check=True)
-        if like_this:
-            (own,) = home.glob("lib/python*/site-packages")
-            (own / "packages.pth").write_text("\n".join(path for path in sys.path if path.endswith("site-packages")))
-            ZipFile(wheel).extractall(own)
-        else:
+        if not like_this:
             pip(python, str(wheel), *(("-c", row.constraints) if row.constraints else ()))
+    (own,) = home.glob("lib/python*/site-packages")
+    if like_this:
+        (own / "packages.pth").write_text("\n".join(path for path in sys.path if path.endswith("site-packages")))
+    shutil.rmtree(own / "dimersweep", ignore_errors=True)  # of an earlier checkout
+    ZipFile(wheel).extractall(own)
     if not row.packages:
         return python, {}
     before = folder / "-".join(name.strip("-") for name in row.packages)
