@@ -2,7 +2,7 @@
 
 from numba import njit
 
-from dimersweep.kernel.compiler.jit import kept
+from dimersweep.kernel.compiler.keeping import kept
 
 
 def compiled(function):
