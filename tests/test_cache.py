@@ -180,6 +180,18 @@ def test_an_edit_in_an_imported_module_is_seen(tmp_path, copy, first):
     assert not list(copy.rglob("*.nb?"))
 
 
+@pytest.mark.jit
+def test_code_is_not_kept_under_the_name_of_sources_that_were_changed_meanwhile(tmp_path, copy):
+    below = copy / "dimersweep" / "kernel" / "room" / "below.py"
+    program = (
+        "from pathlib import Path; from dimersweep.kernel.room.above import twice\n"
+        f"below = Path({str(below)!r}); below.write_text(below.read_text().replace('return 1', 'return 21'))\n"
+        "print(twice())"
+    )
+    assert run_python(program, copy, NUMBA_CACHE_DIR=str(tmp_path)) == "2\n"
+    assert twice(copy, NUMBA_CACHE_DIR=str(tmp_path))[0] == 42
+
+
 def plant(folder, name):
     """A folder of a user's below `folder`, with a file in it, not touched for 60 days."""
     (folder / name).mkdir(parents=True)

@@ -17,8 +17,9 @@ from typing import Any
 import numba
 
 from dimersweep.kernel.compiler.cache import load, save
-from dimersweep.kernel.compiler.versions import sources_digest
+from dimersweep.kernel.compiler.versions import sources_digest, take_digests
 
+take_digests()  # before the modules are imported that hold the functions
 _config: Any = numba.config
 _folder_digest = cache(sources_digest)
 # whether a function that Python calls is being compiled, and whether one has been compiled or loaded

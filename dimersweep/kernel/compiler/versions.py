@@ -88,19 +88,9 @@ def compiler() -> dict[str, str]:
     return told | {name: str(getattr(config, name, None)) for name in SETTINGS}
 
 
-def _short(*parts: bytes) -> str:
+def _short(digest: bytes) -> str:
     told = "\n".join(f"{name} = {value}" for name, value in compiler().items())
-    return hashlib.sha256(b"\0".join([*parts, told.encode()])).hexdigest()[:16]
-
-
-def _folder_of(package: str) -> Path:
-    return Path(str(sys.modules[package].__file__)).parent
-
-
-@cache
-def code_version() -> str:
-    """Of compiled code: the kernel's sources and the compiler; 16 hexadecimal digits."""
-    return _short(sources_digest(_folder_of(KERNEL)))
+    return hashlib.sha256(digest + told.encode()).hexdigest()[:16]
 
 
 def result_sources(package: Path) -> list[Path]:
@@ -109,7 +99,19 @@ def result_sources(package: Path) -> list[Path]:
 
 
 @cache
+def take_digests() -> tuple[bytes, bytes]:
+    """Hashes of the kernel's sources, and of those of results; to be taken when these are imported: later, files may differ."""
+    kernel, package = (Path(str(sys.modules[name].__file__)).parent for name in (KERNEL, __name__.partition(".")[0]))
+    return sources_digest(kernel), sources_digest(package, result_sources(package))
+
+
+@cache
+def code_version() -> str:
+    """Of compiled code: the kernel's sources and the compiler; 16 hexadecimal digits."""
+    return _short(take_digests()[0])
+
+
+@cache
 def kernel_version() -> str:
     """Of results: what is compared between a sweep and its workers, or the one it goes on with; 16 hexadecimal digits."""
-    package = _folder_of(__name__.partition(".")[0])
-    return _short(sources_digest(package, result_sources(package)))
+    return _short(take_digests()[1])
