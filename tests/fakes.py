@@ -18,6 +18,8 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.storage.manifest import read_manifest
 from dimersweep.storage.tilestore import manifest_of, tile_store
+from dimersweep.work.scheduling import IN_FLIGHT
+from dimersweep.work.tiles import TILE_SECONDS
 
 SLOT = {name: k for k, name in enumerate(ROW)}
 CODE = {name: k for k, name in enumerate(CODES)}
@@ -79,8 +81,15 @@ def run_tile(spec, tile):
 class SteadyPace:
     """In place of `Pace`: tasks of a given length."""
 
-    def __init__(self, length):
-        self.length = length
+    seconds = TILE_SECONDS
+
+    def __init__(self, length, workers=lambda: 1):
+        self.length, self.workers = length, workers
+
+    @property
+    def in_flight(self):
+        """As of `Pace`."""
+        return IN_FLIGHT * self.workers()
 
     def note(self, finished):
         """Learn nothing."""
@@ -88,7 +97,7 @@ class SteadyPace:
 
 def set_pace(monkeypatch, length):
     """Cut sweeps into tasks of `length` points."""
-    monkeypatch.setattr("dimersweep.work.computing.Pace", lambda size, workers: SteadyPace(length))
+    monkeypatch.setattr("dimersweep.work.computing.Pace", lambda size, workers: SteadyPace(length, workers))
 
 
 def forget_some(out, configuration, kind, seed):

@@ -97,7 +97,7 @@ def test_a_task_that_meets_slow_points_comes_back_with_what_it_has(monkeypatch):
     monkeypatch.setattr("dimersweep.work.tiles.run_many", slow_points)
     monkeypatch.setattr("dimersweep.work.tiles.perf_counter", lambda: CLOCK[0])
     first, second = attempt(SPEC, (Tile(0, 10), Tile(10, 240))).finished
-    assert first.seconds <= tiles.LONGEST_TILE + 0.05
+    assert first.seconds <= tiles.LONGEST * tiles.TILE_SECONDS + 0.05
     assert first.tile == Tile(0, 10)
     assert second.tile.start == 10 and 30 < second.tile.stop < 60
     assert len(second.results) == second.tile.stop - 10
@@ -131,7 +131,7 @@ def test_few_tasks_are_in_flight_and_short_ones_go_on():
     flying, most, taken = set(), [0], []
     lock = threading.Lock()
 
-    def submit(work, bundle):
+    def submit(work, bundle, seconds):
         future = Future()
         with lock:
             flying.add(future)
@@ -148,10 +148,8 @@ def test_few_tasks_are_in_flight_and_short_ones_go_on():
         threading.Thread(target=work).start()
         return future
 
-    tasks = bundles([Tile(0, 500)], SteadyPace(7))
-    run_tiles(
-        Pool(submit, lambda: 3), SPEC, tasks, lambda made: taken.extend(tile.tile for tile in made.finished), StopFlag()
-    )
+    pool, pace = Pool(submit, lambda: 3), SteadyPace(7, lambda: 3)
+    run_tiles(pool, SPEC, [Tile(0, 500)], pace, lambda made: taken.extend(f.tile for f in made.finished), StopFlag())
     assert sorted(points_of(taken)) == list(range(500))
     assert most[0] <= 3 * IN_FLIGHT
 

@@ -221,18 +221,35 @@ def test_tiles_cover_every_point_once(size, length):
     assert points == list(range(size))
 
 
-def test_a_tile_takes_about_half_a_second():
-    def note(points, seconds):
-        pace.note([tiles.Finished(Tile(0, points), blank_results(points), seconds)])
-        return pace.length
+def note(pace, points, seconds):
+    pace.note([tiles.Finished(Tile(0, points), blank_results(points), seconds)])
+    return pace.length
 
-    pace = Pace(10_000, workers=2)
-    assert pace.length == 1
-    assert note(1, 0.01) == 4  # not 50 from one point
-    assert note(4, 0.04) == 16
-    assert note(16, 0.16) == 50
-    assert note(50, 500.0) == 1
-    assert note(1000, 1e-3) == 1250  # each worker gets a few
+
+def test_a_tile_takes_about_half_a_second():
+    pace = Pace(10_000, lambda: 2)
+    assert (pace.length, pace.in_flight, pace.seconds) == (1, 2, 0.5)  # one task for each worker at first
+    assert note(pace, 1, 0.01) == 4  # not 50 from one point
+    assert pace.in_flight == 4
+    assert note(pace, 4, 0.04) == 20
+    assert note(pace, 16, 0.16) == 50
+    assert note(pace, 50, 500.0) == 1
+    assert note(pace, 1000, 1e-3) == 1250  # each worker gets a few
+
+
+def test_tiles_of_many_workers_are_longer_and_reached_in_two_waves():
+    pace = Pace(10**9, lambda: 1000)
+    assert (pace.length, pace.in_flight, pace.seconds) == (1, 1000, 4.0)
+    for _ in range(1000):
+        note(pace, 1, 0.001)
+    assert (pace.length, pace.in_flight) == (4000, 2000)
+    workers = [10]
+    pace = Pace(10**6, lambda: workers[0])
+    note(pace, 1000, 1.0)
+    assert (pace.length, pace.in_flight) == (500, 20)
+    workers[0] = 500  # more have come
+    note(pace, 500, 0.5)
+    assert (pace.length, pace.in_flight) == (500, 1000)  # each of them gets a few
 
 
 def test_results_are_taken_in_the_calling_thread(fake_kernel, monkeypatch):

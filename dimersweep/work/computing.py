@@ -19,7 +19,6 @@ from dimersweep.work.progress import Silent, tell_of_compiling, watch
 from dimersweep.work.scheduling import (
     Pace,
     Pool,
-    bundles,
     cluster,
     connected,
     run_tiles,
@@ -166,13 +165,12 @@ class Crew:
         if self._pool is None:
             self._pool = self._hire()
         left = count(missing)
-        pace = Pace(left, max(1, self._pool.workers()))
+        pace = Pace(left, self._pool.workers)
         failures: list[tuple[int, str]] = []
         troubles = Troubles()
 
         def take(made: Made) -> None:
             nonlocal left
-            pace.note(made.finished)
             troubles.note(made)
             if troubles.alike >= ALIKE or (troubles.points and self.how.fail_fast):
                 self._stop.set()
@@ -186,7 +184,7 @@ class Crew:
                 self._shown.add(tile.codes[:, CODE_MODE])
 
         try:
-            run_tiles(self._pool, work, bundles(missing, pace), take, self._stop)
+            run_tiles(self._pool, work, missing, pace, take, self._stop)
         finally:
             self.store.flush()
         if failures:

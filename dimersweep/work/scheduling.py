@@ -29,17 +29,25 @@ GRACE = 1.0  # seconds that running tiles have to come back when the sweep is st
 POLL = 0.1  # seconds between two looks at the flag
 CONNECT_SECONDS = 10.0  # to find a scheduler
 COUNT_SECONDS = 5.0  # between two counts of the workers of a cluster, which may come and go
-GROWTH = 4  # a task has at most this many times the points of one that has come back
+GROWTH = 4  # a task has at most this many times the points that have come back in all
 TILES_PER_WORKER = 4  # at least, so that no worker idles for long at the end
+TASK_SECONDS = (
+    0.004  # that a task costs driver and scheduler at most: with many workers, tasks are long enough for these
+)
 
 LOST = "scheduler: the connection to the cluster is lost; what was finished is kept"
 
 
 class Pool(NamedTuple):
-    """Where work is done: ``submit(work, tiles)`` gives a future of what `attempt` returns; ``workers()`` counts threads."""
+    """Where work is done: ``submit(work, tiles, seconds)`` gives a future of a `Made`; ``workers()`` counts threads."""
 
-    submit: Callable[[Work, Bundle], "Future[Made]"]
+    submit: Callable[[Work, Bundle, float], "Future[Made]"]
     workers: Callable[[], int]
+
+
+def tile_seconds(workers: int) -> float:
+    """Time of a task for so many workers [s]: driver and scheduler are to keep pace with all of them."""
+    return max(TILE_SECONDS, TASK_SECONDS * workers)
 
 
 class Pace:
@@ -47,21 +55,35 @@ class Pace:
 
     Parameters
     ----------
-    size, workers : int
-        Points to run, and how many run at a time: each worker is to get a few tasks.
+    size : int
+        Points to run: each worker is to get a few tasks of them.
+    workers : callable
+        How many run at a time; they may come and go.
     """
 
-    def __init__(self, size: int, workers: int) -> None:
-        self.longest = ceil(size / (TILES_PER_WORKER * workers))
-        self.length = 1
+    def __init__(self, size: int, workers: Callable[[], int]) -> None:
+        self.size, self.workers = size, workers
+        self.length, self.seen = 1, 0
+
+    @property
+    def seconds(self) -> float:
+        """Time that a task is to take [s]."""
+        return tile_seconds(self.workers())
+
+    @property
+    def in_flight(self) -> int:
+        """How many tasks may be under way: as long as nothing is known of their time, no more than there are workers."""
+        return (IN_FLIGHT if self.seen else 1) * max(1, self.workers())
 
     def note(self, finished: Sequence[Finished]) -> None:
         """Learn from what a task has brought back."""
         points = sum(len(tile.results) for tile in finished)
         if not points:
             return
-        aim = int(TILE_SECONDS * points / max(sum(tile.seconds for tile in finished), 1e-6))
-        self.length = max(1, min(aim, GROWTH * points, self.longest))
+        self.seen += points
+        aim = int(self.seconds * points / max(sum(tile.seconds for tile in finished), 1e-6))
+        longest = ceil(self.size / (TILES_PER_WORKER * max(1, self.workers())))
+        self.length = max(1, min(aim, GROWTH * self.seen, longest))
 
 
 def bundles(ranges: Iterable[Tile], pace: Pace) -> Iterator[Bundle]:
@@ -102,13 +124,15 @@ def threads(workers: int, stop: StopFlag) -> Iterator[Pool]:
     """A pool of threads in this process, the default: the kernel leaves Python's lock alone."""
     executor = ThreadPoolExecutor(workers, thread_name_prefix="dimersweep")
     try:
-        yield Pool(lambda work, tiles: executor.submit(attempt, work, tiles, stop), lambda: workers)
+        yield Pool(
+            lambda work, tiles, seconds: executor.submit(attempt, work, tiles, stop, seconds=seconds), lambda: workers
+        )
     finally:
         stop.set()
         executor.shutdown(wait=False, cancel_futures=True)
 
 
-def run_elsewhere(work: Work, tiles: Bundle, shift: int, version: str) -> Made:
+def run_elsewhere(work: Work, tiles: Bundle, shift: int, seconds: float, version: str) -> Made:
     """Run tiles in a worker process, if that has the same kernel as the process that asks, and it works there.
 
     Raises
@@ -124,7 +148,7 @@ def run_elsewhere(work: Work, tiles: Bundle, shift: int, version: str) -> Made:
         prove()
     except KernelError as error:
         raise KernelError(f"scheduler: worker process {os.getpid()} on {socket.gethostname()}: {error}") from None
-    return attempt(work, tiles, shift=shift)
+    return attempt(work, tiles, shift=shift, seconds=seconds)
 
 
 def _other_kernel(who: str, theirs: str, ours: str) -> str:
@@ -182,10 +206,10 @@ def cluster(client: Any) -> Iterator[Pool]:
                 counted, count = time.monotonic(), sum(client.nthreads().values())
         return count
 
-    def submit(work: Work, tiles: Bundle) -> "Future[Made]":
+    def submit(work: Work, tiles: Bundle, seconds: float) -> "Future[Made]":
         # the task carries its points along: data scattered beforehand could die with a worker
         with _connection():
-            return executor.submit(run_elsewhere, *work.narrowed(tiles), kernel_version())
+            return executor.submit(run_elsewhere, *work.narrowed(tiles), seconds, kernel_version())
 
     try:
         yield Pool(submit, workers)
@@ -220,26 +244,30 @@ def outcome(future: "Future[Made]", tiles: Bundle) -> Made:
         return Made([], Broken(tiles, f"{type(error).__name__}: {error}"))
 
 
-def run_tiles(pool: Pool, work: Work, tasks: Iterator[Bundle], take: Callable[[Made], None], stop: StopFlag) -> None:
-    """Do `work` at the points of `tasks`, until all are done or `stop` is set, and hand what each brings back to `take`.
+def run_tiles(
+    pool: Pool, work: Work, missing: Iterable[Tile], pace: Pace, take: Callable[[Made], None], stop: StopFlag
+) -> None:
+    """Do `work` at the points of `missing`, in tasks as `pace` says, and hand what each brings back to `take`.
 
-    `take` is called in the calling thread.
+    That ends when all are done or `stop` is set. `take` is called in the calling thread.
     What a task brings back undone becomes a task of its own. After `stop`, tasks that run have `GRACE` seconds to come
     back with the points they have.
     """
     running: dict[Future[Made], Bundle] = {}
     undone: deque[Bundle] = deque()
+    tasks = bundles(missing, pace)
     while not stop.is_set():
-        while len(running) < IN_FLIGHT * max(1, pool.workers()):
+        while len(running) < pace.in_flight:
             task = undone.popleft() if undone else next(tasks, ())
             if not task:
                 break
-            running[pool.submit(work, task)] = task
+            running[pool.submit(work, task, pace.seconds)] = task
         if not running:
             return
         for future in wait(running, timeout=POLL, return_when=FIRST_COMPLETED).done:
             task = running.pop(future)
             made = outcome(future, task)
+            pace.note(made.finished)
             if left := after(task, made.points):
                 undone.append(left)
             take(made)

@@ -17,9 +17,9 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.work.stopping import StopFlag
 
-TILE_SECONDS = 0.5  # long against the cost of a task (4 ms), short against the patience of Ctrl-C (2 s)
+TILE_SECONDS = 0.5  # at least: long against the cost of a task (4 ms), short against what a kill may cost
 CHUNK_SECONDS = 0.1  # what one call of the kernel aims at: it can be stopped only between calls
-LONGEST_TILE = 2 * TILE_SECONDS  # a task whose points turn out slow comes back with those it has by then
+LONGEST = 2  # a task whose points turn out slow comes back after so many times its time with those it has by then
 SLOW_MODES = sum(1 << mode for mode in (M_FAILED, M_APERIODIC, M_UNRESOLVED))  # these use all periods they are given
 
 
@@ -133,8 +133,10 @@ class Work(Protocol):
         """The points of `tiles` in a work that is small enough to travel with every task, and the `shift` back."""
 
 
-def attempt(work: Work, tiles: Bundle, stop: StopFlag | None = None, shift: int = 0) -> Made:
-    """Run tiles in short calls, for about `LONGEST_TILE` seconds, or up to a point that raises.
+def attempt(
+    work: Work, tiles: Bundle, stop: StopFlag | None = None, shift: int = 0, seconds: float = TILE_SECONDS
+) -> Made:
+    """Run tiles in short calls, for about `LONGEST` times `seconds`, or up to a point that raises.
 
     Parameters
     ----------
@@ -144,6 +146,8 @@ def attempt(work: Work, tiles: Bundle, stop: StopFlag | None = None, shift: int 
         If it is set, the work ends before the point that it is at.
     shift : int
         What to add to the numbers of points, where `work` is a window of a larger grid.
+    seconds : float
+        Time that they are to take [s].
 
     Returns
     -------
@@ -154,16 +158,16 @@ def attempt(work: Work, tiles: Bundle, stop: StopFlag | None = None, shift: int 
     points = np.concatenate([np.arange(*tile) for tile in tiles])
     results = blank_results(points.size, work.kind)
     with (stop or StopFlag()).space() as space:
-        done, broken = _advanced(work, points, results, space, begun)
+        done, broken = _advanced(work, points, results, space, begun + LONGEST * seconds)
     _one_nan(results)
     return Made(_cut(tiles, results[:done], perf_counter() - begun, shift), broken and broken.moved(shift))
 
 
 def _advanced(
-    work: Work, points: np.ndarray, results: np.ndarray, space: Workspace, begun: float
+    work: Work, points: np.ndarray, results: np.ndarray, space: Workspace, ends: float
 ) -> tuple[int, Broken | None]:
     """Number of `points` that are done, from the first one on, and what broke off the work, if anything did."""
-    done, batch = 0, 1
+    done, batch, begun = 0, 1, perf_counter()
     while done < points.size:
         part = slice(done, done + batch)
         try:
@@ -175,10 +179,10 @@ def _advanced(
             point = int(points[done])
             return done, Broken((Tile(point, point + 1),), f"{type(error).__name__}: {error}")
         done += made
-        spent = perf_counter() - begun
-        if not made or spent > LONGEST_TILE or is_stopped(space):
+        now = perf_counter()
+        if not made or now > ends or is_stopped(space):
             break
-        batch = max(1, min(2 * batch, int(CHUNK_SECONDS * done / spent)))
+        batch = max(1, min(2 * batch, int(CHUNK_SECONDS * done / max(now - begun, 1e-9))))
     return done, None
 
 
