@@ -38,7 +38,15 @@ class StandIn:
         self.ends: list[tuple[float, int]] = []
 
     def __call__(
-        self, rows: Any, periods: int, rtol: float, settle: bool, out: Any, codes: Any, until: int = 0, desk: Any = None
+        self,
+        rows: Any,
+        periods: int,
+        rtol: float,
+        settle: bool,
+        out: Any,
+        codes: Any,
+        until: int = 0,
+        space: Any = None,
     ) -> int:
         time.sleep(self.seconds * len(rows))
         out[:], codes[:, CODE["status"]], codes[:, CODE["mode"]] = rows[:, :1], OK, M_DRIFT

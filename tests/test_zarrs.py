@@ -69,6 +69,19 @@ def test_a_changed_byte_is_found(name):
         dimersweep.open_cube("cube.zarr").load()
 
 
+def test_a_chunk_that_is_missing_is_found():
+    sweep()
+    files = [path for path in Path("cube.zarr").rglob("*") if path.is_file() and path.name != "zarr.json"]
+    assert len({path.relative_to("cube.zarr").parts[0] for path in files}) > 30
+    for path in files[::5]:
+        written = path.read_bytes()
+        path.unlink()
+        with pytest.raises(StoreError, match=r"^cube.zarr: is damaged: \w+ lacks 1 of its chunks; sweep it again"):
+            dimersweep.open_cube("cube.zarr")
+        path.write_bytes(written)
+    dimersweep.open_cube("cube.zarr").load()
+
+
 def test_the_whole_is_never_in_memory(monkeypatch):
     from dimersweep.storage.tilestore import TileStore
 

@@ -49,7 +49,7 @@ def check_writable(path: str | os.PathLike[str], *, force: bool = False, name: s
     path = Path(path)
     wrong = _no_output(path)
     if wrong:
-        raise StoreError(f"{name} = {path}: {wrong}")
+        raise StoreError(f"{name} = {path if str(path).isprintable() else repr(str(path))}: {wrong}")
     if not path.parent.is_dir():
         raise StoreError(f"{name} = {path}: the folder {path.parent} does not exist")
     if path.exists() and not force:

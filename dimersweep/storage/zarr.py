@@ -98,7 +98,10 @@ def write_zarr(
     StoreError
         If the disk refuses.
     """
-    with told(f"out = {path}", kept):
+    import zarr
+
+    # chunks of nothing but missing values are written too, so that one that is missing is known to be lost
+    with told(f"out = {path}", kept), zarr.config.set({"array.write_empty_chunks": True}):
         delete(scratch)
         _template(grid, attributes, read(0, 0).dtype).to_zarr(scratch, mode="w", compute=False, consolidated=False)
         for tile, where in blocks(grid.shape):
@@ -141,6 +144,15 @@ def _template(grid: AnyGrid, attributes: Mapping[str, Any], kind: np.dtype) -> x
     return xr.Dataset(lazy, coordinates, small.attrs)
 
 
+def _chunks_lacking(folder: Path, variable: xr.Variable) -> int:
+    """How many chunks of a variable have no file."""
+    chunks = variable.encoding.get("chunks") or variable.shape
+    expected = prod(-(-length // chunk) for length, chunk in zip(variable.shape, chunks, strict=True))
+    if not variable.dims:
+        return 0 if (folder / "c").is_file() else 1
+    return expected - sum(len(names) for _, _, names in os.walk(folder / "c"))
+
+
 def read_zarr(path: Path) -> xr.Dataset:
     """A group as a dataset whose values are read when they are used.
 
@@ -152,8 +164,13 @@ def read_zarr(path: Path) -> xr.Dataset:
     check_zarr()
     try:  # format 2 may name filters that run code
         cube = xr.open_zarr(path, consolidated=False, zarr_format=3)
-    except (OSError, ValueError, KeyError, RuntimeError) as error:
-        raise StoreError(f"{path}: is no Zarr group, or a damaged one ({error})") from error
+    except Exception as error:  # what its description leads to, if it was changed
+        told = " ".join(str(error).split())[:200]
+        raise StoreError(f"{path}: is no Zarr group, or a damaged one ({told})") from error
+    for name, variable in cube.variables.items():
+        lacking = _chunks_lacking(path / str(name), variable)
+        if lacking and "dimersweep_cube" in cube.attrs:
+            raise StoreError(f"{path}: is damaged: {name} lacks {lacking} of its chunks; sweep it again (force=True)")
     for variable in cube.variables.values():
         if "flag_values" in variable.attrs:  # Zarr keeps attributes as JSON
             variable.attrs["flag_values"] = np.array(variable.attrs["flag_values"], dtype=variable.dtype)
