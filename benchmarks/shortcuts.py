@@ -146,7 +146,11 @@ SHORTCUTS = (
     Shortcut(
         "impacts without friction in closed form",
         "the expansion",
-        {"impact/single_impact": replaced("law.mu == 0.0 and (v > tol or not sticks(law))", "False")},
+        {
+            "impact/single_impact": replaced(
+                "law.mu == 0.0 and (v > tol or not holds_axially(law.mu_s, law.na, law.aa))", "False"
+            )
+        },
     ),
     Shortcut(
         "terms of the expansion as the tolerance needs",

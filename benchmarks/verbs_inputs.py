@@ -57,7 +57,8 @@ class Inputs(NamedTuple):
 
 def before_landings(run: Run) -> tuple[np.ndarray, np.ndarray]:
     """States just before the events that end the smooth phases of a run, and which ends land there, shape (n, 2)."""
-    row, _, segments = run._record
+    record = run.record("inputs")
+    row, segments = record.row, record.segments
     starts, ends = segments[:-1].copy(), segments[1:]
     starts[:, HOP_TIME] = 0.0  # hops that were summed stay so
     states, modes = np.zeros((len(starts), N_STATE)), np.zeros((len(starts), 2))
@@ -90,7 +91,7 @@ def closed(states: np.ndarray, shut: np.ndarray) -> np.ndarray:
 
 def occurring(run: Run) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """States and friction modes of one run, by what begins with them."""
-    segments = run._record.segments
+    segments = run.record("inputs").segments
     modes, starts = segments[:, MODES:HOP_TIME], segments[:, :N_STATE]
     free = (modes == FREE).all(axis=1)
     states, lands = before_landings(run)

@@ -148,10 +148,10 @@ def test_what_is_no_orbit_is_told_in_one_line():
 
 
 def test_words_are_told_of_the_states_in_their_order(base):
-    assert base.word == "DI_sp_sp>DI_sp_sk chatter.1 SC_sk.1 SC_sp.1 SC_sk.1 SC_sp.1 far.2"
+    assert base.word == "DI_sp_sp>DI_sp_sk chatter.1 SC1_sk.1 SC1_sp.1 SC1_sk.1 SC1_sp.1 far.2"
     assert word_of(base.fixed.image.passage) == base.word
     assert change_of("DI_sp_sp far.2", "DI_sp_sp far.1 far.2") == "hop"
-    assert change_of("DI_sp_sp>DI_sp_sk SC_sk.1", "DI_sp_sp SC_sk.1") == "double_impact"
-    assert change_of("DI_sp_sp SC_sk.1", "DI_sp_sp FM SC_sk.1") == "lift_off"
-    assert change_of("DI_sp_sp chatter.1 SC_sk.1", "DI_sp_sp bounces.1*4") == "chatter"
-    assert change_of("DI_sp_sp SC_sk.1", "DI_sp_sp SC_sk.1 SC_sp.1") == "stick_slip"
+    assert change_of("DI_sp_sp>DI_sp_sk SC1_sk.1", "DI_sp_sp SC1_sk.1") == "double_impact"
+    assert change_of("DI_sp_sp SC1_sk.1", "DI_sp_sp FM SC1_sk.1") == "lift_off"
+    assert change_of("DI_sp_sp chatter.1 SC1_sk.1", "DI_sp_sp bounces.1*4") == "chatter"
+    assert change_of("DI_sp_sp SC1_sk.1", "DI_sp_sp SC1_sk.1 SC1_sp.1") == "stick_slip"

@@ -213,7 +213,7 @@ def test_a_record_grows_until_it_holds_the_run(monkeypatch):
 
 def test_a_record_is_bounded_and_says_where_it_is_cut(monkeypatch):
     whole, bare = simulate(periods=30), simulate(periods=30, record=False)
-    monkeypatch.setattr(run_module, "MAX_ROWS", 200)
+    monkeypatch.setattr(solving, "MAX_ROWS", 200)
     with pytest.warns(
         RuntimeWarning, match=r"^record: is full; events and states end after (\d+) of 30 forcing periods$"
     ):
@@ -231,7 +231,7 @@ def test_a_record_is_bounded_and_says_where_it_is_cut(monkeypatch):
 
 
 def test_a_record_that_memory_cannot_hold_is_refused_before_the_run(monkeypatch):
-    monkeypatch.setattr(run_module, "run_recorded", lambda *arguments: pytest.fail("it was run"))
+    monkeypatch.setattr(solving, "run_recorded", lambda *arguments: pytest.fail("it was run"))
     told = r"^periods = 10000000: must be <= 100000 for a run whose .* are recorded; give record=False for one without them$"
     with pytest.raises(ParameterError, match=told):
         simulate(periods=10**7)

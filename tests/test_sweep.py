@@ -152,7 +152,7 @@ def cannot_load(*arguments):
 
 
 def all_nan(rows, periods, rtol, settle, out, codes):
-    codes[:, tiles.CODES.index("mode")] = M_DRIFT
+    codes[:, CODE_MODE] = M_DRIFT
 
 
 @pytest.mark.parametrize(

@@ -177,9 +177,21 @@ def run_many(rows, periods, rtol, settle, out, codes, until=0, space: Workspace 
 
 
 def run_recorded(
-    rows, periods, rtol, settle, path, out, codes, log, events, segments, counts, space: Workspace, starts=None
+    rows,
+    periods,
+    rtol,
+    settle,
+    path,
+    out,
+    codes,
+    log,
+    events,
+    segments,
+    counts,
+    space: Workspace | None = None,
+    starts=None,
 ) -> None:
-    """One run with its record, see ``run_rows``; its end and its past stand in the workspace."""
+    """One run with its record, see ``run_rows``; its end and its past stand in the workspace, if one is given."""
     starts = np.zeros((0, N_START)) if starts is None else starts
     record = Record(log, events, segments, counts)
-    run_rows(rows, starts, ask_for(periods, rtol, settle, path), 0, out, codes, space, record)
+    run_rows(rows, starts, ask_for(periods, rtol, settle, path), 0, out, codes, space or new_workspace(), record)

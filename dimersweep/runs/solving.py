@@ -92,7 +92,7 @@ def solve(
     while True:
         events, segments = np.zeros((rows, N_EVENT if record else N_LOG)), np.zeros((rows, N_SEGMENT))
         run(log, events, segments)
-        full = record and max(counts[1], counts[2]) > rows
+        full = record and bool(max(counts[1], counts[2]) > rows)
         if not full or rows == MAX_ROWS:
             break
         rows = min(GROWTH * rows, MAX_ROWS)
