@@ -37,6 +37,8 @@ autodoc_typehints = "none"  # numpydoc tells the types
 numpydoc_show_class_members = False
 numpydoc_xref_param_type = False
 
+highlight_language = "none"  # of blocks that name none
+
 html_theme = "furo"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]

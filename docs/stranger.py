@@ -19,5 +19,5 @@ behind = cube.dimersweep.run(point=clicked)
 print(behind)
 behind.animate("walk.gif")
 
-diagram = dimersweep.bifurcation({"Gamma": np.linspace(0.9, 1.6, 141)}, periods=400, last=40)
-diagram.dimersweep.plot().savefig("bifurcation.png")
+diagram = dimersweep.bifurcation({"Gamma": np.linspace(0.9, 1.6, 141)}, periods=400, strobes=40)
+diagram.dimersweep.plot("bifurcation", "bifurcation.png")
