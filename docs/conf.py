@@ -25,7 +25,7 @@ myst_heading_anchors = 3
 nb_execution_mode = "force"
 nb_execution_raise_on_error = True
 nb_execution_show_tb = True
-nb_execution_timeout = 300
+nb_execution_timeout = 600  # seconds for a cell, on a machine that does other work
 nb_merge_streams = True
 nb_render_markdown_format = "myst"
 

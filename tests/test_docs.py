@@ -9,6 +9,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+import yaml
 from pydantic import BaseModel
 from sybil import Sybil
 from sybil.document import PythonDocStringDocument
@@ -69,6 +70,14 @@ def test_commands_and_extras_that_a_page_names_are_there(page):
 def test_the_page_on_installing_has_every_extra():
     extras = tomllib.loads(text_of("pyproject.toml"))["project"]["optional-dependencies"]
     assert set(re.findall(r"\.\[(\w+)\]'", text_of("docs/install.md"))) == set(extras)
+
+
+def test_the_citation_is_of_this_version_and_of_the_paper():
+    citation = yaml.safe_load(text_of("CITATION.cff"))
+    assert citation["version"] == dimersweep.__version__
+    (paper,) = citation["references"]
+    assert paper["title"] in text_of("README.md")
+    assert all(author["family-names"] in text_of("README.md") for author in paper["authors"])
 
 
 # --- examples ---------------------------------------------------------------------------------------------------------
