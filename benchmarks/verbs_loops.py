@@ -26,7 +26,7 @@ from dimersweep.kernel.course import (
 from dimersweep.kernel.flight import free_motion
 from dimersweep.kernel.flight import landing as landings
 from dimersweep.kernel.impact import impact, single_impact
-from dimersweep.kernel.model import body
+from dimersweep.kernel.model import body, friction
 from dimersweep.kernel.model.body import TWO_PI
 from dimersweep.kernel.model.layout import (
     BETA,
@@ -79,7 +79,7 @@ def route(dm, state, tol):
     if law.mu == 0.0:
         return FRICTIONLESS
     if v <= max(impact.SLIP_TOL * tol * V, impact.rounding(dm, state)):
-        return HELD if single_impact.sticks(law) else STRAIGHT
+        return HELD if friction.holds_axially(law.mu_s, law.na, law.aa) else STRAIGHT
     return STRAIGHT if single_impact.is_invariant(law, v / V, a / v, b / v, tol) else TURNING
 
 

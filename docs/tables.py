@@ -70,6 +70,7 @@ ATTRIBUTES = {
     "python": "version",
     "numpy": "version",
     "numba": "version",
+    "llvmlite": "version",
     "cpu": "name of the processor of the machine that made the cube",
     "platform": "its operating system",
     "wall_time_s": "duration of the sweep in seconds, over all its starts",

@@ -34,7 +34,7 @@ def test_what_is_written_is_read(cube, tmp_path):
 def test_an_existing_file_stays_unless_forced(cube, tmp_path):
     path = tmp_path / "cube.nc"
     path.write_text("precious")
-    with pytest.raises(StoreError, match=r"^out = .*cube.nc: exists already; .*--force"):
+    with pytest.raises(StoreError, match=r"^out = .*cube.nc: exists already; .*force=True"):
         write_cube(cube, path)
     assert path.read_text() == "precious"
     write_cube(cube, path, force=True)
@@ -124,7 +124,7 @@ def test_devices_and_folders_are_never_replaced(cube, path):
 @pytest.mark.parametrize("name", ["a" * 300, "a\0", "."])
 def test_names_that_no_file_can_have_are_told(name):
     for ask in (open_cube, lambda path: status(Path(path))):
-        with pytest.raises(StoreError, match=r": (no such|is no cube)"):
+        with pytest.raises(StoreError, match=r": (no such|is no cube|is a folder)"):
             ask(name)
 
 
