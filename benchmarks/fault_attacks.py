@@ -502,7 +502,7 @@ def with_kernel(scene: Scene, module: str, kernel: Callable[..., int]) -> str | 
         import dimersweep.work.proving
         import dimersweep.work.tiles
 
-        dimersweep.work.proving.prove.cache_clear()
+        dimersweep.work.proving.proof.cache_clear()
         getattr(dimersweep, module).run_many = kernel
 
     code = scene.run(before=before)

@@ -15,17 +15,15 @@ from typing import Any
 import numpy as np
 from distributed import Client, LocalCluster
 
-import dimersweep.work.computing
 import dimersweep.work.tiles
 from dimersweep import sweep
 from dimersweep.kernel.model.layout import CODES, M_DRIFT, OK
 
-POINT_SECONDS = 1e-3
 CODE = {name: k for k, name in enumerate(CODES)}
 
 
 class StandIn:
-    """In place of the kernel: each point takes `POINT_SECONDS`; notes when points end.
+    """In place of the kernel: each point takes some time; notes when points end.
 
     Parameters
     ----------
@@ -63,23 +61,24 @@ class StandIn:
         return rate, rate * self.seconds / workers, steady * self.seconds / workers
 
 
-def measure(workers: int, seconds: float, folder: Path) -> str:
-    """A row of the table: a sweep that would keep so many workers at work for some time."""
-    points = int(workers * seconds / POINT_SECONDS)
+def measure(workers: int, seconds: float, point: float, folder: Path) -> str:
+    """A row of the table: a sweep whose points, of some time each, would keep so many workers at work for some time."""
+    points = int(workers * seconds / point)
     grid = {"f": np.linspace(15, 25, max(2, points // 1000)), "beta0": np.linspace(0.01, 1.5, 1000)}
-    stand_in = StandIn(POINT_SECONDS)
+    stand_in = StandIn(point)
     dimersweep.work.tiles.run_many = stand_in
+    dimersweep.work.tiles.CHUNK_SECONDS = 60.0  # few calls: the threads that stand in for processes share one lock
     cluster = LocalCluster(n_workers=1, threads_per_worker=workers, processes=False, dashboard_address=":0")
     with cluster, Client(cluster) as client:
-        begun = time.perf_counter()
-        cube = sweep(grid, periods=1, client=client, progress=False, out=folder / f"{workers}.nc", keep_tiles=True)
+        begun, used = time.perf_counter(), time.process_time()
+        cube = sweep(grid, periods=1, client=client, progress=False, out=folder / f"{workers}.nc")
         ended = max(end for end, _ in stand_in.ends)
-        whole = time.perf_counter() - begun
+        whole, used = time.perf_counter() - begun, time.process_time() - used
     rate, share, steady = stand_in.busy(workers, begun, ended)
-    tasks = len(stand_in.ends)
+    size = cube["mode"].size
     return (
-        f"| {workers} | {cube['mode'].size} | {rate:,.0f} | {100 * share:.0f} % | {100 * steady:.0f} % "
-        f"| {tasks} | {whole - (ended - begun):.1f} |"
+        f"| {workers} | {size} | {rate:,.0f} | {100 * share:.0f} % | {100 * steady:.0f} % "
+        f"| {1e6 * used / size:.1f} | {size / used:,.0f} | {whole - (ended - begun):.1f} |"
     )
 
 
@@ -88,12 +87,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--workers", type=int, nargs="+", default=[10, 100, 300, 1000])
     parser.add_argument("--seconds", type=float, default=60.0, help="that the workers would take, all at work")
+    parser.add_argument("--point", type=float, default=1e-3, help="time of a point")
     given = parser.parse_args()
-    print("| workers | points | points/s | busy | busy, middle half | calls | written after (s) |")
-    print("|---|---|---|---|---|---|---|")
+    told = "workers | points | points/s | busy | busy, middle half | processor time a point (us) | points/s of one core"
+    print(f"| {told} | written after (s) |")
+    print("|---|---|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
         for workers in given.workers:
-            print(measure(workers, given.seconds, Path(folder)), flush=True)
+            print(measure(workers, given.seconds, given.point, Path(folder)), flush=True)
 
 
 if __name__ == "__main__":

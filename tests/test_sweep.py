@@ -4,6 +4,7 @@ import json
 import pickle
 import re
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -29,9 +30,9 @@ from dimersweep.kernel.model.layout import (
 from dimersweep.studies.rerun import from_cube
 from dimersweep.studies.search import search
 from dimersweep.studies.sweep_spec import make_spec
-from dimersweep.work import tiles
+from dimersweep.work import proving, tiles
 from dimersweep.work.progress import Lines, Tally
-from dimersweep.work.proving import prove
+from dimersweep.work.proving import proof
 from dimersweep.work.scheduling import Pace
 
 GRID = {"f": [15, 20, 25], "beta0": {"start": 1, "stop": 89, "step": 1, "unit": "deg"}}
@@ -155,6 +156,24 @@ def all_nan(rows, periods, rtol, settle, out, codes):
     codes[:, CODE_MODE] = M_DRIFT
 
 
+def test_many_threads_prove_the_kernel_once(monkeypatch):
+    runs, run_many = [], proving.run_many
+
+    def slow(*arguments):
+        runs.append(1)
+        time.sleep(0.05)
+        return run_many(*arguments)
+
+    monkeypatch.setattr("dimersweep.work.proving.run_many", slow)
+    proof.cache_clear()
+    together = [threading.Thread(target=proving.prove) for _ in range(20)]
+    for thread in together:
+        thread.start()
+    for thread in together:
+        thread.join()
+    assert runs == [1]
+
+
 @pytest.mark.parametrize(
     ("kernel", "told"),
     [
@@ -166,7 +185,7 @@ def all_nan(rows, periods, rtol, settle, out, codes):
 def test_a_kernel_that_does_not_work_ends_the_sweep_before_any_point(monkeypatch, tmp_path, kernel, told):
     monkeypatch.setattr("dimersweep.work.proving.run_many", kernel)
     monkeypatch.setattr("dimersweep.work.tiles.run_many", lambda *rest, **more: pytest.fail("work was done"))
-    prove.cache_clear()
+    proof.cache_clear()
     with pytest.raises(KernelError, match=f"^{re.escape(told)}$"):
         quiet_sweep(out=tmp_path / "cube.nc")
     assert list(tmp_path.iterdir()) == []

@@ -1,5 +1,6 @@
 """Whether the kernel works: known scenes, each with the numbers that must come out, run before any work is given to it."""
 
+import threading
 from functools import cache
 from typing import NamedTuple
 
@@ -34,21 +35,29 @@ SCENES = (  # numbers at rtol 1e-11
     Scene({"Gamma": 1.2, "beta0": 0.8}, "jump", {"down_share_1": 1.0, "settled_after": 4.0}),
 )
 
+_LOCK = threading.Lock()
+
 
 def is_proven() -> bool:
     """Whether `prove` has been through, so that it costs nothing."""
-    return prove.cache_info().currsize > 0
+    return proof.cache_info().currsize > 0
 
 
-@cache
 def prove() -> None:
-    """Run `SCENES`, once in a process.
+    """Run `SCENES`, once in a process: of many threads that ask, one does it for all.
 
     Raises
     ------
     KernelError
         If the kernel raises, or gives other numbers.
     """
+    with _LOCK:
+        proof()
+
+
+@cache
+def proof() -> None:
+    """See `prove`."""
     rows = np.array([Parameters(**scene.parameters).row() for scene in SCENES])
     out, codes = np.full((len(rows), N_OUT), np.nan), np.zeros((len(rows), N_CODES), dtype=np.int64)
     try:
