@@ -47,7 +47,7 @@ def test_two_parts_are_one_run_bit_for_bit(scene, parts):
 
 
 def test_two_parts_of_random_runs_are_one_run():
-    """Bit for bit in nine of ten or more; to the accuracy where the verdict on a contact, or the measure of slow, begins anew."""
+    """Bit for bit in nine of ten; to the accuracy where the choice of a contact, or the measure of slow, begins anew."""
     rng, exact = np.random.default_rng(3), 0
     for _ in range(60):
         scene = {"e": rng.uniform(0, 0.9), "Gamma": rng.uniform(0.2, 1.3), "f": rng.uniform(8, 40)}
