@@ -15,7 +15,7 @@ from time import perf_counter
 import numpy as np
 
 from dimersweep import orbits, refine, simulate, stability
-from dimersweep.orbits.bordering import ball_flip, ball_fold
+from dimersweep.orbits.curve import ball_flip, ball_fold
 from dimersweep.orbits.return_map import OrbitLost
 from dimersweep.orbits.solving import defect
 

@@ -5,8 +5,9 @@ import pytest
 
 from dimersweep import orbits, simulate
 from dimersweep.errors import OrbitError, ParameterError
-from dimersweep.orbits.border import compound, last_entry
-from dimersweep.orbits.bordering import ball_flip, ball_fold, outwards
+from dimersweep.orbits.bordered import compound, last_entry
+from dimersweep.orbits.bordering import outwards
+from dimersweep.orbits.curve import ball_flip, ball_fold
 
 # at spin 100 rad/s, all else as in the base case; found with a prototype of its own
 FOLDS = {0.5: 1.04771531, 0.6: 0.78725965, 0.7: 0.55603099}

@@ -208,7 +208,11 @@ def later(family: xr.Dataset, *, spin: float, periods: float) -> Later:
     if not spins[0] <= spin <= spins[-1]:
         raise ParameterError(f"spin = {spin:g}: the family goes from {spins[0]:g} to {spins[-1]:g} rad/s")
     at_end = _spin_after(spins, family["spin_drift"].values, spin, periods)
-    told = {name: float(CubicSpline(spins, family[name].values)(at_end)) for name in TOLD}
+    told = {}
+    for name in TOLD:
+        values = family[name].values
+        known = np.isfinite(values)  # in a plane there is no circle
+        told[name] = float(CubicSpline(spins[known], values[known])(at_end))
     return Later(spin=at_end, **told)
 
 

@@ -132,9 +132,7 @@ def _found(
     fixed = centred(fixed)
     shorter = repeats_after(fixed)
     if shorter < fixed.map.periods:
-        raise OrbitError(
-            f"periods = {fixed.map.periods}: the motion found repeats after {shorter} already; ask for periods={shorter}"
-        )
+        raise OrbitLost(f"the motion found repeats after {shorter} already; ask for periods={shorter}")
     shown = on_manifold(fixed)
     return orbit_of(fixed, tape.spent.periods, shown)
 

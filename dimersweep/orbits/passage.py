@@ -68,11 +68,6 @@ class Passage:
         state[N1 : CB + 1] = segment[BEFORE:]  # before the hops of a chatter were summed
         return state
 
-    def smooth(self) -> np.ndarray:
-        """Smooth phases that begin and end in the passage, as rows of start, length [rad], number of the segment."""
-        lengths = np.diff(self.times)
-        return np.array([self.times[:-1], lengths, np.arange(lengths.size)]).T
-
 
 class Strike(NamedTuple):
     """State of the dimer after the impact that ends a period of a drift.
