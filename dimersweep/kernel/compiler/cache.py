@@ -1,7 +1,7 @@
 """Where compiled code is kept: in folders of our own, each named by the sources and the compiler that its code is made of.
 
 Numba's own cache misses edits in imported modules, and its settings belong to the whole process. Here each compiled
-function has a cache of its own (``jit.py``), and only what bears our mark is ever deleted.
+function has a cache of its own (``keeping.py``), and only what bears our mark is ever deleted.
 """
 
 import hashlib
