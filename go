@@ -68,7 +68,7 @@ run_checks() {
     done
     step env NUMBA_DISABLE_JIT=1 pytest -q -m "not jit" tests/kernel
     build_site
-    step pytest -q
+    step pytest -q -n 2 --dist loadfile
 }
 
 case "${1:-}" in

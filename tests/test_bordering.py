@@ -12,7 +12,7 @@ from dimersweep.errors import ParameterError, StoreError
 from dimersweep.plots.borders import draw_borders
 from dimersweep.studies.bordering import make_borders, read_borders
 
-BORDERS = Path(__file__).parents[1] / "borders"
+BORDERS = Path(__file__).parents[1] / "sweeps" / "borders"
 
 
 @pytest.mark.parametrize("path", sorted(BORDERS.glob("*.toml")), ids=lambda path: path.stem)
