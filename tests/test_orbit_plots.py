@@ -4,9 +4,10 @@ import re
 
 import numpy as np
 import pytest
+from matplotlib.contour import QuadContourSet
 
 from dimersweep.cubes.cube import names
-from dimersweep.cubes.reading import answers_told
+from dimersweep.cubes.reading import answers_told, edges_of
 from dimersweep.errors import ParameterError
 from dimersweep.plots import KINDS, draw
 from dimersweep.studies.refine import refine
@@ -78,10 +79,13 @@ def test_regions_have_borders_where_they_differ(fake_kernel):
     grid = {"f": [0.2, 0.3, 1.0, 9.0], "e": [0.5, 0.6], "beta0": BETA0}
     cube = refine(grid, halvings={"f": 2}, over="beta0", periods=5, progress=False, attrs={"plot": "regions"})
     (axes,) = draw(cube).axes
-    assert len(axes.lines) == 2  # one of the drift, one of the rest
+    borders = [each for each in axes.collections if isinstance(each, QuadContourSet) and not each.filled]
+    assert len(borders) == 2  # one of the drift, one of the rest
     drifts = names(cube["region"]).isel(e=0) == "drift"
-    border = cube["f"].values[drifts.values].min()
-    assert any(abs(line.get_xdata() - border).max() < 0.5 for line in axes.lines)
+    first = int(np.flatnonzero(drifts.values).min())
+    edge = edges_of(cube["f"].values)[first]  # of the cells that are drawn
+    found = [np.concatenate([path.vertices for path in each.get_paths()]) for each in borders]
+    assert any(np.abs(vertices[:, 0] - edge).max() < 1e-9 for vertices in found)
 
 
 def test_answers_are_told_in_one_line(fake_kernel):

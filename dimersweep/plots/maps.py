@@ -1,6 +1,7 @@
 """Maps over the axes of a cube: modes in their colours, or any quantity; one panel for each value of further axes."""
 
 from collections.abc import Iterator
+from math import ceil
 from typing import Any
 
 import numpy as np
@@ -140,7 +141,7 @@ def _panels(values: xr.DataArray, heading: str) -> tuple[Figure, Iterator[tuple[
         chosen = np.unique(np.linspace(0, len(places) - 1, MOST_PANELS).round().astype(int))
         heading = f"{len(chosen)} of {len(places)} maps; {heading}"
         places = [places[k] for k in chosen]
-    columns = min(4, round(len(places) ** 0.5 + 0.49))
+    columns = len(places) if len(places) <= 3 else min(4, ceil(len(places) ** 0.5))
     rows = -(-len(places) // columns)
     flat = values.ndim == 1
     size = (7.5, 2.6 if flat else 4.8) if len(places) == 1 else (1.8 + 2.9 * columns, 1.0 + 2.5 * rows)
