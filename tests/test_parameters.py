@@ -116,7 +116,7 @@ def test_columns_are_judged_as_all_their_combinations_are(mu, mu_s, D_r, r):
     except ParameterError as error:
         assert not keeps_rules(combined).all()
         found = re.match(r"(\w+) = (\S+): must be [<>]= .*?= ([^ ]+) \(", str(error))
-        broken = {found[1]: float(found[2]), {"mu_s": "mu", "D_r": "r"}[found[1]]: float(found[3])}
+        broken = {found[1]: float(found[2]), {"mu_s": "mu", "mu_h": "mu", "D_r": "r"}[found[1]]: float(found[3])}
         assert not keeps_rules(broken)
     else:
         assert keeps_rules(combined).all()
