@@ -37,7 +37,7 @@ def write_replay(run: "Run", path: Path, pace: Pace) -> Path:
     figure = Figure(data=data, layout=layout, frames=steps)
     page = figure.to_html(include_plotlyjs=True, full_html=True, auto_play=False, config={"displaylogo": False})
     with told(f"movie = {path}", ""):
-        put(path, page.encode())
+        put(path, [page.encode()])
     return path
 
 
