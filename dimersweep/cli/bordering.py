@@ -9,7 +9,9 @@ from dimersweep.cli.options import Force
 
 
 def borders(
-    declaration: Annotated[Path, typer.Argument(metavar="FILE", help="Borders to make, such as sweeps/borders/atlas.toml.")],
+    declaration: Annotated[
+        Path, typer.Argument(metavar="FILE", help="Borders to make, such as sweeps/borders/atlas.toml.")
+    ],
     *,
     out: Annotated[Path | None, typer.Option(help="NetCDF file, in place of the declared one.")] = None,
     picture: Annotated[Path | None, typer.Option(help="Picture; the output's name with .png by default.")] = None,
