@@ -2,7 +2,6 @@
 
 import inspect
 import json
-import pkgutil
 import re
 import sys
 import tomllib
@@ -81,19 +80,10 @@ def test_the_citation_is_of_this_version_and_of_the_paper():
 
 
 # --- examples ---------------------------------------------------------------------------------------------------------
-def lacks(name):
-    """Whether the package has no such name, or module, yet."""
-    try:
-        pkgutil.resolve_name(f"dimersweep.{name}")
-    except (AttributeError, ImportError):
-        return True
-    return False
-
-
 def evaluate(path, parsers, **more):
     """Run the examples of a file in one namespace, one after the other; how many there were."""
     document = Sybil(parsers=parsers, **more).parse(path)
-    document.namespace |= {"__name__": "__main__", "lacks": lacks}
+    document.namespace |= {"__name__": "__main__"}
     examples = list(document.examples())
     for example in examples:
         example.evaluate()
