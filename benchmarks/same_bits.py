@@ -81,10 +81,9 @@ def digest(*arrays: Any) -> str:
     return total.hexdigest()[:16]
 
 
-def table(dataset: Any) -> str:
-    """Hash of all variables of a dataset."""
-    names = sorted(map(str, dataset.variables))
-    return digest(names, *(dataset[name].values for name in names))
+def table(kind: str, dataset: Any) -> dict[str, str]:
+    """Hash of each variable of a dataset: revisions need not have the same ones."""
+    return {f"{kind}: {name}": digest(dataset[name].values) for name in map(str, dataset.variables)}
 
 
 def bits_of(question: dict[str, Any]) -> dict[str, str]:
@@ -94,18 +93,20 @@ def bits_of(question: dict[str, Any]) -> dict[str, str]:
     run = simulate(**question["scene"])
     outcome = [run.status, run.mode, run.mode_period, run.n_events, run.n_periods, run.settled_after]
     found = {
-        "outcome": digest(*outcome, run.down_share_1, run.down_share_2, *(astuple(run.orbit) if run.orbit else ()))
+        "outcome": digest(*outcome),
+        "orbit": digest(*(astuple(run.orbit) if run.orbit else ())),
+        "shares": digest(run.down_share_1, run.down_share_2),
     }
     if not question["scene"]["record"]:
         return found
     found["segments"] = digest(run.record("segments").segments)
-    found["events"] = table(run.events)
+    found |= table("events", run.events)
     if len(run.record("segments").segments):
         times = run.events["time"].values
         shares = times[-1] * np.array(question["shares"])
         for name, wanted in (("states", shares), ("event states", times), ("before", np.nextafter(times, 0.0))):
             try:
-                found[name] = table(run.states(wanted))
+                found |= table(name, run.states(wanted))
             except RuntimeError as reason:
                 found[name] = str(reason)
     if question["stability"]:
@@ -119,13 +120,14 @@ def bits_of(question: dict[str, Any]) -> dict[str, str]:
 
 
 def presets(sweeps: Path, folder: Path) -> Iterator[tuple[str, dict[str, str]]]:
-    """Hashes of the variables of every small declared sweep."""
+    """Hashes of the variables of every small declared sweep that the revision knows."""
     from dimersweep import open_cube
 
     for declared in sorted(sweeps.glob("*-small.toml")):
         out = folder / f"{declared.stem}.nc"
         command = [sys.executable, "-m", "dimersweep", "run", str(declared), "--out", str(out), "--no-plot"]
-        subprocess.run(command, check=True, capture_output=True, cwd=folder)
+        if subprocess.run(command, check=False, capture_output=True, cwd=folder).returncode:
+            continue
         cube = open_cube(out)
         yield declared.stem, {str(name): digest(cube[name].values) for name in cube.variables}
 
@@ -156,14 +158,19 @@ def answers_of(revision: str, asked: Path, sweeps: Path | None) -> dict[str, dic
 
 
 def differences(one: dict[str, dict[str, str]], other: dict[str, dict[str, str]]) -> list[str]:
-    """What differs: the run or the sweep, and which part of it."""
-    told = []
-    for name in sorted(one.keys() & other.keys()):
-        parts = sorted(one[name].keys() | other[name].keys())
-        apart = [part for part in parts if one[name].get(part) != other[name].get(part)]
-        if apart:
-            told.append(f"{name}: {', '.join(apart)}")
-    return told + [f"{name}: not in both" for name in sorted(one.keys() ^ other.keys())]
+    """Which parts differ, and in how many runs or sweeps, of what both revisions have."""
+    apart: dict[str, list[str]] = {}
+    for name in one.keys() & other.keys():
+        for part in one[name].keys() & other[name].keys():
+            if one[name][part] != other[name][part]:
+                apart.setdefault(part, []).append(name)
+    return [f"{part}: in {len(names)}, such as {min(names)}" for part, names in sorted(apart.items())]
+
+
+def alone(one: dict[str, dict[str, str]], other: dict[str, dict[str, str]]) -> list[str]:
+    """What only one of the revisions has: sweeps, and parts of runs."""
+    parts = [{part for found in answers.values() for part in found} | set(answers) for answers in (one, other)]
+    return sorted(parts[0] ^ parts[1])
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -190,7 +197,10 @@ def main(arguments: list[str] | None = None) -> None:
         given.keep.write_text(json.dumps(found[-1], indent=0) + "\n")
     if len(found) == 2:
         apart = differences(*found)
-        print("\n".join(apart) if apart else f"the same bits: {len(found[0])} runs and sweeps")
+        both = len(found[0].keys() & found[1].keys())
+        print("\n".join(apart) if apart else f"the same bits: {both} runs and sweeps")
+        if one_only := alone(*found):
+            print(f"in one revision only: {', '.join(one_only)}")
         sys.exit(bool(apart))
 
 
