@@ -4,9 +4,9 @@ With both ends on the plate the dimer is a rod that slides, turns and rolls in t
 v_a, v_b the velocity of its centre, w = theta', s its spin, h half its length, the slips of the ends are
 (v_a, c + h w) and (v_a, c - h w), c = v_b - r s. The normal forces F_1 + F_2 = m g_e(t) carry the weight, and
 
-    h (F_1 - F_2) = J_a s w + r A,    |A| <= mu_s m g_e
+    h (F_1 - F_2) = J_a s w + r A,    |A| <= mu_h m g_e
 
-(A the axial friction), so that both ends press as long as J_a |s w| < m g_e (h - r mu_s); g_e >= g (1 - Gamma). What s and w
+(A the axial friction), so that both ends press as long as J_a |s w| < m g_e (h - r mu_h); g_e >= g (1 - Gamma). What s and w
 can become is told in two ways.
 
 *Calm.* Let q = J_a / r^2, M = m + q, V = (m v_b + q r s) / M the velocity of rolling that friction across the rod leaves as
@@ -16,10 +16,10 @@ mu (F_1 |u_1| + F_2 |u_2|) from it, and M V' = -m w v_a, whence
     P P' = -mu (F_1 |u_1| + F_2 |u_2|) / m + w v_a V.
 
 There |u_1| + |u_2| >= 2 sqrt(v_a^2 + max(c^2, h^2 w^2)) >= 2 eta P with eta^-2 = max(1, q / M + J_t / (m h^2)), and
-|w v_a| <= P^2 / (2 sqrt(J_t / m)). While J_a |s w| is below m g_e (h - r mu_s) / 2, each force is above
-m g_e (1 - mu_s r / h) / 4, and so
+|w v_a| <= P^2 / (2 sqrt(J_t / m)). While J_a |s w| is below m g_e (h - r mu_h) / 2, each force is above
+m g_e (1 - mu_h r / h) / 4, and so
 
-    P' <= -d g_e(t) + k P,    d = mu eta (1 - mu_s r / h) / 2,    k = max|V| / (2 sqrt(J_t / m)).
+    P' <= -d g_e(t) + k P,    d = mu eta (1 - mu_h r / h) / 2,    k = max|V| / (2 sqrt(J_t / m)).
 
 If k P <= d g (1 - Gamma), P never grows; if k Q <= d g with Q = P + 2 d A_z omega, P never exceeds Q. The largest P bounds
 |w| <= sqrt(m / J_t) P and r |s| <= max|V| + m / sqrt(q M) P, which must keep J_a |s w| below that half.
@@ -29,7 +29,7 @@ that is now bounds it for good.
 
 *Look ahead.* Until it is calm the rod is followed with the plate, in coarse steps of the midpoint rule. In each of them the
 impulse of the weight is exact, and J_a |s w| must keep below m g_e (h - r n) with a share SPARE to spare. There g_e is the
-least in the step, and n m g_e the most that axial friction A takes of it: the A found and mu beyond it, or mu_s if that is
+least in the step, and n m g_e the most that axial friction A takes of it: the A found and mu beyond it, or mu_h if that is
 less. Where the plate is quick, steps are longer than its swing. Turning and gyroscopic moment are then shifted by
 2 A_z omega / g at most against the impulse of the weight, which changes the motion at a rate below
 |w| + mu r (m |v_b| + q r |s|) / J_t; with x, that rate times that shift, (1 + 2 x) J_a |s w| must keep below, and with it the
