@@ -1,7 +1,7 @@
 """The words of the package: every parameter and every quantity that comes out, with its unit and its meaning."""
 
 from math import inf, pi
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 
 class Quantity(NamedTuple):
@@ -142,3 +142,17 @@ STATES = {
     "plate": Quantity("m", "height of the plate over its mean"),
     "contact_state": Quantity("1", "contact state (Table 1 of the paper)"),
 }
+
+# kinds of pictures of a cube
+Picture = Literal[
+    "segments",
+    "mode_map",
+    "regions",
+    "paths",
+    "trends",
+    "minimum",
+    "impact_ends",
+    "shares",
+    "planar",
+    "bifurcation",
+]

@@ -1,23 +1,14 @@
 """What each kind of picture needs of a cube, known before the cube is: its axes, and what was asked."""
 
 from collections.abc import Collection, Mapping
+from typing import get_args
 
 import xarray as xr
 
 from dimersweep.errors import ParameterError
+from dimersweep.symbols import Picture
 
-KINDS = (
-    "segments",
-    "mode_map",
-    "regions",
-    "paths",
-    "trends",
-    "minimum",
-    "impact_ends",
-    "shares",
-    "planar",
-    "bifurcation",
-)
+KINDS = get_args(Picture)
 EXACT = {"trends": ("A_r", "f"), "minimum": ("A_r", "xdot0"), "impact_ends": ("A_r", "mu", "mu_s")}
 
 

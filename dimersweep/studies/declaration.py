@@ -17,7 +17,7 @@ from dimersweep.studies import sweep_spec
 from dimersweep.studies.deciding import SearchSpec
 from dimersweep.studies.refine import RefineSpec, check_refinement
 from dimersweep.studies.sweep_spec import Spec
-from dimersweep.symbols import PARAMETERS
+from dimersweep.symbols import PARAMETERS, Picture
 
 
 class _Section(BaseModel):
@@ -63,18 +63,7 @@ class PathsSection(_Section):
 class PlotSection(_Section):
     """How to draw the cube."""
 
-    kind: Literal[
-        "segments",
-        "mode_map",
-        "regions",
-        "paths",
-        "trends",
-        "minimum",
-        "impact_ends",
-        "shares",
-        "planar",
-        "bifurcation",
-    ] = "mode_map"
+    kind: Picture = "mode_map"
 
 
 class Declaration(_Section):
