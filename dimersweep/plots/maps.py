@@ -43,7 +43,7 @@ def mode_map(cube: xr.Dataset) -> Figure:
     figure, panels = _panels(mode, title(cube))
     for axes, part in panels:
         _mesh(axes, part, COLORS[np.atleast_2d(part.values)])
-    figure.legend(handles=mode_handles(mode), loc="outside right upper", fontsize=9)
+    figure.legend(handles=mode_handles(mode), loc="outside right center", fontsize=9)
     return figure
 
 
@@ -126,7 +126,7 @@ def point_map(cube: xr.Dataset, quantity: str | None = None) -> Figure:
     for axes in panels[len(pairs) :]:
         axes.set_axis_off()
     if quantity is None:
-        figure.legend(handles=mode_handles(cube["mode"]), loc="outside right upper", fontsize=9)
+        figure.legend(handles=mode_handles(cube["mode"]), loc="outside right center", fontsize=9)
     else:
         figure.colorbar(dots, ax=list(panels), label=quantity_label(quantity))
     figure.suptitle(title(cube), fontsize=10)
