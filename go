@@ -87,7 +87,7 @@ docs)
     ;;
 matrix)
     set_up ".[dev]"
-    python benchmarks/matrix.py "${@:2}"
+    python benchmarks/evidence/matrix.py "${@:2}"
     ;;
 *)
     sed -n '2,7s/^# //p' "$0" >&2

@@ -3,8 +3,9 @@
 import signal
 
 import pytest
-from fakes import fake_run_many
 from hypothesis import settings
+
+from tests.fakes import fake_run_many
 
 settings.register_profile("unhurried", deadline=None)  # a machine may be busy
 settings.load_profile("unhurried")

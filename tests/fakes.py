@@ -10,6 +10,7 @@ from dimersweep.kernel.model.layout import (
     JAMMED,
     M_DRIFT,
     M_FAILED,
+    M_JUMP,
     M_REST,
     M_UNRESOLVED,
     OK,
@@ -108,3 +109,16 @@ def forget_some(out, configuration, kind, seed):
     with tile_store(out, configuration, manifest.size, kind) as store:
         store.drop(lambda results: rng.random(len(results)) < 0.5)
         assert 0 < store.manifest.done < manifest.done
+
+
+def banded_kernel(rows, periods, rtol, settle, out, codes, until=0, space=None):
+    """Rest below a curve in (e, Gamma); then jumps, and in a part of the border some starts that drift."""
+    e, Gamma, beta0 = rows[:, SLOT["e_1"]], rows[:, SLOT["Gamma"]], rows[:, SLOT["beta0"]]
+    height = Gamma - (1.35 - e**2)
+    drift = (e > 0.47) & (height > 0) & (height < 0.21) & (np.abs(beta0 - 0.3 - e / 2) < 0.1)
+    codes[:, CODE["status"]] = OK
+    codes[:, CODE["mode"]] = np.where(drift, M_DRIFT, np.where(height > 0.13, M_JUMP, M_REST))
+    stops = np.flatnonzero(until >> codes[:, CODE["mode"]] & 1)
+    made = int(stops[0]) + 1 if stops.size else len(rows)
+    codes[made:] = 0
+    return made

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fakes import fake_run_many
 
 import dimersweep
 from dimersweep import Parameters, cli
@@ -32,6 +31,7 @@ from dimersweep.studies.certifying import (
 from dimersweep.studies.datasets import make
 from dimersweep.studies.declaration import read_declaration
 from dimersweep.studies.rerun import from_cube
+from tests.fakes import fake_run_many
 
 GRID = {"Gamma": [0.7, 0.9], "beta0": {"start": 4, "stop": 60, "num": 8, "unit": "deg"}}
 SETTINGS = {"periods": 100, "progress": False, "workers": 1}

@@ -11,11 +11,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from fakes import failing, fake_run_many, raising
 
 import dimersweep
 from dimersweep import cli
 from dimersweep.studies.planning import SAMPLE
+from tests.fakes import failing, fake_run_many, raising
 
 ROOT = Path(__file__).parents[1]
 SMALL = (ROOT / "sweeps" / "fig07-small.toml").read_text()
@@ -206,7 +206,7 @@ SMALL_MAP = (ROOT / "sweeps" / "fig08-small.toml").read_text()
 SLOW_SWEEP = """
 import sys, time
 import dimersweep.work.tiles
-from fakes import fake_run_many
+from tests.fakes import fake_run_many
 
 def slow(rows, *rest, until=0, space=None):
     time.sleep(0.05 * len(rows))
@@ -223,7 +223,7 @@ main()
 @contextmanager
 def slow_sweep(declared="small.toml", cube="fig07-small.nc"):
     """A process at work on a sweep of some seconds, once it has put points on the disk."""
-    environment = os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}"}
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
     with subprocess.Popen(
         [sys.executable, "-c", SLOW_SWEEP, declared],
         env=environment,

@@ -10,11 +10,11 @@ from socket import create_server
 
 import numpy as np
 import pytest
-from browser import chromium_page, colors_of, needs_chromium
 
 import dimersweep
 from dimersweep import cli
 from dimersweep.errors import ParameterError, StoreError
+from tests.browser import chromium_page, colors_of, needs_chromium
 
 board = pytest.importorskip("dimersweep.exploring.board", reason="panel is not installed", exc_type=ImportError)
 pytestmark = pytest.mark.jit

@@ -5,12 +5,12 @@ import sys
 
 import numpy as np
 import pytest
-from browser import chromium_page, colors_of, needs_chromium
 from PIL import Image
 
 from dimersweep import cli, simulate
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.plots import movie
+from tests.browser import chromium_page, colors_of, needs_chromium
 
 pytestmark = pytest.mark.jit
 

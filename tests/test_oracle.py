@@ -2,16 +2,13 @@
 
 import json
 import os
-import sys
 from math import cos, pi, sin
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-
-from oracle import body, impact, simulate, three_balls
+from tests.oracle import body, impact, simulate, three_balls
 
 HERE = Path(__file__).resolve().parent
 SMALL = json.loads((HERE / "reference" / "small.json").read_text())

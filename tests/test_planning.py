@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from fakes import fake_run_many
-from test_refine import COARSE, banded_kernel
 
 from dimersweep.studies.planning import plan
 from dimersweep.studies.refine import RefineSpec, check_refinement, refine
 from dimersweep.studies.search import make_spec, search
+from tests.fakes import banded_kernel, fake_run_many
+from tests.test_refine import COARSE
 
 GRID = {"f": np.linspace(0.2, 9, 30), "e": [0.5, 0.6, 0.7], "beta0": np.linspace(0.03, 0.3, 19)}
 

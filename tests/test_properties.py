@@ -1,25 +1,16 @@
 """What the model's symmetries and balances demand of every run, for scenes that hypothesis draws."""
 
-import sys
 from math import pi
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-for folder in (Path(__file__).parent / "kernel", Path(__file__).parents[1] / "benchmarks"):
-    sys.path.insert(0, str(folder))
-
-from examine import integrals, kinetic, lab_gain, phases_of, slips, states_at, total  # noqa: E402
-from launch import launch  # noqa: E402
-from verbs import contact_rates, contact_state  # noqa: E402
-
-from dimersweep.kernel.contact.coordinates import YUA, YUB  # noqa: E402
-from dimersweep.kernel.contact.forces import COMPLIANCE, N_F  # noqa: E402
-from dimersweep.kernel.model.body import dimer_of  # noqa: E402
-from dimersweep.kernel.model.layout import (  # noqa: E402
+from dimersweep.kernel.contact.coordinates import YUA, YUB
+from dimersweep.kernel.contact.forces import COMPLIANCE, N_F
+from dimersweep.kernel.model.body import dimer_of
+from dimersweep.kernel.model.layout import (
     BETA,
     CA,
     CB,
@@ -41,9 +32,12 @@ from dimersweep.kernel.model.layout import (  # noqa: E402
     X1,
     Y1,
 )
-from dimersweep.kernel.model.plate import motion  # noqa: E402
-from dimersweep.kernel.record import HOP_TIME, MODES  # noqa: E402
-from dimersweep.parameters import Parameters  # noqa: E402
+from dimersweep.kernel.model.plate import motion
+from dimersweep.kernel.record import HOP_TIME, MODES
+from dimersweep.parameters import Parameters
+from tests.checks.examine import integrals, kinetic, lab_gain, phases_of, slips, states_at, total
+from tests.checks.launch import launch
+from tests.checks.verbs import contact_rates, contact_state
 
 pytestmark = pytest.mark.jit
 PERIODS = 2

@@ -6,14 +6,12 @@ import re
 import numpy as np
 import pytest
 import xarray as xr
-from fakes import CODE, SLOT, failing, forget_some
 
 import dimersweep
 from dimersweep.cubes.cube import names
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import (
     M_DRIFT,
-    M_JUMP,
     M_REST,
     OK,
 )
@@ -26,6 +24,7 @@ from dimersweep.studies.refine import (
     refine,
 )
 from dimersweep.studies.search import make_spec, search
+from tests.fakes import CODE, SLOT, banded_kernel, failing, forget_some
 
 COARSE = {
     "e": {"start": 0.4, "stop": 0.8, "num": 5},
@@ -33,19 +32,6 @@ COARSE = {
     "beta0": {"start": 0.05, "stop": 1.0, "num": 20},
 }
 SETTINGS = {"over": "beta0", "halvings": {"e": 2, "Gamma": 6}, "periods": 5, "progress": False}
-
-
-def banded_kernel(rows, periods, rtol, settle, out, codes, until=0, space=None):
-    """Rest below a curve in (e, Gamma); then jumps, and in a part of the border some starts that drift."""
-    e, Gamma, beta0 = rows[:, SLOT["e_1"]], rows[:, SLOT["Gamma"]], rows[:, SLOT["beta0"]]
-    height = Gamma - (1.35 - e**2)
-    drift = (e > 0.47) & (height > 0) & (height < 0.21) & (np.abs(beta0 - 0.3 - e / 2) < 0.1)
-    codes[:, CODE["status"]] = OK
-    codes[:, CODE["mode"]] = np.where(drift, M_DRIFT, np.where(height > 0.13, M_JUMP, M_REST))
-    stops = np.flatnonzero(until >> codes[:, CODE["mode"]] & 1)
-    made = int(stops[0]) + 1 if stops.size else len(rows)
-    codes[made:] = 0
-    return made
 
 
 @pytest.fixture

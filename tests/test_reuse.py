@@ -5,11 +5,11 @@ import os
 import numpy as np
 import pytest
 import xarray as xr
-from fakes import failing, fake_run_many, set_pace
 
 import dimersweep
 from dimersweep.cubes.cube import names
 from dimersweep.errors import ParameterError, StoreError
+from tests.fakes import failing, fake_run_many, set_pace
 
 BETA0 = np.linspace(0.1, 1.5, 29)
 GRID = {"f": [15, 25], "beta0": BETA0}

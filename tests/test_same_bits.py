@@ -10,8 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fakes import run_tile, set_pace
-from sweeper import GRID, MAKERS, SEARCH, SEARCHED, SETTINGS, SMALL_MAP
 
 import dimersweep
 from dimersweep.cubes.cube import build
@@ -24,6 +22,8 @@ from dimersweep.studies.declaration import read_declaration
 from dimersweep.studies.search import search
 from dimersweep.studies.status import status
 from dimersweep.studies.sweep_spec import make_spec
+from tests.fakes import run_tile, set_pace
+from tests.sweeper import GRID, MAKERS, SEARCH, SEARCHED, SETTINGS, SMALL_MAP
 
 ROOT = Path(__file__).parents[1]
 pytestmark = [pytest.mark.jit, pytest.mark.slow]

@@ -7,7 +7,6 @@ from concurrent.futures import Future
 import dask
 import numpy as np
 import pytest
-from fakes import CODE, SteadyPace, raising, set_pace
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -37,6 +36,7 @@ from dimersweep.work.tiles import (
     after,
     attempt,
 )
+from tests.fakes import CODE, SteadyPace, raising, set_pace
 
 SPEC = make_spec({"f": [15, 20], "A_r": [5, 6, 7], "beta0": {"start": 0.1, "stop": 1, "num": 40}}, periods=5)
 

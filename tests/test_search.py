@@ -7,7 +7,6 @@ import signal
 import numpy as np
 import pytest
 import xarray as xr
-from fakes import failing, fake_run_many, forget_some, raising, set_pace
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -23,6 +22,7 @@ from dimersweep.studies.search import make_spec, search, waves
 from dimersweep.studies.status import status
 from dimersweep.work.stopping import StopFlag
 from dimersweep.work.tiles import attempt
+from tests.fakes import failing, fake_run_many, forget_some, raising, set_pace
 
 # with the fake kernel no start drifts where f is small, some do elsewhere
 GRID = {"f": [0.2, 0.3, 0.4, 0.5, 1, 3, 9], "e": [0.5, 0.6, 0.7], "beta0": {"start": 0.03, "stop": 0.3, "num": 19}}

@@ -9,7 +9,6 @@ import time
 import numpy as np
 import pytest
 import xarray as xr
-from fakes import failing, fake_run_many, raising, run_tile, set_pace
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -34,6 +33,7 @@ from dimersweep.work import proving, tiles
 from dimersweep.work.progress import Lines, Tally
 from dimersweep.work.proving import proof
 from dimersweep.work.scheduling import Pace
+from tests.fakes import failing, fake_run_many, raising, run_tile, set_pace
 
 GRID = {"f": [15, 20, 25], "beta0": {"start": 1, "stop": 89, "step": 1, "unit": "deg"}}
 

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-from fakes import fake_run_many, set_pace
 
 import dimersweep
 from dimersweep.cubes.results import Tile
@@ -23,6 +22,7 @@ from dimersweep.storage.tilestore import TileStore, tile_store
 from dimersweep.studies.status import status
 from dimersweep.studies.sweep_spec import make_spec
 from dimersweep.work.tiles import attempt
+from tests.fakes import fake_run_many, set_pace
 
 GRID = {"f": [15, 20, 25], "beta0": {"start": 1, "stop": 40, "step": 1, "unit": "deg"}}
 SPEC = make_spec(GRID, periods=5)

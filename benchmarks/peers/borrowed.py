@@ -1,5 +1,7 @@
 """What the second peer on heyoka borrows from the engine: impacts, the close of a chatter, the choice of the contact mode."""
 
+from passage import HOLD_LOST, P_PHASE, P_SLIP, SLIP_ZERO, as_body, begin, compiled, take_over
+
 from dimersweep.kernel.chatter import come_to_rest, kinetic
 from dimersweep.kernel.compiler.jit import exported
 from dimersweep.kernel.contact.contact_mode import INCONSISTENT
@@ -8,7 +10,6 @@ from dimersweep.kernel.event_loop import approaches, collide, force_impact
 from dimersweep.kernel.model.body import as_dimer
 from dimersweep.kernel.model.layout import D1, D2, FREE, N1, N2, OK, PHASE
 from dimersweep.kernel.smooth_motion import find_contact, no_slip
-from peers.passage import HOLD_LOST, P_PHASE, P_SLIP, SLIP_ZERO, as_body, begin, compiled, take_over
 
 
 @exported

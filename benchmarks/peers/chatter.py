@@ -8,6 +8,9 @@ of the contact to come the close costs n (omega t)^2 only, and as much again for
 from math import cos, hypot, inf, sin
 from typing import NamedTuple
 
+from forces import compliance, forces_both, forces_one, free_rates
+from passage import compiled, levers
+
 from dimersweep.kernel.model.layout import (
     BETA,
     CA,
@@ -22,8 +25,6 @@ from dimersweep.kernel.model.layout import (
     WB,
     WP,
 )
-from peers.forces import compliance, forces_both, forces_one, free_rates
-from peers.passage import compiled, levers
 
 
 class Accuracy(NamedTuple):

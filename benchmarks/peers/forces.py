@@ -5,6 +5,8 @@ All is linear in the accelerations of the ends without forces; with rates in the
 
 from math import cos, sin
 
+from passage import compiled, gravity, levers
+
 from dimersweep.kernel.model.layout import (
     BETA,
     CA,
@@ -15,7 +17,6 @@ from dimersweep.kernel.model.layout import (
     WB,
     WP,
 )
-from peers.passage import compiled, gravity, levers
 
 
 @compiled

@@ -7,26 +7,10 @@ is zero and the force that holds stays within the limit, else with slip in the d
 
 from math import atan2, copysign, cos, hypot, inf, pi, sin
 
-from dimersweep.kernel.model.layout import (
-    BETA,
-    CA,
-    CB,
-    D1,
-    D2,
-    FREE,
-    N1,
-    N2,
-    PHASE,
-    SLIP,
-    SPIN,
-    STICK,
-    WB,
-    WP,
-)
-from peers.blow import DONE, STATE, End, Pair, one_end, two_ends
-from peers.chatter import Accuracy, come_to_rest
-from peers.forces import compliance, forces_both, forces_one, free_rates, respond
-from peers.passage import (
+from blow import DONE, STATE, End, Pair, one_end, two_ends
+from chatter import Accuracy, come_to_rest
+from forces import compliance, forces_both, forces_one, free_rates, respond
+from passage import (
     HOLD_LOST,
     N_BODY,
     P_PHASE,
@@ -43,6 +27,23 @@ from peers.passage import (
     set_slip,
     take_over,
     unload,
+)
+
+from dimersweep.kernel.model.layout import (
+    BETA,
+    CA,
+    CB,
+    D1,
+    D2,
+    FREE,
+    N1,
+    N2,
+    PHASE,
+    SLIP,
+    SPIN,
+    STICK,
+    WB,
+    WP,
 )
 
 LOOSEST, FINEST = 1e-3, 2e-15  # relative tolerance of an impact: however slow, and that round-off allows

@@ -1,8 +1,6 @@
 """The two programs of this repository: the engine, through the entry that sweeps use, and the slow oracle of the tests."""
 
 import numpy as np
-import oracle
-from scenes import engine_states
 
 from dimersweep.kernel.batch import run_many
 from dimersweep.kernel.model.layout import (
@@ -12,6 +10,8 @@ from dimersweep.kernel.model.layout import (
     OK,
 )
 from dimersweep.parameters import Parameters
+from tests import oracle
+from tests.checks.scenes import engine_states
 
 
 class Engine:

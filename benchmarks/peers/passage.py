@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from oracle.body import dimer
 
 from dimersweep.kernel.model.layout import (
     BETA,
@@ -34,6 +33,7 @@ from dimersweep.kernel.model.layout import (
     X1,
     Y1,
 )
+from tests.oracle.body import dimer
 
 compiled = njit(error_model="numpy", nogil=True)  # not cached: a cache sees no edit in another module
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import heyoka as hy
 import numpy as np
+from passage import HOLD_LOST, LANDS, LIFTS, N_CLOSED, N_PATH, SLIP_ZERO
 
 from dimersweep.kernel.model.layout import (
     D1,
@@ -20,7 +21,6 @@ from dimersweep.kernel.model.layout import (
     STICK,
     X1,
 )
-from peers.passage import HOLD_LOST, LANDS, LIFTS, N_CLOSED, N_PATH, SLIP_ZERO
 
 TIME_UP = -1  # the event of a phase that has lasted as long as was asked
 

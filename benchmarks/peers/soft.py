@@ -10,9 +10,10 @@ from math import atan2, exp, pi, sqrt
 import mujoco
 import numpy as np
 from mujoco import rollout
-from oracle.body import DEFAULTS, dimer
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
+
+from tests.oracle.body import DEFAULTS, dimer
 
 STEPS_A_CONTACT = 20
 PIECE = 100_000  # steps kept at once

@@ -2,8 +2,8 @@
 
 from typing import NamedTuple
 
-from limits.hertz import contact_time, march
-from oracle.body import dimer
+from tests.limits.hertz import contact_time, march
+from tests.oracle.body import dimer
 
 SPEED = 0.3  # approach speed of a double impact, for the duration of a contact [m/s]
 

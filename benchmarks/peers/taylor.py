@@ -8,19 +8,20 @@ import math
 import time
 from functools import partial
 
+import borrowed
 import heyoka as hy
+import law
 import numpy as np
-from oracle.body import DEFAULTS
-from verbs import dimer, oracle_state
+from blow import DESK
+from passage import N_PATH, P_END, YTIME, body_of, start_state, state_at
+from phases import N_OF_PHASE, TIME_UP, constants_of, integrator
 
 from dimersweep.kernel.course import ROW_CONTACT, new_workspace
 from dimersweep.kernel.impact.impact import N_LOG
 from dimersweep.kernel.model.layout import FREE, N_STATE
 from dimersweep.parameters import RTOL_RANGE, Parameters
-from peers import borrowed, law
-from peers.blow import DESK
-from peers.passage import N_PATH, P_END, YTIME, body_of, start_state, state_at
-from peers.phases import N_OF_PHASE, TIME_UP, constants_of, integrator
+from tests.checks.verbs import dimer, oracle_state
+from tests.oracle.body import DEFAULTS
 
 LONGEST = 0.125  # longest step of a contact, in forcing periods: forces follow the plate where the state may not
 HOP = 1.5  # first step of a flight that leaves the plate, in times of the hop to be expected

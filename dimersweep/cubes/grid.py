@@ -19,7 +19,7 @@ from dimersweep.parameters import (
 )
 from dimersweep.symbols import BASE, PARAMETERS
 
-MAX_POINTS = 50_000_000  # of an axis, and of a cube in memory: about 11 GB, see benchmarks/memory.py
+MAX_POINTS = 50_000_000  # of an axis, and of a cube in memory: about 11 GB, see benchmarks/speed/memory.py
 
 _FORMS = "give values, or start, stop and either step or num; unit is optional, and spacing = log with num"
 Reader = Callable[[str, Any], float]

@@ -1,15 +1,7 @@
-"""Make what the tests around the kernel share importable; leave out what needs the JIT when it is off."""
-
-import sys
-from pathlib import Path
+"""Leave out what needs the JIT when it is off."""
 
 import numba
 import pytest
-
-HERE = Path(__file__).resolve().parent
-for folder in (HERE, HERE.parent, HERE.parents[1] / "benchmarks"):
-    if str(folder) not in sys.path:
-        sys.path.insert(0, str(folder))
 
 
 def pytest_collection_modifyitems(items):

@@ -4,8 +4,9 @@ from math import cos, pi, sin
 
 import numpy as np
 import pytest
-from oracle import body
-from verbs import contact_velocity, delassus, dimer, double_law, levers, oracle_state, state_of
+
+from tests.checks.verbs import contact_velocity, delassus, dimer, double_law, levers, oracle_state, state_of
+from tests.oracle import body
 
 BODIES = [{}, {"A_r": 2.0}, {"A_r": 4.3, "r": 3e-3, "rho_b": 2500.0, "rho_r": 2700.0, "D_r": 6e-3}, {"A_r": 9.0}]
 

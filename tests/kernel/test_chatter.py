@@ -2,10 +2,6 @@
 
 import numpy as np
 import pytest
-from examine import STRICT, look_at, record
-from launch import last_state
-from stress import scene_row
-from verbs import as_dimer
 
 from dimersweep.kernel.chatter import CLOSE, SPREAD
 from dimersweep.kernel.model.layout import (
@@ -24,6 +20,10 @@ from dimersweep.kernel.model.layout import (
     X1,
     Y1,
 )
+from tests.checks.examine import STRICT, look_at, record
+from tests.checks.launch import last_state
+from tests.checks.random_scenes import scene_row
+from tests.checks.verbs import as_dimer
 
 pytestmark = pytest.mark.jit
 GROWTH = 10.0  # of the rate of faint hops in a period, with the weight on the end

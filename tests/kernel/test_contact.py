@@ -4,23 +4,7 @@ from math import cos, hypot, sin
 
 import numpy as np
 import pytest
-from oracle import body
-from oracle.contact import Instant, State, settle
 from scipy.integrate import solve_ivp
-from verbs import (
-    contact_mode,
-    contact_rates,
-    contact_state,
-    contact_velocity,
-    dimer,
-    hold_reserve,
-    kernel_state,
-    oracle_state,
-    scratch,
-    state_of,
-    sustain_contact,
-    sustain_contact_without_path,
-)
 
 from dimersweep import simulate
 from dimersweep.kernel.contact.contact_mode import CLOSED, INCONSISTENT, SEPARATES
@@ -69,6 +53,22 @@ from dimersweep.kernel.model.layout import (
     WB,
     WP,
 )
+from tests.checks.verbs import (
+    contact_mode,
+    contact_rates,
+    contact_state,
+    contact_velocity,
+    dimer,
+    hold_reserve,
+    kernel_state,
+    oracle_state,
+    scratch,
+    state_of,
+    sustain_contact,
+    sustain_contact_without_path,
+)
+from tests.oracle import body
+from tests.oracle.contact import Instant, State, settle
 
 SLIP_TOL = 1e-10
 TIME = 0.013  # any plate phase will do

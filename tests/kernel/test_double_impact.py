@@ -6,19 +6,7 @@ from math import hypot
 from pathlib import Path
 
 import numpy as np
-import oracle
 import pytest
-from verbs import (
-    angular_momentum,
-    collide_double,
-    contact_velocity,
-    dimer,
-    double_law,
-    kinetic_energy,
-    oracle_state,
-    scratch,
-    state_of,
-)
 
 from dimersweep.kernel.impact.impact import (
     LOG_N1_AFTER,
@@ -40,6 +28,18 @@ from dimersweep.kernel.model.layout import (
     STICK,
     WB,
     WP,
+)
+from tests import oracle
+from tests.checks.verbs import (
+    angular_momentum,
+    collide_double,
+    contact_velocity,
+    dimer,
+    double_law,
+    kinetic_energy,
+    oracle_state,
+    scratch,
+    state_of,
 )
 
 SMALL = json.loads((Path(__file__).parents[1] / "reference" / "small.json").read_text())

@@ -5,7 +5,6 @@ from math import pi
 
 import numpy as np
 import pytest
-from verbs import row_of
 
 from dimersweep import simulate
 from dimersweep.kernel import batch, record
@@ -21,6 +20,7 @@ from dimersweep.kernel.model.layout import (
     STATUS_MESSAGES,
     STATUSES,
 )
+from tests.checks.verbs import row_of
 
 CODE = {name: k for k, name in enumerate(CODES)}
 M, J_T, J_A, G, H = 8.813633469891e-3, 5.299695485087e-6, 8.339127315493e-8, 9.81, 0.025  # the base case

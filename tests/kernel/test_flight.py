@@ -5,11 +5,8 @@ from math import cos, pi, sin
 import mpmath
 import numpy as np
 import pytest
-from oracle import body
-from oracle.contact import Instant, State
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
-from verbs import angular_momentum, dimer, fly, gap_series, oracle_state, state_of, take_off
 
 from dimersweep.kernel.model.layout import (
     BETA,
@@ -27,6 +24,9 @@ from dimersweep.kernel.model.layout import (
     WP,
     X1,
 )
+from tests.checks.verbs import angular_momentum, dimer, fly, gap_series, oracle_state, state_of, take_off
+from tests.oracle import body
+from tests.oracle.contact import Instant, State
 
 PARAMETERS = {"A_r": 5.3, "Gamma": 1.2, "phi0": 0.7}
 

@@ -4,7 +4,12 @@ from math import cos, hypot, sin
 
 import numpy as np
 import pytest
-from verbs import (
+
+from dimersweep.kernel.contact.coordinates import N_Y, YB, YS, YUA, YUB, YWB, YWP
+from dimersweep.kernel.contact.forces import A1, COMPLIANCE, F1, F2, L1, L2, N_F
+from dimersweep.kernel.impact.double_equations import N_Z, ZA, ZB1, ZB2, ZX1, ZX2
+from dimersweep.kernel.model.layout import FREE, SLIP, STICK
+from tests.checks.verbs import (
     axial_of_pair,
     contact_rates,
     delassus,
@@ -23,11 +28,6 @@ from verbs import (
     slip_force,
     straight_leg,
 )
-
-from dimersweep.kernel.contact.coordinates import N_Y, YB, YS, YUA, YUB, YWB, YWP
-from dimersweep.kernel.contact.forces import A1, COMPLIANCE, F1, F2, L1, L2, N_F
-from dimersweep.kernel.impact.double_equations import N_Z, ZA, ZB1, ZB2, ZX1, ZX2
-from dimersweep.kernel.model.layout import FREE, SLIP, STICK
 
 seeds = pytest.mark.parametrize("seed", range(6))
 

@@ -8,15 +8,10 @@ from itertools import product
 from math import cos, pi, sin, sqrt
 
 import numpy as np
-import oracle
 import pytest
-from examine import examine, lies, states_at
-from launch import launch
 from mpmath import mp, mpf
-from scenes import difference, engine_states
 from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
-from verbs import as_dimer, collide_double, dimer, kinetic_energy, row_of, scratch
 
 from dimersweep import simulate
 from dimersweep.kernel.model.layout import (
@@ -45,6 +40,11 @@ from dimersweep.kernel.model.layout import (
     WP,
 )
 from dimersweep.kernel.record import HOP_TIME, MODES
+from tests import oracle
+from tests.checks.examine import examine, lies, states_at
+from tests.checks.launch import launch
+from tests.checks.scenes import difference, engine_states
+from tests.checks.verbs import as_dimer, collide_double, dimer, kinetic_energy, row_of, scratch
 
 RTOLS = (1e-6, 1e-8, 1e-11)
 

@@ -5,9 +5,10 @@ import os
 from pathlib import Path
 
 import numpy as np
-import oracle
 import pytest
-from scenes import difference, engine_states, random_scene, sample_times, wider_scene
+
+from tests import oracle
+from tests.checks.scenes import difference, engine_states, random_scene, sample_times, wider_scene
 
 pytestmark = pytest.mark.jit
 

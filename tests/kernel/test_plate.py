@@ -5,22 +5,6 @@ from math import pi
 import mpmath
 import numpy as np
 import pytest
-from oracle import body as slow
-from verbs import (
-    as_dimer,
-    effective_gravity,
-    first_landing,
-    gap_series,
-    least_gravity,
-    lightest,
-    mean_gravity,
-    plate_bounds,
-    plate_rate,
-    rests_for_good,
-    row_of,
-    sag,
-    take_off,
-)
 
 from dimersweep.kernel.model.layout import (
     BETA,
@@ -38,6 +22,22 @@ from dimersweep.kernel.model.layout import (
     WP,
 )
 from dimersweep.kernel.model.plate import motion
+from tests.checks.verbs import (
+    as_dimer,
+    effective_gravity,
+    first_landing,
+    gap_series,
+    least_gravity,
+    lightest,
+    mean_gravity,
+    plate_bounds,
+    plate_rate,
+    rests_for_good,
+    row_of,
+    sag,
+    take_off,
+)
+from tests.oracle import body as slow
 
 PLATES = [
     {"Gamma": 0.9},

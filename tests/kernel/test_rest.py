@@ -2,19 +2,6 @@
 
 import numpy as np
 import pytest
-from launch import launch
-from verbs import (
-    commotion,
-    contact_rates,
-    contact_state,
-    dimer,
-    is_calm,
-    least_gravity,
-    mean_gravity,
-    rests_for_good,
-    row_of,
-    slide_rates,
-)
 
 from dimersweep.kernel.contact.coordinates import (
     N_Y,
@@ -36,6 +23,19 @@ from dimersweep.kernel.model.layout import (
     WP,
 )
 from dimersweep.kernel.record import HOP_TIME, MODES
+from tests.checks.launch import launch
+from tests.checks.verbs import (
+    commotion,
+    contact_rates,
+    contact_state,
+    dimer,
+    is_calm,
+    least_gravity,
+    mean_gravity,
+    rests_for_good,
+    row_of,
+    slide_rates,
+)
 
 # deaths near the border of lifting: on one end is left, for a moment, as little as 0.03 to 0.2 of half the weight
 DEATHS = [  # Gamma, f, A_r, mu, mu_s; v_a, v_b, w, s, phase

@@ -6,7 +6,6 @@ import mpmath
 import numpy as np
 import pytest
 from scipy.optimize import brentq
-from verbs import dimer, first_landing, gap_series, next_landing, take_off
 
 from dimersweep.kernel.flight.free_motion import Flight
 from dimersweep.kernel.flight.landing import MAX_PROBES
@@ -23,6 +22,7 @@ from dimersweep.kernel.model.layout import (
     WP,
 )
 from dimersweep.kernel.model.plate import Sway
+from tests.checks.verbs import dimer, first_landing, gap_series, next_landing, take_off
 
 FEW = 60  # probes that even a hard case should not take
 

@@ -5,7 +5,8 @@ from math import cos, inf, nextafter, pi, sin
 import mpmath
 import numpy as np
 import pytest
-from verbs import sincos
+
+from tests.checks.verbs import sincos
 
 
 @pytest.mark.parametrize("size", [1e-300, 1e-9, 1e-3, 0.8, 10.0, 1e3, 1e5])

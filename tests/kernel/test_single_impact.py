@@ -5,21 +5,8 @@ from math import acos, copysign, cos, hypot, inf, pi, sin
 from pathlib import Path
 
 import numpy as np
-import oracle
 import pytest
 from scipy.integrate import solve_ivp
-from verbs import (
-    collide_single,
-    contact_velocity,
-    dimer,
-    end_law,
-    kinetic_energy,
-    oracle_state,
-    run_down,
-    scratch,
-    single_phase,
-    state_of,
-)
 
 from dimersweep.kernel.impact.impact import (
     LOG_N1,
@@ -42,6 +29,19 @@ from dimersweep.kernel.model.layout import (
     STICK,
     WB,
     WP,
+)
+from tests import oracle
+from tests.checks.verbs import (
+    collide_single,
+    contact_velocity,
+    dimer,
+    end_law,
+    kinetic_energy,
+    oracle_state,
+    run_down,
+    scratch,
+    single_phase,
+    state_of,
 )
 
 SMALL = json.loads((Path(__file__).parents[1] / "reference" / "small.json").read_text())

@@ -1,12 +1,11 @@
 """Scenes that the stress suite has found and made simple: each once hung, sank, gained energy or had no answer."""
 
 import pytest
-import stress
-from examine import CODE, examine, lies
-from stress import faults, minimise, run_block, scene_row, survey
 
 from dimersweep.kernel.model.layout import OK
 from dimersweep.parameters import Parameters
+from tests.checks.examine import CODE, examine, lies
+from tests.checks.random_scenes import faults, lying_nan, rows_of, run_block, scene_row
 
 pytestmark = pytest.mark.jit
 
@@ -593,10 +592,10 @@ def test_a_slip_that_jams_is_stopped(scene):
 @pytest.mark.parametrize("domain", ["near", "far"])
 def test_random_scenes(domain):
     """A short run of the suite: every scene ends, in few events, and those looked at show nothing wrong."""
-    codes, nans, seconds, _ = survey(1000, 7, domain, 5, 1e-8, 2)
+    codes, out, seconds = run_block(rows_of(0, 1000, 7, domain), 5, 1e-8)
     status = codes[:, CODE["status"]]
     assert (status == OK).mean() > 0.98
-    assert not nans.any()
+    assert not lying_nan(codes, out).any()
     assert seconds.max() < 10.0
     looks = [examine(scene_row(k, 7, domain), 5, 1e-8) for k in range(0, 1000, 40) if status[k] == OK]
     assert [lies(look) for look in looks] == [[]] * len(looks)
@@ -625,12 +624,3 @@ def test_no_energy_from_nothing(number):
     """A swift turn that pulls at the plate from its start; a scene so slow that each of its impacts counts."""
     look = examine(scene_row(number, 11, "far"), 1, 1e-8)
     assert (look["status"], lies(look)) == ("ok", [])
-
-
-def test_a_scene_is_made_simple_while_there_is_time(monkeypatch):
-    """Fewest periods, base values, fewest decimals; and nothing at all where no time is left."""
-    scene = {"Gamma": 19.131, "xdot0": 3.614}
-    monkeypatch.setattr(stress, "faults", lambda trial, *_, **__: ["odd"] * (trial["Gamma"] > 15.0))
-    assert minimise(scene, 7, 1e-8, "odd") == ({"Gamma": 20.0}, 1)
-    monkeypatch.setattr(stress, "PATIENCE", 0.0)
-    assert minimise(scene, 7, 1e-8, "odd") == (scene, 7)

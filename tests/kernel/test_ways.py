@@ -8,9 +8,9 @@ from pathlib import Path
 import numba
 import numpy as np
 import pytest
-import ways
 
 from dimersweep.kernel.compiler import versions
+from tests.kernel import ways
 
 HERE = Path(__file__).parent
 

@@ -5,12 +5,12 @@ from math import pi
 from typing import NamedTuple
 
 import numpy as np
-from oracle.body import dimer
-from scenes import difference, engine_states
-from verbs import collide_double, collide_single, oracle_state, scratch, state_of
-from verbs import dimer as kernel_dimer
 
 from dimersweep.kernel.model.layout import N1, N2, OK
+from tests.checks.scenes import difference, engine_states
+from tests.checks.verbs import collide_double, collide_single, oracle_state, scratch, state_of
+from tests.checks.verbs import dimer as kernel_dimer
+from tests.oracle.body import dimer
 
 from . import hertz, moreau
 from .top import Array

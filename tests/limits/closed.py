@@ -8,7 +8,8 @@ from collections.abc import Callable, Iterator
 
 from mpmath import asin, findroot, mp, mpf, quad, sin, sqrt
 from mpmath import cos as cosine
-from oracle.body import Dimer
+
+from tests.oracle.body import Dimer
 
 DIGITS = 50
 STILL = 1e-24  # s; a hop shorter than this ends the chatter

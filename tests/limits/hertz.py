@@ -16,7 +16,8 @@ from collections.abc import Mapping, Sequence
 from math import ceil, hypot, pi, sqrt
 
 import numpy as np
-from oracle.body import Dimer, dimer
+
+from tests.oracle.body import Dimer, dimer
 
 from .friction import clear_desk, friction
 from .top import (

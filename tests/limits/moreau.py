@@ -9,7 +9,8 @@ from collections.abc import Mapping, Sequence
 from math import hypot
 
 import numpy as np
-from oracle.body import dimer
+
+from tests.oracle.body import dimer
 
 from .friction import clear_desk, friction
 from .top import (

@@ -6,9 +6,9 @@ from math import pi
 import numpy as np
 import pytest
 from mpmath import mpf
-from oracle.body import dimer
 
 from dimersweep import simulate
+from tests.oracle.body import dimer
 
 from .cases import Impact, coordinates, engine_impact
 from .closed import Ball, fall_rate, fall_time, rocking_times

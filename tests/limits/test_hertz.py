@@ -1,10 +1,11 @@
 """Stiff springs converge to the engine's impacts, with the order 2/5 of a Hertz contact's duration in its stiffness."""
 
 import numpy as np
-import oracle
 import pytest
-from oracle import body
-from scenes import difference
+
+from tests import oracle
+from tests.checks.scenes import difference
+from tests.oracle import body
 
 from . import hertz, top
 from .cases import IMPACTS, Impact, apart, coordinates, engine_impact, impact_errors, order, run_errors

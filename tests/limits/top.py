@@ -8,9 +8,10 @@ from math import asin, atan2, cos, hypot, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from cached import compiled
 from numpy.typing import NDArray
-from oracle.body import Dimer
+
+from tests.checks.cached import compiled
+from tests.oracle.body import Dimer
 
 CENTRE, AXIS, VELOCITY, MOMENTUM, THETA, GAMMA, N_STATE = 0, 3, 6, 9, 12, 13, 14
 SIDES = (-1.0, 1.0)  # where along the axis the ends are, in units of l/2

@@ -1,0 +1,274 @@
+"""Does the early stop change a verdict, and what does it cost: ``python benchmarks/evidence/early_stop.py --points 20000``.
+
+Random points near the paper's domain run twice, with the early stop and to the last period. Printed are every point whose
+modes differ, and why; how many runs that die stop with the very event with which both ends are down for good, and what
+they cost over the same run up to that event; and how long a drift goes on after it has settled, by its own count and by how
+far apart its later strobes are, which are followed beyond the stop. 20,000 points take some five minutes on two quiet cores.
+"""
+
+import argparse
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+from time import perf_counter, thread_time
+from typing import NamedTuple
+
+import numpy as np
+
+from dimersweep import simulate
+from dimersweep.cubes.cube import blank
+from dimersweep.kernel.batch import run_many, run_recorded
+from dimersweep.kernel.impact.impact import N_LOG
+from dimersweep.kernel.model.layout import (
+    CODES,
+    M_DRIFT,
+    M_REST,
+    MODES,
+    OUT,
+    SLIP,
+    STICK,
+)
+from dimersweep.kernel.record import EVENT, N_EVENT, N_SEGMENT
+from dimersweep.kernel.verdict.classify import PATIENCE, SETTLED
+from dimersweep.parameters import fill_rows
+from dimersweep.symbols import BASE
+
+RANGES = {  # mu_s is given over mu
+    "e": (0.4, 0.9),
+    "Gamma": (0.4, 1.6),
+    "f": (10.0, 35.0),
+    "A_r": (3.0, 8.0),
+    "mu": (0.05, 0.4),
+    "mu_s": (1.0, 2.0),
+    "beta0": (0.02, 1.5),
+    "xdot0": (0.0, 3.0),
+}
+MODE, PERIOD, TAKEN = CODES.index("mode"), CODES.index("mode_period"), CODES.index("n_periods")
+SETTLED_AFTER = OUT.index("settled_after")
+CHUNK = 50
+DEATH_COST, DRIFT_WAIT = 1.2, 30  # what a death may cost over the time to it; periods a settled drift may go on
+HOVERS = 0.5  # change at the stop, in units of the line of settling, from which it is taken to hover there
+BEYOND = 30  # periods by which a drift is followed further than its stop, to see where it ends
+TIMINGS = 9
+TIMED_FOR = 2e-3  # least time of one timing [s]: a run is repeated as often as that takes
+AT_ONCE = 1e-9  # periods between the death and the stop that are none
+LOG_ROWS = 64
+
+
+class Runs(NamedTuple):
+    """Outcomes of all points, in the order of ``layout.OUT`` and ``layout.CODES``, and the time they took [s]."""
+
+    out: np.ndarray
+    codes: np.ndarray
+    seconds: float
+
+
+def random_points(n: int, seed: int) -> dict[str, np.ndarray]:
+    """Columns of parameters, shape (n,)."""
+    rng = np.random.default_rng(seed)
+    columns = {name: rng.uniform(*ends, n) for name, ends in RANGES.items()}
+    columns["mu_s"] *= columns["mu"]
+    return columns
+
+
+def run_all(rows: np.ndarray, periods: int, rtol: float, settle: bool, workers: int) -> Runs:
+    """Verdicts of all rows on several threads."""
+    out, codes = blank(len(rows))
+
+    def run(start: int) -> None:
+        part = slice(start, start + CHUNK)
+        run_many(rows[part], periods, rtol, settle, out[part], codes[part])
+
+    begun = perf_counter()
+    with ThreadPoolExecutor(workers) as threads:
+        list(threads.map(run, range(0, len(rows), CHUNK)))
+    return Runs(out, codes, perf_counter() - begun)
+
+
+class Recorder:
+    """One run to its early stop, recorded, as often as asked, wholly or up to its death.
+
+    Attributes
+    ----------
+    rows : int
+        Events before the one with which both ends are down for good.
+    death, end : float
+        Time of that event, and of the stop, in forcing periods.
+    """
+
+    def __init__(self, row: np.ndarray, periods: int, rtol: float) -> None:
+        self._row, self._asked = row, (periods, rtol, True, False)
+        self._log, self._counts = np.zeros((LOG_ROWS, N_LOG)), np.zeros(3, np.int64)
+        self._events, self._segments = np.zeros((0, N_EVENT)), np.zeros((0, N_SEGMENT))
+        while self._counts[1:].max() >= len(self._events):
+            rows = 4 * len(self._events) + 1000
+            self._events, self._segments = np.zeros((rows, N_EVENT)), np.zeros((rows, N_SEGMENT))
+            self._seconds(rows, 1)
+        events = self._events[: self._counts[1]]
+        ends = np.divmod(events[:, EVENT.index("contact_after")], 5)
+        closed = np.all((np.array(ends) >= STICK) & (np.array(ends) <= SLIP), axis=0)
+        self.rows = int(np.flatnonzero(~closed)[-1]) + 1
+        times = events[:, EVENT.index("period")] + events[:, EVENT.index("phase")] / (2 * np.pi)
+        self.death, self.end = times[self.rows], times[-1]
+
+    def _seconds(self, rows: int, repeats: int) -> float:
+        """Time on the processor of the run to its stop, or until it would write one more event than `rows` [s]."""
+        many = np.tile(self._row, (repeats, 1)), *self._asked, *blank(repeats)
+        begun = thread_time()
+        run_recorded(*many, self._log, self._events[:rows], self._segments, self._counts)
+        return (thread_time() - begun) / repeats
+
+    def cost(self) -> tuple[float, float]:
+        """Time of the run over that to its death, the median of pairs taken in turn, and the time to its death [s]."""
+        repeats = 1 + int(TIMED_FOR / self._seconds(self.rows, 1))
+        pairs = [[self._seconds(rows, repeats) for rows in (len(self._events), self.rows)] for _ in range(TIMINGS)]
+        whole, part = np.array(pairs).T
+        return float(np.median(whole / part)), float(np.median(part))
+
+
+def strobes(point: dict[str, float], periods: int, rtol: float) -> np.ndarray:
+    """Gaps and gap rates at the ends of the forcing periods in units of g/omega^2 and g/omega, shape (periods, 4)."""
+    states = simulate(**point, periods=periods, rtol=rtol).states(np.arange(1, periods + 1) / point["f"])
+    speed = BASE["g"] / (2.0 * np.pi * point["f"])
+    gaps = [states[name].values * BASE["g"] / speed**2 for name in ("gap_1", "gap_2")]
+    return np.column_stack([*gaps, *(states[name].values / speed for name in ("gap_1_rate", "gap_2_rate"))])
+
+
+def changes(strobe: np.ndarray, p: int) -> np.ndarray:
+    """Largest change of each strobe over p periods, infinite for the first ones."""
+    return np.append(np.full(p, np.inf), np.abs(strobe[p:] - strobe[:-p]).max(axis=1))
+
+
+def settling_of(point: dict[str, float], periods: int, rtol: float) -> int:
+    """Forcing periods after which all strobes of a run lie within the line of settling of each other."""
+    back = strobes(point, periods, rtol)[::-1]
+    spread = (np.maximum.accumulate(back) - np.minimum.accumulate(back)).max(axis=1)[::-1]
+    return int(np.flatnonzero(np.append(1.0, spread) > SETTLED)[-1]) + 1
+
+
+class Why(NamedTuple):
+    """Why a verdict differs from the one with the early stop: the kind (docs/stopping.md has them), and what shows it."""
+
+    kind: str
+    shown: str
+
+
+def reason(point: dict[str, float], early: np.ndarray, late: np.ndarray, given: argparse.Namespace) -> Why:
+    """Why the verdict of a run differs from the one with the early stop."""
+    if early[PERIOD] == 0:
+        return Why("no period", "the stopped run has no period: rest that was not, or a failure")
+    stop, strobe = early[TAKEN], strobes(point, given.periods, given.rtol)
+    change = changes(strobe, early[PERIOD])
+    lost = stop + np.flatnonzero(change[stop:] > SETTLED)
+    if lost.size == 0 and 0 < late[PERIOD] < early[PERIOD]:
+        shorter = changes(strobe, late[PERIOD])
+        return Why(
+            "shorter period",
+            f"on its way to period {late[PERIOD]}: the change over that was {shorter[stop - 1 - PATIENCE]:.1e}, "
+            f"{shorter[stop - 1]:.1e} at the stop, {shorter[-1]:.1e} at the end",
+        )
+    if lost.size == 0:
+        same = early[PERIOD] == late[PERIOD]
+        how = "the same motion, on the border of two words" if same else "it repeats to the end"
+        return Why(
+            "border of two words" if same else "repeats",
+            f"{how}; the change over its period is {change[stop:].max():.1e} at most",
+        )
+    leap, at_stop = change[lost[0]], change[stop - 1]
+    how = "creeps over the line" if leap < 2.0 * SETTLED else f"leaps by {leap:.1e} over the line"
+    return Why(
+        "hovers at the line" if at_stop > HOVERS * SETTLED else "passes a border later",
+        f"{how} {SETTLED:.0e} after {lost[0] + 1} periods, from {at_stop:.1e} at the stop",
+    )
+
+
+def told(columns: dict[str, np.ndarray], k: int) -> dict[str, float]:
+    """Parameters of one point."""
+    return {name: float(values[k]) for name, values in columns.items()}
+
+
+def print_exceptions(columns: dict[str, np.ndarray], stopped: Runs, full: Runs, given: argparse.Namespace) -> int:
+    """List every point whose modes differ, with the kind of exception and what shows it; how many there are."""
+    differ, kinds = np.flatnonzero(stopped.codes[:, MODE] != full.codes[:, MODE]), Counter[str]()
+    for k in differ:
+        early, late, point = stopped.codes[k], full.codes[k], told(columns, k)
+        why = reason(point, early, late, given)
+        kinds[why.kind] += 1
+        print(
+            f"  {why.kind}: {MODES[early[MODE]]} of period {early[PERIOD]} after {early[TAKEN]} periods, at the end "
+            f"{MODES[late[MODE]]} of period {late[PERIOD]}: {why.shown}\n    {point}"
+        )
+    of_kinds = f" ({', '.join(f'{kind}: {n}' for kind, n in kinds.most_common())})" if kinds else ""
+    print(f"{differ.size} of {given.points} modes differ{of_kinds}")
+    return differ.size
+
+
+def print_deaths(columns: dict[str, np.ndarray], rows: np.ndarray, dead: np.ndarray, given: argparse.Namespace) -> None:
+    """When runs that die stop, and what they cost over the same runs up to their death.
+
+    Timed are the first of them and all that do not stop with the event of their death.
+    """
+    runs = [Recorder(rows[k], given.periods, given.rtol) for k in dead]
+    wait = np.array([run.end - run.death for run in runs])
+    late = wait > AT_ONCE
+    print(f"{dead.size} runs that die: {dead.size - late.sum()} stop with the event of their death", end="")
+    print(f", the others {np.median(wait[late]):.2f} periods later, {wait.max():.2f} at most" if late.any() else "")
+    chosen = np.flatnonzero(late | (np.arange(dead.size) < given.timed))
+    ratio, least = np.array([runs[k].cost() for k in chosen]).T
+    print(
+        f"time of {chosen.size} of them over that to the death: {ratio @ least / least.sum():.3f} in all; each: median "
+        f"{np.median(ratio):.3f}, 95 % below {np.quantile(ratio, 0.95):.3f}, worst {ratio.max():.3f}; "
+        f"{np.count_nonzero(ratio > DEATH_COST)} above {DEATH_COST}"
+    )
+    for n in np.argsort(ratio)[::-1]:
+        k = chosen[n]
+        if ratio[n] > DEATH_COST or late[k]:
+            print(
+                f"  {ratio[n]:.2f}, {1e6 * least[n]:.0f} us to the death after {runs[k].death:.2f} periods, stopped "
+                f"{wait[k]:.2f} later: {told(columns, dead[k])}"
+            )
+
+
+def print_drifts(columns: dict[str, np.ndarray], chosen: np.ndarray, stopped: Runs, given: argparse.Namespace) -> None:
+    """How long drifts go on after they have settled."""
+    taken = stopped.codes[chosen, TAKEN]
+    own = taken - stopped.out[chosen, SETTLED_AFTER]
+    seen = taken - [
+        settling_of(told(columns, k), int(n) + BEYOND, given.rtol) for k, n in zip(chosen, taken, strict=True)
+    ]
+    for name, wait in (("their own count", own), ("how far apart all later strobes are", seen)):
+        print(
+            f"{chosen.size} drifts stop after settling, by {name}: median {np.median(wait):.0f} periods, longest "
+            f"{wait.max():.0f}; {np.count_nonzero(wait > DRIFT_WAIT)} above {DRIFT_WAIT}"
+        )
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Print what was found; the number of verdicts that differ."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--points", type=int, default=20000)
+    parser.add_argument("--periods", type=int, default=400)
+    parser.add_argument("--rtol", type=float, default=1e-8)
+    parser.add_argument(
+        "--timed", type=int, default=300, help="runs that die, and that drift, timed and followed one by one"
+    )
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--seed", type=int, default=1)
+    given = parser.parse_args(arguments)
+    columns = random_points(given.points, given.seed)
+    rows = fill_rows(BASE | columns, given.points)
+    stopped, full = (run_all(rows, given.periods, given.rtol, settle, given.workers) for settle in (True, False))
+    counts = np.bincount(full.codes[:, MODE], minlength=len(MODES))
+    print(f"{given.points} points, {given.periods} periods, rtol {given.rtol:.0e}, full runs: ", end="")
+    print(", ".join(f"{n} {name}" for name, n in zip(MODES, counts, strict=True) if n))
+    print(f"with the early stop {stopped.seconds:.1f} s, without {full.seconds:.1f} s")
+    differ = print_exceptions(columns, stopped, full, given)
+    dead, drifting = (np.flatnonzero(stopped.codes[:, MODE] == mode) for mode in (M_REST, M_DRIFT))
+    if dead.size:
+        print_deaths(columns, rows, dead, given)
+    if drifting.size:
+        print_drifts(columns, drifting[: given.timed], stopped, given)
+    return differ
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,276 @@
+"""What a hostile hour does to a sweep: ``python benchmarks/evidence/faults.py``, some minutes, prints a table.
+
+Each attack (``fault_attacks.py``) damages, kills or misuses a small sweep with the real kernel, several times, each time in
+another place or at another moment. Then the same sweep is asked for again. It holds if the cube that comes is the undisturbed
+one bit for bit, or if there is none, the exit status is not zero, and one line says why; and if nothing beside the output, its
+picture and its folder of tiles was written or deleted. The exit status is 1 if an attack does not hold.
+"""
+
+import argparse
+import hashlib
+import os
+import random
+import signal
+import sys
+import tempfile
+import time
+import traceback
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+TOML = """[sweep]
+title = "a sweep to be attacked"
+periods = 60
+output = "{out}"
+[grid]
+f = [15, 20, 25]
+beta0 = {{ start = 3, stop = 87, num = 40, unit = "deg" }}
+[fixed]
+xdot0 = 1
+"""
+SEARCH = '[search]\nover = "beta0"\n'
+LONGEST = 120.0  # seconds that a sweep may take before it counts as hanging
+
+
+def forked(call: Callable[[], Any], told: Path) -> int:
+    """Process number of a child that makes `call`, with what it prints in the file `told`; this process has no threads."""
+    sys.stdout.flush()
+    pid = os.fork()
+    if pid:
+        return pid
+    code = 1
+    try:
+        handle = os.open(told, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+        os.dup2(handle, 1)
+        os.dup2(handle, 2)
+        call()
+        code = 0
+    except SystemExit as stop:
+        code = stop.code if isinstance(stop.code, int) else 1
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+
+
+def ended(pid: int, longest: float = LONGEST) -> int | None:
+    """Exit status of a child, negative for a signal; None, and the child is killed, if it takes too long."""
+    ends = time.monotonic() + longest
+    while time.monotonic() < ends:
+        done, status = os.waitpid(pid, os.WNOHANG)
+        if done:
+            return os.waitstatus_to_exitcode(status)
+        time.sleep(0.005)
+    os.kill(pid, signal.SIGKILL)
+    os.waitpid(pid, 0)
+    return None
+
+
+@dataclass
+class Scene:
+    """A folder with a sweep to be attacked, and things of the user's that must stay as they are."""
+
+    folder: Path
+    rng: random.Random
+    out: str = "cube.nc"
+    reference: str = "sweep"  # which undisturbed cube the outcome is compared with
+    length: float = 1.0  # of the sweep [s]
+    kills: int = 0
+    hostile: bool = False  # what is asked for must be refused
+    again: tuple[str, ...] = ()  # options of the call after the attack
+    precious: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        (self.folder / "mine").mkdir()
+        (self.folder / "mine" / "notes.txt").write_text("precious")
+        (self.folder / "cube.nc.bak").write_text("precious")
+        self.declare()
+        self.precious = self.snapshot()
+
+    @property
+    def cube(self) -> Path:
+        """The output."""
+        return self.folder / self.out
+
+    @property
+    def tiles(self) -> Path:
+        """Its folder of finished points."""
+        return self.folder / f"{self.out}.tiles"
+
+    @property
+    def manifest(self) -> Path:
+        """Their list."""
+        return self.tiles / "manifest.jsonl"
+
+    def declare(self, text: str | None = None) -> None:
+        """Write what is to be swept."""
+        (self.folder / "sweep.toml").write_text(TOML.format(out=self.out) if text is None else text)
+
+    def snapshot(self) -> dict[str, str]:
+        """What lies beside the output, with a digest of each file."""
+        own = (self.out, f"{self.out}.tiles", "sweep.toml", "told")
+        return {
+            str(path.relative_to(self.folder)): hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
+            for path in sorted(self.folder.rglob("*"))
+            if path.relative_to(self.folder).parts[0] not in own
+        }
+
+    def start(self, *more: str, before: Callable[[], None] = lambda: None) -> int:
+        """A child that runs the sweep, after `before`."""
+
+        def call() -> None:
+            from dimersweep.cli import main
+
+            os.chdir(self.folder)
+            before()
+            sys.argv = ["dimersweep", "run", "sweep.toml", "--no-plot", "--workers", "2", *more]
+            main()
+
+        return forked(call, self.folder / "told")
+
+    def run(self, *more: str, before: Callable[[], None] = lambda: None) -> int | None:
+        """Run the sweep to its end; its exit status."""
+        return ended(self.start(*more, before=before))
+
+    def told(self) -> str:
+        """What the last child printed."""
+        return (self.folder / "told").read_text(errors="replace")
+
+    def begin(self, share: float = 0.5) -> None:
+        """Leave a sweep behind that was killed after some of its points."""
+        for attempt in range(20):
+            pid = self.start()
+            time.sleep(share * self.length * (1 + 0.2 * attempt))
+            os.kill(pid, signal.SIGKILL)
+            os.waitpid(pid, 0)
+            if any(self.tiles.glob("tiles-*.npy")) and not self.cube.exists():
+                return
+            if self.cube.exists():
+                self.cube.unlink()
+        raise RuntimeError("no sweep was left half done")
+
+
+def line_of(told: str) -> str:
+    """The one line with which a command has refused; "" if it has not, or not in one line."""
+    lines = [line for line in told.splitlines() if line.startswith("dimersweep: error: ")]
+    return lines[0] if len(lines) == 1 and "Traceback" not in told else ""
+
+
+def is_same(cube: Path, reference: Path, told: Path) -> bool:
+    """Whether two cubes have the same variables, bit for bit."""
+
+    def compare() -> None:
+        from dimersweep import open_cube
+
+        ours, theirs = open_cube(cube).load(), open_cube(reference).load()
+        same = set(ours.variables) == set(theirs.variables) and all(
+            ours[name].dtype == theirs[name].dtype and ours[name].values.tobytes() == theirs[name].values.tobytes()
+            for name in theirs.variables
+        )
+        sys.exit(0 if same else 3)
+
+    return ended(forked(compare, told)) == 0
+
+
+def judge(scene: Scene, references: dict[str, Path]) -> str:
+    """Ask for the sweep again: "same", "refused: why", or "FAILED: how"."""
+    code = scene.run(*scene.again)
+    told = scene.told()
+    beside = scene.snapshot()
+    if beside != scene.precious:
+        changed = sorted({*beside.items()} ^ {*scene.precious.items()})[0][0]
+        return f"FAILED: {changed} was changed"
+    if code == 0 and scene.hostile:
+        return "FAILED: it was not refused"
+    if code == 0:
+        same = is_same(scene.cube, references[scene.reference], scene.folder / "told")
+        return "same" if same else f"FAILED: other numbers, exit 0 {scene.told()[-200:]}"
+    if line_of(told):
+        return f"refused: {line_of(told)[19:]}"
+    return f"FAILED: exit {code}: {told.strip()[-300:]}"
+
+
+def references_in(folder: Path) -> tuple[dict[str, Path], float]:
+    """Undisturbed cubes, and the time that a sweep takes [s]."""
+    found, length = {}, 0.0
+    for name, more in (("sweep", ""), ("search", SEARCH)):
+        place = folder / name
+        place.mkdir()
+        scene = Scene(place, random.Random(0))
+        scene.declare(TOML.format(out=scene.out) + more)
+        begun = time.monotonic()
+        if scene.run() != 0:
+            raise SystemExit(f"the undisturbed {name} fails: {scene.told()}")
+        length = length or time.monotonic() - begun
+        found[name] = scene.cube
+    print(f"an undisturbed sweep takes {length:.2f} s", flush=True)
+    return found, length
+
+
+def main() -> None:
+    """Attack, and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--times", type=int, default=5, help="how often each attack is made")
+    parser.add_argument("--kills", type=int, default=200, help="random kills in all, at least")
+    parser.add_argument("--only", default="", help="attacks whose name has this in it")
+    parser.add_argument("--seed", type=int, default=0)
+    given = parser.parse_args()
+    from dimersweep.work.proving import prove
+
+    for name in ("cli", "datasets", "declaration", "plots", "reading", "zarrs", "status"):
+        import_module(f"dimersweep.{name}")
+    prove()  # children find all loaded
+    from fault_attacks import ATTACKS
+
+    chosen = {name: attack for name, attack in ATTACKS.items() if given.only in name}
+    verdicts: dict[str, Counter[str]] = {name: Counter() for name in chosen}
+    told: dict[str, str] = {}
+    kills = 0
+    with tempfile.TemporaryDirectory() as folder:
+        references, length = references_in(Path(folder))
+
+        def once(name: str, number: int) -> int:
+            with tempfile.TemporaryDirectory(dir=folder) as place:
+                scene = Scene(Path(place), random.Random(f"{given.seed} {name} {number}"), length=length)
+                try:
+                    verdict = chosen[name](scene) or judge(scene, references)
+                except Skipped as reason:
+                    verdict = f"skipped: {reason}"
+            verdicts[name][verdict.partition(":")[0]] += 1
+            told[name] = verdict if verdict.startswith("FAILED") or name not in told else told[name]
+            return scene.kills
+
+        for name in chosen:
+            kills += sum(once(name, number) for number in range(given.times))
+            print(_row(name, verdicts[name], told[name]), flush=True)
+        number, killers = given.times, [name for name in chosen if "killed" in name]
+        while killers and kills < given.kills:
+            kills += once(killers[number % len(killers)], number)
+            number += 1
+    failed = [name for name in chosen if verdicts[name]["FAILED"]]
+    made = sum(counter.total() for counter in verdicts.values())
+    print(f"{len(chosen)} attacks, {made} times in all, {kills} random kills: {len(failed) or 'none'} did not hold")
+    for name in failed:
+        print(_row(name, verdicts[name], told[name]))
+    sys.exit(1 if failed else 0)
+
+
+class Skipped(Exception):
+    """An attack that cannot be made here."""
+
+
+def _row(name: str, counter: Counter[str], told: str) -> str:
+    counts = "  ".join(f"{word} {counter[word]:3d}" for word in ("same", "refused", "FAILED"))
+    reason = "" if told == "same" else told.partition(": ")[2].replace("\n", " ")[:110]
+    return f"{name:58s} {counts}  {reason}"
+
+
+if __name__ == "__main__":
+    sys.modules["faults"] = sys.modules["__main__"]  # the attacks import this very module
+    main()

@@ -1,0 +1,58 @@
+"""Compare the engine with the slow oracle on random scenes: ``python benchmarks/evidence/oracle_scenes.py --scenes 30``.
+
+For each scene: the largest difference of the states over three forcing periods, in the scales of the state, of the engine
+at three accuracies to the oracle at 1e-10, and of the oracle at 1e-9 to itself at 1e-10.
+"""
+
+import argparse
+import time
+
+import numpy as np
+
+from tests import oracle
+from tests.checks.scenes import difference, engine_states, random_scene, sample_times
+
+RTOLS = (1e-8, 1e-10, 1e-12)
+
+
+def compare(seed):
+    """One row of the table."""
+    scene = random_scene(seed)
+    times = sample_times(scene)
+    begun = time.perf_counter()
+    fine, coarse = (oracle.simulate(scene, times, rtol=rtol, v_rest=rtol) for rtol in (1e-10, 1e-9))
+    took = time.perf_counter() - begun
+    expected = fine["samples"][:, 1:]
+    runs = [engine_states(scene, times, rtol) for rtol in RTOLS]
+    errors = [difference(states, expected) for states, _ in runs]
+    double = runs[1][1]
+    n = min(len(double), len(fine["t_double"]), 6)
+    late = max(np.abs(double[:n] - fine["t_double"][:n]), default=0.0)
+    spread = difference(coarse["samples"][:, 1:], expected)
+    return [*errors, spread, late, len(double), len(fine["t_double"]), took], scene
+
+
+def main():
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--scenes", type=int, default=30, help="number of random scenes")
+    parser.add_argument("--first", type=int, default=0, help="number of the first one")
+    options = parser.parse_args()
+    heads = [f"{rtol:.0e}" for rtol in RTOLS] + ["oracle", "DI late"]
+    print("scene " + " ".join(f"{head:>8}" for head in heads) + "  DIs  s  parameters")
+    worst = np.zeros(len(RTOLS))
+    for seed in range(options.first, options.first + options.scenes):
+        try:
+            row, scene = compare(seed)
+        except (RuntimeError, AssertionError, ValueError) as error:
+            print(f"{seed:5d} {type(error).__name__}: {error}  {random_scene(seed)}", flush=True)
+            continue
+        worst = np.maximum(worst, row[: len(RTOLS)])
+        numbers = " ".join(f"{value:8.1e}" for value in row[:5])
+        text = " ".join(f"{name}={value:.4g}" for name, value in scene.items())
+        print(f"{seed:5d} {numbers} {row[5]:3d}/{row[6]:<3d} {row[7]:4.0f}  {text}", flush=True)
+    print("worst " + " ".join(f"{value:8.1e}" for value in worst))
+
+
+if __name__ == "__main__":
+    main()

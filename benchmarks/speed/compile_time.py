@@ -1,0 +1,103 @@
+"""What compiling the kernel takes, and what each part of the fast path saves: ``python benchmarks/speed/compile_time.py``.
+
+Each way compiles the kernel from nothing in a process of its own, from a copy of the package in which one part is taken out.
+The rounds are taken in turn, and times are those on a processor: other programs change them little.
+"""
+
+import argparse
+import os
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from shortcuts import replaced
+
+ROOT = Path(__file__).resolve().parents[2]
+FIRST_RUN = "import dimersweep; dimersweep.simulate(periods=1, record=False)"
+
+
+class Way(NamedTuple):
+    """A way to compile: an edit of a module of the compiler's, and settings of the environment."""
+
+    module: str = ""
+    edit: Callable[[str], str] = str
+    environment: tuple[tuple[str, str], ...] = ()
+
+
+WAYS = {
+    "fast": Way(environment=(("DIMERSWEEP_COMPILER", "fast"),)),
+    "plain": Way(environment=(("DIMERSWEEP_COMPILER", "plain"),)),
+    "parts made machine code one by one": Way(
+        "compiling", replaced('"pipeline_class": _PartCompiler', '"pipeline_class": KernelCompiler')
+    ),
+    "constants typed as literals": Way(
+        "jit",
+        replaced("    if typed is None:", "    if True:"),
+    ),
+    "all passes of Numba": Way(
+        "compiling",
+        replaced(
+            "        passes.finalize()\n",
+            "        from numba.core.compiler import DefaultPassBuilder\n"
+            "        passes = DefaultPassBuilder.define_nopython_pipeline(self.state)\n"
+            "        ours = [(_KernelLowering if one is NativeLowering else one, text) for one, text in passes.passes]\n"
+            "        passes.passes = ours\n"
+            "        passes._finalized = False\n"
+            "        passes.finalize()\n",
+        ),
+    ),
+    "elements lowered by Numba": Way("compiling", replaced("    _KernelLowering,\n", "    NativeLowering,\n")),
+    "every operation typed anew": Way("compiling", replaced("    _Function.get_call_type = _type_once\n", "")),
+    "garbage looked for": Way("compiling", replaced("    gc.disable()", "    pass")),
+    "sizes asked anew": Way("compiling", replaced("        context.get_abi_sizeof = ", "        unused = ")),
+    "reference counts": Way("compiling", replaced('"_nrt": False, ', "")),
+    "wrapper for C": Way("compiling", replaced(', "no_cfunc_wrapper": True}', "}")),
+}
+
+
+def make_copy(way: Way, folder: Path) -> Path:
+    """A copy of the package in `folder`, edited; the folder."""
+    shutil.copytree(ROOT / "dimersweep", folder / "dimersweep", ignore=shutil.ignore_patterns("__pycache__"))
+    if way.module:
+        (path,) = (folder / "dimersweep" / "kernel").rglob(f"{way.module}.py")
+        path.write_text(way.edit(path.read_text()))
+    return folder
+
+
+def compile_seconds(way: Way, tree: Path) -> float:
+    """Time on a processor of a first run with nothing cached [s]."""
+    with tempfile.TemporaryDirectory() as cache:
+        environment = os.environ | {"PYTHONPATH": str(tree), "NUMBA_CACHE_DIR": cache} | dict(way.environment)
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        subprocess.run([sys.executable, "-c", FIRST_RUN], env=environment, cwd=tree, check=True)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime - before.ru_utime
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rounds", type=int, default=3, help="compilations each way")
+    parser.add_argument("--ways", nargs="+", choices=list(WAYS), default=list(WAYS), metavar="WAY")
+    given = parser.parse_args(arguments)
+    with tempfile.TemporaryDirectory() as name:
+        trees = {way: make_copy(WAYS[way], Path(name, str(k))) for k, way in enumerate(given.ways)}
+        taken = np.zeros((given.rounds, len(trees)))
+        for turn in range(given.rounds):
+            for k, (way, tree) in enumerate(trees.items()):
+                taken[turn, k] = compile_seconds(WAYS[way], tree)
+                print(f"round {turn + 1}: {way:40s} {taken[turn, k]:6.1f}", flush=True)
+    print(f"\n{'':40s} user CPU [s], median (least, most)   over the first")
+    for way, times in zip(given.ways, taken.T, strict=True):
+        over = np.median(times / taken[:, 0])
+        print(f"{way:40s} {np.median(times):7.1f}  ({times.min():.1f}, {times.max():.1f}) {over:18.2f}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,257 @@
+"""The benchmarks at a tiny size: what they time is what they name, and what they conclude follows from what they measure."""
+
+import ast
+import json
+from pathlib import Path
+
+import compare
+import early_stop
+import memory
+import numpy as np
+import pytest
+import shortcuts
+import speed
+import verbs_loops
+from verbs_inputs import DOUBLE, SINGLE, harvest
+from verbs_loops import VERBS, Harvest, call
+
+from dimersweep import simulate
+from dimersweep.kernel.compiler.cache import base_folders
+from dimersweep.kernel.model.layout import (
+    BETA,
+    D1,
+    D2,
+    N1,
+    N2,
+)
+from dimersweep.parameters import Parameters
+from dimersweep.symbols import BASE
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+pytestmark = pytest.mark.jit
+CACHE = base_folders()[0].parent
+
+
+@pytest.fixture(scope="module")
+def found():
+    return Harvest(random=3, periods=4)
+
+
+@pytest.mark.parametrize("name", VERBS)
+def test_every_verb_has_inputs_and_answers(found, name):
+    verb = VERBS[name](found)
+    assert verb.calls(1) > 0
+    assert np.isfinite(verb.run(1)).all() or name.startswith(
+        "contact step"
+    )  # a step may fail: the engine takes a shorter one
+
+
+@pytest.mark.parametrize(
+    ("name", "route"),
+    [
+        ("single impact, held", verbs_loops.HELD),
+        ("single impact, straight slip", verbs_loops.STRAIGHT),
+        ("single impact, frictionless", verbs_loops.FRICTIONLESS),
+        ("single impact, general", verbs_loops.TURNING),
+    ],
+)
+def test_single_impacts_take_the_route_they_are_named_by(found, name, route):
+    assert (call(verbs_loops.ROUTE, VERBS[name](found).inputs) == route).all()
+
+
+def test_harvested_impacts_are_those_of_the_run():
+    run = simulate(periods=3)
+    inputs = harvest([run])
+    events = run.events
+    kind = events["kind"].values
+    first = np.append(True, np.diff(events["time"].values) > 0.0)  # of the rows of one impact
+    for name, letter in ((DOUBLE, "DI"), (SINGLE, "SI")):
+        chosen = first & np.char.startswith(kind, letter)
+        expected = np.column_stack([events[f"gap_{i}_rate_before"].values[chosen] for i in (1, 2)])
+        if name == SINGLE:  # the first one is the start
+            expected = expected[1:]
+        states = inputs[name].states
+        np.testing.assert_allclose(states[:, [N1, N2]], expected, atol=1e-7)
+        shut = states[:, [D1, D2]] == 0.0
+        assert shut.all() if name == DOUBLE else (shut.sum(axis=1) == 1).all()
+        assert name == SINGLE or (states[:, BETA] == 0.0).all()
+
+
+def test_chatters_end_closed(found):
+    hops = VERBS["chatter"](found).run(1)
+    assert (hops >= verbs_loops.CHATTER_HOPS[0]).all()
+
+
+def test_sign_intervals_hold_the_median_as_often_as_they_say():
+    rng = np.random.default_rng(1)
+    found = [compare.sign_interval(1.05 * rng.lognormal(0.0, 0.3, 12), 0.05) for _ in range(500)]
+    missed = np.mean([not one.low <= 1.05 <= one.high for one in found])
+    assert 0.01 < missed < 0.065  # the exact chance is 0.0386
+    assert all(one.low <= one.median <= one.high for one in found)
+
+
+def test_too_few_pairs_are_refused_with_the_number_that_will_do():
+    with pytest.raises(SystemExit, match="--pairs 5: too few; must be at least 6"):
+        compare.sign_interval(np.ones(5), 0.05)
+    compare.sign_interval(np.ones(6), 0.05)
+
+
+@pytest.mark.parametrize(("factor", "verdict"), [(0.8, "faster"), (1.0, "no difference shown"), (1.25, "slower")])
+def test_verdicts(factor, verdict):
+    noise = np.resize([0.97, 1.03], (10, 1))
+    times = 1e-6 * np.stack([np.ones((10, 1)), factor * noise], axis=2)
+    _, line, _ = compare.table(times, ["chatter"])
+    assert line.endswith(verdict)
+
+
+def test_a_pair_of_processes_times_the_same_tree_alike(found, tmp_path):
+    inputs = compare.inputs_for(found, ROOT, CACHE, tmp_path)
+    timed = compare.timed_pair((ROOT, ROOT), (CACHE, CACHE), (inputs, inputs), ["Delassus", "scene: drift"])
+    for (a, b), longest in zip(timed, (1e-5, 1e-2), strict=True):
+        assert 1e-9 < a < longest
+        assert 0.2 < b / a < 5.0
+
+
+@pytest.mark.skipif(not (ROOT / ".git").exists(), reason="not a checkout")
+def test_a_revision_is_checked_out_and_leaves_nothing(tmp_path):
+    with compare.checked_out("HEAD", tmp_path / "tree") as tree:
+        assert (tree / "dimersweep" / "kernel" / "event_loop.py").exists()
+    assert not (tmp_path / "tree").exists()
+    with pytest.raises(SystemExit, match="no-such"), compare.checked_out("no-such", tmp_path / "tree"):
+        pass
+
+
+@pytest.mark.parametrize("shortcut", shortcuts.SHORTCUTS, ids=lambda shortcut: shortcut.name)
+def test_every_shortcut_can_be_taken_out(shortcut, tmp_path):
+    assert shortcut.edits or shortcut.asked
+    shortcuts.without(shortcut, tmp_path)
+    for module in shortcut.edits:
+        kept, edited = (folder / "dimersweep" / "kernel" / f"{module}.py" for folder in (ROOT, tmp_path))
+        assert ast.dump(ast.parse(edited.read_text())) != ast.dump(ast.parse(kept.read_text()))
+
+
+def test_an_edit_that_finds_nothing_is_an_error():
+    for edit in (shortcuts.replaced("a", "b"), shortcuts.constant("A", "1"), shortcuts.body("f", "return 1")):
+        with pytest.raises(ValueError, match="0 times, not once"):
+            edit("x = 2\n")
+    assert shortcuts.constant("A", "1")("A = 3  # why\n") == "A = 1  # why\n"
+    assert shortcuts.body("f", "return 1")("def f(x):\n    '''Doc.'''\n    return x\n") == "def f(x):\n    return 1\n"
+
+
+def test_effect_of_a_shortcut(tmp_path):
+    (early_end,) = [one for one in shortcuts.SHORTCUTS if one.asked == {"settle": False}]
+    whole = shortcuts.worker(ROOT, CACHE)
+    (effect,) = shortcuts.effects(early_end, tmp_path, whole, shortcuts.finest_states(whole, ["jump"]))
+    whole.close()
+    assert effect.ratio > 1.5  # about a quarter of the periods
+    assert effect.error_on == effect.error_off < 1e-3
+    assert effect.mode_on == effect.mode_off == "jump"
+    text = "\n".join(
+        shortcuts.document(
+            [effect, effect._replace(scene="drift", error_on=1e-3, error_off=1e-9)], ["jump", "drift"], "1a2b"
+        )
+    )
+    assert "revision 1a2b." in text
+    assert "- stop when settled, drift: 1.0e-03, without it 1.0e-09" in text
+
+
+@pytest.mark.skipif(not (ROOT / ".git").exists(), reason="not a checkout")
+def test_the_table_of_shortcuts_at_small_size(tmp_path, capsys):
+    found = shortcuts.main(["--small", "--document", str(tmp_path / "page.md"), "--note", "A trial."])
+    page = (tmp_path / "page.md").read_text()
+    assert {effect.scene for effect in found} == {"jump", "frictionless"}
+    assert all(effect.error_on == effect.error_off < 1e-3 for effect in found)  # asked for more, the motion is the same
+    assert "A trial." in page
+    assert "Not measured yet: chatter summed to its end;" in page
+    assert "stop when settled" in capsys.readouterr().out
+
+
+def test_the_page_of_shortcuts_names_each_of_them():
+    page = shortcuts.DOCUMENT.read_text()
+    assert not [shortcut.name for shortcut in shortcuts.SHORTCUTS if shortcut.name not in page]
+
+
+def test_early_stop_on_a_few_points(capsys):
+    differ = early_stop.main(["--points", "20", "--periods", "60", "--timed", "2", "--workers", "1"])
+    said = capsys.readouterr().out
+    assert f"{differ} of 20 modes differ" in said
+    assert "runs that die" in said
+    assert "drifts stop after settling" in said
+
+
+@pytest.mark.parametrize(
+    ("course", "late", "kind", "expected"),
+    [
+        (
+            lambda n: 3e-4 * (-0.99) ** n,
+            1,
+            "shorter period",
+            "on its way to period 1: the change over that was 5.2e-04, 4.1e-04 at the stop",
+        ),
+        (
+            lambda n: 1e-5 * n + 5.1e-7 * n**2,
+            0,
+            "hovers at the line",
+            "creeps over the line 1e-04 after 42 periods, from 9.8e-05 at the stop",
+        ),
+        (
+            lambda n: np.where(n < 150, 0.0, 1.0),
+            0,
+            "passes a border later",
+            "leaps by 1.0e+00 over the line 1e-04 after 151 periods, from 0.0e+00 at the stop",
+        ),
+        (lambda n: (-1.0) ** n, 3, "repeats", "it repeats to the end; the change over its period is 0.0e+00 at most"),
+        (lambda n: (-1.0) ** n, 2, "border of two words", "the same motion, on the border of two words"),
+    ],
+    ids=["rings down", "creeps", "leaps", "repeats", "two words"],
+)
+def test_why_a_verdict_differs(course, late, kind, expected, monkeypatch):
+    strobe = course(np.arange(200.0))[:, None] * [1.0, 0.0, 0.0, 0.0]
+    monkeypatch.setattr(early_stop, "strobes", lambda *_: strobe)
+    given = early_stop.argparse.Namespace(periods=200, rtol=1e-8)
+    before, after = np.zeros(6, np.int64), np.zeros(6, np.int64)
+    before[[early_stop.PERIOD, early_stop.TAKEN]], after[early_stop.PERIOD] = (2, 40), late
+    why = early_stop.reason({}, before, after, given)
+    assert why.kind == kind
+    assert why.shown.startswith(expected)
+
+
+@pytest.mark.parametrize(("way", "expected"), [(1.0, 44), (-1.0, 50)], ids=["from one side", "by turns from both"])
+def test_settling_is_when_all_later_strobes_are_near_each_other(way, expected, monkeypatch):
+    course = 0.01 * (0.9 * way) ** np.arange(1.0, 201.0)[:, None] * [1.0, 0.0, 0.0, 0.0]
+    monkeypatch.setattr(early_stop, "strobes", lambda *_: course)
+    assert early_stop.settling_of({}, 200, 1e-8) == expected
+
+
+def test_death_is_when_both_gaps_close():
+    scene = BASE | {"Gamma": 0.5}
+    death = early_stop.Recorder(Parameters(**scene).row(), 20, 1e-8)
+    run = simulate(**scene, periods=20)
+    times = np.linspace(0.0, 20 / scene["f"], 20001)
+    states = run.states(times)
+    off = np.maximum(states["gap_1"].values, states["gap_2"].values) > 0.0
+    assert times[off][-1] * scene["f"] == pytest.approx(death.death, abs=2e-3)
+    assert death.rows < run.events.sizes["event"]
+    whole, part = death.cost()
+    assert 0.0 < part < 1.5 * whole  # measured, on a machine that may be busy
+
+
+def test_exponent_of_the_growth():
+    rtols = 10.0 ** -np.arange(3, 13)
+    assert speed.growth(rtols, 3.0 * rtols ** (-1 / 8)) == pytest.approx(-1 / 8)
+
+
+def test_the_stored_times_are_those_of_the_verbs():
+    stored = json.loads((ROOT / "benchmarks" / "speed" / "baseline.json").read_text())
+    named = {one["param"] for one in stored["benchmarks"] if one["param"]}
+    assert named == set(VERBS)
+
+
+def test_import_is_quick(tmp_path):
+    assert min(speed.fresh(speed.IMPORT, tmp_path).told for _ in range(3)) < 0.3
+
+
+def test_memory_of_a_point():
+    assert memory.bytes_a_point(500, 1500, traced=True, to_file=False)[1] < memory.MOST

@@ -1,0 +1,65 @@
+"""The engine from any state: what `simulate` cannot start from, with the record of what follows."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from dimersweep.kernel import event_loop
+from dimersweep.kernel.compiler.jit import exported
+from dimersweep.kernel.course import Ask, motion_of, new_workspace
+from dimersweep.kernel.impact.impact import N_LOG
+from dimersweep.kernel.model.layout import ROW_BETA0, ROW_XDOT0, STATUSES
+from dimersweep.kernel.record import EVENT, EVENTS, N_COUNTS, N_EVENT, N_SEGMENT, Record, no_record
+from dimersweep.kernel.verdict import classify
+from tests.checks.examine import look_at
+from tests.checks.verbs import as_dimer
+
+
+@exported
+def evolve(dm, ask, state, space, record):
+    """The event loop from any state."""
+    classify.begin_past(space.past)
+    status, _ = event_loop.evolve(dm, ask, motion_of(state, space.modes, space.past, space), record)
+    return status
+
+
+@exported
+def begin(dm, row, state):
+    """The start of a scene."""
+    event_loop.start_state(dm, row[ROW_BETA0], row[ROW_XDOT0], state)
+
+
+def last_state(row, periods, rtol, close):
+    """Status, number of events and last state of a scene whose chatters are closed with an accuracy of their own."""
+    dm, space, record = as_dimer(row), new_workspace(), no_record()
+    begin(dm, row, space.state)
+    status = evolve(dm, Ask(periods, rtol, close, False, True), space.state, space, record)
+    return status, record.counts[EVENTS], space.state
+
+
+class Launched(NamedTuple):
+    """What became of a state."""
+
+    row: np.ndarray
+    rtol: float
+    status: str
+    state: np.ndarray  # the last one
+    events: np.ndarray
+    segments: np.ndarray
+
+    def column(self, name):
+        """A column of the event rows."""
+        return self.events[:, EVENT.index(name)]
+
+    def look(self):
+        """What the record shows (see ``examine``)."""
+        return look_at(self.row, self.rtol, self.status, len(self.events), self.events, self.segments)
+
+
+def launch(row, state, periods, rtol=1e-8, rows=20_000):
+    """Run the dimer of a parameter row from a kernel state for some forcing periods."""
+    state, counts = state.copy(), np.zeros(N_COUNTS, np.int64)
+    record = Record(np.zeros((200, N_LOG)), np.zeros((rows, N_EVENT)), np.zeros((rows, N_SEGMENT)), counts)
+    status = evolve(as_dimer(row), Ask(periods, rtol, rtol, False, True), state, new_workspace(), record)
+    _, n_events, n_segments = counts
+    return Launched(row, rtol, STATUSES[status], state, record.events[:n_events], record.segments[:n_segments])

@@ -1,0 +1,322 @@
+"""The kernel's verbs, callable from Python: most have no wrapper of their own, to save compile time.
+
+With the JIT off these are the plain functions.
+"""
+
+import numpy as np
+
+from dimersweep.kernel import chatter
+from dimersweep.kernel.contact import contact_mode as contact_modes
+from dimersweep.kernel.contact import coordinates, forces, phase
+from dimersweep.kernel.course import WORK_COLUMNS, WORK_ROWS
+from dimersweep.kernel.flight import free_motion, landing
+from dimersweep.kernel.impact import double_equations, impact, single_impact
+from dimersweep.kernel.model import body, friction, plate
+from dimersweep.kernel.model.layout import (
+    BETA,
+    CA,
+    CB,
+    D1,
+    D2,
+    GAMMA,
+    N1,
+    N2,
+    N_STATE,
+    PHASE,
+    SPIN,
+    THETA,
+    WB,
+    WP,
+    X1,
+    Y1,
+)
+from dimersweep.kernel.numerics import sincos as sines
+from dimersweep.kernel.verdict import classify, rest
+from dimersweep.parameters import Parameters
+from tests.checks.cached import compiled
+
+
+@compiled
+def as_dimer(row):
+    return body.as_dimer(row)
+
+
+@compiled
+def sincos(x):
+    return sines.sincos(x)
+
+
+@compiled
+def levers(dm, s, sin_b, cos_b):
+    return body.levers(dm, s, sin_b, cos_b)
+
+
+@compiled
+def delassus(dm, p, q):
+    return body.delassus(dm, p, q)
+
+
+@compiled
+def contact_velocity(dm, state, s):
+    return impact.contact_velocity(dm, state, s)
+
+
+@compiled
+def angular_momentum(dm, state):
+    return free_motion.angular_momentum(dm, state, np.sin(state[BETA]), np.cos(state[BETA]))
+
+
+@compiled
+def take_off(dm, state):
+    return free_motion.take_off(dm, state)
+
+
+@compiled
+def gap_series(fl, s, t):
+    return free_motion.gap_series(fl, s, t)
+
+
+@compiled
+def fly(dm, state, t):
+    """Free motion with the path, from the state's own take-off."""
+    free_motion.fly(dm, free_motion.take_off(dm, state), state, t, True)
+
+
+@compiled
+def first_landing(fl, sign, until):
+    return landing.first_landing(fl, sign, until)
+
+
+@compiled
+def next_landing(fl, until):
+    return landing.next_landing(fl, until)
+
+
+@compiled
+def run_down(law, a, b, tol):
+    return single_impact.run_down(law, a, b, tol)
+
+
+@compiled
+def single_phase(law, n, a, b, E, n_j, tol, work):
+    return single_impact.single_phase(law, n, a, b, E, n_j, tol, work)
+
+
+@compiled
+def end_law(dm, s, beta):
+    e = dm.e_1 if s < 0 else dm.e_2
+    return impact.end_law(dm, s, 0.0, np.sin(beta), np.cos(beta), e, dm.mu, dm.mu_s)
+
+
+@compiled
+def double_law(dm):
+    return impact.double_law(dm, dm.e_1, dm.e_2, dm.mu, dm.mu_s)
+
+
+@compiled
+def collide_single(dm, state, s, V, tol, work, log):
+    return impact.single_impact(dm, state, s, V, tol, work, log)
+
+
+@compiled
+def collide_double(dm, state, V, tol, modes, work, log):
+    return impact.double_impact(dm, state, V, tol, modes, work, log)
+
+
+@compiled
+def contact_state(dm, state, s, y):
+    coordinates.contact_state(dm, state, s, y)
+
+
+@compiled
+def kernel_state(dm, modes, y, state):
+    coordinates.kernel_state(dm, modes, y, state)
+
+
+@compiled
+def contact_rates(dm, modes, phase, y, dy, F):
+    forces.contact_rates(dm, modes, phase, y, True, dy, F)
+
+
+@compiled
+def single_forces(dm, mode, w, u_a, u_b, n, a, b):
+    return friction.single_forces(dm, mode, w, u_a, u_b, n, a, b)
+
+
+@compiled
+def slip_force(mu, F, c, s):
+    return friction.slip_force(mu, F, c, s)
+
+
+@compiled
+def hold_left(hold, F, A, L):
+    return friction.hold_left(hold, F, A, L)
+
+
+@compiled
+def hold_left_of_pair(hold, F_1, L_1, F_2, L_2, A):
+    return friction.hold_left_of_pair(hold, F_1, L_1, F_2, L_2, A)
+
+
+@compiled
+def axial_of_pair(mu, total, c_1, c_2):
+    return friction.axial_of_pair(mu, total, c_1, c_2)
+
+
+@compiled
+def outward_slip(drive_a, drive_b, k_a, k_b):
+    return friction.outward_slip(drive_a, drive_b, k_a, k_b)
+
+
+@compiled
+def pair_friction(law, mode_1, mode_2, f_1, f_2, a, b_1, b_2):
+    return double_equations.friction(law, mode_1, mode_2, f_1, f_2, a, b_1, b_2)
+
+
+@compiled
+def friction_slopes(law, mode_1, mode_2, z, g_1, g_2, J):
+    double_equations.friction_slopes(law, mode_1, mode_2, z, g_1, g_2, J)
+
+
+@compiled
+def straight_leg(law, n, a, b, E, n_j, compressing, stick, c, s):
+    return single_impact.straight_leg(law, n, a, b, E, n_j, compressing, stick, c, s)
+
+
+@compiled
+def free_rates(dm, s, y, g_e, sin_b, cos_b):
+    return forces.free_rates(dm, s, y, g_e, sin_b, cos_b)
+
+
+@compiled
+def hold_reserve(dm, modes, i, F):
+    return forces.hold_reserve(dm, modes, i, F)
+
+
+@compiled
+def contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, lost, dy, F):
+    return contact_modes.contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, lost, dy, F)
+
+
+@compiled
+def sustain_contact(dm, modes, y, at, span, tol, slip_tol, locate, work):
+    """Contact phase with the path."""
+    return phase.sustain_contact(dm, modes, y, at, span, True, tol, slip_tol, locate, work)
+
+
+@compiled
+def sustain_contact_without_path(dm, modes, y, at, span, tol, slip_tol, locate, work):
+    """Contact phase without the path."""
+    return phase.sustain_contact(dm, modes, y, at, span, False, tol, slip_tol, locate, work)
+
+
+@compiled
+def come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F):
+    return chatter.come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F)
+
+
+@compiled
+def rests_for_good(dm, state, modes):
+    return classify.rests_for_good(dm, state, modes)
+
+
+@compiled
+def slide_rates(dm, g_e, state, soft):
+    return rest.slide_rates(dm, g_e, state[CA], state[CB], state[WP], state[SPIN], soft)
+
+
+@compiled
+def effective_gravity(dm, phase):
+    return plate.effective_gravity(dm, phase)
+
+
+@compiled
+def plate_rate(dm, phase):
+    return plate.plate_rate(dm, phase)
+
+
+@compiled
+def sag(dm, swing):
+    return plate.sag(dm, swing)
+
+
+@compiled
+def lightest(dm):
+    return plate.lightest(dm)
+
+
+@compiled
+def plate_bounds(dm):
+    """Bounds of the plate's speed, of the effective gravity from above, and of the third and fourth derivative."""
+    return plate.speed_bound(dm), plate.heaviest(dm), plate.jerk_bound(dm), plate.snap_bound(dm)
+
+
+@compiled
+def least_gravity(dm, phase, swing):
+    return plate.least_gravity(dm, phase, swing)
+
+
+@compiled
+def mean_gravity(dm, phase, swing):
+    return plate.mean_gravity(dm, phase, swing)
+
+
+@compiled
+def commotion(dm, state):
+    return rest.commotion(dm, state[CA], state[CB], state[WP], state[SPIN])
+
+
+@compiled
+def is_calm(dm, state):
+    return rest.is_calm(dm, state[CB], state[SPIN], commotion(dm, state))
+
+
+def row_of(**parameters):
+    """Parameter row; what is not named is the paper's base case."""
+    if "mu" in parameters:
+        parameters.setdefault("mu_s", parameters["mu"])
+    return Parameters(**parameters).row()
+
+
+def dimer(**parameters):
+    """The kernel's dimer; what is not named is the paper's base case (and mu_s = mu where mu alone is)."""
+    return as_dimer(row_of(**parameters))
+
+
+def scratch():
+    """Work array and an impact's log."""
+    return np.zeros((WORK_ROWS, WORK_COLUMNS)), np.zeros((200, impact.N_LOG))
+
+
+def state_of(dm, q, qdot, phase=0.0):
+    """Kernel state from the oracle's coordinates (x1, y1, delta1, theta, beta, gamma) and their rates."""
+    state = np.zeros(N_STATE)
+    theta, beta = q[3], q[4]
+    sin_b, cos_b = np.sin(beta), np.cos(beta)
+    state[PHASE], state[BETA], state[THETA], state[GAMMA] = phase, beta, theta, q[5]
+    state[X1], state[Y1] = q[0], q[1]
+    state[D1], state[D2] = q[2], q[2] + 2 * dm.h * sin_b
+    state[N1], state[N2] = qdot[2], qdot[2] + 2 * dm.h * cos_b * qdot[4]
+    state[WB], state[WP], state[SPIN] = qdot[4], qdot[3] * cos_b, qdot[5] + qdot[3] * sin_b
+    state[CA] = qdot[1] * np.cos(theta) - qdot[0] * np.sin(theta) - dm.h * sin_b * qdot[4]
+    state[CB] = qdot[0] * np.cos(theta) + qdot[1] * np.sin(theta) - dm.h * state[WP]
+    return state
+
+
+def oracle_state(dm, state):
+    """The oracle's coordinates and rates, q and qdot, of a kernel state."""
+    theta, beta = state[THETA], state[BETA]
+    sin_b, cos_b = np.sin(beta), np.cos(beta)
+    turn = state[WP] / cos_b
+    v_a, v_b = state[CA] + dm.h * sin_b * state[WB], state[CB] + dm.h * state[WP]
+    q = np.array([state[X1], state[Y1], state[D1], theta, beta, state[GAMMA]])
+    x_rate = v_b * np.cos(theta) - v_a * np.sin(theta)
+    y_rate = v_a * np.cos(theta) + v_b * np.sin(theta)
+    return q, np.array([x_rate, y_rate, state[N1], turn, state[WB], state[SPIN] - turn * sin_b])
+
+
+def kinetic_energy(dm, state):
+    """Kinetic energy in the plate's frame [J]."""
+    c_n = 0.5 * (state[N1] + state[N2])
+    moving = dm.m * (state[CA] ** 2 + state[CB] ** 2 + c_n**2)
+    return 0.5 * (moving + dm.J_t * (state[WB] ** 2 + state[WP] ** 2) + dm.J_a * state[SPIN] ** 2)

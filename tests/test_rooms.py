@@ -1,0 +1,40 @@
+"""Who may import whom, where import-linter does not look: the tests, and the programs that measure."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+ROOMS = ("speed", "evidence", "peers")
+PROGRAMS = {path.stem: path.parent.name for room in ROOMS for path in (ROOT / "benchmarks" / room).glob("*.py")}
+
+
+def imported(path):
+    """Full names of the modules that a file imports, wherever in it."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def files(folder):
+    found = sorted((ROOT / folder).rglob("*.py"))
+    assert found
+    return found
+
+
+@pytest.mark.parametrize("path", files("tests"), ids=lambda path: str(path.relative_to(ROOT)))
+def test_tests_import_nothing_from_the_benchmarks(path):
+    assert not [name for name in imported(path) if name.split(".")[0] in {"benchmarks", *PROGRAMS}]
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_program_imports_its_room_and_what_it_shares_with_the_tests(room):
+    for path in files(f"benchmarks/{room}"):
+        for name in imported(path):
+            first, *rest = name.split(".")
+            assert PROGRAMS.get(first, room) == room, f"{path}: {name}"
+            if first == "tests":
+                assert rest[0] in {"checks", "oracle", "limits"}, f"{path}: {name}"
