@@ -81,7 +81,7 @@ def test_a_closer_look_at_an_unsettled_run_leaves_its_end_alone():
 def test_a_failed_run_does_not_go_on():
     run = simulate(e=1, mu=0, mu_s=0, Gamma=0, f=1e-5, beta0=1e-3, periods=1, record=False)
     assert run.status == "max_events"
-    with pytest.raises(ParameterError, match=r"^go_on: the run did not reach its end \(the bound on events"):
+    with pytest.raises(ParameterError, match=r"^go_on: the run did not reach its end \(the bound on work"):
         run.go_on(1)
     with pytest.raises(ParameterError, match=r"^periods = 0: must be a whole number >= 1$"):
         simulate(periods=1).go_on(0)

@@ -33,6 +33,7 @@ FIGURE = Path(__file__).resolve().parents[2] / "docs" / "figures" / "stress.png"
 MANY, SLOW = 60, 20  # scenes with the most events, and slowest ones, that are examined besides
 BOUNDS = ("max_events", "impact_steps", "contact_steps", "root_steps")  # statuses that stand for a hang
 TASK = 50  # scenes to a task of the examination
+BUSY = 1000  # work, in hops of one end, from which a scene's time says what a hop costs
 PATIENCE = 20.0  # time for making one scene simple [s]
 
 
@@ -108,26 +109,28 @@ def teller(total, what):
 
 
 def survey(n, seed, domain, periods, rtol, workers, told=lambda done: None):
-    """Run all scenes: codes, lying nans, seconds, shape (n, ...), and the time that passed."""
+    """Run all scenes: codes, lying nans, seconds and work, shape (n, ...), and the time that passed."""
     blocks = range(-(-n // BLOCK))
-    codes, nans, seconds = np.zeros((n, N_CODES), np.int64), np.zeros(n, bool), np.zeros(n)
+    codes, nans, seconds, work = np.zeros((n, N_CODES), np.int64), np.zeros(n, bool), np.zeros(n), np.zeros(n)
 
-    def work(block):
+    def run(block):
         rows = rows_of(block, min(BLOCK, n - block * BLOCK), seed, domain)
         return block, len(rows), run_block(rows, periods, rtol)
 
     run_block(rows_of(0, 1, seed, "near"), 1, rtol)  # compiles
     begun = time.perf_counter()
     with ThreadPoolExecutor(workers) as pool:
-        for block, size, (found, out, taken) in pool.map(work, blocks):
+        for block, size, (found, out, taken, done) in pool.map(run, blocks):
             here = slice(block * BLOCK, block * BLOCK + size)
-            codes[here], nans[here], seconds[here] = found, lying_nan(found, out), taken
+            codes[here], nans[here], seconds[here], work[here] = found, lying_nan(found, out), taken, done
             told(here.stop)
-    return codes, nans, seconds, time.perf_counter() - begun
+    return codes, nans, seconds, work, time.perf_counter() - begun
 
 
 def chosen(codes, seconds, examined):
-    """Numbers of the scenes that are run again with their record: every so manieth, and odd ones that finished."""
+    """Numbers of the scenes that are run again with their record: every so manieth, and odd ones that finished; none of 0."""
+    if not examined:
+        return []
     ok = codes[:, CODE["status"]] == OK
     some = np.linspace(0, len(codes), min(examined, len(codes)), endpoint=False).astype(int)
     many, slow = np.argsort(codes[:, CODE["n_events"]] * ok)[-MANY:], np.argsort(seconds * ok)[-SLOW:]
@@ -203,7 +206,16 @@ def acceptance(codes, nans, looks):
     return lines
 
 
-def summary(codes, nans, seconds, times, looks, options):
+def cost_of_work(seconds, work):
+    """Time for each hop's worth of work [s]: of all scenes, the most of one with some work, and of the slowest."""
+    busy = np.flatnonzero(work >= BUSY)
+    most = busy[np.argmax(seconds[busy] / work[busy])] if len(busy) else int(np.argmax(seconds))
+    slowest = int(np.argmax(seconds))
+    each = {name: (seconds[k] / work[k], int(k)) for name, k in (("most", most), ("slowest", slowest))}
+    return {"all": seconds.sum() / work.sum(), "busy": len(busy)} | each
+
+
+def summary(codes, nans, seconds, work, times, looks, options):
     """Everything counted, as JSON can hold it."""
     n = len(codes)
     status, mode, events = (codes[:, CODE[name]] for name in ("status", "mode", "n_events"))
@@ -221,6 +233,7 @@ def summary(codes, nans, seconds, times, looks, options):
         "most_events": int(events.max()),
         "most_events_per_period_ok": float(events[status == OK].max(initial=0) / options.periods),
         "slowest": [{"number": int(k), "seconds": seconds[k], "status": STATUSES[status[k]]} for k in slowest],
+        "cost_of_work": cost_of_work(seconds, work),
         "examined": len(looks),
         "above": {
             what: {kind: sum(seen[what][kind] > GAINED for seen in looks.values()) for kind in KINDS}
@@ -254,6 +267,12 @@ def tell(report):
     )
     told = (f"{1e3 * s['seconds']:.0f} ms (scene {s['number']}, {s['status']})" for s in report["slowest"])
     print(f"{'slowest':>30}: " + ", ".join(told))
+    cost = report["cost_of_work"]
+    told = f"{1e6 * cost['all']:.2f} us of all scenes, {1e6 * cost['slowest'][0]:.2f} us of the slowest one"
+    most = (
+        f"{1e6 * cost['most'][0]:.2f} us at most (scene {cost['most'][1]}) of {cost['busy']} with {BUSY} hops or more"
+    )
+    print(f"{'time for a hop of work':>30}: {told}, {most}")
     for kind, (gain, k) in report["gain"].items():
         count, left = (report["above"][what][kind] for what in ("gain", "nothing"))
         print(
@@ -320,7 +339,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scenes", type=int)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--domain", choices=("near", "far", "mixed", "wider"), default="far")
+    parser.add_argument("--domain", choices=("near", "far", "mixed", "wider", "wild"), default="far")
     parser.add_argument("--periods", type=int, default=10)
     parser.add_argument("--rtol", type=float, default=1e-8)
     parser.add_argument("--workers", type=int, default=os.cpu_count())
@@ -332,11 +351,11 @@ def main():
     parser.add_argument("--figure", type=Path, default=FIGURE, help="where the figure goes")
     options = parser.parse_args()
     told = teller(options.scenes, "scenes")
-    codes, nans, seconds, wall = survey(
+    codes, nans, seconds, work, wall = survey(
         options.scenes, options.seed, options.domain, options.periods, options.rtol, options.workers, told
     )
     looks, records = examination(chosen(codes, seconds, options.examined), options)
-    report = summary(codes, nans, seconds, {"runs": wall, "records": records}, looks, options)
+    report = summary(codes, nans, seconds, work, {"runs": wall, "records": records}, looks, options)
     tell(report)
     draw(codes, seconds, looks, report, options.figure)
     print(options.figure, flush=True)

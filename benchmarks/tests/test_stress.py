@@ -8,9 +8,9 @@ from tests.checks.random_scenes import rows_of, run_block
 
 
 def test_the_survey_has_the_scenes_of_every_block():
-    codes, nans, seconds, _ = survey(stress.BLOCK + 20, 7, "near", 2, 1e-8, 2)
+    codes, nans, seconds, _, _ = survey(stress.BLOCK + 20, 7, "near", 2, 1e-8, 2)
     for block, here in enumerate((slice(0, 5), slice(stress.BLOCK, stress.BLOCK + 5))):
-        expected, _, _ = run_block(rows_of(block, 5, 7, "near"), 2, 1e-8)
+        expected, _, _, _ = run_block(rows_of(block, 5, 7, "near"), 2, 1e-8)
         np.testing.assert_array_equal(codes[here], expected)
     assert len(codes) == stress.BLOCK + 20
     assert not nans.any() and (seconds > 0).all()

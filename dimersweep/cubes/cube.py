@@ -55,14 +55,14 @@ def coordinate(name: str, values: Any, quantity: Quantity) -> xr.Variable:
 
 
 def label_variable(name: str, dims: tuple[str, ...], values: np.ndarray) -> xr.Variable:
-    """Integer results: flags as int8, counts as int32."""
+    """Integer results: flags as int8, counts as int64 (a long run has more events than 32 bits can count)."""
     attributes: dict[str, Any] = {"long_name": QUANTITIES[name].long_name}
-    kind = np.int8 if name in FLAGS else np.int32
+    kind = np.int8 if name in FLAGS else np.int64
     if name in FLAGS:
         attributes["flag_values"] = np.arange(len(FLAGS[name]), dtype=np.int8)
         attributes["flag_meanings"] = " ".join(FLAGS[name])
     else:
-        attributes |= QUANTITIES[name].attributes(np.int32)
+        attributes |= QUANTITIES[name].attributes(np.int64)
     variable = xr.Variable(dims, values.astype(kind), attributes)
     variable.encoding.update(_PACKED, _FillValue=None)  # with one, xarray would read the integers back as floats
     return variable
@@ -100,7 +100,7 @@ def build(
     Returns
     -------
     xarray.Dataset
-        `mode`, `status`, `di_end` (int8 with flag meanings), counts (int32) and the float quantities, each with units.
+        `mode`, `status`, `di_end` (int8 with flag meanings), counts (int64) and the float quantities, each with units.
     """
     dims = tuple(grid.axes)
     variables = {

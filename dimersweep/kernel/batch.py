@@ -28,6 +28,7 @@ from dimersweep.kernel.model.layout import (
     ROW_XDOT0,
     STOPPED,
 )
+from dimersweep.kernel.numerics.meter import METER, SPENT, STOP
 from dimersweep.kernel.numerics.steps import copy
 from dimersweep.kernel.record import EVENTS, Record, clear_counts, no_record, without_rows
 from dimersweep.kernel.verdict.classify import PAST_COLUMNS, PAST_ROWS, begin_past, last_strobe, verdict
@@ -60,7 +61,7 @@ def run_rows(rows, starts, ask, until, out, codes, space, record):
     codes : int64 array, shape (n, N_CODES)
         Filled in the order of ``layout.CODES``.
     space : Workspace
-        Scratch arrays; `stop` ends what runs on them.
+        Scratch arrays; ``stop`` ends what runs on them.
     record : Record
         Filled in place where it has rows.
 
@@ -161,13 +162,18 @@ def ask_for(periods, rtol, settle=False, path=False) -> Ask:
 
 
 def stop(space: Workspace) -> None:
-    """Have the runs on the scratch arrays of a thread end at their next event; they stay stopped."""
-    space.stop[0] = 1
+    """Have the runs on the scratch arrays of a thread end within a few steps; they stay stopped."""
+    space.work[METER, STOP] = 1.0
 
 
 def is_stopped(space: Workspace) -> bool:
     """Whether the runs on these scratch arrays were stopped."""
-    return bool(space.stop[0])
+    return bool(space.work[METER, STOP])
+
+
+def work_done(space: Workspace) -> float:
+    """Work of the last run on these scratch arrays, in hops of one end: its time is about in proportion."""
+    return float(space.work[METER, SPENT])
 
 
 def run_many(rows, periods, rtol, settle, out, codes, until=0, space: Workspace | None = None) -> int:

@@ -7,9 +7,11 @@ import numpy as np
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.step_control import STEP_ROWS
 from dimersweep.kernel.model.layout import N_ROW, N_STATE, OK
+from dimersweep.kernel.numerics.meter import METER, has_no_bound
 from dimersweep.kernel.verdict.classify import PAST_COLUMNS, PAST_ROWS
 
-BUDGET, BUDGET_PER_PERIOD = 5_000_000, 100_000  # bound on events, in hops of one end: some seconds, and 0.1 s a period
+# bound on the work of a run, in hops of one end: some seconds, and 0.1 s a period
+BUDGET, BUDGET_PER_PERIOD = 5_000_000, 100_000
 
 # slots of a course
 (
@@ -26,11 +28,10 @@ BUDGET, BUDGET_PER_PERIOD = 5_000_000, 100_000  # bound on events, in hops of on
     FASTEST,  # greatest speed in the plate's frame so far [m/s]
     PERIOD_EVENTS,  # number of events when the forcing period began
     REST_EVENTS,  # number of events when it was known that the dimer rests for good, -1 before
-    BUDGET_LEFT,  # hops that the run may still take
-) = range(14)
+) = range(13)
 NO, YES = 0.0, 1.0
 
-# rows of the work array beyond those of a contact step; the last two are free
+# rows of the work array beyond those of a contact step, and the meter's
 ROW_CONTACT = STEP_ROWS
 ROW_RATES, ROW_FORCES, ROW_BEFORE, ROW_COURSE, ROW_TRIAL = range(ROW_CONTACT + 1, ROW_CONTACT + 6)
 WORK_ROWS, WORK_COLUMNS = ROW_TRIAL + 3, 16
@@ -58,7 +59,7 @@ class Motion(NamedTuple):
     forces: Any
     before: Any  # the state before hops were summed
     work: Any  # rows for impacts and contact steps, shape (WORK_ROWS, WORK_COLUMNS)
-    stop: Any  # shape (1,), uint8: the run ends at its next event when another thread writes a one here
+    meter: Any  # the work that the run has done and may do, and whether it is to stop (`numerics.meter`)
 
 
 class Workspace(NamedTuple):
@@ -75,7 +76,6 @@ class Workspace(NamedTuple):
     past: Any
     row: Any  # parameters of a plate whose phase is shifted
     work: Any
-    stop: Any
 
 
 def new_workspace() -> Workspace:
@@ -91,8 +91,7 @@ def new_workspace() -> Workspace:
         strobe=np.zeros(4),
         past=np.zeros((PAST_ROWS, PAST_COLUMNS)),
         row=np.zeros(N_ROW),
-        work=np.zeros((WORK_ROWS, WORK_COLUMNS)),
-        stop=np.zeros(1, np.uint8),
+        work=has_no_bound(np.zeros((WORK_ROWS, WORK_COLUMNS))),
     )
 
 
@@ -110,16 +109,15 @@ def motion_of(state, modes, past, space):
         work[ROW_FORCES],
         work[ROW_BEFORE],
         work,
-        space.stop,
+        work[METER],
     )
 
 
 @compiled(inline=True)
-def begin_course(course, ask, contact, cause, events):
+def begin_course(course, contact, cause, events):
     """A course at its start, in a contact state of Table 1 that is to be chosen anew, after so many events."""
     course[STATUS], course[ENDED] = OK, NO
     course[PENDING], course[HOLD_IS_LOST], course[CONTACT_IS_SET], course[SLIP_TOL] = YES, NO, NO, 0.0
     course[CAUSE], course[CONTACT_BEFORE], course[HOP_TIME] = cause, contact, 0.0
     course[FORCED], course[FASTEST] = 0.0, 0.0
     course[PERIOD_EVENTS], course[REST_EVENTS] = events, -1.0
-    course[BUDGET_LEFT] = BUDGET + BUDGET_PER_PERIOD * ask.periods

@@ -17,7 +17,8 @@ from dimersweep.kernel.contact.events import (
     is_slip_end,
 )
 from dimersweep.kernel.course import (
-    BUDGET_LEFT,
+    BUDGET,
+    BUDGET_PER_PERIOD,
     CAUSE,
     CONTACT_BEFORE,
     CONTACT_IS_SET,
@@ -52,6 +53,7 @@ from dimersweep.kernel.model.layout import (
     D1,
     D2,
     FREE,
+    IMPACT_STEPS,
     JAMMED,
     MAX_EVENTS,
     N1,
@@ -63,9 +65,11 @@ from dimersweep.kernel.model.layout import (
     PHASE,
     RECORD_FULL,
     ROOT_STEPS,
+    SLIP,
     STOPPED,
 )
 from dimersweep.kernel.model.plate import plate_rate
+from dimersweep.kernel.numerics.meter import charge, is_over, is_to_stop, set_bound
 from dimersweep.kernel.numerics.steps import copy
 from dimersweep.kernel.record import (
     EVENTS,
@@ -93,7 +97,8 @@ from dimersweep.kernel.verdict.classify import (
     settled_period,
 )
 
-DOUBLE_COST = 20  # hops that take as long as an impact at both ends
+# of an impact at both ends besides its steps, and of a look whether a slide leads to rest, in hops of one end
+DOUBLE_COST, LOOK_COST = 1.0, 10.0
 LOOSEST = 1e-3  # relative tolerance of an impact, however slow
 MOST_FORCED = 20  # impacts without collision in a row, after which the contact counts as jammed
 TURNED = 1e-9  # approach that stands for an impact without collision, in units of the slip
@@ -117,7 +122,8 @@ def evolve(dm, ask, motion, record):
     status, at_rest : int, bool
         OK or the reason why the run could not go on; whether the dimer rests for good.
     """
-    begin_course(motion.course, ask, contact_code(motion.modes), C_START, record.counts[EVENTS])
+    begin_course(motion.course, contact_code(motion.modes), C_START, record.counts[EVENTS])
+    set_bound(motion.meter, BUDGET + BUDGET_PER_PERIOD * ask.periods)
     while going_on(ask, motion):
         if approaches(motion.state) and not resolve_impact(dm, ask, motion, record):
             break
@@ -134,11 +140,15 @@ def going_on(ask, motion):
     course = motion.course
     if course[STATUS] != OK or course[ENDED] or motion.state[PERIOD] >= ask.periods:
         return False
-    if course[BUDGET_LEFT] < 0.0:
-        course[STATUS] = MAX_EVENTS
-    elif motion.stop[0]:
-        course[STATUS] = STOPPED
+    if is_over(motion.meter):
+        course[STATUS] = why_over(motion.meter)
     return course[STATUS] == OK
+
+
+@compiled(inline=True)
+def why_over(meter):
+    """Status of a run whose meter is over."""
+    return STOPPED if is_to_stop(meter) else MAX_EVENTS
 
 
 @compiled(inline=True)
@@ -162,7 +172,7 @@ def resolve_impact(dm, ask, motion, record):
     state, modes, course = motion.state, motion.modes, motion.course
     record.counts[EVENTS] += 1
     if state[D1] == state[D2]:
-        course[BUDGET_LEFT] -= DOUBLE_COST
+        charge(motion.meter, DOUBLE_COST)
     energy = kinetic(dm, state)
     course[FASTEST] = max(course[FASTEST], sqrt(2.0 * energy * dm.im))
     course[STATUS] = noted_impact(dm, ask, motion, record)
@@ -270,7 +280,7 @@ def choose_contact(dm, ask, motion, record):
         course[STATUS] = RECORD_FULL
         return False
     note_take_offs(dm, motion.past, state, modes)
-    if ask.settle and course[REST_EVENTS] < 0.0 and rests_for_good(dm, state, modes):
+    if ask.settle and course[REST_EVENTS] < 0.0 and is_seen_to_rest(dm, motion):
         course[REST_EVENTS] = record.counts[EVENTS]
         course[ENDED] = NO if ask.path else YES
     return not course[ENDED]
@@ -313,8 +323,16 @@ def end_period(dm, ask, motion, record):
     note_period(dm, state, modes, motion.past)
     note_segment(record, state, modes, 0.0, state)
     known = course[REST_EVENTS] >= 0.0
-    if ask.settle and (known or rests_for_good(dm, state, modes) or settled_period(motion.past) > 0):
+    if ask.settle and (known or is_seen_to_rest(dm, motion) or settled_period(motion.past) > 0):
         course[ENDED] = YES
+
+
+@compiled(inline=True)
+def is_seen_to_rest(dm, motion):
+    """Whether the dimer rests for good, as far as can be told now."""
+    modes = motion.modes
+    charge(motion.meter, LOOK_COST if modes[0] == SLIP and modes[1] == SLIP else 0.0)
+    return rests_for_good(dm, motion.state, modes)
 
 
 @compiled(inline=True)
@@ -344,7 +362,8 @@ def finish(dm, ask, motion, record):
     """The last row of the record; a rest known before the end of a forcing period counts as that end. See `evolve`."""
     state, modes, course = motion.state, motion.modes, motion.course
     if course[STATUS] != OK:
-        return int(course[STATUS]), False
+        out_of_steps = course[STATUS] == CONTACT_STEPS or course[STATUS] == IMPACT_STEPS
+        return why_over(motion.meter) if out_of_steps and is_over(motion.meter) else int(course[STATUS]), False
     note_event(dm, record, state, C_END, course[CONTACT_BEFORE], contact_code(modes))
     note_segment(record, state, modes, 0.0, state)
     if is_kept(record) and is_full(record):

@@ -5,7 +5,7 @@ comes to what the run found there: no end is below the plate, no slip has turned
 has summed are followed one by one.
 """
 
-from math import nan
+from math import inf, nan
 
 from dimersweep.kernel.compiler.jit import compiled, exported
 from dimersweep.kernel.contact.contact_mode import CLOSED, MOMENT
@@ -24,8 +24,9 @@ from dimersweep.kernel.course import ROW_TRIAL, SLIP_TOL, YES, Ask, motion_of
 from dimersweep.kernel.event_loop import evolve
 from dimersweep.kernel.flight.free_motion import fly, take_off
 from dimersweep.kernel.model.body import TWO_PI, as_dimer
-from dimersweep.kernel.model.layout import CB, CONTACT_STEPS, FREE, N1, N_ROW, N_STATE, OK, PERIOD, PHASE
+from dimersweep.kernel.model.layout import CB, CONTACT_STEPS, FREE, N1, N_ROW, N_STATE, OK, PERIOD, PHASE, STOPPED
 from dimersweep.kernel.model.plate import start_later
+from dimersweep.kernel.numerics.meter import is_to_stop, set_bound
 from dimersweep.kernel.numerics.steps import copy
 from dimersweep.kernel.record import BEFORE, HOP_TIME, MODES
 from dimersweep.kernel.smooth_motion import find_contact, no_slip, only_grazes, set_contact
@@ -69,6 +70,7 @@ def sample(row, segments, which, phases, rtol, space, record, states, modes):
         copy(segment, state, N_STATE)
         modes[k, 0], modes[k, 1] = segment[MODES], segment[MODES + 1]
         motion = motion_of(state, modes[k], space.past, space)
+        set_bound(motion.meter, inf)
         span = (phases[k] - state[PHASE]) / dm.omega
         status = OK
         if 0.0 < span < HOPS_LAST * segment[HOP_TIME]:
@@ -125,7 +127,9 @@ def follow_contact(dm, motion, span, rtol):
             y[YB] = side * max(0.0, side * y[YB])
     kernel_state(dm, modes, y, state)
     state[PHASE] += dm.omega * span
-    return CONTACT_STEPS if event == OUT_OF_STEPS else OK
+    if event == OUT_OF_STEPS:
+        return STOPPED if is_to_stop(motion.meter) else CONTACT_STEPS
+    return OK
 
 
 @compiled

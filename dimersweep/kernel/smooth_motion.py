@@ -6,16 +6,18 @@ from dimersweep.kernel.contact.coordinates import YB, YUA, YUB, YWB, YWP, contac
 from dimersweep.kernel.contact.events import LANDING, NO_EVENT, OUT_OF_PROBES
 from dimersweep.kernel.contact.forces import F1, contact_rates
 from dimersweep.kernel.contact.phase import sustain_contact
-from dimersweep.kernel.course import BUDGET_LEFT, CONTACT_BEFORE, CONTACT_IS_SET, NO, SLIP_TOL
+from dimersweep.kernel.course import CONTACT_BEFORE, CONTACT_IS_SET, NO, SLIP_TOL
 from dimersweep.kernel.flight.free_motion import fly, take_off
 from dimersweep.kernel.flight.landing import MAX_PROBES, next_landing
 from dimersweep.kernel.impact.impact import rounding
 from dimersweep.kernel.model.body import TWO_PI
 from dimersweep.kernel.model.layout import BETA, D1, D2, FREE, N1, N2, PHASE, STICK
+from dimersweep.kernel.numerics.meter import charge
 
 SLIP_SCALE = 0.1  # slip that counts as none in contact, in units of the tolerance and g/omega
 COINCIDENT = 4e-16  # gap, in units of l, that counts as closed when the other end lands
-CONTACT_COST = 30  # hops that take as long as a contact phase
+# of a contact phase besides its steps, of a flight with its impact, and of a probe for a landing, in hops of one end
+CONTACT_COST, HOP_COST, PROBE_COST = 3.0, 0.6, 0.12
 
 
 @compiled
@@ -67,10 +69,10 @@ def move_to_next_event(dm, ask, motion):
     modes, course = motion.modes, motion.course
     course[CONTACT_BEFORE] = contact_code(modes)
     free = modes[0] == FREE and modes[1] == FREE
-    course[BUDGET_LEFT] -= 1.0 if free else CONTACT_COST
     if free:
-        event = fly_to_landing(dm, motion.state, ask.path)
+        event = fly_to_landing(dm, motion, ask.path)
     else:
+        charge(motion.meter, CONTACT_COST)
         if not course[CONTACT_IS_SET]:
             course[SLIP_TOL] = no_slip(dm, motion.state, ask.rtol)
             set_contact(dm, motion.state, modes, motion.contact)
@@ -80,12 +82,14 @@ def move_to_next_event(dm, ask, motion):
 
 
 @compiled(inline=True)
-def fly_to_landing(dm, state, path):
+def fly_to_landing(dm, motion, path):
     """Move freely to the next landing or to the end of the forcing period; returns the event."""
+    state = motion.state
     span = (TWO_PI - state[PHASE]) / dm.omega
     fl = take_off(dm, state)
     sign, t, probes = next_landing(fl, span)
-    if probes == MAX_PROBES:
+    charge(motion.meter, HOP_COST + PROBE_COST * probes)
+    if probes >= MAX_PROBES:
         return OUT_OF_PROBES
     fly(dm, fl, state, min(t, span), path)
     if sign == 0.0:

@@ -5,7 +5,8 @@ from math import pi
 
 import numpy as np
 
-from dimersweep.kernel.batch import run_many
+from dimersweep.kernel.batch import run_many, work_done
+from dimersweep.kernel.course import new_workspace
 from dimersweep.kernel.model.layout import M_DRIFT, N_CODES, N_OUT, OK, OUT, ROW, STATUSES
 from dimersweep.parameters import Parameters, fill_rows
 from dimersweep.symbols import BASE, LEFT_OUT
@@ -73,6 +74,21 @@ def near(rng, n):
     }
 
 
+def wild(rng, n):
+    """Scenes beyond all that is ever built: every range as wide as it goes, in scales as well as in shape and in time."""
+    mu = rng.uniform(0, 5, n)
+    return far(rng, n) | {
+        "Gamma": log_uniform(rng, 1e-3, 50, n),
+        "f": log_uniform(rng, 1e-2, 1e4, n),
+        "A_r": log_uniform(rng, 2, 200, n),
+        "mu": mu,
+        "mu_s": rng.uniform(mu, 5.0),
+        "xdot0": rng.choice([-1.0, 1.0], n) * log_uniform(rng, 1e-3, 1e3, n),
+        "D_r": np.zeros(n),
+        "g": log_uniform(rng, 1e-3, 1e3, n),
+    }
+
+
 def wider(rng, n, columns):
     """What the parameters that may be left out add to scenes: a second harmonic, and another hold of lasting contacts."""
     Gamma, mu, mu_s = columns["Gamma"], columns["mu"], columns["mu_s"]
@@ -89,7 +105,7 @@ def rows_of(block, n, seed, domain):
     """Parameter rows of the first `n` scenes of one block; each block has random numbers of its own."""
     rng = np.random.default_rng([seed, block])
     away = domain == "far" or (domain in ("mixed", "wider") and block % 2)
-    columns = far(rng, BLOCK) if away else near(rng, BLOCK)
+    columns = wild(rng, BLOCK) if domain == "wild" else far(rng, BLOCK) if away else near(rng, BLOCK)
     if domain == "wider":
         columns |= wider(rng, BLOCK, columns)
     return fill_rows(columns, BLOCK)[:n]
@@ -115,14 +131,14 @@ def base(scene, name):
 
 
 def run_block(rows, periods, rtol):
-    """Codes, numbers and seconds (of this thread's own time) of scenes, one after the other."""
+    """Codes, numbers, seconds (of this thread's own time) and work of scenes, one after the other."""
     codes, out = np.zeros((len(rows), N_CODES), np.int64), np.full((len(rows), N_OUT), np.nan)
-    seconds = np.zeros(len(rows))
+    seconds, work, space = np.zeros(len(rows)), np.zeros(len(rows)), new_workspace()
     for k in range(len(rows)):
         begun = time.thread_time()
-        run_many(rows[k : k + 1], periods, rtol, False, out[k : k + 1], codes[k : k + 1])
-        seconds[k] = time.thread_time() - begun
-    return codes, out, seconds
+        run_many(rows[k : k + 1], periods, rtol, False, out[k : k + 1], codes[k : k + 1], 0, space)
+        seconds[k], work[k] = time.thread_time() - begun, work_done(space)
+    return codes, out, seconds, work
 
 
 def lying_nan(codes, out):
@@ -137,7 +153,7 @@ def lying_nan(codes, out):
 def faults(scene, periods, rtol, examined=True):
     """What is wrong with a scene: its status, or what its record shows."""
     row = Parameters(**scene).row()
-    codes, _, _ = run_block(row[None], periods, rtol)
+    codes, _, _, _ = run_block(row[None], periods, rtol)
     status = STATUSES[codes[0, CODE["status"]]]
     seen = examine(row, periods, rtol) if examined and status == "ok" else None
     return [status] * (status != "ok") + (lies(seen) if seen else [])

@@ -31,6 +31,7 @@ from dimersweep.kernel.model.layout import (
     Y1,
 )
 from dimersweep.kernel.numerics import sincos as sines
+from dimersweep.kernel.numerics.meter import has_no_bound
 from dimersweep.kernel.verdict import classify, rest
 from dimersweep.parameters import Parameters
 from tests.checks.cached import compiled
@@ -285,7 +286,7 @@ def dimer(**parameters):
 
 def scratch():
     """Work array and an impact's log."""
-    return np.zeros((WORK_ROWS, WORK_COLUMNS)), np.zeros((200, impact.N_LOG))
+    return has_no_bound(np.zeros((WORK_ROWS, WORK_COLUMNS))), np.zeros((200, impact.N_LOG))
 
 
 def state_of(dm, q, qdot, phase=0.0):

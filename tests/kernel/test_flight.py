@@ -212,3 +212,32 @@ def test_flights_in_pieces_are_the_flight_in_one():
     for t in (0.01, 0.05, 0.03):
         pieces = flown(dm, pieces, t)
     np.testing.assert_allclose(pieces, once, rtol=1e-11, atol=1e-13)
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("upright", [False, True], ids=["anywhere", "close past the vertical"])
+def test_the_heading_turns_as_in_many_small_flights_however_far(upright):
+    rng, dm = np.random.default_rng(5), dimer(Gamma=0.0)
+    for _ in range(60):
+        state = np.zeros(N_STATE)
+        state[WB], state[WP], state[SPIN] = rng.normal(size=3) * 10 ** rng.uniform(0, 2, 3)
+        if upright:  # the axis turns in a plane that is a little off the vertical
+            state[WP], state[SPIN] = 1e-3 * state[WP], 1e-3 * state[SPIN]
+        state[BETA], state[D1], state[D2] = rng.uniform(-1.5, 1.5), 1.0, 1.0
+        rate = take_off(dm, state).Omega
+        t, pieces, small, whole = rng.uniform(0, 60) / rate, 4000, state.copy(), state.copy()
+        fly(dm, whole, t)
+        for _ in range(pieces):
+            fly(dm, small, t / pieces)
+        assert whole[THETA] == pytest.approx(small[THETA], abs=1e-6)
+
+
+@pytest.mark.jit
+def test_a_flight_of_a_billion_turns_takes_no_longer_than_its_formula():
+    """Each turn of an axis around the vertical is one of the heading; a loop over them would take minutes for 1,000 flights."""
+    dm, state = dimer(Gamma=0.0), np.zeros(N_STATE)
+    state[WP], state[D1], state[D2] = 1e9, 1.0, 1.0
+    for _ in range(1000):
+        flown = state.copy()
+        fly(dm, flown, 2 * np.pi)
+        assert flown[THETA] == pytest.approx(2e9 * np.pi, rel=1e-14)

@@ -592,7 +592,7 @@ def test_a_slip_that_jams_is_stopped(scene):
 @pytest.mark.parametrize("domain", ["near", "far"])
 def test_random_scenes(domain):
     """A short run of the suite: every scene ends, in few events, and those looked at show nothing wrong."""
-    codes, out, seconds = run_block(rows_of(0, 1000, 7, domain), 5, 1e-8)
+    codes, out, seconds, _ = run_block(rows_of(0, 1000, 7, domain), 5, 1e-8)
     status = codes[:, CODE["status"]]
     assert (status == OK).mean() > 0.98
     assert not lying_nan(codes, out).any()
@@ -604,7 +604,7 @@ def test_random_scenes(domain):
 @pytest.mark.parametrize("number", [7890, 10227, 15342, 252152, 259397])
 def test_hops_without_end(number):
     """Both ends hop at 1 - e below 1e-7, and so faintly that a period has millions of hops: it once ended in `max_events`."""
-    codes, _, seconds = run_block(scene_row(number, 11, "far")[None], 5, 1e-8)
+    codes, _, seconds, _ = run_block(scene_row(number, 11, "far")[None], 5, 1e-8)
     assert codes[0, CODE["status"]] == OK
     assert codes[0, CODE["n_events"]] < 1_000_000
     assert seconds[0] < 10.0

@@ -64,6 +64,7 @@ from dimersweep.kernel.contact.step_control import (
 )
 from dimersweep.kernel.model.body import TWO_PI
 from dimersweep.kernel.model.layout import FREE, SLIP
+from dimersweep.kernel.numerics.meter import is_over
 from dimersweep.kernel.numerics.root_bracket import UNSOUND
 from dimersweep.kernel.numerics.steps import copy, step_factor
 
@@ -110,7 +111,8 @@ def sustain_contact(dm, modes, y, phase, span, path, tol, slip_tol, locate, work
     t : float
         Time integrated [s].
     event : int
-        NO_EVENT (the span is over), the number of the event (JAM also where no step is short enough), or OUT_OF_STEPS.
+        NO_EVENT (the span is over), the number of the event (JAM also where no step is short enough), or
+        OUT_OF_STEPS, also where the meter of the work array is over.
     """
     t, n = 0.0, N_PATH if path else N_CLOSED
     for _ in range(MAX_CHARTS):
@@ -131,6 +133,8 @@ def sustain_in_chart(dm, p, work):
     if b.F[COMPLIANCE] <= 0.0:
         return 0.0, JAM
     for _ in range(MAX_STEPS):
+        if is_over(b.meter):
+            break
         event = step_on(dm, p, b)
         if event != GOES_ON:
             return b.control[TIME], event

@@ -36,6 +36,7 @@ from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import FREE, SLIP
 from dimersweep.kernel.model.plate import effective_gravity
 from dimersweep.kernel.numerics.collocation import NEXT, NODES, RADAU_A, RADAU_C, TOP
+from dimersweep.kernel.numerics.meter import METER, charge
 from dimersweep.kernel.numerics.sincos import sincos
 from dimersweep.kernel.numerics.steps import (
     DOP_STAGES,
@@ -56,6 +57,7 @@ TIGHT = 0.5  # compliance from which the turning of the slip may lead to a jam
 TURN = 1e-6  # change of a slip, in units of itself, in its finite differences
 
 STEP_ROWS = 81
+EXPLICIT_COST, IMPLICIT_COST = 0.8, 3.0  # of a step, in hops of one end: as measured
 
 
 class StepArrays(NamedTuple):
@@ -82,6 +84,7 @@ class StepArrays(NamedTuple):
     change: Any
     bracket: Any  # of an event
     control: Any  # what one step leaves to the next (`phase`)
+    meter: Any
 
 
 # slots of the step control
@@ -138,6 +141,7 @@ def step_arrays(work):
         work[78],
         work[79],
         work[80],
+        work[METER],
     )
 
 
@@ -384,6 +388,7 @@ def implicit_step(dm, modes, phase, h, n, b):
 @compiled(inline=True)
 def step_to(dm, modes, phase, h, n, method, gamma, b):
     """One step; the rates (per time) and forces at its end are left in b.dy_out, b.F_out. Returns the error."""
+    charge(b.meter, IMPLICIT_COST if method == IMPLICIT else EXPLICIT_COST)
     if method == IMPLICIT:
         error = implicit_step(dm, modes, phase, h, n, b)
     elif b.start[YCHART] == UPRIGHT or (modes[0] != FREE and modes[1] != FREE):

@@ -5,10 +5,11 @@ sin(beta)(t) = c0 + c1 cos(Omega t) + c2 sin(Omega t). Everything is written as 
 1 - cos x and x - sin x, which keeps the full relative precision of hops of any smallness.
 """
 
-from math import atan2, cos, sin, sqrt
+from math import atan2, copysign, cos, floor, sin, sqrt
 from typing import Any, NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.model.body import TWO_PI
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import (
     BETA,
@@ -111,6 +112,22 @@ def heading_of(kappa, L_a, L_b, Omega, u_a, v_a, v_b, x):
     return par_a + (u_a - par_a) * c + v_a * s, par_b * (1.0 - c) + v_b * s
 
 
+@compiled(inline=True)
+def turn_of_heading(kappa, L_n, Omega, x, angle):
+    """Turn of the heading, towards b, while the axis turns by x about L, from the `angle` between its ends in (-pi, pi].
+
+    Where the vertical is outside the cone of the axis, the heading swings by less than half a turn. Else it goes round one
+    way, once with every turn of the axis: theta' = (L_n - kappa Omega u_n) / cos(beta)^2 does not change its sign. By half a
+    turn of the axis it goes at least a quarter of a turn and at most three.
+    """
+    if abs(L_n) <= abs(kappa) * Omega:
+        return angle
+    way = -copysign(1.0, L_n)
+    turns = floor(x / TWO_PI)
+    least = -0.25 * TWO_PI if x - turns * TWO_PI < 0.5 * TWO_PI else 0.25 * TWO_PI
+    return angle + way * TWO_PI * (turns if way * angle > least else turns + 1.0)
+
+
 @compiled
 def fly(dm, fl, state, t, path):
     """Advance a state by t of free motion, in place.
@@ -136,12 +153,9 @@ def fly(dm, fl, state, t, path):
     if fl.Omega > 0.0:
         kappa = dm.J_a / dm.J_t * state[SPIN] / fl.Omega
         v_a, v_b = -sin_b * state[WB] / fl.Omega, -state[WP] / fl.Omega
-        pieces = 1 + int(0.5 * fl.Omega * t) if fl.Omega * t > 2.0 else 1
-        for k in range(1, pieces + 1):  # so that the heading never turns by half a turn unseen
-            new_a, new_b = heading_of(kappa, L_a, L_b, fl.Omega, cos_b, v_a, v_b, fl.Omega * t * k / pieces)
-            turn += atan2(u_a * new_b - u_b * new_a, u_a * new_a + u_b * new_b)
-            u_a, u_b = new_a, new_b
         x = fl.Omega * t
+        u_a, u_b = heading_of(kappa, L_a, L_b, fl.Omega, cos_b, v_a, v_b, x)
+        turn = turn_of_heading(kappa, L_n, fl.Omega, x, atan2(cos_b * u_b, cos_b * u_a))
         u_n += -fl.c1 * one_minus_cos(sin(x), cos(x)) + fl.c2 * sin(x)
     new_cos = length(u_a, u_b)
     co, si = (u_a / new_cos, u_b / new_cos) if new_cos > 0.0 else (1.0, 0.0)

@@ -139,7 +139,7 @@ def first_landing(fl, sign, until):
 
 @compiled
 def next_landing(fl, until):
-    """The end that lands first: its sign (0.0 for neither), the time, and the probes it took.
+    """The end that lands first: its sign (0.0 for neither), the time, and the probes of both.
 
     The end nearer to the plate is asked first: the other one then needs to be watched only until that landing.
     """
@@ -149,5 +149,5 @@ def next_landing(fl, until):
     if probes == MAX_PROBES or more == MAX_PROBES:
         return 0.0, t, MAX_PROBES
     if other < t:
-        return -near, other, more
-    return (near if t < inf else 0.0), t, probes
+        return -near, other, probes + more
+    return (near if t < inf else 0.0), t, probes + more

@@ -29,6 +29,7 @@ from dimersweep.kernel.impact.double_equations import (
 )
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import SLIP, STICK
+from dimersweep.kernel.numerics.meter import METER, charge, is_over
 from dimersweep.kernel.numerics.root_bracket import (
     CARRIED,
     S_AT,
@@ -58,6 +59,7 @@ from dimersweep.kernel.numerics.tableaux import DOP_A, ROS_GAMMA
 MAX_STEPS = 20000
 N_EVENTS = 8
 LEG_ROWS = 40
+EXPLICIT_COST, IMPLICIT_COST = 0.5, 1.0  # of a step, in hops of one end: as measured
 FIRST = 4.0  # first step, over the tolerance to the power of 1/8
 TURNS = 5.5  # of a slip, that an explicit step may span: what the method bears
 STIFF = 0.01  # explicit step below which a slip is slow
@@ -90,6 +92,7 @@ class LegRows(NamedTuple):
     probe: Any
     rates_probe: Any
     bracket: Any
+    meter: Any
 
 
 @compiled
@@ -111,6 +114,7 @@ def leg_rows(work):
         work[37],
         work[38],
         work[39],
+        work[METER],
     )
 
 
@@ -181,6 +185,7 @@ def implicit_step(law, modes, h, tol, slip_unit, b):
 @compiled
 def leg_step(law, modes, clock, h, tol, slip_unit, stiff, b):
     """One step of size h from b.start into b.out, by the method that suits; returns the error over the tolerance."""
+    charge(b.meter, IMPLICIT_COST if stiff else EXPLICIT_COST)
     if stiff:
         return implicit_step(law, modes, h, tol, slip_unit, b)
     return explicit_step(law, modes, clock, h, tol, b)
@@ -312,7 +317,7 @@ def begin_leg(law, z, modes, compressing, slip_tol, b):
 
 @compiled
 def double_leg(law, z, modes, compressing, tol, slip_tol, work):
-    """Integrate from z, in place, to the first event of the phase; returns its number, or -1 when steps ran out."""
+    """Integrate from z, in place, to the first event of the phase; returns its number, or -1 when steps or work ran out."""
     b = leg_rows(work)
     begin_leg(law, z, modes, compressing, slip_tol, b)
     faint = tol**0.4  # a compression that is worth a gap rate of the tolerance
@@ -322,6 +327,8 @@ def double_leg(law, z, modes, compressing, tol, slip_tol, work):
     turning, turns, pace, unit, stiff, fresh = inf, inf, 1.0, 1.0, False, True
     onset, h_before, error_before, clock_before = z[ZX1] <= 0.0 and z[ZX2] <= 0.0, 0.0, 1.0, PLAIN
     for _ in range(MAX_STEPS):
+        if is_over(b.meter):
+            break
         if fresh:
             turning = turning_time(law, modes, z)
             turns = TURNS * turning

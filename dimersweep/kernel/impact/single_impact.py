@@ -31,10 +31,12 @@ from dimersweep.kernel.impact.expansion import (
 )
 from dimersweep.kernel.model.friction import holds_axially, length, slip_force
 from dimersweep.kernel.model.layout import SLIP, STICK
+from dimersweep.kernel.numerics.meter import METER, charge, is_over
 
 DONE, OTHER, LEG, JAM, STEPS = 0, 1, 2, 3, 4
 MAX_LEGS = 200
 MAX_STEPS = 2000
+EXPANSION_COST = 0.35  # of a step by expansion, in hops of one end: as measured
 OFF_AXIS = 0.1  # sine of the angle to an axial direction below which its expansion is in powers of that
 INVARIANT = 1e-14  # rate of turning (per xi) below which any slip direction counts as invariant
 ATTRACTED = 1e-2  # effect on the rates, in tolerances, of what is left of the turning towards an attracting direction
@@ -226,7 +228,7 @@ def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
     n, a, b, E, n_j, P, A, B : float
         Velocities, energy and other gap rate after the leg; normal, axial, lateral impulse of it.
     reason : int
-        LEG (go on with the next leg) or STEPS.
+        LEG (go on with the next leg), or STEPS, also where the meter of the work array is over.
     """
     gain = 1.0 if compressing else 1.0 / (law.e * law.e)
     share = tol / max(1.0, length(a, b))
@@ -235,6 +237,9 @@ def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
     whole = compressing and law.both == 0.0 and law.e >= LIVELY
     n, n_j, P, A, B = n0, n_j0, 0.0, 0.0, 0.0
     for _ in range(MAX_STEPS):
+        if is_over(work[METER]):
+            break
+        charge(work[METER], EXPANSION_COST)
         if law.both == 0.0:
             n_end, E_end, dP, dA = stop_at_once(law, n, a, b, E, compressing, tol)
             if dP < inf:
@@ -335,6 +340,7 @@ def single_phase(law, n, a, b, E, n_j, tol, work):
     tol : float
         Error per unit of velocity, and the slip that counts as none.
     work : float64 array, at least (6, ORDER + 1)
+        Scratch, and the meter in its last row.
 
     Returns
     -------

@@ -94,7 +94,7 @@ NOT_RUN, OK, MAX_EVENTS, IMPACT_STEPS, CONTACT_STEPS, ROOT_STEPS, JAMMED, NOT_FI
 STATUS_MESSAGES = (
     "this point has not been run",
     "the run reached its end",
-    "the bound on events was reached: bounces that never die out (e near 1?) or a time scale far below a period",
+    "the bound on work was reached: bounces that never die out (e near 1?) or a time scale far below a period",
     "an impact took more steps than its bound",
     "a phase of sustained contact took more steps than its bound",
     "the search for the next landing took more steps than its bound",
