@@ -136,7 +136,7 @@ SHORTCUTS = (
     Shortcut(
         "chatter summed to its end",
         "hops down to round-off",
-        {"chatter": in_turn(constant("CLOSE", "1e-25"), constant("SPREAD", "0.0"))},
+        {"chatter": in_turn(constant("CLOSE_COST", "1e-25"), constant("SPREAD", "0.0"))},
     ),
     Shortcut(
         "impacts slipping straight in closed form",

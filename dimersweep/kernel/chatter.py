@@ -47,7 +47,7 @@ from dimersweep.kernel.model.layout import (
 from dimersweep.kernel.model.plate import heaviest, jerk_bound, speed_bound, tempo
 from dimersweep.kernel.numerics.steps import copy
 
-CLOSE = 4.0  # what the close of a chatter may cost, in tolerances
+CLOSE_COST = 4.0  # what the close of a chatter may cost, in tolerances
 SPREAD = 0.03  # what the errors of a period's events add up to, in tolerances for each
 ALONE = 20.0  # hops of one end over which the other one stays off the plate if it has no part in them
 GAIN = 1e-14  # energy that round-off may give
@@ -82,7 +82,7 @@ def slow_enough(dm, n, remaining, tol):
     if dm.mu_h != dm.mu_s:
         return remaining == 0.0
     turn = tempo(dm) * remaining
-    return n * turn * turn <= CLOSE * tol * dm.v_scale
+    return n * turn * turn <= CLOSE_COST * tol * dm.v_scale
 
 
 @compiled
@@ -131,8 +131,8 @@ def come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F):
         Time that the hops which are summed would have taken [s]; below zero if no end was closed.
     """
     quickest = 2.0 * tempo(dm) / heaviest(dm)  # phase that a chatter takes per rate, with e = 0
-    fast = (CLOSE * tol * dm.v_scale / (quickest * quickest)) ** (1.0 / 3.0)
-    faint, spread = CLOSE * tol * dm.v_scale, SPREAD * events * tol * dm.v_scale
+    fast = (CLOSE_COST * tol * dm.v_scale / (quickest * quickest)) ** (1.0 / 3.0)
+    faint, spread = CLOSE_COST * tol * dm.v_scale, SPREAD * events * tol * dm.v_scale
     if spread > faint and lands_slowly(dm, state, spread):
         faint = spread
     may_1 = state[D1] == 0.0 and 0.0 <= state[N1] <= fast

@@ -263,13 +263,13 @@ def mean_gravity(dm, phase, swing):
 
 
 @compiled
-def commotion(dm, state):
-    return rest.commotion(dm, state[CA], state[CB], state[WP], state[SPIN])
+def sliding_speed(dm, state):
+    return rest.sliding_speed(dm, state[CA], state[CB], state[WP], state[SPIN])
 
 
 @compiled
 def is_calm(dm, state):
-    return rest.is_calm(dm, state[CB], state[SPIN], commotion(dm, state))
+    return rest.is_calm(dm, state[CB], state[SPIN], sliding_speed(dm, state))
 
 
 def row_of(**parameters):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dimersweep.kernel.chatter import CLOSE, SPREAD
+from dimersweep.kernel.chatter import CLOSE_COST, SPREAD
 from dimersweep.kernel.model.layout import (
     CA,
     CB,
@@ -47,8 +47,8 @@ def test_faint_hops_that_are_lost_cost_what_their_number_allows(number):
     assert STATUSES[status] == STATUSES[followed] == "ok"
     assert more > 20 * events
     off = np.abs(state - expected)[: Y1 + 1] / scales(as_dimer(row))[: Y1 + 1]
-    assert 0.0 < max(off[[N1, N2]]) < GROWTH * max(CLOSE, SPREAD * events) * rtol
-    assert off.max() < GROWTH * max(CLOSE, SPREAD * events) * rtol
+    assert 0.0 < max(off[[N1, N2]]) < GROWTH * max(CLOSE_COST, SPREAD * events) * rtol
+    assert off.max() < GROWTH * max(CLOSE_COST, SPREAD * events) * rtol
     assert max(off[[CA, CB, SPIN, THETA, X1, Y1]]) < 0.1 * max(off[[N1, N2]])  # the hops are about a mean motion
 
 

@@ -25,7 +25,6 @@ from dimersweep.kernel.model.layout import (
 from dimersweep.kernel.record import HOP_TIME, MODES
 from tests.checks.launch import launch
 from tests.checks.verbs import (
-    commotion,
     contact_rates,
     contact_state,
     dimer,
@@ -35,6 +34,7 @@ from tests.checks.verbs import (
     rests_for_good,
     row_of,
     slide_rates,
+    sliding_speed,
 )
 
 # deaths near the border of lifting: on one end is left, for a moment, as little as 0.03 to 0.2 of half the weight
@@ -276,11 +276,11 @@ def test_a_calm_slide_keeps_its_bound():
     while calm < 10:
         scene, state = random_slide(rng)
         dm = dimer(**scene)
-        if is_calm(dm, state) and not commotion(dm, state) < 1e-3:
+        if is_calm(dm, state) and not sliding_speed(dm, state) < 1e-3:
             calm += 1
             segments = launch(row_of(**scene), state, 10, rtol=1e-7).segments
-            later = [commotion(dm, segment[:N_STATE]) for segment in segments]
-            assert max(later) <= commotion(dm, state) + dm.mu * dm.A_z * dm.omega
+            later = [sliding_speed(dm, segment[:N_STATE]) for segment in segments]
+            assert max(later) <= sliding_speed(dm, state) + dm.mu * dm.A_z * dm.omega
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -58,10 +58,10 @@ def way() -> str:
     """
     import numba
 
-    told: str = numba.__version__
-    found = tuple(map(int, told.split(".")[:2]))
+    version: str = numba.__version__
+    found = tuple(map(int, version.split(".")[:2]))
     if found < OLDEST:
-        raise ImportError(f"numba = {told}: must be >= {'.'.join(map(str, OLDEST))}")
+        raise ImportError(f"numba = {version}: must be >= {'.'.join(map(str, OLDEST))}")
     asked = os.environ.get("DIMERSWEEP_COMPILER") or (FAST if found <= NEWEST else PLAIN)
     if asked not in (FAST, PLAIN):
         raise ImportError(f"DIMERSWEEP_COMPILER = {asked}: must be {FAST} or {PLAIN}")
@@ -77,20 +77,20 @@ def compiler() -> dict[str, str]:
     from llvmlite import binding
 
     config: Any = numba.config
-    told = {module.__name__: module.__version__ for module in (numba, llvmlite, np)}
-    told["way"] = way()
-    told["python"] = f"{platform.python_implementation()} {platform.python_version()}"
-    told["libc"] = " ".join(platform.libc_ver())  # some functions of the kernel are those of the system
-    told["processor"] = str(config.CPU_NAME or binding.get_host_cpu_name())
+    parts = {module.__name__: module.__version__ for module in (numba, llvmlite, np)}
+    parts["way"] = way()
+    parts["python"] = f"{platform.python_implementation()} {platform.python_version()}"
+    parts["libc"] = " ".join(platform.libc_ver())  # some functions of the kernel are those of the system
+    parts["processor"] = str(config.CPU_NAME or binding.get_host_cpu_name())
     features = config.CPU_FEATURES
-    told["features"] = binding.get_host_cpu_features().flatten() if features is None else str(features)
-    told["machine"] = platform.machine()
-    return told | {name: str(getattr(config, name, None)) for name in SETTINGS}
+    parts["features"] = binding.get_host_cpu_features().flatten() if features is None else str(features)
+    parts["machine"] = platform.machine()
+    return parts | {name: str(getattr(config, name, None)) for name in SETTINGS}
 
 
 def _short(digest: bytes) -> str:
-    told = "\n".join(f"{name} = {value}" for name, value in compiler().items())
-    return hashlib.sha256(digest + told.encode()).hexdigest()[:16]
+    lines = "\n".join(f"{name} = {value}" for name, value in compiler().items())
+    return hashlib.sha256(digest + lines.encode()).hexdigest()[:16]
 
 
 def result_sources(package: Path) -> list[Path]:

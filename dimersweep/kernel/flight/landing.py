@@ -109,7 +109,7 @@ def first_landing(fl, sign, until):
     t : float
         Time of the landing [s], or inf if there is certainly none.
     probes : int
-        Evaluations of the gap, MAX_PROBES if the search did not end.
+        Evaluations of the gap, MAX_PROBES if these were not enough.
     """
     t, falls = 0.0, False
     for probe in range(1, MAX_PROBES):
@@ -141,7 +141,7 @@ def first_landing(fl, sign, until):
 def next_landing(fl, until):
     """The end that lands first: its sign (0.0 for neither), the time, and the probes of both.
 
-    The end nearer to the plate is asked first: the other one then needs to be watched only until that landing.
+    The end nearer to the plate is asked first: the other one then counts only until that landing.
     """
     near = -1.0 if fl.d_1 <= fl.d_2 else 1.0
     t, probes = first_landing(fl, near, until)

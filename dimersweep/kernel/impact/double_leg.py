@@ -97,7 +97,7 @@ class LegRows(NamedTuple):
 
 @compiled
 def leg_rows(work):
-    """The bench on a work array of at least LEG_ROWS rows."""
+    """The rows of a leg on a work array of at least LEG_ROWS rows."""
     return LegRows(
         work[0:12],
         work[12:19],
@@ -315,6 +315,14 @@ def begin_leg(law, z, modes, compressing, slip_tol, b):
             b.K[i, k] = 0.0
 
 
+@compiled(inline=True)
+def arm(law, modes, compressing, clock, slip_tol, b):
+    """Arm the event functions that have become positive."""
+    for k in range(N_EVENTS):
+        if b.armed[k] == 0.0 and event_value(law, k, modes, compressing, clock, b.out, b.out, slip_tol) > 0.0:
+            b.armed[k] = 1.0
+
+
 @compiled
 def double_leg(law, z, modes, compressing, tol, slip_tol, work):
     """Integrate from z, in place, to the first event of the phase; returns its number, or -1 when steps or work ran out."""
@@ -325,7 +333,7 @@ def double_leg(law, z, modes, compressing, tol, slip_tol, work):
     longest = 1.0 / sqrt(max(b.gains[0], b.gains[1]))
     h = FIRST * tol**0.125 * longest
     turning, turns, pace, unit, stiff, fresh = inf, inf, 1.0, 1.0, False, True
-    onset, h_before, error_before, clock_before = z[ZX1] <= 0.0 and z[ZX2] <= 0.0, 0.0, 1.0, PLAIN
+    uncompressed, h_before, error_before, clock_before = z[ZX1] <= 0.0 and z[ZX2] <= 0.0, 0.0, 1.0, PLAIN
     for _ in range(MAX_STEPS):
         if is_over(b.meter):
             break
@@ -354,15 +362,13 @@ def double_leg(law, z, modes, compressing, tol, slip_tol, work):
         if not stiff:
             if h_before > 0.0 and clock == clock_before:
                 factor = min(factor, foreseen(h, error, h_before, error_before))
-            elif onset:
+            elif uncompressed:
                 factor = min(factor, SECOND_STEP)
             h_before, error_before, clock_before = h, error, clock
         fresh = True
         least, event = least_value(law, modes, compressing, clock, b.armed, b.start, b.out, slip_tol)
         if least > 0.0:
-            for k in range(N_EVENTS):
-                if b.armed[k] == 0.0 and event_value(law, k, modes, compressing, clock, b.out, b.out, slip_tol) > 0.0:
-                    b.armed[k] = 1.0
+            arm(law, modes, compressing, clock, slip_tol, b)
         else:
             brisk = turning / pace if longest * pace > turning else longest
             event = first_crossing(law, modes, compressing, clock, h, event, least, tol, slip_tol, stiff, brisk, b)

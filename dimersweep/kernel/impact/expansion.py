@@ -11,7 +11,7 @@ from dimersweep.kernel.model.friction import length
 LEAST_ORDER, ORDER = 4, 15  # of the expansion of a leg with a turning slip direction
 BEYOND = 1.1  # how far past the likely end of a leg its expansion is to reach
 SLACK = 0.5  # ratio of two terms there from which an expansion is taken to the highest order at once
-CLOSE = 1e-8  # step of Newton's rule, in units of its place, after which it is done
+NEWTON_DONE = 1e-8  # step of Newton's rule, in units of its place, after which it is done
 ROUNDED = 1e-15  # error of a velocity, in units of itself, that no step improves
 INVERSE = tuple(1.0 / (j + 1.0) for j in range(ORDER))
 A_V, A_A, A_P, A_N, A_J, A_E = range(6)  # its rows: slip, axial slip, impulse, gap rates of both ends, energy
@@ -165,6 +165,6 @@ def zero_between(c, row, order, sign, low, high, x):
         if not low <= new <= high:
             new = 0.5 * (low + high)
         x, step = new, new - x
-        if abs(step) <= CLOSE * x:  # the next step of Newton's rule would be below round-off
+        if abs(step) <= NEWTON_DONE * x:  # the next step of Newton's rule would be below round-off
             break
     return x

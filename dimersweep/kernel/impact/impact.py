@@ -1,6 +1,7 @@
 """An impact from its first touch to its last: which ends act, phase by phase, and what becomes of the body's velocities."""
 
 from math import cos, sin
+from typing import Any, NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.impact.double_equations import (
@@ -18,7 +19,7 @@ from dimersweep.kernel.impact.double_equations import (
     friction_modes,
     impact_rates,
 )
-from dimersweep.kernel.impact.double_leg import double_leg
+from dimersweep.kernel.impact.double_leg import LEG_ROWS, double_leg
 from dimersweep.kernel.impact.single_impact import (
     DONE,
     JAM,
@@ -58,6 +59,22 @@ SLIP_TOL = 0.1  # slip that counts as none, in units of the impact's tolerance
 # a row of the impact's log: contact state; gap rates before, after; impulses; slips (a_1, b_1, a_2, b_2) after
 LOG_STATE, LOG_N1, LOG_N2, LOG_N1_AFTER, LOG_N2_AFTER, LOG_P1, LOG_P2, LOG_A1, LOG_B1, LOG_A2, LOG_B2 = range(11)
 N_LOG = 11
+
+
+class ImpactRows(NamedTuple):
+    """Rows of the work array, beyond those of a leg, by what they hold during an impact at both ends."""
+
+    z: Any  # the contact velocities and the compressions
+    start: Any  # those before the impact
+    before: Any  # those before the phase
+    compressing: Any  # 1.0 for an end in compression, -1.0 for one in restitution
+    mid: Any  # those at which a slip ended within the phase
+
+
+@compiled
+def impact_rows(work):
+    """The rows of an impact at both ends on a work array."""
+    return ImpactRows(work[LEG_ROWS], work[LEG_ROWS + 1], work[LEG_ROWS + 2], work[LEG_ROWS + 3], work[LEG_ROWS + 4])
 
 
 @compiled
@@ -113,7 +130,7 @@ def is_loaded(i, z, left, least):
 
 @compiled
 def let_go(i, z, compressing, left, least):
-    """An end that does not press has no compression left."""
+    """An end that is not loaded has no compression left."""
     if not is_loaded(i, z, left, least):
         z[ZX1 + i] = 0.0
         compressing[i] = 1.0
@@ -121,7 +138,7 @@ def let_go(i, z, compressing, left, least):
 
 @compiled
 def acts(law, i, z, left, least, slip_tol):
-    """Whether end i acts now or is about to: it presses, or the other end's pressing drives it towards the plate from rest.
+    """Whether end i acts now or is about to: it is loaded, or the force at the other end drives it towards the plate from rest.
 
     At rest and uncompressed, an end is driven by the other one alone, with the friction that other end has.
     """
@@ -256,7 +273,7 @@ def double_impact(dm, state, V, tol, modes, work, log):
         OK or the reason; rows logged.
     """
     law = double_law(dm, restitution(dm.e_1, tol), restitution(dm.e_2, tol), dm.mu, dm.mu_s)
-    z, start, before, compressing, mid = work[40], work[41], work[42], work[43], work[44]
+    z, start, before, compressing, mid = impact_rows(work)
     load_double(dm, state, V, z)
     copy(z, start, N_Z)
     slip_tol = max(max(SLIP_TOL * tol, LEAST_SLIP), rounding(dm, state) / V)

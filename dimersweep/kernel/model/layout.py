@@ -97,7 +97,7 @@ STATUS_MESSAGES = (
     "the bound on work was reached: bounces that never die out (e near 1?) or a time scale far below a period",
     "an impact took more steps than its bound",
     "a phase of sustained contact took more steps than its bound",
-    "the search for the next landing took more steps than its bound",
+    "the next landing took more steps to find than its bound",
     "no contact force satisfies the friction law (a Painleve configuration that an impact did not resolve)",
     "a number that is not finite appeared in the state",
     "the record is full: ask for fewer periods at a time",

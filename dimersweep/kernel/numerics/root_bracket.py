@@ -1,4 +1,4 @@
-"""The search for a zero of event functions within a step: a bracket, where it is probed next, and what a probe tells."""
+"""Location of a zero of event functions within a step: a bracket, where it is probed next, and what a probe tells."""
 
 from dimersweep.kernel.compiler.jit import compiled
 

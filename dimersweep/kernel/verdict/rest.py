@@ -6,8 +6,8 @@ v_a, v_b the velocity of its centre, w = theta', s its spin, h half its length, 
 
     h (F_1 - F_2) = J_a s w + r A,    |A| <= mu_h m g_e
 
-(A the axial friction), so that both ends press as long as J_a |s w| < m g_e (h - r mu_h); g_e >= g (1 - Gamma). What s and w
-can become is told in two ways.
+(A is the axial friction). So both ends stay loaded as long as J_a |s w| < m g_e (h - r mu_h), with g_e >= g (1 - Gamma). Two
+arguments tell what s and w can become.
 
 *Calm.* Let q = J_a / r^2, M = m + q, V = (m v_b + q r s) / M the velocity of rolling that friction across the rod leaves as
 it is, and m P^2 = m v_a^2 + (m q / M) c^2 + J_t w^2, so that the energy is (m P^2 + M V^2) / 2. Friction takes
@@ -24,27 +24,28 @@ m g_e (1 - mu_h r / h) / 4, and so
 If k P <= d g (1 - Gamma), P never grows; if k Q <= d g with Q = P + 2 d A_z omega, P never exceeds Q. The largest P bounds
 |w| <= sqrt(m / J_t) P and r |s| <= max|V| + m / sqrt(q M) P, which must keep J_a |s w| below that half.
 
-Nor does friction ever give the rod energy: as long as both ends press, J_a |s w| <= sqrt(J_a / J_t) times the energy, and what
-that is now bounds it for good.
+Besides, friction never gives the rod energy. As long as both ends are loaded, J_a |s w| is at most sqrt(J_a / J_t) times the
+energy, and the energy of now bounds it for good.
 
 *Look ahead.* Until it is calm the rod is followed with the plate, in coarse steps of the midpoint rule. In each of them the
-impulse of the weight is exact, and J_a |s w| must keep below m g_e (h - r n) with a share SPARE to spare. There g_e is the
+impulse of the weight is exact, and J_a |s w| must stay below m g_e (h - r n) with a share SPARE to spare. There g_e is the
 least in the step, and n m g_e the most that axial friction A takes of it: the A found and mu beyond it, or mu_h if that is
 less. Where the plate is quick, steps are longer than its swing. Turning and gyroscopic moment are then shifted by
 2 A_z omega / g at most against the impulse of the weight, which changes the motion at a rate below
 |w| + mu r (m |v_b| + q r |s|) / J_t; with x, that rate times that shift, (1 + 2 x) J_a |s w| must keep below, and with it the
 doubt: what the steps may miss of the moment, to which each adds d^2 / (|D| + |E|), with D its change in the step, E that at the
-first rates and d = D - E, and which grows with it. A slip below SOFT P is not followed: there friction falls off, and stick is
-not told from slow slip. All that the moment changes meanwhile is doubt, too.
+first rates and d = D - E, and which grows with it. A slip below SOFT P is not followed: friction
+then falls off with the slip, and stick and slow slip look alike. All that the moment changes meanwhile is doubt, too.
 
 *Close look.* A slide that fails, but has J_a |s w| below m g_e (h - r n) (1 + SPARE) with n from the A found, is followed
 anew, in steps of the classical rule of fourth order that stop at each crest of the plate, and are shorter where an end is slow.
 At the crest g_e is least, and between two looks that are half a step apart J_a |s w| exceeds what both allow by a quarter of
-its change at most. Both ends must press by the share CLOSE, with the A found and its change in half a step. Once a slip has
-been below CLOSE_SOFT P, the share is SPARE again, with the n of above, and all that the moment changes is doubt.
+its change at most. Both ends must stay loaded by the share CLOSE_SPARE, with the A found and its change in half a step. Once a
+slip has been below CLOSE_SOFT P, the share is SPARE again, with the n of above, and all that the moment changes is doubt.
 
-The calm is proven, looking ahead is not. Of 20,000 random slides it told of 11,469; of 40,000 in which an end carries 0.88 to
-1.06 of what lifts the other one, by the rates of the slide in fine steps, of 18,009. None of these lifted in 60 periods.
+The calm is proven, the look ahead is not. It said of 11,469 of 20,000 random slides that they come to rest, and of 18,009 of
+40,000 in which an end carries 0.88 to 1.06 of what lifts the other one (by the rates of the slide in fine steps). None of these
+lifted an end in 60 periods.
 """
 
 from math import pi, sqrt
@@ -77,7 +78,7 @@ SWING = 1.0  # of a step, in the plate's phase
 STILL = 0.1  # x, up to which a step may span more of it
 SPARE = 0.1  # of the room for the gyroscopic moment
 SOFT = 0.3  # slip, in units of P, below which friction falls off: what steps of that length bear
-CLOSE = 0.02  # share that is to spare where the slide is followed closely
+CLOSE_SPARE = 0.02  # share that is to spare where the slide is followed closely
 CLOSE_BEND, CLOSE_SWING = 0.3, 0.5 * pi  # of a step there
 CLOSE_SOFT = 0.02  # SOFT there: steps are shorter where an end is slow
 AT_CREST = 1e-9  # phase to the crest that counts as none
@@ -90,8 +91,8 @@ def room(dm, g_e, drag):
 
 
 @compiled
-def commotion(dm, a, b, w, spin):
-    """P: velocity that friction can still take from the rod [m/s]."""
+def sliding_speed(dm, a, b, w, spin):
+    """P, the speed of sliding [m/s]: m P^2 / 2 is the energy that friction can still take from the rod."""
     c, q = b - dm.r * spin, dm.J_a / dm.r**2
     return sqrt(a * a + q / (dm.m + q) * c * c + dm.J_t * dm.im * w * w)
 
@@ -185,7 +186,7 @@ def both_press(dm, g_e, moment, A, swell, veer, close):
     """Whether both ends press, where moment and friction may be greater than these by `swell` and, in weights, `veer`."""
     if close:
         weight = dm.m * g_e
-        return abs(moment + dm.r * A * weight) + swell + dm.r * veer * weight <= (1.0 - CLOSE) * dm.h * weight
+        return abs(moment + dm.r * A * weight) + swell + dm.r * veer * weight <= (1.0 - CLOSE_SPARE) * dm.h * weight
     return abs(moment) + swell <= (1.0 - SPARE) * room(dm, g_e, drag_of(dm, moment, A, A))
 
 
@@ -194,7 +195,7 @@ def followed_to_rest(dm, a, b, w, spin, phase):
     """Whether both ends stay on the plate as far as the slide is followed closely, which is until it is calm."""
     doubt, close, g_0 = 0.0, True, effective_gravity(dm, phase)
     for _ in range(STEPS):
-        P = commotion(dm, a, b, w, spin)
+        P = sliding_speed(dm, a, b, w, spin)
         if is_calm(dm, b, spin, P):
             return True
         soft, slip = CLOSE_SOFT * P, slowest_slip(dm, a, b, w, spin)
@@ -238,7 +239,7 @@ def slides_to_rest(dm, state):
         return moment <= room(dm, lightest(dm), dm.mu_h)
     doubt = 0.0
     for _ in range(STEPS):
-        P = commotion(dm, a, b, w, spin)
+        P = sliding_speed(dm, a, b, w, spin)
         if is_calm(dm, b, spin, P):
             return True
         quick = turning_rate(dm, b, w, spin)
