@@ -2,7 +2,9 @@
 
 import threading
 import time
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
+from typing import NamedTuple
 
 import dask
 import numpy as np
@@ -12,6 +14,7 @@ from hypothesis import strategies as st
 
 import dimersweep
 from dimersweep.cubes.results import (
+    RESULT,
     Finished,
     Tile,
     blank_results,
@@ -19,10 +22,12 @@ from dimersweep.cubes.results import (
     runs,
 )
 from dimersweep.errors import KernelError, ParameterError, UnfinishedError
+from dimersweep.kernel import kernel_version
+from dimersweep.kernel.batch import is_stopped
 from dimersweep.kernel.compiler import versions
 from dimersweep.kernel.model.layout import M_DRIFT, M_UNRESOLVED
 from dimersweep.studies.sweep_spec import make_spec
-from dimersweep.work import tiles
+from dimersweep.work import scheduling, tiles
 from dimersweep.work.scheduling import (
     IN_FLIGHT,
     Pool,
@@ -285,3 +290,29 @@ def test_the_loss_of_the_scheduler_is_told_and_costs_nothing_finished(tmp_path):
     closing.join()
     client.close()
     assert any((tmp_path / "cube.nc.tiles").glob("tiles-*.npy"))
+
+
+class Endless(NamedTuple):
+    """Work that goes on until it is stopped."""
+
+    kind: np.dtype = RESULT
+
+    def advance(self, points, results, space):
+        """Wait for the stop."""
+        ends = time.monotonic() + 60.0
+        while not is_stopped(space) and time.monotonic() < ends:
+            time.sleep(0.01)
+        return 0
+
+
+def test_a_task_elsewhere_ends_when_its_asker_says_so(monkeypatch):
+    monkeypatch.setattr(scheduling, "prove", lambda: None)
+    run = partial(scheduling.run_elsewhere, Endless(), (Tile(0, 3),), 0, 60.0, kernel_version())
+    with ThreadPoolExecutor(2) as pool:
+        mine, other = pool.submit(run, "mine"), pool.submit(run, "another's")
+        scheduling.stop_elsewhere("mine")
+        assert mine.result(30).finished == []
+        assert not other.done()
+        scheduling.stop_elsewhere("another's")
+        assert other.result(30).finished == []
+        assert run("mine").finished == [], "a task that comes later"

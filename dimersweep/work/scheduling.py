@@ -9,6 +9,7 @@ from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future
 from contextlib import contextmanager, suppress
 from math import ceil
 from typing import Any, NamedTuple
+from uuid import uuid4
 
 from dimersweep.cubes.results import Bundle, Finished, Tile
 from dimersweep.errors import KernelError, ParameterError, UserError
@@ -39,10 +40,14 @@ LOST = "scheduler: the connection to the cluster is lost; what was finished is k
 
 
 class Pool(NamedTuple):
-    """Where work is done: ``submit(work, tiles, seconds)`` gives a future of a `Made`; ``workers()`` counts threads."""
+    """Where work is done: ``submit(work, tiles, seconds)`` gives a future of a `Made`; ``workers()`` counts threads.
+
+    ``stop()`` has tasks end that do not see the flag of this process.
+    """
 
     submit: Callable[[Work, Bundle, float], "Future[Made]"]
     workers: Callable[[], int]
+    stop: Callable[[], None] = lambda: None
 
 
 def tile_seconds(workers: int) -> float:
@@ -132,7 +137,15 @@ def threads(workers: int, stop: StopFlag) -> Iterator[Pool]:
         executor.shutdown(wait=False, cancel_futures=True)
 
 
-def run_elsewhere(work: Work, tiles: Bundle, shift: int, seconds: float, version: str) -> Made:
+_flags: dict[str, StopFlag] = {}  # in a worker process: of those for whom it has worked, or was told to stop
+
+
+def stop_elsewhere(asker: str) -> None:
+    """In a worker process, end the tasks of one who asked for them, and those of him that are still to come."""
+    _flags.setdefault(asker, StopFlag()).set()
+
+
+def run_elsewhere(work: Work, tiles: Bundle, shift: int, seconds: float, version: str, asker: str) -> Made:
     """Run tiles in a worker process, if that has the same kernel as the process that asks, and it works there.
 
     Raises
@@ -148,7 +161,7 @@ def run_elsewhere(work: Work, tiles: Bundle, shift: int, seconds: float, version
         prove()
     except KernelError as error:
         raise KernelError(f"scheduler: worker process {os.getpid()} on {socket.gethostname()}: {error}") from None
-    return attempt(work, tiles, shift=shift, seconds=seconds)
+    return attempt(work, tiles, _flags.setdefault(asker, StopFlag()), shift, seconds)
 
 
 def _other_kernel(who: str, theirs: str, ours: str) -> str:
@@ -197,7 +210,7 @@ def _check_kernels(client: Any) -> None:
 def cluster(client: Any) -> Iterator[Pool]:
     """The workers of a dask.distributed client."""
     executor: Executor = client.get_executor(pure=False)
-    counted, count = -COUNT_SECONDS, 0
+    counted, count, asker = -COUNT_SECONDS, 0, uuid4().hex
 
     def workers() -> int:
         nonlocal counted, count
@@ -209,10 +222,17 @@ def cluster(client: Any) -> Iterator[Pool]:
     def submit(work: Work, tiles: Bundle, seconds: float) -> "Future[Made]":
         # the task carries its points along: data scattered beforehand could die with a worker
         with _connection():
-            return executor.submit(run_elsewhere, *work.narrowed(tiles), seconds, kernel_version())
+            return executor.submit(run_elsewhere, *work.narrowed(tiles), seconds, kernel_version(), asker)
+
+    def stop() -> None:
+        with suppress(Exception):  # of a connection that is lost
+            client.run(stop_elsewhere, asker, wait=False)
 
     try:
-        yield Pool(submit, workers)
+        yield Pool(submit, workers, stop)
+    except BaseException:
+        stop()
+        raise
     finally:
         with suppress(Exception):  # of a connection that is lost
             executor.shutdown(wait=False)
@@ -271,6 +291,7 @@ def run_tiles(
             if left := after(task, made.points):
                 undone.append(left)
             take(made)
+    pool.stop()
     for future in wait(running, timeout=GRACE).done:
         if not future.cancelled() and future.exception() is None:
             take(future.result())
