@@ -60,7 +60,7 @@ PARTS = {
         *(Row(f"newest of everything, {python}", python=python) for python in ("3.11", "3.12", "3.13")),
         *(
             Row(f"numba {number}", (f"numba=={number}",))
-            for number in ("0.61.2", "0.62.1", "0.63.1", "0.64.0", "0.65.1", "0.66.0", "0.67.0", "0.68.0")
+            for number in ("0.62.1", "0.63.1", "0.64.0", "0.65.1", "0.66.0", "0.67.0", "0.68.0")
         ),
     ),
     "ways": (
@@ -81,9 +81,11 @@ PARTS = {
             refused="must be fast or plain",
         ),
         Row(
-            "numba 0.60", ("--no-deps", "numba==0.60.0", "llvmlite==0.43.0", "numpy==2.0.2"), refused="must be >= 0.61"
+            "numba 0.61",
+            ("--no-deps", "numba==0.61.2", "llvmlite==0.44.0", "numpy==2.2.6"),
+            refused="must be >= 0.62.1",
         ),
-        Row("a numpy that numba refuses", ("--no-deps", "numba==0.61.0", "llvmlite==0.44.0"), refused="NumPy"),
+        Row("a numpy that numba refuses", ("--no-deps", "numba==0.62.1", "llvmlite==0.45.1"), refused="NumPy"),
         Row("zarr 3.0", ("zarr==3.0.10",), refused="must be >= 3.1", zarr=True),
     ),
 }

@@ -48,7 +48,7 @@ def told_way(monkeypatch, number, asked=None):
 @pytest.mark.parametrize(
     ("number", "asked", "expected"),
     [
-        ("0.61.0", None, "fast"),
+        ("0.62.1", None, "fast"),
         ("0.68.1", None, "fast"),
         ("0.69.0rc1", None, "plain"),
         ("1.0.0", None, "plain"),
@@ -64,7 +64,8 @@ def test_the_fast_way_is_for_versions_it_was_tested_with(monkeypatch, number, as
 @pytest.mark.parametrize(
     ("number", "asked", "message"),
     [
-        ("0.60.0", None, "numba = 0.60.0: must be >= 0.61"),
+        ("0.61.2", None, "numba = 0.61.2: must be >= 0.62.1"),
+        ("0.62.0", None, "numba = 0.62.0: must be >= 0.62.1"),
         ("0.68.1", "quick", "DIMERSWEEP_COMPILER = quick: must be fast or plain"),
     ],
 )

@@ -7,16 +7,16 @@ besides, the second those of all modules that a number comes through on its way 
 import hashlib
 import os
 import platform
+import re
 import sys
 from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-OLDEST, NEWEST = (
-    (0, 61),
-    (0, 68),
-)  # of Numba: the least one that the package allows, the last one the fast way was tested with
+# of Numba: the least one that the package allows, and the last one that the fast way was tested with. The compiler of 0.61
+# (LLVM 15) rounds otherwise than all those after it: last digits differ, and so do modes near a border.
+OLDEST, NEWEST = (0, 62, 1), (0, 68)
 FAST, PLAIN, PYTHON = "fast", "plain", "python"
 # of numba.config: those that change what machine code is made
 SETTINGS = (
@@ -59,10 +59,10 @@ def way() -> str:
     import numba
 
     version: str = numba.__version__
-    found = tuple(map(int, version.split(".")[:2]))
+    found = tuple(map(int, re.findall(r"\d+", version)[:3]))
     if found < OLDEST:
         raise ImportError(f"numba = {version}: must be >= {'.'.join(map(str, OLDEST))}")
-    asked = os.environ.get("DIMERSWEEP_COMPILER") or (FAST if found <= NEWEST else PLAIN)
+    asked = os.environ.get("DIMERSWEEP_COMPILER") or (FAST if found[:2] <= NEWEST else PLAIN)
     if asked not in (FAST, PLAIN):
         raise ImportError(f"DIMERSWEEP_COMPILER = {asked}: must be {FAST} or {PLAIN}")
     config: Any = numba.config
