@@ -92,7 +92,7 @@ class SteadyPace:
         """As of `Pace`."""
         return IN_FLIGHT * self.workers()
 
-    def note(self, finished):
+    def note(self, points, seconds):
         """Learn nothing."""
 
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import dimersweep
 from dimersweep.cubes.cube import names
-from dimersweep.cubes.results import Tile, blank_results, split
+from dimersweep.cubes.results import Tile, split
 from dimersweep.errors import KernelError, ParameterError, StoreError, UnfinishedError
 from dimersweep.kernel.model.layout import (
     CODE_MODE,
@@ -29,7 +29,7 @@ from dimersweep.kernel.model.layout import (
 from dimersweep.studies.rerun import from_cube
 from dimersweep.studies.search import search
 from dimersweep.studies.sweep_spec import make_spec
-from dimersweep.work import proving, tiles
+from dimersweep.work import proving
 from dimersweep.work.progress import Lines, Tally
 from dimersweep.work.proving import proof
 from dimersweep.work.scheduling import Pace
@@ -241,7 +241,7 @@ def test_tiles_cover_every_point_once(size, length):
 
 
 def note(pace, points, seconds):
-    pace.note([tiles.Finished(Tile(0, points), blank_results(points), seconds)])
+    pace.note(points, seconds)
     return pace.length
 
 
@@ -280,8 +280,8 @@ def test_results_are_taken_in_the_calling_thread(fake_kernel, monkeypatch):
 
 def test_a_log_gets_plain_lines(capsys, monkeypatch):
     lines = Lines(4)
-    lines.add(np.array([3, 3, 2]))  # too early for a line
-    lines.add(np.array([8]))
+    lines.add({"drift": 2, "rest": 1})  # too early for a line
+    lines.add({"unresolved": 1})
     assert (
         capsys.readouterr().err == "4/4 points, 100 %, elapsed 0:00:00, left 0:00:00: drift 2, rest 1, unresolved 1\n"
     )

@@ -17,7 +17,7 @@ import dimersweep
 from dimersweep.cubes.results import Tile
 from dimersweep.errors import StoreError
 from dimersweep.storage.locking import locked
-from dimersweep.storage.manifest import as_line
+from dimersweep.storage.manifest import as_line, read_manifest
 from dimersweep.storage.tilestore import TileStore, tile_store
 from dimersweep.studies.status import status
 from dimersweep.studies.sweep_spec import make_spec
@@ -293,6 +293,92 @@ def test_tiles_are_kept_when_asked():
     assert sorted(os.listdir()) == ["cube.nc", "cube.nc.tiles"]
     assert status(Path("cube.nc"))[-1] == "cube: is written"
     assert status(Path("cube.nc.tiles"))[0] == "cube.nc: 120 of 120 points done (100 %)"
+
+
+@pytest.fixture
+def shelf(monkeypatch):
+    """An open store, a shelf of it, and finished tiles to put there."""
+    monkeypatch.setattr("dimersweep.storage.shelf.LEAST_BYTES", 500)
+    with tile_store(Path("cube.nc"), SPEC.configuration(), SPEC.grid.size) as store:
+        yield store, store.open_shelf(), attempt(SPEC, (Tile(0, 10), Tile(30, 60))).finished
+
+
+def test_a_file_that_a_worker_has_written_is_as_one_of_the_driver(shelf):
+    store, place, pieces = shelf
+    store.enlist(place.keep(pieces))
+    store.add(attempt(SPEC, (Tile(60, 70),)).finished[0])
+    assert store.manifest.entries == []  # the manifest is written now and then
+    store.flush()
+    assert [entry.tiles for entry in store.manifest.entries] == [[(0, 10), (30, 60)], [(60, 70)]]
+    assert [entry.wall > 0 for entry in store.manifest.entries] == [False, True]
+    again = TileStore(store.out, read_manifest(MANIFEST), store.kind)
+    assert again.check() == [] and again.gaps() == [Tile(10, 30), Tile(70, 120)]
+    for piece in pieces:
+        assert again.read(*piece.tile).tobytes() == piece.results.tobytes()
+    store.remove()
+    assert os.listdir() == []
+
+
+def test_nothing_is_put_where_the_token_is_not(shelf):
+    store, place, pieces = shelf
+    assert place.keep([pieces[0].part(Tile(0, 1))]) is None  # too small
+    assert store.open_shelf().is_here() and not place.is_here()  # another run
+    assert place.keep(pieces) is None
+    store.clear()
+    assert place.keep(pieces) is None
+    assert place._replace(folder="/nonexistent").keep(pieces) is None
+    assert not list(store.folder.glob("tiles-*"))
+
+
+def test_a_resumed_sweep_shuts_out_workers_of_the_one_that_was_killed(shelf):
+    store, place, _ = shelf
+    assert place.is_here()
+    shutil.copytree(store.folder, "killed.nc.tiles")
+    killed = place._replace(folder=str(Path("killed.nc.tiles").absolute()))
+    assert killed.is_here()
+    with tile_store(Path("killed.nc"), SPEC.configuration(), SPEC.grid.size):
+        assert not killed.is_here()
+
+
+def test_results_travel_where_a_worker_cannot_write(shelf, monkeypatch):
+    store, place, pieces = shelf
+
+    def full(path, parts):
+        path.with_name(f"{path.name}.tmp").write_bytes(b"half a fi")
+        full_disk()
+
+    monkeypatch.setattr("dimersweep.storage.tilefiles.put", full)
+    assert place.keep(pieces) is None
+    assert sorted(path.name for path in store.folder.iterdir()) == ["lock", "manifest.jsonl", "token"]
+
+
+@pytest.mark.parametrize(
+    ("damage", "told"),
+    [
+        (Path.unlink, r"cannot be read, though a worker has written it \(No such file"),
+        (cut, r"has \d+ bytes in place of \d+; run the same again$"),
+    ],
+)
+def test_a_file_of_a_worker_that_is_not_as_it_says_stops_the_sweep(shelf, damage, told):
+    store, place, pieces = shelf
+    entry = place.keep(pieces)
+    damage(store.folder / entry.file)
+    with pytest.raises(StoreError, match=rf"^cube.nc.tiles/tiles-w\w+.npy: {told}"):
+        store.enlist(entry)
+
+
+def test_files_that_were_not_listed_in_time_are_made_again(counted):
+    reference = sweep(out=None)
+    left_behind((0, 30))
+    for k in range(9):
+        shutil.copy("cube.nc.tiles/tiles-000001.npy", f"cube.nc.tiles/tiles-w{k:016x}.npy")
+    counted.clear()
+    told = r"(tiles-w\w+.npy is not listed; ){5}and 4 more\)$"
+    with pytest.warns(RuntimeWarning, match=rf"^cube.nc.tiles: damaged results are computed again \({told}"):
+        cube = sweep()
+    assert sum(counted) == 120 - 30
+    xr.testing.assert_equal(cube, reference)
+    assert os.listdir() == ["cube.nc"]
 
 
 @pytest.mark.parametrize("target", ["elsewhere", "nowhere", "file"])

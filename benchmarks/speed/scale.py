@@ -2,86 +2,194 @@
 
 It takes some minutes.
 
-Workers are threads of one dask worker process, and the kernel is a stand-in that waits for the time that its points would take
-and fills their results with numbers: a machine of two cores stands in for a thousand. What it costs to hand out tasks, to carry
-results and to write them is real, and shared with the stand-ins: with cores of their own, workers leave the driver more room.
+A scheduler, some processes of workers with many threads each, and the driver run as on a cluster, over the network of this
+machine. In place of the kernel a stand-in waits for the time that its points would take and fills their results with numbers.
+The processor time of each process is measured: workers have cores of their own on a cluster, but the driver and the scheduler
+have one each, and what a task costs these says how many workers they can keep at work. On a machine of few cores all of them
+share these, so that the points in a second are a lower bound.
 """
 
 import argparse
+import os
+import subprocess
+import sys
 import tempfile
-import threading
 import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from distributed import Client, LocalCluster
+import psutil
+from distributed import Client
 
-import dimersweep.work.tiles
 from dimersweep import sweep
-from dimersweep.kernel.model.layout import CODES, M_DRIFT, OK
+from dimersweep.studies import making
+from dimersweep.work.scheduling import tile_seconds
 
-CODE = {name: k for k, name in enumerate(CODES)}
+WRITE = making.write_zarr
+THREADS = 125  # of a process of workers
+HEADS = (
+    "workers",
+    "points",
+    "points/s",
+    "busy",
+    "busy, middle half",
+    "tasks",
+    "driver, ms a task",
+    "scheduler, ms a task",
+    "us a point",
+    "written after (s)",
+    "busy of 1,000 by the model",
+)
 
 
-class StandIn:
-    """In place of the kernel: each point takes some time; notes when points end.
+def stand_in(point: float, travel: bool) -> None:
+    """Put a stand-in in place of the kernel of this process: each point takes `point` seconds, and ends are noted.
 
-    Parameters
-    ----------
-    seconds : float
-        Time of a point [s].
+    If results are to `travel`, the process is blind to the driver's disk.
     """
+    import time
 
-    def __init__(self, seconds: float) -> None:
-        self.seconds, self.lock = seconds, threading.Lock()
-        self.ends: list[tuple[float, int]] = []
+    import dimersweep.work.scheduling as tasks
+    import dimersweep.work.tiles as there
+    from dimersweep.kernel.model.layout import CODES, M_DRIFT, OK
 
-    def __call__(
-        self,
-        rows: Any,
-        periods: int,
-        rtol: float,
-        settle: bool,
-        out: Any,
-        codes: Any,
-        until: int = 0,
-        space: Any = None,
-    ) -> int:
-        time.sleep(self.seconds * len(rows))
-        out[:], codes[:, CODE["status"]], codes[:, CODE["mode"]] = rows[:, :1], OK, M_DRIFT
-        with self.lock:
-            self.ends.append((time.perf_counter(), len(rows)))
+    status, mode, attempt = CODES.index("status"), CODES.index("mode"), tasks.attempt
+    there.ends, there.tasks = [], 0
+
+    def run_many(rows, periods, rtol, settle, out, codes, until=0, space=None):  # type: ignore[no-untyped-def]
+        time.sleep(point * len(rows))
+        out[:], codes[:, status], codes[:, mode] = rows[:, :1], OK, M_DRIFT
+        there.ends.append((time.time(), len(rows)))
         return len(rows)
 
-    def busy(self, workers: int, begun: float, ended: float) -> tuple[float, float, float]:
-        """Points per second, and the share of the workers' time spent on points: in all, and in the middle half of the run."""
-        times, points = np.array(self.ends).T
-        first, last = begun + 0.25 * (ended - begun), begun + 0.75 * (ended - begun)
-        steady = points[(times > first) & (times <= last)].sum() / (last - first)
-        rate = points.sum() / (ended - begun)
-        return rate, rate * self.seconds / workers, steady * self.seconds / workers
+    def counted(*arguments, **more):  # type: ignore[no-untyped-def]
+        there.tasks += 1
+        return attempt(*arguments, **more)
+
+    there.run_many, tasks.attempt = run_many, counted
+    if travel:
+        from dimersweep.storage.shelf import Shelf
+
+        Shelf.is_here = lambda self: False
+    there.CHUNK_SECONDS = 60.0  # few calls: the threads of a process share one lock
 
 
-def measure(workers: int, seconds: float, point: float, folder: Path) -> str:
+def done() -> tuple[int, list[tuple[float, int]]]:
+    """How many tasks this process has begun; when points have ended in it, and how many."""
+    import dimersweep.work.tiles as there
+
+    return there.tasks, there.ends
+
+
+@contextmanager
+def started(*command: str) -> Iterator[psutil.Process]:
+    """A process that lives as long as the context."""
+    environment = os.environ | {"OMP_NUM_THREADS": "1", "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False"}
+    process = subprocess.Popen([sys.executable, "-m", *command], env=environment, stderr=subprocess.DEVNULL)
+    try:
+        yield psutil.Process(process.pid)
+    finally:
+        process.terminate()
+        process.wait()
+
+
+class Cluster(NamedTuple):
+    """A client, and the processes of its scheduler and its workers."""
+
+    client: Client
+    scheduler: psutil.Process
+    workers: list[psutil.Process]
+
+
+@contextmanager
+def cluster(workers: int, folder: Path) -> Iterator[Cluster]:
+    """A scheduler and so many threads of workers, in processes of `THREADS` at most."""
+    address, place = folder / "scheduler.json", str(folder)
+    share = [THREADS] * (workers // THREADS) + [workers % THREADS] * (workers % THREADS > 0)
+    with ExitStack() as stack:
+        options = "--scheduler-file", str(address)
+        scheduler = stack.enter_context(started("dask", "scheduler", *options, "--port", "0", "--no-dashboard"))
+        more = "--no-dashboard", "--no-nanny", "--local-directory", place
+        made = [
+            stack.enter_context(started("dask", "worker", *options, *more, "--nthreads", str(threads)))
+            for threads in share
+        ]
+        while not address.exists():
+            time.sleep(0.1)
+        client = stack.enter_context(Client(scheduler_file=str(address)))
+        client.wait_for_workers(len(share))
+        yield Cluster(client, scheduler, made)
+
+
+def processor_time(process: psutil.Process) -> float:
+    """Of a process, so far [s]."""
+    told = process.cpu_times()
+    return float(told.user + told.system)
+
+
+class Watch:
+    """Notes what the driver and the scheduler have used, at the start of a sweep and when its cube begins to be written."""
+
+    def __init__(self, made: Cluster) -> None:
+        self.processes = (psutil.Process(), made.scheduler)
+        self.began, self.used_before = self.now()
+        self.ended, self.used = self.began, self.used_before
+
+    def now(self) -> tuple[float, list[float]]:
+        """The time, and the processor time of each process [s]."""
+        return time.time(), [processor_time(process) for process in self.processes]
+
+    def write(self, *arguments: Any, **more: Any) -> None:
+        """Note it, and write the cube."""
+        self.ended, self.used = self.now()
+        WRITE(*arguments, **more)
+
+
+def measure(workers: int, seconds: float, point: float, folder: Path, *, travel: bool = False) -> list[str]:
     """A row of the table: a sweep whose points, of some time each, would keep so many workers at work for some time."""
     points = int(workers * seconds / point)
     grid = {"f": np.linspace(15, 25, max(2, points // 1000)), "beta0": np.linspace(0.01, 1.5, 1000)}
-    stand_in = StandIn(point)
-    dimersweep.work.tiles.run_many = stand_in
-    dimersweep.work.tiles.CHUNK_SECONDS = 60.0  # few calls: the threads that stand in for processes share one lock
-    cluster = LocalCluster(n_workers=1, threads_per_worker=workers, processes=False, dashboard_address=":0")
-    with cluster, Client(cluster) as client:
-        begun, used = time.perf_counter(), time.process_time()
-        cube = sweep(grid, periods=1, client=client, progress=False, out=folder / f"{workers}.nc")
-        ended = max(end for end, _ in stand_in.ends)
-        whole, used = time.perf_counter() - begun, time.process_time() - used
-    rate, share, steady = stand_in.busy(workers, begun, ended)
-    size = cube["mode"].size
-    return (
-        f"| {workers} | {size} | {rate:,.0f} | {100 * share:.0f} % | {100 * steady:.0f} % "
-        f"| {1e6 * used / size:.1f} | {size / used:,.0f} | {whole - (ended - begun):.1f} |"
-    )
+    with cluster(workers, folder) as made:
+        sweep({"f": [15.0, 20.0]}, periods=1, client=made.client, progress=False)  # all have loaded what they need
+        made.client.run(stand_in, point, travel)
+        watch = Watch(made)
+        making.write_zarr = watch.write
+        sweep(grid, periods=1, client=made.client, progress=False, out=folder / f"{workers}.zarr")
+        written = time.time() - watch.ended
+        tasks, ends = zip(*made.client.run(done).values(), strict=True)
+    used = np.subtract(watch.used, watch.used_before)
+    return _row(workers, point, watch.began, np.concatenate(ends), sum(tasks), used, written)
+
+
+def _row(
+    workers: int, point: float, began: float, ends: np.ndarray, tasks: int, used: np.ndarray, written: float
+) -> list[str]:
+    """A row of the table, from the times `ends` at which so many points ended, shape (n, 2), and processor time `used`."""
+    times, counts = ends.T
+    ended, points = times.max(), counts.sum()
+    first, last = began + 0.25 * (ended - began), began + 0.75 * (ended - began)
+    steady = counts[(times > first) & (times <= last)].sum() / (last - first)
+    rate = points / (ended - began)
+    return [
+        f"{workers:,}",
+        f"{points:,.0f}",
+        f"{rate:,.0f}",
+        f"{100 * rate * point / workers:.0f} %",
+        f"{100 * steady * point / workers:.0f} %",
+        f"{tasks:,}",
+        *(f"{1e3 * each / tasks:.2f}" for each in used),
+        f"{1e6 * used.sum() / points:.2f}",
+        f"{written:.1f}",
+        f"{100 * share(1000, 1e3 * used.max() / tasks):.0f} %",
+    ]
+
+
+def share(workers: int, cost: float) -> float:
+    """Of the time of `workers` that is spent on points, where a task costs the driver or the scheduler `cost` ms."""
+    return min(1.0, 1e3 * tile_seconds(workers) / (cost * workers))
 
 
 def main() -> None:
@@ -90,13 +198,13 @@ def main() -> None:
     parser.add_argument("--workers", type=int, nargs="+", default=[10, 100, 300, 1000])
     parser.add_argument("--seconds", type=float, default=60.0, help="that the workers would take, all at work")
     parser.add_argument("--point", type=float, default=1e-3, help="time of a point")
+    parser.add_argument("--travel", action="store_true", help="as if the workers did not share the driver's disk")
     given = parser.parse_args()
-    told = "workers | points | points/s | busy | busy, middle half | processor time a point (us) | points/s of one core"
-    print(f"| {told} | written after (s) |")
-    print("|---|---|---|---|---|---|---|---|")
-    with tempfile.TemporaryDirectory() as folder:
-        for workers in given.workers:
-            print(measure(workers, given.seconds, given.point, Path(folder)), flush=True)
+    print(f"| {' | '.join(HEADS)} |\n|{'---|' * len(HEADS)}")
+    for workers in given.workers:
+        with tempfile.TemporaryDirectory() as folder:
+            row = measure(workers, given.seconds, given.point, Path(folder), travel=given.travel)
+        print(f"| {' | '.join(row)} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -5,9 +5,11 @@ listed or a last line that is cut; those are told and never used.
 """
 
 import os
+import re
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import replace
 from itertools import islice, pairwise
 from pathlib import Path
 from time import perf_counter
@@ -40,11 +42,14 @@ from dimersweep.storage.manifest import (
     wanted_line,
 )
 from dimersweep.storage.provenance import as_text, cpu, differences
+from dimersweep.storage.shelf import Shelf, close_shelf, open_shelf
 from dimersweep.storage.tilefiles import Damaged, read_points, write_points
 
 FLUSH_SECONDS = 0.5  # tiles that end within this time share a file, so that fast sweeps do not wait for the disk
 DISK_SHARE = 0.05  # of the driver's time at most: a slow disk gets larger files, less often
 KEPT_FILES = 8  # that are held in memory while points are read in order
+TOLD_FILES = 5  # whose damage is told one by one
+_NAME = re.compile(r"tiles-(\d+|w[0-9a-f]{16})\.npy")  # of files that the driver has written, and of those of workers
 
 
 def folder_of(out: Path) -> Path:
@@ -78,14 +83,16 @@ class TileStore:
     def __init__(self, out: Path, manifest: Manifest, kind: np.dtype) -> None:
         self.out, self.folder, self.manifest, self.kind = out, folder_of(out), manifest, kind
         self.waiting: list[Finished] = []
+        self._unlisted: list[Entry] = []  # files of workers that the manifest does not tell of yet
         self._since = perf_counter()
         self._pause = FLUSH_SECONDS
-        self._number = max((int(path.stem.split("-")[1]) for path in self._files()), default=0)
+        numbers = (path.stem.removeprefix("tiles-") for path in self._files())
+        self._number = max((int(number) for number in numbers if number.isdigit()), default=0)
         self._cache: dict[str, dict[Tile, Finished]] = {}
         self._index: list[tuple[Tile, Entry]] = []
 
     def _files(self) -> list[Path]:
-        return [path for path in self.folder.glob("tiles-*.npy") if path.stem.split("-")[1].isdigit()]
+        return [path for path in self.folder.glob("tiles-*.npy") if _NAME.fullmatch(path.name)]
 
     @property
     def scratch(self) -> Path:
@@ -137,6 +144,8 @@ class TileStore:
             trouble.append(f"the manifest has {self.manifest.damaged} lines that are cut or damaged")
         if trouble:
             self._relist(kept)
+        if len(trouble) > TOLD_FILES:
+            trouble = [*trouble[:TOLD_FILES], f"and {len(trouble) - TOLD_FILES} more"]
         told = [f"{self.folder}: damaged results are computed again ({'; '.join(trouble)})"] if trouble else []
         if kept and self.manifest.cpu != cpu():
             told.append(
@@ -163,26 +172,61 @@ class TileStore:
     def add(self, finished: Finished) -> None:
         """Keep a finished tile; it is on disk after `FLUSH_SECONDS` (more on a slow disk), or with the next `flush`."""
         self.waiting.append(finished)
+        self._flush_in_time()
+
+    def open_shelf(self) -> Shelf:
+        """Let workers that share the disk put their results into the folder by themselves; see `enlist`.
+
+        Raises
+        ------
+        StoreError
+            If the disk refuses.
+        """
+        with told(f"{self.folder}: finished tiles", self.keeps):
+            return open_shelf(self.folder, self.manifest.sha256)
+
+    def enlist(self, entry: Entry) -> None:
+        """Have the manifest tell of a file that a worker has put into the folder, as late as `add` does.
+
+        Raises
+        ------
+        StoreError
+            If it is not there, or the disk refuses.
+        """
+        try:
+            size = os.stat(self.folder / entry.file).st_size
+        except OSError as error:
+            told = f"cannot be read, though a worker has written it ({error.strerror})"
+            raise StoreError(f"{self.folder / entry.file}: {told}; {self.keeps}") from None
+        if size != entry.size:
+            raise StoreError(
+                f"{self.folder / entry.file}: has {size} bytes in place of {entry.size}; run the same again"
+            )
+        self._unlisted.append(entry)
+        self._flush_in_time()
+
+    def _flush_in_time(self) -> None:
         if perf_counter() - self._since > self._pause:
             self.flush()
             self._pause = max(FLUSH_SECONDS, (perf_counter() - self._since) / DISK_SHARE)
 
     def flush(self) -> None:
-        """Write the tiles that wait.
+        """Write the tiles that wait, and list those that workers have written.
 
         Raises
         ------
         StoreError
             If the disk refuses; all that was written before is kept.
         """
-        if not self.waiting:
+        if not self.waiting and not self._unlisted:
             return
         now = perf_counter()
         with told(f"{self.folder}: finished tiles", self.keeps):
-            entry = self._write(self.waiting, now - self._since)
-            self._append(as_line(entry))
-        self.manifest.entries.append(entry)
-        self._index = []
+            entries = [*self._unlisted, *([self._write(self.waiting, 0.0)] if self.waiting else [])]
+            entries[-1] = replace(entries[-1], wall=now - self._since)
+            self._append(b"".join(map(as_line, entries)))
+        self.manifest.entries += entries
+        self._index, self._unlisted = [], []
         self._since, self.waiting = now, []
 
     def _append(self, line: bytes) -> None:
@@ -260,6 +304,7 @@ class TileStore:
 
     def clear(self) -> None:
         """Delete all results."""
+        close_shelf(self.folder)
         for path in (*self._files(), *self.folder.glob("*.tmp"), manifest_of(self.out)):
             delete(path)
 
@@ -267,7 +312,7 @@ class TileStore:
         """Delete the folder, but for files in it that are not this program's."""
         self.clear()
         lock_of(self.out).unlink(missing_ok=True)
-        if not any(self.folder.iterdir()):
+        with suppress(OSError):  # it holds something else
             self.folder.rmdir()
 
 
@@ -332,4 +377,5 @@ def tile_store(
                     raise
                 TileStore(out, nothing, kind).clear()
                 store = _opened(out, nothing, kind)
+            close_shelf(store.folder)  # workers may still be at work for a sweep that was killed
         yield store

@@ -9,11 +9,12 @@ from typing import Any
 from dask.system import CPU_COUNT
 
 from dimersweep.cubes.points import AnyGrid
-from dimersweep.cubes.results import Finished, Tile, not_ok
+from dimersweep.cubes.results import Finished, Tile, not_ok, tally
 from dimersweep.errors import PointError, Stopped, UnfinishedError
-from dimersweep.kernel.model.layout import CODE_MODE, CODE_STATUS, STATUS_MESSAGES, STATUSES
+from dimersweep.kernel.model.layout import CODE_STATUS, STATUS_MESSAGES, STATUSES
 from dimersweep.parameters import check_count
 from dimersweep.storage.memorystore import MemoryStore
+from dimersweep.storage.shelf import Shelf
 from dimersweep.storage.tilestore import TileStore
 from dimersweep.work.progress import Silent, tell_of_compiling, watch
 from dimersweep.work.scheduling import (
@@ -84,7 +85,7 @@ class Troubles:
 
     def note(self, made: Made) -> None:
         """Take note of what a task has brought back."""
-        if made.finished:
+        if made.done:
             self.alike = 0
         if made.broken is None:
             return
@@ -134,7 +135,7 @@ class Crew:
         for piece in pieces:
             self.store.add(piece)
             if self._pool is not None:
-                self._shown.add(piece.codes[:, CODE_MODE])
+                self._shown.add(tally(piece.codes))
         self.store.flush()
 
     def _hire(self) -> Pool:
@@ -150,10 +151,14 @@ class Crew:
             print("waiting for the first worker of the cluster", file=sys.stderr, flush=True)
         return pool
 
-    def run(
-        self, work: Work, missing: Sequence[Tile], also: Callable[[Finished], None] = lambda finished: None
-    ) -> None:
+    def _shelf(self) -> Shelf | None:
+        """Where workers of a cluster may put results by themselves."""
+        return self.store.open_shelf() if self.how.client is not None and isinstance(self.store, TileStore) else None
+
+    def run(self, work: Work, missing: Sequence[Tile], also: Callable[[Finished], None] | None = None) -> None:
         """Do `work` at the points of `missing`, and hand each tile that is finished to the store, and to `also`.
+
+        Where nobody here looks at results, workers that share the store's disk put them there by themselves.
 
         Raises
         ------
@@ -174,17 +179,22 @@ class Crew:
             troubles.note(made)
             if troubles.alike >= ALIKE or (troubles.points and self.how.fail_fast):
                 self._stop.set()
+            left -= made.done
+            if made.entry and isinstance(self.store, TileStore):
+                self.store.enlist(made.entry)
+                self._shown.add(made.entry.modes)
             for tile in made.finished:
                 self.store.add(tile)
-                also(tile)
-                left -= len(tile.results)
+                if also:
+                    also(tile)
                 if self.how.fail_fast and not_ok(tile.codes).any():
                     failures.append(_failure(work, tile))
                     self._stop.set()
-                self._shown.add(tile.codes[:, CODE_MODE])
+                self._shown.add(tally(tile.codes))
 
+        shelf = None if also or self.how.fail_fast else self._shelf()
         try:
-            run_tiles(self._pool, work, missing, pace, take, self._stop)
+            run_tiles(self._pool, work, missing, pace, take, self._stop, shelf)
         finally:
             self.store.flush()
         if failures:

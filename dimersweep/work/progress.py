@@ -7,12 +7,10 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from time import perf_counter
 
-import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from dimersweep.kernel.compiler.cache import is_compiled
-from dimersweep.kernel.model.layout import MODES
 
 LINE_SECONDS = 10.0  # between two plain lines
 COMPILE_STEP, COMPILE_TOLD = 10.0, 600.0  # between two lines while the kernel is compiled, and how long at most [s]
@@ -32,10 +30,9 @@ class Tally:
         """Number of finished points."""
         return self.modes.total()
 
-    def add(self, modes: np.ndarray) -> None:
-        """Count finished points by their mode codes, shape (n,), integers."""
-        codes, counts = np.unique(modes, return_counts=True)
-        self.modes.update({MODES[code]: int(count) for code, count in zip(codes, counts, strict=True)})
+    def add(self, modes: Mapping[str, int]) -> None:
+        """Count finished points, so many of each mode."""
+        self.modes.update(modes)
 
     def seconds_left(self) -> float:
         """Time until the end at the mean rate so far [s]."""
@@ -58,8 +55,8 @@ class Silent:
     def __init__(self, total: int, before: Mapping[str, int] | None = None) -> None:
         self.tally = Tally(total, before)
 
-    def add(self, modes: np.ndarray) -> None:
-        """Take note of finished points by their mode codes, shape (n,), integers."""
+    def add(self, modes: Mapping[str, int]) -> None:
+        """Take note of finished points, so many of each mode."""
         self.tally.add(modes)
 
     def expect(self, total: int) -> None:
@@ -76,7 +73,7 @@ class Lines(Silent):
         if before:
             print(f"going on: {self.tally.done} of {total} points are done", file=sys.stderr, flush=True)
 
-    def add(self, modes: np.ndarray) -> None:
+    def add(self, modes: Mapping[str, int]) -> None:
         """Take note, and print a line every `LINE_SECONDS` and at the end."""
         super().add(modes)
         now, tally = perf_counter(), self.tally
@@ -96,7 +93,7 @@ class Bar(Silent):
         self.display = display
         self.task = display.add_task(self.tally.words(), total=total, completed=self.tally.done)
 
-    def add(self, modes: np.ndarray) -> None:
+    def add(self, modes: Mapping[str, int]) -> None:
         """Take note and move the bar."""
         super().add(modes)
         self.display.update(self.task, completed=self.tally.done, description=self.tally.words())

@@ -4,16 +4,18 @@ import os
 import socket
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ThreadPoolExecutor, wait
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
 from math import ceil
+from queue import Empty, SimpleQueue
 from typing import Any, NamedTuple
 from uuid import uuid4
 
-from dimersweep.cubes.results import Bundle, Finished, Tile
+from dimersweep.cubes.results import Bundle, Tile
 from dimersweep.errors import KernelError, ParameterError, UserError
 from dimersweep.kernel import kernel_version
+from dimersweep.storage.shelf import Shelf
 from dimersweep.work.proving import prove
 from dimersweep.work.stopping import StopFlag, in_thread
 from dimersweep.work.tiles import (
@@ -40,12 +42,13 @@ LOST = "scheduler: the connection to the cluster is lost; what was finished is k
 
 
 class Pool(NamedTuple):
-    """Where work is done: ``submit(work, tiles, seconds)`` gives a future of a `Made`; ``workers()`` counts threads.
+    """Where work is done: ``submit(work, tiles, seconds, shelf)`` gives a future of a `Made`; ``workers()`` counts threads.
 
-    ``stop()`` has tasks end that do not see the flag of this process.
+    Those that share the disk of a shelf put their results there; there may be None. ``stop()`` has tasks end that do not
+    see the flag of this process.
     """
 
-    submit: Callable[[Work, Bundle, float], "Future[Made]"]
+    submit: Callable[[Work, Bundle, float, Shelf | None], "Future[Made]"]
     workers: Callable[[], int]
     stop: Callable[[], None] = lambda: None
 
@@ -80,13 +83,12 @@ class Pace:
         """How many tasks may be under way: as long as nothing is known of their time, no more than there are workers."""
         return (IN_FLIGHT if self.seen else 1) * max(1, self.workers())
 
-    def note(self, finished: Sequence[Finished]) -> None:
-        """Learn from what a task has brought back."""
-        points = sum(len(tile.results) for tile in finished)
+    def note(self, points: int, seconds: float) -> None:
+        """Learn from what a task has done: so many points in so much time [s]."""
         if not points:
             return
         self.seen += points
-        aim = int(self.seconds * points / max(sum(tile.seconds for tile in finished), 1e-6))
+        aim = int(self.seconds * points / max(seconds, 1e-6))
         longest = ceil(self.size / (TILES_PER_WORKER * max(1, self.workers())))
         self.length = max(1, min(aim, GROWTH * self.seen, longest))
 
@@ -130,7 +132,8 @@ def threads(workers: int, stop: StopFlag) -> Iterator[Pool]:
     executor = ThreadPoolExecutor(workers, thread_name_prefix="dimersweep")
     try:
         yield Pool(
-            lambda work, tiles, seconds: executor.submit(attempt, work, tiles, stop, seconds=seconds), lambda: workers
+            lambda work, tiles, seconds, shelf: executor.submit(attempt, work, tiles, stop, seconds=seconds),
+            lambda: workers,
         )
     finally:
         stop.set()
@@ -145,8 +148,12 @@ def stop_elsewhere(asker: str) -> None:
     _flags.setdefault(asker, StopFlag()).set()
 
 
-def run_elsewhere(work: Work, tiles: Bundle, shift: int, seconds: float, version: str, asker: str) -> Made:
+def run_elsewhere(
+    work: Work, tiles: Bundle, shift: int, seconds: float, version: str, asker: str, shelf: Shelf | None = None
+) -> Made:
     """Run tiles in a worker process, if that has the same kernel as the process that asks, and it works there.
+
+    If it sees the `shelf`, results are put there, and what is brought back tells of their file.
 
     Raises
     ------
@@ -161,7 +168,9 @@ def run_elsewhere(work: Work, tiles: Bundle, shift: int, seconds: float, version
         prove()
     except KernelError as error:
         raise KernelError(f"scheduler: worker process {os.getpid()} on {socket.gethostname()}: {error}") from None
-    return attempt(work, tiles, _flags.setdefault(asker, StopFlag()), shift, seconds)
+    made = attempt(work, tiles, _flags.setdefault(asker, StopFlag()), shift, seconds)
+    entry = shelf.keep(made.finished) if shelf and made.finished else None
+    return Made([], made.broken, entry) if entry else made
 
 
 def _other_kernel(who: str, theirs: str, ours: str) -> str:
@@ -219,10 +228,10 @@ def cluster(client: Any) -> Iterator[Pool]:
                 counted, count = time.monotonic(), sum(client.nthreads().values())
         return count
 
-    def submit(work: Work, tiles: Bundle, seconds: float) -> "Future[Made]":
+    def submit(work: Work, tiles: Bundle, seconds: float, shelf: Shelf | None) -> "Future[Made]":
         # the task carries its points along: data scattered beforehand could die with a worker
         with _connection():
-            return executor.submit(run_elsewhere, *work.narrowed(tiles), seconds, kernel_version(), asker)
+            return executor.submit(run_elsewhere, *work.narrowed(tiles), seconds, kernel_version(), asker, shelf)
 
     def stop() -> None:
         with suppress(Exception):  # of a connection that is lost
@@ -265,7 +274,13 @@ def outcome(future: "Future[Made]", tiles: Bundle) -> Made:
 
 
 def run_tiles(
-    pool: Pool, work: Work, missing: Iterable[Tile], pace: Pace, take: Callable[[Made], None], stop: StopFlag
+    pool: Pool,
+    work: Work,
+    missing: Iterable[Tile],
+    pace: Pace,
+    take: Callable[[Made], None],
+    stop: StopFlag,
+    shelf: Shelf | None = None,
 ) -> None:
     """Do `work` at the points of `missing`, in tasks as `pace` says, and hand what each brings back to `take`.
 
@@ -274,6 +289,7 @@ def run_tiles(
     back with the points they have.
     """
     running: dict[Future[Made], Bundle] = {}
+    done: SimpleQueue[Future[Made]] = SimpleQueue()  # to wait for each of thousands takes far longer
     undone: deque[Bundle] = deque()
     tasks = bundles(missing, pace)
     while not stop.is_set():
@@ -281,13 +297,16 @@ def run_tiles(
             task = undone.popleft() if undone else next(tasks, ())
             if not task:
                 break
-            running[pool.submit(work, task, pace.seconds)] = task
+            future = pool.submit(work, task, pace.seconds, shelf)
+            running[future] = task
+            future.add_done_callback(done.put)
         if not running:
             return
-        for future in wait(running, timeout=POLL, return_when=FIRST_COMPLETED).done:
+        with suppress(Empty):
+            future = done.get(timeout=POLL)
             task = running.pop(future)
             made = outcome(future, task)
-            pace.note(made.finished)
+            pace.note(made.done, made.seconds)
             if left := after(task, made.points):
                 undone.append(left)
             take(made)

@@ -15,6 +15,7 @@ from dimersweep.kernel.model.layout import (
     M_FAILED,
     M_UNRESOLVED,
 )
+from dimersweep.storage.manifest import Entry
 from dimersweep.work.stopping import StopFlag
 
 TILE_SECONDS = 0.5  # at least: long against the cost of a task (4 ms), short against what a kill may cost
@@ -40,16 +41,29 @@ class Broken(NamedTuple):
 
 
 class Made(NamedTuple):
-    """What a task brings back: what it has done of its tiles, in their order, and what broke it off, if anything did."""
+    """What a task brings back: what it has done of its tiles, in their order, and what broke it off, if anything did.
+
+    In place of results a worker may bring the `entry` of the file that it has written of them.
+    """
 
     finished: list[Finished]
     broken: Broken | None = None
+    entry: Entry | None = None
+
+    @property
+    def done(self) -> int:
+        """Number of points that are done."""
+        return self.entry.points if self.entry else sum(len(tile.results) for tile in self.finished)
 
     @property
     def points(self) -> int:
         """Number of points that are done or broken: the first ones of the task."""
-        done = sum(len(tile.results) for tile in self.finished)
-        return done + (self.broken.points if self.broken else 0)
+        return self.done + (self.broken.points if self.broken else 0)
+
+    @property
+    def seconds(self) -> float:
+        """Time of the points that are done [s]."""
+        return self.entry.seconds if self.entry else sum(tile.seconds for tile in self.finished)
 
 
 def count(tiles: Iterable[Tile]) -> int:
