@@ -1,7 +1,8 @@
 """Cubes larger than memory: Zarr groups of the same layout, written block after block of grid points."""
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from dimersweep.errors import StoreError
 from dimersweep.storage.files import delete, sync, told
 
 CHUNK_POINTS = 1 << 18  # 2 MB a variable and chunk
+WRITERS = 4  # threads at most: each holds a block of some 100 MB, and the disk is soon the limit
 
 
 def is_zarr(path: Path) -> bool:
@@ -78,8 +80,11 @@ def write_zarr(
     *,
     scratch: Path,
     kept: str,
+    workers: int = WRITERS,
 ) -> None:
     """Write the cube of a grid block by block into `scratch`, on the same disk, which then takes the name `path`.
+
+    Blocks are read one after the other, and written by threads.
 
     Parameters
     ----------
@@ -92,6 +97,8 @@ def write_zarr(
         A group that is at `path` already is replaced.
     kept : str
         What the message of an error tells of results that are not lost.
+    workers : int
+        Threads that may be used.
 
     Raises
     ------
@@ -104,14 +111,17 @@ def write_zarr(
     with told(f"out = {path}", kept), zarr.config.set({"array.write_empty_chunks": True}):
         delete(scratch)
         _template(grid, attributes, read(0, 0).dtype).to_zarr(scratch, mode="w", compute=False, consolidated=False)
-        for tile, where in blocks(grid.shape):
+        arrays = dict(zarr.open_group(scratch, mode="r+").arrays())
+
+        def write(results: np.ndarray, where: tuple[slice, ...]) -> None:
             axes = {name: values[part] for (name, values), part in zip(grid.axes.items(), where, strict=True)}
-            results = read(*tile)
-            block = build(Grid(axes, {}), results["out"], results["codes"], {}, beyond(results)).drop_vars(list(axes))
-            block.to_zarr(scratch, region=dict(zip(axes, where, strict=True)), mode="r+", consolidated=False)
-        for folder, _, names in os.walk(scratch):
-            for name in names:
-                sync(Path(folder, name))
+            block = build(Grid(axes, {}), results["out"], results["codes"], {}, beyond(results))
+            for name, variable in block.data_vars.items():
+                arrays[str(name)][where] = variable.values
+
+        files = (Path(folder, name) for folder, _, names in os.walk(scratch) for name in names)
+        _each(workers, write, ((read(*tile), where) for tile, where in blocks(grid.shape)))
+        _each(workers, sync, ((file,) for file in files))
         former = scratch.with_name("former.tmp")
         delete(former)
         if path.exists():
@@ -119,6 +129,20 @@ def write_zarr(
         scratch.replace(path)
         sync(path.parent)
         delete(former)
+
+
+def _each(workers: int, call: Callable[..., None], given: Iterable[tuple[Any, ...]]) -> None:
+    """Make a call with each of `given` in threads, `WRITERS` at most; what is given is asked for when its turn comes."""
+    most, running = min(workers, WRITERS), set[Future[None]]()
+    with ThreadPoolExecutor(most) as threads:
+        for arguments in given:
+            if len(running) == most:
+                done, running = wait(running, return_when=FIRST_COMPLETED)
+                for future in done:
+                    future.result()
+            running.add(threads.submit(call, *arguments))
+        for future in running:
+            future.result()
 
 
 def _template(grid: AnyGrid, attributes: Mapping[str, Any], kind: np.dtype) -> xr.Dataset:

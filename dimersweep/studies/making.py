@@ -116,8 +116,8 @@ class UnfinishedCube:
     def write_blocks(self, told: Mapping[str, Any]) -> xr.Dataset:
         """Write it as Zarr, block by block, with the global attributes `told`; returns it opened again."""
         assert isinstance(self.store, TileStore)
-        out = self.store.out
-        write_zarr(self.study.grid, self.store.read, told, out, scratch=self.store.scratch, kept=self.store.keeps)
+        out, read, scratch, kept = self.store.out, self.store.read, self.store.scratch, self.store.keeps
+        write_zarr(self.study.grid, read, told, out, scratch=scratch, kept=kept, workers=self.options.how.workers)
         self._tidy_up(self.store)
         return open_cube(out)
 
