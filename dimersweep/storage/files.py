@@ -22,7 +22,7 @@ def sync(path: Path) -> None:
         os.close(handle)
 
 
-def put(path: Path, parts: Iterable[bytes]) -> None:
+def put(path: Path, parts: Iterable[bytes | memoryview]) -> None:
     """Write a file of `parts`: to a temporary name beside `path`, on the disk, and then under its name in one step."""
     temporary = path.with_name(f"{path.name}.tmp")
     temporary.unlink(missing_ok=True)

@@ -54,9 +54,10 @@ def write_points(path: Path, pieces: Sequence[Finished], configuration_sha256: s
     pieces = sorted(pieces, key=lambda finished: finished.tile)
     sha256, size, modes = hashlib.sha256(), 0, Counter[str]()
 
-    def parts() -> Iterator[bytes]:
+    def parts() -> Iterator[memoryview]:
         nonlocal size
-        for part in chain([_header(pieces)], (finished.results.tobytes() for finished in pieces)):
+        contents = (np.ascontiguousarray(finished.results).view(np.uint8) for finished in pieces)
+        for part in chain([memoryview(_header(pieces))], (content.data for content in contents)):
             sha256.update(part)
             size += len(part)
             yield part
@@ -93,12 +94,15 @@ def read_points(folder: Path, entry: Entry, kind: np.dtype) -> list[Finished]:
         raise Damaged(f"has {len(written)} bytes in place of {entry.size}")
     if hashlib.sha256(written).hexdigest() != entry.sha256:
         raise Damaged("has other bytes than were written")
+    buffer = io.BytesIO(written)
     try:
-        points = np.load(io.BytesIO(written), allow_pickle=False)
+        np.lib.format.read_magic(buffer)
+        shape, _, dtype = np.lib.format.read_array_header_1_0(buffer)
     except (ValueError, EOFError):
         raise Damaged("is no file of results") from None
-    if points.dtype != kind or points.shape != (entry.points,):
+    if dtype != kind or shape != (entry.points,) or entry.size - buffer.tell() != entry.points * kind.itemsize:
         raise Damaged("has results of another shape")
+    points = np.frombuffer(written, kind, offset=buffer.tell())  # no copy, as files may be large
     modes = points["codes"][:, CODE_MODE]
     if (modes == M_NOT_RUN).any():
         raise Damaged("has points that were not run")

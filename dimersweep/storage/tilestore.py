@@ -47,7 +47,8 @@ from dimersweep.storage.tilefiles import Damaged, read_points, write_points
 
 FLUSH_SECONDS = 0.5  # tiles that end within this time share a file, so that fast sweeps do not wait for the disk
 DISK_SHARE = 0.05  # of the driver's time at most: a slow disk gets larger files, less often
-KEPT_FILES = 8  # that are held in memory while points are read in order
+FLUSH_BYTES = 1 << 26  # of tiles that wait: a larger file would take memory, and save no time
+KEPT_BYTES = 1 << 28  # of files that are held in memory while points are read in order
 TOLD_FILES = 5  # whose damage is told one by one
 _NAME = re.compile(r"tiles-(\d+|w[0-9a-f]{16})\.npy")  # of files that the driver has written, and of those of workers
 
@@ -83,12 +84,14 @@ class TileStore:
     def __init__(self, out: Path, manifest: Manifest, kind: np.dtype) -> None:
         self.out, self.folder, self.manifest, self.kind = out, folder_of(out), manifest, kind
         self.waiting: list[Finished] = []
+        self._waiting_bytes = 0
         self._unlisted: list[Entry] = []  # files of workers that the manifest does not tell of yet
         self._since = perf_counter()
         self._pause = FLUSH_SECONDS
         numbers = (path.stem.removeprefix("tiles-") for path in self._files())
         self._number = max((int(number) for number in numbers if number.isdigit()), default=0)
-        self._cache: dict[str, dict[Tile, Finished]] = {}
+        self._cache: dict[str, tuple[int, dict[Tile, Finished]]] = {}  # bytes and pieces of files
+        self._cached = 0  # bytes of all of them
         self._index: list[tuple[Tile, Entry]] = []
 
     def _files(self) -> list[Path]:
@@ -172,6 +175,7 @@ class TileStore:
     def add(self, finished: Finished) -> None:
         """Keep a finished tile; it is on disk after `FLUSH_SECONDS` (more on a slow disk), or with the next `flush`."""
         self.waiting.append(finished)
+        self._waiting_bytes += finished.results.nbytes
         self._flush_in_time()
 
     def open_shelf(self) -> Shelf:
@@ -206,7 +210,7 @@ class TileStore:
         self._flush_in_time()
 
     def _flush_in_time(self) -> None:
-        if perf_counter() - self._since > self._pause:
+        if perf_counter() - self._since > self._pause or self._waiting_bytes > FLUSH_BYTES:
             self.flush()
             self._pause = max(FLUSH_SECONDS, (perf_counter() - self._since) / DISK_SHARE)
 
@@ -227,7 +231,7 @@ class TileStore:
             self._append(b"".join(map(as_line, entries)))
         self.manifest.entries += entries
         self._index, self._unlisted = [], []
-        self._since, self.waiting = now, []
+        self._since, self.waiting, self._waiting_bytes = now, [], 0
 
     def _append(self, line: bytes) -> None:
         append(manifest_of(self.out), line, self.manifest.length)
@@ -286,13 +290,15 @@ class TileStore:
 
     def _pieces(self, entry: Entry) -> dict[Tile, Finished]:
         if entry.file not in self._cache:
-            while len(self._cache) >= KEPT_FILES:
-                del self._cache[next(iter(self._cache))]
+            while self._cache and self._cached + entry.size > KEPT_BYTES:
+                self._cached -= self._cache.pop(next(iter(self._cache)))[0]
             try:
-                self._cache[entry.file] = {piece.tile: piece for piece in read_points(self.folder, entry, self.kind)}
+                pieces = {piece.tile: piece for piece in read_points(self.folder, entry, self.kind)}
             except Damaged as error:
                 raise StoreError(f"{self.folder / entry.file}: {error}; run the same again") from None
-        return self._cache[entry.file]
+            self._cache[entry.file] = entry.size, pieces
+            self._cached += entry.size
+        return self._cache[entry.file][1]
 
     def modes(self) -> dict[str, int]:
         """Tally of the points on disk."""
