@@ -111,9 +111,9 @@ def _(scene: Scene) -> None:
 @attack("killed: while it replaces a Zarr cube")
 def _(scene: Scene) -> None:
     as_zarr(scene)
-    scene.run()
-    scene.declare(scene_text(scene).replace("periods = 60", "periods = 61"))
-    scene.run()
+    scene.complete()
+    scene.declare(scene.text.replace("periods = 60", "periods = 61"))
+    scene.complete()
     pid = scene.start("--force")
     time.sleep(scene.rng.uniform(0.5, 1.5) * scene.length)
     os.kill(pid, signal.SIGKILL)
@@ -121,11 +121,6 @@ def _(scene: Scene) -> None:
     scene.kills += 1
     scene.declare()
     scene.again = ("--force",)
-
-
-def scene_text(scene: Scene) -> str:
-    """What is declared."""
-    return (scene.folder / "sweep.toml").read_text()
 
 
 # --- limits and disks ---------------------------------------------------------------------------------------------------
@@ -322,13 +317,13 @@ for _what, _damage in (("a bit is flipped in", flip), ("the end is cut from", cu
 
     @attack(f"{_what} the numbers of a NetCDF cube")
     def _(scene: Scene, damage: Callable[[Path, random.Random], None] = _damage) -> None:
-        scene.run()
+        scene.complete()
         damage(scene.cube, scene.rng)
 
     @attack(f"{_what} a chunk of a Zarr cube")
     def _(scene: Scene, damage: Callable[[Path, random.Random], None] = _damage) -> None:
         as_zarr(scene)
-        scene.run()
+        scene.complete()
         damage(scene.rng.choice(sorted(path for path in scene.cube.rglob("c/*") if path.is_file())), scene.rng)
 
 
@@ -409,7 +404,7 @@ def _(scene: Scene) -> None:
 
 @attack("two tiles are swapped")
 def _(scene: Scene) -> None:
-    scene.begin(0.8)
+    scene.begin()
     one, other = a_tile(scene), a_tile(scene)
     first, second = one.read_bytes(), other.read_bytes()
     one.write_bytes(second)
@@ -418,7 +413,7 @@ def _(scene: Scene) -> None:
 
 @attack("tiles of another sweep")
 def _(scene: Scene) -> None:
-    scene.declare(scene_text(scene).replace("xdot0 = 1", "xdot0 = 2"))
+    scene.declare(scene.text.replace("xdot0 = 1", "xdot0 = 2"))
     scene.begin()
     scene.declare()
 
@@ -503,7 +498,7 @@ def with_kernel(scene: Scene, module: str, kernel: Callable[..., int]) -> str | 
         import dimersweep.work.tiles
 
         dimersweep.work.proving.proof.cache_clear()
-        getattr(dimersweep, module).run_many = kernel
+        getattr(dimersweep.work, module).run_many = kernel
 
     code = scene.run(before=before)
     if code == 0 or not line_of(scene.told()) or scene.cube.exists():
@@ -575,7 +570,7 @@ for _name, (_old, _new) in DECLARED.items():
 
     @attack(f"declared: {_name}")
     def _(scene: Scene, old: str = _old, new: str = _new) -> None:
-        text = scene_text(scene).replace(old, new)
+        text = scene.text.replace(old, new)
         if new.endswith("40000000"):
             text = text.replace("[15, 20, 25]", "{ start = 15, stop = 25, num = 2500 }")
         scene.declare(text)
@@ -632,7 +627,7 @@ for _name, _make in CUBES.items():
 
     @attack(f"a cube that is {_name}")
     def _(scene: Scene, make: Callable[[Scene], Any] = _make) -> str | None:
-        scene.run()
+        scene.complete()
         make(scene)
         before = scene.cube.read_bytes()
         code, told = scene.run(), scene.told()
@@ -660,7 +655,7 @@ def _(scene: Scene) -> str | None:
 @attack("a Zarr cube whose description is forged")
 def _(scene: Scene) -> None:
     as_zarr(scene)
-    scene.run()
+    scene.complete()
     path = scene.rng.choice(sorted(scene.cube.rglob("zarr.json")))
     path.write_text(scene.rng.choice(["{", "[]", "null", '{"zarr_format": 9}', "[" * 50_000, ""]))
 
@@ -668,7 +663,7 @@ def _(scene: Scene) -> None:
 @attack("a chunk of a Zarr cube is removed")
 def _(scene: Scene) -> None:
     as_zarr(scene)
-    scene.run()
+    scene.complete()
     scene.rng.choice(sorted(path for path in scene.cube.rglob("c/*") if path.is_file())).unlink()
 
 

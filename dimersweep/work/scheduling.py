@@ -33,6 +33,7 @@ POLL = 0.1  # seconds between two looks at the flag
 CONNECT_SECONDS = 10.0  # to find a scheduler
 COUNT_SECONDS = 5.0  # between two counts of the workers of a cluster, which may come and go
 GROWTH = 4  # a task has at most this many times the points that have come back in all
+MOST = 1 << 18  # points of a task, however quick they are: its results take 50 MB of whoever holds them
 TILES_PER_WORKER = 4  # at least, so that no worker idles for long at the end
 TASK_SECONDS = (
     0.004  # that a task costs driver and scheduler at most: with many workers, tasks are long enough for these
@@ -90,7 +91,7 @@ class Pace:
         self.seen += points
         aim = int(self.seconds * points / max(seconds, 1e-6))
         longest = ceil(self.size / (TILES_PER_WORKER * max(1, self.workers())))
-        self.length = max(1, min(aim, GROWTH * self.seen, longest))
+        self.length = max(1, min(aim, GROWTH * self.seen, longest, MOST))
 
 
 def bundles(ranges: Iterable[Tile], pace: Pace) -> Iterator[Bundle]:
