@@ -10,6 +10,7 @@ import argparse
 import hashlib
 import os
 import random
+import resource
 import shutil
 import signal
 import sys
@@ -268,6 +269,12 @@ def references_in(folder: Path, stock: Stock) -> tuple[dict[str, Path], float]:
     return found, length
 
 
+def spent() -> tuple[float, float]:
+    """The time, and that of processors which children have used [s]."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return time.monotonic(), used.ru_utime + used.ru_stime
+
+
 def main() -> None:
     """Attack, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -287,7 +294,7 @@ def main() -> None:
     chosen = {name: attack for name, attack in ATTACKS.items() if given.only in name}
     verdicts: dict[str, Counter[str]] = {name: Counter() for name in chosen}
     told: dict[str, str] = {}
-    kills = 0
+    kills, started = 0, spent()
     memory = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None  # kills need no disk that is slow to write
     with tempfile.TemporaryDirectory(dir=memory) as folder:
         stock = Stock(Path(folder, "stock"))
@@ -306,16 +313,17 @@ def main() -> None:
             return scene.kills
 
         for name in chosen:
-            begun = time.monotonic()
+            begun = spent()
             kills += sum(once(name, number) for number in range(given.times))
-            each = (time.monotonic() - begun) / max(given.times, 1)
-            print(f"{_row(name, verdicts[name], told[name])}  {each:.1f} s", flush=True)
+            wall, used = ((after - before) / given.times for after, before in zip(spent(), begun, strict=True))
+            print(f"{_row(name, verdicts[name], told[name])}  {wall:.1f} s, {used:.1f} s on a core", flush=True)
         number, killers = given.times, [name for name in chosen if "killed" in name]
         while killers and kills < given.kills:
             kills += once(killers[number % len(killers)], number)
             number += 1
     failed = [name for name in chosen if verdicts[name]["FAILED"]]
     made = sum(counter.total() for counter in verdicts.values())
+    print(f"{time.monotonic() - started[0]:.0f} s, {spent()[1] - started[1]:.0f} s of processors")
     print(f"{len(chosen)} attacks, {made} times in all, {kills} random kills: {len(failed) or 'none'} did not hold")
     for name in failed:
         print(_row(name, verdicts[name], told[name]))

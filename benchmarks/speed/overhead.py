@@ -5,6 +5,9 @@ the time of the whole call over the sum of the kernel's times shared among the t
 that of one. The sum of kernel times is measured around the calls of the compiled code, on the threads that make them. Where the
 kernel was not on a core all that time, other programs were at work, and the scaling says nothing.
 
+With ``--paired`` the processor time of a whole sweep, on one thread and on two, is compared with that of one plain call of the
+compiled code for the same points, in turn: other programs change little of that.
+
 Ends with 1 if the overhead with two threads or the scaling misses its limit, and with 2 if the machine was too busy to tell.
 """
 
@@ -15,18 +18,22 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 from statistics import median
-from time import perf_counter, thread_time
+from time import perf_counter, process_time, thread_time
 from typing import Any
 
 import dimersweep.runs.solving
 import dimersweep.studies.certifying
 import dimersweep.work.tiles
 from dimersweep import sweep
+from dimersweep.cubes.cube import blank
+from dimersweep.kernel.batch import run_many
 from dimersweep.studies import declaration
 from dimersweep.studies.datasets import make
+from dimersweep.studies.sweep_spec import Spec
 
 ROOT = Path(__file__).resolve().parents[2]
 OVERHEAD, SCALING = 1.1, 1.7  # limits: below, above
+PAIRED = 1.03  # limit of the overhead in processor time
 ON_CORE = 0.95  # share of the kernel's time on a processor, below which the machine was busy
 CALLS = (  # of compiled code, by those who run points, certify them, and record paths
     (dimersweep.work.tiles, "run_many"),
@@ -66,13 +73,44 @@ def measure(declared: declaration.Declaration, workers: int, clock: KernelClock)
         return perf_counter() - begun, clock.seconds, clock.cpu
 
 
+def plain(spec: Spec) -> float:
+    """Processor time of one call of the compiled code for all points of a sweep [s]."""
+    rows, (out, codes) = spec.grid.rows(0, spec.grid.size), blank(spec.grid.size)
+    begun = process_time()
+    run_many(rows, spec.periods, spec.rtol, spec.stop_when_settled, out, codes)
+    return process_time() - begun
+
+
+def paired(declared: declaration.Declaration, rounds: int) -> int:
+    """Compare sweeps with plain calls, in processor time; 0 if the limit holds."""
+    spec = declared.study()
+    assert isinstance(spec, Spec), "paired: is for sweeps of a whole grid"
+    ratios: dict[int, list[float]] = {1: [], 2: []}
+    for number in range(rounds):
+        for workers in (1, 2) if number % 2 == 0 else (2, 1):
+            before = plain(spec)
+            with tempfile.TemporaryDirectory() as folder:
+                begun = process_time()
+                make(declared, Path(folder, "cube.nc"), workers=workers, progress=False)
+                whole = process_time() - begun
+            ratios[workers].append(2 * whole / (before + plain(spec)))
+    for workers, found in ratios.items():
+        each = ", ".join(f"{ratio:.3f}" for ratio in found)
+        print(f"{workers} threads: processor time of the sweep over that of plain calls {median(found):.3f} ({each})")
+    return 0 if max(map(median, ratios.values())) < PAIRED else 1
+
+
 def main() -> None:
     """Print the medians."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--sweep", type=Path, default=ROOT / "sweeps" / "fig07.toml")
+    parser.add_argument("--paired", action="store_true", help="compare processor times with those of plain calls")
     given = parser.parse_args()
     declared = declaration.read_declaration(given.sweep)
+    if given.paired:
+        sweep({"f": [15, 20]}, periods=2, progress=False)  # compiles
+        sys.exit(paired(declared, given.rounds))
     clock = KernelClock()
     for module, name in CALLS:
         setattr(module, name, clock.before(getattr(module, name)))
