@@ -1,6 +1,8 @@
 """Who may import whom, where import-linter does not look: the tests, and the programs that measure."""
 
 import ast
+import subprocess
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -38,3 +40,14 @@ def test_a_program_imports_its_room_and_what_it_shares_with_the_tests(room):
             assert PROGRAMS.get(first, room) == room, f"{path}: {name}"
             if first == "tests":
                 assert rest[0] in {"checks", "oracle", "limits"}, f"{path}: {name}"
+
+
+@pytest.mark.skipif(not (ROOT / ".git").exists(), reason="not a checkout")
+def test_all_that_is_kept_here_is_shipped_in_the_source_distribution():
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, check=True, capture_output=True, text=True).stdout.split()
+    builds = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]["sdist"]
+    always = {"pyproject.toml", ".gitignore"}  # hatchling's own choice
+    assert {name.split("/")[0] for name in listed} == {*builds["include"], *always}
+    # a folder that a link shows twice is packed once, unless it is asked for by name
+    links = [ROOT / name for name in listed if (ROOT / name).is_symlink()]
+    assert {str(link.resolve().relative_to(ROOT)) for link in links} == set(builds["force-include"])

@@ -130,7 +130,7 @@ def test_both_peers_on_heyoka_agree_with_the_engine_at_tight_tolerance(name):
 def test_the_peer_with_its_own_law_takes_nothing_of_the_engines_but_its_numbering():
     pytest.importorskip("heyoka")
     for name in ("passage", "blow", "forces", "chatter", "law", "phases"):
-        module = importlib.import_module(f"peers.{name}")
+        module = importlib.import_module(name)
         homes = {getattr(thing, "__module__", "") or "" for thing in vars(module).values()}
         assert not [home for home in homes if home.startswith("dimersweep")]
 
