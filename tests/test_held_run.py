@@ -47,19 +47,15 @@ def test_two_parts_are_one_run_bit_for_bit(scene, parts):
 
 
 def test_two_parts_of_random_runs_are_one_run():
-    """Bit for bit in nine of ten; to the accuracy where the choice of a contact, or the measure of slow, begins anew."""
-    rng, exact = np.random.default_rng(3), 0
-    for _ in range(60):
+    """Bit for bit: some were much faster before the cut, by which their impacts are slow, or had chosen a contact there."""
+    rng = np.random.default_rng(3)
+    for _ in range(250):
         scene = {"e": rng.uniform(0, 0.9), "Gamma": rng.uniform(0.2, 1.3), "f": rng.uniform(8, 40)}
         scene |= {"beta0": rng.uniform(0, 1.5), "xdot0": rng.uniform(-1, 1), "phi0": rng.uniform(0, 6)}
         cut = int(rng.integers(1, 12))
         whole, parts = simulate(**scene, periods=12), simulate(**scene, periods=cut).go_on(12 - cut)
-        exact += parts.events.identical(whole.events)
-        assert parts.n_periods == whole.n_periods
-        soon = (cut + 0.1) / scene["f"]
-        for name in ("x1", "theta", "beta", "gap_1"):
-            assert parts.states(soon)[name].item() == pytest.approx(whole.states(soon)[name].item(), abs=1e-6)
-    assert exact >= 54
+        same_runs(parts, whole)
+        assert parts.events.identical(whole.events), scene
 
 
 @pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)

@@ -25,10 +25,9 @@ BUDGET, BUDGET_PER_PERIOD = 5_000_000, 100_000
     CONTACT_BEFORE,  # contact state of Table 1 before the event
     HOP_TIME,  # time that the hops take which the close of a chatter sums; below zero if none were [s]
     FORCED,  # impacts without collision in a row
-    FASTEST,  # greatest speed in the plate's frame so far [m/s]
     PERIOD_EVENTS,  # number of events when the forcing period began
     REST_EVENTS,  # number of events when it was known that the dimer rests for good, -1 before
-) = range(13)
+) = range(12)
 NO, YES = 0.0, 1.0
 
 # rows of the work array beyond those of a contact step, and the meter's
@@ -119,5 +118,5 @@ def begin_course(course, contact, cause, events):
     course[STATUS], course[ENDED] = OK, NO
     course[PENDING], course[HOLD_IS_LOST], course[CONTACT_IS_SET], course[SLIP_TOL] = YES, NO, NO, 0.0
     course[CAUSE], course[CONTACT_BEFORE], course[HOP_TIME] = cause, contact, 0.0
-    course[FORCED], course[FASTEST] = 0.0, 0.0
+    course[FORCED] = 0.0
     course[PERIOD_EVENTS], course[REST_EVENTS] = events, -1.0

@@ -23,7 +23,6 @@ from dimersweep.kernel.course import (
     CONTACT_BEFORE,
     CONTACT_IS_SET,
     ENDED,
-    FASTEST,
     FORCED,
     HOLD_IS_LOST,
     HOP_TIME,
@@ -89,6 +88,8 @@ from dimersweep.kernel.smooth_motion import (
     only_grazes,
 )
 from dimersweep.kernel.verdict.classify import (
+    S_FASTEST,
+    SCALARS,
     note_impact,
     note_landings,
     note_period,
@@ -169,12 +170,12 @@ def resolve_impact(dm, ask, motion, record):
     bool
         Whether the run goes on.
     """
-    state, modes, course = motion.state, motion.modes, motion.course
+    state, modes, past, course = motion.state, motion.modes, motion.past, motion.course
     record.counts[EVENTS] += 1
     if state[D1] == state[D2]:
         charge(motion.meter, DOUBLE_COST)
     energy = kinetic(dm, state)
-    course[FASTEST] = max(course[FASTEST], sqrt(2.0 * energy * dm.im))
+    past[SCALARS, S_FASTEST] = max(past[SCALARS, S_FASTEST], sqrt(2.0 * energy * dm.im))
     course[STATUS] = noted_impact(dm, ask, motion, record)
     if course[STATUS] != OK:
         return False
@@ -205,7 +206,7 @@ def noted_impact(dm, ask, motion, record):
     state, past, course = motion.state, motion.past, motion.course
     double = state[D1] == 0.0 and state[D2] == 0.0
     end, begins = note_landings(dm, past, state)
-    status, rows = collide(dm, state, motion.modes, ask.rtol, course[FASTEST], motion.work, record.log)
+    status, rows = collide(dm, state, motion.modes, ask.rtol, past[SCALARS, S_FASTEST], motion.work, record.log)
     note_impact(dm, state, past, double, end, begins)
     note_impact_phases(record, state, rows, course[CONTACT_BEFORE])
     return status

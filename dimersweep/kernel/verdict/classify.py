@@ -70,6 +70,7 @@ SCALARS, STROBES, DOUBLES, LANDINGS = 0, 2, 2 + RING, 2 + 2 * RING
 PAST_ROWS, PAST_COLUMNS = 2 + 3 * RING, 24
 # scalars
 S_OFF_1, S_OFF_2, S_DOWN_1, S_DOWN_2, S_DOUBLES, S_LANDINGS, S_STROBES, S_CLOSED = range(8)
+S_FASTEST = 8  # greatest speed in the plate's frame so far [m/s], by which an impact is slow
 RUNS = 1  # this row holds, in column p, for how many periods the motion has repeated with period p
 # columns of a strobe
 P_D1, P_D2, P_N1, P_N2, P_DOWN_1, P_DOWN_2, P_DOUBLES, P_TIME, P_OFF_1, P_OFF_2 = range(10)
