@@ -94,7 +94,7 @@ def test_nothing_is_replaced_unless_forced(call, fake_kernel):
         (
             "[plot]",
             "[plott]",
-            "plott: unknown key; did you mean plot? (allowed: sweep, grid, fixed, search, refine, paths, plot)",
+            "plott: unknown key; did you mean plot? (allowed: sweep, grid, points, fixed, search, refine, paths, plot)",
         ),
         ("periods = 200", "", "sweep.periods: is missing"),
         ("periods = 200", "periods = 0", "sweep.periods = 0: must be a whole number >= 1"),

@@ -122,7 +122,7 @@ def as_written(field):
     """The default of a key as the page has it."""
     if field.is_required():
         return "required"
-    default = field.get_default()
+    default = field.get_default(call_default_factory=True)
     return "none" if default is None else default if isinstance(default, str) else json.dumps(default)
 
 
@@ -143,11 +143,13 @@ def test_the_page_on_sweep_files_has_every_kind_of_picture():
     assert set(rows) == set(KINDS)
 
 
-def test_the_sweep_file_of_the_page_is_one(tmp_path):
-    (block,) = re.findall(r"```toml\n(.*?)```", text_of("docs/sweepfile.md"), re.DOTALL)
+def test_the_sweep_files_of_the_page_are_some(tmp_path):
+    grid, points = re.findall(r"```toml\n(.*?)```", text_of("docs/sweepfile.md"), re.DOTALL)
     file = tmp_path / "angles.toml"
-    file.write_text(block, encoding="utf-8")
+    file.write_text(grid, encoding="utf-8")
     assert list(read_declaration(file).grid) == ["f", "beta0"]
+    file.write_text(points, encoding="utf-8")
+    assert read_declaration(file).study().grid.size == 512
 
 
 # --- Python -----------------------------------------------------------------------------------------------------------

@@ -6,8 +6,11 @@ import pytest
 from scipy.stats import qmc
 
 import dimersweep
+from dimersweep import cli
 from dimersweep.errors import ParameterError
 from dimersweep.plots import draw
+from dimersweep.studies.datasets import make
+from dimersweep.studies.declaration import read_declaration
 
 pytestmark = pytest.mark.jit
 QUIET = {"periods": 120, "progress": False}
@@ -146,3 +149,74 @@ def test_angles_may_be_in_degrees_anywhere():
         ParameterError, match=r'^beta0 = 20.0: must be below pi/2 = 1.5708 .* degrees as "20 deg"|"16 deg"'
     ):
         dimersweep.simulate(beta0=20)
+
+
+# --- points in a sweep file ---------------------------------------------------------------------------------------------
+def declared(tmp_path, points, more=""):
+    file = tmp_path / "points.toml"
+    file.write_text(f'[sweep]\nperiods = 20\noutput = "points.nc"\n{more}\n{points}\n')
+    return read_declaration(file)
+
+
+def test_a_file_of_points_does_what_sweep_does(tmp_path, monkeypatch):
+    table = pd.DataFrame(latin(12))
+    table.to_csv(tmp_path / "table.csv", index=False)
+    monkeypatch.chdir(tmp_path)
+    expected = dimersweep.sweep(points=table, fixed={"mu": 0.15}, periods=20, progress=False)
+    lines = "\n".join(f"{name} = {values.tolist()}" for name, values in table.items())
+    for points in ('[points]\nfile = "table.csv"', f"[points.columns]\n{lines}"):
+        made = make(declared(tmp_path, points, "[fixed]\nmu = 0.15"), None, progress=False)
+        assert made.drop_attrs().identical(expected.drop_attrs())
+
+
+def test_the_command_runs_a_file_of_points_and_makes_its_cube_again(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    declared(tmp_path, '[points.columns]\nbeta0 = { values = [10, 16], unit = "deg" }\nf = [15, 20]')
+    for arguments in (["run", "points.toml"], ["run", "--from", "points.nc", "--out", "again.nc"]):
+        monkeypatch.setattr("sys.argv", ["dimersweep", *arguments])
+        cli.main()
+    first, again = map(dimersweep.open_cube, ("points.nc", "again.nc"))
+    assert again.drop_attrs().identical(first.drop_attrs())
+    assert again.attrs["configuration"] == first.attrs["configuration"]
+    np.testing.assert_allclose(first["beta0"], np.deg2rad([10, 16]))
+    assert (tmp_path / "points.png").stat().st_size > 1000
+
+
+@pytest.mark.parametrize("sample", ["random", "latin_hypercube", "sobol"])
+def test_points_are_drawn_evenly_from_ranges_and_alike_each_time(tmp_path, sample):
+    ranges = '[points.ranges]\nbeta0 = { start = 10, stop = 80, unit = "deg" }\nf = { start = 5, stop = 50, spacing = "log" }'
+    first, again, other = (
+        declared(tmp_path, f'[points]\nsample = "{sample}"\nnumber = 256\nseed = {seed}\n{ranges}').study().grid.columns
+        for seed in (3, 3, 4)
+    )
+    assert (first["f"] == again["f"]).all() and (first["f"] != other["f"]).any()
+    for values, low, high in ((np.rad2deg(first["beta0"]), 10, 80), (np.log(first["f"]), np.log(5), np.log(50))):
+        shares = (values - low) / (high - low)
+        assert (shares >= 0).all() and (shares <= 1).all()
+        counted = np.histogram(shares, 8, (0, 1))[0]
+        assert counted.min() > 16 if sample == "random" else (counted == 32).all()
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        ("", r"grid: is missing; or give points$"),
+        ("[grid]\nf = [15]\n[points.columns]\nf = [15]", r"grid: give either a grid or points$"),
+        ("[points]", r"points: give one of file, columns and ranges$"),
+        ('[points]\nfile = "none.csv"', r"points.file = '.*none.csv': cannot be read \(No such file or directory\)$"),
+        ("[points]\nseed = 1\n[points.columns]\nf = [15]", r"points.seed = 1: is for points that are drawn"),
+        ("[points.ranges]\nf = { start = 5, stop = 6 }", r"points.number: is missing"),
+        ("[points]\nnumber = 8\n[points.ranges]\nf = { start = 5 }", r"points.ranges.f: give start and stop"),
+        ("[points]\nnumber = 8\n[points.ranges]\nf = { start = 6, stop = 5 }", r"f.stop = 5.0: must be >= start = 6.0"),
+        (
+            '[points]\nsample = "sobol"\nnumber = 9\n[points.ranges]\nf = { start = 5, stop = 6 }',
+            r"must be a power of two",
+        ),
+        ('[points]\nsample = "grid"\n[points.ranges]\nf = { start = 5, stop = 6 }', r"points.sample = 'grid': must be"),
+        ("[points.columns]\nfreq = [15]", r"freq: unknown parameter"),
+        ('[points.columns]\nf = [15]\n[search]\nover = "f"', r"points: is for sweeps; a search has a grid$"),
+    ],
+)
+def test_points_of_a_file_that_cannot_be_are_named(tmp_path, points, message):
+    with pytest.raises(ParameterError, match=message):
+        declared(tmp_path, points)

@@ -10,7 +10,6 @@ import jupytext
 import pytest
 from nbclient import NotebookClient
 
-import dimersweep
 from dimersweep import cli
 
 ROOT = Path(__file__).parents[1]
@@ -77,10 +76,8 @@ def test_the_tutorial_runs(tmp_path):
 
 
 SCRIPT = ROOT / "docs" / "stranger.py"
-MISSING = [name for name in ("load_run", "bifurcation") if not hasattr(dimersweep, name)]
 
 
-@pytest.mark.skipif(bool(MISSING), reason=f"dimersweep has no {' and no '.join(MISSING)} yet")
 def test_the_script_of_25_lines_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     script = SCRIPT.read_text(encoding="utf-8")

@@ -88,6 +88,7 @@ def judge_picture(declared: "Declaration", study: "Study") -> None:
         return
     has = {"search"} if declared.search else set()
     has |= {"paths"} if declared.paths else set()
+    has |= {"points"} if declared.points else set()
     has |= {"strobes"} if declared.sweep.strobes else set()
     sizes = {name: values.size for name, values in study.grid.axes.items()}
     try:

@@ -15,6 +15,7 @@ from dimersweep.parameters import check, check_count, check_rtol
 from dimersweep.studies import search as searching
 from dimersweep.studies import sweep_spec
 from dimersweep.studies.deciding import SearchSpec
+from dimersweep.studies.point_tables import point_table
 from dimersweep.studies.refine import RefineSpec, check_refinement
 from dimersweep.studies.sweep_spec import Spec
 from dimersweep.symbols import PARAMETERS, Picture
@@ -35,6 +36,17 @@ class SweepSection(_Section):
     certify: bool = False
     strobes: int = 0
     output: str
+
+
+class PointsSection(_Section):
+    """Single points in place of a grid: from a file, listed, or drawn from ranges."""
+
+    file: str | None = None
+    columns: dict[str, Any] = Field(default_factory=dict)
+    ranges: dict[str, Any] = Field(default_factory=dict)
+    sample: Literal["random", "latin_hypercube", "sobol"] | None = None
+    number: int | None = None
+    seed: int | None = None
 
 
 class SearchSection(_Section):
@@ -70,7 +82,8 @@ class Declaration(_Section):
     """One sweep, search or refined map as a file declares it."""
 
     sweep: SweepSection
-    grid: dict[str, Any]
+    grid: dict[str, Any] | None = None
+    points: PointsSection | None = None
     fixed: dict[str, Any] = Field(default_factory=dict)
     search: SearchSection | None = None
     refine: RefineSection | None = None
@@ -99,12 +112,17 @@ class Declaration(_Section):
             "rtol": check_rtol(self.sweep.rtol) if rtol is None else rtol,
         }
         certify = certify or self.sweep.certify
+        if self.grid is None and self.points is None:
+            raise ParameterError("grid: is missing; or give points")
         if self.search is None:
             if self.refine or self.paths:
                 raise ParameterError("search: is missing; refine and paths go with a search")
             given |= {"stop_when_settled": self.sweep.stop_when_settled, "certify": certify}
             given["strobes"] = self.sweep.strobes
-            return sweep_spec.make_spec(self.grid, self.fixed, **given)
+            points = None if self.points is None else point_table(**self.points.model_dump())
+            return sweep_spec.make_spec(self.grid, self.fixed, points=points, **given)
+        if self.points or self.grid is None:
+            raise ParameterError("points: is for sweeps; a search has a grid")
         if self.sweep.strobes:
             raise ParameterError(f"sweep.strobes = {self.sweep.strobes}: is for sweeps of a whole grid")
         if certify:
@@ -126,6 +144,7 @@ class Declaration(_Section):
 _KNOWN: dict[str, type[BaseModel]] = {
     "": Declaration,
     "sweep": SweepSection,
+    "points": PointsSection,
     "search": SearchSection,
     "refine": RefineSection,
     "paths": PathsSection,
@@ -188,8 +207,8 @@ def read_declaration(path: str | os.PathLike[str]) -> Declaration:
     Parameters
     ----------
     path : path-like
-        TOML with the sections ``[sweep]``, ``[grid]``, and optionally ``[fixed]``, ``[search]``, ``[refine]``,
-        ``[paths]`` and ``[plot]``.
+        TOML with the sections ``[sweep]``, ``[grid]`` or ``[points]``, and optionally ``[fixed]``, ``[search]``,
+        ``[refine]``, ``[paths]`` and ``[plot]``. A file of points is looked for beside it.
 
     Returns
     -------
@@ -209,6 +228,9 @@ def read_declaration(path: str | os.PathLike[str]) -> Declaration:
         raise ParameterError(f"{path}: is nested too deeply") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ParameterError(f"{path}: is no valid TOML ({error})") from None
+    points = raw.get("points")
+    if isinstance(points, dict) and isinstance(points.get("file"), str):
+        points["file"] = str(path.parent / points["file"])
     told = _mistakes(raw)
     if len(told) > 1:
         raise ParameterError(f"{path}: {len(told)} mistakes" + "".join(f"\n  {line}" for line in told))

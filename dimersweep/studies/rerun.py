@@ -11,7 +11,7 @@ from dimersweep.errors import StoreError
 from dimersweep.kernel import kernel_version
 from dimersweep.storage.netcdf import open_cube
 from dimersweep.storage.provenance import differences
-from dimersweep.studies.declaration import Declaration, PlotSection, SweepSection
+from dimersweep.studies.declaration import Declaration, PlotSection, PointsSection, SweepSection
 from dimersweep.studies.sweep_spec import Spec
 
 MADE_BY = ("source", "git_commit", "python", "numpy", "numba", "llvmlite", "cpu")
@@ -38,8 +38,6 @@ def from_cube(path: str | os.PathLike[str], *, other_kernel: bool = False) -> De
     """
     cube = open_cube(path)
     told = json.loads(cube.attrs["configuration"])
-    if "points" in told:
-        raise StoreError(f"{path}: is of single points; sweep(points=open_cube(...), fixed=...) makes it again")
     try:
         declaration = _of_search(cube, told, path) if "search" in told else _of_sweep(cube, told, path)
     except (KeyError, TypeError, ValueError, AttributeError) as error:  # a ValidationError is a ValueError
@@ -67,7 +65,8 @@ def _of_sweep(cube: xr.Dataset, told: Mapping[str, Any], path: str | os.PathLike
             strobes=told.get("strobes", 0),
             output=str(path),
         ),
-        grid=told["grid"],
+        grid=told.get("grid"),
+        points=PointsSection(columns=told["points"]) if "points" in told else None,
         fixed=told["fixed"],
         plot=PlotSection(kind=cube.attrs.get("plot", "mode_map")),
     )

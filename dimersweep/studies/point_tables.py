@@ -1,0 +1,133 @@
+"""Tables of points that a sweep file names: in a CSV file, listed, or drawn from ranges."""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dimersweep.cubes.grid import axis
+from dimersweep.cubes.points import MAX_POINTS
+from dimersweep.errors import ParameterError
+from dimersweep.parameters import check_count
+
+SAMPLES = ("random", "latin_hypercube", "sobol")
+
+
+def point_table(
+    *, file: str | None, columns: Mapping[str, Any], ranges: Mapping[str, Any], **drawn: Any
+) -> dict[str, Any]:
+    """The table that a section ``[points]`` stands for, as `make_points` takes it.
+
+    Parameters
+    ----------
+    file : str, optional
+        CSV file with the names of parameters in its first line.
+    columns : mapping
+        Values of each parameter: a list, or ``{"values": ..., "unit": ...}``.
+    ranges : mapping
+        ``{"start", "stop"}`` of each parameter, with an optional ``"unit"`` and ``"spacing": "log"``.
+    **drawn
+        See `draw_points`.
+
+    Raises
+    ------
+    ParameterError
+        If there is none of the three or more than one, or what is told of them is not allowed.
+    """
+    if [file is not None, bool(columns), bool(ranges)].count(True) != 1:
+        raise ParameterError("points: give one of file, columns and ranges")
+    if ranges:
+        return draw_points(ranges, **drawn)
+    for name, value in drawn.items():
+        if value is not None:
+            raise ParameterError(f"points.{name} = {value!r}: is for points that are drawn from points.ranges")
+    return _read(file) if file is not None else {name: _column(values) for name, values in columns.items()}
+
+
+def draw_points(
+    ranges: Mapping[str, Any], *, sample: str | None, number: int | None, seed: int | None
+) -> dict[str, np.ndarray]:
+    """Points drawn from the box of some ranges by `scipy.stats.qmc`, the same ones for the same seed.
+
+    Parameters
+    ----------
+    ranges : mapping
+        See `point_table`.
+    sample : str
+        One of `SAMPLES`; a Latin hypercube by default.
+    number : int
+        Of points; a power of two for a Sobol sequence, whose parts are no even cover.
+    seed : int
+        0 by default.
+
+    Raises
+    ------
+    ParameterError
+    """
+    from scipy.stats import qmc
+
+    if number is None:
+        raise ParameterError("points.number: is missing; how many points are drawn")
+    n = check_count("points.number", number)
+    if n > MAX_POINTS:
+        raise ParameterError(f"points.number = {n}: must be <= {MAX_POINTS}")
+    if sample == "sobol" and n & (n - 1):
+        raise ParameterError(
+            f"points.number = {n}: must be a power of two for a Sobol sequence, such as {1 << n.bit_length()}"
+        )
+    boxes = {name: _ends(name, declared) for name, declared in ranges.items()}
+    rng = np.random.default_rng(seed or 0)
+    if sample == "random":
+        unit = rng.random((n, len(boxes)))
+    else:
+        engine = qmc.Sobol if sample == "sobol" else qmc.LatinHypercube
+        unit = engine(len(boxes), seed=rng).random(n)
+    return {name: _between(*box, share) for (name, box), share in zip(boxes.items(), unit.T, strict=True)}
+
+
+def _ends(name: str, declared: Any) -> tuple[float, float, bool]:
+    """Both ends of a range, in SI units, and whether it is evenly covered on a logarithmic scale."""
+    if not isinstance(declared, Mapping) or not {"start", "stop"} <= declared.keys() <= {
+        "start",
+        "stop",
+        "unit",
+        "spacing",
+    }:
+        raise ParameterError(f"points.ranges.{name}: give start and stop, and perhaps unit and spacing")
+    low, high = axis(name, {**declared, "num": 2}).tolist()
+    return low, high, declared.get("spacing") == "log"
+
+
+def _between(low: float, high: float, by_ratio: bool, share: np.ndarray) -> np.ndarray:
+    """The values at shares in [0, 1) of a range."""
+    return low * (high / low) ** share if by_ratio else low + (high - low) * share
+
+
+def _column(declared: Any) -> Any:
+    """The values of a listed column; a unit stands beside each of them."""
+    if not isinstance(declared, Mapping):
+        return declared
+    if declared.keys() != {"values", "unit"} or not isinstance(declared["values"], list):
+        raise ParameterError("points.columns: give a list, or values and unit")
+    return [f"{value} {declared['unit']}" for value in declared["values"]]
+
+
+def _read(file: str | os.PathLike[str]) -> dict[str, Any]:
+    """The columns of a CSV file.
+
+    Raises
+    ------
+    ParameterError
+        If it cannot be read or is no table.
+    """
+    import pandas as pd
+
+    try:
+        table = pd.read_csv(Path(file), skipinitialspace=True)
+    except OSError as error:
+        raise ParameterError(f"points.file = {str(file)!r}: cannot be read ({error.strerror})") from None
+    except (ValueError, UnicodeDecodeError) as error:  # pandas' own errors among them
+        raise ParameterError(f"points.file = {str(file)!r}: is no table ({error})") from None
+    return {str(name): table[name].to_numpy() for name in table}
