@@ -22,8 +22,9 @@ if TYPE_CHECKING:
     from dimersweep.exploring.serving import explore
     from dimersweep.parameters import Parameters
     from dimersweep.runs import stability
-    from dimersweep.runs.run import Run, simulate
+    from dimersweep.runs.run import Run
     from dimersweep.runs.saving import load_run
+    from dimersweep.runs.simulating import simulate
     from dimersweep.storage.netcdf import open_cube
     from dimersweep.studies.refine import refine
     from dimersweep.studies.search import search
@@ -61,7 +62,7 @@ _HOME = {
     "open_cube": "storage.netcdf",
     "refine": "studies.refine",
     "search": "studies.search",
-    "simulate": "runs.run",
+    "simulate": "runs.simulating",
     "sweep": "studies.sweep",
 }
 _MAKES_CUBES = ("bifurcation", "open_cube", "refine", "search", "sweep")

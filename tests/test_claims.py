@@ -6,7 +6,7 @@ import pytest
 
 from dimersweep.claims import CLAIMS, Finding, Lab, Row, as_markdown, sect3, sect4
 from dimersweep.claims.ledger import verdict
-from dimersweep.runs.run import simulate
+from dimersweep.runs.simulating import simulate
 
 
 @pytest.fixture(scope="module")

@@ -183,7 +183,7 @@ def test_a_package_of_another_version_is_told_in_a_line(call, monkeypatch):
     def refuse(**given):
         raise ImportError("Numba needs NumPy 2.2 or less. Got NumPy 2.4.")
 
-    monkeypatch.setattr("dimersweep.runs.run.simulate", refuse)
+    monkeypatch.setattr("dimersweep.runs.simulating.simulate", refuse)
     _, err, code = call("simulate")
     assert code == 2
     told = "cannot run with the packages and settings that there are (Numba needs NumPy 2.2 or less. Got NumPy 2.4.)"

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from dimersweep.runs.run import Orbit, Run, simulate
+from dimersweep.runs.run import Orbit, Run
+from dimersweep.runs.simulating import simulate
 from dimersweep.studies.refine import refine
 from dimersweep.studies.search import search
 from dimersweep.studies.sweep import sweep

@@ -9,7 +9,8 @@ from dimersweep.claims.sect3 import double_impact, last_cycle
 from dimersweep.cubes.cube import names
 from dimersweep.cubes.reading import drift_intervals, drift_lengths, runs_of
 from dimersweep.kernel.model.layout import M_DRIFT, M_REST, MODES
-from dimersweep.runs.run import Run, simulate
+from dimersweep.runs.run import Run
+from dimersweep.runs.simulating import simulate
 
 
 def drifting(cube: xr.Dataset, name: str) -> np.ndarray:

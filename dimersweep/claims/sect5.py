@@ -17,7 +17,7 @@ from dimersweep.cubes.reading import (
     stick_ratio,
 )
 from dimersweep.kernel.model.layout import M_DRIFT
-from dimersweep.runs.run import simulate
+from dimersweep.runs.simulating import simulate
 from dimersweep.studies.search import search
 
 PAPER_RADIUS = 2.4  # m, read by the paper off its Fig. 14 at A_r = 5, f = 15 Hz

@@ -51,7 +51,7 @@ def simulate(
     check_rtol(rtol)
     check_seconds("max_seconds", max_seconds)
     tell_of_compiling()
-    from dimersweep.runs.run import simulate
+    from dimersweep.runs.simulating import simulate
 
     recorded = error or bool(plot or movie or save)
     run = simulate(**parameters, periods=periods, rtol=rtol, record=recorded, max_seconds=max_seconds)

@@ -15,7 +15,8 @@ from dimersweep.orbits.orbit import Orbit, orbit_of
 from dimersweep.orbits.return_map import OrbitLost, ReturnMap, Tape
 from dimersweep.orbits.solving import solve
 from dimersweep.parameters import as_number, check_count
-from dimersweep.runs.run import Run, simulate
+from dimersweep.runs.run import Run
+from dimersweep.runs.simulating import simulate
 
 FINEST = 1e-10  # how well an edge is known, in the unit of its axis
 NEAR = 0.3  # change of the strobe in a period, in g/omega^2 and g/omega, of a motion that is near a periodic one

@@ -11,7 +11,8 @@ from dimersweep.cubes.cube import names
 from dimersweep.errors import ParameterError, unknown
 from dimersweep.kernel.model.layout import M_DRIFT, MODES
 from dimersweep.parameters import number
-from dimersweep.runs.run import Run, simulate
+from dimersweep.runs.run import Run
+from dimersweep.runs.simulating import simulate
 from dimersweep.runs.starting import parameters_of
 from dimersweep.symbols import PARAMETERS
 

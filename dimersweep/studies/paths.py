@@ -9,7 +9,8 @@ import numpy as np
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.batch import Workspace
 from dimersweep.parameters import Parameters, check_count
-from dimersweep.runs.run import MAX_RECORDED, follow
+from dimersweep.runs.simulating import follow
+from dimersweep.runs.solving import MAX_RECORDED
 
 MAX_POSITIONS = 20_000_000  # in one cube, which is held in memory
 

@@ -1,0 +1,115 @@
+"""Parameters in, a run out."""
+
+import warnings
+from collections.abc import Mapping
+from typing import Any
+
+from dimersweep.errors import ParameterError
+from dimersweep.kernel.batch import Workspace
+from dimersweep.parameters import Parameters, check_count, check_name, check_rtol, check_seconds
+from dimersweep.runs.run import Run, as_run
+from dimersweep.runs.solving import MAX_RECORDED, solve
+from dimersweep.runs.starting import INITIAL, is_point, kernel_start, named, parameters_of, start_of
+from dimersweep.work.proving import is_proven, prove
+from dimersweep.work.stopping import StopFlag, stoppable
+
+
+def simulate(
+    *,
+    start: Any = None,
+    periods: int = 100,
+    rtol: float = 1e-8,
+    stop_when_settled: bool = False,
+    record: bool = True,
+    max_seconds: float | None = None,
+    **parameters: Any,
+) -> Run:
+    """Run one dimer on its vibrating plate; the defaults are the paper's base case (Sect. 3).
+
+    Parameters
+    ----------
+    start : mapping of str to float, xarray.Dataset, or Run, optional
+        State to start from, in place of `beta0` and `xdot0`: values by the names of `Run.states` (what is not given is
+        zero, and the lower end on the plate), one time of it, or a run whose end it is. Its `phase` is the `phi0` of the
+        new run. Or one point of a cube: the run behind it.
+    periods : int
+        Forcing periods to run.
+    rtol : float
+        Accuracy of everything at once [1], 1e-13 to 1e-2.
+    stop_when_settled : bool
+        Whether the run ends as soon as its motion is known.
+    record : bool
+        Whether events and states are kept, of at most 100,000 forcing periods; without them a run takes no memory and less
+        time. A record of more than 2 million events is cut there, which `Run.events` and a warning tell.
+    max_seconds : float, optional
+        Bound on the time that the run takes [s]. One that is stopped so has the status "stopped", the `n_periods` that it
+        came to, and the events and states up to there.
+    **parameters : float or str
+        Parameters of the model in SI units, each by its name, see `Parameters`; an angle may be a text such as "16 deg".
+
+    Returns
+    -------
+    Run
+
+    Raises
+    ------
+    ParameterError
+        Naming the parameter, its value and what is allowed.
+    KernelError
+        If the compiled kernel cannot run here.
+    """
+    for name in parameters:
+        check_name(name)
+    if is_point(start):
+        parameters, start = parameters_of(start) | parameters, None
+    begun = None if start is None else start_of(start)
+    given = Parameters(**(parameters if begun is None else _with_start(parameters, begun)))
+    how = check_count("periods", periods), check_rtol(rtol), bool(stop_when_settled), bool(record)
+    seconds = check_seconds("max_seconds", max_seconds)
+    if record and how[0] > MAX_RECORDED:
+        raise ParameterError(
+            f"periods = {how[0]}: must be <= {MAX_RECORDED} for a run whose events and states are recorded; "
+            "give record=False for one without them"
+        )
+    if not is_proven():
+        stoppable(lambda stop: prove())  # to compile is no part of the run's time
+
+    def call(stop: StopFlag) -> Run:
+        with stop.space() as space:
+            return follow(given, *how, space, begun)
+
+    run = stoppable(call, seconds)
+    if run.record_cut:
+        warnings.warn(f"record: is full; {run.record_cut}", RuntimeWarning, stacklevel=2)
+    return run
+
+
+def follow(
+    parameters: Parameters,
+    periods: int,
+    rtol: float,
+    settle: bool,
+    record: bool,
+    space: Workspace,
+    begun: dict[str, float] | None = None,
+) -> Run:
+    """The run that `simulate` gives for what it has judged, on scratch arrays that may be stopped."""
+    first = None if begun is None else kernel_start(begun, parameters.given())
+    solved = solve(parameters.row(), first, periods, rtol, space, settle=settle, record=record)
+    begun = begun and {name: value for name, value in begun.items() if name != "phase"}  # which is phi0 now
+    return as_run(parameters.given(), rtol, solved, begun)
+
+
+simulate.__signature__ = named(simulate)  # type: ignore[attr-defined]
+
+
+def _with_start(parameters: Mapping[str, Any], start: Mapping[str, float]) -> dict[str, Any]:
+    """The parameters of a run that starts from a state: its `phase` is theirs, and they tell no other start."""
+    for name in INITIAL:
+        if parameters.get(name) is not None:
+            raise ParameterError(f"{name}: given together with start, which tells it")
+    if "phase" not in start:
+        return dict(parameters)
+    if "phi0" in parameters:
+        raise ParameterError("phi0: given together with start.phase; leave one out")
+    return {**parameters, "phi0": start["phase"]}
