@@ -1,5 +1,9 @@
 """How Sphinx builds the site: ``./go docs``."""
 
+import shutil
+from importlib.util import find_spec
+from pathlib import Path
+
 from sphinx.ext import autosummary
 
 import dimersweep
@@ -14,11 +18,14 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.mathjax",
-    "sphinx-mathjax-offline",
     "sphinx_copybutton",
     "sphinxcontrib.typer",
 ]
 exclude_patterns = ["notebooks/.ipynb_checkpoints"]
+
+mathjax_path = "mathjax/tex-chtml.js"
+MATHJAX = Path(find_spec("sphinx-mathjax-offline").origin).parent / "static" / "mathjax"
+MATHJAX_PARTS = ("tex-chtml.js", "input/tex/extensions", "output/chtml/fonts")  # a tenth of it: what pages can ask for
 
 myst_enable_extensions = ["amsmath", "dollarmath", "fieldlist"]
 myst_heading_anchors = 3
@@ -45,3 +52,19 @@ html_css_files = ["site.css"]
 html_title = f"dimersweep {version}"
 copybutton_prompt_text = r">>> |\.\.\. |\$ "
 copybutton_prompt_is_regexp = True
+
+
+def copy_mathjax(app, error):
+    """Put the program that sets formulas beside the pages, so that they need no network."""
+    for part in MATHJAX_PARTS if error is None and app.builder.format == "html" else ():
+        target = Path(app.outdir) / "_static" / "mathjax" / part
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if (MATHJAX / part).is_dir():
+            shutil.copytree(MATHJAX / part, target, dirs_exist_ok=True)
+        else:
+            shutil.copy(MATHJAX / part, target)
+
+
+def setup(app):
+    """What Sphinx calls."""
+    app.connect("build-finished", copy_mathjax)

@@ -77,9 +77,11 @@ def paths(cube: xr.Dataset) -> Figure:
     whole.set_aspect("equal", adjustable="datalim")
     whole.set_xlabel("$x$ [m]")
     whole.set_ylabel("$y$ [m]")
-    whole.legend(fontsize=8, loc="center")
     teeth.set_xlabel("time [forcing periods]")
     teeth.set_ylabel("distance from the circle [mm]")
+    handles, told = whole.get_legend_handles_labels()
+    if handles:
+        figure.legend(handles, told, loc="outside lower center", ncols=min(len(handles), 4))  # circles fill their panel
     return figure
 
 
@@ -258,7 +260,7 @@ def planar(cube: xr.Dataset) -> Figure:
     _rule(axes)
     axes.set_xlabel(label(name))
     axes.set_ylabel("drift velocity [mm/s]")
-    axes.legend(title="double impact ends", fontsize=8)
+    figure.legend(*axes.get_legend_handles_labels(), title="double impact ends", loc="outside right upper")
     return figure
 
 

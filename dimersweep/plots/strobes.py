@@ -34,7 +34,7 @@ def bifurcation(cube: xr.Dataset) -> Figure:
             f"bifurcation: has axes {', '.join(map(str, mode.dims))}; needs one: select values of others"
         )
     (name,) = map(str, mode.dims)
-    figure = Figure(figsize=(8, 7.5), layout="constrained")
+    figure = Figure(figsize=(6.4, 7), layout="constrained")
     panels = figure.subplots(len(SHOWN), 1, sharex=True)
     for axes, (quantity, factor) in zip(panels, SHOWN.items(), strict=True):
         values = factor * cube[f"strobe_{quantity}"].squeeze().transpose(name, "strobe").values
@@ -42,7 +42,7 @@ def bifurcation(cube: xr.Dataset) -> Figure:
             here = mode.values == code
             places = np.repeat(mode[name].values[here], values.shape[1])
             color = MODE_COLORS[MODES[code]]
-            axes.plot(places, values[here].ravel(), ".", color=color, markersize=2.4, markeredgewidth=0)
+            axes.plot(places, values[here].ravel(), ".", color=color, markersize=4, markeredgewidth=0)
         units = "mm" if STATES[quantity].units == "m" else units_shown(STATES[quantity].units)
         axes.set_ylabel(f"{quantity.replace('_', ' ')} [{units}]")
         if is_geometric(mode[name].values):
@@ -50,6 +50,6 @@ def bifurcation(cube: xr.Dataset) -> Figure:
     panels[-1].set_xlabel(label(name))
     found = [MODES[code] for code in np.unique(mode.values)]
     handles = [Line2D([], [], color=MODE_COLORS[word], marker="o", linestyle="", label=word) for word in found]
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=9)
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
     figure.suptitle(f"At the start of each forcing period\n{title(cube)}", fontsize=10)
     return figure
