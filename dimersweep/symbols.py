@@ -79,6 +79,9 @@ QUANTITIES = {
     "down_share_1": Quantity("1", "share of the last (at most 12) periods that p1 is down", 0, 1),
     "down_share_2": Quantity("1", "share of the last (at most 12) periods that p2 is down", 0, 1),
     "settled_after": Quantity("1", "forcing periods until the motion had settled", 0),
+    "spin_drift": Quantity("rad s-1", "change per forcing period: axial spin (of a drift: after the double impact)"),
+    "longest_hop_1": Quantity("1", "longest hop of p1 in the last (at most 12) periods, in forcing periods", 0),
+    "longest_hop_2": Quantity("1", "longest hop of p2 in the last (at most 12) periods, in forcing periods", 0),
     "confidence": Quantity("1", "whether the mode stands at other accuracies and from starts beside this one"),
     "error_estimate": Quantity(
         "1", "largest relative error of the orbit (of zeta and impact_phase: absolute), estimated", 0

@@ -28,7 +28,7 @@ from dimersweep.kernel.model.layout import (
     STICK,
 )
 from dimersweep.kernel.record import EVENT, N_EVENT, N_SEGMENT
-from dimersweep.kernel.verdict.classify import PATIENCE, SETTLED
+from dimersweep.kernel.verdict.settling import PATIENCE, SETTLED
 from dimersweep.parameters import fill_rows
 from dimersweep.symbols import BASE
 

@@ -31,7 +31,9 @@ from dimersweep.kernel.model.layout import (
 from dimersweep.kernel.numerics.meter import METER, SPENT, STOP
 from dimersweep.kernel.numerics.steps import copy
 from dimersweep.kernel.record import EVENTS, Record, clear_counts, no_record, without_rows
-from dimersweep.kernel.verdict.classify import PAST_COLUMNS, PAST_ROWS, begin_past, last_strobe, verdict
+from dimersweep.kernel.verdict.classify import verdict
+from dimersweep.kernel.verdict.past import PAST_COLUMNS, PAST_ROWS, begin_past
+from dimersweep.kernel.verdict.settling import last_strobe
 
 N_START = N_STATE + 2  # numbers that a run starts from: the state, and the friction modes of the ends
 # evidence of aperiodic motion: a twin of the run (its plate phase shifted) separates from it by so much, in g/omega and

@@ -8,7 +8,7 @@ from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.step_control import STEP_ROWS
 from dimersweep.kernel.model.layout import N_ROW, N_STATE, OK
 from dimersweep.kernel.numerics.meter import METER, has_no_bound
-from dimersweep.kernel.verdict.classify import PAST_COLUMNS, PAST_ROWS
+from dimersweep.kernel.verdict.past import PAST_COLUMNS, PAST_ROWS
 
 # bound on the work of a run, in hops of one end: some seconds, and 0.1 s a period
 BUDGET, BUDGET_PER_PERIOD = 5_000_000, 100_000
@@ -51,7 +51,7 @@ class Motion(NamedTuple):
 
     state: Any  # shape (N_STATE,)
     modes: Any  # friction modes of the ends, shape (2,)
-    past: Any  # what the verdict needs (`classify`), shape (PAST_ROWS, PAST_COLUMNS)
+    past: Any  # what the verdict needs (`verdict.past`), shape (PAST_ROWS, PAST_COLUMNS)
     course: Any  # the slots above
     contact: Any  # the state as a contact phase has it (`coordinates`), its rates, and its forces
     rates: Any

@@ -87,16 +87,9 @@ from dimersweep.kernel.smooth_motion import (
     no_slip,
     only_grazes,
 )
-from dimersweep.kernel.verdict.classify import (
-    S_FASTEST,
-    SCALARS,
-    note_impact,
-    note_landings,
-    note_period,
-    note_take_offs,
-    rests_for_good,
-    settled_period,
-)
+from dimersweep.kernel.verdict.classify import rests_for_good
+from dimersweep.kernel.verdict.past import S_FASTEST, SCALARS, note_impact, note_landings, note_take_offs
+from dimersweep.kernel.verdict.settling import note_period, settled_period
 
 # of an impact at both ends besides its steps, and of a look whether a slide leads to rest, in hops of one end
 DOUBLE_COST, LOOK_COST = 1.0, 10.0

@@ -6,7 +6,7 @@ from dimersweep.kernel.event_loop import evolve
 from dimersweep.kernel.model.body import as_dimer
 from dimersweep.kernel.model.layout import PERIOD
 from dimersweep.kernel.record import clear_counts
-from dimersweep.kernel.verdict.classify import begin_past
+from dimersweep.kernel.verdict.past import begin_past
 
 
 @exported

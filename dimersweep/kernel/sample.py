@@ -30,7 +30,7 @@ from dimersweep.kernel.numerics.meter import is_to_stop, set_bound
 from dimersweep.kernel.numerics.steps import copy
 from dimersweep.kernel.record import BEFORE, HOP_TIME, MODES
 from dimersweep.kernel.smooth_motion import find_contact, no_slip, only_grazes, set_contact
-from dimersweep.kernel.verdict.classify import begin_past
+from dimersweep.kernel.verdict.past import begin_past
 
 HOPS_LAST = 2.0  # hops are followed for so long, in units of the time that they take when the plate does not change
 

@@ -1,6 +1,7 @@
 """The orbit that a run has come to, as labelled numbers."""
 
 from dataclasses import dataclass, fields
+from math import nan
 
 from dimersweep.kernel.model.layout import DI_ENDS
 
@@ -29,6 +30,8 @@ class Orbit:
         Axial spin, and rate of the dip angle, after the double impact [rad s-1].
     radius_drift, period_drift, zeta_drift, speed_drift, precession_rate_drift, impact_phase_drift : float
         Change per forcing period, in the unit of the quantity.
+    spin_drift : float
+        The same of `spin_rate`: the creep along the family of orbits that the drift goes through [rad s-1].
     """
 
     radius: float
@@ -46,6 +49,7 @@ class Orbit:
     speed_drift: float
     precession_rate_drift: float
     impact_phase_drift: float
+    spin_drift: float = nan
 
 
 def orbit_from(out: dict[str, float], di_end: int) -> Orbit:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from math import isnan
+from math import isnan, nan
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -52,6 +52,13 @@ class Run:
         longer flight, or one that goes on at the end, counts from the start of those periods on.
     settled_after : float
         Forcing periods until the motion had settled; NaN if it has not.
+    spin_drift : float
+        Change of the axial spin per forcing period: the creep along the family of orbits that the motion goes through
+        [rad s-1]; NaN if it has not settled. Of a drift it is that after the double impact, fitted over the last 20 periods;
+        else that at the ends of the periods, over the last 24 or the multiple of the motion's period below.
+    longest_hop_1, longest_hop_2 : float
+        Longest time that each end is off the plate at once, of the hops that ended in the last (at most 12) periods or go
+        on at the end [forcing periods]. From 0.5 on a ball counts as flying.
     """
 
     status: str
@@ -66,6 +73,9 @@ class Run:
     down_share_1: float
     down_share_2: float
     settled_after: float
+    spin_drift: float = nan
+    longest_hop_1: float = nan
+    longest_hop_2: float = nan
     start: dict[str, float] | None = None
     _record: Record | None = field(default=None)
     _end: End | None = field(default=None)
@@ -360,6 +370,9 @@ def as_run(parameters: dict[str, float], rtol: float, solved: Solved, start: dic
         down_share_1=out["down_share_1"],
         down_share_2=out["down_share_2"],
         settled_after=out["settled_after"],
+        spin_drift=out["spin_drift"],
+        longest_hop_1=out["longest_hop_1"],
+        longest_hop_2=out["longest_hop_2"],
         _record=solved.record,
         _end=solved.end,
     )

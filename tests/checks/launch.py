@@ -10,7 +10,7 @@ from dimersweep.kernel.course import Ask, motion_of, new_workspace
 from dimersweep.kernel.impact.impact import N_LOG
 from dimersweep.kernel.model.layout import ROW_BETA0, ROW_XDOT0, STATUSES
 from dimersweep.kernel.record import EVENT, EVENTS, N_COUNTS, N_EVENT, N_SEGMENT, Record, no_record
-from dimersweep.kernel.verdict import classify
+from dimersweep.kernel.verdict import past
 from tests.checks.examine import look_at
 from tests.checks.verbs import as_dimer
 
@@ -18,7 +18,7 @@ from tests.checks.verbs import as_dimer
 @exported
 def evolve(dm, ask, state, space, record):
     """The event loop from any state."""
-    classify.begin_past(space.past)
+    past.begin_past(space.past)
     status, _ = event_loop.evolve(dm, ask, motion_of(state, space.modes, space.past, space), record)
     return status
 

@@ -131,11 +131,17 @@ OUT = (
     "down_share_1",
     "down_share_2",
     "settled_after",
+    "spin_drift",
+    "longest_hop_1",
+    "longest_hop_2",
 )
 N_OUT = len(OUT)
 OUT_RADIUS, OUT_PERIOD, OUT_ZETA, OUT_SPEED, OUT_PRECESSION_RATE, OUT_IMPACT_PHASE = range(6)
 N_ORBIT = 6  # values of an orbit, in the first slots; the drift of each is so many slots later
-OUT_SPIN_RATE, OUT_BETA_RATE_AFTER, OUT_DOWN_SHARE_1, OUT_DOWN_SHARE_2, OUT_SETTLED_AFTER = range(2 * N_ORBIT, N_OUT)
+OUT_SPIN_RATE, OUT_BETA_RATE_AFTER, OUT_DOWN_SHARE_1, OUT_DOWN_SHARE_2, OUT_SETTLED_AFTER = range(
+    2 * N_ORBIT, 2 * N_ORBIT + 5
+)
+OUT_SPIN_DRIFT, OUT_LONGEST_HOP_1, OUT_LONGEST_HOP_2 = range(2 * N_ORBIT + 5, N_OUT)
 CODES = ("status", "mode", "mode_period", "di_end", "n_events", "n_periods")
 N_CODES = len(CODES)
 CODE_STATUS, CODE_MODE, CODE_MODE_PERIOD, CODE_DI_END, CODE_N_EVENTS, CODE_N_PERIODS = range(N_CODES)
