@@ -58,7 +58,7 @@ from dimersweep.kernel.verdict.past import (
     STROBES,
 )
 from dimersweep.kernel.verdict.rest import slides_to_rest
-from dimersweep.kernel.verdict.settling import settled_period, spin_drift
+from dimersweep.kernel.verdict.settling import ringing_period, settled_period, spin_drift
 
 DOWN_LINE = 0.9  # share of the time one ball is down in the drift mode
 TOGETHER = 0.15  # landings of a jump lie closer than this
@@ -109,6 +109,8 @@ def mode_of(dm, past, at_rest):
     if at_rest or past[SCALARS, S_CLOSED] >= 3.0:
         return M_REST, 0
     p = settled_period(past)
+    if p == 0:
+        p = ringing_period(past)
     if p == 0:
         return M_UNRESOLVED, 0
     span = p * max(1, 12 // p)

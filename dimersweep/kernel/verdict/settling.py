@@ -1,16 +1,16 @@
 """When a motion has settled, and with which period: when its fast part has.
 
 A dimer turns and rolls on while its spin creeps, by some 1e-6 to 1e-3 of itself in a period, and nothing sustains it. All else
-follows at once: a motion goes through a family of orbits, one for each spin, and its strobe moves along it. So a strobe x
-(gaps and gap rates, in g/omega^2 and g/omega) and the spin s (r s in g/omega) have repeated over p periods in either case:
+follows at once: a motion goes through a family of orbits, one for each spin, and its strobe moves along it. So there are
+two measures of how far a strobe x (gaps and gap rates, in g/omega^2 and g/omega) is from one that repeats over p periods:
 
-* *it is the same*: no entry of x has changed by more than SETTLED;
-* *it creeps*: x has changed by less than s, so that the motion moves along the family and not across it, and its second
-  difference, x less what x was about to be at the pace of the p periods before, is below LEFT. There the creep cancels
-  but for its own slow change, and what is left is the fast part: with a multiplier m its second difference falls with m.
+* its change; or, where the spin (r s in g/omega) has changed by more, so that the motion goes along the family,
+* PATIENCE times its second difference: x less where it was bound for at the pace of the p periods before. There the
+  creep cancels but for its own slow change, and what is left is the fast part.
 
-The motion has settled when it has repeated for PATIENCE periods. A fast part of which LEFT is left in each of them would have
-changed x by SETTLED in all.
+A strobe has repeated if the less of the two is below SETTLED. The motion has settled when it has repeated for PATIENCE
+periods: what then is left of the fast part would change x by SETTLED in as many again, or less. A run that ends before has
+settled, too, where the fast part is seen to fall geometrically, over PATIENCE periods, to below SETTLED.
 """
 
 from dimersweep.kernel.compiler.jit import compiled
@@ -20,7 +20,7 @@ SETTLED = 1e-4  # change of a strobe, in g/omega^2 and g/omega, that counts as n
 # share of a shorter period's change that is left after PATIENCE periods, below which it is on its way to none
 FADING = 0.99
 PATIENCE = 24  # periods a motion repeats before it counts as settled
-LEFT = SETTLED / PATIENCE  # second difference of a strobe that counts as none
+FALL, STRETCH = 0.5, PATIENCE // 3  # what is left of a fast part that falls after so many periods, at most
 MAX_PERIOD = 16
 
 
@@ -35,24 +35,29 @@ def note_period(dm, state, modes, past):
 @compiled
 def repeats(past, p):
     """Whether the motion has come back to where it was p periods ago, but for the creep of its spin."""
-    count = int(past[SCALARS, S_STROBES])
-    if count <= p:
-        return False
-    moved = change(past, p, 0)
-    return moved <= SETTLED or (count > 2 * p and moved <= spin_change(past, p) and fast_change(past, p) <= LEFT)
+    return past[SCALARS, S_STROBES] > p and residual(past, p, 0) <= SETTLED
 
 
 @compiled
-def spin_change(past, p):
-    """How far the spin has come in the last p periods, in its unit."""
-    last = int(past[SCALARS, S_STROBES]) - 1
+def residual(past, p, back):
+    """How far the strobe `back` periods before the last one is from one that repeats over p periods."""
+    moved = change(past, p, back)
+    if past[SCALARS, S_STROBES] <= 2 * p + back or moved <= SETTLED or moved > spin_change(past, p, back):
+        return moved
+    return min(moved, PATIENCE * fast_change(past, p, back))
+
+
+@compiled
+def spin_change(past, p, back):
+    """How far the spin came in p periods, in its unit."""
+    last = int(past[SCALARS, S_STROBES]) - 1 - back
     return abs(past[STROBES + last % RING, P_SPIN] - past[STROBES + (last - p) % RING, P_SPIN])
 
 
 @compiled
-def fast_change(past, p):
+def fast_change(past, p, back):
     """Second difference of the strobe over p periods: its change less that of the p periods before."""
-    last = int(past[SCALARS, S_STROBES]) - 1
+    last = int(past[SCALARS, S_STROBES]) - 1 - back
     row, old = past[STROBES + last % RING], past[STROBES + (last - p) % RING]
     older = past[STROBES + (last - 2 * p) % RING]
     apart = 0.0
@@ -110,6 +115,37 @@ def settled_period(past):
         if past[RUNS, p] >= PATIENCE + p and not fades(past, p):
             return p
     return 0
+
+
+@compiled
+def ringing_period(past):
+    """Least number of forcing periods with which the fast part falls geometrically to none, 0 if with none."""
+    for p in range(1, MAX_PERIOD + 1):
+        if rings_down(past, p) and not fades(past, p):
+            return p
+    return 0
+
+
+@compiled
+def rings_down(past, p):
+    """Whether the fast part has fallen by FALL from each STRETCH of the last PATIENCE periods to the next, to below SETTLED."""
+    if past[SCALARS, S_STROBES] < PATIENCE + 2 * p:
+        return False
+    older, old, last = (
+        largest_residual(past, p, 2 * STRETCH),
+        largest_residual(past, p, STRETCH),
+        largest_residual(past, p, 0),
+    )
+    return old <= FALL * older and last <= FALL * old and last <= SETTLED
+
+
+@compiled
+def largest_residual(past, p, back):
+    """Largest residual in a STRETCH of strobes that ends `back` periods before the last one."""
+    apart = 0.0
+    for k in range(STRETCH):
+        apart = max(apart, residual(past, p, back + k))
+    return apart
 
 
 @compiled
