@@ -174,9 +174,9 @@ def test_the_page_of_shortcuts_names_each_of_them():
 
 
 def test_early_stop_on_a_few_points(capsys):
-    differ = early_stop.main(["--points", "20", "--periods", "60", "--timed", "2", "--workers", "1"])
+    kinds = early_stop.main(["--points", "20", "--periods", "60", "--timed", "2", "--workers", "1"])
     said = capsys.readouterr().out
-    assert f"{differ} of 20 modes differ" in said
+    assert f"{kinds.total()} of 20 modes differ" in said
     assert "runs that die" in said
     assert "drifts stop after settling" in said
 
@@ -194,23 +194,24 @@ def test_early_stop_on_a_few_points(capsys):
             lambda n: 1e-5 * n + 5.1e-7 * n**2,
             0,
             "hovers at the line",
-            "creeps over the line 1e-04 after 42 periods, from 9.8e-05 at the stop",
+            "left by 1.0e-03 after 485 periods, from 9.8e-05 at the stop",
         ),
         (
             lambda n: np.where(n < 150, 0.0, 1.0),
             0,
             "passes a border later",
-            "leaps by 1.0e+00 over the line 1e-04 after 151 periods, from 0.0e+00 at the stop",
+            "left by 1.0e+00 after 151 periods, from 0.0e+00 at the stop",
         ),
-        (lambda n: (-1.0) ** n, 3, "repeats", "it repeats to the end; the change over its period is 0.0e+00 at most"),
+        (lambda n: (-1.0) ** n, 3, "repeats", "it repeats to the end; what is left of its fast part is 0.0e+00 at most"),
         (lambda n: (-1.0) ** n, 2, "border of two words", "the same motion, on the border of two words"),
     ],
     ids=["rings down", "creeps", "leaps", "repeats", "two words"],
 )
 def test_why_a_verdict_differs(course, late, kind, expected, monkeypatch):
-    strobe = course(np.arange(200.0))[:, None] * [1.0, 0.0, 0.0, 0.0]
+    strobe = course(np.arange(600.0))[:, None] * [1.0, 0.0, 0.0, 0.0, 0.0]
     monkeypatch.setattr(early_stop, "strobes", lambda *_: strobe)
-    given = early_stop.argparse.Namespace(periods=200, rtol=1e-8)
+    monkeypatch.setattr(early_stop, "foretold", lambda *_: "")
+    given = early_stop.argparse.Namespace(periods=600, rtol=1e-8)
     before, after = np.zeros(6, np.int64), np.zeros(6, np.int64)
     before[[early_stop.PERIOD, early_stop.TAKEN]], after[early_stop.PERIOD] = (2, 40), late
     why = early_stop.reason({}, before, after, given)
@@ -218,9 +219,27 @@ def test_why_a_verdict_differs(course, late, kind, expected, monkeypatch):
     assert why.shown.startswith(expected)
 
 
+def test_what_is_left_of_a_creeping_strobe_is_its_fast_part():
+    n = np.arange(100.0)
+    strobe = np.column_stack([3e-4 * n + 0.1 * 0.5**n, 0 * n, 0 * n, 0 * n, -1e-2 * n])
+    left = early_stop.residuals(strobe, 1)
+    assert left[30:].max() < 1e-7
+    strobe[:, 4] = 0.0  # nothing creeps along with it
+    assert left[2] < early_stop.residuals(strobe, 1)[2] or early_stop.residuals(strobe, 1)[30:].min() > 2e-4
+
+
+def test_a_border_on_the_way_is_foretold():
+    """Just above the fold at its spin, a drift reaches it as its spin falls."""
+    given = early_stop.argparse.Namespace(periods=20_000, rtol=1e-8)
+    point = BASE | {"Gamma": 0.787, "beta0": 0.2793}
+    borders = early_stop.ahead(point, 1, 300, given)
+    assert borders
+    assert all(np.diff([border.periods for border in borders]) >= 0)
+
+
 @pytest.mark.parametrize(("way", "expected"), [(1.0, 44), (-1.0, 50)], ids=["from one side", "by turns from both"])
 def test_settling_is_when_all_later_strobes_are_near_each_other(way, expected, monkeypatch):
-    course = 0.01 * (0.9 * way) ** np.arange(1.0, 201.0)[:, None] * [1.0, 0.0, 0.0, 0.0]
+    course = 0.01 * (0.9 * way) ** np.arange(1.0, 201.0)[:, None] * [1.0, 0.0, 0.0, 0.0, 0.0]
     monkeypatch.setattr(early_stop, "strobes", lambda *_: course)
     assert early_stop.settling_of({}, 200, 1e-8) == expected
 

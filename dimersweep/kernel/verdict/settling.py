@@ -8,15 +8,18 @@ two measures of how far a strobe x (gaps and gap rates, in g/omega^2 and g/omega
 * PATIENCE times its second difference: x less where it was bound for at the pace of the p periods before. There the
   creep cancels but for its own slow change, and what is left is the fast part.
 
-A strobe has repeated if the less of the two is below SETTLED. The motion has settled when it has repeated for PATIENCE
-periods: what then is left of the fast part would change x by SETTLED in as many again, or less. A run that ends before has
-settled, too, where the fast part is seen to fall geometrically, over PATIENCE periods, to below SETTLED.
+A strobe has repeated if the less of the two is below SETTLED, or below KEPT where the motion has settled before: on its way
+along the family it passes corners, where the number of its small hops or the order of stick and slip changes. The motion
+has settled when it has repeated for PATIENCE periods: what then is left of the fast part would change x by SETTLED in as
+many again, or less. A run that ends before has settled, too, where the fast part is seen to fall geometrically, over
+PATIENCE periods, to below SETTLED.
 """
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.verdict.past import N_NORMAL, P_SPIN, RING, RUNS, S_STROBES, SCALARS, STROBES, note_strobe
 
 SETTLED = 1e-4  # change of a strobe, in g/omega^2 and g/omega, that counts as none
+KEPT = 1e-3  # the same of a motion that has settled before: it is not lost at a corner of its family
 # share of a shorter period's change that is left after PATIENCE periods, below which it is on its way to none
 FADING = 0.99
 PATIENCE = 24  # periods a motion repeats before it counts as settled
@@ -35,7 +38,8 @@ def note_period(dm, state, modes, past):
 @compiled
 def repeats(past, p):
     """Whether the motion has come back to where it was p periods ago, but for the creep of its spin."""
-    return past[SCALARS, S_STROBES] > p and residual(past, p, 0) <= SETTLED
+    line = KEPT if past[RUNS, p] >= PATIENCE + p else SETTLED
+    return past[SCALARS, S_STROBES] > p and residual(past, p, 0) <= line
 
 
 @compiled

@@ -1,0 +1,115 @@
+"""Settled means that the fast part has settled: a motion whose spin creeps is told by its word, and the creep beside it."""
+
+import numpy as np
+import pytest
+
+import dimersweep
+from dimersweep import orbits, simulate
+from dimersweep.cubes.cube import names
+
+pytestmark = pytest.mark.jit
+CREEPING = [{"A_r": 5.0, "beta0": 0.3386, "xdot0": xdot0} for xdot0 in (2.5, 3.0)]
+
+
+@pytest.fixture(scope="module", params=CREEPING, ids=lambda scene: f"xdot0 = {scene['xdot0']}")
+def creeping(request):
+    return simulate(**request.param, periods=400)
+
+
+def strobes(run):
+    """Gaps and gap rates at the ends of the periods in units of g and omega, and the spin [rad/s]."""
+    f, g = run.parameters["f"], run.parameters["g"]
+    omega = 2 * np.pi * f
+    states = run.states(np.arange(1, run.n_periods + 1) / f)
+    gaps = [states[name].values * omega**2 / g for name in ("gap_1", "gap_2")]
+    rates = [states[name].values * omega / g for name in ("gap_1_rate", "gap_2_rate")]
+    spin = states["spin_rate"].values + states["theta_rate"].values * np.sin(states["beta"].values)
+    return np.column_stack([*gaps, *rates]), spin
+
+
+def test_a_drift_whose_spin_creeps_is_a_drift(creeping):
+    x, _ = strobes(creeping)
+    late = slice(100, None)
+    change = np.abs(np.diff(x, axis=0)).max(axis=1)
+    assert (change[late] > 1e-4).all()  # by its strobes alone it would not have settled
+    assert creeping.mode == "drift"
+    assert creeping.mode_period == 1
+    assert creeping.settled_after < 100
+    assert creeping.spin_drift / creeping.orbit.spin_rate < -2e-4
+
+
+def test_the_creep_is_that_of_the_family(creeping):
+    """A run tells the pace over its last 20 periods, an orbit that of the next one."""
+    orbit = orbits.find(guess=creeping)
+    assert creeping.spin_drift == pytest.approx(orbit.spin_drift, rel=2e-2)
+
+
+def test_the_creep_is_the_change_of_the_spin():
+    run = simulate(periods=300)
+    earlier = simulate(periods=281, record=False)
+    slope = (run.orbit.spin_rate - earlier.orbit.spin_rate) / 19
+    assert run.spin_drift == run.orbit.spin_drift == pytest.approx(slope, rel=1e-5)
+
+
+def test_the_creep_of_a_motion_that_is_no_drift():
+    run = simulate(Gamma=1.2, beta0=0.8, periods=100)
+    assert run.mode == "jump"
+    _, spin = strobes(run)
+    span = 24 // run.mode_period * run.mode_period
+    assert run.spin_drift == pytest.approx((spin[-1] - spin[-1 - span]) / span, rel=1e-6, abs=1e-10)
+    assert np.isnan(simulate(Gamma=0.5, periods=100, record=False).spin_drift)
+
+
+def test_a_fast_part_that_falls_is_foreseen():
+    """At 60 periods the strobes have not repeated for 24 of them, but fall tenfold in 10; at 400 they are the same drift."""
+    scene = {"e": 0.7, "beta0": np.radians(42), "rtol": 1e-6}
+    early = simulate(**scene, periods=60)
+    x, _ = strobes(early)
+    change = np.abs(np.diff(x, axis=0)).max(axis=1)
+    assert change[33] > 1e-4 > change[-1]
+    late = simulate(**scene, periods=400, record=False)
+    assert early.mode == late.mode == "drift"
+    assert early.orbit.radius == pytest.approx(late.orbit.radius, rel=1e-3)
+
+
+def longest_flight(run, end, since):
+    """Longest time from when an end leaves the plate to its next hit, in forcing periods."""
+    events = run.events.to_dataframe().groupby("time", as_index=False).agg(
+        {"contact_after": "last", f"impulse_{end}": "max"}
+    )  # fmt: skip
+    closed = events["contact_after"].str.startswith(("D", f"SC{end}"))
+    hit = events[f"impulse_{end}"] > 0
+    leaves = events["time"][(hit | closed.shift(fill_value=True)) & ~closed].to_numpy()
+    lands = events["time"][hit].to_numpy()
+    back = np.searchsorted(lands, leaves, side="right")
+    known = back < lands.size
+    hops, ends = lands[back[known]] - leaves[known], lands[back[known]]
+    return float(hops[ends > since].max(initial=0.0)) * run.parameters["f"]
+
+
+@pytest.mark.parametrize("scene", [{}, {"Gamma": 1.2}, {"Gamma": 1.2, "beta0": 0.8}, {"e": 0.8, "Gamma": 1.5}], ids=str)
+def test_the_longest_hops_are_those_of_the_events(scene):
+    run = simulate(**scene, periods=100)
+    since = (100 - 12) / run.parameters["f"]
+    for end, told in ((1, run.longest_hop_1), (2, run.longest_hop_2)):
+        assert told == pytest.approx(longest_flight(run, end, since), abs=2e-2)  # a chatter's hops are summed
+
+
+def test_the_orbits_of_r1_go_on_where_their_name_changes():
+    """Beyond Gamma = sqrt(1 + (pi/2 - 2/pi)^2) p1 hops for longer than half a period, once in each: the name changes."""
+    line = np.hypot(1.0, np.pi / 2 - 2 / np.pi)
+    below, above = (
+        orbits.find(e=0.5, Gamma=line + by, spin=100.0).run(100) for by in (-0.02, 0.03)
+    )  # the line is that of a hop from rest
+    assert below.mode == "drift"
+    assert above.mode == "period_n"
+    assert above.mode_period == 1
+    assert below.longest_hop_1 < 0.5 < above.longest_hop_1 < 0.6
+
+
+def test_a_cube_tells_the_creep_and_the_hops():
+    cube = dimersweep.sweep({"xdot0": [2.5, 3.0], "A_r": [5.0], "beta0": [0.3386]}, periods=200, progress=False)
+    assert (names(cube["mode"]) == "drift").all()
+    assert (cube["spin_drift"].values < 0).all()
+    assert cube["spin_drift"].attrs["units"] == "rad s-1"
+    assert (cube["longest_hop_1"].values < 0.5).all()
