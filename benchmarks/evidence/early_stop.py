@@ -52,6 +52,7 @@ CHUNK = 50
 DEATH_COST, DRIFT_WAIT = 1.2, 30  # what a death may cost over the time to it; periods a settled drift may go on
 HOVERS = 0.5  # change at the stop, in units of the line of settling, from which it is taken to hover there
 REACH = 2.0  # of the spin to which a family is followed, over the way that is left at its pace at the stop
+TAKEN_UP = 8  # times that a family is taken up at most
 NEAR, SHARE = PATIENCE, 0.2  # periods between a border foretold and the loss of the motion, or share of the time to it
 BEYOND = 30  # periods by which a drift is followed further than its stop, to see where it ends
 TIMINGS = 9
@@ -191,7 +192,7 @@ def ahead(point: dict[str, float], period: int, stop: int, given: argparse.Names
     spin, rate = branch["spin"].values, branch["spin_drift"].values
     passed = stop + np.append(0.0, np.cumsum(2.0 * np.diff(spin) / (rate[1:] + rate[:-1])))
     met = [
-        Border(change if kind == "word" else kind, float(s), float(n))
+        Border(str(change if kind == "word" else kind), float(s), float(n))
         for kind, change, s, n in zip(branch["special"].values, branch["change"].values, spin, passed, strict=True)
         if kind
     ]
@@ -201,16 +202,33 @@ def ahead(point: dict[str, float], period: int, stop: int, given: argparse.Names
 
 
 def foretold(point: dict[str, float], period: int, stop: int, lost: int, given: argparse.Namespace) -> str:
-    """The border that the family foretells for the time when a run loses its motion, in words; nothing where it has none."""
-    try:
-        met = ahead(point, period, stop, given)
-    except OrbitError:
-        return ""
-    near = [border for border in met if abs(border.periods - lost) <= max(NEAR, SHARE * (lost - stop))]
-    if not near:
-        return ""
-    border = min(near, key=lambda border: abs(border.periods - lost))
-    return f"{border.kind} at spin {border.spin:.4g} rad/s after {border.periods:.0f} periods"
+    """The border that the family foretells for the time when a run loses its motion, in words; nothing where it has none.
+
+    Where the branch ends before, and the run goes on, the family is taken up again from the run.
+    """
+    begun = stop
+    for _ in range(TAKEN_UP):
+        try:
+            met = ahead(point, period, begun, given)
+        except OrbitError:
+            return ""
+        near = [border for border in met if abs(border.periods - lost) <= max(NEAR, SHARE * (lost - begun))]
+        if near:
+            border = min(near, key=lambda border: abs(border.periods - lost))
+            told = f"{border.kind} at spin {border.spin:.4g} rad/s after {border.periods:.0f} periods"
+            return told if begun == stop else f"{told} (taken up again after {begun})"
+        if not met or not met[-1].kind.startswith("end") or met[-1].periods > lost:
+            return ""
+        begun = max(begun, int(met[-1].periods)) + PATIENCE // 2
+        if begun >= lost:
+            return ""
+    return ""
+
+
+def settles_again(left: np.ndarray, period: int) -> bool:
+    """Whether a motion repeats again for as long as settling takes."""
+    within = np.convolve(left <= SETTLED, np.ones(PATIENCE + period), mode="valid")
+    return bool(within.size and within.max() > PATIENCE + period - 0.5)
 
 
 def reason(point: dict[str, float], early: np.ndarray, late: np.ndarray, given: argparse.Namespace) -> Why:
@@ -239,6 +257,8 @@ def reason(point: dict[str, float], early: np.ndarray, late: np.ndarray, given: 
     border = foretold(point, int(early[PERIOD]), int(stop), passed, given)
     if border:
         return Why("foretold", f"{how}; the family foretells: {border}")
+    if settles_again(left[passed:], int(early[PERIOD])):
+        return Why("passes a corner", f"{how}; then the same motion again")
     return Why("hovers at the line" if at_stop > HOVERS * SETTLED else "passes a border later", how)
 
 
