@@ -52,8 +52,8 @@ CHUNK = 50
 DEATH_COST, DRIFT_WAIT = 1.2, 30  # what a death may cost over the time to it; periods a settled drift may go on
 HOVERS = 0.5  # change at the stop, in units of the line of settling, from which it is taken to hover there
 REACH = 2.0  # of the spin to which a family is followed, over the way that is left at its pace at the stop
-TAKEN_UP = 8  # times that a family is taken up at most
 NEAR, SHARE = PATIENCE, 0.2  # periods between a border foretold and the loss of the motion, or share of the time to it
+JOINED = 0.1  # largest change of a strobe, in g/omega^2 and g/omega, where a motion passes a corner
 BEYOND = 30  # periods by which a drift is followed further than its stop, to see where it ends
 TIMINGS = 9
 TIMED_FOR = 2e-3  # least time of one timing [s]: a run is repeated as often as that takes
@@ -207,21 +207,20 @@ def foretold(point: dict[str, float], period: int, stop: int, lost: int, given: 
     Where the branch ends before, and the run goes on, the family is taken up again from the run.
     """
     begun = stop
-    for _ in range(TAKEN_UP):
+    while begun < lost:
         try:
             met = ahead(point, period, begun, given)
-        except OrbitError:
-            return ""
-        near = [border for border in met if abs(border.periods - lost) <= max(NEAR, SHARE * (lost - begun))]
+        except OrbitError:  # the run is not near an orbit just now, as where it has just passed a corner
+            met = [Border("none", np.nan, begun)]
+        near = [border for border in met if abs(border.periods - lost) <= max(NEAR, SHARE * (lost - stop))]
+        near = [border for border in near if border.kind != "none"]
         if near:
             border = min(near, key=lambda border: abs(border.periods - lost))
             told = f"{border.kind} at spin {border.spin:.4g} rad/s after {border.periods:.0f} periods"
-            return told if begun == stop else f"{told} (taken up again after {begun})"
-        if not met or not met[-1].kind.startswith("end") or met[-1].periods > lost:
+            return told if begun == stop else f"{told} (as the family goes on after {begun})"
+        if not met or not met[-1].kind.startswith(("end", "none")):
             return ""
         begun = max(begun, int(met[-1].periods)) + PATIENCE // 2
-        if begun >= lost:
-            return ""
     return ""
 
 
@@ -257,7 +256,8 @@ def reason(point: dict[str, float], early: np.ndarray, late: np.ndarray, given: 
     border = foretold(point, int(early[PERIOD]), int(stop), passed, given)
     if border:
         return Why("foretold", f"{how}; the family foretells: {border}")
-    if settles_again(left[passed:], int(early[PERIOD])):
+    kick = changes(strobe, early[PERIOD])[passed - 1 : passed + PATIENCE].max()
+    if kick < JOINED and settles_again(left[passed:], int(early[PERIOD])):
         return Why("passes a corner", f"{how}; then the same motion again")
     return Why("hovers at the line" if at_stop > HOVERS * SETTLED else "passes a border later", how)
 

@@ -194,7 +194,7 @@ def test_early_stop_on_a_few_points(capsys):
             lambda n: 1e-5 * n + 5.1e-7 * n**2,
             0,
             "hovers at the line",
-            "left by 1.0e-03 after 485 periods, from 9.8e-05 at the stop",
+            "left by 1.0e-03 after 483 periods, from 9.8e-05 at the stop",
         ),
         (
             lambda n: np.where(n < 150, 0.0, 1.0),
