@@ -5,6 +5,7 @@ import json
 import re
 import sys
 import tomllib
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -83,7 +84,7 @@ def test_the_citation_is_of_this_version_and_of_the_paper():
 def evaluate(path, parsers, **more):
     """Run the examples of a file in one namespace, one after the other; how many there were."""
     document = Sybil(parsers=parsers, **more).parse(path)
-    document.namespace |= {"__name__": "__main__"}
+    document.namespace |= {"__name__": "__main__", "find_spec": find_spec}
     examples = list(document.examples())
     for example in examples:
         example.evaluate()
