@@ -1,7 +1,7 @@
 """The region of drift as a map of runs, beside its borders as curves.
 
-``python benchmarks/evidence/region.py [--num 12]`` asks at each point of a grid in the e-Gamma plane whether any start drifts, and
-compares with the fold and the flip of the fast part **at the spin that the run itself has come to**: no drift may lie more
+``python benchmarks/evidence/region.py [--num 12]`` asks at each point of a grid in the e-Gamma plane whether any start drifts,
+and compares with the fold and the flip of the fast part **at the spin that the run itself has come to**: no drift may lie more
 than 1e-3 outside them. Of each point inside at which no start drifts the reason is named:
 
 * the orbit is there and stable, and its run is told by another name, since a hop of p1 lasts longer than half a period (the
