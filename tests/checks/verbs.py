@@ -222,11 +222,6 @@ def rests_for_good(dm, state, modes):
 
 
 @compiled
-def slide_rates(dm, g_e, state, soft):
-    return rest.slide_rates(dm, g_e, state[CA], state[CB], state[WP], state[SPIN], soft)
-
-
-@compiled
 def effective_gravity(dm, phase):
     return plate.effective_gravity(dm, phase)
 
@@ -234,11 +229,6 @@ def effective_gravity(dm, phase):
 @compiled
 def plate_rate(dm, phase):
     return plate.plate_rate(dm, phase)
-
-
-@compiled
-def sag(dm, swing):
-    return plate.sag(dm, swing)
 
 
 @compiled
@@ -250,16 +240,6 @@ def lightest(dm):
 def plate_bounds(dm):
     """Bounds of the plate's speed, of the effective gravity from above, and of the third and fourth derivative."""
     return plate.speed_bound(dm), plate.heaviest(dm), plate.jerk_bound(dm), plate.snap_bound(dm)
-
-
-@compiled
-def least_gravity(dm, phase, swing):
-    return plate.least_gravity(dm, phase, swing)
-
-
-@compiled
-def mean_gravity(dm, phase, swing):
-    return plate.mean_gravity(dm, phase, swing)
 
 
 @compiled

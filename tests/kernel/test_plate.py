@@ -27,14 +27,11 @@ from tests.checks.verbs import (
     effective_gravity,
     first_landing,
     gap_series,
-    least_gravity,
     lightest,
-    mean_gravity,
     plate_bounds,
     plate_rate,
     rests_for_good,
     row_of,
-    sag,
     take_off,
 )
 from tests.oracle import body as slow
@@ -111,19 +108,6 @@ def test_crests_of_random_waves_are_certain():
         bend = (Gamma + 4 * Gamma_2) * dm.g
         assert lightest(dm) <= least + 1e-12
         assert lightest(dm) >= least - bend * (CYCLE[1] / 2) ** 2 / 2 - 2e-9 * bend
-
-
-@plates
-def test_gravity_over_a_stretch(plate):
-    dm, _, _ = made(plate)
-    rng = np.random.default_rng(1)
-    for _ in range(8):
-        phase, swing = rng.uniform(-10.0, 10.0), 10.0 ** rng.uniform(-2.0, 1.0)
-        gravity = dm.g + motion(dm, phase + np.linspace(0.0, swing, 20_001))[2]
-        assert least_gravity(dm, phase, swing) <= gravity.min() + 1e-6
-        assert mean_gravity(dm, phase, swing) == pytest.approx(np.trapezoid(gravity) / 20_000, abs=1e-6 * dm.g)
-        line = gravity[0] + (gravity[-1] - gravity[0]) * np.linspace(0.0, 1.0, 20_001)
-        assert sag(dm, swing) >= (line - gravity).max() - 1e-9
 
 
 @plates

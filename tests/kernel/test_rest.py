@@ -3,14 +3,6 @@
 import numpy as np
 import pytest
 
-from dimersweep.kernel.contact.coordinates import (
-    N_Y,
-    YS,
-    YUA,
-    YUB,
-    YWP,
-)
-from dimersweep.kernel.contact.forces import A1, N_F
 from dimersweep.kernel.model.layout import (
     CA,
     CB,
@@ -25,33 +17,15 @@ from dimersweep.kernel.model.layout import (
 from dimersweep.kernel.record import HOP_TIME, MODES
 from tests.checks.launch import launch
 from tests.checks.verbs import (
-    contact_rates,
-    contact_state,
     dimer,
     is_calm,
-    least_gravity,
-    mean_gravity,
     rests_for_good,
     row_of,
-    slide_rates,
     sliding_speed,
 )
 
-# deaths near the border of lifting: on one end is left, for a moment, as little as 0.03 to 0.2 of half the weight
-DEATHS = [  # Gamma, f, A_r, mu, mu_s; v_a, v_b, w, s, phase
-    (0.936106, 34.0968, 3.09312, 0.390545, 0.646876, 1.5341, 1.0831, 2.3744, 123.92, 3.5583),
-    (0.997344, 29.3395, 6.31904, 0.108145, 0.198536, 0.62383, 2.4958, 0.068295, 203.74, 5.0403),
-    (0.960104, 26.4896, 3.24174, 0.134896, 0.193995, 1.5231, 1.6577, 1.4329, 225.24, 5.7164),
-    (0.996649, 28.9048, 3.93229, 0.147041, 0.190018, 0.091112, 1.2252, 0.35095, 234.38, 1.8087),
-    (0.98073, 34.6592, 4.15733, 0.265429, 0.529253, 0.16629, 2.0463, 1.1063, 384.59, 1.9931),
-    (0.984687, 24.8027, 3.78711, 0.327916, 0.63609, 0.29334, 1.4248, 1.1992, 273.34, 1.9888),
-    (0.99874, 23.4833, 7.23037, 0.189828, 0.253686, 0.42985, 1.7748, 0.1349, 347.69, 1.6391),
-    (0.991256, 34.4758, 3.31959, 0.150204, 0.281005, 0.12326, 1.2157, 0.64678, 239.01, 1.9656),
-]
-# one in which an end comes near to a stop
-NEAR_A_STOP = (0.95554, 28.6285, 3.17891, 0.274726, 0.458306, 0.103702, 2.08236, 1.99327, 370.503, 2.46488)
-# slides that lift, but in coarse steps seem not to: an end nearly stops, the moment falls to a trace, or it grows for long
-LIFTING = [  # the same, and phi0
+# slides that lift, though for long they seem not to: an end nearly stops, the moment falls to a trace, or it grows slowly
+LIFTING = [  # Gamma, f, A_r, mu, mu_s; v_a, v_b, w, s, phase; phi0
     (
         0.9996842,
         35.80794,
@@ -188,7 +162,7 @@ def lifts(scene, state):
 def test_what_is_told_to_rest_never_lifts():
     rng = np.random.default_rng(7)
     told, lifted = [], 0
-    for _ in range(160):
+    for _ in range(320):
         scene, state = random_slide(rng)
         if rests_for_good(dimer(**scene), state, BOTH_SLIP):
             told.append((scene, state))
@@ -206,57 +180,11 @@ def slide_of(Gamma, f, A_r, mu, mu_s, v_a, v_b, turn, spin, phase, phi0=0.0):
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize("death", [*DEATHS, NEAR_A_STOP])
-def test_a_death_near_the_border_of_lifting_is_told_at_once(death):
-    scene, state = slide_of(*death)
-    assert rests_for_good(dimer(**scene), state, BOTH_SLIP)
-    assert not lifts(scene, state)
-
-
-@pytest.mark.jit
-@pytest.mark.parametrize("death", DEATHS)
-def test_a_death_that_turns_a_little_faster_is_told_as_long_as_it_does_not_lift(death):
-    scene, state = slide_of(*death)
-    told, lifting, turn = [], [], state[WP]
-    for more in np.arange(0.0, 0.5, 0.02):
-        state[WP] = (1.0 + more) * turn
-        told.append(bool(rests_for_good(dimer(**scene), state, BOTH_SLIP)))
-        lifting.append(lifts(scene, state))
-    assert any(lifting)
-    assert not any(t and up for t, up in zip(told, lifting, strict=True))
-    assert sum(told) >= lifting.index(True) - 5  # told up to a tenth below the border
-
-
-@pytest.mark.jit
 @pytest.mark.parametrize("slide", LIFTING)
-def test_a_slide_that_lifts_is_not_told_for_its_coarse_steps(slide):
+def test_a_slide_that_lifts_late_is_not_told(slide):
     scene, state = slide_of(*slide)
     assert lifts(scene, state)
     assert not rests_for_good(dimer(**scene), state, BOTH_SLIP)
-
-
-@pytest.mark.jit
-def test_no_slide_just_beyond_the_border_is_told():
-    rng, borders, near = np.random.default_rng(11), 0, 0
-    while borders < 25:
-        scene, state = random_slide(rng)
-        dm, low, high, turn = dimer(**scene), 1.0, 100.0, state[WP]
-        state[WP] = high * turn
-        if (
-            turn == 0.0
-            or lifts(scene, sliding(*state[[CA, CB]], turn, state[SPIN], state[PHASE]))
-            or not lifts(scene, state)
-        ):
-            continue
-        borders += 1
-        while high > 1.005 * low:
-            state[WP] = np.sqrt(low * high) * turn
-            up = lifts(scene, state)
-            assert not (up and rests_for_good(dm, state, BOTH_SLIP))
-            low, high = (low, state[WP] / turn) if up else (state[WP] / turn, high)
-        state[WP] = 0.95 * low * turn
-        near += bool(rests_for_good(dm, state, BOTH_SLIP))
-    assert near > 8
 
 
 @pytest.mark.jit
@@ -281,30 +209,6 @@ def test_a_calm_slide_keeps_its_bound():
             segments = launch(row_of(**scene), state, 10, rtol=1e-7).segments
             later = [sliding_speed(dm, segment[:N_STATE]) for segment in segments]
             assert max(later) <= sliding_speed(dm, state) + dm.mu * dm.A_z * dm.omega
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_rates_of_a_slide(seed):
-    rng = np.random.default_rng(seed)
-    dm = dimer(Gamma=float(rng.uniform(0.0, 0.9)), mu=float(rng.uniform(0.0, 1.0)), A_r=float(rng.uniform(2.5, 8.0)))
-    state, phase = sliding(*rng.normal(size=3), 100.0 * rng.normal()), rng.uniform(0.0, 2.0 * np.pi)
-    y, dy, F = np.zeros(N_Y), np.zeros(N_Y), np.zeros(N_F)
-    contact_state(dm, state, -1.0, y)
-    contact_rates(dm, BOTH_SLIP, phase, y, dy, F)
-    weight = dm.m * (dm.g - dm.A_z * dm.omega**2 * np.sin(phase))
-    d_a, d_b, d_w, d_s, axial = slide_rates(dm, weight / dm.m, state, 0.0)
-    found = np.array([d_a, d_b + dm.h * d_w - dm.r * d_s, d_w, d_s, axial])
-    assert found == pytest.approx(np.append(dy[[YUA, YUB, YWP, YS]], F[A1] / weight), rel=1e-12, abs=1e-12)
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_gravity_over_a_step(seed):
-    rng = np.random.default_rng(seed)
-    dm = dimer(Gamma=float(rng.uniform(0.0, 1.0)))
-    phase, swing = rng.uniform(-10.0, 10.0), 10.0 ** rng.uniform(-2.0, 1.0)
-    gravity = dm.g - dm.A_z * dm.omega**2 * np.sin(phase + np.linspace(0.0, swing, 20_001))
-    assert least_gravity(dm, phase, swing) == pytest.approx(gravity.min(), abs=1e-6)
-    assert mean_gravity(dm, phase, swing) == pytest.approx(np.trapezoid(gravity) / 20_000, abs=1e-6)
 
 
 def test_without_friction_only_the_spin_of_the_turning_rod_counts():

@@ -89,39 +89,6 @@ def second_acceleration(A_2, lag, omega, phase):
     return 4.0 * A_2 * omega * omega * s_2
 
 
-@compiled
-def mean_gravity(dm, phase, swing):
-    """Mean effective gravity while the plate goes on by `swing` from a phase [m s-2]."""
-    mean = dm.g + dm.A_z * dm.omega * dm.omega * (cos(phase + swing) - cos(phase)) / swing
-    if dm.A_2 == 0.0:
-        return mean
-    _, before = sincos(2.0 * phase + dm.lag)
-    _, after = sincos(2.0 * (phase + swing) + dm.lag)
-    return mean + 2.0 * dm.A_2 * dm.omega * dm.omega * (after - before) / swing
-
-
-@compiled
-def to_crest(phase):
-    """Phase that is left to where the first harmonic is highest."""
-    return (0.25 * TWO_PI - phase) % TWO_PI
-
-
-@compiled
-def least_gravity(dm, phase, swing):
-    """Effective gravity below which it does not fall while the plate goes on by `swing` from a phase [m s-2]."""
-    least = min(effective_gravity(dm, phase), effective_gravity(dm, phase + swing))
-    if dm.A_2 == 0.0:
-        return lightest(dm) if to_crest(phase) <= swing else least
-    return max(lightest(dm), least - sag(dm, swing))
-
-
-@compiled
-def sag(dm, swing):
-    """How far g_e may fall below a straight line between two phases that are `swing` apart [m s-2]."""
-    bend = (dm.A_z + 16.0 * dm.A_2) * dm.omega * dm.omega
-    return 0.125 * bend * swing * swing
-
-
 # --- bounds over a cycle ----------------------------------------------------------------------------------------------
 
 
