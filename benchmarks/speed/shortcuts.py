@@ -167,11 +167,6 @@ SHORTCUTS = (
         {"impact/expansion": replaced("if 0.0 < end < inf and term", "if end < 0.0 and term")},
     ),
     Shortcut(
-        "compression and restitution in one expansion",
-        "one for each",
-        {"impact/single_impact": replaced("law.both == 0.0 and law.e >= LIVELY", "law.e > 2.0")},
-    ),
-    Shortcut(
         "slip that dies out summed in closed form",
         "the expansion",
         {"impact/single_impact": body("run_down", "return inf, inf")},
@@ -226,11 +221,6 @@ SHORTCUTS = (
         "first guess of an event on a cubic, in contact",
         "bracketing",
         {"contact/location": replaced("if method != RESCALED:\n        guess", "if method < 0:\n        guess")},
-    ),
-    Shortcut(
-        "probe of an event carried on by the midpoint rule, in contact",
-        "a step of its own",
-        {"contact/location": body("nearby", "return 0.0")},
     ),
     Shortcut(
         "step that ends at a landing in sight",

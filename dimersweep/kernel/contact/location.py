@@ -1,7 +1,7 @@
 """Where in a step of a contact phase its event lies, and whether a step may hide one."""
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.contact.coordinates import N_CLOSED, YB, YTIME, YWB, leading_sign
+from dimersweep.kernel.contact.coordinates import YB, YWB, leading_sign
 from dimersweep.kernel.contact.events import (
     JAM,
     LANDING,
@@ -15,10 +15,8 @@ from dimersweep.kernel.contact.events import (
     needs_forces,
 )
 from dimersweep.kernel.contact.forces import contact_rates
-from dimersweep.kernel.contact.step_control import METHOD, NOW, PLAIN, RESCALED, SIZE, STIFFNESS, step_to
+from dimersweep.kernel.contact.step_control import METHOD, NOW, RESCALED, SIZE, STIFFNESS, step_to
 from dimersweep.kernel.numerics.root_bracket import (
-    CARRIED,
-    S_AT,
     S_HIGH,
     UNSOUND,
     is_closed,
@@ -70,30 +68,12 @@ def crossing_on_cubic(dm, modes, phase, h, n, event, g_start, g_end, slip_tol, b
 
 
 @compiled
-def nearby(dm, y, tol):
-    """Time over which the midpoint rule is as good as the tolerance [s]: its error is cubic."""
-    return 0.6 * tol ** (1.0 / 3.0) / motion_rate(dm, y)
-
-
-@compiled
-def carry_on(dm, modes, phase, t, n, b):
-    """Carry the end of a step on (or back) by t seconds, by the midpoint rule."""
-    path = n > N_CLOSED
-    for k in range(n):
-        b.probe[k] = b.out[k] + 0.5 * t * b.dy_out[k]
-    contact_rates(dm, modes, phase + dm.omega * b.probe[YTIME], b.probe, path, b.dy_probe, b.F_probe)
-    for k in range(n):
-        b.out[k] += t * b.dy_probe[k]
-    contact_rates(dm, modes, phase + dm.omega * b.out[YTIME], b.out, path, b.dy_out, b.F_out)
-
-
-@compiled
 def first_crossing(dm, p, event, least, b):
     """Locate the first zero of the armed event functions in a step over which the least of them fell to `least` <= 0.
 
-    Each probe is a step of its own from b.start, or carries the last one on where it is near: the first at the zero on the
-    cubic through the step, the next ones by Newton's rule, then by bracketed regula falsi. The state returned is past the
-    zero by a hair, so that what changes there has changed clearly.
+    Each probe is a step of its own from b.start: the first at the zero on the cubic through the step, the next ones by
+    Newton's rule, then by bracketed regula falsi. The state returned is past the zero by a hair, so that what changes there
+    has changed clearly.
 
     Returns
     -------
@@ -107,17 +87,13 @@ def first_crossing(dm, p, event, least, b):
     dip_left = (
         DIP_LEFT * past if b.start[YB] != 0.0 else 0.0
     )  # an end that has just left is not taken for one that lands
-    near = nearby(dm, b.start, p.tol) if method == PLAIN and not is_slip_end(event) else 0.0
     guess, slope = 0.0, 0.0
     if method != RESCALED:
         guess, slope = crossing_on_cubic(dm, modes, phase, h, p.n, event, b.values[1, event], least, p.slip_tol, b)
     set_bracket(s, h, g_low, least, guess, slope)
     while not is_closed(s, h):
         mid = next_probe(s)
-        way = mid - s[S_AT]
-        if abs(way) <= min(near, CARRIED * mid):
-            carry_on(dm, modes, phase, way, p.n, b)
-        elif not step_to(dm, modes, phase, mid, p.n, method, gamma, b) <= 1.0:
+        if not step_to(dm, modes, phase, mid, p.n, method, gamma, b) <= 1.0:
             return UNSOUND
         g, which = least_value(dm, modes, b.armed, b.start, b.out, b.F_out, p.slip_tol, b.values[1])
         at_rest = is_slip_end(which) and abs(g) <= p.slip_tol / dm.v_scale

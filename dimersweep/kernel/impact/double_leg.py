@@ -182,7 +182,7 @@ def implicit_step(law, modes, h, tol, slip_unit, b):
     return sqrt(total / N_Z) / tol
 
 
-@compiled
+@compiled(inline=True)
 def leg_step(law, modes, clock, h, tol, slip_unit, stiff, b):
     """One step of size h from b.start into b.out, by the method that suits; returns the error over the tolerance."""
     charge(b.meter, IMPLICIT_COST if stiff else EXPLICIT_COST)

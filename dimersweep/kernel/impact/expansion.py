@@ -90,20 +90,19 @@ def reach(c, order, small):
 
 
 @compiled
-def likely_end(law, c, compressing, whole):
-    """Where a leg (with `whole`, also the restitution after it) has ended by the first three terms of its expansion; or inf."""
+def likely_end(c, compressing):
+    """Where a leg has ended by the first three terms of its expansion; or inf."""
     if compressing:
-        rebound = law.e if whole else 0.0
-        return BEYOND * (1.0 + rebound) * parabola_zero(-c[A_N, 0], -c[A_N, 1], -c[A_N, 2])
+        return BEYOND * parabola_zero(-c[A_N, 0], -c[A_N, 1], -c[A_N, 2])
     return BEYOND * parabola_zero(c[A_E, 0], c[A_E, 1], c[A_E, 2])
 
 
 @compiled
-def expand_to_end(law, gain, compressing, whole, fading, small, highest, c):
+def expand_to_end(law, gain, compressing, fading, small, highest, c):
     """Expand a leg to the order that reaches its end, or to the highest; returns the order and the step it is good for."""
     order = LEAST_ORDER
     fading = expand(law, gain, fading, 0, order, c)
-    end = likely_end(law, c, compressing, whole)
+    end = likely_end(c, compressing)
     if 0.0 < end < inf and term(c, order) * end <= SLACK * term(c, order - 1):
         while order < highest:
             power = end ** (order - 1)

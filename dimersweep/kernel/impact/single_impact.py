@@ -27,7 +27,6 @@ from dimersweep.kernel.impact.expansion import (
     expand_to_end,
     first_zero,
     unseen,
-    zero_between,
 )
 from dimersweep.kernel.model.friction import holds_axially, length, slip_force
 from dimersweep.kernel.model.layout import SLIP, STICK
@@ -40,7 +39,6 @@ EXPANSION_COST = 0.35  # of a step by expansion, in hops of one end: as measured
 OFF_AXIS = 0.1  # sine of the angle to an axial direction below which its expansion is in powers of that
 INVARIANT = 1e-14  # rate of turning (per xi) below which any slip direction counts as invariant
 ATTRACTED = 1e-2  # effect on the rates, in tolerances, of what is left of the turning towards an attracting direction
-LIVELY = 0.1  # coefficient of restitution from which the energy given back is a clear part of what is stored
 CONVERGES, MAX_TERMS = 0.4, 80  # ratio of the terms in closed form below which they are summed, and the most of them
 
 
@@ -137,24 +135,6 @@ def time_to_events(law, n, E, v, n_j, compressing, w, w_j, w_v):
     return P_n, P_E, P_j, P_v
 
 
-@compiled
-def end_of_restitution(law, c, order, xi_n, h):
-    """End of the restitution that follows a compression up to xi_n within the same expansion; inf if it reaches beyond h.
-
-    Of the energy, stored to the last bit at xi_n, restitution gives back e^2 by the law of compression.
-    """
-    stored, _ = at(c, A_E, order, xi_n)
-    c[A_E, 0] -= (1.0 - law.e * law.e) * stored
-    left, slope = at(c, A_E, order, h)
-    _, rise = at(c, A_N, order, xi_n)
-    found = inf
-    if left <= 0.0 and slope < 0.0 < rise:
-        found = zero_between(c, A_E, order, 1.0, xi_n, h, xi_n * (1.0 + law.e))
-        _, rise = at(c, A_N, order, found)
-    c[A_E, 0] += (1.0 - law.e * law.e) * stored
-    return found if rise > 0.0 else inf
-
-
 @compiled(fuse=True)
 def run_down(law, a, b, tol):
     """Impulse P over which a slip that turns towards an attracting axial direction dies out, and the integral of a over it.
@@ -221,8 +201,6 @@ def stop_at_once(law, n, a, b, E, compressing, tol):
 def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
     """One leg with a turning slip direction, up to its first event or until the direction has become invariant.
 
-    A compression goes on into the restitution after it where one expansion serves both.
-
     Returns
     -------
     n, a, b, E, n_j, P, A, B : float
@@ -234,7 +212,6 @@ def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
     share = tol / max(1.0, length(a, b))
     highest = min(ORDER, max(LEAST_ORDER, int(8.0 - 0.6 * log(share))))  # the least work for a step of this accuracy
     slip_end, lateral = max(tol, 1e-14 * length(a, b)), abs(b) > tol
-    whole = compressing and law.both == 0.0 and law.e >= LIVELY
     n, n_j, P, A, B = n0, n_j0, 0.0, 0.0, 0.0
     for _ in range(MAX_STEPS):
         if is_over(work[METER]):
@@ -247,15 +224,11 @@ def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
                 return n_end, 0.0, 0.0, E_end, n_j, P + dP, A + dA, B - b / law.bb, LEG
         v = length(a, b)
         fading = begin_expansion(n, a, b, E, n_j, work)
-        small = unseen(work, v, tol) * (law.e * law.e if whole else 1.0)
-        order, h = expand_to_end(law, gain, compressing, whole, fading, small, highest, work)
+        order, h = expand_to_end(law, gain, compressing, fading, unseen(work, v, tol), highest, work)
         xi_n = first_zero(work, A_N, order, -1.0 if compressing else 1.0, h)
         xi_E = inf if compressing else first_zero(work, A_E, order, 1.0, h)
         xi_j = first_zero(work, A_J, order, 1.0, h) if law.both > 0.0 else inf
         xi = min(min(xi_n, xi_E), min(xi_j, h))
-        if whole and xi == xi_n:
-            xi_E = end_of_restitution(law, work, order, xi_n, h)
-            xi = xi_E if xi_E < inf else xi
         a_old, b_old = a, b
         a, _ = at(work, A_A, order, xi)
         b = b * exp(-law.mu * law.bb * xi)
