@@ -1,9 +1,10 @@
-"""What every shortcut of the kernel buys and what it changes: ``python benchmarks/speed/shortcuts.py [--small]``.
+"""What every shortcut of the kernel buys and what it changes: ``python benchmarks/speed/shortcuts.py [--small] [--runs]``.
 
 Each shortcut is taken out of a copy of the package. The copies are compiled first, several at a time. Then the package and
 each copy run the same scenes in turn: the time of a run to its verdict, and the error of the states over four forcing periods
 against a run at a far tighter setting. The table goes to the terminal and to docs/shortcuts.md. Most of the time goes into
-compiling: some minutes in all on two quiet cores.
+compiling: some minutes in all on two quiet cores. ``--runs`` measures on what people run (`workload`) in place of the scenes,
+``--together`` takes all that ``--only`` names out of one copy.
 """
 
 import argparse
@@ -18,7 +19,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from time import thread_time
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from compare import Worker, git, on_one_core
@@ -332,10 +333,28 @@ def measure(
     return {"states": states, "seconds": seconds, "mode": mode if status == "ok" else f"failed: {status}"}
 
 
+def measure_runs(runs: list[dict]) -> dict:
+    """Processor time of runs to their verdicts, with the status, mode and number of events of each."""
+    from dimersweep.cubes.cube import blank
+    from dimersweep.kernel.batch import run_many
+    from dimersweep.kernel.model.layout import CODE_MODE, CODE_N_EVENTS, CODE_STATUS
+
+    seconds, told = 0.0, []
+    for one in runs:
+        rows = np.array(one["rows"])
+        out, codes = blank(len(rows))
+        begun = thread_time()
+        run_many(rows, one["periods"], one["rtol"], one["settle"], out, codes)
+        seconds += thread_time() - begun
+        told += codes[:, [CODE_STATUS, CODE_MODE, CODE_N_EVENTS]].tolist()
+    return {"seconds": seconds, "told": told}
+
+
 def serve() -> None:
     """Measure what each line of the input asks for."""
     for line in sys.stdin:
-        print(json.dumps(measure(**json.loads(line))), flush=True)
+        asked = json.loads(line)
+        print(json.dumps(measure_runs(**asked) if "runs" in asked else measure(**asked)), flush=True)
 
 
 def worker(tree: Path, cache: Path) -> Worker:
@@ -403,6 +422,64 @@ def effects(
             off["mode"],
         )
     bare.close()
+
+
+class Cost(NamedTuple):
+    """What it costs to leave a shortcut out of a group of runs: ratios of time and of events, and the verdicts that differ."""
+
+    shortcut: str
+    group: str
+    ratio: float
+    least: float
+    most: float
+    events: float
+    differ: int
+    of: int
+
+    def __str__(self) -> str:
+        return (
+            f"{self.shortcut:50s} {self.group:14s} {self.ratio:6.3f} ({self.least:.2f} to {self.most:.2f})   "
+            f"events {self.events:.4f}   {self.differ} of {self.of} verdicts differ"
+        )
+
+
+def costs(shortcut: Shortcut, folder: Path, whole: Worker, groups: dict[str, list[Any]], turns: int) -> Iterator[Cost]:
+    """What leaving a shortcut out costs in each group, its copy being compiled in `folder`."""
+    bare = worker(folder, folder / "cache")
+    on_one_core([whole, bare])
+    for group, runs in groups.items():
+        asked = {"runs": [one._asdict() for one in runs]}
+        rounds = [(whole.ask(asked), bare.ask(asked)) for _ in range(turns)]
+        ratios = [off["seconds"] / on["seconds"] for on, off in rounds]
+        on, off = (np.array(one["told"]) for one in rounds[0])
+        events, differ = off[:, 2].sum() / on[:, 2].sum(), np.any(on[:, :2] != off[:, :2], axis=1)
+        yield Cost(
+            shortcut.name, group, float(np.median(ratios)), min(ratios), max(ratios), events, int(differ.sum()), len(on)
+        )
+    bare.close()
+
+
+def together(shortcuts: list[Shortcut]) -> Shortcut:
+    """All of these as one."""
+    edits: dict[str, Edit] = {}
+    for shortcut in shortcuts:
+        for module, edit in shortcut.edits.items():
+            edits[module] = in_turn(edits[module], edit) if module in edits else edit
+    return Shortcut("all of these together", "", edits)
+
+
+def print_costs(chosen: list[Shortcut], jobs: int, turns: int) -> None:
+    """Print what leaving each of them out costs on what people run."""
+    from workload import workload  # reads declarations: not for those who only take copies
+
+    groups = workload()
+    with tempfile.TemporaryDirectory() as name:
+        compile_copies(chosen, Path(name), jobs)
+        whole = worker(ROOT, KEPT)
+        for k, shortcut in enumerate(chosen):
+            for cost in costs(shortcut, Path(name, str(k)), whole, groups, turns):
+                print(cost, flush=True)
+        whole.close()
 
 
 def line(effect: Effect) -> str:
@@ -493,7 +570,13 @@ def main(arguments: list[str] | None = None) -> list[Effect]:
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="copies compiled at a time")
     parser.add_argument("--note", default="", help="a sentence for the document, on how it was made")
     parser.add_argument("--document", type=Path, help="where the tables go (default: docs/shortcuts.md if not small)")
+    parser.add_argument("--runs", action="store_true", help="measure on what people run in place of the scenes")
+    parser.add_argument("--together", action="store_true", help="with --runs: take all of them out of one copy")
     given = parser.parse_args(arguments)
+    if given.runs:
+        chosen = [one for one in SHORTCUTS if one.edits and any(word in one.name for word in given.only)]
+        print_costs([together(chosen)] if given.together else chosen, given.jobs, 1 if given.small else ROUNDS)
+        return []
     scenes = given.scenes or (["jump", "frictionless"] if given.small else list(SCENES))
     found = []
     print(
