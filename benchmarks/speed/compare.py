@@ -216,7 +216,7 @@ def table(times: np.ndarray, verbs: Sequence[str]) -> Iterator[str]:
 def main(arguments: list[str] | None = None) -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("revisions", nargs=2, metavar=("REV_A", "REV_B"))
+    parser.add_argument("revisions", nargs=2, metavar="REV")
     parser.add_argument("--verbs", nargs="+", choices=NAMES, default=NAMES, metavar="VERB")
     parser.add_argument("--pairs", type=int, default=12, help="pairs of processes")
     given = parser.parse_args(arguments)
