@@ -19,7 +19,7 @@ from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.orbits.finding import RTOL, centred, checked, orbit_at
 from dimersweep.orbits.following import Trace, traced
 from dimersweep.orbits.manifold import lag, slow_direction
-from dimersweep.orbits.orbit import Orbit, orbit_of
+from dimersweep.orbits.orbit import Orbit, as_seen, orbit_of
 from dimersweep.orbits.return_map import OrbitLost
 from dimersweep.orbits.solving import Fixed, solve, system
 from dimersweep.orbits.tables import dataset
@@ -157,7 +157,7 @@ def seen_at(fixed: Fixed) -> Seen:
         image = m.image(fixed.z + away)
     except OrbitLost:
         return Seen(fixed, told)
-    moved = orbit_of(fixed._replace(image=image, z=fixed.z + away), 0.0)
+    moved = orbit_of(as_seen(fixed._replace(image=image, z=fixed.z + away)), 0.0)
     return Seen(fixed, replace(told, **{name: getattr(moved, name) for name in SHOWN}))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.orbits.guesses import of_ball, of_run, rolled_up
 from dimersweep.orbits.manifold import on_manifold
-from dimersweep.orbits.orbit import Orbit, orbit_of
+from dimersweep.orbits.orbit import Orbit, as_seen, orbit_of
 from dimersweep.orbits.passage import TURN
 from dimersweep.orbits.return_map import OrbitLost, ReturnMap, Tape
 from dimersweep.orbits.solving import Fixed, solve, system
@@ -134,6 +134,8 @@ def _found(
     if shorter < fixed.map.periods:
         raise OrbitLost(f"the motion found repeats after {shorter} already; ask for periods={shorter}")
     shown = on_manifold(fixed)
+    if shown is not fixed:
+        shown = as_seen(shown)
     return orbit_of(fixed, tape.spent.periods, shown)
 
 

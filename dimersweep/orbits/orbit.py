@@ -7,6 +7,7 @@ import numpy as np
 from dimersweep.kernel.model.layout import DI_ENDS, GAMMA, PERIOD, PHASE, THETA, X1, Y1
 from dimersweep.orbits.manifold import multipliers_of, slow_direction
 from dimersweep.orbits.passage import TURN, Strike, strike_of
+from dimersweep.orbits.return_map import OrbitLost
 from dimersweep.orbits.solving import Fixed
 from dimersweep.orbits.word import word_of
 from dimersweep.parameters import check_count
@@ -112,6 +113,25 @@ class Orbit:
         start = start_of(run.states(0.0))
         del start["phase"]  # which is phi0
         return replace(run, start=start)
+
+
+def as_seen(fixed: Fixed) -> Fixed:
+    """A point of the slow manifold, with its turn counted from one double impact to the next, as a run counts it.
+
+    A run tells the spin after the double impact and the turn before it. That of the map ends later, at the section, and the
+    turn of a motion that creeps has changed by then.
+    """
+    m, image = fixed.map, fixed.image
+    strike = strike_of(image.passage, m.section.r, m.section.h, m.parameters["g"] / (TURN * m.parameters["f"]))
+    if strike is None:
+        return fixed
+    along, rate = slow_direction(fixed)
+    try:
+        before = m.image(fixed.z - along * rate / m.unit)
+    except OrbitLost:
+        return fixed
+    earlier = (1.0 - strike.phase / TURN) / m.periods
+    return fixed._replace(image=image._replace(theta=image.theta + earlier * (before.theta - image.theta)))
 
 
 def orbit_of(fixed: Fixed, spent: float, shown: Fixed | None = None) -> Orbit:
