@@ -149,9 +149,11 @@ def unfinished_cube(
         See `sweep`.
     """
     with ExitStack() as stack:
-        store: Store = MemoryStore(study.grid.size, study.kind)
-        if options.out is not None:
-            store = stack.enter_context(_store_of(study, options, options.out, again))
+        store: Store = (
+            MemoryStore(study.grid.size, study.kind)
+            if options.out is None
+            else stack.enter_context(_store_of(study, options, options.out, again))
+        )
         yield UnfinishedCube(study, options, store, stack.enter_context(crew(store, options.how)))
 
 
