@@ -1,5 +1,7 @@
 """Where in a step of a contact phase its event lies, and whether a step may hide one."""
 
+from typing import Any, NamedTuple
+
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.coordinates import YB, YWB, leading_sign
 from dimersweep.kernel.contact.events import (
@@ -17,12 +19,13 @@ from dimersweep.kernel.contact.events import (
 from dimersweep.kernel.contact.forces import contact_rates
 from dimersweep.kernel.contact.step_control import METHOD, NOW, RESCALED, SIZE, STIFFNESS, step_to
 from dimersweep.kernel.numerics.root_bracket import (
-    S_HIGH,
+    FOUND,
+    LOOK_ON,
+    REFUSED,
     UNSOUND,
-    is_closed,
-    next_probe,
-    note_probe,
+    locate,
     set_bracket,
+    zero_on_cubic,
 )
 from dimersweep.kernel.numerics.steps import on_cubic
 
@@ -32,13 +35,37 @@ EXACT = 1e-3  # what an event function may be past its zero, in units of the tol
 DIP_LEFT = 100.0  # in units of that, what may be left of a dip when the open end lands: it is then set to zero
 
 
+class Crossing(NamedTuple):
+    """A step of a contact phase with an event in it."""
+
+    dm: Any
+    p: Any
+    event: Any  # number of the event function that is least at its end
+    past: Any  # what it may be past its zero
+    dip_left: Any  # what may be left of a dip when the open end lands
+    b: Any
+
+
 @compiled
-def value_on_cubic(dm, modes, phase, s, h, n, event, slip_tol, b):
-    """Event function `event` on the cubic through the ends of a step, at share s."""
-    on_cubic(b.start, b.dy, b.out, b.dy_out, s, h, n, b.probe)
-    if needs_forces(event):
-        contact_rates(dm, modes, phase + dm.omega * h * s, b.probe, False, b.dy_probe, b.F_probe)
-    return event_function(dm, modes, event, b.start, b.probe, b.F_probe, slip_tol)
+def value_on_cubic(at, share):
+    """The event function on the cubic through the ends of the step, at a share of it."""
+    dm, p, b, c = at.dm, at.p, at.b, at.b.control
+    on_cubic(b.start, b.dy, b.out, b.dy_out, share, c[SIZE], p.n, b.probe)
+    if needs_forces(at.event):
+        contact_rates(dm, p.modes, c[NOW] + dm.omega * c[SIZE] * share, b.probe, False, b.dy_probe, b.F_probe)
+    return event_function(dm, p.modes, at.event, b.start, b.probe, b.F_probe, p.slip_tol)
+
+
+@compiled
+def probe_step(at, t):
+    """Take the step up to t: the least event function there, its event, and what that tells."""
+    dm, p, b, c = at.dm, at.p, at.b, at.b.control
+    if not step_to(dm, p.modes, c[NOW], t, p.n, int(c[METHOD]), c[STIFFNESS], b) <= 1.0:
+        return 0.0, UNSOUND, REFUSED
+    g, which = least_value(dm, p.modes, b.armed, b.start, b.out, b.F_out, p.slip_tol, b.values[1])
+    at_rest = is_slip_end(which) and abs(g) <= p.slip_tol / dm.v_scale
+    landed = which == LANDING and abs(g) <= at.dip_left and b.out[YB] * b.out[YWB] < 0.0
+    return g, which, FOUND if -at.past <= g <= 0.0 or at_rest or landed else LOOK_ON
 
 
 @compiled(inline=True)
@@ -51,59 +78,26 @@ def values_on_cubic(dm, modes, phase, s, h, n, slip_tol, b, values):
 
 
 @compiled
-def crossing_on_cubic(dm, modes, phase, h, n, event, g_start, g_end, slip_tol, b):
-    """First guess of the time in a step at which an event function vanishes, and the slope of the function there."""
-    s, mid = b.bracket, 0.5
-    set_bracket(s, 1.0, g_start, g_end, 0.0, 0.0)
-    for _ in range(8):
-        mid = next_probe(s)
-        g = value_on_cubic(dm, modes, phase, mid, h, n, event, slip_tol, b)
-        if abs(g) <= 1e-5 * (g_start - g_end):
-            break
-        note_probe(s, mid, g, 0.0, False)
-    g = value_on_cubic(dm, modes, phase, mid, h, n, event, slip_tol, b)
-    g_on = value_on_cubic(dm, modes, phase, mid + 1e-3, h, n, event, slip_tol, b)
-    slope = (g_on - g) / (1e-3 * h)
-    return (mid * h - g / slope if slope < 0.0 else mid * h), slope
-
-
-@compiled
 def first_crossing(dm, p, event, least, b):
     """Locate the first zero of the armed event functions in a step over which the least of them fell to `least` <= 0.
 
-    Each probe is a step of its own from b.start: the first at the zero on the cubic through the step, the next ones by
-    Newton's rule, then by bracketed regula falsi. The state returned is past the zero by a hair, so that what changes there
-    has changed clearly.
+    Each probe is a step of its own from b.start. The state is past the zero by a hair, so that what changes there has changed
+    clearly.
 
     Returns
     -------
     int
         The event, b.out being the state there; or UNSOUND.
     """
-    modes, s, c = p.modes, b.bracket, b.control
-    phase, h, method, gamma = c[NOW], c[SIZE], int(c[METHOD]), c[STIFFNESS]
-    g_low, _ = least_value(dm, modes, b.armed, b.start, b.start, b.F, p.slip_tol, b.values[1])
+    s, h, method = b.bracket, b.control[SIZE], int(b.control[METHOD])
+    g_low, _ = least_value(dm, p.modes, b.armed, b.start, b.start, b.F, p.slip_tol, b.values[1])
     past = EXACT * p.tol * (abs(g_low) + abs(least))
-    dip_left = (
-        DIP_LEFT * past if b.start[YB] != 0.0 else 0.0
-    )  # an end that has just left is not taken for one that lands
-    guess, slope = 0.0, 0.0
+    dip_left = DIP_LEFT * past if b.start[YB] != 0.0 else 0.0  # an end that has just left does not land
+    at, guess, slope = Crossing(dm, p, event, past, dip_left, b), 0.0, 0.0
     if method != RESCALED:
-        guess, slope = crossing_on_cubic(dm, modes, phase, h, p.n, event, b.values[1, event], least, p.slip_tol, b)
+        guess, slope = zero_on_cubic(value_on_cubic, at, s, h, b.values[1, event], least)
     set_bracket(s, h, g_low, least, guess, slope)
-    while not is_closed(s, h):
-        mid = next_probe(s)
-        if not step_to(dm, modes, phase, mid, p.n, method, gamma, b) <= 1.0:
-            return UNSOUND
-        g, which = least_value(dm, modes, b.armed, b.start, b.out, b.F_out, p.slip_tol, b.values[1])
-        at_rest = is_slip_end(which) and abs(g) <= p.slip_tol / dm.v_scale
-        landed = which == LANDING and abs(g) <= dip_left and b.out[YB] * b.out[YWB] < 0.0
-        if -past <= g <= 0.0 or at_rest or landed:
-            return which
-        event = which if g <= 0.0 else event
-        note_probe(s, mid, g, -0.5 * past, True)
-    step_to(dm, modes, phase, s[S_HIGH], p.n, method, gamma, b)
-    return event
+    return locate(probe_step, at, s, h, -0.5 * past, True)
 
 
 @compiled

@@ -32,13 +32,14 @@ from dimersweep.kernel.model.layout import SLIP, STICK
 from dimersweep.kernel.numerics.meter import METER, charge, is_over
 from dimersweep.kernel.numerics.root_bracket import (
     CARRIED,
+    FOUND,
+    LOOK_ON,
+    REFUSED,
     S_AT,
-    S_HIGH,
     UNSOUND,
-    is_closed,
-    next_probe,
-    note_probe,
+    locate,
     set_bracket,
+    zero_on_cubic,
 )
 from dimersweep.kernel.numerics.steps import (
     DOP_STAGES,
@@ -388,21 +389,28 @@ def double_leg(law, z, modes, compressing, tol, slip_tol, work):
     return -1
 
 
+class Crossing(NamedTuple):
+    """A step of a leg with an event in it."""
+
+    law: Any
+    modes: Any
+    compressing: Any
+    clock: Any
+    h: Any
+    tol: Any
+    slip_tol: Any
+    stiff: Any
+    near: Any  # way over which a probe may carry the last one on
+    b: Any
+
+
 @compiled
-def crossing_on_cubic(law, modes, compressing, clock, h, g_start, g_end, slip_tol, b):
-    """First guess of where in a step an event function vanishes, and the slope of the function there."""
-    s, mid, g = b.bracket, 0.5, 0.0
-    set_bracket(s, 1.0, g_start, g_end, 0.0, 0.0)
-    for _ in range(12):
-        mid = next_probe(s)
-        on_cubic(b.start, b.rates, b.out, b.rates_out, mid, h, N_Z, b.probe)
-        g, _ = least_value(law, modes, compressing, clock, b.armed, b.start, b.probe, slip_tol)
-        if abs(g) <= 1e-6 * (g_start - g_end):
-            break
-        note_probe(s, mid, g, 0.0, False)
-    on_cubic(b.start, b.rates, b.out, b.rates_out, mid + 1e-3, h, N_Z, b.probe)
-    g_on, _ = least_value(law, modes, compressing, clock, b.armed, b.start, b.probe, slip_tol)
-    return mid * h, (g_on - g) / (1e-3 * h)
+def value_on_cubic(at, share):
+    """The least event function on the cubic through the ends of the step, at a share of it."""
+    b = at.b
+    on_cubic(b.start, b.rates, b.out, b.rates_out, share, at.h, N_Z, b.probe)
+    g, _ = least_value(at.law, at.modes, at.compressing, at.clock, b.armed, b.start, b.probe, at.slip_tol)
+    return g
 
 
 @compiled
@@ -416,36 +424,36 @@ def carry_on(law, modes, clock, t, b):
 
 
 @compiled
+def probe_step(at, t):
+    """Take the step up to t, or carry the last probe on where it is near: the least event function there, its event, and what
+    that tells.
+    """
+    b, way = at.b, t - at.b.bracket[S_AT]
+    if abs(way) <= min(at.near, CARRIED * t):
+        impact_rates(at.law, at.modes, b.gains, at.clock, b.out, b.rates_out)
+        carry_on(at.law, at.modes, at.clock, way, b)
+    elif not leg_step(at.law, at.modes, at.clock, t, at.tol, 1.0, at.stiff, b) <= 1.0:
+        return 0.0, UNSOUND, REFUSED
+    g, event = least_value(at.law, at.modes, at.compressing, at.clock, b.armed, b.start, b.out, at.slip_tol)
+    return g, event, FOUND if abs(g) <= EXACT * at.tol else LOOK_ON
+
+
+@compiled
 def first_crossing(law, modes, compressing, clock, h, event, least, tol, slip_tol, stiff, brisk, b):
     """Number of the first event in a step h over which the least event function fell to `least`; b.out becomes its state.
 
-    Bracketed search; UNSOUND where a probe is refused. Each probe is a step of its own from b.start, or carries the last one on
-    where it is near; the first guess is the zero on the cubic through the step. The motion changes in a time `brisk`: only a
-    small part of it is near.
+    UNSOUND where a probe is refused. Each probe is a step of its own from b.start, or carries the last one on where it is near:
+    the motion changes in a time `brisk`, and only a small part of it is near.
     """
     g_low, _ = least_value(law, modes, compressing, clock, b.armed, b.start, b.start, slip_tol)
     smooth, s = event < 6, b.bracket
-    near, slope, guess = 0.0, 0.0, 0.0
+    near = NEAR * tol ** (1.0 / 3.0) * brisk if smooth else 0.0
+    at, guess, slope = Crossing(law, modes, compressing, clock, h, tol, slip_tol, stiff, near, b), 0.0, 0.0
     if smooth:
-        near = NEAR * tol ** (1.0 / 3.0) * brisk
         impact_rates(law, modes, b.gains, clock, b.out, b.rates_out)
-        guess, slope = crossing_on_cubic(law, modes, compressing, clock, h, g_low, least, slip_tol, b)
+        guess, slope = zero_on_cubic(value_on_cubic, at, s, h, g_low, least)
     set_bracket(s, h, g_low, least, guess, slope)
-    while not is_closed(s, h):
-        mid = next_probe(s)
-        way = mid - s[S_AT]
-        if abs(way) <= min(near, CARRIED * mid):
-            impact_rates(law, modes, b.gains, clock, b.out, b.rates_out)
-            carry_on(law, modes, clock, way, b)
-        elif not leg_step(law, modes, clock, mid, tol, 1.0, stiff, b) <= 1.0:
-            return UNSOUND
-        g, event = least_value(law, modes, compressing, clock, b.armed, b.start, b.out, slip_tol)
-        if abs(g) <= EXACT * tol:
-            return event
-        note_probe(s, mid, g, 0.0, smooth)
-    leg_step(law, modes, clock, s[S_HIGH], tol, 1.0, stiff, b)
-    _, event = least_value(law, modes, compressing, clock, b.armed, b.start, b.out, slip_tol)
-    return event
+    return locate(probe_step, at, s, h, 0.0, smooth)
 
 
 @compiled

@@ -1,4 +1,7 @@
-"""Location of a zero of event functions within a step: a bracket, where it is probed next, and what a probe tells."""
+"""Location of the first zero of event functions within a step: a bracket, where it is probed next, and what a probe tells.
+
+Contact phases and impacts locate their events here; each gives its own probe.
+"""
 
 from dimersweep.kernel.compiler.jit import compiled
 
@@ -6,6 +9,12 @@ MAX_PROBES = 160
 CARRIED = 0.1  # way over which a probe may carry the last one on, in units of its place: its error is one of that
 # in place of an event: a probe within the step is worse than the step itself, which has passed over a singularity
 UNSOUND = -3
+LOOK_ON, FOUND, REFUSED = range(3)  # what a probe may tell
+ON_CUBIC, CLOSE_ON_CUBIC, ASIDE = (
+    12,
+    1e-6,
+    1e-3,
+)  # evaluations, change of the function that is left, and way to its slope
 GUESSES = 6  # probes by Newton's rule, after which the bracket alone decides
 # what a row holds: the bracket and the values at its ends, the end replaced last (-1, 0 or 1), probes made, place and value of
 # the last one, the next place by Newton's rule and the slope there
@@ -59,3 +68,37 @@ def note_probe(s, mid, g, aim, steep):
         s[S_SLOPE] = (g - s[S_G]) / (mid - s[S_AT])
     s[S_GUESS] = mid - (g - aim) / s[S_SLOPE] if s[S_SLOPE] < 0.0 else 0.0
     s[S_AT], s[S_G], s[S_PROBES] = mid, g, s[S_PROBES] + 1.0
+
+
+@compiled
+def zero_on_cubic(value, problem, s, h, g_start, g_end):
+    """First guess of where in a step h a function vanishes, and its slope there.
+
+    ``value(problem, share)`` is the function on the cubic through the step, at a share of it.
+    """
+    mid, g = 0.5, 0.0
+    set_bracket(s, 1.0, g_start, g_end, 0.0, 0.0)
+    for _ in range(ON_CUBIC):
+        mid = next_probe(s)
+        g = value(problem, mid)
+        if abs(g) <= CLOSE_ON_CUBIC * (g_start - g_end):
+            break
+        note_probe(s, mid, g, 0.0, False)
+    return mid * h, (value(problem, mid + ASIDE) - g) / (ASIDE * h)
+
+
+@compiled
+def locate(probe, problem, s, h, aim, steep):
+    """Close the bracket of a step h around its first event, and return that; UNSOUND where a probe is refused.
+
+    ``probe(problem, at)`` takes the step up to `at` and gives the least event function there, its event, and LOOK_ON, FOUND or
+    REFUSED. The last probe is at the event. Newton's rule aims at the value `aim`; `steep` is that of `note_probe`.
+    """
+    while not is_closed(s, h):
+        mid = next_probe(s)
+        g, event, told = probe(problem, mid)
+        if told != LOOK_ON:
+            return event if told == FOUND else UNSOUND
+        note_probe(s, mid, g, aim, steep)
+    _, event, _ = probe(problem, s[S_HIGH])
+    return event
