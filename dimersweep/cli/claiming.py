@@ -24,18 +24,25 @@ def claims(
     from rich.console import Console
     from rich.table import Table
 
-    from dimersweep.claims import Lab, as_markdown, made, radius_study
+    from dimersweep.claims import READINGS, Lab, as_markdown, counts, in_any, made, radius_study
     from dimersweep.work.progress import tell_of_compiling
 
     tell_of_compiling()
-    started, lab, rows = perf_counter(), Lab(small=small, workers=workers), []
-    for row in made(lab):
+    started = perf_counter()
+    labs = {reading: Lab(reading, small=small, workers=workers) for reading in READINGS}
+    rows = []
+    for row in made(labs):
         rows.append(row)
-        typer.echo(f"{len(rows)}: Sect. {row.section}, {row.finding.verdict}: {row.statement}", err=True)
-    study = radius_study(lab)
-    table = Table("Sect.", "the paper says", "here", "verdict", show_lines=True)
+        told = ", ".join(f"{reading} {one.verdict}" for reading, one in row.findings.items())
+        typer.echo(f"{len(rows)}: Sect. {row.section}, {told}: {row.statement}", err=True)
+    study = radius_study(labs["mu_s"])
+    table = Table("Sect.", "the paper says", *(f"held by {reading}" for reading in READINGS), show_lines=True)
     for row in rows:
-        table.add_row(row.section, row.statement, row.finding.value, row.finding.verdict)
+        cells = [f"{one.verdict}: {one.value}" for one in row.findings.values()]
+        table.add_row(row.section, row.statement, *cells)
     Console().print(table)
-    page.write_text(as_markdown(rows, study, lab, started), encoding="utf-8")
+    page.write_text(as_markdown(rows, study, small, started), encoding="utf-8")
+    for reading in READINGS:
+        typer.echo(f"held by {reading}: {counts(rows, reading)}")
+    typer.echo(f"under one of the readings: {in_any(rows)} agree")
     typer.echo(f"page: {page}")
