@@ -62,6 +62,9 @@ run_checks() {
     step mypy
     step lint-imports --no-logo
     make_small_cubes # this leaves compiled kernels in the cache for all that follows
+    for file in sweeps/borders/*-small.toml; do
+        step dimersweep borders "$file" --out "$scratch/borders-$(basename "$file" .toml).nc"
+    done
     step dimersweep simulate --plot "$scratch/run.png"
     for cube in "$scratch"/*.nc; do
         step compliance-checker -t cf:1.11 "$cube"

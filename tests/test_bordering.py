@@ -8,9 +8,11 @@ import xarray as xr
 
 from dimersweep import orbits
 from dimersweep.cli import app
-from dimersweep.errors import ParameterError, StoreError
+from dimersweep.errors import OrbitError, ParameterError, Stopped, StoreError
 from dimersweep.plots.borders import draw_borders
-from dimersweep.studies.bordering import make_borders, read_borders
+from dimersweep.storage.provenance import as_text
+from dimersweep.studies import bordering
+from dimersweep.studies.bordering import make_borders, plan_borders, read_borders
 
 BORDERS = Path(__file__).parents[1] / "sweeps" / "borders"
 
@@ -38,6 +40,82 @@ def test_a_small_preset_is_written_and_drawn(name, tmp_path):
         draw_borders(back).savefig(tmp_path / "figure.png")
     with pytest.raises(StoreError, match="exists already"):
         make_borders(read_borders(BORDERS / f"{name}.toml"), out)
+    assert not out.with_name("borders.nc.parts").exists()
+    conforms(out)
+
+
+def conforms(path):
+    """Whether a file is CF, as its checker says."""
+    checker = pytest.importorskip("compliance_checker.runner")
+    checker.CheckSuite.load_all_available_checkers()
+    report = path.with_suffix(".txt")
+    passed, failed = checker.ComplianceChecker.run_checker(
+        str(path), ["cf:1.11"], 0, "strict", output_filename=str(report), output_format="text"
+    )
+    assert passed and not failed, report.read_text()
+
+
+FAMILIES = """
+[borders]
+title = "Two short families"
+output = "families.nc"
+[families]
+spin = [140, 150]
+points = 3
+[over]
+A_r = [5.5, 6]
+"""
+
+
+@pytest.mark.jit
+def test_a_file_that_was_stopped_goes_on_from_its_finished_parts(tmp_path, monkeypatch):
+    declaration, out = tmp_path / "two.toml", tmp_path / "two.nc"
+    declaration.write_text(FAMILIES)
+    declared, parts = read_borders(declaration), tmp_path / "two.nc.parts"
+    whole, asked = make_borders(declared), []
+
+    def stopping(**given):
+        asked.append(given["A_r"])
+        if len(asked) == 2:
+            raise KeyboardInterrupt
+        return orbits.family(**given)
+
+    monkeypatch.setattr(bordering, "family", stopping)
+    assert plan_borders(declared, out) == ["families: 2 parts, 3 points each: family-0, family-1"]
+    with pytest.raises(Stopped, match=f"1 of 2 parts are kept in {parts}"):
+        make_borders(declared, out)
+    assert not out.exists()
+    assert plan_borders(declared, out)[1:] == ["there already: family-0"]
+    lines = []
+    resumed = make_borders(declared, out, tell=lines.append)
+    assert asked == [5.5, 6.0, 6.0]
+    assert lines[0] == "1 of 2 parts are there already: family-0"
+    assert not parts.exists()
+    xr.testing.assert_equal(resumed, whole)
+
+
+@pytest.mark.jit
+def test_parts_of_another_declaration_are_refused_and_a_file_of_the_user_stays(tmp_path):
+    declaration, out, parts = tmp_path / "two.toml", tmp_path / "two.nc", tmp_path / "two.nc.parts"
+    declaration.write_text(FAMILIES)
+    declared = read_borders(declaration)
+    parts.mkdir()
+    (parts / "configuration.json").write_text(as_text(declared.configuration | {"fixed": {"e": 0.5}}))
+    (parts / "notes.txt").write_text("mine")
+    with pytest.raises(StoreError, match=r"parts of another file.*\n  fixed"):
+        make_borders(declared, out)
+    make_borders(declared, out, force=True)
+    assert out.is_file()
+    assert [path.name for path in parts.iterdir()] == ["notes.txt"]
+
+
+@pytest.mark.jit
+def test_a_file_that_fails_leaves_nothing_behind(tmp_path):
+    declaration, out = tmp_path / "none.toml", tmp_path / "none.nc"
+    declaration.write_text(FAMILIES + "[fixed]\nGamma = 0.1\n")
+    with pytest.raises(OrbitError):
+        make_borders(read_borders(declaration), out)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["none.toml"]
 
 
 @pytest.mark.jit

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from dimersweep.cli.options import Force
+from dimersweep.cli.stopping import stoppable
 
 
 def borders(
@@ -16,21 +17,27 @@ def borders(
     out: Annotated[Path | None, typer.Option(help="NetCDF file, in place of the declared one.")] = None,
     picture: Annotated[Path | None, typer.Option(help="Picture; the output's name with .png by default.")] = None,
     over: Annotated[Path | None, typer.Option(metavar="CUBE", help="Map of regions to draw curves over.")] = None,
+    plan: Annotated[bool, typer.Option("--plan", help="Tell the parts and which are there; make nothing.")] = False,
     force: Force = False,
 ) -> None:
-    """Make borders, branches or families of orbits, and draw them."""
+    """Make borders, branches or families of orbits, and draw them. One that was stopped goes on where it was."""
     from dimersweep.plots.style import check_picture
     from dimersweep.storage.netcdf import check_writable, open_cube
-    from dimersweep.studies.bordering import make_borders, read_borders
+    from dimersweep.studies.bordering import make_borders, plan_borders, read_borders
     from dimersweep.work.progress import tell_of_compiling
 
     declared = read_borders(declaration)
     out = out or Path(declared.borders.output)
+    if plan:
+        for line in plan_borders(declared, out):
+            typer.echo(line)
+        return
     check_writable(out, force=force)
     drawn = check_picture(picture or out.with_suffix(".png"), force=force, name="picture")
     under = open_cube(over) if over is not None else None
     tell_of_compiling()
-    table = make_borders(declared, out, force=force, tell=typer.echo)
+    with stoppable():
+        table = make_borders(declared, out, force=force, tell=typer.echo)
     from dimersweep.plots.borders import draw_borders
 
     draw_borders(table, under).savefig(drawn, dpi=150)

@@ -1,18 +1,13 @@
 """The commands for declared sweeps: run one, tell what it would cost, tell how far it is."""
 
-import os
-import signal
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from dimersweep.cli.drawing import check_picture_of, draw_if_it_can, judge_picture, print_cube
 from dimersweep.cli.options import Force, Periods, Rtol, Workers
-from dimersweep.errors import Stopped
+from dimersweep.cli.stopping import stoppable
 
 if TYPE_CHECKING:
     from dimersweep.studies.declaration import Declaration
@@ -95,23 +90,6 @@ def _declared(declaration: Path | None, source: Path | None, out: Path | None, *
     from dimersweep.studies.rerun import from_cube
 
     return from_cube(source, other_kernel=other_kernel)
-
-
-@contextmanager
-def stoppable() -> Iterator[None]:
-    """End the process on Ctrl-C or SIGTERM with one line and the exit code of the signal."""
-
-    def terminate(number: int, frame: Any) -> None:
-        raise Stopped("", number)
-
-    signal.signal(signal.SIGTERM, terminate)
-    try:
-        yield
-    except KeyboardInterrupt as stop:
-        number = stop.signal if isinstance(stop, Stopped) else signal.SIGINT
-        word = "interrupted" if number == signal.SIGINT else "terminated"
-        print(f"dimersweep: {word}: {stop}".rstrip(": "), file=sys.stderr, flush=True)
-        os._exit(128 + number)  # threads may be inside compiled code, which signals do not reach
 
 
 def plan(

@@ -231,11 +231,13 @@ def _dataset(
     told = np.full(shape, "ok", dtype=object)
     for index, reason in status.items():
         told[index] = reason
-    result["status"] = (tuple(axes), told.astype(str))
+    result["status"] = (tuple(axes), told.astype(str), {"long_name": "ok, or why there is no point"})
     met = _meetings(curve, axes, found)
     for name in (*axes, curve.parameter):
-        result[f"{name}_at_meeting"] = ("meeting", np.array([row[name] for row in met], dtype=float))
-    result["meets"] = ("meeting", np.array([row["meets"] for row in met], dtype=str))
+        units = PARAMETERS[name]._replace(long_name=f"{PARAMETERS[name].long_name} where two borders meet")._asdict()
+        result[f"{name}_at_meeting"] = ("meeting", np.array([row[name] for row in met], dtype=float), units)
+    names = np.array([row["meets"] for row in met], dtype=str)
+    result["meets"] = ("meeting", names, {"long_name": "the two borders that meet"})
     fixed = {name: value for name, value in curve.given.items() if name not in (*axes, curve.parameter)}
     result.attrs = fixed | {
         "kind": curve.kind, "parameter": curve.parameter, "spin": curve.spin, "rtol": curve.rtol,

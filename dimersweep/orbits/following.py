@@ -1,7 +1,7 @@
 """Follow an orbit along a branch, through folds, with its stability, its words and its special points."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -181,13 +181,14 @@ def _entry(point: Point, special: Special | None = None) -> Entry:
 
 def _dataset(entries: Sequence[Entry], parameter: str, end: str, cost: float) -> xr.Dataset:
     table = dataset([entry.orbit for entry in entries], "point")
-    columns: dict[str, Any] = {
-        "special": [entry.special for entry in entries],
-        "change": [entry.change for entry in entries],
+    columns: dict[str, tuple[list[str], str]] = {
+        "special": ([entry.special for entry in entries], "kind of special point"),
+        "change": ([entry.change for entry in entries], "what changes in the word"),
     }
-    for name, values in columns.items():
-        table[name] = ("point", np.array(values, dtype=object).astype(str))
-    table["jump"] = ("point", np.array([entry.jump for entry in entries]))
+    for name, (values, told) in columns.items():
+        table[name] = ("point", np.array(values, dtype=object).astype(str), {"long_name": told})
+    units = {"units": "1", "long_name": "jump of the orbit, in units of the section"}
+    table["jump"] = ("point", np.array([entry.jump for entry in entries]), units)
     if parameter != "spin":
         table[parameter] = ("point", np.array([entry.value for entry in entries]), table.attrs["units_of"][parameter])
     del table.attrs["units_of"]

@@ -1,9 +1,12 @@
 """Borders, branches and families declared in a file, made and labelled as cubes are."""
 
 import os
+import signal
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from itertools import product
+from math import prod
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -13,7 +16,8 @@ import xarray as xr
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from dimersweep.cubes.grid import axis
-from dimersweep.errors import OrbitError, ParameterError
+from dimersweep.errors import OrbitError, ParameterError, Stopped
+from dimersweep.kernel import kernel_version
 from dimersweep.orbits.bordering import border
 from dimersweep.orbits.curve import KINDS, ball_flip, ball_fold
 from dimersweep.orbits.families import family
@@ -22,10 +26,12 @@ from dimersweep.orbits.following import follow
 from dimersweep.parameters import check_name
 from dimersweep.storage.netcdf import check_writable, write_cube
 from dimersweep.storage.provenance import attributes
+from dimersweep.studies.parts import Parts, parts_beside
 from dimersweep.symbols import PARAMETERS
 
 BALL = {"fold": ball_fold, "flip": ball_flip}
 Tell = Callable[[str], None]
+Maker = Callable[[Tell], xr.Dataset]
 
 
 class _Section(BaseModel):
@@ -85,6 +91,26 @@ class Borders(_Section):
         for values in product(*self.axes.values()):
             yield self.fixed | {name: float(value) for name, value in zip(self.axes, values, strict=True)}
 
+    def parts(self) -> dict[str, Maker]:
+        """What the file is made of: the name of each part, and what makes it."""
+        if self.curves is not None:
+            return {kind: partial(_curve, self, self.curves, kind) for kind in self.curves.kinds}
+        if self.branches is not None:
+            pairs = enumerate(product(self.points(), self.branches.ends))
+            return {f"branch-{k}": partial(_branch, self, self.branches, k, at, to) for k, (at, to) in pairs}
+        assert self.families is not None
+        return {f"family-{k}": partial(_family, self, self.families, at) for k, at in enumerate(self.points())}
+
+    @property
+    def configuration(self) -> dict[str, Any]:
+        """All that decides the numbers, as JSON can hold it."""
+        return self.model_dump(exclude_none=True) | {"kernel_version": kernel_version()}
+
+    @property
+    def what(self) -> str:
+        """curves, branches or families."""
+        return next(name for name in ("curves", "branches", "families") if getattr(self, name) is not None)
+
 
 def read_borders(path: str | os.PathLike[str]) -> Borders:
     """A declaration of borders, checked.
@@ -121,38 +147,88 @@ def make_borders(
 ) -> xr.Dataset:
     """Make what is declared, and write it.
 
+    With an `out`, each part (a curve, a branch, a family) is kept when it is finished, in the folder ``<out>.parts`` beside it
+    until the file is written: the same call goes on where a former one was stopped or killed.
+
     Parameters
     ----------
     declared : Borders
     out : path-like, optional
         NetCDF file; without it nothing is written.
     force : bool
-        Whether it may replace an existing file.
+        Whether it may replace an existing file, or parts of another declaration.
     tell : callable
         Is given a line as each part is finished.
 
     Returns
     -------
     xarray.Dataset
+
+    Raises
+    ------
+    StoreError
+        If the output exists or cannot be written, or parts of another declaration lie beside it.
+    OrbitError
+        If there is no orbit to begin with.
+    Stopped
+        On Ctrl-C or SIGTERM; the message says what is kept.
     """
-    if out is not None:
-        check_writable(out, force=force)
-    start = perf_counter()
-    if declared.curves is not None:
-        made = _curves(declared, declared.curves, tell)
-    elif declared.branches is not None:
-        made = _branches(declared, declared.branches, tell)
-    else:
-        assert declared.families is not None
-        made = _families(declared, declared.families, tell)
-    configuration = declared.model_dump(exclude_none=True)
-    kept = attributes(configuration, declared.borders.title, perf_counter() - start)
-    kept["dimersweep_borders"] = kept.pop("dimersweep_cube")
-    made = storable(made)
-    made.attrs = {name: value for name, value in made.attrs.items() if isinstance(value, str)} | kept
-    if out is not None:
-        write_cube(made, out, force=force)
+    out = None if out is None else check_writable(out, force=force)
+    start, makers = perf_counter(), declared.parts()
+    with parts_beside(out, declared.configuration, force=force) as parts:
+        before = [name for name in makers if parts.has(name)]
+        if before:
+            tell(f"{len(before)} of {len(makers)} parts are there already: {', '.join(before)}")
+        try:
+            tables = [parts.take(name, partial(_stored, make, tell)) for name, make in makers.items()]
+        except KeyboardInterrupt as stop:
+            raise Stopped(_kept(parts, makers, out), getattr(stop, "signal", signal.SIGINT)) from None
+        told = attributes(declared.configuration, declared.borders.title, perf_counter() - start)
+        told["dimersweep_borders"] = told.pop("dimersweep_cube")
+        made = without_fill(_joined(declared, tables).assign_attrs(told))
+        if out is not None:
+            write_cube(made, out, force=force)
+            parts.remove()
     return made
+
+
+def plan_borders(declared: Borders, out: Path) -> list[str]:
+    """What is to be made for a file, and what of it is there: lines of text; nothing is written."""
+    parts, makers = Parts(out, declared.configuration), declared.parts()
+    points = declared.families.points if declared.families else prod(len(axis) for axis in declared.axes.values())
+    each = f"{points} points each" if declared.what != "branches" else f"{declared.branches.points} points each at most"  # type: ignore[union-attr]
+    there = [name for name in makers if parts.has(name)]
+    lines = [f"{declared.what}: {len(makers)} parts, {each}: {', '.join(makers)}"]
+    return lines + ([f"there already: {', '.join(there)}"] if there else [])
+
+
+def _stored(make: Maker, tell: Tell) -> xr.Dataset:
+    """A part as it is kept."""
+    return storable(make(tell))
+
+
+def _kept(parts: Parts, makers: Mapping[str, Maker], out: Path | None) -> str:
+    """What a stop leaves behind."""
+    done = sum(parts.has(name) for name in makers)
+    if out is None or not done:
+        return "nothing was kept"
+    return f"{done} of {len(makers)} parts are kept in {parts.folder}; the same command goes on from there"
+
+
+def _joined(declared: Borders, tables: list[xr.Dataset]) -> xr.Dataset:
+    """One dataset of all parts."""
+    if declared.curves is not None:
+        made = _joined_curves(declared, declared.curves, tables)
+    elif declared.branches is not None:
+        made = xr.concat(tables, dim="point", combine_attrs="override")
+        made.attrs = {"parameter": declared.branches.parameter}
+    else:
+        made = xr.concat(tables, dim="over", combine_attrs="override")
+        for name in declared.axes:
+            column = [point[name] for point in declared.points()]
+            made = made.assign_coords({name: ("over", np.array(column), PARAMETERS[name]._asdict())})
+        made.attrs = {}
+    return made.assign_attrs(what=declared.what)
 
 
 def storable(table: xr.Dataset) -> xr.Dataset:
@@ -179,74 +255,72 @@ def storable(table: xr.Dataset) -> xr.Dataset:
     return table
 
 
-def _curves(declared: Borders, curves: Curves, tell: Tell) -> xr.Dataset:
-    axes = declared.axes
-    tables, meetings = [], []
-    for kind in curves.kinds:
-        fixed: dict[str, Any] = declared.fixed
-        table = border(kind, curves.parameter, over=axes, spin=curves.spin, **fixed)
-        found = int(np.isfinite(table[curves.parameter]).sum())
-        tell(f"{kind}: {found} of {table[curves.parameter].size} points, {table.attrs['cost']:.0f} periods of the map")
-        beside = [name for name in table.data_vars if "meeting" in table[name].dims]
-        meetings.append(table[beside])
-        table = table.drop_vars(beside)
-        if kind in BALL and curves.parameter == "Gamma":
-            e = table["e"] if "e" in table.coords else xr.DataArray(checked(declared.fixed)["e"])
-            ball = xr.apply_ufunc(np.vectorize(BALL[kind]), e)
-            table["ball"] = ball.broadcast_like(table[curves.parameter])
-        else:
-            table["ball"] = xr.full_like(table[curves.parameter], np.nan)
-        table["ball"].attrs = {"units": "1", "long_name": "the same of a ball, in closed form"}
-        tables.append(table)
-    made = xr.concat(tables, dim=xr.Variable("kind", np.array(curves.kinds)), combine_attrs="drop")
-    met = xr.concat(meetings, dim="meeting", combine_attrs="drop")
-    made = made.assign({name: met[name] for name in met.data_vars})
-    made.attrs = {"what": "curves", "parameter": curves.parameter}
-    return made
+def without_fill(table: xr.Dataset) -> xr.Dataset:
+    """The same, to be written without a fill value for its coordinates, which CF forbids."""
+    for name in table.coords:
+        table[name].encoding["_FillValue"] = None
+    return table
 
 
-def _branches(declared: Borders, branches: Branches, tell: Tell) -> xr.Dataset:
-    tables: list[xr.Dataset] = []
-    for point in declared.points():
-        orbit = find(spin=branches.spin, **point)  # type: ignore[arg-type]
-        for end in branches.ends:
-            table = follow(
-                orbit, branches.parameter, to=end, points=branches.points, switch=branches.switch, words=branches.words
-            )
-            tell(
-                f"{_at(point, declared)}to {branches.parameter} = {end:g}: {table.sizes['point']} points; {table.attrs['end']}"
-            )
-            columns = {"branch": np.full(table.sizes["point"], len(tables), dtype=np.int32)}
-            columns |= {name: np.full(table.sizes["point"], point[name]) for name in declared.over}
-            for name, values in columns.items():
-                units = PARAMETERS[name]._asdict() if name in PARAMETERS else {"long_name": "number of the branch"}
-                table[name] = ("point", values, units)
-            tables.append(table)
-    made = xr.concat(tables, dim="point", combine_attrs="drop")
-    made.attrs = {"what": "branches", "parameter": branches.parameter}
-    return made
+def _curve(declared: Borders, curves: Curves, kind: str, tell: Tell) -> xr.Dataset:
+    """The border of a kind, with the ball's closed form beside it."""
+    fixed: dict[str, Any] = declared.fixed
+    table = border(kind, curves.parameter, over=declared.axes, spin=curves.spin, **fixed)
+    found = int(np.isfinite(table[curves.parameter]).sum())
+    tell(f"{kind}: {found} of {table[curves.parameter].size} points, {table.attrs['cost']:.0f} periods of the map")
+    if kind in BALL and curves.parameter == "Gamma":
+        e = table["e"] if "e" in table.coords else xr.DataArray(checked(declared.fixed)["e"])
+        ball = xr.apply_ufunc(np.vectorize(BALL[kind]), e)
+        table["ball"] = ball.broadcast_like(table[curves.parameter])
+    else:
+        table["ball"] = xr.full_like(table[curves.parameter], np.nan)
+    table["ball"].attrs = {"units": "1", "long_name": "the same of a ball, in closed form"}
+    table.attrs = {}
+    return table
 
 
-def _families(declared: Borders, families: Families, tell: Tell) -> xr.Dataset:
-    axes = declared.axes
-    spins = np.linspace(*families.spin, families.points)
-    tables = []
-    for point in declared.points():
-        try:
-            table = family(spin=families.spin, points=families.points, **point)
-        except OrbitError as error:
-            tell(f"{_at(point, declared)}{error}")
-            raise
-        tell(f"{_at(point, declared)}{table.sizes['spin']} spins; {table.attrs['low_end']}; {table.attrs['high_end']}")
-        ends = {name: ((), table.attrs[name]) for name in ("low_end", "high_end")}
-        table = table.drop_vars([name for name in table.data_vars if table[name].dtype.kind not in "fc"])
-        tables.append(table.reindex(spin=spins).assign(ends))
-    made = xr.concat(tables, dim="over", combine_attrs="drop")
-    for name in axes:
-        column = [point[name] for point in declared.points()]
-        made = made.assign_coords({name: ("over", np.array(column), PARAMETERS[name]._asdict())})
-    made.attrs = {"what": "families"}
-    return made
+def _joined_curves(declared: Borders, curves: Curves, tables: list[xr.Dataset]) -> xr.Dataset:
+    """Curves along `kind`, and the meetings of all of them."""
+    beside = [name for name in tables[0].data_vars if "meeting" in tables[0][name].dims]
+    kinds = xr.Variable("kind", np.array(curves.kinds), {"long_name": "kind of border"})
+    made = xr.concat([table.drop_vars(beside) for table in tables], dim=kinds, combine_attrs="override")
+    met = xr.concat([table[beside] for table in tables], dim="meeting", combine_attrs="override")
+    return made.assign({name: met[name] for name in beside}).assign_attrs(parameter=curves.parameter)
+
+
+def _branch(
+    declared: Borders, branches: Branches, number: int, point: dict[str, float], end: float, tell: Tell
+) -> xr.Dataset:
+    """The branch from the orbit at a point to an end."""
+    orbit = find(spin=branches.spin, **point)  # type: ignore[arg-type]
+    how: dict[str, Any] = {"points": branches.points, "switch": branches.switch, "words": branches.words}
+    table = follow(orbit, branches.parameter, to=end, **how)
+    size = table.sizes["point"]
+    tell(f"{_at(point, declared)}to {branches.parameter} = {end:g}: {size} points; {table.attrs['end']}")
+    columns = {"branch": np.full(size, number, dtype=np.int32)}
+    columns |= {name: np.full(size, point[name]) for name in declared.over}
+    for name, values in columns.items():
+        units = PARAMETERS[name]._asdict() if name in PARAMETERS else {"long_name": "number of the branch"}
+        table[name] = ("point", values, units)
+    table.attrs = {}
+    return table
+
+
+def _family(declared: Borders, families: Families, point: dict[str, float], tell: Tell) -> xr.Dataset:
+    """The family at a point, NaN at the spins that it does not reach."""
+    try:
+        table = family(spin=families.spin, points=families.points, **point)
+    except OrbitError as error:
+        tell(f"{_at(point, declared)}{error}")
+        raise
+    tell(f"{_at(point, declared)}{table.sizes['spin']} spins; {table.attrs['low_end']}; {table.attrs['high_end']}")
+    told = {name: f"why the family ends at its {name.split('_')[0]}er spin" for name in ("low_end", "high_end")}
+    ends = {name: ((), table.attrs[name], {"long_name": text}) for name, text in told.items()}
+    table = table.drop_vars([name for name in table.data_vars if table[name].dtype.kind not in "fc"])
+    told_spin = table["spin"].attrs
+    table = table.reindex(spin=np.linspace(*families.spin, families.points)).assign(ends)
+    table["spin"].attrs, table.attrs = told_spin, {}
+    return table
 
 
 def _at(point: dict[str, float], declared: Borders) -> str:

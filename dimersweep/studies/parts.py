@@ -1,0 +1,114 @@
+"""Finished parts of a long calculation, kept in a folder beside its file until the file is whole."""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from dimersweep.errors import StoreError
+from dimersweep.storage.files import put, told
+from dimersweep.storage.locking import locked
+from dimersweep.storage.netcdf import read_netcdf, write_cube
+from dimersweep.storage.provenance import configured, differences, read_configuration
+
+LOCK, HEAD, SCRATCH = "lock", "configuration.json", "scratch.tmp"
+
+
+class Parts:
+    """What is finished of a file, a part for each name; see `parts_beside`.
+
+    Parameters
+    ----------
+    out : Path, optional
+        The file to be; without one nothing is kept.
+    configuration : mapping
+        All that decides the numbers, as JSON can hold it.
+    """
+
+    def __init__(self, out: Path | None, configuration: Mapping[str, Any]) -> None:
+        self.folder = None if out is None else out.with_name(f"{out.name}.parts")
+        self.configured = configured(configuration)
+
+    def path(self, name: str) -> Path | None:
+        """Where a part is kept."""
+        return None if self.folder is None else self.folder / f"{name}.nc"
+
+    def has(self, name: str) -> bool:
+        """Whether a part is there."""
+        path = self.path(name)
+        return path is not None and path.is_file()
+
+    def take(self, name: str, make: Callable[[], xr.Dataset]) -> xr.Dataset:
+        """A part: read if it is there, or made and kept."""
+        path = self.path(name)
+        if path is None:
+            return make()
+        if not self.has(name):
+            write_cube(make().assign_attrs(self.configured), path, scratch=path.with_name(SCRATCH))
+        part = read_netcdf(path)  # a part that was kept and one that is new come the same way
+        part.attrs = {key: value for key, value in part.attrs.items() if key not in self.configured}
+        return part
+
+    def remove(self) -> None:
+        """Remove the folder and what was written to it; whatever else is there stays, and the folder with it."""
+        if self.folder is None or not self.folder.is_dir():
+            return
+        for path in (*self.folder.glob("*.nc"), *(self.folder / name for name in (HEAD, SCRATCH, LOCK))):
+            path.unlink(missing_ok=True)
+        with suppress(OSError):
+            self.folder.rmdir()
+
+
+@contextmanager
+def parts_beside(out: Path | None, configuration: Mapping[str, Any], *, force: bool = False) -> Iterator[Parts]:
+    """The parts of a file, in the folder ``<out>.parts``, under its lock.
+
+    Parameters
+    ----------
+    out : Path, optional
+    configuration : mapping
+    force : bool
+        Whether parts of another configuration may be removed.
+
+    Raises
+    ------
+    StoreError
+        If parts of another configuration are there, or another process is at work on them.
+    """
+    parts = Parts(out, configuration)
+    if parts.folder is None:
+        yield parts
+        return
+    with locked(parts.folder / LOCK):
+        with told(str(parts.folder), ""):
+            _claim(parts, configuration, force=force)
+        try:
+            yield parts
+        except BaseException:
+            if not any(parts.folder.glob("*.nc")):
+                parts.remove()
+            raise
+
+
+def _claim(parts: Parts, configuration: Mapping[str, Any], *, force: bool) -> None:
+    """Enter the configuration of the parts, if none or the same is there."""
+    assert parts.folder is not None
+    head, text = parts.folder / HEAD, parts.configured["configuration"]
+    former = head.read_text(encoding="utf-8") if head.is_file() else text
+    if former != text and not force:
+        raise StoreError(_other(parts.folder, former, configuration))
+    for path in parts.folder.glob("*.nc") if former != text else ():
+        path.unlink()
+    put(head, [text.encode()])
+
+
+def _other(folder: Path, former: str, configuration: Mapping[str, Any]) -> str:
+    """What to say of parts that another configuration has left."""
+    try:
+        changed = differences(read_configuration(former), configuration)
+    except ValueError:
+        changed = ["the configuration there cannot be read"]
+    lines = "".join(f"\n  {line}" for line in changed)
+    return f"{folder}: holds parts of another file; remove it, or force it to be replaced (force=True). What differs:{lines}"
