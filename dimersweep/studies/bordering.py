@@ -104,7 +104,7 @@ class Borders(_Section):
     @property
     def configuration(self) -> dict[str, Any]:
         """All that decides the numbers, as JSON can hold it."""
-        return self.model_dump(exclude_none=True) | {"kernel_version": kernel_version()}
+        return self.model_dump(mode="json", exclude_none=True) | {"kernel_version": kernel_version()}
 
     @property
     def what(self) -> str:
