@@ -171,5 +171,6 @@ def test_the_committed_page_has_every_claim_with_both_readings_and_a_reason_wher
         assert bool(row[5].strip()) == short, row
     assert "no reason is known" not in page
     agree = {k: sum("**agrees**" in row[k] for row in rows) for k in (2, 3)}
-    assert max(agree.values()) >= 30
-    assert f"under at least one of them: {sum('**agrees**' in row[2] + row[3] for row in rows)} agree." in page
+    either = sum("**agrees**" in row[2] + row[3] for row in rows)
+    assert max(agree.values()) <= either >= 30
+    assert f"under at least one of them: {either} agree." in page

@@ -222,8 +222,8 @@ def phase_elsewhere(lab: Lab) -> Finding:
 @claim(
     "4.3",
     "Friction has little effect on the periodicity of the normal motion, and large ones on the slip (Fig. 9)",
-    "both have the plate's period, p2's height and phase change by less than 5 % and 1 % of a cycle, and the slip of p1 "
-    "in contact by more than a factor of 2",
+    "both have the plate's period, p2's height and phase change by less than 2 % and 0.5 % of a cycle, and the slip of p1 "
+    "in contact by more than a factor of 2; partly: 5 % and 1 %",
 )
 def friction_and_normal(lab: Lab) -> Finding:
     both = (lab.base, lab.low)
@@ -234,8 +234,11 @@ def friction_and_normal(lab: Lab) -> Finding:
         f"p2 rises {1e3 * tops[0]:.3f}, {1e3 * tops[1]:.3f} mm, lands at {phases[0]:.5f}, {phases[1]:.5f} of the cycle; "
         f"p1 slips by {1e3 * slips[0]:.2f}, {1e3 * slips[1]:.1f} mm/s (rms)"
     )
-    normal = abs(tops[1] / tops[0] - 1) < 0.05 and abs(phases[1] - phases[0]) < 0.01
-    return found(value, normal and slips[1] > 2 * slips[0], partly=normal)
+    height, phase, slips_more = abs(tops[1] / tops[0] - 1), abs(phases[1] - phases[0]), slips[1] > 2 * slips[0]
+    reason = f"the period is the plate's in both, but the height changes by {100 * height:.1f} % and the phase by {phase:.4f}"
+    return found(
+        value, height < 0.02 and phase < 0.005 and slips_more, partly=height < 0.05 and phase < 0.01, reason=reason
+    )
 
 
 @claim(
