@@ -46,7 +46,7 @@ class Crossing(NamedTuple):
     b: Any
 
 
-@compiled
+@compiled(inline=True)
 def value_on_cubic(at, share):
     """The event function on the cubic through the ends of the step, at a share of it."""
     dm, p, b, c = at.dm, at.p, at.b, at.b.control
@@ -56,7 +56,7 @@ def value_on_cubic(at, share):
     return event_function(dm, p.modes, at.event, b.start, b.probe, b.F_probe, p.slip_tol)
 
 
-@compiled
+@compiled(inline=True)
 def probe_step(at, t):
     """Take the step up to t: the least event function there, its event, and what that tells."""
     dm, p, b, c = at.dm, at.p, at.b, at.b.control

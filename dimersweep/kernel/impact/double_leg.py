@@ -404,7 +404,7 @@ class Crossing(NamedTuple):
     b: Any
 
 
-@compiled
+@compiled(inline=True)
 def value_on_cubic(at, share):
     """The least event function on the cubic through the ends of the step, at a share of it."""
     b = at.b
@@ -423,7 +423,7 @@ def carry_on(law, modes, clock, t, b):
         b.out[k] += t * b.rates_probe[k]
 
 
-@compiled
+@compiled(inline=True)
 def probe_step(at, t):
     """Take the step up to t, or carry the last probe on where it is near: the least event function there, its event, and what
     that tells.

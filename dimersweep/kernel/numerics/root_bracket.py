@@ -70,7 +70,7 @@ def note_probe(s, mid, g, aim, steep):
     s[S_AT], s[S_G], s[S_PROBES] = mid, g, s[S_PROBES] + 1.0
 
 
-@compiled
+@compiled(inline=True)
 def zero_on_cubic(value, problem, s, h, g_start, g_end):
     """First guess of where in a step h a function vanishes, and its slope there.
 
@@ -84,10 +84,11 @@ def zero_on_cubic(value, problem, s, h, g_start, g_end):
         if abs(g) <= CLOSE_ON_CUBIC * (g_start - g_end):
             break
         note_probe(s, mid, g, 0.0, False)
-    return mid * h, (value(problem, mid + ASIDE) - g) / (ASIDE * h)
+    slope = (value(problem, mid + ASIDE) - g) / (ASIDE * h)
+    return (mid * h - g / slope if slope < 0.0 else mid * h), slope
 
 
-@compiled
+@compiled(inline=True)
 def locate(probe, problem, s, h, aim, steep):
     """Close the bracket of a step h around its first event, and return that; UNSOUND where a probe is refused.
 
