@@ -19,7 +19,8 @@ from dimersweep.kernel.impact.double_equations import (
     friction_modes,
     impact_rates,
 )
-from dimersweep.kernel.impact.double_leg import LEG_ROWS, double_leg
+from dimersweep.kernel.impact.double_leg import double_leg
+from dimersweep.kernel.impact.double_step import LEG_ROWS
 from dimersweep.kernel.impact.single_impact import (
     DONE,
     JAM,
