@@ -72,6 +72,25 @@ def test_a_fast_part_that_falls_is_foreseen():
     assert early.orbit.radius == pytest.approx(late.orbit.radius, rel=1e-3)
 
 
+SPIRALS = {
+    "e": 0.8706502253165858,
+    "Gamma": 0.8589557329585741,
+    "f": 14.410795255447105,
+    "A_r": 4.274531930838366,
+    "mu": 0.23039298061938446,
+    "mu_s": 0.2750809210437879,
+    "beta0": 0.7012270466932967,
+    "xdot0": 0.3616331296229325,
+}
+
+
+def test_a_drift_that_spirals_in_is_no_motion_of_three_periods():
+    """Its fast part turns by a third with each period, so it comes near itself after three of them before it does after one."""
+    run = simulate(**SPIRALS, periods=400, stop_when_settled=True, record=False)
+    assert run.n_periods < 150
+    assert (run.mode, run.mode_period) == ("drift", 1)
+
+
 def longest_flight(run, end, since):
     """Longest time from when an end leaves the plate to its next hit, in forcing periods."""
     events = run.events.to_dataframe().groupby("time", as_index=False).agg(

@@ -20,7 +20,7 @@ from dimersweep.kernel.verdict.past import N_NORMAL, P_SPIN, RING, RUNS, S_STROB
 
 SETTLED = 1e-4  # change of a strobe, in g/omega^2 and g/omega, that counts as none
 KEPT = 1e-3  # the same of a motion that has settled before: it is not lost at a corner of its family
-# share of a shorter period's change that is left after PATIENCE periods, below which it is on its way to none
+# share of a shorter period's residual that is left after PATIENCE periods, below which it is on its way to none
 FADING = 0.99
 PATIENCE = 24  # periods a motion repeats before it counts as settled
 FALL, STRETCH = 0.5, PATIENCE // 3  # what is left of a fast part that falls after so many periods, at most
@@ -93,30 +93,21 @@ def change(past, p, back):
 
 
 @compiled
-def largest_change(past, q, p, back):
-    """Largest change over q periods in a stretch of p strobes, which ends `back` periods before the last one."""
-    apart = 0.0
-    for k in range(p):
-        apart = max(apart, change(past, q, back + k))
-    return apart
-
-
-@compiled
-def fades(past, p):
-    """Whether a motion that repeats with period p rings down to a shorter one, a divisor of p."""
-    shorter = False
+def shortens(past, p):
+    """Whether a motion that repeats with period p does so, or is about to, with a shorter one, a divisor of p."""
     for q in range(1, p):
-        shorter = shorter or (
-            p % q == 0 and largest_change(past, q, p, 0) < FADING * largest_change(past, q, p, PATIENCE)
-        )
-    return shorter
+        if p % q == 0 and (
+            past[RUNS, q] >= p or largest_residual(past, q, p, 0) < FADING * largest_residual(past, q, p, PATIENCE)
+        ):
+            return True
+    return False
 
 
 @compiled
 def settled_period(past):
     """Least number of forcing periods with which the motion has repeated long enough, 0 if with none."""
     for p in range(1, MAX_PERIOD + 1):
-        if past[RUNS, p] >= PATIENCE + p and not fades(past, p):
+        if past[RUNS, p] >= PATIENCE + p and not shortens(past, p):
             return p
     return 0
 
@@ -125,7 +116,7 @@ def settled_period(past):
 def ringing_period(past):
     """Least number of forcing periods with which the fast part falls geometrically to none, 0 if with none."""
     for p in range(1, MAX_PERIOD + 1):
-        if rings_down(past, p) and not fades(past, p):
+        if rings_down(past, p) and not shortens(past, p):
             return p
     return 0
 
@@ -135,19 +126,16 @@ def rings_down(past, p):
     """Whether the fast part has fallen by FALL from each STRETCH of the last PATIENCE periods to the next, to below SETTLED."""
     if past[SCALARS, S_STROBES] < PATIENCE + 2 * p:
         return False
-    older, old, last = (
-        largest_residual(past, p, 2 * STRETCH),
-        largest_residual(past, p, STRETCH),
-        largest_residual(past, p, 0),
-    )
+    older = largest_residual(past, p, STRETCH, 2 * STRETCH)
+    old, last = largest_residual(past, p, STRETCH, STRETCH), largest_residual(past, p, STRETCH, 0)
     return old <= FALL * older and last <= FALL * old and last <= SETTLED
 
 
 @compiled
-def largest_residual(past, p, back):
-    """Largest residual in a STRETCH of strobes that ends `back` periods before the last one."""
+def largest_residual(past, p, stretch, back):
+    """Largest residual over p periods in a stretch of strobes that ends `back` periods before the last one."""
     apart = 0.0
-    for k in range(STRETCH):
+    for k in range(stretch):
         apart = max(apart, residual(past, p, back + k))
     return apart
 
