@@ -1,25 +1,27 @@
 """Does the early stop change a verdict, and what does it cost: ``python benchmarks/evidence/early_stop.py --points 20000``.
 
 Random points near the paper's domain run twice, with the early stop and to the last period. Printed are every point whose
-modes differ, and why: of a motion that is lost later, the border that its family of orbits meets as the spin creeps on,
-and when, as foretold from the orbit at the stop. The exit status is 1 if one passes a border later that is not foretold. Then
-how many runs that die stop with the very event with which both ends are down for good, and what
-they cost over the same run up to that event; and how long a drift goes on after it has settled, by its own count and by how
-far apart its later strobes are, which are followed beyond the stop. 20,000 points take some five minutes on two quiet cores.
+modes differ, and why: the run beyond its stop is compared with its family of orbits at its own spin (``later_course.py``).
+The exit status is 1 if one leaves its family where that has no border. Then how many runs that die stop with the very event
+with which both ends are down for good, and what they cost over the same run up to that event; and how long a drift goes on
+after it has settled, by its own count and by how far apart its later strobes are, which are followed beyond the stop. 20,000
+points take some eight minutes on two quiet cores. With ``--results`` the verdicts are kept in a file; where it exists they
+are judged again, and nothing is run.
 """
 
 import argparse
 import sys
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from time import perf_counter, thread_time
 from typing import NamedTuple
 
 import numpy as np
+from later_course import UNEXPLAINED, Sampled, Why, why
 
-from dimersweep import orbits, simulate
+from dimersweep import simulate
 from dimersweep.cubes.cube import blank
-from dimersweep.errors import OrbitError
 from dimersweep.kernel.batch import run_many, run_recorded
 from dimersweep.kernel.impact.impact import N_LOG
 from dimersweep.kernel.model.layout import (
@@ -50,10 +52,6 @@ MODE, PERIOD, TAKEN = CODES.index("mode"), CODES.index("mode_period"), CODES.ind
 SETTLED_AFTER = OUT.index("settled_after")
 CHUNK = 50
 DEATH_COST, DRIFT_WAIT = 1.2, 30  # what a death may cost over the time to it; periods a settled drift may go on
-HOVERS = 0.5  # change at the stop, in units of the line of settling, from which it is taken to hover there
-REACH = 2.0  # of the spin to which a family is followed, over the way that is left at its pace at the stop
-NEAR, SHARE = PATIENCE, 0.2  # periods between a border foretold and the loss of the motion, or share of the time to it
-JOINED = 0.1  # largest change of a strobe, in g/omega^2 and g/omega, where a motion passes a corner
 BEYOND = 30  # periods by which a drift is followed further than its stop, to see where it ends
 TIMINGS = 9
 TIMED_FOR = 2e-3  # least time of one timing [s]: a run is repeated as often as that takes
@@ -162,104 +160,30 @@ def settling_of(point: dict[str, float], periods: int, rtol: float) -> int:
     return int(np.flatnonzero(np.append(1.0, spread) > SETTLED)[-1]) + 1
 
 
-class Why(NamedTuple):
-    """Why a verdict differs from the one with the early stop: the kind (docs/stopping.md has them), and what shows it."""
-
-    kind: str
-    shown: str
-
-
-class Border(NamedTuple):
-    """A border on the way of a family: what it is, at which spin [rad/s], and the forcing periods to it."""
-
-    kind: str
-    spin: float
-    periods: float
-
-
-def ahead(point: dict[str, float], period: int, stop: int, given: argparse.Namespace) -> list[Border]:
-    """The borders that the family of a run meets after its stop, in their order, the end of the branch among them.
-
-    Raises
-    ------
-    OrbitError
-        If there is no orbit at the stop.
-    """
-    run = simulate(**point, periods=stop, rtol=given.rtol)
-    orbit = orbits.find(guess=run, periods=period)
-    reach = REACH * orbit.spin_drift * (given.periods - stop)
-    branch = orbits.follow(orbit, "spin", to=orbit.spin + reach)
-    spin, rate = branch["spin"].values, branch["spin_drift"].values
-    passed = stop + np.append(0.0, np.cumsum(2.0 * np.diff(spin) / (rate[1:] + rate[:-1])))
-    met = [
-        Border(str(change if kind == "word" else kind), float(s), float(n))
-        for kind, change, s, n in zip(branch["special"].values, branch["change"].values, spin, passed, strict=True)
-        if kind
-    ]
-    if not branch.attrs["end"].startswith("to:"):
-        met.append(Border(f"end ({branch.attrs['end']})", float(spin[-1]), float(passed[-1])))
-    return met
-
-
-def foretold(point: dict[str, float], period: int, stop: int, lost: int, given: argparse.Namespace) -> str:
-    """The border that the family foretells for the time when a run loses its motion, in words; nothing where it has none.
-
-    Where the branch ends before, and the run goes on, the family is taken up again from the run.
-    """
-    begun = stop
-    while begun < lost:
-        try:
-            met = ahead(point, period, begun, given)
-        except OrbitError:  # the run is not near an orbit just now, as where it has just passed a corner
-            met = [Border("none", np.nan, begun)]
-        near = [border for border in met if abs(border.periods - lost) <= max(NEAR, SHARE * (lost - stop))]
-        near = [border for border in near if border.kind != "none"]
-        if near:
-            border = min(near, key=lambda border: abs(border.periods - lost))
-            told = f"{border.kind} at spin {border.spin:.4g} rad/s after {border.periods:.0f} periods"
-            return told if begun == stop else f"{told} (as the family goes on after {begun})"
-        if not met or not met[-1].kind.startswith(("end", "none")):
-            return ""
-        begun = max(begun, int(met[-1].periods)) + PATIENCE // 2
-    return ""
-
-
-def settles_again(left: np.ndarray, period: int) -> bool:
-    """Whether a motion repeats again for as long as settling takes."""
-    within = np.convolve(left <= SETTLED, np.ones(PATIENCE + period), mode="valid")
-    return bool(within.size and within.max() > PATIENCE + period - 0.5)
-
-
 def reason(point: dict[str, float], early: np.ndarray, late: np.ndarray, given: argparse.Namespace) -> Why:
     """Why the verdict of a run differs from the one with the early stop."""
-    if early[PERIOD] == 0:
+    period, stop = int(early[PERIOD]), int(early[TAKEN])
+    if period == 0:
         return Why("no period", "the stopped run has no period: rest that was not, or a failure")
-    stop, strobe = early[TAKEN], strobes(point, given.periods, given.rtol)
-    left = residuals(strobe, early[PERIOD])
-    lost = stop + np.flatnonzero(left[stop:] > KEPT)
-    if lost.size == 0 and 0 < late[PERIOD] < early[PERIOD]:
-        shorter = changes(strobe, late[PERIOD])
-        return Why(
-            "shorter period",
-            f"on its way to period {late[PERIOD]}: the change over that was {shorter[stop - 1 - PATIENCE]:.1e}, "
-            f"{shorter[stop - 1]:.1e} at the stop, {shorter[-1]:.1e} at the end",
-        )
-    if lost.size == 0:
-        same = early[PERIOD] == late[PERIOD]
-        how = "the same motion, on the border of two words" if same else "it repeats to the end"
-        return Why(
-            "border of two words" if same else "repeats",
-            f"{how}; what is left of its fast part is {left[stop:].max():.1e} at most",
-        )
-    at_stop, passed = left[stop - 1], int(lost[0]) + 1
-    how = f"left by {left[lost[0]]:.1e} after {passed} periods, from {at_stop:.1e} at the stop"
-    border = foretold(point, int(early[PERIOD]), int(stop), passed, given)
-    if border:
-        return Why("foretold", f"{how}; the family foretells: {border}")
-    kick = changes(strobe, early[PERIOD])[passed - 1 : passed + PATIENCE].max()
-    if kick < JOINED and settles_again(left[passed:], int(early[PERIOD])):
-        return Why("passes a corner", f"{how}; then the same motion again")
-    return Why("hovers at the line" if at_stop > HOVERS * SETTLED else "passes a border later", how)
+    told = why(Sampled(point, given.periods, given.rtol), period, stop)
+    left = residuals(strobes(point, given.periods, given.rtol), period)[stop:]
+    lost = np.flatnonzero(left > KEPT)
+    when = f"change by {left[lost[0]]:.1e} after {stop + lost[0] + 1}" if lost.size else "repeat to the end"
+    return told._replace(shown=f"{told.shown}; its strobes {when}")
+
+
+def both(rows: np.ndarray, given: argparse.Namespace) -> list[Runs]:
+    """Verdicts of all rows with the early stop and without, from the file of results where there is one."""
+    if given.results and given.results.exists():
+        kept = np.load(given.results)
+        if not np.array_equal(kept["rows"], rows) or (kept["periods"], kept["rtol"]) != (given.periods, given.rtol):
+            sys.exit(f"{given.results} holds the results of other points, periods or rtol")
+        return [Runs(kept[f"out_{n}"], kept[f"codes_{n}"], float(kept[f"seconds_{n}"])) for n in range(2)]
+    runs = [run_all(rows, given.periods, given.rtol, settle, given.workers) for settle in (True, False)]
+    if given.results:
+        kept = {f"{name}_{n}": value for n, one in enumerate(runs) for name, value in one._asdict().items()}
+        np.savez(given.results, rows=rows, periods=given.periods, rtol=given.rtol, **kept)
+    return runs
 
 
 def told(columns: dict[str, np.ndarray], k: int) -> dict[str, float]:
@@ -335,11 +259,12 @@ def main(arguments: list[str] | None = None) -> Counter[str]:
         "--timed", type=int, default=300, help="runs that die, and that drift, timed and followed one by one"
     )
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--results", type=Path, help=".npz file of the verdicts: written, or read where it exists")
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args(arguments)
     columns = random_points(given.points, given.seed)
     rows = fill_rows(BASE | columns, given.points)
-    stopped, full = (run_all(rows, given.periods, given.rtol, settle, given.workers) for settle in (True, False))
+    stopped, full = both(rows, given)
     counts = np.bincount(full.codes[:, MODE], minlength=len(MODES))
     print(f"{given.points} points, {given.periods} periods, rtol {given.rtol:.0e}, full runs: ", end="")
     print(", ".join(f"{n} {name}" for name, n in zip(MODES, counts, strict=True) if n))
@@ -354,4 +279,4 @@ def main(arguments: list[str] | None = None) -> Counter[str]:
 
 
 if __name__ == "__main__":
-    sys.exit(1 if main()["passes a border later"] else 0)
+    sys.exit(1 if main()[UNEXPLAINED] else 0)

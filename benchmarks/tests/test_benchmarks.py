@@ -6,6 +6,7 @@ from pathlib import Path
 
 import compare
 import early_stop
+import later_course
 import memory
 import numpy as np
 import pytest
@@ -181,47 +182,82 @@ def test_early_stop_on_a_few_points(capsys):
     assert "drifts stop after settling" in said
 
 
-@pytest.mark.parametrize(
-    ("course", "late", "kind", "expected"),
-    [
-        (
-            lambda n: 3e-4 * (-0.99) ** n,
-            1,
-            "shorter period",
-            "on its way to period 1: the change over that was 5.2e-04, 4.1e-04 at the stop",
-        ),
-        (
-            lambda n: 1e-5 * n + 5.1e-7 * n**2,
-            0,
-            "hovers at the line",
-            "left by 1.0e-03 after 483 periods, from 9.8e-05 at the stop",
-        ),
-        (
-            lambda n: np.where(n < 150, 0.0, 1.0),
-            0,
-            "passes a border later",
-            "left by 1.0e+00 after 151 periods, from 0.0e+00 at the stop",
-        ),
-        (
-            lambda n: (-1.0) ** n,
-            3,
-            "repeats",
-            "it repeats to the end; what is left of its fast part is 0.0e+00 at most",
-        ),
-        (lambda n: (-1.0) ** n, 2, "border of two words", "the same motion, on the border of two words"),
-    ],
-    ids=["rings down", "creeps", "leaps", "repeats", "two words"],
-)
-def test_why_a_verdict_differs(course, late, kind, expected, monkeypatch):
-    strobe = course(np.arange(600.0))[:, None] * [1.0, 0.0, 0.0, 0.0, 0.0]
-    monkeypatch.setattr(early_stop, "strobes", lambda *_: strobe)
-    monkeypatch.setattr(early_stop, "foretold", lambda *_: "")
-    given = early_stop.argparse.Namespace(periods=600, rtol=1e-8)
-    before, after = np.zeros(6, np.int64), np.zeros(6, np.int64)
-    before[[early_stop.PERIOD, early_stop.TAKEN]], after[early_stop.PERIOD] = (2, 40), late
-    why = early_stop.reason({}, before, after, given)
-    assert why.kind == kind
-    assert why.shown.startswith(expected)
+PASSES_A_BORDER = {
+    "e": 0.7433423608556691,
+    "Gamma": 0.5879174426469472,
+    "f": 10.871068058945365,
+    "A_r": 4.258092942455766,
+    "mu": 0.18162133214136056,
+    "mu_s": 0.28237042799378276,
+    "beta0": 1.1040930235653665,
+    "xdot0": 1.7378546837487074,
+}
+STROBED_IN_A_HOP = {
+    "e": 0.7047298080489681,
+    "Gamma": 0.9713073882590381,
+    "f": 25.283508067206412,
+    "A_r": 3.361469394358585,
+    "mu": 0.13491000631220026,
+    "mu_s": 0.17788786106750618,
+    "beta0": 1.0562824495239087,
+    "xdot0": 2.5666586492250065,
+}
+
+
+def test_the_verdicts_are_judged_again_from_their_file(tmp_path, capsys, monkeypatch):
+    asked = ["--points", "20", "--periods", "60", "--timed", "1", "--results", str(tmp_path / "kept.npz")]
+    first = early_stop.main([*asked, "--workers", "1"])
+    said = capsys.readouterr().out.splitlines()
+    monkeypatch.setattr(early_stop, "run_all", None)
+    assert early_stop.main(asked) == first
+    assert capsys.readouterr().out.splitlines()[:3] == said[:3]
+    with pytest.raises(SystemExit, match="other points, periods or rtol"):
+        early_stop.main([*asked, "--seed", "2"])
+
+
+def test_a_border_on_the_way_is_foretold():
+    """The family of a drift whose spin grows ends where its double impact ends another way: there the run loses it."""
+    run = later_course.Sampled(PASSES_A_BORDER, 400, 1e-8)
+    why = later_course.why(run, 1, 72)
+    assert why.kind == later_course.FORETOLD
+    one = later_course.stretch(run, run.start(72, 1), 72)
+    assert max(seen.apart for seen in one.seen) < 1e-4
+    border = later_course.border_ahead(one.last, 2)
+    left = early_stop.residuals(early_stop.strobes(PASSES_A_BORDER, 400, 1e-8), 1)
+    lost = 73 + int(np.flatnonzero(left[72:] > early_stop.KEPT)[0])
+    assert 0 <= lost - one.left <= 3
+    foretold = later_course.border_ahead(run.start(lost - 20, 1), 40)  # at the pace of the family alone
+    assert foretold.spins[1] == pytest.approx(border.spins[1], abs=2 * (border.spins[1] - border.spins[0]))
+    assert later_course.border_ahead(run.start(lost - 50, 1), 24) is None  # and none before
+
+
+def test_a_motion_whose_strobes_lie_in_a_hop_keeps_to_its_family():
+    left = early_stop.residuals(early_stop.strobes(STROBED_IN_A_HOP, 400, 1e-8), 1)
+    assert left[291:].max() > 1e-2
+    run = later_course.Sampled(STROBED_IN_A_HOP, 400, 1e-8)
+    assert later_course.why(run, 1, 291).kind == later_course.KEEPS
+    one = later_course.stretch(run, run.start(291, 1), 291)
+    assert one.left is None
+    assert max(seen.apart for seen in one.seen) < 1e-5
+
+
+def test_a_run_that_has_no_family_is_not_explained():
+    scene = {"e": 0.6, "Gamma": 2.0, "beta0": np.radians(16)}
+    assert simulate(**scene, periods=200).mode == "aperiodic"
+    assert later_course.why(later_course.Sampled(scene, 200, 1e-8), 1, 100).kind == later_course.UNEXPLAINED
+
+
+def test_a_run_that_leaves_where_its_family_has_no_border_is_not_explained(monkeypatch):
+    run = later_course.Sampled(PASSES_A_BORDER, 400, 1e-8)
+    monkeypatch.setattr(later_course, "border_ahead", lambda *_: None)
+    assert later_course.why(run, 1, 72).kind == later_course.UNEXPLAINED
+
+
+def test_a_run_of_another_dimer_is_not_on_the_family():
+    run = later_course.Sampled(STROBED_IN_A_HOP, 400, 1e-8)
+    at = run.start(291, 1)
+    other = later_course.Sampled(STROBED_IN_A_HOP | {"e": STROBED_IN_A_HOP["e"] + 1e-3}, 400, 1e-8)
+    assert later_course.stretch(other, at, 291).seen[-1].apart > later_course.ON
 
 
 def test_what_is_left_of_a_creeping_strobe_is_its_fast_part():
@@ -231,22 +267,6 @@ def test_what_is_left_of_a_creeping_strobe_is_its_fast_part():
     assert left[30:].max() < 1e-7
     strobe[:, 4] = 0.0  # nothing creeps along with it
     assert early_stop.residuals(strobe, 1)[30:].min() > 2e-4
-
-
-def test_a_border_on_the_way_is_foretold():
-    """The family of a drift whose spin grows ends where its double impact ends another way: there the run loses it."""
-    point = {"e": 0.7433423608556691, "Gamma": 0.5879174426469472, "f": 10.871068058945365, "A_r": 4.258092942455766}
-    point |= {
-        "mu": 0.18162133214136056,
-        "mu_s": 0.28237042799378276,
-        "beta0": 1.1040930235653665,
-        "xdot0": 1.7378546837487074,
-    }
-    given = early_stop.argparse.Namespace(periods=400, rtol=1e-8)
-    left = early_stop.residuals(early_stop.strobes(point, 400, 1e-8), 1)
-    lost = 73 + int(np.flatnonzero(left[72:] > early_stop.KEPT)[0])
-    assert "end (word" in early_stop.foretold(point, 1, 72, lost, given)
-    assert early_stop.foretold(point, 1, 72, 150, given) == ""
 
 
 @pytest.mark.parametrize(("way", "expected"), [(1.0, 44), (-1.0, 50)], ids=["from one side", "by turns from both"])

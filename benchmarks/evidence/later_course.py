@@ -1,0 +1,258 @@
+"""What becomes of a motion after its run has stopped: it is followed along its family of orbits, at the spin the run has.
+
+The full run is compared with its family in each period of the motion. Of the run only the spin is taken; the point of
+the slow manifold at that spin (`dimersweep.orbits.manifold`) is found from the one before. Both are seen in the section
+of the orbit, which lies away from its events, so a strobe in the middle of a hop disturbs nothing. So a border is foretold
+in the spin, to within its change in one period of the motion, and no time is foretold.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from dimersweep import simulate
+from dimersweep.kernel.model.layout import ROW_PHI0
+from dimersweep.kernel.verdict.settling import KEPT, PATIENCE
+from dimersweep.orbits.finding import repeats_after
+from dimersweep.orbits.guesses import of_run
+from dimersweep.orbits.manifold import multipliers_of, on_manifold, slow_direction
+from dimersweep.orbits.passage import TURN, Passage
+from dimersweep.orbits.return_map import OrbitLost, ReturnMap, Tape
+from dimersweep.orbits.solving import Fixed, fixed_at
+from dimersweep.orbits.word import word_of
+
+KEEPS, FORETOLD, UNEXPLAINED = "keeps to its family", "foretold", "passes a border later"
+ON = KEPT  # distance from the family, in units of the section, up to which a run is on it
+MAP_RTOL, STEP = 1e-12, 1e-6  # of the map, and of its derivatives by differences
+
+
+class Seen(NamedTuple):
+    """A run beside its family: after so many periods, its spin [rad/s], how far apart they are, the largest multiplier."""
+
+    after: int
+    spin: float
+    apart: float
+    multiplier: float
+    word: str
+
+
+class Border(NamedTuple):
+    """A border that a family meets: what it is, and between which spins [rad/s]."""
+
+    kind: str
+    spins: tuple[float, float]
+
+
+class Sampled:
+    """A recorded run, seen in the sections of orbits."""
+
+    def __init__(self, point: dict[str, float], periods: int, rtol: float) -> None:
+        self.point, self.periods, self.rtol = point, periods, rtol
+        record = simulate(**point, periods=periods, rtol=rtol).record("followed")
+        self.passage, self.phi0 = Passage(record.events, record.segments), record.row[ROW_PHI0]
+
+    def at(self, m: ReturnMap, after: int) -> np.ndarray:
+        """The run's point in the section of a map, the first one after so many periods.
+
+        Raises
+        ------
+        OrbitLost
+            If its contact is another one there.
+        """
+        own = ReturnMap(m.parameters, self.phi0, m.modes, m.periods, self.rtol, m.tape)
+        state, modes = own.sampled(self.passage, TURN * after + (m.phase - self.phi0) % TURN)
+        if (modes != m.modes).any():
+            raise OrbitLost("the contact at the section is another one")
+        return m.section.point(state)[m.free]
+
+    def start(self, after: int, period: int) -> Fixed:
+        """The point of the slow manifold that the run is near after so many periods.
+
+        Raises
+        ------
+        OrbitLost
+            If there is none.
+        """
+        begun = simulate(**self.point, periods=after, rtol=self.rtol)
+        m, z = of_run(begun, begun.parameters, period, MAP_RTOL, Tape())
+        near = at_point(m, z)
+        found = on_manifold(near)
+        if found is near:
+            raise OrbitLost("the run is not near an orbit")
+        return found
+
+    def passage_near(self, at: Fixed, after: int) -> tuple[float, int]:
+        """How far the run is from a point of the manifold at the nearest of the next periods of its motion, and when."""
+        tried = []
+        for k in range(after, after + at.map.periods):
+            try:
+                tried.append((distance(at, self.at(at.map, k)), k))
+            except OrbitLost:
+                continue
+        return min(tried, default=(np.inf, after))
+
+
+def at_point(m: ReturnMap, z: np.ndarray) -> Fixed:
+    """A point with its derivatives, by differences so short that they seldom reach across a border."""
+    m.step = STEP
+    return fixed_at(m, z)
+
+
+def distance(at: Fixed, z: np.ndarray) -> float:
+    """Of a point of the section from one of the manifold, the spin aside."""
+    return float(np.delete(np.abs(z - at.z), at.map.slow).max())
+
+
+def led_to(at: Fixed, spin: float) -> np.ndarray:
+    """Where the manifold leads at a spin nearby."""
+    return at.z + slow_direction(at)[0] * (spin - at.image.spin) / at.map.unit
+
+
+def next_on_manifold(at: Fixed, spin: float) -> Fixed:
+    """The point of the slow manifold at a spin nearby.
+
+    Raises
+    ------
+    OrbitLost
+        If there is none, or one aside of where the manifold leads.
+    """
+    guess = at._replace(z=led_to(at, spin), image=at.image._replace(spin=spin))
+    found = on_manifold(guess)
+    if found is guess:
+        raise OrbitLost("there is no orbit near where the family leads")
+    return found
+
+
+def in_own_section(at: Fixed) -> Fixed:
+    """The same point of the manifold in a section away from its events."""
+    m = at.map
+    if m.well_placed(at.image.passage):
+        return at
+    try:
+        moved, z = m.moved(at.image.passage)
+        return at_point(moved, z)
+    except OrbitLost:
+        return at
+
+
+def multiplier_of(at: Fixed) -> float:
+    """Size of the largest multiplier of the fast part."""
+    return float(np.abs(multipliers_of(at)[0]).max(initial=0.0))
+
+
+def border_ahead(at: Fixed, periods: int) -> Border | None:
+    """The first border that a family meets by itself, at its own pace, in so many forcing periods."""
+    word = word_of(at.image.passage)
+    for _ in range(0, periods, at.map.periods):
+        spins = at.image.spin, at.image.spin + slow_direction(at)[1]
+        try:
+            there = next_on_manifold(at, spins[1])
+        except OrbitLost:
+            return Border(f"end of the family ({beyond(at, spins[1])})", spins)
+        if word_of(there.image.passage) != word:
+            return Border(f"word ({word} to {word_of(there.image.passage)})", spins)
+        if multiplier_of(there) > 1.0 >= multiplier_of(at):
+            return Border("loss of stability", spins)
+        at = in_own_section(there)
+    return None
+
+
+def beyond(at: Fixed, spin: float) -> str:
+    """What the motion does at the point to which a family leads where it has none."""
+    try:
+        passage = at.map.image(led_to(at, spin)).passage
+    except OrbitLost as reason:
+        return str(reason)
+    word, new = word_of(at.image.passage), word_of(passage)
+    if new != word:
+        return f"beyond it the word changes from {word} to {new}"
+    before, after = (len(one.events) for one in (at.image.passage, passage))
+    return f"{before} events in its period, {after} beyond" if before != after else "Newton's method finds none beyond"
+
+
+class Stretch(NamedTuple):
+    """A run beside its family, period by period of the motion, and the last point of the family that was found."""
+
+    seen: list[Seen]
+    last: Fixed
+    left: int | None  # where the family does not go on: after so many periods
+
+
+def stretch(run: Sampled, at: Fixed, after: int) -> Stretch:
+    """Follow a run along its family, from a point of the manifold near it, as far as both go.
+
+    The manifold is known to first order in the pace. Where the fast part is not much faster than the spin, a motion lags
+    further behind, by what the map adds to the points found: this is added up and taken into account.
+    """
+    seen: list[Seen] = []
+    behind = np.zeros(at.z.size)
+    _, k = run.passage_near(at, after)
+    while k + 2 * at.map.periods < run.periods:
+        m = at.map
+        try:
+            z = run.at(m, k)
+            there = next_on_manifold(at, m.image(z).spin)
+        except OrbitLost:
+            return Stretch(seen, at, k)
+        if seen:
+            behind = at.matrix @ behind + at.image.point - there.z
+            behind[m.slow] = 0.0
+        apart = distance(there, z - behind)
+        seen.append(Seen(k, there.image.spin, apart, multiplier_of(there), word_of(there.image.passage)))
+        at = in_own_section(there)
+        k += m.periods
+        if at is not there:  # the new section may lie in another one of the periods of the motion
+            behind = np.zeros(at.z.size)
+            _, k = run.passage_near(at, k)
+    return Stretch(seen, at, None)
+
+
+def stretches(run: Sampled, period: int, stop: int) -> list[Stretch]:
+    """The families that a run goes through, from when it has settled, PATIENCE before its stop, until it has none."""
+    found: list[Stretch] = []
+    k, until = max(1, stop - PATIENCE), stop
+    while k <= until and k + 3 * period < run.periods:
+        try:
+            one = stretch(run, run.start(k, period), k)
+        except OrbitLost:
+            one = None
+        if one is None or not one.seen:
+            k += period
+            continue
+        found.append(one)
+        if one.left is None:
+            break
+        k, until = one.left + period, max(stop, one.left + PATIENCE)
+    return found
+
+
+class Why(NamedTuple):
+    """Why a verdict differs from the one with the early stop: the kind (docs/stopping.md has them), and what shows it."""
+
+    kind: str
+    shown: str
+
+
+def why(run: Sampled, period: int, stop: int) -> Why:
+    """What becomes of a motion of some period after the stop of its run."""
+    families = stretches(run, period, stop)
+    at_stop = [n for n, one in enumerate(families) if one.seen[-1].after >= stop - period]
+    if not at_stop:
+        return Why(UNEXPLAINED, "no orbit is found near the run at its stop")
+    one, later = families[at_stop[0]], families[at_stop[0] + 1 :]
+    (first, *_), last = [seen for seen in one.seen if seen.after >= stop - period], one.seen[-1]
+    furthest = max(seen.apart for seen in one.seen if seen.after >= first.after)
+    on = (
+        f"{first.apart:.1e} from its family after {first.after} periods, {last.apart:.1e} after {last.after}, "
+        f"{furthest:.1e} at most"
+    )
+    if first.apart > ON or last.apart > ON:
+        return Why(UNEXPLAINED, on)
+    if one.left is None:
+        shorter = repeats_after(one.last)
+        return Why("shorter period", f"{on}; it repeats after {shorter}") if shorter < period else Why(KEEPS, on)
+    border = border_ahead(one.last, 2 * period)
+    if border is None:
+        return Why(UNEXPLAINED, f"{on}; then it leaves it, and the family goes on")
+    then = f"; on a family again after {later[-1].seen[0].after}" if later and later[-1].left is None else ""
+    return Why(FORETOLD, f"{on}; {border.kind} at spin {border.spins[0]:.6g} to {border.spins[1]:.6g} rad/s{then}")
