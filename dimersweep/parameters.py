@@ -90,7 +90,7 @@ def as_number(name: str, value: Any) -> float:
     return number
 
 
-def number(name: str, value: Any) -> float:
+def number(name: str, value: Any, units: str | None = None) -> float:
     """The value of the parameter `name` in its SI unit, as a finite float.
 
     Parameters
@@ -98,6 +98,8 @@ def number(name: str, value: Any) -> float:
     name : str
     value : float or str
         A number in the SI unit, or a text with a unit after it: an angle may be in degrees, such as "16 deg" or "16deg".
+    units : str, optional
+        The SI unit of a quantity that is no parameter.
 
     Raises
     ------
@@ -106,7 +108,7 @@ def number(name: str, value: Any) -> float:
     """
     if not isinstance(value, str):
         return as_number(name, value)
-    units = PARAMETERS[name].units
+    units = PARAMETERS[name].units if units is None else units
     factors = {"": 1.0, units: 1.0} | ({"deg": pi / 180, "°": pi / 180} if units == "rad" else {})
     found = re.fullmatch(r"\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?|[-+]?inf|nan)\s*(.*?)\s*", value)
     try:
@@ -114,15 +116,15 @@ def number(name: str, value: Any) -> float:
     except ValueError:
         size = None
     if found is None or size is None:
-        raise ParameterError(f"{name} = {value!r}: must be a number{_or_degrees(name)}")
+        raise ParameterError(f"{name} = {value!r}: must be a number{_or_degrees(units)}")
     if found[2] not in factors:
         allowed = " or ".join(dict.fromkeys(unit for unit in factors if unit not in ("", "°")))
         raise ParameterError(f"{name} = {value!r}: the unit must be {'left out' if units == '1' else allowed}")
     return as_number(name, size * factors[found[2]])
 
 
-def _or_degrees(name: str) -> str:
-    return ', or an angle with its unit such as "16 deg"' if PARAMETERS[name].units == "rad" else ""
+def _or_degrees(units: str) -> str:
+    return ', or an angle with its unit such as "16 deg"' if units == "rad" else ""
 
 
 def check(columns: Mapping[str, Any], gaps: Collection[str] = ()) -> None:

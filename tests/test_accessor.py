@@ -75,11 +75,25 @@ def test_a_cube_tells_what_it_is(cube):
         ({"f": 15}, r"^beta0: has 5 values; give one of them$"),
         ({"F": 15}, r"^F: unknown axis of the cube; did you mean f\? \(allowed: f, beta0\)$"),
         ({"f": "15 deg", "beta0": 0.1}, r"^f = '15 deg': the unit must be Hz$"),
+        ({"f": 15, "beta0": 16}, r"^beta0 = 16: must lie on the axis, \S+ to \S+ rad$"),
+        ({"f": 50, "beta0": "16 deg"}, r"^f = 50: must lie on the axis, 15 to \d+ Hz$"),
     ],
 )
 def test_a_point_that_is_none_is_named(cube, where, message):
     with pytest.raises(ParameterError, match=message):
         cube.dimersweep.run(**where)
+
+
+def test_an_empty_axis_has_no_run(cube):
+    with pytest.raises(ParameterError, match=r"^f: the axis is empty$"):
+        cube.isel(f=slice(0, 0)).dimersweep.run(f=15, beta0="16 deg")
+
+
+@pytest.mark.parametrize("number", [-1, 10, 2.5, "a", True])
+def test_a_point_beyond_the_table_is_named(cube, number):
+    table = cube.stack(point=("f", "beta0")).reset_index("point")
+    with pytest.raises(ParameterError, match=rf"^point = {number!r}: must be a whole number from 0 to 9$"):
+        table.dimersweep.at(point=number)
 
 
 def test_other_datasets_have_no_such_thing():

@@ -140,6 +140,11 @@ def test_a_bad_declaration_is_named(call, old, new, message):
         (["simulate", "--e", "nan"], "e = nan: must be finite"),
         (["simulate", "--periods", "0"], "periods = 0: must be a whole number >= 1"),
         (["simulate", "--beta0", "16foo"], "beta0 = '16foo': the unit must be rad or deg"),
+        (
+            ["simulate", "--periods", "100000000", "--plot", "a.png"],
+            "periods = 100000000: must be <= 100000 for --plot, --movie, --save and --error",
+        ),
+        (["simulate", "--save", "a.csv"], "save = a.csv: a run must end in .nc"),
         (["simulate", "--alpha", "1"], "No such option: --alpha"),
         (["dance"], "No such command 'dance'."),
     ],
@@ -447,6 +452,8 @@ def test_plot_takes_a_kind_a_quantity_and_a_selection(call, fake_kernel):
         assert code == 0, err
     _, err, code = call("plot", "fig07-small.nc", "--select", "e=1", "--force")
     assert (code, "e is no axis of the cube (f, A_r, beta0)" in err) == (2, True)
+    _, err, code = call("plot", "fig07-small.nc", "--select", "beta0=16", "--force")
+    assert (code, "beta0 = 16: must lie on the axis" in err) == (2, True)
     _, err, code = call("plot", "fig07-small.nc", "--kind", "trends", "--force")
     assert (code, err) == (2, "dimersweep: error: trends: has axes A_r, beta0, f; needs A_r, f\n")
 
@@ -471,6 +478,11 @@ def test_python_errors_speak_python(call, fake_kernel):
     [
         (lambda: dimersweep.sweep([15, 20], periods=1), r"^grid: is a list; give a mapping of parameters"),
         (lambda: dimersweep.open_cube("/tmp"), r"^/tmp: is a folder; give a NetCDF file"),
+        (lambda: dimersweep.sweep({"f": [15]}, fixed="e", periods=1), r"^fixed = 'e': must be a mapping of parameters"),
+        (
+            lambda: dimersweep.refine({"f": [15, 20], "beta0": [0.1]}, over="beta0", halvings=3, periods=1),
+            r"^halvings = 3: must be a mapping of axes and whole numbers$",
+        ),
         (lambda: dimersweep.names([1, 2]), r"^names: list has no words; give a flag variable such as cube\['mode'\]$"),
     ],
 )
@@ -527,11 +539,14 @@ def test_a_cube_is_made_again_from_what_it_tells(call, fake_kernel, monkeypatch)
 
 def test_all_mistakes_of_a_file_are_told_at_once(call):
     bad = SMALL.replace("periods =", "perods =").replace("mu = 0.2", "mu = -1\nGama = 2").replace('"segments"', '"pie"')
+    bad = bad.replace("[grid]", "rtol = 3\n[grid]").replace("fig07-small.nc", "fig07.csv")
     Path("small.toml").write_text(bad.replace("f = [15, 20, 25]", 'f = ["15 rpm"]'))
     _, err, code = call("run", "small.toml")
     first, *lines = err.splitlines()
-    assert (code, first) == (2, "dimersweep: error: small.toml: 5 mistakes")
+    assert (code, first) == (2, "dimersweep: error: small.toml: 7 mistakes")
     assert [line.split(" (allowed")[0] for line in lines] == [
+        "  rtol = 3.0: must be in [1e-13, 0.01]",
+        "  sweep.output = fig07.csv: a cube must end in .nc or .zarr",
         "  sweep.perods: unknown key; did you mean periods?",
         "  plot.kind = 'pie': must be 'segments', 'mode_map', 'regions', 'paths', 'trends', 'minimum', 'impact_ends', "
         "'shares', 'planar' or 'bifurcation'",
@@ -622,10 +637,14 @@ def test_an_axis_nested_deeply_is_refused(call):
 def test_an_output_that_is_no_file_is_refused_before_any_work(call, monkeypatch, out):
     monkeypatch.setattr("dimersweep.work.tiles.run_many", lambda *rest, **more: pytest.fail("work was done"))
     edited('output = "fig07-small.nc"', f'output = "{out}"')
-    for arguments in (("run", "small.toml"), ("run", "small.toml", "--force"), ("run", "small.toml", "--out", out)):
+    for arguments in (("run", "small.toml"), ("run", "small.toml", "--force")):
         _, err, code = call(*arguments)
         assert (code, len(err.splitlines())) == (2, 1), err
-        assert err.startswith("dimersweep: error: out = ")
+        assert err.startswith("dimersweep: error: small.toml: sweep.output = ")
+    Path("small.toml").write_text(SMALL)
+    _, err, code = call("run", "small.toml", "--out", out)
+    assert (code, len(err.splitlines())) == (2, 1), err
+    assert err.startswith("dimersweep: error: out = ")
 
 
 @pytest.mark.jit

@@ -82,6 +82,10 @@ def test_a_cube_over_one_axis_and_a_search_are_shown(cube):
 def test_a_cube_without_axes_is_refused(cube):
     with pytest.raises(ParameterError, match=r"^explore: needs a cube over at least one axis of more than one value$"):
         dimersweep.explore(cube.isel(f=0, Gamma=0, beta0=0))
+    with pytest.raises(ParameterError, match=r"^explore: needs a cube over at least one axis"):
+        dimersweep.explore(cube.isel(f=slice(0, 0)))
+    with pytest.raises(ParameterError, match=r"^explore: str is no cube; give one of sweep, or of open_cube\(path\)$"):
+        dimersweep.explore("cube.nc")
 
 
 def test_without_panel_it_says_what_to_install(cube, monkeypatch):

@@ -81,6 +81,8 @@ def test_a_failed_run_does_not_go_on():
         run.go_on(1)
     with pytest.raises(ParameterError, match=r"^periods = 0: must be a whole number >= 1$"):
         simulate(periods=1).go_on(0)
+    with pytest.raises(ParameterError, match=r"^periods = 100001: must be <= 100000 for a run whose .* recorded"):
+        simulate(periods=1).go_on(100_000)
 
 
 def test_a_run_starts_from_one_time_of_another():
@@ -121,6 +123,8 @@ def test_a_state_is_given_by_the_names_of_states():
     assert (first["x1_rate"].item(), first["y1_rate"].item()) == (pytest.approx(0.1), pytest.approx(0.0, abs=1e-17))
     down = simulate(start={"beta": -0.2}, periods=1).states(0)  # the lower end is on the plate
     assert (down["gap_2"].item(), down["beta"].item()) == (0.0, -0.2)
+    tilted = simulate(start={"beta": "16 deg"}, periods=1).states(0)
+    assert tilted["beta"].item() == pytest.approx(np.radians(16), abs=1e-15)
     centred = simulate(start={"x": 1.0, "y": 2.0, "theta": 0.5, "beta": 0.1, "gap_1": 1e-3}, periods=1).states(0)
     assert (centred["x"].item(), centred["y"].item()) == (pytest.approx(1.0), pytest.approx(2.0))
     high = simulate(start={"z1": 0.01, "z1_rate": 0.2, "phase": 1.0}, Gamma=0.5, periods=1).states(0)
@@ -142,6 +146,8 @@ def test_the_paper_s_start_is_a_state():
     [
         ({"bta": 1}, {}, r"^start.bta: unknown quantity of a state; did you mean beta\? \(allowed: phase, x1, "),
         ({"beta": 1.6}, {}, r"^start.beta = 1.6: must be below pi/2"),
+        ({"x1_rate": "16 deg"}, {}, r"^start.x1_rate = '16 deg': the unit must be m s-1$"),
+        ({"beta": "steep"}, {}, r"^start.beta = 'steep': must be a number, or an angle with its unit such as"),
         ({"gap_1": -1e-3}, {}, r"^start.gap_1 = -0.001: must be >= 0 \(that end would be below the plate\)$"),
         (
             {"gap_1": 0, "gap_2": 1e-3},
@@ -229,6 +235,8 @@ def test_an_unrecorded_run_is_saved_too(tmp_path):
 
 def test_a_file_that_is_no_run_is_refused(tmp_path):
     run = simulate(periods=2)
+    with pytest.raises(ParameterError, match=r"run.txt: a run must end in .nc$"):
+        run.save(tmp_path / "run.txt")
     run.save(tmp_path / "run.nc")
     with pytest.raises(StoreError, match=r"exists already"):
         run.save(tmp_path / "run.nc")

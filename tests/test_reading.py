@@ -100,6 +100,14 @@ def test_a_valley_beside_chaos_is_not_dug_deeper():
             assert (low.at, low.value) == pytest.approx((4.1, 10), abs=1e-6)
 
 
+def test_no_bottom_is_dug_far_below_the_points():
+    """Coarse points whose right side is scatter: a spline through them would go 15 % below the lowest one."""
+    x = np.arange(0.5, 8, 0.5)
+    y = np.array([40, 20, 13.5, 10.4, 8.7, 8.1, 9.5, 28, 26.5, 13.5, 16, 37, 12, 115, 22])
+    assert not minimum(x, y).located
+    assert minimum(x, 30 / x + x**2).located
+
+
 def test_a_bottom_beside_an_unknown_value_is_not_located():
     x = np.linspace(1, 7, 61)
     y = 10 + (x - 4.1) ** 2

@@ -186,6 +186,8 @@ def test_times_outside_the_run_are_refused(base, time):
 def test_times_must_be_a_list(base):
     with pytest.raises(ParameterError, match=r"^t: has shape \(1, 2\); must be one time or a list of times$"):
         base.states([[1.0, 2.0]])
+    with pytest.raises(ParameterError, match=r"^t = 'soon': must be one time or a list of times \[s\]$"):
+        base.states("soon")
 
 
 def test_without_a_record_the_outcome_is_the_same():

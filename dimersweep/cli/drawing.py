@@ -48,13 +48,13 @@ def plot(
 
 def _selected(cube: "xr.Dataset", text: str) -> "xr.Dataset":
     """`cube` at the value of an axis that is nearest to the one in `text`, such as f=15."""
-    from dimersweep.parameters import number
+    from dimersweep.cubes.reading import nearest
 
     name, _, value = text.partition("=")
     if name not in cube.dims:
         allowed = ", ".join(map(str, cube["mode"].dims))
         raise typer.BadParameter(f"--select {text}: {name or 'nothing'} is no axis of the cube ({allowed})")
-    return cube.sel({name: number(name, value)}, method="nearest")
+    return nearest(cube, name, value)
 
 
 def draw_beside(cube: "xr.Dataset", picture: Path, kind: str | None = None, quantity: str | None = None) -> None:

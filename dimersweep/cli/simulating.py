@@ -39,9 +39,9 @@ def simulate(
 
         check_movie(movie, force=force)
     if save is not None:
-        from dimersweep.storage.netcdf import check_writable
+        from dimersweep.storage.netcdf import check_run_file
 
-        check_writable(save, force=force, name="save")
+        check_run_file(save, force=force, name="save")
     from dimersweep.parameters import Parameters, check_count, check_rtol, check_seconds
     from dimersweep.work.progress import tell_of_compiling
 
@@ -52,8 +52,11 @@ def simulate(
     check_seconds("max_seconds", max_seconds)
     tell_of_compiling()
     from dimersweep.runs.simulating import simulate
+    from dimersweep.runs.solving import check_recorded
 
     recorded = error or bool(plot or movie or save)
+    if recorded:
+        check_recorded(periods, "--plot, --movie, --save and --error")
     run = simulate(**parameters, periods=periods, rtol=rtol, record=recorded, max_seconds=max_seconds)
     bounds = _bounds(run) if error else {}
     if json:

@@ -228,6 +228,18 @@ def legal_points(grid: Grid) -> np.ndarray:
     return legal
 
 
+def as_fixed(fixed: Any) -> dict[str, Any]:
+    """What is given as fixed, as a mapping; none is an empty one.
+
+    Raises
+    ------
+    ParameterError
+    """
+    if not isinstance(fixed, Mapping | None):
+        raise ParameterError(f"fixed = {fixed!r}: must be a mapping of parameters and values")
+    return dict(fixed or {})
+
+
 def refuse_twice(varied: Mapping[str, Any], fixed: Mapping[str, Any]) -> None:
     """Refuse parameters that are given twice: as varied and as fixed, or e beside that of one end.
 
@@ -274,7 +286,7 @@ def make_grid(axes: Mapping[str, Any], fixed: Mapping[str, Any] | None = None, *
     ParameterError
         Naming the parameter, its value and what is allowed.
     """
-    fixed = dict(fixed or {})
+    fixed = as_fixed(fixed)
     if not isinstance(axes, Mapping):
         raise ParameterError(f"grid: is a {type(axes).__name__}; give a mapping of parameters to their values")
     if not axes:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from dimersweep.cubes.grid import MAX_POINTS, Grid, fixed_values, refuse_twice
+from dimersweep.cubes.grid import MAX_POINTS, Grid, as_fixed, fixed_values, refuse_twice
 from dimersweep.errors import ParameterError
 from dimersweep.parameters import check, check_name, fill_rows, keeps_rules, number
 from dimersweep.symbols import PARAMETERS
@@ -100,7 +100,7 @@ def make_points(table: Any, fixed: Mapping[str, Any] | None = None) -> Points:
         raise ParameterError(f"points: the columns differ in length ({told})")
     if not 1 <= next(iter(lengths.values())) <= MAX_POINTS:
         raise ParameterError(f"points: {next(iter(lengths.values()))} of them; must be 1 to {MAX_POINTS}")
-    fixed = dict(fixed or {})
+    fixed = as_fixed(fixed)
     refuse_twice(columns, fixed)
     held = fixed_values(columns, fixed)
     check(held | columns, gaps=(*held, *columns))

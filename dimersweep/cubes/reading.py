@@ -1,7 +1,7 @@
 """What a cube says beyond its numbers: intervals, boundaries, exponents, minima and circles, for pictures and notebooks."""
 
 import json
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -11,7 +11,8 @@ from scipy.interpolate import CubicSpline
 from dimersweep.cubes.cube import names
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import M_DRIFT, MODES
-from dimersweep.symbols import BASE
+from dimersweep.parameters import number
+from dimersweep.symbols import BASE, PARAMETERS
 
 VALLEY = 5  # points on each side of a minimum that the spline goes through
 
@@ -26,6 +27,32 @@ def edges_of(values: np.ndarray, lowest: float = -np.inf, highest: float = np.in
     if is_geometric(values):
         return np.clip(np.exp(_middles(np.log(values))), lowest, highest)
     return np.clip(_middles(values), lowest, highest)
+
+
+def nearest(cube: xr.Dataset, name: str, value: Any) -> xr.Dataset:
+    """The part of a cube at the value of an axis that is nearest to `value`.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+    name : str
+        A parameter that is an axis of it.
+    value : float or str
+        As in `number`.
+
+    Raises
+    ------
+    ParameterError
+        If it lies beyond the cells of that axis: an angle in degrees, for example, without its unit.
+    """
+    values, wanted = cube[name].values, number(name, value)
+    if not values.size:
+        raise ParameterError(f"{name}: the axis is empty")
+    edges = edges_of(values)
+    if not edges[0] <= wanted <= edges[-1]:
+        units = "" if PARAMETERS[name].units == "1" else f" {PARAMETERS[name].units}"
+        raise ParameterError(f"{name} = {wanted:g}: must lie on the axis, {values[0]:g} to {values[-1]:g}{units}")
+    return cube.sel({name: wanted}, method="nearest")
 
 
 def _middles(values: np.ndarray) -> np.ndarray:
@@ -218,7 +245,8 @@ def minimum(points: np.ndarray, values: np.ndarray) -> Minimum:
     -------
     Minimum
         NaN if none is located: there is no valley, there are fewer than three points on one of its sides, a value
-        beside its lowest point is unknown, or a grid twice as coarse would have the bottom outside that valley.
+        beside its lowest point is unknown, a grid twice as coarse would have the bottom outside that valley, or the
+        spline digs far below the points.
     """
     nowhere = Minimum(*[float("nan")] * 4)
     known = np.flatnonzero(np.isfinite(values))
@@ -233,7 +261,9 @@ def minimum(points: np.ndarray, values: np.ndarray) -> Minimum:
     coarser = np.array([_bottom(x[near][first::2], y[near][first::2]) for first in (0, 1)])
     at_error, value_error = np.abs(coarser - [at, value]).max(axis=0)
     walls = y[low - 2 : low + 3].max() - y[low]  # as far as the coarser grid sees
-    if known[low + 1] - known[low - 1] > 2 or at_error > right - left or max(value_error, y[low] - value) > walls:
+    rise = max(y[low - 1], y[low + 1]) - y[low]
+    too_deep = y[low] - value > rise / 4  # a parabola goes at most an eighth of it below its lowest point of three
+    if known[low + 1] - known[low - 1] > 2 or at_error > right - left or value_error > walls or too_deep:
         return nowhere
     return Minimum(at, float(at_error), value, float(value_error))
 

@@ -40,14 +40,16 @@ class Board:
     Raises
     ------
     ParameterError
-        If it has none, or a map has too many cells.
+        If it is no cube, has no such axis, or a map has too many cells.
     """
 
     def __init__(self, cube: xr.Dataset) -> None:
+        if not isinstance(cube, xr.Dataset) or "mode" not in cube:
+            raise ParameterError(f"explore: {type(cube).__name__} is no cube; give one of sweep, or of open_cube(path)")
         self.cube = cube
         mode = cube["mode"]
         axes = [str(name) for name in mode.dims if mode.sizes[name] > 1]
-        if not axes or "point" in axes:
+        if not axes or "point" in axes or not mode.size:
             raise ParameterError("explore: needs a cube over at least one axis of more than one value")
         self.x, self.y = axes[-1], axes[-2] if len(axes) > 1 else ""
         if mode.sizes[self.x] * (mode.sizes[self.y] if self.y else 1) > MOST_CELLS:

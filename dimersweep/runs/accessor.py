@@ -8,9 +8,9 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.cubes.cube import names
+from dimersweep.cubes.reading import nearest
 from dimersweep.errors import ParameterError, unknown
 from dimersweep.kernel.model.layout import M_DRIFT, MODES
-from dimersweep.parameters import number
 from dimersweep.runs.run import Run
 from dimersweep.runs.simulating import simulate
 from dimersweep.runs.starting import parameters_of
@@ -18,6 +18,14 @@ from dimersweep.symbols import PARAMETERS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+def _numbered(cube: xr.Dataset, name: str, value: Any) -> xr.Dataset:
+    """The part of a cube at a number along a dimension without values, such as ``point=7``."""
+    n = cube.sizes[name]
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not 0 <= value < n:
+        raise ParameterError(f"{name} = {value!r}: must be a whole number from 0 to {n - 1}")
+    return cube.isel({name: int(value)})
 
 
 @xr.register_dataset_accessor("dimersweep")
@@ -73,17 +81,14 @@ class CubeAccessor:
         Raises
         ------
         ParameterError
-            If a name is no axis, or an axis of several values has none.
+            If a name is no axis, a value lies beyond it, or an axis of several values has none.
         """
         axes = {str(name): n for name, n in self._cube["mode"].sizes.items()}
         picked = self._cube
         for name, value in where.items():
             if name not in axes:
                 raise ParameterError(unknown(name, "axis of the cube", axes))
-            if name in PARAMETERS:
-                picked = picked.sel({name: number(name, value)}, method="nearest")
-            else:
-                picked = picked.isel({name: int(value)})
+            picked = nearest(picked, name, value) if name in PARAMETERS else _numbered(picked, name, value)
         for name, n in axes.items():
             if name not in where and n != 1:
                 raise ParameterError(f"{name}: has {n} values; give one of them")

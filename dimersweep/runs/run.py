@@ -16,7 +16,7 @@ from dimersweep.parameters import Parameters, check_count
 from dimersweep.runs.error_bounds import NUDGE, bounds, nudged, shadow_rtol
 from dimersweep.runs.outcome import Orbit, orbit_from
 from dimersweep.runs.recorded import Record, events_of, states_of
-from dimersweep.runs.solving import End, Solved, go_on, speed_at
+from dimersweep.runs.solving import End, Solved, check_recorded, go_on, speed_at
 from dimersweep.runs.starting import INITIAL
 from dimersweep.work.stopping import StopFlag, stoppable
 
@@ -160,12 +160,15 @@ class Run:
         Raises
         ------
         ParameterError
-            If nothing was recorded, or a time is outside the run.
+            If nothing was recorded, or a time is none or outside the run.
         """
         record = self.record("states")
         if not len(record.segments):
             raise ParameterError(f"states: there are none, the run failed at its first impact ({self.message})")
-        times = np.atleast_1d(np.asarray(t, dtype=float))
+        try:
+            times = np.atleast_1d(np.asarray(t, dtype=float))
+        except (TypeError, ValueError):
+            raise ParameterError(f"t = {t!r}: must be one time or a list of times [s]") from None
         if times.ndim != 1:
             raise ParameterError(f"t: has shape {times.shape}; must be one time or a list of times")
         return states_of(record, times, self.rtol, self.parameters)
@@ -206,7 +209,7 @@ class Run:
         Raises
         ------
         ParameterError
-            If the run did not reach its end.
+            If the run did not reach its end, or would become too long to be recorded.
         """
         total = self.n_periods + check_count("periods", periods)
         if self.status != "ok" or self._end is None:
@@ -215,6 +218,8 @@ class Run:
             from dimersweep.runs.simulating import simulate
 
             return simulate(**self._given(), start=self.start, periods=total, rtol=self.rtol, record=False)
+        if self._record is not None:
+            check_recorded(total)
         row, end = Parameters(**self.parameters).row(), self._end
 
         def call(stop: StopFlag) -> Solved:
@@ -234,6 +239,8 @@ class Run:
 
         Raises
         ------
+        ParameterError
+            If it does not end in .nc.
         StoreError
             If the file cannot be written.
         """

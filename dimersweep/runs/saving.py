@@ -15,7 +15,7 @@ from dimersweep.kernel import kernel_version
 from dimersweep.parameters import Parameters
 from dimersweep.runs.recorded import Record
 from dimersweep.runs.solving import End
-from dimersweep.storage.netcdf import check_writable, read_netcdf, write_cube
+from dimersweep.storage.netcdf import check_run_file, read_netcdf, write_cube
 from dimersweep.storage.provenance import attributes, digest
 from dimersweep.symbols import PARAMETERS
 
@@ -37,7 +37,7 @@ ROWS = {  # arrays of the kernel, their dimensions and meanings
 
 def save_run(run: "Run", path: str | os.PathLike[str], *, force: bool = False) -> Path:
     """Write a run, see `Run.save`."""
-    path = check_writable(path, force=force)
+    path = check_run_file(path, force=force)
     write_cube(_as_dataset(run), path, force=force)
     return path
 

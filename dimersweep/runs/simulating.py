@@ -8,7 +8,7 @@ from dimersweep.errors import ParameterError
 from dimersweep.kernel.batch import Workspace
 from dimersweep.parameters import Parameters, check_count, check_name, check_rtol, check_seconds
 from dimersweep.runs.run import Run, as_run
-from dimersweep.runs.solving import MAX_RECORDED, solve
+from dimersweep.runs.solving import check_recorded, solve
 from dimersweep.runs.starting import INITIAL, is_point, kernel_start, named, parameters_of, start_of
 from dimersweep.work.proving import is_proven, prove
 from dimersweep.work.stopping import StopFlag, stoppable
@@ -66,11 +66,8 @@ def simulate(
     given = Parameters(**(parameters if begun is None else _with_start(parameters, begun)))
     how = check_count("periods", periods), check_rtol(rtol), bool(stop_when_settled), bool(record)
     seconds = check_seconds("max_seconds", max_seconds)
-    if record and how[0] > MAX_RECORDED:
-        raise ParameterError(
-            f"periods = {how[0]}: must be <= {MAX_RECORDED} for a run whose events and states are recorded; "
-            "give record=False for one without them"
-        )
+    if record:
+        check_recorded(how[0])
     if not is_proven():
         stoppable(lambda stop: prove())  # to compile is no part of the run's time
 

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dimersweep.errors import ParameterError
 from dimersweep.kernel.batch import Workspace, run_recorded
 from dimersweep.kernel.impact.impact import N_LOG
 from dimersweep.kernel.model.layout import C_START, CA, CB, CODE_N_EVENTS, N_CODES, N_OUT
@@ -14,7 +15,19 @@ LOG_ROWS = 64  # phases of one impact that are kept
 FIRST_ROWS, ROWS_PER_PERIOD, GROWTH = 500, 100, 4  # capacity of a record: about twice what a drift takes
 MAX_ROWS = 2_000_000  # of events and of segments each, 0.7 GB in all
 MAX_RECORDED = 100_000  # forcing periods: those of a drift fit
+IN_PYTHON = "a run whose events and states are recorded; give record=False for one without them"
 _CAUSE = EVENT.index("cause")
+
+
+def check_recorded(periods: int, which: str = IN_PYTHON) -> None:
+    """Refuse to record more forcing periods than memory and patience hold.
+
+    Raises
+    ------
+    ParameterError
+    """
+    if periods > MAX_RECORDED:
+        raise ParameterError(f"periods = {periods}: must be <= {MAX_RECORDED} for {which}")
 
 
 class End(NamedTuple):

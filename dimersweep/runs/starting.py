@@ -28,7 +28,7 @@ from dimersweep.kernel.model.layout import (
     Y1,
 )
 from dimersweep.kernel.model.plate import motion
-from dimersweep.parameters import Parameters, as_number
+from dimersweep.parameters import Parameters, as_number, number
 from dimersweep.symbols import BASE, PARAMETERS, STATES
 
 CLOSED = 1e-12  # a gap this far below zero is a closed one [m]
@@ -41,8 +41,8 @@ def start_of(start: Any) -> dict[str, float]:
 
     Parameters
     ----------
-    start : mapping of str to float, xarray.Dataset, or Run
-        Values of `Run.states`, one time of it, or a run whose end it is.
+    start : mapping of str to float or str, xarray.Dataset, or Run
+        Values of `Run.states` (an angle may be a text such as "16 deg"), one time of it, or a run whose end it is.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def start_of(start: Any) -> dict[str, float]:
     for name in start:
         if name not in STATES:
             raise ParameterError("start." + unknown(name, "quantity of a state", STATES))
-    return {name: as_number(f"start.{name}", value) for name, value in start.items()}
+    return {name: number(f"start.{name}", value, STATES[name].units) for name, value in start.items()}
 
 
 def _one(name: str, variable: Any) -> float:
@@ -112,7 +112,7 @@ def kernel_start(start: Mapping[str, float], parameters: Mapping[str, float]) ->
     """
     beta = start.get("beta", 0.0)
     if not abs(beta) < pi / 2:
-        raise ParameterError(f"start.beta = {beta}: must be below pi/2 = 1.5708 in size (radians)")
+        raise ParameterError(f'start.beta = {beta}: must be below pi/2 = 1.5708 in size (radians; degrees as "16 deg")')
     row = np.zeros((1, N_START))
     state, h = row[0], parameters["r"] * (parameters["A_r"] - 1)
     state[D1], state[D2] = _gaps(start, parameters, 2 * h * sin(beta))

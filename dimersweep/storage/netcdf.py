@@ -95,6 +95,19 @@ def _parts(cube: xr.Dataset) -> Iterator[xr.Dataset]:
     yield cube[names]
 
 
+def check_ending(path: str, *, name: str = "out", what: str = "a cube", endings: tuple[str, ...] = CUBES) -> str:
+    """`path`, if its ending is one of `endings`.
+
+    Raises
+    ------
+    ParameterError
+        If it is not: the ending would promise another format.
+    """
+    if Path(path).suffix not in endings:
+        raise ParameterError(f"{name} = {path}: {what} must end in {' or '.join(endings)}")
+    return path
+
+
 def check_output(path: str | os.PathLike[str], *, force: bool = False) -> Path:
     """Refuse an output of a sweep that could not be written, or whose ending promises another format.
 
@@ -105,9 +118,20 @@ def check_output(path: str | os.PathLike[str], *, force: bool = False) -> Path:
     StoreError
         As by `check_writable`.
     """
-    if Path(path).suffix not in CUBES:
-        raise ParameterError(f"out = {path}: a cube must end in {' or '.join(CUBES)}")
+    check_ending(os.fspath(path))
     return check_writable(path, force=force)
+
+
+def check_run_file(path: str | os.PathLike[str], *, force: bool = False, name: str = "out") -> Path:
+    """Refuse a file for a run that could not be written, or whose name does not end in .nc.
+
+    Raises
+    ------
+    ParameterError, StoreError
+        As by `check_ending` and `check_writable`.
+    """
+    check_ending(os.fspath(path), name=name, what="a run", endings=(".nc",))
+    return check_writable(path, force=force, name=name)
 
 
 def write_cube(

@@ -4,14 +4,16 @@ import os
 import re
 import tomllib
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from dimersweep.cubes.grid import axis, fixed_value
 from dimersweep.errors import ParameterError, unknown
 from dimersweep.parameters import check, check_count, check_rtol
+from dimersweep.storage.netcdf import check_ending
 from dimersweep.studies import search as searching
 from dimersweep.studies import sweep_spec
 from dimersweep.studies.deciding import SearchSpec
@@ -29,13 +31,13 @@ class SweepSection(_Section):
     """What to compute and where to put it."""
 
     title: str | None = None
-    periods: int
+    periods: Annotated[int, AfterValidator(partial(check_count, "sweep.periods"))]
     max_periods: int | None = None
-    rtol: float = 1e-8
+    rtol: Annotated[float, AfterValidator(check_rtol)] = 1e-8
     stop_when_settled: bool = True
     certify: bool = False
     strobes: int = 0
-    output: str
+    output: Annotated[str, AfterValidator(partial(check_ending, name="sweep.output"))]
 
 
 class PointsSection(_Section):
@@ -107,9 +109,9 @@ class Declaration(_Section):
         ParameterError
         """
         given: dict[str, Any] = {
-            "periods": check_count("sweep.periods", self.sweep.periods) if periods is None else periods,
+            "periods": self.sweep.periods if periods is None else periods,
             "max_periods": self.sweep.max_periods if periods is None else None,
-            "rtol": check_rtol(self.sweep.rtol) if rtol is None else rtol,
+            "rtol": self.sweep.rtol if rtol is None else rtol,
         }
         certify = certify or self.sweep.certify
         if self.grid is None and self.points is None:
@@ -165,6 +167,8 @@ def _explain(error: ValidationError) -> list[str]:
             meant.update(".".join([*section, name]) for name in re.findall(r"did you mean (\w+)\?", line))
         elif complaint["type"] == "missing":
             told.append(f"{where}: is missing")
+        elif complaint["type"] == "value_error":
+            told.append(str(complaint["ctx"]["error"]))  # of one of our own checks, which names what it judges
         else:
             told.append(f"{where} = {complaint['input']!r}: {complaint['msg'].replace('Input should', 'must')}")
     return [

@@ -255,6 +255,8 @@ def check_refinement(
     check(axes)  # a map has no gaps
     if spec.paths or spec.orbit_periods:
         raise ParameterError("refine: goes with neither paths nor search.orbit_periods")
+    if not isinstance(halvings, Mapping):
+        raise ParameterError(f"halvings = {halvings!r}: must be a mapping of axes and whole numbers")
     for name, count in halvings.items():
         if name not in axes:
             raise ParameterError(f"refine.{name}: is no axis of the map ({', '.join(axes)})")
