@@ -24,7 +24,7 @@ MODE_COLORS = {
     "flutter": "#009e73",
     "period_n": "#cc79a7",
     "aperiodic": "#d55e00",
-    "unresolved": "#e3e0d5",
+    "unresolved": "#c4bba3",
 }
 ROW_COLORS = ("#1f4fd8", "#d62728", "#000000", "#009e73", "#cc79a7", "#e69f00")  # the paper's three first
 TEX = {
