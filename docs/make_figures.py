@@ -5,7 +5,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from dimersweep import simulate
-from dimersweep.plots import contact_legend, heights, last_cycle, orbit, portrait
+from dimersweep.plots import DPI, contact_legend, heights, last_cycle, orbit, portrait
 
 FOLDER = Path(__file__).parent / "figures"
 
@@ -21,13 +21,13 @@ def main() -> None:
     heights(left, run, (end - 4 * period, end))
     portrait(right, run, "beta", last_cycle(run))
     motion.legend(handles=contact_legend(), loc="outside lower center", ncols=4, fontsize=8, frameon=False)
-    motion.savefig(FOLDER / "motion.png", dpi=110)
+    motion.savefig(FOLDER / "motion.png", dpi=DPI)
 
     run.animate(FOLDER / "drift.gif", periods=12, speed=0.12, fps=20, force=True)
 
     path = Figure(figsize=(4.6, 4.4), layout="constrained")
     orbit(path.subplots(), run)
-    path.savefig(FOLDER / "orbit.png", dpi=110)
+    path.savefig(FOLDER / "orbit.png", dpi=DPI)
 
 
 if __name__ == "__main__":

@@ -7,8 +7,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Circle, FancyArrowPatch, Rectangle
 
+from dimersweep.plots import DPI
+
 FOLDER = Path(__file__).parent / "figures"
-BALL_1, BALL_2, ROD, PLATE = "#3b6fb6", "#c8473f", "#c9c9c9", "#e9e4d8"
+BALL_1, BALL_2, ROD, PLATE = "#c8473f", "#3b6fb6", "#c9c9c9", "#e9e4d8"
 R, LENGTH, BETA, THETA = 0.5, 5.0, 0.42, 0.55  # drawn in units of a ball's diameter
 HALF_ROD = 0.2
 
@@ -92,8 +94,8 @@ def top(ax: Axes) -> None:
     turn = angle - 1.62
     velocity = (middle[0] + 2.3 * cos(turn), middle[1] + 2.3 * sin(turn))
     ax.plot(*middle, "k+", ms=8)
-    arrow(ax, middle, velocity, color=BALL_2)
-    ax.text(velocity[0] + 0.1, velocity[1], "velocity", color=BALL_2, va="center")
+    arrow(ax, middle, velocity, color="black")
+    ax.text(velocity[0] + 0.1, velocity[1], "velocity", color="black", va="center")
     ax.add_patch(Arc(middle, 1.7, 1.7, theta1=degrees(turn), theta2=degrees(atan2(axis[1], axis[0])), lw=1))
     half = 0.5 * (turn + angle)
     ax.text(middle[0] + 1.05 * cos(half), middle[1] + 1.05 * sin(half), r"$\zeta$", ha="center", va="center")
@@ -111,7 +113,7 @@ def main() -> None:
         ax.set_aspect("equal")
         ax.axis("off")
     figure.savefig(FOLDER / "dimer.svg")
-    figure.savefig(FOLDER / "dimer.png", dpi=110)
+    figure.savefig(FOLDER / "dimer.png", dpi=DPI)
 
 
 if __name__ == "__main__":

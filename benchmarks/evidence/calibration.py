@@ -143,7 +143,7 @@ def draw(errors, path):
     axes[0].legend(fontsize=8)
     figure.suptitle(f"{len(errors)} runs at rtol {RTOL:.0e}, against rtol {FINEST:.0e}", fontsize=10)
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=150)
+    figure.savefig(path, dpi=200)
 
 
 def main():

@@ -70,7 +70,7 @@ def draw(rtols, errors, times, path):
     axes[1].set_ylabel("time of a run of four periods [ms]")
     log_scale(axes[1])
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=150)
+    figure.savefig(path, dpi=200)
 
 
 def main():

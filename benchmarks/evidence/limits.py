@@ -80,7 +80,7 @@ def main():
         draw(ax, x, errors, slope, label)
         ax.set(title=title, xlabel=over.replace("k [N/m^1.5]", r"stiffness $k$ [N/m$^{3/2}$]"), ylabel=unit)
     options.figure.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(options.figure, dpi=150)
+    figure.savefig(options.figure, dpi=200)
     print(f"\n{options.figure}")
 
 

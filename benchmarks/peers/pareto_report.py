@@ -173,7 +173,7 @@ def draw(points, path):
     for ax in panels[:: -(-points.sizes["scene"] // 2)]:
         ax.set_ylabel("processor time per forcing period [s]")
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=150)
+    figure.savefig(path, dpi=200)
 
 
 def main():

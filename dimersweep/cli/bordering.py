@@ -39,6 +39,7 @@ def borders(
     with stoppable():
         table = make_borders(declared, out, force=force, tell=typer.echo)
     from dimersweep.plots.borders import draw_borders
+    from dimersweep.plots.style import DPI
 
-    draw_borders(table, under).savefig(drawn, dpi=150)
+    draw_borders(table, under).savefig(drawn, dpi=DPI)
     typer.echo(f"{out} and {drawn} in {table.attrs['wall_time_s']:.1f} s")
