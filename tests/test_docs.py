@@ -7,6 +7,7 @@ import sys
 import tomllib
 from importlib.util import find_spec
 from pathlib import Path
+from typing import get_args
 
 import pytest
 import yaml
@@ -21,6 +22,7 @@ import dimersweep
 from dimersweep import refine, search, sweep
 from dimersweep.cubes.cube import FLAGS
 from dimersweep.studies.declaration import Declaration, read_declaration
+from dimersweep.symbols import Picture
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*(ROOT / "docs").glob("*.md"), *ROOT.glob("*.md")])
@@ -142,6 +144,14 @@ def test_the_page_on_sweep_files_has_every_kind_of_picture():
 
     rows = re.findall(r"^\| `(\w+)` \|", text_of("docs/sweepfile.md"), re.MULTILINE)
     assert set(rows) == set(KINDS)
+
+
+def test_the_gallery_has_every_kind_of_picture():
+    gallery = text_of("docs/gallery.md")
+    for kind in get_args(Picture):
+        assert re.search(rf"^##.*`{kind}`$", gallery, re.MULTILINE), kind
+    for kind in ("branch", "families", "atlas"):
+        assert f'"{kind}-small.toml"' in gallery
 
 
 def test_the_sweep_files_of_the_page_are_some(tmp_path):

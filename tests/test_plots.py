@@ -132,6 +132,14 @@ def test_values_in_a_fixed_ratio_are_drawn_on_logarithmic_axes():
     np.testing.assert_allclose(edges, 10 ** np.array([-0.5, 0.5, 1.5, 2.5, 3.5]))
 
 
+def test_every_mode_is_seen_as_a_dot_on_white():
+    """The contrast of WCAG 2, which is 1 for white itself."""
+    for mode, color in MODE_COLORS.items():
+        linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in to_rgb(color)]
+        contrast = 1.05 / (np.dot([0.2126, 0.7152, 0.0722], linear) + 0.05)
+        assert contrast > 1.8 or mode == "not_run", (mode, contrast)
+
+
 def test_a_picture_needs_a_known_ending(tmp_path):
     with pytest.raises(ParameterError, match=r"^out = .*a.xyz: a picture must end in .png, .pdf, .svg$"):
         check_picture(tmp_path / "a.xyz")

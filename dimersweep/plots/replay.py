@@ -139,7 +139,7 @@ def _layout(run: "Run", shown: xr.Dataset, pace: Pace) -> dict[str, Any]:
     return {
         "title": {"text": f"{run.mode}: {given}", "font": {"size": 14}},
         "scene": axes
-        | {"aspectmode": "manual", "aspectratio": ratio, "camera": {"eye": {"x": 0.7, "y": -0.9, "z": 0.55}}},
+        | {"aspectmode": "manual", "aspectratio": ratio, "camera": {"eye": {"x": 0.85, "y": -1.1, "z": 0.68}}},
         "updatemenus": [{"type": "buttons", "direction": "left", "x": 0, "y": 0, "pad": {"t": 60}, "buttons": buttons}],
         "sliders": [slider | {"x": 0.18, "len": 0.8}],
         "margin": {"l": 0, "r": 0, "t": 40, "b": 0},
