@@ -6,6 +6,7 @@ import mpmath
 import numpy as np
 import pytest
 
+from dimersweep.kernel.model import plate as plate_of
 from dimersweep.kernel.model.layout import (
     BETA,
     D1,
@@ -108,6 +109,25 @@ def test_crests_of_random_waves_are_certain():
         bend = (Gamma + 4 * Gamma_2) * dm.g
         assert lightest(dm) <= least + 1e-12
         assert lightest(dm) >= least - bend * (CYCLE[1] / 2) ** 2 / 2 - 2e-9 * bend
+
+
+def test_a_crest_is_found_in_few_steps_wherever_it_lies(monkeypatch):
+    """Also where the climb has taken another crest for the highest, and the way round the cycle comes to the higher one."""
+    asked, wave = [], plate_of.wave
+
+    def counted(*arguments):
+        asked.append(arguments)
+        return wave(*arguments)
+
+    monkeypatch.setattr(plate_of, "wave", counted)
+    crest = getattr(plate_of.crest, "py_func", plate_of.crest)
+    rng = np.random.default_rng(4)
+    lags = np.append(np.linspace(0.0, 2 * pi, 41), rng.uniform(0.0, 2 * pi, 60))
+    for ratio in (1e-4, 0.21, 0.25, 1.0, 4.83, 1e2, 1e4):
+        for lag in lags:
+            asked.clear()
+            crest(1.0, ratio, lag)
+            assert len(asked) < 2000, (ratio, lag)  # a flat crest takes the most, others below 200
 
 
 @plates

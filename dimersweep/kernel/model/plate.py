@@ -41,7 +41,8 @@ def crest(a, b, lag):
     """A bound of a sin(phase) + b sin(2 phase + lag) over all phases, above its maximum by `CERTAIN` at most.
 
     A climb of the best of some phases finds the maximum, as a rule. Steps over which the wave certainly stays below it (its
-    curvature is at most a + 4 b) then lead once round the cycle; what is higher takes its place.
+    curvature is at most a + 4 b), or certainly rises to their ends, then lead once round the cycle; what is higher takes its
+    place.
     """
     bend, spare = a + 4.0 * b, CERTAIN * (a + b)
     top, at = -inf, 0.0
@@ -57,7 +58,7 @@ def crest(a, b, lag):
     while phase < TWO_PI:
         value, slope = wave(a, b, lag, phase)
         top = max(top, value)
-        phase += (sqrt(slope * slope + 2.0 * bend * (top - value + spare)) - slope) / bend
+        phase += max(slope, sqrt(slope * slope + 2.0 * bend * (top - value + spare)) - slope) / bend
     return top + spare
 
 
