@@ -207,6 +207,19 @@ def check_count(name: str, value: Any, most: int = MAX_COUNT) -> int:
     return int(value)
 
 
+def check_switch(name: str, value: Any) -> bool:
+    """`value` as a bool.
+
+    Raises
+    ------
+    ParameterError
+        If it is neither true nor false: a word such as "no" would count as true.
+    """
+    if value is True or value is False or type(value).__name__ == "bool":  # that of numpy, too
+        return bool(value)
+    raise ParameterError(f"{name} = {_shown(value)}: must be True or False")
+
+
 def check_seconds(name: str, value: Any) -> float | None:
     """A bound on time [s] as a float above 0, or None for none.
 

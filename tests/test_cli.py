@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import dimersweep
-from dimersweep import cli
+from dimersweep import cli, plots
 from dimersweep.studies.planning import SAMPLE
 from tests.fakes import failing, fake_run_many, raising
 
@@ -478,6 +478,14 @@ def test_python_errors_speak_python(call, fake_kernel):
     [
         (lambda: dimersweep.sweep([15, 20], periods=1), r"^grid: is a list; give a mapping of parameters"),
         (lambda: dimersweep.open_cube("/tmp"), r"^/tmp: is a folder; give a NetCDF file"),
+        (lambda: dimersweep.open_cube(3), r"^3: is no path$"),
+        (lambda: plots.segments(None), r"^cube: is a NoneType; give a cube$"),
+        (
+            lambda: dimersweep.bifurcation({"f": [15]}, periods=1, strobes=0),
+            r"^strobes = 0: must be a whole number >= 1$",
+        ),
+        (lambda: dimersweep.simulate(stop_when_settled="yes"), r"^stop_when_settled = 'yes': must be True or False$"),
+        (lambda: dimersweep.sweep({"f": [15]}, periods=1, certify="no"), r"^certify = 'no': must be True or False$"),
         (lambda: dimersweep.sweep({"f": [15]}, fixed="e", periods=1), r"^fixed = 'e': must be a mapping of parameters"),
         (
             lambda: dimersweep.refine({"f": [15, 20], "beta0": [0.1]}, over="beta0", halvings=3, periods=1),

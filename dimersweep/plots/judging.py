@@ -63,4 +63,6 @@ def judge(kind: str, sizes: Mapping[str, int], has: Collection[str] = ()) -> Non
 
 def judge_cube(kind: str, cube: xr.Dataset) -> None:
     """The same of a cube that is there."""
+    if not isinstance(cube, xr.Dataset):
+        raise ParameterError(f"cube: is a {type(cube).__name__}; give a cube")
     judge(kind, {str(name): n for name, n in cube["mode"].sizes.items()}, features(cube))

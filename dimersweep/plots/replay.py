@@ -135,7 +135,11 @@ def _layout(run: "Run", shown: xr.Dataset, pace: Pace) -> dict[str, Any]:
     spans = {axis: _span(shown, axis, room) for axis in "xyz"}
     widest = max(high - low for low, high in spans.values())
     ratio = {axis: (high - low) / widest for axis, (low, high) in spans.items()}
-    axes = {f"{axis}axis": {"title": {"text": f"{axis} [mm]"}, "range": span} for axis, span in spans.items()}
+    ticks = {axis: max(3, round(8 * share)) for axis, share in ratio.items()}
+    axes = {
+        f"{axis}axis": {"title": {"text": f"{axis} [mm]"}, "range": span, "nticks": ticks[axis]}
+        for axis, span in spans.items()
+    }
     return {
         "title": {"text": f"{run.mode}: {given}", "font": {"size": 14}},
         "scene": axes

@@ -6,7 +6,7 @@ from typing import Any
 
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.batch import Workspace
-from dimersweep.parameters import Parameters, check_count, check_name, check_rtol, check_seconds
+from dimersweep.parameters import Parameters, check_count, check_name, check_rtol, check_seconds, check_switch
 from dimersweep.runs.run import Run, as_run
 from dimersweep.runs.solving import check_recorded, solve
 from dimersweep.runs.starting import INITIAL, is_point, kernel_start, named, parameters_of, start_of
@@ -64,7 +64,8 @@ def simulate(
         parameters, start = parameters_of(start) | parameters, None
     begun = None if start is None else start_of(start)
     given = Parameters(**(parameters if begun is None else _with_start(parameters, begun)))
-    how = check_count("periods", periods), check_rtol(rtol), bool(stop_when_settled), bool(record)
+    switches = check_switch("stop_when_settled", stop_when_settled), check_switch("record", record)
+    how = check_count("periods", periods), check_rtol(rtol), *switches
     seconds = check_seconds("max_seconds", max_seconds)
     if record:
         check_recorded(how[0])

@@ -195,6 +195,8 @@ def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
     StoreError
         If there is no such file, it is no NetCDF file or Zarr group, or no (intact) cube of this program.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise StoreError(f"{path!r}: is no path")
     path = Path(path)
     with _opened(path) as cube:
         if is_zarr(path):

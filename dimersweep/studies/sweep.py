@@ -10,6 +10,7 @@ import xarray as xr
 from dimersweep.cubes.cube import build, flatten
 from dimersweep.cubes.results import beyond, blank_results, not_ok
 from dimersweep.errors import ParameterError
+from dimersweep.parameters import check_count
 from dimersweep.studies.making import complete_cube, unfinished_cube
 from dimersweep.studies.options import Given, Options, make_options
 from dimersweep.studies.reuse import known_points
@@ -189,4 +190,4 @@ def bifurcation(
         As by `sweep`.
     """
     attrs = {"plot": "bifurcation"} | dict(how.pop("attrs", None) or {})
-    return sweep(grid, fixed, periods=periods, strobes=strobes, attrs=attrs, **how)
+    return sweep(grid, fixed, periods=periods, strobes=check_count("strobes", strobes), attrs=attrs, **how)

@@ -13,7 +13,7 @@ from dimersweep.cubes.results import RESULT, Bundle
 from dimersweep.errors import ParameterError
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import Workspace, is_stopped
-from dimersweep.parameters import check_count, check_rtol
+from dimersweep.parameters import check_count, check_rtol, check_switch
 from dimersweep.studies.certifying import certified
 from dimersweep.studies.strobes import MAX_STROBES, add_strobes, strobe_fields
 from dimersweep.work.tiles import SLOW_MODES, around, run_patiently
@@ -164,9 +164,10 @@ def make_spec(
     grid: AnyGrid = make_points(points, fixed) if axes is None else make_grid(axes, fixed)
     periods = check_count("periods", periods)
     longest = check_max_periods(periods, max_periods)
-    if longest > periods and not stop_when_settled:
+    settles, sure = check_switch("stop_when_settled", stop_when_settled), check_switch("certify", certify)
+    if longest > periods and not settles:
         raise ParameterError(f"max_periods = {longest}: is for runs that stop when they have settled")
     kept = 0 if strobes == 0 else check_count("strobes", strobes)
     if grid.size * kept > MAX_STROBES:
         raise ParameterError(f"strobes = {kept}: of {grid.size} points; one cube may hold {MAX_STROBES} strobes")
-    return Spec(grid, periods, check_rtol(rtol), bool(stop_when_settled), bool(certify), longest, kept)
+    return Spec(grid, periods, check_rtol(rtol), settles, sure, longest, kept)
