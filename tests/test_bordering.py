@@ -126,9 +126,10 @@ def test_curves_are_those_of_border(tmp_path):
     declaration.write_text(text)
     made = make_borders(read_borders(declaration))
     direct = orbits.border("flip", "Gamma", over={"A_r": [6.0], "e": [0.5, 0.6, 0.7]}, spin=100.0)
+    made = made.swap_dims(border="kind")
     assert made["Gamma"].sel(kind="flip").values == pytest.approx(direct["Gamma"].values, abs=1e-9)
     assert made["ball"].sel(kind="fold").values[0] == pytest.approx(np.pi * np.array([0.5, 0.4, 0.3]) / [1.5, 1.6, 1.7])
-    draw_borders(made).savefig(tmp_path / "figure.png")
+    draw_borders(made.swap_dims(kind="border")).savefig(tmp_path / "figure.png")
 
 
 @pytest.mark.jit

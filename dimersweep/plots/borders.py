@@ -52,6 +52,7 @@ def draw_borders(table: xr.Dataset, over: xr.Dataset | None = None) -> Figure:
 
 def curves(table: xr.Dataset, over: xr.Dataset | None = None) -> Figure:
     """Borders along the last axis, one line style for each value of the others; the ball's closed forms are thin and black."""
+    table = table.swap_dims(border="kind")
     y = _solved_for(table)
     *others, x = [str(dim) for dim in table[y].dims if dim != "kind"]
     figure = Figure(figsize=(8, 6), layout="constrained")

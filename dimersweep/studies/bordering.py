@@ -280,10 +280,11 @@ def _curve(declared: Borders, curves: Curves, kind: str, tell: Tell) -> xr.Datas
 
 
 def _joined_curves(declared: Borders, curves: Curves, tables: list[xr.Dataset]) -> xr.Dataset:
-    """Curves along `kind`, and the meetings of all of them."""
+    """Curves along `border`, each with its `kind`, and the meetings of all of them."""
     beside = [name for name in tables[0].data_vars if "meeting" in tables[0][name].dims]
-    kinds = xr.Variable("kind", np.array(curves.kinds), {"long_name": "kind of border"})
-    made = xr.concat([table.drop_vars(beside) for table in tables], dim=kinds, combine_attrs="override")
+    made = xr.concat([table.drop_vars(beside) for table in tables], dim="border", combine_attrs="override")
+    # words along a dimension of another name: CF has numbers only in a coordinate that is named like its dimension
+    made = made.assign_coords(kind=("border", np.array(curves.kinds), {"long_name": "kind of border"}))
     met = xr.concat([table[beside] for table in tables], dim="meeting", combine_attrs="override")
     return made.assign({name: met[name] for name in beside}).assign_attrs(parameter=curves.parameter)
 
