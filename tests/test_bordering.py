@@ -101,12 +101,17 @@ def test_parts_of_another_declaration_are_refused_and_a_file_of_the_user_stays(t
     declared = read_borders(declaration)
     parts.mkdir()
     (parts / "configuration.json").write_text(as_text(declared.configuration | {"fixed": {"e": 0.5}}))
-    (parts / "notes.txt").write_text("mine")
+    for name in ("notes.txt", "measured.nc", "family-0.nc"):
+        (parts / name).write_text("mine")
     with pytest.raises(StoreError, match=r"parts of another file.*What differs:\n  fixed.e: 0.5 -> nothing$"):
         make_borders(declared, out)
     make_borders(declared, out, force=True)
     assert out.is_file()
-    assert [path.name for path in parts.iterdir()] == ["notes.txt"]
+    assert sorted(path.name for path in parts.iterdir()) == ["family-0.nc", "measured.nc", "notes.txt"]
+    (parts / "part-family-0.nc").write_text("whose?")
+    with pytest.raises(StoreError, match=r"holds part-\*\.nc without a configuration\.json, which tells what they are"):
+        make_borders(declared, tmp_path / "two.nc", force=True)
+    assert (parts / "part-family-0.nc").read_text() == "whose?"
 
 
 @pytest.mark.jit

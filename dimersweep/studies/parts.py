@@ -14,6 +14,7 @@ from dimersweep.storage.netcdf import read_netcdf, write_cube
 from dimersweep.storage.provenance import configured, differences, read_configuration
 
 LOCK, HEAD, SCRATCH = "lock", "configuration.json", "scratch.tmp"
+FILES = "part-*.nc"  # nothing else in the folder is ever read or removed
 
 
 class Parts:
@@ -33,7 +34,7 @@ class Parts:
 
     def path(self, name: str) -> Path | None:
         """Where a part is kept."""
-        return None if self.folder is None else self.folder / f"{name}.nc"
+        return None if self.folder is None else self.folder / FILES.replace("*", name)
 
     def has(self, name: str) -> bool:
         """Whether a part is there."""
@@ -55,7 +56,7 @@ class Parts:
         """Remove the folder and what was written to it; whatever else is there stays, and the folder with it."""
         if self.folder is None or not self.folder.is_dir():
             return
-        for path in (*self.folder.glob("*.nc"), *(self.folder / name for name in (HEAD, SCRATCH, LOCK))):
+        for path in (*self.folder.glob(FILES), *(self.folder / name for name in (HEAD, SCRATCH, LOCK))):
             path.unlink(missing_ok=True)
         with suppress(OSError):
             self.folder.rmdir()
@@ -87,7 +88,7 @@ def parts_beside(out: Path | None, configuration: Mapping[str, Any], *, force: b
         try:
             yield parts
         except BaseException:
-            if not any(parts.folder.glob("*.nc")):
+            if not any(parts.folder.glob(FILES)):
                 parts.remove()
             raise
 
@@ -96,10 +97,14 @@ def _claim(parts: Parts, configuration: Mapping[str, Any], *, force: bool) -> No
     """Enter the configuration of the parts, if none or the same is there."""
     assert parts.folder is not None
     head, text = parts.folder / HEAD, parts.configured["configuration"]
+    if not head.is_file() and any(parts.folder.glob(FILES)):
+        raise StoreError(
+            f"{parts.folder}: holds {FILES} without a {HEAD}, which tells what they are; remove or rename the folder"
+        )
     former = head.read_text(encoding="utf-8") if head.is_file() else text
     if former != text and not force:
         raise StoreError(_other(parts.folder, former, configuration))
-    for path in parts.folder.glob("*.nc") if former != text else ():
+    for path in parts.folder.glob(FILES) if former != text else ():
         path.unlink()
     put(head, [text.encode()])
 

@@ -35,9 +35,7 @@ COUNT_SECONDS = 5.0  # between two counts of the workers of a cluster, which may
 GROWTH = 4  # a task has at most this many times the points that have come back in all
 MOST = 1 << 18  # points of a task, however quick they are: its results take 50 MB of whoever holds them
 TILES_PER_WORKER = 4  # at least, so that no worker idles for long at the end
-TASK_SECONDS = (
-    0.004  # that a task costs driver and scheduler at most: with many workers, tasks are long enough for these
-)
+TASK_SECONDS = 0.004  # that a task costs driver and scheduler at most: tasks are long enough for so many workers
 
 LOST = "scheduler: the connection to the cluster is lost; what was finished is kept"
 
