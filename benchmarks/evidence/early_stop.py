@@ -22,8 +22,8 @@ from later_course import UNEXPLAINED, Sampled, Why, why
 
 from dimersweep import simulate
 from dimersweep.cubes.cube import blank
-from dimersweep.kernel.batch import run_many, run_recorded
-from dimersweep.kernel.impact.impact import N_LOG
+from dimersweep.kernel.batch import N_START, ask_for, run_many, run_rows
+from dimersweep.kernel.course import new_workspace
 from dimersweep.kernel.model.layout import (
     CODES,
     M_DRIFT,
@@ -33,7 +33,7 @@ from dimersweep.kernel.model.layout import (
     SLIP,
     STICK,
 )
-from dimersweep.kernel.record import EVENT, N_EVENT, N_SEGMENT
+from dimersweep.kernel.record import EVENT, new_record, rows_of, was_full
 from dimersweep.kernel.verdict.settling import KEPT, PATIENCE, SETTLED
 from dimersweep.parameters import fill_rows
 from dimersweep.symbols import BASE
@@ -56,7 +56,6 @@ BEYOND = 30  # periods by which a drift is followed further than its stop, to se
 TIMINGS = 9
 TIMED_FOR = 2e-3  # least time of one timing [s]: a run is repeated as often as that takes
 AT_ONCE = 1e-9  # periods between the death and the stop that are none
-LOG_ROWS = 64
 
 
 class Runs(NamedTuple):
@@ -101,14 +100,12 @@ class Recorder:
     """
 
     def __init__(self, row: np.ndarray, periods: int, rtol: float) -> None:
-        self._row, self._asked = row, (periods, rtol, True, False)
-        self._log, self._counts = np.zeros((LOG_ROWS, N_LOG)), np.zeros(3, np.int64)
-        self._events, self._segments = np.zeros((0, N_EVENT)), np.zeros((0, N_SEGMENT))
-        while self._counts[1:].max() >= len(self._events):
-            rows = 4 * len(self._events) + 1000
-            self._events, self._segments = np.zeros((rows, N_EVENT)), np.zeros((rows, N_SEGMENT))
-            self._seconds(rows, 1)
-        events = self._events[: self._counts[1]]
+        self._row, self._ask, self._record = row, ask_for(periods, rtol, settle=True), new_record(1000)
+        self._seconds(len(self._record.events), 1)
+        while was_full(self._record):
+            self._record = new_record(4 * len(self._record.events))
+            self._seconds(len(self._record.events), 1)
+        events, _ = rows_of(self._record)
         ends = np.divmod(events[:, EVENT.index("contact_after")], 5)
         closed = np.all((np.array(ends) >= STICK) & (np.array(ends) <= SLIP), axis=0)
         self.rows = int(np.flatnonzero(~closed)[-1]) + 1
@@ -117,9 +114,10 @@ class Recorder:
 
     def _seconds(self, rows: int, repeats: int) -> float:
         """Time on the processor of the run to its stop, or until it would write one more event than `rows` [s]."""
-        many = np.tile(self._row, (repeats, 1)), *self._asked, *blank(repeats)
+        many, results = np.tile(self._row, (repeats, 1)), blank(repeats)
+        record, space = self._record._replace(events=self._record.events[:rows]), new_workspace()
         begun = thread_time()
-        run_recorded(*many, self._log, self._events[:rows], self._segments, self._counts)
+        run_rows(many, np.zeros((0, N_START)), self._ask, 0, *results, space, record)
         return (thread_time() - begun) / repeats
 
     def cost(self) -> tuple[float, float]:

@@ -17,8 +17,8 @@ from passage import N_PATH, P_END, YTIME, body_of, start_state, state_at
 from phases import N_OF_PHASE, TIME_UP, constants_of, integrator
 
 from dimersweep.kernel.course import ROW_CONTACT, new_workspace
-from dimersweep.kernel.impact.impact import N_LOG
 from dimersweep.kernel.model.layout import FREE, N_STATE
+from dimersweep.kernel.record import no_record
 from dimersweep.parameters import RTOL_RANGE, Parameters
 from tests.checks.verbs import dimer, oracle_state
 from tests.oracle.body import DEFAULTS
@@ -148,7 +148,7 @@ class Borrower(_Peer):
         """What leads from one phase to the next."""
         self.rtol = min(max(IMPACTS * tol, RTOL_RANGE[0]), RTOL_RANGE[1])
         self.row, self.constants = Parameters(**scene).row(), np.array(body_of(scene))
-        self.space, self.log = new_workspace(), np.zeros((0, N_LOG))
+        self.space, self.log = new_workspace(), no_record().log
         return partial(borrowed.cross, self.constants, self.row, self.rtol, self.space, self.log)
 
     def borrowed_seconds(self, end):

@@ -303,9 +303,8 @@ def measure(
     from dimersweep.cubes.cube import blank
     from dimersweep.kernel import batch
     from dimersweep.kernel.course import new_workspace
-    from dimersweep.kernel.impact.impact import N_LOG
     from dimersweep.kernel.model import layout
-    from dimersweep.kernel.record import N_COUNTS, N_EVENT, N_SEGMENT, Record
+    from dimersweep.kernel.record import new_record, no_record
     from dimersweep.parameters import Parameters
 
     row = Parameters(**scene).row()[None]
@@ -313,9 +312,7 @@ def measure(
     scale[[layout.D1, layout.D2]], scale[layout.SPIN] = 0.01, 100.0
     scale[[layout.N1, layout.N2, layout.CA, layout.CB]] = 0.1
     space, (out, codes) = new_workspace(), blank(1)
-    rows = 300 * PERIODS if record else 0
-    log, counts = np.zeros((64 if record else 0, N_LOG)), np.zeros(N_COUNTS, np.int64)
-    kept = Record(log, np.zeros((rows, N_EVENT)), np.zeros((rows, N_SEGMENT)), counts)
+    kept = new_record(300 * PERIODS) if record else no_record()
 
     def run(periods: int, settle: bool) -> None:
         batch.run_rows(

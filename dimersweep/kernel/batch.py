@@ -30,7 +30,7 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.kernel.numerics.meter import METER, SPENT, STOP
 from dimersweep.kernel.numerics.steps import copy
-from dimersweep.kernel.record import EVENTS, Record, clear_counts, no_record, without_rows
+from dimersweep.kernel.record import EVENTS, clear_counts, no_record, without_rows
 from dimersweep.kernel.verdict.classify import verdict
 from dimersweep.kernel.verdict.past import PAST_COLUMNS, PAST_ROWS, begin_past
 from dimersweep.kernel.verdict.settling import last_strobe
@@ -184,22 +184,7 @@ def run_many(rows, periods, rtol, settle, out, codes, until=0, space: Workspace 
     return run_rows(rows, nowhere, ask, until, out, codes, space or new_workspace(), no_record())
 
 
-def run_recorded(
-    rows,
-    periods,
-    rtol,
-    settle,
-    path,
-    out,
-    codes,
-    log,
-    events,
-    segments,
-    counts,
-    space: Workspace | None = None,
-    starts=None,
-) -> None:
+def run_recorded(row, ask, out, codes, record, space: Workspace | None = None, start=None) -> None:
     """One run with its record, see ``run_rows``; its end and its past stand in the workspace, if one is given."""
-    starts = np.zeros((0, N_START)) if starts is None else starts
-    record = Record(log, events, segments, counts)
-    run_rows(rows, starts, ask_for(periods, rtol, settle, path), 0, out, codes, space or new_workspace(), record)
+    starts = np.zeros((0, N_START)) if start is None else start
+    run_rows(row[None], starts, ask, 0, out, codes, space or new_workspace(), record)

@@ -5,7 +5,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.impact.impact import (
+from dimersweep.kernel.impact.impact import contact_velocity
+from dimersweep.kernel.impact.phase_log import (
     LOG_A1,
     LOG_A2,
     LOG_B1,
@@ -18,7 +19,6 @@ from dimersweep.kernel.impact.impact import (
     LOG_P2,
     LOG_STATE,
     N_LOG,
-    contact_velocity,
 )
 from dimersweep.kernel.model.layout import (
     BETA,
@@ -65,6 +65,7 @@ N_SEGMENT = BEFORE + CB + 1 - N1
 # what is counted: events, and the rows that the record has or would need
 EVENTS, EVENT_ROWS, SEGMENT_ROWS = range(3)
 N_COUNTS = 3
+PHASES = 64  # of one impact that are kept
 
 
 class Record(NamedTuple):
@@ -76,10 +77,25 @@ class Record(NamedTuple):
     counts: Any  # shape (N_COUNTS,), int64
 
 
+def new_record(rows: int, phases: int = PHASES) -> Record:
+    """An empty record with room for so many events, as many smooth phases, and so many phases of one impact."""
+    log, counts = np.zeros((phases, N_LOG)), np.zeros(N_COUNTS, np.int64)
+    return Record(log, np.zeros((rows, N_EVENT)), np.zeros((rows, N_SEGMENT)), counts)
+
+
 def no_record() -> Record:
     """A record that keeps nothing but the counts."""
-    none = np.zeros((0, N_LOG))
-    return Record(none, none, none, np.zeros(N_COUNTS, np.int64))
+    return new_record(0, 0)
+
+
+def rows_of(record: Record) -> tuple[np.ndarray, np.ndarray]:
+    """Events and segments that were written."""
+    return record.events[: record.counts[EVENT_ROWS]], record.segments[: record.counts[SEGMENT_ROWS]]
+
+
+def was_full(record: Record) -> bool:
+    """Whether a run that was made needed more rows than there were."""
+    return bool(max(record.counts[EVENT_ROWS], record.counts[SEGMENT_ROWS]) > len(record.events))
 
 
 @compiled

@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 
 from dimersweep.kernel.course import new_workspace
-from dimersweep.kernel.impact.impact import N_LOG
 from dimersweep.kernel.model.layout import (
     N_STATE,
     OK,
@@ -24,7 +23,7 @@ from dimersweep.kernel.model.layout import (
     STATUS_MESSAGES,
     THETA,
 )
-from dimersweep.kernel.record import EVENT_ROWS, MODES, N_COUNTS, N_EVENT, N_SEGMENT, SEGMENT_ROWS, Record, no_record
+from dimersweep.kernel.record import EVENT_ROWS, MODES, SEGMENT_ROWS, new_record, no_record
 from dimersweep.kernel.return_map import advance
 from dimersweep.kernel.sample import sample
 from dimersweep.orbits.passage import TURN, Passage
@@ -32,7 +31,7 @@ from dimersweep.parameters import fill_rows
 from dimersweep.runs.stability import NAMES, Section, free_coordinates
 
 SPIN_COORDINATE = NAMES.index("spin")
-ROWS, LOG_ROWS, GROWTH, MOST_ROWS = 400, 64, 4, 2_000_000
+ROWS, GROWTH, MOST_ROWS = 400, 4, 2_000_000
 MARGIN = 0.03  # distance of the section from the next event that is too small, in forcing periods
 LONG = 0.1  # length of a smooth phase from which on the simpler contact counts for more than more length
 
@@ -67,8 +66,7 @@ class Tape:
 
     def grow(self, rows: int) -> None:
         """Room for so many events and smooth phases."""
-        log, counts = np.zeros((LOG_ROWS, N_LOG)), np.zeros(N_COUNTS, np.int64)
-        self.record = Record(log, np.zeros((rows, N_EVENT)), np.zeros((rows, N_SEGMENT)), counts)
+        self.record = new_record(rows)
 
     def run(
         self, row: np.ndarray, start: np.ndarray, periods: int, rtol: float, path: bool = False

@@ -5,13 +5,12 @@ from typing import NamedTuple
 import numpy as np
 
 from dimersweep.errors import ParameterError
-from dimersweep.kernel.batch import Workspace, run_recorded
-from dimersweep.kernel.impact.impact import N_LOG
+from dimersweep.kernel.batch import Workspace, ask_for, run_recorded
 from dimersweep.kernel.model.layout import C_START, CA, CB, CODE_N_EVENTS, N_CODES, N_OUT
-from dimersweep.kernel.record import EVENT, N_EVENT, N_SEGMENT
+from dimersweep.kernel.record import EVENT, new_record, no_record, rows_of, was_full
+from dimersweep.kernel.record import Record as Rows
 from dimersweep.runs.recorded import Record
 
-LOG_ROWS = 64  # phases of one impact that are kept
 FIRST_ROWS, ROWS_PER_PERIOD, GROWTH = 500, 100, 4  # capacity of a record: about twice what a drift takes
 MAX_ROWS = 2_000_000  # of events and of segments each, 0.7 GB in all
 MAX_RECORDED = 100_000  # forcing periods: those of a drift fit
@@ -93,25 +92,28 @@ def solve(
     past : ndarray, optional
         Of the run that goes on.
     """
-    out, codes, counts = np.full((1, N_OUT), np.nan), np.zeros((1, N_CODES), dtype=np.int64), np.zeros(3, np.int64)
-    rows = min(FIRST_ROWS + ROWS_PER_PERIOD * periods, MAX_ROWS) if record else 0
-    log, bare = np.zeros((LOG_ROWS if record else 0, N_LOG)), np.zeros((0, N_LOG))
+    out, codes, ask = (
+        np.full((1, N_OUT), np.nan),
+        np.zeros((1, N_CODES), np.int64),
+        ask_for(periods, rtol, settle, record),
+    )
 
-    def run(log: np.ndarray, events: np.ndarray, segments: np.ndarray) -> None:
+    def run(kept: Rows) -> Rows:
         if past is not None:
             space.past[:] = past
-        run_recorded(row[None], periods, rtol, settle, record, out, codes, log, events, segments, counts, space, start)
+        run_recorded(row, ask, out, codes, kept, space, start)
+        return kept
 
-    while True:
-        events, segments = np.zeros((rows, N_EVENT if record else N_LOG)), np.zeros((rows, N_SEGMENT))
-        run(log, events, segments)
-        full = record and bool(max(counts[1], counts[2]) > rows)
-        if not full or rows == MAX_ROWS:
-            break
-        rows = min(GROWTH * rows, MAX_ROWS)
-    kept = Record(row, events[: counts[1]].copy(), segments[: counts[2]].copy(), full) if record else None
-    if full:
-        run(bare, bare, bare)
+    kept, full = None, False
+    if record:
+        rows = min(FIRST_ROWS + ROWS_PER_PERIOD * periods, MAX_ROWS)
+        while was_full(made := run(new_record(rows))) and rows < MAX_ROWS:
+            rows = min(GROWTH * rows, MAX_ROWS)
+        full = was_full(made)
+        events, segments = rows_of(made)
+        kept = Record(row, events.copy(), segments.copy(), full)
+    if full or not record:
+        run(no_record())
     end = End(np.concatenate([space.state, space.modes])[None], space.past.copy(), record or not settle)
     return Solved(out[0], codes[0], kept, end)
 

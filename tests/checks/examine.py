@@ -12,9 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dimersweep.kernel.batch import run_recorded
+from dimersweep.kernel.batch import ask_for, run_recorded
 from dimersweep.kernel.course import new_workspace
-from dimersweep.kernel.impact.impact import N_LOG
 from dimersweep.kernel.model.body import dimer_of
 from dimersweep.kernel.model.layout import (
     BETA,
@@ -41,7 +40,7 @@ from dimersweep.kernel.model.layout import (
     WP,
 )
 from dimersweep.kernel.model.plate import motion
-from dimersweep.kernel.record import EVENT, HOP_TIME, MODES, N_EVENT, N_SEGMENT, no_record
+from dimersweep.kernel.record import EVENT, HOP_TIME, MODES, new_record, no_record, rows_of, was_full
 from dimersweep.kernel.sample import sample
 
 CODE = {name: k for k, name in enumerate(CODES)}
@@ -61,15 +60,11 @@ STRICT = 1e-11  # accuracy of the run that shows whether energy comes from nothi
 
 def attempt(row, periods, rtol, rows):
     """Status, number of events, event rows and segments of one run, at most `rows` of each; and whether these are all."""
-    codes, counts = np.zeros((1, N_CODES), np.int64), np.zeros(3, np.int64)
-    events, segments = np.zeros((rows, N_EVENT)), np.zeros((rows, N_SEGMENT))
-    run_recorded(
-        row[None], periods, rtol, False, True, np.zeros((1, N_OUT)), codes, np.zeros((LOG_ROWS, N_LOG)), events,
-        segments, counts,
-    )  # fmt: skip
-    fits = codes[0, CODE["status"]] != RECORD_FULL and max(counts[1], counts[2]) <= rows
+    codes, kept = np.zeros((1, N_CODES), np.int64), new_record(rows, LOG_ROWS)
+    run_recorded(row, ask_for(periods, rtol, path=True), np.zeros((1, N_OUT)), codes, kept)
+    fits = codes[0, CODE["status"]] != RECORD_FULL and not was_full(kept)
     status, n_events = STATUSES[codes[0, CODE["status"]]], int(codes[0, CODE["n_events"]])
-    return (status, n_events, events[: counts[1]], segments[: counts[2]]), fits
+    return (status, n_events, *rows_of(kept)), fits
 
 
 def record(row, periods, rtol):

@@ -7,9 +7,8 @@ import numpy as np
 from dimersweep.kernel import event_loop
 from dimersweep.kernel.compiler.jit import exported
 from dimersweep.kernel.course import Ask, motion_of, new_workspace
-from dimersweep.kernel.impact.impact import N_LOG
 from dimersweep.kernel.model.layout import ROW_BETA0, ROW_XDOT0, STATUSES
-from dimersweep.kernel.record import EVENT, EVENTS, N_COUNTS, N_EVENT, N_SEGMENT, Record, no_record
+from dimersweep.kernel.record import EVENT, EVENTS, new_record, no_record, rows_of
 from dimersweep.kernel.verdict import past
 from tests.checks.examine import look_at
 from tests.checks.verbs import as_dimer
@@ -58,8 +57,6 @@ class Launched(NamedTuple):
 
 def launch(row, state, periods, rtol=1e-8, rows=20_000):
     """Run the dimer of a parameter row from a kernel state for some forcing periods."""
-    state, counts = state.copy(), np.zeros(N_COUNTS, np.int64)
-    record = Record(np.zeros((200, N_LOG)), np.zeros((rows, N_EVENT)), np.zeros((rows, N_SEGMENT)), counts)
+    state, record = state.copy(), new_record(rows, 200)
     status = evolve(as_dimer(row), Ask(periods, rtol, rtol, False, True), state, new_workspace(), record)
-    _, n_events, n_segments = counts
-    return Launched(row, rtol, STATUSES[status], state, record.events[:n_events], record.segments[:n_segments])
+    return Launched(row, rtol, STATUSES[status], state, *rows_of(record))

@@ -10,7 +10,7 @@ from dimersweep.kernel.contact import contact_mode as contact_modes
 from dimersweep.kernel.contact import coordinates, forces, phase
 from dimersweep.kernel.course import WORK_COLUMNS, WORK_ROWS
 from dimersweep.kernel.flight import free_motion, landing
-from dimersweep.kernel.impact import double_equations, impact, single_impact
+from dimersweep.kernel.impact import double_equations, impact, phase_log, single_impact
 from dimersweep.kernel.model import body, friction, plate
 from dimersweep.kernel.model.layout import (
     BETA,
@@ -266,7 +266,7 @@ def dimer(**parameters):
 
 def scratch():
     """Work array and an impact's log."""
-    return has_no_bound(np.zeros((WORK_ROWS, WORK_COLUMNS))), np.zeros((200, impact.N_LOG))
+    return has_no_bound(np.zeros((WORK_ROWS, WORK_COLUMNS))), np.zeros((200, phase_log.N_LOG))
 
 
 def state_of(dm, q, qdot, phase=0.0):

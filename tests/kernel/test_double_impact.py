@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dimersweep.kernel.impact.impact import (
+from dimersweep.kernel.impact.phase_log import (
     LOG_N1_AFTER,
     LOG_P1,
     LOG_P2,

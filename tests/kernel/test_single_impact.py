@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from dimersweep.kernel.impact.impact import (
+from dimersweep.kernel.impact.phase_log import (
     LOG_N1,
     LOG_N1_AFTER,
     LOG_P1,

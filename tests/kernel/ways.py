@@ -5,9 +5,8 @@ import sys
 import numpy as np
 
 from dimersweep.cubes.cube import blank
-from dimersweep.kernel.batch import run_many, run_recorded
+from dimersweep.kernel.batch import ask_for, run_many, run_recorded
 from dimersweep.kernel.compiler import versions
-from dimersweep.kernel.impact.impact import N_LOG
 from dimersweep.kernel.model.layout import (
     CA,
     CB,
@@ -22,7 +21,7 @@ from dimersweep.kernel.model.layout import (
     WB,
     WP,
 )
-from dimersweep.kernel.record import N_EVENT, N_SEGMENT
+from dimersweep.kernel.record import new_record, rows_of
 from dimersweep.parameters import Parameters
 
 RTOL = 1e-8
@@ -43,11 +42,10 @@ SCALE[[D1, D2]], SCALE[[N1, N2, CA, CB]], SCALE[[WB, WP]], SCALE[SPIN] = 0.01, 0
 
 def last_state(row, periods):
     """Kernel state at the end of some forcing periods, in its scales."""
-    out, codes = blank(1)
-    counts, log = np.zeros(3, np.int64), np.zeros((200, N_LOG))
-    events, segments = np.zeros((20_000, N_EVENT)), np.zeros((20_000, N_SEGMENT))
-    run_recorded(row[None], periods, RTOL, False, True, out, codes, log, events, segments, counts)
-    state = segments[counts[2] - 1, :N_STATE]
+    record = new_record(20_000)
+    run_recorded(row, ask_for(periods, RTOL, path=True), *blank(1), record)
+    _, segments = rows_of(record)
+    state = segments[-1, :N_STATE]
     state[PHASE] = np.round(state[PHASE], 12)  # 0 or the end of the period
     return state / SCALE
 

@@ -1,4 +1,4 @@
-"""Sustained contact: the forces that keep closed ends closed, and the rates they give (state and charts: ``charts``)."""
+"""Sustained contact: the forces that keep closed ends closed, and the rates they give (the state and its charts: ``coordinates``)."""
 
 from math import sqrt
 from typing import NamedTuple
@@ -28,7 +28,7 @@ from dimersweep.kernel.model.plate import effective_gravity
 from dimersweep.kernel.numerics.sincos import sincos
 
 # forces of a contact: normal, axial, lateral of p1, then of p2 (at a double contact A1 holds the sum of the axial ones);
-# and its compliance (``law``), at a double contact that to the difference of the normal forces
+# and its compliance (``friction``), at a double contact that to the difference of the normal forces
 F1, A1, L1, F2, A2, L2, COMPLIANCE = range(7)
 N_F = 7
 

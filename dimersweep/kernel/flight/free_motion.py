@@ -202,5 +202,5 @@ def advance_path(dm, fl, state, t, turn, L_a, L_b, L_n, du_a, du_b, u_n, co, si)
     angle = atan2(-along_p, along_b)
     # the winding follows the heading: gamma' = spin - theta' sin(beta)
     guess = dm.J_a / dm.J_t * spin * t + turn * 0.5 * (sin(state[BETA]) + u_n)
-    angle += 6.283185307179586 * round((guess - angle) / 6.283185307179586)
+    angle += TWO_PI * round((guess - angle) / TWO_PI)
     state[GAMMA] += angle

@@ -21,6 +21,7 @@ from dimersweep.kernel.impact.double_equations import (
 )
 from dimersweep.kernel.impact.double_leg import double_leg
 from dimersweep.kernel.impact.double_step import LEG_ROWS
+from dimersweep.kernel.impact.phase_log import log_phase, log_single
 from dimersweep.kernel.impact.single_impact import (
     DONE,
     JAM,
@@ -57,9 +58,6 @@ FAINT = 0.1  # rebound that is none, in units of the impact's tolerance
 FINEST, COARSEST = 5e-14, 1e-4  # tolerances of that integrator: what round-off allows, and what finds events easily
 LEAST_SLIP = 1e-12  # slip, in units of V, whose setting out of rest the integrator can still follow
 SLIP_TOL = 0.1  # slip that counts as none, in units of the impact's tolerance
-# a row of the impact's log: contact state; gap rates before, after; impulses; slips (a_1, b_1, a_2, b_2) after
-LOG_STATE, LOG_N1, LOG_N2, LOG_N1_AFTER, LOG_N2_AFTER, LOG_P1, LOG_P2, LOG_A1, LOG_B1, LOG_A2, LOG_B2 = range(11)
-N_LOG = 11
 
 
 class ImpactRows(NamedTuple):
@@ -155,36 +153,6 @@ def acts(law, i, z, left, least, slip_tol):
     else:
         tau = -sign * (law.w / law.aa if holds_axially(law.mu_s, law.w, law.aa) else law.mu)
     return law.nn_12 - sign * law.w * tau < 0.0
-
-
-@compiled
-def log_phase(log, count, code, before_1, before_2, z, V, P_1, P_2):
-    """Add a row to the log of the impact's phases (a log without rows is not kept); returns the count."""
-    if count < log.shape[0]:
-        row = log[count]
-        row[LOG_STATE] = code
-        row[LOG_N1], row[LOG_N2] = before_1 * V, before_2 * V
-        row[LOG_N1_AFTER], row[LOG_N2_AFTER] = z[ZN1] * V, z[ZN2] * V
-        row[LOG_P1], row[LOG_P2] = P_1, P_2
-        row[LOG_A1], row[LOG_B1], row[LOG_A2], row[LOG_B2] = z[ZA] * V, z[ZB1] * V, z[ZA] * V, z[ZB2] * V
-        return count + 1
-    return count
-
-
-@compiled
-def log_single(log, count, s, code, n, n_j, n_after, n_j_after, P, a, b):
-    """Add a row for a phase of an impact at the end with sign s, the other one being off the plate; returns the count."""
-    if count >= log.shape[0]:
-        return count
-    row = log[count]
-    for k in range(N_LOG):
-        row[k] = 0.0
-    i = 0 if s < 0.0 else 1
-    row[LOG_STATE] = 5 * code if s < 0.0 else code
-    row[LOG_N1 + i], row[LOG_N1 + 1 - i] = n, n_j
-    row[LOG_N1_AFTER + i], row[LOG_N1_AFTER + 1 - i] = n_after, n_j_after
-    row[LOG_P1 + i], row[LOG_A1 + 2 * i], row[LOG_B1 + 2 * i] = P, a, b
-    return count + 1
 
 
 @compiled
