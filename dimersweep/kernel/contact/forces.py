@@ -1,4 +1,4 @@
-"""Sustained contact: the forces that keep closed ends closed, and the rates they give (the state and its charts: ``coordinates``)."""
+"""Sustained contact: the forces that keep closed ends closed, and the rates they give (the state: ``coordinates``)."""
 
 from math import sqrt
 from typing import NamedTuple
