@@ -71,7 +71,7 @@ run_checks() {
     done
     step env NUMBA_DISABLE_JIT=1 pytest -q -m "not jit" tests/kernel
     build_site
-    step pytest -q -n 2 --dist loadfile
+    step pytest -q -n 2 --dist loadfile --no-loadscope-reorder --durations=25
 }
 
 case "${1:-}" in
