@@ -145,20 +145,11 @@ SHORTCUTS = (
         {"impact/single_impact": body("is_invariant", "return False")},
     ),
     Shortcut(
-        "impacts without friction in closed form",
+        "(safeguard) impacts without friction in closed form",
         "the expansion",
         {
             "impact/single_impact": replaced(
                 "law.mu == 0.0 and (v > tol or not holds_axially(law.mu_s, law.na, law.aa))", "False"
-            )
-        },
-    ),
-    Shortcut(
-        "terms of the expansion as the tolerance needs",
-        "always all of them",
-        {
-            "impact/single_impact": replaced(
-                "min(ORDER, max(LEAST_ORDER, int(8.0 - 0.6 * log(share))))", "ORDER + 0 * int(share)"
             )
         },
     ),
@@ -188,7 +179,7 @@ SHORTCUTS = (
         {"impact/double_leg": constant("LASTS", "0")},
     ),
     Shortcut(
-        "implicit steps where a slip stays slow",
+        "(safeguard) implicit steps where a slip stays slow",
         "explicit steps always",
         {"impact/double_leg": constant("LASTS", "MAX_STEPS")},
     ),
@@ -247,7 +238,7 @@ SHORTCUTS = (
         {"flight/landing": constant("SWIFT", "1e300")},
     ),
     Shortcut(
-        "axial onset of slip tried first in planar motion",
+        "(safeguard) axial onset of slip tried first in planar motion",
         "all directions",
         {"contact/slip_onset": replaced("if hold_b == 0.0:", "if hold_b != hold_b:")},
     ),
@@ -255,20 +246,6 @@ SHORTCUTS = (
         "rest known to be for good",
         "waiting until it repeats",
         {"verdict/classify": body("rests_for_good", "return False")},
-    ),
-    Shortcut(
-        "rest told while both ends still slide",
-        "waiting until both ends stick",
-        {"verdict/classify": replaced(" or slides_to_rest(dm, state)", "")},
-    ),
-    Shortcut(
-        "rest told at the event after which it is known",
-        "at the end of the forcing period",
-        {
-            "event_loop": replaced(
-                "if ask.settle and course[REST_EVENTS] < 0.0 and", "if ask.settle and course[REST_EVENTS] < -1.0 and"
-            )
-        },
     ),
     Shortcut("stop when settled", "all periods", asked={"settle": False}),
     Shortcut(

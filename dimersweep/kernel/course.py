@@ -26,8 +26,7 @@ BUDGET, BUDGET_PER_PERIOD = 5_000_000, 100_000
     HOP_TIME,  # time that the hops take which the close of a chatter sums; below zero if none were [s]
     FORCED,  # impacts without collision in a row
     PERIOD_EVENTS,  # number of events when the forcing period began
-    REST_EVENTS,  # number of events when it was known that the dimer rests for good, -1 before
-) = range(12)
+) = range(11)
 NO, YES = 0.0, 1.0
 
 # rows of the work array beyond those of a contact step, and the meter's
@@ -42,7 +41,7 @@ class Ask(NamedTuple):
     periods: int  # forcing periods at most
     rtol: float  # the one accuracy knob
     close: float  # accuracy of the close of a chatter: less than rtol where its hops are to be followed further
-    settle: bool  # stop when the motion is known: at once where it rests for good and no path is wanted, else at a period's end
+    settle: bool  # stop at the end of the period in which the motion is known
     path: bool  # whether x1, y1 and gamma are wanted
 
 
@@ -119,4 +118,4 @@ def begin_course(course, contact, cause, events):
     course[PENDING], course[HOLD_IS_LOST], course[CONTACT_IS_SET], course[SLIP_TOL] = YES, NO, NO, 0.0
     course[CAUSE], course[CONTACT_BEFORE], course[HOP_TIME] = cause, contact, 0.0
     course[FORCED] = 0.0
-    course[PERIOD_EVENTS], course[REST_EVENTS] = events, -1.0
+    course[PERIOD_EVENTS] = events

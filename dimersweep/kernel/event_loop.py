@@ -29,7 +29,6 @@ from dimersweep.kernel.course import (
     NO,
     PENDING,
     PERIOD_EVENTS,
-    REST_EVENTS,
     SLIP_TOL,
     STATUS,
     YES,
@@ -64,7 +63,6 @@ from dimersweep.kernel.model.layout import (
     PHASE,
     RECORD_FULL,
     ROOT_STEPS,
-    SLIP,
     STOPPED,
 )
 from dimersweep.kernel.model.plate import plate_rate
@@ -91,8 +89,7 @@ from dimersweep.kernel.verdict.classify import rests_for_good
 from dimersweep.kernel.verdict.past import S_FASTEST, SCALARS, note_impact, note_landings, note_take_offs
 from dimersweep.kernel.verdict.settling import note_period, settled_period
 
-# of an impact at both ends besides its steps, and of a look whether a slide leads to rest, in hops of one end
-DOUBLE_COST, LOOK_COST = 1.0, 10.0
+DOUBLE_COST = 1.0  # of an impact at both ends besides its steps, in hops of one end
 LOOSEST = 1e-3  # relative tolerance of an impact, however slow
 MOST_FORCED = 20  # impacts without collision in a row, after which the contact counts as jammed
 TURNED = 1e-9  # approach that stands for an impact without collision, in units of the slip
@@ -256,7 +253,7 @@ def choose_contact(dm, ask, motion, record):
     Returns
     -------
     bool
-        Whether the run moves on: not where an impact without collision has to come first, nor where the run has ended.
+        Whether the run moves on: not where an impact without collision has to come first, nor where the record is full.
     """
     state, modes, course = motion.state, motion.modes, motion.course
     course[SLIP_TOL] = no_slip(dm, state, ask.rtol)
@@ -274,10 +271,7 @@ def choose_contact(dm, ask, motion, record):
         course[STATUS] = RECORD_FULL
         return False
     note_take_offs(dm, motion.past, state, modes)
-    if ask.settle and course[REST_EVENTS] < 0.0 and is_seen_to_rest(dm, motion):
-        course[REST_EVENTS] = record.counts[EVENTS]
-        course[ENDED] = NO if ask.path else YES
-    return not course[ENDED]
+    return True
 
 
 # --- what follows an event ----------------------------------------------------------------------------------------------
@@ -316,17 +310,8 @@ def end_period(dm, ask, motion, record):
         return
     note_period(dm, state, modes, motion.past)
     note_segment(record, state, modes, 0.0, state)
-    known = course[REST_EVENTS] >= 0.0
-    if ask.settle and (known or is_seen_to_rest(dm, motion) or settled_period(motion.past) > 0):
+    if ask.settle and (rests_for_good(dm, modes) or settled_period(motion.past) > 0):
         course[ENDED] = YES
-
-
-@compiled(inline=True)
-def is_seen_to_rest(dm, motion):
-    """Whether the dimer rests for good, as far as can be told now."""
-    modes = motion.modes
-    charge(motion.meter, LOOK_COST if modes[0] == SLIP and modes[1] == SLIP else 0.0)
-    return rests_for_good(dm, motion.state, modes)
 
 
 @compiled(inline=True)
@@ -353,7 +338,7 @@ def start_state(dm, beta0, xdot0, state):
 
 @compiled(inline=True)
 def finish(dm, ask, motion, record):
-    """The last row of the record; a rest known before the end of a forcing period counts as that end. See `evolve`."""
+    """The last row of the record; see `evolve`."""
     state, modes, course = motion.state, motion.modes, motion.course
     if course[STATUS] != OK:
         out_of_steps = course[STATUS] == CONTACT_STEPS or course[STATUS] == IMPACT_STEPS
@@ -362,11 +347,4 @@ def finish(dm, ask, motion, record):
     note_segment(record, state, modes, 0.0, state)
     if is_kept(record) and is_full(record):
         return RECORD_FULL, False
-    if course[REST_EVENTS] < 0.0:
-        return OK, rests_for_good(dm, state, modes)
-    record.counts[EVENTS] = int(course[REST_EVENTS])
-    if not ask.path:
-        state[PHASE] = 0.0
-        state[PERIOD] += 1.0
-        note_period(dm, state, modes, motion.past)
-    return OK, True
+    return OK, rests_for_good(dm, modes)

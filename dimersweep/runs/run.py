@@ -214,10 +214,6 @@ class Run:
         total = self.n_periods + check_count("periods", periods)
         if self.status != "ok" or self._end is None:
             raise ParameterError(f"go_on: the run did not reach its end ({self.message})")
-        if not self._end.whole:
-            from dimersweep.runs.simulating import simulate
-
-            return simulate(**self._given(), start=self.start, periods=total, rtol=self.rtol, record=False)
         if self._record is not None:
             check_recorded(total)
         row, end = Parameters(**self.parameters).row(), self._end

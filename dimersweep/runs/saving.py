@@ -72,7 +72,6 @@ def _configuration(run: "Run") -> dict[str, Any]:
         "rtol": run.rtol,
         "outcome": {name: getattr(run, name) for name in OUTCOME},
         "orbit": run.orbit and asdict(run.orbit),
-        "whole": run._end is not None and run._end.whole,
         "record_cut": run._record is not None and run._record.cut,
         "kernel_version": kernel_version(),
     }
@@ -115,7 +114,7 @@ def load_run(path: str | os.PathLike[str]) -> "Run":
         orbit=told["orbit"] and Orbit(**told["orbit"]),
         **told["outcome"],
         _record=_record(told, rows) if "event_rows" in rows else None,
-        _end=End(rows["end_start"], rows["end_past"], told["whole"]),
+        _end=End(rows["end_start"], rows["end_past"]),
     )
 
 

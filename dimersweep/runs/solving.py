@@ -38,13 +38,10 @@ class End(NamedTuple):
         State and friction modes.
     past : ndarray, shape (PAST_ROWS, PAST_COLUMNS)
         What the verdict keeps of the run.
-    whole : bool
-        Whether the state is that of the end of the last period: a rest that is told early, unrecorded, stops before.
     """
 
     start: np.ndarray
     past: np.ndarray
-    whole: bool
 
 
 class Solved(NamedTuple):
@@ -114,7 +111,7 @@ def solve(
         kept = Record(row, events.copy(), segments.copy(), full)
     if full or not record:
         run(no_record())
-    end = End(np.concatenate([space.state, space.modes])[None], space.past.copy(), record or not settle)
+    end = End(np.concatenate([space.state, space.modes])[None], space.past.copy())
     return Solved(out[0], codes[0], kept, end)
 
 

@@ -32,7 +32,7 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.kernel.numerics import sincos as sines
 from dimersweep.kernel.numerics.meter import has_no_bound
-from dimersweep.kernel.verdict import classify, rest
+from dimersweep.kernel.verdict import classify
 from dimersweep.parameters import Parameters
 from tests.checks.cached import compiled
 
@@ -217,8 +217,8 @@ def come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F):
 
 
 @compiled
-def rests_for_good(dm, state, modes):
-    return classify.rests_for_good(dm, state, modes)
+def rests_for_good(dm, modes):
+    return classify.rests_for_good(dm, modes)
 
 
 @compiled
@@ -240,16 +240,6 @@ def lightest(dm):
 def plate_bounds(dm):
     """Bounds of the plate's speed, of the effective gravity from above, and of the third and fourth derivative."""
     return plate.speed_bound(dm), plate.heaviest(dm), plate.jerk_bound(dm), plate.snap_bound(dm)
-
-
-@compiled
-def sliding_speed(dm, state):
-    return rest.sliding_speed(dm, state[CA], state[CB], state[WP], state[SPIN])
-
-
-@compiled
-def is_calm(dm, state):
-    return rest.is_calm(dm, state[CB], state[SPIN], sliding_speed(dm, state))
 
 
 def row_of(**parameters):

@@ -1,5 +1,6 @@
 """The plate: every function of it against the derivatives of its height, with and without a second harmonic."""
 
+from itertools import product
 from math import pi
 
 import mpmath
@@ -12,12 +13,14 @@ from dimersweep.kernel.model.layout import (
     BETA,
     D1,
     D2,
+    FREE,
     N1,
     N2,
     N_STATE,
     PHASE,
     ROW_PHI0,
     ROW_PHI_2,
+    SLIP,
     SPIN,
     STICK,
     WB,
@@ -26,6 +29,7 @@ from dimersweep.kernel.model.layout import (
 from dimersweep.kernel.model.plate import motion
 from tests.checks.verbs import (
     as_dimer,
+    dimer,
     effective_gravity,
     first_landing,
     gap_series,
@@ -210,10 +214,16 @@ def test_landings_are_the_first_ones(plate, seed):
 
 def test_what_rests_for_good_is_told_by_the_least_gravity_of_the_cycle():
     """Not by the intensities: two harmonics of 0.7 leave the dimer down, or throw it off, as their phases have it."""
-    state, held = np.zeros(N_STATE), np.array([STICK, STICK], float)
+    held = np.array([STICK, STICK], float)
     told = {}
     for phi_2 in (0.0, pi / 2, 1.5 * pi):
         dm, _, phases = made({"Gamma": 0.7, "Gamma_2": 0.7, "phi_2": phi_2})
-        told[phi_2] = rests_for_good(dm, state, held)
+        told[phi_2] = rests_for_good(dm, held)
         assert told[phi_2] == ((dm.g + motion(dm, phases)[2]).min() > 0.0)
     assert True in told.values() and False in told.values()
+
+
+def test_only_two_ends_that_stick_rest_for_good():
+    for modes in product((FREE, STICK, SLIP), repeat=2):
+        assert rests_for_good(dimer(Gamma=0.9999), np.array(modes, float)) == (modes == (STICK, STICK))
+        assert not rests_for_good(dimer(Gamma=1.0001), np.array(modes, float))

@@ -98,21 +98,21 @@ def likely_end(c, compressing):
 
 
 @compiled
-def expand_to_end(law, gain, compressing, fading, small, highest, c):
-    """Expand a leg to the order that reaches its end, or to the highest; returns the order and the step it is good for."""
+def expand_to_end(law, gain, compressing, fading, small, c):
+    """Expand a leg to the order that reaches its end, or to the highest one; returns the order and the step it is good for."""
     order = LEAST_ORDER
     fading = expand(law, gain, fading, 0, order, c)
     end = likely_end(c, compressing)
     if 0.0 < end < inf and term(c, order) * end <= SLACK * term(c, order - 1):
-        while order < highest:
+        while order < ORDER:
             power = end ** (order - 1)
             if term(c, order - 1) * power <= small and term(c, order) * power * end <= small:
                 return order, end
-            more = min(order + 2, highest)
+            more = min(order + 2, ORDER)
             fading = expand(law, gain, fading, order, more, c)
             order = more
-    expand(law, gain, fading, order, highest, c)
-    return highest, reach(c, highest, small)
+    expand(law, gain, fading, order, ORDER, c)
+    return ORDER, reach(c, ORDER, small)
 
 
 @compiled

@@ -10,7 +10,7 @@ them a leg is expanded in powers of xi, with dP = v dxi (``expansion``). Velocit
 impulses of m V, energies of m V^2, the Delassus operator of 1/m.
 """
 
-from math import copysign, exp, expm1, inf, log, log1p, sqrt
+from math import copysign, exp, expm1, inf, log1p, sqrt
 from typing import NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
@@ -20,8 +20,6 @@ from dimersweep.kernel.impact.expansion import (
     A_J,
     A_N,
     A_P,
-    LEAST_ORDER,
-    ORDER,
     at,
     begin_expansion,
     expand_to_end,
@@ -209,8 +207,6 @@ def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
         LEG (go on with the next leg), or STEPS, also where the meter of the work array is over.
     """
     gain = 1.0 if compressing else 1.0 / (law.e * law.e)
-    share = tol / max(1.0, length(a, b))
-    highest = min(ORDER, max(LEAST_ORDER, int(8.0 - 0.6 * log(share))))  # the least work for a step of this accuracy
     slip_end, lateral = max(tol, 1e-14 * length(a, b)), abs(b) > tol
     n, n_j, P, A, B = n0, n_j0, 0.0, 0.0, 0.0
     for _ in range(MAX_STEPS):
@@ -224,7 +220,7 @@ def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
                 return n_end, 0.0, 0.0, E_end, n_j, P + dP, A + dA, B - b / law.bb, LEG
         v = length(a, b)
         fading = begin_expansion(n, a, b, E, n_j, work)
-        order, h = expand_to_end(law, gain, compressing, fading, unseen(work, v, tol), highest, work)
+        order, h = expand_to_end(law, gain, compressing, fading, unseen(work, v, tol), work)
         xi_n = first_zero(work, A_N, order, -1.0 if compressing else 1.0, h)
         xi_E = inf if compressing else first_zero(work, A_E, order, 1.0, h)
         xi_j = first_zero(work, A_J, order, 1.0, h) if law.both > 0.0 else inf
@@ -336,7 +332,7 @@ def single_phase(law, n, a, b, E, n_j, tol, work):
         v = length(a, b)
         stick, turns, c, s = False, False, 1.0, 0.0
         if law.mu == 0.0 and (v > tol or not holds_axially(law.mu_s, law.na, law.aa)):
-            mode = SLIP  # no friction: the direction is of no consequence
+            mode = SLIP  # no friction: the direction is of no consequence, and the gap rate is turned to the last digit
         elif v <= tol:
             a, b, v = 0.0, 0.0, 0.0
             stick = holds_axially(law.mu_s, law.na, law.aa)

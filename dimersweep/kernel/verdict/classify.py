@@ -4,7 +4,6 @@ from math import nan, pi
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.model.layout import (
-    FREE,
     M_DRIFT,
     M_FLUTTER,
     M_JUMP,
@@ -57,7 +56,6 @@ from dimersweep.kernel.verdict.past import (
     SCALARS,
     STROBES,
 )
-from dimersweep.kernel.verdict.rest import slides_to_rest
 from dimersweep.kernel.verdict.settling import ringing_period, settled_period, spin_drift
 
 DOWN_LINE = 0.9  # share of the time one ball is down in the drift mode
@@ -67,11 +65,9 @@ SPAN = 12.0  # periods of which shares and hops are told
 
 
 @compiled
-def rests_for_good(dm, state, modes):
-    """Whether both ends are closed and stay so whatever comes."""
-    if modes[0] == FREE or modes[1] == FREE or lightest(dm) < 0.0:
-        return False
-    return (modes[0] == STICK and modes[1] == STICK) or slides_to_rest(dm, state)
+def rests_for_good(dm, modes):
+    """Whether both ends stick for good: the rod lies still or rolls straight on, and the plate always presses on it."""
+    return modes[0] == STICK and modes[1] == STICK and lightest(dm) >= 0.0
 
 
 @compiled
