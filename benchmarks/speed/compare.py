@@ -150,7 +150,10 @@ def script_of(tree: Path) -> Path:
 def inputs_for(found: Harvest, tree: Path, cache: Path, folder: Path) -> Path:
     """A file with the inputs of the verbs, their parameter rows cut to those that the revision of a tree knows."""
     command = [sys.executable, "-c", TELL_ROW]
-    told = subprocess.run(command, env=environment_of(tree, cache), check=True, capture_output=True, text=True)
+    # in the tree's own folder: that of this process would come before PYTHONPATH
+    told = subprocess.run(
+        command, env=environment_of(tree, cache), cwd=tree, check=True, capture_output=True, text=True
+    )
     columns = [ROW.index(name) for name in json.loads(told.stdout)]
     cut = copy(found)
     for kinds in ("rough", "smooth"):

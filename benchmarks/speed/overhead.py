@@ -86,14 +86,16 @@ def paired(declared: declaration.Declaration, rounds: int) -> int:
     spec = declared.study()
     assert isinstance(spec, Spec), "paired: is for sweeps of a whole grid"
     ratios: dict[int, list[float]] = {1: [], 2: []}
+    before = plain(spec)
     for number in range(rounds):
         for workers in (1, 2) if number % 2 == 0 else (2, 1):
-            before = plain(spec)
             with tempfile.TemporaryDirectory() as folder:
                 begun = process_time()
                 make(declared, Path(folder, "cube.nc"), workers=workers, progress=False)
                 whole = process_time() - begun
-            ratios[workers].append(2 * whole / (before + plain(spec)))
+            after = plain(spec)
+            ratios[workers].append(2 * whole / (before + after))
+            before = after
     for workers, found in ratios.items():
         each = ", ".join(f"{ratio:.3f}" for ratio in found)
         print(f"{workers} threads: processor time of the sweep over that of plain calls {median(found):.3f} ({each})")
