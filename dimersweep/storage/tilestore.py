@@ -142,14 +142,17 @@ class TileStore:
         if any(later.start < earlier.stop for earlier, later in pairwise(sorted(t for e in kept for t in e.tiles))):
             raise StoreError(f"{self.folder}: its manifest lists points twice; sweep anew (force=True)")
         listed = {entry.file for entry in self.manifest.entries}
-        trouble += [f"{path.name} is not listed" for path in self._files() if path.name not in listed]
+        unlisted = sum(path.name not in listed for path in self._files())
         if self.manifest.damaged:
-            trouble.append(f"the manifest has {self.manifest.damaged} lines that are cut or damaged")
-        if trouble:
+            trouble.append(f"lines of the manifest that are cut or damaged: {self.manifest.damaged}")
+        if trouble or unlisted:
             self._relist(kept)
         if len(trouble) > TOLD_FILES:
             trouble = [*trouble[:TOLD_FILES], f"and {len(trouble) - TOLD_FILES} more"]
         told = [f"{self.folder}: damaged results are computed again ({'; '.join(trouble)})"] if trouble else []
+        if unlisted:
+            files = f"files of points that the manifest does not list, as a kill may leave them: {unlisted}"
+            told.append(f"{self.folder}: {files}; they are deleted, and their points computed again")
         if kept and self.manifest.cpu != cpu():
             told.append(
                 f"{self.folder}: begun on another processor ({self.manifest.cpu}; this one is {cpu()}); "

@@ -57,7 +57,9 @@ def _of_tiles(out: Path) -> list[str]:
         lines += [f"modes: {_words(tally)}", f"last tile: {_ago(last)}"]
     lines.append(f"failed: {tally['failed']} points")
     if manifest.damaged:
-        lines.append(f"manifest: {manifest.damaged} lines are cut or damaged; their points will be computed again")
+        lines.append(
+            f"manifest: lines that are cut or damaged: {manifest.damaged}; their points will be computed again"
+        )
     who = holder(lock_of(out))
     if done == manifest.wanted and not who:
         lines.append("cube: is written" if out.exists() else "cube: is still to be written; run the same sweep again")
