@@ -73,7 +73,10 @@ def test_nothing_is_replaced_unless_forced(call, fake_kernel):
     Path("fig07-small.nc").write_text("precious")
     _, err, code = call("run", "small.toml")
     assert code == 2
-    assert err.startswith("dimersweep: error: out = fig07-small.nc: exists already;")
+    assert err.startswith(
+        "dimersweep: error: out = fig07-small.nc: exists already, and cannot be used (fig07-small.nc: is no"
+    )
+    assert (err.count("\n"), "(--force)" in err) == (1, True)
     assert Path("fig07-small.nc").read_text() == "precious"
     assert call("run", "small.toml", "--force")[2] == 0
     _, err, code = call("plot", "fig07-small.nc")

@@ -1,7 +1,10 @@
 """Files are whole or absent, never replaced unasked, and only an intact cube of this program is opened."""
 
 import os
+import re
 import tracemalloc
+import zlib
+from contextlib import suppress
 from pathlib import Path
 
 import netCDF4
@@ -13,7 +16,7 @@ import dimersweep
 from dimersweep.cubes.cube import blank, build, names
 from dimersweep.cubes.grid import make_grid
 from dimersweep.errors import StoreError, UserError
-from dimersweep.storage.netcdf import check_writable, open_cube, write_cube
+from dimersweep.storage.netcdf import check_writable, count_modes, open_cube, write_cube
 from dimersweep.storage.provenance import attributes, digest
 from dimersweep.studies.rerun import from_cube
 from dimersweep.studies.status import status
@@ -202,6 +205,30 @@ def test_a_small_file_that_declares_much_is_refused(cube, tmp_path, points):
     for ask in (open_cube, status):
         with pytest.raises(StoreError, match=r"bomb.nc: declares \d+ bytes, which its \d+ cannot hold; it is damaged$"):
             ask(tmp_path / "bomb.nc")
+
+
+def packed(numbers, written):
+    """Where the deflated bytes of an array, and of its checksum, lie in those of a file: start and stop."""
+    for start in (found.start() for found in re.finditer(b"x", written)):
+        stream = zlib.decompressobj()
+        with suppress(zlib.error):
+            if stream.decompress(written[start:])[:-4] == numbers.tobytes():
+                return start, len(written) - len(stream.unused_data)
+    raise AssertionError("it is not there")
+
+
+def test_modes_that_are_damaged_are_told_by_all_that_read_them(tmp_path):
+    grid = make_grid({"f": np.linspace(15, 20, 5000)})
+    cube = build(grid, *blank(5000), attributes({"periods": 3}, "a title", 1.5))
+    cube["mode"].values[:] = np.random.default_rng(0).integers(0, 5, 5000)
+    write_cube(cube, tmp_path / "cube.nc")
+    written = bytearray((tmp_path / "cube.nc").read_bytes())
+    start, stop = packed(cube["mode"].values, bytes(written))
+    written[(start + stop) // 2] ^= 1
+    (tmp_path / "cube.nc").write_bytes(written)
+    for read in (open_cube, count_modes, status):
+        with pytest.raises(StoreError, match=r"cube.nc: is no NetCDF file, or a damaged one \(NetCDF: [^\n]*\)$"):
+            read(tmp_path / "cube.nc")
 
 
 def test_a_damaged_or_changed_cube_is_refused(cube, tmp_path):

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 import dimersweep
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.storage.zarr import blocks, chunk_shape
+from dimersweep.studies.status import status
 
 pytest.importorskip("zarr")
 GRID = {"f": [15, 20, 25], "A_r": [5, 6], "beta0": {"start": 1, "stop": 11, "step": 1, "unit": "deg"}}
@@ -58,15 +59,40 @@ def test_it_is_the_cube_in_memory():
     xr.testing.assert_identical(dimersweep.open_cube("cube.zarr").load(), cube.load())
 
 
-@pytest.mark.parametrize("name", ["radius", "mode", "beta0", "e"])
-def test_a_changed_byte_is_found(name):
-    sweep()
+def damage(name):
+    """Change a byte of the numbers of a variable."""
     numbers = next(file for file in Path("cube.zarr", name).rglob("*") if file.is_file() and file.name != "zarr.json")
     written = bytearray(numbers.read_bytes())
     written[-6] ^= 1  # before the four bytes of a checksum
     numbers.write_bytes(written)
-    with pytest.raises((StoreError, RuntimeError), match=r"damaged|changed|checksum|decompression"):
+
+
+@pytest.mark.parametrize("name", ["radius", "mode", "beta0", "e"])
+def test_a_changed_byte_is_found_wherever_it_is_read(name):
+    sweep()
+    damage(name)
+    told = {
+        "beta0": r"is no Zarr group, or a damaged one \(.*(checksum|corruption).*\)",
+        "e": "is a cube of dimersweep that was changed or is incomplete; sweep it again",  # one value has no checksum
+    }.get(name, rf"is damaged: {name} cannot be read \(.*(checksum|corruption).*\); sweep it again \(force=True\)")
+    with pytest.raises(StoreError, match=rf"^cube.zarr: {told}$"):
         dimersweep.open_cube("cube.zarr").load()
+    with pytest.raises(
+        StoreError, match=rf"^out = cube.zarr: exists already, and cannot be used \(cube.zarr: {told}\);"
+    ):
+        sweep()
+    with pytest.raises(StoreError, match=rf"^cube.zarr: {told}$"):
+        dimersweep.sweep(GRID | {"f": [15, 30]}, periods=5, progress=False, extend="cube.zarr", out="wide.zarr")
+    assert os.listdir() == ["cube.zarr"]
+    sweep(force=True)
+    sweep()
+
+
+def test_a_status_of_damaged_modes_is_one_line():
+    sweep()
+    damage("mode")
+    with pytest.raises(StoreError, match=r"^cube.zarr: is damaged: mode cannot be read \(.*\); sweep it again"):
+        status(Path("cube.zarr"))
 
 
 def test_a_chunk_that_is_missing_is_found():
@@ -137,7 +163,8 @@ def test_what_is_no_cube_is_refused():
     xr.Dataset({"a": ("x", [1.0])}).to_zarr("other.zarr", consolidated=False)
     with pytest.raises(StoreError, match=r"^other.zarr: is a Zarr group, but no cube of dimersweep$"):
         dimersweep.open_cube("other.zarr")
-    with pytest.raises(StoreError, match=r"^out = other.zarr: exists already; give another name"):
+    why = r"exists already, and cannot be used \(other.zarr: is a Zarr group, but no cube of dimersweep\)"
+    with pytest.raises(StoreError, match=rf"^out = other.zarr: {why}; give another name, or force it"):
         sweep(out="other.zarr")
 
 

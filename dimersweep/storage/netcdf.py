@@ -193,7 +193,8 @@ def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
     Raises
     ------
     StoreError
-        If there is no such file, it is no NetCDF file or Zarr group, or no (intact) cube of this program.
+        If there is no such file, it is no NetCDF file or Zarr group, or no (intact) cube of this program. Of a Zarr
+        group also later, when a value that is damaged is used.
     """
     if not isinstance(path, str | os.PathLike):
         raise StoreError(f"{path!r}: is no path")
@@ -203,8 +204,7 @@ def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
             return cube
         if cube.sizes and cube["mode"].size > MAX_POINTS:
             raise StoreError(f"{path}: has {cube['mode'].size} points; a NetCDF cube may have {MAX_POINTS}")
-        with _damage_told(path):
-            cube.load()
+        cube.load()
         for name in set(FLAGS) & set(cube.variables):
             check_flags(name, cube[name].values)
         return cube
@@ -238,10 +238,8 @@ def _opened(path: Path) -> Iterator[xr.Dataset]:
     if os.path.isdir(path) and is_zarr(path):
         yield _sound(read_zarr(path), path, "Zarr group")
         return
-    with _netcdf(path) as cube:
-        with _damage_told(path):
-            sound = _sound(cube, path, "NetCDF file")
-        yield sound
+    with _netcdf(path) as cube, _damage_told(path):
+        yield _sound(cube, path, "NetCDF file")
 
 
 def read_netcdf(path: Path) -> xr.Dataset:

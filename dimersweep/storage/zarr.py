@@ -177,6 +177,36 @@ def _chunks_lacking(folder: Path, variable: xr.Variable) -> int:
     return expected - sum(len(names) for _, _, names in os.walk(folder / "c"))
 
 
+class _Numbers:
+    """Values of a variable, read when they are used; damage that is found then is told in one line."""
+
+    def __init__(self, path: Path, name: str, variable: xr.Variable) -> None:
+        self.path, self.name, self.variable = path, name, variable.copy(deep=False)
+        self.shape, self.dtype, self.ndim = variable.shape, variable.dtype, variable.ndim
+
+    def __getitem__(self, where: tuple[slice, ...]) -> np.ndarray:
+        try:
+            return self.variable[where].values
+        except MemoryError:
+            raise
+        except Exception as error:  # each way to compress has its own
+            told = f"{self.name} cannot be read ({' '.join(str(error).split())[:200]})"
+            raise StoreError(f"{self.path}: is damaged: {told}; sweep it again (force=True)") from None
+
+
+def read_through(cube: xr.Dataset) -> None:
+    """Read every value of a lazy cube once, block by block, and keep none.
+
+    Raises
+    ------
+    StoreError
+        If one is damaged.
+    """
+    for variable in cube.variables.values():
+        for _, where in blocks(variable.shape):
+            variable[where].load()
+
+
 def read_zarr(path: Path) -> xr.Dataset:
     """A group as a dataset whose values are read when they are used.
 
@@ -187,7 +217,7 @@ def read_zarr(path: Path) -> xr.Dataset:
     """
     check_zarr()
     try:  # format 2 may name filters that run code
-        cube = xr.open_zarr(path, consolidated=False, zarr_format=3)
+        cube = xr.open_dataset(path, engine="zarr", consolidated=False, zarr_format=3, cache=False)
     except Exception as error:  # what its description leads to, if it was changed
         told = " ".join(str(error).split())[:200]
         raise StoreError(f"{path}: is no Zarr group, or a damaged one ({told})") from error
@@ -195,7 +225,10 @@ def read_zarr(path: Path) -> xr.Dataset:
         lacking = _chunks_lacking(path / str(name), variable)
         if lacking and "dimersweep_cube" in cube.attrs:
             raise StoreError(f"{path}: is damaged: {name} lacks {lacking} of its chunks; sweep it again (force=True)")
-    for variable in cube.variables.values():
+    for name, variable in cube.variables.items():
+        if name not in cube.indexes:  # those are read already
+            numbers, chunks = _Numbers(path, str(name), variable), variable.encoding.get("chunks") or variable.shape
+            variable.data = dask.array.from_array(numbers, chunks, name=False, fancy=False)
         if "flag_values" in variable.attrs:  # Zarr keeps attributes as JSON
             variable.attrs["flag_values"] = np.array(variable.attrs["flag_values"], dtype=variable.dtype)
     return cube

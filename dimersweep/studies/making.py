@@ -20,7 +20,7 @@ from dimersweep.storage.memorystore import MemoryStore
 from dimersweep.storage.netcdf import check_output, check_writable, open_cube, write_cube
 from dimersweep.storage.provenance import as_text, attributes, differences
 from dimersweep.storage.tilestore import TileStore, tile_store
-from dimersweep.storage.zarr import check_zarr, is_zarr, write_zarr
+from dimersweep.storage.zarr import check_zarr, is_zarr, read_through, write_zarr
 from dimersweep.studies.options import Options
 from dimersweep.work.computing import Crew, Store, crew
 
@@ -195,12 +195,14 @@ def _former(out: Path, study: Study) -> xr.Dataset:
     StoreError
         If it is not.
     """
-    cannot = f"out = {out}: exists already; give another name, or force it to be replaced (force=True)"
+    other = "give another name, or force it to be replaced (force=True)"
     try:
         cube = open_cube(out)
-    except StoreError:
-        raise StoreError(cannot) from None
-    old, new = json.loads(cube.attrs["configuration"]), study.configuration()
-    if as_text(old) != as_text(new):
-        raise StoreError(f"{cannot}. What differs:" + "".join(f"\n  {line}" for line in differences(old, new)))
-    return cube
+        old, new = json.loads(cube.attrs["configuration"]), study.configuration()
+        if as_text(old) == as_text(new):
+            read_through(cube)
+            return cube
+    except StoreError as error:
+        raise StoreError(f"out = {out}: exists already, and cannot be used ({error}); {other}") from None
+    changes = "".join(f"\n  {line}" for line in differences(old, new))
+    raise StoreError(f"out = {out}: exists already; {other}. What differs:{changes}")
