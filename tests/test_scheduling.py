@@ -1,5 +1,6 @@
 """Tasks come back in time whatever their points cost, the driver asks for few at a time, and a worker's death costs a tile."""
 
+import logging
 import threading
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -353,6 +354,38 @@ def test_the_loss_of_the_scheduler_is_told_and_costs_nothing_finished(tmp_path):
     closing.join()
     client.close()
     assert any((tmp_path / "cube.nc.tiles").glob("tiles-*.npy"))
+
+
+class Complaining:
+    """A client that logs what went wrong when it is closed, as that of distributed does after the loss of its scheduler."""
+
+    def __init__(self, address, timeout):
+        self.address = address
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *raised):
+        logging.getLogger("distributed.client").error("Traceback (most recent call last):")
+
+    def run(self, function):
+        return {"tcp://worker": function()}
+
+
+def test_the_log_of_our_own_client_stays_out_of_sight_and_that_of_others_does_not(monkeypatch):
+    import distributed
+
+    log, seen = logging.getLogger("distributed.client"), []
+    watch = logging.Handler()
+    watch.emit = lambda record: seen.append(record.getMessage())
+    monkeypatch.setattr(distributed, "Client", Complaining)
+    monkeypatch.setattr(log, "handlers", [watch])
+    with scheduling.connected("tcp://scheduler"):
+        pass
+    assert seen == []
+    with scheduling.connected(Complaining("tcp://scheduler", 3)):
+        log.error("told")
+    assert seen == ["told"]
 
 
 class Endless(NamedTuple):

@@ -1,5 +1,6 @@
 """Tiles to workers and results back: threads of this process, or those of any dask.distributed cluster."""
 
+import logging
 import os
 import socket
 import time
@@ -199,9 +200,21 @@ def connected(client: Any) -> Iterator[Any]:
         made = Client(client, timeout=CONNECT_SECONDS)
     except (OSError, ValueError, ImportError) as error:
         raise ParameterError(f"scheduler = {client}: cannot be reached ({error})") from None
-    with made:
+    with _quiet(), made:
         _check_kernels(made)
         yield made
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep the log of our own client, with its tracebacks, from the user: what goes wrong there is told in one line."""
+    log = logging.getLogger("distributed.client")
+    level = log.level
+    log.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        log.setLevel(level)
 
 
 def _check_kernels(client: Any) -> None:
