@@ -33,47 +33,51 @@ def attack(name: str) -> Callable[[Callable[[Scene], str | None]], Callable[[Sce
 # --- kills --------------------------------------------------------------------------------------------------------------
 
 
-def killed(scene: Scene, number: int = signal.SIGKILL, share: tuple[float, float] = (0.0, 1.0), most: int = 4) -> None:
-    """Kill the sweep at random moments, and start it again each time."""
+def killed(
+    scene: Scene, number: int = signal.SIGKILL, share: tuple[float, float] = (0.0, 1.0), most: int = 4
+) -> str | None:
+    """Kill the sweep at random moments, and start it again each time; one that is cut short must not end with status 0."""
     for _ in range(most):
         pid = scene.start()
         time.sleep(scene.rng.uniform(*share) * scene.length)
         os.kill(pid, number)
         scene.kills += 1
-        ended(pid)
+        if ended(pid) == 0 and not scene.cube.exists():
+            return f"FAILED: exit 0 without a cube: {scene.told()[-200:]}"
+    return None
 
 
 @attack("killed: the client, at any moment")
-def _(scene: Scene) -> None:
-    killed(scene)
+def _(scene: Scene) -> str | None:
+    return killed(scene)
 
 
 @attack("killed: the client, as it begins")
-def _(scene: Scene) -> None:
-    killed(scene, share=(0.0, 0.1), most=6)
+def _(scene: Scene) -> str | None:
+    return killed(scene, share=(0.0, 0.1), most=6)
 
 
 @attack("killed: a Zarr sweep, at any moment")
-def _(scene: Scene) -> None:
+def _(scene: Scene) -> str | None:
     as_zarr(scene)
-    killed(scene)
+    return killed(scene)
 
 
 @attack("killed: a search, at any moment")
-def _(scene: Scene) -> None:
+def _(scene: Scene) -> str | None:
     scene.reference = "search"
     scene.declare(TOML.format(out=scene.out) + SEARCH)
-    killed(scene)
+    return killed(scene)
 
 
 @attack("killed: with SIGTERM")
-def _(scene: Scene) -> None:
-    killed(scene, signal.SIGTERM)
+def _(scene: Scene) -> str | None:
+    return killed(scene, signal.SIGTERM)
 
 
 @attack("killed: with SIGINT")
-def _(scene: Scene) -> None:
-    killed(scene, signal.SIGINT)
+def _(scene: Scene) -> str | None:
+    return killed(scene, signal.SIGINT)
 
 
 def as_zarr(scene: Scene) -> None:
@@ -127,28 +131,26 @@ def _(scene: Scene) -> None:
 
 
 @attack("memory that runs out")
-def _(scene: Scene) -> None:
+def _(scene: Scene) -> str | None:
     room = scene.rng.choice([10, 40, 80, 200])
 
     def before() -> None:
         used = 1024 * int(Path("/proc/self/statm").read_text().split()[0]) * 4
         resource.setrlimit(resource.RLIMIT_AS, (used + room * 2**20, resource.RLIM_INFINITY))
 
-    code = scene.run(before=before)
-    if code == 0 or line_of(scene.told()) or "Traceback" in scene.told():
-        return  # Python itself may fail to start a thread: whatever it prints, the status is not zero
+    return scene.came_through(scene.start(before=before))
 
 
 @attack("files that may not grow")
-def _(scene: Scene) -> None:
+def _(scene: Scene) -> str | None:
     most = scene.rng.choice([100, 3000, 10_000, 30_000])
-    scene.run(before=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (most, most)))
+    return scene.came_through(scene.start(before=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))))
 
 
 @attack("few open files")
-def _(scene: Scene) -> None:
+def _(scene: Scene) -> str | None:
     most = scene.rng.choice([8, 10, 12, 16])
-    scene.run(before=lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (most, most)))
+    return scene.came_through(scene.start(before=lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))))
 
 
 def on_a_disk(scene: Scene, options: str) -> Path:
@@ -198,40 +200,41 @@ def _(scene: Scene) -> str | None:
 # --- folders and files that vanish --------------------------------------------------------------------------------------
 
 
-def during(scene: Scene, change: Callable[[], Any]) -> None:
-    """Make a change while the sweep runs."""
+def during(scene: Scene, change: Callable[[], Any]) -> str | None:
+    """Make a change while the sweep runs, which must come through or say why not."""
     pid = scene.start()
     time.sleep(scene.rng.uniform(0.2, 0.8) * scene.length)
     with suppress(OSError):  # it may have ended
         change()
-    ended(pid)
+    return scene.came_through(pid)
 
 
 @attack("the folder of tiles is removed while it runs")
-def _(scene: Scene) -> None:
-    during(scene, lambda: shutil.rmtree(scene.tiles))
+def _(scene: Scene) -> str | None:
+    return during(scene, lambda: shutil.rmtree(scene.tiles))
 
 
 @attack("the folder of tiles is renamed while it runs")
-def _(scene: Scene) -> None:
-    during(scene, lambda: scene.tiles.rename(scene.folder / "moved"))
+def _(scene: Scene) -> str | None:
+    wrong = during(scene, lambda: scene.tiles.rename(scene.folder / "moved"))
     if (scene.folder / "moved").exists():  # ours to tidy: it was moved by the user
         shutil.rmtree(scene.folder / "moved")
+    return wrong
 
 
 @attack("the manifest is removed while it runs")
-def _(scene: Scene) -> None:
-    during(scene, scene.manifest.unlink)
+def _(scene: Scene) -> str | None:
+    return during(scene, scene.manifest.unlink)
 
 
 @attack("the lock is removed while it runs")
-def _(scene: Scene) -> None:
-    during(scene, (scene.tiles / "lock").unlink)
+def _(scene: Scene) -> str | None:
+    return during(scene, (scene.tiles / "lock").unlink)
 
 
 @attack("tiles are removed while it runs")
-def _(scene: Scene) -> None:
-    during(scene, lambda: [path.unlink() for path in scene.tiles.glob("tiles-*.npy")])
+def _(scene: Scene) -> str | None:
+    return during(scene, lambda: [path.unlink() for path in scene.tiles.glob("tiles-*.npy")])
 
 
 def a_tile(scene: Scene) -> Path:
@@ -285,6 +288,11 @@ def _(scene: Scene) -> None:
 # --- flips, cuts and swaps ----------------------------------------------------------------------------------------------
 
 
+def a_chunk(scene: Scene) -> Path:
+    """One of the files of numbers of a Zarr cube."""
+    return scene.rng.choice(sorted(path for path in scene.cube.rglob("c/**/*") if path.is_file()))
+
+
 def flip(path: Path, rng: random.Random, start: int = 0) -> None:
     """Turn one bit over."""
     written = bytearray(path.read_bytes())
@@ -324,7 +332,7 @@ for _what, _damage in (("a bit is flipped in", flip), ("the end is cut from", cu
     def _(scene: Scene, damage: Callable[[Path, random.Random], None] = _damage) -> None:
         as_zarr(scene)
         scene.complete()
-        damage(scene.rng.choice(sorted(path for path in scene.cube.rglob("c/*") if path.is_file())), scene.rng)
+        damage(a_chunk(scene), scene.rng)
 
 
 @attack("a digit is changed in the head of the manifest")
@@ -431,18 +439,16 @@ def _(scene: Scene) -> None:
 
 @attack("two sweeps on one output")
 def _(scene: Scene) -> str | None:
-    first = scene.start()
+    first = scene.start(told="told before")
     time.sleep(scene.rng.uniform(0, 0.5) * scene.length)
-    second = scene.run()
-    told = scene.told()
-    if ended(first) != 0 and second != 0:
-        return f"FAILED: neither came through: {told[-200:]}"
-    return None
+    second = scene.start()
+    wrong = scene.came_through(first, "told before") or scene.came_through(second)
+    return wrong or (None if scene.cube.exists() else "FAILED: neither came through")
 
 
 @attack("a holder of the lock that is stopped")
 def _(scene: Scene) -> str | None:
-    first = scene.start()
+    first = scene.start(told="told before")
     ends = time.monotonic() + 60
     while not (scene.tiles / "lock").exists() and time.monotonic() < ends:
         time.sleep(0.002)
@@ -451,7 +457,9 @@ def _(scene: Scene) -> str | None:
     code = scene.run()
     told = scene.told()
     os.kill(first, signal.SIGCONT)
-    ended(first)
+    wrong = scene.came_through(first, "told before")
+    if wrong:
+        return wrong
     if code == 0 and not scene.cube.exists():
         return "FAILED: exit 0 without a cube"
     return None if code == 0 or "a sweep is at work here" in line_of(told) else f"FAILED: {told[-200:]}"
@@ -664,7 +672,7 @@ def _(scene: Scene) -> None:
 def _(scene: Scene) -> None:
     as_zarr(scene)
     scene.complete()
-    scene.rng.choice(sorted(path for path in scene.cube.rglob("c/*") if path.is_file())).unlink()
+    a_chunk(scene).unlink()
 
 
 # --- wild parameters ----------------------------------------------------------------------------------------------------

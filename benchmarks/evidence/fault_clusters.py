@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from fault_attacks import attack, flip, raising
-from faults import Scene, ended, forked, line_of, slowed
+from faults import Hanging, Scene, ended, forked, line_of, slowed
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -74,12 +74,17 @@ class Cluster:
 
     def start(self) -> int:
         """The driver."""
-        ends = time.monotonic() + 60
-        while not self.address.exists() and time.monotonic() < ends:
-            time.sleep(0.01)
-        address = json.loads(self.address.read_text())["address"]
-        self.driver = self.scene.start("--scheduler", address, before=impatient)
+        self.driver = self.scene.start("--scheduler", self._address(), before=impatient)
         return self.driver
+
+    def _address(self) -> str:
+        """Where the scheduler is, as soon as it has written all of that."""
+        ends = time.monotonic() + 60
+        while time.monotonic() < ends:
+            with suppress(OSError, ValueError):
+                return str(json.loads(self.address.read_text())["address"])
+            time.sleep(0.01)
+        raise Hanging(f"there is no scheduler: {self.told.read_text()[-300:]}")
 
     def kill(self, process: int) -> None:
         """Kill one of them."""
@@ -106,14 +111,6 @@ def cluster(scene: Scene, workers: int = 2) -> Iterator[Cluster]:
             made.end()
 
 
-def came_through(scene: Scene, process: int) -> str | None:
-    """The driver must have made the cube, or have said in one line why not."""
-    code, told = ended(process), scene.told()
-    if code == 0 and scene.cube.exists():
-        return None
-    return None if code and line_of(told) else f"FAILED: exit {code}: {told[-300:]}"
-
-
 def at_any_moment(scene: Scene) -> None:
     """Wait for a moment of a sweep on a cluster."""
     time.sleep(scene.rng.uniform(0.1, 2.0))
@@ -122,7 +119,7 @@ def at_any_moment(scene: Scene) -> None:
 @attack("cluster: nothing happens")
 def _(scene: Scene) -> str | None:
     with cluster(scene) as made:
-        return came_through(scene, made.start()) or (None if scene.cube.exists() else f"FAILED: {scene.told()[-300:]}")
+        return scene.came_through(made.start()) or (None if scene.cube.exists() else f"FAILED: {scene.told()[-300:]}")
 
 
 @attack("cluster: a worker is killed")
@@ -132,7 +129,7 @@ def _(scene: Scene) -> str | None:
         at_any_moment(scene)
         made.kill(made.workers[0])
         scene.kills += 1
-        return came_through(scene, driver)
+        return scene.came_through(driver)
 
 
 @attack("cluster: workers are killed and others come")
@@ -144,7 +141,7 @@ def _(scene: Scene) -> str | None:
             made.kill(made.workers[-1])
             scene.kills += 1
             made.hire()
-        return came_through(scene, driver)
+        return scene.came_through(driver)
 
 
 @attack("cluster: the scheduler is killed")
@@ -154,7 +151,7 @@ def _(scene: Scene) -> str | None:
         at_any_moment(scene)
         made.kill(made.scheduler)
         scene.kills += 1
-        return came_through(scene, driver)
+        return scene.came_through(driver)
 
 
 @attack("cluster: the driver is killed, and another one comes while the workers are at work")
@@ -165,7 +162,7 @@ def _(scene: Scene) -> str | None:
             at_any_moment(scene)
             made.kill(driver)
             scene.kills += 1
-        return came_through(scene, made.start())
+        return scene.came_through(made.start())
 
 
 @attack("cluster: the folder of tiles is removed while workers write there")
@@ -174,7 +171,7 @@ def _(scene: Scene) -> str | None:
         driver = made.start()
         at_any_moment(scene)
         shutil.rmtree(scene.tiles, ignore_errors=True)
-        return came_through(scene, driver)
+        return scene.came_through(driver)
 
 
 @attack("cluster: files of workers are removed or cut while it runs")
@@ -185,7 +182,7 @@ def _(scene: Scene) -> str | None:
         for path in scene.tiles.glob("tiles-w*.npy"):
             with suppress(OSError):
                 scene.rng.choice([Path.unlink, lambda path: os.truncate(path, 10)])(path)
-        return came_through(scene, driver)
+        return scene.came_through(driver)
 
 
 def refused(scene: Scene, before: Callable[[], None], words: str) -> str | None:

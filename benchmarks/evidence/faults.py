@@ -62,8 +62,14 @@ def forked(call: Callable[[], Any], told: Path) -> int:
         os._exit(code)
 
 
-def ended(pid: int, longest: float = LONGEST) -> int | None:
-    """Exit status of a child, negative for a signal; None, and the child is killed, if it takes too long."""
+def ended(pid: int, longest: float = LONGEST) -> int:
+    """Exit status of a child, negative for a signal.
+
+    Raises
+    ------
+    Hanging
+        If it takes too long; it is killed.
+    """
     ends = time.monotonic() + longest
     while time.monotonic() < ends:
         done, status = os.waitpid(pid, os.WNOHANG)
@@ -72,7 +78,11 @@ def ended(pid: int, longest: float = LONGEST) -> int | None:
         time.sleep(0.005)
     os.kill(pid, signal.SIGKILL)
     os.waitpid(pid, 0)
-    return None
+    raise Hanging(f"took longer than {longest:g} s")
+
+
+class Hanging(Exception):
+    """A process that does not end."""
 
 
 class Stock:
@@ -137,15 +147,15 @@ class Scene:
 
     def snapshot(self) -> dict[str, str]:
         """What lies beside the output, with a digest of each file."""
-        own = (self.out, f"{self.out}.tiles", "sweep.toml", "told")
+        own = (self.out, f"{self.out}.tiles", "sweep.toml", "told", "told before")
         return {
             str(path.relative_to(self.folder)): hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
             for path in sorted(self.folder.rglob("*"))
             if path.relative_to(self.folder).parts[0] not in own
         }
 
-    def start(self, *more: str, before: Callable[[], None] = lambda: None) -> int:
-        """A child that runs the sweep, after `before`."""
+    def start(self, *more: str, before: Callable[[], None] = lambda: None, told: str = "told") -> int:
+        """A child that runs the sweep, after `before`, and prints into the file `told`."""
 
         def call() -> None:
             from dimersweep.cli import main
@@ -155,15 +165,23 @@ class Scene:
             sys.argv = ["dimersweep", "run", "sweep.toml", "--no-plot", "--workers", "2", *more]
             main()
 
-        return forked(call, self.folder / "told")
+        return forked(call, self.folder / told)
 
-    def run(self, *more: str, before: Callable[[], None] = lambda: None) -> int | None:
+    def run(self, *more: str, before: Callable[[], None] = lambda: None) -> int:
         """Run the sweep to its end; its exit status."""
         return ended(self.start(*more, before=before))
 
-    def told(self) -> str:
-        """What the last child printed."""
-        return (self.folder / "told").read_text(errors="replace")
+    def came_through(self, pid: int, told: str = "told") -> str | None:
+        """Wait for a sweep that is under attack: it must make the cube, or say in one line why not; "FAILED: how" if not."""
+        code = ended(pid)
+        told = self.told(told)
+        if (code == 0 and self.cube.exists()) or (code and line_of(told)):
+            return None
+        return f"FAILED: under attack: exit {code}: {told.strip()[-300:]}"
+
+    def told(self, name: str = "told") -> str:
+        """What the last child printed, into that file."""
+        return (self.folder / name).read_text(errors="replace")
 
     def begin(self) -> None:
         """Leave a sweep behind that was killed after some of its points: one of a few that were."""
@@ -234,8 +252,31 @@ def is_same(cube: Path, reference: Path, told: Path) -> bool:
     return ended(forked(compare, told)) == 0
 
 
+def asked(scene: Scene) -> str:
+    """Ask for the status of the sweep, which changes nothing: "", or "FAILED: how"."""
+
+    def call() -> None:
+        from dimersweep.cli import main
+
+        sys.argv = ["dimersweep", "status", str(scene.cube)]
+        main()
+
+    own = [path for path in (scene.cube, scene.tiles) if path.exists()]
+    before = [(path, path.lstat().st_mtime_ns) for each in own for path in (each, *sorted(each.rglob("*")))]
+    code = ended(forked(call, scene.folder / "told"))
+    told = scene.told()
+    if [(path, path.lstat().st_mtime_ns) for each in own for path in (each, *sorted(each.rglob("*")))] != before:
+        return "FAILED: its status changed something"
+    if "Traceback" in told or (code and not line_of(told)):
+        return f"FAILED: status: exit {code}: {told.strip()[-300:]}"
+    return ""
+
+
 def judge(scene: Scene, references: dict[str, Path]) -> str:
-    """Ask for the sweep again: "same", "refused: why", or "FAILED: how"."""
+    """Ask for the status, and for the sweep again: "same", "refused: why", or "FAILED: how"."""
+    wrong = asked(scene)
+    if wrong:
+        return wrong
     code = scene.run(*scene.again)
     told = scene.told()
     beside = scene.snapshot()
@@ -308,6 +349,8 @@ def main() -> None:
                     verdict = chosen[name](scene) or judge(scene, references)
                 except Skipped as reason:
                     verdict = f"skipped: {reason}"
+                except Exception as error:  # the others are still to be made
+                    verdict = f"FAILED: {error!r}"
             verdicts[name][verdict.partition(":")[0]] += 1
             told[name] = verdict if verdict.startswith("FAILED") or name not in told else told[name]
             return scene.kills
