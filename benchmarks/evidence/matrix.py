@@ -148,16 +148,19 @@ def pip(python: Path, *asked: str) -> None:
 
 
 def environment_of(row: Row, wheel: Path, folder: Path) -> tuple[Path, dict[str, str]]:
-    """The Python of a row, and what puts its packages before the others; rows that ask alike share what is in `folder`."""
+    """The Python of a row, and what puts its packages before the others; rows that ask alike share what is in `folder`.
+
+    What an earlier call has left there is brought to what is asked now.
+    """
     base = interpreter(row.python)
     assert base is not None
-    like_this = base == sys.executable and not row.constraints  # then the packages of this process serve
+    like_this = not (row.python or row.constraints)  # then the packages of this process serve
     home = folder / ("here" if like_this else f"{row.python}-{Path(row.constraints).stem or 'newest'}")
     python = home / "bin" / "python"
     if not home.exists():
         subprocess.run([base, "-m", "venv", *(["--without-pip"] if like_this else []), str(home)], check=True)
-        if not like_this:
-            pip(python, str(wheel), *(("-c", row.constraints) if row.constraints else ()))
+    if not like_this:
+        pip(python, "-U", "--upgrade-strategy=eager", str(wheel), *(("-c", row.constraints) if row.constraints else ()))
     (own,) = home.glob("lib/python*/site-packages")
     if like_this:
         (own / "packages.pth").write_text("\n".join(path for path in sys.path if path.endswith("site-packages")))
