@@ -115,15 +115,14 @@ def _(scene: Scene) -> None:
 @attack("killed: while it replaces a Zarr cube")
 def _(scene: Scene) -> None:
     as_zarr(scene)
-    scene.complete()
     scene.declare(scene.text.replace("periods = 60", "periods = 61"))
     scene.complete()
+    scene.declare()
     pid = scene.start("--force")
     time.sleep(scene.rng.uniform(0.5, 1.5) * scene.length)
     os.kill(pid, signal.SIGKILL)
     os.waitpid(pid, 0)
     scene.kills += 1
-    scene.declare()
     scene.again = ("--force",)
 
 
