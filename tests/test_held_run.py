@@ -1,6 +1,7 @@
 """A run that is held: started from a state, gone on with, and what it says of itself."""
 
 import inspect
+import json
 
 import netCDF4
 import numpy as np
@@ -10,6 +11,7 @@ import xarray as xr
 import dimersweep
 from dimersweep import simulate
 from dimersweep.errors import ParameterError, StoreError
+from dimersweep.storage.provenance import digest
 from dimersweep.symbols import PARAMETERS
 
 pytestmark = pytest.mark.jit
@@ -252,6 +254,59 @@ def test_a_file_that_is_no_run_is_refused(tmp_path):
         file.configuration = file.configuration.replace('"Gamma": 0.9', '"Gamma": 1.9')
     with pytest.raises(StoreError, match=r"was changed or is incomplete$"):
         dimersweep.load_run(tmp_path / "run.nc")
+
+
+def forged(path, change):
+    """Change the configuration of a run's file, with a true checksum."""
+    with netCDF4.Dataset(path, "a") as file:
+        told = json.loads(file.configuration)
+        text = change if isinstance(change, str) else json.dumps(told | change)
+        file.setncatts({"configuration": text, "configuration_sha256": digest(text)})
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "[]",
+        "null",
+        "{}",
+        "[" * 100_000,
+        {"parameters": None},
+        {"parameters": {"e": 7}},
+        {"rtol": "x"},
+        {"outcome": {}},
+        {"outcome": None},
+        {"orbit": [1]},
+    ],
+    ids=lambda change: str(change)[:30],
+)
+@pytest.mark.parametrize("record", [True, False])
+def test_a_run_with_a_forged_configuration_is_refused(tmp_path, change, record):
+    simulate(periods=2, record=record).save(tmp_path / "run.nc")
+    forged(tmp_path / "run.nc", change)
+    with pytest.raises(
+        StoreError, match=r"run.nc: is a run of dimersweep that was changed or is incomplete \([^\n]+\)$"
+    ):
+        dimersweep.load_run(tmp_path / "run.nc")
+
+
+@pytest.mark.parametrize("name", ["end_start", "end_past", "event_rows", "segment_rows"])
+@pytest.mark.parametrize("cut", [lambda rows: rows[:, :2], lambda rows: rows.astype("f4"), lambda rows: rows[0]])
+def test_a_run_whose_rows_have_another_shape_is_refused_before_the_kernel_reads_beyond_them(tmp_path, name, cut):
+    simulate(periods=2).save(tmp_path / "run.nc")
+    with xr.open_dataset(tmp_path / "run.nc") as file:
+        whole = file.load()
+    rows = cut(whole[name].values)
+    changed = whole.drop_vars(name).assign({name: ([f"{name}_{k}" for k in range(rows.ndim)], rows)})
+    changed.to_netcdf(tmp_path / "cut.nc")
+    with pytest.raises(
+        StoreError, match=r"cut.nc: is a run of dimersweep that was changed or is incomplete \([^\n]+\)$"
+    ):
+        dimersweep.load_run(tmp_path / "cut.nc")
+    whole.drop_vars(name).to_netcdf(tmp_path / "less.nc")
+    if name != "event_rows":  # those of a run that was not recorded
+        with pytest.raises(StoreError, match=rf"changed or is incomplete \('{name}'\)$"):
+            dimersweep.load_run(tmp_path / "less.nc")
 
 
 def test_a_run_shows_what_it_is(tmp_path):

@@ -1,8 +1,8 @@
 """A run in a file: one NetCDF file that other programs read too, and that gives the run back, exactly."""
 
-import json
 import os
 import warnings
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,11 +12,14 @@ import xarray as xr
 
 from dimersweep.errors import StoreError
 from dimersweep.kernel import kernel_version
+from dimersweep.kernel.batch import N_START
+from dimersweep.kernel.record import N_EVENT, N_SEGMENT
+from dimersweep.kernel.verdict.past import PAST_COLUMNS, PAST_ROWS
 from dimersweep.parameters import Parameters
 from dimersweep.runs.recorded import Record
 from dimersweep.runs.solving import End
 from dimersweep.storage.netcdf import check_run_file, read_netcdf, write_cube
-from dimersweep.storage.provenance import attributes, digest
+from dimersweep.storage.provenance import attributes, digest, read_configuration
 from dimersweep.symbols import PARAMETERS
 
 if TYPE_CHECKING:
@@ -32,6 +35,13 @@ ROWS = {  # arrays of the kernel, their dimensions and meanings
     "segment_rows": (("segment", "segment_column"), "state at the start of each smooth phase, as the kernel wrote it"),
     "end_start": (("one", "start_column"), "state and friction modes at the end, from which the run goes on"),
     "end_past": (("past_row", "past_column"), "what the verdict on the mode keeps of the run"),
+}
+
+SHAPES = {  # 0 for as many as there are
+    "event_rows": (0, N_EVENT),
+    "segment_rows": (0, N_SEGMENT),
+    "end_start": (1, N_START),
+    "end_past": (PAST_ROWS, PAST_COLUMNS),
 }
 
 
@@ -94,30 +104,51 @@ def load_run(path: str | os.PathLike[str]) -> "Run":
     StoreError
         If there is no such file, or it is no run, or one that is damaged.
     """
-    from dimersweep.runs.run import Orbit, Run
-
     dataset = read_netcdf(Path(path))
     if "dimersweep_run" not in dataset.attrs:
         raise StoreError(f"{path}: is a NetCDF file, but no run of dimersweep")
+    changed = f"{path}: is a run of dimersweep that was changed or is incomplete"
     text = dataset.attrs.get("configuration", "")
-    if digest(text) != dataset.attrs.get("configuration_sha256") or "end_start" not in dataset:
-        raise StoreError(f"{path}: is a run of dimersweep that was changed or is incomplete")
-    told = json.loads(text)
-    if told["kernel_version"] != kernel_version():
-        line = f"{path}: was made by another version of the kernel; states between its events may differ in the last digits"
-        warnings.warn(line, RuntimeWarning, stacklevel=2)
+    if digest(text) != dataset.attrs.get("configuration_sha256"):
+        raise StoreError(changed)
     rows = {name: np.ascontiguousarray(dataset[name].values) for name in ROWS if name in dataset}
+    try:
+        told = read_configuration(text)
+        if told["kernel_version"] != kernel_version():
+            line = f"{path}: was made by another version of the kernel"
+            warnings.warn(
+                f"{line}; states between its events may differ in the last digits", RuntimeWarning, stacklevel=2
+            )
+        _check_rows(rows)
+        return _as_run(told, rows)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise StoreError(f"{changed} ({' '.join(str(error).split())[:200]})") from error
+
+
+def _check_rows(rows: Mapping[str, np.ndarray]) -> None:
+    """Refuse rows that the kernel, which trusts their shapes, would read beyond.
+
+    Raises
+    ------
+    ValueError
+    """
+    for name, values in rows.items():
+        shape = tuple(want or found for want, found in zip(SHAPES[name], values.shape, strict=True))
+        if values.dtype != np.float64 or values.shape != shape:
+            raise ValueError(f"{name} has shape {values.shape} and type {values.dtype} in place of {shape} and float64")
+
+
+def _as_run(told: dict[str, Any], rows: dict[str, np.ndarray]) -> "Run":
+    """The run that a configuration and the rows of the kernel tell."""
+    from dimersweep.runs.run import Orbit, Run
+
+    row, recorded = Parameters(**told["parameters"]).row(), "event_rows" in rows
     return Run(
         parameters=told["parameters"],
         start=told["start"],
-        rtol=told["rtol"],
+        rtol=float(told["rtol"]),
         orbit=told["orbit"] and Orbit(**told["orbit"]),
         **told["outcome"],
-        _record=_record(told, rows) if "event_rows" in rows else None,
+        _record=Record(row, rows["event_rows"], rows["segment_rows"], told["record_cut"]) if recorded else None,
         _end=End(rows["end_start"], rows["end_past"]),
     )
-
-
-def _record(told: dict[str, Any], rows: dict[str, np.ndarray]) -> Record:
-    row = Parameters(**told["parameters"]).row()
-    return Record(row, rows["event_rows"], rows["segment_rows"], told["record_cut"])
