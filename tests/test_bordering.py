@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
@@ -12,7 +13,8 @@ from dimersweep.errors import OrbitError, ParameterError, Stopped, StoreError
 from dimersweep.plots.borders import draw_borders
 from dimersweep.storage.provenance import as_text
 from dimersweep.studies import bordering
-from dimersweep.studies.bordering import make_borders, plan_borders, read_borders
+from dimersweep.studies.bordering import make_borders, plan_borders, read_borders, storable
+from dimersweep.studies.parts import parts_beside
 
 BORDERS = Path(__file__).parents[1] / "sweeps" / "borders"
 
@@ -112,6 +114,63 @@ def test_parts_of_another_declaration_are_refused_and_a_file_of_the_user_stays(t
     with pytest.raises(StoreError, match=r"holds part-\*\.nc without a configuration\.json, which tells what they are"):
         make_borders(declared, tmp_path / "two.nc", force=True)
     assert (parts / "part-family-0.nc").read_text() == "whose?"
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("damage", ["cut", "of another declaration"])
+def test_a_part_that_is_damaged_is_told_and_made_again(tmp_path, monkeypatch, damage):
+    declaration, out, parts = tmp_path / "two.toml", tmp_path / "two.nc", tmp_path / "two.nc.parts"
+    declaration.write_text(FAMILIES)
+    declared = read_borders(declaration)
+    whole, asked = make_borders(declared), []
+    with parts_beside(out, declared.configuration) as kept:
+        for name, make in declared.parts().items():
+            kept.take(name, lambda make=make: storable(make(lambda line: None)))
+    part = parts / "part-family-1.nc"
+    if damage == "cut":
+        part.write_bytes(part.read_bytes()[:-1000])
+        told = "is no NetCDF file, or a damaged one"
+    else:
+        with netCDF4.Dataset(part, "a") as file:
+            file.configuration = "{}"
+        told = "is of another configuration"
+    monkeypatch.setattr(bordering, "family", lambda **given: asked.append(given["A_r"]) or orbits.family(**given))
+    with pytest.warns(RuntimeWarning, match=rf"part-family-1.nc: {told}.*; it is made again$"):
+        again = make_borders(declared, out)
+    assert asked == [6.0]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["two.nc", "two.toml"]
+    xr.testing.assert_equal(again, whole)
+
+
+@pytest.mark.parametrize("kind", ["file", "link", "dangling link"])
+def test_what_is_no_folder_of_parts_is_refused_and_stays(tmp_path, kind):
+    declaration, parts, mine = tmp_path / "two.toml", tmp_path / "two.nc.parts", tmp_path / "mine"
+    declaration.write_text(FAMILIES)
+    if kind == "file":
+        parts.write_text("precious")
+    else:
+        parts.symlink_to(mine if kind == "link" else "nowhere")
+    mine.mkdir()
+    for force in (False, True):
+        with pytest.raises(
+            StoreError, match=r"two.nc.parts: is no folder, where what is finished is kept; move it, or"
+        ):
+            make_borders(read_borders(declaration), tmp_path / "two.nc", force=force)
+    assert list(mine.iterdir()) == []
+    assert not (tmp_path / "nowhere").exists()
+
+
+def test_a_lock_among_the_parts_that_is_a_link_is_refused_in_a_line(tmp_path):
+    declaration, parts = tmp_path / "two.toml", tmp_path / "two.nc.parts"
+    declaration.write_text(FAMILIES)
+    parts.mkdir()
+    (tmp_path / "mine").write_text("precious")
+    (parts / "lock").symlink_to(tmp_path / "mine")
+    with pytest.raises(
+        StoreError, match=r"^[^\n]*two.nc.parts: could not be written \(Too many levels of symbolic links\)"
+    ):
+        make_borders(read_borders(declaration), tmp_path / "two.nc")
+    assert (tmp_path / "mine").read_text() == "precious"
 
 
 @pytest.mark.jit

@@ -402,7 +402,7 @@ def test_a_folder_of_tiles_that_is_a_link_is_refused_before_any_work(monkeypatch
     Path("file").write_text("precious")
     Path("cube.nc.tiles").symlink_to(target)
     monkeypatch.setattr("dimersweep.work.tiles.run_many", lambda *rest, **more: pytest.fail("work was done"))
-    with pytest.raises(StoreError, match=r"^cube.nc.tiles: is no folder, where finished points are kept; move it, or"):
+    with pytest.raises(StoreError, match=r"^cube.nc.tiles: is no folder, where what is finished is kept; move it, or"):
         sweep(force=True)
     assert os.listdir("elsewhere") == []
     assert sorted(os.listdir()) == ["cube.nc.tiles", "elsewhere", "file"]

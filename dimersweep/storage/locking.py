@@ -52,13 +52,17 @@ def locked(path: Path) -> Iterator[None]:
     Raises
     ------
     StoreError
-        If another process holds it, naming that process.
+        If another process holds it, naming that process, or there is no folder but something else of that name: a link
+        might lead to a folder of the user's.
     OSError
         If the file cannot be made.
     """
+    folder = path.parent
+    if os.path.lexists(folder) and (folder.is_symlink() or not folder.is_dir()):
+        raise StoreError(f"{folder}: is no folder, where what is finished is kept; move it, or give another output")
     patience_ends = time.monotonic() + PATIENCE
     while True:
-        path.parent.mkdir(exist_ok=True)
+        folder.mkdir(exist_ok=True)
         handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
         try:
             held = _try(handle)
@@ -70,7 +74,7 @@ def locked(path: Path) -> Iterator[None]:
             raise
         os.close(handle)
         if not held and time.monotonic() > patience_ends:
-            raise StoreError(f"{path.parent}: a sweep is at work here ({_holder(path)}); wait for it or stop it first")
+            raise StoreError(f"{folder}: a sweep is at work here ({_holder(path)}); wait for it or stop it first")
         time.sleep(0.02)
     try:
         me = {"pid": os.getpid(), "host": socket.gethostname(), "since": time.strftime("%Y-%m-%d %H:%M:%S")}

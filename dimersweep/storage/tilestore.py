@@ -371,10 +371,6 @@ def tile_store(
         If another process is at work there, what is there belongs to another configuration (with what differs), or
         the folder cannot be written.
     """
-    if os.path.lexists(folder_of(out)) and (folder_of(out).is_symlink() or not folder_of(out).is_dir()):
-        raise StoreError(
-            f"{folder_of(out)}: is no folder, where finished points are kept; move it, or give another output"
-        )
     with ExitStack() as stack:
         with told(f"{folder_of(out)}", "nothing was computed"):
             stack.enter_context(locked(lock_of(out)))

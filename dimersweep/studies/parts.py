@@ -1,7 +1,8 @@
 """Finished parts of a long calculation, kept in a folder beside its file until the file is whole."""
 
+import warnings
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -42,15 +43,30 @@ class Parts:
         return path is not None and path.is_file()
 
     def take(self, name: str, make: Callable[[], xr.Dataset]) -> xr.Dataset:
-        """A part: read if it is there, or made and kept."""
+        """A part: read if it is there and sound, or made and kept."""
         path = self.path(name)
         if path is None:
             return make()
-        if not self.has(name):
-            write_cube(make().assign_attrs(self.configured), path, scratch=path.with_name(SCRATCH))
-        part = read_netcdf(path)  # a part that was kept and one that is new come the same way
+        part = self._kept(path)
+        if part is None:
+            write_cube(make().assign_attrs(self.configured), path, force=True, scratch=path.with_name(SCRATCH))
+            part = read_netcdf(path)  # a part that was kept and one that is new come the same way
         part.attrs = {key: value for key, value in part.attrs.items() if key not in self.configured}
         return part
+
+    def _kept(self, path: Path) -> xr.Dataset | None:
+        """A part, if it is there, undamaged and of this configuration; if it is not sound, that is told."""
+        if not path.is_file():
+            return None
+        try:
+            part = read_netcdf(path)
+            if self.configured.items() <= part.attrs.items():
+                return part
+            told = f"{path}: is of another configuration"
+        except StoreError as error:
+            told = str(error)
+        warnings.warn(f"{told}; it is made again", RuntimeWarning, stacklevel=5)  # of what has called make_borders
+        return None
 
     def remove(self) -> None:
         """Remove the folder and what was written to it; whatever else is there stays, and the folder with it."""
@@ -82,8 +98,9 @@ def parts_beside(out: Path | None, configuration: Mapping[str, Any], *, force: b
     if parts.folder is None:
         yield parts
         return
-    with locked(parts.folder / LOCK):
+    with ExitStack() as stack:
         with told(str(parts.folder), ""):
+            stack.enter_context(locked(parts.folder / LOCK))
             _claim(parts, configuration, force=force)
         try:
             yield parts
