@@ -201,6 +201,28 @@ def test_temporary_files_of_a_kill_are_no_trouble(counted, recwarn):
     assert os.listdir() == ["cube.nc"]
 
 
+def test_files_of_the_users_in_the_folder_stay_and_are_not_taken_for_results():
+    for path in left_behind((0, 30)):
+        path.unlink()
+    MANIFEST.unlink()
+    mine = [Path("cube.nc.tiles", name) for name in ("tiles-x.npy", "tiles-0003.npy.bak", "notes.tmp", "tiles-w12.npy")]
+    for path in mine:
+        path.write_text("precious")
+    for again in ({}, {"force": True}, {"force": True, "periods": 6}):
+        sweep(**again)
+        Path("cube.nc").unlink()
+        left_behind((0, 30))
+    assert {path.read_text() for path in mine} == {"precious"}
+
+
+def test_the_status_of_a_manifest_that_cannot_be_read_is_one_line():
+    left_behind((0, 30))
+    MANIFEST.unlink()
+    MANIFEST.mkdir()
+    with pytest.raises(StoreError, match=r"^cube.nc.tiles/manifest.jsonl: cannot be read \(Is a directory\)$"):
+        status(Path("cube.nc"))
+
+
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [

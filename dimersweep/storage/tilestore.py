@@ -51,6 +51,7 @@ FLUSH_BYTES = 1 << 26  # of tiles that wait: a larger file would take memory, an
 KEPT_BYTES = 1 << 28  # of files that are held in memory while points are read in order
 TOLD_FILES = 5  # whose damage is told one by one
 _NAME = re.compile(r"tiles-(\d+|w[0-9a-f]{16})\.npy")  # of files that the driver has written, and of those of workers
+_HALF = re.compile(rf"({_NAME.pattern}|manifest\.jsonl|token|cube)\.tmp")  # of files that a kill has left half written
 
 
 def folder_of(out: Path) -> Path:
@@ -66,6 +67,11 @@ def manifest_of(out: Path) -> Path:
 def lock_of(out: Path) -> Path:
     """The lock of the sweep for `out`."""
     return folder_of(out) / "lock"
+
+
+def _named(folder: Path, pattern: re.Pattern[str]) -> list[Path]:
+    """Files of this program in a folder that may be gone, or that a user may have put others into."""
+    return [path for path in folder.glob("*") if pattern.fullmatch(path.name)]
 
 
 class TileStore:
@@ -95,7 +101,7 @@ class TileStore:
         self._index: list[tuple[Tile, Entry]] = []
 
     def _files(self) -> list[Path]:
-        return [path for path in self.folder.glob("tiles-*.npy") if _NAME.fullmatch(path.name)]
+        return _named(self.folder, _NAME)
 
     @property
     def scratch(self) -> Path:
@@ -167,7 +173,7 @@ class TileStore:
         put(manifest_of(self.out), [written])
         self.manifest.length = len(written)
         listed = {entry.file for entry in entries}
-        for path in (*self._files(), *self.folder.glob("*.tmp")):
+        for path in (*self._files(), *_named(self.folder, _HALF)):
             if path.name not in listed:
                 delete(path)
 
@@ -314,7 +320,7 @@ class TileStore:
     def clear(self) -> None:
         """Delete all results."""
         close_shelf(self.folder)
-        for path in (*self._files(), *self.folder.glob("*.tmp"), manifest_of(self.out)):
+        for path in (*self._files(), *_named(self.folder, _HALF), manifest_of(self.out)):
             delete(path)
 
     def remove(self) -> None:
@@ -329,7 +335,7 @@ def _opened(out: Path, nothing: Manifest, kind: np.dtype) -> TileStore:
     """What is in the folder of `out`, if it goes with `nothing`, the manifest to begin with."""
     path = manifest_of(out)
     if not path.exists():
-        if any(folder_of(out).glob("tiles-*.npy")):
+        if _named(folder_of(out), _NAME):
             raise StoreError(f"{path.parent}: holds results, but no manifest of them; sweep anew (force=True)")
         put(path, [lines(nothing)])
     manifest = read_manifest(path)

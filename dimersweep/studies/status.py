@@ -50,7 +50,12 @@ def _of_tiles(out: Path) -> list[str]:
         tally.update(entry.modes)
         last = entry.time
 
-    manifest = read_manifest(manifest_of(out), take)
+    try:
+        manifest = read_manifest(manifest_of(out), take)
+    except StoreError:
+        raise
+    except OSError as error:
+        raise StoreError(f"{manifest_of(out)}: cannot be read ({error.strerror})") from None
     done = tally.total()
     lines = [f"{out}: {manifest.words_for(done)} done ({100 * done // max(manifest.wanted, 1)} %)"]
     if done:
