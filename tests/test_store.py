@@ -16,7 +16,7 @@ import dimersweep
 from dimersweep.cubes.cube import blank, build, names
 from dimersweep.cubes.grid import make_grid
 from dimersweep.errors import StoreError, UserError
-from dimersweep.storage.netcdf import check_writable, count_modes, open_cube, write_cube
+from dimersweep.storage.netcdf import check_output, check_writable, count_modes, open_cube, write_cube
 from dimersweep.storage.provenance import attributes, digest
 from dimersweep.studies.rerun import from_cube
 from dimersweep.studies.status import status
@@ -205,6 +205,14 @@ def test_a_small_file_that_declares_much_is_refused(cube, tmp_path, points):
     for ask in (open_cube, status):
         with pytest.raises(StoreError, match=r"bomb.nc: declares \d+ bytes, which its \d+ cannot hold; it is damaged$"):
             ask(tmp_path / "bomb.nc")
+
+
+@pytest.mark.parametrize("path", ["", "a\0b", "a\nb", "a\x1b[2Jb", "a\0b.nc", "a\nb/cube.nc", "a\x1b[2Jb/cube.nc"])
+def test_a_name_that_a_terminal_would_not_show_is_told_as_python_writes_it(path):
+    with pytest.raises(UserError) as caught:
+        check_output(path)
+    assert str(caught.value).startswith(f"out = {path!r}: ")
+    assert str(caught.value).isprintable()
 
 
 def packed(numbers, written):

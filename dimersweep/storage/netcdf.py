@@ -47,19 +47,29 @@ def check_writable(path: str | os.PathLike[str], *, force: bool = False, name: s
         device or anything else that is no file (or no Zarr group, for a name that ends in .zarr).
     """
     path = Path(path)
-    wrong = _no_output(path)
+    wrong, shown = _no_output(path), _shown(path)
     if wrong:
-        raise StoreError(f"{name} = {path if str(path).isprintable() else repr(str(path))}: {wrong}")
+        raise StoreError(f"{name} = {shown}: {wrong}")
     if not path.parent.is_dir():
-        raise StoreError(f"{name} = {path}: the folder {path.parent} does not exist")
+        raise StoreError(f"{name} = {shown}: the folder {_shown(path.parent)} does not exist")
     if path.exists() and not force:
-        raise StoreError(f"{name} = {path}: exists already; give another name, or force it to be replaced (force=True)")
+        raise StoreError(
+            f"{name} = {shown}: exists already; give another name, or force it to be replaced (force=True)"
+        )
     try:
         with tempfile.TemporaryFile(dir=path.parent):
             pass
     except OSError as error:
-        raise StoreError(f"{name} = {path}: the folder {path.parent} is not writable ({error.strerror})") from None
+        raise StoreError(
+            f"{name} = {shown}: the folder {_shown(path.parent)} is not writable ({error.strerror})"
+        ) from None
     return path
+
+
+def _shown(path: str | os.PathLike[str]) -> str:
+    """A path as a message shows it: none and signs that a terminal would take for its own are seen."""
+    text = str(path)
+    return text if text and text.isprintable() else repr(text)
 
 
 def _no_output(path: Path) -> str:
@@ -104,7 +114,7 @@ def check_ending(path: str, *, name: str = "out", what: str = "a cube", endings:
         If it is not: the ending would promise another format.
     """
     if Path(path).suffix not in endings:
-        raise ParameterError(f"{name} = {path}: {what} must end in {' or '.join(endings)}")
+        raise ParameterError(f"{name} = {_shown(path)}: {what} must end in {' or '.join(endings)}")
     return path
 
 
