@@ -3,7 +3,7 @@
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TypeVar
 
 from dimersweep.kernel.batch import Workspace, new_workspace, stop
@@ -69,8 +69,9 @@ def stoppable(call: Callable[[StopFlag], T], seconds: float | None = None) -> T:
     flag = StopFlag()
     if seconds is None and threading.current_thread() is not threading.main_thread():
         return call(flag)
-    future = in_thread(lambda: call(flag))
+    future: Future[T] | None = None
     try:
+        future = in_thread(lambda: call(flag))
         try:
             return future.result(seconds)
         except TimeoutError:
@@ -78,5 +79,7 @@ def stoppable(call: Callable[[StopFlag], T], seconds: float | None = None) -> T:
             return future.result()
     except KeyboardInterrupt:
         flag.set()
-        future.exception(GRACE)
+        with suppress(TimeoutError):
+            if future is not None:
+                future.exception(GRACE)
         raise
