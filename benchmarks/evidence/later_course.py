@@ -6,6 +6,7 @@ of the orbit, which lies away from its events, so a strobe in the middle of a ho
 in the spin, to within its change in one period of the motion, and no time is foretold.
 """
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -13,17 +14,25 @@ import numpy as np
 from dimersweep import simulate
 from dimersweep.kernel.model.layout import ROW_PHI0
 from dimersweep.kernel.verdict.settling import KEPT, PATIENCE
+from dimersweep.orbits.branch import COMPLEX
 from dimersweep.orbits.finding import repeats_after
+from dimersweep.orbits.following import traced
 from dimersweep.orbits.guesses import of_run
-from dimersweep.orbits.manifold import multipliers_of, on_manifold, slow_direction
+from dimersweep.orbits.manifold import has_fast_part, multipliers_of, on_manifold, slow_direction
+from dimersweep.orbits.orbit import orbit_of
 from dimersweep.orbits.passage import TURN, Passage
 from dimersweep.orbits.return_map import OrbitLost, ReturnMap, Tape
-from dimersweep.orbits.solving import Fixed, fixed_at
+from dimersweep.orbits.solving import Fixed, fixed_at, solve
 from dimersweep.orbits.word import word_of
 
 KEEPS, FORETOLD, UNEXPLAINED = "keeps to its family", "foretold", "passes a border later"
+SHORTER = "shorter period"
+NOTHING, SLOW = "Newton's method finds none beyond", "its fast part is no faster than its spin"
 ON = KEPT  # distance from the family, in units of the section, up to which a run is on it
 MAP_RTOL, STEP = 1e-12, 1e-6  # of the map, and of its derivatives by differences
+NEAR = 0.1  # how far the point of a settled run fails to close at most
+NARROWED = 1e-3  # of the spin's change in one period: how well the end of a family is known
+FOLLOWED = 60  # points of the branch of fixed points on which a fold is looked for
 
 
 class Seen(NamedTuple):
@@ -32,7 +41,7 @@ class Seen(NamedTuple):
     after: int
     spin: float
     apart: float
-    multiplier: float
+    multiplier: complex
     word: str
 
 
@@ -41,6 +50,14 @@ class Border(NamedTuple):
 
     kind: str
     spins: tuple[float, float]
+
+    def __str__(self) -> str:
+        low, high = self.spins
+        return (
+            f"{self.kind} at spin {low:.6g} to {high:.6g} rad/s"
+            if low != high
+            else f"{self.kind} at spin {low:.7g} rad/s"
+        )
 
 
 class Sampled:
@@ -75,6 +92,8 @@ class Sampled:
         """
         begun = simulate(**self.point, periods=after, rtol=self.rtol)
         m, z = of_run(begun, begun.parameters, period, MAP_RTOL, Tape())
+        if distance(m.image(z).point, z, m) > NEAR:
+            raise OrbitLost("the run does not come back to where it was")
         near = at_point(m, z)
         found = on_manifold(near)
         if found is near:
@@ -86,7 +105,7 @@ class Sampled:
         tried = []
         for k in range(after, after + at.map.periods):
             try:
-                tried.append((distance(at, self.at(at.map, k)), k))
+                tried.append((distance(at.z, self.at(at.map, k), at.map), k))
             except OrbitLost:
                 continue
         return min(tried, default=(np.inf, after))
@@ -98,9 +117,9 @@ def at_point(m: ReturnMap, z: np.ndarray) -> Fixed:
     return fixed_at(m, z)
 
 
-def distance(at: Fixed, z: np.ndarray) -> float:
-    """Of a point of the section from one of the manifold, the spin aside."""
-    return float(np.delete(np.abs(z - at.z), at.map.slow).max())
+def distance(a: np.ndarray, b: np.ndarray, m: ReturnMap) -> float:
+    """Of two points of a section, the spin aside."""
+    return float(np.delete(np.abs(b - a), m.slow).max())
 
 
 def led_to(at: Fixed, spin: float) -> np.ndarray:
@@ -135,9 +154,18 @@ def in_own_section(at: Fixed) -> Fixed:
         return at
 
 
-def multiplier_of(at: Fixed) -> float:
-    """Size of the largest multiplier of the fast part."""
-    return float(np.abs(multipliers_of(at)[0]).max(initial=0.0))
+def multiplier_of(at: Fixed) -> complex:
+    """The largest multiplier of the fast part."""
+    return complex(multipliers_of(at)[0][0])
+
+
+def stability_lost(before: complex, after: complex) -> str | None:
+    """What a motion has passed that is stable at first and unstable then, by its largest multiplier."""
+    if abs(before) > 1.0 or abs(after) <= 1.0:
+        return None
+    if abs(after.imag) > COMPLEX:
+        return "torus"
+    return "fold" if after.real > 0 else "flip"
 
 
 def border_ahead(at: Fixed, periods: int) -> Border | None:
@@ -148,12 +176,38 @@ def border_ahead(at: Fixed, periods: int) -> Border | None:
         try:
             there = next_on_manifold(at, spins[1])
         except OrbitLost:
-            return Border(f"end of the family ({beyond(at, spins[1])})", spins)
+            return end_of(at, spins[1])
         if word_of(there.image.passage) != word:
             return Border(f"word ({word} to {word_of(there.image.passage)})", spins)
-        if multiplier_of(there) > 1.0 >= multiplier_of(at):
-            return Border("loss of stability", spins)
+        lost = stability_lost(multiplier_of(at), multiplier_of(there))
+        if lost:
+            return Border(lost, spins)
         at = in_own_section(there)
+    return None
+
+
+def end_of(at: Fixed, spin: float) -> Border:
+    """Where a family ends that has no point at a spin ahead, by halving, and what the map does there."""
+    low, high = at.image.spin, spin
+    least = NARROWED * abs(high - low)
+    while abs(high - low) > least:
+        middle = 0.5 * (low + high)
+        try:
+            at, low = next_on_manifold(at, middle), middle
+        except OrbitLost:
+            high = middle
+    return Border(f"end of the family ({beyond(at, spin)})", (low, high))
+
+
+def fold_behind(begin: Fixed, spin: float) -> Border | None:
+    """The fold of the fixed points themselves between a point of a family and a spin, which a run that creeps passes late."""
+    try:
+        fixed = solve(begin.map, begin.z, begin.image.spin)
+    except OrbitLost:
+        return None
+    for entry in traced(orbit_of(fixed, 0.0), "spin", spin, FOLLOWED, words=False).entries:
+        if entry.special == "fold":
+            return Border("fold", (entry.value, entry.value))
     return None
 
 
@@ -167,15 +221,28 @@ def beyond(at: Fixed, spin: float) -> str:
     if new != word:
         return f"beyond it the word changes from {word} to {new}"
     before, after = (len(one.events) for one in (at.image.passage, passage))
-    return f"{before} events in its period, {after} beyond" if before != after else "Newton's method finds none beyond"
+    if before != after:
+        return f"{before} events in its period, {after} beyond"
+    return NOTHING if has_fast_part(at) else SLOW
 
 
 class Stretch(NamedTuple):
-    """A run beside its family, period by period of the motion, and the last point of the family that was found."""
+    """A run beside its family, period by period of the motion, and the first and last point of the family."""
 
     seen: list[Seen]
+    first: Fixed
     last: Fixed
     left: int | None  # where the family does not go on: after so many periods
+
+    def stability_lost(self) -> Border | None:
+        """Where the family lost its stability last, if it has none at its end."""
+        if abs(self.seen[-1].multiplier) <= 1.0:
+            return None
+        for b, a in pairwise(reversed(self.seen)):
+            kind = stability_lost(a.multiplier, b.multiplier)
+            if kind:
+                return Border(f"{kind} passed after {a.after} periods", (a.spin, b.spin))
+        return None
 
 
 def stretch(run: Sampled, at: Fixed, after: int) -> Stretch:
@@ -185,7 +252,7 @@ def stretch(run: Sampled, at: Fixed, after: int) -> Stretch:
     further behind, by what the map adds to the points found: this is added up and taken into account.
     """
     seen: list[Seen] = []
-    behind = np.zeros(at.z.size)
+    first, behind = at, np.zeros(at.z.size)
     _, k = run.passage_near(at, after)
     while k + 2 * at.map.periods < run.periods:
         m = at.map
@@ -193,18 +260,18 @@ def stretch(run: Sampled, at: Fixed, after: int) -> Stretch:
             z = run.at(m, k)
             there = next_on_manifold(at, m.image(z).spin)
         except OrbitLost:
-            return Stretch(seen, at, k)
+            return Stretch(seen, first, at, k)
         if seen:
             behind = at.matrix @ behind + at.image.point - there.z
             behind[m.slow] = 0.0
-        apart = distance(there, z - behind)
+        apart = distance(there.z, z - behind, m)
         seen.append(Seen(k, there.image.spin, apart, multiplier_of(there), word_of(there.image.passage)))
         at = in_own_section(there)
         k += m.periods
         if at is not there:  # the new section may lie in another one of the periods of the motion
             behind = np.zeros(at.z.size)
             _, k = run.passage_near(at, k)
-    return Stretch(seen, at, None)
+    return Stretch(seen, first, at, None)
 
 
 def stretches(run: Sampled, period: int, stop: int) -> list[Stretch]:
@@ -234,8 +301,22 @@ class Why(NamedTuple):
 
 
 def why(run: Sampled, period: int, stop: int) -> Why:
-    """What becomes of a motion of some period after the stop of its run."""
-    families = stretches(run, period, stop)
+    """What becomes of a motion after the stop of its run that told its period.
+
+    Where no orbit of that period explains it, one of a shorter period does, if the motion comes near it too slowly.
+    """
+    told = course(run, period, period, stop)
+    for shorter in (q for q in range(period - 1, 0, -1) if period % q == 0 and told.kind == UNEXPLAINED):
+        one = course(run, shorter, period, stop)
+        if one.kind != UNEXPLAINED:
+            kind = SHORTER if one.kind == KEEPS else one.kind
+            return Why(kind, f"with its shorter period {shorter}, {one.shown}")
+    return told
+
+
+def course(run: Sampled, orbit: int, period: int, stop: int) -> Why:
+    """The same, beside orbits of one period."""
+    families = stretches(run, orbit, stop)
     at_stop = [n for n, one in enumerate(families) if one.seen[-1].after >= stop - period]
     if not at_stop:
         return Why(UNEXPLAINED, "no orbit is found near the run at its stop")
@@ -250,9 +331,17 @@ def why(run: Sampled, period: int, stop: int) -> Why:
         return Why(UNEXPLAINED, on)
     if one.left is None:
         shorter = repeats_after(one.last)
-        return Why("shorter period", f"{on}; it repeats after {shorter}") if shorter < period else Why(KEEPS, on)
-    border = border_ahead(one.last, 2 * period)
-    if border is None:
+        return Why(SHORTER, f"{on}; it repeats after {shorter}") if shorter < orbit else Why(KEEPS, on)
+    borders = borders_of(one, 2 * period)
+    if not borders:
         return Why(UNEXPLAINED, f"{on}; then it leaves it, and the family goes on")
     then = f"; on a family again after {later[-1].seen[0].after}" if later and later[-1].left is None else ""
-    return Why(FORETOLD, f"{on}; {border.kind} at spin {border.spins[0]:.6g} to {border.spins[1]:.6g} rad/s{then}")
+    return Why(FORETOLD, f"{on}; {', '.join(str(border) for border in borders)}{then}")
+
+
+def borders_of(one: Stretch, periods: int) -> list[Border]:
+    """Why a run leaves its family: what that has passed, and what lies ahead within so many periods."""
+    found = [one.stability_lost(), border_ahead(one.last, periods)]
+    if found[0] is None and found[1] is not None and (NOTHING in found[1].kind or SLOW in found[1].kind):
+        found[0] = fold_behind(one.first, one.last.image.spin)
+    return [border for border in found if border is not None]

@@ -17,7 +17,7 @@ import verbs_loops
 from verbs_inputs import DOUBLE, SINGLE, harvest
 from verbs_loops import VERBS, Harvest, call
 
-from dimersweep import simulate
+from dimersweep import orbits, simulate
 from dimersweep.kernel.compiler.cache import base_folders
 from dimersweep.kernel.model.layout import (
     BETA,
@@ -193,6 +193,16 @@ PASSES_A_BORDER = {
     "beta0": 1.1040930235653665,
     "xdot0": 1.7378546837487074,
 }
+ALTERNATES = {
+    "e": 0.8391827475082073,
+    "Gamma": 1.1072376298475284,
+    "f": 14.18583254602025,
+    "A_r": 7.83688448173043,
+    "mu": 0.08568674004111577,
+    "mu_s": 0.15950764035401868,
+    "beta0": 0.7738863607370206,
+    "xdot0": 1.4379699116089182,
+}
 STROBED_IN_A_HOP = {
     "e": 0.7047298080489681,
     "Gamma": 0.9713073882590381,
@@ -228,8 +238,32 @@ def test_a_border_on_the_way_is_foretold():
     lost = 73 + int(np.flatnonzero(left[72:] > early_stop.KEPT)[0])
     assert 0 <= lost - one.left <= 3
     foretold = later_course.border_ahead(run.start(lost - 20, 1), 40)  # at the pace of the family alone
-    assert foretold.spins[1] == pytest.approx(border.spins[1], abs=2 * (border.spins[1] - border.spins[0]))
+    pace = one.seen[-1].spin - one.seen[-2].spin
+    assert foretold.spins[1] == pytest.approx(border.spins[1], abs=0.1 * abs(pace))
+    assert abs(border.spins[1] - border.spins[0]) < 1e-2 * abs(pace)
     assert later_course.border_ahead(run.start(lost - 50, 1), 24) is None  # and none before
+
+
+def test_a_motion_near_a_shorter_period_is_explained_by_that():
+    """Told period 6, it is one of period 3 whose multiplier is -0.997: what alternates lasts up to a change of word."""
+    run = later_course.Sampled(ALTERNATES, 400, 1e-8)
+    why = later_course.why(run, 6, 354)
+    assert why.kind == later_course.FORETOLD
+    assert "shorter period 3" in why.shown
+    last = later_course.stretch(run, run.start(354, 3), 354).last
+    border = later_course.border_ahead(last, 12)
+    branch = orbits.follow(orbits.find(guess=simulate(**ALTERNATES, periods=330), periods=3), "spin", to=199.0)
+    (word,) = branch["spin"].values[branch["special"].values == "word"]
+    assert border.spins[0] == pytest.approx(word, abs=0.01)
+
+
+def test_the_fold_behind_a_family_is_found():
+    Gamma = float(orbits.border("fold", "Gamma", over={"e": [0.6]}, spin=120.0)["Gamma"][0])
+    begin = orbits.find(Gamma=Gamma, spin=100.0).fixed
+    fold = later_course.fold_behind(begin, 140.0)
+    assert fold.kind == "fold"
+    assert fold.spins[0] == pytest.approx(120.0, abs=0.01)  # the spin of a border is that at another phase
+    assert later_course.fold_behind(begin, 110.0) is None
 
 
 def test_a_motion_whose_strobes_lie_in_a_hop_keeps_to_its_family():

@@ -61,21 +61,23 @@ def on_manifold(fixed: Fixed) -> Fixed:
     values, vectors = np.linalg.eig(fixed.matrix)
     v = vectors[:, int(np.argmin(np.abs(values - 1)))].real
     lean = v / v[m.slow]
+    others = np.arange(fixed.z.size) != m.slow
 
     def value(z: np.ndarray) -> tuple[np.ndarray, Image]:
         image = m.image(z)
         r = defect(m, z, image, fixed.image.spin)
-        moved = image.point[m.slow] - z[m.slow]
-        fast = np.arange(z.size) != m.slow
-        r[fast] -= moved * lean[fast]
+        r[others] -= (image.point - z)[m.slow] * lean[others]
         return r, image
 
-    A = system(m, fixed.matrix, fixed.gradient)
-    creep = fixed.matrix[m.slow] - np.eye(fixed.z.size)[m.slow]
-    others = np.arange(fixed.z.size) != m.slow
-    A[others] -= np.outer(lean[others], creep)
+    def derivative(matrix: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+        A = system(m, matrix, gradient)
+        creep = (matrix - np.eye(len(matrix)))[m.slow]
+        A[others] -= np.outer(lean[others], creep)
+        return A
+
+    known = derivative(fixed.matrix, fixed.gradient)
     try:
-        root = newton(value, fixed.z, lambda _: A, TOLERANCE * m.rtol, A)
+        root = newton(value, fixed.z, lambda z: derivative(*m.jacobian(z)), TOLERANCE * m.rtol, known)
         if np.abs(root.y - fixed.z).max() > FARTHEST:
             return fixed
         return fixed_at(m, root.y, root.told, float(np.abs(root.value).max()))
