@@ -18,11 +18,11 @@ from dimersweep.orbits.branch import COMPLEX
 from dimersweep.orbits.finding import repeats_after
 from dimersweep.orbits.following import traced
 from dimersweep.orbits.guesses import of_run
-from dimersweep.orbits.manifold import has_fast_part, multipliers_of, on_manifold, slow_direction
+from dimersweep.orbits.manifold import FARTHEST, has_fast_part, multipliers_of, slow_direction
 from dimersweep.orbits.orbit import orbit_of
 from dimersweep.orbits.passage import TURN, Passage
-from dimersweep.orbits.return_map import OrbitLost, ReturnMap, Tape
-from dimersweep.orbits.solving import Fixed, fixed_at, solve
+from dimersweep.orbits.return_map import Image, OrbitLost, ReturnMap, Tape
+from dimersweep.orbits.solving import TOLERANCE, Fixed, defect, fixed_at, newton, solve, system
 from dimersweep.orbits.word import word_of
 
 KEEPS, FORETOLD, UNEXPLAINED = "keeps to its family", "foretold", "passes a border later"
@@ -95,10 +95,7 @@ class Sampled:
         if distance(m.image(z).point, z, m) > NEAR:
             raise OrbitLost("the run does not come back to where it was")
         near = at_point(m, z)
-        found = on_manifold(near)
-        if found is near:
-            raise OrbitLost("the run is not near an orbit")
-        return found
+        return on_manifold(near)
 
     def passage_near(self, at: Fixed, after: int) -> tuple[float, int]:
         """How far the run is from a point of the manifold at the nearest of the next periods of its motion, and when."""
@@ -135,11 +132,40 @@ def next_on_manifold(at: Fixed, spin: float) -> Fixed:
     OrbitLost
         If there is none, or one aside of where the manifold leads.
     """
-    guess = at._replace(z=led_to(at, spin), image=at.image._replace(spin=spin))
-    found = on_manifold(guess)
-    if found is guess:
+    return on_manifold(at._replace(z=led_to(at, spin), image=at.image._replace(spin=spin)))
+
+
+def on_manifold(near: Fixed) -> Fixed:
+    """The point of the slow manifold near a point at its spin, to first order in the pace, from one period of the motion.
+
+    Raises
+    ------
+    OrbitLost
+        If there is none, or its fast part is not fast.
+    """
+    if not has_fast_part(near):
+        raise OrbitLost("the fast part is no faster than the spin")
+    m, others = near.map, np.arange(near.z.size) != near.map.slow
+    values, vectors = np.linalg.eig(near.matrix)
+    v = vectors[:, int(np.argmin(np.abs(values - 1)))].real
+    lean = v / v[m.slow]
+
+    def value(z: np.ndarray) -> tuple[np.ndarray, Image]:
+        image = m.image(z)
+        r = defect(m, z, image, near.image.spin)
+        r[others] -= (image.point - z)[m.slow] * lean[others]
+        return r, image
+
+    def derivative(matrix: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+        A = system(m, matrix, gradient)
+        A[others] -= np.outer(lean[others], (matrix - np.eye(len(matrix)))[m.slow])
+        return A
+
+    known = derivative(near.matrix, near.gradient)
+    root = newton(value, near.z, lambda z: derivative(*m.jacobian(z)), TOLERANCE * m.rtol, known)
+    if np.abs(root.y - near.z).max() > FARTHEST:
         raise OrbitLost("there is no orbit near where the family leads")
-    return found
+    return fixed_at(m, root.y, root.told, float(np.abs(root.value).max()))
 
 
 def in_own_section(at: Fixed) -> Fixed:

@@ -1,40 +1,39 @@
 """The slow family: the orbits of all spins, and how a motion creeps along them.
 
 A dimer on a circular orbit loses spin, so slowly that all else follows: it goes through the orbits of the family one after
-the other. The motion is that of the slow manifold, which lies beside the fixed points of the fast part by what the fast part
-lags behind: the change of the spin per period, carried through (1 - J)^-1. The family tells what a run tells there.
+the other. The family is followed on the slow manifold, not on the fixed points of the fast part, which lie beside it.
 """
 
-from dataclasses import replace
-from itertools import pairwise
+from contextlib import suppress
+from itertools import pairwise, takewhile
 from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 from scipy.integrate import quad
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import BarycentricInterpolator, CubicSpline
 from scipy.optimize import brentq
 
 from dimersweep.errors import OrbitError, ParameterError
-from dimersweep.orbits.finding import RTOL, centred, checked, orbit_at
+from dimersweep.orbits.finding import RTOL, checked, orbit_at
 from dimersweep.orbits.following import Trace, traced
-from dimersweep.orbits.manifold import lag, slow_direction
-from dimersweep.orbits.orbit import Orbit, as_seen, orbit_of
-from dimersweep.orbits.return_map import OrbitLost
+from dimersweep.orbits.manifold import Creep, creep_near, creep_of, has_fast_part, run_onto, slow_direction
+from dimersweep.orbits.orbit import Orbit, orbit_of
+from dimersweep.orbits.return_map import OrbitLost, ReturnMap
 from dimersweep.orbits.solving import Fixed, solve, system
 from dimersweep.orbits.tables import dataset
 from dimersweep.parameters import as_number, check_count, check_rtol
 
 ASIDE = 0.05  # distance from where the family leads, in units of the section
 STEPS = 60  # of a branch from one spin to the next, where Newton's method does not get there at once
-SHOWN = ("radius", "period", "zeta", "speed", "precession_rate", "impact_phase", "di_end")
+KNOWN = 3  # points of the family through which the next one is looked for
 TOLD = ("radius", "period", "zeta")
 
 
 class Seen(NamedTuple):
-    """A point of the family: the fixed point, and the orbit as a run shows it."""
+    """A point of the family with the derivatives there, and the orbit."""
 
-    fixed: Fixed
+    at: Fixed
     orbit: Orbit
 
 
@@ -70,7 +69,7 @@ def family(*, spin: tuple[float, float], points: int = 50, rtol: float = RTOL, *
     first, begin = _anywhere(spins, given, check_rtol(rtol))
     tape = first.fixed.map.tape
     start = tape.spent.periods
-    seen = {begin: seen_at(first.fixed)}
+    seen = {begin: seen_at(first.fixed.map, first.creep)}
     ends = {}
     for name, order in (("high_end", range(begin + 1, spins.size)), ("low_end", range(begin - 1, -1, -1))):
         ends[name] = _along(seen, spins, order)
@@ -108,36 +107,75 @@ def _anywhere(spins: np.ndarray, given: dict[str, float], rtol: float) -> tuple[
 
 
 def _along(seen: dict[int, Seen], spins: np.ndarray, order: range) -> str:
-    """Solve at one spin after the other, until there is no orbit; why the family ends."""
-    fixed = seen[order.start - order.step].fixed
+    """Go from one spin to the next, until there is no orbit; why the family ends."""
+    last = [seen[order.start - order.step]]
     for k in order:
         spin = float(spins[k])
         try:
-            fixed = _next(fixed, spin)
+            nxt = _next(last, spin)
         except OrbitLost:
-            branch = traced(orbit_of(fixed, 0.0), "spin", spin, STEPS)
-            if not branch.end.startswith("to:"):
-                return _why(branch)
-            fixed = branch.entries[-1].orbit.fixed
-        seen[k] = seen_at(fixed)
+            try:
+                nxt = _by_branch(last[0], spin)
+            except OrbitLost as reason:
+                return str(reason)
+        seen[k] = nxt
+        last = [nxt, *last[:2]]
     return "asked for"
 
 
-def _next(fixed: Fixed, spin: float) -> Fixed:
-    """The orbit at another spin, along the family.
+def _next(last: list[Seen], spin: float) -> Seen:
+    """The orbit at another spin, along the family; `last` are those before, the nearest first.
 
     Raises
     ------
     OrbitLost
         If there is none nearby, or one so far from where the family leads that it may be another one's.
     """
-    m = fixed.map
-    along, _ = slow_direction(fixed)
-    z = fixed.z + along * (spin - fixed.image.spin) / m.unit
-    nxt = solve(m, z, spin, system(m, fixed.matrix, fixed.gradient))
-    if np.abs(nxt.z - z).max() > ASIDE:
+    near = last[0].at
+    m = near.map
+    z = near.z + slow_direction(near)[0] * (spin - near.image.spin) / m.unit
+    same = list(takewhile(lambda one: one.at.map.phase == m.phase and one.at.z.size == near.z.size, last))
+    if len(same) == KNOWN:
+        z = BarycentricInterpolator([one.at.image.spin for one in same], [one.at.z for one in same])(spin)
+    if has_fast_part(near):
+        creep = creep_near(m, z, spin, near.matrix, near.gradient)
+    else:
+        creep = creep_of(solve(m, z, spin, system(m, near.matrix, near.gradient)))
+    if np.abs(creep.z - z).max() > ASIDE:
         raise OrbitLost("the next orbit lies aside of the family")
-    return centred(nxt)
+    return _centred(seen_at(m, creep))
+
+
+def _centred(seen: Seen) -> Seen:
+    """The same motion, its section moved if an event lies near and it can be had in another one."""
+    m, passage = seen.at.map, seen.at.image.passage
+    if m.well_placed(passage):
+        return seen
+    try:
+        moved, z = m.moved(passage)
+        return seen_at(moved, creep_near(moved, z, seen.at.image.spin, *moved.jacobian(z)))
+    except OrbitLost:
+        return seen
+
+
+def _by_branch(last: Seen, spin: float) -> Seen:
+    """The orbit at another spin by way of the branch of fixed points.
+
+    Raises
+    ------
+    OrbitLost
+        If the branch does not lead there: in one line, why the family ends.
+    """
+    fixed = solve(last.at.map, last.at.z, last.at.image.spin)
+    branch = traced(orbit_of(fixed, 0.0), "spin", spin, STEPS)
+    if not branch.end.startswith("to:"):
+        raise OrbitLost(_why(branch))
+    fixed = branch.entries[-1].orbit.fixed
+    creep = creep_of(fixed)
+    if creep.z is fixed.z:
+        with suppress(OrbitLost):
+            creep = run_onto(fixed)
+    return seen_at(fixed.map, creep)
 
 
 def _why(branch: Trace) -> str:
@@ -149,16 +187,11 @@ def _why(branch: Trace) -> str:
     return f"{branch.end}, at spin = {branch.entries[-1].value:.6g} rad/s"
 
 
-def seen_at(fixed: Fixed) -> Seen:
-    """A fixed point, and the orbit of a motion that passes its spin on the slow manifold."""
-    m, away = fixed.map, lag(fixed)
-    told = orbit_of(fixed, 0.0)
-    try:
-        image = m.image(fixed.z + away)
-    except OrbitLost:
-        return Seen(fixed, told)
-    moved = orbit_of(as_seen(fixed._replace(image=image, z=fixed.z + away)), 0.0)
-    return Seen(fixed, replace(told, **{name: getattr(moved, name) for name in SHOWN}))
+def seen_at(m: ReturnMap, creep: Creep) -> Seen:
+    """A motion of the family, with the derivatives where it is."""
+    matrix, gradient = m.jacobian(creep.z)
+    at = Fixed(m, creep.z, creep.image, matrix, gradient, creep.residual)
+    return Seen(at, orbit_of(at, 0.0, creep))
 
 
 class Later(NamedTuple):

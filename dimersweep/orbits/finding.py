@@ -1,14 +1,15 @@
 """Find an orbit: from a run, from another orbit, or from the closed form of a ball on a plate."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.orbits.guesses import of_ball, of_run, rolled_up
-from dimersweep.orbits.manifold import on_manifold
-from dimersweep.orbits.orbit import Orbit, as_seen, orbit_of
+from dimersweep.orbits.manifold import creep_of
+from dimersweep.orbits.orbit import Orbit, orbit_of
 from dimersweep.orbits.passage import TURN
 from dimersweep.orbits.return_map import OrbitLost, ReturnMap, Tape
 from dimersweep.orbits.solving import Fixed, solve, system
@@ -133,10 +134,10 @@ def _found(
     shorter = repeats_after(fixed)
     if shorter < fixed.map.periods:
         raise OrbitLost(f"the motion found repeats after {shorter} already; ask for periods={shorter}")
-    shown = on_manifold(fixed)
-    if shown is not fixed:
-        shown = as_seen(shown)
-    return orbit_of(fixed, tape.spent.periods, shown)
+    creep = creep_of(fixed)
+    matrix, gradient = fixed.map.jacobian(creep.z)  # a run is multiplied by those of where it is
+    seen = fixed._replace(matrix=matrix, gradient=gradient)
+    return replace(orbit_of(seen, tape.spent.periods, creep), fixed=fixed)
 
 
 def centred(fixed: Fixed) -> Fixed:

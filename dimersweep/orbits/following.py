@@ -18,6 +18,7 @@ from dimersweep.orbits.branch import (
     point_of,
     specials,
 )
+from dimersweep.orbits.manifold import creep_of
 from dimersweep.orbits.orbit import Orbit, orbit_of
 from dimersweep.orbits.return_map import OrbitLost, Tape
 from dimersweep.orbits.tables import dataset
@@ -169,7 +170,8 @@ def _specials(axis: Axis, a: Point, b: Point, words: bool) -> tuple[list[Special
 
 
 def _entry(point: Point, special: Special | None = None) -> Entry:
-    orbit = orbit_of(point.fixed, point.fixed.map.tape.spent.periods)
+    creep = creep_of(point.fixed)
+    orbit = orbit_of(point.fixed, point.fixed.map.tape.spent.periods, creep)
     return Entry(
         orbit,
         point.value,

@@ -1,16 +1,48 @@
 """The slow manifold: where a motion is while its spin creeps along the family.
 
-At a fixed point of the fast part the spin alone does not close. A motion that creeps lies beside it, by what the fast part
-lags behind: it moves along the slow direction as a whole. What runs show, and their multipliers, are those there.
+At a fixed point of the fast part the spin alone does not close. Which point that is depends on the section: in a contact
+that slips, another coordinate takes up what the spin has lost. A motion that creeps lies beside it, and moves along the
+manifold evenly. So the third difference of its points is the third derivative along the manifold times the cube of the
+spin's change in a period: where it is zero is the same in all sections, to second order in that change (the
+zero-derivative principle of Gear, Kaper, Kevrekidis and Zagaris, doi 10.1137/040608295).
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
-from dimersweep.orbits.return_map import Image, OrbitLost
-from dimersweep.orbits.solving import TOLERANCE, Fixed, defect, fixed_at, newton, system
+from dimersweep.kernel.model.layout import THETA
+from dimersweep.orbits.return_map import Image, OrbitLost, ReturnMap
+from dimersweep.orbits.solving import TOLERANCE, Fixed, newton, system
 
 APART = 0.05  # distance of the multipliers of the fast part from 1 below which it is no slower than the spin
 FARTHEST = 0.05  # of the manifold from the fixed point, in units of the section
+RUN_IN = 60  # periods in which a fast part settles
+WEIGHTS = 8.0  # of the points in a third difference, all together: the rounding of each counts so often
+
+
+class Creep(NamedTuple):
+    """A motion on the slow manifold.
+
+    Attributes
+    ----------
+    z : ndarray, shape (n,)
+        Point of the section.
+    image : Image
+        Of that point; its spin is the one asked for.
+    turn : float
+        Change of theta from the last impact of the bouncer to that in the image [rad].
+    drift : float
+        Change of the spin in the period that follows [rad/s].
+    residual : float
+        In units of the section.
+    """
+
+    z: np.ndarray
+    image: Image
+    turn: float
+    drift: float
+    residual: float
 
 
 def slow_direction(fixed: Fixed) -> tuple[np.ndarray, float]:
@@ -35,16 +67,14 @@ def multipliers_of(fixed: Fixed) -> tuple[np.ndarray, float]:
 
 
 def lag(fixed: Fixed) -> np.ndarray:
-    """How far the manifold lies from the fixed point, to first order in the change of the spin; 0 where nothing is fast."""
+    """How far the manifold lies from the fixed point, to first order in the change of the spin."""
     m = fixed.map
-    if not has_fast_part(fixed):
-        return np.zeros(fixed.z.size)
     along, rate = slow_direction(fixed)
     fast = np.delete(np.arange(fixed.z.size), m.slow)
     away = np.zeros(fixed.z.size)
     J = fixed.matrix[np.ix_(fast, fast)]
     away[fast] = -np.linalg.solve(np.eye(fast.size) - J, along[fast] * rate / m.unit)
-    return away if np.abs(away).max() <= FARTHEST else np.zeros(fixed.z.size)
+    return away
 
 
 def has_fast_part(fixed: Fixed) -> bool:
@@ -53,33 +83,77 @@ def has_fast_part(fixed: Fixed) -> bool:
     return bool(fast.size > 0 and np.abs(fast - 1).min() >= APART)
 
 
-def on_manifold(fixed: Fixed) -> Fixed:
-    """The point of the slow manifold at the spin of a fixed point; the fixed point itself where the fast part is not fast."""
-    m = fixed.map
+def creep_of(fixed: Fixed) -> Creep:
+    """The motion on the manifold at the spin of a fixed point; the fixed point itself where the fast part is not fast."""
+    still = Creep(fixed.z, fixed.image, fixed.image.theta, slow_direction(fixed)[1], fixed.residual)
     if not has_fast_part(fixed):
-        return fixed
-    values, vectors = np.linalg.eig(fixed.matrix)
-    v = vectors[:, int(np.argmin(np.abs(values - 1)))].real
-    lean = v / v[m.slow]
-    others = np.arange(fixed.z.size) != m.slow
+        return still
+    away = lag(fixed)
+    if np.abs(away).max() > FARTHEST:
+        return still
+    try:
+        creep = creep_near(fixed.map, fixed.z + away, fixed.image.spin, fixed.matrix, fixed.gradient)
+    except OrbitLost:
+        return still
+    return creep if np.abs(creep.z - fixed.z).max() <= FARTHEST else still
 
-    def value(z: np.ndarray) -> tuple[np.ndarray, Image]:
-        image = m.image(z)
-        r = defect(m, z, image, fixed.image.spin)
-        r[others] -= (image.point - z)[m.slow] * lean[others]
-        return r, image
+
+def creep_near(m: ReturnMap, z: np.ndarray, spin: float, matrix: np.ndarray, gradient: np.ndarray) -> Creep:
+    """The motion on the manifold that passes near a point with a spin after its last impact [rad/s].
+
+    Parameters
+    ----------
+    m : ReturnMap
+    z : ndarray, shape (n,)
+    spin : float
+    matrix, gradient : ndarray, shapes (n, n), (n,)
+        Derivatives of the map and of the spin nearby.
+
+    Raises
+    ------
+    OrbitLost
+        If there is none.
+    """
+
+    def value(begin: np.ndarray) -> tuple[np.ndarray, list[Image]]:
+        images = [m.image(begin)]
+        for _ in range(2):
+            images.append(m.image(images[-1].point))
+        a, b, c = (image.point for image in images)
+        r = c - 3 * b + 3 * a - begin
+        r[m.slow] = (images[1].spin - spin) / m.unit
+        return r, images
 
     def derivative(matrix: np.ndarray, gradient: np.ndarray) -> np.ndarray:
-        A = system(m, matrix, gradient)
-        creep = (matrix - np.eye(len(matrix)))[m.slow]
-        A[others] -= np.outer(lean[others], creep)
+        A = np.linalg.matrix_power(matrix - np.eye(len(matrix)), 3)
+        A[m.slow] = gradient @ matrix
         return A
 
-    known = derivative(fixed.matrix, fixed.gradient)
-    try:
-        root = newton(value, fixed.z, lambda z: derivative(*m.jacobian(z)), TOLERANCE * m.rtol, known)
-        if np.abs(root.y - fixed.z).max() > FARTHEST:
-            return fixed
-        return fixed_at(m, root.y, root.told, float(np.abs(root.value).max()))
-    except OrbitLost:
-        return fixed
+    begin = 2 * z - m.image(z).point  # one period before, at an even pace
+    target = WEIGHTS * TOLERANCE * m.rtol
+    root = newton(value, begin, lambda z: derivative(*m.jacobian(z)), target, derivative(matrix, gradient))
+    before, here, after = root.told
+    turn = before.theta - _turned(before) + _turned(here)
+    return Creep(before.point, here, turn, after.spin - here.spin, float(np.abs(root.value).max()))
+
+
+def run_onto(fixed: Fixed) -> Creep:
+    """The motion on the manifold that a run comes to which begins beside a stable fixed point, some periods before its spin.
+
+    Raises
+    ------
+    OrbitLost
+        If it does not come to one.
+    """
+    m = fixed.map
+    along, rate = slow_direction(fixed)
+    z = fixed.z - along * RUN_IN * rate / m.unit
+    for _ in range(RUN_IN):
+        z = m.image(z).point
+    return creep_near(m, z, fixed.image.spin, *m.jacobian(z))
+
+
+def _turned(image: Image) -> float:
+    """Change of theta up to the last impact of the bouncer; without one, up to the section."""
+    struck = image.passage.last_impact(image.passage.bouncer)
+    return image.theta if struck is None else float(struck[THETA])

@@ -5,9 +5,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dimersweep.kernel.model.layout import DI_ENDS, GAMMA, PERIOD, PHASE, THETA, X1, Y1
-from dimersweep.orbits.manifold import multipliers_of, slow_direction
+from dimersweep.orbits.manifold import Creep, multipliers_of, slow_direction
 from dimersweep.orbits.passage import TURN, Strike, strike_of
-from dimersweep.orbits.return_map import OrbitLost
 from dimersweep.orbits.solving import Fixed
 from dimersweep.orbits.word import word_of
 from dimersweep.parameters import check_count
@@ -78,7 +77,7 @@ class Orbit:
     cost: float
     rtol: float
     fixed: Fixed = field(repr=False)
-    shown: Fixed = field(repr=False)
+    creep: Creep = field(repr=False)
 
     def __repr__(self) -> str:
         kind = "stable" if self.stable else "unstable"
@@ -103,7 +102,7 @@ class Orbit:
         periods = check_count("periods", periods)
         m, tape = self.fixed.map, self.fixed.map.tape
         phase = (self.parameters["phi0"] - m.phase) % TURN
-        state, _ = m.sampled(self.shown.image.passage, phase)
+        state, _ = m.sampled(self.creep.image.passage, phase)
         state[[PHASE, PERIOD, THETA, X1, Y1, GAMMA]] = 0.0  # the cyclic ones begin anew
         row = m.row_at(self.parameters["phi0"])
         solved = solve(
@@ -115,37 +114,22 @@ class Orbit:
         return replace(run, start=start)
 
 
-def as_seen(fixed: Fixed) -> Fixed:
-    """A point of the slow manifold, with its turn counted from one double impact to the next, as a run counts it.
+def orbit_of(fixed: Fixed, spent: float, creep: Creep | None = None) -> Orbit:
+    """What is told of a fixed point that took so many periods of the map, and of the motion that creeps by beside it.
 
-    A run tells the spin after the double impact and the turn before it. That of the map ends later, at the section, and the
-    turn of a motion that creeps has changed by then.
+    Without one, all is that of the fixed point. The derivatives of `fixed` tell the multipliers.
     """
-    m, image = fixed.map, fixed.image
-    strike = strike_of(image.passage, m.section.r, m.section.h, m.parameters["g"] / (TURN * m.parameters["f"]))
-    if strike is None:
-        return fixed
-    along, rate = slow_direction(fixed)
-    try:
-        before = m.image(fixed.z - along * rate / m.unit)
-    except OrbitLost:
-        return fixed
-    earlier = (1.0 - strike.phase / TURN) / m.periods
-    return fixed._replace(image=image._replace(theta=image.theta + earlier * (before.theta - image.theta)))
-
-
-def orbit_of(fixed: Fixed, spent: float, shown: Fixed | None = None) -> Orbit:
-    """What is told of a fixed point that took so many periods of the map; `shown` is the point beside it that is told."""
-    shown = fixed if shown is None else shown
     m = fixed.map
-    parameters, image = m.parameters, shown.image
+    if creep is None:
+        creep = Creep(fixed.z, fixed.image, fixed.image.theta, slow_direction(fixed)[1], fixed.residual)
+    parameters, image = m.parameters, creep.image
     scale = parameters["g"] / (TURN * parameters["f"])
     strike = strike_of(image.passage, m.section.r, m.section.h, scale)
     if strike is None:
         strike = Strike(float("nan"), image.spin, *(float("nan"),) * 3, DI_ENDS[0])
-    turn = image.theta / m.periods
+    turn = creep.turn / m.periods
     rate = turn * parameters["f"] if abs(turn) > CIRCLE else 0.0
-    (fast, slow), (_, drift) = multipliers_of(shown), slow_direction(shown)
+    fast, slow = multipliers_of(fixed)
     return Orbit(
         parameters=dict(parameters),
         periods=m.periods,
@@ -157,14 +141,14 @@ def orbit_of(fixed: Fixed, spent: float, shown: Fixed | None = None) -> Orbit:
         precession_rate=rate,
         impact_phase=float((m.phase + strike.phase) / TURN % 1.0),
         di_end=strike.di_end,
-        spin_drift=drift / m.periods + 0.0,
+        spin_drift=creep.drift / m.periods + 0.0,
         multipliers=fast,
         slow_multiplier=slow,
         stable=bool((np.abs(fast) < 1).all()),
-        residual=shown.residual,
+        residual=fixed.residual,
         word=word_of(image.passage),
         cost=spent,
         rtol=m.rtol,
         fixed=fixed,
-        shown=shown,
+        creep=creep,
     )
