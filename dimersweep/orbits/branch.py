@@ -4,13 +4,15 @@ A point of a branch is y = (section point, parameter over its scale). Two points
 section, so that what lies between them is found on planes across the line from one to the other.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq
 
 from dimersweep.errors import ParameterError
+from dimersweep.orbits.manifold import lag
 from dimersweep.orbits.return_map import Image, OrbitLost, ReturnMap
 from dimersweep.orbits.solving import TOLERANCE, Fixed, defect, fixed_at, newton, system
 from dimersweep.orbits.word import change_of, word_of
@@ -146,24 +148,32 @@ def corrected(axis: Axis, near: Point, y: np.ndarray, normal: np.ndarray, known:
     return point_of(axis, fixed, p, near.tangent)
 
 
-def in_own_section(axis: Axis, point: Point) -> Point:
-    """The same point at a section of its own, if events have come near to the one it has, or simpler contact lasts.
+def in_own_section(axis: Axis, point: Point, simplest: bool = True) -> Point:
+    """The same point at a section of its own, if events have come near, or (where asked for) simpler contact lasts.
 
     Where that cannot be had, the point stays in its section as long as it lasts.
     """
-    if point.fixed.map.well_placed(point.fixed.image.passage):
+    if point.fixed.map.well_placed(point.fixed.image.passage, simplest):
         return point
     try:
-        return _moved(axis, point)
+        return _moved(axis, point, *point.fixed.map.moved(point.fixed.image.passage))
     except OrbitLost:
         return point
 
 
-def _moved(axis: Axis, point: Point) -> Point:
-    """The same point in the section that suits it best."""
-    m, passage = point.fixed.map, point.fixed.image.passage
-    moved, z = m.moved(passage)
-    near = Point(fixed_at(moved, z), point.value, slope_of(axis, moved, z, point.value), np.zeros(z.size + 1))
+def in_each_section(axis: Axis, point: Point) -> Iterator[Point]:
+    """The same point in the sections of its smooth phases, as far as it can be had there."""
+    m = point.fixed.map
+    for moved, z in m.sections(point.fixed.image.passage):
+        with suppress(OrbitLost):
+            yield _moved(axis, point, moved, z)
+
+
+def _moved(axis: Axis, point: Point, moved: ReturnMap, z: np.ndarray) -> Point:
+    """The same point in another section."""
+    fixed = fixed_at(moved, z)
+    fixed = fixed._replace(z=z - lag(fixed))  # what is a fixed point in one section is one that creeps in another
+    near = Point(fixed, point.value, slope_of(axis, moved, z, point.value), np.zeros(z.size + 1))
     forward = 1.0 if point.tangent[-1] >= 0 else -1.0
     normal = np.append(np.zeros(z.size), 1.0)
     if abs(point.tangent[-1]) < 0.05:  # near a fold the parameter says nothing of where one is

@@ -15,10 +15,13 @@ from scipy.interpolate import BarycentricInterpolator, CubicSpline
 from scipy.optimize import brentq
 
 from dimersweep.errors import OrbitError, ParameterError
+from dimersweep.kernel.model.layout import PERIOD, PHASE, SPIN
+from dimersweep.orbits.branch import JOINED
 from dimersweep.orbits.finding import RTOL, checked, orbit_at
 from dimersweep.orbits.following import Trace, traced
-from dimersweep.orbits.manifold import Creep, creep_near, creep_of, has_fast_part, run_onto, slow_direction
+from dimersweep.orbits.manifold import Creep, creep_near, creep_of, has_fast_part, slow_direction
 from dimersweep.orbits.orbit import Orbit, orbit_of
+from dimersweep.orbits.passage import Passage
 from dimersweep.orbits.return_map import OrbitLost, ReturnMap
 from dimersweep.orbits.solving import Fixed, solve, system
 from dimersweep.orbits.tables import dataset
@@ -26,6 +29,8 @@ from dimersweep.parameters import as_number, check_count, check_rtol
 
 ASIDE = 0.05  # distance from where the family leads, in units of the section
 STEPS = 60  # of a branch from one spin to the next, where Newton's method does not get there at once
+RUN_IN = 40  # periods in which the fast part of a stable motion settles
+GAP = 1  # spins in a row that may be missing, where a word just changes
 KNOWN = 3  # points of the family through which the next one is looked for
 TOLD = ("radius", "period", "zeta")
 
@@ -54,7 +59,8 @@ def family(*, spin: tuple[float, float], points: int = 50, rtol: float = RTOL, *
     Returns
     -------
     xarray.Dataset
-        Along `spin`: what an `Orbit` tells, as far as the family goes. The attributes `low_end` and `high_end` say why
+        Along `spin`: what an `Orbit` tells, as far as the family goes, without a spin at which the word just changes, if
+        no motion creeps through it evenly. The attributes `low_end` and `high_end` say why
         it ends ("asked for" where it does not), `cost` how many forcing periods of the map it took.
 
     Raises
@@ -107,20 +113,23 @@ def _anywhere(spins: np.ndarray, given: dict[str, float], rtol: float) -> tuple[
 
 
 def _along(seen: dict[int, Seen], spins: np.ndarray, order: range) -> str:
-    """Go from one spin to the next, until there is no orbit; why the family ends."""
+    """Go from one spin to the next, until there is no orbit at two of them; why the family ends."""
     last = [seen[order.start - order.step]]
+    missing: list[str] = []
     for k in order:
         spin = float(spins[k])
         try:
-            nxt = _next(last, spin)
-        except OrbitLost:
             try:
-                nxt = _by_branch(last[0], spin)
-            except OrbitLost as reason:
-                return str(reason)
-        seen[k] = nxt
-        last = [nxt, *last[:2]]
-    return "asked for"
+                nxt = _next(last, spin)
+            except OrbitLost:
+                nxt = _onwards(last[0], spin)
+        except OrbitLost as reason:
+            missing.append(str(reason))
+            if len(missing) > GAP:
+                break
+            continue
+        seen[k], last, missing = nxt, [nxt, *last[:2]], []
+    return missing[0] if missing else "asked for"
 
 
 def _next(last: list[Seen], spin: float) -> Seen:
@@ -158,24 +167,67 @@ def _centred(seen: Seen) -> Seen:
         return seen
 
 
-def _by_branch(last: Seen, spin: float) -> Seen:
-    """The orbit at another spin by way of the branch of fixed points.
+def _onwards(last: Seen, spin: float) -> Seen:
+    """The orbit at another spin where the family does not lead there by itself: by a run, or by the branch of fixed points.
 
     Raises
     ------
     OrbitLost
-        If the branch does not lead there: in one line, why the family ends.
+        If neither leads there: in one line, why the family ends.
     """
+    if last.orbit.stable:
+        with suppress(OrbitLost):
+            return _run_onto(last.at, spin)
     fixed = solve(last.at.map, last.at.z, last.at.image.spin)
-    branch = traced(orbit_of(fixed, 0.0), "spin", spin, STEPS)
+    branch = traced(orbit_of(fixed, 0.0), "spin", spin, STEPS, words=False)
     if not branch.end.startswith("to:"):
         raise OrbitLost(_why(branch))
-    fixed = branch.entries[-1].orbit.fixed
-    creep = creep_of(fixed)
-    if creep.z is fixed.z:
+    told = branch.entries[-1].orbit
+    if told.creep.z is told.fixed.z and has_fast_part(told.fixed):
+        raise OrbitLost(f"no motion creeps by the fixed point, at spin = {spin:.6g} rad/s")
+    return seen_at(told.fixed.map, told.creep)
+
+
+def _run_onto(at: Fixed, spin: float) -> Seen:
+    """The motion at another spin that a run comes to, begun beside an orbit some periods before it would have that spin.
+
+    Raises
+    ------
+    OrbitLost
+        If it does not come to one, or to one far off.
+    """
+    for there, z in at.map.sections(_run_to(at, spin)):
         with suppress(OrbitLost):
-            creep = run_onto(fixed)
-    return seen_at(fixed.map, creep)
+            creep = creep_near(there, z, spin, *there.jacobian(z))
+            if np.delete(np.abs(creep.z - z), there.slow).max() <= ASIDE:
+                return seen_at(there, creep)
+    raise OrbitLost("the run comes to no orbit")
+
+
+def _run_to(at: Fixed, spin: float) -> Passage:
+    """The period in which a run passes a spin, after enough others for its fast part to settle.
+
+    Raises
+    ------
+    OrbitLost
+        If it does not, or far off the family.
+    """
+    m = at.map
+    along, rate = slow_direction(at)
+    z = at.z + along * (spin - at.image.spin) / m.unit
+    state = m.state(z - along * 2 * RUN_IN * rate / m.unit)
+    for k in range(4 * RUN_IN):
+        state[[PHASE, PERIOD]] = 0.0
+        before = m.section.point(state)[m.free]
+        state, _, passage = m.tape.run(m.row, state, m.periods, m.rtol)
+        struck = passage.last_impact(passage.bouncer)
+        if struck is None:
+            break
+        if k >= RUN_IN and (struck[SPIN] - spin) * rate >= 0:
+            if np.delete(np.abs(before - z), m.slow).max() > JOINED:
+                break
+            return passage
+    raise OrbitLost("no run comes to an orbit nearby")
 
 
 def _why(branch: Trace) -> str:

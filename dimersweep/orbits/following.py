@@ -1,6 +1,6 @@
 """Follow an orbit along a branch, through folds, with its stability, its words and its special points."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +14,7 @@ from dimersweep.orbits.branch import (
     Special,
     corrected,
     doubled,
+    in_each_section,
     in_own_section,
     point_of,
     specials,
@@ -94,6 +95,7 @@ def traced(
     axis, point, to = _begin(orbit, parameter, to)
     start, spent = point.value, point.fixed.map.tape.spent
     entries, step, end = [_entry(point)], FIRST, ""
+    others: Iterator[Point] | None = None  # where the branch is lost, the point in other sections
     while not end:
         if sum(not entry.special for entry in entries) >= points:
             return Trace(entries, f"points: {points} points were asked for", spent.periods)
@@ -102,8 +104,12 @@ def traced(
             _same_way(point, nxt)
         except OrbitLost as reason:
             step *= 0.5
-            end = f"lost: {reason}" if step < SMALLEST else ""
+            if step < SMALLEST:  # the contact at the section may be all that does not go on
+                others = in_each_section(axis, point) if others is None else others
+                other = next(others, None)
+                point, step, end = (other, FIRST, "") if other else (point, step, f"lost: {reason}")
             continue
+        others = others and iter(())  # once
         nxt, end = _window(axis, point, nxt, start, to)
         found, leap = _specials(axis, point, nxt, words)
         flips = [special for special in found if special.kind == "flip"] if switch else []
@@ -117,7 +123,7 @@ def traced(
             except OrbitLost as reason:
                 return Trace(entries, f"lost: no branch of twice the period was found ({reason})", spent.periods)
         entries.append(_entry(nxt))
-        point = in_own_section(axis, nxt) if not end else nxt
+        point = in_own_section(axis, nxt, simplest=others is None) if not end else nxt
         step = min(step * GROWTH, LARGEST)
     return Trace(entries, end, spent.periods)
 

@@ -17,7 +17,6 @@ from dimersweep.orbits.solving import TOLERANCE, Fixed, newton, system
 
 APART = 0.05  # distance of the multipliers of the fast part from 1 below which it is no slower than the spin
 FARTHEST = 0.05  # of the manifold from the fixed point, in units of the section
-RUN_IN = 60  # periods in which a fast part settles
 WEIGHTS = 8.0  # of the points in a third difference, all together: the rounding of each counts so often
 
 
@@ -67,14 +66,16 @@ def multipliers_of(fixed: Fixed) -> tuple[np.ndarray, float]:
 
 
 def lag(fixed: Fixed) -> np.ndarray:
-    """How far the manifold lies from the fixed point, to first order in the change of the spin."""
+    """How far the manifold lies from the fixed point, to first order in the change of the spin; 0 where nothing is fast."""
     m = fixed.map
+    if not has_fast_part(fixed):
+        return np.zeros(fixed.z.size)
     along, rate = slow_direction(fixed)
     fast = np.delete(np.arange(fixed.z.size), m.slow)
     away = np.zeros(fixed.z.size)
     J = fixed.matrix[np.ix_(fast, fast)]
     away[fast] = -np.linalg.solve(np.eye(fast.size) - J, along[fast] * rate / m.unit)
-    return away
+    return away if np.abs(away).max() <= FARTHEST else np.zeros(fixed.z.size)
 
 
 def has_fast_part(fixed: Fixed) -> bool:
@@ -88,11 +89,8 @@ def creep_of(fixed: Fixed) -> Creep:
     still = Creep(fixed.z, fixed.image, fixed.image.theta, slow_direction(fixed)[1], fixed.residual)
     if not has_fast_part(fixed):
         return still
-    away = lag(fixed)
-    if np.abs(away).max() > FARTHEST:
-        return still
     try:
-        creep = creep_near(fixed.map, fixed.z + away, fixed.image.spin, fixed.matrix, fixed.gradient)
+        creep = creep_near(fixed.map, fixed.z + lag(fixed), fixed.image.spin, fixed.matrix, fixed.gradient)
     except OrbitLost:
         return still
     return creep if np.abs(creep.z - fixed.z).max() <= FARTHEST else still
@@ -135,22 +133,6 @@ def creep_near(m: ReturnMap, z: np.ndarray, spin: float, matrix: np.ndarray, gra
     before, here, after = root.told
     turn = before.theta - _turned(before) + _turned(here)
     return Creep(before.point, here, turn, after.spin - here.spin, float(np.abs(root.value).max()))
-
-
-def run_onto(fixed: Fixed) -> Creep:
-    """The motion on the manifold that a run comes to which begins beside a stable fixed point, some periods before its spin.
-
-    Raises
-    ------
-    OrbitLost
-        If it does not come to one.
-    """
-    m = fixed.map
-    along, rate = slow_direction(fixed)
-    z = fixed.z - along * RUN_IN * rate / m.unit
-    for _ in range(RUN_IN):
-        z = m.image(z).point
-    return creep_near(m, z, fixed.image.spin, *m.jacobian(z))
 
 
 def _turned(image: Image) -> float:

@@ -5,6 +5,7 @@ coordinates of `stability.NAMES` that are free in the contact there, in their un
 rest is the fast part. The cost of all that is asked here is counted in forcing periods.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -190,10 +191,11 @@ class ReturnMap:
             gradient.append((ahead.spin - back.spin) / (2 * self.step * self.unit))
         return np.array(columns).T, np.array(gradient)
 
-    def well_placed(self, passage: Passage) -> bool:
+    def well_placed(self, passage: Passage, simplest: bool = True) -> bool:
         """Whether the section is away from the events of the motion, and no simpler contact lasts long enough."""
-        simplest = len(free_coordinates(best_phase(passage, self.periods)[2]))
-        return self.margin(passage) > MARGIN and self.free.size <= simplest
+        if self.margin(passage) <= MARGIN:
+            return False
+        return not simplest or self.free.size <= len(free_coordinates(best_phase(passage, self.periods)[2]))
 
     def margin(self, passage: Passage) -> float:
         """Distance of the section from the next event on either side, in forcing periods."""
@@ -205,7 +207,18 @@ class ReturnMap:
     def moved(self, passage: Passage) -> tuple["ReturnMap", np.ndarray]:
         """The map with its section halfway through the best smooth phase of the motion, and the motion's point there."""
         start, length, _ = best_phase(passage, self.periods)
-        at = (start + 0.5 * length) % (TURN * self.periods)
+        return self.moved_to(passage, start + 0.5 * length)
+
+    def sections(self, passage: Passage) -> Iterator[tuple["ReturnMap", np.ndarray]]:
+        """The map with its section halfway through each smooth phase that is long enough and leaves more free than the spin."""
+        starts, lengths, modes = smooth_phases(passage, self.periods)
+        for k in np.argsort(-lengths):
+            if 0.5 * lengths[k] > MARGIN * TURN and len(free_coordinates(modes[k])) > 1:
+                yield self.moved_to(passage, starts[k] + 0.5 * lengths[k])
+
+    def moved_to(self, passage: Passage, at: float) -> tuple["ReturnMap", np.ndarray]:
+        """The map with its section at a phase since the one it has [rad], and the motion's point there."""
+        at %= TURN * self.periods
         state, contact = self.sampled(passage, at)
         moved = ReturnMap(self.parameters, (self.phase + at) % TURN, contact, self.periods, self.rtol, self.tape)
         return moved, moved.section.point(state)[moved.free]
