@@ -6,6 +6,9 @@ import pytest
 from dimersweep import orbits, simulate
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.orbits.edges import halved, uncertainty
+from dimersweep.orbits.manifold import creep_of, lag
+from dimersweep.orbits.orbit import orbit_of
+from dimersweep.orbits.solving import fixed_at, solve
 
 
 @pytest.fixture(scope="module")
@@ -61,6 +64,42 @@ def test_a_family_tells_where_it_ends():
     ends = {found.attrs["low_end"], found.attrs["high_end"]}
     assert any(end.startswith("fold") for end in ends)
     assert 100.0 in found["spin"].values
+
+
+@pytest.mark.parametrize(("A_r", "spin"), [(5.6, 100.0), (6.0, 400.0), (7.0, 690.0)])
+def test_an_orbit_is_the_same_from_every_section(A_r, spin):
+    """At 690 rad/s the fixed points of two sections differ by 2 %, as the spin changes by 0.08 rad/s in a period."""
+    told = []
+    orbit = orbits.find(A_r=A_r, spin=spin)
+    for m, z in orbit.fixed.map.sections(orbit.fixed.image.passage):
+        fixed = solve(m, z - lag(fixed_at(m, z)), spin)
+        told.append(orbit_of(fixed, 0.0, creep_of(fixed)))
+    assert len(told) > 1
+    assert len({len(one.fixed.z) for one in told}) > 1  # one slips, one sticks
+    for name in ("radius", "period", "zeta", "speed", "impact_phase"):
+        values = [getattr(one, name) for one in told]
+        assert values == pytest.approx([values[0]] * len(values), rel=1e-8), name
+    assert np.ptp([one.spin_drift for one in told]) < 1e-9  # rad/s a period
+    fixed_points = [one.radius for one in (orbit_of(one.fixed, 0.0) for one in told)]
+    assert np.ptp(fixed_points) > 1e-5
+
+
+def test_a_family_goes_on_where_the_contact_at_its_section_ends():
+    """At A_r = 6 the end that rolls comes to stick below 557.5 rad/s only: so it is where a run from above has come to."""
+    run = orbits.find(spin=580.0, A_r=6.0).run(120, rtol=1e-11).orbit
+    assert 558.0 < run.spin_rate < 572.0
+    family = orbits.family(spin=(550.0, run.spin_rate), points=4, A_r=6.0)
+    assert family.attrs["high_end"] == "asked for"
+    assert "SC1_sk.1" in family["word"].values[0]
+    assert "SC1_sk.1" not in family["word"].values[-1]
+    told = [float(family[name][-1]) for name in ("radius", "period", "zeta")]
+    assert told == pytest.approx([run.radius, run.period, run.zeta], rel=1e-5)
+
+
+def test_a_branch_goes_on_in_another_section():
+    branch = orbits.follow(orbits.find(A_r=6.0, spin=550.0), "spin", to=575.0)
+    assert branch.attrs["end"].startswith("to:")
+    assert "stick_slip" in branch["change"].values
 
 
 def test_what_is_beyond_a_family_is_told(family):

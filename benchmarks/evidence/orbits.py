@@ -10,7 +10,7 @@
 """
 
 import argparse
-from time import thread_time
+from time import process_time
 
 import numpy as np
 
@@ -28,9 +28,9 @@ KNOWN = {
 
 def timed(action):
     """What an action gives, and how long it took on the processor [s]."""
-    start = thread_time()
+    start = process_time()
     result = action()
-    return result, thread_time() - start
+    return result, process_time() - start
 
 
 def borders():
