@@ -125,6 +125,19 @@ def corrected(axis: Axis, near: Point, y: np.ndarray, normal: np.ndarray, known:
     OrbitLost
         If there is none nearby.
     """
+    return with_derivatives(axis, lent(axis, near, y, normal, known), near.tangent)
+
+
+def with_derivatives(axis: Axis, point: Point, along: np.ndarray) -> Point:
+    """The same point with its own derivatives and tangent."""
+    fixed = point.fixed
+    return point_of(axis, fixed_at(fixed.map, fixed.z, fixed.image, fixed.residual), point.value, along)
+
+
+def lent(
+    axis: Axis, near: Point, y: np.ndarray, normal: np.ndarray, known: np.ndarray | None = None, anew: bool = True
+) -> Point:
+    """As `corrected`, with the derivatives and the tangent of `near` still; `anew`: whether Newton's method may take others."""
     m = near.fixed.map
 
     def value(there: np.ndarray) -> tuple[np.ndarray, tuple[ReturnMap, Image]]:
@@ -140,12 +153,12 @@ def corrected(axis: Axis, near: Point, y: np.ndarray, normal: np.ndarray, known:
         A = system(own, *own.jacobian(there[:-1]))
         return np.vstack([np.column_stack([A, slope_of(axis, own, there[:-1], p)]), normal])
 
-    known = np.vstack([near.matrix() if known is None else known, normal])
-    root = newton(value, y, derivative, TOLERANCE * m.rtol, known)
+    begin = np.vstack([near.matrix() if known is None else known, normal])
+    root = newton(value, y, derivative if anew else lambda _: begin, TOLERANCE * m.rtol, begin)
     own, image = root.told
-    z, p = root.y[:-1], float(root.y[-1] * axis.scale)
-    fixed = fixed_at(own, z, image, float(np.abs(root.value).max()))
-    return point_of(axis, fixed, p, near.tangent)
+    residual = float(np.abs(root.value).max())
+    fixed = near.fixed._replace(map=own, z=root.y[:-1], image=image, residual=residual)
+    return near._replace(fixed=fixed, value=float(root.y[-1] * axis.scale))
 
 
 def in_own_section(axis: Axis, point: Point, simplest: bool = True) -> Point:
@@ -331,21 +344,7 @@ def last_with(
 def bracketed(axis: Axis, a: Point, b: Point, share: float) -> Point:
     """As `between`, but without new derivatives: for points so near that one end's will do."""
     start, way = a.y(axis), b.y(axis) - a.y(axis)
-    normal = way / np.linalg.norm(way)
-    m = a.fixed.map
-
-    def value(there: np.ndarray) -> tuple[np.ndarray, tuple[ReturnMap, Image]]:
-        p = there[-1] * axis.scale
-        own = axis.map_at(m, p)
-        image = own.image(there[:-1])
-        return np.append(defect(own, there[:-1], image, axis.spin_at(p)), normal @ (there - y)), (own, image)
-
-    y = start + share * way
-    known = np.vstack([a.matrix(), normal])
-    root = newton(value, y, lambda _: known, TOLERANCE * m.rtol, known)
-    own, image = root.told
-    fixed = a.fixed._replace(map=own, z=root.y[:-1], image=image, residual=float(np.abs(root.value).max()))
-    return a._replace(fixed=fixed, value=float(root.y[-1] * axis.scale))
+    return lent(axis, a, start + share * way, way / np.linalg.norm(way), anew=False)
 
 
 def doubled(axis: Axis, flip: Point) -> Point:

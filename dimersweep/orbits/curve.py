@@ -8,30 +8,37 @@ from math import hypot, pi
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.optimize import brentq
 
 from dimersweep.errors import OrbitError
 from dimersweep.orbits.bordered import OnBorder, held, on_border
 from dimersweep.orbits.branch import (
+    LOCATED,
     Axis,
     Leap,
     Point,
+    bracketed,
     corrected,
     in_own_section,
     last_with,
+    lent,
     point_of,
     specials,
+    with_derivatives,
 )
 from dimersweep.orbits.finding import orbit_at
 from dimersweep.orbits.orbit import Orbit, orbit_of
+from dimersweep.orbits.passage import TURN
 from dimersweep.orbits.return_map import OrbitLost, ReturnMap, Tape
 from dimersweep.orbits.solving import fixed_at
-from dimersweep.orbits.word import word_of
+from dimersweep.orbits.word import HOP_LINE, longest_hop, word_of
 
 CURVES = ("fold", "flip", "torus")
 WORDS = ("word", "stick_slip", "lift_off", "double_impact", "chatter", "hop")
 KINDS = CURVES + WORDS
 SEED_POINTS, SEED_STEP = 120, 0.1  # of the branch on which the first point is looked for
-WIDEST, NARROWEST, MARGIN = 0.05, 2e-5, 4.0  # bracket of a change of word, in the parameter over its scale
+WIDEST, NARROWEST, WIDER = 0.05, 2e-5, 4.0  # bracket of a change of word, in the parameter over its scale
+DOUBT, LESS = 4e-3, 0.08  # of a point with one neighbour; of one on the line through two, in the step between them
 HALVINGS = 4  # of a step from one point of a curve to the next
 
 
@@ -107,9 +114,15 @@ class Curve:
                 return self._told(on_border(self.kind, self.axis, m, self._extrapolated(near), old.frame))
             except OrbitLost:
                 return self._told(on_border(self.kind, self.axis, m, old.y(self.axis)))
-        guess = 2 * near[0].value - near[1].value if len(near) > 1 else near[0].value
-        doubt = abs(near[0].value - near[1].value) if len(near) > 1 else WIDEST * self.axis.scale
-        return self._word(given, near[0].begin, guess, doubt)
+        try:
+            y = self._extrapolated(near)
+            doubt = abs(y[-1] - self._extrapolated(near[:-1])[-1]) if len(near) > 1 else DOUBT
+            return self._word(given, near[0].begin, y, doubt)
+        except OrbitLost:
+            if len(near) < 2:
+                raise
+        doubt = LESS * abs(near[0].value - near[1].value) / self.axis.scale
+        return self._word(given, near[0].begin, self._extrapolated(near[:2]), doubt)
 
     def _extrapolated(self, near: list[Found]) -> np.ndarray:
         """The point beyond neighbours at equal distances, as far as they are in one section."""
@@ -238,22 +251,51 @@ class Curve:
     def _this_side(self, word: str) -> bool:
         return self.symbols & set(word.split()) == self.present
 
-    def _word(self, given: dict[str, float], near: Point, guess: float, doubt: float) -> tuple[Orbit, float, Any]:
-        """The last orbit on this side of a change of word: between two orbits on both sides of the guess."""
-        width = min(WIDEST, max(NARROWEST, MARGIN * 0.02 * doubt / self.axis.scale))
+    def _word(self, given: dict[str, float], near: Point, y: np.ndarray, doubt: float) -> tuple[Orbit, float, Any]:
+        """The last orbit on this side of a change of word: between two orbits on both sides of the guess `y`.
+
+        The guess has the parameter, over its scale, as its last entry, known to about `doubt`.
+        """
+        width = min(WIDEST, max(NARROWEST, doubt))
         while width <= WIDEST:
-            ends = [self._at(given, near, guess + side * width * self.axis.scale) for side in (-1, 1)]
+            ends = [self._at(given, near, y, side * width) for side in (-1, 1)]
             sides = [self._this_side(word_of(end.fixed.image.passage)) for end in ends]
             if sides[0] != sides[1]:
-                a, b = ends if sides[0] else ends[::-1]
-                _, left, _ = last_with(self.axis, self._this_side, 0.0, a, b)
+                left = self._last(*(ends if sides[0] else ends[::-1]))
+                left = with_derivatives(self.axis, left, near.tangent)
                 return orbit_of(left.fixed, 0.0), left.value, in_own_section(self.axis, left)
-            width *= 4
-        raise OrbitLost(f"no change of word within {WIDEST * self.axis.scale:.2g} of {self.parameter} = {guess:.6g}")
+            width *= WIDER
+        at = y[-1] * self.axis.scale
+        raise OrbitLost(f"no change of word within {WIDEST * self.axis.scale:.2g} of {self.parameter} = {at:.6g}")
 
-    def _at(self, given: dict[str, float], near: Point, value: float) -> Point:
-        """The orbit at a value of the parameter, in the section of a point nearby."""
-        m = self._map(near.fixed.map, given | {self.parameter: value})
-        lent = near._replace(fixed=near.fixed._replace(map=m), value=value)
-        normal = np.append(np.zeros(near.fixed.z.size), 1.0)
-        return corrected(self.axis, lent, lent.y(self.axis), normal)
+    def _last(self, a: Point, b: Point) -> Point:
+        """The last orbit on this side of two: by the length of the hop, if that is all that changes, or by halving."""
+        if self.kind == "hop" and len(self.symbols) == 1:
+            with suppress(OrbitLost):
+                return self._by_hop(a, b)
+        return last_with(self.axis, self._this_side, 0.0, a, b)[1]
+
+    def _by_hop(self, a: Point, b: Point) -> Point:
+        """The same, where the length of the longest hop crosses the line."""
+        end = int(next(iter(self.symbols))[-1]) - 1
+
+        def beyond(share: float) -> float:
+            passage = (a, b)[round(share)].fixed.image.passage if share in (0.0, 1.0) else at(share).fixed.image.passage
+            return longest_hop(passage.events, end, passage.times[-1]) / TURN - HOP_LINE
+
+        def at(share: float) -> Point:
+            return bracketed(self.axis, a, b, share)
+
+        length = abs(a.value - b.value) / self.axis.scale
+        share = brentq(beyond, 0.0, 1.0, xtol=0.2 * LOCATED / length)
+        left = at(share - 0.5 * LOCATED / length)
+        if not self._this_side(word_of(left.fixed.image.passage)):
+            raise OrbitLost("the hop leaps over its line")
+        return left
+
+    def _at(self, given: dict[str, float], near: Point, y: np.ndarray, by: float) -> Point:
+        """The orbit at a value of the parameter beside that of the guess, in the section of a point nearby."""
+        y = np.append(y[:-1], y[-1] + by)
+        m = self._map(near.fixed.map, given | {self.parameter: float(y[-1] * self.axis.scale)})
+        beside = near._replace(fixed=near.fixed._replace(map=m), value=float(y[-1] * self.axis.scale))
+        return lent(self.axis, beside, y, np.append(np.zeros(near.fixed.z.size), 1.0))

@@ -76,10 +76,10 @@ def _chatter_as_one(symbols: Sequence[str]) -> list[str]:
 
 def _far(events: np.ndarray, length: float) -> list[str]:
     """The ends that are in the air for more than half a forcing period at a time."""
-    return [f"far.{end + 1}" for end in (0, 1) if _longest_hop(events, end, length) > HOP_LINE * TURN]
+    return [f"far.{end + 1}" for end in (0, 1) if longest_hop(events, end, length) > HOP_LINE * TURN]
 
 
-def _longest_hop(events: np.ndarray, end: int, length: float) -> float:
+def longest_hop(events: np.ndarray, end: int, length: float) -> float:
     """Longest time [rad] for which an end is off the plate."""
     touches: list[tuple[float, bool]] = []  # when, and whether the end stays on the plate from then on
     for row in events:
