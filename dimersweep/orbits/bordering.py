@@ -148,13 +148,13 @@ def _beside(found: dict[tuple[int, ...], Found], index: tuple[int, ...]) -> list
 
 
 def _near(found: dict[tuple[int, ...], Found], index: tuple[int, ...]) -> list[Found]:
-    """The found neighbours of a point along one axis, the nearest first, for a curve through them."""
-    for k in range(len(index)):
+    """The found neighbours of a point along the axis that has most of them, the nearest first, for a curve through them."""
+    lines = []
+    for k in reversed(range(len(index))):
         for side in (-1, 1):
-            line = [tuple(n + by * side * (j == k) for j, n in enumerate(index)) for by in (1, 2, 3)]
-            if line[0] in found:
-                return [found[at] for at in takewhile(found.__contains__, line)]
-    return []
+            line = (tuple(n + by * side * (j == k) for j, n in enumerate(index)) for by in (1, 2, 3))
+            lines.append([found[at] for at in takewhile(found.__contains__, line)])
+    return max(lines, key=len)
 
 
 # --- where borders meet -------------------------------------------------------------------------------------------
