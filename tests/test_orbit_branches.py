@@ -8,6 +8,8 @@ from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.orbits.bordered import compound, last_entry
 from dimersweep.orbits.bordering import outwards
 from dimersweep.orbits.curve import ball_flip, ball_fold
+from dimersweep.orbits.return_map import OrbitLost
+from dimersweep.orbits.word import change_of
 
 # at spin 100 rad/s, all else as in the base case; found with a prototype of its own
 FOLDS = {0.5: 1.04771531, 0.6: 0.78725965, 0.7: 0.55603099}
@@ -35,6 +37,31 @@ def test_borders_are_where_they_were_measured(kind, known):
     assert (found["status"] == "ok").all()
     assert np.abs(found["Gamma"].values - list(known.values())).max() < 2e-6
     assert (found["residual"] < 1.1e-11).all()
+
+
+@pytest.mark.parametrize("kind", ["hop", "double_impact", "chatter"])
+def test_a_change_of_word_costs_little_and_lies_between_two_words(kind):
+    e = np.linspace(0.56, 0.6, 9)
+    curve = orbits.border(kind, "Gamma", over={"e": e}, spin=100.0)
+    assert np.median(curve["cost"].values) <= 120
+    Gamma = float(curve["Gamma"][4])
+    below, above = (orbits.find(spin=100.0, e=e[4], Gamma=Gamma + by).word for by in (-1e-6, 1e-6))
+    assert change_of(below, above) == kind
+    assert np.abs(np.diff(curve["Gamma"].values, 4)).max() < 1e-5  # smooth: no point is another border's
+
+
+def test_a_point_of_a_curve_begins_on_the_axis_with_most_neighbours():
+    """From A_r = 4 to 5 the step is far; along e it is short."""
+    curve = orbits.border("flip", "Gamma", over={"A_r": [4.0, 5.0], "e": np.linspace(0.6, 0.64, 5)}, spin=100.0)
+    assert np.median(curve["cost"].values[1]) <= 120
+
+
+def test_no_dimer_stands_steeper_than_it_is_long():
+    m = orbits.find(spin=100.0).fixed.map
+    z = np.zeros(m.free.size)
+    z[0] = 3 * m.section.h / m.section.units[0]
+    with pytest.raises(OrbitLost, match="steep"):
+        m.state(z)
 
 
 def test_a_curve_costs_little_and_does_not_depend_on_its_points():

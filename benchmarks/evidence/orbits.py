@@ -66,6 +66,14 @@ def costs():
             f" {e.size} points: {found.attrs['cost']:.0f} periods with the meetings, {seconds:.1f} s,"
             f" {int(np.isnan(found['Gamma']).sum())} failed"
         )
+    for kind in ("lift_off", "double_impact", "chatter", "hop"):
+        e = np.linspace(0.5, 0.7, 41)
+        found, seconds = timed(lambda kind=kind, e=e: orbits.border(kind, "Gamma", over={"e": e}, spin=SPIN))
+        cost = found["cost"].values[~np.isnan(found["cost"].values)]
+        print(
+            f"a warm point of a curve of {kind}: median {np.median(cost):.0f} periods, {np.mean(cost > 120):.0%} above 120;"
+            f" {cost.size} of {e.size} points, {seconds:.1f} s"
+        )
     family, seconds = timed(lambda: orbits.family(spin=(50.0, 250.0), points=200))
     print(f"a family of 200 spins: {float(family.attrs['cost']) / 200:.1f} periods a spin, {seconds:.2f} s")
 

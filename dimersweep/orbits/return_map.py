@@ -148,12 +148,14 @@ class ReturnMap:
         Raises
         ------
         OrbitLost
-            If an end is below the plate.
+            If an end is below the plate, or higher above the other one than the dimer is long.
         """
         point = np.zeros(len(NAMES))
         point[self.free] = z
         if point[0] < 0 or point[1] < 0:
             raise OrbitLost("an end meets the plate at the section")
+        if not abs(point[1] - point[0]) * self.section.units[0] < 2 * self.section.h:
+            raise OrbitLost("no dimer is so steep")
         return self.section.held(self.section.state(point), self.modes)
 
     def image(self, z: np.ndarray) -> Image:
