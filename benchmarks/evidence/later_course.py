@@ -32,6 +32,7 @@ ON = KEPT  # distance from the family, in units of the section, up to which a ru
 MAP_RTOL, STEP = 1e-12, 1e-6  # of the map, and of its derivatives by differences
 NEAR = 0.1  # how far the point of a settled run fails to close at most
 NARROWED = 1e-3  # of the spin's change in one period: how well the end of a family is known
+AHEAD = (1.0, 2.0, 4.0, 8.0)  # of the spin's change in one period: how far beyond the end the map is looked at
 FOLLOWED = 60  # points of the branch of fixed points on which a fold is looked for
 
 
@@ -212,9 +213,9 @@ def border_ahead(at: Fixed, periods: int) -> Border | None:
     return None
 
 
-def end_of(at: Fixed, spin: float) -> Border:
+def end_of(begin: Fixed, spin: float) -> Border:
     """Where a family ends that has no point at a spin ahead, by halving, and what the map does there."""
-    low, high = at.image.spin, spin
+    at, low, high = begin, begin.image.spin, spin
     least = NARROWED * abs(high - low)
     while abs(high - low) > least:
         middle = 0.5 * (low + high)
@@ -222,7 +223,9 @@ def end_of(at: Fixed, spin: float) -> Border:
             at, low = next_on_manifold(at, middle), middle
         except OrbitLost:
             high = middle
-    return Border(f"end of the family ({beyond(at, spin)})", (low, high))
+    ahead = [beyond(one, low + by * (spin - begin.image.spin)) for by in AHEAD for one in (at, begin)]
+    told = next((what for what in ahead if what), NOTHING if has_fast_part(at) else SLOW)
+    return Border(f"end of the family ({told})", (low, high))
 
 
 def fold_behind(begin: Fixed, spin: float) -> Border | None:
@@ -238,7 +241,7 @@ def fold_behind(begin: Fixed, spin: float) -> Border | None:
 
 
 def beyond(at: Fixed, spin: float) -> str:
-    """What the motion does at the point to which a family leads where it has none."""
+    """What the motion does otherwise at the point to which a family leads where it has none; empty if nothing."""
     try:
         passage = at.map.image(led_to(at, spin)).passage
     except OrbitLost as reason:
@@ -247,9 +250,7 @@ def beyond(at: Fixed, spin: float) -> str:
     if new != word:
         return f"beyond it the word changes from {word} to {new}"
     before, after = (len(one.events) for one in (at.image.passage, passage))
-    if before != after:
-        return f"{before} events in its period, {after} beyond"
-    return NOTHING if has_fast_part(at) else SLOW
+    return f"{before} events in its period, {after} beyond" if before != after else ""
 
 
 class Stretch(NamedTuple):
