@@ -34,6 +34,15 @@ def test_what_is_written_is_read(cube, tmp_path):
     assert os.listdir(tmp_path) == ["cube.nc"]
 
 
+def test_a_cube_is_written_without_the_cluster_that_ran_its_points(cube, tmp_path, monkeypatch):
+    from distributed import Client
+
+    monkeypatch.setattr("dask.distributed.Lock", lambda name: pytest.fail("the cluster was asked for a lock"))
+    with Client(processes=False, n_workers=0, dashboard_address=None):
+        write_cube(cube, tmp_path / "cube.nc")
+    assert (tmp_path / "cube.nc").is_file()
+
+
 def test_an_existing_file_stays_unless_forced(cube, tmp_path):
     path = tmp_path / "cube.nc"
     path.write_text("precious")

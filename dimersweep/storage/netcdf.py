@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import dask
 import numpy as np
 import xarray as xr
 
@@ -175,7 +176,8 @@ def write_cube(
     path = check_writable(path, force=force)
     temporary = scratch or path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
-        with told(f"out = {path}", kept):
+        # xarray would ask a cluster for a lock, and fail if that has gone since the last point was done
+        with told(f"out = {path}", kept), dask.config.set(scheduler="threads"):
             temporary.unlink(missing_ok=True)
             for number, part in enumerate(_parts(cube)):
                 part.to_netcdf(temporary, mode="a" if number else "w", engine="netcdf4", format="NETCDF4")
