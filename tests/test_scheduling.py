@@ -356,6 +356,9 @@ def test_the_loss_of_the_scheduler_is_told_and_costs_nothing_finished(tmp_path):
     assert any((tmp_path / "cube.nc.tiles").glob("tiles-*.npy"))
 
 
+LOGS = ("distributed.client", "tornado.application")
+
+
 class Complaining:
     """A client that logs what went wrong when it is closed, as that of distributed does after the loss of its scheduler."""
 
@@ -366,7 +369,8 @@ class Complaining:
         return self
 
     def __exit__(self, *raised):
-        logging.getLogger("distributed.client").error("Traceback (most recent call last):")
+        for name in LOGS:
+            logging.getLogger(name).error("Traceback (most recent call last):")
 
     def run(self, function):
         return {"tcp://worker": function()}
@@ -375,17 +379,19 @@ class Complaining:
 def test_the_log_of_our_own_client_stays_out_of_sight_and_that_of_others_does_not(monkeypatch):
     import distributed
 
-    log, seen = logging.getLogger("distributed.client"), []
+    logs, seen = [logging.getLogger(name) for name in LOGS], []
     watch = logging.Handler()
     watch.emit = lambda record: seen.append(record.getMessage())
     monkeypatch.setattr(distributed, "Client", Complaining)
-    monkeypatch.setattr(log, "handlers", [watch])
+    for log in logs:
+        monkeypatch.setattr(log, "handlers", [watch])
     with scheduling.connected("tcp://scheduler"):
         pass
     assert seen == []
     with scheduling.connected(Complaining("tcp://scheduler", 3)):
-        log.error("told")
-    assert seen == ["told"]
+        for log in logs:
+            log.error("told")
+    assert seen == ["told"] * len(logs)
 
 
 class Endless(NamedTuple):

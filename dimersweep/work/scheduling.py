@@ -32,6 +32,7 @@ IN_FLIGHT = 2  # tasks for each worker: one runs and one waits, so that none idl
 GRACE = 1.0  # seconds that running tiles have to come back when the sweep is stopped
 POLL = 0.1  # seconds between two looks at the flag
 CONNECT_SECONDS = 10.0  # to find a scheduler
+CLIENT_LOGS = ("distributed.client", "tornado.application", "asyncio")  # tell of a connection that is lost
 COUNT_SECONDS = 5.0  # between two counts of the workers of a cluster, which may come and go
 GROWTH = 4  # a task has at most this many times the points that have come back in all
 MOST = 1 << 18  # points of a task, however quick they are: its results take 50 MB of whoever holds them
@@ -207,14 +208,16 @@ def connected(client: Any) -> Iterator[Any]:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep the log of our own client, with its tracebacks, from the user: what goes wrong there is told in one line."""
-    log = logging.getLogger("distributed.client")
-    level = log.level
-    log.setLevel(logging.CRITICAL)
+    """Keep the logs of our own client, with their tracebacks, from the user: what goes wrong there is told in one line."""
+    logs = [logging.getLogger(name) for name in CLIENT_LOGS]
+    levels = [log.level for log in logs]
+    for log in logs:
+        log.setLevel(logging.CRITICAL)
     try:
         yield
     finally:
-        log.setLevel(level)
+        for log, level in zip(logs, levels, strict=True):
+            log.setLevel(level)
 
 
 def _check_kernels(client: Any) -> None:
