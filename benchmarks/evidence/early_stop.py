@@ -123,7 +123,7 @@ class Recorder:
     def cost(self) -> tuple[float, float]:
         """Time of the run over that to its death, the median of pairs taken in turn, and the time to its death [s]."""
         repeats = 1 + int(TIMED_FOR / self._seconds(self.rows, 1))
-        pairs = [[self._seconds(rows, repeats) for rows in (len(self._events), self.rows)] for _ in range(TIMINGS)]
+        pairs = [[self._seconds(rows, repeats) for rows in (len(self._record.events), self.rows)] for _ in range(TIMINGS)]
         whole, part = np.array(pairs).T
         return float(np.median(whole / part)), float(np.median(part))
 
