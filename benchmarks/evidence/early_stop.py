@@ -55,7 +55,6 @@ DEATH_COST, DRIFT_WAIT = 1.2, 30  # what a death may cost over the time to it; p
 BEYOND = 30  # periods by which a drift is followed further than its stop, to see where it ends
 TIMINGS = 9
 TIMED_FOR = 2e-3  # least time of one timing [s]: a run is repeated as often as that takes
-AT_ONCE = 1e-9  # periods between the death and the stop that are none
 
 
 class Runs(NamedTuple):
@@ -123,7 +122,9 @@ class Recorder:
     def cost(self) -> tuple[float, float]:
         """Time of the run over that to its death, the median of pairs taken in turn, and the time to its death [s]."""
         repeats = 1 + int(TIMED_FOR / self._seconds(self.rows, 1))
-        pairs = [[self._seconds(rows, repeats) for rows in (len(self._record.events), self.rows)] for _ in range(TIMINGS)]
+        pairs = [
+            [self._seconds(rows, repeats) for rows in (len(self._record.events), self.rows)] for _ in range(TIMINGS)
+        ]
         whole, part = np.array(pairs).T
         return float(np.median(whole / part)), float(np.median(part))
 
@@ -210,25 +211,21 @@ def print_exceptions(
 def print_deaths(columns: dict[str, np.ndarray], rows: np.ndarray, dead: np.ndarray, given: argparse.Namespace) -> None:
     """When runs that die stop, and what they cost over the same runs up to their death.
 
-    Timed are the first of them and all that do not stop with the event of their death.
+    The first of them are timed.
     """
     runs = [Recorder(rows[k], given.periods, given.rtol) for k in dead]
     wait = np.array([run.end - run.death for run in runs])
-    late = wait > AT_ONCE
-    print(f"{dead.size} runs that die: {dead.size - late.sum()} stop with the event of their death", end="")
-    print(f", the others {np.median(wait[late]):.2f} periods later, {wait.max():.2f} at most" if late.any() else "")
-    chosen = np.flatnonzero(late | (np.arange(dead.size) < given.timed))
-    ratio, least = np.array([runs[k].cost() for k in chosen]).T
+    print(f"{dead.size} runs that die stop {np.median(wait):.2f} periods after that (median), {wait.max():.2f} at most")
+    ratio, least = np.array([run.cost() for run in runs[: given.timed]]).T
     print(
-        f"time of {chosen.size} of them over that to the death: {ratio @ least / least.sum():.3f} in all; each: median "
+        f"time of {ratio.size} of them over that to the death: {ratio @ least / least.sum():.3f} in all; each: median "
         f"{np.median(ratio):.3f}, 95 % below {np.quantile(ratio, 0.95):.3f}, worst {ratio.max():.3f}; "
         f"{np.count_nonzero(ratio > DEATH_COST)} above {DEATH_COST}"
     )
-    for n in np.argsort(ratio)[::-1]:
-        k = chosen[n]
-        if ratio[n] > DEATH_COST or late[k]:
+    for k in np.argsort(ratio)[::-1]:
+        if ratio[k] > DEATH_COST:
             print(
-                f"  {ratio[n]:.2f}, {1e6 * least[n]:.0f} us to the death after {runs[k].death:.2f} periods, stopped "
+                f"  {ratio[k]:.2f}, {1e6 * least[k]:.0f} us to the death after {runs[k].death:.2f} periods, stopped "
                 f"{wait[k]:.2f} later: {told(columns, dead[k])}"
             )
 
