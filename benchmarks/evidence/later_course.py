@@ -171,14 +171,7 @@ def on_manifold(near: Fixed) -> Fixed:
 
 def in_own_section(at: Fixed) -> Fixed:
     """The same point of the manifold in a section away from its events."""
-    m = at.map
-    if m.well_placed(at.image.passage):
-        return at
-    try:
-        moved, z = m.moved(at.image.passage)
-        return at_point(moved, z)
-    except OrbitLost:
-        return at
+    return at.map.in_own_section(at, at.image.passage, at_point)
 
 
 def multiplier_of(at: Fixed) -> complex:

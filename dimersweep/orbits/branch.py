@@ -6,6 +6,7 @@ section, so that what lies between them is found on planes across the line from 
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -166,12 +167,8 @@ def in_own_section(axis: Axis, point: Point, simplest: bool = True) -> Point:
 
     Where that cannot be had, the point stays in its section as long as it lasts.
     """
-    if point.fixed.map.well_placed(point.fixed.image.passage, simplest):
-        return point
-    try:
-        return _moved(axis, point, *point.fixed.map.moved(point.fixed.image.passage))
-    except OrbitLost:
-        return point
+    fixed = point.fixed
+    return fixed.map.in_own_section(point, fixed.image.passage, partial(_moved, axis, point), simplest)
 
 
 def in_each_section(axis: Axis, point: Point) -> Iterator[Point]:

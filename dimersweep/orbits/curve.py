@@ -145,12 +145,13 @@ class Curve:
         fast = np.linalg.eigvals(at.fixed.matrix).astype(complex)
         fast = fast[np.argsort(-np.abs(fast), kind="stable")][:-1]  # without that of the spin, which is put back
         orbit = replace(orbit_of(fixed, 0.0), multipliers=fast, stable=bool((np.abs(fast) < 1).all()))
-        if not plain.well_placed(fixed.image.passage):
-            with suppress(OrbitLost):
-                moved, z = plain.moved(fixed.image.passage)
-                there = held(moved, m.parameters, self.spin, self.tape)
-                at = on_border(self.kind, self.axis, there, np.append(z, at.value / self.axis.scale))
-        return orbit, at.value, at
+
+        def make(own: ReturnMap, z: np.ndarray) -> OnBorder:
+            there = held(own, m.parameters, self.spin, self.tape)
+            return on_border(self.kind, self.axis, there, np.append(z, at.value / self.axis.scale))
+
+        moved = plain.in_own_section(at, fixed.image.passage, make)
+        return orbit, moved.value, moved
 
     # --- the first point: on a branch ------------------------------------------------------------------------------
 

@@ -157,14 +157,12 @@ def _next(last: list[Seen], spin: float) -> Seen:
 
 def _centred(seen: Seen) -> Seen:
     """The same motion, its section moved if an event lies near and it can be had in another one."""
-    m, passage = seen.at.map, seen.at.image.passage
-    if m.well_placed(passage):
-        return seen
-    try:
-        moved, z = m.moved(passage)
-        return seen_at(moved, creep_near(moved, z, seen.at.image.spin, *moved.jacobian(z)))
-    except OrbitLost:
-        return seen
+    image = seen.at.image
+
+    def make(m: ReturnMap, z: np.ndarray) -> Seen:
+        return seen_at(m, creep_near(m, z, image.spin, *m.jacobian(z)))
+
+    return seen.at.map.in_own_section(seen, image.passage, make)
 
 
 def _onwards(last: Seen, spin: float) -> Seen:

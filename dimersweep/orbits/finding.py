@@ -142,14 +142,8 @@ def _found(
 
 def centred(fixed: Fixed) -> Fixed:
     """The same orbit, its section moved if an event lies near and it can be had in another one."""
-    m = fixed.map
-    if m.well_placed(fixed.image.passage):
-        return fixed
-    try:
-        moved, z = m.moved(fixed.image.passage)
-        return solve(moved, z, fixed.image.spin)
-    except OrbitLost:
-        return fixed
+    image = fixed.image
+    return fixed.map.in_own_section(fixed, image.passage, lambda m, z: solve(m, z, image.spin))
 
 
 def repeats_after(fixed: Fixed) -> int:

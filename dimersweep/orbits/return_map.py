@@ -5,9 +5,10 @@ coordinates of `stability.NAMES` that are free in the contact there, in their un
 rest is the fast part. The cost of all that is asked here is counted in forcing periods.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -35,6 +36,8 @@ SPIN_COORDINATE = NAMES.index("spin")
 ROWS, GROWTH, MOST_ROWS = 400, 4, 2_000_000
 MARGIN = 0.03  # distance of the section from the next event that is too small, in forcing periods
 LONG = 0.1  # length of a smooth phase from which on the simpler contact counts for more than more length
+
+T = TypeVar("T")
 
 
 class OrbitLost(RuntimeError):
@@ -198,6 +201,18 @@ class ReturnMap:
         if self.margin(passage) <= MARGIN:
             return False
         return not simplest or self.free.size <= len(free_coordinates(best_phase(passage, self.periods)[2]))
+
+    def in_own_section(
+        self, now: T, passage: Passage, make: Callable[["ReturnMap", np.ndarray], T], simplest: bool = True
+    ) -> T:
+        """What is known of a motion, `now`; or what `make(map, point)` gives in another section, if this one does not suit it.
+
+        It does not if events have come near, or (`simplest`) simpler contact lasts. `now` stays where `make` finds no orbit.
+        """
+        if not self.well_placed(passage, simplest):
+            with suppress(OrbitLost):
+                return make(*self.moved(passage))
+        return now
 
     def margin(self, passage: Passage) -> float:
         """Distance of the section from the next event on either side, in forcing periods."""
