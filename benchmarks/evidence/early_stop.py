@@ -2,8 +2,8 @@
 
 Random points near the paper's domain run twice, with the early stop and to the last period. Printed are every point whose
 modes differ, and why: the run beyond its stop is compared with its family of orbits at its own spin (``later_course.py``).
-The exit status is 1 if one leaves its family where that has no border. Then how many runs that die stop with the very event
-with which both ends are down for good, and what they cost over the same run up to that event; and how long a drift goes on
+The exit status is 1 if one leaves its family where that has no border. Then how long runs that die go on once both ends are
+down for good, and what they cost over the same run up to that event; and how long a drift goes on
 after it has settled, by its own count and by how far apart its later strobes are, which are followed beyond the stop. 20,000
 points take some eight minutes on two quiet cores. With ``--results`` the verdicts are kept in a file; where it exists they
 are judged again, and nothing is run.
@@ -215,7 +215,8 @@ def print_deaths(columns: dict[str, np.ndarray], rows: np.ndarray, dead: np.ndar
     """
     runs = [Recorder(rows[k], given.periods, given.rtol) for k in dead]
     wait = np.array([run.end - run.death for run in runs])
-    print(f"{dead.size} runs that die stop {np.median(wait):.2f} periods after that (median), {wait.max():.2f} at most")
+    how = f"{np.median(wait):.2f} periods after both ends are down for good (median), {wait.max():.2f} at most"
+    print(f"{dead.size} runs that die stop {how}")
     ratio, least = np.array([run.cost() for run in runs[: given.timed]]).T
     print(
         f"time of {ratio.size} of them over that to the death: {ratio @ least / least.sum():.3f} in all; each: median "
