@@ -13,7 +13,9 @@ from typing import Any
 from numba.core import types
 from numba.core.compiler import CompilerBase, PassManager
 from numba.core.compiler_machinery import register_pass
+from numba.core.ir_utils import build_definitions
 from numba.core.lowering import Lower
+from numba.core.ssa import reconstruct_ssa
 from numba.core.typed_passes import NativeLowering, NoPythonBackend, NopythonTypeInference, PreLowerStripPhis
 from numba.core.types.functions import BaseFunction
 from numba.core.untyped_passes import FixupArgs, ReconstructSSA, TranslateByteCode
@@ -24,8 +26,11 @@ from dimersweep.kernel.compiler.linking import Part, refusal
 _types: Any = types
 _Base: Any = CompilerBase
 _Function: Any = BaseFunction
+_Manager: Any = PassManager
 _Lower: Any = Lower
 _Lowering: Any = NativeLowering
+_SSA: Any = ReconstructSSA
+_StripPhis: Any = PreLowerStripPhis
 _type: Callable[..., Any] = _Function.get_call_type
 _typed: dict[Any, Any] = {}
 _sizes: dict[Any, int] = {}
@@ -69,7 +74,30 @@ class _KernelLower(_Lower):
         return store_item(self.context, self.builder, array, self._cast_var(value_var, array.dtype), place)
 
 
-@register_pass(mutates_CFG=True, analysis_only=False)
+@register_pass(mutates_CFG=False, analysis_only=False)
+class _KernelSSA(_SSA):
+    """Numba's single assignment, without the lives of variables, for which a kernel has no use."""
+
+    _name = "kernel_ssa"
+
+    def run_pass(self, state: Any) -> bool:
+        state.func_ir = reconstruct_ssa(state.func_ir)
+        state.func_ir._definitions = build_definitions(state.func_ir.blocks)
+        return True
+
+
+@register_pass(mutates_CFG=False, analysis_only=False)
+class _KernelStripPhis(_StripPhis):
+    """The same of the pass that takes the phi nodes out again."""
+
+    _name = "kernel_strip_phis"
+
+    def run_pass(self, state: Any) -> bool:
+        state.func_ir = self._strip_phi_nodes(state.func_ir)
+        return True
+
+
+@register_pass(mutates_CFG=False, analysis_only=False)
 class _KernelLowering(_Lowering):
     _name = "kernel_lowering"
 
@@ -78,12 +106,22 @@ class _KernelLowering(_Lowering):
         return _KernelLower
 
 
+class _Passes(_Manager):
+    """Numba's sequence of passes, without its checks and its news of each."""
+
+    def _runPass(self, index: int, each: Any, state: Any) -> None:
+        each.analysis = self._analysis
+        each.run_initialization(state)
+        each.run_pass(state)
+        each.run_finalizer(state)
+
+
 _PASSES = (
     TranslateByteCode,
     FixupArgs,
-    ReconstructSSA,
+    _KernelSSA,
     NopythonTypeInference,
-    PreLowerStripPhis,
+    _KernelStripPhis,
     _KernelLowering,
     NoPythonBackend,
 )
@@ -115,7 +153,7 @@ class KernelCompiler(_Base):
     """Numba's compiler with the passes that a kernel needs."""
 
     def define_pipelines(self) -> list[Any]:
-        passes = PassManager("kernel")
+        passes = _Passes("kernel")
         for each in _PASSES:
             passes.add_pass(each, each.__name__)
         passes.finalize()
