@@ -5,8 +5,8 @@ the time of the whole call over the sum of the kernel's times shared among the t
 that of one. The sum of kernel times is measured around the calls of the compiled code, on the threads that make them. Where the
 kernel was not on a core all that time, other programs were at work, and the scaling says nothing.
 
-With ``--paired`` the processor time of a whole sweep, on one thread and on two, is compared with that of one plain call of the
-compiled code for the same points, in turn: other programs change little of that.
+With ``--paired`` the processor time of a whole sweep, on one thread and on two, is compared with that of plain calls of the
+compiled code for the same points on as many threads, in turn: other programs change little of that.
 
 Ends with 1 if the overhead with two threads or the scaling misses its limit, and with 2 if the machine was too busy to tell.
 """
@@ -16,10 +16,13 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from statistics import median
 from time import perf_counter, process_time, thread_time
 from typing import Any
+
+import numpy as np
 
 import dimersweep.runs.solving
 import dimersweep.studies.certifying
@@ -73,27 +76,36 @@ def measure(declared: declaration.Declaration, workers: int, clock: KernelClock)
         return perf_counter() - begun, clock.seconds, clock.cpu
 
 
-def plain(spec: Spec) -> float:
-    """Processor time of one call of the compiled code for all points of a sweep [s]."""
-    rows, (out, codes) = spec.grid.rows(0, spec.grid.size), blank(spec.grid.size)
-    begun = process_time()
+def plain(spec: Spec, workers: int) -> float:
+    """Processor time of calls of the compiled code for all points of a sweep, one call on each thread [s]."""
+    rows = spec.grid.rows(0, spec.grid.size)
+    shares = [np.ascontiguousarray(rows[k::workers]) for k in range(workers)]
+    with ThreadPoolExecutor(workers) as pool:
+        begun = process_time()
+        for done in [pool.submit(run_plainly, spec, share) for share in shares]:
+            done.result()
+        return process_time() - begun
+
+
+def run_plainly(spec: Spec, rows: np.ndarray) -> None:
+    """One plain call."""
+    out, codes = blank(len(rows))
     run_many(rows, spec.periods, spec.rtol, spec.stop_when_settled, out, codes)
-    return process_time() - begun
 
 
 def paired(declared: declaration.Declaration, rounds: int) -> int:
     """Compare sweeps with plain calls, in processor time; 0 if the limit holds."""
     spec = declared.study()
     assert isinstance(spec, Spec), "paired: is for sweeps of a whole grid"
-    ratios: dict[int, list[float]] = {1: [], 2: []}
-    before = plain(spec)
-    for number in range(rounds):
-        for workers in (1, 2) if number % 2 == 0 else (2, 1):
+    ratios: dict[int, list[float]] = {}
+    for workers in (1, 2):
+        before, ratios[workers] = plain(spec, workers), []
+        for _ in range(rounds):
             with tempfile.TemporaryDirectory() as folder:
                 begun = process_time()
                 make(declared, Path(folder, "cube.nc"), workers=workers, progress=False)
                 whole = process_time() - begun
-            after = plain(spec)
+            after = plain(spec, workers)
             ratios[workers].append(2 * whole / (before + after))
             before = after
     for workers, found in ratios.items():
