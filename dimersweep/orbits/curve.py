@@ -8,16 +8,13 @@ from math import hypot, pi
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
 
 from dimersweep.errors import OrbitError
 from dimersweep.orbits.bordered import OnBorder, held, on_border
 from dimersweep.orbits.branch import (
-    LOCATED,
     Axis,
     Leap,
     Point,
-    bracketed,
     corrected,
     in_own_section,
     last_with,
@@ -29,8 +26,8 @@ from dimersweep.orbits.branch import (
 from dimersweep.orbits.finding import orbit_at
 from dimersweep.orbits.orbit import Orbit, orbit_of
 from dimersweep.orbits.passage import TURN
-from dimersweep.orbits.return_map import OrbitLost, ReturnMap, Tape
-from dimersweep.orbits.solving import fixed_at
+from dimersweep.orbits.return_map import Image, OrbitLost, ReturnMap, Tape
+from dimersweep.orbits.solving import TOLERANCE, defect, fixed_at, newton
 from dimersweep.orbits.word import HOP_LINE, longest_hop, word_of
 
 CURVES = ("fold", "flip", "torus")
@@ -39,6 +36,7 @@ KINDS = CURVES + WORDS
 SEED_POINTS, SEED_STEP = 120, 0.1  # of the branch on which the first point is looked for
 WIDEST, NARROWEST, WIDER = 0.05, 2e-5, 4.0  # bracket of a change of word, in the parameter over its scale
 DOUBT, LESS = 4e-3, 0.08  # of a point with one neighbour; of one on the line through two, in the step between them
+BESIDE = 1e-9  # of a change of word, how far on this side its point lies, in forcing periods of the hop
 HALVINGS = 4  # of a step from one point of a curve to the next
 
 
@@ -114,6 +112,9 @@ class Curve:
                 return self._told(on_border(self.kind, self.axis, m, self._extrapolated(near), old.frame))
             except OrbitLost:
                 return self._told(on_border(self.kind, self.axis, m, old.y(self.axis)))
+        if self.kind == "hop" and len(self.symbols) == 1:
+            with suppress(OrbitLost):
+                return self._hop(given, near)
         try:
             y = self._extrapolated(near)
             doubt = abs(y[-1] - self._extrapolated(near[:-1])[-1]) if len(near) > 1 else DOUBT
@@ -246,7 +247,7 @@ class Curve:
         old = set(word_of(at.fixed.image.passage).split())
         _, _, right = last_with(self.axis, word_of(at.fixed.image.passage).__eq__, 0.0, at, b)
         new = set(word_of(right.fixed.image.passage).split())
-        self.symbols = frozenset(old ^ new)
+        self.symbols = frozenset(symbol for symbol in old ^ new if self.kind != "hop" or symbol.startswith("far"))
         self.present = frozenset(self.symbols & old)
 
     def _this_side(self, word: str) -> bool:
@@ -262,37 +263,38 @@ class Curve:
             ends = [self._at(given, near, y, side * width) for side in (-1, 1)]
             sides = [self._this_side(word_of(end.fixed.image.passage)) for end in ends]
             if sides[0] != sides[1]:
-                left = self._last(*(ends if sides[0] else ends[::-1]))
+                left = last_with(self.axis, self._this_side, 0.0, *(ends if sides[0] else ends[::-1]))[1]
                 left = with_derivatives(self.axis, left, near.tangent)
                 return orbit_of(left.fixed, 0.0), left.value, in_own_section(self.axis, left)
             width *= WIDER
         at = y[-1] * self.axis.scale
         raise OrbitLost(f"no change of word within {WIDEST * self.axis.scale:.2g} of {self.parameter} = {at:.6g}")
 
-    def _last(self, a: Point, b: Point) -> Point:
-        """The last orbit on this side of two: by the length of the hop, if that is all that changes, or by halving."""
-        if self.kind == "hop" and len(self.symbols) == 1:
-            with suppress(OrbitLost):
-                return self._by_hop(a, b)
-        return last_with(self.axis, self._this_side, 0.0, a, b)[1]
-
-    def _by_hop(self, a: Point, b: Point) -> Point:
-        """The same, where the length of the longest hop crosses the line."""
+    def _hop(self, given: dict[str, float], near: list[Found]) -> tuple[Orbit, float, Any]:
+        """The orbit whose longest hop has the length of the line, solved for like a fold; a little way on this side."""
+        point, y = near[0].begin, self._extrapolated(near)
+        start = self._map(point.fixed.map, given | {self.parameter: float(y[-1] * self.axis.scale)})
         end = int(next(iter(self.symbols))[-1]) - 1
+        line = HOP_LINE + (BESIDE if self.present else -BESIDE)
 
-        def beyond(share: float) -> float:
-            passage = (a, b)[round(share)].fixed.image.passage if share in (0.0, 1.0) else at(share).fixed.image.passage
-            return longest_hop(passage.events, end, passage.times[-1]) / TURN - HOP_LINE
+        def value(y: np.ndarray) -> tuple[np.ndarray, tuple[ReturnMap, Image]]:
+            m = self.axis.map_at(start, float(y[-1] * self.axis.scale))
+            image = m.image(y[:-1])
+            hop = longest_hop(image.passage.events, end, image.passage.times[-1]) / TURN
+            return np.append(defect(m, y[:-1], image, self.spin), hop - line), (m, image)
 
-        def at(share: float) -> Point:
-            return bracketed(self.axis, a, b, share)
+        def derivative(y: np.ndarray) -> np.ndarray:
+            columns = [(value(y + d)[0] - value(y - d)[0]) / (2 * start.step) for d in start.step * np.eye(y.size)]
+            return np.array(columns).T
 
-        length = abs(a.value - b.value) / self.axis.scale
-        share = brentq(beyond, 0.0, 1.0, xtol=0.2 * LOCATED / length)
-        left = at(share - 0.5 * LOCATED / length)
-        if not self._this_side(word_of(left.fixed.image.passage)):
-            raise OrbitLost("the hop leaps over its line")
-        return left
+        root = newton(value, y, derivative, TOLERANCE * self.rtol)
+        if np.abs(root.y - y).max() > WIDEST:
+            raise OrbitLost(f"the hop has that length only at {self.parameter} = {root.y[-1] * self.axis.scale:.6g}")
+        m, image = root.told
+        fixed = point.fixed._replace(map=m, z=root.y[:-1], image=image, residual=float(np.abs(root.value[:-1]).max()))
+        at = point._replace(fixed=fixed, value=float(root.y[-1] * self.axis.scale))
+        at = with_derivatives(self.axis, at, point.tangent)
+        return orbit_of(at.fixed, 0.0), at.value, in_own_section(self.axis, at)
 
     def _at(self, given: dict[str, float], near: Point, y: np.ndarray, by: float) -> Point:
         """The orbit at a value of the parameter beside that of the guess, in the section of a point nearby."""
