@@ -100,6 +100,18 @@ def test_what_has_not_settled_is_run_longer(monkeypatch, tmp_path, length):
     assert found["runs"].sel(f=15).values[[MODES.index("drift"), MODES.index("unresolved")]].tolist() == [30, 69]
 
 
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ({"A_r": 4.0}, "A_r = 4.0: unknown option; what is the same at all points goes into fixed = {'A_r': 4.0}"),
+        ({"threads": 2}, "threads = 2: unknown option"),
+    ],
+)
+def test_an_option_that_there_is_not_is_named(fake_kernel, given, told):
+    with pytest.raises(TypeError, match=f"^{re.escape(told)}$"):
+        dimersweep.sweep(GRID, periods=2, **given)
+
+
 def test_a_point_that_fails_marks_only_itself(monkeypatch):
     monkeypatch.setattr("dimersweep.work.tiles.run_many", failing(lambda rows: rows[:, 3] == 20))
     set_pace(monkeypatch, 89)

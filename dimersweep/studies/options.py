@@ -9,6 +9,7 @@ from typing import Any, TypedDict
 import numpy as np
 
 from dimersweep.cubes.results import not_ok, not_run
+from dimersweep.symbols import PARAMETERS
 from dimersweep.work.computing import How, make_how
 
 
@@ -77,6 +78,7 @@ def make_options(
     retry: bool = False,
     fail_fast: bool = False,
     keep_tiles: bool = False,
+    **unknown: Any,
 ) -> Options:
     """Options from what a user gives, see `sweep`.
 
@@ -84,6 +86,13 @@ def make_options(
     ------
     ParameterError
         If `workers` is not allowed.
+    TypeError
+        For an option that there is not.
     """
+    for name, value in unknown.items():
+        where = (
+            f"; what is the same at all points goes into fixed = {{{name!r}: {value!r}}}" if name in PARAMETERS else ""
+        )
+        raise TypeError(f"{name} = {value!r}: unknown option{where}")
     how = make_how(workers, client, progress=progress, fail_fast=fail_fast)
     return Options(how, None if out is None else Path(out), force, keep_tiles, attrs or {}, extend, retry)
