@@ -17,6 +17,7 @@ from dimersweep.orbits.solving import TOLERANCE, Fixed
 
 STEPS = 14
 SINGULAR = 3e-8  # last entry of the bordered solution that counts as none: what differences know
+NEAR = 1e-4  # residual from which on derivatives are exact
 STEP = 1e-3  # of the differences of that entry
 LARGEST = 0.5  # step of Newton's method, in units of the section
 
@@ -57,18 +58,24 @@ class Told(NamedTuple):
     """The image of a point, the derivative of the map, and the matrix that is singular on the border."""
 
     image: Image
+    exact: bool
     matrix: np.ndarray
     gradient: np.ndarray
     singular: np.ndarray
 
 
-def tell(kind: str, m: HeldMap, z: np.ndarray) -> Told:
-    """All that the equations of a border take at a point."""
-    J, gradient = m.jacobian(z)
+def tell(kind: str, m: HeldMap, z: np.ndarray, near: float = 0.0) -> Told:
+    """All that the equations of a border take at a point.
+
+    Derivatives are exact where it closes to `near`. Else they are one-sided, which costs half as many periods.
+    """
+    image = m.image(z)
+    exact = bool(np.abs(image.point - z).max() <= near)
+    J, gradient = m.jacobian(z, None if exact else image)
     singular = {"fold": J - np.eye(len(J)), "flip": J + np.eye(len(J))}.get(kind)
     if singular is None:
         singular = compound(J) - np.eye(len(J) * (len(J) - 1) // 2)
-    return Told(m.image(z), J, gradient, singular)
+    return Told(image, exact, J, gradient, singular)
 
 
 def at_value(axis: Axis, m: HeldMap, value: float) -> HeldMap:
@@ -96,13 +103,12 @@ def framed(kind: str, axis: Axis, m: HeldMap, z: np.ndarray, value: float) -> Fr
     U, _, V = np.linalg.svd(here.singular)
     left, right = U[:, -1], V[-1]
     base = last_entry(here.singular, left, right)
-    row = []
-    for k in range(z.size):
-        d = np.zeros(z.size)
-        d[k] = STEP
-        row.append((last_entry(tell(kind, m, z + d).singular, left, right) - base) / STEP)
-    moved = at_value(axis, m, value + STEP * axis.scale)
-    row.append((last_entry(tell(kind, moved, z).singular, left, right) - base) / STEP)
+
+    def slope(m: HeldMap, z: np.ndarray) -> float:
+        return (last_entry(tell(kind, m, z).singular, left, right) - base) / STEP
+
+    row = [slope(m, z + d) for d in STEP * np.eye(z.size)]
+    row.append(slope(at_value(axis, m, value + STEP * axis.scale), z))
     top = np.column_stack([here.matrix - np.eye(z.size), slope_of(axis, m, z, value)])
     return Frame(left, right, np.vstack([top, row]))
 
@@ -131,13 +137,13 @@ def on_border(kind: str, axis: Axis, m: HeldMap, y: np.ndarray, frame: Frame | N
         frame = framed(kind, axis, at_value(axis, m, y[-1] * axis.scale), y[:-1], y[-1] * axis.scale)
     A, old_r, taken = frame.derivative.copy(), None, None
     A[:-1, -1] = slope_of(axis, at_value(axis, m, y[-1] * axis.scale), y[:-1], y[-1] * axis.scale)
-    best = np.inf
+    best, exact = np.inf, False
     for _ in range(STEPS):
         value = y[-1] * axis.scale
         there = at_value(axis, m, value)
-        told = tell(kind, there, y[:-1])
+        told = tell(kind, there, y[:-1], NEAR)
         r = np.append(told.image.point - y[:-1], last_entry(told.singular, frame.left, frame.right))
-        if taken is not None:
+        if taken is not None and told.exact == exact:  # else the change is also that of the derivatives
             A = A + np.outer(r - old_r - A @ taken, taken) / (taken @ taken)
         A[:-1, :-1] = told.matrix - np.eye(y.size - 1)
         if np.abs(r[:-1]).max() <= TOLERANCE * m.rtol and abs(r[-1]) <= SINGULAR:
@@ -150,5 +156,5 @@ def on_border(kind: str, axis: Axis, m: HeldMap, y: np.ndarray, frame: Frame | N
             raise OrbitLost(f"the equations of the {kind} are singular") from error
         if np.abs(taken).max() > LARGEST:
             raise OrbitLost(f"Newton's method for the {kind} goes too far")
-        y, old_r = y + taken, r
+        y, old_r, exact = y + taken, r, told.exact
     raise OrbitLost(f"Newton's method for the {kind} stays {best:.1e} away")

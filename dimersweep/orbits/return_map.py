@@ -179,8 +179,8 @@ class ReturnMap:
         if (modes != self.modes).any():
             raise OrbitLost("the contact at the section changes")
 
-    def jacobian(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of the image and of the spin (in its unit), by central differences.
+    def jacobian(self, z: np.ndarray, here: Image | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of the image and of the spin (in its unit), by central differences; by one-sided ones from `here`.
 
         Returns
         -------
@@ -188,12 +188,13 @@ class ReturnMap:
         gradient : ndarray, shape (n,)
         """
         columns, gradient = [], []
-        for k in range(z.size):
-            d = np.zeros(z.size)
-            d[k] = self.step
-            ahead, back = self.image(z + d), self.image(z - d)
-            columns.append((ahead.point - back.point) / (2 * self.step))
-            gradient.append((ahead.spin - back.spin) / (2 * self.step * self.unit))
+        # balances the error of the differences with that of the map, rtol/step
+        step = self.step if here is None else self.rtol**0.5
+        for d in step * np.eye(z.size):
+            ahead, back = self.image(z + d), self.image(z - d) if here is None else here
+            width = 2 * step if here is None else step
+            columns.append((ahead.point - back.point) / width)
+            gradient.append((ahead.spin - back.spin) / (width * self.unit))
         return np.array(columns).T, np.array(gradient)
 
     def well_placed(self, passage: Passage, simplest: bool = True) -> bool:
