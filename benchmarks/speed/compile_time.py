@@ -23,11 +23,12 @@ FIRST_RUN = "import dimersweep; dimersweep.simulate(periods=1, record=False)"
 
 
 class Way(NamedTuple):
-    """A way to compile: an edit of a module of the compiler's, and settings of the environment."""
+    """A way to compile: an edit of a module of the compiler's, settings of the environment; or another revision."""
 
     module: str = ""
     edit: Callable[[str], str] = str
     environment: tuple[tuple[str, str], ...] = ()
+    revision: str = ""
 
 
 WAYS = {
@@ -52,6 +53,9 @@ WAYS = {
             "        passes.finalize()\n",
         ),
     ),
+    "passes with checks and events": Way("compiling", replaced("    def _runPass(", "    def unused(")),
+    "lives of variables told": Way("compiling", replaced("    _KernelSSA,\n", "    ReconstructSSA,\n")),
+    "a pass manager for each name": Way("linking", replaced("    def _optimize_functions(", "    def unused(")),
     "elements lowered by Numba": Way("compiling", replaced("    _KernelLowering,\n", "    NativeLowering,\n")),
     "every operation typed anew": Way("compiling", replaced("    _Function.get_call_type = _type_once\n", "")),
     "garbage looked for": Way("compiling", replaced("    gc.disable()", "    pass")),
@@ -62,7 +66,14 @@ WAYS = {
 
 
 def make_copy(way: Way, folder: Path) -> Path:
-    """A copy of the package in `folder`, edited; the folder."""
+    """A copy of the package in `folder`, edited, or that of another revision; the folder."""
+    if way.revision:
+        folder.mkdir()
+        packed = subprocess.run(
+            ["git", "archive", way.revision, "dimersweep"], cwd=ROOT, check=True, capture_output=True
+        )
+        subprocess.run(["tar", "-x"], cwd=folder, input=packed.stdout, check=True)
+        return folder
     shutil.copytree(ROOT / "dimersweep", folder / "dimersweep", ignore=shutil.ignore_patterns("__pycache__"))
     if way.module:
         (path,) = (folder / "dimersweep" / "kernel").rglob(f"{way.module}.py")
@@ -85,16 +96,20 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rounds", type=int, default=3, help="compilations each way")
     parser.add_argument("--ways", nargs="+", choices=list(WAYS), default=list(WAYS), metavar="WAY")
+    parser.add_argument("--against", metavar="REVISION", help="compile the kernel of this revision, too, and first")
     given = parser.parse_args(arguments)
-    with tempfile.TemporaryDirectory() as name:
-        trees = {way: make_copy(WAYS[way], Path(name, str(k))) for k, way in enumerate(given.ways)}
+    ways = {way: WAYS[way] for way in given.ways}
+    if given.against:
+        ways = {given.against: Way(revision=given.against)} | ways
+    with tempfile.TemporaryDirectory() as folder:
+        trees = {name: make_copy(way, Path(folder, str(k))) for k, (name, way) in enumerate(ways.items())}
         taken = np.zeros((given.rounds, len(trees)))
         for turn in range(given.rounds):
             for k, (way, tree) in enumerate(trees.items()):
-                taken[turn, k] = compile_seconds(WAYS[way], tree)
+                taken[turn, k] = compile_seconds(ways[way], tree)
                 print(f"round {turn + 1}: {way:40s} {taken[turn, k]:6.1f}", flush=True)
     print(f"\n{'':40s} user CPU [s], median (least, most)   over the first")
-    for way, times in zip(given.ways, taken.T, strict=True):
+    for way, times in zip(ways, taken.T, strict=True):
         over = np.median(times / taken[:, 0])
         print(f"{way:40s} {np.median(times):7.1f}  ({times.min():.1f}, {times.max():.1f}) {over:18.2f}")
 
