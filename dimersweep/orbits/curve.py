@@ -288,9 +288,9 @@ class Curve:
             return np.array(columns).T
 
         root = newton(value, y, derivative, TOLERANCE * self.rtol)
-        if np.abs(root.y - y).max() > WIDEST:
-            raise OrbitLost(f"the hop has that length only at {self.parameter} = {root.y[-1] * self.axis.scale:.6g}")
         m, image = root.told
+        if np.abs(root.y - y).max() > WIDEST or not self._this_side(word_of(image.passage)):
+            raise OrbitLost(f"no hop of half a period near {self.parameter} = {y[-1] * self.axis.scale:.6g}")
         fixed = point.fixed._replace(map=m, z=root.y[:-1], image=image, residual=float(np.abs(root.value[:-1]).max()))
         at = point._replace(fixed=fixed, value=float(root.y[-1] * self.axis.scale))
         at = with_derivatives(self.axis, at, point.tangent)
