@@ -55,7 +55,7 @@ def held(m: ReturnMap, parameters: dict[str, float], spin: float, tape: Tape) ->
 
 
 class Told(NamedTuple):
-    """The image of a point, the derivative of the map, and the matrix that is singular on the border."""
+    """The image of a point, the derivatives of the map, whether they are exact, and what is singular on the border."""
 
     image: Image
     exact: bool

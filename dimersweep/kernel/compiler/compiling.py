@@ -76,7 +76,7 @@ class _KernelLower(_Lower):
 
 @register_pass(mutates_CFG=False, analysis_only=False)
 class _KernelSSA(_SSA):
-    """Numba's single assignment, without the lives of variables, for which a kernel has no use."""
+    """Numba's single assignment form, without the lifetimes of variables: only reference counts need them."""
 
     _name = "kernel_ssa"
 
@@ -88,7 +88,7 @@ class _KernelSSA(_SSA):
 
 @register_pass(mutates_CFG=False, analysis_only=False)
 class _KernelStripPhis(_StripPhis):
-    """The same of the pass that takes the phi nodes out again."""
+    """Numba's pass that takes the phi nodes out again, without the lifetimes."""
 
     _name = "kernel_strip_phis"
 
@@ -107,7 +107,7 @@ class _KernelLowering(_Lowering):
 
 
 class _Passes(_Manager):
-    """Numba's sequence of passes, without its checks and its news of each."""
+    """Numba's sequence of passes, without its checks and events."""
 
     def _runPass(self, index: int, each: Any, state: Any) -> None:
         each.analysis = self._analysis

@@ -1,6 +1,6 @@
 """How the kernel is compiled: free of the GIL, strict about floating point, and kept for later processes.
 
-There are two ways. The plain one is ``numba.njit``, which works with every Numba. The fast one takes a fifth of its time, by
+There are two ways. The plain one is ``numba.njit``, which works with every Numba. The fast one takes a sixth of its time, by
 means that only the versions it was tested with are known to have. Numba makes machine code of every function on its own, and
 LLVM optimises what a function calls once more with each of its callers. The fast way keeps the functions that only other
 kernels call as unoptimised parts (``linking.py``); an exported kernel links all the parts it needs, and they are optimised and

@@ -16,7 +16,7 @@ class Part(_Library):
     _shared_module: Any
 
     def _optimize_functions(self, module: Any) -> None:
-        """As Numba does, but with one pass manager for all functions, and not over those that the module only names."""
+        """Optimise each function by itself, as Numba does: with one pass manager for all, and no mere declaration."""
         module.data_layout = self._codegen._data_layout
         passes, builder = self._codegen._function_pass_manager()
         for function in module.functions:
