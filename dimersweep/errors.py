@@ -54,3 +54,8 @@ def unknown(name: str, kind: str, allowed: Iterable[str]) -> str:
     near = get_close_matches(str(name), allowed, 1) or [each for each in allowed if each.lower() == str(name).lower()]
     meant = f"; did you mean {near[0]}?" if near else ""
     return f"{name}: unknown {kind}{meant} (allowed: {', '.join(allowed)})"
+
+
+def one_line(error: BaseException) -> str:
+    """What an error of another library says, on one line that is not too long."""
+    return " ".join(str(error).split())[:200]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from dimersweep.errors import StoreError
+from dimersweep.errors import StoreError, one_line
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import N_START
 from dimersweep.kernel.record import N_EVENT, N_SEGMENT
@@ -122,7 +122,7 @@ def load_run(path: str | os.PathLike[str]) -> "Run":
         _check_rows(rows)
         return _as_run(told, rows)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise StoreError(f"{changed} ({' '.join(str(error).split())[:200]})") from error
+        raise StoreError(f"{changed} ({one_line(error)})") from error
 
 
 def _check_rows(rows: Mapping[str, np.ndarray]) -> None:

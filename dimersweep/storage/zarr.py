@@ -15,7 +15,7 @@ from dimersweep.cubes.cube import blank, build
 from dimersweep.cubes.grid import Grid
 from dimersweep.cubes.points import AnyGrid
 from dimersweep.cubes.results import Tile, beyond, blank_results
-from dimersweep.errors import StoreError
+from dimersweep.errors import StoreError, one_line
 from dimersweep.storage.files import delete, sync, told
 
 CHUNK_POINTS = 1 << 18  # 2 MB a variable and chunk
@@ -190,7 +190,7 @@ class _Numbers:
         except MemoryError:
             raise
         except Exception as error:  # each way to compress has its own
-            told = f"{self.name} cannot be read ({' '.join(str(error).split())[:200]})"
+            told = f"{self.name} cannot be read ({one_line(error)})"
             raise StoreError(f"{self.path}: is damaged: {told}; sweep it again (force=True)") from None
 
 
@@ -219,8 +219,7 @@ def read_zarr(path: Path) -> xr.Dataset:
     try:  # format 2 may name filters that run code
         cube = xr.open_dataset(path, engine="zarr", consolidated=False, zarr_format=3, cache=False)
     except Exception as error:  # what its description leads to, if it was changed
-        told = " ".join(str(error).split())[:200]
-        raise StoreError(f"{path}: is no Zarr group, or a damaged one ({told})") from error
+        raise StoreError(f"{path}: is no Zarr group, or a damaged one ({one_line(error)})") from error
     for name, variable in cube.variables.items():
         lacking = _chunks_lacking(path / str(name), variable)
         if lacking and "dimersweep_cube" in cube.attrs:
