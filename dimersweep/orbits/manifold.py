@@ -84,9 +84,14 @@ def has_fast_part(fixed: Fixed) -> bool:
     return bool(fast.size > 0 and np.abs(fast - 1).min() >= APART)
 
 
+def creep_at(fixed: Fixed) -> Creep:
+    """The fixed point itself in place of a motion that creeps by."""
+    return Creep(fixed.z, fixed.image, fixed.image.theta, slow_direction(fixed)[1], fixed.residual)
+
+
 def creep_of(fixed: Fixed) -> Creep:
     """The motion on the manifold at the spin of a fixed point; the fixed point itself where the fast part is not fast."""
-    still = Creep(fixed.z, fixed.image, fixed.image.theta, slow_direction(fixed)[1], fixed.residual)
+    still = creep_at(fixed)
     if not has_fast_part(fixed):
         return still
     try:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dimersweep.kernel.model.layout import DI_ENDS, GAMMA, PERIOD, PHASE, THETA, X1, Y1
-from dimersweep.orbits.manifold import Creep, multipliers_of, slow_direction
+from dimersweep.orbits.manifold import Creep, creep_at, multipliers_of
 from dimersweep.orbits.passage import TURN, Strike, strike_of
 from dimersweep.orbits.solving import Fixed
 from dimersweep.orbits.word import word_of
@@ -121,7 +121,7 @@ def orbit_of(fixed: Fixed, spent: float, creep: Creep | None = None) -> Orbit:
     """
     m = fixed.map
     if creep is None:
-        creep = Creep(fixed.z, fixed.image, fixed.image.theta, slow_direction(fixed)[1], fixed.residual)
+        creep = creep_at(fixed)
     parameters, image = m.parameters, creep.image
     scale = parameters["g"] / (TURN * parameters["f"])
     strike = strike_of(image.passage, m.section.r, m.section.h, scale)
