@@ -141,13 +141,6 @@ def lent(
     """As `corrected`, with the derivatives and the tangent of `near` still; `anew`: whether Newton's method may take others."""
     m = near.fixed.map
 
-    def value(there: np.ndarray) -> tuple[np.ndarray, tuple[ReturnMap, Image]]:
-        p = there[-1] * axis.scale
-        own = axis.map_at(m, p)
-        image = own.image(there[:-1])
-        r = defect(own, there[:-1], image, axis.spin_at(p))
-        return np.append(r, normal @ (there - y)), (own, image)
-
     def derivative(there: np.ndarray) -> np.ndarray:
         p = there[-1] * axis.scale
         own = axis.map_at(m, p)
@@ -155,9 +148,51 @@ def lent(
         return np.vstack([np.column_stack([A, slope_of(axis, own, there[:-1], p)]), normal])
 
     begin = np.vstack([near.matrix() if known is None else known, normal])
-    root = newton(value, y, derivative if anew else lambda _: begin, TOLERANCE * m.rtol, begin)
+    return closed_where(
+        axis, near, y, lambda there, _: normal @ (there - y), derivative if anew else lambda _: begin, begin
+    )
+
+
+def closed_where(
+    axis: Axis,
+    near: Point,
+    y: np.ndarray,
+    last: Callable[[np.ndarray, Image], float],
+    derivative: Callable[[np.ndarray], np.ndarray] | None = None,
+    known: np.ndarray | None = None,
+) -> Point:
+    """The point near `y` at which the orbit closes and `last` of it and its image is zero; all else is still that of `near`.
+
+    Parameters
+    ----------
+    axis, near, y
+        As by `corrected`.
+    last : callable
+    derivative : callable, optional
+        Of both equations, shape (n + 1, n + 1); by default by central differences.
+    known : ndarray, optional
+        The same nearby.
+
+    Raises
+    ------
+    OrbitLost
+        If there is none nearby.
+    """
+    m = near.fixed.map
+
+    def value(there: np.ndarray) -> tuple[np.ndarray, tuple[ReturnMap, Image]]:
+        p = there[-1] * axis.scale
+        own = axis.map_at(m, p)
+        image = own.image(there[:-1])
+        return np.append(defect(own, there[:-1], image, axis.spin_at(p)), last(there, image)), (own, image)
+
+    def differences(there: np.ndarray) -> np.ndarray:
+        steps = m.step * np.eye(there.size)
+        return np.array([(value(there + d)[0] - value(there - d)[0]) / (2 * m.step) for d in steps]).T
+
+    root = newton(value, y, derivative or differences, TOLERANCE * m.rtol, known)
     own, image = root.told
-    residual = float(np.abs(root.value).max())
+    residual = float(np.abs(root.value[:-1]).max())
     fixed = near.fixed._replace(map=own, z=root.y[:-1], image=image, residual=residual)
     return near._replace(fixed=fixed, value=float(root.y[-1] * axis.scale))
 

@@ -15,6 +15,7 @@ from dimersweep.orbits.branch import (
     Axis,
     Leap,
     Point,
+    closed_where,
     corrected,
     in_own_section,
     last_with,
@@ -27,7 +28,7 @@ from dimersweep.orbits.finding import orbit_at
 from dimersweep.orbits.orbit import Orbit, orbit_of
 from dimersweep.orbits.passage import TURN
 from dimersweep.orbits.return_map import Image, OrbitLost, ReturnMap, Tape
-from dimersweep.orbits.solving import TOLERANCE, defect, fixed_at, newton
+from dimersweep.orbits.solving import fixed_at
 from dimersweep.orbits.word import HOP_LINE, longest_hop, word_of
 
 CURVES = ("fold", "flip", "torus")
@@ -167,7 +168,7 @@ class Curve:
             if self.kind in CURVES:
                 m = held(special.fixed.map, special.fixed.map.parameters, self.spin, self.tape)
                 return self._told(on_border(self.kind, self.axis, m, special.y(self.axis)))
-            return orbit_of(special.fixed, 0.0), special.value, in_own_section(self.axis, special)
+            return self._begun(special)
         raise OrbitError(f"no {self.kind} was met; {'; '.join(reasons)}")
 
     def _starts(self, given: dict[str, float], reasons: list[str]) -> Iterator[Orbit]:
@@ -264,41 +265,37 @@ class Curve:
             sides = [self._this_side(word_of(end.fixed.image.passage)) for end in ends]
             if sides[0] != sides[1]:
                 left = last_with(self.axis, self._this_side, 0.0, *(ends if sides[0] else ends[::-1]))[1]
-                left = with_derivatives(self.axis, left, near.tangent)
-                return orbit_of(left.fixed, 0.0), left.value, in_own_section(self.axis, left)
+                return self._begun(with_derivatives(self.axis, left, near.tangent))
             width *= WIDER
         at = y[-1] * self.axis.scale
         raise OrbitLost(f"no change of word within {WIDEST * self.axis.scale:.2g} of {self.parameter} = {at:.6g}")
 
     def _hop(self, given: dict[str, float], near: list[Found]) -> tuple[Orbit, float, Any]:
         """The orbit whose longest hop has the length of the line, solved for like a fold; a little way on this side."""
-        point, y = near[0].begin, self._extrapolated(near)
-        start = self._map(point.fixed.map, given | {self.parameter: float(y[-1] * self.axis.scale)})
+        y = self._extrapolated(near)
+        beside = self._beside(given, near[0].begin, y)
         end = int(next(iter(self.symbols))[-1]) - 1
         line = HOP_LINE + (BESIDE if self.present else -BESIDE)
 
-        def value(y: np.ndarray) -> tuple[np.ndarray, tuple[ReturnMap, Image]]:
-            m = self.axis.map_at(start, float(y[-1] * self.axis.scale))
-            image = m.image(y[:-1])
-            hop = longest_hop(image.passage.events, end, image.passage.times[-1]) / TURN
-            return np.append(defect(m, y[:-1], image, self.spin), hop - line), (m, image)
+        def over_line(_: np.ndarray, image: Image) -> float:
+            return longest_hop(image.passage.events, end, image.passage.times[-1]) / TURN - line
 
-        def derivative(y: np.ndarray) -> np.ndarray:
-            columns = [(value(y + d)[0] - value(y - d)[0]) / (2 * start.step) for d in start.step * np.eye(y.size)]
-            return np.array(columns).T
+        at = closed_where(self.axis, beside, y, over_line)
+        if np.abs(at.y(self.axis) - y).max() > WIDEST or not self._this_side(word_of(at.fixed.image.passage)):
+            raise OrbitLost(f"no hop of half a period near {self.parameter} = {beside.value:.6g}")
+        return self._begun(with_derivatives(self.axis, at, at.tangent))
 
-        root = newton(value, y, derivative, TOLERANCE * self.rtol)
-        m, image = root.told
-        if np.abs(root.y - y).max() > WIDEST or not self._this_side(word_of(image.passage)):
-            raise OrbitLost(f"no hop of half a period near {self.parameter} = {y[-1] * self.axis.scale:.6g}")
-        fixed = point.fixed._replace(map=m, z=root.y[:-1], image=image, residual=float(np.abs(root.value[:-1]).max()))
-        at = point._replace(fixed=fixed, value=float(root.y[-1] * self.axis.scale))
-        at = with_derivatives(self.axis, at, point.tangent)
+    def _begun(self, at: Point) -> tuple[Orbit, float, Any]:
+        """The orbit of a point of a branch, in a section that suits the next point of the curve."""
         return orbit_of(at.fixed, 0.0), at.value, in_own_section(self.axis, at)
 
     def _at(self, given: dict[str, float], near: Point, y: np.ndarray, by: float) -> Point:
         """The orbit at a value of the parameter beside that of the guess, in the section of a point nearby."""
         y = np.append(y[:-1], y[-1] + by)
-        m = self._map(near.fixed.map, given | {self.parameter: float(y[-1] * self.axis.scale)})
-        beside = near._replace(fixed=near.fixed._replace(map=m), value=float(y[-1] * self.axis.scale))
-        return lent(self.axis, beside, y, np.append(np.zeros(near.fixed.z.size), 1.0))
+        return lent(self.axis, self._beside(given, near, y), y, np.append(np.zeros(near.fixed.z.size), 1.0))
+
+    def _beside(self, given: dict[str, float], near: Point, y: np.ndarray) -> Point:
+        """A point of a neighbour, to begin with at other values of the parameters."""
+        value = float(y[-1] * self.axis.scale)
+        m = self._map(near.fixed.map, given | {self.parameter: value})
+        return near._replace(fixed=near.fixed._replace(map=m), value=value)

@@ -190,9 +190,9 @@ class ReturnMap:
         columns, gradient = [], []
         # balances the error of the differences with that of the map, rtol/step
         step = self.step if here is None else self.rtol**0.5
+        width = 2 * step if here is None else step
         for d in step * np.eye(z.size):
             ahead, back = self.image(z + d), self.image(z - d) if here is None else here
-            width = 2 * step if here is None else step
             columns.append((ahead.point - back.point) / width)
             gradient.append((ahead.spin - back.spin) / (width * self.unit))
         return np.array(columns).T, np.array(gradient)
