@@ -5,17 +5,18 @@ The rounds are taken in turn, and times are those on a processor: other programs
 """
 
 import argparse
-import os
 import resource
 import shutil
 import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from compare import checked_out, environment_of
 from shortcuts import replaced
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -23,12 +24,11 @@ FIRST_RUN = "import dimersweep; dimersweep.simulate(periods=1, record=False)"
 
 
 class Way(NamedTuple):
-    """A way to compile: an edit of a module of the compiler's, settings of the environment; or another revision."""
+    """A way to compile: an edit of a module of the compiler's, and settings of the environment."""
 
     module: str = ""
     edit: Callable[[str], str] = str
     environment: tuple[tuple[str, str], ...] = ()
-    revision: str = ""
 
 
 WAYS = {
@@ -66,14 +66,7 @@ WAYS = {
 
 
 def make_copy(way: Way, folder: Path) -> Path:
-    """A copy of the package in `folder`, edited, or that of another revision; the folder."""
-    if way.revision:
-        folder.mkdir()
-        packed = subprocess.run(
-            ["git", "archive", way.revision, "dimersweep"], cwd=ROOT, check=True, capture_output=True
-        )
-        subprocess.run(["tar", "-x"], cwd=folder, input=packed.stdout, check=True)
-        return folder
+    """A copy of the package in `folder`, edited; the folder."""
     shutil.copytree(ROOT / "dimersweep", folder / "dimersweep", ignore=shutil.ignore_patterns("__pycache__"))
     if way.module:
         (path,) = (folder / "dimersweep" / "kernel").rglob(f"{way.module}.py")
@@ -84,7 +77,7 @@ def make_copy(way: Way, folder: Path) -> Path:
 def compile_seconds(way: Way, tree: Path) -> float:
     """Time on a processor of a first run with nothing cached [s]."""
     with tempfile.TemporaryDirectory() as cache:
-        environment = os.environ | {"PYTHONPATH": str(tree), "NUMBA_CACHE_DIR": cache} | dict(way.environment)
+        environment = environment_of(tree, Path(cache)) | dict(way.environment)
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         subprocess.run([sys.executable, "-c", FIRST_RUN], env=environment, cwd=tree, check=True)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -98,11 +91,13 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--ways", nargs="+", choices=list(WAYS), default=list(WAYS), metavar="WAY")
     parser.add_argument("--against", metavar="REVISION", help="compile the kernel of this revision, too, and first")
     given = parser.parse_args(arguments)
-    ways = {way: WAYS[way] for way in given.ways}
-    if given.against:
-        ways = {given.against: Way(revision=given.against)} | ways
-    with tempfile.TemporaryDirectory() as folder:
-        trees = {name: make_copy(way, Path(folder, str(k))) for k, (name, way) in enumerate(ways.items())}
+    ways = {name: WAYS[name] for name in given.ways}
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        trees = {name: make_copy(way, folder / str(k)) for k, (name, way) in enumerate(ways.items())}
+        if given.against:
+            ways = {given.against: Way()} | ways
+            trees = {given.against: stack.enter_context(checked_out(given.against, folder / "against"))} | trees
         taken = np.zeros((given.rounds, len(trees)))
         for turn in range(given.rounds):
             for k, (way, tree) in enumerate(trees.items()):

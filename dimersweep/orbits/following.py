@@ -109,7 +109,7 @@ def traced(
                 other = next(others, None)
                 point, step, end = (other, FIRST, "") if other else (point, step, f"lost: {reason}")
             continue
-        others = others and iter(())  # once
+        others = others and iter(())  # other sections are tried at one place of a branch only
         nxt, end = _window(axis, point, nxt, start, to)
         found, leap = _specials(axis, point, nxt, words)
         flips = [special for special in found if special.kind == "flip"] if switch else []
