@@ -1,13 +1,15 @@
 """Branches and borders: the folds, flips and words they pass, against measured values, closed forms and long runs."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from dimersweep import orbits, simulate
 from dimersweep.errors import OrbitError, ParameterError
-from dimersweep.orbits.bordered import compound, last_entry
 from dimersweep.orbits.bordering import outwards
 from dimersweep.orbits.curve import ball_flip, ball_fold
+from dimersweep.orbits.on_border import on_border
 from dimersweep.orbits.return_map import OrbitLost
 from dimersweep.orbits.word import change_of
 
@@ -50,7 +52,7 @@ def test_a_change_of_word_costs_little_and_lies_between_two_words(kind):
     assert np.abs(np.diff(curve["Gamma"].values, 4)).max() < 1e-5  # smooth: no point is another border's
 
 
-def test_a_point_of_a_curve_begins_on_the_axis_with_most_neighbours():
+def test_a_point_of_a_curve_begins_with_its_nearest_neighbours():
     """From A_r = 4 to 5 the step is far; along e it is short."""
     curve = orbits.border("flip", "Gamma", over={"A_r": [4.0, 5.0], "e": np.linspace(0.6, 0.64, 5)}, spin=100.0)
     assert np.median(curve["cost"].values[1]) <= 120
@@ -210,14 +212,35 @@ def test_a_branch_in_the_spin_and_one_in_the_length():
     assert float(lengths["radius"][-1]) == pytest.approx(orbits.find(spin=100.0, A_r=5.8).radius, rel=1e-5)
 
 
-def test_bordering_tells_a_singular_matrix():
-    A = np.diag([2.0, 3.0, 0.0])
-    assert last_entry(A, np.eye(3)[2], np.eye(3)[2]) == 0.0
-    assert last_entry(A + np.eye(3), np.eye(3)[2], np.eye(3)[2]) != 0.0
-    J = np.random.default_rng(0).normal(size=(4, 4))
-    values = np.linalg.eigvals(J)
-    products = [values[i] * values[j] for i in range(4) for j in range(i)]
-    assert np.sort_complex(np.linalg.eigvals(compound(J))) == pytest.approx(np.sort_complex(products))
+class KnownMap:
+    """A map of the plane whose borders are known in closed form."""
+
+    rtol, step = 1e-12, 1e-4
+
+    def __init__(self, formula, a):
+        self.formula, self.a = formula, a
+
+    def image(self, z):
+        return SimpleNamespace(point=np.array(self.formula(self.a, *z)))
+
+
+@pytest.mark.parametrize(
+    ("kind", "formula", "begin", "known"),
+    [
+        # Henon's map with b = 0.3: fold at a = -(1 - b)^2/4, flip at 3 (1 - b)^2/4
+        ("fold", lambda a, x, y: (1 - a * x**2 + y, 0.3 * x), (2.6, 0.8, -0.11), -(0.7**2) / 4),
+        ("flip", lambda a, x, y: (1 - a * x**2 + y, 0.3 * x), (0.9, 0.3, 0.4), 3 * 0.7**2 / 4),
+        # the delayed logistic map turns into a torus at a = 2, x = 1/2, by 60 degrees a step
+        ("torus", lambda a, x, y: (a * x * (1 - y), x), (0.49, 0.49, 1.95), 2.0),
+    ],
+)
+def test_borders_of_known_maps_are_found(kind, formula, begin, known):
+    axis = SimpleNamespace(scale=1.0, map_at=lambda m, value: KnownMap(formula, value))
+    at = on_border(kind, axis, KnownMap(formula, begin[-1]), np.array(begin))
+    assert at.u[-1] == pytest.approx(known, abs=1e-8)
+    if kind == "torus":
+        assert at.z == pytest.approx([0.5, 0.5], abs=1e-8)
+        assert at.u[-2] == pytest.approx(np.pi / 3, abs=1e-8)
 
 
 def test_a_grid_is_walked_from_its_middle_outwards():

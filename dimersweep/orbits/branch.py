@@ -77,6 +77,11 @@ class Point(NamedTuple):
     slope: np.ndarray
     tangent: np.ndarray
 
+    @property
+    def map(self) -> ReturnMap:
+        """The map of its section."""
+        return self.fixed.map
+
     def y(self, axis: Axis) -> np.ndarray:
         """The point with the parameter over its scale."""
         return np.append(self.fixed.z, self.value / axis.scale)

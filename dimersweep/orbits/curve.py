@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dimersweep.errors import OrbitError
-from dimersweep.orbits.bordered import OnBorder, held, on_border
 from dimersweep.orbits.branch import (
     Axis,
     Leap,
@@ -25,6 +24,7 @@ from dimersweep.orbits.branch import (
     with_derivatives,
 )
 from dimersweep.orbits.finding import orbit_at
+from dimersweep.orbits.on_border import OnBorder, held, next_on_border, on_border
 from dimersweep.orbits.orbit import Orbit, orbit_of
 from dimersweep.orbits.passage import TURN
 from dimersweep.orbits.return_map import Image, OrbitLost, ReturnMap, Tape
@@ -108,11 +108,11 @@ class Curve:
     def _next(self, given: dict[str, float], near: list[Found]) -> tuple[Orbit, float, Any]:
         if self.kind in CURVES:
             old: OnBorder = near[0].begin
-            m = held(old.fixed.map, given, self.spin, self.tape)
+            m = held(old.map, given, self.spin, self.tape)
             try:
-                return self._told(on_border(self.kind, self.axis, m, self._extrapolated(near), old.frame))
+                return self._told(next_on_border(self.kind, self.axis, m, old, self._extrapolated(near)))
             except OrbitLost:
-                return self._told(on_border(self.kind, self.axis, m, old.y(self.axis)))
+                return self._told(next_on_border(self.kind, self.axis, m, old, old.u))
         if self.kind == "hop" and len(self.symbols) == 1:
             with suppress(OrbitLost):
                 return self._hop(given, near)
@@ -128,10 +128,8 @@ class Curve:
 
     def _extrapolated(self, near: list[Found]) -> np.ndarray:
         """The point beyond neighbours at equal distances, as far as they are in one section."""
-        m = near[0].begin.fixed.map
-        same = takewhile(
-            lambda one: one.begin.fixed.map.phase == m.phase and one.begin.fixed.map.free.size == m.free.size, near
-        )
+        m = near[0].begin.map
+        same = takewhile(lambda one: one.begin.map.phase == m.phase and one.begin.map.free.size == m.free.size, near)
         ys = [one.begin.y(self.axis) for one in same]
         weights = ((1.0,), (2.0, -1.0), (3.0, -3.0, 1.0))[len(ys) - 1]
         return sum(weight * y for weight, y in zip(weights, ys, strict=True))
@@ -141,19 +139,28 @@ class Curve:
 
     def _told(self, at: OnBorder) -> tuple[Orbit, float, Any]:
         """The orbit of a point of the border, in a section that suits the next one."""
-        m = at.fixed.map
-        plain = ReturnMap(m.parameters, m.phase, m.modes, m.periods, m.rtol, self.tape)
-        fixed = fixed_at(plain, at.fixed.z, residual=at.fixed.residual)
-        fast = np.linalg.eigvals(at.fixed.matrix).astype(complex)
-        fast = fast[np.argsort(-np.abs(fast), kind="stable")][:-1]  # without that of the spin, which is put back
-        orbit = replace(orbit_of(fixed, 0.0), multipliers=fast, stable=bool((np.abs(fast) < 1).all()))
 
         def make(own: ReturnMap, z: np.ndarray) -> OnBorder:
-            there = held(own, m.parameters, self.spin, self.tape)
-            return on_border(self.kind, self.axis, there, np.append(z, at.value / self.axis.scale))
+            there = held(own, own.parameters, self.spin, self.tape)
+            return on_border(self.kind, self.axis, there, np.append(z, at.u[-1]))
 
-        moved = plain.in_own_section(at, fixed.image.passage, make)
-        return orbit, moved.value, moved
+        plain = self._plain(at)
+        image = plain.image(at.z)
+        moved = plain.in_own_section(at, image.passage, make)
+        if moved is not at:
+            at, plain = moved, self._plain(moved)
+            image = plain.image(at.z)
+        matrix, _ = at.map.jacobian(at.z)
+        fast = np.linalg.eigvals(matrix).astype(complex)
+        fast = fast[np.argsort(-np.abs(fast), kind="stable")][:-1]  # without that of the spin, which is put back
+        orbit = orbit_of(fixed_at(plain, at.z, image, at.residual), 0.0)
+        orbit = replace(orbit, multipliers=fast, stable=bool((np.abs(fast) < 1).all()))
+        return orbit, float(at.u[-1] * self.axis.scale), at
+
+    def _plain(self, at: OnBorder) -> ReturnMap:
+        """The map with the spin let go, which tells the whole passage of a period."""
+        m = at.map
+        return ReturnMap(m.parameters, m.phase, m.modes, m.periods, m.rtol, self.tape)
 
     # --- the first point: on a branch ------------------------------------------------------------------------------
 

@@ -51,11 +51,15 @@ def system(m: ReturnMap, matrix: np.ndarray, gradient: np.ndarray) -> np.ndarray
 
 
 class Root(NamedTuple):
-    """Where Newton's method has come to: the point, what the function told of it beside its value, the value."""
+    """Where Newton's method has come to: the point, what the function told of it beside its value, the value.
+
+    Beside it the derivative that it went by, if it needed one.
+    """
 
     y: np.ndarray
     told: Any
     value: np.ndarray
+    derivative: np.ndarray | None
 
 
 def newton(
@@ -88,14 +92,14 @@ def newton(
     for _ in range(STEPS):
         size = np.abs(r).max()
         if size <= target:
-            return Root(y, told, r)
+            return Root(y, told, r, A)
         if A is None:
             A, fresh = derivative(y), True
         try:
             y_next, r_next, told_next = _nearer(f, y, -np.linalg.solve(A, r), size)
         except (np.linalg.LinAlgError, OrbitLost) as error:
             if size <= ROUNDING * target:
-                return Root(y, told, r)  # as near as the rounding of the map allows
+                return Root(y, told, r, A)  # as near as the rounding of the map allows
             if fresh:
                 raise OrbitLost(str(error)) from error
             A = None

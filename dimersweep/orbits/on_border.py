@@ -1,0 +1,211 @@
+"""A point of a fold, flip or torus: the orbit closes, and the derivative J of its map has an eigenvector of the border's kind.
+
+At a fold J v = v, at a flip J v = -v, at a torus J (v + i w) = exp(i angle) (v + i w) (Kuznetsov, Elements of Applied
+Bifurcation Theory, doi 10.1007/978-3-031-22007-4, section 10.3). Only the product of J with a vector is needed: a difference
+of two images, whatever the number of coordinates. From one point of a curve to the next the equations change little.
+"""
+
+from typing import NamedTuple, cast
+
+import numpy as np
+
+from dimersweep.orbits.branch import Axis
+from dimersweep.orbits.held import HeldMap
+from dimersweep.orbits.return_map import Image, OrbitLost, ReturnMap, Tape
+from dimersweep.orbits.solving import TOLERANCE, newton
+
+SINGULAR = 3e-8  # residual of an eigenvector that counts as none: what differences know
+LARGEST = 0.5  # distance from the first guess, in units of the section
+
+
+class OnBorder(NamedTuple):
+    """A point of a border, and what the next one begins with.
+
+    Attributes
+    ----------
+    map : HeldMap
+    u : ndarray
+        Section point, eigenvector (two of a torus), angle of a torus [rad], parameter over its scale.
+    image : Image
+    normal : ndarray, shape (n,)
+        The eigenvector's product with it is 1.
+    derivative : ndarray, optional
+        Of the system by u, where it is still of use.
+    residual : float
+        How far the orbit fails to close, in units of the section.
+    """
+
+    map: HeldMap
+    u: np.ndarray
+    image: Image
+    normal: np.ndarray
+    derivative: np.ndarray | None
+    residual: float
+
+    def y(self, _: Axis) -> np.ndarray:
+        """All that is solved for, the parameter over its scale last."""
+        return self.u
+
+    @property
+    def z(self) -> np.ndarray:
+        """Section point."""
+        return self.u[: self.normal.size]
+
+
+def held(m: ReturnMap, parameters: dict[str, float], spin: float, tape: Tape) -> HeldMap:
+    """The map that tells a border, in the section of another map."""
+    return HeldMap(parameters, m.phase, m.modes, m.periods, m.rtol, tape, spin)
+
+
+def at_value(axis: Axis, m: HeldMap, value: float) -> HeldMap:
+    """The map at a value of the parameter."""
+    return cast(HeldMap, axis.map_at(m, value))
+
+
+def rotation(kind: str, angle: np.ndarray) -> np.ndarray:
+    """What J does to the rows of eigenvectors."""
+    if kind == "torus":
+        c, s = float(np.cos(angle[0])), float(np.sin(angle[0]))
+        return np.array([[c, -s], [s, c]])
+    return np.array([[1.0 if kind == "fold" else -1.0]])
+
+
+def vectors_of(kind: str, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of eigenvectors, as nearly as J has them, and the angle of a torus.
+
+    Raises
+    ------
+    OrbitLost
+        If a torus is asked for, and J has no complex pair.
+    """
+    if kind != "torus":
+        singular = J - rotation(kind, np.empty(0))[0, 0] * np.eye(len(J))
+        return np.linalg.svd(singular)[2][-1:], np.empty(0)
+    values, vectors = np.linalg.eig(J)
+    pairs = np.flatnonzero(values.imag > 0)
+    if not pairs.size:
+        raise OrbitLost("the multipliers have no complex pair")
+    k = pairs[int(np.argmin(np.abs(np.abs(values[pairs]) - 1)))]
+    q = vectors[:, k]
+    q = q * np.exp(-0.5j * np.angle(q @ q))  # its real part is then across its imaginary part
+    return np.array([q.real, q.imag]), np.angle(values[k : k + 1])
+
+
+class System:
+    """The equations of a border, near a point of it."""
+
+    def __init__(self, kind: str, axis: Axis, m: HeldMap, normal: np.ndarray) -> None:
+        self.kind, self.axis, self.m, self.normal = kind, axis, m, normal
+        self.n, self.rows = normal.size, 2 if kind == "torus" else 1
+        self.weight = TOLERANCE * m.rtol / SINGULAR  # so that one target serves all equations
+
+    def parts(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, HeldMap]:
+        """Section point, eigenvectors, angle and the map."""
+        n, end = self.n, self.n * (1 + self.rows)
+        m = at_value(self.axis, self.m, u[-1] * self.axis.scale)
+        return u[:n], u[n:end].reshape(self.rows, n), u[end:-1], m
+
+    def residual(self, u: np.ndarray) -> tuple[np.ndarray, Image]:
+        """All equations, and the image of the point."""
+        z, V, angle, m = self.parts(u)
+        image = m.image(z)
+        products = [(m.image(z + m.step * v).point - m.image(z - m.step * v).point) / (2 * m.step) for v in V]
+        turned = np.array(products) - rotation(self.kind, angle) @ V
+        normal = V @ self.normal - np.eye(self.rows)[0]
+        return np.concatenate([image.point - z, self.weight * turned.ravel(), normal]), image
+
+    def derivative(self, u: np.ndarray, around: "Around | None" = None) -> np.ndarray:
+        """Of all equations by u; from the images around the point, if they are known."""
+        z, V, angle, m = self.parts(u)
+        around = images_around(m, z) if around is None else around
+        J, n, step = around.jacobian(), self.n, m.step
+        value = u[-1] * self.axis.scale
+        ahead, back = (at_value(self.axis, m, value + by * step * self.axis.scale) for by in (1, -1))
+        here, moved = m.image(z).point, ahead.image(z).point
+        A = np.zeros((u.size, u.size))
+        A[:n, :n] = J - np.eye(n)
+        A[:n, -1] = (moved - back.image(z).point) / (2 * step)
+        for k, v in enumerate(V):
+            rows = slice(n * (1 + k), n * (2 + k))
+            along = m.image(z + step * v).point - here
+            for i, d in enumerate(step * np.eye(n)):
+                A[rows, i] = (m.image(z + d + step * v).point - around.ahead[i] - along) / step**2
+            A[rows, -1] = (ahead.image(z + step * v).point - moved - along) / step**2
+            A[rows, rows] = J
+            A[n * (1 + self.rows) + k, rows] = self.normal
+        A[n : n * (1 + self.rows), n : n * (1 + self.rows)] -= np.kron(rotation(self.kind, angle), np.eye(n))
+        if angle.size:
+            A[n : 3 * n, 3 * n] = -(rotation(self.kind, angle + 0.5 * np.pi) @ V).ravel()
+        A[n : n * (1 + self.rows)] *= self.weight
+        return A
+
+
+class Around(NamedTuple):
+    """Images of the points a step ahead and back along each coordinate, shape (n, n)."""
+
+    ahead: np.ndarray
+    back: np.ndarray
+    step: float
+
+    def jacobian(self) -> np.ndarray:
+        """Derivative of the map."""
+        return (self.ahead - self.back).T / (2 * self.step)
+
+
+def images_around(m: HeldMap, z: np.ndarray) -> Around:
+    """The images that tell the derivative at a point."""
+    steps = m.step * np.eye(z.size)
+    ahead, back = (np.array([m.image(z + by * d).point for d in steps]) for by in (1, -1))
+    return Around(ahead, back, m.step)
+
+
+def on_border(kind: str, axis: Axis, m: HeldMap, y: np.ndarray) -> OnBorder:
+    """The point of a border near an orbit.
+
+    Parameters
+    ----------
+    kind : str
+        fold, flip or torus.
+    axis : Axis
+        The parameter that is solved for.
+    m : HeldMap
+        At the other parameters.
+    y : ndarray, shape (n + 1,)
+        Section point and parameter over its scale.
+
+    Raises
+    ------
+    OrbitLost
+        If Newton's method does not come to one.
+    """
+    z, there = y[:-1], at_value(axis, m, y[-1] * axis.scale)
+    around = images_around(there, z)
+    V, angle = vectors_of(kind, around.jacobian())
+    normal = V[0] / (V[0] @ V[0])
+    u = np.concatenate([z, V.ravel(), angle, y[-1:]])
+    system = System(kind, axis, m, normal)
+    return _solved(system, u, system.derivative(u, around))
+
+
+def next_on_border(kind: str, axis: Axis, m: HeldMap, near: OnBorder, u: np.ndarray) -> OnBorder:
+    """The point of a border near a guess `u`, with what is known of a neighbour in the same section.
+
+    Raises
+    ------
+    OrbitLost
+        If Newton's method does not come to one.
+    """
+    return _solved(System(kind, axis, m, near.normal), u, near.derivative)
+
+
+def _solved(system: System, u: np.ndarray, derivative: np.ndarray | None) -> OnBorder:
+    n = system.n
+
+    def residual(there: np.ndarray) -> tuple[np.ndarray, Image]:
+        if np.abs(there - u)[[*range(n), -1]].max() > LARGEST:
+            raise OrbitLost(f"Newton's method for the {system.kind} goes too far")
+        return system.residual(there)
+
+    root = newton(residual, u, system.derivative, TOLERANCE * system.m.rtol, derivative)
+    *_, m = system.parts(root.y)
+    return OnBorder(m, root.y, root.told, system.normal, root.derivative, float(np.abs(root.value[:n]).max()))
