@@ -133,7 +133,7 @@ def _walked(
             tried[index] = sides
             values = {name: float(axes[name][k]) for name, k in zip(axes, index, strict=True)}
             try:
-                found[index] = curve.point(values, _near(found, index), start)
+                found[index] = curve.point(values, _near(found, index, axes), start)
                 going_on = True
             except (OrbitLost, OrbitError, ParameterError) as reason:
                 status[index] = str(reason)
@@ -147,14 +147,20 @@ def _beside(found: dict[tuple[int, ...], Found], index: tuple[int, ...]) -> list
     return [other for other in around if other in found]
 
 
-def _near(found: dict[tuple[int, ...], Found], index: tuple[int, ...]) -> list[Found]:
-    """The found neighbours of a point along the axis that has most of them, the nearest first, for a curve through them."""
+def _near(found: dict[tuple[int, ...], Found], index: tuple[int, ...], axes: dict[str, np.ndarray]) -> list[Found]:
+    """The found neighbours of a point on one side, the nearest first, for a curve through them.
+
+    They lie along the axis whose next value is nearest, as a share of the largest; of its sides it is the one with most.
+    """
     lines = []
-    for k in reversed(range(len(index))):
+    for k, values in enumerate(axes.values()):
         for side in (-1, 1):
             line = (tuple(n + by * side * (j == k) for j, n in enumerate(index)) for by in (1, 2, 3))
-            lines.append([found[at] for at in takewhile(found.__contains__, line)])
-    return max(lines, key=len)
+            near = [found[at] for at in takewhile(found.__contains__, line)]
+            if near:
+                step = abs(values[index[k] + side] - values[index[k]]) / np.abs(values).max()
+                lines.append((round(step, 9), -len(near), near))
+    return min(lines, key=lambda line: line[:2])[2] if lines else []
 
 
 # --- where borders meet -------------------------------------------------------------------------------------------
