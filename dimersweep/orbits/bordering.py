@@ -1,8 +1,9 @@
 """Curves of borders over other parameters, and where they meet other borders."""
 
 from collections.abc import Mapping
+from heapq import heappop, heappush
 from itertools import product, takewhile
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -112,55 +113,58 @@ def outwards(shape: tuple[int, ...]) -> list[tuple[int, ...]]:
     return sorted(points, key=lambda index: sum(abs(k - m) for k, m in zip(index, middle, strict=True)))
 
 
+class Try(NamedTuple):
+    """A point to be looked for from a neighbour: how far that is, and the place of the point in the walk."""
+
+    step: float
+    place: int
+    point: tuple[int, ...]
+    axis: int
+    side: int
+
+
 def _walked(
     curve: "Curve", axes: dict[str, np.ndarray], start: Orbit | None
 ) -> tuple[dict[tuple[int, ...], Found], dict[tuple[int, ...], str]]:
     """The points that are found, and why the others are not: from the middle outwards, each from a neighbour.
 
-    A point that is not found is tried again when another neighbour of it has been found since.
+    Short steps come first, so that a curve is followed along one axis before it is looked for across the others. A point that
+    is not found from one neighbour is tried from the next.
     """
     found: dict[tuple[int, ...], Found] = {}
     status: dict[tuple[int, ...], str] = {}
-    tried: dict[tuple[int, ...], int] = {}
     order = outwards(tuple(len(values) for values in axes.values()))
-    going_on = True
-    while going_on:
-        going_on = False
-        for index in order:
-            sides = len(_beside(found, index))
-            if index in found or (found and sides == 0) or tried.get(index) == sides:
-                continue
-            tried[index] = sides
-            values = {name: float(axes[name][k]) for name, k in zip(axes, index, strict=True)}
-            try:
-                found[index] = curve.point(values, _near(found, index, axes), start)
-                going_on = True
-            except (OrbitLost, OrbitError, ParameterError) as reason:
-                status[index] = str(reason)
+    places = {index: place for place, index in enumerate(order)}
+    waiting: list[Try] = []
+
+    def tried(index: tuple[int, ...], near: list[Found]) -> None:
+        values = {name: float(axes[name][k]) for name, k in zip(axes, index, strict=True)}
+        try:
+            found[index] = curve.point(values, near, start)
+        except (OrbitLost, OrbitError, ParameterError) as reason:
+            status.setdefault(index, str(reason))
+            return
+        for k, column in enumerate(axes.values()):
+            for side in (-1, 1):
+                other = _moved(index, k, -side)
+                if other in places and other not in found:
+                    step = abs(column[other[k]] - column[index[k]]) / np.abs(column).max()
+                    heappush(waiting, Try(round(step, 9), places[other], other, k, side))
+
+    for index in order:
+        tried(index, [])
+        while waiting:
+            one = heappop(waiting)
+            if one.point not in found:
+                line = (_moved(one.point, one.axis, by * one.side) for by in (1, 2, 3))
+                tried(one.point, [found[at] for at in takewhile(found.__contains__, line)])
+        if found:
+            break
     return found, {index: status.get(index, "no neighbour was found") for index in order if index not in found}
 
 
-def _beside(found: dict[tuple[int, ...], Found], index: tuple[int, ...]) -> list[tuple[int, ...]]:
-    """The neighbours of a point that are found."""
-    moves = product(range(len(index)), (-1, 1))
-    around = [tuple(n + side * (j == k) for j, n in enumerate(index)) for k, side in moves]
-    return [other for other in around if other in found]
-
-
-def _near(found: dict[tuple[int, ...], Found], index: tuple[int, ...], axes: dict[str, np.ndarray]) -> list[Found]:
-    """The found neighbours of a point on one side, the nearest first, for a curve through them.
-
-    They lie along the axis whose next value is nearest, as a share of the largest; of its sides it is the one with most.
-    """
-    lines = []
-    for k, values in enumerate(axes.values()):
-        for side in (-1, 1):
-            line = (tuple(n + by * side * (j == k) for j, n in enumerate(index)) for by in (1, 2, 3))
-            near = [found[at] for at in takewhile(found.__contains__, line)]
-            if near:
-                step = abs(values[index[k] + side] - values[index[k]]) / np.abs(values).max()
-                lines.append((round(step, 9), -len(near), near))
-    return min(lines, key=lambda line: line[:2])[2] if lines else []
+def _moved(index: tuple[int, ...], axis: int, by: int) -> tuple[int, ...]:
+    return tuple(n + by * (k == axis) for k, n in enumerate(index))
 
 
 # --- where borders meet -------------------------------------------------------------------------------------------
