@@ -58,6 +58,12 @@ def test_a_point_of_a_curve_begins_with_its_nearest_neighbours():
     assert np.median(curve["cost"].values[1]) <= 120
 
 
+def test_a_curve_does_not_depend_on_where_it_is_looked_for(orbit):
+    """The start has another e than the points."""
+    found = orbits.border("fold", "Gamma", over={"e": [0.5, 0.7]}, spin=100.0, start=orbit)
+    assert np.abs(found["Gamma"].values - [FOLDS[0.5], FOLDS[0.7]]).max() < 2e-6
+
+
 def test_no_dimer_stands_steeper_than_it_is_long():
     m = orbits.find(spin=100.0).fixed.map
     z = np.zeros(m.free.size)

@@ -10,33 +10,25 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dimersweep.errors import OrbitError
-from dimersweep.orbits.branch import (
-    Axis,
-    Leap,
-    Point,
-    closed_where,
-    corrected,
-    in_own_section,
-    last_with,
-    lent,
-    point_of,
-    specials,
-    with_derivatives,
-)
+from dimersweep.orbits.branch import Axis, Equations, Point, corrected, in_own_section, lent, point_of, with_derivatives
 from dimersweep.orbits.finding import orbit_at
+from dimersweep.orbits.grazing import graze
 from dimersweep.orbits.on_border import OnBorder, held, next_on_border, on_border
 from dimersweep.orbits.orbit import Orbit, orbit_of
 from dimersweep.orbits.passage import TURN
 from dimersweep.orbits.return_map import Image, OrbitLost, ReturnMap, Tape
 from dimersweep.orbits.solving import fixed_at
+from dimersweep.orbits.specials import Leap, last_with, specials
 from dimersweep.orbits.word import HOP_LINE, longest_hop, word_of
 
 CURVES = ("fold", "flip", "torus")
 WORDS = ("word", "stick_slip", "lift_off", "double_impact", "chatter", "hop")
 KINDS = CURVES + WORDS
 SEED_POINTS, SEED_STEP = 120, 0.1  # of the branch on which the first point is looked for
+FARTHEST = 0.5  # of a point of a curve from where it is looked for, in units of the section
 WIDEST, NARROWEST, WIDER = 0.05, 2e-5, 4.0  # bracket of a change of word, in the parameter over its scale
 DOUBT, LESS = 4e-3, 0.08  # of a point with one neighbour; of one on the line through two, in the step between them
+OPENED = 2e-3  # gap from which a grazing orbit is looked for, in units of the section
 BESIDE = 1e-9  # of a change of word, how far on this side its point lies, in forcing periods of the hop
 HALVINGS = 4  # of a step from one point of a curve to the next
 
@@ -81,15 +73,23 @@ class Curve:
         """
         spent = self.tape.spent.periods
         given = self.given | values
-        if not near:
-            told = self._first(given, start)
-        else:
-            try:
-                told = self._next(given, near)
-            except OrbitLost:
-                told = self._by_halves(given, near[0], HALVINGS)
+        told = self._beginning(given, start) if not near else self._stepped(given, near)
         orbit, value, begin = told
         return Found(orbit, value, self.tape.spent.periods - spent, begin)
+
+    def _beginning(self, given: dict[str, float], start: Orbit | None) -> tuple[Orbit, float, Any]:
+        """The first point; where it is looked for from an orbit, at that orbit's parameters first."""
+        told = self._first(given, start)
+        found = told[0].parameters
+        if all(found[name] == value for name, value in given.items() if name != self.parameter and name in found):
+            return told
+        return self._stepped(given, [Found(told[0], told[1], 0.0, told[2])])
+
+    def _stepped(self, given: dict[str, float], near: list[Found]) -> tuple[Orbit, float, Any]:
+        try:
+            return self._next(given, near)
+        except OrbitLost:
+            return self._by_halves(given, near[0], HALVINGS)
 
     def _by_halves(self, given: dict[str, float], near: Found, depth: int) -> tuple[Orbit, float, Any]:
         """The point reached over one halfway, and so on, where the step from its neighbour is too wide."""
@@ -113,7 +113,10 @@ class Curve:
                 return self._told(next_on_border(self.kind, self.axis, m, old, self._extrapolated(near)))
             except OrbitLost:
                 return self._told(next_on_border(self.kind, self.axis, m, old, old.u))
-        if self.kind == "hop" and len(self.symbols) == 1:
+        if near[0].begin.gap_slope is not None:
+            with suppress(OrbitLost):
+                return self._graze(given, near)
+        elif self.kind == "hop" and len(self.symbols) == 1:
             with suppress(OrbitLost):
                 return self._hop(given, near)
         try:
@@ -237,7 +240,7 @@ class Curve:
             for special in self._specials(point, nxt):
                 if special.kind == self.kind or (special.kind == "word" and self.kind in ("word", special.change)):
                     if special.kind == "word":
-                        self._note_sides(special.point, point, nxt)
+                        self._note_sides(*special.words)
                     return special.point
             point, step = in_own_section(self.axis, nxt), min(1.5 * step, SEED_STEP)
         raise OrbitLost(f"none within {SEED_POINTS} points of the branch")
@@ -250,16 +253,17 @@ class Curve:
 
     # --- changes of word -------------------------------------------------------------------------------------------
 
-    def _note_sides(self, at: Point, a: Point, b: Point) -> None:
-        """Which symbols tell the sides apart, from the last point on this side and the first on the other."""
-        old = set(word_of(at.fixed.image.passage).split())
-        _, _, right = last_with(self.axis, word_of(at.fixed.image.passage).__eq__, 0.0, at, b)
-        new = set(word_of(right.fixed.image.passage).split())
+    def _note_sides(self, here: str, beyond: str) -> None:
+        """Which symbols tell the sides apart, from the words on both."""
+        old, new = set(here.split()), set(beyond.split())
         self.symbols = frozenset(symbol for symbol in old ^ new if self.kind != "hop" or symbol.startswith("far"))
         self.present = frozenset(self.symbols & old)
 
     def _this_side(self, word: str) -> bool:
         return self.symbols & set(word.split()) == self.present
+
+    def _same_side(self, a: str, b: str) -> bool:
+        return self._this_side(a) == self._this_side(b)
 
     def _word(self, given: dict[str, float], near: Point, y: np.ndarray, doubt: float) -> tuple[Orbit, float, Any]:
         """The last orbit on this side of a change of word: between two orbits on both sides of the guess `y`.
@@ -271,8 +275,8 @@ class Curve:
             ends = [self._at(given, near, y, side * width) for side in (-1, 1)]
             sides = [self._this_side(word_of(end.fixed.image.passage)) for end in ends]
             if sides[0] != sides[1]:
-                left = last_with(self.axis, self._this_side, 0.0, *(ends if sides[0] else ends[::-1]))[1]
-                return self._begun(with_derivatives(self.axis, left, near.tangent))
+                at = last_with(self.axis, self._this_side, 0.0, *(ends if sides[0] else ends[::-1])).at
+                return self._begun(at if at.gap_slope is not None else with_derivatives(self.axis, at, near.tangent))
             width *= WIDER
         at = y[-1] * self.axis.scale
         raise OrbitLost(f"no change of word within {WIDEST * self.axis.scale:.2g} of {self.parameter} = {at:.6g}")
@@ -284,13 +288,28 @@ class Curve:
         end = int(next(iter(self.symbols))[-1]) - 1
         line = HOP_LINE + (BESIDE if self.present else -BESIDE)
 
-        def over_line(_: np.ndarray, image: Image) -> float:
+        def over_line(_: np.ndarray, m: ReturnMap, image: Image) -> float:
             return longest_hop(image.passage.events, end, image.passage.times[-1]) / TURN - line
 
-        at = closed_where(self.axis, beside, y, over_line)
-        if np.abs(at.y(self.axis) - y).max() > WIDEST or not self._this_side(word_of(at.fixed.image.passage)):
+        equations = Equations(self.axis, beside, over_line)
+        at, _ = equations.solved(y, equations.derivative)
+        if np.abs(at.y(self.axis) - y).max() > FARTHEST or not self._this_side(word_of(at.fixed.image.passage)):
             raise OrbitLost(f"no hop of half a period near {self.parameter} = {beside.value:.6g}")
         return self._begun(with_derivatives(self.axis, at, at.tangent))
+
+    def _graze(self, given: dict[str, float], near: list[Found]) -> tuple[Orbit, float, Any]:
+        """The orbit at which an end just misses the plate, and beyond which it strikes: found from where its gap is wider."""
+        last: Point = near[0].begin
+        y = self._extrapolated(near)
+        along = last.tangent * OPENED / (last.tangent @ last.gap_slope)
+        beside = self._beside(given, last, y + along)
+        wider = lent(self.axis, beside, y + along, np.append(np.zeros(last.fixed.z.size), 1.0))
+        at, struck = graze(self.axis, in_own_section(self.axis, wider))
+        if np.abs(at.value / self.axis.scale - y[-1]) > WIDEST or self._same_side(
+            word_of(at.fixed.image.passage), struck
+        ):
+            raise OrbitLost(f"no end grazes where the word changes near {self.parameter} = {at.value:.6g}")
+        return self._begun(at)
 
     def _begun(self, at: Point) -> tuple[Orbit, float, Any]:
         """The orbit of a point of a branch, in a section that suits the next point of the curve."""

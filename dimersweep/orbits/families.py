@@ -16,7 +16,6 @@ from scipy.optimize import brentq
 
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.kernel.model.layout import PERIOD, PHASE, SPIN
-from dimersweep.orbits.branch import JOINED
 from dimersweep.orbits.finding import RTOL, checked, orbit_at
 from dimersweep.orbits.following import Trace, traced
 from dimersweep.orbits.manifold import Creep, creep_near, creep_of, has_fast_part, slow_direction
@@ -24,6 +23,7 @@ from dimersweep.orbits.orbit import Orbit, orbit_of
 from dimersweep.orbits.passage import Passage
 from dimersweep.orbits.return_map import OrbitLost, ReturnMap
 from dimersweep.orbits.solving import Fixed, solve, system
+from dimersweep.orbits.specials import JOINED
 from dimersweep.orbits.tables import dataset
 from dimersweep.parameters import as_number, check_count, check_rtol
 

@@ -7,21 +7,11 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.errors import ParameterError
-from dimersweep.orbits.branch import (
-    Axis,
-    Leap,
-    Point,
-    Special,
-    corrected,
-    doubled,
-    in_each_section,
-    in_own_section,
-    point_of,
-    specials,
-)
+from dimersweep.orbits.branch import Axis, Point, corrected, in_each_section, in_own_section, point_of
 from dimersweep.orbits.manifold import creep_of
 from dimersweep.orbits.orbit import Orbit, orbit_of
 from dimersweep.orbits.return_map import OrbitLost, Tape
+from dimersweep.orbits.specials import Leap, Special, doubled, specials
 from dimersweep.orbits.tables import dataset
 from dimersweep.parameters import as_number, check_count, check_name
 

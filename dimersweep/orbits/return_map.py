@@ -125,9 +125,8 @@ class ReturnMap:
         self.free = np.array(free_coordinates(modes))
         self.slow = int(np.flatnonzero(self.free == SPIN_COORDINATE)[0])
         self.unit = float(self.section.units[SPIN_COORDINATE])  # of the spin [rad/s]
-        self.step = rtol ** (
-            1 / 3
-        )  # balances the error of central differences, step^2, with that of the map, rtol/step
+        # they balance the error of differences, step^2 of central and step of one-sided ones, with that of the map, rtol/step
+        self.step, self.one_sided = rtol ** (1 / 3), rtol**0.5
 
     def row_at(self, phase: float) -> np.ndarray:
         """The kernel's row of the parameters, with the plate at `phase` [rad] at the start."""
@@ -179,8 +178,13 @@ class ReturnMap:
         if (modes != self.modes).any():
             raise OrbitLost("the contact at the section changes")
 
-    def jacobian(self, z: np.ndarray, here: Image | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of the image and of the spin (in its unit), by central differences; by one-sided ones from `here`.
+    def jacobian(
+        self, z: np.ndarray, here: Image | None = None, senses: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of the image and of the spin (in its unit), by central differences.
+
+        Where an end grazes they are one-sided: from `here`, the image of the point, in the `senses` (1 or -1) of the
+        coordinates.
 
         Returns
         -------
@@ -188,11 +192,13 @@ class ReturnMap:
         gradient : ndarray, shape (n,)
         """
         columns, gradient = [], []
-        # balances the error of the differences with that of the map, rtol/step
-        step = self.step if here is None else self.rtol**0.5
-        width = 2 * step if here is None else step
-        for d in step * np.eye(z.size):
-            ahead, back = self.image(z + d), self.image(z - d) if here is None else here
+        if here is None or senses is None:
+            pairs = [(self.image(z + d), self.image(z - d)) for d in self.step * np.eye(z.size)]
+            widths = np.full(z.size, 2 * self.step)
+        else:
+            widths = self.one_sided * senses
+            pairs = [(self.image(z + d), here) for d in np.diag(widths)]
+        for (ahead, back), width in zip(pairs, widths, strict=True):
             columns.append((ahead.point - back.point) / width)
             gradient.append((ahead.spin - back.spin) / (width * self.unit))
         return np.array(columns).T, np.array(gradient)
@@ -243,16 +249,21 @@ class ReturnMap:
 
     def sampled(self, passage: Passage, phase: float) -> tuple[np.ndarray, np.ndarray]:
         """Kernel state and friction modes at a phase since the section [rad]."""
-        segments = passage.segments
         which = int(np.searchsorted(passage.times, phase, side="right")) - 1
-        state, modes = np.zeros((1, N_STATE)), np.zeros((1, 2))
-        at = phase - TURN * segments[which, PERIOD]
+        states, modes = self.states(passage, which, np.array([phase]))
+        return states[0], modes[0]
+
+    def states(self, passage: Passage, which: int, phases: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Kernel states and friction modes in one smooth phase of a motion, at phases since the section [rad]."""
+        segments = passage.segments
+        states, modes = np.zeros((phases.size, N_STATE)), np.zeros((phases.size, 2))
+        at = phases - TURN * segments[which, PERIOD]
         status = sample(
-            self.row, segments, np.array([which]), np.array([at]), self.rtol, self.tape.space, no_record(), state, modes
+            self.row, segments, np.full(phases.size, which), at, self.rtol, self.tape.space, no_record(), states, modes
         )
         if status != OK:
             raise OrbitLost(STATUS_MESSAGES[status])
-        return state[0], modes[0]
+        return states, modes
 
 
 def smooth_phases(passage: Passage, periods: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -9,6 +9,7 @@ from dimersweep.orbits.return_map import Image, OrbitLost, ReturnMap
 
 TOLERANCE = 10.0  # residual of an orbit over the rtol of the map
 STEPS, SLOW = 25, 0.2  # Newton steps at most; a residual that falls by less asks for a new derivative
+FEW = 10  # steps where no new one is to be had
 HALVINGS = 6
 ROUNDING = 1e3  # residual, over the target, of steps that come no nearer but are near enough
 
@@ -65,7 +66,7 @@ class Root(NamedTuple):
 def newton(
     f: Callable[[np.ndarray], tuple[np.ndarray, Any]],
     y: np.ndarray,
-    derivative: Callable[[np.ndarray], np.ndarray],
+    derivative: Callable[[np.ndarray], np.ndarray] | None,
     target: float,
     known: np.ndarray | None = None,
 ) -> Root:
@@ -75,8 +76,9 @@ def newton(
     ----------
     f : callable
         Value, shape (n,), and whatever else is to be kept of the last point.
-    derivative : callable
-        Shape (n, n).
+    derivative : callable, optional
+        Shape (n, n). Without it the known one has to do, as it does where the steps are short: what then comes no nearer at
+        once is lost.
     target : float
         Largest entry of the value that counts as none.
     known : ndarray, shape (n, n), optional
@@ -89,34 +91,35 @@ def newton(
     """
     r, told = f(y)
     A, fresh = known, False
-    for _ in range(STEPS):
+    for _ in range(STEPS if derivative else FEW):
         size = np.abs(r).max()
         if size <= target:
             return Root(y, told, r, A)
-        if A is None:
+        if A is None and derivative is not None:
             A, fresh = derivative(y), True
+        assert A is not None
         try:
-            y_next, r_next, told_next = _nearer(f, y, -np.linalg.solve(A, r), size)
+            y_next, r_next, told_next = _nearer(f, y, -np.linalg.solve(A, r), size, HALVINGS if derivative else 1)
         except (np.linalg.LinAlgError, OrbitLost) as error:
             if size <= ROUNDING * target:
                 return Root(y, told, r, A)  # as near as the rounding of the map allows
-            if fresh:
+            if fresh or not derivative:
                 raise OrbitLost(str(error)) from error
             A = None
             continue
         taken = y_next - y
         quick = np.abs(r_next).max() < SLOW * size
-        A = A + np.outer(r_next - r - A @ taken, taken) / (taken @ taken) if quick else None
+        A = A + np.outer(r_next - r - A @ taken, taken) / (taken @ taken) if quick or not derivative else None
         y, r, told, fresh = y_next, r_next, told_next, False
     raise OrbitLost(f"Newton's method stays {np.abs(r).max():.1e} away")
 
 
 def _nearer(
-    f: Callable[[np.ndarray], tuple[np.ndarray, Any]], y: np.ndarray, step: np.ndarray, size: float
+    f: Callable[[np.ndarray], tuple[np.ndarray, Any]], y: np.ndarray, step: np.ndarray, size: float, tries: int
 ) -> tuple[np.ndarray, np.ndarray, Any]:
     """The first of the step and its halves that leads to a smaller value."""
     lost = OrbitLost("Newton's method finds no step that comes nearer")
-    for _ in range(HALVINGS):
+    for _ in range(tries):
         try:
             r, told = f(y + step)
             if np.abs(r).max() < size:

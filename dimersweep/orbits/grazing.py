@@ -1,0 +1,90 @@
+"""Grazing: an end that comes down, turns in the air and just misses the plate.
+
+Where the gap at which it turns is zero an impact begins, and the map has a square root there (Nordmark, doi
+10.1016/0022-460X(91)90592-8): on the side of the impact no derivative is of use. On the other side the map is smooth, and so is
+that gap. A branch may turn back there, so that both orbits exist on one side of the parameter.
+"""
+
+import numpy as np
+from scipy.optimize import brentq
+
+from dimersweep.kernel.model.layout import D1, FREE, N1
+from dimersweep.kernel.record import HOP_TIME, MODES
+from dimersweep.orbits.branch import Axis, Equations, Point, slope_of
+from dimersweep.orbits.passage import TURN, Passage
+from dimersweep.orbits.return_map import OrbitLost, ReturnMap
+from dimersweep.orbits.solving import Fixed, system
+from dimersweep.orbits.word import word_of
+
+SAMPLES = 64  # in a forcing period, of an end in the air
+TURNED = 1e-7  # how well the time is known at which an end turns [rad]: the gap does not change to first order
+WIDE, CLOSED = 0.05, 1e-9  # gap beyond which no impact is near; gap that counts as none, in units of the section
+CLOSER = 0.02  # gap that is aimed at, over the one before: a step must not lead across
+BEYOND = 1e-6  # distance to which a point across is taken, in units of the section
+
+
+def least_gap(m: ReturnMap, passage: Passage) -> float:
+    """The least gap at which an end turns in the air, in units of the section; infinite where none does."""
+    lengths, segments = np.diff(passage.times), passage.segments
+    least = np.inf
+    for end in (0, 1):
+        free = (segments[:-1, MODES + end] == FREE) & (segments[:-1, HOP_TIME] == 0)
+        for k in np.flatnonzero(free & (lengths > TURN / SAMPLES)).tolist():
+
+            def of_end(phases: np.ndarray, k: int = k, end: int = end) -> tuple[np.ndarray, np.ndarray]:
+                states, _ = m.states(passage, k, phases)
+                return states[:, D1 + end], states[:, N1 + end]
+
+            phases = np.linspace(passage.times[k], passage.times[k + 1], int(SAMPLES * lengths[k] / TURN) + 2)
+            rates = of_end(phases)[1]
+            for j in np.flatnonzero((rates[:-1] < 0) & (rates[1:] >= 0)):
+                turns = brentq(lambda at: of_end(np.array([at]))[1][0], phases[j], phases[j + 1], xtol=TURNED)
+                least = min(least, float(of_end(np.array([turns]))[0][0] / m.section.units[0]))
+    return least
+
+
+def graze(axis: Axis, near: Point) -> tuple[Point, str]:
+    """The orbit near one at which an end just misses the plate, and the word beyond, where it strikes.
+
+    Parameters
+    ----------
+    axis : Axis
+    near : Point
+        At which an end turns near the plate.
+
+    Raises
+    ------
+    OrbitLost
+        If no end does, or none is found.
+    """
+    aim = gap = least_gap(near.fixed.map, near.fixed.image.passage)
+    if not CLOSED < gap < WIDE:
+        raise OrbitLost("no end turns near the plate")
+
+    equations = Equations(axis, near, lambda _, m, image: least_gap(m, image.passage) - aim)
+    y = near.y(axis)
+    first = equations.derivative(y, min(near.fixed.map.step, 0.1 * gap))
+    if not np.isfinite(first).all():
+        raise OrbitLost("the end strikes beside the orbit already")
+    at, known = near, first
+    while aim > CLOSED:
+        aim = max(CLOSER * aim, CLOSED)
+        at, latest = equations.solved(at.y(axis), known=known)
+        known = first if latest is None else latest
+    return _one_sided(axis, at, first[-1]), _word_beyond(axis, at, first[-1])
+
+
+def _one_sided(axis: Axis, at: Point, gap_slope: np.ndarray) -> Point:
+    """The point with its own derivatives, all taken to the side on which no end strikes; the gap opens along the tangent."""
+    fixed, senses = at.fixed, np.where(gap_slope >= 0, 1.0, -1.0)
+    matrix, gradient = fixed.map.jacobian(fixed.z, fixed.image, senses[:-1])
+    fixed = Fixed(fixed.map, fixed.z, fixed.image, matrix, gradient, fixed.residual)
+    slope = slope_of(axis, fixed.map, fixed.z, at.value, senses[-1])
+    tangent = np.linalg.svd(np.column_stack([system(fixed.map, matrix, gradient), slope]))[2][-1]
+    return Point(fixed, at.value, slope, tangent if tangent @ gap_slope >= 0 else -tangent, gap_slope)
+
+
+def _word_beyond(axis: Axis, at: Point, gap_slope: np.ndarray) -> str:
+    beyond = at.y(axis) - BEYOND * gap_slope / np.abs(gap_slope).max()
+    m = axis.map_at(at.fixed.map, beyond[-1] * axis.scale)
+    return word_of(m.image(beyond[:-1]).passage)

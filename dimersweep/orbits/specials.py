@@ -1,0 +1,255 @@
+"""Special points of a branch: folds, flips, tori, changes of word."""
+
+from collections.abc import Callable
+from contextlib import suppress
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import brentq
+
+from dimersweep.orbits.branch import Axis, Point, corrected, lent, slope_of
+from dimersweep.orbits.grazing import graze, least_gap
+from dimersweep.orbits.return_map import OrbitLost, ReturnMap
+from dimersweep.orbits.solving import fixed_at
+from dimersweep.orbits.word import change_of, word_of
+
+LOCATED = 1e-9  # how well a special point is known, in the parameter over its scale
+CHANGES = 12  # word changes within one step
+JOINED = 0.1  # distance of points on both sides of a change of word that belong to one branch, in units of the section
+SHORTEST = 1e-10  # share of a step to which a change of word is located where the parameter hardly changes
+STEEP = 0.05  # part of the parameter in a tangent below which a fold is near
+GRAZING = 1e-3  # width of a bracket, in the parameter over its scale, from which on an end is looked for that grazes
+COMPLEX = 1e-7  # imaginary part from which on a pair of multipliers is complex
+BORN = 2e-3  # distance from a flip at which the doubled branch is taken up, in units of the section
+
+
+def fold_test(point: Point) -> float:
+    """Zero at a fold."""
+    return float(point.tangent[-1])
+
+
+def flip_test(point: Point) -> float:
+    """Zero where a multiplier is -1."""
+    return float(np.linalg.det(point.fixed.matrix + np.eye(len(point.fixed.matrix))))
+
+
+def torus_test(point: Point) -> float:
+    """Zero where a complex pair of multipliers has size 1."""
+    values = np.linalg.eigvals(point.fixed.matrix)
+    pairs = values[np.abs(values.imag) > COMPLEX]
+    return float((np.abs(pairs) ** 2 - 1).max()) if pairs.size else -1.0
+
+
+TESTS: dict[str, Callable[[Point], float]] = {"fold": fold_test, "flip": flip_test, "torus": torus_test}
+
+
+class Special(NamedTuple):
+    """A special point: fold, flip, torus or word, and the share of the step it lies at.
+
+    Of a word, what changes in it, by how much the orbit jumps there, in units of the section, and the words on both sides.
+    """
+
+    kind: str
+    change: str
+    point: Point
+    share: float
+    jump: float = 0.0
+    words: tuple[str, str] = ("", "")
+
+
+def between(axis: Axis, a: Point, b: Point, share: float) -> Point:
+    """The point of the branch on the plane at a share of the way from `a` to `b`."""
+    start, way = a.y(axis), b.y(axis) - a.y(axis)
+    near = a if share < 0.5 else b
+    return corrected(axis, near, start + share * way, way / np.linalg.norm(way))
+
+
+def specials(axis: Axis, a: Point, b: Point, words: bool = True) -> list[Special]:
+    """Special points between two points of a branch, in their order."""
+    found = []
+    for kind, test in TESTS.items():
+        if test(a) * test(b) < 0:
+            special = _located(axis, kind, a, b)
+            if special is not None:
+                found.append(special)
+    if words:
+        found.extend(word_changes(axis, a, b))
+    return sorted(found, key=lambda special: special.share)
+
+
+def _located(axis: Axis, kind: str, a: Point, b: Point) -> Special | None:
+    """The zero of a test function, unless it leaps over zero there."""
+    test = TESTS[kind]
+    length = abs(a.value - b.value) / axis.scale or float(np.linalg.norm(a.y(axis) - b.y(axis)))
+    reached: dict[float, Point] = {0.0: a, 1.0: b}
+
+    def value(share: float) -> float:
+        if share not in reached:
+            reached[share] = between(axis, a, b, share)
+        return test(reached[share])
+
+    try:
+        share = brentq(value, 0.0, 1.0, xtol=max(LOCATED / length, 1e-14), rtol=8.9e-16)
+        point = reached.get(share) or between(axis, a, b, share)
+    except OrbitLost:
+        return None
+    scale = max(abs(test(a)), abs(test(b)))
+    return Special(kind, "", point, share) if abs(test(point)) < 1e-3 * scale else None
+
+
+class Leap(Exception):
+    """The branch does not lead on from a point: beyond it there is another one.
+
+    Parameters
+    ----------
+    found : list of Special
+        Word changes before it.
+    last : Point
+    word : str
+        Of what lies beyond.
+    """
+
+    def __init__(self, found: list[Special], last: Point, word: str) -> None:
+        super().__init__(f"the orbit does not go on beyond its word; the next one found has the word {word}")
+        self.found, self.last = found, last
+
+
+def word_changes(axis: Axis, a: Point, b: Point) -> list[Special]:
+    """Where the word changes between two points, by halving.
+
+    Raises
+    ------
+    Leap
+        If the points on both sides of a change are not those of one branch.
+    """
+    found: list[Special] = []
+    low, left = 0.0, a
+    last = word_of(b.fixed.image.passage)
+    while (word := word_of(left.fixed.image.passage)) != last:
+        change = last_with(axis, word.__eq__, low, left, b)
+        if change.jump > JOINED:
+            raise Leap(found, change.at, change.word)
+        found.append(
+            Special("word", change_of(word, change.word), change.at, change.share, change.jump, (word, change.word))
+        )
+        if len(found) > CHANGES:
+            raise Leap(found, change.at, change.word)
+        low, left = change.share, change.beyond
+    return found
+
+
+class Change(NamedTuple):
+    """A change of word: the share of the step, the point, the word and the first point beyond, the jump of the orbit."""
+
+    share: float
+    at: Point
+    word: str
+    beyond: Point
+    jump: float
+
+
+def last_with(axis: Axis, holds: Callable[[str], bool], low: float, left: Point, b: Point) -> Change:
+    """Where the word no longer obeys, between a point at which it does and the end of the step, `b`.
+
+    Where the hold of an end that sticks is lost, friction falls from mu_s to mu, and the map leaps. So there may be no orbit
+    for a little way: that counts as after the word. Where an end begins to strike, the change is where it grazes.
+    """
+    bracket = Bracket(axis, holds, low, left, b)
+    bracket.narrow(GRAZING)
+    with suppress(OrbitLost):
+        return bracket.grazing()
+    bracket.narrow(LOCATED)
+    jump = float(np.abs(bracket.left.y(axis) - bracket.right.y(axis)).max())
+    return Change(bracket.low, bracket.left, word_of(bracket.right.fixed.image.passage), bracket.right, jump)
+
+
+class Bracket:
+    """A part of a step in which a word ceases to obey, and the points at its ends.
+
+    Parameters
+    ----------
+    axis : Axis
+    holds : callable
+        Whether a word obeys: that of `left` does, that of `right` does not.
+    low : float
+        Share of the step at `left`; `right` is its end.
+    left, right : Point
+    """
+
+    def __init__(self, axis: Axis, holds: Callable[[str], bool], low: float, left: Point, right: Point) -> None:
+        self.axis, self.holds = axis, holds
+        self.low, self.left, self.right, self.at_right = low, left, right, 1.0
+        self.high = 1.0  # from here on the word does not obey, or there was no orbit
+        self.begin, self.first, self.way = left.y(axis), low, right.y(axis) - left.y(axis)
+        self.length = max(abs(self.way[-1] / (1 - low)), LOCATED)
+        self.steep = min(abs(left.tangent[-1]), abs(right.tangent[-1])) < STEEP
+        self.slope = left.tangent / left.tangent[-1]  # of the branch, by the parameter over its scale
+
+    def narrow(self, width: float) -> None:
+        """Halve it until it is so wide, in the parameter over its scale, without new derivatives."""
+        while (self.high - self.low) * self.length > width and self.high - self.low > SHORTEST:
+            middle = 0.5 * (self.low + self.high)
+            try:
+                self._take(middle, lent(self.axis, self.left, *self._plane(middle), anew=False))
+            except OrbitLost:
+                self.high = middle
+
+    def _plane(self, share: float) -> tuple[np.ndarray, np.ndarray]:
+        """Where the branch may be at a share of the step, and the direction across which it is looked for there.
+
+        That is the parameter: from end to end the orbit may leap. Near a fold, where the parameter hardly changes, it is the
+        line from end to end.
+        """
+        start, part = self.left.y(self.axis), (share - self.low) / (self.at_right - self.low)
+        way = self.right.y(self.axis) - start
+        if self.steep:
+            return start + part * way, way / np.linalg.norm(way)
+        return start + part * way[-1] * self.slope, np.append(np.zeros(way.size - 1), 1.0)
+
+    def _take(self, share: float, point: Point) -> None:
+        if self.holds(word_of(point.fixed.image.passage)):
+            way = point.y(self.axis) - self.left.y(self.axis)
+            self.low, self.left = share, point
+            self.slope = way / way[-1] if way[-1] else self.slope
+        else:
+            self.high, self.right, self.at_right = share, point, share
+
+    def grazing(self) -> Change:
+        """Where an end grazes in it.
+
+        Raises
+        ------
+        OrbitLost
+            If none does, or that does not change whether the word obeys.
+        """
+        axis = self.axis
+        near = min(self.left, self.right, key=lambda point: least_gap(point.map, point.fixed.image.passage))
+        at, struck = graze(axis, near)
+        missed = word_of(at.fixed.image.passage)
+        width = abs(self.left.value - self.right.value)
+        outside = min(abs(at.value - end.value) for end in (self.left, self.right)) > width
+        if outside or self.holds(missed) == self.holds(struck):
+            raise OrbitLost("no end grazes where the word changes")
+        share = self.first + (1 - self.first) * ((at.y(axis) - self.begin) @ self.way) / (self.way @ self.way)
+        if near is self.right:
+            return Change(share, at, missed, at, 0.0)
+        return Change(share, at, struck, self.right, 0.0)
+
+
+def doubled(axis: Axis, flip: Point) -> Point:
+    """The branch of twice the period that leaves a flip, a little way along it.
+
+    Raises
+    ------
+    OrbitLost
+        If none is found.
+    """
+    old = flip.fixed.map
+    values, vectors = np.linalg.eig(flip.fixed.matrix)
+    direction = vectors[:, int(np.argmin(np.abs(values + 1)))].real
+    tangent = np.append(direction / np.linalg.norm(direction), 0.0)
+    m = ReturnMap(old.parameters, old.phase, old.modes, 2 * old.periods, old.rtol, old.tape)
+    y = flip.y(axis) + BORN * tangent
+    z = y[:-1]
+    near = Point(fixed_at(m, z), flip.value, slope_of(axis, m, z, flip.value), tangent)
+    return corrected(axis, near, y, tangent)
