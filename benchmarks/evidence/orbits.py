@@ -6,7 +6,9 @@
 * the cost, in forcing periods of the map, of an orbit, a warm point of a branch, of a border, of a family, and the time;
 * `later` beside plain runs (of 20,000 periods; with ``--long`` of 60,000 and 100,000 for two aspect ratios);
 * multipliers beside those of `stability`; the fold beside that of pycont-lite driving the same map, where it is installed;
-* with ``--refine`` the cost of the same border by `refine`.
+* with ``--refine`` the cost of the same border by `refine`;
+* with ``--atlas`` the cost of fold, flip and hop over the grid of ``sweeps/borders/atlas.toml``: of all points, of those
+  beside one of the same word, and of these where an end stays on the plate for a part of the period.
 """
 
 import argparse
@@ -168,10 +170,33 @@ def by_refine():
     print(f"refine to {0.2 / 2**6:.1e} in Gamma at three e: {runs} runs of up to 200 periods, {seconds:.1f} s")
 
 
+def atlas():
+    """The cost of borders over e, for five aspect ratios."""
+    axes = {"A_r": [4.0, 5.0, 6.0, 7.0, 8.0], "e": np.linspace(0.35, 0.8, 46)}
+    for kind in ("fold", "flip", "hop"):
+        found, seconds = timed(lambda kind=kind: orbits.border(kind, "Gamma", over=axes, spin=SPIN))
+        cost, word = found["cost"].values, found["word"].values
+        there = np.isfinite(cost)
+        same = word[:, 1:] == word[:, :-1]
+        beside = np.zeros_like(there)
+        beside[:, 1:] |= same
+        beside[:, :-1] |= same
+        touching = np.char.find(word, "SC") >= 0
+        print(f"{kind} over the atlas, {seconds:.0f} s with the meetings:")
+        for name, which in (
+            ("all", there),
+            ("beside one of the same word", there & beside),
+            ("of these with an end on the plate", there & beside & touching),
+        ):
+            dear = np.sort(cost[which & (cost > 120)])
+            print(f"  {name}: {which.sum()} points, median {np.median(cost[which]):.0f}, {dear.size} above 120: {dear}")
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--long", action="store_true", help="runs of 60,000 and 100,000 periods, two aspect ratios")
     parser.add_argument("--refine", action="store_true", help="the same border by refine")
+    parser.add_argument("--atlas", action="store_true", help="the cost of borders over the grid of the atlas")
     given = parser.parse_args()
     borders()
     costs()
@@ -180,3 +205,5 @@ if __name__ == "__main__":
     peer()
     if given.refine:
         by_refine()
+    if given.atlas:
+        atlas()

@@ -83,6 +83,11 @@ class Point(NamedTuple):
         """The map of its section."""
         return self.fixed.map
 
+    @property
+    def grazes(self) -> bool:
+        """Whether an end just misses the plate."""
+        return self.gap_slope is not None
+
     def y(self, axis: Axis) -> np.ndarray:
         """The point with the parameter over its scale."""
         return np.append(self.fixed.z, self.value / axis.scale)
@@ -218,7 +223,7 @@ def in_own_section(axis: Axis, point: Point, simplest: bool = True) -> Point:
     Where that cannot be had, the point stays in its section as long as it lasts. So it does where an end grazes.
     """
     fixed = point.fixed
-    if point.gap_slope is not None:
+    if point.grazes:
         return point
     return fixed.map.in_own_section(point, fixed.image.passage, partial(_moved, axis, point), simplest)
 

@@ -28,7 +28,7 @@ SEED_POINTS, SEED_STEP = 120, 0.1  # of the branch on which the first point is l
 FARTHEST = 0.5  # of a point of a curve from where it is looked for, in units of the section
 WIDEST, NARROWEST, WIDER = 0.05, 2e-5, 4.0  # bracket of a change of word, in the parameter over its scale
 DOUBT, LESS = 4e-3, 0.08  # of a point with one neighbour; of one on the line through two, in the step between them
-OPENED = 2e-3  # gap from which a grazing orbit is looked for, in units of the section
+OPENED = (2e-3, 7e-3, 2e-2)  # gaps from which a grazing orbit is looked for, in units of the section
 BESIDE = 1e-9  # of a change of word, how far on this side its point lies, in forcing periods of the hop
 HALVINGS = 4  # of a step from one point of a curve to the next
 
@@ -40,6 +40,11 @@ class Found(NamedTuple):
     value: float
     cost: float
     begin: Any
+
+    def alike(self, other: "Found") -> bool:
+        """Whether both obey the same equations, in one section."""
+        m, n = self.begin.map, other.begin.map
+        return m.phase == n.phase and m.free.size == n.free.size and self.begin.grazes == other.begin.grazes
 
 
 def ball_fold(e: float) -> float:
@@ -113,7 +118,7 @@ class Curve:
                 return self._told(next_on_border(self.kind, self.axis, m, old, self._extrapolated(near)))
             except OrbitLost:
                 return self._told(next_on_border(self.kind, self.axis, m, old, old.u))
-        if near[0].begin.gap_slope is not None:
+        if near[0].begin.grazes:
             with suppress(OrbitLost):
                 return self._graze(given, near)
         elif self.kind == "hop" and len(self.symbols) == 1:
@@ -130,9 +135,8 @@ class Curve:
         return self._word(given, near[0].begin, self._extrapolated(near[:2]), doubt)
 
     def _extrapolated(self, near: list[Found]) -> np.ndarray:
-        """The point beyond neighbours at equal distances, as far as they are in one section."""
-        m = near[0].begin.map
-        same = takewhile(lambda one: one.begin.map.phase == m.phase and one.begin.map.free.size == m.free.size, near)
+        """The point beyond neighbours at equal distances, as far as they obey the same equations in one section."""
+        same = takewhile(near[0].alike, near)
         ys = [one.begin.y(self.axis) for one in same]
         weights = ((1.0,), (2.0, -1.0), (3.0, -3.0, 1.0))[len(ys) - 1]
         return sum(weight * y for weight, y in zip(weights, ys, strict=True))
@@ -272,11 +276,11 @@ class Curve:
         """
         width = min(WIDEST, max(NARROWEST, doubt))
         while width <= WIDEST:
-            ends = [self._at(given, near, y, side * width) for side in (-1, 1)]
+            ends = [self._at(given, near, np.append(y[:-1], y[-1] + by)) for by in (-width, width)]
             sides = [self._this_side(word_of(end.fixed.image.passage)) for end in ends]
             if sides[0] != sides[1]:
                 at = last_with(self.axis, self._this_side, 0.0, *(ends if sides[0] else ends[::-1])).at
-                return self._begun(at if at.gap_slope is not None else with_derivatives(self.axis, at, near.tangent))
+                return self._begun(at if at.grazes else with_derivatives(self.axis, at, near.tangent))
             width *= WIDER
         at = y[-1] * self.axis.scale
         raise OrbitLost(f"no change of word within {WIDEST * self.axis.scale:.2g} of {self.parameter} = {at:.6g}")
@@ -293,7 +297,8 @@ class Curve:
 
         equations = Equations(self.axis, beside, over_line)
         at, _ = equations.solved(y, equations.derivative)
-        if np.abs(at.y(self.axis) - y).max() > FARTHEST or not self._this_side(word_of(at.fixed.image.passage)):
+        away = np.abs(at.y(self.axis) - y)
+        if away.max() > FARTHEST or away[-1] > WIDEST or not self._this_side(word_of(at.fixed.image.passage)):
             raise OrbitLost(f"no hop of half a period near {self.parameter} = {beside.value:.6g}")
         return self._begun(with_derivatives(self.axis, at, at.tangent))
 
@@ -301,24 +306,22 @@ class Curve:
         """The orbit at which an end just misses the plate, and beyond which it strikes: found from where its gap is wider."""
         last: Point = near[0].begin
         y = self._extrapolated(near)
-        along = last.tangent * OPENED / (last.tangent @ last.gap_slope)
-        beside = self._beside(given, last, y + along)
-        wider = lent(self.axis, beside, y + along, np.append(np.zeros(last.fixed.z.size), 1.0))
-        at, struck = graze(self.axis, in_own_section(self.axis, wider))
-        if np.abs(at.value / self.axis.scale - y[-1]) > WIDEST or self._same_side(
-            word_of(at.fixed.image.passage), struck
-        ):
-            raise OrbitLost(f"no end grazes where the word changes near {self.parameter} = {at.value:.6g}")
-        return self._begun(at)
+        along = last.tangent / (last.tangent @ last.gap_slope)
+        for gap in OPENED:
+            with suppress(OrbitLost):
+                at, struck = graze(self.axis, in_own_section(self.axis, self._at(given, last, y + gap * along)))
+                near_by = np.abs(at.value / self.axis.scale - y[-1]) <= WIDEST
+                if near_by and not self._same_side(word_of(at.fixed.image.passage), struck):
+                    return self._begun(at)
+        raise OrbitLost(f"no end grazes where the word changes near {self.parameter} = {y[-1] * self.axis.scale:.6g}")
 
     def _begun(self, at: Point) -> tuple[Orbit, float, Any]:
         """The orbit of a point of a branch, in a section that suits the next point of the curve."""
         return orbit_of(at.fixed, 0.0), at.value, in_own_section(self.axis, at)
 
-    def _at(self, given: dict[str, float], near: Point, y: np.ndarray, by: float) -> Point:
-        """The orbit at a value of the parameter beside that of the guess, in the section of a point nearby."""
-        y = np.append(y[:-1], y[-1] + by)
-        return lent(self.axis, self._beside(given, near, y), y, np.append(np.zeros(near.fixed.z.size), 1.0))
+    def _at(self, given: dict[str, float], near: Point, y: np.ndarray) -> Point:
+        """The orbit at the parameter's value in `y`, in the section of a point nearby."""
+        return lent(self.axis, self._beside(given, near, y), y, np.append(np.zeros(y.size - 1), 1.0))
 
     def _beside(self, given: dict[str, float], near: Point, y: np.ndarray) -> Point:
         """A point of a neighbour, to begin with at other values of the parameters."""

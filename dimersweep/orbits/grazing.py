@@ -19,7 +19,7 @@ from dimersweep.orbits.word import word_of
 SAMPLES = 64  # in a forcing period, of an end in the air
 TURNED = 1e-7  # how well the time is known at which an end turns [rad]: the gap does not change to first order
 WIDE, CLOSED = 0.05, 1e-9  # gap beyond which no impact is near; gap that counts as none, in units of the section
-CLOSER = 0.02  # gap that is aimed at, over the one before: a step must not lead across
+CLOSER, LEAST_CLOSER = 0.02, 0.7  # gap that is aimed at, over the one before: a step must not lead across
 BEYOND = 1e-6  # distance to which a point across is taken, in units of the section
 
 
@@ -62,15 +62,20 @@ def graze(axis: Axis, near: Point) -> tuple[Point, str]:
         raise OrbitLost("no end turns near the plate")
 
     equations = Equations(axis, near, lambda _, m, image: least_gap(m, image.passage) - aim)
-    y = near.y(axis)
-    first = equations.derivative(y, min(near.fixed.map.step, 0.1 * gap))
+    first = equations.derivative(near.y(axis), min(near.fixed.map.step, 0.1 * gap))
     if not np.isfinite(first).all():
         raise OrbitLost("the end strikes beside the orbit already")
-    at, known = near, first
-    while aim > CLOSED:
-        aim = max(CLOSER * aim, CLOSED)
-        at, latest = equations.solved(at.y(axis), known=known)
-        known = first if latest is None else latest
+    at, known, closer = near, first, CLOSER
+    while gap > CLOSED:
+        aim = max(closer * gap, CLOSED)
+        try:
+            at, latest = equations.solved(at.y(axis), known=known)
+        except OrbitLost:  # the step led across, or too far
+            closer **= 0.5
+            if closer > LEAST_CLOSER:
+                raise
+            continue
+        gap, known, closer = aim, first if latest is None else latest, CLOSER
     return _one_sided(axis, at, first[-1]), _word_beyond(axis, at, first[-1])
 
 

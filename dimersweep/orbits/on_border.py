@@ -47,6 +47,11 @@ class OnBorder(NamedTuple):
         return self.u
 
     @property
+    def grazes(self) -> bool:
+        """Whether an end just misses the plate."""
+        return False
+
+    @property
     def z(self) -> np.ndarray:
         """Section point."""
         return self.u[: self.normal.size]
