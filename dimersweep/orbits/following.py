@@ -1,6 +1,6 @@
 """Follow an orbit along a branch, through folds, with its stability, its words and its special points."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -85,7 +85,7 @@ def traced(
     axis, point, to = _begin(orbit, parameter, to)
     start, spent = point.value, point.fixed.map.tape.spent
     entries, step, end = [_entry(point)], FIRST, ""
-    others: Iterator[Point] | None = None  # where the branch is lost, the point in other sections
+    others: list[Point] | None = None  # the point in other sections, at the first place where the branch is lost
     while not end:
         if sum(not entry.special for entry in entries) >= points:
             return Trace(entries, f"points: {points} points were asked for", spent.periods)
@@ -95,11 +95,14 @@ def traced(
         except OrbitLost as reason:
             step *= 0.5
             if step < SMALLEST:  # the contact at the section may be all that does not go on
-                others = in_each_section(axis, point) if others is None else others
-                other = next(others, None)
-                point, step, end = (other, FIRST, "") if other else (point, step, f"lost: {reason}")
+                others = list(in_each_section(axis, point)) if others is None else others
+                if others:
+                    point, step = others.pop(0), FIRST
+                else:
+                    end = f"lost: {reason}"
             continue
-        others = others and iter(())  # other sections are tried at one place of a branch only
+        if others:
+            others = []  # one of them goes on
         nxt, end = _window(axis, point, nxt, start, to)
         found, leap = _specials(axis, point, nxt, words)
         flips = [special for special in found if special.kind == "flip"] if switch else []

@@ -226,9 +226,9 @@ class Bracket:
         near = min(self.left, self.right, key=lambda point: least_gap(point.map, point.fixed.image.passage))
         at, struck = graze(axis, near)
         missed = word_of(at.fixed.image.passage)
-        width = abs(self.left.value - self.right.value)
-        outside = min(abs(at.value - end.value) for end in (self.left, self.right)) > width
-        if outside or self.holds(missed) == self.holds(struck):
+        low, high = sorted((self.left.value, self.right.value))
+        aside = GRAZING * axis.scale  # the branch may turn back at the graze
+        if not low - aside <= at.value <= high + aside or self.holds(missed) == self.holds(struck):
             raise OrbitLost("no end grazes where the word changes")
         share = self.first + (1 - self.first) * ((at.y(axis) - self.begin) @ self.way) / (self.way @ self.way)
         if near is self.right:
