@@ -8,16 +8,19 @@
 * multipliers beside those of `stability`; the fold beside that of pycont-lite driving the same map, where it is installed;
 * with ``--refine`` the cost of the same border by `refine`;
 * with ``--atlas`` the cost of fold, flip and hop over the grid of ``sweeps/borders/atlas.toml``: of all points, of those
-  beside one of the same word, and of these where an end stays on the plate for a part of the period.
+  begun from a neighbour of the same word, and of these where an end stays on the plate for a part of the period.
 """
 
 import argparse
 from time import process_time
+from typing import ClassVar
+from unittest.mock import patch
 
 import numpy as np
 
 from dimersweep import orbits, refine, simulate, stability
-from dimersweep.orbits.curve import ball_flip, ball_fold
+from dimersweep.orbits import bordering
+from dimersweep.orbits.curve import Curve, ball_flip, ball_fold
 from dimersweep.orbits.return_map import OrbitLost
 from dimersweep.orbits.solving import defect
 
@@ -170,23 +173,32 @@ def by_refine():
     print(f"refine to {0.2 / 2**6:.1e} in Gamma at three e: {runs} runs of up to 200 periods, {seconds:.1f} s")
 
 
+class Watched(Curve):
+    """A curve that notes of each point the word, that of the neighbour it began from, and the cost."""
+
+    points: ClassVar[list] = []
+
+    def point(self, values, near, start):
+        """The point, noted."""
+        found = super().point(values, near, start)
+        self.points.append((near[0].orbit.word if near else "", found.orbit.word, found.cost))
+        return found
+
+
 def atlas():
     """The cost of borders over e, for five aspect ratios."""
     axes = {"A_r": [4.0, 5.0, 6.0, 7.0, 8.0], "e": np.linspace(0.35, 0.8, 46)}
     for kind in ("fold", "flip", "hop"):
-        found, seconds = timed(lambda kind=kind: orbits.border(kind, "Gamma", over=axes, spin=SPIN))
-        cost, word = found["cost"].values, found["word"].values
-        there = np.isfinite(cost)
-        same = word[:, 1:] == word[:, :-1]
-        beside = np.zeros_like(there)
-        beside[:, 1:] |= same
-        beside[:, :-1] |= same
-        touching = np.char.find(word, "SC") >= 0
-        print(f"{kind} over the atlas, {seconds:.0f} s with the meetings:")
+        Watched.points.clear()
+        with patch.multiple(bordering, Curve=Watched, _meetings=lambda *_: []):
+            orbits.border(kind, "Gamma", over=axes, spin=SPIN)
+        before, word, cost = (np.array(column) for column in zip(*Watched.points, strict=True))
+        same, touches = before == word, np.char.find(word, "SC") >= 0
+        print(f"{kind} over the atlas:")
         for name, which in (
-            ("all", there),
-            ("beside one of the same word", there & beside),
-            ("of these with an end on the plate", there & beside & touching),
+            ("all but the first", before != ""),
+            ("from a neighbour of the same word", same),
+            ("of these with an end on the plate", same & touches),
         ):
             dear = np.sort(cost[which & (cost > 120)])
             print(f"  {name}: {which.sum()} points, median {np.median(cost[which]):.0f}, {dear.size} above 120: {dear}")

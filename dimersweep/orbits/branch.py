@@ -1,4 +1,4 @@
-"""A branch of orbits in one parameter or the spin: pseudo-arclength steps, and where its stability or its word changes.
+"""A branch of orbits in one parameter or the spin: its points, and steps along it in pseudo-arclength.
 
 A point of a branch is y = (section point, parameter over its scale). Two points that follow one another are in the same
 section, so that what lies between them is found on planes across the line from one to the other.
@@ -16,13 +16,6 @@ from dimersweep.orbits.manifold import lag
 from dimersweep.orbits.return_map import Image, OrbitLost, ReturnMap
 from dimersweep.orbits.solving import TOLERANCE, Fixed, defect, fixed_at, newton, system
 from dimersweep.parameters import check
-
-LOCATED = 1e-9  # how well a special point is known, in the parameter over its scale
-CHANGES = 12  # word changes within one step
-JOINED = 0.1  # distance of points on both sides of a change of word that belong to one branch, in units of the section
-SHORTEST = 1e-10  # share of a step to which a change of word is located where the parameter hardly changes
-COMPLEX = 1e-7  # imaginary part from which on a pair of multipliers is complex
-BORN = 2e-3  # distance from a flip at which the doubled branch is taken up, in units of the section
 
 
 class Axis(NamedTuple):
@@ -131,7 +124,7 @@ def point_of(axis: Axis, fixed: Fixed, value: float, along: np.ndarray | None) -
     return Point(fixed, value, slope, tangent if sense >= 0 else -tangent)
 
 
-def corrected(axis: Axis, near: Point, y: np.ndarray, normal: np.ndarray, known: np.ndarray | None = None) -> Point:
+def corrected(axis: Axis, near: Point, y: np.ndarray, normal: np.ndarray) -> Point:
     """The point of the branch on the plane through `y` across `normal`; `near` lends the section and the derivative.
 
     Raises
@@ -139,7 +132,7 @@ def corrected(axis: Axis, near: Point, y: np.ndarray, normal: np.ndarray, known:
     OrbitLost
         If there is none nearby.
     """
-    return with_derivatives(axis, lent(axis, near, y, normal, known), near.tangent)
+    return with_derivatives(axis, lent(axis, near, y, normal), near.tangent)
 
 
 def with_derivatives(axis: Axis, point: Point, along: np.ndarray) -> Point:
@@ -148,9 +141,7 @@ def with_derivatives(axis: Axis, point: Point, along: np.ndarray) -> Point:
     return point_of(axis, fixed_at(fixed.map, fixed.z, fixed.image, fixed.residual), point.value, along)
 
 
-def lent(
-    axis: Axis, near: Point, y: np.ndarray, normal: np.ndarray, known: np.ndarray | None = None, anew: bool = True
-) -> Point:
+def lent(axis: Axis, near: Point, y: np.ndarray, normal: np.ndarray, anew: bool = True) -> Point:
     """As `corrected`, with the derivatives and the tangent of `near` still; `anew`: whether Newton's method may take others."""
     m = near.fixed.map
 
@@ -160,7 +151,7 @@ def lent(
         A = system(own, *own.jacobian(there[:-1]))
         return np.vstack([np.column_stack([A, slope_of(axis, own, there[:-1], p)]), normal])
 
-    begin = np.vstack([near.matrix() if known is None else known, normal])
+    begin = np.vstack([near.matrix(), normal])
     equations = Equations(axis, near, lambda there, *_: normal @ (there - y))
     return equations.solved(y, derivative if anew else None, begin)[0]
 

@@ -111,6 +111,7 @@ class Curve:
         return told
 
     def _next(self, given: dict[str, float], near: list[Found]) -> tuple[Orbit, float, Any]:
+        near = list(takewhile(near[0].alike, near))
         if self.kind in CURVES:
             old: OnBorder = near[0].begin
             m = held(old.map, given, self.spin, self.tape)
@@ -135,9 +136,8 @@ class Curve:
         return self._word(given, near[0].begin, self._extrapolated(near[:2]), doubt)
 
     def _extrapolated(self, near: list[Found]) -> np.ndarray:
-        """The point beyond neighbours at equal distances, as far as they obey the same equations in one section."""
-        same = takewhile(near[0].alike, near)
-        ys = [one.begin.y(self.axis) for one in same]
+        """The point beyond neighbours at equal distances."""
+        ys = [one.begin.y(self.axis) for one in near]
         weights = ((1.0,), (2.0, -1.0), (3.0, -3.0, 1.0))[len(ys) - 1]
         return sum(weight * y for weight, y in zip(weights, ys, strict=True))
 

@@ -183,7 +183,7 @@ class Bracket:
         self.begin, self.first, self.way = left.y(axis), low, right.y(axis) - left.y(axis)
         self.length = max(abs(self.way[-1] / (1 - low)), LOCATED)
         self.steep = min(abs(left.tangent[-1]), abs(right.tangent[-1])) < STEEP
-        self.slope = left.tangent / left.tangent[-1]  # of the branch, by the parameter over its scale
+        self.slope = left.tangent if self.steep else left.tangent / left.tangent[-1]  # by the parameter over its scale
 
     def narrow(self, width: float) -> None:
         """Halve it until it is so wide, in the parameter over its scale, without new derivatives."""
@@ -210,7 +210,8 @@ class Bracket:
         if self.holds(word_of(point.fixed.image.passage)):
             way = point.y(self.axis) - self.left.y(self.axis)
             self.low, self.left = share, point
-            self.slope = way / way[-1] if way[-1] else self.slope
+            if not self.steep:
+                self.slope = way / way[-1]
         else:
             self.high, self.right, self.at_right = share, point, share
 
