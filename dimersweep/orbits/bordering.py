@@ -41,7 +41,8 @@ def border(
     parameter : str
         The one that is solved for.
     over : mapping of str to sequence of float
-        Values of one or more others; each point begins with what its neighbour has come to.
+        Values of one or more others; each point begins with what its neighbour has come to. A line of points that is not
+        reached from the others is begun anew.
     spin : float, optional
         Axial spin [rad s-1]; by default what a lateral start with `xdot0` rolls up to. Of a fold, a flip and a torus it is
         that to which the spin is put back at the start of each forcing period; of a change of word that after the double
@@ -129,7 +130,8 @@ def _walked(
     """The points that are found, and why the others are not: from the middle outwards, each from a neighbour.
 
     Short steps come first, so that a curve is followed along one axis before it is looked for across the others. A point that
-    is not found from one neighbour is tried from the next.
+    is not found from one neighbour is tried from the next. A line along the axis of the shortest steps that is not reached
+    from the others is begun anew in its middle.
     """
     found: dict[tuple[int, ...], Found] = {}
     status: dict[tuple[int, ...], str] = {}
@@ -148,19 +150,28 @@ def _walked(
             for side in (-1, 1):
                 other = _moved(index, k, -side)
                 if other in places and other not in found:
-                    step = abs(column[other[k]] - column[index[k]]) / np.abs(column).max()
+                    step = _steps(column)[min(other[k], index[k])]
                     heappush(waiting, Try(round(step, 9), places[other], other, k, side))
 
+    fine = min(range(len(axes)), key=lambda k: _steps(list(axes.values())[k]).min(initial=np.inf))
+    begun: set[tuple[int, ...]] = set()  # lines along the finest axis
     for index in order:
+        line = (*index[:fine], *index[fine + 1 :])
+        if line in begun:
+            continue
         tried(index, [])
         while waiting:
             one = heappop(waiting)
             if one.point not in found:
-                line = (_moved(one.point, one.axis, by * one.side) for by in (1, 2, 3))
-                tried(one.point, [found[at] for at in takewhile(found.__contains__, line)])
-        if found:
-            break
+                beside = (_moved(one.point, one.axis, by * one.side) for by in (1, 2, 3))
+                tried(one.point, [found[at] for at in takewhile(found.__contains__, beside)])
+        begun |= {(*at[:fine], *at[fine + 1 :]) for at in found} | ({line} if found else set())
     return found, {index: status.get(index, "no neighbour was found") for index in order if index not in found}
+
+
+def _steps(column: np.ndarray) -> np.ndarray:
+    """Steps between the values of an axis, over the largest of them."""
+    return np.abs(np.diff(column)) / np.abs(column).max()
 
 
 def _moved(index: tuple[int, ...], axis: int, by: int) -> tuple[int, ...]:
