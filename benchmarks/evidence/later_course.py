@@ -14,7 +14,6 @@ import numpy as np
 from dimersweep import simulate
 from dimersweep.kernel.model.layout import ROW_PHI0
 from dimersweep.kernel.verdict.settling import KEPT, PATIENCE
-from dimersweep.orbits.branch import COMPLEX
 from dimersweep.orbits.finding import repeats_after
 from dimersweep.orbits.following import traced
 from dimersweep.orbits.guesses import of_run
@@ -23,6 +22,7 @@ from dimersweep.orbits.orbit import orbit_of
 from dimersweep.orbits.passage import TURN, Passage
 from dimersweep.orbits.return_map import Image, OrbitLost, ReturnMap, Tape
 from dimersweep.orbits.solving import TOLERANCE, Fixed, defect, fixed_at, newton, solve, system
+from dimersweep.orbits.specials import COMPLEX
 from dimersweep.orbits.word import word_of
 
 KEEPS, FORETOLD, UNEXPLAINED = "keeps to its family", "foretold", "passes a border later"
