@@ -281,7 +281,8 @@ run_rows = batch.run_rows
 
 def told(rows, starts, ask, *rest):
     if ask.periods == 10**9:
-        print("ready", flush=True)
+        sys.stdout.write("ready\\n")  # at once: two threads come here
+        sys.stdout.flush()
     return run_rows(rows, starts, ask, *rest)
 
 batch.run_rows = told

@@ -96,7 +96,7 @@ def vectors_of(kind: str, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.array([q.real, q.imag]), np.angle(values[k : k + 1])
 
 
-class System:
+class BorderEquations:
     """The equations of a border, near a point of it."""
 
     def __init__(self, kind: str, axis: Axis, m: HeldMap, normal: np.ndarray) -> None:
@@ -188,7 +188,7 @@ def on_border(kind: str, axis: Axis, m: HeldMap, y: np.ndarray) -> OnBorder:
     V, angle = vectors_of(kind, around.jacobian())
     normal = V[0] / (V[0] @ V[0])
     u = np.concatenate([z, V.ravel(), angle, y[-1:]])
-    system = System(kind, axis, m, normal)
+    system = BorderEquations(kind, axis, m, normal)
     return _solved(system, u, system.derivative(u, around))
 
 
@@ -200,10 +200,10 @@ def next_on_border(kind: str, axis: Axis, m: HeldMap, near: OnBorder, u: np.ndar
     OrbitLost
         If Newton's method does not come to one.
     """
-    return _solved(System(kind, axis, m, near.normal), u, near.derivative)
+    return _solved(BorderEquations(kind, axis, m, near.normal), u, near.derivative)
 
 
-def _solved(system: System, u: np.ndarray, derivative: np.ndarray | None) -> OnBorder:
+def _solved(system: BorderEquations, u: np.ndarray, derivative: np.ndarray | None) -> OnBorder:
     n = system.n
 
     def residual(there: np.ndarray) -> tuple[np.ndarray, Image]:
