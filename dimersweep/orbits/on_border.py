@@ -11,7 +11,7 @@ import numpy as np
 
 from dimersweep.orbits.branch import Axis
 from dimersweep.orbits.held import HeldMap
-from dimersweep.orbits.return_map import Image, OrbitLost, ReturnMap, Tape
+from dimersweep.orbits.return_map import OrbitLost, ReturnMap, Tape
 from dimersweep.orbits.solving import TOLERANCE, newton
 
 SINGULAR = 3e-8  # residual of an eigenvector that counts as none: what differences know
@@ -26,7 +26,6 @@ class OnBorder(NamedTuple):
     map : HeldMap
     u : ndarray
         Section point, eigenvector (two of a torus), angle of a torus [rad], parameter over its scale.
-    image : Image
     normal : ndarray, shape (n,)
         The eigenvector's product with it is 1.
     derivative : ndarray, optional
@@ -37,7 +36,6 @@ class OnBorder(NamedTuple):
 
     map: HeldMap
     u: np.ndarray
-    image: Image
     normal: np.ndarray
     derivative: np.ndarray | None
     residual: float
@@ -110,14 +108,13 @@ class BorderEquations:
         m = at_value(self.axis, self.m, u[-1] * self.axis.scale)
         return u[:n], u[n:end].reshape(self.rows, n), u[end:-1], m
 
-    def residual(self, u: np.ndarray) -> tuple[np.ndarray, Image]:
-        """All equations, and the image of the point."""
+    def residual(self, u: np.ndarray) -> tuple[np.ndarray, HeldMap]:
+        """All equations, and the map that told them."""
         z, V, angle, m = self.parts(u)
-        image = m.image(z)
         products = [(m.image(z + m.step * v).point - m.image(z - m.step * v).point) / (2 * m.step) for v in V]
         turned = np.array(products) - rotation(self.kind, angle) @ V
         normal = V @ self.normal - np.eye(self.rows)[0]
-        return np.concatenate([image.point - z, self.weight * turned.ravel(), normal]), image
+        return np.concatenate([m.image(z).point - z, self.weight * turned.ravel(), normal]), m
 
     def derivative(self, u: np.ndarray, around: "Around | None" = None) -> np.ndarray:
         """Of all equations by u; from the images around the point, if they are known."""
@@ -206,11 +203,10 @@ def next_on_border(kind: str, axis: Axis, m: HeldMap, near: OnBorder, u: np.ndar
 def _solved(system: BorderEquations, u: np.ndarray, derivative: np.ndarray | None) -> OnBorder:
     n = system.n
 
-    def residual(there: np.ndarray) -> tuple[np.ndarray, Image]:
+    def residual(there: np.ndarray) -> tuple[np.ndarray, HeldMap]:
         if np.abs(there - u)[[*range(n), -1]].max() > LARGEST:
             raise OrbitLost(f"Newton's method for the {system.kind} goes too far")
         return system.residual(there)
 
     root = newton(residual, u, system.derivative, TOLERANCE * system.m.rtol, derivative)
-    *_, m = system.parts(root.y)
-    return OnBorder(m, root.y, root.told, system.normal, root.derivative, float(np.abs(root.value[:n]).max()))
+    return OnBorder(root.told, root.y, system.normal, root.derivative, float(np.abs(root.value[:n]).max()))
