@@ -14,7 +14,7 @@ LEAP = {"A_r": 7.0, "e": 0.59}  # p1 is so far off the plate that p2 strikes alo
 
 
 def gap_of(orbit):
-    return least_gap(orbit.fixed.map, orbit.fixed.image.passage)
+    return least_gap(orbit.fixed.map, orbit.fixed.image)
 
 
 def hop_of(orbit):

@@ -7,8 +7,8 @@ import pytest
 
 from dimersweep import orbits, simulate
 from dimersweep.errors import OrbitError, ParameterError
+from dimersweep.orbits.ball import ball_flip, ball_fold
 from dimersweep.orbits.bordering import outwards
-from dimersweep.orbits.curve import ball_flip, ball_fold
 from dimersweep.orbits.on_border import on_border
 from dimersweep.orbits.return_map import OrbitLost
 from dimersweep.orbits.word import change_of

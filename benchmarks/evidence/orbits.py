@@ -7,20 +7,21 @@
 * `later` beside plain runs (of 20,000 periods; with ``--long`` of 60,000 and 100,000 for two aspect ratios);
 * multipliers beside those of `stability`; the fold beside that of pycont-lite driving the same map, where it is installed;
 * with ``--refine`` the cost of the same border by `refine`;
-* with ``--atlas`` the cost of fold, flip and hop over the grid of ``sweeps/borders/atlas.toml``: of all points, of those
-  begun from a neighbour of the same word, and of these where an end stays on the plate for a part of the period.
+* with ``--warm`` the cost of points of borders, over e in the base case and over the grid of ``sweeps/borders/atlas.toml``:
+  of all begun from a neighbour, of those of the same word, and of these where an end stays on the plate for a part of the
+  period.
 """
 
 import argparse
 from time import process_time
-from typing import ClassVar
 from unittest.mock import patch
 
 import numpy as np
 
 from dimersweep import orbits, refine, simulate, stability
 from dimersweep.orbits import bordering
-from dimersweep.orbits.curve import Curve, ball_flip, ball_fold
+from dimersweep.orbits.ball import ball_flip, ball_fold
+from dimersweep.orbits.curve import Curve
 from dimersweep.orbits.return_map import OrbitLost
 from dimersweep.orbits.solving import defect
 
@@ -173,42 +174,46 @@ def by_refine():
     print(f"refine to {0.2 / 2**6:.1e} in Gamma at three e: {runs} runs of up to 200 periods, {seconds:.1f} s")
 
 
-class Watched(Curve):
-    """A curve that notes of each point the word, that of the neighbour it began from, and the cost."""
+def watched(kind, axes):
+    """Of each point of a border the word, that of the neighbour it began from, and the cost."""
+    points, point = [], Curve.point
 
-    points: ClassVar[list] = []
-
-    def point(self, values, near, start):
-        """The point, noted."""
-        found = super().point(values, near, start)
-        self.points.append((near[0].orbit.word if near else "", found.orbit.word, found.cost))
+    def noted(self, values, near, *rest):
+        found = point(self, values, near, *rest)
+        points.append((near[0].orbit.word if near else "", found.orbit.word, found.cost))
         return found
 
+    with patch.object(Curve, "point", noted), patch.object(bordering, "_meetings", lambda *_: []):
+        orbits.border(kind, "Gamma", over=axes, spin=SPIN)
+    return (np.array(column) for column in zip(*points, strict=True))
 
-def atlas():
-    """The cost of borders over e, for five aspect ratios."""
-    axes = {"A_r": [4.0, 5.0, 6.0, 7.0, 8.0], "e": np.linspace(0.35, 0.8, 46)}
-    for kind in ("fold", "flip", "hop"):
-        Watched.points.clear()
-        with patch.multiple(bordering, Curve=Watched, _meetings=lambda *_: []):
-            orbits.border(kind, "Gamma", over=axes, spin=SPIN)
-        before, word, cost = (np.array(column) for column in zip(*Watched.points, strict=True))
-        same, touches = before == word, np.char.find(word, "SC") >= 0
-        print(f"{kind} over the atlas:")
-        for name, which in (
-            ("all but the first", before != ""),
-            ("from a neighbour of the same word", same),
-            ("of these with an end on the plate", same & touches),
-        ):
-            dear = np.sort(cost[which & (cost > 120)])
-            print(f"  {name}: {which.sum()} points, median {np.median(cost[which]):.0f}, {dear.size} above 120: {dear}")
+
+def warm():
+    """The cost of points of borders, of the base case and over the grid of the atlas, by what they begin with."""
+    base = {"e": np.linspace(0.4, 0.8, 81)}
+    grid = {"A_r": [4.0, 5.0, 6.0, 7.0, 8.0], "e": np.linspace(0.35, 0.8, 46)}
+    every = ("fold", "flip", "chatter", "double_impact", "lift_off", "hop")
+    for name, axes, kinds in (("base case", base, every), ("atlas", grid, ("fold", "flip", "hop"))):
+        for kind in kinds:
+            before, word, cost = watched(kind, axes)
+            same, touches = before == word, np.char.find(word, "SC") >= 0
+            print(f"{kind}, {name}:")
+            for told, which in (
+                ("begun from a neighbour", before != ""),
+                ("of the same word", same),
+                ("with an end on the plate", same & touches),
+            ):
+                dear = np.sort(cost[which & (cost > 120)])
+                print(
+                    f"  {told}: {which.sum()} points, median {np.median(cost[which]):.0f}, {dear.size} above 120: {dear}"
+                )
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--long", action="store_true", help="runs of 60,000 and 100,000 periods, two aspect ratios")
     parser.add_argument("--refine", action="store_true", help="the same border by refine")
-    parser.add_argument("--atlas", action="store_true", help="the cost of borders over the grid of the atlas")
+    parser.add_argument("--warm", action="store_true", help="the cost of points of borders, by what they begin with")
     given = parser.parse_args()
     borders()
     costs()
@@ -217,5 +222,5 @@ if __name__ == "__main__":
     peer()
     if given.refine:
         by_refine()
-    if given.atlas:
-        atlas()
+    if given.warm:
+        warm()

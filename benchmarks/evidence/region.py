@@ -22,7 +22,7 @@ import numpy as np
 import dimersweep
 from dimersweep import orbits
 from dimersweep.errors import OrbitError, ParameterError
-from dimersweep.orbits.curve import ball_flip, ball_fold
+from dimersweep.orbits.ball import ball_flip, ball_fold
 
 BETAS = {"start": 1.5, "stop": 88.5, "step": 1.5, "unit": "deg"}
 SPIN = 140.0  # about what xdot0 = 1 m/s rolls up to

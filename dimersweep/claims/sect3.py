@@ -6,7 +6,7 @@ from dimersweep.claims.lab import Lab, orbit_of
 from dimersweep.claims.ledger import Finding, claim, found
 from dimersweep.cubes.cube import names
 from dimersweep.cubes.reading import circle_through
-from dimersweep.orbits.curve import ball_fold
+from dimersweep.orbits.ball import ball_fold
 from dimersweep.runs.run import Run
 
 

@@ -9,7 +9,7 @@ from dimersweep.claims.sect3 import double_impact, last_cycle, slip_of_p1
 from dimersweep.cubes.cube import names
 from dimersweep.cubes.reading import drift_intervals, drift_lengths, runs_of, stick_ratio
 from dimersweep.kernel.model.layout import M_DRIFT, M_REST, MODES
-from dimersweep.orbits.curve import ball_flip, ball_fold
+from dimersweep.orbits.ball import ball_flip, ball_fold
 from dimersweep.runs.run import Run
 
 STEADY = 1e-6  # growth of the radius a period that is none: a spiral of Fig. 10 shrinks by 1.7e-6

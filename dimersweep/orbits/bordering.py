@@ -1,23 +1,27 @@
 """Curves of borders over other parameters, and where they meet other borders."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from heapq import heappop, heappush
-from itertools import product, takewhile
+from itertools import groupby, product, takewhile
 from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from dimersweep.errors import OrbitError, ParameterError
-from dimersweep.orbits.curve import CURVES, KINDS, WORDS, Curve, Found
+from dimersweep.orbits.bifurcation_curve import BIFURCATIONS, BifurcationCurve
+from dimersweep.orbits.curve import Curve, Found
 from dimersweep.orbits.finding import RTOL, checked, rolled_up
 from dimersweep.orbits.orbit import Orbit
 from dimersweep.orbits.return_map import OrbitLost
 from dimersweep.orbits.tables import dataset
-from dimersweep.orbits.word import change_of
+from dimersweep.orbits.word import Sides, change_of
+from dimersweep.orbits.word_curve import CHANGES, WordCurve
 from dimersweep.parameters import as_number, check_name, check_rtol
 from dimersweep.symbols import PARAMETERS
 
+KINDS = BIFURCATIONS + CHANGES
+STRETCHES = 8  # in a line of points: shorter ones are not begun anew
 MEETING = 1e-6  # how well a meeting is known, in the step of the curve
 
 
@@ -41,8 +45,8 @@ def border(
     parameter : str
         The one that is solved for.
     over : mapping of str to sequence of float
-        Values of one or more others; each point begins with what its neighbour has come to. A line of points that is not
-        reached from the others is begun anew.
+        Values of one or more others; each point begins with what its neighbour has come to. Each line of points along the axis
+        of the shortest steps is begun by itself, and so is a long stretch of it that is not reached.
     spin : float, optional
         Axial spin [rad s-1]; by default what a lateral start with `xdot0` rolls up to. Of a fold, a flip and a torus it is
         that to which the spin is put back at the start of each forcing period; of a change of word that after the double
@@ -58,8 +62,9 @@ def border(
     -------
     xarray.Dataset
         Along the names in `over`: `parameter`, what an `Orbit` tells of the border's orbit, `status` ("ok", or why there is no
-        point) and `cost`, the forcing periods of the map that a point took. Along `meeting`: where the curve meets another
-        border, with its `meets`.
+        point) and `cost`, the forcing periods of the map that a point took. Of a change of word also `change`, what goes and
+        comes in it: it may differ from line to line of points. Along `meeting`: where the curve meets another border, with its
+        `meets`.
 
     Raises
     ------
@@ -71,11 +76,12 @@ def border(
     given, axes = _checked(kind, parameter, over, fixed)
     rtol = check_rtol(rtol)
     spin = rolled_up(given) if spin is None else as_number("spin", spin)
-    curve = Curve(kind, parameter, given, spin, rtol)
-    found, status = _walked(curve, axes, start)
-    if not found:
-        raise OrbitError(f"no {kind} found in {parameter}: {next(iter(status.values()))}")
-    return _dataset(curve, axes, found, status)
+    make = BifurcationCurve if kind in BIFURCATIONS else WordCurve
+    curve = make(kind, parameter, given, spin, rtol)
+    walk = Walk(curve, axes, start)
+    if not walk.found:
+        raise OrbitError(f"no {kind} found in {parameter}: {next(iter(walk.failed().values()))}")
+    return _dataset(curve, axes, walk.found, walk.failed())
 
 
 def _checked(
@@ -124,49 +130,85 @@ class Try(NamedTuple):
     side: int
 
 
-def _walked(
-    curve: "Curve", axes: dict[str, np.ndarray], start: Orbit | None
-) -> tuple[dict[tuple[int, ...], Found], dict[tuple[int, ...], str]]:
-    """The points that are found, and why the others are not: from the middle outwards, each from a neighbour.
+class Walk:
+    """The points of a curve over a grid, from its middle outwards.
 
-    Short steps come first, so that a curve is followed along one axis before it is looked for across the others. A point that
-    is not found from one neighbour is tried from the next. A line along the axis of the shortest steps that is not reached
-    from the others is begun anew in its middle.
+    Lines along the axis of the shortest steps come first. Each is begun on a branch of its own, in its middle, and followed
+    from neighbour to neighbour; so is each long stretch of it that is not reached. What is left is looked for from the lines
+    beside. From a start that is given the lines beside are reached at once.
+
+    Parameters
+    ----------
+    curve : Curve
+    axes : dict of str to ndarray
+    start : Orbit, optional
     """
-    found: dict[tuple[int, ...], Found] = {}
-    status: dict[tuple[int, ...], str] = {}
-    order = outwards(tuple(len(values) for values in axes.values()))
-    places = {index: place for place, index in enumerate(order)}
-    waiting: list[Try] = []
 
-    def tried(index: tuple[int, ...], near: list[Found]) -> None:
-        values = {name: float(axes[name][k]) for name, k in zip(axes, index, strict=True)}
+    def __init__(self, curve: Curve, axes: dict[str, np.ndarray], start: Orbit | None) -> None:
+        self.curve, self.axes, self.start = curve, axes, start
+        self.found: dict[tuple[int, ...], Found] = {}
+        self.status: dict[tuple[int, ...], str] = {}
+        self.columns = list(axes.values())
+        lengths = [column.size for column in self.columns]
+        self.order = outwards(tuple(lengths))
+        self.places = {index: place for place, index in enumerate(self.order)}
+        self.waiting: list[Try] = []
+        steps = [_steps(column).min(initial=np.inf) for column in self.columns]
+        self.fine = int(np.argmin(steps))
+        for first in outwards(tuple(1 if k == self.fine else n for k, n in enumerate(lengths))):
+            self._line([_moved(first, self.fine, n) for n in range(lengths[self.fine])])
+        self._follow(across=True)
+
+    def _line(self, line: list[tuple[int, ...]]) -> None:
+        begun: set[tuple[int, ...]] = set()
+        while (index := _to_begin(line, self.found.keys() | begun)) is not None:
+            begun.add(index)
+            self._try(index, [], next((self.found[at].sides for at in line if at in self.found), None))
+            self._follow(across=self.start is not None)
+
+    def _follow(self, across: bool) -> None:
+        """Look for the neighbours of what has been found, the nearest first, along the lines only or also across them."""
+        later = []
+        while self.waiting:
+            one = heappop(self.waiting)
+            if one.point in self.found:
+                continue
+            if across or one.axis == self.fine:
+                beside = (_moved(one.point, one.axis, by * one.side) for by in (1, 2, 3))
+                self._try(one.point, [self.found[at] for at in takewhile(self.found.__contains__, beside)])
+            else:
+                later.append(one)
+        self.waiting = sorted(later)
+
+    def _try(self, index: tuple[int, ...], near: list[Found], like: Sides | None = None) -> None:
+        values = {name: float(column[k]) for (name, column), k in zip(self.axes.items(), index, strict=True)}
         try:
-            found[index] = curve.point(values, near, start)
+            self.found[index] = self.curve.point(values, near, self.start, like)
         except (OrbitLost, OrbitError, ParameterError) as reason:
-            status.setdefault(index, str(reason))
+            self.status.setdefault(index, str(reason))
             return
-        for k, column in enumerate(axes.values()):
+        for k, column in enumerate(self.columns):
             for side in (-1, 1):
                 other = _moved(index, k, -side)
-                if other in places and other not in found:
+                if other in self.places and other not in self.found:
                     step = _steps(column)[min(other[k], index[k])]
-                    heappush(waiting, Try(round(step, 9), places[other], other, k, side))
+                    heappush(self.waiting, Try(round(step, 9), self.places[other], other, k, side))
 
-    fine = min(range(len(axes)), key=lambda k: _steps(list(axes.values())[k]).min(initial=np.inf))
-    begun: set[tuple[int, ...]] = set()  # lines along the finest axis
-    for index in order:
-        line = (*index[:fine], *index[fine + 1 :])
-        if line in begun:
-            continue
-        tried(index, [])
-        while waiting:
-            one = heappop(waiting)
-            if one.point not in found:
-                beside = (_moved(one.point, one.axis, by * one.side) for by in (1, 2, 3))
-                tried(one.point, [found[at] for at in takewhile(found.__contains__, beside)])
-        begun |= {(*at[:fine], *at[fine + 1 :]) for at in found} | ({line} if found else set())
-    return found, {index: status.get(index, "no neighbour was found") for index in order if index not in found}
+    def failed(self) -> dict[tuple[int, ...], str]:
+        """Why the other points are not found."""
+        return {
+            index: self.status.get(index, "no neighbour was found") for index in self.order if index not in self.found
+        }
+
+
+def _to_begin(line: list[tuple[int, ...]], tried: Set[tuple[int, ...]]) -> tuple[int, ...] | None:
+    """The middle of the longest stretch of a line in which no point has been tried or found; none if it is short."""
+    stretches = [list(stretch) for was, stretch in groupby(range(len(line)), lambda n: line[n] in tried) if not was]
+    longest = max(stretches, key=len, default=[])
+    if not longest or STRETCHES * len(longest) < len(line):
+        return None
+    halfway = longest[(len(longest) - 1) // 2], longest[len(longest) // 2]
+    return line[min(halfway, key=lambda n: abs(2 * n - len(line) + 1))]
 
 
 def _steps(column: np.ndarray) -> np.ndarray:
@@ -187,7 +229,7 @@ def marks(kind: str, orbit: Orbit) -> dict[str, float]:
     rest = np.delete(values, int(np.argmin(np.abs(values - {"fold": 1.0, "flip": -1.0}.get(kind, 0.0)))))
     real = rest[np.abs(rest.imag) < 1e-7].real
     told = {}
-    if kind in ("fold", "flip", *WORDS):
+    if kind in ("fold", "flip", *CHANGES):
         told[f"{kind}-fold" if kind != "fold" else "fold-fold"] = float(np.prod(1 - real)) if real.size else 1.0
         told[f"{kind}-flip"] = float(np.prod(1 + real)) if real.size else 1.0
     return told
@@ -197,7 +239,7 @@ def meetings(kind: str, a: Orbit, b: Orbit) -> list[str]:
     """Names of the borders that a curve meets between two of its points."""
     first, second = marks(kind, a), marks(kind, b)
     names = [name for name in first if first[name] * second[name] < 0]
-    if a.word != b.word and kind in CURVES:
+    if a.word != b.word and kind in BIFURCATIONS:
         names.append(f"{kind}-{change_of(a.word, b.word)}")
     return names
 
@@ -249,6 +291,11 @@ def _dataset(
         result[name] = (tuple(axes), values)
     result[curve.parameter].attrs = PARAMETERS[curve.parameter]._asdict()
     result["cost"].attrs = {"units": "1", "long_name": "forcing periods of the map that the point took"}
+    if curve.words:
+        changes = np.full(shape, "", dtype=object)
+        changes[at] = [one.sides.told(one.orbit.word) if one.sides else "" for one in found.values()]
+        words = "what goes (-) and comes (+) in the word beyond: symbols, or pairs of them (a/b)"
+        result["change"] = (tuple(axes), changes.astype(str), {"long_name": words})
     told = np.full(shape, "ok", dtype=object)
     for index, reason in status.items():
         told[index] = reason

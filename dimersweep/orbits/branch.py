@@ -7,15 +7,18 @@ section, so that what lies between them is found on planes across the line from 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from dimersweep.errors import ParameterError
 from dimersweep.orbits.manifold import lag
 from dimersweep.orbits.return_map import Image, OrbitLost, ReturnMap
-from dimersweep.orbits.solving import TOLERANCE, Fixed, defect, fixed_at, newton, system
+from dimersweep.orbits.solving import STEPS, TOLERANCE, Fixed, defect, fixed_at, newton, system
 from dimersweep.parameters import check
+
+M = TypeVar("M", bound=ReturnMap)
+Mark = Callable[[ReturnMap, Image], float]  # what is zero at a border, beside the equations of an orbit
 
 
 class Axis(NamedTuple):
@@ -25,7 +28,7 @@ class Axis(NamedTuple):
     scale: float
     spin: float
 
-    def map_at(self, m: ReturnMap, value: float) -> ReturnMap:
+    def map_at(self, m: M, value: float) -> M:
         """The map at a value of the parameter.
 
         Raises
@@ -61,25 +64,23 @@ class Point(NamedTuple):
         Derivative of `defect` by the parameter over its scale.
     tangent : ndarray, shape (n + 1,)
         Of length one, in the sense of the branch; where an end grazes, that in which the gap opens.
-    gap_slope : ndarray, shape (n + 1,), optional
-        Where an end grazes: derivative of the gap by the section point and the parameter over its scale.
+    mark_slope : ndarray, shape (n + 1,), optional
+        Where a mark is zero: its derivative by the section point and the parameter over its scale.
+    grazes : bool
+        Whether an end just misses the plate.
     """
 
     fixed: Fixed
     value: float
     slope: np.ndarray
     tangent: np.ndarray
-    gap_slope: np.ndarray | None = None
+    mark_slope: np.ndarray | None = None
+    grazes: bool = False
 
     @property
     def map(self) -> ReturnMap:
         """The map of its section."""
         return self.fixed.map
-
-    @property
-    def grazes(self) -> bool:
-        """Whether an end just misses the plate."""
-        return self.gap_slope is not None
 
     def y(self, axis: Axis) -> np.ndarray:
         """The point with the parameter over its scale."""
@@ -124,6 +125,19 @@ def point_of(axis: Axis, fixed: Fixed, value: float, along: np.ndarray | None) -
     return Point(fixed, value, slope, tangent if sense >= 0 else -tangent)
 
 
+def one_sided(axis: Axis, point: Point, senses: np.ndarray, along: np.ndarray) -> Point:
+    """The same point with its own derivatives, taken to one side only; its tangent in the sense of `along`.
+
+    `senses` holds 1 or -1 for the section point and the parameter.
+    """
+    fixed = point.fixed
+    matrix, gradient = fixed.map.jacobian(fixed.z, fixed.image, senses[:-1])
+    slope = slope_of(axis, fixed.map, fixed.z, point.value, senses[-1])
+    tangent = np.linalg.svd(np.column_stack([system(fixed.map, matrix, gradient), slope]))[2][-1]
+    fixed = fixed._replace(matrix=matrix, gradient=gradient)
+    return Point(fixed, point.value, slope, tangent if tangent @ along >= 0 else -tangent)
+
+
 def corrected(axis: Axis, near: Point, y: np.ndarray, normal: np.ndarray) -> Point:
     """The point of the branch on the plane through `y` across `normal`; `near` lends the section and the derivative.
 
@@ -141,8 +155,8 @@ def with_derivatives(axis: Axis, point: Point, along: np.ndarray) -> Point:
     return point_of(axis, fixed_at(fixed.map, fixed.z, fixed.image, fixed.residual), point.value, along)
 
 
-def lent(axis: Axis, near: Point, y: np.ndarray, normal: np.ndarray, anew: bool = True) -> Point:
-    """As `corrected`, with the derivatives and the tangent of `near` still; `anew`: whether Newton's method may take others."""
+def lent(axis: Axis, near: Point, y: np.ndarray, normal: np.ndarray, most: int = STEPS) -> Point:
+    """As `corrected`, with the derivatives and the tangent of `near` still; Newton's method may take `most` others."""
     m = near.fixed.map
 
     def derivative(there: np.ndarray) -> np.ndarray:
@@ -153,7 +167,7 @@ def lent(axis: Axis, near: Point, y: np.ndarray, normal: np.ndarray, anew: bool 
 
     begin = np.vstack([near.matrix(), normal])
     equations = Equations(axis, near, lambda there, *_: normal @ (there - y))
-    return equations.solved(y, derivative if anew else None, begin)[0]
+    return equations.solved(y, derivative if most else None, begin, most)[0]
 
 
 class Equations:
@@ -189,6 +203,7 @@ class Equations:
         y: np.ndarray,
         derivative: Callable[[np.ndarray], np.ndarray] | None = None,
         known: np.ndarray | None = None,
+        most: int = STEPS,
     ) -> tuple[Point, np.ndarray | None]:
         """The point near `y` at which they hold, the derivatives and the tangent still those of `near`; and how they change.
 
@@ -200,11 +215,13 @@ class Equations:
             If there is none nearby.
         """
         m = self.near.fixed.map
-        root = newton(self.value, y, derivative, TOLERANCE * m.rtol, known)
+        root = newton(self.value, y, derivative, TOLERANCE * m.rtol, known, most)
         own, image = root.told
         residual = float(np.abs(root.value[:-1]).max())
         fixed = self.near.fixed._replace(map=own, z=root.y[:-1], image=image, residual=residual)
-        point = self.near._replace(fixed=fixed, value=float(root.y[-1] * self.axis.scale), gap_slope=None)
+        point = self.near._replace(
+            fixed=fixed, value=float(root.y[-1] * self.axis.scale), mark_slope=None, grazes=False
+        )
         return point, root.derivative
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from dimersweep.errors import OrbitError, ParameterError
+from dimersweep.orbits.ball import ball_fold
 from dimersweep.orbits.guesses import of_ball, of_run, rolled_up
 from dimersweep.orbits.manifold import creep_of
 from dimersweep.orbits.orbit import Orbit, orbit_of
@@ -193,7 +194,7 @@ def _where(spin: float | None) -> str:
 def _why_not(given: dict[str, float]) -> str:
     """What the closed form of a ball says, if it has no orbit either."""
     e = given.get("e_2", given["e"])
-    least = np.pi * (1 - e) / (1 + e)
+    least = ball_fold(e)
     if given["Gamma"] >= least:
         return ""
     return f" (a ball that bounces once a period needs Gamma >= pi (1 - e)/(1 + e) = {least:.4f})"

@@ -10,10 +10,9 @@ from scipy.optimize import brentq
 
 from dimersweep.kernel.model.layout import D1, FREE, N1
 from dimersweep.kernel.record import HOP_TIME, MODES
-from dimersweep.orbits.branch import Axis, Equations, Point, slope_of
-from dimersweep.orbits.passage import TURN, Passage
-from dimersweep.orbits.return_map import OrbitLost, ReturnMap
-from dimersweep.orbits.solving import Fixed, system
+from dimersweep.orbits.branch import Axis, Equations, Point, one_sided
+from dimersweep.orbits.passage import TURN
+from dimersweep.orbits.return_map import Image, OrbitLost, ReturnMap
 from dimersweep.orbits.word import word_of
 
 SAMPLES = 64  # in a forcing period, of an end in the air
@@ -23,8 +22,9 @@ CLOSER, LEAST_CLOSER = 0.02, 0.7  # gap that is aimed at, over the one before: a
 BEYOND = 1e-6  # distance to which a point across is taken, in units of the section
 
 
-def least_gap(m: ReturnMap, passage: Passage) -> float:
+def least_gap(m: ReturnMap, image: Image) -> float:
     """The least gap at which an end turns in the air, in units of the section; infinite where none does."""
+    passage = image.passage
     lengths, segments = np.diff(passage.times), passage.segments
     least = np.inf
     for end in (0, 1):
@@ -57,11 +57,11 @@ def graze(axis: Axis, near: Point) -> tuple[Point, str]:
     OrbitLost
         If no end does, or none is found.
     """
-    aim = gap = least_gap(near.fixed.map, near.fixed.image.passage)
+    aim = gap = least_gap(near.map, near.fixed.image)
     if not CLOSED < gap < WIDE:
         raise OrbitLost("no end turns near the plate")
 
-    equations = Equations(axis, near, lambda _, m, image: least_gap(m, image.passage) - aim)
+    equations = Equations(axis, near, lambda _, m, image: least_gap(m, image) - aim)
     first = equations.derivative(near.y(axis), min(near.fixed.map.step, 0.1 * gap))
     if not np.isfinite(first).all():
         raise OrbitLost("the end strikes beside the orbit already")
@@ -76,17 +76,9 @@ def graze(axis: Axis, near: Point) -> tuple[Point, str]:
                 raise
             continue
         gap, known, closer = aim, first if latest is None else latest, CLOSER
-    return _one_sided(axis, at, first[-1]), _word_beyond(axis, at, first[-1])
-
-
-def _one_sided(axis: Axis, at: Point, gap_slope: np.ndarray) -> Point:
-    """The point with its own derivatives, all taken to the side on which no end strikes; the gap opens along the tangent."""
-    fixed, senses = at.fixed, np.where(gap_slope >= 0, 1.0, -1.0)
-    matrix, gradient = fixed.map.jacobian(fixed.z, fixed.image, senses[:-1])
-    fixed = Fixed(fixed.map, fixed.z, fixed.image, matrix, gradient, fixed.residual)
-    slope = slope_of(axis, fixed.map, fixed.z, at.value, senses[-1])
-    tangent = np.linalg.svd(np.column_stack([system(fixed.map, matrix, gradient), slope]))[2][-1]
-    return Point(fixed, at.value, slope, tangent if tangent @ gap_slope >= 0 else -tangent, gap_slope)
+    opens = first[-1]
+    at = one_sided(axis, at, np.where(opens >= 0, 1.0, -1.0), opens)
+    return at._replace(mark_slope=opens, grazes=True), _word_beyond(axis, at, opens)
 
 
 def _word_beyond(axis: Axis, at: Point, gap_slope: np.ndarray) -> str:

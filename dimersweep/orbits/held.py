@@ -4,6 +4,8 @@ Where the spin is put back matters in the sixth digit of a border, as it swings 
 loses. With a place for that which does not depend on the section, neither does the border.
 """
 
+from typing import Self
+
 import numpy as np
 
 from dimersweep.kernel.model.layout import PERIOD, PHASE, THETA
@@ -28,10 +30,13 @@ class HeldMap(ReturnMap):
         super().__init__(parameters, phase, modes, periods, rtol, tape)
         self.spin = spin
 
-    def with_value(self, name: str, value: float) -> "HeldMap":
-        """The same map for another value of a parameter."""
-        parameters = self.parameters | {name: value}
-        return HeldMap(parameters, self.phase, self.modes, self.periods, self.rtol, self.tape, self.spin)
+    def with_parameters(self, parameters: dict[str, float]) -> Self:
+        """The same map for other parameters."""
+        return type(self)(parameters, self.phase, self.modes, self.periods, self.rtol, self.tape, self.spin)
+
+    def let_go(self) -> ReturnMap:
+        """The map in the same section with the spin let go: its passage is whole."""
+        return ReturnMap(self.parameters, self.phase, self.modes, self.periods, self.rtol, self.tape)
 
     def image(self, z: np.ndarray) -> Image:
         """The image of a point; its spin is the one at the start of the period, before it is put back [rad/s]."""
@@ -50,3 +55,8 @@ class HeldMap(ReturnMap):
         state, modes, passage = self.tape.run(self.row, state, 1, self.rtol)
         self._same(modes)
         return Image(self.section.point(state)[self.free], spin, float(state[THETA]), passage)
+
+
+def held(m: ReturnMap, spin: float) -> HeldMap:
+    """The map in the same section with the spin put back to `spin` [rad/s]."""
+    return HeldMap(m.parameters, m.phase, m.modes, m.periods, m.rtol, m.tape, spin)

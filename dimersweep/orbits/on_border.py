@@ -5,13 +5,13 @@ Bifurcation Theory, doi 10.1007/978-3-031-22007-4, section 10.3). Only the produ
 of two images, whatever the number of coordinates. From one point of a curve to the next the equations change little.
 """
 
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 
 from dimersweep.orbits.branch import Axis
 from dimersweep.orbits.held import HeldMap
-from dimersweep.orbits.return_map import OrbitLost, ReturnMap, Tape
+from dimersweep.orbits.return_map import OrbitLost
 from dimersweep.orbits.solving import TOLERANCE, newton
 
 SINGULAR = 3e-8  # residual of an eigenvector that counts as none: what differences know
@@ -45,24 +45,9 @@ class OnBorder(NamedTuple):
         return self.u
 
     @property
-    def grazes(self) -> bool:
-        """Whether an end just misses the plate."""
-        return False
-
-    @property
     def z(self) -> np.ndarray:
         """Section point."""
         return self.u[: self.normal.size]
-
-
-def held(m: ReturnMap, parameters: dict[str, float], spin: float, tape: Tape) -> HeldMap:
-    """The map that tells a border, in the section of another map."""
-    return HeldMap(parameters, m.phase, m.modes, m.periods, m.rtol, tape, spin)
-
-
-def at_value(axis: Axis, m: HeldMap, value: float) -> HeldMap:
-    """The map at a value of the parameter."""
-    return cast(HeldMap, axis.map_at(m, value))
 
 
 def rotation(kind: str, angle: np.ndarray) -> np.ndarray:
@@ -105,7 +90,7 @@ class BorderEquations:
     def parts(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, HeldMap]:
         """Section point, eigenvectors, angle and the map."""
         n, end = self.n, self.n * (1 + self.rows)
-        m = at_value(self.axis, self.m, u[-1] * self.axis.scale)
+        m = self.axis.map_at(self.m, u[-1] * self.axis.scale)
         return u[:n], u[n:end].reshape(self.rows, n), u[end:-1], m
 
     def residual(self, u: np.ndarray) -> tuple[np.ndarray, HeldMap]:
@@ -122,7 +107,7 @@ class BorderEquations:
         around = images_around(m, z) if around is None else around
         J, n, step = around.jacobian(), self.n, m.step
         value = u[-1] * self.axis.scale
-        ahead, back = (at_value(self.axis, m, value + by * step * self.axis.scale) for by in (1, -1))
+        ahead, back = (self.axis.map_at(m, value + by * step * self.axis.scale) for by in (1, -1))
         here, moved = m.image(z).point, ahead.image(z).point
         A = np.zeros((u.size, u.size))
         A[:n, :n] = J - np.eye(n)
@@ -180,7 +165,7 @@ def on_border(kind: str, axis: Axis, m: HeldMap, y: np.ndarray) -> OnBorder:
     OrbitLost
         If Newton's method does not come to one.
     """
-    z, there = y[:-1], at_value(axis, m, y[-1] * axis.scale)
+    z, there = y[:-1], axis.map_at(m, y[-1] * axis.scale)
     around = images_around(there, z)
     V, angle = vectors_of(kind, around.jacobian())
     normal = V[0] / (V[0] @ V[0])

@@ -8,7 +8,7 @@ rest is the fast part. The cost of all that is asked here is counted in forcing 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple, Self, TypeVar
 
 import numpy as np
 
@@ -135,10 +135,13 @@ class ReturnMap:
         row[ROW_PHI0] = phase % TURN
         return row
 
-    def with_value(self, name: str, value: float) -> "ReturnMap":
-        """The same map for another value of a parameter."""
-        parameters = self.parameters | {name: value}
+    def with_parameters(self, parameters: dict[str, float]) -> Self:
+        """The same map for other parameters."""
         return type(self)(parameters, self.phase, self.modes, self.periods, self.rtol, self.tape)
+
+    def with_value(self, name: str, value: float) -> Self:
+        """The same map for another value of a parameter."""
+        return self.with_parameters(self.parameters | {name: value})
 
     def on(self, tape: Tape) -> "ReturnMap":
         """The same map with a count of its own."""

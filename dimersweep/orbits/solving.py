@@ -69,6 +69,7 @@ def newton(
     derivative: Callable[[np.ndarray], np.ndarray] | None,
     target: float,
     known: np.ndarray | None = None,
+    most: int = STEPS,
 ) -> Root:
     """A zero of `f` near `y`, with a derivative that is taken anew only where Broyden's update of a known one is too slow.
 
@@ -96,6 +97,9 @@ def newton(
         if size <= target:
             return Root(y, told, r, A)
         if A is None and derivative is not None:
+            most -= 1
+            if most < 0:
+                raise OrbitLost("Newton's method asks for one derivative after the other")
             A, fresh = derivative(y), True
         assert A is not None
         try:

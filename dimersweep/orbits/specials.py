@@ -7,17 +7,18 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
-from dimersweep.orbits.branch import Axis, Point, corrected, lent, slope_of
+from dimersweep.orbits.branch import Axis, Equations, Point, corrected, lent, one_sided, slope_of, with_derivatives
 from dimersweep.orbits.grazing import graze, least_gap
-from dimersweep.orbits.return_map import OrbitLost, ReturnMap
+from dimersweep.orbits.return_map import Image, OrbitLost, ReturnMap
 from dimersweep.orbits.solving import fixed_at
 from dimersweep.orbits.word import change_of, word_of
 
 LOCATED = 1e-9  # how well a special point is known, in the parameter over its scale
-CHANGES = 12  # word changes within one step
+CHANGES = 12  # word changes within one step; places at which an orbit is lost and found again
 JOINED = 0.1  # distance of points on both sides of a change of word that belong to one branch, in units of the section
 SHORTEST = 1e-10  # share of a step to which a change of word is located where the parameter hardly changes
 STEEP = 0.05  # part of the parameter in a tangent below which a fold is near
+FURTHER = 30.0  # from one place beyond a bracket at which an orbit is looked for to the next
 GRAZING = 1e-3  # width of a bracket, in the parameter over its scale, from which on an end is looked for that grazes
 COMPLEX = 1e-7  # imaginary part from which on a pair of multipliers is complex
 BORN = 2e-3  # distance from a flip at which the doubled branch is taken up, in units of the section
@@ -152,15 +153,30 @@ def last_with(axis: Axis, holds: Callable[[str], bool], low: float, left: Point,
     """Where the word no longer obeys, between a point at which it does and the end of the step, `b`.
 
     Where the hold of an end that sticks is lost, friction falls from mu_s to mu, and the map leaps. So there may be no orbit
-    for a little way: that counts as after the word. Where an end begins to strike, the change is where it grazes.
+    for a little way: that counts as after the word. Where an end begins to strike, the change is where it grazes. The
+    derivatives at the point are those on its own side.
     """
     bracket = Bracket(axis, holds, low, left, b)
     bracket.narrow(GRAZING)
     with suppress(OrbitLost):
         return bracket.grazing()
     bracket.narrow(LOCATED)
-    jump = float(np.abs(bracket.left.y(axis) - bracket.right.y(axis)).max())
-    return Change(bracket.low, bracket.left, word_of(bracket.right.fixed.image.passage), bracket.right, jump)
+    at = one_sided(axis, bracket.left, _senses(axis, bracket.left, holds), bracket.left.tangent)
+    jump = float(np.abs(at.y(axis) - bracket.right.y(axis)).max())
+    return Change(bracket.low, at, word_of(bracket.right.fixed.image.passage), bracket.right, jump)
+
+
+def _senses(axis: Axis, at: Point, holds: Callable[[str], bool]) -> np.ndarray:
+    """To which side the section point and the parameter may change so that the word of an orbit still obeys."""
+    m, y = at.map, at.y(axis)
+
+    def kept(d: np.ndarray) -> bool:
+        with suppress(OrbitLost):
+            there = y + d
+            return holds(word_of(axis.map_at(m, there[-1] * axis.scale).image(there[:-1]).passage))
+        return False
+
+    return np.array([1.0 if kept(d) else -1.0 for d in m.one_sided * np.eye(y.size)])
 
 
 class Bracket:
@@ -186,13 +202,62 @@ class Bracket:
         self.slope = left.tangent if self.steep else left.tangent / left.tangent[-1]  # by the parameter over its scale
 
     def narrow(self, width: float) -> None:
-        """Halve it until it is so wide, in the parameter over its scale, without new derivatives."""
+        """Halve it until it is so wide, in the parameter over its scale."""
+        for _ in range(CHANGES):
+            self._halve(width)
+            if self._look_beyond() or not self._goes_on():
+                return
+
+    def _halve(self, width: float) -> None:
+        """The same without new derivatives.
+
+        An image with another word tells that the middle lies beyond, whether there is an orbit or not.
+        """
         while (self.high - self.low) * self.length > width and self.high - self.low > SHORTEST:
             middle = 0.5 * (self.low + self.high)
             try:
-                self._take(middle, lent(self.axis, self.left, *self._plane(middle), anew=False))
+                self._take(middle, self._obeys(middle, self.left))
             except OrbitLost:
                 self.high = middle
+
+    def _look_beyond(self) -> bool:
+        """Take up the next orbit beyond that does not obey, and tell whether it lies at once there."""
+        share, step = self.high, self.high - self.low
+        while share < self.at_right:
+            with suppress(OrbitLost):
+                point = lent(self.axis, self.right, *self._plane(share), most=0)
+                if not self.holds(word_of(point.fixed.image.passage)):
+                    self.right, self.at_right = point, share
+                    break
+            share, step = share + step, FURTHER * step
+        return self.at_right == self.high
+
+    def _goes_on(self) -> bool:
+        """Whether the orbit was lost for want of derivatives: with those of its end it goes on, and so does the bracket."""
+        with suppress(OrbitLost):
+            share = 2 * self.high - self.low
+            self._take(share, self._obeys(share, with_derivatives(self.axis, self.left, self.left.tangent)))
+            self.high = self.at_right
+            return True
+        return False
+
+    def _obeys(self, share: float, near: Point) -> Point:
+        """The orbit at a share of the step, with the derivatives of a point nearby.
+
+        Raises
+        ------
+        OrbitLost
+            If there is none, or its word does not obey.
+        """
+        y, normal = self._plane(share)
+
+        def off_plane(there: np.ndarray, _: ReturnMap, image: Image) -> float:
+            if not self.holds(word_of(image.passage)):
+                raise OrbitLost("the word changes")
+            return float(normal @ (there - y))
+
+        known = np.vstack([near.matrix(), normal])
+        return Equations(self.axis, near, off_plane).solved(y, known=known)[0]
 
     def _plane(self, share: float) -> tuple[np.ndarray, np.ndarray]:
         """Where the branch may be at a share of the step, and the direction across which it is looked for there.
@@ -207,13 +272,10 @@ class Bracket:
         return start + part * way[-1] * self.slope, np.append(np.zeros(way.size - 1), 1.0)
 
     def _take(self, share: float, point: Point) -> None:
-        if self.holds(word_of(point.fixed.image.passage)):
-            way = point.y(self.axis) - self.left.y(self.axis)
-            self.low, self.left = share, point
-            if not self.steep:
-                self.slope = way / way[-1]
-        else:
-            self.high, self.right, self.at_right = share, point, share
+        way = point.y(self.axis) - self.left.y(self.axis)
+        self.low, self.left = share, point
+        if not self.steep:
+            self.slope = way / way[-1]
 
     def grazing(self) -> Change:
         """Where an end grazes in it.
@@ -224,7 +286,7 @@ class Bracket:
             If none does, or that does not change whether the word obeys.
         """
         axis = self.axis
-        near = min(self.left, self.right, key=lambda point: least_gap(point.map, point.fixed.image.passage))
+        near = min(self.left, self.right, key=lambda point: least_gap(point.map, point.fixed.image))
         at, struck = graze(axis, near)
         missed = word_of(at.fixed.image.passage)
         low, high = sorted((self.left.value, self.right.value))

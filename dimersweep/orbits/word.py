@@ -5,8 +5,10 @@ A symbol is a state of sustained contact with its end (``SC_sk.1``), an impact w
 air for more than half a forcing period: the line from which a ball counts as flying. The word begins with its double impact.
 """
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -102,6 +104,69 @@ def _from_double_impact(symbols: list[str]) -> list[str]:
     """The same round, begun at its first double impact, or else at the rotation that sorts first."""
     turns = [symbols[k:] + symbols[:k] for k in range(len(symbols))] or [[]]
     return min(turns, key=lambda turn: (not (turn and turn[0].startswith("DI")), turn))
+
+
+class Sides(NamedTuple):
+    """What tells the words on both sides of a change apart, "this" one and the one beyond.
+
+    Attributes
+    ----------
+    least : dict of str to int
+        How often a symbol, or a pair of symbols, occurs on the side on which it occurs less often.
+    more : dict of str to bool
+        Whether it occurs more often on this side.
+    """
+
+    least: dict[str, int]
+    more: dict[str, bool]
+
+    def here(self, word: str) -> bool:
+        """Whether a word is one of this side."""
+        return all(more == self.more[symbol] for symbol, more in self._more(word))
+
+    def beyond(self, word: str) -> bool:
+        """Whether a word is one of the other side: what goes there has gone, or else what comes there has come.
+
+        It may be one of neither side.
+        """
+        told = [(self.more[symbol], more != self.more[symbol]) for symbol, more in self._more(word)]
+        going = [changed for goes, changed in told if goes]
+        return all(going or [changed for _, changed in told])
+
+    def told(self, word: str) -> str:
+        """What goes (-) and comes (+) from the side of a word to the other one."""
+        here = self.here(word)
+        return " ".join(f"{'-' if more == here else '+'}{name.replace(' ', '/')}" for name, more in self.more.items())
+
+    def between(self, a: str, b: str) -> bool:
+        """Whether the change lies between two words."""
+        return (self.here(a) and self.beyond(b)) or (self.here(b) and self.beyond(a))
+
+    def _more(self, word: str) -> Iterator[tuple[str, bool]]:
+        counts = _counted(word)
+        return ((symbol, counts[symbol] > least) for symbol, least in self.least.items())
+
+
+def sides_of(this: str, beyond: str, begins: str = "") -> Sides:
+    """What tells two words apart: symbols that come or go, or how often they occur, or else how often one follows another.
+
+    Only symbols that begin with `begins` count.
+    """
+    old, new = _counted(this), _counted(beyond)
+    differ = [symbol for symbol in sorted(old | new) if old[symbol] != new[symbol] and symbol.startswith(begins)]
+    single = [symbol for symbol in differ if " " not in symbol]
+    come_or_go = [symbol for symbol in single if not old[symbol] or not new[symbol]]
+    tell = come_or_go or single or differ
+    return Sides(
+        {symbol: min(old[symbol], new[symbol]) for symbol in tell},
+        {symbol: old[symbol] > new[symbol] for symbol in tell},
+    )
+
+
+def _counted(word: str) -> Counter[str]:
+    """How often each symbol occurs, and each pair."""
+    symbols = word.split()
+    return Counter(symbols) + Counter(f"{a} {b}" for a, b in pairwise(symbols))
 
 
 def change_of(old: str, new: str) -> str:

@@ -18,8 +18,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from dimersweep.cubes.grid import axis
 from dimersweep.errors import OrbitError, ParameterError, Stopped
 from dimersweep.kernel import kernel_version
-from dimersweep.orbits.bordering import border
-from dimersweep.orbits.curve import KINDS, ball_flip, ball_fold
+from dimersweep.orbits.ball import ball_flip, ball_fold
+from dimersweep.orbits.bordering import KINDS, border
 from dimersweep.orbits.families import family
 from dimersweep.orbits.finding import checked, find
 from dimersweep.orbits.following import follow

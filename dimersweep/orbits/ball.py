@@ -1,0 +1,13 @@
+"""Borders of a ball that bounces once a period, in closed form."""
+
+from math import hypot, pi
+
+
+def ball_fold(e: float) -> float:
+    """Least Gamma at which it can: pi (1 - e)/(1 + e)."""
+    return pi * (1 - e) / (1 + e)
+
+
+def ball_flip(e: float) -> float:
+    """Gamma at which that motion doubles its period."""
+    return hypot(ball_fold(e), 2 * (1 + e**2) / (1 + e) ** 2)

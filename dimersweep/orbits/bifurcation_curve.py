@@ -1,0 +1,59 @@
+"""Curves of folds, flips and tori."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from dimersweep.orbits.curve import Curve, Found
+from dimersweep.orbits.held import held
+from dimersweep.orbits.on_border import OnBorder, next_on_border, on_border
+from dimersweep.orbits.orbit import orbit_of
+from dimersweep.orbits.return_map import OrbitLost, ReturnMap
+from dimersweep.orbits.solving import fixed_at
+from dimersweep.orbits.specials import Special
+from dimersweep.orbits.word import Sides
+
+BIFURCATIONS = ("fold", "flip", "torus")
+
+
+class BifurcationCurve(Curve):
+    """A curve of folds, flips or tori: see `Curve`."""
+
+    def __init__(self, kind: str, parameter: str, given: dict[str, float], spin: float, rtol: float) -> None:
+        super().__init__(kind, parameter, given, spin, rtol)
+        if kind == "fold":
+            self.senses, self.shares = (-1.0, 1.0), (0.05, 0.3, 0.6)
+
+    def _next(self, given: dict[str, float], near: list[Found]) -> Found:
+        old: OnBorder = near[0].begin
+        m = old.map.with_parameters(given)
+        try:
+            return self._found(next_on_border(self.kind, self.axis, m, old, self.extrapolated(near)))
+        except OrbitLost:
+            return self._found(next_on_border(self.kind, self.axis, m, old, old.u))
+
+    def _is_met(self, special: Special, like: Sides | None) -> bool:
+        return special.kind == self.kind
+
+    def _taken_up(self, special: Special) -> Found:
+        m = held(special.point.map, self.spin)
+        return self._found(on_border(self.kind, self.axis, m, special.point.y(self.axis)))
+
+    def _found(self, at: OnBorder) -> Found:
+        """A point of the border, in a section that suits the next one."""
+
+        def make(own: ReturnMap, z: np.ndarray) -> OnBorder:
+            return on_border(self.kind, self.axis, held(own, self.spin), np.append(z, at.u[-1]))
+
+        plain = at.map.let_go()
+        image = plain.image(at.z)
+        moved = plain.in_own_section(at, image.passage, make)
+        if moved is not at:
+            at, plain = moved, moved.map.let_go()
+            image = plain.image(at.z)
+        matrix, _ = at.map.jacobian(at.z)
+        fast = np.linalg.eigvals(matrix).astype(complex)
+        fast = fast[np.argsort(-np.abs(fast), kind="stable")][:-1]  # without that of the spin, which is put back
+        orbit = orbit_of(fixed_at(plain, at.z, image, at.residual), 0.0)
+        orbit = replace(orbit, multipliers=fast, stable=bool((np.abs(fast) < 1).all()))
+        return Found(orbit, float(at.u[-1] * self.axis.scale), at)

@@ -1,0 +1,160 @@
+"""Curves along which the word of an orbit changes.
+
+Where an end grazes, or a hop has the length of the line, the border is the zero of a function of the orbit, a mark, and is
+solved for, from where its tangent leads. Where the orbit leaps it is looked for between two orbits on both sides.
+"""
+
+from collections.abc import Iterator
+from contextlib import suppress
+
+import numpy as np
+
+from dimersweep.orbits.branch import Equations, Mark, Point, in_own_section, lent, with_derivatives
+from dimersweep.orbits.curve import Curve, Found
+from dimersweep.orbits.grazing import graze, least_gap
+from dimersweep.orbits.orbit import orbit_of
+from dimersweep.orbits.passage import TURN
+from dimersweep.orbits.return_map import Image, OrbitLost, ReturnMap
+from dimersweep.orbits.solving import defect
+from dimersweep.orbits.specials import Special, last_with
+from dimersweep.orbits.word import HOP_LINE, Sides, longest_hop, sides_of, word_of
+
+CHANGES = ("word", "stick_slip", "lift_off", "double_impact", "chatter", "hop")
+FARTHEST = 0.2  # of a point of a curve from where it is looked for, in units of the section
+WIDEST, NARROWEST, WIDER = 0.05, 2e-5, 4.0  # bracket of a change of word, in the parameter over its scale
+DOUBT, LESS = 4e-3, 0.08  # of a point with one neighbour; of one on the line through two, in the step between them
+OPENED = (1e-2, 1e-1)  # ways along the branch, in units of the section, from which a grazing orbit is looked for
+BESIDE = 1e-9  # of a change of word, how far on this side its point lies, in forcing periods of the hop
+MOST = 2  # new derivatives at a point: where Newton's method asks for more, the motion is another one
+ASIDE = 1e-3  # of the way to the next point, over which a derivative is taken
+
+
+class WordCurve(Curve):
+    """A curve along which the word changes: see `Curve`."""
+
+    words = True
+
+    def _is_met(self, special: Special, like: Sides | None) -> bool:
+        if special.kind != "word" or self.kind not in ("word", special.change):
+            return False
+        return like is None or like.between(*special.words)
+
+    def _taken_up(self, special: Special) -> Found:
+        return self._found(special.point, sides_of(*special.words, "far" if self.kind == "hop" else ""))
+
+    def _found(self, at: Point, sides: Sides) -> Found:
+        """A point of the curve, in a section that suits the next one."""
+        return Found(orbit_of(at.fixed, 0.0), at.value, in_own_section(self.axis, at), sides)
+
+    def _next(self, given: dict[str, float], near: list[Found]) -> Found:
+        last, sides = near[0].begin, near[0].sides
+        assert sides is not None
+        if last.grazes:
+            with suppress(OrbitLost):
+                return self._graze(given, last, sides)
+        elif self.kind == "hop" and len(sides.least) == 1:
+            with suppress(OrbitLost):
+                return self._hop(given, last, sides)
+        reason = OrbitLost("")
+        for y, doubt in self._guesses([one for one in near if one.begin.grazes == last.grazes]):
+            try:
+                return self._between(given, last, sides, y, doubt)
+            except OrbitLost as error:
+                reason = error
+        raise reason
+
+    # --- between two orbits ----------------------------------------------------------------------------------------
+
+    def _guesses(self, near: list[Found]) -> Iterator[tuple[np.ndarray, float]]:
+        """Where a change is looked for, and how well its parameter over its scale is known there."""
+        if len(near) == 1:
+            yield self.extrapolated(near), DOUBT
+            return
+        y = self.extrapolated(near)
+        yield y, abs(y[-1] - self.extrapolated(near[:-1])[-1])
+        yield self.extrapolated(near[:2]), LESS * abs(near[0].value - near[1].value) / self.axis.scale
+
+    def _between(self, given: dict[str, float], near: Point, sides: Sides, y: np.ndarray, doubt: float) -> Found:
+        """The last orbit on this side of a change: between two orbits on both sides of the guess `y`.
+
+        The guess has the parameter, over its scale, as its last entry, known to about `doubt`.
+        """
+        width = min(WIDEST, max(NARROWEST, doubt))
+        while width <= WIDEST:
+            ends = [self._at(given, near, np.append(y[:-1], y[-1] + by)) for by in (-width, width)]
+            words = [word_of(end.fixed.image.passage) for end in ends]
+            if sides.between(*words):
+                this, other = ends if sides.here(words[0]) else ends[::-1]
+                change = last_with(self.axis, sides.here, 0.0, this, other)
+                if not sides.beyond(change.word):
+                    raise OrbitLost(f"another change is nearer at {self.parameter} = {change.at.value:.6g}")
+                return self._found(change.at, sides)
+            width *= WIDER
+        at = y[-1] * self.axis.scale
+        raise OrbitLost(f"no change of word within {WIDEST * self.axis.scale:.2g} of {self.parameter} = {at:.6g}")
+
+    # --- the zero of a mark ----------------------------------------------------------------------------------------
+
+    def _graze(self, given: dict[str, float], near: Point, sides: Sides) -> Found:
+        """The orbit at which an end just misses the plate, and beyond which it strikes: found from where its gap is wider."""
+        y, _ = self._ahead(given, near, least_gap)
+        for opened in OPENED:
+            with suppress(OrbitLost):
+                wider = in_own_section(self.axis, self._at(given, near, y + opened * near.tangent))
+                at, struck = graze(self.axis, wider)
+                near_by = np.abs(at.value / self.axis.scale - y[-1]) <= WIDEST
+                if near_by and sides.between(word_of(at.fixed.image.passage), struck):
+                    return self._found(at, sides)
+        raise OrbitLost(f"no end grazes where the word changes near {self.parameter} = {y[-1] * self.axis.scale:.6g}")
+
+    def _hop(self, given: dict[str, float], near: Point, sides: Sides) -> Found:
+        """The orbit whose longest hop has the length of the line; a little way on this side."""
+        (symbol,) = sides.least
+        end, line = int(symbol[-1]) - 1, HOP_LINE + (BESIDE if sides.more[symbol] else -BESIDE)
+
+        def over_line(_: ReturnMap, image: Image) -> float:
+            return longest_hop(image.passage.events, end, image.passage.times[-1]) / TURN - line
+
+        y, known = self._ahead(given, near, over_line)
+        beside = self._beside(given, near, y)
+        equations = Equations(self.axis, beside, lambda _, m, image: over_line(m, image))
+        at, latest = equations.solved(y, equations.derivative, known, MOST)
+        away = np.abs(at.y(self.axis) - y)
+        if away.max() > FARTHEST or away[-1] > WIDEST or not sides.here(word_of(at.fixed.image.passage)):
+            raise OrbitLost(f"no hop of half a period near {self.parameter} = {beside.value:.6g}")
+        at = with_derivatives(self.axis, at, at.tangent)
+        return self._found(at._replace(mark_slope=None if latest is None else latest[-1]), sides)
+
+    def _ahead(self, given: dict[str, float], near: Point, mark: Mark) -> tuple[np.ndarray, np.ndarray]:
+        """Where the curve leads from a neighbour along its tangent, and the derivative there of all equations.
+
+        What tells the tangent is the image of the neighbour's point a little way towards the new parameters, or away from
+        them where an end begins to strike.
+        """
+        y, old = near.y(self.axis), near.map.parameters
+        if near.mark_slope is None:
+            known = Equations(self.axis, near, lambda _, m, image: mark(m, image)).derivative(y)
+        else:
+            known = np.vstack([near.matrix(), near.mark_slope])
+        for part in (ASIDE, -ASIDE):
+            aside = {name: old[name] + part * (value - old[name]) for name, value in given.items() if name in old}
+            with suppress(OrbitLost):
+                m = near.map.with_parameters(aside | {self.parameter: near.value})
+                image = m.image(y[:-1])
+                moved = mark(m, image) - mark(near.map, near.fixed.image)
+                fails = np.append(defect(m, y[:-1], image, self.spin), moved)
+                if np.abs(fails).max() < FARTHEST:
+                    return y - np.linalg.solve(known, fails / part), known
+        return y, known
+
+    # --- from a neighbour ------------------------------------------------------------------------------------------
+
+    def _at(self, given: dict[str, float], near: Point, y: np.ndarray) -> Point:
+        """The orbit at the parameter's value in `y`, in the section of a point nearby."""
+        return lent(self.axis, self._beside(given, near, y), y, np.append(np.zeros(y.size - 1), 1.0), MOST)
+
+    def _beside(self, given: dict[str, float], near: Point, y: np.ndarray) -> Point:
+        """A point of a neighbour, to begin with at other values of the parameters."""
+        value = float(y[-1] * self.axis.scale)
+        m = near.map.with_parameters(given | {self.parameter: value})
+        return near._replace(fixed=near.fixed._replace(map=m), value=value)

@@ -1,0 +1,97 @@
+"""Curves along which the word changes, against orbits found on both sides of them."""
+
+import numpy as np
+import pytest
+
+from dimersweep import orbits
+from dimersweep.errors import OrbitError
+from dimersweep.orbits.word import sides_of
+
+# kind: fixed parameters, e, and how far from the border orbits found in sections of their own surely have its words
+CURVES = {
+    "stick_slip": ({"A_r": 6.0}, np.linspace(0.6, 0.64, 5), 2e-4),  # the same symbols on both sides, but other counts
+    "chatter": ({"A_r": 8.0}, np.linspace(0.6, 0.7, 6), 5e-6),
+    "double_impact": ({"A_r": 6.0}, np.linspace(0.5, 0.6, 6), 5e-5),
+    "hop": (
+        {"A_r": 6.0},
+        np.linspace(0.46, 0.52, 7),
+        5e-6,
+    ),  # where the hop leaps over its line, and where an end grazes
+}
+
+
+@pytest.fixture(scope="module", params=CURVES)
+def curve(request):
+    fixed, e, _ = CURVES[request.param]
+    return orbits.border(request.param, "Gamma", over={"e": e}, spin=100.0, **fixed)
+
+
+def found(curve, point, by):
+    """An orbit beside the border, reached from one farther away; none, if it does not exist."""
+    at = {"spin": 100.0, "e": float(point["e"]), "A_r": curve.attrs["A_r"]}
+    Gamma = float(point["Gamma"])
+    far = orbits.find(Gamma=Gamma + np.sign(by) * 2e-3, **at)
+    try:
+        return orbits.find(Gamma=Gamma + by, guess=far, **at)
+    except OrbitError:
+        return None
+
+
+def test_orbits_found_beside_it_have_the_words_that_it_tells(curve):
+    """Where the orbit leaps there may be none beyond for a little way."""
+    kind = curve.attrs["kind"]
+    assert (curve["status"] == "ok").all()
+    for k in range(curve.sizes["e"]):
+        point = curve.isel(e=k)
+        word = str(point["word"].values)
+        beside = [found(curve, point, by) for by in (-CURVES[kind][2], CURVES[kind][2])]
+        words = [orbit.word for orbit in beside if orbit is not None]
+        assert words.count(word) == 1
+        for beyond in set(words) - {word}:
+            assert sides_of(word, beyond, "far" if kind == "hop" else "").told(word) == str(point["change"].values)
+
+
+def test_its_multipliers_are_those_of_orbits_on_its_side(curve):
+    """Across the border the map has a kink or leaps."""
+    if curve.attrs["kind"] == "chatter":
+        pytest.skip("a lift-off lies nearer to it than the orbits that are compared")
+    for k in range(curve.sizes["e"]):
+        point = curve.isel(e=k)
+        beside = [found(curve, point, by) for by in (-2e-4, 2e-4)]
+        (near,) = [orbit for orbit in beside if orbit is not None and orbit.word == str(point["word"].values)]
+        told = np.sort(np.abs(point["multipliers"].values))[-near.multipliers.size :]
+        assert np.abs(told - np.sort(np.abs(near.multipliers))).max() < 5e-3
+
+
+def test_a_curve_is_smooth_where_its_change_is_the_same():
+    fixed, e, _ = CURVES["chatter"]
+    values = orbits.border("chatter", "Gamma", over={"e": e}, spin=100.0, **fixed)["Gamma"].values
+    assert np.abs(np.diff(values, 3)).max() < 2e-4
+
+
+def test_a_warm_point_of_a_hop_costs_little():
+    """Between the corners of the curve, where the hop leaps (e = 0.48) and where both ends begin to bounce on (e = 0.69)."""
+    curve = orbits.border("hop", "Gamma", over={"e": np.linspace(0.5, 0.68, 19)}, spin=100.0)
+    cost = np.sort(curve["cost"].values)
+    assert cost[-2] <= 120  # the first is not warm
+    assert np.median(cost) <= 40
+
+
+def test_the_sides_of_a_change_are_told_by_what_comes_and_goes():
+    sides = sides_of("DI_sp_sp chatter.1 SC1_sp.1", "DI_sp_sp>DI_sp_sk chatter.1 SC1_sp.1")
+    assert sides.told("DI_sp_sp") == "-DI_sp_sp +DI_sp_sp>DI_sp_sk"
+    assert sides.here("DI_sp_sp FM") and sides.beyond("DI_sp_sp>DI_sp_sk>DI_sk_sk FM")
+    assert not sides.beyond("DI_sp_sp FM")
+
+
+def test_the_sides_of_a_change_are_told_by_counts_where_nothing_comes_or_goes():
+    sides = sides_of("DI_sp_sp SC1_sp.1 SC1_sk.1 SC1_sp.1 SC1_sk.1 SC1_sp.1", "DI_sp_sp SC1_sp.1 SC1_sk.1 SC1_sp.1")
+    assert sides.told("DI_sp_sp SC1_sp.1") == "+SC1_sk.1 +SC1_sp.1"
+    neither = "DI_sp_sp SC1_sk.1 SC1_sp.1 SC1_sk.1 SC1_sp.1"
+    assert not sides.here(neither) and not sides.beyond(neither)
+
+
+def test_the_sides_of_a_change_are_told_by_pairs_where_counts_are_equal():
+    sides = sides_of("DI_sp_sp SC1_sp.1 SC1_sk.1", "DI_sp_sp SC1_sk.1 SC1_sp.1")
+    assert sides.here("DI_sp_sp SC1_sp.1 SC1_sk.1") and sides.beyond("DI_sp_sp SC1_sk.1 SC1_sp.1")
+    assert "-SC1_sp.1/SC1_sk.1" in sides.told("DI_sp_sp SC1_sp.1 SC1_sk.1")
