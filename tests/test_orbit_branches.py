@@ -276,7 +276,8 @@ def test_bad_input_is_told(orbit):
 
 
 def test_a_point_that_fails_is_marked_and_the_rest_kept():
-    found = orbits.border("fold", "Gamma", over={"e": [0.6, 0.62, 1.0]}, spin=100.0)
+    """The curve of the hop ends on the fold at e = 0.393."""
+    found = orbits.border("hop", "Gamma", over={"e": [0.5, 0.45, 0.3]}, spin=100.0)
     assert list(found["status"].values[:2]) == ["ok", "ok"]
     assert found["status"].values[2] != "ok"
     assert np.isnan(found["Gamma"].values[2])

@@ -92,16 +92,20 @@ class Point(NamedTuple):
         return np.column_stack([system(fixed.map, fixed.matrix, fixed.gradient), self.slope])
 
 
-def slope_of(axis: Axis, m: ReturnMap, z: np.ndarray, value: float, sense: float = 0.0) -> np.ndarray:
-    """Derivative of `defect` by the parameter over its scale, by central differences; to one side only, if `sense` says so."""
+def slope_of(
+    axis: Axis, m: ReturnMap, z: np.ndarray, value: float, sense: float = 0.0, mark: Mark | None = None
+) -> np.ndarray:
+    """Derivative of `defect`, and of a mark, by the parameter over its scale; to one side only, if `sense` says so."""
     if axis.name == "spin":
-        slope = np.zeros(z.size)
+        slope = np.zeros(z.size if mark is None else z.size + 1)
         slope[m.slow] = -axis.scale / m.unit
         return slope
 
     def at(by: float) -> np.ndarray:
         there = axis.map_at(m, value + by * axis.scale)
-        return defect(there, z, there.image(z), axis.spin)
+        image = there.image(z)
+        fails = defect(there, z, image, axis.spin)
+        return fails if mark is None else np.append(fails, mark(there, image))
 
     if sense:
         return (at(sense * m.one_sided) - at(0.0)) / (sense * m.one_sided)
@@ -118,11 +122,24 @@ def slope_of(axis: Axis, m: ReturnMap, z: np.ndarray, value: float, sense: float
 
 def point_of(axis: Axis, fixed: Fixed, value: float, along: np.ndarray | None) -> Point:
     """A point of the branch with its tangent, in the sense of `along` (without: of a growing parameter)."""
-    slope = slope_of(axis, fixed.map, fixed.z, value)
-    matrix = np.column_stack([system(fixed.map, fixed.matrix, fixed.gradient), slope])
-    tangent = np.linalg.svd(matrix)[2][-1]
+    return _pointed(fixed, value, slope_of(axis, fixed.map, fixed.z, value), along)
+
+
+def _pointed(fixed: Fixed, value: float, slope: np.ndarray, along: np.ndarray | None) -> Point:
+    """A point with the tangent that its derivatives tell."""
+    tangent = np.linalg.svd(np.column_stack([system(fixed.map, fixed.matrix, fixed.gradient), slope]))[2][-1]
     sense = tangent[-1] if along is None else tangent @ along
     return Point(fixed, value, slope, tangent if sense >= 0 else -tangent)
+
+
+def with_mark(axis: Axis, point: Point, mark: Mark) -> Point:
+    """The same point with its own derivatives, and that of a mark."""
+    fixed, m = point.fixed, point.map
+    told = m.differences(fixed.z, lambda image: np.append(image.point, [image.spin / m.unit, mark(m, image)]))
+    *matrix, gradient, of_mark = told
+    slope = slope_of(axis, m, fixed.z, point.value, mark=mark)
+    fixed = fixed._replace(matrix=np.array(matrix), gradient=gradient)
+    return _pointed(fixed, point.value, slope[:-1], point.tangent)._replace(mark_slope=np.append(of_mark, slope[-1]))
 
 
 def one_sided(axis: Axis, point: Point, senses: np.ndarray, along: np.ndarray) -> Point:
@@ -133,9 +150,7 @@ def one_sided(axis: Axis, point: Point, senses: np.ndarray, along: np.ndarray) -
     fixed = point.fixed
     matrix, gradient = fixed.map.jacobian(fixed.z, fixed.image, senses[:-1])
     slope = slope_of(axis, fixed.map, fixed.z, point.value, senses[-1])
-    tangent = np.linalg.svd(np.column_stack([system(fixed.map, matrix, gradient), slope]))[2][-1]
-    fixed = fixed._replace(matrix=matrix, gradient=gradient)
-    return Point(fixed, point.value, slope, tangent if tangent @ along >= 0 else -tangent)
+    return _pointed(fixed._replace(matrix=matrix, gradient=gradient), point.value, slope, along)
 
 
 def corrected(axis: Axis, near: Point, y: np.ndarray, normal: np.ndarray) -> Point:

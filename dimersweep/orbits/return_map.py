@@ -194,17 +194,24 @@ class ReturnMap:
         matrix : ndarray, shape (n, n)
         gradient : ndarray, shape (n,)
         """
-        columns, gradient = [], []
+        told = self.differences(z, lambda image: np.append(image.point, image.spin / self.unit), here, senses)
+        return told[:-1], told[-1]
+
+    def differences(
+        self,
+        z: np.ndarray,
+        told: Callable[[Image], np.ndarray],
+        here: Image | None = None,
+        senses: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Derivatives of what is told of the image, shape (what, n); see `jacobian`."""
         if here is None or senses is None:
-            pairs = [(self.image(z + d), self.image(z - d)) for d in self.step * np.eye(z.size)]
             widths = np.full(z.size, 2 * self.step)
+            pairs = [(self.image(z + d), self.image(z - d)) for d in self.step * np.eye(z.size)]
         else:
             widths = self.one_sided * senses
             pairs = [(self.image(z + d), here) for d in np.diag(widths)]
-        for (ahead, back), width in zip(pairs, widths, strict=True):
-            columns.append((ahead.point - back.point) / width)
-            gradient.append((ahead.spin - back.spin) / (width * self.unit))
-        return np.array(columns).T, np.array(gradient)
+        return np.array([told(ahead) - told(back) for ahead, back in pairs]).T / widths
 
     def well_placed(self, passage: Passage, simplest: bool = True) -> bool:
         """Whether the section is away from the events of the motion, and no simpler contact lasts long enough."""

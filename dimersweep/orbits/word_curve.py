@@ -6,10 +6,11 @@ solved for, from where its tangent leads. Where the orbit leaps it is looked for
 
 from collections.abc import Iterator
 from contextlib import suppress
+from typing import cast
 
 import numpy as np
 
-from dimersweep.orbits.branch import Equations, Mark, Point, in_own_section, lent, with_derivatives
+from dimersweep.orbits.branch import Equations, Mark, Point, in_own_section, lent, with_mark
 from dimersweep.orbits.curve import Curve, Found
 from dimersweep.orbits.grazing import graze, least_gap
 from dimersweep.orbits.orbit import orbit_of
@@ -25,7 +26,7 @@ WIDEST, NARROWEST, WIDER = 0.05, 2e-5, 4.0  # bracket of a change of word, in th
 DOUBT, LESS = 4e-3, 0.08  # of a point with one neighbour; of one on the line through two, in the step between them
 OPENED = (1e-2, 1e-1)  # ways along the branch, in units of the section, from which a grazing orbit is looked for
 BESIDE = 1e-9  # of a change of word, how far on this side its point lies, in forcing periods of the hop
-MOST = 2  # new derivatives at a point: where Newton's method asks for more, the motion is another one
+MOST = 3  # new derivatives at a point: where Newton's method asks for more, the motion is another one
 ASIDE = 1e-3  # of the way to the next point, over which a derivative is taken
 
 
@@ -118,12 +119,11 @@ class WordCurve(Curve):
         y, known = self._ahead(given, near, over_line)
         beside = self._beside(given, near, y)
         equations = Equations(self.axis, beside, lambda _, m, image: over_line(m, image))
-        at, latest = equations.solved(y, equations.derivative, known, MOST)
+        at, _ = equations.solved(y, equations.derivative, known, MOST)
         away = np.abs(at.y(self.axis) - y)
         if away.max() > FARTHEST or away[-1] > WIDEST or not sides.here(word_of(at.fixed.image.passage)):
             raise OrbitLost(f"no hop of half a period near {self.parameter} = {beside.value:.6g}")
-        at = with_derivatives(self.axis, at, at.tangent)
-        return self._found(at._replace(mark_slope=None if latest is None else latest[-1]), sides)
+        return self._found(with_mark(self.axis, at, over_line), sides)
 
     def _ahead(self, given: dict[str, float], near: Point, mark: Mark) -> tuple[np.ndarray, np.ndarray]:
         """Where the curve leads from a neighbour along its tangent, and the derivative there of all equations.
@@ -133,9 +133,8 @@ class WordCurve(Curve):
         """
         y, old = near.y(self.axis), near.map.parameters
         if near.mark_slope is None:
-            known = Equations(self.axis, near, lambda _, m, image: mark(m, image)).derivative(y)
-        else:
-            known = np.vstack([near.matrix(), near.mark_slope])
+            near = with_mark(self.axis, near, mark)
+        known = np.vstack([near.matrix(), cast(np.ndarray, near.mark_slope)])
         for part in (ASIDE, -ASIDE):
             aside = {name: old[name] + part * (value - old[name]) for name, value in given.items() if name in old}
             with suppress(OrbitLost):
