@@ -222,7 +222,7 @@ class Equations:
     ) -> tuple[Point, np.ndarray | None]:
         """The point near `y` at which they hold, the derivatives and the tangent still those of `near`; and how they change.
 
-        `derivative` and `known` are as by `newton`.
+        `derivative`, `known` and `most` are as by `newton`.
 
         Raises
         ------

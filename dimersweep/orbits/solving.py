@@ -84,6 +84,8 @@ def newton(
         Largest entry of the value that counts as none.
     known : ndarray, shape (n, n), optional
         Derivative nearby.
+    most : int
+        How many new derivatives may be taken.
 
     Raises
     ------
