@@ -90,7 +90,7 @@ def traced(
         if sum(not entry.special for entry in entries) >= points:
             return Trace(entries, f"points: {points} points were asked for", spent.periods)
         try:
-            nxt = corrected(axis, point, point.y(axis) + step * point.tangent, point.tangent)
+            nxt = _stepped(axis, point, step, start, to)
             _same_way(point, nxt)
         except OrbitLost as reason:
             step *= 0.5
@@ -142,20 +142,37 @@ def _same_way(a: Point, b: Point) -> None:
         raise OrbitLost("the branch turns too sharply")
 
 
+def _stepped(axis: Axis, point: Point, step: float, start: float, to: float) -> Point:
+    """The point a step further, or where the step leads out of the range from `start` to `to` the one at its edge."""
+    y = point.y(axis) + step * point.tangent
+    for edge, _ in _edges(start, to):
+        if (y[-1] * axis.scale - edge) * (point.value - edge) < 0:
+            share = (edge - point.value) / (step * point.tangent[-1] * axis.scale)
+            return _at_edge(axis, point, point.y(axis) + share * step * point.tangent, edge)
+    return corrected(axis, point, y, point.tangent)
+
+
+def _edges(start: float, to: float) -> tuple[tuple[float, str], ...]:
+    """Values of the parameter at which a branch ends, and why."""
+    return (to, "to: the value asked for is reached"), (start, "back: the branch has turned round to its start")
+
+
+def _at_edge(axis: Axis, near: Point, y: np.ndarray, edge: float) -> Point:
+    """The point at a value of the parameter."""
+    y[-1] = edge / axis.scale
+    return corrected(axis, near, y, np.append(np.zeros(y.size - 1), 1.0))._replace(value=edge)
+
+
 def _window(axis: Axis, a: Point, b: Point, start: float, to: float) -> tuple[Point, str]:
-    """The point, or where the step leaves the range from `start` to `to` the one at its edge, with why the branch ends."""
-    for edge, why in (
-        (to, "to: the value asked for is reached"),
-        (start, "back: the branch has turned round to its start"),
-    ):
+    """The point, or where the step leads out of the range from `start` to `to` the one at its edge; why the branch ends."""
+    for edge, why in _edges(start, to):
         outward = np.sign(edge - (start if edge == to else to))
         if (b.value - edge) * outward >= 0 and (a.value - edge) * outward < 0:
-            normal = np.append(np.zeros(a.fixed.z.size), 1.0)
+            if b.value == edge:
+                return b, why
             share = (edge - a.value) / (b.value - a.value)
-            y = a.y(axis) + share * (b.y(axis) - a.y(axis))
-            y[-1] = edge / axis.scale
             try:
-                return corrected(axis, b, y, normal)._replace(value=edge), why
+                return _at_edge(axis, b, a.y(axis) + share * (b.y(axis) - a.y(axis)), edge), why
             except OrbitLost:
                 return b, why
     return b, ""
