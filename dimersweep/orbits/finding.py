@@ -175,9 +175,8 @@ def _from_orbit(
             raise OrbitLost(f"{reason}, {done:.0%} of the way")
         there = min(1.0, done + step)
         values = {name: base[name] + there * (given[name] - base[name]) for name in given}
-        now = ReturnMap(values, m.phase, m.modes, periods, rtol, tape)
         try:
-            fixed = centred(solve(now, z, orbit.spin + there * (spin - orbit.spin), known))
+            fixed = centred(solve(m.with_parameters(values), z, orbit.spin + there * (spin - orbit.spin), known))
         except OrbitLost as error:
             reason, step = error, 0.5 * step
             continue
