@@ -253,8 +253,11 @@ def fill_rows(columns: Mapping[str, Any], n: int) -> np.ndarray:
     """
     rows = np.empty((n, N_ROW))
     for slot, name in enumerate(ROW):
-        value = columns.get(name, LEFT_OUT.get(name))
-        rows[:, slot] = columns[value] if isinstance(value, str) else value
+        both = name.removesuffix("_1").removesuffix("_2")
+        value = columns.get(name, LEFT_OUT.get(name, both))
+        while isinstance(value, str):
+            value = columns.get(value, LEFT_OUT.get(value, {"eta": 1.5, "k_ratio": 1.0}.get(value)))
+        rows[:, slot] = value
     return rows
 
 

@@ -12,28 +12,21 @@ is known to the tolerance, and the errors add up: an end is closed where its rat
 What is lost are the hops; the motion about which they hop goes on as a contact phase.
 """
 
-from math import cos, hypot, inf, sin
+from math import hypot, inf
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.contact_mode import CLOSED, contact_mode
 from dimersweep.kernel.contact.coordinates import YUA, YUB, contact_state
-from dimersweep.kernel.contact.forces import (
-    A1,
-    F1,
-    F2,
-    L1,
-    L2,
-    double_forces,
-)
+from dimersweep.kernel.contact.forces import A1, A2, F1, F2, L1, L2, double_forces
 from dimersweep.kernel.impact.impact import apply_impulse
-from dimersweep.kernel.model.body import delassus, levers
+from dimersweep.kernel.model.body import attitude, delassus, end, level_levers, levers, reach, rise_of_centre
 from dimersweep.kernel.model.friction import slip_force
 from dimersweep.kernel.model.layout import (
-    BETA,
     CA,
     CB,
     D1,
     D2,
+    DIP,
     FREE,
     N1,
     N2,
@@ -56,30 +49,31 @@ FLOOR = 1e-13  # separation speed, in g/omega, at which round-off rules the hops
 
 
 @compiled
-def rest_of_chatter(dm, n, F, nn, e, faint):
-    """Time that the rest of a chatter from gap rate n under a contact force F takes [s].
+def rest_of_chatter(dm, p, dip, n, F, faint):
+    """Time that the rest of a chatter of the end p from gap rate n under a contact force F takes [s].
 
     0.0 if it is as faint as a gap rate may be that is lost, or ruled by round-off; inf if it does not end, or if the plate
     could take the force away before. While the force changes slowly, hops without loss keep n^3 over it: they grow with it.
     """
-    press = F * nn
+    lv = levers(p, *attitude(dm, dip))
+    press = F * delassus(dm, lv, lv).nn
     most = heaviest(dm)
     if n <= FLOOR * dm.v_scale or (press > 0.0 and n**3 * most <= faint**3 * press):
         return 0.0
-    if e >= 1.0 or press <= 0.0:
+    if p.e >= 1.0 or press <= 0.0:
         return inf
-    time = 2.0 * n / (press * (1.0 - e))
+    time = 2.0 * n / (press * (1.0 - p.e))
     return time if jerk_bound(dm) * time < 0.5 * press else inf
 
 
 @compiled
-def slow_enough(dm, n, remaining, tol):
-    """Whether what a close from gap rate n loses is below the tolerance.
+def slow_enough(dm, p, n, remaining, tol):
+    """Whether what a close of the end p from gap rate n loses is below the tolerance.
 
     Where an impact holds an end otherwise than a lasting contact, a close lets slip what hops would have held, or holds it:
     that is of the order of n, and no hop is summed that counts.
     """
-    if dm.mu_h != dm.mu_s:
+    if p.mu_h != p.mu_s:
         return remaining == 0.0
     turn = tempo(dm) * remaining
     return n * turn * turn <= CLOSE_COST * tol * dm.v_scale
@@ -88,7 +82,8 @@ def slow_enough(dm, n, remaining, tol):
 @compiled
 def stays_open(dm, state, j, time):
     """Whether end j certainly stays off the plate for so long."""
-    fall = heaviest(dm) + dm.h * (state[WB] ** 2 + state[WP] ** 2 + state[SPIN] ** 2)
+    _, far = reach(dm)
+    fall = heaviest(dm) + far * (state[WB] ** 2 + state[WP] ** 2 + state[SPIN] ** 2)
     return state[D1 + j] + time * (state[N1 + j] - fall * time) >= 0.0
 
 
@@ -106,7 +101,7 @@ def lands_slowly(dm, state, rate):
 @compiled
 def kinetic(dm, state):
     """Kinetic energy in the plate's frame [J]."""
-    c_n = 0.5 * (state[N1] + state[N2])
+    c_n = rise_of_centre(dm, state[N1], state[N2])
     moving = dm.m * (state[CA] * state[CA] + state[CB] * state[CB] + c_n * c_n)
     turning = dm.J_t * (state[WB] * state[WB] + state[WP] * state[WP])
     return 0.5 * (moving + turning + dm.J_a * state[SPIN] * state[SPIN])
@@ -142,18 +137,16 @@ def come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F):
     for _ in range(4):
         if not may_1 and not may_2:
             return NOTHING
-        contact_state(dm, state, -1.0 if may_1 else 1.0, y)
+        contact_state(dm, state, 0 if may_1 else 1, y)
         phase = state[PHASE] + dm.phi0
         answer = contact_mode(dm, may_1, may_2, phase, y, modes, slip_tol, False, dy, F)
         if answer != CLOSED:
             drop_round_off(dm, state)
             return NOTHING
-        lv = levers(dm, 1.0, sin(state[BETA]), cos(state[BETA]))
-        nn = delassus(dm, lv, lv).nn
-        rest_1 = rest_of_chatter(dm, state[N1], F[F1], nn, dm.e_1, faint)
-        rest_2 = rest_of_chatter(dm, state[N2], F[F2], nn, dm.e_2, faint)
-        slow_1 = modes[0] == FREE or slow_enough(dm, state[N1], rest_1, tol)
-        slow_2 = modes[1] == FREE or slow_enough(dm, state[N2], rest_2, tol)
+        rest_1 = rest_of_chatter(dm, dm.p1, state[DIP], state[N1], F[F1], faint)
+        rest_2 = rest_of_chatter(dm, dm.p2, state[DIP], state[N2], F[F2], faint)
+        slow_1 = modes[0] == FREE or slow_enough(dm, dm.p1, state[N1], rest_1, tol)
+        slow_2 = modes[1] == FREE or slow_enough(dm, dm.p2, state[N2], rest_2, tol)
         if not slow_1 or not slow_2:
             may_1, may_2 = may_1 and slow_1 and modes[0] != FREE, may_2 and slow_2 and modes[1] != FREE
             continue
@@ -201,29 +194,26 @@ def drop_round_off(dm, state):
 @compiled
 def close_one(dm, state, modes, i, y):
     """Cancel the gap rate of end i by an impulse with the friction of its contact mode."""
-    s = -1.0 if i == 0 else 1.0
-    sin_b, cos_b = sin(state[BETA]), cos(state[BETA])
-    lv, lj = levers(dm, s, sin_b, cos_b), levers(dm, -s, sin_b, cos_b)
+    p, (sin_b, cos_b) = end(dm, i), attitude(dm, state[DIP])
+    lv, lj = levers(p, sin_b, cos_b), levers(end(dm, 1 - i), sin_b, cos_b)
     w, wj = delassus(dm, lv, lv), delassus(dm, lj, lv)
     t_a, t_b = -w.an / w.aa, 0.0
     if modes[i] == SLIP:
         v = hypot(y[YUA], y[YUB])
-        t_a, t_b = slip_force(dm.mu, 1.0, y[YUA], y[YUB])
+        t_a, t_b = slip_force(p.mu, 1.0, y[YUA], y[YUB])
         t_a, t_b = t_a / v, t_b / v
-    own, other = (N1, N2) if i == 0 else (N2, N1)
-    P = -state[own] / (w.nn + w.na * t_a)
+    P = -state[N1 + i] / (w.nn + w.na * t_a)
     apply_impulse(dm, state, lv, P, t_a * P, t_b * P)
-    state[other] += P * (wj.nn + wj.na * t_a)
-    state[own] = 0.0
+    state[N2 - i] += P * (wj.nn + wj.na * t_a)
+    state[N1 + i] = 0.0
 
 
 @compiled
 def close_both(dm, state, modes, y, F):
-    """Cancel both gap rates at beta = 0 by impulses with the friction of the contact modes."""
+    """Cancel both gap rates by impulses with the friction of the contact modes."""
     double_forces(dm, modes, y, state[N1], state[N2], 0.0, 0.0, F)
-    state[CA] += F[A1] / dm.m
-    state[CB] += (F[L1] + F[L2]) / dm.m
-    state[WP] += dm.h * (F[L1] - F[L2]) / dm.J_t
-    state[SPIN] -= dm.r * (F[L1] + F[L2]) / dm.J_a
+    p, q = level_levers(dm)
+    apply_impulse(dm, state, p, F[F1], F[A1], F[L1])
+    apply_impulse(dm, state, q, F[F2], F[A2], F[L2])
     state[N1], state[N2] = 0.0, 0.0
-    state[BETA], state[WB] = 0.0, 0.0
+    state[DIP], state[WB] = 0.0, 0.0

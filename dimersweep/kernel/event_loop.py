@@ -1,6 +1,6 @@
 """The event loop of one run: resolve the impact, choose the contact, move to the next event, and see to what follows it."""
 
-from math import hypot, isfinite, sin, sqrt
+from math import hypot, isfinite, sqrt
 
 from dimersweep.kernel.chatter import come_to_rest, kinetic
 from dimersweep.kernel.compiler.jit import compiled
@@ -35,9 +35,8 @@ from dimersweep.kernel.course import (
     begin_course,
 )
 from dimersweep.kernel.impact.impact import contact_velocity, double_impact, single_impact
-from dimersweep.kernel.model.body import TWO_PI
+from dimersweep.kernel.model.body import TWO_PI, lift
 from dimersweep.kernel.model.layout import (
-    BETA,
     C_CHATTER_END,
     C_END,
     C_IMPACT,
@@ -50,6 +49,7 @@ from dimersweep.kernel.model.layout import (
     CONTACT_STEPS,
     D1,
     D2,
+    DIP,
     FREE,
     IMPACT_STEPS,
     JAMMED,
@@ -198,7 +198,7 @@ def noted_impact(dm, ask, motion, record):
     end, begins = note_landings(dm, past, state)
     status, rows = collide(dm, state, motion.modes, ask.rtol, past[SCALARS, S_FASTEST], motion.work, record.log)
     note_impact(dm, state, past, double, end, begins)
-    note_impact_phases(record, state, rows, course[CONTACT_BEFORE])
+    note_impact_phases(dm, record, state, rows, course[CONTACT_BEFORE])
     return status
 
 
@@ -225,10 +225,10 @@ def collide(dm, state, modes, tol, fastest, work, log):
     # velocities have an absolute tolerance: the small impacts of a chatter need few digits of their own
     tol = min(LOOSEST, tol * max(1.0, min(dm.v_scale, fastest) / V))
     if closed_1 and closed_2:
-        state[BETA] = 0.0
+        state[DIP] = 0.0
         return double_impact(dm, state, V, tol, modes, work, log)
     i = 0 if closed_1 else 1
-    status, mode, rows = single_impact(dm, state, -1.0 if closed_1 else 1.0, V, tol, work, log)
+    status, mode, rows = single_impact(dm, state, i, V, tol, work, log)
     modes[0], modes[1] = FREE, FREE
     modes[i] = mode
     return status, rows
@@ -239,7 +239,7 @@ def force_impact(dm, state):
     """Set a vanishing approach at the ends whose contact law has no force: what follows is an impact without collision."""
     for i in range(2):
         if state[D1 + i] == 0.0 and state[N1 + i] == 0.0:
-            _, a, b = contact_velocity(dm, state, -1.0 if i == 0 else 1.0)
+            _, a, b = contact_velocity(dm, state, i)
             state[N1 + i] = -TURNED * hypot(a, b)
 
 
@@ -305,7 +305,7 @@ def end_period(dm, ask, motion, record):
     state[PHASE] = 0.0
     state[PERIOD] += 1.0
     course[PERIOD_EVENTS] = record.counts[EVENTS]
-    if not isfinite(state[BETA] + state[D1] + state[D2] + state[N1] + state[N2] + state[CA] + state[CB]):
+    if not isfinite(state[DIP] + state[D1] + state[D2] + state[N1] + state[N2] + state[CA] + state[CB]):
         course[STATUS] = NOT_FINITE
         return
     note_period(dm, state, modes, motion.past)
@@ -327,12 +327,13 @@ def cause_of(event):
 
 @compiled
 def start_state(dm, beta0, xdot0, state):
-    """The start of a run: p1 on the plate, the rod at beta0 along Y, the balls moving sideways with xdot0."""
+    """The start of a run: the lower end on the plate, the rod at beta0 along Y, the balls moving sideways with xdot0."""
     for k in range(N_STATE):
         state[k] = 0.0
-    state[D2] = 2.0 * dm.h * sin(beta0)
+    state[DIP] = beta0 - dm.beta_0
+    rise = dm.l * lift(dm, state[DIP])
+    state[D1], state[D2] = max(0.0, -rise), max(0.0, rise)
     state[N1] = state[N2] = -plate_rate(dm, dm.phi0)
-    state[BETA] = beta0
     state[CB] = xdot0
 
 

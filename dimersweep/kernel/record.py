@@ -21,10 +21,10 @@ from dimersweep.kernel.impact.phase_log import (
     N_LOG,
 )
 from dimersweep.kernel.model.layout import (
-    BETA,
     C_CHATTER_END,
     C_IMPACT,
     CB,
+    DIP,
     N1,
     N2,
     N_STATE,
@@ -132,10 +132,10 @@ def next_row(record):
 
 
 @compiled(inline=True)
-def head(row, state, cause, kind, before, after):
+def head(dm, row, state, cause, kind, before, after):
     """Write what all event rows have."""
     row[E_PERIOD], row[E_PHASE], row[E_CAUSE], row[E_KIND] = state[PERIOD], state[PHASE], cause, kind
-    row[E_BEFORE], row[E_AFTER], row[E_BETA], row[E_THETA] = before, after, state[BETA], state[THETA]
+    row[E_BEFORE], row[E_AFTER], row[E_BETA], row[E_THETA] = before, after, dm.beta_0 + state[DIP], state[THETA]
 
 
 @compiled(inline=True)
@@ -145,15 +145,15 @@ def note_event(dm, record, state, cause, before, after):
     if k < 0:
         return
     row = record.events[k]
-    head(row, state, cause, after, before, after)
+    head(dm, row, state, cause, after, before, after)
     row[E_N1], row[E_N2], row[E_N1_AFTER], row[E_N2_AFTER] = state[N1], state[N2], state[N1], state[N2]
     row[E_P1], row[E_P2] = 0.0, 0.0
-    _, row[E_A1], row[E_B1] = contact_velocity(dm, state, -1.0)
-    _, row[E_A2], row[E_B2] = contact_velocity(dm, state, 1.0)
+    _, row[E_A1], row[E_B1] = contact_velocity(dm, state, 0)
+    _, row[E_A2], row[E_B2] = contact_velocity(dm, state, 1)
 
 
 @compiled
-def note_impact_phases(record, state, rows, before):
+def note_impact_phases(dm, record, state, rows, before):
     """Write the event rows of an impact: one for each phase in its log."""
     if not is_kept(record):
         return
@@ -162,7 +162,7 @@ def note_impact_phases(record, state, rows, before):
         k = next_row(record)
         if k >= 0:
             row, phase = record.events[k], record.log[i]
-            head(row, state, C_IMPACT, kind, before, after)
+            head(dm, row, state, C_IMPACT, kind, before, after)
             row[E_N1], row[E_N2], row[E_N1_AFTER], row[E_N2_AFTER] = (
                 phase[LOG_N1],
                 phase[LOG_N2],

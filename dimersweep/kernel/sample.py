@@ -9,7 +9,7 @@ from math import inf, nan
 
 from dimersweep.kernel.compiler.jit import compiled, exported
 from dimersweep.kernel.contact.contact_mode import CLOSED, MOMENT
-from dimersweep.kernel.contact.coordinates import BY_HEADING, YB, YCHART, contact_state, kernel_state
+from dimersweep.kernel.contact.coordinates import BY_HEADING, YCHART, YDIP, contact_state, kernel_state, leading
 from dimersweep.kernel.contact.events import (
     LANDING,
     NO_EVENT,
@@ -124,7 +124,7 @@ def follow_contact(dm, motion, span, rtol):
         _, event = sustain(dm, motion, phase + dm.omega * done, span - done, rtol, False)
         if y[YCHART] == BY_HEADING:
             side = 1.0 if modes[0] != FREE else -1.0
-            y[YB] = side * max(0.0, side * y[YB])
+            y[YDIP] = side * max(0.0, side * y[YDIP])
     kernel_state(dm, modes, y, state)
     state[PHASE] += dm.omega * span
     if event == OUT_OF_STEPS:
@@ -145,7 +145,7 @@ def begin_contact(dm, motion):
     if speed <= slip_tol:
         answer = find_contact(dm, motion, trial, YES, slip_tol)
         if answer != CLOSED or trial[0] != modes[0] or trial[1] != modes[1]:
-            contact_state(dm, state, -1.0 if modes[0] != FREE else 1.0, y)
+            contact_state(dm, state, leading(modes), y)
 
 
 @compiled

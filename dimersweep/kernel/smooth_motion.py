@@ -2,7 +2,7 @@
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.contact_mode import CLOSED, MOMENT, contact_mode
-from dimersweep.kernel.contact.coordinates import YB, YUA, YUB, YWB, YWP, contact_state, kernel_state
+from dimersweep.kernel.contact.coordinates import YDIP, YS, YUA, YUB, YWB, YWP, contact_state, kernel_state, leading
 from dimersweep.kernel.contact.events import LANDING, NO_EVENT, OUT_OF_PROBES
 from dimersweep.kernel.contact.forces import F1, contact_rates
 from dimersweep.kernel.contact.phase import sustain_contact
@@ -10,8 +10,8 @@ from dimersweep.kernel.course import CONTACT_BEFORE, CONTACT_IS_SET, NO, SLIP_TO
 from dimersweep.kernel.flight.free_motion import fly, take_off
 from dimersweep.kernel.flight.landing import MAX_PROBES, next_landing
 from dimersweep.kernel.impact.impact import rounding
-from dimersweep.kernel.model.body import TWO_PI
-from dimersweep.kernel.model.layout import BETA, D1, D2, FREE, N1, N2, PHASE, STICK
+from dimersweep.kernel.model.body import TWO_PI, turn_of_pair
+from dimersweep.kernel.model.layout import D1, D2, DIP, FREE, N1, N2, PHASE, STICK
 from dimersweep.kernel.numerics.meter import charge
 
 SLIP_SCALE = 0.1  # slip that counts as none in contact, in units of the tolerance and g/omega
@@ -47,9 +47,9 @@ def find_contact(dm, motion, modes, hold_is_lost, slip_tol):
     modes[0], modes[1] = FREE, FREE
     if not closed_1 and not closed_2:
         return CLOSED
-    contact_state(dm, state, -1.0 if closed_1 else 1.0, y)
+    contact_state(dm, state, 0 if closed_1 else 1, y)
     if closed_1 and closed_2:
-        y[YB], y[YWB] = 0.0, 0.0
+        y[YDIP], y[YWB] = 0.0, 0.0
     phase, lost = state[PHASE] + dm.phi0, hold_is_lost != NO
     answer = contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, lost, motion.rates, motion.forces)
     if answer == CLOSED:
@@ -87,33 +87,31 @@ def fly_to_landing(dm, motion, path):
     state = motion.state
     span = (TWO_PI - state[PHASE]) / dm.omega
     fl = take_off(dm, state)
-    sign, t, probes = next_landing(fl, span)
+    i, t, probes = next_landing(fl, span)
     charge(motion.meter, HOP_COST + PROBE_COST * probes)
     if probes >= MAX_PROBES:
         return OUT_OF_PROBES
     fly(dm, fl, state, min(t, span), path)
-    if sign == 0.0:
+    if i < 0:
         return NO_EVENT
-    touch(dm, state, sign)
+    touch(dm, state, i)
     return LANDING
 
 
 @compiled
-def touch(dm, state, sign):
-    """Close the gap of the end that has landed, and the other one too if it is no higher, to rounding."""
-    near = COINCIDENT * 2.0 * dm.h
-    landed, other = (D1, D2) if sign < 0.0 else (D2, D1)
-    if state[other] - state[landed] <= near:
-        state[other] = 0.0
-    state[landed] = 0.0
+def touch(dm, state, i):
+    """Close the gap of end i, which has landed, and the other one too if it is no higher, to rounding."""
+    if state[D2 - i] - state[D1 + i] <= COINCIDENT * dm.l:
+        state[D2 - i] = 0.0
+    state[D1 + i] = 0.0
     if state[D1] == 0.0 and state[D2] == 0.0:
-        state[BETA] = 0.0
+        state[DIP] = 0.0
 
 
 @compiled(inline=True)
 def set_contact(dm, state, modes, y):
     """The contact state of a phase under way, from the kernel state."""
-    contact_state(dm, state, -1.0 if modes[0] != FREE else 1.0, y)
+    contact_state(dm, state, leading(modes), y)
     clear_slip(dm, modes, y)
 
 
@@ -124,7 +122,7 @@ def clear_slip(dm, modes, y):
         y[YUA], y[YUB] = 0.0, 0.0
     elif modes[1] == STICK:
         y[YUA] = 0.0
-        y[YWP] = y[YUB] / (2.0 * dm.h)
+        y[YWP] = turn_of_pair(dm, y[YUB], y[YS])
 
 
 @compiled(inline=True)
@@ -136,7 +134,7 @@ def follow_contact(dm, ask, motion, turn, locate):
         dm, motion.modes, y, phase, span, ask.path, ask.rtol, motion.course[SLIP_TOL], locate, motion.work
     )
     if event == LANDING:
-        y[YB] = 0.0
+        y[YDIP] = 0.0
     kernel_state(dm, motion.modes, y, state)
     state[PHASE] += dm.omega * t
     return event

@@ -4,7 +4,7 @@ from math import acos, cos, sin
 
 import numpy as np
 
-from dimersweep.kernel.model.layout import BETA, CB, D2, FREE, N2, N_STATE, PERIOD, PHASE, ROW_PHI0, SPIN, STICK, WB
+from dimersweep.kernel.model.layout import CB, D2, DIP, FREE, N2, N_STATE, PERIOD, PHASE, ROW_PHI0, SPIN, STICK, WB
 from dimersweep.kernel.record import HOP_TIME, MODES
 from dimersweep.orbits.passage import TURN
 from dimersweep.orbits.return_map import OrbitLost, ReturnMap, Tape
@@ -55,8 +55,8 @@ def ball_state(parameters: dict[str, float], spin: float) -> tuple[np.ndarray, n
     v = parameters["g"] / omega
     state = np.zeros(N_STATE)
     state[D2], state[N2], state[SPIN] = max(gap, 0.1) * v / omega, rate * v, spin
-    state[BETA] = np.arcsin(min(1.0, state[D2] / (2 * h)))
-    state[WB] = state[N2] / (2 * h * max(0.1, np.cos(state[BETA])))
+    state[DIP] = np.arcsin(min(1.0, state[D2] / (2 * h)))
+    state[WB] = state[N2] / (2 * h * max(0.1, np.cos(state[DIP])))
     state[CB] = parameters["r"] * spin
     return state, np.array([STICK, FREE], dtype=float)
 

@@ -10,13 +10,13 @@ from dimersweep.errors import ParameterError
 from dimersweep.kernel.course import new_workspace
 from dimersweep.kernel.model.body import dimer_of
 from dimersweep.kernel.model.layout import (
-    BETA,
     CA,
     CAUSES,
     CB,
     CONTACT_STATES,
     D1,
     D2,
+    DIP,
     FREE,
     GAMMA,
     IMPACT,
@@ -120,19 +120,21 @@ def _states(
 ) -> xr.Dataset:
     """The kernel's closed state in the coordinates of the paper."""
     s = kernel_states.T
-    h = parameters["r"] * (parameters["A_r"] - 1)  # half the distance of the ball centres
-    plate, plate_rate, _ = motion(dimer_of(record.row), s[PHASE] + parameters["phi0"])
-    sin_b, cos_b, sin_t, cos_t = np.sin(s[BETA]), np.cos(s[BETA]), np.sin(s[THETA]), np.cos(s[THETA])
+    dm = dimer_of(record.row)
+    plate, plate_rate, _ = motion(dm, s[PHASE] + parameters["phi0"])
+    beta = dm.beta_0 + s[DIP]
+    sin_b, cos_b, sin_t, cos_t = np.sin(beta), np.cos(beta), np.sin(s[THETA]), np.cos(s[THETA])
     theta_rate = s[WP] / cos_b
-    v_a, v_b = s[CA] + h * sin_b * s[WB], s[CB] + h * s[WP]  # of ball 1, along the heading and across it
-    z1 = parameters["r"] + s[D1] + plate
+    h_1 = dm.p1.h
+    v_a, v_b = s[CA] - h_1 * sin_b * s[WB], s[CB] - h_1 * s[WP]  # of ball 1, along the heading and across it
+    z1 = dm.p1.r + s[D1] + plate
     columns = {
         "phase": np.mod(s[PHASE] + parameters["phi0"], 2 * pi),
         "x1": s[X1],
         "y1": s[Y1],
         "z1": z1,
         "theta": s[THETA],
-        "beta": s[BETA],
+        "beta": beta,
         "spin": s[GAMMA],
         "x1_rate": v_b * cos_t - v_a * sin_t,
         "y1_rate": v_a * cos_t + v_b * sin_t,
@@ -144,9 +146,9 @@ def _states(
         "gap_2": s[D2],
         "gap_1_rate": s[N1],
         "gap_2_rate": s[N2],
-        "x": s[X1] - h * cos_b * sin_t,
-        "y": s[Y1] + h * cos_b * cos_t,
-        "z": z1 + h * sin_b,
+        "x": s[X1] + h_1 * cos_b * sin_t,
+        "y": s[Y1] - h_1 * cos_b * cos_t,
+        "z": z1 - h_1 * sin_b,
         "plate": plate,
         "contact_state": (5 * modes[:, 0] + modes[:, 1]).astype(np.int8),
     }

@@ -11,12 +11,13 @@ import numpy as np
 
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.course import Workspace, new_workspace
+from dimersweep.kernel.model.body import dimer_of, dip_of
 from dimersweep.kernel.model.layout import (
-    BETA,
     CA,
     CB,
     D1,
     D2,
+    DIP,
     FREE,
     N1,
     N2,
@@ -98,10 +99,10 @@ class Section:
         self, parameters: dict[str, float], row: np.ndarray, rtol: float, space: Workspace | None = None
     ) -> None:
         self.row, self.rtol = row, rtol
-        self.r, self.h = parameters["r"], parameters["r"] * (parameters["A_r"] - 1)
+        self.dm = dimer_of(row)
         omega = 2 * np.pi * parameters["f"]
         v = parameters["g"] / omega
-        self.units = np.array([v / omega, v / omega, v, v, v / self.h, v / self.r, v, v])
+        self.units = np.array([v / omega, v / omega, v, v, v / (0.5 * self.dm.l), v / parameters["r"], v, v])
         self.space, self.record = space or new_workspace(), no_record()
 
     def point(self, state: np.ndarray) -> np.ndarray:
@@ -113,19 +114,20 @@ class Section:
         state = np.zeros(N_STATE)
         state[list(_SLOTS)] = point * self.units
         state[D1], state[D2] = max(0.0, state[D1]), max(0.0, state[D2])
-        state[BETA] = np.arcsin((state[D2] - state[D1]) / (2 * self.h))
-        state[WB] = (state[N2] - state[N1]) / (2 * self.h * np.cos(state[BETA]))
+        state[DIP] = dip_of(self.dm, state[D2] - state[D1])
+        state[WB] = (state[N2] - state[N1]) / (self.dm.l * np.cos(self.dm.beta_0 + state[DIP]))
         return state
 
     def held(self, state: np.ndarray, modes: np.ndarray) -> np.ndarray:
         """The state with the ends that stick at rest: the motion of the centre of mass follows from the other rates."""
-        sin_b, cos_b = np.sin(state[BETA]), np.cos(state[BETA])
+        beta = self.dm.beta_0 + state[DIP]
+        sin_b, cos_b = np.sin(beta), np.cos(beta)
         if (modes == STICK).all():
-            state[WP] = 0.0
-        for end, sign in ((0, -1.0), (1, 1.0)):
-            if modes[end] == STICK:
-                state[CA] = -(self.r - sign * self.h * sin_b) * state[WB]
-                state[CB] = self.r * cos_b * state[SPIN] - (self.r * sin_b - sign * self.h) * state[WP]
+            state[WP] = -state[SPIN] * sin_b / cos_b  # it rolls straight on, or as a cone
+        for i, p in enumerate((self.dm.p1, self.dm.p2)):
+            if modes[i] == STICK:
+                state[CA] = -(p.r - p.h * sin_b) * state[WB]
+                state[CB] = p.r * cos_b * state[SPIN] - (p.r * sin_b - p.h) * state[WP]
         return state
 
     def after(self, state: np.ndarray, periods: int) -> tuple[np.ndarray, np.ndarray]:

@@ -10,13 +10,13 @@ import xarray as xr
 
 from dimersweep.errors import ParameterError, unknown
 from dimersweep.kernel.batch import N_START
-from dimersweep.kernel.model.body import dimer_of
+from dimersweep.kernel.model.body import dimer_of, rise_at
 from dimersweep.kernel.model.layout import (
-    BETA,
     CA,
     CB,
     D1,
     D2,
+    DIP,
     GAMMA,
     N1,
     N2,
@@ -26,6 +26,7 @@ from dimersweep.kernel.model.layout import (
     WP,
     X1,
     Y1,
+    Dimer,
 )
 from dimersweep.kernel.model.plate import motion
 from dimersweep.parameters import Parameters, as_number, number
@@ -114,36 +115,37 @@ def kernel_start(start: Mapping[str, float], parameters: Mapping[str, float]) ->
     if not abs(beta) < pi / 2:
         raise ParameterError(f'start.beta = {beta}: must be below pi/2 = 1.5708 in size (radians; degrees as "16 deg")')
     row = np.zeros((1, N_START))
-    state, h = row[0], parameters["r"] * (parameters["A_r"] - 1)
-    state[D1], state[D2] = _gaps(start, parameters, 2 * h * sin(beta))
-    state[BETA] = beta if state[D1] != state[D2] else 0.0
+    state, dm = row[0], dimer_of(Parameters(**parameters).row())
+    state[D1], state[D2] = _gaps(start, dm, rise_at(dm, beta))
+    state[DIP] = beta - dm.beta_0 if state[D1] != state[D2] else 0.0
     state[WB] = start.get("beta_rate", 0.0)
-    state[N1], state[N2] = _gap_rates(start, parameters, 2 * h * cos(beta) * state[WB])
+    state[N1], state[N2] = _gap_rates(start, dm, dm.l * cos(beta) * state[WB])
     theta, theta_rate = start.get("theta", 0.0), start.get("theta_rate", 0.0)
     state[WP] = theta_rate * cos(beta)
     state[SPIN] = start.get("spin_rate", 0.0) + theta_rate * sin(beta)
     u, v = start.get("x1_rate", 0.0), start.get("y1_rate", 0.0)
-    state[CA] = v * cos(theta) - u * sin(theta) - h * sin(beta) * state[WB]
-    state[CB] = u * cos(theta) + v * sin(theta) - h * state[WP]
+    state[CA] = v * cos(theta) - u * sin(theta) + dm.p1.h * sin(beta) * state[WB]
+    state[CB] = u * cos(theta) + v * sin(theta) + dm.p1.h * state[WP]
     state[THETA], state[GAMMA] = theta, start.get("spin", 0.0)
-    state[X1] = start.get("x1", start.get("x", -h * cos(beta) * sin(theta)) + h * cos(beta) * sin(theta))
-    state[Y1] = start.get("y1", start.get("y", h * cos(beta) * cos(theta)) - h * cos(beta) * cos(theta))
+    away = dm.p1.h * cos(beta)  # of ball 1 from the centre of mass, along the heading
+    state[X1] = start.get("x1", start["x"] - away * sin(theta) if "x" in start else 0.0)
+    state[Y1] = start.get("y1", start["y"] + away * cos(theta) if "y" in start else 0.0)
     return row
 
 
-def _gaps(start: Mapping[str, float], parameters: Mapping[str, float], rise: float) -> tuple[float, float]:
+def _gaps(start: Mapping[str, float], dm: Dimer, rise: float) -> tuple[float, float]:
     """Gaps of p1 and p2 [m]; p2 is higher by `rise`."""
     if "gap_1" in start:
         first = start["gap_1"]
     elif "gap_2" in start:
         first = start["gap_2"] - rise
     elif "z1" in start or "z" in start:
-        centre = start["z1"] if "z1" in start else start["z"] - rise / 2
-        first = centre - parameters["r"] - _plate(parameters)[0]
+        centre = start["z1"] if "z1" in start else start["z"] + dm.p1.h * (dm.sin_0 + rise / dm.l)
+        first = centre - dm.p1.r - float(motion(dm, dm.phi0)[0])
     else:
         first = max(0.0, -rise)
     second = start.get("gap_2", first + rise)
-    if abs(second - first - rise) > AGREES * 2 * parameters["r"] * (parameters["A_r"] - 1):
+    if abs(second - first - rise) > AGREES * dm.l:
         raise ParameterError(f"start.gap_2 = {second}: must be gap_1 + l sin(beta) = {first + rise}; leave one out")
     for name, gap in (("gap_1", first), ("gap_2", second)):
         if gap < -CLOSED:
@@ -151,23 +153,17 @@ def _gaps(start: Mapping[str, float], parameters: Mapping[str, float], rise: flo
     return (0.0 if first < CLOSED else first), (0.0 if second < CLOSED else second)
 
 
-def _gap_rates(start: Mapping[str, float], parameters: Mapping[str, float], apart: float) -> tuple[float, float]:
+def _gap_rates(start: Mapping[str, float], dm: Dimer, apart: float) -> tuple[float, float]:
     """Rates of the gaps [m/s]; that of p2 is greater by `apart`."""
     if "gap_1_rate" in start:
         first = start["gap_1_rate"]
     elif "gap_2_rate" in start:
         first = start["gap_2_rate"] - apart
     elif "z1_rate" in start:
-        first = start["z1_rate"] - _plate(parameters)[1]
+        first = start["z1_rate"] - float(motion(dm, dm.phi0)[1])
     else:
         first = 0.0
     return first, start.get("gap_2_rate", first + apart)
-
-
-def _plate(parameters: Mapping[str, float]) -> tuple[float, float]:
-    """Height and rate of the plate at the start [m, m/s]."""
-    height, rate, _ = motion(dimer_of(Parameters(**parameters).row()), parameters["phi0"])
-    return float(height), float(rate)
 
 
 def named(function: Any) -> Signature:

@@ -3,9 +3,10 @@
 from math import copysign, hypot
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.contact.coordinates import YUA, YUB, YWP, set_slip, slip_of
+from dimersweep.kernel.contact.coordinates import YS, YUA, YUB, YWP, set_slip, slip_of
 from dimersweep.kernel.contact.forces import A1, A2, COMPLIANCE, F1, F2, L1, L2, contact_rates, hold_reserve
 from dimersweep.kernel.contact.slip_onset import slip_onset
+from dimersweep.kernel.model.body import apart_sideways, turn_of_pair
 from dimersweep.kernel.model.friction import hold_left
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
 
@@ -87,15 +88,14 @@ def is_driven_in(dm, modes, i, phase, y, dy, F):
 @compiled
 def double_mode(dm, phase, y, modes, slip_tol, lost, dy, F):
     """Friction modes with both ends on the plate into modes, and the forces into F; y gets the slips that go with them."""
-    two_h = 2.0 * dm.h
     rest_1 = hypot(y[YUA], y[YUB]) <= slip_tol
-    rest_2 = hypot(y[YUA], y[YUB] - two_h * y[YWP]) <= slip_tol
+    rest_2 = hypot(y[YUA], y[YUB] - apart_sideways(dm, y[YWP], y[YS])) <= slip_tol
     if rest_1 or rest_2:
         y[YUA] = 0.0
     if rest_1:
         y[YUB] = 0.0
     if rest_2:
-        y[YWP] = y[YUB] / two_h
+        y[YWP] = turn_of_pair(dm, y[YUB], y[YS])
     modes[0] = STICK if rest_1 else SLIP
     modes[1] = STICK if rest_2 else SLIP
     contact_rates(dm, modes, phase, y, False, dy, F)
@@ -112,13 +112,13 @@ def double_mode(dm, phase, y, modes, slip_tol, lost, dy, F):
 @compiled
 def start_slips(dm, y, modes, slip_tol, F):
     """Both ends at rest and not both held: an end whose lateral hold is exceeded slips laterally, else both axially."""
-    over_1 = hold_left(dm.mu_h, F[F1], 0.0, F[L1]) < 0.0
-    over_2 = hold_left(dm.mu_h, F[F2], 0.0, F[L2]) < 0.0
+    over_1 = hold_left(dm.p1.mu_h, F[F1], 0.0, F[L1]) < 0.0
+    over_2 = hold_left(dm.p2.mu_h, F[F2], 0.0, F[L2]) < 0.0
     small = 0.5 * slip_tol
     if over_1 or over_2:
         u_1 = -copysign(small, F[L1]) if over_1 else 0.0
         u_2 = -copysign(small, F[L2]) if over_2 else 0.0
-        y[YUB], y[YWP] = u_1, (u_1 - u_2) / (2.0 * dm.h)
+        y[YUB], y[YWP] = u_1, turn_of_pair(dm, u_1 - u_2, y[YS])
         modes[0] = SLIP if over_1 else STICK
         modes[1] = SLIP if over_2 else STICK
     else:
@@ -170,5 +170,5 @@ def contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, lost, dy, F)
     elif not on_1 and not on_2 and is_driven_in(dm, modes, 0, phase, y, dy, F):
         stays = 0
     if stays == 1:
-        y[YUB] -= 2.0 * dm.h * y[YWP]
+        y[YUB] -= apart_sideways(dm, y[YWP], y[YS])
     return single_mode(dm, stays, phase, y, modes, slip_tol, lost, dy, F)

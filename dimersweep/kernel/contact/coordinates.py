@@ -1,7 +1,7 @@
 """The state of a contact phase in two charts: by the heading of the rod, and by its axis where it stands so steeply that
 the heading turns too fast, or has no meaning.
 
-By heading: y = (beta, beta', theta' cos(beta), spin, u_a, u_b, theta, t, x1, y1, gamma), u the slip of the leading end (p1
+By heading: y = (dip above level, beta', theta' cos(beta), spin, u_a, u_b, theta, t, x1, y1, gamma), u the slip of the leading end (p1
 if it is closed, else p2), so that slow slip keeps its relative precision and sticking is u = 0; t counts from the start of
 a step. Upright: everything horizontal is measured along two fixed axes, those of the heading when the chart was entered:
 y = (k_a, k_a', k_b', spin, u_a, u_b, k_b, t, x_b, x_a, chi), k the axis from p1 to p2 and chi = gamma +- theta, which stay
@@ -11,14 +11,14 @@ regular at the vertical. Both have the slip in the same slots, and the same tole
 from math import atan2, cos, sin, sqrt
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.model.body import levers
+from dimersweep.kernel.model.body import apart_sideways, attitude, end, levers, lift, turn_of_pair
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import (
-    BETA,
     CA,
     CB,
     D1,
     D2,
+    DIP,
     FREE,
     GAMMA,
     N1,
@@ -31,7 +31,7 @@ from dimersweep.kernel.model.layout import (
     Y1,
 )
 
-YB, YWB, YWP, YS, YUA, YUB, YTHETA, YTIME, YX, YY, YGAMMA = range(11)
+YDIP, YWB, YWP, YS, YUA, YUB, YTHETA, YTIME, YX, YY, YGAMMA = range(11)
 KA, KDA, KDB, _, _, _, KB = range(7)  # of the upright chart, where they differ in meaning
 N_CLOSED, N_PATH = 8, 11  # entries without and with the path
 YCHART, YAXES = 11, 12  # constants of a phase: the chart, and theta of its axes
@@ -42,37 +42,39 @@ LEANS = 0.15  # cosine of the dip from which it is left
 
 
 @compiled
-def leading_sign(modes):
-    """Sign of the leading end: -1 for p1, +1 for p2."""
-    return -1.0 if modes[0] != FREE else 1.0
+def leading(modes):
+    """Number of the leading end: p1 if it is closed, else p2."""
+    return 0 if modes[0] != FREE else 1
 
 
 @compiled
-def contact_state(dm, state, s, y):
-    """Contact state y from the kernel state, s the sign of the leading end."""
-    lv = levers(dm, s, sin(state[BETA]), cos(state[BETA]))
-    y[YB], y[YWB], y[YWP], y[YS] = state[BETA], state[WB], state[WP], state[SPIN]
+def contact_state(dm, state, i, y):
+    """Contact state y from the kernel state, i the number of the leading end."""
+    p = end(dm, i)
+    sin_b, cos_b = attitude(dm, state[DIP])
+    lv = levers(p, sin_b, cos_b)
+    y[YDIP], y[YWB], y[YWP], y[YS] = state[DIP], state[WB], state[WP], state[SPIN]
     y[YUA] = state[CA] + lv.a * state[WB]
     y[YUB] = state[CB] + lv.b * state[WP] + lv.c * state[SPIN]
     y[YTHETA], y[YX], y[YY], y[YGAMMA] = state[THETA], state[X1], state[Y1], state[GAMMA]
     y[YTIME] = 0.0
     y[YCHART], y[YAXES] = BY_HEADING, 0.0
-    if abs(y[YB]) > STEEP:
-        change_chart(s, y)
+    if abs(dm.beta_0 + y[YDIP]) > STEEP:
+        change_chart(dm, p.s, y)
 
 
 @compiled
 def kernel_state(dm, modes, y, state):
     """Kernel state from the contact state y: closed gaps and their rates are exactly zero."""
-    s = leading_sign(modes)
-    beta, w_b, w_p, u_a, u_b, theta, x, y_1, gamma = by_heading(s, y)
-    sin_b, cos_b = sin(beta), cos(beta)
-    lv = levers(dm, s, sin_b, cos_b)
-    state[BETA], state[WB], state[WP], state[SPIN] = beta, w_b, w_p, y[YS]
+    p = end(dm, leading(modes))
+    dip, w_b, w_p, u_a, u_b, theta, x, y_1, gamma = by_heading(dm, p.s, y)
+    sin_b, cos_b = attitude(dm, dip)
+    lv = levers(p, sin_b, cos_b)
+    state[DIP], state[WB], state[WP], state[SPIN] = dip, w_b, w_p, y[YS]
     state[CA] = u_a - lv.a * w_b
     state[CB] = u_b - lv.b * w_p - lv.c * y[YS]
     state[THETA], state[X1], state[Y1], state[GAMMA] = theta, x, y_1, gamma
-    gap, rate = 2.0 * dm.h * sin_b, 2.0 * dm.h * cos_b * w_b
+    gap, rate = dm.l * lift(dm, dip), dm.l * cos_b * w_b
     state[D1] = 0.0 if modes[0] != FREE else -gap
     state[N1] = 0.0 if modes[0] != FREE else -rate
     state[D2] = 0.0 if modes[1] != FREE else gap
@@ -84,7 +86,7 @@ def slip_of(dm, modes, y, i):
     """Axial and lateral slip of end i (0 or 1), which is closed."""
     if i == 0 or modes[0] == FREE:
         return y[YUA], y[YUB]
-    return y[YUA], y[YUB] - 2.0 * dm.h * y[YWP]
+    return y[YUA], y[YUB] - apart_sideways(dm, y[YWP], y[YS])
 
 
 @compiled
@@ -94,10 +96,10 @@ def set_slip(dm, modes, y, i, a, b):
     if modes[0] == FREE or modes[1] == FREE:
         y[YUB] = b
     elif i == 0:
-        y[YWP] += (b - y[YUB]) / (2.0 * dm.h)
+        y[YWP] = turn_of_pair(dm, b - y[YUB] + apart_sideways(dm, y[YWP], y[YS]), y[YS])
         y[YUB] = b
     else:
-        y[YWP] = (y[YUB] - b) / (2.0 * dm.h)
+        y[YWP] = turn_of_pair(dm, y[YUB] - b, y[YS])
 
 
 @compiled
@@ -116,22 +118,13 @@ def axis(s, y):
 
 
 @compiled
-def heading(s, y):
-    """Sine and cosine of the dip, and the heading along the first two axes of y, in either chart."""
-    if y[YCHART] == BY_HEADING:
-        return sin(y[YB]), cos(y[YB]), 1.0, 0.0
-    k_n, _, cos_b, c, d = axis(s, y)
-    return k_n, cos_b, c, d
-
-
-@compiled
-def by_heading(s, y):
-    """beta, beta', theta' cos(beta), u_a, u_b, theta, x1, y1, gamma of a contact state in either chart.
+def by_heading(dm, s, y):
+    """The dip above level, beta', theta' cos(beta), u_a, u_b, theta, x1, y1, gamma of a contact state in either chart.
 
     Whole turns of theta about the vertical are not counted in the upright chart.
     """
     if y[YCHART] == BY_HEADING:
-        return y[YB], y[YWB], y[YWP], y[YUA], y[YUB], y[YTHETA], y[YX], y[YY], y[YGAMMA]
+        return y[YDIP], y[YWB], y[YWP], y[YUA], y[YUB], y[YTHETA], y[YX], y[YY], y[YGAMMA]
     k_n, _, cos_b, c, d = axis(s, y)
     w_b = -(y[KDA] * c + y[KDB] * d) / k_n
     w_p = y[KDA] * d - y[KDB] * c
@@ -140,31 +133,33 @@ def by_heading(s, y):
     x, y_1 = y[YX] * cos_0 - y[YY] * sin_0, y[YX] * sin_0 + y[YY] * cos_0
     theta = y[YAXES] + turn
     gamma = y[YGAMMA] + s * theta
-    return atan2(k_n, cos_b), w_b, w_p, y[YUA] * c + y[YUB] * d, y[YUB] * c - y[YUA] * d, theta, x, y_1, gamma
+    dip = atan2(k_n, cos_b) - dm.beta_0
+    return dip, w_b, w_p, y[YUA] * c + y[YUB] * d, y[YUB] * c - y[YUA] * d, theta, x, y_1, gamma
 
 
 @compiled
-def change_chart(s, y):
+def change_chart(dm, s, y):
     """Write a contact state in the other chart, in place."""
-    beta, w_b, w_p, u_a, u_b, theta, x, y_1, gamma = by_heading(s, y)
+    dip, w_b, w_p, u_a, u_b, theta, x, y_1, gamma = by_heading(dm, s, y)
     y[YUA], y[YUB] = u_a, u_b
     if y[YCHART] == UPRIGHT:
-        y[YB], y[YWB], y[YWP], y[YTHETA] = beta, w_b, w_p, theta
+        y[YDIP], y[YWB], y[YWP], y[YTHETA] = dip, w_b, w_p, theta
         y[YX], y[YY], y[YGAMMA] = x, y_1, gamma
         y[YCHART] = BY_HEADING
         return
     sin_0, cos_0 = sin(theta), cos(theta)
-    y[KA], y[KB], y[KDA], y[KDB] = cos(beta), 0.0, -sin(beta) * w_b, -w_p
+    sin_b, cos_b = attitude(dm, dip)
+    y[KA], y[KB], y[KDA], y[KDB] = cos_b, 0.0, -sin_b * w_b, -w_p
     y[YX], y[YY] = x * cos_0 + y_1 * sin_0, y_1 * cos_0 - x * sin_0
     y[YGAMMA] = gamma - s * theta
     y[YCHART], y[YAXES] = UPRIGHT, theta
 
 
 @compiled
-def to_border(y):
+def to_border(dm, y):
     """Positive while a contact state is well described in its chart."""
     if y[YCHART] == BY_HEADING:
-        return STEEP - abs(y[YB])
+        return STEEP - abs(dm.beta_0 + y[YDIP])
     return LEANS * LEANS - (y[KA] * y[KA] + y[KB] * y[KB])
 
 

@@ -3,8 +3,9 @@
 from math import inf, sqrt
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.contact.coordinates import UPRIGHT, YB, YCHART, YS, YUA, YUB, YWB, YWP, slip_of, to_border
+from dimersweep.kernel.contact.coordinates import UPRIGHT, YCHART, YDIP, YS, YUA, YUB, YWB, YWP, slip_of, to_border
 from dimersweep.kernel.contact.forces import COMPLIANCE, F1, F2, hold_reserve
+from dimersweep.kernel.model.body import turn_of_pair
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
 from dimersweep.kernel.model.plate import tempo
@@ -71,7 +72,7 @@ def event_function(dm, modes, k, base, y, F, slip_tol):
     if k == LANDING or k == LEAVES_CHART:
         if modes[0] != FREE and modes[1] != FREE:
             return inf
-        return to_border(y) if k == LEAVES_CHART else height_of_open_end(modes, y)
+        return to_border(dm, y) if k == LEAVES_CHART else height_of_open_end(modes, y)
     i = end_of(k)
     if modes[i] == FREE:
         return inf
@@ -91,7 +92,7 @@ def height_of_open_end(modes, y):
     """The dip, positive where it opens the gap of the end that is not closed; inf in the upright chart."""
     if y[YCHART] == UPRIGHT:
         return inf
-    return y[YB] if modes[0] != FREE else -y[YB]
+    return y[YDIP] if modes[0] != FREE else -y[YDIP]
 
 
 @compiled
@@ -185,7 +186,7 @@ def slip_about_to_end(dm, modes, y, dy, span, tol, slip_tol):
 @compiled
 def carry(y, dy, t, n):
     """Carry a state on at its present rates; the dip at its present acceleration, or the smallest hops would gain energy."""
-    y[YB] += 0.5 * t * t * dy[YWB]
+    y[YDIP] += 0.5 * t * t * dy[YWB]
     for k in range(n):
         y[k] += t * dy[k]
 
@@ -209,4 +210,4 @@ def end_slip(dm, modes, y, i):
     if i == 0 or modes[0] == FREE:
         y[YUB] = 0.0
     else:
-        y[YWP] = y[YUB] / (2.0 * dm.h)
+        y[YWP] = turn_of_pair(dm, y[YUB], y[YS])

@@ -6,8 +6,8 @@ from typing import NamedTuple
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.coordinates import (
     UPRIGHT,
-    YB,
     YCHART,
+    YDIP,
     YGAMMA,
     YS,
     YTHETA,
@@ -18,11 +18,12 @@ from dimersweep.kernel.contact.coordinates import (
     YWP,
     YX,
     YY,
-    leading_sign,
+    leading,
+    slip_of,
 )
 from dimersweep.kernel.contact.steep_rod import upright_rates
-from dimersweep.kernel.model.body import delassus, levers
-from dimersweep.kernel.model.friction import axial_of_pair, direction, hold_left, hold_left_of_pair, slip_force
+from dimersweep.kernel.model.body import end, level_levers, levers, pair_of, tilted
+from dimersweep.kernel.model.friction import direction, hold_left, hold_left_of_pair, slip_force
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
 from dimersweep.kernel.model.plate import effective_gravity
 from dimersweep.kernel.numerics.sincos import sincos
@@ -34,51 +35,51 @@ N_F = 7
 
 
 @compiled
-def free_rates(dm, s, y, g_e, sin_b, cos_b):
-    """Rates without contact forces: of (beta', theta' cos(beta)), and of the leading end's (n, a, b) velocities."""
+def free_rates(dm, p, y, g_e, sin_b, cos_b):
+    """Rates without contact forces: of (beta', theta' cos(beta)), and of the (n, a, b) velocities of the leading end p."""
     w_b, w_p, spin = y[YWB], y[YWP], y[YS]
-    lv = levers(dm, s, sin_b, cos_b)
+    lv = levers(p, sin_b, cos_b)
     turn = w_p / cos_b
     axial = dm.J_a * dm.it * spin - sin_b * turn
     d_wb, d_wp = axial * w_p, -axial * w_b
     c_a = y[YUA] - lv.a * w_b
     c_b = y[YUB] - lv.b * w_p - lv.c * spin
-    n = -g_e + lv.n * d_wb - s * dm.h * sin_b * w_b * w_b
-    a = -turn * c_b + lv.a * d_wb - s * dm.h * cos_b * w_b * w_b
-    b = turn * c_a + lv.b * d_wp + dm.r * w_b * (cos_b * w_p + sin_b * spin)
+    n = -g_e + lv.n * d_wb - p.h * sin_b * w_b * w_b
+    a = -turn * c_b + lv.a * d_wb - p.h * cos_b * w_b * w_b
+    b = turn * c_a + lv.b * d_wp + p.r * w_b * (cos_b * w_p + sin_b * spin)
     return d_wb, d_wp, n, a, b
 
 
 @compiled
 def double_forces(dm, modes, y, n_1, n_2, a, b, F):
-    """Forces at both ends (beta = 0) into F; the axial ones as their sum in F[A1]. b is the free lateral rate of both.
+    """Forces at both ends into F; the axial ones as their sum in F[A1]. b is the free lateral rate of both.
 
-    The sum S of the normal forces is fixed by the weight, their difference D by the balance of moments, in which the axial
-    friction A = A_c + A_d D takes part.
+    No end is to move off the plate or into it: two equations for the normal forces, in which the axial friction
+    A = A_0 + A_1 F_1 + A_2 F_2 takes part.
     """
-    p, q = levers(dm, -1.0, 0.0, 1.0), levers(dm, 1.0, 0.0, 1.0)
-    w, wx = delassus(dm, q, q), delassus(dm, p, q)
-    total = -(n_1 + n_2) / (w.nn + wx.nn)
-    held = modes[0] == STICK or modes[1] == STICK
-    c_1, s_1 = direction(y[YUA], y[YUB])
-    c_2, s_2 = direction(y[YUA], y[YUB] - 2.0 * dm.h * y[YWP])
-    if held:
-        A_c, A_d = -a / w.aa, -w.an / w.aa
+    w = pair_of(dm)
+    c_1, s_1 = direction(*slip_of(dm, modes, y, 0))
+    c_2, s_2 = direction(*slip_of(dm, modes, y, 1))
+    if modes[0] == STICK or modes[1] == STICK:
+        A_0, A_1, A_2 = -a / w.aa, -w.na_1 / w.aa, -w.na_2 / w.aa
     else:
-        A_c, A_d = axial_of_pair(dm.mu, total, c_1, c_2)
-    yields = w.nn - wx.nn + 2.0 * w.an * A_d
-    F[COMPLIANCE] = yields * dm.m
-    D = (n_1 - n_2 - 2.0 * w.an * A_c) / yields
-    F[F1], F[F2] = 0.5 * (total - D), 0.5 * (total + D)
-    F[A1], F[A2] = A_c + A_d * D, 0.0
-    _, F[L1] = slip_force(dm.mu, F[F1], c_1, s_1)
-    _, F[L2] = slip_force(dm.mu, F[F2], c_2, s_2)
+        A_0, A_1, A_2 = 0.0, -dm.p1.mu * c_1, -dm.p2.mu * c_2
+    m_11, m_12 = w.nn_1 + w.na_1 * A_1, w.nn_12 + w.na_1 * A_2
+    m_21, m_22 = w.nn_12 + w.na_2 * A_1, w.nn_2 + w.na_2 * A_2
+    n_1, n_2 = n_1 + w.na_1 * A_0, n_2 + w.na_2 * A_0
+    det = m_11 * m_22 - m_12 * m_21
+    F[COMPLIANCE] = dm.m * det / (0.5 * (w.nn_1 + w.nn_2) + w.nn_12)
+    F[F1], F[F2] = (m_12 * n_2 - m_22 * n_1) / det, (m_21 * n_1 - m_11 * n_2) / det
+    F[A1], F[A2] = A_0 + A_1 * F[F1] + A_2 * F[F2], 0.0
+    _, F[L1] = slip_force(dm.p1.mu, F[F1], c_1, s_1)
+    _, F[L2] = slip_force(dm.p2.mu, F[F2], c_2, s_2)
     if modes[0] == STICK and modes[1] == STICK:
-        F[L1] = F[L2] = -b / (w.bb + wx.bb)
+        det = w.bb_1 * w.bb_2 - w.bb_12 * w.bb_12
+        F[L1], F[L2] = -b * (w.bb_2 - w.bb_12) / det, -b * (w.bb_1 - w.bb_12) / det
     elif modes[0] == STICK:
-        F[L1] = -(b + wx.bb * F[L2]) / w.bb
+        F[L1] = -(b + w.bb_12 * F[L2]) / w.bb_1
     elif modes[1] == STICK:
-        F[L2] = -(b + wx.bb * F[L1]) / w.bb
+        F[L2] = -(b + w.bb_12 * F[L1]) / w.bb_2
 
 
 class Single(NamedTuple):
@@ -97,13 +98,13 @@ class Single(NamedTuple):
 
 
 @compiled(inline=True, fuse=True)
-def single_rates(dm, mode, s, g_e, sin_b, cos_b, w_b, w_p, spin, u_a, u_b):
-    """Rates and forces of the contact of one end (sign s, friction mode, slip u): those of ``single_forces``, written out.
+def single_rates(dm, mode, p, g_e, sin_b, cos_b, w_b, w_p, spin, u_a, u_b):
+    """Rates and forces of the contact of one end (p, friction mode, slip u): those of ``single_forces``, written out.
 
     With `push` what they add to beta'' the normal acceleration is n + F / m + arm_n push = 0, the axial one a + A / m + arm_a
     push, zero at an end that sticks.
     """
-    h, r, im, it = s * dm.h, dm.r, dm.im, dm.it
+    h, r, im, it = p.h, p.r, dm.im, dm.it
     arm_n, arm_a, arm_b, arm_c = h * cos_b, r - h * sin_b, r * sin_b - h, -r * cos_b
     turn = w_p / cos_b
     axial = dm.J_a * it * spin - sin_b * turn
@@ -118,7 +119,7 @@ def single_rates(dm, mode, s, g_e, sin_b, cos_b, w_b, w_p, spin, u_a, u_b):
         L = -b / (im + arm_b * arm_b * it + arm_c * arm_c * dm.ia)
         return Single(d_wb + push, d_wp + arm_b * it * L, arm_c * dm.ia * L, 0.0, 0.0, turn, F, A, L, 1.0)
     v2 = u_a * u_a + u_b * u_b
-    k = dm.mu / sqrt(v2) if v2 > 0.0 else 0.0
+    k = p.mu / sqrt(v2) if v2 > 0.0 else 0.0
     c, d = k * u_a, k * u_b
     yields = im + it * arm_n * (arm_n - c * arm_a)
     F = -n / yields
@@ -129,31 +130,33 @@ def single_rates(dm, mode, s, g_e, sin_b, cos_b, w_b, w_p, spin, u_a, u_b):
 
 
 @compiled(inline=True)
-def path_rates(dm, s, sin_b, cos_b, w_b, w_p, spin, u_a, u_b, theta):
-    """Rates of x1, y1 and gamma, with the end of sign s the leading one."""
-    v_a = u_a - (dm.r - (s + 1.0) * dm.h * sin_b) * w_b
-    v_b = u_b - (dm.r * sin_b - (s + 1.0) * dm.h) * w_p + dm.r * cos_b * spin
+def path_rates(dm, p, sin_b, cos_b, w_b, w_p, spin, u_a, u_b, theta):
+    """Rates of x1, y1 and gamma, with the end p the leading one."""
+    away = p.h - dm.p1.h  # from the centre of p1
+    v_a = u_a - (p.r - away * sin_b) * w_b
+    v_b = u_b - (p.r * sin_b - away) * w_p + p.r * cos_b * spin
     sin_t, cos_t = sincos(theta)
     return v_b * cos_t - v_a * sin_t, v_a * cos_t + v_b * sin_t, spin - w_p / cos_b * sin_b
 
 
 @compiled
 def double_rates(dm, modes, g_e, y, path, dy, F):
-    """The same of the contact of both ends, the forces into F."""
-    p, q = levers(dm, -1.0, 0.0, 1.0), levers(dm, 1.0, 0.0, 1.0)
-    d_wb, _, n, a, b = free_rates(dm, -1.0, y, g_e, 0.0, 1.0)
-    double_forces(dm, modes, y, n, n + 2.0 * dm.h * d_wb, a, b, F)
-    slips = modes[0] == SLIP
-    w, other = delassus(dm, p, p), delassus(dm, p, q)
-    dy[YB], dy[YWB] = 0.0, 0.0
-    dy[YWP] = dm.h * (F[L1] - F[L2]) * dm.it
-    dy[YS] = -dm.r * (F[L1] + F[L2]) * dm.ia
-    both_slip = slips and modes[1] == SLIP
-    dy[YUA] = a + w.an * (F[F1] - F[F2]) + w.aa * F[A1] if both_slip else 0.0
-    dy[YUB] = b + w.bb * F[L1] + other.bb * F[L2] if slips else 0.0
-    dy[YTHETA], dy[YTIME] = y[YWP], 1.0
+    """Rates of the contact of both ends into dy, and the forces into F."""
+    p, q = level_levers(dm)
+    d_wb, _, n_1, a, b = free_rates(dm, dm.p1, y, g_e, dm.sin_0, dm.cos_0)
+    double_forces(dm, modes, y, n_1, n_1 + dm.l * dm.cos_0 * d_wb, a, b, F)
+    w = pair_of(dm)
+    dy[YDIP], dy[YWB] = 0.0, 0.0
+    dy[YWP] = (p.b * F[L1] + q.b * F[L2]) * dm.it
+    dy[YS] = (p.c * F[L1] + q.c * F[L2]) * dm.ia
+    both_slip = modes[0] == SLIP and modes[1] == SLIP
+    dy[YUA] = a + w.na_1 * F[F1] + w.na_2 * F[F2] + w.aa * F[A1] if both_slip else 0.0
+    dy[YUB] = b + w.bb_1 * F[L1] + w.bb_12 * F[L2] if modes[0] == SLIP else 0.0
+    dy[YTHETA], dy[YTIME] = y[YWP] / dm.cos_0, 1.0
     if path:
-        dy[YX], dy[YY], dy[YGAMMA] = path_rates(dm, -1.0, 0.0, 1.0, 0.0, y[YWP], y[YS], y[YUA], y[YUB], y[YTHETA])
+        dy[YX], dy[YY], dy[YGAMMA] = path_rates(
+            dm, dm.p1, dm.sin_0, dm.cos_0, 0.0, y[YWP], y[YS], y[YUA], y[YUB], y[YTHETA]
+        )
 
 
 @compiled
@@ -176,9 +179,9 @@ def contact_rates(dm, modes, phase, y, path, dy, F):
     F : float64 array, shape (N_F,)
         Forces [N]: normal, axial, lateral of p1, then of p2; and the compliance [1/m].
     """
-    s = leading_sign(modes)
+    i = leading(modes)
+    p = end(dm, i)
     g_e = effective_gravity(dm, phase)
-    i = 0 if s < 0.0 else 1
     if modes[0] != FREE and modes[1] != FREE:
         double_rates(dm, modes, g_e, y, path, dy, F)
         return
@@ -186,22 +189,23 @@ def contact_rates(dm, modes, phase, y, path, dy, F):
         F[k] = 0.0
     k = 3 * i
     if y[YCHART] == UPRIGHT:
-        F[COMPLIANCE] = upright_rates(dm, modes[i], s, g_e, y, path, dy, F, k)
+        F[COMPLIANCE] = upright_rates(dm, modes[i], p, g_e, y, path, dy, F, k)
         return
-    sin_b, cos_b = sincos(y[YB])
-    r = single_rates(dm, modes[i], s, g_e, sin_b, cos_b, y[YWB], y[YWP], y[YS], y[YUA], y[YUB])
+    sin_d, cos_d = sincos(y[YDIP])
+    sin_b, cos_b = tilted(dm, sin_d, cos_d)
+    r = single_rates(dm, modes[i], p, g_e, sin_b, cos_b, y[YWB], y[YWP], y[YS], y[YUA], y[YUB])
     F[F1 + k], F[A1 + k], F[L1 + k], F[COMPLIANCE] = r.F, r.A, r.L, r.compliance
-    dy[YB], dy[YWB], dy[YWP], dy[YS], dy[YUA], dy[YUB] = y[YWB], r.w_b, r.w_p, r.spin, r.a, r.b
+    dy[YDIP], dy[YWB], dy[YWP], dy[YS], dy[YUA], dy[YUB] = y[YWB], r.w_b, r.w_p, r.spin, r.a, r.b
     dy[YTHETA], dy[YTIME] = r.turn, 1.0
     if path:
-        dy[YX], dy[YY], dy[YGAMMA] = path_rates(dm, s, sin_b, cos_b, y[YWB], y[YWP], y[YS], y[YUA], y[YUB], y[YTHETA])
+        dy[YX], dy[YY], dy[YGAMMA] = path_rates(dm, p, sin_b, cos_b, y[YWB], y[YWP], y[YS], y[YUA], y[YUB], y[YTHETA])
 
 
 @compiled
 def hold_reserve(dm, modes, i, F):
     """How far the friction that holds end i is from its limit [N]; of two held ends only the sum of the axial parts counts."""
     if modes[0] == STICK and modes[1] == STICK:
-        return hold_left_of_pair(dm.mu_h, F[F1], F[L1], F[F2], F[L2], F[A1])
+        return hold_left_of_pair(dm.p1.mu_h, F[F1], F[L1], dm.p2.mu_h, F[F2], F[L2], F[A1])
     k = 3 * i
     axial = F[A1] if modes[0] != FREE else F[A2]
-    return hold_left(dm.mu_h, F[F1 + k], axial, F[L1 + k])
+    return hold_left(end(dm, i).mu_h, F[F1 + k], axial, F[L1 + k])

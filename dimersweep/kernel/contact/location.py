@@ -3,7 +3,7 @@
 from typing import Any, NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.contact.coordinates import YB, YWB, leading_sign
+from dimersweep.kernel.contact.coordinates import YDIP, YWB, leading
 from dimersweep.kernel.contact.events import (
     JAM,
     LANDING,
@@ -18,6 +18,7 @@ from dimersweep.kernel.contact.events import (
 )
 from dimersweep.kernel.contact.forces import contact_rates
 from dimersweep.kernel.contact.step_control import METHOD, NOW, RESCALED, SIZE, STIFFNESS, step_to
+from dimersweep.kernel.model.body import end
 from dimersweep.kernel.numerics.root_bracket import (
     FOUND,
     LOOK_ON,
@@ -64,7 +65,7 @@ def probe_step(at, t):
         return 0.0, UNSOUND, REFUSED
     g, which = least_value(dm, p.modes, b.armed, b.start, b.out, b.F_out, p.slip_tol, b.values[1])
     at_rest = is_slip_end(which) and abs(g) <= p.slip_tol / dm.v_scale
-    landed = which == LANDING and abs(g) <= at.dip_left and b.out[YB] * b.out[YWB] < 0.0
+    landed = which == LANDING and abs(g) <= at.dip_left and b.out[YDIP] * b.out[YWB] < 0.0
     return g, which, FOUND if -at.past <= g <= 0.0 or at_rest or landed else LOOK_ON
 
 
@@ -92,7 +93,7 @@ def first_crossing(dm, p, event, least, b):
     s, h, method = b.bracket, b.control[SIZE], int(b.control[METHOD])
     g_low, _ = least_value(dm, p.modes, b.armed, b.start, b.start, b.F, p.slip_tol, b.values[1])
     past = EXACT * p.tol * (abs(g_low) + abs(least))
-    dip_left = DIP_LEFT * past if b.start[YB] != 0.0 else 0.0  # an end that has just left does not land
+    dip_left = DIP_LEFT * past if b.start[YDIP] != 0.0 else 0.0  # an end that has just left does not land
     at, guess, slope = Crossing(dm, p, event, past, dip_left, b), 0.0, 0.0
     if method != RESCALED:
         guess, slope = zero_on_cubic(value_on_cubic, at, s, h, b.values[1, event], least)
@@ -122,7 +123,8 @@ def hidden_dip(dm, modes, phase, h, n, slip_tol, b):
     bounds what lies between. It may put a bottom that lies just within the step just outside.
     """
     values, turn = b.values, motion_rate(dm, b.start) * h
-    returns = b.armed[LANDING] > 0.0 and leading_sign(modes) * b.start[YWB] > 0.0 > leading_sign(modes) * b.out[YWB]
+    sign = end(dm, leading(modes)).s
+    returns = b.armed[LANDING] > 0.0 and sign * b.start[YWB] > 0.0 > sign * b.out[YWB]
     if not (returns or b.armed[JAM] > 0.0 or low_between(b, turn)):
         return 1.0
     doubt = turn**4 / 384.0 + turn / 24.0

@@ -7,13 +7,13 @@ from dimersweep.kernel.contact.coordinates import (
     N_CLOSED,
     N_PATH,
     UPRIGHT,
-    YB,
     YCHART,
+    YDIP,
     YS,
     YTIME,
     YWB,
     change_chart,
-    leading_sign,
+    leading,
     slip_of,
 )
 from dimersweep.kernel.contact.events import (
@@ -62,7 +62,7 @@ from dimersweep.kernel.contact.step_control import (
     step_to,
     stiffness,
 )
-from dimersweep.kernel.model.body import TWO_PI
+from dimersweep.kernel.model.body import TWO_PI, end
 from dimersweep.kernel.model.layout import FREE, SLIP
 from dimersweep.kernel.numerics.meter import is_over
 from dimersweep.kernel.numerics.root_bracket import UNSOUND
@@ -121,7 +121,7 @@ def sustain_contact(dm, modes, y, phase, span, path, tol, slip_tol, locate, work
         t += part
         if event != LEAVES_CHART:
             return t, event
-        change_chart(leading_sign(modes), y)
+        change_chart(dm, end(dm, leading(modes)).s, y)
     return t, OUT_OF_STEPS
 
 
@@ -190,7 +190,7 @@ def begin_step(dm, p, b):
     y, c = p.y, b.control
     y[YTIME] = 0.0
     copy(y, b.start, N_PATH)
-    c[STIFFNESS] = stiffness(dm, y, max(b.F[F1], b.F[F2]))
+    c[STIFFNESS] = stiffness(dm, p.modes, y, max(b.F[F1], b.F[F2]))
     c[NOW] = p.phase + dm.omega * c[TIME]
     c[SPEED], c[SPEED_RATE] = slip_speed(dm, p.modes, y, b.dy)
 
@@ -225,7 +225,7 @@ def choose_step(dm, p, b):
         slowing = SLIDING if method == IMPLICIT else (0.9 if v == inf else min(0.9, HALTING * sqrt(c[NATURAL])))
         h = min(h, min(slowing * slip_limit(dm, modes, y, b.dy), landing_in_sight(dm, modes, y, b.dy)))
     if method == PLAIN and gamma > 0.0:
-        h = min(h, TURNS * v / max(gamma, stiffness(dm, y, 0.5 * dm.m * dm.g)))
+        h = min(h, TURNS * v / max(gamma, stiffness(dm, modes, y, 0.5 * dm.m * dm.g)))
     last = method != RESCALED and h >= left * (1.0 - 1e-12)
     if last:
         h = left
@@ -236,10 +236,10 @@ def choose_step(dm, p, b):
 def method_for(dm, modes, y, v, rate, gamma, tight):
     """The method that suits a slip v that changes at a rate, and may jam soon.
 
-    A fast spin loads one of two slipping ends by J_a spin theta' / 2h, and what it rubs then brakes theta' at the rate
+    A fast spin loads one of two slipping ends by J_a spin theta' / l, and what it rubs then brakes theta' at the rate
     mu spin J_a / J_t, which may be stiff.
     """
-    braked = dm.mu * abs(y[YS]) * dm.J_a * dm.it if modes[0] == SLIP and modes[1] == SLIP else 0.0
+    braked = max(dm.p1.mu, dm.p2.mu) * abs(y[YS]) * dm.J_a * dm.it if modes[0] == SLIP and modes[1] == SLIP else 0.0
     if v >= STIFF * dm.T * gamma:
         return IMPLICIT if braked * dm.T > BRAKED else PLAIN
     return RESCALED if tight or (rate < -FALLING * gamma and braked * v < gamma) else IMPLICIT
@@ -261,7 +261,7 @@ def jams_soon(dm, modes, phase, v, gamma, b):
 def landing_in_sight(dm, modes, y, dy):
     """Time after which the open end has landed at its present acceleration, and a little more; inf if it does not."""
     sign = 1.0 if modes[0] != FREE else -1.0
-    gap, rate, fall = sign * y[YB], sign * y[YWB], sign * dy[YWB]
+    gap, rate, fall = sign * y[YDIP], sign * y[YWB], sign * dy[YWB]
     if (modes[0] != FREE and modes[1] != FREE) or y[YCHART] == UPRIGHT or gap < 0.0:
         return inf
     if gap == 0.0:  # it has just left: a step within its hop
@@ -302,7 +302,7 @@ def may_hide_event(dm, p, least, event, b):
     part = 1.0
     if p.locate and least > 0.0:
         part = hidden_dip(dm, p.modes, c[NOW], c[H], p.n, p.slip_tol, b)
-    if part < 1.0 or (least <= 0.0 and event == LANDING and p.y[YB] == 0.0):
+    if part < 1.0 or (least <= 0.0 and event == LANDING and p.y[YDIP] == 0.0):
         c[H] *= min(part, 0.5)
         return c[H] > SHORTEST * dm.T
     return False

@@ -28,23 +28,23 @@ from dimersweep.kernel.model.layout import SLIP
 
 
 @compiled
-def upright_rates(dm, mode, s, g_e, y, path, dy, F, first):
+def upright_rates(dm, mode, p, g_e, y, path, dy, F, first):
     """Rates of y into dy; normal force and friction along the axes a, b of the chart into F from number `first` on; the
     compliance, which is returned.
     """
     # right-handed coordinates: x along b, y along a, z upwards
-    h, r, spin = s * dm.h, dm.r, y[YS]
-    kz, dz, cos_b, c, d = axis(s, y)
+    h, r, spin = p.h, p.r, y[YS]
+    kz, dz, cos_b, c, d = axis(p.s, y)
     kx, ky, dx, dy_ = y[KB], y[KA], y[KDB], y[KDA]
     wx, wy, wz = ky * dz - kz * dy_, kz * dx - kx * dz, kx * dy_ - ky * dx  # k x k'
     square, gyro = dx * dx + dy_ * dy_ + dz * dz, dm.J_a * dm.it * spin
     ax, ay, az = gyro * wx - square * kx, gyro * wy - square * ky, gyro * wz - square * kz
     rest = (1.0 - dm.J_a * dm.it) * spin  # w' without torque is rest k'
     fx, fy, fn = h * ax - r * rest * dy_, h * ay + r * rest * dx, h * az - g_e
-    lv = levers(dm, s, kz, cos_b)
+    lv = levers(p, kz, cos_b)
     u_a, u_b = y[YUA] * c + y[YUB] * d, y[YUB] * c - y[YUA] * d
     w = delassus(dm, lv, lv)
-    N, A, L, compliance = single_forces(dm, mode, w, u_a, u_b, fn, fy * c + fx * d, fx * c - fy * d)
+    N, A, L, compliance = single_forces(dm, p.mu, mode, w, u_a, u_b, fn, fy * c + fx * d, fx * c - fy * d)
     Fy, Fx = A * c - L * d, A * d + L * c
     F[first], F[first + 1], F[first + 2] = N, Fy, Fx
     px, py, pz = h * kx, h * ky, h * kz - r  # from the centre of mass to the contact
@@ -63,7 +63,7 @@ def upright_rates(dm, mode, s, g_e, y, path, dy, F, first):
     if not path:
         return compliance
     wx, wy = wx + spin * kx, wy + spin * ky
-    dy[YX] = y[YUB] - (h + dm.h) * dx + r * wy
-    dy[YY] = y[YUA] - (h + dm.h) * dy_ - r * wx
-    dy[YGAMMA] = spin + (dy_ * kx - dx * ky) / (kz - s)
+    dy[YX] = y[YUB] - (h - dm.p1.h) * dx + r * wy
+    dy[YY] = y[YUA] - (h - dm.p1.h) * dy_ - r * wx
+    dy[YGAMMA] = spin + (dy_ * kx - dx * ky) / (kz - p.s)
     return compliance

@@ -14,8 +14,8 @@ from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.coordinates import (
     N_CLOSED,
     UPRIGHT,
-    YB,
     YCHART,
+    YDIP,
     YGAMMA,
     YS,
     YTHETA,
@@ -26,12 +26,13 @@ from dimersweep.kernel.contact.coordinates import (
     YWP,
     YX,
     YY,
-    leading_sign,
+    leading,
     same_chart,
     slip_of,
 )
 from dimersweep.kernel.contact.events import slip_speed
 from dimersweep.kernel.contact.forces import COMPLIANCE, F1, F2, contact_rates, path_rates, single_rates
+from dimersweep.kernel.model.body import end, tilted
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import FREE, SLIP
 from dimersweep.kernel.model.plate import effective_gravity
@@ -158,21 +159,25 @@ def set_chart(y, b):
 @compiled
 def set_scales(dm, tol, scale):
     """Tolerances of the contact state: angles, rates, slips and lengths in the scales of the scene."""
-    scale[YB] = scale[YTHETA] = tol
+    scale[YDIP] = scale[YTHETA] = tol
     scale[YWB] = scale[YWP] = tol * dm.w_scale
     scale[YS] = 10.0 * tol * dm.w_scale
     scale[YUA] = scale[YUB] = tol * dm.v_scale
     scale[YTIME] = tol * dm.T
-    scale[YX] = scale[YY] = tol * dm.r
+    scale[YX] = scale[YY] = tol * max(dm.p1.r, dm.p2.r)
     scale[YGAMMA] = 10.0 * tol
 
 
 @compiled
-def stiffness(dm, y, force):
+def stiffness(dm, modes, y, force):
     """gamma: a bound on the rate at which friction under a normal force turns a slip, times its speed [m s-2]."""
-    tilt = 1.0 if y[YCHART] == UPRIGHT else min(1.0, abs(y[YB]))
-    arm = dm.h + dm.r * tilt
-    return dm.mu * (dm.im + arm * arm * dm.it + dm.r * dm.r * dm.ia) * force
+    tilt, gamma = 1.0 if y[YCHART] == UPRIGHT else min(1.0, abs(dm.beta_0 + y[YDIP])), 0.0
+    for i in range(2):
+        if modes[i] != FREE:
+            p = end(dm, i)
+            arm = abs(p.h) + p.r * tilt
+            gamma = max(gamma, p.mu * (dm.im + arm * arm * dm.it + p.r * p.r * dm.ia) * force)
+    return gamma
 
 
 @compiled
@@ -222,8 +227,8 @@ def explicit_step_single(dm, modes, phase, h, n, method, gamma, b):
 
     The newest slopes stay in registers: to write them to K and to read them at once takes as long as half of the rates.
     """
-    s = leading_sign(modes)
-    mode, y, path = modes[0] if s < 0.0 else modes[1], b.start, n > N_CLOSED
+    i = leading(modes)
+    p, mode, y, path = end(dm, i), modes[i], b.start, n > N_CLOSED
     share = length(y[YUA], y[YUB]) / gamma if method == RESCALED else 1.0
     clocked, force, more = method == RESCALED and b.F[COMPLIANCE] < TIGHT, b.F[F1] + b.F[F2], b.F[COMPLIANCE]
     k = b.K[0]
@@ -233,14 +238,15 @@ def explicit_step_single(dm, modes, phase, h, n, method, gamma, b):
     for i in range(1, DOP_STAGES):
         t0, t1, t2, t3, t4, t5, t6, t7 = stage_sums(i, i - 1, b.K)
         a = DOP_A[i, i - 1]
-        beta, w_b = y[YB] + h * (t0 + a * k0), y[YWB] + h * (t1 + a * k1)
+        dip, w_b = y[YDIP] + h * (t0 + a * k0), y[YWB] + h * (t1 + a * k1)
         w_p, spin = y[YWP] + h * (t2 + a * k2), y[YS] + h * (t3 + a * k3)
         u_a, u_b = y[YUA] + h * (t4 + a * k4), y[YUB] + h * (t5 + a * k5)
         theta = y[YTHETA] + h * (t6 + a * k6)
         t = h * (t7 + a * k7) if method == RESCALED else h * DOP_C[i]
         g_e = effective_gravity(dm, phase + dm.omega * t)
-        sin_b, cos_b = sincos(beta)
-        rates = single_rates(dm, mode, s, g_e, sin_b, cos_b, w_b, w_p, spin, u_a, u_b)
+        sin_d, cos_d = sincos(dip)
+        sin_b, cos_b = tilted(dm, sin_d, cos_d)
+        rates = single_rates(dm, mode, p, g_e, sin_b, cos_b, w_b, w_p, spin, u_a, u_b)
         if method == RESCALED:
             share = length(u_a, u_b) / gamma
             if clocked:
@@ -250,7 +256,7 @@ def explicit_step_single(dm, modes, phase, h, n, method, gamma, b):
         k = b.K[i]
         k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7] = k0, k1, k2, k3, k4, k5, k6, k7
         if path:
-            x, y_1, spun = path_rates(dm, s, sin_b, cos_b, w_b, w_p, spin, u_a, u_b, theta)
+            x, y_1, spun = path_rates(dm, p, sin_b, cos_b, w_b, w_p, spin, u_a, u_b, theta)
             k[YX], k[YY], k[YGAMMA] = share * x, share * y_1, share * spun
     return explicit_finish(h, b.start, b.K, n, b.scale, b.out)
 
@@ -281,7 +287,7 @@ def turn_slopes(dm, modes, phase, h, n, j, b):
     m = set_turns(modes, j, y, b)
     for i in range(m):
         turn = b.B[j * m + i]
-        size = TURN * v * (1.0 - turn[2] + turn[2] / (2.0 * dm.h))
+        size = TURN * v * (1.0 - turn[2] + turn[2] / dm.l)
         for k in range(N_CLOSED):
             b.probe[k] = y[k]
         b.probe[YUA] += size * turn[0]

@@ -9,14 +9,14 @@ from math import atan2, copysign, cos, floor, sin, sqrt
 from typing import Any, NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.model.body import TWO_PI
+from dimersweep.kernel.model.body import TWO_PI, attitude, lift
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import (
-    BETA,
     CA,
     CB,
     D1,
     D2,
+    DIP,
     GAMMA,
     N1,
     N2,
@@ -40,7 +40,8 @@ class Flight(NamedTuple):
     n_1: float
     n_2: float
     g: float
-    h: float
+    h_1: float  # places of the ball centres on the axis, from the centre of mass
+    h_2: float
     Omega: float  # rate of the axis about L [rad s-1]
     c1: float  # amplitudes of sin(beta)
     c2: float
@@ -62,7 +63,7 @@ def angular_momentum(dm, state, sin_b, cos_b):
 @compiled
 def take_off(dm, state):
     """Flight that starts from a state."""
-    sin_b, cos_b = sin(state[BETA]), cos(state[BETA])
+    sin_b, cos_b = attitude(dm, state[DIP])
     L_a, L_b, L_n = angular_momentum(dm, state, sin_b, cos_b)
     Omega = sqrt(L_a * L_a + L_b * L_b + L_n * L_n)
     c1, c2 = 0.0, 0.0
@@ -76,29 +77,29 @@ def take_off(dm, state):
         state[N1],
         state[N2],
         dm.g,
-        dm.h,
+        dm.p1.h,
+        dm.p2.h,
         Omega,
         c1,
         c2,
         sway_from(dm, state[PHASE] + dm.phi0),
-        dm.h * O2 * O2 * sqrt(c1 * c1 + c2 * c2) + snap_bound(dm),
+        max(-dm.p1.h, dm.p2.h) * O2 * O2 * sqrt(c1 * c1 + c2 * c2) + snap_bound(dm),
     )
 
 
 @compiled(inline=True)
-def gap_series(fl, s, t):
-    """Gap of the end with sign s at time t and its first three time derivatives."""
+def gap_series(fl, i, t):
+    """Gap of end i at time t and its first three time derivatives."""
     x = fl.Omega * t
     sx, cx = sin(x), cos(x)
     kx = one_minus_cos(sx, cx)
-    sh = s * fl.h
-    d, n = (fl.d_1, fl.n_1) if s < 0.0 else (fl.d_2, fl.n_2)
-    O2 = sh * fl.Omega * fl.Omega
+    d, n, h = (fl.d_1, fl.n_1, fl.h_1) if i == 0 else (fl.d_2, fl.n_2, fl.h_2)
+    O2 = h * fl.Omega * fl.Omega
     return over_plate(
         fl.sway,
         t,
-        d + (n - 0.5 * fl.g * t) * t - sh * (fl.c1 * kx + fl.c2 * x_minus_sin(x, sx)),
-        n - fl.g * t - sh * fl.Omega * (fl.c1 * sx + fl.c2 * kx),
+        d + (n - 0.5 * fl.g * t) * t - h * (fl.c1 * kx + fl.c2 * x_minus_sin(x, sx)),
+        n - fl.g * t - h * fl.Omega * (fl.c1 * sx + fl.c2 * kx),
         -fl.g - O2 * (fl.c1 * cx + fl.c2 * sx),
         -O2 * fl.Omega * (fl.c2 * cx - fl.c1 * sx),
     )
@@ -129,6 +130,13 @@ def turn_of_heading(kappa, L_n, Omega, x, angle):
 
 
 @compiled
+def dip_at(dm, rise, sin_b, cos_b):
+    """Dip above level where sin(beta) is `rise` above that of level: with all the digits that the rise has."""
+    sin_d = rise * (dm.cos_0 + dm.sin_0 * (sin_b + dm.sin_0) / (cos_b + dm.cos_0))
+    return atan2(sin_d, cos_b * dm.cos_0 + sin_b * dm.sin_0)
+
+
+@compiled
 def fly(dm, fl, state, t, path):
     """Advance a state by t of free motion, in place.
 
@@ -144,11 +152,11 @@ def fly(dm, fl, state, t, path):
     path : bool
         Whether the cyclic coordinates x1, y1, gamma are wanted (theta always is).
     """
-    sin_b, cos_b = sin(state[BETA]), cos(state[BETA])
+    sin_b, cos_b = attitude(dm, state[DIP])
     L_a, L_b, L_n = angular_momentum(dm, state, sin_b, cos_b)
-    gap_1, rate_1, _, _ = gap_series(fl, -1.0, t)
-    gap_2, rate_2, _, _ = gap_series(fl, 1.0, t)
-    u_a, u_b, u_n = cos_b, 0.0, sin_b
+    gap_1, rate_1, _, _ = gap_series(fl, 0, t)
+    gap_2, rate_2, _, _ = gap_series(fl, 1, t)
+    u_a, u_b, rise = cos_b, 0.0, lift(dm, state[DIP])
     turn = 0.0
     if fl.Omega > 0.0:
         kappa = dm.J_a / dm.J_t * state[SPIN] / fl.Omega
@@ -156,8 +164,8 @@ def fly(dm, fl, state, t, path):
         x = fl.Omega * t
         u_a, u_b = heading_of(kappa, L_a, L_b, fl.Omega, cos_b, v_a, v_b, x)
         turn = turn_of_heading(kappa, L_n, fl.Omega, x, atan2(cos_b * u_b, cos_b * u_a))
-        u_n += -fl.c1 * one_minus_cos(sin(x), cos(x)) + fl.c2 * sin(x)
-    new_cos = length(u_a, u_b)
+        rise += -fl.c1 * one_minus_cos(sin(x), cos(x)) + fl.c2 * sin(x)
+    new_cos, u_n = length(u_a, u_b), dm.sin_0 + rise
     co, si = (u_a / new_cos, u_b / new_cos) if new_cos > 0.0 else (1.0, 0.0)
     if path:
         advance_path(dm, fl, state, t, turn, L_a, L_b, L_n, u_a - cos_b, u_b, u_n, co, si)
@@ -166,10 +174,10 @@ def fly(dm, fl, state, t, path):
     state[N1], state[N2] = rate_1, rate_2
     # the smaller gap keeps its relative precision, the other one follows from the dip
     if abs(gap_1) <= abs(gap_2):
-        state[D1], state[D2] = gap_1, gap_1 + 2.0 * dm.h * u_n
+        state[D1], state[D2] = gap_1, gap_1 + dm.l * rise
     else:
-        state[D1], state[D2] = gap_2 - 2.0 * dm.h * u_n, gap_2
-    state[BETA] = atan2(u_n, new_cos)
+        state[D1], state[D2] = gap_2 - dm.l * rise, gap_2
+    state[DIP] = dip_at(dm, rise, u_n, new_cos)
     state[WB] = L_b * co - L_a * si
     state[WP] = -u_n * (L_a * co + L_b * si) + new_cos * L_n
     state[CA] = c_a * co + c_b * si
@@ -181,8 +189,8 @@ def fly(dm, fl, state, t, path):
 def advance_path(dm, fl, state, t, turn, L_a, L_b, L_n, du_a, du_b, u_n, co, si):
     """Advance x1, y1 and the spinning angle gamma over a flight, in place (the state is still the one of its start)."""
     sin_t, cos_t = sin(state[THETA]), cos(state[THETA])
-    s_a = state[CA] * t - dm.h * du_a
-    s_b = state[CB] * t - dm.h * du_b
+    s_a = state[CA] * t + dm.p1.h * du_a
+    s_b = state[CB] * t + dm.p1.h * du_b
     state[X1] += -s_a * sin_t + s_b * cos_t
     state[Y1] += s_a * cos_t + s_b * sin_t
     spin = state[SPIN]
@@ -201,6 +209,6 @@ def advance_path(dm, fl, state, t, turn, L_a, L_b, L_n, du_a, du_b, u_n, co, si)
     along_p = -u_n * (b_a * co + b_b * si) + new_cos * b_n
     angle = atan2(-along_p, along_b)
     # the winding follows the heading: gamma' = spin - theta' sin(beta)
-    guess = dm.J_a / dm.J_t * spin * t + turn * 0.5 * (sin(state[BETA]) + u_n)
+    guess = dm.J_a / dm.J_t * spin * t + turn * 0.5 * (dm.sin_0 + lift(dm, state[DIP]) + u_n)
     angle += TWO_PI * round((guess - angle) / TWO_PI)
     state[GAMMA] += angle

@@ -52,15 +52,16 @@ def safe_step(c0, c1, c2, c3, bound4, span):
 
 
 @compiled
-def out_of_reach(fl, sign, t, gap, rate):
-    """Time over which the end with this sign is too high to land, however the axis swings; 0.0 if it is within reach.
+def out_of_reach(fl, i, t, gap, rate):
+    """Time over which end i is too high to land, however the axis swings; 0.0 if it is within reach.
 
     Without its swing of amplitude h |c| the gap has a curvature of at least -(g + plate).
     """
     sx, cx = sin(fl.Omega * t), cos(fl.Omega * t)
-    swing = sign * fl.h * (fl.c1 * cx + fl.c2 * sx)
-    rise = rate - sign * fl.h * fl.Omega * (fl.c2 * cx - fl.c1 * sx)
-    reach = fl.h * length(fl.c1, fl.c2)
+    h = fl.h_1 if i == 0 else fl.h_2
+    swing = h * (fl.c1 * cx + fl.c2 * sx)
+    rise = rate - h * fl.Omega * (fl.c2 * cx - fl.c1 * sx)
+    reach = abs(h) * length(fl.c1, fl.c2)
     height = gap - swing - reach - ROUNDED * (abs(gap) + reach)
     if height <= 0.0:
         return 0.0
@@ -101,8 +102,8 @@ def fall(c0, c1, c2, c3, bound4):
 
 
 @compiled
-def first_landing(fl, sign, until):
-    """First time in (0, until] at which the gap of the end with this sign is zero.
+def first_landing(fl, i, until):
+    """First time in (0, until] at which the gap of end i is zero.
 
     Returns
     -------
@@ -113,7 +114,7 @@ def first_landing(fl, sign, until):
     """
     t, falls = 0.0, False
     for probe in range(1, MAX_PROBES):
-        gap, rate, second, third = gap_series(fl, sign, t)
+        gap, rate, second, third = gap_series(fl, i, t)
         if rate < 0.0 and (gap > 0.0 or falls):
             step, off = fall(gap, rate, second, third, fl.bound4)
             if step < inf:
@@ -126,7 +127,7 @@ def first_landing(fl, sign, until):
             return t, probe
         step = safe_step(max(gap, 0.0), rate, second, third, fl.bound4, until - t)
         if fl.Omega > SWIFT * fl.sway.omega:
-            step = max(step, min(out_of_reach(fl, sign, t, gap, rate), until - t))
+            step = max(step, min(out_of_reach(fl, i, t, gap, rate), until - t))
         if t + step >= until:
             return inf, probe
         if probe > 1 and step <= 4.0 * EPS * t:
@@ -139,15 +140,15 @@ def first_landing(fl, sign, until):
 
 @compiled
 def next_landing(fl, until):
-    """The end that lands first: its sign (0.0 for neither), the time, and the probes of both.
+    """The end that lands first (-1 for neither), the time, and the probes of both.
 
     The end nearer to the plate is asked first: the other one then counts only until that landing.
     """
-    near = -1.0 if fl.d_1 <= fl.d_2 else 1.0
+    near = 0 if fl.d_1 <= fl.d_2 else 1
     t, probes = first_landing(fl, near, until)
-    other, more = first_landing(fl, -near, min(t, until))
+    other, more = first_landing(fl, 1 - near, min(t, until))
     if probes == MAX_PROBES or more == MAX_PROBES:
-        return 0.0, t, MAX_PROBES
+        return -1, t, MAX_PROBES
     if other < t:
-        return -near, other, probes + more
-    return (near if t < inf else 0.0), t, probes + more
+        return 1 - near, other, probes + more
+    return (near if t < inf else -1), t, probes + more

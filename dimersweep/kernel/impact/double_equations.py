@@ -1,14 +1,15 @@
 """The law of an impact at both ends at once: the regular form of (6)-(7), and where friction holds.
 
-At a double contact beta = 0, the ends share one axial velocity a. With X_i = (5 E_i / 2)^(2/5) and dP_i = X_i^(3/2) dtau
+At a double contact the ends share one axial velocity a. The force of a contact is k_i X_i^eta, with eta = 3/2 for Hertz's law, so
+that its energy is E_i = k_i X_i^(eta + 1) / (eta + 1). With dP_i = k_i X_i^eta dtau
 
-    n_1' = W_11 f_1 + W_12 f_2 - w A        a'   = w (f_2 - f_1) + W_aa A
-    n_2' = W_12 f_1 + W_11 f_2 + w A        b_i' = B_ii L_i + B_ij L_j
+    n_1' = W_11 f_1 + W_12 f_2 + w_1 A      a'   = w_1 f_1 + w_2 f_2 + W_aa A
+    n_2' = W_12 f_1 + W_22 f_2 + w_2 A      b_i' = B_ii L_i + B_ij L_j
     X_i' = -n_i in compression, -n_i / e_i^2 in restitution
 
-with f_i = X_i^(3/2), A the total axial and L_i the lateral friction per tau. Where an end begins or ceases to press, f_i is
-not smooth. It is in the clock of that end, dtau = Y_i dsigma with X_i = Y_i^2, in which dY_i / dsigma = X_i' / 2: there f_i is
-the cube of Y_i, and all can be continued through Y_i = 0. Units: velocities of the approach speed V, impulses of m V, the
+with f_i = k_i X_i^eta, A the total axial and L_i the lateral friction per tau. Where an end begins or ceases to press, f_i is
+not smooth. It is in the clock of that end, dtau = Y_i dsigma with X_i = Y_i^2, in which dY_i / dsigma = X_i' / 2: there Hertz's
+force is the cube of Y_i, and all can be continued through Y_i = 0. Units: velocities of the approach speed V, impulses of m V, the
 Delassus operator of 1/m.
 """
 
@@ -17,7 +18,6 @@ from typing import NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.model.friction import (
-    axial_hold_left,
     hold_left,
     length,
     outward_slip,
@@ -30,28 +30,75 @@ from dimersweep.kernel.numerics.steps import clear
 # state of the impact: gap rates, compressions, axial and lateral velocities
 ZN1, ZN2, ZX1, ZX2, ZA, ZB1, ZB2 = range(7)
 N_Z = 7
+HERTZ = 1.5  # exponent of two elastic bodies that touch at a point
 PLAIN, BOTH = -1, 2  # clocks besides those of the ends, 0 and 1: tau, and that of two ends that move alike
+
+
+class EndContact(NamedTuple):
+    """What governs the contact of one end in an impact."""
+
+    e: float
+    mu: float
+    mu_s: float
+    k: float
 
 
 class DoubleLaw(NamedTuple):
     """What governs a double impact; the Delassus operator is in units of 1/m."""
 
-    nn: float  # W_11 = W_22
+    nn_1: float
+    nn_2: float
     nn_12: float
-    w: float  # axial velocity per normal impulse at p2, minus that at p1
+    na_1: float  # axial velocity per normal impulse at p1, and gap rate of p1 per axial impulse
+    na_2: float
     aa: float
-    bb: float
+    bb_1: float
+    bb_2: float
     bb_12: float
-    e_1: float
-    e_2: float
-    mu: float
-    mu_s: float
+    eta: float
+    p1: EndContact
+    p2: EndContact
 
 
 @compiled
-def pressure(X):
-    """f = X^(3/2), the normal force in units that fit the clock tau."""
-    return X * sqrt(X) if X > 0.0 else 0.0
+def contact_of(law, i):
+    """What governs the contact of end i."""
+    return law.p1 if i == 0 else law.p2
+
+
+@compiled
+def lateral_of(law, i):
+    """Lateral velocity of end i per lateral impulse there."""
+    return law.bb_1 if i == 0 else law.bb_2
+
+
+@compiled(fuse=True, inline=True)
+def combined(w_1, w_2, common, apart):
+    """w_1 x_1 + w_2 x_2 from the sum and the difference of x_1, x_2.
+
+    So ends that move alike go on so to the last digit, however sums of products are rounded.
+    """
+    return 0.5 * ((w_1 + w_2) * common + (w_1 - w_2) * apart)
+
+
+@compiled
+def pull(law, f_1, f_2):
+    """Axial acceleration that the normal forces give."""
+    return combined(law.na_1, law.na_2, f_1 + f_2, f_1 - f_2)
+
+
+@compiled
+def power(X, eta):
+    """X^eta for X > 0, 0.0 else; a power takes five times as long as Hertz's root."""
+    if not X > 0.0:
+        return 0.0
+    return X * sqrt(X) if eta == HERTZ else X**eta
+
+
+@compiled
+def force(law, i, X):
+    """f_i = k_i X^eta, the normal force of end i in units that fit the clock tau."""
+    return contact_of(law, i).k * power(X, law.eta)
 
 
 @compiled
@@ -61,15 +108,36 @@ def has_root(clock, i):
 
 
 @compiled(inline=True)
-def end_pressure(clock, i, X):
+def force_in_clock(law, clock, i, X):
     """f_i from what a state in a clock has in the place of X_i."""
-    return X * X * X if has_root(clock, i) else pressure(X)
+    if not has_root(clock, i):
+        return force(law, i, X)
+    k = contact_of(law, i).k
+    return k * (X * X * X) if law.eta == HERTZ else copysign(k * power(abs(X), 2.0 * law.eta), X)
 
 
 @compiled
-def pressures(z, clock):
+def forces(law, z, clock):
     """f_1, f_2 from a state in a clock."""
-    return end_pressure(clock, 0, z[ZX1]), end_pressure(clock, 1, z[ZX2])
+    return force_in_clock(law, clock, 0, z[ZX1]), force_in_clock(law, clock, 1, z[ZX2])
+
+
+@compiled
+def force_slope(law, i, X):
+    """df_i/dX_i."""
+    return law.eta * force(law, i, X) / X if X > 0.0 else 0.0
+
+
+@compiled
+def stored_energy(law, i, X):
+    """E_i of a compression X."""
+    return force(law, i, X) * X / (law.eta + 1.0) if X > 0.0 else 0.0
+
+
+@compiled
+def compression(law, i, E):
+    """X_i of a stored energy."""
+    return ((law.eta + 1.0) * E / contact_of(law, i).k) ** (1.0 / (law.eta + 1.0)) if E > 0.0 else 0.0
 
 
 @compiled
@@ -92,14 +160,14 @@ def from_clock(clock, z):
 def friction(law, mode_1, mode_2, f_1, f_2, a, b_1, b_2):
     """Total axial friction A and the laterals L_1, L_2, for given friction modes of the two ends."""
     if mode_1 == STICK and mode_2 == STICK:
-        return law.w * (f_1 - f_2) / law.aa, 0.0, 0.0
+        return -pull(law, f_1, f_2) / law.aa, 0.0, 0.0
     if mode_1 == STICK:  # a = 0, so that p2 can slip only laterally
-        _, L_2 = slip_force(law.mu, f_2, 0.0, copysign(1.0, b_2))
-        return law.w * (f_1 - f_2) / law.aa, -law.bb_12 / law.bb * L_2, L_2
+        _, L_2 = slip_force(law.p2.mu, f_2, 0.0, copysign(1.0, b_2))
+        return -pull(law, f_1, f_2) / law.aa, -law.bb_12 / law.bb_1 * L_2, L_2
     if mode_2 == STICK:
-        _, L_1 = slip_force(law.mu, f_1, 0.0, copysign(1.0, b_1))
-        return law.w * (f_1 - f_2) / law.aa, L_1, -law.bb_12 / law.bb * L_1
-    k_1, k_2 = slip_strength(law.mu, f_1, length(a, b_1)), slip_strength(law.mu, f_2, length(a, b_2))
+        _, L_1 = slip_force(law.p1.mu, f_1, 0.0, copysign(1.0, b_1))
+        return -pull(law, f_1, f_2) / law.aa, L_1, -law.bb_12 / law.bb_2 * L_1
+    k_1, k_2 = slip_strength(law.p1.mu, f_1, length(a, b_1)), slip_strength(law.p2.mu, f_2, length(a, b_2))
     return -(k_1 + k_2) * a, -k_1 * b_1, -k_2 * b_2
 
 
@@ -107,22 +175,20 @@ def friction(law, mode_1, mode_2, f_1, f_2, a, b_1, b_2):
 def rates_in_clock(law, modes, gains, clock, n_1, n_2, X_1, X_2, a, b_1, b_2):
     """Rates of the state of a double impact in a clock, in the order of the state; gains are 1 or 1/e^2.
 
-    By what both ends have in common and what parts them: so ends that move alike go on so to the last digit, however sums of
-    products are rounded. dtau/dsigma multiplies the forces, which are known before the frictions.
+    dtau/dsigma multiplies the forces, which are known before the frictions.
     """
     pace = 1.0 if clock == PLAIN else (X_2 if clock == 1 else X_1)
-    f_1, f_2 = pace * end_pressure(clock, 0, X_1), pace * end_pressure(clock, 1, X_2)
+    f_1, f_2 = pace * force_in_clock(law, clock, 0, X_1), pace * force_in_clock(law, clock, 1, X_2)
     A, L_1, L_2 = friction(law, modes[0], modes[1], f_1, f_2, a, b_1, b_2)
-    f, apart = 0.5 * (law.nn + law.nn_12) * (f_1 + f_2), 0.5 * (law.nn - law.nn_12) * (f_1 - f_2) - law.w * A
-    L, L_apart = 0.5 * (law.bb + law.bb_12) * (L_1 + L_2), 0.5 * (law.bb - law.bb_12) * (L_1 - L_2)
+    f, apart, L, L_apart = f_1 + f_2, f_1 - f_2, L_1 + L_2, L_1 - L_2
     return (
-        f + apart,
-        f - apart,
+        combined(law.nn_1, law.nn_12, f, apart) + law.na_1 * A,
+        combined(law.nn_12, law.nn_2, f, apart) + law.na_2 * A,
         -(0.5 if has_root(clock, 0) else pace) * gains[0] * n_1,
         -(0.5 if has_root(clock, 1) else pace) * gains[1] * n_2,
-        law.aa * A - law.w * (f_1 - f_2),
-        L + L_apart,
-        L - L_apart,
+        combined(law.na_1, law.na_2, f, apart) + law.aa * A,
+        combined(law.bb_1, law.bb_12, L, L_apart),
+        combined(law.bb_12, law.bb_2, L, L_apart),
     )
 
 
@@ -140,24 +206,23 @@ def friction_slopes(law, mode_1, mode_2, z, g_1, g_2, J):
     clear(J, 3, 5)
     a, b_1, b_2 = z[ZA], z[ZB1], z[ZB2]
     if mode_1 == STICK or mode_2 == STICK:
-        J[0, 0], J[0, 1] = law.w * g_1 / law.aa, -law.w * g_2 / law.aa
-        ratio = -law.bb_12 / law.bb
+        J[0, 0], J[0, 1] = -law.na_1 * g_1 / law.aa, -law.na_2 * g_2 / law.aa
         if mode_1 != STICK:
-            J[1, 0] = -law.mu * g_1 * copysign(1.0, b_1)
-            J[2, 0] = ratio * J[1, 0]
+            J[1, 0] = -law.p1.mu * g_1 * copysign(1.0, b_1)
+            J[2, 0] = -law.bb_12 / law.bb_2 * J[1, 0]
         if mode_2 != STICK:
-            J[2, 1] = -law.mu * g_2 * copysign(1.0, b_2)
-            J[1, 1] = ratio * J[2, 1]
+            J[2, 1] = -law.p2.mu * g_2 * copysign(1.0, b_2)
+            J[1, 1] = -law.bb_12 / law.bb_1 * J[2, 1]
         return
     v_1, v_2 = length(a, b_1), length(a, b_2)
     if v_1 > 0.0:
-        c, s, k = a / v_1, b_1 / v_1, slip_strength(law.mu, pressure(z[ZX1]), v_1)
-        J[0, 0], J[1, 0] = -law.mu * g_1 * c, -law.mu * g_1 * s
+        c, s, k = a / v_1, b_1 / v_1, slip_strength(law.p1.mu, force(law, 0, z[ZX1]), v_1)
+        J[0, 0], J[1, 0] = -law.p1.mu * g_1 * c, -law.p1.mu * g_1 * s
         J[0, 2], J[0, 3] = -k * s * s, k * c * s
         J[1, 2], J[1, 3] = k * c * s, -k * c * c
     if v_2 > 0.0:
-        c, s, k = a / v_2, b_2 / v_2, slip_strength(law.mu, pressure(z[ZX2]), v_2)
-        J[0, 1], J[2, 1] = -law.mu * g_2 * c, -law.mu * g_2 * s
+        c, s, k = a / v_2, b_2 / v_2, slip_strength(law.p2.mu, force(law, 1, z[ZX2]), v_2)
+        J[0, 1], J[2, 1] = -law.p2.mu * g_2 * c, -law.p2.mu * g_2 * s
         J[0, 2] -= k * s * s
         J[0, 4] = k * c * s
         J[2, 2], J[2, 4] = k * c * s, -k * c * c
@@ -166,20 +231,26 @@ def friction_slopes(law, mode_1, mode_2, z, g_1, g_2, J):
 @compiled
 def impact_jacobian(law, modes, gains, z, F, J):
     """Jacobian of ``impact_rates`` in the plain clock into J (7, 7); F (3, 5) is scratch."""
-    g_1, g_2 = 1.5 * sqrt(max(0.0, z[ZX1])), 1.5 * sqrt(max(0.0, z[ZX2]))
+    g_1, g_2 = force_slope(law, 0, z[ZX1]), force_slope(law, 1, z[ZX2])
     friction_slopes(law, modes[0], modes[1], z, g_1, g_2, F)
     clear(J, N_Z, N_Z)
     for k in range(5):
         f_1 = g_1 if k == 0 else 0.0
         f_2 = g_2 if k == 1 else 0.0
         A, L_1, L_2 = F[0, k], F[1, k], F[2, k]
-        J[ZN1, 2 + k] = law.nn * f_1 + law.nn_12 * f_2 - law.w * A
-        J[ZN2, 2 + k] = law.nn_12 * f_1 + law.nn * f_2 + law.w * A
-        J[ZA, 2 + k] = law.w * (f_2 - f_1) + law.aa * A
-        J[ZB1, 2 + k] = law.bb * L_1 + law.bb_12 * L_2
-        J[ZB2, 2 + k] = law.bb_12 * L_1 + law.bb * L_2
+        J[ZN1, 2 + k] = law.nn_1 * f_1 + law.nn_12 * f_2 + law.na_1 * A
+        J[ZN2, 2 + k] = law.nn_12 * f_1 + law.nn_2 * f_2 + law.na_2 * A
+        J[ZA, 2 + k] = law.na_1 * f_1 + law.na_2 * f_2 + law.aa * A
+        J[ZB1, 2 + k] = law.bb_1 * L_1 + law.bb_12 * L_2
+        J[ZB2, 2 + k] = law.bb_12 * L_1 + law.bb_2 * L_2
     J[ZX1, ZN1] = -gains[0]
     J[ZX2, ZN2] = -gains[1]
+
+
+@compiled
+def axial_hold_left(law, f_1, f_2, A):
+    """How far the friction A that holds both ends, neither of which slips sideways, is from its limit."""
+    return law.p1.mu_s * f_1 + law.p2.mu_s * f_2 - abs(A)
 
 
 @compiled
@@ -189,20 +260,21 @@ def stick_reserve(law, modes, i, z, f_1, f_2):
         return inf
     A, L_1, L_2 = friction(law, modes[0], modes[1], f_1, f_2, z[ZA], z[ZB1], z[ZB2])
     if modes[1 - i] == STICK:
-        return axial_hold_left(law.mu_s, f_1 + f_2, A)
-    return hold_left(law.mu_s, f_1, A, L_1) if i == 0 else hold_left(law.mu_s, f_2, A, L_2)
+        return axial_hold_left(law, f_1, f_2, A)
+    return hold_left(law.p1.mu_s, f_1, A, L_1) if i == 0 else hold_left(law.p2.mu_s, f_2, A, L_2)
 
 
 @compiled
-def hold_or_slip(law, i, z, f_i, f_j, tol, lost):
-    """Friction mode of end i, at rest at beta = 0 beside an end that slips laterally; nudges z outward when it slips."""
-    b_j = z[ZB2 - i]
+def hold_or_slip(law, i, z, f_1, f_2, tol, lost):
+    """Friction mode of end i, at rest beside an end that slips laterally; nudges z outward when it slips."""
+    own, other, bb = contact_of(law, i), contact_of(law, 1 - i), lateral_of(law, i)
+    f_i, f_j = (f_1, f_2) if i == 0 else (f_2, f_1)
     z[ZA], z[ZB1 + i] = 0.0, 0.0
-    pull = law.w * (f_j - f_i) if i == 0 else law.w * (f_i - f_j)
-    side = -law.bb_12 * law.mu * f_j * copysign(1.0, b_j)
-    if not lost and hold_left(law.mu_s, f_i, pull / law.aa, side / law.bb) >= 0.0:
+    drive = pull(law, f_1, f_2)
+    side = -law.bb_12 * other.mu * f_j * copysign(1.0, z[ZB2 - i])
+    if not lost and hold_left(own.mu_s, f_i, drive / law.aa, side / bb) >= 0.0:
         return STICK
-    d_a, d_b = outward_slip(pull, side, law.mu * f_i * law.aa, law.mu * f_i * law.bb)
+    d_a, d_b = outward_slip(drive, side, own.mu * f_i * law.aa, own.mu * f_i * bb)
     z[ZA], z[ZB1 + i] = 0.5 * tol * d_a, 0.5 * tol * d_b
     return SLIP
 
@@ -218,20 +290,20 @@ def friction_modes(law, z, modes, f_1, f_2, tol, lost):
     modes[0], modes[1] = SLIP, SLIP
     if at_rest_1 and at_rest_2:
         z[ZA], z[ZB1], z[ZB2] = 0.0, 0.0, 0.0
-        pull = law.w * (f_2 - f_1)
-        if not lost and axial_hold_left(law.mu_s * law.aa, f_1 + f_2, pull) >= 0.0:
+        drive = pull(law, f_1, f_2)
+        if not lost and axial_hold_left(law, f_1, f_2, drive / law.aa) >= 0.0:
             modes[0], modes[1] = STICK, STICK
         else:
-            z[ZA] = copysign(0.5 * tol, pull)
+            z[ZA] = copysign(0.5 * tol, drive)
     elif at_rest_1:
         modes[0] = hold_or_slip(law, 0, z, f_1, f_2, tol, lost)
     elif at_rest_2:
-        modes[1] = hold_or_slip(law, 1, z, f_2, f_1, tol, lost)
+        modes[1] = hold_or_slip(law, 1, z, f_1, f_2, tol, lost)
 
 
 @compiled
-def first_pressures(z):
-    """Pressures in their ratio at a phase's start: X^(3/2), or (-n)^(3/2) where both compressions are only beginning."""
+def first_forces(law, z):
+    """Forces in their ratio at a phase's start: k X^eta, or k (-n)^eta where both compressions are only beginning."""
     if z[ZX1] > 0.0 or z[ZX2] > 0.0:
-        return pressure(z[ZX1]), pressure(z[ZX2])
-    return pressure(-z[ZN1]), pressure(-z[ZN2])
+        return force(law, 0, z[ZX1]), force(law, 1, z[ZX2])
+    return force(law, 0, -z[ZN1]), force(law, 1, -z[ZN2])

@@ -18,10 +18,12 @@ from dimersweep.kernel.impact.double_equations import (
     ZN2,
     ZX1,
     ZX2,
+    contact_of,
+    force,
+    forces,
     from_clock,
     impact_rates,
-    pressure,
-    pressures,
+    lateral_of,
     stick_reserve,
     to_clock,
 )
@@ -64,7 +66,7 @@ RUB = 0.02  # friction, in units of a slip's own rate, from which it steers the 
 
 
 @compiled
-def ruling_clock(z, gains, faint):
+def ruling_clock(law, z, gains, faint):
     """The clock in which the motion is most regular: of the end whose Y changes fastest (X below `faint` count alike).
 
     The clock of an end that has gone, with nothing to press any more, would stand still.
@@ -75,7 +77,8 @@ def ruling_clock(z, gains, faint):
         return PLAIN
     if gone_1 or gone_2:
         return 1 if gone_1 else 0
-    if z[ZN1] == z[ZN2] and z[ZX1] == z[ZX2] and gains[0] == gains[1]:
+    alike = law.nn_1 == law.nn_2 and law.na_1 == -law.na_2 and law.p1.k == law.p2.k and gains[0] == gains[1]
+    if alike and z[ZN1] == z[ZN2] and z[ZX1] == z[ZX2]:
         return BOTH if z[ZA] == 0.0 else PLAIN
     u_1, u_2 = gains[0] * z[ZN1], gains[1] * z[ZN2]
     return 0 if u_1 * u_1 * (z[ZX2] + faint) > u_2 * u_2 * (z[ZX1] + faint) else 1
@@ -94,7 +97,7 @@ def turning_time(law, modes, z):
     if modes[0] == STICK or modes[1] == STICK:
         return least
     for i in range(2):
-        pace = law.mu * law.bb * pressure(z[ZX1 + i])
+        pace = contact_of(law, i).mu * lateral_of(law, i) * force(law, i, z[ZX1 + i])
         if pace > 0.0:
             least = min(least, length(z[ZA], z[ZB1 + i]) / pace)
     return least
@@ -114,9 +117,9 @@ def event_value(law, k, modes, compressing, clock, base, z, tol):
         return inf if compressing[i] > 0.0 else z[ZX1 + i]
     if k < 6:
         # all force vanishes where an impact ends: only its ratios decide
-        f_1, f_2 = pressures(z, clock)
+        f_1, f_2 = forces(law, z, clock)
         return stick_reserve(law, modes, i, z, f_1, f_2) / (f_1 + f_2) if f_1 + f_2 > 0.0 else 1.0
-    if modes[i] == STICK or law.mu == 0.0:
+    if modes[i] == STICK or contact_of(law, i).mu == 0.0:
         return inf
     v = length(base[ZA], base[ZB1 + i])
     return (z[ZA] * base[ZA] + z[ZB1 + i] * base[ZB1 + i]) / v - STOPPED * tol if v > 0.0 else inf
@@ -144,7 +147,7 @@ def slip_unit(law, modes, z, rates):
         v = length(z[ZA], z[ZB1 + i])
         if modes[i] == SLIP and v > 0.0:
             rate = (z[ZA] * rates[ZA] + z[ZB1 + i] * rates[ZB1 + i]) / v
-            if rate > 0.0 and law.mu * pressure(z[ZX1 + i]) * law.aa > RUB * rate:
+            if rate > 0.0 and contact_of(law, i).mu * force(law, i, z[ZX1 + i]) * law.aa > RUB * rate:
                 unit = min(unit, v)
     return unit
 
@@ -155,9 +158,9 @@ def stays_slow(law, modes, z, slip_tol):
 
     Where drive and friction balance, a slip goes on at a speed below all that counts.
     """
-    f_1, f_2 = pressure(z[ZX1]), pressure(z[ZX2])
+    f_1, f_2 = force(law, 0, z[ZX1]), force(law, 1, z[ZX2])
     for i in range(2):
-        if modes[i] == SLIP and law.mu > 0.0 and length(z[ZA], z[ZB1 + i]) <= slip_tol:
+        if modes[i] == SLIP and contact_of(law, i).mu > 0.0 and length(z[ZA], z[ZB1 + i]) <= slip_tol:
             modes[i] = STICK
             room = stick_reserve(law, modes, i, z, f_1, f_2)
             modes[i] = SLIP
@@ -177,7 +180,7 @@ def foreseen(h, error, h_before, error_before):
 def begin_leg(law, z, modes, compressing, slip_tol, b):
     """Gains of the compressions, event functions that are positive already, and zeros where a step reads beyond the state."""
     for i in range(2):
-        e = law.e_1 if i == 0 else law.e_2
+        e = contact_of(law, i).e
         b.gains[i] = 1.0 if compressing[i] > 0.0 else 1.0 / (e * e)
     for k in range(N_EVENTS):
         b.armed[k] = 1.0 if event_value(law, k, modes, compressing, PLAIN, z, z, slip_tol) > 0.0 else 0.0
@@ -201,7 +204,7 @@ def double_leg(law, z, modes, compressing, tol, slip_tol, work):
     b = leg_rows(work)
     begin_leg(law, z, modes, compressing, slip_tol, b)
     faint = tol**0.4  # a compression that is worth a gap rate of the tolerance
-    clock, slow = ruling_clock(z, b.gains, faint), 0
+    clock, slow = ruling_clock(law, z, b.gains, faint), 0
     longest = 1.0 / sqrt(max(b.gains[0], b.gains[1]))
     h = FIRST * tol**0.125 * longest
     turning, turns, pace, unit, stiff, fresh = inf, inf, 1.0, 1.0, False, True
@@ -215,7 +218,7 @@ def double_leg(law, z, modes, compressing, tol, slip_tol, work):
         slow = slow + 1 if turns < STIFF else 0
         fresh, stiff = fresh or stiff != (slow > LASTS), slow > LASTS
         if fresh:  # else the last step was refused, and only its size is another one
-            last, clock = clock, PLAIN if stiff else ruling_clock(z, b.gains, faint)
+            last, clock = clock, PLAIN if stiff else ruling_clock(law, z, b.gains, faint)
             pace = clock_rate(clock, z)
             if clock != last:
                 h = min(h * clock_rate(last, z) / pace, longest)

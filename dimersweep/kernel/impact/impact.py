@@ -1,6 +1,6 @@
 """An impact from its first touch to its last: which ends act, phase by phase, and what becomes of the body's velocities."""
 
-from math import cos, sin
+from math import copysign
 from typing import Any, NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
@@ -15,9 +15,13 @@ from dimersweep.kernel.impact.double_equations import (
     ZX1,
     ZX2,
     DoubleLaw,
-    first_pressures,
+    EndContact,
+    compression,
+    contact_of,
+    first_forces,
     friction_modes,
     impact_rates,
+    stored_energy,
 )
 from dimersweep.kernel.impact.double_leg import double_leg
 from dimersweep.kernel.impact.double_step import LEG_ROWS
@@ -29,12 +33,12 @@ from dimersweep.kernel.impact.single_impact import (
     EndLaw,
     single_phase,
 )
-from dimersweep.kernel.model.body import delassus, levers
+from dimersweep.kernel.model.body import attitude, delassus, end, level_levers, levers, pair_of, reach, rise_of_centre
 from dimersweep.kernel.model.friction import holds_axially, length, slip_force
 from dimersweep.kernel.model.layout import (
-    BETA,
     CA,
     CB,
+    DIP,
     FREE,
     IMPACT,
     IMPACT_STEPS,
@@ -77,11 +81,10 @@ def impact_rows(work):
 
 
 @compiled
-def contact_velocity(dm, state, s):
-    """Gap rate, axial and lateral velocity of the contact point of the end with sign s [m/s]."""
-    lv = levers(dm, s, sin(state[BETA]), cos(state[BETA]))
-    n = state[N1] if s < 0.0 else state[N2]
-    return n, state[CA] + lv.a * state[WB], state[CB] + lv.b * state[WP] + lv.c * state[SPIN]
+def contact_velocity(dm, state, i):
+    """Gap rate, axial and lateral velocity of the contact point of end i [m/s]."""
+    lv = levers(end(dm, i), *attitude(dm, state[DIP]))
+    return state[N1 + i], state[CA] + lv.a * state[WB], state[CB] + lv.b * state[WP] + lv.c * state[SPIN]
 
 
 @compiled
@@ -91,33 +94,33 @@ def restitution(e, tol):
 
 
 @compiled
-def end_law(dm, s, both, sin_b, cos_b, e, mu, mu_s):
-    """The law of an impact at one end."""
-    own, other = levers(dm, s, sin_b, cos_b), levers(dm, -s, sin_b, cos_b)
+def end_law(dm, i, both, sin_b, cos_b, e):
+    """The law of an impact at end i, with its coefficient of restitution; `both` as in EndLaw."""
+    p = end(dm, i)
+    own, other = levers(p, sin_b, cos_b), levers(end(dm, 1 - i), sin_b, cos_b)
     w, wj = delassus(dm, own, own), delassus(dm, other, own)
     m = dm.m
-    return EndLaw(m * w.nn, m * w.na, m * w.aa, m * w.bb, m * wj.nn, m * wj.na, both, e, mu, mu_s)
+    return EndLaw(m * w.nn, m * w.na, m * w.aa, m * w.bb, m * wj.nn, m * wj.na, both, e, p.mu, p.mu_s)
 
 
 @compiled
-def double_law(dm, e_1, e_2, mu, mu_s):
-    """The law of a double impact (beta = 0)."""
-    p, q = levers(dm, -1.0, 0.0, 1.0), levers(dm, 1.0, 0.0, 1.0)
-    w, wj = delassus(dm, p, p), delassus(dm, q, p)
-    m = dm.m
-    return DoubleLaw(m * w.nn, m * wj.nn, -m * w.na, m * w.aa, m * w.bb, m * wj.bb, e_1, e_2, mu, mu_s)
-
-
-@compiled
-def compression(E):
-    """X of a stored energy: E = (2/5) X^(5/2)."""
-    return (2.5 * E) ** 0.4 if E > 0.0 else 0.0
-
-
-@compiled
-def stored_energy(X):
-    """E of a compression X."""
-    return 0.4 * X**2.5 if X > 0.0 else 0.0
+def double_law(dm, e_1, e_2):
+    """The law of a double impact, with the coefficients of restitution of both ends."""
+    m, w, p, q = dm.m, pair_of(dm), dm.p1, dm.p2
+    return DoubleLaw(
+        m * w.nn_1,
+        m * w.nn_2,
+        m * w.nn_12,
+        m * w.na_1,
+        m * w.na_2,
+        m * w.aa,
+        m * w.bb_1,
+        m * w.bb_2,
+        m * w.bb_12,
+        dm.eta,
+        EndContact(e_1, p.mu, p.mu_s, p.k),
+        EndContact(e_2, q.mu, q.mu_s, q.k),
+    )
 
 
 @compiled
@@ -143,50 +146,50 @@ def acts(law, i, z, left, least, slip_tol):
     """
     if is_loaded(i, z, left, least):
         return True
-    if z[ZN1 + i] > 0.0 or not is_loaded(1 - i, z, left, least):
+    j = 1 - i
+    if z[ZN1 + i] > 0.0 or not is_loaded(j, z, left, least):
         return False
-    sign = 1.0 if i == 0 else -1.0
-    v = length(z[ZA], z[ZB2 - i])
+    other = contact_of(law, j)
+    na_i, na_j = (law.na_1, law.na_2) if i == 0 else (law.na_2, law.na_1)
+    v = length(z[ZA], z[ZB1 + j])
     if v > slip_tol:
-        friction, _ = slip_force(law.mu, 1.0, z[ZA], 0.0)
+        friction, _ = slip_force(other.mu, 1.0, z[ZA], 0.0)
         tau = friction / v
     else:
-        tau = -sign * (law.w / law.aa if holds_axially(law.mu_s, law.w, law.aa) else law.mu)
-    return law.nn_12 - sign * law.w * tau < 0.0
+        tau = -na_j / law.aa if holds_axially(other.mu_s, na_j, law.aa) else -copysign(other.mu, na_j)
+    return law.nn_12 + na_i * tau < 0.0
 
 
 @compiled
-def single_impact(dm, state, s, V, tol, work, log):
-    """Impact at the end with sign s while the other one is off the plate; updates the state.
+def single_impact(dm, state, i, V, tol, work, log):
+    """Impact at end i while the other one is off the plate; updates the state.
 
     Returns
     -------
     status, mode, rows : int
         OK or the reason; STICK or SLIP at the end; rows logged.
     """
-    sin_b, cos_b = sin(state[BETA]), cos(state[BETA])
-    e = restitution(dm.e_1 if s < 0.0 else dm.e_2, tol)
-    law = end_law(dm, s, 0.0, sin_b, cos_b, e, dm.mu, dm.mu_s)
-    n, a, b = contact_velocity(dm, state, s)
+    p, (sin_b, cos_b) = end(dm, i), attitude(dm, state[DIP])
+    law = end_law(dm, i, 0.0, sin_b, cos_b, restitution(p.e, tol))
+    n, a, b = contact_velocity(dm, state, i)
     slip_tol = max(SLIP_TOL * tol, rounding(dm, state) / V)
     n_plus, a_plus, b_plus, _, _, P, A, B, P_s, A_s, mode, reason = single_phase(
         law, n / V, a / V, b / V, 0.0, 0.0, slip_tol, work
     )
     if reason != DONE:
         return (JAMMED if reason == JAM else IMPACT_STEPS), mode, 0
-    lv, lj = levers(dm, s, sin_b, cos_b), levers(dm, -s, sin_b, cos_b)
+    lv, lj = levers(p, sin_b, cos_b), levers(end(dm, 1 - i), sin_b, cos_b)
     wj = delassus(dm, lj, lv)
-    unit = dm.m * V
-    own, other = (N1, N2) if s < 0.0 else (N2, N1)
-    state[own] = n_plus * V
+    unit, other = dm.m * V, N2 - i
+    state[N1 + i] = n_plus * V
     state[other] += unit * (wj.nn * P + wj.na * A)
     apply_impulse(dm, state, lv, unit * P, unit * A, unit * B)
     rows, n_j = 0, state[other] - unit * (wj.nn * P + wj.na * A)
     if mode == STICK and P_s > 0.0:
         n_s, n_js = n + V * (law.nn * P_s + law.na * A_s), n_j + unit * (wj.nn * P_s + wj.na * A_s)
-        rows = log_single(log, rows, s, IMPACT + SLIP, n, n_j, n_s, n_js, unit * P_s, 0.0, 0.0)
+        rows = log_single(log, rows, i, IMPACT + SLIP, n, n_j, n_s, n_js, unit * P_s, 0.0, 0.0)
         n, n_j, P = n_s, n_js, P - P_s
-    rows = log_single(log, rows, s, IMPACT + mode, n, n_j, n_plus * V, state[other], unit * P, a_plus * V, b_plus * V)
+    rows = log_single(log, rows, i, IMPACT + mode, n, n_j, n_plus * V, state[other], unit * P, a_plus * V, b_plus * V)
     return OK, mode, rows
 
 
@@ -203,7 +206,8 @@ def apply_impulse(dm, state, lv, P, A, B):
 @compiled
 def rounding(dm, state):
     """Round-off of a contact velocity [m/s]: slip below it is none."""
-    size = abs(state[CA]) + abs(state[CB]) + dm.r * abs(state[SPIN]) + dm.h * (abs(state[WB]) + abs(state[WP]))
+    r, h = reach(dm)
+    size = abs(state[CA]) + abs(state[CB]) + r * abs(state[SPIN]) + h * (abs(state[WB]) + abs(state[WP]))
     return 8.0 * 2.3e-16 * size
 
 
@@ -212,42 +216,42 @@ def load_double(dm, state, V, z):
     """Contact velocities at a double contact into z, in units of V, uncompressed."""
     z[ZN1], z[ZN2] = state[N1] / V, state[N2] / V
     z[ZX1], z[ZX2] = 0.0, 0.0
-    _, a, b_1 = contact_velocity(dm, state, -1.0)
-    _, _, b_2 = contact_velocity(dm, state, 1.0)
+    _, a, b_1 = contact_velocity(dm, state, 0)
+    _, _, b_2 = contact_velocity(dm, state, 1)
     z[ZA], z[ZB1], z[ZB2] = a / V, b_1 / V, b_2 / V
 
 
 @compiled
 def impulses_between(dm, z, start, V):
     """Normal impulses (P_1, P_2), axial sum A and laterals (B_1, B_2) that lead from `start` to z [kg m/s]."""
-    d_c = 0.5 * (z[ZN1] - start[ZN1] + z[ZN2] - start[ZN2]) * V
-    d_w = 0.5 * (z[ZN2] - start[ZN2] - z[ZN1] + start[ZN1]) * V / dm.h
-    A = dm.m * ((z[ZA] - start[ZA]) * V - dm.r * d_w)
-    difference = (dm.J_t * d_w - dm.r * A) / dm.h
-    P_1, P_2 = 0.5 * (dm.m * d_c - difference), 0.5 * (dm.m * d_c + difference)
-    p, q = levers(dm, -1.0, 0.0, 1.0), levers(dm, 1.0, 0.0, 1.0)
-    bb, bb_12 = delassus(dm, p, p).bb, delassus(dm, p, q).bb
+    p, q = level_levers(dm)
+    d_n1, d_n2 = (z[ZN1] - start[ZN1]) * V, (z[ZN2] - start[ZN2]) * V
+    d_w = (d_n2 - d_n1) / (q.n - p.n)
+    A = dm.m * ((z[ZA] - start[ZA]) * V - p.a * d_w)
+    push, moment = dm.m * rise_of_centre(dm, d_n1, d_n2), dm.J_t * d_w - p.a * A
+    P_1, P_2 = (q.n * push - moment) / (q.n - p.n), (moment - p.n * push) / (q.n - p.n)
+    w = pair_of(dm)
     d_1, d_2 = (z[ZB1] - start[ZB1]) * V, (z[ZB2] - start[ZB2]) * V
-    det = bb * bb - bb_12 * bb_12
-    return P_1, P_2, A, (bb * d_1 - bb_12 * d_2) / det, (bb * d_2 - bb_12 * d_1) / det
+    det = w.bb_1 * w.bb_2 - w.bb_12 * w.bb_12
+    return P_1, P_2, A, (w.bb_2 * d_1 - w.bb_12 * d_2) / det, (w.bb_1 * d_2 - w.bb_12 * d_1) / det
 
 
 @compiled
 def double_impact(dm, state, V, tol, modes, work, log):
-    """Impact with both ends on the plate (beta = 0); updates the state and the friction modes of the ends.
+    """Impact with both ends on the plate; updates the state and the friction modes of the ends.
 
     Returns
     -------
     status, rows : int
         OK or the reason; rows logged.
     """
-    law = double_law(dm, restitution(dm.e_1, tol), restitution(dm.e_2, tol), dm.mu, dm.mu_s)
+    law = double_law(dm, restitution(dm.p1.e, tol), restitution(dm.p2.e, tol))
     z, start, before, compressing, mid = impact_rows(work)
     load_double(dm, state, V, z)
     copy(z, start, N_Z)
     slip_tol = max(max(SLIP_TOL * tol, LEAST_SLIP), rounding(dm, state) / V)
     left = max(LEFT_OVER * tol, LEAST_LEFT)
-    least = left**0.8  # X^(5/4) is worth a gap rate
+    least = left ** (2.0 / (law.eta + 1.0))  # the root of E, which goes with X^(eta + 1), is worth a gap rate
     compressing[0], compressing[1] = 1.0, 1.0
     rows = 0
     status = IMPACT_STEPS
@@ -262,7 +266,7 @@ def double_impact(dm, state, V, tol, modes, work, log):
             break
         copy(z, before, N_Z)
         if on_1 and on_2:
-            f_1, f_2 = first_pressures(z)
+            f_1, f_2 = first_forces(law, z)
             friction_modes(law, z, modes, f_1, f_2, slip_tol, lost)
             if follow_acceleration(law, z, modes, compressing, left, mid):
                 continue
@@ -291,8 +295,8 @@ def double_impact(dm, state, V, tol, modes, work, log):
     P_1, P_2, A, B_1, B_2 = impulses_between(dm, z, start, V)
     state[N1], state[N2] = z[ZN1] * V, z[ZN2] * V
     state[CA] += A / dm.m
-    state[WB] = (state[N2] - state[N1]) / (2.0 * dm.h)
-    p, q = levers(dm, -1.0, 0.0, 1.0), levers(dm, 1.0, 0.0, 1.0)
+    p, q = level_levers(dm)
+    state[WB] = (state[N2] - state[N1]) / (q.n - p.n)
     apply_impulse(dm, state, p, 0.0, 0.0, B_1)
     apply_impulse(dm, state, q, 0.0, 0.0, B_2)
     return status, rows
@@ -353,8 +357,7 @@ def follow_acceleration(law, z, modes, compressing, left, rates):
 def turn(law, i, z, compressing, left):
     """End i passes from compression to restitution or back; its energy is lost where it is not worth the gap rate `left`."""
     compressing[i] = -compressing[i]
-    e = law.e_1 if i == 0 else law.e_2
-    if e * max(0.0, z[ZX1 + i]) ** 1.25 <= left:
+    if contact_of(law, i).e * max(0.0, z[ZX1 + i]) ** (0.5 * (law.eta + 1.0)) <= left:
         z[ZX1 + i] = 0.0
         compressing[i] = 1.0
 
@@ -369,13 +372,12 @@ def single_end_phase(dm, pair, i, z, modes, compressing, slip_tol, before, mid, 
         Whether end i slipped first and stuck then; the velocities at that moment are in `mid`.
     reason : int
     """
-    s = -1.0 if i == 0 else 1.0
-    law = end_law(dm, s, 1.0, 0.0, 1.0, pair.e_1 if i == 0 else pair.e_2, dm.mu, dm.mu_s)
+    law = end_law(dm, i, 1.0, dm.sin_0, dm.cos_0, contact_of(pair, i).e)
     j = 1 - i
     n, a, b, E, n_j, P, _, B, P_s, A_s, mode, reason = single_phase(
-        law, z[ZN1 + i], z[ZA], z[ZB1 + i], stored_energy(z[ZX1 + i]), z[ZN1 + j], slip_tol, work
+        law, z[ZN1 + i], z[ZA], z[ZB1 + i], stored_energy(pair, i, z[ZX1 + i]), z[ZN1 + j], slip_tol, work
     )
-    z[ZN1 + i], z[ZA], z[ZB1 + i], z[ZX1 + i], z[ZN1 + j] = n, a, b, compression(E), n_j
+    z[ZN1 + i], z[ZA], z[ZB1 + i], z[ZX1 + i], z[ZN1 + j] = n, a, b, compression(pair, i, E), n_j
     z[ZB1 + j] += pair.bb_12 * B
     compressing[i] = 1.0 if n < 0.0 or E == 0.0 else -1.0
     compressing[j] = 1.0

@@ -23,15 +23,14 @@ def log_phase(log, count, code, before_1, before_2, z, V, P_1, P_2):
 
 
 @compiled
-def log_single(log, count, s, code, n, n_j, n_after, n_j_after, P, a, b):
-    """Add a row for a phase of an impact at the end with sign s, the other one being off the plate; returns the count."""
+def log_single(log, count, i, code, n, n_j, n_after, n_j_after, P, a, b):
+    """Add a row for a phase of an impact at end i, the other one being off the plate; returns the count."""
     if count >= log.shape[0]:
         return count
     row = log[count]
     for k in range(N_LOG):
         row[k] = 0.0
-    i = 0 if s < 0.0 else 1
-    row[LOG_STATE] = 5 * code if s < 0.0 else code
+    row[LOG_STATE] = 5 * code if i == 0 else code
     row[LOG_N1 + i], row[LOG_N1 + 1 - i] = n, n_j
     row[LOG_N1_AFTER + i], row[LOG_N1_AFTER + 1 - i] = n_after, n_j_after
     row[LOG_P1 + i], row[LOG_A1 + 2 * i], row[LOG_B1 + 2 * i] = P, a, b

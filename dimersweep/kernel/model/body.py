@@ -1,27 +1,39 @@
 """The dimer's body: masses and inertias, contact Jacobian and Delassus operator in the heading frame (Appendix A).
 
-With the velocity of the centre of mass (c_a, c_b, c_n) and the spin components (beta', theta' cos(beta), axial spin) as
-quasi-velocities the mass matrix of (A.4) is diag(m, m, m, J_t, J_t, J_a), and the contact point of end i (s_1 = -1,
-s_2 = +1) moves with
+It is an axisymmetric body with two balls that need not be alike. With the velocity of the centre of mass (c_a, c_b, c_n) and
+the spin components (beta', theta' cos(beta), axial spin) as quasi-velocities the mass matrix of (A.4) is
+diag(m, m, m, J_t, J_t, J_a), and the contact point of end i, whose ball of radius r_i has its centre at h_i on the axis
+(h_1 < 0 < h_2), moves with
 
-    gap rate   n_i = c_n + s_i h cos(beta) beta'
-    axial      a_i = c_a + (r - s_i h sin(beta)) beta'
-    lateral    b_i = c_b + (r sin(beta) - s_i h) theta' cos(beta) - r cos(beta) spin
+    gap rate   n_i = c_n + h_i cos(beta) beta'
+    axial      a_i = c_a + (r_i - h_i sin(beta)) beta'
+    lateral    b_i = c_b + (r_i sin(beta) - h_i) theta' cos(beta) - r_i cos(beta) spin
 
 so W and N of (A.1), (A.3) have one row each, and normal and axial motion never couple to the lateral one.
+
+Both ends touch the plate where sin(beta_0) = (r_2 - r_1) / l, which is called level. There both axial levers are the height of
+the centre of mass: the ends share one axial velocity. Dip angles count from there in the kernel: a small gap, and the dip that
+opens it, so have all their digits.
 """
 
-from math import pi, sqrt
+from math import asin, pi, sqrt
 from typing import NamedTuple
 
+import numpy as np
+
 from dimersweep.kernel.compiler.jit import compiled, exported
-from dimersweep.kernel.model.layout import Dimer
+from dimersweep.kernel.model.layout import Dimer, End
 from dimersweep.kernel.model.plate import TWO_PI, amplitude
+from dimersweep.kernel.numerics.sincos import one_minus_cos, sincos
+
+STICK_MARGIN = (
+    1e-9  # by which stick friction is above slip friction at least: a slip out of rest accelerates, however slowly
+)
 
 
 @compiled
 def as_dimer(row):
-    """Dimer of one parameter row.
+    """Dimer of one parameter row: a solid rod between the surfaces of two solid balls.
 
     Parameters
     ----------
@@ -31,26 +43,40 @@ def as_dimer(row):
     Returns
     -------
     Dimer
-        Derived constants: inertias of a solid rod of length l - 2r between two solid balls.
     """
-    e_1, e_2, Gamma, f, A_r, mu, mu_s, _, _, phi0, r, rho_b, rho_r, D_r, g, Gamma_2, phi_2, mu_h = row
-    lever = 2.0 * r * (A_r - 1.0)
-    rod = lever - 2.0 * r
-    m_b = rho_b * 4.0 / 3.0 * pi * r**3
+    # fmt: off
+    (e_1, e_2, Gamma, f, A_r, mu_1, mu_2, mu_s_1, mu_s_2, mu_h_1, mu_h_2, _, _, phi0, r_1, r_2, rho_b_1, rho_b_2, rho_r,
+     D_r, g, Gamma_2, phi_2, eta, k_ratio) = row
+    # fmt: on
+    lever = (A_r - 1.0) * (r_1 + r_2)
+    rod = lever - (r_1 + r_2)
+    m_1, m_2 = rho_b_1 * 4.0 / 3.0 * pi * r_1**3, rho_b_2 * 4.0 / 3.0 * pi * r_2**3
     m_r = rho_r * pi * 0.25 * D_r**2 * rod
-    J_t = 2.0 * (0.4 * m_b * r**2 + 0.25 * m_b * lever**2) + m_r * (rod**2 / 12.0 + D_r**2 / 16.0)
-    J_a = 0.8 * m_b * r**2 + 0.125 * m_r * D_r**2
-    m = 2.0 * m_b + m_r
+    m = m_1 + m_2 + m_r
+    # places on the axis, from the middle between the ball centres: of the centre of mass, and from there of the rod's middle
+    centre = 0.5 * ((m_2 - m_1) * lever + m_r * (r_1 - r_2)) / m
+    rod_at = 0.5 * (r_1 - r_2) - centre
+    h_1, h_2 = -0.5 * lever - centre, 0.5 * lever - centre
+    J_t = 0.4 * (m_1 * r_1**2 + m_2 * r_2**2) + (m_1 * h_1**2 + m_2 * h_2**2)
+    J_t += m_r * (rod**2 / 12.0 + D_r**2 / 16.0 + rod_at**2)
+    J_a = 0.4 * (m_1 * r_1**2 + m_2 * r_2**2) + 0.125 * m_r * D_r**2
+    sin_0 = (r_2 - r_1) / lever
     omega = TWO_PI * f
-    hold = mu * (
-        1.0 + 1e-9
-    )  # a hair above mu where it is equal: slip that sets out of rest accelerates, however slowly
+    hold_1, hold_2 = mu_1 * (1.0 + STICK_MARGIN), mu_2 * (1.0 + STICK_MARGIN)
     return Dimer(
-        e_1,
-        e_2,
-        mu,
-        max(mu_s, hold),
-        max(mu_h, hold),
+        End(-1.0, r_1, h_1, e_1, mu_1, max(mu_s_1, hold_1), max(mu_h_1, hold_1), 1.0),
+        End(1.0, r_2, h_2, e_2, mu_2, max(mu_s_2, hold_2), max(mu_h_2, hold_2), k_ratio),
+        lever,
+        asin(sin_0),
+        sin_0,
+        sqrt((1.0 - sin_0) * (1.0 + sin_0)),
+        eta,
+        m,
+        J_t,
+        J_a,
+        1.0 / m,
+        1.0 / J_t,
+        1.0 / J_a,
         g,
         amplitude(Gamma, g, omega),
         omega,
@@ -58,14 +84,6 @@ def as_dimer(row):
         phi0 - TWO_PI * (phi0 // TWO_PI),
         amplitude(Gamma_2, g, 2.0 * omega),
         (phi_2 - 2.0 * phi0) % TWO_PI,
-        r,
-        0.5 * lever,
-        m,
-        J_t,
-        J_a,
-        1.0 / m,
-        1.0 / J_t,
-        1.0 / J_a,
         min(g / omega, sqrt(g * lever)),
         sqrt(g / lever),
     )
@@ -73,8 +91,40 @@ def as_dimer(row):
 
 @exported
 def dimer_of(row):
-    """The same for Python."""
+    """The dimer of one parameter row, for Python; see `as_dimer`."""
     return as_dimer(row)
+
+
+@compiled
+def end(dm, i):
+    """End number i: 0 is p1, 1 is p2."""
+    return dm.p1 if i == 0 else dm.p2
+
+
+# --- the dip ----------------------------------------------------------------------------------------------------------
+
+
+@compiled
+def tilted(dm, sin_d, cos_d):
+    """Sine and cosine of the dip angle beta, from those of the dip above level."""
+    return dm.sin_0 * cos_d + dm.cos_0 * sin_d, dm.cos_0 * cos_d - dm.sin_0 * sin_d
+
+
+@compiled
+def attitude(dm, dip):
+    """Sine and cosine of the dip angle beta at a dip above level."""
+    sin_d, cos_d = sincos(dip)
+    return tilted(dm, sin_d, cos_d)
+
+
+@compiled
+def lift(dm, dip):
+    """sin(beta) - sin(beta_0): by how much p2 is higher over the plate than p1, in units of l."""
+    sin_d, cos_d = sincos(dip)
+    return dm.cos_0 * sin_d - dm.sin_0 * one_minus_cos(sin_d, cos_d)
+
+
+# --- contact Jacobian and Delassus operator -----------------------------------------------------------------------------
 
 
 class Levers(NamedTuple):
@@ -87,9 +137,15 @@ class Levers(NamedTuple):
 
 
 @compiled
-def levers(dm, s, sin_b, cos_b):
-    """Contact Jacobian of the end with sign s (-1 for p1, +1 for p2)."""
-    return Levers(s * dm.h * cos_b, dm.r - s * dm.h * sin_b, dm.r * sin_b - s * dm.h, -dm.r * cos_b)
+def levers(p, sin_b, cos_b):
+    """Contact Jacobian of the end p, (A.1) and (A.3)."""
+    return Levers(p.h * cos_b, p.r - p.h * sin_b, p.r * sin_b - p.h, -p.r * cos_b)
+
+
+@compiled
+def level_levers(dm):
+    """Contact Jacobians of p1 and p2 where both touch the plate."""
+    return levers(dm.p1, dm.sin_0, dm.cos_0), levers(dm.p2, dm.sin_0, dm.cos_0)
 
 
 class Delassus(NamedTuple):
@@ -113,3 +169,73 @@ def delassus(dm, p, q):
         im + p.a * q.a * it,
         im + p.b * q.b * it + p.c * q.c * dm.ia,
     )
+
+
+class Pair(NamedTuple):
+    """Delassus operator of both ends on the plate [1/kg]: they share the axial velocity, and normal and lateral do not mix."""
+
+    nn_1: float
+    nn_2: float
+    nn_12: float
+    na_1: float  # gap rate of p1 per axial impulse, and axial velocity per normal impulse at p1
+    na_2: float
+    aa: float
+    bb_1: float
+    bb_2: float
+    bb_12: float
+
+
+@compiled
+def pair_of(dm):
+    """Delassus operator of both ends where both touch the plate."""
+    p, q = level_levers(dm)
+    w_1, w_2, w_12 = delassus(dm, p, p), delassus(dm, q, q), delassus(dm, p, q)
+    return Pair(w_1.nn, w_2.nn, w_12.nn, w_1.na, w_2.na, w_1.aa, w_1.bb, w_2.bb, w_12.bb)
+
+
+# --- velocities ---------------------------------------------------------------------------------------------------------
+
+
+@compiled
+def rise_of_centre(dm, n_1, n_2):
+    """Velocity of the centre of mass along the normal, over the plate, from the gap rates of both ends [m s-1]."""
+    return (dm.p2.h * n_1 - dm.p1.h * n_2) / dm.l
+
+
+@compiled
+def apart_sideways(dm, w_p, spin):
+    """Lateral velocity of p1 less that of p2 where both touch the plate [m s-1].
+
+    It is l cos(beta_0) times the turning rate about the vertical.
+    """
+    return dm.l * dm.cos_0 * (dm.cos_0 * w_p + dm.sin_0 * spin)
+
+
+@compiled
+def turn_of_pair(dm, apart, spin):
+    """theta' cos(beta) where both ends touch the plate, from the lateral velocity of p1 less that of p2."""
+    return (apart / (dm.l * dm.cos_0) - dm.sin_0 * spin) / dm.cos_0
+
+
+@compiled
+def reach(dm):
+    """Radius of the greater ball, and the distance of the centre of mass from the farther one [m]."""
+    return max(dm.p1.r, dm.p2.r), max(-dm.p1.h, dm.p2.h)
+
+
+# --- for Python ---------------------------------------------------------------------------------------------------------
+
+
+def dip_of(dm, rise):
+    """Dip above level [rad] at which p2 is higher over the plate than p1 by `rise` [m]; floats, or arrays of one shape."""
+    share = np.asarray(rise) / dm.l
+    sin_b = np.clip(dm.sin_0 + share, -1.0, 1.0)
+    cos_b = np.sqrt((1.0 - sin_b) * (1.0 + sin_b))
+    sin_d = share * (dm.cos_0 + dm.sin_0 * (sin_b + dm.sin_0) / (cos_b + dm.cos_0))
+    return np.arctan2(sin_d, cos_b * dm.cos_0 + sin_b * dm.sin_0)
+
+
+def rise_at(dm, beta):
+    """By how much p2 is higher over the plate than p1 [m] at the dip angle `beta` [rad]; floats, or arrays of one shape."""
+    dip = beta - dm.beta_0
+    return 2.0 * dm.l * np.sin(0.5 * dip) * np.cos(0.5 * (beta + dm.beta_0))

@@ -5,7 +5,7 @@ is at most ``hold`` times F: mu_h in lasting contact, mu_s inside an impact. Bot
 of two held ends only the sum of the axial parts is determined, and they hold where some split of it does.
 
 Forces, impulses and forces per clock of an impact all obey this law. Closed forms of it, written out for speed where many
-are needed: ``forces.single_rates``, ``forces.double_forces`` (sustained contact), ``double_equations.friction``,
+are needed: ``forces.single_rates`` (sustained contact), ``double_equations.friction``,
 ``single_impact.straight_leg``, ``turning`` and ``expansion`` (impacts). Each is tested against the functions here.
 """
 
@@ -47,12 +47,6 @@ def slip_strength(mu, F, v):
 
 
 @compiled
-def axial_of_pair(mu, total, c_1, c_2):
-    """Axial friction of two slipping ends as A_c + A_d D, from the sum `total` of their normal forces; D = F_2 - F_1."""
-    return -0.5 * mu * total * (c_1 + c_2), -0.5 * mu * (c_2 - c_1)
-
-
-@compiled
 def outward_slip(drive_a, drive_b, k_a, k_b):
     """Direction d of slip out of rest: drive - (k_a d_a, k_b d_b) = lambda d with lambda >= 0 (doi 10.1115/1.4035411).
 
@@ -84,18 +78,14 @@ def hold_left(hold, F, A, L):
 
 
 @compiled
-def hold_left_of_pair(hold, F_1, L_1, F_2, L_2, A):
-    """The same of two held ends with the lateral frictions L_1, L_2 and the sum A of the axial ones."""
-    room_1, room_2 = (hold * F_1) ** 2 - L_1**2, (hold * F_2) ** 2 - L_2**2
+def hold_left_of_pair(hold_1, F_1, L_1, hold_2, F_2, L_2, A):
+    """How far two held ends are from the limit of their friction, the sum A of the axial frictions and the laterals L_1, L_2
+    being known; negative beyond it.
+    """
+    room_1, room_2 = (hold_1 * F_1) ** 2 - L_1**2, (hold_2 * F_2) ** 2 - L_2**2
     if room_1 < 0.0 or room_2 < 0.0:
         return -sqrt(-min(room_1, room_2))
     return sqrt(room_1) + sqrt(room_2) - abs(A)
-
-
-@compiled
-def axial_hold_left(hold, F, A):
-    """The same of one or two ends without lateral friction, with the sum F of their normal forces."""
-    return hold * F - abs(A)
 
 
 @compiled
@@ -108,9 +98,10 @@ def holds_axially(hold, na, aa):
 
 
 @compiled
-def single_forces(dm, mode, w, u_a, u_b, n, a, b):
-    """Normal, axial and lateral force at the one closed end with the slip (u_a, u_b), and its compliance, from the
-    accelerations that its contact point has without them and its Delassus operator w; the normal force may come out negative.
+def single_forces(dm, mu, mode, w, u_a, u_b, n, a, b):
+    """Normal, axial and lateral force at the one closed end with the slip (u_a, u_b) and the coefficient of friction mu, and its
+    compliance, from the accelerations that its contact point has without them and its Delassus operator w; the normal force may
+    come out negative.
 
     The compliance is the normal acceleration per normal force, with the friction that goes with it, in units of 1/m (one for
     an end that sticks). At zero the force is infinite, and below it presses the end into the plate the more, the greater it is.
@@ -119,7 +110,7 @@ def single_forces(dm, mode, w, u_a, u_b, n, a, b):
         det = w.nn * w.aa - w.na * w.na
         return (w.na * a - w.aa * n) / det, (w.na * n - w.nn * a) / det, -b / w.bb, 1.0
     c, s = direction(u_a, u_b)
-    yields = w.nn - dm.mu * w.na * c
+    yields = w.nn - mu * w.na * c
     F = -n / yields
-    A, L = slip_force(dm.mu, F, c, s)
+    A, L = slip_force(mu, F, c, s)
     return F, A, L, yields * dm.m

@@ -4,21 +4,42 @@ from typing import NamedTuple
 
 # --- parameters at rest: one flat row of floats per run -------------------------------------------------------------
 ROW = (
-    "e_1", "e_2", "Gamma", "f", "A_r", "mu", "mu_s", "beta0", "xdot0", "phi0", "r", "rho_b", "rho_r", "D_r", "g",
-    "Gamma_2", "phi_2", "mu_h",
+    "e_1", "e_2", "Gamma", "f", "A_r", "mu_1", "mu_2", "mu_s_1", "mu_s_2", "mu_h_1", "mu_h_2", "beta0", "xdot0", "phi0",
+    "r_1", "r_2", "rho_b_1", "rho_b_2", "rho_r", "D_r", "g", "Gamma_2", "phi_2", "eta", "k_ratio",
 )  # fmt: skip
 N_ROW = len(ROW)
 ROW_BETA0, ROW_XDOT0, ROW_PHI0, ROW_PHI_2 = (ROW.index(name) for name in ("beta0", "xdot0", "phi0", "phi_2"))
 
 
-class Dimer(NamedTuple):
-    """One dimer on one plate in flight through the kernel: every field a float (an int field would compile again)."""
+class End(NamedTuple):
+    """One end of the dimer: its ball, and the contact of that with the plate."""
 
-    e_1: float  # energetic restitution of p1, p2 [1]
-    e_2: float
+    s: float  # -1 for p1, +1 for p2
+    r: float  # ball radius [m]
+    h: float  # place of the ball's centre on the axis from p1 to p2, counted from the centre of mass: negative for p1 [m]
+    e: float  # energetic restitution [1]
     mu: float  # slip and stick friction coefficients [1]
     mu_s: float  # stick inside impacts
     mu_h: float  # stick of a lasting contact
+    k: float  # stiffness of the contact in impacts, in units of that of p1 [1]
+
+
+class Dimer(NamedTuple):
+    """One dimer on one plate in flight through the kernel: every field a float (an int field would compile again)."""
+
+    p1: End
+    p2: End
+    l: float  # noqa: E741 (the paper's symbol): distance of the ball centres [m]
+    beta_0: float  # dip angle at which both balls can touch the plate: sin(beta_0) = (r_2 - r_1) / l [rad]
+    sin_0: float
+    cos_0: float
+    eta: float  # exponent of the contact in impacts, F = k X^eta [1]
+    m: float  # total mass [kg]
+    J_t: float  # transverse inertia about the centre of mass (J_1 of the appendix) [kg m2]
+    J_a: float  # axial inertia (J_2) [kg m2]
+    im: float  # 1/m, 1/J_t, 1/J_a: what an impulse gives
+    it: float
+    ia: float
     g: float  # gravity [m s-2]
     A_z: float  # plate amplitude [m]
     omega: float  # plate angular frequency [rad s-1]
@@ -26,14 +47,6 @@ class Dimer(NamedTuple):
     phi0: float  # plate phase at t = 0, reduced to [0, 2 pi) [rad]
     A_2: float  # amplitude of the plate's second harmonic [m]
     lag: float  # its angle where the phase is zero [rad]
-    r: float  # ball radius [m]
-    h: float  # half the distance of the ball centres, l/2 [m]
-    m: float  # total mass [kg]
-    J_t: float  # transverse inertia about the centre of mass (J_1 of the appendix) [kg m2]
-    J_a: float  # axial inertia (J_2) [kg m2]
-    im: float  # 1/m, 1/J_t, 1/J_a: what an impulse gives
-    it: float
-    ia: float
     v_scale: float  # the lesser of g/omega, gained in 1/omega of free fall, and that of a rod tipping over [m s-1]
     w_scale: float  # sqrt(g/l), the rate of a rod tipping over [rad s-1]
 
@@ -42,7 +55,7 @@ class Dimer(NamedTuple):
 PHASE = 0  # plate phase since the last period boundary [rad], in [0, 2 pi]
 D1, D2 = 1, 2  # gaps of p1, p2 [m]
 N1, N2 = 3, 4  # gap rates [m s-1]
-BETA = 5  # dip angle [rad]
+DIP = 5  # dip angle above that at which both ends touch the plate, beta - beta_0 [rad]
 WB = 6  # beta' [rad s-1]
 WP = 7  # theta' cos(beta) [rad s-1]
 SPIN = 8  # axial spin gamma' + theta' sin(beta) [rad s-1]

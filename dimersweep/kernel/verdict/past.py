@@ -123,7 +123,7 @@ def note_landings(dm, past, state):
 @compiled
 def holds(dm, state, i):
     """Whether end i ends a double impact sticking: slip below the line drawn here is creep of no consequence."""
-    _, a, b = contact_velocity(dm, state, -1.0 if i == 0 else 1.0)
+    _, a, b = contact_velocity(dm, state, i)
     return hypot(a, b) <= SLIP_LINE * dm.g / dm.omega
 
 
@@ -174,7 +174,7 @@ def note_strobe(dm, state, modes, past):
     length = speed / dm.omega
     row[P_D1], row[P_D2] = state[D1] / length, state[D2] / length
     row[P_N1], row[P_N2] = state[N1] / speed, state[N2] / speed
-    row[P_SPIN] = dm.r * state[SPIN] / speed
+    row[P_SPIN] = max(dm.p1.r, dm.p2.r) * state[SPIN] / speed
     row[P_DOWN_1], row[P_DOWN_2] = scalars[S_DOWN_1], scalars[S_DOWN_2]
     row[P_DOUBLES] = scalars[S_DOUBLES]
     row[P_TIME] = time_of(dm, state)

@@ -145,4 +145,4 @@ def spin_drift(dm, past, p):
     """Change of the spin per forcing period over the last periods of a motion of period p [rad/s]."""
     last, span = int(past[SCALARS, S_STROBES]) - 1, p * (PATIENCE // p)
     change = past[STROBES + last % RING, P_SPIN] - past[STROBES + (last - span) % RING, P_SPIN]
-    return change / span * dm.g / (dm.omega * dm.r)
+    return change / span * dm.g / (dm.omega * max(dm.p1.r, dm.p2.r))
