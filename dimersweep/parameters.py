@@ -256,7 +256,7 @@ def fill_rows(columns: Mapping[str, Any], n: int) -> np.ndarray:
         both = name.removesuffix("_1").removesuffix("_2")
         value = columns.get(name, LEFT_OUT.get(name, both))
         while isinstance(value, str):
-            value = columns.get(value, LEFT_OUT.get(value, {"eta": 1.5, "k_ratio": 1.0}.get(value)))
+            value = columns.get(value, LEFT_OUT.get(value, {"eta": 1.5, "k_ratio": 1.0}.get(value, 0.0)))
         rows[:, slot] = value
     return rows
 

@@ -11,11 +11,11 @@ from dimersweep.kernel.contact.coordinates import YUA, YUB
 from dimersweep.kernel.contact.forces import COMPLIANCE, N_F
 from dimersweep.kernel.model.body import dimer_of
 from dimersweep.kernel.model.layout import (
-    BETA,
     CA,
     CB,
     D1,
     D2,
+    DIP,
     FREE,
     GAMMA,
     N1,
@@ -66,13 +66,13 @@ def scenes(draw):
     }
     dm = dimer_of(Parameters(**scene).row())
     state = np.zeros(N_STATE)
-    state[BETA] = draw(between(-0.9, 0.9))
+    state[DIP] = draw(between(-0.9, 0.9))
     lowest = draw(between(0.0, 2e-3))
-    rise = 2 * dm.h * np.sin(state[BETA])
+    rise = dm.l * np.sin(state[DIP])
     state[D1], state[D2] = lowest + max(0.0, -rise), lowest + max(0.0, rise)
     for slot, size in ((WB, 5.0), (WP, 5.0), (SPIN, 50.0), (CA, 0.5), (CB, 0.5)):
         state[slot] = draw(between(-1.0, 1.0)) * size
-    c_n, spread = draw(between(-0.3, 0.3)), dm.h * np.cos(state[BETA]) * state[WB]
+    c_n, spread = draw(between(-0.3, 0.3)), dm.p2.h * np.cos(state[DIP]) * state[WB]
     state[N1], state[N2] = c_n - spread, c_n + spread
     return scene, state
 
@@ -88,7 +88,7 @@ def run_of(scene, state, rtol):
 def same(dm, found, expected, allowed=1e-6):
     """Two states agree in the scales of the scene, angles up to whole turns."""
     turned = {THETA, GAMMA}
-    angles = {BETA, PHASE, *turned}
+    angles = {DIP, PHASE, *turned}
     for slot in range(N_STATE):
         size = 1.0 if slot in angles else scale_of(dm, slot)
         apart = found[slot] - expected[slot]
@@ -100,9 +100,9 @@ def same(dm, found, expected, allowed=1e-6):
 def scale_of(dm, slot):
     """Scale of a length, a speed or a rate of the state."""
     if slot in (D1, D2, X1, Y1):
-        return 2 * dm.h
-    speed = dm.v_scale + (2 * dm.h * dm.g) ** 0.5
-    return speed / dm.r if slot == SPIN else speed / dm.h if slot in (WB, WP) else speed
+        return dm.l
+    speed = dm.v_scale + (dm.l * dm.g) ** 0.5
+    return speed / dm.p1.r if slot == SPIN else speed / dm.p2.h if slot in (WB, WP) else speed
 
 
 @accuracies
@@ -146,9 +146,9 @@ def exchanged(dm, state):
     """The same motion told with the balls' names exchanged: the axis and the heading point the other way."""
     told = state.copy()
     told[[D1, D2, N1, N2]] = state[[D2, D1, N2, N1]]
-    told[[BETA, WB, CA, CB, SPIN, GAMMA]] *= -1
+    told[[DIP, WB, CA, CB, SPIN, GAMMA]] *= -1
     told[THETA] += pi
-    lever = 2 * dm.h * np.cos(state[BETA])
+    lever = dm.l * np.cos(state[DIP])
     told[X1] -= lever * np.sin(state[THETA])
     told[Y1] += lever * np.cos(state[THETA])
     return told
@@ -224,7 +224,7 @@ def test_sampling_comes_to_what_the_run_recorded(rtol, drawn):
     row, dm, run = run_of(scene, state, rtol)
     phases = phases_of(row, rtol, run.events, run.segments)
     ends = states_at(row, phases.segments, (phases.segments[:, PHASE] + phases.span)[:, None], rtol)[:, 0]
-    assert (ends[:, [D1, D2]] >= -1e-13 * dm.h).all()
+    assert (ends[:, [D1, D2]] >= -1e-13 * dm.p2.h).all()
     for found, told in zip(
         ends[~phases.struck & ~phases.closed], phases.after[~phases.struck & ~phases.closed], strict=True
     ):
@@ -277,7 +277,7 @@ def test_an_end_is_open_or_pressed(rtol, drawn):
     phases = phases_of(row, rtol, run.events, run.segments)
     states = states_at(row, phases.segments, phases.segments[:, PHASE, None] + phases.span[:, None] * SHARES, rtol)
     weight = dm.m * dm.g
-    assert states[..., [D1, D2]].min() >= -1e-13 * dm.h
+    assert states[..., [D1, D2]].min() >= -1e-13 * dm.p2.h
     for segment, at in zip(phases.segments, states, strict=True):
         modes = segment[MODES:HOP_TIME]
         closed = modes != FREE
@@ -323,7 +323,7 @@ def test_energy_is_accounted_for_event_by_event(rtol, drawn):
     row, dm, run = run_of(scene, state, rtol)
     phases = phases_of(row, rtol, run.events, run.segments)
     starts, modes = phases.segments[:, :N_STATE], phases.segments[:, MODES:HOP_TIME]
-    unit = kinetic(dm, starts).max() + 0.5 * dm.m * (dm.omega * (dm.A_z + 2 * dm.A_2)) ** 2 + dm.m * dm.g * dm.h
+    unit = kinetic(dm, starts).max() + 0.5 * dm.m * (dm.omega * (dm.A_z + 2 * dm.A_2)) ** 2 + dm.m * dm.g * dm.p2.h
     free = (modes == FREE).all(1)
     assert np.abs(lab_gain(dm, starts[free], phases.ends[free])).max(initial=0.0) <= 1e-10 * unit
 

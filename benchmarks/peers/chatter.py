@@ -12,11 +12,11 @@ from forces import compliance, forces_both, forces_one, free_rates
 from passage import compiled, levers
 
 from dimersweep.kernel.model.layout import (
-    BETA,
     CA,
     CB,
     D1,
     D2,
+    DIP,
     N1,
     N2,
     SLIP,
@@ -49,7 +49,7 @@ def rest_time(body, state, i, n, ratio):
 @compiled
 def slip_of(body, state, i):
     """Axial and lateral slip of end i."""
-    _, a, b, c = levers(body, 2.0 * i - 1.0, sin(state[BETA]), cos(state[BETA]))
+    _, a, b, c = levers(body, 2.0 * i - 1.0, sin(state[DIP]), cos(state[DIP]))
     return state[CA] + a * state[WB], state[CB] + b * state[WP] + c * state[SPIN]
 
 
@@ -89,8 +89,8 @@ def stays_open(body, state, j, time):
 @compiled
 def close_one(body, state, i, slip_zero):
     """Close end i by the impulse that cancels its gap rate."""
-    p = levers(body, 2.0 * i - 1.0, sin(state[BETA]), cos(state[BETA]))
-    q = levers(body, 1.0 - 2.0 * i, sin(state[BETA]), cos(state[BETA]))
+    p = levers(body, 2.0 * i - 1.0, sin(state[DIP]), cos(state[DIP]))
+    q = levers(body, 1.0 - 2.0 * i, sin(state[DIP]), cos(state[DIP]))
     mode, c, d, _ = way(body, state, i, slip_zero)
     w = compliance(body, state, 2.0 * i - 1.0)
     P, T, L = forces_one(body, w, (state[N1 + i], 0.0, 0.0), mode, c, d)
@@ -111,7 +111,7 @@ def close_both(body, state, slip_zero):
     mode_2, c_2, d_2, _ = way(body, state, 1, slip_zero)
     rate_1, rate_2 = (state[N1], 0.0, 0.0), (state[N2], 0.0, 0.0)
     _, _, T, L_1, L_2 = forces_both(body, rate_1, rate_2, mode_1, mode_2, c_1, d_1, c_2, d_2)
-    state[N1] = state[N2] = state[BETA] = state[WB] = 0.0
+    state[N1] = state[N2] = state[DIP] = state[WB] = 0.0
     state[CA] += T
     state[CB] += L_1 + L_2
     state[WP] += body.h * (L_1 - L_2) * body.it

@@ -8,9 +8,9 @@ from math import cos, sin
 from passage import compiled, gravity, levers
 
 from dimersweep.kernel.model.layout import (
-    BETA,
     CA,
     CB,
+    DIP,
     SLIP,
     SPIN,
     STICK,
@@ -28,7 +28,7 @@ def respond(p, q, it, ia):
 @compiled
 def compliance(body, state, s):
     """Of the end with sign s: normal, axial from normal, axial, lateral."""
-    p = levers(body, s, sin(state[BETA]), cos(state[BETA]))
+    p = levers(body, s, sin(state[DIP]), cos(state[DIP]))
     return respond(p, p, body.it, body.ia)
 
 
@@ -36,7 +36,7 @@ def compliance(body, state, s):
 def free_rates(body, state, s):
     """Accelerations of the contact point of the end with sign s without contact forces: normal, axial, lateral."""
     h, r = body.h, body.r
-    sin_b, cos_b = sin(state[BETA]), cos(state[BETA])
+    sin_b, cos_b = sin(state[DIP]), cos(state[DIP])
     w_b, w_p, spin = state[WB], state[WP], state[SPIN]
     p = levers(body, s, sin_b, cos_b)
     turn = w_p / cos_b

@@ -30,11 +30,11 @@ from passage import (
 )
 
 from dimersweep.kernel.model.layout import (
-    BETA,
     CA,
     CB,
     D1,
     D2,
+    DIP,
     FREE,
     N1,
     N2,
@@ -67,7 +67,7 @@ def tolerance(accuracy, V):
 def collide_one(body, state, i, accuracy, space):
     """Impact of end i, which approaches, while the other one is in the air; returns the status."""
     s = 2.0 * i - 1.0
-    sin_b, cos_b = sin(state[BETA]), cos(state[BETA])
+    sin_b, cos_b = sin(state[DIP]), cos(state[DIP])
     p, q = levers(body, s, sin_b, cos_b), levers(body, -s, sin_b, cos_b)
     nn, na, aa, bb = respond(p, p, body.it, body.ia)
     n, a = state[N1 + i], state[CA] + p[1] * state[WB]
@@ -233,7 +233,7 @@ def choose(body, state, modes, lifted, lost, slip_zero, y):
     closed_1 = state[D1] == 0.0 and state[N1] == 0.0 and lifted != 0
     closed_2 = state[D2] == 0.0 and state[N2] == 0.0 and lifted != 1
     if closed_1 and closed_2:
-        state[BETA] = state[WB] = 0.0
+        state[DIP] = state[WB] = 0.0
         if try_both(body, state, lost, slip_zero, modes, y):
             load(body, modes, y, state)
             return True

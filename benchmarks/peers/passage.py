@@ -13,11 +13,11 @@ import numpy as np
 from numba import njit
 
 from dimersweep.kernel.model.layout import (
-    BETA,
     CA,
     CB,
     D1,
     D2,
+    DIP,
     FREE,
     GAMMA,
     N1,
@@ -74,7 +74,7 @@ def body_of(scene):
 def start_state(body, beta0, xdot0):
     """At the release: p1 on the plate, at rest but for the lateral speed xdot0."""
     state = np.zeros(N_STATE)
-    state[D2], state[BETA], state[CB] = 2.0 * body.h * sin(beta0), beta0, xdot0
+    state[D2], state[DIP], state[CB] = 2.0 * body.h * sin(beta0), beta0, xdot0
     state[N1] = state[N2] = -body.A_z * body.omega * cos(body.phi0)
     return state
 
@@ -101,8 +101,8 @@ def gravity(body, state):
 @compiled
 def unload(body, state, s, y):
     """The contact state of a body whose leading end has the sign s."""
-    _, a, b, c = levers(body, s, sin(state[BETA]), cos(state[BETA]))
-    y[YB], y[YWB], y[YWP], y[YS] = state[BETA], state[WB], state[WP], state[SPIN]
+    _, a, b, c = levers(body, s, sin(state[DIP]), cos(state[DIP]))
+    y[YB], y[YWB], y[YWP], y[YS] = state[DIP], state[WB], state[WP], state[SPIN]
     y[YUA] = state[CA] + a * state[WB]
     y[YUB] = state[CB] + b * state[WP] + c * state[SPIN]
     y[YTHETA], y[YX], y[YY], y[YGAMMA], y[YTIME] = state[THETA], state[X1], state[Y1], state[GAMMA], 0.0
@@ -114,7 +114,7 @@ def load(body, modes, y, state):
     s = -1.0 if modes[0] != FREE else 1.0
     sin_b, cos_b = sin(y[YB]), cos(y[YB])
     _, a, b, c = levers(body, s, sin_b, cos_b)
-    state[BETA], state[WB], state[WP], state[SPIN] = y[YB], y[YWB], y[YWP], y[YS]
+    state[DIP], state[WB], state[WP], state[SPIN] = y[YB], y[YWB], y[YWP], y[YS]
     state[CA] = y[YUA] - a * y[YWB]
     state[CB] = y[YUB] - b * y[YWP] - c * y[YS]
     state[THETA], state[X1], state[Y1], state[GAMMA] = y[YTHETA], y[YX], y[YY], y[YGAMMA]
@@ -175,7 +175,7 @@ def touch(body, state, i):
         state[D2 - i] = 0.0
     state[D1 + i] = 0.0
     if state[D1] == 0.0 and state[D2] == 0.0:
-        state[BETA] = 0.0
+        state[DIP] = 0.0
 
 
 @compiled

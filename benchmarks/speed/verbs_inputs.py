@@ -7,9 +7,9 @@ import numpy as np
 from dimersweep import simulate
 from dimersweep.kernel.course import new_workspace
 from dimersweep.kernel.model.layout import (
-    BETA,
     D1,
     D2,
+    DIP,
     FREE,
     N1,
     N2,
@@ -80,7 +80,7 @@ def closed(states: np.ndarray, shut: np.ndarray) -> np.ndarray:
     """The states with the gaps where `shut`, shape (n, 2), set to zero, and the dip where both are."""
     states = states.copy()
     states[:, [D1, D2]] = np.where(shut, 0.0, states[:, [D1, D2]])
-    states[:, BETA] = np.where(shut.all(axis=1), 0.0, states[:, BETA])
+    states[:, DIP] = np.where(shut.all(axis=1), 0.0, states[:, DIP])
     return states
 
 

@@ -29,11 +29,11 @@ from dimersweep.kernel.impact import impact, single_impact
 from dimersweep.kernel.model import body, friction
 from dimersweep.kernel.model.body import TWO_PI
 from dimersweep.kernel.model.layout import (
-    BETA,
     CA,
     CB,
     D1,
     D2,
+    DIP,
     FREE,
     N1,
     N2,
@@ -71,8 +71,8 @@ def approach(state):
 def route(dm, state, tol):
     """By which route an impact at one end begins: HELD, STRAIGHT, TURNING or FRICTIONLESS."""
     s = -1.0 if state[D1] == 0.0 else 1.0
-    e = dm.e_1 if s < 0.0 else dm.e_2
-    law = impact.end_law(dm, s, 0.0, sin(state[BETA]), cos(state[BETA]), e, dm.mu, dm.mu_s)
+    e = dm.p1.e if s < 0.0 else dm.p2.e
+    law = impact.end_law(dm, s, 0.0, sin(state[DIP]), cos(state[DIP]), e, dm.p1.mu, dm.p1.mu_s)
     V = approach(state)
     _, a, b = impact.contact_velocity(dm, state, s)
     v = hypot(a, b)
@@ -99,7 +99,7 @@ def landing(dm, state):
 @compiled
 def delassus_of_both(dm, state):
     """Contact Jacobian of both ends and the Delassus operator between them."""
-    sin_b, cos_b = sin(state[BETA]), cos(state[BETA])
+    sin_b, cos_b = sin(state[DIP]), cos(state[DIP])
     p, q = body.levers(dm, -1.0, sin_b, cos_b), body.levers(dm, 1.0, sin_b, cos_b)
     return body.delassus(dm, p, p).nn + body.delassus(dm, q, p).na
 
@@ -254,7 +254,7 @@ def without_slip(inputs: Inputs, axial: bool) -> Inputs:
     s = np.where(states[:, D1] == 0.0, -1.0, 1.0)
     row = inputs.rows[inputs.scene]
     r, h = row[:, ROW.index("r")], row[:, ROW.index("r")] * (row[:, ROW.index("A_r")] - 1.0)
-    sin_b, cos_b = np.sin(states[:, BETA]), np.cos(states[:, BETA])
+    sin_b, cos_b = np.sin(states[:, DIP]), np.cos(states[:, DIP])
     if axial:
         states[:, CA] = -(r - s * h * sin_b) * states[:, WB]
     states[:, CB] = r * cos_b * states[:, SPIN] - (r * sin_b - s * h) * states[:, WP]

@@ -20,9 +20,9 @@ from verbs_loops import VERBS, Harvest, call
 from dimersweep import orbits, simulate
 from dimersweep.kernel.compiler.cache import base_folders
 from dimersweep.kernel.model.layout import (
-    BETA,
     D1,
     D2,
+    DIP,
     N1,
     N2,
 )
@@ -78,7 +78,7 @@ def test_harvested_impacts_are_those_of_the_run():
         np.testing.assert_allclose(states[:, [N1, N2]], expected, atol=1e-7)
         shut = states[:, [D1, D2]] == 0.0
         assert shut.all() if name == DOUBLE else (shut.sum(axis=1) == 1).all()
-        assert name == SINGLE or (states[:, BETA] == 0.0).all()
+        assert name == SINGLE or (states[:, DIP] == 0.0).all()
 
 
 def test_chatters_end_closed(found):

@@ -14,10 +14,10 @@ from own import Engine, Oracle
 from dimersweep.kernel.contact.coordinates import N_PATH, N_Y
 from dimersweep.kernel.contact.forces import N_F
 from dimersweep.kernel.model.layout import (
-    BETA,
     CA,
     CB,
     D2,
+    DIP,
     N1,
     N2,
     N_STATE,
@@ -150,10 +150,10 @@ def test_the_impacts_of_the_peer_are_those_of_the_engine():
             body, dm, (work, log) = passage.body_of(scene), dimer(**scene), scratch()
             double = trial % 2 == 0
             state = np.zeros(N_STATE)
-            state[BETA] = 0.0 if double else rng.uniform(0.05, 0.6)
+            state[DIP] = 0.0 if double else rng.uniform(0.05, 0.6)
             state[N1], state[N2] = (rng.choice([0, 0.2, -0.3]), -0.5) if double else (-0.4, rng.normal())
-            state[D2] = 2 * body.h * np.sin(state[BETA])
-            state[WB] = (state[N2] - state[N1]) / (2 * body.h * np.cos(state[BETA]))
+            state[D2] = 2 * body.h * np.sin(state[DIP])
+            state[WB] = (state[N2] - state[N1]) / (2 * body.h * np.cos(state[DIP]))
             state[WP], state[SPIN], state[CA], state[CB] = rng.normal(size=4) * [5, 50, 0.3, 0.3]
             if trial % 4 > 1:  # the end that the other one is beside slips laterally only, or not at all
                 state[CA] = -body.r * state[WB]
@@ -218,7 +218,7 @@ def test_the_equations_on_heyoka_are_those_of_the_kernel():
     y[:N_PATH] = 0.3, 2.0, -1.5, 40.0, 0.02, -0.3, 0.7, 0.01, 0.1, 0.2, 0.3
     flat = y.copy()
     flat[:2] = 0.0
-    pars = [0.4, 1.0, 1e-9, 1.0, dm.h, dm.r, dm.m * dm.it, dm.m * dm.ia, dm.mu, dm.mu_s, dm.g]
+    pars = [0.4, 1.0, 1e-9, 1.0, dm.p2.h, dm.p1.r, dm.m * dm.it, dm.m * dm.ia, dm.p1.mu, dm.p1.mu_s, dm.g]
     pars += [dm.A_z * dm.omega**2, dm.omega]
     for modes in ([1, 0], [0, 1], [2, 0], [0, 2], [1, 2], [2, 1], [1, 1], [2, 2]):
         state = np.where(np.array(modes).all(), flat, y)
@@ -229,18 +229,18 @@ def test_the_equations_on_heyoka_are_those_of_the_kernel():
         if modes == [1, 1]:
             state[2] = 0.0
         if modes == [1, 2]:
-            pars[1] = np.sign(state[5] - 2 * dm.h * state[2])
+            pars[1] = np.sign(state[5] - dm.l * state[2])
         if modes == [2, 1]:
-            state[2] = state[5] / (2 * dm.h)
+            state[2] = state[5] / (dm.l)
             pars[1] = np.sign(state[5])
         dy, F = np.zeros(N_Y), np.zeros(N_F)
         contact_rates(dm, np.array(modes, float), 0.4 + dm.omega * state[7], state, dy, F)
         phase = phases.equations(*modes)
         functions = [*(rate for _, rate in phase.rates), hy.par[len(pars) - 1]]  # the last parameter: all are expected
         rates = hy.cfunc(functions, [name for name, _ in phase.rates])
-        scaled = np.where(np.isin(np.arange(N_PATH), [3, 10]), dm.r * state[:N_PATH], state[:N_PATH])
+        scaled = np.where(np.isin(np.arange(N_PATH), [3, 10]), dm.p1.r * state[:N_PATH], state[:N_PATH])
         found = rates(scaled, pars=pars)[:-1]
-        found /= found[7] * np.where(np.isin(np.arange(N_PATH), [3, 10]), dm.r, 1.0)  # per time, in SI
+        found /= found[7] * np.where(np.isin(np.arange(N_PATH), [3, 10]), dm.p1.r, 1.0)  # per time, in SI
         np.testing.assert_allclose(found, dy[:N_PATH], rtol=1e-12, atol=1e-12, err_msg=str(modes))
 
 

@@ -25,6 +25,7 @@ from dimersweep.kernel.model.layout import (
     PERIOD,
     PHASE,
     ROW_BETA0,
+    ROW_THETA0,
     ROW_XDOT0,
     STOPPED,
 )
@@ -96,7 +97,7 @@ def run_rows(rows, starts, ask, until, out, codes, space, record):
 def begin_run(dm, row, starts, k, run):
     """The start of a run: that of its row, or the k-th of `starts`."""
     if starts.shape[0] == 0:
-        start_state(dm, row[ROW_BETA0], row[ROW_XDOT0], run.state)
+        start_state(dm, row[ROW_BETA0], row[ROW_XDOT0], row[ROW_THETA0], run.state)
         run.modes[0], run.modes[1] = FREE, FREE
     else:
         copy(starts[k], run.state, N_STATE)

@@ -1,6 +1,6 @@
 """The event loop of one run: resolve the impact, choose the contact, move to the next event, and see to what follows it."""
 
-from math import hypot, isfinite, sqrt
+from math import cos, hypot, isfinite, sin, sqrt
 
 from dimersweep.kernel.chatter import come_to_rest, kinetic
 from dimersweep.kernel.compiler.jit import compiled
@@ -64,8 +64,9 @@ from dimersweep.kernel.model.layout import (
     RECORD_FULL,
     ROOT_STEPS,
     STOPPED,
+    THETA,
 )
-from dimersweep.kernel.model.plate import plate_rate
+from dimersweep.kernel.model.plate import plate_rate, velocity_along
 from dimersweep.kernel.numerics.meter import charge, is_over, is_to_stop, set_bound
 from dimersweep.kernel.numerics.steps import copy
 from dimersweep.kernel.record import (
@@ -84,8 +85,8 @@ from dimersweep.kernel.smooth_motion import (
     move_to_next_event,
     no_slip,
     only_grazes,
+    rests_for_good,
 )
-from dimersweep.kernel.verdict.classify import rests_for_good
 from dimersweep.kernel.verdict.past import S_FASTEST, SCALARS, note_impact, note_landings, note_take_offs
 from dimersweep.kernel.verdict.settling import note_period, settled_period
 
@@ -310,7 +311,7 @@ def end_period(dm, ask, motion, record):
         return
     note_period(dm, state, modes, motion.past)
     note_segment(record, state, modes, 0.0, state)
-    if ask.settle and (rests_for_good(dm, modes) or settled_period(motion.past) > 0):
+    if ask.settle and (rests_for_good(dm, motion) or settled_period(motion.past) > 0):
         course[ENDED] = YES
 
 
@@ -326,15 +327,21 @@ def cause_of(event):
 
 
 @compiled
-def start_state(dm, beta0, xdot0, state):
-    """The start of a run: the lower end on the plate, the rod at beta0 along Y, the balls moving sideways with xdot0."""
+def start_state(dm, beta0, xdot0, theta0, state):
+    """The start of a run: the lower end on the plate, the rod at beta0 along the heading theta0 (Y where that is zero), the
+    balls moving along X with xdot0 in the room.
+    """
     for k in range(N_STATE):
         state[k] = 0.0
     state[DIP] = beta0 - dm.beta_0
     rise = dm.l * lift(dm, state[DIP])
     state[D1], state[D2] = max(0.0, -rise), max(0.0, rise)
     state[N1] = state[N2] = -plate_rate(dm, dm.phi0)
-    state[CB] = xdot0
+    v_x, v_y = velocity_along(dm, dm.phi0)
+    v_x, v_y = xdot0 - v_x, -v_y
+    sin_t, cos_t = sin(theta0), cos(theta0)
+    state[THETA] = theta0
+    state[CA], state[CB] = v_y * cos_t - v_x * sin_t, v_x * cos_t + v_y * sin_t
 
 
 @compiled(inline=True)
@@ -348,4 +355,4 @@ def finish(dm, ask, motion, record):
     note_segment(record, state, modes, 0.0, state)
     if is_kept(record) and is_full(record):
         return RECORD_FULL, False
-    return OK, rests_for_good(dm, modes)
+    return OK, rests_for_good(dm, motion)

@@ -4,7 +4,7 @@ from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.contact_mode import CLOSED, MOMENT, contact_mode
 from dimersweep.kernel.contact.coordinates import YDIP, YS, YUA, YUB, YWB, YWP, contact_state, kernel_state, leading
 from dimersweep.kernel.contact.events import LANDING, NO_EVENT, OUT_OF_PROBES
-from dimersweep.kernel.contact.forces import F1, contact_rates
+from dimersweep.kernel.contact.forces import F1, F2, contact_rates, double_rates, hold_reserve
 from dimersweep.kernel.contact.phase import sustain_contact
 from dimersweep.kernel.course import CONTACT_BEFORE, CONTACT_IS_SET, NO, SLIP_TOL
 from dimersweep.kernel.flight.free_motion import fly, take_off
@@ -12,6 +12,7 @@ from dimersweep.kernel.flight.landing import MAX_PROBES, next_landing
 from dimersweep.kernel.impact.impact import rounding
 from dimersweep.kernel.model.body import TWO_PI, turn_of_pair
 from dimersweep.kernel.model.layout import D1, D2, DIP, FREE, N1, N2, PHASE, STICK
+from dimersweep.kernel.model.plate import lightest, most_along
 from dimersweep.kernel.numerics.meter import charge
 
 SLIP_SCALE = 0.1  # slip that counts as none in contact, in units of the tolerance and g/omega
@@ -145,3 +146,24 @@ def only_grazes(dm, motion, i, phase):
     """Whether the force at end i, zero now in the contact phase, is positive again a moment later."""
     contact_rates(dm, motion.modes, phase + MOMENT, motion.contact, False, motion.rates, motion.forces)
     return motion.forces[F1 + 3 * i] > 0.0
+
+
+@compiled
+def rests_for_good(dm, motion):
+    """Whether both ends stick for good: the rod lies still, or rolls straight on or as a cone, and friction and plate hold it
+    at every moment of the cycle.
+
+    Its forces are linear in gravity and in the acceleration along the plate, so that they are judged at the worst of both.
+    """
+    modes, y, lightest_g = motion.modes, motion.contact, lightest(dm)
+    if modes[0] != STICK or modes[1] != STICK or lightest_g < 0.0:
+        return False
+    contact_state(dm, motion.state, 0, y)
+    clear_slip(dm, modes, y)
+    most = most_along(dm)
+    for k in range(4 if most > 0.0 else 1):
+        A_a, A_b = most * (1.0 - 2.0 * (k % 2)), most * (1.0 - 2.0 * (k // 2))
+        double_rates(dm, modes, lightest_g, A_a, A_b, y, False, motion.rates, motion.forces)
+        if min(motion.forces[F1], motion.forces[F2]) < 0.0 or hold_reserve(dm, modes, 0, motion.forces) < 0.0:
+            return False
+    return True

@@ -16,7 +16,6 @@ from dimersweep.kernel.batch import ask_for, run_recorded
 from dimersweep.kernel.course import new_workspace
 from dimersweep.kernel.model.body import dimer_of
 from dimersweep.kernel.model.layout import (
-    BETA,
     C_CHATTER_END,
     C_IMPACT,
     CA,
@@ -24,6 +23,7 @@ from dimersweep.kernel.model.layout import (
     CODES,
     D1,
     D2,
+    DIP,
     FREE,
     N1,
     N2,
@@ -178,12 +178,12 @@ def contact_gains(dm, row, segments, span, rise, rtol, unit):
 def slips(dm, states):
     """Axial and lateral slip of p1 and of p2 [m/s], shape (n, 2, 2)."""
     s = states.T
-    sin_b, cos_b = np.sin(s[BETA]), np.cos(s[BETA])
+    sin_b, cos_b = np.sin(s[DIP]), np.cos(s[DIP])
     return np.array(
         [
             (
-                s[CA] + (dm.r - sign * dm.h * sin_b) * s[WB],
-                s[CB] + (dm.r * sin_b - sign * dm.h) * s[WP] - dm.r * cos_b * s[SPIN],
+                s[CA] + (dm.p1.r - sign * dm.p2.h * sin_b) * s[WB],
+                s[CB] + (dm.p1.r * sin_b - sign * dm.p2.h) * s[WP] - dm.p1.r * cos_b * s[SPIN],
             )
             for sign in (-1.0, 1.0)
         ]
@@ -193,7 +193,9 @@ def slips(dm, states):
 def flips(dm, rtol, before, after, was, now):
     """Slips that turn round from one side of an event that is no impact to the other; columns are the ends."""
     old, new = slips(dm, before), slips(dm, after)
-    fast = np.hypot(new[..., 0], new[..., 1]) > 100 * rtol * (dm.v_scale + dm.h * dm.w_scale)  # more than the tolerance
+    fast = np.hypot(new[..., 0], new[..., 1]) > 100 * rtol * (
+        dm.v_scale + dm.p2.h * dm.w_scale
+    )  # more than the tolerance
     return int((((old * new).sum(2) < 0.0) & fast & (was == SLIP) & (now == SLIP)).sum())
 
 
@@ -312,13 +314,13 @@ def look_at(row, rtol, status, n_events, events, segments):
         "rtol": rtol,
         "n_events": n_events,
         "penetration": largest(-gaps),
-        "length": float(max(2 * dm.h, dm.A_z + dm.A_2, largest(gaps))),
+        "length": float(max(dm.l, dm.A_z + dm.A_2, largest(gaps))),
         "gain": gain,
         "nothing": gain,
         "doubt": float(largest(doubt) / most) if most else 0.0,
         "flips": flips(dm, rtol, inner[smooth, -1], after[smooth], modes[smooth], after_modes[smooth]),
         "crowd": crowd(event_times(events)),
-        "dip": largest(np.abs(seen[:, BETA])),
+        "dip": largest(np.abs(seen[:, DIP])),
         "nan": not (np.isfinite(segments).all() and np.isfinite(seen).all()),
     }
 

@@ -5,19 +5,20 @@ With the JIT off these are the plain functions.
 
 import numpy as np
 
-from dimersweep.kernel import chatter
+from dimersweep.kernel import chatter, smooth_motion
+from dimersweep.kernel.compiler.jit import exported
 from dimersweep.kernel.contact import contact_mode as contact_modes
 from dimersweep.kernel.contact import coordinates, forces, phase
-from dimersweep.kernel.course import WORK_COLUMNS, WORK_ROWS
+from dimersweep.kernel.course import WORK_COLUMNS, WORK_ROWS, motion_of, new_workspace
 from dimersweep.kernel.flight import free_motion, landing
 from dimersweep.kernel.impact import double_equations, impact, phase_log, single_impact
 from dimersweep.kernel.model import body, friction, plate
 from dimersweep.kernel.model.layout import (
-    BETA,
     CA,
     CB,
     D1,
     D2,
+    DIP,
     GAMMA,
     N1,
     N2,
@@ -32,7 +33,6 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.kernel.numerics import sincos as sines
 from dimersweep.kernel.numerics.meter import has_no_bound
-from dimersweep.kernel.verdict import classify
 from dimersweep.parameters import Parameters
 from tests.checks.cached import compiled
 
@@ -43,13 +43,25 @@ def as_dimer(row):
 
 
 @compiled
+def number(s):
+    """Number of the end with sign s: -1 for p1, +1 for p2."""
+    return 0 if s < 0.0 else 1
+
+
+@compiled
+def end(dm, s):
+    """The end with sign s."""
+    return body.end(dm, number(s))
+
+
+@compiled
 def sincos(x):
     return sines.sincos(x)
 
 
 @compiled
 def levers(dm, s, sin_b, cos_b):
-    return body.levers(dm, s, sin_b, cos_b)
+    return body.levers(end(dm, s), sin_b, cos_b)
 
 
 @compiled
@@ -59,12 +71,12 @@ def delassus(dm, p, q):
 
 @compiled
 def contact_velocity(dm, state, s):
-    return impact.contact_velocity(dm, state, s)
+    return impact.contact_velocity(dm, state, number(s))
 
 
 @compiled
 def angular_momentum(dm, state):
-    return free_motion.angular_momentum(dm, state, np.sin(state[BETA]), np.cos(state[BETA]))
+    return free_motion.angular_momentum(dm, state, *body.attitude(dm, state[DIP]))
 
 
 @compiled
@@ -74,7 +86,7 @@ def take_off(dm, state):
 
 @compiled
 def gap_series(fl, s, t):
-    return free_motion.gap_series(fl, s, t)
+    return free_motion.gap_series(fl, number(s), t)
 
 
 @compiled
@@ -85,12 +97,14 @@ def fly(dm, state, t):
 
 @compiled
 def first_landing(fl, sign, until):
-    return landing.first_landing(fl, sign, until)
+    return landing.first_landing(fl, number(sign), until)
 
 
 @compiled
 def next_landing(fl, until):
-    return landing.next_landing(fl, until)
+    """Sign of the end that lands first (0.0 for neither), the time, and the probes."""
+    i, t, probes = landing.next_landing(fl, until)
+    return (0.0 if i < 0 else (-1.0 if i == 0 else 1.0)), t, probes
 
 
 @compiled
@@ -105,18 +119,17 @@ def single_phase(law, n, a, b, E, n_j, tol, work):
 
 @compiled
 def end_law(dm, s, beta):
-    e = dm.e_1 if s < 0 else dm.e_2
-    return impact.end_law(dm, s, 0.0, np.sin(beta), np.cos(beta), e, dm.mu, dm.mu_s)
+    return impact.end_law(dm, number(s), 0.0, np.sin(beta), np.cos(beta), end(dm, s).e)
 
 
 @compiled
 def double_law(dm):
-    return impact.double_law(dm, dm.e_1, dm.e_2, dm.mu, dm.mu_s)
+    return impact.double_law(dm, dm.p1.e, dm.p2.e)
 
 
 @compiled
 def collide_single(dm, state, s, V, tol, work, log):
-    return impact.single_impact(dm, state, s, V, tol, work, log)
+    return impact.single_impact(dm, state, number(s), V, tol, work, log)
 
 
 @compiled
@@ -126,7 +139,7 @@ def collide_double(dm, state, V, tol, modes, work, log):
 
 @compiled
 def contact_state(dm, state, s, y):
-    coordinates.contact_state(dm, state, s, y)
+    coordinates.contact_state(dm, state, number(s), y)
 
 
 @compiled
@@ -141,7 +154,7 @@ def contact_rates(dm, modes, phase, y, dy, F):
 
 @compiled
 def single_forces(dm, mode, w, u_a, u_b, n, a, b):
-    return friction.single_forces(dm, mode, w, u_a, u_b, n, a, b)
+    return friction.single_forces(dm, dm.p1.mu, mode, w, u_a, u_b, n, a, b)
 
 
 @compiled
@@ -156,12 +169,7 @@ def hold_left(hold, F, A, L):
 
 @compiled
 def hold_left_of_pair(hold, F_1, L_1, F_2, L_2, A):
-    return friction.hold_left_of_pair(hold, F_1, L_1, F_2, L_2, A)
-
-
-@compiled
-def axial_of_pair(mu, total, c_1, c_2):
-    return friction.axial_of_pair(mu, total, c_1, c_2)
+    return friction.hold_left_of_pair(hold, F_1, L_1, hold, F_2, L_2, A)
 
 
 @compiled
@@ -186,7 +194,7 @@ def straight_leg(law, n, a, b, E, n_j, compressing, stick, c, s):
 
 @compiled
 def free_rates(dm, s, y, g_e, sin_b, cos_b):
-    return forces.free_rates(dm, s, y, g_e, sin_b, cos_b)
+    return forces.free_rates(dm, end(dm, s), y, g_e, 0.0, 0.0, sin_b, cos_b)
 
 
 @compiled
@@ -216,9 +224,17 @@ def come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F):
     return chatter.come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F)
 
 
-@compiled
-def rests_for_good(dm, modes):
-    return classify.rests_for_good(dm, modes)
+@exported
+def rests_flat(dm, state, modes, space):
+    return smooth_motion.rests_for_good(dm, motion_of(state, modes, space.past, space))
+
+
+def rests_for_good(dm, modes, **rates):
+    """Whether a dimer that lies flat, with these rates, rests for good."""
+    space, state = new_workspace(), np.zeros(N_STATE)
+    for name, value in rates.items():
+        state[{"WP": WP, "SPIN": SPIN, "CA": CA, "CB": CB}[name]] = value
+    return rests_flat(dm, state, modes, space)
 
 
 @compiled
@@ -262,24 +278,24 @@ def scratch():
 def state_of(dm, q, qdot, phase=0.0):
     """Kernel state from the oracle's coordinates (x1, y1, delta1, theta, beta, gamma) and their rates."""
     state = np.zeros(N_STATE)
-    theta, beta = q[3], q[4]
+    theta, beta, h_1 = q[3], q[4], dm.p1.h
     sin_b, cos_b = np.sin(beta), np.cos(beta)
-    state[PHASE], state[BETA], state[THETA], state[GAMMA] = phase, beta, theta, q[5]
+    state[PHASE], state[DIP], state[THETA], state[GAMMA] = phase, beta - dm.beta_0, theta, q[5]
     state[X1], state[Y1] = q[0], q[1]
-    state[D1], state[D2] = q[2], q[2] + 2 * dm.h * sin_b
-    state[N1], state[N2] = qdot[2], qdot[2] + 2 * dm.h * cos_b * qdot[4]
+    state[D1], state[D2] = q[2], q[2] + dm.l * (sin_b - dm.sin_0)
+    state[N1], state[N2] = qdot[2], qdot[2] + dm.l * cos_b * qdot[4]
     state[WB], state[WP], state[SPIN] = qdot[4], qdot[3] * cos_b, qdot[5] + qdot[3] * sin_b
-    state[CA] = qdot[1] * np.cos(theta) - qdot[0] * np.sin(theta) - dm.h * sin_b * qdot[4]
-    state[CB] = qdot[0] * np.cos(theta) + qdot[1] * np.sin(theta) - dm.h * state[WP]
+    state[CA] = qdot[1] * np.cos(theta) - qdot[0] * np.sin(theta) + h_1 * sin_b * qdot[4]
+    state[CB] = qdot[0] * np.cos(theta) + qdot[1] * np.sin(theta) + h_1 * state[WP]
     return state
 
 
 def oracle_state(dm, state):
     """The oracle's coordinates and rates, q and qdot, of a kernel state."""
-    theta, beta = state[THETA], state[BETA]
+    theta, beta, h_1 = state[THETA], dm.beta_0 + state[DIP], dm.p1.h
     sin_b, cos_b = np.sin(beta), np.cos(beta)
     turn = state[WP] / cos_b
-    v_a, v_b = state[CA] + dm.h * sin_b * state[WB], state[CB] + dm.h * state[WP]
+    v_a, v_b = state[CA] - h_1 * sin_b * state[WB], state[CB] - h_1 * state[WP]
     q = np.array([state[X1], state[Y1], state[D1], theta, beta, state[GAMMA]])
     x_rate = v_b * np.cos(theta) - v_a * np.sin(theta)
     y_rate = v_a * np.cos(theta) + v_b * np.sin(theta)
@@ -288,6 +304,6 @@ def oracle_state(dm, state):
 
 def kinetic_energy(dm, state):
     """Kinetic energy in the plate's frame [J]."""
-    c_n = 0.5 * (state[N1] + state[N2])
+    c_n = state[N1] - dm.p1.h * np.cos(dm.beta_0 + state[DIP]) * state[WB]
     moving = dm.m * (state[CA] ** 2 + state[CB] ** 2 + c_n**2)
     return 0.5 * (moving + dm.J_t * (state[WB] ** 2 + state[WP] ** 2) + dm.J_a * state[SPIN] ** 2)

@@ -25,11 +25,11 @@ def test_constants_of_the_base_case():
     assert dm.m == pytest.approx(8.813633469891e-3, rel=1e-12)
     assert dm.J_t == pytest.approx(5.299695485087e-6, rel=1e-12)
     assert dm.J_a == pytest.approx(8.339127315493e-8, rel=1e-12)
-    assert dm.h == pytest.approx(0.025, rel=1e-15)
+    assert dm.p2.h == pytest.approx(0.025, rel=1e-15)
     assert (dm.omega, dm.T) == (2 * pi * 15, 1 / 15)
     assert dm.A_z * dm.omega**2 == pytest.approx(0.9 * 9.81, rel=1e-15)
-    assert (dm.e_1, dm.e_2, dm.mu, dm.g, dm.r) == (0.6, 0.6, 0.2, 9.81, 5e-3)
-    assert 0.4 <= dm.mu_s <= 0.4 * (1 + 2e-9)  # a hair above, so that slip out of rest accelerates if mu = mu_s
+    assert (dm.p1.e, dm.p2.e, dm.p1.mu, dm.g, dm.p1.r) == (0.6, 0.6, 0.2, 9.81, 5e-3)
+    assert 0.4 <= dm.p1.mu_s <= 0.4 * (1 + 2e-9)  # a hair above, so that slip out of rest accelerates if mu = mu_s
 
 
 @pytest.mark.parametrize(("phi0", "reduced"), [(0.5, 0.5), (2 * pi + 0.5, 0.5), (-0.5, 2 * pi - 0.5)])
@@ -40,7 +40,7 @@ def test_the_phase_at_the_start_is_reduced(phi0, reduced):
 @pytest.mark.parametrize("change", BODIES)
 def test_constants_against_the_oracle(change):
     dm, d = dimer(**change), body.dimer(change)
-    np.testing.assert_allclose((dm.m, dm.J_t, dm.J_a, 2 * dm.h, dm.A_z), (d.m, d.J1, d.J2, d.l, d.A_z), rtol=1e-14)
+    np.testing.assert_allclose((dm.m, dm.J_t, dm.J_a, dm.l, dm.A_z), (d.m, d.J1, d.J2, d.l, d.A_z), rtol=1e-14)
 
 
 @pytest.mark.parametrize("change", BODIES)
@@ -81,9 +81,9 @@ def test_axial_stick_ratio_of_a_flat_dimer(A_r, mubar):
     for s in (-1.0, 1.0):
         w = delassus(dm, at(dm, s, 0.0), at(dm, s, 0.0))
         assert abs(w.an) / w.aa == pytest.approx(mubar, abs=5e-6)
-        assert abs(w.an) / w.aa == pytest.approx(dm.h * dm.r / (dm.J_t / dm.m + dm.r**2), rel=1e-14)
+        assert abs(w.an) / w.aa == pytest.approx(dm.p2.h * dm.p1.r / (dm.J_t / dm.m + dm.p1.r**2), rel=1e-14)
     law = double_law(dm)
-    assert law.w / law.aa == pytest.approx(mubar, abs=5e-6)
+    assert law.na_2 / law.aa == pytest.approx(mubar, abs=5e-6)
 
 
 def test_coupling_of_the_normals_changes_sign_between_aspect_ratios_4_and_5():

@@ -32,7 +32,7 @@ GROWTH = 10.0  # of the rate of faint hops in a period, with the weight on the e
 def scales(dm):
     """Units of a kernel state."""
     unit = np.ones(N_STATE)
-    unit[[D1, D2]], unit[[X1, Y1]] = dm.h, dm.r
+    unit[[D1, D2]], unit[[X1, Y1]] = dm.p2.h, dm.p1.r
     unit[[N1, N2, CA, CB]], unit[[WB, WP, SPIN]] = dm.v_scale, dm.w_scale
     return unit
 

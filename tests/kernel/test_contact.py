@@ -12,7 +12,7 @@ from dimersweep.kernel.contact.coordinates import (
     N_CLOSED,
     N_PATH,
     N_Y,
-    YB,
+    YDIP,
     YS,
     YTHETA,
     YTIME,
@@ -39,11 +39,11 @@ from dimersweep.kernel.contact.forces import (
     N_F,
 )
 from dimersweep.kernel.model.layout import (
-    BETA,
     CA,
     CB,
     D1,
     D2,
+    DIP,
     FREE,
     N1,
     N2,
@@ -94,9 +94,9 @@ def closed_state(dm, modes, rng, fast=1.0):
         q[4] = qdot[4] = 0.0
     state = state_of(dm, q, qdot)
     if modes[0] == FREE:  # p2 stands on the plate: the dimer leans the other way
-        state[[BETA, D1, D2]] = -q[4], 2 * dm.h * sin(q[4]), 0
+        state[[DIP, D1, D2]] = -q[4], dm.l * sin(q[4]), 0
         state[[N1, N2]] = state[N1] - state[N2], 0
-        state[WB] = -state[N1] / (2 * dm.h * cos(q[4]))
+        state[WB] = -state[N1] / (dm.l * cos(q[4]))
     for i in (0, 1):
         if modes[i] == STICK:
             state = at_rest(dm, state, i)
@@ -152,7 +152,7 @@ def test_forces_and_rates_are_those_of_the_oracle(modes, seed):
     leading = active[0]
     slip, slip_rate = body.slips(d, q, qdot)[leading] @ frame[1:, 1:], acc[leading] @ frame
     rates = {
-        YB: qdot[4],
+        YDIP: qdot[4],
         YWB: qddot[4],
         YWP: qddot[3] * cos_b - turn * sin_b * qdot[4],
         3: qddot[5] + qddot[3] * sin_b + turn * cos_b * qdot[4],
@@ -224,14 +224,14 @@ def complementary(dm, found, closed, y, dy):
     for i in (0, 1):
         if closed[i] and found[i] == FREE:
             sign = 1 if i == 1 else -1
-            assert sign * (dy[YWB] * cos(y[YB]) - sin(y[YB]) * y[YWB] ** 2) > 0
+            assert sign * (dy[YWB] * cos(y[YDIP]) - sin(y[YDIP]) * y[YWB] ** 2) > 0
 
 
 def slip_starts_outward(dm, found, modes, y, dy):
     """Slip out of rest is small, and speeds up along itself: only a single contact has one direction for it."""
     for i in (0, 1):
         if modes[i] == STICK and found[i] == SLIP:
-            shift = 2 * dm.h * np.array([y[YWP], dy[YWP]]) * (i == 1 and found[0] != FREE)
+            shift = dm.l * np.array([y[YWP], dy[YWP]]) * (i == 1 and found[0] != FREE)
             slip, rate = np.array([y[YUA], y[YUB] - shift[0]]), np.array([dy[YUA], dy[YUB] - shift[1]])
             assert 0 < hypot(*slip) <= SLIP_TOL
             assert slip @ rate > 0
@@ -276,8 +276,8 @@ def test_an_end_at_rest_holds_up_to_its_limit(i, beta):
     modes = (STICK, FREE) if i == 0 else (FREE, STICK)
     rough = dimer(mu=0.0, mu_s=10.0)
     state = closed_state(rough, modes, np.random.default_rng(4), 0.0)
-    state[BETA] = beta
-    state[[D1, D2]] = max(0.0, -2 * rough.h * sin(beta)), max(0.0, 2 * rough.h * sin(beta))
+    state[DIP] = beta
+    state[[D1, D2]] = max(0.0, -rough.l * sin(beta)), max(0.0, rough.l * sin(beta))
     closed = i == 0, i == 1
     _, _, _, _, F = chosen(rough, state, closed)
     ratio = hypot(F[A1 + 3 * i], F[L1 + 3 * i]) / F[F1 + 3 * i]
@@ -301,7 +301,8 @@ def test_a_hold_just_lost_turns_into_slip_when_both_coefficients_agree(k):
 @pytest.mark.parametrize("lateral", [0.3, 0.99, 1.01])
 def test_two_ends_at_rest_share_the_axial_force_only(lateral):
     """Both stick if and only if |A| <= sqrt((mu_s f_1)^2 - L_1^2) + sqrt((mu_s f_2)^2 - L_2^2), both roots real."""
-    dm = dimer(mu=0.05)._replace(mu_s=0.1, mu_h=0.1)
+    dm = dimer(mu=0.05)
+    dm = dm._replace(p1=dm.p1._replace(mu_s=0.1, mu_h=0.1), p2=dm.p2._replace(mu_s=0.1, mu_h=0.1))
     codes = np.array([STICK, STICK], dtype=float)
     F = np.array([1.0, 0.0, 0.1 * lateral, 2.0, 0.0, 0.1 * lateral])
     room = np.sqrt(0.01 * np.array([1, 4]) - (0.1 * lateral) ** 2) if lateral < 1 else None
@@ -325,8 +326,8 @@ def test_a_configuration_without_a_force_is_reported():
     """Painleve: steep and rough, sliding so that friction presses the end down faster than it can give way."""
     dm = dimer(mu=3.0, A_r=9)
     state = np.zeros(16)
-    state[[BETA, CA]] = 0.9, -1.0
-    state[D2] = 2 * dm.h * sin(0.9)
+    state[[DIP, CA]] = 0.9, -1.0
+    state[D2] = dm.l * sin(0.9)
     answers = set()
     for speed in (-1.0, 1.0):
         state[CA] = speed
@@ -342,7 +343,7 @@ def test_two_ends_that_rub_hard_stay_down_only_where_that_is_stable():
     seen = 0
     for _ in range(200):
         y, dy = np.zeros(N_Y), np.zeros(N_Y)
-        y[[YUA, YUB, YWP]] = rng.normal(size=3) * [1e-3, 1e-3, 1e-3 / dm.h]
+        y[[YUA, YUB, YWP]] = rng.normal(size=3) * [1e-3, 1e-3, 1e-3 / dm.p2.h]
         for spin in (0, 1):
             y[YS] = spin
             contact_rates(dm, codes, dm.omega * TIME, y, dy, F[spin])
@@ -385,8 +386,8 @@ def test_a_jam_is_where_the_oracles_compliance_vanishes(start):
     params = {"mu": 2.6, "mu_s": 3.4, "A_r": 3.2, "Gamma": 0.0}
     dm, d = dimer(**params), body.dimer(params)
     state = np.zeros(16)
-    state[[BETA, CA, CB, WB, WP]] = start
-    state[D2], state[N2] = 2 * dm.h * sin(state[BETA]), 2 * dm.h * cos(state[BETA]) * state[WB]
+    state[[DIP, CA, CB, WB, WP]] = start
+    state[D2], state[N2] = dm.l * sin(state[DIP]), dm.l * cos(state[DIP]) * state[WB]
     codes, y = loaded(dm, (SLIP, FREE), state)
     q, qdot = oracle_state(dm, state)
 
@@ -432,16 +433,16 @@ def test_a_phase_against_a_plain_integration(modes, tol):
     assert (t, event) == (span, NO_EVENT)
     expected = reference_phase(dm, codes, start, 0.3, span)[:N_PATH]
     expected[YTIME] = y[YTIME]
-    scale = np.array([1, dm.w_scale, dm.w_scale, 10 * dm.w_scale, dm.v_scale, dm.v_scale, 1, 1, dm.r, dm.r, 10])
+    scale = np.array([1, dm.w_scale, dm.w_scale, 10 * dm.w_scale, dm.v_scale, dm.v_scale, 1, 1, dm.p1.r, dm.p1.r, 10])
     assert (np.abs(y[:N_PATH] - expected) / scale).max() < 20 * tol
 
 
 def test_events_of_a_phase_are_where_their_functions_vanish():
     """The other end lands, the slip stops, the hold is lost, the end lifts off: each in a phase made for it."""
     seen = {
-        LANDING: ({"Gamma": 0.2}, (STICK, FREE), {BETA: 0.05, CA: 0.0}),
+        LANDING: ({"Gamma": 0.2}, (STICK, FREE), {DIP: 0.05, CA: 0.0}),
         SLIP_END: ({"mu": 0.5, "mu_s": 0.9, "Gamma": 0.0}, (SLIP, SLIP), {CA: 0.05}),
-        HOLD_LOST: ({"mu_s": 0.195, "mu": 0.1, "Gamma": 0.0}, (STICK, FREE), {BETA: 1.2}),
+        HOLD_LOST: ({"mu_s": 0.195, "mu": 0.1, "Gamma": 0.0}, (STICK, FREE), {DIP: 1.2}),
         LIFT_OFF: ({"Gamma": 1.5, "mu": 0.5}, (STICK, STICK), {}),
     }
     for event, (params, modes, start) in seen.items():
@@ -449,8 +450,8 @@ def test_events_of_a_phase_are_where_their_functions_vanish():
         state = np.zeros(16)
         for slot, value in start.items():
             state[slot] = value
-        state[D2] = 2 * dm.h * sin(state[BETA])
-        state[N2] = 2 * dm.h * cos(state[BETA]) * state[WB]
+        state[D2] = dm.l * sin(state[DIP])
+        state[N2] = dm.l * cos(state[DIP]) * state[WB]
         if modes == (STICK, FREE):
             state = at_rest(dm, state, 0)
         codes, y = loaded(dm, modes, state)
@@ -460,7 +461,7 @@ def test_events_of_a_phase_are_where_their_functions_vanish():
         dy, F = np.zeros(N_Y), np.zeros(N_F)
         contact_rates(dm, codes, dm.omega * t, y, dy, F)
         value = {
-            LANDING: y[YB],
+            LANDING: y[YDIP],
             SLIP_END: hypot(y[YUA], y[YUB]),
             HOLD_LOST: hold_reserve(dm, codes, 0, F) / (dm.m * dm.g),
             LIFT_OFF: min(F[F1], F[F2]) / (dm.m * dm.g),
@@ -491,7 +492,7 @@ def test_a_brief_pull_within_a_step_is_found(tol, modes):
         state = np.zeros(16)
         state[CB] = 1.0 if SLIP in modes else 0.0
         if FREE in modes:
-            state[[BETA, D2]] = 0.3, 2 * dm.h * sin(0.3)
+            state[[DIP, D2]] = 0.3, dm.l * sin(0.3)
         codes, y = loaded(dm, modes, state)
         phase = 0.5 * np.pi - 0.6
         t, event = sustain_contact(dm, codes, y, phase, 1.2 / dm.omega, tol, 0.1 * tol * dm.v_scale, True, scratch()[0])
@@ -507,7 +508,7 @@ def test_slip_beside_an_end_that_sticks_comes_to_rest_on_a_line(tol):
     """p1 is the pivot, p2 slips around it: the time is right to what the tolerance says of the speed."""
     dm = dimer(mu=0.2, mu_s=3.0, Gamma=0.5)
     state, times = np.zeros(16), []
-    state[WP] = 0.05 / (2 * dm.h)
+    state[WP] = 0.05 / (dm.l)
     state = at_rest(dm, state, 0)
     for accuracy in (tol, 1e-13):
         codes, y = loaded(dm, (STICK, SLIP), state)
@@ -515,7 +516,7 @@ def test_slip_beside_an_end_that_sticks_comes_to_rest_on_a_line(tol):
         assert event == SLIP_END + 1
         assert y[YWP] == y[YUB] == 0.0
         times.append(t)
-    assert times[0] == pytest.approx(times[1], abs=tol * dm.v_scale / (dm.mu * dm.g))
+    assert times[0] == pytest.approx(times[1], abs=tol * dm.v_scale / (dm.p1.mu * dm.g))
 
 
 @pytest.mark.jit

@@ -9,11 +9,11 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from dimersweep.kernel.model.layout import (
-    BETA,
     CA,
     CB,
     D1,
     D2,
+    DIP,
     N1,
     N2,
     N_STATE,
@@ -45,7 +45,7 @@ def random_motion(seed):
 
 def axis_and_rate(dm, state):
     """The axis from p1 to p2 and its rate in the frame (a, b, n) of the heading at the start."""
-    b = state[BETA]
+    b = state[DIP]
     axis = np.array([cos(b), 0, sin(b)])
     return axis, np.array([-sin(b) * state[WB], -state[WP], cos(b) * state[WB]])
 
@@ -96,10 +96,10 @@ def test_gaps_of_a_tumbling_dimer(seed):
         height = climb * t - 0.5 * dm.g * t**2
         plate = dm.A_z * (sin(dm.omega * t + 0.4 + dm.phi0) - sin(0.4 + dm.phi0))
         centre = 0.5 * (state[D1] + state[D2]) + height - plate
-        expected = centre + np.array([-1, 1]) * dm.h * turned[2]
+        expected = centre + np.array([-1, 1]) * dm.p2.h * turned[2]
         np.testing.assert_allclose(end[[D1, D2]], expected, atol=1e-14)
-        assert sin(end[BETA]) == pytest.approx(turned[2], abs=1e-13)
-        passed = passed or abs(end[BETA]) > 1.2
+        assert sin(end[DIP]) == pytest.approx(turned[2], abs=1e-13)
+        passed = passed or abs(end[DIP]) > 1.2
     assert passed
 
 
@@ -135,11 +135,11 @@ def _invariants(dm, state):
 def test_gaps_of_hops_of_any_size_keep_ten_digits(hop, s):
     dm = dimer(Gamma=0.8, phi0=0.3)
     state = np.zeros(N_STATE)
-    state[[BETA, WB, WP, SPIN]] = -0.2 * s, 3.0, 4.0, 90.0
+    state[[DIP, WB, WP, SPIN]] = -0.2 * s, 3.0, 4.0, 90.0
     own, other = (0, 1) if s < 0 else (1, 0)
-    state[D1 + other] = -s * 2 * dm.h * sin(state[BETA])
+    state[D1 + other] = -s * dm.l * sin(state[DIP])
     state[N1 + own] = 0.5 * 9.0 * hop
-    state[N1 + other] = state[N1 + own] - s * 2 * dm.h * cos(state[BETA]) * state[WB]
+    state[N1 + other] = state[N1 + own] - s * dm.l * cos(state[DIP]) * state[WB]
     gap, rate, _, _ = gap_series(take_off(dm, state), s, hop)
     with mpmath.workdps(50):
         exact = _exact_gap(dm, state, s, own)
@@ -152,13 +152,13 @@ def test_gaps_of_hops_of_any_size_keep_ten_digits(hop, s):
 def _exact_gap(dm, state, s, own):
     """The gap over time in 50 digits: ballistic centre, axis turned about L, harmonic plate."""
     mp = mpmath.mpf
-    beta, w_b, w_p, spin = (mp(float(state[k])) for k in (BETA, WB, WP, SPIN))
+    beta, w_b, w_p, spin = (mp(float(state[k])) for k in (DIP, WB, WP, SPIN))
     ratio = mp(float(dm.J_a)) / mp(float(dm.J_t))
     sb, cb = mpmath.sin(beta), mpmath.cos(beta)
     L = (-sb * w_p + cb * ratio * spin, w_b, cb * w_p + sb * ratio * spin)
     Omega = mpmath.sqrt(sum(x**2 for x in L))
     along = (cb * L[0] + sb * L[2]) * L[2] / Omega**2
-    h, g, A, omega = (mp(float(x)) for x in (dm.h, dm.g, dm.A_z, dm.omega))
+    h, g, A, omega = (mp(float(x)) for x in (dm.p2.h, dm.g, dm.A_z, dm.omega))
     phi = mp(float(dm.phi0))
 
     def rest(t):
@@ -173,11 +173,11 @@ def _exact_gap(dm, state, s, own):
 def test_planar_motion_stays_planar_exactly():
     dm = dimer(Gamma=1.1)
     state = np.zeros(N_STATE)
-    state[[D1, D2]] = 0.01, 0.01 + 2 * dm.h * sin(0.3)
-    state[[BETA, WB, CA, N1, N2]] = 0.3, 5.0, 0.4, 0.5, 0.5 + 2 * dm.h * cos(0.3) * 5
+    state[[D1, D2]] = 0.01, 0.01 + dm.l * sin(0.3)
+    state[[DIP, WB, CA, N1, N2]] = 0.3, 5.0, 0.4, 0.5, 0.5 + dm.l * cos(0.3) * 5
     end = flown(dm, state, 0.1)
     assert not end[[CB, WP, SPIN, THETA, X1]].any()
-    assert end[BETA] == pytest.approx(0.8, rel=1e-14)
+    assert end[DIP] == pytest.approx(0.8, rel=1e-14)
     assert (end[CA], end[WB]) == (pytest.approx(0.4, rel=1e-15), pytest.approx(5.0, rel=1e-15))
 
 
@@ -189,7 +189,7 @@ def test_a_flight_without_rotation():
     plate = dm.A_z * sin(dm.omega * 0.02)
     height = 0.01 + (0.2 + dm.A_z * dm.omega) * 0.02 - 0.5 * dm.g * 0.02**2 - plate
     np.testing.assert_allclose(end[[D1, D2]], height, rtol=1e-13)
-    np.testing.assert_allclose(end[[CA, CB, BETA, THETA]], (0.3, -0.4, 0, 0), rtol=1e-15)
+    np.testing.assert_allclose(end[[CA, CB, DIP, THETA]], (0.3, -0.4, 0, 0), rtol=1e-15)
     assert end[X1] == pytest.approx(-0.4 * 0.02, rel=1e-14)
 
 
@@ -223,7 +223,7 @@ def test_the_heading_turns_as_in_many_small_flights_however_far(upright):
         state[WB], state[WP], state[SPIN] = rng.normal(size=3) * 10 ** rng.uniform(0, 2, 3)
         if upright:  # the axis turns in a plane that is a little off the vertical
             state[WP], state[SPIN] = 1e-3 * state[WP], 1e-3 * state[SPIN]
-        state[BETA], state[D1], state[D2] = rng.uniform(-1.5, 1.5), 1.0, 1.0
+        state[DIP], state[D1], state[D2] = rng.uniform(-1.5, 1.5), 1.0, 1.0
         rate = take_off(dm, state).Omega
         t, pieces, small, whole = rng.uniform(0, 60) / rate, 4000, state.copy(), state.copy()
         fly(dm, whole, t)

@@ -15,7 +15,6 @@ from scipy.spatial.transform import Rotation
 
 from dimersweep import simulate
 from dimersweep.kernel.model.layout import (
-    BETA,
     C_CHATTER_END,
     C_IMPACT,
     C_LIFT_OFF,
@@ -26,6 +25,7 @@ from dimersweep.kernel.model.layout import (
     CONTACT_STATES,
     D1,
     D2,
+    DIP,
     FREE,
     N1,
     N2,
@@ -67,19 +67,19 @@ def honest(rtol, periods, **parameters):
 def lifted(dm, beta, height, **rates):
     """A free state: p1 at a height above the plate, the rod at an angle; `rates` by the names of the slots."""
     state = np.zeros(N_STATE)
-    state[BETA], state[D1], state[D2] = beta, height, height + 2 * dm.h * sin(beta)
+    state[DIP], state[D1], state[D2] = beta, height, height + dm.l * sin(beta)
     slots = {"wb": WB, "wp": WP, "spin": SPIN, "ca": CA, "cb": CB, "theta": THETA}
     for name, value in rates.items():
         if name != "c_n":
             state[slots[name]] = value
-    spread = dm.h * cos(beta) * state[WB]
+    spread = dm.p2.h * cos(beta) * state[WB]
     state[N1], state[N2] = rates.get("c_n", 0.0) - spread, rates.get("c_n", 0.0) + spread
     return state
 
 
 def standing(dm, beta, **rates):
     """A state in which p1 stands on the plate, its gap and gap rate zero."""
-    return lifted(dm, beta, 0.0, c_n=dm.h * cos(beta) * rates.get("wb", 0.0), **rates)
+    return lifted(dm, beta, 0.0, c_n=dm.p2.h * cos(beta) * rates.get("wb", 0.0), **rates)
 
 
 def launched(dm_row, state, periods, rtol):
@@ -104,7 +104,7 @@ def test_at_gamma_1_a_plastic_dimer_never_leaves_the_plate(rtol, phi0):
     row = row_of(Gamma=1.0, beta0=0.0, e=0.0, phi0=phi0)
     run = launched(row, standing(as_dimer(row), 0.0), 5, rtol)
     assert C_LIFT_OFF not in causes(run)
-    assert not run.segments[:, [D1, D2, N1, N2, BETA, WB]].any()
+    assert not run.segments[:, [D1, D2, N1, N2, DIP, WB]].any()
 
 
 def hop_phases(excess):
@@ -187,7 +187,7 @@ def test_on_a_smooth_plate_nothing_pushes_sideways(rtol):
     np.testing.assert_allclose(x_rate, 0.7, atol=10 * rtol)
     np.testing.assert_allclose(y_rate, 0.3, atol=10 * rtol)
     np.testing.assert_allclose(s[SPIN], 100.0, rtol=10 * rtol)
-    up = dm.J_t * s[WP] * np.cos(s[BETA]) + dm.J_a * s[SPIN] * np.sin(s[BETA])
+    up = dm.J_t * s[WP] * np.cos(s[DIP]) + dm.J_a * s[SPIN] * np.sin(s[DIP])
     np.testing.assert_allclose(up, up[0], rtol=0, atol=10 * rtol * abs(up[0]))
 
 
@@ -216,7 +216,7 @@ def test_an_end_held_by_any_force_slips_at_impacts_only(rtol):
 
 def axial_ratio(dm):
     """mubar: the axial over the normal force that holds a lone end of a flat dimer."""
-    return dm.h * dm.r / (dm.J_t / dm.m + dm.r**2)
+    return dm.p2.h * dm.p1.r / (dm.J_t / dm.m + dm.p1.r**2)
 
 
 def flat_impact(dm, n_1, n_2, tol, **rates):
@@ -224,7 +224,7 @@ def flat_impact(dm, n_1, n_2, tol, **rates):
     work, log = scratch()
     state, modes = lifted(dm, 0.0, 0.0, **rates), np.zeros(2)
     state[N1], state[N2] = n_1, n_2
-    state[WB] = (n_2 - n_1) / (2 * dm.h)
+    state[WB] = (n_2 - n_1) / (dm.l)
     status, _ = collide_double(dm, state, max(-n_1, -n_2), tol, modes, work, log)
     assert status == OK
     return state, modes
@@ -242,7 +242,7 @@ def test_friction_at_the_edge_of_holding_an_end(rtol, n_2):
         edge = dimer(mu=mu, mu_s=mu)
         for ca in (0.0, 1e-14, -1e-14):
             # the contact points at rest along the axis, or nearly
-            start = {"ca": ca - dm.r * (n_2 + 1.0) / (2 * dm.h), "cb": 0.3}
+            start = {"ca": ca - dm.p1.r * (n_2 + 1.0) / (dm.l), "cb": 0.3}
             ends.append(flat_impact(edge, -1.0, n_2, rtol, **start)[0])
     ends = np.array(ends)
     assert (np.ptp(ends, axis=0) <= 10 * rtol * np.maximum(1.0, np.abs(ends).max(0))).all()
@@ -268,9 +268,9 @@ def test_uncoupled_ends_do_not_feel_each_other(rtol, side, approach):
     for _ in range(60):
         mid = 0.5 * (low + high)
         dm = dimer(A_r=mid, mu=0.0, e=0.7)
-        low, high = (mid, high) if dm.im > dm.h**2 * dm.it else (low, mid)
+        low, high = (mid, high) if dm.im > dm.p2.h**2 * dm.it else (low, mid)
     dm = dimer(A_r=low * (1 + side), mu=0.0, e=0.7)
-    assert abs(dm.im - dm.h**2 * dm.it) < 1e-10 * dm.im
+    assert abs(dm.im - dm.p2.h**2 * dm.it) < 1e-10 * dm.im
     state, _ = flat_impact(dm, *approach, rtol)
     for rate, n in zip(state[[N1, N2]], approach, strict=True):
         assert rate == pytest.approx(-0.7 * n, abs=10 * rtol * max(1e-12, *np.abs(approach)) + 1e-11)
@@ -296,7 +296,7 @@ def test_a_planar_slip_that_reverses(rtol, falling):
     assert difference(states, expected) < 1e3 * rtol + 1e-7
     honest(rtol, 4, **FALLING)
     dm = dimer(**FALLING)
-    foot = states[:, 7] + dm.r * states[:, 10]
+    foot = states[:, 7] + dm.p1.r * states[:, 10]
     assert foot.min() < -1e-3
     assert foot.max() > 1e-3
 
@@ -308,13 +308,13 @@ def test_ends_that_land_within_a_picosecond(rtol, apart):
     row = row_of(e=0.5, Gamma=0.0)
     dm = as_dimer(row)
     speed = 0.3
-    run = launched(row, lifted(dm, speed * apart / (2 * dm.h), 1e-3, c_n=-speed, cb=0.2), 2, rtol)
+    run = launched(row, lifted(dm, speed * apart / (dm.l), 1e-3, c_n=-speed, cb=0.2), 2, rtol)
     struck = (
         run.column("period")[causes(run) == C_IMPACT] * dm.T + run.column("phase")[causes(run) == C_IMPACT] / dm.omega
     )
     fall = (sqrt(speed**2 + 2 * dm.g * 1e-3) - speed) / dm.g
     assert struck[0] == pytest.approx(fall, abs=2e-11)
-    assert not run.state[[D1, D2, BETA]].any()
+    assert not run.state[[D1, D2, DIP]].any()
 
 
 @everywhere
@@ -329,8 +329,8 @@ def test_an_end_that_grazes_the_plate(rtol, miss):
     low, high = 0.0, (0.5 * pi - 0.5) / rate * 1.5
     for _ in range(200):
         mid = 0.5 * (low + high)
-        low, high = (mid, high) if -dm.g * mid - dm.h * rate * cos(0.5 + rate * mid) < 0 else (low, mid)
-    drop = 0.5 * dm.g * low**2 + dm.h * (sin(0.5 + rate * low) - sin(0.5))
+        low, high = (mid, high) if -dm.g * mid - dm.p2.h * rate * cos(0.5 + rate * mid) < 0 else (low, mid)
+    drop = 0.5 * dm.g * low**2 + dm.p2.h * (sin(0.5 + rate * low) - sin(0.5))
     state = lifted(dm, 0.5, drop + miss, wb=rate, c_n=0.0)
     run = launched(row, state, 1, rtol)
     times = run.column("phase")[causes(run) == C_IMPACT] / dm.omega
@@ -375,7 +375,7 @@ def test_a_fast_spin_lifts_an_end_of_a_lying_dimer(rtol, over):
     row = row_of(mu=0.0, mu_s=0.0, Gamma=0.0)
     dm = as_dimer(row)
     spin = 1e4
-    turn = dm.m * dm.g * dm.h / (dm.J_a * spin) * (1 + over)
+    turn = dm.m * dm.g * dm.p2.h / (dm.J_a * spin) * (1 + over)
     run = launched(row, lifted(dm, 0.0, 0.0, spin=spin, wp=turn), 1, rtol)
     assert (C_LIFT_OFF in causes(run) or run.column("contact_after")[0] != 12) == (over > 0)
     np.testing.assert_allclose(run.segments[:, SPIN], spin, rtol=1e-15)
@@ -396,7 +396,7 @@ def time_to_fall(dm, tilt):
     def per_u(u):  # the tilt now is tilt + u^2, which takes the root out of the integrand
         now = tilt + u * u
         fall = sin(tilt + 0.5 * u * u) * (sin(0.5 * u * u) / (0.5 * u * u) if u > 0.0 else 1.0)  # in units of u^2
-        return 2.0 * sqrt((dm.m * (dm.h * sin(now)) ** 2 + dm.J_t) / (2.0 * dm.m * dm.g * dm.h * fall))
+        return 2.0 * sqrt((dm.m * (dm.p2.h * sin(now)) ** 2 + dm.J_t) / (2.0 * dm.m * dm.g * dm.p2.h * fall))
 
     width, end = 10 * sqrt(tilt), sqrt(0.5 * pi - tilt)
     return sum(quad(per_u, *ends, epsabs=1e-14, epsrel=1e-13, limit=400)[0] for ends in ((0.0, width), (width, end)))
@@ -430,7 +430,7 @@ def test_a_spinning_top_on_a_smooth_plate_passes_near_the_vertical(rtol):
     state = standing(dm, 1.2, wb=45.0, wp=0.02, spin=1.0)
     run = launched(row, state, 1, rtol)
     s = run.segments.T
-    up = dm.J_t * s[WP] * np.cos(s[BETA]) + dm.J_a * s[SPIN] * np.sin(s[BETA])
+    up = dm.J_t * s[WP] * np.cos(s[DIP]) + dm.J_a * s[SPIN] * np.sin(s[DIP])
     np.testing.assert_allclose(up, up[0], rtol=0, atol=1e2 * rtol * dm.J_t * 45.0)
     assert run.look()["dip"] > 1.55
 
@@ -466,7 +466,7 @@ def test_a_tumbling_dimer_is_a_free_top(rtol):
         np.testing.assert_allclose(L_1, L_0, atol=1e-12 * max(1.0, np.abs(L_0).max()))
         over += u_0[:2] @ u_1[:2] < 0
     assert over >= 3
-    assert np.abs(before[:, BETA]).max() < 0.5 * pi
+    assert np.abs(before[:, DIP]).max() < 0.5 * pi
 
 
 def flight_starts(run):
@@ -479,7 +479,7 @@ def flight_starts(run):
 
 def vectors(dm, state):
     """Axis, horizontal velocity of the centre, and angular momentum over J_t, in the lab's frame."""
-    s_t, c_t, s_b, c_b = sin(state[THETA]), cos(state[THETA]), sin(state[BETA]), cos(state[BETA])
+    s_t, c_t, s_b, c_b = sin(state[THETA]), cos(state[THETA]), sin(state[DIP]), cos(state[DIP])
     a, b, n = np.array([-s_t, c_t, 0.0]), np.array([c_t, s_t, 0.0]), np.array([0.0, 0.0, 1.0])
     axial = dm.J_a / dm.J_t * state[SPIN]
     L = (c_b * axial - s_b * state[WP]) * a + state[WB] * b + (c_b * state[WP] + s_b * axial) * n
@@ -501,7 +501,7 @@ def test_a_light_dimer_moves_as_a_heavy_one(rtol):
     for factor in (1.0, 1e-3):
         row = row_of(e=0.0, Gamma=0.0, f=8.0, A_r=2.0, mu=0.5, mu_s=0.75, rho_b=7850.0 * factor, rho_r=1180.0 * factor)
         dm = as_dimer(row)
-        state = lifted(dm, -0.9, 2 * dm.h * sin(0.9), c_n=-0.3, wb=-5.0, wp=-5.0, spin=-50.0, ca=-0.5, cb=-0.5)
+        state = lifted(dm, -0.9, dm.l * sin(0.9), c_n=-0.3, wb=-5.0, wp=-5.0, spin=-50.0, ca=-0.5, cb=-0.5)
         ends.append(launched(row, state, 2, rtol).state)
     assert ends[1][THETA] == pytest.approx(ends[0][THETA], abs=1e-6)
 

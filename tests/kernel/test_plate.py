@@ -10,9 +10,9 @@ import pytest
 
 from dimersweep.kernel.model import plate as plate_of
 from dimersweep.kernel.model.layout import (
-    BETA,
     D1,
     D2,
+    DIP,
     FREE,
     N1,
     N2,
@@ -170,11 +170,11 @@ def hop(plate, seed):
     dm, _, _ = made(plate)
     rng = np.random.default_rng(seed)
     state = np.zeros(N_STATE)
-    state[PHASE], state[BETA] = rng.uniform(0, 2 * pi), rng.uniform(0.0, 0.4)
+    state[PHASE], state[DIP] = rng.uniform(0, 2 * pi), rng.uniform(0.0, 0.4)
     state[[WB, WP, SPIN]] = rng.normal(size=3) * [5, 5, 60]
     state[N1] = 10.0 ** rng.uniform(-6, 0)
-    state[D2] = state[D1] + 2 * dm.h * np.sin(state[BETA])
-    state[N2] = state[N1] + 2 * dm.h * np.cos(state[BETA]) * state[WB]
+    state[D2] = state[D1] + dm.l * np.sin(state[DIP])
+    state[N2] = state[N1] + dm.l * np.cos(state[DIP]) * state[WB]
     return dm, state
 
 

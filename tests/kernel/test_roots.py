@@ -10,9 +10,9 @@ from scipy.optimize import brentq
 from dimersweep.kernel.flight.free_motion import Flight
 from dimersweep.kernel.flight.landing import MAX_PROBES
 from dimersweep.kernel.model.layout import (
-    BETA,
     D1,
     D2,
+    DIP,
     N1,
     N2,
     N_STATE,
@@ -33,14 +33,14 @@ def gaps(fl, sign, t):
     x, y = fl.Omega * t, fl.sway.omega * t
     dip = fl.c1 * (1 - np.cos(x)) + fl.c2 * (x - np.sin(x))
     plate = fl.sway.s * (1 - np.cos(y)) + fl.sway.c * (y - np.sin(y))
-    return d + n * t - 0.5 * fl.g * t**2 - sign * fl.h * dip + plate
+    return d + n * t - 0.5 * fl.g * t**2 - (fl.h_1 if sign < 0 else fl.h_2) * dip + plate
 
 
 def made(d=0.0, n=0.0, g=9.81, swing=(0.0, 0.0), Omega=0.0, plate=(0.0, 0.0), omega=100.0, h=0.025):
     """A flight of p1 from its constants; p2 is far away."""
     c1, c2 = swing
     bound = h * Omega**4 * sqrt(c1**2 + c2**2) + omega**4 * sqrt(plate[0] ** 2 + plate[1] ** 2)
-    return Flight(d, 1.0, n, 0.0, g, h, Omega, c1, c2, Sway(omega, *plate, 0.0, 0.0), bound)
+    return Flight(d, 1.0, n, 0.0, g, -h, h, Omega, c1, c2, Sway(omega, *plate, 0.0, 0.0), bound)
 
 
 def random_flight(rng, k):
@@ -48,12 +48,12 @@ def random_flight(rng, k):
     dm = dimer(Gamma=rng.uniform(0, 2.5), f=rng.uniform(8, 60), A_r=rng.uniform(2, 9))
     state = np.zeros(N_STATE)
     state[PHASE] = rng.uniform(0, 2 * pi)
-    state[BETA] = rng.uniform(0, 0.5) * rng.choice([1, 0.01])
+    state[DIP] = rng.uniform(0, 0.5) * rng.choice([1, 0.01])
     state[[WB, WP, SPIN]] = rng.normal(size=3) * [10, 10, 200] * rng.choice([0, 0.1, 1, 5])
     state[D1] = rng.choice([0, 1e-9, 1e-4, 0.01])
     state[N1] = abs(rng.normal()) * rng.choice([1e-4, 0.1, 1])
-    state[D2] = state[D1] + 2 * dm.h * sin(state[BETA])
-    state[N2] = state[N1] + 2 * dm.h * cos(state[BETA]) * state[WB]
+    state[D2] = state[D1] + dm.l * sin(state[DIP])
+    state[N2] = state[N1] + dm.l * cos(state[DIP]) * state[WB]
     return take_off(dm, state), dm.T
 
 
@@ -114,7 +114,7 @@ def grazing(miss):
 
 def _exact(fl):
     mp = mpmath.mpf
-    n, g, h, Omega, omega = mp(fl.n_1), mp(fl.g), mp(fl.h), mp(fl.Omega), mp(fl.sway.omega)
+    n, g, h, Omega, omega = mp(fl.n_1), mp(fl.g), mp(fl.h_2), mp(fl.Omega), mp(fl.sway.omega)
     c1, c2, p_s, p_c = mp(fl.c1), mp(fl.c2), mp(fl.sway.s), mp(fl.sway.c)
 
     def gap(t):

@@ -16,9 +16,9 @@ from dimersweep.kernel.impact.phase_log import (
 )
 from dimersweep.kernel.impact.single_impact import DONE
 from dimersweep.kernel.model.layout import (
-    BETA,
     CA,
     CB,
+    DIP,
     IMPACT,
     N1,
     N2,
@@ -73,7 +73,7 @@ def phase(law, n, a, b, tol=1e-12):
 
 def rates_apart(dm, qdot, expected, V):
     """Largest difference of two sets of generalized rates, as speeds of the ends, in units of the approach speed."""
-    lengths = [1, 1, 1, 2 * dm.h, 2 * dm.h, dm.r]
+    lengths = [1, 1, 1, dm.l, dm.l, dm.p1.r]
     return np.abs((np.asarray(qdot) - expected) * lengths).max() / V
 
 
@@ -117,16 +117,16 @@ def test_without_friction_the_gap_rate_is_turned_exactly(e, s):
     dm = dimer(mu=0, e=e)
     for _ in range(20):
         before = np.zeros(N_STATE)
-        before[BETA], before[CB], before[WB], before[WP], before[SPIN] = rng.normal(size=5) * [0.6, 1, 5, 5, 100]
+        before[DIP], before[CB], before[WB], before[WP], before[SPIN] = rng.normal(size=5) * [0.6, 1, 5, 5, 100]
         own, other = (N1, N2) if s < 0 else (N2, N1)
         before[own] = -abs(rng.normal())
-        before[other] = before[own] + s * -2 * dm.h * cos(before[BETA]) * before[WB]
+        before[other] = before[own] + s * -dm.l * cos(before[DIP]) * before[WB]
         after, _, p = strike(dm, before, s)
         assert after[own] == pytest.approx(-e * before[own], rel=1e-15, abs=1e-15)
         np.testing.assert_array_equal(after[[CB, WP, SPIN]], before[[CB, WP, SPIN]])
-        dip = s * (after[N2] - after[N1]) - s * 2 * dm.h * cos(before[BETA]) * after[WB]
+        dip = s * (after[N2] - after[N1]) - s * dm.l * cos(before[DIP]) * after[WB]
         assert dip == pytest.approx(0, abs=1e-13)
-        assert p * end_law(dm, s, before[BETA]).nn == pytest.approx(-(1 + e) * before[own] * dm.m, rel=1e-13)
+        assert p * end_law(dm, s, before[DIP]).nn == pytest.approx(-(1 + e) * before[own] * dm.m, rel=1e-13)
 
 
 @pytest.mark.parametrize("tol", [1e-3, 1e-8, 1e-12])
@@ -329,16 +329,16 @@ def test_ten_thousand_random_impacts_never_gain_energy():
         dm = dimer(A_r=rng.uniform(2, 9), mu=mu, mu_s=mu * rng.choice([1, 1.5]), e_1=e_1, e_2=e_2)
         i = k % 2
         before = np.zeros(N_STATE)
-        before[BETA] = rng.uniform(-1.5, 1.5) * (k % 5 > 0)
+        before[DIP] = rng.uniform(-1.5, 1.5) * (k % 5 > 0)
         before[[WB, WP, SPIN]] = rng.normal(size=3) * [5, 5, 100]
         before[9:11] = rng.normal(size=2)
         if k % 7 == 0:  # planar
             before[[WP, SPIN, CB]] = 0
         before[N1] = rng.normal() * rng.choice([1e-6, 0.1, 1])
-        before[N2] = before[N1] + 2 * dm.h * cos(before[BETA]) * before[WB]
+        before[N2] = before[N1] + dm.l * cos(before[DIP]) * before[WB]
         if before[N1 + i] > 0:
             before *= -1
-            before[BETA] *= -1
+            before[DIP] *= -1
         _, a, b = contact_velocity(dm, before, SIGNS[i])
         if k % 3 == 0:  # no slip
             before[9:11] -= a, b
@@ -348,11 +348,11 @@ def test_ten_thousand_random_impacts_never_gain_energy():
         noise = 1e-15 * kinetic_energy(dm, before) / unit
         worst = max(worst, gain - 8 * noise)
         push = hypot(*(after[9:11] - before[9:11])) * dm.m
-        cone = max(cone, push / p - dm.mu_s - 1e-15 * hypot(*before[9:11]) * dm.m / p)
+        cone = max(cone, push / p - dm.p1.mu_s - 1e-15 * hypot(*before[9:11]) * dm.m / p)
         assert after[N1 + i] >= 0
-        if dm.mu == 0:
-            e = (dm.e_1, dm.e_2)[i]
-            law = end_law(dm, SIGNS[i], before[BETA])
+        if dm.p1.mu == 0:
+            e = (dm.p1.e, dm.p2.e)[i]
+            law = end_law(dm, SIGNS[i], before[DIP])
             assert gain == pytest.approx(-(1 - e**2) / law.nn / 2, abs=1e-12 + 8 * noise)
     # friction takes energy, and restitution gives at most back what was stored, up to the tolerance of the integration
     assert worst < 1e-9
@@ -364,7 +364,7 @@ def test_the_log_tells_what_happened(slip, kinds):
     dm = dimer(mu=0.5)
     work, log = scratch()
     before = np.zeros(N_STATE)
-    before[[BETA, CA, N1, N2]] = 0.1, slip, -0.3, -0.3
+    before[[DIP, CA, N1, N2]] = 0.1, slip, -0.3, -0.3
     state = before.copy()
     status, mode, rows = collide_single(dm, state, -1.0, 0.3, 1e-10, work, log)
     assert (status, mode) == (OK, kinds[-1])

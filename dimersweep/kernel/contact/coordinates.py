@@ -1,11 +1,11 @@
 """The state of a contact phase in two charts: by the heading of the rod, and by its axis where it stands so steeply that
 the heading turns too fast, or has no meaning.
 
-By heading: y = (dip above level, beta', theta' cos(beta), spin, u_a, u_b, theta, t, x1, y1, gamma), u the slip of the leading end (p1
-if it is closed, else p2), so that slow slip keeps its relative precision and sticking is u = 0; t counts from the start of
-a step. Upright: everything horizontal is measured along two fixed axes, those of the heading when the chart was entered:
-y = (k_a, k_a', k_b', spin, u_a, u_b, k_b, t, x_b, x_a, chi), k the axis from p1 to p2 and chi = gamma +- theta, which stay
-regular at the vertical. Both have the slip in the same slots, and the same tolerances suit both.
+By heading: y = (dip above level, beta', theta' cos(beta), spin, u_a, u_b, theta, t, x1, y1, gamma), u the slip of the leading
+end (p1 if it is closed, else p2), so that slow slip keeps its relative precision and sticking is u = 0; t counts from the
+start of a step. Upright: everything horizontal is measured along two fixed axes, those of the heading when the chart was
+entered: y = (k_a, k_a', k_b', spin, u_a, u_b, k_b, t, x_b, x_a, chi), k the axis from p1 to p2 and chi = gamma +- theta, which
+stay regular at the vertical. Both have the slip in the same slots, and the same tolerances suit both.
 """
 
 from math import atan2, cos, sin, sqrt

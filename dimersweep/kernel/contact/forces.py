@@ -6,6 +6,7 @@ from typing import NamedTuple
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.coordinates import (
     UPRIGHT,
+    YAXES,
     YCHART,
     YDIP,
     YGAMMA,
@@ -25,7 +26,7 @@ from dimersweep.kernel.contact.steep_rod import upright_rates
 from dimersweep.kernel.model.body import end, level_levers, levers, pair_of, tilted
 from dimersweep.kernel.model.friction import direction, hold_left, hold_left_of_pair, slip_force
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
-from dimersweep.kernel.model.plate import effective_gravity
+from dimersweep.kernel.model.plate import acceleration_along, effective_gravity
 from dimersweep.kernel.numerics.sincos import sincos
 
 # forces of a contact: normal, axial, lateral of p1, then of p2 (at a double contact A1 holds the sum of the axial ones);
@@ -35,7 +36,7 @@ N_F = 7
 
 
 @compiled
-def free_rates(dm, p, y, g_e, sin_b, cos_b):
+def free_rates(dm, p, y, g_e, A_a, A_b, sin_b, cos_b):
     """Rates without contact forces: of (beta', theta' cos(beta)), and of the (n, a, b) velocities of the leading end p."""
     w_b, w_p, spin = y[YWB], y[YWP], y[YS]
     lv = levers(p, sin_b, cos_b)
@@ -45,8 +46,8 @@ def free_rates(dm, p, y, g_e, sin_b, cos_b):
     c_a = y[YUA] - lv.a * w_b
     c_b = y[YUB] - lv.b * w_p - lv.c * spin
     n = -g_e + lv.n * d_wb - p.h * sin_b * w_b * w_b
-    a = -turn * c_b + lv.a * d_wb - p.h * cos_b * w_b * w_b
-    b = turn * c_a + lv.b * d_wp + p.r * w_b * (cos_b * w_p + sin_b * spin)
+    a = A_a - turn * c_b + lv.a * d_wb - p.h * cos_b * w_b * w_b
+    b = A_b + turn * c_a + lv.b * d_wp + p.r * w_b * (cos_b * w_p + sin_b * spin)
     return d_wb, d_wp, n, a, b
 
 
@@ -98,7 +99,7 @@ class Single(NamedTuple):
 
 
 @compiled(inline=True, fuse=True)
-def single_rates(dm, mode, p, g_e, sin_b, cos_b, w_b, w_p, spin, u_a, u_b):
+def single_rates(dm, mode, p, g_e, A_a, A_b, sin_b, cos_b, w_b, w_p, spin, u_a, u_b):
     """Rates and forces of the contact of one end (p, friction mode, slip u): those of ``single_forces``, written out.
 
     With `push` what they add to beta'' the normal acceleration is n + F / m + arm_n push = 0, the axial one a + A / m + arm_a
@@ -111,8 +112,8 @@ def single_rates(dm, mode, p, g_e, sin_b, cos_b, w_b, w_p, spin, u_a, u_b):
     d_wb, d_wp = axial * w_p, -axial * w_b
     swing = h * w_b * w_b
     n = arm_n * d_wb - sin_b * swing - g_e
-    a = arm_a * d_wb - cos_b * swing - turn * (u_b - arm_b * w_p - arm_c * spin)
-    b = arm_b * d_wp + r * w_b * (cos_b * w_p + sin_b * spin) + turn * (u_a - arm_a * w_b)
+    a = A_a + arm_a * d_wb - cos_b * swing - turn * (u_b - arm_b * w_p - arm_c * spin)
+    b = A_b + arm_b * d_wp + r * w_b * (cos_b * w_p + sin_b * spin) + turn * (u_a - arm_a * w_b)
     if mode == STICK:
         push = -(arm_n * n + arm_a * a) / (dm.J_t * im + (h * h + r * r - 2.0 * r * h * sin_b))
         F, A = -dm.m * (n + arm_n * push), -dm.m * (a + arm_a * push)
@@ -140,10 +141,10 @@ def path_rates(dm, p, sin_b, cos_b, w_b, w_p, spin, u_a, u_b, theta):
 
 
 @compiled
-def double_rates(dm, modes, g_e, y, path, dy, F):
+def double_rates(dm, modes, g_e, A_a, A_b, y, path, dy, F):
     """Rates of the contact of both ends into dy, and the forces into F."""
     p, q = level_levers(dm)
-    d_wb, _, n_1, a, b = free_rates(dm, dm.p1, y, g_e, dm.sin_0, dm.cos_0)
+    d_wb, _, n_1, a, b = free_rates(dm, dm.p1, y, g_e, A_a, A_b, dm.sin_0, dm.cos_0)
     double_forces(dm, modes, y, n_1, n_1 + dm.l * dm.cos_0 * d_wb, a, b, F)
     w = pair_of(dm)
     dy[YDIP], dy[YWB] = 0.0, 0.0
@@ -181,19 +182,21 @@ def contact_rates(dm, modes, phase, y, path, dy, F):
     """
     i = leading(modes)
     p = end(dm, i)
-    g_e = effective_gravity(dm, phase)
+    g_e, A_a, A_b = effective_gravity(dm, phase), 0.0, 0.0
+    if dm.sideways != 0.0:
+        A_a, A_b = acceleration_along(dm, phase, y[YAXES] if y[YCHART] == UPRIGHT else y[YTHETA])
     if modes[0] != FREE and modes[1] != FREE:
-        double_rates(dm, modes, g_e, y, path, dy, F)
+        double_rates(dm, modes, g_e, A_a, A_b, y, path, dy, F)
         return
     for k in range(N_F):
         F[k] = 0.0
     k = 3 * i
     if y[YCHART] == UPRIGHT:
-        F[COMPLIANCE] = upright_rates(dm, modes[i], p, g_e, y, path, dy, F, k)
+        F[COMPLIANCE] = upright_rates(dm, modes[i], p, g_e, A_a, A_b, y, path, dy, F, k)
         return
     sin_d, cos_d = sincos(y[YDIP])
     sin_b, cos_b = tilted(dm, sin_d, cos_d)
-    r = single_rates(dm, modes[i], p, g_e, sin_b, cos_b, y[YWB], y[YWP], y[YS], y[YUA], y[YUB])
+    r = single_rates(dm, modes[i], p, g_e, A_a, A_b, sin_b, cos_b, y[YWB], y[YWP], y[YS], y[YUA], y[YUB])
     F[F1 + k], F[A1 + k], F[L1 + k], F[COMPLIANCE] = r.F, r.A, r.L, r.compliance
     dy[YDIP], dy[YWB], dy[YWP], dy[YS], dy[YUA], dy[YUB] = y[YWB], r.w_b, r.w_p, r.spin, r.a, r.b
     dy[YTHETA], dy[YTIME] = r.turn, 1.0

@@ -28,7 +28,7 @@ from dimersweep.kernel.model.layout import SLIP
 
 
 @compiled
-def upright_rates(dm, mode, p, g_e, y, path, dy, F, first):
+def upright_rates(dm, mode, p, g_e, A_a, A_b, y, path, dy, F, first):
     """Rates of y into dy; normal force and friction along the axes a, b of the chart into F from number `first` on; the
     compliance, which is returned.
     """
@@ -40,7 +40,7 @@ def upright_rates(dm, mode, p, g_e, y, path, dy, F, first):
     square, gyro = dx * dx + dy_ * dy_ + dz * dz, dm.J_a * dm.it * spin
     ax, ay, az = gyro * wx - square * kx, gyro * wy - square * ky, gyro * wz - square * kz
     rest = (1.0 - dm.J_a * dm.it) * spin  # w' without torque is rest k'
-    fx, fy, fn = h * ax - r * rest * dy_, h * ay + r * rest * dx, h * az - g_e
+    fx, fy, fn = A_b + h * ax - r * rest * dy_, A_a + h * ay + r * rest * dx, h * az - g_e
     lv = levers(p, kz, cos_b)
     u_a, u_b = y[YUA] * c + y[YUB] * d, y[YUB] * c - y[YUA] * d
     w = delassus(dm, lv, lv)

@@ -35,7 +35,7 @@ from dimersweep.kernel.contact.forces import COMPLIANCE, F1, F2, contact_rates, 
 from dimersweep.kernel.model.body import end, tilted
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import FREE, SLIP
-from dimersweep.kernel.model.plate import effective_gravity
+from dimersweep.kernel.model.plate import acceleration_along, effective_gravity
 from dimersweep.kernel.numerics.collocation import NEXT, NODES, RADAU_A, RADAU_C, TOP
 from dimersweep.kernel.numerics.meter import METER, charge
 from dimersweep.kernel.numerics.sincos import sincos
@@ -243,10 +243,13 @@ def explicit_step_single(dm, modes, phase, h, n, method, gamma, b):
         u_a, u_b = y[YUA] + h * (t4 + a * k4), y[YUB] + h * (t5 + a * k5)
         theta = y[YTHETA] + h * (t6 + a * k6)
         t = h * (t7 + a * k7) if method == RESCALED else h * DOP_C[i]
-        g_e = effective_gravity(dm, phase + dm.omega * t)
+        now, A_a, A_b = phase + dm.omega * t, 0.0, 0.0
+        if dm.sideways != 0.0:
+            A_a, A_b = acceleration_along(dm, now, theta)
+        g_e = effective_gravity(dm, now)
         sin_d, cos_d = sincos(dip)
         sin_b, cos_b = tilted(dm, sin_d, cos_d)
-        rates = single_rates(dm, mode, p, g_e, sin_b, cos_b, w_b, w_p, spin, u_a, u_b)
+        rates = single_rates(dm, mode, p, g_e, A_a, A_b, sin_b, cos_b, w_b, w_p, spin, u_a, u_b)
         if method == RESCALED:
             share = length(u_a, u_b) / gamma
             if clocked:

@@ -28,7 +28,7 @@ from dimersweep.kernel.model.layout import (
     X1,
     Y1,
 )
-from dimersweep.kernel.model.plate import over_plate, snap_bound, sway_from
+from dimersweep.kernel.model.plate import over_plate, snap_bound, sway_from, swing
 from dimersweep.kernel.numerics.sincos import one_minus_cos, x_minus_sin
 
 
@@ -169,6 +169,8 @@ def fly(dm, fl, state, t, path):
     co, si = (u_a / new_cos, u_b / new_cos) if new_cos > 0.0 else (1.0, 0.0)
     if path:
         advance_path(dm, fl, state, t, turn, L_a, L_b, L_n, u_a - cos_b, u_b, u_n, co, si)
+    if dm.sideways != 0.0:
+        swing_along(dm, state, t, path)
     c_a, c_b = state[CA], state[CB]
     state[PHASE] += dm.omega * t
     state[N1], state[N2] = rate_1, rate_2
@@ -183,6 +185,19 @@ def fly(dm, fl, state, t, path):
     state[CA] = c_a * co + c_b * si
     state[CB] = c_b * co - c_a * si
     state[THETA] -= turn
+
+
+@compiled
+def swing_along(dm, state, t, path):
+    """Add what a plate that is tilted or moves along itself does to the velocity and the place over a flight, in place."""
+    phase, sin_t, cos_t = state[PHASE] + dm.phi0, sin(state[THETA]), cos(state[THETA])
+    v_x, x = swing(dm.fall_x, dm.G_x, dm.omega, phase + dm.lag_x, t)
+    v_y, y = swing(dm.fall_y, dm.G_y, dm.omega, phase + dm.lag_y, t)
+    state[CA] += v_y * cos_t - v_x * sin_t
+    state[CB] += v_x * cos_t + v_y * sin_t
+    if path:
+        state[X1] += x
+        state[Y1] += y
 
 
 @compiled

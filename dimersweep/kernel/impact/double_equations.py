@@ -1,16 +1,16 @@
 """The law of an impact at both ends at once: the regular form of (6)-(7), and where friction holds.
 
-At a double contact the ends share one axial velocity a. The force of a contact is k_i X_i^eta, with eta = 3/2 for Hertz's law, so
-that its energy is E_i = k_i X_i^(eta + 1) / (eta + 1). With dP_i = k_i X_i^eta dtau
+At a double contact the ends share one axial velocity a. The force of a contact is k_i X_i^eta, with eta = 3/2 for Hertz's
+law, so that its energy is E_i = k_i X_i^(eta + 1) / (eta + 1). With dP_i = k_i X_i^eta dtau
 
     n_1' = W_11 f_1 + W_12 f_2 + w_1 A      a'   = w_1 f_1 + w_2 f_2 + W_aa A
     n_2' = W_12 f_1 + W_22 f_2 + w_2 A      b_i' = B_ii L_i + B_ij L_j
     X_i' = -n_i in compression, -n_i / e_i^2 in restitution
 
 with f_i = k_i X_i^eta, A the total axial and L_i the lateral friction per tau. Where an end begins or ceases to press, f_i is
-not smooth. It is in the clock of that end, dtau = Y_i dsigma with X_i = Y_i^2, in which dY_i / dsigma = X_i' / 2: there Hertz's
-force is the cube of Y_i, and all can be continued through Y_i = 0. Units: velocities of the approach speed V, impulses of m V, the
-Delassus operator of 1/m.
+not smooth. It is in the clock of that end, dtau = Y_i dsigma with X_i = Y_i^2, in which dY_i / dsigma = X_i' / 2: there
+Hertz's force is the cube of Y_i, and all can be continued through Y_i = 0. Units: velocities of the approach speed V,
+impulses of m V, the Delassus operator of 1/m.
 """
 
 from math import copysign, inf, sqrt

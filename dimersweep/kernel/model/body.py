@@ -16,7 +16,7 @@ the centre of mass: the ends share one axial velocity. Dip angles count from the
 opens it, so have all their digits.
 """
 
-from math import asin, pi, sqrt
+from math import asin, cos, pi, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -46,7 +46,7 @@ def as_dimer(row):
     """
     # fmt: off
     (e_1, e_2, Gamma, f, A_r, mu_1, mu_2, mu_s_1, mu_s_2, mu_h_1, mu_h_2, _, _, phi0, r_1, r_2, rho_b_1, rho_b_2, rho_r,
-     D_r, g, Gamma_2, phi_2, eta, k_ratio) = row
+     D_r, g, Gamma_2, phi_2, eta, k_ratio, tilt, azimuth, Gamma_x, phi_x, Gamma_y, phi_y, _) = row
     # fmt: on
     lever = (A_r - 1.0) * (r_1 + r_2)
     rod = lever - (r_1 + r_2)
@@ -77,13 +77,20 @@ def as_dimer(row):
         1.0 / m,
         1.0 / J_t,
         1.0 / J_a,
-        g,
+        g * cos(tilt),
         amplitude(Gamma, g, omega),
         omega,
         1.0 / f,
         phi0 - TWO_PI * (phi0 // TWO_PI),
         amplitude(Gamma_2, g, 2.0 * omega),
         (phi_2 - 2.0 * phi0) % TWO_PI,
+        1.0 if tilt != 0.0 or Gamma_x != 0.0 or Gamma_y != 0.0 else 0.0,
+        g * sin(tilt) * cos(azimuth),
+        g * sin(tilt) * sin(azimuth),
+        Gamma_x * g,
+        phi_x % TWO_PI,
+        Gamma_y * g,
+        phi_y % TWO_PI,
         min(g / omega, sqrt(g * lever)),
         sqrt(g / lever),
     )

@@ -99,9 +99,9 @@ def holds_axially(hold, na, aa):
 
 @compiled
 def single_forces(dm, mu, mode, w, u_a, u_b, n, a, b):
-    """Normal, axial and lateral force at the one closed end with the slip (u_a, u_b) and the coefficient of friction mu, and its
-    compliance, from the accelerations that its contact point has without them and its Delassus operator w; the normal force may
-    come out negative.
+    """Normal, axial and lateral force at the one closed end with the slip (u_a, u_b) and the coefficient of friction mu,
+    and its compliance, from the accelerations that its contact point has without them and its Delassus operator w; the
+    normal force may come out negative.
 
     The compliance is the normal acceleration per normal force, with the friction that goes with it, in units of 1/m (one for
     an end that sticks). At zero the force is infinite, and below it presses the end into the plate the more, the greater it is.

@@ -6,9 +6,12 @@ from typing import NamedTuple
 ROW = (
     "e_1", "e_2", "Gamma", "f", "A_r", "mu_1", "mu_2", "mu_s_1", "mu_s_2", "mu_h_1", "mu_h_2", "beta0", "xdot0", "phi0",
     "r_1", "r_2", "rho_b_1", "rho_b_2", "rho_r", "D_r", "g", "Gamma_2", "phi_2", "eta", "k_ratio",
+    "tilt", "azimuth", "Gamma_x", "phi_x", "Gamma_y", "phi_y", "theta0",
 )  # fmt: skip
 N_ROW = len(ROW)
-ROW_BETA0, ROW_XDOT0, ROW_PHI0, ROW_PHI_2 = (ROW.index(name) for name in ("beta0", "xdot0", "phi0", "phi_2"))
+ROW_BETA0, ROW_XDOT0, ROW_THETA0, ROW_PHI0, ROW_PHI_2 = (
+    ROW.index(name) for name in ("beta0", "xdot0", "theta0", "phi0", "phi_2")
+)
 
 
 class End(NamedTuple):
@@ -40,13 +43,22 @@ class Dimer(NamedTuple):
     im: float  # 1/m, 1/J_t, 1/J_a: what an impulse gives
     it: float
     ia: float
-    g: float  # gravity [m s-2]
+    g: float  # gravity along the normal of the plate [m s-2]
     A_z: float  # plate amplitude [m]
     omega: float  # plate angular frequency [rad s-1]
     T: float  # forcing period [s]
     phi0: float  # plate phase at t = 0, reduced to [0, 2 pi) [rad]
     A_2: float  # amplitude of the plate's second harmonic [m]
     lag: float  # its angle where the phase is zero [rad]
+    sideways: (
+        float  # 1.0 where the plate is tilted or moves along itself, else 0.0: then the heading is of no consequence
+    )
+    fall_x: float  # gravity along the axes X, Y of the plate [m s-2]
+    fall_y: float
+    G_x: float  # amplitudes of the acceleration along them, and their angles ahead of the phase [m s-2], [rad]
+    lag_x: float
+    G_y: float
+    lag_y: float
     v_scale: float  # the lesser of g/omega, gained in 1/omega of free fall, and that of a rod tipping over [m s-1]
     w_scale: float  # sqrt(g/l), the rate of a rod tipping over [rad s-1]
 

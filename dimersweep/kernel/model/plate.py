@@ -1,8 +1,14 @@
-"""The vibrating plate: its height, and all that follows from it. Another waveform is written here, and nowhere else.
+"""The vibrating plate: its place, and all that follows from it. Another waveform is written here, and nowhere else.
 
     z_p = A_z sin(phase) + A_2 sin(2 phase + lag),    phase = omega t + phi0,    lag = phi_2 - 2 phi0
 
 In the frame of the plate gravity is g_e = g + z_p''. A plate without second harmonic (A_2 = 0) takes one sine a value.
+
+A plate that is tilted, or moves along its own axes X and Y too, gives the body the acceleration, relative to the plate,
+
+    A_x = g sin(tilt) cos(azimuth) + Gamma_x g sin(phase + phi_x),    A_y likewise with sin(azimuth), Gamma_y, phi_y,
+
+and g_e has g cos(tilt) in the place of g. Then, and only then, the heading of the dimer counts.
 """
 
 from math import cos, inf, sin, sqrt
@@ -88,6 +94,39 @@ def second_acceleration(A_2, lag, omega, phase):
     """The part of the second harmonic in -z_p''. (A call of its own: what calls the others often stays small without it.)"""
     s_2, _ = sincos(2.0 * phase + lag)
     return 4.0 * A_2 * omega * omega * s_2
+
+
+# --- along the plate --------------------------------------------------------------------------------------------------
+
+
+@compiled
+def acceleration_along(dm, phase, theta):
+    """Acceleration of the body relative to the plate, along the heading theta and across it: A_a, A_b [m s-2]."""
+    a_x, a_y = dm.fall_x + dm.G_x * sin(phase + dm.lag_x), dm.fall_y + dm.G_y * sin(phase + dm.lag_y)
+    sin_t, cos_t = sincos(theta)
+    return a_y * cos_t - a_x * sin_t, a_x * cos_t + a_y * sin_t
+
+
+@compiled
+def most_along(dm):
+    """Bound of that acceleration, in any direction [m s-2]."""
+    return sqrt((abs(dm.fall_x) + abs(dm.G_x)) ** 2 + (abs(dm.fall_y) + abs(dm.G_y)) ** 2)
+
+
+@compiled
+def velocity_along(dm, phase):
+    """Velocity of the plate along its axes X, Y [m s-1]."""
+    return dm.G_x / dm.omega * cos(phase + dm.lag_x), dm.G_y / dm.omega * cos(phase + dm.lag_y)
+
+
+@compiled
+def swing(fall, G, omega, angle, t):
+    """What the acceleration fall + G sin(angle + omega t) adds to a velocity and to a place over a time t."""
+    y = omega * t
+    sy, cy = sin(y), cos(y)
+    s, c = G / omega * sin(angle), G / omega * cos(angle)
+    k = one_minus_cos(sy, cy)
+    return fall * t + s * sy + c * k, 0.5 * fall * t * t + (s * k + c * x_minus_sin(y, sy)) / omega
 
 
 # --- bounds over a cycle ----------------------------------------------------------------------------------------------

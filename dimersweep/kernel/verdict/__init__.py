@@ -1,1 +1,1 @@
-"""What motion a run has settled to, and whether it rests for good."""
+"""What motion a run has settled to."""

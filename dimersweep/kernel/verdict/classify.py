@@ -25,9 +25,7 @@ from dimersweep.kernel.model.layout import (
     OUT_SPIN_DRIFT,
     OUT_SPIN_RATE,
     OUT_ZETA,
-    STICK,
 )
-from dimersweep.kernel.model.plate import lightest
 from dimersweep.kernel.verdict.past import (
     DOUBLES,
     E_END,
@@ -62,12 +60,6 @@ DOWN_LINE = 0.9  # share of the time one ball is down in the drift mode
 TOGETHER = 0.15  # landings of a jump lie closer than this
 FIT = 20  # double events in the fit of an orbit's drift
 SPAN = 12.0  # periods of which shares and hops are told
-
-
-@compiled
-def rests_for_good(dm, modes):
-    """Whether both ends stick for good: the rod lies still or rolls straight on, and the plate always presses on it."""
-    return modes[0] == STICK and modes[1] == STICK and lightest(dm) >= 0.0
 
 
 @compiled
