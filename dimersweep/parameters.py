@@ -2,7 +2,7 @@
 
 import re
 import reprlib
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields
 from math import isfinite, pi
 from numbers import Integral, Real
@@ -12,7 +12,7 @@ import numpy as np
 
 from dimersweep.errors import ParameterError, unknown
 from dimersweep.kernel.model.layout import N_ROW, ROW
-from dimersweep.symbols import BASE, LEFT_OUT, PARAMETERS
+from dimersweep.symbols import BASE, ENDS, LEFT_OUT, PARAMETERS
 
 RTOL_RANGE = (1e-13, 1e-2)
 MAX_SECONDS = 1e8  # a bound on time: the system takes no longer ones
@@ -21,6 +21,8 @@ MAX_COUNT = 1_000_000_000  # forcing periods and other counts: the cube keeps th
 
 class Rule(NamedTuple):
     """What one parameter must obey, alone or against another one; ``holds`` takes scalars or arrays.
+
+    A rule for a parameter that each end may have of its own (`symbols.ENDS`) is one for the values of both ends.
 
     A value that obeys it against the ``worst`` value of the other one (its least or greatest) does so against all.
     """
@@ -45,21 +47,21 @@ def _share(value: Any) -> Any:
 
 
 RULES = (
-    *(Rule(name, _share, "in [0, 1]") for name in ("e", "e_1", "e_2")),
+    Rule("e", _share, "in [0, 1]"),
     Rule("Gamma", _not_negative, ">= 0"),
     Rule("Gamma_2", _not_negative, ">= 0 (turn it by phi_2)"),
     Rule("f", _positive, "> 0"),
     Rule("A_r", lambda value: value >= 2, ">= 2 (below 2 the balls overlap)"),
     Rule("mu", _not_negative, ">= 0"),
-    Rule("mu_s", lambda mu_s, mu: mu_s >= mu, ">= mu = {} (stick friction is never below slip friction)", "mu"),
-    Rule("mu_h", lambda mu_h, mu: mu_h >= mu, ">= mu = {} (stick friction is never below slip friction)", "mu"),
+    Rule("mu_s", lambda mu_s, mu: mu_s >= mu, ">= {} = {} (stick friction is never below slip friction)", "mu"),
+    Rule("mu_h", lambda mu_h, mu: mu_h >= mu, ">= {} = {} (stick friction is never below slip friction)", "mu"),
     Rule("beta0", lambda value: abs(value) < pi / 2, 'below pi/2 = 1.5708 in size (radians; degrees as "16 deg")'),
     Rule("beta0", _not_negative, ">= 0 (p1 starts on the plate, so a negative dip angle puts p2 below it)"),
     Rule("r", _positive, "> 0"),
     Rule("rho_b", _positive, "> 0"),
     Rule("rho_r", _not_negative, ">= 0"),
     Rule("D_r", _not_negative, ">= 0"),
-    Rule("D_r", lambda D_r, r: D_r <= 2 * r, "<= 2 r with r = {} (the rod is thicker than the balls)", "r", np.min),
+    Rule("D_r", lambda D_r, r: D_r <= 2 * r, "<= 2 r with {} = {} (the rod is thicker than the balls)", "r", np.min),
     Rule("g", _positive, "> 0"),
 )
 
@@ -142,28 +144,75 @@ def check(columns: Mapping[str, Any], gaps: Collection[str] = ()) -> None:
     ParameterError
         Naming the first value that breaks a rule, and what is allowed.
     """
-    for rule in RULES:
-        if rule.name not in columns or {rule.name, rule.other} <= set(gaps):
+    for rule, name, other in _rules_for(columns):
+        if {name, other} <= set(gaps):
             continue
-        values = np.atleast_1d(columns[rule.name])
-        others = np.atleast_1d(columns[rule.other]) if rule.other else None
+        values = np.atleast_1d(columns[name])
+        others = np.atleast_1d(columns[other]) if other else None
         kept = rule.holds(values) if others is None else rule.holds(values, rule.worst(others))
         if np.all(kept):
             continue
         value = values[np.argmin(kept)]
         allowed = rule.allowed
         if others is not None:
-            allowed = allowed.format(float(others[np.argmin(rule.holds(value, others))]))
-        raise ParameterError(f"{rule.name} = {float(value)}: must be {allowed}")
+            allowed = allowed.format(other, float(others[np.argmin(rule.holds(value, others))]))
+        raise ParameterError(f"{name} = {float(value)}: must be {allowed}")
+
+
+def _rules_for(columns: Collection[str]) -> Iterator[tuple[Rule, str, str]]:
+    """Each rule that judges some of the parameters in `columns`, with the names there of its two parameters at each end."""
+    for rule in RULES:
+        both = [tuple(_at_end(k, name, columns) for name in (rule.name, rule.other)) for k in (0, 1)]
+        for name, other in dict.fromkeys(both):
+            if name in columns and (other in columns or not other):
+                yield rule, name, other
+
+
+def _at_end(k: int, name: str, columns: Collection[str]) -> str:
+    """The name in `columns` of what a parameter is at p1 (k = 0) or p2 (k = 1)."""
+    own = ENDS[name][k] if name in ENDS else name
+    return own if own in columns else name
 
 
 def keeps_rules(columns: Mapping[str, Any]) -> Any:
     """Whether points keep the rules that tie two parameters, for scalars or columns of one shape (n,)."""
     kept: Any = True
-    for rule in RULES:
-        if rule.other and {rule.name, rule.other} <= set(columns):
-            kept = kept & rule.holds(columns[rule.name], columns[rule.other])
+    for rule, name, other in _rules_for(columns):
+        if other:
+            kept = kept & rule.holds(columns[name], columns[other])
     return kept
+
+
+def without_effect(names: Collection[str]) -> set[str]:
+    """Parameters that nothing uses where `names` are given: X, where X_1 and X_2 both are."""
+    return {name for name, ends in ENDS.items() if set(ends) <= set(names)}
+
+
+def check_effect(names: Iterable[str]) -> None:
+    """Refuse parameters of which one is without effect beside the others.
+
+    Raises
+    ------
+    ParameterError
+    """
+    names = set(names)
+    for name in without_effect(names) & names:
+        one, two = ENDS[name]
+        raise ParameterError(f"{name}: has no effect beside {one} and {two}; leave one of the three out")
+
+
+def updated(known: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """Parameters that are `known`, with those `given` in their place; X takes the place of X_1 and X_2, and both that of X."""
+    replaced = {end for name in given for end in ENDS.get(name, ())}
+    values = {name: value for name, value in known.items() if name not in replaced} | dict(given)
+    idle = without_effect(values) - set(given)
+    return {name: value for name, value in values.items() if name not in idle}
+
+
+def value_of(name: str, columns: Mapping[str, Any]) -> Any:
+    """The value or values of a parameter, which may be left out (`symbols.LEFT_OUT`), from those that `columns` gives."""
+    value = columns.get(name, LEFT_OUT.get(name))
+    return columns[value] if isinstance(value, str) else value
 
 
 def check_name(name: str) -> None:
@@ -253,9 +302,12 @@ def fill_rows(columns: Mapping[str, Any], n: int) -> np.ndarray:
     """
     rows = np.empty((n, N_ROW))
     for slot, name in enumerate(ROW):
-        value = columns.get(name, LEFT_OUT.get(name))
-        rows[:, slot] = columns[value] if isinstance(value, str) else value
+        rows[:, slot] = value_of(name, columns)
     return rows
+
+
+class _BaseCase(float):
+    """The base case's value of a parameter that was not given."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -265,7 +317,8 @@ class Parameters:
     Parameters
     ----------
     e, e_1, e_2 : float
-        Energetic coefficients of restitution [1], in [0, 1]; `e_1`, `e_2` of one end, None for `e`.
+        Energetic coefficients of restitution [1], in [0, 1]: `e` of both ends; `e_1`, `e_2`, where given, of end p1, p2. All
+        three are refused, and `e` is None where `e_1` and `e_2` are given.
     Gamma, f, phi0 : float
         Vibration intensity A_z omega^2/g [1], frequency [Hz] and phase at the start [rad] of the plate.
     Gamma_2, phi_2 : float
@@ -288,7 +341,7 @@ class Parameters:
         On construction, for the first value that is not allowed.
     """
 
-    e: float = BASE["e"]
+    e: float | None = _BaseCase(BASE["e"])
     Gamma: float = BASE["Gamma"]
     f: float = BASE["f"]
     A_r: float = BASE["A_r"]
@@ -309,14 +362,22 @@ class Parameters:
     mu_h: float | None = None
 
     def __post_init__(self) -> None:
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        told = {name for name, value in values.items() if value is not None}
+        check_effect(name for name in told if not isinstance(values[name], _BaseCase))
+        unused = without_effect(told)
         for field in fields(self):
-            value = getattr(self, field.name)
-            if value is not None or field.default is not None:
-                object.__setattr__(self, field.name, number(field.name, value))  # the dataclass is frozen from here on
+            value = None if field.name in unused else values[field.name]
+            if value is not None or not (field.default is None or field.name in unused):
+                value = number(field.name, value)
+            object.__setattr__(self, field.name, value)  # the dataclass is frozen from here on
         check(self.given())
 
     def given(self) -> dict[str, float]:
-        """The parameters that have a value of their own: all, less the optional ones (`symbols.LEFT_OUT`) left out or zero."""
+        """The parameters that have a value of their own: all, less the optional ones (`symbols.LEFT_OUT`) left out or zero.
+
+        X is not among them where X_1 and X_2 are given.
+        """
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         return {name: value for name, value in values.items() if value is not None and value != LEFT_OUT.get(name)}
 

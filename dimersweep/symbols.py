@@ -58,6 +58,8 @@ PARAMETERS = {
     "phi_2": Quantity("rad", "phase of the plate's second harmonic at the start"),
     "mu_h": Quantity("1", "coefficient of stick friction of a lasting contact"),
 }
+# parameters that the two ends may have each of their own: X is the value of both, X_1 and X_2, where given, are those of p1, p2
+ENDS = {name: (f"{name}_1", f"{name}_2") for name in PARAMETERS if f"{name}_1" in PARAMETERS}
 # what the parameters that may be left out are then: the value of another parameter, or a number
 LEFT_OUT: dict[str, str | float] = {"e_1": "e", "e_2": "e", "Gamma_2": 0.0, "phi_2": 0.0, "mu_h": "mu_s"}
 

@@ -11,7 +11,7 @@ from dimersweep.cubes.cube import FLAGS
 from dimersweep.kernel.model.layout import STATUS_MESSAGES, STATUSES
 from dimersweep.parameters import RULES
 from dimersweep.plots.style import TEX
-from dimersweep.symbols import BASE, EVENTS, PARAMETERS, QUANTITIES, STATES, Quantity
+from dimersweep.symbols import BASE, ENDS, EVENTS, LEFT_OUT, PARAMETERS, QUANTITIES, STATES, Quantity
 
 SWEEPS = Path(__file__).resolve().parents[1] / "sweeps"
 
@@ -95,8 +95,19 @@ def _unit(units: str) -> str:
 
 def _allowed(name: str) -> str:
     """What the rules of a parameter allow, without the value that a message would name, and without its explanation."""
-    rules = [re.sub(r"( with \w+)? = \{\}| \(.*\)", "", rule.allowed) for rule in RULES if rule.name == name]
+    names = (name, *(both for both, ends in ENDS.items() if name in ends))
+    rules = [
+        re.sub(r"( with \w+)? = \{\}| \(.*\)", "", rule.allowed.format(rule.other, "{}"))
+        for rule in RULES
+        if rule.name in names
+    ]
     return " and ".join(dict.fromkeys(rules)).replace("<", "&lt;") or "any number"
+
+
+def _left_out(name: str) -> str:
+    """What a parameter that is not in the base case is where it is not given."""
+    value = LEFT_OUT[name]
+    return f"`{value}`" if isinstance(value, str) else f"{value:g}"
 
 
 def parameters() -> Markdown:
@@ -107,7 +118,7 @@ def parameters() -> Markdown:
             f"${TEX[name]}$",
             quantity.long_name,
             _unit(quantity.units),
-            f"{BASE[name]:.6g}" if name in BASE else "not given",
+            f"{BASE[name]:.6g}" if name in BASE else _left_out(name),
             _allowed(name),
         )
         for name, quantity in PARAMETERS.items()

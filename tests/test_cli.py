@@ -177,6 +177,15 @@ def test_simulate_prints_json_and_draws(call):
     assert Path("run.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_simulate_takes_values_of_single_ends(call):
+    told = json.loads(call("simulate", "--e_1", "0.5", "--e", "0.7", "--periods", "1", "--json")[0])
+    assert told["parameters"].items() >= {"e": 0.7, "e_1": 0.5}.items()
+    told = json.loads(call("simulate", "--e_1", "0.5", "--e_2", "0.4", "--periods", "1", "--json")[0])
+    assert "e" not in told["parameters"]
+    _, err, code = call("simulate", "--e", "0.6", "--e_1", "0.5", "--e_2", "0.4")
+    assert (code, err) == (2, "dimersweep: error: e: has no effect beside e_1 and e_2; leave one of the three out\n")
+
+
 HEAVY = {"numba", "numpy", "xarray", "dask", "distributed", "matplotlib", "scipy", "pandas", "netCDF4", "pydantic"}
 
 

@@ -23,8 +23,8 @@ BAD = [
     ({"freq": [1]}, {}, "freq: unknown parameter (allowed: e, Gamma, f, A_r, mu, mu_s, beta0, xdot0, phi0, "),
     ({"f": [15]}, {"q": 1}, "q: unknown parameter (allowed: e, "),
     ({"f": [15]}, {"f": 20}, "f: given twice, as an axis and as a fixed value"),
-    ({"e": [0.5]}, {"e_1": 0.5}, "e_1: given together with e; give e, or e_1 and e_2"),
-    ({"e": [0.5], "e_2": [0.5]}, {}, "e_2: given together with e; give e, or e_1 and e_2"),
+    ({"e": [0.5]}, {"e_1": 0.5, "e_2": 0.5}, "e: has no effect beside e_1 and e_2; leave one of the three out"),
+    ({"e_1": [0.5], "e_2": [0.5]}, {"e": 0.5}, "e: has no effect beside e_1 and e_2; leave one of the three out"),
     ({"f": [15, float("nan")]}, {}, "f = nan: must be finite"),
     ({"f": [15, True]}, {}, "f = True: must be a number"),
     ({"f": ["fast"]}, {}, "f = 'fast': must be a number"),
@@ -89,6 +89,28 @@ def test_one_end_of_its_own_leaves_the_other_at_e():
     grid = make_grid({"e_1": [0.3, 0.5]})
     assert "e" not in grid.fixed
     np.testing.assert_array_equal(grid.rows(0, 2)[:, :2], [[0.3, 0.6], [0.5, 0.6]])
+
+
+@pytest.mark.parametrize(
+    ("axes", "fixed", "expected"),
+    [
+        ({"e_1": [0.3, 0.5]}, {"e": 0.7}, [[0.3, 0.7], [0.5, 0.7]]),
+        ({"e": [0.3, 0.5]}, {"e_1": 0.7}, [[0.7, 0.3], [0.7, 0.5]]),
+        ({"e": [0.3, 0.5], "e_1": [0.7]}, {}, [[0.7, 0.3], [0.7, 0.5]]),
+        ({"f": [15]}, {"e": 0.3, "e_2": 0.4}, [[0.3, 0.4]]),
+    ],
+)
+def test_each_end_has_its_own_value_or_that_of_both(axes, fixed, expected):
+    grid = make_grid(axes, fixed)
+    np.testing.assert_array_equal(grid.rows(0, grid.size)[:, :2], expected)
+
+
+def test_what_is_the_same_at_the_ends_is_told_alike():
+    told = [
+        make_grid({"f": [15]}, fixed).told()
+        for fixed in ({"e_1": 0.5}, {"e_1": 0.5, "e": 0.6}, {"e_1": 0.5, "e_2": 0.6})
+    ]
+    assert told[0] == told[1] == told[2]
 
 
 @given(st.integers(0, 24), st.integers(0, 24))

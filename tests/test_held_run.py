@@ -290,6 +290,13 @@ def test_a_run_with_a_forged_configuration_is_refused(tmp_path, change, record):
         dimersweep.load_run(tmp_path / "run.nc")
 
 
+def test_a_run_that_an_earlier_version_saved_with_e_beside_the_ends_is_read(tmp_path):
+    run = simulate(e_1=0.5, e_2=0.4, periods=2)
+    run.save(tmp_path / "run.nc")
+    forged(tmp_path / "run.nc", {"parameters": {"e": 0.6, **run.parameters}})
+    assert dimersweep.load_run(tmp_path / "run.nc").parameters == run.parameters
+
+
 @pytest.mark.parametrize("name", ["end_start", "end_past", "event_rows", "segment_rows"])
 @pytest.mark.parametrize("cut", [lambda rows: rows[:, :2], lambda rows: rows.astype("f4"), lambda rows: rows[0]])
 def test_a_run_whose_rows_have_another_shape_is_refused_before_the_kernel_reads_beyond_them(tmp_path, name, cut):

@@ -91,6 +91,21 @@ def test_the_orbit_does_not_depend_on_where_it_was_looked_for(base, drift):
             assert getattr(other, name) == pytest.approx(getattr(base, name), rel=2e-6), name
 
 
+def test_ends_of_their_own_take_the_place_of_what_the_guess_has(base):
+    unlike = orbits.find(guess=base, e_1=0.58, e_2=0.62)
+    assert unlike.parameters.items() >= {"e_1": 0.58, "e_2": 0.62}.items() and "e" not in unlike.parameters
+    back = orbits.find(guess=unlike, e=0.6, spin=base.spin)
+    assert back.parameters == base.parameters
+    assert back.radius == pytest.approx(base.radius, rel=2e-6)
+    for refused in (
+        lambda: orbits.follow(unlike, "e", to=0.7),
+        lambda: orbits.border("fold", "e", over={"e_1": [0.5, 0.6]}, e_2=0.6),
+        lambda: orbits.find(e=0.6, e_1=0.5, e_2=0.4),
+    ):
+        with pytest.raises(ParameterError, match=r"^e: has no effect beside e_1 and e_2; leave one of the three out$"):
+            refused()
+
+
 def test_a_planar_orbit_stays_in_its_plane():
     plane = orbits.find(spin=0.0)
     assert plane.radius == plane.period == np.inf

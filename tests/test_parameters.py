@@ -2,6 +2,7 @@
 
 import re
 import tracemalloc
+from dataclasses import replace
 from functools import reduce
 
 import numpy as np
@@ -13,7 +14,7 @@ from hypothesis import strategies as st
 from dimersweep.cubes.grid import make_grid
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import ROW
-from dimersweep.parameters import RULES, Parameters, check, check_count, check_rtol, keeps_rules
+from dimersweep.parameters import RULES, Parameters, check, check_count, check_rtol, keeps_rules, updated
 
 BAD = [
     ({"e": float("nan")}, "e = nan: must be finite"),
@@ -29,6 +30,7 @@ BAD = [
     ({"e": -0.1}, "e = -0.1: must be in [0, 1]"),
     ({"e_1": 2}, "e_1 = 2.0: must be in [0, 1]"),
     ({"e_2": -1}, "e_2 = -1.0: must be in [0, 1]"),
+    ({"e": 0.6, "e_1": 0.5, "e_2": 0.4}, "e: has no effect beside e_1 and e_2; leave one of the three out"),
     ({"mu": -0.1}, "mu = -0.1: must be >= 0"),
     ({"mu": 0.5}, "mu_s = 0.4: must be >= mu = 0.5 (stick friction is never below slip friction)"),
     ({"f": 0}, "f = 0.0: must be > 0"),
@@ -67,6 +69,51 @@ def test_row_is_in_the_order_of_the_kernel():
     assert row.dtype == np.float64
     named = dict(zip(ROW, row, strict=True))
     assert (named["e_1"], named["e_2"], named["Gamma"], named["g"]) == (0.5, 0.7, 1.1, 9.81)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "ends"),
+    [
+        ({}, (0.6, 0.6)),
+        ({"e": 0.7}, (0.7, 0.7)),
+        ({"e_1": 0.5}, (0.5, 0.6)),
+        ({"e": 0.7, "e_1": 0.5}, (0.5, 0.7)),
+        ({"e": 0.7, "e_2": 0.5}, (0.7, 0.5)),
+        ({"e_1": 0.5, "e_2": 0.4}, (0.5, 0.4)),
+    ],
+)
+def test_a_parameter_is_that_of_both_ends_unless_one_has_its_own(parameters, ends):
+    made = Parameters(**parameters)
+    assert dict(zip(ROW, made.row(), strict=True)).items() >= {"e_1": ends[0], "e_2": ends[1]}.items()
+    for again in (Parameters(**made.given()), replace(made, Gamma=made.Gamma)):
+        assert again == made
+    assert ("e" in made.given()) == (len(set(parameters) - {"e"}) < 2)
+
+
+@pytest.mark.parametrize(
+    ("known", "given_ones", "expected"),
+    [
+        ({"e": 0.6}, {"e_1": 0.5}, {"e": 0.6, "e_1": 0.5}),
+        ({"e": 0.6}, {"e_1": 0.5, "e_2": 0.4}, {"e_1": 0.5, "e_2": 0.4}),
+        ({"e": 0.6, "e_1": 0.5}, {"e_2": 0.4}, {"e_1": 0.5, "e_2": 0.4}),
+        ({"e_1": 0.5, "e_2": 0.4}, {"e": 0.7}, {"e": 0.7}),
+        ({"e_1": 0.5, "e_2": 0.4}, {"e": 0.7, "e_1": 0.3}, {"e": 0.7, "e_1": 0.3}),
+        ({"e_1": 0.5, "e_2": 0.4}, {"e_1": 0.3}, {"e_1": 0.3, "e_2": 0.4}),
+        ({"e": 0.6, "e_1": 0.5, "e_2": 0.4}, {}, {"e_1": 0.5, "e_2": 0.4}),
+    ],
+)
+def test_what_is_given_takes_the_place_of_what_was_known_at_that_end(known, given_ones, expected):
+    assert updated(known, given_ones) == expected
+
+
+def test_rules_between_two_parameters_are_judged_end_by_end(monkeypatch):
+    """With a friction of its own for each end: the rules are those of the table, whatever parameter it is."""
+    monkeypatch.setattr("dimersweep.parameters.ENDS", {"mu": ("mu_1", "mu_2"), "mu_s": ("mu_s_1", "mu_s_2")})
+    check({"mu_1": 0.3, "mu": 0.1, "mu_s_2": 0.2, "mu_s": 0.4})
+    with pytest.raises(ParameterError, match=r"^mu_s = 0.4: must be >= mu_1 = 0.5 "):
+        check({"mu_1": 0.5, "mu": 0.1, "mu_s": 0.4})
+    with pytest.raises(ParameterError, match=r"^mu_2 = -0.1: must be >= 0$"):
+        check({"mu_2": -0.1, "mu": 0.1})
 
 
 @pytest.mark.parametrize("value", [np.float32(20), np.int64(20), 20, np.array(20.0), xr.DataArray(20.0)])

@@ -46,10 +46,9 @@ def with_parameters(command: Callable[..., None]) -> Callable[..., None]:
     for name, quantity in PARAMETERS.items():  # their texts are judged with all else, where units are known
         either = quantity.units + (", or 16deg" if quantity.units == "rad" else "")
         units = "" if quantity.units == "1" else f" ({either})"
-        told = quantity.long_name + units + ("" if name in BASE else f"; {LEFT_OUT[name]} by default")
+        told = f"{quantity.long_name}{units}; {BASE.get(name, LEFT_OUT.get(name))} by default"
         kind = Annotated[Any, typer.Option(f"--{name}", help=told, parser=str, metavar="NUMBER")]
-        default = BASE.get(name, None if isinstance(LEFT_OUT.get(name), str) else LEFT_OUT.get(name))
-        options.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind))
+        options.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=kind))
     command.__signature__ = signature.replace(parameters=options)  # type: ignore[attr-defined]
     command.__annotations__ = {option.name: option.annotation for option in options}
     return command

@@ -30,6 +30,7 @@ def simulate(
     **parameters: Any,
 ) -> None:
     """Run one dimer and tell its mode and its orbit."""
+    parameters = {name: value for name, value in parameters.items() if value is not None}
     if plot is not None:
         from dimersweep.plots import check_picture
 

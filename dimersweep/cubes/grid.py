@@ -12,12 +12,13 @@ from dimersweep.parameters import (
     as_number,
     check,
     check_count,
+    check_effect,
     check_name,
     fill_rows,
     keeps_rules,
     number,
 )
-from dimersweep.symbols import BASE, PARAMETERS
+from dimersweep.symbols import BASE, ENDS, PARAMETERS
 
 MAX_POINTS = 50_000_000  # of an axis, and of a cube in memory: about 11 GB, see benchmarks/speed/memory.py
 
@@ -241,7 +242,7 @@ def as_fixed(fixed: Any) -> dict[str, Any]:
 
 
 def refuse_twice(varied: Mapping[str, Any], fixed: Mapping[str, Any]) -> None:
-    """Refuse parameters that are given twice: as varied and as fixed, or e beside that of one end.
+    """Refuse parameters that are given twice, as varied and as fixed, or that are without effect beside others.
 
     Raises
     ------
@@ -251,17 +252,19 @@ def refuse_twice(varied: Mapping[str, Any], fixed: Mapping[str, Any]) -> None:
         check_name(name)
         if name in varied:
             raise ParameterError(f"{name}: given twice, as an axis and as a fixed value")
-    for end in ("e_1", "e_2"):
-        if {"e", end} <= {*varied, *fixed}:
-            raise ParameterError(f"{end}: given together with e; give e, or e_1 and e_2")
+    check_effect({*varied, *fixed})
 
 
 def fixed_values(varied: Mapping[str, np.ndarray], fixed: Mapping[str, Any]) -> dict[str, float]:
-    """Every parameter that does not vary, in SI units: as `fixed` says, or as in the base case."""
+    """Every parameter that does not vary, in SI units: as `fixed` says, or as in the base case.
+
+    What differs from end to end is told by its values at the ends, so that the same points are told alike.
+    """
     held = {name: fixed_value(name, value) for name, value in (BASE | dict(fixed)).items() if name not in varied}
-    if {"e_1", "e_2"} & {*varied, *fixed}:
-        e = held.pop("e")
-        held = {name: e for name in ("e_1", "e_2") if name not in varied} | held
+    for both, ends in ENDS.items():
+        if both in held and {*ends} & {*varied, *fixed}:
+            value = held.pop(both)
+            held = {end: value for end in ends if end not in varied} | held
     return held
 
 

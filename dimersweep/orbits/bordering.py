@@ -17,7 +17,7 @@ from dimersweep.orbits.return_map import OrbitLost
 from dimersweep.orbits.tables import dataset
 from dimersweep.orbits.word import Sides, change_of
 from dimersweep.orbits.word_curve import CHANGES, WordCurve
-from dimersweep.parameters import as_number, check_name, check_rtol
+from dimersweep.parameters import as_number, check_effect, check_name, check_rtol
 from dimersweep.symbols import PARAMETERS
 
 KINDS = BIFURCATIONS + CHANGES
@@ -107,6 +107,7 @@ def _checked(
         axes[name] = np.array([as_number(name, value) for value in np.atleast_1d(np.asarray(values))])
         if not axes[name].size:
             raise ParameterError(f"over: {name} has no values")
+    check_effect({parameter, *axes, *fixed})
     for name, column in axes.items():
         for value in column:
             checked(fixed | {name: float(value)})

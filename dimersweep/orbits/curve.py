@@ -16,6 +16,7 @@ from dimersweep.orbits.orbit import Orbit
 from dimersweep.orbits.return_map import OrbitLost, Tape
 from dimersweep.orbits.specials import Leap, Special, specials
 from dimersweep.orbits.word import Sides
+from dimersweep.parameters import value_of
 
 SEED_POINTS, SEED_STEP = 120, 0.1  # of the branch on which the first point is looked for
 HALVINGS = 4  # of a step from one point of a curve to the next
@@ -71,7 +72,7 @@ class Curve(ABC):
 
     def __init__(self, kind: str, parameter: str, given: dict[str, float], spin: float, rtol: float) -> None:
         self.kind, self.parameter, self.given, self.spin, self.rtol = kind, parameter, given, spin, rtol
-        scale = abs(given.get(parameter, given["e"])) or 1.0
+        scale = abs(value_of(parameter, given)) or 1.0
         self.axis = Axis(parameter, scale, spin)
         self.tape = Tape()
 
@@ -180,7 +181,7 @@ class Curve(ABC):
             return
         for share in self.shares:
             if self.parameter == "Gamma":
-                e = given.get("e_2", given["e"])
+                e = value_of("e_2", given)
                 yield {"Gamma": ball_fold(e) + share * (ball_flip(e) - ball_fold(e))}
             else:
                 least = (pi - given["Gamma"]) / (pi + given["Gamma"])  # the ball's fold
@@ -195,7 +196,7 @@ class Curve(ABC):
             If there is none.
         """
         reasons = []
-        value = orbit.parameters.get(self.parameter, orbit.parameters["e"])
+        value = value_of(self.parameter, orbit.parameters)
         begin = point_of(self.axis, orbit.fixed._replace(map=orbit.fixed.map.on(self.tape)), value, None)
         for sense in self.senses:
             try:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from dimersweep.errors import OrbitError, ParameterError
+from dimersweep.kernel.model.layout import ROW
 from dimersweep.orbits.ball import ball_fold
 from dimersweep.orbits.guesses import of_ball, of_run, rolled_up
 from dimersweep.orbits.manifold import creep_of
@@ -14,7 +15,7 @@ from dimersweep.orbits.orbit import Orbit, orbit_of
 from dimersweep.orbits.passage import TURN
 from dimersweep.orbits.return_map import OrbitLost, ReturnMap, Tape
 from dimersweep.orbits.solving import Fixed, solve, system
-from dimersweep.parameters import Parameters, as_number, check_count, check_name, check_rtol
+from dimersweep.parameters import Parameters, as_number, check_count, check_name, check_rtol, updated, value_of
 from dimersweep.runs.run import Run
 
 RTOL = 1e-12
@@ -99,10 +100,7 @@ def checked(parameters: dict[str, Any], guess: Run | Orbit | None = None) -> dic
         check_name(name)
     if guess is not None and not isinstance(guess, Run | Orbit):
         raise ParameterError(f"guess = {guess!r}: must be a Run or an Orbit")
-    known = dict(guess.parameters) if guess is not None else {}
-    if "e" in parameters:  # both ends, unless one is given
-        known = {name: value for name, value in known.items() if name not in ("e_1", "e_2")}
-    return Parameters(**known | parameters).given()
+    return Parameters(**updated({} if guess is None else guess.parameters, parameters)).given()
 
 
 def _starts(
@@ -165,8 +163,8 @@ def _from_orbit(
 ) -> Fixed:
     """Newton from the orbit's own point; if that fails, by steps from its parameters and spin to those asked for."""
     old, spin = orbit.fixed.map, orbit.spin if spin is None else spin
-    base = old.parameters | {name: old.parameters["e"] for name in given if name not in old.parameters}
-    m = ReturnMap(base, old.phase, old.modes, periods, rtol, tape)
+    first, last = ({name: value_of(name, told) for name in ROW} for told in (old.parameters, given))
+    m = ReturnMap(old.parameters, old.phase, old.modes, periods, rtol, tape)
     known = system(old, orbit.fixed.matrix, orbit.fixed.gradient) if periods == old.periods else None
     done, step, z, fixed = 0.0, 1.0, orbit.fixed.z, None
     reason = OrbitLost("")
@@ -174,7 +172,7 @@ def _from_orbit(
         if step < SMALLEST_STEP:
             raise OrbitLost(f"{reason}, {done:.0%} of the way")
         there = min(1.0, done + step)
-        values = {name: base[name] + there * (given[name] - base[name]) for name in given}
+        values = given if there == 1.0 else {name: first[name] + there * (last[name] - first[name]) for name in ROW}
         try:
             fixed = centred(solve(m.with_parameters(values), z, orbit.spin + there * (spin - orbit.spin), known))
         except OrbitLost as error:
@@ -192,7 +190,7 @@ def _where(spin: float | None) -> str:
 
 def _why_not(given: dict[str, float]) -> str:
     """What the closed form of a ball says, if it has no orbit either."""
-    e = given.get("e_2", given["e"])
+    e = value_of("e_2", given)
     least = ball_fold(e)
     if given["Gamma"] >= least:
         return ""

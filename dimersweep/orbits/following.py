@@ -13,7 +13,7 @@ from dimersweep.orbits.orbit import Orbit, orbit_of
 from dimersweep.orbits.return_map import OrbitLost, Tape
 from dimersweep.orbits.specials import Leap, Special, doubled, specials
 from dimersweep.orbits.tables import dataset
-from dimersweep.parameters import as_number, check_count, check_name
+from dimersweep.parameters import as_number, check_count, check_effect, check_name, value_of
 
 FIRST, LARGEST, SMALLEST, GROWTH = (
     0.02,
@@ -126,8 +126,9 @@ def _begin(orbit: Orbit, parameter: str, to: float) -> tuple[Axis, Point, float]
         raise ParameterError(f"orbit = {orbit!r}: must be an Orbit")
     if parameter != "spin":
         check_name(parameter)
+        check_effect({parameter, *orbit.parameters})
     to = as_number("to", to)
-    value = orbit.spin if parameter == "spin" else orbit.parameters.get(parameter, orbit.parameters["e"])
+    value = orbit.spin if parameter == "spin" else value_of(parameter, orbit.parameters)
     if to == value:
         raise ParameterError(f"to = {to}: must differ from the value {parameter} has")
     axis = Axis(parameter, max(abs(value), abs(to - value), LEAST_SCALE), orbit.spin)

@@ -8,6 +8,7 @@ from dimersweep.kernel.model.layout import BETA, CB, D2, FREE, N2, N_STATE, PERI
 from dimersweep.kernel.record import HOP_TIME, MODES
 from dimersweep.orbits.passage import TURN
 from dimersweep.orbits.return_map import OrbitLost, ReturnMap, Tape
+from dimersweep.parameters import value_of
 from dimersweep.runs.run import Run
 
 SECTION = 0.75 * TURN  # of the guess: well before the double impact, which lies in the first quadrant
@@ -42,7 +43,7 @@ def pivot_share(parameters: dict[str, float]) -> float:
 
 def ball_state(parameters: dict[str, float], spin: float) -> tuple[np.ndarray, np.ndarray]:
     """Kernel state and friction modes at `SECTION` if p2 were a ball that bounces once a period, and p1 stayed down."""
-    e, Gamma = parameters.get("e_2", parameters["e"]), parameters["Gamma"]
+    e, Gamma = value_of("e_2", parameters), parameters["Gamma"]
     least = np.pi * (1 - e) / (1 + e)
     phase = acos(min(1.0, least / Gamma)) if Gamma > 0 else 0.0
     kappa = pivot_share(parameters)

@@ -130,7 +130,8 @@ def _layout(run: "Run", shown: xr.Dataset, pace: Pace) -> dict[str, Any]:
         {"label": "play", "method": "animate", "args": [None, going]},
         {"label": "pause", "method": "animate", "args": [[None], still]},
     ]
-    given = ", ".join(f"{name} = {run.parameters[name]:.4g}" for name in ("Gamma", "f", "A_r", "e", "mu", "mu_s"))
+    named = (name for name in ("Gamma", "f", "A_r", "e", "mu", "mu_s") if name in run.parameters)
+    given = ", ".join(f"{name} = {run.parameters[name]:.4g}" for name in named)
     room = 4e3 * run.parameters["r"]
     spans = {axis: _span(shown, axis, room) for axis in "xyz"}
     widest = max(high - low for low, high in spans.values())

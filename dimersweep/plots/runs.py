@@ -205,7 +205,7 @@ def run_figure(run: "Run", periods: int = 4) -> Figure:
     if not aperiodic:
         figure.legend(handles=contact_legend(), loc="outside lower center", ncols=4, fontsize=8, frameon=False)
     shown = ("e", "Gamma", "f", "A_r", "mu", "mu_s", *(() if run.start else ("beta0", "xdot0")))
-    words = ", ".join(given(name, run.parameters[name]) for name in shown)
+    words = ", ".join(given(name, run.parameters[name]) for name in shown if name in run.parameters)
     figure.suptitle(f"{run.mode} after {run.n_periods} periods: {words}", fontsize=10)
     return figure
 

@@ -15,7 +15,7 @@ from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import N_START
 from dimersweep.kernel.record import N_EVENT, N_SEGMENT
 from dimersweep.kernel.verdict.past import PAST_COLUMNS, PAST_ROWS
-from dimersweep.parameters import Parameters
+from dimersweep.parameters import Parameters, updated
 from dimersweep.runs.recorded import Record
 from dimersweep.runs.solving import End
 from dimersweep.storage.netcdf import check_run_file, read_netcdf, write_cube
@@ -142,9 +142,10 @@ def _as_run(told: dict[str, Any], rows: dict[str, np.ndarray]) -> "Run":
     """The run that a configuration and the rows of the kernel tell."""
     from dimersweep.runs.run import Orbit, Run
 
-    row, recorded = Parameters(**told["parameters"]).row(), "event_rows" in rows
+    parameters = updated(told["parameters"], {})  # earlier versions told e beside e_1 and e_2
+    row, recorded = Parameters(**parameters).row(), "event_rows" in rows
     return Run(
-        parameters=told["parameters"],
+        parameters=parameters,
         start=told["start"],
         rtol=float(told["rtol"]),
         orbit=told["orbit"] and Orbit(**told["orbit"]),

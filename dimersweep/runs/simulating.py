@@ -6,7 +6,15 @@ from typing import Any
 
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.batch import Workspace
-from dimersweep.parameters import Parameters, check_count, check_name, check_rtol, check_seconds, check_switch
+from dimersweep.parameters import (
+    Parameters,
+    check_count,
+    check_name,
+    check_rtol,
+    check_seconds,
+    check_switch,
+    updated,
+)
 from dimersweep.runs.run import Run, as_run
 from dimersweep.runs.solving import check_recorded, solve
 from dimersweep.runs.starting import INITIAL, is_point, kernel_start, named, parameters_of, start_of
@@ -61,7 +69,7 @@ def simulate(
     for name in parameters:
         check_name(name)
     if is_point(start):
-        parameters, start = parameters_of(start) | parameters, None
+        parameters, start = updated(parameters_of(start), parameters), None
     begun = None if start is None else start_of(start)
     given = Parameters(**(parameters if begun is None else _with_start(parameters, begun)))
     switches = check_switch("stop_when_settled", stop_when_settled), check_switch("record", record)

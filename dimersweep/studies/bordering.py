@@ -23,7 +23,7 @@ from dimersweep.orbits.bordering import KINDS, border
 from dimersweep.orbits.families import family
 from dimersweep.orbits.finding import checked, find
 from dimersweep.orbits.following import follow
-from dimersweep.parameters import check_name
+from dimersweep.parameters import check_name, value_of
 from dimersweep.storage.netcdf import check_writable, write_cube
 from dimersweep.storage.provenance import attributes
 from dimersweep.studies.parts import Parts, parts_beside
@@ -269,7 +269,7 @@ def _curve(declared: Borders, curves: Curves, kind: str, tell: Tell) -> xr.Datas
     found = int(np.isfinite(table[curves.parameter]).sum())
     tell(f"{kind}: {found} of {table[curves.parameter].size} points, {table.attrs['cost']:.0f} periods of the map")
     if kind in BALL and curves.parameter == "Gamma":
-        e = table["e"] if "e" in table.coords else xr.DataArray(checked(declared.fixed)["e"])
+        e = table["e"] if "e" in table.coords else xr.DataArray(value_of("e_2", checked(declared.fixed)))
         ball = xr.apply_ufunc(np.vectorize(BALL[kind]), e)
         table["ball"] = ball.broadcast_like(table[curves.parameter])
     else:
