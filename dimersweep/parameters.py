@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dimersweep.errors import ParameterError, unknown
+from dimersweep.errors import ParameterError, one_line, unknown
 from dimersweep.kernel.model.layout import N_ROW, ROW
 from dimersweep.symbols import BASE, ENDS, LEFT_OUT, PARAMETERS
 
@@ -68,17 +68,50 @@ RULES = (
 
 def _shown(value: Any) -> str:
     """A value that a user gave, in a line, however long or deeply nested it is."""
-    return reprlib.repr(value)
+    return " ".join(reprlib.repr(value).split())
 
 
-def as_number(name: str, value: Any) -> float:
-    """`value` as a finite float.
+def _unit_of(value: Any) -> Any:
+    """The unit that a value of another library carries: xarray's and pandas' in their attributes, None if there is none."""
+    attributes = getattr(value, "attrs", None)
+    if isinstance(attributes, Mapping):
+        return attributes.get("units", _unit_of(getattr(value, "data", None)))
+    return getattr(value, "units", getattr(value, "unit", None))
+
+
+def _check_carried(name: str, value: Any, units: str | None) -> None:
+    """Refuse what a number or an array carries besides numbers: another unit, masked entries, dates, bools.
 
     Raises
     ------
     ParameterError
-        If it is no real number (a bool or a string is none) or not finite.
     """
+    unit = _unit_of(value)
+    if unit is not None and not (isinstance(unit, str) and (units is None or unit in ("", units))):
+        wanted = "" if units is None else " without a unit" if units == "1" else f" in {units}"
+        raise ParameterError(f"{name} = {_shown(value)}: has the unit {unit}; give plain numbers{wanted}")
+    if np.ma.is_masked(value):
+        raise ParameterError(f"{name} = {_shown(value)}: has masked values; give numbers only")
+    if getattr(getattr(value, "dtype", None), "kind", "O") not in "iufOTU":
+        raise ParameterError(f"{name} = {_shown(value)}: must be a number")
+
+
+def as_number(name: str, value: Any, units: str | None = None) -> float:
+    """`value` as a finite float.
+
+    Parameters
+    ----------
+    name : str
+    value : float
+    units : str, optional
+        The unit that a value may carry as an attribute; any, if it is not given.
+
+    Raises
+    ------
+    ParameterError
+        If it is no real number (a bool or a string is none), masked, of another unit or not finite.
+    """
+    _check_carried(name, value, units)
     if getattr(value, "ndim", None) == 0:  # a numpy scalar or a single value picked from a dataset
         value = value.item()
     if isinstance(value, bool) or not isinstance(value, Real):
@@ -108,9 +141,9 @@ def number(name: str, value: Any, units: str | None = None) -> float:
     ParameterError
         If it is no number, or the unit is another one.
     """
-    if not isinstance(value, str):
-        return as_number(name, value)
     units = PARAMETERS[name].units if units is None else units
+    if not isinstance(value, str):
+        return as_number(name, value, units)
     factors = {"": 1.0, units: 1.0} | ({"deg": pi / 180, "°": pi / 180} if units == "rad" else {})
     found = re.fullmatch(r"\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?|[-+]?inf|nan)\s*(.*?)\s*", value)
     try:
@@ -123,6 +156,39 @@ def number(name: str, value: Any, units: str | None = None) -> float:
         allowed = " or ".join(dict.fromkeys(unit for unit in factors if unit not in ("", "°")))
         raise ParameterError(f"{name} = {value!r}: the unit must be {'left out' if units == '1' else allowed}")
     return as_number(name, size * factors[found[2]])
+
+
+def as_numbers(name: str, values: Any, read: Callable[[str, Any], float], units: str | None = None) -> np.ndarray:
+    """`values` as finite floats, shape (n,); a lone number is one value.
+
+    Parameters
+    ----------
+    name : str
+    values : array_like
+    read : callable
+        Judge of each value that is not in an array of numbers: `as_number` or `number`.
+    units : str, optional
+        See `as_number`.
+
+    Raises
+    ------
+    ParameterError
+    """
+    if hasattr(values, "__array__"):
+        _check_carried(name, values, units)
+        try:
+            values = np.asarray(values)
+        except Exception as error:  # whatever another library says
+            raise ParameterError(f"{name}: cannot be read as numbers ({one_line(error)})") from None
+        values = values if values.dtype.kind in "iuf" and values.ndim == 1 else values.tolist()
+    if isinstance(values, np.ndarray) or (isinstance(values, list) and {*map(type, values)} == {float}):
+        with np.errstate(over="ignore"):  # of longer floats
+            column = np.array(values, dtype=float)
+        if not np.isfinite(column).all():
+            raise ParameterError(f"{name} = {column[~np.isfinite(column)][0]}: must be finite")
+        return column
+    values = values if isinstance(values, list | tuple | range) else [values]
+    return np.array([read(name, value) for value in values], dtype=float)
 
 
 def _or_degrees(units: str) -> str:
@@ -249,7 +315,7 @@ def check_count(name: str, value: Any, most: int = MAX_COUNT) -> int:
     ParameterError
         If it is no whole number, or out of that range.
     """
-    if isinstance(value, bool) or not isinstance(value, Integral) or value < 1:
+    if isinstance(value, bool | np.timedelta64) or not isinstance(value, Integral) or value < 1:
         raise ParameterError(f"{name} = {_shown(value)}: must be a whole number >= 1")
     if int(value) > most:
         raise ParameterError(f"{name} = {value!r}: must be <= {most}")

@@ -67,7 +67,9 @@ def test_a_point_has_its_run_and_its_picture():
         ({"e": [0.5, 1.5]}, r"^e = 1.5: must be in \[0, 1\]$"),
         ({"mu": [0.1, 0.3], "mu_s": [0.2, 0.2]}, r"^point 1: mu_s = 0.2: must be >= mu = 0.3 "),
         ({"mu": [0.1, 0.5]}, r"^point 1: mu_s = 0.4: must be >= mu = 0.5 "),
-        ({"f": [[15]]}, r"^f: has shape \(1, 1\); must be one column$"),
+        ({"f": [[15]]}, r"^f = \[15\]: must be a number$"),
+        ({"f": np.array([[15]])}, r"^f: has shape \(1, 1\); must be one column$"),
+        ({"f": 15}, r"^f: has shape \(\); must be one column$"),
         ([1, 2], r"^points: is a list; give a mapping of parameters to columns, or a table$"),
     ],
 )

@@ -2,7 +2,8 @@
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from math import prod
+from functools import partial
+from math import isfinite, prod
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from dimersweep.errors import ParameterError
 from dimersweep.parameters import (
     as_number,
+    as_numbers,
     check,
     check_count,
     check_effect,
@@ -31,6 +33,8 @@ def _from_range(name: str, read: Reader, start: Any, stop: Any, step: Any = None
     start, stop = read(f"{name}.start", start), read(f"{name}.stop", stop)
     if stop < start:
         raise ParameterError(f"{name}.stop = {stop}: must be >= start = {start}")
+    if not isfinite(stop - start):
+        raise ParameterError(f"{name}.stop = {stop}: is too far from start = {start}")
     if num is not None:
         count = check_count(f"{name}.num", num, MAX_POINTS)
         stride = (stop - start) / max(count - 1, 1)
@@ -56,35 +60,30 @@ def _from_logarithms(name: str, read: Reader, start: Any, stop: Any, num: Any) -
     return np.geomspace(*ends, count)
 
 
-def _from_values(name: str, values: Any, read: Reader) -> np.ndarray:
-    """`values` as a float array of one dimension; a lone number is an axis of one value."""
-    values = np.asarray(values).tolist() if hasattr(values, "__array__") else values
-    values = values if isinstance(values, list | tuple | range) else [values]
-    return np.array([read(name, value) for value in values])
-
-
 def _with_units(name: str, value: Any) -> float:
     return number(name.partition(".")[0], value)
 
 
 def _from_declaration(name: str, declared: Mapping[str, Any]) -> np.ndarray:
     given = dict(declared)
-    read: Reader = as_number if "unit" in given else _with_units
-    unit, spacing = given.pop("unit", PARAMETERS[name].units), given.pop("spacing", "linear")
+    units = PARAMETERS[name].units
+    bare = "unit" in given
+    unit, spacing = given.pop("unit", units), given.pop("spacing", "linear")
+    read: Reader = partial(as_number, units=unit) if bare else _with_units
     if spacing not in ("linear", "log"):
         raise ParameterError(f"{name}.spacing = {spacing!r}: must be linear or log")
     if spacing == "log" and set(given) == {"start", "stop", "num"}:
         values = _from_logarithms(name, read, **given)
     elif set(given) == {"values"} and spacing == "linear":
-        values = _from_values(name, given["values"], read)
+        values = as_numbers(name, given["values"], read, unit)
     elif set(given) in ({"start", "stop", "step"}, {"start", "stop", "num"}) and spacing == "linear":
         values = _from_range(name, read, **given)
     else:
         raise ParameterError(f"{name}: has {', '.join(given) or 'nothing'}; {_FORMS}")
-    if unit == "deg" and PARAMETERS[name].units == "rad":
+    if unit == "deg" and units == "rad":
         return np.deg2rad(values)
-    if unit != PARAMETERS[name].units:
-        allowed = PARAMETERS[name].units + (" or deg" if PARAMETERS[name].units == "rad" else "")
+    if unit != units:
+        allowed = units + (" or deg" if units == "rad" else "")
         raise ParameterError(f"{name}.unit = {unit!r}: must be {allowed}")
     return values
 
@@ -101,7 +100,7 @@ def fixed_value(name: str, value: Any) -> float:
     if isinstance(value, Mapping):
         if set(value) != {"value", "unit"}:
             raise ParameterError(f"{name}: has {', '.join(value) or 'nothing'}; give value and unit")
-        value = f"{as_number(name, value['value'])!r} {value['unit']}"
+        value = f"{as_number(name, value['value'], value['unit'])!r} {value['unit']}"
     return number(name, value)
 
 
@@ -131,7 +130,7 @@ def axis(name: str, declared: Any) -> np.ndarray:
     values = (
         _from_declaration(name, declared)
         if isinstance(declared, Mapping)
-        else _from_values(name, declared, _with_units)
+        else as_numbers(name, declared, _with_units, PARAMETERS[name].units)
     )
     if values.size == 0:
         raise ParameterError(f"{name}: the axis is empty; give at least one value")

@@ -17,7 +17,7 @@ from dimersweep.orbits.return_map import OrbitLost
 from dimersweep.orbits.tables import dataset
 from dimersweep.orbits.word import Sides, change_of
 from dimersweep.orbits.word_curve import CHANGES, WordCurve
-from dimersweep.parameters import as_number, check_effect, check_name, check_rtol
+from dimersweep.parameters import as_number, as_numbers, check_effect, check_name, check_rtol, number
 from dimersweep.symbols import PARAMETERS
 
 KINDS = BIFURCATIONS + CHANGES
@@ -104,7 +104,7 @@ def _checked(
         check_name(name)
         if name == parameter or name in fixed:
             raise ParameterError(f"over: {name} is given twice")
-        axes[name] = np.array([as_number(name, value) for value in np.atleast_1d(np.asarray(values))])
+        axes[name] = as_numbers(name, values, number, PARAMETERS[name].units)
         if not axes[name].size:
             raise ParameterError(f"over: {name} has no values")
     check_effect({parameter, *axes, *fixed})

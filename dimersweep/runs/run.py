@@ -12,7 +12,7 @@ import xarray as xr
 
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import CODES, MODES, OUT, PERIOD, STATUS_MESSAGES, STATUSES
-from dimersweep.parameters import Parameters, check_count
+from dimersweep.parameters import Parameters, as_number, as_numbers, check_count
 from dimersweep.runs.error_bounds import NUDGE, bounds, nudged, shadow_rtol
 from dimersweep.runs.outcome import Orbit, orbit_from
 from dimersweep.runs.recorded import Record, events_of, states_of
@@ -165,13 +165,7 @@ class Run:
         record = self.record("states")
         if not len(record.segments):
             raise ParameterError(f"states: there are none, the run failed at its first impact ({self.message})")
-        try:
-            times = np.atleast_1d(np.asarray(t, dtype=float))
-        except (TypeError, ValueError):
-            raise ParameterError(f"t = {t!r}: must be one time or a list of times [s]") from None
-        if times.ndim != 1:
-            raise ParameterError(f"t: has shape {times.shape}; must be one time or a list of times")
-        return states_of(record, times, self.rtol, self.parameters)
+        return states_of(record, as_numbers("t", t, as_number, "s"), self.rtol, self.parameters)
 
     def section(self) -> xr.Dataset:
         """The points of the return map: the state at the start of each forcing period, and at the end.

@@ -64,7 +64,7 @@ def start_of(start: Any) -> dict[str, float]:
 def _one(name: str, variable: Any) -> float:
     if variable.size != 1:
         raise ParameterError(f"start.{name}: has {variable.size} values; give one time, such as states.isel(time=-1)")
-    return as_number(f"start.{name}", variable.values.item())
+    return as_number(f"start.{name}", variable.squeeze(), STATES[name].units)
 
 
 def is_point(start: Any) -> bool:

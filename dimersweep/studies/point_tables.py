@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Mapping
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -97,7 +98,10 @@ def _ends(name: str, declared: Any) -> tuple[float, float, bool]:
     }:
         raise ParameterError(f"points.ranges.{name}: give start and stop, and perhaps unit and spacing")
     low, high = axis(name, {**declared, "num": 2}).tolist()
-    return low, high, declared.get("spacing") == "log"
+    by_ratio = declared.get("spacing") == "log"
+    if by_ratio and not isfinite(high / low):
+        raise ParameterError(f"points.ranges.{name}: stop = {high} is too far from start = {low}")
+    return low, high, by_ratio
 
 
 def _between(low: float, high: float, by_ratio: bool, share: np.ndarray) -> np.ndarray:
