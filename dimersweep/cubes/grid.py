@@ -24,12 +24,24 @@ from dimersweep.symbols import BASE, ENDS, PARAMETERS
 
 MAX_POINTS = 50_000_000  # of an axis, and of a cube in memory: about 11 GB, see benchmarks/speed/memory.py
 
+STEP_TOLERANCE = 1e-9  # of a number of steps that counts as whole, times that number
 _FORMS = "give values, or start, stop and either step or num; unit is optional, and spacing = log with num"
 Reader = Callable[[str, Any], float]
 
 
+def _no_whole_steps(start: float, stop: float, step: float, steps: int) -> str:
+    """What to say of a range whose end lies between two of its steps, of which `steps` are whole."""
+    near = [n for n in (steps, steps + 1) if n]
+    stops, nums = (
+        " or ".join(told) for told in ([f"{start + n * step:.15g}" for n in near], [f"{n + 1}" for n in near])
+    )
+    return (
+        f"no whole steps from start = {start} to stop = {stop}; give stop = {stops}, or num = {nums} in place of step"
+    )
+
+
 def _from_range(name: str, read: Reader, start: Any, stop: Any, step: Any = None, num: Any = None) -> np.ndarray:
-    """Values from `start` on; `stop` is the last one where whole steps reach it."""
+    """Values from `start` to `stop`, which whole steps must reach, up to round-off."""
     start, stop = read(f"{name}.start", start), read(f"{name}.stop", stop)
     if stop < start:
         raise ParameterError(f"{name}.stop = {stop}: must be >= start = {start}")
@@ -45,7 +57,9 @@ def _from_range(name: str, read: Reader, start: Any, stop: Any, step: Any = None
         steps = (stop - start) / stride
         if steps >= MAX_POINTS:
             raise ParameterError(f"{name}.step = {stride}: gives more than {MAX_POINTS} values")
-        count = int(steps + 1e-9) + 1  # round-off must not cost the last step
+        count = round(steps) + 1
+        if abs(steps - round(steps)) > STEP_TOLERANCE * max(1.0, steps):
+            raise ParameterError(f"{name}.step = {stride}: {_no_whole_steps(start, stop, stride, int(steps))}")
     return start + stride * np.arange(count)
 
 
@@ -113,8 +127,8 @@ def axis(name: str, declared: Any) -> np.ndarray:
         A parameter of the model.
     declared : array_like or mapping
         Values, or ``{"values": ...}``, ``{"start", "stop", "step"}`` or ``{"start", "stop", "num"}``, each with an
-        optional ``"unit"`` ("deg" for an angle). The stop of a range belongs to it. With ``"spacing": "log"`` the `num`
-        values are in a fixed ratio. A value may be a text with its unit, such as "16 deg".
+        optional ``"unit"`` ("deg" for an angle). The stop of a range belongs to it; whole steps must reach it. With
+        ``"spacing": "log"`` the `num` values are in a fixed ratio. A value may be a text with its unit, such as "16 deg".
 
     Returns
     -------
