@@ -184,6 +184,38 @@ def test_the_command_runs_a_file_of_points_and_makes_its_cube_again(tmp_path, mo
     assert (tmp_path / "points.png").stat().st_size > 1000
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("f,Gamma\n15,0.9,0.2\n20,0.8,0.3\n", r"table.csv': line 2 has 3 values for 2 columns$"),
+        ("f,Gamma\n15,0.9\n\n20\n", r"table.csv': line 4 has 1 values for 2 columns$"),
+        ("f,Gamma\n15,0.9,\n20,0.8,\n", r"table.csv': line 2 has 3 values for 2 columns$"),
+        ("f,Gamma\n15,0.9\n20,0.8,0.3\n", r"table.csv': line 3 has 3 values for 2 columns$"),
+        ("f, f\n15,20\n", r"table.csv': has 2 columns f; give each parameter once$"),
+        ("f,Gamma\n15,\n", r"Gamma = '': must be a number$"),
+        ("f,Gamma\n15,NA\n", r"Gamma = 'NA': must be a number$"),
+        ("f,Gamma\n15,nan\n", r"Gamma = nan: must be finite$"),
+        ("f,Gamma\n", r"points: 0 of them; must be 1 to"),
+        ("", r"table.csv': is no table \(No columns to parse from file\)$"),
+        ("f\n15\n\xff\n", r"table.csv': is no table \("),
+    ],
+)
+def test_a_table_in_a_file_has_one_value_in_each_line_for_each_name(tmp_path, text, message):
+    (tmp_path / "table.csv").write_bytes(text.encode("latin-1"))
+    with pytest.raises(ParameterError, match=message) as caught:
+        declared(tmp_path, '[points]\nfile = "table.csv"')
+    assert "\n" not in str(caught.value)
+
+
+def test_a_table_in_a_file_may_have_spaces_blank_lines_and_units(tmp_path):
+    (tmp_path / "table.csv").write_text('\ufeff\nf , beta0\n15, 16 deg\n\n20, "0.2"\n', encoding="utf-8")
+    columns = declared(tmp_path, '[points]\nfile = "table.csv"').study().grid.columns
+    assert {name: values.tolist() for name, values in columns.items()} == {
+        "f": [15, 20],
+        "beta0": [np.deg2rad(16), 0.2],
+    }
+
+
 @pytest.mark.parametrize("sample", ["random", "latin_hypercube", "sobol"])
 def test_points_are_drawn_evenly_from_ranges_and_alike_each_time(tmp_path, sample):
     ranges = '[points.ranges]\nbeta0 = { start = 10, stop = 80, unit = "deg" }\nf = { start = 5, stop = 50, spacing = "log" }'
