@@ -51,8 +51,9 @@ def unknown(name: str, kind: str, allowed: Iterable[str]) -> str:
     from difflib import get_close_matches
 
     allowed = list(allowed)
-    near = get_close_matches(str(name), allowed, 1) or [each for each in allowed if each.lower() == str(name).lower()]
-    meant = f"; did you mean {near[0]}?" if near else ""
+    words, word = {each.lstrip("-"): each for each in allowed}, str(name).lstrip("-")  # the dashes of options are alike
+    near = get_close_matches(word, words, 1) or [each for each in words if each.lower() == word.lower()]
+    meant = f"; did you mean {words[near[0]]}?" if near else ""
     return f"{name}: unknown {kind}{meant} (allowed: {', '.join(allowed)})"
 
 

@@ -3,7 +3,7 @@
 import re
 import reprlib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import InitVar, dataclass, fields
 from math import isfinite, pi
 from numbers import Integral, Real
 from typing import Any, NamedTuple
@@ -12,9 +12,10 @@ import numpy as np
 
 from dimersweep.errors import ParameterError, one_line, unknown
 from dimersweep.kernel.model.layout import N_ROW, ROW
-from dimersweep.symbols import BASE, ENDS, LEFT_OUT, PARAMETERS
+from dimersweep.symbols import BASE, ENDS, INSTEAD, LEFT_OUT, PARAMETERS
 
 RTOL_RANGE = (1e-13, 1e-2)
+DEGREES = ("deg", "degree", "degrees", "°")
 MAX_SECONDS = 1e8  # a bound on time: the system takes no longer ones
 MAX_COUNT = 1_000_000_000  # forcing periods and other counts: the cube keeps them in 32 bits
 
@@ -144,7 +145,7 @@ def number(name: str, value: Any, units: str | None = None) -> float:
     units = PARAMETERS[name].units if units is None else units
     if not isinstance(value, str):
         return as_number(name, value, units)
-    factors = {"": 1.0, units: 1.0} | ({"deg": pi / 180, "°": pi / 180} if units == "rad" else {})
+    factors = {"": 1.0, units: 1.0} | (dict.fromkeys(DEGREES, pi / 180) if units == "rad" else {})
     found = re.fullmatch(r"\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?|[-+]?inf|nan)\s*(.*?)\s*", value)
     try:
         size = float(found[1]) if found else None
@@ -153,9 +154,15 @@ def number(name: str, value: Any, units: str | None = None) -> float:
     if found is None or size is None:
         raise ParameterError(f"{name} = {value!r}: must be a number{_or_degrees(units)}")
     if found[2] not in factors:
-        allowed = " or ".join(dict.fromkeys(unit for unit in factors if unit not in ("", "°")))
-        raise ParameterError(f"{name} = {value!r}: the unit must be {'left out' if units == '1' else allowed}")
+        raise ParameterError(
+            f"{name} = {value!r}: the unit must be {'left out' if units == '1' else units_taken(units)}"
+        )
     return as_number(name, size * factors[found[2]])
+
+
+def units_taken(units: str) -> str:
+    """The units that a value of a quantity may be given in, in words: its own, and degrees for an angle."""
+    return units + (" or deg" if units == "rad" else "")
 
 
 def as_numbers(name: str, values: Any, read: Callable[[str, Any], float], units: str | None = None) -> np.ndarray:
@@ -268,8 +275,13 @@ def check_effect(names: Iterable[str]) -> None:
 
 
 def updated(known: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    """Parameters that are `known`, with those `given` in their place; X takes the place of X_1 and X_2, and both that of X."""
-    replaced = {end for name in given for end in ENDS.get(name, ())}
+    """Parameters that are `known`, with those `given` in their place.
+
+    X takes the place of X_1 and X_2, both of them that of X, and what stands for a parameter (`symbols.INSTEAD`) that of it.
+    """
+    replaced = {end for name in given for end in ENDS.get(name, ())} | {
+        INSTEAD[name][0] for name in given if name in INSTEAD
+    }
     values = {name: value for name, value in known.items() if name not in replaced} | dict(given)
     idle = without_effect(values) - set(given)
     return {name: value for name, value in values.items() if name not in idle}
@@ -289,6 +301,9 @@ def check_name(name: str) -> None:
     ParameterError
         With the names that are.
     """
+    if name in INSTEAD:
+        parameter, quantity = INSTEAD[name]
+        raise ParameterError(f"{name}: is for single runs ({quantity.long_name}); give {parameter}")
     if name not in PARAMETERS:
         raise ParameterError(unknown(name, "parameter", PARAMETERS))
 
@@ -391,6 +406,8 @@ class Parameters:
         Intensity A_2 (2 omega)^2/g [1] of the plate's second harmonic A_2 sin(2 omega t + phi_2), and its phase [rad].
     A_r, r, D_r : float
         Aspect ratio (l + 2r)/(2r) [1], at least 2; ball radius and rod diameter [m].
+    l : float, optional
+        Distance between the centres of the balls [m], in place of `A_r`.
     mu, mu_s, mu_h : float
         Slip and stick friction coefficients [1]. `mu_h` holds an end in lasting contact, None for `mu_s`; `mu_s` then holds
         it inside impacts only.
@@ -410,7 +427,7 @@ class Parameters:
     e: float | None = _BaseCase(BASE["e"])
     Gamma: float = BASE["Gamma"]
     f: float = BASE["f"]
-    A_r: float = BASE["A_r"]
+    A_r: float = _BaseCase(BASE["A_r"])
     mu: float = BASE["mu"]
     mu_s: float = BASE["mu_s"]
     beta0: float = BASE["beta0"]
@@ -426,8 +443,9 @@ class Parameters:
     Gamma_2: float = 0.0
     phi_2: float = 0.0
     mu_h: float | None = None
+    l: InitVar[float | None] = None  # noqa: E741 - the paper's symbol
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, length: float | None) -> None:
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         told = {name for name, value in values.items() if value is not None}
         check_effect(name for name in told if not isinstance(values[name], _BaseCase))
@@ -437,6 +455,14 @@ class Parameters:
             if value is not None or not (field.default is None or field.name in unused):
                 value = number(field.name, value)
             object.__setattr__(self, field.name, value)  # the dataclass is frozen from here on
+        if length is not None:
+            if not isinstance(values["A_r"], _BaseCase):
+                raise ParameterError("l: given together with A_r; leave one of the two out")
+            length = number("l", length, "m")
+            check({"r": self.r})
+            if length < 2 * self.r:
+                raise ParameterError(f"l = {length}: must be >= 2 r with r = {self.r} (below it the balls overlap)")
+            object.__setattr__(self, "A_r", 1 + length / (2 * self.r))
         check(self.given())
 
     def given(self) -> dict[str, float]:

@@ -41,7 +41,7 @@ PARAMETERS = {
     "e": Quantity("1", "energetic coefficient of restitution of both ends"),
     "Gamma": Quantity("1", "vibration intensity A_z omega^2 / g"),
     "f": Quantity("Hz", "vibration frequency"),
-    "A_r": Quantity("1", "aspect ratio (l + 2 r) / (2 r)"),
+    "A_r": Quantity("1", "aspect ratio (l + 2 r) / (2 r), l being the distance between the centres of the balls"),
     "mu": Quantity("1", "coefficient of slip friction"),
     "mu_s": Quantity("1", "coefficient of stick friction (inside impacts only, where mu_h is given)"),
     "beta0": Quantity("rad", "initial dip angle"),
@@ -60,6 +60,10 @@ PARAMETERS = {
 }
 # parameters that the two ends may have each of their own: X is the value of both, X_1 and X_2, where given, are those of p1, p2
 ENDS = {name: (f"{name}_1", f"{name}_2") for name in PARAMETERS if f"{name}_1" in PARAMETERS}
+# what a run takes in place of a parameter: that parameter, and what it is
+INSTEAD = {
+    "l": ("A_r", Quantity("m", "distance between the centres of the balls, in place of A_r = (l + 2 r) / (2 r)"))
+}
 # what the parameters that may be left out are then: the value of another parameter, or a number
 LEFT_OUT: dict[str, str | float] = {"e_1": "e", "e_2": "e", "Gamma_2": 0.0, "phi_2": 0.0, "mu_h": "mu_s"}
 

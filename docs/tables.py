@@ -11,7 +11,7 @@ from dimersweep.cubes.cube import FLAGS
 from dimersweep.kernel.model.layout import STATUS_MESSAGES, STATUSES
 from dimersweep.parameters import RULES
 from dimersweep.plots.style import TEX
-from dimersweep.symbols import BASE, ENDS, EVENTS, LEFT_OUT, PARAMETERS, QUANTITIES, STATES, Quantity
+from dimersweep.symbols import BASE, ENDS, EVENTS, INSTEAD, LEFT_OUT, PARAMETERS, QUANTITIES, STATES, Quantity
 
 SWEEPS = Path(__file__).resolve().parents[1] / "sweeps"
 
@@ -123,7 +123,11 @@ def parameters() -> Markdown:
         )
         for name, quantity in PARAMETERS.items()
     )
-    return _table(("name", "symbol", "meaning", "unit", "base case", "allowed"), rows)
+    instead = (
+        (f"`{name}`", f"${name}$", quantity.long_name, _unit(quantity.units), "", "of single runs")
+        for name, (_, quantity) in INSTEAD.items()
+    )
+    return _table(("name", "symbol", "meaning", "unit", "base case", "allowed"), (*rows, *instead))
 
 
 def _quantities(quantities: dict[str, Quantity]) -> Markdown:

@@ -148,7 +148,11 @@ def test_a_bad_declaration_is_named(call, old, new, message):
             "periods = 100000000: must be <= 100000 for --plot, --movie, --save and --error",
         ),
         (["simulate", "--save", "a.csv"], "save = a.csv: a run must end in .nc"),
-        (["simulate", "--alpha", "1"], "No such option: --alpha"),
+        (["simulate", "--alpha", "1"], "--alpha: unknown option (allowed: --periods, --rtol, "),
+        (["simulate", "--r_2", "1"], "--r_2: unknown option; did you mean --e_2? (allowed: --periods, --rtol, "),
+        (["run", "--wrkers", "2"], "--wrkers: unknown option; did you mean --workers? (allowed: --out, --from, "),
+        (["--vers"], "--vers: unknown option; did you mean --version? (allowed: --version, "),
+        (["simulate", "--l", "0.05", "--A_r", "6"], "l: given together with A_r; leave one of the two out"),
         (["dance"], "No such command 'dance'."),
     ],
 )
@@ -175,6 +179,13 @@ def test_simulate_prints_json_and_draws(call):
     assert (told["status"], told["mode"], told["orbit"]["di_end"]) == ("ok", "drift", "sp_sk")
     assert told["orbit"]["radius"] == pytest.approx(4.2447, rel=1e-3)
     assert Path("run.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_simulate_takes_the_distance_of_the_balls(call):
+    told = json.loads(call("simulate", "--l", "0.05", "--beta0", "16 degrees", "--periods", "1", "--json")[0])
+    assert told["parameters"]["A_r"] == 6
+    words = " ".join(call("simulate", "--help")[0].replace("│", " ").split())
+    assert "--l NUMBER distance between the centres of the balls, in place of A_r = (l + 2 r) / (2 r) (m)" in words
 
 
 def test_simulate_takes_values_of_single_ends(call):

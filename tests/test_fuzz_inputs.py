@@ -25,7 +25,7 @@ from dimersweep.storage.tilestore import tile_store
 from dimersweep.studies.declaration import Declaration, read_declaration
 from dimersweep.studies.point_tables import point_table
 from dimersweep.studies.sweep_spec import make_spec
-from dimersweep.symbols import PARAMETERS
+from dimersweep.symbols import INSTEAD, PARAMETERS
 from dimersweep.work.tiles import attempt
 
 SWEEPS = Path(__file__).parents[1] / "sweeps"
@@ -403,7 +403,7 @@ def called(*arguments):
 
 
 @steady
-@given(st.sampled_from([*PARAMETERS, "periods", "rtol"]), VALUES)
+@given(st.sampled_from([*PARAMETERS, *INSTEAD, "periods", "rtol"]), VALUES)
 def test_a_wrong_value_of_a_parameter_is_told(name, value):
     code, err = called("simulate", f"--{name}", value)
     assert code == 2, (name, value, err)

@@ -41,6 +41,12 @@ BAD = [
         'beta0 = 1.5707963267948966: must be below pi/2 = 1.5708 in size (radians; degrees as "16 deg")',
     ),
     ({"beta0": -0.1}, "beta0 = -0.1: must be >= 0 (p1 starts on the plate, so a negative dip angle puts p2 below it)"),
+    ({"l": 0.05, "A_r": 6.0}, "l: given together with A_r; leave one of the two out"),
+    ({"l": 0.008}, "l = 0.008: must be >= 2 r with r = 0.005 (below it the balls overlap)"),
+    ({"l": 0.05, "r": 0}, "r = 0.0: must be > 0"),
+    ({"l": "5 cm"}, "l = '5 cm': the unit must be m"),
+    ({"beta0": "16 degree C"}, "beta0 = '16 degree C': the unit must be rad or deg"),
+    ({"f": "16 degrees"}, "f = '16 degrees': the unit must be Hz"),
     ({"D_r": -1e-3}, "D_r = -0.001: must be >= 0"),
     ({"D_r": 0.02}, "D_r = 0.02: must be <= 2 r with r = 0.005 (the rod is thicker than the balls)"),
     ({"f": "fast"}, "f = 'fast': must be a number"),
@@ -88,6 +94,26 @@ def test_a_parameter_is_that_of_both_ends_unless_one_has_its_own(parameters, end
     for again in (Parameters(**made.given()), replace(made, Gamma=made.Gamma)):
         assert again == made
     assert ("e" in made.given()) == (len(set(parameters) - {"e"}) < 2)
+
+
+def test_the_distance_of_the_balls_stands_for_the_aspect_ratio():
+    assert Parameters(l=0.05) == Parameters(A_r=6.0)
+    made = Parameters(l="0.05 m", r=4e-3)
+    assert (made.A_r, made.given()["A_r"], "l" in made.given()) == (7.25, 7.25, False)
+    assert replace(made, Gamma=1.0).A_r == 7.25
+    assert updated({"A_r": 6.0, "r": 4e-3}, {"l": 0.05}) == {"r": 4e-3, "l": 0.05}
+    with pytest.raises(ParameterError, match=r"^l: is for single runs \(distance between the centres .*\); give A_r$"):
+        make_grid({"l": [0.05, 0.06]})
+
+
+@pytest.mark.parametrize("text", ["16 deg", "16deg", "16 degrees", "16 degree", "16°"])
+def test_an_angle_may_be_in_degrees(text):
+    assert Parameters(beta0=text).beta0 == pytest.approx(np.deg2rad(16), rel=1e-15)
+    assert make_grid({"f": [15]}, {"beta0": {"value": 16, "unit": text[2:].strip()}}).fixed["beta0"] == pytest.approx(
+        np.deg2rad(16), rel=1e-15
+    )
+    made = make_grid({"beta0": {"start": 8, "stop": 16, "step": 4, "unit": text[2:].strip()}})
+    np.testing.assert_array_equal(made.axes["beta0"], np.deg2rad([8, 12, 16]))
 
 
 @pytest.mark.parametrize(

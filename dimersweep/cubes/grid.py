@@ -10,6 +10,7 @@ import numpy as np
 
 from dimersweep.errors import ParameterError
 from dimersweep.parameters import (
+    DEGREES,
     as_number,
     as_numbers,
     check,
@@ -19,6 +20,7 @@ from dimersweep.parameters import (
     fill_rows,
     keeps_rules,
     number,
+    units_taken,
 )
 from dimersweep.symbols import BASE, ENDS, PARAMETERS
 
@@ -94,11 +96,10 @@ def _from_declaration(name: str, declared: Mapping[str, Any]) -> np.ndarray:
         values = _from_range(name, read, **given)
     else:
         raise ParameterError(f"{name}: has {', '.join(given) or 'nothing'}; {_FORMS}")
-    if unit == "deg" and units == "rad":
+    if unit in DEGREES and units == "rad":
         return np.deg2rad(values)
     if unit != units:
-        allowed = units + (" or deg" if units == "rad" else "")
-        raise ParameterError(f"{name}.unit = {unit!r}: must be {allowed}")
+        raise ParameterError(f"{name}.unit = {unit!r}: must be {units_taken(units)}")
     return values
 
 

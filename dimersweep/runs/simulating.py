@@ -18,6 +18,7 @@ from dimersweep.parameters import (
 from dimersweep.runs.run import Run, as_run
 from dimersweep.runs.solving import check_recorded, solve
 from dimersweep.runs.starting import INITIAL, is_point, kernel_start, named, parameters_of, start_of
+from dimersweep.symbols import INSTEAD
 from dimersweep.work.proving import is_proven, prove
 from dimersweep.work.stopping import StopFlag, stoppable
 
@@ -53,7 +54,8 @@ def simulate(
         Bound on the time that the run takes [s]. One that is stopped so has the status "stopped", the `n_periods` that it
         came to, and the events and states up to there.
     **parameters : float or str
-        Parameters of the model in SI units, each by its name, see `Parameters`; an angle may be a text such as "16 deg".
+        Parameters of the model in SI units, each by its name, see `Parameters`; an angle may be a text such as "16 deg". `l`,
+        the distance between the centres of the balls, may be given in place of `A_r`.
 
     Returns
     -------
@@ -67,7 +69,8 @@ def simulate(
         If the compiled kernel cannot run here.
     """
     for name in parameters:
-        check_name(name)
+        if name not in INSTEAD:
+            check_name(name)
     if is_point(start):
         parameters, start = updated(parameters_of(start), parameters), None
     begun = None if start is None else start_of(start)

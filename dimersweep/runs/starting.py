@@ -29,7 +29,7 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.kernel.model.plate import motion
 from dimersweep.parameters import Parameters, as_number, number
-from dimersweep.symbols import BASE, PARAMETERS, STATES
+from dimersweep.symbols import BASE, INSTEAD, PARAMETERS, STATES
 
 CLOSED = 1e-12  # a gap this far below zero is a closed one [m]
 AGREES = 1e-9  # how well the gaps of a start must agree with its dip angle, in units of the distance of the balls
@@ -175,6 +175,6 @@ def named(function: Any) -> Signature:
     own = [each for each in Signature.from_callable(function).parameters.values() if each.kind is not each.VAR_KEYWORD]
     model = [
         Parameter(name, Parameter.KEYWORD_ONLY, default=BASE.get(name), annotation="float | str | None")
-        for name in PARAMETERS
+        for name in (*PARAMETERS, *INSTEAD)
     ]
     return Signature([*model, *own])
