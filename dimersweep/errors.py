@@ -54,9 +54,9 @@ def unknown(name: str, kind: str, allowed: Iterable[str]) -> str:
     words, word = {each.lstrip("-"): each for each in allowed}, str(name).lstrip("-")  # the dashes of options are alike
     near = get_close_matches(word, words, 1) or [each for each in words if each.lower() == word.lower()]
     meant = f"; did you mean {words[near[0]]}?" if near else ""
-    return f"{name}: unknown {kind}{meant} (allowed: {', '.join(allowed)})"
+    return f"{one_line(name)}: unknown {kind}{meant} (allowed: {', '.join(allowed)})"
 
 
-def one_line(error: BaseException) -> str:
-    """What an error of another library says, on one line that is not too long."""
+def one_line(error: object) -> str:
+    """What an error of another library says, or a name of a user's, on one line that is not too long."""
     return " ".join(str(error).split())[:200]

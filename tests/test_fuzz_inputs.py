@@ -1,6 +1,7 @@
 """Whatever people feed in (files cut short, bytes flipped, words misspelt), they get one clear line or what they asked for."""
 
 import contextlib
+import csv
 import io
 import json
 import re
@@ -44,7 +45,7 @@ TOKENS = st.sampled_from(
         "[1, 1]", "[2, 1]", '{start = 1}', "{start = 0, stop = 1, step = 0}", "{start = 0, stop = 1, step = -1}",
         "{start = 0, stop = 1e9, step = 1e-9}", "{start = 1, stop = 2, num = 3}", "{start = 1, stop = 2, num = 1e3}",
         '{start = 1, stop = 2, step = 1, unit = "Hz"}', "9223372036854775808", "1_000", "0x10", "1979-05-27", "15 Hz",
-        '"\\u0000"',
+        '"\\u0000"', "{start = 0.5, stop = 0.7, step = 0.06}", "{start = -1.7e308, stop = 1.7e308, num = 3}", '"16 degrees"',
     ]
 )  # fmt: skip
 
@@ -102,6 +103,33 @@ def test_bytes_of_a_declaration_changed(name, place, bytes_, cut):
     written = TEXTS[name].encode()
     place %= len(written)
     judged(written[:place] + bytes_ + (b"" if cut else written[place + len(bytes_) :]))
+
+
+NAMES = st.lists(st.sampled_from(["f", "Gamma", "e", "e_1", "phi0"]), min_size=1, max_size=3, unique=True)
+CELLS = st.sampled_from(["0.5", "1", "0.9", " 1", '"1"']) | st.sampled_from(
+    ["f", "1e999", "nan", "NA", "", " ", '"', "16 deg", "\x00", ";", '"\n'],
+)
+
+
+@settings(steady, max_examples=200)
+@given(NAMES, st.data())
+def test_a_table_of_anything_has_the_values_of_its_lines_or_is_refused(names, data):
+    cells = st.lists(data.draw(st.sampled_from([CELLS, st.just("1")])), min_size=len(names), max_size=len(names))
+    lines = data.draw(
+        st.lists(cells | st.lists(CELLS, max_size=4), max_size=3) | st.lists(cells, min_size=1, max_size=3)
+    )
+    rows, end = [",".join(line) for line in (names, *lines)], data.draw(st.sampled_from(["\n", "\r\n", "\n\n", "\r"]))
+    Path("fuzzed.csv").write_bytes(end.join(rows).encode())
+    try:
+        table = point_table(file="fuzzed.csv", columns={}, ranges={}, sample=None, number=None, seed=None)
+        columns = make_spec(None, points=table, periods=1).grid.columns
+    except UserError as error:
+        assert one_line(error), error
+        return
+    read = csv.reader(io.StringIO(end.join(rows[1:]), newline=""), skipinitialspace=True)  # a cell may span lines
+    kept = [row for row in read if "".join(row)]
+    assert list(columns) == names
+    assert [values.size for values in columns.values()] == [len(kept)] * len(names)
 
 
 # --- numbers of other libraries -----------------------------------------------------------------------------------------

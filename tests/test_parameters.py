@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dimersweep.cubes.grid import make_grid
+from dimersweep.cubes.points import make_points
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import ROW
 from dimersweep.parameters import RULES, Parameters, check, check_count, check_rtol, keeps_rules, updated
@@ -94,6 +95,26 @@ def test_a_parameter_is_that_of_both_ends_unless_one_has_its_own(parameters, end
     for again in (Parameters(**made.given()), replace(made, Gamma=made.Gamma)):
         assert again == made
     assert ("e" in made.given()) == (len(set(parameters) - {"e"}) < 2)
+
+
+@given(st.dictionaries(st.sampled_from(["e", "e_1", "e_2"]), st.sampled_from([0.3, 0.5, 0.6]), min_size=1), st.data())
+def test_runs_axes_fixed_values_and_points_have_one_rule_for_the_ends(values, data):
+    varied = data.draw(st.sets(st.sampled_from(sorted(values)), min_size=1))
+    axes, fixed = {name: [values[name]] for name in varied}, {n: v for n, v in values.items() if n not in varied}
+    judged = {
+        "run": lambda: Parameters(**values).row(),
+        "grid": lambda: make_grid(axes, fixed).rows(0, 1)[0],
+        "points": lambda: make_points(axes, fixed).rows(0, 1)[0],
+        "fixed": lambda: make_grid({"f": [15.0]}, values).rows(0, 1)[0],
+    }
+    if len(values) == 3:
+        for row in judged.values():
+            with pytest.raises(ParameterError, match=r"^e: has no effect beside e_1 and e_2"):
+                row()
+        return
+    ends = [values.get(end, values.get("e", 0.6)) for end in ("e_1", "e_2")]
+    for row in judged.values():
+        assert row()[:2].tolist() == ends
 
 
 def test_the_distance_of_the_balls_stands_for_the_aspect_ratio():

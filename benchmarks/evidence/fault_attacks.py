@@ -15,7 +15,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from faults import SEARCH, TOML, Scene, Skipped, ended, line_of
+from faults import SEARCH, TOML, Scene, Skipped, ended, forked, line_of
 
 ATTACKS: dict[str, Callable[[Scene], str | None]] = {}
 
@@ -565,6 +565,12 @@ DECLARED = {
     "an unknown parameter": ("xdot0 = 1", "xdot1 = 1"),
     "a parameter that is not finite": ("xdot0 = 1", "xdot0 = nan"),
     "a parameter that is not allowed": ("xdot0 = 1", "e = 7"),
+    "a value of both ends beside that of each": ("xdot0 = 1", "e = 0.6\ne_1 = 0.5\ne_2 = 0.4"),
+    "a stop between two steps": ("[15, 20, 25]", "{ start = 15, stop = 25, step = 3 }"),
+    "a range wider than any number": (
+        'start = 3, stop = 87, num = 40, unit = "deg"',
+        "start = -1.7e308, stop = 1.7e308, num = 40",
+    ),
     "an axis of 10^12 values": ("num = 40", "num = 1000000000000"),
     "a grid of 10^11 points": ("num = 40", "num = 40000000"),
     "an axis nested 5,000 deep": ("[15, 20, 25]", "[" * 5000 + "15" + "]" * 5000),
@@ -589,6 +595,57 @@ for _name, (_old, _new) in DECLARED.items():
 def _(scene: Scene) -> None:
     (scene.folder / "sweep.toml").write_bytes(scene.rng.randbytes(scene.rng.randrange(1, 300)))
     scene.hostile = True
+
+
+@attack("declared: a table with lines of other lengths")
+def _(scene: Scene) -> None:
+    lines = [f"{20 + k},0.{1 + k % 9}" for k in range(50)]
+    lines[scene.rng.randrange(50)] += scene.rng.choice([",0.3", ",", ",0.3,0.4"])
+    lines[scene.rng.randrange(50)] = "20"
+    (scene.folder / "mine" / "points.csv").write_text("\n".join(["f,Gamma", *lines]))
+    grid = scene.text[scene.text.index("[grid]") : scene.text.index("[fixed]")]
+    scene.declare(scene.text.replace(grid, '[points]\nfile = "mine/points.csv"\n'))
+    scene.precious = scene.snapshot()
+    scene.hostile = True
+
+
+@attack("values that are no plain numbers")
+def _(scene: Scene) -> str:
+    import numpy as np
+    import xarray as xr
+
+    chosen = scene.rng.choice(
+        [
+            np.ma.array([15.0, 20.0], mask=[False, True]),
+            [15.0, np.ma.masked],
+            xr.DataArray([15.0, 20.0], attrs={"units": "kHz"}),
+            np.array([15, 20], dtype="M8[ns]"),
+            np.array([15, 20], dtype="m8[s]"),
+            np.array([False, True]),
+        ]
+    )
+    result = scene.folder / "told"
+
+    def call() -> None:
+        from dimersweep import simulate, sweep
+        from dimersweep.errors import ParameterError
+
+        calls = (
+            lambda: simulate(f=chosen[1], periods=1),
+            lambda: sweep({"f": chosen}, periods=1, progress=False),
+            lambda: sweep(points={"f": chosen}, periods=1, progress=False),
+        )
+        for each in calls:
+            try:
+                taken = each()
+            except ParameterError as error:
+                print(error)
+            else:
+                raise SystemExit(f"{chosen!r} was taken: {taken}")
+
+    code = ended(forked(call, result), 60)
+    lines = result.read_text().splitlines()
+    return f"refused: {lines[0]}" if code == 0 and len(lines) == 3 else f"FAILED: {chosen!r}: {lines[-3:]}"
 
 
 # --- hostile cubes ------------------------------------------------------------------------------------------------------
@@ -699,8 +756,6 @@ def _(scene: Scene) -> str:
 
         run = simulate(**chosen, periods=20, record=False, max_seconds=1.0)
         assert run.status == "ok" or run.mode == "failed", run
-
-    from faults import forked
 
     code = ended(forked(call, result), 60)
     return "same" if code == 0 else f"FAILED: {chosen}: {result.read_text()[-300:]}"

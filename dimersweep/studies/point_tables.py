@@ -152,7 +152,7 @@ def _names(file: Path, told: str) -> list[str]:
     """
     with file.open(encoding="utf-8-sig", newline="") as stream:
         rows = csv.reader(stream, skipinitialspace=True)
-        names = [name.strip() for name in next(filter(None, rows), [])]
+        names = [" ".join(name.split()) for name in next(filter(None, rows), [])]
         for name in names:
             if names.count(name) > 1:
                 raise ParameterError(f"{told}: has {names.count(name)} columns {name}; give each parameter once")
