@@ -26,6 +26,7 @@ from dimersweep.kernel.model.layout import (
     MODES,
     OK,
 )
+from dimersweep.storage.provenance import OURS
 from dimersweep.studies.rerun import from_cube
 from dimersweep.studies.search import search
 from dimersweep.studies.sweep_spec import make_spec
@@ -213,6 +214,28 @@ def test_the_cube_is_written_and_tells_its_configuration(fake_kernel, tmp_path):
     np.testing.assert_array_equal(told["grid"]["beta0"], cube["beta0"])
 
 
+@pytest.mark.parametrize("out", ["cube.nc", "cube.zarr"])
+def test_attributes_come_back_from_the_file(fake_kernel, monkeypatch, tmp_path, out):
+    monkeypatch.chdir(tmp_path)
+    own = {"title": "Γ, e", "note": "", "seed": 2**62, "ratio": np.float32(0.5), "series-1": [1, 2], "ends": (0.5, 1)}
+    cube = quiet_sweep(out=out, attrs=own)
+    told = dimersweep.open_cube(out).attrs
+    assert {name: np.array(told[name]).tolist() for name in own} == own | {"ends": [0.5, 1.0]}
+    assert set(cube.attrs) == OURS - {"extends"} | set(own)
+
+
+def test_every_maker_of_cubes_judges_attributes(monkeypatch):
+    monkeypatch.setattr("dimersweep.work.tiles.run_many", lambda *arguments: pytest.fail("work was done"))
+    how = {"periods": 5, "attrs": {"configuration": "x"}}
+    for make in (
+        lambda: dimersweep.bifurcation({"f": [15]}, **how),
+        lambda: search({"f": [15], "beta0": [0.1]}, over="beta0", **how),
+        lambda: dimersweep.refine({"f": [15, 20], "beta0": [0.1]}, halvings={"f": 1}, over="beta0", **how),
+    ):
+        with pytest.raises(ParameterError, match=r"^attrs: configuration: is taken by the program or the file format;"):
+            make()
+
+
 @pytest.mark.parametrize(
     ("settings", "error", "message"),
     [
@@ -230,6 +253,21 @@ def test_the_cube_is_written_and_tells_its_configuration(fake_kernel, tmp_path):
         ({"max_periods": 10**10}, ParameterError, "max_periods = 10000000000: must be <= 1000000000"),
         ({"workers": 10**6}, ParameterError, "workers = 1000000: must be <= 4096"),
         ({"workers": 0}, ParameterError, "workers = 0: must be a whole number >= 1"),
+        ({"attrs": {"dimersweep_cube": "9"}}, ParameterError, "attrs: dimersweep_cube: is taken by the program"),
+        ({"attrs": {"coordinates": "f"}}, ParameterError, "attrs: coordinates: is taken by the program or the file"),
+        ({"attrs": {"a/b": 1}}, ParameterError, "attrs: 'a/b': a name is a letter and at most 99 letters, digits"),
+        ({"attrs": {"": 1}}, ParameterError, "attrs: '': a name is a letter"),
+        ({"attrs": {5: 1}}, ParameterError, "attrs: 5: a name is a letter"),
+        ({"attrs": {"x": None}}, ParameterError, "attrs: x = None: must be a text, a finite number, or a list of such"),
+        ({"attrs": {"x": True}}, ParameterError, "attrs: x = True: must be a text"),
+        ({"attrs": {"x": {}}}, ParameterError, "attrs: x = {}: must be a text"),
+        ({"attrs": {"x": []}}, ParameterError, "attrs: x = []: must be a text"),
+        ({"attrs": {"x": [[1]]}}, ParameterError, "attrs: x = [[1]]: must be a text"),
+        ({"attrs": {"x": "a\0"}}, ParameterError, "attrs: x = 'a\\x00': must be a text"),
+        ({"attrs": {"x": "\ud800"}}, ParameterError, "attrs: x = '\\ud800': must be a text"),
+        ({"attrs": {"title": 3}}, ParameterError, "attrs: title = 3: must be a text"),
+        ({"attrs": {"plot": "cake"}}, ParameterError, "attrs: plot = 'cake': must be one of segments, mode_map"),
+        ({"attrs": "title"}, ParameterError, "attrs = 'title': must be a mapping of names to values"),
         ({"out": "/nowhere/cube.nc"}, StoreError, "out = /nowhere/cube.nc: the folder /nowhere does not exist"),
     ],
 )

@@ -11,6 +11,7 @@ from dimersweep.cubes.cube import build, flatten
 from dimersweep.cubes.results import beyond, blank_results, not_ok
 from dimersweep.errors import ParameterError
 from dimersweep.parameters import check_count
+from dimersweep.storage.provenance import check_attrs
 from dimersweep.studies.making import complete_cube, unfinished_cube
 from dimersweep.studies.options import Given, Options, make_options
 from dimersweep.studies.reuse import known_points
@@ -113,8 +114,8 @@ def sweep(
         If above 0, each run goes on for so many forcing periods, and the states at their ends are kept; see `bifurcation`.
     force : bool
         Whether `out` may replace an existing file, and results of another configuration be deleted.
-    attrs : mapping of str to str, optional
-        Further global attributes, such as a title.
+    attrs : mapping, optional
+        Further global attributes, such as a title: names with texts, numbers or lists of numbers.
     client : distributed.Client or str, optional
         A dask.distributed client, or the address of a scheduler such as ``tcp://host:8786``, to run on.
     extend : path-like, optional
@@ -189,5 +190,5 @@ def bifurcation(
     ParameterError, StoreError, PointError, Stopped
         As by `sweep`.
     """
-    attrs = {"plot": "bifurcation"} | dict(how.pop("attrs", None) or {})
+    attrs = {"plot": "bifurcation"} | check_attrs(how.pop("attrs", None))
     return sweep(grid, fixed, periods=periods, strobes=check_count("strobes", strobes), attrs=attrs, **how)
