@@ -156,6 +156,14 @@ def axis(name: str, declared: Any) -> np.ndarray:
     return values
 
 
+def finer(values: np.ndarray, halvings: int) -> np.ndarray:
+    """`values` with each of their intervals halved so many times; the given values are kept as they are."""
+    parts = 1 << halvings
+    steps = np.arange(parts) / parts
+    inner = values[:-1, None] + np.diff(values)[:, None] * steps
+    return np.append(inner.ravel(), values[-1])
+
+
 @dataclass(frozen=True)
 class Grid:
     """The outer product of named axes, all other parameters fixed; points are numbered in C order.

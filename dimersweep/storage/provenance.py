@@ -22,10 +22,11 @@ from dimersweep.kernel import kernel_version
 from dimersweep.parameters import as_number
 from dimersweep.symbols import Picture
 
+CHECKSUM = "values_sha256"  # attribute of a cube: the checksum of its coordinates and values
 OURS = {  # attributes of a cube that are the program's; a user may give its title and its kind of picture
     *("Conventions", "source", "references", "history", "dimersweep_cube", "configuration", "configuration_sha256"),
     *("kernel_version", "git_commit", "git_dirty", "python", "numpy", "numba", "llvmlite", "cpu", "platform"),
-    *("wall_time_s", "kernel_time_s", "extends"),
+    *("wall_time_s", "kernel_time_s", "extends", CHECKSUM),
 }
 _OF_LIBRARIES = {"coordinates", "CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST"}  # of xarray and HDF5
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_.-]{0,99}")

@@ -16,11 +16,12 @@ from dimersweep.cubes.points import AnyGrid, check_fits
 from dimersweep.cubes.results import failed
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.runs import accessor  # noqa: F401 - gives every cube its `cube.dimersweep`
+from dimersweep.storage.checking import check_unchanged, checksum_of
 from dimersweep.storage.memorystore import MemoryStore
 from dimersweep.storage.netcdf import check_output, check_writable, open_cube, write_cube
-from dimersweep.storage.provenance import as_text, attributes, differences
+from dimersweep.storage.provenance import CHECKSUM, as_text, attributes, differences
 from dimersweep.storage.tilestore import TileStore, tile_store
-from dimersweep.storage.zarr import check_zarr, is_zarr, read_through, write_zarr
+from dimersweep.storage.zarr import check_zarr, is_zarr, write_zarr
 from dimersweep.studies.options import Options
 from dimersweep.work.computing import Crew, Store, crew
 
@@ -107,7 +108,8 @@ class UnfinishedCube:
         return told | {"kernel_time_s": self.store.seconds} | dict(origin) | dict(self.options.attrs)
 
     def write(self, cube: xr.Dataset) -> xr.Dataset:
-        """Write the finished cube, if it has an output, and remove the folder of its points."""
+        """Write the finished cube with its checksum, if it has an output, and remove the folder of its points."""
+        cube.attrs[CHECKSUM] = checksum_of(cube)
         if isinstance(self.store, TileStore):
             write_cube(cube, self.store.out, force=self._replaces, scratch=self.store.scratch, kept=self.store.keeps)
             self._tidy_up(self.store)
@@ -200,7 +202,7 @@ def _former(out: Path, study: Study) -> xr.Dataset:
         cube = open_cube(out)
         old, new = json.loads(cube.attrs["configuration"]), study.configuration()
         if as_text(old) == as_text(new):
-            read_through(cube)
+            check_unchanged(cube, out)
             return cube
     except StoreError as error:
         raise StoreError(f"out = {out}: exists already, and cannot be used ({error}); {other}") from None
