@@ -563,7 +563,7 @@ def test_a_slow_disk_is_asked_less_often(monkeypatch):
 
 def test_a_cube_that_cannot_be_written_costs_no_points(counted, monkeypatch):
     with monkeypatch.context() as patch:
-        patch.setattr(xr.Dataset, "to_netcdf", full_disk)
+        patch.setattr(xr.Dataset, "dump_to_store", full_disk)
         with pytest.raises(
             StoreError, match=r"^out = cube.nc: could not be written \(No space left on device\); what "
         ):

@@ -8,9 +8,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import dask
 import numpy as np
 import xarray as xr
+from xarray.backends import NetCDF4DataStore
+from xarray.backends.locks import HDF5_LOCK, NETCDFC_LOCK, DummyLock, combine_locks
 
 from dimersweep.cubes.cube import FLAGS, check_flags
 from dimersweep.cubes.grid import MAX_POINTS
@@ -23,6 +24,8 @@ from dimersweep.storage.zarr import blocks, is_zarr, read_zarr
 PART_BYTES = 1 << 26  # of a cube, that are written at once
 CUBES = (".nc", ".zarr")
 DEFLATED = 1100  # zlib makes nothing smaller by more than this
+# netCDF-C and HDF5 bear one thread at a time; xarray's own files wait for the same locks, taken in the same order
+ONE_THREAD = combine_locks([NETCDFC_LOCK, HDF5_LOCK])
 
 
 def check_writable(path: str | os.PathLike[str], *, force: bool = False, name: str = "out") -> Path:
@@ -155,8 +158,6 @@ def write_cube(
 ) -> None:
     """Write `cube` as NetCDF-4: to a temporary file, which then takes the name `path` in one step.
 
-    Must be called in the thread that does all NetCDF work, as netCDF-C is not thread-safe.
-
     Parameters
     ----------
     cube : xarray.Dataset
@@ -176,16 +177,21 @@ def write_cube(
     path = check_writable(path, force=force)
     temporary = scratch or path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
-        # xarray would ask a cluster for a lock, and fail if that has gone since the last point was done
-        with told(f"out = {path}", kept), dask.config.set(scheduler="threads"):
+        with told(f"out = {path}", kept):
             temporary.unlink(missing_ok=True)
             for number, part in enumerate(_parts(cube)):
-                part.to_netcdf(temporary, mode="a" if number else "w", engine="netcdf4", format="NETCDF4")
+                _write_part(part, temporary, "a" if number else "w")
             sync(temporary)
             temporary.replace(path)
             sync(path.parent)  # the new name must outlive a power cut too
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _write_part(part: xr.Dataset, path: Path, mode: str) -> None:
+    # without locks of xarray's: it would wait for those that are held, and ask a cluster that may have gone for one more
+    with ONE_THREAD, NetCDF4DataStore.open(os.fspath(path), mode, lock=DummyLock()) as store:
+        part.dump_to_store(store)
 
 
 def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
@@ -250,7 +256,7 @@ def _opened(path: Path) -> Iterator[xr.Dataset]:
     if os.path.isdir(path) and is_zarr(path):
         yield _sound(read_zarr(path), path, "Zarr group")
         return
-    with _netcdf(path) as cube, _damage_told(path):
+    with _netcdf(path) as cube:
         yield _sound(cube, path, "NetCDF file")
 
 
@@ -262,21 +268,23 @@ def read_netcdf(path: Path) -> xr.Dataset:
     StoreError
         If there is none, or it is no NetCDF file, or damaged.
     """
-    with _netcdf(path) as dataset, _damage_told(path):
+    with _netcdf(path) as dataset:
         return dataset.load()
 
 
-def _netcdf(path: Path) -> xr.Dataset:
-    """A NetCDF file whose values are still to be read."""
+@contextmanager
+def _netcdf(path: Path) -> Iterator[xr.Dataset]:
+    """A NetCDF file whose values are still to be read, while no other thread is at one."""
     if os.path.isdir(path):
         raise StoreError(f"{path}: is a folder; give a NetCDF file, or a folder that ends in .zarr")
     if not os.path.isfile(path):  # a name that no file can have is no error for it
         raise StoreError(f"{path}: no such file")
-    with _damage_told(path):
+    with _damage_told(path), ONE_THREAD:
         declared, size = _declared_bytes(path), path.stat().st_size
         if declared > DEFLATED * size:
             raise StoreError(f"{path}: declares {declared} bytes, which its {size} cannot hold; it is damaged")
-        return xr.open_dataset(path, engine="netcdf4", cache=False)
+        with xr.open_dataset(path, engine="netcdf4", cache=False, lock=DummyLock()) as dataset:
+            yield dataset
 
 
 def _declared_bytes(path: Path) -> int:
