@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 import dimersweep
-from dimersweep.errors import ParameterError
+from dimersweep.errors import ParameterError, StoreError
 
 pytestmark = pytest.mark.jit
 DEG = np.pi / 180
@@ -94,6 +94,29 @@ def test_a_point_beyond_the_table_is_named(cube, number):
     table = cube.stack(point=("f", "beta0")).reset_index("point")
     with pytest.raises(ParameterError, match=rf"^point = {number!r}: must be a whole number from 0 to 9$"):
         table.dimersweep.at(point=number)
+
+
+def test_modes_that_are_no_whole_numbers_are_not_drawn(cube):
+    told = (
+        r"^mode: is of type float(32|64), as where\(\) makes it, and codes are whole numbers; give the cube as it was"
+    )
+    whole = cube.assign(mode=cube["mode"].astype(float))
+    for changed in (whole, cube.where(cube["f"] > 15)):
+        for use in (changed.dimersweep.plot, changed.dimersweep.__repr__):
+            with pytest.raises(StoreError, match=told):
+                use()
+    with pytest.raises(StoreError, match=r"^mode = nan: is the code of no mode; the cube was changed$"):
+        cube.where(cube["f"] > 15).dimersweep.modes()
+
+
+def test_a_title_that_is_no_text_is_shown(cube):
+    assert "<b>5</b>" in cube.assign_attrs(title=5).dimersweep._repr_html_()
+
+
+def test_the_run_behind_a_point_of_another_kernel_says_so(cube, monkeypatch):
+    monkeypatch.setattr("dimersweep.runs.accessor.kernel_version", lambda: "another")
+    with pytest.warns(RuntimeWarning, match=r"^the cube was made by another version of the kernel; the run may differ"):
+        cube.dimersweep.run(f=15, beta0="16 deg")
 
 
 def test_other_datasets_have_no_such_thing():

@@ -59,6 +59,18 @@ def test_a_slider_moves_the_map_and_the_run(cube):
     assert before == list(dimersweep.names(cube["mode"]).sel(f=15).values.ravel())
 
 
+def test_values_that_differ_late_are_told_apart(cube):
+    pair = cube.isel(f=[0, 0]).assign_coords(f=[0.6, 0.6000001])
+    assert board.Board(pair).sliders["f"].options == {"0.6": 0, "0.6000001": 1}
+    assert board.told_apart(np.array([1 / 3, 1.0])) == ["0.33333", "1"]
+    assert board.told_apart(np.array([1.0, np.nextafter(1, 2)])) == ["1", "1.0000000000000002"]
+
+
+def test_modes_that_are_no_whole_numbers_are_refused(cube):
+    with pytest.raises(StoreError, match=r"^mode: is of type float64, as where\(\) makes it"):
+        board.Board(cube.assign(mode=cube["mode"].astype(float)))
+
+
 def test_a_quantity_is_shown_in_shades(cube):
     shown = board.Board(cube)
     modes = set(shown.source.data["color"])

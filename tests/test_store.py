@@ -259,6 +259,23 @@ def test_modes_that_are_damaged_are_told_by_all_that_read_them(tmp_path):
             read(tmp_path / "cube.nc")
 
 
+@pytest.mark.parametrize("version", ["99", 99, "0.9"])
+def test_a_cube_of_another_format_is_refused(cube, tmp_path, version):
+    cube.assign_attrs(dimersweep_cube=version).to_netcdf(tmp_path / "later.nc")
+    for ask in (open_cube, status):
+        with pytest.raises(
+            StoreError, match=rf"later.nc: is a cube of format {version}; this version of dimersweep reads"
+        ):
+            ask(tmp_path / "later.nc")
+
+
+def test_modes_that_are_no_whole_numbers_are_refused(cube, tmp_path):
+    cube.assign(mode=cube["mode"].astype(float)).to_netcdf(tmp_path / "changed.nc")
+    for ask in (open_cube, status):
+        with pytest.raises(StoreError, match=r"changed.nc: mode: is of type float64, as where\(\) makes it, and codes"):
+            ask(tmp_path / "changed.nc")
+
+
 def test_a_damaged_or_changed_cube_is_refused(cube, tmp_path):
     write_cube(cube, tmp_path / "cube.nc")
     whole = (tmp_path / "cube.nc").read_bytes()

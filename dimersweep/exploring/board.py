@@ -9,7 +9,7 @@ from bokeh.events import Tap
 from bokeh.models import ColorBar, ColumnDataSource, HoverTool, LinearColorMapper
 from bokeh.plotting import figure
 
-from dimersweep.cubes.cube import names
+from dimersweep.cubes.cube import check_codes, names
 from dimersweep.cubes.reading import edges_of, is_geometric
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import MODES
@@ -27,6 +27,15 @@ def label_of(name: str) -> str:
     """An axis and its unit, in plain letters."""
     units = units_of(name)
     return PLAIN.get(name, name) + (f" [{units}]" if units else "")
+
+
+def told_apart(values: np.ndarray) -> list[str]:
+    """Values in as many digits, five or more, as they need to differ."""
+    for digits in range(5, 18):
+        shown = [f"{value:.{digits}g}" for value in values]
+        if len(set(shown)) == len(shown):
+            break
+    return shown
 
 
 class Board:
@@ -48,6 +57,7 @@ class Board:
             raise ParameterError(f"explore: {type(cube).__name__} is no cube; give one of sweep, or of open_cube(path)")
         self.cube = cube
         mode = cube["mode"]
+        check_codes(mode)
         axes = [str(name) for name in mode.dims if mode.sizes[name] > 1]
         if not axes or "point" in axes or not mode.size:
             raise ParameterError("explore: needs a cube over at least one axis of more than one value")
@@ -69,10 +79,8 @@ class Board:
         self.quantity.param.watch(self._moved, "value")
 
     def _slider(self, name: str) -> Any:
-        values = self.cube[name].values
-        slider = pn.widgets.DiscreteSlider(
-            label=label_of(name), options={f"{value:.5g}": k for k, value in enumerate(values)}
-        )
+        options = {value: k for k, value in enumerate(told_apart(self.cube[name].values))}
+        slider = pn.widgets.DiscreteSlider(label=label_of(name), options=options)
         slider.param.watch(self._moved, "value")
         return slider
 

@@ -61,7 +61,7 @@ def cube_table(cube: xr.Dataset) -> str:
     words, counts = np.unique(names(mode).values, return_counts=True)
     for k in np.argsort(-counts, kind="stable"):
         rows.append((str(words[k]), f"{counts[k]} ({percent(counts[k] / mode.size)})"))
-    return _table(escape(cube.attrs.get("title", "cube of dimersweep")), rows)
+    return _table(escape(str(cube.attrs.get("title", "cube of dimersweep"))), rows)
 
 
 def _given(name: str, value: float) -> str:

@@ -1,15 +1,17 @@
 """What a cube can do: ``cube.dimersweep.plot()``, ``.run(f=15, beta0="16 deg")``, ``.drifts()``."""
 
 import json
+import warnings
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.cube import names
+from dimersweep.cubes.cube import check_codes, names
 from dimersweep.cubes.reading import nearest
 from dimersweep.errors import ParameterError, unknown
+from dimersweep.kernel import kernel_version
 from dimersweep.kernel.model.layout import M_DRIFT, MODES
 from dimersweep.runs.run import Run
 from dimersweep.runs.simulating import simulate
@@ -53,6 +55,7 @@ class CubeAccessor:
         return f"<cube of dimersweep over {axes}: {self._tally()}>"
 
     def _tally(self) -> str:
+        check_codes(self._cube["mode"])
         counts = np.bincount(self._cube["mode"].values.ravel(), minlength=len(MODES))
         order = np.argsort(-counts, kind="stable")
         return ", ".join(f"{MODES[code]} {counts[code]}" for code in order if counts[code]) or "no points"
@@ -117,6 +120,11 @@ class CubeAccessor:
         """
         point = self.at(**where)
         told = json.loads(self._cube.attrs.get("configuration", "{}"))
+        if told.get("kernel_version", kernel_version()) != kernel_version():
+            line = (
+                "the cube was made by another version of the kernel; the run may differ from what it says of the point"
+            )
+            warnings.warn(line, RuntimeWarning, stacklevel=2)
         late = told.get("search", {}).get("orbit_periods", 0)
         settles = told.get("stop_when_settled", True) and not late
         longest = late or told.get("max_periods", told.get("periods", 100))

@@ -13,12 +13,12 @@ import xarray as xr
 from xarray.backends import NetCDF4DataStore
 from xarray.backends.locks import HDF5_LOCK, NETCDFC_LOCK, DummyLock, combine_locks
 
-from dimersweep.cubes.cube import FLAGS, check_flags
+from dimersweep.cubes.cube import FLAGS, check_codes, check_flags
 from dimersweep.cubes.grid import MAX_POINTS
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.storage.files import sync, told
-from dimersweep.storage.provenance import digest, read_configuration
+from dimersweep.storage.provenance import CUBE_FORMAT, digest, read_configuration
 from dimersweep.storage.zarr import blocks, is_zarr, read_zarr
 
 PART_BYTES = 1 << 26  # of a cube, that are written at once
@@ -298,11 +298,20 @@ def _declared_bytes(path: Path) -> int:
 def _sound(cube: xr.Dataset, path: Path, kind: str) -> xr.Dataset:
     if "dimersweep_cube" not in cube.attrs:
         raise StoreError(f"{path}: is a {kind}, but no cube of dimersweep")
+    version = cube.attrs["dimersweep_cube"]
+    if str(version) != CUBE_FORMAT:
+        raise StoreError(
+            f"{path}: is a cube of format {version}; this version of dimersweep reads format {CUBE_FORMAT}"
+        )
     text = cube.attrs.get("configuration", "")
     try:
         intact = digest(text) == cube.attrs.get("configuration_sha256") and "mode" in cube
         told = read_configuration(text)
         intact = intact and set(told.get("grid", {})) <= set(cube.dims) and _fixed_as_told(cube, told)
+        for name in set(FLAGS) & set(cube.variables):
+            check_codes(cube[name])
+    except StoreError as error:
+        raise StoreError(f"{path}: {error}") from None
     except (ValueError, TypeError, AttributeError):
         intact = False
     if not intact:
