@@ -677,7 +677,16 @@ def mode_127(cube: Path) -> None:
         file["mode"][0, 3] = 127
 
 
+def later(cube: Path) -> None:
+    """A cube that says it is of a later format."""
+    from netCDF4 import Dataset
+
+    with Dataset(cube, "a") as file:
+        file.setncattr("dimersweep_cube", 99)
+
+
 CUBES: dict[str, Callable[[Scene], Any]] = {
+    "of a later format": lambda scene: later(scene.cube),
     "random bytes": lambda scene: scene.cube.write_bytes(scene.rng.randbytes(5000)),
     "an empty file": lambda scene: scene.cube.write_bytes(b""),
     "a text": lambda scene: scene.cube.write_text("precious"),
