@@ -48,6 +48,19 @@ def test_the_run_behind_a_search_is_the_one_that_decided():
     assert run.orbit.radius == pytest.approx(found.sel(f=20)["radius"].item(), rel=1e-6)
 
 
+def test_the_run_behind_each_point_of_a_patient_sweep_has_its_periods_events_and_mode():
+    """Some points are judged after twice their first periods: another verdict than after all that they may take at once."""
+    axes = {"Gamma": {"start": 1.2, "stop": 3.0, "num": 6}, "beta0": {"start": 10, "stop": 80, "num": 8, "unit": "deg"}}
+    cube = dimersweep.sweep(axes, periods=40, max_periods=300, progress=False).stack(point=("Gamma", "beta0"))
+    cube = cube.reset_index("point")
+    assert 80 in cube["n_periods"]
+    for number in range(cube.sizes["point"]):
+        point, run = cube.isel(point=number), cube.dimersweep.run(point=number, record=number % 2 == 0)
+        assert run.mode == dimersweep.names(point["mode"]).item(), number
+        for name in ("mode_period", "n_periods", "n_events"):
+            assert getattr(run, name) == point[name].item(), (number, name)
+
+
 def test_drifts_are_a_mask(cube):
     drifts = cube.dimersweep.drifts()
     assert drifts.dtype == bool

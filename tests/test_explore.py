@@ -45,8 +45,12 @@ def test_a_click_shows_the_run_behind_the_nearest_point(cube):
     assert run.parameters["f"] == 15
     assert shown.spot.data == {"x": [run.parameters["beta0"]], "y": [0.9]}
     assert "drift" in shown.told.object
+    point = cube.sel(f=15, Gamma=0.9, beta0=16 * DEG, method="nearest")
+    assert (run.n_periods, run.n_events) == (point["n_periods"], point["n_events"])
+    assert run.n_periods < board.SHOWN_PERIODS
+    heights = shown.picture.object.axes[0]
     assert len(shown.picture.object.axes) == 5
-    assert run.n_periods >= board.SHOWN_PERIODS
+    assert max(line.get_xdata().max() for line in heights.lines) > run.n_periods
 
 
 def test_a_slider_moves_the_map_and_the_run(cube):

@@ -19,7 +19,7 @@ from dimersweep.plots.tables import PLAIN, run_table
 from dimersweep.runs import accessor  # noqa: F401 - the run behind a point
 from dimersweep.runs.run import Run
 
-SHOWN_PERIODS = 60  # of the run beside the map, if the cube's is shorter
+SHOWN_PERIODS = 60  # in the picture beside the map, if the run of the cube is shorter
 MOST_CELLS = 250_000  # of one map: more would make the page slow
 
 
@@ -36,6 +36,11 @@ def told_apart(values: np.ndarray) -> list[str]:
         if len(set(shown)) == len(shown):
             break
     return shown
+
+
+def _shown(run: Run) -> Run:
+    """The run, or where it is short the same for longer: what a picture shows."""
+    return run.go_on(SHOWN_PERIODS - run.n_periods) if run.n_periods < SHOWN_PERIODS else run
 
 
 class Board:
@@ -157,18 +162,13 @@ class Board:
         at = float(point[self.x]), float(point[self.y]) if self.y else 0.5
         self.spot.data = {"x": [at[0]], "y": [at[1]]}
         try:
-            run = self._run(point)
+            run: Run = point.dimersweep.run()
         except ParameterError as error:
             self.told.object = f"No run here: {error}"
             return None
         self.told.object = run_table(run)
-        self.picture.object = run_figure(run) if run.status == "ok" else None
+        self.picture.object = run_figure(_shown(run)) if run.status == "ok" else None
         return run
-
-    def _run(self, point: xr.Dataset) -> Run:
-        run: Run = point.dimersweep.run()
-        few = run.status == "ok" and run.n_periods < SHOWN_PERIODS
-        return run.go_on(SHOWN_PERIODS - run.n_periods) if few else run
 
     def legend(self) -> str:
         """The colours of the modes that occur, as HTML."""

@@ -17,6 +17,7 @@ from dimersweep.runs.run import Run
 from dimersweep.runs.simulating import simulate
 from dimersweep.runs.starting import parameters_of
 from dimersweep.symbols import PARAMETERS
+from dimersweep.work.tiles import lengths
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -98,7 +99,10 @@ class CubeAccessor:
         return picked.squeeze(dim=[name for name in axes if name in picked["mode"].dims])
 
     def run(self, *, periods: int | None = None, record: bool = True, **where: Any) -> Run:
-        """The full run behind a point: the one nearest to values of the axes; of a search, the one that decided.
+        """The run behind a point: the one nearest to values of the axes; of a search, the one that decided.
+
+        It is the same run, bit for bit: one that had not settled after the `periods` of the cube was made anew, twice as long,
+        up to `max_periods`.
 
         Parameters
         ----------
@@ -126,12 +130,15 @@ class CubeAccessor:
             )
             warnings.warn(line, RuntimeWarning, stacklevel=2)
         late = told.get("search", {}).get("orbit_periods", 0)
-        settles = told.get("stop_when_settled", True) and not late
-        longest = late or told.get("max_periods", told.get("periods", 100))
         given: dict[str, Any] = parameters_of(point) | {"rtol": told.get("rtol", 1e-8), "record": record}
-        if periods is not None:
-            return simulate(**given, periods=periods)
-        return simulate(**given, periods=longest, stop_when_settled=settles)
+        if periods is not None or late:
+            return simulate(**given, periods=late if periods is None else periods)
+        first, settles = told.get("periods", 100), told.get("stop_when_settled", True)
+        for length in lengths(first, told.get("max_periods", first)):
+            run = simulate(**given, periods=length, stop_when_settled=settles)
+            if run.mode != "unresolved":
+                break
+        return run
 
     def plot(
         self,
