@@ -19,7 +19,7 @@ SWEEPS = Path(__file__).resolve().parents[1] / "sweeps"
 MODES = {
     "not_run": "the point has not been run",
     "failed": "the run could not be finished; `status` says why",
-    "rest": "both ends stay on the plate for good; the dimer may still roll or slide",
+    "rest": "both ends stay on the plate for good; the dimer may roll or slide on, at `speed`",
     "drift": "the motion repeats every forcing period; the raised end lands once, the other one stays down nearly all the time",
     "jump": "both ends leave the plate and land almost together",
     "flutter": "the ends take turns, with a period longer than the forcing period",

@@ -192,6 +192,18 @@ def test_simulate_names_its_parameters_and_refuses_others():
         simulate(gamma=1)
 
 
+def test_a_cube_tells_how_fast_a_dimer_at_rest_rolls():
+    cube = dimersweep.sweep({"Gamma": [0.5, 0.9]}, fixed={"beta0": 0.1}, periods=100, progress=False)
+    runs = [simulate(Gamma=Gamma, beta0=0.1, periods=100, record=False) for Gamma in (0.5, 0.9)]
+    assert [run.mode for run in runs] == ["rest", "rest"]
+    assert cube["speed"].values == pytest.approx([run.end_speed for run in runs], rel=1e-6)
+    assert cube["speed"].values.min() > 0.5
+    assert "both ends down at 0.7" in repr(runs[0])
+    assert "both ends stay down, the centre of mass moves at 0.7" in cube.dimersweep._repr_html_()
+    labels = [text.get_text() for text in cube.dimersweep.plot("mode_map").legends[0].get_texts()]
+    assert labels == ["rest: both ends down (100.0 %)"]
+
+
 def test_a_dimer_at_rest_tells_how_fast_it_rolls():
     run = simulate(f=25, beta0=1.535, periods=100)
     assert run.mode == "rest"

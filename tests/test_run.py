@@ -150,13 +150,23 @@ def test_states_at_the_times_of_events_are_those_right_after(base):
     np.testing.assert_array_equal(names(states["contact_state"]), events["contact_after"])
 
 
+@pytest.mark.parametrize("scene", [{}, {"Gamma": 0.5}, {"Gamma": 3.0}, {"Gamma": 1.2, "beta0": 0.8}])
+def test_events_are_counted_as_the_page_says(scene):
+    """Each impact but the one that starts the run has a landing before it, which has no row."""
+    run = simulate(**scene, periods=60)
+    causes = run.events["cause"].values
+    impacts = np.unique(run.events["time"].values[causes == "impact"]).size
+    assert run.n_events == 2 * impacts - 1 + np.isin(causes, ("lift_off", "stick", "slip")).sum()
+
+
 def test_times_may_come_in_any_order_and_number(base):
     times = np.linspace(0, 4, 301)
     states = base.states(times)
     shuffled = np.random.default_rng(1).permutation(301)
     assert base.states(times[shuffled]).identical(states.isel(time=shuffled))
-    assert base.states(float(times[7])).identical(states.isel(time=[7]))
-    assert base.states(times[7]).sizes == {"time": 1}
+    assert base.states(float(times[7])).identical(states.isel(time=7))
+    assert base.states(times[7]).sizes == {}
+    assert base.states([times[7]]).sizes == {"time": 1}
     assert base.states([]).sizes == {"time": 0}
 
 

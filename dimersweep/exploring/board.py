@@ -14,7 +14,7 @@ from dimersweep.cubes.reading import edges_of, is_geometric
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots import run_figure
-from dimersweep.plots.style import MODE_COLORS, units_of
+from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, units_of
 from dimersweep.plots.tables import PLAIN, run_table
 from dimersweep.runs import accessor  # noqa: F401 - the run behind a point
 from dimersweep.runs.run import Run
@@ -174,7 +174,9 @@ class Board:
         """The colours of the modes that occur, as HTML."""
         present = np.unique(self.cube["mode"].values)
         mark = "display:inline-block;width:0.9em;height:0.9em;border:1px solid #333;margin:0 0.3em 0 0.9em;background:"
-        return "".join(f'<span style="{mark}{MODE_COLORS[MODES[code]]}"></span>{MODES[code]}' for code in present)
+        return "".join(
+            f'<span style="{mark}{MODE_COLORS[MODES[code]]}"></span>{MODE_LABELS[MODES[code]]}' for code in present
+        )
 
     def layout(self) -> Any:
         """All of it, for `panel` to serve or a notebook to show."""

@@ -16,7 +16,7 @@ from dimersweep.cubes.reading import edges_of, is_geometric
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots.judging import judge_cube
-from dimersweep.plots.style import MODE_COLORS, given, label, percent, title, units_shown
+from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, given, label, percent, title, units_shown
 from dimersweep.symbols import PARAMETERS, QUANTITIES
 
 MOST_PANELS = 12
@@ -51,7 +51,12 @@ def mode_handles(mode: xr.DataArray) -> list[Patch]:
     """Handles of a legend of the modes that occur, with their shares."""
     shares = np.bincount(mode.values.ravel(), minlength=len(MODES)) / mode.size
     return [
-        Patch(facecolor=MODE_COLORS[name], edgecolor="black", linewidth=0.5, label=f"{name} ({percent(share)})")
+        Patch(
+            facecolor=MODE_COLORS[name],
+            edgecolor="black",
+            linewidth=0.5,
+            label=f"{MODE_LABELS[name]} ({percent(share)})",
+        )
         for name, share in zip(MODES, shares, strict=True)
         if share > 0
     ]

@@ -26,6 +26,7 @@ MODE_COLORS = {
     "aperiodic": "#d55e00",
     "unresolved": "#c4bba3",
 }
+MODE_LABELS = {word: word for word in MODE_COLORS} | {"rest": "rest: both ends down"}  # it may roll on
 ROW_COLORS = ("#1f4fd8", "#d62728", "#000000", "#009e73", "#cc79a7", "#e69f00")  # the paper's three first
 TEX = {
     "e": "e",

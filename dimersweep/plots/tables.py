@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.cubes.cube import names
+from dimersweep.kernel.model.layout import M_REST
 from dimersweep.plots.style import MODE_COLORS, percent, units_of, units_shown
 from dimersweep.symbols import BASE, PARAMETERS, QUANTITIES
 
@@ -60,8 +61,17 @@ def cube_table(cube: xr.Dataset) -> str:
     rows.append(("fixed", ", ".join(_given(name, cube[name].item()) for name in fixed)))
     words, counts = np.unique(names(mode).values, return_counts=True)
     for k in np.argsort(-counts, kind="stable"):
-        rows.append((str(words[k]), f"{counts[k]} ({percent(counts[k] / mode.size)})"))
+        rows.append((str(words[k]), f"{counts[k]} ({percent(counts[k] / mode.size)})" + _rest(cube, str(words[k]))))
     return _table(escape(str(cube.attrs.get("title", "cube of dimersweep"))), rows)
+
+
+def _rest(cube: xr.Dataset, word: str) -> str:
+    """What the mode rest means in a cube: how fast the dimer rolls or slides on."""
+    if word != "rest":
+        return ""
+    speeds = cube["speed"].values[(cube["mode"].values == M_REST) & np.isfinite(cube["speed"].values)]
+    moves = f", the centre of mass moves at {speeds.min():.3g} to {speeds.max():.3g} m/s" if speeds.size else ""
+    return f": both ends stay down{moves}"
 
 
 def _given(name: str, value: float) -> str:

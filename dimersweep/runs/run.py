@@ -43,8 +43,11 @@ class Run:
         tell the start.
     rtol : float
         Accuracy [1].
-    n_events, n_periods : int
-        Events and completed forcing periods.
+    n_events : int
+        Landings, the impacts that they lead to, lift-offs, and changes between slip and stick. The table `events` has other
+        rows: none for a landing, one for each contact state of an impact, and those of its cause "chatter_end" and "end".
+    n_periods : int
+        Completed forcing periods.
     orbit : Orbit or None
         None unless the mode is drift.
     down_share_1, down_share_2 : float
@@ -83,9 +86,10 @@ class Run:
     def __repr__(self) -> str:
         circle = f"radius {self.orbit.radius:.4g} m" if self.orbit and not isnan(self.orbit.radius) else "straight"
         orbit = f", {circle}, zeta {self.orbit.zeta:.4g} rad" if self.orbit else ""
+        rest = f", both ends down at {self.end_speed:.3g} m/s" if self.mode == "rest" else ""
         kept = "" if self._record else ", not recorded"
         kept += ", record cut" if self.record_cut else ""
-        return f"<Run: {self.status}, {self.mode}{orbit}, {self.n_periods} periods, {self.n_events} events{kept}>"
+        return f"<Run: {self.status}, {self.mode}{orbit}{rest}, {self.n_periods} periods, {self.n_events} events{kept}>"
 
     def _repr_html_(self) -> str:
         from dimersweep.plots.tables import run_table
@@ -155,7 +159,7 @@ class Run:
         Returns
         -------
         xarray.Dataset
-            Along `time`.
+            Along `time`; scalars for one time.
 
         Raises
         ------
@@ -165,7 +169,9 @@ class Run:
         record = self.record("states")
         if not len(record.segments):
             raise ParameterError(f"states: there are none, the run failed at its first impact ({self.message})")
-        return states_of(record, as_numbers("t", t, as_number, "s"), self.rtol, self.parameters)
+        times = as_numbers("t", t, as_number, "s")
+        states = states_of(record, times, self.rtol, self.parameters)
+        return states if np.ndim(t) else states.isel(time=0)
 
     def section(self) -> xr.Dataset:
         """The points of the return map: the state at the start of each forcing period, and at the end.
