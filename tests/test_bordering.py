@@ -205,6 +205,30 @@ def test_the_command_makes_a_file_and_a_picture(tmp_path, capsys):
     assert "points" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("name", ["atlas.png", "out.txt"])
+def test_a_table_has_the_ending_of_its_format(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    declaration = tmp_path / "two.toml"
+    declaration.write_text(FAMILIES.replace("families.nc", name))
+    with pytest.raises(ParameterError, match=rf"borders.output = {name}: a table must end in .nc$"):
+        app(["borders", str(declaration)], standalone_mode=False)
+    declaration.write_text(FAMILIES)
+    with pytest.raises(ParameterError, match=rf"^out = {name}: a table must end in .nc$"):
+        app(["borders", str(declaration), "--out", name], standalone_mode=False)
+    with pytest.raises(ParameterError, match=rf"^out = {name}: a table must end in .nc$"):
+        make_borders(read_borders(declaration), name)
+    assert list(tmp_path.iterdir()) == [declaration]
+
+
+def test_a_table_never_replaces_the_map_that_it_is_drawn_over(tmp_path):
+    declaration, under = tmp_path / "two.toml", tmp_path / "map.nc"
+    declaration.write_text(FAMILIES)
+    under.write_text("precious")
+    with pytest.raises(ParameterError, match=r"^out = .*map.nc: would replace what is read; give another name$"):
+        app(["borders", str(declaration), "--over", str(under), "--out", str(under), "--force"], standalone_mode=False)
+    assert under.read_text() == "precious"
+
+
 def test_what_is_not_allowed_is_told(tmp_path):
     bad = tmp_path / "bad.toml"
     for text, message in (

@@ -14,6 +14,10 @@ import pytest
 
 import dimersweep
 from dimersweep import cli, plots
+from dimersweep.cli.claiming import PAGES
+from dimersweep.plots.movie import MOVIES
+from dimersweep.plots.style import PICTURES
+from dimersweep.storage.netcdf import CUBES, TABLES
 from dimersweep.studies.planning import SAMPLE
 from tests.fakes import failing, fake_run_many, raising
 
@@ -135,8 +139,8 @@ def test_a_bad_declaration_is_named(call, old, new, message):
         (["run", "small.toml", "--rtol", "1"], "rtol = 1.0: must be in [1e-13, 0.01]"),
         (["plot", "absent.nc"], "absent.nc: no such file"),
         (["plot", "small.toml"], "small.toml: is no NetCDF file, or a damaged one"),
-        (["plot", "absent.nc", "--out", "a.xyz"], "out = a.xyz: a picture must end in .png, .pdf, .svg"),
-        (["simulate", "--plot", "a.xyz"], "plot = a.xyz: a picture must end in .png, .pdf, .svg"),
+        (["plot", "absent.nc", "--out", "a.xyz"], "out = a.xyz: a picture must end in .png, .pdf or .svg"),
+        (["simulate", "--plot", "a.xyz"], "plot = a.xyz: a picture must end in .png, .pdf or .svg"),
         (["simulate", "--e", "fast"], "e = 'fast': must be a number"),
         (["simulate", "--periods", "1e3"], "Invalid value for '--periods': '1e3' is not a whole number"),
         (["simulate", "--A_r", "1.5"], "A_r = 1.5: must be >= 2 (below 2 the balls overlap)"),
@@ -153,6 +157,8 @@ def test_a_bad_declaration_is_named(call, old, new, message):
         (["run", "--wrkers", "2"], "--wrkers: unknown option; did you mean --workers? (allowed: --out, --from, "),
         (["--vers"], "--vers: unknown option; did you mean --version? (allowed: --version, "),
         (["simulate", "--l", "0.05", "--A_r", "6"], "l: given together with A_r; leave one of the two out"),
+        (["simulate", "--movie", "a.nc"], "movie = a.nc: a movie must end in .gif, .mp4 or .html"),
+        (["claims", "--out", "a.nc"], "out = a.nc: a page must end in .md"),
         (["dance"], "No such command 'dance'."),
     ],
 )
@@ -487,6 +493,21 @@ def test_an_output_has_the_ending_of_its_format(call, fake_kernel):
     assert (code, err) == (2, "dimersweep: error: out = a.csv: a cube must end in .nc or .zarr\n")
     with pytest.raises(dimersweep.ParameterError, match=r"^out = a.h5: a cube must end in .nc or .zarr$"):
         dimersweep.sweep({"f": [15]}, periods=1, out="a.h5")
+
+
+def test_no_two_kinds_of_output_have_an_ending_in_common():
+    kinds = CUBES, PICTURES, MOVIES, PAGES
+    assert len({ending for endings in kinds for ending in endings}) == sum(map(len, kinds))
+    assert set(TABLES) < set(CUBES)
+
+
+def test_a_picture_never_replaces_the_cube_that_it_is_of(call, fake_kernel):
+    assert call("run", "small.toml", "--no-plot")[2] == 0
+    Path("fig07-small.nc").rename("cube.png")
+    before = Path("cube.png").read_bytes()
+    refused = "dimersweep: error: out = cube.png: would replace what is read; give another name\n"
+    assert call("plot", "cube.png", "--force")[1:] == (refused, 2)
+    assert Path("cube.png").read_bytes() == before
 
 
 def test_python_errors_speak_python(call, fake_kernel):

@@ -142,7 +142,7 @@ def test_every_mode_is_seen_as_a_dot_on_white():
 
 
 def test_a_picture_needs_a_known_ending(tmp_path):
-    with pytest.raises(ParameterError, match=r"^out = .*a.xyz: a picture must end in .png, .pdf, .svg$"):
+    with pytest.raises(ParameterError, match=r"^out = .*a.xyz: a picture must end in .png, .pdf or .svg$"):
         check_picture(tmp_path / "a.xyz")
 
 

@@ -22,7 +22,7 @@ def borders(
 ) -> None:
     """Make borders, branches or families of orbits, and draw them. One that was stopped goes on where it was."""
     from dimersweep.plots.style import check_picture
-    from dimersweep.storage.netcdf import check_writable, open_cube
+    from dimersweep.storage.netcdf import TABLES, check_output, open_cube, refuse_input
     from dimersweep.studies.bordering import make_borders, plan_borders, read_borders
     from dimersweep.work.progress import tell_of_compiling
 
@@ -32,8 +32,10 @@ def borders(
         for line in plan_borders(declared, out):
             typer.echo(line)
         return
-    check_writable(out, force=force)
+    check_output(out, force=force, what="a table", endings=TABLES)
     drawn = check_picture(picture or out.with_suffix(".png"), force=force, name="picture")
+    if over is not None:
+        refuse_input(out, over, "out")
     under = open_cube(over) if over is not None else None
     tell_of_compiling()
     with stoppable():

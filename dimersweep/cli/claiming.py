@@ -7,6 +7,8 @@ import typer
 
 from dimersweep.cli.options import Force, Workers
 
+PAGES = (".md",)
+
 
 def claims(
     *,
@@ -16,9 +18,9 @@ def claims(
     force: Force = False,
 ) -> None:
     """Recompute every checkable statement of the paper, tell where it holds, and write the page of all of them."""
-    from dimersweep.storage.netcdf import check_writable
+    from dimersweep.storage.netcdf import check_output
 
-    page = check_writable(out, force=force)
+    page = check_output(out, force=force, what="a page", endings=PAGES)
     from time import perf_counter
 
     from rich.console import Console

@@ -34,11 +34,12 @@ def plot(
 ) -> None:
     """Draw a cube: as it was declared, or another kind, a quantity, a selection."""
     from dimersweep.plots import check_picture
-    from dimersweep.storage.netcdf import open_cube
+    from dimersweep.storage.netcdf import open_cube, refuse_input
 
     if out is None and not cube.name:
         raise typer.BadParameter(f"{str(cube)!r}: is no cube")
     picture = check_picture(out or cube.with_suffix(".png"), force=force)
+    refuse_input(picture, cube, "out")
     opened = open_cube(cube)
     for each in select or ():
         opened = _selected(opened, each)

@@ -40,9 +40,9 @@ def simulate(
 
         check_movie(movie, force=force)
     if save is not None:
-        from dimersweep.storage.netcdf import check_run_file
+        from dimersweep.storage.netcdf import TABLES, check_output
 
-        check_run_file(save, force=force, name="save")
+        check_output(save, force=force, name="save", what="a run", endings=TABLES)
     from dimersweep.parameters import Parameters, check_count, check_rtol, check_seconds
     from dimersweep.work.progress import tell_of_compiling
 

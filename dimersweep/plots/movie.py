@@ -22,7 +22,7 @@ from PIL import Image
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.parameters import as_number, check_count
 from dimersweep.storage.files import told
-from dimersweep.storage.netcdf import check_writable
+from dimersweep.storage.netcdf import check_ending, check_writable
 
 if TYPE_CHECKING:
     from dimersweep.runs.run import Run
@@ -101,8 +101,7 @@ def check_movie(path: str | os.PathLike[str], *, force: bool = False, name: str 
         As for a cube; or a video is asked for and there is no ffmpeg.
     """
     path = Path(path)
-    if path.suffix not in MOVIES:
-        raise ParameterError(f"{name} = {path}: a movie must end in {', '.join(MOVIES)}")
+    check_ending(os.fspath(path), name=name, what="a movie", endings=MOVIES)
     if path.suffix == ".mp4" and _ffmpeg() is None:
         raise StoreError(
             f"{name} = {path}: a video needs ffmpeg; pip install 'dimersweep[movie]', or write a .gif or .html"

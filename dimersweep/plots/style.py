@@ -10,8 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from dimersweep.errors import ParameterError
-from dimersweep.storage.netcdf import check_writable
+from dimersweep.storage.netcdf import check_output
 from dimersweep.symbols import PARAMETERS
 
 # after Okabe and Ito: told apart by color-blind readers too
@@ -111,9 +110,7 @@ def check_picture(path: str | os.PathLike[str], *, force: bool = False, name: st
     StoreError
         As for a cube.
     """
-    if Path(path).suffix not in PICTURES:
-        raise ParameterError(f"{name} = {path}: a picture must end in {', '.join(PICTURES)}")
-    return check_writable(path, force=force, name=name)
+    return check_output(path, force=force, name=name, what="a picture", endings=PICTURES)
 
 
 def write_picture(figure: Figure, path: str | os.PathLike[str], *, force: bool = False, **how: Any) -> None:

@@ -166,8 +166,10 @@ class CubeAccessor:
         ParameterError
             If the cube cannot be drawn so.
         """
-        from dimersweep.plots import draw, write_picture
+        from dimersweep.plots import check_picture, draw, write_picture
 
+        if path is not None:
+            check_picture(path, force=force, name="picture")
         figure = draw(self._cube, kind, quantity=quantity)
         if path is not None:
             write_picture(figure, path, force=force)

@@ -252,9 +252,11 @@ class Run:
         ParameterError, StoreError
             If nothing was recorded, or the picture cannot be written.
         """
-        from dimersweep.plots import run_figure, write_picture
+        from dimersweep.plots import check_picture, run_figure, write_picture
 
         self.record("plot")
+        if path is not None:
+            check_picture(path, force=force, name="picture")
         figure = run_figure(self)
         if path is not None:
             write_picture(figure, path, force=force)

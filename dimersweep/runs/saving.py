@@ -18,7 +18,7 @@ from dimersweep.kernel.verdict.past import PAST_COLUMNS, PAST_ROWS
 from dimersweep.parameters import Parameters, updated
 from dimersweep.runs.recorded import Record
 from dimersweep.runs.solving import End
-from dimersweep.storage.netcdf import check_run_file, read_netcdf, write_cube
+from dimersweep.storage.netcdf import TABLES, check_output, read_netcdf, write_cube
 from dimersweep.storage.provenance import attributes, digest, read_configuration
 from dimersweep.symbols import PARAMETERS
 
@@ -47,7 +47,7 @@ SHAPES = {  # 0 for as many as there are
 
 def save_run(run: "Run", path: str | os.PathLike[str], *, force: bool = False) -> Path:
     """Write a run, see `Run.save`."""
-    path = check_run_file(path, force=force)
+    path = check_output(path, force=force, what="a run", endings=TABLES)
     write_cube(_as_dataset(run), path, force=force)
     return path
 

@@ -22,7 +22,7 @@ from dimersweep.storage.provenance import CUBE_FORMAT, digest, read_configuratio
 from dimersweep.storage.zarr import blocks, is_zarr, read_zarr
 
 PART_BYTES = 1 << 26  # of a cube, that are written at once
-CUBES = (".nc", ".zarr")
+CUBES, TABLES = (".nc", ".zarr"), (".nc",)  # of sweeps; of single runs, borders, branches and families
 DEFLATED = 1100  # zlib makes nothing smaller by more than this
 # netCDF-C and HDF5 bear one thread at a time; xarray's own files wait for the same locks, taken in the same order
 ONE_THREAD = combine_locks([NETCDFC_LOCK, HDF5_LOCK])
@@ -118,34 +118,43 @@ def check_ending(path: str, *, name: str = "out", what: str = "a cube", endings:
         If it is not: the ending would promise another format.
     """
     if Path(path).suffix not in endings:
-        raise ParameterError(f"{name} = {_shown(path)}: {what} must end in {' or '.join(endings)}")
+        *others, last = endings
+        allowed = f"{', '.join(others)} or {last}" if others else last
+        raise ParameterError(f"{name} = {_shown(path)}: {what} must end in {allowed}")
     return path
 
 
-def check_output(path: str | os.PathLike[str], *, force: bool = False) -> Path:
-    """Refuse an output of a sweep that could not be written, or whose ending promises another format.
+def check_output(
+    path: str | os.PathLike[str],
+    *,
+    force: bool = False,
+    name: str = "out",
+    what: str = "a cube",
+    endings: tuple[str, ...] = CUBES,
+) -> Path:
+    """Refuse an output that could not be written, or whose ending promises another format, before any work is done.
 
-    Raises
-    ------
-    ParameterError
-        If it ends in neither .nc nor .zarr.
-    StoreError
-        As by `check_writable`.
-    """
-    check_ending(os.fspath(path))
-    return check_writable(path, force=force)
-
-
-def check_run_file(path: str | os.PathLike[str], *, force: bool = False, name: str = "out") -> Path:
-    """Refuse a file for a run that could not be written, or whose name does not end in .nc.
+    Each kind of output has endings of its own (`CUBES`, `TABLES`, and those of pictures, movies and pages), so that two
+    outputs of different kinds never have one name.
 
     Raises
     ------
     ParameterError, StoreError
         As by `check_ending` and `check_writable`.
     """
-    check_ending(os.fspath(path), name=name, what="a run", endings=(".nc",))
+    check_ending(os.fspath(path), name=name, what=what, endings=endings)
     return check_writable(path, force=force, name=name)
+
+
+def refuse_input(output: Path, given: Path, name: str) -> None:
+    """Refuse an output that would replace a file that the same call reads.
+
+    Raises
+    ------
+    ParameterError
+    """
+    if output.exists() and given.exists() and output.samefile(given):
+        raise ParameterError(f"{name} = {_shown(output)}: would replace what is read; give another name")
 
 
 def write_cube(

@@ -9,11 +9,11 @@ from itertools import product
 from math import prod
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import xarray as xr
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from dimersweep.cubes.grid import axis
 from dimersweep.errors import OrbitError, ParameterError, Stopped
@@ -24,7 +24,7 @@ from dimersweep.orbits.families import family
 from dimersweep.orbits.finding import checked, find
 from dimersweep.orbits.following import follow
 from dimersweep.parameters import check_name, value_of
-from dimersweep.storage.netcdf import check_writable, write_cube
+from dimersweep.storage.netcdf import TABLES, check_ending, check_output, write_cube
 from dimersweep.storage.provenance import attributes
 from dimersweep.studies.parts import Parts, parts_beside
 from dimersweep.symbols import PARAMETERS
@@ -42,7 +42,7 @@ class Head(_Section):
     """What is made, and where to."""
 
     title: str
-    output: str
+    output: Annotated[str, AfterValidator(partial(check_ending, name="borders.output", what="a table", endings=TABLES))]
 
 
 class Curves(_Section):
@@ -173,7 +173,7 @@ def make_borders(
     Stopped
         On Ctrl-C or SIGTERM; the message says what is kept.
     """
-    out = None if out is None else check_writable(out, force=force)
+    out = None if out is None else check_output(out, force=force, what="a table", endings=TABLES)
     start, makers = perf_counter(), declared.parts()
     with parts_beside(out, declared.configuration, force=force) as parts:
         before = [name for name in makers if parts.has(name)]
