@@ -88,6 +88,7 @@ def test_a_file_that_was_stopped_goes_on_from_its_finished_parts(tmp_path, monke
         make_borders(declared, out)
     assert not out.exists()
     assert plan_borders(declared, out)[1:] == ["there already: family-0"]
+    (parts / f".dimersweep-{'0' * 32}.tmp").write_bytes(b"half a fi")
     lines = []
     resumed = make_borders(declared, out, tell=lines.append)
     assert asked == [5.5, 6.0, 6.0]

@@ -2,6 +2,7 @@
 
 import re
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -82,6 +83,41 @@ def test_a_movie_needs_a_known_ending_and_its_program(run, tmp_path, monkeypatch
         run.animate(tmp_path / "run.html")
     with pytest.raises(ParameterError, match="nothing was recorded"):
         simulate(periods=1, record=False).animate(tmp_path / "run.gif")
+
+
+def interrupts(*rest, **more):
+    raise KeyboardInterrupt
+
+
+def two_frames(*rest):
+    yield from np.zeros((2, 10, 10, 3), dtype=np.uint8)
+    interrupts()
+
+
+def half_a_video(command, **rest):
+    Path(command[-1]).write_bytes(b"half a vi")
+    interrupts()
+
+
+@pytest.mark.parametrize(
+    ("name", "target", "stop"),
+    [
+        ("run.gif", "dimersweep.plots.movie._rendered", two_frames),
+        ("run.mp4", "dimersweep.plots.movie.subprocess.run", half_a_video),
+        ("run.html", "dimersweep.storage.files.sync", interrupts),
+        ("run.pdf", "matplotlib.backends.backend_pdf.PdfFile.finalize", interrupts),
+        ("run.nc", "dimersweep.storage.files.sync", interrupts),
+    ],
+)
+def test_an_interruption_leaves_the_former_file(run, tmp_path, monkeypatch, name, target, stop):
+    monkeypatch.setattr(movie, "_ffmpeg", lambda: "ffmpeg")
+    path = tmp_path / name
+    path.write_text("the former one")
+    write = {".nc": run.save, ".pdf": run.plot}.get(path.suffix, run.animate)
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(target, stop)
+        write(path, force=True)
+    assert {each.name: each.read_text() for each in tmp_path.iterdir()} == {name: "the former one"}
 
 
 def test_simulate_makes_a_movie_and_keeps_the_run(tmp_path, monkeypatch, capsys):

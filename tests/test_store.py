@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tracemalloc
 import zlib
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 
@@ -18,6 +19,7 @@ import dimersweep
 from dimersweep.cubes.cube import blank, build, names
 from dimersweep.cubes.grid import make_grid
 from dimersweep.errors import StoreError, UserError
+from dimersweep.storage.files import HALF, put, replacing
 from dimersweep.storage.netcdf import check_output, check_writable, count_modes, open_cube, write_cube
 from dimersweep.storage.provenance import attributes, digest
 from dimersweep.studies.rerun import from_cube
@@ -63,6 +65,29 @@ def test_an_existing_file_stays_unless_forced(cube, tmp_path):
     assert path.read_text() == "precious"
     write_cube(cube, path, force=True)
     assert open_cube(path).sizes == {"f": 2}
+
+
+def test_a_temporary_file_has_a_name_that_nobody_else_has(tmp_path):
+    (tmp_path / "page.html.tmp").write_text("precious")
+    with ThreadPoolExecutor(8) as threads:
+        list(threads.map(lambda k: put(tmp_path / "page.html", [b"%d" % k] * 1000), range(100)))
+    written = (tmp_path / "page.html").read_text()
+    assert written in {f"{k}" * 1000 for k in range(100)}
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {
+        "page.html": written,
+        "page.html.tmp": "precious",
+    }
+
+
+def test_two_who_write_one_file_do_not_meet(cube, tmp_path):
+    with replacing(tmp_path / "run.nc") as first, replacing(tmp_path / "run.nc") as second:
+        for temporary in (first, second):
+            assert HALF.fullmatch(temporary.name)
+            temporary.write_text(temporary.name)
+        write_cube(cube, tmp_path / "cube.nc")
+        assert first != second
+    assert sorted(os.listdir(tmp_path)) == ["cube.nc", "run.nc"]
+    assert (tmp_path / "run.nc").stat().st_mode == (tmp_path / "cube.nc").stat().st_mode
 
 
 def test_a_write_that_fails_leaves_nothing_behind(cube, tmp_path, monkeypatch):

@@ -41,7 +41,7 @@ def borders(
     with stoppable():
         table = make_borders(declared, out, force=force, tell=typer.echo)
     from dimersweep.plots.borders import draw_borders
-    from dimersweep.plots.style import DPI
+    from dimersweep.plots.style import write_picture
 
-    draw_borders(table, under).savefig(drawn, dpi=DPI)
+    write_picture(draw_borders(table, under), drawn, force=force)
     typer.echo(f"{out} and {drawn} in {table.attrs['wall_time_s']:.1f} s")

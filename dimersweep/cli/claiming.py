@@ -18,6 +18,7 @@ def claims(
     force: Force = False,
 ) -> None:
     """Recompute every checkable statement of the paper, tell where it holds, and write the page of all of them."""
+    from dimersweep.storage.files import put, told
     from dimersweep.storage.netcdf import check_output
 
     page = check_output(out, force=force, what="a page", endings=PAGES)
@@ -35,15 +36,16 @@ def claims(
     rows = []
     for row in made(labs):
         rows.append(row)
-        told = ", ".join(f"{reading} {one.verdict}" for reading, one in row.findings.items())
-        typer.echo(f"{len(rows)}: Sect. {row.section}, {told}: {row.statement}", err=True)
+        verdicts = ", ".join(f"{reading} {one.verdict}" for reading, one in row.findings.items())
+        typer.echo(f"{len(rows)}: Sect. {row.section}, {verdicts}: {row.statement}", err=True)
     study = radius_study(labs["mu_s"])
     table = Table("Sect.", "the paper says", *(f"held by {reading}" for reading in READINGS), show_lines=True)
     for row in rows:
         cells = [f"{one.verdict}: {one.value}" for one in row.findings.values()]
         table.add_row(row.section, row.statement, *cells)
     Console().print(table)
-    page.write_text(as_markdown(rows, study, small, started), encoding="utf-8")
+    with told(f"out = {page}", ""):
+        put(page, [as_markdown(rows, study, small, started).encode()])
     for reading in READINGS:
         typer.echo(f"held by {reading}: {counts(rows, reading)}")
     typer.echo(f"under one of the readings: {in_any(rows)} agree")

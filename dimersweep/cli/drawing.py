@@ -60,10 +60,10 @@ def _selected(cube: "xr.Dataset", text: str) -> "xr.Dataset":
 
 def draw_beside(cube: "xr.Dataset", picture: Path, kind: str | None = None, quantity: str | None = None) -> None:
     """Draw `cube` to a file that may be replaced, marked with what it was drawn from, and tell of it."""
-    from dimersweep.plots import DPI, draw
+    from dimersweep.plots import draw, write_picture
 
-    figure = draw(cube, kind, quantity=quantity)
-    figure.savefig(picture, dpi=DPI, metadata={"Keywords": _mark(cube.attrs["configuration_sha256"])})
+    figure, marked = draw(cube, kind, quantity=quantity), {"Keywords": _mark(cube.attrs["configuration_sha256"])}
+    write_picture(figure, picture, force=True, metadata=marked)
     typer.echo(f"picture: {picture}")
 
 

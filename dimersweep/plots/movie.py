@@ -21,7 +21,7 @@ from PIL import Image
 
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.parameters import as_number, check_count
-from dimersweep.storage.files import told
+from dimersweep.storage.files import replacing, told
 from dimersweep.storage.netcdf import check_ending, check_writable
 
 if TYPE_CHECKING:
@@ -144,8 +144,8 @@ def write_movie(
         from dimersweep.plots.replay import write_replay
 
         return write_replay(run, path, pace)
-    with told(f"movie = {path}", ""):
-        (_write_gif if path.suffix == ".gif" else _write_video)(path, _rendered(run, pace, dpi), fps)
+    with told(f"movie = {path}", ""), replacing(path) as temporary:
+        (_write_gif if path.suffix == ".gif" else _write_video)(temporary, _rendered(run, pace, dpi), fps)
     return path
 
 
@@ -153,7 +153,8 @@ def _write_gif(path: Path, pictures: Iterator[np.ndarray], fps: int) -> None:
     """Frames of shape (height, width, 3) as an endless GIF with one palette."""
     first = Image.fromarray(next(pictures)).quantize(COLORS_OF_GIF)
     others = (Image.fromarray(each).quantize(palette=first, dither=Image.Dither.NONE) for each in pictures)
-    first.save(path, save_all=True, append_images=others, duration=round(1000 / fps), loop=0, optimize=True)
+    how: dict[str, Any] = {"duration": round(1000 / fps), "loop": 0, "optimize": True}
+    first.save(path, format="GIF", save_all=True, append_images=others, **how)
 
 
 def _write_video(path: Path, pictures: Iterator[np.ndarray], fps: int) -> None:
@@ -161,8 +162,8 @@ def _write_video(path: Path, pictures: Iterator[np.ndarray], fps: int) -> None:
     first = next(pictures)
     height, width, _ = first.shape
     source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(fps), "-i", "-"]
-    target = ["-an", "-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-c:v", "libx264", "-pix_fmt", "yuv420p", str(path)]
-    command = [str(_ffmpeg()), "-y", "-loglevel", "error", *source, *target]
+    target = ["-an", "-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-c:v", "libx264", "-pix_fmt", "yuv420p"]
+    command = [str(_ffmpeg()), "-y", "-loglevel", "error", *source, *target, "-f", "mp4", str(path)]
     data = b"".join(each.tobytes() for each in chain([first], pictures))
     done = subprocess.run(command, input=data, capture_output=True, check=False)
     if done.returncode != 0:

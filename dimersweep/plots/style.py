@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
+from dimersweep.storage.files import replacing, told
 from dimersweep.storage.netcdf import check_output
 from dimersweep.symbols import PARAMETERS
 
@@ -119,6 +120,8 @@ def write_picture(figure: Figure, path: str | os.PathLike[str], *, force: bool =
     Raises
     ------
     ParameterError, StoreError
-        As by `check_picture`.
+        As by `check_picture`; or the disk refuses.
     """
-    figure.savefig(check_picture(path, force=force, name="picture"), **{"dpi": DPI} | how)
+    path = check_picture(path, force=force, name="picture")
+    with told(f"picture = {path}", ""), replacing(path) as temporary:
+        figure.savefig(temporary, format=path.suffix.removeprefix("."), **{"dpi": DPI} | how)

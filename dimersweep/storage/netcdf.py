@@ -17,7 +17,7 @@ from dimersweep.cubes.cube import FLAGS, check_codes, check_flags
 from dimersweep.cubes.grid import MAX_POINTS
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.kernel.model.layout import MODES
-from dimersweep.storage.files import sync, told
+from dimersweep.storage.files import replacing, told
 from dimersweep.storage.provenance import CUBE_FORMAT, digest, read_configuration
 from dimersweep.storage.zarr import blocks, is_zarr, read_zarr
 
@@ -174,7 +174,7 @@ def write_cube(
     force : bool
         Whether it may replace an existing file.
     scratch : Path, optional
-        The temporary file, on the same disk; beside `path` by default.
+        The temporary file, see `replacing`.
     kept : str
         What the message of an error tells of results that are not lost.
 
@@ -184,17 +184,9 @@ def write_cube(
         If the file exists and `force` is not given, or the disk refuses.
     """
     path = check_writable(path, force=force)
-    temporary = scratch or path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        with told(f"out = {path}", kept):
-            temporary.unlink(missing_ok=True)
-            for number, part in enumerate(_parts(cube)):
-                _write_part(part, temporary, "a" if number else "w")
-            sync(temporary)
-            temporary.replace(path)
-            sync(path.parent)  # the new name must outlive a power cut too
-    finally:
-        temporary.unlink(missing_ok=True)
+    with told(f"out = {path}", kept), replacing(path, scratch) as temporary:
+        for number, part in enumerate(_parts(cube)):
+            _write_part(part, temporary, "a" if number else "w")
 
 
 def _write_part(part: xr.Dataset, path: Path, mode: str) -> None:
