@@ -138,6 +138,35 @@ def served(path):
             process.terminate()
 
 
+MARKUP = '<img src=x onerror="window.hit=1"><script>window.hit=1</script> *a* [b](javascript:alert) $c$ & d'
+
+
+@needs_chromium
+def test_markup_in_a_cube_is_shown_as_it_is_written(cube, tmp_path):
+    word = MARKUP.replace(" ", "/")
+    held = cube.copy()
+    held["mode"].attrs["flag_meanings"] = " ".join([word] * len(cube["mode"].attrs["flag_values"]))
+    name = "v" + MARKUP.replace("/", "")
+    held[name] = held["radius"]
+    held.attrs["title"] = MARKUP
+    file = tmp_path / "cube.nc"
+    held.to_netcdf(file)
+    with served(file) as address, chromium_page(offline=False, width=1300, height=900) as (page, errors):
+        page.goto(address)
+        page.get_by_text("Click a point of the map").wait_for(timeout=60_000)
+        assert page.locator("h3").inner_text() == MARKUP
+        place = page.locator(".bk-Canvas").first.bounding_box()
+        page.mouse.move(place["x"] + 0.5 * place["width"], place["y"] + 0.5 * place["height"])
+        page.get_by_text(word).first.wait_for(timeout=30_000)  # beside the pointer
+        page.get_by_label("shown").select_option(name)
+        page.wait_for_timeout(1000)
+        if os.environ.get("DIMERSWEEP_SCREENSHOTS"):
+            page.screenshot(path=f"{os.environ['DIMERSWEEP_SCREENSHOTS']}/markup.png")
+        assert page.evaluate("window.hit") is None
+        assert page.locator("img[src=x]").count() == 0
+        assert [each for each in errors if "favicon" not in each] == []
+
+
 @needs_chromium
 def test_a_click_in_a_browser_changes_the_run(cube, file):
     with (

@@ -1,5 +1,6 @@
 """The board: a map of a cube, sliders, and the live run behind the point that is clicked, for a browser or a notebook."""
 
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots import run_figure
 from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, units_of
-from dimersweep.plots.tables import PLAIN, run_table
+from dimersweep.plots.tables import PLAIN, run_table, title_as_html
 from dimersweep.runs import accessor  # noqa: F401 - the run behind a point
 from dimersweep.runs.run import Run
 
@@ -164,7 +165,7 @@ class Board:
         try:
             run: Run = point.dimersweep.run()
         except ParameterError as error:
-            self.told.object = f"No run here: {error}"
+            self.told.object = f"No run here: {escape(str(error))}"
             return None
         self.told.object = run_table(run)
         self.picture.object = run_figure(_shown(run)) if run.status == "ok" else None
@@ -182,7 +183,7 @@ class Board:
         """All of it, for `panel` to serve or a notebook to show."""
         left = pn.Column(self.quantity, *self.sliders.values(), pn.pane.Bokeh(self.map), pn.pane.HTML(self.legend()))
         right = pn.Column(self.told, self.picture, sizing_mode="stretch_width")
-        heading = pn.pane.Markdown(f"### {self.cube.attrs.get('title', 'cube of dimersweep')}")
+        heading = pn.pane.HTML(f"<h3>{title_as_html(self.cube)}</h3>")
         return pn.Column(heading, pn.Row(left, right, sizing_mode="stretch_width"), sizing_mode="stretch_width")
 
 

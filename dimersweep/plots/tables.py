@@ -62,7 +62,7 @@ def cube_table(cube: xr.Dataset) -> str:
     words, counts = np.unique(names(mode).values, return_counts=True)
     for k in np.argsort(-counts, kind="stable"):
         rows.append((str(words[k]), f"{counts[k]} ({percent(counts[k] / mode.size)})" + _rest(cube, str(words[k]))))
-    return _table(escape(str(cube.attrs.get("title", "cube of dimersweep"))), rows)
+    return _table(title_as_html(cube), rows)
 
 
 def _rest(cube: xr.Dataset, word: str) -> str:
@@ -72,6 +72,11 @@ def _rest(cube: xr.Dataset, word: str) -> str:
     speeds = cube["speed"].values[(cube["mode"].values == M_REST) & np.isfinite(cube["speed"].values)]
     moves = f", the centre of mass moves at {speeds.min():.3g} to {speeds.max():.3g} m/s" if speeds.size else ""
     return f": both ends stay down{moves}"
+
+
+def title_as_html(cube: xr.Dataset) -> str:
+    """The title of a cube, in which nothing is markup: a file may bring any."""
+    return escape(str(cube.attrs.get("title", "cube of dimersweep")))
 
 
 def _given(name: str, value: float) -> str:
