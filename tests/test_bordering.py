@@ -82,6 +82,9 @@ def test_a_file_that_was_stopped_goes_on_from_its_finished_parts(tmp_path, monke
             raise KeyboardInterrupt
         return orbits.family(**given)
 
+    def stopping_at_the_end(*rest, **more):
+        raise KeyboardInterrupt
+
     monkeypatch.setattr(bordering, "family", stopping)
     assert plan_borders(declared, out) == ["families: 2 parts, 3 points each: family-0, family-1"]
     with pytest.raises(Stopped, match=f"1 of 2 parts are kept in {parts}"):
@@ -89,10 +92,13 @@ def test_a_file_that_was_stopped_goes_on_from_its_finished_parts(tmp_path, monke
     assert not out.exists()
     assert plan_borders(declared, out)[1:] == ["there already: family-0"]
     (parts / f".dimersweep-{'0' * 32}.tmp").write_bytes(b"half a fi")
+    with monkeypatch.context() as patch, pytest.raises(Stopped, match=f"2 of 2 parts are kept in {parts}; the same"):
+        patch.setattr(bordering, "write_cube", stopping_at_the_end)
+        make_borders(declared, out)
     lines = []
     resumed = make_borders(declared, out, tell=lines.append)
     assert asked == [5.5, 6.0, 6.0]
-    assert lines[0] == "1 of 2 parts are there already: family-0"
+    assert lines[0] == "2 of 2 parts are there already: family-0, family-1"
     assert not parts.exists()
     xr.testing.assert_equal(resumed, whole)
 

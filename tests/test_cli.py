@@ -357,6 +357,51 @@ def test_a_bound_on_the_time_of_a_run(call):
     assert call("simulate", "--max-seconds", "0")[1:] == (refused, 2)
 
 
+def interrupts(*rest, **more):
+    raise KeyboardInterrupt
+
+
+@pytest.fixture
+def interrupted_in(call, monkeypatch):
+    """Run a command that Ctrl-C stops in a function; the line that it ends with."""
+
+    def run(where, *arguments):
+        with monkeypatch.context() as patch:
+            patch.setattr(where, interrupts)
+            patch.setattr("dimersweep.cli.stopping.os._exit", sys.exit)
+            _, err, code = call(*arguments)
+        assert code == 130
+        return err.splitlines()[-1]
+
+    return run
+
+
+@pytest.mark.jit
+def test_a_run_that_is_stopped_says_which_files_are_written(interrupted_in):
+    said = interrupted_in("dimersweep.Run.animate", "simulate", "--periods", "3", "--plot", "a.png", "--movie", "a.gif")
+    assert said == "dimersweep: interrupted: a.png written, a.gif not; run the same again with --force for the rest"
+    assert sorted(os.listdir()) == ["a.png", "small.toml"]
+    said = interrupted_in("dimersweep.Run.plot", "simulate", "--periods", "3", "--plot", "a.png", "--force")
+    assert said == "dimersweep: interrupted: nothing was written"
+
+
+def test_a_sweep_that_is_stopped_says_what_is_kept_wherever_it_is(call, fake_kernel, interrupted_in):
+    there = "are kept in fig07-small.nc.tiles; run the same again to go on"
+    for _ in range(2):  # the second time all points are there
+        said = interrupted_in("dimersweep.studies.making.write_cube", "run", "small.toml")
+        assert said == f"dimersweep: interrupted: 132 of 132 points {there}"
+    said = interrupted_in("dimersweep.studies.datasets.make", "run", "small.toml")
+    assert said == f"dimersweep: interrupted: what was finished is kept in{there.removeprefix('are kept in')}"
+    said = interrupted_in("dimersweep.storage.tilestore.TileStore.remove", "run", "small.toml", "--no-plot")
+    assert said == "dimersweep: interrupted: fig07-small.nc is written"
+    Path("fig07-small.nc").unlink()
+    said = interrupted_in("dimersweep.plots.draw", "run", "small.toml")
+    written = "fig07-small.nc written, fig07-small.png not; run the same again for the rest"
+    assert said == f"dimersweep: interrupted: {written}"
+    assert call("run", "small.toml")[2] == 0
+    assert sorted(os.listdir()) == ["fig07-small.nc", "fig07-small.png", "small.toml"]
+
+
 def test_a_signal_stops_a_map_and_it_goes_on(call, fake_kernel):
     Path("map.toml").write_text(SMALL_MAP)
     with slow_sweep("map.toml", "fig08-small.nc") as process:

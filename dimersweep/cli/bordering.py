@@ -21,9 +21,10 @@ def borders(
     force: Force = False,
 ) -> None:
     """Make borders, branches or families of orbits, and draw them. One that was stopped goes on where it was."""
-    from dimersweep.plots.style import check_picture
+    from dimersweep.plots.style import check_picture, write_picture
     from dimersweep.storage.netcdf import TABLES, check_output, open_cube, refuse_input
     from dimersweep.studies.bordering import make_borders, plan_borders, read_borders
+    from dimersweep.studies.parts import parts_of
     from dimersweep.work.progress import tell_of_compiling
 
     declared = read_borders(declaration)
@@ -37,11 +38,10 @@ def borders(
     if over is not None:
         refuse_input(out, over, "out")
     under = open_cube(over) if over is not None else None
-    tell_of_compiling()
-    with stoppable():
-        table = make_borders(declared, out, force=force, tell=typer.echo)
-    from dimersweep.plots.borders import draw_borders
-    from dimersweep.plots.style import write_picture
+    with stoppable(out, drawn, parts=parts_of(out)):
+        from dimersweep.plots.borders import draw_borders
 
-    write_picture(draw_borders(table, under), drawn, force=force)
-    typer.echo(f"{out} and {drawn} in {table.attrs['wall_time_s']:.1f} s")
+        tell_of_compiling()
+        table = make_borders(declared, out, force=force, tell=typer.echo)
+        write_picture(draw_borders(table, under), drawn, force=force)
+        typer.echo(f"{out} and {drawn} in {table.attrs['wall_time_s']:.1f} s")

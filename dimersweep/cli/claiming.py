@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from dimersweep.cli.options import Force, Workers
+from dimersweep.cli.stopping import stoppable
 
 PAGES = (".md",)
 
@@ -18,16 +19,22 @@ def claims(
     force: Force = False,
 ) -> None:
     """Recompute every checkable statement of the paper, tell where it holds, and write the page of all of them."""
-    from dimersweep.storage.files import put, told
     from dimersweep.storage.netcdf import check_output
 
     page = check_output(out, force=force, what="a page", endings=PAGES)
+    with stoppable(page):
+        _make(page, small=small, workers=workers)
+
+
+def _make(page: Path, *, small: bool, workers: int | None) -> None:
+    """Recompute the claims, tell of each, and write the page."""
     from time import perf_counter
 
     from rich.console import Console
     from rich.table import Table
 
     from dimersweep.claims import READINGS, Lab, as_markdown, counts, in_any, made, radius_study
+    from dimersweep.storage.files import put, told
     from dimersweep.work.progress import tell_of_compiling
 
     tell_of_compiling()

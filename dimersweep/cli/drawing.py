@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dimersweep.cli.options import Force
+from dimersweep.cli.stopping import stoppable
 from dimersweep.errors import ParameterError
 from dimersweep.symbols import PARAMETERS
 
@@ -40,11 +41,12 @@ def plot(
         raise typer.BadParameter(f"{str(cube)!r}: is no cube")
     picture = check_picture(out or cube.with_suffix(".png"), force=force)
     refuse_input(picture, cube, "out")
-    opened = open_cube(cube)
-    for each in select or ():
-        opened = _selected(opened, each)
-    print_cube(opened)
-    draw_beside(opened, picture, kind, quantity)
+    with stoppable(picture):
+        opened = open_cube(cube)
+        for each in select or ():
+            opened = _selected(opened, each)
+        print_cube(opened)
+        draw_beside(opened, picture, kind, quantity)
 
 
 def _selected(cube: "xr.Dataset", text: str) -> "xr.Dataset":

@@ -1,5 +1,6 @@
 """The command for one run."""
 
+from json import dumps
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -7,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dimersweep.cli.options import Force, number_option, whole_option, with_parameters
+from dimersweep.cli.stopping import stoppable
 from dimersweep.symbols import QUANTITIES
 
 if TYPE_CHECKING:
@@ -51,27 +53,26 @@ def simulate(
     check_count("periods", periods)
     check_rtol(rtol)
     check_seconds("max_seconds", max_seconds)
-    tell_of_compiling()
-    from dimersweep.runs.simulating import simulate
-    from dimersweep.runs.solving import check_recorded
-
     recorded = error or bool(plot or movie or save)
-    if recorded:
-        check_recorded(periods, "--plot, --movie, --save and --error")
-    run = simulate(**parameters, periods=periods, rtol=rtol, record=recorded, max_seconds=max_seconds)
-    bounds = _bounds(run) if error else {}
-    if json:
-        from json import dumps
+    with stoppable(save, plot, movie):
+        tell_of_compiling()
+        from dimersweep.runs.simulating import simulate
+        from dimersweep.runs.solving import check_recorded
 
-        typer.echo(dumps(_as_dict(run) | bounds, indent=1))
-    else:
-        _print_table(run, bounds)
-    if plot is not None:
-        run.plot(plot, force=force)
-    if movie is not None:
-        run.animate(movie, force=force)
-    if save is not None:
-        run.save(save, force=force)
+        if recorded:
+            check_recorded(periods, "--plot, --movie, --save and --error")
+        run = simulate(**parameters, periods=periods, rtol=rtol, record=recorded, max_seconds=max_seconds)
+        bounds = _bounds(run) if error else {}
+        if json:
+            typer.echo(dumps(_as_dict(run) | bounds, indent=1))
+        else:
+            _print_table(run, bounds)
+        if save is not None:  # first: a movie may take long
+            run.save(save, force=force)
+        if plot is not None:
+            run.plot(plot, force=force)
+        if movie is not None:
+            run.animate(movie, force=force)
 
 
 def _as_dict(run: "Run") -> dict[str, Any]:

@@ -181,14 +181,14 @@ def make_borders(
             tell(f"{len(before)} of {len(makers)} parts are there already: {', '.join(before)}")
         try:
             tables = [parts.take(name, partial(_stored, make, tell)) for name, make in makers.items()]
+            told = attributes(declared.configuration, declared.borders.title, perf_counter() - start)
+            told["dimersweep_borders"] = told.pop("dimersweep_cube")
+            made = without_fill(_joined(declared, tables).assign_attrs(told))
+            if out is not None:
+                write_cube(made, out, force=force)
         except KeyboardInterrupt as stop:
             raise Stopped(_kept(parts, makers, out), getattr(stop, "signal", signal.SIGINT)) from None
-        told = attributes(declared.configuration, declared.borders.title, perf_counter() - start)
-        told["dimersweep_borders"] = told.pop("dimersweep_cube")
-        made = without_fill(_joined(declared, tables).assign_attrs(told))
-        if out is not None:
-            write_cube(made, out, force=force)
-            parts.remove()
+        parts.remove()
     return made
 
 

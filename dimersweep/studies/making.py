@@ -1,6 +1,7 @@
 """A cube from start to end: what is there already, the store of its points and the crew that runs them, and the output."""
 
 import json
+import signal
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping
@@ -14,7 +15,7 @@ import xarray as xr
 from dimersweep.cubes.cube import flatten
 from dimersweep.cubes.points import AnyGrid, check_fits
 from dimersweep.cubes.results import failed
-from dimersweep.errors import ParameterError, StoreError
+from dimersweep.errors import ParameterError, Stopped, StoreError
 from dimersweep.runs import accessor  # noqa: F401 - gives every cube its `cube.dimersweep`
 from dimersweep.storage.checking import check_unchanged, checksum_of
 from dimersweep.storage.memorystore import MemoryStore
@@ -92,6 +93,12 @@ class UnfinishedCube:
 
     def __init__(self, study: Study, options: Options, store: Store, crew: Crew) -> None:
         self.study, self.options, self.store, self.crew = study, options, store, crew
+        self._written = False
+
+    @property
+    def kept(self) -> str:
+        """What is kept if it is stopped now, in words."""
+        return f"{self.options.out} is written" if self._written else self.store.kept
 
     @property
     def is_zarr(self) -> bool:
@@ -128,6 +135,7 @@ class UnfinishedCube:
         return self.options.force or self.options.retry
 
     def _tidy_up(self, store: TileStore) -> None:
+        self._written = True
         if not self.options.keep_tiles:
             store.remove()
 
@@ -156,7 +164,11 @@ def unfinished_cube(
             if options.out is None
             else stack.enter_context(_store_of(study, options, options.out, again))
         )
-        yield UnfinishedCube(study, options, store, stack.enter_context(crew(store, options.how)))
+        cube = UnfinishedCube(study, options, store, stack.enter_context(crew(store, options.how)))
+        try:
+            yield cube
+        except KeyboardInterrupt as stop:  # one that came while no points were run tells nothing
+            raise Stopped(str(stop) or cube.kept, getattr(stop, "signal", signal.SIGINT)) from None
 
 
 @contextmanager

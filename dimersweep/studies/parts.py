@@ -19,6 +19,11 @@ SCRATCH = "scratch.tmp"  # a part as it is written: only who holds the lock does
 FILES = "part-*.nc"  # nothing else in the folder is ever read or removed
 
 
+def parts_of(out: Path) -> Path:
+    """The folder that holds the finished parts of the file `out`."""
+    return out.with_name(f"{out.name}.parts")
+
+
 class Parts:
     """What is finished of a file, a part for each name; see `parts_beside`.
 
@@ -31,7 +36,7 @@ class Parts:
     """
 
     def __init__(self, out: Path | None, configuration: Mapping[str, Any]) -> None:
-        self.folder = None if out is None else out.with_name(f"{out.name}.parts")
+        self.folder = None if out is None else parts_of(out)
         self.configured = configured(configuration)
 
     def path(self, name: str) -> Path | None:
