@@ -63,6 +63,8 @@ def test_a_video_is_a_video(run, tmp_path):
     [
         ({"periods": 0}, r"^periods = 0: must be a whole number >= 1$"),
         ({"speed": 0}, r"^speed = 0.0: must be > 0$"),
+        ({"dpi": 0}, r"^dpi = 0: must be a whole number >= 1$"),
+        ({"dpi": 10_000}, r"^dpi = 10000: must be <= 600$"),
         ({"periods": 60, "speed": 0.001}, r"^animate: 100000 frames; at most 2000: give fewer periods or more speed$"),
     ],
 )

@@ -153,6 +153,13 @@ def test_what_is_no_orbit_is_told_in_one_line():
         orbits.find(guess=3)
     with pytest.raises(ParameterError, match=r"periods = 0"):
         orbits.find(periods=0)
+    for made in (
+        lambda: orbits.find(spin=1e308),
+        lambda: orbits.border("fold", "Gamma", {"e": [0.6]}, spin=-1e308),
+        lambda: orbits.family(spin=(0.0, 1e308)),
+    ):
+        with pytest.raises(ParameterError, match=r"^spin = -?1e\+308: must be at most 9.42e\+04 rad/s in size$"):
+            made()
     with pytest.raises(OrbitError, match=r"tried the ball's orbit.*needs Gamma >= .* = 0.7854"):
         orbits.find(Gamma=0.7)
     rest = simulate(beta0=0.02, periods=50)

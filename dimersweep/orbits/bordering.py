@@ -11,13 +11,13 @@ import xarray as xr
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.orbits.bifurcation_curve import BIFURCATIONS, BifurcationCurve
 from dimersweep.orbits.curve import Curve, Found
-from dimersweep.orbits.finding import RTOL, checked, rolled_up
+from dimersweep.orbits.finding import RTOL, checked, checked_spin
 from dimersweep.orbits.orbit import Orbit
 from dimersweep.orbits.return_map import OrbitLost
 from dimersweep.orbits.tables import dataset
 from dimersweep.orbits.word import Sides, change_of
 from dimersweep.orbits.word_curve import CHANGES, WordCurve
-from dimersweep.parameters import as_number, as_numbers, check_effect, check_name, check_rtol, number
+from dimersweep.parameters import as_numbers, check_effect, check_name, check_rtol, number
 from dimersweep.symbols import PARAMETERS
 
 KINDS = BIFURCATIONS + CHANGES
@@ -75,7 +75,7 @@ def border(
     """
     given, axes = _checked(kind, parameter, over, fixed)
     rtol = check_rtol(rtol)
-    spin = rolled_up(given) if spin is None else as_number("spin", spin)
+    spin = checked_spin(spin, given)
     make = BifurcationCurve if kind in BIFURCATIONS else WordCurve
     curve = make(kind, parameter, given, spin, rtol)
     walk = Walk(curve, axes, start)

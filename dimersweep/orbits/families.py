@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.kernel.model.layout import PERIOD, PHASE, SPIN
-from dimersweep.orbits.finding import RTOL, checked, orbit_at
+from dimersweep.orbits.finding import RTOL, checked, checked_spin, orbit_at
 from dimersweep.orbits.following import Trace, traced
 from dimersweep.orbits.manifold import Creep, creep_near, creep_of, has_fast_part, slow_direction
 from dimersweep.orbits.orbit import Orbit, orbit_of
@@ -70,8 +70,8 @@ def family(*, spin: tuple[float, float], points: int = 50, rtol: float = RTOL, *
     OrbitError
         If there is no orbit at any of the spins.
     """
-    spins = np.linspace(*_range(spin), check_count("points", points))
     given = checked(parameters)
+    spins = np.linspace(*spin_range(spin, given), check_count("points", points))
     first, begin = _anywhere(spins, given, check_rtol(rtol))
     tape = first.fixed.map.tape
     start = tape.spent.periods
@@ -89,12 +89,18 @@ def family(*, spin: tuple[float, float], points: int = 50, rtol: float = RTOL, *
     return table
 
 
-def _range(spin: tuple[float, float]) -> tuple[float, float]:
+def spin_range(spin: tuple[float, float], given: dict[str, float]) -> tuple[float, float]:
+    """The least and the greatest spin [rad/s], judged.
+
+    Raises
+    ------
+    ParameterError
+    """
     try:
         low, high = spin
     except (TypeError, ValueError):
         raise ParameterError(f"spin = {spin!r}: must be the least and the greatest spin") from None
-    low, high = as_number("spin", low), as_number("spin", high)
+    low, high = checked_spin(low, given), checked_spin(high, given)
     if low >= high:
         raise ParameterError(f"spin = ({low:g}, {high:g}): the first must be below the second")
     return low, high

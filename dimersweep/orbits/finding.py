@@ -21,6 +21,7 @@ from dimersweep.runs.run import Run
 RTOL = 1e-12
 TRANSIENTS = (1, 30, 200)  # periods of the map run from the ball's orbit before Newton's method
 SAME = 1e-4  # in units of the section: a fast part that comes as near as this to its start has repeated
+MOST_TURNS = 1e3  # of the spin in a forcing period: orbits are found up to some 30; far beyond, the search takes long
 SMALLEST_STEP = 1e-3  # of the way from the parameters of one orbit to other ones
 Start = tuple[ReturnMap, np.ndarray]
 
@@ -63,7 +64,7 @@ def find(
     given = checked(parameters, guess)
     return orbit_at(
         given,
-        None if spin is None else as_number("spin", spin),
+        None if spin is None else checked_spin(spin, given),
         check_count("periods", periods),
         guess,
         check_rtol(rtol),
@@ -101,6 +102,21 @@ def checked(parameters: dict[str, Any], guess: Run | Orbit | None = None) -> dic
     if guess is not None and not isinstance(guess, Run | Orbit):
         raise ParameterError(f"guess = {guess!r}: must be a Run or an Orbit")
     return Parameters(**updated({} if guess is None else guess.parameters, parameters)).given()
+
+
+def checked_spin(spin: float | None, given: dict[str, float]) -> float:
+    """An axial spin [rad/s]; by default what a lateral start with `xdot0` rolls up to.
+
+    Raises
+    ------
+    ParameterError
+        If it is no number, or so fast that no orbit has it.
+    """
+    spin = rolled_up(given) if spin is None else as_number("spin", spin)
+    most = MOST_TURNS * TURN * given["f"]
+    if abs(spin) > most:
+        raise ParameterError(f"spin = {spin:g}: must be at most {most:.3g} rad/s in size")
+    return spin
 
 
 def _starts(

@@ -33,6 +33,7 @@ ROD, PLATE, TRACK = "#444444", "#56b4e9", "#999999"
 SLOWED = 20.0  # how much slower the double impacts are shown
 NEAR_IMPACT = 0.04  # of a double impact, in forcing periods on either side
 MOST_FRAMES = 2000
+MOST_DPI = 600
 COLORS_OF_GIF = 64
 
 
@@ -139,7 +140,7 @@ def write_movie(
     ParameterError, StoreError
     """
     path = check_movie(path, force=force)
-    pace = _pace(run, periods, speed, fps, last=last, slow_impacts=slow_impacts)
+    pace, dpi = _pace(run, periods, speed, fps, last=last, slow_impacts=slow_impacts), check_count("dpi", dpi, MOST_DPI)
     if path.suffix == ".html":
         from dimersweep.plots.replay import write_replay
 

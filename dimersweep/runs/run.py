@@ -292,7 +292,7 @@ class Run:
         last : bool
             Whether the end of the run is shown, else its start.
         dpi : int
-            Dots per inch of a GIF or video of 7.2 by 3.7 inches.
+            Dots per inch of a GIF or video of 7.2 by 3.7 inches; 600 at most.
         force : bool
             Whether an existing file may be replaced.
 
@@ -339,7 +339,7 @@ class Run:
         Raises
         ------
         ParameterError
-            If nothing was recorded, the run did not reach its end, or a time is outside the run.
+            If nothing was recorded, the run did not reach its end, or a time is none or outside the run.
         """
         from dimersweep.runs.simulating import simulate
 
@@ -349,7 +349,7 @@ class Run:
         if self.record_cut:
             raise ParameterError(f"error: needs the whole record, but {self.record_cut}")
         T = 1 / self.parameters["f"]
-        times = np.union1d(np.arange(self.n_periods + 1) * T, [] if t is None else t)
+        times = np.union1d(np.arange(self.n_periods + 1) * T, [] if t is None else self.states(t)["time"])
         rtol = shadow_rtol(self.rtol)
         given: dict[str, Any] = self._given()
         starts = ((given, self.start), nudged(given, self.start, NUDGE * self.rtol))

@@ -2,7 +2,6 @@
 
 import os
 import signal
-import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from itertools import product
@@ -16,19 +15,21 @@ import xarray as xr
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from dimersweep.cubes.grid import axis
-from dimersweep.errors import OrbitError, ParameterError, Stopped
+from dimersweep.errors import OrbitError, ParameterError, Stopped, unknown
 from dimersweep.kernel import kernel_version
 from dimersweep.orbits.ball import ball_flip, ball_fold
 from dimersweep.orbits.bordering import KINDS, border
-from dimersweep.orbits.families import family
-from dimersweep.orbits.finding import checked, find
+from dimersweep.orbits.families import family, spin_range
+from dimersweep.orbits.finding import checked, checked_spin, find
 from dimersweep.orbits.following import follow
-from dimersweep.parameters import check_name, value_of
+from dimersweep.parameters import check_count, check_name, value_of
 from dimersweep.storage.netcdf import TABLES, check_ending, check_output, write_cube
 from dimersweep.storage.provenance import attributes
+from dimersweep.studies.declaration import explain, read_toml, refuse_mistakes
 from dimersweep.studies.parts import Parts, parts_beside
 from dimersweep.symbols import PARAMETERS
 
+STARTS = ("beta0", "xdot0", "phi0")  # parameters of a run's start
 BALL = {"fold": ball_fold, "flip": ball_flip}
 Tell = Callable[[str], None]
 Maker = Callable[[Tell], xr.Dataset]
@@ -36,6 +37,16 @@ Maker = Callable[[Tell], xr.Dataset]
 
 class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid")
+
+
+def _distinct(name: str, values: list[Any]) -> list[Any]:
+    """`values`, if there are some, each of them once."""
+    if not values:
+        raise ParameterError(f"{name} = []: must have at least one")
+    for value in values:
+        if values.count(value) > 1:
+            raise ParameterError(f"{name}: {value} is there twice")
+    return values
 
 
 class Head(_Section):
@@ -48,7 +59,7 @@ class Head(_Section):
 class Curves(_Section):
     """Borders in one parameter, over the axes in `over`, the last of which the curves go along."""
 
-    kinds: list[str]
+    kinds: Annotated[list[str], AfterValidator(partial(_distinct, "curves.kinds"))]
     parameter: str = "Gamma"
     spin: float | None = None
 
@@ -57,18 +68,18 @@ class Branches(_Section):
     """Branches in one parameter from the orbits at each point of `over`, to each of `ends`."""
 
     parameter: str
-    ends: list[float]
+    ends: Annotated[list[float], AfterValidator(partial(_distinct, "branches.ends"))]
     spin: float | None = None
     switch: bool = False
     words: bool = True
-    points: int = 200
+    points: Annotated[int, AfterValidator(partial(check_count, "branches.points"))] = 200
 
 
 class Families(_Section):
     """The orbits of all spins, at each point of `over`."""
 
     spin: tuple[float, float]
-    points: int = 50
+    points: Annotated[int, AfterValidator(partial(check_count, "families.points"))] = 50
 
 
 class Borders(_Section):
@@ -112,6 +123,15 @@ class Borders(_Section):
         return next(name for name in ("curves", "branches", "families") if getattr(self, name) is not None)
 
 
+_KNOWN: dict[str, type[BaseModel]] = {
+    "": Borders,
+    "borders": Head,
+    "curves": Curves,
+    "branches": Branches,
+    "families": Families,
+}
+
+
 def read_borders(path: str | os.PathLike[str]) -> Borders:
     """A declaration of borders, checked.
 
@@ -121,25 +141,64 @@ def read_borders(path: str | os.PathLike[str]) -> Borders:
         Naming the word or the value that is not allowed.
     """
     path = Path(path)
+    raw, told = read_toml(path), []
     try:
-        declared = Borders.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-    except OSError as error:
-        raise ParameterError(f"{path}: cannot be read ({error.strerror})") from None
-    except tomllib.TOMLDecodeError as error:
-        raise ParameterError(f"{path}: is no TOML file ({error})") from None
+        _judge(Borders.model_validate(raw))
     except ValidationError as error:
-        first = error.errors()[0]
-        raise ParameterError(f"{path}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
-    if sum(part is not None for part in (declared.curves, declared.branches, declared.families)) != 1:
-        raise ParameterError(f"{path}: must have one of [curves], [branches] and [families]")
-    for name in declared.fixed:
-        check_name(name)
-    for kind in declared.curves.kinds if declared.curves else []:
-        if kind not in KINDS:
-            raise ParameterError(f"{path}: kinds: {kind}: unknown border (allowed: {', '.join(KINDS)})")
+        told = explain(error, _KNOWN)
+    except ParameterError as error:
+        told = [str(error)]
+    refuse_mistakes(path, told)
+    return Borders.model_validate(raw)
+
+
+def _judge(declared: Borders) -> None:
+    """Refuse what is wrong with sections that are allowed one by one.
+
+    Raises
+    ------
+    ParameterError
+    """
+    curves, branches, families = declared.curves, declared.branches, declared.families
+    if sum(part is not None for part in (curves, branches, families)) != 1:
+        raise ParameterError("must have one of [curves], [branches] and [families]")
+    if curves is not None:
+        check_name(curves.parameter)
+        for kind in curves.kinds:
+            if kind not in KINDS:
+                raise ParameterError(f"curves.kinds: {unknown(kind, 'border', KINDS)}")
+    _judge_names(declared)
     for point in declared.points():
-        checked(point)
-    return declared
+        given = checked(point)
+        if families is not None:
+            spin_range(families.spin, given)
+        elif curves is not None:
+            checked_spin(curves.spin, given)
+        elif branches is not None:
+            checked_spin(branches.spin, given)
+            for end in branches.ends:
+                checked_spin(end, given) if branches.parameter == "spin" else checked(given | {branches.parameter: end})
+
+
+def _judge_names(declared: Borders) -> None:
+    """Refuse parameters that are given twice, or that change nothing.
+
+    Raises
+    ------
+    ParameterError
+    """
+    part = declared.curves or declared.branches or declared.families
+    sections = {"over": declared.over, "fixed": declared.fixed}
+    for section, name in ((section, name) for section, names in sections.items() for name in names):
+        check_name(name)
+        # a branch begins at a fixed value of its parameter
+        if name == getattr(part, "parameter", None) and (declared.curves or section == "over"):
+            raise ParameterError(f"{section}.{name}: is what the {declared.what} are solved for")
+        if section == "over" and name in declared.fixed:
+            raise ParameterError(f"over.{name}: is fixed, too")
+        rolls_up = name == "xdot0" and part is not None and part.spin is None  # to the spin: of curves, at one point
+        if name in STARTS and not (rolls_up and not (declared.curves and section == "over")):
+            raise ParameterError(f"{section}.{name}: is of a start, and changes no orbit")
 
 
 def make_borders(
