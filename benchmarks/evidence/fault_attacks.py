@@ -8,6 +8,7 @@ import shutil
 import signal
 import socket
 import subprocess
+import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -738,6 +739,110 @@ def _(scene: Scene) -> None:
     as_zarr(scene)
     scene.complete()
     a_chunk(scene).unlink()
+
+
+# --- other commands -----------------------------------------------------------------------------------------------------
+
+
+def command(scene: Scene, *arguments: str) -> int:
+    """A child that runs another command in the folder of the scene."""
+
+    def call() -> None:
+        from dimersweep.cli import main
+
+        os.chdir(scene.folder)
+        sys.argv = ["dimersweep", *arguments]
+        main()
+
+    return forked(call, scene.folder / "told")
+
+
+BORDERS = """[borders]
+title = "borders to be attacked"
+output = "{out}"
+[curves]
+kinds = ["fold"]
+spin = 100
+[over]
+e = [0.5, 0.6]
+"""
+NOT_BORDERS: dict[str, tuple[str, str]] = {
+    "an output that is a picture": ("{out}", "atlas.png"),
+    "an output that is a text": ("{out}", "mine/notes.txt"),
+    "an output that is no table": ("{out}", "cube.nc.bak"),
+    "no kinds": ('["fold"]', "[]"),
+    "a kind twice": ('["fold"]', '["fold", "fold"]'),
+    "a spin beyond any orbit": ("spin = 100", "spin = 1e308"),
+    "an axis nested 5,000 deep": ("[0.5, 0.6]", "[" * 5000 + "0.5" + "]" * 5000),
+    "what is solved for, fixed": ("[over]", "[fixed]\nGamma = 1\n[over]"),
+    "bytes that are no text": ("[over]", "[over] # \udcff"),
+}
+for _name, (_old, _new) in NOT_BORDERS.items():
+
+    @attack(f"borders: {_name}")
+    def _(scene: Scene, old: str = _old, new: str = _new) -> str:
+        text = BORDERS.replace(old, new).replace("{out}", "atlas.nc")
+        (scene.folder / "atlas.toml").write_bytes(text.encode(errors="surrogateescape"))
+        before = scene.snapshot()
+        code = ended(command(scene, "borders", "atlas.toml", *scene.rng.choice([(), ("--force",)])), 20)
+        if code == 0 or not line_of(scene.told()):
+            return f"FAILED: exit {code}: {scene.told()[-200:]}"
+        return f"refused: {line_of(scene.told())[19:]}" if scene.snapshot() == before else "FAILED: it wrote"
+
+
+@attack("killed: a picture or a movie that replaces another")
+def _(scene: Scene) -> str:
+    from PIL import Image
+
+    option, name = scene.rng.choice([("--movie", "walk.gif"), ("--plot", "walk.png"), ("--plot", "walk.pdf")])
+    path, neighbour = scene.folder / name, scene.folder / f"{name}.tmp"
+    for each in (path, neighbour):
+        each.write_text("precious")
+    before = scene.snapshot()
+    pid = command(scene, "simulate", "--periods", "4", option, name, "--force")
+    ends = time.monotonic() + 60
+    while time.monotonic() < ends and scene.snapshot() == before:  # until it begins to write
+        time.sleep(0.0005)
+    time.sleep(scene.rng.uniform(0, 0.3))
+    os.kill(pid, signal.SIGKILL)
+    os.waitpid(pid, 0)
+    scene.kills += 1
+    after = {file: digest for file, digest in scene.snapshot().items() if not file.startswith(".dimersweep-")}
+    if before | {name: after.get(name)} != after:
+        return "FAILED: what lay beside it was changed"
+    written = path.read_bytes()
+    if written == b"precious":
+        return "same"
+    if name.endswith(".pdf"):
+        return "same" if written.rstrip().endswith(b"%%EOF") else "FAILED: half a file"
+    with Image.open(path) as picture:  # raises where it is not whole
+        for frame in range(getattr(picture, "n_frames", 1)):
+            picture.seek(frame)
+            picture.load()
+    return "same"
+
+
+@attack("a cube whose title is markup")
+def _(scene: Scene) -> str:
+    markup = "<img src=x onerror=alert(1)> <script>alert(1)</script> [a](javascript:alert(1))"
+    scene.declare(scene.text.replace("a sweep to be attacked", markup))
+    scene.complete()
+
+    def shown() -> None:
+        from dimersweep import open_cube
+        from dimersweep.exploring.board import Board
+
+        cube = open_cube(scene.cube)
+        print(cube.dimersweep._repr_html_(), *(pane.object for pane in Board(cube).layout().select(HTML)))
+
+    try:
+        from panel.pane import HTML
+    except ImportError:
+        raise Skipped("panel is not installed") from None
+    code = ended(forked(shown, scene.folder / "told"))
+    told = scene.told()
+    live = "<img" in told or "<script" in told
+    return "same" if code == 0 and not live and told.count("&lt;img") == 2 else f"FAILED: {told[-200:]}"
 
 
 # --- wild parameters ----------------------------------------------------------------------------------------------------
