@@ -1,6 +1,7 @@
 """The words of the package: every parameter and every quantity that comes out, with its unit and its meaning."""
 
-from math import inf, pi
+from collections.abc import Collection, Mapping
+from math import inf, isclose, pi
 from typing import Any, Literal, NamedTuple
 
 
@@ -66,6 +67,101 @@ INSTEAD = {
 }
 # what the parameters that may be left out are then: the value of another parameter, or a number
 LEFT_OUT: dict[str, str | float] = {"e_1": "e", "e_2": "e", "Gamma_2": 0.0, "phi_2": 0.0, "mu_h": "mu_s"}
+# how the parameters are written: in TeX, and in plain letters
+SYMBOLS = {
+    "e": ("e", "e"),
+    "Gamma": (r"\Gamma", "Γ"),
+    "f": ("f", "f"),
+    "A_r": ("A_r", "A_r"),
+    "mu": (r"\mu", "μ"),
+    "mu_s": (r"\mu_s", "μ_s"),
+    "beta0": (r"\beta(0)", "β(0)"),
+    "xdot0": (r"\dot{x}_1(0)", "ẋ(0)"),
+    "phi0": (r"\phi_0", "φ₀"),
+    "r": ("r", "r"),
+    "rho_b": (r"\rho_b", "ρ_b"),
+    "rho_r": (r"\rho_r", "ρ_r"),
+    "D_r": ("D_r", "D_r"),
+    "g": ("g", "g"),
+    "Gamma_2": (r"\Gamma_2", "Γ_2"),
+    "phi_2": (r"\phi_2", "φ_2"),
+    "mu_h": (r"\mu_h", "μ_h"),
+}
+CAPTION = ("xdot0", "A_r", "e", "Gamma", "f", "mu", "mu_s", "beta0")  # what the paper's captions tell
+
+
+def symbol(name: str, *, tex: bool = False) -> str:
+    """How a parameter is written; that of one end has the number of the end as its index."""
+    if name in SYMBOLS:
+        tex_symbol, plain = SYMBOLS[name]
+        return f"${tex_symbol}$" if tex else plain
+    both, end = name.rsplit("_", 1)
+    tex_symbol, plain = SYMBOLS[both]
+    stem, _, index = tex_symbol.partition("_")
+    return f"${stem}_{{{index}{',' if index else ''}{end}}}$" if tex else f"{plain}_{end}"
+
+
+def units_shown(units: str) -> str:
+    """A unit as it is shown, such as rad/s of rad s-1."""
+    return "" if units == "1" else units.replace(" s-1", "/s").replace(" s-2", "/s²").replace(" m-3", "/m³")
+
+
+def units_of(name: str) -> str:
+    """Unit of a parameter as it is shown, empty if it has none."""
+    return units_shown(PARAMETERS[name].units)
+
+
+def given(name: str, value: float, *, tex: bool = False) -> str:
+    """A parameter and its value, such as f = 15 Hz."""
+    return f"{symbol(name, tex=tex)} = {value:.4g} {units_of(name)}".rstrip()
+
+
+def stated(values: Mapping[str, float], varied: Collection[str] = ()) -> dict[str, float]:
+    """The parameters that hold: the value of both ends where these are alike, else that of each end.
+
+    Parameters
+    ----------
+    values : mapping of str to float
+        Parameters by name; those of `LEFT_OUT` may be missing.
+    varied : collection of str
+        Parameters that have no one value, and are left out.
+    """
+    held = {name: values[name] for name in PARAMETERS if name in values and name not in varied}
+    for both, ends in ENDS.items():
+        own = {end: held.pop(end, held.get(both)) for end in ends if end not in varied}
+        if len(own) < 2 or len(set(own.values())) > 1:
+            held.pop(both, None)
+            held |= {end: value for end, value in own.items() if value is not None}
+        elif None not in own.values():
+            held[both] = own[ends[0]]  # type: ignore[assignment]
+    return held
+
+
+def conditions(
+    values: Mapping[str, float], varied: Collection[str] = (), always: Collection[str] = CAPTION, *, tex: bool = False
+) -> str:
+    """The conditions of a run or of a cube, such as "e = 0.6, f = 15 Hz", to be broken between parameters only.
+
+    Parameters
+    ----------
+    values, varied
+        As in `stated`.
+    always : collection of str
+        Parameters that are named even with the value of the base case; any other value is named always.
+    tex : bool
+        Whether symbols are in TeX, else in plain letters.
+    """
+    held = stated(values, varied)
+
+    def usual(name: str) -> float:
+        value = LEFT_OUT.get(name, BASE.get(name, inf))
+        return held.get(value, inf) if isinstance(value, str) else value
+
+    order = [each for name in dict.fromkeys((*CAPTION, *PARAMETERS)) for each in (name, *ENDS.get(name, ()))]
+    named = [name for name in dict.fromkeys(order) if name in held]
+    shown = [name for name in named if name in always or not isclose(held[name], usual(name), rel_tol=1e-12)]
+    return ", ".join(given(name, held[name], tex=tex).replace(" ", "\N{NO-BREAK SPACE}") for name in shown)
+
 
 QUANTITIES = {
     "status": Quantity("1", "how the run ended"),

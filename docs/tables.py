@@ -10,8 +10,7 @@ from IPython.display import Markdown
 from dimersweep.cubes.cube import FLAGS
 from dimersweep.kernel.model.layout import STATUS_MESSAGES, STATUSES
 from dimersweep.parameters import RULES
-from dimersweep.plots.style import TEX
-from dimersweep.symbols import BASE, ENDS, EVENTS, INSTEAD, LEFT_OUT, PARAMETERS, QUANTITIES, STATES, Quantity
+from dimersweep.symbols import BASE, ENDS, EVENTS, INSTEAD, LEFT_OUT, PARAMETERS, QUANTITIES, STATES, Quantity, symbol
 
 SWEEPS = Path(__file__).resolve().parents[1] / "sweeps"
 
@@ -115,7 +114,7 @@ def parameters() -> Markdown:
     rows = (
         (
             f"`{name}`",
-            f"${TEX[name]}$",
+            symbol(name, tex=True),
             quantity.long_name,
             _unit(quantity.units),
             f"{BASE[name]:.6g}" if name in BASE else _left_out(name),

@@ -39,7 +39,10 @@ def test_a_small_preset_is_written_and_drawn(name, tmp_path):
         xr.testing.assert_identical(back, made)
         assert back.attrs["Conventions"] == "CF-1.11"
         assert back.attrs["configuration_sha256"]
-        draw_borders(back).savefig(tmp_path / "figure.png")
+        figure = draw_borders(back)
+        figure.savefig(tmp_path / "figure.png")
+        assert r"$\mu$ = 0.2, $\mu_s$ = 0.4" in figure.get_suptitle().replace("\xa0", " ")
+        assert r"\beta(0)" not in figure.get_suptitle()
     with pytest.raises(StoreError, match="exists already"):
         make_borders(read_borders(BORDERS / f"{name}.toml"), out)
     assert not out.with_name("borders.nc.parts").exists()

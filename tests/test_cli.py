@@ -203,6 +203,16 @@ def test_simulate_takes_values_of_single_ends(call):
     assert (code, err) == (2, "dimersweep: error: e: has no effect beside e_1 and e_2; leave one of the three out\n")
 
 
+def test_simulate_tells_its_conditions(call):
+    out, err, code = call("simulate", "--periods", "2", "--e_1", "0.5", "--g", "9")
+    assert code == 0, err
+    told = out.splitlines()[0].replace("\N{NO-BREAK SPACE}", " ")
+    assert "A_r = 6, e_1 = 0.5, e_2 = 0.6, Γ = 0.9" in told and told.endswith("g = 9 m/s²")
+    out, err, code = call("simulate", "--periods", "2", "--e_1", "0.5", "--e_2", "0.7", "--json")
+    told = json.loads(out)["parameters"]
+    assert (told["e_1"], told["e_2"]) == (0.5, 0.7) and "e" not in told
+
+
 HEAVY = {"numba", "numpy", "xarray", "dask", "distributed", "matplotlib", "scipy", "pandas", "netCDF4", "pydantic"}
 
 

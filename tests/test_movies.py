@@ -137,6 +137,11 @@ def test_the_page_plays_in_a_browser_without_a_network(run, tmp_path):
     assert not re.findall(r"<(?:script|link)[^>]*(?:src|href)=", text)
     with chromium_page(offline=True) as (page, errors):
         page.goto(page_file.as_uri())
+        page.set_viewport_size({"width": 390, "height": 800})  # a telephone's: the heading takes more lines
+        box = page.locator("h1").bounding_box()
+        assert box["x"] >= 0 and box["x"] + box["width"] <= 390 and box["height"] > 30
+        page.wait_for_function("document.documentElement.scrollWidth == 390")
+        page.set_viewport_size({"width": 1100, "height": 800})
         page.wait_for_function("document.querySelector('.gl-container canvas') !== null")
         page.wait_for_timeout(1500)
         before = page.screenshot()

@@ -24,13 +24,16 @@ from dimersweep.plots import (
     impact_rates,
     last_cycle,
     mode_map,
+    movie,
     run_figure,
     segments,
 )
+from dimersweep.plots.style import entitle
+from dimersweep.symbols import given
 
 
-def cube_of(modes, **axes):
-    grid = make_grid(axes)
+def cube_of(modes, fixed=None, **axes):
+    grid = make_grid(axes, fixed or {})
     out, codes = blank(grid.size)
     codes[:, CODES.index("mode")] = np.ravel(modes)
     return build(grid, out, codes, {})
@@ -78,6 +81,53 @@ def test_mode_map_has_one_color_and_one_legend_entry_for_each_mode():
     assert [text.get_text() for text in legend.get_texts()] == [f"{word} (11.1 %)" for word in words]
     assert len({to_rgb(color) for color in MODE_COLORS.values()}) == len(MODES) == len(MODE_COLORS)
     assert (figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()) == (r"$\Gamma$", "$e$")
+
+
+UNLIKE = {"e_1": 0.5, "e_2": 0.7, "Gamma_2": 0.1, "phi_2": 0.3, "g": 9.0, "r": 6e-3, "rho_b": 7000.0, "phi0": 1.0}
+WRITTEN = (
+    "$e_{1}$ = 0.5",
+    "$e_{2}$ = 0.7",
+    r"$\Gamma_2$ = 0.1",
+    r"$\phi_2$ = 0.3 rad",
+    "$g$ = 9 m/s²",
+    "$r$ = 0.006 m",
+)
+WRITTEN += (r"$\rho_b$ = 7000 kg/m³", r"$\phi_0$ = 1 rad")
+
+
+def heading_of(figure, path):
+    """The heading of a figure, which must lie inside the picture that is written."""
+    figure.savefig(path)
+    box, picture = figure._suptitle.get_window_extent(), figure.bbox
+    assert picture.x0 <= box.x0 < box.x1 <= picture.x1 and picture.y0 <= box.y0 < box.y1 <= picture.y1
+    return figure.get_suptitle().replace("\N{NO-BREAK SPACE}", " ")
+
+
+@pytest.mark.parametrize("draws", [segments, mode_map, lambda cube: draw(cube, quantity="radius")])
+def test_a_picture_of_a_cube_names_all_that_is_not_the_base_case_s(draws, tmp_path):
+    cube = cube_of([[[R, D, D], [D, D, R]]], UNLIKE, A_r=[5.0], f=[15, 20], beta0=[0.1, 0.2, 0.3])
+    heading = heading_of(draws(cube), tmp_path / "a.png")
+    for told in (*WRITTEN, "$A_r$ = 5"):
+        assert told in heading
+    assert "$e$" not in heading and "$f$" not in heading
+
+
+@pytest.mark.jit
+def test_a_run_names_all_that_is_not_the_base_case_s(tmp_path, monkeypatch):
+    run = dimersweep.simulate(**UNLIKE, periods=12)
+    heading = heading_of(run.plot(), tmp_path / "a.png")
+    moving = []
+    monkeypatch.setattr(movie, "entitle", lambda figure, text: moving.append(text) or entitle(figure, text))
+    run.animate(tmp_path / "a.gif", periods=1, speed=1)
+    for told in WRITTEN:
+        assert told in heading
+        assert told in moving[0].replace("\N{NO-BREAK SPACE}", " ")
+    page = run.animate(tmp_path / "a.html", periods=1, speed=1).read_text(encoding="utf-8")
+    for text in (page, run._repr_html_()):
+        assert not [told for name in UNLIKE if (told := given(name, UNLIKE[name]).replace(" ", "\xa0")) not in text]
+    begun = dimersweep.simulate(start={"beta": 0.2}, periods=2)
+    assert "β(0)" not in begun.conditions()
+    assert begun.conditions().endswith(", from a given state")
 
 
 def test_mode_map_of_one_axis_and_of_a_slice():

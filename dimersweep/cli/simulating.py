@@ -9,7 +9,7 @@ import typer
 
 from dimersweep.cli.options import Force, number_option, whole_option, with_parameters
 from dimersweep.cli.stopping import stoppable
-from dimersweep.symbols import QUANTITIES
+from dimersweep.symbols import QUANTITIES, stated
 
 if TYPE_CHECKING:
     from dimersweep.runs.run import Run
@@ -66,6 +66,7 @@ def simulate(
         if json:
             typer.echo(dumps(_as_dict(run) | bounds, indent=1))
         else:
+            typer.echo(run.conditions())
             _print_table(run, bounds)
         if save is not None:  # first: a movie may take long
             run.save(save, force=force)
@@ -77,7 +78,8 @@ def simulate(
 
 def _as_dict(run: "Run") -> dict[str, Any]:
     """What came out of `run`, as JSON can hold it."""
-    outcome = {name: getattr(run, name) for name in ("parameters", "status", "message", "mode", "mode_period")}
+    outcome = {"parameters": stated(run.parameters)}
+    outcome |= {name: getattr(run, name) for name in ("status", "message", "mode", "mode_period")}
     outcome |= {name: getattr(run, name) for name in ("n_events", "n_periods", "end_speed")}
     names = [*ORBIT, "di_end", "spin_rate", *(f"{name}_drift" for name in ORBIT)]
     return outcome | {"orbit": run.orbit and {name: getattr(run.orbit, name) for name in names}}

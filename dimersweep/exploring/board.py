@@ -15,10 +15,11 @@ from dimersweep.cubes.reading import edges_of, is_geometric
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots import run_figure
-from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, units_of
-from dimersweep.plots.tables import PLAIN, run_table, title_as_html
+from dimersweep.plots.style import MODE_COLORS, MODE_LABELS
+from dimersweep.plots.tables import run_table, title_as_html
 from dimersweep.runs import accessor  # noqa: F401 - the run behind a point
 from dimersweep.runs.run import Run
+from dimersweep.symbols import symbol, units_of
 
 SHOWN_PERIODS = 60  # in the picture beside the map, if the run of the cube is shorter
 MOST_CELLS = 250_000  # of one map: more would make the page slow
@@ -27,7 +28,7 @@ MOST_CELLS = 250_000  # of one map: more would make the page slow
 def label_of(name: str) -> str:
     """An axis and its unit, in plain letters."""
     units = units_of(name)
-    return PLAIN.get(name, name) + (f" [{units}]" if units else "")
+    return symbol(name) + (f" [{units}]" if units else "")
 
 
 def told_apart(values: np.ndarray) -> list[str]:

@@ -1,5 +1,6 @@
 """Pictures of borders, branches and families of orbits."""
 
+import json
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,8 @@ from matplotlib.lines import Line2D
 
 from dimersweep.cubes.reading import edges_of
 from dimersweep.errors import ParameterError
-from dimersweep.plots.style import given, label
-from dimersweep.symbols import PARAMETERS, QUANTITIES
+from dimersweep.plots.style import entitle, given, label
+from dimersweep.symbols import BASE, PARAMETERS, QUANTITIES, conditions
 
 KIND_COLORS = {"fold": "#0072b2", "flip": "#d62728", "torus": "#e69f00"}
 WORD_COLOR = "#009e73"
@@ -78,8 +79,17 @@ def curves(table: xr.Dataset, over: xr.Dataset | None = None) -> Figure:
     axes.set_xlabel(label(x))
     axes.set_ylabel(label(y))
     axes.legend(handles=handles, fontsize=8)
-    axes.set_title(table.attrs["title"], fontsize=10)
+    _entitle(figure, table, x, y)
     return figure
+
+
+def _entitle(figure: Figure, table: xr.Dataset, *along: str) -> None:
+    """Write the title of a table, with the conditions that its orbits share; those of a start are none of theirs."""
+    declared = json.loads(table.attrs["configuration"])
+    told = conditions(BASE | declared["fixed"], {*declared["over"], *along, "beta0", "xdot0"}, tex=True)
+    spin = declared[table.attrs["what"]].get("spin")
+    told += f", axial spin = {spin:.4g} rad/s" if isinstance(spin, float) else ""
+    entitle(figure, f"{table.attrs['title']}\n{told}")
 
 
 def _solved_for(table: xr.Dataset) -> str:
@@ -130,7 +140,7 @@ def branches(table: xr.Dataset) -> Figure:
             handles.append(Line2D([], [], color=color, label=told))
     panels[0].legend(handles=handles, fontsize=8, ncols=2)
     panels[-1].set_xlabel(label(x) if x in PARAMETERS else "axial spin [rad/s]")
-    panels[0].set_title(table.attrs["title"], fontsize=10)
+    _entitle(figure, table, x)
     return figure
 
 
@@ -185,5 +195,5 @@ def families(table: xr.Dataset) -> Figure:
     for axes in panels[2:]:
         axes.set_xlabel(f"axial spin [{QUANTITIES['spin_rate'].units.replace(' s-1', '/s')}]")
     panels[0].legend(fontsize=8)
-    figure.suptitle(table.attrs["title"], fontsize=10)
+    _entitle(figure, table)
     return figure

@@ -16,8 +16,8 @@ from dimersweep.cubes.reading import edges_of, is_geometric
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots.judging import judge_cube
-from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, given, label, percent, title, units_shown
-from dimersweep.symbols import PARAMETERS, QUANTITIES
+from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, entitle, given, label, percent, title
+from dimersweep.symbols import PARAMETERS, QUANTITIES, units_shown
 
 MOST_PANELS = 12
 COLORS = np.array([to_rgb(color) for color in MODE_COLORS.values()])
@@ -134,7 +134,7 @@ def point_map(cube: xr.Dataset, quantity: str | None = None) -> Figure:
         figure.legend(handles=mode_handles(cube["mode"]), loc="outside right center", fontsize=9)
     else:
         figure.colorbar(dots, ax=list(panels), label=quantity_label(quantity))
-    figure.suptitle(title(cube), fontsize=10)
+    entitle(figure, title(cube))
     return figure
 
 
@@ -152,7 +152,7 @@ def _panels(values: xr.DataArray, heading: str) -> tuple[Figure, Iterator[tuple[
     size = (7.5, 2.6 if flat else 4.8) if len(places) == 1 else (1.8 + 2.9 * columns, 1.0 + 2.5 * rows)
     figure = Figure(figsize=size, layout="constrained")
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-    figure.suptitle(heading, fontsize=10)
+    entitle(figure, heading)
     for axes in grid.ravel()[len(places) :]:
         axes.set_axis_off()
 

@@ -16,7 +16,7 @@ from dimersweep.cubes.reading import (
 )
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots.judging import judge_cube
-from dimersweep.plots.style import MODE_COLORS, ROW_COLORS, given, label, title
+from dimersweep.plots.style import MODE_COLORS, ROW_COLORS, entitle, given, label, title
 
 
 def segments(cube: xr.Dataset) -> Figure:
@@ -47,7 +47,7 @@ def segments(cube: xr.Dataset) -> Figure:
     axes.set_ylim(-0.6, lengths.size - 0.4)
     axes.grid(axis="x", alpha=0.3)
     _dip_axis(axes)
-    axes.set_title(f"Initial dip angles that lead to drift\n{title(cube)}", fontsize=10)
+    entitle(figure, f"Initial dip angles that lead to drift\n{title(cube)}")
     return figure
 
 
@@ -107,5 +107,5 @@ def regions(cube: xr.Dataset) -> Figure:
     axes.set_ylim(corners[1][0], corners[1][-1])
     axes.set_xlabel(label(x_name))
     axes.set_ylabel(label(y_name))
-    axes.set_title(title(cube), fontsize=10)
+    entitle(figure, title(cube))
     return figure

@@ -21,7 +21,7 @@ from dimersweep.cubes.reading import (
 )
 from dimersweep.kernel.model.layout import DI_ENDS, M_DRIFT, M_NOT_RUN
 from dimersweep.plots.judging import judge_cube
-from dimersweep.plots.style import given, label, log_scale, row_colors, title
+from dimersweep.plots.style import entitle, given, label, log_scale, row_colors, title
 
 END_COLORS = {  # of a double impact
     "none": "#ffffff",
@@ -38,7 +38,7 @@ CURVES = 5  # values of the other axis that are drawn
 def _frame(cube: xr.Dataset, size: tuple[float, float], heading: str = "", **panels: Any) -> tuple[Figure, Any]:
     """A figure of `size` in inches with the title of `cube` below its `heading`, and its panels, see `Figure.subplots`."""
     figure = Figure(figsize=size, layout="constrained")
-    figure.suptitle(f"{heading}\n{title(cube)}".lstrip(), fontsize=10)
+    entitle(figure, f"{heading}\n{title(cube)}".lstrip())
     return figure, figure.subplots(**panels)
 
 

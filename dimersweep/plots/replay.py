@@ -15,6 +15,25 @@ if TYPE_CHECKING:
 
 RINGS, SPOKES = 9, 14  # of the mesh of a ball
 DIGITS = 3  # of a coordinate [mm]
+PAGE = """<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{heading}</title>
+<style>
+body {{ margin: 0; height: 100vh; box-sizing: border-box; padding-bottom: 12px; font-family: sans-serif }}
+body {{ display: flex; flex-direction: column }}
+h1 {{ margin: 0.6em 0.8em 0; font-size: 14px; font-weight: normal; text-align: center }}
+body > div {{ flex: 1; min-height: 0 }}
+</style>
+</head>
+<body>
+<h1>{heading}</h1>
+{scene}
+</body>
+</html>
+"""
 
 
 def write_replay(run: "Run", path: Path, pace: Pace) -> Path:
@@ -35,7 +54,8 @@ def write_replay(run: "Run", path: Path, pace: Pace) -> Path:
         {"name": str(k), "data": _moved(run, shown, k), "traces": [0, 1, 2, 3, 4]} for k in range(shown.sizes["time"])
     ]
     figure = Figure(data=data, layout=layout, frames=steps)
-    page = figure.to_html(include_plotlyjs=True, full_html=True, auto_play=False, config={"displaylogo": False})
+    scene = figure.to_html(include_plotlyjs=True, full_html=False, auto_play=False, config={"displaylogo": False})
+    page = PAGE.format(heading=f"{run.mode}: {run.conditions()}", scene=scene)
     with told(f"movie = {path}", ""):
         put(path, [page.encode()])
     return path
@@ -120,8 +140,8 @@ def _layout(run: "Run", shown: xr.Dataset, pace: Pace) -> dict[str, Any]:
     going = still | {"frame": {"duration": 1000 / pace.fps, "redraw": True}, "fromcurrent": True}
     cycles = shown["time"].values * run.parameters["f"]
     slider = {
-        "currentvalue": {"prefix": "forcing period "},
-        "pad": {"t": 30},
+        "currentvalue": {"prefix": "forcing period ", "xanchor": "right"},
+        "pad": {"t": 10},
         "steps": [
             {"method": "animate", "label": f"{cycles[k]:.2f}", "args": [[str(k)], still]} for k in range(cycles.size)
         ],
@@ -130,8 +150,7 @@ def _layout(run: "Run", shown: xr.Dataset, pace: Pace) -> dict[str, Any]:
         {"label": "play", "method": "animate", "args": [None, going]},
         {"label": "pause", "method": "animate", "args": [[None], still]},
     ]
-    named = (name for name in ("Gamma", "f", "A_r", "e", "mu", "mu_s") if name in run.parameters)
-    given = ", ".join(f"{name} = {run.parameters[name]:.4g}" for name in named)
+    play = {"x": 0.03, "xanchor": "left", "y": 0, "yanchor": "top", "pad": {"t": 0}}  # left of the slider's number
     room = 4e3 * run.parameters["r"]
     spans = {axis: _span(shown, axis, room) for axis in "xyz"}
     widest = max(high - low for low, high in spans.values())
@@ -142,10 +161,10 @@ def _layout(run: "Run", shown: xr.Dataset, pace: Pace) -> dict[str, Any]:
         for axis, span in spans.items()
     }
     return {
-        "title": {"text": f"{run.mode}: {given}", "font": {"size": 14}},
         "scene": axes
         | {"aspectmode": "manual", "aspectratio": ratio, "camera": {"eye": {"x": 0.85, "y": -1.1, "z": 0.68}}},
-        "updatemenus": [{"type": "buttons", "direction": "left", "x": 0, "y": 0, "pad": {"t": 60}, "buttons": buttons}],
-        "sliders": [slider | {"x": 0.18, "len": 0.8}],
-        "margin": {"l": 0, "r": 0, "t": 40, "b": 0},
+        "updatemenus": [play | {"type": "buttons", "direction": "left", "buttons": buttons}],
+        "sliders": [slider | {"x": 0.03, "len": 0.94}],
+        "legend": {"orientation": "h", "x": 0.5, "xanchor": "center", "y": 1, "yanchor": "bottom"},
+        "margin": {"l": 0, "r": 0, "t": 30, "b": 15},
     }

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from dimersweep.plots.style import given
+from dimersweep.plots.style import entitle
 
 if TYPE_CHECKING:
     from dimersweep.runs.run import Run
@@ -204,9 +204,7 @@ def run_figure(run: "Run", periods: int = 4) -> Figure:
         axes.set_title(f"({letter}) {title}", loc="left", fontsize=10)
     if not aperiodic:
         figure.legend(handles=contact_legend(), loc="outside lower center", ncols=4, fontsize=8, frameon=False)
-    shown = ("e", "Gamma", "f", "A_r", "mu", "mu_s", *(() if run.start else ("beta0", "xdot0")))
-    words = ", ".join(given(name, run.parameters[name]) for name in shown if name in run.parameters)
-    figure.suptitle(f"{run.mode} after {run.n_periods} periods: {words}", fontsize=10)
+    entitle(figure, f"{run.mode} after {run.n_periods} periods: {run.conditions(tex=True)}")
     return figure
 
 

@@ -9,8 +9,8 @@ from dimersweep.cubes.reading import is_geometric
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots.judging import judge_cube
-from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, label, title, units_shown
-from dimersweep.symbols import STATES
+from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, entitle, label, title
+from dimersweep.symbols import STATES, units_shown
 
 SHOWN = {"gap_1": 1e3, "gap_2": 1e3, "theta_rate": 1.0}  # rows of the picture, and the factor to what is shown
 
@@ -53,5 +53,5 @@ def bifurcation(cube: xr.Dataset) -> Figure:
         Line2D([], [], color=MODE_COLORS[word], marker="o", linestyle="", label=MODE_LABELS[word]) for word in found
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
-    figure.suptitle(f"At the start of each forcing period\n{title(cube)}", fontsize=10)
+    entitle(figure, f"At the start of each forcing period\n{title(cube)}")
     return figure

@@ -1,5 +1,6 @@
 """One simulation that was made: its outcome, with its events and its state at any time where it was recorded."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import isnan, nan
@@ -18,6 +19,7 @@ from dimersweep.runs.outcome import Orbit, orbit_from
 from dimersweep.runs.recorded import Record, events_of, states_of
 from dimersweep.runs.solving import End, Solved, check_recorded, go_on, speed_at
 from dimersweep.runs.starting import INITIAL
+from dimersweep.symbols import CAPTION, conditions
 from dimersweep.work.stopping import StopFlag, stoppable
 
 if TYPE_CHECKING:
@@ -105,6 +107,21 @@ class Run:
     def end_speed(self) -> float:
         """Speed of the centre of mass over the floor at the end [m/s]: a dimer at rest on the plate may roll or slide on."""
         return float("nan") if self._end is None else speed_at(self._end)
+
+    def conditions(self, always: Collection[str] = CAPTION, *, tex: bool = False) -> str:
+        """The parameters of this run in words: those of the paper's captions, and all that differ from the base case.
+
+        Parameters
+        ----------
+        always : collection of str
+            Parameters that are named in any case.
+        tex : bool
+            Whether symbols are in TeX, else in plain letters.
+        """
+        if self.start is None:
+            return conditions(self.parameters, always=always, tex=tex)
+        told = conditions(self.parameters, INITIAL, always, tex=tex)
+        return f"{told}, from a given state".removeprefix(", ")
 
     def _given(self) -> dict[str, Any]:
         """The parameters to be given with its start to `simulate` for the same run."""
