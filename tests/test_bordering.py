@@ -6,11 +6,13 @@ import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib.colors import to_rgb
 
 from dimersweep import orbits
 from dimersweep.cli import app
 from dimersweep.errors import OrbitError, ParameterError, Stopped, StoreError
-from dimersweep.plots.borders import draw_borders
+from dimersweep.kernel.model.layout import MODES
+from dimersweep.plots.borders import SMOOTH, _smoothed, draw_borders
 from dimersweep.storage.provenance import as_text
 from dimersweep.studies import bordering
 from dimersweep.studies.bordering import make_borders, plan_borders, read_borders, storable
@@ -192,6 +194,33 @@ def test_a_file_that_fails_leaves_nothing_behind(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["none.toml"]
 
 
+def test_a_branch_is_drawn_as_a_smooth_curve_through_its_points():
+    turn = np.linspace(-1.0, 1.0, 7)
+    at, x, y = _smoothed(turn**2, 5 + turn)
+    np.testing.assert_allclose(x[::SMOOTH], turn**2)
+    np.testing.assert_allclose(y[::SMOOTH], 5 + turn)
+    assert at[SMOOTH] == 1 and x.min() == 0  # the fold stays where it is
+    directions = np.unwrap(np.arctan2(np.diff(y), np.diff(x)))
+    assert np.abs(np.diff(directions)).max() < 0.3
+    corners = np.arctan2(np.diff(5 + turn), np.diff(turn**2))
+    assert np.abs(np.diff(corners)).max() > 2 * 0.3
+
+
+def test_families_tell_their_quantities_in_symbols_and_plain_numbers(tmp_path):
+    spin, nothing = np.linspace(90, 150, 5), xr.DataArray(np.ones((1, 5)), dims=("over", "spin"))
+    columns = dict.fromkeys(("radius", "period", "zeta", "spin_drift"), nothing * spin / 3)
+    table = xr.Dataset(columns, {"spin": spin, "A_r": ("over", [6.0])}, {"title": "families", "what": "families"})
+    figure = draw_borders(table)
+    figure.savefig(tmp_path / "a.png")
+    labels = [axes.get_ylabel() for axes in figure.axes]
+    assert r"$\zeta$ [rad]" in labels and not any("zeta" in label.replace(r"\zeta", "") for label in labels)
+    assert not [
+        text for axes in figure.axes for text in axes.get_yticklabels(which="both") if "times" in text.get_text()
+    ]
+    boxes = [axes.get_tightbbox() for axes in figure.axes]
+    assert boxes[1].x0 - boxes[0].x1 > 5 and boxes[3].x0 - boxes[2].x1 > 5
+
+
 @pytest.mark.jit
 def test_curves_are_those_of_border(tmp_path):
     text = (BORDERS / "atlas-small.toml").read_text()
@@ -203,7 +232,14 @@ def test_curves_are_those_of_border(tmp_path):
     made = made.swap_dims(border="kind")
     assert made["Gamma"].sel(kind="flip").values == pytest.approx(direct["Gamma"].values, abs=1e-9)
     assert made["ball"].sel(kind="fold").values[0] == pytest.approx(np.pi * np.array([0.5, 0.4, 0.3]) / [1.5, 1.6, 1.7])
-    draw_borders(made.swap_dims(kind="border")).savefig(tmp_path / "figure.png")
+    modes = (("Gamma", "e"), np.full((2, 3), MODES.index("drift")), {"flag_values": range(len(MODES))})
+    over = xr.Dataset({"mode": modes}, {"Gamma": [0.6, 0.9], "e": [0.5, 0.6, 0.7]})
+    over["mode"].attrs["flag_meanings"] = " ".join(MODES)
+    figure = draw_borders(made.swap_dims(kind="border"), over)
+    figure.savefig(tmp_path / "figure.png")
+    (region,) = [patch for patch in figure.axes[0].get_legend().get_patches() if patch.get_label().startswith("drift")]
+    (cells,) = figure.axes[0].collections
+    assert to_rgb(region.get_facecolor()[:3]) == pytest.approx(to_rgb(cells.get_facecolor()[0][:3]))
 
 
 @pytest.mark.jit

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
+from PIL import Image
 
 import dimersweep
 from dimersweep.cubes.cube import blank, build
@@ -27,8 +28,9 @@ from dimersweep.plots import (
     movie,
     run_figure,
     segments,
+    write_picture,
 )
-from dimersweep.plots.style import entitle
+from dimersweep.plots.style import Drawing, entitle, log_scale
 from dimersweep.symbols import given
 
 
@@ -153,7 +155,7 @@ def test_further_axes_are_panels_over_the_first_ones():
     deep = cube_of(np.full((3, 2, 4), R), f=[15, 20, 25], e=[0.5, 0.6], beta0=[0.1, 0.2, 0.3, 0.4])
     panels = [axes for axes in mode_map(deep).axes if axes.axison]
     assert [axes.get_title() for axes in panels] == ["$f$ = 15 Hz", "$f$ = 20 Hz", "$f$ = 25 Hz"]
-    assert {axes.get_xlabel() for axes in panels} == {r"$\beta(0)$ [rad]"}
+    assert {axes.get_xlabel() for axes in panels} == {r"$\beta(0)$ [°]"}
     assert panels[0].get_ylabel() == "$e$"
     many = cube_of(np.full((5, 5, 2, 2), R), f=range(1, 6), g=range(1, 6), e=[0.5, 0.6], beta0=[0.1, 0.2])
     assert len([axes for axes in mode_map(many).axes if axes.axison]) == 12
@@ -181,6 +183,34 @@ def test_values_in_a_fixed_ratio_are_drawn_on_logarithmic_axes():
     assert (axes.get_xscale(), axes.get_yscale()) == ("linear", "log")
     edges = edges_of(cube["f"].values)
     np.testing.assert_allclose(edges, 10 ** np.array([-0.5, 0.5, 1.5, 2.5, 3.5]))
+
+
+def test_maps_have_angles_in_round_degrees():
+    cube = cube_of(np.full((2, 3), R), phi0=[0.0, np.pi], beta0=np.deg2rad([2, 44, 86]))
+    figure = mode_map(cube)
+    figure.canvas.draw()
+    (axes,) = figure.axes
+    assert [tick.get_text() for tick in axes.get_xticklabels()][1:-2] == ["0", "20", "40", "60", "80"]
+    np.testing.assert_allclose(axes.get_xticks()[1:4], np.deg2rad([0, 20, 40]), atol=1e-15)
+    assert (axes.get_xlabel(), axes.get_ylabel()) == (r"$\beta(0)$ [°]", r"$\phi_0$ [°]")
+
+
+def test_a_picture_is_as_large_whoever_saves_it(tmp_path):
+    cube = cube_of([[R, D, D], [D, D, R]], f=[15, 20], beta0=[0.1, 0.2, 0.3])
+    write_picture(mode_map(cube), tmp_path / "a.png")
+    mode_map(cube).savefig(tmp_path / "b.png")
+    sizes = [Image.open(tmp_path / name).size for name in ("a.png", "b.png")]
+    assert sizes[0] == sizes[1] == (1500, 960)
+
+
+def test_a_logarithmic_axis_of_less_than_a_decade_has_plain_numbers():
+    figure = Drawing(4, 3)
+    axes = figure.subplots()
+    axes.plot([1, 2], [37.0, 59.0])
+    log_scale(axes)
+    figure.canvas.draw()
+    shown = [tick.get_text() for tick in axes.get_yticklabels()]
+    assert {"40", "50"} <= set(shown) and not any("$" in text for text in shown)
 
 
 def test_every_mode_is_seen_as_a_dot_on_white():

@@ -16,7 +16,7 @@ from dimersweep.cubes.reading import edges_of, is_geometric
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots.judging import judge_cube
-from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, entitle, given, label, percent, title
+from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, Drawing, entitle, given, mark, percent, title
 from dimersweep.symbols import PARAMETERS, QUANTITIES, units_shown
 
 MOST_PANELS = 12
@@ -97,7 +97,6 @@ def quantity_map(cube: xr.Dataset, quantity: str) -> Figure:
         if part.ndim == 1:
             axes.plot(part[part.dims[0]], part, "o-", markersize=3, linewidth=1, color=MODE_COLORS["drift"])
             axes.set_ylabel(quantity_label(quantity))
-            _scale(axes, part)
         else:
             mesh = _mesh(axes, part, part.values, cmap="viridis", **how)
     if values.ndim > 1:
@@ -108,7 +107,7 @@ def quantity_map(cube: xr.Dataset, quantity: str) -> Figure:
 def quantity_label(quantity: str) -> str:
     """Name of a quantity and its unit."""
     units = units_shown(QUANTITIES[quantity].units)
-    return quantity.replace("_", " ") + (f" [{units}]" if units else "")
+    return quantity.replace("_", " ").replace("zeta", r"$\zeta$") + (f" [{units}]" if units else "")
 
 
 def point_map(cube: xr.Dataset, quantity: str | None = None) -> Figure:
@@ -118,7 +117,7 @@ def point_map(cube: xr.Dataset, quantity: str | None = None) -> Figure:
     pairs = pairs or [(varied[0], varied[0])]
     columns = min(3, len(pairs))
     rows = -(-len(pairs) // columns)
-    figure = Figure(figsize=(1.6 + 3.4 * columns, 0.8 + 3.0 * rows), layout="constrained")
+    figure = Drawing(1.6 + 3.4 * columns, 0.8 + 3.0 * rows)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     if quantity is None:
         how: dict[str, Any] = {"c": COLORS[cube["mode"].values]}
@@ -126,8 +125,8 @@ def point_map(cube: xr.Dataset, quantity: str | None = None) -> Figure:
         how = {"c": cube[quantity].values, "cmap": "viridis"}
     for axes, (x, y) in zip(panels, pairs, strict=False):
         dots = axes.scatter(cube[x], cube[y], s=9, **how)
-        axes.set_xlabel(label(x))
-        axes.set_ylabel(label(y))
+        mark(axes.xaxis, x)
+        mark(axes.yaxis, y)
     for axes in panels[len(pairs) :]:
         axes.set_axis_off()
     if quantity is None:
@@ -150,8 +149,9 @@ def _panels(values: xr.DataArray, heading: str) -> tuple[Figure, Iterator[tuple[
     rows = -(-len(places) // columns)
     flat = values.ndim == 1
     size = (7.5, 2.6 if flat else 4.8) if len(places) == 1 else (1.8 + 2.9 * columns, 1.0 + 2.5 * rows)
-    figure = Figure(figsize=size, layout="constrained")
+    figure = Drawing(*size)
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    _scale(grid[0, 0], values)  # shared by all
     entitle(figure, heading)
     for axes in grid.ravel()[len(places) :]:
         axes.set_axis_off()
@@ -161,10 +161,10 @@ def _panels(values: xr.DataArray, heading: str) -> tuple[Figure, Iterator[tuple[
             part = values.isel(dict(zip(leading, place, strict=True)))
             axes.set_title(", ".join(given(name, part[name].item()) for name in leading), fontsize=9)
             if number >= len(places) - columns:
-                axes.set_xlabel(label(str(part.dims[-1])))
+                mark(axes.xaxis, str(part.dims[-1]))
                 axes.tick_params(labelbottom=True)
             if part.ndim == 2 and number % columns == 0:
-                axes.set_ylabel(label(str(part.dims[0])))
+                mark(axes.yaxis, str(part.dims[0]))
             yield axes, part
 
     return figure, each()
@@ -175,15 +175,14 @@ def _mesh(axes: Axes, part: xr.DataArray, colors: np.ndarray, **how: Any) -> Any
     x = part[part.dims[-1]].values
     y_edges = edges_of(part[part.dims[0]].values) if part.ndim == 2 else np.array([0.0, 1.0])
     mesh = axes.pcolormesh(edges_of(x), y_edges, colors, **how)
-    _scale(axes, part)
     if part.ndim == 1:
         axes.set_yticks([])
     return mesh
 
 
-def _scale(axes: Axes, part: xr.DataArray) -> None:
-    """Logarithmic axes where the values of an axis are in a fixed ratio."""
-    if is_geometric(part[part.dims[-1]].values):
+def _scale(axes: Axes, values: xr.DataArray) -> None:
+    """Logarithmic axes where the values of one of the last two axes are in a fixed ratio."""
+    if is_geometric(values[values.dims[-1]].values):
         axes.set_xscale("log")
-    if part.ndim == 2 and is_geometric(part[part.dims[0]].values):
+    if values.ndim > 1 and is_geometric(values[values.dims[-2]].values):
         axes.set_yscale("log")

@@ -16,7 +16,7 @@ from dimersweep.cubes.reading import (
 )
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots.judging import judge_cube
-from dimersweep.plots.style import MODE_COLORS, ROW_COLORS, entitle, given, label, title
+from dimersweep.plots.style import MODE_COLORS, ROW_COLORS, Drawing, entitle, given, label, mark, title
 
 
 def segments(cube: xr.Dataset) -> Figure:
@@ -35,7 +35,7 @@ def segments(cube: xr.Dataset) -> Figure:
     judge_cube("segments", cube)
     lengths = drift_lengths(cube)
     (name,) = lengths.dims
-    figure = Figure(figsize=(8, 1.4 + 0.55 * lengths.size), layout="constrained")
+    figure = Drawing(8, 1.4 + 0.55 * lengths.size)
     axes = figure.add_subplot()
     for row, (intervals, length) in enumerate(zip(drift_intervals(cube), lengths.values, strict=True)):
         color = ROW_COLORS[row % len(ROW_COLORS)]
@@ -78,7 +78,7 @@ def regions(cube: xr.Dataset) -> Figure:
     mode = cube["mode"].squeeze()
     x_name, y_name = map(str, mode.dims)
     x, y = mode[x_name].values, mode[y_name].values
-    figure = Figure(figsize=(8, 5.6), layout="constrained")
+    figure = Drawing(8, 5.6)
     axes = figure.add_subplot()
     region = names(cube["region"]).squeeze().values
     colors = np.array([to_rgb(color) for color in MODE_COLORS.values()])
@@ -105,7 +105,7 @@ def regions(cube: xr.Dataset) -> Figure:
     figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=9)
     axes.set_xlim(corners[0][0], corners[0][-1])
     axes.set_ylim(corners[1][0], corners[1][-1])
-    axes.set_xlabel(label(x_name))
-    axes.set_ylabel(label(y_name))
+    mark(axes.xaxis, x_name)
+    mark(axes.yaxis, y_name)
     entitle(figure, title(cube))
     return figure

@@ -21,7 +21,7 @@ from dimersweep.cubes.reading import (
 )
 from dimersweep.kernel.model.layout import DI_ENDS, M_DRIFT, M_NOT_RUN
 from dimersweep.plots.judging import judge_cube
-from dimersweep.plots.style import entitle, given, label, log_scale, row_colors, title
+from dimersweep.plots.style import Drawing, entitle, given, label, log_scale, mark, row_colors, title
 
 END_COLORS = {  # of a double impact
     "none": "#ffffff",
@@ -37,7 +37,7 @@ CURVES = 5  # values of the other axis that are drawn
 
 def _frame(cube: xr.Dataset, size: tuple[float, float], heading: str = "", **panels: Any) -> tuple[Figure, Any]:
     """A figure of `size` in inches with the title of `cube` below its `heading`, and its panels, see `Figure.subplots`."""
-    figure = Figure(figsize=size, layout="constrained")
+    figure = Drawing(*size)
     entitle(figure, f"{heading}\n{title(cube)}".lstrip())
     return figure, figure.subplots(**panels)
 
@@ -230,7 +230,7 @@ def shares(cube: xr.Dataset) -> Figure:
         axes.plot(
             cube[name], 100 * share.sel({other: value}), "o-", color=color, markersize=3, label=given(other, value)
         )
-    axes.set_xlabel(label(name))
+    mark(axes.xaxis, name)
     axes.set_ylabel("initial dip angles that drift [%]")
     axes.set_ylim(bottom=0)
     axes.legend(fontsize=8)
@@ -258,7 +258,7 @@ def planar(cube: xr.Dataset) -> Figure:
         if here.any():
             axes.plot(cube[name].values[here], velocity[here], "o", color=color, markersize=4, label=end)
     _rule(axes)
-    axes.set_xlabel(label(name))
+    mark(axes.xaxis, name)
     axes.set_ylabel("drift velocity [mm/s]")
     figure.legend(*axes.get_legend_handles_labels(), title="double impact ends", loc="outside right upper")
     return figure

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from dimersweep.plots.style import entitle
+from dimersweep.plots.style import Drawing, entitle
 
 if TYPE_CHECKING:
     from dimersweep.runs.run import Run
@@ -189,7 +189,7 @@ def run_figure(run: "Run", periods: int = 4) -> Figure:
     matplotlib.figure.Figure
     """
     end, f = run.n_periods / run.parameters["f"], run.parameters["f"]
-    figure = Figure(figsize=(11, 7), layout="constrained")
+    figure = Drawing(11, 7)
     panels = figure.subplot_mosaic([["heights", "heights", "orbit"], ["beta", "theta", "spin"]])
     heights(panels["heights"], run, (max(0.0, end - periods / f), end))
     orbit(panels["orbit"], run)

@@ -8,9 +8,11 @@ import numpy as np
 import xarray as xr
 from matplotlib import colormaps
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.text import Text
-from matplotlib.ticker import LogLocator, NullFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from dimersweep import symbols
 from dimersweep.storage.files import replacing, told
@@ -35,6 +37,17 @@ PICTURES = (".png", ".pdf", ".svg")
 DPI = 200  # of a picture that is not made of lines
 
 
+class Drawing(Figure):
+    """A figure that is laid out by itself, and has the same size in pixels whoever saves it."""
+
+    def __init__(self, width: float, height: float) -> None:
+        super().__init__(figsize=(width, height), layout=ConstrainedLayoutEngine(w_pad=0.08))
+
+    def savefig(self, fname: Any, **how: Any) -> None:
+        """As of every figure, with `DPI` unless another resolution is given."""
+        super().savefig(fname, **{"dpi": DPI} | how)
+
+
 def row_colors(n: int) -> list[Any]:
     """Colours of `n` curves in one panel, all of them distinct."""
     if n <= len(ROW_COLORS):
@@ -53,15 +66,32 @@ def label(name: str) -> str:
     return symbol(name, tex=True) + (f" [{units}]" if units else "")
 
 
+class _Degrees(MaxNLocator):
+    """Places on an axis in radians that are round in degrees."""
+
+    def tick_values(self, vmin: float, vmax: float) -> Any:
+        return np.deg2rad(super().tick_values(np.rad2deg(vmin), np.rad2deg(vmax)))
+
+
+def mark(axis: Axis, name: str) -> None:
+    """Label an axis with the symbol and unit of a parameter: degrees for an angle, unless the axis is logarithmic."""
+    axis.set_label_text(label(name))
+    if PARAMETERS[name].units == "rad" and axis.get_scale() == "linear":
+        axis.set_label_text(f"{symbol(name, tex=True)} [°]")
+        axis.set_major_locator(_Degrees(nbins=7, steps=[1, 1.5, 2, 3, 6, 10]))
+        axis.set_major_formatter(lambda angle, _: f"{round(np.rad2deg(angle), 9):g}")
+
+
 def percent(share: float) -> str:
     """A share that is not 0, such as 12.3 %."""
     return f"{100 * share:.1f} %" if share >= 5e-4 else "< 0.1 %"
 
 
 def log_scale(axes: Axes) -> None:
-    """A logarithmic y axis with plain numbers at 1, 2 and 5."""
+    """A logarithmic y axis with plain numbers: at 1, 2 and 5, or evenly where what is drawn spans less than a decade."""
     axes.set_yscale("log")
-    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    low, high = axes.get_ylim()
+    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)) if high > 10 * low else MaxNLocator(6))
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_formatter(NullFormatter())
 
@@ -106,4 +136,4 @@ def write_picture(figure: Figure, path: str | os.PathLike[str], *, force: bool =
     """
     path = check_picture(path, force=force, name="picture")
     with told(f"picture = {path}", ""), replacing(path) as temporary:
-        figure.savefig(temporary, format=path.suffix.removeprefix("."), **{"dpi": DPI} | how)
+        figure.savefig(temporary, format=path.suffix.removeprefix("."), **how)
