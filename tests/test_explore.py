@@ -37,6 +37,13 @@ def cube(file):
     )
 
 
+@pytest.fixture(scope="module")
+def sample(tmp_path_factory):
+    points = {"f": [15.0, 16.0, 20.0], "Gamma": [0.8, 0.91, 1.1], "beta0": [0.1, 0.27, 0.5]}
+    out = tmp_path_factory.mktemp("points") / "points.nc"
+    return dimersweep.sweep(points=points, periods=60, progress=False, out=out)
+
+
 def test_a_click_shows_the_run_behind_the_nearest_point(cube):
     shown = board.Board(cube)
     run = shown.click(16.9 * DEG, 0.88)
@@ -84,7 +91,25 @@ def test_a_quantity_is_shown_in_shades(cube):
     assert set(colors[~finite]) <= {"#ffffff"}
     assert "#ffffff" not in colors[finite]
     assert set(colors) != modes
-    assert shown.bar.visible
+    assert shown.bar.visible and shown.bar.title == "radius [m]" and not shown.key.visible
+    told = dict(shown.hover.tooltips)
+    assert list(told) == ["β(0) [rad]", "Γ", "mode", "radius [m]"]
+    np.testing.assert_array_equal(shown.source.data["shown"], cube["radius"].sel(f=15).values.ravel())
+    assert shown.spot not in [renderer.data_source for renderer in shown.hover.renderers]
+
+
+def test_points_that_are_no_grid_are_shown_over_any_two_of_their_parameters(sample):
+    shown = board.Board(sample)
+    np.testing.assert_array_equal(shown.source.data["x"], sample["beta0"])
+    np.testing.assert_array_equal(shown.source.data["y"], sample["f"])
+    run = shown.click(0.28, 15.9)
+    assert (run.parameters["beta0"], run.parameters["Gamma"], run.parameters["f"]) == (0.27, 0.91, 16.0)
+    assert shown.spot.data == {"x": [0.27], "y": [16.0]}
+    shown.choices["up"].value = "Gamma"
+    assert shown.spot.data["x"] == []
+    np.testing.assert_array_equal(shown.source.data["y"], sample["Gamma"])
+    assert shown.map.yaxis[0].axis_label == "Γ"
+    assert shown.click(0.1, 0.9).parameters["f"] == 15.0
 
 
 def test_a_cube_over_one_axis_and_a_search_are_shown(cube):
@@ -186,6 +211,15 @@ def test_a_click_in_a_browser_changes_the_run(cube, file):
             timeout=30_000
         )
         page.wait_for_timeout(3000)
+        assert page.get_by_text("mode:").first.is_visible()
+        assert page.get_by_text("???").count() == 0
+        page.set_viewport_size({"width": 390, "height": 800})  # a telephone's: the run is below the map
+        page.wait_for_timeout(1000)
+        picture = page.locator("img[src^='data:image/svg'], .bk-panel-models-layout-Column svg").last.bounding_box()
+        assert picture["width"] > 250 and picture["x"] >= 0 and picture["x"] + picture["width"] <= 390
+        page.get_by_role("button", name="replay").click()
+        page.frame_locator("iframe").get_by_text("forcing period").first.wait_for(timeout=60_000)
+        assert page.locator("iframe").bounding_box()["height"] > 500
         if os.environ.get("DIMERSWEEP_SCREENSHOTS"):
             page.screenshot(path=f"{os.environ['DIMERSWEEP_SCREENSHOTS']}/explore.png")
         assert [each for each in errors if "favicon" not in each] == []

@@ -22,7 +22,7 @@ from PIL import Image
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.parameters import as_number, check_count
 from dimersweep.plots.style import entitle
-from dimersweep.storage.files import replacing, told
+from dimersweep.storage.files import put, replacing, told
 from dimersweep.storage.netcdf import check_ending, check_writable
 
 if TYPE_CHECKING:
@@ -141,11 +141,18 @@ def write_movie(
     ParameterError, StoreError
     """
     path = check_movie(path, force=force)
-    pace, dpi = _pace(run, periods, speed, fps, last=last, slow_impacts=slow_impacts), check_count("dpi", dpi, MOST_DPI)
+    pace = pace_of(run, periods, speed, fps, last=last, slow_impacts=slow_impacts)
+    dpi = check_count("dpi", dpi, MOST_DPI)
     if path.suffix == ".html":
-        from dimersweep.plots.replay import write_replay
+        from dimersweep.plots.replay import replay_page
 
-        return write_replay(run, path, pace)
+        try:
+            page = replay_page(run, pace)
+        except StoreError as error:
+            raise StoreError(f"movie = {path}: {error}") from None
+        with told(f"movie = {path}", ""):
+            put(path, [page.encode()])
+        return path
     with told(f"movie = {path}", ""), replacing(path) as temporary:
         (_write_gif if path.suffix == ".gif" else _write_video)(temporary, _rendered(run, pace, dpi), fps)
     return path
@@ -172,7 +179,15 @@ def _write_video(path: Path, pictures: Iterator[np.ndarray], fps: int) -> None:
         raise OSError(done.stderr.decode(errors="replace").strip().splitlines()[-1])
 
 
-def _pace(run: "Run", periods: int, speed: float, fps: int, *, last: bool, slow_impacts: bool) -> Pace:
+def pace_of(
+    run: "Run",
+    periods: int,
+    speed: float = 0.1,
+    fps: int = 25,
+    *,
+    last: bool = True,
+    slow_impacts: bool = False,
+) -> Pace:
     """The stretch of the run that is shown, judged.
 
     Raises

@@ -1,6 +1,5 @@
 """A run to turn around: one page of HTML that holds its own script (plotly) and shows the motion in three dimensions."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -8,7 +7,6 @@ import xarray as xr
 
 from dimersweep.errors import StoreError
 from dimersweep.plots.movie import BALLS, PLATE, ROD, TRACK, Pace, frames
-from dimersweep.storage.files import put, told
 
 if TYPE_CHECKING:
     from dimersweep.runs.run import Run
@@ -36,18 +34,18 @@ body > div {{ flex: 1; min-height: 0 }}
 """
 
 
-def write_replay(run: "Run", path: Path, pace: Pace) -> Path:
-    """Write the page of a recorded run.
+def replay_page(run: "Run", pace: Pace) -> str:
+    """The page of a recorded run.
 
     Raises
     ------
     StoreError
-        If plotly is not installed, or the page cannot be written.
+        If plotly is not installed.
     """
     try:
         from plotly.graph_objects import Figure
     except ImportError:
-        raise StoreError(f"movie = {path}: a page needs plotly; pip install 'dimersweep[movie]'") from None
+        raise StoreError("a page needs plotly; pip install 'dimersweep[movie]'") from None
     shown = frames(run, pace)
     data, layout = _scene(run, shown), _layout(run, shown, pace)
     steps = [
@@ -55,10 +53,7 @@ def write_replay(run: "Run", path: Path, pace: Pace) -> Path:
     ]
     figure = Figure(data=data, layout=layout, frames=steps)
     scene = figure.to_html(include_plotlyjs=True, full_html=False, auto_play=False, config={"displaylogo": False})
-    page = PAGE.format(heading=f"{run.mode}: {run.conditions()}", scene=scene)
-    with told(f"movie = {path}", ""):
-        put(path, [page.encode()])
-    return path
+    return PAGE.format(heading=f"{run.mode}: {run.conditions()}", scene=scene)
 
 
 def _ball(r: float) -> tuple[np.ndarray, dict[str, list[int]]]:
@@ -166,5 +161,5 @@ def _layout(run: "Run", shown: xr.Dataset, pace: Pace) -> dict[str, Any]:
         "updatemenus": [play | {"type": "buttons", "direction": "left", "buttons": buttons}],
         "sliders": [slider | {"x": 0.03, "len": 0.94}],
         "legend": {"orientation": "h", "x": 0.5, "xanchor": "center", "y": 1, "yanchor": "bottom"},
-        "margin": {"l": 0, "r": 0, "t": 30, "b": 15},
+        "margin": {"l": 0, "r": 0, "t": 30, "b": 30},
     }
