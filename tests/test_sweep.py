@@ -324,13 +324,25 @@ def test_tiles_of_many_workers_are_longer_and_reached_in_two_waves():
 
 def test_results_are_taken_in_the_calling_thread(fake_kernel, monkeypatch):
     threads = set()
-    monkeypatch.setattr(Tally, "add", lambda self, modes: threads.add(threading.current_thread()))
+    monkeypatch.setattr(Tally, "add", lambda self, modes, seconds: threads.add(threading.current_thread()))
     quiet_sweep(workers=3)
     assert threads == {threading.main_thread()}
 
 
+def test_the_time_left_does_not_count_what_is_under_way_as_slowness():
+    """Eight workers with points of 10 s each: 240 take five minutes, from the first that comes back on."""
+    tally = Tally(241, {"rest": 1}, lambda: 8)
+    assert tally.time_left() == "-:--:--"
+    tally.add({"drift": 1}, 10.0)
+    assert tally.time_left() == "-:--:--"  # one point of 240 says little of the others
+    tally.add({"rest": 1}, 10.0)
+    assert tally.time_left() == "0:04:58"
+    tally.add({"rest": 119})  # taken over from a former cube, in no time
+    assert tally.time_left() == "0:02:29"
+
+
 def test_a_log_gets_plain_lines(capsys, monkeypatch):
-    lines = Lines(4)
+    lines = Lines(Tally(4))
     lines.add({"drift": 2, "rest": 1})  # too early for a line
     lines.add({"unresolved": 1})
     assert (
