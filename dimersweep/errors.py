@@ -8,7 +8,17 @@ class UserError(Exception):
 
 
 class ParameterError(UserError, ValueError):
-    """A parameter, an axis or a setting that the model does not allow."""
+    """A parameter, an axis or a setting that the model does not allow.
+
+    Examples
+    --------
+    >>> import dimersweep
+    >>> try:
+    ...     dimersweep.simulate(e=1.5)
+    ... except dimersweep.ParameterError as error:
+    ...     print(error)
+    e = 1.5: must be in [0, 1]
+    """
 
 
 class OrbitError(UserError, RuntimeError):
@@ -16,7 +26,17 @@ class OrbitError(UserError, RuntimeError):
 
 
 class StoreError(UserError, OSError):
-    """A file that cannot be written, or that is no cube."""
+    """A file that cannot be written, or that is no cube.
+
+    Examples
+    --------
+    >>> import dimersweep
+    >>> try:
+    ...     dimersweep.open_cube("absent.nc")
+    ... except dimersweep.StoreError as error:
+    ...     print(error)
+    absent.nc: no such file
+    """
 
 
 class PointError(UserError, RuntimeError):

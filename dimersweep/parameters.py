@@ -422,6 +422,13 @@ class Parameters:
     ------
     ParameterError
         On construction, for the first value that is not allowed.
+
+    Examples
+    --------
+    >>> from dimersweep import Parameters
+    >>> dimer = Parameters(Gamma=1.1, beta0="20 deg")
+    >>> round(dimer.beta0, 4), dimer.A_r
+    (0.3491, 6.0)
     """
 
     e: float | None = _BaseCase(BASE["e"])

@@ -5,6 +5,7 @@ import json
 import re
 import sys
 import tomllib
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import get_args
@@ -169,6 +170,13 @@ def test_the_page_on_python_has_every_public_name():
     assert set(dimersweep.__all__) - {"stability"} <= shown  # a module, whose functions are there
     public = [name for name, value in vars(dimersweep.Run).items() if not name.startswith("_") and value.__doc__]
     assert {f"Run.{name}" for name in public if name not in ("record", *dimersweep.Run.__annotations__)} <= shown
+
+
+@pytest.mark.parametrize("module", ["dimersweep", "dimersweep.orbits", "dimersweep.plots"])
+def test_every_public_function_and_class_has_an_example(module):
+    public = {name: getattr(import_module(module), name) for name in import_module(module).__all__}
+    without = [name for name, value in public.items() if callable(value) and ">>> " not in (value.__doc__ or "")]
+    assert without == []
 
 
 # --- cubes ------------------------------------------------------------------------------------------------------------

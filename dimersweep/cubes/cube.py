@@ -192,6 +192,13 @@ def names(flags: xr.DataArray) -> xr.DataArray:
         If it is no flag variable.
     StoreError
         If a number is the code of no word.
+
+    Examples
+    --------
+    >>> from dimersweep import names, sweep
+    >>> cube = sweep({"Gamma": [0.6, 0.9]}, periods=60, progress=False)
+    >>> names(cube["mode"]).values.tolist()
+    ['rest', 'drift']
     """
     if not isinstance(flags, xr.DataArray) or "flag_meanings" not in flags.attrs:
         told = getattr(flags, "name", None) or type(flags).__name__

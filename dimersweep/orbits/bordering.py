@@ -72,6 +72,13 @@ def border(
         For an unknown kind or parameter, or a value that is not allowed.
     OrbitError
         If no point of the border is found.
+
+    Examples
+    --------
+    >>> from dimersweep import orbits
+    >>> fold = orbits.border("fold", "Gamma", over={"e": [0.58, 0.6]}, spin=100.0)
+    >>> fold["Gamma"].values.round(3).tolist()
+    [0.837, 0.787]
     """
     given, axes = _checked(kind, parameter, over, fixed)
     rtol = check_rtol(rtol)

@@ -51,6 +51,12 @@ class Edge:
         power of the distance to which a start is known; else NaN.
     runs : int
         Runs that it took.
+
+    Examples
+    --------
+    >>> from dimersweep import orbits
+    >>> orbits.edge("beta0", (0.24, 0.28)).fates
+    ('rest', 'drift')
     """
 
     axis: str
@@ -114,6 +120,13 @@ def edge(
     ------
     ParameterError
         For an unknown parameter, or two starts with one fate.
+
+    Examples
+    --------
+    >>> from dimersweep import orbits
+    >>> found = orbits.edge("beta0", (0.24, 0.28))  # rest on one side of it, drift on the other
+    >>> round(found.value, 3)
+    0.267
     """
     given = checked(parameters | {axis: between[0]})
     low, high = as_number(axis, between[0]), as_number(axis, between[1])

@@ -69,6 +69,13 @@ def family(*, spin: tuple[float, float], points: int = 50, rtol: float = RTOL, *
         For an unknown parameter or a range that is none.
     OrbitError
         If there is no orbit at any of the spins.
+
+    Examples
+    --------
+    >>> from dimersweep import orbits
+    >>> family = orbits.family(spin=(100.0, 110.0), points=3)
+    >>> family["radius"].values.round(3).tolist()
+    [4.259, 4.257, 4.256]
     """
     given = checked(parameters)
     spins = np.linspace(*spin_range(spin, given), check_count("points", points))
@@ -289,6 +296,13 @@ def later(family: xr.Dataset, *, spin: float, periods: float) -> Later:
     ------
     ParameterError
         If the spin is beyond the family, or the motion comes to its end before.
+
+    Examples
+    --------
+    >>> from dimersweep import orbits
+    >>> family = orbits.family(spin=(100.0, 110.0), points=5)
+    >>> round(orbits.later(family, spin=110.0, periods=10_000).radius, 3)
+    4.256
     """
     spin, periods = as_number("spin", spin), as_number("periods", periods)
     spins = family["spin"].values

@@ -60,6 +60,13 @@ def find(
         For an unknown parameter or a value that is not allowed.
     OrbitError
         If Newton's method does not come to an orbit, with what was tried.
+
+    Examples
+    --------
+    >>> from dimersweep import orbits
+    >>> orbit = orbits.find(Gamma=0.9, spin=100.0)
+    >>> abs(orbit.multipliers).round(3).tolist()
+    [0.599, 0.599, 0.308]
     """
     given = checked(parameters, guess)
     return orbit_at(

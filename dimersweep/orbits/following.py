@@ -65,6 +65,13 @@ def follow(
     ------
     ParameterError
         For an unknown parameter, or a value that is not allowed.
+
+    Examples
+    --------
+    >>> from dimersweep import orbits
+    >>> branch = orbits.follow(orbits.find(spin=100.0), "Gamma", to=0.88)
+    >>> bool(branch["stable"].all())
+    True
     """
     trace = traced(orbit, parameter, to, check_count("points", points), switch, words)
     return _dataset(trace.entries, parameter, trace.end, trace.cost)

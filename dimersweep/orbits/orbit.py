@@ -56,6 +56,13 @@ class Orbit:
         The sequence of contact states (docs/orbits.md).
     cost : float
         Forcing periods of the map that it took.
+
+    Examples
+    --------
+    >>> from dimersweep import orbits
+    >>> orbit = orbits.find(spin=100.0)
+    >>> orbit.stable, round(orbit.radius, 3)
+    (True, 4.259)
     """
 
     parameters: dict[str, float]

@@ -35,6 +35,12 @@ def mode_map(cube: xr.Dataset) -> Figure:
     -------
     matplotlib.figure.Figure
         With a legend of the modes that occur and their shares.
+
+    Examples
+    --------
+    >>> from dimersweep import plots, sweep
+    >>> cube = sweep({"Gamma": [0.8, 0.9], "beta0": [0.2, 0.28, 0.36]}, periods=60, progress=False)
+    >>> plots.mode_map(cube).savefig("modes.png")
     """
     judge_cube("mode_map", cube)
     if "point" in cube["mode"].dims:
@@ -79,6 +85,12 @@ def quantity_map(cube: xr.Dataset, quantity: str) -> Figure:
     ------
     ParameterError
         If the cube has no such numbers over its axes.
+
+    Examples
+    --------
+    >>> from dimersweep import plots, sweep
+    >>> cube = sweep({"Gamma": [0.8, 0.9], "beta0": [0.2, 0.28, 0.36]}, periods=60, progress=False)
+    >>> plots.quantity_map(cube, "zeta").savefig("zeta.png")
     """
     drawable = [str(name) for name, each in cube.data_vars.items() if each.dims == cube["mode"].dims]
     if quantity not in drawable:

@@ -31,6 +31,12 @@ def segments(cube: xr.Dataset) -> Figure:
     -------
     matplotlib.figure.Figure
         With the total length of each row at its right end.
+
+    Examples
+    --------
+    >>> from dimersweep import plots, sweep
+    >>> cube = sweep({"Gamma": [0.8, 0.9], "beta0": [0.2, 0.28, 0.36]}, periods=60, progress=False)
+    >>> plots.segments(cube).savefig("intervals.png")
     """
     judge_cube("segments", cube)
     lengths = drift_lengths(cube)
@@ -73,6 +79,13 @@ def regions(cube: xr.Dataset) -> Figure:
     -------
     matplotlib.figure.Figure
         Drift hatched with lines, rest with slashes, and their borders.
+
+    Examples
+    --------
+    >>> from dimersweep import plots, search
+    >>> grid = {"e": [0.5, 0.6], "Gamma": [0.6, 0.9, 1.2], "beta0": [0.2, 0.24, 0.28, 0.32]}
+    >>> cube = search(grid, over="beta0", ask="first", periods=60, progress=False)
+    >>> plots.regions(cube).savefig("regions.png")
     """
     judge_cube("regions", cube)
     mode = cube["mode"].squeeze()

@@ -57,6 +57,14 @@ def paths(cube: xr.Dataset) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
+
+    Examples
+    --------
+    >>> from dimersweep import plots, search
+    >>> grid = {"xdot0": [1.0, 1.5], "beta0": [0.2, 0.24, 0.28, 0.32]}
+    >>> cube = search(grid, over="beta0", ask="first", periods=60, progress=False,
+    ...               orbit_periods=60, paths={"periods": 60, "per_period": 4})
+    >>> plots.paths(cube).savefig("paths.png")
     """
     judge_cube("paths", cube)
     (name,) = (str(dim) for dim in cube["mode"].dims)
@@ -101,6 +109,13 @@ def trends(cube: xr.Dataset) -> Figure:
     -------
     matplotlib.figure.Figure
         With the exponents of R and T in A_r - 1 and f.
+
+    Examples
+    --------
+    >>> from dimersweep import plots, search
+    >>> grid = {"A_r": [5.5, 6, 6.5], "f": [15, 20], "beta0": [0.2, 0.24, 0.28, 0.32]}
+    >>> cube = search(grid, over="beta0", ask="first", periods=60, progress=False)
+    >>> plots.trends(cube).savefig("trends.png")
     """
     judge_cube("trends", cube)
     figure, panels = _frame(cube, (9, 10), nrows=3, ncols=2, sharex="col", sharey="row")
@@ -148,6 +163,13 @@ def least_period(cube: xr.Dataset) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
+
+    Examples
+    --------
+    >>> from dimersweep import plots, search
+    >>> grid = {"A_r": [6], "xdot0": [1.0, 1.5, 2.0], "beta0": [0.2, 0.24, 0.28, 0.32]}
+    >>> cube = search(grid, over="beta0", ask="first", periods=60, progress=False)
+    >>> plots.least_period(cube).savefig("period.png")
     """
     judge_cube("minimum", cube)
     figure, (left, right) = _frame(cube, (10, 4.4), ncols=2)
@@ -185,6 +207,13 @@ def impact_ends(cube: xr.Dataset) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
+
+    Examples
+    --------
+    >>> from dimersweep import plots, search
+    >>> grid = {"A_r": [6], "mu": [0.1, 0.2], "mu_s": [0.3, 0.4], "beta0": [0.2, 0.24, 0.28, 0.32]}
+    >>> cube = search(grid, over="beta0", ask="first", periods=60, progress=False)
+    >>> plots.impact_ends(cube).savefig("ends.png")
     """
     judge_cube("impact_ends", cube)
     body = {name: cube[name].item() for name in ("r", "rho_b", "rho_r", "D_r")}
@@ -221,6 +250,13 @@ def shares(cube: xr.Dataset) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
+
+    Examples
+    --------
+    >>> from dimersweep import plots, search
+    >>> grid = {"Gamma": [0.8, 0.9], "A_r": [5.5, 6], "beta0": [0.2, 0.24, 0.28, 0.32]}
+    >>> cube = search(grid, over="beta0", ask="fraction", periods=60, progress=False)
+    >>> plots.shares(cube).savefig("shares.png")
     """
     judge_cube("shares", cube)
     other, name = (str(dim) for dim in cube["mode"].dims)
@@ -248,6 +284,14 @@ def planar(cube: xr.Dataset) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
+
+    Examples
+    --------
+    >>> from dimersweep import plots, search
+    >>> grid = {"A_r": [5, 6], "beta0": [0.2, 0.24, 0.28, 0.32]}
+    >>> cube = search(grid, over="beta0", ask="first", periods=60, progress=False,
+    ...               orbit_periods=60, paths={"periods": 60, "per_period": 1})
+    >>> plots.planar(cube).savefig("planar.png")
     """
     judge_cube("planar", cube)
     (name,) = (str(dim) for dim in cube["mode"].dims)

@@ -23,7 +23,16 @@ ANGLES = {  # labels of the angles in phase portraits
 
 
 def last_cycle(run: "Run") -> tuple[float, float]:
-    """Start and stop of the last full cycle of a recorded run [s], from just before a double impact if there is one."""
+    """Start and stop of the last full cycle of a recorded run [s], from just before a double impact if there is one.
+
+    Examples
+    --------
+    >>> from dimersweep import plots, simulate
+    >>> run = simulate(periods=60)
+    >>> start, stop = plots.last_cycle(run)
+    >>> round(15 * float(stop - start), 6)
+    1.0
+    """
     end, cycle = run.n_periods / run.parameters["f"], max(1, run.mode_period) / run.parameters["f"]
     times = run.events["time"].values[np.char.startswith(run.events["kind"].values, "DI")]
     recent = times.size > 0 and times[-1] >= end - cycle
@@ -49,6 +58,15 @@ def impact_rates(run: "Run", time: float) -> xr.Dataset:
     xarray.Dataset
         `beta_rate`, `theta_rate`, `spin_rate` [rad s-1] along `stage`: before the impact, then after each of its rows,
         with the row's `kind`.
+
+    Examples
+    --------
+    >>> from dimersweep import plots, simulate
+    >>> run = simulate(periods=60)
+    >>> double = run.events["kind"].str.startswith("DI")
+    >>> rates = plots.impact_rates(run, float(run.events["time"][double][-1]))
+    >>> sorted(rates.data_vars)
+    ['beta_rate', 'kind', 'spin_rate', 'theta_rate']
     """
     p = run.parameters
     rows = run.events.isel(event=np.flatnonzero((run.events["time"] == time) & (run.events["cause"] == "impact")))
@@ -84,6 +102,15 @@ def portrait(axes: Axes, run: "Run", angle: str, span: tuple[float, float], *, c
         Start and stop [s].
     color : str, optional
         Of lines and marks.
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> from dimersweep import plots, simulate
+    >>> run = simulate(periods=60)
+    >>> figure = Figure()
+    >>> plots.portrait(figure.subplots(), run, "beta", plots.last_cycle(run))
+    >>> figure.savefig("portrait.png")
     """
     events = run.events.isel(event=np.flatnonzero((run.events["time"] >= span[0]) & (run.events["time"] < span[1])))
     jumps = np.unique(events["time"].values[events["cause"].values == "impact"])
@@ -142,7 +169,17 @@ def _impact_marks(axes: Axes, course: xr.Dataset, name: str, value: float, color
 
 
 def heights(axes: Axes, run: "Run", span: tuple[float, float]) -> None:
-    """Plate, p1 and p2 against time in forcing periods, as in the paper's Fig. 2; `span` is start and stop [s]."""
+    """Plate, p1 and p2 against time in forcing periods, as in the paper's Fig. 2; `span` is start and stop [s].
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> from dimersweep import plots, simulate
+    >>> run = simulate(periods=60)
+    >>> figure = Figure()
+    >>> plots.heights(figure.subplots(), run, (3.0, 3.2))
+    >>> figure.savefig("heights.png")
+    """
     states = run.states(np.linspace(*span, 2001))
     cycles = states["time"].values * run.parameters["f"]
     plate = states["plate"]
@@ -155,7 +192,17 @@ def heights(axes: Axes, run: "Run", span: tuple[float, float]) -> None:
 
 
 def orbit(axes: Axes, run: "Run", arrows: int = 8) -> None:
-    """Path of the centre of mass seen from above, as in the paper's Fig. 6, with its velocity at some moments."""
+    """Path of the centre of mass seen from above, as in the paper's Fig. 6, with its velocity at some moments.
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> from dimersweep import plots, simulate
+    >>> run = simulate(periods=60)
+    >>> figure = Figure()
+    >>> plots.orbit(figure.subplots(), run)
+    >>> figure.savefig("orbit.png")
+    """
     end = run.n_periods / run.parameters["f"]
     states = run.states(np.linspace(0.0, end, min(40 * run.n_periods, 40_000) + 1))
     x, y = states["x"].values, states["y"].values
@@ -187,6 +234,12 @@ def run_figure(run: "Run", periods: int = 4) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
+
+    Examples
+    --------
+    >>> from dimersweep import plots, simulate
+    >>> run = simulate(periods=60)
+    >>> plots.run_figure(run).savefig("run.png")
     """
     end, f = run.n_periods / run.parameters["f"], run.parameters["f"]
     figure = Drawing(11, 7)
@@ -209,7 +262,16 @@ def run_figure(run: "Run", periods: int = 4) -> Figure:
 
 
 def contact_legend(color: str = "black") -> list[Line2D]:
-    """Handles for what `portrait` draws."""
+    """Handles for what `portrait` draws.
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> from dimersweep import plots
+    >>> legend = Figure().legend(handles=plots.contact_legend())
+    >>> legend.get_texts()[1].get_text()
+    'contact'
+    """
     return [
         Line2D([], [], color=color, linestyle="-", label="free motion, single impacts"),
         Line2D([], [], color=color, linestyle="--", label="contact"),

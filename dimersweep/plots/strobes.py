@@ -29,6 +29,12 @@ def bifurcation(cube: xr.Dataset) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
+
+    Examples
+    --------
+    >>> from dimersweep import bifurcation, plots
+    >>> cube = bifurcation({"Gamma": [0.9, 1.2, 1.5]}, periods=60, strobes=8, progress=False)
+    >>> plots.bifurcation(cube).savefig("diagram.png")
     """
     judge_cube("bifurcation", cube)
     mode = cube["mode"].squeeze()

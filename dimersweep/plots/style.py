@@ -122,6 +122,12 @@ def check_picture(path: str | os.PathLike[str], *, force: bool = False, name: st
         If its ending is none of `PICTURES`.
     StoreError
         As for a cube.
+
+    Examples
+    --------
+    >>> from dimersweep.plots import check_picture
+    >>> check_picture("map.svg").suffix
+    '.svg'
     """
     return check_output(path, force=force, name=name, what="a picture", endings=PICTURES)
 
@@ -133,6 +139,12 @@ def write_picture(figure: Figure, path: str | os.PathLike[str], *, force: bool =
     ------
     ParameterError, StoreError
         As by `check_picture`; or the disk refuses.
+
+    Examples
+    --------
+    >>> from dimersweep.plots import run_figure, write_picture
+    >>> from dimersweep import simulate
+    >>> write_picture(run_figure(simulate(periods=30)), "run.png", force=True)
     """
     path = check_picture(path, force=force, name="picture")
     with told(f"picture = {path}", ""), replacing(path) as temporary:

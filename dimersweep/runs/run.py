@@ -64,6 +64,15 @@ class Run:
     longest_hop_1, longest_hop_2 : float
         Longest time that each end is off the plate at once, of the hops that ended in the last (at most 12) periods or go
         on at the end [forcing periods]. From 0.5 on a ball counts as flying.
+
+    Examples
+    --------
+    >>> from dimersweep import simulate
+    >>> run = simulate(periods=60)
+    >>> run
+    <Run: ok, drift, radius 4.245 m, zeta 1.604 rad, 60 periods, 902 events>
+    >>> run.states([0.0, 1.0])["gap_2"].attrs["units"]
+    'm'
     """
 
     status: str

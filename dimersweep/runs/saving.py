@@ -103,6 +103,13 @@ def load_run(path: str | os.PathLike[str]) -> "Run":
     ------
     StoreError
         If there is no such file, or it is no run, or one that is damaged.
+
+    Examples
+    --------
+    >>> from dimersweep import load_run, simulate
+    >>> path = simulate(periods=60).save("walk.nc", force=True)
+    >>> load_run(path).mode
+    'drift'
     """
     dataset = read_netcdf(Path(path))
     if "dimersweep_run" not in dataset.attrs:

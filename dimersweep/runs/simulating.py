@@ -67,6 +67,13 @@ def simulate(
         Naming the parameter, its value and what is allowed.
     KernelError
         If the compiled kernel cannot run here.
+
+    Examples
+    --------
+    >>> from dimersweep import simulate
+    >>> run = simulate(Gamma=0.9, f=15, beta0="16 deg", periods=60)
+    >>> run.mode, run.orbit.di_end
+    ('drift', 'sp_sk')
     """
     for name in parameters:
         if name not in INSTEAD:

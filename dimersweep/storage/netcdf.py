@@ -214,6 +214,13 @@ def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
     StoreError
         If there is no such file, it is no NetCDF file or Zarr group, or no (intact) cube of this program. Of a Zarr
         group also later, when a value that is damaged is used.
+
+    Examples
+    --------
+    >>> from dimersweep import open_cube, sweep
+    >>> cube = sweep({"Gamma": [0.6, 0.9]}, periods=60, progress=False, out="two.nc")
+    >>> open_cube("two.nc").identical(cube)
+    True
     """
     if not isinstance(path, str | os.PathLike):
         raise StoreError(f"{path!r}: is no path")

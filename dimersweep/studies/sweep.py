@@ -148,6 +148,13 @@ def sweep(
         died: they are still to be done, and what was finished is kept.
     Stopped
         A KeyboardInterrupt, after Ctrl-C or SIGTERM; what was finished is kept.
+
+    Examples
+    --------
+    >>> from dimersweep import names, sweep
+    >>> cube = sweep({"Gamma": [0.6, 0.9], "beta0": ["12 deg", "16 deg"]}, periods=60, progress=False)
+    >>> names(cube["mode"]).values.tolist()
+    [['rest', 'rest'], ['rest', 'drift']]
     """
     spec = make_spec(
         grid,
@@ -189,6 +196,13 @@ def bifurcation(
     ------
     ParameterError, StoreError, PointError, Stopped
         As by `sweep`.
+
+    Examples
+    --------
+    >>> from dimersweep import bifurcation
+    >>> diagram = bifurcation({"Gamma": [0.9, 1.0]}, periods=60, strobes=4, progress=False)
+    >>> diagram["strobe_gap_2"].sizes["strobe"]
+    4
     """
     attrs = {"plot": "bifurcation"} | check_attrs(how.pop("attrs", None))
     return sweep(grid, fixed, periods=periods, strobes=check_count("strobes", strobes), attrs=attrs, **how)
