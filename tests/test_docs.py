@@ -84,23 +84,30 @@ def test_the_citation_is_of_this_version_and_of_the_paper():
 
 
 # --- examples ---------------------------------------------------------------------------------------------------------
-def evaluate(path, parsers, **more):
-    """Run the examples of a file in one namespace, one after the other; how many there were."""
+def examples_of(path, parsers, **more):
+    """The examples of a file, with the namespace that they share."""
     document = Sybil(parsers=parsers, **more).parse(path)
     document.namespace |= {"__name__": "__main__", "find_spec": find_spec}
-    examples = list(document.examples())
-    for example in examples:
-        example.evaluate()
-    return len(examples)
+    return list(document.examples()), document.namespace
 
 
 WITH_PYTHON = [page for page in PAGES if "```python" in page.read_text(encoding="utf-8")]
 
 
 @pytest.mark.parametrize("page", WITH_PYTHON, ids=lambda page: page.name)
-def test_the_python_of_a_page_runs(page, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert evaluate(page, [PythonCodeBlockParser(), SkipParser()])
+def test_each_block_of_a_page_runs_by_itself_twice(page, tmp_path, monkeypatch):
+    """Each block by itself, and once more in the folder that it has been run in."""
+    for again in (False, True):
+        examples, names = examples_of(page, [PythonCodeBlockParser(), SkipParser()])
+        shared = dict(names)
+        assert examples
+        for number, example in enumerate(examples):
+            names.clear()
+            names |= shared
+            folder = tmp_path / str(number)
+            folder.mkdir(exist_ok=again)
+            monkeypatch.chdir(folder)
+            example.evaluate()
 
 
 WITH_DOCTESTS = [
@@ -111,7 +118,12 @@ WITH_DOCTESTS = [
 @pytest.mark.parametrize("path", WITH_DOCTESTS, ids=lambda path: str(path.relative_to(ROOT / "dimersweep")))
 def test_the_examples_of_docstrings_print_what_they_show(path, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert evaluate(path, [DocTestParser(optionflags=NUMBER)], document_types={".py": PythonDocStringDocument})
+    examples, _ = examples_of(
+        path, [DocTestParser(optionflags=NUMBER)], document_types={".py": PythonDocStringDocument}
+    )
+    assert examples
+    for example in examples:
+        example.evaluate()
 
 
 # --- sweep files ------------------------------------------------------------------------------------------------------
