@@ -77,7 +77,7 @@ def test_a_cube_draws_itself(cube, tmp_path):
 
 def test_a_cube_tells_what_it_is(cube):
     assert repr(cube.dimersweep).startswith("<cube of dimersweep over f (2), beta0 (5): ")
-    table = cube.dimersweep._repr_html_()
+    table = cube.dimersweep._repr_html_().replace("\N{NO-BREAK SPACE}", " ")
     for word in ("some starts", "axis β(0)", "drift", "Γ = 0.9"):
         assert word in table
 

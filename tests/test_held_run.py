@@ -330,7 +330,7 @@ def test_a_run_whose_rows_have_another_shape_is_refused_before_the_kernel_reads_
 
 def test_a_run_shows_what_it_is(tmp_path):
     run = simulate(periods=60, Gamma=1.0)
-    table = run._repr_html_()
+    table = run._repr_html_().replace("\N{NO-BREAK SPACE}", " ")
     for word in ("drift", "Γ = 1", "radius", "60 of 0.06667 s"):
         assert word in table
     assert "the centre of mass moves at" in simulate(f=25, beta0=1.535, periods=60)._repr_html_()
