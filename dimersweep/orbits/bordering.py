@@ -61,10 +61,12 @@ def border(
     Returns
     -------
     xarray.Dataset
-        Along the names in `over`: `parameter`, what an `Orbit` tells of the border's orbit, `status` ("ok", or why there is no
-        point) and `cost`, the forcing periods of the map that a point took. Of a change of word also `change`, what goes and
-        comes in it: it may differ from line to line of points. Along `meeting`: where the curve meets another border, with its
-        `meets`.
+        Along the names in `over`: `parameter`, what an `Orbit` tells of the border's orbit, `status` and `cost`, the forcing
+        periods of the map that a point took. The status is "ok", or says why there is no point, or that the border is one of
+        several: the word of a motion in which no end stays on the plate, and the order of sticking, slipping and lifting off
+        in any motion, change at many values of the parameter; which of them is found depends on the start and on `over`. Of a
+        change of word also `change`, what goes and comes in it: it may differ from line to line of points. Along `meeting`:
+        where the curve meets another border, with its `meets`.
 
     Raises
     ------
@@ -296,10 +298,11 @@ def _dataset(
         changes[at] = [one.sides.told(one.orbit.word) if one.sides else "" for one in found.values()]
         words = "what goes (-) and comes (+) in the word beyond: symbols, or pairs of them (a/b)"
         result["change"] = (tuple(axes), changes.astype(str), {"long_name": words})
-    told = np.full(shape, "ok", dtype=object)
-    for index, reason in status.items():
+    told = np.full(shape, "", dtype=object)
+    for index, reason in [*status.items(), *((index, curve.status(one)) for index, one in found.items())]:
         told[index] = reason
-    result["status"] = (tuple(axes), told.astype(str), {"long_name": "ok, or why there is no point"})
+    words = "ok, one of several borders of the kind, or why there is no point"
+    result["status"] = (tuple(axes), told.astype(str), {"long_name": words})
     met = _meetings(curve, axes, found)
     for name in (*axes, curve.parameter):
         units = PARAMETERS[name]._replace(long_name=f"{PARAMETERS[name].long_name} where two borders meet")._asdict()

@@ -100,6 +100,10 @@ class Curve(ABC):
         found = self._stepped(given, near) if near else self._beginning(given, start, like)
         return found._replace(cost=self.tape.spent.periods - spent)
 
+    def status(self, found: Found) -> str:
+        """What is said of a point that is found: ok, or why there may be other ones."""
+        return "ok"
+
     # --- from one point to the next --------------------------------------------------------------------------------
 
     @abstractmethod

@@ -106,6 +106,11 @@ def _from_double_impact(symbols: list[str]) -> list[str]:
     return min(turns, key=lambda turn: (not (turn and turn[0].startswith("DI")), turn))
 
 
+def rests(word: str) -> bool:
+    """Whether an end stays on the plate for a part of the period."""
+    return any(symbol.startswith(("SC", "DC")) for symbol in word.split())
+
+
 class Sides(NamedTuple):
     """What tells the words on both sides of a change apart, "this" one and the one beyond.
 

@@ -18,9 +18,11 @@ from dimersweep.orbits.passage import TURN
 from dimersweep.orbits.return_map import Image, OrbitLost, ReturnMap
 from dimersweep.orbits.solving import defect
 from dimersweep.orbits.specials import Special, last_with
-from dimersweep.orbits.word import HOP_LINE, Sides, longest_hop, sides_of, word_of
+from dimersweep.orbits.word import HOP_LINE, Sides, longest_hop, rests, sides_of, word_of
 
 CHANGES = ("word", "stick_slip", "lift_off", "double_impact", "chatter", "hop")
+ONCE = ("double_impact", "chatter", "hop")  # changes that a motion with an end at rest on the plate has at one value
+SEVERAL = "one of several: the word changes alike at other values; which one is found depends on the start and the grid"
 FARTHEST = 0.2  # of a point of a curve from where it is looked for, in units of the section
 WIDEST, NARROWEST, WIDER = 0.05, 2e-5, 4.0  # bracket of a change of word, in the parameter over its scale
 DOUBT, LESS = 4e-3, 0.08  # of a point with one neighbour; of one on the line through two, in the step between them
@@ -34,6 +36,9 @@ class WordCurve(Curve):
     """A curve along which the word changes: see `Curve`."""
 
     words = True
+
+    def status(self, found: Found) -> str:
+        return "ok" if self.kind in ONCE and rests(found.orbit.word) else SEVERAL
 
     def _is_met(self, special: Special, like: Sides | None) -> bool:
         if special.kind != "word" or self.kind not in ("word", special.change):
