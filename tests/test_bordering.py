@@ -10,7 +10,7 @@ import xarray as xr
 from dimersweep import orbits
 from dimersweep.cli import app
 from dimersweep.errors import OrbitError, ParameterError, Stopped, StoreError
-from dimersweep.plots.borders import draw_borders
+from dimersweep.orbits.drawing import draw_borders
 from dimersweep.storage.provenance import as_text
 from dimersweep.studies import bordering
 from dimersweep.studies.bordering import make_borders, plan_borders, read_borders, storable

@@ -9,9 +9,10 @@ from dimersweep import orbits, simulate
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.orbits.ball import ball_flip, ball_fold
 from dimersweep.orbits.bordering import outwards
+from dimersweep.orbits.kinds import KINDS
+from dimersweep.orbits.kinds.changes import change_of
 from dimersweep.orbits.on_border import on_border
 from dimersweep.orbits.return_map import OrbitLost
-from dimersweep.orbits.word import change_of
 
 # at spin 100 rad/s, all else as in the base case; found with a prototype of its own
 FOLDS = {0.5: 1.04771531, 0.6: 0.78725965, 0.7: 0.55603099}
@@ -48,7 +49,7 @@ def test_a_change_of_word_costs_little_and_lies_between_two_words(kind):
     assert np.median(curve["cost"].values) <= 120
     Gamma = float(curve["Gamma"][4])
     below, above = (orbits.find(spin=100.0, e=e[4], Gamma=Gamma + by).word for by in (-1e-6, 1e-6))
-    assert change_of(below, above) == kind
+    assert change_of(below, above).name == kind
     assert np.abs(np.diff(curve["Gamma"].values, 4)).max() < 1e-5  # smooth: no point is another border's
 
 
@@ -242,7 +243,7 @@ class KnownMap:
 )
 def test_borders_of_known_maps_are_found(kind, formula, begin, known):
     axis = SimpleNamespace(scale=1.0, map_at=lambda m, value: KnownMap(formula, value))
-    at = on_border(kind, axis, KnownMap(formula, begin[-1]), np.array(begin))
+    at = on_border(KINDS[kind], axis, KnownMap(formula, begin[-1]), np.array(begin))
     assert at.u[-1] == pytest.approx(known, abs=1e-8)
     if kind == "torus":
         assert at.z == pytest.approx([0.5, 0.5], abs=1e-8)

@@ -5,6 +5,7 @@ import pytest
 
 from dimersweep import orbits
 from dimersweep.errors import OrbitError
+from dimersweep.orbits.kinds import KINDS
 from dimersweep.orbits.word import sides_of
 
 # kind: fixed parameters, e, and how far from the border orbits found in sections of their own surely have its words
@@ -51,7 +52,7 @@ def test_orbits_found_beside_it_have_the_words_that_it_tells(curve):
         words = [orbit.word for orbit in beside if orbit is not None]
         assert words.count(word) == 1
         for beyond in set(words) - {word}:
-            assert sides_of(word, beyond, "far" if kind == "hop" else "").told(word) == str(point["change"].values)
+            assert sides_of(word, beyond, KINDS[kind].begins).told(word) == str(point["change"].values)
 
 
 @pytest.mark.parametrize("curve", [kind for kind in CURVES if kind != "chatter"], indirect=True)

@@ -17,12 +17,13 @@ from dimersweep.kernel.verdict.settling import KEPT, PATIENCE
 from dimersweep.orbits.finding import repeats_after
 from dimersweep.orbits.following import traced
 from dimersweep.orbits.guesses import of_run
+from dimersweep.orbits.kinds.fold import FOLD
+from dimersweep.orbits.kinds.kind import COMPLEX
 from dimersweep.orbits.manifold import FARTHEST, has_fast_part, multipliers_of, slow_direction
 from dimersweep.orbits.orbit import orbit_of
 from dimersweep.orbits.passage import TURN, Passage
 from dimersweep.orbits.return_map import Image, OrbitLost, ReturnMap, Tape
 from dimersweep.orbits.solving import TOLERANCE, Fixed, defect, fixed_at, newton, solve, system
-from dimersweep.orbits.specials import COMPLEX
 from dimersweep.orbits.word import word_of
 
 KEEPS, FORETOLD, UNEXPLAINED = "keeps to its family", "foretold", "passes a border later"
@@ -228,7 +229,7 @@ def fold_behind(begin: Fixed, spin: float) -> Border | None:
     except OrbitLost:
         return None
     for entry in traced(orbit_of(fixed, 0.0), "spin", spin, FOLLOWED, words=False).entries:
-        if entry.special == "fold":
+        if entry.kind is FOLD:
             return Border("fold", (entry.value, entry.value))
     return None
 

@@ -38,7 +38,7 @@ def borders(
     tell_of_compiling()
     with stoppable():
         table = make_borders(declared, out, force=force, tell=typer.echo)
-    from dimersweep.plots.borders import draw_borders
+    from dimersweep.orbits.drawing import draw_borders
     from dimersweep.plots.style import DPI
 
     draw_borders(table, under).savefig(drawn, dpi=DPI)

@@ -1,4 +1,4 @@
-"""Curves of folds, flips and tori."""
+"""Curves of bifurcations: folds, flips, tori."""
 
 from dataclasses import replace
 
@@ -6,6 +6,7 @@ import numpy as np
 
 from dimersweep.orbits.curve import Curve, Found
 from dimersweep.orbits.held import held
+from dimersweep.orbits.kinds import Bifurcation
 from dimersweep.orbits.on_border import OnBorder, next_on_border, on_border
 from dimersweep.orbits.orbit import orbit_of
 from dimersweep.orbits.return_map import OrbitLost, ReturnMap
@@ -13,16 +14,15 @@ from dimersweep.orbits.solving import fixed_at
 from dimersweep.orbits.specials import Special
 from dimersweep.orbits.word import Sides
 
-BIFURCATIONS = ("fold", "flip", "torus")
-
 
 class BifurcationCurve(Curve):
-    """A curve of folds, flips or tori: see `Curve`."""
+    """A curve along which multipliers of the orbit have the value that its kind asks for: see `Curve`."""
 
-    def __init__(self, kind: str, parameter: str, given: dict[str, float], spin: float, rtol: float) -> None:
+    kind: Bifurcation
+
+    def __init__(self, kind: Bifurcation, parameter: str, given: dict[str, float], spin: float, rtol: float) -> None:
         super().__init__(kind, parameter, given, spin, rtol)
-        if kind == "fold":
-            self.senses, self.shares = (-1.0, 1.0), (0.05, 0.3, 0.6)
+        self.senses, self.shares = kind.senses, kind.shares
 
     def _next(self, given: dict[str, float], near: list[Found]) -> Found:
         old: OnBorder = near[0].begin
@@ -33,7 +33,7 @@ class BifurcationCurve(Curve):
             return self._found(next_on_border(self.kind, self.axis, m, old, old.u))
 
     def _is_met(self, special: Special, like: Sides | None) -> bool:
-        return special.kind == self.kind
+        return self.kind.includes(special.kind)
 
     def _taken_up(self, special: Special) -> Found:
         m = held(special.point.map, self.spin)

@@ -9,18 +9,20 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.errors import OrbitError, ParameterError
-from dimersweep.orbits.bifurcation_curve import BIFURCATIONS, BifurcationCurve
+from dimersweep.orbits.bifurcation_curve import BifurcationCurve
 from dimersweep.orbits.curve import Curve, Found
 from dimersweep.orbits.finding import RTOL, checked, rolled_up
+from dimersweep.orbits.kinds import BIFURCATIONS, KINDS, Bifurcation, Kind
+from dimersweep.orbits.kinds.changes import change_of
+from dimersweep.orbits.kinds.kind import COMPLEX, Change, RealMultiplier
 from dimersweep.orbits.orbit import Orbit
 from dimersweep.orbits.return_map import OrbitLost
 from dimersweep.orbits.tables import dataset
-from dimersweep.orbits.word import Sides, change_of
-from dimersweep.orbits.word_curve import CHANGES, WordCurve
+from dimersweep.orbits.word import Sides
+from dimersweep.orbits.word_curve import WordCurve
 from dimersweep.parameters import as_number, check_name, check_rtol
 from dimersweep.symbols import PARAMETERS
 
-KINDS = BIFURCATIONS + CHANGES
 STRETCHES = 8  # in a line of points: shorter ones are not begun anew
 MEETING = 1e-6  # how well a meeting is known, in the step of the curve
 
@@ -78,12 +80,19 @@ def border(
     given, axes = _checked(kind, parameter, over, fixed)
     rtol = check_rtol(rtol)
     spin = rolled_up(given) if spin is None else as_number("spin", spin)
-    make = BifurcationCurve if kind in BIFURCATIONS else WordCurve
-    curve = make(kind, parameter, given, spin, rtol)
+    curve = _curve(KINDS[kind], parameter, given, spin, rtol)
     walk = Walk(curve, axes, start)
     if not walk.found:
         raise OrbitError(f"no {kind} found in {parameter}: {next(iter(walk.failed().values()))}")
     return _dataset(curve, axes, walk.found, walk.failed())
+
+
+def _curve(kind: Kind, parameter: str, given: dict[str, float], spin: float, rtol: float) -> Curve:
+    """The curve that is followed for a kind."""
+    if isinstance(kind, Bifurcation):
+        return BifurcationCurve(kind, parameter, given, spin, rtol)
+    assert isinstance(kind, Change)
+    return WordCurve(kind, parameter, given, spin, rtol)
 
 
 def _checked(
@@ -225,24 +234,22 @@ def _moved(index: tuple[int, ...], axis: int, by: int) -> tuple[int, ...]:
 # --- where borders meet -------------------------------------------------------------------------------------------
 
 
-def marks(kind: str, orbit: Orbit) -> dict[str, float]:
+def marks(kind: Kind, orbit: Orbit) -> dict[str, float]:
     """Test functions along a curve, by the name of what it meets where one changes its sign."""
     values = orbit.multipliers
-    rest = np.delete(values, int(np.argmin(np.abs(values - {"fold": 1.0, "flip": -1.0}.get(kind, 0.0)))))
-    real = rest[np.abs(rest.imag) < 1e-7].real
-    told = {}
-    if kind in ("fold", "flip", *CHANGES):
-        told[f"{kind}-fold" if kind != "fold" else "fold-fold"] = float(np.prod(1 - real)) if real.size else 1.0
-        told[f"{kind}-flip"] = float(np.prod(1 + real)) if real.size else 1.0
-    return told
+    if isinstance(kind, RealMultiplier):
+        values = np.delete(values, int(np.argmin(np.abs(values - kind.at))))
+    real = values[np.abs(values.imag) < COMPLEX].real
+    others = [other for other in BIFURCATIONS if isinstance(other, RealMultiplier)]
+    return {f"{kind.name}-{other.name}": float(np.prod(1 - other.at * real)) for other in others}
 
 
-def meetings(kind: str, a: Orbit, b: Orbit) -> list[str]:
+def meetings(kind: Kind, a: Orbit, b: Orbit) -> list[str]:
     """Names of the borders that a curve meets between two of its points."""
     first, second = marks(kind, a), marks(kind, b)
     names = [name for name in first if first[name] * second[name] < 0]
-    if a.word != b.word and kind in BIFURCATIONS:
-        names.append(f"{kind}-{change_of(a.word, b.word)}")
+    if a.word != b.word and isinstance(kind, Bifurcation):
+        names.append(f"{kind.name}-{change_of(a.word, b.word).name}")
     return names
 
 
@@ -311,7 +318,7 @@ def _dataset(
     result["meets"] = ("meeting", names, {"long_name": "the two borders that meet"})
     fixed = {name: value for name, value in curve.given.items() if name not in (*axes, curve.parameter)}
     result.attrs = fixed | {
-        "kind": curve.kind, "parameter": curve.parameter, "spin": curve.spin, "rtol": curve.rtol,
+        "kind": curve.kind.name, "parameter": curve.parameter, "spin": curve.spin, "rtol": curve.rtol,
         "cost": curve.tape.spent.periods,
     }  # fmt: skip
     return result

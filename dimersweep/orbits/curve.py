@@ -12,6 +12,7 @@ from dimersweep.errors import OrbitError
 from dimersweep.orbits.ball import ball_flip, ball_fold
 from dimersweep.orbits.branch import Axis, Point, corrected, in_own_section, point_of
 from dimersweep.orbits.finding import orbit_at
+from dimersweep.orbits.kinds import Kind
 from dimersweep.orbits.orbit import Orbit
 from dimersweep.orbits.return_map import OrbitLost, Tape
 from dimersweep.orbits.specials import Leap, Special, specials
@@ -54,7 +55,7 @@ class Curve(ABC):
 
     Parameters
     ----------
-    kind : str
+    kind : Kind
     parameter : str
         The one that is solved for.
     given : dict
@@ -69,7 +70,7 @@ class Curve(ABC):
     senses: tuple[float, float] = (1.0, -1.0)  # of the parameter, in which the border is looked for from an orbit
     shares: tuple[float, ...] = (0.3, 0.1, 0.6, 0.8)  # of the way from the ball's fold to its flip, where orbits are
 
-    def __init__(self, kind: str, parameter: str, given: dict[str, float], spin: float, rtol: float) -> None:
+    def __init__(self, kind: Kind, parameter: str, given: dict[str, float], spin: float, rtol: float) -> None:
         self.kind, self.parameter, self.given, self.spin, self.rtol = kind, parameter, given, spin, rtol
         scale = abs(given.get(parameter, given["e"])) or 1.0
         self.axis = Axis(parameter, scale, spin)
@@ -160,7 +161,7 @@ class Curve(ABC):
                 return self._taken_up(self._along(orbit, like))
             except (OrbitError, OrbitLost) as reason:
                 reasons.append(str(reason))
-        raise OrbitError(f"no {self.kind} was met; {'; '.join(reasons)}")
+        raise OrbitError(f"no {self.kind.name} was met; {'; '.join(reasons)}")
 
     def _starts(self, given: dict[str, float], reasons: list[str]) -> Iterator[Orbit]:
         """Orbits from which the border is looked for; those in which both ends fly, perhaps another motion, come last."""

@@ -11,6 +11,7 @@ from dimersweep.kernel.model.layout import D1, D2, N1, N2, N_STATE, PERIOD, PHAS
 from dimersweep.kernel.record import HOP_TIME, MODES
 from dimersweep.orbits.finding import RTOL, centred, checked
 from dimersweep.orbits.following import traced
+from dimersweep.orbits.kinds.fold import FOLD
 from dimersweep.orbits.orbit import Orbit, orbit_of
 from dimersweep.orbits.return_map import OrbitLost, ReturnMap, Tape
 from dimersweep.orbits.solving import solve
@@ -233,5 +234,5 @@ def _is_partner(orbit: Orbit) -> bool:
         entries = traced(orbit, "Gamma", 0.5 * orbit.parameters["Gamma"], words=False).entries
     except (OrbitError, OrbitLost):
         return False
-    folds = [k for k, entry in enumerate(entries) if entry.special == "fold"]
+    folds = [k for k, entry in enumerate(entries) if entry.kind is FOLD]
     return bool(folds) and any(entry.orbit.stable for entry in entries[folds[0] + 1 :])

@@ -18,6 +18,7 @@ from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.kernel.model.layout import PERIOD, PHASE, SPIN
 from dimersweep.orbits.finding import RTOL, checked, orbit_at
 from dimersweep.orbits.following import Trace, traced
+from dimersweep.orbits.kinds.fold import FOLD
 from dimersweep.orbits.manifold import Creep, creep_near, creep_of, has_fast_part, slow_direction
 from dimersweep.orbits.orbit import Orbit, orbit_of
 from dimersweep.orbits.passage import Passage
@@ -230,9 +231,8 @@ def _run_to(at: Fixed, spin: float) -> Passage:
 
 def _why(branch: Trace) -> str:
     """Where and why the family ends."""
-    special = [entry for entry in branch.entries if entry.special]
-    for entry in reversed(special):
-        if entry.special == "fold":
+    for entry in reversed(branch.entries):
+        if entry.kind is FOLD:
             return f"fold at spin = {entry.value:.6g} rad/s"
     return f"{branch.end}, at spin = {branch.entries[-1].value:.6g} rad/s"
 

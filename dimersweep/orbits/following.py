@@ -8,6 +8,9 @@ import xarray as xr
 
 from dimersweep.errors import ParameterError
 from dimersweep.orbits.branch import Axis, Point, corrected, in_each_section, in_own_section, point_of
+from dimersweep.orbits.kinds import Kind
+from dimersweep.orbits.kinds.flip import FLIP
+from dimersweep.orbits.kinds.kind import Change
 from dimersweep.orbits.manifold import creep_of
 from dimersweep.orbits.orbit import Orbit, orbit_of
 from dimersweep.orbits.return_map import OrbitLost, Tape
@@ -29,8 +32,7 @@ class Entry(NamedTuple):
 
     orbit: Orbit
     value: float
-    special: str = ""
-    change: str = ""
+    kind: Kind | None = None
     jump: float = 0.0
 
 
@@ -87,7 +89,7 @@ def traced(
     entries, step, end = [_entry(point)], FIRST, ""
     others: list[Point] | None = None  # the point in other sections, at the first place where the branch is lost
     while not end:
-        if sum(not entry.special for entry in entries) >= points:
+        if sum(entry.kind is None for entry in entries) >= points:
             return Trace(entries, f"points: {points} points were asked for", spent.periods)
         try:
             nxt = _stepped(axis, point, step, start, to)
@@ -105,7 +107,7 @@ def traced(
             others = []  # one of them goes on
         nxt, end = _window(axis, point, nxt, start, to)
         found, leap = _specials(axis, point, nxt, words)
-        flips = [special for special in found if special.kind == "flip"] if switch else []
+        flips = [special for special in found if special.kind is FLIP] if switch else []
         kept = found[: found.index(flips[0]) + 1] if flips else found
         entries += [_entry(special.point, special) for special in kept]
         if leap is not None:
@@ -188,20 +190,17 @@ def _specials(axis: Axis, a: Point, b: Point, words: bool) -> tuple[list[Special
 def _entry(point: Point, special: Special | None = None) -> Entry:
     creep = creep_of(point.fixed)
     orbit = orbit_of(point.fixed, point.fixed.map.tape.spent.periods, creep)
-    return Entry(
-        orbit,
-        point.value,
-        special.kind if special else "",
-        special.change if special else "",
-        special.jump if special else 0.0,
-    )
+    return Entry(orbit, point.value, special.kind, special.jump) if special else Entry(orbit, point.value)
 
 
 def _dataset(entries: Sequence[Entry], parameter: str, end: str, cost: float) -> xr.Dataset:
     table = dataset([entry.orbit for entry in entries], "point")
     columns: dict[str, tuple[list[str], str]] = {
-        "special": ([entry.special for entry in entries], "kind of special point"),
-        "change": ([entry.change for entry in entries], "what changes in the word"),
+        "special": ([entry.kind.special if entry.kind else "" for entry in entries], "kind of special point"),
+        "change": (
+            [entry.kind.name if isinstance(entry.kind, Change) else "" for entry in entries],
+            "what changes in the word",
+        ),
     }
     for name, (values, told) in columns.items():
         table[name] = ("point", np.array(values, dtype=object).astype(str), {"long_name": told})

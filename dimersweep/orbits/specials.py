@@ -9,9 +9,11 @@ from scipy.optimize import brentq
 
 from dimersweep.orbits.branch import Axis, Equations, Point, corrected, lent, one_sided, slope_of, with_derivatives
 from dimersweep.orbits.grazing import graze, least_gap
+from dimersweep.orbits.kinds import BIFURCATIONS, Bifurcation, Kind
+from dimersweep.orbits.kinds.changes import change_of
 from dimersweep.orbits.return_map import Image, OrbitLost, ReturnMap
 from dimersweep.orbits.solving import fixed_at
-from dimersweep.orbits.word import change_of, word_of
+from dimersweep.orbits.word import word_of
 
 LOCATED = 1e-9  # how well a special point is known, in the parameter over its scale
 CHANGES = 12  # word changes within one step; places at which an orbit is lost and found again
@@ -20,38 +22,16 @@ SHORTEST = 1e-10  # share of a step to which a change of word is located where t
 STEEP = 0.05  # part of the parameter in a tangent below which a fold is near
 FURTHER = 30.0  # from one place beyond a bracket at which an orbit is looked for to the next
 GRAZING = 1e-3  # width of a bracket, in the parameter over its scale, from which on an end is looked for that grazes
-COMPLEX = 1e-7  # imaginary part from which on a pair of multipliers is complex
 BORN = 2e-3  # distance from a flip at which the doubled branch is taken up, in units of the section
 
 
-def fold_test(point: Point) -> float:
-    """Zero at a fold."""
-    return float(point.tangent[-1])
-
-
-def flip_test(point: Point) -> float:
-    """Zero where a multiplier is -1."""
-    return float(np.linalg.det(point.fixed.matrix + np.eye(len(point.fixed.matrix))))
-
-
-def torus_test(point: Point) -> float:
-    """Zero where a complex pair of multipliers has size 1."""
-    values = np.linalg.eigvals(point.fixed.matrix)
-    pairs = values[np.abs(values.imag) > COMPLEX]
-    return float((np.abs(pairs) ** 2 - 1).max()) if pairs.size else -1.0
-
-
-TESTS: dict[str, Callable[[Point], float]] = {"fold": fold_test, "flip": flip_test, "torus": torus_test}
-
-
 class Special(NamedTuple):
-    """A special point: fold, flip, torus or word, and the share of the step it lies at.
+    """A special point: the kind of border that the branch crosses there, and the share of the step it lies at.
 
-    Of a word, what changes in it, by how much the orbit jumps there, in units of the section, and the words on both sides.
+    Of a change of word, by how much the orbit jumps there, in units of the section, and the words on both sides.
     """
 
-    kind: str
-    change: str
+    kind: Kind
     point: Point
     share: float
     jump: float = 0.0
@@ -68,8 +48,8 @@ def between(axis: Axis, a: Point, b: Point, share: float) -> Point:
 def specials(axis: Axis, a: Point, b: Point, words: bool = True) -> list[Special]:
     """Special points between two points of a branch, in their order."""
     found = []
-    for kind, test in TESTS.items():
-        if test(a) * test(b) < 0:
+    for kind in BIFURCATIONS:
+        if kind.test(a) * kind.test(b) < 0:
             special = _located(axis, kind, a, b)
             if special is not None:
                 found.append(special)
@@ -78,24 +58,23 @@ def specials(axis: Axis, a: Point, b: Point, words: bool = True) -> list[Special
     return sorted(found, key=lambda special: special.share)
 
 
-def _located(axis: Axis, kind: str, a: Point, b: Point) -> Special | None:
+def _located(axis: Axis, kind: Bifurcation, a: Point, b: Point) -> Special | None:
     """The zero of a test function, unless it leaps over zero there."""
-    test = TESTS[kind]
     length = abs(a.value - b.value) / axis.scale or float(np.linalg.norm(a.y(axis) - b.y(axis)))
     reached: dict[float, Point] = {0.0: a, 1.0: b}
 
     def value(share: float) -> float:
         if share not in reached:
             reached[share] = between(axis, a, b, share)
-        return test(reached[share])
+        return kind.test(reached[share])
 
     try:
         share = brentq(value, 0.0, 1.0, xtol=max(LOCATED / length, 1e-14), rtol=8.9e-16)
         point = reached.get(share) or between(axis, a, b, share)
     except OrbitLost:
         return None
-    scale = max(abs(test(a)), abs(test(b)))
-    return Special(kind, "", point, share) if abs(test(point)) < 1e-3 * scale else None
+    scale = max(abs(kind.test(a)), abs(kind.test(b)))
+    return Special(kind, point, share) if abs(kind.test(point)) < 1e-3 * scale else None
 
 
 class Leap(Exception):
@@ -130,16 +109,14 @@ def word_changes(axis: Axis, a: Point, b: Point) -> list[Special]:
         change = last_with(axis, word.__eq__, low, left, b)
         if change.jump > JOINED:
             raise Leap(found, change.at, change.word)
-        found.append(
-            Special("word", change_of(word, change.word), change.at, change.share, change.jump, (word, change.word))
-        )
+        found.append(Special(change_of(word, change.word), change.at, change.share, change.jump, (word, change.word)))
         if len(found) > CHANGES:
             raise Leap(found, change.at, change.word)
         low, left = change.share, change.beyond
     return found
 
 
-class Change(NamedTuple):
+class Changed(NamedTuple):
     """A change of word: the share of the step, the point, the word and the first point beyond, the jump of the orbit."""
 
     share: float
@@ -149,7 +126,7 @@ class Change(NamedTuple):
     jump: float
 
 
-def last_with(axis: Axis, holds: Callable[[str], bool], low: float, left: Point, b: Point) -> Change:
+def last_with(axis: Axis, holds: Callable[[str], bool], low: float, left: Point, b: Point) -> Changed:
     """Where the word no longer obeys, between a point at which it does and the end of the step, `b`.
 
     Where the hold of an end that sticks is lost, friction falls from mu_s to mu, and the map leaps. So there may be no orbit
@@ -163,7 +140,7 @@ def last_with(axis: Axis, holds: Callable[[str], bool], low: float, left: Point,
     bracket.narrow(LOCATED)
     at = one_sided(axis, bracket.left, _senses(axis, bracket.left, holds), bracket.left.tangent)
     jump = float(np.abs(at.y(axis) - bracket.right.y(axis)).max())
-    return Change(bracket.low, at, word_of(bracket.right.fixed.image.passage), bracket.right, jump)
+    return Changed(bracket.low, at, word_of(bracket.right.fixed.image.passage), bracket.right, jump)
 
 
 def _senses(axis: Axis, at: Point, holds: Callable[[str], bool]) -> np.ndarray:
@@ -277,7 +254,7 @@ class Bracket:
         if not self.steep:
             self.slope = way / way[-1]
 
-    def grazing(self) -> Change:
+    def grazing(self) -> Changed:
         """Where an end grazes in it.
 
         Raises
@@ -295,8 +272,8 @@ class Bracket:
             raise OrbitLost("no end grazes where the word changes")
         share = self.first + (1 - self.first) * ((at.y(axis) - self.begin) @ self.way) / (self.way @ self.way)
         if near is self.right:
-            return Change(share, at, missed, at, 0.0)
-        return Change(share, at, struck, self.right, 0.0)
+            return Changed(share, at, missed, at, 0.0)
+        return Changed(share, at, struck, self.right, 0.0)
 
 
 def doubled(axis: Axis, flip: Point) -> Point:

@@ -172,18 +172,3 @@ def _counted(word: str) -> Counter[str]:
     """How often each symbol occurs, and each pair."""
     symbols = word.split()
     return Counter(symbols) + Counter(f"{a} {b}" for a, b in pairwise(symbols))
-
-
-def change_of(old: str, new: str) -> str:
-    """What kind of change leads from one word to another."""
-    old_set, new_set = set(old.split()), set(new.split())
-    changed = (old_set - new_set) | (new_set - old_set)
-    if changed and all(symbol.startswith("far") for symbol in changed):
-        return "hop"
-    if any(symbol.startswith(("chatter", "bounces")) for symbol in changed):
-        return "chatter"
-    if any(symbol.startswith("DI") for symbol in changed):
-        return "double_impact"
-    if old.split().count("FM") != new.split().count("FM"):
-        return "lift_off"
-    return "stick_slip"

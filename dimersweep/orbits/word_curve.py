@@ -13,21 +13,18 @@ import numpy as np
 from dimersweep.orbits.branch import Equations, Mark, Point, in_own_section, lent, with_mark
 from dimersweep.orbits.curve import Curve, Found
 from dimersweep.orbits.grazing import graze, least_gap
+from dimersweep.orbits.kinds.kind import Change
 from dimersweep.orbits.orbit import orbit_of
-from dimersweep.orbits.passage import TURN
-from dimersweep.orbits.return_map import Image, OrbitLost, ReturnMap
+from dimersweep.orbits.return_map import OrbitLost
 from dimersweep.orbits.solving import defect
 from dimersweep.orbits.specials import Special, last_with
-from dimersweep.orbits.word import HOP_LINE, Sides, longest_hop, rests, sides_of, word_of
+from dimersweep.orbits.word import Sides, rests, sides_of, word_of
 
-CHANGES = ("word", "stick_slip", "lift_off", "double_impact", "chatter", "hop")
-ONCE = ("double_impact", "chatter", "hop")  # changes that a motion with an end at rest on the plate has at one value
 SEVERAL = "one of several: the word changes alike at other values; which one is found depends on the start and the grid"
 FARTHEST = 0.2  # of a point of a curve from where it is looked for, in units of the section
 WIDEST, NARROWEST, WIDER = 0.05, 2e-5, 4.0  # bracket of a change of word, in the parameter over its scale
 DOUBT, LESS = 4e-3, 0.08  # of a point with one neighbour; of one on the line through two, in the step between them
 OPENED = (1e-2, 1e-1)  # ways along the branch, in units of the section, from which a grazing orbit is looked for
-BESIDE = 1e-9  # of a change of word, how far on this side its point lies, in forcing periods of the hop
 MOST = 3  # new derivatives at a point: where Newton's method asks for more, the motion is another one
 ASIDE = 1e-3  # of the way to the next point, over which a derivative is taken
 
@@ -35,18 +32,19 @@ ASIDE = 1e-3  # of the way to the next point, over which a derivative is taken
 class WordCurve(Curve):
     """A curve along which the word changes: see `Curve`."""
 
+    kind: Change
     words = True
 
     def status(self, found: Found) -> str:
-        return "ok" if self.kind in ONCE and rests(found.orbit.word) else SEVERAL
+        return "ok" if self.kind.once and rests(found.orbit.word) else SEVERAL
 
     def _is_met(self, special: Special, like: Sides | None) -> bool:
-        if special.kind != "word" or self.kind not in ("word", special.change):
+        if not self.kind.includes(special.kind):
             return False
         return like is None or like.between(*special.words)
 
     def _taken_up(self, special: Special) -> Found:
-        return self._found(special.point, sides_of(*special.words, "far" if self.kind == "hop" else ""))
+        return self._found(special.point, sides_of(*special.words, self.kind.begins))
 
     def _found(self, at: Point, sides: Sides) -> Found:
         """A point of the curve, in a section that suits the next one."""
@@ -58,9 +56,9 @@ class WordCurve(Curve):
         if last.grazes:
             with suppress(OrbitLost):
                 return self._graze(given, last, sides)
-        elif self.kind == "hop" and len(sides.least) == 1:
+        elif self.kind.zero and (mark := self.kind.zero(sides)):
             with suppress(OrbitLost):
-                return self._hop(given, last, sides)
+                return self._zero(given, last, sides, mark)
         reason = OrbitLost("")
         for y, doubt in self._guesses([one for one in near if one.begin.grazes == last.grazes]):
             try:
@@ -113,22 +111,16 @@ class WordCurve(Curve):
                     return self._found(at, sides)
         raise OrbitLost(f"no end grazes where the word changes near {self.parameter} = {y[-1] * self.axis.scale:.6g}")
 
-    def _hop(self, given: dict[str, float], near: Point, sides: Sides) -> Found:
-        """The orbit whose longest hop has the length of the line; a little way on this side."""
-        (symbol,) = sides.least
-        end, line = int(symbol[-1]) - 1, HOP_LINE + (BESIDE if sides.more[symbol] else -BESIDE)
-
-        def over_line(_: ReturnMap, image: Image) -> float:
-            return longest_hop(image.passage.events, end, image.passage.times[-1]) / TURN - line
-
-        y, known = self._ahead(given, near, over_line)
+    def _zero(self, given: dict[str, float], near: Point, sides: Sides, mark: Mark) -> Found:
+        """The orbit at which the mark of the kind is zero."""
+        y, known = self._ahead(given, near, mark)
         beside = self._beside(given, near, y)
-        equations = Equations(self.axis, beside, lambda _, m, image: over_line(m, image))
+        equations = Equations(self.axis, beside, lambda _, m, image: mark(m, image))
         at, _ = equations.solved(y, equations.derivative, known, MOST)
         away = np.abs(at.y(self.axis) - y)
         if away.max() > FARTHEST or away[-1] > WIDEST or not sides.here(word_of(at.fixed.image.passage)):
-            raise OrbitLost(f"no hop of half a period near {self.parameter} = {beside.value:.6g}")
-        return self._found(with_mark(self.axis, at, over_line), sides)
+            raise OrbitLost(f"no {self.kind.name} near {self.parameter} = {beside.value:.6g}")
+        return self._found(with_mark(self.axis, at, mark), sides)
 
     def _ahead(self, given: dict[str, float], near: Point, mark: Mark) -> tuple[np.ndarray, np.ndarray]:
         """Where the curve leads from a neighbour along its tangent, and the derivative there of all equations.

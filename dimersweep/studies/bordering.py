@@ -18,18 +18,17 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from dimersweep.cubes.grid import axis
 from dimersweep.errors import OrbitError, ParameterError, Stopped
 from dimersweep.kernel import kernel_version
-from dimersweep.orbits.ball import ball_flip, ball_fold
-from dimersweep.orbits.bordering import KINDS, border
+from dimersweep.orbits.bordering import border
 from dimersweep.orbits.families import family
 from dimersweep.orbits.finding import checked, find
 from dimersweep.orbits.following import follow
+from dimersweep.orbits.kinds import KINDS
 from dimersweep.parameters import check_name
 from dimersweep.storage.netcdf import check_writable, write_cube
 from dimersweep.storage.provenance import attributes
 from dimersweep.studies.parts import Parts, parts_beside
 from dimersweep.symbols import PARAMETERS
 
-BALL = {"fold": ball_fold, "flip": ball_flip}
 Tell = Callable[[str], None]
 Maker = Callable[[Tell], xr.Dataset]
 
@@ -268,9 +267,10 @@ def _curve(declared: Borders, curves: Curves, kind: str, tell: Tell) -> xr.Datas
     table = border(kind, curves.parameter, over=declared.axes, spin=curves.spin, **fixed)
     found = int(np.isfinite(table[curves.parameter]).sum())
     tell(f"{kind}: {found} of {table[curves.parameter].size} points, {table.attrs['cost']:.0f} periods of the map")
-    if kind in BALL and curves.parameter == "Gamma":
+    closed_form = KINDS[kind].ball
+    if closed_form is not None and curves.parameter == "Gamma":
         e = table["e"] if "e" in table.coords else xr.DataArray(checked(declared.fixed)["e"])
-        ball = xr.apply_ufunc(np.vectorize(BALL[kind]), e)
+        ball = xr.apply_ufunc(np.vectorize(closed_form), e)
         table["ball"] = ball.broadcast_like(table[curves.parameter])
     else:
         table["ball"] = xr.full_like(table[curves.parameter], np.nan)

@@ -10,13 +10,12 @@ from matplotlib.lines import Line2D
 
 from dimersweep.cubes.reading import edges_of
 from dimersweep.errors import ParameterError
+from dimersweep.orbits.kinds import KINDS
 from dimersweep.plots.style import given, label
 from dimersweep.symbols import PARAMETERS, QUANTITIES
 
-KIND_COLORS = {"fold": "#0072b2", "flip": "#d62728", "torus": "#e69f00"}
-WORD_COLOR = "#009e73"
 STYLES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
-SPECIAL = {"fold": "s", "flip": "D", "torus": "o", "word": "|"}
+MARKERS = {kind.special: kind.marker for kind in KINDS.values()}
 SHOWN = {"radius": "radius [m]", "period": "period [s]", "zeta": "zeta [rad]"}
 
 
@@ -62,7 +61,7 @@ def curves(table: xr.Dataset, over: xr.Dataset | None = None) -> Figure:
     flat = table.stack(line=others) if others else table.expand_dims("line")
     handles = []
     for kind in table["kind"].values:
-        color = KIND_COLORS.get(str(kind), WORD_COLOR)
+        color = KINDS[str(kind)].color
         for k in range(flat.sizes["line"]):
             row = flat.sel(kind=kind).isel(line=k)
             axes.plot(row[x], row[y], color=color, linestyle=STYLES[k % len(STYLES)], linewidth=1.4)
@@ -122,8 +121,8 @@ def branches(table: xr.Dataset) -> Figure:
         Line2D([], [], color="gray", label="stable"),
         Line2D([], [], color="gray", linestyle="--", label="unstable"),
     ]
-    kinds = [kind for kind in SPECIAL if (table["special"].values == kind).any()]
-    handles += [Line2D([], [], color="black", linestyle="", marker=SPECIAL[kind], label=kind) for kind in kinds]
+    kinds = [kind for kind in MARKERS if (table["special"].values == kind).any()]
+    handles += [Line2D([], [], color="black", linestyle="", marker=MARKERS[kind], label=kind) for kind in kinds]
     for key, color in colors.items():
         if groups:
             told = ", ".join(given(str(name), value) for name, value in zip(groups, key, strict=True))
@@ -155,7 +154,7 @@ def _one_branch(axes: Axes, one: xr.Dataset, x: str, name: str, color: str) -> N
         axes.plot(
             one[x].values[joined], values[joined], color=color, linestyle="-" if stable[part[0]] else "--", lw=1.3
         )
-    for kind, marker in SPECIAL.items():
+    for kind, marker in MARKERS.items():
         at = one["special"].values == kind
         axes.plot(one[x].values[at], values[at], linestyle="", marker=marker, color="black", markersize=5)
 
