@@ -10,10 +10,10 @@ import xarray as xr
 from dimersweep import orbits
 from dimersweep.cli import app
 from dimersweep.errors import OrbitError, ParameterError, Stopped, StoreError
-from dimersweep.orbits.drawing import draw_borders
+from dimersweep.orbits.pictures import draw_borders
 from dimersweep.storage.provenance import as_text
-from dimersweep.studies import bordering
-from dimersweep.studies.bordering import make_borders, plan_borders, read_borders, storable
+from dimersweep.studies import border_files
+from dimersweep.studies.border_files import make_borders, plan_borders, read_borders, storable
 from dimersweep.studies.parts import parts_beside
 
 BORDERS = Path(__file__).parents[1] / "sweeps" / "borders"
@@ -82,7 +82,7 @@ def test_a_file_that_was_stopped_goes_on_from_its_finished_parts(tmp_path, monke
             raise KeyboardInterrupt
         return orbits.family(**given)
 
-    monkeypatch.setattr(bordering, "family", stopping)
+    monkeypatch.setattr(border_files, "family", stopping)
     assert plan_borders(declared, out) == ["families: 2 parts, 3 points each: family-0, family-1"]
     with pytest.raises(Stopped, match=f"1 of 2 parts are kept in {parts}"):
         make_borders(declared, out)
@@ -134,7 +134,7 @@ def test_a_part_that_is_damaged_is_told_and_made_again(tmp_path, monkeypatch, da
         with netCDF4.Dataset(part, "a") as file:
             file.configuration = "{}"
         told = "is of another configuration"
-    monkeypatch.setattr(bordering, "family", lambda **given: asked.append(given["A_r"]) or orbits.family(**given))
+    monkeypatch.setattr(border_files, "family", lambda **given: asked.append(given["A_r"]) or orbits.family(**given))
     with pytest.warns(RuntimeWarning, match=rf"part-family-1.nc: {told}.*; it is made again$"):
         again = make_borders(declared, out)
     assert asked == [6.0]

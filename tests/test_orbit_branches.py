@@ -8,11 +8,11 @@ import pytest
 from dimersweep import orbits, simulate
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.orbits.ball import ball_flip, ball_fold
-from dimersweep.orbits.bordering import outwards
-from dimersweep.orbits.kinds import KINDS
+from dimersweep.orbits.border_grid import outwards
+from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.orbits.kinds.changes import change_of
 from dimersweep.orbits.on_border import on_border
-from dimersweep.orbits.return_map import OrbitLost
+from dimersweep.orbits.poincare import OrbitLost
 
 # at spin 100 rad/s, all else as in the base case; found with a prototype of its own
 FOLDS = {0.5: 1.04771531, 0.6: 0.78725965, 0.7: 0.55603099}
@@ -243,7 +243,7 @@ class KnownMap:
 )
 def test_borders_of_known_maps_are_found(kind, formula, begin, known):
     axis = SimpleNamespace(scale=1.0, map_at=lambda m, value: KnownMap(formula, value))
-    at = on_border(KINDS[kind], axis, KnownMap(formula, begin[-1]), np.array(begin))
+    at = on_border(BORDER_KINDS[kind], axis, KnownMap(formula, begin[-1]), np.array(begin))
     assert at.u[-1] == pytest.approx(known, abs=1e-8)
     if kind == "torus":
         assert at.z == pytest.approx([0.5, 0.5], abs=1e-8)
@@ -272,7 +272,7 @@ def test_bad_input_is_told(orbit):
         orbits.follow(orbit, "gama", to=1.0)
     with pytest.raises(ParameterError, match="must differ"):
         orbits.follow(orbit, "Gamma", to=0.9)
-    with pytest.raises(ParameterError, match="must be an Orbit"):
+    with pytest.raises(ParameterError, match="must be a PeriodicOrbit"):
         orbits.follow(simulate(periods=1), "Gamma", to=1.0)
 
 

@@ -29,10 +29,10 @@ def base():
 
 def test_the_package_reaches_orbits_lazily():
     assert dimersweep.orbits is orbits
-    assert {"find", "follow", "border", "family", "later", "edge", "Orbit"} <= set(dir(orbits))
+    assert {"find", "follow", "border", "family", "later", "edge", "PeriodicOrbit"} <= set(dir(orbits))
     wanted = ("parameters", "spin", "radius", "period", "zeta", "speed", "precession_rate", "impact_phase", "di_end")
     wanted += ("spin_drift", "multipliers", "stable", "residual", "word", "run")
-    known = set(orbits.Orbit.__dataclass_fields__) | {n for n, _ in inspect.getmembers(orbits.Orbit)}
+    known = set(orbits.PeriodicOrbit.__dataclass_fields__) | {n for n, _ in inspect.getmembers(orbits.Orbit)}
     assert set(wanted) <= known
 
 
@@ -135,7 +135,7 @@ def test_twice_the_period():
 def test_what_is_no_orbit_is_told_in_one_line():
     with pytest.raises(ParameterError, match="unknown parameter"):
         orbits.find(gamma=1.0)
-    with pytest.raises(ParameterError, match="must be a Run or an Orbit"):
+    with pytest.raises(ParameterError, match="must be a Run or a PeriodicOrbit"):
         orbits.find(guess=3)
     with pytest.raises(ParameterError, match=r"periods = 0"):
         orbits.find(periods=0)

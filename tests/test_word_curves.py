@@ -5,7 +5,7 @@ import pytest
 
 from dimersweep import orbits
 from dimersweep.errors import OrbitError
-from dimersweep.orbits.kinds import KINDS
+from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.orbits.word import sides_of
 
 # kind: fixed parameters, e, and how far from the border orbits found in sections of their own surely have its words
@@ -52,7 +52,7 @@ def test_orbits_found_beside_it_have_the_words_that_it_tells(curve):
         words = [orbit.word for orbit in beside if orbit is not None]
         assert words.count(word) == 1
         for beyond in set(words) - {word}:
-            assert sides_of(word, beyond, KINDS[kind].begins).told(word) == str(point["change"].values)
+            assert sides_of(word, beyond, BORDER_KINDS[kind].begins).described(word) == str(point["change"].values)
 
 
 @pytest.mark.parametrize("curve", [kind for kind in CURVES if kind != "chatter"], indirect=True)
@@ -104,14 +104,14 @@ def test_a_warm_point_of_a_hop_costs_little():
 
 def test_the_sides_of_a_change_are_told_by_what_comes_and_goes():
     sides = sides_of("DI_sp_sp chatter.1 SC1_sp.1", "DI_sp_sp>DI_sp_sk chatter.1 SC1_sp.1")
-    assert sides.told("DI_sp_sp") == "-DI_sp_sp +DI_sp_sp>DI_sp_sk"
+    assert sides.described("DI_sp_sp") == "-DI_sp_sp +DI_sp_sp>DI_sp_sk"
     assert sides.here("DI_sp_sp FM") and sides.beyond("DI_sp_sp>DI_sp_sk>DI_sk_sk FM")
     assert not sides.beyond("DI_sp_sp FM")
 
 
 def test_the_sides_of_a_change_are_told_by_counts_where_nothing_comes_or_goes():
     sides = sides_of("DI_sp_sp SC1_sp.1 SC1_sk.1 SC1_sp.1 SC1_sk.1 SC1_sp.1", "DI_sp_sp SC1_sp.1 SC1_sk.1 SC1_sp.1")
-    assert sides.told("DI_sp_sp SC1_sp.1") == "+SC1_sk.1 +SC1_sp.1"
+    assert sides.described("DI_sp_sp SC1_sp.1") == "+SC1_sk.1 +SC1_sp.1"
     neither = "DI_sp_sp SC1_sk.1 SC1_sp.1 SC1_sk.1 SC1_sp.1"
     assert not sides.here(neither) and not sides.beyond(neither)
 
@@ -119,4 +119,4 @@ def test_the_sides_of_a_change_are_told_by_counts_where_nothing_comes_or_goes():
 def test_the_sides_of_a_change_are_told_by_pairs_where_counts_are_equal():
     sides = sides_of("DI_sp_sp SC1_sp.1 SC1_sk.1", "DI_sp_sp SC1_sk.1 SC1_sp.1")
     assert sides.here("DI_sp_sp SC1_sp.1 SC1_sk.1") and sides.beyond("DI_sp_sp SC1_sk.1 SC1_sp.1")
-    assert "-SC1_sp.1/SC1_sk.1" in sides.told("DI_sp_sp SC1_sp.1 SC1_sk.1")
+    assert "-SC1_sp.1/SC1_sk.1" in sides.described("DI_sp_sp SC1_sp.1 SC1_sk.1")

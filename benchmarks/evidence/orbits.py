@@ -19,11 +19,11 @@ from unittest.mock import patch
 import numpy as np
 
 from dimersweep import orbits, refine, simulate, stability
-from dimersweep.orbits import bordering
+from dimersweep.orbits import border_grid
 from dimersweep.orbits.ball import ball_flip, ball_fold
 from dimersweep.orbits.curve import Curve
-from dimersweep.orbits.return_map import OrbitLost
-from dimersweep.orbits.solving import defect
+from dimersweep.orbits.newton import defect
+from dimersweep.orbits.poincare import OrbitLost
 
 SPIN = 100.0
 KNOWN = {
@@ -183,7 +183,7 @@ def watched(kind, axes):
         points.append((near[0].orbit.word if near else "", found.orbit.word, found.cost))
         return found
 
-    with patch.object(Curve, "point", noted), patch.object(bordering, "_meetings", lambda *_: []):
+    with patch.object(Curve, "point", noted), patch.object(border_grid, "_meetings", lambda *_: []):
         orbits.border(kind, "Gamma", over=axes, spin=SPIN)
     return tuple(np.array(column) for column in zip(*points, strict=True))
 

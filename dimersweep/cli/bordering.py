@@ -17,13 +17,13 @@ def borders(
     out: Annotated[Path | None, typer.Option(help="NetCDF file, in place of the declared one.")] = None,
     picture: Annotated[Path | None, typer.Option(help="Picture; the output's name with .png by default.")] = None,
     over: Annotated[Path | None, typer.Option(metavar="CUBE", help="Map of regions to draw curves over.")] = None,
-    plan: Annotated[bool, typer.Option("--plan", help="Tell the parts and which are there; make nothing.")] = False,
+    plan: Annotated[bool, typer.Option("--plan", help="Print the parts and which are there; make nothing.")] = False,
     force: Force = False,
 ) -> None:
     """Make borders, branches or families of orbits, and draw them. One that was stopped goes on where it was."""
     from dimersweep.plots.style import check_picture
     from dimersweep.storage.netcdf import check_writable, open_cube
-    from dimersweep.studies.bordering import make_borders, plan_borders, read_borders
+    from dimersweep.studies.border_files import make_borders, plan_borders, read_borders
     from dimersweep.work.progress import tell_of_compiling
 
     declared = read_borders(declaration)
@@ -38,7 +38,7 @@ def borders(
     tell_of_compiling()
     with stoppable():
         table = make_borders(declared, out, force=force, tell=typer.echo)
-    from dimersweep.orbits.drawing import draw_borders
+    from dimersweep.orbits.pictures import draw_borders
     from dimersweep.plots.style import DPI
 
     draw_borders(table, under).savefig(drawn, dpi=DPI)

@@ -7,10 +7,10 @@ import numpy as np
 from dimersweep.orbits.curve import Curve, Found
 from dimersweep.orbits.held import held
 from dimersweep.orbits.kinds import Bifurcation
+from dimersweep.orbits.newton import fixed_at
 from dimersweep.orbits.on_border import OnBorder, next_on_border, on_border
 from dimersweep.orbits.orbit import orbit_of
-from dimersweep.orbits.return_map import OrbitLost, ReturnMap
-from dimersweep.orbits.solving import fixed_at
+from dimersweep.orbits.poincare import OrbitLost, ReturnMap
 from dimersweep.orbits.specials import Special
 from dimersweep.orbits.word import Sides
 

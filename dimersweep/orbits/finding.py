@@ -10,10 +10,10 @@ from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.orbits.ball import ball_fold
 from dimersweep.orbits.guesses import of_ball, of_run, rolled_up
 from dimersweep.orbits.manifold import creep_of
-from dimersweep.orbits.orbit import Orbit, orbit_of
+from dimersweep.orbits.newton import Fixed, solve, system
+from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.passage import TURN
-from dimersweep.orbits.return_map import OrbitLost, ReturnMap, Tape
-from dimersweep.orbits.solving import Fixed, solve, system
+from dimersweep.orbits.poincare import OrbitLost, ReturnMap, Tape
 from dimersweep.parameters import Parameters, as_number, check_count, check_name, check_rtol
 from dimersweep.runs.run import Run
 
@@ -28,10 +28,10 @@ def find(
     *,
     spin: float | None = None,
     periods: int = 1,
-    guess: Run | Orbit | None = None,
+    guess: Run | PeriodicOrbit | None = None,
     rtol: float = RTOL,
     **parameters: float,
-) -> Orbit:
+) -> PeriodicOrbit:
     """The orbit at a given axial spin: a fixed point of the fast part of the return map, stable or not.
 
     Parameters
@@ -41,7 +41,7 @@ def find(
         with `xdot0` rolls up to. 0.0 is the dimer that moves in a plane.
     periods : int
         Forcing periods after which the motion repeats.
-    guess : Run or Orbit, optional
+    guess : Run or PeriodicOrbit, optional
         A recorded run that has come near the orbit, or an orbit nearby; parameters that are not given are as there.
     rtol : float
         Accuracy of the map [1].
@@ -50,7 +50,7 @@ def find(
 
     Returns
     -------
-    Orbit
+    PeriodicOrbit
 
     Raises
     ------
@@ -73,10 +73,10 @@ def orbit_at(
     given: dict[str, float],
     spin: float | None = None,
     periods: int = 1,
-    guess: Run | Orbit | None = None,
+    guess: Run | PeriodicOrbit | None = None,
     rtol: float = RTOL,
-) -> Orbit:
-    """As `find`, for parameters that have been checked."""
+) -> PeriodicOrbit:
+    """The orbit at a given spin, for parameters that have been checked; see `find`."""
     tape = Tape()
     tried = []
     for name, start in _starts(spin, periods, guess, given, rtol, tape):
@@ -87,7 +87,7 @@ def orbit_at(
     raise OrbitError(f"no orbit of period {periods}{_where(spin)}; tried {'; '.join(tried)}{_why_not(given)}")
 
 
-def checked(parameters: dict[str, Any], guess: Run | Orbit | None = None) -> dict[str, float]:
+def checked(parameters: dict[str, Any], guess: Run | PeriodicOrbit | None = None) -> dict[str, float]:
     """All parameters, those of the guess where they are not given.
 
     Raises
@@ -97,8 +97,8 @@ def checked(parameters: dict[str, Any], guess: Run | Orbit | None = None) -> dic
     """
     for name in parameters:
         check_name(name)
-    if guess is not None and not isinstance(guess, Run | Orbit):
-        raise ParameterError(f"guess = {guess!r}: must be a Run or an Orbit")
+    if guess is not None and not isinstance(guess, Run | PeriodicOrbit):
+        raise ParameterError(f"guess = {guess!r}: must be a Run or a PeriodicOrbit")
     known = dict(guess.parameters) if guess is not None else {}
     if "e" in parameters:  # both ends, unless one is given
         known = {name: value for name, value in known.items() if name not in ("e_1", "e_2")}
@@ -106,13 +106,18 @@ def checked(parameters: dict[str, Any], guess: Run | Orbit | None = None) -> dic
 
 
 def _starts(
-    spin: float | None, periods: int, guess: Run | Orbit | None, given: dict[str, float], rtol: float, tape: Tape
+    spin: float | None,
+    periods: int,
+    guess: Run | PeriodicOrbit | None,
+    given: dict[str, float],
+    rtol: float,
+    tape: Tape,
 ) -> Iterator[tuple[str, Callable[[], Start | Fixed]]]:
-    """What is tried, in its order, with its name."""
+    """The guesses in the order in which they are tried, each with its name."""
     if isinstance(guess, Run):
         yield "the end of the run", lambda: of_run(guess, given, periods, rtol, tape)
         return
-    if isinstance(guess, Orbit):
+    if isinstance(guess, PeriodicOrbit):
         yield "the orbit given", lambda: _from_orbit(guess, given, spin, periods, rtol, tape)
         return
     at = rolled_up(given) if spin is None else spin
@@ -122,8 +127,8 @@ def _starts(
 
 
 def _found(
-    start: Start | Fixed, spin: float | None, guess: Run | Orbit | None, given: dict[str, float], tape: Tape
-) -> Orbit:
+    start: Start | Fixed, spin: float | None, guess: Run | PeriodicOrbit | None, given: dict[str, float], tape: Tape
+) -> PeriodicOrbit:
     if isinstance(start, Fixed):
         fixed = start
     else:
@@ -142,7 +147,7 @@ def _found(
 
 
 def centred(fixed: Fixed) -> Fixed:
-    """The same orbit, its section moved if an event lies near and it can be had in another one."""
+    """The orbit in another section, if an event lies near its own and it is found there."""
     image = fixed.image
     return fixed.map.in_own_section(fixed, image.passage, lambda m, z: solve(m, z, image.spin))
 
@@ -161,7 +166,7 @@ def repeats_after(fixed: Fixed) -> int:
 
 
 def _from_orbit(
-    orbit: Orbit, given: dict[str, float], spin: float | None, periods: int, rtol: float, tape: Tape
+    orbit: PeriodicOrbit, given: dict[str, float], spin: float | None, periods: int, rtol: float, tape: Tape
 ) -> Fixed:
     """Newton from the orbit's own point; if that fails, by steps from its parameters and spin to those asked for."""
     old, spin = orbit.fixed.map, orbit.spin if spin is None else spin
@@ -191,7 +196,7 @@ def _where(spin: float | None) -> str:
 
 
 def _why_not(given: dict[str, float]) -> str:
-    """What the closed form of a ball says, if it has no orbit either."""
+    """The least Gamma of a ball, if it has no orbit either."""
     e = given.get("e_2", given["e"])
     least = ball_fold(e)
     if given["Gamma"] >= least:

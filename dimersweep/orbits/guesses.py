@@ -7,7 +7,7 @@ import numpy as np
 from dimersweep.kernel.model.layout import BETA, CB, D2, FREE, N2, N_STATE, PERIOD, PHASE, ROW_PHI0, SPIN, STICK, WB
 from dimersweep.kernel.record import HOP_TIME, MODES
 from dimersweep.orbits.passage import TURN
-from dimersweep.orbits.return_map import OrbitLost, ReturnMap, Tape
+from dimersweep.orbits.poincare import OrbitLost, ReturnMap, Tape
 from dimersweep.runs.run import Run
 
 SECTION = 0.75 * TURN  # of the guess: well before the double impact, which lies in the first quadrant

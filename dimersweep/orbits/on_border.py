@@ -13,11 +13,11 @@ import numpy as np
 from dimersweep.orbits.branch import Axis
 from dimersweep.orbits.held import HeldMap
 from dimersweep.orbits.kinds import Bifurcation
-from dimersweep.orbits.return_map import OrbitLost
-from dimersweep.orbits.solving import TOLERANCE, newton
+from dimersweep.orbits.newton import TOLERANCE, newton
+from dimersweep.orbits.poincare import OrbitLost
 
 SINGULAR = 3e-8  # residual of an eigenvector that counts as none: what differences know
-LARGEST = 0.5  # distance from the first guess, in units of the section
+GUESS_REACH = 0.5  # distance from the first guess, in units of the section
 
 
 class OnBorder(NamedTuple):
@@ -72,7 +72,7 @@ class BorderEquations:
         return u[:n], u[n:end].reshape(self.rows, n), u[end:-1], m
 
     def residual(self, u: np.ndarray) -> tuple[np.ndarray, HeldMap]:
-        """All equations, and the map that told them."""
+        """How far all equations fail to hold, and the map there."""
         z, V, unknown, m = self.parts(u)
         products = [(m.image(z + m.step * v).point - m.image(z - m.step * v).point) / (2 * m.step) for v in V]
         turned = np.array(products) - rotation(self.kind.multiplier(unknown), self.rows) @ V
@@ -120,7 +120,7 @@ class Around(NamedTuple):
 
 
 def images_around(m: HeldMap, z: np.ndarray) -> Around:
-    """The images that tell the derivative at a point."""
+    """The images from which the derivative at a point is taken."""
     steps = m.step * np.eye(z.size)
     ahead, back = (np.array([m.image(z + by * d).point for d in steps]) for by in (1, -1))
     return Around(ahead, back, m.step)
@@ -154,7 +154,7 @@ def on_border(kind: Bifurcation, axis: Axis, m: HeldMap, y: np.ndarray) -> OnBor
 
 
 def next_on_border(kind: Bifurcation, axis: Axis, m: HeldMap, near: OnBorder, u: np.ndarray) -> OnBorder:
-    """The point of a border near a guess `u`, with what is known of a neighbour in the same section.
+    """The point of a border near a guess `u`, from the derivative at a neighbour in the same section.
 
     Raises
     ------
@@ -168,9 +168,9 @@ def _solved(system: BorderEquations, u: np.ndarray, derivative: np.ndarray | Non
     n = system.n
 
     def residual(there: np.ndarray) -> tuple[np.ndarray, HeldMap]:
-        if np.abs(there - u)[[*range(n), -1]].max() > LARGEST:
+        if np.abs(there - u)[[*range(n), -1]].max() > GUESS_REACH:
             raise OrbitLost(f"Newton's method for the {system.kind.name} goes too far")
         return system.residual(there)
 
     root = newton(residual, u, system.derivative, TOLERANCE * system.m.rtol, derivative)
-    return OnBorder(root.told, root.y, system.normal, root.derivative, float(np.abs(root.value[:n]).max()))
+    return OnBorder(root.extra, root.y, system.normal, root.derivative, float(np.abs(root.value[:n]).max()))

@@ -1,7 +1,7 @@
 """One passage through a motion: its record, and what is read from it.
 
 The axial spin of an orbit is that after its last impact in a period (of the drift: the end of the double impact), as
-`Run.orbit` tells it. The bouncer is the end that is in contact for less of the time.
+`Run.orbit` has it. The bouncer is the end that is in contact for less of the time.
 """
 
 from functools import cached_property
@@ -22,14 +22,12 @@ from dimersweep.kernel.model.layout import (
     WB,
     WP,
 )
-from dimersweep.kernel.record import BEFORE, MODES
+from dimersweep.kernel.record import BEFORE, E_KIND, E_PERIOD, E_PHASE, MODES
+from dimersweep.kernel.verdict.past import SLIP_LINE
 
 TURN = 2 * np.pi
 _ENDS = np.array([divmod(code, 5) for code in range(25)])
 STRUCK = (_ENDS > IMPACT).T  # by end and contact state: whether the state is an impact at that end
-SLIP_LINE = 1e-7  # slip, in g/omega, from which an end slips at the end of a double impact
-# columns of an event row
-E_PERIOD, E_PHASE, E_CAUSE, E_KIND, E_CONTACT_BEFORE, E_CONTACT = range(6)
 
 
 class Passage:
@@ -93,7 +91,7 @@ class Strike(NamedTuple):
 
 
 def strike_of(passage: Passage, r: float, h: float, slip_scale: float) -> Strike | None:
-    """The last impact of the bouncer.
+    """State after the last impact of the bouncer; none without an impact.
 
     Parameters
     ----------

@@ -11,15 +11,15 @@ from dimersweep.orbits.branch import Axis, Equations, Point, corrected, lent, on
 from dimersweep.orbits.grazing import graze, least_gap
 from dimersweep.orbits.kinds import BIFURCATIONS, Bifurcation, Kind
 from dimersweep.orbits.kinds.changes import change_of
-from dimersweep.orbits.return_map import Image, OrbitLost, ReturnMap
-from dimersweep.orbits.solving import fixed_at
+from dimersweep.orbits.newton import fixed_at
+from dimersweep.orbits.poincare import Image, OrbitLost, ReturnMap
 from dimersweep.orbits.word import word_of
 
 LOCATED = 1e-9  # how well a special point is known, in the parameter over its scale
-CHANGES = 12  # word changes within one step; places at which an orbit is lost and found again
+MOST_CHANGES = 12  # word changes within one step; places at which an orbit is lost and found again
 JOINED = 0.1  # distance of points on both sides of a change of word that belong to one branch, in units of the section
-SHORTEST = 1e-10  # share of a step to which a change of word is located where the parameter hardly changes
-STEEP = 0.05  # part of the parameter in a tangent below which a fold is near
+SHORTEST_SHARE = 1e-10  # share of a step to which a change of word is located where the parameter hardly changes
+NEAR_FOLD = 0.05  # part of the parameter in a tangent below which a fold is near
 FURTHER = 30.0  # from one place beyond a bracket at which an orbit is looked for to the next
 GRAZING = 1e-3  # width of a bracket, in the parameter over its scale, from which on an end is looked for that grazes
 BORN = 2e-3  # distance from a flip at which the doubled branch is taken up, in units of the section
@@ -59,7 +59,7 @@ def specials(axis: Axis, a: Point, b: Point, words: bool = True) -> list[Special
 
 
 def _located(axis: Axis, kind: Bifurcation, a: Point, b: Point) -> Special | None:
-    """The zero of a test function, unless it leaps over zero there."""
+    """The zero of a kind's test function between two points; none if the function leaps over zero."""
     length = abs(a.value - b.value) / axis.scale or float(np.linalg.norm(a.y(axis) - b.y(axis)))
     reached: dict[float, Point] = {0.0: a, 1.0: b}
 
@@ -78,7 +78,7 @@ def _located(axis: Axis, kind: Bifurcation, a: Point, b: Point) -> Special | Non
 
 
 class Leap(Exception):
-    """The branch does not lead on from a point: beyond it there is another one.
+    """The branch ends at a change of word: the next orbit that is found belongs to another branch.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def word_changes(axis: Axis, a: Point, b: Point) -> list[Special]:
         if change.jump > JOINED:
             raise Leap(found, change.at, change.word)
         found.append(Special(change_of(word, change.word), change.at, change.share, change.jump, (word, change.word)))
-        if len(found) > CHANGES:
+        if len(found) > MOST_CHANGES:
             raise Leap(found, change.at, change.word)
         low, left = change.share, change.beyond
     return found
@@ -127,10 +127,10 @@ class Changed(NamedTuple):
 
 
 def last_with(axis: Axis, holds: Callable[[str], bool], low: float, left: Point, b: Point) -> Changed:
-    """Where the word no longer obeys, between a point at which it does and the end of the step, `b`.
+    """Where words cease to satisfy `holds`, between `left`, at which they do, and the end of the step, `b`.
 
-    Where the hold of an end that sticks is lost, friction falls from mu_s to mu, and the map leaps. So there may be no orbit
-    for a little way: that counts as after the word. Where an end begins to strike, the change is where it grazes. The
+    Where an end that sticks begins to slip, friction falls from mu_s to mu at once, and the map leaps: for a little way there
+    may be no orbit, which counts as beyond the change. Where an end begins to strike, the change is where it grazes. The
     derivatives at the point are those on its own side.
     """
     bracket = Bracket(axis, holds, low, left, b)
@@ -144,7 +144,7 @@ def last_with(axis: Axis, holds: Callable[[str], bool], low: float, left: Point,
 
 
 def _senses(axis: Axis, at: Point, holds: Callable[[str], bool]) -> np.ndarray:
-    """To which side the section point and the parameter may change so that the word of an orbit still obeys."""
+    """The side (1 or -1) to which each coordinate and the parameter may move so that the word still satisfies `holds`."""
     m, y = at.map, at.y(axis)
 
     def kept(d: np.ndarray) -> bool:
@@ -157,13 +157,13 @@ def _senses(axis: Axis, at: Point, holds: Callable[[str], bool]) -> np.ndarray:
 
 
 class Bracket:
-    """A part of a step in which a word ceases to obey, and the points at its ends.
+    """A part of a step: at its start the word satisfies a condition, at its end it does not.
 
     Parameters
     ----------
     axis : Axis
     holds : callable
-        Whether a word obeys: that of `left` does, that of `right` does not.
+        The condition on a word: that of `left` satisfies it, that of `right` does not.
     low : float
         Share of the step at `left`; `right` is its end.
     left, right : Point
@@ -172,25 +172,25 @@ class Bracket:
     def __init__(self, axis: Axis, holds: Callable[[str], bool], low: float, left: Point, right: Point) -> None:
         self.axis, self.holds = axis, holds
         self.low, self.left, self.right, self.at_right = low, left, right, 1.0
-        self.high = 1.0  # from here on the word does not obey, or there was no orbit
+        self.high = 1.0  # from here on the word does not satisfy it, or there was no orbit
         self.begin, self.first, self.way = left.y(axis), low, right.y(axis) - left.y(axis)
         self.length = max(abs(self.way[-1] / (1 - low)), LOCATED)
-        self.steep = min(abs(left.tangent[-1]), abs(right.tangent[-1])) < STEEP
+        self.steep = min(abs(left.tangent[-1]), abs(right.tangent[-1])) < NEAR_FOLD
         self.slope = left.tangent if self.steep else left.tangent / left.tangent[-1]  # by the parameter over its scale
 
     def narrow(self, width: float) -> None:
-        """Halve it until it is so wide, in the parameter over its scale."""
-        for _ in range(CHANGES):
+        """Halve the bracket until it is so wide, in the parameter over its scale."""
+        for _ in range(MOST_CHANGES):
             self._halve(width)
             if self._look_beyond() or not self._goes_on():
                 return
 
     def _halve(self, width: float) -> None:
-        """The same without new derivatives.
+        """Halve the bracket until it is so wide, with the derivatives at its end.
 
-        An image with another word tells that the middle lies beyond, whether there is an orbit or not.
+        Where the image of the middle has another word, the middle lies beyond, whether there is an orbit or not.
         """
-        while (self.high - self.low) * self.length > width and self.high - self.low > SHORTEST:
+        while (self.high - self.low) * self.length > width and self.high - self.low > SHORTEST_SHARE:
             middle = 0.5 * (self.low + self.high)
             try:
                 self._take(middle, self._obeys(middle, self.left))
@@ -198,7 +198,7 @@ class Bracket:
                 self.high = middle
 
     def _look_beyond(self) -> bool:
-        """Take up the next orbit beyond that does not obey, and tell whether it lies at once there."""
+        """Find the next orbit beyond with another word; whether it lies right at the end of the bracket."""
         share, step = self.high, self.high - self.low
         while share < self.at_right:
             with suppress(OrbitLost):
@@ -210,7 +210,7 @@ class Bracket:
         return self.at_right == self.high
 
     def _goes_on(self) -> bool:
-        """Whether the orbit was lost for want of derivatives: with those of its end it goes on, and so does the bracket."""
+        """Whether the orbit is found further on with derivatives taken anew; the bracket is then moved there."""
         with suppress(OrbitLost):
             share = 2 * self.high - self.low
             self._take(share, self._obeys(share, with_derivatives(self.axis, self.left, self.left.tangent)))
@@ -224,7 +224,7 @@ class Bracket:
         Raises
         ------
         OrbitLost
-            If there is none, or its word does not obey.
+            If there is none, or its word does not satisfy the condition.
         """
         y, normal = self._plane(share)
 
@@ -255,12 +255,12 @@ class Bracket:
             self.slope = way / way[-1]
 
     def grazing(self) -> Changed:
-        """Where an end grazes in it.
+        """Where an end grazes in the bracket.
 
         Raises
         ------
         OrbitLost
-            If none does, or that does not change whether the word obeys.
+            If none does, or the words on both sides of the graze satisfy the condition alike.
         """
         axis = self.axis
         near = min(self.left, self.right, key=lambda point: least_gap(point.map, point.fixed.image))

@@ -1,4 +1,4 @@
-"""Kinds of borders: one file each, or one for all changes of word; a kind that stands in `KINDS` is known everywhere."""
+"""Kinds of borders. A kind in `BORDER_KINDS` is known to curves, branches, files, pictures and pages."""
 
 from dimersweep.orbits.kinds.changes import CHATTER, DOUBLE_IMPACT, HOP, LIFT_OFF, STICK_SLIP, WORD
 from dimersweep.orbits.kinds.flip import FLIP
@@ -7,5 +7,5 @@ from dimersweep.orbits.kinds.kind import Bifurcation, Kind
 from dimersweep.orbits.kinds.torus import TORUS
 
 _ALL: tuple[Kind, ...] = (FOLD, FLIP, TORUS, WORD, STICK_SLIP, LIFT_OFF, DOUBLE_IMPACT, CHATTER, HOP)
-KINDS = {kind.name: kind for kind in _ALL}
+BORDER_KINDS = {kind.name: kind for kind in _ALL}
 BIFURCATIONS = [kind for kind in _ALL if isinstance(kind, Bifurcation)]

@@ -1,14 +1,15 @@
-"""Changes of the word of an orbit, from that of a single kind of contact to any."""
+"""Changes of the word of an orbit."""
 
 from dataclasses import dataclass
 
+from dimersweep.kernel.verdict.past import HOP_LINE
 from dimersweep.orbits.branch import Mark
 from dimersweep.orbits.kinds.kind import Change, Kind
 from dimersweep.orbits.passage import TURN
-from dimersweep.orbits.return_map import Image, ReturnMap
-from dimersweep.orbits.word import HOP_LINE, Sides, longest_hop
+from dimersweep.orbits.poincare import Image, ReturnMap
+from dimersweep.orbits.word import Sides, longest_hop
 
-BESIDE = 1e-9  # how far on this side of a hop of half a period its orbit lies, in forcing periods
+HOP_ASIDE = 1e-9  # how far on this side of a hop of half a period its orbit lies, in forcing periods
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -21,7 +22,7 @@ class AnyChange(Change):
 
 
 def _changed(old: str, new: str) -> set[str]:
-    """Symbols of one word that the other one lacks."""
+    """Symbols that only one of two words has."""
     return set(old.split()) ^ set(new.split())
 
 
@@ -35,7 +36,7 @@ def _hop_over_line(sides: Sides) -> Mark | None:
     if len(sides.least) != 1:
         return None
     (symbol,) = sides.least
-    end, line = int(symbol[-1]) - 1, HOP_LINE + (BESIDE if sides.more[symbol] else -BESIDE)
+    end, line = int(symbol[-1]) - 1, HOP_LINE + (HOP_ASIDE if sides.more[symbol] else -HOP_ASIDE)
 
     def over_line(_: ReturnMap, image: Image) -> float:
         return longest_hop(image.passage.events, end, image.passage.times[-1]) / TURN - line

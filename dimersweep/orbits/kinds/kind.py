@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dimersweep.orbits.branch import Mark, Point
-from dimersweep.orbits.return_map import OrbitLost
+from dimersweep.orbits.poincare import OrbitLost
 from dimersweep.orbits.word import Sides
 
 COMPLEX = 1e-7  # imaginary part from which on a pair of multipliers is complex
@@ -151,7 +151,7 @@ class Change(Kind):
     leads : callable
         Whether a change from one word to another one is of this kind.
     begins : str
-        With what the symbols begin that tell the words on both sides apart.
+        Only symbols that begin so are compared.
     once : bool
         Whether a motion with an end at rest on the plate has such a change at one value of a parameter only.
     zero : callable, optional

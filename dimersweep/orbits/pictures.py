@@ -10,13 +10,13 @@ from matplotlib.lines import Line2D
 
 from dimersweep.cubes.reading import edges_of
 from dimersweep.errors import ParameterError
-from dimersweep.orbits.kinds import KINDS
+from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.plots.style import given, label
 from dimersweep.symbols import PARAMETERS, QUANTITIES
 
 STYLES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
-MARKERS = {kind.special: kind.marker for kind in KINDS.values()}
-SHOWN = {"radius": "radius [m]", "period": "period [s]", "zeta": "zeta [rad]"}
+MARKERS = {kind.special: kind.marker for kind in BORDER_KINDS.values()}
+PANELS = {"radius": "radius [m]", "period": "period [s]", "zeta": "zeta [rad]"}
 
 
 def draw_borders(table: xr.Dataset, over: xr.Dataset | None = None) -> Figure:
@@ -61,7 +61,7 @@ def curves(table: xr.Dataset, over: xr.Dataset | None = None) -> Figure:
     flat = table.stack(line=others) if others else table.expand_dims("line")
     handles = []
     for kind in table["kind"].values:
-        color = KINDS[str(kind)].color
+        color = BORDER_KINDS[str(kind)].color
         for k in range(flat.sizes["line"]):
             row = flat.sel(kind=kind).isel(line=k)
             axes.plot(row[x], row[y], color=color, linestyle=STYLES[k % len(STYLES)], linewidth=1.4)
@@ -71,8 +71,8 @@ def curves(table: xr.Dataset, over: xr.Dataset | None = None) -> Figure:
         handles.append(Line2D([], [], color=color, label=str(kind)))
     for k in range(flat.sizes["line"]):
         if others:
-            told = ", ".join(given(name, float(flat[name].isel(line=k))) for name in others)
-            handles.append(Line2D([], [], color="gray", linestyle=STYLES[k % len(STYLES)], label=told))
+            words = ", ".join(given(name, float(flat[name].isel(line=k))) for name in others)
+            handles.append(Line2D([], [], color="gray", linestyle=STYLES[k % len(STYLES)], label=words))
     handles.append(Line2D([], [], color="black", linewidth=0.7, label="ball, closed form"))
     axes.set_xlabel(label(x))
     axes.set_ylabel(label(y))
@@ -112,10 +112,10 @@ def branches(table: xr.Dataset) -> Figure:
         one = table.isel(point=table["branch"].values == number)
         key = tuple(float(one[name][0]) for name in groups)
         color = colors.setdefault(key, f"C{len(colors)}")
-        for axes, name in zip(panels, SHOWN, strict=True):
+        for axes, name in zip(panels, PANELS, strict=True):
             _one_branch(axes, one, x, name, color)
-    for axes, name in zip(panels, SHOWN, strict=True):
-        axes.set_ylabel(SHOWN[name])
+    for axes, name in zip(panels, PANELS, strict=True):
+        axes.set_ylabel(PANELS[name])
         axes.grid(alpha=0.3)
     handles = [
         Line2D([], [], color="gray", label="stable"),
@@ -125,8 +125,8 @@ def branches(table: xr.Dataset) -> Figure:
     handles += [Line2D([], [], color="black", linestyle="", marker=MARKERS[kind], label=kind) for kind in kinds]
     for key, color in colors.items():
         if groups:
-            told = ", ".join(given(str(name), value) for name, value in zip(groups, key, strict=True))
-            handles.append(Line2D([], [], color=color, label=told))
+            words = ", ".join(given(str(name), value) for name, value in zip(groups, key, strict=True))
+            handles.append(Line2D([], [], color=color, label=words))
     panels[0].legend(handles=handles, fontsize=8, ncols=2)
     panels[-1].set_xlabel(label(x) if x in PARAMETERS else "axial spin [rad/s]")
     panels[0].set_title(table.attrs["title"], fontsize=10)
@@ -167,15 +167,15 @@ def families(table: xr.Dataset) -> Figure:
     spin = table["spin"].values
     for k in range(table.sizes["over"]):
         row = table.isel(over=k)
-        told = ", ".join(given(name, float(row[name])) for name in names)
-        for axes, name in zip(panels, SHOWN, strict=False):
-            axes.plot(spin, row[name], color=f"C{k}", label=told)
+        words = ", ".join(given(name, float(row[name])) for name in names)
+        for axes, name in zip(panels, PANELS, strict=False):
+            axes.plot(spin, row[name], color=f"C{k}", label=words)
         least = int(np.nanargmin(row["period"]))
         if 0 < least < int(np.isfinite(row["period"]).sum()) - 1:
             panels[1].plot(spin[least], row["period"][least], "o", color=f"C{k}")
         panels[3].plot(spin, np.abs(row["spin_drift"]) / spin, color=f"C{k}")
-    for axes, name in zip(panels, SHOWN, strict=False):
-        axes.set_ylabel(SHOWN[name])
+    for axes, name in zip(panels, PANELS, strict=False):
+        axes.set_ylabel(PANELS[name])
     panels[1].set_yscale("log")
     panels[3].set_yscale("log")
     panels[3].set_ylabel("relative change of the spin per period [1]")

@@ -12,12 +12,12 @@ from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.orbits.bifurcation_curve import BifurcationCurve
 from dimersweep.orbits.curve import Curve, Found
 from dimersweep.orbits.finding import RTOL, checked, rolled_up
-from dimersweep.orbits.kinds import BIFURCATIONS, KINDS, Bifurcation, Kind
+from dimersweep.orbits.kinds import BIFURCATIONS, BORDER_KINDS, Bifurcation, Kind
 from dimersweep.orbits.kinds.changes import change_of
 from dimersweep.orbits.kinds.kind import COMPLEX, Change, RealMultiplier
-from dimersweep.orbits.orbit import Orbit
-from dimersweep.orbits.return_map import OrbitLost
-from dimersweep.orbits.tables import dataset
+from dimersweep.orbits.labelling import dataset
+from dimersweep.orbits.orbit import PeriodicOrbit
+from dimersweep.orbits.poincare import OrbitLost
 from dimersweep.orbits.word import Sides
 from dimersweep.orbits.word_curve import WordCurve
 from dimersweep.parameters import as_number, check_name, check_rtol
@@ -33,7 +33,7 @@ def border(
     over: Mapping[str, Any],
     *,
     spin: float | None = None,
-    start: Orbit | None = None,
+    start: PeriodicOrbit | None = None,
     rtol: float = RTOL,
     **fixed: float,
 ) -> xr.Dataset:
@@ -42,8 +42,8 @@ def border(
     Parameters
     ----------
     kind : str
-        fold, flip (period doubling), torus (Neimark-Sacker), or a change of word: any (word), or stick_slip, lift_off,
-        double_impact, chatter, hop. The first one met from the start is the one that is followed.
+        fold, flip (period doubling), torus (Neimark-Sacker), or a change of word: any of them (word), or stick_slip,
+        lift_off, double_impact, chatter, hop. The first one met from the start is the one that is followed.
     parameter : str
         The one that is solved for.
     over : mapping of str to sequence of float
@@ -53,7 +53,7 @@ def border(
         Axial spin [rad s-1]; by default what a lateral start with `xdot0` rolls up to. Of a fold, a flip and a torus it is
         that to which the spin is put back at the start of each forcing period; of a change of word that after the double
         impact.
-    start : Orbit, optional
+    start : PeriodicOrbit, optional
         From which the first point is looked for; by default one found between the ball's fold and flip.
     rtol : float
         Accuracy of the map [1].
@@ -63,12 +63,12 @@ def border(
     Returns
     -------
     xarray.Dataset
-        Along the names in `over`: `parameter`, what an `Orbit` tells of the border's orbit, `status` and `cost`, the forcing
-        periods of the map that a point took. The status is "ok", or says why there is no point, or that the border is one of
-        several: the word of a motion in which no end stays on the plate, and the order of sticking, slipping and lifting off
-        in any motion, change at many values of the parameter; which of them is found depends on the start and on `over`. Of a
-        change of word also `change`, what goes and comes in it: it may differ from line to line of points. Along `meeting`:
-        where the curve meets another border, with its `meets`.
+        Along the names in `over`: `parameter`, the attributes of the border's `PeriodicOrbit`, `status` and `cost`, the
+        forcing periods of the map that a point took. The status is "ok", or says why there is no point, or that the border is
+        one of several: the word of a motion in which no end stays on the plate, and the order of sticking, slipping and
+        lifting off in any motion, change at many values of the parameter. Which of them is found depends on the start and on
+        `over`. Of a change of word also `change`, the symbols that go and come: it may differ from line to line of points.
+        Along `meeting`: where the curve meets another border, with its `meets`.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def border(
     given, axes = _checked(kind, parameter, over, fixed)
     rtol = check_rtol(rtol)
     spin = rolled_up(given) if spin is None else as_number("spin", spin)
-    curve = _curve(KINDS[kind], parameter, given, spin, rtol)
+    curve = _curve(BORDER_KINDS[kind], parameter, given, spin, rtol)
     walk = Walk(curve, axes, start)
     if not walk.found:
         raise OrbitError(f"no {kind} found in {parameter}: {next(iter(walk.failed().values()))}")
@@ -105,8 +105,8 @@ def _checked(
     ParameterError
         For what is not allowed.
     """
-    if kind not in KINDS:
-        raise ParameterError(f"kind = {kind!r}: unknown border (allowed: {', '.join(KINDS)})")
+    if kind not in BORDER_KINDS:
+        raise ParameterError(f"kind = {kind!r}: unknown border (allowed: {', '.join(BORDER_KINDS)})")
     check_name(parameter)
     if not isinstance(over, Mapping) or not over:
         raise ParameterError(f"over = {over!r}: must name at least one parameter with its values")
@@ -132,7 +132,7 @@ def outwards(shape: tuple[int, ...]) -> list[tuple[int, ...]]:
 
 
 class Try(NamedTuple):
-    """A point to be looked for from a neighbour: how far that is, and the place of the point in the walk."""
+    """A point to be looked for from a neighbour: its distance, its place in the order of the walk, and where it lies."""
 
     step: float
     place: int
@@ -142,20 +142,20 @@ class Try(NamedTuple):
 
 
 class Walk:
-    """The points of a curve over a grid, from its middle outwards.
+    """The points of a curve over a grid.
 
-    Lines along the axis of the shortest steps come first. Each is begun on a branch of its own, in its middle, and followed
-    from neighbour to neighbour; so is each long stretch of it that is not reached. What is left is looked for from the lines
-    beside. From a start that is given the lines beside are reached at once.
+    The grid is taken line by line, along the axis of the shortest steps. Each line is begun in its middle, from a branch of
+    orbits, and followed from point to neighbouring point. A long stretch of a line that is not reached is begun again. Points
+    that are still missing are looked for from neighbouring lines; with a given start, so are all points from the beginning.
 
     Parameters
     ----------
     curve : Curve
     axes : dict of str to ndarray
-    start : Orbit, optional
+    start : PeriodicOrbit, optional
     """
 
-    def __init__(self, curve: Curve, axes: dict[str, np.ndarray], start: Orbit | None) -> None:
+    def __init__(self, curve: Curve, axes: dict[str, np.ndarray], start: PeriodicOrbit | None) -> None:
         self.curve, self.axes, self.start = curve, axes, start
         self.found: dict[tuple[int, ...], Found] = {}
         self.status: dict[tuple[int, ...], str] = {}
@@ -234,8 +234,8 @@ def _moved(index: tuple[int, ...], axis: int, by: int) -> tuple[int, ...]:
 # --- where borders meet -------------------------------------------------------------------------------------------
 
 
-def marks(kind: Kind, orbit: Orbit) -> dict[str, float]:
-    """Test functions along a curve, by the name of what it meets where one changes its sign."""
+def marks(kind: Kind, orbit: PeriodicOrbit) -> dict[str, float]:
+    """Test functions along a curve, by the names of the two borders that meet where one changes its sign."""
     values = orbit.multipliers
     if isinstance(kind, RealMultiplier):
         values = np.delete(values, int(np.argmin(np.abs(values - kind.at))))
@@ -244,7 +244,7 @@ def marks(kind: Kind, orbit: Orbit) -> dict[str, float]:
     return {f"{kind.name}-{other.name}": float(np.prod(1 - other.at * real)) for other in others}
 
 
-def meetings(kind: Kind, a: Orbit, b: Orbit) -> list[str]:
+def meetings(kind: Kind, a: PeriodicOrbit, b: PeriodicOrbit) -> list[str]:
     """Names of the borders that a curve meets between two of its points."""
     first, second = marks(kind, a), marks(kind, b)
     names = [name for name in first if first[name] * second[name] < 0]
@@ -302,14 +302,14 @@ def _dataset(
     result["cost"].attrs = {"units": "1", "long_name": "forcing periods of the map that the point took"}
     if curve.words:
         changes = np.full(shape, "", dtype=object)
-        changes[at] = [one.sides.told(one.orbit.word) if one.sides else "" for one in found.values()]
+        changes[at] = [one.sides.described(one.orbit.word) if one.sides else "" for one in found.values()]
         words = "what goes (-) and comes (+) in the word beyond: symbols, or pairs of them (a/b)"
         result["change"] = (tuple(axes), changes.astype(str), {"long_name": words})
-    told = np.full(shape, "", dtype=object)
+    said = np.full(shape, "", dtype=object)
     for index, reason in [*status.items(), *((index, curve.status(one)) for index, one in found.items())]:
-        told[index] = reason
+        said[index] = reason
     words = "ok, one of several borders of the kind, or why there is no point"
-    result["status"] = (tuple(axes), told.astype(str), {"long_name": words})
+    result["status"] = (tuple(axes), said.astype(str), {"long_name": words})
     met = _meetings(curve, axes, found)
     for name in (*axes, curve.parameter):
         units = PARAMETERS[name]._replace(long_name=f"{PARAMETERS[name].long_name} where two borders meet")._asdict()

@@ -18,11 +18,11 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from dimersweep.cubes.grid import axis
 from dimersweep.errors import OrbitError, ParameterError, Stopped
 from dimersweep.kernel import kernel_version
-from dimersweep.orbits.bordering import border
+from dimersweep.orbits.border_grid import border
 from dimersweep.orbits.families import family
 from dimersweep.orbits.finding import checked, find
 from dimersweep.orbits.following import follow
-from dimersweep.orbits.kinds import KINDS
+from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.parameters import check_name
 from dimersweep.storage.netcdf import check_writable, write_cube
 from dimersweep.storage.provenance import attributes
@@ -134,8 +134,8 @@ def read_borders(path: str | os.PathLike[str]) -> Borders:
     for name in declared.fixed:
         check_name(name)
     for kind in declared.curves.kinds if declared.curves else []:
-        if kind not in KINDS:
-            raise ParameterError(f"{path}: kinds: {kind}: unknown border (allowed: {', '.join(KINDS)})")
+        if kind not in BORDER_KINDS:
+            raise ParameterError(f"{path}: kinds: {kind}: unknown border (allowed: {', '.join(BORDER_KINDS)})")
     for point in declared.points():
         checked(point)
     return declared
@@ -182,9 +182,9 @@ def make_borders(
             tables = [parts.take(name, partial(_stored, make, tell)) for name, make in makers.items()]
         except KeyboardInterrupt as stop:
             raise Stopped(_kept(parts, makers, out), getattr(stop, "signal", signal.SIGINT)) from None
-        told = attributes(declared.configuration, declared.borders.title, perf_counter() - start)
-        told["dimersweep_borders"] = told.pop("dimersweep_cube")
-        made = without_fill(_joined(declared, tables).assign_attrs(told))
+        attrs = attributes(declared.configuration, declared.borders.title, perf_counter() - start)
+        attrs["dimersweep_borders"] = attrs.pop("dimersweep_cube")
+        made = without_fill(_joined(declared, tables).assign_attrs(attrs))
         if out is not None:
             write_cube(made, out, force=force)
             parts.remove()
@@ -231,7 +231,7 @@ def _joined(declared: Borders, tables: list[xr.Dataset]) -> xr.Dataset:
 
 
 def storable(table: xr.Dataset) -> xr.Dataset:
-    """The same without complex numbers and truth values, which NetCDF does not know."""
+    """A table without complex numbers and truth values, which NetCDF does not know."""
     table = table.copy()
     for name in list(table.data_vars):
         column = table[name]
@@ -255,7 +255,7 @@ def storable(table: xr.Dataset) -> xr.Dataset:
 
 
 def without_fill(table: xr.Dataset) -> xr.Dataset:
-    """The same, to be written without a fill value for its coordinates, which CF forbids."""
+    """A table that is written without a fill value for its coordinates, which CF forbids."""
     for name in table.coords:
         table[name].encoding["_FillValue"] = None
     return table
@@ -267,14 +267,17 @@ def _curve(declared: Borders, curves: Curves, kind: str, tell: Tell) -> xr.Datas
     table = border(kind, curves.parameter, over=declared.axes, spin=curves.spin, **fixed)
     found = int(np.isfinite(table[curves.parameter]).sum())
     tell(f"{kind}: {found} of {table[curves.parameter].size} points, {table.attrs['cost']:.0f} periods of the map")
-    closed_form = KINDS[kind].ball
+    closed_form = BORDER_KINDS[kind].ball
     if closed_form is not None and curves.parameter == "Gamma":
         e = table["e"] if "e" in table.coords else xr.DataArray(checked(declared.fixed)["e"])
         ball = xr.apply_ufunc(np.vectorize(closed_form), e)
         table["ball"] = ball.broadcast_like(table[curves.parameter])
     else:
         table["ball"] = xr.full_like(table[curves.parameter], np.nan)
-    table["ball"].attrs = {"units": "1", "long_name": "the same of a ball, in closed form"}
+    table["ball"].attrs = {
+        "units": "1",
+        "long_name": "this border of a ball that bounces once a period, in closed form",
+    }
     table.attrs = {}
     return table
 
@@ -315,12 +318,12 @@ def _family(declared: Borders, families: Families, point: dict[str, float], tell
         tell(f"{_at(point, declared)}{error}")
         raise
     tell(f"{_at(point, declared)}{table.sizes['spin']} spins; {table.attrs['low_end']}; {table.attrs['high_end']}")
-    told = {name: f"why the family ends at its {name.split('_')[0]}er spin" for name in ("low_end", "high_end")}
-    ends = {name: ((), table.attrs[name], {"long_name": text}) for name, text in told.items()}
+    words = {name: f"why the family ends at its {name.split('_')[0]}er spin" for name in ("low_end", "high_end")}
+    ends = {name: ((), table.attrs[name], {"long_name": text}) for name, text in words.items()}
     table = table.drop_vars([name for name in table.data_vars if table[name].dtype.kind not in "fc"])
-    told_spin = table["spin"].attrs
+    spin_attrs = table["spin"].attrs
     table = table.reindex(spin=np.linspace(*families.spin, families.points)).assign(ends)
-    table["spin"].attrs, table.attrs = told_spin, {}
+    table["spin"].attrs, table.attrs = spin_attrs, {}
     return table
 
 

@@ -1,4 +1,4 @@
-"""The return map in the coordinates that contact leaves free at a section, for one set of parameters.
+"""The Poincaré map of the dimer: from a section to itself, in the coordinates that contact leaves free there.
 
 The section is a phase of the plate that lies away from the events of the orbit. A point of it is the row of those
 coordinates of `stability.NAMES` that are free in the contact there, in their units; the axial spin is one of them, the
@@ -33,7 +33,7 @@ from dimersweep.parameters import fill_rows
 from dimersweep.runs.stability import NAMES, Section, free_coordinates
 
 SPIN_COORDINATE = NAMES.index("spin")
-ROWS, GROWTH, MOST_ROWS = 400, 4, 2_000_000
+FIRST_ROWS, GROWTH, MOST_ROWS = 400, 4, 2_000_000
 MARGIN = 0.03  # distance of the section from the next event that is too small, in forcing periods
 LONG = 0.1  # length of a smooth phase from which on the simpler contact counts for more than more length
 
@@ -61,12 +61,12 @@ class Spent:
 
 
 class Tape:
-    """Where the kernel writes its record: grown when it is full, shared by the maps of one task."""
+    """The record that the kernel writes, grown when it is full, and the count of periods; shared by the maps of one task."""
 
     def __init__(self) -> None:
         self.space = new_workspace()
         self.spent = Spent()
-        self.grow(ROWS)
+        self.grow(FIRST_ROWS)
 
     def grow(self, rows: int) -> None:
         """Room for so many events and smooth phases."""
@@ -136,15 +136,15 @@ class ReturnMap:
         return row
 
     def with_parameters(self, parameters: dict[str, float]) -> Self:
-        """The same map for other parameters."""
+        """This map, in its section, for other parameters."""
         return type(self)(parameters, self.phase, self.modes, self.periods, self.rtol, self.tape)
 
     def with_value(self, name: str, value: float) -> Self:
-        """The same map for another value of a parameter."""
+        """This map, in its section, for another value of a parameter."""
         return self.with_parameters(self.parameters | {name: value})
 
     def on(self, tape: Tape) -> "ReturnMap":
-        """The same map with a count of its own."""
+        """This map with a record and a count of periods of its own."""
         return type(self)(self.parameters, self.phase, self.modes, self.periods, self.rtol, tape)
 
     def state(self, z: np.ndarray) -> np.ndarray:
@@ -194,24 +194,24 @@ class ReturnMap:
         matrix : ndarray, shape (n, n)
         gradient : ndarray, shape (n,)
         """
-        told = self.differences(z, lambda image: np.append(image.point, image.spin / self.unit), here, senses)
-        return told[:-1], told[-1]
+        rows = self.differences(z, lambda image: np.append(image.point, image.spin / self.unit), here, senses)
+        return rows[:-1], rows[-1]
 
     def differences(
         self,
         z: np.ndarray,
-        told: Callable[[Image], np.ndarray],
+        read: Callable[[Image], np.ndarray],
         here: Image | None = None,
         senses: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Derivatives of what is told of the image, shape (what, n); see `jacobian`."""
+        """Derivatives by the coordinates of what `read` returns of an image, one row each; by differences as in `jacobian`."""
         if here is None or senses is None:
             widths = np.full(z.size, 2 * self.step)
             pairs = [(self.image(z + d), self.image(z - d)) for d in self.step * np.eye(z.size)]
         else:
             widths = self.one_sided * senses
             pairs = [(self.image(z + d), here) for d in np.diag(widths)]
-        return np.array([told(ahead) - told(back) for ahead, back in pairs]).T / widths
+        return np.array([read(ahead) - read(back) for ahead, back in pairs]).T / widths
 
     def well_placed(self, passage: Passage, simplest: bool = True) -> bool:
         """Whether the section is away from the events of the motion, and no simpler contact lasts long enough."""
@@ -222,9 +222,10 @@ class ReturnMap:
     def in_own_section(
         self, now: T, passage: Passage, make: Callable[["ReturnMap", np.ndarray], T], simplest: bool = True
     ) -> T:
-        """What is known of a motion, `now`; or what `make(map, point)` gives in another section, if this one does not suit it.
+        """`now`, or, if this section does not suit the motion, what `make(map, point)` returns for a better one.
 
-        It does not if events have come near, or (`simplest`) simpler contact lasts. `now` stays where `make` finds no orbit.
+        A section does not suit if events have come near, or (`simplest`) if simpler contact lasts elsewhere in the period. If
+        `make` finds no orbit in the better section, `now` is returned.
         """
         if not self.well_placed(passage, simplest):
             with suppress(OrbitLost):
@@ -279,7 +280,7 @@ class ReturnMap:
 def smooth_phases(passage: Passage, periods: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Starts and lengths [rad] of the smooth phases of a motion, and the friction modes in each.
 
-    The one through the section counts once and whole.
+    The phase in which the section lies is counted once, in its full length.
     """
     (events,) = np.nonzero(np.mod(passage.times, TURN) > 0)
     modes = passage.segments[:, MODES : MODES + 2]
