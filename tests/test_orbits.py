@@ -32,7 +32,7 @@ def test_the_package_reaches_orbits_lazily():
     assert {"find", "follow", "border", "family", "later", "edge", "PeriodicOrbit"} <= set(dir(orbits))
     wanted = ("parameters", "spin", "radius", "period", "zeta", "speed", "precession_rate", "impact_phase", "di_end")
     wanted += ("spin_drift", "multipliers", "stable", "residual", "word", "run")
-    known = set(orbits.PeriodicOrbit.__dataclass_fields__) | {n for n, _ in inspect.getmembers(orbits.Orbit)}
+    known = set(orbits.PeriodicOrbit.__dataclass_fields__) | {n for n, _ in inspect.getmembers(orbits.PeriodicOrbit)}
     assert set(wanted) <= known
 
 

@@ -124,8 +124,7 @@ def orbit_of(fixed: Fixed, spent: float, creep: Creep | None = None) -> Periodic
     if creep is None:
         creep = creep_at(fixed)
     parameters, image = m.parameters, creep.image
-    scale = parameters["g"] / (TURN * parameters["f"])
-    strike = strike_of(image.passage, m.section.r, m.section.h, scale)
+    strike = strike_of(image.passage, m.dimer)
     if strike is None:
         strike = Strike(float("nan"), image.spin, *(float("nan"),) * 3, DI_ENDS[0])
     turn = creep.turn / m.periods

@@ -13,6 +13,7 @@ from typing import NamedTuple, Self, TypeVar
 import numpy as np
 
 from dimersweep.kernel.course import new_workspace
+from dimersweep.kernel.model.body import dimer_of
 from dimersweep.kernel.model.layout import (
     N_STATE,
     OK,
@@ -121,6 +122,7 @@ class ReturnMap:
             parameters, phase, modes, periods, rtol, tape,
         )  # fmt: skip
         self.row = self.row_at(phase)
+        self.dimer = dimer_of(self.row)
         self.section = Section(parameters, self.row, rtol, tape.space)
         self.free = np.array(free_coordinates(modes))
         self.slow = int(np.flatnonzero(self.free == SPIN_COORDINATE)[0])
@@ -159,7 +161,7 @@ class ReturnMap:
         point[self.free] = z
         if point[0] < 0 or point[1] < 0:
             raise OrbitLost("an end meets the plate at the section")
-        if not abs(point[1] - point[0]) * self.section.units[0] < 2 * self.section.h:
+        if not abs(point[1] - point[0]) * self.section.units[0] < 2 * self.dimer.h:
             raise OrbitLost("no dimer is so steep")
         return self.section.held(self.section.state(point), self.modes)
 
