@@ -228,7 +228,7 @@ def fold_behind(begin: Fixed, spin: float) -> Border | None:
         fixed = solve(begin.map, begin.z, begin.image.spin)
     except OrbitLost:
         return None
-    for entry in traced(orbit_of(fixed, 0.0), "spin", spin, FOLLOWED, words=False).entries:
+    for entry in traced(orbit_of(fixed), "spin", spin, FOLLOWED, words=False).entries:
         if entry.kind is FOLD:
             return Border("fold", (entry.value, entry.value))
     return None

@@ -13,6 +13,7 @@
 """
 
 import argparse
+from dataclasses import replace
 from time import process_time
 from unittest.mock import patch
 
@@ -153,7 +154,7 @@ def closing(m):
 
     def closes(u, p):
         try:
-            own = m.with_value("Gamma", float(p))
+            own = replace(m, parameters=m.parameters | {"Gamma": float(p)})
             return defect(own, u, own.image(u), SPIN)
         except OrbitLost:
             return np.full(u.size, 1e3)

@@ -26,14 +26,14 @@ class BifurcationCurve(Curve):
 
     def _next(self, given: dict[str, float], near: list[Found]) -> Found:
         old: OnBorder = near[0].begin
-        m = old.map.with_parameters(given)
+        m = replace(old.map, parameters=given)
         try:
             return self._found(next_on_border(self.kind, self.axis, m, old, self.extrapolated(near)))
         except OrbitLost:
             return self._found(next_on_border(self.kind, self.axis, m, old, old.u))
 
     def _is_met(self, special: Special, like: Sides | None) -> bool:
-        return self.kind.includes(special.kind)
+        return special.kind is self.kind
 
     def _taken_up(self, special: Special) -> Found:
         m = held(special.point.map, self.spin)
@@ -54,6 +54,6 @@ class BifurcationCurve(Curve):
         matrix, _ = at.map.jacobian(at.z)
         fast = np.linalg.eigvals(matrix).astype(complex)
         fast = fast[np.argsort(-np.abs(fast), kind="stable")][:-1]  # without that of the spin, which is put back
-        orbit = orbit_of(fixed_at(plain, at.z, image, at.residual), 0.0)
+        orbit = orbit_of(fixed_at(plain, at.z, image, at.residual))
         orbit = replace(orbit, multipliers=fast, stable=bool((np.abs(fast) < 1).all()))
         return Found(orbit, float(at.u[-1] * self.axis.scale), at)

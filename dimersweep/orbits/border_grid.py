@@ -286,25 +286,20 @@ def _dataset(
 ) -> xr.Dataset:
     shape = tuple(len(values) for values in axes.values())
     orbits = [one.orbit for one in found.values()]
-    table = dataset(orbits, "found").drop_vars("cost")
+    table = dataset(orbits, "found")
+    periods = {"units": "1", "long_name": "forcing periods of the map that the point took"}
+    table["cost"] = ("found", [one.cost for one in found.values()], periods)
+    table[curve.parameter] = ("found", [one.value for one in found.values()], PARAMETERS[curve.parameter]._asdict())
+    if curve.words:
+        words = "what goes (-) and comes (+) in the word beyond: symbols, or pairs of them (a/b)"
+        changes = [one.sides.described(one.orbit.word) if one.sides else "" for one in found.values()]
+        table["change"] = ("found", changes, {"long_name": words})
     at = tuple(np.array(list(found)).T)
     result = xr.Dataset(coords={n: (n, v, PARAMETERS[n]._asdict()) for n, v in axes.items()})
     for name, column in table.data_vars.items():
         values = np.full(shape + column.shape[1:], _empty(column.dtype), dtype=column.dtype)
         values[at] = column.values
         result[name] = ((*axes, *column.dims[1:]), values, column.attrs)
-    rows = {"cost": [one.cost for one in found.values()], curve.parameter: [one.value for one in found.values()]}
-    for name, numbers in rows.items():
-        values = np.full(shape, np.nan)
-        values[at] = numbers
-        result[name] = (tuple(axes), values)
-    result[curve.parameter].attrs = PARAMETERS[curve.parameter]._asdict()
-    result["cost"].attrs = {"units": "1", "long_name": "forcing periods of the map that the point took"}
-    if curve.words:
-        changes = np.full(shape, "", dtype=object)
-        changes[at] = [one.sides.described(one.orbit.word) if one.sides else "" for one in found.values()]
-        words = "what goes (-) and comes (+) in the word beyond: symbols, or pairs of them (a/b)"
-        result["change"] = (tuple(axes), changes.astype(str), {"long_name": words})
     said = np.full(shape, "", dtype=object)
     for index, reason in [*status.items(), *((index, curve.status(one)) for index, one in found.items())]:
         said[index] = reason
@@ -319,7 +314,7 @@ def _dataset(
     fixed = {name: value for name, value in curve.given.items() if name not in (*axes, curve.parameter)}
     result.attrs = fixed | {
         "kind": curve.kind.name, "parameter": curve.parameter, "spin": curve.spin, "rtol": curve.rtol,
-        "cost": curve.tape.spent.periods,
+        "cost": curve.tape.periods,
     }  # fmt: skip
     return result
 

@@ -6,6 +6,7 @@ section, so that what lies between them is found on planes across the line from 
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple, TypeVar
 
@@ -55,7 +56,7 @@ class Axis(NamedTuple):
             check(parameters)
         except ParameterError as error:
             raise OrbitLost(str(error)) from error
-        return m.with_value(self.name, value)
+        return replace(m, parameters=parameters)
 
     def spin_at(self, value: float) -> float:
         """The axial spin at a value of the quantity [rad/s]."""

@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import takewhile
 from math import pi
 from typing import Any, NamedTuple
@@ -96,10 +97,10 @@ class Curve(ABC):
         OrbitLost, OrbitError
             If none is found.
         """
-        spent = self.tape.spent.periods
+        spent = self.tape.periods
         given = self.given | values
         found = self._stepped(given, near) if near else self._beginning(given, start, like)
-        return found._replace(cost=self.tape.spent.periods - spent)
+        return found._replace(cost=self.tape.periods - spent)
 
     def status(self, found: Found) -> str:
         """The status of a point that is found: ok, or why there may be others."""
@@ -201,7 +202,7 @@ class Curve(ABC):
         """
         reasons = []
         value = orbit.parameters.get(self.parameter, orbit.parameters["e"])
-        begin = point_of(self.axis, orbit.fixed._replace(map=orbit.fixed.map.on(self.tape)), value, None)
+        begin = point_of(self.axis, orbit.fixed._replace(map=replace(orbit.fixed.map, tape=self.tape)), value, None)
         for sense in self.senses:
             try:
                 return self._met(begin._replace(tangent=sense * begin.tangent), like)

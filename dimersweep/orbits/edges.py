@@ -28,7 +28,6 @@ STARTS_BESIDE, SCALES = (
     4,
 )  # starts on either side of an edge, at each of some distances, that decide whether it is clean
 PROBES, DISTANCES = 60, (1e-3, 1e-4, 1e-5, 1e-6)  # for the uncertainty exponent, in shares of the interval
-PARTNER = 1e-4  # distance of the partner's start, in the parameter, that counts as the same
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -228,7 +227,7 @@ def _orbit_at(run: Run, period: int) -> PeriodicOrbit | None:
         m = ReturnMap(run.parameters, run.parameters["phi0"], segment[MODES:HOP_TIME].copy(), 1, RTOL, tape)
         _, _, passage = tape.run(m.row, state, 1, RTOL)
         m, z = m.moved(passage)
-        return orbit_of(centred(solve(m, z, m.image(z).spin)), tape.spent.periods)
+        return orbit_of(centred(solve(m, z, m.image(z).spin)))
     except OrbitLost:
         return None
 

@@ -75,7 +75,7 @@ def family(*, spin: tuple[float, float], points: int = 50, rtol: float = RTOL, *
     given = checked(parameters)
     first, begin = _anywhere(spins, given, check_rtol(rtol))
     tape = first.fixed.map.tape
-    start = tape.spent.periods
+    start = tape.periods
     seen = {begin: seen_at(first.fixed.map, first.creep)}
     ends = {}
     for name, order in (("high_end", range(begin + 1, spins.size)), ("low_end", range(begin - 1, -1, -1))):
@@ -85,8 +85,7 @@ def family(*, spin: tuple[float, float], points: int = 50, rtol: float = RTOL, *
     table = table.drop_vars("spin").rename_dims({"spin_": "spin"}).assign_coords(spin=("spin", spins[kept]))
     table["spin"].attrs = {"units": "rad s-1", "long_name": "axial spin after the double impact"}
     table = table.drop_vars("cost")
-    del table.attrs["units_of"]
-    table.attrs |= ends | {"cost": tape.spent.periods - start + first.cost, "rtol": rtol}
+    table.attrs |= ends | {"cost": tape.periods - start + first.cost, "rtol": rtol}
     return table
 
 
@@ -178,7 +177,7 @@ def _onwards(last: Seen, spin: float) -> Seen:
         with suppress(OrbitLost):
             return _run_onto(last.at, spin)
     fixed = solve(last.at.map, last.at.z, last.at.image.spin)
-    branch = traced(orbit_of(fixed, 0.0), "spin", spin, BRANCH_POINTS, words=False)
+    branch = traced(orbit_of(fixed), "spin", spin, BRANCH_POINTS, words=False)
     if not branch.end.startswith("to:"):
         raise OrbitLost(_why(branch))
     orbit = branch.entries[-1].orbit
@@ -241,7 +240,7 @@ def seen_at(m: ReturnMap, creep: Creep) -> Seen:
     """A motion of the family, with the derivatives where it is."""
     matrix, gradient = m.jacobian(creep.z)
     at = Fixed(m, creep.z, creep.image, matrix, gradient, creep.residual)
-    return Seen(at, orbit_of(at, 0.0, creep))
+    return Seen(at, orbit_of(at, creep))
 
 
 class Later(NamedTuple):

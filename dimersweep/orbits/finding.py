@@ -143,7 +143,7 @@ def _found(
     creep = creep_of(fixed)
     matrix, gradient = fixed.map.jacobian(creep.z)  # a run is multiplied by those of where it is
     seen = fixed._replace(matrix=matrix, gradient=gradient)
-    return replace(orbit_of(seen, tape.spent.periods, creep), fixed=fixed)
+    return replace(orbit_of(seen, creep), fixed=fixed)
 
 
 def centred(fixed: Fixed) -> Fixed:
@@ -181,7 +181,7 @@ def _from_orbit(
         there = min(1.0, done + step)
         values = {name: base[name] + there * (given[name] - base[name]) for name in given}
         try:
-            fixed = centred(solve(m.with_parameters(values), z, orbit.spin + there * (spin - orbit.spin), known))
+            fixed = centred(solve(replace(m, parameters=values), z, orbit.spin + there * (spin - orbit.spin), known))
         except OrbitLost as error:
             reason, step = error, 0.5 * step
             continue

@@ -1,6 +1,7 @@
 """Follow an orbit along a branch, through folds, with its stability, its words and its special points."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import OrbitLost, Tape
 from dimersweep.orbits.specials import Leap, Special, doubled, specials
 from dimersweep.parameters import as_number, check_count, check_name
+from dimersweep.symbols import PARAMETERS
 
 FIRST_STEP, LARGEST_STEP, SMALLEST_STEP, GROWTH = (
     0.02,
@@ -85,12 +87,12 @@ def traced(
 ) -> Trace:
     """The points of a branch; see `follow`."""
     axis, point, to = _begin(orbit, parameter, to)
-    start, spent = point.value, point.fixed.map.tape.spent
+    start, tape = point.value, point.map.tape
     entries, step, end = [_entry(point)], FIRST_STEP, ""
     others: list[Point] | None = None  # the point in other sections, at the first place where the branch is lost
     while not end:
         if sum(entry.kind is None for entry in entries) >= points:
-            return Trace(entries, f"points: {points} points were asked for", spent.periods)
+            return Trace(entries, f"points: {points} points were asked for", tape.periods)
         try:
             nxt = _stepped(axis, point, step, start, to)
             _same_way(point, nxt)
@@ -111,16 +113,16 @@ def traced(
         kept = found[: found.index(flips[0]) + 1] if flips else found
         entries += [_entry(special.point, special) for special in kept]
         if leap is not None:
-            return Trace([*entries, _entry(leap.last)], f"word: {leap}", spent.periods)
+            return Trace([*entries, _entry(leap.last)], f"word: {leap}", tape.periods)
         if flips:
             try:
                 nxt, switch, end, step = doubled(axis, flips[0].point), False, "", FIRST_STEP
             except OrbitLost as reason:
-                return Trace(entries, f"lost: no branch of twice the period was found ({reason})", spent.periods)
+                return Trace(entries, f"lost: no branch of twice the period was found ({reason})", tape.periods)
         entries.append(_entry(nxt))
         point = in_own_section(axis, nxt, simplest=others is None) if not end else nxt
         step = min(step * GROWTH, LARGEST_STEP)
-    return Trace(entries, end, spent.periods)
+    return Trace(entries, end, tape.periods)
 
 
 def _begin(orbit: PeriodicOrbit, parameter: str, to: float) -> tuple[Axis, Point, float]:
@@ -133,7 +135,7 @@ def _begin(orbit: PeriodicOrbit, parameter: str, to: float) -> tuple[Axis, Point
     if to == value:
         raise ParameterError(f"to = {to}: must differ from the value {parameter} has")
     axis = Axis(parameter, max(abs(value), abs(to - value), LEAST_SCALE), orbit.spin)
-    fixed = orbit.fixed._replace(map=orbit.fixed.map.on(Tape()))
+    fixed = orbit.fixed._replace(map=replace(orbit.fixed.map, tape=Tape()))
     start = point_of(axis, fixed, value, None)
     return axis, start if to > value else start._replace(tangent=-start.tangent), to
 
@@ -188,26 +190,25 @@ def _specials(axis: Axis, a: Point, b: Point, words: bool) -> tuple[list[Special
 
 
 def _entry(point: Point, special: Special | None = None) -> BranchRow:
-    creep = creep_of(point.fixed)
-    orbit = orbit_of(point.fixed, point.fixed.map.tape.spent.periods, creep)
+    orbit = orbit_of(point.fixed, creep_of(point.fixed))
     return BranchRow(orbit, point.value, special.kind, special.jump) if special else BranchRow(orbit, point.value)
 
 
 def _dataset(entries: Sequence[BranchRow], parameter: str, end: str, cost: float) -> xr.Dataset:
     table = dataset([entry.orbit for entry in entries], "point")
+    kinds = [entry.kind for entry in entries]
     columns: dict[str, tuple[list[str], str]] = {
-        "special": ([entry.kind.special if entry.kind else "" for entry in entries], "kind of special point"),
-        "change": (
-            [entry.kind.name if isinstance(entry.kind, Change) else "" for entry in entries],
-            "what changes in the word",
+        "special": (
+            ["word" if isinstance(kind, Change) else kind.name if kind else "" for kind in kinds],
+            "kind of special point",
         ),
+        "change": ([kind.name if isinstance(kind, Change) else "" for kind in kinds], "what changes in the word"),
     }
     for name, (values, meaning) in columns.items():
         table[name] = ("point", np.array(values, dtype=object).astype(str), {"long_name": meaning})
     units = {"units": "1", "long_name": "jump of the orbit, in units of the section"}
     table["jump"] = ("point", np.array([entry.jump for entry in entries]), units)
     if parameter != "spin":
-        table[parameter] = ("point", np.array([entry.value for entry in entries]), table.attrs["units_of"][parameter])
-    del table.attrs["units_of"]
+        table[parameter] = ("point", np.array([entry.value for entry in entries]), PARAMETERS[parameter]._asdict())
     table.attrs |= {"end": end, "cost": cost, "parameter": parameter}
     return table

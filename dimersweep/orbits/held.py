@@ -4,35 +4,21 @@ Within a period the spin swings by some hundred times its loss, so a border depe
 back. That place does not depend on the section, and so the border does not either.
 """
 
-from typing import Self
+from dataclasses import dataclass
 
 import numpy as np
 
 from dimersweep.kernel.model.layout import PERIOD, PHASE, THETA
 from dimersweep.orbits.passage import TURN
-from dimersweep.orbits.poincare import SPIN_COORDINATE, Image, ReturnMap, Tape
+from dimersweep.orbits.poincare import SPIN_COORDINATE, Image, ReturnMap
 from dimersweep.runs.stability import Section
 
 
+@dataclass(eq=False)
 class HeldMap(ReturnMap):
     """The return map with the spin put back to `spin` [rad/s]: all its fixed points close, the spin included."""
 
-    def __init__(
-        self,
-        parameters: dict[str, float],
-        phase: float,
-        modes: np.ndarray,
-        periods: int,
-        rtol: float,
-        tape: Tape,
-        spin: float = 0.0,
-    ) -> None:
-        super().__init__(parameters, phase, modes, periods, rtol, tape)
-        self.spin = spin
-
-    def with_parameters(self, parameters: dict[str, float]) -> Self:
-        """This map, in its section and at its spin, for other parameters."""
-        return type(self)(parameters, self.phase, self.modes, self.periods, self.rtol, self.tape, self.spin)
+    spin: float
 
     def let_go(self) -> ReturnMap:
         """The map in the same section with the spin let go: its passage is whole."""

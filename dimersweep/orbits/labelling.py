@@ -7,7 +7,7 @@ import xarray as xr
 
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.runs.stability import NAMES
-from dimersweep.symbols import PARAMETERS, QUANTITIES, Quantity
+from dimersweep.symbols import QUANTITIES, Quantity
 
 MOST_MULTIPLIERS = len(NAMES) - 1  # multipliers of a fast part at most; those that contact takes away are zero
 COLUMNS = {
@@ -43,9 +43,7 @@ def dataset(orbits: Sequence[PeriodicOrbit], dim: str) -> xr.Dataset:
         table[name] = (dim, np.array([getattr(orbit, name) for orbit in orbits]), quantity._asdict())
     rows = np.array([padded(orbit.multipliers) for orbit in orbits]).reshape(-1, MOST_MULTIPLIERS)
     table["multipliers"] = ((dim, "multiplier"), rows, MULTIPLIERS._asdict())
-    table.attrs["units_of"] = {name: quantity._asdict() for name, quantity in PARAMETERS.items()}
     if orbits:
         first = orbits[0].parameters
-        shared = {k: v for k, v in first.items() if all(orbit.parameters.get(k) == v for orbit in orbits)}
-        table.attrs |= shared
+        table.attrs = {k: v for k, v in first.items() if all(orbit.parameters.get(k) == v for orbit in orbits)}
     return table

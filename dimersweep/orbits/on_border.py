@@ -12,7 +12,7 @@ import numpy as np
 
 from dimersweep.orbits.branch import Axis
 from dimersweep.orbits.held import HeldMap
-from dimersweep.orbits.kinds import Bifurcation
+from dimersweep.orbits.kinds.kind import Bifurcation, ComplexPair
 from dimersweep.orbits.newton import TOLERANCE, newton
 from dimersweep.orbits.poincare import OrbitLost
 
@@ -101,7 +101,7 @@ class BorderEquations:
         A[n : n * (1 + self.rows), n : n * (1 + self.rows)] -= np.kron(
             rotation(self.kind.multiplier(unknown), self.rows), np.eye(n)
         )
-        if unknown.size:
+        if isinstance(self.kind, ComplexPair):
             A[n : 3 * n, 3 * n] = -(rotation(self.kind.slope(unknown), self.rows) @ V).ravel()
         A[n : n * (1 + self.rows)] *= self.weight
         return A

@@ -114,11 +114,10 @@ class PeriodicOrbit:
         return replace(run, start=start)
 
 
-def orbit_of(fixed: Fixed, spent: float, creep: Creep | None = None) -> PeriodicOrbit:
+def orbit_of(fixed: Fixed, creep: Creep | None = None) -> PeriodicOrbit:
     """The orbit of a fixed point, and of the motion that creeps along the family beside it.
 
-    Without such a motion all is that of the fixed point. The multipliers are those of the derivatives of `fixed`. `spent` are
-    the forcing periods of the map that it took.
+    Without such a motion all is that of the fixed point. The multipliers are those of the derivatives of `fixed`.
     """
     m = fixed.map
     if creep is None:
@@ -147,7 +146,7 @@ def orbit_of(fixed: Fixed, spent: float, creep: Creep | None = None) -> Periodic
         stable=bool((np.abs(fast) < 1).all()),
         residual=fixed.residual,
         word=word_of(image.passage),
-        cost=spent,
+        cost=m.tape.periods,
         rtol=m.rtol,
         fixed=fixed,
         creep=creep,

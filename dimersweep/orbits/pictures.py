@@ -15,7 +15,7 @@ from dimersweep.plots.style import given, label
 from dimersweep.symbols import PARAMETERS, QUANTITIES
 
 STYLES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
-MARKERS = {kind.special: kind.marker for kind in BORDER_KINDS.values()}
+MARKERS = {kind.name: kind.marker for kind in BORDER_KINDS.values()}
 PANELS = {"radius": "radius [m]", "period": "period [s]", "zeta": "zeta [rad]"}
 
 
@@ -52,7 +52,7 @@ def draw_borders(table: xr.Dataset, over: xr.Dataset | None = None) -> Figure:
 def curves(table: xr.Dataset, over: xr.Dataset | None = None) -> Figure:
     """Borders along the last axis, one line style for each value of the others; the ball's closed forms are thin and black."""
     table = table.swap_dims(border="kind")
-    y = _solved_for(table)
+    y = table.attrs["parameter"]
     *others, x = [str(dim) for dim in table[y].dims if dim != "kind"]
     figure = Figure(figsize=(8, 6), layout="constrained")
     axes = figure.add_subplot()
@@ -81,12 +81,6 @@ def curves(table: xr.Dataset, over: xr.Dataset | None = None) -> Figure:
     return figure
 
 
-def _solved_for(table: xr.Dataset) -> str:
-    """The parameter that the curves were solved for."""
-    names = [str(name) for name in table.data_vars if name in PARAMETERS and "kind" in table[name].dims]
-    return names[0]
-
-
 def _map_under(axes: Axes, over: xr.Dataset, x: str, y: str) -> None:
     """The region of drift of a map, and its boundary."""
     region = over["region"] if "region" in over else over["mode"]
@@ -103,7 +97,7 @@ def _map_under(axes: Axes, over: xr.Dataset, x: str, y: str) -> None:
 
 def branches(table: xr.Dataset) -> Figure:
     """Radius and angle of the orbits along branches: stable ones solid, unstable ones dashed, special points marked."""
-    x = str(table.attrs.get("parameter") or _branch_axis(table))
+    x = str(table.attrs["parameter"])
     figure = Figure(figsize=(8, 8), layout="constrained")
     panels = figure.subplots(3, 1, sharex=True)
     groups = [name for name in table.data_vars if name in PARAMETERS and name != x and table[name].dims == ("point",)]
@@ -131,16 +125,6 @@ def branches(table: xr.Dataset) -> Figure:
     panels[-1].set_xlabel(label(x) if x in PARAMETERS else "axial spin [rad/s]")
     panels[0].set_title(table.attrs["title"], fontsize=10)
     return figure
-
-
-def _branch_axis(table: xr.Dataset) -> str:
-    """The parameter that varies within a branch."""
-    for name in table.data_vars:
-        if name in PARAMETERS and table[name].dims == ("point",):
-            first = table["branch"].values == table["branch"].values[0]
-            if np.ptp(table[name].values[first]) > 0:
-                return str(name)
-    return "spin"
 
 
 def _one_branch(axes: Axes, one: xr.Dataset, x: str, name: str, color: str) -> None:

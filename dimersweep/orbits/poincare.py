@@ -8,7 +8,7 @@ rest is the fast part. The cost of all that is asked here is counted in forcing 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import NamedTuple, Self, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -54,19 +54,12 @@ class Image(NamedTuple):
     passage: Passage
 
 
-@dataclass
-class Spent:
-    """Forcing periods of the map that have been run."""
-
-    periods: float = 0.0
-
-
 class Tape:
     """The record that the kernel writes, grown when it is full, and the count of periods; shared by the maps of one task."""
 
     def __init__(self) -> None:
         self.space = new_workspace()
-        self.spent = Spent()
+        self.periods = 0.0  # forcing periods that have been run
         self.grow(FIRST_ROWS)
 
     def grow(self, rows: int) -> None:
@@ -83,7 +76,7 @@ class Tape:
         OrbitLost
             If the kernel cannot go on.
         """
-        self.spent.periods += periods - start[PHASE] / TURN
+        self.periods += periods - start[PHASE] / TURN
         while True:
             state, modes = start.copy(), np.zeros(2)
             status = advance(row, state, modes, periods, rtol, path, self.space, self.record)
@@ -97,6 +90,7 @@ class Tape:
         return state, modes, passage
 
 
+@dataclass(eq=False)
 class ReturnMap:
     """The map of one dimer on one plate over the periods of a motion.
 
@@ -115,20 +109,22 @@ class ReturnMap:
     tape : Tape
     """
 
-    def __init__(
-        self, parameters: dict[str, float], phase: float, modes: np.ndarray, periods: int, rtol: float, tape: Tape
-    ) -> None:
-        self.parameters, self.phase, self.modes, self.periods, self.rtol, self.tape = (
-            parameters, phase, modes, periods, rtol, tape,
-        )  # fmt: skip
-        self.row = self.row_at(phase)
+    parameters: dict[str, float]
+    phase: float
+    modes: np.ndarray
+    periods: int
+    rtol: float
+    tape: Tape
+
+    def __post_init__(self) -> None:
+        self.row = self.row_at(self.phase)
         self.dimer = dimer_of(self.row)
-        self.section = Section(parameters, self.row, rtol, tape.space)
-        self.free = np.array(free_coordinates(modes))
+        self.section = Section(self.parameters, self.row, self.rtol, self.tape.space)
+        self.free = np.array(free_coordinates(self.modes))
         self.slow = int(np.flatnonzero(self.free == SPIN_COORDINATE)[0])
         self.unit = float(self.section.units[SPIN_COORDINATE])  # of the spin [rad/s]
         # they balance the error of differences, step^2 of central and step of one-sided ones, with that of the map, rtol/step
-        self.step, self.one_sided = rtol ** (1 / 3), rtol**0.5
+        self.step, self.one_sided = self.rtol ** (1 / 3), self.rtol**0.5
 
     def row_at(self, phase: float) -> np.ndarray:
         """The kernel's row of the parameters, with the plate at `phase` [rad] at the start."""
@@ -136,18 +132,6 @@ class ReturnMap:
         row[ROW_PHI_2] += 2.0 * (phase - row[ROW_PHI0])  # the second harmonic goes with the plate
         row[ROW_PHI0] = phase % TURN
         return row
-
-    def with_parameters(self, parameters: dict[str, float]) -> Self:
-        """This map, in its section, for other parameters."""
-        return type(self)(parameters, self.phase, self.modes, self.periods, self.rtol, self.tape)
-
-    def with_value(self, name: str, value: float) -> Self:
-        """This map, in its section, for another value of a parameter."""
-        return self.with_parameters(self.parameters | {name: value})
-
-    def on(self, tape: Tape) -> "ReturnMap":
-        """This map with a record and a count of periods of its own."""
-        return type(self)(self.parameters, self.phase, self.modes, self.periods, self.rtol, tape)
 
     def state(self, z: np.ndarray) -> np.ndarray:
         """The kernel's state at a point.

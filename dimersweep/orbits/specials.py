@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -288,7 +289,7 @@ def doubled(axis: Axis, flip: Point) -> Point:
     values, vectors = np.linalg.eig(flip.fixed.matrix)
     direction = vectors[:, int(np.argmin(np.abs(values + 1)))].real
     tangent = np.append(direction / np.linalg.norm(direction), 0.0)
-    m = ReturnMap(old.parameters, old.phase, old.modes, 2 * old.periods, old.rtol, old.tape)
+    m = replace(old, periods=2 * old.periods)
     y = flip.y(axis) + BORN * tangent
     z = y[:-1]
     near = Point(fixed_at(m, z), flip.value, slope_of(axis, m, z, flip.value), tangent)

@@ -7,6 +7,7 @@ orbits.
 
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import replace
 from typing import cast
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from dimersweep.orbits.branch import Equations, Mark, Point, in_own_section, lent, with_mark
 from dimersweep.orbits.curve import Curve, Found
 from dimersweep.orbits.grazing import graze, least_gap
+from dimersweep.orbits.kinds.changes import WORD
 from dimersweep.orbits.kinds.kind import Change
 from dimersweep.orbits.newton import defect
 from dimersweep.orbits.orbit import orbit_of
@@ -40,7 +42,7 @@ class WordCurve(Curve):
         return "ok" if self.kind.once and rests(found.orbit.word) else SEVERAL
 
     def _is_met(self, special: Special, like: Sides | None) -> bool:
-        if not self.kind.includes(special.kind):
+        if not isinstance(special.kind, Change) or self.kind not in (WORD, special.kind):
             return False
         return like is None or like.between(*special.words)
 
@@ -49,7 +51,7 @@ class WordCurve(Curve):
 
     def _found(self, at: Point, sides: Sides) -> Found:
         """A point of the curve, in a section that suits the next one."""
-        return Found(orbit_of(at.fixed, 0.0), at.value, in_own_section(self.axis, at), sides)
+        return Found(orbit_of(at.fixed), at.value, in_own_section(self.axis, at), sides)
 
     def _next(self, given: dict[str, float], near: list[Found]) -> Found:
         last, sides = near[0].begin, near[0].sides
@@ -136,7 +138,7 @@ class WordCurve(Curve):
         for part in (TANGENT_SHARE, -TANGENT_SHARE):
             aside = {name: old[name] + part * (value - old[name]) for name, value in given.items() if name in old}
             with suppress(OrbitLost):
-                m = near.map.with_parameters(aside | {self.parameter: near.value})
+                m = replace(near.map, parameters=aside | {self.parameter: near.value})
                 image = m.image(y[:-1])
                 moved = mark(m, image) - mark(near.map, near.fixed.image)
                 fails = np.append(defect(m, y[:-1], image, self.spin), moved)
@@ -153,5 +155,5 @@ class WordCurve(Curve):
     def _beside(self, given: dict[str, float], near: Point, y: np.ndarray) -> Point:
         """A point of a neighbour, to begin with at other values of the parameters."""
         value = float(y[-1] * self.axis.scale)
-        m = near.map.with_parameters(given | {self.parameter: value})
+        m = replace(near.map, parameters=given | {self.parameter: value})
         return near._replace(fixed=near.fixed._replace(map=m), value=value)

@@ -1,24 +1,13 @@
 """Changes of the word of an orbit."""
 
-from dataclasses import dataclass
-
 from dimersweep.kernel.verdict.past import HOP_LINE
 from dimersweep.orbits.branch import Mark
-from dimersweep.orbits.kinds.kind import Change, Kind
+from dimersweep.orbits.kinds.kind import Change
 from dimersweep.orbits.passage import TURN
 from dimersweep.orbits.poincare import Image, ReturnMap
 from dimersweep.orbits.word import Sides, longest_hop
 
 HOP_ASIDE = 1e-9  # how far on this side of a hop of half a period its orbit lies, in forcing periods
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class AnyChange(Change):
-    """Any change of the word."""
-
-    def includes(self, other: Kind) -> bool:
-        """Whether the other kind is a change of word."""
-        return isinstance(other, Change)
 
 
 def _changed(old: str, new: str) -> set[str]:
@@ -74,7 +63,7 @@ STICK_SLIP = Change(
     meaning="the order of sticking and slipping changes",
     leads=lambda old, new: old != new,
 )
-WORD = AnyChange(name="word", meaning="any of the changes of word", leads=lambda old, new: old != new)
+WORD = Change(name="word", meaning="any of the changes of word", leads=lambda old, new: old != new)
 CHANGES = (HOP, CHATTER, DOUBLE_IMPACT, LIFT_OFF, STICK_SLIP)  # a change is of the first kind that leads to it
 
 

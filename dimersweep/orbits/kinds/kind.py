@@ -35,15 +35,6 @@ class Kind(ABC):
     marker: str
     ball: Callable[[float], float] | None = None
 
-    @property
-    @abstractmethod
-    def special(self) -> str:
-        """Name of its points among the special points of a branch."""
-
-    def includes(self, other: "Kind") -> bool:
-        """Whether a border of the other kind is one of this kind."""
-        return other is self
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bifurcation(Kind):
@@ -64,11 +55,6 @@ class Bifurcation(Kind):
     shares: tuple[float, ...] = (0.3, 0.1, 0.6, 0.8)
 
     @property
-    def special(self) -> str:
-        """Its own name."""
-        return self.name
-
-    @property
     @abstractmethod
     def rows(self) -> int:
         """Number of real vectors that make the eigenvector: 1 or 2."""
@@ -80,10 +66,6 @@ class Bifurcation(Kind):
     @abstractmethod
     def multiplier(self, unknown: np.ndarray) -> complex:
         """The multiplier at the border, from what is not known of it (nothing, or one number)."""
-
-    @abstractmethod
-    def slope(self, unknown: np.ndarray) -> complex:
-        """Derivative of the multiplier by what is not known of it."""
 
     @abstractmethod
     def begin(self, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -110,9 +92,6 @@ class RealMultiplier(Bifurcation):
     def multiplier(self, unknown: np.ndarray) -> complex:
         return complex(self.at)
 
-    def slope(self, unknown: np.ndarray) -> complex:
-        return 0j
-
     def begin(self, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return np.linalg.svd(J - self.at * np.eye(len(J)))[2][-1:], np.empty(0)
 
@@ -122,6 +101,10 @@ class ComplexPair(Bifurcation):
     """A border at which one number that makes up a complex pair of multipliers is given, and the other is not known."""
 
     rows = 2
+
+    @abstractmethod
+    def slope(self, unknown: np.ndarray) -> complex:
+        """Derivative of the multiplier by what is not known of it."""
 
     @abstractmethod
     def away(self, values: np.ndarray) -> np.ndarray:
@@ -164,8 +147,3 @@ class Change(Kind):
     zero: Callable[[Sides], Mark | None] | None = None
     color: str = "#009e73"
     marker: str = "|"
-
-    @property
-    def special(self) -> str:
-        """That the word changes."""
-        return "word"
