@@ -167,7 +167,7 @@ def on_manifold(near: Fixed) -> Fixed:
     root = newton(value, near.z, lambda z: derivative(*m.jacobian(z)), TOLERANCE * m.rtol, known)
     if np.abs(root.y - near.z).max() > MANIFOLD_REACH:
         raise OrbitLost("there is no orbit near where the family leads")
-    return fixed_at(m, root.y, root.told, float(np.abs(root.value).max()))
+    return fixed_at(m, root.y, root.extra, float(np.abs(root.value).max()))
 
 
 def in_own_section(at: Fixed) -> Fixed:

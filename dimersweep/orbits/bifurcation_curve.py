@@ -6,7 +6,7 @@ import numpy as np
 
 from dimersweep.orbits.curve import Curve, Found
 from dimersweep.orbits.held import held
-from dimersweep.orbits.kinds import Bifurcation
+from dimersweep.orbits.kinds.kind import Bifurcation
 from dimersweep.orbits.newton import fixed_at
 from dimersweep.orbits.on_border import OnBorder, next_on_border, on_border
 from dimersweep.orbits.orbit import orbit_of

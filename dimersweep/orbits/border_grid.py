@@ -12,9 +12,9 @@ from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.orbits.bifurcation_curve import BifurcationCurve
 from dimersweep.orbits.curve import Curve, Found
 from dimersweep.orbits.finding import RTOL, checked, rolled_up
-from dimersweep.orbits.kinds import BIFURCATIONS, BORDER_KINDS, Bifurcation, Kind
+from dimersweep.orbits.kinds import BORDER_KINDS, Kind
 from dimersweep.orbits.kinds.changes import change_of
-from dimersweep.orbits.kinds.kind import COMPLEX, Change, RealMultiplier
+from dimersweep.orbits.kinds.kind import COMPLEX, Bifurcation, Change, RealMultiplier
 from dimersweep.orbits.labelling import dataset
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.poincare import OrbitLost
@@ -240,7 +240,7 @@ def marks(kind: Kind, orbit: PeriodicOrbit) -> dict[str, float]:
     if isinstance(kind, RealMultiplier):
         values = np.delete(values, int(np.argmin(np.abs(values - kind.at))))
     real = values[np.abs(values.imag) < COMPLEX].real
-    others = [other for other in BIFURCATIONS if isinstance(other, RealMultiplier)]
+    others = [other for other in BORDER_KINDS.values() if isinstance(other, RealMultiplier)]
     return {f"{kind.name}-{other.name}": float(np.prod(1 - other.at * real)) for other in others}
 
 

@@ -10,8 +10,9 @@ from scipy.optimize import brentq
 
 from dimersweep.orbits.branch import Axis, Equations, Point, corrected, lent, one_sided, slope_of, with_derivatives
 from dimersweep.orbits.grazing import graze, least_gap
-from dimersweep.orbits.kinds import BIFURCATIONS, Bifurcation, Kind
+from dimersweep.orbits.kinds import BORDER_KINDS, Kind
 from dimersweep.orbits.kinds.changes import change_of
+from dimersweep.orbits.kinds.kind import Bifurcation
 from dimersweep.orbits.newton import fixed_at
 from dimersweep.orbits.poincare import Image, OrbitLost, ReturnMap
 from dimersweep.orbits.word import word_of
@@ -49,8 +50,8 @@ def between(axis: Axis, a: Point, b: Point, share: float) -> Point:
 def specials(axis: Axis, a: Point, b: Point, words: bool = True) -> list[Special]:
     """Special points between two points of a branch, in their order."""
     found = []
-    for kind in BIFURCATIONS:
-        if kind.test(a) * kind.test(b) < 0:
+    for kind in BORDER_KINDS.values():
+        if isinstance(kind, Bifurcation) and kind.test(a) * kind.test(b) < 0:
             special = _located(axis, kind, a, b)
             if special is not None:
                 found.append(special)
