@@ -9,6 +9,9 @@ from IPython.display import Markdown
 
 from dimersweep.cubes.cube import FLAGS
 from dimersweep.kernel.model.layout import STATUS_MESSAGES, STATUSES
+from dimersweep.orbits.kinds import BORDER_KINDS
+from dimersweep.orbits.labelling import COLUMNS, MULTIPLIERS
+from dimersweep.orbits.labelling import WORDS as WORDS_OF_ORBITS
 from dimersweep.parameters import RULES
 from dimersweep.symbols import BASE, ENDS, EVENTS, INSTEAD, LEFT_OUT, PARAMETERS, QUANTITIES, STATES, Quantity, symbol
 
@@ -147,6 +150,16 @@ def events() -> Markdown:
 def states() -> Markdown:
     """The variables of ``run.states(t)``."""
     return _quantities(STATES)
+
+
+def orbits() -> Markdown:
+    """The attributes of an orbit that stand in every dataset of orbits."""
+    return _quantities(COLUMNS | {"multipliers": MULTIPLIERS} | WORDS_OF_ORBITS)
+
+
+def borders() -> Markdown:
+    """Every kind of border."""
+    return _table(("kind", "what happens there"), ((f"`{name}`", kind.meaning) for name, kind in BORDER_KINDS.items()))
 
 
 def flags(name: str) -> Markdown:

@@ -12,10 +12,10 @@ from dimersweep import orbits
 from dimersweep.cli import app
 from dimersweep.errors import OrbitError, ParameterError, Stopped, StoreError
 from dimersweep.kernel.model.layout import MODES
-from dimersweep.plots.borders import SMOOTH, _smoothed, draw_borders
+from dimersweep.orbits.pictures import SMOOTH, _smoothed, draw_borders
 from dimersweep.storage.provenance import as_text
-from dimersweep.studies import bordering
-from dimersweep.studies.bordering import make_borders, plan_borders, read_borders, storable
+from dimersweep.studies import border_files
+from dimersweep.studies.border_files import make_borders, plan_borders, read_borders, storable
 from dimersweep.studies.parts import parts_beside
 
 BORDERS = Path(__file__).parents[1] / "sweeps" / "borders"
@@ -90,7 +90,7 @@ def test_a_file_that_was_stopped_goes_on_from_its_finished_parts(tmp_path, monke
     def stopping_at_the_end(*rest, **more):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(bordering, "family", stopping)
+    monkeypatch.setattr(border_files, "family", stopping)
     assert plan_borders(declared, out) == ["families: 2 parts, 3 points each: family-0, family-1"]
     with pytest.raises(Stopped, match=f"1 of 2 parts are kept in {parts}"):
         make_borders(declared, out)
@@ -98,7 +98,7 @@ def test_a_file_that_was_stopped_goes_on_from_its_finished_parts(tmp_path, monke
     assert plan_borders(declared, out)[1:] == ["there already: family-0"]
     (parts / f".dimersweep-{'0' * 32}.tmp").write_bytes(b"half a fi")
     with monkeypatch.context() as patch, pytest.raises(Stopped, match=f"2 of 2 parts are kept in {parts}; the same"):
-        patch.setattr(bordering, "write_cube", stopping_at_the_end)
+        patch.setattr(border_files, "write_cube", stopping_at_the_end)
         make_borders(declared, out)
     lines = []
     resumed = make_borders(declared, out, tell=lines.append)
@@ -146,7 +146,7 @@ def test_a_part_that_is_damaged_is_told_and_made_again(tmp_path, monkeypatch, da
         with netCDF4.Dataset(part, "a") as file:
             file.configuration = "{}"
         told = "is of another configuration"
-    monkeypatch.setattr(bordering, "family", lambda **given: asked.append(given["A_r"]) or orbits.family(**given))
+    monkeypatch.setattr(border_files, "family", lambda **given: asked.append(given["A_r"]) or orbits.family(**given))
     with pytest.warns(RuntimeWarning, match=rf"part-family-1.nc: {told}.*; it is made again$"):
         again = make_borders(declared, out)
     assert asked == [6.0]
@@ -288,7 +288,7 @@ A_r = [5, 6]
 BRANCHES = CURVES.replace("[curves]\nkinds = ", "[branches]\nparameter = 'Gamma'\nends = ").replace('["fold"]', "[1]")
 SECTIONS = "borders, curves, branches, families, over, fixed"
 ONE_OF = "must have one of [curves], [branches] and [families]"
-KINDS = ", ".join(bordering.KINDS)
+KINDS = ", ".join(border_files.BORDER_KINDS)
 
 
 @pytest.mark.parametrize(

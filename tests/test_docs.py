@@ -22,6 +22,7 @@ from sybil.parsers.rest import DocTestParser
 import dimersweep
 from dimersweep import refine, search, sweep
 from dimersweep.cubes.cube import FLAGS
+from dimersweep.studies.border_files import Borders
 from dimersweep.studies.declaration import Declaration, read_declaration
 from dimersweep.symbols import Picture
 
@@ -127,9 +128,9 @@ def test_the_examples_of_docstrings_print_what_they_show(path, tmp_path, monkeyp
 
 
 # --- sweep files ------------------------------------------------------------------------------------------------------
-def sections():
+def sections(declaration):
     """The sections of a declaration that have keys of their own, and their models."""
-    for name, field in Declaration.model_fields.items():
+    for name, field in declaration.model_fields.items():
         kinds = [field.annotation, *getattr(field.annotation, "__args__", ())]
         yield from ((name, kind) for kind in kinds if inspect.isclass(kind) and issubclass(kind, BaseModel))
 
@@ -142,11 +143,12 @@ def as_written(field):
     return "none" if default is None else default if isinstance(default, str) else json.dumps(default)
 
 
-def test_the_page_on_sweep_files_has_every_key_with_its_default():
-    rows = re.findall(r"^\| `(\w+\.\w+)` \| [^|]+ \| ([^|]+) \|", text_of("docs/sweepfile.md"), re.MULTILINE)
+@pytest.mark.parametrize(("page", "declaration"), [("sweepfile", Declaration), ("orbits", Borders)])
+def test_the_page_on_a_kind_of_file_has_every_key_with_its_default(page, declaration):
+    rows = re.findall(r"^\| `(\w+\.\w+)` \| [^|]+ \| ([^|]+) \|", text_of(f"docs/{page}.md"), re.MULTILINE)
     keys = {
         f"{section}.{key}": as_written(field)
-        for section, model in sections()
+        for section, model in sections(declaration)
         for key, field in model.model_fields.items()
     }
     assert dict(rows) == keys

@@ -17,13 +17,13 @@ def borders(
     out: Annotated[Path | None, typer.Option(help="NetCDF file, in place of the declared one.")] = None,
     picture: Annotated[Path | None, typer.Option(help="Picture; the output's name with .png by default.")] = None,
     over: Annotated[Path | None, typer.Option(metavar="CUBE", help="Map of regions to draw curves over.")] = None,
-    plan: Annotated[bool, typer.Option("--plan", help="Tell the parts and which are there; make nothing.")] = False,
+    plan: Annotated[bool, typer.Option("--plan", help="Print the parts and which are there; make nothing.")] = False,
     force: Force = False,
 ) -> None:
     """Make borders, branches or families of orbits, and draw them. One that was stopped goes on where it was."""
     from dimersweep.plots.style import check_picture, write_picture
     from dimersweep.storage.netcdf import TABLES, check_output, open_cube, refuse_input
-    from dimersweep.studies.bordering import make_borders, plan_borders, read_borders
+    from dimersweep.studies.border_files import make_borders, plan_borders, read_borders
     from dimersweep.studies.parts import parts_of
     from dimersweep.work.progress import tell_of_compiling
 
@@ -39,7 +39,7 @@ def borders(
         refuse_input(out, over, "out")
     under = open_cube(over) if over is not None else None
     with stoppable(out, drawn, parts=parts_of(out)):
-        from dimersweep.plots.borders import draw_borders
+        from dimersweep.orbits.pictures import draw_borders
 
         tell_of_compiling()
         table = make_borders(declared, out, force=force, tell=typer.echo)

@@ -11,10 +11,10 @@ from dimersweep.kernel.model.layout import ROW
 from dimersweep.orbits.ball import ball_fold
 from dimersweep.orbits.guesses import of_ball, of_run, rolled_up
 from dimersweep.orbits.manifold import creep_of
-from dimersweep.orbits.orbit import Orbit, orbit_of
+from dimersweep.orbits.newton import Fixed, solve, system
+from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.passage import TURN
-from dimersweep.orbits.return_map import OrbitLost, ReturnMap, Tape
-from dimersweep.orbits.solving import Fixed, solve, system
+from dimersweep.orbits.poincare import OrbitLost, ReturnMap, Tape
 from dimersweep.parameters import Parameters, as_number, check_count, check_name, check_rtol, updated, value_of
 from dimersweep.runs.run import Run
 
@@ -30,10 +30,10 @@ def find(
     *,
     spin: float | None = None,
     periods: int = 1,
-    guess: Run | Orbit | None = None,
+    guess: Run | PeriodicOrbit | None = None,
     rtol: float = RTOL,
     **parameters: float,
-) -> Orbit:
+) -> PeriodicOrbit:
     """The orbit at a given axial spin: a fixed point of the fast part of the return map, stable or not.
 
     Parameters
@@ -43,7 +43,7 @@ def find(
         with `xdot0` rolls up to. 0.0 is the dimer that moves in a plane.
     periods : int
         Forcing periods after which the motion repeats.
-    guess : Run or Orbit, optional
+    guess : Run or PeriodicOrbit, optional
         A recorded run that has come near the orbit, or an orbit nearby; parameters that are not given are as there.
     rtol : float
         Accuracy of the map [1].
@@ -52,7 +52,7 @@ def find(
 
     Returns
     -------
-    Orbit
+    PeriodicOrbit
 
     Raises
     ------
@@ -82,10 +82,10 @@ def orbit_at(
     given: dict[str, float],
     spin: float | None = None,
     periods: int = 1,
-    guess: Run | Orbit | None = None,
+    guess: Run | PeriodicOrbit | None = None,
     rtol: float = RTOL,
-) -> Orbit:
-    """As `find`, for parameters that have been checked."""
+) -> PeriodicOrbit:
+    """The orbit at a given spin, for parameters that have been checked; see `find`."""
     tape = Tape()
     tried = []
     for name, start in _starts(spin, periods, guess, given, rtol, tape):
@@ -96,7 +96,7 @@ def orbit_at(
     raise OrbitError(f"no orbit of period {periods}{_where(spin)}; tried {'; '.join(tried)}{_why_not(given)}")
 
 
-def checked(parameters: dict[str, Any], guess: Run | Orbit | None = None) -> dict[str, float]:
+def checked(parameters: dict[str, Any], guess: Run | PeriodicOrbit | None = None) -> dict[str, float]:
     """All parameters, those of the guess where they are not given.
 
     Raises
@@ -106,8 +106,8 @@ def checked(parameters: dict[str, Any], guess: Run | Orbit | None = None) -> dic
     """
     for name in parameters:
         check_name(name)
-    if guess is not None and not isinstance(guess, Run | Orbit):
-        raise ParameterError(f"guess = {guess!r}: must be a Run or an Orbit")
+    if guess is not None and not isinstance(guess, Run | PeriodicOrbit):
+        raise ParameterError(f"guess = {guess!r}: must be a Run or a PeriodicOrbit")
     return Parameters(**updated({} if guess is None else guess.parameters, parameters)).given()
 
 
@@ -127,13 +127,18 @@ def checked_spin(spin: float | None, given: dict[str, float]) -> float:
 
 
 def _starts(
-    spin: float | None, periods: int, guess: Run | Orbit | None, given: dict[str, float], rtol: float, tape: Tape
+    spin: float | None,
+    periods: int,
+    guess: Run | PeriodicOrbit | None,
+    given: dict[str, float],
+    rtol: float,
+    tape: Tape,
 ) -> Iterator[tuple[str, Callable[[], Start | Fixed]]]:
-    """What is tried, in its order, with its name."""
+    """The guesses in the order in which they are tried, each with its name."""
     if isinstance(guess, Run):
         yield "the end of the run", lambda: of_run(guess, given, periods, rtol, tape)
         return
-    if isinstance(guess, Orbit):
+    if isinstance(guess, PeriodicOrbit):
         yield "the orbit given", lambda: _from_orbit(guess, given, spin, periods, rtol, tape)
         return
     at = rolled_up(given) if spin is None else spin
@@ -143,8 +148,8 @@ def _starts(
 
 
 def _found(
-    start: Start | Fixed, spin: float | None, guess: Run | Orbit | None, given: dict[str, float], tape: Tape
-) -> Orbit:
+    start: Start | Fixed, spin: float | None, guess: Run | PeriodicOrbit | None, given: dict[str, float], tape: Tape
+) -> PeriodicOrbit:
     if isinstance(start, Fixed):
         fixed = start
     else:
@@ -159,11 +164,11 @@ def _found(
     creep = creep_of(fixed)
     matrix, gradient = fixed.map.jacobian(creep.z)  # a run is multiplied by those of where it is
     seen = fixed._replace(matrix=matrix, gradient=gradient)
-    return replace(orbit_of(seen, tape.spent.periods, creep), fixed=fixed)
+    return replace(orbit_of(seen, creep), fixed=fixed)
 
 
 def centred(fixed: Fixed) -> Fixed:
-    """The same orbit, its section moved if an event lies near and it can be had in another one."""
+    """The orbit in another section, if an event lies near its own and it is found there."""
     image = fixed.image
     return fixed.map.in_own_section(fixed, image.passage, lambda m, z: solve(m, z, image.spin))
 
@@ -182,7 +187,7 @@ def repeats_after(fixed: Fixed) -> int:
 
 
 def _from_orbit(
-    orbit: Orbit, given: dict[str, float], spin: float | None, periods: int, rtol: float, tape: Tape
+    orbit: PeriodicOrbit, given: dict[str, float], spin: float | None, periods: int, rtol: float, tape: Tape
 ) -> Fixed:
     """Newton from the orbit's own point; if that fails, by steps from its parameters and spin to those asked for."""
     old, spin = orbit.fixed.map, orbit.spin if spin is None else spin
@@ -197,7 +202,7 @@ def _from_orbit(
         there = min(1.0, done + step)
         values = given if there == 1.0 else {name: first[name] + there * (last[name] - first[name]) for name in ROW}
         try:
-            fixed = centred(solve(m.with_parameters(values), z, orbit.spin + there * (spin - orbit.spin), known))
+            fixed = centred(solve(replace(m, parameters=values), z, orbit.spin + there * (spin - orbit.spin), known))
         except OrbitLost as error:
             reason, step = error, 0.5 * step
             continue
@@ -212,7 +217,7 @@ def _where(spin: float | None) -> str:
 
 
 def _why_not(given: dict[str, float]) -> str:
-    """What the closed form of a ball says, if it has no orbit either."""
+    """The least Gamma of a ball, if it has no orbit either."""
     e = value_of("e_2", given)
     least = ball_fold(e)
     if given["Gamma"] >= least:

@@ -4,11 +4,26 @@ from math import acos, cos, sin
 
 import numpy as np
 
-from dimersweep.kernel.model.layout import BETA, CB, D2, FREE, N2, N_STATE, PERIOD, PHASE, ROW_PHI0, SPIN, STICK, WB
+from dimersweep.kernel.model.body import dimer_of
+from dimersweep.kernel.model.layout import (
+    BETA,
+    CB,
+    D2,
+    FREE,
+    N2,
+    N_STATE,
+    PERIOD,
+    PHASE,
+    ROW_PHI0,
+    SPIN,
+    STICK,
+    WB,
+    Dimer,
+)
 from dimersweep.kernel.record import HOP_TIME, MODES
 from dimersweep.orbits.passage import TURN
-from dimersweep.orbits.return_map import OrbitLost, ReturnMap, Tape
-from dimersweep.parameters import value_of
+from dimersweep.orbits.poincare import OrbitLost, ReturnMap, Tape
+from dimersweep.parameters import fill_rows, value_of
 from dimersweep.runs.run import Run
 
 SECTION = 0.75 * TURN  # of the guess: well before the double impact, which lies in the first quadrant
@@ -19,26 +34,14 @@ def rolled_up(parameters: dict[str, float]) -> float:
 
     The angular momentum about the contact point is kept: m v + J_a s/r = m xdot0, v = r s.
     """
-    r, l_rod = parameters["r"], 2 * parameters["r"] * (parameters["A_r"] - 2)
-    m_b, m_r = masses(parameters, l_rod)
-    J_a = 0.8 * m_b * r**2 + m_r * parameters["D_r"] ** 2 / 8
-    return parameters["xdot0"] / r / (1 + J_a / ((2 * m_b + m_r) * r**2))
+    dm = dimer_of(fill_rows(parameters, 1)[0])
+    return parameters["xdot0"] / dm.r / (1 + dm.J_a / (dm.m * dm.r**2))
 
 
-def masses(parameters: dict[str, float], l_rod: float) -> tuple[float, float]:
-    """Mass of a ball and of the rod [kg]."""
-    m_b = parameters["rho_b"] * 4 / 3 * np.pi * parameters["r"] ** 3
-    return m_b, parameters["rho_r"] * np.pi / 4 * parameters["D_r"] ** 2 * l_rod
-
-
-def pivot_share(parameters: dict[str, float]) -> float:
+def pivot_share(dm: Dimer) -> float:
     """Acceleration of the bouncing end over gravity while the other one stays down: 2 m h^2/(J_t + m h^2)."""
-    r = parameters["r"]
-    lever, l_rod = 2 * r * (parameters["A_r"] - 1), 2 * r * (parameters["A_r"] - 2)
-    m_b, m_r = masses(parameters, l_rod)
-    J_t = 0.8 * m_b * r**2 + m_b * lever**2 / 2 + m_r * (l_rod**2 / 12 + parameters["D_r"] ** 2 / 16)
-    mh2 = (2 * m_b + m_r) * lever**2 / 4
-    return 2 * mh2 / (J_t + mh2)
+    mh2 = dm.m * dm.h**2
+    return 2 * mh2 / (dm.J_t + mh2)
 
 
 def ball_state(parameters: dict[str, float], spin: float) -> tuple[np.ndarray, np.ndarray]:
@@ -46,19 +49,19 @@ def ball_state(parameters: dict[str, float], spin: float) -> tuple[np.ndarray, n
     e, Gamma = value_of("e_2", parameters), parameters["Gamma"]
     least = np.pi * (1 - e) / (1 + e)
     phase = acos(min(1.0, least / Gamma)) if Gamma > 0 else 0.0
-    kappa = pivot_share(parameters)
+    dm = dimer_of(fill_rows(parameters, 1)[0])
+    kappa = pivot_share(dm)
     tau = SECTION - phase
     rate = kappa * (2 * np.pi * e / (1 + e) - tau - Gamma * (cos(phase + tau) - cos(phase)))
     gap = kappa * (
         2 * np.pi * e / (1 + e) * tau - tau**2 / 2 - Gamma * (sin(phase + tau) - sin(phase) - tau * cos(phase))
     )
-    omega, h = TURN * parameters["f"], parameters["r"] * (parameters["A_r"] - 1)
-    v = parameters["g"] / omega
+    v = dm.g / dm.omega
     state = np.zeros(N_STATE)
-    state[D2], state[N2], state[SPIN] = max(gap, 0.1) * v / omega, rate * v, spin
-    state[BETA] = np.arcsin(min(1.0, state[D2] / (2 * h)))
-    state[WB] = state[N2] / (2 * h * max(0.1, np.cos(state[BETA])))
-    state[CB] = parameters["r"] * spin
+    state[D2], state[N2], state[SPIN] = max(gap, 0.1) * v / dm.omega, rate * v, spin
+    state[BETA] = np.arcsin(min(1.0, state[D2] / (2 * dm.h)))
+    state[WB] = state[N2] / (2 * dm.h * max(0.1, np.cos(state[BETA])))
+    state[CB] = dm.r * spin
     return state, np.array([STICK, FREE], dtype=float)
 
 

@@ -77,8 +77,8 @@ def paths(cube: xr.Dataset) -> Figure:
             continue
         a, b, radius = circle_through(x[x.size // 20 :], y[y.size // 20 :])
         color = colors[k]
-        told = f"{given(name, value)}: $R$ = {radius:.3f} m"
-        whole.plot(x - a, y - b, color=color, linewidth=0.8, label=told)
+        text = f"{given(name, value)}: $R$ = {radius:.3f} m"
+        whole.plot(x - a, y - b, color=color, linewidth=0.8, label=text)
         piece = slice(-4 * per_period - 1, None)
         cycles = cube["cycle"].values[piece] - cube["cycle"].values[piece][0]
         teeth.plot(cycles, 1e3 * (np.hypot(x - a, y - b)[piece] - radius), color=color, linewidth=1)
@@ -87,9 +87,11 @@ def paths(cube: xr.Dataset) -> Figure:
     whole.set_ylabel("$y$ [m]")
     teeth.set_xlabel("time [forcing periods]")
     teeth.set_ylabel("distance from the circle [mm]")
-    handles, told = whole.get_legend_handles_labels()
+    handles, labels = whole.get_legend_handles_labels()
     if handles:
-        figure.legend(handles, told, loc="outside lower center", ncols=min(len(handles), 4))  # circles fill their panel
+        figure.legend(
+            handles, labels, loc="outside lower center", ncols=min(len(handles), 4)
+        )  # circles fill their panel
     return figure
 
 
@@ -146,8 +148,8 @@ def _trend(axes: Axes, cube: xr.Dataset, quantity: str, name: str, other: str) -
     axes.xaxis.set_minor_formatter(NullFormatter())
     law = exponents(cube, quantity)[name]
     shown = f"({base})" if name == "A_r" else base
-    told = f"${shown}^{{{law.exponent:.3f} \\pm {law.error:.3f}}}$, local {law.least:.2f} to {law.greatest:.2f}"
-    axes.set_title(told, fontsize=9)
+    text = f"${shown}^{{{law.exponent:.3f} \\pm {law.error:.3f}}}$, local {law.least:.2f} to {law.greatest:.2f}"
+    axes.set_title(text, fontsize=9)
     level = 0.8 * np.nanmin(values.values)
     axes.plot(x, level * (x / x[0]) ** law.exponent, "--", color="#888888", linewidth=1)
 
@@ -178,12 +180,12 @@ def least_period(cube: xr.Dataset) -> Figure:
         one = cube.sel(A_r=A_r)
         period, zeta = (_drifting(one, name).values for name in ("period", "zeta"))
         low = minimum(speeds, period)
-        told = low.told("s", "m/s")
-        name = given("A_r", A_r) + ("" if low.located else f": {told}")
+        text = low.told("s", "m/s")
+        name = given("A_r", A_r) + ("" if low.located else f": {text}")
         left.plot(speeds, period, "o-", color=color, markersize=2.5, linewidth=1, label=name)
         right.plot(speeds, zeta, "o-", color=color, markersize=2.5, linewidth=1)
         if low.located:
-            left.plot([low.at], [low.value], "v", color=color, markersize=8, label=told)
+            left.plot([low.at], [low.value], "v", color=color, markersize=8, label=text)
             right.axvline(low.at, color=color, linewidth=0.8, linestyle=":")
     log_scale(left)
     left.set_ylabel(TRENDS["period"])
@@ -232,9 +234,9 @@ def impact_ends(cube: xr.Dataset) -> Figure:
         axes.set_xlabel(label("mu"))
     panels[0, 0].set_ylabel(label("mu_s"))
     found = sorted(set(np.unique(names(cube["di_end"]))), key=DI_ENDS.index)
-    told = {"none": "no drift found"} | {end: end for end in found if end != "none"}
-    faces = [(END_COLORS[end], told[end]) for end in found] + [(LEFT_OUT, "$\\mu_s < \\mu$: not run")]
-    handles = [Patch(facecolor=face, edgecolor="black", linewidth=0.5, label=words) for face, words in faces]
+    words = {"none": "no drift found"} | {end: end for end in found if end != "none"}
+    faces = [(END_COLORS[end], words[end]) for end in found] + [(LEFT_OUT, "$\\mu_s < \\mu$: not run")]
+    handles = [Patch(facecolor=face, edgecolor="black", linewidth=0.5, label=name) for face, name in faces]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=9)
     return figure
 

@@ -17,11 +17,11 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 from dimersweep.cubes.grid import axis
 from dimersweep.errors import OrbitError, ParameterError, Stopped, unknown
 from dimersweep.kernel import kernel_version
-from dimersweep.orbits.ball import ball_flip, ball_fold
-from dimersweep.orbits.bordering import KINDS, border
+from dimersweep.orbits.border_grid import border
 from dimersweep.orbits.families import family, spin_range
 from dimersweep.orbits.finding import checked, checked_spin, find
 from dimersweep.orbits.following import follow
+from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.parameters import check_count, check_name, value_of
 from dimersweep.storage.netcdf import TABLES, check_ending, check_output, write_cube
 from dimersweep.storage.provenance import attributes
@@ -30,7 +30,6 @@ from dimersweep.studies.parts import Parts, parts_beside
 from dimersweep.symbols import PARAMETERS
 
 STARTS = ("beta0", "xdot0", "phi0")  # parameters of a run's start
-BALL = {"fold": ball_fold, "flip": ball_flip}
 Tell = Callable[[str], None]
 Maker = Callable[[Tell], xr.Dataset]
 
@@ -165,8 +164,8 @@ def _judge(declared: Borders) -> None:
     if curves is not None:
         check_name(curves.parameter)
         for kind in curves.kinds:
-            if kind not in KINDS:
-                raise ParameterError(f"curves.kinds: {unknown(kind, 'border', KINDS)}")
+            if kind not in BORDER_KINDS:
+                raise ParameterError(f"curves.kinds: {unknown(kind, 'border', BORDER_KINDS)}")
     _judge_names(declared)
     for point in declared.points():
         given = checked(point)
@@ -291,7 +290,7 @@ def _joined(declared: Borders, tables: list[xr.Dataset]) -> xr.Dataset:
 
 
 def storable(table: xr.Dataset) -> xr.Dataset:
-    """The same without complex numbers and truth values, which NetCDF does not know."""
+    """A table without complex numbers and truth values, which NetCDF does not know."""
     table = table.copy()
     for name in list(table.data_vars):
         column = table[name]
@@ -315,7 +314,7 @@ def storable(table: xr.Dataset) -> xr.Dataset:
 
 
 def without_fill(table: xr.Dataset) -> xr.Dataset:
-    """The same, to be written without a fill value for its coordinates, which CF forbids."""
+    """A table that is written without a fill value for its coordinates, which CF forbids."""
     for name in table.coords:
         table[name].encoding["_FillValue"] = None
     return table
@@ -327,13 +326,17 @@ def _curve(declared: Borders, curves: Curves, kind: str, tell: Tell) -> xr.Datas
     table = border(kind, curves.parameter, over=declared.axes, spin=curves.spin, **fixed)
     found = int(np.isfinite(table[curves.parameter]).sum())
     tell(f"{kind}: {found} of {table[curves.parameter].size} points, {table.attrs['cost']:.0f} periods of the map")
-    if kind in BALL and curves.parameter == "Gamma":
+    closed_form = BORDER_KINDS[kind].ball
+    if closed_form is not None and curves.parameter == "Gamma":
         e = table["e"] if "e" in table.coords else xr.DataArray(value_of("e_2", checked(declared.fixed)))
-        ball = xr.apply_ufunc(np.vectorize(BALL[kind]), e)
+        ball = xr.apply_ufunc(np.vectorize(closed_form), e)
         table["ball"] = ball.broadcast_like(table[curves.parameter])
     else:
         table["ball"] = xr.full_like(table[curves.parameter], np.nan)
-    table["ball"].attrs = {"units": "1", "long_name": "the same of a ball, in closed form"}
+    table["ball"].attrs = {
+        "units": "1",
+        "long_name": "this border of a ball that bounces once a period, in closed form",
+    }
     table.attrs = {}
     return table
 
@@ -374,12 +377,12 @@ def _family(declared: Borders, families: Families, point: dict[str, float], tell
         tell(f"{_at(point, declared)}{error}")
         raise
     tell(f"{_at(point, declared)}{table.sizes['spin']} spins; {table.attrs['low_end']}; {table.attrs['high_end']}")
-    told = {name: f"why the family ends at its {name.split('_')[0]}er spin" for name in ("low_end", "high_end")}
-    ends = {name: ((), table.attrs[name], {"long_name": text}) for name, text in told.items()}
+    words = {name: f"why the family ends at its {name.split('_')[0]}er spin" for name in ("low_end", "high_end")}
+    ends = {name: ((), table.attrs[name], {"long_name": text}) for name, text in words.items()}
     table = table.drop_vars([name for name in table.data_vars if table[name].dtype.kind not in "fc"])
-    told_spin = table["spin"].attrs
+    spin_attrs = table["spin"].attrs
     table = table.reindex(spin=np.linspace(*families.spin, families.points)).assign(ends)
-    table["spin"].attrs, table.attrs = told_spin, {}
+    table["spin"].attrs, table.attrs = spin_attrs, {}
     return table
 
 
