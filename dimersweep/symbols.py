@@ -188,6 +188,9 @@ QUANTITIES = {
     "spin_drift": Quantity("rad s-1", "change per forcing period: axial spin (of a drift: after the double impact)"),
     "longest_hop_1": Quantity("1", "longest hop of p1 in the last (at most 12) periods, in forcing periods", 0),
     "longest_hop_2": Quantity("1", "longest hop of p2 in the last (at most 12) periods, in forcing periods", 0),
+    "change_ahead": Quantity(
+        "1", "largest change left out: that of the numbers in the periods that were not run, extrapolated", 0
+    ),
     "confidence": Quantity("1", "whether the mode stands at other accuracies and from starts beside this one"),
     "error_estimate": Quantity(
         "1", "largest relative error of the orbit (of zeta and impact_phase: absolute), estimated", 0

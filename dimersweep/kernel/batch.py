@@ -114,7 +114,7 @@ def run_to_verdict(dm, ask, run, record, out, codes):
     """A run from its start to its verdict; fills its outcome."""
     clear_counts(record.counts)
     status, at_rest = evolve(dm, ask, run, record)
-    mode, p, end = verdict(dm, run.past, at_rest, out)
+    mode, p, end = verdict(dm, run.past, at_rest, ask.periods - int(run.state[PERIOD]), out)
     codes[CODE_STATUS], codes[CODE_MODE], codes[CODE_MODE_PERIOD], codes[CODE_DI_END] = status, mode, p, end
     codes[CODE_N_EVENTS], codes[CODE_N_PERIODS] = record.counts[EVENTS], int(run.state[PERIOD])
     if mode == M_REST:

@@ -64,6 +64,10 @@ class Run:
     longest_hop_1, longest_hop_2 : float
         Longest time that each end is off the plate at once, of the hops that ended in the last (at most 12) periods or go
         on at the end [forcing periods]. From 0.5 on a ball counts as flying.
+    change_ahead : float
+        Of a run that stopped before the periods asked for: the largest change that its numbers would still make in the
+        others, extrapolated; 0 of a run that made them all. It is relative of the orbit's radius, period, speed,
+        precession rate and spin, and absolute of zeta [rad], impact phase [cycles] and the longest hops [forcing periods].
 
     Examples
     --------
@@ -90,6 +94,7 @@ class Run:
     spin_drift: float = nan
     longest_hop_1: float = nan
     longest_hop_2: float = nan
+    change_ahead: float = nan
     start: dict[str, float] | None = None
     _record: Record | None = field(default=None)
     _end: End | None = field(default=None)
@@ -404,6 +409,7 @@ def as_run(parameters: dict[str, float], rtol: float, solved: Solved, start: dic
         spin_drift=out["spin_drift"],
         longest_hop_1=out["longest_hop_1"],
         longest_hop_2=out["longest_hop_2"],
+        change_ahead=out["change_ahead"],
         _record=solved.record,
         _end=solved.end,
     )

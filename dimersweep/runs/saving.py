@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 PACKED = {"zlib": True, "complevel": 4, "shuffle": True, "fletcher32": True}
 OUTCOME: tuple[str, ...] = (  # what a run tells of itself, besides its orbit
     *("status", "message", "mode", "mode_period", "n_events", "n_periods"),
-    *("down_share_1", "down_share_2", "settled_after", "spin_drift", "longest_hop_1", "longest_hop_2"),
+    *("down_share_1", "down_share_2", "settled_after", "spin_drift", "longest_hop_1", "longest_hop_2", "change_ahead"),
 )
 ROWS = {  # arrays of the kernel, their dimensions and meanings
     "event_rows": (("event", "event_column"), "events as the kernel wrote them"),

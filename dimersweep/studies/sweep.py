@@ -106,7 +106,7 @@ def sweep(
     progress : bool
         Whether to show finished points, time left and a tally of modes on stderr.
     stop_when_settled : bool
-        Whether a point stops as soon as its motion has settled.
+        Whether a point stops as soon as its motion has settled and its numbers stand (docs/stopping.md).
     certify : bool
         Whether each mode gets a `confidence` and each orbit an `error_estimate`, from two more runs of every point that
         settles (docs/trust.md).
