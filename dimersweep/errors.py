@@ -8,7 +8,17 @@ class UserError(Exception):
 
 
 class ParameterError(UserError, ValueError):
-    """A parameter, an axis or a setting that the model does not allow."""
+    """A parameter, an axis or a setting that the model does not allow.
+
+    Examples
+    --------
+    >>> import dimersweep
+    >>> try:
+    ...     dimersweep.simulate(e=1.5)
+    ... except dimersweep.ParameterError as error:
+    ...     print(error)
+    e = 1.5: must be in [0, 1]
+    """
 
 
 class OrbitError(UserError, RuntimeError):
@@ -16,7 +26,17 @@ class OrbitError(UserError, RuntimeError):
 
 
 class StoreError(UserError, OSError):
-    """A file that cannot be written, or that is no cube."""
+    """A file that cannot be written, or that is no cube.
+
+    Examples
+    --------
+    >>> import dimersweep
+    >>> try:
+    ...     dimersweep.open_cube("absent.nc")
+    ... except dimersweep.StoreError as error:
+    ...     print(error)
+    absent.nc: no such file
+    """
 
 
 class PointError(UserError, RuntimeError):
@@ -51,11 +71,12 @@ def unknown(name: str, kind: str, allowed: Iterable[str]) -> str:
     from difflib import get_close_matches
 
     allowed = list(allowed)
-    near = get_close_matches(str(name), allowed, 1) or [each for each in allowed if each.lower() == str(name).lower()]
-    meant = f"; did you mean {near[0]}?" if near else ""
-    return f"{name}: unknown {kind}{meant} (allowed: {', '.join(allowed)})"
+    words, word = {each.lstrip("-"): each for each in allowed}, str(name).lstrip("-")  # the dashes of options are alike
+    near = get_close_matches(word, words, 1) or [each for each in words if each.lower() == word.lower()]
+    meant = f"; did you mean {words[near[0]]}?" if near else ""
+    return f"{one_line(name)}: unknown {kind}{meant} (allowed: {', '.join(allowed)})"
 
 
-def one_line(error: BaseException) -> str:
-    """What an error of another library says, on one line that is not too long."""
+def one_line(error: object) -> str:
+    """What an error of another library says, or a name of a user's, on one line that is not too long."""
     return " ".join(str(error).split())[:200]

@@ -2,25 +2,28 @@
 
 import re
 import reprlib
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from dataclasses import InitVar, dataclass, fields
 from math import isfinite, pi
 from numbers import Integral, Real
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from dimersweep.errors import ParameterError, unknown
-from dimersweep.kernel.model.layout import N_ROW, ROW
-from dimersweep.symbols import BASE, LEFT_OUT, PARAMETERS
+from dimersweep.errors import ParameterError, one_line, unknown
+from dimersweep.kernel.model.layout import N_ROW, ROW, Dimer
+from dimersweep.symbols import BASE, ENDS, INSTEAD, LEFT_OUT, PARAMETERS
 
 RTOL_RANGE = (1e-13, 1e-2)
+DEGREES = ("deg", "degree", "degrees", "°")
 MAX_SECONDS = 1e8  # a bound on time: the system takes no longer ones
 MAX_COUNT = 1_000_000_000  # forcing periods and other counts: the cube keeps them in 32 bits
 
 
 class Rule(NamedTuple):
     """What one parameter must obey, alone or against another one; ``holds`` takes scalars or arrays.
+
+    A rule for a parameter that each end may have of its own (`symbols.ENDS`) is one for the values of both ends.
 
     A value that obeys it against the ``worst`` value of the other one (its least or greatest) does so against all.
     """
@@ -45,38 +48,75 @@ def _share(value: Any) -> Any:
 
 
 RULES = (
-    *(Rule(name, _share, "in [0, 1]") for name in ("e", "e_1", "e_2")),
+    Rule("e", _share, "in [0, 1]"),
     Rule("Gamma", _not_negative, ">= 0"),
     Rule("Gamma_2", _not_negative, ">= 0 (turn it by phi_2)"),
     Rule("f", _positive, "> 0"),
     Rule("A_r", lambda value: value >= 2, ">= 2 (below 2 the balls overlap)"),
     Rule("mu", _not_negative, ">= 0"),
-    Rule("mu_s", lambda mu_s, mu: mu_s >= mu, ">= mu = {} (stick friction is never below slip friction)", "mu"),
-    Rule("mu_h", lambda mu_h, mu: mu_h >= mu, ">= mu = {} (stick friction is never below slip friction)", "mu"),
+    Rule("mu_s", lambda mu_s, mu: mu_s >= mu, ">= {} = {} (stick friction is never below slip friction)", "mu"),
+    Rule("mu_h", lambda mu_h, mu: mu_h >= mu, ">= {} = {} (stick friction is never below slip friction)", "mu"),
     Rule("beta0", lambda value: abs(value) < pi / 2, 'below pi/2 = 1.5708 in size (radians; degrees as "16 deg")'),
-    Rule("beta0", _not_negative, ">= 0 (p1 starts on the plate, so a negative dip angle puts p2 below it)"),
     Rule("r", _positive, "> 0"),
     Rule("rho_b", _positive, "> 0"),
     Rule("rho_r", _not_negative, ">= 0"),
     Rule("D_r", _not_negative, ">= 0"),
-    Rule("D_r", lambda D_r, r: D_r <= 2 * r, "<= 2 r with r = {} (the rod is thicker than the balls)", "r", np.min),
+    Rule("D_r", lambda D_r, r: D_r <= 2 * r, "<= 2 r with {} = {} (the rod is thicker than the balls)", "r", np.min),
     Rule("g", _positive, "> 0"),
+    Rule("eta", lambda value: value >= 1, ">= 1"),
+    Rule("k_ratio", _positive, "> 0"),
+    Rule("tilt", lambda value: (value >= 0) & (value < pi / 2), 'in [0, pi/2) (radians; degrees as "2 deg")'),
+    Rule("Gamma_x", _not_negative, ">= 0 (turn it by phi_x)"),
+    Rule("Gamma_y", _not_negative, ">= 0 (turn it by phi_y)"),
 )
 
 
 def _shown(value: Any) -> str:
     """A value that a user gave, in a line, however long or deeply nested it is."""
-    return reprlib.repr(value)
+    return " ".join(reprlib.repr(value).split())
 
 
-def as_number(name: str, value: Any) -> float:
-    """`value` as a finite float.
+def _unit_of(value: Any) -> Any:
+    """The unit that a value of another library carries: xarray's and pandas' in their attributes, None if there is none."""
+    attributes = getattr(value, "attrs", None)
+    if isinstance(attributes, Mapping):
+        return attributes.get("units", _unit_of(getattr(value, "data", None)))
+    return getattr(value, "units", getattr(value, "unit", None))
+
+
+def _check_carried(name: str, value: Any, units: str | None) -> None:
+    """Refuse what a number or an array carries besides numbers: another unit, masked entries, dates, bools.
 
     Raises
     ------
     ParameterError
-        If it is no real number (a bool or a string is none) or not finite.
     """
+    unit = _unit_of(value)
+    if unit is not None and not (isinstance(unit, str) and (units is None or unit in ("", units))):
+        wanted = "" if units is None else " without a unit" if units == "1" else f" in {units}"
+        raise ParameterError(f"{name} = {_shown(value)}: has the unit {unit}; give plain numbers{wanted}")
+    if np.ma.is_masked(value):
+        raise ParameterError(f"{name} = {_shown(value)}: has masked values; give numbers only")
+    if getattr(getattr(value, "dtype", None), "kind", "O") not in "iufOTU":
+        raise ParameterError(f"{name} = {_shown(value)}: must be a number")
+
+
+def as_number(name: str, value: Any, units: str | None = None) -> float:
+    """`value` as a finite float.
+
+    Parameters
+    ----------
+    name : str
+    value : float
+    units : str, optional
+        The unit that a value may carry as an attribute; any, if it is not given.
+
+    Raises
+    ------
+    ParameterError
+        If it is no real number (a bool or a string is none), masked, of another unit or not finite.
+    """
+    _check_carried(name, value, units)
     if getattr(value, "ndim", None) == 0:  # a numpy scalar or a single value picked from a dataset
         value = value.item()
     if isinstance(value, bool) or not isinstance(value, Real):
@@ -106,10 +146,10 @@ def number(name: str, value: Any, units: str | None = None) -> float:
     ParameterError
         If it is no number, or the unit is another one.
     """
-    if not isinstance(value, str):
-        return as_number(name, value)
     units = PARAMETERS[name].units if units is None else units
-    factors = {"": 1.0, units: 1.0} | ({"deg": pi / 180, "°": pi / 180} if units == "rad" else {})
+    if not isinstance(value, str):
+        return as_number(name, value, units)
+    factors = {"": 1.0, units: 1.0} | (dict.fromkeys(DEGREES, pi / 180) if units == "rad" else {})
     found = re.fullmatch(r"\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?|[-+]?inf|nan)\s*(.*?)\s*", value)
     try:
         size = float(found[1]) if found else None
@@ -118,9 +158,48 @@ def number(name: str, value: Any, units: str | None = None) -> float:
     if found is None or size is None:
         raise ParameterError(f"{name} = {value!r}: must be a number{_or_degrees(units)}")
     if found[2] not in factors:
-        allowed = " or ".join(dict.fromkeys(unit for unit in factors if unit not in ("", "°")))
-        raise ParameterError(f"{name} = {value!r}: the unit must be {'left out' if units == '1' else allowed}")
+        raise ParameterError(
+            f"{name} = {value!r}: the unit must be {'left out' if units == '1' else units_taken(units)}"
+        )
     return as_number(name, size * factors[found[2]])
+
+
+def units_taken(units: str) -> str:
+    """The units that a value of a quantity may be given in, in words: its own, and degrees for an angle."""
+    return units + (" or deg" if units == "rad" else "")
+
+
+def as_numbers(name: str, values: Any, read: Callable[[str, Any], float], units: str | None = None) -> np.ndarray:
+    """`values` as finite floats, shape (n,); a lone number is one value.
+
+    Parameters
+    ----------
+    name : str
+    values : array_like
+    read : callable
+        Judge of each value that is not in an array of numbers: `as_number` or `number`.
+    units : str, optional
+        See `as_number`.
+
+    Raises
+    ------
+    ParameterError
+    """
+    if hasattr(values, "__array__"):
+        _check_carried(name, values, units)
+        try:
+            values = np.asarray(values)
+        except Exception as error:  # whatever another library says
+            raise ParameterError(f"{name}: cannot be read as numbers ({one_line(error)})") from None
+        values = values if values.dtype.kind in "iuf" and values.ndim == 1 else values.tolist()
+    if isinstance(values, np.ndarray) or (isinstance(values, list) and {*map(type, values)} == {float}):
+        with np.errstate(over="ignore"):  # of longer floats
+            column = np.array(values, dtype=float)
+        if not np.isfinite(column).all():
+            raise ParameterError(f"{name} = {column[~np.isfinite(column)][0]}: must be finite")
+        return column
+    values = values if isinstance(values, list | tuple | range) else [values]
+    return np.array([read(name, value) for value in values], dtype=float)
 
 
 def _or_degrees(units: str) -> str:
@@ -142,28 +221,97 @@ def check(columns: Mapping[str, Any], gaps: Collection[str] = ()) -> None:
     ParameterError
         Naming the first value that breaks a rule, and what is allowed.
     """
-    for rule in RULES:
-        if rule.name not in columns or {rule.name, rule.other} <= set(gaps):
+    for rule, name, other in _rules_for(columns):
+        if {name, other} <= set(gaps):
             continue
-        values = np.atleast_1d(columns[rule.name])
-        others = np.atleast_1d(columns[rule.other]) if rule.other else None
+        values = np.atleast_1d(columns[name])
+        others = np.atleast_1d(columns[other]) if other else None
         kept = rule.holds(values) if others is None else rule.holds(values, rule.worst(others))
         if np.all(kept):
             continue
         value = values[np.argmin(kept)]
         allowed = rule.allowed
         if others is not None:
-            allowed = allowed.format(float(others[np.argmin(rule.holds(value, others))]))
-        raise ParameterError(f"{rule.name} = {float(value)}: must be {allowed}")
+            allowed = allowed.format(other, float(others[np.argmin(rule.holds(value, others))]))
+        raise ParameterError(f"{name} = {float(value)}: must be {allowed}")
+
+
+def _rules_for(columns: Collection[str]) -> Iterator[tuple[Rule, str, str]]:
+    """Each rule that judges some of the parameters in `columns`, with the names there of its two parameters at each end."""
+    for rule in RULES:
+        both = [tuple(_at_end(k, name, columns) for name in (rule.name, rule.other)) for k in (0, 1)]
+        for name, other in dict.fromkeys(both):
+            if name in columns and (other in columns or not other):
+                yield rule, name, other
+
+
+def _at_end(k: int, name: str, columns: Collection[str]) -> str:
+    """The name in `columns` of what a parameter is at p1 (k = 0) or p2 (k = 1)."""
+    own = ENDS[name][k] if name in ENDS else name
+    return own if own in columns else name
 
 
 def keeps_rules(columns: Mapping[str, Any]) -> Any:
     """Whether points keep the rules that tie two parameters, for scalars or columns of one shape (n,)."""
     kept: Any = True
-    for rule in RULES:
-        if rule.other and {rule.name, rule.other} <= set(columns):
-            kept = kept & rule.holds(columns[rule.name], columns[rule.other])
+    for rule, name, other in _rules_for(columns):
+        if other:
+            kept = kept & rule.holds(columns[name], columns[other])
     return kept
+
+
+def without_effect(names: Collection[str]) -> set[str]:
+    """Parameters that nothing uses where `names` are given: X, where X_1 and X_2 both are."""
+    return {name for name, ends in ENDS.items() if set(ends) <= set(names)}
+
+
+def check_effect(names: Iterable[str]) -> None:
+    """Refuse parameters of which one is without effect beside the others.
+
+    Raises
+    ------
+    ParameterError
+    """
+    names = set(names)
+    for name in without_effect(names) & names:
+        one, two = ENDS[name]
+        raise ParameterError(f"{name}: has no effect beside {one} and {two}; leave one of the three out")
+
+
+def updated(known: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """Parameters that are `known`, with those `given` in their place.
+
+    X takes the place of X_1 and X_2, both of them that of X, and what stands for a parameter (`symbols.INSTEAD`) that of it.
+    """
+    replaced = {end for name in given for end in ENDS.get(name, ())} | {
+        INSTEAD[name][0] for name in given if name in INSTEAD
+    }
+    values = {name: value for name, value in known.items() if name not in replaced} | dict(given)
+    idle = without_effect(values) - set(given)
+    return {name: value for name, value in values.items() if name not in idle}
+
+
+def value_of(name: str, columns: Mapping[str, Any]) -> Any:
+    """The value or values of a parameter, which may be left out (`symbols.LEFT_OUT`), from those that `columns` gives."""
+    if name in columns:
+        return columns[name]
+    if name == "k_ratio":
+        return np.sqrt(np.divide(value_of("r_2", columns), value_of("r_1", columns)))
+    both = next((both for both, ends in ENDS.items() if name in ends and both in columns), None)
+    value = LEFT_OUT.get(name) if both is None else both
+    return value_of(value, columns) if isinstance(value, str) else value
+
+
+def check_level(values: Mapping[str, float], wanted: str) -> None:
+    """Refuse a plate on which the heading counts, for what leaves the heading out.
+
+    Raises
+    ------
+    ParameterError
+    """
+    for name in ("tilt", "Gamma_x", "Gamma_y"):
+        if values.get(name):
+            raise ParameterError(f"{name} = {values[name]:g}: must be 0 for {wanted}, which leave the heading out")
 
 
 def check_name(name: str) -> None:
@@ -174,6 +322,9 @@ def check_name(name: str) -> None:
     ParameterError
         With the names that are.
     """
+    if name in INSTEAD:
+        parameter, quantity = INSTEAD[name]
+        raise ParameterError(f"{name}: is for single runs ({quantity.long_name}); give {parameter}")
     if name not in PARAMETERS:
         raise ParameterError(unknown(name, "parameter", PARAMETERS))
 
@@ -200,7 +351,7 @@ def check_count(name: str, value: Any, most: int = MAX_COUNT) -> int:
     ParameterError
         If it is no whole number, or out of that range.
     """
-    if isinstance(value, bool) or not isinstance(value, Integral) or value < 1:
+    if isinstance(value, bool | np.timedelta64) or not isinstance(value, Integral) or value < 1:
         raise ParameterError(f"{name} = {_shown(value)}: must be a whole number >= 1")
     if int(value) > most:
         raise ParameterError(f"{name} = {value!r}: must be <= {most}")
@@ -253,12 +404,19 @@ def fill_rows(columns: Mapping[str, Any], n: int) -> np.ndarray:
     """
     rows = np.empty((n, N_ROW))
     for slot, name in enumerate(ROW):
-        both = name.removesuffix("_1").removesuffix("_2")
-        value = columns.get(name, LEFT_OUT.get(name, both))
-        while isinstance(value, str):
-            value = columns.get(value, LEFT_OUT.get(value, {"eta": 1.5, "k_ratio": 1.0}.get(value, 0.0)))
-        rows[:, slot] = value
+        rows[:, slot] = value_of(name, columns)
     return rows
+
+
+def dimer_from(values: Mapping[str, float]) -> Dimer:
+    """The kernel's dimer of validated parameters, those of `symbols.LEFT_OUT` where they are given."""
+    from dimersweep.kernel.model.body import dimer_of
+
+    return dimer_of(fill_rows(values, 1)[0])
+
+
+class _BaseCase(float):
+    """The base case's value of a parameter that was not given."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -268,18 +426,30 @@ class Parameters:
     Parameters
     ----------
     e, e_1, e_2 : float
-        Energetic coefficients of restitution [1], in [0, 1]; `e_1`, `e_2` of one end, None for `e`.
+        Energetic coefficients of restitution [1], in [0, 1]: `e` of both ends; `e_1`, `e_2`, where given, of end p1, p2. All
+        three are refused, and `e` is None where `e_1` and `e_2` are given. So it is with `r`, `rho_b`, `mu`, `mu_s`, `mu_h`.
     Gamma, f, phi0 : float
         Vibration intensity A_z omega^2/g [1], frequency [Hz] and phase at the start [rad] of the plate.
     Gamma_2, phi_2 : float
         Intensity A_2 (2 omega)^2/g [1] of the plate's second harmonic A_2 sin(2 omega t + phi_2), and its phase [rad].
     A_r, r, D_r : float
-        Aspect ratio (l + 2r)/(2r) [1], at least 2; ball radius and rod diameter [m].
+        Aspect ratio (l + r_1 + r_2)/(r_1 + r_2) [1], at least 2; ball radius and rod diameter [m].
+    l : float, optional
+        Distance between the centres of the balls [m], in place of `A_r`.
     mu, mu_s, mu_h : float
         Slip and stick friction coefficients [1]. `mu_h` holds an end in lasting contact, None for `mu_s`; `mu_s` then holds
         it inside impacts only.
     beta0, xdot0 : float
-        Initial dip angle [rad], in [0, pi/2), and lateral velocity of ball 1 [m s-1].
+        Initial dip angle [rad], below pi/2 in size, and velocity of ball 1 along X in the room [m s-1]. Level is at
+        sin(beta) = (r_2 - r_1)/l: a smaller dip angle puts p2 on the plate.
+    theta0 : float
+        Initial heading [rad], the angle of the axis from Y. It counts where the plate is tilted or moves along itself.
+    eta, k_ratio : float
+        Exponent of the contacts in an impact, F = k X^eta [1], 3/2 for Hertz's law; k_2/k_1, None for sqrt(r_2/r_1).
+    tilt, azimuth : float
+        Angle of the plate from level, and of the direction in which it falls from its axis X [rad].
+    Gamma_x, phi_x, Gamma_y, phi_y : float
+        Intensities of a vibration along the plate's axes [1], and its phases before that along the normal [rad].
     rho_b, rho_r : float
         Densities of balls and rod [kg m-3]; the rod may be without mass.
     g : float
@@ -289,37 +459,81 @@ class Parameters:
     ------
     ParameterError
         On construction, for the first value that is not allowed.
+
+    Examples
+    --------
+    >>> from dimersweep import Parameters
+    >>> dimer = Parameters(Gamma=1.1, beta0="20 deg")
+    >>> round(dimer.beta0, 4), dimer.A_r
+    (0.3491, 6.0)
     """
 
-    e: float = BASE["e"]
+    e: float | None = _BaseCase(BASE["e"])
     Gamma: float = BASE["Gamma"]
     f: float = BASE["f"]
-    A_r: float = BASE["A_r"]
-    mu: float = BASE["mu"]
-    mu_s: float = BASE["mu_s"]
+    A_r: float = _BaseCase(BASE["A_r"])
+    mu: float | None = _BaseCase(BASE["mu"])
+    mu_s: float | None = _BaseCase(BASE["mu_s"])
     beta0: float = BASE["beta0"]
     xdot0: float = BASE["xdot0"]
     phi0: float = BASE["phi0"]
-    r: float = BASE["r"]
-    rho_b: float = BASE["rho_b"]
+    r: float | None = _BaseCase(BASE["r"])
+    rho_b: float | None = _BaseCase(BASE["rho_b"])
     rho_r: float = BASE["rho_r"]
     D_r: float = BASE["D_r"]
     g: float = BASE["g"]
     e_1: float | None = None
     e_2: float | None = None
+    r_1: float | None = None
+    r_2: float | None = None
+    rho_b_1: float | None = None
+    rho_b_2: float | None = None
+    mu_1: float | None = None
+    mu_2: float | None = None
+    mu_s_1: float | None = None
+    mu_s_2: float | None = None
     Gamma_2: float = 0.0
     phi_2: float = 0.0
     mu_h: float | None = None
+    mu_h_1: float | None = None
+    mu_h_2: float | None = None
+    eta: float = 1.5
+    k_ratio: float | None = None
+    tilt: float = 0.0
+    azimuth: float = 0.0
+    Gamma_x: float = 0.0
+    phi_x: float = 0.0
+    Gamma_y: float = 0.0
+    phi_y: float = 0.0
+    theta0: float = 0.0
+    l: InitVar[float | None] = None  # noqa: E741 - the paper's symbol
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, length: float | None) -> None:
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        told = {name for name, value in values.items() if value is not None}
+        check_effect(name for name in told if not isinstance(values[name], _BaseCase))
+        unused = without_effect(told)
         for field in fields(self):
-            value = getattr(self, field.name)
-            if value is not None or field.default is not None:
-                object.__setattr__(self, field.name, number(field.name, value))  # the dataclass is frozen from here on
+            value = None if field.name in unused else values[field.name]
+            if value is not None or not (field.default is None or field.name in unused):
+                value = number(field.name, value)
+            object.__setattr__(self, field.name, value)  # the dataclass is frozen from here on
+        if length is not None:
+            if not isinstance(values["A_r"], _BaseCase):
+                raise ParameterError("l: given together with A_r; leave one of the two out")
+            length = number("l", length, "m")
+            check({name: value for name, value in self.given().items() if name in ("r", *ENDS["r"])})
+            radii = value_of("r_1", self.given()) + value_of("r_2", self.given())
+            if length < radii:
+                raise ParameterError(f"l = {length}: must be >= r_1 + r_2 = {radii:.6g} (below it the balls overlap)")
+            object.__setattr__(self, "A_r", 1 + length / radii)
         check(self.given())
 
     def given(self) -> dict[str, float]:
-        """The parameters that have a value of their own: all, less the optional ones (`symbols.LEFT_OUT`) left out or zero."""
+        """The parameters that have a value of their own: all, less the optional ones (`symbols.LEFT_OUT`) left out or zero.
+
+        X is not among them where X_1 and X_2 are given.
+        """
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         return {name: value for name, value in values.items() if value is not None and value != LEFT_OUT.get(name)}
 

@@ -1,6 +1,7 @@
 """The words of the package: every parameter and every quantity that comes out, with its unit and its meaning."""
 
-from math import inf, pi
+from collections.abc import Collection, Mapping
+from math import inf, isclose, pi
 from typing import Any, Literal, NamedTuple
 
 
@@ -41,7 +42,9 @@ PARAMETERS = {
     "e": Quantity("1", "energetic coefficient of restitution of both ends"),
     "Gamma": Quantity("1", "vibration intensity A_z omega^2 / g"),
     "f": Quantity("Hz", "vibration frequency"),
-    "A_r": Quantity("1", "aspect ratio (l + 2 r) / (2 r)"),
+    "A_r": Quantity(
+        "1", "aspect ratio (l + r_1 + r_2) / (r_1 + r_2), l being the distance between the centres of the balls"
+    ),
     "mu": Quantity("1", "coefficient of slip friction"),
     "mu_s": Quantity("1", "coefficient of stick friction (inside impacts only, where mu_h is given)"),
     "beta0": Quantity("rad", "initial dip angle"),
@@ -54,24 +57,165 @@ PARAMETERS = {
     "g": Quantity("m s-2", "gravity"),
     "e_1": Quantity("1", "energetic coefficient of restitution of end p1"),
     "e_2": Quantity("1", "energetic coefficient of restitution of end p2"),
+    "r_1": Quantity("m", "radius of ball p1"),
+    "r_2": Quantity("m", "radius of ball p2"),
+    "rho_b_1": Quantity("kg m-3", "density of ball p1"),
+    "rho_b_2": Quantity("kg m-3", "density of ball p2"),
+    "mu_1": Quantity("1", "coefficient of slip friction of end p1"),
+    "mu_2": Quantity("1", "coefficient of slip friction of end p2"),
+    "mu_s_1": Quantity("1", "coefficient of stick friction of end p1"),
+    "mu_s_2": Quantity("1", "coefficient of stick friction of end p2"),
     "Gamma_2": Quantity("1", "intensity of the plate's second harmonic, A_2 (2 omega)^2 / g"),
     "phi_2": Quantity("rad", "phase of the plate's second harmonic at the start"),
     "mu_h": Quantity("1", "coefficient of stick friction of a lasting contact"),
+    "mu_h_1": Quantity("1", "coefficient of stick friction of a lasting contact of end p1"),
+    "mu_h_2": Quantity("1", "coefficient of stick friction of a lasting contact of end p2"),
+    "eta": Quantity("1", "exponent of the contact in impacts, F = k X^eta"),
+    "k_ratio": Quantity("1", "stiffness of the contact of p2 over that of p1 in impacts, k_2 / k_1"),
+    "tilt": Quantity("rad", "angle of the plate from level"),
+    "azimuth": Quantity("rad", "angle from the plate's axis X of the direction in which the plate falls"),
+    "Gamma_x": Quantity("1", "vibration intensity along the plate's axis X, A_x omega^2 / g"),
+    "phi_x": Quantity("rad", "phase of that vibration before the one along the normal"),
+    "Gamma_y": Quantity("1", "vibration intensity along the plate's axis Y, A_y omega^2 / g"),
+    "phi_y": Quantity("rad", "phase of that vibration before the one along the normal"),
+    "theta0": Quantity("rad", "initial heading: angle of the axis from the plate's axis Y"),
 }
+# parameters that the two ends may have each of their own: X is the value of both, X_1 and X_2, where given, are those of p1, p2
+ENDS = {name: (f"{name}_1", f"{name}_2") for name in PARAMETERS if f"{name}_1" in PARAMETERS}
+# what a run takes in place of a parameter: that parameter, and what it is
+INSTEAD = {"l": ("A_r", Quantity("m", "distance between the centres of the balls, in place of A_r"))}
 # what the parameters that may be left out are then: the value of another parameter, or a number
-LEFT_OUT: dict[str, str | float] = {"e_1": "e", "e_2": "e", "Gamma_2": 0.0, "phi_2": 0.0, "mu_h": "mu_s"}
+LEFT_OUT: dict[str, str | float] = {
+    **{f"{name}_{end}": name for name in ("e", "r", "rho_b", "mu", "mu_s") for end in (1, 2)},
+    "Gamma_2": 0.0,
+    "phi_2": 0.0,
+    "mu_h": "mu_s",
+    "mu_h_1": "mu_s_1",  # unless mu_h is given, as for every X_1
+    "mu_h_2": "mu_s_2",
+    "eta": 1.5,  # Hertz's law, in which the stiffness goes with the root of the radius
+    "k_ratio": "sqrt(r_2/r_1)",
+    **dict.fromkeys(("tilt", "azimuth", "Gamma_x", "phi_x", "Gamma_y", "phi_y", "theta0"), 0.0),
+}
+# how the parameters are written: in TeX, and in plain letters
+SYMBOLS = {
+    "e": ("e", "e"),
+    "Gamma": (r"\Gamma", "Γ"),
+    "f": ("f", "f"),
+    "A_r": ("A_r", "A_r"),
+    "mu": (r"\mu", "μ"),
+    "mu_s": (r"\mu_s", "μ_s"),
+    "beta0": (r"\beta(0)", "β(0)"),
+    "xdot0": (r"\dot{x}_1(0)", "ẋ(0)"),
+    "phi0": (r"\phi_0", "φ₀"),
+    "r": ("r", "r"),
+    "rho_b": (r"\rho_b", "ρ_b"),
+    "rho_r": (r"\rho_r", "ρ_r"),
+    "D_r": ("D_r", "D_r"),
+    "g": ("g", "g"),
+    "Gamma_2": (r"\Gamma_2", "Γ_2"),
+    "phi_2": (r"\phi_2", "φ_2"),
+    "mu_h": (r"\mu_h", "μ_h"),
+    "eta": (r"\eta", "η"),
+    "k_ratio": ("k_2/k_1", "k_2/k_1"),
+    "tilt": (r"\mathrm{tilt}", "tilt"),
+    "azimuth": (r"\mathrm{azimuth}", "azimuth"),
+    "Gamma_x": (r"\Gamma_x", "Γ_x"),
+    "phi_x": (r"\phi_x", "φ_x"),
+    "Gamma_y": (r"\Gamma_y", "Γ_y"),
+    "phi_y": (r"\phi_y", "φ_y"),
+    "theta0": (r"\theta(0)", "θ(0)"),
+}
+CAPTION = ("xdot0", "A_r", "e", "Gamma", "f", "mu", "mu_s", "beta0")  # what the paper's captions tell
+
+
+def symbol(name: str, *, tex: bool = False) -> str:
+    """How a parameter is written; that of one end has the number of the end as its index."""
+    if name in SYMBOLS:
+        tex_symbol, plain = SYMBOLS[name]
+        return f"${tex_symbol}$" if tex else plain
+    both, end = name.rsplit("_", 1)
+    tex_symbol, plain = SYMBOLS[both]
+    stem, _, index = tex_symbol.partition("_")
+    return f"${stem}_{{{index}{',' if index else ''}{end}}}$" if tex else f"{plain}_{end}"
+
+
+def units_shown(units: str) -> str:
+    """A unit as it is shown, such as rad/s of rad s-1."""
+    return "" if units == "1" else units.replace(" s-1", "/s").replace(" s-2", "/s²").replace(" m-3", "/m³")
+
+
+def units_of(name: str) -> str:
+    """Unit of a parameter as it is shown, empty if it has none."""
+    return units_shown(PARAMETERS[name].units)
+
+
+def given(name: str, value: float, *, tex: bool = False) -> str:
+    """A parameter and its value, such as f = 15 Hz."""
+    return f"{symbol(name, tex=tex)} = {value:.4g} {units_of(name)}".rstrip()
+
+
+def stated(values: Mapping[str, float], varied: Collection[str] = ()) -> dict[str, float]:
+    """The parameters that hold: the value of both ends where these are alike, else that of each end.
+
+    Parameters
+    ----------
+    values : mapping of str to float
+        Parameters by name; those of `LEFT_OUT` may be missing.
+    varied : collection of str
+        Parameters that have no one value, and are left out.
+    """
+    held = {name: values[name] for name in PARAMETERS if name in values and name not in varied}
+    for both, ends in ENDS.items():
+        own = {end: held.pop(end, held.get(both)) for end in ends if end not in varied}
+        if len(own) < 2 or len(set(own.values())) > 1:
+            held.pop(both, None)
+            held |= {end: value for end, value in own.items() if value is not None}
+        elif None not in own.values():
+            held[both] = own[ends[0]]  # type: ignore[assignment]
+    return held
+
+
+def conditions(
+    values: Mapping[str, float], varied: Collection[str] = (), always: Collection[str] = CAPTION, *, tex: bool = False
+) -> str:
+    """The conditions of a run or of a cube, such as "e = 0.6, f = 15 Hz", to be broken between parameters only.
+
+    Parameters
+    ----------
+    values, varied
+        As in `stated`.
+    always : collection of str
+        Parameters that are named even with the value of the base case; any other value is named always.
+    tex : bool
+        Whether symbols are in TeX, else in plain letters.
+    """
+    held = stated(values, varied)
+
+    def usual(name: str) -> float:
+        value = LEFT_OUT.get(name, BASE.get(name, inf))
+        return held.get(value, inf) if isinstance(value, str) else value
+
+    order = [each for name in dict.fromkeys((*CAPTION, *PARAMETERS)) for each in (name, *ENDS.get(name, ()))]
+    named = [name for name in dict.fromkeys(order) if name in held]
+    shown = [name for name in named if name in always or not isclose(held[name], usual(name), rel_tol=1e-12)]
+    return ", ".join(given(name, held[name], tex=tex).replace(" ", "\N{NO-BREAK SPACE}") for name in shown)
+
 
 QUANTITIES = {
     "status": Quantity("1", "how the run ended"),
     "mode": Quantity("1", "mode of motion"),
     "mode_period": Quantity("1", "period of the motion in forcing periods", 0, 16),
     "di_end": Quantity("1", "friction of p1, p2 at the end of the double impact"),
-    "n_events": Quantity("1", "number of events of the run", 0),
+    "n_events": Quantity("1", "number of landings, impacts, lift-offs and changes between slip and stick", 0),
     "n_periods": Quantity("1", "number of forcing periods run", 0),
     "radius": Quantity("m", "radius of the orbit", 0),
     "period": Quantity("s", "period of the orbit", 0),
     "zeta": Quantity("rad", "angle from the axis p1-p2 to the velocity at the end of the double impact", 0, pi),
-    "speed": Quantity("m s-1", "speed of the centre of mass at the end of the double impact", 0),
+    "speed": Quantity(
+        "m s-1",
+        "speed of the centre of mass: of a drift at the end of the double impact, of rest at the end of the run",
+        0,
+    ),
     "precession_rate": Quantity("rad s-1", "mean precession rate over the last forcing period"),
     "impact_phase": Quantity("1", "phase of the double impact in cycles of the plate", 0, 1),
     "spin_rate": Quantity("rad s-1", "axial spin after the double impact"),
@@ -82,6 +226,9 @@ QUANTITIES = {
     "spin_drift": Quantity("rad s-1", "change per forcing period: axial spin (of a drift: after the double impact)"),
     "longest_hop_1": Quantity("1", "longest hop of p1 in the last (at most 12) periods, in forcing periods", 0),
     "longest_hop_2": Quantity("1", "longest hop of p2 in the last (at most 12) periods, in forcing periods", 0),
+    "change_ahead": Quantity(
+        "1", "largest change left out: that of the numbers in the periods that were not run, extrapolated", 0
+    ),
     "confidence": Quantity("1", "whether the mode stands at other accuracies and from starts beside this one"),
     "error_estimate": Quantity(
         "1", "largest relative error of the orbit (of zeta and impact_phase: absolute), estimated", 0

@@ -9,9 +9,11 @@ from IPython.display import Markdown
 
 from dimersweep.cubes.cube import FLAGS
 from dimersweep.kernel.model.layout import STATUS_MESSAGES, STATUSES
+from dimersweep.orbits.kinds import BORDER_KINDS
+from dimersweep.orbits.labelling import COLUMNS, MULTIPLIERS
+from dimersweep.orbits.labelling import WORDS as WORDS_OF_ORBITS
 from dimersweep.parameters import RULES
-from dimersweep.plots.style import TEX
-from dimersweep.symbols import BASE, EVENTS, PARAMETERS, QUANTITIES, STATES, Quantity
+from dimersweep.symbols import BASE, ENDS, EVENTS, INSTEAD, LEFT_OUT, PARAMETERS, QUANTITIES, STATES, Quantity, symbol
 
 SWEEPS = Path(__file__).resolve().parents[1] / "sweeps"
 
@@ -19,7 +21,7 @@ SWEEPS = Path(__file__).resolve().parents[1] / "sweeps"
 MODES = {
     "not_run": "the point has not been run",
     "failed": "the run could not be finished; `status` says why",
-    "rest": "both ends stay on the plate for good; the dimer may still roll or slide",
+    "rest": "both ends stay on the plate for good; the dimer may roll or slide on, at `speed`",
     "drift": "the motion repeats every forcing period; the raised end lands once, the other one stays down nearly all the time",
     "jump": "both ends leave the plate and land almost together",
     "flutter": "the ends take turns, with a period longer than the forcing period",
@@ -95,8 +97,19 @@ def _unit(units: str) -> str:
 
 def _allowed(name: str) -> str:
     """What the rules of a parameter allow, without the value that a message would name, and without its explanation."""
-    rules = [re.sub(r"( with \w+)? = \{\}| \(.*\)", "", rule.allowed) for rule in RULES if rule.name == name]
+    names = (name, *(both for both, ends in ENDS.items() if name in ends))
+    rules = [
+        re.sub(r"( with \w+)? = \{\}| \(.*\)", "", rule.allowed.format(rule.other, "{}"))
+        for rule in RULES
+        if rule.name in names
+    ]
     return " and ".join(dict.fromkeys(rules)).replace("<", "&lt;") or "any number"
+
+
+def _left_out(name: str) -> str:
+    """What a parameter that is not in the base case is where it is not given."""
+    value = LEFT_OUT[name]
+    return f"`{value}`" if isinstance(value, str) else f"{value:g}"
 
 
 def parameters() -> Markdown:
@@ -104,15 +117,19 @@ def parameters() -> Markdown:
     rows = (
         (
             f"`{name}`",
-            f"${TEX[name]}$",
+            symbol(name, tex=True),
             quantity.long_name,
             _unit(quantity.units),
-            f"{BASE[name]:.6g}" if name in BASE else "not given",
+            f"{BASE[name]:.6g}" if name in BASE else _left_out(name),
             _allowed(name),
         )
         for name, quantity in PARAMETERS.items()
     )
-    return _table(("name", "symbol", "meaning", "unit", "base case", "allowed"), rows)
+    instead = (
+        (f"`{name}`", f"${name}$", quantity.long_name, _unit(quantity.units), "", "of single runs")
+        for name, (_, quantity) in INSTEAD.items()
+    )
+    return _table(("name", "symbol", "meaning", "unit", "base case", "allowed"), (*rows, *instead))
 
 
 def _quantities(quantities: dict[str, Quantity]) -> Markdown:
@@ -133,6 +150,16 @@ def events() -> Markdown:
 def states() -> Markdown:
     """The variables of ``run.states(t)``."""
     return _quantities(STATES)
+
+
+def orbits() -> Markdown:
+    """The attributes of an orbit that stand in every dataset of orbits."""
+    return _quantities(COLUMNS | {"multipliers": MULTIPLIERS} | WORDS_OF_ORBITS)
+
+
+def borders() -> Markdown:
+    """Every kind of border."""
+    return _table(("kind", "what happens there"), ((f"`{name}`", kind.meaning) for name, kind in BORDER_KINDS.items()))
 
 
 def flags(name: str) -> Markdown:

@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 import dimersweep
-from dimersweep.errors import ParameterError
+from dimersweep.errors import ParameterError, StoreError
 
 pytestmark = pytest.mark.jit
 DEG = np.pi / 180
@@ -48,6 +48,19 @@ def test_the_run_behind_a_search_is_the_one_that_decided():
     assert run.orbit.radius == pytest.approx(found.sel(f=20)["radius"].item(), rel=1e-6)
 
 
+def test_the_run_behind_each_point_of_a_patient_sweep_has_its_periods_events_and_mode():
+    """Some points are judged after twice their first periods: another verdict than after all that they may take at once."""
+    axes = {"Gamma": {"start": 1.2, "stop": 3.0, "num": 6}, "beta0": {"start": 10, "stop": 80, "num": 8, "unit": "deg"}}
+    cube = dimersweep.sweep(axes, periods=40, max_periods=300, progress=False).stack(point=("Gamma", "beta0"))
+    cube = cube.reset_index("point")
+    assert 80 in cube["n_periods"]
+    for number in range(cube.sizes["point"]):
+        point, run = cube.isel(point=number), cube.dimersweep.run(point=number, record=number % 2 == 0)
+        assert run.mode == dimersweep.names(point["mode"]).item(), number
+        for name in ("mode_period", "n_periods", "n_events"):
+            assert getattr(run, name) == point[name].item(), (number, name)
+
+
 def test_drifts_are_a_mask(cube):
     drifts = cube.dimersweep.drifts()
     assert drifts.dtype == bool
@@ -64,7 +77,7 @@ def test_a_cube_draws_itself(cube, tmp_path):
 
 def test_a_cube_tells_what_it_is(cube):
     assert repr(cube.dimersweep).startswith("<cube of dimersweep over f (2), beta0 (5): ")
-    table = cube.dimersweep._repr_html_()
+    table = cube.dimersweep._repr_html_().replace("\N{NO-BREAK SPACE}", " ")
     for word in ("some starts", "axis β(0)", "drift", "Γ = 0.9"):
         assert word in table
 
@@ -94,6 +107,29 @@ def test_a_point_beyond_the_table_is_named(cube, number):
     table = cube.stack(point=("f", "beta0")).reset_index("point")
     with pytest.raises(ParameterError, match=rf"^point = {number!r}: must be a whole number from 0 to 9$"):
         table.dimersweep.at(point=number)
+
+
+def test_modes_that_are_no_whole_numbers_are_not_drawn(cube):
+    told = (
+        r"^mode: is of type float(32|64), as where\(\) makes it, and codes are whole numbers; give the cube as it was"
+    )
+    whole = cube.assign(mode=cube["mode"].astype(float))
+    for changed in (whole, cube.where(cube["f"] > 15)):
+        for use in (changed.dimersweep.plot, changed.dimersweep.__repr__):
+            with pytest.raises(StoreError, match=told):
+                use()
+    with pytest.raises(StoreError, match=r"^mode = nan: is the code of no mode; the cube was changed$"):
+        cube.where(cube["f"] > 15).dimersweep.modes()
+
+
+def test_a_title_that_is_no_text_is_shown(cube):
+    assert "<b>5</b>" in cube.assign_attrs(title=5).dimersweep._repr_html_()
+
+
+def test_the_run_behind_a_point_of_another_kernel_says_so(cube, monkeypatch):
+    monkeypatch.setattr("dimersweep.runs.accessor.kernel_version", lambda: "another")
+    with pytest.warns(RuntimeWarning, match=r"^the cube was made by another version of the kernel; the run may differ"):
+        cube.dimersweep.run(f=15, beta0="16 deg")
 
 
 def test_other_datasets_have_no_such_thing():

@@ -6,14 +6,16 @@ import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib.colors import to_rgb
 
 from dimersweep import orbits
 from dimersweep.cli import app
 from dimersweep.errors import OrbitError, ParameterError, Stopped, StoreError
-from dimersweep.plots.borders import draw_borders
+from dimersweep.kernel.model.layout import MODES
+from dimersweep.orbits.pictures import SMOOTH, _smoothed, draw_borders
 from dimersweep.storage.provenance import as_text
-from dimersweep.studies import bordering
-from dimersweep.studies.bordering import make_borders, plan_borders, read_borders, storable
+from dimersweep.studies import border_files
+from dimersweep.studies.border_files import make_borders, plan_borders, read_borders, storable
 from dimersweep.studies.parts import parts_beside
 
 BORDERS = Path(__file__).parents[1] / "sweeps" / "borders"
@@ -39,7 +41,10 @@ def test_a_small_preset_is_written_and_drawn(name, tmp_path):
         xr.testing.assert_identical(back, made)
         assert back.attrs["Conventions"] == "CF-1.11"
         assert back.attrs["configuration_sha256"]
-        draw_borders(back).savefig(tmp_path / "figure.png")
+        figure = draw_borders(back)
+        figure.savefig(tmp_path / "figure.png")
+        assert r"$\mu$ = 0.2, $\mu_s$ = 0.4" in figure.get_suptitle().replace("\xa0", " ")
+        assert r"\beta(0)" not in figure.get_suptitle()
     with pytest.raises(StoreError, match="exists already"):
         make_borders(read_borders(BORDERS / f"{name}.toml"), out)
     assert not out.with_name("borders.nc.parts").exists()
@@ -82,16 +87,23 @@ def test_a_file_that_was_stopped_goes_on_from_its_finished_parts(tmp_path, monke
             raise KeyboardInterrupt
         return orbits.family(**given)
 
-    monkeypatch.setattr(bordering, "family", stopping)
+    def stopping_at_the_end(*rest, **more):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(border_files, "family", stopping)
     assert plan_borders(declared, out) == ["families: 2 parts, 3 points each: family-0, family-1"]
     with pytest.raises(Stopped, match=f"1 of 2 parts are kept in {parts}"):
         make_borders(declared, out)
     assert not out.exists()
     assert plan_borders(declared, out)[1:] == ["there already: family-0"]
+    (parts / f".dimersweep-{'0' * 32}.tmp").write_bytes(b"half a fi")
+    with monkeypatch.context() as patch, pytest.raises(Stopped, match=f"2 of 2 parts are kept in {parts}; the same"):
+        patch.setattr(border_files, "write_cube", stopping_at_the_end)
+        make_borders(declared, out)
     lines = []
     resumed = make_borders(declared, out, tell=lines.append)
     assert asked == [5.5, 6.0, 6.0]
-    assert lines[0] == "1 of 2 parts are there already: family-0"
+    assert lines[0] == "2 of 2 parts are there already: family-0, family-1"
     assert not parts.exists()
     xr.testing.assert_equal(resumed, whole)
 
@@ -134,7 +146,7 @@ def test_a_part_that_is_damaged_is_told_and_made_again(tmp_path, monkeypatch, da
         with netCDF4.Dataset(part, "a") as file:
             file.configuration = "{}"
         told = "is of another configuration"
-    monkeypatch.setattr(bordering, "family", lambda **given: asked.append(given["A_r"]) or orbits.family(**given))
+    monkeypatch.setattr(border_files, "family", lambda **given: asked.append(given["A_r"]) or orbits.family(**given))
     with pytest.warns(RuntimeWarning, match=rf"part-family-1.nc: {told}.*; it is made again$"):
         again = make_borders(declared, out)
     assert asked == [6.0]
@@ -182,6 +194,33 @@ def test_a_file_that_fails_leaves_nothing_behind(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["none.toml"]
 
 
+def test_a_branch_is_drawn_as_a_smooth_curve_through_its_points():
+    turn = np.linspace(-1.0, 1.0, 7)
+    at, x, y = _smoothed(turn**2, 5 + turn)
+    np.testing.assert_allclose(x[::SMOOTH], turn**2)
+    np.testing.assert_allclose(y[::SMOOTH], 5 + turn)
+    assert at[SMOOTH] == 1 and x.min() == 0  # the fold stays where it is
+    directions = np.unwrap(np.arctan2(np.diff(y), np.diff(x)))
+    assert np.abs(np.diff(directions)).max() < 0.3
+    corners = np.arctan2(np.diff(5 + turn), np.diff(turn**2))
+    assert np.abs(np.diff(corners)).max() > 2 * 0.3
+
+
+def test_families_tell_their_quantities_in_symbols_and_plain_numbers(tmp_path):
+    spin, nothing = np.linspace(90, 150, 5), xr.DataArray(np.ones((1, 5)), dims=("over", "spin"))
+    columns = dict.fromkeys(("radius", "period", "zeta", "spin_drift"), nothing * spin / 3)
+    table = xr.Dataset(columns, {"spin": spin, "A_r": ("over", [6.0])}, {"title": "families", "what": "families"})
+    figure = draw_borders(table)
+    figure.savefig(tmp_path / "a.png")
+    labels = [axes.get_ylabel() for axes in figure.axes]
+    assert r"$\zeta$ [rad]" in labels and not any("zeta" in label.replace(r"\zeta", "") for label in labels)
+    assert not [
+        text for axes in figure.axes for text in axes.get_yticklabels(which="both") if "times" in text.get_text()
+    ]
+    boxes = [axes.get_tightbbox() for axes in figure.axes]
+    assert boxes[1].x0 - boxes[0].x1 > 5 and boxes[3].x0 - boxes[2].x1 > 5
+
+
 @pytest.mark.jit
 def test_curves_are_those_of_border(tmp_path):
     text = (BORDERS / "atlas-small.toml").read_text()
@@ -193,7 +232,14 @@ def test_curves_are_those_of_border(tmp_path):
     made = made.swap_dims(border="kind")
     assert made["Gamma"].sel(kind="flip").values == pytest.approx(direct["Gamma"].values, abs=1e-9)
     assert made["ball"].sel(kind="fold").values[0] == pytest.approx(np.pi * np.array([0.5, 0.4, 0.3]) / [1.5, 1.6, 1.7])
-    draw_borders(made.swap_dims(kind="border")).savefig(tmp_path / "figure.png")
+    modes = (("Gamma", "e"), np.full((2, 3), MODES.index("drift")), {"flag_values": range(len(MODES))})
+    over = xr.Dataset({"mode": modes}, {"Gamma": [0.6, 0.9], "e": [0.5, 0.6, 0.7]})
+    over["mode"].attrs["flag_meanings"] = " ".join(MODES)
+    figure = draw_borders(made.swap_dims(kind="border"), over)
+    figure.savefig(tmp_path / "figure.png")
+    (region,) = [patch for patch in figure.axes[0].get_legend().get_patches() if patch.get_label().startswith("drift")]
+    (cells,) = figure.axes[0].collections
+    assert to_rgb(region.get_facecolor()[:3]) == pytest.approx(to_rgb(cells.get_facecolor()[0][:3]))
 
 
 @pytest.mark.jit
@@ -205,20 +251,106 @@ def test_the_command_makes_a_file_and_a_picture(tmp_path, capsys):
     assert "points" in capsys.readouterr().out
 
 
-def test_what_is_not_allowed_is_told(tmp_path):
+@pytest.mark.parametrize("name", ["atlas.png", "out.txt"])
+def test_a_table_has_the_ending_of_its_format(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    declaration = tmp_path / "two.toml"
+    declaration.write_text(FAMILIES.replace("families.nc", name))
+    with pytest.raises(ParameterError, match=rf"borders.output = {name}: a table must end in .nc$"):
+        app(["borders", str(declaration)], standalone_mode=False)
+    declaration.write_text(FAMILIES)
+    with pytest.raises(ParameterError, match=rf"^out = {name}: a table must end in .nc$"):
+        app(["borders", str(declaration), "--out", name], standalone_mode=False)
+    with pytest.raises(ParameterError, match=rf"^out = {name}: a table must end in .nc$"):
+        make_borders(read_borders(declaration), name)
+    assert list(tmp_path.iterdir()) == [declaration]
+
+
+def test_a_table_never_replaces_the_map_that_it_is_drawn_over(tmp_path):
+    declaration, under = tmp_path / "two.toml", tmp_path / "map.nc"
+    declaration.write_text(FAMILIES)
+    under.write_text("precious")
+    with pytest.raises(ParameterError, match=r"^out = .*map.nc: would replace what is read; give another name$"):
+        app(["borders", str(declaration), "--over", str(under), "--out", str(under), "--force"], standalone_mode=False)
+    assert under.read_text() == "precious"
+
+
+CURVES = """
+[borders]
+title = "a"
+output = "b.nc"
+[curves]
+kinds = ["fold"]
+spin = 100
+[over]
+A_r = [5, 6]
+"""
+BRANCHES = CURVES.replace("[curves]\nkinds = ", "[branches]\nparameter = 'Gamma'\nends = ").replace('["fold"]', "[1]")
+SECTIONS = "borders, curves, branches, families, over, fixed"
+ONE_OF = "must have one of [curves], [branches] and [families]"
+KINDS = ", ".join(border_files.BORDER_KINDS)
+
+
+@pytest.mark.parametrize(
+    ("text", "old", "new", "message"),
+    [
+        (CURVES, CURVES, "", "borders: is missing"),
+        (CURVES, "[curves]", "[curve]", f"curve: unknown key; did you mean curves? (allowed: {SECTIONS})"),
+        (CURVES, "kinds", "kind", "curves.kind: unknown key; did you mean kinds? (allowed: kinds, parameter, spin)"),
+        (CURVES, "spin", "Spin", "curves.Spin: unknown key; did you mean spin? (allowed: kinds, parameter, spin)"),
+        (CURVES, '[curves]\nkinds = ["fold"]\nspin = 100', "", ONE_OF),
+        (CURVES, '["fold"]', '["kink"]', f"curves.kinds: kink: unknown border (allowed: {KINDS})"),
+        (CURVES, '["fold"]', "[]", "curves.kinds = []: must have at least one"),
+        (CURVES, '["fold"]', '["fold", "flip", "fold"]', "curves.kinds: fold is there twice"),
+        (CURVES, "spin = 100", "spin = 1e308", "spin = 1e+308: must be at most 9.42e+04 rad/s in size"),
+        (CURVES, "spin = 100", "spin = nan", "spin = nan: must be finite"),
+        (CURVES, "A_r = [5, 6]", "Gamma = [1]", "over.Gamma: is what the curves are solved for"),
+        (CURVES, "[over]", "[fixed]\nGamma = 1\n[over]", "fixed.Gamma: is what the curves are solved for"),
+        (CURVES, "A_r = [5, 6]", "beta0 = [0.1]", "over.beta0: is of a start, and changes no orbit"),
+        (CURVES, "[over]", "[fixed]\nxdot0 = 1\n[over]", "fixed.xdot0: is of a start, and changes no orbit"),
+        (CURVES, "[over]", "[fixed]\nA_r = 5\n[over]", "over.A_r: is fixed, too"),
+        (CURVES, "[5, 6]", "[1, 5]", "A_r = 1.0: must be >= 2 (below 2 the balls overlap)"),
+        (BRANCHES, "[1]", "[]", "branches.ends = []: must have at least one"),
+        (BRANCHES, "[1]", "[1, 1.0]", "branches.ends: 1.0 is there twice"),
+        (BRANCHES, "[1]", "[1, -1]", "Gamma = -1.0: must be >= 0"),
+        (BRANCHES, "spin = 100", "points = 0", "branches.points = 0: must be a whole number >= 1"),
+        (BRANCHES, "A_r = [5, 6]", "Gamma = [1]", "over.Gamma: is what the branches are solved for"),
+        (FAMILIES, "[140, 150]", "[150, 140]", "spin = (150, 140): the first must be below the second"),
+        (FAMILIES, "[140, 150]", "[140, 1e308]", "spin = 1e+308: must be at most 9.42e+04 rad/s in size"),
+        (FAMILIES, "[over]", "[fixed]\nx = 1\n[over]", "x: unknown parameter"),
+    ],
+)
+def test_what_is_not_allowed_is_said_in_a_line_before_any_work(tmp_path, text, old, new, message):
     bad = tmp_path / "bad.toml"
-    for text, message in (
-        ("", "Field required"),
-        ('[borders]\ntitle = "a"\noutput = "b.nc"\n', "must have one of"),
-        ('[borders]\ntitle = "a"\noutput = "b.nc"\n[curves]\nkinds = ["kink"]\n', "kink: unknown border"),
-        ('[borders]\ntitle = "a"\noutput = "b.nc"\n[curves]\nkinds = ["fold"]\ncolor = 1\n', "Extra inputs"),
-        ('[borders]\ntitle = "a"\noutput = "b.nc"\n[families]\nspin = [1, 2]\n[fixed]\nx = 1\n', "unknown parameter"),
-        ("[[", "no TOML"),
-    ):
-        bad.write_text(text)
-        with pytest.raises(ParameterError, match=message):
-            read_borders(bad)
+    assert text.count(old) == 1
+    bad.write_text(text.replace(old, new))
+    with pytest.raises(ParameterError) as refused:
+        read_borders(bad)
+    said = str(refused.value)
+    assert said.startswith(f"{bad}: {message}")
+    assert "\n" not in said
+
+
+def test_what_is_no_file_of_borders_is_refused_in_a_line(tmp_path):
+    bad = tmp_path / "bad.toml"
     with pytest.raises(ParameterError, match="cannot be read"):
-        read_borders(tmp_path / "none.toml")
+        read_borders(bad)
+    for written, message in (
+        (b"[[", "is no valid TOML"),
+        (CURVES.encode() + b"# \xff", "is no valid TOML"),
+        (CURVES.replace("[5, 6]", "[" * 5000 + "5" + "]" * 5000).encode(), "is nested too deeply"),
+        (CURVES.replace("[5, 6]", "[" * 50 + "5" + "]" * 50).encode(), "must be a number"),
+    ):
+        bad.write_bytes(written)
+        with pytest.raises(ParameterError, match=rf"^{bad}: .*{message}"):
+            read_borders(bad)
     with pytest.raises(ParameterError, match="neither curves nor branches"):
         draw_borders(xr.Dataset())
+
+
+@pytest.mark.jit
+def test_xdot0_may_give_the_spin_of_branches_and_of_curves(tmp_path):
+    for text in (CURVES, BRANCHES):
+        declaration = tmp_path / "a.toml"
+        declaration.write_text(text.replace("spin = 100", "").replace("[over]", "[fixed]\nxdot0 = 0.5\n[over]"))
+        assert read_borders(declaration).fixed == {"xdot0": 0.5}

@@ -166,6 +166,24 @@ def twice(copy, first="pass", **environment):
 
 
 @pytest.mark.jit
+def test_who_changes_the_physics_is_warned_and_goes_on(tmp_path, copy):
+    body = copy / "dimersweep" / "kernel" / "model" / "body.py"
+    text = body.read_text()
+    assert text.count("2.0 * (0.4 * m_b * r**2") == 1
+    body.write_text(text.replace("2.0 * (0.4 * m_b * r**2", "2.0 * (0.6 * m_b * r**2"))
+    program = (
+        "import warnings, dimersweep\n"
+        "with warnings.catch_warnings(record=True) as said:\n"
+        "    run = dimersweep.simulate(record=False)\n"
+        "print(round(run.orbit.radius, 3), *(each.message for each in said))"
+    )
+    radius, told = run_python(program, copy, NUMBA_CACHE_DIR=str(tmp_path / "cache")).split(" ", 1)
+    assert float(radius) == 4.286
+    assert told.startswith("kernel: gives radius 4.286")
+    assert told.endswith("for the base case, and so do its sources uncompiled: they were changed\n")
+
+
+@pytest.mark.jit
 @pytest.mark.parametrize("first", ["import numba", "pass"], ids=["numba imported before", "numba imported after"])
 def test_an_edit_in_an_imported_module_is_seen(tmp_path, copy, first):
     places = {"XDG_CACHE_HOME": str(tmp_path / "cache"), "NUMBA_CACHE_DIR": None}

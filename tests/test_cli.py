@@ -14,6 +14,10 @@ import pytest
 
 import dimersweep
 from dimersweep import cli, plots
+from dimersweep.cli.claiming import PAGES
+from dimersweep.plots.movie import MOVIES
+from dimersweep.plots.style import PICTURES
+from dimersweep.storage.netcdf import CUBES, TABLES
 from dimersweep.studies.planning import SAMPLE
 from tests.fakes import failing, fake_run_many, raising
 
@@ -135,8 +139,8 @@ def test_a_bad_declaration_is_named(call, old, new, message):
         (["run", "small.toml", "--rtol", "1"], "rtol = 1.0: must be in [1e-13, 0.01]"),
         (["plot", "absent.nc"], "absent.nc: no such file"),
         (["plot", "small.toml"], "small.toml: is no NetCDF file, or a damaged one"),
-        (["plot", "absent.nc", "--out", "a.xyz"], "out = a.xyz: a picture must end in .png, .pdf, .svg"),
-        (["simulate", "--plot", "a.xyz"], "plot = a.xyz: a picture must end in .png, .pdf, .svg"),
+        (["plot", "absent.nc", "--out", "a.xyz"], "out = a.xyz: a picture must end in .png, .pdf or .svg"),
+        (["simulate", "--plot", "a.xyz"], "plot = a.xyz: a picture must end in .png, .pdf or .svg"),
         (["simulate", "--e", "fast"], "e = 'fast': must be a number"),
         (["simulate", "--periods", "1e3"], "Invalid value for '--periods': '1e3' is not a whole number"),
         (["simulate", "--A_r", "1.5"], "A_r = 1.5: must be >= 2 (below 2 the balls overlap)"),
@@ -148,7 +152,13 @@ def test_a_bad_declaration_is_named(call, old, new, message):
             "periods = 100000000: must be <= 100000 for --plot, --movie, --save and --error",
         ),
         (["simulate", "--save", "a.csv"], "save = a.csv: a run must end in .nc"),
-        (["simulate", "--alpha", "1"], "No such option: --alpha"),
+        (["simulate", "--alpha", "1"], "--alpha: unknown option (allowed: --periods, --rtol, "),
+        (["simulate", "--r_2", "1"], "--r_2: unknown option; did you mean --e_2? (allowed: --periods, --rtol, "),
+        (["run", "--wrkers", "2"], "--wrkers: unknown option; did you mean --workers? (allowed: --out, --from, "),
+        (["--vers"], "--vers: unknown option; did you mean --version? (allowed: --version, "),
+        (["simulate", "--l", "0.05", "--A_r", "6"], "l: given together with A_r; leave one of the two out"),
+        (["simulate", "--movie", "a.nc"], "movie = a.nc: a movie must end in .gif, .mp4 or .html"),
+        (["claims", "--out", "a.nc"], "out = a.nc: a page must end in .md"),
         (["dance"], "No such command 'dance'."),
     ],
 )
@@ -175,6 +185,32 @@ def test_simulate_prints_json_and_draws(call):
     assert (told["status"], told["mode"], told["orbit"]["di_end"]) == ("ok", "drift", "sp_sk")
     assert told["orbit"]["radius"] == pytest.approx(4.2447, rel=1e-3)
     assert Path("run.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_simulate_takes_the_distance_of_the_balls(call):
+    told = json.loads(call("simulate", "--l", "0.05", "--beta0", "16 degrees", "--periods", "1", "--json")[0])
+    assert told["parameters"]["A_r"] == 6
+    words = " ".join(call("simulate", "--help")[0].replace("│", " ").split())
+    assert "--l NUMBER distance between the centres of the balls, in place of A_r = (l + 2 r) / (2 r) (m)" in words
+
+
+def test_simulate_takes_values_of_single_ends(call):
+    told = json.loads(call("simulate", "--e_1", "0.5", "--e", "0.7", "--periods", "1", "--json")[0])
+    assert told["parameters"].items() >= {"e": 0.7, "e_1": 0.5}.items()
+    told = json.loads(call("simulate", "--e_1", "0.5", "--e_2", "0.4", "--periods", "1", "--json")[0])
+    assert "e" not in told["parameters"]
+    _, err, code = call("simulate", "--e", "0.6", "--e_1", "0.5", "--e_2", "0.4")
+    assert (code, err) == (2, "dimersweep: error: e: has no effect beside e_1 and e_2; leave one of the three out\n")
+
+
+def test_simulate_tells_its_conditions(call):
+    out, err, code = call("simulate", "--periods", "2", "--e_1", "0.5", "--g", "9")
+    assert code == 0, err
+    told = out.splitlines()[0].replace("\N{NO-BREAK SPACE}", " ")
+    assert "A_r = 6, e_1 = 0.5, e_2 = 0.6, Γ = 0.9" in told and told.endswith("g = 9 m/s²")
+    out, err, code = call("simulate", "--periods", "2", "--e_1", "0.5", "--e_2", "0.7", "--json")
+    told = json.loads(out)["parameters"]
+    assert (told["e_1"], told["e_2"]) == (0.5, 0.7) and "e" not in told
 
 
 HEAVY = {"numba", "numpy", "xarray", "dask", "distributed", "matplotlib", "scipy", "pandas", "netCDF4", "pydantic"}
@@ -331,6 +367,51 @@ def test_a_bound_on_the_time_of_a_run(call):
     assert call("simulate", "--max-seconds", "0")[1:] == (refused, 2)
 
 
+def interrupts(*rest, **more):
+    raise KeyboardInterrupt
+
+
+@pytest.fixture
+def interrupted_in(call, monkeypatch):
+    """Run a command that Ctrl-C stops in a function; the line that it ends with."""
+
+    def run(where, *arguments):
+        with monkeypatch.context() as patch:
+            patch.setattr(where, interrupts)
+            patch.setattr("dimersweep.cli.stopping.os._exit", sys.exit)
+            _, err, code = call(*arguments)
+        assert code == 130
+        return err.splitlines()[-1]
+
+    return run
+
+
+@pytest.mark.jit
+def test_a_run_that_is_stopped_says_which_files_are_written(interrupted_in):
+    said = interrupted_in("dimersweep.Run.animate", "simulate", "--periods", "3", "--plot", "a.png", "--movie", "a.gif")
+    assert said == "dimersweep: interrupted: a.png written, a.gif not; run the same again with --force for the rest"
+    assert sorted(os.listdir()) == ["a.png", "small.toml"]
+    said = interrupted_in("dimersweep.Run.plot", "simulate", "--periods", "3", "--plot", "a.png", "--force")
+    assert said == "dimersweep: interrupted: nothing was written"
+
+
+def test_a_sweep_that_is_stopped_says_what_is_kept_wherever_it_is(call, fake_kernel, interrupted_in):
+    there = "are kept in fig07-small.nc.tiles; run the same again to go on"
+    for _ in range(2):  # the second time all points are there
+        said = interrupted_in("dimersweep.studies.making.write_cube", "run", "small.toml")
+        assert said == f"dimersweep: interrupted: 132 of 132 points {there}"
+    said = interrupted_in("dimersweep.studies.datasets.make", "run", "small.toml")
+    assert said == f"dimersweep: interrupted: what was finished is kept in{there.removeprefix('are kept in')}"
+    said = interrupted_in("dimersweep.storage.tilestore.TileStore.remove", "run", "small.toml", "--no-plot")
+    assert said == "dimersweep: interrupted: fig07-small.nc is written"
+    Path("fig07-small.nc").unlink()
+    said = interrupted_in("dimersweep.plots.draw", "run", "small.toml")
+    written = "fig07-small.nc written, fig07-small.png not; run the same again for the rest"
+    assert said == f"dimersweep: interrupted: {written}"
+    assert call("run", "small.toml")[2] == 0
+    assert sorted(os.listdir()) == ["fig07-small.nc", "fig07-small.png", "small.toml"]
+
+
 def test_a_signal_stops_a_map_and_it_goes_on(call, fake_kernel):
     Path("map.toml").write_text(SMALL_MAP)
     with slow_sweep("map.toml", "fig08-small.nc") as process:
@@ -467,6 +548,21 @@ def test_an_output_has_the_ending_of_its_format(call, fake_kernel):
     assert (code, err) == (2, "dimersweep: error: out = a.csv: a cube must end in .nc or .zarr\n")
     with pytest.raises(dimersweep.ParameterError, match=r"^out = a.h5: a cube must end in .nc or .zarr$"):
         dimersweep.sweep({"f": [15]}, periods=1, out="a.h5")
+
+
+def test_no_two_kinds_of_output_have_an_ending_in_common():
+    kinds = CUBES, PICTURES, MOVIES, PAGES
+    assert len({ending for endings in kinds for ending in endings}) == sum(map(len, kinds))
+    assert set(TABLES) < set(CUBES)
+
+
+def test_a_picture_never_replaces_the_cube_that_it_is_of(call, fake_kernel):
+    assert call("run", "small.toml", "--no-plot")[2] == 0
+    Path("fig07-small.nc").rename("cube.png")
+    before = Path("cube.png").read_bytes()
+    refused = "dimersweep: error: out = cube.png: would replace what is read; give another name\n"
+    assert call("plot", "cube.png", "--force")[1:] == (refused, 2)
+    assert Path("cube.png").read_bytes() == before
 
 
 def test_python_errors_speak_python(call, fake_kernel):

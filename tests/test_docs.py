@@ -5,6 +5,7 @@ import json
 import re
 import sys
 import tomllib
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import get_args
@@ -21,6 +22,7 @@ from sybil.parsers.rest import DocTestParser
 import dimersweep
 from dimersweep import refine, search, sweep
 from dimersweep.cubes.cube import FLAGS
+from dimersweep.studies.border_files import Borders
 from dimersweep.studies.declaration import Declaration, read_declaration
 from dimersweep.symbols import Picture
 
@@ -83,23 +85,30 @@ def test_the_citation_is_of_this_version_and_of_the_paper():
 
 
 # --- examples ---------------------------------------------------------------------------------------------------------
-def evaluate(path, parsers, **more):
-    """Run the examples of a file in one namespace, one after the other; how many there were."""
+def examples_of(path, parsers, **more):
+    """The examples of a file, with the namespace that they share."""
     document = Sybil(parsers=parsers, **more).parse(path)
     document.namespace |= {"__name__": "__main__", "find_spec": find_spec}
-    examples = list(document.examples())
-    for example in examples:
-        example.evaluate()
-    return len(examples)
+    return list(document.examples()), document.namespace
 
 
 WITH_PYTHON = [page for page in PAGES if "```python" in page.read_text(encoding="utf-8")]
 
 
 @pytest.mark.parametrize("page", WITH_PYTHON, ids=lambda page: page.name)
-def test_the_python_of_a_page_runs(page, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert evaluate(page, [PythonCodeBlockParser(), SkipParser()])
+def test_each_block_of_a_page_runs_by_itself_twice(page, tmp_path, monkeypatch):
+    """Each block by itself, and once more in the folder that it has been run in."""
+    for again in (False, True):
+        examples, names = examples_of(page, [PythonCodeBlockParser(), SkipParser()])
+        shared = dict(names)
+        assert examples
+        for number, example in enumerate(examples):
+            names.clear()
+            names |= shared
+            folder = tmp_path / str(number)
+            folder.mkdir(exist_ok=again)
+            monkeypatch.chdir(folder)
+            example.evaluate()
 
 
 WITH_DOCTESTS = [
@@ -110,13 +119,18 @@ WITH_DOCTESTS = [
 @pytest.mark.parametrize("path", WITH_DOCTESTS, ids=lambda path: str(path.relative_to(ROOT / "dimersweep")))
 def test_the_examples_of_docstrings_print_what_they_show(path, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert evaluate(path, [DocTestParser(optionflags=NUMBER)], document_types={".py": PythonDocStringDocument})
+    examples, _ = examples_of(
+        path, [DocTestParser(optionflags=NUMBER)], document_types={".py": PythonDocStringDocument}
+    )
+    assert examples
+    for example in examples:
+        example.evaluate()
 
 
 # --- sweep files ------------------------------------------------------------------------------------------------------
-def sections():
+def sections(declaration):
     """The sections of a declaration that have keys of their own, and their models."""
-    for name, field in Declaration.model_fields.items():
+    for name, field in declaration.model_fields.items():
         kinds = [field.annotation, *getattr(field.annotation, "__args__", ())]
         yield from ((name, kind) for kind in kinds if inspect.isclass(kind) and issubclass(kind, BaseModel))
 
@@ -129,11 +143,12 @@ def as_written(field):
     return "none" if default is None else default if isinstance(default, str) else json.dumps(default)
 
 
-def test_the_page_on_sweep_files_has_every_key_with_its_default():
-    rows = re.findall(r"^\| `(\w+\.\w+)` \| [^|]+ \| ([^|]+) \|", text_of("docs/sweepfile.md"), re.MULTILINE)
+@pytest.mark.parametrize(("page", "declaration"), [("sweepfile", Declaration), ("orbits", Borders)])
+def test_the_page_on_a_kind_of_file_has_every_key_with_its_default(page, declaration):
+    rows = re.findall(r"^\| `(\w+\.\w+)` \| [^|]+ \| ([^|]+) \|", text_of(f"docs/{page}.md"), re.MULTILINE)
     keys = {
         f"{section}.{key}": as_written(field)
-        for section, model in sections()
+        for section, model in sections(declaration)
         for key, field in model.model_fields.items()
     }
     assert dict(rows) == keys
@@ -169,6 +184,13 @@ def test_the_page_on_python_has_every_public_name():
     assert set(dimersweep.__all__) - {"stability"} <= shown  # a module, whose functions are there
     public = [name for name, value in vars(dimersweep.Run).items() if not name.startswith("_") and value.__doc__]
     assert {f"Run.{name}" for name in public if name not in ("record", *dimersweep.Run.__annotations__)} <= shown
+
+
+@pytest.mark.parametrize("module", ["dimersweep", "dimersweep.orbits", "dimersweep.plots"])
+def test_every_public_function_and_class_has_an_example(module):
+    public = {name: getattr(import_module(module), name) for name in import_module(module).__all__}
+    without = [name for name, value in public.items() if callable(value) and ">>> " not in (value.__doc__ or "")]
+    assert without == []
 
 
 # --- cubes ------------------------------------------------------------------------------------------------------------

@@ -123,11 +123,14 @@ def test_chaos_is_told():
     assert grown[-1] > 0.1
 
 
-def test_what_cannot_be_bounded_is_refused(coarse):
+def test_what_cannot_be_bounded_is_refused(coarse, monkeypatch):
     with pytest.raises(ParameterError, match="nothing was recorded"):
         simulate(periods=1, record=False).error()
+    monkeypatch.setattr("dimersweep.runs.simulating.simulate", lambda **given: pytest.fail("work was done"))
     with pytest.raises(ParameterError, match="must be in"):
         coarse.error(1.0)
+    with pytest.raises(ParameterError, match=r"^t = 'abc': must be one time or a list of times \[s\]$"):
+        coarse.error("abc")
     with pytest.raises(ParameterError, match="did not reach its end"):
         replace(coarse, status="max_events").error()
 

@@ -37,6 +37,13 @@ def cube(file):
     )
 
 
+@pytest.fixture(scope="module")
+def sample(tmp_path_factory):
+    points = {"f": [15.0, 16.0, 20.0], "Gamma": [0.8, 0.91, 1.1], "beta0": [0.1, 0.27, 0.5]}
+    out = tmp_path_factory.mktemp("points") / "points.nc"
+    return dimersweep.sweep(points=points, periods=60, progress=False, out=out)
+
+
 def test_a_click_shows_the_run_behind_the_nearest_point(cube):
     shown = board.Board(cube)
     run = shown.click(16.9 * DEG, 0.88)
@@ -45,8 +52,12 @@ def test_a_click_shows_the_run_behind_the_nearest_point(cube):
     assert run.parameters["f"] == 15
     assert shown.spot.data == {"x": [run.parameters["beta0"]], "y": [0.9]}
     assert "drift" in shown.told.object
+    point = cube.sel(f=15, Gamma=0.9, beta0=16 * DEG, method="nearest")
+    assert (run.n_periods, run.n_events) == (point["n_periods"], point["n_events"])
+    assert run.n_periods < board.SHOWN_PERIODS
+    heights = shown.picture.object.axes[0]
     assert len(shown.picture.object.axes) == 5
-    assert run.n_periods >= board.SHOWN_PERIODS
+    assert max(line.get_xdata().max() for line in heights.lines) > run.n_periods
 
 
 def test_a_slider_moves_the_map_and_the_run(cube):
@@ -59,6 +70,18 @@ def test_a_slider_moves_the_map_and_the_run(cube):
     assert before == list(dimersweep.names(cube["mode"]).sel(f=15).values.ravel())
 
 
+def test_values_that_differ_late_are_told_apart(cube):
+    pair = cube.isel(f=[0, 0]).assign_coords(f=[0.6, 0.6000001])
+    assert board.Board(pair).sliders["f"].options == {"0.6": 0, "0.6000001": 1}
+    assert board.told_apart(np.array([1 / 3, 1.0])) == ["0.33333", "1"]
+    assert board.told_apart(np.array([1.0, np.nextafter(1, 2)])) == ["1", "1.0000000000000002"]
+
+
+def test_modes_that_are_no_whole_numbers_are_refused(cube):
+    with pytest.raises(StoreError, match=r"^mode: is of type float64, as where\(\) makes it"):
+        board.Board(cube.assign(mode=cube["mode"].astype(float)))
+
+
 def test_a_quantity_is_shown_in_shades(cube):
     shown = board.Board(cube)
     modes = set(shown.source.data["color"])
@@ -68,7 +91,25 @@ def test_a_quantity_is_shown_in_shades(cube):
     assert set(colors[~finite]) <= {"#ffffff"}
     assert "#ffffff" not in colors[finite]
     assert set(colors) != modes
-    assert shown.bar.visible
+    assert shown.bar.visible and shown.bar.title == "radius [m]" and not shown.key.visible
+    told = dict(shown.hover.tooltips)
+    assert list(told) == ["β(0) [rad]", "Γ", "mode", "radius [m]"]
+    np.testing.assert_array_equal(shown.source.data["shown"], cube["radius"].sel(f=15).values.ravel())
+    assert shown.spot not in [renderer.data_source for renderer in shown.hover.renderers]
+
+
+def test_points_that_are_no_grid_are_shown_over_any_two_of_their_parameters(sample):
+    shown = board.Board(sample)
+    np.testing.assert_array_equal(shown.source.data["x"], sample["beta0"])
+    np.testing.assert_array_equal(shown.source.data["y"], sample["f"])
+    run = shown.click(0.28, 15.9)
+    assert (run.parameters["beta0"], run.parameters["Gamma"], run.parameters["f"]) == (0.27, 0.91, 16.0)
+    assert shown.spot.data == {"x": [0.27], "y": [16.0]}
+    shown.choices["up"].value = "Gamma"
+    assert shown.spot.data["x"] == []
+    np.testing.assert_array_equal(shown.source.data["y"], sample["Gamma"])
+    assert shown.map.yaxis[0].axis_label == "Γ"
+    assert shown.click(0.1, 0.9).parameters["f"] == 15.0
 
 
 def test_a_cube_over_one_axis_and_a_search_are_shown(cube):
@@ -122,6 +163,35 @@ def served(path):
             process.terminate()
 
 
+MARKUP = '<img src=x onerror="window.hit=1"><script>window.hit=1</script> *a* [b](javascript:alert) $c$ & d'
+
+
+@needs_chromium
+def test_markup_in_a_cube_is_shown_as_it_is_written(cube, tmp_path):
+    word = MARKUP.replace(" ", "/")
+    held = cube.copy()
+    held["mode"].attrs["flag_meanings"] = " ".join([word] * len(cube["mode"].attrs["flag_values"]))
+    name = "v" + MARKUP.replace("/", "")
+    held[name] = held["radius"]
+    held.attrs["title"] = MARKUP
+    file = tmp_path / "cube.nc"
+    held.to_netcdf(file)
+    with served(file) as address, chromium_page(offline=False, width=1300, height=900) as (page, errors):
+        page.goto(address)
+        page.get_by_text("Click a point of the map").wait_for(timeout=60_000)
+        assert page.locator("h3").inner_text() == MARKUP
+        place = page.locator(".bk-Canvas").first.bounding_box()
+        page.mouse.move(place["x"] + 0.5 * place["width"], place["y"] + 0.5 * place["height"])
+        page.get_by_text(word).first.wait_for(timeout=30_000)  # beside the pointer
+        page.get_by_label("shown").select_option(name)
+        page.wait_for_timeout(1000)
+        if os.environ.get("DIMERSWEEP_SCREENSHOTS"):
+            page.screenshot(path=f"{os.environ['DIMERSWEEP_SCREENSHOTS']}/markup.png")
+        assert page.evaluate("window.hit") is None
+        assert page.locator("img[src=x]").count() == 0
+        assert [each for each in errors if "favicon" not in each] == []
+
+
 @needs_chromium
 def test_a_click_in_a_browser_changes_the_run(cube, file):
     with (
@@ -141,6 +211,15 @@ def test_a_click_in_a_browser_changes_the_run(cube, file):
             timeout=30_000
         )
         page.wait_for_timeout(3000)
+        assert page.get_by_text("mode:").first.is_visible()
+        assert page.get_by_text("???").count() == 0
+        page.set_viewport_size({"width": 390, "height": 800})  # a telephone's: the run is below the map
+        page.wait_for_timeout(1000)
+        picture = page.locator("img[src^='data:image/svg'], .bk-panel-models-layout-Column svg").last.bounding_box()
+        assert picture["width"] > 250 and picture["x"] >= 0 and picture["x"] + picture["width"] <= 390
+        page.get_by_role("button", name="replay").click()
+        page.frame_locator("iframe").get_by_text("forcing period").first.wait_for(timeout=60_000)
+        assert page.locator("iframe").bounding_box()["height"] > 500
         if os.environ.get("DIMERSWEEP_SCREENSHOTS"):
             page.screenshot(path=f"{os.environ['DIMERSWEEP_SCREENSHOTS']}/explore.png")
         assert [each for each in errors if "favicon" not in each] == []

@@ -1,6 +1,7 @@
 """Whatever people feed in (files cut short, bytes flipped, words misspelt), they get one clear line or what they asked for."""
 
 import contextlib
+import csv
 import io
 import json
 import re
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 from hypothesis import HealthCheck, assume, given, settings
@@ -17,13 +19,14 @@ from hypothesis import strategies as st
 import dimersweep
 from dimersweep import cli
 from dimersweep.cubes.results import Tile
-from dimersweep.errors import StoreError, UserError
+from dimersweep.errors import ParameterError, StoreError, UserError
 from dimersweep.storage.manifest import as_line, read_manifest
 from dimersweep.storage.netcdf import open_cube
 from dimersweep.storage.tilestore import tile_store
 from dimersweep.studies.declaration import Declaration, read_declaration
+from dimersweep.studies.point_tables import point_table
 from dimersweep.studies.sweep_spec import make_spec
-from dimersweep.symbols import PARAMETERS
+from dimersweep.symbols import INSTEAD, PARAMETERS
 from dimersweep.work.tiles import attempt
 
 SWEEPS = Path(__file__).parents[1] / "sweeps"
@@ -42,7 +45,7 @@ TOKENS = st.sampled_from(
         "[1, 1]", "[2, 1]", '{start = 1}', "{start = 0, stop = 1, step = 0}", "{start = 0, stop = 1, step = -1}",
         "{start = 0, stop = 1e9, step = 1e-9}", "{start = 1, stop = 2, num = 3}", "{start = 1, stop = 2, num = 1e3}",
         '{start = 1, stop = 2, step = 1, unit = "Hz"}', "9223372036854775808", "1_000", "0x10", "1979-05-27", "15 Hz",
-        '"\\u0000"',
+        '"\\u0000"', "{start = 0.5, stop = 0.7, step = 0.06}", "{start = -1.7e308, stop = 1.7e308, num = 3}", '"16 degrees"',
     ]
 )  # fmt: skip
 
@@ -100,6 +103,149 @@ def test_bytes_of_a_declaration_changed(name, place, bytes_, cut):
     written = TEXTS[name].encode()
     place %= len(written)
     judged(written[:place] + bytes_ + (b"" if cut else written[place + len(bytes_) :]))
+
+
+NAMES = st.lists(st.sampled_from(["f", "Gamma", "e", "e_1", "phi0"]), min_size=1, max_size=3, unique=True)
+CELLS = st.sampled_from(["0.5", "1", "0.9", " 1", '"1"']) | st.sampled_from(
+    ["f", "1e999", "nan", "NA", "", " ", '"', "16 deg", "\x00", ";", '"\n'],
+)
+
+
+@settings(steady, max_examples=200)
+@given(NAMES, st.data())
+def test_a_table_of_anything_has_the_values_of_its_lines_or_is_refused(names, data):
+    cells = st.lists(data.draw(st.sampled_from([CELLS, st.just("1")])), min_size=len(names), max_size=len(names))
+    lines = data.draw(
+        st.lists(cells | st.lists(CELLS, max_size=4), max_size=3) | st.lists(cells, min_size=1, max_size=3)
+    )
+    rows, end = [",".join(line) for line in (names, *lines)], data.draw(st.sampled_from(["\n", "\r\n", "\n\n", "\r"]))
+    Path("fuzzed.csv").write_bytes(end.join(rows).encode())
+    try:
+        table = point_table(file="fuzzed.csv", columns={}, ranges={}, sample=None, number=None, seed=None)
+        columns = make_spec(None, points=table, periods=1).grid.columns
+    except UserError as error:
+        assert one_line(error), error
+        return
+    read = csv.reader(io.StringIO(end.join(rows[1:]), newline=""), skipinitialspace=True)  # a cell may span lines
+    kept = [row for row in read if "".join(row)]
+    assert list(columns) == names
+    assert [values.size for values in columns.values()] == [len(kept)] * len(names)
+
+
+# --- numbers of other libraries -----------------------------------------------------------------------------------------
+
+
+class Quantity:
+    """A number or an array with a unit, as pint's and astropy's are: numpy takes its numbers and forgets the unit."""
+
+    def __init__(self, numbers, **unit):
+        self.numbers = np.asarray(numbers)
+        self.ndim, self.shape, self.dtype = self.numbers.ndim, self.numbers.shape, self.numbers.dtype
+        vars(self).update(unit)
+
+    def __array__(self, dtype=None, copy=None):
+        return self.numbers.astype(dtype)
+
+    def item(self):
+        return self.numbers.item()
+
+    def __repr__(self):
+        return "5 mm"
+
+
+def in_mm(values, **more):
+    return xr.DataArray(values, attrs={"units": "mm"}, **more)
+
+
+MM = "r = .*: has the unit mm; give plain numbers in m$"
+NONE = "r = .*: must be a number$"
+SINGLE = {
+    "masked": (np.ma.masked, "r = masked: has masked values; give numbers only$"),
+    "masked, of no dimension": (np.ma.array(5e-3, mask=True), "r = .*: has masked values; give numbers only$"),
+    "pint": (Quantity(5.0, units="mm"), MM),
+    "pint, a unit that is no text": (Quantity(5.0, units=Path("mm")), MM),
+    "astropy": (Quantity(5.0, unit="mm"), MM),
+    "xarray": (in_mm(5.0), MM),
+    "a date": (np.datetime64(5, "ns"), NONE),
+    "a duration": (np.timedelta64(5, "s"), NONE),
+    "a bool": (np.True_, NONE),
+    "bytes": (b"5", NONE),
+    "complex": (np.complex128(5), NONE),
+    "no value": (pd.NA, NONE),
+}
+SEVERAL = {
+    "masked": (np.ma.array([5e-3, 6e-3], mask=[0, 1]), "r = .*: has masked values; give numbers only$"),
+    "masked in a list": ([5e-3, np.ma.masked], "r = masked: has masked values; give numbers only$"),
+    "pint": (Quantity([5.0, 6.0], units="mm"), MM),
+    "pint in a list": ([Quantity(5.0, units="mm"), 6.0], MM),
+    "xarray": (in_mm([5.0, 6.0], dims="x"), MM),
+    "xarray's variable": (in_mm([5.0, 6.0], dims="x").variable, MM),
+    "dates": (np.array([1, 2], "M8[ns]"), NONE),
+    "durations": (np.array([1, 2], "m8[s]"), NONE),
+    "bools": (np.array([False, True]), NONE),
+    "complex": (np.array([1 + 0j]), NONE),
+    "objects": (np.array([5e-3, None], dtype=object), "r = None: must be a number$"),
+    "no values": (pd.array([5e-3, None], dtype="Float64"), "r = .*: has masked values; give numbers only$"),
+    "ragged": ([[5e-3], [5e-3, 6e-3]], NONE),
+    "too long a float": (np.array(["1e4000"], dtype=np.longdouble), "r = inf: must be finite$"),
+}
+
+
+@pytest.mark.parametrize(("value", "message"), SINGLE.values(), ids=SINGLE)
+def test_what_is_no_plain_number_is_refused_wherever_it_stands(value, message):
+    places = {
+        "": lambda: dimersweep.simulate(r=value, periods=1),
+        "fixed": lambda: make_spec({"f": [15]}, {"r": value}, periods=1),
+        "fixed, value": lambda: make_spec({"f": [15]}, {"r": {"value": value, "unit": "m"}}, periods=1),
+        "start": lambda: make_spec({"r": {"start": value, "stop": 1.0, "num": 2}}, periods=1),
+        "found": lambda: dimersweep.orbits.find(r=value),
+        "border": lambda: dimersweep.orbits.border("fold", "Gamma", over={"r": [value]}),
+    }
+    for place, call in places.items():
+        with pytest.raises(ParameterError, match=message.replace("r = ", r"r(\.start)? = ")) as caught:
+            call()
+        assert one_line(caught.value), place
+    with pytest.raises(ParameterError, match=message.replace("r = ", "^start.gap_1 = ")):
+        dimersweep.simulate(start={"gap_1": value}, periods=1)
+    with pytest.raises(ParameterError, match=r"^periods = "):
+        dimersweep.simulate(periods=value)
+
+
+@pytest.mark.parametrize(("values", "message"), SEVERAL.values(), ids=SEVERAL)
+def test_what_are_no_plain_numbers_is_refused_wherever_it_stands(values, message):
+    places = {
+        "axis": lambda: make_spec({"r": values}, periods=1),
+        "values": lambda: make_spec({"r": {"values": values, "unit": "m"}}, periods=1),
+        "points": lambda: make_spec(None, points={"r": values}, periods=1),
+        "over": lambda: dimersweep.orbits.border("fold", "Gamma", over={"r": values}),
+    }
+    for place, call in places.items():
+        with pytest.raises(ParameterError, match="^" + message) as caught:
+            call()
+        assert one_line(caught.value), place
+
+
+def test_numbers_that_carry_the_unit_of_their_parameter_are_taken():
+    made = make_spec({"f": xr.DataArray([15.0, 20.0], attrs={"units": "Hz"}), "mu": np.ma.array([0.1])}, periods=1)
+    assert made.grid.axes["f"].tolist() == [15, 20] and made.grid.axes["mu"].tolist() == [0.1]
+    assert dimersweep.simulate(r=xr.DataArray(4e-3, attrs={"units": "m"}), periods=1).parameters["r"] == 4e-3
+    points = xr.Dataset({"r": ("point", [5.0, 6.0], {"units": "mm"})})
+    with pytest.raises(ParameterError, match="^" + MM):
+        make_spec(None, points=points, periods=1)
+    points["r"].attrs["units"] = "m"
+    assert make_spec(None, {"D_r": 1e-3}, points=points, periods=1).grid.size == 2
+
+
+def test_ends_of_a_range_that_are_too_far_apart_and_columns_of_one_name_are_refused():
+    ends = {"start": -1.7e308, "stop": 1.7e308}
+    for many in ({"num": 3}, {"step": 1e307}):
+        with pytest.raises(ParameterError, match=r"^xdot0.stop = 1.7e\+308: is too far from start = -1.7e\+308$"):
+            make_spec({"xdot0": ends | many}, periods=1)
+    with pytest.raises(ParameterError, match=r"^points.ranges.f: stop = 1e\+300 is too far from start = 1e-300$"):
+        drawn = {"f": {"start": 1e-300, "stop": 1e300, "spacing": "log"}}
+        point_table(file=None, columns={}, ranges=drawn, sample=None, number=2, seed=None)
+    with pytest.raises(ParameterError, match=r"^points: has 2 columns f; give each parameter once$"):
+        make_spec(None, points=pd.DataFrame([[15.0, 16.0]], columns=["f", "f"]), periods=1)
 
 
 # --- cubes --------------------------------------------------------------------------------------------------------------
@@ -285,7 +431,7 @@ def called(*arguments):
 
 
 @steady
-@given(st.sampled_from([*PARAMETERS, "periods", "rtol"]), VALUES)
+@given(st.sampled_from([*PARAMETERS, *INSTEAD, "periods", "rtol"]), VALUES)
 def test_a_wrong_value_of_a_parameter_is_told(name, value):
     code, err = called("simulate", f"--{name}", value)
     assert code == 2, (name, value, err)

@@ -5,7 +5,7 @@ import pytest
 
 from dimersweep import orbits
 from dimersweep.errors import OrbitError
-from dimersweep.orbits.grazing import CLOSED, least_gap
+from dimersweep.orbits.grazing import NO_GAP, least_gap
 from dimersweep.orbits.passage import TURN
 from dimersweep.orbits.word import longest_hop
 
@@ -90,4 +90,4 @@ def test_orbits_exist_up_to_a_leap_and_not_beyond():
 def test_no_gap_is_told_where_no_end_turns():
     orbit = orbits.find(spin=100.0, Gamma=1.33, **GRAZING)
     assert gap_of(orbit) == np.inf
-    assert CLOSED < gap_of(orbits.find(spin=100.0, Gamma=1.341, **GRAZING)) < 1e-3
+    assert NO_GAP < gap_of(orbits.find(spin=100.0, Gamma=1.341, **GRAZING)) < 1e-3

@@ -23,8 +23,8 @@ BAD = [
     ({"freq": [1]}, {}, "freq: unknown parameter (allowed: e, Gamma, f, A_r, mu, mu_s, beta0, xdot0, phi0, "),
     ({"f": [15]}, {"q": 1}, "q: unknown parameter (allowed: e, "),
     ({"f": [15]}, {"f": 20}, "f: given twice, as an axis and as a fixed value"),
-    ({"e": [0.5]}, {"e_1": 0.5}, "e_1: given together with e; give e, or e_1 and e_2"),
-    ({"e": [0.5], "e_2": [0.5]}, {}, "e_2: given together with e; give e, or e_1 and e_2"),
+    ({"e": [0.5]}, {"e_1": 0.5, "e_2": 0.5}, "e: has no effect beside e_1 and e_2; leave one of the three out"),
+    ({"e_1": [0.5], "e_2": [0.5]}, {"e": 0.5}, "e: has no effect beside e_1 and e_2; leave one of the three out"),
     ({"f": [15, float("nan")]}, {}, "f = nan: must be finite"),
     ({"f": [15, True]}, {}, "f = True: must be a number"),
     ({"f": ["fast"]}, {}, "f = 'fast': must be a number"),
@@ -39,6 +39,16 @@ BAD = [
     ({"f": {"start": 1, "stop": 2, "stp": 1}}, {}, "f: has start, stop, stp; give values, or start, stop and "),
     ({"f": {"start": 2, "stop": 1, "num": 3}}, {}, "f.stop = 1.0: must be >= start = 2.0"),
     ({"f": {"start": 1, "stop": 2, "step": 0}}, {}, "f.step = 0.0: must be > 0"),
+    (
+        {"e": {"start": 0.5, "stop": 0.7, "step": 0.06}},
+        {},
+        "e.step = 0.06: no whole steps from start = 0.5 to stop = 0.7; give stop = 0.68 or 0.74, or num = 4 or 5 in place",
+    ),
+    (
+        {"e": {"start": 0.5, "stop": 0.7, "step": 0.3}},
+        {},
+        "e.step = 0.3: no whole steps from start = 0.5 to stop = 0.7; give stop = 0.8, or num = 2 in place of step",
+    ),
     ({"f": {"start": 1, "stop": 2, "num": 0}}, {}, "f.num = 0: must be a whole number >= 1"),
     ({"f": [reduce(lambda inner, _: [inner], range(5000), 1.0)]}, {}, "f = [[[[[[[...]]]]]]]: must be a number"),
     ({"f": [15, None]}, {}, "f = None: must be a number"),
@@ -72,8 +82,31 @@ def test_a_range_holds_its_stop_and_angles_may_be_degrees():
     assert beta0.size == 899
     np.testing.assert_allclose(np.rad2deg(beta0[[0, -1]]), [0.1, 89.9])
     np.testing.assert_array_equal(axis("f", {"start": 15, "stop": 25, "num": 3}), [15, 20, 25])
-    np.testing.assert_array_equal(axis("f", {"start": 15, "stop": 24, "step": 5}), [15, 20])
     np.testing.assert_array_equal(axis("f", 15), [15])
+
+
+hundredths = st.integers(1, 100_000)
+
+
+@given(hundredths, hundredths, st.integers(0, 10_000))
+def test_a_range_of_whole_steps_ends_at_its_stop(start, step, n):
+    values = axis("f", {"start": start / 100, "stop": (start + n * step) / 100, "step": step / 100})
+    assert values.size == n + 1
+    assert values[-1] == pytest.approx((start + n * step) / 100, rel=1e-12)
+
+
+@given(hundredths, hundredths, st.integers(0, 1000), st.floats(0.01, 0.99))
+def test_what_is_said_of_a_stop_between_two_steps_is_taken(start, step, n, part):
+    start, step = start / 100, step / 100
+    declared = {"start": start, "stop": start + (n + part) * step, "step": step}
+    with pytest.raises(ParameterError, match=r"^f.step = .*: no whole steps from ") as caught:
+        axis("f", declared)
+    stops, nums = re.search(r"give stop = (.*), or num = (.*) in place of step$", str(caught.value)).groups()
+    for stop, num in zip(stops.split(" or "), nums.split(" or "), strict=True):
+        assert axis("f", declared | {"stop": float(stop)}).size == int(num)
+        del declared["step"]
+        assert axis("f", declared | {"num": int(num)}).size == int(num)
+        declared["step"] = step
 
 
 def test_points_are_numbered_in_c_order():
@@ -89,6 +122,28 @@ def test_one_end_of_its_own_leaves_the_other_at_e():
     grid = make_grid({"e_1": [0.3, 0.5]})
     assert "e" not in grid.fixed
     np.testing.assert_array_equal(grid.rows(0, 2)[:, :2], [[0.3, 0.6], [0.5, 0.6]])
+
+
+@pytest.mark.parametrize(
+    ("axes", "fixed", "expected"),
+    [
+        ({"e_1": [0.3, 0.5]}, {"e": 0.7}, [[0.3, 0.7], [0.5, 0.7]]),
+        ({"e": [0.3, 0.5]}, {"e_1": 0.7}, [[0.7, 0.3], [0.7, 0.5]]),
+        ({"e": [0.3, 0.5], "e_1": [0.7]}, {}, [[0.7, 0.3], [0.7, 0.5]]),
+        ({"f": [15]}, {"e": 0.3, "e_2": 0.4}, [[0.3, 0.4]]),
+    ],
+)
+def test_each_end_has_its_own_value_or_that_of_both(axes, fixed, expected):
+    grid = make_grid(axes, fixed)
+    np.testing.assert_array_equal(grid.rows(0, grid.size)[:, :2], expected)
+
+
+def test_what_is_the_same_at_the_ends_is_told_alike():
+    told = [
+        make_grid({"f": [15]}, fixed).told()
+        for fixed in ({"e_1": 0.5}, {"e_1": 0.5, "e": 0.6}, {"e_1": 0.5, "e_2": 0.6})
+    ]
+    assert told[0] == told[1] == told[2]
 
 
 @given(st.integers(0, 24), st.integers(0, 24))

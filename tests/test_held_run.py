@@ -192,6 +192,18 @@ def test_simulate_names_its_parameters_and_refuses_others():
         simulate(gamma=1)
 
 
+def test_a_cube_tells_how_fast_a_dimer_at_rest_rolls():
+    cube = dimersweep.sweep({"Gamma": [0.5, 0.9]}, fixed={"beta0": 0.1}, periods=100, progress=False)
+    runs = [simulate(Gamma=Gamma, beta0=0.1, periods=100, record=False) for Gamma in (0.5, 0.9)]
+    assert [run.mode for run in runs] == ["rest", "rest"]
+    assert cube["speed"].values == pytest.approx([run.end_speed for run in runs], rel=1e-6)
+    assert cube["speed"].values.min() > 0.5
+    assert "both ends down at 0.7" in repr(runs[0])
+    assert "both ends stay down, the centre of mass moves at 0.7" in cube.dimersweep._repr_html_()
+    labels = [text.get_text() for text in cube.dimersweep.plot("mode_map").legends[0].get_texts()]
+    assert labels == ["rest: both ends down (100.0 %)"]
+
+
 def test_a_dimer_at_rest_tells_how_fast_it_rolls():
     run = simulate(f=25, beta0=1.535, periods=100)
     assert run.mode == "rest"
@@ -290,6 +302,13 @@ def test_a_run_with_a_forged_configuration_is_refused(tmp_path, change, record):
         dimersweep.load_run(tmp_path / "run.nc")
 
 
+def test_a_run_that_an_earlier_version_saved_with_e_beside_the_ends_is_read(tmp_path):
+    run = simulate(e_1=0.5, e_2=0.4, periods=2)
+    run.save(tmp_path / "run.nc")
+    forged(tmp_path / "run.nc", {"parameters": {"e": 0.6, **run.parameters}})
+    assert dimersweep.load_run(tmp_path / "run.nc").parameters == run.parameters
+
+
 @pytest.mark.parametrize("name", ["end_start", "end_past", "event_rows", "segment_rows"])
 @pytest.mark.parametrize("cut", [lambda rows: rows[:, :2], lambda rows: rows.astype("f4"), lambda rows: rows[0]])
 def test_a_run_whose_rows_have_another_shape_is_refused_before_the_kernel_reads_beyond_them(tmp_path, name, cut):
@@ -311,7 +330,7 @@ def test_a_run_whose_rows_have_another_shape_is_refused_before_the_kernel_reads_
 
 def test_a_run_shows_what_it_is(tmp_path):
     run = simulate(periods=60, Gamma=1.0)
-    table = run._repr_html_()
+    table = run._repr_html_().replace("\N{NO-BREAK SPACE}", " ")
     for word in ("drift", "Γ = 1", "radius", "60 of 0.06667 s"):
         assert word in table
     assert "the centre of mass moves at" in simulate(f=25, beta0=1.535, periods=60)._repr_html_()

@@ -2,6 +2,7 @@
 
 import re
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -62,6 +63,8 @@ def test_a_video_is_a_video(run, tmp_path):
     [
         ({"periods": 0}, r"^periods = 0: must be a whole number >= 1$"),
         ({"speed": 0}, r"^speed = 0.0: must be > 0$"),
+        ({"dpi": 0}, r"^dpi = 0: must be a whole number >= 1$"),
+        ({"dpi": 10_000}, r"^dpi = 10000: must be <= 600$"),
         ({"periods": 60, "speed": 0.001}, r"^animate: 100000 frames; at most 2000: give fewer periods or more speed$"),
     ],
 )
@@ -72,7 +75,7 @@ def test_a_movie_that_cannot_be_is_refused(run, tmp_path, how, message):
 
 
 def test_a_movie_needs_a_known_ending_and_its_program(run, tmp_path, monkeypatch):
-    with pytest.raises(ParameterError, match=r"a movie must end in .gif, .mp4, .html$"):
+    with pytest.raises(ParameterError, match=r"a movie must end in .gif, .mp4 or .html$"):
         run.animate(tmp_path / "run.avi")
     monkeypatch.setattr(movie, "_ffmpeg", lambda: None)
     with pytest.raises(StoreError, match=r"a video needs ffmpeg; pip install 'dimersweep\[movie\]'"):
@@ -82,6 +85,41 @@ def test_a_movie_needs_a_known_ending_and_its_program(run, tmp_path, monkeypatch
         run.animate(tmp_path / "run.html")
     with pytest.raises(ParameterError, match="nothing was recorded"):
         simulate(periods=1, record=False).animate(tmp_path / "run.gif")
+
+
+def interrupts(*rest, **more):
+    raise KeyboardInterrupt
+
+
+def two_frames(*rest):
+    yield from np.zeros((2, 10, 10, 3), dtype=np.uint8)
+    interrupts()
+
+
+def half_a_video(command, **rest):
+    Path(command[-1]).write_bytes(b"half a vi")
+    interrupts()
+
+
+@pytest.mark.parametrize(
+    ("name", "target", "stop"),
+    [
+        ("run.gif", "dimersweep.plots.movie._rendered", two_frames),
+        ("run.mp4", "dimersweep.plots.movie.subprocess.run", half_a_video),
+        ("run.html", "dimersweep.storage.files.sync", interrupts),
+        ("run.pdf", "matplotlib.backends.backend_pdf.PdfFile.finalize", interrupts),
+        ("run.nc", "dimersweep.storage.files.sync", interrupts),
+    ],
+)
+def test_an_interruption_leaves_the_former_file(run, tmp_path, monkeypatch, name, target, stop):
+    monkeypatch.setattr(movie, "_ffmpeg", lambda: "ffmpeg")
+    path = tmp_path / name
+    path.write_text("the former one")
+    write = {".nc": run.save, ".pdf": run.plot}.get(path.suffix, run.animate)
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(target, stop)
+        write(path, force=True)
+    assert {each.name: each.read_text() for each in tmp_path.iterdir()} == {name: "the former one"}
 
 
 def test_simulate_makes_a_movie_and_keeps_the_run(tmp_path, monkeypatch, capsys):
@@ -99,6 +137,11 @@ def test_the_page_plays_in_a_browser_without_a_network(run, tmp_path):
     assert not re.findall(r"<(?:script|link)[^>]*(?:src|href)=", text)
     with chromium_page(offline=True) as (page, errors):
         page.goto(page_file.as_uri())
+        page.set_viewport_size({"width": 390, "height": 800})  # a telephone's: the heading takes more lines
+        box = page.locator("h1").bounding_box()
+        assert box["x"] >= 0 and box["x"] + box["width"] <= 390 and box["height"] > 30
+        page.wait_for_function("document.documentElement.scrollWidth == 390")
+        page.set_viewport_size({"width": 1100, "height": 800})
         page.wait_for_function("document.querySelector('.gl-container canvas') !== null")
         page.wait_for_timeout(1500)
         before = page.screenshot()

@@ -41,6 +41,14 @@ def shown(notebook):
             yield cell.source, "\n".join(texts), sum("image/png" in output.get("data", {}) for output in outputs)
 
 
+@pytest.mark.parametrize("path", sorted((ROOT / "notebooks").glob("*.ipynb")), ids=lambda path: path.stem)
+def test_every_figure_of_a_notebook_is_a_picture(path):
+    cells = [cell for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code"]
+    data = [output["data"] for cell in cells for output in cell.outputs if "data" in output]
+    figures = [each for each in data if " size " in each.get("text/plain", "")]
+    assert figures and all("image/png" in each for each in figures)
+
+
 @pytest.mark.parametrize("name", ["figures", "datasets"])
 def test_a_notebook_gives_what_is_stored_in_it(name, maker, cubes, monkeypatch):
     monkeypatch.setenv("DIMERSWEEP_CUBES", cubes)

@@ -9,7 +9,7 @@ from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import ROW
 from dimersweep.parameters import Parameters
 from dimersweep.studies.sweep_spec import make_spec
-from dimersweep.symbols import BASE, LEFT_OUT, PARAMETERS
+from dimersweep.symbols import BASE, ENDS, LEFT_OUT, PARAMETERS, Quantity, conditions, given, stated, symbol
 
 jit = pytest.mark.jit
 SCENES = [
@@ -61,6 +61,48 @@ def test_the_configuration_of_a_sweep_without_them_does_not_name_them():
     assert set(told["fixed"]) == set(BASE) - {"Gamma"}
     told = make_spec({"mu_h": [0.2, 0.4]}, {"Gamma_2": 0.3}, periods=10).configuration()
     assert set(told["fixed"]) == {*BASE, "Gamma_2"}
+
+
+@pytest.mark.parametrize(
+    ("values", "varied", "told"),
+    [
+        ({}, (), {"e": 0.6}),
+        ({"e_1": 0.5}, (), {"e_1": 0.5, "e_2": 0.6}),
+        ({"e_1": 0.5, "e_2": 0.5}, (), {"e": 0.5}),
+        ({"e_1": 0.5, "e_2": 0.7}, (), {"e_1": 0.5, "e_2": 0.7}),
+        ({"e_1": 0.5}, ("e",), {"e_1": 0.5}),
+        ({}, ("e_1",), {"e_2": 0.6}),
+        ({"e_2": 0.7}, ("e_1",), {"e_2": 0.7}),
+        ({}, ("e", "e_2"), {}),
+    ],
+)
+def test_unlike_ends_are_stated_each_and_like_ones_at_once(values, varied, told):
+    held = stated(BASE | values, varied)
+    assert {name: held[name] for name in ("e", "e_1", "e_2") if name in held} == told
+    text = conditions(BASE | values, varied)
+    for name in ("e", "e_1", "e_2"):
+        assert (f"{name}\N{NO-BREAK SPACE}=" in text) == (name in told)
+
+
+@pytest.mark.parametrize("name", [name for name in PARAMETERS if name not in ("e", "e_1", "e_2")])
+def test_conditions_name_each_parameter_that_is_not_the_base_case_s(name):
+    other = 1.25 * BASE[name] if BASE.get(name) else 0.3
+    for tex in (False, True):
+        told = given(name, other, tex=tex).replace(" ", "\N{NO-BREAK SPACE}")
+        assert told in conditions(BASE | {name: other}, always=(), tex=tex).split(", ")
+        assert told not in conditions(BASE | {name: other}, (name,), tex=tex)
+    assert conditions(BASE, always=()) == ""
+    assert conditions(BASE | {"mu_h": BASE["mu_s"], "Gamma_2": 0.0}, always=()) == ""
+
+
+def test_a_parameter_with_ends_is_stated_by_the_tables_alone(monkeypatch):
+    for end in "12":
+        monkeypatch.setitem(PARAMETERS, f"mu_s_{end}", Quantity("1", ""))
+        monkeypatch.setitem(LEFT_OUT, f"mu_s_{end}", "mu_s")
+    monkeypatch.setitem(ENDS, "mu_s", ("mu_s_1", "mu_s_2"))
+    told = conditions(BASE | {"mu_s_2": 0.3}, always=()).replace("\N{NO-BREAK SPACE}", " ")
+    assert told == "μ_s_1 = 0.4, μ_s_2 = 0.3"
+    assert symbol("mu_s_1", tex=True) == r"$\mu_{s,1}$"
 
 
 def arrays(run, periods):

@@ -1,5 +1,6 @@
 """Branches and borders: the folds, flips and words they pass, against measured values, closed forms and long runs."""
 
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,10 +9,12 @@ import pytest
 from dimersweep import orbits, simulate
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.orbits.ball import ball_flip, ball_fold
-from dimersweep.orbits.bordering import outwards
+from dimersweep.orbits.border_grid import outwards
+from dimersweep.orbits.kinds import BORDER_KINDS
+from dimersweep.orbits.kinds.changes import change_of
+from dimersweep.orbits.kinds.kind import COMPLEX, ComplexPair
 from dimersweep.orbits.on_border import on_border
-from dimersweep.orbits.return_map import OrbitLost
-from dimersweep.orbits.word import change_of
+from dimersweep.orbits.poincare import OrbitLost
 
 # at spin 100 rad/s, all else as in the base case; found with a prototype of its own
 FOLDS = {0.5: 1.04771531, 0.6: 0.78725965, 0.7: 0.55603099}
@@ -48,7 +51,7 @@ def test_a_change_of_word_costs_little_and_lies_between_two_words(kind):
     assert np.median(curve["cost"].values) <= 120
     Gamma = float(curve["Gamma"][4])
     below, above = (orbits.find(spin=100.0, e=e[4], Gamma=Gamma + by).word for by in (-1e-6, 1e-6))
-    assert change_of(below, above) == kind
+    assert change_of(below, above).name == kind
     assert np.abs(np.diff(curve["Gamma"].values, 4)).max() < 1e-5  # smooth: no point is another border's
 
 
@@ -230,23 +233,62 @@ class KnownMap:
         return SimpleNamespace(point=np.array(self.formula(self.a, *z)))
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Tripling(ComplexPair):
+    """A kind of border that the package does not have: a complex pair of multipliers turns by a third; its size is unknown."""
+
+    def test(self, point):
+        values = np.linalg.eigvals(point.fixed.matrix)
+        pairs = values[values.imag > COMPLEX]
+        return self.away(pairs)[np.argmax(np.abs(pairs))] if pairs.size else np.nan
+
+    def multiplier(self, unknown):
+        return unknown[0] * self.slope(unknown)
+
+    def slope(self, unknown):
+        return complex(np.exp(2j * np.pi / 3))
+
+    def away(self, values):
+        return np.angle(values) - 2 * np.pi / 3
+
+    def unknown(self, value):
+        return abs(value)
+
+
+TRIPLING = Tripling(name="tripling", meaning="a pair of multipliers turns by a third", color="#cc79a7", marker="^")
+
+
+def test_a_new_kind_of_border_is_one_object_that_is_registered(orbit, monkeypatch):
+    monkeypatch.setitem(BORDER_KINDS, "tripling", TRIPLING)
+    found = orbits.border("tripling", "Gamma", over={"e": [0.6, 0.62]}, spin=100.0)
+    assert (found["status"] == "ok").all()
+    assert np.angle(found["multipliers"].values).max(axis=1) == pytest.approx(2 * np.pi / 3, abs=1e-6)
+    branch = orbits.follow(orbit, "Gamma", to=1.1, words=False)
+    at = branch["special"].values == "tripling"
+    assert branch["Gamma"].values[at] == pytest.approx(found["Gamma"].values[:1], abs=1e-5)
+
+
 @pytest.mark.parametrize(
     ("kind", "formula", "begin", "known"),
     [
         # Henon's map with b = 0.3: fold at a = -(1 - b)^2/4, flip at 3 (1 - b)^2/4
         ("fold", lambda a, x, y: (1 - a * x**2 + y, 0.3 * x), (2.6, 0.8, -0.11), -(0.7**2) / 4),
         ("flip", lambda a, x, y: (1 - a * x**2 + y, 0.3 * x), (0.9, 0.3, 0.4), 3 * 0.7**2 / 4),
+        # Henon's map with b = -1 keeps areas, and triples at a = 5/4, x = 2/5, y = -x
+        ("tripling", lambda a, x, y: (1 - a * x**2 + y, -x), (0.45, -0.42, 1.2), 1.25),
         # the delayed logistic map turns into a torus at a = 2, x = 1/2, by 60 degrees a step
         ("torus", lambda a, x, y: (a * x * (1 - y), x), (0.49, 0.49, 1.95), 2.0),
     ],
 )
 def test_borders_of_known_maps_are_found(kind, formula, begin, known):
     axis = SimpleNamespace(scale=1.0, map_at=lambda m, value: KnownMap(formula, value))
-    at = on_border(kind, axis, KnownMap(formula, begin[-1]), np.array(begin))
+    at = on_border((BORDER_KINDS | {"tripling": TRIPLING})[kind], axis, KnownMap(formula, begin[-1]), np.array(begin))
     assert at.u[-1] == pytest.approx(known, abs=1e-8)
     if kind == "torus":
         assert at.z == pytest.approx([0.5, 0.5], abs=1e-8)
         assert at.u[-2] == pytest.approx(np.pi / 3, abs=1e-8)
+    if kind == "tripling":
+        assert at.u[-2] == pytest.approx(1.0, abs=1e-8)
 
 
 def test_a_grid_is_walked_from_its_middle_outwards():
@@ -271,7 +313,7 @@ def test_bad_input_is_told(orbit):
         orbits.follow(orbit, "gama", to=1.0)
     with pytest.raises(ParameterError, match="must differ"):
         orbits.follow(orbit, "Gamma", to=0.9)
-    with pytest.raises(ParameterError, match="must be an Orbit"):
+    with pytest.raises(ParameterError, match="must be a PeriodicOrbit"):
         orbits.follow(simulate(periods=1), "Gamma", to=1.0)
 
 

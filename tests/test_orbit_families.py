@@ -7,8 +7,8 @@ from dimersweep import orbits, simulate
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.orbits.edges import halved, uncertainty
 from dimersweep.orbits.manifold import creep_of, lag
+from dimersweep.orbits.newton import fixed_at, solve
 from dimersweep.orbits.orbit import orbit_of
-from dimersweep.orbits.solving import fixed_at, solve
 
 
 @pytest.fixture(scope="module")
@@ -73,14 +73,14 @@ def test_an_orbit_is_the_same_from_every_section(A_r, spin):
     orbit = orbits.find(A_r=A_r, spin=spin)
     for m, z in orbit.fixed.map.sections(orbit.fixed.image.passage):
         fixed = solve(m, z - lag(fixed_at(m, z)), spin)
-        told.append(orbit_of(fixed, 0.0, creep_of(fixed)))
+        told.append(orbit_of(fixed, creep_of(fixed)))
     assert len(told) > 1
     assert len({len(one.fixed.z) for one in told}) > 1  # one slips, one sticks
     for name in ("radius", "period", "zeta", "speed", "impact_phase"):
         values = [getattr(one, name) for one in told]
         assert values == pytest.approx([values[0]] * len(values), rel=1e-8), name
     assert np.ptp([one.spin_drift for one in told]) < 1e-9  # rad/s a period
-    fixed_points = [one.radius for one in (orbit_of(one.fixed, 0.0) for one in told)]
+    fixed_points = [one.radius for one in (orbit_of(one.fixed) for one in told)]
     assert np.ptp(fixed_points) > 1e-5
 
 

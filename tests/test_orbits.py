@@ -10,7 +10,8 @@ import dimersweep
 from dimersweep import orbits, simulate, stability
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.orbits.guesses import rolled_up
-from dimersweep.orbits.word import change_of, word_of
+from dimersweep.orbits.kinds.changes import change_of
+from dimersweep.orbits.word import word_of
 from dimersweep.parameters import Parameters
 
 TOLD = ("radius", "period", "zeta", "speed", "precession_rate", "impact_phase")
@@ -28,10 +29,10 @@ def base():
 
 def test_the_package_reaches_orbits_lazily():
     assert dimersweep.orbits is orbits
-    assert {"find", "follow", "border", "family", "later", "edge", "Orbit"} <= set(dir(orbits))
+    assert {"find", "follow", "border", "family", "later", "edge", "PeriodicOrbit"} <= set(dir(orbits))
     wanted = ("parameters", "spin", "radius", "period", "zeta", "speed", "precession_rate", "impact_phase", "di_end")
     wanted += ("spin_drift", "multipliers", "stable", "residual", "word", "run")
-    known = set(orbits.Orbit.__dataclass_fields__) | {n for n, _ in inspect.getmembers(orbits.Orbit)}
+    known = set(orbits.PeriodicOrbit.__dataclass_fields__) | {n for n, _ in inspect.getmembers(orbits.PeriodicOrbit)}
     assert set(wanted) <= known
 
 
@@ -91,6 +92,21 @@ def test_the_orbit_does_not_depend_on_where_it_was_looked_for(base, drift):
             assert getattr(other, name) == pytest.approx(getattr(base, name), rel=2e-6), name
 
 
+def test_ends_of_their_own_take_the_place_of_what_the_guess_has(base):
+    unlike = orbits.find(guess=base, e_1=0.58, e_2=0.62)
+    assert unlike.parameters.items() >= {"e_1": 0.58, "e_2": 0.62}.items() and "e" not in unlike.parameters
+    back = orbits.find(guess=unlike, e=0.6, spin=base.spin)
+    assert back.parameters == base.parameters
+    assert back.radius == pytest.approx(base.radius, rel=2e-6)
+    for refused in (
+        lambda: orbits.follow(unlike, "e", to=0.7),
+        lambda: orbits.border("fold", "e", over={"e_1": [0.5, 0.6]}, e_2=0.6),
+        lambda: orbits.find(e=0.6, e_1=0.5, e_2=0.4),
+    ):
+        with pytest.raises(ParameterError, match=r"^e: has no effect beside e_1 and e_2; leave one of the three out$"):
+            refused()
+
+
 def test_a_planar_orbit_stays_in_its_plane():
     plane = orbits.find(spin=0.0)
     assert plane.radius == plane.period == np.inf
@@ -134,10 +150,17 @@ def test_twice_the_period():
 def test_what_is_no_orbit_is_told_in_one_line():
     with pytest.raises(ParameterError, match="unknown parameter"):
         orbits.find(gamma=1.0)
-    with pytest.raises(ParameterError, match="must be a Run or an Orbit"):
+    with pytest.raises(ParameterError, match="must be a Run or a PeriodicOrbit"):
         orbits.find(guess=3)
     with pytest.raises(ParameterError, match=r"periods = 0"):
         orbits.find(periods=0)
+    for made in (
+        lambda: orbits.find(spin=1e308),
+        lambda: orbits.border("fold", "Gamma", {"e": [0.6]}, spin=-1e308),
+        lambda: orbits.family(spin=(0.0, 1e308)),
+    ):
+        with pytest.raises(ParameterError, match=r"^spin = -?1e\+308: must be at most 9.42e\+04 rad/s in size$"):
+            made()
     with pytest.raises(OrbitError, match=r"tried the ball's orbit.*needs Gamma >= .* = 0.7854"):
         orbits.find(Gamma=0.7)
     rest = simulate(beta0=0.02, periods=50)
@@ -150,8 +173,8 @@ def test_what_is_no_orbit_is_told_in_one_line():
 def test_words_are_told_of_the_states_in_their_order(base):
     assert base.word == "DI_sp_sp>DI_sp_sk chatter.1 SC1_sk.1 SC1_sp.1 SC1_sk.1 SC1_sp.1 far.2"
     assert word_of(base.fixed.image.passage) == base.word
-    assert change_of("DI_sp_sp far.2", "DI_sp_sp far.1 far.2") == "hop"
-    assert change_of("DI_sp_sp>DI_sp_sk SC1_sk.1", "DI_sp_sp SC1_sk.1") == "double_impact"
-    assert change_of("DI_sp_sp SC1_sk.1", "DI_sp_sp FM SC1_sk.1") == "lift_off"
-    assert change_of("DI_sp_sp chatter.1 SC1_sk.1", "DI_sp_sp bounces.1*4") == "chatter"
-    assert change_of("DI_sp_sp SC1_sk.1", "DI_sp_sp SC1_sk.1 SC1_sp.1") == "stick_slip"
+    assert change_of("DI_sp_sp far.2", "DI_sp_sp far.1 far.2").name == "hop"
+    assert change_of("DI_sp_sp>DI_sp_sk SC1_sk.1", "DI_sp_sp SC1_sk.1").name == "double_impact"
+    assert change_of("DI_sp_sp SC1_sk.1", "DI_sp_sp FM SC1_sk.1").name == "lift_off"
+    assert change_of("DI_sp_sp chatter.1 SC1_sk.1", "DI_sp_sp bounces.1*4").name == "chatter"
+    assert change_of("DI_sp_sp SC1_sk.1", "DI_sp_sp SC1_sk.1 SC1_sp.1").name == "stick_slip"

@@ -2,6 +2,7 @@
 
 import re
 import tracemalloc
+from dataclasses import replace
 from functools import reduce
 
 import numpy as np
@@ -11,9 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dimersweep.cubes.grid import make_grid
+from dimersweep.cubes.points import make_points
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import ROW
-from dimersweep.parameters import RULES, Parameters, check, check_count, check_rtol, keeps_rules
+from dimersweep.parameters import RULES, Parameters, check, check_count, check_rtol, keeps_rules, updated
 
 BAD = [
     ({"e": float("nan")}, "e = nan: must be finite"),
@@ -29,6 +31,7 @@ BAD = [
     ({"e": -0.1}, "e = -0.1: must be in [0, 1]"),
     ({"e_1": 2}, "e_1 = 2.0: must be in [0, 1]"),
     ({"e_2": -1}, "e_2 = -1.0: must be in [0, 1]"),
+    ({"e": 0.6, "e_1": 0.5, "e_2": 0.4}, "e: has no effect beside e_1 and e_2; leave one of the three out"),
     ({"mu": -0.1}, "mu = -0.1: must be >= 0"),
     ({"mu": 0.5}, "mu_s = 0.4: must be >= mu = 0.5 (stick friction is never below slip friction)"),
     ({"f": 0}, "f = 0.0: must be > 0"),
@@ -39,6 +42,12 @@ BAD = [
         'beta0 = 1.5707963267948966: must be below pi/2 = 1.5708 in size (radians; degrees as "16 deg")',
     ),
     ({"beta0": -0.1}, "beta0 = -0.1: must be >= 0 (p1 starts on the plate, so a negative dip angle puts p2 below it)"),
+    ({"l": 0.05, "A_r": 6.0}, "l: given together with A_r; leave one of the two out"),
+    ({"l": 0.008}, "l = 0.008: must be >= 2 r with r = 0.005 (below it the balls overlap)"),
+    ({"l": 0.05, "r": 0}, "r = 0.0: must be > 0"),
+    ({"l": "5 cm"}, "l = '5 cm': the unit must be m"),
+    ({"beta0": "16 degree C"}, "beta0 = '16 degree C': the unit must be rad or deg"),
+    ({"f": "16 degrees"}, "f = '16 degrees': the unit must be Hz"),
     ({"D_r": -1e-3}, "D_r = -0.001: must be >= 0"),
     ({"D_r": 0.02}, "D_r = 0.02: must be <= 2 r with r = 0.005 (the rod is thicker than the balls)"),
     ({"f": "fast"}, "f = 'fast': must be a number"),
@@ -67,6 +76,91 @@ def test_row_is_in_the_order_of_the_kernel():
     assert row.dtype == np.float64
     named = dict(zip(ROW, row, strict=True))
     assert (named["e_1"], named["e_2"], named["Gamma"], named["g"]) == (0.5, 0.7, 1.1, 9.81)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "ends"),
+    [
+        ({}, (0.6, 0.6)),
+        ({"e": 0.7}, (0.7, 0.7)),
+        ({"e_1": 0.5}, (0.5, 0.6)),
+        ({"e": 0.7, "e_1": 0.5}, (0.5, 0.7)),
+        ({"e": 0.7, "e_2": 0.5}, (0.7, 0.5)),
+        ({"e_1": 0.5, "e_2": 0.4}, (0.5, 0.4)),
+    ],
+)
+def test_a_parameter_is_that_of_both_ends_unless_one_has_its_own(parameters, ends):
+    made = Parameters(**parameters)
+    assert dict(zip(ROW, made.row(), strict=True)).items() >= {"e_1": ends[0], "e_2": ends[1]}.items()
+    for again in (Parameters(**made.given()), replace(made, Gamma=made.Gamma)):
+        assert again == made
+    assert ("e" in made.given()) == (len(set(parameters) - {"e"}) < 2)
+
+
+@given(st.dictionaries(st.sampled_from(["e", "e_1", "e_2"]), st.sampled_from([0.3, 0.5, 0.6]), min_size=1), st.data())
+def test_runs_axes_fixed_values_and_points_have_one_rule_for_the_ends(values, data):
+    varied = data.draw(st.sets(st.sampled_from(sorted(values)), min_size=1))
+    axes, fixed = {name: [values[name]] for name in varied}, {n: v for n, v in values.items() if n not in varied}
+    judged = {
+        "run": lambda: Parameters(**values).row(),
+        "grid": lambda: make_grid(axes, fixed).rows(0, 1)[0],
+        "points": lambda: make_points(axes, fixed).rows(0, 1)[0],
+        "fixed": lambda: make_grid({"f": [15.0]}, values).rows(0, 1)[0],
+    }
+    if len(values) == 3:
+        for row in judged.values():
+            with pytest.raises(ParameterError, match=r"^e: has no effect beside e_1 and e_2"):
+                row()
+        return
+    ends = [values.get(end, values.get("e", 0.6)) for end in ("e_1", "e_2")]
+    for row in judged.values():
+        assert row()[:2].tolist() == ends
+
+
+def test_the_distance_of_the_balls_stands_for_the_aspect_ratio():
+    assert Parameters(l=0.05) == Parameters(A_r=6.0)
+    made = Parameters(l="0.05 m", r=4e-3)
+    assert (made.A_r, made.given()["A_r"], "l" in made.given()) == (7.25, 7.25, False)
+    assert replace(made, Gamma=1.0).A_r == 7.25
+    assert updated({"A_r": 6.0, "r": 4e-3}, {"l": 0.05}) == {"r": 4e-3, "l": 0.05}
+    with pytest.raises(ParameterError, match=r"^l: is for single runs \(distance between the centres .*\); give A_r$"):
+        make_grid({"l": [0.05, 0.06]})
+
+
+@pytest.mark.parametrize("text", ["16 deg", "16deg", "16 degrees", "16 degree", "16°"])
+def test_an_angle_may_be_in_degrees(text):
+    assert Parameters(beta0=text).beta0 == pytest.approx(np.deg2rad(16), rel=1e-15)
+    assert make_grid({"f": [15]}, {"beta0": {"value": 16, "unit": text[2:].strip()}}).fixed["beta0"] == pytest.approx(
+        np.deg2rad(16), rel=1e-15
+    )
+    made = make_grid({"beta0": {"start": 8, "stop": 16, "step": 4, "unit": text[2:].strip()}})
+    np.testing.assert_array_equal(made.axes["beta0"], np.deg2rad([8, 12, 16]))
+
+
+@pytest.mark.parametrize(
+    ("known", "given_ones", "expected"),
+    [
+        ({"e": 0.6}, {"e_1": 0.5}, {"e": 0.6, "e_1": 0.5}),
+        ({"e": 0.6}, {"e_1": 0.5, "e_2": 0.4}, {"e_1": 0.5, "e_2": 0.4}),
+        ({"e": 0.6, "e_1": 0.5}, {"e_2": 0.4}, {"e_1": 0.5, "e_2": 0.4}),
+        ({"e_1": 0.5, "e_2": 0.4}, {"e": 0.7}, {"e": 0.7}),
+        ({"e_1": 0.5, "e_2": 0.4}, {"e": 0.7, "e_1": 0.3}, {"e": 0.7, "e_1": 0.3}),
+        ({"e_1": 0.5, "e_2": 0.4}, {"e_1": 0.3}, {"e_1": 0.3, "e_2": 0.4}),
+        ({"e": 0.6, "e_1": 0.5, "e_2": 0.4}, {}, {"e_1": 0.5, "e_2": 0.4}),
+    ],
+)
+def test_what_is_given_takes_the_place_of_what_was_known_at_that_end(known, given_ones, expected):
+    assert updated(known, given_ones) == expected
+
+
+def test_rules_between_two_parameters_are_judged_end_by_end(monkeypatch):
+    """With a friction of its own for each end: the rules are those of the table, whatever parameter it is."""
+    monkeypatch.setattr("dimersweep.parameters.ENDS", {"mu": ("mu_1", "mu_2"), "mu_s": ("mu_s_1", "mu_s_2")})
+    check({"mu_1": 0.3, "mu": 0.1, "mu_s_2": 0.2, "mu_s": 0.4})
+    with pytest.raises(ParameterError, match=r"^mu_s = 0.4: must be >= mu_1 = 0.5 "):
+        check({"mu_1": 0.5, "mu": 0.1, "mu_s": 0.4})
+    with pytest.raises(ParameterError, match=r"^mu_2 = -0.1: must be >= 0$"):
+        check({"mu_2": -0.1, "mu": 0.1})
 
 
 @pytest.mark.parametrize("value", [np.float32(20), np.int64(20), 20, np.array(20.0), xr.DataArray(20.0)])

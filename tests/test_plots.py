@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
+from PIL import Image
 
 import dimersweep
 from dimersweep.cubes.cube import blank, build
@@ -24,13 +25,17 @@ from dimersweep.plots import (
     impact_rates,
     last_cycle,
     mode_map,
+    movie,
     run_figure,
     segments,
+    write_picture,
 )
+from dimersweep.plots.style import Drawing, entitle, log_scale
+from dimersweep.symbols import given
 
 
-def cube_of(modes, **axes):
-    grid = make_grid(axes)
+def cube_of(modes, fixed=None, **axes):
+    grid = make_grid(axes, fixed or {})
     out, codes = blank(grid.size)
     codes[:, CODES.index("mode")] = np.ravel(modes)
     return build(grid, out, codes, {})
@@ -74,9 +79,57 @@ def test_mode_map_has_one_color_and_one_legend_entry_for_each_mode():
     modes = np.arange(len(MODES)).reshape(3, 3)
     figure = mode_map(cube_of(modes, e=[0.4, 0.5, 0.6], Gamma=[0.8, 0.9, 1.0]))
     (legend,) = figure.legends
-    assert [text.get_text() for text in legend.get_texts()] == [f"{mode} (11.1 %)" for mode in MODES]
+    words = ["rest: both ends down" if mode == "rest" else mode for mode in MODES]
+    assert [text.get_text() for text in legend.get_texts()] == [f"{word} (11.1 %)" for word in words]
     assert len({to_rgb(color) for color in MODE_COLORS.values()}) == len(MODES) == len(MODE_COLORS)
     assert (figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()) == (r"$\Gamma$", "$e$")
+
+
+UNLIKE = {"e_1": 0.5, "e_2": 0.7, "Gamma_2": 0.1, "phi_2": 0.3, "g": 9.0, "r": 6e-3, "rho_b": 7000.0, "phi0": 1.0}
+WRITTEN = (
+    "$e_{1}$ = 0.5",
+    "$e_{2}$ = 0.7",
+    r"$\Gamma_2$ = 0.1",
+    r"$\phi_2$ = 0.3 rad",
+    "$g$ = 9 m/s²",
+    "$r$ = 0.006 m",
+)
+WRITTEN += (r"$\rho_b$ = 7000 kg/m³", r"$\phi_0$ = 1 rad")
+
+
+def heading_of(figure, path):
+    """The heading of a figure, which must lie inside the picture that is written."""
+    figure.savefig(path)
+    box, picture = figure._suptitle.get_window_extent(), figure.bbox
+    assert picture.x0 <= box.x0 < box.x1 <= picture.x1 and picture.y0 <= box.y0 < box.y1 <= picture.y1
+    return figure.get_suptitle().replace("\N{NO-BREAK SPACE}", " ")
+
+
+@pytest.mark.parametrize("draws", [segments, mode_map, lambda cube: draw(cube, quantity="radius")])
+def test_a_picture_of_a_cube_names_all_that_is_not_the_base_case_s(draws, tmp_path):
+    cube = cube_of([[[R, D, D], [D, D, R]]], UNLIKE, A_r=[5.0], f=[15, 20], beta0=[0.1, 0.2, 0.3])
+    heading = heading_of(draws(cube), tmp_path / "a.png")
+    for told in (*WRITTEN, "$A_r$ = 5"):
+        assert told in heading
+    assert "$e$" not in heading and "$f$" not in heading
+
+
+@pytest.mark.jit
+def test_a_run_names_all_that_is_not_the_base_case_s(tmp_path, monkeypatch):
+    run = dimersweep.simulate(**UNLIKE, periods=12)
+    heading = heading_of(run.plot(), tmp_path / "a.png")
+    moving = []
+    monkeypatch.setattr(movie, "entitle", lambda figure, text: moving.append(text) or entitle(figure, text))
+    run.animate(tmp_path / "a.gif", periods=1, speed=1)
+    for told in WRITTEN:
+        assert told in heading
+        assert told in moving[0].replace("\N{NO-BREAK SPACE}", " ")
+    page = run.animate(tmp_path / "a.html", periods=1, speed=1).read_text(encoding="utf-8")
+    for text in (page, run._repr_html_()):
+        assert not [told for name in UNLIKE if (told := given(name, UNLIKE[name]).replace(" ", "\xa0")) not in text]
+    begun = dimersweep.simulate(start={"beta": 0.2}, periods=2)
+    assert "β(0)" not in begun.conditions()
+    assert begun.conditions().endswith(", from a given state")
 
 
 def test_mode_map_of_one_axis_and_of_a_slice():
@@ -102,7 +155,7 @@ def test_further_axes_are_panels_over_the_first_ones():
     deep = cube_of(np.full((3, 2, 4), R), f=[15, 20, 25], e=[0.5, 0.6], beta0=[0.1, 0.2, 0.3, 0.4])
     panels = [axes for axes in mode_map(deep).axes if axes.axison]
     assert [axes.get_title() for axes in panels] == ["$f$ = 15 Hz", "$f$ = 20 Hz", "$f$ = 25 Hz"]
-    assert {axes.get_xlabel() for axes in panels} == {r"$\beta(0)$ [rad]"}
+    assert {axes.get_xlabel() for axes in panels} == {r"$\beta(0)$ [°]"}
     assert panels[0].get_ylabel() == "$e$"
     many = cube_of(np.full((5, 5, 2, 2), R), f=range(1, 6), g=range(1, 6), e=[0.5, 0.6], beta0=[0.1, 0.2])
     assert len([axes for axes in mode_map(many).axes if axes.axison]) == 12
@@ -132,6 +185,34 @@ def test_values_in_a_fixed_ratio_are_drawn_on_logarithmic_axes():
     np.testing.assert_allclose(edges, 10 ** np.array([-0.5, 0.5, 1.5, 2.5, 3.5]))
 
 
+def test_maps_have_angles_in_round_degrees():
+    cube = cube_of(np.full((2, 3), R), phi0=[0.0, np.pi], beta0=np.deg2rad([2, 44, 86]))
+    figure = mode_map(cube)
+    figure.canvas.draw()
+    (axes,) = figure.axes
+    assert [tick.get_text() for tick in axes.get_xticklabels()][1:-2] == ["0", "20", "40", "60", "80"]
+    np.testing.assert_allclose(axes.get_xticks()[1:4], np.deg2rad([0, 20, 40]), atol=1e-15)
+    assert (axes.get_xlabel(), axes.get_ylabel()) == (r"$\beta(0)$ [°]", r"$\phi_0$ [°]")
+
+
+def test_a_picture_is_as_large_whoever_saves_it(tmp_path):
+    cube = cube_of([[R, D, D], [D, D, R]], f=[15, 20], beta0=[0.1, 0.2, 0.3])
+    write_picture(mode_map(cube), tmp_path / "a.png")
+    mode_map(cube).savefig(tmp_path / "b.png")
+    sizes = [Image.open(tmp_path / name).size for name in ("a.png", "b.png")]
+    assert sizes[0] == sizes[1] == (1500, 960)
+
+
+def test_a_logarithmic_axis_of_less_than_a_decade_has_plain_numbers():
+    figure = Drawing(4, 3)
+    axes = figure.subplots()
+    axes.plot([1, 2], [37.0, 59.0])
+    log_scale(axes)
+    figure.canvas.draw()
+    shown = [tick.get_text() for tick in axes.get_yticklabels()]
+    assert {"40", "50"} <= set(shown) and not any("$" in text for text in shown)
+
+
 def test_every_mode_is_seen_as_a_dot_on_white():
     """The contrast of WCAG 2, which is 1 for white itself."""
     for mode, color in MODE_COLORS.items():
@@ -141,7 +222,7 @@ def test_every_mode_is_seen_as_a_dot_on_white():
 
 
 def test_a_picture_needs_a_known_ending(tmp_path):
-    with pytest.raises(ParameterError, match=r"^out = .*a.xyz: a picture must end in .png, .pdf, .svg$"):
+    with pytest.raises(ParameterError, match=r"^out = .*a.xyz: a picture must end in .png, .pdf or .svg$"):
         check_picture(tmp_path / "a.xyz")
 
 

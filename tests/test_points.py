@@ -67,7 +67,9 @@ def test_a_point_has_its_run_and_its_picture():
         ({"e": [0.5, 1.5]}, r"^e = 1.5: must be in \[0, 1\]$"),
         ({"mu": [0.1, 0.3], "mu_s": [0.2, 0.2]}, r"^point 1: mu_s = 0.2: must be >= mu = 0.3 "),
         ({"mu": [0.1, 0.5]}, r"^point 1: mu_s = 0.4: must be >= mu = 0.5 "),
-        ({"f": [[15]]}, r"^f: has shape \(1, 1\); must be one column$"),
+        ({"f": [[15]]}, r"^f = \[15\]: must be a number$"),
+        ({"f": np.array([[15]])}, r"^f: has shape \(1, 1\); must be one column$"),
+        ({"f": 15}, r"^f: has shape \(\); must be one column$"),
         ([1, 2], r"^points: is a list; give a mapping of parameters to columns, or a table$"),
     ],
 )
@@ -180,6 +182,38 @@ def test_the_command_runs_a_file_of_points_and_makes_its_cube_again(tmp_path, mo
     assert again.attrs["configuration"] == first.attrs["configuration"]
     np.testing.assert_allclose(first["beta0"], np.deg2rad([10, 16]))
     assert (tmp_path / "points.png").stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("f,Gamma\n15,0.9,0.2\n20,0.8,0.3\n", r"table.csv': line 2 has 3 values for 2 columns$"),
+        ("f,Gamma\n15,0.9\n\n20\n", r"table.csv': line 4 has 1 values for 2 columns$"),
+        ("f,Gamma\n15,0.9,\n20,0.8,\n", r"table.csv': line 2 has 3 values for 2 columns$"),
+        ("f,Gamma\n15,0.9\n20,0.8,0.3\n", r"table.csv': line 3 has 3 values for 2 columns$"),
+        ("f, f\n15,20\n", r"table.csv': has 2 columns f; give each parameter once$"),
+        ("f,Gamma\n15,\n", r"Gamma = '': must be a number$"),
+        ("f,Gamma\n15,NA\n", r"Gamma = 'NA': must be a number$"),
+        ("f,Gamma\n15,nan\n", r"Gamma = nan: must be finite$"),
+        ("f,Gamma\n", r"points: 0 of them; must be 1 to"),
+        ("", r"table.csv': is no table \(No columns to parse from file\)$"),
+        ("f\n15\n\xff\n", r"table.csv': is no table \("),
+    ],
+)
+def test_a_table_in_a_file_has_one_value_in_each_line_for_each_name(tmp_path, text, message):
+    (tmp_path / "table.csv").write_bytes(text.encode("latin-1"))
+    with pytest.raises(ParameterError, match=message) as caught:
+        declared(tmp_path, '[points]\nfile = "table.csv"')
+    assert "\n" not in str(caught.value)
+
+
+def test_a_table_in_a_file_may_have_spaces_blank_lines_and_units(tmp_path):
+    (tmp_path / "table.csv").write_text('\ufeff\nf , beta0\n15, 16 deg\n\n20, "0.2"\n', encoding="utf-8")
+    columns = declared(tmp_path, '[points]\nfile = "table.csv"').study().grid.columns
+    assert {name: values.tolist() for name, values in columns.items()} == {
+        "f": [15, 20],
+        "beta0": [np.deg2rad(16), 0.2],
+    }
 
 
 @pytest.mark.parametrize("sample", ["random", "latin_hypercube", "sobol"])

@@ -160,10 +160,8 @@ def exchanged(dm, state):
 def test_the_balls_have_no_names(rtol, drawn, e_2):
     """Exchanged balls, each with its own restitution, make the same motion."""
     scene, state = drawn
-    scene = scene | {"e_1": scene["e"], "e_2": e_2}
-    _, dm, run = run_of(scene, state, rtol)
-    swapped = scene | {"e_1": e_2, "e_2": scene["e"]}
-    _, _, other = run_of(swapped, exchanged(dm, state), rtol)
+    _, dm, run = run_of(scene | {"e_2": e_2}, state, rtol)
+    _, _, other = run_of(scene | {"e_1": e_2}, exchanged(dm, state), rtol)
     same(dm, other.state, exchanged(dm, run.state))
 
 

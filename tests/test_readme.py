@@ -31,9 +31,8 @@ def test_the_examples_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     python = blocks(README, "python")
     assert len(python) >= 2
-    names = {}
     for block in python:
-        exec(compile(block, str(README), "exec"), names)
+        exec(compile(block, str(README), "exec"), {})
     assert capsys.readouterr().out.startswith("drift ")
     assert (tmp_path / "cube.nc").exists()
     assert (tmp_path / "intervals.png").stat().st_size > 10_000
@@ -72,7 +71,10 @@ def test_the_commands_on_sweeps_run_one_after_the_other(tmp_path, monkeypatch, f
 def test_the_tutorial_runs(tmp_path):
     tutorial = jupytext.read(ROOT / "docs" / "tutorial.md")
     assert sum(cell.cell_type == "code" for cell in tutorial.cells) > 20
-    NotebookClient(tutorial, timeout=300, kernel_name="python3", resources={"metadata": {"path": tmp_path}}).execute()
+    for _ in range(2):  # the second time in a folder that has all of its files
+        NotebookClient(
+            tutorial, timeout=300, kernel_name="python3", resources={"metadata": {"path": tmp_path}}
+        ).execute()
 
 
 SCRIPT = ROOT / "docs" / "stranger.py"
@@ -82,6 +84,7 @@ def test_the_script_of_25_lines_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     script = SCRIPT.read_text(encoding="utf-8")
     assert len(script.splitlines()) <= 25
-    exec(compile(script, str(SCRIPT), "exec"), {})
+    for _ in range(2):  # the second time in a folder that has all of its files
+        exec(compile(script, str(SCRIPT), "exec"), {})
     for name in ("walk.nc", "sample.nc", "walk.gif", "bifurcation.png"):
         assert (tmp_path / name).stat().st_size > 1000

@@ -9,6 +9,7 @@ import xarray as xr
 
 import dimersweep
 from dimersweep.cubes.cube import names
+from dimersweep.cubes.grid import finer
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import (
     M_DRIFT,
@@ -20,7 +21,6 @@ from dimersweep.storage.tilestore import manifest_of
 from dimersweep.studies.refine import (
     Cell,
     cuts,
-    finer,
     refine,
 )
 from dimersweep.studies.search import make_spec, search

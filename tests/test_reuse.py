@@ -1,14 +1,18 @@
 """A cube is extended, and its failed points are run again, without running any other point twice."""
 
 import os
+import shutil
 
 import numpy as np
 import pytest
 import xarray as xr
+import zarr
 
 import dimersweep
 from dimersweep.cubes.cube import names
 from dimersweep.errors import ParameterError, StoreError
+from dimersweep.studies.refine import refine
+from dimersweep.studies.search import search
 from tests.fakes import failing, fake_run_many, set_pace
 
 BETA0 = np.linspace(0.1, 1.5, 29)
@@ -150,3 +154,110 @@ def test_retry_needs_a_cube(asked):
     sweep(out="cube.nc", retry=True)  # nothing is there yet: a first try
     with pytest.raises(StoreError, match=r"cube.nc: exists already; .*What differs:\n  periods: 5 -> 6"):
         sweep(out="cube.nc", retry=True, periods=6)
+
+
+def a_sweep(**options):
+    return sweep({"f": [15, 20, 25], "beta0": BETA0[:5]}, **options)
+
+
+def a_search(**options):
+    return search({"f": [0.3, 1, 3], "beta0": BETA0}, over="beta0", periods=5, progress=False, **options)
+
+
+def a_map(**options):
+    grid = {"f": [0.3, 1, 3], "beta0": BETA0}
+    return refine(grid, over="beta0", halvings={"f": 3}, periods=5, progress=False, **options)
+
+
+def points_of_a_table(**options):
+    return sweep(None, points={"f": [15, 20, 25], "beta0": [0.05, 0.4, 0.2]}, **options)
+
+
+def moved(cube, by):
+    """Its first axis moved; of a table of points, its frequencies."""
+    return cube.assign_coords(f=cube["f"].copy(data=cube["f"].values + by))
+
+
+def swapped(cube):
+    """Two of its points change places, but not their coordinates."""
+    order = np.arange(cube["mode"].shape[0])
+    order[:2] = 1, 0
+    dim = cube["mode"].dims[0]
+    return cube.isel({dim: order}).assign_coords({name: cube[name] for name in cube.coords if dim in cube[name].dims})
+
+
+CHANGES = {
+    "cut": lambda cube: cube.isel({cube["mode"].dims[0]: slice(0, 2)}),
+    "moved": lambda cube: moved(cube, 1.0),
+    "moved by a bit": lambda cube: moved(cube, 1e-15 * cube["f"].values),
+    "reversed": lambda cube: cube.isel({cube["mode"].dims[0]: slice(None, None, -1)}),
+    "turned": lambda cube: cube.expand_dims("e", axis=1) if cube["mode"].ndim == 1 else cube.transpose(),
+    "swapped": swapped,
+    "one value": lambda cube: cube.assign(n_events=cube["n_events"] + (cube["mode"] == cube["mode"].values.flat[0])),
+    "less": lambda cube: cube.drop_vars("n_events"),
+}
+
+
+def rewrite(path, change):
+    """What a user does to a cube with xarray."""
+    engine = "zarr" if path.endswith(".zarr") else "netcdf4"
+    how = {"consolidated": False} if engine == "zarr" else {}
+    with xr.open_dataset(path, engine=engine, **how) as file:
+        cube = change(file.load())
+    if engine == "zarr":
+        shutil.rmtree(path)
+        with zarr.config.set({"array.write_empty_chunks": True}):
+            cube.drop_encoding().to_zarr(path, consolidated=False, zarr_format=3)
+    else:
+        cube.to_netcdf(path)
+
+
+MAKERS = (a_sweep, a_search, a_map, points_of_a_table)
+
+
+@pytest.mark.parametrize(
+    ("make", "out", "change"),
+    [
+        *((make, "c.nc", change) for make in MAKERS for change in CHANGES),
+        *((a_sweep, "c.zarr", change) for change in ("cut", "turned", "swapped")),
+    ],
+)
+def test_a_cube_that_its_user_has_changed_is_not_taken_for_the_one_that_was_written(asked, make, out, change):
+    make(out=out)
+    rewrite(out, CHANGES[change])
+    asked.clear()
+    refused = rf"^(out = {out}: exists already, and cannot be used \()?{out}: is a cube (of dimersweep that was changed|whose)"
+    uses = [{"out": out}, {"out": out, "retry": True}]
+    uses += [{"extend": out}, {"extend": out, "out": "d.nc"}] if make is not points_of_a_table else []
+    for use in uses:
+        with pytest.raises(StoreError, match=refused) as error:
+            make(**use)
+        assert "\n" not in str(error.value)
+    assert not asked and os.listdir() == [out]
+
+
+@pytest.mark.parametrize(("make", "out"), [*((make, "c.nc") for make in MAKERS), (a_sweep, "c.zarr")])
+def test_a_cube_that_was_written_again_as_it_was_is_taken(asked, make, out):
+    reference = make(out=out)
+    rewrite(out, lambda cube: cube[sorted(cube.data_vars)].assign_attrs(note="mine"))
+    asked.clear()
+    xr.testing.assert_equal(make(out=out), reference)
+    assert not asked
+    if make is not points_of_a_table:
+        xr.testing.assert_equal(make(extend=out), reference)
+
+
+@pytest.mark.parametrize("make", MAKERS)
+def test_of_a_cube_without_a_checksum_the_axes_are_compared(asked, make):
+    """As versions before have written them."""
+    reference = make(out="c.nc")
+    before = reference.copy()
+    del before.attrs["values_sha256"]
+    before.to_netcdf("c.nc")
+    asked.clear()
+    xr.testing.assert_equal(make(out="c.nc"), reference)
+    assert not asked
+    for change in ("cut", "moved", "reversed", "turned", "less"):
+        CHANGES[change](before).to_netcdf("c.nc")
+        with pytest.raises(StoreError, match=r"^out = c.nc: exists already, and cannot be used \(c.nc: is a cube"):
+            make(out="c.nc")

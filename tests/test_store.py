@@ -2,8 +2,11 @@
 
 import os
 import re
+import subprocess
+import sys
 import tracemalloc
 import zlib
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 
@@ -16,6 +19,7 @@ import dimersweep
 from dimersweep.cubes.cube import blank, build, names
 from dimersweep.cubes.grid import make_grid
 from dimersweep.errors import StoreError, UserError
+from dimersweep.storage.files import HALF, put, replacing
 from dimersweep.storage.netcdf import check_output, check_writable, count_modes, open_cube, write_cube
 from dimersweep.storage.provenance import attributes, digest
 from dimersweep.studies.rerun import from_cube
@@ -43,6 +47,16 @@ def test_a_cube_is_written_without_the_cluster_that_ran_its_points(cube, tmp_pat
     assert (tmp_path / "cube.nc").is_file()
 
 
+@pytest.mark.jit
+def test_threads_use_files_at_once(tmp_path):
+    """NetCDF-C and HDF5 would end in a segmentation fault, in three of four such processes."""
+    visitors = Path(__file__).parent / "checks" / "visitors.py"
+    done = subprocess.run(
+        [sys.executable, visitors], cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
 def test_an_existing_file_stays_unless_forced(cube, tmp_path):
     path = tmp_path / "cube.nc"
     path.write_text("precious")
@@ -53,12 +67,34 @@ def test_an_existing_file_stays_unless_forced(cube, tmp_path):
     assert open_cube(path).sizes == {"f": 2}
 
 
+def test_a_temporary_file_has_a_name_that_nobody_else_has(tmp_path):
+    (tmp_path / "page.html.tmp").write_text("precious")
+    with ThreadPoolExecutor(8) as threads:
+        list(threads.map(lambda k: put(tmp_path / "page.html", [b"%d" % k] * 1000), range(100)))
+    written = (tmp_path / "page.html").read_text()
+    assert written in {f"{k}" * 1000 for k in range(100)}
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {
+        "page.html": written,
+        "page.html.tmp": "precious",
+    }
+
+
+def test_two_who_write_one_file_do_not_meet(cube, tmp_path):
+    with replacing(tmp_path / "run.nc") as first, replacing(tmp_path / "run.nc") as second:
+        for temporary in (first, second):
+            assert HALF.fullmatch(temporary.name)
+            temporary.write_text(temporary.name)
+        write_cube(cube, tmp_path / "cube.nc")
+        assert first != second
+    assert sorted(os.listdir(tmp_path)) == ["cube.nc", "run.nc"]
+    assert (tmp_path / "run.nc").stat().st_mode == (tmp_path / "cube.nc").stat().st_mode
+
+
 def test_a_write_that_fails_leaves_nothing_behind(cube, tmp_path, monkeypatch):
-    def full_disk(self, path, **kwargs):
-        path.write_bytes(b"half a file")
+    def full_disk(self, store):
         raise RuntimeError("NetCDF: HDF error")
 
-    monkeypatch.setattr(xr.Dataset, "to_netcdf", full_disk)
+    monkeypatch.setattr(xr.Dataset, "dump_to_store", full_disk)
     with pytest.raises(StoreError, match=r"could not be written \(NetCDF: HDF error\)"):
         write_cube(cube, tmp_path / "cube.nc")
     assert os.listdir(tmp_path) == []
@@ -246,6 +282,23 @@ def test_modes_that_are_damaged_are_told_by_all_that_read_them(tmp_path):
     for read in (open_cube, count_modes, status):
         with pytest.raises(StoreError, match=r"cube.nc: is no NetCDF file, or a damaged one \(NetCDF: [^\n]*\)$"):
             read(tmp_path / "cube.nc")
+
+
+@pytest.mark.parametrize("version", ["99", 99, "0.9"])
+def test_a_cube_of_another_format_is_refused(cube, tmp_path, version):
+    cube.assign_attrs(dimersweep_cube=version).to_netcdf(tmp_path / "later.nc")
+    for ask in (open_cube, status):
+        with pytest.raises(
+            StoreError, match=rf"later.nc: is a cube of format {version}; this version of dimersweep reads"
+        ):
+            ask(tmp_path / "later.nc")
+
+
+def test_modes_that_are_no_whole_numbers_are_refused(cube, tmp_path):
+    cube.assign(mode=cube["mode"].astype(float)).to_netcdf(tmp_path / "changed.nc")
+    for ask in (open_cube, status):
+        with pytest.raises(StoreError, match=r"changed.nc: mode: is of type float64, as where\(\) makes it, and codes"):
+            ask(tmp_path / "changed.nc")
 
 
 def test_a_damaged_or_changed_cube_is_refused(cube, tmp_path):

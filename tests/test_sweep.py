@@ -26,6 +26,7 @@ from dimersweep.kernel.model.layout import (
     MODES,
     OK,
 )
+from dimersweep.storage.provenance import OURS
 from dimersweep.studies.rerun import from_cube
 from dimersweep.studies.search import search
 from dimersweep.studies.sweep_spec import make_spec
@@ -213,6 +214,28 @@ def test_the_cube_is_written_and_tells_its_configuration(fake_kernel, tmp_path):
     np.testing.assert_array_equal(told["grid"]["beta0"], cube["beta0"])
 
 
+@pytest.mark.parametrize("out", ["cube.nc", "cube.zarr"])
+def test_attributes_come_back_from_the_file(fake_kernel, monkeypatch, tmp_path, out):
+    monkeypatch.chdir(tmp_path)
+    own = {"title": "Γ, e", "note": "", "seed": 2**62, "ratio": np.float32(0.5), "series-1": [1, 2], "ends": (0.5, 1)}
+    cube = quiet_sweep(out=out, attrs=own)
+    told = dimersweep.open_cube(out).attrs
+    assert {name: np.array(told[name]).tolist() for name in own} == own | {"ends": [0.5, 1.0]}
+    assert set(cube.attrs) == OURS - {"extends"} | set(own)
+
+
+def test_every_maker_of_cubes_judges_attributes(monkeypatch):
+    monkeypatch.setattr("dimersweep.work.tiles.run_many", lambda *arguments: pytest.fail("work was done"))
+    how = {"periods": 5, "attrs": {"configuration": "x"}}
+    for make in (
+        lambda: dimersweep.bifurcation({"f": [15]}, **how),
+        lambda: search({"f": [15], "beta0": [0.1]}, over="beta0", **how),
+        lambda: dimersweep.refine({"f": [15, 20], "beta0": [0.1]}, halvings={"f": 1}, over="beta0", **how),
+    ):
+        with pytest.raises(ParameterError, match=r"^attrs: configuration: is taken by the program or the file format;"):
+            make()
+
+
 @pytest.mark.parametrize(
     ("settings", "error", "message"),
     [
@@ -230,6 +253,21 @@ def test_the_cube_is_written_and_tells_its_configuration(fake_kernel, tmp_path):
         ({"max_periods": 10**10}, ParameterError, "max_periods = 10000000000: must be <= 1000000000"),
         ({"workers": 10**6}, ParameterError, "workers = 1000000: must be <= 4096"),
         ({"workers": 0}, ParameterError, "workers = 0: must be a whole number >= 1"),
+        ({"attrs": {"dimersweep_cube": "9"}}, ParameterError, "attrs: dimersweep_cube: is taken by the program"),
+        ({"attrs": {"coordinates": "f"}}, ParameterError, "attrs: coordinates: is taken by the program or the file"),
+        ({"attrs": {"a/b": 1}}, ParameterError, "attrs: 'a/b': a name is a letter and at most 99 letters, digits"),
+        ({"attrs": {"": 1}}, ParameterError, "attrs: '': a name is a letter"),
+        ({"attrs": {5: 1}}, ParameterError, "attrs: 5: a name is a letter"),
+        ({"attrs": {"x": None}}, ParameterError, "attrs: x = None: must be a text, a finite number, or a list of such"),
+        ({"attrs": {"x": True}}, ParameterError, "attrs: x = True: must be a text"),
+        ({"attrs": {"x": {}}}, ParameterError, "attrs: x = {}: must be a text"),
+        ({"attrs": {"x": []}}, ParameterError, "attrs: x = []: must be a text"),
+        ({"attrs": {"x": [[1]]}}, ParameterError, "attrs: x = [[1]]: must be a text"),
+        ({"attrs": {"x": "a\0"}}, ParameterError, "attrs: x = 'a\\x00': must be a text"),
+        ({"attrs": {"x": "\ud800"}}, ParameterError, "attrs: x = '\\ud800': must be a text"),
+        ({"attrs": {"title": 3}}, ParameterError, "attrs: title = 3: must be a text"),
+        ({"attrs": {"plot": "cake"}}, ParameterError, "attrs: plot = 'cake': must be one of segments, mode_map"),
+        ({"attrs": "title"}, ParameterError, "attrs = 'title': must be a mapping of names to values"),
         ({"out": "/nowhere/cube.nc"}, StoreError, "out = /nowhere/cube.nc: the folder /nowhere does not exist"),
     ],
 )
@@ -286,13 +324,25 @@ def test_tiles_of_many_workers_are_longer_and_reached_in_two_waves():
 
 def test_results_are_taken_in_the_calling_thread(fake_kernel, monkeypatch):
     threads = set()
-    monkeypatch.setattr(Tally, "add", lambda self, modes: threads.add(threading.current_thread()))
+    monkeypatch.setattr(Tally, "add", lambda self, modes, seconds: threads.add(threading.current_thread()))
     quiet_sweep(workers=3)
     assert threads == {threading.main_thread()}
 
 
+def test_the_time_left_does_not_count_what_is_under_way_as_slowness():
+    """Eight workers with points of 10 s each: 240 take five minutes, from the first that comes back on."""
+    tally = Tally(241, {"rest": 1}, lambda: 8)
+    assert tally.time_left() == "-:--:--"
+    tally.add({"drift": 1}, 10.0)
+    assert tally.time_left() == "-:--:--"  # one point of 240 says little of the others
+    tally.add({"rest": 1}, 10.0)
+    assert tally.time_left() == "0:04:58"
+    tally.add({"rest": 119})  # taken over from a former cube, in no time
+    assert tally.time_left() == "0:02:29"
+
+
 def test_a_log_gets_plain_lines(capsys, monkeypatch):
-    lines = Lines(4)
+    lines = Lines(Tally(4))
     lines.add({"drift": 2, "rest": 1})  # too early for a line
     lines.add({"unresolved": 1})
     assert (

@@ -27,6 +27,7 @@ from tests.fakes import fake_run_many, set_pace
 
 GRID = {"f": [15, 20, 25], "beta0": {"start": 1, "stop": 40, "step": 1, "unit": "deg"}}
 SPEC = make_spec(GRID, periods=5)
+HALF_WRITTEN = f".dimersweep-{'0' * 32}.tmp"
 
 
 @pytest.fixture(autouse=True)
@@ -193,7 +194,7 @@ def test_damaged_results_are_told_and_computed_again(counted, damage, told):
 
 def test_temporary_files_of_a_kill_are_no_trouble(counted, recwarn):
     left_behind((0, 30))
-    Path("cube.nc.tiles/tiles-000002.npy.tmp").write_bytes(b"half a fi")
+    Path("cube.nc.tiles", HALF_WRITTEN).write_bytes(b"half a fi")
     Path("cube.nc.tiles/cube.tmp").mkdir()  # of a Zarr group
     Path("cube.nc.tiles/cube.tmp/zarr.json").write_text("{")
     sweep(periods=6, force=True)
@@ -370,11 +371,7 @@ def test_a_resumed_sweep_shuts_out_workers_of_the_one_that_was_killed(shelf):
 def test_results_travel_where_a_worker_cannot_write(shelf, monkeypatch):
     store, place, pieces = shelf
 
-    def full(path, parts):
-        path.with_name(f"{path.name}.tmp").write_bytes(b"half a fi")
-        full_disk()
-
-    monkeypatch.setattr("dimersweep.storage.tilefiles.put", full)
+    monkeypatch.setattr("dimersweep.storage.files.sync", lambda path: full_disk())
     assert place.keep(pieces) is None
     assert sorted(path.name for path in store.folder.iterdir()) == ["lock", "manifest.jsonl", "token"]
 
@@ -430,7 +427,7 @@ def test_a_folder_of_tiles_that_is_a_link_is_refused_before_any_work(monkeypatch
     assert sorted(os.listdir()) == ["cube.nc.tiles", "elsewhere", "file"]
 
 
-@pytest.mark.parametrize("name", ["lock", "manifest.jsonl", "tiles-000002.npy.tmp", "cube.tmp"])
+@pytest.mark.parametrize("name", ["lock", "manifest.jsonl", HALF_WRITTEN, "cube.tmp"])
 def test_links_among_the_tiles_never_lead_to_another_file(name):
     left_behind((0, 30))
     Path("precious").write_bytes(MANIFEST.read_bytes())
@@ -563,7 +560,7 @@ def test_a_slow_disk_is_asked_less_often(monkeypatch):
 
 def test_a_cube_that_cannot_be_written_costs_no_points(counted, monkeypatch):
     with monkeypatch.context() as patch:
-        patch.setattr(xr.Dataset, "to_netcdf", full_disk)
+        patch.setattr(xr.Dataset, "dump_to_store", full_disk)
         with pytest.raises(
             StoreError, match=r"^out = cube.nc: could not be written \(No space left on device\); what "
         ):

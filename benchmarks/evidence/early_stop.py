@@ -2,10 +2,11 @@
 
 Random points near the paper's domain run twice, with the early stop and to the last period. Printed are every point whose
 modes differ, and why: the run beyond its stop is compared with its family of orbits at its own spin (``later_course.py``).
-The exit status is 1 if one leaves its family where that has no border. Then how long runs that die go on once both ends are
-down for good, and what they cost over the same run up to that event; and how long a drift goes on
-after it has settled, by its own count and by how far apart its later strobes are, which are followed beyond the stop. 20,000
-points take some eight minutes on two quiet cores. With ``--results`` the verdicts are kept in a file; where it exists they
+The exit status is 1 if one leaves its family where that has no border. Then the periods that the others made, and how far
+their numbers are from those of the full runs; how long runs that die go on once both ends are down for good, and what they
+cost over the same run up to that event; and how long a drift goes on after it has settled, by its own count and by how far
+apart its later strobes are, which are followed beyond the stop. 20,000 points take some eight minutes on two quiet cores.
+With ``--results`` the verdicts are kept in a file; where it exists they
 are judged again, and nothing is run.
 """
 
@@ -50,6 +51,9 @@ RANGES = {  # mu_s is given over mu
 }
 MODE, PERIOD, TAKEN = CODES.index("mode"), CODES.index("mode_period"), CODES.index("n_periods")
 SETTLED_AFTER = OUT.index("settled_after")
+WITHIN = 1e-3  # what is promised of the numbers of a stopped run
+ABSOLUTE = ("longest_hop_1", "longest_hop_2", "zeta", "impact_phase")
+HOPS, ORBIT = ABSOLUTE[:2], (*ABSOLUTE, "radius", "period", "speed", "precession_rate", "spin_rate")
 CHUNK = 50
 DEATH_COST, DRIFT_WAIT = 1.2, 30  # what a death may cost over the time to it; periods a settled drift may go on
 BEYOND = 30  # periods by which a drift is followed further than its stop, to see where it ends
@@ -208,6 +212,24 @@ def print_exceptions(
     return kinds
 
 
+def print_numbers(stopped: Runs, full: Runs) -> None:
+    """Periods that are run, by mode, and how far the numbers of stopped runs are from those of the full ones."""
+    same = stopped.codes[:, MODE] == full.codes[:, MODE]
+    for mode in np.unique(full.codes[same, MODE]):
+        which = same & (full.codes[:, MODE] == mode)
+        made, asked = stopped.codes[which, TAKEN].sum(), full.codes[which, TAKEN].sum()
+        print(f"{which.sum()} {MODES[mode]}: {made} of {asked} periods; largest difference: ", end="")
+        numbers = ORBIT if mode == M_DRIFT else HOPS
+        print(", ".join(apart(name, stopped.out[which], full.out[which]) for name in numbers))
+
+
+def apart(name: str, early: np.ndarray, late: np.ndarray) -> str:
+    """Largest difference of a number, relative or absolute, and how many are beyond what is promised."""
+    a, b = early[:, OUT.index(name)], late[:, OUT.index(name)]
+    difference = np.abs(a - b) if name in ABSOLUTE else np.abs(a / b - 1.0)
+    return f"{name} {np.nanmax(difference):.1e} ({np.count_nonzero(difference > WITHIN)} above {WITHIN})"
+
+
 def print_deaths(columns: dict[str, np.ndarray], rows: np.ndarray, dead: np.ndarray, given: argparse.Namespace) -> None:
     """When runs that die stop, and what they cost over the same runs up to their death.
 
@@ -265,6 +287,7 @@ def main(arguments: list[str] | None = None) -> Counter[str]:
     print(f"{given.points} points, {given.periods} periods, rtol {given.rtol:.0e}, full runs: ", end="")
     print(", ".join(f"{n} {name}" for name, n in zip(MODES, counts, strict=True) if n))
     print(f"with the early stop {stopped.seconds:.1f} s, without {full.seconds:.1f} s")
+    print_numbers(stopped, full)
     kinds = print_exceptions(columns, stopped, full, given)
     dead, drifting = (np.flatnonzero(stopped.codes[:, MODE] == mode) for mode in (M_REST, M_DRIFT))
     if dead.size:

@@ -8,6 +8,7 @@ import shutil
 import signal
 import socket
 import subprocess
+import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -15,7 +16,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from faults import SEARCH, TOML, Scene, Skipped, ended, line_of
+from faults import SEARCH, TOML, Scene, Skipped, ended, forked, line_of
 
 ATTACKS: dict[str, Callable[[Scene], str | None]] = {}
 
@@ -565,6 +566,12 @@ DECLARED = {
     "an unknown parameter": ("xdot0 = 1", "xdot1 = 1"),
     "a parameter that is not finite": ("xdot0 = 1", "xdot0 = nan"),
     "a parameter that is not allowed": ("xdot0 = 1", "e = 7"),
+    "a value of both ends beside that of each": ("xdot0 = 1", "e = 0.6\ne_1 = 0.5\ne_2 = 0.4"),
+    "a stop between two steps": ("[15, 20, 25]", "{ start = 15, stop = 25, step = 3 }"),
+    "a range wider than any number": (
+        'start = 3, stop = 87, num = 40, unit = "deg"',
+        "start = -1.7e308, stop = 1.7e308, num = 40",
+    ),
     "an axis of 10^12 values": ("num = 40", "num = 1000000000000"),
     "a grid of 10^11 points": ("num = 40", "num = 40000000"),
     "an axis nested 5,000 deep": ("[15, 20, 25]", "[" * 5000 + "15" + "]" * 5000),
@@ -589,6 +596,57 @@ for _name, (_old, _new) in DECLARED.items():
 def _(scene: Scene) -> None:
     (scene.folder / "sweep.toml").write_bytes(scene.rng.randbytes(scene.rng.randrange(1, 300)))
     scene.hostile = True
+
+
+@attack("declared: a table with lines of other lengths")
+def _(scene: Scene) -> None:
+    lines = [f"{20 + k},0.{1 + k % 9}" for k in range(50)]
+    lines[scene.rng.randrange(50)] += scene.rng.choice([",0.3", ",", ",0.3,0.4"])
+    lines[scene.rng.randrange(50)] = "20"
+    (scene.folder / "mine" / "points.csv").write_text("\n".join(["f,Gamma", *lines]))
+    grid = scene.text[scene.text.index("[grid]") : scene.text.index("[fixed]")]
+    scene.declare(scene.text.replace(grid, '[points]\nfile = "mine/points.csv"\n'))
+    scene.precious = scene.snapshot()
+    scene.hostile = True
+
+
+@attack("values that are no plain numbers")
+def _(scene: Scene) -> str:
+    import numpy as np
+    import xarray as xr
+
+    chosen = scene.rng.choice(
+        [
+            np.ma.array([15.0, 20.0], mask=[False, True]),
+            [15.0, np.ma.masked],
+            xr.DataArray([15.0, 20.0], attrs={"units": "kHz"}),
+            np.array([15, 20], dtype="M8[ns]"),
+            np.array([15, 20], dtype="m8[s]"),
+            np.array([False, True]),
+        ]
+    )
+    result = scene.folder / "told"
+
+    def call() -> None:
+        from dimersweep import simulate, sweep
+        from dimersweep.errors import ParameterError
+
+        calls = (
+            lambda: simulate(f=chosen[1], periods=1),
+            lambda: sweep({"f": chosen}, periods=1, progress=False),
+            lambda: sweep(points={"f": chosen}, periods=1, progress=False),
+        )
+        for each in calls:
+            try:
+                taken = each()
+            except ParameterError as error:
+                print(error)
+            else:
+                raise SystemExit(f"{chosen!r} was taken: {taken}")
+
+    code = ended(forked(call, result), 60)
+    lines = result.read_text().splitlines()
+    return f"refused: {lines[0]}" if code == 0 and len(lines) == 3 else f"FAILED: {chosen!r}: {lines[-3:]}"
 
 
 # --- hostile cubes ------------------------------------------------------------------------------------------------------
@@ -620,7 +678,16 @@ def mode_127(cube: Path) -> None:
         file["mode"][0, 3] = 127
 
 
+def later(cube: Path) -> None:
+    """A cube that says it is of a later format."""
+    from netCDF4 import Dataset
+
+    with Dataset(cube, "a") as file:
+        file.setncattr("dimersweep_cube", 99)
+
+
 CUBES: dict[str, Callable[[Scene], Any]] = {
+    "of a later format": lambda scene: later(scene.cube),
     "random bytes": lambda scene: scene.cube.write_bytes(scene.rng.randbytes(5000)),
     "an empty file": lambda scene: scene.cube.write_bytes(b""),
     "a text": lambda scene: scene.cube.write_text("precious"),
@@ -674,6 +741,110 @@ def _(scene: Scene) -> None:
     a_chunk(scene).unlink()
 
 
+# --- other commands -----------------------------------------------------------------------------------------------------
+
+
+def command(scene: Scene, *arguments: str) -> int:
+    """A child that runs another command in the folder of the scene."""
+
+    def call() -> None:
+        from dimersweep.cli import main
+
+        os.chdir(scene.folder)
+        sys.argv = ["dimersweep", *arguments]
+        main()
+
+    return forked(call, scene.folder / "told")
+
+
+BORDERS = """[borders]
+title = "borders to be attacked"
+output = "{out}"
+[curves]
+kinds = ["fold"]
+spin = 100
+[over]
+e = [0.5, 0.6]
+"""
+NOT_BORDERS: dict[str, tuple[str, str]] = {
+    "an output that is a picture": ("{out}", "atlas.png"),
+    "an output that is a text": ("{out}", "mine/notes.txt"),
+    "an output that is no table": ("{out}", "cube.nc.bak"),
+    "no kinds": ('["fold"]', "[]"),
+    "a kind twice": ('["fold"]', '["fold", "fold"]'),
+    "a spin beyond any orbit": ("spin = 100", "spin = 1e308"),
+    "an axis nested 5,000 deep": ("[0.5, 0.6]", "[" * 5000 + "0.5" + "]" * 5000),
+    "what is solved for, fixed": ("[over]", "[fixed]\nGamma = 1\n[over]"),
+    "bytes that are no text": ("[over]", "[over] # \udcff"),
+}
+for _name, (_old, _new) in NOT_BORDERS.items():
+
+    @attack(f"borders: {_name}")
+    def _(scene: Scene, old: str = _old, new: str = _new) -> str:
+        text = BORDERS.replace(old, new).replace("{out}", "atlas.nc")
+        (scene.folder / "atlas.toml").write_bytes(text.encode(errors="surrogateescape"))
+        before = scene.snapshot()
+        code = ended(command(scene, "borders", "atlas.toml", *scene.rng.choice([(), ("--force",)])), 20)
+        if code == 0 or not line_of(scene.told()):
+            return f"FAILED: exit {code}: {scene.told()[-200:]}"
+        return f"refused: {line_of(scene.told())[19:]}" if scene.snapshot() == before else "FAILED: it wrote"
+
+
+@attack("killed: a picture or a movie that replaces another")
+def _(scene: Scene) -> str:
+    from PIL import Image
+
+    option, name = scene.rng.choice([("--movie", "walk.gif"), ("--plot", "walk.png"), ("--plot", "walk.pdf")])
+    path, neighbour = scene.folder / name, scene.folder / f"{name}.tmp"
+    for each in (path, neighbour):
+        each.write_text("precious")
+    before = scene.snapshot()
+    pid = command(scene, "simulate", "--periods", "4", option, name, "--force")
+    ends = time.monotonic() + 60
+    while time.monotonic() < ends and scene.snapshot() == before:  # until it begins to write
+        time.sleep(0.0005)
+    time.sleep(scene.rng.uniform(0, 0.3))
+    os.kill(pid, signal.SIGKILL)
+    os.waitpid(pid, 0)
+    scene.kills += 1
+    after = {file: digest for file, digest in scene.snapshot().items() if not file.startswith(".dimersweep-")}
+    if before | {name: after.get(name)} != after:
+        return "FAILED: what lay beside it was changed"
+    written = path.read_bytes()
+    if written == b"precious":
+        return "same"
+    if name.endswith(".pdf"):
+        return "same" if written.rstrip().endswith(b"%%EOF") else "FAILED: half a file"
+    with Image.open(path) as picture:  # raises where it is not whole
+        for frame in range(getattr(picture, "n_frames", 1)):
+            picture.seek(frame)
+            picture.load()
+    return "same"
+
+
+@attack("a cube whose title is markup")
+def _(scene: Scene) -> str:
+    markup = "<img src=x onerror=alert(1)> <script>alert(1)</script> [a](javascript:alert(1))"
+    scene.declare(scene.text.replace("a sweep to be attacked", markup))
+    scene.complete()
+
+    def shown() -> None:
+        from dimersweep import open_cube
+        from dimersweep.exploring.board import Board
+
+        cube = open_cube(scene.cube)
+        print(cube.dimersweep._repr_html_(), *(pane.object for pane in Board(cube).layout().select(HTML)))
+
+    try:
+        from panel.pane import HTML
+    except ImportError:
+        raise Skipped("panel is not installed") from None
+    code = ended(forked(shown, scene.folder / "told"))
+    told = scene.told()
+    live = "<img" in told or "<script" in told
+    return "same" if code == 0 and not live and told.count("&lt;img") == 2 else f"FAILED: {told[-200:]}"
+
+
 # --- wild parameters ----------------------------------------------------------------------------------------------------
 
 WILD = {
@@ -699,8 +870,6 @@ def _(scene: Scene) -> str:
 
         run = simulate(**chosen, periods=20, record=False, max_seconds=1.0)
         assert run.status == "ok" or run.mode == "failed", run
-
-    from faults import forked
 
     code = ended(forked(call, result), 60)
     return "same" if code == 0 else f"FAILED: {chosen}: {result.read_text()[-300:]}"

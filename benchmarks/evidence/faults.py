@@ -1,9 +1,10 @@
 """What a hostile hour does to a sweep: ``python benchmarks/evidence/faults.py``, some minutes, prints a table.
 
-Each attack (``fault_attacks.py``) damages, kills or misuses a small sweep with the real kernel, several times, each time in
-another place or at another moment. Then the same sweep is asked for again. It holds if the cube that comes is the undisturbed
-one bit for bit, or if there is none, the exit status is not zero, and one line says why; and if nothing beside the output, its
-picture and its folder of tiles was written or deleted. The exit status is 1 if an attack does not hold.
+Each attack (``fault_attacks.py``, ``fault_cubes.py``, ``fault_clusters.py``) damages, kills or misuses a small sweep with the
+real kernel, several times, each time in another place or at another moment. Then the same sweep is asked for again. It holds if
+the cube that comes is the undisturbed one bit for bit, or if there is none, the exit status is not zero, and one line says why;
+and if nothing beside the output, its picture and its folder of tiles was written or deleted. The exit status is 1 if an attack
+does not hold.
 """
 
 import argparse
@@ -329,7 +330,8 @@ def main() -> None:
     for name in ("cli.sweeping", "cubes.reading", "plots", "storage.zarr", "studies.datasets", "studies.status"):
         import_module(f"dimersweep.{name}")
     prove()  # children find all loaded
-    import_module("fault_clusters")
+    for name in ("fault_cubes", "fault_clusters"):
+        import_module(name)
     from fault_attacks import ATTACKS
 
     chosen = {name: attack for name, attack in ATTACKS.items() if given.only in name}

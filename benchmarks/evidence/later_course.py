@@ -17,12 +17,13 @@ from dimersweep.kernel.verdict.settling import KEPT, PATIENCE
 from dimersweep.orbits.finding import repeats_after
 from dimersweep.orbits.following import traced
 from dimersweep.orbits.guesses import of_run
-from dimersweep.orbits.manifold import FARTHEST, has_fast_part, multipliers_of, slow_direction
+from dimersweep.orbits.kinds.fold import FOLD
+from dimersweep.orbits.kinds.kind import COMPLEX
+from dimersweep.orbits.manifold import MANIFOLD_REACH, has_fast_part, multipliers_of, slow_direction
+from dimersweep.orbits.newton import TOLERANCE, Fixed, defect, fixed_at, newton, solve, system
 from dimersweep.orbits.orbit import orbit_of
 from dimersweep.orbits.passage import TURN, Passage
-from dimersweep.orbits.return_map import Image, OrbitLost, ReturnMap, Tape
-from dimersweep.orbits.solving import TOLERANCE, Fixed, defect, fixed_at, newton, solve, system
-from dimersweep.orbits.specials import COMPLEX
+from dimersweep.orbits.poincare import Image, OrbitLost, ReturnMap, Tape
 from dimersweep.orbits.word import word_of
 
 KEEPS, FORETOLD, UNEXPLAINED = "keeps to its family", "foretold", "passes a border later"
@@ -164,9 +165,9 @@ def on_manifold(near: Fixed) -> Fixed:
 
     known = derivative(near.matrix, near.gradient)
     root = newton(value, near.z, lambda z: derivative(*m.jacobian(z)), TOLERANCE * m.rtol, known)
-    if np.abs(root.y - near.z).max() > FARTHEST:
+    if np.abs(root.y - near.z).max() > MANIFOLD_REACH:
         raise OrbitLost("there is no orbit near where the family leads")
-    return fixed_at(m, root.y, root.told, float(np.abs(root.value).max()))
+    return fixed_at(m, root.y, root.extra, float(np.abs(root.value).max()))
 
 
 def in_own_section(at: Fixed) -> Fixed:
@@ -227,8 +228,8 @@ def fold_behind(begin: Fixed, spin: float) -> Border | None:
         fixed = solve(begin.map, begin.z, begin.image.spin)
     except OrbitLost:
         return None
-    for entry in traced(orbit_of(fixed, 0.0), "spin", spin, FOLLOWED, words=False).entries:
-        if entry.special == "fold":
+    for entry in traced(orbit_of(fixed), "spin", spin, FOLLOWED, words=False).entries:
+        if entry.kind is FOLD:
             return Border("fold", (entry.value, entry.value))
     return None
 

@@ -13,17 +13,18 @@
 """
 
 import argparse
+from dataclasses import replace
 from time import process_time
 from unittest.mock import patch
 
 import numpy as np
 
 from dimersweep import orbits, refine, simulate, stability
-from dimersweep.orbits import bordering
+from dimersweep.orbits import border_grid
 from dimersweep.orbits.ball import ball_flip, ball_fold
 from dimersweep.orbits.curve import Curve
-from dimersweep.orbits.return_map import OrbitLost
-from dimersweep.orbits.solving import defect
+from dimersweep.orbits.newton import defect
+from dimersweep.orbits.poincare import OrbitLost
 
 SPIN = 100.0
 KNOWN = {
@@ -153,7 +154,7 @@ def closing(m):
 
     def closes(u, p):
         try:
-            own = m.with_value("Gamma", float(p))
+            own = replace(m, parameters=m.parameters | {"Gamma": float(p)})
             return defect(own, u, own.image(u), SPIN)
         except OrbitLost:
             return np.full(u.size, 1e3)
@@ -183,7 +184,7 @@ def watched(kind, axes):
         points.append((near[0].orbit.word if near else "", found.orbit.word, found.cost))
         return found
 
-    with patch.object(Curve, "point", noted), patch.object(bordering, "_meetings", lambda *_: []):
+    with patch.object(Curve, "point", noted), patch.object(border_grid, "_meetings", lambda *_: []):
         orbits.border(kind, "Gamma", over=axes, spin=SPIN)
     return tuple(np.array(column) for column in zip(*points, strict=True))
 

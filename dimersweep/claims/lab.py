@@ -10,7 +10,7 @@ import xarray as xr
 from dimersweep import orbits
 from dimersweep.errors import OrbitError
 from dimersweep.kernel.model.layout import M_DRIFT, M_NOT_RUN
-from dimersweep.orbits.orbit import Orbit as PeriodicOrbit
+from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.runs.run import Orbit, Run
 from dimersweep.runs.simulating import simulate
 from dimersweep.studies.search import search

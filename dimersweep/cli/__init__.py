@@ -13,7 +13,7 @@ from dimersweep.cli.drawing import plot
 from dimersweep.cli.exploring import explore
 from dimersweep.cli.simulating import simulate
 from dimersweep.cli.sweeping import plan, presets, run, status
-from dimersweep.errors import UserError
+from dimersweep.errors import UserError, unknown
 
 INTERRUPTED = 130  # what a shell expects of a program that Ctrl-C has stopped
 
@@ -49,6 +49,14 @@ def _fail(message: str) -> None:
     sys.exit(2)
 
 
+def _unknown_option(error: Any) -> str:
+    """What to say of an option that a command does not have, with those that it has; nothing of any other error."""
+    if not (hasattr(error, "option_name") and hasattr(error, "possibilities")):
+        return ""
+    there = (option for each in error.ctx.command.get_params(error.ctx) for option in each.opts)
+    return unknown(error.option_name, "option", (option for option in there if option.startswith("--")))
+
+
 def _warn(message: Warning | str, *others: Any, **more: Any) -> None:
     print(f"dimersweep: warning: {message}", file=sys.stderr, flush=True)
 
@@ -67,7 +75,7 @@ def main() -> None:
     except Exception as error:
         if not hasattr(error, "format_message"):  # of a usage error; its class moved between versions of typer
             raise
-        _fail(" ".join(error.format_message().split()))
+        _fail(_unknown_option(error) or " ".join(error.format_message().split()))
     if code == INTERRUPTED:
-        print("dimersweep: interrupted, nothing was written", file=sys.stderr)
+        print("dimersweep: interrupted: nothing was written", file=sys.stderr)  # a command that writes is `stoppable`
         os._exit(INTERRUPTED)  # threads may be inside compiled code, which Ctrl-C does not reach

@@ -17,13 +17,14 @@ def borders(
     out: Annotated[Path | None, typer.Option(help="NetCDF file, in place of the declared one.")] = None,
     picture: Annotated[Path | None, typer.Option(help="Picture; the output's name with .png by default.")] = None,
     over: Annotated[Path | None, typer.Option(metavar="CUBE", help="Map of regions to draw curves over.")] = None,
-    plan: Annotated[bool, typer.Option("--plan", help="Tell the parts and which are there; make nothing.")] = False,
+    plan: Annotated[bool, typer.Option("--plan", help="Print the parts and which are there; make nothing.")] = False,
     force: Force = False,
 ) -> None:
     """Make borders, branches or families of orbits, and draw them. One that was stopped goes on where it was."""
-    from dimersweep.plots.style import check_picture
-    from dimersweep.storage.netcdf import check_writable, open_cube
-    from dimersweep.studies.bordering import make_borders, plan_borders, read_borders
+    from dimersweep.plots.style import check_picture, write_picture
+    from dimersweep.storage.netcdf import TABLES, check_output, open_cube, refuse_input
+    from dimersweep.studies.border_files import make_borders, plan_borders, read_borders
+    from dimersweep.studies.parts import parts_of
     from dimersweep.work.progress import tell_of_compiling
 
     declared = read_borders(declaration)
@@ -32,14 +33,15 @@ def borders(
         for line in plan_borders(declared, out):
             typer.echo(line)
         return
-    check_writable(out, force=force)
+    check_output(out, force=force, what="a table", endings=TABLES)
     drawn = check_picture(picture or out.with_suffix(".png"), force=force, name="picture")
+    if over is not None:
+        refuse_input(out, over, "out")
     under = open_cube(over) if over is not None else None
-    tell_of_compiling()
-    with stoppable():
-        table = make_borders(declared, out, force=force, tell=typer.echo)
-    from dimersweep.plots.borders import draw_borders
-    from dimersweep.plots.style import DPI
+    with stoppable(out, drawn, parts=parts_of(out)):
+        from dimersweep.orbits.pictures import draw_borders
 
-    draw_borders(table, under).savefig(drawn, dpi=DPI)
-    typer.echo(f"{out} and {drawn} in {table.attrs['wall_time_s']:.1f} s")
+        tell_of_compiling()
+        table = make_borders(declared, out, force=force, tell=typer.echo)
+        write_picture(draw_borders(table, under), drawn, force=force)
+        typer.echo(f"{out} and {drawn} in {table.attrs['wall_time_s']:.1f} s")

@@ -6,6 +6,9 @@ from typing import Annotated
 import typer
 
 from dimersweep.cli.options import Force, Workers
+from dimersweep.cli.stopping import stoppable
+
+PAGES = (".md",)
 
 
 def claims(
@@ -16,15 +19,22 @@ def claims(
     force: Force = False,
 ) -> None:
     """Recompute every checkable statement of the paper, tell where it holds, and write the page of all of them."""
-    from dimersweep.storage.netcdf import check_writable
+    from dimersweep.storage.netcdf import check_output
 
-    page = check_writable(out, force=force)
+    page = check_output(out, force=force, what="a page", endings=PAGES)
+    with stoppable(page):
+        _make(page, small=small, workers=workers)
+
+
+def _make(page: Path, *, small: bool, workers: int | None) -> None:
+    """Recompute the claims, tell of each, and write the page."""
     from time import perf_counter
 
     from rich.console import Console
     from rich.table import Table
 
     from dimersweep.claims import READINGS, Lab, as_markdown, counts, in_any, made, radius_study
+    from dimersweep.storage.files import put, told
     from dimersweep.work.progress import tell_of_compiling
 
     tell_of_compiling()
@@ -33,15 +43,16 @@ def claims(
     rows = []
     for row in made(labs):
         rows.append(row)
-        told = ", ".join(f"{reading} {one.verdict}" for reading, one in row.findings.items())
-        typer.echo(f"{len(rows)}: Sect. {row.section}, {told}: {row.statement}", err=True)
+        verdicts = ", ".join(f"{reading} {one.verdict}" for reading, one in row.findings.items())
+        typer.echo(f"{len(rows)}: Sect. {row.section}, {verdicts}: {row.statement}", err=True)
     study = radius_study(labs["mu_s"])
     table = Table("Sect.", "the paper says", *(f"held by {reading}" for reading in READINGS), show_lines=True)
     for row in rows:
         cells = [f"{one.verdict}: {one.value}" for one in row.findings.values()]
         table.add_row(row.section, row.statement, *cells)
     Console().print(table)
-    page.write_text(as_markdown(rows, study, small, started), encoding="utf-8")
+    with told(f"out = {page}", ""):
+        put(page, [as_markdown(rows, study, small, started).encode()])
     for reading in READINGS:
         typer.echo(f"held by {reading}: {counts(rows, reading)}")
     typer.echo(f"under one of the readings: {in_any(rows)} agree")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dimersweep.cli.options import Force
+from dimersweep.cli.stopping import stoppable
 from dimersweep.errors import ParameterError
 from dimersweep.symbols import PARAMETERS
 
@@ -34,16 +35,18 @@ def plot(
 ) -> None:
     """Draw a cube: as it was declared, or another kind, a quantity, a selection."""
     from dimersweep.plots import check_picture
-    from dimersweep.storage.netcdf import open_cube
+    from dimersweep.storage.netcdf import open_cube, refuse_input
 
     if out is None and not cube.name:
         raise typer.BadParameter(f"{str(cube)!r}: is no cube")
     picture = check_picture(out or cube.with_suffix(".png"), force=force)
-    opened = open_cube(cube)
-    for each in select or ():
-        opened = _selected(opened, each)
-    print_cube(opened)
-    draw_beside(opened, picture, kind, quantity)
+    refuse_input(picture, cube, "out")
+    with stoppable(picture):
+        opened = open_cube(cube)
+        for each in select or ():
+            opened = _selected(opened, each)
+        print_cube(opened)
+        draw_beside(opened, picture, kind, quantity)
 
 
 def _selected(cube: "xr.Dataset", text: str) -> "xr.Dataset":
@@ -59,10 +62,10 @@ def _selected(cube: "xr.Dataset", text: str) -> "xr.Dataset":
 
 def draw_beside(cube: "xr.Dataset", picture: Path, kind: str | None = None, quantity: str | None = None) -> None:
     """Draw `cube` to a file that may be replaced, marked with what it was drawn from, and tell of it."""
-    from dimersweep.plots import DPI, draw
+    from dimersweep.plots import draw, write_picture
 
-    figure = draw(cube, kind, quantity=quantity)
-    figure.savefig(picture, dpi=DPI, metadata={"Keywords": _mark(cube.attrs["configuration_sha256"])})
+    figure, marked = draw(cube, kind, quantity=quantity), {"Keywords": _mark(cube.attrs["configuration_sha256"])}
+    write_picture(figure, picture, force=True, metadata=marked)
     typer.echo(f"picture: {picture}")
 
 

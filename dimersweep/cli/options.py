@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from dimersweep.symbols import BASE, LEFT_OUT, PARAMETERS
+from dimersweep.symbols import BASE, INSTEAD, LEFT_OUT, PARAMETERS
 
 
 def _number(text: str | float) -> float:
@@ -39,17 +39,23 @@ Periods = Annotated[int | None, whole_option("Forcing periods, in place of the d
 Rtol = Annotated[float | None, number_option("Accuracy, in place of the declared one.")]
 
 
+def _by_default(name: str) -> str:
+    """What a parameter is where it is left out: a number, or the name of another parameter."""
+    value = BASE.get(name, LEFT_OUT.get(name))
+    return value if isinstance(value, str) else f"{value:g}"
+
+
 def with_parameters(command: Callable[..., None]) -> Callable[..., None]:
     """Give `command` an option for each parameter of the model, spelt as in the paper, in place of its keywords."""
     signature = inspect.signature(command)
     options = [parameter for parameter in signature.parameters.values() if parameter.kind is not parameter.VAR_KEYWORD]
-    for name, quantity in PARAMETERS.items():  # their texts are judged with all else, where units are known
+    taken = PARAMETERS | {name: quantity for name, (_, quantity) in INSTEAD.items()}
+    for name, quantity in taken.items():  # their texts are judged with all else, where units are known
         either = quantity.units + (", or 16deg" if quantity.units == "rad" else "")
         units = "" if quantity.units == "1" else f" ({either})"
-        told = quantity.long_name + units + ("" if name in BASE else f"; {LEFT_OUT[name]} by default")
+        told = f"{quantity.long_name}{units}" + ("" if name in INSTEAD else f"; {_by_default(name)} by default")
         kind = Annotated[Any, typer.Option(f"--{name}", help=told, parser=str, metavar="NUMBER")]
-        default = BASE.get(name, None if isinstance(LEFT_OUT.get(name), str) else LEFT_OUT.get(name))
-        options.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind))
+        options.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=kind))
     command.__signature__ = signature.replace(parameters=options)  # type: ignore[attr-defined]
     command.__annotations__ = {option.name: option.annotation for option in options}
     return command

@@ -1,5 +1,6 @@
 """The command for one run."""
 
+from json import dumps
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -7,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dimersweep.cli.options import Force, number_option, whole_option, with_parameters
-from dimersweep.symbols import QUANTITIES
+from dimersweep.cli.stopping import stoppable
+from dimersweep.symbols import QUANTITIES, stated
 
 if TYPE_CHECKING:
     from dimersweep.runs.run import Run
@@ -30,6 +32,7 @@ def simulate(
     **parameters: Any,
 ) -> None:
     """Run one dimer and tell its mode and its orbit."""
+    parameters = {name: value for name, value in parameters.items() if value is not None}
     if plot is not None:
         from dimersweep.plots import check_picture
 
@@ -39,9 +42,9 @@ def simulate(
 
         check_movie(movie, force=force)
     if save is not None:
-        from dimersweep.storage.netcdf import check_run_file
+        from dimersweep.storage.netcdf import TABLES, check_output
 
-        check_run_file(save, force=force, name="save")
+        check_output(save, force=force, name="save", what="a run", endings=TABLES)
     from dimersweep.parameters import Parameters, check_count, check_rtol, check_seconds
     from dimersweep.work.progress import tell_of_compiling
 
@@ -50,32 +53,33 @@ def simulate(
     check_count("periods", periods)
     check_rtol(rtol)
     check_seconds("max_seconds", max_seconds)
-    tell_of_compiling()
-    from dimersweep.runs.simulating import simulate
-    from dimersweep.runs.solving import check_recorded
-
     recorded = error or bool(plot or movie or save)
-    if recorded:
-        check_recorded(periods, "--plot, --movie, --save and --error")
-    run = simulate(**parameters, periods=periods, rtol=rtol, record=recorded, max_seconds=max_seconds)
-    bounds = _bounds(run) if error else {}
-    if json:
-        from json import dumps
+    with stoppable(save, plot, movie):
+        tell_of_compiling()
+        from dimersweep.runs.simulating import simulate
+        from dimersweep.runs.solving import check_recorded
 
-        typer.echo(dumps(_as_dict(run) | bounds, indent=1))
-    else:
-        _print_table(run, bounds)
-    if plot is not None:
-        run.plot(plot, force=force)
-    if movie is not None:
-        run.animate(movie, force=force)
-    if save is not None:
-        run.save(save, force=force)
+        if recorded:
+            check_recorded(periods, "--plot, --movie, --save and --error")
+        run = simulate(**parameters, periods=periods, rtol=rtol, record=recorded, max_seconds=max_seconds)
+        bounds = _bounds(run) if error else {}
+        if json:
+            typer.echo(dumps(_as_dict(run) | bounds, indent=1))
+        else:
+            typer.echo(run.conditions())
+            _print_table(run, bounds)
+        if save is not None:  # first: a movie may take long
+            run.save(save, force=force)
+        if plot is not None:
+            run.plot(plot, force=force)
+        if movie is not None:
+            run.animate(movie, force=force)
 
 
 def _as_dict(run: "Run") -> dict[str, Any]:
     """What came out of `run`, as JSON can hold it."""
-    outcome = {name: getattr(run, name) for name in ("parameters", "status", "message", "mode", "mode_period")}
+    outcome = {"parameters": stated(run.parameters)}
+    outcome |= {name: getattr(run, name) for name in ("status", "message", "mode", "mode_period")}
     outcome |= {name: getattr(run, name) for name in ("n_events", "n_periods", "end_speed")}
     names = [*ORBIT, "di_end", "spin_rate", *(f"{name}_drift" for name in ORBIT)]
     return outcome | {"orbit": run.orbit and {name: getattr(run.orbit, name) for name in names}}

@@ -45,16 +45,20 @@ def run(
     """Run a declared sweep: write its cube and draw it. One that was stopped goes on where it was."""
     declared = _declared(declaration, source, out, other_kernel=other_kernel)
     from dimersweep.storage.netcdf import check_output
-    from dimersweep.studies.datasets import make
+    from dimersweep.storage.tilestore import folder_of
 
     cube_file = out or Path(declared.sweep.output)
     check_output(cube_file, force=True)  # a cube that is there already is judged where it can be read
     picture, forced = cube_file.with_suffix(".png"), force or retry
-    if plot and not cube_file.exists():
-        study = declared.study(periods=periods, rtol=rtol)
-        judge_picture(declared, study)
-        check_picture_of(study.configuration, picture, force=forced)
-    with stoppable():
+    with stoppable(
+        cube_file, picture if plot else None, parts=folder_of(cube_file), again="run the same again for the rest"
+    ):
+        from dimersweep.studies.datasets import make
+
+        if plot and not cube_file.exists():
+            study = declared.study(periods=periods, rtol=rtol)
+            judge_picture(declared, study)
+            check_picture_of(study.configuration, picture, force=forced)
         cube = make(
             declared,
             cube_file,

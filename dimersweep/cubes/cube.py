@@ -146,6 +146,20 @@ def flatten(cube: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     return out, codes
 
 
+def check_codes(flags: xr.DataArray) -> None:
+    """Refuse a flag variable whose codes are no whole numbers any more; no value of it is read.
+
+    Raises
+    ------
+    StoreError
+    """
+    if flags.dtype.kind not in "iu":
+        cure = "give the cube as it was opened, or a part of it by sel or isel"
+        raise StoreError(
+            f"{flags.name}: is of type {flags.dtype}, as where() makes it, and codes are whole numbers; {cure}"
+        )
+
+
 def check_flags(name: Any, values: np.ndarray) -> None:
     """Refuse values of a flag variable that are the codes of no words.
 
@@ -154,7 +168,7 @@ def check_flags(name: Any, values: np.ndarray) -> None:
     StoreError
         With the first of them.
     """
-    wrong = (values < 0) | (values >= len(FLAGS.get(name, ())))
+    wrong = ~((values >= 0) & (values < len(FLAGS.get(name, ()))))
     if name in FLAGS and wrong.any():
         raise StoreError(f"{name} = {values[wrong][0]}: is the code of no {name}; the cube was changed")
 
@@ -178,6 +192,13 @@ def names(flags: xr.DataArray) -> xr.DataArray:
         If it is no flag variable.
     StoreError
         If a number is the code of no word.
+
+    Examples
+    --------
+    >>> from dimersweep import names, sweep
+    >>> cube = sweep({"Gamma": [0.6, 0.9]}, periods=60, progress=False)
+    >>> names(cube["mode"]).values.tolist()
+    ['rest', 'drift']
     """
     if not isinstance(flags, xr.DataArray) or "flag_meanings" not in flags.attrs:
         told = getattr(flags, "name", None) or type(flags).__name__

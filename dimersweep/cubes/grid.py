@@ -2,34 +2,53 @@
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from math import prod
+from functools import partial
+from math import isfinite, prod
 from typing import Any
 
 import numpy as np
 
 from dimersweep.errors import ParameterError
 from dimersweep.parameters import (
+    DEGREES,
     as_number,
+    as_numbers,
     check,
     check_count,
+    check_effect,
     check_name,
     fill_rows,
     keeps_rules,
     number,
+    units_taken,
 )
-from dimersweep.symbols import BASE, PARAMETERS
+from dimersweep.symbols import BASE, ENDS, PARAMETERS
 
 MAX_POINTS = 50_000_000  # of an axis, and of a cube in memory: about 11 GB, see benchmarks/speed/memory.py
 
+STEP_TOLERANCE = 1e-9  # of a number of steps that counts as whole, times that number
 _FORMS = "give values, or start, stop and either step or num; unit is optional, and spacing = log with num"
 Reader = Callable[[str, Any], float]
 
 
+def _no_whole_steps(start: float, stop: float, step: float, steps: int) -> str:
+    """What to say of a range whose end lies between two of its steps, of which `steps` are whole."""
+    near = [n for n in (steps, steps + 1) if n]
+    stops, nums = (
+        " or ".join(told) for told in ([f"{start + n * step:.15g}" for n in near], [f"{n + 1}" for n in near])
+    )
+    return (
+        f"no whole steps from start = {start} to stop = {stop}; give stop = {stops}, or num = {nums} in place of step"
+    )
+
+
 def _from_range(name: str, read: Reader, start: Any, stop: Any, step: Any = None, num: Any = None) -> np.ndarray:
-    """Values from `start` on; `stop` is the last one where whole steps reach it."""
+    """Values from `start` to `stop`, which whole steps must reach, up to round-off."""
     start, stop = read(f"{name}.start", start), read(f"{name}.stop", stop)
     if stop < start:
         raise ParameterError(f"{name}.stop = {stop}: must be >= start = {start}")
+    if not isfinite(stop - start):
+        raise ParameterError(f"{name}.stop = {stop}: is too far from start = {start}")
     if num is not None:
         count = check_count(f"{name}.num", num, MAX_POINTS)
         stride = (stop - start) / max(count - 1, 1)
@@ -40,7 +59,9 @@ def _from_range(name: str, read: Reader, start: Any, stop: Any, step: Any = None
         steps = (stop - start) / stride
         if steps >= MAX_POINTS:
             raise ParameterError(f"{name}.step = {stride}: gives more than {MAX_POINTS} values")
-        count = int(steps + 1e-9) + 1  # round-off must not cost the last step
+        count = round(steps) + 1
+        if abs(steps - round(steps)) > STEP_TOLERANCE * max(1.0, steps):
+            raise ParameterError(f"{name}.step = {stride}: {_no_whole_steps(start, stop, stride, int(steps))}")
     return start + stride * np.arange(count)
 
 
@@ -55,36 +76,30 @@ def _from_logarithms(name: str, read: Reader, start: Any, stop: Any, num: Any) -
     return np.geomspace(*ends, count)
 
 
-def _from_values(name: str, values: Any, read: Reader) -> np.ndarray:
-    """`values` as a float array of one dimension; a lone number is an axis of one value."""
-    values = np.asarray(values).tolist() if hasattr(values, "__array__") else values
-    values = values if isinstance(values, list | tuple | range) else [values]
-    return np.array([read(name, value) for value in values])
-
-
 def _with_units(name: str, value: Any) -> float:
     return number(name.partition(".")[0], value)
 
 
 def _from_declaration(name: str, declared: Mapping[str, Any]) -> np.ndarray:
     given = dict(declared)
-    read: Reader = as_number if "unit" in given else _with_units
-    unit, spacing = given.pop("unit", PARAMETERS[name].units), given.pop("spacing", "linear")
+    units = PARAMETERS[name].units
+    bare = "unit" in given
+    unit, spacing = given.pop("unit", units), given.pop("spacing", "linear")
+    read: Reader = partial(as_number, units=unit) if bare else _with_units
     if spacing not in ("linear", "log"):
         raise ParameterError(f"{name}.spacing = {spacing!r}: must be linear or log")
     if spacing == "log" and set(given) == {"start", "stop", "num"}:
         values = _from_logarithms(name, read, **given)
     elif set(given) == {"values"} and spacing == "linear":
-        values = _from_values(name, given["values"], read)
+        values = as_numbers(name, given["values"], read, unit)
     elif set(given) in ({"start", "stop", "step"}, {"start", "stop", "num"}) and spacing == "linear":
         values = _from_range(name, read, **given)
     else:
         raise ParameterError(f"{name}: has {', '.join(given) or 'nothing'}; {_FORMS}")
-    if unit == "deg" and PARAMETERS[name].units == "rad":
+    if unit in DEGREES and units == "rad":
         return np.deg2rad(values)
-    if unit != PARAMETERS[name].units:
-        allowed = PARAMETERS[name].units + (" or deg" if PARAMETERS[name].units == "rad" else "")
-        raise ParameterError(f"{name}.unit = {unit!r}: must be {allowed}")
+    if unit != units:
+        raise ParameterError(f"{name}.unit = {unit!r}: must be {units_taken(units)}")
     return values
 
 
@@ -100,7 +115,7 @@ def fixed_value(name: str, value: Any) -> float:
     if isinstance(value, Mapping):
         if set(value) != {"value", "unit"}:
             raise ParameterError(f"{name}: has {', '.join(value) or 'nothing'}; give value and unit")
-        value = f"{as_number(name, value['value'])!r} {value['unit']}"
+        value = f"{as_number(name, value['value'], value['unit'])!r} {value['unit']}"
     return number(name, value)
 
 
@@ -113,8 +128,8 @@ def axis(name: str, declared: Any) -> np.ndarray:
         A parameter of the model.
     declared : array_like or mapping
         Values, or ``{"values": ...}``, ``{"start", "stop", "step"}`` or ``{"start", "stop", "num"}``, each with an
-        optional ``"unit"`` ("deg" for an angle). The stop of a range belongs to it. With ``"spacing": "log"`` the `num`
-        values are in a fixed ratio. A value may be a text with its unit, such as "16 deg".
+        optional ``"unit"`` ("deg" for an angle). The stop of a range belongs to it; whole steps must reach it. With
+        ``"spacing": "log"`` the `num` values are in a fixed ratio. A value may be a text with its unit, such as "16 deg".
 
     Returns
     -------
@@ -130,7 +145,7 @@ def axis(name: str, declared: Any) -> np.ndarray:
     values = (
         _from_declaration(name, declared)
         if isinstance(declared, Mapping)
-        else _from_values(name, declared, _with_units)
+        else as_numbers(name, declared, _with_units, PARAMETERS[name].units)
     )
     if values.size == 0:
         raise ParameterError(f"{name}: the axis is empty; give at least one value")
@@ -139,6 +154,14 @@ def axis(name: str, declared: Any) -> np.ndarray:
         before, after = values[falls[0]], values[falls[0] + 1]
         raise ParameterError(f"{name} = {after} after {before}: the values of an axis must increase, each given once")
     return values
+
+
+def finer(values: np.ndarray, halvings: int) -> np.ndarray:
+    """`values` with each of their intervals halved so many times; the given values are kept as they are."""
+    parts = 1 << halvings
+    steps = np.arange(parts) / parts
+    inner = values[:-1, None] + np.diff(values)[:, None] * steps
+    return np.append(inner.ravel(), values[-1])
 
 
 @dataclass(frozen=True)
@@ -241,7 +264,7 @@ def as_fixed(fixed: Any) -> dict[str, Any]:
 
 
 def refuse_twice(varied: Mapping[str, Any], fixed: Mapping[str, Any]) -> None:
-    """Refuse parameters that are given twice: as varied and as fixed, or e beside that of one end.
+    """Refuse parameters that are given twice, as varied and as fixed, or that are without effect beside others.
 
     Raises
     ------
@@ -251,17 +274,19 @@ def refuse_twice(varied: Mapping[str, Any], fixed: Mapping[str, Any]) -> None:
         check_name(name)
         if name in varied:
             raise ParameterError(f"{name}: given twice, as an axis and as a fixed value")
-    for end in ("e_1", "e_2"):
-        if {"e", end} <= {*varied, *fixed}:
-            raise ParameterError(f"{end}: given together with e; give e, or e_1 and e_2")
+    check_effect({*varied, *fixed})
 
 
 def fixed_values(varied: Mapping[str, np.ndarray], fixed: Mapping[str, Any]) -> dict[str, float]:
-    """Every parameter that does not vary, in SI units: as `fixed` says, or as in the base case."""
+    """Every parameter that does not vary, in SI units: as `fixed` says, or as in the base case.
+
+    What differs from end to end is told by its values at the ends, so that the same points are told alike.
+    """
     held = {name: fixed_value(name, value) for name, value in (BASE | dict(fixed)).items() if name not in varied}
-    if {"e_1", "e_2"} & {*varied, *fixed}:
-        e = held.pop("e")
-        held = {name: e for name in ("e_1", "e_2") if name not in varied} | held
+    for both, ends in ENDS.items():
+        if both in held and {*ends} & {*varied, *fixed}:
+            value = held.pop(both)
+            held = {end: value for end in ends if end not in varied} | held
     return held
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from dimersweep.cubes.grid import MAX_POINTS, Grid, as_fixed, fixed_values, refuse_twice
 from dimersweep.errors import ParameterError
-from dimersweep.parameters import check, check_name, fill_rows, keeps_rules, number
+from dimersweep.parameters import as_numbers, check, check_name, fill_rows, keeps_rules, number
 from dimersweep.symbols import PARAMETERS
 
 
@@ -110,25 +110,22 @@ def make_points(table: Any, fixed: Mapping[str, Any] | None = None) -> Points:
 
 def _columns(table: Any) -> dict[str, Any]:
     if hasattr(table, "data_vars"):  # an xarray.Dataset, perhaps a cube of points
-        return {
-            str(name): each.values for name, each in table.variables.items() if name in PARAMETERS and each.ndim == 1
-        }
+        return {str(name): each for name, each in table.variables.items() if name in PARAMETERS and each.ndim == 1}
     if hasattr(table, "items"):
-        return {str(name): values for name, values in table.items()}
+        columns = [(str(name), values) for name, values in table.items()]
+        names = [name for name, _ in columns]
+        for name in names:
+            if names.count(name) > 1:
+                raise ParameterError(f"points: has {names.count(name)} columns {name}; give each parameter once")
+        return dict(columns)
     raise ParameterError(f"points: is a {type(table).__name__}; give a mapping of parameters to columns, or a table")
 
 
 def _column(name: str, values: Any) -> np.ndarray:
     check_name(name)
-    values = np.asarray(values)
-    if values.ndim != 1:
-        raise ParameterError(f"{name}: has shape {values.shape}; must be one column")
-    if values.dtype.kind not in "iuf":
-        return np.array([number(name, value) for value in values.tolist()])
-    column = values.astype(float)
-    if not np.isfinite(column).all():
-        raise ParameterError(f"{name} = {column[~np.isfinite(column)][0]}: must be finite")
-    return column
+    if not isinstance(values, list | tuple | range) and getattr(values, "ndim", 0) != 1:
+        raise ParameterError(f"{name}: has shape {getattr(values, 'shape', ())}; must be one column")
+    return as_numbers(name, values, number, PARAMETERS[name].units)
 
 
 def _check_ties(points: Points) -> None:

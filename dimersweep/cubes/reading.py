@@ -90,6 +90,13 @@ def drift_intervals(cube: xr.Dataset) -> list[np.ndarray]:
     -------
     list of ndarray, shape (n_intervals, 2)
         Start and end of each interval [rad].
+
+    Examples
+    --------
+    >>> from dimersweep import plots, sweep
+    >>> cube = sweep({"beta0": [0.2, 0.24, 0.28, 0.32]}, periods=60, progress=False)
+    >>> [interval.round(2).tolist() for interval in plots.drift_intervals(cube)]
+    [[[0.26, 0.34]]]
     """
     drift = _drift_rows(cube)
     edges = edges_of(drift["beta0"].values, 0.0, np.pi / 2)
@@ -99,7 +106,15 @@ def drift_intervals(cube: xr.Dataset) -> list[np.ndarray]:
 
 
 def drift_lengths(cube: xr.Dataset) -> xr.DataArray:
-    """Total length of the drift intervals of each row of `cube` [rad], along its other axis."""
+    """Total length of the drift intervals of each row of `cube` [rad], along its other axis.
+
+    Examples
+    --------
+    >>> from dimersweep import plots, sweep
+    >>> cube = sweep({"beta0": [0.2, 0.24, 0.28, 0.32]}, periods=60, progress=False)
+    >>> plots.drift_lengths(cube).values.round(2).tolist()
+    [0.08]
+    """
     rows = _drift_rows(cube).isel(beta0=0, drop=True)
     lengths = np.array([np.diff(intervals).sum() for intervals in drift_intervals(cube)])
     return rows.copy(data=lengths).rename("drift_length").assign_attrs(units="rad")

@@ -1,5 +1,6 @@
 """The board: a map of a cube, sliders, and the live run behind the point that is clicked, for a browser or a notebook."""
 
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -9,24 +10,45 @@ from bokeh.events import Tap
 from bokeh.models import ColorBar, ColumnDataSource, HoverTool, LinearColorMapper
 from bokeh.plotting import figure
 
-from dimersweep.cubes.cube import names
+from dimersweep.cubes.cube import check_codes, names
 from dimersweep.cubes.reading import edges_of, is_geometric
-from dimersweep.errors import ParameterError
+from dimersweep.errors import ParameterError, StoreError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots import run_figure
-from dimersweep.plots.style import MODE_COLORS, units_of
-from dimersweep.plots.tables import PLAIN, run_table
+from dimersweep.plots.movie import pace_of
+from dimersweep.plots.replay import replay_page
+from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, fixed_of
+from dimersweep.plots.tables import run_table, title_as_html
 from dimersweep.runs import accessor  # noqa: F401 - the run behind a point
 from dimersweep.runs.run import Run
+from dimersweep.symbols import PARAMETERS, symbol, units_shown
 
-SHOWN_PERIODS = 60  # of the run beside the map, if the cube's is shorter
+SHOWN_PERIODS = 60  # in the picture beside the map, if the run of the cube is shorter
+REPLAYED = 6  # forcing periods
 MOST_CELLS = 250_000  # of one map: more would make the page slow
 
 
 def label_of(name: str) -> str:
     """An axis and its unit, in plain letters."""
-    units = units_of(name)
-    return PLAIN.get(name, name) + (f" [{units}]" if units else "")
+    return f"{symbol(name)} {_in_brackets(PARAMETERS[name].units)}".rstrip()
+
+
+def _in_brackets(units: str) -> str:
+    return "" if units == "1" else f"[{units_shown(units)}]"
+
+
+def told_apart(values: np.ndarray) -> list[str]:
+    """Values in as many digits, five or more, as they need to differ."""
+    for digits in range(5, 18):
+        shown = [f"{value:.{digits}g}" for value in values]
+        if len(set(shown)) == len(shown):
+            break
+    return shown
+
+
+def _shown(run: Run) -> Run:
+    """The run, or where it is short the same for longer: what a picture shows."""
+    return run.go_on(SHOWN_PERIODS - run.n_periods) if run.n_periods < SHOWN_PERIODS else run
 
 
 class Board:
@@ -35,7 +57,7 @@ class Board:
     Parameters
     ----------
     cube : xarray.Dataset
-        With one axis of the model or more.
+        With one axis of the model or more, or of points of which one parameter or more varies.
 
     Raises
     ------
@@ -48,91 +70,117 @@ class Board:
             raise ParameterError(f"explore: {type(cube).__name__} is no cube; give one of sweep, or of open_cube(path)")
         self.cube = cube
         mode = cube["mode"]
-        axes = [str(name) for name in mode.dims if mode.sizes[name] > 1]
-        if not axes or "point" in axes or not mode.size:
+        check_codes(mode)
+        self.points = "point" in mode.dims
+        axes = fixed_of(cube)[1] if self.points else [str(name) for name in mode.dims if mode.sizes[name] > 1]
+        if not axes or not mode.size:
             raise ParameterError("explore: needs a cube over at least one axis of more than one value")
         self.x, self.y = axes[-1], axes[-2] if len(axes) > 1 else ""
-        if mode.sizes[self.x] * (mode.sizes[self.y] if self.y else 1) > MOST_CELLS:
+        if mode.sizes["point" if self.points else self.x] * mode.sizes.get(self.y, 1) > MOST_CELLS:
             raise ParameterError(f"explore: a map of more than {MOST_CELLS} cells; give a part of the cube")
-        self.fixed = {str(name): 0 for name in mode.dims if name not in (self.x, self.y)}
+        self.fixed = {str(name): 0 for name in mode.dims if name not in (self.x, self.y, "point")}
         self.source, self.spot = ColumnDataSource(), ColumnDataSource({"x": [], "y": []})
         numbers = [
             str(name) for name, each in cube.data_vars.items() if each.dims == mode.dims and each.dtype.kind == "f"
         ]
         self.quantity = pn.widgets.Select(label="shown", options=["mode", *numbers], value="mode")
         self.sliders = {name: self._slider(name) for name in self.fixed if mode.sizes[name] > 1}
+        options = {label_of(name): name for name in axes}
+        chosen = {"right": self.x, "up": self.y} if self.points and self.y else {}
+        self.choices = {way: pn.widgets.Select(label=way, options=options, value=name) for way, name in chosen.items()}
         self.mapper = LinearColorMapper(palette="Viridis256", nan_color="#ffffff")
+        self.key = pn.pane.HTML(self.legend())
+        self.hover = HoverTool(formatters=dict.fromkeys(("@x", "@y", "@shown"), "printf"))
         self.map = self._map()
         self.told = pn.pane.HTML("Click a point of the map: its run appears here.", sizing_mode="stretch_width")
         self.picture = pn.pane.Matplotlib(None, tight=False, format="svg", sizing_mode="stretch_width")
+        self.run: Run | None = None
+        self.replay = pn.widgets.Button(label="replay", visible=False)
+        self.motion = pn.pane.HTML("", sizing_mode="stretch_width")
+        self.replay.on_click(self._replay)
         self._recolor()
-        self.quantity.param.watch(self._moved, "value")
+        for widget in (self.quantity, *self.choices.values()):
+            widget.param.watch(self._moved, "value")
 
     def _slider(self, name: str) -> Any:
-        values = self.cube[name].values
-        slider = pn.widgets.DiscreteSlider(
-            label=label_of(name), options={f"{value:.5g}": k for k, value in enumerate(values)}
-        )
+        options = {value: k for k, value in enumerate(told_apart(self.cube[name].values))}
+        slider = pn.widgets.DiscreteSlider(label=label_of(name), options=options)
         slider.param.watch(self._moved, "value")
         return slider
 
     def _moved(self, event: Any) -> None:
         for name, slider in self.sliders.items():
             self.fixed[name] = slider.value
+        if self.choices:
+            self.x, self.y = self.choices["right"].value, self.choices["up"].value
+            self._clear()
         self._recolor()
 
+    def _clear(self) -> None:
+        """Take away the mark of the point that was clicked."""
+        self.spot.data = {"x": [], "y": []}
+
     def _map(self) -> Any:
-        kinds = {"x_axis_type": "log" if is_geometric(self.cube[self.x].values) else "linear"}
-        if self.y:
-            kinds["y_axis_type"] = "log" if is_geometric(self.cube[self.y].values) else "linear"
-        plot = figure(width=560, height=430 if self.y else 180, tools="pan,wheel_zoom,box_zoom,reset", **kinds)
-        x, y = edges_of(self.cube[self.x].values), self._y_edges()
-        self.lower = np.meshgrid(x[:-1], y[:-1])
-        self.upper = np.meshgrid(x[1:], y[1:])
-        plot.quad("left", "right", "bottom", "top", source=self.source, fill_color="color", line_color=None)
+        geometric = [name for name in (self.x, self.y) if name and not self.points and is_geometric(self._along(name))]
+        kinds = {f"{way}_axis_type": "log" for way, name in (("x", self.x), ("y", self.y)) if name in geometric}
+        height = 430 if self.y else 180
+        plot = figure(height=height, sizing_mode="stretch_width", tools="pan,wheel_zoom,box_zoom,reset", **kinds)
+        if self.points:
+            cells = plot.scatter("x", "y", source=self.source, size=8, fill_color="color", line_color="#999999")
+        else:
+            cells = plot.quad("left", "right", "bottom", "top", source=self.source, fill_color="color", line_color=None)
+            plot.x_range.range_padding = plot.y_range.range_padding = 0
         plot.scatter(
             "x", "y", source=self.spot, size=14, marker="circle_x", fill_color=None, line_color="black", line_width=2
         )
-        plot.add_tools(
-            HoverTool(tooltips=[(self.x, "@x"), (self.y or "mode", "@y" if self.y else "@mode"), ("mode", "@mode")])
-        )
-        plot.xaxis.axis_label = label_of(self.x)
-        plot.yaxis.axis_label = label_of(self.y) if self.y else ""
+        self.hover.renderers = [cells]  # the mark of a click has nothing to tell
+        plot.add_tools(self.hover)
         plot.yaxis.visible = bool(self.y)
-        plot.x_range.range_padding = plot.y_range.range_padding = 0
         self.bar = ColorBar(color_mapper=self.mapper, visible=False)
         plot.add_layout(self.bar, "right")
         plot.on_event(Tap, lambda event: self.click(event.x, event.y))
         return plot
 
-    def _y_edges(self) -> np.ndarray:
-        return edges_of(self.cube[self.y].values) if self.y else np.array([0.0, 1.0])
+    def _along(self, name: str) -> np.ndarray:
+        """Values of a parameter of the map, of each point where they are no grid; one for no parameter."""
+        return self.cube[name].values if name else np.array([0.5])
+
+    def _cells(self) -> dict[str, np.ndarray]:
+        """Where the points of the map lie, and the edges of their cells."""
+        x, y = self._along(self.x), self._along(self.y)
+        if self.points:
+            return {"x": x, "y": y if self.y else np.full(x.size, y[0])}
+        right, up = edges_of(x), edges_of(y)
+        (left, bottom), (right, top) = np.meshgrid(right[:-1], up[:-1]), np.meshgrid(right[1:], up[1:])
+        xs, ys = np.meshgrid(x, y)
+        return {"left": left, "right": right, "bottom": bottom, "top": top, "x": xs, "y": ys}
+
+    def _part(self) -> xr.Dataset:
+        """The part of the cube that is shown, in the order of its cells."""
+        dims = ["point"] if self.points else [name for name in (self.y, self.x) if name]
+        return self.cube.isel(self.fixed).transpose(*dims, ...)
 
     def _recolor(self) -> None:
-        """Fill the cells of the map for the present place of the sliders."""
-        part = self.cube.isel(self.fixed).transpose(*([self.y] if self.y else []), self.x, ...)
-        modes, shown = part["mode"].values.ravel(), self.quantity.value
+        """Fill the map for the present place of the sliders, and say what its colours are."""
+        part, shown = self._part(), self.quantity.value
+        told = {label_of(self.x): "@x{%.5g}"} | ({label_of(self.y): "@y{%.5g}"} if self.y else {}) | {"mode": "@mode"}
+        columns = {name: values.ravel() for name, values in self._cells().items()}
+        columns["mode"] = names(part["mode"]).values.ravel()
         if shown == "mode":
-            colors = np.array(list(MODE_COLORS.values()))[modes]
+            columns["color"] = np.array(list(MODE_COLORS.values()))[part["mode"].values.ravel()]
         else:
-            colors = self._shades(self.cube[shown].values, part[shown].values.ravel())
-        self.bar.visible = shown != "mode"
-        y = self.cube[self.y].values if self.y else np.array([0.5])
-        xs, ys = np.meshgrid(self.cube[self.x].values, y)
-        (left, bottom), (right, top) = self.lower, self.upper
-        self.source.data = {
-            name: values.ravel()
-            for name, values in {
-                "left": left,
-                "right": right,
-                "bottom": bottom,
-                "top": top,
-                "x": xs,
-                "y": ys,
-                "color": colors,
-                "mode": names(part["mode"]).values,
-            }.items()
-        }
+            columns["shown"] = part[shown].values.ravel()
+            columns["color"] = self._shades(self.cube[shown].values, columns["shown"])
+            self.bar.title = (
+                f"{shown.replace('_', ' ')} {_in_brackets(self.cube[shown].attrs.get('units', '1'))}".rstrip()
+            )
+            told[self.bar.title] = "@shown{%.6g}"
+        self.bar.visible, self.key.visible = shown != "mode", shown == "mode"
+        self.hover.tooltips = list(told.items())
+        self.map.xaxis.axis_label, self.map.yaxis.axis_label = (
+            label_of(name) if name else "" for name in (self.x, self.y)
+        )
+        self.source.data = columns
 
     def _shades(self, whole: np.ndarray, values: np.ndarray) -> np.ndarray:
         finite = whole[np.isfinite(whole)]
@@ -142,38 +190,61 @@ class Board:
         place = np.clip(np.nan_to_num((values - low) / ((high - low) or 1.0)) * 255, 0, 255).astype(int)
         return palette[np.where(np.isfinite(values), place, 256)]
 
+    def _nearest(self, x: float, y: float) -> xr.Dataset:
+        """The point of the map that is nearest to a place, in the eye of who looks at it."""
+        where = {self.x: x} | ({self.y: y} if self.y else {})
+        if not self.points:
+            return self.cube.isel(self.fixed).sel(where, method="nearest")
+        away = sum(((self._along(name) - at) / np.ptp(self._along(name))) ** 2 for name, at in where.items())
+        return self.cube.isel(point=int(np.argmin(away)))
+
     def click(self, x: float, y: float) -> Run | None:
         """Show the run behind the point of the map that is nearest to `x` and `y`; None where there is none."""
-        where: dict[str, Any] = {self.x: x} | ({self.y: y} if self.y else {})
-        point = self.cube.isel(self.fixed).sel(where, method="nearest")
+        point = self._nearest(x, y)
         at = float(point[self.x]), float(point[self.y]) if self.y else 0.5
         self.spot.data = {"x": [at[0]], "y": [at[1]]}
+        self.motion.object, self.replay.visible = "", False
         try:
-            run = self._run(point)
+            run: Run = point.dimersweep.run()
         except ParameterError as error:
-            self.told.object = f"No run here: {error}"
+            self.told.object = f"No run here: {escape(str(error))}"
+            self.picture.object = None
             return None
-        self.told.object = run_table(run)
-        self.picture.object = run_figure(run) if run.status == "ok" else None
+        self.told.object, self.picture.object = run_table(run), None
+        if run.status == "ok":
+            self.run, self.replay.visible = _shown(run), True
+            self.picture.object = run_figure(self.run)
         return run
 
-    def _run(self, point: xr.Dataset) -> Run:
-        run: Run = point.dimersweep.run()
-        few = run.status == "ok" and run.n_periods < SHOWN_PERIODS
-        return run.go_on(SHOWN_PERIODS - run.n_periods) if few else run
+    def _replay(self, event: Any) -> None:
+        """Show the end of the run that was clicked in three dimensions."""
+        assert self.run is not None
+        try:
+            page = replay_page(self.run, pace_of(self.run, REPLAYED))
+        except StoreError as error:
+            self.motion.object = escape(str(error))
+            return
+        look = "width: 100%; height: 640px; border: 0"
+        self.motion.object = f'<iframe title="replay" style="{look}" srcdoc="{escape(page)}"></iframe>'
 
     def legend(self) -> str:
         """The colours of the modes that occur, as HTML."""
         present = np.unique(self.cube["mode"].values)
         mark = "display:inline-block;width:0.9em;height:0.9em;border:1px solid #333;margin:0 0.3em 0 0.9em;background:"
-        return "".join(f'<span style="{mark}{MODE_COLORS[MODES[code]]}"></span>{MODES[code]}' for code in present)
+        return "".join(
+            f'<span style="{mark}{MODE_COLORS[MODES[code]]}"></span>{MODE_LABELS[MODES[code]]}' for code in present
+        )
 
     def layout(self) -> Any:
         """All of it, for `panel` to serve or a notebook to show."""
-        left = pn.Column(self.quantity, *self.sliders.values(), pn.pane.Bokeh(self.map), pn.pane.HTML(self.legend()))
-        right = pn.Column(self.told, self.picture, sizing_mode="stretch_width")
-        heading = pn.pane.Markdown(f"### {self.cube.attrs.get('title', 'cube of dimersweep')}")
-        return pn.Column(heading, pn.Row(left, right, sizing_mode="stretch_width"), sizing_mode="stretch_width")
+        widgets = (self.quantity, *self.choices.values(), *self.sliders.values())
+        shown = (pn.pane.Bokeh(self.map, sizing_mode="stretch_width"), self.key)
+        # side by side where there is room for both, else below one another
+        left = pn.Column(*widgets, *shown, sizing_mode="stretch_width", max_width=600, styles={"flex": "1 1 340px"})
+        run = (self.told, self.picture, self.replay, self.motion)
+        right = pn.Column(*run, sizing_mode="stretch_width", styles={"flex": "1 1 340px"})
+        heading = pn.pane.HTML(f"<h3>{title_as_html(self.cube)}</h3>")
+        return pn.Column(heading, pn.FlexBox(left, right, sizing_mode="stretch_width"), sizing_mode="stretch_width")
 
 
 def layout_of(cube: xr.Dataset) -> Any:

@@ -41,6 +41,12 @@ def explore(cube: xr.Dataset) -> Any:
         If the package panel is not installed.
     ParameterError
         If the cube has no axis of more than one value.
+
+    Examples
+    --------
+    >>> import dimersweep
+    >>> cube = dimersweep.sweep({"beta0": [0.2, 0.28, 0.36]}, periods=60, progress=False)
+    >>> dimersweep.explore(cube)  # doctest: +SKIP
     """
     _panel()
     from dimersweep.exploring.board import layout_of

@@ -1,6 +1,6 @@
 """Many runs one after the other, each to its verdict; what Python calls."""
 
-from math import nan
+from math import hypot, nan
 
 import numpy as np
 
@@ -9,6 +9,8 @@ from dimersweep.kernel.course import Ask, Workspace, motion_of, new_workspace
 from dimersweep.kernel.event_loop import evolve, start_state
 from dimersweep.kernel.model.body import as_dimer
 from dimersweep.kernel.model.layout import (
+    CA,
+    CB,
     CODE_DI_END,
     CODE_MODE,
     CODE_MODE_PERIOD,
@@ -19,9 +21,11 @@ from dimersweep.kernel.model.layout import (
     FREE,
     M_APERIODIC,
     M_FAILED,
+    M_REST,
     M_UNRESOLVED,
     N_STATE,
     OK,
+    OUT_SPEED,
     PERIOD,
     PHASE,
     ROW_BETA0,
@@ -111,9 +115,11 @@ def run_to_verdict(dm, ask, run, record, out, codes):
     """A run from its start to its verdict; fills its outcome."""
     clear_counts(record.counts)
     status, at_rest = evolve(dm, ask, run, record)
-    mode, p, end = verdict(dm, run.past, at_rest, out)
+    mode, p, end = verdict(dm, run.past, at_rest, ask.periods - int(run.state[PERIOD]), out)
     codes[CODE_STATUS], codes[CODE_MODE], codes[CODE_MODE_PERIOD], codes[CODE_DI_END] = status, mode, p, end
     codes[CODE_N_EVENTS], codes[CODE_N_PERIODS] = record.counts[EVENTS], int(run.state[PERIOD])
+    if mode == M_REST:
+        out[OUT_SPEED] = hypot(run.state[CA], run.state[CB])  # a dimer whose ends stay down may roll or slide on
     if status != OK:
         note_failure(status, out, codes)
 

@@ -41,7 +41,7 @@ class Ask(NamedTuple):
     periods: int  # forcing periods at most
     rtol: float  # the one accuracy knob
     close: float  # accuracy of the close of a chatter: less than rtol where its hops are to be followed further
-    settle: bool  # stop at the end of the period in which the motion is known
+    settle: bool  # stop at the end of the period in which the verdict is known
     path: bool  # whether x1, y1 and gamma are wanted
 
 

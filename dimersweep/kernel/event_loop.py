@@ -87,8 +87,9 @@ from dimersweep.kernel.smooth_motion import (
     only_grazes,
     rests_for_good,
 )
+from dimersweep.kernel.verdict.classify import stays_as_it_is
 from dimersweep.kernel.verdict.past import S_FASTEST, SCALARS, note_impact, note_landings, note_take_offs
-from dimersweep.kernel.verdict.settling import note_period, settled_period
+from dimersweep.kernel.verdict.settling import note_period
 
 DOUBLE_COST = 1.0  # of an impact at both ends besides its steps, in hops of one end
 LOOSEST = 1e-3  # relative tolerance of an impact, however slow
@@ -98,7 +99,7 @@ TURNED = 1e-9  # approach that stands for an impact without collision, in units 
 
 @compiled
 def evolve(dm, ask, motion, record):
-    """Run from a state to the end of the last forcing period asked for, or until the motion has settled.
+    """Run from a state to the end of the last forcing period asked for, or until its verdict is known.
 
     Parameters
     ----------
@@ -301,7 +302,7 @@ def follow_up(dm, ask, motion, record, event):
 
 @compiled(inline=True)
 def end_period(dm, ask, motion, record):
-    """The end of a forcing period: a strobe of the motion, and whether it is known by now."""
+    """The end of a forcing period: a strobe of the motion, and whether its verdict is known by now."""
     state, modes, course = motion.state, motion.modes, motion.course
     state[PHASE] = 0.0
     state[PERIOD] += 1.0
@@ -311,7 +312,7 @@ def end_period(dm, ask, motion, record):
         return
     note_period(dm, state, modes, motion.past)
     note_segment(record, state, modes, 0.0, state)
-    if ask.settle and (rests_for_good(dm, motion) or settled_period(motion.past) > 0):
+    if ask.settle and (rests_for_good(dm, motion) or stays_as_it_is(dm, motion.past, ask.periods - int(state[PERIOD]))):
         course[ENDED] = YES
 
 

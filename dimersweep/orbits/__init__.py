@@ -1,10 +1,10 @@
 """Orbits as objects: fixed points of the return map's fast part, their branches and borders, and the slow family they form."""
 
-from dimersweep.orbits.bordering import border
+from dimersweep.orbits.border_grid import border
 from dimersweep.orbits.edges import Edge, edge
 from dimersweep.orbits.families import family, later
 from dimersweep.orbits.finding import find
 from dimersweep.orbits.following import follow
-from dimersweep.orbits.orbit import Orbit
+from dimersweep.orbits.orbit import PeriodicOrbit
 
-__all__ = ["Edge", "Orbit", "border", "edge", "family", "find", "follow", "later"]
+__all__ = ["Edge", "PeriodicOrbit", "border", "edge", "family", "find", "follow", "later"]

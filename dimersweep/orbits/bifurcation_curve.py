@@ -1,4 +1,4 @@
-"""Curves of folds, flips and tori."""
+"""Curves of bifurcations: folds, flips, tori."""
 
 from dataclasses import replace
 
@@ -6,34 +6,34 @@ import numpy as np
 
 from dimersweep.orbits.curve import Curve, Found
 from dimersweep.orbits.held import held
+from dimersweep.orbits.kinds.kind import Bifurcation
+from dimersweep.orbits.newton import fixed_at
 from dimersweep.orbits.on_border import OnBorder, next_on_border, on_border
 from dimersweep.orbits.orbit import orbit_of
-from dimersweep.orbits.return_map import OrbitLost, ReturnMap
-from dimersweep.orbits.solving import fixed_at
+from dimersweep.orbits.poincare import OrbitLost, ReturnMap
 from dimersweep.orbits.specials import Special
 from dimersweep.orbits.word import Sides
 
-BIFURCATIONS = ("fold", "flip", "torus")
-
 
 class BifurcationCurve(Curve):
-    """A curve of folds, flips or tori: see `Curve`."""
+    """A curve along which multipliers of the orbit have the value that its kind asks for: see `Curve`."""
 
-    def __init__(self, kind: str, parameter: str, given: dict[str, float], spin: float, rtol: float) -> None:
+    kind: Bifurcation
+
+    def __init__(self, kind: Bifurcation, parameter: str, given: dict[str, float], spin: float, rtol: float) -> None:
         super().__init__(kind, parameter, given, spin, rtol)
-        if kind == "fold":
-            self.senses, self.shares = (-1.0, 1.0), (0.05, 0.3, 0.6)
+        self.senses, self.shares = kind.senses, kind.shares
 
     def _next(self, given: dict[str, float], near: list[Found]) -> Found:
         old: OnBorder = near[0].begin
-        m = old.map.with_parameters(given)
+        m = replace(old.map, parameters=given)
         try:
             return self._found(next_on_border(self.kind, self.axis, m, old, self.extrapolated(near)))
         except OrbitLost:
             return self._found(next_on_border(self.kind, self.axis, m, old, old.u))
 
     def _is_met(self, special: Special, like: Sides | None) -> bool:
-        return special.kind == self.kind
+        return special.kind is self.kind
 
     def _taken_up(self, special: Special) -> Found:
         m = held(special.point.map, self.spin)
@@ -54,6 +54,6 @@ class BifurcationCurve(Curve):
         matrix, _ = at.map.jacobian(at.z)
         fast = np.linalg.eigvals(matrix).astype(complex)
         fast = fast[np.argsort(-np.abs(fast), kind="stable")][:-1]  # without that of the spin, which is put back
-        orbit = orbit_of(fixed_at(plain, at.z, image, at.residual), 0.0)
+        orbit = orbit_of(fixed_at(plain, at.z, image, at.residual))
         orbit = replace(orbit, multipliers=fast, stable=bool((np.abs(fast) < 1).all()))
         return Found(orbit, float(at.u[-1] * self.axis.scale), at)

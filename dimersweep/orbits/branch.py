@@ -6,6 +6,7 @@ section, so that what lies between them is found on planes across the line from 
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple, TypeVar
 
@@ -13,8 +14,8 @@ import numpy as np
 
 from dimersweep.errors import ParameterError
 from dimersweep.orbits.manifold import lag
-from dimersweep.orbits.return_map import Image, OrbitLost, ReturnMap
-from dimersweep.orbits.solving import STEPS, TOLERANCE, Fixed, defect, fixed_at, newton, system
+from dimersweep.orbits.newton import NEWTON_STEPS, TOLERANCE, Fixed, defect, fixed_at, newton, system
+from dimersweep.orbits.poincare import Image, OrbitLost, ReturnMap
 from dimersweep.parameters import check
 
 M = TypeVar("M", bound=ReturnMap)
@@ -22,7 +23,17 @@ Mark = Callable[[ReturnMap, Image], float]  # what is zero at a border, beside t
 
 
 class Axis(NamedTuple):
-    """What changes along a branch: the name of a parameter, or "spin", its scale, and the spin where that is fixed."""
+    """The quantity that changes along a branch.
+
+    Attributes
+    ----------
+    name : str
+        Of a parameter, or "spin".
+    scale : float
+        By which its values are divided.
+    spin : float
+        Axial spin along a branch in a parameter [rad/s].
+    """
 
     name: str
     scale: float
@@ -45,10 +56,10 @@ class Axis(NamedTuple):
             check(parameters)
         except ParameterError as error:
             raise OrbitLost(str(error)) from error
-        return m.with_value(self.name, value)
+        return replace(m, parameters=parameters)
 
     def spin_at(self, value: float) -> float:
-        """The spin asked for."""
+        """The axial spin at a value of the quantity [rad/s]."""
         return value if self.name == "spin" else self.spin
 
 
@@ -95,7 +106,7 @@ class Point(NamedTuple):
 def slope_of(
     axis: Axis, m: ReturnMap, z: np.ndarray, value: float, sense: float = 0.0, mark: Mark | None = None
 ) -> np.ndarray:
-    """Derivative of `defect`, and of a mark, by the parameter over its scale; to one side only, if `sense` says so."""
+    """Derivative of `defect`, and of a mark, by the parameter over its scale; with a `sense` of 1 or -1, to that side only."""
     if axis.name == "spin":
         slope = np.zeros(z.size if mark is None else z.size + 1)
         slope[m.slow] = -axis.scale / m.unit
@@ -126,24 +137,24 @@ def point_of(axis: Axis, fixed: Fixed, value: float, along: np.ndarray | None) -
 
 
 def _pointed(fixed: Fixed, value: float, slope: np.ndarray, along: np.ndarray | None) -> Point:
-    """A point with the tangent that its derivatives tell."""
+    """A point with the tangent that follows from its derivatives."""
     tangent = np.linalg.svd(np.column_stack([system(fixed.map, fixed.matrix, fixed.gradient), slope]))[2][-1]
     sense = tangent[-1] if along is None else tangent @ along
     return Point(fixed, value, slope, tangent if sense >= 0 else -tangent)
 
 
 def with_mark(axis: Axis, point: Point, mark: Mark) -> Point:
-    """The same point with its own derivatives, and that of a mark."""
+    """A point with its derivatives taken anew, and that of a mark."""
     fixed, m = point.fixed, point.map
-    told = m.differences(fixed.z, lambda image: np.append(image.point, [image.spin / m.unit, mark(m, image)]))
-    *matrix, gradient, of_mark = told
+    rows = m.differences(fixed.z, lambda image: np.append(image.point, [image.spin / m.unit, mark(m, image)]))
+    *matrix, gradient, of_mark = rows
     slope = slope_of(axis, m, fixed.z, point.value, mark=mark)
     fixed = fixed._replace(matrix=np.array(matrix), gradient=gradient)
     return _pointed(fixed, point.value, slope[:-1], point.tangent)._replace(mark_slope=np.append(of_mark, slope[-1]))
 
 
 def one_sided(axis: Axis, point: Point, senses: np.ndarray, along: np.ndarray) -> Point:
-    """The same point with its own derivatives, taken to one side only; its tangent in the sense of `along`.
+    """A point with its derivatives taken anew, to one side only, and its tangent in the sense of `along`.
 
     `senses` holds 1 or -1 for the section point and the parameter.
     """
@@ -154,7 +165,7 @@ def one_sided(axis: Axis, point: Point, senses: np.ndarray, along: np.ndarray) -
 
 
 def corrected(axis: Axis, near: Point, y: np.ndarray, normal: np.ndarray) -> Point:
-    """The point of the branch on the plane through `y` across `normal`; `near` lends the section and the derivative.
+    """The point of the branch on the plane through `y` across `normal`, in the section of `near`, with its own derivatives.
 
     Raises
     ------
@@ -165,13 +176,21 @@ def corrected(axis: Axis, near: Point, y: np.ndarray, normal: np.ndarray) -> Poi
 
 
 def with_derivatives(axis: Axis, point: Point, along: np.ndarray) -> Point:
-    """The same point with its own derivatives and tangent."""
+    """A point with its derivatives and tangent taken anew."""
     fixed = point.fixed
     return point_of(axis, fixed_at(fixed.map, fixed.z, fixed.image, fixed.residual), point.value, along)
 
 
-def lent(axis: Axis, near: Point, y: np.ndarray, normal: np.ndarray, most: int = STEPS) -> Point:
-    """As `corrected`, with the derivatives and the tangent of `near` still; Newton's method may take `most` others."""
+def lent(axis: Axis, near: Point, y: np.ndarray, normal: np.ndarray, most: int = NEWTON_STEPS) -> Point:
+    """The point of the branch on the plane through `y` across `normal`, with the derivatives and the tangent of `near`.
+
+    Newton's method may take `most` new derivatives on its way.
+
+    Raises
+    ------
+    OrbitLost
+        If there is none nearby.
+    """
     m = near.fixed.map
 
     def derivative(there: np.ndarray) -> np.ndarray:
@@ -186,7 +205,7 @@ def lent(axis: Axis, near: Point, y: np.ndarray, normal: np.ndarray, most: int =
 
 
 class Equations:
-    """That the orbit closes, and one more equation; all else is as near a point.
+    """The equations of a point: the orbit closes, and one more equation holds.
 
     Parameters
     ----------
@@ -200,7 +219,7 @@ class Equations:
         self.axis, self.near, self.last = axis, near, last
 
     def value(self, there: np.ndarray) -> tuple[np.ndarray, tuple[ReturnMap, Image]]:
-        """How far they fail to hold, and the map and image that told it."""
+        """How far the equations fail to hold, and the map and image from which this is known."""
         p = there[-1] * self.axis.scale
         own = self.axis.map_at(self.near.fixed.map, p)
         image = own.image(there[:-1])
@@ -208,7 +227,7 @@ class Equations:
         return np.append(fails, self.last(there, own, image)), (own, image)
 
     def derivative(self, there: np.ndarray, step: float | None = None) -> np.ndarray:
-        """Of all equations, by central differences."""
+        """Derivative of all equations, by central differences."""
         step = self.near.fixed.map.step if step is None else step
         steps = step * np.eye(there.size)
         return np.array([(self.value(there + d)[0] - self.value(there - d)[0]) / (2 * step) for d in steps]).T
@@ -218,11 +237,11 @@ class Equations:
         y: np.ndarray,
         derivative: Callable[[np.ndarray], np.ndarray] | None = None,
         known: np.ndarray | None = None,
-        most: int = STEPS,
+        most: int = NEWTON_STEPS,
     ) -> tuple[Point, np.ndarray | None]:
-        """The point near `y` at which they hold, the derivatives and the tangent still those of `near`; and how they change.
+        """The point near `y` at which they hold, with the derivatives and the tangent of `near`, and the last derivative used.
 
-        `derivative`, `known` and `most` are as by `newton`.
+        `derivative`, `known` and `most` are those of `newton`.
 
         Raises
         ------
@@ -231,7 +250,7 @@ class Equations:
         """
         m = self.near.fixed.map
         root = newton(self.value, y, derivative, TOLERANCE * m.rtol, known, most)
-        own, image = root.told
+        own, image = root.extra
         residual = float(np.abs(root.value[:-1]).max())
         fixed = self.near.fixed._replace(map=own, z=root.y[:-1], image=image, residual=residual)
         point = self.near._replace(
@@ -241,9 +260,9 @@ class Equations:
 
 
 def in_own_section(axis: Axis, point: Point, simplest: bool = True) -> Point:
-    """The same point at a section of its own, if events have come near, or (where asked for) simpler contact lasts.
+    """The point in another section, if events have come near its own, or (`simplest`) if simpler contact lasts elsewhere.
 
-    Where that cannot be had, the point stays in its section as long as it lasts. So it does where an end grazes.
+    Where no orbit is found in another section, and where an end grazes, the point stays in its own.
     """
     fixed = point.fixed
     if point.grazes:
@@ -252,7 +271,7 @@ def in_own_section(axis: Axis, point: Point, simplest: bool = True) -> Point:
 
 
 def in_each_section(axis: Axis, point: Point) -> Iterator[Point]:
-    """The same point in the sections of its smooth phases, as far as it can be had there."""
+    """The point in the section of each smooth phase of its motion in which Newton's method finds it."""
     m = point.fixed.map
     for moved, z in m.sections(point.fixed.image.passage):
         with suppress(OrbitLost):
@@ -260,7 +279,7 @@ def in_each_section(axis: Axis, point: Point) -> Iterator[Point]:
 
 
 def _moved(axis: Axis, point: Point, moved: ReturnMap, z: np.ndarray) -> Point:
-    """The same point in another section."""
+    """A point of a branch in another section."""
     fixed = fixed_at(moved, z)
     fixed = fixed._replace(z=z - lag(fixed))  # what is a fixed point in one section is one that creeps in another
     near = Point(fixed, point.value, slope_of(axis, moved, z, point.value), np.zeros(z.size + 1))

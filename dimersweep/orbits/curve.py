@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import takewhile
 from math import pi
 from typing import Any, NamedTuple
@@ -12,10 +13,12 @@ from dimersweep.errors import OrbitError
 from dimersweep.orbits.ball import ball_flip, ball_fold
 from dimersweep.orbits.branch import Axis, Point, corrected, in_own_section, point_of
 from dimersweep.orbits.finding import orbit_at
-from dimersweep.orbits.orbit import Orbit
-from dimersweep.orbits.return_map import OrbitLost, Tape
+from dimersweep.orbits.kinds import Kind
+from dimersweep.orbits.orbit import PeriodicOrbit
+from dimersweep.orbits.poincare import OrbitLost, Tape
 from dimersweep.orbits.specials import Leap, Special, specials
 from dimersweep.orbits.word import Sides
+from dimersweep.parameters import value_of
 
 SEED_POINTS, SEED_STEP = 120, 0.1  # of the branch on which the first point is looked for
 HALVINGS = 4  # of a step from one point of a curve to the next
@@ -26,18 +29,18 @@ class Found(NamedTuple):
 
     Attributes
     ----------
-    orbit : Orbit
+    orbit : PeriodicOrbit
     value : float
         Of the parameter.
     begin : OnBorder or Point
         What the next point begins with.
     sides : Sides, optional
-        Of a change of word: what tells its sides apart.
+        Of a change of word: how the words on its two sides differ.
     cost : float
         Forcing periods of the map that it took.
     """
 
-    orbit: Orbit
+    orbit: PeriodicOrbit
     value: float
     begin: Any
     sides: Sides | None = None
@@ -54,7 +57,7 @@ class Curve(ABC):
 
     Parameters
     ----------
-    kind : str
+    kind : Kind
     parameter : str
         The one that is solved for.
     given : dict
@@ -69,14 +72,14 @@ class Curve(ABC):
     senses: tuple[float, float] = (1.0, -1.0)  # of the parameter, in which the border is looked for from an orbit
     shares: tuple[float, ...] = (0.3, 0.1, 0.6, 0.8)  # of the way from the ball's fold to its flip, where orbits are
 
-    def __init__(self, kind: str, parameter: str, given: dict[str, float], spin: float, rtol: float) -> None:
+    def __init__(self, kind: Kind, parameter: str, given: dict[str, float], spin: float, rtol: float) -> None:
         self.kind, self.parameter, self.given, self.spin, self.rtol = kind, parameter, given, spin, rtol
-        scale = abs(given.get(parameter, given["e"])) or 1.0
+        scale = abs(value_of(parameter, given)) or 1.0
         self.axis = Axis(parameter, scale, spin)
         self.tape = Tape()
 
     def point(
-        self, values: dict[str, float], near: list[Found], start: Orbit | None, like: Sides | None = None
+        self, values: dict[str, float], near: list[Found], start: PeriodicOrbit | None, like: Sides | None = None
     ) -> Found:
         """The point of the border at values of the other parameters.
 
@@ -85,7 +88,7 @@ class Curve(ABC):
         values : dict
         near : list of Found
             Neighbours at equal distances, the nearest first; without any the border is looked for on a branch.
-        start : Orbit, optional
+        start : PeriodicOrbit, optional
             Of that branch.
         like : Sides, optional
             The change of word that is looked for there.
@@ -95,10 +98,14 @@ class Curve(ABC):
         OrbitLost, OrbitError
             If none is found.
         """
-        spent = self.tape.spent.periods
+        spent = self.tape.periods
         given = self.given | values
         found = self._stepped(given, near) if near else self._beginning(given, start, like)
-        return found._replace(cost=self.tape.spent.periods - spent)
+        return found._replace(cost=self.tape.periods - spent)
+
+    def status(self, found: Found) -> str:
+        """The status of a point that is found: ok, or why there may be others."""
+        return "ok"
 
     # --- from one point to the next --------------------------------------------------------------------------------
 
@@ -113,7 +120,7 @@ class Curve(ABC):
             return self._by_halves(given, near[0], HALVINGS)
 
     def _by_halves(self, given: dict[str, float], near: Found, depth: int) -> Found:
-        """The point reached over one halfway, and so on, where the step from its neighbour is too wide."""
+        """The point reached in two steps, or four, and so on, where one step from its neighbour is too wide."""
         known = near.orbit.parameters
         middle = {name: 0.5 * (value + known.get(name, value)) for name, value in given.items()}
         for target in (middle, given):
@@ -126,7 +133,7 @@ class Curve(ABC):
         return near
 
     def extrapolated(self, near: list[Found]) -> np.ndarray:
-        """The point beyond neighbours at equal distances."""
+        """The next point on the line or parabola through neighbours at equal distances."""
         ys = [one.begin.y(self.axis) for one in near]
         weights = ((1.0,), (2.0, -1.0), (3.0, -3.0, 1.0))[len(ys) - 1]
         return sum(weight * y for weight, y in zip(weights, ys, strict=True))
@@ -135,30 +142,30 @@ class Curve(ABC):
 
     @abstractmethod
     def _is_met(self, special: Special, like: Sides | None) -> bool:
-        """Whether a special point of a branch is one of the border."""
+        """Whether a special point of a branch lies on this border."""
 
     @abstractmethod
     def _taken_up(self, special: Special) -> Found:
         """The point of the border at a special point of a branch."""
 
-    def _beginning(self, given: dict[str, float], start: Orbit | None, like: Sides | None) -> Found:
-        """The first point; where it is looked for from an orbit, at that orbit's parameters first."""
+    def _beginning(self, given: dict[str, float], start: PeriodicOrbit | None, like: Sides | None) -> Found:
+        """The first point of the curve: found on a branch at an orbit's parameters, then carried to those that are given."""
         first = self._first(given, start, like)
         found = first.orbit.parameters
         if all(found[name] == value for name, value in given.items() if name != self.parameter and name in found):
             return first
         return self._stepped(given, [first])
 
-    def _first(self, given: dict[str, float], start: Orbit | None, like: Sides | None) -> Found:
+    def _first(self, given: dict[str, float], start: PeriodicOrbit | None, like: Sides | None) -> Found:
         reasons: list[str] = []
         for orbit in [start] if start is not None else self._starts(given, reasons):
             try:
                 return self._taken_up(self._along(orbit, like))
             except (OrbitError, OrbitLost) as reason:
                 reasons.append(str(reason))
-        raise OrbitError(f"no {self.kind} was met; {'; '.join(reasons)}")
+        raise OrbitError(f"no {self.kind.name} was met; {'; '.join(reasons)}")
 
-    def _starts(self, given: dict[str, float], reasons: list[str]) -> Iterator[Orbit]:
+    def _starts(self, given: dict[str, float], reasons: list[str]) -> Iterator[PeriodicOrbit]:
         """Orbits from which the border is looked for; those in which both ends fly, perhaps another motion, come last."""
         flying = []
         for at in self._places(given):
@@ -180,13 +187,13 @@ class Curve(ABC):
             return
         for share in self.shares:
             if self.parameter == "Gamma":
-                e = given.get("e_2", given["e"])
+                e = value_of("e_2", given)
                 yield {"Gamma": ball_fold(e) + share * (ball_flip(e) - ball_fold(e))}
             else:
                 least = (pi - given["Gamma"]) / (pi + given["Gamma"])  # the ball's fold
                 yield {"e": max(0.0, least) + share * (1 - max(0.0, least)) * 0.5}
 
-    def _along(self, orbit: Orbit, like: Sides | None) -> Special:
+    def _along(self, orbit: PeriodicOrbit, like: Sides | None) -> Special:
         """The first point of the border on the branch through an orbit, to either side.
 
         Raises
@@ -195,8 +202,8 @@ class Curve(ABC):
             If there is none.
         """
         reasons = []
-        value = orbit.parameters.get(self.parameter, orbit.parameters["e"])
-        begin = point_of(self.axis, orbit.fixed._replace(map=orbit.fixed.map.on(self.tape)), value, None)
+        value = value_of(self.parameter, orbit.parameters)
+        begin = point_of(self.axis, orbit.fixed._replace(map=replace(orbit.fixed.map, tape=self.tape)), value, None)
         for sense in self.senses:
             try:
                 return self._met(begin._replace(tangent=sense * begin.tangent), like)

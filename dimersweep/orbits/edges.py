@@ -11,18 +11,23 @@ from dimersweep.kernel.model.layout import D1, D2, N1, N2, N_STATE, PERIOD, PHAS
 from dimersweep.kernel.record import HOP_TIME, MODES
 from dimersweep.orbits.finding import RTOL, centred, checked
 from dimersweep.orbits.following import traced
-from dimersweep.orbits.orbit import Orbit, orbit_of
-from dimersweep.orbits.return_map import OrbitLost, ReturnMap, Tape
-from dimersweep.orbits.solving import solve
+from dimersweep.orbits.kinds.fold import FOLD
+from dimersweep.orbits.newton import solve
+from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
+from dimersweep.orbits.poincare import OrbitLost, ReturnMap, Tape
 from dimersweep.parameters import as_number, check_count
 from dimersweep.runs.run import Run
 from dimersweep.runs.simulating import simulate
 
-FINEST = 1e-10  # how well an edge is known, in the unit of its axis
-NEAR = 0.3  # change of the strobe in a period, in g/omega^2 and g/omega, of a motion that is near a periodic one
-BESIDE, SCALES = 6, 4  # starts on either side of an edge, at each of some distances, that tell whether it is clean
+EDGE_KNOWN = 1e-10  # how well an edge is known, in the unit of its axis
+NEAR_PERIODIC = (
+    0.3  # change of the strobe in a period, in g/omega^2 and g/omega, of a motion that is near a periodic one
+)
+STARTS_BESIDE, SCALES = (
+    6,
+    4,
+)  # starts on either side of an edge, at each of some distances, that decide whether it is clean
 PROBES, DISTANCES = 60, (1e-3, 1e-4, 1e-5, 1e-6)  # for the uncertainty exponent, in shares of the interval
-PARTNER = 1e-4  # distance of the partner's start, in the parameter, that counts as the same
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +43,7 @@ class Edge:
         Starts with different fates.
     fates : tuple of str
         Modes that they lead to.
-    near : Orbit or None
+    near : PeriodicOrbit or None
         The periodic motion that a start on the edge stays near for longest, if it is one.
     stays : int
         Forcing periods for which it stays near it.
@@ -51,13 +56,19 @@ class Edge:
         power of the distance to which a start is known; else NaN.
     runs : int
         Runs that it took.
+
+    Examples
+    --------
+    >>> from dimersweep import orbits
+    >>> orbits.edge("beta0", (0.24, 0.28)).fates
+    ('rest', 'drift')
     """
 
     axis: str
     value: float
     bracket: tuple[float, float]
     fates: tuple[str, str]
-    near: Orbit | None
+    near: PeriodicOrbit | None
     stays: int
     partner: bool | None
     clean: bool
@@ -86,7 +97,7 @@ def edge(
     *,
     periods: int = 300,
     rtol: float = 1e-11,
-    within: float = FINEST,
+    within: float = EDGE_KNOWN,
     **parameters: float,
 ) -> Edge:
     """The border between two fates of a start, by halving an axis of it.
@@ -114,6 +125,13 @@ def edge(
     ------
     ParameterError
         For an unknown parameter, or two starts with one fate.
+
+    Examples
+    --------
+    >>> from dimersweep import orbits
+    >>> found = orbits.edge("beta0", (0.24, 0.28))  # rest on one side of it, drift on the other
+    >>> round(found.value, 3)
+    0.267
     """
     given = checked(parameters | {axis: between[0]})
     low, high = as_number(axis, between[0]), as_number(axis, between[1])
@@ -140,7 +158,7 @@ def edge(
 
 
 def halved(fate: Callable[[float], str], low: float, high: float, within: float) -> tuple[float, float]:
-    """Two starts with different fates, one that of `low`, no further apart than `within`."""
+    """Two starts no further apart than `within`: the first has the fate of `low`, the second another one."""
     first = fate(low)
     while abs(high - low) > within:
         middle = 0.5 * (low + high)
@@ -158,7 +176,7 @@ def _clean(fate: Callable[[float], str], low: float, high: float, wide: float) -
     distances = np.geomspace(max(10 * abs(high - low), 1e-6 * abs(wide)), 1e-2 * abs(wide), SCALES)
     sense = np.sign(wide)
     for distance in distances:
-        for share in np.linspace(0.3, 1.0, BESIDE):
+        for share in np.linspace(0.3, 1.0, STARTS_BESIDE):
             if fate(low - sense * share * distance) != fate(low) or fate(high + sense * share * distance) != fate(high):
                 return False
     return True
@@ -180,18 +198,20 @@ def uncertainty(fate: Callable[[float], str], low: float, high: float) -> float:
     return float(np.polyfit(x, y, 1)[0])
 
 
-def _stays_near(low: dict[str, float], high: dict[str, float], periods: int, rtol: float) -> tuple[Orbit | None, int]:
+def _stays_near(
+    low: dict[str, float], high: dict[str, float], periods: int, rtol: float
+) -> tuple[PeriodicOrbit | None, int]:
     """The periodic motion that both starts stay near before they part, and for how long."""
     runs = [simulate(**start, periods=periods, rtol=rtol) for start in (low, high)]  # type: ignore[arg-type]
     ends = [_strobes(run) for run in runs]
     count = min(len(ends[0]), len(ends[1]))
-    together = np.abs(ends[0][:count, :4] - ends[1][:count, :4]).max(axis=1) < NEAR
+    together = np.abs(ends[0][:count, :4] - ends[1][:count, :4]).max(axis=1) < NEAR_PERIODIC
     parts = count if together.all() else int(np.argmin(together))
     change = np.abs(np.diff(ends[0][: parts + 1, :4], axis=0)).max(axis=1)
     if not change.size:
         return None, 0
     stillest = int(np.argmin(change))
-    near = change < NEAR
+    near = change < NEAR_PERIODIC
     first = stillest
     while first > 0 and near[first - 1]:
         first -= 1
@@ -210,7 +230,7 @@ def _strobes(run: Run) -> np.ndarray:
     return np.column_stack([segments[rows][:, [D1, D2]] * omega / v, segments[rows][:, [N1, N2]] / v, rows])
 
 
-def _orbit_at(run: Run, period: int) -> Orbit | None:
+def _orbit_at(run: Run, period: int) -> PeriodicOrbit | None:
     """The orbit that Newton's method comes to from the end of a period of a run."""
     record, tape = run.record("edge"), Tape()
     segment = record.segments[int(_strobes(run)[period, 4])]
@@ -220,12 +240,12 @@ def _orbit_at(run: Run, period: int) -> Orbit | None:
         m = ReturnMap(run.parameters, run.parameters["phi0"], segment[MODES:HOP_TIME].copy(), 1, RTOL, tape)
         _, _, passage = tape.run(m.row, state, 1, RTOL)
         m, z = m.moved(passage)
-        return orbit_of(centred(solve(m, z, m.image(z).spin)), tape.spent.periods)
+        return orbit_of(centred(solve(m, z, m.image(z).spin)))
     except OrbitLost:
         return None
 
 
-def _is_partner(orbit: Orbit) -> bool:
+def _is_partner(orbit: PeriodicOrbit) -> bool:
     """Whether an orbit has one multiplier above 1, and turns round at a fold into a stable one as Gamma falls."""
     if (np.abs(orbit.multipliers) > 1).sum() != 1 or orbit.multipliers[0].real < 1:
         return False
@@ -233,5 +253,5 @@ def _is_partner(orbit: Orbit) -> bool:
         entries = traced(orbit, "Gamma", 0.5 * orbit.parameters["Gamma"], words=False).entries
     except (OrbitError, OrbitLost):
         return False
-    folds = [k for k, entry in enumerate(entries) if entry.special == "fold"]
+    folds = [k for k, entry in enumerate(entries) if entry.kind is FOLD]
     return bool(folds) and any(entry.orbit.stable for entry in entries[folds[0] + 1 :])

@@ -16,30 +16,31 @@ from scipy.optimize import brentq
 
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.kernel.model.layout import PERIOD, PHASE, SPIN
-from dimersweep.orbits.finding import RTOL, checked, orbit_at
+from dimersweep.orbits.finding import RTOL, checked, checked_spin, orbit_at
 from dimersweep.orbits.following import Trace, traced
+from dimersweep.orbits.kinds.fold import FOLD
+from dimersweep.orbits.labelling import dataset
 from dimersweep.orbits.manifold import Creep, creep_near, creep_of, has_fast_part, slow_direction
-from dimersweep.orbits.orbit import Orbit, orbit_of
+from dimersweep.orbits.newton import Fixed, solve, system
+from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.passage import Passage
-from dimersweep.orbits.return_map import OrbitLost, ReturnMap
-from dimersweep.orbits.solving import Fixed, solve, system
+from dimersweep.orbits.poincare import OrbitLost, ReturnMap
 from dimersweep.orbits.specials import JOINED
-from dimersweep.orbits.tables import dataset
 from dimersweep.parameters import as_number, check_count, check_rtol
 
-ASIDE = 0.05  # distance from where the family leads, in units of the section
-STEPS = 60  # of a branch from one spin to the next, where Newton's method does not get there at once
+FAMILY_REACH = 0.05  # distance from where the family leads, in units of the section
+BRANCH_POINTS = 60  # of a branch from one spin to the next, where Newton's method does not get there at once
 RUN_IN = 40  # periods in which the fast part of a stable motion settles
-GAP = 1  # spins in a row that may be missing, where a word just changes
-KNOWN = 3  # points of the family through which the next one is looked for
-TOLD = ("radius", "period", "zeta")
+MISSING = 1  # spins in a row that may be missing, where a word just changes
+THROUGH = 3  # points of the family through which the next one is looked for
+READ = ("radius", "period", "zeta")
 
 
 class Seen(NamedTuple):
     """A point of the family with the derivatives there, and the orbit."""
 
     at: Fixed
-    orbit: Orbit
+    orbit: PeriodicOrbit
 
 
 def family(*, spin: tuple[float, float], points: int = 50, rtol: float = RTOL, **parameters: float) -> xr.Dataset:
@@ -59,9 +60,9 @@ def family(*, spin: tuple[float, float], points: int = 50, rtol: float = RTOL, *
     Returns
     -------
     xarray.Dataset
-        Along `spin`: what an `Orbit` tells, as far as the family goes, without a spin at which the word just changes, if
-        no motion creeps through it evenly. The attributes `low_end` and `high_end` say why
-        it ends ("asked for" where it does not), `cost` how many forcing periods of the map it took.
+        Along `spin`: the attributes of a `PeriodicOrbit`, as far as the family goes. A spin at which the word just changes
+        may be missing. The attributes `low_end` and `high_end` say why the family ends ("asked for" where it does not),
+        `cost` how many forcing periods of the map it took.
 
     Raises
     ------
@@ -69,12 +70,19 @@ def family(*, spin: tuple[float, float], points: int = 50, rtol: float = RTOL, *
         For an unknown parameter or a range that is none.
     OrbitError
         If there is no orbit at any of the spins.
+
+    Examples
+    --------
+    >>> from dimersweep import orbits
+    >>> family = orbits.family(spin=(100.0, 110.0), points=3)
+    >>> family["radius"].values.round(3).tolist()
+    [4.259, 4.257, 4.256]
     """
-    spins = np.linspace(*_range(spin), check_count("points", points))
     given = checked(parameters)
+    spins = np.linspace(*spin_range(spin, given), check_count("points", points))
     first, begin = _anywhere(spins, given, check_rtol(rtol))
     tape = first.fixed.map.tape
-    start = tape.spent.periods
+    start = tape.periods
     seen = {begin: seen_at(first.fixed.map, first.creep)}
     ends = {}
     for name, order in (("high_end", range(begin + 1, spins.size)), ("low_end", range(begin - 1, -1, -1))):
@@ -84,23 +92,28 @@ def family(*, spin: tuple[float, float], points: int = 50, rtol: float = RTOL, *
     table = table.drop_vars("spin").rename_dims({"spin_": "spin"}).assign_coords(spin=("spin", spins[kept]))
     table["spin"].attrs = {"units": "rad s-1", "long_name": "axial spin after the double impact"}
     table = table.drop_vars("cost")
-    del table.attrs["units_of"]
-    table.attrs |= ends | {"cost": tape.spent.periods - start + first.cost, "rtol": rtol}
+    table.attrs |= ends | {"cost": tape.periods - start + first.cost, "rtol": rtol}
     return table
 
 
-def _range(spin: tuple[float, float]) -> tuple[float, float]:
+def spin_range(spin: tuple[float, float], given: dict[str, float]) -> tuple[float, float]:
+    """The least and the greatest spin [rad/s], judged.
+
+    Raises
+    ------
+    ParameterError
+    """
     try:
         low, high = spin
     except (TypeError, ValueError):
         raise ParameterError(f"spin = {spin!r}: must be the least and the greatest spin") from None
-    low, high = as_number("spin", low), as_number("spin", high)
+    low, high = checked_spin(low, given), checked_spin(high, given)
     if low >= high:
         raise ParameterError(f"spin = ({low:g}, {high:g}): the first must be below the second")
     return low, high
 
 
-def _anywhere(spins: np.ndarray, given: dict[str, float], rtol: float) -> tuple[Orbit, int]:
+def _anywhere(spins: np.ndarray, given: dict[str, float], rtol: float) -> tuple[PeriodicOrbit, int]:
     """An orbit at one of the spins: the middle one, or one of a few others."""
     reason = OrbitError("")
     for share in (0.5, 0.25, 0.75, 0.0, 1.0):
@@ -125,7 +138,7 @@ def _along(seen: dict[int, Seen], spins: np.ndarray, order: range) -> str:
                 nxt = _onwards(last[0], spin)
         except OrbitLost as reason:
             missing.append(str(reason))
-            if len(missing) > GAP:
+            if len(missing) > MISSING:
                 break
             continue
         seen[k], last, missing = nxt, [nxt, *last[:2]], []
@@ -144,19 +157,19 @@ def _next(last: list[Seen], spin: float) -> Seen:
     m = near.map
     z = near.z + slow_direction(near)[0] * (spin - near.image.spin) / m.unit
     same = list(takewhile(lambda one: one.at.map.phase == m.phase and one.at.z.size == near.z.size, last))
-    if len(same) == KNOWN:
+    if len(same) == THROUGH:
         z = BarycentricInterpolator([one.at.image.spin for one in same], [one.at.z for one in same])(spin)
     if has_fast_part(near):
         creep = creep_near(m, z, spin, near.matrix, near.gradient)
     else:
         creep = creep_of(solve(m, z, spin, system(m, near.matrix, near.gradient)))
-    if np.abs(creep.z - z).max() > ASIDE:
+    if np.abs(creep.z - z).max() > FAMILY_REACH:
         raise OrbitLost("the next orbit lies aside of the family")
     return _centred(seen_at(m, creep))
 
 
 def _centred(seen: Seen) -> Seen:
-    """The same motion, its section moved if an event lies near and it can be had in another one."""
+    """A motion of the family in another section, if an event lies near its own and it is found there."""
     image = seen.at.image
 
     def make(m: ReturnMap, z: np.ndarray) -> Seen:
@@ -166,7 +179,7 @@ def _centred(seen: Seen) -> Seen:
 
 
 def _onwards(last: Seen, spin: float) -> Seen:
-    """The orbit at another spin where the family does not lead there by itself: by a run, or by the branch of fixed points.
+    """The orbit at another spin where a step along the family fails: by a run, or along the branch of fixed points.
 
     Raises
     ------
@@ -177,17 +190,17 @@ def _onwards(last: Seen, spin: float) -> Seen:
         with suppress(OrbitLost):
             return _run_onto(last.at, spin)
     fixed = solve(last.at.map, last.at.z, last.at.image.spin)
-    branch = traced(orbit_of(fixed, 0.0), "spin", spin, STEPS, words=False)
+    branch = traced(orbit_of(fixed), "spin", spin, BRANCH_POINTS, words=False)
     if not branch.end.startswith("to:"):
         raise OrbitLost(_why(branch))
-    told = branch.entries[-1].orbit
-    if told.creep.z is told.fixed.z and has_fast_part(told.fixed):
+    orbit = branch.entries[-1].orbit
+    if orbit.creep.z is orbit.fixed.z and has_fast_part(orbit.fixed):
         raise OrbitLost(f"no motion creeps by the fixed point, at spin = {spin:.6g} rad/s")
-    return seen_at(told.fixed.map, told.creep)
+    return seen_at(orbit.fixed.map, orbit.creep)
 
 
 def _run_onto(at: Fixed, spin: float) -> Seen:
-    """The motion at another spin that a run comes to, begun beside an orbit some periods before it would have that spin.
+    """The motion at another spin that a run settles on; the run begins beside an orbit, some periods before it has that spin.
 
     Raises
     ------
@@ -197,7 +210,7 @@ def _run_onto(at: Fixed, spin: float) -> Seen:
     for there, z in at.map.sections(_run_to(at, spin)):
         with suppress(OrbitLost):
             creep = creep_near(there, z, spin, *there.jacobian(z))
-            if np.delete(np.abs(creep.z - z), there.slow).max() <= ASIDE:
+            if np.delete(np.abs(creep.z - z), there.slow).max() <= FAMILY_REACH:
                 return seen_at(there, creep)
     raise OrbitLost("the run comes to no orbit")
 
@@ -230,9 +243,8 @@ def _run_to(at: Fixed, spin: float) -> Passage:
 
 def _why(branch: Trace) -> str:
     """Where and why the family ends."""
-    special = [entry for entry in branch.entries if entry.special]
-    for entry in reversed(special):
-        if entry.special == "fold":
+    for entry in reversed(branch.entries):
+        if entry.kind is FOLD:
             return f"fold at spin = {entry.value:.6g} rad/s"
     return f"{branch.end}, at spin = {branch.entries[-1].value:.6g} rad/s"
 
@@ -241,7 +253,7 @@ def seen_at(m: ReturnMap, creep: Creep) -> Seen:
     """A motion of the family, with the derivatives where it is."""
     matrix, gradient = m.jacobian(creep.z)
     at = Fixed(m, creep.z, creep.image, matrix, gradient, creep.residual)
-    return Seen(at, orbit_of(at, 0.0, creep))
+    return Seen(at, orbit_of(at, creep))
 
 
 class Later(NamedTuple):
@@ -262,7 +274,7 @@ class Later(NamedTuple):
 
 
 def later(family: xr.Dataset, *, spin: float, periods: float) -> Later:
-    """The motion so many forcing periods after it had a spin, by quadrature of the slow rate.
+    """The motion some forcing periods after it had a given spin, by quadrature of the slow rate.
 
     The spin obeys s(n + 1) = s(n) + d(s(n)); the flow ds/dn = d - d d'/2 has this map to second order.
 
@@ -271,7 +283,7 @@ def later(family: xr.Dataset, *, spin: float, periods: float) -> Later:
     family : xarray.Dataset
         From `family`.
     spin : float
-        Axial spin after the double impact, as `Run.orbit.spin_rate` tells it [rad s-1].
+        Axial spin after the double impact, as in `Run.orbit.spin_rate` [rad s-1].
     periods : float
         Forcing periods, forwards; backwards if negative.
 
@@ -283,6 +295,13 @@ def later(family: xr.Dataset, *, spin: float, periods: float) -> Later:
     ------
     ParameterError
         If the spin is beyond the family, or the motion comes to its end before.
+
+    Examples
+    --------
+    >>> from dimersweep import orbits
+    >>> family = orbits.family(spin=(100.0, 110.0), points=5)
+    >>> round(orbits.later(family, spin=110.0, periods=10_000).radius, 3)
+    4.256
     """
     spin, periods = as_number("spin", spin), as_number("periods", periods)
     spins = family["spin"].values
@@ -291,12 +310,12 @@ def later(family: xr.Dataset, *, spin: float, periods: float) -> Later:
     if not spins[0] <= spin <= spins[-1]:
         raise ParameterError(f"spin = {spin:g}: the family goes from {spins[0]:g} to {spins[-1]:g} rad/s")
     at_end = _spin_after(spins, family["spin_drift"].values, spin, periods)
-    told = {}
-    for name in TOLD:
+    read = {}
+    for name in READ:
         values = family[name].values
         known = np.isfinite(values)  # in a plane there is no circle
-        told[name] = float(CubicSpline(spins[known], values[known])(at_end))
-    return Later(spin=at_end, **told)
+        read[name] = float(CubicSpline(spins[known], values[known])(at_end))
+    return Later(spin=at_end, **read)
 
 
 def _spin_after(spins: np.ndarray, drift: np.ndarray, spin: float, periods: float) -> float:

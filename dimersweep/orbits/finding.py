@@ -7,19 +7,30 @@ from typing import Any
 import numpy as np
 
 from dimersweep.errors import OrbitError, ParameterError
+from dimersweep.kernel.model.layout import ROW
 from dimersweep.orbits.ball import ball_fold
 from dimersweep.orbits.guesses import of_ball, of_run, rolled_up
 from dimersweep.orbits.manifold import creep_of
-from dimersweep.orbits.orbit import Orbit, orbit_of
+from dimersweep.orbits.newton import Fixed, solve, system
+from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.passage import TURN
-from dimersweep.orbits.return_map import OrbitLost, ReturnMap, Tape
-from dimersweep.orbits.solving import Fixed, solve, system
-from dimersweep.parameters import Parameters, as_number, check_count, check_name, check_rtol
+from dimersweep.orbits.poincare import OrbitLost, ReturnMap, Tape
+from dimersweep.parameters import (
+    Parameters,
+    as_number,
+    check_count,
+    check_level,
+    check_name,
+    check_rtol,
+    updated,
+    value_of,
+)
 from dimersweep.runs.run import Run
 
 RTOL = 1e-12
 TRANSIENTS = (1, 30, 200)  # periods of the map run from the ball's orbit before Newton's method
 SAME = 1e-4  # in units of the section: a fast part that comes as near as this to its start has repeated
+MOST_TURNS = 1e3  # of the spin in a forcing period: orbits are found up to some 30; far beyond, the search takes long
 SMALLEST_STEP = 1e-3  # of the way from the parameters of one orbit to other ones
 Start = tuple[ReturnMap, np.ndarray]
 
@@ -28,10 +39,10 @@ def find(
     *,
     spin: float | None = None,
     periods: int = 1,
-    guess: Run | Orbit | None = None,
+    guess: Run | PeriodicOrbit | None = None,
     rtol: float = RTOL,
     **parameters: float,
-) -> Orbit:
+) -> PeriodicOrbit:
     """The orbit at a given axial spin: a fixed point of the fast part of the return map, stable or not.
 
     Parameters
@@ -41,7 +52,7 @@ def find(
         with `xdot0` rolls up to. 0.0 is the dimer that moves in a plane.
     periods : int
         Forcing periods after which the motion repeats.
-    guess : Run or Orbit, optional
+    guess : Run or PeriodicOrbit, optional
         A recorded run that has come near the orbit, or an orbit nearby; parameters that are not given are as there.
     rtol : float
         Accuracy of the map [1].
@@ -50,7 +61,7 @@ def find(
 
     Returns
     -------
-    Orbit
+    PeriodicOrbit
 
     Raises
     ------
@@ -58,11 +69,18 @@ def find(
         For an unknown parameter or a value that is not allowed.
     OrbitError
         If Newton's method does not come to an orbit, with what was tried.
+
+    Examples
+    --------
+    >>> from dimersweep import orbits
+    >>> orbit = orbits.find(Gamma=0.9, spin=100.0)
+    >>> abs(orbit.multipliers).round(3).tolist()
+    [0.599, 0.599, 0.308]
     """
     given = checked(parameters, guess)
     return orbit_at(
         given,
-        None if spin is None else as_number("spin", spin),
+        None if spin is None else checked_spin(spin, given),
         check_count("periods", periods),
         guess,
         check_rtol(rtol),
@@ -73,10 +91,10 @@ def orbit_at(
     given: dict[str, float],
     spin: float | None = None,
     periods: int = 1,
-    guess: Run | Orbit | None = None,
+    guess: Run | PeriodicOrbit | None = None,
     rtol: float = RTOL,
-) -> Orbit:
-    """As `find`, for parameters that have been checked."""
+) -> PeriodicOrbit:
+    """The orbit at a given spin, for parameters that have been checked; see `find`."""
     tape = Tape()
     tried = []
     for name, start in _starts(spin, periods, guess, given, rtol, tape):
@@ -87,7 +105,7 @@ def orbit_at(
     raise OrbitError(f"no orbit of period {periods}{_where(spin)}; tried {'; '.join(tried)}{_why_not(given)}")
 
 
-def checked(parameters: dict[str, Any], guess: Run | Orbit | None = None) -> dict[str, float]:
+def checked(parameters: dict[str, Any], guess: Run | PeriodicOrbit | None = None) -> dict[str, float]:
     """All parameters, those of the guess where they are not given.
 
     Raises
@@ -97,22 +115,41 @@ def checked(parameters: dict[str, Any], guess: Run | Orbit | None = None) -> dic
     """
     for name in parameters:
         check_name(name)
-    if guess is not None and not isinstance(guess, Run | Orbit):
-        raise ParameterError(f"guess = {guess!r}: must be a Run or an Orbit")
-    known = dict(guess.parameters) if guess is not None else {}
-    if "e" in parameters:  # both ends, unless one is given
-        known = {name: value for name, value in known.items() if name not in ("e_1", "e_2")}
-    return Parameters(**known | parameters).given()
+    if guess is not None and not isinstance(guess, Run | PeriodicOrbit):
+        raise ParameterError(f"guess = {guess!r}: must be a Run or a PeriodicOrbit")
+    given = Parameters(**updated({} if guess is None else guess.parameters, parameters)).given()
+    check_level(given, "orbits")
+    return given
+
+
+def checked_spin(spin: float | None, given: dict[str, float]) -> float:
+    """An axial spin [rad/s]; by default what a lateral start with `xdot0` rolls up to.
+
+    Raises
+    ------
+    ParameterError
+        If it is no number, or so fast that no orbit has it.
+    """
+    spin = rolled_up(given) if spin is None else as_number("spin", spin)
+    most = MOST_TURNS * TURN * given["f"]
+    if abs(spin) > most:
+        raise ParameterError(f"spin = {spin:g}: must be at most {most:.3g} rad/s in size")
+    return spin
 
 
 def _starts(
-    spin: float | None, periods: int, guess: Run | Orbit | None, given: dict[str, float], rtol: float, tape: Tape
+    spin: float | None,
+    periods: int,
+    guess: Run | PeriodicOrbit | None,
+    given: dict[str, float],
+    rtol: float,
+    tape: Tape,
 ) -> Iterator[tuple[str, Callable[[], Start | Fixed]]]:
-    """What is tried, in its order, with its name."""
+    """The guesses in the order in which they are tried, each with its name."""
     if isinstance(guess, Run):
         yield "the end of the run", lambda: of_run(guess, given, periods, rtol, tape)
         return
-    if isinstance(guess, Orbit):
+    if isinstance(guess, PeriodicOrbit):
         yield "the orbit given", lambda: _from_orbit(guess, given, spin, periods, rtol, tape)
         return
     at = rolled_up(given) if spin is None else spin
@@ -122,8 +159,8 @@ def _starts(
 
 
 def _found(
-    start: Start | Fixed, spin: float | None, guess: Run | Orbit | None, given: dict[str, float], tape: Tape
-) -> Orbit:
+    start: Start | Fixed, spin: float | None, guess: Run | PeriodicOrbit | None, given: dict[str, float], tape: Tape
+) -> PeriodicOrbit:
     if isinstance(start, Fixed):
         fixed = start
     else:
@@ -138,11 +175,11 @@ def _found(
     creep = creep_of(fixed)
     matrix, gradient = fixed.map.jacobian(creep.z)  # a run is multiplied by those of where it is
     seen = fixed._replace(matrix=matrix, gradient=gradient)
-    return replace(orbit_of(seen, tape.spent.periods, creep), fixed=fixed)
+    return replace(orbit_of(seen, creep), fixed=fixed)
 
 
 def centred(fixed: Fixed) -> Fixed:
-    """The same orbit, its section moved if an event lies near and it can be had in another one."""
+    """The orbit in another section, if an event lies near its own and it is found there."""
     image = fixed.image
     return fixed.map.in_own_section(fixed, image.passage, lambda m, z: solve(m, z, image.spin))
 
@@ -161,12 +198,12 @@ def repeats_after(fixed: Fixed) -> int:
 
 
 def _from_orbit(
-    orbit: Orbit, given: dict[str, float], spin: float | None, periods: int, rtol: float, tape: Tape
+    orbit: PeriodicOrbit, given: dict[str, float], spin: float | None, periods: int, rtol: float, tape: Tape
 ) -> Fixed:
     """Newton from the orbit's own point; if that fails, by steps from its parameters and spin to those asked for."""
     old, spin = orbit.fixed.map, orbit.spin if spin is None else spin
-    base = old.parameters | {name: old.parameters["e"] for name in given if name not in old.parameters}
-    m = ReturnMap(base, old.phase, old.modes, periods, rtol, tape)
+    first, last = ({name: value_of(name, told) for name in ROW} for told in (old.parameters, given))
+    m = ReturnMap(old.parameters, old.phase, old.modes, periods, rtol, tape)
     known = system(old, orbit.fixed.matrix, orbit.fixed.gradient) if periods == old.periods else None
     done, step, z, fixed = 0.0, 1.0, orbit.fixed.z, None
     reason = OrbitLost("")
@@ -174,9 +211,9 @@ def _from_orbit(
         if step < SMALLEST_STEP:
             raise OrbitLost(f"{reason}, {done:.0%} of the way")
         there = min(1.0, done + step)
-        values = {name: base[name] + there * (given[name] - base[name]) for name in given}
+        values = given if there == 1.0 else {name: first[name] + there * (last[name] - first[name]) for name in ROW}
         try:
-            fixed = centred(solve(m.with_parameters(values), z, orbit.spin + there * (spin - orbit.spin), known))
+            fixed = centred(solve(replace(m, parameters=values), z, orbit.spin + there * (spin - orbit.spin), known))
         except OrbitLost as error:
             reason, step = error, 0.5 * step
             continue
@@ -191,8 +228,8 @@ def _where(spin: float | None) -> str:
 
 
 def _why_not(given: dict[str, float]) -> str:
-    """What the closed form of a ball says, if it has no orbit either."""
-    e = given.get("e_2", given["e"])
+    """The least Gamma of a ball, if it has no orbit either."""
+    e = value_of("e_2", given)
     least = ball_fold(e)
     if given["Gamma"] >= least:
         return ""

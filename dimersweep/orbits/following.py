@@ -1,6 +1,7 @@
 """Follow an orbit along a branch, through folds, with its stability, its words and its special points."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -8,14 +9,18 @@ import xarray as xr
 
 from dimersweep.errors import ParameterError
 from dimersweep.orbits.branch import Axis, Point, corrected, in_each_section, in_own_section, point_of
+from dimersweep.orbits.kinds import Kind
+from dimersweep.orbits.kinds.flip import FLIP
+from dimersweep.orbits.kinds.kind import Change
+from dimersweep.orbits.labelling import dataset
 from dimersweep.orbits.manifold import creep_of
-from dimersweep.orbits.orbit import Orbit, orbit_of
-from dimersweep.orbits.return_map import OrbitLost, Tape
+from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
+from dimersweep.orbits.poincare import OrbitLost, Tape
 from dimersweep.orbits.specials import Leap, Special, doubled, specials
-from dimersweep.orbits.tables import dataset
-from dimersweep.parameters import as_number, check_count, check_name
+from dimersweep.parameters import as_number, check_count, check_effect, check_name, value_of
+from dimersweep.symbols import PARAMETERS
 
-FIRST, LARGEST, SMALLEST, GROWTH = (
+FIRST_STEP, LARGEST_STEP, SMALLEST_STEP, GROWTH = (
     0.02,
     0.25,
     1e-6,
@@ -24,24 +29,23 @@ FIRST, LARGEST, SMALLEST, GROWTH = (
 LEAST_SCALE = 1e-3  # of a parameter, where it and its target are both near zero
 
 
-class Entry(NamedTuple):
+class BranchRow(NamedTuple):
     """A row of the dataset of a branch."""
 
-    orbit: Orbit
+    orbit: PeriodicOrbit
     value: float
-    special: str = ""
-    change: str = ""
+    kind: Kind | None = None
     jump: float = 0.0
 
 
 def follow(
-    orbit: Orbit, parameter: str, *, to: float, points: int = 200, switch: bool = False, words: bool = True
+    orbit: PeriodicOrbit, parameter: str, *, to: float, points: int = 200, switch: bool = False, words: bool = True
 ) -> xr.Dataset:
     """The branch of an orbit in a parameter or the spin, by pseudo-arclength steps, through folds.
 
     Parameters
     ----------
-    orbit : Orbit
+    orbit : PeriodicOrbit
         Where the branch begins.
     parameter : str
         Any parameter of the model, or "spin".
@@ -57,14 +61,21 @@ def follow(
     Returns
     -------
     xarray.Dataset
-        Along `point`: what an `Orbit` tells, the parameter, and `special`: fold, flip, torus or word where the row is such
-        a point (1e-8 in the parameter over its scale), with the kind of `change` of a word and the `jump` of the orbit. The
-        attribute `end` says why the branch ends, `cost` how many forcing periods of the map it took.
+        Along `point`: the attributes of a `PeriodicOrbit`, the parameter, and `special`: fold, flip, torus or word where the
+        row is such a point (1e-8 in the parameter over its scale), with the kind of `change` of a word and the `jump` of the
+        orbit. The attribute `end` says why the branch ends, `cost` how many forcing periods of the map it took.
 
     Raises
     ------
     ParameterError
         For an unknown parameter, or a value that is not allowed.
+
+    Examples
+    --------
+    >>> from dimersweep import orbits
+    >>> branch = orbits.follow(orbits.find(spin=100.0), "Gamma", to=0.88)
+    >>> bool(branch["stable"].all())
+    True
     """
     trace = traced(orbit, parameter, to, check_count("points", points), switch, words)
     return _dataset(trace.entries, parameter, trace.end, trace.cost)
@@ -73,31 +84,31 @@ def follow(
 class Trace(NamedTuple):
     """The points of a branch, why it ends, and the forcing periods of the map that it took."""
 
-    entries: list[Entry]
+    entries: list[BranchRow]
     end: str
     cost: float
 
 
 def traced(
-    orbit: Orbit, parameter: str, to: float, points: int = 200, switch: bool = False, words: bool = True
+    orbit: PeriodicOrbit, parameter: str, to: float, points: int = 200, switch: bool = False, words: bool = True
 ) -> Trace:
     """The points of a branch; see `follow`."""
     axis, point, to = _begin(orbit, parameter, to)
-    start, spent = point.value, point.fixed.map.tape.spent
-    entries, step, end = [_entry(point)], FIRST, ""
+    start, tape = point.value, point.map.tape
+    entries, step, end = [_entry(point)], FIRST_STEP, ""
     others: list[Point] | None = None  # the point in other sections, at the first place where the branch is lost
     while not end:
-        if sum(not entry.special for entry in entries) >= points:
-            return Trace(entries, f"points: {points} points were asked for", spent.periods)
+        if sum(entry.kind is None for entry in entries) >= points:
+            return Trace(entries, f"points: {points} points were asked for", tape.periods)
         try:
             nxt = _stepped(axis, point, step, start, to)
             _same_way(point, nxt)
         except OrbitLost as reason:
             step *= 0.5
-            if step < SMALLEST:  # the contact at the section may be all that does not go on
+            if step < SMALLEST_STEP:  # the contact at the section may be all that does not go on
                 others = list(in_each_section(axis, point)) if others is None else others
                 if others:
-                    point, step = others.pop(0), FIRST
+                    point, step = others.pop(0), FIRST_STEP
                 else:
                     end = f"lost: {reason}"
             continue
@@ -105,33 +116,34 @@ def traced(
             others = []  # one of them goes on
         nxt, end = _window(axis, point, nxt, start, to)
         found, leap = _specials(axis, point, nxt, words)
-        flips = [special for special in found if special.kind == "flip"] if switch else []
+        flips = [special for special in found if special.kind is FLIP] if switch else []
         kept = found[: found.index(flips[0]) + 1] if flips else found
         entries += [_entry(special.point, special) for special in kept]
         if leap is not None:
-            return Trace([*entries, _entry(leap.last)], f"word: {leap}", spent.periods)
+            return Trace([*entries, _entry(leap.last)], f"word: {leap}", tape.periods)
         if flips:
             try:
-                nxt, switch, end, step = doubled(axis, flips[0].point), False, "", FIRST
+                nxt, switch, end, step = doubled(axis, flips[0].point), False, "", FIRST_STEP
             except OrbitLost as reason:
-                return Trace(entries, f"lost: no branch of twice the period was found ({reason})", spent.periods)
+                return Trace(entries, f"lost: no branch of twice the period was found ({reason})", tape.periods)
         entries.append(_entry(nxt))
         point = in_own_section(axis, nxt, simplest=others is None) if not end else nxt
-        step = min(step * GROWTH, LARGEST)
-    return Trace(entries, end, spent.periods)
+        step = min(step * GROWTH, LARGEST_STEP)
+    return Trace(entries, end, tape.periods)
 
 
-def _begin(orbit: Orbit, parameter: str, to: float) -> tuple[Axis, Point, float]:
-    if not isinstance(orbit, Orbit):
-        raise ParameterError(f"orbit = {orbit!r}: must be an Orbit")
+def _begin(orbit: PeriodicOrbit, parameter: str, to: float) -> tuple[Axis, Point, float]:
+    if not isinstance(orbit, PeriodicOrbit):
+        raise ParameterError(f"orbit = {orbit!r}: must be a PeriodicOrbit")
     if parameter != "spin":
         check_name(parameter)
+        check_effect({parameter, *orbit.parameters})
     to = as_number("to", to)
-    value = orbit.spin if parameter == "spin" else orbit.parameters.get(parameter, orbit.parameters["e"])
+    value = orbit.spin if parameter == "spin" else value_of(parameter, orbit.parameters)
     if to == value:
         raise ParameterError(f"to = {to}: must differ from the value {parameter} has")
     axis = Axis(parameter, max(abs(value), abs(to - value), LEAST_SCALE), orbit.spin)
-    fixed = orbit.fixed._replace(map=orbit.fixed.map.on(Tape()))
+    fixed = orbit.fixed._replace(map=replace(orbit.fixed.map, tape=Tape()))
     start = point_of(axis, fixed, value, None)
     return axis, start if to > value else start._replace(tangent=-start.tangent), to
 
@@ -185,30 +197,26 @@ def _specials(axis: Axis, a: Point, b: Point, words: bool) -> tuple[list[Special
         return leap.found, leap
 
 
-def _entry(point: Point, special: Special | None = None) -> Entry:
-    creep = creep_of(point.fixed)
-    orbit = orbit_of(point.fixed, point.fixed.map.tape.spent.periods, creep)
-    return Entry(
-        orbit,
-        point.value,
-        special.kind if special else "",
-        special.change if special else "",
-        special.jump if special else 0.0,
-    )
+def _entry(point: Point, special: Special | None = None) -> BranchRow:
+    orbit = orbit_of(point.fixed, creep_of(point.fixed))
+    return BranchRow(orbit, point.value, special.kind, special.jump) if special else BranchRow(orbit, point.value)
 
 
-def _dataset(entries: Sequence[Entry], parameter: str, end: str, cost: float) -> xr.Dataset:
+def _dataset(entries: Sequence[BranchRow], parameter: str, end: str, cost: float) -> xr.Dataset:
     table = dataset([entry.orbit for entry in entries], "point")
+    kinds = [entry.kind for entry in entries]
     columns: dict[str, tuple[list[str], str]] = {
-        "special": ([entry.special for entry in entries], "kind of special point"),
-        "change": ([entry.change for entry in entries], "what changes in the word"),
+        "special": (
+            ["word" if isinstance(kind, Change) else kind.name if kind else "" for kind in kinds],
+            "kind of special point",
+        ),
+        "change": ([kind.name if isinstance(kind, Change) else "" for kind in kinds], "what changes in the word"),
     }
-    for name, (values, told) in columns.items():
-        table[name] = ("point", np.array(values, dtype=object).astype(str), {"long_name": told})
+    for name, (values, meaning) in columns.items():
+        table[name] = ("point", np.array(values, dtype=object).astype(str), {"long_name": meaning})
     units = {"units": "1", "long_name": "jump of the orbit, in units of the section"}
     table["jump"] = ("point", np.array([entry.jump for entry in entries]), units)
     if parameter != "spin":
-        table[parameter] = ("point", np.array([entry.value for entry in entries]), table.attrs["units_of"][parameter])
-    del table.attrs["units_of"]
+        table[parameter] = ("point", np.array([entry.value for entry in entries]), PARAMETERS[parameter]._asdict())
     table.attrs |= {"end": end, "cost": cost, "parameter": parameter}
     return table

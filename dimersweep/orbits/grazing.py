@@ -12,14 +12,14 @@ from dimersweep.kernel.model.layout import D1, FREE, N1
 from dimersweep.kernel.record import HOP_TIME, MODES
 from dimersweep.orbits.branch import Axis, Equations, Point, one_sided
 from dimersweep.orbits.passage import TURN
-from dimersweep.orbits.return_map import Image, OrbitLost, ReturnMap
+from dimersweep.orbits.poincare import Image, OrbitLost, ReturnMap
 from dimersweep.orbits.word import word_of
 
-SAMPLES = 64  # in a forcing period, of an end in the air
-TURNED = 1e-7  # how well the time is known at which an end turns [rad]: the gap does not change to first order
-WIDE, CLOSED = 0.05, 1e-9  # gap beyond which no impact is near; gap that counts as none, in units of the section
+GAP_SAMPLES = 64  # in a forcing period, of an end in the air
+TURN_KNOWN = 1e-7  # how well the time is known at which an end turns [rad]: the gap does not change to first order
+WIDE, NO_GAP = 0.05, 1e-9  # gap beyond which no impact is near; gap that counts as none, in units of the section
 CLOSER, LEAST_CLOSER = 0.02, 0.7  # gap that is aimed at, over the one before: a step must not lead across
-BEYOND = 1e-6  # distance to which a point across is taken, in units of the section
+ACROSS = 1e-6  # distance to which a point across is taken, in units of the section
 
 
 def least_gap(m: ReturnMap, image: Image) -> float:
@@ -29,16 +29,16 @@ def least_gap(m: ReturnMap, image: Image) -> float:
     least = np.inf
     for end in (0, 1):
         free = (segments[:-1, MODES + end] == FREE) & (segments[:-1, HOP_TIME] == 0)
-        for k in np.flatnonzero(free & (lengths > TURN / SAMPLES)).tolist():
+        for k in np.flatnonzero(free & (lengths > TURN / GAP_SAMPLES)).tolist():
 
             def of_end(phases: np.ndarray, k: int = k, end: int = end) -> tuple[np.ndarray, np.ndarray]:
                 states, _ = m.states(passage, k, phases)
                 return states[:, D1 + end], states[:, N1 + end]
 
-            phases = np.linspace(passage.times[k], passage.times[k + 1], int(SAMPLES * lengths[k] / TURN) + 2)
+            phases = np.linspace(passage.times[k], passage.times[k + 1], int(GAP_SAMPLES * lengths[k] / TURN) + 2)
             rates = of_end(phases)[1]
             for j in np.flatnonzero((rates[:-1] < 0) & (rates[1:] >= 0)):
-                turns = brentq(lambda at: of_end(np.array([at]))[1][0], phases[j], phases[j + 1], xtol=TURNED)
+                turns = brentq(lambda at: of_end(np.array([at]))[1][0], phases[j], phases[j + 1], xtol=TURN_KNOWN)
                 least = min(least, float(of_end(np.array([turns]))[0][0] / m.section.units[0]))
     return least
 
@@ -58,7 +58,7 @@ def graze(axis: Axis, near: Point) -> tuple[Point, str]:
         If no end does, or none is found.
     """
     aim = gap = least_gap(near.map, near.fixed.image)
-    if not CLOSED < gap < WIDE:
+    if not NO_GAP < gap < WIDE:
         raise OrbitLost("no end turns near the plate")
 
     equations = Equations(axis, near, lambda _, m, image: least_gap(m, image) - aim)
@@ -66,8 +66,8 @@ def graze(axis: Axis, near: Point) -> tuple[Point, str]:
     if not np.isfinite(first).all():
         raise OrbitLost("the end strikes beside the orbit already")
     at, known, closer = near, first, CLOSER
-    while gap > CLOSED:
-        aim = max(closer * gap, CLOSED)
+    while gap > NO_GAP:
+        aim = max(closer * gap, NO_GAP)
         try:
             at, latest = equations.solved(at.y(axis), known=known)
         except OrbitLost:  # the step led across, or too far
@@ -82,6 +82,6 @@ def graze(axis: Axis, near: Point) -> tuple[Point, str]:
 
 
 def _word_beyond(axis: Axis, at: Point, gap_slope: np.ndarray) -> str:
-    beyond = at.y(axis) - BEYOND * gap_slope / np.abs(gap_slope).max()
+    beyond = at.y(axis) - ACROSS * gap_slope / np.abs(gap_slope).max()
     m = axis.map_at(at.fixed.map, beyond[-1] * axis.scale)
     return word_of(m.image(beyond[:-1]).passage)

@@ -4,10 +4,26 @@ from math import acos, cos, sin
 
 import numpy as np
 
-from dimersweep.kernel.model.layout import CB, D2, DIP, FREE, N2, N_STATE, PERIOD, PHASE, ROW_PHI0, SPIN, STICK, WB
+from dimersweep.kernel.model.body import dip_of
+from dimersweep.kernel.model.layout import (
+    CB,
+    D2,
+    DIP,
+    FREE,
+    N2,
+    N_STATE,
+    PERIOD,
+    PHASE,
+    ROW_PHI0,
+    SPIN,
+    STICK,
+    WB,
+    Dimer,
+)
 from dimersweep.kernel.record import HOP_TIME, MODES
 from dimersweep.orbits.passage import TURN
-from dimersweep.orbits.return_map import OrbitLost, ReturnMap, Tape
+from dimersweep.orbits.poincare import OrbitLost, ReturnMap, Tape
+from dimersweep.parameters import dimer_from, value_of
 from dimersweep.runs.run import Run
 
 SECTION = 0.75 * TURN  # of the guess: well before the double impact, which lies in the first quadrant
@@ -18,46 +34,33 @@ def rolled_up(parameters: dict[str, float]) -> float:
 
     The angular momentum about the contact point is kept: m v + J_a s/r = m xdot0, v = r s.
     """
-    r, l_rod = parameters["r"], 2 * parameters["r"] * (parameters["A_r"] - 2)
-    m_b, m_r = masses(parameters, l_rod)
-    J_a = 0.8 * m_b * r**2 + m_r * parameters["D_r"] ** 2 / 8
-    return parameters["xdot0"] / r / (1 + J_a / ((2 * m_b + m_r) * r**2))
+    dm = dimer_from(parameters)
+    return parameters["xdot0"] / dm.p1.r / (1 + dm.J_a / (dm.m * dm.p1.r**2))
 
 
-def masses(parameters: dict[str, float], l_rod: float) -> tuple[float, float]:
-    """Mass of a ball and of the rod [kg]."""
-    m_b = parameters["rho_b"] * 4 / 3 * np.pi * parameters["r"] ** 3
-    return m_b, parameters["rho_r"] * np.pi / 4 * parameters["D_r"] ** 2 * l_rod
-
-
-def pivot_share(parameters: dict[str, float]) -> float:
-    """Acceleration of the bouncing end over gravity while the other one stays down: 2 m h^2/(J_t + m h^2)."""
-    r = parameters["r"]
-    lever, l_rod = 2 * r * (parameters["A_r"] - 1), 2 * r * (parameters["A_r"] - 2)
-    m_b, m_r = masses(parameters, l_rod)
-    J_t = 0.8 * m_b * r**2 + m_b * lever**2 / 2 + m_r * (l_rod**2 / 12 + parameters["D_r"] ** 2 / 16)
-    mh2 = (2 * m_b + m_r) * lever**2 / 4
-    return 2 * mh2 / (J_t + mh2)
+def pivot_share(dm: Dimer) -> float:
+    """Acceleration of p2 over gravity while p1 stays down: m |h_1| l/(J_t + m h_1^2)."""
+    return -dm.m * dm.p1.h * dm.l / (dm.J_t + dm.m * dm.p1.h**2)
 
 
 def ball_state(parameters: dict[str, float], spin: float) -> tuple[np.ndarray, np.ndarray]:
     """Kernel state and friction modes at `SECTION` if p2 were a ball that bounces once a period, and p1 stayed down."""
-    e, Gamma = parameters.get("e_2", parameters["e"]), parameters["Gamma"]
+    e, Gamma = value_of("e_2", parameters), parameters["Gamma"]
     least = np.pi * (1 - e) / (1 + e)
     phase = acos(min(1.0, least / Gamma)) if Gamma > 0 else 0.0
-    kappa = pivot_share(parameters)
+    dm = dimer_from(parameters)
+    kappa = pivot_share(dm)
     tau = SECTION - phase
     rate = kappa * (2 * np.pi * e / (1 + e) - tau - Gamma * (cos(phase + tau) - cos(phase)))
     gap = kappa * (
         2 * np.pi * e / (1 + e) * tau - tau**2 / 2 - Gamma * (sin(phase + tau) - sin(phase) - tau * cos(phase))
     )
-    omega, h = TURN * parameters["f"], parameters["r"] * (parameters["A_r"] - 1)
-    v = parameters["g"] / omega
+    v = dm.g / dm.omega
     state = np.zeros(N_STATE)
-    state[D2], state[N2], state[SPIN] = max(gap, 0.1) * v / omega, rate * v, spin
-    state[DIP] = np.arcsin(min(1.0, state[D2] / (2 * h)))
-    state[WB] = state[N2] / (2 * h * max(0.1, np.cos(state[DIP])))
-    state[CB] = parameters["r"] * spin
+    state[D2], state[N2], state[SPIN] = max(gap, 0.1) * v / dm.omega, rate * v, spin
+    state[DIP] = dip_of(dm, state[D2])
+    state[WB] = state[N2] / (dm.l * max(0.1, np.cos(dm.beta_0 + state[DIP])))
+    state[CB] = dm.p1.r * spin
     return state, np.array([STICK, FREE], dtype=float)
 
 

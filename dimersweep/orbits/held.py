@@ -1,38 +1,24 @@
-"""The fast part alone: the spin is put back at the start of each forcing period, where the plate passes its mean upwards.
+"""The map of the fast part alone: the spin is put back at the start of each forcing period, as the plate rises.
 
-Where the spin is put back matters in the sixth digit of a border, as it swings within a period by some hundred times what it
-loses. With a place for that which does not depend on the section, neither does the border.
+Within a period the spin swings by some hundred times its loss, so a border depends in its sixth digit on where the spin is put
+back. That place does not depend on the section, and so the border does not either.
 """
 
-from typing import Self
+from dataclasses import dataclass
 
 import numpy as np
 
 from dimersweep.kernel.model.layout import PERIOD, PHASE, THETA
 from dimersweep.orbits.passage import TURN
-from dimersweep.orbits.return_map import SPIN_COORDINATE, Image, ReturnMap, Tape
+from dimersweep.orbits.poincare import SPIN_COORDINATE, Image, ReturnMap
 from dimersweep.runs.stability import Section
 
 
+@dataclass(eq=False)
 class HeldMap(ReturnMap):
     """The return map with the spin put back to `spin` [rad/s]: all its fixed points close, the spin included."""
 
-    def __init__(
-        self,
-        parameters: dict[str, float],
-        phase: float,
-        modes: np.ndarray,
-        periods: int,
-        rtol: float,
-        tape: Tape,
-        spin: float = 0.0,
-    ) -> None:
-        super().__init__(parameters, phase, modes, periods, rtol, tape)
-        self.spin = spin
-
-    def with_parameters(self, parameters: dict[str, float]) -> Self:
-        """The same map for other parameters."""
-        return type(self)(parameters, self.phase, self.modes, self.periods, self.rtol, self.tape, self.spin)
+    spin: float
 
     def let_go(self) -> ReturnMap:
         """The map in the same section with the spin let go: its passage is whole."""

@@ -12,11 +12,11 @@ from typing import NamedTuple
 import numpy as np
 
 from dimersweep.kernel.model.layout import THETA
-from dimersweep.orbits.return_map import Image, OrbitLost, ReturnMap
-from dimersweep.orbits.solving import TOLERANCE, Fixed, newton, system
+from dimersweep.orbits.newton import TOLERANCE, Fixed, newton, system
+from dimersweep.orbits.poincare import Image, OrbitLost, ReturnMap
 
 APART = 0.05  # distance of the multipliers of the fast part from 1 below which it is no slower than the spin
-FARTHEST = 0.05  # of the manifold from the fixed point, in units of the section
+MANIFOLD_REACH = 0.05  # of the manifold from the fixed point, in units of the section
 WEIGHTS = 8.0  # of the points in a third difference, all together: the rounding of each counts so often
 
 
@@ -47,8 +47,8 @@ class Creep(NamedTuple):
 def slow_direction(fixed: Fixed) -> tuple[np.ndarray, float]:
     """Derivative of the section point by the spin (in its unit) along the family, and the spin's change a period [rad/s].
 
-    What the map adds to a point is split by the left eigenvector of the slow multiplier: only the part along the manifold
-    counts.
+    The change of a point over a period is projected with the left eigenvector of the slow multiplier: only its part along the
+    manifold counts.
     """
     m = fixed.map
     values, left = np.linalg.eig(fixed.matrix.T)
@@ -66,7 +66,7 @@ def multipliers_of(fixed: Fixed) -> tuple[np.ndarray, float]:
 
 
 def lag(fixed: Fixed) -> np.ndarray:
-    """How far the manifold lies from the fixed point, to first order in the change of the spin; 0 where nothing is fast."""
+    """How far the manifold lies from the fixed point, to first order in the change of the spin; 0 without a fast part."""
     m = fixed.map
     if not has_fast_part(fixed):
         return np.zeros(fixed.z.size)
@@ -75,7 +75,7 @@ def lag(fixed: Fixed) -> np.ndarray:
     away = np.zeros(fixed.z.size)
     J = fixed.matrix[np.ix_(fast, fast)]
     away[fast] = -np.linalg.solve(np.eye(fast.size) - J, along[fast] * rate / m.unit)
-    return away if np.abs(away).max() <= FARTHEST else np.zeros(fixed.z.size)
+    return away if np.abs(away).max() <= MANIFOLD_REACH else np.zeros(fixed.z.size)
 
 
 def has_fast_part(fixed: Fixed) -> bool:
@@ -85,12 +85,12 @@ def has_fast_part(fixed: Fixed) -> bool:
 
 
 def creep_at(fixed: Fixed) -> Creep:
-    """The fixed point itself in place of a motion that creeps by."""
+    """The fixed point itself, taken for a motion on the manifold."""
     return Creep(fixed.z, fixed.image, fixed.image.theta, slow_direction(fixed)[1], fixed.residual)
 
 
 def creep_of(fixed: Fixed) -> Creep:
-    """The motion on the manifold at the spin of a fixed point; the fixed point itself where the fast part is not fast."""
+    """The motion on the manifold at the spin of a fixed point; the fixed point itself without a fast part."""
     still = creep_at(fixed)
     if not has_fast_part(fixed):
         return still
@@ -98,7 +98,7 @@ def creep_of(fixed: Fixed) -> Creep:
         creep = creep_near(fixed.map, fixed.z + lag(fixed), fixed.image.spin, fixed.matrix, fixed.gradient)
     except OrbitLost:
         return still
-    return creep if np.abs(creep.z - fixed.z).max() <= FARTHEST else still
+    return creep if np.abs(creep.z - fixed.z).max() <= MANIFOLD_REACH else still
 
 
 def creep_near(m: ReturnMap, z: np.ndarray, spin: float, matrix: np.ndarray, gradient: np.ndarray) -> Creep:
@@ -135,7 +135,7 @@ def creep_near(m: ReturnMap, z: np.ndarray, spin: float, matrix: np.ndarray, gra
     begin = 2 * z - m.image(z).point  # one period before, at an even pace
     target = WEIGHTS * TOLERANCE * m.rtol
     root = newton(value, begin, lambda z: derivative(*m.jacobian(z)), target, derivative(matrix, gradient))
-    before, here, after = root.told
+    before, here, after = root.extra
     turn = before.theta - _turned(before) + _turned(here)
     return Creep(before.point, here, turn, after.spin - here.spin, float(np.abs(root.value).max()))
 

@@ -1,8 +1,9 @@
-"""A point of a fold, flip or torus: the orbit closes, and the derivative J of its map has an eigenvector of the border's kind.
+"""A point of a bifurcation: the orbit closes, and the derivative J of its map has an eigenvector to a multiplier of the kind.
 
-At a fold J v = v, at a flip J v = -v, at a torus J (v + i w) = exp(i angle) (v + i w) (Kuznetsov, Elements of Applied
-Bifurcation Theory, doi 10.1007/978-3-031-22007-4, section 10.3). Only the product of J with a vector is needed: a difference
-of two images, whatever the number of coordinates. From one point of a curve to the next the equations change little.
+At a fold J v = v, at a flip J v = -v, at a torus J (v + i w) = exp(i angle) (v + i w) with an unknown angle (Kuznetsov,
+Elements of Applied Bifurcation Theory, doi 10.1007/978-3-031-22007-4, section 10.3). Only the product of J with a vector is
+needed: a difference of two images, whatever the number of coordinates. From one point of a curve to the next the equations
+change little.
 """
 
 from typing import NamedTuple
@@ -11,11 +12,12 @@ import numpy as np
 
 from dimersweep.orbits.branch import Axis
 from dimersweep.orbits.held import HeldMap
-from dimersweep.orbits.return_map import OrbitLost
-from dimersweep.orbits.solving import TOLERANCE, newton
+from dimersweep.orbits.kinds.kind import Bifurcation, ComplexPair
+from dimersweep.orbits.newton import TOLERANCE, newton
+from dimersweep.orbits.poincare import OrbitLost
 
 SINGULAR = 3e-8  # residual of an eigenvector that counts as none: what differences know
-LARGEST = 0.5  # distance from the first guess, in units of the section
+GUESS_REACH = 0.5  # distance from the first guess, in units of the section
 
 
 class OnBorder(NamedTuple):
@@ -25,7 +27,7 @@ class OnBorder(NamedTuple):
     ----------
     map : HeldMap
     u : ndarray
-        Section point, eigenvector (two of a torus), angle of a torus [rad], parameter over its scale.
+        Section point, rows of the eigenvector, what is not known of the multiplier, parameter over its scale.
     normal : ndarray, shape (n,)
         The eigenvector's product with it is 1.
     derivative : ndarray, optional
@@ -50,60 +52,36 @@ class OnBorder(NamedTuple):
         return self.u[: self.normal.size]
 
 
-def rotation(kind: str, angle: np.ndarray) -> np.ndarray:
-    """What J does to the rows of eigenvectors."""
-    if kind == "torus":
-        c, s = float(np.cos(angle[0])), float(np.sin(angle[0]))
-        return np.array([[c, -s], [s, c]])
-    return np.array([[1.0 if kind == "fold" else -1.0]])
-
-
-def vectors_of(kind: str, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows of eigenvectors, as nearly as J has them, and the angle of a torus.
-
-    Raises
-    ------
-    OrbitLost
-        If a torus is asked for, and J has no complex pair.
-    """
-    if kind != "torus":
-        singular = J - rotation(kind, np.empty(0))[0, 0] * np.eye(len(J))
-        return np.linalg.svd(singular)[2][-1:], np.empty(0)
-    values, vectors = np.linalg.eig(J)
-    pairs = np.flatnonzero(values.imag > 0)
-    if not pairs.size:
-        raise OrbitLost("the multipliers have no complex pair")
-    k = pairs[int(np.argmin(np.abs(np.abs(values[pairs]) - 1)))]
-    q = vectors[:, k]
-    q = q * np.exp(-0.5j * np.angle(q @ q))  # its real part is then across its imaginary part
-    return np.array([q.real, q.imag]), np.angle(values[k : k + 1])
+def rotation(value: complex, rows: int) -> np.ndarray:
+    """What J does to the rows of the eigenvector of a multiplier."""
+    return np.array([[value.real, -value.imag], [value.imag, value.real]])[:rows, :rows]
 
 
 class BorderEquations:
     """The equations of a border, near a point of it."""
 
-    def __init__(self, kind: str, axis: Axis, m: HeldMap, normal: np.ndarray) -> None:
+    def __init__(self, kind: Bifurcation, axis: Axis, m: HeldMap, normal: np.ndarray) -> None:
         self.kind, self.axis, self.m, self.normal = kind, axis, m, normal
-        self.n, self.rows = normal.size, 2 if kind == "torus" else 1
+        self.n, self.rows = normal.size, kind.rows
         self.weight = TOLERANCE * m.rtol / SINGULAR  # so that one target serves all equations
 
     def parts(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, HeldMap]:
-        """Section point, eigenvectors, angle and the map."""
+        """Section point, rows of the eigenvector, what is not known of the multiplier, and the map."""
         n, end = self.n, self.n * (1 + self.rows)
         m = self.axis.map_at(self.m, u[-1] * self.axis.scale)
         return u[:n], u[n:end].reshape(self.rows, n), u[end:-1], m
 
     def residual(self, u: np.ndarray) -> tuple[np.ndarray, HeldMap]:
-        """All equations, and the map that told them."""
-        z, V, angle, m = self.parts(u)
+        """How far all equations fail to hold, and the map there."""
+        z, V, unknown, m = self.parts(u)
         products = [(m.image(z + m.step * v).point - m.image(z - m.step * v).point) / (2 * m.step) for v in V]
-        turned = np.array(products) - rotation(self.kind, angle) @ V
+        turned = np.array(products) - rotation(self.kind.multiplier(unknown), self.rows) @ V
         normal = V @ self.normal - np.eye(self.rows)[0]
         return np.concatenate([m.image(z).point - z, self.weight * turned.ravel(), normal]), m
 
     def derivative(self, u: np.ndarray, around: "Around | None" = None) -> np.ndarray:
         """Of all equations by u; from the images around the point, if they are known."""
-        z, V, angle, m = self.parts(u)
+        z, V, unknown, m = self.parts(u)
         around = images_around(m, z) if around is None else around
         J, n, step = around.jacobian(), self.n, m.step
         value = u[-1] * self.axis.scale
@@ -120,9 +98,11 @@ class BorderEquations:
             A[rows, -1] = (ahead.image(z + step * v).point - moved - along) / step**2
             A[rows, rows] = J
             A[n * (1 + self.rows) + k, rows] = self.normal
-        A[n : n * (1 + self.rows), n : n * (1 + self.rows)] -= np.kron(rotation(self.kind, angle), np.eye(n))
-        if angle.size:
-            A[n : 3 * n, 3 * n] = -(rotation(self.kind, angle + 0.5 * np.pi) @ V).ravel()
+        A[n : n * (1 + self.rows), n : n * (1 + self.rows)] -= np.kron(
+            rotation(self.kind.multiplier(unknown), self.rows), np.eye(n)
+        )
+        if isinstance(self.kind, ComplexPair):
+            A[n : 3 * n, 3 * n] = -(rotation(self.kind.slope(unknown), self.rows) @ V).ravel()
         A[n : n * (1 + self.rows)] *= self.weight
         return A
 
@@ -140,19 +120,18 @@ class Around(NamedTuple):
 
 
 def images_around(m: HeldMap, z: np.ndarray) -> Around:
-    """The images that tell the derivative at a point."""
+    """The images from which the derivative at a point is taken."""
     steps = m.step * np.eye(z.size)
     ahead, back = (np.array([m.image(z + by * d).point for d in steps]) for by in (1, -1))
     return Around(ahead, back, m.step)
 
 
-def on_border(kind: str, axis: Axis, m: HeldMap, y: np.ndarray) -> OnBorder:
+def on_border(kind: Bifurcation, axis: Axis, m: HeldMap, y: np.ndarray) -> OnBorder:
     """The point of a border near an orbit.
 
     Parameters
     ----------
-    kind : str
-        fold, flip or torus.
+    kind : Bifurcation
     axis : Axis
         The parameter that is solved for.
     m : HeldMap
@@ -167,15 +146,15 @@ def on_border(kind: str, axis: Axis, m: HeldMap, y: np.ndarray) -> OnBorder:
     """
     z, there = y[:-1], axis.map_at(m, y[-1] * axis.scale)
     around = images_around(there, z)
-    V, angle = vectors_of(kind, around.jacobian())
+    V, unknown = kind.begin(around.jacobian())
     normal = V[0] / (V[0] @ V[0])
-    u = np.concatenate([z, V.ravel(), angle, y[-1:]])
+    u = np.concatenate([z, V.ravel(), unknown, y[-1:]])
     system = BorderEquations(kind, axis, m, normal)
     return _solved(system, u, system.derivative(u, around))
 
 
-def next_on_border(kind: str, axis: Axis, m: HeldMap, near: OnBorder, u: np.ndarray) -> OnBorder:
-    """The point of a border near a guess `u`, with what is known of a neighbour in the same section.
+def next_on_border(kind: Bifurcation, axis: Axis, m: HeldMap, near: OnBorder, u: np.ndarray) -> OnBorder:
+    """The point of a border near a guess `u`, from the derivative at a neighbour in the same section.
 
     Raises
     ------
@@ -189,9 +168,9 @@ def _solved(system: BorderEquations, u: np.ndarray, derivative: np.ndarray | Non
     n = system.n
 
     def residual(there: np.ndarray) -> tuple[np.ndarray, HeldMap]:
-        if np.abs(there - u)[[*range(n), -1]].max() > LARGEST:
-            raise OrbitLost(f"Newton's method for the {system.kind} goes too far")
+        if np.abs(there - u)[[*range(n), -1]].max() > GUESS_REACH:
+            raise OrbitLost(f"Newton's method for the {system.kind.name} goes too far")
         return system.residual(there)
 
     root = newton(residual, u, system.derivative, TOLERANCE * system.m.rtol, derivative)
-    return OnBorder(root.told, root.y, system.normal, root.derivative, float(np.abs(root.value[:n]).max()))
+    return OnBorder(root.extra, root.y, system.normal, root.derivative, float(np.abs(root.value[:n]).max()))

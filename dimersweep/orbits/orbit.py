@@ -1,4 +1,4 @@
-"""An orbit: the fixed point of the fast part at a given spin, with all that is told of it."""
+"""An orbit: the fixed point of the fast part at a given spin, and all that follows from it."""
 
 from dataclasses import dataclass, field, replace
 
@@ -6,8 +6,8 @@ import numpy as np
 
 from dimersweep.kernel.model.layout import DI_ENDS, GAMMA, PERIOD, PHASE, THETA, X1, Y1
 from dimersweep.orbits.manifold import Creep, creep_at, multipliers_of
+from dimersweep.orbits.newton import Fixed
 from dimersweep.orbits.passage import TURN, Strike, strike_of
-from dimersweep.orbits.solving import Fixed
 from dimersweep.orbits.word import word_of
 from dimersweep.parameters import check_count
 from dimersweep.runs.run import Run, as_run
@@ -18,7 +18,7 @@ CIRCLE = 1e-12  # turn of a period [rad] that is none
 
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)
-class Orbit:
+class PeriodicOrbit:
     """A periodic motion of the fast part at a given axial spin, stable or not.
 
     Attributes
@@ -56,6 +56,13 @@ class Orbit:
         The sequence of contact states (docs/orbits.md).
     cost : float
         Forcing periods of the map that it took.
+
+    Examples
+    --------
+    >>> from dimersweep import orbits
+    >>> orbit = orbits.find(spin=100.0)
+    >>> orbit.stable, round(orbit.radius, 3)
+    (True, 4.259)
     """
 
     parameters: dict[str, float]
@@ -82,7 +89,7 @@ class Orbit:
     def __repr__(self) -> str:
         kind = "stable" if self.stable else "unstable"
         return (
-            f"<Orbit: period {self.periods}, {kind}, spin {self.spin:.6g} rad/s, radius {self.radius:.6g} m, "
+            f"<PeriodicOrbit: period {self.periods}, {kind}, spin {self.spin:.6g} rad/s, radius {self.radius:.6g} m, "
             f"zeta {self.zeta:.6g} rad, residual {self.residual:.1e}>"
         )
 
@@ -114,23 +121,22 @@ class Orbit:
         return replace(run, start=start)
 
 
-def orbit_of(fixed: Fixed, spent: float, creep: Creep | None = None) -> Orbit:
-    """What is told of a fixed point that took so many periods of the map, and of the motion that creeps by beside it.
+def orbit_of(fixed: Fixed, creep: Creep | None = None) -> PeriodicOrbit:
+    """The orbit of a fixed point, and of the motion that creeps along the family beside it.
 
-    Without one, all is that of the fixed point. The derivatives of `fixed` tell the multipliers.
+    Without such a motion all is that of the fixed point. The multipliers are those of the derivatives of `fixed`.
     """
     m = fixed.map
     if creep is None:
         creep = creep_at(fixed)
     parameters, image = m.parameters, creep.image
-    scale = parameters["g"] / (TURN * parameters["f"])
-    strike = strike_of(image.passage, m.section.r, m.section.h, scale)
+    strike = strike_of(image.passage, m.dimer)
     if strike is None:
         strike = Strike(float("nan"), image.spin, *(float("nan"),) * 3, DI_ENDS[0])
     turn = creep.turn / m.periods
     rate = turn * parameters["f"] if abs(turn) > CIRCLE else 0.0
     fast, slow = multipliers_of(fixed)
-    return Orbit(
+    return PeriodicOrbit(
         parameters=dict(parameters),
         periods=m.periods,
         spin=image.spin,
@@ -147,7 +153,7 @@ def orbit_of(fixed: Fixed, spent: float, creep: Creep | None = None) -> Orbit:
         stable=bool((np.abs(fast) < 1).all()),
         residual=fixed.residual,
         word=word_of(image.passage),
-        cost=spent,
+        cost=m.tape.periods,
         rtol=m.rtol,
         fixed=fixed,
         creep=creep,

@@ -1,7 +1,7 @@
 """One passage through a motion: its record, and what is read from it.
 
 The axial spin of an orbit is that after its last impact in a period (of the drift: the end of the double impact), as
-`Run.orbit` tells it. The bouncer is the end that is in contact for less of the time.
+`Run.orbit` has it. The bouncer is the end that is in contact for less of the time.
 """
 
 from functools import cached_property
@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dimersweep.kernel.model.body import slip_at
 from dimersweep.kernel.model.layout import (
     CA,
     CB,
@@ -20,16 +21,14 @@ from dimersweep.kernel.model.layout import (
     PHASE,
     SPIN,
     WB,
-    WP,
+    Dimer,
 )
-from dimersweep.kernel.record import BEFORE, MODES
+from dimersweep.kernel.record import BEFORE, E_KIND, E_PERIOD, E_PHASE, MODES
+from dimersweep.kernel.verdict.past import SLIP_LINE
 
 TURN = 2 * np.pi
 _ENDS = np.array([divmod(code, 5) for code in range(25)])
 STRUCK = (_ENDS > IMPACT).T  # by end and contact state: whether the state is an impact at that end
-SLIP_LINE = 1e-7  # slip, in g/omega, from which an end slips at the end of a double impact
-# columns of an event row
-E_PERIOD, E_PHASE, E_CAUSE, E_KIND, E_CONTACT_BEFORE, E_CONTACT = range(6)
 
 
 class Passage:
@@ -92,16 +91,13 @@ class Strike(NamedTuple):
     di_end: str
 
 
-def strike_of(passage: Passage, r: float, h: float, slip_scale: float) -> Strike | None:
-    """The last impact of the bouncer.
+def strike_of(passage: Passage, dm: Dimer) -> Strike | None:
+    """State after the last impact of the bouncer; none without an impact.
 
     Parameters
     ----------
     passage : Passage
-    r, h : float
-        Ball radius, half the distance of the centres [m].
-    slip_scale : float
-        g/omega [m s-1].
+    dm : Dimer
     """
     bouncer = passage.bouncer
     state = passage.last_impact(bouncer)
@@ -110,17 +106,7 @@ def strike_of(passage: Passage, r: float, h: float, slip_scale: float) -> Strike
     speed = float(np.hypot(state[CA], state[CB]))
     forward = state[CA] if bouncer == 1 else -state[CA]
     zeta = float(np.arccos(np.clip(forward / speed, -1.0, 1.0))) if speed > 0 else float("nan")
-    held = [np.hypot(*slip_of(state, end, r, h)) <= SLIP_LINE * slip_scale for end in (0, 1)]
+    held = [np.hypot(*slip_at(dm, state, end)) <= SLIP_LINE * dm.g / dm.omega for end in (0, 1)]
     order = held if bouncer == 1 else held[::-1]
     di_end = "_".join("sk" if end else "sp" for end in order) if state[D1] == state[D1 + 1] == 0.0 else "none"
     return Strike(state[PHASE], state[SPIN], state[WB], speed, zeta, di_end)
-
-
-def slip_of(state: np.ndarray, end: int, r: float, h: float) -> tuple[float, float]:
-    """Velocity of a contact point along the axis and across it [m s-1]."""
-    sign = -1.0 if end == 0 else 1.0
-    beta = np.arcsin((state[D1 + 1] - state[D1]) / (2 * h))
-    sin_b, cos_b = np.sin(beta), np.cos(beta)
-    along = state[CA] + (r - sign * h * sin_b) * state[WB]
-    across = state[CB] - r * cos_b * state[SPIN] + (r * sin_b - sign * h) * state[WP]
-    return along, across

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -9,49 +10,30 @@ from scipy.optimize import brentq
 
 from dimersweep.orbits.branch import Axis, Equations, Point, corrected, lent, one_sided, slope_of, with_derivatives
 from dimersweep.orbits.grazing import graze, least_gap
-from dimersweep.orbits.return_map import Image, OrbitLost, ReturnMap
-from dimersweep.orbits.solving import fixed_at
-from dimersweep.orbits.word import change_of, word_of
+from dimersweep.orbits.kinds import BORDER_KINDS, Kind
+from dimersweep.orbits.kinds.changes import change_of
+from dimersweep.orbits.kinds.kind import Bifurcation
+from dimersweep.orbits.newton import fixed_at
+from dimersweep.orbits.poincare import Image, OrbitLost, ReturnMap
+from dimersweep.orbits.word import word_of
 
 LOCATED = 1e-9  # how well a special point is known, in the parameter over its scale
-CHANGES = 12  # word changes within one step; places at which an orbit is lost and found again
+MOST_CHANGES = 12  # word changes within one step; places at which an orbit is lost and found again
 JOINED = 0.1  # distance of points on both sides of a change of word that belong to one branch, in units of the section
-SHORTEST = 1e-10  # share of a step to which a change of word is located where the parameter hardly changes
-STEEP = 0.05  # part of the parameter in a tangent below which a fold is near
+SHORTEST_SHARE = 1e-10  # share of a step to which a change of word is located where the parameter hardly changes
+NEAR_FOLD = 0.05  # part of the parameter in a tangent below which a fold is near
 FURTHER = 30.0  # from one place beyond a bracket at which an orbit is looked for to the next
 GRAZING = 1e-3  # width of a bracket, in the parameter over its scale, from which on an end is looked for that grazes
-COMPLEX = 1e-7  # imaginary part from which on a pair of multipliers is complex
 BORN = 2e-3  # distance from a flip at which the doubled branch is taken up, in units of the section
 
 
-def fold_test(point: Point) -> float:
-    """Zero at a fold."""
-    return float(point.tangent[-1])
-
-
-def flip_test(point: Point) -> float:
-    """Zero where a multiplier is -1."""
-    return float(np.linalg.det(point.fixed.matrix + np.eye(len(point.fixed.matrix))))
-
-
-def torus_test(point: Point) -> float:
-    """Zero where a complex pair of multipliers has size 1."""
-    values = np.linalg.eigvals(point.fixed.matrix)
-    pairs = values[np.abs(values.imag) > COMPLEX]
-    return float((np.abs(pairs) ** 2 - 1).max()) if pairs.size else -1.0
-
-
-TESTS: dict[str, Callable[[Point], float]] = {"fold": fold_test, "flip": flip_test, "torus": torus_test}
-
-
 class Special(NamedTuple):
-    """A special point: fold, flip, torus or word, and the share of the step it lies at.
+    """A special point: the kind of border that the branch crosses there, and the share of the step it lies at.
 
-    Of a word, what changes in it, by how much the orbit jumps there, in units of the section, and the words on both sides.
+    Of a change of word, by how much the orbit jumps there, in units of the section, and the words on both sides.
     """
 
-    kind: str
-    change: str
+    kind: Kind
     point: Point
     share: float
     jump: float = 0.0
@@ -68,8 +50,8 @@ def between(axis: Axis, a: Point, b: Point, share: float) -> Point:
 def specials(axis: Axis, a: Point, b: Point, words: bool = True) -> list[Special]:
     """Special points between two points of a branch, in their order."""
     found = []
-    for kind, test in TESTS.items():
-        if test(a) * test(b) < 0:
+    for kind in BORDER_KINDS.values():
+        if isinstance(kind, Bifurcation) and kind.test(a) * kind.test(b) < 0:
             special = _located(axis, kind, a, b)
             if special is not None:
                 found.append(special)
@@ -78,28 +60,27 @@ def specials(axis: Axis, a: Point, b: Point, words: bool = True) -> list[Special
     return sorted(found, key=lambda special: special.share)
 
 
-def _located(axis: Axis, kind: str, a: Point, b: Point) -> Special | None:
-    """The zero of a test function, unless it leaps over zero there."""
-    test = TESTS[kind]
+def _located(axis: Axis, kind: Bifurcation, a: Point, b: Point) -> Special | None:
+    """The zero of a kind's test function between two points; none if the function leaps over zero."""
     length = abs(a.value - b.value) / axis.scale or float(np.linalg.norm(a.y(axis) - b.y(axis)))
     reached: dict[float, Point] = {0.0: a, 1.0: b}
 
     def value(share: float) -> float:
         if share not in reached:
             reached[share] = between(axis, a, b, share)
-        return test(reached[share])
+        return kind.test(reached[share])
 
     try:
         share = brentq(value, 0.0, 1.0, xtol=max(LOCATED / length, 1e-14), rtol=8.9e-16)
         point = reached.get(share) or between(axis, a, b, share)
     except OrbitLost:
         return None
-    scale = max(abs(test(a)), abs(test(b)))
-    return Special(kind, "", point, share) if abs(test(point)) < 1e-3 * scale else None
+    scale = max(abs(kind.test(a)), abs(kind.test(b)))
+    return Special(kind, point, share) if abs(kind.test(point)) < 1e-3 * scale else None
 
 
 class Leap(Exception):
-    """The branch does not lead on from a point: beyond it there is another one.
+    """The branch ends at a change of word: the next orbit that is found belongs to another branch.
 
     Parameters
     ----------
@@ -130,16 +111,14 @@ def word_changes(axis: Axis, a: Point, b: Point) -> list[Special]:
         change = last_with(axis, word.__eq__, low, left, b)
         if change.jump > JOINED:
             raise Leap(found, change.at, change.word)
-        found.append(
-            Special("word", change_of(word, change.word), change.at, change.share, change.jump, (word, change.word))
-        )
-        if len(found) > CHANGES:
+        found.append(Special(change_of(word, change.word), change.at, change.share, change.jump, (word, change.word)))
+        if len(found) > MOST_CHANGES:
             raise Leap(found, change.at, change.word)
         low, left = change.share, change.beyond
     return found
 
 
-class Change(NamedTuple):
+class Changed(NamedTuple):
     """A change of word: the share of the step, the point, the word and the first point beyond, the jump of the orbit."""
 
     share: float
@@ -149,11 +128,11 @@ class Change(NamedTuple):
     jump: float
 
 
-def last_with(axis: Axis, holds: Callable[[str], bool], low: float, left: Point, b: Point) -> Change:
-    """Where the word no longer obeys, between a point at which it does and the end of the step, `b`.
+def last_with(axis: Axis, holds: Callable[[str], bool], low: float, left: Point, b: Point) -> Changed:
+    """Where words cease to satisfy `holds`, between `left`, at which they do, and the end of the step, `b`.
 
-    Where the hold of an end that sticks is lost, friction falls from mu_s to mu, and the map leaps. So there may be no orbit
-    for a little way: that counts as after the word. Where an end begins to strike, the change is where it grazes. The
+    Where an end that sticks begins to slip, friction falls from mu_s to mu at once, and the map leaps: for a little way there
+    may be no orbit, which counts as beyond the change. Where an end begins to strike, the change is where it grazes. The
     derivatives at the point are those on its own side.
     """
     bracket = Bracket(axis, holds, low, left, b)
@@ -163,11 +142,11 @@ def last_with(axis: Axis, holds: Callable[[str], bool], low: float, left: Point,
     bracket.narrow(LOCATED)
     at = one_sided(axis, bracket.left, _senses(axis, bracket.left, holds), bracket.left.tangent)
     jump = float(np.abs(at.y(axis) - bracket.right.y(axis)).max())
-    return Change(bracket.low, at, word_of(bracket.right.fixed.image.passage), bracket.right, jump)
+    return Changed(bracket.low, at, word_of(bracket.right.fixed.image.passage), bracket.right, jump)
 
 
 def _senses(axis: Axis, at: Point, holds: Callable[[str], bool]) -> np.ndarray:
-    """To which side the section point and the parameter may change so that the word of an orbit still obeys."""
+    """The side (1 or -1) to which each coordinate and the parameter may move so that the word still satisfies `holds`."""
     m, y = at.map, at.y(axis)
 
     def kept(d: np.ndarray) -> bool:
@@ -180,13 +159,13 @@ def _senses(axis: Axis, at: Point, holds: Callable[[str], bool]) -> np.ndarray:
 
 
 class Bracket:
-    """A part of a step in which a word ceases to obey, and the points at its ends.
+    """A part of a step: at its start the word satisfies a condition, at its end it does not.
 
     Parameters
     ----------
     axis : Axis
     holds : callable
-        Whether a word obeys: that of `left` does, that of `right` does not.
+        The condition on a word: that of `left` satisfies it, that of `right` does not.
     low : float
         Share of the step at `left`; `right` is its end.
     left, right : Point
@@ -195,25 +174,25 @@ class Bracket:
     def __init__(self, axis: Axis, holds: Callable[[str], bool], low: float, left: Point, right: Point) -> None:
         self.axis, self.holds = axis, holds
         self.low, self.left, self.right, self.at_right = low, left, right, 1.0
-        self.high = 1.0  # from here on the word does not obey, or there was no orbit
+        self.high = 1.0  # from here on the word does not satisfy it, or there was no orbit
         self.begin, self.first, self.way = left.y(axis), low, right.y(axis) - left.y(axis)
         self.length = max(abs(self.way[-1] / (1 - low)), LOCATED)
-        self.steep = min(abs(left.tangent[-1]), abs(right.tangent[-1])) < STEEP
+        self.steep = min(abs(left.tangent[-1]), abs(right.tangent[-1])) < NEAR_FOLD
         self.slope = left.tangent if self.steep else left.tangent / left.tangent[-1]  # by the parameter over its scale
 
     def narrow(self, width: float) -> None:
-        """Halve it until it is so wide, in the parameter over its scale."""
-        for _ in range(CHANGES):
+        """Halve the bracket until it is so wide, in the parameter over its scale."""
+        for _ in range(MOST_CHANGES):
             self._halve(width)
             if self._look_beyond() or not self._goes_on():
                 return
 
     def _halve(self, width: float) -> None:
-        """The same without new derivatives.
+        """Halve the bracket until it is so wide, with the derivatives at its end.
 
-        An image with another word tells that the middle lies beyond, whether there is an orbit or not.
+        Where the image of the middle has another word, the middle lies beyond, whether there is an orbit or not.
         """
-        while (self.high - self.low) * self.length > width and self.high - self.low > SHORTEST:
+        while (self.high - self.low) * self.length > width and self.high - self.low > SHORTEST_SHARE:
             middle = 0.5 * (self.low + self.high)
             try:
                 self._take(middle, self._obeys(middle, self.left))
@@ -221,7 +200,7 @@ class Bracket:
                 self.high = middle
 
     def _look_beyond(self) -> bool:
-        """Take up the next orbit beyond that does not obey, and tell whether it lies at once there."""
+        """Find the next orbit beyond with another word; whether it lies right at the end of the bracket."""
         share, step = self.high, self.high - self.low
         while share < self.at_right:
             with suppress(OrbitLost):
@@ -233,7 +212,7 @@ class Bracket:
         return self.at_right == self.high
 
     def _goes_on(self) -> bool:
-        """Whether the orbit was lost for want of derivatives: with those of its end it goes on, and so does the bracket."""
+        """Whether the orbit is found further on with derivatives taken anew; the bracket is then moved there."""
         with suppress(OrbitLost):
             share = 2 * self.high - self.low
             self._take(share, self._obeys(share, with_derivatives(self.axis, self.left, self.left.tangent)))
@@ -247,7 +226,7 @@ class Bracket:
         Raises
         ------
         OrbitLost
-            If there is none, or its word does not obey.
+            If there is none, or its word does not satisfy the condition.
         """
         y, normal = self._plane(share)
 
@@ -277,13 +256,13 @@ class Bracket:
         if not self.steep:
             self.slope = way / way[-1]
 
-    def grazing(self) -> Change:
-        """Where an end grazes in it.
+    def grazing(self) -> Changed:
+        """Where an end grazes in the bracket.
 
         Raises
         ------
         OrbitLost
-            If none does, or that does not change whether the word obeys.
+            If none does, or the words on both sides of the graze satisfy the condition alike.
         """
         axis = self.axis
         near = min(self.left, self.right, key=lambda point: least_gap(point.map, point.fixed.image))
@@ -295,8 +274,8 @@ class Bracket:
             raise OrbitLost("no end grazes where the word changes")
         share = self.first + (1 - self.first) * ((at.y(axis) - self.begin) @ self.way) / (self.way @ self.way)
         if near is self.right:
-            return Change(share, at, missed, at, 0.0)
-        return Change(share, at, struck, self.right, 0.0)
+            return Changed(share, at, missed, at, 0.0)
+        return Changed(share, at, struck, self.right, 0.0)
 
 
 def doubled(axis: Axis, flip: Point) -> Point:
@@ -311,7 +290,7 @@ def doubled(axis: Axis, flip: Point) -> Point:
     values, vectors = np.linalg.eig(flip.fixed.matrix)
     direction = vectors[:, int(np.argmin(np.abs(values + 1)))].real
     tangent = np.append(direction / np.linalg.norm(direction), 0.0)
-    m = ReturnMap(old.parameters, old.phase, old.modes, 2 * old.periods, old.rtol, old.tape)
+    m = replace(old, periods=2 * old.periods)
     y = flip.y(axis) + BORN * tangent
     z = y[:-1]
     near = Point(fixed_at(m, z), flip.value, slope_of(axis, m, z, flip.value), tangent)

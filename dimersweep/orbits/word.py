@@ -13,9 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from dimersweep.kernel.model.layout import C_CHATTER_END, C_END, C_IMPACT, C_START, CONTACT_STATES, IMPACT
-from dimersweep.orbits.passage import E_CAUSE, E_CONTACT, E_CONTACT_BEFORE, E_KIND, E_PERIOD, E_PHASE, TURN, Passage
+from dimersweep.kernel.record import E_AFTER, E_BEFORE, E_CAUSE, E_KIND, E_PERIOD, E_PHASE
+from dimersweep.kernel.verdict.past import HOP_LINE
+from dimersweep.orbits.passage import TURN, Passage
 
-HOP_LINE = 0.5  # forcing periods
 MANY = 4  # bounces that do not die out are counted so far: beyond, their number changes without end
 
 
@@ -59,7 +60,7 @@ def _symbols(events: np.ndarray) -> list[str]:
 
 
 def _chatter_as_one(symbols: Sequence[str]) -> list[str]:
-    """Single impacts of one end that end in the close of a chatter become one symbol; other ones are counted."""
+    """Symbols with the hops of a chatter joined to one symbol; other single impacts of an end in a row are counted."""
     kept: list[str] = []
     for symbol in symbols:
         end = symbol[-1] if symbol.startswith("SI") else ""
@@ -87,7 +88,7 @@ def longest_hop(events: np.ndarray, end: int, length: float) -> float:
     for row in events:
         time = row[E_PERIOD] * TURN + row[E_PHASE]
         struck = divmod(int(row[E_KIND]), 5)[end] > IMPACT
-        before, after = divmod(int(row[E_CONTACT_BEFORE]), 5)[end], divmod(int(row[E_CONTACT]), 5)[end]
+        before, after = divmod(int(row[E_BEFORE]), 5)[end], divmod(int(row[E_AFTER]), 5)[end]
         if int(row[E_CAUSE]) == C_START:
             continue
         if struck or before or after:
@@ -101,13 +102,18 @@ def longest_hop(events: np.ndarray, end: int, length: float) -> float:
 
 
 def _from_double_impact(symbols: list[str]) -> list[str]:
-    """The same round, begun at its first double impact, or else at the rotation that sorts first."""
+    """The symbols of a period, begun at its first double impact, or without one at the rotation that sorts first."""
     turns = [symbols[k:] + symbols[:k] for k in range(len(symbols))] or [[]]
     return min(turns, key=lambda turn: (not (turn and turn[0].startswith("DI")), turn))
 
 
+def rests(word: str) -> bool:
+    """Whether an end stays on the plate for a part of the period."""
+    return any(symbol.startswith(("SC", "DC")) for symbol in word.split())
+
+
 class Sides(NamedTuple):
-    """What tells the words on both sides of a change apart, "this" one and the one beyond.
+    """How the words on the two sides of a change differ: those on this side of it, and those beyond.
 
     Attributes
     ----------
@@ -125,16 +131,16 @@ class Sides(NamedTuple):
         return all(more == self.more[symbol] for symbol, more in self._more(word))
 
     def beyond(self, word: str) -> bool:
-        """Whether a word is one of the other side: what goes there has gone, or else what comes there has come.
+        """Whether a word is one of the other side.
 
-        It may be one of neither side.
+        It is if it lacks all that goes there; if nothing goes, if it has all that comes. A word may belong to neither side.
         """
-        told = [(self.more[symbol], more != self.more[symbol]) for symbol, more in self._more(word)]
-        going = [changed for goes, changed in told if goes]
-        return all(going or [changed for _, changed in told])
+        changes = [(self.more[symbol], more != self.more[symbol]) for symbol, more in self._more(word)]
+        going = [changed for goes, changed in changes if goes]
+        return all(going or [changed for _, changed in changes])
 
-    def told(self, word: str) -> str:
-        """What goes (-) and comes (+) from the side of a word to the other one."""
+    def described(self, word: str) -> str:
+        """The symbols that go (-) and come (+) from the side of a word to the other one."""
         here = self.here(word)
         return " ".join(f"{'-' if more == here else '+'}{name.replace(' ', '/')}" for name, more in self.more.items())
 
@@ -148,7 +154,7 @@ class Sides(NamedTuple):
 
 
 def sides_of(this: str, beyond: str, begins: str = "") -> Sides:
-    """What tells two words apart: symbols that come or go, or how often they occur, or else how often one follows another.
+    """How two words differ: in the symbols that occur, or in how often they do, or else in how often one follows another.
 
     Only symbols that begin with `begins` count.
     """
@@ -156,10 +162,10 @@ def sides_of(this: str, beyond: str, begins: str = "") -> Sides:
     differ = [symbol for symbol in sorted(old | new) if old[symbol] != new[symbol] and symbol.startswith(begins)]
     single = [symbol for symbol in differ if " " not in symbol]
     come_or_go = [symbol for symbol in single if not old[symbol] or not new[symbol]]
-    tell = come_or_go or single or differ
+    decisive = come_or_go or single or differ
     return Sides(
-        {symbol: min(old[symbol], new[symbol]) for symbol in tell},
-        {symbol: old[symbol] > new[symbol] for symbol in tell},
+        {symbol: min(old[symbol], new[symbol]) for symbol in decisive},
+        {symbol: old[symbol] > new[symbol] for symbol in decisive},
     )
 
 
@@ -167,18 +173,3 @@ def _counted(word: str) -> Counter[str]:
     """How often each symbol occurs, and each pair."""
     symbols = word.split()
     return Counter(symbols) + Counter(f"{a} {b}" for a, b in pairwise(symbols))
-
-
-def change_of(old: str, new: str) -> str:
-    """What kind of change leads from one word to another."""
-    old_set, new_set = set(old.split()), set(new.split())
-    changed = (old_set - new_set) | (new_set - old_set)
-    if changed and all(symbol.startswith("far") for symbol in changed):
-        return "hop"
-    if any(symbol.startswith(("chatter", "bounces")) for symbol in changed):
-        return "chatter"
-    if any(symbol.startswith("DI") for symbol in changed):
-        return "double_impact"
-    if old.split().count("FM") != new.split().count("FM"):
-        return "lift_off"
-    return "stick_slip"

@@ -1,11 +1,13 @@
 """Curves along which the word of an orbit changes.
 
-Where an end grazes, or a hop has the length of the line, the border is the zero of a function of the orbit, a mark, and is
-solved for, from where its tangent leads. Where the orbit leaps it is looked for between two orbits on both sides.
+Where an end grazes, or a hop lasts half a period, the border is the zero of a function of the orbit (a mark), and Newton's
+method finds it from where the tangent of the curve leads. Elsewhere the orbit may leap, and the border is enclosed between two
+orbits.
 """
 
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import replace
 from typing import cast
 
 import numpy as np
@@ -13,39 +15,43 @@ import numpy as np
 from dimersweep.orbits.branch import Equations, Mark, Point, in_own_section, lent, with_mark
 from dimersweep.orbits.curve import Curve, Found
 from dimersweep.orbits.grazing import graze, least_gap
+from dimersweep.orbits.kinds.changes import WORD
+from dimersweep.orbits.kinds.kind import Change
+from dimersweep.orbits.newton import defect
 from dimersweep.orbits.orbit import orbit_of
-from dimersweep.orbits.passage import TURN
-from dimersweep.orbits.return_map import Image, OrbitLost, ReturnMap
-from dimersweep.orbits.solving import defect
+from dimersweep.orbits.poincare import OrbitLost
 from dimersweep.orbits.specials import Special, last_with
-from dimersweep.orbits.word import HOP_LINE, Sides, longest_hop, sides_of, word_of
+from dimersweep.orbits.word import Sides, rests, sides_of, word_of
 
-CHANGES = ("word", "stick_slip", "lift_off", "double_impact", "chatter", "hop")
-FARTHEST = 0.2  # of a point of a curve from where it is looked for, in units of the section
+SEVERAL = "one of several: the word changes alike at other values; which one is found depends on the start and the grid"
+POINT_REACH = 0.2  # of a point of a curve from where it is looked for, in units of the section
 WIDEST, NARROWEST, WIDER = 0.05, 2e-5, 4.0  # bracket of a change of word, in the parameter over its scale
 DOUBT, LESS = 4e-3, 0.08  # of a point with one neighbour; of one on the line through two, in the step between them
 OPENED = (1e-2, 1e-1)  # ways along the branch, in units of the section, from which a grazing orbit is looked for
-BESIDE = 1e-9  # of a change of word, how far on this side its point lies, in forcing periods of the hop
-MOST = 3  # new derivatives at a point: where Newton's method asks for more, the motion is another one
-ASIDE = 1e-3  # of the way to the next point, over which a derivative is taken
+MOST_DERIVATIVES = 3  # new derivatives at a point: where Newton's method asks for more, the motion is another one
+TANGENT_SHARE = 1e-3  # of the way to the next point, over which a derivative is taken
 
 
 class WordCurve(Curve):
     """A curve along which the word changes: see `Curve`."""
 
+    kind: Change
     words = True
 
+    def status(self, found: Found) -> str:
+        return "ok" if self.kind.once and rests(found.orbit.word) else SEVERAL
+
     def _is_met(self, special: Special, like: Sides | None) -> bool:
-        if special.kind != "word" or self.kind not in ("word", special.change):
+        if not isinstance(special.kind, Change) or self.kind not in (WORD, special.kind):
             return False
         return like is None or like.between(*special.words)
 
     def _taken_up(self, special: Special) -> Found:
-        return self._found(special.point, sides_of(*special.words, "far" if self.kind == "hop" else ""))
+        return self._found(special.point, sides_of(*special.words, self.kind.begins))
 
     def _found(self, at: Point, sides: Sides) -> Found:
         """A point of the curve, in a section that suits the next one."""
-        return Found(orbit_of(at.fixed, 0.0), at.value, in_own_section(self.axis, at), sides)
+        return Found(orbit_of(at.fixed), at.value, in_own_section(self.axis, at), sides)
 
     def _next(self, given: dict[str, float], near: list[Found]) -> Found:
         last, sides = near[0].begin, near[0].sides
@@ -53,9 +59,9 @@ class WordCurve(Curve):
         if last.grazes:
             with suppress(OrbitLost):
                 return self._graze(given, last, sides)
-        elif self.kind == "hop" and len(sides.least) == 1:
+        elif self.kind.zero and (mark := self.kind.zero(sides)):
             with suppress(OrbitLost):
-                return self._hop(given, last, sides)
+                return self._zero(given, last, sides, mark)
         reason = OrbitLost("")
         for y, doubt in self._guesses([one for one in near if one.begin.grazes == last.grazes]):
             try:
@@ -108,41 +114,35 @@ class WordCurve(Curve):
                     return self._found(at, sides)
         raise OrbitLost(f"no end grazes where the word changes near {self.parameter} = {y[-1] * self.axis.scale:.6g}")
 
-    def _hop(self, given: dict[str, float], near: Point, sides: Sides) -> Found:
-        """The orbit whose longest hop has the length of the line; a little way on this side."""
-        (symbol,) = sides.least
-        end, line = int(symbol[-1]) - 1, HOP_LINE + (BESIDE if sides.more[symbol] else -BESIDE)
-
-        def over_line(_: ReturnMap, image: Image) -> float:
-            return longest_hop(image.passage.events, end, image.passage.times[-1]) / TURN - line
-
-        y, known = self._ahead(given, near, over_line)
+    def _zero(self, given: dict[str, float], near: Point, sides: Sides, mark: Mark) -> Found:
+        """The orbit at which the function of the kind is zero."""
+        y, known = self._ahead(given, near, mark)
         beside = self._beside(given, near, y)
-        equations = Equations(self.axis, beside, lambda _, m, image: over_line(m, image))
-        at, _ = equations.solved(y, equations.derivative, known, MOST)
+        equations = Equations(self.axis, beside, lambda _, m, image: mark(m, image))
+        at, _ = equations.solved(y, equations.derivative, known, MOST_DERIVATIVES)
         away = np.abs(at.y(self.axis) - y)
-        if away.max() > FARTHEST or away[-1] > WIDEST or not sides.here(word_of(at.fixed.image.passage)):
-            raise OrbitLost(f"no hop of half a period near {self.parameter} = {beside.value:.6g}")
-        return self._found(with_mark(self.axis, at, over_line), sides)
+        if away.max() > POINT_REACH or away[-1] > WIDEST or not sides.here(word_of(at.fixed.image.passage)):
+            raise OrbitLost(f"no {self.kind.name} near {self.parameter} = {beside.value:.6g}")
+        return self._found(with_mark(self.axis, at, mark), sides)
 
     def _ahead(self, given: dict[str, float], near: Point, mark: Mark) -> tuple[np.ndarray, np.ndarray]:
         """Where the curve leads from a neighbour along its tangent, and the derivative there of all equations.
 
-        What tells the tangent is the image of the neighbour's point a little way towards the new parameters, or away from
+        The tangent follows from the image of the neighbour's point a little way towards the new parameters, or away from
         them where an end begins to strike.
         """
         y, old = near.y(self.axis), near.map.parameters
         if near.mark_slope is None:
             near = with_mark(self.axis, near, mark)
         known = np.vstack([near.matrix(), cast(np.ndarray, near.mark_slope)])
-        for part in (ASIDE, -ASIDE):
+        for part in (TANGENT_SHARE, -TANGENT_SHARE):
             aside = {name: old[name] + part * (value - old[name]) for name, value in given.items() if name in old}
             with suppress(OrbitLost):
-                m = near.map.with_parameters(aside | {self.parameter: near.value})
+                m = replace(near.map, parameters=aside | {self.parameter: near.value})
                 image = m.image(y[:-1])
                 moved = mark(m, image) - mark(near.map, near.fixed.image)
                 fails = np.append(defect(m, y[:-1], image, self.spin), moved)
-                if np.abs(fails).max() < FARTHEST:
+                if np.abs(fails).max() < POINT_REACH:
                     return y - np.linalg.solve(known, fails / part), known
         return y, known
 
@@ -150,10 +150,10 @@ class WordCurve(Curve):
 
     def _at(self, given: dict[str, float], near: Point, y: np.ndarray) -> Point:
         """The orbit at the parameter's value in `y`, in the section of a point nearby."""
-        return lent(self.axis, self._beside(given, near, y), y, np.append(np.zeros(y.size - 1), 1.0), MOST)
+        return lent(self.axis, self._beside(given, near, y), y, np.append(np.zeros(y.size - 1), 1.0), MOST_DERIVATIVES)
 
     def _beside(self, given: dict[str, float], near: Point, y: np.ndarray) -> Point:
         """A point of a neighbour, to begin with at other values of the parameters."""
         value = float(y[-1] * self.axis.scale)
-        m = near.map.with_parameters(given | {self.parameter: value})
+        m = replace(near.map, parameters=given | {self.parameter: value})
         return near._replace(fixed=near.fixed._replace(map=m), value=value)

@@ -71,6 +71,12 @@ def draw(cube: xr.Dataset, kind: str | None = None, *, quantity: str | None = No
     ------
     ParameterError
         If the cube cannot be drawn so.
+
+    Examples
+    --------
+    >>> from dimersweep import plots, sweep
+    >>> cube = sweep({"Gamma": [0.8, 0.9], "beta0": [0.2, 0.28, 0.36]}, periods=60, progress=False)
+    >>> plots.draw(cube, quantity="radius").savefig("radius.png")
     """
     if quantity is not None:
         if kind not in (None, "mode_map"):

@@ -5,6 +5,7 @@ from typing import get_args
 
 import xarray as xr
 
+from dimersweep.cubes.cube import check_codes
 from dimersweep.errors import ParameterError
 from dimersweep.symbols import Picture
 
@@ -65,4 +66,5 @@ def judge_cube(kind: str, cube: xr.Dataset) -> None:
     """The same of a cube that is there."""
     if not isinstance(cube, xr.Dataset):
         raise ParameterError(f"cube: is a {type(cube).__name__}; give a cube")
+    check_codes(cube["mode"])
     judge(kind, {str(name): n for name, n in cube["mode"].sizes.items()}, features(cube))

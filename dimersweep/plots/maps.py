@@ -16,8 +16,8 @@ from dimersweep.cubes.reading import edges_of, is_geometric
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots.judging import judge_cube
-from dimersweep.plots.style import MODE_COLORS, given, label, percent, title, units_shown
-from dimersweep.symbols import PARAMETERS, QUANTITIES
+from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, Drawing, entitle, given, mark, percent, title
+from dimersweep.symbols import PARAMETERS, QUANTITIES, units_shown
 
 MOST_PANELS = 12
 COLORS = np.array([to_rgb(color) for color in MODE_COLORS.values()])
@@ -35,6 +35,12 @@ def mode_map(cube: xr.Dataset) -> Figure:
     -------
     matplotlib.figure.Figure
         With a legend of the modes that occur and their shares.
+
+    Examples
+    --------
+    >>> from dimersweep import plots, sweep
+    >>> cube = sweep({"Gamma": [0.8, 0.9], "beta0": [0.2, 0.28, 0.36]}, periods=60, progress=False)
+    >>> plots.mode_map(cube).savefig("modes.png")
     """
     judge_cube("mode_map", cube)
     if "point" in cube["mode"].dims:
@@ -51,7 +57,12 @@ def mode_handles(mode: xr.DataArray) -> list[Patch]:
     """Handles of a legend of the modes that occur, with their shares."""
     shares = np.bincount(mode.values.ravel(), minlength=len(MODES)) / mode.size
     return [
-        Patch(facecolor=MODE_COLORS[name], edgecolor="black", linewidth=0.5, label=f"{name} ({percent(share)})")
+        Patch(
+            facecolor=MODE_COLORS[name],
+            edgecolor="black",
+            linewidth=0.5,
+            label=f"{MODE_LABELS[name]} ({percent(share)})",
+        )
         for name, share in zip(MODES, shares, strict=True)
         if share > 0
     ]
@@ -74,6 +85,12 @@ def quantity_map(cube: xr.Dataset, quantity: str) -> Figure:
     ------
     ParameterError
         If the cube has no such numbers over its axes.
+
+    Examples
+    --------
+    >>> from dimersweep import plots, sweep
+    >>> cube = sweep({"Gamma": [0.8, 0.9], "beta0": [0.2, 0.28, 0.36]}, periods=60, progress=False)
+    >>> plots.quantity_map(cube, "zeta").savefig("zeta.png")
     """
     drawable = [str(name) for name, each in cube.data_vars.items() if each.dims == cube["mode"].dims]
     if quantity not in drawable:
@@ -92,7 +109,6 @@ def quantity_map(cube: xr.Dataset, quantity: str) -> Figure:
         if part.ndim == 1:
             axes.plot(part[part.dims[0]], part, "o-", markersize=3, linewidth=1, color=MODE_COLORS["drift"])
             axes.set_ylabel(quantity_label(quantity))
-            _scale(axes, part)
         else:
             mesh = _mesh(axes, part, part.values, cmap="viridis", **how)
     if values.ndim > 1:
@@ -103,7 +119,7 @@ def quantity_map(cube: xr.Dataset, quantity: str) -> Figure:
 def quantity_label(quantity: str) -> str:
     """Name of a quantity and its unit."""
     units = units_shown(QUANTITIES[quantity].units)
-    return quantity.replace("_", " ") + (f" [{units}]" if units else "")
+    return quantity.replace("_", " ").replace("zeta", r"$\zeta$") + (f" [{units}]" if units else "")
 
 
 def point_map(cube: xr.Dataset, quantity: str | None = None) -> Figure:
@@ -113,7 +129,7 @@ def point_map(cube: xr.Dataset, quantity: str | None = None) -> Figure:
     pairs = pairs or [(varied[0], varied[0])]
     columns = min(3, len(pairs))
     rows = -(-len(pairs) // columns)
-    figure = Figure(figsize=(1.6 + 3.4 * columns, 0.8 + 3.0 * rows), layout="constrained")
+    figure = Drawing(1.6 + 3.4 * columns, 0.8 + 3.0 * rows)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     if quantity is None:
         how: dict[str, Any] = {"c": COLORS[cube["mode"].values]}
@@ -121,15 +137,15 @@ def point_map(cube: xr.Dataset, quantity: str | None = None) -> Figure:
         how = {"c": cube[quantity].values, "cmap": "viridis"}
     for axes, (x, y) in zip(panels, pairs, strict=False):
         dots = axes.scatter(cube[x], cube[y], s=9, **how)
-        axes.set_xlabel(label(x))
-        axes.set_ylabel(label(y))
+        mark(axes.xaxis, x)
+        mark(axes.yaxis, y)
     for axes in panels[len(pairs) :]:
         axes.set_axis_off()
     if quantity is None:
         figure.legend(handles=mode_handles(cube["mode"]), loc="outside right center", fontsize=9)
     else:
         figure.colorbar(dots, ax=list(panels), label=quantity_label(quantity))
-    figure.suptitle(title(cube), fontsize=10)
+    entitle(figure, title(cube))
     return figure
 
 
@@ -145,9 +161,10 @@ def _panels(values: xr.DataArray, heading: str) -> tuple[Figure, Iterator[tuple[
     rows = -(-len(places) // columns)
     flat = values.ndim == 1
     size = (7.5, 2.6 if flat else 4.8) if len(places) == 1 else (1.8 + 2.9 * columns, 1.0 + 2.5 * rows)
-    figure = Figure(figsize=size, layout="constrained")
+    figure = Drawing(*size)
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-    figure.suptitle(heading, fontsize=10)
+    _scale(grid[0, 0], values)  # shared by all
+    entitle(figure, heading)
     for axes in grid.ravel()[len(places) :]:
         axes.set_axis_off()
 
@@ -156,10 +173,10 @@ def _panels(values: xr.DataArray, heading: str) -> tuple[Figure, Iterator[tuple[
             part = values.isel(dict(zip(leading, place, strict=True)))
             axes.set_title(", ".join(given(name, part[name].item()) for name in leading), fontsize=9)
             if number >= len(places) - columns:
-                axes.set_xlabel(label(str(part.dims[-1])))
+                mark(axes.xaxis, str(part.dims[-1]))
                 axes.tick_params(labelbottom=True)
             if part.ndim == 2 and number % columns == 0:
-                axes.set_ylabel(label(str(part.dims[0])))
+                mark(axes.yaxis, str(part.dims[0]))
             yield axes, part
 
     return figure, each()
@@ -170,15 +187,14 @@ def _mesh(axes: Axes, part: xr.DataArray, colors: np.ndarray, **how: Any) -> Any
     x = part[part.dims[-1]].values
     y_edges = edges_of(part[part.dims[0]].values) if part.ndim == 2 else np.array([0.0, 1.0])
     mesh = axes.pcolormesh(edges_of(x), y_edges, colors, **how)
-    _scale(axes, part)
     if part.ndim == 1:
         axes.set_yticks([])
     return mesh
 
 
-def _scale(axes: Axes, part: xr.DataArray) -> None:
-    """Logarithmic axes where the values of an axis are in a fixed ratio."""
-    if is_geometric(part[part.dims[-1]].values):
+def _scale(axes: Axes, values: xr.DataArray) -> None:
+    """Logarithmic axes where the values of one of the last two axes are in a fixed ratio."""
+    if is_geometric(values[values.dims[-1]].values):
         axes.set_xscale("log")
-    if part.ndim == 2 and is_geometric(part[part.dims[0]].values):
+    if values.ndim > 1 and is_geometric(values[values.dims[-2]].values):
         axes.set_yscale("log")

@@ -16,7 +16,7 @@ from dimersweep.cubes.reading import (
 )
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots.judging import judge_cube
-from dimersweep.plots.style import MODE_COLORS, ROW_COLORS, given, label, title
+from dimersweep.plots.style import MODE_COLORS, ROW_COLORS, Drawing, entitle, given, label, mark, title
 
 
 def segments(cube: xr.Dataset) -> Figure:
@@ -31,11 +31,17 @@ def segments(cube: xr.Dataset) -> Figure:
     -------
     matplotlib.figure.Figure
         With the total length of each row at its right end.
+
+    Examples
+    --------
+    >>> from dimersweep import plots, sweep
+    >>> cube = sweep({"Gamma": [0.8, 0.9], "beta0": [0.2, 0.28, 0.36]}, periods=60, progress=False)
+    >>> plots.segments(cube).savefig("intervals.png")
     """
     judge_cube("segments", cube)
     lengths = drift_lengths(cube)
     (name,) = lengths.dims
-    figure = Figure(figsize=(8, 1.4 + 0.55 * lengths.size), layout="constrained")
+    figure = Drawing(8, 1.4 + 0.55 * lengths.size)
     axes = figure.add_subplot()
     for row, (intervals, length) in enumerate(zip(drift_intervals(cube), lengths.values, strict=True)):
         color = ROW_COLORS[row % len(ROW_COLORS)]
@@ -47,7 +53,7 @@ def segments(cube: xr.Dataset) -> Figure:
     axes.set_ylim(-0.6, lengths.size - 0.4)
     axes.grid(axis="x", alpha=0.3)
     _dip_axis(axes)
-    axes.set_title(f"Initial dip angles that lead to drift\n{title(cube)}", fontsize=10)
+    entitle(figure, f"Initial dip angles that lead to drift\n{title(cube)}")
     return figure
 
 
@@ -73,12 +79,19 @@ def regions(cube: xr.Dataset) -> Figure:
     -------
     matplotlib.figure.Figure
         Drift hatched with lines, rest with slashes, and their borders.
+
+    Examples
+    --------
+    >>> from dimersweep import plots, search
+    >>> grid = {"e": [0.5, 0.6], "Gamma": [0.6, 0.9, 1.2], "beta0": [0.2, 0.24, 0.28, 0.32]}
+    >>> cube = search(grid, over="beta0", ask="first", periods=60, progress=False)
+    >>> plots.regions(cube).savefig("regions.png")
     """
     judge_cube("regions", cube)
     mode = cube["mode"].squeeze()
     x_name, y_name = map(str, mode.dims)
     x, y = mode[x_name].values, mode[y_name].values
-    figure = Figure(figsize=(8, 5.6), layout="constrained")
+    figure = Drawing(8, 5.6)
     axes = figure.add_subplot()
     region = names(cube["region"]).squeeze().values
     colors = np.array([to_rgb(color) for color in MODE_COLORS.values()])
@@ -105,7 +118,7 @@ def regions(cube: xr.Dataset) -> Figure:
     figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=9)
     axes.set_xlim(corners[0][0], corners[0][-1])
     axes.set_ylim(corners[1][0], corners[1][-1])
-    axes.set_xlabel(label(x_name))
-    axes.set_ylabel(label(y_name))
-    axes.set_title(title(cube), fontsize=10)
+    mark(axes.xaxis, x_name)
+    mark(axes.yaxis, y_name)
+    entitle(figure, title(cube))
     return figure

@@ -20,9 +20,10 @@ from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
 from dimersweep.errors import ParameterError, StoreError
-from dimersweep.parameters import as_number, check_count
-from dimersweep.storage.files import told
-from dimersweep.storage.netcdf import check_writable
+from dimersweep.parameters import as_number, check_count, dimer_from
+from dimersweep.plots.style import entitle
+from dimersweep.storage.files import put, replacing, told
+from dimersweep.storage.netcdf import check_ending, check_writable
 
 if TYPE_CHECKING:
     from dimersweep.runs.run import Run
@@ -33,6 +34,7 @@ ROD, PLATE, TRACK = "#444444", "#56b4e9", "#999999"
 SLOWED = 20.0  # how much slower the double impacts are shown
 NEAR_IMPACT = 0.04  # of a double impact, in forcing periods on either side
 MOST_FRAMES = 2000
+MOST_DPI = 600
 COLORS_OF_GIF = 64
 
 
@@ -101,8 +103,7 @@ def check_movie(path: str | os.PathLike[str], *, force: bool = False, name: str 
         As for a cube; or a video is asked for and there is no ffmpeg.
     """
     path = Path(path)
-    if path.suffix not in MOVIES:
-        raise ParameterError(f"{name} = {path}: a movie must end in {', '.join(MOVIES)}")
+    check_ending(os.fspath(path), name=name, what="a movie", endings=MOVIES)
     if path.suffix == ".mp4" and _ffmpeg() is None:
         raise StoreError(
             f"{name} = {path}: a video needs ffmpeg; pip install 'dimersweep[movie]', or write a .gif or .html"
@@ -140,13 +141,20 @@ def write_movie(
     ParameterError, StoreError
     """
     path = check_movie(path, force=force)
-    pace = _pace(run, periods, speed, fps, last=last, slow_impacts=slow_impacts)
+    pace = pace_of(run, periods, speed, fps, last=last, slow_impacts=slow_impacts)
+    dpi = check_count("dpi", dpi, MOST_DPI)
     if path.suffix == ".html":
-        from dimersweep.plots.replay import write_replay
+        from dimersweep.plots.replay import replay_page
 
-        return write_replay(run, path, pace)
-    with told(f"movie = {path}", ""):
-        (_write_gif if path.suffix == ".gif" else _write_video)(path, _rendered(run, pace, dpi), fps)
+        try:
+            page = replay_page(run, pace)
+        except StoreError as error:
+            raise StoreError(f"movie = {path}: {error}") from None
+        with told(f"movie = {path}", ""):
+            put(path, [page.encode()])
+        return path
+    with told(f"movie = {path}", ""), replacing(path) as temporary:
+        (_write_gif if path.suffix == ".gif" else _write_video)(temporary, _rendered(run, pace, dpi), fps)
     return path
 
 
@@ -154,7 +162,8 @@ def _write_gif(path: Path, pictures: Iterator[np.ndarray], fps: int) -> None:
     """Frames of shape (height, width, 3) as an endless GIF with one palette."""
     first = Image.fromarray(next(pictures)).quantize(COLORS_OF_GIF)
     others = (Image.fromarray(each).quantize(palette=first, dither=Image.Dither.NONE) for each in pictures)
-    first.save(path, save_all=True, append_images=others, duration=round(1000 / fps), loop=0, optimize=True)
+    how: dict[str, Any] = {"duration": round(1000 / fps), "loop": 0, "optimize": True}
+    first.save(path, format="GIF", save_all=True, append_images=others, **how)
 
 
 def _write_video(path: Path, pictures: Iterator[np.ndarray], fps: int) -> None:
@@ -162,15 +171,23 @@ def _write_video(path: Path, pictures: Iterator[np.ndarray], fps: int) -> None:
     first = next(pictures)
     height, width, _ = first.shape
     source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(fps), "-i", "-"]
-    target = ["-an", "-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-c:v", "libx264", "-pix_fmt", "yuv420p", str(path)]
-    command = [str(_ffmpeg()), "-y", "-loglevel", "error", *source, *target]
+    target = ["-an", "-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-c:v", "libx264", "-pix_fmt", "yuv420p"]
+    command = [str(_ffmpeg()), "-y", "-loglevel", "error", *source, *target, "-f", "mp4", str(path)]
     data = b"".join(each.tobytes() for each in chain([first], pictures))
     done = subprocess.run(command, input=data, capture_output=True, check=False)
     if done.returncode != 0:
         raise OSError(done.stderr.decode(errors="replace").strip().splitlines()[-1])
 
 
-def _pace(run: "Run", periods: int, speed: float, fps: int, *, last: bool, slow_impacts: bool) -> Pace:
+def pace_of(
+    run: "Run",
+    periods: int,
+    speed: float = 0.1,
+    fps: int = 25,
+    *,
+    last: bool = True,
+    slow_impacts: bool = False,
+) -> Pace:
     """The stretch of the run that is shown, judged.
 
     Raises
@@ -192,13 +209,19 @@ def frames(run: "Run", pace: Pace) -> xr.Dataset:
     kinds = run.events["kind"].values
     impacts = np.unique(run.events["time"].values[np.char.startswith(kinds, "DI")])
     states = run.states(pace.times(impacts, 1 / p["f"]))
-    length = 2 * p["r"] * (p["A_r"] - 1)
+    length = dimer_from(p).l
     across = length * np.cos(states["beta"])
     return states.assign(
         x2=states["x1"] - across * np.sin(states["theta"]),
         y2=states["y1"] + across * np.cos(states["theta"]),
         z2=states["z1"] + length * np.sin(states["beta"]),
     )
+
+
+def radii_of(run: "Run") -> tuple[float, float]:
+    """Radii of p1 and p2 [mm]."""
+    dimer = dimer_from(run.parameters)
+    return 1e3 * dimer.p1.r, 1e3 * dimer.p2.r
 
 
 def _rendered(run: "Run", pace: Pace, dpi: int) -> Iterator[np.ndarray]:
@@ -208,13 +231,15 @@ def _rendered(run: "Run", pace: Pace, dpi: int) -> Iterator[np.ndarray]:
     canvas = FigureCanvasAgg(figure)
     side, above = figure.subplots(1, 2, width_ratios=(1.25, 1))
     updates = _side_view(side, run, shown), _view_from_above(above, run, shown)
-    heading = figure.suptitle(" ", fontsize=10)
+    told = run.conditions(tex=True)
+    heading = entitle(figure, f" \n{told}")
     for artist in (heading, *updates[0](0), *updates[1](0)):
         artist.set_animated(True)
     canvas.draw()
     still = canvas.copy_from_bbox(figure.bbox)
     for k, cycles in enumerate(shown["time"].values * run.parameters["f"]):
-        heading.set_text(f"{run.mode}, forcing period {int(cycles)}, {360 * (cycles % 1):3.0f}° of the plate")
+        now = f"{run.mode}, forcing period {int(cycles)}, {360 * (cycles % 1):3.0f}° of the plate"
+        heading.set_text(f"{now}\n{told}")
         canvas.restore_region(still)
         for axes, update in zip((side, above), updates, strict=True):
             for artist in update(k):
@@ -225,15 +250,14 @@ def _rendered(run: "Run", pace: Pace, dpi: int) -> Iterator[np.ndarray]:
 
 def _side_view(axes: Axes, run: "Run", shown: xr.Dataset) -> Callable[[int], list[Any]]:
     """Seen along the plate, square to the rod: heights are true, and the ball p1 stands still."""
-    p = run.parameters
-    r, length = p["r"], 2 * p["r"] * (p["A_r"] - 1)
+    radii, length = radii_of(run), dimer_from(run.parameters).l
     across = 1e3 * length * np.cos(shown["beta"].values)
     z1, z2, plate = (1e3 * shown[name].values for name in ("z1", "z2", "plate"))
-    r *= 1e3
+    r = max(radii)
     table = Rectangle((-3 * r, 0), 1e3 * length + 6 * r, r / 2, color=PLATE)
     axes.add_patch(table)
     (rod,) = axes.plot([], [], color=ROD, linewidth=3, solid_capstyle="round")
-    balls = [Circle((0, 0), r, color=color) for color in BALLS]
+    balls = [Circle((0, 0), radius, color=color) for radius, color in zip(radii, BALLS, strict=True)]
     for ball in balls:
         axes.add_patch(ball)
     axes.set_xlim(-3 * r, 1e3 * length + 3 * r)
@@ -256,12 +280,13 @@ def _side_view(axes: Axes, run: "Run", shown: xr.Dataset) -> Callable[[int], lis
 
 def _view_from_above(axes: Axes, run: "Run", shown: xr.Dataset) -> Callable[[int], list[Any]]:
     """Seen from above, with the track of the centre of mass."""
-    r = 1e3 * run.parameters["r"]
+    radii = radii_of(run)
+    r = max(radii)
     x, y = (1e3 * shown[name].values for name in ("x", "y"))
     ends = [(1e3 * shown[f"x{k}"].values, 1e3 * shown[f"y{k}"].values) for k in (1, 2)]
     (track,) = axes.plot([], [], color=TRACK, linewidth=1.2)
     (rod,) = axes.plot([], [], color=ROD, linewidth=3, solid_capstyle="round")
-    balls = [Circle((0, 0), r, color=color) for color in BALLS]
+    balls = [Circle((0, 0), radius, color=color) for radius, color in zip(radii, BALLS, strict=True)]
     for ball in balls:
         axes.add_patch(ball)
     allx, ally = np.concatenate([e[0] for e in ends]), np.concatenate([e[1] for e in ends])

@@ -21,7 +21,7 @@ from dimersweep.cubes.reading import (
 )
 from dimersweep.kernel.model.layout import DI_ENDS, M_DRIFT, M_NOT_RUN
 from dimersweep.plots.judging import judge_cube
-from dimersweep.plots.style import given, label, log_scale, row_colors, title
+from dimersweep.plots.style import Drawing, entitle, given, label, log_scale, mark, row_colors, title
 
 END_COLORS = {  # of a double impact
     "none": "#ffffff",
@@ -37,8 +37,8 @@ CURVES = 5  # values of the other axis that are drawn
 
 def _frame(cube: xr.Dataset, size: tuple[float, float], heading: str = "", **panels: Any) -> tuple[Figure, Any]:
     """A figure of `size` in inches with the title of `cube` below its `heading`, and its panels, see `Figure.subplots`."""
-    figure = Figure(figsize=size, layout="constrained")
-    figure.suptitle(f"{heading}\n{title(cube)}".lstrip(), fontsize=10)
+    figure = Drawing(*size)
+    entitle(figure, f"{heading}\n{title(cube)}".lstrip())
     return figure, figure.subplots(**panels)
 
 
@@ -57,6 +57,14 @@ def paths(cube: xr.Dataset) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
+
+    Examples
+    --------
+    >>> from dimersweep import plots, search
+    >>> grid = {"xdot0": [1.0, 1.5], "beta0": [0.2, 0.24, 0.28, 0.32]}
+    >>> cube = search(grid, over="beta0", ask="first", periods=60, progress=False,
+    ...               orbit_periods=60, paths={"periods": 60, "per_period": 4})
+    >>> plots.paths(cube).savefig("paths.png")
     """
     judge_cube("paths", cube)
     (name,) = (str(dim) for dim in cube["mode"].dims)
@@ -69,8 +77,8 @@ def paths(cube: xr.Dataset) -> Figure:
             continue
         a, b, radius = circle_through(x[x.size // 20 :], y[y.size // 20 :])
         color = colors[k]
-        told = f"{given(name, value)}: $R$ = {radius:.3f} m"
-        whole.plot(x - a, y - b, color=color, linewidth=0.8, label=told)
+        text = f"{given(name, value)}: $R$ = {radius:.3f} m"
+        whole.plot(x - a, y - b, color=color, linewidth=0.8, label=text)
         piece = slice(-4 * per_period - 1, None)
         cycles = cube["cycle"].values[piece] - cube["cycle"].values[piece][0]
         teeth.plot(cycles, 1e3 * (np.hypot(x - a, y - b)[piece] - radius), color=color, linewidth=1)
@@ -79,9 +87,11 @@ def paths(cube: xr.Dataset) -> Figure:
     whole.set_ylabel("$y$ [m]")
     teeth.set_xlabel("time [forcing periods]")
     teeth.set_ylabel("distance from the circle [mm]")
-    handles, told = whole.get_legend_handles_labels()
+    handles, labels = whole.get_legend_handles_labels()
     if handles:
-        figure.legend(handles, told, loc="outside lower center", ncols=min(len(handles), 4))  # circles fill their panel
+        figure.legend(
+            handles, labels, loc="outside lower center", ncols=min(len(handles), 4)
+        )  # circles fill their panel
     return figure
 
 
@@ -101,6 +111,13 @@ def trends(cube: xr.Dataset) -> Figure:
     -------
     matplotlib.figure.Figure
         With the exponents of R and T in A_r - 1 and f.
+
+    Examples
+    --------
+    >>> from dimersweep import plots, search
+    >>> grid = {"A_r": [5.5, 6, 6.5], "f": [15, 20], "beta0": [0.2, 0.24, 0.28, 0.32]}
+    >>> cube = search(grid, over="beta0", ask="first", periods=60, progress=False)
+    >>> plots.trends(cube).savefig("trends.png")
     """
     judge_cube("trends", cube)
     figure, panels = _frame(cube, (9, 10), nrows=3, ncols=2, sharex="col", sharey="row")
@@ -131,8 +148,8 @@ def _trend(axes: Axes, cube: xr.Dataset, quantity: str, name: str, other: str) -
     axes.xaxis.set_minor_formatter(NullFormatter())
     law = exponents(cube, quantity)[name]
     shown = f"({base})" if name == "A_r" else base
-    told = f"${shown}^{{{law.exponent:.3f} \\pm {law.error:.3f}}}$, local {law.least:.2f} to {law.greatest:.2f}"
-    axes.set_title(told, fontsize=9)
+    text = f"${shown}^{{{law.exponent:.3f} \\pm {law.error:.3f}}}$, local {law.least:.2f} to {law.greatest:.2f}"
+    axes.set_title(text, fontsize=9)
     level = 0.8 * np.nanmin(values.values)
     axes.plot(x, level * (x / x[0]) ** law.exponent, "--", color="#888888", linewidth=1)
 
@@ -148,6 +165,13 @@ def least_period(cube: xr.Dataset) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
+
+    Examples
+    --------
+    >>> from dimersweep import plots, search
+    >>> grid = {"A_r": [6], "xdot0": [1.0, 1.5, 2.0], "beta0": [0.2, 0.24, 0.28, 0.32]}
+    >>> cube = search(grid, over="beta0", ask="first", periods=60, progress=False)
+    >>> plots.least_period(cube).savefig("period.png")
     """
     judge_cube("minimum", cube)
     figure, (left, right) = _frame(cube, (10, 4.4), ncols=2)
@@ -156,12 +180,12 @@ def least_period(cube: xr.Dataset) -> Figure:
         one = cube.sel(A_r=A_r)
         period, zeta = (_drifting(one, name).values for name in ("period", "zeta"))
         low = minimum(speeds, period)
-        told = low.told("s", "m/s")
-        name = given("A_r", A_r) + ("" if low.located else f": {told}")
+        text = low.told("s", "m/s")
+        name = given("A_r", A_r) + ("" if low.located else f": {text}")
         left.plot(speeds, period, "o-", color=color, markersize=2.5, linewidth=1, label=name)
         right.plot(speeds, zeta, "o-", color=color, markersize=2.5, linewidth=1)
         if low.located:
-            left.plot([low.at], [low.value], "v", color=color, markersize=8, label=told)
+            left.plot([low.at], [low.value], "v", color=color, markersize=8, label=text)
             right.axvline(low.at, color=color, linewidth=0.8, linestyle=":")
     log_scale(left)
     left.set_ylabel(TRENDS["period"])
@@ -185,6 +209,13 @@ def impact_ends(cube: xr.Dataset) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
+
+    Examples
+    --------
+    >>> from dimersweep import plots, search
+    >>> grid = {"A_r": [6], "mu": [0.1, 0.2], "mu_s": [0.3, 0.4], "beta0": [0.2, 0.24, 0.28, 0.32]}
+    >>> cube = search(grid, over="beta0", ask="first", periods=60, progress=False)
+    >>> plots.impact_ends(cube).savefig("ends.png")
     """
     judge_cube("impact_ends", cube)
     body = {name: cube[name].item() for name in ("r", "rho_b", "rho_r", "D_r")}
@@ -203,9 +234,9 @@ def impact_ends(cube: xr.Dataset) -> Figure:
         axes.set_xlabel(label("mu"))
     panels[0, 0].set_ylabel(label("mu_s"))
     found = sorted(set(np.unique(names(cube["di_end"]))), key=DI_ENDS.index)
-    told = {"none": "no drift found"} | {end: end for end in found if end != "none"}
-    faces = [(END_COLORS[end], told[end]) for end in found] + [(LEFT_OUT, "$\\mu_s < \\mu$: not run")]
-    handles = [Patch(facecolor=face, edgecolor="black", linewidth=0.5, label=words) for face, words in faces]
+    words = {"none": "no drift found"} | {end: end for end in found if end != "none"}
+    faces = [(END_COLORS[end], words[end]) for end in found] + [(LEFT_OUT, "$\\mu_s < \\mu$: not run")]
+    handles = [Patch(facecolor=face, edgecolor="black", linewidth=0.5, label=name) for face, name in faces]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=9)
     return figure
 
@@ -221,6 +252,13 @@ def shares(cube: xr.Dataset) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
+
+    Examples
+    --------
+    >>> from dimersweep import plots, search
+    >>> grid = {"Gamma": [0.8, 0.9], "A_r": [5.5, 6], "beta0": [0.2, 0.24, 0.28, 0.32]}
+    >>> cube = search(grid, over="beta0", ask="fraction", periods=60, progress=False)
+    >>> plots.shares(cube).savefig("shares.png")
     """
     judge_cube("shares", cube)
     other, name = (str(dim) for dim in cube["mode"].dims)
@@ -230,7 +268,7 @@ def shares(cube: xr.Dataset) -> Figure:
         axes.plot(
             cube[name], 100 * share.sel({other: value}), "o-", color=color, markersize=3, label=given(other, value)
         )
-    axes.set_xlabel(label(name))
+    mark(axes.xaxis, name)
     axes.set_ylabel("initial dip angles that drift [%]")
     axes.set_ylim(bottom=0)
     axes.legend(fontsize=8)
@@ -248,6 +286,14 @@ def planar(cube: xr.Dataset) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
+
+    Examples
+    --------
+    >>> from dimersweep import plots, search
+    >>> grid = {"A_r": [5, 6], "beta0": [0.2, 0.24, 0.28, 0.32]}
+    >>> cube = search(grid, over="beta0", ask="first", periods=60, progress=False,
+    ...               orbit_periods=60, paths={"periods": 60, "per_period": 1})
+    >>> plots.planar(cube).savefig("planar.png")
     """
     judge_cube("planar", cube)
     (name,) = (str(dim) for dim in cube["mode"].dims)
@@ -258,7 +304,7 @@ def planar(cube: xr.Dataset) -> Figure:
         if here.any():
             axes.plot(cube[name].values[here], velocity[here], "o", color=color, markersize=4, label=end)
     _rule(axes)
-    axes.set_xlabel(label(name))
+    mark(axes.xaxis, name)
     axes.set_ylabel("drift velocity [mm/s]")
     figure.legend(*axes.get_legend_handles_labels(), title="double impact ends", loc="outside right upper")
     return figure

@@ -1,44 +1,59 @@
 """A run to turn around: one page of HTML that holds its own script (plotly) and shows the motion in three dimensions."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
 from dimersweep.errors import StoreError
-from dimersweep.plots.movie import BALLS, PLATE, ROD, TRACK, Pace, frames
-from dimersweep.storage.files import put, told
+from dimersweep.plots.movie import BALLS, PLATE, ROD, TRACK, Pace, frames, radii_of
 
 if TYPE_CHECKING:
     from dimersweep.runs.run import Run
 
 RINGS, SPOKES = 9, 14  # of the mesh of a ball
 DIGITS = 3  # of a coordinate [mm]
+PAGE = """<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{heading}</title>
+<style>
+body {{ margin: 0; height: 100vh; box-sizing: border-box; padding-bottom: 12px; font-family: sans-serif }}
+body {{ display: flex; flex-direction: column }}
+h1 {{ margin: 0.6em 0.8em 0; font-size: 14px; font-weight: normal; text-align: center }}
+body > div {{ flex: 1; min-height: 0 }}
+</style>
+</head>
+<body>
+<h1>{heading}</h1>
+{scene}
+</body>
+</html>
+"""
 
 
-def write_replay(run: "Run", path: Path, pace: Pace) -> Path:
-    """Write the page of a recorded run.
+def replay_page(run: "Run", pace: Pace) -> str:
+    """The page of a recorded run.
 
     Raises
     ------
     StoreError
-        If plotly is not installed, or the page cannot be written.
+        If plotly is not installed.
     """
     try:
         from plotly.graph_objects import Figure
     except ImportError:
-        raise StoreError(f"movie = {path}: a page needs plotly; pip install 'dimersweep[movie]'") from None
+        raise StoreError("a page needs plotly; pip install 'dimersweep[movie]'") from None
     shown = frames(run, pace)
     data, layout = _scene(run, shown), _layout(run, shown, pace)
     steps = [
         {"name": str(k), "data": _moved(run, shown, k), "traces": [0, 1, 2, 3, 4]} for k in range(shown.sizes["time"])
     ]
     figure = Figure(data=data, layout=layout, frames=steps)
-    page = figure.to_html(include_plotlyjs=True, full_html=True, auto_play=False, config={"displaylogo": False})
-    with told(f"movie = {path}", ""):
-        put(path, [page.encode()])
-    return path
+    scene = figure.to_html(include_plotlyjs=True, full_html=False, auto_play=False, config={"displaylogo": False})
+    return PAGE.format(heading=f"{run.mode}: {run.conditions()}", scene=scene)
 
 
 def _ball(r: float) -> tuple[np.ndarray, dict[str, list[int]]]:
@@ -86,13 +101,13 @@ def _plate(shown: xr.Dataset, r: float, k: int) -> dict[str, list[float]]:
 
 def _moved(run: "Run", shown: xr.Dataset, k: int) -> list[dict[str, Any]]:
     """What of the scene is new in frame k."""
-    r = 1e3 * run.parameters["r"]
-    sphere, _ = _ball(r)
+    radii = radii_of(run)
+    (small, _), (other, _) = _ball(radii[0]), _ball(radii[1])
     first, second = _centre(shown, k, 1), _centre(shown, k, 2)
     path = np.column_stack([shown["x"][: k + 1], shown["y"][: k + 1], shown["z"][: k + 1]]) * 1e3
     ends = np.array([first, second])
     kinds = ("mesh3d", "mesh3d", "scatter3d", "mesh3d", "scatter3d")
-    places = (_xyz(first + sphere), _xyz(second + sphere), _xyz(ends), _plate(shown, r, k), _xyz(path[-1:]))
+    places = (_xyz(first + small), _xyz(second + other), _xyz(ends), _plate(shown, max(radii), k), _xyz(path[-1:]))
     return [{"type": kind} | place for kind, place in zip(kinds, places, strict=True)]
 
 
@@ -120,8 +135,8 @@ def _layout(run: "Run", shown: xr.Dataset, pace: Pace) -> dict[str, Any]:
     going = still | {"frame": {"duration": 1000 / pace.fps, "redraw": True}, "fromcurrent": True}
     cycles = shown["time"].values * run.parameters["f"]
     slider = {
-        "currentvalue": {"prefix": "forcing period "},
-        "pad": {"t": 30},
+        "currentvalue": {"prefix": "forcing period ", "xanchor": "right"},
+        "pad": {"t": 10},
         "steps": [
             {"method": "animate", "label": f"{cycles[k]:.2f}", "args": [[str(k)], still]} for k in range(cycles.size)
         ],
@@ -130,8 +145,8 @@ def _layout(run: "Run", shown: xr.Dataset, pace: Pace) -> dict[str, Any]:
         {"label": "play", "method": "animate", "args": [None, going]},
         {"label": "pause", "method": "animate", "args": [[None], still]},
     ]
-    given = ", ".join(f"{name} = {run.parameters[name]:.4g}" for name in ("Gamma", "f", "A_r", "e", "mu", "mu_s"))
-    room = 4e3 * run.parameters["r"]
+    play = {"x": 0.03, "xanchor": "left", "y": 0, "yanchor": "top", "pad": {"t": 0}}  # left of the slider's number
+    room = 4 * max(radii_of(run))
     spans = {axis: _span(shown, axis, room) for axis in "xyz"}
     widest = max(high - low for low, high in spans.values())
     ratio = {axis: (high - low) / widest for axis, (low, high) in spans.items()}
@@ -141,10 +156,10 @@ def _layout(run: "Run", shown: xr.Dataset, pace: Pace) -> dict[str, Any]:
         for axis, span in spans.items()
     }
     return {
-        "title": {"text": f"{run.mode}: {given}", "font": {"size": 14}},
         "scene": axes
         | {"aspectmode": "manual", "aspectratio": ratio, "camera": {"eye": {"x": 0.85, "y": -1.1, "z": 0.68}}},
-        "updatemenus": [{"type": "buttons", "direction": "left", "x": 0, "y": 0, "pad": {"t": 60}, "buttons": buttons}],
-        "sliders": [slider | {"x": 0.18, "len": 0.8}],
-        "margin": {"l": 0, "r": 0, "t": 40, "b": 0},
+        "updatemenus": [play | {"type": "buttons", "direction": "left", "buttons": buttons}],
+        "sliders": [slider | {"x": 0.03, "len": 0.94}],
+        "legend": {"orientation": "h", "x": 0.5, "xanchor": "center", "y": 1, "yanchor": "bottom"},
+        "margin": {"l": 0, "r": 0, "t": 30, "b": 30},
     }

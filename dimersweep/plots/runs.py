@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from dimersweep.plots.style import given
+from dimersweep.parameters import dimer_from
+from dimersweep.plots.style import Drawing, entitle
 
 if TYPE_CHECKING:
     from dimersweep.runs.run import Run
@@ -23,7 +24,16 @@ ANGLES = {  # labels of the angles in phase portraits
 
 
 def last_cycle(run: "Run") -> tuple[float, float]:
-    """Start and stop of the last full cycle of a recorded run [s], from just before a double impact if there is one."""
+    """Start and stop of the last full cycle of a recorded run [s], from just before a double impact if there is one.
+
+    Examples
+    --------
+    >>> from dimersweep import plots, simulate
+    >>> run = simulate(periods=60)
+    >>> start, stop = plots.last_cycle(run)
+    >>> round(15 * float(stop - start), 6)
+    1.0
+    """
     end, cycle = run.n_periods / run.parameters["f"], max(1, run.mode_period) / run.parameters["f"]
     times = run.events["time"].values[np.char.startswith(run.events["kind"].values, "DI")]
     recent = times.size > 0 and times[-1] >= end - cycle
@@ -34,8 +44,8 @@ def last_cycle(run: "Run") -> tuple[float, float]:
 def impact_rates(run: "Run", time: float) -> xr.Dataset:
     """The rates of the three angles in the course of a double impact.
 
-    Both ends being down (beta = 0), the contact points tell them: gap rates differ by l beta', lateral slips by
-    l theta', and the mean lateral slip changes in proportion to the spin, both being due to the lateral friction.
+    Both ends are on the plate: the gap rates give beta', and the lateral slips the lateral impulses, which change theta' and
+    the spin.
 
     Parameters
     ----------
@@ -49,20 +59,33 @@ def impact_rates(run: "Run", time: float) -> xr.Dataset:
     xarray.Dataset
         `beta_rate`, `theta_rate`, `spin_rate` [rad s-1] along `stage`: before the impact, then after each of its rows,
         with the row's `kind`.
+
+    Examples
+    --------
+    >>> from dimersweep import plots, simulate
+    >>> run = simulate(periods=60)
+    >>> double = run.events["kind"].str.startswith("DI")
+    >>> rates = plots.impact_rates(run, float(run.events["time"][double][-1]))
+    >>> sorted(rates.data_vars)
+    ['beta_rate', 'kind', 'spin_rate', 'theta_rate']
     """
-    p = run.parameters
+    dm = dimer_from(run.parameters)
     rows = run.events.isel(event=np.flatnonzero((run.events["time"] == time) & (run.events["cause"] == "impact")))
-    states = run.states([max(0.0, time - 1e-9 / p["f"]), time])
-    rates = {name: states[name].values for name in ("beta_rate", "theta_rate", "spin_rate")}
-    length = 2 * p["r"] * (p["A_r"] - 1)
-    across = states["x1_rate"] * np.cos(states["theta"]) + states["y1_rate"] * np.sin(states["theta"])
-    mean_slip = (across - length / 2 * states["theta_rate"] - p["r"] * states["spin_rate"]).values[0]
-    slips = np.append(mean_slip, (rows["slip_1_b"] + rows["slip_2_b"]) / 2)
-    share = (slips - slips[0]) / (slips[-1] - slips[0]) if slips[-1] != slips[0] else np.zeros(slips.size)
+    before = run.states(max(0.0, time - 1e-9 * dm.T))
+    theta, theta_rate = float(before["theta"]), float(before["theta_rate"])
+    # lateral velocity of each end per theta' cos(beta) and per axial spin, and what a unit impulse gives of these
+    levers = np.array([[end.r * dm.sin_0 - end.h, -end.r * dm.cos_0] for end in (dm.p1, dm.p2)])
+    gives = levers * [dm.it, dm.ia]
+    turning = np.array([theta_rate * dm.cos_0, float(before["spin_rate"]) + theta_rate * dm.sin_0])
+    across = float(before["x1_rate"]) * np.cos(theta) + float(before["y1_rate"]) * np.sin(theta) + dm.p1.h * turning[0]
+    slips = np.array([rows["slip_1_b"], rows["slip_2_b"]]) - (across + levers @ turning)[:, None]
+    turned = turning[:, None] + gives.T @ np.linalg.solve(dm.im + gives @ levers.T, slips)
+    dip = (rows["gap_2_rate_after"] - rows["gap_1_rate_after"]) / (dm.l * dm.cos_0)
+    turn = turned[0] / dm.cos_0
     columns = {
-        "beta_rate": np.append(rates["beta_rate"][0], (rows["gap_2_rate_after"] - rows["gap_1_rate_after"]) / length),
-        "theta_rate": np.append(rates["theta_rate"][0], (rows["slip_1_b"] - rows["slip_2_b"]) / length),
-        "spin_rate": rates["spin_rate"][0] + share * np.diff(rates["spin_rate"]),
+        "beta_rate": np.append(float(before["beta_rate"]), dip),
+        "theta_rate": np.append(theta_rate, turn),
+        "spin_rate": np.append(float(before["spin_rate"]), turned[1] - turn * dm.sin_0),
         "kind": np.append("", rows["kind"]),
     }
     return xr.Dataset({name: ("stage", values) for name, values in columns.items()})
@@ -84,6 +107,15 @@ def portrait(axes: Axes, run: "Run", angle: str, span: tuple[float, float], *, c
         Start and stop [s].
     color : str, optional
         Of lines and marks.
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> from dimersweep import plots, simulate
+    >>> run = simulate(periods=60)
+    >>> figure = Figure()
+    >>> plots.portrait(figure.subplots(), run, "beta", plots.last_cycle(run))
+    >>> figure.savefig("portrait.png")
     """
     events = run.events.isel(event=np.flatnonzero((run.events["time"] >= span[0]) & (run.events["time"] < span[1])))
     jumps = np.unique(events["time"].values[events["cause"].values == "impact"])
@@ -142,7 +174,17 @@ def _impact_marks(axes: Axes, course: xr.Dataset, name: str, value: float, color
 
 
 def heights(axes: Axes, run: "Run", span: tuple[float, float]) -> None:
-    """Plate, p1 and p2 against time in forcing periods, as in the paper's Fig. 2; `span` is start and stop [s]."""
+    """Plate, p1 and p2 against time in forcing periods, as in the paper's Fig. 2; `span` is start and stop [s].
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> from dimersweep import plots, simulate
+    >>> run = simulate(periods=60)
+    >>> figure = Figure()
+    >>> plots.heights(figure.subplots(), run, (3.0, 3.2))
+    >>> figure.savefig("heights.png")
+    """
     states = run.states(np.linspace(*span, 2001))
     cycles = states["time"].values * run.parameters["f"]
     plate = states["plate"]
@@ -155,7 +197,17 @@ def heights(axes: Axes, run: "Run", span: tuple[float, float]) -> None:
 
 
 def orbit(axes: Axes, run: "Run", arrows: int = 8) -> None:
-    """Path of the centre of mass seen from above, as in the paper's Fig. 6, with its velocity at some moments."""
+    """Path of the centre of mass seen from above, as in the paper's Fig. 6, with its velocity at some moments.
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> from dimersweep import plots, simulate
+    >>> run = simulate(periods=60)
+    >>> figure = Figure()
+    >>> plots.orbit(figure.subplots(), run)
+    >>> figure.savefig("orbit.png")
+    """
     end = run.n_periods / run.parameters["f"]
     states = run.states(np.linspace(0.0, end, min(40 * run.n_periods, 40_000) + 1))
     x, y = states["x"].values, states["y"].values
@@ -187,9 +239,15 @@ def run_figure(run: "Run", periods: int = 4) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
+
+    Examples
+    --------
+    >>> from dimersweep import plots, simulate
+    >>> run = simulate(periods=60)
+    >>> plots.run_figure(run).savefig("run.png")
     """
     end, f = run.n_periods / run.parameters["f"], run.parameters["f"]
-    figure = Figure(figsize=(11, 7), layout="constrained")
+    figure = Drawing(11, 7)
     panels = figure.subplot_mosaic([["heights", "heights", "orbit"], ["beta", "theta", "spin"]])
     heights(panels["heights"], run, (max(0.0, end - periods / f), end))
     orbit(panels["orbit"], run)
@@ -204,14 +262,21 @@ def run_figure(run: "Run", periods: int = 4) -> Figure:
         axes.set_title(f"({letter}) {title}", loc="left", fontsize=10)
     if not aperiodic:
         figure.legend(handles=contact_legend(), loc="outside lower center", ncols=4, fontsize=8, frameon=False)
-    shown = ("e", "Gamma", "f", "A_r", "mu", "mu_s", *(() if run.start else ("beta0", "xdot0")))
-    words = ", ".join(given(name, run.parameters[name]) for name in shown)
-    figure.suptitle(f"{run.mode} after {run.n_periods} periods: {words}", fontsize=10)
+    entitle(figure, f"{run.mode} after {run.n_periods} periods: {run.conditions(tex=True)}")
     return figure
 
 
 def contact_legend(color: str = "black") -> list[Line2D]:
-    """Handles for what `portrait` draws."""
+    """Handles for what `portrait` draws.
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> from dimersweep import plots
+    >>> legend = Figure().legend(handles=plots.contact_legend())
+    >>> legend.get_texts()[1].get_text()
+    'contact'
+    """
     return [
         Line2D([], [], color=color, linestyle="-", label="free motion, single impacts"),
         Line2D([], [], color=color, linestyle="--", label="contact"),

@@ -9,10 +9,13 @@ from dimersweep.cubes.reading import is_geometric
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots.judging import judge_cube
-from dimersweep.plots.style import MODE_COLORS, label, title, units_shown
-from dimersweep.symbols import STATES
+from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, Drawing, entitle, mark, title
 
-SHOWN = {"gap_1": 1e3, "gap_2": 1e3, "theta_rate": 1.0}  # rows of the picture, and the factor to what is shown
+SHOWN = {  # rows of the picture: what they are, and the factor to the unit that is shown
+    "gap_1": ("gap of $p_1$ [mm]", 1e3),
+    "gap_2": ("gap of $p_2$ [mm]", 1e3),
+    "theta_rate": (r"$\dot\theta$ [rad/s]", 1.0),
+}
 
 
 def bifurcation(cube: xr.Dataset) -> Figure:
@@ -26,6 +29,12 @@ def bifurcation(cube: xr.Dataset) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
+
+    Examples
+    --------
+    >>> from dimersweep import bifurcation, plots
+    >>> cube = bifurcation({"Gamma": [0.9, 1.2, 1.5]}, periods=60, strobes=8, progress=False)
+    >>> plots.bifurcation(cube).savefig("diagram.png")
     """
     judge_cube("bifurcation", cube)
     mode = cube["mode"].squeeze()
@@ -34,22 +43,23 @@ def bifurcation(cube: xr.Dataset) -> Figure:
             f"bifurcation: has axes {', '.join(map(str, mode.dims))}; needs one: select values of others"
         )
     (name,) = map(str, mode.dims)
-    figure = Figure(figsize=(6.4, 7), layout="constrained")
+    figure = Drawing(6.4, 7)
     panels = figure.subplots(len(SHOWN), 1, sharex=True)
-    for axes, (quantity, factor) in zip(panels, SHOWN.items(), strict=True):
+    for axes, (quantity, (told, factor)) in zip(panels, SHOWN.items(), strict=True):
         values = factor * cube[f"strobe_{quantity}"].squeeze().transpose(name, "strobe").values
         for code in np.unique(mode.values):
             here = mode.values == code
             places = np.repeat(mode[name].values[here], values.shape[1])
             color = MODE_COLORS[MODES[code]]
             axes.plot(places, values[here].ravel(), ".", color=color, markersize=4, markeredgewidth=0)
-        units = "mm" if STATES[quantity].units == "m" else units_shown(STATES[quantity].units)
-        axes.set_ylabel(f"{quantity.replace('_', ' ')} [{units}]")
+        axes.set_ylabel(told)
         if is_geometric(mode[name].values):
             axes.set_xscale("log")
-    panels[-1].set_xlabel(label(name))
+    mark(panels[-1].xaxis, name)
     found = [MODES[code] for code in np.unique(mode.values)]
-    handles = [Line2D([], [], color=MODE_COLORS[word], marker="o", linestyle="", label=word) for word in found]
+    handles = [
+        Line2D([], [], color=MODE_COLORS[word], marker="o", linestyle="", label=MODE_LABELS[word]) for word in found
+    ]
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
-    figure.suptitle(f"At the start of each forcing period\n{title(cube)}", fontsize=10)
+    entitle(figure, f"At the start of each forcing period\n{title(cube)}")
     return figure

@@ -4,15 +4,20 @@ import os
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import xarray as xr
 from matplotlib import colormaps
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.text import Text
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
-from dimersweep.errors import ParameterError
-from dimersweep.storage.netcdf import check_writable
-from dimersweep.symbols import PARAMETERS
+from dimersweep import symbols
+from dimersweep.storage.files import replacing, told
+from dimersweep.storage.netcdf import check_output
+from dimersweep.symbols import PARAMETERS, conditions, symbol, units_of
 
 # after Okabe and Ito: told apart by color-blind readers too
 MODE_COLORS = {
@@ -26,30 +31,21 @@ MODE_COLORS = {
     "aperiodic": "#d55e00",
     "unresolved": "#c4bba3",
 }
+MODE_LABELS = {word: word for word in MODE_COLORS} | {"rest": "rest: both ends down"}  # it may roll on
 ROW_COLORS = ("#1f4fd8", "#d62728", "#000000", "#009e73", "#cc79a7", "#e69f00")  # the paper's three first
-TEX = {
-    "e": "e",
-    "Gamma": r"\Gamma",
-    "f": "f",
-    "A_r": "A_r",
-    "mu": r"\mu",
-    "mu_s": r"\mu_s",
-    "beta0": r"\beta(0)",
-    "xdot0": r"\dot{x}_1(0)",
-    "phi0": r"\phi_0",
-    "r": "r",
-    "rho_b": r"\rho_b",
-    "rho_r": r"\rho_r",
-    "D_r": "D_r",
-    "g": "g",
-    "e_1": "e_1",
-    "e_2": "e_2",
-    "Gamma_2": r"\Gamma_2",
-    "phi_2": r"\phi_2",
-    "mu_h": r"\mu_h",
-}
 PICTURES = (".png", ".pdf", ".svg")
 DPI = 200  # of a picture that is not made of lines
+
+
+class Drawing(Figure):
+    """A figure that is laid out by itself, and has the same size in pixels whoever saves it."""
+
+    def __init__(self, width: float, height: float) -> None:
+        super().__init__(figsize=(width, height), layout=ConstrainedLayoutEngine(w_pad=0.08))
+
+    def savefig(self, fname: Any, **how: Any) -> None:
+        """As of every figure, with `DPI` unless another resolution is given."""
+        super().savefig(fname, **{"dpi": DPI} | how)
 
 
 def row_colors(n: int) -> list[Any]:
@@ -59,25 +55,31 @@ def row_colors(n: int) -> list[Any]:
     return [colormaps["viridis"](k / (n - 1)) for k in range(n)]
 
 
-def units_of(name: str) -> str:
-    """Unit of a parameter as it is shown, empty if it has none."""
-    return units_shown(PARAMETERS[name].units)
-
-
-def units_shown(units: str) -> str:
-    """A unit as it is shown, such as rad/s of rad s-1."""
-    return "" if units == "1" else units.replace(" s-1", "/s").replace(" s-2", "/s²").replace(" m-3", "/m³")
-
-
 def given(name: str, value: float) -> str:
-    """A parameter and its value, such as f = 15 Hz."""
-    return f"${TEX[name]}$ = {value:.4g} {units_of(name)}".rstrip()
+    """A parameter and its value, such as f = 15 Hz, with its symbol in TeX."""
+    return symbols.given(name, value, tex=True)
 
 
 def label(name: str) -> str:
     """Axis label of a parameter: its symbol and unit."""
     units = units_of(name)
-    return f"${TEX[name]}$" + (f" [{units}]" if units else "")
+    return symbol(name, tex=True) + (f" [{units}]" if units else "")
+
+
+class _Degrees(MaxNLocator):
+    """Places on an axis in radians that are round in degrees."""
+
+    def tick_values(self, vmin: float, vmax: float) -> Any:
+        return np.deg2rad(super().tick_values(np.rad2deg(vmin), np.rad2deg(vmax)))
+
+
+def mark(axis: Axis, name: str) -> None:
+    """Label an axis with the symbol and unit of a parameter: degrees for an angle, unless the axis is logarithmic."""
+    axis.set_label_text(label(name))
+    if PARAMETERS[name].units == "rad" and axis.get_scale() == "linear":
+        axis.set_label_text(f"{symbol(name, tex=True)} [°]")
+        axis.set_major_locator(_Degrees(nbins=7, steps=[1, 1.5, 2, 3, 6, 10]))
+        axis.set_major_formatter(lambda angle, _: f"{round(np.rad2deg(angle), 9):g}")
 
 
 def percent(share: float) -> str:
@@ -86,18 +88,29 @@ def percent(share: float) -> str:
 
 
 def log_scale(axes: Axes) -> None:
-    """A logarithmic y axis with plain numbers at 1, 2 and 5."""
+    """A logarithmic y axis with plain numbers: at 1, 2 and 5, or evenly where what is drawn spans less than a decade."""
     axes.set_yscale("log")
-    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    low, high = axes.get_ylim()
+    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)) if high > 10 * low else MaxNLocator(6))
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_formatter(NullFormatter())
 
 
+def fixed_of(cube: xr.Dataset) -> tuple[dict[str, float], list[str]]:
+    """The parameters that have one value all over a cube, and the names of the others."""
+    columns = {name: cube[name].values.ravel() for name in PARAMETERS if name in cube.coords and cube[name].size}
+    varied = [name for name, values in columns.items() if np.ptp(values) > 0]
+    return {name: float(values[0]) for name, values in columns.items() if name not in varied}, varied
+
+
 def title(cube: xr.Dataset) -> str:
-    """The fixed parameters of the paper's captions, in one line."""
-    shown = [name for name in ("xdot0", "A_r", "e", "Gamma", "f", "mu", "mu_s", "beta0") if name in cube.coords]
-    fixed = [name for name in shown if cube[name].ndim == 0]
-    return ", ".join(given(name, cube[name].item()) for name in fixed)
+    """The fixed parameters of a cube: those of the paper's captions, and all that differ from the base case."""
+    return conditions(*fixed_of(cube), tex=True)
+
+
+def entitle(figure: Figure, heading: str) -> Text:
+    """Write a heading above all panels, in as many lines as the figure's width asks for."""
+    return figure.suptitle(heading, fontsize=10, wrap=True)
 
 
 def check_picture(path: str | os.PathLike[str], *, force: bool = False, name: str = "out") -> Path:
@@ -109,10 +122,14 @@ def check_picture(path: str | os.PathLike[str], *, force: bool = False, name: st
         If its ending is none of `PICTURES`.
     StoreError
         As for a cube.
+
+    Examples
+    --------
+    >>> from dimersweep.plots import check_picture
+    >>> check_picture("map.svg").suffix
+    '.svg'
     """
-    if Path(path).suffix not in PICTURES:
-        raise ParameterError(f"{name} = {path}: a picture must end in {', '.join(PICTURES)}")
-    return check_writable(path, force=force, name=name)
+    return check_output(path, force=force, name=name, what="a picture", endings=PICTURES)
 
 
 def write_picture(figure: Figure, path: str | os.PathLike[str], *, force: bool = False, **how: Any) -> None:
@@ -121,6 +138,14 @@ def write_picture(figure: Figure, path: str | os.PathLike[str], *, force: bool =
     Raises
     ------
     ParameterError, StoreError
-        As by `check_picture`.
+        As by `check_picture`; or the disk refuses.
+
+    Examples
+    --------
+    >>> from dimersweep.plots import run_figure, write_picture
+    >>> from dimersweep import simulate
+    >>> write_picture(run_figure(simulate(periods=30)), "run.png", force=True)
     """
-    figure.savefig(check_picture(path, force=force, name="picture"), **{"dpi": DPI} | how)
+    path = check_picture(path, force=force, name="picture")
+    with told(f"picture = {path}", ""), replacing(path) as temporary:
+        figure.savefig(temporary, format=path.suffix.removeprefix("."), **how)

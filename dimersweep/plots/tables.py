@@ -8,32 +8,21 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.cubes.cube import names
-from dimersweep.plots.style import MODE_COLORS, percent, units_of, units_shown
-from dimersweep.symbols import BASE, PARAMETERS, QUANTITIES
+from dimersweep.kernel.model.layout import M_REST
+from dimersweep.plots.style import MODE_COLORS, fixed_of, percent
+from dimersweep.symbols import PARAMETERS, QUANTITIES, conditions, symbol, units_of, units_shown
 
 if TYPE_CHECKING:
     from dimersweep.runs.run import Run
 
 ORBIT = ("radius", "period", "zeta", "speed", "impact_phase")
-PLAIN = {
-    "Gamma": "Γ",
-    "mu": "μ",
-    "mu_s": "μ_s",
-    "beta0": "β(0)",
-    "xdot0": "ẋ(0)",
-    "phi0": "φ₀",
-    "rho_b": "ρ_b",
-    "rho_r": "ρ_r",
-}
 
 
 def run_table(run: "Run") -> str:
     """What a run is: its mode, its parameters that are not the base case's, its orbit."""
-    changed = [name for name, value in run.parameters.items() if value != BASE.get(name)]
-    start = "" if run.start is None else ", from a given state"
     rows = [
-        ("parameters", ", ".join(_given(name, run.parameters[name]) for name in changed) or "the base case"),
-        ("periods", f"{run.n_periods} of {1 / run.parameters['f']:.4g} s{start}"),
+        ("parameters", run.conditions(always=()) or "the base case"),
+        ("periods", f"{run.n_periods} of {1 / run.parameters['f']:.4g} s"),
         ("events", f"{run.n_events}" + ("" if run._record else " (not recorded)")),
     ]
     if run.status != "ok":
@@ -55,17 +44,26 @@ def cube_table(cube: xr.Dataset) -> str:
     for name, n in mode.sizes.items():
         values = cube[name].values if name in PARAMETERS else None
         span = "" if values is None else f" from {values[0]:.4g} to {values[-1]:.4g} {units_of(str(name))}"
-        rows.append((f"axis {PLAIN.get(str(name), name)}", f"{n} values{span}"))
-    fixed = [name for name in PARAMETERS if name in cube.coords and cube[name].ndim == 0]
-    rows.append(("fixed", ", ".join(_given(name, cube[name].item()) for name in fixed)))
+        rows.append((f"axis {symbol(str(name)) if name in PARAMETERS else name}", f"{n} values{span}"))
+    rows.append(("fixed", conditions(*fixed_of(cube), PARAMETERS)))
     words, counts = np.unique(names(mode).values, return_counts=True)
     for k in np.argsort(-counts, kind="stable"):
-        rows.append((str(words[k]), f"{counts[k]} ({percent(counts[k] / mode.size)})"))
-    return _table(escape(cube.attrs.get("title", "cube of dimersweep")), rows)
+        rows.append((str(words[k]), f"{counts[k]} ({percent(counts[k] / mode.size)})" + _rest(cube, str(words[k]))))
+    return _table(title_as_html(cube), rows)
 
 
-def _given(name: str, value: float) -> str:
-    return f"{PLAIN.get(name, name)} = {value:.4g} {units_of(name)}".rstrip()
+def _rest(cube: xr.Dataset, word: str) -> str:
+    """What the mode rest means in a cube: how fast the dimer rolls or slides on."""
+    if word != "rest":
+        return ""
+    speeds = cube["speed"].values[(cube["mode"].values == M_REST) & np.isfinite(cube["speed"].values)]
+    moves = f", the centre of mass moves at {speeds.min():.3g} to {speeds.max():.3g} m/s" if speeds.size else ""
+    return f": both ends stay down{moves}"
+
+
+def title_as_html(cube: xr.Dataset) -> str:
+    """The title of a cube, in which nothing is markup: a file may bring any."""
+    return escape(str(cube.attrs.get("title", "cube of dimersweep")))
 
 
 def _badge(mode: str) -> str:

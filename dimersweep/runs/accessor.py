@@ -1,20 +1,23 @@
 """What a cube can do: ``cube.dimersweep.plot()``, ``.run(f=15, beta0="16 deg")``, ``.drifts()``."""
 
 import json
+import warnings
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.cube import names
+from dimersweep.cubes.cube import check_codes, names
 from dimersweep.cubes.reading import nearest
 from dimersweep.errors import ParameterError, unknown
+from dimersweep.kernel import kernel_version
 from dimersweep.kernel.model.layout import M_DRIFT, MODES
 from dimersweep.runs.run import Run
 from dimersweep.runs.simulating import simulate
 from dimersweep.runs.starting import parameters_of
 from dimersweep.symbols import PARAMETERS
+from dimersweep.work.tiles import lengths
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -53,6 +56,7 @@ class CubeAccessor:
         return f"<cube of dimersweep over {axes}: {self._tally()}>"
 
     def _tally(self) -> str:
+        check_codes(self._cube["mode"])
         counts = np.bincount(self._cube["mode"].values.ravel(), minlength=len(MODES))
         order = np.argsort(-counts, kind="stable")
         return ", ".join(f"{MODES[code]} {counts[code]}" for code in order if counts[code]) or "no points"
@@ -95,7 +99,10 @@ class CubeAccessor:
         return picked.squeeze(dim=[name for name in axes if name in picked["mode"].dims])
 
     def run(self, *, periods: int | None = None, record: bool = True, **where: Any) -> Run:
-        """The full run behind a point: the one nearest to values of the axes; of a search, the one that decided.
+        """The run behind a point: the one nearest to values of the axes; of a search, the one that decided.
+
+        It is the same run, bit for bit: one that had not settled after the `periods` of the cube was made anew, twice as long,
+        up to `max_periods`.
 
         Parameters
         ----------
@@ -117,13 +124,21 @@ class CubeAccessor:
         """
         point = self.at(**where)
         told = json.loads(self._cube.attrs.get("configuration", "{}"))
+        if told.get("kernel_version", kernel_version()) != kernel_version():
+            line = (
+                "the cube was made by another version of the kernel; the run may differ from what it says of the point"
+            )
+            warnings.warn(line, RuntimeWarning, stacklevel=2)
         late = told.get("search", {}).get("orbit_periods", 0)
-        settles = told.get("stop_when_settled", True) and not late
-        longest = late or told.get("max_periods", told.get("periods", 100))
         given: dict[str, Any] = parameters_of(point) | {"rtol": told.get("rtol", 1e-8), "record": record}
-        if periods is not None:
-            return simulate(**given, periods=periods)
-        return simulate(**given, periods=longest, stop_when_settled=settles)
+        if periods is not None or late:
+            return simulate(**given, periods=late if periods is None else periods)
+        first, settles = told.get("periods", 100), told.get("stop_when_settled", True)
+        for length in lengths(first, told.get("max_periods", first)):
+            run = simulate(**given, periods=length, stop_when_settled=settles)
+            if run.mode != "unresolved":
+                break
+        return run
 
     def plot(
         self,
@@ -151,8 +166,10 @@ class CubeAccessor:
         ParameterError
             If the cube cannot be drawn so.
         """
-        from dimersweep.plots import draw, write_picture
+        from dimersweep.plots import check_picture, draw, write_picture
 
+        if path is not None:
+            check_picture(path, force=force, name="picture")
         figure = draw(self._cube, kind, quantity=quantity)
         if path is not None:
             write_picture(figure, path, force=force)

@@ -186,11 +186,17 @@ def states_of(record: Record, times: np.ndarray, rtol: float, parameters: dict[s
     return _states(record, times, kernel_states, modes, parameters)
 
 
+def period_rows(segments: np.ndarray) -> np.ndarray:
+    """Numbers of the rows of `segments` that forcing periods start with, and of the row that ends the last one."""
+    rows = np.flatnonzero(segments[:, PHASE] == 0.0)
+    return rows[np.unique(segments[rows, PERIOD], return_index=True)[1]]
+
+
 def states_of_segments(record: Record, periods: np.ndarray) -> xr.Dataset:
     """The states at the ends of forcing periods, which the record holds, shape (n,): numbers of completed periods."""
     segments = record.segments
-    rows = np.flatnonzero((segments[:, PHASE] == 0.0) & np.isin(segments[:, PERIOD], periods))
-    rows = rows[np.unique(segments[rows, PERIOD], return_index=True)[1]]
+    rows = period_rows(segments)
+    rows = rows[np.isin(segments[rows, PERIOD], periods)]
     parameters = dict(zip(ROW, record.row.tolist(), strict=True))
     times = segments[rows, PERIOD] / parameters["f"]
     return _states(record, times, segments[rows, :N_STATE], segments[rows, MODES : MODES + 2], parameters)

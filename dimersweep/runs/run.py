@@ -1,5 +1,6 @@
 """One simulation that was made: its outcome, with its events and its state at any time where it was recorded."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import isnan, nan
@@ -12,12 +13,13 @@ import xarray as xr
 
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import CODES, MODES, OUT, PERIOD, STATUS_MESSAGES, STATUSES
-from dimersweep.parameters import Parameters, check_count
+from dimersweep.parameters import Parameters, as_number, as_numbers, check_count
 from dimersweep.runs.error_bounds import NUDGE, bounds, nudged, shadow_rtol
 from dimersweep.runs.outcome import Orbit, orbit_from
 from dimersweep.runs.recorded import Record, events_of, states_of
 from dimersweep.runs.solving import End, Solved, check_recorded, go_on, speed_at
 from dimersweep.runs.starting import INITIAL
+from dimersweep.symbols import CAPTION, conditions
 from dimersweep.work.stopping import StopFlag, stoppable
 
 if TYPE_CHECKING:
@@ -43,8 +45,11 @@ class Run:
         tell the start.
     rtol : float
         Accuracy [1].
-    n_events, n_periods : int
-        Events and completed forcing periods.
+    n_events : int
+        Landings, the impacts that they lead to, lift-offs, and changes between slip and stick. The table `events` has other
+        rows: none for a landing, one for each contact state of an impact, and those of its cause "chatter_end" and "end".
+    n_periods : int
+        Completed forcing periods.
     orbit : Orbit or None
         None unless the mode is drift.
     down_share_1, down_share_2 : float
@@ -59,6 +64,19 @@ class Run:
     longest_hop_1, longest_hop_2 : float
         Longest time that each end is off the plate at once, of the hops that ended in the last (at most 12) periods or go
         on at the end [forcing periods]. From 0.5 on a ball counts as flying.
+    change_ahead : float
+        Of a run that stopped before the periods asked for: the largest change that its numbers would still make in the
+        others, extrapolated; 0 of a run that made them all. It is relative of the orbit's radius, period, speed,
+        precession rate and spin, and absolute of zeta [rad], impact phase [cycles] and the longest hops [forcing periods].
+
+    Examples
+    --------
+    >>> from dimersweep import simulate
+    >>> run = simulate(periods=60)
+    >>> run
+    <Run: ok, drift, radius 4.245 m, zeta 1.604 rad, 60 periods, 902 events>
+    >>> run.states([0.0, 1.0])["gap_2"].attrs["units"]
+    'm'
     """
 
     status: str
@@ -76,6 +94,7 @@ class Run:
     spin_drift: float = nan
     longest_hop_1: float = nan
     longest_hop_2: float = nan
+    change_ahead: float = nan
     start: dict[str, float] | None = None
     _record: Record | None = field(default=None)
     _end: End | None = field(default=None)
@@ -83,9 +102,10 @@ class Run:
     def __repr__(self) -> str:
         circle = f"radius {self.orbit.radius:.4g} m" if self.orbit and not isnan(self.orbit.radius) else "straight"
         orbit = f", {circle}, zeta {self.orbit.zeta:.4g} rad" if self.orbit else ""
+        rest = f", both ends down at {self.end_speed:.3g} m/s" if self.mode == "rest" else ""
         kept = "" if self._record else ", not recorded"
         kept += ", record cut" if self.record_cut else ""
-        return f"<Run: {self.status}, {self.mode}{orbit}, {self.n_periods} periods, {self.n_events} events{kept}>"
+        return f"<Run: {self.status}, {self.mode}{orbit}{rest}, {self.n_periods} periods, {self.n_events} events{kept}>"
 
     def _repr_html_(self) -> str:
         from dimersweep.plots.tables import run_table
@@ -101,6 +121,21 @@ class Run:
     def end_speed(self) -> float:
         """Speed of the centre of mass over the floor at the end [m/s]: a dimer at rest on the plate may roll or slide on."""
         return float("nan") if self._end is None else speed_at(self._end)
+
+    def conditions(self, always: Collection[str] = CAPTION, *, tex: bool = False) -> str:
+        """The parameters of this run in words: those of the paper's captions, and all that differ from the base case.
+
+        Parameters
+        ----------
+        always : collection of str
+            Parameters that are named in any case.
+        tex : bool
+            Whether symbols are in TeX, else in plain letters.
+        """
+        if self.start is None:
+            return conditions(self.parameters, always=always, tex=tex)
+        told = conditions(self.parameters, INITIAL, always, tex=tex)
+        return f"{told}, from a given state".removeprefix(", ")
 
     def _given(self) -> dict[str, Any]:
         """The parameters to be given with its start to `simulate` for the same run."""
@@ -155,7 +190,7 @@ class Run:
         Returns
         -------
         xarray.Dataset
-            Along `time`.
+            Along `time`; scalars for one time.
 
         Raises
         ------
@@ -165,13 +200,9 @@ class Run:
         record = self.record("states")
         if not len(record.segments):
             raise ParameterError(f"states: there are none, the run failed at its first impact ({self.message})")
-        try:
-            times = np.atleast_1d(np.asarray(t, dtype=float))
-        except (TypeError, ValueError):
-            raise ParameterError(f"t = {t!r}: must be one time or a list of times [s]") from None
-        if times.ndim != 1:
-            raise ParameterError(f"t: has shape {times.shape}; must be one time or a list of times")
-        return states_of(record, times, self.rtol, self.parameters)
+        times = as_numbers("t", t, as_number, "s")
+        states = states_of(record, times, self.rtol, self.parameters)
+        return states if np.ndim(t) else states.isel(time=0)
 
     def section(self) -> xr.Dataset:
         """The points of the return map: the state at the start of each forcing period, and at the end.
@@ -252,9 +283,11 @@ class Run:
         ParameterError, StoreError
             If nothing was recorded, or the picture cannot be written.
         """
-        from dimersweep.plots import run_figure, write_picture
+        from dimersweep.plots import check_picture, run_figure, write_picture
 
         self.record("plot")
+        if path is not None:
+            check_picture(path, force=force, name="picture")
         figure = run_figure(self)
         if path is not None:
             write_picture(figure, path, force=force)
@@ -290,7 +323,7 @@ class Run:
         last : bool
             Whether the end of the run is shown, else its start.
         dpi : int
-            Dots per inch of a GIF or video of 7.2 by 3.7 inches.
+            Dots per inch of a GIF or video of 7.2 by 3.7 inches; 600 at most.
         force : bool
             Whether an existing file may be replaced.
 
@@ -337,7 +370,7 @@ class Run:
         Raises
         ------
         ParameterError
-            If nothing was recorded, the run did not reach its end, or a time is outside the run.
+            If nothing was recorded, the run did not reach its end, or a time is none or outside the run.
         """
         from dimersweep.runs.simulating import simulate
 
@@ -347,7 +380,7 @@ class Run:
         if self.record_cut:
             raise ParameterError(f"error: needs the whole record, but {self.record_cut}")
         T = 1 / self.parameters["f"]
-        times = np.union1d(np.arange(self.n_periods + 1) * T, [] if t is None else t)
+        times = np.union1d(np.arange(self.n_periods + 1) * T, [] if t is None else self.states(t)["time"])
         rtol = shadow_rtol(self.rtol)
         given: dict[str, Any] = self._given()
         starts = ((given, self.start), nudged(given, self.start, NUDGE * self.rtol))
@@ -376,6 +409,7 @@ def as_run(parameters: dict[str, float], rtol: float, solved: Solved, start: dic
         spin_drift=out["spin_drift"],
         longest_hop_1=out["longest_hop_1"],
         longest_hop_2=out["longest_hop_2"],
+        change_ahead=out["change_ahead"],
         _record=solved.record,
         _end=solved.end,
     )

@@ -15,10 +15,10 @@ from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import N_START
 from dimersweep.kernel.record import N_EVENT, N_SEGMENT
 from dimersweep.kernel.verdict.past import PAST_COLUMNS, PAST_ROWS
-from dimersweep.parameters import Parameters
+from dimersweep.parameters import Parameters, updated
 from dimersweep.runs.recorded import Record
 from dimersweep.runs.solving import End
-from dimersweep.storage.netcdf import check_run_file, read_netcdf, write_cube
+from dimersweep.storage.netcdf import TABLES, check_output, read_netcdf, write_cube
 from dimersweep.storage.provenance import attributes, digest, read_configuration
 from dimersweep.symbols import PARAMETERS
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 PACKED = {"zlib": True, "complevel": 4, "shuffle": True, "fletcher32": True}
 OUTCOME: tuple[str, ...] = (  # what a run tells of itself, besides its orbit
     *("status", "message", "mode", "mode_period", "n_events", "n_periods"),
-    *("down_share_1", "down_share_2", "settled_after", "spin_drift", "longest_hop_1", "longest_hop_2"),
+    *("down_share_1", "down_share_2", "settled_after", "spin_drift", "longest_hop_1", "longest_hop_2", "change_ahead"),
 )
 ROWS = {  # arrays of the kernel, their dimensions and meanings
     "event_rows": (("event", "event_column"), "events as the kernel wrote them"),
@@ -47,7 +47,7 @@ SHAPES = {  # 0 for as many as there are
 
 def save_run(run: "Run", path: str | os.PathLike[str], *, force: bool = False) -> Path:
     """Write a run, see `Run.save`."""
-    path = check_run_file(path, force=force)
+    path = check_output(path, force=force, what="a run", endings=TABLES)
     write_cube(_as_dataset(run), path, force=force)
     return path
 
@@ -103,6 +103,13 @@ def load_run(path: str | os.PathLike[str]) -> "Run":
     ------
     StoreError
         If there is no such file, or it is no run, or one that is damaged.
+
+    Examples
+    --------
+    >>> from dimersweep import load_run, simulate
+    >>> path = simulate(periods=60).save("walk.nc", force=True)
+    >>> load_run(path).mode
+    'drift'
     """
     dataset = read_netcdf(Path(path))
     if "dimersweep_run" not in dataset.attrs:
@@ -142,9 +149,10 @@ def _as_run(told: dict[str, Any], rows: dict[str, np.ndarray]) -> "Run":
     """The run that a configuration and the rows of the kernel tell."""
     from dimersweep.runs.run import Orbit, Run
 
-    row, recorded = Parameters(**told["parameters"]).row(), "event_rows" in rows
+    parameters = updated(told["parameters"], {})  # earlier versions told e beside e_1 and e_2
+    row, recorded = Parameters(**parameters).row(), "event_rows" in rows
     return Run(
-        parameters=told["parameters"],
+        parameters=parameters,
         start=told["start"],
         rtol=float(told["rtol"]),
         orbit=told["orbit"] and Orbit(**told["orbit"]),

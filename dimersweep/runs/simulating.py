@@ -6,10 +6,19 @@ from typing import Any
 
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.batch import Workspace
-from dimersweep.parameters import Parameters, check_count, check_name, check_rtol, check_seconds, check_switch
+from dimersweep.parameters import (
+    Parameters,
+    check_count,
+    check_name,
+    check_rtol,
+    check_seconds,
+    check_switch,
+    updated,
+)
 from dimersweep.runs.run import Run, as_run
 from dimersweep.runs.solving import check_recorded, solve
 from dimersweep.runs.starting import INITIAL, is_point, kernel_start, named, parameters_of, start_of
+from dimersweep.symbols import INSTEAD
 from dimersweep.work.proving import is_proven, prove
 from dimersweep.work.stopping import StopFlag, stoppable
 
@@ -37,7 +46,8 @@ def simulate(
     rtol : float
         Accuracy of everything at once [1], 1e-13 to 1e-2.
     stop_when_settled : bool
-        Whether the run ends as soon as its motion is known.
+        Whether the run ends as soon as its motion has settled and its numbers stand: what they would still change by in the
+        other periods is below 1e-3 (docs/stopping.md).
     record : bool
         Whether events and states are kept, of at most 100,000 forcing periods; without them a run takes no memory and less
         time. A record of more than 2 million events is cut there, which `Run.events` and a warning tell.
@@ -45,7 +55,8 @@ def simulate(
         Bound on the time that the run takes [s]. One that is stopped so has the status "stopped", the `n_periods` that it
         came to, and the events and states up to there.
     **parameters : float or str
-        Parameters of the model in SI units, each by its name, see `Parameters`; an angle may be a text such as "16 deg".
+        Parameters of the model in SI units, each by its name, see `Parameters`; an angle may be a text such as "16 deg". `l`,
+        the distance between the centres of the balls, may be given in place of `A_r`.
 
     Returns
     -------
@@ -57,11 +68,19 @@ def simulate(
         Naming the parameter, its value and what is allowed.
     KernelError
         If the compiled kernel cannot run here.
+
+    Examples
+    --------
+    >>> from dimersweep import simulate
+    >>> run = simulate(Gamma=0.9, f=15, beta0="16 deg", periods=60)
+    >>> run.mode, run.orbit.di_end
+    ('drift', 'sp_sk')
     """
     for name in parameters:
-        check_name(name)
+        if name not in INSTEAD:
+            check_name(name)
     if is_point(start):
-        parameters, start = parameters_of(start) | parameters, None
+        parameters, start = updated(parameters_of(start), parameters), None
     begun = None if start is None else start_of(start)
     given = Parameters(**(parameters if begun is None else _with_start(parameters, begun)))
     switches = check_switch("stop_when_settled", stop_when_settled), check_switch("record", record)

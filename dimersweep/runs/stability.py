@@ -11,7 +11,7 @@ import numpy as np
 
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.course import Workspace, new_workspace
-from dimersweep.kernel.model.body import dimer_of, dip_of
+from dimersweep.kernel.model.body import dimer_of, dip_of, slip_at
 from dimersweep.kernel.model.layout import (
     CA,
     CB,
@@ -31,14 +31,15 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.kernel.record import HOP_TIME, MODES, no_record
 from dimersweep.kernel.return_map import advance
-from dimersweep.parameters import check_count
-from dimersweep.runs.recorded import Record
+from dimersweep.parameters import check_count, check_level
+from dimersweep.runs.recorded import Record, period_rows
 from dimersweep.runs.run import Run
 
 NAMES = ("gap_1", "gap_2", "gap_1_rate", "gap_2_rate", "turn_rate", "spin", "along", "across")
 _SLOTS = (D1, D2, N1, N2, WP, SPIN, CA, CB)
 MAP_RTOL = 1e-11  # of the map, where the run was coarser: differences are taken of it
-SETTLING = 10  # one in so many periods goes before the count begins, so that the twin has found its direction
+SETTLING, SHARE = 20, 10  # periods before the count begins, and one in so many more: the twin finds its direction
+FORGOTTEN = NAMES[:5]  # what both ends at rest have lost of the past; the spin rolls on
 BLOCKS = 20  # of periods, whose spread tells the error of a mean
 
 
@@ -73,11 +74,14 @@ class Lyapunov(NamedTuple):
         Mean growth rate of a small difference, and the standard error of that mean [s-1].
     per_period : float
         The same growth per forcing period [1].
+    periods : int
+        Forcing periods over which it is averaged: fewer than asked for where chaos has ended before.
     """
 
     exponent: float
     error: float
     per_period: float
+    periods: int
 
 
 class Section:
@@ -100,9 +104,11 @@ class Section:
     ) -> None:
         self.row, self.rtol = row, rtol
         self.dm = dimer_of(row)
-        omega = 2 * np.pi * parameters["f"]
-        v = parameters["g"] / omega
-        self.units = np.array([v / omega, v / omega, v, v, v / (0.5 * self.dm.l), v / parameters["r"], v, v])
+        omega = self.dm.omega
+        v = self.dm.g / omega
+        self.units = np.array(
+            [v / omega, v / omega, v, v, v / (0.5 * self.dm.l), v / max(self.dm.p1.r, self.dm.p2.r), v, v]
+        )
         self.space, self.record = space or new_workspace(), no_record()
 
     def point(self, state: np.ndarray) -> np.ndarray:
@@ -120,14 +126,12 @@ class Section:
 
     def held(self, state: np.ndarray, modes: np.ndarray) -> np.ndarray:
         """The state with the ends that stick at rest: the motion of the centre of mass follows from the other rates."""
-        beta = self.dm.beta_0 + state[DIP]
-        sin_b, cos_b = np.sin(beta), np.cos(beta)
         if (modes == STICK).all():
-            state[WP] = -state[SPIN] * sin_b / cos_b  # it rolls straight on, or as a cone
-        for i, p in enumerate((self.dm.p1, self.dm.p2)):
-            if modes[i] == STICK:
-                state[CA] = -(p.r - p.h * sin_b) * state[WB]
-                state[CB] = p.r * cos_b * state[SPIN] - (p.r * sin_b - p.h) * state[WP]
+            state[WP] = -state[SPIN] * self.dm.sin_0 / self.dm.cos_0  # it rolls straight on, or as a cone
+        for i in np.flatnonzero(modes == STICK):
+            along, across = slip_at(self.dm, state, i)
+            state[CA] -= along
+            state[CB] -= across
         return state
 
     def after(self, state: np.ndarray, periods: int) -> tuple[np.ndarray, np.ndarray]:
@@ -160,6 +164,7 @@ def free_coordinates(modes: np.ndarray) -> list[int]:
 
 def _end(run: Run, wanted: str) -> tuple[Record, np.ndarray, np.ndarray]:
     """The record of a run, with its last state and friction modes."""
+    check_level(run.parameters, wanted)
     record = run.record(wanted)
     if run.status != "ok":
         raise ParameterError(f"{wanted}: the run did not reach its end ({run.message})")
@@ -218,45 +223,66 @@ def of_orbit(section: Section, state: np.ndarray, modes: np.ndarray, periods: in
 def lyapunov(run: Run, periods: int = 1000) -> Lyapunov:
     """Largest Lyapunov exponent of the motion that a run has come to.
 
-    A twin starts beside the last state of the run; after each forcing period the growth of their difference is noted, and
-    the twin put back to its first distance along the direction it has taken (Benettin's method).
+    The run goes on (`Run.go_on`). A twin starts beside it in each forcing period, along the direction that the twin before
+    has taken; the growth of their difference is noted (Benettin's method).
 
     Parameters
     ----------
     run : Run
         Recorded; its transients are over.
     periods : int
-        Forcing periods over which the growth is averaged; a tenth more go before.
+        Forcing periods over which the growth is averaged, at most; 20 and a tenth more go before. Chaos may end by itself: the
+        motion settles, or both ends come to rest together, and all but the spin is forgotten. The count ends there.
 
     Returns
     -------
     Lyapunov
-        -inf if the two become one, as at rest.
+        Of a motion that has settled, the logarithm of its largest multiplier: 0 at rest, where the dimer rolls on at the
+        speed that it has.
 
     Raises
     ------
     ParameterError
-        If nothing was recorded, or the run did not reach its end.
+        If nothing was recorded, the run does not reach its end, or its chaos ends soon after.
     """
-    record, state, _ = _end(run, "lyapunov")
+    _end(run, "lyapunov")
     periods = check_count("periods", periods)
+    before = SETTLING + periods // SHARE
+    longer = run.go_on(before + periods)
+    record, _, _ = _end(longer, "lyapunov")
+    settled = run.mode_period > 0 or run.mode == "rest"
+    rows = record.segments[period_rows(record.segments)][run.n_periods :]
+    if not settled and longer.settled_after > run.n_periods:
+        rows = rows[: int(longer.settled_after) - run.n_periods + 1]
     section = Section(run.parameters, record.row, min(run.rtol, MAP_RTOL))
-    apart = section.rtol**0.5  # far above the errors of the map, far below the size of the motion
-    point = section.point(state)
-    away = np.random.default_rng(0).normal(size=point.size)
-    growth = []
-    for _ in range(periods + periods // SETTLING):
-        twin = section.state(point + away * (apart / np.linalg.norm(away)))
-        started = np.linalg.norm(section.point(twin) - point)
-        other, _ = section.after(twin, 1)
-        point, _ = section.after(section.state(point), 1)
-        away = other - point
-        distance = np.linalg.norm(away)
-        if distance == 0.0:
-            return Lyapunov(-np.inf, 0.0, -np.inf)
-        growth.append(np.log(distance / started))
-    kept = np.array(growth[periods // SETTLING :])
+    growth = np.array(_growth(section, rows[:, :N_STATE], rows[:, MODES:HOP_TIME], settled))
+    if growth.size <= SETTLING:
+        raise ParameterError(f"lyapunov: the chaos ends {growth.size} periods after the run; end the run earlier")
+    kept = growth[growth.size * before // (before + periods) :]
     blocks = [block.mean() for block in np.array_split(kept, min(BLOCKS, kept.size))]
     f = run.parameters["f"]
     error = float(np.std(blocks, ddof=1) / len(blocks) ** 0.5) if len(blocks) > 1 else float("nan")
-    return Lyapunov(float(kept.mean()) * f, error * f, float(kept.mean()))
+    return Lyapunov(float(kept.mean()) * f, error * f, float(kept.mean()), kept.size)
+
+
+def _growth(section: Section, states: np.ndarray, modes: np.ndarray, settled: bool) -> list[float]:
+    """Logarithms of the growth of a small difference from each state to the next.
+
+    The difference lies in the coordinates that contact leaves free. In a motion that has not `settled` the list ends where
+    only the spin is left of it: both ends have been at rest.
+    """
+    apart = section.rtol**0.5  # far above the errors of the map, far below the size of the motion
+    free, away = free_coordinates(modes[0]), np.random.default_rng(0).normal(size=len(NAMES))
+    growth: list[float] = []
+    for state, here, there in zip(states[:-1], modes[:-1], modes[1:], strict=True):
+        point = section.point(state)
+        moved = point.copy()
+        moved[free] += away[free] * (apart / np.linalg.norm(away[free]))
+        twin = section.held(section.state(moved), here)
+        started = np.linalg.norm((section.point(twin) - point)[free])
+        away = section.after(twin, 1)[0] - section.after(state.copy(), 1)[0]
+        free = free_coordinates(there)
+        if not settled and not any(away[k] for k in free if NAMES[k] in FORGOTTEN):
+            break
+        growth.append(float(np.log(np.linalg.norm(away[free]) / started)))
+    return growth

@@ -10,7 +10,7 @@ import xarray as xr
 
 from dimersweep.errors import ParameterError, unknown
 from dimersweep.kernel.batch import N_START
-from dimersweep.kernel.model.body import dimer_of, rise_at
+from dimersweep.kernel.model.body import rise_at
 from dimersweep.kernel.model.layout import (
     CA,
     CB,
@@ -29,8 +29,8 @@ from dimersweep.kernel.model.layout import (
     Dimer,
 )
 from dimersweep.kernel.model.plate import motion
-from dimersweep.parameters import Parameters, as_number, number
-from dimersweep.symbols import BASE, PARAMETERS, STATES
+from dimersweep.parameters import as_number, dimer_from, number
+from dimersweep.symbols import BASE, INSTEAD, PARAMETERS, STATES
 
 CLOSED = 1e-12  # a gap this far below zero is a closed one [m]
 AGREES = 1e-9  # how well the gaps of a start must agree with its dip angle, in units of the distance of the balls
@@ -65,7 +65,7 @@ def start_of(start: Any) -> dict[str, float]:
 def _one(name: str, variable: Any) -> float:
     if variable.size != 1:
         raise ParameterError(f"start.{name}: has {variable.size} values; give one time, such as states.isel(time=-1)")
-    return as_number(f"start.{name}", variable.values.item())
+    return as_number(f"start.{name}", variable.squeeze(), STATES[name].units)
 
 
 def is_point(start: Any) -> bool:
@@ -115,7 +115,7 @@ def kernel_start(start: Mapping[str, float], parameters: Mapping[str, float]) ->
     if not abs(beta) < pi / 2:
         raise ParameterError(f'start.beta = {beta}: must be below pi/2 = 1.5708 in size (radians; degrees as "16 deg")')
     row = np.zeros((1, N_START))
-    state, dm = row[0], dimer_of(Parameters(**parameters).row())
+    state, dm = row[0], dimer_from(parameters)
     state[D1], state[D2] = _gaps(start, dm, rise_at(dm, beta))
     state[DIP] = beta - dm.beta_0 if state[D1] != state[D2] else 0.0
     state[WB] = start.get("beta_rate", 0.0)
@@ -171,6 +171,6 @@ def named(function: Any) -> Signature:
     own = [each for each in Signature.from_callable(function).parameters.values() if each.kind is not each.VAR_KEYWORD]
     model = [
         Parameter(name, Parameter.KEYWORD_ONLY, default=BASE.get(name), annotation="float | str | None")
-        for name in PARAMETERS
+        for name in (*PARAMETERS, *INSTEAD)
     ]
     return Signature([*model, *own])

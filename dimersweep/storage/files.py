@@ -2,12 +2,18 @@
 
 import errno
 import os
+import re
 import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from uuid import uuid4
 
 from dimersweep.errors import StoreError
+
+HALF = re.compile(
+    r"\.dimersweep-[0-9a-f]{32}\.tmp"
+)  # of a file that is being written, or that a kill has left half written
 
 
 def sync(path: Path) -> None:
@@ -22,17 +28,36 @@ def sync(path: Path) -> None:
         os.close(handle)
 
 
+@contextmanager
+def replacing(path: Path, scratch: Path | None = None) -> Iterator[Path]:
+    """Where to write a file that then, whole and on the disk, takes the name `path` in one step; goes if it is not written.
+
+    Parameters
+    ----------
+    path : Path
+        A file that is there stays as it is until then.
+    scratch : Path, optional
+        The temporary name, in a folder that is the program's own and locked, where the next process finds what a kill has
+        left; by default one that nobody else has, beside `path`. A file of that name that a kill has left stays: another
+        process, on this machine or another, might be at work on it.
+    """
+    # not of `tempfile`: its files can be read by their owner only, and keep that under their final names
+    temporary = scratch or path.with_name(f".dimersweep-{uuid4().hex}.tmp")
+    try:
+        temporary.unlink(missing_ok=True)
+        yield temporary
+        sync(temporary)
+        temporary.replace(path)
+        sync(path.parent)  # the new name must outlive a power cut too
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
 def put(path: Path, parts: Iterable[bytes | memoryview]) -> None:
-    """Write a file of `parts`: to a temporary name beside `path`, on the disk, and then under its name in one step."""
-    temporary = path.with_name(f"{path.name}.tmp")
-    temporary.unlink(missing_ok=True)
-    with temporary.open("xb") as file:  # never through a link that somebody has put there
+    """Write a file of `parts`, see `replacing`."""
+    with replacing(path) as temporary, temporary.open("xb") as file:
         for part in parts:
             file.write(part)
-        file.flush()
-        os.fsync(file.fileno())
-    temporary.replace(path)
-    sync(path.parent)  # the new name must outlive a power cut too
 
 
 def append(path: Path, written: bytes, length: int) -> None:

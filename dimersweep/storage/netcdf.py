@@ -8,21 +8,24 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import dask
 import numpy as np
 import xarray as xr
+from xarray.backends import NetCDF4DataStore
+from xarray.backends.locks import HDF5_LOCK, NETCDFC_LOCK, DummyLock, combine_locks
 
-from dimersweep.cubes.cube import FLAGS, check_flags
+from dimersweep.cubes.cube import FLAGS, check_codes, check_flags
 from dimersweep.cubes.grid import MAX_POINTS
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.kernel.model.layout import MODES
-from dimersweep.storage.files import sync, told
-from dimersweep.storage.provenance import digest, read_configuration
+from dimersweep.storage.files import replacing, told
+from dimersweep.storage.provenance import CUBE_FORMAT, digest, read_configuration
 from dimersweep.storage.zarr import blocks, is_zarr, read_zarr
 
 PART_BYTES = 1 << 26  # of a cube, that are written at once
-CUBES = (".nc", ".zarr")
+CUBES, TABLES = (".nc", ".zarr"), (".nc",)  # of sweeps; of single runs, borders, branches and families
 DEFLATED = 1100  # zlib makes nothing smaller by more than this
+# netCDF-C and HDF5 bear one thread at a time; xarray's own files wait for the same locks, taken in the same order
+ONE_THREAD = combine_locks([NETCDFC_LOCK, HDF5_LOCK])
 
 
 def check_writable(path: str | os.PathLike[str], *, force: bool = False, name: str = "out") -> Path:
@@ -115,34 +118,43 @@ def check_ending(path: str, *, name: str = "out", what: str = "a cube", endings:
         If it is not: the ending would promise another format.
     """
     if Path(path).suffix not in endings:
-        raise ParameterError(f"{name} = {_shown(path)}: {what} must end in {' or '.join(endings)}")
+        *others, last = endings
+        allowed = f"{', '.join(others)} or {last}" if others else last
+        raise ParameterError(f"{name} = {_shown(path)}: {what} must end in {allowed}")
     return path
 
 
-def check_output(path: str | os.PathLike[str], *, force: bool = False) -> Path:
-    """Refuse an output of a sweep that could not be written, or whose ending promises another format.
+def check_output(
+    path: str | os.PathLike[str],
+    *,
+    force: bool = False,
+    name: str = "out",
+    what: str = "a cube",
+    endings: tuple[str, ...] = CUBES,
+) -> Path:
+    """Refuse an output that could not be written, or whose ending promises another format, before any work is done.
 
-    Raises
-    ------
-    ParameterError
-        If it ends in neither .nc nor .zarr.
-    StoreError
-        As by `check_writable`.
-    """
-    check_ending(os.fspath(path))
-    return check_writable(path, force=force)
-
-
-def check_run_file(path: str | os.PathLike[str], *, force: bool = False, name: str = "out") -> Path:
-    """Refuse a file for a run that could not be written, or whose name does not end in .nc.
+    Each kind of output has endings of its own (`CUBES`, `TABLES`, and those of pictures, movies and pages), so that two
+    outputs of different kinds never have one name.
 
     Raises
     ------
     ParameterError, StoreError
         As by `check_ending` and `check_writable`.
     """
-    check_ending(os.fspath(path), name=name, what="a run", endings=(".nc",))
+    check_ending(os.fspath(path), name=name, what=what, endings=endings)
     return check_writable(path, force=force, name=name)
+
+
+def refuse_input(output: Path, given: Path, name: str) -> None:
+    """Refuse an output that would replace a file that the same call reads.
+
+    Raises
+    ------
+    ParameterError
+    """
+    if output.exists() and given.exists() and output.samefile(given):
+        raise ParameterError(f"{name} = {_shown(output)}: would replace what is read; give another name")
 
 
 def write_cube(
@@ -155,8 +167,6 @@ def write_cube(
 ) -> None:
     """Write `cube` as NetCDF-4: to a temporary file, which then takes the name `path` in one step.
 
-    Must be called in the thread that does all NetCDF work, as netCDF-C is not thread-safe.
-
     Parameters
     ----------
     cube : xarray.Dataset
@@ -164,7 +174,7 @@ def write_cube(
     force : bool
         Whether it may replace an existing file.
     scratch : Path, optional
-        The temporary file, on the same disk; beside `path` by default.
+        The temporary file, see `replacing`.
     kept : str
         What the message of an error tells of results that are not lost.
 
@@ -174,18 +184,15 @@ def write_cube(
         If the file exists and `force` is not given, or the disk refuses.
     """
     path = check_writable(path, force=force)
-    temporary = scratch or path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        # xarray would ask a cluster for a lock, and fail if that has gone since the last point was done
-        with told(f"out = {path}", kept), dask.config.set(scheduler="threads"):
-            temporary.unlink(missing_ok=True)
-            for number, part in enumerate(_parts(cube)):
-                part.to_netcdf(temporary, mode="a" if number else "w", engine="netcdf4", format="NETCDF4")
-            sync(temporary)
-            temporary.replace(path)
-            sync(path.parent)  # the new name must outlive a power cut too
-    finally:
-        temporary.unlink(missing_ok=True)
+    with told(f"out = {path}", kept), replacing(path, scratch) as temporary:
+        for number, part in enumerate(_parts(cube)):
+            _write_part(part, temporary, "a" if number else "w")
+
+
+def _write_part(part: xr.Dataset, path: Path, mode: str) -> None:
+    # without locks of xarray's: it would wait for those that are held, and ask a cluster that may have gone for one more
+    with ONE_THREAD, NetCDF4DataStore.open(os.fspath(path), mode, lock=DummyLock()) as store:
+        part.dump_to_store(store)
 
 
 def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
@@ -207,6 +214,13 @@ def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
     StoreError
         If there is no such file, it is no NetCDF file or Zarr group, or no (intact) cube of this program. Of a Zarr
         group also later, when a value that is damaged is used.
+
+    Examples
+    --------
+    >>> from dimersweep import open_cube, sweep
+    >>> cube = sweep({"Gamma": [0.6, 0.9]}, periods=60, progress=False, out="two.nc")
+    >>> open_cube("two.nc").identical(cube)
+    True
     """
     if not isinstance(path, str | os.PathLike):
         raise StoreError(f"{path!r}: is no path")
@@ -250,7 +264,7 @@ def _opened(path: Path) -> Iterator[xr.Dataset]:
     if os.path.isdir(path) and is_zarr(path):
         yield _sound(read_zarr(path), path, "Zarr group")
         return
-    with _netcdf(path) as cube, _damage_told(path):
+    with _netcdf(path) as cube:
         yield _sound(cube, path, "NetCDF file")
 
 
@@ -262,21 +276,23 @@ def read_netcdf(path: Path) -> xr.Dataset:
     StoreError
         If there is none, or it is no NetCDF file, or damaged.
     """
-    with _netcdf(path) as dataset, _damage_told(path):
+    with _netcdf(path) as dataset:
         return dataset.load()
 
 
-def _netcdf(path: Path) -> xr.Dataset:
-    """A NetCDF file whose values are still to be read."""
+@contextmanager
+def _netcdf(path: Path) -> Iterator[xr.Dataset]:
+    """A NetCDF file whose values are still to be read, while no other thread is at one."""
     if os.path.isdir(path):
         raise StoreError(f"{path}: is a folder; give a NetCDF file, or a folder that ends in .zarr")
     if not os.path.isfile(path):  # a name that no file can have is no error for it
         raise StoreError(f"{path}: no such file")
-    with _damage_told(path):
+    with _damage_told(path), ONE_THREAD:
         declared, size = _declared_bytes(path), path.stat().st_size
         if declared > DEFLATED * size:
             raise StoreError(f"{path}: declares {declared} bytes, which its {size} cannot hold; it is damaged")
-        return xr.open_dataset(path, engine="netcdf4", cache=False)
+        with xr.open_dataset(path, engine="netcdf4", cache=False, lock=DummyLock()) as dataset:
+            yield dataset
 
 
 def _declared_bytes(path: Path) -> int:
@@ -290,11 +306,20 @@ def _declared_bytes(path: Path) -> int:
 def _sound(cube: xr.Dataset, path: Path, kind: str) -> xr.Dataset:
     if "dimersweep_cube" not in cube.attrs:
         raise StoreError(f"{path}: is a {kind}, but no cube of dimersweep")
+    version = cube.attrs["dimersweep_cube"]
+    if str(version) != CUBE_FORMAT:
+        raise StoreError(
+            f"{path}: is a cube of format {version}; this version of dimersweep reads format {CUBE_FORMAT}"
+        )
     text = cube.attrs.get("configuration", "")
     try:
         intact = digest(text) == cube.attrs.get("configuration_sha256") and "mode" in cube
         told = read_configuration(text)
         intact = intact and set(told.get("grid", {})) <= set(cube.dims) and _fixed_as_told(cube, told)
+        for name in set(FLAGS) & set(cube.variables):
+            check_codes(cube[name])
+    except StoreError as error:
+        raise StoreError(f"{path}: {error}") from None
     except (ValueError, TypeError, AttributeError):
         intact = False
     if not intact:

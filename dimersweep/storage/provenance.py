@@ -3,16 +3,35 @@
 import hashlib
 import json
 import platform
+import re
+import reprlib
 import subprocess
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import version
+from numbers import Integral
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
+
+import numpy as np
 
 import dimersweep
+from dimersweep.errors import ParameterError
 from dimersweep.kernel import kernel_version
+from dimersweep.parameters import as_number
+from dimersweep.symbols import Picture
+
+CUBE_FORMAT = "1"
+CHECKSUM = "values_sha256"  # attribute of a cube: the checksum of its coordinates and values
+OURS = {  # attributes of a cube that are the program's; a user may give its title and its kind of picture
+    *("Conventions", "source", "references", "history", "dimersweep_cube", "configuration", "configuration_sha256"),
+    *("kernel_version", "git_commit", "git_dirty", "python", "numpy", "numba", "llvmlite", "cpu", "platform"),
+    *("wall_time_s", "kernel_time_s", "extends", CHECKSUM),
+}
+_OF_LIBRARIES = {"coordinates", "CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST"}  # of xarray and HDF5
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_.-]{0,99}")
+_NO_TEXT = re.compile("[\0\ud800-\udfff]")  # signs that no file can hold
 
 
 def digest(configuration: str) -> str:
@@ -138,7 +157,7 @@ def attributes(configuration: Mapping[str, Any], title: str, wall_time: float) -
         "source": f"dimersweep {dimersweep.__version__}, event-driven simulation",
         "references": "Ratchet rotation of a 3D dimer on a vibrating plate",
         "history": f"{now} swept by dimersweep {dimersweep.__version__}",
-        "dimersweep_cube": "1",
+        "dimersweep_cube": CUBE_FORMAT,
         **configured(configuration),
         "kernel_version": kernel_version(),
         **_commit(),
@@ -150,3 +169,46 @@ def attributes(configuration: Mapping[str, Any], title: str, wall_time: float) -
         "platform": platform.platform(),
         "wall_time_s": wall_time,
     }
+
+
+def check_attrs(attrs: Any) -> dict[str, Any]:
+    """Attributes that a user gives a cube, as every format of cubes bears them.
+
+    Parameters
+    ----------
+    attrs : mapping of str to str, int, float or a list of numbers, optional
+
+    Raises
+    ------
+    ParameterError
+        For a name that is the program's or that no file can have, and for any other value.
+    """
+    if not isinstance(attrs, Mapping | None):
+        raise ParameterError(f"attrs = {reprlib.repr(attrs)}: must be a mapping of names to values")
+    for name in attrs or {}:
+        if not isinstance(name, str) or not _NAME.fullmatch(name):
+            raise ParameterError(f"attrs: {name!r:.60}: a name is a letter and at most 99 letters, digits, _, . or -")
+        if name in OURS | _OF_LIBRARIES:
+            raise ParameterError(f"attrs: {name}: is taken by the program or the file format; give another name")
+    return {name: _attribute(name, value) for name, value in (attrs or {}).items()}
+
+
+def _attribute(name: str, value: Any) -> str | int | float | np.ndarray:
+    shown = f"attrs: {name} = {reprlib.repr(value)}"
+    if isinstance(value, str) and not _NO_TEXT.search(value):
+        if name == "plot" and value not in get_args(Picture):
+            raise ParameterError(f"{shown}: must be one of {', '.join(get_args(Picture))}")
+        return value
+    several = isinstance(value, list | tuple) or getattr(value, "ndim", 0) == 1
+    try:
+        if name in ("title", "plot") or (several and not len(value)):
+            raise ParameterError
+        return np.array([_number(name, each) for each in value]) if several else _number(name, value)
+    except ParameterError:
+        allowed = "a text" if name in ("title", "plot") else "a text, a finite number, or a list of such numbers"
+        raise ParameterError(f"{shown}: must be {allowed}") from None
+
+
+def _number(name: str, value: Any) -> int | float:
+    number = as_number(name, value)
+    return int(value) if isinstance(value, Integral) and abs(int(value)) < 2**63 else number

@@ -41,7 +41,6 @@ class Shelf(NamedTuple):
         try:
             return write_points(path, pieces, self.configuration_sha256, 0.0)
         except OSError:  # the driver will say why, if it is refused too
-            delete(path.with_name(f"{path.name}.tmp"))
             return None
 
 

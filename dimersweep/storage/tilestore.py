@@ -27,6 +27,7 @@ from dimersweep.cubes.results import (
 )
 from dimersweep.errors import StoreError
 from dimersweep.storage.files import (
+    HALF,
     append,
     delete,
     put,
@@ -51,7 +52,8 @@ FLUSH_BYTES = 1 << 26  # of tiles that wait: a larger file would take memory, an
 KEPT_BYTES = 1 << 28  # of files that are held in memory while points are read in order
 TOLD_FILES = 5  # whose damage is told one by one
 _NAME = re.compile(r"tiles-(\d+|w[0-9a-f]{16})\.npy")  # of files that the driver has written, and of those of workers
-_HALF = re.compile(rf"({_NAME.pattern}|manifest\.jsonl|token|cube)\.tmp")  # of files that a kill has left half written
+_SCRATCH = "cube.tmp"  # the cube as it is written: only who holds the lock does that
+_HALF = re.compile(rf"{HALF.pattern}|{re.escape(_SCRATCH)}")  # of files that a kill has left half written
 
 
 def folder_of(out: Path) -> Path:
@@ -106,7 +108,7 @@ class TileStore:
     @property
     def scratch(self) -> Path:
         """Where the cube is written before it takes its name."""
-        return self.folder / "cube.tmp"
+        return self.folder / _SCRATCH
 
     @property
     def keeps(self) -> str:

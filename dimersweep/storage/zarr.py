@@ -11,12 +11,14 @@ import dask.array
 import numpy as np
 import xarray as xr
 
+from dimersweep.cubes.checksum import Checksum
 from dimersweep.cubes.cube import blank, build
 from dimersweep.cubes.grid import Grid
 from dimersweep.cubes.points import AnyGrid
 from dimersweep.cubes.results import Tile, beyond, blank_results
 from dimersweep.errors import StoreError, one_line
 from dimersweep.storage.files import delete, sync, told
+from dimersweep.storage.provenance import CHECKSUM
 
 CHUNK_POINTS = 1 << 18  # 2 MB a variable and chunk
 WRITERS = 4  # threads at most: each holds a block of some 100 MB, and the disk is soon the limit
@@ -84,7 +86,7 @@ def write_zarr(
 ) -> None:
     """Write the cube of a grid block by block into `scratch`, on the same disk, which then takes the name `path`.
 
-    Blocks are read one after the other, and written by threads.
+    Blocks are read and summed one after the other, and written by threads.
 
     Parameters
     ----------
@@ -110,17 +112,29 @@ def write_zarr(
     # chunks of nothing but missing values are written too, so that one that is missing is known to be lost
     with told(f"out = {path}", kept), zarr.config.set({"array.write_empty_chunks": True}):
         delete(scratch)
-        _template(grid, attributes, read(0, 0).dtype).to_zarr(scratch, mode="w", compute=False, consolidated=False)
-        arrays = dict(zarr.open_group(scratch, mode="r+").arrays())
+        template = _template(grid, attributes, read(0, 0).dtype)
+        template.to_zarr(scratch, mode="w", compute=False, consolidated=False)
+        group, checksum = zarr.open_group(scratch, mode="r+"), Checksum(template)
+        arrays = dict(group.arrays())
+        for name in template.coords:
+            checksum.add(name, template[name].values)
 
-        def write(results: np.ndarray, where: tuple[slice, ...]) -> None:
-            axes = {name: values[part] for (name, values), part in zip(grid.axes.items(), where, strict=True)}
-            block = build(Grid(axes, {}), results["out"], results["codes"], {}, beyond(results))
+        def each_block() -> Iterator[tuple[xr.Dataset, tuple[slice, ...]]]:
+            for tile, where in blocks(grid.shape):
+                results = read(*tile)
+                axes = {name: values[part] for (name, values), part in zip(grid.axes.items(), where, strict=True)}
+                block = build(Grid(axes, {}), results["out"], results["codes"], {}, beyond(results))
+                for name, variable in block.data_vars.items():
+                    checksum.add(name, variable.values)
+                yield block, where
+
+        def write(block: xr.Dataset, where: tuple[slice, ...]) -> None:
             for name, variable in block.data_vars.items():
                 arrays[str(name)][where] = variable.values
 
+        _each(workers, write, each_block())
+        group.attrs[CHECKSUM] = checksum.digest()
         files = (Path(folder, name) for folder, _, names in os.walk(scratch) for name in names)
-        _each(workers, write, ((read(*tile), where) for tile, where in blocks(grid.shape)))
         _each(workers, sync, ((file,) for file in files))
         former = scratch.with_name("former.tmp")
         delete(former)
@@ -192,19 +206,6 @@ class _Numbers:
         except Exception as error:  # each way to compress has its own
             told = f"{self.name} cannot be read ({one_line(error)})"
             raise StoreError(f"{self.path}: is damaged: {told}; sweep it again (force=True)") from None
-
-
-def read_through(cube: xr.Dataset) -> None:
-    """Read every value of a lazy cube once, block by block, and keep none.
-
-    Raises
-    ------
-    StoreError
-        If one is damaged.
-    """
-    for variable in cube.variables.values():
-        for _, where in blocks(variable.shape):
-            variable[where].load()
 
 
 def read_zarr(path: Path) -> xr.Dataset:

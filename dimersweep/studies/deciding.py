@@ -94,7 +94,7 @@ class SearchSpec:
     question : Question
         What is asked.
     periods : int
-        Forcing periods each run may take; it stops earlier when it has settled.
+        Forcing periods each run may take; it stops earlier when it has settled and its numbers stand.
     max_periods : int
         Those that it may take if it has not settled by then, see `run_patiently`.
     rtol : float

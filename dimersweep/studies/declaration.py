@@ -154,15 +154,15 @@ _KNOWN: dict[str, type[BaseModel]] = {
 }
 
 
-def _explain(error: ValidationError) -> list[str]:
-    """The complaints of pydantic, each as one line with the key and what is allowed."""
+def explain(error: ValidationError, sections: Mapping[str, type[BaseModel]]) -> list[str]:
+    """The complaints of pydantic about a file of `sections`, each as one line with the key and what is allowed."""
     told: list[str] = []
     meant: set[str] = set()
     for complaint in error.errors():
         *section, key = (str(part) for part in complaint["loc"])
         where = ".".join([*section, key])
         if complaint["type"] == "extra_forbidden":
-            line = unknown(key, "key", _KNOWN[".".join(section)].model_fields)
+            line = unknown(key, "key", sections[".".join(section)].model_fields)
             told.append(".".join([*section, line]))
             meant.update(".".join([*section, name]) for name in re.findall(r"did you mean (\w+)\?", line))
         elif complaint["type"] == "missing":
@@ -195,7 +195,7 @@ def _mistakes(raw: Mapping[str, Any]) -> list[str]:
     try:
         declaration = Declaration.model_validate(raw)
     except ValidationError as error:
-        told = _explain(error)
+        told = explain(error, _KNOWN)
     told += _of_parameters(raw)
     if not told:
         try:
@@ -203,6 +203,37 @@ def _mistakes(raw: Mapping[str, Any]) -> list[str]:
         except ParameterError as error:
             told = [str(error)]
     return told
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """What a file of TOML says.
+
+    Raises
+    ------
+    ParameterError
+        If it cannot be read, or is none.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ParameterError(f"{path}: cannot be read ({error.strerror})") from None
+    except RecursionError:
+        raise ParameterError(f"{path}: is nested too deeply") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ParameterError(f"{path}: is no valid TOML ({error})") from None
+
+
+def refuse_mistakes(path: Path, told: list[str]) -> None:
+    """Refuse a file that has mistakes, each of which is `told` in a line.
+
+    Raises
+    ------
+    ParameterError
+    """
+    if len(told) > 1:
+        raise ParameterError(f"{path}: {len(told)} mistakes" + "".join(f"\n  {line}" for line in told))
+    if told:
+        raise ParameterError(f"{path}: {told[0]}")
 
 
 def read_declaration(path: str | os.PathLike[str]) -> Declaration:
@@ -224,20 +255,9 @@ def read_declaration(path: str | os.PathLike[str]) -> Declaration:
         With the file and every key that is wrong, and what is allowed.
     """
     path = Path(path)
-    try:
-        raw = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ParameterError(f"{path}: cannot be read ({error.strerror})") from None
-    except RecursionError:
-        raise ParameterError(f"{path}: is nested too deeply") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ParameterError(f"{path}: is no valid TOML ({error})") from None
+    raw = read_toml(path)
     points = raw.get("points")
     if isinstance(points, dict) and isinstance(points.get("file"), str):
         points["file"] = str(path.parent / points["file"])
-    told = _mistakes(raw)
-    if len(told) > 1:
-        raise ParameterError(f"{path}: {len(told)} mistakes" + "".join(f"\n  {line}" for line in told))
-    if told:
-        raise ParameterError(f"{path}: {told[0]}")
+    refuse_mistakes(path, _mistakes(raw))
     return Declaration.model_validate(raw)

@@ -1,6 +1,7 @@
 """A cube from start to end: what is there already, the store of its points and the crew that runs them, and the output."""
 
 import json
+import signal
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping
@@ -14,13 +15,14 @@ import xarray as xr
 from dimersweep.cubes.cube import flatten
 from dimersweep.cubes.points import AnyGrid, check_fits
 from dimersweep.cubes.results import failed
-from dimersweep.errors import ParameterError, StoreError
+from dimersweep.errors import ParameterError, Stopped, StoreError
 from dimersweep.runs import accessor  # noqa: F401 - gives every cube its `cube.dimersweep`
+from dimersweep.storage.checking import check_unchanged, checksum_of
 from dimersweep.storage.memorystore import MemoryStore
 from dimersweep.storage.netcdf import check_output, check_writable, open_cube, write_cube
-from dimersweep.storage.provenance import as_text, attributes, differences
+from dimersweep.storage.provenance import CHECKSUM, as_text, attributes, differences
 from dimersweep.storage.tilestore import TileStore, tile_store
-from dimersweep.storage.zarr import check_zarr, is_zarr, read_through, write_zarr
+from dimersweep.storage.zarr import check_zarr, is_zarr, write_zarr
 from dimersweep.studies.options import Options
 from dimersweep.work.computing import Crew, Store, crew
 
@@ -91,6 +93,12 @@ class UnfinishedCube:
 
     def __init__(self, study: Study, options: Options, store: Store, crew: Crew) -> None:
         self.study, self.options, self.store, self.crew = study, options, store, crew
+        self._written = False
+
+    @property
+    def kept(self) -> str:
+        """What is kept if it is stopped now, in words."""
+        return f"{self.options.out} is written" if self._written else self.store.kept
 
     @property
     def is_zarr(self) -> bool:
@@ -107,7 +115,8 @@ class UnfinishedCube:
         return told | {"kernel_time_s": self.store.seconds} | dict(origin) | dict(self.options.attrs)
 
     def write(self, cube: xr.Dataset) -> xr.Dataset:
-        """Write the finished cube, if it has an output, and remove the folder of its points."""
+        """Write the finished cube with its checksum, if it has an output, and remove the folder of its points."""
+        cube.attrs[CHECKSUM] = checksum_of(cube)
         if isinstance(self.store, TileStore):
             write_cube(cube, self.store.out, force=self._replaces, scratch=self.store.scratch, kept=self.store.keeps)
             self._tidy_up(self.store)
@@ -126,6 +135,7 @@ class UnfinishedCube:
         return self.options.force or self.options.retry
 
     def _tidy_up(self, store: TileStore) -> None:
+        self._written = True
         if not self.options.keep_tiles:
             store.remove()
 
@@ -154,7 +164,11 @@ def unfinished_cube(
             if options.out is None
             else stack.enter_context(_store_of(study, options, options.out, again))
         )
-        yield UnfinishedCube(study, options, store, stack.enter_context(crew(store, options.how)))
+        cube = UnfinishedCube(study, options, store, stack.enter_context(crew(store, options.how)))
+        try:
+            yield cube
+        except KeyboardInterrupt as stop:  # one that came while no points were run tells nothing
+            raise Stopped(str(stop) or cube.kept, getattr(stop, "signal", signal.SIGINT)) from None
 
 
 @contextmanager
@@ -200,7 +214,7 @@ def _former(out: Path, study: Study) -> xr.Dataset:
         cube = open_cube(out)
         old, new = json.loads(cube.attrs["configuration"]), study.configuration()
         if as_text(old) == as_text(new):
-            read_through(cube)
+            check_unchanged(cube, out)
             return cube
     except StoreError as error:
         raise StoreError(f"out = {out}: exists already, and cannot be used ({error}); {other}") from None

@@ -9,6 +9,7 @@ from typing import Any, TypedDict
 import numpy as np
 
 from dimersweep.cubes.results import not_ok, not_run
+from dimersweep.storage.provenance import check_attrs
 from dimersweep.symbols import PARAMETERS
 from dimersweep.work.computing import How, make_how
 
@@ -19,7 +20,7 @@ class Manner(TypedDict, total=False):
     workers: int | None
     progress: bool
     force: bool
-    attrs: Mapping[str, str] | None
+    attrs: Mapping[str, Any] | None
     client: Any
     extend: str | os.PathLike[str] | None
     retry: bool
@@ -45,7 +46,7 @@ class Options:
         The file of the cube.
     force, keep_tiles : bool
         Whether `out` may replace what is there, and whether the folder of finished points stays.
-    attrs : mapping of str to str
+    attrs : mapping
         Further global attributes.
     extend : path-like, optional
         A cube whose points are taken over.
@@ -57,7 +58,7 @@ class Options:
     out: Path | None = None
     force: bool = False
     keep_tiles: bool = False
-    attrs: Mapping[str, str] = field(default_factory=dict)
+    attrs: Mapping[str, Any] = field(default_factory=dict)
     extend: str | os.PathLike[str] | None = None
     retry: bool = False
 
@@ -72,7 +73,7 @@ def make_options(
     workers: int | None = None,
     progress: bool = True,
     force: bool = False,
-    attrs: Mapping[str, str] | None = None,
+    attrs: Mapping[str, Any] | None = None,
     client: Any = None,
     extend: str | os.PathLike[str] | None = None,
     retry: bool = False,
@@ -85,7 +86,7 @@ def make_options(
     Raises
     ------
     ParameterError
-        If `workers` is not allowed.
+        If `workers` or one of `attrs` is not allowed.
     TypeError
         For an option that there is not.
     """
@@ -95,4 +96,4 @@ def make_options(
         )
         raise TypeError(f"{name} = {value!r}: unknown option{where}")
     how = make_how(workers, client, progress=progress, fail_fast=fail_fast)
-    return Options(how, None if out is None else Path(out), force, keep_tiles, attrs or {}, extend, retry)
+    return Options(how, None if out is None else Path(out), force, keep_tiles, check_attrs(attrs), extend, retry)

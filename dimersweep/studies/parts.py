@@ -9,13 +9,19 @@ from typing import Any
 import xarray as xr
 
 from dimersweep.errors import StoreError
-from dimersweep.storage.files import put, told
+from dimersweep.storage.files import HALF, put, told
 from dimersweep.storage.locking import locked
 from dimersweep.storage.netcdf import read_netcdf, write_cube
 from dimersweep.storage.provenance import configured, differences, read_configuration
 
-LOCK, HEAD, SCRATCH = "lock", "configuration.json", "scratch.tmp"
+LOCK, HEAD = "lock", "configuration.json"
+SCRATCH = "scratch.tmp"  # a part as it is written: only who holds the lock does that
 FILES = "part-*.nc"  # nothing else in the folder is ever read or removed
+
+
+def parts_of(out: Path) -> Path:
+    """The folder that holds the finished parts of the file `out`."""
+    return out.with_name(f"{out.name}.parts")
 
 
 class Parts:
@@ -30,7 +36,7 @@ class Parts:
     """
 
     def __init__(self, out: Path | None, configuration: Mapping[str, Any]) -> None:
-        self.folder = None if out is None else out.with_name(f"{out.name}.parts")
+        self.folder = None if out is None else parts_of(out)
         self.configured = configured(configuration)
 
     def path(self, name: str) -> Path | None:
@@ -72,7 +78,8 @@ class Parts:
         """Remove the folder and what was written to it; whatever else is there stays, and the folder with it."""
         if self.folder is None or not self.folder.is_dir():
             return
-        for path in (*self.folder.glob(FILES), *(self.folder / name for name in (HEAD, SCRATCH, LOCK))):
+        half = (path for path in self.folder.iterdir() if HALF.fullmatch(path.name))
+        for path in (*half, *self.folder.glob(FILES), *(self.folder / name for name in (HEAD, SCRATCH, LOCK))):
             path.unlink(missing_ok=True)
         with suppress(OSError):
             self.folder.rmdir()

@@ -1,7 +1,9 @@
 """Tables of points that a sweep file names: in a CSV file, listed, or drawn from ranges."""
 
+import csv
 import os
 from collections.abc import Mapping
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +11,7 @@ import numpy as np
 
 from dimersweep.cubes.grid import axis
 from dimersweep.cubes.points import MAX_POINTS
-from dimersweep.errors import ParameterError
+from dimersweep.errors import ParameterError, one_line
 from dimersweep.parameters import check_count
 
 SAMPLES = ("random", "latin_hypercube", "sobol")
@@ -97,7 +99,10 @@ def _ends(name: str, declared: Any) -> tuple[float, float, bool]:
     }:
         raise ParameterError(f"points.ranges.{name}: give start and stop, and perhaps unit and spacing")
     low, high = axis(name, {**declared, "num": 2}).tolist()
-    return low, high, declared.get("spacing") == "log"
+    by_ratio = declared.get("spacing") == "log"
+    if by_ratio and not isfinite(high / low):
+        raise ParameterError(f"points.ranges.{name}: stop = {high} is too far from start = {low}")
+    return low, high, by_ratio
 
 
 def _between(low: float, high: float, by_ratio: bool, share: np.ndarray) -> np.ndarray:
@@ -120,14 +125,38 @@ def _read(file: str | os.PathLike[str]) -> dict[str, Any]:
     Raises
     ------
     ParameterError
-        If it cannot be read or is no table.
+        If it cannot be read or is no table, with the line that has more or fewer values than there are names.
     """
     import pandas as pd
 
+    told = f"points.file = {str(file)!r}"
     try:
-        table = pd.read_csv(Path(file), skipinitialspace=True)
+        names = _names(Path(file), told)
+        table = pd.read_csv(Path(file), skipinitialspace=True, index_col=False, keep_default_na=False)
     except OSError as error:
-        raise ParameterError(f"points.file = {str(file)!r}: cannot be read ({error.strerror})") from None
-    except (ValueError, UnicodeDecodeError) as error:  # pandas' own errors among them
-        raise ParameterError(f"points.file = {str(file)!r}: is no table ({error})") from None
-    return {str(name): table[name].to_numpy() for name in table}
+        raise ParameterError(f"{told}: cannot be read ({error.strerror})") from None
+    except ParameterError:
+        raise
+    except (ValueError, csv.Error) as error:  # pandas' own errors among them
+        raise ParameterError(f"{told}: is no table ({one_line(error)})") from None
+    return {name: table.iloc[:, k].to_numpy() for k, name in enumerate(names)}
+
+
+def _names(file: Path, told: str) -> list[str]:
+    """The names in the first line of a CSV file, whose other lines have one value for each of them.
+
+    Raises
+    ------
+    ParameterError
+        With the number of the line that has not, or if a name is there twice.
+    """
+    with file.open(encoding="utf-8-sig", newline="") as stream:
+        rows = csv.reader(stream, skipinitialspace=True)
+        names = [" ".join(name.split()) for name in next(filter(None, rows), [])]
+        for name in names:
+            if names.count(name) > 1:
+                raise ParameterError(f"{told}: has {names.count(name)} columns {name}; give each parameter once")
+        for row in rows:
+            if len(row) != len(names) and row not in ([], [""]):
+                raise ParameterError(f"{told}: line {rows.line_num} has {len(row)} values for {len(names)} columns")
+    return names

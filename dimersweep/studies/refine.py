@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.cubes.cube import label_variable
-from dimersweep.cubes.grid import Grid
+from dimersweep.cubes.grid import Grid, finer
 from dimersweep.errors import ParameterError
 from dimersweep.parameters import as_number, check, check_count
 from dimersweep.studies.deciding import SearchSpec
@@ -105,14 +105,6 @@ def cuts(cells: Sequence[Cell], labels: np.ndarray) -> dict[Cell, set[int]]:
         if axes:
             chosen[cell] = axes
     return chosen
-
-
-def finer(values: np.ndarray, halvings: int) -> np.ndarray:
-    """`values` with each of their intervals halved so many times; the given values are kept as they are."""
-    parts = 1 << halvings
-    steps = np.arange(parts) / parts
-    inner = values[:-1, None] + np.diff(values)[:, None] * steps
-    return np.append(inner.ravel(), values[-1])
 
 
 def _coarse_cells(shape: Sequence[int], parts: Sequence[int]) -> list[Cell]:

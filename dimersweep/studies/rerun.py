@@ -7,7 +7,7 @@ from typing import Any
 
 import xarray as xr
 
-from dimersweep.errors import StoreError
+from dimersweep.errors import StoreError, one_line
 from dimersweep.kernel import kernel_version
 from dimersweep.storage.netcdf import open_cube
 from dimersweep.storage.provenance import differences
@@ -41,7 +41,7 @@ def from_cube(path: str | os.PathLike[str], *, other_kernel: bool = False) -> De
     try:
         declaration = _of_search(cube, told, path) if "search" in told else _of_sweep(cube, told, path)
     except (KeyError, TypeError, ValueError, AttributeError) as error:  # a ValidationError is a ValueError
-        raise StoreError(f"{path}: tells a configuration that this version does not know ({error})") from None
+        raise StoreError(f"{path}: tells a configuration that this version does not know ({one_line(error)})") from None
     today = told | {"kernel_version": kernel_version()}
     changes = differences(told, today if "search" in told else Spec.from_configuration(told).configuration())
     if changes and not other_kernel:

@@ -15,6 +15,7 @@ from dimersweep.cubes.results import (
     split,
 )
 from dimersweep.errors import StoreError
+from dimersweep.storage.checking import check_unchanged
 from dimersweep.storage.netcdf import open_cube
 from dimersweep.storage.provenance import differences
 from dimersweep.studies.deciding import SearchSpec
@@ -68,7 +69,8 @@ class Known:
     Raises
     ------
     StoreError
-        If `cube` was made with other settings or another kernel, with the differences, or has none of the points.
+        If `cube` was made with other settings or another kernel, with the differences, was changed since it was
+        written, or has none of the points.
     """
 
     def __init__(self, cube: xr.Dataset, name: str, spec: Spec | SearchSpec, read: Read) -> None:
@@ -76,6 +78,7 @@ class Known:
         if not {"grid", "fixed"} <= set(old):
             raise StoreError(f"{name}: tells a configuration that this version does not know")
         _refuse_other_settings(old, new, name)
+        check_unchanged(cube, name)
         self.shape = spec.grid.shape
         self.offset = 0
         strides, stride = {}, 1
@@ -108,10 +111,11 @@ class Known:
 
 
 class SamePoints:
-    """The points of a cube whose configuration is that of the sweep: `results` of all of them, shape (n,)."""
+    """The points of a cube whose configuration is that of the sweep; see `Known`."""
 
-    def __init__(self, results: np.ndarray) -> None:
-        self.results = results
+    def __init__(self, cube: xr.Dataset, name: str, read: Read) -> None:
+        check_unchanged(cube, name)
+        self.results = read(cube)
 
     def pieces(self, ranges: Iterable[Tile], unwanted: Callable[[np.ndarray], np.ndarray]) -> Iterator[Finished]:
         """See `Known.pieces`."""
@@ -142,6 +146,7 @@ def known_points(
         origin["extends"] = told
     if options.retry and options.out is not None and options.out.exists():
         cube = open_cube(options.out)
-        same = "points" in json.loads(cube.attrs["configuration"])
-        found.append(SamePoints(read(cube)) if same else Known(cube, str(options.out), spec, read))
+        found.append(
+            SamePoints(cube, str(options.out), read) if spec.grid.columns else Known(cube, str(options.out), spec, read)
+        )
     return found, origin

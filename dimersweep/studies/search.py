@@ -278,7 +278,7 @@ def search(
     mode : str
         Such as drift or rest.
     periods : int
-        Forcing periods each run may take; a run stops when its motion has settled.
+        Forcing periods each run may take; a run stops when its motion has settled and its numbers stand.
     max_periods : int, optional
         As in `sweep`.
     rtol : float

@@ -11,6 +11,7 @@ from dimersweep.cubes.cube import build, flatten
 from dimersweep.cubes.results import beyond, blank_results, not_ok
 from dimersweep.errors import ParameterError
 from dimersweep.parameters import check_count
+from dimersweep.storage.provenance import check_attrs
 from dimersweep.studies.making import complete_cube, unfinished_cube
 from dimersweep.studies.options import Given, Options, make_options
 from dimersweep.studies.reuse import known_points
@@ -105,7 +106,7 @@ def sweep(
     progress : bool
         Whether to show finished points, time left and a tally of modes on stderr.
     stop_when_settled : bool
-        Whether a point stops as soon as its motion has settled.
+        Whether a point stops as soon as its motion has settled and its numbers stand (docs/stopping.md).
     certify : bool
         Whether each mode gets a `confidence` and each orbit an `error_estimate`, from two more runs of every point that
         settles (docs/trust.md).
@@ -113,8 +114,8 @@ def sweep(
         If above 0, each run goes on for so many forcing periods, and the states at their ends are kept; see `bifurcation`.
     force : bool
         Whether `out` may replace an existing file, and results of another configuration be deleted.
-    attrs : mapping of str to str, optional
-        Further global attributes, such as a title.
+    attrs : mapping, optional
+        Further global attributes, such as a title: names with texts, numbers or lists of numbers.
     client : distributed.Client or str, optional
         A dask.distributed client, or the address of a scheduler such as ``tcp://host:8786``, to run on.
     extend : path-like, optional
@@ -147,6 +148,13 @@ def sweep(
         died: they are still to be done, and what was finished is kept.
     Stopped
         A KeyboardInterrupt, after Ctrl-C or SIGTERM; what was finished is kept.
+
+    Examples
+    --------
+    >>> from dimersweep import names, sweep
+    >>> cube = sweep({"Gamma": [0.6, 0.9], "beta0": ["12 deg", "16 deg"]}, periods=60, progress=False)
+    >>> names(cube["mode"]).values.tolist()
+    [['rest', 'rest'], ['rest', 'drift']]
     """
     spec = make_spec(
         grid,
@@ -188,6 +196,13 @@ def bifurcation(
     ------
     ParameterError, StoreError, PointError, Stopped
         As by `sweep`.
+
+    Examples
+    --------
+    >>> from dimersweep import bifurcation
+    >>> diagram = bifurcation({"Gamma": [0.9, 1.0]}, periods=60, strobes=4, progress=False)
+    >>> diagram["strobe_gap_2"].sizes["strobe"]
+    4
     """
-    attrs = {"plot": "bifurcation"} | dict(how.pop("attrs", None) or {})
+    attrs = {"plot": "bifurcation"} | check_attrs(how.pop("attrs", None))
     return sweep(grid, fixed, periods=periods, strobes=check_count("strobes", strobes), attrs=attrs, **how)

@@ -48,7 +48,7 @@ class Spec:
     rtol : float
         Accuracy [1].
     stop_when_settled : bool
-        Whether a point stops as soon as its motion has settled.
+        Whether a point stops as soon as its motion has settled and its numbers stand (docs/stopping.md).
     certify : bool
         Whether it is tried how sure each mode is.
     strobes : int

@@ -16,7 +16,7 @@ from dimersweep.parameters import check_count
 from dimersweep.storage.memorystore import MemoryStore
 from dimersweep.storage.shelf import Shelf
 from dimersweep.storage.tilestore import TileStore
-from dimersweep.work.progress import Silent, tell_of_compiling, watch
+from dimersweep.work.progress import Silent, Tally, tell_of_compiling, watch
 from dimersweep.work.scheduling import (
     Pace,
     Pool,
@@ -146,7 +146,9 @@ class Crew:
         self._stop = hired.enter_context(stop_on_signals())
         warm_up(self._stop)  # before the clock of the progress starts, and before workers would all do it
         pool = hired.enter_context(threads(how.workers, self._stop) if client is None else cluster(client))
-        self._shown = hired.enter_context(watch(self.wanted, show=how.progress, before=self.store.modes()))
+        self._shown = hired.enter_context(
+            watch(Tally(self.wanted, self.store.modes(), pool.workers), show=how.progress)
+        )
         if how.progress and not pool.workers():
             print("waiting for the first worker of the cluster", file=sys.stderr, flush=True)
         return pool
@@ -182,7 +184,7 @@ class Crew:
             left -= made.done
             if made.entry and isinstance(self.store, TileStore):
                 self.store.enlist(made.entry)
-                self._shown.add(made.entry.modes)
+                self._shown.add(made.entry.modes, made.entry.seconds)
             for tile in made.finished:
                 self.store.add(tile)
                 if also:
@@ -190,7 +192,7 @@ class Crew:
                 if self.how.fail_fast and not_ok(tile.codes).any():
                     failures.append(_failure(work, tile))
                     self._stop.set()
-                self._shown.add(tally(tile.codes))
+                self._shown.add(tally(tile.codes), tile.seconds)
 
         shelf = None if also or self.how.fail_fast else self._shelf()
         try:

@@ -3,26 +3,39 @@
 import sys
 import threading
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from time import perf_counter
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from dimersweep.kernel.compiler.cache import is_compiled
 
 LINE_SECONDS = 10.0  # between two plain lines
+ENOUGH_SECONDS = 2.0  # of work by each worker, before its time left is told
 COMPILE_STEP, COMPILE_TOLD = 10.0, 600.0  # between two lines while the kernel is compiled, and how long at most [s]
 
 
 class Tally:
-    """Counts of finished points, by mode."""
+    """Counts of finished points, by mode, and the time that they took.
 
-    def __init__(self, total: int, before: Mapping[str, int] | None = None) -> None:
-        self.total = total
+    Parameters
+    ----------
+    total : int
+        Points to be run in all.
+    before : mapping of str to int, optional
+        Points that an earlier process has finished.
+    workers : callable
+        How many run at a time; they may come and go.
+    """
+
+    def __init__(
+        self, total: int, before: Mapping[str, int] | None = None, workers: Callable[[], int] = lambda: 1
+    ) -> None:
+        self.total, self.workers = total, workers
         self.modes: Counter[str] = Counter(before or {})
-        self.before = self.done  # by an earlier process: they say nothing of the speed of this one
+        self.timed, self.seconds = 0, 0.0  # points that were run, and the times of all of them
         self.start = perf_counter()
 
     @property
@@ -30,13 +43,21 @@ class Tally:
         """Number of finished points."""
         return self.modes.total()
 
-    def add(self, modes: Mapping[str, int]) -> None:
-        """Count finished points, so many of each mode."""
+    def add(self, modes: Mapping[str, int], seconds: float = 0.0) -> None:
+        """Count finished points, so many of each mode, and the time that they took [s], if they were run."""
         self.modes.update(modes)
+        if seconds:
+            self.timed, self.seconds = self.timed + sum(modes.values()), self.seconds + seconds
 
-    def seconds_left(self) -> float:
-        """Time until the end at the mean rate so far [s]."""
-        return (perf_counter() - self.start) * (self.total - self.done) / max(self.done - self.before, 1)
+    def time_left(self) -> str:
+        """Time until the end, at the mean of what a point took; points that are under way are not held against it.
+
+        Nothing is said from points of less than `ENOUGH_SECONDS` for each worker, which may be of any kind.
+        """
+        left, workers = self.total - self.done, max(1, self.workers())
+        if left and self.seconds < ENOUGH_SECONDS * workers:
+            return "-:--:--"
+        return clock(left * self.seconds / max(1, self.timed) / workers)
 
     def words(self) -> str:
         """Such as ``drift 512, rest 30``, the most frequent first."""
@@ -52,12 +73,12 @@ def clock(seconds: float) -> str:
 class Silent:
     """Counts and shows nothing; the base of the two that show something."""
 
-    def __init__(self, total: int, before: Mapping[str, int] | None = None) -> None:
-        self.tally = Tally(total, before)
+    def __init__(self, tally: Tally) -> None:
+        self.tally = tally
 
-    def add(self, modes: Mapping[str, int]) -> None:
-        """Take note of finished points, so many of each mode."""
-        self.tally.add(modes)
+    def add(self, modes: Mapping[str, int], seconds: float = 0.0) -> None:
+        """Take note of finished points, see `Tally.add`."""
+        self.tally.add(modes, seconds)
 
     def expect(self, total: int) -> None:
         """Take note that so many points are to be run in all: of a map that is refined, that shows as it goes."""
@@ -67,36 +88,38 @@ class Silent:
 class Lines(Silent):
     """Plain lines on stderr, for logs."""
 
-    def __init__(self, total: int, before: Mapping[str, int] | None = None) -> None:
-        super().__init__(total, before)
+    def __init__(self, tally: Tally) -> None:
+        super().__init__(tally)
         self.last = perf_counter()
-        if before:
-            print(f"going on: {self.tally.done} of {total} points are done", file=sys.stderr, flush=True)
+        if tally.done:
+            print(f"going on: {tally.done} of {tally.total} points are done", file=sys.stderr, flush=True)
 
-    def add(self, modes: Mapping[str, int]) -> None:
+    def add(self, modes: Mapping[str, int], seconds: float = 0.0) -> None:
         """Take note, and print a line every `LINE_SECONDS` and at the end."""
-        super().add(modes)
+        super().add(modes, seconds)
         now, tally = perf_counter(), self.tally
         if now - self.last < LINE_SECONDS and tally.done < tally.total:
             return
         self.last = now
         share = f"{tally.done}/{tally.total} points, {100 * tally.done // tally.total} %"
-        times = f"elapsed {clock(now - tally.start)}, left {clock(tally.seconds_left())}"
+        times = f"elapsed {clock(now - tally.start)}, left {tally.time_left()}"
         print(f"{share}, {times}: {tally.words()}", file=sys.stderr, flush=True)
 
 
 class Bar(Silent):
     """A live bar on a terminal, inside a running `rich` display."""
 
-    def __init__(self, total: int, before: Mapping[str, int] | None, display: Progress) -> None:
-        super().__init__(total, before)
+    def __init__(self, tally: Tally, display: Progress) -> None:
+        super().__init__(tally)
         self.display = display
-        self.task = display.add_task(self.tally.words(), total=total, completed=self.tally.done)
+        self.task = display.add_task(tally.words(), total=tally.total, completed=tally.done, left=tally.time_left())
 
-    def add(self, modes: Mapping[str, int]) -> None:
-        """Take note and move the bar."""
-        super().add(modes)
-        self.display.update(self.task, completed=self.tally.done, description=self.tally.words())
+    def add(self, modes: Mapping[str, int], seconds: float = 0.0) -> None:
+        """Take note and move the bar; at the end it shows the time that all has taken."""
+        super().add(modes, seconds)
+        tally = self.tally
+        left = tally.time_left() if tally.done < tally.total else clock(perf_counter() - tally.start)
+        self.display.update(self.task, completed=tally.done, description=tally.words(), left=left)
 
     def expect(self, total: int) -> None:
         """Take note and lengthen the bar."""
@@ -121,24 +144,22 @@ def _tell_seconds() -> None:
 
 
 @contextmanager
-def watch(total: int, *, show: bool, before: Mapping[str, int] | None = None) -> Iterator[Silent]:
-    """Follow a sweep of `total` points; what it yields is told of finished points by ``add``.
+def watch(tally: Tally, *, show: bool) -> Iterator[Silent]:
+    """Follow a sweep; what it yields is told of finished points by ``add``.
 
     Parameters
     ----------
-    total : int
+    tally : Tally
     show : bool
         Whether to show anything, on stderr.
-    before : mapping of str to int, optional
-        Tally of points that an earlier process has finished.
     """
     console = Console(stderr=True)
     if not show:
-        yield Silent(total, before)
+        yield Silent(tally)
     elif not console.is_terminal:
-        yield Lines(total, before)
+        yield Lines(tally)
     else:
-        left = TimeRemainingColumn(elapsed_when_finished=True)
+        left = TextColumn("{task.fields[left]}", style="progress.remaining")
         columns = (BarColumn(), MofNCompleteColumn(), TextColumn("points"), left, TextColumn("{task.description}"))
         with Progress(*columns, console=console) as display:
-            yield Bar(total, before, display)
+            yield Bar(tally, display)

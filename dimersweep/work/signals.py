@@ -6,12 +6,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from dimersweep.errors import Stopped
 from dimersweep.work.stopping import StopFlag
 
 
 @contextmanager
 def stop_on_signals() -> Iterator[StopFlag]:
-    """A flag that SIGINT and SIGTERM set while the context lasts; a second one raises KeyboardInterrupt at once.
+    """A flag that SIGINT and SIGTERM set while the context lasts; a second one raises `Stopped` at once.
 
     In a thread other than the main one, which cannot have signals, the flag is never set by itself. A signal that is
     ignored stays ignored.
@@ -20,7 +21,7 @@ def stop_on_signals() -> Iterator[StopFlag]:
 
     def note(number: int, frame: Any) -> None:
         if flag.is_set():
-            raise KeyboardInterrupt
+            raise Stopped("", number)
         flag.signal = number
         flag.set()
 

@@ -1,6 +1,6 @@
 """The unit of work: ranges of grid points, and the pure function that any thread, process or machine runs them with."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from time import perf_counter
 from typing import Any, NamedTuple, Protocol, Self
 
@@ -82,6 +82,14 @@ def after(tiles: Bundle, points: int) -> Bundle:
     return tuple(left)
 
 
+def lengths(periods: int, max_periods: int) -> Iterator[int]:
+    """Forcing periods of the runs of a point that does not settle, one after the other: each twice those before."""
+    yield periods
+    while periods < max_periods:
+        periods = min(2 * periods, max_periods)
+        yield periods
+
+
 def run_patiently(
     rows: np.ndarray,
     periods: int,
@@ -110,11 +118,13 @@ def run_patiently(
     int
         Number of points made.
     """
-    made = run_many(rows, periods, rtol, settle, out, codes, until=until | 1 << M_UNRESOLVED, space=space)
+    first, *longer = lengths(periods, max_periods)
+    made = run_many(rows, first, rtol, settle, out, codes, until=until | 1 << M_UNRESOLVED, space=space)
     last = slice(made - 1, made)
-    while made and codes[made - 1, CODE_MODE] == M_UNRESOLVED and periods < max_periods:
-        periods = min(2 * periods, max_periods)
-        if not run_many(rows[last], periods, rtol, settle, out[last], codes[last], until=until, space=space):
+    for more in longer:
+        if not made or codes[made - 1, CODE_MODE] != M_UNRESOLVED:
+            break
+        if not run_many(rows[last], more, rtol, settle, out[last], codes[last], until=until, space=space):
             return made - 1  # it was stopped
     return made
 

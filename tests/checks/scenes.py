@@ -5,6 +5,7 @@ from math import pi
 import numpy as np
 
 from dimersweep import simulate
+from dimersweep.parameters import updated
 
 SCALE = np.array([0.01, 0.01, 0.01, 1, 1, 10, 0.1, 0.1, 0.1, 1, 1, 100])
 COORDINATES = ("x1", "y1", "gap_1", "theta", "beta", "spin")
@@ -34,7 +35,7 @@ def random_scene(seed):
         {"mu": 0.0, "mu_s": 0.0},
         {"Gamma": 0.0},
     ]
-    return scene | (features[seed // 2 % len(features)] if seed % 2 else {})
+    return updated(scene, features[seed // 2 % len(features)] if seed % 2 else {})
 
 
 def sample_times(scene, periods=3):

@@ -138,9 +138,9 @@ def test_stored_impacts(k):
 def test_random_impacts_against_the_oracle(seed):
     rng = np.random.default_rng([9, seed])
     mu = rng.uniform(0, 0.8)
-    params = {"A_r": rng.uniform(2.2, 9), "mu": mu, "mu_s": mu * rng.choice([1, 1.5]), "e": rng.uniform(0.05, 1)}
-    if seed % 4 == 0:
-        params |= {"e_1": rng.uniform(0.05, 1), "e_2": rng.uniform(0.05, 1)}
+    params = {"A_r": rng.uniform(2.2, 9), "mu": mu, "mu_s": mu * rng.choice([1, 1.5])}
+    e = rng.uniform(0.05, 1)
+    params |= {"e": e} if seed % 4 else {"e_1": rng.uniform(0.05, 1), "e_2": rng.uniform(0.05, 1)}
     dm = dimer(**params)
     before = random_flat(dm, rng, seed)
     q, qdot = oracle_state(dm, before)

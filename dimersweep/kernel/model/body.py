@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dimersweep.kernel.compiler.jit import compiled, exported
-from dimersweep.kernel.model.layout import Dimer, End
+from dimersweep.kernel.model.layout import CA, CB, DIP, SPIN, WB, WP, Dimer, End
 from dimersweep.kernel.model.plate import TWO_PI, amplitude
 from dimersweep.kernel.numerics.sincos import one_minus_cos, sincos
 
@@ -246,3 +246,10 @@ def rise_at(dm, beta):
     """By how much p2 is higher over the plate than p1 [m] at the dip angle `beta` [rad]; floats, or arrays of one shape."""
     dip = beta - dm.beta_0
     return 2.0 * dm.l * np.sin(0.5 * dip) * np.cos(0.5 * (beta + dm.beta_0))
+
+
+def slip_at(dm, state, i):
+    """Axial and lateral velocity of the contact point of end i in a kernel state [m s-1]."""
+    beta = dm.beta_0 + state[DIP]
+    lv = getattr(levers, "py_func", levers)((dm.p1, dm.p2)[i], np.sin(beta), np.cos(beta))
+    return state[CA] + lv.a * state[WB], state[CB] + lv.b * state[WP] + lv.c * state[SPIN]

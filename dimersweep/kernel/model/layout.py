@@ -159,6 +159,7 @@ OUT = (
     "spin_drift",
     "longest_hop_1",
     "longest_hop_2",
+    "change_ahead",
 )
 N_OUT = len(OUT)
 OUT_RADIUS, OUT_PERIOD, OUT_ZETA, OUT_SPEED, OUT_PRECESSION_RATE, OUT_IMPACT_PHASE = range(6)
@@ -166,7 +167,7 @@ N_ORBIT = 6  # values of an orbit, in the first slots; the drift of each is so m
 OUT_SPIN_RATE, OUT_BETA_RATE_AFTER, OUT_DOWN_SHARE_1, OUT_DOWN_SHARE_2, OUT_SETTLED_AFTER = range(
     2 * N_ORBIT, 2 * N_ORBIT + 5
 )
-OUT_SPIN_DRIFT, OUT_LONGEST_HOP_1, OUT_LONGEST_HOP_2 = range(2 * N_ORBIT + 5, N_OUT)
+OUT_SPIN_DRIFT, OUT_LONGEST_HOP_1, OUT_LONGEST_HOP_2, OUT_CHANGE_AHEAD = range(2 * N_ORBIT + 5, N_OUT)
 CODES = ("status", "mode", "mode_period", "di_end", "n_events", "n_periods")
 N_CODES = len(CODES)
 CODE_STATUS, CODE_MODE, CODE_MODE_PERIOD, CODE_DI_END, CODE_N_EVENTS, CODE_N_PERIODS = range(N_CODES)

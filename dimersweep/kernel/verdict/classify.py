@@ -1,6 +1,11 @@
-"""The verdict on a run: its mode of motion, the numbers that go with it, and the orbit of a drift."""
+"""The verdict on a run: its mode of motion, the numbers that go with it, and the orbit of a drift.
 
-from math import nan, pi
+A mode is known long before the numbers stand: the spin creeps on, and a path that bends less and less takes hundreds of
+periods to its radius. A run stops where its numbers would come no further than STILL in the periods that are left, at
+their pace over the last ones: so they are those at the end of the periods asked for, to 1e-3.
+"""
+
+from math import copysign, nan, pi
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.model.layout import (
@@ -13,11 +18,10 @@ from dimersweep.kernel.model.layout import (
     N_ORBIT,
     N_OUT,
     OUT_BETA_RATE_AFTER,
+    OUT_CHANGE_AHEAD,
     OUT_DOWN_SHARE_1,
-    OUT_DOWN_SHARE_2,
     OUT_IMPACT_PHASE,
     OUT_LONGEST_HOP_1,
-    OUT_LONGEST_HOP_2,
     OUT_PRECESSION_RATE,
     OUT_RADIUS,
     OUT_SETTLED_AFTER,
@@ -54,12 +58,14 @@ from dimersweep.kernel.verdict.past import (
     SCALARS,
     STROBES,
 )
-from dimersweep.kernel.verdict.settling import ringing_period, settled_period, spin_drift
+from dimersweep.kernel.verdict.settling import PATIENCE, ringing_period, settled_period, spin_drift
 
 DOWN_LINE = 0.9  # share of the time one ball is down in the drift mode
 TOGETHER = 0.15  # landings of a jump lie closer than this
 FIT = 20  # double events in the fit of an orbit's drift
-SPAN = 12.0  # periods of which shares and hops are told
+SPAN = 12  # periods of which shares and hops are told
+STILL = 8e-4  # change of its numbers, relative, in radians, cycles or periods, that a stopped run leaves out at most
+SLOW, STRAIGHT = 1e-2, 1e-9  # speed in g/omega, precession in omega: changes of lesser ones are relative to these
 
 
 @compiled
@@ -84,9 +90,16 @@ def longest_hop(dm, past, span, i):
     """Longest time that end i was off the plate, of the hops that ended or went on in the last `span` periods [periods]."""
     count = int(past[SCALARS, S_STROBES])
     last = past[STROBES + (count - 1) % RING]
-    longest = last[P_TIME] - last[P_OFF_1 + i] if last[P_OFF_1 + i] >= 0.0 else 0.0
-    for back in range(span):
-        longest = max(longest, past[STROBES + (count - 1 - back) % RING, P_HOP_1 + i])
+    on_its_way = last[P_TIME] - last[P_OFF_1 + i] if last[P_OFF_1 + i] >= 0.0 else 0.0
+    return max(on_its_way / dm.T, longest_landed(dm, past, span, 0, i))
+
+
+@compiled
+def longest_landed(dm, past, span, back, i):
+    """Longest hop of end i that ended in the `span` periods up to `back` periods before the last strobe [periods]."""
+    last, longest = int(past[SCALARS, S_STROBES]) - 1 - back, 0.0
+    for k in range(span):
+        longest = max(longest, past[STROBES + (last - k) % RING, P_HOP_1 + i])
     return longest / dm.T
 
 
@@ -179,6 +192,12 @@ def orbit_slope(past, k, n):
 
 
 @compiled
+def fitted(past):
+    """Number of double events in the fit of an orbit's drift."""
+    return min(FIT, int(past[SCALARS, S_DOUBLES]) - 1, RING - 1)
+
+
+@compiled
 def orbit_of(past, out):
     """Orbit of a drift from its double events into the outcome row: last values, and their slopes over the last FIT.
 
@@ -190,7 +209,7 @@ def orbit_of(past, out):
     count = int(past[SCALARS, S_DOUBLES])
     if count < 2:
         return 0
-    n = min(FIT, count - 1, RING - 1)
+    n = fitted(past)
     for k in range(N_ORBIT):
         out[k] = orbit_value(past, k, 0)
         out[N_ORBIT + k] = orbit_slope(past, k, n)
@@ -201,15 +220,68 @@ def orbit_of(past, out):
 
 
 @compiled
-def verdict(dm, past, at_rest, out):
-    """Mode, its period and the end of the double impact; fills the outcome row (nan where a number has no meaning)."""
+def stays_as_it_is(dm, past, left):
+    """Whether the motion has settled, and its numbers stand as they are for the periods that are left of a run."""
+    return settled_period(past) > 0 and change_ahead(dm, past, left) <= STILL
+
+
+@compiled
+def change_ahead(dm, past, left):
+    """Largest change of a settled motion's numbers in the periods that are left, at their pace over the last ones.
+
+    Relative of the radius, period, speed, precession rate and spin of a drift; absolute of its angle [rad] and phase
+    [cycles]; of any motion absolute of its longest hops [periods].
+    """
+    mode, p = mode_of(dm, past, False)
+    if p == 0 or left == 0:
+        return 0.0
+    pace = max(hop_pace(dm, past, p, 0), hop_pace(dm, past, p, 1))
+    if mode == M_DRIFT:
+        n, unit = fitted(past), dm.g / dm.omega
+        turning = relative_pace(past, OUT_PRECESSION_RATE, n, STRAIGHT * dm.omega)
+        moving = relative_pace(past, OUT_SPEED, n, SLOW * unit)
+        pace = max(pace, abs(turning), abs(moving), abs(moving - turning))  # of the period, the speed and the radius
+        pace = max(pace, abs(relative_pace(past, OUT_SPIN_RATE, n, unit / max(dm.p1.r, dm.p2.r))))
+        pace = max(pace, abs(orbit_slope(past, OUT_IMPACT_PHASE, n)))
+        angle = abs(orbit_slope(past, OUT_ZETA, n))
+        if angle > pace:  # a dimer that stands has none
+            pace = angle
+    return left * pace
+
+
+@compiled
+def relative_pace(past, k, n, least):
+    """Slope of value k of the orbit over the last n double events, relative to the value, or to the least that counts."""
+    value = orbit_value(past, k, 0)
+    return orbit_slope(past, k, n) / copysign(max(abs(value), least), value)
+
+
+@compiled
+def hop_pace(dm, past, p, i):
+    """Change of the longest hop of end i per forcing period over the last periods of a motion of period p [periods]."""
+    span = p * (PATIENCE // p)
+    return abs(longest_landed(dm, past, p, 0, i) - longest_landed(dm, past, p, span, i)) / span
+
+
+@compiled
+def verdict(dm, past, at_rest, left, out):
+    """Mode, its period and the end of the double impact; fills the outcome row (nan where a number has no meaning).
+
+    A run that rests does so for the periods that are left of it, too: both ends are down in them.
+    """
     for k in range(N_OUT):
         out[k] = nan
     mode, p = mode_of(dm, past, at_rest)
-    if past[SCALARS, S_STROBES] > 1.0:
-        span = int(min(past[SCALARS, S_STROBES] - 1.0, SPAN))
-        out[OUT_DOWN_SHARE_1], out[OUT_DOWN_SHARE_2] = share(past, span, 0), share(past, span, 1)
-        out[OUT_LONGEST_HOP_1], out[OUT_LONGEST_HOP_2] = longest_hop(dm, past, span, 0), longest_hop(dm, past, span, 1)
+    rest = left if at_rest else 0
+    span = min(int(past[SCALARS, S_STROBES]) + rest - 1, SPAN)
+    moved = max(0, span - rest)
+    for i in range(2):
+        if moved > 0:
+            out[OUT_DOWN_SHARE_1 + i] = (moved * share(past, moved, i) + (span - moved)) / span
+            out[OUT_LONGEST_HOP_1 + i] = longest_hop(dm, past, moved, i)
+        elif span > 0:
+            out[OUT_DOWN_SHARE_1 + i], out[OUT_LONGEST_HOP_1 + i] = 1.0, 0.0
+    out[OUT_CHANGE_AHEAD] = change_ahead(dm, past, left)
     if p > 0:
         out[OUT_SETTLED_AFTER] = past[SCALARS, S_STROBES] - past[RUNS, p]
         out[OUT_SPIN_DRIFT] = spin_drift(dm, past, p)

@@ -1,4 +1,4 @@
-"""The return map in the coordinates that contact leaves free at a section, for one set of parameters.
+"""The Poincaré map of the dimer: from a section to itself, in the coordinates that contact leaves free there.
 
 The section is a phase of the plate that lies away from the events of the orbit. A point of it is the row of those
 coordinates of `stability.NAMES` that are free in the contact there, in their units; the axial spin is one of them, the
@@ -8,11 +8,12 @@ rest is the fast part. The cost of all that is asked here is counted in forcing 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import NamedTuple, Self, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from dimersweep.kernel.course import new_workspace
+from dimersweep.kernel.model.body import dimer_of
 from dimersweep.kernel.model.layout import (
     N_STATE,
     OK,
@@ -33,7 +34,7 @@ from dimersweep.parameters import fill_rows
 from dimersweep.runs.stability import NAMES, Section, free_coordinates
 
 SPIN_COORDINATE = NAMES.index("spin")
-ROWS, GROWTH, MOST_ROWS = 400, 4, 2_000_000
+FIRST_ROWS, GROWTH, MOST_ROWS = 400, 4, 2_000_000
 MARGIN = 0.03  # distance of the section from the next event that is too small, in forcing periods
 LONG = 0.1  # length of a smooth phase from which on the simpler contact counts for more than more length
 
@@ -53,20 +54,13 @@ class Image(NamedTuple):
     passage: Passage
 
 
-@dataclass
-class Spent:
-    """Forcing periods of the map that have been run."""
-
-    periods: float = 0.0
-
-
 class Tape:
-    """Where the kernel writes its record: grown when it is full, shared by the maps of one task."""
+    """The record that the kernel writes, grown when it is full, and the count of periods; shared by the maps of one task."""
 
     def __init__(self) -> None:
         self.space = new_workspace()
-        self.spent = Spent()
-        self.grow(ROWS)
+        self.periods = 0.0  # forcing periods that have been run
+        self.grow(FIRST_ROWS)
 
     def grow(self, rows: int) -> None:
         """Room for so many events and smooth phases."""
@@ -82,7 +76,7 @@ class Tape:
         OrbitLost
             If the kernel cannot go on.
         """
-        self.spent.periods += periods - start[PHASE] / TURN
+        self.periods += periods - start[PHASE] / TURN
         while True:
             state, modes = start.copy(), np.zeros(2)
             status = advance(row, state, modes, periods, rtol, path, self.space, self.record)
@@ -96,6 +90,7 @@ class Tape:
         return state, modes, passage
 
 
+@dataclass(eq=False)
 class ReturnMap:
     """The map of one dimer on one plate over the periods of a motion.
 
@@ -114,19 +109,22 @@ class ReturnMap:
     tape : Tape
     """
 
-    def __init__(
-        self, parameters: dict[str, float], phase: float, modes: np.ndarray, periods: int, rtol: float, tape: Tape
-    ) -> None:
-        self.parameters, self.phase, self.modes, self.periods, self.rtol, self.tape = (
-            parameters, phase, modes, periods, rtol, tape,
-        )  # fmt: skip
-        self.row = self.row_at(phase)
-        self.section = Section(parameters, self.row, rtol, tape.space)
-        self.free = np.array(free_coordinates(modes))
+    parameters: dict[str, float]
+    phase: float
+    modes: np.ndarray
+    periods: int
+    rtol: float
+    tape: Tape
+
+    def __post_init__(self) -> None:
+        self.row = self.row_at(self.phase)
+        self.dimer = dimer_of(self.row)
+        self.section = Section(self.parameters, self.row, self.rtol, self.tape.space)
+        self.free = np.array(free_coordinates(self.modes))
         self.slow = int(np.flatnonzero(self.free == SPIN_COORDINATE)[0])
         self.unit = float(self.section.units[SPIN_COORDINATE])  # of the spin [rad/s]
         # they balance the error of differences, step^2 of central and step of one-sided ones, with that of the map, rtol/step
-        self.step, self.one_sided = rtol ** (1 / 3), rtol**0.5
+        self.step, self.one_sided = self.rtol ** (1 / 3), self.rtol**0.5
 
     def row_at(self, phase: float) -> np.ndarray:
         """The kernel's row of the parameters, with the plate at `phase` [rad] at the start."""
@@ -134,18 +132,6 @@ class ReturnMap:
         row[ROW_PHI_2] += 2.0 * (phase - row[ROW_PHI0])  # the second harmonic goes with the plate
         row[ROW_PHI0] = phase % TURN
         return row
-
-    def with_parameters(self, parameters: dict[str, float]) -> Self:
-        """The same map for other parameters."""
-        return type(self)(parameters, self.phase, self.modes, self.periods, self.rtol, self.tape)
-
-    def with_value(self, name: str, value: float) -> Self:
-        """The same map for another value of a parameter."""
-        return self.with_parameters(self.parameters | {name: value})
-
-    def on(self, tape: Tape) -> "ReturnMap":
-        """The same map with a count of its own."""
-        return type(self)(self.parameters, self.phase, self.modes, self.periods, self.rtol, tape)
 
     def state(self, z: np.ndarray) -> np.ndarray:
         """The kernel's state at a point.
@@ -159,7 +145,7 @@ class ReturnMap:
         point[self.free] = z
         if point[0] < 0 or point[1] < 0:
             raise OrbitLost("an end meets the plate at the section")
-        if not abs(point[1] - point[0]) * self.section.units[0] < 2 * self.section.h:
+        if not abs(point[1] - point[0]) * self.section.units[0] < self.dimer.l:
             raise OrbitLost("no dimer is so steep")
         return self.section.held(self.section.state(point), self.modes)
 
@@ -194,24 +180,24 @@ class ReturnMap:
         matrix : ndarray, shape (n, n)
         gradient : ndarray, shape (n,)
         """
-        told = self.differences(z, lambda image: np.append(image.point, image.spin / self.unit), here, senses)
-        return told[:-1], told[-1]
+        rows = self.differences(z, lambda image: np.append(image.point, image.spin / self.unit), here, senses)
+        return rows[:-1], rows[-1]
 
     def differences(
         self,
         z: np.ndarray,
-        told: Callable[[Image], np.ndarray],
+        read: Callable[[Image], np.ndarray],
         here: Image | None = None,
         senses: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Derivatives of what is told of the image, shape (what, n); see `jacobian`."""
+        """Derivatives by the coordinates of what `read` returns of an image, one row each; by differences as in `jacobian`."""
         if here is None or senses is None:
             widths = np.full(z.size, 2 * self.step)
             pairs = [(self.image(z + d), self.image(z - d)) for d in self.step * np.eye(z.size)]
         else:
             widths = self.one_sided * senses
             pairs = [(self.image(z + d), here) for d in np.diag(widths)]
-        return np.array([told(ahead) - told(back) for ahead, back in pairs]).T / widths
+        return np.array([read(ahead) - read(back) for ahead, back in pairs]).T / widths
 
     def well_placed(self, passage: Passage, simplest: bool = True) -> bool:
         """Whether the section is away from the events of the motion, and no simpler contact lasts long enough."""
@@ -222,9 +208,10 @@ class ReturnMap:
     def in_own_section(
         self, now: T, passage: Passage, make: Callable[["ReturnMap", np.ndarray], T], simplest: bool = True
     ) -> T:
-        """What is known of a motion, `now`; or what `make(map, point)` gives in another section, if this one does not suit it.
+        """`now`, or, if this section does not suit the motion, what `make(map, point)` returns for a better one.
 
-        It does not if events have come near, or (`simplest`) simpler contact lasts. `now` stays where `make` finds no orbit.
+        A section does not suit if events have come near, or (`simplest`) if simpler contact lasts elsewhere in the period. If
+        `make` finds no orbit in the better section, `now` is returned.
         """
         if not self.well_placed(passage, simplest):
             with suppress(OrbitLost):
@@ -279,7 +266,7 @@ class ReturnMap:
 def smooth_phases(passage: Passage, periods: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Starts and lengths [rad] of the smooth phases of a motion, and the friction modes in each.
 
-    The one through the section counts once and whole.
+    The phase in which the section lies is counted once, in its full length.
     """
     (events,) = np.nonzero(np.mod(passage.times, TURN) > 0)
     modes = passage.segments[:, MODES : MODES + 2]

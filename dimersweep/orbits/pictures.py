@@ -1,23 +1,28 @@
 """Pictures of borders, branches and families of orbits."""
 
+import json
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from scipy.interpolate import PchipInterpolator
 
 from dimersweep.cubes.reading import edges_of
 from dimersweep.errors import ParameterError
-from dimersweep.plots.style import given, label
-from dimersweep.symbols import PARAMETERS, QUANTITIES
+from dimersweep.orbits.kinds import BORDER_KINDS
+from dimersweep.plots.style import Drawing, entitle, given, label, log_scale
+from dimersweep.symbols import BASE, PARAMETERS, QUANTITIES, conditions
 
-KIND_COLORS = {"fold": "#0072b2", "flip": "#d62728", "torus": "#e69f00"}
-WORD_COLOR = "#009e73"
 STYLES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
-SPECIAL = {"fold": "s", "flip": "D", "torus": "o", "word": "|"}
-SHOWN = {"radius": "radius [m]", "period": "period [s]", "zeta": "zeta [rad]"}
+REGION_COLOR = "#c6dbef"
+SMOOTH = 12  # places of a drawn branch between two of its points
+MARKERS = {kind.name: kind.marker for kind in BORDER_KINDS.values()}
+PANELS = {"radius": "radius [m]", "period": "period [s]", "zeta": r"$\zeta$ [rad]"}
 
 
 def draw_borders(table: xr.Dataset, over: xr.Dataset | None = None) -> Figure:
@@ -53,16 +58,16 @@ def draw_borders(table: xr.Dataset, over: xr.Dataset | None = None) -> Figure:
 def curves(table: xr.Dataset, over: xr.Dataset | None = None) -> Figure:
     """Borders along the last axis, one line style for each value of the others; the ball's closed forms are thin and black."""
     table = table.swap_dims(border="kind")
-    y = _solved_for(table)
+    y = table.attrs["parameter"]
     *others, x = [str(dim) for dim in table[y].dims if dim != "kind"]
-    figure = Figure(figsize=(8, 6), layout="constrained")
+    figure = Drawing(8, 6)
     axes = figure.add_subplot()
+    handles: list[Any] = []
     if over is not None:
-        _map_under(axes, over, x, y)
+        handles.append(_map_under(axes, over, x, y))
     flat = table.stack(line=others) if others else table.expand_dims("line")
-    handles = []
     for kind in table["kind"].values:
-        color = KIND_COLORS.get(str(kind), WORD_COLOR)
+        color = BORDER_KINDS[str(kind)].color
         for k in range(flat.sizes["line"]):
             row = flat.sel(kind=kind).isel(line=k)
             axes.plot(row[x], row[y], color=color, linestyle=STYLES[k % len(STYLES)], linewidth=1.4)
@@ -72,24 +77,28 @@ def curves(table: xr.Dataset, over: xr.Dataset | None = None) -> Figure:
         handles.append(Line2D([], [], color=color, label=str(kind)))
     for k in range(flat.sizes["line"]):
         if others:
-            told = ", ".join(given(name, float(flat[name].isel(line=k))) for name in others)
-            handles.append(Line2D([], [], color="gray", linestyle=STYLES[k % len(STYLES)], label=told))
+            words = ", ".join(given(name, float(flat[name].isel(line=k))) for name in others)
+            handles.append(Line2D([], [], color="gray", linestyle=STYLES[k % len(STYLES)], label=words))
     handles.append(Line2D([], [], color="black", linewidth=0.7, label="ball, closed form"))
     axes.set_xlabel(label(x))
     axes.set_ylabel(label(y))
     axes.legend(handles=handles, fontsize=8)
-    axes.set_title(table.attrs["title"], fontsize=10)
+    _entitle(figure, table, x, y)
     return figure
 
 
-def _solved_for(table: xr.Dataset) -> str:
-    """The parameter that the curves were solved for."""
-    names = [str(name) for name in table.data_vars if name in PARAMETERS and "kind" in table[name].dims]
-    return names[0]
+def _entitle(figure: Figure, table: xr.Dataset, *along: str) -> None:
+    """Write the title of a table, with the conditions that its orbits share; those of a start are none of theirs."""
+    declared = json.loads(table.attrs.get("configuration", "{}"))
+    values = BASE | declared["fixed"] if declared else table.attrs
+    told = conditions(values, {*declared.get("over", ()), *along, "beta0", "xdot0"}, tex=True)
+    spin = declared.get(table.attrs.get("what"), {}).get("spin")
+    told += f", axial spin = {spin:.4g} rad/s" if isinstance(spin, float) else ""
+    entitle(figure, f"{table.attrs.get('title', '')}\n{told}".lstrip())
 
 
-def _map_under(axes: Axes, over: xr.Dataset, x: str, y: str) -> None:
-    """The region of drift of a map, and its boundary."""
+def _map_under(axes: Axes, over: xr.Dataset, x: str, y: str) -> Patch:
+    """Draw the region of drift of a map; its handle for a legend."""
     region = over["region"] if "region" in over else over["mode"]
     if set(region.dims) != {x, y}:
         raise ParameterError(f"over: the map has the axes {', '.join(map(str, region.dims))}; must have {x} and {y}")
@@ -97,15 +106,15 @@ def _map_under(axes: Axes, over: xr.Dataset, x: str, y: str) -> None:
     codes = dict(zip(flags, np.atleast_1d(region.attrs["flag_values"]), strict=True))
     values = region.transpose(y, x).values
     shown = np.where(values == codes["drift"], 1.0, np.nan)
-    axes.pcolormesh(
-        edges_of(over[x].values), edges_of(over[y].values), shown, cmap="Blues", vmin=0, vmax=4, rasterized=True
-    )
+    cells = edges_of(over[x].values), edges_of(over[y].values)
+    axes.pcolormesh(*cells, shown, cmap=ListedColormap([REGION_COLOR]), rasterized=True)
+    return Patch(facecolor=REGION_COLOR, label="drift, in the map")
 
 
 def branches(table: xr.Dataset) -> Figure:
     """Radius and angle of the orbits along branches: stable ones solid, unstable ones dashed, special points marked."""
-    x = str(table.attrs.get("parameter") or _branch_axis(table))
-    figure = Figure(figsize=(8, 8), layout="constrained")
+    x = str(table.attrs["parameter"])
+    figure = Drawing(8, 8)
     panels = figure.subplots(3, 1, sharex=True)
     groups = [name for name in table.data_vars if name in PARAMETERS and name != x and table[name].dims == ("point",)]
     colors: dict[Any, str] = {}
@@ -113,77 +122,75 @@ def branches(table: xr.Dataset) -> Figure:
         one = table.isel(point=table["branch"].values == number)
         key = tuple(float(one[name][0]) for name in groups)
         color = colors.setdefault(key, f"C{len(colors)}")
-        for axes, name in zip(panels, SHOWN, strict=True):
+        for axes, name in zip(panels, PANELS, strict=True):
             _one_branch(axes, one, x, name, color)
-    for axes, name in zip(panels, SHOWN, strict=True):
-        axes.set_ylabel(SHOWN[name])
+    for axes, name in zip(panels, PANELS, strict=True):
+        axes.set_ylabel(PANELS[name])
         axes.grid(alpha=0.3)
     handles = [
         Line2D([], [], color="gray", label="stable"),
         Line2D([], [], color="gray", linestyle="--", label="unstable"),
     ]
-    kinds = [kind for kind in SPECIAL if (table["special"].values == kind).any()]
-    handles += [Line2D([], [], color="black", linestyle="", marker=SPECIAL[kind], label=kind) for kind in kinds]
+    kinds = [kind for kind in MARKERS if (table["special"].values == kind).any()]
+    handles += [Line2D([], [], color="black", linestyle="", marker=MARKERS[kind], label=kind) for kind in kinds]
     for key, color in colors.items():
         if groups:
-            told = ", ".join(given(str(name), value) for name, value in zip(groups, key, strict=True))
-            handles.append(Line2D([], [], color=color, label=told))
+            words = ", ".join(given(str(name), value) for name, value in zip(groups, key, strict=True))
+            handles.append(Line2D([], [], color=color, label=words))
     panels[0].legend(handles=handles, fontsize=8, ncols=2)
     panels[-1].set_xlabel(label(x) if x in PARAMETERS else "axial spin [rad/s]")
-    panels[0].set_title(table.attrs["title"], fontsize=10)
+    _entitle(figure, table, x)
     return figure
-
-
-def _branch_axis(table: xr.Dataset) -> str:
-    """The parameter that varies within a branch."""
-    for name in table.data_vars:
-        if name in PARAMETERS and table[name].dims == ("point",):
-            first = table["branch"].values == table["branch"].values[0]
-            if np.ptp(table[name].values[first]) > 0:
-                return str(name)
-    return "spin"
 
 
 def _one_branch(axes: Axes, one: xr.Dataset, x: str, name: str, color: str) -> None:
     """One quantity along one branch."""
-    values, stable = one[name].values, one["stable"].values.astype(bool)
+    places, values, stable = one[x].values, one[name].values, one["stable"].values.astype(bool)
+    at, line, drawn = _smoothed(places, values)
     bounds = np.flatnonzero(np.diff(stable.astype(int))) + 1
     for part in np.split(np.arange(values.size), bounds):
-        if part.size == 0:
-            continue
-        joined = np.append(part, part[-1] + 1) if part[-1] + 1 < values.size else part
-        axes.plot(
-            one[x].values[joined], values[joined], color=color, linestyle="-" if stable[part[0]] else "--", lw=1.3
-        )
-    for kind, marker in SPECIAL.items():
+        here = (part[0] <= at) & (at <= part[-1] + 1)
+        axes.plot(line[here], drawn[here], color=color, linestyle="-" if stable[part[0]] else "--", lw=1.3)
+    for kind, marker in MARKERS.items():
         at = one["special"].values == kind
         axes.plot(one[x].values[at], values[at], linestyle="", marker=marker, color="black", markersize=5)
 
 
+def _smoothed(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Places on a smooth curve through points (their number along it) and its coordinates, which turn at points only."""
+    steps = np.hypot(np.diff(x) / (np.ptp(x) or 1.0), np.diff(y) / (np.ptp(y) or 1.0))
+    length = np.concatenate([[0.0], np.cumsum(np.maximum(steps, 1e-9))])
+    if x.size < 3 or not np.isfinite(length[-1]):
+        return np.arange(x.size), x, y
+    at = np.linspace(0, x.size - 1, (x.size - 1) * SMOOTH + 1)
+    along = np.interp(at, np.arange(x.size), length)
+    return at, PchipInterpolator(length, x)(along), PchipInterpolator(length, y)(along)
+
+
 def families(table: xr.Dataset) -> Figure:
     """Radius, period, angle and relative decay of the orbits over the spin, with the least period marked."""
-    figure = Figure(figsize=(9, 7), layout="constrained")
+    figure = Drawing(9, 7)
     panels = figure.subplots(2, 2, sharex=True).ravel()
     names = [str(name) for name in table.coords if name in PARAMETERS]
     spin = table["spin"].values
     for k in range(table.sizes["over"]):
         row = table.isel(over=k)
-        told = ", ".join(given(name, float(row[name])) for name in names)
-        for axes, name in zip(panels, SHOWN, strict=False):
-            axes.plot(spin, row[name], color=f"C{k}", label=told)
+        words = ", ".join(given(name, float(row[name])) for name in names)
+        for axes, name in zip(panels, PANELS, strict=False):
+            axes.plot(spin, row[name], color=f"C{k}", label=words)
         least = int(np.nanargmin(row["period"]))
         if 0 < least < int(np.isfinite(row["period"]).sum()) - 1:
             panels[1].plot(spin[least], row["period"][least], "o", color=f"C{k}")
         panels[3].plot(spin, np.abs(row["spin_drift"]) / spin, color=f"C{k}")
-    for axes, name in zip(panels, SHOWN, strict=False):
-        axes.set_ylabel(SHOWN[name])
-    panels[1].set_yscale("log")
-    panels[3].set_yscale("log")
-    panels[3].set_ylabel("relative change of the spin per period [1]")
+    for axes, name in zip(panels, PANELS, strict=False):
+        axes.set_ylabel(PANELS[name])
+    log_scale(panels[1])
+    log_scale(panels[3])
+    panels[3].set_ylabel("share of the spin lost in a period")
     for axes in panels:
         axes.grid(alpha=0.3)
     for axes in panels[2:]:
         axes.set_xlabel(f"axial spin [{QUANTITIES['spin_rate'].units.replace(' s-1', '/s')}]")
     panels[0].legend(fontsize=8)
-    figure.suptitle(table.attrs["title"], fontsize=10)
+    _entitle(figure, table)
     return figure

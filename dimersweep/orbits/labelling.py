@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from dimersweep.orbits.orbit import Orbit
+from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.runs.stability import NAMES
-from dimersweep.symbols import PARAMETERS, QUANTITIES, Quantity
+from dimersweep.symbols import QUANTITIES, Quantity
 
-WIDTH = len(NAMES) - 1  # multipliers of a fast part at most; those that contact takes away are zero
+MOST_MULTIPLIERS = len(NAMES) - 1  # multipliers of a fast part at most; those that contact takes away are zero
 COLUMNS = {
     "spin": Quantity("rad s-1", "axial spin after the double impact"),
     **{name: QUANTITIES[name] for name in ("radius", "period", "zeta", "speed", "precession_rate", "impact_phase")},
@@ -28,24 +28,22 @@ MULTIPLIERS = Quantity("1", "multipliers of the fast part, the largest first")
 
 
 def padded(values: np.ndarray) -> np.ndarray:
-    """Multipliers, shape (WIDTH,), with zeros for the directions that contact takes away."""
-    row = np.zeros(WIDTH, dtype=complex)
+    """Multipliers, shape (MOST_MULTIPLIERS,), with zeros for the directions that contact takes away."""
+    row = np.zeros(MOST_MULTIPLIERS, dtype=complex)
     row[: values.size] = values
     return row
 
 
-def dataset(orbits: Sequence[Orbit], dim: str) -> xr.Dataset:
-    """What orbits tell, along `dim`; the parameters that all of them share are attributes."""
+def dataset(orbits: Sequence[PeriodicOrbit], dim: str) -> xr.Dataset:
+    """The attributes of orbits along `dim`; parameters that all of them share are attributes of the dataset."""
     table = xr.Dataset()
     for name, quantity in COLUMNS.items():
         table[name] = (dim, np.array([getattr(orbit, name) for orbit in orbits], dtype=float), quantity._asdict())
     for name, quantity in WORDS.items():
         table[name] = (dim, np.array([getattr(orbit, name) for orbit in orbits]), quantity._asdict())
-    rows = np.array([padded(orbit.multipliers) for orbit in orbits]).reshape(-1, WIDTH)
+    rows = np.array([padded(orbit.multipliers) for orbit in orbits]).reshape(-1, MOST_MULTIPLIERS)
     table["multipliers"] = ((dim, "multiplier"), rows, MULTIPLIERS._asdict())
-    table.attrs["units_of"] = {name: quantity._asdict() for name, quantity in PARAMETERS.items()}
     if orbits:
         first = orbits[0].parameters
-        shared = {k: v for k, v in first.items() if all(orbit.parameters.get(k) == v for orbit in orbits)}
-        table.attrs |= shared
+        table.attrs = {k: v for k, v in first.items() if all(orbit.parameters.get(k) == v for orbit in orbits)}
     return table

@@ -2,34 +2,34 @@
 
 import os
 import signal
-import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from itertools import product
 from math import prod
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import xarray as xr
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from dimersweep.cubes.grid import axis
-from dimersweep.errors import OrbitError, ParameterError, Stopped
+from dimersweep.errors import OrbitError, ParameterError, Stopped, unknown
 from dimersweep.kernel import kernel_version
-from dimersweep.orbits.ball import ball_flip, ball_fold
-from dimersweep.orbits.bordering import KINDS, border
-from dimersweep.orbits.families import family
-from dimersweep.orbits.finding import checked, find
+from dimersweep.orbits.border_grid import border
+from dimersweep.orbits.families import family, spin_range
+from dimersweep.orbits.finding import checked, checked_spin, find
 from dimersweep.orbits.following import follow
-from dimersweep.parameters import check_name
-from dimersweep.storage.netcdf import check_writable, write_cube
+from dimersweep.orbits.kinds import BORDER_KINDS
+from dimersweep.parameters import check_count, check_name, value_of
+from dimersweep.storage.netcdf import TABLES, check_ending, check_output, write_cube
 from dimersweep.storage.provenance import attributes
+from dimersweep.studies.declaration import explain, read_toml, refuse_mistakes
 from dimersweep.studies.parts import Parts, parts_beside
 from dimersweep.symbols import PARAMETERS
 
-BALL = {"fold": ball_fold, "flip": ball_flip}
+STARTS = ("beta0", "xdot0", "phi0")  # parameters of a run's start
 Tell = Callable[[str], None]
 Maker = Callable[[Tell], xr.Dataset]
 
@@ -38,17 +38,27 @@ class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
 
+def _distinct(name: str, values: list[Any]) -> list[Any]:
+    """`values`, if there are some, each of them once."""
+    if not values:
+        raise ParameterError(f"{name} = []: must have at least one")
+    for value in values:
+        if values.count(value) > 1:
+            raise ParameterError(f"{name}: {value} is there twice")
+    return values
+
+
 class Head(_Section):
     """What is made, and where to."""
 
     title: str
-    output: str
+    output: Annotated[str, AfterValidator(partial(check_ending, name="borders.output", what="a table", endings=TABLES))]
 
 
 class Curves(_Section):
     """Borders in one parameter, over the axes in `over`, the last of which the curves go along."""
 
-    kinds: list[str]
+    kinds: Annotated[list[str], AfterValidator(partial(_distinct, "curves.kinds"))]
     parameter: str = "Gamma"
     spin: float | None = None
 
@@ -57,18 +67,18 @@ class Branches(_Section):
     """Branches in one parameter from the orbits at each point of `over`, to each of `ends`."""
 
     parameter: str
-    ends: list[float]
+    ends: Annotated[list[float], AfterValidator(partial(_distinct, "branches.ends"))]
     spin: float | None = None
     switch: bool = False
     words: bool = True
-    points: int = 200
+    points: Annotated[int, AfterValidator(partial(check_count, "branches.points"))] = 200
 
 
 class Families(_Section):
     """The orbits of all spins, at each point of `over`."""
 
     spin: tuple[float, float]
-    points: int = 50
+    points: Annotated[int, AfterValidator(partial(check_count, "families.points"))] = 50
 
 
 class Borders(_Section):
@@ -112,6 +122,15 @@ class Borders(_Section):
         return next(name for name in ("curves", "branches", "families") if getattr(self, name) is not None)
 
 
+_KNOWN: dict[str, type[BaseModel]] = {
+    "": Borders,
+    "borders": Head,
+    "curves": Curves,
+    "branches": Branches,
+    "families": Families,
+}
+
+
 def read_borders(path: str | os.PathLike[str]) -> Borders:
     """A declaration of borders, checked.
 
@@ -121,25 +140,64 @@ def read_borders(path: str | os.PathLike[str]) -> Borders:
         Naming the word or the value that is not allowed.
     """
     path = Path(path)
+    raw, told = read_toml(path), []
     try:
-        declared = Borders.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-    except OSError as error:
-        raise ParameterError(f"{path}: cannot be read ({error.strerror})") from None
-    except tomllib.TOMLDecodeError as error:
-        raise ParameterError(f"{path}: is no TOML file ({error})") from None
+        _judge(Borders.model_validate(raw))
     except ValidationError as error:
-        first = error.errors()[0]
-        raise ParameterError(f"{path}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
-    if sum(part is not None for part in (declared.curves, declared.branches, declared.families)) != 1:
-        raise ParameterError(f"{path}: must have one of [curves], [branches] and [families]")
-    for name in declared.fixed:
-        check_name(name)
-    for kind in declared.curves.kinds if declared.curves else []:
-        if kind not in KINDS:
-            raise ParameterError(f"{path}: kinds: {kind}: unknown border (allowed: {', '.join(KINDS)})")
+        told = explain(error, _KNOWN)
+    except ParameterError as error:
+        told = [str(error)]
+    refuse_mistakes(path, told)
+    return Borders.model_validate(raw)
+
+
+def _judge(declared: Borders) -> None:
+    """Refuse what is wrong with sections that are allowed one by one.
+
+    Raises
+    ------
+    ParameterError
+    """
+    curves, branches, families = declared.curves, declared.branches, declared.families
+    if sum(part is not None for part in (curves, branches, families)) != 1:
+        raise ParameterError("must have one of [curves], [branches] and [families]")
+    if curves is not None:
+        check_name(curves.parameter)
+        for kind in curves.kinds:
+            if kind not in BORDER_KINDS:
+                raise ParameterError(f"curves.kinds: {unknown(kind, 'border', BORDER_KINDS)}")
+    _judge_names(declared)
     for point in declared.points():
-        checked(point)
-    return declared
+        given = checked(point)
+        if families is not None:
+            spin_range(families.spin, given)
+        elif curves is not None:
+            checked_spin(curves.spin, given)
+        elif branches is not None:
+            checked_spin(branches.spin, given)
+            for end in branches.ends:
+                checked_spin(end, given) if branches.parameter == "spin" else checked(given | {branches.parameter: end})
+
+
+def _judge_names(declared: Borders) -> None:
+    """Refuse parameters that are given twice, or that change nothing.
+
+    Raises
+    ------
+    ParameterError
+    """
+    part = declared.curves or declared.branches or declared.families
+    sections = {"over": declared.over, "fixed": declared.fixed}
+    for section, name in ((section, name) for section, names in sections.items() for name in names):
+        check_name(name)
+        # a branch begins at a fixed value of its parameter
+        if name == getattr(part, "parameter", None) and (declared.curves or section == "over"):
+            raise ParameterError(f"{section}.{name}: is what the {declared.what} are solved for")
+        if section == "over" and name in declared.fixed:
+            raise ParameterError(f"over.{name}: is fixed, too")
+        rolls_up = name == "xdot0" and part is not None and part.spin is None  # to the spin: of curves, at one point
+        if name in STARTS and not (rolls_up and not (declared.curves and section == "over")):
+            raise ParameterError(f"{section}.{name}: is of a start, and changes no orbit")
 
 
 def make_borders(
@@ -173,7 +231,7 @@ def make_borders(
     Stopped
         On Ctrl-C or SIGTERM; the message says what is kept.
     """
-    out = None if out is None else check_writable(out, force=force)
+    out = None if out is None else check_output(out, force=force, what="a table", endings=TABLES)
     start, makers = perf_counter(), declared.parts()
     with parts_beside(out, declared.configuration, force=force) as parts:
         before = [name for name in makers if parts.has(name)]
@@ -181,14 +239,14 @@ def make_borders(
             tell(f"{len(before)} of {len(makers)} parts are there already: {', '.join(before)}")
         try:
             tables = [parts.take(name, partial(_stored, make, tell)) for name, make in makers.items()]
+            told = attributes(declared.configuration, declared.borders.title, perf_counter() - start)
+            told["dimersweep_borders"] = told.pop("dimersweep_cube")
+            made = without_fill(_joined(declared, tables).assign_attrs(told))
+            if out is not None:
+                write_cube(made, out, force=force)
         except KeyboardInterrupt as stop:
             raise Stopped(_kept(parts, makers, out), getattr(stop, "signal", signal.SIGINT)) from None
-        told = attributes(declared.configuration, declared.borders.title, perf_counter() - start)
-        told["dimersweep_borders"] = told.pop("dimersweep_cube")
-        made = without_fill(_joined(declared, tables).assign_attrs(told))
-        if out is not None:
-            write_cube(made, out, force=force)
-            parts.remove()
+        parts.remove()
     return made
 
 
@@ -232,7 +290,7 @@ def _joined(declared: Borders, tables: list[xr.Dataset]) -> xr.Dataset:
 
 
 def storable(table: xr.Dataset) -> xr.Dataset:
-    """The same without complex numbers and truth values, which NetCDF does not know."""
+    """A table without complex numbers and truth values, which NetCDF does not know."""
     table = table.copy()
     for name in list(table.data_vars):
         column = table[name]
@@ -256,7 +314,7 @@ def storable(table: xr.Dataset) -> xr.Dataset:
 
 
 def without_fill(table: xr.Dataset) -> xr.Dataset:
-    """The same, to be written without a fill value for its coordinates, which CF forbids."""
+    """A table that is written without a fill value for its coordinates, which CF forbids."""
     for name in table.coords:
         table[name].encoding["_FillValue"] = None
     return table
@@ -268,13 +326,17 @@ def _curve(declared: Borders, curves: Curves, kind: str, tell: Tell) -> xr.Datas
     table = border(kind, curves.parameter, over=declared.axes, spin=curves.spin, **fixed)
     found = int(np.isfinite(table[curves.parameter]).sum())
     tell(f"{kind}: {found} of {table[curves.parameter].size} points, {table.attrs['cost']:.0f} periods of the map")
-    if kind in BALL and curves.parameter == "Gamma":
-        e = table["e"] if "e" in table.coords else xr.DataArray(checked(declared.fixed)["e"])
-        ball = xr.apply_ufunc(np.vectorize(BALL[kind]), e)
+    closed_form = BORDER_KINDS[kind].ball
+    if closed_form is not None and curves.parameter == "Gamma":
+        e = table["e"] if "e" in table.coords else xr.DataArray(value_of("e_2", checked(declared.fixed)))
+        ball = xr.apply_ufunc(np.vectorize(closed_form), e)
         table["ball"] = ball.broadcast_like(table[curves.parameter])
     else:
         table["ball"] = xr.full_like(table[curves.parameter], np.nan)
-    table["ball"].attrs = {"units": "1", "long_name": "the same of a ball, in closed form"}
+    table["ball"].attrs = {
+        "units": "1",
+        "long_name": "this border of a ball that bounces once a period, in closed form",
+    }
     table.attrs = {}
     return table
 
@@ -315,12 +377,12 @@ def _family(declared: Borders, families: Families, point: dict[str, float], tell
         tell(f"{_at(point, declared)}{error}")
         raise
     tell(f"{_at(point, declared)}{table.sizes['spin']} spins; {table.attrs['low_end']}; {table.attrs['high_end']}")
-    told = {name: f"why the family ends at its {name.split('_')[0]}er spin" for name in ("low_end", "high_end")}
-    ends = {name: ((), table.attrs[name], {"long_name": text}) for name, text in told.items()}
+    words = {name: f"why the family ends at its {name.split('_')[0]}er spin" for name in ("low_end", "high_end")}
+    ends = {name: ((), table.attrs[name], {"long_name": text}) for name, text in words.items()}
     table = table.drop_vars([name for name in table.data_vars if table[name].dtype.kind not in "fc"])
-    told_spin = table["spin"].attrs
+    spin_attrs = table["spin"].attrs
     table = table.reindex(spin=np.linspace(*families.spin, families.points)).assign(ends)
-    table["spin"].attrs, table.attrs = told_spin, {}
+    table["spin"].attrs, table.attrs = spin_attrs, {}
     return table
 
 

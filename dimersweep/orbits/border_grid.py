@@ -9,18 +9,20 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.errors import OrbitError, ParameterError
-from dimersweep.orbits.bifurcation_curve import BIFURCATIONS, BifurcationCurve
+from dimersweep.orbits.bifurcation_curve import BifurcationCurve
 from dimersweep.orbits.curve import Curve, Found
-from dimersweep.orbits.finding import RTOL, checked, rolled_up
-from dimersweep.orbits.orbit import Orbit
-from dimersweep.orbits.return_map import OrbitLost
-from dimersweep.orbits.tables import dataset
-from dimersweep.orbits.word import Sides, change_of
-from dimersweep.orbits.word_curve import CHANGES, WordCurve
-from dimersweep.parameters import as_number, check_name, check_rtol
+from dimersweep.orbits.finding import RTOL, checked, checked_spin
+from dimersweep.orbits.kinds import BORDER_KINDS, Kind
+from dimersweep.orbits.kinds.changes import change_of
+from dimersweep.orbits.kinds.kind import COMPLEX, Bifurcation, Change, RealMultiplier
+from dimersweep.orbits.labelling import dataset
+from dimersweep.orbits.orbit import PeriodicOrbit
+from dimersweep.orbits.poincare import OrbitLost
+from dimersweep.orbits.word import Sides
+from dimersweep.orbits.word_curve import WordCurve
+from dimersweep.parameters import as_numbers, check_effect, check_name, check_rtol, number
 from dimersweep.symbols import PARAMETERS
 
-KINDS = BIFURCATIONS + CHANGES
 STRETCHES = 8  # in a line of points: shorter ones are not begun anew
 MEETING = 1e-6  # how well a meeting is known, in the step of the curve
 
@@ -31,7 +33,7 @@ def border(
     over: Mapping[str, Any],
     *,
     spin: float | None = None,
-    start: Orbit | None = None,
+    start: PeriodicOrbit | None = None,
     rtol: float = RTOL,
     **fixed: float,
 ) -> xr.Dataset:
@@ -40,8 +42,8 @@ def border(
     Parameters
     ----------
     kind : str
-        fold, flip (period doubling), torus (Neimark-Sacker), or a change of word: any (word), or stick_slip, lift_off,
-        double_impact, chatter, hop. The first one met from the start is the one that is followed.
+        fold, flip (period doubling), torus (Neimark-Sacker), or a change of word: any of them (word), or stick_slip,
+        lift_off, double_impact, chatter, hop. The first one met from the start is the one that is followed.
     parameter : str
         The one that is solved for.
     over : mapping of str to sequence of float
@@ -51,7 +53,7 @@ def border(
         Axial spin [rad s-1]; by default what a lateral start with `xdot0` rolls up to. Of a fold, a flip and a torus it is
         that to which the spin is put back at the start of each forcing period; of a change of word that after the double
         impact.
-    start : Orbit, optional
+    start : PeriodicOrbit, optional
         From which the first point is looked for; by default one found between the ball's fold and flip.
     rtol : float
         Accuracy of the map [1].
@@ -61,10 +63,12 @@ def border(
     Returns
     -------
     xarray.Dataset
-        Along the names in `over`: `parameter`, what an `Orbit` tells of the border's orbit, `status` ("ok", or why there is no
-        point) and `cost`, the forcing periods of the map that a point took. Of a change of word also `change`, what goes and
-        comes in it: it may differ from line to line of points. Along `meeting`: where the curve meets another border, with its
-        `meets`.
+        Along the names in `over`: `parameter`, the attributes of the border's `PeriodicOrbit`, `status` and `cost`, the
+        forcing periods of the map that a point took. The status is "ok", or says why there is no point, or that the border is
+        one of several: the word of a motion in which no end stays on the plate, and the order of sticking, slipping and
+        lifting off in any motion, change at many values of the parameter. Which of them is found depends on the start and on
+        `over`. Of a change of word also `change`, the symbols that go and come: it may differ from line to line of points.
+        Along `meeting`: where the curve meets another border, with its `meets`.
 
     Raises
     ------
@@ -72,16 +76,30 @@ def border(
         For an unknown kind or parameter, or a value that is not allowed.
     OrbitError
         If no point of the border is found.
+
+    Examples
+    --------
+    >>> from dimersweep import orbits
+    >>> fold = orbits.border("fold", "Gamma", over={"e": [0.58, 0.6]}, spin=100.0)
+    >>> fold["Gamma"].values.round(3).tolist()
+    [0.837, 0.787]
     """
     given, axes = _checked(kind, parameter, over, fixed)
     rtol = check_rtol(rtol)
-    spin = rolled_up(given) if spin is None else as_number("spin", spin)
-    make = BifurcationCurve if kind in BIFURCATIONS else WordCurve
-    curve = make(kind, parameter, given, spin, rtol)
+    spin = checked_spin(spin, given)
+    curve = _curve(BORDER_KINDS[kind], parameter, given, spin, rtol)
     walk = Walk(curve, axes, start)
     if not walk.found:
         raise OrbitError(f"no {kind} found in {parameter}: {next(iter(walk.failed().values()))}")
     return _dataset(curve, axes, walk.found, walk.failed())
+
+
+def _curve(kind: Kind, parameter: str, given: dict[str, float], spin: float, rtol: float) -> Curve:
+    """The curve that is followed for a kind."""
+    if isinstance(kind, Bifurcation):
+        return BifurcationCurve(kind, parameter, given, spin, rtol)
+    assert isinstance(kind, Change)
+    return WordCurve(kind, parameter, given, spin, rtol)
 
 
 def _checked(
@@ -94,8 +112,8 @@ def _checked(
     ParameterError
         For what is not allowed.
     """
-    if kind not in KINDS:
-        raise ParameterError(f"kind = {kind!r}: unknown border (allowed: {', '.join(KINDS)})")
+    if kind not in BORDER_KINDS:
+        raise ParameterError(f"kind = {kind!r}: unknown border (allowed: {', '.join(BORDER_KINDS)})")
     check_name(parameter)
     if not isinstance(over, Mapping) or not over:
         raise ParameterError(f"over = {over!r}: must name at least one parameter with its values")
@@ -104,9 +122,10 @@ def _checked(
         check_name(name)
         if name == parameter or name in fixed:
             raise ParameterError(f"over: {name} is given twice")
-        axes[name] = np.array([as_number(name, value) for value in np.atleast_1d(np.asarray(values))])
+        axes[name] = as_numbers(name, values, number, PARAMETERS[name].units)
         if not axes[name].size:
             raise ParameterError(f"over: {name} has no values")
+    check_effect({parameter, *axes, *fixed})
     for name, column in axes.items():
         for value in column:
             checked(fixed | {name: float(value)})
@@ -121,7 +140,7 @@ def outwards(shape: tuple[int, ...]) -> list[tuple[int, ...]]:
 
 
 class Try(NamedTuple):
-    """A point to be looked for from a neighbour: how far that is, and the place of the point in the walk."""
+    """A point to be looked for from a neighbour: its distance, its place in the order of the walk, and where it lies."""
 
     step: float
     place: int
@@ -131,20 +150,20 @@ class Try(NamedTuple):
 
 
 class Walk:
-    """The points of a curve over a grid, from its middle outwards.
+    """The points of a curve over a grid.
 
-    Lines along the axis of the shortest steps come first. Each is begun on a branch of its own, in its middle, and followed
-    from neighbour to neighbour; so is each long stretch of it that is not reached. What is left is looked for from the lines
-    beside. From a start that is given the lines beside are reached at once.
+    The grid is taken line by line, along the axis of the shortest steps. Each line is begun in its middle, from a branch of
+    orbits, and followed from point to neighbouring point. A long stretch of a line that is not reached is begun again. Points
+    that are still missing are looked for from neighbouring lines; with a given start, so are all points from the beginning.
 
     Parameters
     ----------
     curve : Curve
     axes : dict of str to ndarray
-    start : Orbit, optional
+    start : PeriodicOrbit, optional
     """
 
-    def __init__(self, curve: Curve, axes: dict[str, np.ndarray], start: Orbit | None) -> None:
+    def __init__(self, curve: Curve, axes: dict[str, np.ndarray], start: PeriodicOrbit | None) -> None:
         self.curve, self.axes, self.start = curve, axes, start
         self.found: dict[tuple[int, ...], Found] = {}
         self.status: dict[tuple[int, ...], str] = {}
@@ -223,24 +242,22 @@ def _moved(index: tuple[int, ...], axis: int, by: int) -> tuple[int, ...]:
 # --- where borders meet -------------------------------------------------------------------------------------------
 
 
-def marks(kind: str, orbit: Orbit) -> dict[str, float]:
-    """Test functions along a curve, by the name of what it meets where one changes its sign."""
+def marks(kind: Kind, orbit: PeriodicOrbit) -> dict[str, float]:
+    """Test functions along a curve, by the names of the two borders that meet where one changes its sign."""
     values = orbit.multipliers
-    rest = np.delete(values, int(np.argmin(np.abs(values - {"fold": 1.0, "flip": -1.0}.get(kind, 0.0)))))
-    real = rest[np.abs(rest.imag) < 1e-7].real
-    told = {}
-    if kind in ("fold", "flip", *CHANGES):
-        told[f"{kind}-fold" if kind != "fold" else "fold-fold"] = float(np.prod(1 - real)) if real.size else 1.0
-        told[f"{kind}-flip"] = float(np.prod(1 + real)) if real.size else 1.0
-    return told
+    if isinstance(kind, RealMultiplier):
+        values = np.delete(values, int(np.argmin(np.abs(values - kind.at))))
+    real = values[np.abs(values.imag) < COMPLEX].real
+    others = [other for other in BORDER_KINDS.values() if isinstance(other, RealMultiplier)]
+    return {f"{kind.name}-{other.name}": float(np.prod(1 - other.at * real)) for other in others}
 
 
-def meetings(kind: str, a: Orbit, b: Orbit) -> list[str]:
+def meetings(kind: Kind, a: PeriodicOrbit, b: PeriodicOrbit) -> list[str]:
     """Names of the borders that a curve meets between two of its points."""
     first, second = marks(kind, a), marks(kind, b)
     names = [name for name in first if first[name] * second[name] < 0]
-    if a.word != b.word and kind in BIFURCATIONS:
-        names.append(f"{kind}-{change_of(a.word, b.word)}")
+    if a.word != b.word and isinstance(kind, Bifurcation):
+        names.append(f"{kind.name}-{change_of(a.word, b.word).name}")
     return names
 
 
@@ -277,29 +294,25 @@ def _dataset(
 ) -> xr.Dataset:
     shape = tuple(len(values) for values in axes.values())
     orbits = [one.orbit for one in found.values()]
-    table = dataset(orbits, "found").drop_vars("cost")
+    table = dataset(orbits, "found")
+    periods = {"units": "1", "long_name": "forcing periods of the map that the point took"}
+    table["cost"] = ("found", [one.cost for one in found.values()], periods)
+    table[curve.parameter] = ("found", [one.value for one in found.values()], PARAMETERS[curve.parameter]._asdict())
+    if curve.words:
+        words = "what goes (-) and comes (+) in the word beyond: symbols, or pairs of them (a/b)"
+        changes = [one.sides.described(one.orbit.word) if one.sides else "" for one in found.values()]
+        table["change"] = ("found", changes, {"long_name": words})
     at = tuple(np.array(list(found)).T)
     result = xr.Dataset(coords={n: (n, v, PARAMETERS[n]._asdict()) for n, v in axes.items()})
     for name, column in table.data_vars.items():
         values = np.full(shape + column.shape[1:], _empty(column.dtype), dtype=column.dtype)
         values[at] = column.values
         result[name] = ((*axes, *column.dims[1:]), values, column.attrs)
-    rows = {"cost": [one.cost for one in found.values()], curve.parameter: [one.value for one in found.values()]}
-    for name, numbers in rows.items():
-        values = np.full(shape, np.nan)
-        values[at] = numbers
-        result[name] = (tuple(axes), values)
-    result[curve.parameter].attrs = PARAMETERS[curve.parameter]._asdict()
-    result["cost"].attrs = {"units": "1", "long_name": "forcing periods of the map that the point took"}
-    if curve.words:
-        changes = np.full(shape, "", dtype=object)
-        changes[at] = [one.sides.told(one.orbit.word) if one.sides else "" for one in found.values()]
-        words = "what goes (-) and comes (+) in the word beyond: symbols, or pairs of them (a/b)"
-        result["change"] = (tuple(axes), changes.astype(str), {"long_name": words})
-    told = np.full(shape, "ok", dtype=object)
-    for index, reason in status.items():
-        told[index] = reason
-    result["status"] = (tuple(axes), told.astype(str), {"long_name": "ok, or why there is no point"})
+    said = np.full(shape, "", dtype=object)
+    for index, reason in [*status.items(), *((index, curve.status(one)) for index, one in found.items())]:
+        said[index] = reason
+    words = "ok, one of several borders of the kind, or why there is no point"
+    result["status"] = (tuple(axes), said.astype(str), {"long_name": words})
     met = _meetings(curve, axes, found)
     for name in (*axes, curve.parameter):
         units = PARAMETERS[name]._replace(long_name=f"{PARAMETERS[name].long_name} where two borders meet")._asdict()
@@ -308,8 +321,8 @@ def _dataset(
     result["meets"] = ("meeting", names, {"long_name": "the two borders that meet"})
     fixed = {name: value for name, value in curve.given.items() if name not in (*axes, curve.parameter)}
     result.attrs = fixed | {
-        "kind": curve.kind, "parameter": curve.parameter, "spin": curve.spin, "rtol": curve.rtol,
-        "cost": curve.tape.spent.periods,
+        "kind": curve.kind.name, "parameter": curve.parameter, "spin": curve.spin, "rtol": curve.rtol,
+        "cost": curve.tape.periods,
     }  # fmt: skip
     return result
 

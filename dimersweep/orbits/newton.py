@@ -1,17 +1,17 @@
-"""Newton's method for fixed points of the fast part: at a given spin, or on a plane across a branch."""
+"""Newton's method, and the fixed points of the fast part at a given spin that it finds."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from dimersweep.orbits.return_map import Image, OrbitLost, ReturnMap
+from dimersweep.orbits.poincare import Image, OrbitLost, ReturnMap
 
 TOLERANCE = 10.0  # residual of an orbit over the rtol of the map
-STEPS, SLOW = 25, 0.2  # Newton steps at most; a residual that falls by less asks for a new derivative
+NEWTON_STEPS, SLOW = 25, 0.2  # Newton steps at most; a residual that falls by less asks for a new derivative
 FEW = 10  # steps where no new one is to be had
-HALVINGS = 6
-ROUNDING = 1e3  # residual, over the target, of steps that come no nearer but are near enough
+STEP_HALVINGS = 6
+NEAR_ENOUGH = 1e3  # residual, over the target, of steps that come no nearer but are near enough
 
 
 class Fixed(NamedTuple):
@@ -38,7 +38,7 @@ class Fixed(NamedTuple):
 
 
 def defect(m: ReturnMap, z: np.ndarray, image: Image, spin: float) -> np.ndarray:
-    """How far the fast part fails to close, and in the place of the slow one how far the spin is from that asked for."""
+    """How far the fast part fails to close; in the place of the spin, how far the spin is from `spin` [rad/s]."""
     r = image.point - z
     r[m.slow] = (image.spin - spin) / m.unit
     return r
@@ -52,13 +52,21 @@ def system(m: ReturnMap, matrix: np.ndarray, gradient: np.ndarray) -> np.ndarray
 
 
 class Root(NamedTuple):
-    """Where Newton's method has come to: the point, what the function told of it beside its value, the value.
+    """A zero that Newton's method has found.
 
-    Beside it the derivative that it went by, if it needed one.
+    Attributes
+    ----------
+    y : ndarray, shape (n,)
+    extra : object
+        What the function returned there beside its value.
+    value : ndarray, shape (n,)
+        Of the function there.
+    derivative : ndarray, shape (n, n), optional
+        The last one that was used; none if no step was needed.
     """
 
     y: np.ndarray
-    told: Any
+    extra: Any
     value: np.ndarray
     derivative: np.ndarray | None
 
@@ -69,17 +77,19 @@ def newton(
     derivative: Callable[[np.ndarray], np.ndarray] | None,
     target: float,
     known: np.ndarray | None = None,
-    most: int = STEPS,
+    most: int = NEWTON_STEPS,
 ) -> Root:
-    """A zero of `f` near `y`, with a derivative that is taken anew only where Broyden's update of a known one is too slow.
+    """A zero of `f` near `y`.
+
+    A known derivative is kept by Broyden's update, and taken anew only where the steps then converge too slowly.
 
     Parameters
     ----------
     f : callable
-        Value, shape (n,), and whatever else is to be kept of the last point.
+        Returns its value, shape (n,), and an object that is kept of the last point.
     derivative : callable, optional
-        Shape (n, n). Without it the known one has to do, as it does where the steps are short: what then comes no nearer at
-        once is lost.
+        Shape (n, n). Without it only the known one and its updates are used, which is enough where the steps are short: a
+        step that does not come nearer at once is an error.
     target : float
         Largest entry of the value that counts as none.
     known : ndarray, shape (n, n), optional
@@ -92,12 +102,12 @@ def newton(
     OrbitLost
         If the steps do not come to a zero.
     """
-    r, told = f(y)
+    r, extra = f(y)
     A, fresh = known, False
-    for _ in range(STEPS if derivative else FEW):
+    for _ in range(NEWTON_STEPS if derivative else FEW):
         size = np.abs(r).max()
         if size <= target:
-            return Root(y, told, r, A)
+            return Root(y, extra, r, A)
         if A is None and derivative is not None:
             most -= 1
             if most < 0:
@@ -105,10 +115,10 @@ def newton(
             A, fresh = derivative(y), True
         assert A is not None
         try:
-            y_next, r_next, told_next = _nearer(f, y, -np.linalg.solve(A, r), size, HALVINGS if derivative else 1)
+            y_next, r_next, extra_next = _nearer(f, y, -np.linalg.solve(A, r), size, STEP_HALVINGS if derivative else 1)
         except (np.linalg.LinAlgError, OrbitLost) as error:
-            if size <= ROUNDING * target:
-                return Root(y, told, r, A)  # as near as the rounding of the map allows
+            if size <= NEAR_ENOUGH * target:
+                return Root(y, extra, r, A)  # as near as the rounding of the map allows
             if fresh or not derivative:
                 raise OrbitLost(str(error)) from error
             A = None
@@ -116,20 +126,20 @@ def newton(
         taken = y_next - y
         quick = np.abs(r_next).max() < SLOW * size
         A = A + np.outer(r_next - r - A @ taken, taken) / (taken @ taken) if quick or not derivative else None
-        y, r, told, fresh = y_next, r_next, told_next, False
+        y, r, extra, fresh = y_next, r_next, extra_next, False
     raise OrbitLost(f"Newton's method stays {np.abs(r).max():.1e} away")
 
 
 def _nearer(
     f: Callable[[np.ndarray], tuple[np.ndarray, Any]], y: np.ndarray, step: np.ndarray, size: float, tries: int
 ) -> tuple[np.ndarray, np.ndarray, Any]:
-    """The first of the step and its halves that leads to a smaller value."""
+    """The point after the step, or after the first of its halves, quarters ... that leads to a smaller value."""
     lost = OrbitLost("Newton's method finds no step that comes nearer")
     for _ in range(tries):
         try:
-            r, told = f(y + step)
+            r, extra = f(y + step)
             if np.abs(r).max() < size:
-                return y + step, r, told
+                return y + step, r, extra
         except OrbitLost as error:
             lost = error
         step = 0.5 * step
@@ -137,7 +147,7 @@ def _nearer(
 
 
 def fixed_at(m: ReturnMap, z: np.ndarray, image: Image | None = None, residual: float = 0.0) -> Fixed:
-    """A point as a fixed point, with the derivatives there."""
+    """A fixed point with the derivatives there."""
     image = m.image(z) if image is None else image
     matrix, gradient = m.jacobian(z)
     return Fixed(m, z, image, matrix, gradient, residual)
@@ -165,4 +175,4 @@ def solve(m: ReturnMap, z: np.ndarray, spin: float, known: np.ndarray | None = N
         return defect(m, z, image, spin), image
 
     root = newton(value, z, lambda z: system(m, *m.jacobian(z)), TOLERANCE * m.rtol, known)
-    return fixed_at(m, root.y, root.told, float(np.abs(root.value).max()))
+    return fixed_at(m, root.y, root.extra, float(np.abs(root.value).max()))
