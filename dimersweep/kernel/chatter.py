@@ -12,7 +12,7 @@ is known to the tolerance, and the errors add up: an end is closed where its rat
 What is lost are the hops; the motion about which they hop goes on as a contact phase.
 """
 
-from math import cos, hypot, inf, sin
+from math import cos, inf, sin
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.contact_mode import CLOSED, contact_mode
@@ -27,7 +27,7 @@ from dimersweep.kernel.contact.forces import (
 )
 from dimersweep.kernel.impact.impact import apply_impulse
 from dimersweep.kernel.model.body import delassus, levers
-from dimersweep.kernel.model.friction import slip_force
+from dimersweep.kernel.model.friction import length, slip_force
 from dimersweep.kernel.model.layout import (
     BETA,
     CA,
@@ -207,7 +207,7 @@ def close_one(dm, state, modes, i, y):
     w, wj = delassus(dm, lv, lv), delassus(dm, lj, lv)
     t_a, t_b = -w.an / w.aa, 0.0
     if modes[i] == SLIP:
-        v = hypot(y[YUA], y[YUB])
+        v = length(y[YUA], y[YUB])
         t_a, t_b = slip_force(dm.mu, 1.0, y[YUA], y[YUB])
         t_a, t_b = t_a / v, t_b / v
     own, other = (N1, N2) if i == 0 else (N2, N1)
