@@ -97,7 +97,7 @@ def test_what_an_edit_changes(copy, module, code, results):
     "setting",
     [
         {"NUMBA_CPU_NAME": "generic"},
-        {"NUMBA_CPU_FEATURES": "+sse2"},
+        {"NUMBA_CPU_NAME": "x86-64-v3", "NUMBA_CPU_FEATURES": "-fma"},
         {"NUMBA_DISABLE_JIT": "1"},
         {"NUMBA_OPT": "1"},
         {"NUMBA_BOUNDSCHECK": "1"},
@@ -114,9 +114,17 @@ def test_places_and_threads_change_no_version(tmp_path):
     assert versions_of(NUMBA_CACHE_DIR=str(tmp_path), NUMBA_NUM_THREADS="1") == versions_of()
 
 
-def test_the_versions_tell_processor_and_packages():
+@pytest.mark.parametrize("name", ["haswell", "znver2", "skylake-avx512"])
+def test_a_processor_that_rounds_alike_changes_the_code_alone(name):
+    code, results = versions_of(NUMBA_CPU_NAME=name, NUMBA_CPU_FEATURES="")
+    common = versions_of(NUMBA_CPU_NAME="x86-64-v3", NUMBA_CPU_FEATURES="")
+    assert results == common[1]
+    assert code != common[0]
+
+
+def test_the_versions_tell_rounding_and_packages():
     told = versions.compiler()
-    assert {"numba", "llvmlite", "numpy", "python", "libc", "processor", "features"} <= set(told)
+    assert {"numba", "llvmlite", "numpy", "python", "libc", "rounding"} <= set(told)
     assert told["numba"] == version("numba") and told["llvmlite"] == version("llvmlite")
 
 

@@ -79,10 +79,10 @@ def test_a_sample_in_the_summed_end_of_a_chatter_follows_its_hops(rtol):
     """Hops that a run sums are there when it is sampled: a run that follows them longer says the same."""
     run, longer = (simulate(periods=1, rtol=accuracy, Gamma=0.5, beta0=0.2) for accuracy in (rtol, 1e-3 * rtol))
     events = run.events
-    close = int(np.flatnonzero(events["cause"].values == "chatter_end")[0])
+    last = int(np.flatnonzero(events["cause"].values == "chatter_end")[0]) - 1  # the bounce after which hops are summed
     since = np.geomspace(1e-8, 1e-2, 60)
-    true = difference(run, longer, float(events["time"][close]) + since)
-    hops = run.states(float(events["time"][close]) + since)["gap_1"].values
+    true = difference(run, longer, float(events["time"][last]) + since)
+    hops = run.states(float(events["time"][last]) + since)["gap_1"].values
     assert hops[0] > 0.0 == hops[-1]
     assert scaled(true).max() < 100 * rtol
 
@@ -99,7 +99,7 @@ def test_events_are_paired_by_kind_and_time(coarse, fine):
     assert coarse.events.sizes["event"] < fine.events.sizes["event"]  # whose chatter goes on for longer
     late = np.abs(coarse.events["time"].values[rows] - fine.events["time"].values[others])
     assert np.median(late) < 1e-6 / 15
-    assert late.max() < 1e-2 / 15  # the end of a chatter comes earlier where more of it is summed
+    assert late.max() < 1e-4 / 15
 
 
 def test_an_event_that_a_shadow_lacks_is_told(coarse, fine):
@@ -129,7 +129,7 @@ def test_what_cannot_be_bounded_is_refused(coarse, monkeypatch):
     monkeypatch.setattr("dimersweep.runs.simulating.simulate", lambda **given: pytest.fail("work was done"))
     with pytest.raises(ParameterError, match="must be in"):
         coarse.error(1.0)
-    with pytest.raises(ParameterError, match=r"^t = 'abc': must be one time or a list of times \[s\]$"):
+    with pytest.raises(ParameterError, match=r"^t = 'abc': must be a number$"):
         coarse.error("abc")
     with pytest.raises(ParameterError, match="did not reach its end"):
         replace(coarse, status="max_events").error()

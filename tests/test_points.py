@@ -121,7 +121,11 @@ def test_a_settled_motion_has_as_many_strobes_as_its_period_and_is_drawn(tmp_pat
     assert np.ptp(cube["strobe_gap_2"].values[drift], axis=1).max() < 1e-7
     back = dimersweep.open_cube(tmp_path / "b.nc")
     figure = back.dimersweep.plot()
-    assert [axes.get_ylabel() for axes in figure.axes] == ["gap 1 [mm]", "gap 2 [mm]", "theta rate [rad/s]"]
+    assert [axes.get_ylabel() for axes in figure.axes] == [
+        "gap of $p_1$ [mm]",
+        "gap of $p_2$ [mm]",
+        r"$\dot\theta$ [rad/s]",
+    ]
 
 
 def test_a_logarithmic_axis_has_values_in_a_fixed_ratio():

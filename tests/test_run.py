@@ -14,6 +14,7 @@ import dimersweep
 from dimersweep import simulate
 from dimersweep.cubes.cube import names
 from dimersweep.errors import ParameterError
+from dimersweep.kernel.model.layout import CONTACT_STATES
 from dimersweep.runs import run as run_module
 from dimersweep.runs import solving
 
@@ -125,10 +126,44 @@ def test_events_are_in_order_and_tell_what_happened(base):
     assert not np.isnan(events["slip_1_a"].values + events["slip_2_a"].values)[~alone].any()
 
 
+PLANAR = {"beta0": 0.2, "mu": 0.0, "mu_s": 0.0}
+
+
+@pytest.mark.parametrize("rtol", [1e-4, 1e-6, 1e-8, 1e-12])
+def test_a_chatter_ends_at_its_accumulation_point(rtol):
+    """The rod rocks from end to end, each time with a chatter, and comes to rest after infinitely many of these."""
+    run, fine = (simulate(**PLANAR, periods=4, rtol=accuracy) for accuracy in (rtol, 1e-13))
+    events, bounces = run.events, fine.events["time"].values[fine.events["cause"].values == "impact"]
+    assert (np.diff(events["time"].values) >= 0).all()
+    ends = events.isel(event=events["cause"].values == "chatter_end")
+    assert ends["contact_after"].values[-1] == "DC_sp_sp"
+    for end, limit in ((ends["time"].values[-1], bounces[-1]), (ends["time"].values[0], bounces[bounces < 0.0385][-1])):
+        assert -rtol / F < end - limit < rtol / F + 2e-6  # what the fine run still sums
+    states = run.states(ends["time"].values)
+    kinds = [CONTACT_STATES[code] for code in states["contact_state"].values]
+    assert kinds == list(ends["contact_after"].values)
+    assert not states["gap_1"].values.any()
+    for name in ("beta", "gap_2_rate"):
+        row = ends[name if name == "beta" else f"{name}_after"].values
+        np.testing.assert_allclose(states[name].values, row, atol=10 * rtol)
+    hops = run.states((ends["time"] - 1e-3 * rtol ** (1 / 3)).values)
+    assert (hops["gap_1"].values > 0).sum() > 0.5 * ends.sizes["event"]
+
+
+def test_no_end_of_a_slip_is_a_stick_where_nothing_holds():
+    """Without friction the slip of a planar run goes through zero."""
+    events = simulate(**PLANAR, xdot0=0.0, periods=4).events
+    turned = (events["contact_before"] == "SC1_sp") & (events["contact_after"] == "SC1_sp")
+    assert turned.sum() > 5
+    assert set(events["cause"].values[turned]) == {"slip"}
+    assert "stick" not in events["cause"].values
+
+
 def test_impulses_change_the_motion_of_the_centre_of_mass(base):
     cause, time = base.events["cause"].values, base.events["time"].values
     # the last bounce of a chatter is summed with those that would have followed
-    times = np.setdiff1d(np.unique(time[cause == "impact"])[1:], time[cause == "chatter_end"])
+    summed = time[np.flatnonzero(cause == "chatter_end") - 1]
+    times = np.setdiff1d(np.unique(time[cause == "impact"])[1:], summed)
     assert times.size > 100
     before, after = base.states(times - 1e-13), base.states(times)
 

@@ -461,16 +461,6 @@ def test_a_disk_without_locks_is_used_with_a_warning(monkeypatch):
     assert os.listdir() == ["cube.nc"]
 
 
-def test_another_processor_is_told(counted, monkeypatch):
-    left_behind((0, 30))
-    monkeypatch.setattr("dimersweep.storage.tilestore.cpu", lambda: "Another One")
-    counted.clear()
-    told = r"^cube.nc.tiles: begun on another processor \(.*; this one is Another One\); points from here on may differ"
-    with pytest.warns(RuntimeWarning, match=told):
-        sweep()
-    assert sum(counted) == 120 - 30
-
-
 def full_disk(*arguments, **more):
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 

@@ -1,6 +1,6 @@
 """Many runs one after the other, each to its verdict; what Python calls."""
 
-from math import hypot, nan
+from math import nan
 
 import numpy as np
 
@@ -8,6 +8,7 @@ from dimersweep.kernel.compiler.jit import compiled, exported
 from dimersweep.kernel.course import Ask, Workspace, motion_of, new_workspace
 from dimersweep.kernel.event_loop import evolve, start_state
 from dimersweep.kernel.model.body import as_dimer
+from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import (
     CA,
     CB,
@@ -119,7 +120,7 @@ def run_to_verdict(dm, ask, run, record, out, codes):
     codes[CODE_STATUS], codes[CODE_MODE], codes[CODE_MODE_PERIOD], codes[CODE_DI_END] = status, mode, p, end
     codes[CODE_N_EVENTS], codes[CODE_N_PERIODS] = record.counts[EVENTS], int(run.state[PERIOD])
     if mode == M_REST:
-        out[OUT_SPEED] = hypot(run.state[CA], run.state[CB])  # a dimer whose ends stay down may roll or slide on
+        out[OUT_SPEED] = length(run.state[CA], run.state[CB])  # a dimer whose ends stay down may roll or slide on
     if status != OK:
         note_failure(status, out, codes)
 

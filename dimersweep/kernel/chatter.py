@@ -12,7 +12,7 @@ is known to the tolerance, and the errors add up: an end is closed where its rat
 What is lost are the hops; the motion about which they hop goes on as a contact phase.
 """
 
-from math import hypot, inf
+from math import inf
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.contact_mode import CLOSED, contact_mode
@@ -20,7 +20,7 @@ from dimersweep.kernel.contact.coordinates import YUA, YUB, contact_state
 from dimersweep.kernel.contact.forces import A1, A2, F1, F2, L1, L2, double_forces
 from dimersweep.kernel.impact.impact import apply_impulse
 from dimersweep.kernel.model.body import attitude, delassus, end, level_levers, levers, reach, rise_of_centre
-from dimersweep.kernel.model.friction import slip_force
+from dimersweep.kernel.model.friction import length, slip_force
 from dimersweep.kernel.model.layout import (
     CA,
     CB,
@@ -199,7 +199,7 @@ def close_one(dm, state, modes, i, y):
     w, wj = delassus(dm, lv, lv), delassus(dm, lj, lv)
     t_a, t_b = -w.an / w.aa, 0.0
     if modes[i] == SLIP:
-        v = hypot(y[YUA], y[YUB])
+        v = length(y[YUA], y[YUB])
         t_a, t_b = slip_force(p.mu, 1.0, y[YUA], y[YUB])
         t_a, t_b = t_a / v, t_b / v
     P = -state[N1 + i] / (w.nn + w.na * t_a)

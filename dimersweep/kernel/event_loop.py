@@ -1,6 +1,6 @@
 """The event loop of one run: resolve the impact, choose the contact, move to the next event, and see to what follows it."""
 
-from math import cos, hypot, isfinite, sin, sqrt
+from math import cos, isfinite, sin, sqrt
 
 from dimersweep.kernel.chatter import come_to_rest, kinetic
 from dimersweep.kernel.compiler.jit import compiled
@@ -36,6 +36,7 @@ from dimersweep.kernel.course import (
 )
 from dimersweep.kernel.impact.impact import contact_velocity, double_impact, single_impact
 from dimersweep.kernel.model.body import TWO_PI, lift
+from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import (
     C_CHATTER_END,
     C_END,
@@ -242,7 +243,7 @@ def force_impact(dm, state):
     for i in range(2):
         if state[D1 + i] == 0.0 and state[N1 + i] == 0.0:
             _, a, b = contact_velocity(dm, state, i)
-            state[N1 + i] = -TURNED * hypot(a, b)
+            state[N1 + i] = -TURNED * length(a, b)
 
 
 # --- the contact of ends at rest on the plate ---------------------------------------------------------------------------

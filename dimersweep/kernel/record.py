@@ -23,6 +23,8 @@ from dimersweep.kernel.impact.phase_log import (
 from dimersweep.kernel.model.layout import (
     C_CHATTER_END,
     C_IMPACT,
+    C_SLIP,
+    C_STICK,
     CB,
     DIP,
     N1,
@@ -191,7 +193,12 @@ def note_segment(record, state, modes, hop_time, before):
 
 @compiled(inline=True)
 def note_contact(dm, record, state, modes, cause, before, after, hop_time, before_hops):
-    """Write the smooth phase that starts now, and the event that has led to it unless the impact's own rows tell all."""
+    """Write the smooth phase that starts now, and the event that has led to it unless the impact's own rows tell all.
+
+    A slip that nothing holds where it ends goes on in another direction.
+    """
+    if cause == C_STICK and before == after:
+        cause = C_SLIP
     if cause != C_IMPACT or after != 0:
         note_event(dm, record, state, cause, before, after)
     note_segment(record, state, modes, hop_time if cause == C_CHATTER_END else 0.0, before_hops)

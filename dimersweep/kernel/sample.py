@@ -73,7 +73,7 @@ def sample(row, segments, which, phases, rtol, space, record, states, modes):
         set_bound(motion.meter, inf)
         span = (phases[k] - state[PHASE]) / dm.omega
         status = OK
-        if 0.0 < span < HOPS_LAST * segment[HOP_TIME]:
+        if 0.0 <= span < HOPS_LAST * segment[HOP_TIME]:
             copy(row, space.row, N_ROW)
             status = follow_hops(dm, space.row, segment, motion, span, rtol, record)
         elif span > 0.0 and modes[k, 0] == FREE and modes[k, 1] == FREE:
@@ -93,9 +93,14 @@ def follow_hops(dm, row, segment, motion, span, rtol, record):
 
     The plate's phase is counted anew, so that a forcing period ends at the time wanted; the row changes accordingly.
     """
-    state = motion.state
+    state, modes = motion.state, motion.modes
     for k in range(N1, CB + 1):
         state[k] = segment[BEFORE + k - N1]
+    if span == 0.0:  # right after the bounce
+        for i in range(2):
+            if state[N1 + i] > 0.0:
+                modes[i] = FREE
+        return OK
     start, periods = state[PHASE], state[PERIOD]
     state[PHASE], state[PERIOD] = TWO_PI - dm.omega * span, 0.0
     start_later(row, start - state[PHASE])

@@ -8,8 +8,9 @@ import xarray as xr
 
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.course import new_workspace
-from dimersweep.kernel.model.body import dimer_of
+from dimersweep.kernel.model.body import dimer_of, slip_at
 from dimersweep.kernel.model.layout import (
+    C_CHATTER_END,
     CA,
     CAUSES,
     CB,
@@ -26,6 +27,7 @@ from dimersweep.kernel.model.layout import (
     OK,
     PERIOD,
     PHASE,
+    RECORD_FULL,
     ROW,
     SLIP,
     SPIN,
@@ -36,13 +38,28 @@ from dimersweep.kernel.model.layout import (
     WP,
     X1,
     Y1,
+    Dimer,
 )
 from dimersweep.kernel.model.plate import motion
-from dimersweep.kernel.record import EVENT, HOP_TIME, MODES, no_record
+from dimersweep.kernel.record import (
+    E_CAUSE,
+    E_KIND,
+    E_PERIOD,
+    E_PHASE,
+    EVENT,
+    HOP_TIME,
+    MODES,
+    new_record,
+    no_record,
+    rows_of,
+)
+from dimersweep.kernel.record import Record as Rows
 from dimersweep.kernel.sample import HOPS_LAST, sample
 from dimersweep.symbols import EVENTS, STATES, Quantity
 
 BETWEEN_IMPACTS = [5 * first + second for first in (FREE, STICK, SLIP) for second in (FREE, STICK, SLIP)]
+FIRST_ROWS, GROWTH = 500, 4  # for the hops that one close sums
+FOLLOWED = 0.95  # share of the time for which these may be followed: clear of its end
 BOUNDARY = 1e-12  # a time this far below the end of a forcing period counts as that end, in periods
 
 
@@ -68,10 +85,16 @@ def _dataset(columns: dict[str, np.ndarray], quantities: dict[str, Quantity], di
     return xr.Dataset({name: (dim, columns[name], quantity.attributes()) for name, quantity in quantities.items()})
 
 
-def events_of(record: Record, parameters: dict[str, float]) -> xr.Dataset:
+def events_of(record: Record, rtol: float, parameters: dict[str, float]) -> xr.Dataset:
     """What happened, along `event`; see `Run.events`."""
-    columns = dict(zip(EVENT, record.events.T, strict=True))
+    columns = dict(zip(EVENT, record.events.T.copy(), strict=True))
+    ended = _move_to_ends_of_hops(record, rtol, columns)
     columns["time"] = _times(columns["period"], columns["phase"], parameters["f"])
+    if ended.size:
+        places = _places(columns["time"][ended], record.segments, parameters["f"], record.cut)
+        _, states, _ = _sampled(record, *places, rtol, no_record())
+        for name, values in _columns_at(dimer_of(record.row), states).items():
+            columns[name][ended] = values
     columns["phase"] = np.mod(columns["phase"] + parameters["phi0"], 2 * pi)
     ends = np.array(divmod(columns["kind"].astype(int), 5))
     columns["cause"] = np.array(CAUSES)[columns["cause"].astype(int)]
@@ -83,6 +106,61 @@ def events_of(record: Record, parameters: dict[str, float]) -> xr.Dataset:
             name = f"slip_{own + 1}_{way}"
             columns[name] = np.where(bystander, np.nan, columns[name])
     return _dataset(columns, EVENTS, "event")
+
+
+def _columns_at(dm: Dimer, states: np.ndarray) -> dict[str, np.ndarray]:
+    """What an event row between impacts holds of kernel states, shape (n, N_STATE)."""
+    s = states.T
+    columns = {"beta": dm.beta_0 + s[DIP], "theta": s[THETA]}
+    for end in (1, 2):
+        columns |= {f"gap_{end}_rate_{when}": s[N1 + end - 1] for when in ("before", "after")}
+        columns[f"slip_{end}_a"], columns[f"slip_{end}_b"] = slip_at(dm, s, end - 1)
+    return columns
+
+
+def _move_to_ends_of_hops(record: Record, rtol: float, columns: dict[str, np.ndarray]) -> np.ndarray:
+    """Move the ends of chatters to the accumulation points of their bounces; numbers of the rows that were moved.
+
+    The kernel writes such a row at the last bounce before the hops that it sums; here these are followed. Where another
+    event comes before they have died out, the row has the time of that event.
+    """
+    periods, phases, segments = columns["period"], columns["phase"], record.segments
+    summed = np.flatnonzero(segments[:, HOP_TIME] > 0).tolist()
+    closes = {(segments[k, PERIOD], segments[k, PHASE]): k for k in summed}
+    moved = []
+    for n in np.flatnonzero(columns["cause"] == C_CHATTER_END):
+        k = closes.get((periods[n], phases[n]))
+        turn = _end_of_hops(record, k, rtol) if k is not None else None
+        if turn is not None:  # else the hops last too short to matter, or longer than they are followed
+            turn += 4 * np.spacing(2 * pi * (1 + periods[n]))  # rounded up: the time is not before the event
+            if n + 1 < len(phases):
+                turn = min(turn, 2 * pi * (periods[n + 1] - periods[n]) + phases[n + 1] - phases[n])
+            phases[n] += turn
+            moved.append(n)
+    return np.array(moved, np.intp)
+
+
+def _end_of_hops(record: Record, k: int, rtol: float) -> float | None:
+    """How far the plate turns until the hops that segment `k` sums have died out [rad].
+
+    None if they have not within the time that they are followed for.
+    """
+    segment, omega = record.segments[k], dimer_of(record.row).omega
+    span = FOLLOWED * HOPS_LAST * omega * segment[HOP_TIME]
+    status, room = RECORD_FULL, FIRST_ROWS
+    while status == RECORD_FULL:
+        rows, room = new_record(room), GROWTH * room
+        status, _, _ = _sampled(record, np.array([k]), segment[[PHASE]] + span, rtol, rows)
+    events, segments = rows_of(rows)
+    closed = np.array(divmod(events[:, E_KIND], 5)).T > 0
+    all_down = (closed >= (segment[MODES : MODES + 2] != FREE)).all(1)
+    ends = events[(events[:, E_CAUSE] == C_CHATTER_END) & all_down]
+    if status != OK or not len(ends):
+        return None
+    period, phase = ends[0, [E_PERIOD, E_PHASE]]
+    rest = segments[(segments[:, PERIOD] == period) & (segments[:, PHASE] == phase), HOP_TIME][-1]
+    # `follow_hops` counts the plate's phase so that a period ends after `span`
+    return float(2 * pi * (period - 1) + phase + span + omega * rest)
 
 
 def _places(times: np.ndarray, segments: np.ndarray, f: float, cut: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -160,6 +238,15 @@ def _states(
     return states
 
 
+def _sampled(
+    record: Record, which: np.ndarray, phases: np.ndarray, rtol: float, rows: Rows
+) -> tuple[int, np.ndarray, np.ndarray]:
+    """Status, kernel states and friction modes at plate phases within the given segments."""
+    states, modes = np.zeros((which.size, N_STATE)), np.zeros((which.size, 2))
+    status = sample(record.row, record.segments, which, phases, rtol, new_workspace(), rows, states, modes)
+    return status, states, modes
+
+
 def states_of(record: Record, times: np.ndarray, rtol: float, parameters: dict[str, float]) -> xr.Dataset:
     """The state at `times` [s], shape (n,), along `time`; see `Run.states`.
 
@@ -169,18 +256,7 @@ def states_of(record: Record, times: np.ndarray, rtol: float, parameters: dict[s
         If a time is outside the run.
     """
     which, phases = _places(times, record.segments, parameters["f"], record.cut)
-    kernel_states, modes = np.zeros((times.size, N_STATE)), np.zeros((times.size, 2))
-    status = sample(
-        record.row,
-        record.segments,
-        which,
-        phases,
-        rtol,
-        new_workspace(),
-        no_record(),
-        kernel_states,
-        modes,
-    )
+    status, kernel_states, modes = _sampled(record, which, phases, rtol, no_record())
     if status != OK:
         raise RuntimeError(STATUS_MESSAGES[status])
     return _states(record, times, kernel_states, modes, parameters)

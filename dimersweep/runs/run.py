@@ -166,7 +166,9 @@ class Run:
         """What happened, along `event`, in order of time.
 
         An impact has one row for each of its contact states, all at the same time, with its own share of the impulses.
-        The velocity of a contact point that takes no part in an impact is NaN.
+        The velocity of a contact point that takes no part in an impact is NaN. A chatter ends where its bounces accumulate,
+        or at the next event if it comes before. A slip that ends where nothing holds it goes on in another direction: its
+        cause is slip, and not stick.
 
         Raises
         ------
@@ -174,7 +176,7 @@ class Run:
             If nothing was recorded.
         """
         record = self.record("events")
-        events = events_of(record, self.parameters)
+        events = events_of(record, self.rtol, self.parameters)
         return events.assign_attrs(comment=f"cut: {self.record_cut}") if record.cut else events
 
     def states(self, t: Any) -> xr.Dataset:

@@ -118,7 +118,7 @@ def _commit() -> dict[str, str]:
 
 @cache
 def cpu() -> str:
-    """Name of the processor: code compiled for another one may round differently in the last digit."""
+    """Name of the processor."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:  # not Linux

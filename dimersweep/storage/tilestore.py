@@ -161,11 +161,6 @@ class TileStore:
         if unlisted:
             files = f"files of points that the manifest does not list, as a kill may leave them: {unlisted}"
             told.append(f"{self.folder}: {files}; they are deleted, and their points computed again")
-        if kept and self.manifest.cpu != cpu():
-            told.append(
-                f"{self.folder}: begun on another processor ({self.manifest.cpu}; this one is {cpu()}); "
-                "points from here on may differ in the last digits"
-            )
         return told
 
     def _relist(self, entries: list[Entry]) -> None:

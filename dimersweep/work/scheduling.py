@@ -177,8 +177,8 @@ def run_elsewhere(
 def _other_kernel(who: str, theirs: str, ours: str) -> str:
     return (
         f"scheduler: {who} has kernel version {theirs}, this process {ours}; "
-        "give all the same dimersweep, numba, llvmlite, numpy, Python and settings of Numba, and processors of one kind "
-        "(or NUMBA_CPU_NAME=generic, which fits any)"
+        "give all the same dimersweep, numba, llvmlite, numpy, Python, libc and settings of Numba, and processors that "
+        "round alike (docs/cluster.md)"
     )
 
 

@@ -5,7 +5,7 @@ from math import pi
 import numpy as np
 
 from dimersweep import simulate
-from dimersweep.parameters import updated
+from dimersweep.parameters import updated, without_effect
 
 SCALE = np.array([0.01, 0.01, 0.01, 1, 1, 10, 0.1, 0.1, 0.1, 1, 1, 100])
 COORDINATES = ("x1", "y1", "gap_1", "theta", "beta", "spin")
@@ -45,6 +45,7 @@ def sample_times(scene, periods=3):
 
 def engine_states(scene, times, rtol):
     """States of the engine in the oracle's coordinates, shape (n, 12), and the times of the double impacts."""
+    scene = {name: value for name, value in scene.items() if name not in without_effect(scene)}
     run = simulate(**scene, periods=int(np.ceil(times[-1] * scene["f"] - 1e-9)), rtol=rtol)
     assert run.status == "ok", run.message
     states = run.states(times)

@@ -21,7 +21,7 @@ from numba.core.types.functions import BaseFunction
 from numba.core.untyped_passes import FixupArgs, ReconstructSSA, TranslateByteCode
 from numba.np.arrayobj import load_item, store_item
 
-from dimersweep.kernel.compiler.linking import Part, refusal
+from dimersweep.kernel.compiler.linking import Part, kernel_codegen, refusal
 
 _types: Any = types
 _Base: Any = CompilerBase
@@ -161,6 +161,7 @@ class KernelCompiler(_Base):
 
     def compile_extra(self, func: Any) -> Any:
         context = self.state.targetctx  # a copy for this function only
+        context._internal_codegen = kernel_codegen()
         size = context.get_abi_sizeof  # asks LLVM each time
         context.get_abi_sizeof = lambda kind: _sizes.get(kind) or _sizes.setdefault(kind, size(kind))
         with _in_a_hurry():
@@ -172,7 +173,7 @@ class _PartCompiler(KernelCompiler):
 
     def compile_extra(self, func: Any) -> Any:
         state = self.state
-        state.library = Part(state.targetctx.codegen(), func.__qualname__)
+        state.library = Part(kernel_codegen(), func.__qualname__)
         state.targetctx.get_executable = refusal
         return super().compile_extra(func)
 

@@ -14,12 +14,16 @@ import numba
 from numba import types
 
 from dimersweep.kernel.compiler.keeping import kept
-from dimersweep.kernel.compiler.versions import FAST, way
+from dimersweep.kernel.compiler.target import target
+from dimersweep.kernel.compiler.versions import FAST, PLAIN, way
 
 # no fastmath: it would break the ordering of events and the meaning of nan; error_model "numpy" spares a branch
 # per division (a kernel never raises)
 _SETTINGS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 _njit: Any = numba.njit
+_config: Any = numba.config
+if way() == PLAIN:  # the settings of the whole process: other code is compiled for the same target, if it comes later
+    _config.CPU_NAME, _config.CPU_FEATURES = target()
 
 
 def _compile(function: Callable[..., Any], part: bool, inline: bool, **settings: Any) -> Any:

@@ -1,13 +1,33 @@
 """The code of a function that only kernels call, kept to be linked into them before it is optimised and made machine code."""
 
 import ctypes
+from functools import cache
 from importlib import import_module
 from typing import Any
 
-from numba.core.codegen import JITCodeLibrary
+from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
+
+from dimersweep.kernel.compiler.target import target
 
 _Library: Any = JITCodeLibrary
+_Codegen: Any = JITCPUCodegen
 _BAD_ARGUMENT = ctypes.cast(ctypes.pythonapi.PyErr_BadArgument, ctypes.c_void_p).value
+
+
+class _KernelCodegen(_Codegen):
+    """Numba's maker of machine code, for the kernel's own target: other code of the process is compiled as before."""
+
+    def _get_host_cpu_name(self) -> str:
+        return target()[0]
+
+    def _get_host_cpu_features(self) -> str:
+        return target()[1]
+
+
+@cache
+def kernel_codegen() -> Any:
+    """The one that all kernels share."""
+    return _KernelCodegen("dimersweep")
 
 
 class Part(_Library):

@@ -1,7 +1,7 @@
 """What code and results are made of, as two hashes: one names the folder of compiled code, the other is compared.
 
-Both hold the compiler, its settings and the processor that it makes code for. The first holds the sources of the kernel
-besides, the second those of all modules that a number comes through on its way into a cube.
+Both hold the compiler and its settings. The first holds the sources of the kernel besides, and the processor that code is
+made for. The second holds the sources of all modules that a number comes through on its way into a cube, and how code rounds.
 """
 
 import hashlib
@@ -13,6 +13,8 @@ from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
+
+from dimersweep.kernel.compiler.target import rounding, target
 
 # of Numba: the least one that the package allows, and the last one that the fast way was tested with. The compiler of 0.61
 # (LLVM 15) rounds otherwise than all those after it: last digits differ, and so do modes near a border.
@@ -70,26 +72,22 @@ def way() -> str:
 
 
 def compiler() -> dict[str, str]:
-    """What makes machine code of the kernel, how, and for which processor; imports Numba."""
+    """What makes machine code of the kernel, how, and how that rounds; imports Numba."""
     import llvmlite
     import numba
     import numpy as np
-    from llvmlite import binding
 
     config: Any = numba.config
     parts = {module.__name__: module.__version__ for module in (numba, llvmlite, np)}
     parts["way"] = way()
     parts["python"] = f"{platform.python_implementation()} {platform.python_version()}"
     parts["libc"] = " ".join(platform.libc_ver())  # some functions of the kernel are those of the system
-    parts["processor"] = str(config.CPU_NAME or binding.get_host_cpu_name())
-    features = config.CPU_FEATURES
-    parts["features"] = binding.get_host_cpu_features().flatten() if features is None else str(features)
-    parts["machine"] = platform.machine()
+    parts["rounding"] = rounding()
     return parts | {name: str(getattr(config, name, None)) for name in SETTINGS}
 
 
-def _short(digest: bytes) -> str:
-    lines = "\n".join(f"{name} = {value}" for name, value in compiler().items())
+def _short(digest: bytes, **more: str) -> str:
+    lines = "\n".join(f"{name} = {value}" for name, value in (compiler() | more).items())
     return hashlib.sha256(digest + lines.encode()).hexdigest()[:16]
 
 
@@ -108,7 +106,7 @@ def take_digests() -> tuple[bytes, bytes]:
 @cache
 def code_version() -> str:
     """Of compiled code: the kernel's sources and the compiler; 16 hexadecimal digits."""
-    return _short(take_digests()[0])
+    return _short(take_digests()[0], target=" ".join(target()))
 
 
 @cache

@@ -1,13 +1,13 @@
 """The contact mode of ends that rest on the plate: which stay closed, which stick, which slip, by enumeration."""
 
-from math import copysign, hypot
+from math import copysign
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.coordinates import YS, YUA, YUB, YWP, set_slip, slip_of
 from dimersweep.kernel.contact.forces import A1, A2, COMPLIANCE, F1, F2, L1, L2, contact_rates, hold_reserve
 from dimersweep.kernel.contact.slip_onset import slip_onset
 from dimersweep.kernel.model.body import apart_sideways, turn_of_pair
-from dimersweep.kernel.model.friction import hold_left
+from dimersweep.kernel.model.friction import hold_left, length
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
 
 CLOSED, SEPARATES, INCONSISTENT = 0, 1, 2
@@ -39,7 +39,7 @@ def single_mode(dm, i, phase, y, modes, slip_tol, lost, dy, F):
         CLOSED, SEPARATES, or INCONSISTENT when no force satisfies the law (Painleve: only an impact can follow).
     """
     modes[0], modes[1] = FREE, FREE
-    slips = hypot(y[YUA], y[YUB]) > slip_tol
+    slips = length(y[YUA], y[YUB]) > slip_tol
     if not slips:
         y[YUA], y[YUB] = 0.0, 0.0
     mode = SLIP if slips else STICK
@@ -88,8 +88,8 @@ def is_driven_in(dm, modes, i, phase, y, dy, F):
 @compiled
 def double_mode(dm, phase, y, modes, slip_tol, lost, dy, F):
     """Friction modes with both ends on the plate into modes, and the forces into F; y gets the slips that go with them."""
-    rest_1 = hypot(y[YUA], y[YUB]) <= slip_tol
-    rest_2 = hypot(y[YUA], y[YUB] - apart_sideways(dm, y[YWP], y[YS])) <= slip_tol
+    rest_1 = length(y[YUA], y[YUB]) <= slip_tol
+    rest_2 = length(y[YUA], y[YUB] - apart_sideways(dm, y[YWP], y[YS])) <= slip_tol
     if rest_1 or rest_2:
         y[YUA] = 0.0
     if rest_1:
@@ -134,7 +134,7 @@ def start_slip(dm, phase, y, modes, i, slip_tol, dy, F):
     """
     hold_a = F[A1] if modes[0] != FREE else F[A2]
     hold_b = F[L1] if i == 0 else F[L2]
-    small, hold = 0.5 * slip_tol, hypot(hold_a, hold_b)
+    small, hold = 0.5 * slip_tol, length(hold_a, hold_b)
     modes[i] = SLIP
     if slip_onset(dm, modes, i, phase, y, small, hold_a, hold_b, dy, F):
         return True

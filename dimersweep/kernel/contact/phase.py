@@ -1,6 +1,6 @@
 """A phase of sustained contact from its start to its first event: its steps, and what ends it."""
 
-from math import hypot, inf, sqrt
+from math import inf, sqrt
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.coordinates import (
@@ -63,6 +63,7 @@ from dimersweep.kernel.contact.step_control import (
     stiffness,
 )
 from dimersweep.kernel.model.body import TWO_PI, end
+from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import FREE, SLIP
 from dimersweep.kernel.numerics.meter import is_over
 from dimersweep.kernel.numerics.root_bracket import UNSOUND
@@ -328,7 +329,7 @@ def stop_at_event(dm, p, least, event, b):
     if not is_slip_end(event):
         return event
     a_slip, b_slip = slip_of(dm, modes, y, end_of(event))
-    if hypot(a_slip, b_slip) <= 4.0 * p.slip_tol:
+    if length(a_slip, b_slip) <= 4.0 * p.slip_tol:
         end_slip(dm, modes, y, end_of(event))
         return event
     c[H], c[XI] = 0.5 * c[H], 0.5 * c[XI]  # the slip has only turned by a right angle

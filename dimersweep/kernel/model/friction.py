@@ -19,7 +19,7 @@ MAX_TURNS = 30  # of Newton's rule for the direction of a slip out of rest
 
 @compiled
 def length(a, b):
-    """Length of a vector whose square neither vanishes nor overflows, as none here does (``hypot`` takes ten times as long)."""
+    """Length of a vector whose square neither vanishes nor overflows, as none here does (``hypot`` is the system's)."""
     return sqrt(a * a + b * b)
 
 

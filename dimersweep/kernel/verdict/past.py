@@ -5,10 +5,11 @@ other one is down, with the state after the last impact of each burst) and long 
 periods: a ball is down while it is closed or in hops shorter than HOP_LINE; impacts of one double event lie within BURST.
 """
 
-from math import acos, hypot, nan, pi
+from math import acos, nan, pi
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.impact.impact import contact_velocity
+from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import (
     CA,
     CB,
@@ -124,7 +125,7 @@ def note_landings(dm, past, state):
 def holds(dm, state, i):
     """Whether end i ends a double impact sticking: slip below the line drawn here is creep of no consequence."""
     _, a, b = contact_velocity(dm, state, i)
-    return hypot(a, b) <= SLIP_LINE * dm.g / dm.omega
+    return length(a, b) <= SLIP_LINE * dm.g / dm.omega
 
 
 @compiled
@@ -152,7 +153,7 @@ def note_impact(dm, state, past, double, i, begins):
         past[row, E_BOUNCER] = i
     else:
         return
-    v = hypot(state[CA], state[CB])
+    v = length(state[CA], state[CB])
     forward = state[CA] if i == 1 else -state[CA]
     past[row, E_TIME] = now
     past[row, E_PHASE] = (state[PHASE] + dm.phi0) / (2.0 * pi) % 1.0

@@ -1,0 +1,133 @@
+"""Code that is made for different processors gives the same bits: a cluster may mix them, and a sweep goes on on any."""
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dimersweep
+from dimersweep.kernel.compiler import target
+from dimersweep.work.proving import is_proven
+from tests.sweeper import GRID, SETTINGS
+
+ROOT = Path(__file__).parents[1]
+PRESETS = [
+    path for path in sorted((ROOT / "sweeps").glob("*-small.toml")) if path.stem != "fig13-small"
+]  # it compiles more
+AVX512 = {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"}
+TARGETS = {  # and what their code may use beyond the instructions of all
+    "haswell": set(),
+    "znver3": {"sse4a", "clwb", "sha_ni", "vaes"},
+    "skylake-avx512": AVX512,
+    "sapphirerapids": AVX512 | {"avx512vbmi", "avx512_bf16", "avx512_vnni", "avx512_bitalg", "avx512_vpopcntdq"},
+    "x86-64-v3": set(),
+}
+pytestmark = [pytest.mark.jit, pytest.mark.slow]
+
+
+def has(flags):
+    """Whether this processor runs code with all these instructions, those that all targets have, and more."""
+    cpuinfo = Path("/proc/cpuinfo")
+    if not cpuinfo.exists():
+        return False
+    lines = cpuinfo.read_text().splitlines()
+    told = next((set(line.split(":")[1].split()) for line in lines if line.startswith("flags")), set())
+    return flags | {"avx2", "fma", "bmi1", "bmi2", "f16c", "movbe"} <= told
+
+
+def runnable(name):
+    return pytest.param(name, marks=pytest.mark.skipif(not has(TARGETS[name]), reason=f"no {name} code runs here"))
+
+
+needs_fma = pytest.mark.skipif(not has(set()), reason="this processor has no fused multiply-add of x86-64")
+
+
+def settings(name):
+    """Environment of a process whose code is made for a processor; of this one, as by default, where it is None."""
+    asked = {"NUMBA_CPU_NAME": name, "NUMBA_CPU_FEATURES": ""} if name else {}
+    without = {key: value for key, value in os.environ.items() if not key.startswith("NUMBA_CPU_")}
+    return without | asked | {"PYTHONPATH": str(ROOT)}
+
+
+def bits_of(name, folder):
+    """Version of the kernel, target of its code, and hashes of the variables of all small presets."""
+    command = [sys.executable, __file__, str(folder), *map(str, PRESETS)]
+    done = subprocess.run(command, env=settings(name), cwd=folder, capture_output=True, text=True, check=True)
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+@pytest.fixture(scope="module")
+def default(tmp_path_factory):
+    return bits_of(None, tmp_path_factory.mktemp("default"))
+
+
+@needs_fma
+def test_the_target_is_common_by_default(default):
+    assert default["target"] == [target.COMMON, ""]
+
+
+@pytest.mark.parametrize("name", [runnable(name) for name in TARGETS])
+def test_small_presets_under_five_targets(name, default, tmp_path):
+    found = bits_of(name, tmp_path)
+    assert found["target"] == [name, ""]
+    assert found["bits"].keys() == {path.stem for path in PRESETS}
+    assert found["bits"] == default["bits"]
+    assert found["version"] == default["version"]
+
+
+@needs_fma
+def test_other_code_of_the_process_is_made_for_its_own_target():
+    """The settings of Numba stay as they are, and so does what it makes of other functions."""
+    code = (
+        "import numba; import dimersweep.kernel.batch; from numba.core.registry import cpu_target; "
+        "print(numba.config.CPU_NAME, cpu_target.target_context.codegen()._tm.triple != '', "
+        "cpu_target.target_context.codegen()._get_host_cpu_name())"
+    )
+    done = subprocess.run([sys.executable, "-c", code], env=settings(None), capture_output=True, text=True, check=True)
+    from llvmlite import binding
+
+    assert done.stdout.split() == ["None", "True", binding.get_host_cpu_name()]
+
+
+@needs_fma
+def test_workers_with_different_targets_finish_a_sweep(tmp_path):
+    from distributed import Client, LocalCluster
+
+    environment = [{"NUMBA_CPU_NAME": name, "NUMBA_CPU_FEATURES": ""} for name in ("haswell", "znver3")]
+    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0", env=environment[0]) as cluster:
+        cluster.new_spec = cluster.new_spec | {"options": cluster.new_spec["options"] | {"env": environment[1]}}
+        cluster.scale(2)
+        with Client(cluster) as client:
+            client.wait_for_workers(2, timeout=60)
+            assert sorted(name for name, _ in client.run(target.target).values()) == ["haswell", "znver3"]
+            cube = dimersweep.sweep(GRID, **SETTINGS, progress=False, out=tmp_path / "cube.nc", client=client)
+            assert list(client.run(is_proven).values()) == [True, True]  # both were given work
+    alone = dimersweep.sweep(GRID, **SETTINGS, progress=False)
+    for name, variable in alone.variables.items():
+        np.testing.assert_array_equal(cube[name].values, variable.values, err_msg=str(name))
+    assert cube.attrs["kernel_version"] == alone.attrs["kernel_version"]
+
+
+def answer(folder, *presets):
+    """Print what `bits_of` reads."""
+    from dimersweep.kernel import kernel_version
+    from dimersweep.studies.datasets import make
+    from dimersweep.studies.declaration import read_declaration
+
+    bits = {}
+    for path in map(Path, presets):
+        cube = make(read_declaration(path), Path(folder) / f"{path.stem}.nc", progress=False)
+        bits[path.stem] = {
+            str(name): hashlib.sha256(np.ascontiguousarray(cube[name].values).tobytes()).hexdigest()
+            for name in cube.variables
+        }
+    print(json.dumps({"version": kernel_version(), "target": target.target(), "bits": bits}))
+
+
+if __name__ == "__main__":
+    answer(*sys.argv[1:])
