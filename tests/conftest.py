@@ -1,6 +1,8 @@
-"""Fixtures of the tests around the kernel."""
+"""Fixtures of the tests around the kernel, and what is said of tests that were left out."""
 
+import re
 import signal
+from collections import Counter
 
 import pytest
 from hypothesis import settings
@@ -22,3 +24,32 @@ def pytest_collection_modifyitems(items):
     """Begin with the files that hold a slow test, so that no process is left alone with one at the end."""
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: item.path not in slow)
+
+
+# kinds of tests that need what a machine may lack, by the reasons that they give
+LEFT_OUT = {
+    "browser": r"in a browser",
+    "peers": r"heyoka|mujoco|siconos",
+    "slow": r"DIMERSWEEP_SLOW",
+    "references": r"reference",
+}
+
+
+def pytest_unconfigure(config):
+    """Say at the very end which kinds of tests were left out, and why."""
+    reporter = config.pluginmanager.getplugin("terminalreporter")
+    if reporter is None or not hasattr(reporter, "stats") or hasattr(config, "workerinput"):
+        return
+    reasons = [str(report.longrepr[2]).removeprefix("Skipped: ") for report in reporter.stats.get("skipped", [])]
+    if reasons or reporter.stats.get("passed"):
+        reporter.write_line(left_out(reasons))
+
+
+def left_out(reasons):
+    """The line on tests that were left out for these reasons."""
+    kinds = Counter()
+    for reason in reasons:
+        kind = next((kind for kind, words in LEFT_OUT.items() if re.search(words, reason)), "other")
+        kinds[kind, reason] += 1
+    words = "; ".join(f"{count} {kind} ({reason})" for (kind, reason), count in sorted(kinds.items()))
+    return f"tests left out: {words or 'none'}"
