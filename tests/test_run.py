@@ -14,7 +14,7 @@ import dimersweep
 from dimersweep import simulate
 from dimersweep.cubes.cube import names
 from dimersweep.errors import ParameterError
-from dimersweep.kernel.model.layout import CONTACT_STATES
+from dimersweep.kernel.model.contact_code import CONTACT_STATES
 from dimersweep.runs import run as run_module
 from dimersweep.runs import solving
 

@@ -25,6 +25,7 @@ from dimersweep import simulate
 from dimersweep.cubes.cube import blank
 from dimersweep.kernel.batch import N_START, ask_for, run_many, run_rows
 from dimersweep.kernel.course import new_workspace
+from dimersweep.kernel.model.contact_code import digits_of
 from dimersweep.kernel.model.layout import (
     CODES,
     M_DRIFT,
@@ -109,7 +110,7 @@ class Recorder:
             self._record = new_record(4 * len(self._record.events))
             self._seconds(len(self._record.events), 1)
         events, _ = rows_of(self._record)
-        ends = np.divmod(events[:, EVENT.index("contact_after")], 5)
+        ends = digits_of(events[:, EVENT.index("contact_after")])
         closed = np.all((np.array(ends) >= STICK) & (np.array(ends) <= SLIP), axis=0)
         self.rows = int(np.flatnonzero(~closed)[-1]) + 1
         times = events[:, EVENT.index("period")] + events[:, EVENT.index("phase")] / (2 * np.pi)

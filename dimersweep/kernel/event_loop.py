@@ -36,6 +36,7 @@ from dimersweep.kernel.course import (
 )
 from dimersweep.kernel.impact.impact import contact_velocity, double_impact, single_impact
 from dimersweep.kernel.model.body import TWO_PI, lift
+from dimersweep.kernel.model.contact_code import coded
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import (
     C_CHATTER_END,
@@ -80,7 +81,6 @@ from dimersweep.kernel.record import (
     note_segment,
 )
 from dimersweep.kernel.smooth_motion import (
-    contact_code,
     find_contact,
     follow_contact,
     move_to_next_event,
@@ -116,7 +116,7 @@ def evolve(dm, ask, motion, record):
     status, at_rest : int, bool
         OK or the reason why the run could not go on; whether the dimer rests for good.
     """
-    begin_course(motion.course, contact_code(motion.modes), C_START, record.counts[EVENTS])
+    begin_course(motion.course, coded(motion.modes[0], motion.modes[1]), C_START, record.counts[EVENTS])
     set_bound(motion.meter, BUDGET + BUDGET_PER_PERIOD * ask.periods)
     while going_on(ask, motion):
         if approaches(motion.state) and not resolve_impact(dm, ask, motion, record):
@@ -268,7 +268,7 @@ def choose_contact(dm, ask, motion, record):
             force_impact(dm, state)
         return False
     course[FORCED], course[PENDING], course[CONTACT_IS_SET] = 0.0, NO, YES
-    before, after = course[CONTACT_BEFORE], contact_code(modes)
+    before, after = course[CONTACT_BEFORE], coded(modes[0], modes[1])
     note_contact(dm, record, state, modes, int(course[CAUSE]), before, after, course[HOP_TIME], motion.before)
     if is_kept(record) and is_full(record):
         course[STATUS] = RECORD_FULL
@@ -353,7 +353,7 @@ def finish(dm, ask, motion, record):
     if course[STATUS] != OK:
         out_of_steps = course[STATUS] == CONTACT_STEPS or course[STATUS] == IMPACT_STEPS
         return why_over(motion.meter) if out_of_steps and is_over(motion.meter) else int(course[STATUS]), False
-    note_event(dm, record, state, C_END, course[CONTACT_BEFORE], contact_code(modes))
+    note_event(dm, record, state, C_END, course[CONTACT_BEFORE], coded(modes[0], modes[1]))
     note_segment(record, state, modes, 0.0, state)
     if is_kept(record) and is_full(record):
         return RECORD_FULL, False

@@ -11,6 +11,7 @@ from dimersweep.kernel.flight.free_motion import fly, take_off
 from dimersweep.kernel.flight.landing import MAX_PROBES, next_landing
 from dimersweep.kernel.impact.impact import rounding
 from dimersweep.kernel.model.body import TWO_PI, turn_of_pair
+from dimersweep.kernel.model.contact_code import coded
 from dimersweep.kernel.model.layout import D1, D2, DIP, FREE, N1, N2, PHASE, STICK
 from dimersweep.kernel.model.plate import lightest, most_along
 from dimersweep.kernel.numerics.meter import charge
@@ -19,12 +20,6 @@ SLIP_SCALE = 0.1  # slip that counts as none in contact, in units of the toleran
 COINCIDENT = 4e-16  # gap, in units of l, that counts as closed when the other end lands
 # of a contact phase besides its steps, of a flight with its impact, and of a probe for a landing, in hops of one end
 CONTACT_COST, HOP_COST, PROBE_COST = 3.0, 0.6, 0.12
-
-
-@compiled
-def contact_code(modes):
-    """Contact state of Table 1 between impacts."""
-    return 5.0 * modes[0] + modes[1]
 
 
 @compiled
@@ -68,7 +63,7 @@ def move_to_next_event(dm, ask, motion):
         The event (`contact.events`), or NO_EVENT at the end of the period.
     """
     modes, course = motion.modes, motion.course
-    course[CONTACT_BEFORE] = contact_code(modes)
+    course[CONTACT_BEFORE] = coded(modes[0], modes[1])
     free = modes[0] == FREE and modes[1] == FREE
     if free:
         event = fly_to_landing(dm, motion, ask.path)

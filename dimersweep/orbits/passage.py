@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dimersweep.kernel.model.body import slip_at
+from dimersweep.kernel.model.contact_code import digits_of
 from dimersweep.kernel.model.layout import (
     CA,
     CB,
@@ -27,8 +28,6 @@ from dimersweep.kernel.record import BEFORE, E_KIND, E_PERIOD, E_PHASE, MODES
 from dimersweep.kernel.verdict.past import SLIP_LINE
 
 TURN = 2 * np.pi
-_ENDS = np.array([divmod(code, 5) for code in range(25)])
-STRUCK = (_ENDS > IMPACT).T  # by end and contact state: whether the state is an impact at that end
 
 
 class Passage:
@@ -54,8 +53,7 @@ class Passage:
 
     def last_impact(self, end: int) -> np.ndarray | None:
         """Kernel state right after the last impact of an end, or None if there is none."""
-        kinds = self.events[:, E_KIND].astype(np.intp)
-        (rows,) = np.nonzero(STRUCK[end][kinds])
+        (rows,) = np.nonzero(digits_of(self.events[:, E_KIND])[end] > IMPACT)
         if not rows.size:
             return None
         row = self.events[rows[-1]]

@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dimersweep.kernel.model.layout import C_CHATTER_END, C_END, C_IMPACT, C_START, CONTACT_STATES, IMPACT
+from dimersweep.kernel.model.contact_code import CONTACT_STATES, digits_of
+from dimersweep.kernel.model.layout import C_CHATTER_END, C_END, C_IMPACT, C_START, IMPACT
 from dimersweep.kernel.record import E_AFTER, E_BEFORE, E_CAUSE, E_KIND, E_PERIOD, E_PHASE
 from dimersweep.kernel.verdict.past import HOP_LINE
 from dimersweep.orbits.passage import TURN, Passage
@@ -28,7 +29,7 @@ def word_of(passage: Passage) -> str:
 
 
 def _name(code: int) -> str:
-    ends = divmod(code, 5)
+    ends = digits_of(code)
     name = CONTACT_STATES[code]
     return name if 0 not in ends or not any(ends) else f"{name}.{1 if ends[0] else 2}"
 
@@ -39,7 +40,7 @@ def _symbols(events: np.ndarray) -> list[str]:
     last, last_time = 0, -1.0
     for row in events:
         cause, kind, time = int(row[E_CAUSE]), int(row[E_KIND]), row[E_PERIOD] * TURN + row[E_PHASE]
-        if cause == C_IMPACT and max(divmod(kind, 5)) > IMPACT:
+        if cause == C_IMPACT and max(digits_of(kind)) > IMPACT:
             name = _name(kind)
             if time == last_time and symbols and symbols[-1].startswith(("DI", "SI")):
                 if not symbols[-1].endswith(name):
@@ -87,8 +88,8 @@ def longest_hop(events: np.ndarray, end: int, length: float) -> float:
     touches: list[tuple[float, bool]] = []  # when, and whether the end stays on the plate from then on
     for row in events:
         time = row[E_PERIOD] * TURN + row[E_PHASE]
-        struck = divmod(int(row[E_KIND]), 5)[end] > IMPACT
-        before, after = divmod(int(row[E_BEFORE]), 5)[end], divmod(int(row[E_AFTER]), 5)[end]
+        struck = digits_of(row[E_KIND])[end] > IMPACT
+        before, after = digits_of(row[E_BEFORE])[end], digits_of(row[E_AFTER])[end]
         if int(row[E_CAUSE]) == C_START:
             continue
         if struck or before or after:

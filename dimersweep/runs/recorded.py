@@ -9,12 +9,12 @@ import xarray as xr
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.course import new_workspace
 from dimersweep.kernel.model.body import dimer_of, slip_at
+from dimersweep.kernel.model.contact_code import CONTACT_STATES, code_of, digits_of
 from dimersweep.kernel.model.layout import (
     C_CHATTER_END,
     CA,
     CAUSES,
     CB,
-    CONTACT_STATES,
     D1,
     D2,
     DIP,
@@ -57,7 +57,7 @@ from dimersweep.kernel.record import Record as Rows
 from dimersweep.kernel.sample import HOPS_LAST, sample
 from dimersweep.symbols import EVENTS, STATES, Quantity
 
-BETWEEN_IMPACTS = [5 * first + second for first in (FREE, STICK, SLIP) for second in (FREE, STICK, SLIP)]
+BETWEEN_IMPACTS = [code_of(first, second) for first in (FREE, STICK, SLIP) for second in (FREE, STICK, SLIP)]
 FIRST_ROWS, GROWTH = 500, 4  # for the hops that one close sums
 FOLLOWED = 0.95  # share of the time for which these may be followed: clear of its end
 BOUNDARY = 1e-12  # a time this far below the end of a forcing period counts as that end, in periods
@@ -96,7 +96,7 @@ def events_of(record: Record, rtol: float, parameters: dict[str, float]) -> xr.D
         for name, values in _columns_at(dimer_of(record.row), states).items():
             columns[name][ended] = values
     columns["phase"] = np.mod(columns["phase"] + parameters["phi0"], 2 * pi)
-    ends = np.array(divmod(columns["kind"].astype(int), 5))
+    ends = np.array(digits_of(columns["kind"].astype(int)))
     columns["cause"] = np.array(CAUSES)[columns["cause"].astype(int)]
     for name in ("kind", "contact_before", "contact_after"):
         columns[name] = np.array(CONTACT_STATES)[columns[name].astype(int)]
@@ -152,7 +152,7 @@ def _end_of_hops(record: Record, k: int, rtol: float) -> float | None:
         rows, room = new_record(room), GROWTH * room
         status, _, _ = _sampled(record, np.array([k]), segment[[PHASE]] + span, rtol, rows)
     events, segments = rows_of(rows)
-    closed = np.array(divmod(events[:, E_KIND], 5)).T > 0
+    closed = np.array(digits_of(events[:, E_KIND])).T > 0
     all_down = (closed >= (segment[MODES : MODES + 2] != FREE)).all(1)
     ends = events[(events[:, E_CAUSE] == C_CHATTER_END) & all_down]
     if status != OK or not len(ends):
@@ -228,7 +228,7 @@ def _states(
         "y": s[Y1] - h_1 * cos_b * cos_t,
         "z": z1 - h_1 * sin_b,
         "plate": plate,
-        "contact_state": (5 * modes[:, 0] + modes[:, 1]).astype(np.int8),
+        "contact_state": code_of(modes[:, 0], modes[:, 1]).astype(np.int8),
     }
     states = _dataset(columns, STATES, "time").assign_coords(time=("time", times, EVENTS["time"].attributes()))
     states["contact_state"].attrs |= {

@@ -14,6 +14,7 @@ from dimersweep.kernel.impact.phase_log import (
     LOG_P2,
     LOG_STATE,
 )
+from dimersweep.kernel.model.contact_code import digits_of
 from dimersweep.kernel.model.layout import (
     CA,
     CB,
@@ -179,7 +180,7 @@ def test_impulses_of_the_log_make_the_change_of_momentum():
     assert total == pytest.approx(dm.m * 0.5 * (after[N1] + after[N2] - before[N1] - before[N2]), rel=1e-12)
     np.testing.assert_allclose(log[-1, LOG_N1_AFTER : LOG_N1_AFTER + 2], after[[N1, N2]], rtol=1e-15)
     codes = log[:, LOG_STATE].astype(int)
-    assert ((codes // 5 >= IMPACT) | (codes % 5 > IMPACT)).all()
+    assert ((digits_of(codes)[0] >= IMPACT) | (digits_of(codes)[1] > IMPACT)).all()
 
 
 def test_an_end_at_rest_that_is_pressed_down_takes_an_impulse():
@@ -202,7 +203,7 @@ def test_an_end_at_rest_that_is_lifted_takes_none():
 
 def first_phase(dm, n_1, n_2):
     """Digits of both ends in the contact state of the first phase of an impact that begins at rest."""
-    return divmod(int(strike(dm, flat(dm, n_1, n_2))[2][0, LOG_STATE]), 5)
+    return digits_of(int(strike(dm, flat(dm, n_1, n_2))[2][0, LOG_STATE]))
 
 
 @pytest.mark.parametrize(("n_1", "n_2"), [(0.0, -0.3), (-0.3, 0.0), (-0.1, -0.3), (-0.3, -0.2)])

@@ -10,6 +10,7 @@ from dimersweep import simulate
 from dimersweep.kernel import batch, record
 from dimersweep.kernel.course import BUDGET, BUDGET_PER_PERIOD, new_workspace
 from dimersweep.kernel.model import layout
+from dimersweep.kernel.model.contact_code import CONTACT_STATES, code_of, digits_of
 from dimersweep.kernel.model.layout import (
     CODES,
     MODES,
@@ -434,7 +435,10 @@ def test_contact_states_are_those_of_table_1():
         SI1_sk  DI_sk_sk  DI_sk_sp  DI_sk_sk  DI_sk_sp
         SI1_sp  DI_sp_sk  DI_sp_sp  DI_sp_sk  DI_sp_sp
     """
-    assert list(layout.CONTACT_STATES) == table.split()
+    assert list(CONTACT_STATES) == table.split()
+    codes = np.arange(25)
+    np.testing.assert_array_equal(np.array(table.split()).reshape(5, 5)[digits_of(codes)], CONTACT_STATES)
+    np.testing.assert_array_equal(code_of(*digits_of(codes)), codes)
 
 
 def test_a_run_starts_as_the_paper_says():

@@ -14,6 +14,7 @@ from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 
 from dimersweep import simulate
+from dimersweep.kernel.model.contact_code import CONTACT_STATES, digits_of
 from dimersweep.kernel.model.layout import (
     C_CHATTER_END,
     C_IMPACT,
@@ -22,7 +23,6 @@ from dimersweep.kernel.model.layout import (
     C_STICK,
     CA,
     CB,
-    CONTACT_STATES,
     D1,
     D2,
     DIP,
@@ -144,7 +144,7 @@ def test_without_restitution_an_end_that_lands_alone_stays(rtol, beta0):
     run = launched(row, lifted(as_dimer(row), beta0, 1e-3), 6, rtol)
     kinds = [CONTACT_STATES[int(kind)] for kind in run.column("kind")]
     alone = np.array([kind.startswith("SI") for kind in kinds]) & (run.column("contact_after") == 0)
-    ends = np.array([divmod(int(kind), 5) for kind in run.column("kind")])
+    ends = np.array([digits_of(int(kind)) for kind in run.column("kind")])
     for i in (0, 1):
         after = run.column(f"gap_{i + 1}_rate_after")
         assert not after[alone & (ends[:, i] > SLIP)].any()
@@ -346,7 +346,7 @@ def test_a_chatter_that_ends_when_the_other_end_lands(rtol):
 
     def bounce(speed):
         run = launched(row, standing_bounce(dm, 0.05, speed), 1, rtol)
-        ends = [divmod(int(kind), 5) for kind in run.column("kind")]
+        ends = [digits_of(int(kind)) for kind in run.column("kind")]
         landed = [k for k, (_, b) in enumerate(ends) if b > SLIP]
         closed = np.flatnonzero(causes(run) == C_CHATTER_END)
         return closed.size > 0 and closed[0] < landed[0]

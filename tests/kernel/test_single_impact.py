@@ -15,6 +15,7 @@ from dimersweep.kernel.impact.phase_log import (
     LOG_STATE,
 )
 from dimersweep.kernel.impact.single_impact import DONE
+from dimersweep.kernel.model.contact_code import code_of
 from dimersweep.kernel.model.layout import (
     CA,
     CB,
@@ -368,7 +369,7 @@ def test_the_log_tells_what_happened(slip, kinds):
     state = before.copy()
     status, mode, rows = collide_single(dm, state, -1.0, 0.3, 1e-10, work, log)
     assert (status, mode) == (OK, kinds[-1])
-    assert log[:rows, LOG_STATE].tolist() == [5 * (IMPACT + kind) for kind in kinds]
+    assert log[:rows, LOG_STATE].tolist() == [code_of(IMPACT + kind, 0) for kind in kinds]
     assert (log[0, LOG_N1], log[rows - 1, LOG_N1_AFTER]) == (before[N1], pytest.approx(state[N1], rel=1e-14))
     np.testing.assert_allclose(log[1:rows, LOG_N1], log[: rows - 1, LOG_N1_AFTER], rtol=1e-15)
     momentum = dm.m * 0.5 * (state[N1] + state[N2] - before[N1] - before[N2])

@@ -34,12 +34,12 @@ from dimersweep.kernel.impact.single_impact import (
     single_phase,
 )
 from dimersweep.kernel.model.body import attitude, delassus, end, level_levers, levers, pair_of, reach, rise_of_centre
+from dimersweep.kernel.model.contact_code import coded, impact_digit
 from dimersweep.kernel.model.friction import holds_axially, length, slip_force
 from dimersweep.kernel.model.layout import (
     CA,
     CB,
     DIP,
-    FREE,
     IMPACT,
     IMPACT_STEPS,
     JAMMED,
@@ -286,11 +286,11 @@ def double_impact(dm, state, V, tol, modes, work, log):
                 P_1, P_2, _, _, _ = impulses_between(dm, mid, before, V)
                 beside = SLIP if length(before[ZA], before[ZB2 - i]) > slip_tol else STICK
                 mode_1, mode_2 = (SLIP, beside) if i == 0 else (beside, SLIP)
-                code = 5 * phase_code(on_1, mode_1) + phase_code(on_2, mode_2)
+                code = coded(impact_digit(on_1, mode_1), impact_digit(on_2, mode_2))
                 rows = log_phase(log, rows, code, before[ZN1], before[ZN2], mid, V, P_1, P_2)
                 copy(mid, before, N_Z)
         P_1, P_2, _, _, _ = impulses_between(dm, z, before, V)
-        code = 5 * phase_code(on_1, modes[0]) + phase_code(on_2, modes[1])
+        code = coded(impact_digit(on_1, modes[0]), impact_digit(on_2, modes[1]))
         rows = log_phase(log, rows, code, before[ZN1], before[ZN2], z, V, P_1, P_2)
     P_1, P_2, A, B_1, B_2 = impulses_between(dm, z, start, V)
     state[N1], state[N2] = z[ZN1] * V, z[ZN2] * V
@@ -300,12 +300,6 @@ def double_impact(dm, state, V, tol, modes, work, log):
     apply_impulse(dm, state, p, 0.0, 0.0, B_1)
     apply_impulse(dm, state, q, 0.0, 0.0, B_2)
     return status, rows
-
-
-@compiled
-def phase_code(on, mode):
-    """Digit of the contact state of an end in an impact phase: b_i is set where the end acts."""
-    return int(mode) + (IMPACT if on else FREE)
 
 
 @compiled

@@ -80,23 +80,7 @@ N_STATE = 16
 
 # --- friction modes of an end ---------------------------------------------------------------------------------------
 FREE, STICK, SLIP = 0, 1, 2
-# contact state of Table 1: 5 * s1 + s2 with s_i = FREE, STICK, SLIP, or, during an impact at that end, IMPACT + mode
-IMPACT = 2
-
-
-def contact_state_name(code: int) -> str:
-    """Name of a contact state of Table 1, such as ``SC1_sp`` or ``DI_sp_sk``; a digit tells which end alone is down."""
-    s = divmod(int(code), 5)
-    closed = [k for k in s if k > 0]
-    if not closed:
-        return "FM"
-    family = ("D" if len(closed) == 2 else "S") + ("I" if max(closed) > SLIP else "C")
-    if len(closed) == 1:
-        family += "1" if s[0] > 0 else "2"
-    return family + "".join("_sk" if k in (STICK, STICK + IMPACT) else "_sp" for k in closed)
-
-
-CONTACT_STATES = tuple(contact_state_name(code) for code in range(25))
+IMPACT = 2  # what an impact at an end adds to its digit in the contact state, see ``contact_code.py``
 
 # --- why an event row was written -----------------------------------------------------------------------------------
 CAUSES = ("start", "impact", "chatter_end", "lift_off", "stick", "slip", "end")

@@ -1,0 +1,45 @@
+"""The contact state of Table 1 as one number, 5 s_1 + s_2, and its name.
+
+The digit s_i of end i is FREE, STICK or SLIP, or during an impact at that end IMPACT more.
+"""
+
+from typing import Any
+
+from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.model.layout import FREE, IMPACT, SLIP, STICK
+
+_DIGITS = 5
+
+
+def code_of(digit_1: Any, digit_2: Any) -> Any:
+    """Code of a contact state with these digits of p1 and p2: numbers, or arrays of one shape."""
+    return _DIGITS * digit_1 + digit_2
+
+
+coded = compiled(code_of, inline=True)  # for the kernel
+
+
+def digits_of(code: Any) -> tuple[Any, Any]:
+    """Digits of p1 and p2 in the code of a contact state: of a whole number, or of an array."""
+    return divmod(code, _DIGITS)
+
+
+@compiled
+def impact_digit(on, mode):
+    """Digit of an end with this friction mode in a phase of an impact; `on`: the impact acts on it, b_i of (8) is set."""
+    return int(mode) + (IMPACT if on else FREE)
+
+
+def contact_state_name(code: int) -> str:
+    """Name of a contact state of Table 1, such as ``SC1_sp`` or ``DI_sp_sk``; a digit tells which end alone is down."""
+    s = digits_of(int(code))
+    closed = [k for k in s if k > 0]
+    if not closed:
+        return "FM"
+    family = ("D" if len(closed) == 2 else "S") + ("I" if max(closed) > SLIP else "C")
+    if len(closed) == 1:
+        family += "1" if s[0] > 0 else "2"
+    return family + "".join("_sk" if k in (STICK, STICK + IMPACT) else "_sp" for k in closed)
+
+
+CONTACT_STATES = tuple(contact_state_name(code) for code in range(_DIGITS**2))
