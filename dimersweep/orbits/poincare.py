@@ -26,6 +26,7 @@ from dimersweep.kernel.model.layout import (
     STATUS_MESSAGES,
     THETA,
 )
+from dimersweep.kernel.model.plate import phases_later
 from dimersweep.kernel.record import EVENT_ROWS, MODES, SEGMENT_ROWS, new_record, no_record
 from dimersweep.kernel.return_map import advance
 from dimersweep.kernel.sample import sample
@@ -129,7 +130,7 @@ class ReturnMap:
     def row_at(self, phase: float) -> np.ndarray:
         """The kernel's row of the parameters, with the plate at `phase` [rad] at the start."""
         row = fill_rows(self.parameters, 1)[0]
-        row[ROW_PHI_2] += 2.0 * (phase - row[ROW_PHI0])  # the second harmonic goes with the plate
+        _, row[ROW_PHI_2] = phases_later(row[ROW_PHI0], row[ROW_PHI_2], phase - row[ROW_PHI0])
         row[ROW_PHI0] = phase % TURN
         return row
 

@@ -12,6 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 import xarray as xr
 
+from dimersweep.kernel.model.plate import phases_later
 from dimersweep.symbols import EVENTS, STATES
 
 FINER = 1e-2  # rtol of a shadow over that of the run
@@ -63,9 +64,8 @@ def nudged(
 
     The plate is later by `by` radians, `beta0` less and `xdot0` more; of a state, the rates are more that no contact ties.
     """
-    moved = given | {"phi0": given["phi0"] + by}
-    if "Gamma_2" in given:
-        moved["phi_2"] = given.get("phi_2", 0.0) + 2 * by
+    phi0, phi_2 = phases_later(given["phi0"], given.get("phi_2", 0.0), by)
+    moved = given | {"phi0": phi0} | ({"phi_2": phi_2} if "Gamma_2" in given else {})
     if start is None:
         return moved | {"beta0": given["beta0"] * (1 - by), "xdot0": given["xdot0"] * (1 + by)}, None
     faster = ("x1_rate", "y1_rate", "theta_rate", "spin_rate")

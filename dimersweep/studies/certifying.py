@@ -24,6 +24,7 @@ from dimersweep.kernel.model.layout import (
     ROW_PHI_2,
     ROW_XDOT0,
 )
+from dimersweep.kernel.model.plate import phases_later
 from dimersweep.parameters import RTOL_RANGE
 
 CERTAIN, UNSURE, CHANGED = 1, 2, 3  # codes of ``cube.FLAGS["confidence"]``
@@ -80,8 +81,7 @@ def nudged(rows: np.ndarray, by: float) -> np.ndarray:
     moved = rows.copy()
     moved[:, ROW_BETA0] *= 1 - by
     moved[:, ROW_XDOT0] *= 1 + by
-    moved[:, ROW_PHI0] += by
-    moved[:, ROW_PHI_2] += 2 * by
+    moved[:, ROW_PHI0], moved[:, ROW_PHI_2] = phases_later(moved[:, ROW_PHI0], moved[:, ROW_PHI_2], by)
     return moved
 
 

@@ -26,7 +26,7 @@ from dimersweep.kernel.model.layout import (
     WB,
     WP,
 )
-from dimersweep.kernel.model.plate import motion
+from dimersweep.kernel.model.plate import motion, phases_later
 from tests.checks.verbs import (
     as_dimer,
     dimer,
@@ -159,8 +159,7 @@ def test_bounds_of_the_derivatives(plate):
 def test_a_later_start_is_the_same_plate_later(plate):
     """Shifting both phases, one twice as far, is waiting."""
     dm, row, _ = made(plate)
-    row[ROW_PHI0] += 0.7
-    row[ROW_PHI_2] += 1.4
+    row[ROW_PHI0], row[ROW_PHI_2] = phases_later(row[ROW_PHI0], row[ROW_PHI_2], 0.7)
     later = as_dimer(row)
     np.testing.assert_allclose(motion(later, later.phi0 + 0.2), motion(dm, dm.phi0 + 0.9), atol=1e-13)
 

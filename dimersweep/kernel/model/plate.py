@@ -232,11 +232,18 @@ def over_plate(sway, t, height, rate, second, third):
     return height, rate, second, third
 
 
+def phases_later(phi0, phi_2, by):
+    """phi0 and phi_2 of a plate that starts later, by an angle of its phase: numbers, or arrays of one shape [rad]."""
+    return phi0 + by, phi_2 + 2.0 * by
+
+
+_phases_later = compiled(phases_later)
+
+
 @compiled
 def start_later(row, by):
     """Move the phase of the plate at the start on by an angle [rad], in a parameter row in place."""
-    row[ROW_PHI0] += by
-    row[ROW_PHI_2] += 2.0 * by
+    row[ROW_PHI0], row[ROW_PHI_2] = _phases_later(row[ROW_PHI0], row[ROW_PHI_2], by)
 
 
 # --- for Python -------------------------------------------------------------------------------------------------------
