@@ -41,7 +41,7 @@ class PeriodicOrbit:
     impact_phase : float
         Phase of that impact in cycles of the plate, in [0, 1) [1].
     di_end : str
-        Friction of p1 and p2 after it; none if it is no double impact.
+        Friction after it, of the end that is down and of the one that bounces; none if it is no double impact.
     spin_drift : float
         Change of the spin per forcing period along the slow family [rad s-1].
     multipliers : ndarray of complex

@@ -15,6 +15,9 @@ from dimersweep.kernel.model.layout import (
     CA,
     CB,
     D1,
+    D2,
+    DI_ENDS,
+    DI_NONE,
     FREE,
     IMPACT,
     N1,
@@ -25,7 +28,7 @@ from dimersweep.kernel.model.layout import (
     Dimer,
 )
 from dimersweep.kernel.record import BEFORE, E_KIND, E_PERIOD, E_PHASE, MODES
-from dimersweep.kernel.verdict.past import SLIP_LINE
+from dimersweep.kernel.verdict.past import double_end, ends_sticking, zeta_of
 
 TURN = 2 * np.pi
 
@@ -78,7 +81,7 @@ class Strike(NamedTuple):
     speed, zeta : float
         Of the centre of mass [m s-1]; from the axis, in the sense from the end that is down to the other one [rad].
     di_end : str
-        Friction of p1 and p2.
+        Friction of the end that is down and of the bouncer, see ``layout.DI_ENDS``.
     """
 
     phase: float
@@ -102,9 +105,7 @@ def strike_of(passage: Passage, dm: Dimer) -> Strike | None:
     if state is None:
         return None
     speed = float(np.hypot(state[CA], state[CB]))
-    forward = state[CA] if bouncer == 1 else -state[CA]
-    zeta = float(np.arccos(np.clip(forward / speed, -1.0, 1.0))) if speed > 0 else float("nan")
-    held = [np.hypot(*slip_at(dm, state, end)) <= SLIP_LINE * dm.g / dm.omega for end in (0, 1)]
-    order = held if bouncer == 1 else held[::-1]
-    di_end = "_".join("sk" if end else "sp" for end in order) if state[D1] == state[D1 + 1] == 0.0 else "none"
-    return Strike(state[PHASE], state[SPIN], state[WB], speed, zeta, di_end)
+    zeta = zeta_of(state[CA], state[CB], bouncer)
+    sticks = [ends_sticking(dm, *slip_at(dm, state, end)) for end in (0, 1)]
+    end = double_end(sticks[1 - bouncer], sticks[bouncer]) if state[D1] == state[D2] == 0.0 else DI_NONE
+    return Strike(state[PHASE], state[SPIN], state[WB], speed, zeta, DI_ENDS[end])

@@ -5,7 +5,7 @@ other one is down, with the state after the last impact of each burst) and long 
 periods: a ball is down while it is closed or in hops shorter than HOP_LINE; impacts of one double event lie within BURST.
 """
 
-from math import acos, nan, pi
+from math import acos, nan, pi, sqrt
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.impact.impact import contact_velocity
@@ -121,11 +121,33 @@ def note_landings(dm, past, state):
     return end, long_flight and (other_off < 0.0 or now - other_off < HOP_LINE * dm.T)
 
 
+def zeta_of(c_a, c_b, bouncer):
+    """Angle between the rod, taken towards the bouncer, and the velocity of the centre of mass [rad]; NaN without motion."""
+    v = sqrt(c_a * c_a + c_b * c_b)
+    forward = c_a if bouncer == 1 else -c_a
+    return acos(max(-1.0, min(1.0, forward / v))) if v > 0.0 else nan
+
+
+def ends_sticking(dm, a, b):
+    """Whether an end with this slip ends a double impact sticking: below the line drawn here slip is of no consequence."""
+    return sqrt(a * a + b * b) <= SLIP_LINE * dm.g / dm.omega
+
+
+def double_end(other_sticks, bouncer_sticks):
+    """How a double impact ends: the code in ``layout.DI_ENDS``, which names the end that stays down before the bouncer."""
+    if other_sticks:
+        return DI_SK_SK if bouncer_sticks else DI_SK_SP
+    return DI_SP_SK if bouncer_sticks else DI_SP_SP
+
+
+_zeta_of, _ends_sticking, _double_end = compiled(zeta_of), compiled(ends_sticking), compiled(double_end)
+
+
 @compiled
-def holds(dm, state, i):
-    """Whether end i ends a double impact sticking: slip below the line drawn here is creep of no consequence."""
+def sticks(dm, state, i):
+    """Whether end i ends a double impact sticking."""
     _, a, b = contact_velocity(dm, state, i)
-    return length(a, b) <= SLIP_LINE * dm.g / dm.omega
+    return _ends_sticking(dm, a, b)
 
 
 @compiled
@@ -153,17 +175,14 @@ def note_impact(dm, state, past, double, i, begins):
         past[row, E_BOUNCER] = i
     else:
         return
-    v = length(state[CA], state[CB])
-    forward = state[CA] if i == 1 else -state[CA]
     past[row, E_TIME] = now
     past[row, E_PHASE] = (state[PHASE] + dm.phi0) / (2.0 * pi) % 1.0
-    past[row, E_SPEED] = v
-    past[row, E_ZETA] = acos(max(-1.0, min(1.0, forward / v))) if v > 0.0 else nan
+    past[row, E_SPEED] = length(state[CA], state[CB])
+    past[row, E_ZETA] = _zeta_of(state[CA], state[CB], i)
     past[row, E_THETA] = state[THETA]
     past[row, E_SPIN] = state[SPIN]
     past[row, E_WB] = state[WB]
-    held, bounced = holds(dm, state, 1 - i), holds(dm, state, i)
-    past[row, E_END] = (DI_SK_SK if bounced else DI_SK_SP) if held else (DI_SP_SK if bounced else DI_SP_SP)
+    past[row, E_END] = _double_end(sticks(dm, state, 1 - i), sticks(dm, state, i))
 
 
 @compiled
