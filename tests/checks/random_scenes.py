@@ -125,9 +125,9 @@ def parameters_of(row):
 
 
 def base(scene, name):
-    """Value of a parameter of a scene where it is left out."""
+    """Value of a parameter of a scene where it is left out; None if the scene has no such value."""
     value = BASE[name] if name in BASE else LEFT_OUT[name]
-    return scene[value] if isinstance(value, str) else value
+    return scene.get(value) if isinstance(value, str) else value
 
 
 def run_block(rows, periods, rtol):
