@@ -33,7 +33,7 @@ from dimersweep.kernel.model.layout import (
     Y1,
 )
 from dimersweep.kernel.model.plate import motion
-from dimersweep.kernel.record import HOP_TIME, MODES
+from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES
 from dimersweep.parameters import Parameters
 from tests.checks.examine import integrals, kinetic, lab_gain, phases_of, slips, states_at, total
 from tests.checks.launch import launch
@@ -277,7 +277,7 @@ def test_an_end_is_open_or_pressed(rtol, drawn):
     weight = dm.m * dm.g
     assert states[..., [D1, D2]].min() >= -1e-13 * dm.p2.h
     for segment, at in zip(phases.segments, states, strict=True):
-        modes = segment[MODES:HOP_TIME]
+        modes = segment[SEGMENT_MODES:SEGMENT_HOP_TIME]
         closed = modes != FREE
         assert not at[:, [D1, D2]][:, closed].any()
         assert not at[:, [N1, N2]][:, closed].any()
@@ -320,7 +320,7 @@ def test_energy_is_accounted_for_event_by_event(rtol, drawn):
     scene, state = drawn
     row, dm, run = run_of(scene, state, rtol)
     phases = phases_of(row, rtol, run.events, run.segments)
-    starts, modes = phases.segments[:, :N_STATE], phases.segments[:, MODES:HOP_TIME]
+    starts, modes = phases.segments[:, :N_STATE], phases.segments[:, SEGMENT_MODES:SEGMENT_HOP_TIME]
     unit = kinetic(dm, starts).max() + 0.5 * dm.m * (dm.omega * (dm.A_z + 2 * dm.A_2)) ** 2 + dm.m * dm.g * dm.p2.h
     free = (modes == FREE).all(1)
     assert np.abs(lab_gain(dm, starts[free], phases.ends[free])).max(initial=0.0) <= 1e-10 * unit

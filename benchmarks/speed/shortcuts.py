@@ -117,7 +117,7 @@ t, step = 0.0, 1e-13 * until
 gap, rate, second, third = gap_series(fl, sign, 0.0)
 if gap <= 0.0 and rate <= 0.0 and second <= 0.0:
     return 0.0, 1
-for probe in range(2, MAX_PROBES):
+for probe in range(2, MAX_LANDING_PROBES):
     new = min(t + step, until)
     gap, rate, second, third = gap_series(fl, sign, new)
     if gap <= 0.0:
@@ -130,7 +130,7 @@ for probe in range(2, MAX_PROBES):
     if new >= until:
         return inf, probe
     t, step = new, min(0.02 * new, 2e-3 * until)
-return t, MAX_PROBES
+return t, MAX_LANDING_PROBES
 """.strip()
 
 SHORTCUTS = (
@@ -181,7 +181,7 @@ SHORTCUTS = (
     Shortcut(
         "(safeguard) implicit steps where a slip stays slow",
         "explicit steps always",
-        {"impact/double_leg": constant("LASTS", "MAX_STEPS")},
+        {"impact/double_leg": constant("LASTS", "MAX_LEG_STEPS")},
     ),
     Shortcut(
         "plain method of a contact phase",

@@ -17,7 +17,7 @@ from dimersweep.kernel.model.layout import (
     PERIOD,
     PHASE,
 )
-from dimersweep.kernel.record import HOP_TIME, MODES, no_record
+from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES, no_record
 from dimersweep.kernel.sample import sample
 from dimersweep.runs.run import Run
 from tests.checks.scenes import random_scene
@@ -55,7 +55,7 @@ def before_landings(run: Run) -> tuple[np.ndarray, np.ndarray]:
     record = run.record("inputs")
     row, segments = record.row, record.segments
     starts, ends = segments[:-1].copy(), segments[1:]
-    starts[:, HOP_TIME] = 0.0  # hops that were summed stay so
+    starts[:, SEGMENT_HOP_TIME] = 0.0  # hops that were summed stay so
     states, modes = np.zeros((len(starts), N_STATE)), np.zeros((len(starts), 2))
     # one rounding below its end a phase still goes on; across the end of a forcing period nothing happens
     same = starts[:, PERIOD] == ends[:, PERIOD]
@@ -71,7 +71,7 @@ def before_landings(run: Run) -> tuple[np.ndarray, np.ndarray]:
         states,
         modes,
     )
-    open_before = starts[:, MODES:HOP_TIME] == FREE
+    open_before = starts[:, SEGMENT_MODES:SEGMENT_HOP_TIME] == FREE
     lands = open_before & (ends[:, [D1, D2]] == 0.0) & same[:, None] & (states[:, [N1, N2]] < 0.0)
     return states, lands
 
@@ -87,7 +87,7 @@ def closed(states: np.ndarray, shut: np.ndarray) -> np.ndarray:
 def occurring(run: Run) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """States and friction modes of one run, by what begins with them."""
     segments = run.record("inputs").segments
-    modes, starts = segments[:, MODES:HOP_TIME], segments[:, :N_STATE]
+    modes, starts = segments[:, SEGMENT_MODES:SEGMENT_HOP_TIME], segments[:, :N_STATE]
     free = (modes == FREE).all(axis=1)
     states, lands = before_landings(run)
     shut = lands | (modes[:-1] != FREE)

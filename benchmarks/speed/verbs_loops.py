@@ -78,7 +78,7 @@ def route(dm, state, tol):
     v = hypot(a, b)
     if law.mu == 0.0:
         return FRICTIONLESS
-    if v <= max(impact.SLIP_TOL * tol * V, impact.rounding(dm, state)):
+    if v <= max(impact.IMPACT_SLIP_SCALE * tol * V, impact.rounding(dm, state)):
         return HELD if friction.holds_axially(law.mu_s, law.na, law.aa) else STRAIGHT
     return STRAIGHT if single_impact.is_invariant(law, v / V, a / v, b / v, tol) else TURNING
 
@@ -301,7 +301,7 @@ VERBS: dict[str, Callable[[Harvest], Timed | Drift]] = {
     "double impact": lambda found: Timed(IMPACT, found.rough[DOUBLE]),
     "double impact, frictionless": lambda found: Timed(IMPACT, found.smooth[DOUBLE]),
     "contact rates": lambda found: Timed(RATES, found.rough[CONTACT]),
-    "contact step, plain": lambda found: Timed(STEP, found.slipping(1e-2, inf), step_control.PLAIN),
+    "contact step, plain": lambda found: Timed(STEP, found.slipping(1e-2, inf), step_control.PLAIN_METHOD),
     "contact step, slow": lambda found: Timed(STEP, found.slipping(1e-9, 1e-2), step_control.RESCALED),
     "contact step, slide": lambda found: Timed(STEP, found.slipping(1e-9, 1e-2), step_control.IMPLICIT),
     "contact phase": lambda found: Timed(PHASE_OF_CONTACT, found.rough[CONTACT]),

@@ -62,7 +62,7 @@ E_PERIOD, E_PHASE, E_CAUSE, E_KIND, E_BEFORE, E_AFTER = range(6)
 E_N1, E_N2, E_N1_AFTER, E_N2_AFTER, E_P1, E_P2, E_BETA, E_THETA, E_A1, E_B1, E_A2, E_B2 = range(6, N_EVENT)
 # columns of a segment: the state, the friction modes of the phase that starts from it; and where the close of a chatter
 # leads to it, the time that the hops which it sums take [s] (else 0), and what it changes (N1 to CB) as it was before
-MODES, HOP_TIME, BEFORE = N_STATE, N_STATE + 2, N_STATE + 3
+SEGMENT_MODES, SEGMENT_HOP_TIME, BEFORE = N_STATE, N_STATE + 2, N_STATE + 3
 N_SEGMENT = BEFORE + CB + 1 - N1
 # what is counted: events, and the rows that the record has or would need
 EVENTS, EVENT_ROWS, SEGMENT_ROWS = range(3)
@@ -186,7 +186,7 @@ def note_segment(record, state, modes, hop_time, before):
     if count < record.segments.shape[0]:
         row = record.segments[count]
         copy(state, row, N_STATE)
-        row[MODES], row[MODES + 1], row[HOP_TIME] = modes[0], modes[1], hop_time
+        row[SEGMENT_MODES], row[SEGMENT_MODES + 1], row[SEGMENT_HOP_TIME] = modes[0], modes[1], hop_time
         for k in range(N1, CB + 1):
             row[BEFORE + k - N1] = before[k]
 

@@ -28,7 +28,7 @@ from dimersweep.kernel.model.layout import CB, CONTACT_STEPS, FREE, N1, N_ROW, N
 from dimersweep.kernel.model.plate import start_later
 from dimersweep.kernel.numerics.meter import is_to_stop, set_bound
 from dimersweep.kernel.numerics.steps import copy
-from dimersweep.kernel.record import BEFORE, HOP_TIME, MODES
+from dimersweep.kernel.record import BEFORE, SEGMENT_HOP_TIME, SEGMENT_MODES
 from dimersweep.kernel.smooth_motion import find_contact, no_slip, only_grazes, set_contact
 from dimersweep.kernel.verdict.past import begin_past
 
@@ -68,12 +68,12 @@ def sample(row, segments, which, phases, rtol, space, record, states, modes):
     for k in range(phases.shape[0]):
         segment, state = segments[which[k]], states[k]
         copy(segment, state, N_STATE)
-        modes[k, 0], modes[k, 1] = segment[MODES], segment[MODES + 1]
+        modes[k, 0], modes[k, 1] = segment[SEGMENT_MODES], segment[SEGMENT_MODES + 1]
         motion = motion_of(state, modes[k], space.past, space)
         set_bound(motion.meter, inf)
         span = (phases[k] - state[PHASE]) / dm.omega
         status = OK
-        if 0.0 <= span < HOPS_LAST * segment[HOP_TIME]:
+        if 0.0 <= span < HOPS_LAST * segment[SEGMENT_HOP_TIME]:
             copy(row, space.row, N_ROW)
             status = follow_hops(dm, space.row, segment, motion, span, rtol, record)
         elif span > 0.0 and modes[k, 0] == FREE and modes[k, 1] == FREE:

@@ -8,7 +8,7 @@ from dimersweep.kernel.contact.forces import F1, F2, contact_rates, double_rates
 from dimersweep.kernel.contact.phase import sustain_contact
 from dimersweep.kernel.course import CONTACT_BEFORE, CONTACT_IS_SET, NO, SLIP_TOL
 from dimersweep.kernel.flight.free_motion import fly, take_off
-from dimersweep.kernel.flight.landing import MAX_PROBES, next_landing
+from dimersweep.kernel.flight.landing import MAX_LANDING_PROBES, next_landing
 from dimersweep.kernel.impact.impact import rounding
 from dimersweep.kernel.model.body import TWO_PI, turn_of_pair
 from dimersweep.kernel.model.contact_code import coded
@@ -85,7 +85,7 @@ def fly_to_landing(dm, motion, path):
     fl = take_off(dm, state)
     i, t, probes = next_landing(fl, span)
     charge(motion.meter, HOP_COST + PROBE_COST * probes)
-    if probes >= MAX_PROBES:
+    if probes >= MAX_LANDING_PROBES:
         return OUT_OF_PROBES
     fly(dm, fl, state, min(t, span), path)
     if i < 0:

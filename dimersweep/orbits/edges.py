@@ -8,7 +8,7 @@ import numpy as np
 
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.kernel.model.layout import D1, D2, N1, N2, N_STATE, PERIOD, PHASE
-from dimersweep.kernel.record import HOP_TIME, MODES
+from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES
 from dimersweep.orbits.finding import RTOL, centred, checked
 from dimersweep.orbits.following import traced
 from dimersweep.orbits.kinds.fold import FOLD
@@ -237,7 +237,9 @@ def _orbit_at(run: Run, period: int) -> PeriodicOrbit | None:
     state = segment[:N_STATE].copy()
     state[[PHASE, PERIOD]] = 0.0
     try:
-        m = ReturnMap(run.parameters, run.parameters["phi0"], segment[MODES:HOP_TIME].copy(), 1, RTOL, tape)
+        m = ReturnMap(
+            run.parameters, run.parameters["phi0"], segment[SEGMENT_MODES:SEGMENT_HOP_TIME].copy(), 1, RTOL, tape
+        )
         _, _, passage = tape.run(m.row, state, 1, RTOL)
         m, z = m.moved(passage)
         return orbit_of(centred(solve(m, z, m.image(z).spin)))

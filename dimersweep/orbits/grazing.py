@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from dimersweep.kernel.model.layout import D1, FREE, N1
-from dimersweep.kernel.record import HOP_TIME, MODES
+from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES
 from dimersweep.orbits.branch import Axis, Equations, Point, one_sided
 from dimersweep.orbits.passage import TURN
 from dimersweep.orbits.poincare import Image, OrbitLost, ReturnMap
@@ -28,7 +28,7 @@ def least_gap(m: ReturnMap, image: Image) -> float:
     lengths, segments = np.diff(passage.times), passage.segments
     least = np.inf
     for end in (0, 1):
-        free = (segments[:-1, MODES + end] == FREE) & (segments[:-1, HOP_TIME] == 0)
+        free = (segments[:-1, SEGMENT_MODES + end] == FREE) & (segments[:-1, SEGMENT_HOP_TIME] == 0)
         for k in np.flatnonzero(free & (lengths > TURN / GAP_SAMPLES)).tolist():
 
             def of_end(phases: np.ndarray, k: int = k, end: int = end) -> tuple[np.ndarray, np.ndarray]:

@@ -20,7 +20,7 @@ from dimersweep.kernel.model.layout import (
     WB,
     Dimer,
 )
-from dimersweep.kernel.record import HOP_TIME, MODES
+from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES
 from dimersweep.orbits.passage import TURN
 from dimersweep.orbits.poincare import OrbitLost, ReturnMap, Tape
 from dimersweep.parameters import dimer_from, value_of
@@ -86,7 +86,7 @@ def of_run(
     """The map and the point that a recorded run has come to; `parameters` may differ from those of the run."""
     record = run.record("guess")
     last = record.segments[-1]
-    m = ReturnMap(parameters, record.row[ROW_PHI0], last[MODES:HOP_TIME].copy(), periods, rtol, tape)
+    m = ReturnMap(parameters, record.row[ROW_PHI0], last[SEGMENT_MODES:SEGMENT_HOP_TIME].copy(), periods, rtol, tape)
     return settled_on(m, last[:N_STATE].copy(), periods)
 
 

@@ -27,7 +27,7 @@ from dimersweep.kernel.model.layout import (
     WB,
     Dimer,
 )
-from dimersweep.kernel.record import BEFORE, E_KIND, E_PERIOD, E_PHASE, MODES
+from dimersweep.kernel.record import BEFORE, E_KIND, E_PERIOD, E_PHASE, SEGMENT_MODES
 from dimersweep.kernel.verdict.past import double_end, ends_sticking, zeta_of
 
 TURN = 2 * np.pi
@@ -50,7 +50,7 @@ class Passage:
     def bouncer(self) -> int:
         """The end that is in the air for longer: 0 or 1."""
         spans = np.diff(self.times)
-        free = self.segments[:-1, MODES : MODES + 2] == FREE
+        free = self.segments[:-1, SEGMENT_MODES : SEGMENT_MODES + 2] == FREE
         airborne = spans @ free
         return int(airborne[1] >= airborne[0])
 

@@ -27,7 +27,7 @@ from dimersweep.kernel.model.layout import (
     THETA,
 )
 from dimersweep.kernel.model.plate import phases_later
-from dimersweep.kernel.record import EVENT_ROWS, MODES, SEGMENT_ROWS, new_record, no_record
+from dimersweep.kernel.record import EVENT_ROWS, SEGMENT_MODES, SEGMENT_ROWS, new_record, no_record
 from dimersweep.kernel.return_map import advance
 from dimersweep.kernel.sample import sample
 from dimersweep.orbits.passage import TURN, Passage
@@ -270,7 +270,7 @@ def smooth_phases(passage: Passage, periods: int) -> tuple[np.ndarray, np.ndarra
     The phase in which the section lies is counted once, in its full length.
     """
     (events,) = np.nonzero(np.mod(passage.times, TURN) > 0)
-    modes = passage.segments[:, MODES : MODES + 2]
+    modes = passage.segments[:, SEGMENT_MODES : SEGMENT_MODES + 2]
     if not events.size:
         return np.zeros(1), np.array([TURN * periods]), modes[:1]
     starts = passage.times[events]

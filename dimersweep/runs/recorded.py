@@ -47,13 +47,13 @@ from dimersweep.kernel.record import (
     E_PERIOD,
     E_PHASE,
     EVENT,
-    HOP_TIME,
-    MODES,
+    SEGMENT_HOP_TIME,
+    SEGMENT_MODES,
+    Record,
     new_record,
     no_record,
     rows_of,
 )
-from dimersweep.kernel.record import Record as Rows
 from dimersweep.kernel.sample import HOPS_LAST, sample
 from dimersweep.symbols import EVENTS, STATES, Quantity
 
@@ -63,7 +63,7 @@ FOLLOWED = 0.95  # share of the time for which these may be followed: clear of i
 BOUNDARY = 1e-12  # a time this far below the end of a forcing period counts as that end, in periods
 
 
-class Record(NamedTuple):
+class RunRecord(NamedTuple):
     """Rows that the kernel wrote of one run (columns in ``kernel.record``), with the parameters that they belong to.
 
     `cut` says that there was no room for all of them.
@@ -85,7 +85,7 @@ def _dataset(columns: dict[str, np.ndarray], quantities: dict[str, Quantity], di
     return xr.Dataset({name: (dim, columns[name], quantity.attributes()) for name, quantity in quantities.items()})
 
 
-def events_of(record: Record, rtol: float, parameters: dict[str, float]) -> xr.Dataset:
+def events_of(record: RunRecord, rtol: float, parameters: dict[str, float]) -> xr.Dataset:
     """What happened, along `event`; see `Run.events`."""
     columns = dict(zip(EVENT, record.events.T.copy(), strict=True))
     ended = _move_to_ends_of_hops(record, rtol, columns)
@@ -118,14 +118,14 @@ def _columns_at(dm: Dimer, states: np.ndarray) -> dict[str, np.ndarray]:
     return columns
 
 
-def _move_to_ends_of_hops(record: Record, rtol: float, columns: dict[str, np.ndarray]) -> np.ndarray:
+def _move_to_ends_of_hops(record: RunRecord, rtol: float, columns: dict[str, np.ndarray]) -> np.ndarray:
     """Move the ends of chatters to the accumulation points of their bounces; numbers of the rows that were moved.
 
     The kernel writes such a row at the last bounce before the hops that it sums; here these are followed. Where another
     event comes before they have died out, the row has the time of that event.
     """
     periods, phases, segments = columns["period"], columns["phase"], record.segments
-    summed = np.flatnonzero(segments[:, HOP_TIME] > 0).tolist()
+    summed = np.flatnonzero(segments[:, SEGMENT_HOP_TIME] > 0).tolist()
     closes = {(segments[k, PERIOD], segments[k, PHASE]): k for k in summed}
     moved = []
     for n in np.flatnonzero(columns["cause"] == C_CHATTER_END):
@@ -140,25 +140,25 @@ def _move_to_ends_of_hops(record: Record, rtol: float, columns: dict[str, np.nda
     return np.array(moved, np.intp)
 
 
-def _end_of_hops(record: Record, k: int, rtol: float) -> float | None:
+def _end_of_hops(record: RunRecord, k: int, rtol: float) -> float | None:
     """How far the plate turns until the hops that segment `k` sums have died out [rad].
 
     None if they have not within the time that they are followed for.
     """
     segment, omega = record.segments[k], dimer_of(record.row).omega
-    span = FOLLOWED * HOPS_LAST * omega * segment[HOP_TIME]
+    span = FOLLOWED * HOPS_LAST * omega * segment[SEGMENT_HOP_TIME]
     status, room = RECORD_FULL, FIRST_ROWS
     while status == RECORD_FULL:
         rows, room = new_record(room), GROWTH * room
         status, _, _ = _sampled(record, np.array([k]), segment[[PHASE]] + span, rtol, rows)
     events, segments = rows_of(rows)
     closed = np.array(digits_of(events[:, E_KIND])).T > 0
-    all_down = (closed >= (segment[MODES : MODES + 2] != FREE)).all(1)
+    all_down = (closed >= (segment[SEGMENT_MODES : SEGMENT_MODES + 2] != FREE)).all(1)
     ends = events[(events[:, E_CAUSE] == C_CHATTER_END) & all_down]
     if status != OK or not len(ends):
         return None
     period, phase = ends[0, [E_PERIOD, E_PHASE]]
-    rest = segments[(segments[:, PERIOD] == period) & (segments[:, PHASE] == phase), HOP_TIME][-1]
+    rest = segments[(segments[:, PERIOD] == period) & (segments[:, PHASE] == phase), SEGMENT_HOP_TIME][-1]
     # `follow_hops` counts the plate's phase so that a period ends after `span`
     return float(2 * pi * (period - 1) + phase + span + omega * rest)
 
@@ -185,16 +185,16 @@ def _places(times: np.ndarray, segments: np.ndarray, f: float, cut: bool) -> tup
     just_below = (cycles < ends) & (ends - cycles <= BOUNDARY + 1e-15 * ends)
     times = np.where(just_below, ends / f, times)
     last = np.searchsorted(starts, times, side="right") - 1
-    (closes,) = np.nonzero(segments[:, HOP_TIME] > 0)
+    (closes,) = np.nonzero(segments[:, SEGMENT_HOP_TIME] > 0)
     if closes.size:
         close = closes[np.searchsorted(starts[closes], times, side="right") - 1]
-        hops = (starts[close] <= times) & (times < starts[close] + HOPS_LAST * segments[close, HOP_TIME])
+        hops = (starts[close] <= times) & (times < starts[close] + HOPS_LAST * segments[close, SEGMENT_HOP_TIME])
         last = np.where(hops, close, last)
     return last, segments[last, PHASE] + 2 * pi * f * (times - starts[last])
 
 
 def _states(
-    record: Record, times: np.ndarray, kernel_states: np.ndarray, modes: np.ndarray, parameters: dict[str, float]
+    record: RunRecord, times: np.ndarray, kernel_states: np.ndarray, modes: np.ndarray, parameters: dict[str, float]
 ) -> xr.Dataset:
     """The kernel's closed state in the coordinates of the paper."""
     s = kernel_states.T
@@ -239,7 +239,7 @@ def _states(
 
 
 def _sampled(
-    record: Record, which: np.ndarray, phases: np.ndarray, rtol: float, rows: Rows
+    record: RunRecord, which: np.ndarray, phases: np.ndarray, rtol: float, rows: Record
 ) -> tuple[int, np.ndarray, np.ndarray]:
     """Status, kernel states and friction modes at plate phases within the given segments."""
     states, modes = np.zeros((which.size, N_STATE)), np.zeros((which.size, 2))
@@ -247,7 +247,7 @@ def _sampled(
     return status, states, modes
 
 
-def states_of(record: Record, times: np.ndarray, rtol: float, parameters: dict[str, float]) -> xr.Dataset:
+def states_of(record: RunRecord, times: np.ndarray, rtol: float, parameters: dict[str, float]) -> xr.Dataset:
     """The state at `times` [s], shape (n,), along `time`; see `Run.states`.
 
     Raises
@@ -268,11 +268,13 @@ def period_rows(segments: np.ndarray) -> np.ndarray:
     return rows[np.unique(segments[rows, PERIOD], return_index=True)[1]]
 
 
-def states_of_segments(record: Record, periods: np.ndarray) -> xr.Dataset:
+def states_of_segments(record: RunRecord, periods: np.ndarray) -> xr.Dataset:
     """The states at the ends of forcing periods, which the record holds, shape (n,): numbers of completed periods."""
     segments = record.segments
     rows = period_rows(segments)
     rows = rows[np.isin(segments[rows, PERIOD], periods)]
     parameters = dict(zip(ROW, record.row.tolist(), strict=True))
     times = segments[rows, PERIOD] / parameters["f"]
-    return _states(record, times, segments[rows, :N_STATE], segments[rows, MODES : MODES + 2], parameters)
+    return _states(
+        record, times, segments[rows, :N_STATE], segments[rows, SEGMENT_MODES : SEGMENT_MODES + 2], parameters
+    )

@@ -29,10 +29,10 @@ from dimersweep.kernel.model.layout import (
     WB,
     WP,
 )
-from dimersweep.kernel.record import HOP_TIME, MODES, no_record
+from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES, no_record
 from dimersweep.kernel.return_map import advance
 from dimersweep.parameters import check_count, check_level
-from dimersweep.runs.recorded import Record, period_rows
+from dimersweep.runs.recorded import RunRecord, period_rows
 from dimersweep.runs.run import Run
 
 NAMES = ("gap_1", "gap_2", "gap_1_rate", "gap_2_rate", "turn_rate", "spin", "along", "across")
@@ -162,14 +162,14 @@ def free_coordinates(modes: np.ndarray) -> list[int]:
     return free if (modes == STICK).any() else [*free, 6, 7]
 
 
-def _end(run: Run, wanted: str) -> tuple[Record, np.ndarray, np.ndarray]:
+def _end(run: Run, wanted: str) -> tuple[RunRecord, np.ndarray, np.ndarray]:
     """The record of a run, with its last state and friction modes."""
     check_level(run.parameters, wanted)
     record = run.record(wanted)
     if run.status != "ok":
         raise ParameterError(f"{wanted}: the run did not reach its end ({run.message})")
     last = record.segments[-1]
-    return record, last[:N_STATE].copy(), last[MODES:HOP_TIME].copy()
+    return record, last[:N_STATE].copy(), last[SEGMENT_MODES:SEGMENT_HOP_TIME].copy()
 
 
 def multipliers(run: Run) -> Multipliers:
@@ -255,7 +255,7 @@ def lyapunov(run: Run, periods: int = 1000) -> Lyapunov:
     if not settled and longer.settled_after > run.n_periods:
         rows = rows[: int(longer.settled_after) - run.n_periods + 1]
     section = Section(run.parameters, record.row, min(run.rtol, MAP_RTOL))
-    growth = np.array(_growth(section, rows[:, :N_STATE], rows[:, MODES:HOP_TIME], settled))
+    growth = np.array(_growth(section, rows[:, :N_STATE], rows[:, SEGMENT_MODES:SEGMENT_HOP_TIME], settled))
     if growth.size <= SETTLING:
         raise ParameterError(f"lyapunov: the chaos ends {growth.size} periods after the run; end the run earlier")
     kept = growth[growth.size * before // (before + periods) :]

@@ -40,7 +40,7 @@ from dimersweep.kernel.model.layout import (
     WP,
 )
 from dimersweep.kernel.model.plate import motion
-from dimersweep.kernel.record import EVENT, HOP_TIME, MODES, new_record, no_record, rows_of, was_full
+from dimersweep.kernel.record import EVENT, SEGMENT_HOP_TIME, SEGMENT_MODES, new_record, no_record, rows_of, was_full
 from dimersweep.kernel.sample import sample
 
 CODE = {name: k for k, name in enumerate(CODES)}
@@ -116,7 +116,7 @@ def states_at(row, segments, phases, rtol):
     n, k = phases.shape
     states, modes = np.zeros((n * k, N_STATE)), np.zeros((n * k, 2))
     segments = segments.copy()
-    segments[:, HOP_TIME] = 0.0  # the run is looked at, which has summed these hops
+    segments[:, SEGMENT_HOP_TIME] = 0.0  # the run is looked at, which has summed these hops
     which = np.repeat(np.arange(n), k)
     sample(row, segments, which, phases.ravel(), rtol, new_workspace(), no_record(), states, modes)
     return states.reshape(n, k, N_STATE)
@@ -279,14 +279,14 @@ def phases_of(row, rtol, events, segments):
     after = segments[1:, :N_STATE]
     ends = after.copy()
     ends[jumps] = states_at(row, segments[:-1][jumps], (segments[:-1, PHASE] + span)[jumps, None], rtol)[:, 0]
-    return Phases(segments[:-1], span, ends, after, segments[1:, MODES:HOP_TIME], struck, closed)
+    return Phases(segments[:-1], span, ends, after, segments[1:, SEGMENT_MODES:SEGMENT_HOP_TIME], struck, closed)
 
 
 def look_at(row, rtol, status, n_events, events, segments):
     """What the record of a run shows: see `examine`."""
     dm = dimer_of(row)
     segments, span, ends, after, after_modes, struck, closed = phases_of(row, rtol, events, segments)
-    starts, modes = segments[:, :N_STATE], segments[:, MODES:HOP_TIME]
+    starts, modes = segments[:, :N_STATE], segments[:, SEGMENT_MODES:SEGMENT_HOP_TIME]
     smooth = ~closed & ~struck
     inner = states_at(row, segments, starts[:, PHASE, None] + span[:, None] * INSIDE, rtol)
     free = (modes == FREE).all(1)

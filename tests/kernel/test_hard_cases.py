@@ -39,7 +39,7 @@ from dimersweep.kernel.model.layout import (
     WB,
     WP,
 )
-from dimersweep.kernel.record import HOP_TIME, MODES
+from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES
 from tests import oracle
 from tests.checks.examine import examine, lies, states_at
 from tests.checks.launch import launch
@@ -166,7 +166,7 @@ def test_without_loss_every_impact_keeps_the_energy(rtol):
 
 def flight_ends(row, run):
     """States just before and just after each end of a flight that is an impact."""
-    free = (run.segments[:-1, MODES:HOP_TIME] == FREE).all(1)
+    free = (run.segments[:-1, SEGMENT_MODES:SEGMENT_HOP_TIME] == FREE).all(1)
     times = run.segments[:, PERIOD] + run.segments[:, PHASE] / (2 * pi)
     span = 2 * pi * np.diff(times)
     struck = free & (span > 0) & (run.segments[1:, PHASE] > 0.0)
@@ -472,7 +472,7 @@ def test_a_tumbling_dimer_is_a_free_top(rtol):
 def flight_starts(run):
     """The starts of the flights that `flight_ends` follows."""
     times = run.segments[:, PERIOD] + run.segments[:, PHASE] / (2 * pi)
-    free = (run.segments[:-1, MODES:HOP_TIME] == FREE).all(1)
+    free = (run.segments[:-1, SEGMENT_MODES:SEGMENT_HOP_TIME] == FREE).all(1)
     struck = free & (np.diff(times) > 0) & (run.segments[1:, PHASE] > 0.0)
     return run.segments[:-1][struck][:, :N_STATE]
 

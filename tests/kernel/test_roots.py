@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import brentq
 
 from dimersweep.kernel.flight.free_motion import Flight
-from dimersweep.kernel.flight.landing import MAX_PROBES
+from dimersweep.kernel.flight.landing import MAX_LANDING_PROBES
 from dimersweep.kernel.model.layout import (
     D1,
     D2,
@@ -153,7 +153,7 @@ def test_a_graze_within_round_off_ends_the_search(miss):
     """Either answer is right where the gap is known to 1e-17 only; a later landing, or this one to the square root."""
     fl, t_low, _ = grazing(miss)
     t, probes = first_landing(fl, -1.0, 1.0)
-    assert probes < MAX_PROBES
+    assert probes < MAX_LANDING_PROBES
     near = abs(t - t_low) < 1e-8
     assert near or (miss > 0 and t == pytest.approx(first_sign_change(fl, -1.0, 1.0, 200001), rel=1e-12))
 

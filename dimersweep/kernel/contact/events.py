@@ -16,11 +16,12 @@ LIFT_OFF, HOLD_LOST, SLIP_END = 0, 2, 4
 LANDING = 6  # of the end that is open
 LEAVES_CHART = 7  # not an event of the dimer: the state leaves its chart
 JAM = 8  # the force of a slip grows beyond all bounds (a dynamic jam)
-N_EVENTS = 9
+N_CONTACT_EVENTS = 9
 N_FORCE_EVENTS = SLIP_END  # those below this number are lift-offs and lost holds
 # in place of an event: the time is over; a bound on steps, or on probes for a landing, was reached; the phase goes on
 NO_EVENT, OUT_OF_STEPS, OUT_OF_PROBES, GOES_ON = -1, -2, -4, -5
-NEAR = 10.0  # slip, in units of the one that counts as none, whose direction is only known as well as the tolerance
+# slip, in units of the one that counts as none, whose direction is only known as well as the tolerance
+UNSURE_SLIP = 10.0
 
 
 @compiled
@@ -99,7 +100,7 @@ def height_of_open_end(modes, y):
 def least_value(dm, modes, armed, base, y, F, slip_tol, values):
     """Least of the armed event functions and its number (inf and -1 if none is armed); all of them into `values`."""
     least, which = inf, -1
-    for k in range(N_EVENTS):
+    for k in range(N_CONTACT_EVENTS):
         if armed[k] > 0.0:
             values[k] = event_function(dm, modes, k, base, y, F, slip_tol)
             if values[k] < least:
@@ -178,7 +179,7 @@ def slip_about_to_end(dm, modes, y, dy, span, tol, slip_tol):
                 across = abs(a * d_b - b * d_a) * v / -along
                 time = v * v / -along
                 straight = time <= brief(dm, y, tol) and across <= 0.5 * tol * dm.v_scale
-                if time <= span and (v <= NEAR * slip_tol or straight):
+                if time <= span and (v <= UNSURE_SLIP * slip_tol or straight):
                     return i
     return -1
 

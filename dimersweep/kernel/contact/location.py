@@ -8,7 +8,7 @@ from dimersweep.kernel.contact.events import (
     JAM,
     LANDING,
     LEAVES_CHART,
-    N_EVENTS,
+    N_CONTACT_EVENTS,
     N_FORCE_EVENTS,
     event_function,
     is_slip_end,
@@ -32,11 +32,12 @@ from dimersweep.kernel.numerics.steps import on_cubic
 
 NARROW = 0.02  # share of a step in which the bottom of a dip may hide at either end
 LOW = 0.5  # force or hold which may dip to zero, in weights and per square of the angle that the motion turns in a step
-EXACT = 1e-3  # what an event function may be past its zero, in units of the tolerance and of its change in the step
+# what an event function may be past its zero, in units of the tolerance and of its change in the step
+ZERO_PASSED = 1e-3
 DIP_LEFT = 100.0  # in units of that, what may be left of a dip when the open end lands: it is then set to zero
 
 
-class Crossing(NamedTuple):
+class PhaseCrossing(NamedTuple):
     """A step of a contact phase with an event in it."""
 
     dm: Any
@@ -92,9 +93,9 @@ def first_crossing(dm, p, event, least, b):
     """
     s, h, method = b.bracket, b.control[SIZE], int(b.control[METHOD])
     g_low, _ = least_value(dm, p.modes, b.armed, b.start, b.start, b.F, p.slip_tol, b.values[1])
-    past = EXACT * p.tol * (abs(g_low) + abs(least))
+    past = ZERO_PASSED * p.tol * (abs(g_low) + abs(least))
     dip_left = DIP_LEFT * past if b.start[YDIP] != 0.0 else 0.0  # an end that has just left does not land
-    at, guess, slope = Crossing(dm, p, event, past, dip_left, b), 0.0, 0.0
+    at, guess, slope = PhaseCrossing(dm, p, event, past, dip_left, b), 0.0, 0.0
     if method != RESCALED:
         guess, slope = zero_on_cubic(value_on_cubic, at, s, h, b.values[1, event], least)
     set_bracket(s, h, g_low, least, guess, slope)
@@ -131,7 +132,7 @@ def hidden_dip(dm, modes, phase, h, n, slip_tol, b):
     values_on_cubic(dm, modes, phase, 1.0 / 3.0, h, n, slip_tol, b, values[1])
     values_on_cubic(dm, modes, phase, 2.0 / 3.0, h, n, slip_tol, b, values[2])
     share = 1.0
-    for k in range(N_EVENTS):
+    for k in range(N_CONTACT_EVENTS):
         if b.armed[k] == 0.0 or is_slip_end(k) or k == LEAVES_CHART or values[3, k] <= 0.0:
             continue
         q = 1 if values[1, k] <= values[2, k] else 2

@@ -22,7 +22,7 @@ from dimersweep.kernel.contact.events import (
     LANDING,
     LEAVES_CHART,
     LIFT_OFF,
-    N_EVENTS,
+    N_CONTACT_EVENTS,
     NO_EVENT,
     OUT_OF_STEPS,
     SLIP_END,
@@ -45,7 +45,7 @@ from dimersweep.kernel.contact.step_control import (
     METHOD,
     NATURAL,
     NOW,
-    PLAIN,
+    PLAIN_METHOD,
     RESCALED,
     SIZE,
     SPEED,
@@ -69,25 +69,27 @@ from dimersweep.kernel.numerics.meter import is_over
 from dimersweep.kernel.numerics.root_bracket import UNSOUND
 from dimersweep.kernel.numerics.steps import copy, step_factor
 
-MAX_STEPS = 200000
+MAX_PHASE_STEPS = 200000
 MAX_CHARTS = 20000
-FAINT = 1e-5  # first step of a phase that begins without force, in turns of its motion: after it the end presses, or lifts off
+# first step of a phase that begins without force, in turns of its motion: after it the end presses, or lifts off
+FIRST_WITHOUT_FORCE = 1e-5
 LEAST = 1e-14  # step, in forcing periods, below which the contact force grows beyond all bounds
-STIFF = 0.02  # time in which the slip turns, in forcing periods, below which the plain method is left
+PLAIN_LEAST_TURN = 0.02  # time in which the slip turns, in forcing periods, below which the plain method is left
 FALLING = 0.15  # rate of slip, in units of -gamma, from which the rescaled method takes it
 SOON = (
     0.1  # rate at which the compliance falls, in units of itself and of gamma / v, that calls for the rescaled method
 )
 BRAKED = 1e3  # braking of the turn of a spinning dimer, per forcing period, from which it is stiff
-TURNS = 7.0  # of a slip, that an explicit step may span: what the method bears
+PHASE_TURNS = 7.0  # of a slip, that an explicit step may span: what the method bears
 SLIGHT = 1e-6  # turn of the slip over which that rate is taken [rad]
 LONGEST = 0.25  # longest step, in forcing periods
-FIRST, FIRST_RESCALED = 1.6, 15.0  # first steps, in forcing periods and in xi, over the tolerance to the power of 1/8
+# first steps, in forcing periods and in xi, over the tolerance to the power of 1/8
+FIRST_PHASE_STEP, FIRST_RESCALED = 1.6, 15.0
 HALTING = 1.4  # step over the time to rest of a slip that turns, over the tolerance to the power of 1/16: as measured
 SLIDING = 0.65  # the same of an implicit step: as measured
 RISE = 3.0  # of the step from one to the next, at most, by the rescaled and the implicit method
 SHORTEST = 1e-12  # step, in forcing periods, that is not shortened for an event that may hide in it
-BEYOND = 1.02  # how far past a landing in sight a step goes
+PAST_LANDING = 1.02  # how far past a landing in sight a step goes
 
 
 @compiled
@@ -133,7 +135,7 @@ def sustain_in_chart(dm, p, work):
     begin_phase(dm, p, b)
     if b.F[COMPLIANCE] <= 0.0:
         return 0.0, JAM
-    for _ in range(MAX_STEPS):
+    for _ in range(MAX_PHASE_STEPS):
         if is_over(b.meter):
             break
         event = step_on(dm, p, b)
@@ -149,7 +151,7 @@ def begin_phase(dm, p, b):
     set_scales(dm, p.tol, b.scale)
     set_chart(y, b)
     contact_rates(dm, modes, p.phase, y, path, b.dy, b.F)
-    for k in range(N_EVENTS):
+    for k in range(N_CONTACT_EVENTS):
         b.armed[k] = 0.0
     if modes[0] == FREE or modes[1] == FREE:
         b.armed[LANDING], b.armed[LEAVES_CHART] = 1.0 if p.locate else 0.0, 1.0
@@ -157,9 +159,9 @@ def begin_phase(dm, p, b):
         arm(dm, modes, b.armed, y, b.F, p.slip_tol, b.values[0])
     least_value(dm, modes, b.armed, y, y, b.F, p.slip_tol, b.values[0])
     natural = p.tol**0.125
-    c[TIME], c[NATURAL], c[H], c[XI] = 0.0, natural, FIRST * natural * dm.T, FIRST_RESCALED * natural
+    c[TIME], c[NATURAL], c[H], c[XI] = 0.0, natural, FIRST_PHASE_STEP * natural * dm.T, FIRST_RESCALED * natural
     if without_force(modes, b.F) >= 0:
-        c[H] = FAINT * TWO_PI / motion_rate(dm, y)
+        c[H] = FIRST_WITHOUT_FORCE * TWO_PI / motion_rate(dm, y)
 
 
 @compiled(inline=True)
@@ -201,8 +203,8 @@ def end_slip_on_line(dm, p, b):
     """Carry a slip that is about to end along a straight line to its end; returns that event, or GOES_ON."""
     modes, y, c = p.modes, p.y, b.control
     sets_out = c[TIME] == 0.0 and c[SPEED] <= p.slip_tol  # its mode was chosen: rounding has no say in its rate
-    if p.locate and not sets_out and c[SPEED] < STIFF * dm.T * c[STIFFNESS]:
-        lands = landing_in_sight(dm, modes, y, b.dy) / BEYOND
+    if p.locate and not sets_out and c[SPEED] < PLAIN_LEAST_TURN * dm.T * c[STIFFNESS]:
+        lands = landing_in_sight(dm, modes, y, b.dy) / PAST_LANDING
         i = slip_about_to_end(dm, modes, y, b.dy, min(lands, p.span - c[TIME]), p.tol, p.slip_tol)
         if i >= 0:
             c[TIME] += run_to_slip_end(dm, modes, y, b.dy, i, p.slip_tol, p.n)
@@ -221,12 +223,12 @@ def choose_step(dm, p, b):
         method = IMPLICIT
     h = min(c[H], LONGEST * dm.T)
     if c[TIME] == 0.0 and method == IMPLICIT:
-        h = min(h, 0.5 * FIRST * c[NATURAL] * dm.T)
+        h = min(h, 0.5 * FIRST_PHASE_STEP * c[NATURAL] * dm.T)
     if method != RESCALED:
         slowing = SLIDING if method == IMPLICIT else (0.9 if v == inf else min(0.9, HALTING * sqrt(c[NATURAL])))
         h = min(h, min(slowing * slip_limit(dm, modes, y, b.dy), landing_in_sight(dm, modes, y, b.dy)))
-    if method == PLAIN and gamma > 0.0:
-        h = min(h, TURNS * v / max(gamma, stiffness(dm, modes, y, 0.5 * dm.m * dm.g)))
+    if method == PLAIN_METHOD and gamma > 0.0:
+        h = min(h, PHASE_TURNS * v / max(gamma, stiffness(dm, modes, y, 0.5 * dm.m * dm.g)))
     last = method != RESCALED and h >= left * (1.0 - 1e-12)
     if last:
         h = left
@@ -241,8 +243,8 @@ def method_for(dm, modes, y, v, rate, gamma, tight):
     mu spin J_a / J_t, which may be stiff.
     """
     braked = max(dm.p1.mu, dm.p2.mu) * abs(y[YS]) * dm.J_a * dm.it if modes[0] == SLIP and modes[1] == SLIP else 0.0
-    if v >= STIFF * dm.T * gamma:
-        return IMPLICIT if braked * dm.T > BRAKED else PLAIN
+    if v >= PLAIN_LEAST_TURN * dm.T * gamma:
+        return IMPLICIT if braked * dm.T > BRAKED else PLAIN_METHOD
     return RESCALED if tight or (rate < -FALLING * gamma and braked * v < gamma) else IMPLICIT
 
 
@@ -270,7 +272,7 @@ def landing_in_sight(dm, modes, y, dy):
     disc = rate * rate - 2.0 * fall * gap
     if disc < 0.0 or (rate >= 0.0 and fall >= 0.0):
         return inf
-    return BEYOND * (2.0 * gap / (sqrt(disc) - rate) if rate < 0.0 else (rate + sqrt(disc)) / -fall)
+    return PAST_LANDING * (2.0 * gap / (sqrt(disc) - rate) if rate < 0.0 else (rate + sqrt(disc)) / -fall)
 
 
 @compiled
@@ -350,11 +352,11 @@ def accept_step(dm, p, factor, b):
     pulled = without_force(modes, b.F)
     if p.locate and pulled >= 0 and b.armed[LIFT_OFF + pulled] == 0.0:
         return LIFT_OFF + pulled
-    copy(b.values[3], b.values[0], N_EVENTS)
+    copy(b.values[3], b.values[0], N_CONTACT_EVENTS)
     if p.locate:
         arm(dm, modes, b.armed, y, b.F, p.slip_tol, b.values[0])
     if c[METHOD] == RESCALED:
-        c[XI], c[H] = min(TURNS, min(factor, RISE) * c[XI]), 2.0 * dt
+        c[XI], c[H] = min(PHASE_TURNS, min(factor, RISE) * c[XI]), 2.0 * dt
     else:
         c[H] *= min(factor, RISE) if c[METHOD] == IMPLICIT else factor
     return GOES_ON

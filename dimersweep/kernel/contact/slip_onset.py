@@ -6,7 +6,7 @@ from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.coordinates import set_slip, slip_of
 from dimersweep.kernel.contact.forces import F1, contact_rates
 
-GRID = 48  # directions looked at for a change of sign
+ONSET_DIRECTIONS = 48  # directions looked at for a change of sign
 SLANT = 1e-7  # change of direction in a finite difference [rad]
 
 
@@ -41,8 +41,8 @@ def settle_near(dm, modes, i, phase, y, v, phi, dy, F):
 def settle_anywhere(dm, modes, i, phase, y, v, dy, F):
     """The same among all directions: changes of sign on a grid, then bisection."""
     before, last = 0.0, 0.0
-    for k in range(GRID + 1):
-        phi = -pi + 2.0 * pi * (k + 0.37) / GRID
+    for k in range(ONSET_DIRECTIONS + 1):
+        phi = -pi + 2.0 * pi * (k + 0.37) / ONSET_DIRECTIONS
         across, _ = set_out(dm, modes, i, phase, y, v, phi, dy, F)
         if k > 0 and across * before < 0.0:
             low, high = last, phi

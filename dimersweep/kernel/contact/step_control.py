@@ -50,8 +50,8 @@ from dimersweep.kernel.numerics.steps import (
 )
 from dimersweep.kernel.numerics.tableaux import DOP_A, DOP_C
 
-PLAIN, RESCALED, IMPLICIT = 0, 1, 2
-MAX_TURNS = 14  # Newton iterations of an implicit step
+PLAIN_METHOD, RESCALED, IMPLICIT = 0, 1, 2
+MAX_STEP_NEWTON = 14  # Newton iterations of an implicit step
 CONVERGED = 0.1  # change in a Newton iteration, over the tolerance, that ends them
 RENEWED = 2  # the iteration that takes new derivatives
 TIGHT = 0.5  # compliance from which the turning of the slip may lead to a jam
@@ -374,7 +374,7 @@ def implicit_step(dm, modes, phase, h, n, b):
         for k in range(n):
             b.Y[j, k] = b.start[k] + h * RADAU_C[j] * b.dy[k]
     before = inf
-    for turn in range(MAX_TURNS):
+    for turn in range(MAX_STEP_NEWTON):
         for j in range(NODES):
             at = phase + dm.omega * h * RADAU_C[j]
             contact_rates(dm, modes, at, b.Y[j], n > N_CLOSED, b.K[j], b.F_out)

@@ -13,14 +13,14 @@ from dimersweep.kernel.flight.free_motion import gap_series
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.plate import bound_of_acceleration
 
-MAX_PROBES = 10000
+MAX_LANDING_PROBES = 10000
 SWIFT = 10.0  # rate of the axis, in units of the plate's, from which whole turns are stepped over
 EPS = 2.3e-16
 SHORT = 0.9  # first try of a safe step, over the fall of the parabola
 SHRINK, MAX_TRIES = 0.65, 100
-BEYOND = 1.2  # how far past the zero of a cubic the gap must fall, in units of the step to it
+PAST_CUBIC = 1.2  # how far past the zero of a cubic the gap must fall, in units of the step to it
 NEWTON = 8  # steps of Newton's rule to that zero
-ROUNDED = 1e-13  # what a height may be off, in units of what it is the difference of
+ROUNDED_HEIGHT = 1e-13  # what a height may be off, in units of what it is the difference of
 
 
 @compiled(fuse=True, inline=True)
@@ -62,7 +62,7 @@ def out_of_reach(fl, i, t, gap, rate):
     swing = h * (fl.c1 * cx + fl.c2 * sx)
     rise = rate - h * fl.Omega * (fl.c2 * cx - fl.c1 * sx)
     reach = abs(h) * length(fl.c1, fl.c2)
-    height = gap - swing - reach - ROUNDED * (abs(gap) + reach)
+    height = gap - swing - reach - ROUNDED_HEIGHT * (abs(gap) + reach)
     if height <= 0.0:
         return 0.0
     curve = fl.g + bound_of_acceleration(fl.sway)
@@ -92,13 +92,13 @@ def fall(c0, c1, c2, c3, bound4):
         if abs(change) <= 1e-8 * abs(step):
             break
     size = abs(step)
-    reach = BEYOND * size
+    reach = PAST_CUBIC * size
     ahead = 1.0 if step > 0.0 else -1.0
     rate = c1 + reach * (max(0.0, ahead * c2) + reach * (0.5 * max(0.0, c3) + reach * (bound4 / 6.0)))
     if rate >= 0.0:
         return inf, inf
     off = bound4 * size**4 / (-24.0 * rate)
-    return (step, off) if off <= (BEYOND - 1.0) * size else (inf, inf)
+    return (step, off) if off <= (PAST_CUBIC - 1.0) * size else (inf, inf)
 
 
 @compiled
@@ -110,10 +110,10 @@ def first_landing(fl, i, until):
     t : float
         Time of the landing [s], or inf if there is certainly none.
     probes : int
-        Evaluations of the gap, MAX_PROBES if these were not enough.
+        Evaluations of the gap, MAX_LANDING_PROBES if these were not enough.
     """
     t, falls = 0.0, False
-    for probe in range(1, MAX_PROBES):
+    for probe in range(1, MAX_LANDING_PROBES):
         gap, rate, second, third = gap_series(fl, i, t)
         if rate < 0.0 and (gap > 0.0 or falls):
             step, off = fall(gap, rate, second, third, fl.bound4)
@@ -135,7 +135,7 @@ def first_landing(fl, i, until):
         if step == 0.0:  # neither a positive gap nor one that opens: it is closed now
             return t, probe
         t += step
-    return t, MAX_PROBES
+    return t, MAX_LANDING_PROBES
 
 
 @compiled
@@ -147,8 +147,8 @@ def next_landing(fl, until):
     near = 0 if fl.d_1 <= fl.d_2 else 1
     t, probes = first_landing(fl, near, until)
     other, more = first_landing(fl, 1 - near, min(t, until))
-    if probes == MAX_PROBES or more == MAX_PROBES:
-        return -1, t, MAX_PROBES
+    if probes == MAX_LANDING_PROBES or more == MAX_LANDING_PROBES:
+        return -1, t, MAX_LANDING_PROBES
     if other < t:
         return 1 - near, other, probes + more
     return (near if t < inf else -1), t, probes + more

@@ -31,7 +31,7 @@ from dimersweep.kernel.numerics.steps import clear
 ZN1, ZN2, ZX1, ZX2, ZA, ZB1, ZB2 = range(7)
 N_Z = 7
 HERTZ = 1.5  # exponent of two elastic bodies that touch at a point
-PLAIN, BOTH = -1, 2  # clocks besides those of the ends, 0 and 1: tau, and that of two ends that move alike
+PLAIN_CLOCK, BOTH_CLOCK = -1, 2  # clocks besides those of the ends, 0 and 1: tau, and that of two ends that move alike
 
 
 class EndContact(NamedTuple):
@@ -104,7 +104,7 @@ def force(law, i, X):
 @compiled
 def has_root(clock, i):
     """Whether a state in a clock has Y in place of the X of end i."""
-    return clock == i or clock == BOTH
+    return clock == i or clock == BOTH_CLOCK
 
 
 @compiled(inline=True)
@@ -177,7 +177,7 @@ def rates_in_clock(law, modes, gains, clock, n_1, n_2, X_1, X_2, a, b_1, b_2):
 
     dtau/dsigma multiplies the forces, which are known before the frictions.
     """
-    pace = 1.0 if clock == PLAIN else (X_2 if clock == 1 else X_1)
+    pace = 1.0 if clock == PLAIN_CLOCK else (X_2 if clock == 1 else X_1)
     f_1, f_2 = pace * force_in_clock(law, clock, 0, X_1), pace * force_in_clock(law, clock, 1, X_2)
     A, L_1, L_2 = friction(law, modes[0], modes[1], f_1, f_2, a, b_1, b_2)
     f, apart, L, L_apart = f_1 + f_2, f_1 - f_2, L_1 + L_2, L_1 - L_2

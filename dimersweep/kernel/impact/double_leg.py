@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.impact.double_equations import (
-    BOTH,
+    BOTH_CLOCK,
     N_Z,
-    PLAIN,
+    PLAIN_CLOCK,
     ZA,
     ZB1,
     ZN1,
@@ -50,15 +50,15 @@ from dimersweep.kernel.numerics.steps import (
     step_factor,
 )
 
-MAX_STEPS = 20000
-N_EVENTS = 8
-FIRST = 4.0  # first step, over the tolerance to the power of 1/8
-TURNS = 5.5  # of a slip, that an explicit step may span: what the method bears
-STIFF = 0.01  # explicit step below which a slip is slow
+MAX_LEG_STEPS = 20000
+N_LEG_EVENTS = 8
+FIRST_LEG_STEP = 4.0  # first step, over the tolerance to the power of 1/8
+LEG_TURNS = 5.5  # of a slip, that an explicit step may span: what the method bears
+SLOW_SLIP_STEP = 0.01  # explicit step below which a slip is slow
 LASTS = 30  # such steps in a row, after which the implicit method takes over
-NEAR = 0.3  # distance that one evaluation crosses as well as the tolerance, over its cubic root
-EXACT = 1e-3  # what an event function may be off its zero, in units of the tolerance
-STOPPED = 0.25  # slip, in units of the one that counts as none, at which a slip ends: it sets out with more
+NEAR_PROBE = 0.3  # distance that one evaluation crosses as well as the tolerance, over its cubic root
+ZERO_ERROR = 1e-3  # what an event function may be off its zero, in units of the tolerance
+SLIP_ENDS_AT = 0.25  # slip, in units of the one that counts as none, at which a slip ends: it sets out with more
 UNFORESEEN = 1e-3  # error over the tolerance below which the last step tells nothing of how errors change
 # second step of a leg that sets out uncompressed, over the first: its error tells little of what follows
 SECOND_STEP = 0.95
@@ -74,12 +74,12 @@ def ruling_clock(law, z, gains, faint):
     """
     gone_1, gone_2 = z[ZX1] <= 0.0 and z[ZN1] >= 0.0, z[ZX2] <= 0.0 and z[ZN2] >= 0.0
     if gone_1 and gone_2:
-        return PLAIN
+        return PLAIN_CLOCK
     if gone_1 or gone_2:
         return 1 if gone_1 else 0
     alike = law.nn_1 == law.nn_2 and law.na_1 == -law.na_2 and law.p1.k == law.p2.k and gains[0] == gains[1]
     if alike and z[ZN1] == z[ZN2] and z[ZX1] == z[ZX2]:
-        return BOTH if z[ZA] == 0.0 else PLAIN
+        return BOTH_CLOCK if z[ZA] == 0.0 else PLAIN_CLOCK
     u_1, u_2 = gains[0] * z[ZN1], gains[1] * z[ZN2]
     return 0 if u_1 * u_1 * (z[ZX2] + faint) > u_2 * u_2 * (z[ZX1] + faint) else 1
 
@@ -87,7 +87,7 @@ def ruling_clock(law, z, gains, faint):
 @compiled
 def clock_rate(clock, z):
     """dtau/dsigma of a clock in a state of the plain one."""
-    return 1.0 if clock == PLAIN else sqrt(max(0.0, z[ZX2] if clock == 1 else z[ZX1]))
+    return 1.0 if clock == PLAIN_CLOCK else sqrt(max(0.0, z[ZX2] if clock == 1 else z[ZX1]))
 
 
 @compiled
@@ -122,7 +122,7 @@ def event_value(law, k, modes, compressing, clock, base, z, tol):
     if modes[i] == STICK or contact_of(law, i).mu == 0.0:
         return inf
     v = length(base[ZA], base[ZB1 + i])
-    return (z[ZA] * base[ZA] + z[ZB1 + i] * base[ZB1 + i]) / v - STOPPED * tol if v > 0.0 else inf
+    return (z[ZA] * base[ZA] + z[ZB1 + i] * base[ZB1 + i]) / v - SLIP_ENDS_AT * tol if v > 0.0 else inf
 
 
 @compiled
@@ -182,8 +182,8 @@ def begin_leg(law, z, modes, compressing, slip_tol, b):
     for i in range(2):
         e = contact_of(law, i).e
         b.gains[i] = 1.0 if compressing[i] > 0.0 else 1.0 / (e * e)
-    for k in range(N_EVENTS):
-        b.armed[k] = 1.0 if event_value(law, k, modes, compressing, PLAIN, z, z, slip_tol) > 0.0 else 0.0
+    for k in range(N_LEG_EVENTS):
+        b.armed[k] = 1.0 if event_value(law, k, modes, compressing, PLAIN_CLOCK, z, z, slip_tol) > 0.0 else 0.0
     for k in range(N_Z, WIDTH):
         b.start[k], b.rates[k] = 0.0, 0.0
         for i in range(DOP_STAGES):
@@ -193,7 +193,7 @@ def begin_leg(law, z, modes, compressing, slip_tol, b):
 @compiled(inline=True)
 def arm(law, modes, compressing, clock, slip_tol, b):
     """Arm the event functions that have become positive."""
-    for k in range(N_EVENTS):
+    for k in range(N_LEG_EVENTS):
         if b.armed[k] == 0.0 and event_value(law, k, modes, compressing, clock, b.out, b.out, slip_tol) > 0.0:
             b.armed[k] = 1.0
 
@@ -206,19 +206,19 @@ def double_leg(law, z, modes, compressing, tol, slip_tol, work):
     faint = tol**0.4  # a compression that is worth a gap rate of the tolerance
     clock, slow = ruling_clock(law, z, b.gains, faint), 0
     longest = 1.0 / sqrt(max(b.gains[0], b.gains[1]))
-    h = FIRST * tol**0.125 * longest
+    h = FIRST_LEG_STEP * tol**0.125 * longest
     turning, turns, pace, unit, stiff, fresh = inf, inf, 1.0, 1.0, False, True
-    uncompressed, h_before, error_before, clock_before = z[ZX1] <= 0.0 and z[ZX2] <= 0.0, 0.0, 1.0, PLAIN
-    for _ in range(MAX_STEPS):
+    uncompressed, h_before, error_before, clock_before = z[ZX1] <= 0.0 and z[ZX2] <= 0.0, 0.0, 1.0, PLAIN_CLOCK
+    for _ in range(MAX_LEG_STEPS):
         if is_over(b.meter):
             break
         if fresh:
             turning = turning_time(law, modes, z)
-            turns = TURNS * turning
-        slow = slow + 1 if turns < STIFF else 0
+            turns = LEG_TURNS * turning
+        slow = slow + 1 if turns < SLOW_SLIP_STEP else 0
         fresh, stiff = fresh or stiff != (slow > LASTS), slow > LASTS
         if fresh:  # else the last step was refused, and only its size is another one
-            last, clock = clock, PLAIN if stiff else ruling_clock(law, z, b.gains, faint)
+            last, clock = clock, PLAIN_CLOCK if stiff else ruling_clock(law, z, b.gains, faint)
             pace = clock_rate(clock, z)
             if clock != last:
                 h = min(h * clock_rate(last, z) / pace, longest)
@@ -263,7 +263,7 @@ def double_leg(law, z, modes, compressing, tol, slip_tol, work):
     return -1
 
 
-class Crossing(NamedTuple):
+class LegCrossing(NamedTuple):
     """A step of a leg with an event in it."""
 
     law: Any
@@ -309,7 +309,7 @@ def probe_step(at, t):
     elif not leg_step(at.law, at.modes, at.clock, t, at.tol, 1.0, at.stiff, b) <= 1.0:
         return 0.0, UNSOUND, REFUSED
     g, event = least_value(at.law, at.modes, at.compressing, at.clock, b.armed, b.start, b.out, at.slip_tol)
-    return g, event, FOUND if abs(g) <= EXACT * at.tol else LOOK_ON
+    return g, event, FOUND if abs(g) <= ZERO_ERROR * at.tol else LOOK_ON
 
 
 @compiled
@@ -321,8 +321,8 @@ def first_crossing(law, modes, compressing, clock, h, event, least, tol, slip_to
     """
     g_low, _ = least_value(law, modes, compressing, clock, b.armed, b.start, b.start, slip_tol)
     smooth, s = event < 6, b.bracket
-    near = NEAR * tol ** (1.0 / 3.0) * brisk if smooth else 0.0
-    at, guess, slope = Crossing(law, modes, compressing, clock, h, tol, slip_tol, stiff, near, b), 0.0, 0.0
+    near = NEAR_PROBE * tol ** (1.0 / 3.0) * brisk if smooth else 0.0
+    at, guess, slope = LegCrossing(law, modes, compressing, clock, h, tol, slip_tol, stiff, near, b), 0.0, 0.0
     if smooth:
         impact_rates(law, modes, b.gains, clock, b.out, b.rates_out)
         guess, slope = zero_on_cubic(value_on_cubic, at, s, h, g_low, least)
@@ -334,7 +334,7 @@ def first_crossing(law, modes, compressing, clock, h, event, least, tol, slip_to
 def least_value(law, modes, compressing, clock, armed, base, z, tol):
     """Least of the armed event functions at z, and its number (inf and -1 if none is armed)."""
     least, which = inf, -1
-    for k in range(N_EVENTS):
+    for k in range(N_LEG_EVENTS):
         if armed[k] > 0.0:
             value = event_value(law, k, modes, compressing, clock, base, z, tol)
             if value < least:

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.impact.double_equations import (
     N_Z,
-    PLAIN,
+    PLAIN_CLOCK,
     ZA,
     impact_jacobian,
     impact_rates,
@@ -27,7 +27,7 @@ from dimersweep.kernel.numerics.steps import (
 from dimersweep.kernel.numerics.tableaux import DOP_A, ROS_GAMMA
 
 LEG_ROWS = 40
-EXPLICIT_COST, IMPLICIT_COST = 0.5, 1.0  # of a step, in hops of one end: as measured
+EXPLICIT_LEG_COST, IMPLICIT_LEG_COST = 0.5, 1.0  # of a step, in hops of one end: as measured
 
 
 class LegRows(NamedTuple):
@@ -127,7 +127,7 @@ def implicit_step(law, modes, h, tol, slip_unit, b):
         return inf
     for i in range(ROS_STAGES):
         implicit_stage(i, b.start, b.K, N_Z, b.out)
-        impact_rates(law, modes, b.gains, PLAIN, b.out, b.K[i])
+        impact_rates(law, modes, b.gains, PLAIN_CLOCK, b.out, b.K[i])
         implicit_load(i, h, b.K, N_Z, b.K[i])
         lu_solve(b.LU, N_Z, b.pivots, b.K[i])
     total = 0.0
@@ -141,7 +141,7 @@ def implicit_step(law, modes, h, tol, slip_unit, b):
 @compiled(inline=True)
 def leg_step(law, modes, clock, h, tol, slip_unit, stiff, b):
     """One step of size h from b.start into b.out, by the method that suits; returns the error over the tolerance."""
-    charge(b.meter, IMPLICIT_COST if stiff else EXPLICIT_COST)
+    charge(b.meter, IMPLICIT_LEG_COST if stiff else EXPLICIT_LEG_COST)
     if stiff:
         return implicit_step(law, modes, h, tol, slip_unit, b)
     return explicit_step(law, modes, clock, h, tol, b)

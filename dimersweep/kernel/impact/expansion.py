@@ -9,10 +9,10 @@ from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.model.friction import length
 
 LEAST_ORDER, ORDER = 4, 15  # of the expansion of a leg with a turning slip direction
-BEYOND = 1.1  # how far past the likely end of a leg its expansion is to reach
+PAST_LEG = 1.1  # how far past the likely end of a leg its expansion is to reach
 SLACK = 0.5  # ratio of two terms there from which an expansion is taken to the highest order at once
 NEWTON_DONE = 1e-8  # step of Newton's rule, in units of its place, after which it is done
-ROUNDED = 1e-15  # error of a velocity, in units of itself, that no step improves
+ROUNDED_VELOCITY = 1e-15  # error of a velocity, in units of itself, that no step improves
 INVERSE = tuple(1.0 / (j + 1.0) for j in range(ORDER))
 A_V, A_A, A_P, A_N, A_J, A_E = range(6)  # its rows: slip, axial slip, impulse, gap rates of both ends, energy
 
@@ -69,7 +69,7 @@ def at(c, row, order, xi):
 @compiled
 def unseen(c, v, tol):
     """Size of a term of the expansions that is none."""
-    return max(0.1 * min(tol, 0.01 * v), ROUNDED * max(v, abs(c[A_N, 0])))
+    return max(0.1 * min(tol, 0.01 * v), ROUNDED_VELOCITY * max(v, abs(c[A_N, 0])))
 
 
 @compiled
@@ -93,8 +93,8 @@ def reach(c, order, small):
 def likely_end(c, compressing):
     """Where a leg has ended by the first three terms of its expansion; or inf."""
     if compressing:
-        return BEYOND * parabola_zero(-c[A_N, 0], -c[A_N, 1], -c[A_N, 2])
-    return BEYOND * parabola_zero(c[A_E, 0], c[A_E, 1], c[A_E, 2])
+        return PAST_LEG * parabola_zero(-c[A_N, 0], -c[A_N, 1], -c[A_N, 2])
+    return PAST_LEG * parabola_zero(c[A_E, 0], c[A_E, 1], c[A_E, 2])
 
 
 @compiled

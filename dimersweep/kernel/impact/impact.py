@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.impact.double_equations import (
     N_Z,
-    PLAIN,
+    PLAIN_CLOCK,
     ZA,
     ZB1,
     ZB2,
@@ -28,8 +28,8 @@ from dimersweep.kernel.impact.double_step import LEG_ROWS
 from dimersweep.kernel.impact.phase_log import log_phase, log_single
 from dimersweep.kernel.impact.single_impact import (
     DONE,
-    JAM,
-    STEPS,
+    IMPACT_JAMS,
+    IMPACT_OUT_OF_STEPS,
     EndLaw,
     single_phase,
 )
@@ -58,10 +58,10 @@ MAX_PHASES = 2000
 # approach, in tolerances and in V, that ends the series of switches of two ends at small e
 LEFT_OVER, LEAST_LEFT = 1e-3, 1e-13
 DOUBLE_TOL = 0.2  # of the integrator of a double impact, in units of the impact's tolerance: its steps add up
-FAINT = 0.1  # rebound that is none, in units of the impact's tolerance
+NO_REBOUND = 0.1  # rebound that is none, in units of the impact's tolerance
 FINEST, COARSEST = 5e-14, 1e-4  # tolerances of that integrator: what round-off allows, and what finds events easily
 LEAST_SLIP = 1e-12  # slip, in units of V, whose setting out of rest the integrator can still follow
-SLIP_TOL = 0.1  # slip that counts as none, in units of the impact's tolerance
+IMPACT_SLIP_SCALE = 0.1  # slip that counts as none, in units of the impact's tolerance
 
 
 class ImpactRows(NamedTuple):
@@ -90,7 +90,7 @@ def contact_velocity(dm, state, i):
 @compiled
 def restitution(e, tol):
     """Coefficient of restitution, 0 where the rebound is far below the tolerance: its time scale, e, would be too short."""
-    return e if e > FAINT * tol else 0.0
+    return e if e > NO_REBOUND * tol else 0.0
 
 
 @compiled
@@ -172,12 +172,12 @@ def single_impact(dm, state, i, V, tol, work, log):
     p, (sin_b, cos_b) = end(dm, i), attitude(dm, state[DIP])
     law = end_law(dm, i, 0.0, sin_b, cos_b, restitution(p.e, tol))
     n, a, b = contact_velocity(dm, state, i)
-    slip_tol = max(SLIP_TOL * tol, rounding(dm, state) / V)
+    slip_tol = max(IMPACT_SLIP_SCALE * tol, rounding(dm, state) / V)
     n_plus, a_plus, b_plus, _, _, P, A, B, P_s, A_s, mode, reason = single_phase(
         law, n / V, a / V, b / V, 0.0, 0.0, slip_tol, work
     )
     if reason != DONE:
-        return (JAMMED if reason == JAM else IMPACT_STEPS), mode, 0
+        return (JAMMED if reason == IMPACT_JAMS else IMPACT_STEPS), mode, 0
     lv, lj = levers(p, sin_b, cos_b), levers(end(dm, 1 - i), sin_b, cos_b)
     wj = delassus(dm, lj, lv)
     unit, other = dm.m * V, N2 - i
@@ -249,7 +249,7 @@ def double_impact(dm, state, V, tol, modes, work, log):
     z, start, before, compressing, mid = impact_rows(work)
     load_double(dm, state, V, z)
     copy(z, start, N_Z)
-    slip_tol = max(max(SLIP_TOL * tol, LEAST_SLIP), rounding(dm, state) / V)
+    slip_tol = max(max(IMPACT_SLIP_SCALE * tol, LEAST_SLIP), rounding(dm, state) / V)
     left = max(LEFT_OVER * tol, LEAST_LEFT)
     least = left ** (2.0 / (law.eta + 1.0))  # the root of E, which goes with X^(eta + 1), is worth a gap rate
     compressing[0], compressing[1] = 1.0, 1.0
@@ -279,8 +279,8 @@ def double_impact(dm, state, V, tol, modes, work, log):
             i = 0 if on_1 else 1
             halts, reason = single_end_phase(dm, law, i, z, modes, compressing, slip_tol, before, mid, work)
             lost = False
-            if reason == JAM or reason == STEPS:
-                status = JAMMED if reason == JAM else IMPACT_STEPS
+            if reason == IMPACT_JAMS or reason == IMPACT_OUT_OF_STEPS:
+                status = JAMMED if reason == IMPACT_JAMS else IMPACT_STEPS
                 break
             if halts:
                 P_1, P_2, _, _, _ = impulses_between(dm, mid, before, V)
@@ -340,7 +340,7 @@ def follow_acceleration(law, z, modes, compressing, left, rates):
     gone = False
     for i in range(2):
         if z[ZN1 + i] == 0.0 and z[ZX1 + i] > 0.0:
-            impact_rates(law, modes, compressing, PLAIN, z, rates)
+            impact_rates(law, modes, compressing, PLAIN_CLOCK, z, rates)
             if rates[ZN1 + i] * compressing[i] > 0.0:
                 turn(law, i, z, compressing, left)
                 gone = gone or z[ZX1 + i] == 0.0

@@ -30,9 +30,9 @@ from dimersweep.kernel.model.friction import holds_axially, length, slip_force
 from dimersweep.kernel.model.layout import SLIP, STICK
 from dimersweep.kernel.numerics.meter import METER, charge, is_over
 
-DONE, OTHER, LEG, JAM, STEPS = 0, 1, 2, 3, 4
+DONE, OTHER, LEG, IMPACT_JAMS, IMPACT_OUT_OF_STEPS = 0, 1, 2, 3, 4
 MAX_LEGS = 200
-MAX_STEPS = 2000
+MAX_SINGLE_STEPS = 2000
 EXPANSION_COST = 0.35  # of a step by expansion, in hops of one end: as measured
 OFF_AXIS = 0.1  # sine of the angle to an axial direction below which its expansion is in powers of that
 INVARIANT = 1e-14  # rate of turning (per xi) below which any slip direction counts as invariant
@@ -204,12 +204,12 @@ def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
     n, a, b, E, n_j, P, A, B : float
         Velocities, energy and other gap rate after the leg; normal, axial, lateral impulse of it.
     reason : int
-        LEG (go on with the next leg), or STEPS, also where the meter of the work array is over.
+        LEG (go on with the next leg), or IMPACT_OUT_OF_STEPS, also where the meter of the work array is over.
     """
     gain = 1.0 if compressing else 1.0 / (law.e * law.e)
     slip_end, lateral = max(tol, 1e-14 * length(a, b)), abs(b) > tol
     n, n_j, P, A, B = n0, n_j0, 0.0, 0.0, 0.0
-    for _ in range(MAX_STEPS):
+    for _ in range(MAX_SINGLE_STEPS):
         if is_over(work[METER]):
             break
         charge(work[METER], EXPANSION_COST)
@@ -243,7 +243,7 @@ def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
             if stopped:
                 a, b = copysign(2.0 * slip_end, law.na) if lateral and turns_away(law, a / v) else 0.0, 0.0
             return n, a, b, E, n_j, P, A, B, LEG
-    return n, a, b, E, n_j, P, A, B, STEPS
+    return n, a, b, E, n_j, P, A, B, IMPACT_OUT_OF_STEPS
 
 
 @compiled
@@ -270,7 +270,7 @@ def straight_leg(law, n, a, b, E, n_j, compressing, stick, c, s):
     P_n, P_E, P_j, P_v = time_to_events(law, n, E, v, n_j, compressing, w, w_j, w_v)
     P = min(min(P_n, P_E), min(P_j, P_v))
     if inf == P:
-        return n, a, b, E, n_j, 0.0, 0.0, 0.0, JAM
+        return n, a, b, E, n_j, 0.0, 0.0, 0.0, IMPACT_JAMS
     gain = 1.0 if compressing else 1.0 / max(law.e * law.e, 1e-300)
     rub, rub_1, b_left = 0.0, 0.0, b + w_b * P
     _, slope = turning(law, c, 0.0)
@@ -321,7 +321,7 @@ def single_phase(law, n, a, b, E, n_j, tol, work):
     mode : int
         STICK or SLIP, the friction mode in which the phase ended.
     reason : int
-        DONE, OTHER, JAM or STEPS.
+        DONE, OTHER, IMPACT_JAMS or IMPACT_OUT_OF_STEPS.
     """
     P, A, B, P_s, A_s = 0.0, 0.0, 0.0, 0.0, 0.0
     compressing = n < 0.0 or E == 0.0
@@ -358,4 +358,4 @@ def single_phase(law, n, a, b, E, n_j, tol, work):
             compressing = not compressing
         if law.both > 0.0 and n_j == 0.0 and (turns or w_j < 0.0):
             return n, a, b, E, n_j, P, A, B, P_s, A_s, mode, OTHER
-    return n, a, b, E, n_j, P, A, B, P_s, A_s, mode, STEPS
+    return n, a, b, E, n_j, P, A, B, P_s, A_s, mode, IMPACT_OUT_OF_STEPS

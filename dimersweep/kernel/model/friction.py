@@ -14,7 +14,7 @@ from math import sqrt
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.model.layout import STICK
 
-MAX_TURNS = 30  # of Newton's rule for the direction of a slip out of rest
+MAX_ONSET_NEWTON = 30  # of Newton's rule for the direction of a slip out of rest
 
 
 @compiled
@@ -58,7 +58,7 @@ def outward_slip(drive_a, drive_b, k_a, k_b):
     if size == 0.0:
         return 1.0, 0.0
     rate = max(0.0, max(abs(drive_a) - k_a, abs(drive_b) - k_b))
-    for _ in range(MAX_TURNS):
+    for _ in range(MAX_ONSET_NEWTON):
         d_a, d_b = drive_a / (rate + k_a), drive_b / (rate + k_b)
         size = length(d_a, d_b)
         step = (size - 1.0) * size * size / (d_a * d_a / (rate + k_a) + d_b * d_b / (rate + k_b))

@@ -21,7 +21,7 @@ from dimersweep.kernel.model.layout import ROW_PHI0, ROW_PHI_2
 from dimersweep.kernel.numerics.sincos import one_minus_cos, sincos, x_minus_sin
 
 TWO_PI = 6.283185307179586
-GRID, CLIMBS = 16, 60  # phases from the best of which the crest is climbed, and steps of that
+CREST_PHASES, CLIMBS = 16, 60  # phases from the best of which the crest is climbed, and steps of that
 CERTAIN = 1e-9  # excess of the bound on a crest over its height, over the sum of both harmonics
 
 
@@ -52,10 +52,10 @@ def crest(a, b, lag):
     """
     bend, spare = a + 4.0 * b, CERTAIN * (a + b)
     top, at = -inf, 0.0
-    for k in range(GRID):
-        value, _ = wave(a, b, lag, TWO_PI * k / GRID)
+    for k in range(CREST_PHASES):
+        value, _ = wave(a, b, lag, TWO_PI * k / CREST_PHASES)
         if value > top:
-            top, at = value, TWO_PI * k / GRID
+            top, at = value, TWO_PI * k / CREST_PHASES
     for _ in range(CLIMBS):
         value, slope = wave(a, b, lag, at)
         top = max(top, value)

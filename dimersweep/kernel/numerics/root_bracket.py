@@ -5,7 +5,7 @@ Contact phases and impacts locate their events here; each gives its own probe.
 
 from dimersweep.kernel.compiler.jit import compiled
 
-MAX_PROBES = 160
+MAX_ROOT_PROBES = 160
 CARRIED = 0.1  # way over which a probe may carry the last one on, in units of its place: its error is one of that
 # in place of an event: a probe within the step is worse than the step itself, which has passed over a singularity
 UNSOUND = -3
@@ -32,7 +32,7 @@ def set_bracket(s, h, g_low, g_high, guess, slope):
 @compiled
 def is_closed(s, h):
     """Whether the bracket is as small as round-off allows, or has been probed as often as it may."""
-    return s[S_HIGH] - s[S_LOW] <= 1e-15 * h or s[S_PROBES] >= MAX_PROBES
+    return s[S_HIGH] - s[S_LOW] <= 1e-15 * h or s[S_PROBES] >= MAX_ROOT_PROBES
 
 
 @compiled

@@ -31,15 +31,15 @@ from dimersweep.kernel.model.layout import (
     OUT_ZETA,
 )
 from dimersweep.kernel.verdict.past import (
+    DE_END,
+    DE_PHASE,
+    DE_SPEED,
+    DE_SPIN,
+    DE_THETA,
+    DE_TIME,
+    DE_WB,
+    DE_ZETA,
     DOUBLES,
-    E_END,
-    E_PHASE,
-    E_SPEED,
-    E_SPIN,
-    E_THETA,
-    E_TIME,
-    E_WB,
-    E_ZETA,
     G_END,
     G_LONG,
     G_TIME,
@@ -162,19 +162,19 @@ def orbit_value(past, k, back):
     row = past[DOUBLES + (count - 1 - back) % RING]
     old = past[DOUBLES + (count - 2 - back) % RING]
     if k == OUT_ZETA:
-        return row[E_ZETA]
+        return row[DE_ZETA]
     if k == OUT_SPEED:
-        return row[E_SPEED]
+        return row[DE_SPEED]
     if k == OUT_IMPACT_PHASE:
-        return row[E_PHASE]
+        return row[DE_PHASE]
     if k == OUT_SPIN_RATE:
-        return row[E_SPIN]
-    rate = (row[E_THETA] - old[E_THETA]) / (row[E_TIME] - old[E_TIME])
+        return row[DE_SPIN]
+    rate = (row[DE_THETA] - old[DE_THETA]) / (row[DE_TIME] - old[DE_TIME])
     if k == OUT_PRECESSION_RATE:
         return rate
     if rate == 0.0:
         return nan  # a straight path: there is no circle
-    return row[E_SPEED] / abs(rate) if k == OUT_RADIUS else 2.0 * pi / abs(rate)
+    return row[DE_SPEED] / abs(rate) if k == OUT_RADIUS else 2.0 * pi / abs(rate)
 
 
 @compiled
@@ -214,9 +214,9 @@ def orbit_of(past, out):
         out[k] = orbit_value(past, k, 0)
         out[N_ORBIT + k] = orbit_slope(past, k, n)
     last = past[DOUBLES + (count - 1) % RING]
-    out[OUT_SPIN_RATE], out[OUT_BETA_RATE_AFTER] = last[E_SPIN], last[E_WB]
+    out[OUT_SPIN_RATE], out[OUT_BETA_RATE_AFTER] = last[DE_SPIN], last[DE_WB]
     out[OUT_SPIN_DRIFT] = orbit_slope(past, OUT_SPIN_RATE, n)
-    return int(last[E_END])
+    return int(last[DE_END])
 
 
 @compiled

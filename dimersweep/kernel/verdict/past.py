@@ -47,7 +47,7 @@ RUNS = 1  # this row holds, in column p, for how many periods the motion has rep
 P_D1, P_D2, P_N1, P_N2, P_SPIN, P_DOWN_1, P_DOWN_2, P_DOUBLES, P_TIME, P_OFF_1, P_OFF_2, P_HOP_1, P_HOP_2 = range(13)
 N_NORMAL = P_N2 + 1  # those up to here are the normal state, which a motion repeats
 # columns of a double event
-E_TIME, E_PHASE, E_SPEED, E_ZETA, E_THETA, E_SPIN, E_WB, E_END, E_BOUNCER = range(9)
+DE_TIME, DE_PHASE, DE_SPEED, DE_ZETA, DE_THETA, DE_SPIN, DE_WB, DE_END, DE_BOUNCER = range(9)
 # columns of a landing
 G_TIME, G_END, G_LONG = range(3)
 
@@ -164,25 +164,25 @@ def note_impact(dm, state, past, double, i, begins):
     now = time_of(dm, state)
     count = int(past[SCALARS, S_DOUBLES])
     row = DOUBLES + (count - 1) % RING if count > 0 else DOUBLES
-    burst = count > 0 and now - past[row, E_TIME] < BURST * dm.T
+    burst = count > 0 and now - past[row, DE_TIME] < BURST * dm.T
     if burst:
-        if not double and past[row, E_BOUNCER] != i:
+        if not double and past[row, DE_BOUNCER] != i:
             return
-        i = int(past[row, E_BOUNCER])
+        i = int(past[row, DE_BOUNCER])
     elif double or begins:
         row = DOUBLES + count % RING
         past[SCALARS, S_DOUBLES] += 1.0
-        past[row, E_BOUNCER] = i
+        past[row, DE_BOUNCER] = i
     else:
         return
-    past[row, E_TIME] = now
-    past[row, E_PHASE] = (state[PHASE] + dm.phi0) / (2.0 * pi) % 1.0
-    past[row, E_SPEED] = length(state[CA], state[CB])
-    past[row, E_ZETA] = _zeta_of(state[CA], state[CB], i)
-    past[row, E_THETA] = state[THETA]
-    past[row, E_SPIN] = state[SPIN]
-    past[row, E_WB] = state[WB]
-    past[row, E_END] = _double_end(sticks(dm, state, 1 - i), sticks(dm, state, i))
+    past[row, DE_TIME] = now
+    past[row, DE_PHASE] = (state[PHASE] + dm.phi0) / (2.0 * pi) % 1.0
+    past[row, DE_SPEED] = length(state[CA], state[CB])
+    past[row, DE_ZETA] = _zeta_of(state[CA], state[CB], i)
+    past[row, DE_THETA] = state[THETA]
+    past[row, DE_SPIN] = state[SPIN]
+    past[row, DE_WB] = state[WB]
+    past[row, DE_END] = _double_end(sticks(dm, state, 1 - i), sticks(dm, state, i))
 
 
 @compiled

@@ -23,7 +23,7 @@ KEPT = 1e-3  # the same of a motion that has settled before: it is not lost at a
 # share of a shorter period's residual that is left after PATIENCE periods, below which it is on its way to none
 FADING = 0.99
 PATIENCE = 24  # periods a motion repeats before it counts as settled
-FALL, STRETCH = 0.5, PATIENCE // 3  # what is left of a fast part that falls after so many periods, at most
+FALL, FALL_STRETCH = 0.5, PATIENCE // 3  # what is left of a fast part that falls after so many periods, at most
 MAX_PERIOD = 16
 
 
@@ -123,11 +123,11 @@ def ringing_period(past):
 
 @compiled
 def rings_down(past, p):
-    """Whether the fast part has fallen by FALL from each STRETCH of the last PATIENCE periods to the next, to below SETTLED."""
+    """Whether the fast part falls by FALL from each FALL_STRETCH of the last PATIENCE periods to the next, to below SETTLED."""
     if past[SCALARS, S_STROBES] < PATIENCE + 2 * p:
         return False
-    older = largest_residual(past, p, STRETCH, 2 * STRETCH)
-    old, last = largest_residual(past, p, STRETCH, STRETCH), largest_residual(past, p, STRETCH, 0)
+    older = largest_residual(past, p, FALL_STRETCH, 2 * FALL_STRETCH)
+    old, last = largest_residual(past, p, FALL_STRETCH, FALL_STRETCH), largest_residual(past, p, FALL_STRETCH, 0)
     return old <= FALL * older and last <= FALL * old and last <= SETTLED
 
 
