@@ -165,9 +165,10 @@ def come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F):
 
 @compiled
 def close(dm, state, modes, tol, energy, before, y, F):
-    """Close the ends that have a contact mode, and return whether that may be; else nothing is done.
+    """Close the ends that have a contact mode, if that is allowed; returns whether it was.
 
-    With the impact it gains no energy, and it does not drive an end that is open into the plate; rates of round-off may.
+    It is not allowed if the kinetic energy is then greater than `energy`, that before the impact, by more than the tolerance,
+    or if an open end on the plate then moves into it; rates of round-off are always closed. Else the state stays as it was.
     """
     copy(state, before, N_STATE)
     if modes[0] != FREE and modes[1] != FREE:

@@ -113,7 +113,17 @@ def motion_of(state, modes, past, space):
 
 @compiled(inline=True)
 def begin_course(course, contact, cause, events):
-    """A course at its start, in a contact state of Table 1 that is to be chosen anew, after so many events."""
+    """Set a course to its start.
+
+    Parameters
+    ----------
+    contact : float
+        Contact state of Table 1 at the start. The friction modes of ends on the plate are chosen anew.
+    cause : int
+        Why the first event row is written, such as C_START.
+    events : int
+        Number of event rows in the record so far.
+    """
     course[STATUS], course[ENDED] = OK, NO
     course[PENDING], course[HOLD_IS_LOST], course[CONTACT_IS_SET], course[SLIP_TOL] = YES, NO, NO, 0.0
     course[CAUSE], course[CONTACT_BEFORE], course[HOP_TIME] = cause, contact, 0.0

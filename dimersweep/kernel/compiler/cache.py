@@ -17,7 +17,7 @@ from pathlib import Path
 from dimersweep.kernel.compiler.versions import PYTHON, code_version, way
 
 KEPT_SECONDS = 30 * 86400.0  # folders of other versions go when unused for this long
-MARK = "made-by-dimersweep"  # the file that tells a folder of ours, touched at each use
+MARK = "made-by-dimersweep"  # the file by which a folder of ours is known, touched at each use
 SUFFIX = ".code"
 DIGEST_BYTES = 32  # a checksum of name and code is written before the code: damaged code could end the process
 _KEY = re.compile("[0-9a-f]{16}")
@@ -85,7 +85,7 @@ def _checksum(name: str, code: bytes) -> bytes:
 def save(name: str, code: bytes) -> None:
     """Keep `code` by that name, and delete what has not been used for long.
 
-    Where no folder can be written, that is told in one line, and the next process compiles again.
+    Where no folder can be written, one line says so, and the next process compiles again.
     """
     for folder in code_folders():
         try:

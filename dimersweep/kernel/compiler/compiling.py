@@ -169,7 +169,7 @@ class KernelCompiler(_Base):
 
 
 class _PartCompiler(KernelCompiler):
-    """The same for a function that only other kernels call."""
+    """Compiles a function that only other kernels call: it becomes a part, not machine code."""
 
     def compile_extra(self, func: Any) -> Any:
         state = self.state

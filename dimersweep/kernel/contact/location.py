@@ -60,7 +60,7 @@ def value_on_cubic(at, share):
 
 @compiled(inline=True)
 def probe_step(at, t):
-    """Take the step up to t: the least event function there, its event, and what that tells."""
+    """Take the step up to t: the least event function there, its event, and FOUND, LOOK_ON or REFUSED."""
     dm, p, b, c = at.dm, at.p, at.b, at.b.control
     if not step_to(dm, p.modes, c[NOW], t, p.n, int(c[METHOD]), c[STIFFNESS], b) <= 1.0:
         return 0.0, UNSOUND, REFUSED
@@ -121,7 +121,7 @@ def hidden_dip(dm, modes, phase, h, n, slip_tol, b):
     It is only looked for where a force or a hold is low, or a dip that falls at the start rises at the end, or a jam is near.
     The functions are evaluated on the cubic through the step's ends; the parabola through the lowest of them and its
     neighbours, less the errors of that cubic and of that parabola for a function that changes as quickly as the motion,
-    bounds what lies between. It may put a bottom that lies just within the step just outside.
+    bounds what lies between. The bottom of that parabola may lie just outside the step though that of the dip is just inside.
     """
     values, turn = b.values, motion_rate(dm, b.start) * h
     sign = end(dm, leading(modes)).s

@@ -39,7 +39,7 @@ def settle_near(dm, modes, i, phase, y, v, phi, dy, F):
 
 @compiled
 def settle_anywhere(dm, modes, i, phase, y, v, dy, F):
-    """The same among all directions: changes of sign on a grid, then bisection."""
+    """Find the direction of a slip out of rest among all directions: changes of sign on a grid, then bisection."""
     before, last = 0.0, 0.0
     for k in range(ONSET_DIRECTIONS + 1):
         phi = -pi + 2.0 * pi * (k + 0.37) / ONSET_DIRECTIONS

@@ -223,7 +223,7 @@ def explicit_step(dm, modes, phase, h, n, method, gamma, b):
 
 @compiled(fuse=True, inline=True)
 def explicit_step_single(dm, modes, phase, h, n, method, gamma, b):
-    """The same of the contact of one end in the chart by heading.
+    """An explicit step of the contact of one end in the chart by heading.
 
     The newest slopes stay in registers: to write them to K and to read them at once takes as long as half of the rates.
     """

@@ -194,7 +194,7 @@ def rates_in_clock(law, modes, gains, clock, n_1, n_2, X_1, X_2, a, b_1, b_2):
 
 @compiled(inline=True)
 def impact_rates(law, modes, gains, clock, z, out):
-    """The same from a state z into `out`."""
+    """Rates of the state z of a double impact in the given clock, into `out`: see `rates_in_clock`."""
     out[ZN1], out[ZN2], out[ZX1], out[ZX2], out[ZA], out[ZB1], out[ZB2] = rates_in_clock(
         law, modes, gains, clock, z[ZN1], z[ZN2], z[ZX1], z[ZX2], z[ZA], z[ZB1], z[ZB2]
     )

@@ -59,8 +59,8 @@ LASTS = 30  # such steps in a row, after which the implicit method takes over
 NEAR_PROBE = 0.3  # distance that one evaluation crosses as well as the tolerance, over its cubic root
 ZERO_ERROR = 1e-3  # what an event function may be off its zero, in units of the tolerance
 SLIP_ENDS_AT = 0.25  # slip, in units of the one that counts as none, at which a slip ends: it sets out with more
-UNFORESEEN = 1e-3  # error over the tolerance below which the last step tells nothing of how errors change
-# second step of a leg that sets out uncompressed, over the first: its error tells little of what follows
+UNFORESEEN = 1e-3  # error over the tolerance below which the last step does not show how errors change
+# second step of a leg that sets out uncompressed, over the first: its error does not show how large the next ones are
 SECOND_STEP = 0.95
 RUB = 0.02  # friction, in units of a slip's own rate, from which it steers the slip
 
@@ -299,8 +299,12 @@ def carry_on(law, modes, clock, t, b):
 
 @compiled(inline=True)
 def probe_step(at, t):
-    """Take the step up to t, or carry the last probe on where it is near: the least event function there, its event, and what
-    that tells.
+    """Take the step up to t, or carry the last probe on to t where that is near.
+
+    Returns
+    -------
+    g, event, verdict : float, int, int
+        The least event function at t and its event; FOUND, LOOK_ON or REFUSED.
     """
     b, way = at.b, t - at.b.bracket[S_AT]
     if abs(way) <= min(at.near, CARRIED * t):
@@ -316,8 +320,8 @@ def probe_step(at, t):
 def first_crossing(law, modes, compressing, clock, h, event, least, tol, slip_tol, stiff, brisk, b):
     """Number of the first event in a step h over which the least event function fell to `least`; b.out becomes its state.
 
-    UNSOUND where a probe is refused. Each probe is a step of its own from b.start, or carries the last one on where it is near:
-    the motion changes in a time `brisk`, and only a small part of it is near.
+    UNSOUND where a probe is refused. A probe at a time t is a step from b.start to t. Where t differs from the time of the last
+    probe by a small part of `brisk`, the time in which the motion changes, the last probe is carried on to t instead.
     """
     g_low, _ = least_value(law, modes, compressing, clock, b.armed, b.start, b.start, slip_tol)
     smooth, s = event < 6, b.bracket

@@ -31,7 +31,7 @@ def impact_digit(on, mode):
 
 
 def contact_state_name(code: int) -> str:
-    """Name of a contact state of Table 1, such as ``SC1_sp`` or ``DI_sp_sk``; a digit tells which end alone is down."""
+    """Name of a contact state of Table 1, such as ``SC1_sp`` or ``DI_sp_sk``; ``SC1``: p1 alone is down."""
     s = digits_of(int(code))
     closed = [k for k in s if k > 0]
     if not closed:

@@ -180,7 +180,7 @@ class Sway(NamedTuple):
     omega: float
     s: float  # A_z sin, A_z cos of its phase at that moment
     c: float
-    s_2: float  # the same of its second harmonic
+    s_2: float  # A_2 sin, A_2 cos of the phase of its second harmonic
     c_2: float
 
 
@@ -216,7 +216,7 @@ def less_harmonic(omega, s, c, y, sy, cy, height, rate, second, third):
 
 @compiled
 def less_second_harmonic(sway, y, sy, cy, height, rate, second, third):
-    """The same of the second harmonic, an angle y of the first one after the start."""
+    """A height and its derivatives less those of the plate's second harmonic, an angle y of the first one after the start."""
     omega, s_2, c_2 = 2.0 * sway.omega, 2.0 * sy * cy, 1.0 - 2.0 * sy * sy
     return less_harmonic(omega, sway.s_2, sway.c_2, 2.0 * y, s_2, c_2, height, rate, second, third)
 

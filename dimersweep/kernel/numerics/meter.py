@@ -39,6 +39,6 @@ def set_bound(meter, bound):
 
 
 def has_no_bound(work):
-    """The same work array, without a bound on its meter."""
+    """Take the bound off the meter of a work array, in place; returns the array."""
     work[METER, BOUND] = inf
     return work

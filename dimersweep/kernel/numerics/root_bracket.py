@@ -1,4 +1,4 @@
-"""Location of the first zero of event functions within a step: a bracket, where it is probed next, and what a probe tells.
+"""Location of the first zero of event functions within a step: a bracket, where it is probed next, and what a probe finds.
 
 Contact phases and impacts locate their events here; each gives its own probe.
 """
@@ -9,7 +9,7 @@ MAX_ROOT_PROBES = 160
 CARRIED = 0.1  # way over which a probe may carry the last one on, in units of its place: its error is one of that
 # in place of an event: a probe within the step is worse than the step itself, which has passed over a singularity
 UNSOUND = -3
-LOOK_ON, FOUND, REFUSED = range(3)  # what a probe may tell
+LOOK_ON, FOUND, REFUSED = range(3)  # the verdict of a probe
 ON_CUBIC, CLOSE_ON_CUBIC, ASIDE = (
     12,
     1e-6,
@@ -97,9 +97,9 @@ def locate(probe, problem, s, h, aim, steep):
     """
     while not is_closed(s, h):
         mid = next_probe(s)
-        g, event, told = probe(problem, mid)
-        if told != LOOK_ON:
-            return event if told == FOUND else UNSOUND
+        g, event, verdict = probe(problem, mid)
+        if verdict != LOOK_ON:
+            return event if verdict == FOUND else UNSOUND
         note_probe(s, mid, g, aim, steep)
     _, event, _ = probe(problem, s[S_HIGH])
     return event

@@ -63,7 +63,7 @@ from dimersweep.kernel.verdict.settling import PATIENCE, ringing_period, settled
 DOWN_LINE = 0.9  # share of the time one ball is down in the drift mode
 TOGETHER = 0.15  # landings of a jump lie closer than this
 FIT = 20  # double events in the fit of an orbit's drift
-SPAN = 12  # periods of which shares and hops are told
+SPAN = 12  # last periods, over which the shares of contact and the longest hops are taken
 STILL = 8e-4  # change of its numbers, relative, in radians, cycles or periods, that a stopped run leaves out at most
 SLOW, STRAIGHT = 1e-2, 1e-9  # speed in g/omega, precession in omega: changes of lesser ones are relative to these
 
