@@ -216,7 +216,7 @@ def test_boundaries_of_periods_are_met_however_they_are_rounded(base):
 
 
 def test_a_run_that_fails_at_its_first_impact_has_no_states():
-    record = run_module.Record(np.zeros(0), np.zeros((0, 18)), np.zeros((0, 18)))
+    record = run_module.RunRecord(np.zeros(0), np.zeros((0, 18)), np.zeros((0, 18)))
     failed = dataclasses.replace(simulate(periods=1), message="too many steps", _record=record)
     with pytest.raises(ParameterError, match=r"^states: there are none, .* \(too many steps\)$"):
         failed.states(0)
