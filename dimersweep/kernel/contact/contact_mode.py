@@ -1,4 +1,8 @@
-"""The contact mode of ends that rest on the plate: which stay closed, which stick, which slip, by enumeration."""
+"""The contact mode of ends that rest on the plate: which stay closed, which stick, which slip, by enumeration.
+
+Of an end at rest on the plate (3) holds between its normal force and the acceleration of its gap, and (4) says whether
+friction can hold it. A mode fits if the forces that go with it do.
+"""
 
 from math import copysign
 

@@ -1,4 +1,8 @@
-"""What ends a phase of sustained contact: event functions that are positive while it goes on."""
+"""What ends a phase of sustained contact: event functions that are positive while it goes on.
+
+A closed end leaves where its normal force would break (3), and begins to slip where its friction would break the bound of (4)
+for stick. An open end lands where its gap in (3) is zero. A slip ends where it is zero: then (4) has its other case.
+"""
 
 from math import inf, sqrt
 

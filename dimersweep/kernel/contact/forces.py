@@ -1,4 +1,9 @@
-"""Sustained contact: the forces that keep closed ends closed, and the rates they give (the state: ``coordinates``)."""
+"""Sustained contact: the forces that keep closed ends closed, and the rates they give (the state: ``coordinates``).
+
+These are the accelerations of (2), written for the contact point and the spin. The normal forces are those with which (1),
+differentiated once more, gives no acceleration of the gap: (3) at an end that stays closed. The tangential ones follow from
+(4): a slipping end has the friction of its direction, and one that sticks that with which its tangential acceleration is zero.
+"""
 
 from math import sqrt
 from typing import NamedTuple
@@ -37,7 +42,10 @@ N_F = 7
 
 @compiled
 def free_rates(dm, p, y, g_e, A_a, A_b, sin_b, cos_b):
-    """Rates without contact forces: of (beta', theta' cos(beta)), and of the (n, a, b) velocities of the leading end p."""
+    """Rates by (2) without contact forces, h + Q of (A.5) and (A.6), over the plate.
+
+    They are those of (beta', theta' cos(beta)), and of the (n, a, b) velocities of the leading end p: (1) differentiated.
+    """
     w_b, w_p, spin = y[YWB], y[YWP], y[YS]
     lv = levers(p, sin_b, cos_b)
     turn = w_p / cos_b
@@ -55,8 +63,8 @@ def free_rates(dm, p, y, g_e, A_a, A_b, sin_b, cos_b):
 def double_forces(dm, modes, y, n_1, n_2, a, b, F):
     """Forces at both ends into F; the axial ones as their sum in F[A1]. b is the free lateral rate of both.
 
-    No end is to move off the plate or into it: two equations for the normal forces, in which the axial friction
-    A = A_0 + A_1 F_1 + A_2 F_2 takes part.
+    No end is to move off the plate or into it: with (2) and (1) two equations for the normal forces, in which the axial
+    friction of (4), A = A_0 + A_1 F_1 + A_2 F_2, takes part.
     """
     w = pair_of(dm)
     c_1, s_1 = direction(*slip_of(dm, modes, y, 0))
@@ -162,7 +170,7 @@ def double_rates(dm, modes, g_e, A_a, A_b, y, path, dy, F):
 
 @compiled
 def contact_rates(dm, modes, phase, y, path, dy, F):
-    """Time derivative of y in a contact phase into dy, and the contact forces into F.
+    """Time derivative of y in a contact phase into dy, and the contact forces into F: (2) with (3) and (4).
 
     In the upright chart the friction is along the axes of the chart.
 

@@ -1,4 +1,4 @@
-"""Slip that sets out from rest: in the direction that the contact's acceleration then has."""
+"""Slip that sets out from rest: the direction in (4) is that of the acceleration which the contact then has."""
 
 from math import atan2, cos, pi, sin
 

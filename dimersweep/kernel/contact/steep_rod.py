@@ -1,4 +1,4 @@
-"""Rates of a contact of one end in the upright chart: the rod as a top in fixed axes, regular at the vertical.
+"""Rates of a contact of one end in the upright chart, by (2)-(4): the rod as a top in fixed axes, regular at the vertical.
 
 With k the axis from p1 to p2, w = k x k' + spin k and the torque T of the contact force about the centre of mass,
 

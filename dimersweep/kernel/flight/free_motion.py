@@ -1,4 +1,4 @@
-"""Free motion in closed form over the moving plate: ballistic centre of mass, torque-free symmetric top.
+"""Free motion, (2) without contact forces, in closed form over the moving plate: ballistic centre, torque-free symmetric top.
 
 The axis u of the dimer turns about the constant angular momentum L at Omega = |L|/J_t, so that
 sin(beta)(t) = c0 + c1 cos(Omega t) + c2 sin(Omega t). Everything is written as an increment over the start in
@@ -89,7 +89,7 @@ def take_off(dm, state):
 
 @compiled(inline=True)
 def gap_series(fl, i, t):
-    """Gap of end i at time t and its first three time derivatives."""
+    """Gap of end i at time t and its first three time derivatives, the first of them that of (1)."""
     x = fl.Omega * t
     sx, cx = sin(x), cos(x)
     kx = one_minus_cos(sx, cx)

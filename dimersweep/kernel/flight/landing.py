@@ -1,4 +1,4 @@
-"""The next landing: gap roots approached from the left by steps that certainly hold no root.
+"""The next landing: where a gap in (3) is zero, approached from the left by steps that certainly hold no root.
 
 From a probe (gap and three derivatives) the gap is bounded below by a quartic, because its fourth derivative is bounded.
 The first root of that quartic is a step over which nothing can land, however short the hop: no double crossing and no graze

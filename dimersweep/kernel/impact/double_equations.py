@@ -97,7 +97,7 @@ def power(X, eta):
 
 @compiled
 def force(law, i, X):
-    """f_i = k_i X^eta, the normal force of end i in units that fit the clock tau."""
+    """f_i = k_i X^eta, the normal force of end i in units that fit the clock tau: (6) for alike ends and Hertz's law."""
     return contact_of(law, i).k * power(X, law.eta)
 
 
@@ -173,7 +173,7 @@ def friction(law, mode_1, mode_2, f_1, f_2, a, b_1, b_2):
 
 @compiled(fuse=True, inline=True)
 def rates_in_clock(law, modes, gains, clock, n_1, n_2, X_1, X_2, a, b_1, b_2):
-    """Rates of the state of a double impact in a clock, in the order of the state; gains are 1 or 1/e^2.
+    """Rates of the state of a double impact by (7), in a clock, in the order of the state; gains are 1 or 1/e^2.
 
     dtau/dsigma multiplies the forces, which are known before the frictions.
     """

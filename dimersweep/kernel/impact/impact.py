@@ -1,4 +1,4 @@
-"""An impact from its first touch to its last: which ends act, phase by phase, and what becomes of the body's velocities."""
+"""An impact from its first touch to its last: which ends act, phase by phase, and what (5) makes of the body's velocities."""
 
 from math import copysign
 from typing import Any, NamedTuple
@@ -195,7 +195,7 @@ def single_impact(dm, state, i, V, tol, work, log):
 
 @compiled
 def apply_impulse(dm, state, lv, P, A, B):
-    """Add impulses at an end with the given levers to the body's velocities (gap rates apart)."""
+    """Add impulses at an end with the given levers to the body's velocities (gap rates apart), by (5)."""
     state[CA] += A / dm.m
     state[CB] += B / dm.m
     state[WB] += (lv.n * P + lv.a * A) / dm.J_t

@@ -1,4 +1,4 @@
-"""Impact at one end: the impulse ODE with the end's own normal impulse as time, and its closed forms.
+"""Impact at one end: (7) with the end's own normal impulse P as time and the friction of (4), and its closed forms.
 
 With one contact acting, dP is the clock: n' = W_nn - mu W_na cos(phi), and the slip (v, phi) obeys
 

@@ -122,7 +122,7 @@ def note_landings(dm, past, state):
 
 
 def zeta_of(c_a, c_b, bouncer):
-    """Angle between the rod, taken towards the bouncer, and the velocity of the centre of mass [rad]; NaN without motion."""
+    """Angle of (9) between the rod, towards the bouncer, and the velocity of the centre of mass [rad]; NaN without motion."""
     v = sqrt(c_a * c_a + c_b * c_b)
     forward = c_a if bouncer == 1 else -c_a
     return acos(max(-1.0, min(1.0, forward / v))) if v > 0.0 else nan
