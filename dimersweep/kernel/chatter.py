@@ -38,6 +38,7 @@ from dimersweep.kernel.model.layout import (
     WP,
 )
 from dimersweep.kernel.model.plate import heaviest, jerk_bound, speed_bound, tempo
+from dimersweep.kernel.numerics.elementary import raised
 from dimersweep.kernel.numerics.steps import copy
 
 CLOSE_COST = 4.0  # what the close of a chatter may cost, in tolerances
@@ -126,7 +127,7 @@ def come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F):
         Time that the hops which are summed would have taken [s]; below zero if no end was closed.
     """
     quickest = 2.0 * tempo(dm) / heaviest(dm)  # phase that a chatter takes per rate, with e = 0
-    fast = (CLOSE_COST * tol * dm.v_scale / (quickest * quickest)) ** (1.0 / 3.0)
+    fast = raised(CLOSE_COST * tol * dm.v_scale / (quickest * quickest), 1.0 / 3.0)
     faint, spread = CLOSE_COST * tol * dm.v_scale, SPREAD * events * tol * dm.v_scale
     if spread > faint and lands_slowly(dm, state, spread):
         faint = spread

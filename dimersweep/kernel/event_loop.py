@@ -1,6 +1,6 @@
 """The event loop of one run: resolve the impact, choose the contact, move to the next event, and see to what follows it."""
 
-from math import cos, isfinite, sin, sqrt
+from math import isfinite, sqrt
 
 from dimersweep.kernel.chatter import come_to_rest, kinetic
 from dimersweep.kernel.compiler.jit import compiled
@@ -70,6 +70,7 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.kernel.model.plate import plate_rate, velocity_along
 from dimersweep.kernel.numerics.meter import charge, is_over, is_to_stop, set_bound
+from dimersweep.kernel.numerics.sincos import sincos
 from dimersweep.kernel.numerics.steps import copy
 from dimersweep.kernel.record import (
     EVENTS,
@@ -341,7 +342,7 @@ def start_state(dm, beta0, xdot0, theta0, state):
     state[N1] = state[N2] = -plate_rate(dm, dm.phi0)
     v_x, v_y = velocity_along(dm, dm.phi0)
     v_x, v_y = xdot0 - v_x, -v_y
-    sin_t, cos_t = sin(theta0), cos(theta0)
+    sin_t, cos_t = sincos(theta0)
     state[THETA] = theta0
     state[CA], state[CB] = v_y * cos_t - v_x * sin_t, v_x * cos_t + v_y * sin_t
 

@@ -28,7 +28,7 @@ from dimersweep.kernel.model.layout import (
     Dimer,
 )
 from dimersweep.kernel.record import BEFORE, E_KIND, E_PERIOD, E_PHASE, SEGMENT_MODES
-from dimersweep.kernel.verdict.past import double_end, ends_sticking, zeta_of
+from dimersweep.kernel.verdict.past import double_end, ends_sticking
 
 TURN = 2 * np.pi
 
@@ -105,7 +105,7 @@ def strike_of(passage: Passage, dm: Dimer) -> Strike | None:
     if state is None:
         return None
     speed = float(np.hypot(state[CA], state[CB]))
-    zeta = zeta_of(state[CA], state[CB], bouncer)
+    zeta = float(np.arctan2(abs(state[CB]), state[CA] if bouncer == 1 else -state[CA])) if speed > 0 else float("nan")
     sticks = [ends_sticking(dm, *slip_at(dm, state, end)) for end in (0, 1)]
     end = double_end(sticks[1 - bouncer], sticks[bouncer]) if state[D1] == state[D2] == 0.0 else DI_NONE
     return Strike(state[PHASE], state[SPIN], state[WB], speed, zeta, DI_ENDS[end])

@@ -177,7 +177,7 @@ def run_elsewhere(
 def _other_kernel(who: str, theirs: str, ours: str) -> str:
     return (
         f"scheduler: {who} has kernel version {theirs}, this process {ours}; "
-        "give all the same dimersweep, numba, llvmlite, numpy, Python, libc and settings of Numba, and processors that "
+        "give all the same dimersweep, numba, llvmlite, numpy, Python and settings of Numba, and processors that "
         "round alike (docs/cluster.md)"
     )
 

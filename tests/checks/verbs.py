@@ -31,6 +31,7 @@ from dimersweep.kernel.model.layout import (
     X1,
     Y1,
 )
+from dimersweep.kernel.numerics import elementary
 from dimersweep.kernel.numerics import sincos as sines
 from dimersweep.kernel.numerics.meter import has_no_bound
 from dimersweep.parameters import Parameters
@@ -57,6 +58,36 @@ def end(dm, s):
 @compiled
 def sincos(x):
     return sines.sincos(x)
+
+
+@compiled
+def exp(x):
+    return elementary.exp(x)
+
+
+@compiled
+def expm1(x):
+    return elementary.expm1(x)
+
+
+@compiled
+def log1p(x):
+    return elementary.log1p(x)
+
+
+@compiled
+def atan2(y, x):
+    return elementary.atan2(y, x)
+
+
+@compiled
+def raised(x, y):
+    return elementary.raised(x, y)
+
+
+@compiled
+def multiplied(x, n):
+    return elementary.multiplied(x, n)
 
 
 @compiled

@@ -81,7 +81,6 @@ def compiler() -> dict[str, str]:
     parts = {module.__name__: module.__version__ for module in (numba, llvmlite, np)}
     parts["way"] = way()
     parts["python"] = f"{platform.python_implementation()} {platform.python_version()}"
-    parts["libc"] = " ".join(platform.libc_ver())  # some functions of the kernel are those of the system
     parts["rounding"] = rounding()
     return parts | {name: str(getattr(config, name, None)) for name in SETTINGS}
 

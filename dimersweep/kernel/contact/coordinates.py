@@ -8,7 +8,7 @@ entered: y = (k_a, k_a', k_b', spin, u_a, u_b, k_b, t, x_b, x_a, chi), k the axi
 stay regular at the vertical. Both have the slip in the same slots, and the same tolerances suit both.
 """
 
-from math import atan2, cos, sin, sqrt
+from math import sqrt
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.model.body import apart_sideways, attitude, end, levers, lift, turn_of_pair
@@ -30,6 +30,8 @@ from dimersweep.kernel.model.layout import (
     X1,
     Y1,
 )
+from dimersweep.kernel.numerics.elementary import atan2
+from dimersweep.kernel.numerics.sincos import sincos
 
 YDIP, YWB, YWP, YS, YUA, YUB, YTHETA, YTIME, YX, YY, YGAMMA = range(11)
 KA, KDA, KDB, _, _, _, KB = range(7)  # of the upright chart, where they differ in meaning
@@ -129,7 +131,7 @@ def by_heading(dm, s, y):
     w_b = -(y[KDA] * c + y[KDB] * d) / k_n
     w_p = y[KDA] * d - y[KDB] * c
     turn = atan2(-d, c)
-    sin_0, cos_0 = sin(y[YAXES]), cos(y[YAXES])
+    sin_0, cos_0 = sincos(y[YAXES])
     x, y_1 = y[YX] * cos_0 - y[YY] * sin_0, y[YX] * sin_0 + y[YY] * cos_0
     theta = y[YAXES] + turn
     gamma = y[YGAMMA] + s * theta
@@ -147,7 +149,7 @@ def change_chart(dm, s, y):
         y[YX], y[YY], y[YGAMMA] = x, y_1, gamma
         y[YCHART] = BY_HEADING
         return
-    sin_0, cos_0 = sin(theta), cos(theta)
+    sin_0, cos_0 = sincos(theta)
     sin_b, cos_b = attitude(dm, dip)
     y[KA], y[KB], y[KDA], y[KDB] = cos_b, 0.0, -sin_b * w_b, -w_p
     y[YX], y[YY] = x * cos_0 + y_1 * sin_0, y_1 * cos_0 - x * sin_0

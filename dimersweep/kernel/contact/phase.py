@@ -65,6 +65,7 @@ from dimersweep.kernel.contact.step_control import (
 from dimersweep.kernel.model.body import TWO_PI, end
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import FREE, SLIP
+from dimersweep.kernel.numerics.elementary import eighth_root
 from dimersweep.kernel.numerics.meter import is_over
 from dimersweep.kernel.numerics.root_bracket import UNSOUND
 from dimersweep.kernel.numerics.steps import copy, step_factor
@@ -158,7 +159,7 @@ def begin_phase(dm, p, b):
     if p.locate:
         arm(dm, modes, b.armed, y, b.F, p.slip_tol, b.values[0])
     least_value(dm, modes, b.armed, y, y, b.F, p.slip_tol, b.values[0])
-    natural = p.tol**0.125
+    natural = eighth_root(p.tol)
     c[TIME], c[NATURAL], c[H], c[XI] = 0.0, natural, FIRST_PHASE_STEP * natural * dm.T, FIRST_RESCALED * natural
     if without_force(modes, b.F) >= 0:
         c[H] = FIRST_WITHOUT_FORCE * TWO_PI / motion_rate(dm, y)

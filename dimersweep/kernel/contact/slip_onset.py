@@ -1,10 +1,12 @@
 """Slip that sets out from rest: the direction in (4) is that of the acceleration which the contact then has."""
 
-from math import atan2, cos, pi, sin
+from math import pi
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.coordinates import set_slip, slip_of
 from dimersweep.kernel.contact.forces import F1, contact_rates
+from dimersweep.kernel.numerics.elementary import atan2
+from dimersweep.kernel.numerics.sincos import sincos
 
 ONSET_DIRECTIONS = 48  # directions looked at for a change of sign
 SLANT = 1e-7  # change of direction in a finite difference [rad]
@@ -13,7 +15,7 @@ SLANT = 1e-7  # change of direction in a finite difference [rad]
 @compiled
 def set_out(dm, modes, i, phase, y, v, phi, dy, F):
     """Acceleration of the slip of end i across and along the direction phi, once it slips there with speed v."""
-    c, s = cos(phi), sin(phi)
+    s, c = sincos(phi)
     set_slip(dm, modes, y, i, v * c, v * s)
     contact_rates(dm, modes, phase, y, False, dy, F)
     a, b = slip_of(dm, modes, dy, i)

@@ -5,7 +5,7 @@ sin(beta)(t) = c0 + c1 cos(Omega t) + c2 sin(Omega t). Everything is written as 
 1 - cos x and x - sin x, which keeps the full relative precision of hops of any smallness.
 """
 
-from math import atan2, copysign, cos, floor, sin, sqrt
+from math import copysign, floor, sqrt
 from typing import Any, NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
@@ -29,7 +29,8 @@ from dimersweep.kernel.model.layout import (
     Y1,
 )
 from dimersweep.kernel.model.plate import over_plate, snap_bound, sway_from, swing
-from dimersweep.kernel.numerics.sincos import one_minus_cos, x_minus_sin
+from dimersweep.kernel.numerics.elementary import atan2
+from dimersweep.kernel.numerics.sincos import one_minus_cos, sincos, x_minus_sin
 
 
 class Flight(NamedTuple):
@@ -91,7 +92,7 @@ def take_off(dm, state):
 def gap_series(fl, i, t):
     """Gap of end i at time t and its first three time derivatives, the first of them that of (1)."""
     x = fl.Omega * t
-    sx, cx = sin(x), cos(x)
+    sx, cx = sincos(x)
     kx = one_minus_cos(sx, cx)
     d, n, h = (fl.d_1, fl.n_1, fl.h_1) if i == 0 else (fl.d_2, fl.n_2, fl.h_2)
     O2 = h * fl.Omega * fl.Omega
@@ -108,7 +109,7 @@ def gap_series(fl, i, t):
 @compiled
 def heading_of(kappa, L_a, L_b, Omega, u_a, v_a, v_b, x):
     """Horizontal components of the axis u after turning by x about L (v = u'/Omega at the start)."""
-    c, s = cos(x), sin(x)
+    s, c = sincos(x)
     par_a, par_b = kappa * L_a / Omega, kappa * L_b / Omega
     return par_a + (u_a - par_a) * c + v_a * s, par_b * (1.0 - c) + v_b * s
 
@@ -164,7 +165,8 @@ def fly(dm, fl, state, t, path):
         x = fl.Omega * t
         u_a, u_b = heading_of(kappa, L_a, L_b, fl.Omega, cos_b, v_a, v_b, x)
         turn = turn_of_heading(kappa, L_n, fl.Omega, x, atan2(cos_b * u_b, cos_b * u_a))
-        rise += -fl.c1 * one_minus_cos(sin(x), cos(x)) + fl.c2 * sin(x)
+        s, c = sincos(x)
+        rise += -fl.c1 * one_minus_cos(s, c) + fl.c2 * s
     new_cos, u_n = length(u_a, u_b), dm.sin_0 + rise
     co, si = (u_a / new_cos, u_b / new_cos) if new_cos > 0.0 else (1.0, 0.0)
     if path:
@@ -190,7 +192,8 @@ def fly(dm, fl, state, t, path):
 @compiled
 def swing_along(dm, state, t, path):
     """Add what a plate that is tilted or moves along itself does to the velocity and the place over a flight, in place."""
-    phase, sin_t, cos_t = state[PHASE] + dm.phi0, sin(state[THETA]), cos(state[THETA])
+    phase = state[PHASE] + dm.phi0
+    sin_t, cos_t = sincos(state[THETA])
     v_x, x = swing(dm.fall_x, dm.G_x, dm.omega, phase + dm.lag_x, t)
     v_y, y = swing(dm.fall_y, dm.G_y, dm.omega, phase + dm.lag_y, t)
     state[CA] += v_y * cos_t - v_x * sin_t
@@ -203,7 +206,7 @@ def swing_along(dm, state, t, path):
 @compiled
 def advance_path(dm, fl, state, t, turn, L_a, L_b, L_n, du_a, du_b, u_n, co, si):
     """Advance x1, y1 and the spinning angle gamma over a flight, in place (the state is still the one of its start)."""
-    sin_t, cos_t = sin(state[THETA]), cos(state[THETA])
+    sin_t, cos_t = sincos(state[THETA])
     s_a = state[CA] * t + dm.p1.h * du_a
     s_b = state[CB] * t + dm.p1.h * du_b
     state[X1] += -s_a * sin_t + s_b * cos_t
@@ -214,7 +217,8 @@ def advance_path(dm, fl, state, t, turn, L_a, L_b, L_n, du_a, du_b, u_n, co, si)
         return
     # b turned about L, measured against the new b in the plane across the axis
     x = fl.Omega * t
-    s, k = sin(x), one_minus_cos(sin(x), cos(x))
+    s, c = sincos(x)
+    k = one_minus_cos(s, c)
     l_a, l_b, l_n = L_a / fl.Omega, L_b / fl.Omega, L_n / fl.Omega
     b_a = l_n * s + l_a * l_b * k
     b_b = 1.0 - k + l_b * l_b * k

@@ -6,12 +6,13 @@ is missed. As soon as the gap certainly falls all the way to a zero, that is the
 more than the fourth derivative allows, and is taken where this is rounding.
 """
 
-from math import cos, inf, sin, sqrt
+from math import inf, sqrt
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.flight.free_motion import gap_series
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.plate import bound_of_acceleration
+from dimersweep.kernel.numerics.sincos import sincos
 
 MAX_LANDING_PROBES = 10000
 SWIFT = 10.0  # rate of the axis, in units of the plate's, from which whole turns are stepped over
@@ -57,7 +58,7 @@ def out_of_reach(fl, i, t, gap, rate):
 
     Without its swing of amplitude h |c| the gap has a curvature of at least -(g + plate).
     """
-    sx, cx = sin(fl.Omega * t), cos(fl.Omega * t)
+    sx, cx = sincos(fl.Omega * t)
     h = fl.h_1 if i == 0 else fl.h_2
     swing = h * (fl.c1 * cx + fl.c2 * sx)
     rise = rate - h * fl.Omega * (fl.c2 * cx - fl.c1 * sx)

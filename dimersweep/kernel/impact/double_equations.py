@@ -25,6 +25,7 @@ from dimersweep.kernel.model.friction import (
     slip_strength,
 )
 from dimersweep.kernel.model.layout import SLIP, STICK
+from dimersweep.kernel.numerics.elementary import raised
 from dimersweep.kernel.numerics.steps import clear
 
 # state of the impact: gap rates, compressions, axial and lateral velocities
@@ -92,7 +93,7 @@ def power(X, eta):
     """X^eta for X > 0, 0.0 else; a power takes five times as long as Hertz's root."""
     if not X > 0.0:
         return 0.0
-    return X * sqrt(X) if eta == HERTZ else X**eta
+    return X * sqrt(X) if eta == HERTZ else raised(X, eta)
 
 
 @compiled
@@ -137,7 +138,7 @@ def stored_energy(law, i, X):
 @compiled
 def compression(law, i, E):
     """X_i of a stored energy."""
-    return ((law.eta + 1.0) * E / contact_of(law, i).k) ** (1.0 / (law.eta + 1.0)) if E > 0.0 else 0.0
+    return raised((law.eta + 1.0) * E / contact_of(law, i).k, 1.0 / (law.eta + 1.0)) if E > 0.0 else 0.0
 
 
 @compiled

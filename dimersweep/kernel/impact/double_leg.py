@@ -30,6 +30,7 @@ from dimersweep.kernel.impact.double_equations import (
 from dimersweep.kernel.impact.double_step import leg_rows, leg_step
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import SLIP, STICK
+from dimersweep.kernel.numerics.elementary import eighth_root, raised
 from dimersweep.kernel.numerics.meter import is_over
 from dimersweep.kernel.numerics.root_bracket import (
     CARRIED,
@@ -203,10 +204,10 @@ def double_leg(law, z, modes, compressing, tol, slip_tol, work):
     """Integrate from z, in place, to the first event of the phase; returns its number, or -1 when steps or work ran out."""
     b = leg_rows(work)
     begin_leg(law, z, modes, compressing, slip_tol, b)
-    faint = tol**0.4  # a compression that is worth a gap rate of the tolerance
+    faint = raised(tol, 0.4)  # a compression that is worth a gap rate of the tolerance
     clock, slow = ruling_clock(law, z, b.gains, faint), 0
     longest = 1.0 / sqrt(max(b.gains[0], b.gains[1]))
-    h = FIRST_LEG_STEP * tol**0.125 * longest
+    h = FIRST_LEG_STEP * eighth_root(tol) * longest
     turning, turns, pace, unit, stiff, fresh = inf, inf, 1.0, 1.0, False, True
     uncompressed, h_before, error_before, clock_before = z[ZX1] <= 0.0 and z[ZX2] <= 0.0, 0.0, 1.0, PLAIN_CLOCK
     for _ in range(MAX_LEG_STEPS):
@@ -325,7 +326,7 @@ def first_crossing(law, modes, compressing, clock, h, event, least, tol, slip_to
     """
     g_low, _ = least_value(law, modes, compressing, clock, b.armed, b.start, b.start, slip_tol)
     smooth, s = event < 6, b.bracket
-    near = NEAR_PROBE * tol ** (1.0 / 3.0) * brisk if smooth else 0.0
+    near = NEAR_PROBE * raised(tol, 1.0 / 3.0) * brisk if smooth else 0.0
     at, guess, slope = LegCrossing(law, modes, compressing, clock, h, tol, slip_tol, stiff, near, b), 0.0, 0.0
     if smooth:
         impact_rates(law, modes, b.gains, clock, b.out, b.rates_out)

@@ -7,6 +7,7 @@ from math import inf, sqrt
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.model.friction import length
+from dimersweep.kernel.numerics.elementary import multiplied, raised
 
 LEAST_ORDER, ORDER = 4, 15  # of the expansion of a leg with a turning slip direction
 PAST_LEG = 1.1  # how far past the likely end of a leg its expansion is to reach
@@ -83,9 +84,9 @@ def term(c, j):
 def reach(c, order, small):
     """Step over which the last terms of the expansions stay below `small`, and well inside their convergence."""
     last, before = term(c, order), term(c, order - 1)
-    h = (small / last) ** (1.0 / order) if last > 0.0 else inf
-    if before * min(h, 1e9) ** (order - 1) > small:
-        h = (small / before) ** (1.0 / (order - 1))
+    h = raised(small / last, 1.0 / order) if last > 0.0 else inf
+    if before * multiplied(min(h, 1e9), order - 1) > small:
+        h = raised(small / before, 1.0 / (order - 1))
     return h
 
 
@@ -105,7 +106,7 @@ def expand_to_end(law, gain, compressing, fading, small, c):
     end = likely_end(c, compressing)
     if 0.0 < end < inf and term(c, order) * end <= SLACK * term(c, order - 1):
         while order < ORDER:
-            power = end ** (order - 1)
+            power = multiplied(end, order - 1)
             if term(c, order - 1) * power <= small and term(c, order) * power * end <= small:
                 return order, end
             more = min(order + 2, ORDER)

@@ -52,6 +52,7 @@ from dimersweep.kernel.model.layout import (
     WB,
     WP,
 )
+from dimersweep.kernel.numerics.elementary import raised
 from dimersweep.kernel.numerics.steps import copy
 
 MAX_PHASES = 2000
@@ -251,7 +252,7 @@ def double_impact(dm, state, V, tol, modes, work, log):
     copy(z, start, N_Z)
     slip_tol = max(max(IMPACT_SLIP_SCALE * tol, LEAST_SLIP), rounding(dm, state) / V)
     left = max(LEFT_OVER * tol, LEAST_LEFT)
-    least = left ** (2.0 / (law.eta + 1.0))  # the root of E, which goes with X^(eta + 1), is worth a gap rate
+    least = raised(left, 2.0 / (law.eta + 1.0))  # the root of E, which goes with X^(eta + 1), is worth a gap rate
     compressing[0], compressing[1] = 1.0, 1.0
     rows = 0
     status = IMPACT_STEPS
@@ -351,7 +352,7 @@ def follow_acceleration(law, z, modes, compressing, left, rates):
 def turn(law, i, z, compressing, left):
     """End i passes from compression to restitution or back; its energy is lost where it is not worth the gap rate `left`."""
     compressing[i] = -compressing[i]
-    if contact_of(law, i).e * max(0.0, z[ZX1 + i]) ** (0.5 * (law.eta + 1.0)) <= left:
+    if contact_of(law, i).e * raised(max(0.0, z[ZX1 + i]), 0.5 * (law.eta + 1.0)) <= left:
         z[ZX1 + i] = 0.0
         compressing[i] = 1.0
 

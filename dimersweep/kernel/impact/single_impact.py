@@ -10,7 +10,7 @@ them a leg is expanded in powers of xi, with dP = v dxi (``expansion``). Velocit
 impulses of m V, energies of m V^2, the Delassus operator of 1/m.
 """
 
-from math import copysign, exp, expm1, inf, log1p, sqrt
+from math import copysign, inf, sqrt
 from typing import NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
@@ -28,6 +28,7 @@ from dimersweep.kernel.impact.expansion import (
 )
 from dimersweep.kernel.model.friction import holds_axially, length, slip_force
 from dimersweep.kernel.model.layout import SLIP, STICK
+from dimersweep.kernel.numerics.elementary import exp, expm1, log1p
 from dimersweep.kernel.numerics.meter import METER, charge, is_over
 
 DONE, OTHER, LEG, IMPACT_JAMS, IMPACT_OUT_OF_STEPS = 0, 1, 2, 3, 4

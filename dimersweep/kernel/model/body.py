@@ -16,7 +16,7 @@ the centre of mass: the ends share one axial velocity. Dip angles count from the
 opens it, so have all their digits.
 """
 
-from math import asin, cos, pi, sin, sqrt
+from math import pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +24,7 @@ import numpy as np
 from dimersweep.kernel.compiler.jit import compiled, exported
 from dimersweep.kernel.model.layout import CA, CB, DIP, SPIN, WB, WP, Dimer, End
 from dimersweep.kernel.model.plate import TWO_PI, amplitude
+from dimersweep.kernel.numerics.elementary import atan2
 from dimersweep.kernel.numerics.sincos import one_minus_cos, sincos
 
 STICK_MARGIN = (
@@ -61,15 +62,18 @@ def as_dimer(row):
     J_t += m_r * (rod**2 / 12.0 + D_r**2 / 16.0 + rod_at**2)
     J_a = 0.4 * (m_1 * r_1**2 + m_2 * r_2**2) + 0.125 * m_r * D_r**2
     sin_0 = (r_2 - r_1) / lever
+    cos_0 = sqrt((1.0 - sin_0) * (1.0 + sin_0))
+    sin_tilt, cos_tilt = sincos(tilt)
+    sin_way, cos_way = sincos(azimuth)
     omega = TWO_PI * f
     hold_1, hold_2 = mu_1 * (1.0 + STICK_MARGIN), mu_2 * (1.0 + STICK_MARGIN)
     return Dimer(
         End(-1.0, r_1, h_1, e_1, mu_1, max(mu_s_1, hold_1), max(mu_h_1, hold_1), 1.0),
         End(1.0, r_2, h_2, e_2, mu_2, max(mu_s_2, hold_2), max(mu_h_2, hold_2), k_ratio),
         lever,
-        asin(sin_0),
+        atan2(sin_0, cos_0),
         sin_0,
-        sqrt((1.0 - sin_0) * (1.0 + sin_0)),
+        cos_0,
         eta,
         m,
         J_t,
@@ -77,7 +81,7 @@ def as_dimer(row):
         1.0 / m,
         1.0 / J_t,
         1.0 / J_a,
-        g * cos(tilt),
+        g * cos_tilt,
         amplitude(Gamma, g, omega),
         omega,
         1.0 / f,
@@ -85,8 +89,8 @@ def as_dimer(row):
         amplitude(Gamma_2, g, 2.0 * omega),
         (phi_2 - 2.0 * phi0) % TWO_PI,
         1.0 if tilt != 0.0 or Gamma_x != 0.0 or Gamma_y != 0.0 else 0.0,
-        g * sin(tilt) * cos(azimuth),
-        g * sin(tilt) * sin(azimuth),
+        g * sin_tilt * cos_way,
+        g * sin_tilt * sin_way,
         Gamma_x * g,
         phi_x % TWO_PI,
         Gamma_y * g,

@@ -11,7 +11,7 @@ A plate that is tilted, or moves along its own axes X and Y too, gives the body 
 and g_e has g cos(tilt) in the place of g. Then, and only then, the heading of the dimer counts.
 """
 
-from math import cos, inf, sin, sqrt
+from math import inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -74,7 +74,8 @@ def crest(a, b, lag):
 @compiled
 def plate_rate(dm, phase):
     """z_p' [m s-1]."""
-    first = dm.A_z * dm.omega * cos(phase)
+    _, c = sincos(phase)
+    first = dm.A_z * dm.omega * c
     if dm.A_2 == 0.0:
         return first
     _, c_2 = sincos(2.0 * phase + dm.lag)
@@ -102,7 +103,9 @@ def second_acceleration(A_2, lag, omega, phase):
 @compiled
 def acceleration_along(dm, phase, theta):
     """Acceleration of the body relative to the plate, along the heading theta and across it: A_a, A_b [m s-2]."""
-    a_x, a_y = dm.fall_x + dm.G_x * sin(phase + dm.lag_x), dm.fall_y + dm.G_y * sin(phase + dm.lag_y)
+    s_x, _ = sincos(phase + dm.lag_x)
+    s_y, _ = sincos(phase + dm.lag_y)
+    a_x, a_y = dm.fall_x + dm.G_x * s_x, dm.fall_y + dm.G_y * s_y
     sin_t, cos_t = sincos(theta)
     return a_y * cos_t - a_x * sin_t, a_x * cos_t + a_y * sin_t
 
@@ -116,15 +119,18 @@ def most_along(dm):
 @compiled
 def velocity_along(dm, phase):
     """Velocity of the plate along its axes X, Y [m s-1]."""
-    return dm.G_x / dm.omega * cos(phase + dm.lag_x), dm.G_y / dm.omega * cos(phase + dm.lag_y)
+    _, c_x = sincos(phase + dm.lag_x)
+    _, c_y = sincos(phase + dm.lag_y)
+    return dm.G_x / dm.omega * c_x, dm.G_y / dm.omega * c_y
 
 
 @compiled
 def swing(fall, G, omega, angle, t):
     """What the acceleration fall + G sin(angle + omega t) adds to a velocity and to a place over a time t."""
     y = omega * t
-    sy, cy = sin(y), cos(y)
-    s, c = G / omega * sin(angle), G / omega * cos(angle)
+    sy, cy = sincos(y)
+    s, c = sincos(angle)
+    s, c = G / omega * s, G / omega * c
     k = one_minus_cos(sy, cy)
     return fall * t + s * sy + c * k, 0.5 * fall * t * t + (s * k + c * x_minus_sin(y, sy)) / omega
 
@@ -188,7 +194,8 @@ class Sway(NamedTuple):
 def sway_from(dm, phase):
     """The plate from a phase on."""
     s_2, c_2 = (0.0, 0.0) if dm.A_2 == 0.0 else sincos(2.0 * phase + dm.lag)
-    return Sway(dm.omega, dm.A_z * sin(phase), dm.A_z * cos(phase), dm.A_2 * s_2, dm.A_2 * c_2)
+    s, c = sincos(phase)
+    return Sway(dm.omega, dm.A_z * s, dm.A_z * c, dm.A_2 * s_2, dm.A_2 * c_2)
 
 
 @compiled
@@ -225,7 +232,7 @@ def less_second_harmonic(sway, y, sy, cy, height, rate, second, third):
 def over_plate(sway, t, height, rate, second, third):
     """Height over the plate and its first three time derivatives, from those over one that goes on at its first rate."""
     y = sway.omega * t
-    sy, cy = sin(y), cos(y)
+    sy, cy = sincos(y)
     height, rate, second, third = less_harmonic(sway.omega, sway.s, sway.c, y, sy, cy, height, rate, second, third)
     if sway.s_2 != 0.0 or sway.c_2 != 0.0:
         return less_second_harmonic(sway, y, sy, cy, height, rate, second, third)

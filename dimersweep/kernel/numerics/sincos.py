@@ -1,16 +1,17 @@
-"""Sine and cosine of one angle at once, in half the time of two library calls.
+"""Sine and cosine of one angle at once, in half the time of two library calls, whose numbers may depend on the library.
 
 The angle is brought into [-pi/4, pi/4] by whole right angles (Cody and Waite, pi/2 in two parts, the first of which has 33
 bits), where two polynomials have the values to rounding (those of fdlibm: coefficients of its __kernel_sin, __kernel_cos).
 """
 
-from math import cos, sin
+from math import copysign, inf, nan
 
 from dimersweep.kernel.compiler.jit import compiled
 
 SMALL = 0.78  # angle that is in that interval as it is
 MOST = 1e5  # angle up to which the first product of the reduction is exact, with room to spare
 PER_RIGHT = 0.63661977236758134  # 2 / pi
+TWO_PI = 6.283185307179586
 RIGHT_HIGH, RIGHT_LOW = 1.57079632673412561417, 6.07710050650619224932e-11  # pi / 2
 TO_WHOLE = 6755399441055744.0  # 1.5 * 2^52: adding it rounds to a whole number
 S1, S2, S3 = -1.66666666666666324348e-01, 8.33333333332248946124e-03, -1.98412698298579493134e-04
@@ -31,11 +32,13 @@ def polynomials(y):
 
 @compiled(fuse=True)
 def sincos(x):
-    """sin x and cos x, to 1.5 units in the last place."""
+    """sin x and cos x, to 1.5 units in the last place; beyond `MOST`, of an angle within half of such a unit of x."""
     if abs(x) <= SMALL:
         return polynomials(x)
     if not abs(x) <= MOST:
-        return sin(x), cos(x)
+        if not abs(x) < inf:
+            return nan, nan
+        x = copysign(abs(x) % TWO_PI, x)  # exact, and 2 pi is rounded off by less than x
     turns = (x * PER_RIGHT + TO_WHOLE) - TO_WHOLE
     s, c = polynomials((x - turns * RIGHT_HIGH) - turns * RIGHT_LOW)
     quarter = int(turns) & 3

@@ -5,7 +5,7 @@ other one is down, with the state after the last impact of each burst) and long 
 periods: a ball is down while it is closed or in hops shorter than HOP_LINE; impacts of one double event lie within BURST.
 """
 
-from math import acos, nan, pi, sqrt
+from math import nan, pi, sqrt
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.impact.impact import contact_velocity
@@ -28,6 +28,7 @@ from dimersweep.kernel.model.layout import (
     THETA,
     WB,
 )
+from dimersweep.kernel.numerics.elementary import atan2
 from dimersweep.kernel.numerics.steps import clear
 
 HOP_LINE = 0.5
@@ -121,11 +122,11 @@ def note_landings(dm, past, state):
     return end, long_flight and (other_off < 0.0 or now - other_off < HOP_LINE * dm.T)
 
 
+@compiled
 def zeta_of(c_a, c_b, bouncer):
     """Angle of (9) between the rod, towards the bouncer, and the velocity of the centre of mass [rad]; NaN without motion."""
-    v = sqrt(c_a * c_a + c_b * c_b)
     forward = c_a if bouncer == 1 else -c_a
-    return acos(max(-1.0, min(1.0, forward / v))) if v > 0.0 else nan
+    return atan2(abs(c_b), forward) if c_a != 0.0 or c_b != 0.0 else nan
 
 
 def ends_sticking(dm, a, b):
@@ -140,7 +141,7 @@ def double_end(other_sticks, bouncer_sticks):
     return DI_SP_SK if bouncer_sticks else DI_SP_SP
 
 
-_zeta_of, _ends_sticking, _double_end = compiled(zeta_of), compiled(ends_sticking), compiled(double_end)
+_ends_sticking, _double_end = compiled(ends_sticking), compiled(double_end)
 
 
 @compiled
@@ -178,7 +179,7 @@ def note_impact(dm, state, past, double, i, begins):
     past[row, DE_TIME] = now
     past[row, DE_PHASE] = (state[PHASE] + dm.phi0) / (2.0 * pi) % 1.0
     past[row, DE_SPEED] = length(state[CA], state[CB])
-    past[row, DE_ZETA] = _zeta_of(state[CA], state[CB], i)
+    past[row, DE_ZETA] = zeta_of(state[CA], state[CB], i)
     past[row, DE_THETA] = state[THETA]
     past[row, DE_SPIN] = state[SPIN]
     past[row, DE_WB] = state[WB]

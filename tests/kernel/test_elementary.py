@@ -1,0 +1,136 @@
+"""Exponential, logarithm, powers and arctangent: against 50 digits, at their borders, and beyond them."""
+
+import pickle
+import struct
+import sys
+from math import atan2, copysign, inf, isnan, nan
+
+import mpmath
+import numpy as np
+import pytest
+
+import dimersweep
+from dimersweep.kernel import batch, return_map, sample
+from dimersweep.kernel.compiler.cache import load
+from dimersweep.kernel.model import body
+from dimersweep.parameters import Parameters
+from dimersweep.runs.stability import Section
+from dimersweep.work.proving import outcomes
+from tests.checks import verbs
+
+UNITS = 1.3  # greatest error, in units in the last place
+EXPONENTS = [1 / 15, 1 / 14, 0.2, 1 / 3, 0.4, 0.5, 0.8, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 6.0]  # as the kernel has
+EXACT = {"fmod", "floor", "ceil", "rint", "memcpy", "memmove", "memset"}  # what code may ask the system for
+
+
+def sizes(low, high, n, seed=3):
+    """Random numbers of both signs and of all sizes between two powers of ten."""
+    rng = np.random.default_rng(seed)
+    return 10.0 ** rng.uniform(low, high, n) * rng.choice([-1.0, 1.0], n)
+
+
+def assert_right(told, true):
+    assert abs(mpmath.mpf(told) - true) <= UNITS * np.spacing(abs(float(true)))
+
+
+@pytest.fixture(autouse=True)
+def digits():
+    with mpmath.workdps(50):
+        yield
+
+
+NEAR = np.concatenate([sizes(-300, 0, 500), np.random.default_rng(4).uniform(-3, 3, 3000), [0.7, -0.7]])
+STEPS = np.log(2.0) * (np.arange(-60, 60) + 0.5)  # where the reduction goes on to the next power of two
+
+
+@pytest.mark.parametrize(
+    "x", [NEAR, np.random.default_rng(5).uniform(-708, 709, 2000), STEPS], ids=["near", "far", "steps"]
+)
+def test_exponential(x):
+    for number in x:
+        assert_right(verbs.exp(number), mpmath.exp(number))
+        assert_right(verbs.expm1(number), mpmath.expm1(number))
+
+
+def test_logarithm():
+    near_zero = -1.0 + 10.0 ** np.random.default_rng(6).uniform(-15, -0.1, 1000)
+    for x in np.concatenate([NEAR[NEAR > -1.0], near_zero, abs(sizes(-1, 300, 500)), 2.0 ** np.arange(30) - 1.0]):
+        assert_right(verbs.log1p(x), mpmath.log1p(x))
+
+
+@pytest.mark.parametrize("scale", [1e-200, 1e-3, 1.0, 1e3])
+def test_arctangent(scale):
+    vectors = np.random.default_rng(7).normal(size=(3000, 2)) * [1.0, scale]
+    borders = np.concatenate([[(7.0, 16.0), (11.0, 16.0), (1.0, 1.0)], np.nextafter([(7.0, 16.0), (11.0, 16.0)], 20.0)])
+    for y, x in np.concatenate([vectors, borders, borders[:, ::-1], -borders]):
+        assert_right(verbs.atan2(y, x), mpmath.atan2(y, x))
+        assert verbs.atan2(-y, x) == -verbs.atan2(y, x)
+
+
+@pytest.mark.parametrize("y", EXPONENTS)
+def test_powers(y):
+    for x in np.concatenate([abs(sizes(-45, 20, 700)), np.random.default_rng(8).uniform(0.5, 2.0, 300)]):
+        assert_right(verbs.raised(x, y), mpmath.mpf(x) ** mpmath.mpf(y))
+
+
+def test_powers_that_are_exact():
+    for n in map(float, range(1, 500)):
+        assert verbs.raised(0.1 * n, 1.0) == 0.1 * n
+        assert verbs.raised(n, 2.0) == n * n
+        assert verbs.raised(n * n, 0.5) == n
+        assert verbs.raised(n * n * n, 1 / 3) == pytest.approx(n, rel=3e-16)
+    assert [verbs.multiplied(3.0, n) for n in range(8)] == [3.0**n for n in range(8)]
+
+
+@pytest.mark.parametrize(
+    ("y", "x"), [(0.0, 1.0), (-0.0, 1.0), (0.0, -1.0), (-0.0, -1.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 0.0)]
+)
+def test_arctangent_along_the_axes(y, x):
+    told = verbs.atan2(y, x)
+    assert told == atan2(y, x)
+    assert copysign(1.0, told) == copysign(1.0, y)
+
+
+def test_beyond_all_borders():
+    assert (verbs.exp(-inf), verbs.exp(-709.0), verbs.exp(0.0), verbs.exp(710.0), verbs.exp(inf)) == (0, 0, 1, inf, inf)
+    assert (verbs.expm1(-inf), verbs.expm1(-41.0), verbs.expm1(0.0), verbs.expm1(inf)) == (-1, -1, 0, inf)
+    assert (verbs.log1p(-1.0), verbs.log1p(0.0), verbs.log1p(inf)) == (-inf, 0, inf)
+    powers = [(0.0, 0.4), (inf, 0.4), (1e-200, 2.5), (1e200, 2.5)]
+    assert [verbs.raised(x, y) for x, y in powers] == [0, inf, 0, inf]
+    assert verbs.raised(5e-324, 0.5) == pytest.approx(5e-324**0.5)
+    assert all(
+        map(isnan, [verbs.exp(nan), verbs.expm1(nan), verbs.log1p(nan), verbs.log1p(-2.0), verbs.raised(nan, 0.4)])
+    )
+    assert all(map(isnan, [verbs.atan2(nan, 1.0), verbs.atan2(1.0, nan), verbs.atan2(nan, 0.0), verbs.atan2(0.0, nan)]))
+
+
+def needed(code):
+    """Names that an object file for x86-64 or arm64 Linux leaves to others."""
+    (at,), (count,) = struct.unpack_from("<Q", code, 40), struct.unpack_from("<H", code, 60)
+    sections = [struct.unpack_from("<IIQQQQIIQQ", code, at + 64 * k) for k in range(count)]
+    names = set()
+    for _, kind, _, _, start, size, strings, *_ in sections:
+        if kind == 2:  # a table of symbols
+            for entry in range(start + 24, start + size, 24):  # the first one is empty
+                name, _, _, section = struct.unpack_from("<IBBH", code, entry)
+                first = sections[strings][4] + name
+                if section == 0:
+                    names.add(code[first : code.index(b"\0", first)].decode())
+    return names
+
+
+@pytest.mark.jit
+@pytest.mark.skipif(sys.platform != "linux", reason="reads object files of Linux")
+def test_compiled_code_calls_no_function_of_the_mathematical_library():
+    outcomes()
+    dimersweep.simulate(periods=3).states([0.01, 0.02])
+    section = Section({}, Parameters().row(), 1e-8)
+    section.after(section.state(np.zeros(8)), 1)
+    for kernel in (batch.run_rows, sample.sample, return_map.advance, body.dimer_of):
+        assert kernel.overloads
+        for signature in kernel.overloads:
+            parts = pickle.loads(load(kernel._cache._name(signature)))
+            code = next(part[2][0] for part in parts if isinstance(part, tuple) and "object" in part)
+            names = {name for name in needed(code) if not name.startswith(("Py", "_Py", "numba_", "NRT_"))}
+            assert names <= EXACT
+            assert "fmod" in names  # the table was read
