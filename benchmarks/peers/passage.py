@@ -68,7 +68,7 @@ N_BODY = len(Body._fields)
 def body_of(scene):
     """The body that follows from named parameters."""
     d = dimer(scene)
-    return Body(d.l / 2, d.r, d.m / d.J1, d.m / d.J2, *d.e, d.mu, d.mu_s, d.g, d.A_z, d.omega, d.phi0)
+    return Body(d.l / 2, d.r[0], d.m / d.J1, d.m / d.J2, *d.e, d.mu[0], d.mu_s[0], d.g, d.A[2], d.omega, d.phi[2])
 
 
 def start_state(body, beta0, xdot0):

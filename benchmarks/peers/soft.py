@@ -55,7 +55,7 @@ class MuJoCo:
         # half a swing of the spring and damper lasts pi time damping
         time = STEPS_A_CONTACT * dt / (pi * damping)
         text = MODEL.format(
-            dt=dt, g=d.g, mu=d.mu, time=time, damping=damping, m=d.m, J_t=d.J1, J_a=d.J2, r=d.r, h=d.l / 2
+            dt=dt, g=d.g, mu=d.mu[0], time=time, damping=damping, m=d.m, J_t=d.J1, J_a=d.J2, r=d.r[0], h=d.l / 2
         )
         self.model = mujoco.MjModel.from_xml_string(text)
         self.data = mujoco.MjData(self.model)
@@ -66,10 +66,10 @@ class MuJoCo:
         mujoco.mj_resetData(self.model, data)
         turn = Rotation.from_euler("X", self.scene["beta0"])
         data.qpos[:3] = turn.apply([0, d.l / 2, 0])
-        data.qpos[2] += d.r
+        data.qpos[2] += d.r[0]
         data.qpos[3:] = turn.as_quat(scalar_first=True)
         data.qvel[:] = 0
-        data.qvel[[0, 2]] = self.scene["xdot0"], -d.A_z * d.omega * np.cos(d.phi0)
+        data.qvel[[0, 2]] = self.scene["xdot0"], -d.A[2] * d.omega * np.cos(d.phi[2])
         state = np.empty(mujoco.mj_stateSize(self.model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
         mujoco.mj_getState(self.model, data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
         return state
@@ -80,7 +80,7 @@ class MuJoCo:
         for first in range(0, steps, PIECE):
             middle = self.dt * (np.arange(first, min(first + PIECE, steps)) + 0.5)
             force = np.zeros((middle.size, self.model.nbody, 6))
-            force[:, 1, 2] = d.m * d.A_z * d.omega**2 * np.sin(d.omega * middle + d.phi0)
+            force[:, 1, 2] = d.m * d.A[2] * d.omega**2 * np.sin(d.omega * middle + d.phi[2])
             states, _ = rollout.rollout(
                 self.model,
                 self.data,
@@ -108,7 +108,7 @@ class MuJoCo:
 
     def coordinates(self, path):
         """The coordinates of the reference runs and their rates, shape (n, 12)."""
-        h, r = self.d.l / 2, self.d.r
+        h, r = self.d.l / 2, self.d.r[0]
         turn = Rotation.from_quat(path[:, 3:7], scalar_first=True)
         theta, beta, gamma = turn.as_euler("ZXY").T
         axis, spin = turn.apply([0, 1, 0]), turn.apply(path[:, 10:13])
@@ -123,6 +123,6 @@ class MuJoCo:
     def landings(self, path):
         """Steps in which one end comes down to the plate while the other is there."""
         rise = self.d.l / 2 * Rotation.from_quat(path[:, 3:7], scalar_first=True).apply([0, 1, 0])[:, 2]
-        down = path[:, 2, None] + np.column_stack([-rise, rise]) <= self.d.r
+        down = path[:, 2, None] + np.column_stack([-rise, rise]) <= self.d.r[0]
         lands = down[1:] & ~down[:-1]
         return 1 + np.flatnonzero((lands[:, 0] & down[1:, 1]) | (lands[:, 1] & down[1:, 0]))

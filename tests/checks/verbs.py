@@ -307,13 +307,13 @@ def scratch():
 
 
 def state_of(dm, q, qdot, phase=0.0):
-    """Kernel state from the oracle's coordinates (x1, y1, delta1, theta, beta, gamma) and their rates."""
+    """Kernel state from the oracle's coordinates (x1, y1, delta1, theta, dip, gamma) and their rates."""
     state = np.zeros(N_STATE)
-    theta, beta, h_1 = q[3], q[4], dm.p1.h
+    theta, beta, h_1 = q[3], dm.beta_0 + q[4], dm.p1.h
     sin_b, cos_b = np.sin(beta), np.cos(beta)
-    state[PHASE], state[DIP], state[THETA], state[GAMMA] = phase, beta - dm.beta_0, theta, q[5]
+    state[PHASE], state[DIP], state[THETA], state[GAMMA] = phase, q[4], theta, q[5]
     state[X1], state[Y1] = q[0], q[1]
-    state[D1], state[D2] = q[2], q[2] + dm.l * (sin_b - dm.sin_0)
+    state[D1], state[D2] = q[2], q[2] + 2 * dm.l * np.sin(q[4] / 2) * np.cos(dm.beta_0 + q[4] / 2)
     state[N1], state[N2] = qdot[2], qdot[2] + dm.l * cos_b * qdot[4]
     state[WB], state[WP], state[SPIN] = qdot[4], qdot[3] * cos_b, qdot[5] + qdot[3] * sin_b
     state[CA] = qdot[1] * np.cos(theta) - qdot[0] * np.sin(theta) + h_1 * sin_b * qdot[4]
@@ -327,7 +327,7 @@ def oracle_state(dm, state):
     sin_b, cos_b = np.sin(beta), np.cos(beta)
     turn = state[WP] / cos_b
     v_a, v_b = state[CA] - h_1 * sin_b * state[WB], state[CB] - h_1 * state[WP]
-    q = np.array([state[X1], state[Y1], state[D1], theta, beta, state[GAMMA]])
+    q = np.array([state[X1], state[Y1], state[D1], theta, state[DIP], state[GAMMA]])
     x_rate = v_b * np.cos(theta) - v_a * np.sin(theta)
     y_rate = v_a * np.cos(theta) + v_b * np.sin(theta)
     return q, np.array([x_rate, y_rate, state[N1], turn, state[WB], state[SPIN] - turn * sin_b])

@@ -366,7 +366,7 @@ def test_two_ends_that_rub_hard_stay_down_only_where_that_is_stable():
 def compliance(d, t, q, qdot, i):
     """Normal acceleration of end i per normal force and the friction that goes with it, less that of the oracle's bodies."""
     now = Instant(d, t, q, qdot)
-    unit = np.array([1.0, *-d.mu * now.slip[i] / np.hypot(*now.slip[i])])
+    unit = np.array([1.0, *-d.mu[i] * now.slip[i] / np.hypot(*now.slip[i])])
     return now.G[i, 0, i] @ unit / now.G[i, 0, i, 0]
 
 

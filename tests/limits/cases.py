@@ -79,7 +79,7 @@ def coordinates(impact: Impact) -> tuple[Array, Array]:
     theta_rate = (impact.b[0] - impact.b[1]) / (d.l * cos_b)
     gamma_rate = impact.spin - theta_rate * sin_b
     qdot[:] = (
-        impact.b[0] + d.r * cos_b * gamma_rate, impact.a - d.r * beta_rate, impact.n[0], theta_rate, beta_rate, gamma_rate
+        impact.b[0] + d.r[0] * cos_b * gamma_rate, impact.a - d.r[0] * beta_rate, impact.n[0], theta_rate, beta_rate, gamma_rate
     )  # fmt: skip
     return q, qdot
 
@@ -101,7 +101,7 @@ def apart(parameters: Mapping[str, float], q: Array, qdot: Array, after: Array, 
     """Largest difference of two sets of rates, as speeds of points of the body, in units of the approach speed."""
     d = dimer(parameters)
     second = qdot[2] + d.l * qdot[4] if q[4] == 0 else 0.0
-    return float(np.abs((after - expected) * [1, 1, 1, d.l, d.l, d.r]).max() / -min(qdot[2], second))
+    return float(np.abs((after - expected) * [1, 1, 1, d.l, d.l, d.r[0]]).max() / -min(qdot[2], second))
 
 
 def impact_errors(impact: Impact, stiffnesses: Iterable[float], steps: int) -> Array:

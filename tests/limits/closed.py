@@ -21,7 +21,7 @@ class Ball:
     def __init__(self, d: Dimer) -> None:
         mp.dps = DIGITS
         self.e, self.g = mpf(d.e[0]), mpf(d.g)
-        self.A_z, self.omega, self.phi0 = mpf(d.A_z), mpf(d.omega), mpf(d.phi0)
+        self.A_z, self.omega, self.phi0 = mpf(d.A[2]), mpf(d.omega), mpf(d.phi[2])
 
     def plate_rate(self, t: mpf) -> mpf:
         """Velocity of the plate."""
@@ -88,7 +88,7 @@ def fall_time(d: Dimer, rolling: bool, beta_0: mpf, beta_1: mpf) -> mpf:
 
 def fall_inertia(d: Dimer, rolling: bool) -> Callable[[mpf], mpf]:
     """Twice the kinetic energy over beta'^2, as a function of sin(beta): the centre keeps above one place, or p1 rolls."""
-    m, h, r, J = mpf(d.m), mpf(d.l) / 2, mpf(d.r), mpf(d.J1)
+    m, h, r, J = mpf(d.m), mpf(d.l) / 2, mpf(d.r[0]), mpf(d.J1)
     if rolling:
         return lambda sin_b: J + m * (r * r + 2 * r * h * sin_b + h * h)
     return lambda sin_b: J + m * h * h * (1 - sin_b**2)

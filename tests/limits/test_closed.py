@@ -113,6 +113,6 @@ def test_a_rod_falls_about_its_end(rolling):
         states["beta_rate"], [float(fall_rate(d, rolling, start, mpf(x))) for x in angles], atol=1e-8
     )
     if rolling:  # the ball runs back under the falling rod, without slip
-        np.testing.assert_allclose(states["y1"], d.r * (0.6 - angles), atol=1e-11)
+        np.testing.assert_allclose(states["y1"], d.r[0] * (0.6 - angles), atol=1e-11)
     else:
         np.testing.assert_allclose(states["y"], d.l / 2 * np.cos(0.6), atol=1e-12)

@@ -37,7 +37,7 @@ class Top(NamedTuple):
 
 def top_of(d: Dimer) -> Top:
     """Constants for the compiled code."""
-    return Top(d.r, d.l / 2, d.m, d.J1, d.J2, d.mu, d.mu_s, d.A_z, d.omega, d.phi0, d.g)
+    return Top(d.r[0], d.l / 2, d.m, d.J1, d.J2, d.mu[0], d.mu_s[0], d.A[2], d.omega, d.phi[2], d.g)
 
 
 @compiled

@@ -1,12 +1,15 @@
-"""The dimer of the paper's Appendix A: constants, and the 6x6 matrices as printed there.
+"""The dimer of the paper's Appendix A: constants, and the 6x6 matrices as printed there, for two ends that may be unlike.
 
-Coordinates q = (x1, y1, delta1, theta, beta, gamma): the paper's, with the gap delta1 = z1 - r - z_p(t) in the place of
-z1. As M(q) does not depend on z1, that only turns g into the effective g_e(t) = g + z_p''(t) in Q.
+Coordinates q = (x1, y1, delta1, theta, dip, gamma): the paper's, relative to the plate, with the gap delta1 = z1 - r_1 in the
+place of z1, and with dip = beta - beta_0, where sin(beta_0) = (r_2 - r_1) / l is level, in the place of beta: both gaps
+vanish where delta1 and the dip do. As M(q) does not depend on x1, y1, z1, the plate's motion only adds to gravity in Q.
+
+The paper's l/2 is there for two things: the way h from ball 1's centre to the centre of mass, and half of l itself.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import cos, pi, sin
+from math import asin, cos, pi, sin, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,27 +20,37 @@ DEFAULTS = {
     "e": 0.6, "Gamma": 0.9, "f": 15.0, "A_r": 6.0, "mu": 0.2, "mu_s": 0.4, "beta0": 4 * pi / 45, "xdot0": 1.0,
     "phi0": 0.0, "r": 5e-3, "rho_b": 7850.0, "rho_r": 1180.0, "D_r": 4e-3, "g": 9.81,
 }  # fmt: skip
+OTHERS = {
+    "Gamma_2", "phi_2", "mu_h", "l", "eta", "k_ratio", "tilt", "azimuth", "Gamma_x", "phi_x", "Gamma_y", "phi_y", "theta0",
+}  # fmt: skip
+ENDS = ("e", "r", "rho_b", "mu", "mu_s", "mu_h")
+Pair = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class Dimer:
     """Constants of one dimer and its plate (SI)."""
 
-    r: float
+    r: Pair
     l: float  # noqa: E741  (the paper's name)
+    h: float  # from ball 1's centre to the centre of mass
+    beta_0: float  # level
     m: float
     J1: float  # transverse inertia about the centre of mass
     J2: float  # axial inertia
-    e: tuple[float, float]
-    mu: float
-    mu_s: float
-    mu_h: float
-    A_z: float
+    e: Pair
+    mu: Pair
+    mu_s: Pair
+    mu_h: Pair
+    k: Pair  # stiffness of the contacts in an impact, in units of the first
+    eta: float  # its force is k X^eta
+    g: float
     omega: float
-    phi0: float
+    fall: Array  # gravity along the plate's axes X, Y, Z
+    A: Array  # amplitudes of the plate along them
+    phi: Array  # their phases at t = 0
     A_2: float
     phi_2: float
-    g: float
 
 
 def dimer(params: Mapping[str, float]) -> Dimer:
@@ -46,49 +59,74 @@ def dimer(params: Mapping[str, float]) -> Dimer:
     Parameters
     ----------
     params : mapping
-        Any of the names in `DEFAULTS`; e_1, e_2 where the two ends differ; Gamma_2, phi_2 of the plate's second harmonic;
-        mu_h where a lasting contact is held by another coefficient than mu_s.
+        Any of the names in `DEFAULTS` and `OTHERS`; X_1, X_2 of the names in `ENDS` where the two ends differ.
 
     Returns
     -------
     Dimer
     """
-    unknown = set(params) - set(DEFAULTS) - {"e_1", "e_2", "Gamma_2", "phi_2", "mu_h"}
+    unknown = set(params) - set(DEFAULTS) - OTHERS - {f"{name}_{i}" for name in ENDS for i in (1, 2)}
     if unknown:
         raise ValueError(f"unknown parameters: {sorted(unknown)}")
     p = {**DEFAULTS, **params}
-    r, length = p["r"], 2 * p["r"] * (p["A_r"] - 1)
-    m_b = p["rho_b"] * 4 / 3 * pi * r**3
-    m_r = p["rho_r"] * pi / 4 * p["D_r"] ** 2 * (length - 2 * r)
-    J1 = 2 * (2 / 5 * m_b * r**2 + m_b * length**2 / 4) + m_r * ((length - 2 * r) ** 2 / 12 + p["D_r"] ** 2 / 16)
-    J2 = 2 * (2 / 5) * m_b * r**2 + m_r * p["D_r"] ** 2 / 8
-    omega = 2 * pi * p["f"]
+
+    def ends(name: str, otherwise: Pair = (0.0, 0.0)) -> Pair:
+        both = (p[name],) * 2 if name in p else otherwise
+        return p.get(f"{name}_1", both[0]), p.get(f"{name}_2", both[1])
+
+    r, rho = ends("r"), ends("rho_b")
+    length = p.get("l", (p["A_r"] - 1) * (r[0] + r[1]))
+    rod = length - r[0] - r[1]
+    m_b = [rho[i] * 4 / 3 * pi * r[i] ** 3 for i in (0, 1)]
+    m_r = p["rho_r"] * pi / 4 * p["D_r"] ** 2 * rod
+    m = m_b[0] + m_b[1] + m_r
+    middle = r[0] + rod / 2  # of the rod, from ball 1's centre
+    h = (m_b[1] * length + m_r * middle) / m
+    J_b = [2 / 5 * m_b[i] * r[i] ** 2 for i in (0, 1)]
+    J1 = sum(J_b) + m_b[0] * h**2 + m_b[1] * (length - h) ** 2
+    J1 += m_r * (rod**2 / 12 + p["D_r"] ** 2 / 16 + (middle - h) ** 2)
+    J2 = sum(J_b) + m_r * p["D_r"] ** 2 / 8
+    omega, g = 2 * pi * p["f"], p["g"]
+    tilt, azimuth, phi0 = p.get("tilt", 0.0), p.get("azimuth", 0.0), p["phi0"]
+    mu_s = ends("mu_s")
     return Dimer(
-        r=r, l=length, m=2 * m_b + m_r, J1=J1, J2=J2, e=(p.get("e_1", p["e"]), p.get("e_2", p["e"])),
-        mu=p["mu"], mu_s=p["mu_s"], mu_h=p.get("mu_h", p["mu_s"]), A_z=p["Gamma"] * p["g"] / omega**2, omega=omega,
-        phi0=p["phi0"], A_2=p.get("Gamma_2", 0.0) * p["g"] / (2 * omega) ** 2, phi_2=p.get("phi_2", 0.0), g=p["g"],
+        r=r, l=length, h=h, beta_0=asin((r[1] - r[0]) / length), m=m, J1=J1, J2=J2,
+        e=ends("e"), mu=ends("mu"), mu_s=mu_s, mu_h=ends("mu_h", mu_s),
+        k=(1.0, p.get("k_ratio", sqrt(r[1] / r[0]))), eta=p.get("eta", 1.5), g=g, omega=omega,
+        fall=g * np.array([sin(tilt) * cos(azimuth), sin(tilt) * sin(azimuth), -cos(tilt)]),
+        A=np.array([p.get("Gamma_x", 0.0), p.get("Gamma_y", 0.0), p["Gamma"]]) * g / omega**2,
+        phi=phi0 + np.array([p.get("phi_x", 0.0), p.get("phi_y", 0.0), 0.0]),
+        A_2=p.get("Gamma_2", 0.0) * g / (2 * omega) ** 2, phi_2=p.get("phi_2", 0.0),
     )  # fmt: skip
 
 
-def effective_gravity(d: Dimer, t: float) -> float:
-    """g + z_p''(t), the gravity felt in the plate's frame."""
-    first, second = d.omega * t + d.phi0, 2 * d.omega * t + d.phi_2
-    return d.g - d.A_z * d.omega**2 * sin(first) - d.A_2 * (2 * d.omega) ** 2 * sin(second)
+def felt(d: Dimer, t: float) -> Array:
+    """Gravity less the plate's acceleration, along X, Y, Z: what a body feels in the plate's frame."""
+    out: Array = d.fall + d.A * d.omega**2 * np.sin(d.omega * t + d.phi)
+    out[2] += d.A_2 * (2 * d.omega) ** 2 * sin(2 * d.omega * t + d.phi_2)
+    return out
 
 
-def plate_rate(d: Dimer, t: float) -> float:
-    """z_p'(t)."""
-    first, second = d.omega * t + d.phi0, 2 * d.omega * t + d.phi_2
-    return d.A_z * d.omega * cos(first) + d.A_2 * 2 * d.omega * cos(second)
+def plate_velocity(d: Dimer, t: float) -> Array:
+    """Velocity of the plate along X, Y, Z."""
+    out: Array = d.A * d.omega * np.cos(d.omega * t + d.phi)
+    out[2] += d.A_2 * 2 * d.omega * cos(2 * d.omega * t + d.phi_2)
+    return out
+
+
+def _angles(d: Dimer, q: Array) -> tuple[float, float, float, float]:
+    """Sines and cosines of theta and beta."""
+    beta = d.beta_0 + q[4]
+    return sin(q[3]), cos(q[3]), sin(beta), cos(beta)
 
 
 def mass_matrix(d: Dimer, q: Array) -> Array:
     """M(q), eq. (A.4)."""
-    st, ct, sb, cb = sin(q[3]), cos(q[3]), sin(q[4]), cos(q[4])
-    half = d.m * d.l / 2
+    st, ct, sb, cb = _angles(d, q)
+    half = d.m * d.h
     M14, M15, M24, M25 = -half * cb * ct, half * sb * st, -half * cb * st, -half * sb * ct
-    M44 = (d.m * d.l**2 / 4 + d.J1) * cb**2 + d.J2 * sb**2
-    M55 = d.m * d.l**2 / 4 + d.J1
+    M44 = (d.m * d.h**2 + d.J1) * cb**2 + d.J2 * sb**2
+    M55 = d.m * d.h**2 + d.J1
     return np.array(
         [
             [d.m, 0, 0, M14, M15, 0],
@@ -103,9 +141,9 @@ def mass_matrix(d: Dimer, q: Array) -> Array:
 
 def inertial_forces(d: Dimer, q: Array, qdot: Array) -> Array:
     """h(q, q'), eq. (A.5); its "m_l" is m times l."""
-    st, ct, sb, cb = sin(q[3]), cos(q[3]), sin(q[4]), cos(q[4])
+    st, ct, sb, cb = _angles(d, q)
     dt, db, dg = qdot[3], qdot[4], qdot[5]
-    half, quarter = d.m * d.l / 2, d.m * d.l**2 / 4
+    half, quarter = d.m * d.h, d.m * d.h**2
     return np.array(
         [
             -half * (cb * st * (dt**2 + db**2) + 2 * sb * ct * dt * db),
@@ -118,47 +156,49 @@ def inertial_forces(d: Dimer, q: Array, qdot: Array) -> Array:
     )
 
 
-def gravity_forces(d: Dimer, q: Array, g_e: float) -> Array:
-    """Q(q), eq. (A.6), under the gravity `g_e`."""
-    return np.array([0, 0, -d.m * g_e, 0, -d.m * g_e * d.l * cos(q[4]) / 2, 0])
+def uniform_forces(d: Dimer, q: Array, a: Array) -> Array:
+    """Q(q), eq. (A.6), under the acceleration `a` along X, Y, Z, which acts at the centre of mass."""
+    st, ct, sb, cb = _angles(d, q)
+    turning = -d.h * cb * (ct * a[0] + st * a[1])
+    dipping = d.h * (sb * (st * a[0] - ct * a[1]) + cb * a[2])
+    return d.m * np.array([*a, turning, dipping, 0])
 
 
 def normal_matrix(d: Dimer, q: Array) -> Array:
     """W(q), eq. (A.1), shape (6, 2)."""
-    return np.array([[0, 0, 1, 0, 0, 0], [0, 0, 1, 0, d.l * cos(q[4]), 0]]).T
+    return np.array([[0, 0, 1, 0, 0, 0], [0, 0, 1, 0, d.l * _angles(d, q)[3], 0]]).T
 
 
 def tangential_matrix(d: Dimer, q: Array) -> Array:
     """N(q), eq. (A.3), shape (6, 4), columns 1x, 2x, 1y, 2y."""
-    st, ct, sb, cb = sin(q[3]), cos(q[3]), sin(q[4]), cos(q[4])
-    r, length = d.r, d.l
+    st, ct, sb, cb = _angles(d, q)
+    (r_1, r_2), length = d.r, d.l
     return np.array(
         [
             [1, 1, 0, 0],
             [0, 0, 1, 1],
             [0, 0, 0, 0],
             [0, -length * ct * cb, 0, -length * st * cb],
-            [-r * st, (length * sb - r) * st, r * ct, (r - length * sb) * ct],
-            [-r * ct * cb, -r * ct * cb, -r * st * cb, -r * st * cb],
+            [-r_1 * st, (length * sb - r_2) * st, r_1 * ct, (r_2 - length * sb) * ct],
+            [-r_1 * ct * cb, -r_2 * ct * cb, -r_1 * st * cb, -r_2 * st * cb],
         ]
     )
 
 
 def normal_bias(d: Dimer, q: Array, qdot: Array) -> Array:
     """d/dt(W^T) q', shape (2,); the paper does not print it."""
-    return np.array([0.0, -d.l * sin(q[4]) * qdot[4] ** 2])
+    return np.array([0.0, -d.l * _angles(d, q)[2] * qdot[4] ** 2])
 
 
 def tangential_bias(d: Dimer, q: Array, qdot: Array) -> Array:
     """S^tau = d/dt(N^T) q', eq. (A.2), shape (4,), order 1x, 2x, 1y, 2y."""
-    st, ct, sb, cb = sin(q[3]), cos(q[3]), sin(q[4]), cos(q[4])
+    st, ct, sb, cb = _angles(d, q)
     dt, db, dg = qdot[3], qdot[4], qdot[5]
-    r, length = d.r, d.l
-    S1x = -r * ct * dt * db + r * sb * ct * db * dg + r * cb * st * dt * dg
-    S2x = S1x + 2 * length * sb * ct * dt * db + length * cb * st * (dt**2 + db**2)
-    S1y = -r * st * dt * db + r * sb * st * db * dg - r * cb * ct * dt * dg
-    S2y = S1y + 2 * length * sb * st * dt * db - length * cb * ct * (dt**2 + db**2)
-    return np.array([S1x, S2x, S1y, S2y])
+    spin_x = -ct * dt * db + sb * ct * db * dg + cb * st * dt * dg  # of a ball, in units of its radius
+    spin_y = -st * dt * db + sb * st * db * dg - cb * ct * dt * dg
+    S2x = 2 * d.l * sb * ct * dt * db + d.l * cb * st * (dt**2 + db**2)
+    S2y = 2 * d.l * sb * st * dt * db - d.l * cb * ct * (dt**2 + db**2)
+    return np.array([d.r[0] * spin_x, d.r[1] * spin_x + S2x, d.r[0] * spin_y, d.r[1] * spin_y + S2y])
 
 
 def jacobian(d: Dimer, q: Array) -> Array:
@@ -174,14 +214,19 @@ def delassus(d: Dimer, q: Array) -> tuple[Array, Array]:
     return (J @ response).reshape(2, 3, 2, 3), response.reshape(6, 2, 3)
 
 
+def rise(d: Dimer, q: Array) -> float:
+    """delta2 - delta1 = l (sin(beta) - sin(beta_0)), m, with all digits near level."""
+    return 2 * d.l * sin(q[4] / 2) * cos(d.beta_0 + q[4] / 2)
+
+
 def gaps(d: Dimer, q: Array) -> Array:
     """(delta1, delta2), shape (2,), m."""
-    return np.array([q[2], q[2] + d.l * sin(q[4])])
+    return np.array([q[2], q[2] + rise(d, q)])
 
 
 def gap_rates(d: Dimer, q: Array, qdot: Array) -> Array:
     """(delta1', delta2') = W^T q', shape (2,), m/s."""
-    return np.array([qdot[2], qdot[2] + d.l * cos(q[4]) * qdot[4]])
+    return np.array([qdot[2], qdot[2] + d.l * _angles(d, q)[3] * qdot[4]])
 
 
 def slips(d: Dimer, q: Array, qdot: Array) -> Array:

@@ -31,7 +31,7 @@ class Instant:
         J = body.jacobian(d, q).reshape(6, 6)
         normal, tangential = body.normal_bias(d, q, qdot), body.tangential_bias(d, q, qdot)
         bias = np.array([[normal[i], tangential[i], tangential[2 + i]] for i in (0, 1)])
-        load = body.inertial_forces(d, q, qdot) + body.gravity_forces(d, q, body.effective_gravity(d, t))
+        load = body.inertial_forces(d, q, qdot) + body.uniform_forces(d, q, body.felt(d, t))
         solved: Array = np.linalg.solve(body.mass_matrix(d, q), np.column_stack([load, J.T])).astype(float)
         self.qddot_free: Array = solved[:, 0]
         self.response: Array = solved[:, 1:].reshape(6, 2, 3)
@@ -45,7 +45,7 @@ class Instant:
             unit = np.zeros((2, 3))
             unit[i, 0] = 1.0
             if i not in stick:
-                unit[i, 1:] = -self.d.mu * slip[i]
+                unit[i, 1:] = -self.d.mu[i] * slip[i]
             units.append(unit)
             rows.append((i, 0))
         for i in stick:

@@ -16,20 +16,20 @@ Array = NDArray[np.float64]
 Respond = Callable[[Sequence[int], Mapping[int, Array]], tuple[Array, Array]]
 
 
-def stick_excess(forces: Array, stick: Sequence[int], mu_s: float, axial: Array) -> float:
+def stick_excess(forces: Array, stick: Sequence[int], mu_s: Sequence[float], axial: Array) -> float:
     """How far the holding forces exceed the stick limit (admissible where <= 0), in units of force.
 
-    One contact: |t| - mu_s f. Two (then the dimer lies flat): only the total A of their axial forces is determined, and
+    One contact: |t| - mu_s f. Two (then the dimer lies on both ends): only the total A of their axial forces is determined, and
     they hold if and only if *some* split of it does.
     """
     if len(stick) == 1:
         i = stick[0]
-        return float(np.hypot(*forces[i, 1:]) - mu_s * forces[i, 0])
+        return float(np.hypot(*forces[i, 1:]) - mu_s[i] * forces[i, 0])
     lateral = np.array([axial[1], -axial[0]])
     A = abs(sum(float(forces[i, 1:] @ axial) for i in stick))
     noise = 1e-12 * sum(float(forces[i, 0]) for i in stick)  # an end about to lose its force, in planar motion
-    over = [abs(float(forces[i, 1:] @ lateral)) - mu_s * forces[i, 0] - noise for i in stick]
-    room = [sqrt(max(0.0, (mu_s * forces[i, 0]) ** 2 - (forces[i, 1:] @ lateral) ** 2)) for i in stick]
+    over = [abs(float(forces[i, 1:] @ lateral)) - mu_s[i] * forces[i, 0] - noise for i in stick]
+    room = [sqrt(max(0.0, (mu_s[i] * forces[i, 0]) ** 2 - (forces[i, 1:] @ lateral) ** 2)) for i in stick]
     return float(max(A - sum(room), *over))
 
 
@@ -37,7 +37,7 @@ def hold_or_break(
     respond: Respond,
     zero: Sequence[int],
     moving: Mapping[int, Array],
-    mu_s: float,
+    mu_s: Sequence[float],
     axial: Array,
     must_break: bool = False,
 ) -> tuple[list[int], dict[int, Array]] | None:
@@ -51,8 +51,8 @@ def hold_or_break(
         Contacts at zero slip.
     moving : mapping
         Sliding contacts and their directions.
-    mu_s : float
-        Stick coefficient.
+    mu_s : sequence of float
+        Stick coefficients of the contacts.
     axial : (2,) array
         Heading of the axis.
     must_break : bool
@@ -111,13 +111,13 @@ def _outward_one(respond: Respond, i: int, moving: Mapping[int, Array], hold: Ar
 
 
 def _break_pair(
-    respond: Respond, pair: list[int], hold: Array, mu_s: float, axial: Array
+    respond: Respond, pair: list[int], hold: Array, mu_s: Sequence[float], axial: Array
 ) -> tuple[list[int], dict[int, Array]] | None:
     """Two contacts at zero slip, the dimer flat, that cannot both hold."""
     lateral = np.array([axial[1], -axial[0]])
     for i, j in (pair, pair[::-1]):
         L = float(hold[i, 1:] @ lateral)
-        if abs(L) >= mu_s * hold[i, 0] * (1 - 1e-9):  # no axial force at all could help this end
+        if abs(L) >= mu_s[i] * hold[i, 0] * (1 - 1e-9):  # no axial force at all could help this end
             u = -np.sign(L) * lateral
             forces, acc = respond([j], {i: u})
             if stick_excess(forces, [j], mu_s, axial) <= 0 and acc[i, 1:] @ u >= 0:
@@ -126,14 +126,16 @@ def _break_pair(
     return None if both is None else ([], both)
 
 
-def _outward_two(respond: Respond, pair: list[int], hold: Array, mu_s: float, axial: Array) -> dict[int, Array] | None:
+def _outward_two(
+    respond: Respond, pair: list[int], hold: Array, mu_s: Sequence[float], axial: Array
+) -> dict[int, Array] | None:
     """Directions of both ends leaving zero slip together, each parallel to its own acceleration."""
     lateral = np.array([axial[1], -axial[0]])
     sign = np.sign(sum(hold[i, 1:] @ axial for i in pair))
 
     def guess(i: int) -> float:
         L = float(hold[i, 1:] @ lateral)
-        A = sign * sqrt(max(0.0, (mu_s * hold[i, 0]) ** 2 - L**2))
+        A = sign * sqrt(max(0.0, (mu_s[i] * hold[i, 0]) ** 2 - L**2))
         u = -(A * axial + L * lateral)
         return atan2(u[1], u[0])
 

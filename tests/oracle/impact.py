@@ -1,11 +1,12 @@
 """The impact law, eqs. (5)-(7), integrated directly in its regular form.
 
-With E_i = (2/5) X_i^(5/2) and F_i = X_i^(3/2), one variable tau with dP_i = F_i dtau serves all contacts:
+With F_i = k_i X_i^eta and E_i = k_i X_i^(eta + 1) / (eta + 1), one variable tau with dP_i = F_i dtau serves all contacts:
 dX_i/dtau = -delta_i' while compressing, -delta_i'/e_i^2 while restituting. The state is the impulses and the X_i; every
 switch (compression, restitution, end, slip, stick, breaking away) is located and the integration restarted there.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from math import hypot
 from typing import Any
 
@@ -26,17 +27,26 @@ SPEED_LOST = 1e-10  # gap rate that counts as zero where both contacts lose all 
 COMPRESS, RESTITUTE, IDLE = "compress", "restitute", "idle"
 
 
+@dataclass
+class Law:
+    """What the contacts of an impact obey, each in the order of the contacts."""
+
+    e: Sequence[float]  # energetic restitution
+    mu: Sequence[float]
+    mu_s: Sequence[float]
+    k: Sequence[float]  # stiffness, in any unit
+    eta: float  # exponent: the force is k X^eta
+
+
 class _Impact:
     """One impact in units of the approach speed and the normal compliance; `c` are contact velocities, shape (k, 3)."""
 
-    def __init__(
-        self, G: Array, c: Array, e: Sequence[float], mu: float, mu_s: float, axial: Array, tol: float, slip_zero: float
-    ) -> None:
-        self.k, self.c, self.e, self.slip_zero = len(c), c.copy(), e, slip_zero
+    def __init__(self, G: Array, c: Array, law: Law, axial: Array, tol: float, slip_zero: float) -> None:
+        self.k, self.c, self.law, self.slip_zero = len(c), c.copy(), law, slip_zero
         self.flat_G = G.reshape(3 * self.k, 3 * self.k)
-        self.mu, self.mu_s, self.axial, self.tol = mu, mu_s, axial, tol
+        self.axial, self.tol = axial, tol
         self.held: dict[tuple[int, ...], tuple[Array, Array]] = {}
-        self.rough = mu > 0 or mu_s > 0
+        self.rough = any(law.mu) or any(law.mu_s)
         self.X = np.zeros(self.k)
         self.P = np.zeros((self.k, 3))
         self.normal = [COMPRESS if rate < 0 else IDLE for rate in c[:, 0]]
@@ -48,11 +58,15 @@ class _Impact:
         self.breaking: dict[int, Array] = {}
         self.log: list[str] = []
 
+    def normal_forces(self, X: Array) -> Array:
+        """k X^eta of each contact."""
+        return np.asarray(self.law.k) * np.maximum(X, 0) ** self.law.eta
+
     def force_sizes(self) -> Array:
-        """Normal forces for the decisions: X^(3/2), or their ratios in the limit where all begin; never quite zero."""
-        f = np.maximum(self.X, 0) ** 1.5
+        """Normal forces for the decisions, or their ratios in the limit where all begin; never quite zero."""
+        f = self.normal_forces(self.X)
         if not f.any():
-            f = np.maximum(-self.c[:, 0], 0) ** 1.5
+            f = self.normal_forces(-self.c[:, 0])
         newly = np.array([n == COMPRESS for n in self.normal]) & (f == 0)
         return np.where(newly, 1e-9 * f.max(), f)
 
@@ -61,7 +75,7 @@ class _Impact:
         forces = np.zeros((self.k, 3))
         forces[:, 0] = f
         for i, u in slip.items():
-            forces[i, 1:] = -self.mu * f[i] * u
+            forces[i, 1:] = -self.law.mu[i] * f[i] * u
         acc = (self.flat_G @ forces.ravel()).reshape(self.k, 3)
         if stick:
             response, inverse = self.holds(tuple(stick))
@@ -99,7 +113,7 @@ class _Impact:
         loaded = [i for i in sorted(self.zero) if self.normal[i] != IDLE]
         choice = hold_or_break(
             lambda stick, slip: self.respond(f, stick, slip),
-            loaded, self.sliding(self.c), self.mu_s, self.axial, must_break,
+            loaded, self.sliding(self.c), self.law.mu_s, self.axial, must_break,
         )  # fmt: skip
         if choice is None:
             raise RuntimeError("no consistent slip direction in the impact")
@@ -119,7 +133,7 @@ class _Impact:
     def dissipated(self) -> bool:
         """With e = 0 two contacts lose what is left in a geometric series of switches: cut it where nothing is left."""
         slow = float(np.abs(self.c[:, 0]).max()) < SPEED_LOST
-        return bool(self.log) and slow and float(self.X.max()) < SPEED_LOST**0.8
+        return bool(self.log) and slow and float(self.X.max()) < SPEED_LOST ** (2 / (self.law.eta + 1))
 
     def watched(self) -> list[tuple[int, str]]:
         """Contact and name of the events that can end the present phase."""
@@ -147,7 +161,7 @@ class _Impact:
             return hypot(*c[i, 1:]) - self.slip_zero
         # unstuck: relative to the total force, as all force vanishes at both ends of an impact
         total = float(forces[:, 0].sum())
-        return -stick_excess(forces, self.stick, self.mu_s, self.axial) / total if total > 0 else 1.0
+        return -stick_excess(forces, self.stick, self.law.mu_s, self.axial) / total if total > 0 else 1.0
 
     def run_phase(self) -> list[tuple[int, str]]:
         """Integrate to the next switch; return contact and name of what happened, for each event there."""
@@ -156,13 +170,13 @@ class _Impact:
         def unpack(y: Array) -> tuple[Array, Array, Array]:
             X = y[3 * k :]
             c = c0 + (self.flat_G @ y[: 3 * k]).reshape(k, 3)
-            forces, _ = self.respond(np.maximum(X, 0) ** 1.5, self.stick, self.sliding(c) if self.rough else {})
+            forces, _ = self.respond(self.normal_forces(X), self.stick, self.sliding(c) if self.rough else {})
             return c, X, forces
 
         def rhs(_: float, y: Array) -> Array:
             c, _X, forces = unpack(y)
             factor = [{COMPRESS: -1.0, IDLE: 0.0}.get(n) for n in self.normal]
-            dX = [(-1 / self.e[i] ** 2 if a is None else a) * c[i, 0] for i, a in enumerate(factor)]
+            dX = [(-1 / self.law.e[i] ** 2 if a is None else a) * c[i, 0] for i, a in enumerate(factor)]
             return np.concatenate([forces.ravel(), dX])
 
         names = self.watched()
@@ -199,7 +213,7 @@ class _Impact:
         if name == "turned":
             self.c[i, 0] = 0.0
             self.normal[i] = RESTITUTE
-            if self.e[i] == 0:  # all of the stored energy is lost at once
+            if self.law.e[i] == 0:  # all of the stored energy is lost at once
                 self.X[i], self.normal[i] = 0.0, IDLE
         elif name == "ended":
             self.X[i], self.normal[i] = 0.0, IDLE
@@ -236,9 +250,7 @@ class _Impact:
         raise RuntimeError("too many switches in one impact")
 
 
-def resolve(
-    G: Array, c: Array, e: Sequence[float], mu: float, mu_s: float, axial: Array, tol: float = 1e-11
-) -> tuple[Array, dict[str, Any]]:
+def resolve(G: Array, c: Array, law: Law, axial: Array, tol: float = 1e-11) -> tuple[Array, dict[str, Any]]:
     """Impulses of an impact at k contacts.
 
     Parameters
@@ -247,10 +259,8 @@ def resolve(
         Delassus blocks, kg^-1; rows and columns normal, x, y of each contact.
     c : (k, 3) array
         Contact velocities before: gap rate, x, y, m/s.
-    e : sequence of float
-        Energetic restitution at each contact.
-    mu, mu_s : float
-        Slip and stick coefficients; both zero means normal impulses only, for any k.
+    law : Law
+        Where all friction coefficients are zero there are normal impulses only, for any k.
     axial : (2,) array
         Heading of the dimer's axis.
     tol : float
@@ -269,7 +279,7 @@ def resolve(
     if speed <= 0:
         return np.zeros_like(c), {"stuck": [], "log": []}
     slip_zero = max(SLIP_ZERO, SLIP_NOISE / speed)
-    state = _Impact(G / compliance, c / speed, e, mu, mu_s, axial, tol, slip_zero)
+    state = _Impact(G / compliance, c / speed, law, axial, tol, slip_zero)
     state.run()
     stuck = [i for i in range(len(c)) if i in state.zero]
     return state.P * speed / compliance, {"stuck": stuck, "log": state.log}
@@ -281,12 +291,12 @@ def apply(
     """Velocities after the impact of the closed contacts; see `impact`."""
     contacts = [i for i in (0, 1) if closed[i]]
     if len(contacts) == 2 and q[4] != 0:
-        raise ValueError("both contacts can be closed at beta = 0 only")
+        raise ValueError("both contacts can be closed at level only")
     G, response = body.delassus(d, q)
     c = np.einsum("iak,k->ia", body.jacobian(d, q), qdot)
     P, details = resolve(
         G[np.ix_(contacts, range(3), contacts, range(3))], c[contacts],
-        [d.e[i] for i in contacts], d.mu, d.mu_s, body.axial_direction(q), tol,
+        Law(*([values[i] for i in contacts] for values in (d.e, d.mu, d.mu_s, d.k)), d.eta), body.axial_direction(q), tol,
     )  # fmt: skip
     impulse = np.zeros((2, 3))
     impulse[contacts] = P
@@ -315,8 +325,8 @@ def impact(
     params : mapping
         The dimer's parameters, names as in `body.DEFAULTS`.
     q, qdot : (6,) sequences
-        x1, y1, delta1, theta, beta, gamma and their rates before (delta1' relative to the plate), SI. Only theta and
-        beta of q matter; beta is 0 where both contacts are closed.
+        x1, y1, delta1, theta, dip, gamma and their rates before (delta1' relative to the plate), SI; see `body`. Only theta
+        and the dip of q matter; the dip is 0 where both contacts are closed.
     closed : pair of bool
         Which contacts are closed.
     tol : float
@@ -332,7 +342,7 @@ def impact(
     return apply(body.dimer(params), np.asarray(q, dtype=float), np.asarray(qdot, dtype=float), closed, tol)
 
 
-def three_balls(e: float, v: Sequence[float] = (1.0, 0.0, 0.0), tol: float = 1e-12) -> Array:
+def three_balls(e: float, v: Sequence[float] = (1.0, 0.0, 0.0), eta: float = 1.5, tol: float = 1e-12) -> Array:
     """Velocities after the collision of three equal balls in a row, all touching, with velocities `v` before.
 
     Returns
@@ -343,5 +353,5 @@ def three_balls(e: float, v: Sequence[float] = (1.0, 0.0, 0.0), tol: float = 1e-
     G, c = np.zeros((2, 3, 2, 3)), np.zeros((2, 3))
     G[:, 0, :, 0] = B @ B.T
     c[:, 0] = B @ np.asarray(v, dtype=float)
-    P, _ = resolve(G, c, (e, e), 0.0, 0.0, np.array([1.0, 0.0]), tol)
+    P, _ = resolve(G, c, Law((e, e), (0, 0), (0, 0), (1, 1), eta), np.array([1.0, 0.0]), tol)
     return np.asarray(v, dtype=float) + B.T @ P[:, 0]

@@ -1,7 +1,7 @@
 """One run: free motion, sustained contact and impacts, one after the other, each integrated as the equations stand."""
 
 from collections.abc import Callable, Mapping, Sequence
-from math import pi, sin
+from math import pi
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ STRIDE = 0.05  # longest step, in forcing periods: at rest the plate may throw t
 SLIP_ZERO, SLIP_FREE = 1e-10, 1e-9  # m/s; slip that counts as zero, slip at which a breaking contact is on its own
 
 
-class _Run:
+class Run:
     """The dimer, where it is, and what has happened so far."""
 
     def __init__(self, params: Mapping[str, float], t_samples: Sequence[float], rtol: float, v_rest: float) -> None:
@@ -29,11 +29,12 @@ class _Run:
         self.d = d = body.dimer(params)
         self.rtol, self.v_rest = rtol, v_rest
         self.t, self.q, self.qdot = 0.0, np.zeros(6), np.zeros(6)
-        self.q[4], self.qdot[0] = p["beta0"], p["xdot0"]
-        self.qdot[2] = -body.plate_rate(d, 0.0)  # at rest in space, on the moving plate
-        if p["beta0"] < 0:
-            raise ValueError("beta0 < 0 puts end 2 into the plate")
-        self.closed, self.resting = {0, 1} if p["beta0"] == 0 else {0}, set[int]()
+        self.q[3], self.q[4] = p.get("theta0", 0.0), p["beta0"] - d.beta_0
+        self.qdot[0] = p["xdot0"]
+        self.qdot[:3] -= body.plate_velocity(d, 0.0)  # at rest in the room but for xdot0, on the moving plate
+        self.q[2] = max(0.0, -body.rise(d, self.q))
+        self.closed = {int(i) for i in np.flatnonzero(body.gaps(d, self.q) <= 0)}
+        self.resting = set[int]()
         self.breaking: dict[int, Array] = {}
         self.t_samples = [float(t) for t in t_samples]
         self.samples: list[Array] = []
@@ -72,7 +73,7 @@ class _Run:
         elif self.resting == {0}:
             q[2] = 0.0
         elif self.resting == {1}:
-            q[2] = -self.d.l * sin(q[4])
+            q[2] = -body.rise(self.d, q)
         rows = [(i, 0) for i in sorted(self.resting)] + [(i, a) for i in stuck for a in (1, 2)]
         if rows:
             J = np.array([body.jacobian(self.d, q)[row] for row in rows])
@@ -92,7 +93,7 @@ class _Run:
         opened = [i for i in (0, 1) if i not in state.active]
         # an end that is just leaving the plate starts from zero whatever round-off says
         offset = [body.gaps(d, self.q)[i] if i in self.closed else 0.0 for i in (0, 1)]
-        rough = d.mu > 0 or d.mu_h > 0
+        rough = any(d.mu) or any(d.mu_h)
         free = [i for i in state.active if rough and i in state.breaking]
         slide = [i for i in state.active if rough and i not in state.breaking and i not in state.stick]
         names = [(i, "land") for i in opened] + [(i, "lift") for i in state.active]
@@ -140,7 +141,9 @@ class _Run:
             while len(self.samples) < len(self.t_samples) and self.t_samples[len(self.samples)] <= t0 + s:
                 t = self.t_samples[len(self.samples)]
                 y = dense(t - t0)
-                self.samples.append(np.concatenate([[t], *self.clean(y[:6], y[6:], state.stick)]))
+                q, qdot = self.clean(y[:6], y[6:], state.stick)
+                q[4] += d.beta_0
+                self.samples.append(np.concatenate([[t], q, qdot]))
 
         names, values = self.watches(state)
         tol = max(1e-2 * self.rtol, 1e-13)
@@ -193,13 +196,12 @@ def simulate(
 ) -> dict[str, Any]:
     """Simulate one dimer from its release to the last sample.
 
-    It starts with end 1 on the plate (delta1 = 0), at rest in space but for xdot0: delta1' = -z_p'(0).
+    It starts with one end on the plate, end 2 where beta0 is below level, at rest in the room but for xdot0.
 
     Parameters
     ----------
     params : mapping
-        e, Gamma, f, A_r, mu, mu_s, beta0, xdot0 and optionally e_1, e_2, phi0, r, rho_b, rho_r, D_r, g,
-        Gamma_2, phi_2, mu_h; the paper's values where left out.
+        Names as `body.dimer` takes them; the paper's values where left out.
     t_samples : sequence of float
         Ascending times, s.
     rtol : float
@@ -214,6 +216,6 @@ def simulate(
         't_double': times of the impacts that began with both contacts closed; 'events': a list of dicts with t, kind
         and, for impacts, gap rates before and after, impulses, final stick or slip; 'status': "done" if all went well.
     """
-    run = _Run(params, t_samples, rtol, v_rest)
+    run = Run(params, t_samples, rtol, v_rest)
     status = run.run(max(run.t_samples))
     return {"samples": np.array(run.samples), "t_double": run.t_double, "events": run.events, "status": status}
