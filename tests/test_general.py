@@ -2,13 +2,21 @@
 
 import json
 import os
+from cmath import phase, rect
+from math import cos, pi, sin
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from dimersweep import simulate
+from dimersweep.kernel.contact.coordinates import N_Y
+from dimersweep.kernel.contact.forces import COMPLIANCE, N_F
+from dimersweep.kernel.model.layout import CB, D1, D2, N_STATE, SPIN, STICK, THETA, WP, X1, Y1
+from tests.checks.launch import launch
 from tests.checks.scenes import COLUMNS, SCALE
+from tests.checks.verbs import as_dimer, contact_rates, contact_state, dimer, kinetic_energy, levers, row_of
 
 REFERENCE = Path(os.environ.get("DIMERSWEEP_SHARED", Path(__file__).parents[2] / "shared")) / "reference"
 
@@ -18,8 +26,8 @@ pytestmark = pytest.mark.jit
 
 # It ends a chatter at a separation speed of 1e-7 m/s, where it drops the gap rate that is left, without the impulse that
 # would take it away: beta' is then wrong by a few 1e-6 rad/s, and what follows by up to 8e-5. The slow oracle made to do so
-# has its states within 1e-7, and as it stands those of the engine, the nearer the slower an end may be that it takes for
-# resting (benchmarks/evidence/general_scenes.py).
+# has its states within 1e-6, most of them within 1e-7; as it stands it has those of the engine, the nearer the slower an end
+# may be that it takes for resting (benchmarks/evidence/general_scenes.py).
 SMOOTH, CHATTERED = 1e-6, 1e-4
 # The double impact of this run is not that of its parameters, by the slow oracle either (6e-9 from the engine); it is almost
 # what eta = 3/2 in place of 1.573 gives.
@@ -63,3 +71,208 @@ def test_how_far_the_other_program_can_judge():
     judged = {number: int((~apart(case, 1e-10)[1]).sum()) for number, case in stored_runs().items()}
     assert {number for number, samples in judged.items() if samples == 8} == {1, 3, 5, 6, 8, 14}
     assert sum(judged.values()) >= 70
+
+
+# --- symmetries -------------------------------------------------------------------------------------------------------
+
+PARTS = {
+    "r_1": 5.5e-3, "r_2": 4.2e-3, "rho_b_1": 4000.0, "rho_b_2": 7000.0, "e_1": 0.55, "e_2": 0.7, "mu_1": 0.15, "mu_2": 0.3,
+    "mu_s_1": 0.25, "mu_s_2": 0.4, "mu_h_1": 0.3, "mu_h_2": 0.35, "l": 0.045,
+}  # fmt: skip
+UNLIKE = PARTS | {"eta": 1.3, "k_ratio": 1.7}
+SIDEWAYS = {"tilt": 0.03, "azimuth": 2.0, "Gamma_x": 0.1, "phi_x": 1.0, "Gamma_y": 0.2, "phi_y": 0.3}
+SCENES = {
+    "walk": {"beta0": 0.3, "Gamma": 0.9},
+    "sideways": {"beta0": 0.3, "Gamma": 0.6} | SIDEWAYS,
+    "flat": {"beta0": 0.06, "Gamma": 0.4, "Gamma_x": 0.05},
+    "p2 down": {"beta0": -0.5, "Gamma": 0.8, "xdot0": 0.2, "e_2": 0.3, "mu_h_2": 2.0} | SIDEWAYS,
+    "held": {"beta0": -0.02, "Gamma": 0.7, "xdot0": 0.01, "e_1": 0.2, "e_2": 0.1, "mu_h_1": 2.0, "mu_h_2": 2.0}
+    | SIDEWAYS,
+}
+scenes = pytest.mark.parametrize("name", SCENES)
+INSTANTS = np.linspace(0.0, 4 / 15, 81)
+# quantities, and the unit in which a difference of two runs counts
+UNITS = dict(zip(COLUMNS, SCALE, strict=True)) | {"x": 0.01, "y": 0.01, "gap_2": 0.01, "gap_2_rate": 0.1}
+
+
+def states_of(**scene):
+    """States of a run of four periods, in arrays."""
+    run = simulate(**scene, periods=4, rtol=1e-12)
+    assert run.status == "ok", run.message
+    states = run.states(INSTANTS)
+    return {name: states[name].values for name in UNITS} | {"kinds": set(run.events["kind"].values)}
+
+
+def assert_same(states, expected, names, within):
+    """Compare quantities of two runs, in their units."""
+    worst = {name: np.abs(states[name] - expected[name]).max() / UNITS[name] for name in names}
+    assert max(worst.values()) < within, worst
+
+
+def exchanged(scene):
+    """The same scene with its ends numbered the other way round."""
+    kinds = ("r", "rho_b", "e", "mu", "mu_s", "mu_h")
+    ends = {f"{kind}_{i}": f"{kind}_{3 - i}" for kind in kinds for i in (1, 2)}
+    scene = {ends.get(name, name): value for name, value in scene.items()}
+    return scene | {"k_ratio": 1 / scene["k_ratio"], "beta0": -scene["beta0"], "theta0": scene.get("theta0", 0.0) + pi}
+
+
+@scenes
+def test_exchanged_ends_move_as_before(name):
+    scene = UNLIKE | SCENES[name]
+    before, after = states_of(**scene), states_of(**exchanged(scene))
+    seen = {name: after[name] for name in ("x", "y", "theta_rate")}
+    seen |= {f"gap_{i}{rate}": after[f"gap_{3 - i}{rate}"] for i in (1, 2) for rate in ("", "_rate")}
+    seen |= {name: -after[name] for name in ("beta", "beta_rate", "spin_rate")}
+    seen |= {"theta": after["theta"] - pi, "spin": -after["spin"]}
+    for track in ("x", "y"):  # counted from where they start: that is ball 1, which is another one
+        before[track], seen[track] = before[track] - before[track][0], seen[track] - seen[track][0]
+    before["spin"], seen["spin"] = before["spin"] - before["spin"][0], seen["spin"] - seen["spin"][0]
+    assert_same(seen, before, seen, 1e-10)
+
+
+def test_the_scenes_hold_every_phase():
+    kinds = set().union(*(states_of(**UNLIKE | scene)["kinds"] for scene in SCENES.values()))
+    wanted = {
+        "SC1_sp",
+        "SC2_sp",
+        "SC2_sk",
+        "DC_sp_sp",
+        "DC_sk_sp",
+        "DC_sp_sk",
+        "DC_sk_sk",
+        "SI1_sp",
+        "SI2_sp",
+        "DI_sp_sp",
+    }
+    assert wanted <= kinds, sorted(kinds)
+
+
+def turned(scene, angle):
+    """The same scene with start, azimuth and the plate's motion along itself turned about the vertical."""
+    along = {axis: rect(scene.get(f"Gamma_{axis}", 0.0), scene.get(f"phi_{axis}", 0.0)) for axis in "xy"}
+    x, y = along["x"] * cos(angle) - along["y"] * sin(angle), along["x"] * sin(angle) + along["y"] * cos(angle)
+    shaken = {"Gamma_x": abs(x), "phi_x": phase(x), "Gamma_y": abs(y), "phi_y": phase(y)}
+    turn = {"theta0": scene.get("theta0", 0.0) + angle, "azimuth": scene.get("azimuth", 0.0) + angle}
+    return scene | shaken | turn
+
+
+@scenes
+@pytest.mark.parametrize("angle", [0.7, pi])
+def test_everything_turned_turns_the_track(name, angle):
+    """A start has a velocity along X alone: it is turned by half a turn, or zero."""
+    scene = UNLIKE | SCENES[name]
+    scene["xdot0"] = 0.0 if angle == 0.7 else scene.get("xdot0", 1.0)
+    other = turned(scene, angle) | {"xdot0": -scene["xdot0"]}
+    before, after = states_of(**scene), states_of(**other)
+    for one, two in (("x", "y"), ("x1", "y1"), ("x1_rate", "y1_rate")):
+        x, y = before[one], before[two]
+        before[one], before[two] = x * cos(angle) - y * sin(angle), x * sin(angle) + y * cos(angle)
+    before["theta"] = before["theta"] + angle
+    assert_same(after, before, UNITS, 1e-12)
+
+
+@scenes
+def test_without_friction_the_plate_moves_nothing_sideways(name):
+    """The centre of mass has a closed form, whatever the ends do; for the rest the plate need not move along itself."""
+    smooth = (
+        UNLIKE | SCENES[name] | {f"{kind}_{i}": 0.0 for kind in ("mu", "mu_s", "mu_h") for i in (1, 2)} | {"xdot0": 0.3}
+    )
+    states, still = states_of(**smooth), states_of(**smooth | {"Gamma_x": 0.0, "Gamma_y": 0.0, "xdot0": -0.2})
+    tilt, azimuth, g, omega = smooth.get("tilt", 0.0), smooth.get("azimuth", 0.0), 9.81, 2 * pi * 15
+    for axis, fall, start in (("x", cos(azimuth), 0.3), ("y", sin(azimuth), 0.0)):
+        Gamma, lead = smooth.get(f"Gamma_{axis}", 0.0), smooth.get(f"phi_{axis}", 0.0)
+        plate = Gamma * g / omega**2 * (np.sin(omega * INSTANTS + lead) - sin(lead))
+        moved = start * INSTANTS + 0.5 * g * sin(tilt) * fall * INSTANTS**2 - plate
+        np.testing.assert_allclose(states[axis] - states[axis][0], moved, atol=1e-14)
+    assert_same(states, still, ("theta", "beta", "spin", "gap_1", "gap_2", "beta_rate", "theta_rate"), 1e-11)
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.2])
+def test_elastic_bounces_keep_the_energy_in_the_tilted_potential(tilt):
+    scene = {name: value for name, value in UNLIKE.items() if not name.startswith(("mu", "e_"))}
+    scene |= {"mu": 0.0, "mu_s": 0.0, "e": 1.0, "Gamma": 0.0, "beta0": 0.4, "tilt": tilt, "azimuth": 1.0}
+    run = simulate(**scene, periods=1000, rtol=1e-12)
+    assert run.status == "ok"
+    s = run.states(np.linspace(0, 1000 / 15, 2001))
+    dm = dimer(**scene)
+    beta, theta, g = s["beta"].values, s["theta"].values, 9.81
+    h, w_b, w_t = -dm.p1.h, s["beta_rate"].values, s["theta_rate"].values
+    x_rate = s["x1_rate"] - h * (np.cos(beta) * np.cos(theta) * w_t - np.sin(beta) * np.sin(theta) * w_b)
+    y_rate = s["y1_rate"] - h * (np.cos(beta) * np.sin(theta) * w_t + np.sin(beta) * np.cos(theta) * w_b)
+    n_rate = s["gap_1_rate"] + h * np.cos(beta) * w_b
+    spin = s["spin_rate"] + w_t * np.sin(beta)
+    moving = (
+        dm.m * (x_rate**2 + y_rate**2 + n_rate**2) + dm.J_t * (w_b**2 + (np.cos(beta) * w_t) ** 2) + dm.J_a * spin**2
+    )
+    height = s["gap_1"] + dm.p1.r + h * np.sin(beta)
+    down = s["x"] * cos(1.0) + s["y"] * sin(1.0)
+    energy = (0.5 * moving + dm.m * g * (height * cos(tilt) - down * sin(tilt))).values
+    assert np.ptp(energy) < 1e-10 * np.ptp(0.5 * moving.values)
+
+
+# --- a cone that rolls ------------------------------------------------------------------------------------------------
+
+ROLLING = {name: value for name, value in PARTS.items() if not name.startswith("mu")} | {"mu": 9.0, "Gamma": 0.0}
+
+
+def rolling(scene, omega):
+    """A dimer on both ends that rolls about its line of contact at the rate `omega`, and its constants."""
+    row = row_of(**scene)
+    dm = as_dimer(row)
+    p = levers(dm, -1.0, dm.sin_0, dm.cos_0)
+    state = np.zeros(N_STATE)
+    state[WP], state[SPIN] = -omega * dm.sin_0, omega * dm.cos_0
+    state[CB] = -p.b * state[WP] - p.c * state[SPIN]
+    return row, dm, state, p.a
+
+
+def pressed(dm, omega, height):
+    """Normal forces of both ends of a rolling cone.
+
+    The spin L = omega (J_a cos^2 + J_t sin^2) along the line of contact turns with theta', and the centre of mass goes round
+    the apex at omega z_0: the moment of the normal forces and of the friction that pulls towards the apex has to turn it.
+    """
+    tan_0 = dm.sin_0 / dm.cos_0
+    moment = omega**2 * tan_0 * (dm.m * height**2 + dm.J_a * dm.cos_0**2 + dm.J_t * dm.sin_0**2) / dm.cos_0
+    return np.array([dm.m * dm.g * dm.p2.h - moment, moment - dm.m * dm.g * dm.p1.h]) / dm.l
+
+
+@pytest.mark.parametrize("ends", [{}, {"r_1": 4e-3, "r_2": 6e-3}])
+def test_two_ends_that_stick_roll_as_a_cone(ends):
+    row, dm, state, height = rolling(ROLLING | ends, 30.0)
+    assert height == pytest.approx(dm.p1.r - dm.p1.h * dm.sin_0, rel=1e-15)
+    assert state[CB] == pytest.approx(30.0 * height, rel=1e-14)
+    run = launch(row, state, 20, 1e-12)
+    assert run.status == "ok"
+    turn, radius, time = -30.0 * dm.sin_0 / dm.cos_0, height * dm.cos_0 / dm.sin_0, 20 / 15
+    last = run.state
+    assert last[THETA] == pytest.approx(turn * time, rel=1e-12)
+    np.testing.assert_allclose(last[[WP, SPIN, CB]], state[[WP, SPIN, CB]], rtol=1e-13)
+
+    def centre(s):
+        return np.array([s[X1] + dm.p1.h * dm.cos_0 * sin(s[THETA]), s[Y1] - dm.p1.h * dm.cos_0 * cos(s[THETA])])
+
+    # about the apex, which lies on the axis, towards the lesser ball
+    start, end = ((-sin(angle), cos(angle)) for angle in (0.0, last[THETA]))
+    np.testing.assert_allclose(centre(last) - centre(state), radius * (np.array(end) - start), atol=1e-13)
+    assert kinetic_energy(dm, last) == pytest.approx(kinetic_energy(dm, state), rel=1e-13)
+
+
+@pytest.mark.parametrize("ends", [{}, {"r_1": 4e-3, "r_2": 6e-3}])
+def test_a_cone_that_rolls_presses_as_derived_and_lifts_off_where_an_end_presses_no_more(ends):
+    row, dm, state, height = rolling(ROLLING | ends, 30.0)
+    y, dy, F = np.zeros(N_Y), np.zeros(N_Y), np.zeros(N_F)
+    contact_state(dm, state, -1.0, y)
+    contact_rates(dm, np.array([STICK, STICK], float), 0.0, y, dy, F)
+    forces, weight = F[:COMPLIANCE].reshape(2, 3), dm.m * dm.g
+    np.testing.assert_allclose(forces[:, 0], pressed(dm, 30.0, height), atol=1e-13 * weight)
+    pull = -dm.m * 30.0**2 * height * dm.sin_0 / dm.cos_0  # towards the apex, which is beyond the lesser ball
+    assert forces[:, 1].sum() == pytest.approx(pull, abs=1e-13 * weight)
+    np.testing.assert_allclose(forces[:, 2], 0.0, atol=1e-13 * weight)
+
+    limit = brentq(lambda omega: pressed(dm, omega, height).min(), 1.0, 1e4, xtol=1e-12)
+    for share, stays in ((1 - 1e-9, True), (1 + 1e-9, False)):
+        row, _, state, _ = rolling(ROLLING | ends, share * limit)
+        last = launch(row, state, 1, 1e-12).state
+        assert (last[D1] == last[D2] == 0.0) == stays
