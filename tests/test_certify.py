@@ -18,7 +18,7 @@ from dimersweep.kernel.model.layout import (
     M_UNRESOLVED,
     OUT,
 )
-from dimersweep.studies.certifying import (
+from dimersweep.runs.shadows import (
     CERTAIN,
     CHANGED,
     ORBIT,
@@ -26,12 +26,11 @@ from dimersweep.studies.certifying import (
     certified,
     compared,
     orbit_difference,
-    run,
 )
 from dimersweep.studies.datasets import make
 from dimersweep.studies.declaration import read_declaration
 from dimersweep.studies.rerun import from_cube
-from tests.fakes import fake_run_many
+from dimersweep.work.tiles import run_all_patiently
 
 GRID = {"Gamma": [0.7, 0.9], "beta0": {"start": 4, "stop": 60, "num": 8, "unit": "deg"}}
 SETTINGS = {"periods": 100, "progress": False, "workers": 1}
@@ -53,16 +52,11 @@ def in_an_empty_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-@pytest.fixture
-def fake_kernels(fake_kernel, monkeypatch):
-    monkeypatch.setattr("dimersweep.studies.certifying.run_many", fake_run_many)
-
-
-def judged(periods=100, rtol=1e-8, **start):
+def judged(periods=100, max_periods=None, **start):
     """Mode and confidence of one point."""
-    rows = Parameters(**start).row()[None]
-    out, codes = run(rows, periods, rtol, True)
-    return codes[0, MODE], certified(rows, periods, rtol, True, out, codes)[0][0]
+    how = Parameters(**start).row()[None], periods, max_periods or periods, 1e-8, True
+    out, codes = run_all_patiently(*how)
+    return codes[0, MODE], certified(*how, out, codes)[0][0]
 
 
 def test_a_verdict_is_certain_but_at_a_border():
@@ -83,6 +77,14 @@ def test_what_has_not_settled_is_unsure():
     assert judged(periods=10) == (M_UNRESOLVED, UNSURE)
 
 
+@pytest.mark.parametrize("Gamma", [0.8, 0.85])
+def test_a_point_that_may_take_more_periods_is_as_certain_as_its_first_run(Gamma):
+    """Its shadows begin with as few periods as it does, so that they settle by the same rule."""
+    alone = judged(periods=40, max_periods=40, Gamma=Gamma, beta0=np.deg2rad(18.9))
+    assert alone == (M_DRIFT, CERTAIN)
+    assert judged(periods=40, max_periods=640, Gamma=Gamma, beta0=np.deg2rad(18.9)) == alone
+
+
 def test_a_mode_by_another_transient_is_luck():
     out, codes = np.full((4, len(OUT)), np.nan), np.zeros((4, len(CODES)), dtype=int)
     codes[:, MODE], out[:, SETTLED_AFTER] = M_DRIFT, 30.0
@@ -95,9 +97,10 @@ def test_a_mode_by_another_transient_is_luck():
 
 def test_the_error_of_an_orbit_is_that_to_a_much_finer_run():
     rows = np.array([Parameters(beta0=beta0).row() for beta0 in (0.28, 0.3)])
-    coarse, finest = run(rows, 100, 1e-5, True), run(rows, 100, 1e-12, True)
+    how = (100, 100, 1e-5, True)
+    coarse, finest = run_all_patiently(rows, *how), run_all_patiently(rows, 100, 100, 1e-12, True)
     assert (coarse[1][:, MODE] == M_DRIFT).all()
-    error = certified(rows, 100, 1e-5, True, *coarse)[1]
+    error = certified(rows, *how, *coarse)[1]
     assert error == pytest.approx(orbit_difference(coarse[0], finest[0]), rel=0.2)
     assert (error > 0).all()
     phase = np.zeros((1, len(OUT)))
@@ -141,7 +144,7 @@ def test_certified_points_extend_certified_sweeps_only():
         dimersweep.sweep(more, **SETTINGS, certify=True, extend="plain.nc")
 
 
-def test_a_cube_above_memory_has_them_too(fake_kernels, monkeypatch):
+def test_a_cube_above_memory_has_them_too(fake_kernel, monkeypatch):
     pytest.importorskip("zarr")
     monkeypatch.setattr("dimersweep.storage.zarr.CHUNK_POINTS", 3)
     cube = dimersweep.sweep(GRID, **SETTINGS, certify=True, out="cube.zarr")
@@ -152,7 +155,7 @@ def test_a_cube_above_memory_has_them_too(fake_kernels, monkeypatch):
     assert (cube["confidence"] != 0).all()
 
 
-def test_a_declaration_and_the_command_line_certify(fake_kernels, monkeypatch, capsys):
+def test_a_declaration_and_the_command_line_certify(fake_kernel, monkeypatch, capsys):
     Path("sweep.toml").write_text(DECLARED)
     cube = make(read_declaration("sweep.toml"), None, progress=False)
     assert set(names(cube["confidence"]).values.ravel()) <= {"certain", "unsure", "changed"}

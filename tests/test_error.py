@@ -11,7 +11,7 @@ import pytest
 
 from dimersweep import cli, simulate
 from dimersweep.errors import ParameterError
-from dimersweep.runs.error_bounds import (
+from dimersweep.runs.shadows import (
     CLOSED_STATE,
     SCALES,
     bounds,

@@ -18,13 +18,14 @@ from dimersweep import Parameters, simulate
 from dimersweep.cubes.cube import FLAGS, blank
 from dimersweep.kernel.batch import run_many
 from dimersweep.kernel.model.layout import CODES, MODES
-from dimersweep.runs.error_bounds import (
+from dimersweep.runs.shadows import (
+    CERTAIN,
     FINEST,
+    certified,
     delays,
     difference,
     scaled,
 )
-from dimersweep.studies.certifying import CERTAIN, certified
 
 FIGURE = Path(__file__).resolve().parent.parent / "docs" / "figures" / "calibration.png"
 LENGTHS = (4, 4, 20, 60)  # forcing periods, in turns
@@ -77,7 +78,7 @@ def verdicts_of(seeds):
     out, codes = blank(len(rows))
     run_many(rows, VERDICT_PERIODS, RTOL, True, out, codes)
     plain = time.perf_counter() - began
-    confidence, _ = certified(rows, VERDICT_PERIODS, RTOL, True, out, codes)
+    confidence, _ = certified(rows, VERDICT_PERIODS, VERDICT_PERIODS, RTOL, True, out, codes)
     spent = time.perf_counter() - began
     modes = []
     for rtol in RTOLS:

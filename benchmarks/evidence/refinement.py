@@ -20,12 +20,12 @@ from time import perf_counter
 import numpy as np
 
 import dimersweep
-from dimersweep.cubes.cube import blank, names
+from dimersweep.cubes.cube import names
 from dimersweep.kernel.model.layout import CODES, MODES
 from dimersweep.parameters import fill_rows
 from dimersweep.studies.declaration import read_declaration
 from dimersweep.studies.refine import refine
-from dimersweep.work.tiles import run_patiently
+from dimersweep.work.tiles import run_all_patiently
 
 SHARE = 0.1  # of the grid's runs that a map may take
 
@@ -47,10 +47,8 @@ def modes_at(cube, told, place):
     values = np.array(told["search"]["values"])
     here = {str(dim): cube[dim].values[k] for dim, k in zip(cube["mode"].dims, place, strict=True)}
     rows = fill_rows(told["fixed"] | here | {told["search"]["axis"]: values}, values.size)
-    out, codes = blank(values.size)
-    longest, done = told.get("max_periods", told["periods"]), 0
-    while done < values.size:
-        done += run_patiently(rows[done:], told["periods"], longest, told["rtol"], True, out[done:], codes[done:])
+    longest = told.get("max_periods", told["periods"])
+    _, codes = run_all_patiently(rows, told["periods"], longest, told["rtol"], True)
     return codes[:, CODES.index("mode")]
 
 

@@ -25,7 +25,6 @@ from typing import Any
 import numpy as np
 
 import dimersweep.runs.solving
-import dimersweep.studies.certifying
 import dimersweep.work.tiles
 from dimersweep import sweep
 from dimersweep.cubes.cube import blank
@@ -38,9 +37,8 @@ ROOT = Path(__file__).resolve().parents[2]
 OVERHEAD, SCALING = 1.1, 1.7  # limits: below, above
 PAIRED = 1.03  # limit of the overhead in processor time
 ON_CORE = 0.95  # share of the kernel's time on a processor, below which the machine was busy
-CALLS = (  # of compiled code, by those who run points, certify them, and record paths
+CALLS = (  # of compiled code, by those who run points and record paths
     (dimersweep.work.tiles, "run_many"),
-    (dimersweep.studies.certifying, "run_many"),
     (dimersweep.runs.solving, "run_recorded"),
 )
 

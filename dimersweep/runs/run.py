@@ -14,9 +14,9 @@ import xarray as xr
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import CODES, MODES, OUT, PERIOD, STATUS_MESSAGES, STATUSES
 from dimersweep.parameters import Parameters, as_number, as_numbers, check_count
-from dimersweep.runs.error_bounds import NUDGE, bounds, nudged, shadow_rtol
 from dimersweep.runs.outcome import Orbit, orbit_from
 from dimersweep.runs.recorded import RunRecord, events_of, states_of
+from dimersweep.runs.shadows import NUDGE, bounds, nudged, nudged_state, shadow_rtol
 from dimersweep.runs.solving import RunEnd, Solved, check_recorded, go_on, speed_at
 from dimersweep.runs.starting import INITIAL
 from dimersweep.symbols import CAPTION, conditions
@@ -385,7 +385,8 @@ class Run:
         times = np.union1d(np.arange(self.n_periods + 1) * T, [] if t is None else self.states(t)["time"])
         rtol = shadow_rtol(self.rtol)
         given: dict[str, Any] = self._given()
-        starts = ((given, self.start), nudged(given, self.start, NUDGE * self.rtol))
+        by = NUDGE * self.rtol
+        starts = ((given, self.start), (nudged(given, by), self.start and nudged_state(self.start, by)))
         shadows = [simulate(**dict(one), start=begin, periods=self.n_periods, rtol=rtol) for one, begin in starts]
         return bounds(self, shadows, times, T)
 

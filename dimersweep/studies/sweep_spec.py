@@ -14,7 +14,7 @@ from dimersweep.errors import ParameterError
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import Workspace, is_stopped
 from dimersweep.parameters import check_count, check_rtol, check_switch
-from dimersweep.studies.certifying import certified
+from dimersweep.runs.shadows import certified
 from dimersweep.studies.strobes import MAX_STROBES, add_strobes, strobe_fields
 from dimersweep.work.tiles import SLOW_MODES, around, run_patiently
 
@@ -82,12 +82,12 @@ class Spec:
         """See `Work`: until one has used all its periods, so that quick points do not go on for long with slow ones."""
         out, codes = blank(points.size)
         rows = self.grid.rows_at(points)
-        how = self.rtol, self.stop_when_settled
-        done = run_patiently(rows, self.periods, self.max_periods, *how, out, codes, until=SLOW_MODES, space=space)
+        how = self.periods, self.max_periods, self.rtol, self.stop_when_settled
+        done = run_patiently(rows, *how, out, codes, until=SLOW_MODES, space=space)
         results["out"][:done], results["codes"][:done] = out[:done], codes[:done]
         if self.certify:
             results["confidence"][:done], results["error_estimate"][:done] = certified(
-                rows[:done], self.max_periods, *how, out[:done], codes[:done], space
+                rows[:done], *how, out[:done], codes[:done], space
             )
         if self.strobes:
             add_strobes(rows[:done], self.rtol, results[:done], space)

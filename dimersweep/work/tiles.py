@@ -6,6 +6,7 @@ from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 
+from dimersweep.cubes.cube import blank
 from dimersweep.cubes.points import AnyGrid
 from dimersweep.cubes.results import Bundle, Finished, Tile, blank_results
 from dimersweep.kernel.batch import Workspace, is_stopped, run_many
@@ -127,6 +128,18 @@ def run_patiently(
         if not run_many(rows[last], more, rtol, settle, out[last], codes[last], until=until, space=space):
             return made - 1  # it was stopped
     return made
+
+
+def run_all_patiently(
+    rows: np.ndarray, periods: int, max_periods: int, rtol: float, settle: bool, space: Workspace | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Results of all points by `run_patiently`: `out` and `codes`, blank from where the work was stopped."""
+    out, codes = blank(len(rows))
+    done, made = 0, 1
+    while made and done < len(rows):
+        made = run_patiently(rows[done:], periods, max_periods, rtol, settle, out[done:], codes[done:], space=space)
+        done += made
+    return out, codes
 
 
 class Work(Protocol):

@@ -1,27 +1,51 @@
-"""The error of a recorded run, from how far runs that shadow it come out elsewhere.
+"""How sure a run is, from shadows of it: the same run at another accuracy, or from a start beside the given one.
 
-A shadow is the same run at another accuracy, or from a start that differs in its last digits. The error of a run falls in
-proportion to its rtol and its time grows by a tenth for a digit, so that the difference to a much finer run is the error
-itself, but for a per cent. The nudged shadow adds what rounding has grown to, which a finer rtol does not cure.
+The error of a recorded run is how far its shadows come out elsewhere. It falls in proportion to rtol, and the time of a run
+grows by a tenth for a digit, so that the difference to a much finer run is the error itself, but for a per cent. The nudged
+shadow adds what rounding has grown to, which a finer rtol does not cure.
+
+A verdict has two shadows: the run with more digits, and the run with fewer from a start beside it. Where one of them comes
+to another mode, a change of verdict is that near. Where both come to the same mode but settle in another period, the
+transient was another one, and the mode is luck. A motion that has not settled has no certain verdict: chaos may end after
+any time.
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
 import xarray as xr
 
+from dimersweep.kernel.batch import Workspace
+from dimersweep.kernel.model.layout import (
+    CODE_MODE,
+    CODE_N_PERIODS,
+    M_DRIFT,
+    M_FLUTTER,
+    M_JUMP,
+    M_PERIOD_N,
+    M_REST,
+    N_ORBIT,
+    OUT_SETTLED_AFTER,
+    ROW,
+)
 from dimersweep.kernel.model.plate import phases_later
+from dimersweep.parameters import RTOL_RANGE
 from dimersweep.symbols import EVENTS, STATES
+from dimersweep.work.tiles import run_all_patiently
 
+FINEST, COARSEST = RTOL_RANGE
 FINER = 1e-2  # rtol of a shadow over that of the run
 # the same where nothing much finer is to be had: its own error, ten times that of the run, is the difference
 COARSER = 10.0
-FINEST = 1e-13
+LOOSER, LOOSE = 1e2, 1e-6  # rtol of a verdict's second shadow over that of the run, and its least
 NUDGE = 1e-4  # change of the start over rtol: far below the error of the run, far above round-off
 SAFETY = 10.0  # bound over difference: two runs can be alike by chance
 ROUNDING = 1e-12  # what no number is known better than, in its scale
+CERTAIN, UNSURE, CHANGED = 1, 2, 3  # codes of ``cube.FLAGS["confidence"]``
+SETTLED = (M_REST, M_DRIFT, M_JUMP, M_FLUTTER, M_PERIOD_N)
+ORBIT = tuple(range(N_ORBIT))
 _BY_UNIT = {"m": 0.01, "m s-1": 0.1, "rad": 1.0, "rad s-1": 1.0}
 SCALES = {
     name: _BY_UNIT[quantity.units]
@@ -57,19 +81,18 @@ def shadow_rtol(rtol: float) -> float:
     return FINER * rtol if FINER * rtol >= FINEST else COARSER * rtol
 
 
-def nudged(
-    given: dict[str, float], start: dict[str, float] | None, by: float
-) -> tuple[dict[str, float], dict[str, float] | None]:
-    """Parameters and start of a run that begins a little otherwise, by a share `by`.
-
-    The plate is later by `by` radians, `beta0` less and `xdot0` more; of a state, the rates are more that no contact ties.
-    """
+def nudged(given: Mapping[str, Any], by: float) -> dict[str, Any]:
+    """Parameters, numbers or columns, with the plate later by `by` radians, `beta0` less and `xdot0` more by that share."""
     phi0, phi_2 = phases_later(given["phi0"], given.get("phi_2", 0.0), by)
-    moved = given | {"phi0": phi0} | ({"phi_2": phi_2} if "Gamma_2" in given else {})
-    if start is None:
-        return moved | {"beta0": given["beta0"] * (1 - by), "xdot0": given["xdot0"] * (1 + by)}, None
+    moved = dict(given) | {"phi0": phi0} | ({"phi_2": phi_2} if "Gamma_2" in given else {})
+    changed = {"beta0": 1 - by, "xdot0": 1 + by}
+    return moved | {name: given[name] * factor for name, factor in changed.items() if name in given}
+
+
+def nudged_state(start: Mapping[str, float], by: float) -> dict[str, float]:
+    """A state to start from, with those rates more by the share `by` that no contact ties."""
     faster = ("x1_rate", "y1_rate", "theta_rate", "spin_rate")
-    return moved, {name: value * (1 + by if name in faster else 1.0) for name, value in start.items()}
+    return {name: value * (1 + by if name in faster else 1.0) for name, value in start.items()}
 
 
 def pairs(events: xr.Dataset, others: xr.Dataset, T: float) -> tuple[np.ndarray, np.ndarray]:
@@ -177,3 +200,66 @@ def bounds(run: Recorded, shadows: Sequence[Recorded], times: np.ndarray, T: flo
     variables["scaled"] = ("time", total, {"units": "1", "long_name": "largest bound of the state, in its scales"})
     coordinates = {name: run.events[name].variable for name in ("cause", "kind")}
     return xr.Dataset(variables, coordinates | {"time": ("time", times, EVENTS["time"].attributes())})
+
+
+def certified(
+    rows: np.ndarray,
+    periods: int,
+    max_periods: int,
+    rtol: float,
+    settle: bool,
+    out: np.ndarray,
+    codes: np.ndarray,
+    space: Workspace | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Confidence in the verdicts of points, and the error of their orbits.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (n, N_ROW), float64
+        The points.
+    periods, max_periods, rtol, settle, space
+        What they were run with, see `run_patiently`: the shadows are made as they were.
+    out, codes : ndarrays, shapes (n, N_OUT), (n, N_CODES)
+        Their results.
+
+    Returns
+    -------
+    confidence : ndarray, shape (n,), int64
+        CERTAIN, UNSURE or CHANGED.
+    error : ndarray, shape (n,), float64
+        Largest relative difference of an orbit's quantities (of zeta and the impact phase: absolute) to those with more
+        digits; NaN where the mode is not drift for both.
+    """
+    confidence = np.where(np.isin(codes[:, CODE_MODE], SETTLED), CERTAIN, UNSURE)
+    error = np.full(len(rows), np.nan)
+    finer = max(FINER * rtol, FINEST)
+    looser = min(max(LOOSER * rtol, LOOSE), COARSEST)
+    for shadow_rtol, nudge in ((finer, ROUNDING), (looser, looser)):
+        left = np.flatnonzero(confidence == CERTAIN)
+        moved = nudged(dict(zip(ROW, rows[left].T, strict=True)), nudge)
+        beside = np.column_stack([moved[name] for name in ROW])
+        shadow = run_all_patiently(beside, periods, max_periods, shadow_rtol, settle, space)
+        confidence[left] = compared((out[left], codes[left]), shadow)
+        if shadow_rtol == finer:
+            error[left] = orbit_difference(out[left], shadow[0])
+    return confidence, error
+
+
+def compared(results: tuple[np.ndarray, np.ndarray], shadow: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """CERTAIN, UNSURE or CHANGED, for points with these results, given those of their shadows; shape (n,)."""
+    (out, codes), (other_out, other_codes) = results, shadow
+    ended = codes[:, CODE_N_PERIODS] == other_codes[:, CODE_N_PERIODS]
+    after, other_after = out[:, OUT_SETTLED_AFTER], other_out[:, OUT_SETTLED_AFTER]
+    alike = ended & ((after == other_after) | np.isnan(after))  # what rests has no period that it settled in
+    return np.where(codes[:, CODE_MODE] != other_codes[:, CODE_MODE], CHANGED, np.where(alike, CERTAIN, UNSURE))
+
+
+def orbit_difference(out: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Largest difference of the orbits of two sets of results, shape (n,); NaN where one has none."""
+    ours, theirs = out[:, ORBIT], other[:, ORBIT]
+    apart = np.abs(ours - theirs)
+    apart[:, 5] = np.minimum(apart[:, 5], 1 - apart[:, 5])  # of a phase: round the cycle
+    scale = np.abs(ours)
+    scale[:, [2, 5]] = 1.0
+    return np.asarray(np.max(apart / scale, axis=1))
