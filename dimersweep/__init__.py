@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from dimersweep.runs.run import Run
     from dimersweep.runs.saving import load_run
     from dimersweep.runs.simulating import simulate
-    from dimersweep.storage.netcdf import open_cube
+    from dimersweep.storage.cubefiles import open_cube
     from dimersweep.studies.refine import refine
     from dimersweep.studies.search import search
     from dimersweep.studies.sweep import bifurcation, sweep
@@ -59,7 +59,7 @@ _HOME = {
     "explore": "exploring.serving",
     "load_run": "runs.saving",
     "names": "cubes.cube",
-    "open_cube": "storage.netcdf",
+    "open_cube": "storage.cubefiles",
     "refine": "studies.refine",
     "search": "studies.search",
     "simulate": "runs.simulating",

@@ -146,7 +146,7 @@ def test_certified_points_extend_certified_sweeps_only():
 
 def test_a_cube_above_memory_has_them_too(fake_kernel, monkeypatch):
     pytest.importorskip("zarr")
-    monkeypatch.setattr("dimersweep.storage.zarr.CHUNK_POINTS", 3)
+    monkeypatch.setattr("dimersweep.storage.blocks.CHUNK_POINTS", 3)
     cube = dimersweep.sweep(GRID, **SETTINGS, certify=True, out="cube.zarr")
     memory = dimersweep.sweep(GRID, **SETTINGS, certify=True)
     for name in ("confidence", "error_estimate"):

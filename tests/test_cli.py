@@ -17,7 +17,7 @@ from dimersweep import cli, plots
 from dimersweep.cli.claiming import PAGES
 from dimersweep.plots.movie import MOVIES
 from dimersweep.plots.style import PICTURES
-from dimersweep.storage.netcdf import CUBES, TABLES
+from dimersweep.storage.outputs import CUBES, TABLES
 from dimersweep.studies.planning import SAMPLE
 from tests.fakes import failing, fake_run_many, raising
 

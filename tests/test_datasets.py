@@ -10,7 +10,7 @@ from dimersweep.cubes.cube import FLAGS
 from dimersweep.cubes.reading import circle_through
 from dimersweep.errors import ParameterError
 from dimersweep.plots import draw
-from dimersweep.storage.netcdf import open_cube
+from dimersweep.storage.cubefiles import open_cube
 from dimersweep.studies.datasets import make
 from dimersweep.studies.declaration import read_declaration
 from dimersweep.studies.rerun import from_cube

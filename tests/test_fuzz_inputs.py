@@ -20,8 +20,8 @@ import dimersweep
 from dimersweep import cli
 from dimersweep.cubes.results import Tile
 from dimersweep.errors import ParameterError, StoreError, UserError
+from dimersweep.storage.cubefiles import open_cube
 from dimersweep.storage.manifest import as_line, read_manifest
-from dimersweep.storage.netcdf import open_cube
 from dimersweep.storage.tilestore import tile_store
 from dimersweep.studies.declaration import Declaration, read_declaration
 from dimersweep.studies.point_tables import point_table

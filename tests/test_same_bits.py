@@ -75,7 +75,7 @@ def test_threads_and_tilings(serial, monkeypatch, tmp_path, length):
 
 def test_zarr(serial, tmp_path, monkeypatch):
     pytest.importorskip("zarr")
-    monkeypatch.setattr("dimersweep.storage.zarr.CHUNK_POINTS", 130)
+    monkeypatch.setattr("dimersweep.storage.blocks.CHUNK_POINTS", 130)
     assert_same(swept(out=tmp_path / "cube.zarr"), serial)
     assert os.listdir(tmp_path) == ["cube.zarr"]
 

@@ -19,8 +19,9 @@ import dimersweep
 from dimersweep.cubes.cube import blank, build, names
 from dimersweep.cubes.grid import make_grid
 from dimersweep.errors import StoreError, UserError
+from dimersweep.storage.cubefiles import count_modes, open_cube, write_cube
 from dimersweep.storage.files import HALF, put, replacing
-from dimersweep.storage.netcdf import check_output, check_writable, count_modes, open_cube, write_cube
+from dimersweep.storage.outputs import check_output, check_writable
 from dimersweep.storage.provenance import attributes, digest
 from dimersweep.studies.rerun import from_cube
 from dimersweep.studies.status import status
@@ -104,7 +105,7 @@ def test_a_cube_is_written_in_parts(monkeypatch, tmp_path):
     """Peak memory of the writing, beside the cube itself, that of all variables at once before."""
     grid = make_grid({"f": np.linspace(15, 25, 100), "beta0": np.linspace(0.1, 1, 1000)})
     cube = build(grid, *blank(grid.size), attributes({"periods": 3}, "a title", 1.5))
-    monkeypatch.setattr("dimersweep.storage.netcdf.PART_BYTES", 1 << 20)
+    monkeypatch.setattr("dimersweep.storage.formats.netcdf.PART_BYTES", 1 << 20)
     write_cube(cube, tmp_path / "first.nc")  # what is imported and kept counts once
     tracemalloc.start()
     try:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import dimersweep
 from dimersweep.errors import ParameterError, StoreError
-from dimersweep.storage.zarr import blocks, chunk_shape
+from dimersweep.storage.blocks import blocks, chunk_shape
 from dimersweep.studies.status import status
 
 pytest.importorskip("zarr")
@@ -24,7 +24,7 @@ GRID = {"f": [15, 20, 25], "A_r": [5, 6], "beta0": {"start": 1, "stop": 11, "ste
 @pytest.fixture(autouse=True)
 def in_an_empty_folder(tmp_path, monkeypatch, fake_kernel):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("dimersweep.storage.zarr.CHUNK_POINTS", 8)
+    monkeypatch.setattr("dimersweep.storage.blocks.CHUNK_POINTS", 8)
 
 
 def sweep(**settings):

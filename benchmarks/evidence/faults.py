@@ -327,7 +327,7 @@ def main() -> None:
     given = parser.parse_args()
     from dimersweep.work.proving import prove
 
-    for name in ("cli.sweeping", "cubes.reading", "plots", "storage.zarr", "studies.datasets", "studies.status"):
+    for name in ("cli.sweeping", "cubes.reading", "plots", "storage.formats", "studies.datasets", "studies.status"):
         import_module(f"dimersweep.{name}")
     prove()  # children find all loaded
     for name in ("fault_cubes", "fault_clusters"):

@@ -32,12 +32,12 @@ from dimersweep.cubes.cube import blank
 from dimersweep.cubes.grid import make_grid
 from dimersweep.cubes.results import RESULT, Tile
 from dimersweep.kernel.model.layout import CODES, M_DRIFT, M_REST, OK, OUT, ROW
+from dimersweep.storage.blocks import blocks
+from dimersweep.storage.formats import FORMATS
 from dimersweep.storage.tilestore import folder_of
-from dimersweep.storage.zarr import blocks
-from dimersweep.studies import making
 from dimersweep.work.scheduling import tile_seconds
 
-WRITE = making.write_zarr
+WRITE = FORMATS[".zarr"].write_blocks
 THREADS = 125  # of a process of workers
 HEADS = (
     "workers",
@@ -165,7 +165,7 @@ def measure(workers: int, seconds: float, point: float, folder: Path, *, travel:
         sweep({"f": [15.0, 20.0]}, periods=1, client=made.client, progress=False)  # all have loaded what they need
         made.client.run(stand_in, point, travel)
         watch = Watch(made)
-        making.write_zarr = watch.write
+        FORMATS[".zarr"] = FORMATS[".zarr"]._replace(write_blocks=watch.write)
         sweep(grid, periods=1, client=made.client, progress=False, out=folder / f"{workers}.zarr")
         written = time.time() - watch.ended
         tasks, ends = zip(*made.client.run(done).values(), strict=True)

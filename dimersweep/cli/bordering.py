@@ -22,7 +22,8 @@ def borders(
 ) -> None:
     """Make borders, branches or families of orbits, and draw them. One that was stopped goes on where it was."""
     from dimersweep.plots.style import check_picture, write_picture
-    from dimersweep.storage.netcdf import TABLES, check_output, open_cube, refuse_input
+    from dimersweep.storage.cubefiles import open_cube
+    from dimersweep.storage.outputs import TABLES, check_output, refuse_input
     from dimersweep.studies.border_files import make_borders, plan_borders, read_borders
     from dimersweep.studies.parts import parts_of
     from dimersweep.work.progress import tell_of_compiling

@@ -19,7 +19,7 @@ def claims(
     force: Force = False,
 ) -> None:
     """Recompute every checkable statement of the paper, tell where it holds, and write the page of all of them."""
-    from dimersweep.storage.netcdf import check_output
+    from dimersweep.storage.outputs import check_output
 
     page = check_output(out, force=force, what="a page", endings=PAGES)
     with stoppable(page):

@@ -35,7 +35,8 @@ def plot(
 ) -> None:
     """Draw a cube: as it was declared, or another kind, a quantity, a selection."""
     from dimersweep.plots import check_picture
-    from dimersweep.storage.netcdf import open_cube, refuse_input
+    from dimersweep.storage.cubefiles import open_cube
+    from dimersweep.storage.outputs import refuse_input
 
     if out is None and not cube.name:
         raise typer.BadParameter(f"{str(cube)!r}: is no cube")
@@ -111,7 +112,7 @@ def check_picture_of(configuration: Callable[[], Mapping[str, Any]], picture: Pa
     ------
     StoreError
     """
-    from dimersweep.storage.netcdf import check_writable
+    from dimersweep.storage.outputs import check_writable
     from dimersweep.storage.provenance import as_text, digest
 
     check_writable(picture, force=True, name="picture")  # to look into a device might take for ever
@@ -132,7 +133,7 @@ def _mark_in(picture: Path) -> str | None:
 def print_cube(cube: "xr.Dataset") -> None:
     """The tally of modes, or of a search's answers and runs; for segments, the length of each row."""
     from dimersweep.cubes.reading import drift_lengths
-    from dimersweep.storage.netcdf import modes_in
+    from dimersweep.storage.cubefiles import modes_in
 
     if "answer" in cube:
         from dimersweep.cubes.reading import answers_told

@@ -16,6 +16,6 @@ def explore(
 ) -> None:
     """Look at a cube in a browser: a map to click, and the run behind each point."""
     from dimersweep.exploring.serving import serve
-    from dimersweep.storage.netcdf import open_cube
+    from dimersweep.storage.cubefiles import open_cube
 
     serve(open_cube(cube), port=port, show=show)

@@ -42,7 +42,7 @@ def simulate(
 
         check_movie(movie, force=force)
     if save is not None:
-        from dimersweep.storage.netcdf import TABLES, check_output
+        from dimersweep.storage.outputs import TABLES, check_output
 
         check_output(save, force=force, name="save", what="a run", endings=TABLES)
     from dimersweep.parameters import Parameters, check_count, check_rtol, check_seconds

@@ -44,7 +44,7 @@ def run(
 ) -> None:
     """Run a declared sweep: write its cube and draw it. One that was stopped goes on where it was."""
     declared = _declared(declaration, source, out, other_kernel=other_kernel)
-    from dimersweep.storage.netcdf import check_output
+    from dimersweep.storage.outputs import check_output
     from dimersweep.storage.tilestore import folder_of
 
     cube_file = out or Path(declared.sweep.output)

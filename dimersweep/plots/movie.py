@@ -23,7 +23,7 @@ from dimersweep.errors import ParameterError, StoreError
 from dimersweep.parameters import as_number, check_count, dimer_from
 from dimersweep.plots.style import entitle
 from dimersweep.storage.files import put, replacing, told
-from dimersweep.storage.netcdf import check_ending, check_writable
+from dimersweep.storage.outputs import check_ending, check_writable
 
 if TYPE_CHECKING:
     from dimersweep.runs.run import Run

@@ -16,7 +16,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from dimersweep import symbols
 from dimersweep.storage.files import replacing, told
-from dimersweep.storage.netcdf import check_output
+from dimersweep.storage.outputs import check_output
 from dimersweep.symbols import PARAMETERS, conditions, symbol, units_of
 
 # after Okabe and Ito: told apart by color-blind readers too

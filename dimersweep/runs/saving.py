@@ -18,7 +18,9 @@ from dimersweep.kernel.verdict.past import PAST_COLUMNS, PAST_ROWS
 from dimersweep.parameters import Parameters, updated
 from dimersweep.runs.recorded import RunRecord
 from dimersweep.runs.solving import RunEnd
-from dimersweep.storage.netcdf import TABLES, check_output, read_netcdf, write_cube
+from dimersweep.storage.cubefiles import write_cube
+from dimersweep.storage.formats.netcdf import read_netcdf
+from dimersweep.storage.outputs import TABLES, check_output
 from dimersweep.storage.provenance import attributes, digest, read_configuration
 from dimersweep.symbols import PARAMETERS
 

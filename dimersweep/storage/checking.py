@@ -9,8 +9,8 @@ from dimersweep.cubes.checksum import Checksum
 from dimersweep.cubes.grid import finer
 from dimersweep.errors import StoreError
 from dimersweep.kernel.model.layout import CODES, OUT
+from dimersweep.storage.blocks import blocks
 from dimersweep.storage.provenance import CHECKSUM, read_configuration
-from dimersweep.storage.zarr import blocks
 
 
 def checksum_of(cube: xr.Dataset) -> str:

@@ -53,6 +53,20 @@ def replacing(path: Path, scratch: Path | None = None) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
+@contextmanager
+def replacing_folder(path: Path, scratch: Path) -> Iterator[None]:
+    """Write a folder at `scratch`, on the same disk, that then takes the name `path`; its files are on the disk already."""
+    delete(scratch)
+    yield
+    former = scratch.with_name("former.tmp")
+    delete(former)
+    if path.exists():
+        path.replace(former)  # whole, so that a kill leaves no half of it under its name
+    scratch.replace(path)
+    sync(path.parent)
+    delete(former)
+
+
 def put(path: Path, parts: Iterable[bytes | memoryview]) -> None:
     """Write a file of `parts`, see `replacing`."""
     with replacing(path) as temporary, temporary.open("xb") as file:

@@ -23,7 +23,8 @@ from dimersweep.orbits.finding import checked, checked_spin, find
 from dimersweep.orbits.following import follow
 from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.parameters import check_count, check_name, value_of
-from dimersweep.storage.netcdf import TABLES, check_ending, check_output, write_cube
+from dimersweep.storage.cubefiles import write_cube
+from dimersweep.storage.outputs import TABLES, check_ending, check_output
 from dimersweep.storage.provenance import attributes
 from dimersweep.studies.declaration import explain, read_toml, refuse_mistakes
 from dimersweep.studies.parts import Parts, parts_beside

@@ -18,11 +18,13 @@ from dimersweep.cubes.results import failed
 from dimersweep.errors import ParameterError, Stopped, StoreError
 from dimersweep.runs import accessor  # noqa: F401 - gives every cube its `cube.dimersweep`
 from dimersweep.storage.checking import check_unchanged, checksum_of
+from dimersweep.storage.cubefiles import open_cube, write_cube
+from dimersweep.storage.files import told
+from dimersweep.storage.formats import format_of
 from dimersweep.storage.memorystore import MemoryStore
-from dimersweep.storage.netcdf import check_output, check_writable, open_cube, write_cube
+from dimersweep.storage.outputs import check_output, check_writable
 from dimersweep.storage.provenance import CHECKSUM, as_text, attributes, differences
 from dimersweep.storage.tilestore import TileStore, tile_store
-from dimersweep.storage.zarr import check_zarr, is_zarr, write_zarr
 from dimersweep.studies.options import Options
 from dimersweep.work.computing import Crew, Store, crew
 
@@ -59,12 +61,15 @@ def complete_cube(study: Study, options: Options) -> xr.Dataset | None:
         If there is another cube, or the output cannot be written.
     """
     out = options.out
-    if out is None or not is_zarr(out):
+    written = None if out is None else format_of(out)
+    if written is None or not written.write_blocks:
         check_fits(study.grid, by_blocks=study.by_blocks)
-    elif study.by_blocks:
-        check_zarr()
-    else:
-        raise ParameterError(f"out = {out}: only a sweep of a whole grid is written as Zarr; give a NetCDF file")
+    elif not study.by_blocks:
+        raise ParameterError(
+            f"out = {out}: only a sweep of a whole grid is written as {written.name}; give a NetCDF file"
+        )
+    if written is not None:
+        written.check()
     if out is None:
         if options.retry and options.extend is None:
             raise ParameterError("retry: needs an out, or a cube to extend")
@@ -101,9 +106,9 @@ class UnfinishedCube:
         return f"{self.options.out} is written" if self._written else self.store.kept
 
     @property
-    def is_zarr(self) -> bool:
-        """Whether it is written as Zarr, block by block."""
-        return self.options.out is not None and is_zarr(self.options.out)
+    def by_blocks(self) -> bool:
+        """Whether it is written block by block."""
+        return self.options.out is not None and format_of(self.options.out).write_blocks is not None
 
     def results(self) -> np.ndarray:
         """Results of all points, shape (n,)."""
@@ -111,8 +116,8 @@ class UnfinishedCube:
 
     def attributes(self, origin: Mapping[str, str]) -> dict[str, Any]:
         """Global attributes, with those of its `origin`."""
-        told = attributes(self.study.configuration(), self.study.summary, self.store.wall)
-        return told | {"kernel_time_s": self.store.seconds} | dict(origin) | dict(self.options.attrs)
+        common = attributes(self.study.configuration(), self.study.summary, self.store.wall)
+        return common | {"kernel_time_s": self.store.seconds} | dict(origin) | dict(self.options.attrs)
 
     def write(self, cube: xr.Dataset) -> xr.Dataset:
         """Write the finished cube with its checksum, if it has an output, and remove the folder of its points."""
@@ -122,11 +127,14 @@ class UnfinishedCube:
             self._tidy_up(self.store)
         return cube
 
-    def write_blocks(self, told: Mapping[str, Any]) -> xr.Dataset:
-        """Write it as Zarr, block by block, with the global attributes `told`; returns it opened again."""
+    def write_blocks(self, attributes: Mapping[str, Any]) -> xr.Dataset:
+        """Write it block by block, with these global attributes; returns it opened again."""
         assert isinstance(self.store, TileStore)
-        out, read, scratch, kept = self.store.out, self.store.read, self.store.scratch, self.store.keeps
-        write_zarr(self.study.grid, read, told, out, scratch=scratch, kept=kept, workers=self.options.how.workers)
+        out, write = self.store.out, format_of(self.store.out).write_blocks
+        assert write is not None
+        with told(f"out = {out}", self.store.keeps):
+            workers, scratch = self.options.how.workers, self.store.scratch
+            write(self.study.grid, self.store.read, attributes, out, scratch=scratch, workers=workers)
         self._tidy_up(self.store)
         return open_cube(out)
 

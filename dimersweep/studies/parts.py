@@ -9,9 +9,10 @@ from typing import Any
 import xarray as xr
 
 from dimersweep.errors import StoreError
+from dimersweep.storage.cubefiles import write_cube
 from dimersweep.storage.files import HALF, put, told
+from dimersweep.storage.formats.netcdf import read_netcdf
 from dimersweep.storage.locking import locked
-from dimersweep.storage.netcdf import read_netcdf, write_cube
 from dimersweep.storage.provenance import configured, differences, read_configuration
 
 LOCK, HEAD = "lock", "configuration.json"

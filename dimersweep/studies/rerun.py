@@ -9,7 +9,7 @@ import xarray as xr
 
 from dimersweep.errors import StoreError, one_line
 from dimersweep.kernel import kernel_version
-from dimersweep.storage.netcdf import open_cube
+from dimersweep.storage.cubefiles import open_cube
 from dimersweep.storage.provenance import differences
 from dimersweep.studies.declaration import Declaration, PlotSection, PointsSection, SweepSection
 from dimersweep.studies.sweep_spec import Spec

@@ -16,7 +16,7 @@ from dimersweep.cubes.results import (
 )
 from dimersweep.errors import StoreError
 from dimersweep.storage.checking import check_unchanged
-from dimersweep.storage.netcdf import open_cube
+from dimersweep.storage.cubefiles import open_cube
 from dimersweep.storage.provenance import differences
 from dimersweep.studies.deciding import SearchSpec
 from dimersweep.studies.options import Options

@@ -6,9 +6,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from dimersweep.errors import StoreError
+from dimersweep.storage.cubefiles import count_modes
 from dimersweep.storage.locking import holder
 from dimersweep.storage.manifest import Entry, read_manifest
-from dimersweep.storage.netcdf import count_modes
 from dimersweep.storage.tilestore import folder_of, lock_of, manifest_of
 from dimersweep.work.progress import clock
 

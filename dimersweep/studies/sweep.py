@@ -38,7 +38,7 @@ def run_sweep(spec: Spec, options: Options) -> xr.Dataset:
             cube.crew.take_over(other.pieces(cube.store.gaps(), options.unwanted))
         cube.crew.expect(spec.grid.size)
         cube.crew.run(spec, cube.store.gaps())
-        if cube.is_zarr:
+        if cube.by_blocks:
             return cube.write_blocks(cube.attributes(origin))
         return cube.write(as_cube(spec, cube.results(), cube.attributes(origin)))
 

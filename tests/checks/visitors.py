@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep import load_run, open_cube, simulate, sweep
-from dimersweep.storage.netcdf import write_cube
+from dimersweep.storage.cubefiles import write_cube
 
 GRID = {"f": [15, 25], "beta0": np.linspace(0.1, 1.5, 20)}
 HOW = {"periods": 3, "progress": False, "out": "cube.nc"}

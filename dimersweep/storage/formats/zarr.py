@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -15,18 +16,14 @@ from dimersweep.cubes.checksum import Checksum
 from dimersweep.cubes.cube import blank, build
 from dimersweep.cubes.grid import Grid
 from dimersweep.cubes.points import AnyGrid
-from dimersweep.cubes.results import Tile, beyond, blank_results
+from dimersweep.cubes.results import beyond, blank_results
 from dimersweep.errors import StoreError, one_line
-from dimersweep.storage.files import delete, sync, told
+from dimersweep.storage.blocks import blocks, chunk_shape
+from dimersweep.storage.files import replacing_folder, sync
+from dimersweep.storage.formats.format import Format
 from dimersweep.storage.provenance import CHECKSUM
 
-CHUNK_POINTS = 1 << 18  # 2 MB a variable and chunk
 WRITERS = 4  # threads at most: each holds a block of some 100 MB, and the disk is soon the limit
-
-
-def is_zarr(path: Path) -> bool:
-    """Whether a path names a Zarr group by its ending."""
-    return path.suffix == ".zarr"
 
 
 OLDEST = (3, 1)  # of zarr: earlier ones may run code that a store brings along
@@ -50,30 +47,6 @@ def check_zarr() -> None:
         )
 
 
-def chunk_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Chunks that are ranges of points in C order: whole last axes, a part of one, and single values of the first ones."""
-    chunks, room = [], CHUNK_POINTS
-    for length in reversed(shape):
-        chunks.append(min(length, max(1, room)))
-        room = room // length if room >= length else 0
-    return tuple(reversed(chunks))
-
-
-def blocks(shape: tuple[int, ...]) -> Iterator[tuple[Tile, tuple[slice, ...]]]:
-    """The range of points of each chunk, and where it lies along each axis."""
-    chunks = chunk_shape(shape)
-    counts = [-(-length // chunk) for length, chunk in zip(shape, chunks, strict=True)]
-    start = 0
-    for place in np.ndindex(*counts):
-        where = tuple(
-            slice(k * chunk, min((k + 1) * chunk, length))
-            for k, chunk, length in zip(place, chunks, shape, strict=True)
-        )
-        stop = start + prod(part.stop - part.start for part in where)
-        yield Tile(start, stop), where
-        start = stop
-
-
 def write_zarr(
     grid: AnyGrid,
     read: Callable[[int, int], np.ndarray],
@@ -81,7 +54,6 @@ def write_zarr(
     path: Path,
     *,
     scratch: Path,
-    kept: str,
     workers: int = WRITERS,
 ) -> None:
     """Write the cube of a grid block by block into `scratch`, on the same disk, which then takes the name `path`.
@@ -97,21 +69,18 @@ def write_zarr(
         Global attributes.
     path, scratch : Path
         A group that is at `path` already is replaced.
-    kept : str
-        What the message of an error tells of results that are not lost.
     workers : int
         Threads that may be used.
 
     Raises
     ------
-    StoreError
+    OSError, RuntimeError
         If the disk refuses.
     """
     import zarr
 
     # chunks of nothing but missing values are written too, so that one that is missing is known to be lost
-    with told(f"out = {path}", kept), zarr.config.set({"array.write_empty_chunks": True}):
-        delete(scratch)
+    with replacing_folder(path, scratch), zarr.config.set({"array.write_empty_chunks": True}):
         template = _template(grid, attributes, read(0, 0).dtype)
         template.to_zarr(scratch, mode="w", compute=False, consolidated=False)
         group, checksum = zarr.open_group(scratch, mode="r+"), Checksum(template)
@@ -136,13 +105,6 @@ def write_zarr(
         group.attrs[CHECKSUM] = checksum.digest()
         files = (Path(folder, name) for folder, _, names in os.walk(scratch) for name in names)
         _each(workers, sync, ((file,) for file in files))
-        former = scratch.with_name("former.tmp")
-        delete(former)
-        if path.exists():
-            path.replace(former)  # whole, so that a kill leaves no half of it under its name
-        scratch.replace(path)
-        sync(path.parent)
-        delete(former)
 
 
 def _each(workers: int, call: Callable[..., None], given: Iterable[tuple[Any, ...]]) -> None:
@@ -208,7 +170,8 @@ class _Numbers:
             raise StoreError(f"{self.path}: is damaged: {told}; sweep it again (force=True)") from None
 
 
-def read_zarr(path: Path) -> xr.Dataset:
+@contextmanager
+def opened_zarr(path: Path) -> Iterator[xr.Dataset]:
     """A group as a dataset whose values are read when they are used.
 
     Raises
@@ -231,4 +194,7 @@ def read_zarr(path: Path) -> xr.Dataset:
             variable.data = dask.array.from_array(numbers, chunks, name=False, fancy=False)
         if "flag_values" in variable.attrs:  # Zarr keeps attributes as JSON
             variable.attrs["flag_values"] = np.array(variable.attrs["flag_values"], dtype=variable.dtype)
-    return cube
+    yield cube
+
+
+ZARR = Format(".zarr", "Zarr", "Zarr group", opened_zarr, write_blocks=write_zarr, check=check_zarr, marker="zarr.json")

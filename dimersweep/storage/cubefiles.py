@@ -1,0 +1,159 @@
+"""Cubes on disk: written whole or not at all, never over another file unasked, and checked when they are opened."""
+
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from dimersweep.cubes.cube import FLAGS, check_codes, check_flags
+from dimersweep.cubes.grid import MAX_POINTS
+from dimersweep.errors import StoreError
+from dimersweep.kernel.model.layout import MODES
+from dimersweep.storage.blocks import blocks
+from dimersweep.storage.files import told
+from dimersweep.storage.formats import FORMATS, format_at, format_of
+from dimersweep.storage.outputs import check_writable
+from dimersweep.storage.provenance import CUBE_FORMAT, digest, read_configuration
+
+
+def write_cube(
+    cube: xr.Dataset,
+    path: str | os.PathLike[str],
+    *,
+    force: bool = False,
+    scratch: Path | None = None,
+    kept: str = "",
+) -> None:
+    """Write a dataset that is in memory, in the format of its ending, under a temporary name that then becomes `path`.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+    path : path-like
+    force : bool
+        Whether it may replace an existing file.
+    scratch : Path, optional
+        Its temporary name, see `replacing`.
+    kept : str
+        What the message of an error tells of results that are not lost.
+
+    Raises
+    ------
+    StoreError
+        If the file exists and `force` is not given, or the disk refuses.
+    """
+    path = check_writable(path, force=force)
+    write = format_of(path).write
+    assert write is not None
+    with told(f"out = {path}", kept):
+        write(cube, path, scratch)
+
+
+def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
+    """Read a cube that `sweep` wrote.
+
+    Parameters
+    ----------
+    path : path-like
+        A NetCDF file, which is read whole into memory and closed; or a folder that ends in .zarr, of which values are
+        read, and their checksums tested, when they are used.
+
+    Returns
+    -------
+    xarray.Dataset
+        As it was returned by `sweep`.
+
+    Raises
+    ------
+    StoreError
+        If there is no such file, it is no NetCDF file or Zarr group, or no (intact) cube of this program. Of a Zarr
+        group also later, when a value that is damaged is used.
+
+    Examples
+    --------
+    >>> from dimersweep import open_cube, sweep
+    >>> cube = sweep({"Gamma": [0.6, 0.9]}, periods=60, progress=False, out="two.nc")
+    >>> open_cube("two.nc").identical(cube)
+    True
+    """
+    if not isinstance(path, str | os.PathLike):
+        raise StoreError(f"{path!r}: is no path")
+    path = Path(path)
+    with _opened(path) as cube:
+        if format_at(path).write_blocks:
+            return cube
+        if cube.sizes and cube["mode"].size > MAX_POINTS:
+            raise StoreError(f"{path}: has {cube['mode'].size} points; a NetCDF cube may have {MAX_POINTS}")
+        cube.load()
+        for name in set(FLAGS) & set(cube.variables):
+            check_flags(name, cube[name].values)
+        return cube
+
+
+def count_modes(path: str | os.PathLike[str]) -> dict[str, int]:
+    """How many points of the cube at `path` are in each mode; they are read block by block.
+
+    Raises
+    ------
+    StoreError
+        See `open_cube`.
+    """
+    with _opened(Path(path)) as cube:
+        return modes_in(cube)
+
+
+def modes_in(cube: xr.Dataset) -> dict[str, int]:
+    """How many points of `cube` are in each mode, the most frequent first; a lazy one is read block by block."""
+    counts = np.zeros(len(MODES), dtype=np.int64)
+    for _, where in blocks(cube["mode"].shape):
+        values = cube["mode"][where].values.ravel()
+        check_flags("mode", values)
+        counts += np.bincount(values, minlength=len(MODES))
+    return {MODES[code]: int(counts[code]) for code in np.argsort(-counts, kind="stable") if counts[code]}
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[xr.Dataset]:
+    """The cube at `path`, whose values are still to be read, if what it tells of itself is sound."""
+    found = format_at(path)
+    if os.path.isdir(path) and not found.marker:
+        folders = " or ".join(each.ending for each in FORMATS.values() if each.marker)
+        raise StoreError(f"{path}: is a folder; give a NetCDF file, or a folder that ends in {folders}")
+    if not os.path.exists(path):  # a name that no file can have is no error for it
+        raise StoreError(f"{path}: no such file")
+    with found.opened(path) as cube:
+        yield _sound(cube, path, found.noun)
+
+
+def _sound(cube: xr.Dataset, path: Path, kind: str) -> xr.Dataset:
+    if "dimersweep_cube" not in cube.attrs:
+        raise StoreError(f"{path}: is a {kind}, but no cube of dimersweep")
+    version = cube.attrs["dimersweep_cube"]
+    if str(version) != CUBE_FORMAT:
+        raise StoreError(
+            f"{path}: is a cube of format {version}; this version of dimersweep reads format {CUBE_FORMAT}"
+        )
+    text = cube.attrs.get("configuration", "")
+    try:
+        intact = digest(text) == cube.attrs.get("configuration_sha256") and "mode" in cube
+        told = read_configuration(text)
+        intact = intact and set(told.get("grid", {})) <= set(cube.dims) and _fixed_as_told(cube, told)
+        for name in set(FLAGS) & set(cube.variables):
+            check_codes(cube[name])
+    except StoreError as error:
+        raise StoreError(f"{path}: {error}") from None
+    except (ValueError, TypeError, AttributeError):
+        intact = False
+    if not intact:
+        raise StoreError(f"{path}: is a cube of dimersweep that was changed or is incomplete; sweep it again")
+    return cube
+
+
+def _fixed_as_told(cube: xr.Dataset, configuration: Mapping[str, Any]) -> bool:
+    """Whether the fixed parameters are those of the configuration: single values have no checksum of their own."""
+    fixed = configuration.get("fixed", {})
+    return all(bool((cube[name] == value).all()) for name, value in fixed.items() if name in cube.coords)

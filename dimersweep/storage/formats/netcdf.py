@@ -1,0 +1,96 @@
+"""Cubes, runs and tables as NetCDF-4 files, whole in memory."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from xarray.backends import NetCDF4DataStore
+from xarray.backends.locks import HDF5_LOCK, NETCDFC_LOCK, DummyLock, combine_locks
+
+from dimersweep.errors import StoreError
+from dimersweep.storage.files import replacing
+from dimersweep.storage.formats.format import Format
+
+PART_BYTES = 1 << 26  # of a cube, that are written at once
+DEFLATED = 1100  # zlib makes nothing smaller by more than this
+# netCDF-C and HDF5 bear one thread at a time; xarray's own files wait for the same locks, taken in the same order
+ONE_THREAD = combine_locks([NETCDFC_LOCK, HDF5_LOCK])
+
+
+def _parts(cube: xr.Dataset) -> Iterator[xr.Dataset]:
+    """`cube` in parts of a few variables: xarray holds a copy of all that it writes at once."""
+    names: list[Any] = []
+    size = 0
+    for name, variable in cube.data_vars.items():
+        if names and size + variable.nbytes > PART_BYTES:
+            yield cube[names]
+            names, size = [], 0
+        names.append(name)
+        size += variable.nbytes
+    yield cube[names]
+
+
+def write_netcdf(dataset: xr.Dataset, path: Path, scratch: Path | None = None) -> None:
+    """Write a dataset to a temporary file, see `replacing`, which then takes the name `path` in one step."""
+    with replacing(path, scratch) as temporary:
+        for number, part in enumerate(_parts(dataset)):
+            _write_part(part, temporary, "a" if number else "w")
+
+
+def _write_part(part: xr.Dataset, path: Path, mode: str) -> None:
+    # without locks of xarray's: it would wait for those that are held, and ask a cluster that may have gone for one more
+    with ONE_THREAD, NetCDF4DataStore.open(os.fspath(path), mode, lock=DummyLock()) as store:
+        part.dump_to_store(store)
+
+
+def read_netcdf(path: Path) -> xr.Dataset:
+    """A NetCDF file, whole, in memory.
+
+    Raises
+    ------
+    StoreError
+        If there is none, or it is no NetCDF file, or damaged.
+    """
+    with opened_netcdf(path) as dataset:
+        return dataset.load()
+
+
+@contextmanager
+def opened_netcdf(path: Path) -> Iterator[xr.Dataset]:
+    """A NetCDF file whose values are still to be read, while no other thread is at one."""
+    if os.path.isdir(path):
+        raise StoreError(f"{path}: is a folder; give a NetCDF file")
+    if not os.path.isfile(path):  # a name that no file can have is no error for it
+        raise StoreError(f"{path}: no such file")
+    with _damage_told(path), ONE_THREAD:
+        declared, size = _declared_bytes(path), path.stat().st_size
+        if declared > DEFLATED * size:
+            raise StoreError(f"{path}: declares {declared} bytes, which its {size} cannot hold; it is damaged")
+        with xr.open_dataset(path, engine="netcdf4", cache=False, lock=DummyLock()) as dataset:
+            yield dataset
+
+
+def _declared_bytes(path: Path) -> int:
+    """What the numbers of a NetCDF file would take, as it says."""
+    from netCDF4 import Dataset
+
+    with Dataset(path) as file:
+        return sum(int(variable.size) * np.dtype(variable.dtype).itemsize for variable in file.variables.values())
+
+
+@contextmanager
+def _damage_told(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except StoreError:
+        raise
+    except (OSError, ValueError, RuntimeError, AttributeError, MemoryError) as error:
+        # an AttributeError is that of an attribute that is damaged
+        raise StoreError(f"{path}: is no NetCDF file, or a damaged one ({error})") from error
+
+
+NETCDF = Format(".nc", "NetCDF", "NetCDF file", opened_netcdf, write=write_netcdf)
