@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, fields
 from math import nan
+from typing import Any
 
 from dimersweep.kernel.model.layout import DI_ENDS
 
@@ -54,5 +55,9 @@ class Orbit:
 
 def orbit_from(out: dict[str, float], di_end: int) -> Orbit:
     """The orbit of a drift from the outcome of the kernel, by the names of ``layout.OUT``, and the code of its end."""
-    names = {entry.name for entry in fields(Orbit)} - {"di_end"}
-    return Orbit(di_end=DI_ENDS[di_end], **{name: out[name] for name in names})
+    return Orbit(di_end=DI_ENDS[di_end], **{name: out[name] for name in columns_of(Orbit, *out)})
+
+
+def columns_of(kind: type[Any], *names: str) -> list[str]:
+    """Those of `names`, the kernel's columns, that a dataclass has as fields."""
+    return [entry.name for entry in fields(kind) if entry.name in names]

@@ -14,7 +14,7 @@ import xarray as xr
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import CODES, MODES, OUT, PERIOD, STATUS_MESSAGES, STATUSES
 from dimersweep.parameters import Parameters, as_number, as_numbers, check_count
-from dimersweep.runs.outcome import Orbit, orbit_from
+from dimersweep.runs.outcome import Orbit, columns_of, orbit_from
 from dimersweep.runs.recorded import RunRecord, events_of, states_of
 from dimersweep.runs.shadows import NUDGE, bounds, nudged, nudged_state, shadow_rtol
 from dimersweep.runs.solving import RunEnd, Solved, check_recorded, go_on, speed_at
@@ -406,13 +406,7 @@ def as_run(parameters: dict[str, float], rtol: float, solved: Solved, start: dic
         n_events=code["n_events"],
         n_periods=code["n_periods"],
         orbit=orbit_from(out, code["di_end"]) if MODES[code["mode"]] == "drift" else None,
-        down_share_1=out["down_share_1"],
-        down_share_2=out["down_share_2"],
-        settled_after=out["settled_after"],
-        spin_drift=out["spin_drift"],
-        longest_hop_1=out["longest_hop_1"],
-        longest_hop_2=out["longest_hop_2"],
-        change_ahead=out["change_ahead"],
+        **{name: out[name] for name in columns_of(Run, *OUT)},
         _record=solved.record,
         _end=solved.end,
     )

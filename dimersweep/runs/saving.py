@@ -13,9 +13,11 @@ import xarray as xr
 from dimersweep.errors import StoreError, one_line
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import N_START
+from dimersweep.kernel.model.layout import CODES, OUT
 from dimersweep.kernel.record import N_EVENT, N_SEGMENT
 from dimersweep.kernel.verdict.past import PAST_COLUMNS, PAST_ROWS
 from dimersweep.parameters import Parameters, updated
+from dimersweep.runs.outcome import columns_of
 from dimersweep.runs.recorded import RunRecord
 from dimersweep.runs.solving import RunEnd
 from dimersweep.storage.cubefiles import write_cube
@@ -28,10 +30,6 @@ if TYPE_CHECKING:
     from dimersweep.runs.run import Run
 
 PACKED = {"zlib": True, "complevel": 4, "shuffle": True, "fletcher32": True}
-OUTCOME: tuple[str, ...] = (  # what a run tells of itself, besides its orbit
-    *("status", "message", "mode", "mode_period", "n_events", "n_periods"),
-    *("down_share_1", "down_share_2", "settled_after", "spin_drift", "longest_hop_1", "longest_hop_2", "change_ahead"),
-)
 ROWS = {  # arrays of the kernel, their dimensions and meanings
     "event_rows": (("event", "event_column"), "events as the kernel wrote them"),
     "segment_rows": (("segment", "segment_column"), "state at the start of each smooth phase, as the kernel wrote it"),
@@ -82,7 +80,7 @@ def _configuration(run: "Run") -> dict[str, Any]:
         "parameters": run.parameters,
         "start": run.start,
         "rtol": run.rtol,
-        "outcome": {name: getattr(run, name) for name in OUTCOME},
+        "outcome": {name: getattr(run, name) for name in ("message", *columns_of(type(run), *CODES, *OUT))},
         "orbit": run.orbit and asdict(run.orbit),
         "record_cut": run._record is not None and run._record.cut,
         "kernel_version": kernel_version(),
