@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from dimersweep import orbits, simulate
 from dimersweep.errors import OrbitError, ParameterError
@@ -52,6 +53,16 @@ def test_a_family_is_made_of_orbits(family):
     for name in ("radius", "period", "zeta", "speed", "spin_drift"):
         assert float(one[name]) == pytest.approx(getattr(orbit, name), rel=1e-6), name
     assert one["word"].item() == orbit.word
+
+
+@pytest.mark.parametrize(("A_r", "xdot0", "degrees"), [(5.0, 1.0, 19), (5.0, 3.0, 19), (6.0, 3.0, 16), (7.0, 3.0, 13)])
+def test_a_drift_of_fig_17_lies_on_the_family_at_its_own_spin(A_r, xdot0, degrees):
+    start = {"A_r": A_r, "xdot0": xdot0, "beta0": np.radians(degrees)}
+    drift = simulate(**start, periods=400, rtol=1e-10, record=False).orbit
+    family = orbits.family(spin=(0.95 * drift.spin_rate, 1.05 * drift.spin_rate), points=9, A_r=A_r)
+    for name in ("radius", "period", "zeta"):
+        curve = CubicSpline(family["spin"].values, family[name].values)
+        assert float(curve(drift.spin_rate)) == pytest.approx(getattr(drift, name), rel=1e-5), name
 
 
 def test_a_spin_of_a_family_costs_little(family):

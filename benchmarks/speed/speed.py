@@ -2,7 +2,7 @@
 
 Forcing periods a second in the drift of the base case, what a period costs over rtol in several scenes with the exponent of
 its growth, the time to import, to compile and to start from the cache, and the time of the sweep of Fig. 7. The verbs are
-timed one by one in ``verbs_bench.py``.
+timed one by one by ``compare.py``.
 """
 
 import argparse
