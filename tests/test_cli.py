@@ -400,7 +400,7 @@ def test_a_sweep_that_is_stopped_says_what_is_kept_wherever_it_is(call, fake_ker
     for _ in range(2):  # the second time all points are there
         said = interrupted_in("dimersweep.studies.making.write_cube", "run", "small.toml")
         assert said == f"dimersweep: interrupted: 132 of 132 points {there}"
-    said = interrupted_in("dimersweep.studies.datasets.make", "run", "small.toml")
+    said = interrupted_in("dimersweep.studies.datasets.run_study", "run", "small.toml")
     assert said == f"dimersweep: interrupted: what was finished is kept in{there.removeprefix('are kept in')}"
     said = interrupted_in("dimersweep.storage.tilestore.TileStore.remove", "run", "small.toml", "--no-plot")
     assert said == "dimersweep: interrupted: fig07-small.nc is written"

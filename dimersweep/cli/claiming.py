@@ -34,7 +34,7 @@ def _make(page: Path, *, small: bool, workers: int | None) -> None:
     from rich.table import Table
 
     from dimersweep.claims import READINGS, Lab, as_markdown, counts, in_any, made, radius_study
-    from dimersweep.storage.files import put, told
+    from dimersweep.storage.files import disk_errors, put
     from dimersweep.work.progress import tell_of_compiling
 
     tell_of_compiling()
@@ -51,7 +51,7 @@ def _make(page: Path, *, small: bool, workers: int | None) -> None:
         cells = [f"{one.verdict}: {one.value}" for one in row.findings.values()]
         table.add_row(row.section, row.statement, *cells)
     Console().print(table)
-    with told(f"out = {page}", ""):
+    with disk_errors(f"out = {page}", ""):
         put(page, [as_markdown(rows, study, small, started).encode()])
     for reading in READINGS:
         typer.echo(f"held by {reading}: {counts(rows, reading)}")

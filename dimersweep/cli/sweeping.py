@@ -53,26 +53,25 @@ def run(
     with stoppable(
         cube_file, picture if plot else None, parts=folder_of(cube_file), again="run the same again for the rest"
     ):
-        from dimersweep.studies.datasets import make
+        from dimersweep.studies.datasets import run_study
+        from dimersweep.studies.options import make_options
 
+        study = declared.study(periods=periods, rtol=rtol, certify=certify)
         if plot and not cube_file.exists():
-            study = declared.study(periods=periods, rtol=rtol)
             judge_picture(declared, study)
             check_picture_of(study.configuration, picture, force=forced)
-        cube = make(
-            declared,
-            cube_file,
-            periods=periods,
-            rtol=rtol,
+        options = make_options(
+            out=cube_file,
+            attrs=declared.attrs,
             extend=extend,
             retry=retry,
-            certify=certify,
             workers=workers,
             client=scheduler,
             fail_fast=fail_fast,
             force=force,
             keep_tiles=keep_tiles,
         )
+        cube = run_study(study, options)
         print_cube(cube)
         typer.echo(f"cube: {cube_file}")
         if plot:

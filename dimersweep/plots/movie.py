@@ -22,7 +22,7 @@ from PIL import Image
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.parameters import as_number, check_count, dimer_from
 from dimersweep.plots.style import entitle
-from dimersweep.storage.files import put, replacing, told
+from dimersweep.storage.files import disk_errors, put, replacing
 from dimersweep.storage.outputs import check_ending, check_writable
 
 if TYPE_CHECKING:
@@ -150,10 +150,10 @@ def write_movie(
             page = replay_page(run, pace)
         except StoreError as error:
             raise StoreError(f"movie = {path}: {error}") from None
-        with told(f"movie = {path}", ""):
+        with disk_errors(f"movie = {path}", ""):
             put(path, [page.encode()])
         return path
-    with told(f"movie = {path}", ""), replacing(path) as temporary:
+    with disk_errors(f"movie = {path}", ""), replacing(path) as temporary:
         (_write_gif if path.suffix == ".gif" else _write_video)(temporary, _rendered(run, pace, dpi), fps)
     return path
 

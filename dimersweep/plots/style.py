@@ -15,7 +15,7 @@ from matplotlib.text import Text
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from dimersweep import symbols
-from dimersweep.storage.files import replacing, told
+from dimersweep.storage.files import disk_errors, replacing
 from dimersweep.storage.outputs import check_output
 from dimersweep.symbols import PARAMETERS, conditions, symbol, units_of
 
@@ -147,5 +147,5 @@ def write_picture(figure: Figure, path: str | os.PathLike[str], *, force: bool =
     >>> write_picture(run_figure(simulate(periods=30)), "run.png", force=True)
     """
     path = check_picture(path, force=force, name="picture")
-    with told(f"picture = {path}", ""), replacing(path) as temporary:
+    with disk_errors(f"picture = {path}", ""), replacing(path) as temporary:
         figure.savefig(temporary, format=path.suffix.removeprefix("."), **how)

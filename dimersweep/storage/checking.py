@@ -47,10 +47,12 @@ def check_unchanged(cube: xr.Dataset, path: str | Path) -> None:
 
 def _has_declared_axes(cube: xr.Dataset) -> bool:
     """Whether a cube has the points that its configuration tells, in their order, and a result of each kind there."""
-    told = read_configuration(cube.attrs["configuration"])
-    halvings = told.get("refine", {}).get("halvings", {})
-    axes = {name: finer(np.array(values), halvings.get(name, 0)) for name, values in told.get("grid", {}).items()}
-    columns = told.get("points", {})
+    configuration = read_configuration(cube.attrs["configuration"])
+    halvings = configuration.get("refine", {}).get("halvings", {})
+    axes = {
+        name: finer(np.array(values), halvings.get(name, 0)) for name, values in configuration.get("grid", {}).items()
+    }
+    columns = configuration.get("points", {})
     return (
         {*OUT, *CODES, *axes, *columns} <= set(cube.variables)
         and cube["mode"].dims == (tuple(axes) or ("point",))

@@ -14,7 +14,7 @@ from dimersweep.cubes.grid import MAX_POINTS
 from dimersweep.errors import StoreError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.storage.blocks import blocks
-from dimersweep.storage.files import told
+from dimersweep.storage.files import disk_errors
 from dimersweep.storage.formats import FORMATS, format_at, format_of
 from dimersweep.storage.outputs import check_writable
 from dimersweep.storage.provenance import CUBE_FORMAT, digest, read_configuration
@@ -49,7 +49,7 @@ def write_cube(
     path = check_writable(path, force=force)
     write = format_of(path).write
     assert write is not None
-    with told(f"out = {path}", kept):
+    with disk_errors(f"out = {path}", kept):
         write(cube, path, scratch)
 
 
@@ -140,8 +140,12 @@ def _sound(cube: xr.Dataset, path: Path, kind: str) -> xr.Dataset:
     text = cube.attrs.get("configuration", "")
     try:
         intact = digest(text) == cube.attrs.get("configuration_sha256") and "mode" in cube
-        told = read_configuration(text)
-        intact = intact and set(told.get("grid", {})) <= set(cube.dims) and _fixed_as_told(cube, told)
+        configuration = read_configuration(text)
+        intact = (
+            intact
+            and set(configuration.get("grid", {})) <= set(cube.dims)
+            and _fixed_as_configured(cube, configuration)
+        )
         for name in set(FLAGS) & set(cube.variables):
             check_codes(cube[name])
     except StoreError as error:
@@ -153,7 +157,7 @@ def _sound(cube: xr.Dataset, path: Path, kind: str) -> xr.Dataset:
     return cube
 
 
-def _fixed_as_told(cube: xr.Dataset, configuration: Mapping[str, Any]) -> bool:
+def _fixed_as_configured(cube: xr.Dataset, configuration: Mapping[str, Any]) -> bool:
     """Whether the fixed parameters are those of the configuration: single values have no checksum of their own."""
     fixed = configuration.get("fixed", {})
     return all(bool((cube[name] == value).all()) for name, value in fixed.items() if name in cube.coords)

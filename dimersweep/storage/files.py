@@ -97,7 +97,7 @@ def delete(path: Path) -> None:
 
 
 @contextmanager
-def told(what: str, then: str) -> Iterator[None]:
+def disk_errors(what: str, then: str) -> Iterator[None]:
     """Turn an error of the disk into one line that names `what` could not be written, and says what `then` holds.
 
     Raises

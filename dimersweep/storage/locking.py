@@ -14,7 +14,7 @@ from pathlib import Path
 from dimersweep.errors import StoreError
 
 NO_LOCKS = (errno.ENOSYS, errno.ENOTSUP, errno.ENOLCK)  # of network disks that are mounted without them
-PATIENCE = 0.3  # seconds: `holder` looks at a lock by taking it for a moment
+LOCK_SECONDS = 0.3  # seconds: `holder` looks at a lock by taking it for a moment
 
 
 def _try(handle: int) -> bool:
@@ -25,8 +25,8 @@ def _try(handle: int) -> bool:
     except OSError as error:
         if error.errno not in NO_LOCKS:
             raise
-        told = "this file system has no locks; take care that no other sweep writes to the same output"
-        warnings.warn(told, RuntimeWarning, stacklevel=2)
+        message = "this file system has no locks; take care that no other sweep writes to the same output"
+        warnings.warn(message, RuntimeWarning, stacklevel=2)
     return True
 
 
@@ -39,8 +39,8 @@ def _is_at(handle: int, path: Path) -> bool:
 
 def _holder(path: Path) -> str:
     try:
-        told = json.loads(path.read_text(encoding="utf-8"))
-        return f"process {told['pid']} on {told['host']}, since {told['since']}"
+        holder = json.loads(path.read_text(encoding="utf-8"))
+        return f"process {holder['pid']} on {holder['host']}, since {holder['since']}"
     except (OSError, ValueError, KeyError, TypeError):  # it has not written its name yet
         return "another process"
 
@@ -60,7 +60,7 @@ def locked(path: Path) -> Iterator[None]:
     folder = path.parent
     if os.path.lexists(folder) and (folder.is_symlink() or not folder.is_dir()):
         raise StoreError(f"{folder}: is no folder, where what is finished is kept; move it, or give another output")
-    patience_ends = time.monotonic() + PATIENCE
+    patience_ends = time.monotonic() + LOCK_SECONDS
     while True:
         folder.mkdir(exist_ok=True)
         handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)

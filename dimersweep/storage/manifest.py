@@ -107,7 +107,7 @@ class Manifest:
         return self.words_for(self.done)
 
     def words_for(self, done: int) -> str:
-        """The same for so many points that are done."""
+        """In words, for so many points that are done."""
         more = " known to be needed so far" if "refine" in self.configuration else ""
         return f"{done} of {self.wanted} points{more}"
 
@@ -135,14 +135,14 @@ def _ending(text: str) -> str:
     return f'"{digest(text)[:16]}"}}\n'
 
 
-def _told(line: bytes) -> dict[str, Any] | None:
+def _parsed(line: bytes) -> dict[str, Any] | None:
     """What `line` tells; None if it is not as it was written."""
     try:
         text, _, ending = line.decode().rpartition(_CHECK)
-        told = json.loads(text + "}") if ending == _ending(text) else None
+        parsed = json.loads(text + "}") if ending == _ending(text) else None
     except (ValueError, RecursionError):
         return None
-    return told if isinstance(told, dict) else None
+    return parsed if isinstance(parsed, dict) else None
 
 
 def wanted_line(wanted: int) -> bytes:
@@ -157,9 +157,9 @@ def lines(manifest: Manifest) -> bytes:
     return head + wanted + b"".join(map(as_line, manifest.entries))
 
 
-def _entry(told: dict[str, Any], manifest: Manifest) -> Entry | None:
+def _entry(parsed: dict[str, Any], manifest: Manifest) -> Entry | None:
     try:
-        entry = Entry(**told | {"tiles": [Tile(*map(int, pair)) for pair in told["tiles"]]})
+        entry = Entry(**parsed | {"tiles": [Tile(*map(int, pair)) for pair in parsed["tiles"]]})
         sound = all(0 <= start < stop <= manifest.size for start, stop in entry.tiles)
         sound = sound and entry.configuration_sha256 == manifest.sha256 and os.path.basename(entry.file) == entry.file
         sound = sound and set(entry.modes) <= set(MODES) and sum(entry.modes.values()) == entry.points
@@ -172,14 +172,14 @@ def _entry(told: dict[str, Any], manifest: Manifest) -> Entry | None:
 
 def _take(line: bytes, manifest: Manifest, take: Callable[[Entry], None]) -> bool:
     """Enter what a line after the first tells into `manifest`, or hand it to `take`; whether it could be read."""
-    told = _told(line)
-    if told is None:
+    parsed = _parsed(line)
+    if parsed is None:
         return False
-    if set(told) == {"wanted"}:
-        sound = type(told["wanted"]) is int and 0 < told["wanted"] <= manifest.size
-        manifest.wanted = told["wanted"] if sound else manifest.wanted
+    if set(parsed) == {"wanted"}:
+        sound = type(parsed["wanted"]) is int and 0 < parsed["wanted"] <= manifest.size
+        manifest.wanted = parsed["wanted"] if sound else manifest.wanted
         return sound
-    entry = _entry(told, manifest)
+    entry = _entry(parsed, manifest)
     if entry is not None:
         take(entry)
     return entry is not None
@@ -218,7 +218,7 @@ def read_manifest(path: Path, take: Callable[[Entry], None] | None = None) -> Ma
 
 def _read(path: Path, rest: BinaryIO, take: Callable[[Entry], None] | None) -> Manifest:
     first = rest.readline()
-    head = _told(first)
+    head = _parsed(first)
     manifest = _begun(head, len(first)) if head else None
     if head is None or manifest is None:
         raise StoreError(f"{path}: is damaged, or no manifest of this version of dimersweep; sweep anew (force=True)")

@@ -53,19 +53,19 @@ def read_configuration(text: str) -> dict[str, Any]:
         If it is none: of another shape, or with axes or fixed parameters that are no numbers.
     """
     try:
-        told = json.loads(text)
+        configuration = json.loads(text)
     except RecursionError:
         raise ValueError("nested too deeply") from None
-    if not isinstance(told, dict):
+    if not isinstance(configuration, dict):
         raise ValueError("no object")
-    axes, fixed = told.get("grid", {}), told.get("fixed", {})
+    axes, fixed = configuration.get("grid", {}), configuration.get("fixed", {})
     if not (isinstance(axes, dict) and isinstance(fixed, dict)):
         raise ValueError("grid and fixed must be objects")
     if not all(isinstance(values, list) and all(map(_is_number, values)) for values in axes.values()):
         raise ValueError("axes must be lists of numbers")
     if not all(map(_is_number, fixed.values())):
         raise ValueError("fixed parameters must be numbers")
-    return told
+    return configuration
 
 
 def _is_number(value: Any) -> bool:
@@ -90,13 +90,13 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     """What has changed from one configuration to another, one line for each key, such as ``periods: 200 -> 400``."""
     before, after = _flat(old), _flat(new)
     keys = [key for key in before | after if before.get(key) != after.get(key)]
-    told = []
+    changes = []
     for key in keys:
         was, now = _short(before.get(key)), _short(after.get(key))
-        told.append(f"{key}: {was} -> {now}" + (" (other values between)" if was == now else ""))
-    if not told and as_text(old) != as_text(new):
-        told.append(f"order: {', '.join(before)} -> {', '.join(after)}")
-    return told
+        changes.append(f"{key}: {was} -> {now}" + (" (other values between)" if was == now else ""))
+    if not changes and as_text(old) != as_text(new):
+        changes.append(f"order: {', '.join(before)} -> {', '.join(after)}")
+    return changes
 
 
 def _git(*arguments: str) -> str | None:

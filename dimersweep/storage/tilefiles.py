@@ -32,9 +32,9 @@ def joined(tiles: Iterable[Tile]) -> list[Tile]:
 def _header(pieces: Sequence[Finished]) -> bytes:
     """What a file of NumPy's begins with that holds the results of `pieces`."""
     kind, points = pieces[0].results.dtype, sum(len(finished.results) for finished in pieces)
-    told = {"descr": np.lib.format.dtype_to_descr(kind), "fortran_order": False, "shape": (points,)}
+    header = {"descr": np.lib.format.dtype_to_descr(kind), "fortran_order": False, "shape": (points,)}
     buffer = io.BytesIO()
-    np.lib.format.write_array_header_1_0(buffer, told)
+    np.lib.format.write_array_header_1_0(buffer, header)
     return buffer.getvalue()
 
 

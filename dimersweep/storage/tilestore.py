@@ -1,7 +1,7 @@
 """Finished tiles beside the cube to be: files listed in a manifest, and a lock, in a folder that goes when the cube is written.
 
 What a process killed at any moment leaves behind is a manifest whose entries are true, and perhaps a file that is not
-listed or a last line that is cut; those are told and never used.
+listed or a last line that is cut. `check` names both, and they are never used.
 """
 
 import os
@@ -30,8 +30,8 @@ from dimersweep.storage.files import (
     HALF,
     append,
     delete,
+    disk_errors,
     put,
-    told,
 )
 from dimersweep.storage.locking import locked
 from dimersweep.storage.manifest import (
@@ -50,7 +50,7 @@ FLUSH_SECONDS = 0.5  # tiles that end within this time share a file, so that fas
 DISK_SHARE = 0.05  # of the driver's time at most: a slow disk gets larger files, less often
 FLUSH_BYTES = 1 << 26  # of tiles that wait: a larger file would take memory, and save no time
 KEPT_BYTES = 1 << 28  # of files that are held in memory while points are read in order
-TOLD_FILES = 5  # whose damage is told one by one
+NAMED_FILES = 5  # whose damage is named one by one
 _NAME = re.compile(r"tiles-(\d+|w[0-9a-f]{16})\.npy")  # of files that the driver has written, and of those of workers
 _SCRATCH = "cube.tmp"  # the cube as it is written: only who holds the lock does that
 _HALF = re.compile(rf"{HALF.pattern}|{re.escape(_SCRATCH)}")  # of files that a kill has left half written
@@ -93,7 +93,7 @@ class TileStore:
         self.out, self.folder, self.manifest, self.kind = out, folder_of(out), manifest, kind
         self.waiting: list[Finished] = []
         self._waiting_bytes = 0
-        self._unlisted: list[Entry] = []  # files of workers that the manifest does not tell of yet
+        self._unlisted: list[Entry] = []  # files of workers that the manifest does not list yet
         self._since = perf_counter()
         self._pause = FLUSH_SECONDS
         numbers = (path.stem.removeprefix("tiles-") for path in self._files())
@@ -111,15 +111,15 @@ class TileStore:
         return self.folder / _SCRATCH
 
     @property
-    def keeps(self) -> str:
-        """What is kept when the disk refuses, in words."""
+    def kept_if_refused(self) -> str:
+        """What is kept if the disk refuses to write, in words."""
         if not self.manifest.done:
             return "nothing was finished before"
         return f"what was finished before is kept in {self.folder}; mend that and run the same again"
 
     @property
     def kept(self) -> str:
-        """What is kept of a sweep that is stopped, in words."""
+        """What is kept if the sweep is stopped now, in words."""
         if not self.manifest.done:
             return "nothing was finished yet"
         return f"{self.manifest.words} are kept in {self.folder}; run the same again to go on"
@@ -155,13 +155,13 @@ class TileStore:
             trouble.append(f"lines of the manifest that are cut or damaged: {self.manifest.damaged}")
         if trouble or unlisted:
             self._relist(kept)
-        if len(trouble) > TOLD_FILES:
-            trouble = [*trouble[:TOLD_FILES], f"and {len(trouble) - TOLD_FILES} more"]
-        told = [f"{self.folder}: damaged results are computed again ({'; '.join(trouble)})"] if trouble else []
+        if len(trouble) > NAMED_FILES:
+            trouble = [*trouble[:NAMED_FILES], f"and {len(trouble) - NAMED_FILES} more"]
+        lines = [f"{self.folder}: damaged results are computed again ({'; '.join(trouble)})"] if trouble else []
         if unlisted:
             files = f"files of points that the manifest does not list, as a kill may leave them: {unlisted}"
-            told.append(f"{self.folder}: {files}; they are deleted, and their points computed again")
-        return told
+            lines.append(f"{self.folder}: {files}; they are deleted, and their points computed again")
+        return lines
 
     def _relist(self, entries: list[Entry]) -> None:
         """Put `entries` in place of those of the manifest, and delete all other files."""
@@ -192,11 +192,11 @@ class TileStore:
         StoreError
             If the disk refuses.
         """
-        with told(f"{self.folder}: finished tiles", self.keeps):
+        with disk_errors(f"{self.folder}: finished tiles", self.kept_if_refused):
             return open_shelf(self.folder, self.manifest.sha256)
 
     def enlist(self, entry: Entry) -> None:
-        """Have the manifest tell of a file that a worker has put into the folder, as late as `add` does.
+        """List a file that a worker has put into the folder; the manifest on disk has it as late as a tile of `add`.
 
         Raises
         ------
@@ -206,8 +206,8 @@ class TileStore:
         try:
             size = os.stat(self.folder / entry.file).st_size
         except OSError as error:
-            told = f"cannot be read, though a worker has written it ({error.strerror})"
-            raise StoreError(f"{self.folder / entry.file}: {told}; {self.keeps}") from None
+            why = f"cannot be read, though a worker has written it ({error.strerror})"
+            raise StoreError(f"{self.folder / entry.file}: {why}; {self.kept_if_refused}") from None
         if size != entry.size:
             raise StoreError(
                 f"{self.folder / entry.file}: has {size} bytes in place of {entry.size}; run the same again"
@@ -231,7 +231,7 @@ class TileStore:
         if not self.waiting and not self._unlisted:
             return
         now = perf_counter()
-        with told(f"{self.folder}: finished tiles", self.keeps):
+        with disk_errors(f"{self.folder}: finished tiles", self.kept_if_refused):
             entries = [*self._unlisted, *([self._write(self.waiting, 0.0)] if self.waiting else [])]
             entries[-1] = replace(entries[-1], wall=now - self._since)
             self._append(b"".join(map(as_line, entries)))
@@ -244,7 +244,7 @@ class TileStore:
         self.manifest.length += len(line)
 
     def expect(self, total: int) -> None:
-        """Have the manifest tell how many points are to be run, where that is not the whole grid.
+        """Note in the manifest how many points are to be run, where that is not the whole grid.
 
         Raises
         ------
@@ -252,7 +252,7 @@ class TileStore:
             If the disk refuses.
         """
         if total != self.manifest.wanted:
-            with told(f"{self.folder}: the list of finished tiles", self.keeps):
+            with disk_errors(f"{self.folder}: the list of finished tiles", self.kept_if_refused):
                 self._append(wanted_line(total))
             self.manifest.wanted = total
 
@@ -343,8 +343,8 @@ def _opened(out: Path, nothing: Manifest, kind: np.dtype) -> TileStore:
             f"begin anew with force=True, or give another output. What differs:{changes}"
         )
     if manifest.size != nothing.size:
-        told = f"tells of {manifest.size} points, where its grid has {nothing.size}"
-        raise StoreError(f"{path}: is damaged ({told}); sweep anew (force=True)")
+        why = f"tells of {manifest.size} points, where its grid has {nothing.size}"
+        raise StoreError(f"{path}: is damaged ({why}); sweep anew (force=True)")
     return TileStore(out, manifest, kind)
 
 
@@ -375,7 +375,7 @@ def tile_store(
         the folder cannot be written.
     """
     with ExitStack() as stack:
-        with told(f"{folder_of(out)}", "nothing was computed"):
+        with disk_errors(f"{folder_of(out)}", "nothing was computed"):
             stack.enter_context(locked(lock_of(out)))
             nothing = Manifest(dict(configuration), size, cpu(), [], size)
             try:

@@ -141,14 +141,14 @@ def read_borders(path: str | os.PathLike[str]) -> Borders:
         Naming the word or the value that is not allowed.
     """
     path = Path(path)
-    raw, told = read_toml(path), []
+    raw, mistakes = read_toml(path), []
     try:
         _judge(Borders.model_validate(raw))
     except ValidationError as error:
-        told = explain(error, _KNOWN)
+        mistakes = explain(error, _KNOWN)
     except ParameterError as error:
-        told = [str(error)]
-    refuse_mistakes(path, told)
+        mistakes = [str(error)]
+    refuse_mistakes(path, mistakes)
     return Borders.model_validate(raw)
 
 
@@ -240,9 +240,9 @@ def make_borders(
             tell(f"{len(before)} of {len(makers)} parts are there already: {', '.join(before)}")
         try:
             tables = [parts.take(name, partial(_stored, make, tell)) for name, make in makers.items()]
-            told = attributes(declared.configuration, declared.borders.title, perf_counter() - start)
-            told["dimersweep_borders"] = told.pop("dimersweep_cube")
-            made = without_fill(_joined(declared, tables).assign_attrs(told))
+            attrs = attributes(declared.configuration, declared.borders.title, perf_counter() - start)
+            attrs["dimersweep_borders"] = attrs.pop("dimersweep_cube")
+            made = without_fill(_joined(declared, tables).assign_attrs(attrs))
             if out is not None:
                 write_cube(made, out, force=force)
         except KeyboardInterrupt as stop:

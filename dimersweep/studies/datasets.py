@@ -5,8 +5,9 @@ from typing import Unpack
 
 import xarray as xr
 
+from dimersweep.studies.deciding import SearchSpec
 from dimersweep.studies.declaration import Declaration
-from dimersweep.studies.options import Manner, make_options
+from dimersweep.studies.options import Manner, Options, make_options
 from dimersweep.studies.refine import RefineSpec, run_refine
 from dimersweep.studies.search import run_search
 from dimersweep.studies.sweep import run_sweep
@@ -47,7 +48,11 @@ def make(
     """
     study = declared.study(periods=periods, rtol=rtol, certify=certify)
     options.setdefault("attrs", declared.attrs)
-    chosen = make_options(out=out, **options)
+    return run_study(study, make_options(out=out, **options))
+
+
+def run_study(study: Spec | SearchSpec | RefineSpec, options: Options) -> xr.Dataset:
+    """The cube of a sweep, a search or a refined map; raises as `sweep`."""
     if isinstance(study, Spec):
-        return run_sweep(study, chosen)
-    return run_refine(study, chosen) if isinstance(study, RefineSpec) else run_search(study, chosen)
+        return run_sweep(study, options)
+    return run_refine(study, options) if isinstance(study, RefineSpec) else run_search(study, options)

@@ -126,9 +126,9 @@ class SearchSpec:
         return np.dtype(RESULT.descr + FOUND + (self.paths.fields if self.paths else []))
 
     def configuration(self) -> dict[str, Any]:
-        """The same as plain numbers, lists and strings, with the version of the kernel that gives the results."""
+        """All that decides the numbers, as plain numbers, lists and strings, with the version of the kernel."""
         question = self.question
-        told = {
+        settings = {
             "grid": {name: values.tolist() for name, values in self.grid.axes.items()},
             "fixed": self.grid.fixed,
             "search": {
@@ -143,10 +143,10 @@ class SearchSpec:
             "kernel_version": kernel_version(),
         }
         if self.max_periods > self.periods:
-            told["max_periods"] = self.max_periods
+            settings["max_periods"] = self.max_periods
         if self.paths:
-            told["paths"] = vars(self.paths)
-        return told
+            settings["paths"] = vars(self.paths)
+        return settings
 
 
 @dataclass(frozen=True)

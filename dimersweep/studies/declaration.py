@@ -156,53 +156,53 @@ _KNOWN: dict[str, type[BaseModel]] = {
 
 def explain(error: ValidationError, sections: Mapping[str, type[BaseModel]]) -> list[str]:
     """The complaints of pydantic about a file of `sections`, each as one line with the key and what is allowed."""
-    told: list[str] = []
+    mistakes: list[str] = []
     meant: set[str] = set()
     for complaint in error.errors():
         *section, key = (str(part) for part in complaint["loc"])
         where = ".".join([*section, key])
         if complaint["type"] == "extra_forbidden":
             line = unknown(key, "key", sections[".".join(section)].model_fields)
-            told.append(".".join([*section, line]))
+            mistakes.append(".".join([*section, line]))
             meant.update(".".join([*section, name]) for name in re.findall(r"did you mean (\w+)\?", line))
         elif complaint["type"] == "missing":
-            told.append(f"{where}: is missing")
+            mistakes.append(f"{where}: is missing")
         elif complaint["type"] == "value_error":
-            told.append(str(complaint["ctx"]["error"]))  # of one of our own checks, which names what it judges
+            mistakes.append(str(complaint["ctx"]["error"]))  # of one of our own checks, which names what it judges
         else:
-            told.append(f"{where} = {complaint['input']!r}: {complaint['msg'].replace('Input should', 'must')}")
+            mistakes.append(f"{where} = {complaint['input']!r}: {complaint['msg'].replace('Input should', 'must')}")
     return [
-        line for line in told if line.partition(": is missing")[0] not in meant
+        line for line in mistakes if line.partition(": is missing")[0] not in meant
     ]  # a misspelt key is not missing too
 
 
 def _of_parameters(raw: Mapping[str, Any]) -> list[str]:
     """What is wrong with single parameters in the sections grid and fixed, each in one line."""
-    told = []
+    mistakes = []
     for section, judged in (("grid", axis), ("fixed", fixed_value)):
         given = raw.get(section, {})
         for name, value in given.items() if isinstance(given, Mapping) else ():
             try:
                 check({name: judged(name, value)}, gaps=PARAMETERS)  # rules between two parameters wait for all of them
             except ParameterError as error:
-                told.append(str(error))
-    return told
+                mistakes.append(str(error))
+    return mistakes
 
 
 def _mistakes(raw: Mapping[str, Any]) -> list[str]:
     """All that is wrong with a declaration, as far as it can be judged piece by piece."""
-    told = []
+    mistakes = []
     try:
         declaration = Declaration.model_validate(raw)
     except ValidationError as error:
-        told = explain(error, _KNOWN)
-    told += _of_parameters(raw)
-    if not told:
+        mistakes = explain(error, _KNOWN)
+    mistakes += _of_parameters(raw)
+    if not mistakes:
         try:
             declaration.study()
         except ParameterError as error:
-            told = [str(error)]
-    return told
+            mistakes = [str(error)]
+    return mistakes
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -223,17 +223,17 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise ParameterError(f"{path}: is no valid TOML ({error})") from None
 
 
-def refuse_mistakes(path: Path, told: list[str]) -> None:
-    """Refuse a file that has mistakes, each of which is `told` in a line.
+def refuse_mistakes(path: Path, mistakes: list[str]) -> None:
+    """Refuse a file that has mistakes, a line for each.
 
     Raises
     ------
     ParameterError
     """
-    if len(told) > 1:
-        raise ParameterError(f"{path}: {len(told)} mistakes" + "".join(f"\n  {line}" for line in told))
-    if told:
-        raise ParameterError(f"{path}: {told[0]}")
+    if len(mistakes) > 1:
+        raise ParameterError(f"{path}: {len(mistakes)} mistakes" + "".join(f"\n  {line}" for line in mistakes))
+    if mistakes:
+        raise ParameterError(f"{path}: {mistakes[0]}")
 
 
 def read_declaration(path: str | os.PathLike[str]) -> Declaration:

@@ -19,7 +19,7 @@ from dimersweep.errors import ParameterError, Stopped, StoreError
 from dimersweep.runs import accessor  # noqa: F401 - gives every cube its `cube.dimersweep`
 from dimersweep.storage.checking import check_unchanged, checksum_of
 from dimersweep.storage.cubefiles import open_cube, write_cube
-from dimersweep.storage.files import told
+from dimersweep.storage.files import disk_errors
 from dimersweep.storage.formats import format_of
 from dimersweep.storage.memorystore import MemoryStore
 from dimersweep.storage.outputs import check_output, check_writable
@@ -74,7 +74,7 @@ def complete_cube(study: Study, options: Options) -> xr.Dataset | None:
         if options.retry and options.extend is None:
             raise ParameterError("retry: needs an out, or a cube to extend")
         return None
-    check_output(out, force=True)  # what can never be written to is told first
+    check_output(out, force=True)  # what can never be written to is refused first
     if out.exists() and not options.force:
         former = _former(out, study)
         if not options.retry or not failed(flatten(former)[1]).any():
@@ -123,7 +123,9 @@ class UnfinishedCube:
         """Write the finished cube with its checksum, if it has an output, and remove the folder of its points."""
         cube.attrs[CHECKSUM] = checksum_of(cube)
         if isinstance(self.store, TileStore):
-            write_cube(cube, self.store.out, force=self._replaces, scratch=self.store.scratch, kept=self.store.keeps)
+            write_cube(
+                cube, self.store.out, force=self._replaces, scratch=self.store.scratch, kept=self.store.kept_if_refused
+            )
             self._tidy_up(self.store)
         return cube
 
@@ -132,7 +134,7 @@ class UnfinishedCube:
         assert isinstance(self.store, TileStore)
         out, write = self.store.out, format_of(self.store.out).write_blocks
         assert write is not None
-        with told(f"out = {out}", self.store.keeps):
+        with disk_errors(f"out = {out}", self.store.kept_if_refused):
             workers, scratch = self.options.how.workers, self.store.scratch
             write(self.study.grid, self.store.read, attributes, out, scratch=scratch, workers=workers)
         self._tidy_up(self.store)

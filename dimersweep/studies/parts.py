@@ -10,12 +10,12 @@ import xarray as xr
 
 from dimersweep.errors import StoreError
 from dimersweep.storage.cubefiles import write_cube
-from dimersweep.storage.files import HALF, put, told
+from dimersweep.storage.files import HALF, disk_errors, put
 from dimersweep.storage.formats.netcdf import read_netcdf
 from dimersweep.storage.locking import locked
 from dimersweep.storage.provenance import configured, differences, read_configuration
 
-LOCK, HEAD = "lock", "configuration.json"
+LOCK, CONFIGURATION = "lock", "configuration.json"
 SCRATCH = "scratch.tmp"  # a part as it is written: only who holds the lock does that
 FILES = "part-*.nc"  # nothing else in the folder is ever read or removed
 
@@ -62,17 +62,17 @@ class Parts:
         return part
 
     def _kept(self, path: Path) -> xr.Dataset | None:
-        """A part, if it is there, undamaged and of this configuration; if it is not sound, that is told."""
+        """A part, if it is there, undamaged and of this configuration; a warning names one that is not sound."""
         if not path.is_file():
             return None
         try:
             part = read_netcdf(path)
             if self.configured.items() <= part.attrs.items():
                 return part
-            told = f"{path}: is of another configuration"
+            why = f"{path}: is of another configuration"
         except StoreError as error:
-            told = str(error)
-        warnings.warn(f"{told}; it is made again", RuntimeWarning, stacklevel=5)  # of what has called make_borders
+            why = str(error)
+        warnings.warn(f"{why}; it is made again", RuntimeWarning, stacklevel=5)  # of what has called make_borders
         return None
 
     def remove(self) -> None:
@@ -80,7 +80,7 @@ class Parts:
         if self.folder is None or not self.folder.is_dir():
             return
         half = (path for path in self.folder.iterdir() if HALF.fullmatch(path.name))
-        for path in (*half, *self.folder.glob(FILES), *(self.folder / name for name in (HEAD, SCRATCH, LOCK))):
+        for path in (*half, *self.folder.glob(FILES), *(self.folder / name for name in (CONFIGURATION, SCRATCH, LOCK))):
             path.unlink(missing_ok=True)
         with suppress(OSError):
             self.folder.rmdir()
@@ -107,7 +107,7 @@ def parts_beside(out: Path | None, configuration: Mapping[str, Any], *, force: b
         yield parts
         return
     with ExitStack() as stack:
-        with told(str(parts.folder), ""):
+        with disk_errors(str(parts.folder), ""):
             stack.enter_context(locked(parts.folder / LOCK))
             _claim(parts, configuration, force=force)
         try:
@@ -121,10 +121,10 @@ def parts_beside(out: Path | None, configuration: Mapping[str, Any], *, force: b
 def _claim(parts: Parts, configuration: Mapping[str, Any], *, force: bool) -> None:
     """Enter the configuration of the parts, if none or the same is there."""
     assert parts.folder is not None
-    head, text = parts.folder / HEAD, parts.configured["configuration"]
+    head, text = parts.folder / CONFIGURATION, parts.configured["configuration"]
     if not head.is_file() and any(parts.folder.glob(FILES)):
         raise StoreError(
-            f"{parts.folder}: holds {FILES} without a {HEAD}, which tells what they are; remove or rename the folder"
+            f"{parts.folder}: holds {FILES} without a {CONFIGURATION}, which tells what they are; remove or rename the folder"
         )
     former = head.read_text(encoding="utf-8") if head.is_file() else text
     if former != text and not force:

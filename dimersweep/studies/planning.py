@@ -1,4 +1,4 @@
-"""What a sweep, a search or a map would cost, told from a timed sample of it; nothing is written."""
+"""What a sweep, a search or a map would cost, estimated from a timed sample of it; nothing is written."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

@@ -36,7 +36,7 @@ def point_table(
     Raises
     ------
     ParameterError
-        If there is none of the three or more than one, or what is told of them is not allowed.
+        If there is none of the three or more than one, or one of their settings is not allowed.
     """
     if [file is not None, bool(columns), bool(ranges)].count(True) != 1:
         raise ParameterError("points: give one of file, columns and ranges")
@@ -129,20 +129,20 @@ def _read(file: str | os.PathLike[str]) -> dict[str, Any]:
     """
     import pandas as pd
 
-    told = f"points.file = {str(file)!r}"
+    where = f"points.file = {str(file)!r}"
     try:
-        names = _names(Path(file), told)
+        names = _names(Path(file), where)
         table = pd.read_csv(Path(file), skipinitialspace=True, index_col=False, keep_default_na=False)
     except OSError as error:
-        raise ParameterError(f"{told}: cannot be read ({error.strerror})") from None
+        raise ParameterError(f"{where}: cannot be read ({error.strerror})") from None
     except ParameterError:
         raise
     except (ValueError, csv.Error) as error:  # pandas' own errors among them
-        raise ParameterError(f"{told}: is no table ({one_line(error)})") from None
+        raise ParameterError(f"{where}: is no table ({one_line(error)})") from None
     return {name: table.iloc[:, k].to_numpy() for k, name in enumerate(names)}
 
 
-def _names(file: Path, told: str) -> list[str]:
+def _names(file: Path, where: str) -> list[str]:
     """The names in the first line of a CSV file, whose other lines have one value for each of them.
 
     Raises
@@ -155,8 +155,8 @@ def _names(file: Path, told: str) -> list[str]:
         names = [" ".join(name.split()) for name in next(filter(None, rows), [])]
         for name in names:
             if names.count(name) > 1:
-                raise ParameterError(f"{told}: has {names.count(name)} columns {name}; give each parameter once")
+                raise ParameterError(f"{where}: has {names.count(name)} columns {name}; give each parameter once")
         for row in rows:
             if len(row) != len(names) and row not in ([], [""]):
-                raise ParameterError(f"{told}: line {rows.line_num} has {len(row)} values for {len(names)} columns")
+                raise ParameterError(f"{where}: line {rows.line_num} has {len(row)} values for {len(names)} columns")
     return names

@@ -135,7 +135,7 @@ class RefineSpec:
 
     @cached_property
     def fine(self) -> SearchSpec:
-        """The same search on the fine grid, of which only the points that are needed are computed."""
+        """The search on the fine grid, of which only the points that are needed are computed."""
         axes = self.coarse.grid.axes.items()
         fine = {name: finer(values, self.halvings[name]) for name, values in axes}
         return replace(self.coarse, grid=Grid(fine, self.coarse.grid.fixed))

@@ -37,13 +37,17 @@ def from_cube(path: str | os.PathLike[str], *, other_kernel: bool = False) -> De
         If there is no such cube, or it comes from another kernel; with the versions that made it.
     """
     cube = open_cube(path)
-    told = json.loads(cube.attrs["configuration"])
+    configuration = json.loads(cube.attrs["configuration"])
     try:
-        declaration = _of_search(cube, told, path) if "search" in told else _of_sweep(cube, told, path)
+        declaration = (
+            _of_search(cube, configuration, path) if "search" in configuration else _of_sweep(cube, configuration, path)
+        )
     except (KeyError, TypeError, ValueError, AttributeError) as error:  # a ValidationError is a ValueError
         raise StoreError(f"{path}: tells a configuration that this version does not know ({one_line(error)})") from None
-    today = told | {"kernel_version": kernel_version()}
-    changes = differences(told, today if "search" in told else Spec.from_configuration(told).configuration())
+    today = configuration | {"kernel_version": kernel_version()}
+    changes = differences(
+        configuration, today if "search" in configuration else Spec.from_configuration(configuration).configuration()
+    )
     if changes and not other_kernel:
         made_by = ", ".join(f"{name} {cube.attrs.get(name, 'unknown')}" for name in MADE_BY)
         raise StoreError(
@@ -53,41 +57,41 @@ def from_cube(path: str | os.PathLike[str], *, other_kernel: bool = False) -> De
     return declaration
 
 
-def _of_sweep(cube: xr.Dataset, told: Mapping[str, Any], path: str | os.PathLike[str]) -> Declaration:
+def _of_sweep(cube: xr.Dataset, configuration: Mapping[str, Any], path: str | os.PathLike[str]) -> Declaration:
     return Declaration(
         sweep=SweepSection(
             title=cube.attrs["title"],
-            periods=told["periods"],
-            max_periods=told.get("max_periods"),
-            rtol=told["rtol"],
-            stop_when_settled=told["stop_when_settled"],
-            certify=told.get("certify", False),
-            strobes=told.get("strobes", 0),
+            periods=configuration["periods"],
+            max_periods=configuration.get("max_periods"),
+            rtol=configuration["rtol"],
+            stop_when_settled=configuration["stop_when_settled"],
+            certify=configuration.get("certify", False),
+            strobes=configuration.get("strobes", 0),
             output=str(path),
         ),
-        grid=told.get("grid"),
-        points=PointsSection(columns=told["points"]) if "points" in told else None,
-        fixed=told["fixed"],
+        grid=configuration.get("grid"),
+        points=PointsSection(columns=configuration["points"]) if "points" in configuration else None,
+        fixed=configuration["fixed"],
         plot=PlotSection(kind=cube.attrs.get("plot", "mode_map")),
     )
 
 
-def _of_search(cube: xr.Dataset, told: Mapping[str, Any], path: str | os.PathLike[str]) -> Declaration:
-    asked = dict(told["search"])
+def _of_search(cube: xr.Dataset, configuration: Mapping[str, Any], path: str | os.PathLike[str]) -> Declaration:
+    asked = dict(configuration["search"])
     over, values = asked.pop("axis"), asked.pop("values")
     return Declaration.model_validate(
         {
             "sweep": {
                 "title": cube.attrs["title"],
-                "periods": told["periods"],
-                "max_periods": told.get("max_periods"),
-                "rtol": told["rtol"],
+                "periods": configuration["periods"],
+                "max_periods": configuration.get("max_periods"),
+                "rtol": configuration["rtol"],
                 "output": str(path),
             },
-            "grid": told["grid"] | {over: values},
-            "fixed": told["fixed"],
+            "grid": configuration["grid"] | {over: values},
+            "fixed": configuration["fixed"],
             "search": asked | {"over": over},
             "plot": {"kind": cube.attrs.get("plot", "mode_map")},
-            **{name: told[name] for name in ("refine", "paths") if name in told},
+            **{name: configuration[name] for name in ("refine", "paths") if name in configuration},
         }
     )

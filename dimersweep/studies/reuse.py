@@ -36,9 +36,9 @@ def _places(old: np.ndarray, new: np.ndarray) -> np.ndarray:
 def _refuse_other_settings(old: dict[str, Any], new: dict[str, Any], name: str) -> None:
     swept = {*old["grid"], *new["grid"]}
 
-    def settings(told: dict[str, Any]) -> dict[str, Any]:
-        fixed = {key: value for key, value in told["fixed"].items() if key not in swept}
-        return {key: value for key, value in told.items() if key not in _POINTS} | {"fixed": fixed}
+    def settings(configuration: dict[str, Any]) -> dict[str, Any]:
+        fixed = {key: value for key, value in configuration["fixed"].items() if key not in swept}
+        return {key: value for key, value in configuration.items() if key not in _POINTS} | {"fixed": fixed}
 
     if ("search" in old) != ("search" in new):
         one, other = ("a search", "a whole grid") if "search" in old else ("a whole grid", "a search")
@@ -142,8 +142,8 @@ def known_points(
     if options.extend is not None:
         cube = open_cube(options.extend)
         found.append(Known(cube, str(options.extend), spec, read))
-        told = f"{Path(options.extend).name}, configuration sha256 {cube.attrs['configuration_sha256']}"
-        origin["extends"] = told
+        source = f"{Path(options.extend).name}, configuration sha256 {cube.attrs['configuration_sha256']}"
+        origin["extends"] = source
     if options.retry and options.out is not None and options.out.exists():
         cube = open_cube(options.out)
         found.append(

@@ -18,7 +18,7 @@ from dimersweep.runs.shadows import certified
 from dimersweep.studies.strobes import MAX_STROBES, add_strobes, strobe_fields
 from dimersweep.work.tiles import SLOW_MODES, around, run_patiently
 
-CERTIFIED = np.dtype([*RESULT.descr, ("confidence", "<i8"), ("error_estimate", "<f8")])  # the same of a certified one
+CERTIFIED = np.dtype([*RESULT.descr, ("confidence", "<i8"), ("error_estimate", "<f8")])  # result of a certified point
 
 
 def check_max_periods(periods: int, max_periods: int | None) -> int:
@@ -101,24 +101,24 @@ class Spec:
         return replace(self, grid=grid), moved, shift
 
     def configuration(self) -> dict[str, Any]:
-        """The same as plain numbers, lists and strings, with the version of the kernel that gives the results."""
-        told = self.grid.told() | {
+        """All that decides the numbers, as plain numbers, lists and strings, with the version of the kernel."""
+        settings = self.grid.told() | {
             "periods": self.periods,
             "rtol": self.rtol,
             "stop_when_settled": self.stop_when_settled,
             "kernel_version": kernel_version(),
         }
         if self.max_periods > self.periods:
-            told["max_periods"] = self.max_periods
+            settings["max_periods"] = self.max_periods
         if self.certify:
-            told["certify"] = True
+            settings["certify"] = True
         if self.strobes:
-            told["strobes"] = self.strobes
-        return told
+            settings["strobes"] = self.strobes
+        return settings
 
     @classmethod
-    def from_configuration(cls, told: Mapping[str, Any]) -> "Spec":
-        """The spec that gave `told` as its `configuration`, whatever the kernel was; judged like any other input.
+    def from_configuration(cls, settings: Mapping[str, Any]) -> "Spec":
+        """The spec that gave `settings` as its `configuration`, whatever the kernel was; judged like any other input.
 
         Raises
         ------
@@ -128,15 +128,15 @@ class Spec:
             If something is missing.
         """
         return make_spec(
-            told.get("grid"),
-            told["fixed"],
-            points=told.get("points"),
-            periods=told["periods"],
-            rtol=told["rtol"],
-            stop_when_settled=told["stop_when_settled"],
-            certify=told.get("certify", False),
-            max_periods=told.get("max_periods"),
-            strobes=told.get("strobes", 0),
+            settings.get("grid"),
+            settings["fixed"],
+            points=settings.get("points"),
+            periods=settings["periods"],
+            rtol=settings["rtol"],
+            stop_when_settled=settings["stop_when_settled"],
+            certify=settings.get("certify", False),
+            max_periods=settings.get("max_periods"),
+            strobes=settings.get("strobes", 0),
         )
 
 

@@ -66,7 +66,7 @@ def opened_netcdf(path: Path) -> Iterator[xr.Dataset]:
         raise StoreError(f"{path}: is a folder; give a NetCDF file")
     if not os.path.isfile(path):  # a name that no file can have is no error for it
         raise StoreError(f"{path}: no such file")
-    with _damage_told(path), ONE_THREAD:
+    with _damage_named(path), ONE_THREAD:
         declared, size = _declared_bytes(path), path.stat().st_size
         if declared > DEFLATED * size:
             raise StoreError(f"{path}: declares {declared} bytes, which its {size} cannot hold; it is damaged")
@@ -83,7 +83,7 @@ def _declared_bytes(path: Path) -> int:
 
 
 @contextmanager
-def _damage_told(path: Path) -> Iterator[None]:
+def _damage_named(path: Path) -> Iterator[None]:
     try:
         yield
     except StoreError:

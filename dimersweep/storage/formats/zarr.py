@@ -26,7 +26,7 @@ from dimersweep.storage.provenance import CHECKSUM
 WRITERS = 4  # threads at most: each holds a block of some 100 MB, and the disk is soon the limit
 
 
-OLDEST = (3, 1)  # of zarr: earlier ones may run code that a store brings along
+OLDEST_ZARR = (3, 1)  # of zarr: earlier ones may run code that a store brings along
 
 
 def check_zarr() -> None:
@@ -40,7 +40,7 @@ def check_zarr() -> None:
         import zarr
     except ImportError:
         raise StoreError("zarr: is not installed; pip install 'dimersweep[zarr]'") from None
-    if tuple(map(int, zarr.__version__.split(".")[:2])) < OLDEST:
+    if tuple(map(int, zarr.__version__.split(".")[:2])) < OLDEST_ZARR:
         raise StoreError(
             f"zarr = {zarr.__version__}: must be >= 3.1, as an older one may run code that a store brings along; "
             "pip install -U 'dimersweep[zarr]'"
@@ -154,7 +154,7 @@ def _chunks_lacking(folder: Path, variable: xr.Variable) -> int:
 
 
 class _Numbers:
-    """Values of a variable, read when they are used; damage that is found then is told in one line."""
+    """Values of a variable, read when they are used; damage that is found then is named in one line."""
 
     def __init__(self, path: Path, name: str, variable: xr.Variable) -> None:
         self.path, self.name, self.variable = path, name, variable.copy(deep=False)
@@ -166,8 +166,8 @@ class _Numbers:
         except MemoryError:
             raise
         except Exception as error:  # each way to compress has its own
-            told = f"{self.name} cannot be read ({one_line(error)})"
-            raise StoreError(f"{self.path}: is damaged: {told}; sweep it again (force=True)") from None
+            why = f"{self.name} cannot be read ({one_line(error)})"
+            raise StoreError(f"{self.path}: is damaged: {why}; sweep it again (force=True)") from None
 
 
 @contextmanager
