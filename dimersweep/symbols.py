@@ -125,7 +125,7 @@ SYMBOLS = {
     "phi_y": (r"\phi_y", "φ_y"),
     "theta0": (r"\theta(0)", "θ(0)"),
 }
-CAPTION = ("xdot0", "A_r", "e", "Gamma", "f", "mu", "mu_s", "beta0")  # what the paper's captions tell
+CAPTION = ("xdot0", "A_r", "e", "Gamma", "f", "mu", "mu_s", "beta0")  # what the paper's captions give
 
 
 def symbol(name: str, *, tex: bool = False) -> str:

@@ -7,7 +7,7 @@ import pytest
 from matplotlib.contour import QuadContourSet
 
 from dimersweep.cubes.cube import names
-from dimersweep.cubes.reading import answers_told, edges_of
+from dimersweep.cubes.reading import edges_of, search_summary
 from dimersweep.errors import ParameterError
 from dimersweep.plots import KINDS, draw
 from dimersweep.studies.refine import refine
@@ -89,8 +89,8 @@ def test_regions_have_borders_where_they_differ(fake_kernel):
 
 
 def test_answers_are_told_in_one_line(fake_kernel):
-    told = answers_told(searched({"f": [0.2, 9.0]}))
+    told = search_summary(searched({"f": [0.2, 9.0]}))
     assert told.startswith("any beta0 to drift: no 1, yes 1 at 2 points, in ") and told.endswith(
         " runs of 38 that there are"
     )
-    assert answers_told(searched({"f": [0.2, 9.0]}, ask="fraction")).startswith("modes over beta0: yes 2 at 2 points")
+    assert search_summary(searched({"f": [0.2, 9.0]}, ask="fraction")).startswith("modes over beta0: yes 2 at 2 points")

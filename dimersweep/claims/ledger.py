@@ -1,4 +1,4 @@
-"""What a claim is, where the claims are kept, and how the ledger of all of them is made and told."""
+"""What a claim is, where the claims are kept, and how the ledger of all of them is made and written."""
 
 from collections.abc import Callable, Iterator, Mapping
 from time import perf_counter
@@ -87,12 +87,12 @@ def in_any(rows: list[Row]) -> int:
 
 
 def reasons(row: Row) -> str:
-    """Why a claim falls short, with the readings under which it does; one reason is told once."""
-    told: dict[str, list[str]] = {}
+    """Why a claim falls short, with the readings under which it does; each reason is given once."""
+    readings_of: dict[str, list[str]] = {}
     for reading, one in row.findings.items():
         if one.reason:
-            told.setdefault(one.reason, []).append(reading)
-    return "; ".join(f"`{' and '.join(readings)}`: {reason}" for reason, readings in told.items())
+            readings_of.setdefault(one.reason, []).append(reading)
+    return "; ".join(f"`{' and '.join(readings)}`: {reason}" for reason, readings in readings_of.items())
 
 
 def _line(*cells: str) -> str:

@@ -62,7 +62,7 @@ def _warn(message: Warning | str, *others: Any, **more: Any) -> None:
 
 
 def main() -> None:
-    """Entry point: every error that is the user's to mend is told in a line and exit code 2."""
+    """Entry point: an error that the user can mend is shown in one line, with exit code 2."""
     import warnings
 
     warnings.showwarning = _warn

@@ -25,7 +25,7 @@ def borders(
     from dimersweep.storage.netcdf import TABLES, check_output, open_cube, refuse_input
     from dimersweep.studies.border_files import make_borders, plan_borders, read_borders
     from dimersweep.studies.parts import parts_of
-    from dimersweep.work.progress import tell_of_compiling
+    from dimersweep.work.progress import report_compiling
 
     declared = read_borders(declaration)
     out = out or Path(declared.borders.output)
@@ -41,7 +41,7 @@ def borders(
     with stoppable(out, drawn, parts=parts_of(out)):
         from dimersweep.orbits.pictures import draw_borders
 
-        tell_of_compiling()
+        report_compiling()
         table = make_borders(declared, out, force=force, tell=typer.echo)
         write_picture(draw_borders(table, under), drawn, force=force)
         typer.echo(f"{out} and {drawn} in {table.attrs['wall_time_s']:.1f} s")

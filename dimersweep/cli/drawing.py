@@ -1,4 +1,4 @@
-"""The command for the picture of a cube, and what every command that has a cube tells of it."""
+"""The command for the picture of a cube, and what every command prints of its cube."""
 
 import warnings
 from collections import Counter
@@ -61,7 +61,7 @@ def _selected(cube: "xr.Dataset", text: str) -> "xr.Dataset":
 
 
 def draw_beside(cube: "xr.Dataset", picture: Path, kind: str | None = None, quantity: str | None = None) -> None:
-    """Draw `cube` to a file that may be replaced, marked with what it was drawn from, and tell of it."""
+    """Draw `cube` to a file that may be replaced, marked with what it was drawn from, and print its path."""
     from dimersweep.plots import draw, write_picture
 
     figure, marked = draw(cube, kind, quantity=quantity), {"Keywords": _mark(cube.attrs["configuration_sha256"])}
@@ -70,7 +70,7 @@ def draw_beside(cube: "xr.Dataset", picture: Path, kind: str | None = None, quan
 
 
 def draw_if_it_can(cube: "xr.Dataset", picture: Path, *, force: bool) -> None:
-    """The same for a cube that is written: a picture that fails is told of, and takes nothing from the success."""
+    """Draw a cube that was just written: a picture that fails gives a warning, and the command still succeeds."""
     try:
         check_picture_of(lambda: loads(cube.attrs["configuration"]), picture, force=force)
         draw_beside(cube, picture)
@@ -135,9 +135,9 @@ def print_cube(cube: "xr.Dataset") -> None:
     from dimersweep.storage.netcdf import modes_in
 
     if "answer" in cube:
-        from dimersweep.cubes.reading import answers_told
+        from dimersweep.cubes.reading import search_summary
 
-        typer.echo(answers_told(cube))
+        typer.echo(search_summary(cube))
         return
     typer.echo(", ".join(f"{mode} {count}" for mode, count in modes_in(cube).items()))
     if "confidence" in cube:

@@ -34,7 +34,7 @@ def judge(kind: str, sizes: Mapping[str, int], has: Collection[str] = ()) -> Non
     Raises
     ------
     ParameterError
-        Telling what it needs.
+        Naming what the kind needs.
     """
     if kind not in KINDS:
         raise ParameterError(f"kind = {kind!r}: must be one of {', '.join(KINDS)}")
@@ -42,11 +42,11 @@ def judge(kind: str, sizes: Mapping[str, int], has: Collection[str] = ()) -> Non
         if n == 0:
             raise ParameterError(f"{kind}: the axis {name} is empty")
     axes = [name for name, n in sizes.items() if n > 1]
-    told = f"{kind}: has axes {', '.join(axes) or 'none'}; "
+    axes_words = f"{kind}: has axes {', '.join(axes) or 'none'}; "
     if kind == "segments" and not (1 <= len(axes) <= 2 and "beta0" in axes):
-        raise ParameterError(told + ("needs beta0 among them" if 1 <= len(axes) <= 2 else "draws 1 to 2 of them"))
+        raise ParameterError(axes_words + ("needs beta0 among them" if 1 <= len(axes) <= 2 else "draws 1 to 2 of them"))
     if kind == "mode_map" and not axes:
-        raise ParameterError(told + "needs one of more than one value")
+        raise ParameterError(axes_words + "needs one of more than one value")
     if kind == "regions" and not ("search" in has and len(axes) == 2):
         raise ParameterError("regions: needs the regions of a search over two axes")
     if kind in EXACT:
@@ -63,7 +63,7 @@ def judge(kind: str, sizes: Mapping[str, int], has: Collection[str] = ()) -> Non
 
 
 def judge_cube(kind: str, cube: xr.Dataset) -> None:
-    """The same of a cube that is there."""
+    """Refuse a kind of picture that `cube` cannot fill."""
     if not isinstance(cube, xr.Dataset):
         raise ParameterError(f"cube: is a {type(cube).__name__}; give a cube")
     check_codes(cube["mode"])

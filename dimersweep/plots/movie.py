@@ -231,15 +231,15 @@ def _rendered(run: "Run", pace: Pace, dpi: int) -> Iterator[np.ndarray]:
     canvas = FigureCanvasAgg(figure)
     side, above = figure.subplots(1, 2, width_ratios=(1.25, 1))
     updates = _side_view(side, run, shown), _view_from_above(above, run, shown)
-    told = run.conditions(tex=True)
-    heading = entitle(figure, f" \n{told}")
+    words = run.conditions(tex=True)
+    heading = entitle(figure, f" \n{words}")
     for artist in (heading, *updates[0](0), *updates[1](0)):
         artist.set_animated(True)
     canvas.draw()
     still = canvas.copy_from_bbox(figure.bbox)
     for k, cycles in enumerate(shown["time"].values * run.parameters["f"]):
         now = f"{run.mode}, forcing period {int(cycles)}, {360 * (cycles % 1):3.0f}° of the plate"
-        heading.set_text(f"{now}\n{told}")
+        heading.set_text(f"{now}\n{words}")
         canvas.restore_region(still)
         for axes, update in zip((side, above), updates, strict=True):
             for artist in update(k):

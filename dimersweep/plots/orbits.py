@@ -180,7 +180,7 @@ def least_period(cube: xr.Dataset) -> Figure:
         one = cube.sel(A_r=A_r)
         period, zeta = (_drifting(one, name).values for name in ("period", "zeta"))
         low = minimum(speeds, period)
-        text = low.told("s", "m/s")
+        text = low.words("s", "m/s")
         name = given("A_r", A_r) + ("" if low.located else f": {text}")
         left.plot(speeds, period, "o-", color=color, markersize=2.5, linewidth=1, label=name)
         right.plot(speeds, zeta, "o-", color=color, markersize=2.5, linewidth=1)

@@ -19,7 +19,7 @@ from dimersweep.storage.files import replacing, told
 from dimersweep.storage.netcdf import check_output
 from dimersweep.symbols import PARAMETERS, conditions, symbol, units_of
 
-# after Okabe and Ito: told apart by color-blind readers too
+# after Okabe and Ito: distinct to color-blind readers too
 MODE_COLORS = {
     "not_run": "#ffffff",
     "failed": "#000000",

@@ -73,5 +73,5 @@ def _badge(mode: str) -> str:
 
 def _table(heading: str, rows: Iterable[tuple[str, str]]) -> str:
     cell = 'style="text-align: left; padding: 0 1em 0 0"'
-    body = "".join(f"<tr><td {cell}>{escape(name)}</td><td {cell}>{escape(told)}</td></tr>" for name, told in rows)
+    body = "".join(f"<tr><td {cell}>{escape(name)}</td><td {cell}>{escape(value)}</td></tr>" for name, value in rows)
     return f"<table><caption style='text-align: left'><b>{heading}</b></caption>{body}</table>"

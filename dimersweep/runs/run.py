@@ -42,7 +42,7 @@ class Run:
         Every parameter of the model; those that may be left out (`symbols.LEFT_OUT`) where they were not.
     start : dict or None
         The state that it started from, by the names of `states`, its phase being `phi0`; None where `beta0` and `xdot0`
-        tell the start.
+        give the start.
     rtol : float
         Accuracy [1].
     n_events : int
@@ -134,8 +134,8 @@ class Run:
         """
         if self.start is None:
             return conditions(self.parameters, always=always, tex=tex)
-        told = conditions(self.parameters, INITIAL, always, tex=tex)
-        return f"{told}, from a given state".removeprefix(", ")
+        words = conditions(self.parameters, INITIAL, always, tex=tex)
+        return f"{words}, from a given state".removeprefix(", ")
 
     def _given(self) -> dict[str, Any]:
         """The parameters to be given with its start to `simulate` for the same run."""
@@ -224,9 +224,9 @@ class Run:
         return points.assign_coords(n=("n", n, {"units": "1", "long_name": "forcing periods since the start"}))
 
     def go_on(self, periods: int) -> "Run":
-        """The same run for so many forcing periods more.
+        """This run made longer by so many forcing periods.
 
-        It goes on from the state at the end of the last period, and tells of the whole: n and m periods in two parts
+        It goes on from the state at the end of the last period, and holds the whole: n and m periods in two parts
         are n + m at once. All of 250 random runs are so bit for bit; where a contact at that moment is undecided to the
         accuracy, the last digits may differ within `rtol`.
 

@@ -69,7 +69,7 @@ def _one(name: str, variable: Any) -> float:
 
 
 def is_point(start: Any) -> bool:
-    """Whether `start` is one point of a cube, which tells parameters in place of a state."""
+    """Whether `start` is one point of a cube, which gives parameters in place of a state."""
     return isinstance(start, xr.Dataset) and "mode" in start and "gap_1" not in start
 
 

@@ -102,7 +102,7 @@ class Spec:
 
     def configuration(self) -> dict[str, Any]:
         """The same as plain numbers, lists and strings, with the version of the kernel that gives the results."""
-        told = self.grid.told() | {
+        told = self.grid.configuration() | {
             "periods": self.periods,
             "rtol": self.rtol,
             "stop_when_settled": self.stop_when_settled,

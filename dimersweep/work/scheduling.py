@@ -32,7 +32,7 @@ IN_FLIGHT = 2  # tasks for each worker: one runs and one waits, so that none idl
 GRACE = 1.0  # seconds that running tiles have to come back when the sweep is stopped
 POLL = 0.1  # seconds between two looks at the flag
 CONNECT_SECONDS = 10.0  # to find a scheduler
-CLIENT_LOGS = ("distributed.client", "tornado.application", "asyncio")  # tell of a connection that is lost
+CLIENT_LOGS = ("distributed.client", "tornado.application", "asyncio")  # they log a connection that is lost
 COUNT_SECONDS = 5.0  # between two counts of the workers of a cluster, which may come and go
 GROWTH = 4  # a task has at most this many times the points that have come back in all
 MOST = 1 << 18  # points of a task, however quick they are: its results take 50 MB of whoever holds them
@@ -141,7 +141,7 @@ def threads(workers: int, stop: StopFlag) -> Iterator[Pool]:
         executor.shutdown(wait=False, cancel_futures=True)
 
 
-_flags: dict[str, StopFlag] = {}  # in a worker process: of those for whom it has worked, or was told to stop
+_flags: dict[str, StopFlag] = {}  # in a worker process: of those for whom it has worked, or who asked it to stop
 
 
 def stop_elsewhere(asker: str) -> None:
@@ -154,7 +154,7 @@ def run_elsewhere(
 ) -> Made:
     """Run tiles in a worker process, if that has the same kernel as the process that asks, and it works there.
 
-    If it sees the `shelf`, results are put there, and what is brought back tells of their file.
+    If it sees the `shelf`, results are put there, and what is brought back names their file.
 
     Raises
     ------
@@ -208,7 +208,7 @@ def connected(client: Any) -> Iterator[Any]:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep the logs of our own client, with their tracebacks, from the user: what goes wrong there is told in one line."""
+    """Keep the logs of our own client, with their tracebacks, from the user, who sees each error in one line."""
     logs = [logging.getLogger(name) for name in CLIENT_LOGS]
     levels = [log.level for log in logs]
     for log in logs:

@@ -36,7 +36,7 @@ class Broken(NamedTuple):
         return count(self.tiles)
 
     def moved(self, shift: int) -> "Broken":
-        """The same with other numbers of points."""
+        """These tiles and their reason, with `shift` added to the numbers of points."""
         return Broken(tuple(Tile(start + shift, stop + shift) for start, stop in self.tiles), self.reason)
 
 
@@ -176,7 +176,7 @@ def attempt(
     Returns
     -------
     Made
-        The last tile may be short, and those after it missing. The time is told with the first one.
+        The last tile may be short, and those after it missing. The time stands with the first one.
     """
     begun = perf_counter()
     points = np.concatenate([np.arange(*tile) for tile in tiles])
