@@ -216,7 +216,7 @@ def test_boundaries_of_periods_are_met_however_they_are_rounded(base):
 
 
 def test_a_run_that_fails_at_its_first_impact_has_no_states():
-    record = run_module.Record(np.zeros(0), np.zeros((0, 18)), np.zeros((0, 18)))
+    record = run_module.RunRecord(np.zeros(0), np.zeros((0, 18)), np.zeros((0, 18)))
     failed = dataclasses.replace(simulate(periods=1), message="too many steps", _record=record)
     with pytest.raises(ParameterError, match=r"^states: there are none, .* \(too many steps\)$"):
         failed.states(0)
@@ -256,7 +256,7 @@ def test_without_a_record_the_outcome_is_the_same():
 
 def test_a_record_grows_until_it_holds_the_run(monkeypatch):
     expected = simulate(periods=10)
-    monkeypatch.setattr(solving, "FIRST_ROWS", 3)
+    monkeypatch.setattr(solving, "RECORD_ROWS", 3)
     monkeypatch.setattr(solving, "ROWS_PER_PERIOD", 0)
     grown = simulate(periods=10)
     assert grown.events.identical(expected.events)

@@ -18,12 +18,12 @@ from dimersweep.studies.sweep import sweep
 from dimersweep.symbols import BASE
 
 READINGS = {"mu_s": "an end at rest is held by mu_s", "mu": "in lasting contact it is held by mu"}
-LOW: dict[str, Any] = {"mu": 0.05, "mu_s": 0.1}  # the paper's small friction
-RTOL = 1e-8
-SPIN = 100.0  # rad/s, at which borders are drawn; they hardly depend on it
+LOW_FRICTION: dict[str, Any] = {"mu": 0.05, "mu_s": 0.1}  # the paper's small friction
+CLAIMS_RTOL = 1e-8
+BORDER_SPIN = 100.0  # rad/s, at which borders are drawn; they hardly depend on it
 SHARES = (0.02, 0.25, 0.5, 0.75, 0.98)  # of the way from fold to flip
 UNDER, ABOVE = (0.5, 0.9, 0.99), (0.01, 0.05, 0.2)  # of Gamma at the top of the dead zone, beyond the flip
-BESIDE = 1e-3  # share of the spin by which orbits of a family are compared
+SPIN_STEP = 1e-3  # share of the spin by which orbits of a family are compared
 
 
 def degrees(start: float, stop: float, step: float) -> dict[str, Any]:
@@ -81,7 +81,7 @@ class Lab:
         starts = np.deg2rad(np.arange(5, 86, 20 if self.small else 8))
         columns = {"e": np.repeat(e, starts.size), "Gamma": np.repeat(Gamma, starts.size)}
         columns["beta0"] = np.tile(starts, e.size)
-        return sweep(points=columns, fixed=self.held(), periods=periods, rtol=RTOL, **self.how)
+        return sweep(points=columns, fixed=self.held(), periods=periods, rtol=CLAIMS_RTOL, **self.how)
 
     # --- runs ---------------------------------------------------------------------------------------------------
 
@@ -93,7 +93,7 @@ class Lab:
     @cached_property
     def low(self) -> Run:
         """The same with small friction."""
-        return simulate(periods=self.late, **self.held(**LOW))
+        return simulate(periods=self.late, **self.held(**LOW_FRICTION))
 
     def run(self, **given: float) -> Run:
         """A recorded run."""
@@ -242,7 +242,7 @@ class Lab:
     # --- borders ------------------------------------------------------------------------------------------------
 
     def _border(self, kind: str, **over: Any) -> xr.Dataset:
-        return orbits.border(kind, "Gamma", over=over, spin=SPIN, **self.held())
+        return orbits.border(kind, "Gamma", over=over, spin=BORDER_SPIN, **self.held())
 
     @cached_property
     def fold(self) -> xr.Dataset:
@@ -264,7 +264,7 @@ class Lab:
             for share in SHARES:
                 Gamma = float(low + share * (high - low))
                 try:
-                    orbit = orbits.find(spin=SPIN, **self.held(e=float(e), Gamma=Gamma))
+                    orbit = orbits.find(spin=BORDER_SPIN, **self.held(e=float(e), Gamma=Gamma))
                 except OrbitError:
                     between.append((float(e), Gamma, None))
                     continue
@@ -275,7 +275,7 @@ class Lab:
 def growth(orbit: PeriodicOrbit) -> float:
     """Change of the radius per forcing period along the family, over the radius: R'(s) ds/dn / R; NaN if it is not known."""
     try:
-        two = [orbits.find(guess=orbit, spin=orbit.spin * (1 + side * BESIDE)) for side in (-1, 1)]
+        two = [orbits.find(guess=orbit, spin=orbit.spin * (1 + side * SPIN_STEP)) for side in (-1, 1)]
     except OrbitError:
         return float("nan")
     slope = (two[1].radius - two[0].radius) / (two[1].spin - two[0].spin)

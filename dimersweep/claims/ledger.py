@@ -100,7 +100,7 @@ def _line(*cells: str) -> str:
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
-HEAD = """Each statement is tried under two readings of Eq. (4), which bounds the friction of an end that sticks by mu_s. An
+PREAMBLE = """Each statement is tried under two readings of Eq. (4), which bounds the friction of an end that sticks by mu_s. An
 impact lasts microseconds, a contact between impacts most of a cycle, and the paper does not say that its program holds an
 end in both by the same number. Under `mu_s` it does, as Eq. (4) is printed (`mu_h = mu_s`). Under `mu` stick friction counts
 inside impacts only, and an end in lasting contact is held by mu (`mu_h = mu`), as in a program that never sees the slip of a
@@ -125,7 +125,7 @@ def as_markdown(rows: list[Row], table: list[str], small: bool, started: float) 
         *(f"- `{reading}`, {READINGS[reading]}: {counts(rows, reading)};" for reading in readings),
         f"- under at least one of them: {in_any(rows)} agree.",
         "",
-        HEAD,
+        PREAMBLE,
         "",
         _line(
             "Sect.",

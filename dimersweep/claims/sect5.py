@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dimersweep.claims.lab import LOW, Lab, orbit_of
+from dimersweep.claims.lab import LOW_FRICTION, Lab, orbit_of
 from dimersweep.claims.ledger import Finding, claim, found
 from dimersweep.claims.sect3 import shares
 from dimersweep.claims.sect4 import drifting, span
@@ -249,7 +249,7 @@ STUDY: tuple[tuple[str, dict[str, Any]], ...] = (
     ("stick friction as slip friction, mu_s = mu = 0.2", {"mu_s": 0.2}),
     ("held by mu in lasting contact, mu_h = mu = 0.2", {"mu_h": 0.2}),
     ("mu_s = 0.3", {"mu_s": 0.3}),
-    ("less friction, mu = 0.05, mu_s = 0.1", LOW),
+    ("less friction, mu = 0.05, mu_s = 0.1", LOW_FRICTION),
     ("mu = mu_s = 0.15", {"mu": 0.15, "mu_s": 0.15}),
     ("mu = mu_s = 0.1", {"mu": 0.1, "mu_s": 0.1}),
     ("mu = 0.1, mu_s = 0.2", {"mu": 0.1, "mu_s": 0.2}),

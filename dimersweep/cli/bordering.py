@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
+from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.options import Force
-from dimersweep.cli.stopping import stoppable
 
 
 def borders(
@@ -38,7 +38,7 @@ def borders(
     if over is not None:
         refuse_input(out, over, "out")
     under = open_cube(over) if over is not None else None
-    with stoppable(out, drawn, parts=parts_of(out)):
+    with interruptible(out, drawn, parts=parts_of(out)):
         from dimersweep.orbits.pictures import draw_borders
 
         report_compiling()

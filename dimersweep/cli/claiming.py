@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
+from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.options import Force, Workers
-from dimersweep.cli.stopping import stoppable
 
 PAGES = (".md",)
 
@@ -22,7 +22,7 @@ def claims(
     from dimersweep.storage.netcdf import check_output
 
     page = check_output(out, force=force, what="a page", endings=PAGES)
-    with stoppable(page):
+    with interruptible(page):
         _make(page, small=small, workers=workers)
 
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.options import Force
-from dimersweep.cli.stopping import stoppable
 from dimersweep.errors import ParameterError
 from dimersweep.symbols import PARAMETERS
 
@@ -41,7 +41,7 @@ def plot(
         raise typer.BadParameter(f"{str(cube)!r}: is no cube")
     picture = check_picture(out or cube.with_suffix(".png"), force=force)
     refuse_input(picture, cube, "out")
-    with stoppable(picture):
+    with interruptible(picture):
         opened = open_cube(cube)
         for each in select or ():
             opened = _selected(opened, each)

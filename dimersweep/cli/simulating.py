@@ -7,14 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.options import Force, number_option, whole_option, with_parameters
-from dimersweep.cli.stopping import stoppable
-from dimersweep.symbols import QUANTITIES, stated
+from dimersweep.symbols import ORBIT_NAMES, QUANTITIES, stated
 
 if TYPE_CHECKING:
     from dimersweep.runs.run import Run
-
-ORBIT = ("radius", "period", "zeta", "speed", "precession_rate", "impact_phase")
 
 
 @with_parameters
@@ -54,7 +52,7 @@ def simulate(
     check_rtol(rtol)
     check_seconds("max_seconds", max_seconds)
     recorded = error or bool(plot or movie or save)
-    with stoppable(save, plot, movie):
+    with interruptible(save, plot, movie):
         report_compiling()
         from dimersweep.runs.simulating import simulate
         from dimersweep.runs.solving import check_recorded
@@ -81,7 +79,7 @@ def _as_dict(run: "Run") -> dict[str, Any]:
     outcome = {"parameters": stated(run.parameters)}
     outcome |= {name: getattr(run, name) for name in ("status", "message", "mode", "mode_period")}
     outcome |= {name: getattr(run, name) for name in ("n_events", "n_periods", "end_speed")}
-    names = [*ORBIT, "di_end", "spin_rate", *(f"{name}_drift" for name in ORBIT)]
+    names = [*ORBIT_NAMES, "di_end", "spin_rate", *(f"{name}_drift" for name in ORBIT_NAMES)]
     return outcome | {"orbit": run.orbit and {name: getattr(run.orbit, name) for name in names}}
 
 
@@ -107,7 +105,7 @@ def _print_table(run: "Run", bounds: dict[str, float]) -> None:
         table.add_row(name.replace("_", " "), f"below {bound:.1e}", "s" if "time" in name else "1")
     if run.orbit is not None:
         table.add_section()
-        for name in ORBIT:
+        for name in ORBIT_NAMES:
             value, drift = getattr(run.orbit, name), getattr(run.orbit, f"{name}_drift")
             cells = (f"{value:.8g}", QUANTITIES[name].units, f"{drift:.2e}")
             table.add_row(name, *(("none: straight", "", "") if isnan(value) else cells))

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dimersweep.cli.drawing import check_picture_of, draw_if_it_can, judge_picture, print_cube
+from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.options import Force, Periods, Rtol, Workers
-from dimersweep.cli.stopping import stoppable
 
 if TYPE_CHECKING:
     from dimersweep.studies.declaration import Declaration
@@ -50,7 +50,7 @@ def run(
     cube_file = out or Path(declared.sweep.output)
     check_output(cube_file, force=True)  # a cube that is there already is judged where it can be read
     picture, forced = cube_file.with_suffix(".png"), force or retry
-    with stoppable(
+    with interruptible(
         cube_file, picture if plot else None, parts=folder_of(cube_file), again="run the same again for the rest"
     ):
         from dimersweep.studies.datasets import make

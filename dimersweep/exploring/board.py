@@ -15,7 +15,7 @@ from dimersweep.cubes.reading import edges_of, is_geometric
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots import run_figure
-from dimersweep.plots.movie import pace_of
+from dimersweep.plots.movie import playback_of
 from dimersweep.plots.replay import replay_page
 from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, fixed_of
 from dimersweep.plots.tables import run_table, title_as_html
@@ -222,7 +222,7 @@ class Board:
         """Show the end of the run that was clicked in three dimensions."""
         assert self.run is not None
         try:
-            page = replay_page(self.run, pace_of(self.run, REPLAYED))
+            page = replay_page(self.run, playback_of(self.run, REPLAYED))
         except StoreError as error:
             self.motion.object = escape(str(error))
             return

@@ -49,22 +49,22 @@ from dimersweep.kernel.record import (
     EVENT,
     HOP_TIME,
     MODES,
+    Record,
     new_record,
     no_record,
     rows_of,
 )
-from dimersweep.kernel.record import Record as Rows
 from dimersweep.kernel.sample import HOPS_LAST, sample
 from dimersweep.symbols import EVENTS, STATES, Quantity
 
 BETWEEN_IMPACTS = [5 * first + second for first in (FREE, STICK, SLIP) for second in (FREE, STICK, SLIP)]
-FIRST_ROWS, GROWTH = 500, 4  # for the hops that one close sums
+HOP_ROWS, HOP_ROWS_GROWTH = 500, 4  # for the hops that one close sums
 FOLLOWED = 0.95  # share of the time for which these may be followed: clear of its end
 BOUNDARY = 1e-12  # a time this far below the end of a forcing period counts as that end, in periods
 
 
-class Record(NamedTuple):
-    """Rows that the kernel wrote of one run (columns in ``kernel.record``), with the parameters that they belong to.
+class RunRecord(NamedTuple):
+    """Record that the kernel wrote of one run (columns in ``kernel.record``), with the parameters that they belong to.
 
     `cut` says that there was no room for all of them.
     """
@@ -85,7 +85,7 @@ def _dataset(columns: dict[str, np.ndarray], quantities: dict[str, Quantity], di
     return xr.Dataset({name: (dim, columns[name], quantity.attributes()) for name, quantity in quantities.items()})
 
 
-def events_of(record: Record, rtol: float, parameters: dict[str, float]) -> xr.Dataset:
+def events_of(record: RunRecord, rtol: float, parameters: dict[str, float]) -> xr.Dataset:
     """What happened, along `event`; see `Run.events`."""
     columns = dict(zip(EVENT, record.events.T.copy(), strict=True))
     ended = _move_to_ends_of_hops(record, rtol, columns)
@@ -118,7 +118,7 @@ def _columns_at(dm: Dimer, states: np.ndarray) -> dict[str, np.ndarray]:
     return columns
 
 
-def _move_to_ends_of_hops(record: Record, rtol: float, columns: dict[str, np.ndarray]) -> np.ndarray:
+def _move_to_ends_of_hops(record: RunRecord, rtol: float, columns: dict[str, np.ndarray]) -> np.ndarray:
     """Move the ends of chatters to the accumulation points of their bounces; numbers of the rows that were moved.
 
     The kernel writes such a row at the last bounce before the hops that it sums; here these are followed. Where another
@@ -140,16 +140,16 @@ def _move_to_ends_of_hops(record: Record, rtol: float, columns: dict[str, np.nda
     return np.array(moved, np.intp)
 
 
-def _end_of_hops(record: Record, k: int, rtol: float) -> float | None:
+def _end_of_hops(record: RunRecord, k: int, rtol: float) -> float | None:
     """How far the plate turns until the hops that segment `k` sums have died out [rad].
 
     None if they have not within the time that they are followed for.
     """
     segment, omega = record.segments[k], dimer_of(record.row).omega
     span = FOLLOWED * HOPS_LAST * omega * segment[HOP_TIME]
-    status, room = RECORD_FULL, FIRST_ROWS
+    status, room = RECORD_FULL, HOP_ROWS
     while status == RECORD_FULL:
-        rows, room = new_record(room), GROWTH * room
+        rows, room = new_record(room), HOP_ROWS_GROWTH * room
         status, _, _ = _sampled(record, np.array([k]), segment[[PHASE]] + span, rtol, rows)
     events, segments = rows_of(rows)
     closed = np.array(divmod(events[:, E_KIND], 5)).T > 0
@@ -194,7 +194,7 @@ def _places(times: np.ndarray, segments: np.ndarray, f: float, cut: bool) -> tup
 
 
 def _states(
-    record: Record, times: np.ndarray, kernel_states: np.ndarray, modes: np.ndarray, parameters: dict[str, float]
+    record: RunRecord, times: np.ndarray, kernel_states: np.ndarray, modes: np.ndarray, parameters: dict[str, float]
 ) -> xr.Dataset:
     """The kernel's closed state in the coordinates of the paper."""
     s = kernel_states.T
@@ -239,7 +239,7 @@ def _states(
 
 
 def _sampled(
-    record: Record, which: np.ndarray, phases: np.ndarray, rtol: float, rows: Rows
+    record: RunRecord, which: np.ndarray, phases: np.ndarray, rtol: float, rows: Record
 ) -> tuple[int, np.ndarray, np.ndarray]:
     """Status, kernel states and friction modes at plate phases within the given segments."""
     states, modes = np.zeros((which.size, N_STATE)), np.zeros((which.size, 2))
@@ -247,7 +247,7 @@ def _sampled(
     return status, states, modes
 
 
-def states_of(record: Record, times: np.ndarray, rtol: float, parameters: dict[str, float]) -> xr.Dataset:
+def states_of(record: RunRecord, times: np.ndarray, rtol: float, parameters: dict[str, float]) -> xr.Dataset:
     """The state at `times` [s], shape (n,), along `time`; see `Run.states`.
 
     Raises
@@ -268,7 +268,7 @@ def period_rows(segments: np.ndarray) -> np.ndarray:
     return rows[np.unique(segments[rows, PERIOD], return_index=True)[1]]
 
 
-def states_of_segments(record: Record, periods: np.ndarray) -> xr.Dataset:
+def states_of_segments(record: RunRecord, periods: np.ndarray) -> xr.Dataset:
     """The states at the ends of forcing periods, which the record holds, shape (n,): numbers of completed periods."""
     segments = record.segments
     rows = period_rows(segments)

@@ -16,8 +16,8 @@ from dimersweep.kernel.model.layout import CODES, MODES, OUT, PERIOD, STATUS_MES
 from dimersweep.parameters import Parameters, as_number, as_numbers, check_count
 from dimersweep.runs.error_bounds import NUDGE, bounds, nudged, shadow_rtol
 from dimersweep.runs.outcome import Orbit, orbit_from
-from dimersweep.runs.recorded import Record, events_of, states_of
-from dimersweep.runs.solving import End, Solved, check_recorded, go_on, speed_at
+from dimersweep.runs.recorded import RunRecord, events_of, states_of
+from dimersweep.runs.solving import RunEnd, Solved, check_recorded, go_on, speed_at
 from dimersweep.runs.starting import INITIAL
 from dimersweep.symbols import CAPTION, conditions
 from dimersweep.work.stopping import StopFlag, stoppable
@@ -96,8 +96,8 @@ class Run:
     longest_hop_2: float = nan
     change_ahead: float = nan
     start: dict[str, float] | None = None
-    _record: Record | None = field(default=None)
-    _end: End | None = field(default=None)
+    _record: RunRecord | None = field(default=None)
+    _end: RunEnd | None = field(default=None)
 
     def __repr__(self) -> str:
         circle = f"radius {self.orbit.radius:.4g} m" if self.orbit and not isnan(self.orbit.radius) else "straight"
@@ -141,7 +141,7 @@ class Run:
         """The parameters to be given with its start to `simulate` for the same run."""
         return {name: value for name, value in self.parameters.items() if self.start is None or name not in INITIAL}
 
-    def record(self, wanted: str) -> Record:
+    def record(self, wanted: str) -> RunRecord:
         """The kernel's rows of this run, for what is `wanted` of them.
 
         Raises

@@ -16,8 +16,8 @@ from dimersweep.kernel.batch import N_START
 from dimersweep.kernel.record import N_EVENT, N_SEGMENT
 from dimersweep.kernel.verdict.past import PAST_COLUMNS, PAST_ROWS
 from dimersweep.parameters import Parameters, updated
-from dimersweep.runs.recorded import Record
-from dimersweep.runs.solving import End
+from dimersweep.runs.recorded import RunRecord
+from dimersweep.runs.solving import RunEnd
 from dimersweep.storage.netcdf import TABLES, check_output, read_netcdf, write_cube
 from dimersweep.storage.provenance import attributes, digest, read_configuration
 from dimersweep.symbols import PARAMETERS
@@ -157,8 +157,8 @@ def _as_run(configuration: dict[str, Any], rows: dict[str, np.ndarray]) -> "Run"
         rtol=float(configuration["rtol"]),
         orbit=configuration["orbit"] and Orbit(**configuration["orbit"]),
         **configuration["outcome"],
-        _record=Record(row, rows["event_rows"], rows["segment_rows"], configuration["record_cut"])
+        _record=RunRecord(row, rows["event_rows"], rows["segment_rows"], configuration["record_cut"])
         if recorded
         else None,
-        _end=End(rows["end_start"], rows["end_past"]),
+        _end=RunEnd(rows["end_start"], rows["end_past"]),
     )

@@ -7,11 +7,10 @@ import numpy as np
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.batch import Workspace, ask_for, run_recorded
 from dimersweep.kernel.model.layout import C_START, CA, CB, CODE_N_EVENTS, N_CODES, N_OUT
-from dimersweep.kernel.record import EVENT, new_record, no_record, rows_of, was_full
-from dimersweep.kernel.record import Record as Rows
-from dimersweep.runs.recorded import Record
+from dimersweep.kernel.record import EVENT, Record, new_record, no_record, rows_of, was_full
+from dimersweep.runs.recorded import RunRecord
 
-FIRST_ROWS, ROWS_PER_PERIOD, GROWTH = 500, 100, 4  # capacity of a record: about twice what a drift takes
+RECORD_ROWS, ROWS_PER_PERIOD, RECORD_GROWTH = 500, 100, 4  # capacity of a record: about twice what a drift takes
 MAX_ROWS = 2_000_000  # of events and of segments each, 0.7 GB in all
 MAX_RECORDED = 100_000  # forcing periods: those of a drift fit
 IN_PYTHON = "a run whose events and states are recorded; give record=False for one without them"
@@ -29,7 +28,7 @@ def check_recorded(periods: int, which: str = IN_PYTHON) -> None:
         raise ParameterError(f"periods = {periods}: must be <= {MAX_RECORDED} for {which}")
 
 
-class End(NamedTuple):
+class RunEnd(NamedTuple):
     """Where a run has ended: what the kernel needs to go on.
 
     Attributes
@@ -50,14 +49,14 @@ class Solved(NamedTuple):
     Attributes
     ----------
     out, codes : ndarray, shapes (N_OUT,), (N_CODES,)
-    record : Record or None
-    end : End
+    record : RunRecord or None
+    end : RunEnd
     """
 
     out: np.ndarray
     codes: np.ndarray
-    record: Record | None
-    end: End
+    record: RunRecord | None
+    end: RunEnd
 
 
 def solve(
@@ -95,7 +94,7 @@ def solve(
         ask_for(periods, rtol, settle, record),
     )
 
-    def run(kept: Rows) -> Rows:
+    def run(kept: Record) -> Record:
         if past is not None:
             space.past[:] = past
         run_recorded(row, ask, out, codes, kept, space, start)
@@ -103,20 +102,20 @@ def solve(
 
     kept, full = None, False
     if record:
-        rows = min(FIRST_ROWS + ROWS_PER_PERIOD * periods, MAX_ROWS)
+        rows = min(RECORD_ROWS + ROWS_PER_PERIOD * periods, MAX_ROWS)
         while was_full(made := run(new_record(rows))) and rows < MAX_ROWS:
-            rows = min(GROWTH * rows, MAX_ROWS)
+            rows = min(RECORD_GROWTH * rows, MAX_ROWS)
         full = was_full(made)
         events, segments = rows_of(made)
-        kept = Record(row, events.copy(), segments.copy(), full)
+        kept = RunRecord(row, events.copy(), segments.copy(), full)
     if full or not record:
         run(no_record())
-    end = End(np.concatenate([space.state, space.modes])[None], space.past.copy())
+    end = RunEnd(np.concatenate([space.state, space.modes])[None], space.past.copy())
     return Solved(out[0], codes[0], kept, end)
 
 
 def go_on(
-    row: np.ndarray, end: End, n_events: int, record: Record | None, periods: int, rtol: float, space: Workspace
+    row: np.ndarray, end: RunEnd, n_events: int, record: RunRecord | None, periods: int, rtol: float, space: Workspace
 ) -> Solved:
     """More of a run that has ended after `n_events` events with `record`: the whole of it, up to `periods` in all."""
     more = solve(row, end.start, periods, rtol, space, settle=False, record=record is not None, past=end.past)
@@ -127,9 +126,9 @@ def go_on(
     begun = int(more.record.events[0, _CAUSE] == C_START)
     events = np.concatenate([record.events[:-1], more.record.events[begun:]])
     segments = np.concatenate([record.segments[:-1], more.record.segments[begun:]])
-    return more._replace(record=Record(row, events, segments, record.cut or more.record.cut))
+    return more._replace(record=RunRecord(row, events, segments, record.cut or more.record.cut))
 
 
-def speed_at(end: End) -> float:
+def speed_at(end: RunEnd) -> float:
     """Speed of the centre of mass where a run has ended [m s-1], horizontally."""
     return float(np.hypot(end.start[0, CA], end.start[0, CB]))

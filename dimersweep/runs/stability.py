@@ -32,7 +32,7 @@ from dimersweep.kernel.model.layout import (
 from dimersweep.kernel.record import HOP_TIME, MODES, no_record
 from dimersweep.kernel.return_map import advance
 from dimersweep.parameters import check_count, check_level
-from dimersweep.runs.recorded import Record, period_rows
+from dimersweep.runs.recorded import RunRecord, period_rows
 from dimersweep.runs.run import Run
 
 NAMES = ("gap_1", "gap_2", "gap_1_rate", "gap_2_rate", "turn_rate", "spin", "along", "across")
@@ -162,7 +162,7 @@ def free_coordinates(modes: np.ndarray) -> list[int]:
     return free if (modes == STICK).any() else [*free, 6, 7]
 
 
-def _end(run: Run, wanted: str) -> tuple[Record, np.ndarray, np.ndarray]:
+def _end(run: Run, wanted: str) -> tuple[RunRecord, np.ndarray, np.ndarray]:
     """The record of a run, with its last state and friction modes."""
     check_level(run.parameters, wanted)
     record = run.record(wanted)
