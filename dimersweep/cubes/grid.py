@@ -24,7 +24,7 @@ from dimersweep.parameters import (
 )
 from dimersweep.symbols import BASE, ENDS, PARAMETERS
 
-MAX_POINTS = 50_000_000  # of an axis, and of a cube in memory: about 11 GB, see benchmarks/speed/memory.py
+MAX_POINTS = 50_000_000  # of an axis, and of a cube in memory: about 14 GB, see benchmarks/speed/memory.py
 
 STEP_TOLERANCE = 1e-9  # of a number of steps that counts as whole, times that number
 _FORMS = "give values, or start, stop and either step or num; unit is optional, and spacing = log with num"
