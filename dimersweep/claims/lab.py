@@ -92,7 +92,7 @@ class Lab:
 
     @cached_property
     def low(self) -> Run:
-        """The same with small friction."""
+        """The paper's base case with small friction, recorded."""
         return simulate(periods=self.late, **self.held(**LOW_FRICTION))
 
     def run(self, **given: float) -> Run:
@@ -206,37 +206,37 @@ class Lab:
 
     @cached_property
     def orbits(self) -> xr.Dataset:
-        """Over aspect ratio and frequency (Fig. 14 to 16)."""
+        """Orbits over aspect ratio and frequency (Fig. 14 to 16)."""
         return self.table(
             {"A_r": np.linspace(5, 7, 3 if self.small else 9), "f": np.linspace(15, 35, 3 if self.small else 5)}
         )
 
     @cached_property
     def slow(self) -> xr.Dataset:
-        """For the initial velocities of Fig. 13."""
+        """Orbits for the initial velocities of Fig. 13."""
         return self.table({"xdot0": [0.5, 1, 1.5, 2, 2.5]})
 
     @cached_property
     def frictions(self) -> xr.Dataset:
-        """For the two pairs of friction coefficients of the paper."""
+        """Orbits for the two pairs of friction coefficients of the paper."""
         pairs = [self.table({"mu": [mu], "mu_s": [mu_s]}).squeeze() for mu, mu_s in ((0.2, 0.4), (0.05, 0.1))]
         return xr.concat([pair.drop_vars(["mu", "mu_s"]) for pair in pairs], "pair")
 
     @cached_property
     def friction(self) -> xr.Dataset:
-        """Over aspect ratio and both friction coefficients."""
+        """Orbits over aspect ratio and both friction coefficients."""
         mu = [0.05, 0.2, 0.3] if self.small else [0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5]
         mu_s = [0.1, 0.4] if self.small else [0.1, 0.2, 0.3, 0.4, 0.6, 0.8]
         return self.table({"A_r": [4, 5, 6, 7], "mu": mu, "mu_s": mu_s})
 
     @cached_property
     def intensity(self) -> xr.Dataset:
-        """Over vibration intensity."""
+        """Orbits over vibration intensity."""
         return self.table({"Gamma": np.linspace(0.85, 1.15, 4 if self.small else 7)})
 
     @cached_property
     def restitution(self) -> xr.Dataset:
-        """Over restitution."""
+        """Orbits over restitution."""
         return self.table({"e": np.linspace(0.58, 0.7, 4 if self.small else 7)})
 
     # --- borders ------------------------------------------------------------------------------------------------

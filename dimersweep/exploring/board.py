@@ -47,7 +47,7 @@ def distinct_labels(values: np.ndarray) -> list[str]:
 
 
 def _shown(run: Run) -> Run:
-    """The run, or where it is short the same for longer: what a picture shows."""
+    """The run that a picture shows: `run`, made longer if it is short."""
     return run.go_on(SHOWN_PERIODS - run.n_periods) if run.n_periods < SHOWN_PERIODS else run
 
 

@@ -44,7 +44,7 @@ class Drawing(Figure):
         super().__init__(figsize=(width, height), layout=ConstrainedLayoutEngine(w_pad=0.08))
 
     def savefig(self, fname: Any, **how: Any) -> None:
-        """As of every figure, with `DPI` unless another resolution is given."""
+        """Save the figure as matplotlib does, with `DPI` unless another resolution is given."""
         super().savefig(fname, **{"dpi": DPI} | how)
 
 

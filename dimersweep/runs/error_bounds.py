@@ -15,7 +15,8 @@ import xarray as xr
 from dimersweep.symbols import EVENTS, STATES
 
 SHADOW_FINER = 1e-2  # rtol of a shadow over that of the run
-# the same where nothing much finer is to be had: its own error, ten times that of the run, is the difference
+# rtol of a shadow over that of the run where nothing much finer is to be had: then the error of the shadow itself, ten times
+# that of the run, is the difference
 SHADOW_COARSER = 10.0
 FINEST_SHADOW = 1e-13
 NUDGE = 1e-4  # change of the start over rtol: far below the error of the run, far above round-off
@@ -33,7 +34,7 @@ CLOSED_STATE = COORDINATES + tuple(f"{name}_rate" for name in COORDINATES)
 
 
 class Recorded(Protocol):
-    """What is compared: a recorded run."""
+    """A recorded run, as far as its error is estimated from it."""
 
     @property
     def status(self) -> str:

@@ -86,7 +86,7 @@ def _dataset(columns: dict[str, np.ndarray], quantities: dict[str, Quantity], di
 
 
 def events_of(record: RunRecord, rtol: float, parameters: dict[str, float]) -> xr.Dataset:
-    """What happened, along `event`; see `Run.events`."""
+    """The events of a run in order of time, along `event`; see `Run.events`."""
     columns = dict(zip(EVENT, record.events.T.copy(), strict=True))
     ended = _move_to_ends_of_hops(record, rtol, columns)
     columns["time"] = _times(columns["period"], columns["phase"], parameters["f"])

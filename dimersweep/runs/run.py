@@ -33,7 +33,7 @@ class Run:
     Attributes
     ----------
     status, message : str
-        "ok", or the name of the reason why the run stopped early; the same in words.
+        "ok", or the name of the reason why the run stopped early; that reason in words.
     mode : str
         What the motion became: rest, drift, jump, flutter, period_n, aperiodic, unresolved or, without "ok", failed.
     mode_period : int
@@ -163,7 +163,7 @@ class Run:
 
     @cached_property
     def events(self) -> xr.Dataset:
-        """What happened, along `event`, in order of time.
+        """The events of the run, along `event`, in order of time.
 
         An impact has one row for each of its contact states, all at the same time, with its own share of the impulses.
         The velocity of a contact point that takes no part in an impact is NaN. A chatter ends where its bounces accumulate,

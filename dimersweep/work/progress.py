@@ -65,7 +65,7 @@ class Tally:
 
 
 def clock(seconds: float) -> str:
-    """Such as 1:02:03, hours first."""
+    """A time in hours, minutes and seconds, such as 1:02:03."""
     minutes, seconds = divmod(round(seconds), 60)
     return f"{minutes // 60}:{minutes % 60:02d}:{seconds:02d}"
 
