@@ -510,9 +510,9 @@ class Parameters:
 
     def __post_init__(self, length: float | None) -> None:
         values = {field.name: getattr(self, field.name) for field in fields(self)}
-        told = {name for name, value in values.items() if value is not None}
-        check_effect(name for name in told if not isinstance(values[name], _BaseCase))
-        unused = without_effect(told)
+        given = {name for name, value in values.items() if value is not None}
+        check_effect(name for name in given if not isinstance(values[name], _BaseCase))
+        unused = without_effect(given)
         for field in fields(self):
             value = None if field.name in unused else values[field.name]
             if value is not None or not (field.default is None or field.name in unused):

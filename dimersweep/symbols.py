@@ -125,7 +125,7 @@ SYMBOLS = {
     "phi_y": (r"\phi_y", "φ_y"),
     "theta0": (r"\theta(0)", "θ(0)"),
 }
-CAPTION = ("xdot0", "A_r", "e", "Gamma", "f", "mu", "mu_s", "beta0")  # what the paper's captions tell
+CAPTION = ("xdot0", "A_r", "e", "Gamma", "f", "mu", "mu_s", "beta0")  # what the paper's captions give
 
 
 def symbol(name: str, *, tex: bool = False) -> str:
@@ -242,9 +242,11 @@ QUANTITIES = {
     "axial_velocity": Quantity("m s-1", "mean velocity along the axis from the end that is down to the other one"),
     "computed": Quantity("1", "whether runs were made here; else as the cell around it"),
 }
+# numbers of an orbit, each with its change per forcing period
+ORBIT_NAMES = ("radius", "period", "zeta", "speed", "precession_rate", "impact_phase")
 QUANTITIES |= {
     f"{name}_drift": Quantity(QUANTITIES[name].units, f"change per forcing period: {QUANTITIES[name].long_name}")
-    for name in ("radius", "period", "zeta", "speed", "precession_rate", "impact_phase")
+    for name in ORBIT_NAMES
 }
 
 # what a recorded run gives of each event, and of each moment

@@ -41,7 +41,7 @@ autosummary_generate = True
 # summaries are first sentences, which do not end at these
 autosummary.WELL_KNOWN_ABBREVIATIONS += ("Fig.", "Figs.", "Sect.")
 templates_path = ["_templates"]
-autodoc_typehints = "none"  # numpydoc tells the types
+autodoc_typehints = "none"  # numpydoc gives the types
 numpydoc_show_class_members = False
 numpydoc_xref_param_type = False
 

@@ -8,6 +8,8 @@ from pathlib import Path
 from IPython.display import Markdown
 
 from dimersweep.cubes.cube import FLAGS
+from dimersweep.cubes.grid import MAX_POINTS
+from dimersweep.cubes.results import RESULT
 from dimersweep.kernel.model.layout import STATUS_MESSAGES, STATUSES
 from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.orbits.labelling import COLUMNS, MULTIPLIERS
@@ -15,6 +17,7 @@ from dimersweep.orbits.labelling import WORDS as WORDS_OF_ORBITS
 from dimersweep.parameters import RULES
 from dimersweep.symbols import BASE, ENDS, EVENTS, INSTEAD, LEFT_OUT, PARAMETERS, QUANTITIES, STATES, Quantity, symbol
 
+BYTES_IN_CUBE = 689  # of memory, a point of a cube that is written as NetCDF: benchmarks/speed/memory.py
 SWEEPS = Path(__file__).resolve().parents[1] / "sweeps"
 
 # what the words of the flags stand for; a word that is missing here stops the build
@@ -172,6 +175,25 @@ def flags(name: str) -> Markdown:
 def attributes(named: dict[str, str]) -> Markdown:
     """Attributes and their meanings."""
     return _table(("attribute", "meaning"), ((f"`{name}`", meaning) for name, meaning in named.items()))
+
+
+def scale() -> Markdown:
+    """What sweeps of points of 1 ms take: memory of the driver, the folder of finished points, time."""
+    rows = (
+        (
+            f"$10^{{{power}}}$",
+            "refused" if 10**power > MAX_POINTS else _gigabytes(BYTES_IN_CUBE * 10**power),
+            "below 2 GB" if power > 8 else "below 1 GB",
+            _gigabytes(RESULT.itemsize * 10**power),
+            f"{10 ** (power - 6):,} s",
+        )
+        for power in (6, 7, 8, 9)
+    )
+    return _table(("points", "memory, NetCDF", "memory, Zarr", "folder", "time"), rows)
+
+
+def _gigabytes(size: float) -> str:
+    return f"{1e-9 * size:.2g} GB" if size < 1e11 else f"{1e-9 * size:.0f} GB"
 
 
 def presets() -> Markdown:

@@ -442,11 +442,11 @@ def test_a_long_compilation_is_told_until_it_is_done(monkeypatch, capsys):
         monkeypatch.setattr(keeping, name, event)
     monkeypatch.setattr(progress, "COMPILE_STEP", 0.01)
     monkeypatch.setattr(progress, "is_compiled", lambda: True)
-    progress.tell_of_compiling()
+    progress.report_compiling()
     assert capsys.readouterr().err == ""
     monkeypatch.setattr(progress, "is_compiled", lambda: False)
     before = set(threading.enumerate())
-    progress.tell_of_compiling()
+    progress.report_compiling()
     (teller,) = set(threading.enumerate()) - before
     time.sleep(0.1)  # other work comes first
     told = capsys.readouterr().err

@@ -378,7 +378,7 @@ def interrupted_in(call, monkeypatch):
     def run(where, *arguments):
         with monkeypatch.context() as patch:
             patch.setattr(where, interrupts)
-            patch.setattr("dimersweep.cli.stopping.os._exit", sys.exit)
+            patch.setattr("dimersweep.cli.interrupting.os._exit", sys.exit)
             _, err, code = call(*arguments)
         assert code == 130
         return err.splitlines()[-1]

@@ -13,7 +13,7 @@ from dimersweep import cli, simulate
 from dimersweep.errors import ParameterError
 from dimersweep.runs.shadows import (
     CLOSED_STATE,
-    SCALES,
+    ERROR_SCALES,
     bounds,
     delays,
     difference,
@@ -36,7 +36,7 @@ def test_the_bounds_hold_and_are_no_wider_than_they_must_be(coarse, fine):
     bound = coarse.error(np.linspace(0, coarse.n_periods / 15, 33))
     times = bound["time"].values
     true = difference(coarse, fine, times)
-    for name in SCALES:
+    for name in ERROR_SCALES:
         assert (true[name] <= bound[name].values).all(), name
     assert (scaled(true) <= bound["scaled"].values).all()
     assert bound["scaled"].values[-1] < 10 * scaled(true).max()
@@ -55,8 +55,8 @@ def test_the_bounds_follow_the_accuracy(coarse, fine):
 
 def test_units_and_meanings_are_those_of_the_states(coarse):
     bound, states = coarse.error(), coarse.states(0.0)
-    assert set(SCALES) | {"scaled", "event_time"} == set(bound.data_vars)
-    for name in SCALES:
+    assert set(ERROR_SCALES) | {"scaled", "event_time"} == set(bound.data_vars)
+    for name in ERROR_SCALES:
         assert bound[name].attrs["units"] == states[name].attrs["units"]
         assert states[name].attrs["long_name"] in bound[name].attrs["long_name"]
     assert bound.sizes["time"] == 5

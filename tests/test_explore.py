@@ -51,7 +51,7 @@ def test_a_click_shows_the_run_behind_the_nearest_point(cube):
     assert run.parameters["beta0"] == pytest.approx(16 * DEG)
     assert run.parameters["f"] == 15
     assert shown.spot.data == {"x": [run.parameters["beta0"]], "y": [0.9]}
-    assert "drift" in shown.told.object
+    assert "drift" in shown.summary.object
     point = cube.sel(f=15, Gamma=0.9, beta0=16 * DEG, method="nearest")
     assert (run.n_periods, run.n_events) == (point["n_periods"], point["n_events"])
     assert run.n_periods < board.SHOWN_PERIODS
@@ -73,8 +73,8 @@ def test_a_slider_moves_the_map_and_the_run(cube):
 def test_values_that_differ_late_are_told_apart(cube):
     pair = cube.isel(f=[0, 0]).assign_coords(f=[0.6, 0.6000001])
     assert board.Board(pair).sliders["f"].options == {"0.6": 0, "0.6000001": 1}
-    assert board.told_apart(np.array([1 / 3, 1.0])) == ["0.33333", "1"]
-    assert board.told_apart(np.array([1.0, np.nextafter(1, 2)])) == ["1", "1.0000000000000002"]
+    assert board.distinct_labels(np.array([1 / 3, 1.0])) == ["0.33333", "1"]
+    assert board.distinct_labels(np.array([1.0, np.nextafter(1, 2)])) == ["1", "1.0000000000000002"]
 
 
 def test_modes_that_are_no_whole_numbers_are_refused(cube):

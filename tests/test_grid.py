@@ -140,7 +140,7 @@ def test_each_end_has_its_own_value_or_that_of_both(axes, fixed, expected):
 
 def test_what_is_the_same_at_the_ends_is_told_alike():
     told = [
-        make_grid({"f": [15]}, fixed).told()
+        make_grid({"f": [15]}, fixed).configuration()
         for fixed in ({"e_1": 0.5}, {"e_1": 0.5, "e": 0.6}, {"e_1": 0.5, "e_2": 0.6})
     ]
     assert told[0] == told[1] == told[2]

@@ -157,7 +157,7 @@ def test_the_paper_s_start_is_a_state():
             r"^start.gap_2 = 0.001: must be gap_1 \+ l sin\(beta\) = 0.0; leave one out$",
         ),
         ({"beta": np.nan}, {}, r"^start.beta = nan: must be finite$"),
-        ({"beta": 0.1}, {"beta0": 0.2}, r"^beta0: given together with start, which tells it$"),
+        ({"beta": 0.1}, {"beta0": 0.2}, r"^beta0: given together with start, which holds it; leave one out$"),
         ({"phase": 0.1}, {"phi0": 0.2}, r"^phi0: given together with start.phase; leave one out$"),
         (7, {}, r"^start = 7: must be a mapping, one time of Run.states, or a run$"),
     ],

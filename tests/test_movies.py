@@ -22,8 +22,8 @@ def run():
 
 
 def test_frames_are_the_states_of_the_run(run):
-    pace = movie.Pace(3.0, 3.2, 0.1, 25, False)
-    shown = movie.frames(run, pace)
+    playback = movie.Playback(3.0, 3.2, 0.1, 25, False)
+    shown = movie.frames(run, playback)
     np.testing.assert_allclose(shown["time"], np.arange(3.0, 3.2, 0.004))
     length = 2 * 5e-3 * 5
     apart = [(shown[f"{axis}2"] - shown[f"{axis}1"]).values for axis in "xyz"]
@@ -34,7 +34,7 @@ def test_frames_are_the_states_of_the_run(run):
 def test_time_is_slow_around_double_impacts(run):
     T = 1 / 15
     impacts = np.array([3.05])
-    times = movie.Pace(3.0, 3.1, 0.5, 25, True).times(impacts, T)
+    times = movie.Playback(3.0, 3.1, 0.5, 25, True).times(impacts, T)
     steps, near = np.diff(times), np.abs(times[:-1] - 3.05) < movie.NEAR_IMPACT * T
     np.testing.assert_allclose(steps[near], 0.02 / movie.SLOWED)
     np.testing.assert_allclose(steps[~near], 0.02)

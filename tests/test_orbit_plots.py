@@ -7,9 +7,9 @@ import pytest
 from matplotlib.contour import QuadContourSet
 
 from dimersweep.cubes.cube import names
-from dimersweep.cubes.reading import answers_told, edges_of
+from dimersweep.cubes.reading import edges_of, search_summary
 from dimersweep.errors import ParameterError
-from dimersweep.plots import KINDS, draw
+from dimersweep.plots import FIGURES, draw
 from dimersweep.studies.refine import refine
 from dimersweep.studies.search import search
 
@@ -34,7 +34,7 @@ def searched(axes, **settings):
 )
 def test_a_cube_that_does_not_fit_is_refused(fake_kernel, kind, message):
     with pytest.raises(ParameterError) as caught:
-        KINDS[kind](searched({"Gamma": [0.8, 0.9, 1.0]}))
+        FIGURES[kind](searched({"Gamma": [0.8, 0.9, 1.0]}))
     assert str(caught.value) == message
 
 
@@ -43,7 +43,7 @@ def test_trends_tell_the_exponent(fake_kernel):
     cube = searched({"A_r": [5, 6, 7], "f": [3, 9, 27]})
     assert (names(cube["mode"]) == "drift").all()
     cube["period"] = cube["radius"]
-    titles = [axes.get_title() for axes in KINDS["trends"](cube).axes]
+    titles = [axes.get_title() for axes in FIGURES["trends"](cube).axes]
     assert float(re.match(r"\$f\^\{([\d.]+)", titles[1])[1]) == pytest.approx(2, abs=0.01)
     assert titles[0].startswith("$(A_r - 1)^{")
 
@@ -52,7 +52,7 @@ def test_a_minimum_is_marked_only_where_it_is_located(fake_kernel):
     cube = searched({"A_r": [5, 6], "xdot0": {"start": 1, "stop": 7, "num": 25}}, fixed={"f": 9.0})
     period = 10 + (cube["xdot0"] - 4) ** 2
     cube["period"] = period.where((cube["A_r"] == 5) | (cube["xdot0"] != 4.25)).transpose("A_r", "xdot0")
-    left, right = KINDS["minimum"](cube).axes
+    left, right = FIGURES["minimum"](cube).axes
     told = [text.get_text() for text in left.get_legend().get_texts()]
     assert told == ["$A_r$ = 5", "10.000 ± 0.000 s at 4.000 ± 0.000 m/s", "$A_r$ = 6: no minimum located"]
     assert len(right.lines) == 4  # two curves, the place of one minimum, pi/2
@@ -60,14 +60,14 @@ def test_a_minimum_is_marked_only_where_it_is_located(fake_kernel):
 
 def test_shares_are_those_of_the_runs(fake_kernel):
     cube = searched({"e": [0.5, 0.6], "f": [0.3, 3, 9]}, ask="fraction")
-    (axes,) = KINDS["shares"](cube).axes
+    (axes,) = FIGURES["shares"](cube).axes
     for line, row in zip(axes.lines, cube["runs"].values[:, :, 3], strict=True):
         np.testing.assert_allclose(line.get_ydata(), 100 * row / 19)
 
 
 def test_ends_of_the_impact_have_one_map_for_each_aspect_ratio(fake_kernel):
     cube = searched({"A_r": [5, 7], "mu": [0.1, 0.2], "mu_s": [0.1, 0.2]}, fixed={"f": 9.0})
-    figure = KINDS["impact_ends"](cube)
+    figure = FIGURES["impact_ends"](cube)
     assert [axes.get_title() for axes in figure.axes] == [
         r"$A_r$ = 5, $\bar\mu$ = 0.239",
         r"$A_r$ = 7, $\bar\mu$ = 0.171",
@@ -89,8 +89,8 @@ def test_regions_have_borders_where_they_differ(fake_kernel):
 
 
 def test_answers_are_told_in_one_line(fake_kernel):
-    told = answers_told(searched({"f": [0.2, 9.0]}))
+    told = search_summary(searched({"f": [0.2, 9.0]}))
     assert told.startswith("any beta0 to drift: no 1, yes 1 at 2 points, in ") and told.endswith(
         " runs of 38 that there are"
     )
-    assert answers_told(searched({"f": [0.2, 9.0]}, ask="fraction")).startswith("modes over beta0: yes 2 at 2 points")
+    assert search_summary(searched({"f": [0.2, 9.0]}, ask="fraction")).startswith("modes over beta0: yes 2 at 2 points")

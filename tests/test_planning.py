@@ -24,7 +24,7 @@ def made(monkeypatch):
 
         monkeypatch.setattr("dimersweep.work.tiles.run_many", counting)
         monkeypatch.setattr("dimersweep.work.tiles.perf_counter", lambda: float(sum(runs)))
-        monkeypatch.setattr("dimersweep.work.tiles.LONGEST", np.inf)
+        monkeypatch.setattr("dimersweep.work.tiles.OVERTIME", np.inf)
         return runs
 
     return use

@@ -83,9 +83,9 @@ def test_the_bottom_of_the_first_valley():
     at = 15 ** (1 / 3)
     assert low.at == pytest.approx(at, abs=max(low.at_error, 1e-3)) and low.at_error < 0.02
     assert low.value == pytest.approx(30 / at + at**2, rel=1e-4) and low.value_error < 0.02
-    assert low.told("s", "m/s").startswith(f"{low.value:.3f} ± ")
+    assert low.words("s", "m/s").startswith(f"{low.value:.3f} ± ")
     nowhere = minimum(x, 1 / x)
-    assert np.isnan(nowhere).all() and not nowhere.located and nowhere.told("s", "m/s") == "no minimum located"
+    assert np.isnan(nowhere).all() and not nowhere.located and nowhere.words("s", "m/s") == "no minimum located"
 
 
 def test_a_valley_beside_chaos_is_not_dug_deeper():

@@ -1,4 +1,4 @@
-"""Who may import whom, where import-linter does not look: the tests, and the programs that measure."""
+"""Who may import whom, where import-linter does not look: the tests, and the programs that measure; and names used twice."""
 
 import ast
 import subprocess
@@ -40,6 +40,28 @@ def test_a_program_imports_its_room_and_what_it_shares_with_the_tests(room):
             assert PROGRAMS.get(first, room) == room, f"{path}: {name}"
             if first == "tests":
                 assert rest[0] in {"checks", "oracle", "limits"}, f"{path}: {name}"
+
+
+def defined(path):
+    """Constants and classes that a module defines."""
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.ClassDef):
+            yield node.name
+        for target in [*getattr(node, "targets", ()), getattr(node, "target", None)]:
+            names = [name.id for name in ast.walk(target) if isinstance(name, ast.Name)] if target else []
+            yield from (name for name in names if name.isupper() and len(name) > 1)
+
+
+@pytest.mark.parametrize("room", ["claims", "cli", "cubes", "exploring", "plots", "runs", "work"])
+def test_a_constant_or_a_class_of_a_room_has_no_namesake_in_another_module(room):
+    own = {path: set(defined(path)) for path in files(f"dimersweep/{room}")}
+    others = {path: set(defined(path)) for path in files("dimersweep")}
+    assert not [
+        (name, str(path.relative_to(ROOT)), str(other.relative_to(ROOT)))
+        for path, names in own.items()
+        for other in others.keys() - {path}
+        for name in sorted(names & others[other])
+    ]
 
 
 @pytest.mark.skipif(not (ROOT / ".git").exists(), reason="not a checkout")

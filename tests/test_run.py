@@ -256,7 +256,7 @@ def test_without_a_record_the_outcome_is_the_same():
 
 def test_a_record_grows_until_it_holds_the_run(monkeypatch):
     expected = simulate(periods=10)
-    monkeypatch.setattr(solving, "FIRST_ROWS", 3)
+    monkeypatch.setattr(solving, "RECORD_ROWS", 3)
     monkeypatch.setattr(solving, "ROWS_PER_PERIOD", 0)
     grown = simulate(periods=10)
     assert grown.events.identical(expected.events)

@@ -12,7 +12,7 @@ from dimersweep.work.stopping import stoppable
 
 @pytest.mark.parametrize("ends", [True, False], ids=["a run that sees the flag", "a compiler that does not"])
 def test_ctrl_c_comes_out_as_such(monkeypatch, ends):
-    monkeypatch.setattr(stopping, "GRACE", 60.0 if ends else 0.05)
+    monkeypatch.setattr(stopping, "RUN_GRACE", 60.0 if ends else 0.05)
     seen, late = [], threading.Event()
 
     def call(flag):

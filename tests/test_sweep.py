@@ -33,7 +33,7 @@ from dimersweep.studies.sweep_spec import make_spec
 from dimersweep.work import proving
 from dimersweep.work.progress import Lines, Tally
 from dimersweep.work.proving import proof
-from dimersweep.work.scheduling import MOST, Pace
+from dimersweep.work.scheduling import TASK_POINTS, Pace
 from tests.fakes import failing, fake_run_many, raising, run_tile, set_pace
 
 GRID = {"f": [15, 20, 25], "beta0": {"start": 1, "stop": 89, "step": 1, "unit": "deg"}}
@@ -312,7 +312,9 @@ def test_tiles_of_many_workers_are_longer_and_reached_in_two_waves():
     for _ in range(1000):
         note(pace, 1, 0.001)
     assert (pace.length, pace.in_flight) == (4000, 2000)
-    assert note(Pace(10**8, lambda: 1), 10**6, 0.1) == MOST  # so that memory does not depend on how quick points are
+    assert (
+        note(Pace(10**8, lambda: 1), 10**6, 0.1) == TASK_POINTS
+    )  # so that memory does not depend on how quick points are
     workers = [10]
     pace = Pace(10**6, lambda: workers[0])
     note(pace, 1000, 1.0)

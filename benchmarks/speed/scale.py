@@ -1,4 +1,4 @@
-"""How far one driver and one scheduler carry: ``python benchmarks/speed/scale.py`` prints the table of docs/scale.md.
+"""How far one driver and one scheduler carry: ``python benchmarks/speed/scale.py`` prints what docs/scale.md rests on.
 
 It takes some minutes.
 

@@ -18,12 +18,12 @@ from dimersweep.studies.sweep import sweep
 from dimersweep.symbols import BASE
 
 READINGS = {"mu_s": "an end at rest is held by mu_s", "mu": "in lasting contact it is held by mu"}
-LOW: dict[str, Any] = {"mu": 0.05, "mu_s": 0.1}  # the paper's small friction
-RTOL = 1e-8
-SPIN = 100.0  # rad/s, at which borders are drawn; they hardly depend on it
+LOW_FRICTION: dict[str, Any] = {"mu": 0.05, "mu_s": 0.1}  # the paper's small friction
+CLAIMS_RTOL = 1e-8
+BORDER_SPIN = 100.0  # rad/s, at which borders are drawn; they hardly depend on it
 SHARES = (0.02, 0.25, 0.5, 0.75, 0.98)  # of the way from fold to flip
 UNDER, ABOVE = (0.5, 0.9, 0.99), (0.01, 0.05, 0.2)  # of Gamma at the top of the dead zone, beyond the flip
-BESIDE = 1e-3  # share of the spin by which orbits of a family are compared
+SPIN_STEP = 1e-3  # share of the spin by which orbits of a family are compared
 
 
 def degrees(start: float, stop: float, step: float) -> dict[str, Any]:
@@ -81,7 +81,7 @@ class Lab:
         starts = np.deg2rad(np.arange(5, 86, 20 if self.small else 8))
         columns = {"e": np.repeat(e, starts.size), "Gamma": np.repeat(Gamma, starts.size)}
         columns["beta0"] = np.tile(starts, e.size)
-        return sweep(points=columns, fixed=self.held(), periods=periods, rtol=RTOL, **self.how)
+        return sweep(points=columns, fixed=self.held(), periods=periods, rtol=CLAIMS_RTOL, **self.how)
 
     # --- runs ---------------------------------------------------------------------------------------------------
 
@@ -92,8 +92,8 @@ class Lab:
 
     @cached_property
     def low(self) -> Run:
-        """The same with small friction."""
-        return simulate(periods=self.late, **self.held(**LOW))
+        """The paper's base case with small friction, recorded."""
+        return simulate(periods=self.late, **self.held(**LOW_FRICTION))
 
     def run(self, **given: float) -> Run:
         """A recorded run."""
@@ -206,43 +206,43 @@ class Lab:
 
     @cached_property
     def orbits(self) -> xr.Dataset:
-        """Over aspect ratio and frequency (Fig. 14 to 16)."""
+        """Orbits over aspect ratio and frequency (Fig. 14 to 16)."""
         return self.table(
             {"A_r": np.linspace(5, 7, 3 if self.small else 9), "f": np.linspace(15, 35, 3 if self.small else 5)}
         )
 
     @cached_property
     def slow(self) -> xr.Dataset:
-        """For the initial velocities of Fig. 13."""
+        """Orbits for the initial velocities of Fig. 13."""
         return self.table({"xdot0": [0.5, 1, 1.5, 2, 2.5]})
 
     @cached_property
     def frictions(self) -> xr.Dataset:
-        """For the two pairs of friction coefficients of the paper."""
+        """Orbits for the two pairs of friction coefficients of the paper."""
         pairs = [self.table({"mu": [mu], "mu_s": [mu_s]}).squeeze() for mu, mu_s in ((0.2, 0.4), (0.05, 0.1))]
         return xr.concat([pair.drop_vars(["mu", "mu_s"]) for pair in pairs], "pair")
 
     @cached_property
     def friction(self) -> xr.Dataset:
-        """Over aspect ratio and both friction coefficients."""
+        """Orbits over aspect ratio and both friction coefficients."""
         mu = [0.05, 0.2, 0.3] if self.small else [0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5]
         mu_s = [0.1, 0.4] if self.small else [0.1, 0.2, 0.3, 0.4, 0.6, 0.8]
         return self.table({"A_r": [4, 5, 6, 7], "mu": mu, "mu_s": mu_s})
 
     @cached_property
     def intensity(self) -> xr.Dataset:
-        """Over vibration intensity."""
+        """Orbits over vibration intensity."""
         return self.table({"Gamma": np.linspace(0.85, 1.15, 4 if self.small else 7)})
 
     @cached_property
     def restitution(self) -> xr.Dataset:
-        """Over restitution."""
+        """Orbits over restitution."""
         return self.table({"e": np.linspace(0.58, 0.7, 4 if self.small else 7)})
 
     # --- borders ------------------------------------------------------------------------------------------------
 
     def _border(self, kind: str, **over: Any) -> xr.Dataset:
-        return orbits.border(kind, "Gamma", over=over, spin=SPIN, **self.held())
+        return orbits.border(kind, "Gamma", over=over, spin=BORDER_SPIN, **self.held())
 
     @cached_property
     def fold(self) -> xr.Dataset:
@@ -264,7 +264,7 @@ class Lab:
             for share in SHARES:
                 Gamma = float(low + share * (high - low))
                 try:
-                    orbit = orbits.find(spin=SPIN, **self.held(e=float(e), Gamma=Gamma))
+                    orbit = orbits.find(spin=BORDER_SPIN, **self.held(e=float(e), Gamma=Gamma))
                 except OrbitError:
                     between.append((float(e), Gamma, None))
                     continue
@@ -275,7 +275,7 @@ class Lab:
 def growth(orbit: PeriodicOrbit) -> float:
     """Change of the radius per forcing period along the family, over the radius: R'(s) ds/dn / R; NaN if it is not known."""
     try:
-        two = [orbits.find(guess=orbit, spin=orbit.spin * (1 + side * BESIDE)) for side in (-1, 1)]
+        two = [orbits.find(guess=orbit, spin=orbit.spin * (1 + side * SPIN_STEP)) for side in (-1, 1)]
     except OrbitError:
         return float("nan")
     slope = (two[1].radius - two[0].radius) / (two[1].spin - two[0].spin)

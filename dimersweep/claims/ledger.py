@@ -1,4 +1,4 @@
-"""What a claim is, where the claims are kept, and how the ledger of all of them is made and told."""
+"""What a claim is, where the claims are kept, and how the ledger of all of them is made and written."""
 
 from collections.abc import Callable, Iterator, Mapping
 from time import perf_counter
@@ -87,12 +87,12 @@ def in_any(rows: list[Row]) -> int:
 
 
 def reasons(row: Row) -> str:
-    """Why a claim falls short, with the readings under which it does; one reason is told once."""
-    told: dict[str, list[str]] = {}
+    """Why a claim falls short, with the readings under which it does; each reason is given once."""
+    readings_of: dict[str, list[str]] = {}
     for reading, one in row.findings.items():
         if one.reason:
-            told.setdefault(one.reason, []).append(reading)
-    return "; ".join(f"`{' and '.join(readings)}`: {reason}" for reason, readings in told.items())
+            readings_of.setdefault(one.reason, []).append(reading)
+    return "; ".join(f"`{' and '.join(readings)}`: {reason}" for reason, readings in readings_of.items())
 
 
 def _line(*cells: str) -> str:
@@ -100,7 +100,7 @@ def _line(*cells: str) -> str:
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
-HEAD = """Each statement is tried under two readings of Eq. (4), which bounds the friction of an end that sticks by mu_s. An
+PREAMBLE = """Each statement is tried under two readings of Eq. (4), which bounds the friction of an end that sticks by mu_s. An
 impact lasts microseconds, a contact between impacts most of a cycle, and the paper does not say that its program holds an
 end in both by the same number. Under `mu_s` it does, as Eq. (4) is printed (`mu_h = mu_s`). Under `mu` stick friction counts
 inside impacts only, and an end in lasting contact is held by mu (`mu_h = mu`), as in a program that never sees the slip of a
@@ -125,7 +125,7 @@ def as_markdown(rows: list[Row], table: list[str], small: bool, started: float) 
         *(f"- `{reading}`, {READINGS[reading]}: {counts(rows, reading)};" for reading in readings),
         f"- under at least one of them: {in_any(rows)} agree.",
         "",
-        HEAD,
+        PREAMBLE,
         "",
         _line(
             "Sect.",

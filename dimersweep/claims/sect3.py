@@ -195,6 +195,6 @@ def circular(lab: Lab) -> Finding:
     states = run.states(np.arange(30, run.n_periods) * T)
     a, b, radius = circle_through(states["x"].values, states["y"].values)
     away = np.hypot(states["x"].values - a, states["y"].values - b) - radius
-    most, told = float(np.abs(away).max()), orbit_of(run).radius
-    value = f"circle of {radius:.4f} m, off by {1e6 * most:.0f} µm at most; R = v/omega = {told:.4f} m"
-    return found(value, most < 0.01 * radius and abs(radius / told - 1) < 0.01)
+    most, expected = float(np.abs(away).max()), orbit_of(run).radius
+    value = f"circle of {radius:.4f} m, off by {1e6 * most:.0f} µm at most; R = v/omega = {expected:.4f} m"
+    return found(value, most < 0.01 * radius and abs(radius / expected - 1) < 0.01)

@@ -142,11 +142,11 @@ def short_dimers(lab: Lab) -> Finding:
 def narrow_range(lab: Lab) -> Finding:
     e, low, high = lab.fold["e"].values, lab.fold["Gamma"].values, lab.flip["Gamma"].values
     every = max(1, e.size // 6)
-    told = "; ".join(f"e = {e[k]:.3g}: {low[k]:.3f} to {high[k]:.3f}" for k in range(0, e.size, every))
+    ranges = "; ".join(f"e = {e[k]:.3g}: {low[k]:.3f} to {high[k]:.3f}" for k in range(0, e.size, every))
     off = [np.abs(x - [ball(k) for k in e]).max() for x, ball in ((low, ball_fold), (high, ball_flip))]
     stable = float(np.mean([orbit is not None for _, _, orbit in lab.inside]))
     value = (
-        f"Gamma: {told}; within {off[0]:.3f} and {off[1]:.3f} of pi (1 - e)/(1 + e) and its doubling; stable at "
+        f"Gamma: {ranges}; within {off[0]:.3f} and {off[1]:.3f} of pi (1 - e)/(1 + e) and its doubling; stable at "
         f"{100 * stable:.0f} % of {len(lab.inside)} points between. Above Gamma = 1.36 p1's hop lasts over half a period, and "
         "`mode` calls the motion otherwise"
     )

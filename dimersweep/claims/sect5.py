@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dimersweep.claims.lab import LOW, Lab, orbit_of
+from dimersweep.claims.lab import LOW_FRICTION, Lab, orbit_of
 from dimersweep.claims.ledger import Finding, claim, found
 from dimersweep.claims.sect3 import shares
 from dimersweep.claims.sect4 import drifting, span
@@ -49,7 +49,7 @@ def radius_and_velocity(lab: Lab) -> Finding:
     return found(value, span(radii) < 0.05, partly=span(radii) < 0.1, reason=reason)
 
 
-def _told(law: PowerLaw) -> str:
+def _exponent_words(law: PowerLaw) -> str:
     return f"{law.exponent:.3f} ± {law.error:.3f} (local slopes {law.least:.2f} to {law.greatest:.2f})"
 
 
@@ -81,14 +81,14 @@ def _by_frequency(lab: Lab) -> str:
 def radius_by_aspect(lab: Lab) -> Finding:
     law = exponents(lab.orbits, "radius")["A_r"]
     off = abs(law.exponent - 3)
-    return found(_told(law), off < 0.15, partly=off < 0.45, reason=_by_aspect(law, lab))
+    return found(_exponent_words(law), off < 0.15, partly=off < 0.45, reason=_by_aspect(law, lab))
 
 
 @claim("5.2", "R is proportional to f^2 (Fig. 14b)", "exponent within 5 % of 2; partly: 10 %")
 def radius_by_frequency(lab: Lab) -> Finding:
     law = exponents(lab.orbits, "radius")["f"]
     off = abs(law.exponent - 2)
-    return found(_told(law), off < 0.1, partly=off < 0.2, reason=_by_frequency(lab))
+    return found(_exponent_words(law), off < 0.1, partly=off < 0.2, reason=_by_frequency(lab))
 
 
 @claim("5.2", "At A_r = 5 and f = 15 Hz the radius is about 2.4 m", "to 2 %; partly: 10 %")
@@ -145,7 +145,7 @@ def small_dimer(lab: Lab) -> Finding:
 def period_laws(lab: Lab) -> Finding:
     laws = exponents(lab.orbits, "period")
     off = [abs(laws["A_r"].exponent - 3), abs(laws["f"].exponent - 2)]
-    value = f"A_r: {_told(laws['A_r'])}; f: {_told(laws['f'])}"
+    value = f"A_r: {_exponent_words(laws['A_r'])}; f: {_exponent_words(laws['f'])}"
     reason = f"T = 2 pi R/v at one v, and R is not as said: {_by_frequency(lab)}"
     if off[0] >= 0.15:
         reason += f", and over A_r {_by_aspect(laws['A_r'], lab)}"
@@ -194,7 +194,7 @@ def _minima(lab: Lab) -> dict[float, Minimum]:
 )
 def least_period(lab: Lab) -> Finding:
     minima = _minima(lab)
-    value = "; ".join(f"A_r = {a:g}: {low.told('s', 'm/s')}" for a, low in minima.items())
+    value = "; ".join(f"A_r = {a:g}: {low.words('s', 'm/s')}" for a, low in minima.items())
     value += f" (after {int(lab.fast['n_periods'].max())} periods, from the least dip angle that drifts)"
     there = [low.located and 0.5 < low.at < 9 for low in minima.values()]
     reason = (
@@ -212,8 +212,8 @@ def angle_at_minimum(lab: Lab) -> Finding:
         zeta = cube["zeta"].sel(A_r=a).values
         known = np.isfinite(zeta)
         off[a] = float(np.interp(low.at, cube["xdot0"].values[known], zeta[known])) - np.pi / 2
-    told = {a: "no minimum located" if np.isnan(gap) else f"pi/2 {gap:+.4f}" for a, gap in off.items()}
-    value = ", ".join(f"A_r = {a:g}: {words}" for a, words in told.items())
+    offsets = {a: "no minimum located" if np.isnan(gap) else f"pi/2 {gap:+.4f}" for a, gap in off.items()}
+    value = ", ".join(f"A_r = {a:g}: {words}" for a, words in offsets.items())
     located = [gap for gap in off.values() if np.isfinite(gap)]
     close = bool(located) and all(abs(gap) < 0.02 for gap in located)
     return found(
@@ -229,11 +229,11 @@ def angle_at_minimum(lab: Lab) -> Finding:
 def other_parameters(lab: Lab) -> Finding:
     friction = lab.friction.sel(A_r=6)
     friction = friction.where(friction["di_end"].isin(["sp_sk", "sk_sk"]))
-    told, spans = [], []
+    changes, spans = [], []
     for word, cube in (("Gamma", lab.intensity), ("e", lab.restitution), ("mu, mu_s", friction)):
         of = {name: span(drifting(cube, name)) for name in ("radius", "period", "zeta")}
         spans.append(max(of["radius"], of["period"]))
-        told.append(
+        changes.append(
             f"{word}: R {100 * of['radius']:.0f} %, T {100 * of['period']:.0f} %, zeta {100 * of['zeta']:.1f} %"
         )
     radius, over = lab.intensity["radius"].values, lab.orbits["radius"]
@@ -241,7 +241,7 @@ def other_parameters(lab: Lab) -> Finding:
         f"R falls from {np.nanmax(radius):.2f} to {np.nanmin(radius):.2f} m over Gamma, the impact coming later in the cycle, "
         f"little beside the factor of {float(over.max() / over.min()):.0f} over A_r and f, but more than 10 %"
     )
-    return found("; ".join(told), max(spans) < 0.1, partly=max(spans) < 0.3, reason=reason)
+    return found("; ".join(changes), max(spans) < 0.1, partly=max(spans) < 0.3, reason=reason)
 
 
 STUDY: tuple[tuple[str, dict[str, Any]], ...] = (
@@ -249,7 +249,7 @@ STUDY: tuple[tuple[str, dict[str, Any]], ...] = (
     ("stick friction as slip friction, mu_s = mu = 0.2", {"mu_s": 0.2}),
     ("held by mu in lasting contact, mu_h = mu = 0.2", {"mu_h": 0.2}),
     ("mu_s = 0.3", {"mu_s": 0.3}),
-    ("less friction, mu = 0.05, mu_s = 0.1", LOW),
+    ("less friction, mu = 0.05, mu_s = 0.1", LOW_FRICTION),
     ("mu = mu_s = 0.15", {"mu": 0.15, "mu_s": 0.15}),
     ("mu = mu_s = 0.1", {"mu": 0.1, "mu_s": 0.1}),
     ("mu = 0.1, mu_s = 0.2", {"mu": 0.1, "mu_s": 0.2}),
@@ -283,7 +283,7 @@ def radius_study(lab: Lab) -> list[str]:
         "## What would make the radius 2.4 m",
         "",
         f"The radius at A_r = 5, f = 15 Hz after {lab.late} periods, one thing changed at a time; each from the least initial",
-        "dip angle that drifts. The share of the cycle that p1 rolls (SC_sk) tells how it is held between the impacts.",
+        "dip angle that drifts. The share of the cycle that p1 rolls (SC_sk) says how it is held between the impacts.",
         "",
         "| changed | R [m] | against 2.4 m | impact ends | p1 rolls | beta0 [deg] |",
         "|---|---|---|---|---|---|",

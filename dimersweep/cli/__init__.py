@@ -62,7 +62,7 @@ def _warn(message: Warning | str, *others: Any, **more: Any) -> None:
 
 
 def main() -> None:
-    """Entry point: every error that is the user's to mend is told in a line and exit code 2."""
+    """Entry point: an error that the user can mend is shown in one line, with exit code 2."""
     import warnings
 
     warnings.showwarning = _warn
@@ -77,5 +77,7 @@ def main() -> None:
             raise
         _fail(_unknown_option(error) or " ".join(error.format_message().split()))
     if code == INTERRUPTED:
-        print("dimersweep: interrupted: nothing was written", file=sys.stderr)  # a command that writes is `stoppable`
+        print(
+            "dimersweep: interrupted: nothing was written", file=sys.stderr
+        )  # a command that writes is `interruptible`
         os._exit(INTERRUPTED)  # threads may be inside compiled code, which Ctrl-C does not reach

@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
+from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.options import Force
-from dimersweep.cli.stopping import stoppable
 
 
 def borders(
@@ -26,7 +26,7 @@ def borders(
     from dimersweep.storage.outputs import TABLES, check_output, refuse_input
     from dimersweep.studies.border_files import make_borders, plan_borders, read_borders
     from dimersweep.studies.parts import parts_of
-    from dimersweep.work.progress import tell_of_compiling
+    from dimersweep.work.progress import report_compiling
 
     declared = read_borders(declaration)
     out = out or Path(declared.borders.output)
@@ -39,10 +39,10 @@ def borders(
     if over is not None:
         refuse_input(out, over, "out")
     under = open_cube(over) if over is not None else None
-    with stoppable(out, drawn, parts=parts_of(out)):
+    with interruptible(out, drawn, parts=parts_of(out)):
         from dimersweep.orbits.pictures import draw_borders
 
-        tell_of_compiling()
+        report_compiling()
         table = make_borders(declared, out, force=force, tell=typer.echo)
         write_picture(draw_borders(table, under), drawn, force=force)
         typer.echo(f"{out} and {drawn} in {table.attrs['wall_time_s']:.1f} s")

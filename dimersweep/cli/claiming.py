@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
+from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.options import Force, Workers
-from dimersweep.cli.stopping import stoppable
 
 PAGES = (".md",)
 
@@ -18,16 +18,16 @@ def claims(
     workers: Workers = None,
     force: Force = False,
 ) -> None:
-    """Recompute every checkable statement of the paper, tell where it holds, and write the page of all of them."""
+    """Recompute every checkable statement of the paper, say where it holds, and write the page of all of them."""
     from dimersweep.storage.outputs import check_output
 
     page = check_output(out, force=force, what="a page", endings=PAGES)
-    with stoppable(page):
+    with interruptible(page):
         _make(page, small=small, workers=workers)
 
 
 def _make(page: Path, *, small: bool, workers: int | None) -> None:
-    """Recompute the claims, tell of each, and write the page."""
+    """Recompute the claims, print each, and write the page."""
     from time import perf_counter
 
     from rich.console import Console
@@ -35,9 +35,9 @@ def _make(page: Path, *, small: bool, workers: int | None) -> None:
 
     from dimersweep.claims import READINGS, Lab, as_markdown, counts, in_any, made, radius_study
     from dimersweep.storage.files import disk_errors, put
-    from dimersweep.work.progress import tell_of_compiling
+    from dimersweep.work.progress import report_compiling
 
-    tell_of_compiling()
+    report_compiling()
     started = perf_counter()
     labs = {reading: Lab(reading, small=small, workers=workers) for reading in READINGS}
     rows = []

@@ -1,4 +1,4 @@
-"""The command for the picture of a cube, and what every command that has a cube tells of it."""
+"""The command for the picture of a cube, and what every command prints of its cube."""
 
 import warnings
 from collections import Counter
@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.options import Force
-from dimersweep.cli.stopping import stoppable
 from dimersweep.errors import ParameterError
 from dimersweep.symbols import PARAMETERS
 
@@ -42,7 +42,7 @@ def plot(
         raise typer.BadParameter(f"{str(cube)!r}: is no cube")
     picture = check_picture(out or cube.with_suffix(".png"), force=force)
     refuse_input(picture, cube, "out")
-    with stoppable(picture):
+    with interruptible(picture):
         opened = open_cube(cube)
         for each in select or ():
             opened = _selected(opened, each)
@@ -62,7 +62,7 @@ def _selected(cube: "xr.Dataset", text: str) -> "xr.Dataset":
 
 
 def draw_beside(cube: "xr.Dataset", picture: Path, kind: str | None = None, quantity: str | None = None) -> None:
-    """Draw `cube` to a file that may be replaced, marked with what it was drawn from, and tell of it."""
+    """Draw `cube` to a file that may be replaced, marked with what it was drawn from, and print its path."""
     from dimersweep.plots import draw, write_picture
 
     figure, marked = draw(cube, kind, quantity=quantity), {"Keywords": _mark(cube.attrs["configuration_sha256"])}
@@ -71,7 +71,7 @@ def draw_beside(cube: "xr.Dataset", picture: Path, kind: str | None = None, quan
 
 
 def draw_if_it_can(cube: "xr.Dataset", picture: Path, *, force: bool) -> None:
-    """The same for a cube that is written: a picture that fails is told of, and takes nothing from the success."""
+    """Draw a cube that was just written: a picture that fails gives a warning, and the command still succeeds."""
     try:
         check_picture_of(lambda: loads(cube.attrs["configuration"]), picture, force=force)
         draw_beside(cube, picture)
@@ -136,9 +136,9 @@ def print_cube(cube: "xr.Dataset") -> None:
     from dimersweep.storage.cubefiles import modes_in
 
     if "answer" in cube:
-        from dimersweep.cubes.reading import answers_told
+        from dimersweep.cubes.reading import search_summary
 
-        typer.echo(answers_told(cube))
+        typer.echo(search_summary(cube))
         return
     typer.echo(", ".join(f"{mode} {count}" for mode, count in modes_in(cube).items()))
     if "confidence" in cube:

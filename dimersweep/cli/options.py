@@ -23,14 +23,14 @@ def _whole(text: str | int) -> int:
         raise typer.BadParameter(f"{text!r} is not a whole number") from None
 
 
-def number_option(told: str, *names: str) -> Any:
+def number_option(meaning: str, *names: str) -> Any:
     """An option that takes a number."""
-    return typer.Option(*names, help=told, parser=_number, metavar="NUMBER")
+    return typer.Option(*names, help=meaning, parser=_number, metavar="NUMBER")
 
 
-def whole_option(told: str) -> Any:
+def whole_option(meaning: str) -> Any:
     """An option that takes a whole number."""
-    return typer.Option(help=told, parser=_whole, metavar="COUNT")
+    return typer.Option(help=meaning, parser=_whole, metavar="COUNT")
 
 
 Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
@@ -53,8 +53,8 @@ def with_parameters(command: Callable[..., None]) -> Callable[..., None]:
     for name, quantity in taken.items():  # their texts are judged with all else, where units are known
         either = quantity.units + (", or 16deg" if quantity.units == "rad" else "")
         units = "" if quantity.units == "1" else f" ({either})"
-        told = f"{quantity.long_name}{units}" + ("" if name in INSTEAD else f"; {_by_default(name)} by default")
-        kind = Annotated[Any, typer.Option(f"--{name}", help=told, parser=str, metavar="NUMBER")]
+        meaning = f"{quantity.long_name}{units}" + ("" if name in INSTEAD else f"; {_by_default(name)} by default")
+        kind = Annotated[Any, typer.Option(f"--{name}", help=meaning, parser=str, metavar="NUMBER")]
         options.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=kind))
     command.__signature__ = signature.replace(parameters=options)  # type: ignore[attr-defined]
     command.__annotations__ = {option.name: option.annotation for option in options}

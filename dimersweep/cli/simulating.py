@@ -7,14 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.options import Force, number_option, whole_option, with_parameters
-from dimersweep.cli.stopping import stoppable
-from dimersweep.symbols import QUANTITIES, stated
+from dimersweep.symbols import ORBIT_NAMES, QUANTITIES, stated
 
 if TYPE_CHECKING:
     from dimersweep.runs.run import Run
-
-ORBIT = ("radius", "period", "zeta", "speed", "precession_rate", "impact_phase")
 
 
 @with_parameters
@@ -25,13 +23,13 @@ def simulate(
     plot: Annotated[Path | None, typer.Option(help="Picture of heights, orbit and phase portraits.")] = None,
     movie: Annotated[Path | None, typer.Option(help="Movie of the last periods: .gif, .mp4 or .html (in 3D).")] = None,
     save: Annotated[Path | None, typer.Option(help="File to keep the run in (NetCDF), for load_run.")] = None,
-    error: Annotated[bool, typer.Option("--error", help="Tell bounds on the errors too, from two more runs.")] = False,
+    error: Annotated[bool, typer.Option("--error", help="Print bounds on the errors too, from two more runs.")] = False,
     max_seconds: Annotated[float | None, number_option("Bound on the time of the run (s); none by default.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON in place of the table.")] = False,
     force: Force = False,
     **parameters: Any,
 ) -> None:
-    """Run one dimer and tell its mode and its orbit."""
+    """Run one dimer and print its mode and its orbit."""
     parameters = {name: value for name, value in parameters.items() if value is not None}
     if plot is not None:
         from dimersweep.plots import check_picture
@@ -46,16 +44,16 @@ def simulate(
 
         check_output(save, force=force, name="save", what="a run", endings=TABLES)
     from dimersweep.parameters import Parameters, check_count, check_rtol, check_seconds
-    from dimersweep.work.progress import tell_of_compiling
+    from dimersweep.work.progress import report_compiling
 
-    # judged here as well, so that a typing error is told before seconds of imports and compiling
+    # judged here as well, so that a typing error is reported before seconds of imports and compiling
     Parameters(**parameters)
     check_count("periods", periods)
     check_rtol(rtol)
     check_seconds("max_seconds", max_seconds)
     recorded = error or bool(plot or movie or save)
-    with stoppable(save, plot, movie):
-        tell_of_compiling()
+    with interruptible(save, plot, movie):
+        report_compiling()
         from dimersweep.runs.simulating import simulate
         from dimersweep.runs.solving import check_recorded
 
@@ -81,14 +79,14 @@ def _as_dict(run: "Run") -> dict[str, Any]:
     outcome = {"parameters": stated(run.parameters)}
     outcome |= {name: getattr(run, name) for name in ("status", "message", "mode", "mode_period")}
     outcome |= {name: getattr(run, name) for name in ("n_events", "n_periods", "end_speed")}
-    names = [*ORBIT, "di_end", "spin_rate", *(f"{name}_drift" for name in ORBIT)]
+    names = [*ORBIT_NAMES, "di_end", "spin_rate", *(f"{name}_drift" for name in ORBIT_NAMES)]
     return outcome | {"orbit": run.orbit and {name: getattr(run.orbit, name) for name in names}}
 
 
 def _bounds(run: "Run") -> dict[str, float]:
     """Bounds on the errors at the end of `run`: of its state, in its scales, and of the times of its events [s]."""
-    told = run.error()
-    return {"state_error": float(told["scaled"][-1]), "event_time_error": float(told["event_time"].max())}
+    errors = run.error()
+    return {"state_error": float(errors["scaled"][-1]), "event_time_error": float(errors["event_time"].max())}
 
 
 def _print_table(run: "Run", bounds: dict[str, float]) -> None:
@@ -107,9 +105,9 @@ def _print_table(run: "Run", bounds: dict[str, float]) -> None:
         table.add_row(name.replace("_", " "), f"below {bound:.1e}", "s" if "time" in name else "1")
     if run.orbit is not None:
         table.add_section()
-        for name in ORBIT:
+        for name in ORBIT_NAMES:
             value, drift = getattr(run.orbit, name), getattr(run.orbit, f"{name}_drift")
-            told = (f"{value:.8g}", QUANTITIES[name].units, f"{drift:.2e}")
-            table.add_row(name, *(("none: straight", "", "") if isnan(value) else told))
+            cells = (f"{value:.8g}", QUANTITIES[name].units, f"{drift:.2e}")
+            table.add_row(name, *(("none: straight", "", "") if isnan(value) else cells))
         table.add_row("double impact ends", run.orbit.di_end)
     Console().print(table)

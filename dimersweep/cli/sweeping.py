@@ -1,4 +1,4 @@
-"""The commands for declared sweeps: run one, tell what it would cost, tell how far it is."""
+"""The commands for declared sweeps: run one, say what it would cost, show how far it is."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dimersweep.cli.drawing import check_picture_of, draw_if_it_can, judge_picture, print_cube
+from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.options import Force, Periods, Rtol, Workers
-from dimersweep.cli.stopping import stoppable
 
 if TYPE_CHECKING:
     from dimersweep.studies.declaration import Declaration
@@ -21,7 +21,7 @@ def run(
     *,
     out: Annotated[Path | None, typer.Option(help="Cube to write, in place of the declared output.")] = None,
     source: Annotated[
-        Path | None, typer.Option("--from", metavar="CUBE", help="Make this cube again, from what it tells of itself.")
+        Path | None, typer.Option("--from", metavar="CUBE", help="Make this cube again, from the configuration in it.")
     ] = None,
     workers: Workers = None,
     scheduler: Annotated[
@@ -37,7 +37,7 @@ def run(
         bool, typer.Option("--other-kernel", help="With --from: go on though numbers may differ.")
     ] = False,
     certify: Annotated[
-        bool, typer.Option("--certify", help="Tell how sure each mode is; about 2.5 times the time.")
+        bool, typer.Option("--certify", help="Say how sure each mode is; about 2.5 times the time.")
     ] = False,
     plot: Annotated[bool, typer.Option(help="Draw the cube beside its file.")] = True,
     force: Force = False,
@@ -50,7 +50,7 @@ def run(
     cube_file = out or Path(declared.sweep.output)
     check_output(cube_file, force=True)  # a cube that is there already is judged where it can be read
     picture, forced = cube_file.with_suffix(".png"), force or retry
-    with stoppable(
+    with interruptible(
         cube_file, picture if plot else None, parts=folder_of(cube_file), again="run the same again for the rest"
     ):
         from dimersweep.studies.datasets import run_study
@@ -79,7 +79,7 @@ def run(
 
 
 def _declared(declaration: Path | None, source: Path | None, out: Path | None, *, other_kernel: bool) -> "Declaration":
-    """The sweep that a file declares, or that a cube tells to have come from."""
+    """The sweep that a file declares, or that a cube was made from."""
     if (declaration is None) == (source is None):
         raise typer.BadParameter("give either SWEEP.toml or --from CUBE")
     if declaration is not None:
@@ -102,16 +102,16 @@ def plan(
     periods: Periods = None,
     rtol: Rtol = None,
 ) -> None:
-    """Tell points, size and time of a declared sweep from a timed sample; nothing is written."""
+    """Print points, size and time of a declared sweep from a timed sample; nothing is written."""
     from dimersweep.studies.declaration import read_declaration
     from dimersweep.studies.planning import plan
     from dimersweep.studies.presets import find_declaration
     from dimersweep.work.computing import make_how
-    from dimersweep.work.progress import tell_of_compiling
+    from dimersweep.work.progress import report_compiling
 
     declared = read_declaration(find_declaration(declaration))
     study, threads = declared.study(periods=periods, rtol=rtol), make_how(workers).workers
-    tell_of_compiling()
+    report_compiling()
     for line in plan(study, threads, Path(declared.sweep.output)).lines():
         typer.echo(line)
 
@@ -119,7 +119,7 @@ def plan(
 def status(
     out: Annotated[Path, typer.Argument(metavar="CUBE", help="Cube to be, as the sweep was given it.")],
 ) -> None:
-    """Tell how far the sweep for a cube has come, and whether a process is at work on it."""
+    """Print how far the sweep for a cube has come, and whether a process is at work on it."""
     from dimersweep.studies.status import status
 
     for line in status(out):

@@ -14,7 +14,7 @@ class Checksum:
     Parameters
     ----------
     cube : xarray.Dataset
-        Its variables tell names, dimensions and types; no value of it is read.
+        Its variables give names, dimensions and types; no value of it is read.
     """
 
     def __init__(self, cube: xr.Dataset) -> None:

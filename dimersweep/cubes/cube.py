@@ -201,8 +201,8 @@ def names(flags: xr.DataArray) -> xr.DataArray:
     ['rest', 'drift']
     """
     if not isinstance(flags, xr.DataArray) or "flag_meanings" not in flags.attrs:
-        told = getattr(flags, "name", None) or type(flags).__name__
-        raise ParameterError(f"names: {told} has no words; give a flag variable such as cube['mode']")
+        given = getattr(flags, "name", None) or type(flags).__name__
+        raise ParameterError(f"names: {given} has no words; give a flag variable such as cube['mode']")
     check_flags(flags.name, flags.values)
     words = np.array(flags.attrs["flag_meanings"].split())
     places = np.searchsorted(flags.attrs["flag_values"], flags.values)

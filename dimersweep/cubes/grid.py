@@ -24,7 +24,7 @@ from dimersweep.parameters import (
 )
 from dimersweep.symbols import BASE, ENDS, PARAMETERS
 
-MAX_POINTS = 50_000_000  # of an axis, and of a cube in memory: about 11 GB, see benchmarks/speed/memory.py
+MAX_POINTS = 50_000_000  # of an axis, and of a cube in memory: about 14 GB, see benchmarks/speed/memory.py
 
 STEP_TOLERANCE = 1e-9  # of a number of steps that counts as whole, times that number
 _FORMS = "give values, or start, stop and either step or num; unit is optional, and spacing = log with num"
@@ -35,7 +35,7 @@ def _no_whole_steps(start: float, stop: float, step: float, steps: int) -> str:
     """What to say of a range whose end lies between two of its steps, of which `steps` are whole."""
     near = [n for n in (steps, steps + 1) if n]
     stops, nums = (
-        " or ".join(told) for told in ([f"{start + n * step:.15g}" for n in near], [f"{n + 1}" for n in near])
+        " or ".join(either) for either in ([f"{start + n * step:.15g}" for n in near], [f"{n + 1}" for n in near])
     )
     return (
         f"no whole steps from start = {start} to stop = {stop}; give stop = {stops}, or num = {nums} in place of step"
@@ -208,8 +208,8 @@ class Grid:
         values = (f"{name} = {float(axis[k])!r}" for (name, axis), k in zip(self.axes.items(), places, strict=True))
         return f"point {number} ({', '.join(values)})"
 
-    def told(self) -> dict[str, Any]:
-        """What of a configuration tells the points."""
+    def configuration(self) -> dict[str, Any]:
+        """The part of a configuration that gives the points."""
         return {"grid": {name: values.tolist() for name, values in self.axes.items()}, "fixed": self.fixed}
 
     def first(self) -> "Grid":
@@ -280,7 +280,7 @@ def refuse_twice(varied: Mapping[str, Any], fixed: Mapping[str, Any]) -> None:
 def fixed_values(varied: Mapping[str, np.ndarray], fixed: Mapping[str, Any]) -> dict[str, float]:
     """Every parameter that does not vary, in SI units: as `fixed` says, or as in the base case.
 
-    What differs from end to end is told by its values at the ends, so that the same points are told alike.
+    What differs from end to end is given by its values at the ends, so that the same points have the same description.
     """
     held = {name: fixed_value(name, value) for name, value in (BASE | dict(fixed)).items() if name not in varied}
     for both, ends in ENDS.items():

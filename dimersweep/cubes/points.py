@@ -63,8 +63,8 @@ class Points:
         """The points `start` to `stop` - 1 alone, and the number of the first of them there; see `Grid.window`."""
         return Points({name: values[start:stop] for name, values in self.columns.items()}, self.fixed), 0
 
-    def told(self) -> dict[str, Any]:
-        """What of a configuration tells the points."""
+    def configuration(self) -> dict[str, Any]:
+        """The part of a configuration that gives the points."""
         return {"points": {name: values.tolist() for name, values in self.columns.items()}, "fixed": self.fixed}
 
     def first(self) -> "Points":
@@ -96,8 +96,8 @@ def make_points(table: Any, fixed: Mapping[str, Any] | None = None) -> Points:
         raise ParameterError("points: has no column; give at least one parameter that varies")
     lengths = {name: values.size for name, values in columns.items()}
     if len(set(lengths.values())) > 1:
-        told = ", ".join(f"{name} {n}" for name, n in lengths.items())
-        raise ParameterError(f"points: the columns differ in length ({told})")
+        counts = ", ".join(f"{name} {n}" for name, n in lengths.items())
+        raise ParameterError(f"points: the columns differ in length ({counts})")
     if not 1 <= next(iter(lengths.values())) <= MAX_POINTS:
         raise ParameterError(f"points: {next(iter(lengths.values()))} of them; must be 1 to {MAX_POINTS}")
     fixed = as_fixed(fixed)

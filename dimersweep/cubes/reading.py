@@ -72,8 +72,8 @@ def _drift_rows(cube: xr.Dataset) -> xr.DataArray:
     """Where `cube` drifts, shape (rows, beta0)."""
     mode = cube["mode"].squeeze()
     if "beta0" not in mode.dims or mode.ndim > 2 or not mode.size:
-        told = ", ".join(map(str, mode.dims)) or "none"
-        raise ParameterError(f"drift_intervals: has axes {told}; needs beta0 and at most one more")
+        axes = ", ".join(map(str, mode.dims)) or "none"
+        raise ParameterError(f"drift_intervals: has axes {axes}; needs beta0 and at most one more")
     rows = mode if mode.ndim == 2 else mode.expand_dims("f")
     return (rows == M_DRIFT).transpose(..., "beta0")
 
@@ -120,15 +120,17 @@ def drift_lengths(cube: xr.Dataset) -> xr.DataArray:
     return rows.copy(data=lengths).rename("drift_length").assign_attrs(units="rad")
 
 
-def answers_told(cube: xr.Dataset) -> str:
+def search_summary(cube: xr.Dataset) -> str:
     """How often each answer of a search was given, and the runs that took, in one line."""
-    told = json.loads(cube.attrs["configuration"])["search"]
+    search = json.loads(cube.attrs["configuration"])["search"]
     made = cube["n_runs"].values > 0
     words, counts = np.unique(names(cube["answer"]).values[made], return_counts=True)
     answers = ", ".join(f"{word} {count}" for word, count in zip(words, counts, strict=True))
-    runs, whole = int(cube["n_runs"].sum()), int(made.sum()) * len(told["values"])
+    runs, whole = int(cube["n_runs"].sum()), int(made.sum()) * len(search["values"])
     asked = (
-        f"{told['ask']} {told['axis']} to {told['mode']}" if told["ask"] != "fraction" else f"modes over {told['axis']}"
+        f"{search['ask']} {search['axis']} to {search['mode']}"
+        if search["ask"] != "fraction"
+        else f"modes over {search['axis']}"
     )
     return f"{asked}: {answers} at {int(made.sum())} points, in {runs} runs of {whole} that there are"
 
@@ -186,8 +188,8 @@ def _grown(name: str, values: np.ndarray) -> np.ndarray:
 def exponents(cube: xr.Dataset, quantity: str = "radius") -> dict[str, PowerLaw]:
     """Exponents of a power law of `quantity` in all axes of `cube` at once, A_r by way of A_r - 1.
 
-    The standard error is that of a straight line through the logarithms; the slopes between neighbours tell how far
-    the law is one.
+    The standard error is that of a straight line through the logarithms; the slopes between neighbours show how far
+    the law holds.
 
     Parameters
     ----------
@@ -241,8 +243,8 @@ class Minimum(NamedTuple):
         """Whether there is one."""
         return bool(np.isfinite(self.at))
 
-    def told(self, unit: str, at_unit: str) -> str:
-        """In words, with its errors."""
+    def words(self, unit: str, at_unit: str) -> str:
+        """The minimum in words, with its errors."""
         if not self.located:
             return "no minimum located"
         return f"{self.value:.3f} ± {self.value_error:.3f} {unit} at {self.at:.3f} ± {self.at_error:.3f} {at_unit}"

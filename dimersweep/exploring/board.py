@@ -15,7 +15,7 @@ from dimersweep.cubes.reading import edges_of, is_geometric
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots import run_figure
-from dimersweep.plots.movie import pace_of
+from dimersweep.plots.movie import playback_of
 from dimersweep.plots.replay import replay_page
 from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, fixed_of
 from dimersweep.plots.tables import run_table, title_as_html
@@ -37,7 +37,7 @@ def _in_brackets(units: str) -> str:
     return "" if units == "1" else f"[{units_shown(units)}]"
 
 
-def told_apart(values: np.ndarray) -> list[str]:
+def distinct_labels(values: np.ndarray) -> list[str]:
     """Values in as many digits, five or more, as they need to differ."""
     for digits in range(5, 18):
         shown = [f"{value:.{digits}g}" for value in values]
@@ -47,7 +47,7 @@ def told_apart(values: np.ndarray) -> list[str]:
 
 
 def _shown(run: Run) -> Run:
-    """The run, or where it is short the same for longer: what a picture shows."""
+    """The run that a picture shows: `run`, made longer if it is short."""
     return run.go_on(SHOWN_PERIODS - run.n_periods) if run.n_periods < SHOWN_PERIODS else run
 
 
@@ -92,7 +92,7 @@ class Board:
         self.key = pn.pane.HTML(self.legend())
         self.hover = HoverTool(formatters=dict.fromkeys(("@x", "@y", "@shown"), "printf"))
         self.map = self._map()
-        self.told = pn.pane.HTML("Click a point of the map: its run appears here.", sizing_mode="stretch_width")
+        self.summary = pn.pane.HTML("Click a point of the map: its run appears here.", sizing_mode="stretch_width")
         self.picture = pn.pane.Matplotlib(None, tight=False, format="svg", sizing_mode="stretch_width")
         self.run: Run | None = None
         self.replay = pn.widgets.Button(label="replay", visible=False)
@@ -103,7 +103,7 @@ class Board:
             widget.param.watch(self._moved, "value")
 
     def _slider(self, name: str) -> Any:
-        options = {value: k for k, value in enumerate(told_apart(self.cube[name].values))}
+        options = {value: k for k, value in enumerate(distinct_labels(self.cube[name].values))}
         slider = pn.widgets.DiscreteSlider(label=label_of(name), options=options)
         slider.param.watch(self._moved, "value")
         return slider
@@ -133,7 +133,7 @@ class Board:
         plot.scatter(
             "x", "y", source=self.spot, size=14, marker="circle_x", fill_color=None, line_color="black", line_width=2
         )
-        self.hover.renderers = [cells]  # the mark of a click has nothing to tell
+        self.hover.renderers = [cells]  # the mark of a click has nothing to show
         plot.add_tools(self.hover)
         plot.yaxis.visible = bool(self.y)
         self.bar = ColorBar(color_mapper=self.mapper, visible=False)
@@ -163,7 +163,9 @@ class Board:
     def _recolor(self) -> None:
         """Fill the map for the present place of the sliders, and say what its colours are."""
         part, shown = self._part(), self.quantity.value
-        told = {label_of(self.x): "@x{%.5g}"} | ({label_of(self.y): "@y{%.5g}"} if self.y else {}) | {"mode": "@mode"}
+        tooltips = (
+            {label_of(self.x): "@x{%.5g}"} | ({label_of(self.y): "@y{%.5g}"} if self.y else {}) | {"mode": "@mode"}
+        )
         columns = {name: values.ravel() for name, values in self._cells().items()}
         columns["mode"] = names(part["mode"]).values.ravel()
         if shown == "mode":
@@ -174,9 +176,9 @@ class Board:
             self.bar.title = (
                 f"{shown.replace('_', ' ')} {_in_brackets(self.cube[shown].attrs.get('units', '1'))}".rstrip()
             )
-            told[self.bar.title] = "@shown{%.6g}"
+            tooltips[self.bar.title] = "@shown{%.6g}"
         self.bar.visible, self.key.visible = shown != "mode", shown == "mode"
-        self.hover.tooltips = list(told.items())
+        self.hover.tooltips = list(tooltips.items())
         self.map.xaxis.axis_label, self.map.yaxis.axis_label = (
             label_of(name) if name else "" for name in (self.x, self.y)
         )
@@ -207,10 +209,10 @@ class Board:
         try:
             run: Run = point.dimersweep.run()
         except ParameterError as error:
-            self.told.object = f"No run here: {escape(str(error))}"
+            self.summary.object = f"No run here: {escape(str(error))}"
             self.picture.object = None
             return None
-        self.told.object, self.picture.object = run_table(run), None
+        self.summary.object, self.picture.object = run_table(run), None
         if run.status == "ok":
             self.run, self.replay.visible = _shown(run), True
             self.picture.object = run_figure(self.run)
@@ -220,7 +222,7 @@ class Board:
         """Show the end of the run that was clicked in three dimensions."""
         assert self.run is not None
         try:
-            page = replay_page(self.run, pace_of(self.run, REPLAYED))
+            page = replay_page(self.run, playback_of(self.run, REPLAYED))
         except StoreError as error:
             self.motion.object = escape(str(error))
             return
@@ -241,7 +243,7 @@ class Board:
         shown = (pn.pane.Bokeh(self.map, sizing_mode="stretch_width"), self.key)
         # side by side where there is room for both, else below one another
         left = pn.Column(*widgets, *shown, sizing_mode="stretch_width", max_width=600, styles={"flex": "1 1 340px"})
-        run = (self.told, self.picture, self.replay, self.motion)
+        run = (self.summary, self.picture, self.replay, self.motion)
         right = pn.Column(*run, sizing_mode="stretch_width", styles={"flex": "1 1 340px"})
         heading = pn.pane.HTML(f"<h3>{title_as_html(self.cube)}</h3>")
         return pn.Column(heading, pn.FlexBox(left, right, sizing_mode="stretch_width"), sizing_mode="stretch_width")

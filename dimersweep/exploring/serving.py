@@ -65,7 +65,7 @@ def serve(cube: xr.Dataset, *, port: int, show: bool) -> None:
     panel = _panel()
     from dimersweep.exploring.board import Board, layout_of
 
-    Board(cube)  # what is wrong with a cube is told before a server starts
+    Board(cube)  # what is wrong with a cube is reported before a server starts
     try:
         panel.serve(
             lambda: layout_of(cube), port=port, show=show, address="127.0.0.1", title="dimersweep", verbose=True

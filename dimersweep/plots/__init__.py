@@ -23,7 +23,7 @@ from dimersweep.plots.style import DPI, MODE_COLORS, check_picture, write_pictur
 
 __all__ = [
     "DPI",
-    "KINDS",
+    "FIGURES",
     "MODE_COLORS",
     "bifurcation",
     "check_picture",
@@ -50,7 +50,7 @@ __all__ = [
     "write_picture",
 ]
 
-KINDS = {
+FIGURES = {
     "segments": segments,
     "mode_map": mode_map,
     "regions": regions,
@@ -84,4 +84,4 @@ def draw(cube: xr.Dataset, kind: str | None = None, *, quantity: str | None = No
         return quantity_map(cube, quantity)
     kind = kind or cube.attrs.get("plot", "mode_map")
     judge_cube(kind, cube)
-    return KINDS[kind](cube)
+    return FIGURES[kind](cube)

@@ -9,8 +9,8 @@ from dimersweep.cubes.cube import check_codes
 from dimersweep.errors import ParameterError
 from dimersweep.symbols import Picture
 
-KINDS = get_args(Picture)
-EXACT = {"trends": ("A_r", "f"), "minimum": ("A_r", "xdot0"), "impact_ends": ("A_r", "mu", "mu_s")}
+PICTURE_KINDS = get_args(Picture)
+EXACT_AXES = {"trends": ("A_r", "f"), "minimum": ("A_r", "xdot0"), "impact_ends": ("A_r", "mu", "mu_s")}
 
 
 def features(cube: xr.Dataset) -> set[str]:
@@ -25,7 +25,7 @@ def judge(kind: str, sizes: Mapping[str, int], has: Collection[str] = ()) -> Non
     Parameters
     ----------
     kind : str
-        One of `KINDS`.
+        One of `PICTURE_KINDS`.
     sizes : mapping of str to int
         Axes of the cube and how many values each has.
     has : collection of str
@@ -34,25 +34,27 @@ def judge(kind: str, sizes: Mapping[str, int], has: Collection[str] = ()) -> Non
     Raises
     ------
     ParameterError
-        Telling what it needs.
+        Naming what the kind needs.
     """
-    if kind not in KINDS:
-        raise ParameterError(f"kind = {kind!r}: must be one of {', '.join(KINDS)}")
+    if kind not in PICTURE_KINDS:
+        raise ParameterError(f"kind = {kind!r}: must be one of {', '.join(PICTURE_KINDS)}")
     for name, n in sizes.items():
         if n == 0:
             raise ParameterError(f"{kind}: the axis {name} is empty")
     axes = [name for name, n in sizes.items() if n > 1]
-    told = f"{kind}: has axes {', '.join(axes) or 'none'}; "
+    axes_words = f"{kind}: has axes {', '.join(axes) or 'none'}; "
     if kind == "segments" and not (1 <= len(axes) <= 2 and "beta0" in axes):
-        raise ParameterError(told + ("needs beta0 among them" if 1 <= len(axes) <= 2 else "draws 1 to 2 of them"))
+        raise ParameterError(axes_words + ("needs beta0 among them" if 1 <= len(axes) <= 2 else "draws 1 to 2 of them"))
     if kind == "mode_map" and not axes:
-        raise ParameterError(told + "needs one of more than one value")
+        raise ParameterError(axes_words + "needs one of more than one value")
     if kind == "regions" and not ("search" in has and len(axes) == 2):
         raise ParameterError("regions: needs the regions of a search over two axes")
-    if kind in EXACT:
-        present = sorted({*axes, *(name for name in sizes if name in EXACT[kind])})
-        if set(present) != set(EXACT[kind]):
-            raise ParameterError(f"{kind}: has axes {', '.join(present) or 'none'}; needs {', '.join(EXACT[kind])}")
+    if kind in EXACT_AXES:
+        present = sorted({*axes, *(name for name in sizes if name in EXACT_AXES[kind])})
+        if set(present) != set(EXACT_AXES[kind]):
+            raise ParameterError(
+                f"{kind}: has axes {', '.join(present) or 'none'}; needs {', '.join(EXACT_AXES[kind])}"
+            )
     if kind == "shares" and not ("search" in has and len(sizes) == 2):
         raise ParameterError("shares: needs the runs of a search over two axes")
     if kind in ("paths", "planar") and not ("paths" in has and len(sizes) == 1):
@@ -63,7 +65,7 @@ def judge(kind: str, sizes: Mapping[str, int], has: Collection[str] = ()) -> Non
 
 
 def judge_cube(kind: str, cube: xr.Dataset) -> None:
-    """The same of a cube that is there."""
+    """Refuse a kind of picture that `cube` cannot fill."""
     if not isinstance(cube, xr.Dataset):
         raise ParameterError(f"cube: is a {type(cube).__name__}; give a cube")
     check_codes(cube["mode"])

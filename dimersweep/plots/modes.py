@@ -99,7 +99,7 @@ def regions(cube: xr.Dataset) -> Figure:
     axes.pcolormesh(edges_of(x), edges_of(y), shown.transpose(1, 0, 2))
     corners = [np.repeat(edges_of(values), 2)[1:-1] for values in (x, y)]
     handles = []
-    for name, hatch, color, told in (
+    for name, hatch, color, meaning in (
         ("drift", "|||", "#d62728", "$R_1$: some start drifts"),
         ("rest", "///", "#1f4fd8", "$R_2$: every start comes to rest"),
     ):
@@ -109,7 +109,7 @@ def regions(cube: xr.Dataset) -> Figure:
             with rc_context({"hatch.color": color, "hatch.linewidth": 0.6}):
                 axes.contourf(*corners, cells, levels=[0.5, 1.5], colors="none", hatches=[hatch])
             axes.contour(*corners, cells, levels=[0.5], colors=color, linewidths=1.4)
-        handles.append(Patch(facecolor="white", edgecolor=color, hatch=hatch, label=told))
+        handles.append(Patch(facecolor="white", edgecolor=color, hatch=hatch, label=meaning))
     left = ~np.isin(region, ("drift", "rest"))
     for code in np.unique(mode.values[left]):
         word = MODES[code]

@@ -39,7 +39,7 @@ COLORS_OF_GIF = 64
 
 
 @dataclass(frozen=True)
-class Pace:
+class Playback:
     """Which times of a run are shown.
 
     Parameters
@@ -141,20 +141,20 @@ def write_movie(
     ParameterError, StoreError
     """
     path = check_movie(path, force=force)
-    pace = pace_of(run, periods, speed, fps, last=last, slow_impacts=slow_impacts)
+    playback = playback_of(run, periods, speed, fps, last=last, slow_impacts=slow_impacts)
     dpi = check_count("dpi", dpi, MOST_DPI)
     if path.suffix == ".html":
         from dimersweep.plots.replay import replay_page
 
         try:
-            page = replay_page(run, pace)
+            page = replay_page(run, playback)
         except StoreError as error:
             raise StoreError(f"movie = {path}: {error}") from None
         with disk_errors(f"movie = {path}", ""):
             put(path, [page.encode()])
         return path
     with disk_errors(f"movie = {path}", ""), replacing(path) as temporary:
-        (_write_gif if path.suffix == ".gif" else _write_video)(temporary, _rendered(run, pace, dpi), fps)
+        (_write_gif if path.suffix == ".gif" else _write_video)(temporary, _rendered(run, playback, dpi), fps)
     return path
 
 
@@ -179,7 +179,7 @@ def _write_video(path: Path, pictures: Iterator[np.ndarray], fps: int) -> None:
         raise OSError(done.stderr.decode(errors="replace").strip().splitlines()[-1])
 
 
-def pace_of(
+def playback_of(
     run: "Run",
     periods: int,
     speed: float = 0.1,
@@ -187,7 +187,7 @@ def pace_of(
     *,
     last: bool = True,
     slow_impacts: bool = False,
-) -> Pace:
+) -> Playback:
     """The stretch of the run that is shown, judged.
 
     Raises
@@ -200,15 +200,15 @@ def pace_of(
         raise ParameterError(f"speed = {speed}: must be > 0")
     length = min(periods / run.parameters["f"], run.duration)
     start = run.duration - length if last else 0.0
-    return Pace(start, start + length, speed, fps, slow_impacts)
+    return Playback(start, start + length, speed, fps, slow_impacts)
 
 
-def frames(run: "Run", pace: Pace) -> xr.Dataset:
+def frames(run: "Run", playback: Playback) -> xr.Dataset:
     """The states of the frames, with the centres of both balls."""
     p = run.parameters
     kinds = run.events["kind"].values
     impacts = np.unique(run.events["time"].values[np.char.startswith(kinds, "DI")])
-    states = run.states(pace.times(impacts, 1 / p["f"]))
+    states = run.states(playback.times(impacts, 1 / p["f"]))
     length = dimer_from(p).l
     across = length * np.cos(states["beta"])
     return states.assign(
@@ -224,22 +224,22 @@ def radii_of(run: "Run") -> tuple[float, float]:
     return 1e3 * dimer.p1.r, 1e3 * dimer.p2.r
 
 
-def _rendered(run: "Run", pace: Pace, dpi: int) -> Iterator[np.ndarray]:
+def _rendered(run: "Run", playback: Playback, dpi: int) -> Iterator[np.ndarray]:
     """Pictures of the frames, shape (height, width, 3), uint8: what stands still is drawn once."""
-    shown = frames(run, pace)
+    shown = frames(run, playback)
     figure = Figure(figsize=(7.2, 3.7), layout="constrained", dpi=dpi)
     canvas = FigureCanvasAgg(figure)
     side, above = figure.subplots(1, 2, width_ratios=(1.25, 1))
     updates = _side_view(side, run, shown), _view_from_above(above, run, shown)
-    told = run.conditions(tex=True)
-    heading = entitle(figure, f" \n{told}")
+    words = run.conditions(tex=True)
+    heading = entitle(figure, f" \n{words}")
     for artist in (heading, *updates[0](0), *updates[1](0)):
         artist.set_animated(True)
     canvas.draw()
     still = canvas.copy_from_bbox(figure.bbox)
     for k, cycles in enumerate(shown["time"].values * run.parameters["f"]):
         now = f"{run.mode}, forcing period {int(cycles)}, {360 * (cycles % 1):3.0f}° of the plate"
-        heading.set_text(f"{now}\n{told}")
+        heading.set_text(f"{now}\n{words}")
         canvas.restore_region(still)
         for axes, update in zip((side, above), updates, strict=True):
             for artist in update(k):

@@ -30,7 +30,7 @@ END_COLORS = {  # of a double impact
     "sk_sp": "#cc79a7",
     "sk_sk": "#009e73",
 }
-LEFT_OUT = "#d9d9d9"  # points that break the rule between mu and mu_s
+LEFT_OUT_COLOR = "#d9d9d9"  # points that break the rule between mu and mu_s
 TRENDS = {"radius": r"$\bar R$ [m]", "period": r"$\bar T$ [s]", "zeta": r"$\zeta$ [rad]"}
 CURVES = 5  # values of the other axis that are drawn
 
@@ -180,7 +180,7 @@ def least_period(cube: xr.Dataset) -> Figure:
         one = cube.sel(A_r=A_r)
         period, zeta = (_drifting(one, name).values for name in ("period", "zeta"))
         low = minimum(speeds, period)
-        text = low.told("s", "m/s")
+        text = low.words("s", "m/s")
         name = given("A_r", A_r) + ("" if low.located else f": {text}")
         left.plot(speeds, period, "o-", color=color, markersize=2.5, linewidth=1, label=name)
         right.plot(speeds, zeta, "o-", color=color, markersize=2.5, linewidth=1)
@@ -219,7 +219,7 @@ def impact_ends(cube: xr.Dataset) -> Figure:
     """
     judge_cube("impact_ends", cube)
     body = {name: cube[name].item() for name in ("r", "rho_b", "rho_r", "D_r")}
-    colors = ListedColormap([*END_COLORS.values(), LEFT_OUT])
+    colors = ListedColormap([*END_COLORS.values(), LEFT_OUT_COLOR])
     shown = cube["di_end"].where(cube["mode"] != M_NOT_RUN, len(END_COLORS))
     heading = "How the double impact ends; dashed: $\\mu = \\bar\\mu$"
     n = cube.sizes["A_r"]
@@ -235,7 +235,7 @@ def impact_ends(cube: xr.Dataset) -> Figure:
     panels[0, 0].set_ylabel(label("mu_s"))
     found = sorted(set(np.unique(names(cube["di_end"]))), key=DI_ENDS.index)
     words = {"none": "no drift found"} | {end: end for end in found if end != "none"}
-    faces = [(END_COLORS[end], words[end]) for end in found] + [(LEFT_OUT, "$\\mu_s < \\mu$: not run")]
+    faces = [(END_COLORS[end], words[end]) for end in found] + [(LEFT_OUT_COLOR, "$\\mu_s < \\mu$: not run")]
     handles = [Patch(facecolor=face, edgecolor="black", linewidth=0.5, label=name) for face, name in faces]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=9)
     return figure

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.errors import StoreError
-from dimersweep.plots.movie import BALLS, PLATE, ROD, TRACK, Pace, frames, radii_of
+from dimersweep.plots.movie import BALLS, PLATE, ROD, TRACK, Playback, frames, radii_of
 
 if TYPE_CHECKING:
     from dimersweep.runs.run import Run
@@ -34,7 +34,7 @@ body > div {{ flex: 1; min-height: 0 }}
 """
 
 
-def replay_page(run: "Run", pace: Pace) -> str:
+def replay_page(run: "Run", playback: Playback) -> str:
     """The page of a recorded run.
 
     Raises
@@ -46,8 +46,8 @@ def replay_page(run: "Run", pace: Pace) -> str:
         from plotly.graph_objects import Figure
     except ImportError:
         raise StoreError("a page needs plotly; pip install 'dimersweep[movie]'") from None
-    shown = frames(run, pace)
-    data, layout = _scene(run, shown), _layout(run, shown, pace)
+    shown = frames(run, playback)
+    data, layout = _scene(run, shown), _layout(run, shown, playback)
     steps = [
         {"name": str(k), "data": _moved(run, shown, k), "traces": [0, 1, 2, 3, 4]} for k in range(shown.sizes["time"])
     ]
@@ -129,10 +129,10 @@ def _scene(run: "Run", shown: xr.Dataset) -> list[dict[str, Any]]:
     return [*moving, track | _xyz(path)]
 
 
-def _layout(run: "Run", shown: xr.Dataset, pace: Pace) -> dict[str, Any]:
+def _layout(run: "Run", shown: xr.Dataset, playback: Playback) -> dict[str, Any]:
     """Axes in true proportion, a button to play and one to pause, and a slider over the frames."""
     still = {"mode": "immediate", "frame": {"duration": 0, "redraw": True}, "transition": {"duration": 0}}
-    going = still | {"frame": {"duration": 1000 / pace.fps, "redraw": True}, "fromcurrent": True}
+    going = still | {"frame": {"duration": 1000 / playback.fps, "redraw": True}, "fromcurrent": True}
     cycles = shown["time"].values * run.parameters["f"]
     slider = {
         "currentvalue": {"prefix": "forcing period ", "xanchor": "right"},

@@ -45,14 +45,14 @@ def bifurcation(cube: xr.Dataset) -> Figure:
     (name,) = map(str, mode.dims)
     figure = Drawing(6.4, 7)
     panels = figure.subplots(len(SHOWN), 1, sharex=True)
-    for axes, (quantity, (told, factor)) in zip(panels, SHOWN.items(), strict=True):
+    for axes, (quantity, (label, factor)) in zip(panels, SHOWN.items(), strict=True):
         values = factor * cube[f"strobe_{quantity}"].squeeze().transpose(name, "strobe").values
         for code in np.unique(mode.values):
             here = mode.values == code
             places = np.repeat(mode[name].values[here], values.shape[1])
             color = MODE_COLORS[MODES[code]]
             axes.plot(places, values[here].ravel(), ".", color=color, markersize=4, markeredgewidth=0)
-        axes.set_ylabel(told)
+        axes.set_ylabel(label)
         if is_geometric(mode[name].values):
             axes.set_xscale("log")
     mark(panels[-1].xaxis, name)

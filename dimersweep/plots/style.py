@@ -19,7 +19,7 @@ from dimersweep.storage.files import disk_errors, replacing
 from dimersweep.storage.outputs import check_output
 from dimersweep.symbols import PARAMETERS, conditions, symbol, units_of
 
-# after Okabe and Ito: told apart by color-blind readers too
+# after Okabe and Ito: distinct to color-blind readers too
 MODE_COLORS = {
     "not_run": "#ffffff",
     "failed": "#000000",
@@ -44,7 +44,7 @@ class Drawing(Figure):
         super().__init__(figsize=(width, height), layout=ConstrainedLayoutEngine(w_pad=0.08))
 
     def savefig(self, fname: Any, **how: Any) -> None:
-        """As of every figure, with `DPI` unless another resolution is given."""
+        """Save the figure as matplotlib does, with `DPI` unless another resolution is given."""
         super().savefig(fname, **{"dpi": DPI} | how)
 
 

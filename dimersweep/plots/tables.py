@@ -15,7 +15,7 @@ from dimersweep.symbols import PARAMETERS, QUANTITIES, conditions, symbol, units
 if TYPE_CHECKING:
     from dimersweep.runs.run import Run
 
-ORBIT = ("radius", "period", "zeta", "speed", "impact_phase")
+SHOWN_OF_ORBIT = ("radius", "period", "zeta", "speed", "impact_phase")
 
 
 def run_table(run: "Run") -> str:
@@ -28,7 +28,7 @@ def run_table(run: "Run") -> str:
     if run.status != "ok":
         rows.append(("status", f"{run.status}: {run.message}"))
     if run.orbit is not None:
-        for name in ORBIT:
+        for name in SHOWN_OF_ORBIT:
             value = f"{getattr(run.orbit, name):.6g} {units_shown(QUANTITIES[name].units)}"
             rows.append((name.replace("_", " "), value))
     elif run.mode == "rest":
@@ -73,5 +73,5 @@ def _badge(mode: str) -> str:
 
 def _table(heading: str, rows: Iterable[tuple[str, str]]) -> str:
     cell = 'style="text-align: left; padding: 0 1em 0 0"'
-    body = "".join(f"<tr><td {cell}>{escape(name)}</td><td {cell}>{escape(told)}</td></tr>" for name, told in rows)
+    body = "".join(f"<tr><td {cell}>{escape(name)}</td><td {cell}>{escape(value)}</td></tr>" for name, value in rows)
     return f"<table><caption style='text-align: left'><b>{heading}</b></caption>{body}</table>"

@@ -123,18 +123,18 @@ class CubeAccessor:
             If that is not one point, or a search has found no run there.
         """
         point = self.at(**where)
-        told = json.loads(self._cube.attrs.get("configuration", "{}"))
-        if told.get("kernel_version", kernel_version()) != kernel_version():
+        configuration = json.loads(self._cube.attrs.get("configuration", "{}"))
+        if configuration.get("kernel_version", kernel_version()) != kernel_version():
             line = (
                 "the cube was made by another version of the kernel; the run may differ from what it says of the point"
             )
             warnings.warn(line, RuntimeWarning, stacklevel=2)
-        late = told.get("search", {}).get("orbit_periods", 0)
-        given: dict[str, Any] = parameters_of(point) | {"rtol": told.get("rtol", 1e-8), "record": record}
+        late = configuration.get("search", {}).get("orbit_periods", 0)
+        given: dict[str, Any] = parameters_of(point) | {"rtol": configuration.get("rtol", 1e-8), "record": record}
         if periods is not None or late:
             return simulate(**given, periods=late if periods is None else periods)
-        first, settles = told.get("periods", 100), told.get("stop_when_settled", True)
-        for length in lengths(first, told.get("max_periods", first)):
+        first, settles = configuration.get("periods", 100), configuration.get("stop_when_settled", True)
+        for length in lengths(first, configuration.get("max_periods", first)):
             run = simulate(**given, periods=length, stop_when_settled=settles)
             if run.mode != "unresolved":
                 break

@@ -58,13 +58,13 @@ from dimersweep.kernel.sample import HOPS_LAST, sample
 from dimersweep.symbols import EVENTS, STATES, Quantity
 
 BETWEEN_IMPACTS = [code_of(first, second) for first in (FREE, STICK, SLIP) for second in (FREE, STICK, SLIP)]
-FIRST_ROWS, GROWTH = 500, 4  # for the hops that one close sums
+HOP_ROWS, HOP_ROWS_GROWTH = 500, 4  # for the hops that one close sums
 FOLLOWED = 0.95  # share of the time for which these may be followed: clear of its end
 BOUNDARY = 1e-12  # a time this far below the end of a forcing period counts as that end, in periods
 
 
 class RunRecord(NamedTuple):
-    """Rows that the kernel wrote of one run (columns in ``kernel.record``), with the parameters that they belong to.
+    """Record that the kernel wrote of one run (columns in ``kernel.record``), with the parameters that they belong to.
 
     `cut` says that there was no room for all of them.
     """
@@ -86,7 +86,7 @@ def _dataset(columns: dict[str, np.ndarray], quantities: dict[str, Quantity], di
 
 
 def events_of(record: RunRecord, rtol: float, parameters: dict[str, float]) -> xr.Dataset:
-    """What happened, along `event`; see `Run.events`."""
+    """The events of a run in order of time, along `event`; see `Run.events`."""
     columns = dict(zip(EVENT, record.events.T.copy(), strict=True))
     ended = _move_to_ends_of_hops(record, rtol, columns)
     columns["time"] = _times(columns["period"], columns["phase"], parameters["f"])
@@ -147,9 +147,9 @@ def _end_of_hops(record: RunRecord, k: int, rtol: float) -> float | None:
     """
     segment, omega = record.segments[k], dimer_of(record.row).omega
     span = FOLLOWED * HOPS_LAST * omega * segment[SEGMENT_HOP_TIME]
-    status, room = RECORD_FULL, FIRST_ROWS
+    status, room = RECORD_FULL, HOP_ROWS
     while status == RECORD_FULL:
-        rows, room = new_record(room), GROWTH * room
+        rows, room = new_record(room), HOP_ROWS_GROWTH * room
         status, _, _ = _sampled(record, np.array([k]), segment[[PHASE]] + span, rtol, rows)
     events, segments = rows_of(rows)
     closed = np.array(digits_of(events[:, E_KIND])).T > 0

@@ -33,7 +33,7 @@ class Run:
     Attributes
     ----------
     status, message : str
-        "ok", or the name of the reason why the run stopped early; the same in words.
+        "ok", or the name of the reason why the run stopped early; that reason in words.
     mode : str
         What the motion became: rest, drift, jump, flutter, period_n, aperiodic, unresolved or, without "ok", failed.
     mode_period : int
@@ -42,7 +42,7 @@ class Run:
         Every parameter of the model; those that may be left out (`symbols.LEFT_OUT`) where they were not.
     start : dict or None
         The state that it started from, by the names of `states`, its phase being `phi0`; None where `beta0` and `xdot0`
-        tell the start.
+        give the start.
     rtol : float
         Accuracy [1].
     n_events : int
@@ -134,8 +134,8 @@ class Run:
         """
         if self.start is None:
             return conditions(self.parameters, always=always, tex=tex)
-        told = conditions(self.parameters, INITIAL, always, tex=tex)
-        return f"{told}, from a given state".removeprefix(", ")
+        words = conditions(self.parameters, INITIAL, always, tex=tex)
+        return f"{words}, from a given state".removeprefix(", ")
 
     def _given(self) -> dict[str, Any]:
         """The parameters to be given with its start to `simulate` for the same run."""
@@ -163,7 +163,7 @@ class Run:
 
     @cached_property
     def events(self) -> xr.Dataset:
-        """What happened, along `event`, in order of time.
+        """The events of the run, along `event`, in order of time.
 
         An impact has one row for each of its contact states, all at the same time, with its own share of the impulses.
         The velocity of a contact point that takes no part in an impact is NaN. A chatter ends where its bounces accumulate,
@@ -224,9 +224,9 @@ class Run:
         return points.assign_coords(n=("n", n, {"units": "1", "long_name": "forcing periods since the start"}))
 
     def go_on(self, periods: int) -> "Run":
-        """The same run for so many forcing periods more.
+        """This run made longer by so many forcing periods.
 
-        It goes on from the state at the end of the last period, and tells of the whole: n and m periods in two parts
+        It goes on from the state at the end of the last period, and holds the whole: n and m periods in two parts
         are n + m at once. All of 250 random runs are so bit for bit; where a contact at that moment is undecided to the
         accuracy, the last digits may differ within `rtol`.
 

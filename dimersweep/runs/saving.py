@@ -120,14 +120,14 @@ def load_run(path: str | os.PathLike[str]) -> "Run":
         raise StoreError(changed)
     rows = {name: np.ascontiguousarray(dataset[name].values) for name in ROWS if name in dataset}
     try:
-        told = read_configuration(text)
-        if told["kernel_version"] != kernel_version():
+        configuration = read_configuration(text)
+        if configuration["kernel_version"] != kernel_version():
             line = f"{path}: was made by another version of the kernel"
             warnings.warn(
                 f"{line}; states between its events may differ in the last digits", RuntimeWarning, stacklevel=2
             )
         _check_rows(rows)
-        return _as_run(told, rows)
+        return _as_run(configuration, rows)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise StoreError(f"{changed} ({one_line(error)})") from error
 
@@ -145,18 +145,20 @@ def _check_rows(rows: Mapping[str, np.ndarray]) -> None:
             raise ValueError(f"{name} has shape {values.shape} and type {values.dtype} in place of {shape} and float64")
 
 
-def _as_run(told: dict[str, Any], rows: dict[str, np.ndarray]) -> "Run":
-    """The run that a configuration and the rows of the kernel tell."""
+def _as_run(configuration: dict[str, Any], rows: dict[str, np.ndarray]) -> "Run":
+    """A run, from its configuration and the rows of the kernel."""
     from dimersweep.runs.run import Orbit, Run
 
-    parameters = updated(told["parameters"], {})  # earlier versions told e beside e_1 and e_2
+    parameters = updated(configuration["parameters"], {})  # earlier versions wrote e beside e_1 and e_2
     row, recorded = Parameters(**parameters).row(), "event_rows" in rows
     return Run(
         parameters=parameters,
-        start=told["start"],
-        rtol=float(told["rtol"]),
-        orbit=told["orbit"] and Orbit(**told["orbit"]),
-        **told["outcome"],
-        _record=RunRecord(row, rows["event_rows"], rows["segment_rows"], told["record_cut"]) if recorded else None,
+        start=configuration["start"],
+        rtol=float(configuration["rtol"]),
+        orbit=configuration["orbit"] and Orbit(**configuration["orbit"]),
+        **configuration["outcome"],
+        _record=RunRecord(row, rows["event_rows"], rows["segment_rows"], configuration["record_cut"])
+        if recorded
+        else None,
         _end=RunEnd(rows["end_start"], rows["end_past"]),
     )

@@ -35,30 +35,31 @@ from dimersweep.parameters import RTOL_RANGE
 from dimersweep.symbols import EVENTS, STATES
 from dimersweep.work.tiles import run_all_patiently
 
-FINEST, COARSEST = RTOL_RANGE
-FINER = 1e-2  # rtol of a shadow over that of the run
-# the same where nothing much finer is to be had: its own error, ten times that of the run, is the difference
-COARSER = 10.0
+FINEST_SHADOW, COARSEST_SHADOW = RTOL_RANGE
+SHADOW_FINER = 1e-2  # rtol of a shadow over that of the run
+# rtol of a shadow over that of the run where nothing much finer is to be had: then the error of the shadow itself, ten times
+# that of the run, is the difference
+SHADOW_COARSER = 10.0
 LOOSER, LOOSE = 1e2, 1e-6  # rtol of a verdict's second shadow over that of the run, and its least
 NUDGE = 1e-4  # change of the start over rtol: far below the error of the run, far above round-off
 SAFETY = 10.0  # bound over difference: two runs can be alike by chance
-ROUNDING = 1e-12  # what no number is known better than, in its scale
+LEAST_ERROR = 1e-12  # what no number is known better than, in its scale
 CERTAIN, UNSURE, CHANGED = 1, 2, 3  # codes of ``cube.FLAGS["confidence"]``
 SETTLED = (M_REST, M_DRIFT, M_JUMP, M_FLUTTER, M_PERIOD_N)
 ORBIT = tuple(range(N_ORBIT))
 _BY_UNIT = {"m": 0.01, "m s-1": 0.1, "rad": 1.0, "rad s-1": 1.0}
-SCALES = {
+ERROR_SCALES = {
     name: _BY_UNIT[quantity.units]
     for name, quantity in STATES.items()
     if quantity.units in _BY_UNIT and name not in ("plate", "phase")
 }
-SCALES |= {"spin": 10.0, "spin_rate": 100.0}  # the ball turns as many times as fast as the rod is long
+ERROR_SCALES |= {"spin": 10.0, "spin_rate": 100.0}  # the ball turns as many times as fast as the rod is long
 COORDINATES = ("x1", "y1", "gap_1", "theta", "beta", "spin")
 CLOSED_STATE = COORDINATES + tuple(f"{name}_rate" for name in COORDINATES)
 
 
 class Recorded(Protocol):
-    """What is compared: a recorded run."""
+    """A recorded run, as far as its error is estimated from it."""
 
     @property
     def status(self) -> str:
@@ -78,7 +79,7 @@ class Recorded(Protocol):
 
 def shadow_rtol(rtol: float) -> float:
     """Accuracy of the shadows of a run with accuracy `rtol`."""
-    return FINER * rtol if FINER * rtol >= FINEST else COARSER * rtol
+    return SHADOW_FINER * rtol if SHADOW_FINER * rtol >= FINEST_SHADOW else SHADOW_COARSER * rtol
 
 
 def nudged(given: Mapping[str, Any], by: float) -> dict[str, Any]:
@@ -151,11 +152,11 @@ def _room(values: np.ndarray, most: float) -> np.ndarray:
 
 
 def difference(run: Recorded, other: Recorded, times: np.ndarray) -> dict[str, np.ndarray]:
-    """How far the states of two runs are apart: each quantity of `SCALES`, shape (n,), in its unit; inf if `other` failed."""
+    """How far the states of two runs are apart: each quantity of `ERROR_SCALES`, shape (n,), or inf if `other` failed."""
     if other.status != "ok":
-        return dict.fromkeys(SCALES, np.full(times.size, np.inf))
+        return dict.fromkeys(ERROR_SCALES, np.full(times.size, np.inf))
     ours, theirs = run.states(times), other.states(times)
-    return {name: np.abs(ours[name].values - theirs[name].values) for name in SCALES}
+    return {name: np.abs(ours[name].values - theirs[name].values) for name in ERROR_SCALES}
 
 
 def delays(run: Recorded, other: Recorded) -> np.ndarray:
@@ -168,7 +169,7 @@ def delays(run: Recorded, other: Recorded) -> np.ndarray:
 
 def scaled(errors: dict[str, np.ndarray]) -> np.ndarray:
     """The largest of the errors of the closed state in units of 1 cm, 0.1 m/s, 1 rad and 1 rad/s (spin: 10 and 100 of them)."""
-    return np.max([errors[name] / SCALES[name] for name in CLOSED_STATE], axis=0)
+    return np.max([errors[name] / ERROR_SCALES[name] for name in CLOSED_STATE], axis=0)
 
 
 def bounds(run: Recorded, shadows: Sequence[Recorded], times: np.ndarray, T: float) -> xr.Dataset:
@@ -186,14 +187,14 @@ def bounds(run: Recorded, shadows: Sequence[Recorded], times: np.ndarray, T: flo
     """
     apart = [difference(run, shadow, times) for shadow in shadows]
     variables = {}
-    for name, scale in SCALES.items():
+    for name, scale in ERROR_SCALES.items():
         # what two runs happen to share for a moment is no less in error: the largest difference so far counts
         bound = SAFETY * np.maximum.accumulate(np.max([errors[name] for errors in apart], axis=0))
         meaning = f"bound on the error: {STATES[name].long_name}"
         attributes = {"units": STATES[name].units, "long_name": meaning}
-        variables[name] = ("time", bound + ROUNDING * scale, attributes)
+        variables[name] = ("time", bound + LEAST_ERROR * scale, attributes)
     late = np.max([delays(run, shadow) for shadow in shadows], axis=0)
-    bound = np.where(np.isnan(late), np.nan, SAFETY * np.fmax.accumulate(late) + ROUNDING * T)
+    bound = np.where(np.isnan(late), np.nan, SAFETY * np.fmax.accumulate(late) + LEAST_ERROR * T)
     meaning = "bound on the error of the time of the event; NaN where a shadow lacks it"
     variables["event_time"] = ("event", bound, {"units": "s", "long_name": meaning})
     total = scaled({name: variables[name][1] for name in CLOSED_STATE})
@@ -233,9 +234,9 @@ def certified(
     """
     confidence = np.where(np.isin(codes[:, CODE_MODE], SETTLED), CERTAIN, UNSURE)
     error = np.full(len(rows), np.nan)
-    finer = max(FINER * rtol, FINEST)
-    looser = min(max(LOOSER * rtol, LOOSE), COARSEST)
-    for shadow_rtol, nudge in ((finer, ROUNDING), (looser, looser)):
+    finer = max(SHADOW_FINER * rtol, FINEST_SHADOW)
+    looser = min(max(LOOSER * rtol, LOOSE), COARSEST_SHADOW)
+    for shadow_rtol, nudge in ((finer, LEAST_ERROR), (looser, looser)):
         left = np.flatnonzero(confidence == CERTAIN)
         moved = nudged(dict(zip(ROW, rows[left].T, strict=True)), nudge)
         beside = np.column_stack([moved[name] for name in ROW])

@@ -50,7 +50,7 @@ def simulate(
         other periods is below 1e-3 (docs/stopping.md).
     record : bool
         Whether events and states are kept, of at most 100,000 forcing periods; without them a run takes no memory and less
-        time. A record of more than 2 million events is cut there, which `Run.events` and a warning tell.
+        time. A record of more than 2 million events is cut there, which `Run.events` and a warning say.
     max_seconds : float, optional
         Bound on the time that the run takes [s]. One that is stopped so has the status "stopped", the `n_periods` that it
         came to, and the events and states up to there.
@@ -121,10 +121,10 @@ simulate.__signature__ = named(simulate)  # type: ignore[attr-defined]
 
 
 def _with_start(parameters: Mapping[str, Any], start: Mapping[str, float]) -> dict[str, Any]:
-    """The parameters of a run that starts from a state: its `phase` is theirs, and they tell no other start."""
+    """The parameters of a run that starts from a state: its `phase` is their `phi0`, and they give no other start."""
     for name in INITIAL:
         if parameters.get(name) is not None:
-            raise ParameterError(f"{name}: given together with start, which tells it")
+            raise ParameterError(f"{name}: given together with start, which holds it; leave one out")
     if "phase" not in start:
         return dict(parameters)
     if "phi0" in parameters:

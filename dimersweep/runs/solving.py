@@ -10,7 +10,7 @@ from dimersweep.kernel.model.layout import C_START, CA, CB, CODE_N_EVENTS, N_COD
 from dimersweep.kernel.record import EVENT, Record, new_record, no_record, rows_of, was_full
 from dimersweep.runs.recorded import RunRecord
 
-FIRST_ROWS, ROWS_PER_PERIOD, GROWTH = 500, 100, 4  # capacity of a record: about twice what a drift takes
+RECORD_ROWS, ROWS_PER_PERIOD, RECORD_GROWTH = 500, 100, 4  # capacity of a record: about twice what a drift takes
 MAX_ROWS = 2_000_000  # of events and of segments each, 0.7 GB in all
 MAX_RECORDED = 100_000  # forcing periods: those of a drift fit
 IN_PYTHON = "a run whose events and states are recorded; give record=False for one without them"
@@ -102,9 +102,9 @@ def solve(
 
     kept, full = None, False
     if record:
-        rows = min(FIRST_ROWS + ROWS_PER_PERIOD * periods, MAX_ROWS)
+        rows = min(RECORD_ROWS + ROWS_PER_PERIOD * periods, MAX_ROWS)
         while was_full(made := run(new_record(rows))) and rows < MAX_ROWS:
-            rows = min(GROWTH * rows, MAX_ROWS)
+            rows = min(RECORD_GROWTH * rows, MAX_ROWS)
         full = was_full(made)
         events, segments = rows_of(made)
         kept = RunRecord(row, events.copy(), segments.copy(), full)

@@ -40,7 +40,7 @@ _SLOTS = (D1, D2, N1, N2, WP, SPIN, CA, CB)
 MAP_RTOL = 1e-11  # of the map, where the run was coarser: differences are taken of it
 SETTLING, SHARE = 20, 10  # periods before the count begins, and one in so many more: the twin finds its direction
 FORGOTTEN = NAMES[:5]  # what both ends at rest have lost of the past; the spin rolls on
-BLOCKS = 20  # of periods, whose spread tells the error of a mean
+BLOCKS = 20  # of periods, whose spread gives the error of a mean
 
 
 class Multipliers(NamedTuple):

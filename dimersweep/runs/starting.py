@@ -32,8 +32,8 @@ from dimersweep.kernel.model.plate import motion
 from dimersweep.parameters import as_number, dimer_from, number
 from dimersweep.symbols import BASE, INSTEAD, PARAMETERS, STATES
 
-CLOSED = 1e-12  # a gap this far below zero is a closed one [m]
-AGREES = 1e-9  # how well the gaps of a start must agree with its dip angle, in units of the distance of the balls
+CLOSED_GAP = 1e-12  # a gap this far below zero is a closed one [m]
+GAPS_AGREE = 1e-9  # how well the gaps of a start must agree with its dip angle, in units of the distance of the balls
 INITIAL = ("beta0", "xdot0")  # parameters that a start takes the place of
 
 
@@ -69,7 +69,7 @@ def _one(name: str, variable: Any) -> float:
 
 
 def is_point(start: Any) -> bool:
-    """Whether `start` is one point of a cube, which tells parameters in place of a state."""
+    """Whether `start` is one point of a cube, which gives parameters in place of a state."""
     return isinstance(start, xr.Dataset) and "mode" in start and "gap_1" not in start
 
 
@@ -145,12 +145,12 @@ def _gaps(start: Mapping[str, float], dm: Dimer, rise: float) -> tuple[float, fl
     else:
         first = max(0.0, -rise)
     second = start.get("gap_2", first + rise)
-    if abs(second - first - rise) > AGREES * dm.l:
+    if abs(second - first - rise) > GAPS_AGREE * dm.l:
         raise ParameterError(f"start.gap_2 = {second}: must be gap_1 + l sin(beta) = {first + rise}; leave one out")
     for name, gap in (("gap_1", first), ("gap_2", second)):
-        if gap < -CLOSED:
+        if gap < -CLOSED_GAP:
             raise ParameterError(f"start.{name} = {gap}: must be >= 0 (that end would be below the plate)")
-    return (0.0 if first < CLOSED else first), (0.0 if second < CLOSED else second)
+    return (0.0 if first < CLOSED_GAP else first), (0.0 if second < CLOSED_GAP else second)
 
 
 def _gap_rates(start: Mapping[str, float], dm: Dimer, apart: float) -> tuple[float, float]:

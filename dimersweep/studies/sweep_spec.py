@@ -102,7 +102,7 @@ class Spec:
 
     def configuration(self) -> dict[str, Any]:
         """All that decides the numbers, as plain numbers, lists and strings, with the version of the kernel."""
-        settings = self.grid.told() | {
+        settings = self.grid.configuration() | {
             "periods": self.periods,
             "rtol": self.rtol,
             "stop_when_settled": self.stop_when_settled,

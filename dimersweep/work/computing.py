@@ -16,7 +16,7 @@ from dimersweep.parameters import check_count
 from dimersweep.storage.memorystore import MemoryStore
 from dimersweep.storage.shelf import Shelf
 from dimersweep.storage.tilestore import TileStore
-from dimersweep.work.progress import Silent, Tally, tell_of_compiling, watch
+from dimersweep.work.progress import Silent, Tally, report_compiling, watch
 from dimersweep.work.scheduling import (
     Pace,
     Pool,
@@ -100,8 +100,8 @@ class Troubles:
         assert self.first is not None
         points, such = ("points", ", such as ") if self.points > 1 else ("point", ": ")
         where = grid.point(self.first.tiles[0].start)
-        told = f"{self.points} {points} could not be run{such}{where}: {self.first.reason}"
-        return told + ("; the sweep was stopped, as these came in a row" if self.alike >= ALIKE else "")
+        words = f"{self.points} {points} could not be run{such}{where}: {self.first.reason}"
+        return words + ("; the sweep was stopped, as these came in a row" if self.alike >= ALIKE else "")
 
 
 class Crew:
@@ -142,7 +142,7 @@ class Crew:
         how, hired = self.how, self._hired
         client = None if how.client is None else hired.enter_context(connected(how.client))
         if how.progress:
-            tell_of_compiling()
+            report_compiling()
         self._stop = hired.enter_context(stop_on_signals())
         warm_up(self._stop)  # before the clock of the progress starts, and before workers would all do it
         pool = hired.enter_context(threads(how.workers, self._stop) if client is None else cluster(client))

@@ -13,8 +13,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from dimersweep.kernel.compiler.cache import is_compiled
 
 LINE_SECONDS = 10.0  # between two plain lines
-ENOUGH_SECONDS = 2.0  # of work by each worker, before its time left is told
-COMPILE_STEP, COMPILE_TOLD = 10.0, 600.0  # between two lines while the kernel is compiled, and how long at most [s]
+ENOUGH_SECONDS = 2.0  # of work by each worker, before its time left is shown
+COMPILE_STEP, COMPILE_SHOWN = 10.0, 600.0  # between two lines while the kernel is compiled, and how long at most [s]
 
 
 class Tally:
@@ -65,7 +65,7 @@ class Tally:
 
 
 def clock(seconds: float) -> str:
-    """Such as 1:02:03, hours first."""
+    """A time in hours, minutes and seconds, such as 1:02:03."""
     minutes, seconds = divmod(round(seconds), 60)
     return f"{minutes // 60}:{minutes % 60:02d}:{seconds:02d}"
 
@@ -127,25 +127,25 @@ class Bar(Silent):
         self.display.update(self.task, total=total)
 
 
-def tell_of_compiling() -> None:
+def report_compiling() -> None:
     """Say on stderr that the kernel is about to be compiled, if it is, and go on saying how long that has taken."""
     if not is_compiled():
         print("compiling the kernel: 10 to 60 s, once for each version", file=sys.stderr, flush=True)
-        threading.Thread(target=_tell_seconds, daemon=True).start()
+        threading.Thread(target=_report_seconds, daemon=True).start()
 
 
-def _tell_seconds() -> None:
+def _report_seconds() -> None:
     from dimersweep.kernel.compiler import keeping
 
     begun = perf_counter()
-    while (seconds := perf_counter() - begun) < COMPILE_TOLD and not keeping.ready.wait(COMPILE_STEP):
+    while (seconds := perf_counter() - begun) < COMPILE_SHOWN and not keeping.ready.wait(COMPILE_STEP):
         if keeping.under_way.is_set():
             print(f"compiling the kernel: {seconds + COMPILE_STEP:.0f} s so far", file=sys.stderr, flush=True)
 
 
 @contextmanager
 def watch(tally: Tally, *, show: bool) -> Iterator[Silent]:
-    """Follow a sweep; what it yields is told of finished points by ``add``.
+    """Follow a sweep: `add` of what it yields counts finished points.
 
     Parameters
     ----------

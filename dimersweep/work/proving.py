@@ -27,7 +27,7 @@ from dimersweep.kernel.model.layout import (
 from dimersweep.parameters import Parameters
 
 CLOSE = 1e-4  # relative; the numbers are known to 1e-7, and a kernel that is damaged is far off
-PERIODS, RTOL = 100, 1e-8
+PROOF_PERIODS, PROOF_RTOL = 100, 1e-8
 UNCOMPILED = "import json; from dimersweep.work.proving import lasting; print(json.dumps(lasting().tolist()))"
 
 
@@ -87,7 +87,7 @@ def outcomes() -> tuple[np.ndarray, np.ndarray]:
     """What `SCENES` come to, as the kernel gives it: shapes (n, N_OUT) and (n, N_CODES)."""
     rows = np.array([Parameters(**scene.parameters).row() for scene in SCENES])
     out, codes = np.full((len(rows), N_OUT), np.nan), np.zeros((len(rows), N_CODES), dtype=np.int64)
-    run_many(rows, PERIODS, RTOL, True, out, codes)
+    run_many(rows, PROOF_PERIODS, PROOF_RTOL, True, out, codes)
     return out, codes
 
 

@@ -29,13 +29,13 @@ from dimersweep.work.tiles import (
 )
 
 IN_FLIGHT = 2  # tasks for each worker: one runs and one waits, so that none idles and a million tiles do not pile up
-GRACE = 1.0  # seconds that running tiles have to come back when the sweep is stopped
+TASK_GRACE = 1.0  # seconds that running tiles have to come back when the sweep is stopped
 POLL = 0.1  # seconds between two looks at the flag
 CONNECT_SECONDS = 10.0  # to find a scheduler
-CLIENT_LOGS = ("distributed.client", "tornado.application", "asyncio")  # tell of a connection that is lost
+CLIENT_LOGS = ("distributed.client", "tornado.application", "asyncio")  # they log a connection that is lost
 COUNT_SECONDS = 5.0  # between two counts of the workers of a cluster, which may come and go
-GROWTH = 4  # a task has at most this many times the points that have come back in all
-MOST = 1 << 18  # points of a task, however quick they are: its results take 50 MB of whoever holds them
+TASK_GROWTH = 4  # a task has at most this many times the points that have come back in all
+TASK_POINTS = 1 << 18  # points of a task, however quick they are: its results take 50 MB of whoever holds them
 TILES_PER_WORKER = 4  # at least, so that no worker idles for long at the end
 TASK_SECONDS = 0.004  # that a task costs driver and scheduler at most: tasks are long enough for so many workers
 
@@ -91,7 +91,7 @@ class Pace:
         self.seen += points
         aim = int(self.seconds * points / max(seconds, 1e-6))
         longest = ceil(self.size / (TILES_PER_WORKER * max(1, self.workers())))
-        self.length = max(1, min(aim, GROWTH * self.seen, longest, MOST))
+        self.length = max(1, min(aim, TASK_GROWTH * self.seen, longest, TASK_POINTS))
 
 
 def bundles(ranges: Iterable[Tile], pace: Pace) -> Iterator[Bundle]:
@@ -141,7 +141,7 @@ def threads(workers: int, stop: StopFlag) -> Iterator[Pool]:
         executor.shutdown(wait=False, cancel_futures=True)
 
 
-_flags: dict[str, StopFlag] = {}  # in a worker process: of those for whom it has worked, or was told to stop
+_flags: dict[str, StopFlag] = {}  # in a worker process: of those for whom it has worked, or who asked it to stop
 
 
 def stop_elsewhere(asker: str) -> None:
@@ -154,7 +154,7 @@ def run_elsewhere(
 ) -> Made:
     """Run tiles in a worker process, if that has the same kernel as the process that asks, and it works there.
 
-    If it sees the `shelf`, results are put there, and what is brought back tells of their file.
+    If it sees the `shelf`, results are put there, and what is brought back names their file.
 
     Raises
     ------
@@ -208,7 +208,7 @@ def connected(client: Any) -> Iterator[Any]:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep the logs of our own client, with their tracebacks, from the user: what goes wrong there is told in one line."""
+    """Keep the logs of our own client, with their tracebacks, from the user, who sees each error in one line."""
     logs = [logging.getLogger(name) for name in CLIENT_LOGS]
     levels = [log.level for log in logs]
     for log in logs:
@@ -300,7 +300,7 @@ def run_tiles(
     """Do `work` at the points of `missing`, in tasks as `pace` says, and hand what each brings back to `take`.
 
     That ends when all are done or `stop` is set. `take` is called in the calling thread.
-    What a task brings back undone becomes a task of its own. After `stop`, tasks that run have `GRACE` seconds to come
+    What a task brings back undone becomes a task of its own. After `stop`, tasks that run have `TASK_GRACE` seconds to come
     back with the points they have.
     """
     running: dict[Future[Made], Bundle] = {}
@@ -326,6 +326,6 @@ def run_tiles(
                 undone.append(left)
             take(made)
     pool.stop()
-    for future in wait(running, timeout=GRACE).done:
+    for future in wait(running, timeout=TASK_GRACE).done:
         if not future.cancelled() and future.exception() is None:
             take(future.result())

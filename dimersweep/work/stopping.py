@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from dimersweep.kernel.batch import Workspace, new_workspace, stop
 
-GRACE = 1.0  # seconds that a run has to end when it is stopped: a compiler at work does not
+RUN_GRACE = 1.0  # seconds that a run has to end when it is stopped: a compiler at work does not
 
 T = TypeVar("T")
 
@@ -81,5 +81,5 @@ def stoppable(call: Callable[[StopFlag], T], seconds: float | None = None) -> T:
         flag.set()
         with suppress(TimeoutError):
             if future is not None:
-                future.exception(GRACE)
+                future.exception(RUN_GRACE)
         raise

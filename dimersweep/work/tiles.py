@@ -21,7 +21,7 @@ from dimersweep.work.stopping import StopFlag
 
 TILE_SECONDS = 0.5  # at least: long against the cost of a task (4 ms), short against what a kill may cost
 CHUNK_SECONDS = 0.1  # what one call of the kernel aims at: it can be stopped only between calls
-LONGEST = 2  # a task whose points turn out slow comes back after so many times its time with those it has by then
+OVERTIME = 2  # a task whose points turn out slow comes back after so many times its time with those it has by then
 SLOW_MODES = sum(1 << mode for mode in (M_FAILED, M_APERIODIC, M_UNRESOLVED))  # these use all periods they are given
 
 
@@ -37,7 +37,7 @@ class Broken(NamedTuple):
         return count(self.tiles)
 
     def moved(self, shift: int) -> "Broken":
-        """The same with other numbers of points."""
+        """These tiles and their reason, with `shift` added to the numbers of points."""
         return Broken(tuple(Tile(start + shift, stop + shift) for start, stop in self.tiles), self.reason)
 
 
@@ -173,7 +173,7 @@ class Work(Protocol):
 def attempt(
     work: Work, tiles: Bundle, stop: StopFlag | None = None, shift: int = 0, seconds: float = TILE_SECONDS
 ) -> Made:
-    """Run tiles in short calls, for about `LONGEST` times `seconds`, or up to a point that raises.
+    """Run tiles in short calls, for about `OVERTIME` times `seconds`, or up to a point that raises.
 
     Parameters
     ----------
@@ -189,13 +189,13 @@ def attempt(
     Returns
     -------
     Made
-        The last tile may be short, and those after it missing. The time is told with the first one.
+        The last tile may be short, and those after it missing. The time stands with the first one.
     """
     begun = perf_counter()
     points = np.concatenate([np.arange(*tile) for tile in tiles])
     results = blank_results(points.size, work.kind)
     with (stop or StopFlag()).space() as space:
-        done, broken = _advanced(work, points, results, space, begun + LONGEST * seconds)
+        done, broken = _advanced(work, points, results, space, begun + OVERTIME * seconds)
     _one_nan(results)
     return Made(_cut(tiles, results[:done], perf_counter() - begun, shift), broken and broken.moved(shift))
 

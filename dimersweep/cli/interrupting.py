@@ -16,7 +16,7 @@ Stamp = tuple[int, int] | None  # of a file, to see whether it was replaced; Non
 
 
 @contextmanager
-def stoppable(*outputs: Path | None, parts: Path | None = None, again: str = AGAIN) -> Iterator[None]:
+def interruptible(*outputs: Path | None, parts: Path | None = None, again: str = AGAIN) -> Iterator[None]:
     """End the process on Ctrl-C or SIGTERM with one line and the exit code of the signal.
 
     Parameters
