@@ -3,6 +3,7 @@
 import re
 from functools import reduce
 
+import mpmath
 import numpy as np
 import pytest
 from hypothesis import given
@@ -151,3 +152,19 @@ def test_any_range_of_points_is_the_same_slice_of_the_grid(start, stop):
     grid = make_grid({"e": [0.5, 0.6], "f": [15, 20, 25], "A_r": [4, 5, 6, 7]})
     start, stop = min(start, stop), max(start, stop)
     np.testing.assert_array_equal(grid.rows(start, stop), grid.rows(0, 24)[start:stop])
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "count"), [(0.3, 7.1, 1001), (1.0, 1e6, 7), (1e-300, 1e300, 50), (0.1, 0.2, 2)]
+)
+def test_values_in_a_fixed_ratio_are_the_nearest_floats(low, high, count):
+    """So no processor gives others; powers of numpy are off by a last digit here and there, and where depends on it."""
+    declared = {"start": low, "stop": high, "num": count, "spacing": "log"}
+    with mpmath.workdps(60):
+        share = [mpmath.mpf(k) / (count - 1) for k in range(count)]
+        nearest = [float(mpmath.mpf(low) * (mpmath.mpf(high) / mpmath.mpf(low)) ** x) for x in share]
+    assert axis("f", declared).tolist() == nearest
+
+
+def test_one_value_in_a_fixed_ratio_is_the_first():
+    assert axis("f", {"start": 2.0, "stop": 3.0, "num": 1, "spacing": "log"}).tolist() == [2.0]

@@ -2,8 +2,11 @@
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
+from decimal import Context, Decimal, localcontext
 from functools import partial
+from itertools import accumulate, repeat
 from math import isfinite, prod
+from operator import mul
 from typing import Any
 
 import numpy as np
@@ -26,6 +29,7 @@ from dimersweep.symbols import BASE, ENDS, PARAMETERS
 
 MAX_POINTS = 50_000_000  # of an axis, and of a cube in memory: about 14 GB, see benchmarks/speed/memory.py
 
+DIGITS = 40  # that values in a fixed ratio are reckoned with
 STEP_TOLERANCE = 1e-9  # of a number of steps that counts as whole, times that number
 _FORMS = "give values, or start, stop and either step or num; unit is optional, and spacing = log with num"
 Reader = Callable[[str, Any], float]
@@ -73,7 +77,16 @@ def _from_logarithms(name: str, read: Reader, start: Any, stop: Any, num: Any) -
     count = check_count(f"{name}.num", num)
     if count > MAX_POINTS:
         raise ParameterError(f"{name}.num = {count}: must be <= {MAX_POINTS}")
-    return np.geomspace(*ends, count)
+    return _in_ratio(*ends, count)
+
+
+def _in_ratio(low: float, high: float, count: int) -> np.ndarray:
+    """So many values in a fixed ratio, each the nearest float: the powers of numpy depend on the processor."""
+    with localcontext(Context(prec=DIGITS)):
+        ratio = (Decimal(high) / Decimal(low)) ** (Decimal(1) / max(1, count - 1))
+        values = np.fromiter(accumulate(repeat(ratio, count - 1), mul, initial=Decimal(low)), float, count)
+    values[-1], values[0] = high, low
+    return values
 
 
 def _with_units(name: str, value: Any) -> float:
