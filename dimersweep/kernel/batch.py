@@ -36,7 +36,7 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.kernel.numerics.meter import METER, SPENT, STOP
 from dimersweep.kernel.numerics.steps import copy
-from dimersweep.kernel.record import EVENTS, clear_counts, no_record, without_rows
+from dimersweep.kernel.record import EVENT_COUNT, clear_counts, no_record, without_rows
 from dimersweep.kernel.verdict.classify import verdict
 from dimersweep.kernel.verdict.past import PAST_COLUMNS, PAST_ROWS, begin_past
 from dimersweep.kernel.verdict.settling import last_strobe
@@ -118,7 +118,7 @@ def run_to_verdict(dm, ask, run, record, out, codes):
     status, at_rest = evolve(dm, ask, run, record)
     mode, p, end = verdict(dm, run.past, at_rest, ask.periods - int(run.state[PERIOD]), out)
     codes[CODE_STATUS], codes[CODE_MODE], codes[CODE_MODE_PERIOD], codes[CODE_DI_END] = status, mode, p, end
-    codes[CODE_N_EVENTS], codes[CODE_N_PERIODS] = record.counts[EVENTS], int(run.state[PERIOD])
+    codes[CODE_N_EVENTS], codes[CODE_N_PERIODS] = record.counts[EVENT_COUNT], int(run.state[PERIOD])
     if mode == M_REST:
         out[OUT_SPEED] = length(run.state[CA], run.state[CB])  # a dimer whose ends stay down may roll or slide on
     if status != OK:

@@ -73,7 +73,7 @@ from dimersweep.kernel.numerics.meter import charge, is_over, is_to_stop, set_bo
 from dimersweep.kernel.numerics.sincos import sincos
 from dimersweep.kernel.numerics.steps import copy
 from dimersweep.kernel.record import (
-    EVENTS,
+    EVENT_COUNT,
     is_full,
     is_kept,
     note_contact,
@@ -117,7 +117,7 @@ def evolve(dm, ask, motion, record):
     status, at_rest : int, bool
         OK or the reason why the run could not go on; whether the dimer rests for good.
     """
-    begin_course(motion.course, coded(motion.modes[0], motion.modes[1]), C_START, record.counts[EVENTS])
+    begin_course(motion.course, coded(motion.modes[0], motion.modes[1]), C_START, record.counts[EVENT_COUNT])
     set_bound(motion.meter, BUDGET + BUDGET_PER_PERIOD * ask.periods)
     while going_on(ask, motion):
         if approaches(motion.state) and not resolve_impact(dm, ask, motion, record):
@@ -165,7 +165,7 @@ def resolve_impact(dm, ask, motion, record):
         Whether the run goes on.
     """
     state, modes, past, course = motion.state, motion.modes, motion.past, motion.course
-    record.counts[EVENTS] += 1
+    record.counts[EVENT_COUNT] += 1
     if state[D1] == state[D2]:
         charge(motion.meter, DOUBLE_COST)
     energy = kinetic(dm, state)
@@ -176,7 +176,7 @@ def resolve_impact(dm, ask, motion, record):
     course[PENDING], course[HOLD_IS_LOST], course[CAUSE], course[CONTACT_BEFORE] = YES, NO, C_IMPACT, 0.0
     if is_kept(record):
         copy(state, motion.before, N_STATE)
-    hops = record.counts[EVENTS] - course[PERIOD_EVENTS]
+    hops = record.counts[EVENT_COUNT] - course[PERIOD_EVENTS]
     course[HOP_TIME] = come_to_rest(
         dm,
         state,
@@ -290,7 +290,7 @@ def follow_up(dm, ask, motion, record, event):
     elif event == NO_EVENT:
         end_period(dm, ask, motion, record)
     else:
-        record.counts[EVENTS] += 1
+        record.counts[EVENT_COUNT] += 1
         if event == JAM:  # the force of a slip grows beyond all bounds: an impact without collision follows
             force_impact(dm, motion.state)
         elif is_lift_off(event) and only_grazes(dm, motion, end_of(event), motion.state[PHASE] + dm.phi0):
@@ -308,7 +308,7 @@ def end_period(dm, ask, motion, record):
     state, modes, course = motion.state, motion.modes, motion.course
     state[PHASE] = 0.0
     state[PERIOD] += 1.0
-    course[PERIOD_EVENTS] = record.counts[EVENTS]
+    course[PERIOD_EVENTS] = record.counts[EVENT_COUNT]
     if not isfinite(state[DIP] + state[D1] + state[D2] + state[N1] + state[N2] + state[CA] + state[CB]):
         course[STATUS] = NOT_FINITE
         return

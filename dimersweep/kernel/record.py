@@ -65,7 +65,7 @@ E_N1, E_N2, E_N1_AFTER, E_N2_AFTER, E_P1, E_P2, E_BETA, E_THETA, E_A1, E_B1, E_A
 SEGMENT_MODES, SEGMENT_HOP_TIME, BEFORE = N_STATE, N_STATE + 2, N_STATE + 3
 N_SEGMENT = BEFORE + CB + 1 - N1
 # what is counted: events, and the rows that the record has or would need
-EVENTS, EVENT_ROWS, SEGMENT_ROWS = range(3)
+EVENT_COUNT, EVENT_ROWS, SEGMENT_ROWS = range(3)
 N_COUNTS = 3
 PHASES = 64  # of one impact that are kept
 
@@ -109,7 +109,7 @@ def without_rows(record):
 @compiled
 def clear_counts(counts):
     """No events yet, and no rows."""
-    counts[EVENTS], counts[EVENT_ROWS], counts[SEGMENT_ROWS] = 0, 0, 0
+    counts[EVENT_COUNT], counts[EVENT_ROWS], counts[SEGMENT_ROWS] = 0, 0, 0
 
 
 @compiled(inline=True)

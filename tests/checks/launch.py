@@ -8,7 +8,7 @@ from dimersweep.kernel import event_loop
 from dimersweep.kernel.compiler.jit import exported
 from dimersweep.kernel.course import Ask, motion_of, new_workspace
 from dimersweep.kernel.model.layout import ROW_BETA0, ROW_THETA0, ROW_XDOT0, STATUSES
-from dimersweep.kernel.record import EVENT, EVENTS, new_record, no_record, rows_of
+from dimersweep.kernel.record import EVENT, EVENT_COUNT, new_record, no_record, rows_of
 from dimersweep.kernel.verdict import past
 from tests.checks.examine import look_at
 from tests.checks.verbs import as_dimer
@@ -33,7 +33,7 @@ def last_state(row, periods, rtol, close):
     dm, space, record = as_dimer(row), new_workspace(), no_record()
     begin(dm, row, space.state)
     status = evolve(dm, Ask(periods, rtol, close, False, True), space.state, space, record)
-    return status, record.counts[EVENTS], space.state
+    return status, record.counts[EVENT_COUNT], space.state
 
 
 class Launched(NamedTuple):

@@ -31,7 +31,8 @@ from dimersweep.kernel.numerics.root_bracket import (
 from dimersweep.kernel.numerics.steps import on_cubic
 
 NARROW = 0.02  # share of a step in which the bottom of a dip may hide at either end
-LOW = 0.5  # force or hold which may dip to zero, in weights and per square of the angle that the motion turns in a step
+# force or hold which may dip to zero, in weights and per square of the angle that the motion turns in a step
+LOW_FORCE = 0.5
 # what an event function may be past its zero, in units of the tolerance and of its change in the step
 ZERO_PASSED = 1e-3
 DIP_LEFT = 100.0  # in units of that, what may be left of a dip when the open end lands: it is then set to zero
@@ -107,7 +108,7 @@ def low_between(b, turn):
     """Whether a force or a hold is so low at an end of a step over which the motion turns so far that it may dip to zero."""
     for k in range(N_FORCE_EVENTS):
         first, last = b.values[0, k], b.values[3, k]
-        if b.armed[k] > 0.0 and last > 0.0 and min(first, last) < LOW * turn * turn:
+        if b.armed[k] > 0.0 and last > 0.0 and min(first, last) < LOW_FORCE * turn * turn:
             return True
     return False
 

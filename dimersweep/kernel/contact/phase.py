@@ -83,7 +83,7 @@ SOON = (
 BRAKED = 1e3  # braking of the turn of a spinning dimer, per forcing period, from which it is stiff
 PHASE_TURNS = 7.0  # of a slip, that an explicit step may span: what the method bears
 SLIGHT = 1e-6  # turn of the slip over which that rate is taken [rad]
-LONGEST = 0.25  # longest step, in forcing periods
+LONGEST_STEP = 0.25  # longest step, in forcing periods
 # first steps, in forcing periods and in xi, over the tolerance to the power of 1/8
 FIRST_PHASE_STEP, FIRST_RESCALED = 1.6, 15.0
 HALTING = 1.4  # step over the time to rest of a slip that turns, over the tolerance to the power of 1/16: as measured
@@ -222,7 +222,7 @@ def choose_step(dm, p, b):
     method = method_for(dm, modes, y, v, c[SPEED_RATE], gamma, tight)
     if method == RESCALED and 2.0 * c[XI] * v / gamma > left:
         method = IMPLICIT
-    h = min(c[H], LONGEST * dm.T)
+    h = min(c[H], LONGEST_STEP * dm.T)
     if c[TIME] == 0.0 and method == IMPLICIT:
         h = min(h, 0.5 * FIRST_PHASE_STEP * c[NATURAL] * dm.T)
     if method != RESCALED:

@@ -55,7 +55,7 @@ MAX_STEP_NEWTON = 14  # Newton iterations of an implicit step
 CONVERGED = 0.1  # change in a Newton iteration, over the tolerance, that ends them
 RENEWED = 2  # the iteration that takes new derivatives
 TIGHT = 0.5  # compliance from which the turning of the slip may lead to a jam
-TURN = 1e-6  # change of a slip, in units of itself, in its finite differences
+SLIP_CHANGE = 1e-6  # change of a slip, in units of itself, in its finite differences
 
 STEP_ROWS = 81
 EXPLICIT_COST, IMPLICIT_COST = 0.8, 3.0  # of a step, in hops of one end: as measured
@@ -290,7 +290,7 @@ def turn_slopes(dm, modes, phase, h, n, j, b):
     m = set_turns(modes, j, y, b)
     for i in range(m):
         turn = b.B[j * m + i]
-        size = TURN * v * (1.0 - turn[2] + turn[2] / dm.l)
+        size = SLIP_CHANGE * v * (1.0 - turn[2] + turn[2] / dm.l)
         for k in range(N_CLOSED):
             b.probe[k] = y[k]
         b.probe[YUA] += size * turn[0]

@@ -22,7 +22,7 @@ from dimersweep.kernel.numerics.sincos import one_minus_cos, sincos, x_minus_sin
 
 TWO_PI = 6.283185307179586
 CREST_PHASES, CLIMBS = 16, 60  # phases from the best of which the crest is climbed, and steps of that
-CERTAIN = 1e-9  # excess of the bound on a crest over its height, over the sum of both harmonics
+CREST_EXCESS = 1e-9  # excess of the bound on a crest over its height, over the sum of both harmonics
 
 
 # --- constants of a plate ---------------------------------------------------------------------------------------------
@@ -44,13 +44,13 @@ def wave(a, b, lag, phase):
 
 @compiled
 def crest(a, b, lag):
-    """A bound of a sin(phase) + b sin(2 phase + lag) over all phases, above its maximum by `CERTAIN` at most.
+    """A bound of a sin(phase) + b sin(2 phase + lag) over all phases, above its maximum by `CREST_EXCESS` at most.
 
     A climb of the best of some phases finds the maximum, as a rule. Steps over which the wave certainly stays below it (its
     curvature is at most a + 4 b), or certainly rises to their ends, then lead once round the cycle; what is higher takes its
     place.
     """
-    bend, spare = a + 4.0 * b, CERTAIN * (a + b)
+    bend, spare = a + 4.0 * b, CREST_EXCESS * (a + b)
     top, at = -inf, 0.0
     for k in range(CREST_PHASES):
         value, _ = wave(a, b, lag, TWO_PI * k / CREST_PHASES)
