@@ -70,3 +70,27 @@ def wider_scene(seed):
     if seed % 3 != 0:
         scene |= {"mu_h": scene["mu"] * float(rng.choice([1.0, 1.2, 1.7, 3.0]))}
     return scene
+
+
+def general_scene(seed):
+    """A wider scene with unlike ends, another contact, and in turn a plate that is tilted, that moves along itself, or both."""
+    scene, rng = wider_scene(seed), np.random.default_rng([20240303, seed])
+    r, rho_b = scene.pop("r", 5e-3), scene.pop("rho_b", 7850.0)
+    usual = {"r": r, "rho_b": rho_b} | {name: scene.pop(name) for name in ("mu", "mu_s", "mu_h") if name in scene}
+    for i in (1, 2):
+        rougher = float(rng.uniform(0.7, 1.4))
+        share = {"r": float(rng.uniform(0.8, 1.25)), "rho_b": float(rng.uniform(0.5, 2))}
+        scene |= {f"{name}_{i}": value * share.get(name, rougher) for name, value in usual.items()}
+    scene |= {
+        "eta": float(rng.uniform(1, 2)),
+        "k_ratio": float(rng.uniform(0.5, 2)),
+        "theta0": float(rng.uniform(0, 2 * pi)),
+    }
+    if rng.random() < 0.5:
+        scene["beta0"] *= -1
+    if seed % 3 != 1:
+        scene |= {"tilt": float(rng.uniform(0, 0.06)), "azimuth": float(rng.uniform(0, 2 * pi))}
+    if seed % 3 != 0:
+        for axis in "xy":
+            scene |= {f"Gamma_{axis}": float(rng.uniform(0, 0.3)), f"phi_{axis}": float(rng.uniform(0, 2 * pi))}
+    return scene
