@@ -178,8 +178,8 @@ def twice(copy, first="pass", **environment):
 def test_who_changes_the_physics_is_warned_and_goes_on(tmp_path, copy):
     body = copy / "dimersweep" / "kernel" / "model" / "body.py"
     text = body.read_text()
-    assert text.count("2.0 * (0.4 * m_b * r**2") == 1
-    body.write_text(text.replace("2.0 * (0.4 * m_b * r**2", "2.0 * (0.6 * m_b * r**2"))
+    assert text.count("J_t = 0.4 * (m_1 * r_1**2") == 1
+    body.write_text(text.replace("J_t = 0.4 * (m_1 * r_1**2", "J_t = 0.6 * (m_1 * r_1**2"))
     program = (
         "import warnings, dimersweep\n"
         "with warnings.catch_warnings(record=True) as said:\n"

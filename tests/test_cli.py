@@ -15,6 +15,7 @@ import pytest
 import dimersweep
 from dimersweep import cli, plots
 from dimersweep.cli.claiming import PAGES
+from dimersweep.kernel.model.layout import ROW_BETA0
 from dimersweep.plots.movie import MOVIES
 from dimersweep.plots.style import PICTURES
 from dimersweep.storage.outputs import CUBES, TABLES
@@ -153,7 +154,7 @@ def test_a_bad_declaration_is_named(call, old, new, message):
         ),
         (["simulate", "--save", "a.csv"], "save = a.csv: a run must end in .nc"),
         (["simulate", "--alpha", "1"], "--alpha: unknown option (allowed: --periods, --rtol, "),
-        (["simulate", "--r_2", "1"], "--r_2: unknown option; did you mean --e_2? (allowed: --periods, --rtol, "),
+        (["simulate", "--r_3", "1"], "--r_3: unknown option; did you mean --r_2? (allowed: --periods, --rtol, "),
         (["run", "--wrkers", "2"], "--wrkers: unknown option; did you mean --workers? (allowed: --out, --from, "),
         (["--vers"], "--vers: unknown option; did you mean --version? (allowed: --version, "),
         (["simulate", "--l", "0.05", "--A_r", "6"], "l: given together with A_r; leave one of the two out"),
@@ -191,7 +192,7 @@ def test_simulate_takes_the_distance_of_the_balls(call):
     told = json.loads(call("simulate", "--l", "0.05", "--beta0", "16 degrees", "--periods", "1", "--json")[0])
     assert told["parameters"]["A_r"] == 6
     words = " ".join(call("simulate", "--help")[0].replace("│", " ").split())
-    assert "--l NUMBER distance between the centres of the balls, in place of A_r = (l + 2 r) / (2 r) (m)" in words
+    assert "--l NUMBER distance between the centres of the balls, in place of A_r (m)" in words
 
 
 def test_simulate_takes_values_of_single_ends(call):
@@ -721,7 +722,7 @@ def test_fail_fast_names_the_point_and_keeps_the_rest(call, monkeypatch):
 
 
 def test_points_that_cannot_be_run_end_in_a_line_and_an_exit_code(call, monkeypatch):
-    monkeypatch.setattr("dimersweep.work.tiles.run_many", raising(lambda rows: rows[:, 7] > 1.5))
+    monkeypatch.setattr("dimersweep.work.tiles.run_many", raising(lambda rows: rows[:, ROW_BETA0] > 1.5))
     _, err, code = call("run", "small.toml")
     assert code == 2
     assert re.match(

@@ -113,7 +113,7 @@ def test_what_is_said_of_a_stop_between_two_steps_is_taken(start, step, n, part)
 def test_points_are_numbered_in_c_order():
     grid = make_grid({"f": [15, 20], "beta0": [0.1, 0.2, 0.3]}, {"mu": 0.1})
     assert grid.shape == (2, 3)
-    f, beta0, mu = (grid.rows(0, 6)[:, ROW.index(name)] for name in ("f", "beta0", "mu"))
+    f, beta0, mu = (grid.rows(0, 6)[:, ROW.index(name)] for name in ("f", "beta0", "mu_1"))
     np.testing.assert_array_equal(f, [15, 15, 15, 20, 20, 20])
     np.testing.assert_array_equal(beta0, [0.1, 0.2, 0.3] * 2)
     assert (mu == 0.1).all()

@@ -1,5 +1,7 @@
 """The parameters that may be left out: a plate with a second harmonic, and a coefficient for lasting contacts."""
 
+from math import isfinite
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ import dimersweep
 from dimersweep import simulate
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import ROW
-from dimersweep.parameters import Parameters
+from dimersweep.parameters import Parameters, value_of
 from dimersweep.studies.sweep_spec import make_spec
 from dimersweep.symbols import BASE, ENDS, LEFT_OUT, PARAMETERS, Quantity, conditions, given, stated, symbol
 
@@ -23,16 +25,18 @@ SCENES = [
 
 def test_every_parameter_has_a_value_where_it_is_left_out():
     assert set(BASE) | set(LEFT_OUT) == set(PARAMETERS)
-    assert set(ROW) == set(PARAMETERS) - {"e"}
-    for name, value in LEFT_OUT.items():
-        assert value in BASE if isinstance(value, str) else value == 0.0, name
+    assert set(ROW) == set(PARAMETERS) - set(ENDS)  # a row has the values of both ends
+    for name in LEFT_OUT:
+        assert isfinite(value_of(name, BASE)), name
 
 
 def test_rows():
     row = dict(zip(ROW, Parameters(mu_s=0.7).row(), strict=True))
-    assert (row["Gamma_2"], row["phi_2"], row["mu_h"]) == (0.0, 0.0, 0.7)
+    assert (row["Gamma_2"], row["phi_2"], row["mu_h_1"], row["mu_h_2"]) == (0.0, 0.0, 0.7, 0.7)
     row = dict(zip(ROW, Parameters(Gamma_2=0.3, phi_2=-1.0, mu_h=0.25).row(), strict=True))
-    assert (row["Gamma_2"], row["phi_2"], row["mu_h"], row["mu_s"]) == (0.3, -1.0, 0.25, 0.4)
+    assert (row["Gamma_2"], row["phi_2"], row["mu_h_1"], row["mu_s_2"]) == (0.3, -1.0, 0.25, 0.4)
+    row = dict(zip(ROW, Parameters(mu_s_1=0.7, r_2=6e-3).row(), strict=True))
+    assert (row["mu_h_1"], row["mu_h_2"], row["r_1"], row["k_ratio"]) == (0.7, 0.4, 5e-3, 1.2**0.5)
 
 
 def test_what_is_left_out_or_zero_is_not_told():

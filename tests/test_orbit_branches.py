@@ -70,7 +70,7 @@ def test_a_curve_does_not_depend_on_where_it_is_looked_for(orbit):
 def test_no_dimer_stands_steeper_than_it_is_long():
     m = orbits.find(spin=100.0).fixed.map
     z = np.zeros(m.free.size)
-    z[0] = 3 * m.section.h / m.section.units[0]
+    z[0] = 1.5 * m.section.dm.l / m.section.units[0]
     with pytest.raises(OrbitLost, match="steep"):
         m.state(z)
 

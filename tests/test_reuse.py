@@ -11,6 +11,7 @@ import zarr
 import dimersweep
 from dimersweep.cubes.cube import names
 from dimersweep.errors import ParameterError, StoreError
+from dimersweep.kernel.model.layout import ROW_BETA0
 from dimersweep.studies.refine import refine
 from dimersweep.studies.search import search
 from tests.fakes import failing, fake_run_many, set_pace
@@ -77,10 +78,10 @@ def test_values_match_bit_for_bit_or_not_at_all(asked):
     sweep(out="old.nc")
     asked.clear()
     moved = BETA0.copy()
-    moved[7] = np.nextafter(moved[7], 2)
+    moved[ROW_BETA0] = np.nextafter(moved[ROW_BETA0], 2)
     sweep({"f": [15, 25], "beta0": moved}, extend="old.nc")
     assert points(asked) == 2
-    assert {row[7] for rows in asked for row in rows} == {moved[7]}
+    assert {row[ROW_BETA0] for rows in asked for row in rows} == {moved[ROW_BETA0]}
 
 
 @pytest.mark.parametrize(
@@ -123,7 +124,7 @@ def test_a_cube_without_any_of_the_points_is_refused(asked):
 def test_failed_points_are_run_again(monkeypatch, asked):
     reference = sweep()
     with monkeypatch.context() as patch:
-        patch.setattr("dimersweep.work.tiles.run_many", failing(lambda rows: rows[:, 7] > 1.3))
+        patch.setattr("dimersweep.work.tiles.run_many", failing(lambda rows: rows[:, ROW_BETA0] > 1.3))
         cube = sweep(out="cube.nc")
     failed = int((names(cube["mode"]) == "failed").sum())
     assert failed == 8
@@ -142,7 +143,7 @@ def test_failed_points_are_run_again(monkeypatch, asked):
 def test_a_stopped_sweep_runs_its_failed_points_again(monkeypatch, asked):
     reference = sweep()
     with monkeypatch.context() as patch, pytest.raises(dimersweep.errors.PointError):
-        patch.setattr("dimersweep.work.tiles.run_many", failing(lambda rows: rows[:, 7] > 1.3))
+        patch.setattr("dimersweep.work.tiles.run_many", failing(lambda rows: rows[:, ROW_BETA0] > 1.3))
         sweep(out="cube.nc", fail_fast=True, workers=1)
     assert os.listdir() == ["cube.nc.tiles"]
     xr.testing.assert_equal(sweep(out="cube.nc", retry=True), reference)

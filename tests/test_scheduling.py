@@ -26,7 +26,7 @@ from dimersweep.errors import KernelError, ParameterError, UnfinishedError
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import is_stopped
 from dimersweep.kernel.compiler import versions
-from dimersweep.kernel.model.layout import M_DRIFT, M_UNRESOLVED
+from dimersweep.kernel.model.layout import M_DRIFT, M_UNRESOLVED, ROW_BETA0
 from dimersweep.storage.tilestore import TileStore
 from dimersweep.studies.sweep_spec import make_spec
 from dimersweep.work import scheduling, tiles
@@ -92,7 +92,7 @@ CLOCK = [0.0]  # seconds
 def slow_points(rows, periods, rtol, settle, out, codes, until=0, space=None):
     """As the kernel does it: a point that uses all its periods is slow, and the last one of its batch."""
     for k, row in enumerate(rows):
-        slow = row[7] > 0.5
+        slow = row[ROW_BETA0] > 0.5
         CLOCK[0] += 0.05 if slow else 1e-4
         codes[k, CODE["mode"]] = M_UNRESOLVED if slow else M_DRIFT
         if until >> int(codes[k, CODE["mode"]]) & 1:
@@ -120,7 +120,7 @@ def test_a_tile_stops_when_it_is_told_to(monkeypatch):
 
 def test_one_point_that_raises_costs_no_other(monkeypatch):
     bad = SPEC.grid.axes["beta0"][7]
-    monkeypatch.setattr("dimersweep.work.tiles.run_many", raising(lambda rows: rows[:, 7] == bad))
+    monkeypatch.setattr("dimersweep.work.tiles.run_many", raising(lambda rows: rows[:, ROW_BETA0] == bad))
     task = (Tile(0, 5), Tile(5, 40))
     (first, second), broken, _ = attempt(SPEC, task, shift=100)
     assert (first.tile, second.tile) == (Tile(100, 105), Tile(105, 107))

@@ -109,7 +109,7 @@ def longest_flight(run, end, since):
     closed = events["contact_after"].str.startswith(("D", f"SC{end}"))
     hit = events[f"impulse_{end}"] > 0
     leaves = events["time"][(hit | closed.shift(fill_value=True)) & ~closed].to_numpy()
-    lands = events["time"][hit].to_numpy()
+    lands = events["time"][hit | closed].to_numpy()  # a chatter ends where its bounces have accumulated
     back = np.searchsorted(lands, leaves, side="right")
     known = back < lands.size
     hops, ends = lands[back[known]] - leaves[known], lands[back[known]]

@@ -206,8 +206,9 @@ def test_an_exponent_of_chaos_does_not_depend_on_how_long_it_is_measured():
     run = simulate(Gamma=3.0, periods=200)
     assert run.go_on(5500).mode == "jump"
     found = [lyapunov(run, periods) for periods in (130, 300, 1000, 3000, 5000)]
-    assert [each.periods for each in found[:4]] == [130, 300, 1000, 3000]
-    assert 3000 < found[4].periods < 5000
+    end = found[4].periods
+    assert 1000 < end < 5000  # of the chaos
+    assert [each.periods for each in found] == [min(n, end) for n in (130, 300, 1000, 3000, 5000)]
     for one, other in combinations(found, 2):
         assert abs(one.exponent - other.exponent) < 2 * hypot(one.error, other.error)
     assert found[-1].exponent == pytest.approx(12.3, abs=0.5)
@@ -221,7 +222,7 @@ def test_no_start_of_chaos_has_a_low_exponent():
 
 
 def test_chaos_that_ends_in_a_settled_motion_is_counted_up_to_there():
-    run = simulate(Gamma=1.98, beta0=0.85, f=37, e=0.66, periods=100)
+    run = simulate(Gamma=1.98, beta0=0.9, f=37, e=0.66, periods=100)
     later = run.go_on(1500)
     assert (run.mode, later.mode) == ("aperiodic", "flutter")
     found = lyapunov(run, 1300)

@@ -25,6 +25,7 @@ from dimersweep.kernel.model.layout import (
     M_UNRESOLVED,
     MODES,
     OK,
+    ROW_BETA0,
 )
 from dimersweep.storage.provenance import OURS
 from dimersweep.studies.rerun import from_cube
@@ -74,7 +75,7 @@ def test_threads_and_tiles_give_the_bits_of_a_serial_run(monkeypatch):
 
 def rings_down(rows, periods, rtol, settle, out, codes, until=0, space=None):
     """A kernel whose starts settle after 1000 beta0 periods, in drift, and never where f is 25."""
-    need = np.where(rows[:, 3] == 25, np.inf, 1000 * rows[:, 7])
+    need = np.where(rows[:, 3] == 25, np.inf, 1000 * rows[:, ROW_BETA0])
     codes[:, CODE_STATUS] = OK
     codes[:, CODE_MODE] = np.where(need <= periods, M_DRIFT, M_UNRESOLVED)
     codes[:, CODE_N_PERIODS] = np.minimum(need, periods)
@@ -128,7 +129,7 @@ def test_points_that_cannot_be_run_are_left_to_be_done(fake_kernel, monkeypatch,
     reference, out, asked = quiet_sweep(), tmp_path / "cube.nc", []
     bad = reference["beta0"].values[[7, 50]]
     with monkeypatch.context() as patch:
-        patch.setattr("dimersweep.work.tiles.run_many", raising(lambda rows: np.isin(rows[:, 7], bad)))
+        patch.setattr("dimersweep.work.tiles.run_many", raising(lambda rows: np.isin(rows[:, ROW_BETA0], bad)))
         told = r"^6 points could not be run, such as point \d+ \(f = .*\): MemoryError: no room; 261 of 267 points are kept in "
         with pytest.raises(UnfinishedError, match=told):
             quiet_sweep(out=out, workers=workers)

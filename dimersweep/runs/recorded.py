@@ -133,8 +133,9 @@ def _move_to_ends_of_hops(record: RunRecord, rtol: float, columns: dict[str, np.
         turn = _end_of_hops(record, k, rtol) if k is not None else None
         if turn is not None:  # else the hops last too short to matter, or longer than they are followed
             turn += 4 * np.spacing(2 * pi * (1 + periods[n]))  # rounded up: the time is not before the event
-            if n + 1 < len(phases):
-                turn = min(turn, 2 * pi * (periods[n + 1] - periods[n]) + phases[n + 1] - phases[n])
+            # the next event, or where a run was stopped
+            period, phase = (periods[n + 1], phases[n + 1]) if n + 1 < len(phases) else segments[-1, [PERIOD, PHASE]]
+            turn = min(turn, 2 * pi * (period - periods[n]) + phase - phases[n])
             phases[n] += turn
             moved.append(n)
     return np.array(moved, np.intp)
