@@ -541,11 +541,12 @@ def _(scene: Scene) -> str | None:
 @attack("points that cannot be run")
 def _(scene: Scene) -> str | None:
     from dimersweep.kernel.batch import run_many
+    from dimersweep.kernel.model.layout import ROW_BETA0
 
     bad = scene.rng.uniform(0.1, 1.4)
 
     def some(rows: Any, *rest: Any, **more: Any) -> int:
-        return raising() if (abs(rows[:, 7] - bad) < 0.04).any() else run_many(rows, *rest, **more)
+        return raising() if (abs(rows[:, ROW_BETA0] - bad) < 0.04).any() else run_many(rows, *rest, **more)
 
     return with_kernel(scene, "tiles", some)
 

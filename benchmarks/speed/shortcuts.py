@@ -230,7 +230,11 @@ SHORTCUTS = (
     Shortcut(
         "second end watched until the first one lands",
         "until the end of the period",
-        {"flight/landing": replaced("first_landing(fl, -near, min(t, until))", "first_landing(fl, -near, until)")},
+        {
+            "flight/landing": replaced(
+                "first_landing(fl, 1 - near, min(t, until))", "first_landing(fl, 1 - near, until)"
+            )
+        },
     ),
     Shortcut(
         "(safeguard) turns of a rod high above the plate stepped over",
@@ -245,7 +249,7 @@ SHORTCUTS = (
     Shortcut(
         "rest known to be for good",
         "waiting until it repeats",
-        {"verdict/classify": body("rests_for_good", "return False")},
+        {"smooth_motion": body("rests_for_good", "return False")},
     ),
     Shortcut("stop when settled", "all periods", asked={"settle": False}),
     Shortcut(

@@ -1,7 +1,7 @@
 """The verbs of the kernel in one compiled loop over many inputs, so that a call from Python costs nothing beside them."""
 
 from collections.abc import Callable
-from math import cos, hypot, inf, sin
+from math import hypot, inf
 from time import thread_time
 from typing import NamedTuple
 
@@ -42,11 +42,7 @@ from dimersweep.kernel.model.layout import (
     N_STATE,
     OK,
     PHASE,
-    ROW,
     SLIP,
-    SPIN,
-    WB,
-    WP,
 )
 from dimersweep.kernel.numerics.steps import copy
 from dimersweep.kernel.record import no_record
@@ -70,11 +66,11 @@ def approach(state):
 @compiled
 def route(dm, state, tol):
     """By which route an impact at one end begins: HELD, STRAIGHT, TURNING or FRICTIONLESS."""
-    s = -1.0 if state[D1] == 0.0 else 1.0
-    e = dm.p1.e if s < 0.0 else dm.p2.e
-    law = impact.end_law(dm, s, 0.0, sin(state[DIP]), cos(state[DIP]), e, dm.p1.mu, dm.p1.mu_s)
+    i = 0 if state[D1] == 0.0 else 1
+    sin_b, cos_b = body.attitude(dm, state[DIP])
+    law = impact.end_law(dm, i, 0.0, sin_b, cos_b, body.end(dm, i).e)
     V = approach(state)
-    _, a, b = impact.contact_velocity(dm, state, s)
+    _, a, b = impact.contact_velocity(dm, state, i)
     v = hypot(a, b)
     if law.mu == 0.0:
         return FRICTIONLESS
@@ -86,21 +82,21 @@ def route(dm, state, tol):
 @compiled
 def gap_evaluation(dm, state):
     """One gap with its derivatives, half a flight of a tenth of a period ahead."""
-    return free_motion.gap_series(free_motion.take_off(dm, state), 1.0, 0.05 * dm.T)[0]
+    return free_motion.gap_series(free_motion.take_off(dm, state), 1, 0.05 * dm.T)[0]
 
 
 @compiled
 def landing(dm, state):
     """The next landing until the end of the forcing period."""
-    sign, t, _ = landings.next_landing(free_motion.take_off(dm, state), (TWO_PI - state[PHASE]) / dm.omega)
-    return t if sign != 0.0 else 0.0
+    i, t, _ = landings.next_landing(free_motion.take_off(dm, state), (TWO_PI - state[PHASE]) / dm.omega)
+    return t if i >= 0 else 0.0
 
 
 @compiled
 def delassus_of_both(dm, state):
     """Contact Jacobian of both ends and the Delassus operator between them."""
-    sin_b, cos_b = sin(state[DIP]), cos(state[DIP])
-    p, q = body.levers(dm, -1.0, sin_b, cos_b), body.levers(dm, 1.0, sin_b, cos_b)
+    sin_b, cos_b = body.attitude(dm, state[DIP])
+    p, q = body.levers(dm.p1, sin_b, cos_b), body.levers(dm.p2, sin_b, cos_b)
     return body.delassus(dm, p, p).nn + body.delassus(dm, q, p).na
 
 
@@ -113,7 +109,7 @@ def contact_step(dm, motion, method, rtol):
     step_control.set_scales(dm, rtol, b.scale)
     step_control.set_chart(b.start, b)
     forces.contact_rates(dm, motion.modes, plate, b.start, False, b.dy, b.F)
-    gamma = step_control.stiffness(dm, b.start, max(b.F[forces.F1], b.F[forces.F2]))
+    gamma = step_control.stiffness(dm, motion.modes, b.start, max(b.F[forces.F1], b.F[forces.F2]))
     size = STRETCH if method == step_control.RESCALED else SHARE * dm.T
     return step_control.step_to(dm, motion.modes, plate, size, coordinates.N_CLOSED, method, gamma, b)
 
@@ -251,13 +247,10 @@ class Drift(NamedTuple):
 def without_slip(inputs: Inputs, axial: bool) -> Inputs:
     """The same impacts with the lateral slip of the end that lands taken away, and the axial one too if `axial`."""
     states = inputs.states.copy()
-    s = np.where(states[:, D1] == 0.0, -1.0, 1.0)
-    row = inputs.rows[inputs.scene]
-    r, h = row[:, ROW.index("r")], row[:, ROW.index("r")] * (row[:, ROW.index("A_r")] - 1.0)
-    sin_b, cos_b = np.sin(states[:, DIP]), np.cos(states[:, DIP])
-    if axial:
-        states[:, CA] = -(r - s * h * sin_b) * states[:, WB]
-    states[:, CB] = r * cos_b * states[:, SPIN] - (r * sin_b - s * h) * states[:, WP]
+    for state, row in zip(states, inputs.rows[inputs.scene], strict=True):
+        along, across = body.slip_at(body.dimer_of(row), state, 0 if state[D1] == 0.0 else 1)
+        state[CA] -= along if axial else 0.0
+        state[CB] -= across
     return inputs._replace(states=states)
 
 

@@ -45,6 +45,22 @@ def check_unchanged(cube: xr.Dataset, path: str | Path) -> None:
         )
 
 
+def check_undamaged(cube: xr.Dataset, path: str | Path) -> None:
+    """Refuse a cube in memory that has all its points, but other values than were written to `path`.
+
+    A part of a cube, which its user has saved, has no checksum of its own.
+
+    Raises
+    ------
+    StoreError
+        If its checksum is not that of its values.
+    """
+    if CHECKSUM in cube.attrs and _has_declared_axes(cube) and checksum_of(cube) != cube.attrs[CHECKSUM]:
+        raise StoreError(
+            f"{path}: is damaged, or values were changed on purpose; without its attribute {CHECKSUM} it would be read as it is"
+        )
+
+
 def _has_declared_axes(cube: xr.Dataset) -> bool:
     """Whether a cube has the points that its configuration tells, in their order, and a result of each kind there."""
     configuration = read_configuration(cube.attrs["configuration"])

@@ -14,6 +14,7 @@ from dimersweep.cubes.grid import MAX_POINTS
 from dimersweep.errors import StoreError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.storage.blocks import blocks
+from dimersweep.storage.checking import check_undamaged
 from dimersweep.storage.files import disk_errors
 from dimersweep.storage.formats import FORMATS, format_at, format_of
 from dimersweep.storage.outputs import check_writable
@@ -91,6 +92,7 @@ def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
         cube.load()
         for name in set(FLAGS) & set(cube.variables):
             check_flags(name, cube[name].values)
+        check_undamaged(cube, path)
         return cube
 
 
