@@ -227,7 +227,8 @@ def test_a_cube_that_its_user_has_changed_is_not_taken_for_the_one_that_was_writ
     make(out=out)
     rewrite(out, CHANGES[change])
     asked.clear()
-    refused = rf"^(out = {out}: exists already, and cannot be used \()?{out}: is (a cube (of dimersweep that was changed|whose)|damaged)"
+    changed = "is (a cube (of dimersweep that was changed|whose)|damaged)"
+    refused = rf"^(out = {out}: exists already, and cannot be used \()?{out}: {changed}"
     uses = [{"out": out}, {"out": out, "retry": True}]
     uses += [{"extend": out}, {"extend": out, "out": "d.nc"}] if make is not points_of_a_table else []
     for use in uses:

@@ -11,6 +11,7 @@ from dimersweep.errors import StoreError
 from dimersweep.kernel.model.layout import CODES, OUT
 from dimersweep.storage.blocks import blocks
 from dimersweep.storage.provenance import CHECKSUM, read_configuration
+from dimersweep.symbols import PARAMETERS, QUANTITIES
 
 
 def checksum_of(cube: xr.Dataset) -> str:
@@ -48,14 +49,15 @@ def check_unchanged(cube: xr.Dataset, path: str | Path) -> None:
 def check_undamaged(cube: xr.Dataset, path: str | Path) -> None:
     """Refuse a cube in memory that has all its points, but other values than were written to `path`.
 
-    A part of a cube, which its user has saved, has no checksum of its own.
+    A part of a cube that its user has saved, or one with variables of the user's, has no checksum of its own.
 
     Raises
     ------
     StoreError
         If its checksum is not that of its values.
     """
-    if CHECKSUM in cube.attrs and _has_declared_axes(cube) and checksum_of(cube) != cube.attrs[CHECKSUM]:
+    whole = set(cube.variables) <= {*PARAMETERS, *QUANTITIES, "point"} and _has_declared_axes(cube)
+    if CHECKSUM in cube.attrs and whole and checksum_of(cube) != cube.attrs[CHECKSUM]:
         raise StoreError(
             f"{path}: is damaged, or values were changed on purpose; without its attribute {CHECKSUM} it would be read as it is"
         )
