@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from dimersweep.runs.run import Run
 
 RINGS, SPOKES = 9, 14  # of the mesh of a ball
-DIGITS = 3  # of a coordinate [mm]
+SHOWN_DIGITS = 3  # of a coordinate [mm]
 PAGE = """<!DOCTYPE html>
 <html lang="en">
 <head>
@@ -75,7 +75,7 @@ def _ball(r: float) -> tuple[np.ndarray, dict[str, list[int]]]:
 
 def _xyz(points: np.ndarray) -> dict[str, list[float]]:
     """Columns of points in mm, short enough for a page."""
-    rounded = np.round(points, DIGITS).T.tolist()
+    rounded = np.round(points, SHOWN_DIGITS).T.tolist()
     return dict(zip("xyz", rounded, strict=True))
 
 

@@ -45,7 +45,7 @@ NUDGE = 1e-4  # change of the start over rtol: far below the error of the run, f
 SAFETY = 10.0  # bound over difference: two runs can be alike by chance
 LEAST_ERROR = 1e-12  # what no number is known better than, in its scale
 CERTAIN, UNSURE, CHANGED = 1, 2, 3  # codes of ``cube.FLAGS["confidence"]``
-SETTLED = (M_REST, M_DRIFT, M_JUMP, M_FLUTTER, M_PERIOD_N)
+SETTLED_MODES = (M_REST, M_DRIFT, M_JUMP, M_FLUTTER, M_PERIOD_N)
 ORBIT = tuple(range(N_ORBIT))
 _BY_UNIT = {"m": 0.01, "m s-1": 0.1, "rad": 1.0, "rad s-1": 1.0}
 ERROR_SCALES = {
@@ -232,7 +232,7 @@ def certified(
         Largest relative difference of an orbit's quantities (of zeta and the impact phase: absolute) to those with more
         digits; NaN where the mode is not drift for both.
     """
-    confidence = np.where(np.isin(codes[:, CODE_MODE], SETTLED), CERTAIN, UNSURE)
+    confidence = np.where(np.isin(codes[:, CODE_MODE], SETTLED_MODES), CERTAIN, UNSURE)
     error = np.full(len(rows), np.nan)
     finer = max(SHADOW_FINER * rtol, FINEST_SHADOW)
     looser = min(max(LOOSER * rtol, LOOSE), COARSEST_SHADOW)
