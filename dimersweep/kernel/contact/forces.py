@@ -60,13 +60,14 @@ def free_rates(dm, p, y, g_e, A_a, A_b, sin_b, cos_b):
 
 
 @compiled
-def double_forces(dm, modes, y, n_1, n_2, a, b, F):
-    """Forces at both ends into F; the axial ones as their sum in F[A1]. b is the free lateral rate of both.
+def double_forces(dm, w, modes, y, n_1, n_2, a, b, F):
+    """Forces at both ends, with the Delassus operator w, into F; the axial ones as their sum in F[A1].
+
+    b is the free lateral rate of both.
 
     No end is to move off the plate or into it: with (2) and (1) two equations for the normal forces, in which the axial
     friction of (4), A = A_0 + A_1 F_1 + A_2 F_2, takes part.
     """
-    w = pair_of(dm)
     c_1, s_1 = direction(*slip_of(dm, modes, y, 0))
     c_2, s_2 = direction(*slip_of(dm, modes, y, 1))
     if modes[0] == STICK or modes[1] == STICK:
@@ -151,10 +152,9 @@ def path_rates(dm, p, sin_b, cos_b, w_b, w_p, spin, u_a, u_b, theta):
 @compiled
 def double_rates(dm, modes, g_e, A_a, A_b, y, path, dy, F):
     """Rates of the contact of both ends into dy, and the forces into F."""
-    p, q = level_levers(dm)
+    (p, q), w = level_levers(dm), pair_of(dm)
     d_wb, _, n_1, a, b = free_rates(dm, dm.p1, y, g_e, A_a, A_b, dm.sin_0, dm.cos_0)
-    double_forces(dm, modes, y, n_1, n_1 + dm.l * dm.cos_0 * d_wb, a, b, F)
-    w = pair_of(dm)
+    double_forces(dm, w, modes, y, n_1, n_1 + dm.l * dm.cos_0 * d_wb, a, b, F)
     dy[YDIP], dy[YWB] = 0.0, 0.0
     dy[YWP] = (p.b * F[L1] + q.b * F[L2]) * dm.it
     dy[YS] = (p.c * F[L1] + q.c * F[L2]) * dm.ia

@@ -27,9 +27,8 @@ from dimersweep.kernel.model.plate import TWO_PI, amplitude
 from dimersweep.kernel.numerics.elementary import atan2
 from dimersweep.kernel.numerics.sincos import one_minus_cos, sincos
 
-STICK_MARGIN = (
-    1e-9  # by which stick friction is above slip friction at least: a slip out of rest accelerates, however slowly
-)
+# by which stick friction is above slip friction at least: a slip out of rest accelerates, however slowly
+STICK_MARGIN = 1e-9
 
 
 @compiled
