@@ -15,8 +15,11 @@ from dimersweep import simulate
 from dimersweep.cubes.cube import names
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.contact_code import CONTACT_STATES
+from dimersweep.kernel.model.layout import C_CHATTER_END
+from dimersweep.kernel.record import E_CAUSE, SEGMENT_HOP_TIME
 from dimersweep.runs import run as run_module
 from dimersweep.runs import solving
+from dimersweep.runs.recorded import events_of
 
 SHARED = Path(os.environ.get("DIMERSWEEP_SHARED", Path(__file__).parents[2] / "shared")) / "reference"
 REFERENCE = {name: SHARED / f"{name}.json" for name in ("states", "orbits")}
@@ -299,6 +302,14 @@ def test_a_run_that_is_stopped_is_recorded_up_to_there():
     rows = run.events.sizes["event"]
     assert run.events.equals(whole.events.isel(event=slice(rows)))
     assert run.states(0.0).identical(whole.states(0.0))
+
+
+def test_a_chatter_that_has_not_ended_where_a_record_ends_has_no_row(base):
+    record, events = base.record("its events"), base.events
+    causes, closes = record.events[:, E_CAUSE], np.flatnonzero(record.segments[:, SEGMENT_HOP_TIME] > 0)
+    for n, k in zip(np.flatnonzero(causes == C_CHATTER_END)[:20], closes[:20], strict=True):
+        ended = record._replace(events=record.events[: n + 1], segments=record.segments[: k + 1])
+        assert events_of(ended, base.rtol, base.parameters).equals(events.isel(event=slice(n)))
 
 
 def test_data_have_units_and_meanings(base):

@@ -119,10 +119,11 @@ def _columns_at(dm: Dimer, states: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _move_to_ends_of_hops(record: RunRecord, rtol: float, columns: dict[str, np.ndarray]) -> np.ndarray:
-    """Move the ends of chatters to the accumulation points of their bounces; numbers of the rows that were moved.
+    """Move the ends of chatters to the accumulation points of their bounces, in place; numbers of the rows that were moved.
 
     The kernel writes such a row at the last bounce before the hops that it sums; here these are followed. Where another
-    event comes before they have died out, the row has the time of that event.
+    event comes before they have died out, the row has the time of that event; where a stopped run or a record that was cut
+    ends before, they have not died out, and the row goes.
     """
     periods, phases, segments = columns["period"], columns["phase"], record.segments
     summed = np.flatnonzero(segments[:, SEGMENT_HOP_TIME] > 0).tolist()
@@ -133,11 +134,15 @@ def _move_to_ends_of_hops(record: RunRecord, rtol: float, columns: dict[str, np.
         turn = _end_of_hops(record, k, rtol) if k is not None else None
         if turn is not None:  # else the hops last too short to matter, or longer than they are followed
             turn += 4 * np.spacing(2 * pi * (1 + periods[n]))  # rounded up: the time is not before the event
-            # the next event, or where a run was stopped
-            period, phase = (periods[n + 1], phases[n + 1]) if n + 1 < len(phases) else segments[-1, [PERIOD, PHASE]]
-            turn = min(turn, 2 * pi * (period - periods[n]) + phase - phases[n])
-            phases[n] += turn
-            moved.append(n)
+            last = n + 1 == len(phases)
+            period, phase = segments[-1, [PERIOD, PHASE]] if last else (periods[n + 1], phases[n + 1])
+            room = 2 * pi * (period - periods[n]) + phase - phases[n]
+            if last and turn > room:
+                for name in columns:
+                    columns[name] = columns[name][:n]
+            else:
+                phases[n] += min(turn, room)
+                moved.append(n)
     return np.array(moved, np.intp)
 
 
