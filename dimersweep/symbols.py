@@ -2,23 +2,9 @@
 
 from collections.abc import Collection, Mapping
 from math import inf, isclose, pi
-from typing import Any, Literal, NamedTuple
+from typing import Literal
 
-
-class Quantity(NamedTuple):
-    """Unit ("1" if none), meaning and range of a parameter, of something that a run gives, or of a label."""
-
-    units: str
-    long_name: str
-    least: float = -inf
-    most: float = inf
-
-    def attributes(self, kind: type = float) -> dict[str, Any]:
-        """Attributes of a CF variable of a `kind` of number: unit, meaning, and the ends of the range that are finite."""
-        ends = {"valid_min": self.least, "valid_max": self.most}
-        bounds = {name: kind(value) for name, value in ends.items() if abs(value) < inf}
-        return {"units": self.units, "long_name": self.long_name} | bounds
-
+from dimersweep.kernel.model.layout import CODE_COLUMNS, N_ORBIT, ORBIT_COLUMNS, OUT, RUN_COLUMNS, Quantity
 
 # the paper's base case (Sect. 3)
 BASE = {
@@ -201,34 +187,12 @@ def conditions(
     return ", ".join(given(name, held[name], tex=tex).replace(" ", "\N{NO-BREAK SPACE}") for name in shown)
 
 
+ORBIT_NAMES = OUT[:N_ORBIT]  # numbers of an orbit, each with its change per forcing period
+# every variable of a cube besides its axes: columns of the kernel, and what studies add
 QUANTITIES = {
-    "status": Quantity("1", "how the run ended"),
-    "mode": Quantity("1", "mode of motion"),
-    "mode_period": Quantity("1", "period of the motion in forcing periods", 0, 16),
-    "di_end": Quantity("1", "friction of p1, p2 at the end of the double impact"),
-    "n_events": Quantity("1", "number of landings, impacts, lift-offs and changes between slip and stick", 0),
-    "n_periods": Quantity("1", "number of forcing periods run", 0),
-    "radius": Quantity("m", "radius of the orbit", 0),
-    "period": Quantity("s", "period of the orbit", 0),
-    "zeta": Quantity("rad", "angle from the axis p1-p2 to the velocity at the end of the double impact", 0, pi),
-    "speed": Quantity(
-        "m s-1",
-        "speed of the centre of mass: of a drift at the end of the double impact, of rest at the end of the run",
-        0,
-    ),
-    "precession_rate": Quantity("rad s-1", "mean precession rate over the last forcing period"),
-    "impact_phase": Quantity("1", "phase of the double impact in cycles of the plate", 0, 1),
-    "spin_rate": Quantity("rad s-1", "axial spin after the double impact"),
-    "beta_rate_after": Quantity("rad s-1", "rate of the dip angle after the double impact"),
-    "down_share_1": Quantity("1", "share of the last (at most 12) periods that p1 is down", 0, 1),
-    "down_share_2": Quantity("1", "share of the last (at most 12) periods that p2 is down", 0, 1),
-    "settled_after": Quantity("1", "forcing periods until the motion had settled", 0),
-    "spin_drift": Quantity("rad s-1", "change per forcing period: axial spin (of a drift: after the double impact)"),
-    "longest_hop_1": Quantity("1", "longest hop of p1 in the last (at most 12) periods, in forcing periods", 0),
-    "longest_hop_2": Quantity("1", "longest hop of p2 in the last (at most 12) periods, in forcing periods", 0),
-    "change_ahead": Quantity(
-        "1", "largest change left out: that of the numbers in the periods that were not run, extrapolated", 0
-    ),
+    **CODE_COLUMNS,
+    **ORBIT_COLUMNS,
+    **RUN_COLUMNS,
     "confidence": Quantity("1", "whether the mode stands at other accuracies and from starts beside this one"),
     "error_estimate": Quantity(
         "1", "largest relative error of the orbit (of zeta and impact_phase: absolute), estimated", 0
@@ -241,12 +205,6 @@ QUANTITIES = {
     "runs": Quantity("1", "number of runs that the answer took, by their mode", 0),
     "axial_velocity": Quantity("m s-1", "mean velocity along the axis from the end that is down to the other one"),
     "computed": Quantity("1", "whether runs were made here; else as the cell around it"),
-}
-# numbers of an orbit, each with its change per forcing period
-ORBIT_NAMES = ("radius", "period", "zeta", "speed", "precession_rate", "impact_phase")
-QUANTITIES |= {
-    f"{name}_drift": Quantity(QUANTITIES[name].units, f"change per forcing period: {QUANTITIES[name].long_name}")
-    for name in ORBIT_NAMES
 }
 
 # what a recorded run gives of each event, and of each moment

@@ -15,7 +15,7 @@ import pytest
 import dimersweep
 from dimersweep import cli, plots
 from dimersweep.cli.claiming import PAGES
-from dimersweep.kernel.model.layout import ROW_BETA0
+from dimersweep.kernel.model.layout import ORBIT_COLUMNS, ROW_BETA0, RUN_COLUMNS
 from dimersweep.plots.movie import MOVIES
 from dimersweep.plots.style import PICTURES
 from dimersweep.storage.outputs import CUBES, TABLES
@@ -186,6 +186,11 @@ def test_simulate_prints_json_and_draws(call):
     assert (told["status"], told["mode"], told["orbit"]["di_end"]) == ("ok", "drift", "sp_sk")
     assert told["orbit"]["radius"] == pytest.approx(4.2447, rel=1e-3)
     assert Path("run.png").read_bytes().startswith(b"\x89PNG")
+    run = dimersweep.simulate(periods=60)
+    assert [told[name] for name in RUN_COLUMNS] == [getattr(run, name) for name in RUN_COLUMNS]
+    assert [told["orbit"][name] for name in ORBIT_COLUMNS] == [getattr(run.orbit, name) for name in ORBIT_COLUMNS]
+    told = json.loads(call("simulate", "--Gamma", "0.5", "--json")[0])
+    assert (told["mode"], told["settled_after"], told["orbit"]) == ("rest", None, None)
 
 
 def test_simulate_takes_the_distance_of_the_balls(call):

@@ -15,7 +15,7 @@ from dimersweep import simulate
 from dimersweep.cubes.cube import names
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.contact_code import CONTACT_STATES
-from dimersweep.kernel.model.layout import C_CHATTER_END
+from dimersweep.kernel.model.layout import C_CHATTER_END, OUT
 from dimersweep.kernel.record import E_CAUSE, SEGMENT_HOP_TIME
 from dimersweep.runs import run as run_module
 from dimersweep.runs import solving
@@ -414,6 +414,14 @@ def test_reference_orbits(name):
         assert getattr(run.orbit, quantity) == pytest.approx(expected[quantity], rel=accuracy), quantity
     assert run.orbit.spin_rate == pytest.approx(expected["spin_rate"], rel=1e-3)
     assert run.orbit.beta_rate_after == pytest.approx(expected["beta_rate_after"], rel=1e-3)
+
+
+def test_every_number_of_a_cube_is_one_of_the_run_there_and_of_its_file(tmp_path):
+    point = dimersweep.sweep({"Gamma": [0.9]}, periods=60, progress=False).isel(Gamma=0)
+    run = simulate(periods=60, stop_when_settled=True)
+    for each in (run, dimersweep.load_run(run.save(tmp_path / "run.nc"))):
+        numbers = dataclasses.asdict(each.orbit) | vars(each)
+        assert {name: numbers[name] for name in OUT} == {name: point[name].item() for name in OUT}
 
 
 def test_public_names():

@@ -1,5 +1,6 @@
 """The command for one run."""
 
+from dataclasses import asdict
 from json import dumps
 from math import isnan
 from pathlib import Path
@@ -9,6 +10,7 @@ import typer
 
 from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.options import Force, number_option, whole_option, with_parameters
+from dimersweep.kernel.model.layout import RUN_COLUMNS
 from dimersweep.symbols import ORBIT_NAMES, QUANTITIES, stated
 
 if TYPE_CHECKING:
@@ -76,11 +78,14 @@ def simulate(
 
 def _as_dict(run: "Run") -> dict[str, Any]:
     """What came out of `run`, as JSON can hold it."""
-    outcome = {"parameters": stated(run.parameters)}
-    outcome |= {name: getattr(run, name) for name in ("status", "message", "mode", "mode_period")}
-    outcome |= {name: getattr(run, name) for name in ("n_events", "n_periods", "end_speed")}
-    names = [*ORBIT_NAMES, "di_end", "spin_rate", *(f"{name}_drift" for name in ORBIT_NAMES)]
-    return outcome | {"orbit": run.orbit and {name: getattr(run.orbit, name) for name in names}}
+    names = ("status", "message", "mode", "mode_period", "n_events", "n_periods", "end_speed")
+    numbers = {name: getattr(run, name) for name in RUN_COLUMNS}
+    return {
+        "parameters": stated(run.parameters),
+        **{name: getattr(run, name) for name in names},
+        **{name: None if isnan(value) else value for name, value in numbers.items()},
+        "orbit": run.orbit and asdict(run.orbit),
+    }
 
 
 def _bounds(run: "Run") -> dict[str, float]:

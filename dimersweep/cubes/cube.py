@@ -9,20 +9,17 @@ import xarray as xr
 from dimersweep.cubes.points import AnyGrid
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.kernel.model.layout import (
+    CODE_WORDS,
     CODES,
-    DI_ENDS,
     MODES,
     N_CODES,
     N_OUT,
     OUT,
-    STATUSES,
 )
 from dimersweep.symbols import PARAMETERS, QUANTITIES, Quantity
 
 FLAGS = {
-    "mode": MODES,
-    "status": STATUSES,
-    "di_end": DI_ENDS,
+    **CODE_WORDS,
     "outcome": MODES,
     "answer": ("not_run", "no", "yes", "unsure"),
     "region": (*MODES, "mixed"),

@@ -1,14 +1,13 @@
 """The orbit that a run has come to, as labelled numbers."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from math import nan
-from typing import Any
 
-from dimersweep.kernel.model.layout import DI_ENDS
+from dimersweep.kernel.model.layout import OrbitNumbers
 
 
 @dataclass(frozen=True, kw_only=True)
-class Orbit:
+class Orbit(OrbitNumbers):
     """The orbit of a drift: values of its last full period, and the change of each per period, fitted over the last 20.
 
     Attributes
@@ -35,29 +34,5 @@ class Orbit:
         The same of `spin_rate`: the creep along the family of orbits that the drift goes through [rad s-1].
     """
 
-    radius: float
-    period: float
-    zeta: float
-    speed: float
-    precession_rate: float
-    impact_phase: float
     di_end: str
-    spin_rate: float
-    beta_rate_after: float
-    radius_drift: float
-    period_drift: float
-    zeta_drift: float
-    speed_drift: float
-    precession_rate_drift: float
-    impact_phase_drift: float
     spin_drift: float = nan
-
-
-def orbit_from(out: dict[str, float], di_end: int) -> Orbit:
-    """The orbit of a drift from the outcome of the kernel, by the names of ``layout.OUT``, and the code of its end."""
-    return Orbit(di_end=DI_ENDS[di_end], **{name: out[name] for name in columns_of(Orbit, *out)})
-
-
-def columns_of(kind: type[Any], *names: str) -> list[str]:
-    """Those of `names`, the kernel's columns, that a dataclass has as fields."""
-    return [entry.name for entry in fields(kind) if entry.name in names]

@@ -3,7 +3,7 @@
 from collections.abc import Collection
 from dataclasses import dataclass, field
 from functools import cached_property
-from math import isnan, nan
+from math import isnan
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,9 +12,19 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.errors import ParameterError
-from dimersweep.kernel.model.layout import CODES, MODES, OUT, PERIOD, STATUS_MESSAGES, STATUSES
+from dimersweep.kernel.model.layout import (
+    CODE_STATUS,
+    CODE_WORDS,
+    CODES,
+    ORBIT_COLUMNS,
+    OUT,
+    PERIOD,
+    RUN_COLUMNS,
+    STATUS_MESSAGES,
+    RunNumbers,
+)
 from dimersweep.parameters import Parameters, as_number, as_numbers, check_count
-from dimersweep.runs.outcome import Orbit, columns_of, orbit_from
+from dimersweep.runs.outcome import Orbit
 from dimersweep.runs.recorded import RunRecord, events_of, states_of
 from dimersweep.runs.shadows import NUDGE, bounds, nudged, nudged_state, shadow_rtol
 from dimersweep.runs.solving import RunEnd, Solved, check_recorded, go_on, speed_at
@@ -27,7 +37,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)
-class Run:
+class Run(RunNumbers):
     """One simulation.
 
     Attributes
@@ -88,13 +98,6 @@ class Run:
     n_events: int
     n_periods: int
     orbit: Orbit | None
-    down_share_1: float
-    down_share_2: float
-    settled_after: float
-    spin_drift: float = nan
-    longest_hop_1: float = nan
-    longest_hop_2: float = nan
-    change_ahead: float = nan
     start: dict[str, float] | None = None
     _record: RunRecord | None = field(default=None)
     _end: RunEnd | None = field(default=None)
@@ -394,19 +397,17 @@ class Run:
 def as_run(parameters: dict[str, float], rtol: float, solved: Solved, start: dict[str, float] | None) -> Run:
     """A run from what the kernel has filled in."""
     code = dict(zip(CODES, solved.codes.tolist(), strict=True))
+    code |= {name: words[code[name]] for name, words in CODE_WORDS.items()}
     out = dict(zip(OUT, solved.out.tolist(), strict=True))
+    di_end, of_orbit = code.pop("di_end"), (*ORBIT_COLUMNS, "spin_drift")
     return Run(
-        status=STATUSES[code["status"]],
-        message=STATUS_MESSAGES[code["status"]],
-        mode=MODES[code["mode"]],
-        mode_period=code["mode_period"],
+        message=STATUS_MESSAGES[solved.codes[CODE_STATUS]],
         parameters=parameters,
         start=start,
         rtol=rtol,
-        n_events=code["n_events"],
-        n_periods=code["n_periods"],
-        orbit=orbit_from(out, code["di_end"]) if MODES[code["mode"]] == "drift" else None,
-        **{name: out[name] for name in columns_of(Run, *OUT)},
+        orbit=Orbit(di_end=di_end, **{name: out[name] for name in of_orbit}) if code["mode"] == "drift" else None,
+        **code,
+        **{name: out[name] for name in RUN_COLUMNS},
         _record=solved.record,
         _end=solved.end,
     )

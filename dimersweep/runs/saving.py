@@ -13,11 +13,10 @@ import xarray as xr
 from dimersweep.errors import StoreError, one_line
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import N_START
-from dimersweep.kernel.model.layout import CODES, OUT
+from dimersweep.kernel.model.layout import CODES, RUN_COLUMNS
 from dimersweep.kernel.record import N_EVENT, N_SEGMENT
 from dimersweep.kernel.verdict.past import PAST_COLUMNS, PAST_ROWS
 from dimersweep.parameters import Parameters, updated
-from dimersweep.runs.outcome import columns_of
 from dimersweep.runs.recorded import RunRecord
 from dimersweep.runs.solving import RunEnd
 from dimersweep.storage.cubefiles import write_cube
@@ -80,7 +79,7 @@ def _configuration(run: "Run") -> dict[str, Any]:
         "parameters": run.parameters,
         "start": run.start,
         "rtol": run.rtol,
-        "outcome": {name: getattr(run, name) for name in ("message", *columns_of(type(run), *CODES, *OUT))},
+        "outcome": {name: getattr(run, name) for name in ("message", *CODES, *RUN_COLUMNS) if name != "di_end"},
         "orbit": run.orbit and asdict(run.orbit),
         "record_cut": run._record is not None and run._record.cut,
         "kernel_version": kernel_version(),

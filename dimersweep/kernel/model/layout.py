@@ -1,6 +1,8 @@
-"""Slots and codes: what stands where in the kernel's flat arrays, and the names of its integer answers."""
+"""Slots and codes: what stands where in the kernel's flat arrays, and the names, units and meanings of what comes out."""
 
-from typing import NamedTuple
+from dataclasses import dataclass, field, fields
+from math import inf, nan, pi
+from typing import Any, NamedTuple
 
 # --- parameters at rest: one flat row of floats per run -------------------------------------------------------------
 ROW = (
@@ -121,37 +123,96 @@ M_NOT_RUN, M_FAILED, M_REST, M_DRIFT, M_JUMP, M_FLUTTER, M_PERIOD_N, M_APERIODIC
 DI_ENDS = ("none", "sp_sp", "sp_sk", "sk_sp", "sk_sk")
 DI_NONE, DI_SP_SP, DI_SP_SK, DI_SK_SP, DI_SK_SK = range(5)
 
-# --- outcome of one run: a row of floats and a row of integers --------------------------------------------------------
-OUT = (
-    "radius",
-    "period",
-    "zeta",
-    "speed",
-    "precession_rate",
-    "impact_phase",
-    "radius_drift",
-    "period_drift",
-    "zeta_drift",
-    "speed_drift",
-    "precession_rate_drift",
-    "impact_phase_drift",
-    "spin_rate",
-    "beta_rate_after",
-    "down_share_1",
-    "down_share_2",
-    "settled_after",
-    "spin_drift",
-    "longest_hop_1",
-    "longest_hop_2",
-    "change_ahead",
+# --- outcome of one run: a row of integers and a row of floats, which are columns of cubes and attributes of runs -------
+
+
+class Quantity(NamedTuple):
+    """Unit ("1" if none), meaning and range of a parameter, of something that a run gives, or of a label."""
+
+    units: str
+    long_name: str
+    least: float = -inf
+    most: float = inf
+
+    def attributes(self, kind: type = float) -> dict[str, Any]:
+        """Attributes of a CF variable of a `kind` of number: unit, meaning, and the ends of the range that are finite."""
+        ends = {"valid_min": self.least, "valid_max": self.most}
+        bounds = {name: kind(value) for name, value in ends.items() if abs(value) < inf}
+        return {"units": self.units, "long_name": self.long_name} | bounds
+
+
+CODE_COLUMNS = {
+    "status": Quantity("1", "how the run ended"),
+    "mode": Quantity("1", "mode of motion"),
+    "mode_period": Quantity("1", "period of the motion in forcing periods", 0, 16),
+    "di_end": Quantity("1", "friction of p1, p2 at the end of the double impact"),
+    "n_events": Quantity("1", "number of landings, impacts, lift-offs and changes between slip and stick", 0),
+    "n_periods": Quantity("1", "number of forcing periods run", 0),
+}
+CODE_WORDS = {"mode": MODES, "status": STATUSES, "di_end": DI_ENDS}  # of those that are flags
+CODES = tuple(CODE_COLUMNS)
+N_CODES = len(CODES)
+CODE_STATUS, CODE_MODE, CODE_MODE_PERIOD, CODE_DI_END, CODE_N_EVENTS, CODE_N_PERIODS = range(N_CODES)
+
+
+def _column(units: str, long_name: str, least: float = -inf, most: float = inf) -> Any:
+    return field(default=nan, metadata={"quantity": Quantity(units, long_name, least, most)})
+
+
+def _pace(column: Any) -> Any:
+    quantity = column.metadata["quantity"]
+    return _column(quantity.units, f"change per forcing period: {quantity.long_name}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class OrbitNumbers:
+    """Columns of every cube, and numbers of the orbit of a drift; the speed also of a dimer at rest."""
+
+    radius: float = _column("m", "radius of the orbit", 0)
+    period: float = _column("s", "period of the orbit", 0)
+    zeta: float = _column("rad", "angle from the axis p1-p2 to the velocity at the end of the double impact", 0, pi)
+    speed: float = _column(
+        "m s-1",
+        "speed of the centre of mass: of a drift at the end of the double impact, of rest at the end of the run",
+        0,
+    )
+    precession_rate: float = _column("rad s-1", "mean precession rate over the last forcing period")
+    impact_phase: float = _column("1", "phase of the double impact in cycles of the plate", 0, 1)
+    radius_drift: float = _pace(radius)
+    period_drift: float = _pace(period)
+    zeta_drift: float = _pace(zeta)
+    speed_drift: float = _pace(speed)
+    precession_rate_drift: float = _pace(precession_rate)
+    impact_phase_drift: float = _pace(impact_phase)
+    spin_rate: float = _column("rad s-1", "axial spin after the double impact")
+    beta_rate_after: float = _column("rad s-1", "rate of the dip angle after the double impact")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunNumbers:
+    """Columns of every cube, and numbers of every run."""
+
+    down_share_1: float = _column("1", "share of the last (at most 12) periods that p1 is down", 0, 1)
+    down_share_2: float = _column("1", "share of the last (at most 12) periods that p2 is down", 0, 1)
+    settled_after: float = _column("1", "forcing periods until the motion had settled", 0)
+    spin_drift: float = _column(
+        "rad s-1", "change per forcing period: axial spin (of a drift: after the double impact)"
+    )
+    longest_hop_1: float = _column("1", "longest hop of p1 in the last (at most 12) periods, in forcing periods", 0)
+    longest_hop_2: float = _column("1", "longest hop of p2 in the last (at most 12) periods, in forcing periods", 0)
+    change_ahead: float = _column(
+        "1", "largest change left out: that of the numbers in the periods that were not run, extrapolated", 0
+    )
+
+
+ORBIT_COLUMNS, RUN_COLUMNS = (
+    {column.name: column.metadata["quantity"] for column in fields(kind)} for kind in (OrbitNumbers, RunNumbers)
 )
+OUT = (*ORBIT_COLUMNS, *RUN_COLUMNS)
 N_OUT = len(OUT)
-OUT_RADIUS, OUT_PERIOD, OUT_ZETA, OUT_SPEED, OUT_PRECESSION_RATE, OUT_IMPACT_PHASE = range(6)
 N_ORBIT = 6  # values of an orbit, in the first slots; the drift of each is so many slots later
+OUT_RADIUS, OUT_PERIOD, OUT_ZETA, OUT_SPEED, OUT_PRECESSION_RATE, OUT_IMPACT_PHASE = range(N_ORBIT)
 OUT_SPIN_RATE, OUT_BETA_RATE_AFTER, OUT_DOWN_SHARE_1, OUT_DOWN_SHARE_2, OUT_SETTLED_AFTER = range(
     2 * N_ORBIT, 2 * N_ORBIT + 5
 )
 OUT_SPIN_DRIFT, OUT_LONGEST_HOP_1, OUT_LONGEST_HOP_2, OUT_CHANGE_AHEAD = range(2 * N_ORBIT + 5, N_OUT)
-CODES = ("status", "mode", "mode_period", "di_end", "n_events", "n_periods")
-N_CODES = len(CODES)
-CODE_STATUS, CODE_MODE, CODE_MODE_PERIOD, CODE_DI_END, CODE_N_EVENTS, CODE_N_PERIODS = range(N_CODES)
