@@ -18,7 +18,7 @@ from dimersweep.kernel.model.layout import (
     ROW,
 )
 from dimersweep.storage.manifest import read_manifest
-from dimersweep.storage.tilestore import manifest_of, tile_store
+from dimersweep.storage.tilestore import tile_store, tiles_of
 from dimersweep.work.scheduling import IN_FLIGHT
 from dimersweep.work.tiles import TILE_SECONDS
 
@@ -104,7 +104,7 @@ def set_pace(monkeypatch, length):
 def forget_some(out, configuration, kind, seed):
     """As if a search for `out`, whose folder was kept, had been stopped: delete the cube and about half of the points."""
     rng = np.random.default_rng(seed)
-    manifest = read_manifest(manifest_of(out))
+    manifest = read_manifest(tiles_of(out).manifest)
     out.unlink()
     with tile_store(out, configuration, manifest.size, kind) as store:
         store.drop(lambda results: rng.random(len(results)) < 0.5)

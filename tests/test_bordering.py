@@ -13,7 +13,6 @@ from dimersweep.cli import app
 from dimersweep.errors import OrbitError, ParameterError, Stopped, StoreError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.orbits.pictures import SMOOTH, _smoothed, draw_borders
-from dimersweep.storage.provenance import as_text
 from dimersweep.studies import border_files
 from dimersweep.studies.border_files import make_borders, plan_borders, read_borders, storable
 from dimersweep.studies.parts import parts_beside
@@ -113,18 +112,21 @@ def test_parts_of_another_declaration_are_refused_and_a_file_of_the_user_stays(t
     declaration, out, parts = tmp_path / "two.toml", tmp_path / "two.nc", tmp_path / "two.nc.parts"
     declaration.write_text(FAMILIES)
     declared = read_borders(declaration)
-    parts.mkdir()
-    (parts / "configuration.json").write_text(as_text(declared.configuration | {"fixed": {"e": 0.5}}))
+    with parts_beside(out, declared.configuration | {"fixed": {"e": 0.5}}):
+        pass
     for name in ("notes.txt", "measured.nc", "family-0.nc"):
         (parts / name).write_text("mine")
-    with pytest.raises(StoreError, match=r"parts of another file.*What differs:\n  fixed.e: 0.5 -> nothing$"):
+    with pytest.raises(StoreError, match=r"results of other settings.*What differs:\n  fixed.e: 0.5 -> nothing$"):
         make_borders(declared, out)
     make_borders(declared, out, force=True)
     assert out.is_file()
     assert sorted(path.name for path in parts.iterdir()) == ["family-0.nc", "measured.nc", "notes.txt"]
     (parts / "part-family-0.nc").write_text("whose?")
-    with pytest.raises(StoreError, match=r"holds part-\*\.nc without a configuration\.json, which tells what they are"):
-        make_borders(declared, tmp_path / "two.nc", force=True)
+    out.unlink()
+    with pytest.raises(
+        StoreError, match=r"two\.nc\.parts: holds results, but no manifest of them; begin anew \(force=True\)$"
+    ):
+        make_borders(declared, out)
     assert (parts / "part-family-0.nc").read_text() == "whose?"
 
 

@@ -408,7 +408,7 @@ def test_a_sweep_that_is_stopped_says_what_is_kept_wherever_it_is(call, fake_ker
         assert said == f"dimersweep: interrupted: 132 of 132 points {there}"
     said = interrupted_in("dimersweep.studies.datasets.run_study", "run", "small.toml")
     assert said == f"dimersweep: interrupted: what was finished is kept in{there.removeprefix('are kept in')}"
-    said = interrupted_in("dimersweep.storage.tilestore.TileStore.remove", "run", "small.toml", "--no-plot")
+    said = interrupted_in("dimersweep.storage.beside.Beside.remove", "run", "small.toml", "--no-plot")
     assert said == "dimersweep: interrupted: fig07-small.nc is written"
     Path("fig07-small.nc").unlink()
     said = interrupted_in("dimersweep.plots.draw", "run", "small.toml")
@@ -460,7 +460,7 @@ def test_another_configuration_is_refused_with_what_differs(call, fake_kernel):
     _, err, code = call("run", "small.toml", "--periods", "300", "--rtol", "1e-6")
     assert code == 2
     assert err.splitlines() == [
-        "dimersweep: error: fig07-small.nc.tiles: holds results of another sweep, stopped before its end; begin anew "
+        "dimersweep: error: fig07-small.nc.tiles: holds results of other settings, stopped before the end; begin anew "
         "with --force, or give another output. What differs:",
         "  periods: 200 -> 300",
         "  rtol: 1e-08 -> 1e-06",

@@ -17,7 +17,7 @@ from dimersweep.kernel.model.layout import (
     OK,
 )
 from dimersweep.storage.manifest import read_manifest
-from dimersweep.storage.tilestore import manifest_of
+from dimersweep.storage.tilestore import tiles_of
 from dimersweep.studies.refine import (
     Cell,
     cuts,
@@ -83,7 +83,7 @@ def test_threads_change_nothing(banded, workers):
 def test_what_was_known_before_changes_nothing(banded, tmp_path, seed):
     out = tmp_path / "map.nc"
     reference = refine(COARSE, out=out, keep_tiles=True, **SETTINGS)
-    manifest = read_manifest(manifest_of(out))
+    manifest = read_manifest(tiles_of(out).manifest)
     assert manifest.words == f"{manifest.done} of {manifest.done} points known to be needed so far"
     coarse = make_spec(COARSE, None, over="beta0", ask="any", mode="drift", periods=5, rtol=1e-8)
     forget_some(out, manifest.configuration, coarse.kind, seed)

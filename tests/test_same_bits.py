@@ -16,7 +16,7 @@ from dimersweep.cubes.cube import build
 from dimersweep.cubes.results import Tile
 from dimersweep.storage.manifest import read_manifest
 from dimersweep.storage.provenance import attributes
-from dimersweep.storage.tilestore import folder_of, manifest_of
+from dimersweep.storage.tilestore import tiles_of
 from dimersweep.studies.datasets import make
 from dimersweep.studies.declaration import read_declaration
 from dimersweep.studies.search import search
@@ -124,7 +124,7 @@ def start(kind, out, workers):
 
 
 def finished_points(out):
-    manifest = manifest_of(out)
+    manifest = tiles_of(out).manifest
     return read_manifest(manifest).done if manifest.exists() else 0
 
 
@@ -134,7 +134,7 @@ def test_kills_at_random_moments(others, tmp_path, kind, kills):
     done = []
     for kill in range(kills):
         with start(kind, out, workers=1 + kill % 3) as process:
-            while not folder_of(out).exists():
+            while not tiles_of(out).path.exists():
                 time.sleep(0.01)
             if kill:  # at least one after the first tiles, the others anywhere
                 time.sleep(chance.uniform(0.0, 1.5))

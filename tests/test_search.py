@@ -130,7 +130,7 @@ def test_a_search_that_is_stopped_keeps_what_it_has(fake_kernel, monkeypatch, tm
             quiet_search(out=out, workers=1)
     assert status(out)[-1] == "at work: nobody; run the same sweep again to go on"
     with pytest.raises(
-        StoreError, match=r'holds results of another sweep.*What differs:\n  search.mode: "drift" -> "jump"$'
+        StoreError, match=r'holds results of other settings.*What differs:\n  search.mode: "drift" -> "jump"$'
     ):
         quiet_search(out=out, mode="jump")
     xr.testing.assert_equal(quiet_search(out=out), reference)

@@ -231,14 +231,14 @@ def test_the_status_of_a_manifest_that_cannot_be_read_is_one_line():
         (lambda path: path.write_text(path.read_text()[:200]), "manifest.jsonl: is damaged, or no manifest"),
         (lambda path: path.write_text(path.read_text().replace("15.0", "15.5", 1)), "manifest.jsonl: is damaged, or"),
         (lambda path: edit_head(dimersweep_manifest=2), "manifest.jsonl: has the format of another version"),
-        (lambda path: edit_head(points=30), r"jsonl: is damaged \(tells of 30 points, where its grid has 120\); sweep"),
+        (lambda path: edit_head(points=30), r"jsonl: is damaged \(tells of 30 points, where its grid has 120\); begin"),
         (lambda path: edit_head(points=10**15), r"is damaged \(tells of 1000000000000000 points, where its grid has"),
         (lambda path: edit_head(points="120"), "manifest.jsonl: is damaged, or no manifest of this version"),
         (
             lambda path: path.write_text(path.read_text().replace('"points": 120', '"points": 20')),
             "manifest.jsonl: is damaged, or no manifest",
         ),
-        (Path.unlink, "cube.nc.tiles: holds results, but no manifest of them; sweep anew"),
+        (Path.unlink, "cube.nc.tiles: holds results, but no manifest of them; begin anew"),
     ],
 )
 def test_a_manifest_that_does_not_match_is_refused_and_nothing_is_touched(spoil, message):
@@ -257,7 +257,7 @@ def test_points_listed_twice_are_refused():
     head, told = listed()
     shutil.copy("cube.nc.tiles/tiles-000001.npy", "cube.nc.tiles/tiles-000002.npy")
     list_anew([head, told, told | {"file": "tiles-000002.npy"}])
-    with pytest.raises(StoreError, match="its manifest lists points twice; sweep anew"):
+    with pytest.raises(StoreError, match="its manifest lists points twice; begin anew"):
         sweep()
 
 
@@ -343,7 +343,7 @@ def test_a_file_that_a_worker_has_written_is_as_one_of_the_driver(shelf):
     assert again.check() == [] and again.gaps() == [Tile(10, 30), Tile(70, 120)]
     for piece in pieces:
         assert again.read(*piece.tile).tobytes() == piece.results.tobytes()
-    store.remove()
+    store.beside.remove()
     assert os.listdir() == []
 
 
@@ -352,7 +352,7 @@ def test_nothing_is_put_where_the_token_is_not(shelf):
     assert place.keep([pieces[0].part(Tile(0, 1))]) is None  # too small
     assert store.open_shelf().is_here() and not place.is_here()  # another run
     assert place.keep(pieces) is None
-    store.clear()
+    store.beside.clear()
     assert place.keep(pieces) is None
     assert place._replace(folder="/nonexistent").keep(pieces) is None
     assert not list(store.folder.glob("tiles-*"))

@@ -34,7 +34,7 @@ from dimersweep.cubes.results import RESULT, Tile
 from dimersweep.kernel.model.layout import CODES, M_DRIFT, M_REST, OK, OUT, ROW
 from dimersweep.storage.blocks import blocks
 from dimersweep.storage.formats import FORMATS
-from dimersweep.storage.tilestore import folder_of
+from dimersweep.storage.tilestore import tiles_of
 from dimersweep.work.scheduling import tile_seconds
 
 WRITE = FORMATS[".zarr"].write_blocks
@@ -284,9 +284,11 @@ def large(points: int, folder: Path) -> str:
     out, begun, peaks, kills = folder / "cube.zarr", time.time(), [], 0
 
     def half() -> bool:
-        return sum(path.stat().st_size for path in folder_of(out).glob("tiles-*.npy")) > 0.5 * RESULT.itemsize * points
+        return (
+            sum(path.stat().st_size for path in tiles_of(out).path.glob("tiles-*.npy")) > 0.5 * RESULT.itemsize * points
+        )
 
-    for until in (half, (folder_of(out) / "cube.tmp" / "radius" / "c").exists, lambda: False):
+    for until in (half, (tiles_of(out).path / "cube.tmp" / "radius" / "c").exists, lambda: False):
         peak, killed = followed(points, out, until)
         peaks.append(peak)
         kills += killed

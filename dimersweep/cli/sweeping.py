@@ -45,13 +45,13 @@ def run(
     """Run a declared sweep: write its cube and draw it. One that was stopped goes on where it was."""
     declared = _declared(declaration, source, out, other_kernel=other_kernel)
     from dimersweep.storage.outputs import check_output
-    from dimersweep.storage.tilestore import folder_of
+    from dimersweep.storage.tilestore import tiles_of
 
     cube_file = out or Path(declared.sweep.output)
     check_output(cube_file, force=True)  # a cube that is there already is judged where it can be read
     picture, forced = cube_file.with_suffix(".png"), force or retry
     with interruptible(
-        cube_file, picture if plot else None, parts=folder_of(cube_file), again="run the same again for the rest"
+        cube_file, picture if plot else None, parts=tiles_of(cube_file).path, again="run the same again for the rest"
     ):
         from dimersweep.studies.datasets import run_study
         from dimersweep.studies.options import make_options

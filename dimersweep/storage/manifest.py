@@ -221,9 +221,9 @@ def _read(path: Path, rest: BinaryIO, take: Callable[[Entry], None] | None) -> M
     head = _parsed(first)
     manifest = _begun(head, len(first)) if head else None
     if head is None or manifest is None:
-        raise StoreError(f"{path}: is damaged, or no manifest of this version of dimersweep; sweep anew (force=True)")
+        raise StoreError(f"{path}: is damaged, or no manifest of this version of dimersweep; begin anew (force=True)")
     if (head.get("dimersweep_manifest"), head.get("layout")) != (FORMAT, _LAYOUT):
-        raise StoreError(f"{path}: has the format of another version of dimersweep; sweep anew (force=True)")
+        raise StoreError(f"{path}: has the format of another version of dimersweep; begin anew (force=True)")
     for line in rest:
         if not (line.endswith(b"\n") and _take(line, manifest, take or manifest.entries.append)):
             manifest.damaged += 1

@@ -5,10 +5,9 @@ listed or a last line that is cut. `check` names both, and they are never used.
 """
 
 import os
-import re
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import islice, pairwise
 from pathlib import Path
@@ -26,24 +25,21 @@ from dimersweep.cubes.results import (
     runs,
 )
 from dimersweep.errors import StoreError
+from dimersweep.storage.beside import Beside
 from dimersweep.storage.files import (
-    HALF,
     append,
     delete,
     disk_errors,
     put,
 )
-from dimersweep.storage.locking import locked
 from dimersweep.storage.manifest import (
     Entry,
     Manifest,
     as_line,
     lines,
-    read_manifest,
     wanted_line,
 )
-from dimersweep.storage.provenance import as_text, cpu, differences
-from dimersweep.storage.shelf import Shelf, close_shelf, open_shelf
+from dimersweep.storage.shelf import Shelf, open_shelf
 from dimersweep.storage.tilefiles import Damaged, read_points, write_points
 
 FLUSH_SECONDS = 0.5  # tiles that end within this time share a file, so that fast sweeps do not wait for the disk
@@ -51,29 +47,11 @@ DISK_SHARE = 0.05  # of the driver's time at most: a slow disk gets larger files
 FLUSH_BYTES = 1 << 26  # of tiles that wait: a larger file would take memory, and save no time
 KEPT_BYTES = 1 << 28  # of files that are held in memory while points are read in order
 NAMED_FILES = 5  # whose damage is named one by one
-_NAME = re.compile(r"tiles-(\d+|w[0-9a-f]{16})\.npy")  # of files that the driver has written, and of those of workers
-_SCRATCH = "cube.tmp"  # the cube as it is written: only who holds the lock does that
-_HALF = re.compile(rf"{HALF.pattern}|{re.escape(_SCRATCH)}")  # of files that a kill has left half written
 
 
-def folder_of(out: Path) -> Path:
-    """The folder that holds the finished tiles of the cube `out`."""
-    return out.with_name(f"{out.name}.tiles")
-
-
-def manifest_of(out: Path) -> Path:
-    """The manifest of the sweep for `out`."""
-    return folder_of(out) / "manifest.jsonl"
-
-
-def lock_of(out: Path) -> Path:
-    """The lock of the sweep for `out`."""
-    return folder_of(out) / "lock"
-
-
-def _named(folder: Path, pattern: re.Pattern[str]) -> list[Path]:
-    """Files of this program in a folder that may be gone, or that a user may have put others into."""
-    return [path for path in folder.glob("*") if pattern.fullmatch(path.name)]
+def tiles_of(out: Path) -> Beside:
+    """The folder that holds the finished tiles of the cube `out`: files of the driver, and those of workers."""
+    return Beside(out, ".tiles", r"tiles-(\d+|w[0-9a-f]{16})\.npy")
 
 
 class TileStore:
@@ -90,25 +68,18 @@ class TileStore:
     """
 
     def __init__(self, out: Path, manifest: Manifest, kind: np.dtype) -> None:
-        self.out, self.folder, self.manifest, self.kind = out, folder_of(out), manifest, kind
+        self.out, self.beside, self.manifest, self.kind = out, tiles_of(out), manifest, kind
+        self.folder, self.scratch = self.beside.path, self.beside.scratch
         self.waiting: list[Finished] = []
         self._waiting_bytes = 0
         self._unlisted: list[Entry] = []  # files of workers that the manifest does not list yet
         self._since = perf_counter()
         self._pause = FLUSH_SECONDS
-        numbers = (path.stem.removeprefix("tiles-") for path in self._files())
+        numbers = (path.stem.removeprefix("tiles-") for path in self.beside.files())
         self._number = max((int(number) for number in numbers if number.isdigit()), default=0)
         self._cache: dict[str, tuple[int, dict[Tile, Finished]]] = {}  # bytes and pieces of files
         self._cached = 0  # bytes of all of them
         self._index: list[tuple[Tile, Entry]] = []
-
-    def _files(self) -> list[Path]:
-        return _named(self.folder, _NAME)
-
-    @property
-    def scratch(self) -> Path:
-        """Where the cube is written before it takes its name."""
-        return self.folder / _SCRATCH
 
     @property
     def kept_if_refused(self) -> str:
@@ -148,9 +119,9 @@ class TileStore:
             except Damaged as error:
                 trouble.append(f"{entry.file} {error}")
         if any(later.start < earlier.stop for earlier, later in pairwise(sorted(t for e in kept for t in e.tiles))):
-            raise StoreError(f"{self.folder}: its manifest lists points twice; sweep anew (force=True)")
+            raise StoreError(f"{self.folder}: its manifest lists points twice; begin anew (force=True)")
         listed = {entry.file for entry in self.manifest.entries}
-        unlisted = sum(path.name not in listed for path in self._files())
+        unlisted = sum(path.name not in listed for path in self.beside.files())
         if self.manifest.damaged:
             trouble.append(f"lines of the manifest that are cut or damaged: {self.manifest.damaged}")
         if trouble or unlisted:
@@ -167,10 +138,10 @@ class TileStore:
         """Put `entries` in place of those of the manifest, and delete all other files."""
         self.manifest.entries, self.manifest.damaged, self._index = entries, 0, []
         written = lines(self.manifest)
-        put(manifest_of(self.out), [written])
+        put(self.beside.manifest, [written])
         self.manifest.length = len(written)
         listed = {entry.file for entry in entries}
-        for path in (*self._files(), *_named(self.folder, _HALF)):
+        for path in (*self.beside.files(), *self.beside.half_written()):
             if path.name not in listed:
                 delete(path)
 
@@ -240,7 +211,7 @@ class TileStore:
         self._since, self.waiting, self._waiting_bytes = now, [], 0
 
     def _append(self, line: bytes) -> None:
-        append(manifest_of(self.out), line, self.manifest.length)
+        append(self.beside.manifest, line, self.manifest.length)
         self.manifest.length += len(line)
 
     def expect(self, total: int) -> None:
@@ -314,39 +285,6 @@ class TileStore:
                 total[mode] = total.get(mode, 0) + count
         return total
 
-    def clear(self) -> None:
-        """Delete all results."""
-        close_shelf(self.folder)
-        for path in (*self._files(), *_named(self.folder, _HALF), manifest_of(self.out)):
-            delete(path)
-
-    def remove(self) -> None:
-        """Delete the folder, but for files in it that are not this program's."""
-        self.clear()
-        lock_of(self.out).unlink(missing_ok=True)
-        with suppress(OSError):  # it holds something else
-            self.folder.rmdir()
-
-
-def _opened(out: Path, nothing: Manifest, kind: np.dtype) -> TileStore:
-    """What is in the folder of `out`, if it goes with `nothing`, the manifest to begin with."""
-    path = manifest_of(out)
-    if not path.exists():
-        if _named(folder_of(out), _NAME):
-            raise StoreError(f"{path.parent}: holds results, but no manifest of them; sweep anew (force=True)")
-        put(path, [lines(nothing)])
-    manifest = read_manifest(path)
-    if as_text(manifest.configuration) != as_text(nothing.configuration):
-        changes = "".join(f"\n  {line}" for line in differences(manifest.configuration, nothing.configuration))
-        raise StoreError(
-            f"{path.parent}: holds results of another sweep, stopped before its end; "
-            f"begin anew with force=True, or give another output. What differs:{changes}"
-        )
-    if manifest.size != nothing.size:
-        why = f"tells of {manifest.size} points, where its grid has {nothing.size}"
-        raise StoreError(f"{path}: is damaged ({why}); sweep anew (force=True)")
-    return TileStore(out, manifest, kind)
-
 
 @contextmanager
 def tile_store(
@@ -365,25 +303,7 @@ def tile_store(
     kind : dtype
         Of the result of one of them.
     force : bool
-        Whether results of another configuration, or damaged ones, may be deleted. Sound ones of this very
-        configuration are kept all the same.
-
-    Raises
-    ------
-    StoreError
-        If another process is at work there, what is there belongs to another configuration (with what differs), or
-        the folder cannot be written.
+        See `Beside.claimed`, which also says what is raised.
     """
-    with ExitStack() as stack:
-        with disk_errors(f"{folder_of(out)}", "nothing was computed"):
-            stack.enter_context(locked(lock_of(out)))
-            nothing = Manifest(dict(configuration), size, cpu(), [], size)
-            try:
-                store = _opened(out, nothing, kind)
-            except StoreError:
-                if not force:
-                    raise
-                TileStore(out, nothing, kind).clear()
-                store = _opened(out, nothing, kind)
-            close_shelf(store.folder)  # workers may still be at work for a sweep that was killed
-        yield store
+    with tiles_of(out).claimed(configuration, size, force=force) as manifest:
+        yield TileStore(out, manifest, kind)

@@ -246,8 +246,9 @@ def make_borders(
             if out is not None:
                 write_cube(made, out, force=force)
         except KeyboardInterrupt as stop:
-            raise Stopped(_kept(parts, makers, out), getattr(stop, "signal", signal.SIGINT)) from None
-        parts.remove()
+            raise Stopped(_kept(parts, makers), getattr(stop, "signal", signal.SIGINT)) from None
+        if parts.beside is not None:
+            parts.beside.remove()
     return made
 
 
@@ -266,12 +267,12 @@ def _stored(make: Maker, tell: Tell) -> xr.Dataset:
     return storable(make(tell))
 
 
-def _kept(parts: Parts, makers: Mapping[str, Maker], out: Path | None) -> str:
+def _kept(parts: Parts, makers: Mapping[str, Maker]) -> str:
     """What a stop leaves behind."""
     done = sum(parts.has(name) for name in makers)
-    if out is None or not done:
+    if parts.beside is None or not done:
         return "nothing was kept"
-    return f"{done} of {len(makers)} parts are kept in {parts.folder}; the same command goes on from there"
+    return f"{done} of {len(makers)} parts are kept in {parts.beside.path}; the same command goes on from there"
 
 
 def _joined(declared: Borders, tables: list[xr.Dataset]) -> xr.Dataset:

@@ -147,7 +147,7 @@ class UnfinishedCube:
     def _tidy_up(self, store: TileStore) -> None:
         self._written = True
         if not self.options.keep_tiles:
-            store.remove()
+            store.beside.remove()
 
 
 @contextmanager
@@ -207,7 +207,7 @@ def _tidy(store: TileStore) -> Iterator[None]:
     except BaseException:
         if not store.manifest.entries:
             with suppress(OSError):
-                store.remove()
+                store.beside.remove()
         raise
 
 

@@ -18,7 +18,7 @@ from dimersweep.errors import UnfinishedError
 from dimersweep.storage.manifest import read_manifest
 from dimersweep.storage.memorystore import MemoryStore
 from dimersweep.storage.provenance import as_text
-from dimersweep.storage.tilestore import manifest_of
+from dimersweep.storage.tilestore import tiles_of
 from dimersweep.studies import search, sweep
 from dimersweep.studies.deciding import SearchSpec, Wave, spread_order
 from dimersweep.studies.making import Study
@@ -222,9 +222,9 @@ def _of_one_point(study: Study) -> xr.Dataset:
 
 
 def _done(study: Study, out: Path | None) -> int:
-    if out is None or not manifest_of(out).exists():
+    if out is None or not tiles_of(out).manifest.exists():
         return 0
-    manifest = read_manifest(manifest_of(out))
+    manifest = read_manifest(tiles_of(out).manifest)
     return manifest.done if as_text(manifest.configuration) == as_text(study.configuration()) else 0
 
 

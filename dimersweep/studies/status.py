@@ -9,7 +9,7 @@ from dimersweep.errors import StoreError
 from dimersweep.storage.cubefiles import count_modes
 from dimersweep.storage.locking import holder
 from dimersweep.storage.manifest import Entry, read_manifest
-from dimersweep.storage.tilestore import folder_of, lock_of, manifest_of
+from dimersweep.storage.tilestore import tiles_of
 from dimersweep.work.progress import clock
 
 
@@ -29,10 +29,10 @@ def status(path: Path) -> list[str]:
     out = path.with_suffix("") if path.suffix == ".tiles" else path
     if not out.name:
         raise StoreError(f"{out}: is no cube")
-    if not os.path.exists(manifest_of(out)):
+    if not os.path.exists(tiles_of(out).manifest):
         if os.path.exists(out):
             return _of_cube(out)
-        raise StoreError(f"{out}: no such cube, and no sweep for it ({folder_of(out)} has no manifest)")
+        raise StoreError(f"{out}: no such cube, and no sweep for it ({tiles_of(out).path} has no manifest)")
     return _of_tiles(out)
 
 
@@ -51,11 +51,11 @@ def _of_tiles(out: Path) -> list[str]:
         last = entry.time
 
     try:
-        manifest = read_manifest(manifest_of(out), take)
+        manifest = read_manifest(tiles_of(out).manifest, take)
     except StoreError:
         raise
     except OSError as error:
-        raise StoreError(f"{manifest_of(out)}: cannot be read ({error.strerror})") from None
+        raise StoreError(f"{tiles_of(out).manifest}: cannot be read ({error.strerror})") from None
     done = tally.total()
     lines = [f"{out}: {manifest.words_for(done)} done ({100 * done // max(manifest.wanted, 1)} %)"]
     if done:
@@ -65,7 +65,7 @@ def _of_tiles(out: Path) -> list[str]:
         lines.append(
             f"manifest: lines that are cut or damaged: {manifest.damaged}; their points will be computed again"
         )
-    who = holder(lock_of(out))
+    who = holder(tiles_of(out).lock)
     if done == manifest.wanted and not who:
         lines.append("cube: is written" if out.exists() else "cube: is still to be written; run the same sweep again")
     else:
