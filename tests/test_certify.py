@@ -30,7 +30,7 @@ from dimersweep.runs.shadows import (
 from dimersweep.studies.datasets import make
 from dimersweep.studies.declaration import read_declaration
 from dimersweep.studies.rerun import from_cube
-from dimersweep.work.tiles import run_all_patiently
+from dimersweep.work.tiles import RunSettings, run_all_patiently
 
 GRID = {"Gamma": [0.7, 0.9], "beta0": {"start": 4, "stop": 60, "num": 8, "unit": "deg"}}
 SETTINGS = {"periods": 100, "progress": False, "workers": 1}
@@ -54,9 +54,9 @@ def in_an_empty_folder(tmp_path, monkeypatch):
 
 def judged(periods=100, max_periods=None, **start):
     """Mode and confidence of one point."""
-    how = Parameters(**start).row()[None], periods, max_periods or periods, 1e-8, True
-    out, codes = run_all_patiently(*how)
-    return codes[0, MODE], certified(*how, out, codes)[0][0]
+    row, how = Parameters(**start).row()[None], RunSettings(periods, max_periods or periods, 1e-8)
+    out, codes = run_all_patiently(row, how)
+    return codes[0, MODE], certified(row, how, out, codes)[0][0]
 
 
 def test_a_verdict_is_certain_but_at_a_border():
@@ -97,10 +97,10 @@ def test_a_mode_by_another_transient_is_luck():
 
 def test_the_error_of_an_orbit_is_that_to_a_much_finer_run():
     rows = np.array([Parameters(beta0=beta0).row() for beta0 in (0.28, 0.3)])
-    how = (100, 100, 1e-5, True)
-    coarse, finest = run_all_patiently(rows, *how), run_all_patiently(rows, 100, 100, 1e-12, True)
+    how = RunSettings(100, 100, 1e-5)
+    coarse, finest = run_all_patiently(rows, how), run_all_patiently(rows, how._replace(rtol=1e-12))
     assert (coarse[1][:, MODE] == M_DRIFT).all()
-    error = certified(rows, *how, *coarse)[1]
+    error = certified(rows, how, *coarse)[1]
     assert error == pytest.approx(orbit_difference(coarse[0], finest[0]), rel=0.2)
     assert (error > 0).all()
     phase = np.zeros((1, len(OUT)))

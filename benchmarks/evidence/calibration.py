@@ -20,12 +20,13 @@ from dimersweep.kernel.batch import run_many
 from dimersweep.kernel.model.layout import CODES, MODES
 from dimersweep.runs.shadows import (
     CERTAIN,
-    FINEST,
+    FINEST_SHADOW,
     certified,
     delays,
     difference,
     scaled,
 )
+from dimersweep.work.tiles import RunSettings
 
 FIGURE = Path(__file__).resolve().parent.parent / "docs" / "figures" / "calibration.png"
 LENGTHS = (4, 4, 20, 60)  # forcing periods, in turns
@@ -56,7 +57,7 @@ def error_of(seed, rtol):
     """
     given, periods = scene(seed), LENGTHS[seed // 2 % len(LENGTHS)]
     run = simulate(**given, periods=periods, rtol=rtol)
-    finest = simulate(**given, periods=periods, rtol=FINEST)
+    finest = simulate(**given, periods=periods, rtol=FINEST_SHADOW)
     if run.status != "ok" or finest.status != "ok":
         return None
     bound = run.error(np.arange(SAMPLES * periods + 1) / (SAMPLES * given["f"]))
@@ -78,7 +79,7 @@ def verdicts_of(seeds):
     out, codes = blank(len(rows))
     run_many(rows, VERDICT_PERIODS, RTOL, True, out, codes)
     plain = time.perf_counter() - began
-    confidence, _ = certified(rows, VERDICT_PERIODS, VERDICT_PERIODS, RTOL, True, out, codes)
+    confidence, _ = certified(rows, RunSettings(VERDICT_PERIODS, VERDICT_PERIODS, RTOL), out, codes)
     spent = time.perf_counter() - began
     modes = []
     for rtol in RTOLS:
@@ -90,7 +91,7 @@ def verdicts_of(seeds):
 
 def tell_errors(errors, seconds):
     """Print how often the bounds hold, and how wide they are."""
-    print(f"{len(errors)} runs at rtol {RTOL:.0e} against rtol {FINEST:.0e}, {seconds:.0f} s")
+    print(f"{len(errors)} runs at rtol {RTOL:.0e} against rtol {FINEST_SHADOW:.0e}, {seconds:.0f} s")
     print("periods   runs  bound holds  bound/error: median   90 %  true error: median   90 %   what")
     for periods in (*sorted(set(LENGTHS)), "all"):
         some = errors if periods == "all" else errors[errors[:, 0] == periods]
@@ -142,7 +143,7 @@ def draw(errors, path):
         ax.set_ylabel("estimated bound")
         ax.grid(alpha=0.3)
     axes[0].legend(fontsize=8)
-    figure.suptitle(f"{len(errors)} runs at rtol {RTOL:.0e}, against rtol {FINEST:.0e}", fontsize=10)
+    figure.suptitle(f"{len(errors)} runs at rtol {RTOL:.0e}, against rtol {FINEST_SHADOW:.0e}", fontsize=10)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=200)
 

@@ -25,7 +25,7 @@ from dimersweep.kernel.model.layout import CODES, MODES
 from dimersweep.parameters import fill_rows
 from dimersweep.studies.declaration import read_declaration
 from dimersweep.studies.refine import refine
-from dimersweep.work.tiles import run_all_patiently
+from dimersweep.work.tiles import RunSettings, run_all_patiently
 
 SHARE = 0.1  # of the grid's runs that a map may take
 
@@ -48,7 +48,7 @@ def modes_at(cube, told, place):
     here = {str(dim): cube[dim].values[k] for dim, k in zip(cube["mode"].dims, place, strict=True)}
     rows = fill_rows(told["fixed"] | here | {told["search"]["axis"]: values}, values.size)
     longest = told.get("max_periods", told["periods"])
-    _, codes = run_all_patiently(rows, told["periods"], longest, told["rtol"], True)
+    _, codes = run_all_patiently(rows, RunSettings(told["periods"], longest, told["rtol"]))
     return codes[:, CODES.index("mode")]
 
 

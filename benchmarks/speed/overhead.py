@@ -88,7 +88,7 @@ def plain(spec: Spec, workers: int) -> float:
 def run_plainly(spec: Spec, rows: np.ndarray) -> None:
     """One plain call."""
     out, codes = blank(len(rows))
-    run_many(rows, spec.periods, spec.rtol, spec.stop_when_settled, out, codes)
+    run_many(rows, spec.how.periods, spec.how.rtol, spec.how.stop_when_settled, out, codes)
 
 
 def paired(declared: declaration.Declaration, rounds: int) -> int:

@@ -33,7 +33,7 @@ from dimersweep.kernel.model.layout import (
 from dimersweep.kernel.model.plate import phases_later
 from dimersweep.parameters import RTOL_RANGE
 from dimersweep.symbols import EVENTS, STATES
-from dimersweep.work.tiles import run_all_patiently
+from dimersweep.work.tiles import RunSettings, run_all_patiently
 
 FINEST_SHADOW, COARSEST_SHADOW = RTOL_RANGE
 SHADOW_FINER = 1e-2  # rtol of a shadow over that of the run
@@ -204,14 +204,7 @@ def bounds(run: Recorded, shadows: Sequence[Recorded], times: np.ndarray, T: flo
 
 
 def certified(
-    rows: np.ndarray,
-    periods: int,
-    max_periods: int,
-    rtol: float,
-    settle: bool,
-    out: np.ndarray,
-    codes: np.ndarray,
-    space: Workspace | None = None,
+    rows: np.ndarray, how: RunSettings, out: np.ndarray, codes: np.ndarray, space: Workspace | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Confidence in the verdicts of points, and the error of their orbits.
 
@@ -219,10 +212,12 @@ def certified(
     ----------
     rows : ndarray, shape (n, N_ROW), float64
         The points.
-    periods, max_periods, rtol, settle, space
-        What they were run with, see `run_patiently`: the shadows are made as they were.
+    how : RunSettings
+        What they were run with: the shadows are made as they were, but for the accuracy.
     out, codes : ndarrays, shapes (n, N_OUT), (n, N_CODES)
         Their results.
+    space : Workspace, optional
+        Scratch arrays.
 
     Returns
     -------
@@ -234,13 +229,13 @@ def certified(
     """
     confidence = np.where(np.isin(codes[:, CODE_MODE], SETTLED_MODES), CERTAIN, UNSURE)
     error = np.full(len(rows), np.nan)
-    finer = max(SHADOW_FINER * rtol, FINEST_SHADOW)
-    looser = min(max(LOOSER * rtol, LOOSE), COARSEST_SHADOW)
+    finer = max(SHADOW_FINER * how.rtol, FINEST_SHADOW)
+    looser = min(max(LOOSER * how.rtol, LOOSE), COARSEST_SHADOW)
     for shadow_rtol, nudge in ((finer, LEAST_ERROR), (looser, looser)):
         left = np.flatnonzero(confidence == CERTAIN)
         moved = nudged(dict(zip(ROW, rows[left].T, strict=True)), nudge)
         beside = np.column_stack([moved[name] for name in ROW])
-        shadow = run_all_patiently(beside, periods, max_periods, shadow_rtol, settle, space)
+        shadow = run_all_patiently(beside, how._replace(rtol=shadow_rtol), space)
         confidence[left] = compared((out[left], codes[left]), shadow)
         if shadow_rtol == finer:
             error[left] = orbit_difference(out[left], shadow[0])

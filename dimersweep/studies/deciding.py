@@ -23,7 +23,7 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.parameters import fill_rows
 from dimersweep.studies.paths import PathLength, path_of
-from dimersweep.work.tiles import SLOW_MODES, around, run_patiently
+from dimersweep.work.tiles import SLOW_MODES, RunSettings, around, run_patiently
 
 ASKS = ("any", "all", "first", "fraction")
 A_NOT_RUN, A_NO, A_YES, A_UNSURE = range(4)
@@ -93,12 +93,8 @@ class SearchSpec:
         The points at which the question is asked; it has no axis of that name.
     question : Question
         What is asked.
-    periods : int
-        Forcing periods each run may take; it stops earlier when it has settled and its numbers stand.
-    max_periods : int
-        Those that it may take if it has not settled by then, see `run_patiently`.
-    rtol : float
-        Accuracy [1].
+    how : RunSettings
+        How long each run may be, and how accurate it is.
     orbit_periods : int
         If not 0, the deciding run is made once more for that many forcing periods, and its orbit recorded at their end.
     paths : PathLength, optional
@@ -107,9 +103,7 @@ class SearchSpec:
 
     grid: Grid
     question: Question
-    periods: int
-    max_periods: int
-    rtol: float
+    how: RunSettings
     orbit_periods: int = 0
     paths: PathLength | None = None
 
@@ -138,12 +132,12 @@ class SearchSpec:
                 "mode": MODES[question.mode],
                 "orbit_periods": self.orbit_periods,
             },
-            "periods": self.periods,
-            "rtol": self.rtol,
+            "periods": self.how.periods,
+            "rtol": self.how.rtol,
             "kernel_version": kernel_version(),
         }
-        if self.max_periods > self.periods:
-            settings["max_periods"] = self.max_periods
+        if self.how.max_periods > self.how.periods:
+            settings["max_periods"] = self.how.max_periods
         if self.paths:
             settings["paths"] = vars(self.paths)
         return settings
@@ -215,8 +209,7 @@ def _tried(spec: SearchSpec, rows: np.ndarray, out: np.ndarray, codes: np.ndarra
     made, ends = 0, spec.question.until()
     while made < len(rows):
         part = slice(made, made + CHUNK_RUNS)
-        how = spec.periods, spec.max_periods, spec.rtol, True
-        made += run_patiently(rows[part], *how, out[part], codes[part], until=ends | SLOW_MODES, space=space)
+        made += run_patiently(rows[part], spec.how, out[part], codes[part], until=ends | SLOW_MODES, space=space)
         if is_stopped(space):
             return 0
         if ends >> int(codes[made - 1, CODE_MODE]) & 1:
@@ -260,12 +253,13 @@ def decide(spec: SearchSpec, point: int, hints: Sequence[int], result: np.ndarra
         result["codes"][0, [CODE_MODE, CODE_STATUS]] = counts.argmax(), OK
         return True
     if spec.orbit_periods:
-        last, longer = slice(which, which + 1), spec.orbit_periods
-        run_patiently(rows[last], longer, longer, spec.rtol, False, out[last], codes[last], space=space)
+        last = slice(which, which + 1)
+        longer = RunSettings(spec.orbit_periods, spec.orbit_periods, spec.how.rtol, stop_when_settled=False)
+        run_patiently(rows[last], longer, out[last], codes[last], space=space)
     result["out"], result["codes"], result["decider"] = out[which], codes[which], order[which] + 1
     if spec.paths and codes[which, CODE_MODE] == M_DRIFT:
         value = float(question.values[order[which]])
         result["x"], result["y"], result["axial_velocity"] = path_of(
-            here | {question.axis: value}, spec.paths, spec.rtol, space
+            here | {question.axis: value}, spec.paths, spec.how.rtol, space
         )
     return not is_stopped(space)

@@ -4,7 +4,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 
@@ -67,20 +67,7 @@ class Options:
         return not_ok(codes) if self.retry else not_run(codes)
 
 
-def make_options(
-    *,
-    out: str | os.PathLike[str] | None = None,
-    workers: int | None = None,
-    progress: bool = True,
-    force: bool = False,
-    attrs: Mapping[str, Any] | None = None,
-    client: Any = None,
-    extend: str | os.PathLike[str] | None = None,
-    retry: bool = False,
-    fail_fast: bool = False,
-    keep_tiles: bool = False,
-    **unknown: Any,
-) -> Options:
+def make_options(**given: Unpack[Given]) -> Options:
     """Options from what a user gives, see `sweep`.
 
     Raises
@@ -90,10 +77,17 @@ def make_options(
     TypeError
         For an option that there is not.
     """
-    for name, value in unknown.items():
-        where = (
-            f"; what is the same at all points goes into fixed = {{{name!r}: {value!r}}}" if name in PARAMETERS else ""
-        )
-        raise TypeError(f"{name} = {value!r}: unknown option{where}")
-    how = make_how(workers, client, progress=progress, fail_fast=fail_fast)
-    return Options(how, None if out is None else Path(out), force, keep_tiles, check_attrs(attrs), extend, retry)
+    for name, value in given.items():
+        if name not in Given.__optional_keys__:
+            fixed = f"; what is the same at all points goes into fixed = {{{name!r}: {value!r}}}"
+            raise TypeError(f"{name} = {value!r}: unknown option{fixed if name in PARAMETERS else ''}")
+    out, progress, fail_fast = given.get("out"), given.get("progress", True), given.get("fail_fast", False)
+    return Options(
+        make_how(given.get("workers"), given.get("client"), progress=progress, fail_fast=fail_fast),
+        None if out is None else Path(out),
+        given.get("force", False),
+        given.get("keep_tiles", False),
+        check_attrs(given.get("attrs")),
+        given.get("extend"),
+        given.get("retry", False),
+    )

@@ -26,7 +26,7 @@ from dimersweep.cubes.results import (
 )
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import CODE_MODE, M_NOT_RUN, MODES
-from dimersweep.parameters import check_count, check_rtol
+from dimersweep.parameters import check_count
 from dimersweep.studies.deciding import (
     A_NOT_RUN,
     A_UNSURE,
@@ -41,7 +41,7 @@ from dimersweep.studies.making import complete_cube, unfinished_cube
 from dimersweep.studies.options import Given, Options, make_options
 from dimersweep.studies.paths import PathLength, path_length
 from dimersweep.studies.reuse import known_points
-from dimersweep.studies.sweep_spec import check_max_periods
+from dimersweep.studies.sweep_spec import run_settings
 from dimersweep.symbols import PARAMETERS, QUANTITIES, STATES, Quantity
 from dimersweep.work.computing import Crew
 
@@ -170,13 +170,11 @@ def make_spec(
     over: str,
     ask: str,
     mode: str,
-    periods: int,
-    max_periods: int | None = None,
-    rtol: float,
     orbit_periods: int = 0,
     paths: Mapping[str, int] | None = None,
+    **how: Any,
 ) -> SearchSpec:
-    """Judge a search and lay it out; see `search`."""
+    """Judge a search and lay it out, see `search`; `how` is what `run_settings` takes."""
     if over not in grid:
         raise ParameterError(f"over = {over!r}: must be one of the axes ({', '.join(grid)})")
     if ask not in ASKS:
@@ -193,9 +191,7 @@ def make_spec(
     length = None if paths is None else path_length(**paths)
     if length is not None:
         length.check(others.size)
-    periods = check_count("periods", periods)
-    longest = check_max_periods(periods, max_periods)
-    return SearchSpec(others, question, periods, longest, check_rtol(rtol), followed, length)
+    return SearchSpec(others, question, run_settings(**how), followed, length)
 
 
 def run_search(spec: SearchSpec, options: Options) -> xr.Dataset:

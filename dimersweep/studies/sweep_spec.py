@@ -16,23 +16,29 @@ from dimersweep.kernel.batch import Workspace, is_stopped
 from dimersweep.parameters import check_count, check_rtol, check_switch
 from dimersweep.runs.shadows import certified
 from dimersweep.studies.strobes import MAX_STROBES, add_strobes, strobe_fields
-from dimersweep.work.tiles import SLOW_MODES, around, run_patiently
+from dimersweep.work.tiles import SLOW_MODES, RunSettings, around, run_patiently
 
 CERTIFIED = np.dtype([*RESULT.descr, ("confidence", "<i8"), ("error_estimate", "<f8")])  # result of a certified point
 
 
-def check_max_periods(periods: int, max_periods: int | None) -> int:
-    """The longest run of a point: `periods` where nothing is given.
+def run_settings(
+    *, periods: int, max_periods: int | None = None, rtol: float = 1e-8, stop_when_settled: bool = True
+) -> RunSettings:
+    """Settings of runs from what a user gives, see `sweep`.
 
     Raises
     ------
     ParameterError
-        If it is shorter than that.
+        Naming what is not allowed.
     """
+    periods = check_count("periods", periods)
     longest = periods if max_periods is None else check_count("max_periods", max_periods)
     if longest < periods:
         raise ParameterError(f"max_periods = {longest}: must be >= periods = {periods}")
-    return longest
+    settles = check_switch("stop_when_settled", stop_when_settled)
+    if longest > periods and not settles:
+        raise ParameterError(f"max_periods = {longest}: is for runs that stop when they have settled")
+    return RunSettings(periods, longest, check_rtol(rtol), settles)
 
 
 @dataclass(frozen=True)
@@ -43,26 +49,17 @@ class Spec:
     ----------
     grid : Grid or Points
         The points.
-    periods : int
-        Forcing periods each point may take.
-    rtol : float
-        Accuracy [1].
-    stop_when_settled : bool
-        Whether a point stops as soon as its motion has settled and its numbers stand (docs/stopping.md).
+    how : RunSettings
+        How long each point is run, and how accurately.
     certify : bool
         Whether it is tried how sure each mode is.
     strobes : int
         Forcing periods after the run whose starts are kept, see `add_strobes`; 0 for none.
-    max_periods : int
-        Forcing periods that a point may take if its motion has not settled by then, see `run_patiently`.
     """
 
     grid: AnyGrid
-    periods: int
-    rtol: float
-    stop_when_settled: bool
+    how: RunSettings
     certify: bool
-    max_periods: int
     strobes: int = 0
 
     summary = "sweep of a 3D dimer on a vibrating plate"
@@ -82,15 +79,14 @@ class Spec:
         """See `Work`: until one has used all its periods, so that quick points do not go on for long with slow ones."""
         out, codes = blank(points.size)
         rows = self.grid.rows_at(points)
-        how = self.periods, self.max_periods, self.rtol, self.stop_when_settled
-        done = run_patiently(rows, *how, out, codes, until=SLOW_MODES, space=space)
+        done = run_patiently(rows, self.how, out, codes, until=SLOW_MODES, space=space)
         results["out"][:done], results["codes"][:done] = out[:done], codes[:done]
         if self.certify:
             results["confidence"][:done], results["error_estimate"][:done] = certified(
-                rows[:done], *how, out[:done], codes[:done], space
+                rows[:done], self.how, out[:done], codes[:done], space
             )
         if self.strobes:
-            add_strobes(rows[:done], self.rtol, results[:done], space)
+            add_strobes(rows[:done], self.how.rtol, results[:done], space)
         if (self.certify or self.strobes) and is_stopped(space):
             return 0  # some of it may be missing
         return done
@@ -103,13 +99,13 @@ class Spec:
     def configuration(self) -> dict[str, Any]:
         """All that decides the numbers, as plain numbers, lists and strings, with the version of the kernel."""
         settings = self.grid.configuration() | {
-            "periods": self.periods,
-            "rtol": self.rtol,
-            "stop_when_settled": self.stop_when_settled,
+            "periods": self.how.periods,
+            "rtol": self.how.rtol,
+            "stop_when_settled": self.how.stop_when_settled,
             "kernel_version": kernel_version(),
         }
-        if self.max_periods > self.periods:
-            settings["max_periods"] = self.max_periods
+        if self.how.max_periods > self.how.periods:
+            settings["max_periods"] = self.how.max_periods
         if self.certify:
             settings["certify"] = True
         if self.strobes:
@@ -145,14 +141,11 @@ def make_spec(
     fixed: Mapping[str, Any] | None = None,
     *,
     points: Any = None,
-    periods: int,
-    rtol: float = 1e-8,
-    stop_when_settled: bool = True,
     certify: bool = False,
-    max_periods: int | None = None,
     strobes: int = 0,
+    **how: Any,
 ) -> Spec:
-    """A spec from what a user gives, see `sweep`.
+    """A spec from what a user gives, see `sweep`; `how` is what `run_settings` takes.
 
     Raises
     ------
@@ -162,12 +155,7 @@ def make_spec(
     if (axes is None) == (points is None):
         raise ParameterError("grid: give either a grid or points")
     grid: AnyGrid = make_points(points, fixed) if axes is None else make_grid(axes, fixed)
-    periods = check_count("periods", periods)
-    longest = check_max_periods(periods, max_periods)
-    settles, sure = check_switch("stop_when_settled", stop_when_settled), check_switch("certify", certify)
-    if longest > periods and not settles:
-        raise ParameterError(f"max_periods = {longest}: is for runs that stop when they have settled")
     kept = 0 if strobes == 0 else check_count("strobes", strobes)
     if grid.size * kept > MAX_STROBES:
         raise ParameterError(f"strobes = {kept}: of {grid.size} points; one cube may hold {MAX_STROBES} strobes")
-    return Spec(grid, periods, check_rtol(rtol), settles, sure, longest, kept)
+    return Spec(grid, run_settings(**how), check_switch("certify", certify), kept)

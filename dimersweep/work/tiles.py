@@ -91,12 +91,18 @@ def lengths(periods: int, max_periods: int) -> Iterator[int]:
         yield periods
 
 
+class RunSettings(NamedTuple):
+    """How long and how accurate the runs of points are; see `run_patiently`."""
+
+    periods: int  # forcing periods of the first run of a point
+    max_periods: int  # and of the longest
+    rtol: float  # accuracy [1]
+    stop_when_settled: bool = True  # whether a run ends as soon as its motion has settled and its numbers stand
+
+
 def run_patiently(
     rows: np.ndarray,
-    periods: int,
-    max_periods: int,
-    rtol: float,
-    settle: bool,
+    how: RunSettings,
     out: np.ndarray,
     codes: np.ndarray,
     until: int = 0,
@@ -109,17 +115,17 @@ def run_patiently(
 
     Parameters
     ----------
-    rows, rtol, settle, out, codes, until, space
+    rows, out, codes, until, space
         See ``kernel.batch.run_rows``.
-    periods, max_periods : int
-        Forcing periods of the first run of a point, and of the longest.
+    how : RunSettings
 
     Returns
     -------
     int
         Number of points made.
     """
-    first, *longer = lengths(periods, max_periods)
+    rtol, settle = how.rtol, how.stop_when_settled
+    first, *longer = lengths(how.periods, how.max_periods)
     made = run_many(rows, first, rtol, settle, out, codes, until=until | 1 << M_UNRESOLVED, space=space)
     last = slice(made - 1, made)
     for more in longer:
@@ -131,13 +137,13 @@ def run_patiently(
 
 
 def run_all_patiently(
-    rows: np.ndarray, periods: int, max_periods: int, rtol: float, settle: bool, space: Workspace | None = None
+    rows: np.ndarray, how: RunSettings, space: Workspace | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Results of all points by `run_patiently`: `out` and `codes`, blank from where the work was stopped."""
     out, codes = blank(len(rows))
     done, made = 0, 1
     while made and done < len(rows):
-        made = run_patiently(rows[done:], periods, max_periods, rtol, settle, out[done:], codes[done:], space=space)
+        made = run_patiently(rows[done:], how, out[done:], codes[done:], space=space)
         done += made
     return out, codes
 
