@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from dimersweep.cubes.grid import make_grid
 from dimersweep.cubes.points import make_points
 from dimersweep.errors import ParameterError
+from dimersweep.inputs import check_count, check_rtol
 from dimersweep.kernel.model.layout import ROW
-from dimersweep.parameters import RULES, Parameters, check, check_count, check_rtol, keeps_rules, updated
+from dimersweep.parameters import RULES, Parameters, check, keeps_rules, updated
 
 BAD = [
     ({"e": float("nan")}, "e = nan: must be finite"),

@@ -16,10 +16,11 @@ from blow import DESK
 from passage import N_PATH, P_END, YTIME, body_of, start_state, state_at
 from phases import N_OF_PHASE, TIME_UP, constants_of, integrator
 
+from dimersweep.inputs import RTOL_RANGE
 from dimersweep.kernel.course import ROW_CONTACT, new_workspace
 from dimersweep.kernel.model.layout import FREE, N_STATE
 from dimersweep.kernel.record import no_record
-from dimersweep.parameters import RTOL_RANGE, Parameters
+from dimersweep.parameters import Parameters
 from tests.checks.verbs import dimer, oracle_state
 from tests.oracle.body import DEFAULTS
 

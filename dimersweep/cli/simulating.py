@@ -45,7 +45,8 @@ def simulate(
         from dimersweep.storage.outputs import TABLES, check_output
 
         check_output(save, force=force, name="save", what="a run", endings=TABLES)
-    from dimersweep.parameters import Parameters, check_count, check_rtol, check_seconds
+    from dimersweep.inputs import check_count, check_rtol, check_seconds
+    from dimersweep.parameters import Parameters
     from dimersweep.work.progress import report_compiling
 
     # judged here as well, so that a typing error is reported before seconds of imports and compiling

@@ -12,19 +12,8 @@ from typing import Any
 import numpy as np
 
 from dimersweep.errors import ParameterError
-from dimersweep.parameters import (
-    DEGREES,
-    as_number,
-    as_numbers,
-    check,
-    check_count,
-    check_effect,
-    check_name,
-    fill_rows,
-    keeps_rules,
-    number,
-    units_taken,
-)
+from dimersweep.inputs import DEGREES, as_number, as_numbers, check_count, number, units_taken
+from dimersweep.parameters import check, check_effect, check_name, fill_rows, keeps_rules
 from dimersweep.symbols import BASE, ENDS, PARAMETERS
 
 MAX_POINTS = 50_000_000  # of an axis, and of a cube in memory: about 14 GB, see benchmarks/speed/memory.py

@@ -8,7 +8,8 @@ import numpy as np
 
 from dimersweep.cubes.grid import MAX_POINTS, Grid, as_fixed, fixed_values, refuse_twice
 from dimersweep.errors import ParameterError
-from dimersweep.parameters import as_numbers, check, check_name, fill_rows, keeps_rules, number
+from dimersweep.inputs import as_numbers, number
+from dimersweep.parameters import check, check_name, fill_rows, keeps_rules
 from dimersweep.symbols import PARAMETERS
 
 

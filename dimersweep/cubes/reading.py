@@ -10,8 +10,8 @@ from scipy.interpolate import CubicSpline
 
 from dimersweep.cubes.cube import names
 from dimersweep.errors import ParameterError
+from dimersweep.inputs import number
 from dimersweep.kernel.model.layout import M_DRIFT, MODES
-from dimersweep.parameters import number
 from dimersweep.symbols import BASE, PARAMETERS
 
 VALLEY = 5  # points on each side of a minimum that the spline goes through

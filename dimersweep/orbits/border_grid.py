@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.errors import OrbitError, ParameterError
+from dimersweep.inputs import as_numbers, check_rtol, number
 from dimersweep.orbits.bifurcation_curve import BifurcationCurve
 from dimersweep.orbits.curve import Curve, Found
 from dimersweep.orbits.finding import RTOL, checked, checked_spin
@@ -20,7 +21,7 @@ from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.poincare import OrbitLost
 from dimersweep.orbits.word import Sides
 from dimersweep.orbits.word_curve import WordCurve
-from dimersweep.parameters import as_numbers, check_effect, check_name, check_rtol, number
+from dimersweep.parameters import check_effect, check_name
 from dimersweep.symbols import PARAMETERS
 
 STRETCHES = 8  # in a line of points: shorter ones are not begun anew

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from dimersweep.errors import OrbitError, ParameterError
+from dimersweep.inputs import as_number, check_count
 from dimersweep.kernel.model.layout import D1, D2, N1, N2, N_STATE, PERIOD, PHASE
 from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES
 from dimersweep.orbits.finding import RTOL, centred, checked
@@ -15,7 +16,6 @@ from dimersweep.orbits.kinds.fold import FOLD
 from dimersweep.orbits.newton import solve
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import OrbitLost, ReturnMap, Tape
-from dimersweep.parameters import as_number, check_count
 from dimersweep.runs.run import Run
 from dimersweep.runs.simulating import simulate
 

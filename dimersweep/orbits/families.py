@@ -15,6 +15,7 @@ from scipy.interpolate import BarycentricInterpolator, CubicSpline
 from scipy.optimize import brentq
 
 from dimersweep.errors import OrbitError, ParameterError
+from dimersweep.inputs import as_number, check_count, check_rtol
 from dimersweep.kernel.model.layout import PERIOD, PHASE, SPIN
 from dimersweep.orbits.finding import RTOL, checked, checked_spin, orbit_at
 from dimersweep.orbits.following import Trace, traced
@@ -26,7 +27,6 @@ from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.passage import Passage
 from dimersweep.orbits.poincare import OrbitLost, ReturnMap
 from dimersweep.orbits.specials import JOINED
-from dimersweep.parameters import as_number, check_count, check_rtol
 
 FAMILY_REACH = 0.05  # distance from where the family leads, in units of the section
 BRANCH_POINTS = 60  # of a branch from one spin to the next, where Newton's method does not get there at once

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from dimersweep.errors import OrbitError, ParameterError
+from dimersweep.inputs import as_number, check_count, check_rtol
 from dimersweep.kernel.model.layout import ROW
 from dimersweep.orbits.ball import ball_fold
 from dimersweep.orbits.guesses import of_ball, of_run, rolled_up
@@ -15,16 +16,7 @@ from dimersweep.orbits.newton import Fixed, solve, system
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.passage import TURN
 from dimersweep.orbits.poincare import OrbitLost, ReturnMap, Tape
-from dimersweep.parameters import (
-    Parameters,
-    as_number,
-    check_count,
-    check_level,
-    check_name,
-    check_rtol,
-    updated,
-    value_of,
-)
+from dimersweep.parameters import Parameters, check_level, check_name, updated, value_of
 from dimersweep.runs.run import Run
 
 RTOL = 1e-12

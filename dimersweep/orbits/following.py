@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.errors import ParameterError
+from dimersweep.inputs import as_number, check_count
 from dimersweep.orbits.branch import Axis, Point, corrected, in_each_section, in_own_section, point_of
 from dimersweep.orbits.kinds import Kind
 from dimersweep.orbits.kinds.flip import FLIP
@@ -17,7 +18,7 @@ from dimersweep.orbits.manifold import creep_of
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import OrbitLost, Tape
 from dimersweep.orbits.specials import Leap, Special, doubled, specials
-from dimersweep.parameters import as_number, check_count, check_effect, check_name, value_of
+from dimersweep.parameters import check_effect, check_name, value_of
 from dimersweep.symbols import PARAMETERS
 
 FIRST_STEP, LARGEST_STEP, SMALLEST_STEP, GROWTH = (

@@ -4,12 +4,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from dimersweep.inputs import check_count
 from dimersweep.kernel.model.layout import DI_ENDS, GAMMA, PERIOD, PHASE, THETA, X1, Y1
 from dimersweep.orbits.manifold import Creep, creep_at, multipliers_of
 from dimersweep.orbits.newton import Fixed
 from dimersweep.orbits.passage import TURN, Strike, strike_of
 from dimersweep.orbits.word import word_of
-from dimersweep.parameters import check_count
 from dimersweep.runs.run import Run, as_run
 from dimersweep.runs.solving import solve
 from dimersweep.runs.starting import start_of

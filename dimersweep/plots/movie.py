@@ -20,7 +20,8 @@ from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
 from dimersweep.errors import ParameterError, StoreError
-from dimersweep.parameters import as_number, check_count, dimer_from
+from dimersweep.inputs import as_number, check_count
+from dimersweep.parameters import dimer_from
 from dimersweep.plots.style import entitle
 from dimersweep.storage.files import disk_errors, put, replacing
 from dimersweep.storage.outputs import check_ending, check_writable

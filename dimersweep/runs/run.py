@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.errors import ParameterError
+from dimersweep.inputs import as_number, as_numbers, check_count
 from dimersweep.kernel.model.layout import (
     CODE_STATUS,
     CODE_WORDS,
@@ -23,7 +24,7 @@ from dimersweep.kernel.model.layout import (
     STATUS_MESSAGES,
     RunNumbers,
 )
-from dimersweep.parameters import Parameters, as_number, as_numbers, check_count
+from dimersweep.parameters import Parameters
 from dimersweep.runs.outcome import Orbit
 from dimersweep.runs.recorded import RunRecord, events_of, states_of
 from dimersweep.runs.shadows import NUDGE, bounds, nudged, nudged_state, shadow_rtol

@@ -17,6 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 import xarray as xr
 
+from dimersweep.inputs import RTOL_RANGE
 from dimersweep.kernel.batch import Workspace
 from dimersweep.kernel.model.layout import (
     CODE_MODE,
@@ -31,7 +32,6 @@ from dimersweep.kernel.model.layout import (
     ROW,
 )
 from dimersweep.kernel.model.plate import phases_later
-from dimersweep.parameters import RTOL_RANGE
 from dimersweep.symbols import EVENTS, STATES
 from dimersweep.work.tiles import RunSettings, run_all_patiently
 

@@ -5,16 +5,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from dimersweep.errors import ParameterError
+from dimersweep.inputs import check_count, check_rtol, check_seconds, check_switch
 from dimersweep.kernel.batch import Workspace
-from dimersweep.parameters import (
-    Parameters,
-    check_count,
-    check_name,
-    check_rtol,
-    check_seconds,
-    check_switch,
-    updated,
-)
+from dimersweep.parameters import Parameters, check_name, updated
 from dimersweep.runs.run import Run, as_run
 from dimersweep.runs.solving import check_recorded, solve
 from dimersweep.runs.starting import INITIAL, is_point, kernel_start, named, parameters_of, start_of

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dimersweep.errors import ParameterError
+from dimersweep.inputs import check_count
 from dimersweep.kernel.course import Workspace, new_workspace
 from dimersweep.kernel.model.body import dimer_of, dip_of, slip_at
 from dimersweep.kernel.model.layout import (
@@ -31,7 +32,7 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES, no_record
 from dimersweep.kernel.return_map import advance
-from dimersweep.parameters import check_count, check_level
+from dimersweep.parameters import check_level
 from dimersweep.runs.recorded import RunRecord, period_rows
 from dimersweep.runs.run import Run
 

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.errors import ParameterError, unknown
+from dimersweep.inputs import as_number, number
 from dimersweep.kernel.batch import N_START
 from dimersweep.kernel.model.body import rise_at
 from dimersweep.kernel.model.layout import (
@@ -29,7 +30,7 @@ from dimersweep.kernel.model.layout import (
     Dimer,
 )
 from dimersweep.kernel.model.plate import motion
-from dimersweep.parameters import as_number, dimer_from, number
+from dimersweep.parameters import dimer_from
 from dimersweep.symbols import BASE, INSTEAD, PARAMETERS, STATES
 
 CLOSED_GAP = 1e-12  # a gap this far below zero is a closed one [m]

@@ -18,8 +18,8 @@ import numpy as np
 
 import dimersweep
 from dimersweep.errors import ParameterError
+from dimersweep.inputs import as_number
 from dimersweep.kernel import kernel_version
-from dimersweep.parameters import as_number
 from dimersweep.symbols import Picture
 
 CUBE_FORMAT = "1"

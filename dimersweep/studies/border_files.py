@@ -16,13 +16,14 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from dimersweep.cubes.grid import axis
 from dimersweep.errors import OrbitError, ParameterError, Stopped, unknown
+from dimersweep.inputs import check_count
 from dimersweep.kernel import kernel_version
 from dimersweep.orbits.border_grid import border
 from dimersweep.orbits.families import family, spin_range
 from dimersweep.orbits.finding import checked, checked_spin, find
 from dimersweep.orbits.following import follow
 from dimersweep.orbits.kinds import BORDER_KINDS
-from dimersweep.parameters import check_count, check_name, value_of
+from dimersweep.parameters import check_name, value_of
 from dimersweep.storage.cubefiles import write_cube
 from dimersweep.storage.outputs import TABLES, check_ending, check_output
 from dimersweep.storage.provenance import attributes

@@ -12,7 +12,8 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from dimersweep.cubes.grid import axis, fixed_value
 from dimersweep.errors import ParameterError, unknown
-from dimersweep.parameters import check, check_count, check_rtol
+from dimersweep.inputs import check_count, check_rtol
+from dimersweep.parameters import check
 from dimersweep.storage.outputs import check_ending
 from dimersweep.studies import search as searching
 from dimersweep.studies import sweep_spec

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from dimersweep.errors import ParameterError
+from dimersweep.inputs import check_count
 from dimersweep.kernel.batch import Workspace
-from dimersweep.parameters import Parameters, check_count
+from dimersweep.parameters import Parameters
 from dimersweep.runs.simulating import follow
 from dimersweep.runs.solving import MAX_RECORDED
 

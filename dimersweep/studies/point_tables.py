@@ -12,7 +12,7 @@ import numpy as np
 from dimersweep.cubes.grid import axis
 from dimersweep.cubes.points import MAX_POINTS
 from dimersweep.errors import ParameterError, one_line
-from dimersweep.parameters import check_count
+from dimersweep.inputs import check_count
 
 SAMPLES = ("random", "latin_hypercube", "sobol")
 

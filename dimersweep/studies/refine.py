@@ -12,7 +12,8 @@ import xarray as xr
 from dimersweep.cubes.cube import label_variable
 from dimersweep.cubes.grid import Grid, finer
 from dimersweep.errors import ParameterError
-from dimersweep.parameters import as_number, check, check_count
+from dimersweep.inputs import as_number, check_count
+from dimersweep.parameters import check
 from dimersweep.studies.deciding import SearchSpec
 from dimersweep.studies.making import complete_cube, unfinished_cube
 from dimersweep.studies.options import Given, Options, make_options

@@ -25,8 +25,8 @@ from dimersweep.cubes.results import (
     runs,
 )
 from dimersweep.errors import ParameterError
+from dimersweep.inputs import check_count
 from dimersweep.kernel.model.layout import CODE_MODE, M_NOT_RUN, MODES
-from dimersweep.parameters import check_count
 from dimersweep.studies.deciding import (
     A_NOT_RUN,
     A_UNSURE,

@@ -10,7 +10,7 @@ import xarray as xr
 from dimersweep.cubes.cube import build, flatten
 from dimersweep.cubes.results import beyond, blank_results, not_ok
 from dimersweep.errors import ParameterError
-from dimersweep.parameters import check_count
+from dimersweep.inputs import check_count
 from dimersweep.storage.provenance import check_attrs
 from dimersweep.studies.making import complete_cube, unfinished_cube
 from dimersweep.studies.options import Given, Options, make_options

@@ -11,9 +11,9 @@ from dimersweep.cubes.grid import make_grid
 from dimersweep.cubes.points import AnyGrid, make_points
 from dimersweep.cubes.results import RESULT, Bundle
 from dimersweep.errors import ParameterError
+from dimersweep.inputs import check_count, check_rtol, check_switch
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import Workspace, is_stopped
-from dimersweep.parameters import check_count, check_rtol, check_switch
 from dimersweep.runs.shadows import certified
 from dimersweep.studies.strobes import MAX_STROBES, add_strobes, strobe_fields
 from dimersweep.work.tiles import SLOW_MODES, RunSettings, around, run_patiently

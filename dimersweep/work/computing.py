@@ -11,8 +11,8 @@ from dask.system import CPU_COUNT
 from dimersweep.cubes.points import AnyGrid
 from dimersweep.cubes.results import Finished, Tile, not_ok, tally
 from dimersweep.errors import PointError, Stopped, UnfinishedError
+from dimersweep.inputs import check_count
 from dimersweep.kernel.model.layout import CODE_STATUS, STATUS_MESSAGES, STATUSES
-from dimersweep.parameters import check_count
 from dimersweep.storage.memorystore import MemoryStore
 from dimersweep.storage.shelf import Shelf
 from dimersweep.storage.tilestore import TileStore
