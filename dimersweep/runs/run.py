@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class Run(RunNumbers):
-    """One simulation.
+    """One simulation; its numbers, and those of its orbit, are columns of every cube, too.
 
     Attributes
     ----------
