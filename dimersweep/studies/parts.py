@@ -20,6 +20,10 @@ def parts_of(out: Path) -> Beside:
     return Beside(out, ".parts", r"part-.*\.nc")
 
 
+def _part(beside: Beside, name: str) -> Path:
+    return beside.path / f"part-{name}.nc"
+
+
 class Parts:
     """What is finished of a file, a part for each name; see `parts_beside`.
 
@@ -35,20 +39,15 @@ class Parts:
         self.beside = None if out is None else parts_of(out)
         self.configured = configured(configuration)
 
-    def path(self, name: str) -> Path | None:
-        """Where a part is kept."""
-        return None if self.beside is None else self.beside.path / f"part-{name}.nc"
-
     def has(self, name: str) -> bool:
         """Whether a part is there."""
-        path = self.path(name)
-        return path is not None and path.is_file()
+        return self.beside is not None and _part(self.beside, name).is_file()
 
     def take(self, name: str, make: Callable[[], xr.Dataset]) -> xr.Dataset:
         """A part: read if it is there and sound, or made and kept."""
-        path = self.path(name)
-        if self.beside is None or path is None:
+        if self.beside is None:
             return make()
+        path = _part(self.beside, name)
         part = self._kept(path)
         if part is None:
             write_cube(make().assign_attrs(self.configured), path, force=True, scratch=self.beside.scratch)
@@ -86,7 +85,7 @@ def parts_beside(out: Path | None, configuration: Mapping[str, Any], *, force: b
     if parts.beside is None:
         yield parts
         return
-    with parts.beside.claimed(configuration, 1, force=force):
+    with parts.beside.claimed(configuration, 1, force=force):  # parts are not listed: each has its configuration in it
         try:
             yield parts
         except BaseException:
