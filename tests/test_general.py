@@ -13,10 +13,11 @@ from scipy.optimize import brentq
 from dimersweep import simulate
 from dimersweep.kernel.contact.coordinates import N_Y
 from dimersweep.kernel.contact.forces import COMPLIANCE, N_F
+from dimersweep.kernel.model.body import dimer_of
 from dimersweep.kernel.model.layout import CB, D1, D2, N_STATE, SPIN, STICK, THETA, WP, X1, Y1
 from tests.checks.launch import launch
 from tests.checks.scenes import COLUMNS, SCALE
-from tests.checks.verbs import as_dimer, contact_rates, contact_state, dimer, kinetic_energy, levers, row_of
+from tests.checks.verbs import contact_rates, contact_state, dimer, kinetic_energy, levers, row_of
 
 REFERENCE = Path(os.environ.get("DIMERSWEEP_SHARED", Path(__file__).parents[2] / "shared")) / "reference"
 
@@ -219,7 +220,7 @@ ROLLING = {name: value for name, value in PARTS.items() if not name.startswith("
 def rolling(scene, omega):
     """A dimer on both ends that rolls about its line of contact at the rate `omega`, and its constants."""
     row = row_of(**scene)
-    dm = as_dimer(row)
+    dm = dimer_of(row)
     p = levers(dm, -1.0, dm.sin_0, dm.cos_0)
     state = np.zeros(N_STATE)
     state[WP], state[SPIN] = -omega * dm.sin_0, omega * dm.cos_0

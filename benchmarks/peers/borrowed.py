@@ -7,7 +7,7 @@ from dimersweep.kernel.compiler.jit import exported
 from dimersweep.kernel.contact.contact_mode import INCONSISTENT
 from dimersweep.kernel.course import NO, ROW_CONTACT, YES, motion_of
 from dimersweep.kernel.event_loop import approaches, collide, force_impact
-from dimersweep.kernel.model.body import as_dimer
+from dimersweep.kernel.model.body import set_dimer
 from dimersweep.kernel.model.layout import D1, D2, FREE, N1, N2, OK, PHASE
 from dimersweep.kernel.smooth_motion import find_contact, no_slip
 
@@ -22,7 +22,8 @@ def settle(row, state, modes, lost, rtol, space, log):
     slip_tol : float
         Slip that counts as none [m/s].
     """
-    dm, motion = as_dimer(row), motion_of(state, modes, space.past, space)
+    dm, motion = space.dimer, motion_of(state, modes, space.past, space)
+    set_dimer(row, dm)
     y, dy, F = motion.contact, motion.rates, motion.forces
     for _ in range(20):
         if approaches(state):

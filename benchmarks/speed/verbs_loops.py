@@ -165,13 +165,13 @@ def loop(verb, rows, scene, states, modes, option, rtol, turns, space, record, a
     motion = motion_of(space.state, space.modes, space.past, space)
     state, mode, work = motion.state, motion.modes, motion.work
     ask = Ask(1, rtol, rtol, False, False)
-    dm = body.as_dimer(rows[0])
+    dm = space.dimer
     for _ in range(turns):
         last = -1
         for k in range(scene.shape[0]):
             if scene[k] != last:
                 last = scene[k]
-                dm = body.as_dimer(rows[last])
+                body.set_dimer(rows[last], dm)
             copy(states[k], state, N_STATE)
             mode[0], mode[1] = modes[k, 0], modes[k, 1]
             answer = 0.0

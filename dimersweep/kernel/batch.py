@@ -7,7 +7,7 @@ import numpy as np
 from dimersweep.kernel.compiler.jit import compiled, exported
 from dimersweep.kernel.course import Ask, Workspace, motion_of, new_workspace
 from dimersweep.kernel.event_loop import evolve, start_state
-from dimersweep.kernel.model.body import as_dimer
+from dimersweep.kernel.model.body import set_dimer
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import (
     CA,
@@ -81,8 +81,9 @@ def run_rows(rows, starts, ask, until, out, codes, space, record):
     run = motion_of(space.state, space.modes, space.past, space)
     later = motion_of(space.later_state, space.later_modes, space.later_past, space)
     twin = motion_of(space.twin_state, space.twin_modes, space.later_past, space)
+    dm = space.dimer
     for k in range(rows.shape[0]):
-        dm = as_dimer(rows[k])
+        set_dimer(rows[k], dm)
         begin_run(dm, rows[k], starts, k, run)
         run_to_verdict(dm, ask, run, record, out[k], codes[k])
         if codes[k, CODE_MODE] == M_UNRESOLVED and ask.periods >= EVIDENCE:

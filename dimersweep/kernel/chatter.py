@@ -19,7 +19,7 @@ from dimersweep.kernel.contact.contact_mode import CLOSED, contact_mode
 from dimersweep.kernel.contact.coordinates import YUA, YUB, contact_state
 from dimersweep.kernel.contact.forces import A1, A2, F1, F2, L1, L2, double_forces
 from dimersweep.kernel.impact.impact import apply_impulse
-from dimersweep.kernel.model.body import attitude, delassus, end, level_levers, levers, pair_of, reach, rise_of_centre
+from dimersweep.kernel.model.body import attitude, delassus, end, level_levers, levers, reach, rise_of_centre
 from dimersweep.kernel.model.friction import length, slip_force
 from dimersweep.kernel.model.layout import (
     CA,
@@ -213,7 +213,7 @@ def close_one(dm, state, modes, i, y):
 @compiled
 def close_both(dm, state, modes, y, F):
     """Cancel both gap rates by impulses with the friction of the contact modes."""
-    double_forces(dm, pair_of(dm), modes, y, state[N1], state[N2], 0.0, 0.0, F)
+    double_forces(dm, modes, y, state[N1], state[N2], 0.0, 0.0, F)
     p, q = level_levers(dm)
     apply_impulse(dm, state, p, F[F1], F[A1], F[L1])
     apply_impulse(dm, state, q, F[F2], F[A2], F[L2])

@@ -5,8 +5,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.compiler.records import new_record
 from dimersweep.kernel.contact.step_control import STEP_ROWS
-from dimersweep.kernel.model.layout import N_ROW, N_STATE, OK
+from dimersweep.kernel.model.layout import N_ROW, N_STATE, OK, Dimer
 from dimersweep.kernel.numerics.meter import METER, has_no_bound
 from dimersweep.kernel.verdict.past import PAST_COLUMNS, PAST_ROWS
 
@@ -72,7 +73,9 @@ class Workspace(NamedTuple):
     twin_modes: Any
     strobe: Any
     past: Any
-    row: Any  # parameters of a plate whose phase is shifted
+    dimer: Any  # that of the run, and one on a plate whose phase is shifted, with its parameters
+    later_dimer: Any
+    row: Any
     work: Any
 
 
@@ -88,6 +91,8 @@ def new_workspace() -> Workspace:
         twin_modes=np.zeros(2),
         strobe=np.zeros(4),
         past=np.zeros((PAST_ROWS, PAST_COLUMNS)),
+        dimer=new_record(Dimer),
+        later_dimer=new_record(Dimer),
         row=np.zeros(N_ROW),
         work=has_no_bound(np.zeros((WORK_ROWS, WORK_COLUMNS))),
     )

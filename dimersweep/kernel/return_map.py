@@ -3,7 +3,7 @@
 from dimersweep.kernel.compiler.jit import exported
 from dimersweep.kernel.course import Ask, motion_of
 from dimersweep.kernel.event_loop import evolve
-from dimersweep.kernel.model.body import as_dimer
+from dimersweep.kernel.model.body import set_dimer
 from dimersweep.kernel.model.layout import PERIOD
 from dimersweep.kernel.record import clear_counts
 from dimersweep.kernel.verdict.past import begin_past
@@ -39,5 +39,6 @@ def advance(row, state, modes, periods, rtol, path, space, record):
     clear_counts(record.counts)
     state[PERIOD] = 0.0
     ask = Ask(periods, rtol, rtol, False, path)
-    status, _ = evolve(as_dimer(row), ask, motion_of(state, modes, space.past, space), record)
+    set_dimer(row, space.dimer)
+    status, _ = evolve(space.dimer, ask, motion_of(state, modes, space.past, space), record)
     return status

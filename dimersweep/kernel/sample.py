@@ -23,7 +23,7 @@ from dimersweep.kernel.contact.phase import sustain_contact
 from dimersweep.kernel.course import ROW_TRIAL, SLIP_TOL, YES, Ask, motion_of
 from dimersweep.kernel.event_loop import evolve
 from dimersweep.kernel.flight.free_motion import fly, take_off
-from dimersweep.kernel.model.body import TWO_PI, as_dimer
+from dimersweep.kernel.model.body import TWO_PI, set_dimer
 from dimersweep.kernel.model.layout import CB, CONTACT_STEPS, FREE, N1, N_ROW, N_STATE, OK, PERIOD, PHASE, STOPPED
 from dimersweep.kernel.model.plate import start_later
 from dimersweep.kernel.numerics.meter import is_to_stop, set_bound
@@ -63,8 +63,8 @@ def sample(row, segments, which, phases, rtol, space, record, states, modes):
     int
         OK or the reason why not; the other times are sampled all the same.
     """
-    dm = as_dimer(row)
-    worst = OK
+    dm, worst = space.dimer, OK
+    set_dimer(row, dm)
     for k in range(phases.shape[0]):
         segment, state = segments[which[k]], states[k]
         copy(segment, state, N_STATE)
@@ -75,7 +75,7 @@ def sample(row, segments, which, phases, rtol, space, record, states, modes):
         status = OK
         if 0.0 <= span < HOPS_LAST * segment[SEGMENT_HOP_TIME]:
             copy(row, space.row, N_ROW)
-            status = follow_hops(dm, space.row, segment, motion, span, rtol, record)
+            status = follow_hops(dm, space.later_dimer, space.row, segment, motion, span, rtol, record)
         elif span > 0.0 and modes[k, 0] == FREE and modes[k, 1] == FREE:
             fly(dm, take_off(dm, state), state, span, True)
         elif span > 0.0:
@@ -88,10 +88,11 @@ def sample(row, segments, which, phases, rtol, space, record, states, modes):
 
 
 @compiled
-def follow_hops(dm, row, segment, motion, span, rtol, record):
+def follow_hops(dm, later_dm, row, segment, motion, span, rtol, record):
     """Move the state on by a time from the close of a chatter, through the hops that were summed there; returns a status.
 
-    The plate's phase is counted anew, so that a forcing period ends at the time wanted; the row changes accordingly.
+    The plate's phase is counted anew, so that a forcing period ends at the time wanted; the row changes accordingly, and
+    `later_dm` is filled in from it.
     """
     state, modes = motion.state, motion.modes
     for k in range(N1, CB + 1):
@@ -105,7 +106,8 @@ def follow_hops(dm, row, segment, motion, span, rtol, record):
     state[PHASE], state[PERIOD] = TWO_PI - dm.omega * span, 0.0
     start_later(row, start - state[PHASE])
     begin_past(motion.past)
-    status, _ = evolve(as_dimer(row), Ask(1, rtol, rtol**3, False, True), motion, record)
+    set_dimer(row, later_dm)
+    status, _ = evolve(later_dm, Ask(1, rtol, rtol**3, False, True), motion, record)
     state[PHASE], state[PERIOD] = start + dm.omega * span, periods
     return status
 

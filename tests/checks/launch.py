@@ -7,11 +7,11 @@ import numpy as np
 from dimersweep.kernel import event_loop
 from dimersweep.kernel.compiler.jit import exported
 from dimersweep.kernel.course import Ask, motion_of, new_workspace
+from dimersweep.kernel.model.body import dimer_of
 from dimersweep.kernel.model.layout import ROW_BETA0, ROW_THETA0, ROW_XDOT0, STATUSES
 from dimersweep.kernel.record import EVENT, EVENT_COUNT, new_record, no_record, rows_of
 from dimersweep.kernel.verdict import past
 from tests.checks.examine import look_at
-from tests.checks.verbs import as_dimer
 
 
 @exported
@@ -30,7 +30,7 @@ def begin(dm, row, state):
 
 def last_state(row, periods, rtol, close):
     """Status, number of events and last state of a scene whose chatters are closed with an accuracy of their own."""
-    dm, space, record = as_dimer(row), new_workspace(), no_record()
+    dm, space, record = dimer_of(row), new_workspace(), no_record()
     begin(dm, row, space.state)
     status = evolve(dm, Ask(periods, rtol, close, False, True), space.state, space, record)
     return status, record.counts[EVENT_COUNT], space.state
@@ -58,5 +58,5 @@ class Launched(NamedTuple):
 def launch(row, state, periods, rtol=1e-8, rows=20_000):
     """Run the dimer of a parameter row from a kernel state for some forcing periods."""
     state, record = state.copy(), new_record(rows, 200)
-    status = evolve(as_dimer(row), Ask(periods, rtol, rtol, False, True), state, new_workspace(), record)
+    status = evolve(dimer_of(row), Ask(periods, rtol, rtol, False, True), state, new_workspace(), record)
     return Launched(row, rtol, STATUSES[status], state, *rows_of(record))

@@ -39,8 +39,8 @@ from tests.checks.cached import compiled
 
 
 @compiled
-def as_dimer(row):
-    return body.as_dimer(row)
+def set_pair(dm):
+    body.set_pair(dm)
 
 
 @compiled
@@ -154,11 +154,6 @@ def end_law(dm, s, beta):
 
 
 @compiled
-def double_law(dm):
-    return impact.double_law(dm, dm.p1.e, dm.p2.e)
-
-
-@compiled
 def collide_single(dm, state, s, V, tol, work, log):
     return impact.single_impact(dm, state, number(s), V, tol, work, log)
 
@@ -209,13 +204,13 @@ def outward_slip(drive_a, drive_b, k_a, k_b):
 
 
 @compiled
-def pair_friction(law, mode_1, mode_2, f_1, f_2, a, b_1, b_2):
-    return double_equations.friction(law, mode_1, mode_2, f_1, f_2, a, b_1, b_2)
+def pair_friction(dm, mode_1, mode_2, f_1, f_2, a, b_1, b_2):
+    return double_equations.friction(dm, mode_1, mode_2, f_1, f_2, a, b_1, b_2)
 
 
 @compiled
-def friction_slopes(law, mode_1, mode_2, z, g_1, g_2, J):
-    double_equations.friction_slopes(law, mode_1, mode_2, z, g_1, g_2, J)
+def friction_slopes(dm, mode_1, mode_2, z, g_1, g_2, J):
+    double_equations.friction_slopes(dm, mode_1, mode_2, z, g_1, g_2, J)
 
 
 @compiled
@@ -298,7 +293,7 @@ def row_of(**parameters):
 
 def dimer(**parameters):
     """The kernel's dimer; what is not named is the paper's base case (and mu_s = mu where mu alone is)."""
-    return as_dimer(row_of(**parameters))
+    return body.dimer_of(row_of(**parameters))
 
 
 def scratch():

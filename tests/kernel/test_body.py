@@ -5,7 +5,7 @@ from math import cos, pi, sin
 import numpy as np
 import pytest
 
-from tests.checks.verbs import contact_velocity, delassus, dimer, double_law, levers, oracle_state, state_of
+from tests.checks.verbs import contact_velocity, delassus, dimer, levers, oracle_state, state_of
 from tests.oracle import body
 
 BODIES = [{}, {"A_r": 2.0}, {"A_r": 4.3, "r": 3e-3, "rho_b": 2500.0, "rho_r": 2700.0, "D_r": 6e-3}, {"A_r": 9.0}]
@@ -84,10 +84,9 @@ def test_axial_stick_ratio_of_a_flat_dimer(A_r, mubar):
         w = delassus(dm, at(dm, s, 0.0), at(dm, s, 0.0))
         assert abs(w.an) / w.aa == pytest.approx(mubar, abs=5e-6)
         assert abs(w.an) / w.aa == pytest.approx(dm.p2.h * dm.p1.r / (dm.J_t / dm.m + dm.p1.r**2), rel=1e-14)
-    law = double_law(dm)
-    assert law.na_2 / law.aa == pytest.approx(mubar, abs=5e-6)
+    assert dm.pair.na_2 / dm.pair.aa == pytest.approx(mubar, abs=5e-6)
 
 
 def test_coupling_of_the_normals_changes_sign_between_aspect_ratios_4_and_5():
-    couplings = [double_law(dimer(A_r=A_r)).nn_12 for A_r in (3, 4, 5, 6)]
+    couplings = [dimer(A_r=A_r).pair.nn_12 for A_r in (3, 4, 5, 6)]
     assert [value > 0 for value in couplings] == [True, True, False, False]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from dimersweep.kernel.chatter import CLOSE_COST, SPREAD
+from dimersweep.kernel.model.body import dimer_of
 from dimersweep.kernel.model.layout import (
     CA,
     CB,
@@ -23,7 +24,6 @@ from dimersweep.kernel.model.layout import (
 from tests.checks.examine import STRICT, look_at, record
 from tests.checks.launch import last_state
 from tests.checks.random_scenes import scene_row
-from tests.checks.verbs import as_dimer
 
 pytestmark = pytest.mark.jit
 GROWTH = 10.0  # of the rate of faint hops in a period, with the weight on the end
@@ -46,7 +46,7 @@ def test_faint_hops_that_are_lost_cost_what_their_number_allows(number):
     followed, more, expected = last_state(row, 1, rtol, 1e-24)
     assert STATUSES[status] == STATUSES[followed] == "ok"
     assert more > 20 * events
-    off = np.abs(state - expected)[: Y1 + 1] / scales(as_dimer(row))[: Y1 + 1]
+    off = np.abs(state - expected)[: Y1 + 1] / scales(dimer_of(row))[: Y1 + 1]
     assert 0.0 < max(off[[N1, N2]]) < GROWTH * max(CLOSE_COST, SPREAD * events) * rtol
     assert off.max() < GROWTH * max(CLOSE_COST, SPREAD * events) * rtol
     assert max(off[[CA, CB, SPIN, THETA, X1, Y1]]) < 0.1 * max(off[[N1, N2]])  # the hops are about a mean motion

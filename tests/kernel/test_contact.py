@@ -302,7 +302,8 @@ def test_a_hold_just_lost_turns_into_slip_when_both_coefficients_agree(k):
 def test_two_ends_at_rest_share_the_axial_force_only(lateral):
     """Both stick if and only if |A| <= sqrt((mu_s f_1)^2 - L_1^2) + sqrt((mu_s f_2)^2 - L_2^2), both roots real."""
     dm = dimer(mu=0.05)
-    dm = dm._replace(p1=dm.p1._replace(mu_s=0.1, mu_h=0.1), p2=dm.p2._replace(mu_s=0.1, mu_h=0.1))
+    for p in (dm.p1, dm.p2):
+        p.mu_s = p.mu_h = 0.1
     codes = np.array([STICK, STICK], dtype=float)
     F = np.array([1.0, 0.0, 0.1 * lateral, 2.0, 0.0, 0.1 * lateral])
     room = np.sqrt(0.01 * np.array([1, 4]) - (0.1 * lateral) ** 2) if lateral < 1 else None

@@ -36,10 +36,10 @@ from tests.checks.verbs import (
     collide_double,
     contact_velocity,
     dimer,
-    double_law,
     kinetic_energy,
     oracle_state,
     scratch,
+    set_pair,
     state_of,
 )
 
@@ -100,6 +100,12 @@ def rates_apart(dm, qdot, expected, V):
     return np.abs((np.asarray(qdot) - expected) * lengths).max() / V
 
 
+def as_a_row_of_balls(dm):
+    """Give the dimer the transverse inertia at which its normals couple as in a row of three equal balls."""
+    dm.J_t, dm.it = dm.m * dm.p2.h**2 / 3, 3 / (dm.m * dm.p2.h**2)
+    set_pair(dm)
+
+
 @pytest.mark.parametrize(
     ("e", "eta", "expected", "digits"),
     [
@@ -114,10 +120,10 @@ def test_three_equal_balls(e, eta, expected, digits):
     The contacts 1-2 and 2-3 are p1 and p2; W_11 = 4/m = 2/(m/2) is that of balls of mass m/2.
     """
     dm = dimer(mu=0, e=e, eta=eta)
-    points = {"p1": dm.p1._replace(r=0.0), "p2": dm.p2._replace(r=0.0)}
-    dm = dm._replace(J_t=dm.m * dm.p2.h**2 / 3, it=3 / (dm.m * dm.p2.h**2), **points)
-    law = double_law(dm)
-    np.testing.assert_allclose((law.nn_1, law.nn_2, law.nn_12, law.na_1, law.na_2), (4, 4, -2, 0, 0), rtol=1e-15)
+    dm.p1.r = dm.p2.r = 0.0
+    as_a_row_of_balls(dm)
+    w = dm.pair
+    np.testing.assert_allclose((w.nn_1, w.nn_2, w.nn_12, w.na_1, w.na_2), (4, 4, -2, 0, 0), rtol=1e-15)
     state, _, log = strike(dm, flat(dm, -1.0, 0.0))
     ball = dm.m / 2
     P_1, P_2 = log[:, LOG_P1].sum(), log[:, LOG_P2].sum()
@@ -132,7 +138,7 @@ def test_three_equal_balls(e, eta, expected, digits):
 def test_an_end_that_lands_beside_one_at_rest_in_a_row_of_balls(e, expected):
     """Rebound of the end at rest, and of that which lands, in units of its speed."""
     dm = dimer(mu=0, e=e)
-    dm = dm._replace(J_t=dm.m * dm.p2.h**2 / 3, it=3 / (dm.m * dm.p2.h**2))
+    as_a_row_of_balls(dm)
     state, _, _ = strike(dm, flat(dm, 0.0, -1.0))
     np.testing.assert_allclose(state[[N1, N2]], expected, atol=6e-8)
 
@@ -221,7 +227,7 @@ def test_impulses_of_the_log_make_the_change_of_momentum():
 def test_an_end_at_rest_that_is_pressed_down_takes_an_impulse():
     """The spurious solution E_1 = 0 of the equations (6)-(7): p1 rests, p2 lands, their normals repel each other."""
     dm = dimer(A_r=6)
-    assert double_law(dm).nn_12 < 0
+    assert dm.pair.nn_12 < 0
     after, _, log = strike(dm, flat(dm, 0.0, -0.3, 0.0, 1.0, 1.0))
     assert log[:, LOG_P1].sum() > 0.01 * log[:, LOG_P2].sum()
     assert after[N1] > 0
@@ -229,11 +235,10 @@ def test_an_end_at_rest_that_is_pressed_down_takes_an_impulse():
 
 def test_an_end_at_rest_that_is_lifted_takes_none():
     dm = dimer(A_r=4, mu=0)
-    assert double_law(dm).nn_12 > 0
+    assert dm.pair.nn_12 > 0
     after, _, log = strike(dm, flat(dm, 0.0, -0.3))
     assert log[:, LOG_P1] == pytest.approx(0, abs=1e-16)
-    law = double_law(dm)
-    np.testing.assert_allclose(after[[N1, N2]], (1.6 * 0.3 * law.nn_12 / law.nn_1, 0.18), rtol=1e-14)
+    np.testing.assert_allclose(after[[N1, N2]], (1.6 * 0.3 * dm.pair.nn_12 / dm.pair.nn_1, 0.18), rtol=1e-14)
 
 
 def first_phase(dm, n_1, n_2):
@@ -245,9 +250,9 @@ def first_phase(dm, n_1, n_2):
 @pytest.mark.parametrize("A_r", [5.5, 6.0, 7.0])
 def test_two_ends_at_rest_hold_up_to_the_sum_of_their_limits(n_1, n_2, A_r):
     """Both hold if and only if |A| <= mu_s (f_1 + f_2), where A = W_an (f_2 - f_1) / W_aa and f_i ~ (-n_i)^(3/2)."""
-    law = double_law(dimer(A_r=A_r))
+    w = dimer(A_r=A_r).pair
     f_1, f_2 = (-n_1) ** 1.5, (-n_2) ** 1.5
-    limit = law.na_2 / law.aa * abs(f_2 - f_1) / (f_1 + f_2)
+    limit = w.na_2 / w.aa * abs(f_2 - f_1) / (f_1 + f_2)
     for factor, mode in ((1 + 1e-8, STICK), (1 - 1e-8, SLIP)):
         digits = first_phase(dimer(A_r=A_r, mu=0.5 * limit, mu_s=limit * factor), n_1, n_2)
         hit = [digit for digit, n in zip(digits, (n_1, n_2), strict=True) if n < 0]

@@ -13,7 +13,6 @@ from tests.checks.verbs import (
     contact_rates,
     delassus,
     dimer,
-    double_law,
     end_law,
     free_rates,
     friction_slopes,
@@ -69,7 +68,7 @@ def test_a_lasting_contact_is_held_by_its_own_coefficient():
     F[F2] = 2.0
     expected = (0.4**2 - 0.1**2) ** 0.5 + 0.8 - 0.3
     assert hold_reserve(dm, np.array([STICK, STICK], float), 0, F) == pytest.approx(expected, rel=1e-14)
-    assert (end_law(dm, -1.0, 0.2).mu_s, double_law(dm).p1.mu_s, double_law(dm).p2.mu_s) == (0.7, 0.7, 0.7)
+    assert (end_law(dm, -1.0, 0.2).mu_s, dm.p1.mu_s, dm.p2.mu_s) == (0.7, 0.7, 0.7)
 
 
 def contact(rng, both):
@@ -115,11 +114,10 @@ def test_the_contact_of_two_slipping_ends(seed):
 @seeds
 def test_the_friction_of_an_impact_at_both_ends(seed):
     rng, dm = scene(seed)
-    law = double_law(dm)
     f_1, f_2, a, b_1, b_2 = rng.uniform(0.1, 2.0), rng.uniform(0.1, 2.0), *rng.normal(size=3)
-    first, second = (slip_force(law.p1.mu, f, a / hypot(a, b), b / hypot(a, b)) for f, b in ((f_1, b_1), (f_2, b_2)))
+    first, second = (slip_force(dm.p1.mu, f, a / hypot(a, b), b / hypot(a, b)) for f, b in ((f_1, b_1), (f_2, b_2)))
     expected = first[0] + second[0], first[1], second[1]
-    np.testing.assert_allclose(pair_friction(law, SLIP, SLIP, f_1, f_2, a, b_1, b_2), expected, rtol=1e-13)
+    np.testing.assert_allclose(pair_friction(dm, SLIP, SLIP, f_1, f_2, a, b_1, b_2), expected, rtol=1e-13)
 
 
 @seeds
@@ -127,13 +125,13 @@ def test_the_friction_of_an_impact_at_both_ends(seed):
 def test_the_slopes_of_that_friction(seed, modes):
     """Against differences, with respect to (X_1, X_2, a, b_1, b_2)."""
     rng, dm = scene(seed)
-    law, z, J = double_law(dm), np.zeros(N_Z), np.zeros((3, 5))
+    z, J = np.zeros(N_Z), np.zeros((3, 5))
     z[[ZX1, ZX2]] = rng.uniform(0.5, 1.5, 2)
     z[[ZA, ZB1, ZB2]] = rng.normal(size=3)
-    friction_slopes(law, *modes, z, 1.5 * z[ZX1] ** 0.5, 1.5 * z[ZX2] ** 0.5, J)
+    friction_slopes(dm, *modes, z, 1.5 * z[ZX1] ** 0.5, 1.5 * z[ZX2] ** 0.5, J)
 
     def friction(x):
-        return np.array(pair_friction(law, *modes, x[0] ** 1.5, x[1] ** 1.5, *x[2:]))
+        return np.array(pair_friction(dm, *modes, x[0] ** 1.5, x[1] ** 1.5, *x[2:]))
 
     x, step = z[[ZX1, ZX2, ZA, ZB1, ZB2]], 1e-6
     for k in range(5):

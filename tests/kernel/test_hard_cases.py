@@ -14,6 +14,7 @@ from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 
 from dimersweep import simulate
+from dimersweep.kernel.model.body import dimer_of
 from dimersweep.kernel.model.contact_code import CONTACT_STATES, digits_of
 from dimersweep.kernel.model.layout import (
     C_CHATTER_END,
@@ -44,7 +45,7 @@ from tests import oracle
 from tests.checks.examine import examine, lies, states_at
 from tests.checks.launch import launch
 from tests.checks.scenes import difference, engine_states
-from tests.checks.verbs import as_dimer, collide_double, dimer, kinetic_energy, row_of, scratch
+from tests.checks.verbs import collide_double, dimer, kinetic_energy, row_of, scratch
 
 RTOLS = (1e-6, 1e-8, 1e-11)
 
@@ -102,7 +103,7 @@ def causes(run):
 def test_at_gamma_1_a_plastic_dimer_never_leaves_the_plate(rtol, phi0):
     """The normal force touches zero once a period and is positive on either side: a lift-off there would be a lie."""
     row = row_of(Gamma=1.0, beta0=0.0, e=0.0, phi0=phi0)
-    run = launched(row, standing(as_dimer(row), 0.0), 5, rtol)
+    run = launched(row, standing(dimer_of(row), 0.0), 5, rtol)
     assert C_LIFT_OFF not in causes(run)
     assert not run.segments[:, [D1, D2, N1, N2, DIP, WB]].any()
 
@@ -125,7 +126,7 @@ def hop_phases(excess):
 def test_just_above_gamma_1_it_hops_as_the_plate_throws_it(rtol, excess):
     """The hop is tiny, of the third order in time: the normal force dips below zero between two steps."""
     row = row_of(Gamma=1.0 + excess, beta0=0.0, e=0.0)
-    run = launched(row, standing(as_dimer(row), 0.0), 1, rtol)
+    run = launched(row, standing(dimer_of(row), 0.0), 1, rtol)
     off, on = hop_phases(excess)
     phases = run.column("phase")
     # the force goes through zero at a slope of about sqrt(2 excess)
@@ -141,7 +142,7 @@ def test_just_above_gamma_1_it_hops_as_the_plate_throws_it(rtol, excess):
 def test_without_restitution_an_end_that_lands_alone_stays(rtol, beta0):
     """At e = 0 restitution has no duration: the step from compression to rest must not be divided by it."""
     row = row_of(e=0.0, Gamma=1.3, beta0=beta0)
-    run = launched(row, lifted(as_dimer(row), beta0, 1e-3), 6, rtol)
+    run = launched(row, lifted(dimer_of(row), beta0, 1e-3), 6, rtol)
     kinds = [CONTACT_STATES[int(kind)] for kind in run.column("kind")]
     alone = np.array([kind.startswith("SI") for kind in kinds]) & (run.column("contact_after") == 0)
     ends = np.array([digits_of(int(kind)) for kind in run.column("kind")])
@@ -155,7 +156,7 @@ def test_without_restitution_an_end_that_lands_alone_stays(rtol, beta0):
 def test_without_loss_every_impact_keeps_the_energy(rtol):
     """At e = 1 and mu = 0 nothing ever comes to rest; hops of any smallness must not gain or lose."""
     row = row_of(e=1.0, mu=0.0, Gamma=0.3, beta0=0.7)
-    dm = as_dimer(row)
+    dm = dimer_of(row)
     run = launched(row, lifted(dm, 0.7, 2e-3, wb=3.0, spin=40.0), 20, rtol)
     state = run.segments[:, :N_STATE]
     before, after = flight_ends(row, run)
@@ -179,7 +180,7 @@ def flight_ends(row, run):
 def test_on_a_smooth_plate_nothing_pushes_sideways(rtol):
     """At mu = 0 friction has no direction: momentum in the plane and the axial spin are those of the start for ever."""
     row = row_of(mu=0.0, mu_s=0.0, Gamma=1.2, beta0=0.5)
-    dm = as_dimer(row)
+    dm = dimer_of(row)
     run = launched(row, lifted(dm, 0.5, 1e-3, ca=0.3, cb=0.7, spin=100.0, wp=2.0), 20, rtol)
     s = run.segments.T
     x_rate = s[CB] * np.cos(s[THETA]) - s[CA] * np.sin(s[THETA])
@@ -198,7 +199,7 @@ def test_equal_coefficients_are_the_limit_of_unequal_ones(rtol, mu):
     ends = []
     for mu_s in (mu, mu * (1 + 1e-9)):
         row = row_of(mu=mu, mu_s=mu_s, beta0=0.4)
-        ends.append(launched(row, lifted(as_dimer(row), 0.4, 1e-3, cb=0.5), 3, rtol).state)
+        ends.append(launched(row, lifted(dimer_of(row), 0.4, 1e-3, cb=0.5), 3, rtol).state)
     assert (np.abs(ends[1] - ends[0]) <= 1e-7 * np.maximum(1.0, np.abs(ends[0]))).all()
 
 
@@ -206,7 +207,7 @@ def test_equal_coefficients_are_the_limit_of_unequal_ones(rtol, mu):
 def test_an_end_held_by_any_force_slips_at_impacts_only(rtol):
     """A stick coefficient of a million: the cone is a half-space, squares of its limit are large but finite."""
     row = row_of(mu=0.2, mu_s=1e6, Gamma=0.9)
-    run = launched(row, lifted(as_dimer(row), 0.3, 1e-3, cb=1.0), 10, rtol)
+    run = launched(row, lifted(dimer_of(row), 0.3, 1e-3, cb=1.0), 10, rtol)
     assert C_STICK in causes(run)
     assert C_SLIP not in causes(run)
 
@@ -306,7 +307,7 @@ def test_a_planar_slip_that_reverses(rtol, falling):
 def test_ends_that_land_within_a_picosecond(rtol, apart):
     """One impact at two ends or two impacts at one end each: different laws, 1e-12 s from each other."""
     row = row_of(e=0.5, Gamma=0.0)
-    dm = as_dimer(row)
+    dm = dimer_of(row)
     speed = 0.3
     run = launched(row, lifted(dm, speed * apart / (dm.l), 1e-3, c_n=-speed, cb=0.2), 2, rtol)
     struck = (
@@ -322,7 +323,7 @@ def test_ends_that_land_within_a_picosecond(rtol, apart):
 def test_an_end_that_grazes_the_plate(rtol, miss):
     """A turning end that comes down to the plate and goes up again within a microsecond: a double root of its gap."""
     row = row_of(e=0.5, Gamma=0.0)
-    dm = as_dimer(row)
+    dm = dimer_of(row)
     rate = 60.0  # of the rod: its end turns away from the plate faster than the centre falls
     state = lifted(dm, 0.5, 0.0, wb=rate, c_n=0.0)
     # the height of p1 is h0 - g t^2/2 - h sin(0.5 + rate t): find where its rate is zero, and lift it to the miss
@@ -342,7 +343,7 @@ def test_an_end_that_grazes_the_plate(rtol, miss):
 def test_a_chatter_that_ends_when_the_other_end_lands(rtol):
     """Two clusters of events run into each other: found by bisection of the speed of the first bounce, to the last bit."""
     row = row_of(e=0.5, Gamma=0.0, mu=0.1)
-    dm = as_dimer(row)
+    dm = dimer_of(row)
 
     def bounce(speed):
         run = launched(row, standing_bounce(dm, 0.05, speed), 1, rtol)
@@ -373,7 +374,7 @@ def standing_bounce(dm, beta, speed):
 def test_a_fast_spin_lifts_an_end_of_a_lying_dimer(rtol, over):
     """Gyroscopic lift-off at 10^4 rad/s: J_a spin theta' h-wise against m g h, without friction to turn it."""
     row = row_of(mu=0.0, mu_s=0.0, Gamma=0.0)
-    dm = as_dimer(row)
+    dm = dimer_of(row)
     spin = 1e4
     turn = dm.m * dm.g * dm.p2.h / (dm.J_a * spin) * (1 + over)
     run = launched(row, lifted(dm, 0.0, 0.0, spin=spin, wp=turn), 1, rtol)
@@ -386,7 +387,7 @@ def test_a_fast_spin_lifts_an_end_of_a_lying_dimer(rtol, over):
 def test_a_fast_spinning_dimer_keeps_its_balance(rtol, spin):
     """The nutation of a fast top is thousands of times faster than the plate; friction must not drive it."""
     row = row_of(Gamma=0.5, beta0=0.3)
-    run = launched(row, lifted(as_dimer(row), 0.3, 1e-4, spin=spin, cb=0.1, wp=1.0), 2, rtol)
+    run = launched(row, lifted(dimer_of(row), 0.3, 1e-4, spin=spin, cb=0.1, wp=1.0), 2, rtol)
     assert abs(run.state[SPIN]) < abs(spin)
 
 
@@ -407,7 +408,7 @@ def time_to_fall(dm, tilt):
 def test_a_rod_that_starts_vertical_falls_in_its_time(rtol, tilt):
     """Near pi/2 the fall grows from a tilt: each digit of it is a digit of the time."""
     row = row_of(mu=0.0, mu_s=0.0, Gamma=0.0, e=0.0, f=2.0)
-    dm = as_dimer(row)
+    dm = dimer_of(row)
     run = launched(row, standing(dm, 0.5 * pi - tilt), 4, rtol)
     landed = np.flatnonzero(causes(run) == C_IMPACT)[0]
     time = run.column("period")[landed] * dm.T + run.column("phase")[landed] / dm.omega
@@ -426,7 +427,7 @@ def test_a_vertical_start_with_a_push(rtol, tilt):
 def test_a_spinning_top_on_a_smooth_plate_passes_near_the_vertical(rtol):
     """Its axial spin, vertical moment and energy last; the heading turns by most of half a turn within the pass."""
     row = row_of(mu=0.0, mu_s=0.0, Gamma=0.0, f=2.0)
-    dm = as_dimer(row)
+    dm = dimer_of(row)
     state = standing(dm, 1.2, wb=45.0, wp=0.02, spin=1.0)
     run = launched(row, state, 1, rtol)
     s = run.segments.T
@@ -452,7 +453,7 @@ def test_a_planar_rod_tips_over_the_vertical(rtol):
 def test_a_tumbling_dimer_is_a_free_top(rtol):
     """Thrown at a large Gamma the rod turns over and over: every flight against the turned axis, as a vector."""
     row = row_of(Gamma=20.0, f=8.0, A_r=2.5, e=0.8, mu=0.4, mu_s=0.5, beta0=0.4)
-    dm = as_dimer(row)
+    dm = dimer_of(row)
     run = launched(row, lifted(dm, 0.4, 0.3, wb=60.0, wp=3.0, spin=5.0, cb=0.5), 40, rtol)
     before, _ = flight_ends(row, run)
     starts = flight_starts(run)
@@ -500,7 +501,7 @@ def test_a_light_dimer_moves_as_a_heavy_one(rtol):
     ends = []
     for factor in (1.0, 1e-3):
         row = row_of(e=0.0, Gamma=0.0, f=8.0, A_r=2.0, mu=0.5, mu_s=0.75, rho_b=7850.0 * factor, rho_r=1180.0 * factor)
-        dm = as_dimer(row)
+        dm = dimer_of(row)
         state = lifted(dm, -0.9, dm.l * sin(0.9), c_n=-0.3, wb=-5.0, wp=-5.0, spin=-50.0, ca=-0.5, cb=-0.5)
         ends.append(launched(row, state, 2, rtol).state)
     assert ends[1][THETA] == pytest.approx(ends[0][THETA], abs=1e-6)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from dimersweep.kernel.model import plate as plate_of
+from dimersweep.kernel.model.body import dimer_of
 from dimersweep.kernel.model.layout import (
     D1,
     D2,
@@ -28,7 +29,6 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.kernel.model.plate import motion, phases_later
 from tests.checks.verbs import (
-    as_dimer,
     dimer,
     effective_gravity,
     first_landing,
@@ -66,7 +66,7 @@ def height(plate, t):
 def made(plate, **others):
     """The dimer on a plate, its row, and the phases of a cycle."""
     row = row_of(**plate, **others)
-    dm = as_dimer(row)
+    dm = dimer_of(row)
     return dm, row, CYCLE + dm.phi0
 
 
@@ -160,7 +160,7 @@ def test_a_later_start_is_the_same_plate_later(plate):
     """Shifting both phases, one twice as far, is waiting."""
     dm, row, _ = made(plate)
     row[ROW_PHI0], row[ROW_PHI_2] = phases_later(row[ROW_PHI0], row[ROW_PHI_2], 0.7)
-    later = as_dimer(row)
+    later = dimer_of(row)
     np.testing.assert_allclose(motion(later, later.phi0 + 0.2), motion(dm, dm.phi0 + 0.9), atol=1e-13)
 
 

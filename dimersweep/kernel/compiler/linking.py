@@ -14,8 +14,23 @@ _Codegen: Any = JITCPUCodegen
 _BAD_ARGUMENT = ctypes.cast(ctypes.pythonapi.PyErr_BadArgument, ctypes.c_void_p).value
 
 
+class _Kernel(_Library):
+    """The code of an exported kernel with all that it calls, which nothing else may call.
+
+    So LLVM passes on what a function uses of its arguments, and not the seven words of each array.
+    """
+
+    def _optimize_final_module(self) -> None:
+        for function in self._final_module.functions:
+            if not function.is_declaration and function.linkage.name == "linkonce_odr":
+                function.linkage = "internal"
+        super()._optimize_final_module()
+
+
 class _KernelCodegen(_Codegen):
     """Numba's maker of machine code, for the kernel's own target: other code of the process is compiled as before."""
+
+    _library_class = _Kernel
 
     def _get_host_cpu_name(self) -> str:
         return target()[0]

@@ -28,7 +28,7 @@ from dimersweep.kernel.contact.coordinates import (
     slip_of,
 )
 from dimersweep.kernel.contact.steep_rod import upright_rates
-from dimersweep.kernel.model.body import end, level_levers, levers, pair_of, tilted
+from dimersweep.kernel.model.body import attitude, end, level_levers, levers
 from dimersweep.kernel.model.friction import direction, hold_left, hold_left_of_pair, slip_force
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
 from dimersweep.kernel.model.plate import acceleration_along, effective_gravity
@@ -60,14 +60,15 @@ def free_rates(dm, p, y, g_e, A_a, A_b, sin_b, cos_b):
 
 
 @compiled
-def double_forces(dm, w, modes, y, n_1, n_2, a, b, F):
-    """Forces at both ends, with the Delassus operator w, into F; the axial ones as their sum in F[A1].
+def double_forces(dm, modes, y, n_1, n_2, a, b, F):
+    """Forces at both ends into F, the axial ones as their sum in F[A1], from the rates without them.
 
-    b is the free lateral rate of both.
+    These are the gap rates n_1, n_2, the axial rate a, and the lateral rate b of both.
 
     No end is to move off the plate or into it: with (2) and (1) two equations for the normal forces, in which the axial
     friction of (4), A = A_0 + A_1 F_1 + A_2 F_2, takes part.
     """
+    w, n_1, n_2, a, b = dm.pair, dm.m * n_1, dm.m * n_2, dm.m * a, dm.m * b
     c_1, s_1 = direction(*slip_of(dm, modes, y, 0))
     c_2, s_2 = direction(*slip_of(dm, modes, y, 1))
     if modes[0] == STICK or modes[1] == STICK:
@@ -78,7 +79,7 @@ def double_forces(dm, w, modes, y, n_1, n_2, a, b, F):
     m_21, m_22 = w.nn_12 + w.na_2 * A_1, w.nn_2 + w.na_2 * A_2
     n_1, n_2 = n_1 + w.na_1 * A_0, n_2 + w.na_2 * A_0
     det = m_11 * m_22 - m_12 * m_21
-    F[COMPLIANCE] = dm.m * det / (0.5 * (w.nn_1 + w.nn_2) + w.nn_12)
+    F[COMPLIANCE] = det / (0.5 * (w.nn_1 + w.nn_2) + w.nn_12)
     F[F1], F[F2] = (m_12 * n_2 - m_22 * n_1) / det, (m_21 * n_1 - m_11 * n_2) / det
     F[A1], F[A2] = A_0 + A_1 * F[F1] + A_2 * F[F2], 0.0
     _, F[L1] = slip_force(dm.p1.mu, F[F1], c_1, s_1)
@@ -152,15 +153,15 @@ def path_rates(dm, p, sin_b, cos_b, w_b, w_p, spin, u_a, u_b, theta):
 @compiled
 def double_rates(dm, modes, g_e, A_a, A_b, y, path, dy, F):
     """Rates of the contact of both ends into dy, and the forces into F."""
-    (p, q), w = level_levers(dm), pair_of(dm)
+    (p, q), w = level_levers(dm), dm.pair
     d_wb, _, n_1, a, b = free_rates(dm, dm.p1, y, g_e, A_a, A_b, dm.sin_0, dm.cos_0)
-    double_forces(dm, w, modes, y, n_1, n_1 + dm.l * dm.cos_0 * d_wb, a, b, F)
+    double_forces(dm, modes, y, n_1, n_1 + dm.l * dm.cos_0 * d_wb, a, b, F)
     dy[YDIP], dy[YWB] = 0.0, 0.0
     dy[YWP] = (p.b * F[L1] + q.b * F[L2]) * dm.it
     dy[YS] = (p.c * F[L1] + q.c * F[L2]) * dm.ia
     both_slip = modes[0] == SLIP and modes[1] == SLIP
-    dy[YUA] = a + w.na_1 * F[F1] + w.na_2 * F[F2] + w.aa * F[A1] if both_slip else 0.0
-    dy[YUB] = b + w.bb_1 * F[L1] + w.bb_12 * F[L2] if modes[0] == SLIP else 0.0
+    dy[YUA] = a + dm.im * (w.na_1 * F[F1] + w.na_2 * F[F2] + w.aa * F[A1]) if both_slip else 0.0
+    dy[YUB] = b + dm.im * (w.bb_1 * F[L1] + w.bb_12 * F[L2]) if modes[0] == SLIP else 0.0
     dy[YTHETA], dy[YTIME] = y[YWP] / dm.cos_0, 1.0
     if path:
         dy[YX], dy[YY], dy[YGAMMA] = path_rates(
@@ -202,8 +203,7 @@ def contact_rates(dm, modes, phase, y, path, dy, F):
     if y[YCHART] == UPRIGHT:
         F[COMPLIANCE] = upright_rates(dm, modes[i], p, g_e, A_a, A_b, y, path, dy, F, k)
         return
-    sin_d, cos_d = sincos(y[YDIP])
-    sin_b, cos_b = tilted(dm, sin_d, cos_d)
+    sin_b, cos_b = attitude(dm, y[YDIP])
     r = single_rates(dm, modes[i], p, g_e, A_a, A_b, sin_b, cos_b, y[YWB], y[YWP], y[YS], y[YUA], y[YUB])
     F[F1 + k], F[A1 + k], F[L1 + k], F[COMPLIANCE] = r.F, r.A, r.L, r.compliance
     dy[YDIP], dy[YWB], dy[YWP], dy[YS], dy[YUA], dy[YUB] = y[YWB], r.w_b, r.w_p, r.spin, r.a, r.b

@@ -32,13 +32,12 @@ from dimersweep.kernel.contact.coordinates import (
 )
 from dimersweep.kernel.contact.events import slip_speed
 from dimersweep.kernel.contact.forces import COMPLIANCE, F1, F2, contact_rates, path_rates, single_rates
-from dimersweep.kernel.model.body import end, tilted
+from dimersweep.kernel.model.body import attitude, end
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import FREE, SLIP
 from dimersweep.kernel.model.plate import acceleration_along, effective_gravity
 from dimersweep.kernel.numerics.collocation import NEXT, NODES, RADAU_A, RADAU_C, TOP
 from dimersweep.kernel.numerics.meter import METER, charge
-from dimersweep.kernel.numerics.sincos import sincos
 from dimersweep.kernel.numerics.steps import (
     DOP_STAGES,
     copy,
@@ -247,8 +246,7 @@ def explicit_step_single(dm, modes, phase, h, n, method, gamma, b):
         if dm.sideways != 0.0:
             A_a, A_b = acceleration_along(dm, now, theta)
         g_e = effective_gravity(dm, now)
-        sin_d, cos_d = sincos(dip)
-        sin_b, cos_b = tilted(dm, sin_d, cos_d)
+        sin_b, cos_b = attitude(dm, dip)
         rates = single_rates(dm, mode, p, g_e, A_a, A_b, sin_b, cos_b, w_b, w_p, spin, u_a, u_b)
         if method == RESCALED:
             share = length(u_a, u_b) / gamma

@@ -1,7 +1,7 @@
 """The law of an impact at both ends at once: the regular form of (6)-(7), and where friction holds.
 
 At a double contact the ends share one axial velocity a. The force of a contact is k_i X_i^eta, with eta = 3/2 for Hertz's
-law, so that its energy is E_i = k_i X_i^(eta + 1) / (eta + 1). With dP_i = k_i X_i^eta dtau
+dm, so that its energy is E_i = k_i X_i^(eta + 1) / (eta + 1). With dP_i = k_i X_i^eta dtau
 
     n_1' = W_11 f_1 + W_12 f_2 + w_1 A      a'   = w_1 f_1 + w_2 f_2 + W_aa A
     n_2' = W_12 f_1 + W_22 f_2 + w_2 A      b_i' = B_ii L_i + B_ij L_j
@@ -14,9 +14,9 @@ impulses of m V, the Delassus operator of 1/m.
 """
 
 from math import copysign, inf, sqrt
-from typing import NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.model.body import end
 from dimersweep.kernel.model.friction import (
     hold_left,
     length,
@@ -35,60 +35,28 @@ HERTZ = 1.5  # exponent of two elastic bodies that touch at a point
 PLAIN_CLOCK, BOTH_CLOCK = -1, 2  # clocks besides those of the ends, 0 and 1: tau, and that of two ends that move alike
 
 
-class EndContact(NamedTuple):
-    """What governs the contact of one end in an impact."""
-
-    e: float
-    mu: float
-    mu_s: float
-    k: float
-
-
-class DoubleLaw(NamedTuple):
-    """What governs a double impact; the Delassus operator is in units of 1/m."""
-
-    nn_1: float
-    nn_2: float
-    nn_12: float
-    na_1: float  # axial velocity per normal impulse at p1, and gap rate of p1 per axial impulse
-    na_2: float
-    aa: float
-    bb_1: float
-    bb_2: float
-    bb_12: float
-    eta: float
-    p1: EndContact
-    p2: EndContact
-
-
-@compiled
-def contact_of(law, i):
-    """What governs the contact of end i."""
-    return law.p1 if i == 0 else law.p2
-
-
-@compiled
-def lateral_of(law, i):
+@compiled(inline=True)
+def lateral_of(dm, i):
     """Lateral velocity of end i per lateral impulse there."""
-    return law.bb_1 if i == 0 else law.bb_2
+    return dm.pair.bb_1 if i == 0 else dm.pair.bb_2
 
 
 @compiled(fuse=True, inline=True)
-def combined(w_1, w_2, common, apart):
-    """w_1 x_1 + w_2 x_2 from the sum and the difference of x_1, x_2.
+def given(split, both, apart):
+    """What two forces give, from their sum and their difference.
 
     So ends that move alike go on so to the last digit, however sums of products are rounded.
     """
-    return 0.5 * ((w_1 + w_2) * common + (w_1 - w_2) * apart)
+    return split.both * both + split.apart * apart
 
 
 @compiled
-def pull(law, f_1, f_2):
+def pull(dm, f_1, f_2):
     """Axial acceleration that the normal forces give."""
-    return combined(law.na_1, law.na_2, f_1 + f_2, f_1 - f_2)
+    return given(dm.pair.a, f_1 + f_2, f_1 - f_2)
 
 
-@compiled
+@compiled(inline=True)
 def power(X, eta):
     """X^eta for X > 0, 0.0 else; a power takes five times as long as Hertz's root."""
     if not X > 0.0:
@@ -96,10 +64,10 @@ def power(X, eta):
     return X * sqrt(X) if eta == HERTZ else raised(X, eta)
 
 
-@compiled
-def force(law, i, X):
+@compiled(inline=True)
+def force(dm, i, X):
     """f_i = k_i X^eta, the normal force of end i in units that fit the clock tau: (6) for alike ends and Hertz's law."""
-    return contact_of(law, i).k * power(X, law.eta)
+    return end(dm, i).k * power(X, dm.eta)
 
 
 @compiled
@@ -109,36 +77,36 @@ def has_root(clock, i):
 
 
 @compiled(inline=True)
-def force_in_clock(law, clock, i, X):
+def force_in_clock(dm, clock, i, X):
     """f_i from what a state in a clock has in the place of X_i."""
     if not has_root(clock, i):
-        return force(law, i, X)
-    k = contact_of(law, i).k
-    return k * (X * X * X) if law.eta == HERTZ else copysign(k * power(abs(X), 2.0 * law.eta), X)
+        return force(dm, i, X)
+    k = end(dm, i).k
+    return k * (X * X * X) if dm.eta == HERTZ else copysign(k * power(abs(X), 2.0 * dm.eta), X)
 
 
-@compiled
-def forces(law, z, clock):
+@compiled(inline=True)
+def forces(dm, z, clock):
     """f_1, f_2 from a state in a clock."""
-    return force_in_clock(law, clock, 0, z[ZX1]), force_in_clock(law, clock, 1, z[ZX2])
+    return force_in_clock(dm, clock, 0, z[ZX1]), force_in_clock(dm, clock, 1, z[ZX2])
 
 
 @compiled
-def force_slope(law, i, X):
+def force_slope(dm, i, X):
     """df_i/dX_i."""
-    return law.eta * force(law, i, X) / X if X > 0.0 else 0.0
+    return dm.eta * force(dm, i, X) / X if X > 0.0 else 0.0
 
 
 @compiled
-def stored_energy(law, i, X):
+def stored_energy(dm, i, X):
     """E_i of a compression X."""
-    return force(law, i, X) * X / (law.eta + 1.0) if X > 0.0 else 0.0
+    return force(dm, i, X) * X / (dm.eta + 1.0) if X > 0.0 else 0.0
 
 
 @compiled
-def compression(law, i, E):
+def compression(dm, i, E):
     """X_i of a stored energy."""
-    return raised((law.eta + 1.0) * E / contact_of(law, i).k, 1.0 / (law.eta + 1.0)) if E > 0.0 else 0.0
+    return raised((dm.eta + 1.0) * E / end(dm, i).k, 1.0 / (dm.eta + 1.0)) if E > 0.0 else 0.0
 
 
 @compiled
@@ -157,131 +125,131 @@ def from_clock(clock, z):
             z[ZX1 + i] *= abs(z[ZX1 + i])
 
 
-@compiled
-def friction(law, mode_1, mode_2, f_1, f_2, a, b_1, b_2):
+@compiled(inline=True)
+def friction(dm, mode_1, mode_2, f_1, f_2, a, b_1, b_2):
     """Total axial friction A and the laterals L_1, L_2, for given friction modes of the two ends."""
     if mode_1 == STICK and mode_2 == STICK:
-        return -pull(law, f_1, f_2) / law.aa, 0.0, 0.0
+        return -pull(dm, f_1, f_2) / dm.pair.aa, 0.0, 0.0
     if mode_1 == STICK:  # a = 0, so that p2 can slip only laterally
-        _, L_2 = slip_force(law.p2.mu, f_2, 0.0, copysign(1.0, b_2))
-        return -pull(law, f_1, f_2) / law.aa, -law.bb_12 / law.bb_1 * L_2, L_2
+        _, L_2 = slip_force(dm.p2.mu, f_2, 0.0, copysign(1.0, b_2))
+        return -pull(dm, f_1, f_2) / dm.pair.aa, -dm.pair.bb_12 / dm.pair.bb_1 * L_2, L_2
     if mode_2 == STICK:
-        _, L_1 = slip_force(law.p1.mu, f_1, 0.0, copysign(1.0, b_1))
-        return -pull(law, f_1, f_2) / law.aa, L_1, -law.bb_12 / law.bb_2 * L_1
-    k_1, k_2 = slip_strength(law.p1.mu, f_1, length(a, b_1)), slip_strength(law.p2.mu, f_2, length(a, b_2))
+        _, L_1 = slip_force(dm.p1.mu, f_1, 0.0, copysign(1.0, b_1))
+        return -pull(dm, f_1, f_2) / dm.pair.aa, L_1, -dm.pair.bb_12 / dm.pair.bb_2 * L_1
+    k_1, k_2 = slip_strength(dm.p1.mu, f_1, length(a, b_1)), slip_strength(dm.p2.mu, f_2, length(a, b_2))
     return -(k_1 + k_2) * a, -k_1 * b_1, -k_2 * b_2
 
 
 @compiled(fuse=True, inline=True)
-def rates_in_clock(law, modes, gains, clock, n_1, n_2, X_1, X_2, a, b_1, b_2):
+def rates_in_clock(dm, modes, gains, clock, n_1, n_2, X_1, X_2, a, b_1, b_2):
     """Rates of the state of a double impact by (7), in a clock, in the order of the state; gains are 1 or 1/e^2.
 
     dtau/dsigma multiplies the forces, which are known before the frictions.
     """
     pace = 1.0 if clock == PLAIN_CLOCK else (X_2 if clock == 1 else X_1)
-    f_1, f_2 = pace * force_in_clock(law, clock, 0, X_1), pace * force_in_clock(law, clock, 1, X_2)
-    A, L_1, L_2 = friction(law, modes[0], modes[1], f_1, f_2, a, b_1, b_2)
-    f, apart, L, L_apart = f_1 + f_2, f_1 - f_2, L_1 + L_2, L_1 - L_2
+    f_1, f_2 = pace * force_in_clock(dm, clock, 0, X_1), pace * force_in_clock(dm, clock, 1, X_2)
+    A, L_1, L_2 = friction(dm, modes[0], modes[1], f_1, f_2, a, b_1, b_2)
+    w, f, apart, L, L_apart = dm.pair, f_1 + f_2, f_1 - f_2, L_1 + L_2, L_1 - L_2
     return (
-        combined(law.nn_1, law.nn_12, f, apart) + law.na_1 * A,
-        combined(law.nn_12, law.nn_2, f, apart) + law.na_2 * A,
+        given(w.n_1, f, apart) + w.na_1 * A,
+        given(w.n_2, f, apart) + w.na_2 * A,
         -(0.5 if has_root(clock, 0) else pace) * gains[0] * n_1,
         -(0.5 if has_root(clock, 1) else pace) * gains[1] * n_2,
-        combined(law.na_1, law.na_2, f, apart) + law.aa * A,
-        combined(law.bb_1, law.bb_12, L, L_apart),
-        combined(law.bb_12, law.bb_2, L, L_apart),
+        given(w.a, f, apart) + w.aa * A,
+        given(w.b_1, L, L_apart),
+        given(w.b_2, L, L_apart),
     )
 
 
 @compiled(inline=True)
-def impact_rates(law, modes, gains, clock, z, out):
+def impact_rates(dm, modes, gains, clock, z, out):
     """Rates of the state z of a double impact in the given clock, into `out`: see `rates_in_clock`."""
     out[ZN1], out[ZN2], out[ZX1], out[ZX2], out[ZA], out[ZB1], out[ZB2] = rates_in_clock(
-        law, modes, gains, clock, z[ZN1], z[ZN2], z[ZX1], z[ZX2], z[ZA], z[ZB1], z[ZB2]
+        dm, modes, gains, clock, z[ZN1], z[ZN2], z[ZX1], z[ZX2], z[ZA], z[ZB1], z[ZB2]
     )
 
 
 @compiled
-def friction_slopes(law, mode_1, mode_2, z, g_1, g_2, J):
+def friction_slopes(dm, mode_1, mode_2, z, g_1, g_2, J):
     """Partial derivatives of (A, L_1, L_2) with respect to (X_1, X_2, a, b_1, b_2) into J (3, 5); g_i = df_i/dX_i."""
     clear(J, 3, 5)
     a, b_1, b_2 = z[ZA], z[ZB1], z[ZB2]
     if mode_1 == STICK or mode_2 == STICK:
-        J[0, 0], J[0, 1] = -law.na_1 * g_1 / law.aa, -law.na_2 * g_2 / law.aa
+        J[0, 0], J[0, 1] = -dm.pair.na_1 * g_1 / dm.pair.aa, -dm.pair.na_2 * g_2 / dm.pair.aa
         if mode_1 != STICK:
-            J[1, 0] = -law.p1.mu * g_1 * copysign(1.0, b_1)
-            J[2, 0] = -law.bb_12 / law.bb_2 * J[1, 0]
+            J[1, 0] = -dm.p1.mu * g_1 * copysign(1.0, b_1)
+            J[2, 0] = -dm.pair.bb_12 / dm.pair.bb_2 * J[1, 0]
         if mode_2 != STICK:
-            J[2, 1] = -law.p2.mu * g_2 * copysign(1.0, b_2)
-            J[1, 1] = -law.bb_12 / law.bb_1 * J[2, 1]
+            J[2, 1] = -dm.p2.mu * g_2 * copysign(1.0, b_2)
+            J[1, 1] = -dm.pair.bb_12 / dm.pair.bb_1 * J[2, 1]
         return
     v_1, v_2 = length(a, b_1), length(a, b_2)
     if v_1 > 0.0:
-        c, s, k = a / v_1, b_1 / v_1, slip_strength(law.p1.mu, force(law, 0, z[ZX1]), v_1)
-        J[0, 0], J[1, 0] = -law.p1.mu * g_1 * c, -law.p1.mu * g_1 * s
+        c, s, k = a / v_1, b_1 / v_1, slip_strength(dm.p1.mu, force(dm, 0, z[ZX1]), v_1)
+        J[0, 0], J[1, 0] = -dm.p1.mu * g_1 * c, -dm.p1.mu * g_1 * s
         J[0, 2], J[0, 3] = -k * s * s, k * c * s
         J[1, 2], J[1, 3] = k * c * s, -k * c * c
     if v_2 > 0.0:
-        c, s, k = a / v_2, b_2 / v_2, slip_strength(law.p2.mu, force(law, 1, z[ZX2]), v_2)
-        J[0, 1], J[2, 1] = -law.p2.mu * g_2 * c, -law.p2.mu * g_2 * s
+        c, s, k = a / v_2, b_2 / v_2, slip_strength(dm.p2.mu, force(dm, 1, z[ZX2]), v_2)
+        J[0, 1], J[2, 1] = -dm.p2.mu * g_2 * c, -dm.p2.mu * g_2 * s
         J[0, 2] -= k * s * s
         J[0, 4] = k * c * s
         J[2, 2], J[2, 4] = k * c * s, -k * c * c
 
 
 @compiled
-def impact_jacobian(law, modes, gains, z, F, J):
+def impact_jacobian(dm, modes, gains, z, F, J):
     """Jacobian of ``impact_rates`` in the plain clock into J (7, 7); F (3, 5) is scratch."""
-    g_1, g_2 = force_slope(law, 0, z[ZX1]), force_slope(law, 1, z[ZX2])
-    friction_slopes(law, modes[0], modes[1], z, g_1, g_2, F)
+    g_1, g_2 = force_slope(dm, 0, z[ZX1]), force_slope(dm, 1, z[ZX2])
+    friction_slopes(dm, modes[0], modes[1], z, g_1, g_2, F)
     clear(J, N_Z, N_Z)
     for k in range(5):
         f_1 = g_1 if k == 0 else 0.0
         f_2 = g_2 if k == 1 else 0.0
         A, L_1, L_2 = F[0, k], F[1, k], F[2, k]
-        J[ZN1, 2 + k] = law.nn_1 * f_1 + law.nn_12 * f_2 + law.na_1 * A
-        J[ZN2, 2 + k] = law.nn_12 * f_1 + law.nn_2 * f_2 + law.na_2 * A
-        J[ZA, 2 + k] = law.na_1 * f_1 + law.na_2 * f_2 + law.aa * A
-        J[ZB1, 2 + k] = law.bb_1 * L_1 + law.bb_12 * L_2
-        J[ZB2, 2 + k] = law.bb_12 * L_1 + law.bb_2 * L_2
+        J[ZN1, 2 + k] = dm.pair.nn_1 * f_1 + dm.pair.nn_12 * f_2 + dm.pair.na_1 * A
+        J[ZN2, 2 + k] = dm.pair.nn_12 * f_1 + dm.pair.nn_2 * f_2 + dm.pair.na_2 * A
+        J[ZA, 2 + k] = dm.pair.na_1 * f_1 + dm.pair.na_2 * f_2 + dm.pair.aa * A
+        J[ZB1, 2 + k] = dm.pair.bb_1 * L_1 + dm.pair.bb_12 * L_2
+        J[ZB2, 2 + k] = dm.pair.bb_12 * L_1 + dm.pair.bb_2 * L_2
     J[ZX1, ZN1] = -gains[0]
     J[ZX2, ZN2] = -gains[1]
 
 
 @compiled
-def axial_hold_left(law, f_1, f_2, A):
+def axial_hold_left(dm, f_1, f_2, A):
     """How far the friction A that holds both ends, neither of which slips sideways, is from its limit."""
-    return law.p1.mu_s * f_1 + law.p2.mu_s * f_2 - abs(A)
+    return dm.p1.mu_s * f_1 + dm.p2.mu_s * f_2 - abs(A)
 
 
-@compiled
-def stick_reserve(law, modes, i, z, f_1, f_2):
+@compiled(inline=True)
+def stick_reserve(dm, modes, i, z, f_1, f_2):
     """How far the friction that holds end i is from its limit (with both held, only the sum of the axial parts counts)."""
     if modes[i] != STICK:
         return inf
-    A, L_1, L_2 = friction(law, modes[0], modes[1], f_1, f_2, z[ZA], z[ZB1], z[ZB2])
+    A, L_1, L_2 = friction(dm, modes[0], modes[1], f_1, f_2, z[ZA], z[ZB1], z[ZB2])
     if modes[1 - i] == STICK:
-        return axial_hold_left(law, f_1, f_2, A)
-    return hold_left(law.p1.mu_s, f_1, A, L_1) if i == 0 else hold_left(law.p2.mu_s, f_2, A, L_2)
+        return axial_hold_left(dm, f_1, f_2, A)
+    return hold_left(dm.p1.mu_s, f_1, A, L_1) if i == 0 else hold_left(dm.p2.mu_s, f_2, A, L_2)
 
 
 @compiled
-def hold_or_slip(law, i, z, f_1, f_2, tol, lost):
+def hold_or_slip(dm, i, z, f_1, f_2, tol, lost):
     """Friction mode of end i, at rest beside an end that slips laterally; nudges z outward when it slips."""
-    own, other, bb = contact_of(law, i), contact_of(law, 1 - i), lateral_of(law, i)
+    own, other, bb = end(dm, i), end(dm, 1 - i), lateral_of(dm, i)
     f_i, f_j = (f_1, f_2) if i == 0 else (f_2, f_1)
     z[ZA], z[ZB1 + i] = 0.0, 0.0
-    drive = pull(law, f_1, f_2)
-    side = -law.bb_12 * other.mu * f_j * copysign(1.0, z[ZB2 - i])
-    if not lost and hold_left(own.mu_s, f_i, drive / law.aa, side / bb) >= 0.0:
+    drive = pull(dm, f_1, f_2)
+    side = -dm.pair.bb_12 * other.mu * f_j * copysign(1.0, z[ZB2 - i])
+    if not lost and hold_left(own.mu_s, f_i, drive / dm.pair.aa, side / bb) >= 0.0:
         return STICK
-    d_a, d_b = outward_slip(drive, side, own.mu * f_i * law.aa, own.mu * f_i * bb)
+    d_a, d_b = outward_slip(drive, side, own.mu * f_i * dm.pair.aa, own.mu * f_i * bb)
     z[ZA], z[ZB1 + i] = 0.5 * tol * d_a, 0.5 * tol * d_b
     return SLIP
 
 
 @compiled
-def friction_modes(law, z, modes, f_1, f_2, tol, lost):
+def friction_modes(dm, z, modes, f_1, f_2, tol, lost):
     """Friction modes of both ends for the present slips and pressures, into `modes`; slips below tol are set to rest.
 
     `lost` says that the hold at rest has just been lost, whatever rounding says of the limit.
@@ -291,20 +259,20 @@ def friction_modes(law, z, modes, f_1, f_2, tol, lost):
     modes[0], modes[1] = SLIP, SLIP
     if at_rest_1 and at_rest_2:
         z[ZA], z[ZB1], z[ZB2] = 0.0, 0.0, 0.0
-        drive = pull(law, f_1, f_2)
-        if not lost and axial_hold_left(law, f_1, f_2, drive / law.aa) >= 0.0:
+        drive = pull(dm, f_1, f_2)
+        if not lost and axial_hold_left(dm, f_1, f_2, drive / dm.pair.aa) >= 0.0:
             modes[0], modes[1] = STICK, STICK
         else:
             z[ZA] = copysign(0.5 * tol, drive)
     elif at_rest_1:
-        modes[0] = hold_or_slip(law, 0, z, f_1, f_2, tol, lost)
+        modes[0] = hold_or_slip(dm, 0, z, f_1, f_2, tol, lost)
     elif at_rest_2:
-        modes[1] = hold_or_slip(law, 1, z, f_1, f_2, tol, lost)
+        modes[1] = hold_or_slip(dm, 1, z, f_1, f_2, tol, lost)
 
 
 @compiled
-def first_forces(law, z):
+def first_forces(dm, z):
     """Forces in their ratio at a phase's start: k X^eta, or k (-n)^eta where both compressions are only beginning."""
     if z[ZX1] > 0.0 or z[ZX2] > 0.0:
-        return force(law, 0, z[ZX1]), force(law, 1, z[ZX2])
-    return force(law, 0, -z[ZN1]), force(law, 1, -z[ZN2])
+        return force(dm, 0, z[ZX1]), force(dm, 1, z[ZX2])
+    return force(dm, 0, -z[ZN1]), force(dm, 1, -z[ZN2])

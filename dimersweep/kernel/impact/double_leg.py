@@ -18,7 +18,6 @@ from dimersweep.kernel.impact.double_equations import (
     ZN2,
     ZX1,
     ZX2,
-    contact_of,
     force,
     forces,
     from_clock,
@@ -28,9 +27,10 @@ from dimersweep.kernel.impact.double_equations import (
     to_clock,
 )
 from dimersweep.kernel.impact.double_step import leg_rows, leg_step
+from dimersweep.kernel.model.body import end
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import SLIP, STICK
-from dimersweep.kernel.numerics.elementary import eighth_root, raised
+from dimersweep.kernel.numerics.elementary import eighth_root, nearly_raised
 from dimersweep.kernel.numerics.meter import is_over
 from dimersweep.kernel.numerics.root_bracket import (
     CARRIED,
@@ -67,7 +67,7 @@ RUB = 0.02  # friction, in units of a slip's own rate, from which it steers the 
 
 
 @compiled
-def ruling_clock(law, z, gains, faint):
+def ruling_clock(dm, z, gains, faint):
     """The clock in which the motion is most regular: of the end whose Y changes fastest (X below `faint` count alike).
 
     The clock of an end that has gone, with nothing to press any more, would stand still.
@@ -78,7 +78,9 @@ def ruling_clock(law, z, gains, faint):
         return PLAIN_CLOCK
     if gone_1 or gone_2:
         return 1 if gone_1 else 0
-    alike = law.nn_1 == law.nn_2 and law.na_1 == -law.na_2 and law.p1.k == law.p2.k and gains[0] == gains[1]
+    alike = (
+        dm.pair.nn_1 == dm.pair.nn_2 and dm.pair.na_1 == -dm.pair.na_2 and dm.p1.k == dm.p2.k and gains[0] == gains[1]
+    )
     if alike and z[ZN1] == z[ZN2] and z[ZX1] == z[ZX2]:
         return BOTH_CLOCK if z[ZA] == 0.0 else PLAIN_CLOCK
     u_1, u_2 = gains[0] * z[ZN1], gains[1] * z[ZN2]
@@ -92,20 +94,20 @@ def clock_rate(clock, z):
 
 
 @compiled
-def turning_time(law, modes, z):
+def turning_time(dm, modes, z):
     """Time in which friction turns the slip that it turns fastest; inf if none turns."""
     least = inf
     if modes[0] == STICK or modes[1] == STICK:
         return least
     for i in range(2):
-        pace = contact_of(law, i).mu * lateral_of(law, i) * force(law, i, z[ZX1 + i])
+        pace = end(dm, i).mu * lateral_of(dm, i) * force(dm, i, z[ZX1 + i])
         if pace > 0.0:
             least = min(least, length(z[ZA], z[ZB1 + i]) / pace)
     return least
 
 
-@compiled
-def event_value(law, k, modes, compressing, clock, base, z, tol):
+@compiled(inline=True)
+def event_value(dm, k, modes, compressing, clock, base, z, tol):
     """Event function k of a phase, positive while the phase goes on; inf where it has no meaning.
 
     0, 1: gap rate of p1, p2 against the phase; 2, 3: compression left; 4, 5: reserve of the friction that holds;
@@ -118,9 +120,9 @@ def event_value(law, k, modes, compressing, clock, base, z, tol):
         return inf if compressing[i] > 0.0 else z[ZX1 + i]
     if k < 6:
         # all force vanishes where an impact ends: only its ratios decide
-        f_1, f_2 = forces(law, z, clock)
-        return stick_reserve(law, modes, i, z, f_1, f_2) / (f_1 + f_2) if f_1 + f_2 > 0.0 else 1.0
-    if modes[i] == STICK or contact_of(law, i).mu == 0.0:
+        f_1, f_2 = forces(dm, z, clock)
+        return stick_reserve(dm, modes, i, z, f_1, f_2) / (f_1 + f_2) if f_1 + f_2 > 0.0 else 1.0
+    if modes[i] == STICK or end(dm, i).mu == 0.0:
         return inf
     v = length(base[ZA], base[ZB1 + i])
     return (z[ZA] * base[ZA] + z[ZB1 + i] * base[ZB1 + i]) / v - SLIP_ENDS_AT * tol if v > 0.0 else inf
@@ -139,7 +141,7 @@ def slip_bound(z, rates, modes, h):
 
 
 @compiled
-def slip_unit(law, modes, z, rates):
+def slip_unit(dm, modes, z, rates):
     """Unit of the slips' errors: a slip that sets out of rest against friction remembers its first direction, so that its
     errors count relative to itself; else the approach speed is the unit.
     """
@@ -148,22 +150,22 @@ def slip_unit(law, modes, z, rates):
         v = length(z[ZA], z[ZB1 + i])
         if modes[i] == SLIP and v > 0.0:
             rate = (z[ZA] * rates[ZA] + z[ZB1 + i] * rates[ZB1 + i]) / v
-            if rate > 0.0 and contact_of(law, i).mu * force(law, i, z[ZX1 + i]) * law.aa > RUB * rate:
+            if rate > 0.0 and end(dm, i).mu * force(dm, i, z[ZX1 + i]) * dm.pair.aa > RUB * rate:
                 unit = min(unit, v)
     return unit
 
 
 @compiled
-def stays_slow(law, modes, z, slip_tol):
+def stays_slow(dm, modes, z, slip_tol):
     """Number of an end whose slip counts as none and that friction can hold, -1 if there is none.
 
     Where drive and friction balance, a slip goes on at a speed below all that counts.
     """
-    f_1, f_2 = force(law, 0, z[ZX1]), force(law, 1, z[ZX2])
+    f_1, f_2 = force(dm, 0, z[ZX1]), force(dm, 1, z[ZX2])
     for i in range(2):
-        if modes[i] == SLIP and contact_of(law, i).mu > 0.0 and length(z[ZA], z[ZB1 + i]) <= slip_tol:
+        if modes[i] == SLIP and end(dm, i).mu > 0.0 and length(z[ZA], z[ZB1 + i]) <= slip_tol:
             modes[i] = STICK
-            room = stick_reserve(law, modes, i, z, f_1, f_2)
+            room = stick_reserve(dm, modes, i, z, f_1, f_2)
             modes[i] = SLIP
             if room > 0.0:
                 return i
@@ -178,13 +180,12 @@ def foreseen(h, error, h_before, error_before):
 
 
 @compiled
-def begin_leg(law, z, modes, compressing, slip_tol, b):
+def begin_leg(dm, z, modes, compressing, slip_tol, b):
     """Gains of the compressions, event functions that are positive already, and zeros where a step reads beyond the state."""
     for i in range(2):
-        e = contact_of(law, i).e
-        b.gains[i] = 1.0 if compressing[i] > 0.0 else 1.0 / (e * e)
+        b.gains[i] = 1.0 if compressing[i] > 0.0 else 1.0 / (b.e[i] * b.e[i])
     for k in range(N_LEG_EVENTS):
-        b.armed[k] = 1.0 if event_value(law, k, modes, compressing, PLAIN_CLOCK, z, z, slip_tol) > 0.0 else 0.0
+        b.armed[k] = 1.0 if event_value(dm, k, modes, compressing, PLAIN_CLOCK, z, z, slip_tol) > 0.0 else 0.0
     for k in range(N_Z, WIDTH):
         b.start[k], b.rates[k] = 0.0, 0.0
         for i in range(DOP_STAGES):
@@ -192,20 +193,20 @@ def begin_leg(law, z, modes, compressing, slip_tol, b):
 
 
 @compiled(inline=True)
-def arm(law, modes, compressing, clock, slip_tol, b):
+def arm(dm, modes, compressing, clock, slip_tol, b):
     """Arm the event functions that have become positive."""
     for k in range(N_LEG_EVENTS):
-        if b.armed[k] == 0.0 and event_value(law, k, modes, compressing, clock, b.out, b.out, slip_tol) > 0.0:
+        if b.armed[k] == 0.0 and event_value(dm, k, modes, compressing, clock, b.out, b.out, slip_tol) > 0.0:
             b.armed[k] = 1.0
 
 
 @compiled
-def double_leg(law, z, modes, compressing, tol, slip_tol, work):
+def double_leg(dm, z, modes, compressing, tol, slip_tol, work):
     """Integrate from z, in place, to the first event of the phase; returns its number, or -1 when steps or work ran out."""
     b = leg_rows(work)
-    begin_leg(law, z, modes, compressing, slip_tol, b)
-    faint = raised(tol, 0.4)  # a compression that is worth a gap rate of the tolerance
-    clock, slow = ruling_clock(law, z, b.gains, faint), 0
+    begin_leg(dm, z, modes, compressing, slip_tol, b)
+    faint = nearly_raised(tol, 0.4)  # a compression that is worth a gap rate of the tolerance
+    clock, slow = ruling_clock(dm, z, b.gains, faint), 0
     longest = 1.0 / sqrt(max(b.gains[0], b.gains[1]))
     h = FIRST_LEG_STEP * eighth_root(tol) * longest
     turning, turns, pace, unit, stiff, fresh = inf, inf, 1.0, 1.0, False, True
@@ -214,23 +215,23 @@ def double_leg(law, z, modes, compressing, tol, slip_tol, work):
         if is_over(b.meter):
             break
         if fresh:
-            turning = turning_time(law, modes, z)
+            turning = turning_time(dm, modes, z)
             turns = LEG_TURNS * turning
         slow = slow + 1 if turns < SLOW_SLIP_STEP else 0
         fresh, stiff = fresh or stiff != (slow > LASTS), slow > LASTS
         if fresh:  # else the last step was refused, and only its size is another one
-            last, clock = clock, PLAIN_CLOCK if stiff else ruling_clock(law, z, b.gains, faint)
+            last, clock = clock, PLAIN_CLOCK if stiff else ruling_clock(dm, z, b.gains, faint)
             pace = clock_rate(clock, z)
             if clock != last:
                 h = min(h * clock_rate(last, z) / pace, longest)
             copy(z, b.start, N_Z)
             to_clock(clock, b.start)
-            impact_rates(law, modes, b.gains, clock, b.start, b.rates)
+            impact_rates(dm, modes, b.gains, clock, b.start, b.rates)
             if not stiff and h * pace > turns:
                 h = turns / pace
             h = slip_bound(z, b.rates, modes, h)
-            unit = slip_unit(law, modes, z, b.rates) if stiff else 1.0
-        error = leg_step(law, modes, clock, h, tol, unit, stiff, b)
+            unit = slip_unit(dm, modes, z, b.rates) if stiff else 1.0
+        error = leg_step(dm, modes, clock, h, tol, unit, stiff, b)
         factor = step_factor(error, 5.0 if stiff else 8.0)
         if not error <= 1.0:
             h, fresh = factor * h, False
@@ -242,12 +243,12 @@ def double_leg(law, z, modes, compressing, tol, slip_tol, work):
                 factor = min(factor, SECOND_STEP)
             h_before, error_before, clock_before = h, error, clock
         fresh = True
-        least, event = least_value(law, modes, compressing, clock, b.armed, b.start, b.out, slip_tol)
+        least, event = least_value(dm, modes, compressing, clock, b.armed, b.start, b.out, slip_tol)
         if least > 0.0:
-            arm(law, modes, compressing, clock, slip_tol, b)
+            arm(dm, modes, compressing, clock, slip_tol, b)
         else:
             brisk = turning / pace if longest * pace > turning else longest
-            event = first_crossing(law, modes, compressing, clock, h, event, least, tol, slip_tol, stiff, brisk, b)
+            event = first_crossing(dm, modes, compressing, clock, h, event, least, tol, slip_tol, stiff, brisk, b)
             if event == UNSOUND:
                 h, fresh = 0.5 * h, False
                 continue
@@ -257,7 +258,7 @@ def double_leg(law, z, modes, compressing, tol, slip_tol, work):
         if least <= 0.0 and (event < 6 or length(z[ZA], z[ZB1 + event - 6]) <= 4.0 * slip_tol):
             return event
         if stiff:
-            still = stays_slow(law, modes, z, slip_tol)
+            still = stays_slow(dm, modes, z, slip_tol)
             if still >= 0:
                 return 6 + still
         h *= factor
@@ -267,7 +268,7 @@ def double_leg(law, z, modes, compressing, tol, slip_tol, work):
 class LegCrossing(NamedTuple):
     """A step of a leg with an event in it."""
 
-    law: Any
+    dm: Any
     modes: Any
     compressing: Any
     clock: Any
@@ -284,16 +285,16 @@ def value_on_cubic(at, share):
     """The least event function on the cubic through the ends of the step, at a share of it."""
     b = at.b
     on_cubic(b.start, b.rates, b.out, b.rates_out, share, at.h, N_Z, b.probe)
-    g, _ = least_value(at.law, at.modes, at.compressing, at.clock, b.armed, b.start, b.probe, at.slip_tol)
+    g, _ = least_value(at.dm, at.modes, at.compressing, at.clock, b.armed, b.start, b.probe, at.slip_tol)
     return g
 
 
 @compiled
-def carry_on(law, modes, clock, t, b):
+def carry_on(dm, modes, clock, t, b):
     """Carry the end of a step on (or back) by t, by the midpoint rule."""
     for k in range(N_Z):
         b.probe[k] = b.out[k] + 0.5 * t * b.rates_out[k]
-    impact_rates(law, modes, b.gains, clock, b.probe, b.rates_probe)
+    impact_rates(dm, modes, b.gains, clock, b.probe, b.rates_probe)
     for k in range(N_Z):
         b.out[k] += t * b.rates_probe[k]
 
@@ -309,39 +310,39 @@ def probe_step(at, t):
     """
     b, way = at.b, t - at.b.bracket[S_AT]
     if abs(way) <= min(at.near, CARRIED * t):
-        impact_rates(at.law, at.modes, b.gains, at.clock, b.out, b.rates_out)
-        carry_on(at.law, at.modes, at.clock, way, b)
-    elif not leg_step(at.law, at.modes, at.clock, t, at.tol, 1.0, at.stiff, b) <= 1.0:
+        impact_rates(at.dm, at.modes, b.gains, at.clock, b.out, b.rates_out)
+        carry_on(at.dm, at.modes, at.clock, way, b)
+    elif not leg_step(at.dm, at.modes, at.clock, t, at.tol, 1.0, at.stiff, b) <= 1.0:
         return 0.0, UNSOUND, REFUSED
-    g, event = least_value(at.law, at.modes, at.compressing, at.clock, b.armed, b.start, b.out, at.slip_tol)
+    g, event = least_value(at.dm, at.modes, at.compressing, at.clock, b.armed, b.start, b.out, at.slip_tol)
     return g, event, FOUND if abs(g) <= ZERO_ERROR * at.tol else LOOK_ON
 
 
 @compiled
-def first_crossing(law, modes, compressing, clock, h, event, least, tol, slip_tol, stiff, brisk, b):
+def first_crossing(dm, modes, compressing, clock, h, event, least, tol, slip_tol, stiff, brisk, b):
     """Number of the first event in a step h over which the least event function fell to `least`; b.out becomes its state.
 
     UNSOUND where a probe is refused. A probe at a time t is a step from b.start to t. Where t differs from the time of the last
     probe by a small part of `brisk`, the time in which the motion changes, the last probe is carried on to t instead.
     """
-    g_low, _ = least_value(law, modes, compressing, clock, b.armed, b.start, b.start, slip_tol)
+    g_low, _ = least_value(dm, modes, compressing, clock, b.armed, b.start, b.start, slip_tol)
     smooth, s = event < 6, b.bracket
-    near = NEAR_PROBE * raised(tol, 1.0 / 3.0) * brisk if smooth else 0.0
-    at, guess, slope = LegCrossing(law, modes, compressing, clock, h, tol, slip_tol, stiff, near, b), 0.0, 0.0
+    near = NEAR_PROBE * nearly_raised(tol, 1.0 / 3.0) * brisk if smooth else 0.0
+    at, guess, slope = LegCrossing(dm, modes, compressing, clock, h, tol, slip_tol, stiff, near, b), 0.0, 0.0
     if smooth:
-        impact_rates(law, modes, b.gains, clock, b.out, b.rates_out)
+        impact_rates(dm, modes, b.gains, clock, b.out, b.rates_out)
         guess, slope = zero_on_cubic(value_on_cubic, at, s, h, g_low, least)
     set_bracket(s, h, g_low, least, guess, slope)
     return locate(probe_step, at, s, h, 0.0, smooth)
 
 
 @compiled
-def least_value(law, modes, compressing, clock, armed, base, z, tol):
+def least_value(dm, modes, compressing, clock, armed, base, z, tol):
     """Least of the armed event functions at z, and its number (inf and -1 if none is armed)."""
     least, which = inf, -1
     for k in range(N_LEG_EVENTS):
         if armed[k] > 0.0:
-            value = event_value(law, k, modes, compressing, clock, base, z, tol)
+            value = event_value(dm, k, modes, compressing, clock, base, z, tol)
             if value < least:
                 least, which = value, k
     return least, which

@@ -26,7 +26,7 @@ from dimersweep.kernel.numerics.steps import (
 )
 from dimersweep.kernel.numerics.tableaux import DOP_A, ROS_GAMMA
 
-LEG_ROWS = 40
+LEG_ROWS = 41
 EXPLICIT_LEG_COST, IMPLICIT_LEG_COST = 0.5, 1.0  # of a step, in hops of one end: as measured
 
 
@@ -48,6 +48,7 @@ class LegRows(NamedTuple):
     probe: Any
     rates_probe: Any
     bracket: Any
+    e: Any  # restitution of both ends
     meter: Any
 
 
@@ -70,6 +71,7 @@ def leg_rows(work):
         work[37],
         work[38],
         work[39],
+        work[40],
         work[METER],
     )
 
@@ -81,7 +83,7 @@ def stage_value(y, h, total, a, k):
 
 
 @compiled
-def explicit_step(law, modes, clock, h, tol, b):
+def explicit_step(dm, modes, clock, h, tol, b):
     """One DOP853 step of size h in a clock, from b.start into b.out; returns the error over the tolerance.
 
     The newest slopes stay in registers: to write them to K and to read them at once takes a tenth of the step.
@@ -95,7 +97,7 @@ def explicit_step(law, modes, clock, h, tol, b):
             t0, t1, t2, t3, t4, t5, t6, _ = stage_sums(i + 1, i, b.K)
             a = DOP_A[i + 1, i]
             k0, k1, k2, k3, k4, k5, k6 = rates_in_clock(
-                law,
+                dm,
                 modes,
                 b.gains,
                 clock,
@@ -113,12 +115,12 @@ def explicit_step(law, modes, clock, h, tol, b):
 
 
 @compiled
-def implicit_step(law, modes, h, tol, slip_unit, b):
+def implicit_step(dm, modes, h, tol, slip_unit, b):
     """One Rodas5P step of size h from b.start into b.out; returns the error over the tolerance.
 
     Errors of the slips are measured in `slip_unit`.
     """
-    impact_jacobian(law, modes, b.gains, b.start, b.F, b.J)
+    impact_jacobian(dm, modes, b.gains, b.start, b.F, b.J)
     for i in range(N_Z):
         for j in range(N_Z):
             b.LU[i, j] = -b.J[i, j]
@@ -127,7 +129,7 @@ def implicit_step(law, modes, h, tol, slip_unit, b):
         return inf
     for i in range(ROS_STAGES):
         implicit_stage(i, b.start, b.K, N_Z, b.out)
-        impact_rates(law, modes, b.gains, PLAIN_CLOCK, b.out, b.K[i])
+        impact_rates(dm, modes, b.gains, PLAIN_CLOCK, b.out, b.K[i])
         implicit_load(i, h, b.K, N_Z, b.K[i])
         lu_solve(b.LU, N_Z, b.pivots, b.K[i])
     total = 0.0
@@ -139,9 +141,9 @@ def implicit_step(law, modes, h, tol, slip_unit, b):
 
 
 @compiled(inline=True)
-def leg_step(law, modes, clock, h, tol, slip_unit, stiff, b):
+def leg_step(dm, modes, clock, h, tol, slip_unit, stiff, b):
     """One step of size h from b.start into b.out, by the method that suits; returns the error over the tolerance."""
     charge(b.meter, IMPLICIT_LEG_COST if stiff else EXPLICIT_LEG_COST)
     if stiff:
-        return implicit_step(law, modes, h, tol, slip_unit, b)
-    return explicit_step(law, modes, clock, h, tol, b)
+        return implicit_step(dm, modes, h, tol, slip_unit, b)
+    return explicit_step(dm, modes, clock, h, tol, b)

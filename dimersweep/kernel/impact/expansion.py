@@ -7,7 +7,7 @@ from math import inf, sqrt
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.model.friction import length
-from dimersweep.kernel.numerics.elementary import multiplied, raised
+from dimersweep.kernel.numerics.elementary import multiplied, nearly_raised
 
 LEAST_ORDER, ORDER = 4, 15  # of the expansion of a leg with a turning slip direction
 PAST_LEG = 1.1  # how far past the likely end of a leg its expansion is to reach
@@ -84,9 +84,9 @@ def term(c, j):
 def reach(c, order, small):
     """Step over which the last terms of the expansions stay below `small`, and well inside their convergence."""
     last, before = term(c, order), term(c, order - 1)
-    h = raised(small / last, 1.0 / order) if last > 0.0 else inf
+    h = nearly_raised(small / last, 1.0 / order) if last > 0.0 else inf
     if before * multiplied(min(h, 1e9), order - 1) > small:
-        h = raised(small / before, 1.0 / (order - 1))
+        h = nearly_raised(small / before, 1.0 / (order - 1))
     return h
 
 

@@ -14,17 +14,14 @@ from dimersweep.kernel.impact.double_equations import (
     ZN2,
     ZX1,
     ZX2,
-    DoubleLaw,
-    EndContact,
     compression,
-    contact_of,
     first_forces,
     friction_modes,
     impact_rates,
     stored_energy,
 )
 from dimersweep.kernel.impact.double_leg import double_leg
-from dimersweep.kernel.impact.double_step import LEG_ROWS
+from dimersweep.kernel.impact.double_step import LEG_ROWS, leg_rows
 from dimersweep.kernel.impact.phase_log import log_phase, log_single
 from dimersweep.kernel.impact.single_impact import (
     DONE,
@@ -33,7 +30,7 @@ from dimersweep.kernel.impact.single_impact import (
     EndLaw,
     single_phase,
 )
-from dimersweep.kernel.model.body import attitude, delassus, end, level_levers, levers, pair_of, reach, rise_of_centre
+from dimersweep.kernel.model.body import attitude, delassus, end, level_levers, levers, reach, rise_of_centre
 from dimersweep.kernel.model.contact_code import coded, impact_digit
 from dimersweep.kernel.model.friction import holds_axially, length, slip_force
 from dimersweep.kernel.model.layout import (
@@ -73,12 +70,20 @@ class ImpactRows(NamedTuple):
     before: Any  # those before the phase
     compressing: Any  # 1.0 for an end in compression, -1.0 for one in restitution
     mid: Any  # those at which a slip ended within the phase
+    e: Any  # restitution of both ends, as the leg has it
 
 
 @compiled
 def impact_rows(work):
     """The rows of an impact at both ends on a work array."""
-    return ImpactRows(work[LEG_ROWS], work[LEG_ROWS + 1], work[LEG_ROWS + 2], work[LEG_ROWS + 3], work[LEG_ROWS + 4])
+    return ImpactRows(
+        work[LEG_ROWS],
+        work[LEG_ROWS + 1],
+        work[LEG_ROWS + 2],
+        work[LEG_ROWS + 3],
+        work[LEG_ROWS + 4],
+        leg_rows(work).e,
+    )
 
 
 @compiled
@@ -105,26 +110,6 @@ def end_law(dm, i, both, sin_b, cos_b, e):
 
 
 @compiled
-def double_law(dm, e_1, e_2):
-    """The law of a double impact, with the coefficients of restitution of both ends."""
-    m, w, p, q = dm.m, pair_of(dm), dm.p1, dm.p2
-    return DoubleLaw(
-        m * w.nn_1,
-        m * w.nn_2,
-        m * w.nn_12,
-        m * w.na_1,
-        m * w.na_2,
-        m * w.aa,
-        m * w.bb_1,
-        m * w.bb_2,
-        m * w.bb_12,
-        dm.eta,
-        EndContact(e_1, p.mu, p.mu_s, p.k),
-        EndContact(e_2, q.mu, q.mu_s, q.k),
-    )
-
-
-@compiled
 def is_loaded(i, z, left, least):
     """Whether end i is compressed or approaches, by more than the gap rate `left`, or the compression `least` worth as much."""
     X, n = z[ZX1 + i], z[ZN1 + i]
@@ -140,7 +125,7 @@ def let_go(i, z, compressing, left, least):
 
 
 @compiled
-def acts(law, i, z, left, least, slip_tol):
+def acts(dm, i, z, left, least, slip_tol):
     """Whether end i acts now or is about to: it is loaded, or the force at the other end drives it towards the plate from rest.
 
     At rest and uncompressed, an end is driven by the other one alone, with the friction that other end has.
@@ -150,15 +135,15 @@ def acts(law, i, z, left, least, slip_tol):
     j = 1 - i
     if z[ZN1 + i] > 0.0 or not is_loaded(j, z, left, least):
         return False
-    other = contact_of(law, j)
-    na_i, na_j = (law.na_1, law.na_2) if i == 0 else (law.na_2, law.na_1)
+    w, other = dm.pair, end(dm, j)
+    na_i, na_j = (w.na_1, w.na_2) if i == 0 else (w.na_2, w.na_1)
     v = length(z[ZA], z[ZB1 + j])
     if v > slip_tol:
         friction, _ = slip_force(other.mu, 1.0, z[ZA], 0.0)
         tau = friction / v
     else:
-        tau = -na_j / law.aa if holds_axially(other.mu_s, na_j, law.aa) else -copysign(other.mu, na_j)
-    return law.nn_12 + na_i * tau < 0.0
+        tau = -na_j / w.aa if holds_axially(other.mu_s, na_j, w.aa) else -copysign(other.mu, na_j)
+    return w.nn_12 + na_i * tau < 0.0
 
 
 @compiled
@@ -231,8 +216,8 @@ def impulses_between(dm, z, start, V):
     A = dm.m * ((z[ZA] - start[ZA]) * V - p.a * d_w)
     push, moment = dm.m * rise_of_centre(dm, d_n1, d_n2), dm.J_t * d_w - p.a * A
     P_1, P_2 = (q.n * push - moment) / (q.n - p.n), (moment - p.n * push) / (q.n - p.n)
-    w = pair_of(dm)
-    d_1, d_2 = (z[ZB1] - start[ZB1]) * V, (z[ZB2] - start[ZB2]) * V
+    w, unit = dm.pair, dm.m * V
+    d_1, d_2 = (z[ZB1] - start[ZB1]) * unit, (z[ZB2] - start[ZB2]) * unit
     det = w.bb_1 * w.bb_2 - w.bb_12 * w.bb_12
     return P_1, P_2, A, (w.bb_2 * d_1 - w.bb_12 * d_2) / det, (w.bb_1 * d_2 - w.bb_12 * d_1) / det
 
@@ -246,13 +231,13 @@ def double_impact(dm, state, V, tol, modes, work, log):
     status, rows : int
         OK or the reason; rows logged.
     """
-    law = double_law(dm, restitution(dm.p1.e, tol), restitution(dm.p2.e, tol))
-    z, start, before, compressing, mid = impact_rows(work)
+    z, start, before, compressing, mid, e = impact_rows(work)
+    e[0], e[1] = restitution(dm.p1.e, tol), restitution(dm.p2.e, tol)
     load_double(dm, state, V, z)
     copy(z, start, N_Z)
     slip_tol = max(max(IMPACT_SLIP_SCALE * tol, LEAST_SLIP), rounding(dm, state) / V)
     left = max(LEFT_OVER * tol, LEAST_LEFT)
-    least = raised(left, 2.0 / (law.eta + 1.0))  # the root of E, which goes with X^(eta + 1), is worth a gap rate
+    least = raised(left, 2.0 / (dm.eta + 1.0))  # the root of E, which goes with X^(eta + 1), is worth a gap rate
     compressing[0], compressing[1] = 1.0, 1.0
     rows = 0
     status = IMPACT_STEPS
@@ -260,25 +245,25 @@ def double_impact(dm, state, V, tol, modes, work, log):
     for _ in range(MAX_PHASES):
         let_go(0, z, compressing, left, least)
         let_go(1, z, compressing, left, least)
-        on_1, on_2 = acts(law, 0, z, left, least, slip_tol), acts(law, 1, z, left, least, slip_tol)
+        on_1, on_2 = acts(dm, 0, z, left, least, slip_tol), acts(dm, 1, z, left, least, slip_tol)
         if not on_1 and not on_2:
             z[ZN1], z[ZN2] = max(0.0, z[ZN1]), max(0.0, z[ZN2])
             status = OK
             break
         copy(z, before, N_Z)
         if on_1 and on_2:
-            f_1, f_2 = first_forces(law, z)
-            friction_modes(law, z, modes, f_1, f_2, slip_tol, lost)
-            if follow_acceleration(law, z, modes, compressing, left, mid):
+            f_1, f_2 = first_forces(dm, z)
+            friction_modes(dm, z, modes, f_1, f_2, slip_tol, lost)
+            if follow_acceleration(dm, z, modes, compressing, left, e, mid):
                 continue
-            event = double_leg(law, z, modes, compressing, max(min(DOUBLE_TOL * tol, COARSEST), FINEST), slip_tol, work)
+            event = double_leg(dm, z, modes, compressing, max(min(DOUBLE_TOL * tol, COARSEST), FINEST), slip_tol, work)
             if event < 0:
                 break
             lost = 4 <= event < 6
-            settle_event(law, event, z, compressing, left)
+            settle_event(dm, event, z, compressing, left, e)
         else:
             i = 0 if on_1 else 1
-            halts, reason = single_end_phase(dm, law, i, z, modes, compressing, slip_tol, before, mid, work)
+            halts, reason = single_end_phase(dm, i, z, modes, compressing, slip_tol, before, mid, e, work)
             lost = False
             if reason == IMPACT_JAMS or reason == IMPACT_OUT_OF_STEPS:
                 status = JAMMED if reason == IMPACT_JAMS else IMPACT_STEPS
@@ -304,7 +289,7 @@ def double_impact(dm, state, V, tol, modes, work, log):
 
 
 @compiled
-def settle_event(law, event, z, compressing, left):
+def settle_event(dm, event, z, compressing, left, e):
     """Make the outcome of an event exact: the function that vanished is zero, at both ends if they move alike.
 
     The other end may have passed an event of its own in the same rounding: what its state says then holds for it too.
@@ -314,9 +299,9 @@ def settle_event(law, event, z, compressing, left):
     if event < 2:
         if z[ZN1 + j] == z[ZN1 + i] and compressing[j] == compressing[i]:
             z[ZN1 + j] = 0.0
-            turn(law, j, z, compressing, left)
+            turn(dm, j, z, compressing, left, e)
         z[ZN1 + i] = 0.0
-        turn(law, i, z, compressing, left)
+        turn(dm, i, z, compressing, left, e)
     elif event < 4:
         if z[ZX1 + j] == z[ZX1 + i] and compressing[j] == compressing[i]:
             z[ZX1 + j], compressing[j] = 0.0, 1.0
@@ -327,13 +312,13 @@ def settle_event(law, event, z, compressing, left):
         z[ZB1 + i] = 0.0
         z[ZA] = 0.0
     if z[ZX1 + j] > 0.0 and z[ZN1 + j] * compressing[j] > 0.0:
-        turn(law, j, z, compressing, left)
+        turn(dm, j, z, compressing, left, e)
     elif z[ZX1 + j] <= 0.0 and compressing[j] < 0.0:
         z[ZX1 + j], compressing[j] = 0.0, 1.0
 
 
 @compiled
-def follow_acceleration(law, z, modes, compressing, left, rates):
+def follow_acceleration(dm, z, modes, compressing, left, e, rates):
     """An end with compression left whose gap rate is exactly zero goes where its acceleration says.
 
     Returns whether an end without restitution has lost its energy so, and the phase with it.
@@ -341,24 +326,24 @@ def follow_acceleration(law, z, modes, compressing, left, rates):
     gone = False
     for i in range(2):
         if z[ZN1 + i] == 0.0 and z[ZX1 + i] > 0.0:
-            impact_rates(law, modes, compressing, PLAIN_CLOCK, z, rates)
+            impact_rates(dm, modes, compressing, PLAIN_CLOCK, z, rates)
             if rates[ZN1 + i] * compressing[i] > 0.0:
-                turn(law, i, z, compressing, left)
+                turn(dm, i, z, compressing, left, e)
                 gone = gone or z[ZX1 + i] == 0.0
     return gone
 
 
 @compiled
-def turn(law, i, z, compressing, left):
+def turn(dm, i, z, compressing, left, e):
     """End i passes from compression to restitution or back; its energy is lost where it is not worth the gap rate `left`."""
     compressing[i] = -compressing[i]
-    if contact_of(law, i).e * raised(max(0.0, z[ZX1 + i]), 0.5 * (law.eta + 1.0)) <= left:
+    if e[i] * raised(max(0.0, z[ZX1 + i]), 0.5 * (dm.eta + 1.0)) <= left:
         z[ZX1 + i] = 0.0
         compressing[i] = 1.0
 
 
 @compiled
-def single_end_phase(dm, pair, i, z, modes, compressing, slip_tol, before, mid, work):
+def single_end_phase(dm, i, z, modes, compressing, slip_tol, before, mid, e, work):
     """Phase of a double impact in which only end i acts; z, modes and the direction of compression in place.
 
     Returns
@@ -367,13 +352,13 @@ def single_end_phase(dm, pair, i, z, modes, compressing, slip_tol, before, mid, 
         Whether end i slipped first and stuck then; the velocities at that moment are in `mid`.
     reason : int
     """
-    law = end_law(dm, i, 1.0, dm.sin_0, dm.cos_0, contact_of(pair, i).e)
+    law = end_law(dm, i, 1.0, dm.sin_0, dm.cos_0, e[i])
     j = 1 - i
     n, a, b, E, n_j, P, _, B, P_s, A_s, mode, reason = single_phase(
-        law, z[ZN1 + i], z[ZA], z[ZB1 + i], stored_energy(pair, i, z[ZX1 + i]), z[ZN1 + j], slip_tol, work
+        law, z[ZN1 + i], z[ZA], z[ZB1 + i], stored_energy(dm, i, z[ZX1 + i]), z[ZN1 + j], slip_tol, work
     )
-    z[ZN1 + i], z[ZA], z[ZB1 + i], z[ZX1 + i], z[ZN1 + j] = n, a, b, compression(pair, i, E), n_j
-    z[ZB1 + j] += pair.bb_12 * B
+    z[ZN1 + i], z[ZA], z[ZB1 + i], z[ZX1 + i], z[ZN1 + j] = n, a, b, compression(dm, i, E), n_j
+    z[ZB1 + j] += dm.pair.bb_12 * B
     compressing[i] = 1.0 if n < 0.0 or E == 0.0 else -1.0
     compressing[j] = 1.0
     modes[i] = mode
@@ -384,5 +369,5 @@ def single_end_phase(dm, pair, i, z, modes, compressing, slip_tol, before, mid, 
         mid[ZN1 + i] += law.nn * P_s + law.na * A_s
         mid[ZN1 + j] += law.nn_j * P_s + law.na_j * A_s
         mid[ZA], mid[ZB1 + i] = 0.0, 0.0
-        mid[ZB1 + j] -= pair.bb_12 * before[ZB1 + i] / law.bb
+        mid[ZB1 + j] -= dm.pair.bb_12 * before[ZB1 + i] / law.bb
     return halts, reason

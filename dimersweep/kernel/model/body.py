@@ -22,7 +22,8 @@ from typing import NamedTuple
 import numpy as np
 
 from dimersweep.kernel.compiler.jit import compiled, exported
-from dimersweep.kernel.model.layout import CA, CB, DIP, SPIN, WB, WP, Dimer, End
+from dimersweep.kernel.compiler.records import new_record
+from dimersweep.kernel.model.layout import CA, CB, DIP, SPIN, WB, WP, Dimer
 from dimersweep.kernel.model.plate import TWO_PI, amplitude
 from dimersweep.kernel.numerics.elementary import atan2
 from dimersweep.kernel.numerics.sincos import one_minus_cos, sincos
@@ -32,17 +33,44 @@ STICK_MARGIN = 1e-9
 
 
 @compiled
-def as_dimer(row):
-    """Dimer of one parameter row: a solid rod between the surfaces of two solid balls.
+def set_end(p, s, r, h, e, mu, mu_s, mu_h, k):
+    """Fill in one end of a dimer; friction that sticks is a little more than that which slips."""
+    least = mu * (1.0 + STICK_MARGIN)
+    p.s, p.r, p.h, p.e, p.k = s, r, h, e, k
+    p.mu, p.mu_s, p.mu_h = mu, max(mu_s, least), max(mu_h, least)
+
+
+@compiled
+def set_split(split, w_1, w_2):
+    """Fill in what two forces give together, from what a unit of each gives."""
+    split.both, split.apart = 0.5 * (w_1 + w_2), 0.5 * (w_1 - w_2)
+
+
+@compiled
+def set_pair(dm):
+    """Fill in the Delassus operator of both ends."""
+    w, (p, q) = dm.pair, level_levers(dm)
+    w_1, w_2, w_12 = delassus(dm, p, p), delassus(dm, q, q), delassus(dm, p, q)
+    w.nn_1, w.nn_2, w.nn_12 = dm.m * w_1.nn, dm.m * w_2.nn, dm.m * w_12.nn
+    w.na_1, w.na_2, w.aa = dm.m * w_1.na, dm.m * w_2.na, dm.m * w_1.aa
+    w.bb_1, w.bb_2, w.bb_12 = dm.m * w_1.bb, dm.m * w_2.bb, dm.m * w_12.bb
+    set_split(w.n_1, w.nn_1, w.nn_12)
+    set_split(w.n_2, w.nn_12, w.nn_2)
+    set_split(w.a, w.na_1, w.na_2)
+    set_split(w.b_1, w.bb_1, w.bb_12)
+    set_split(w.b_2, w.bb_12, w.bb_2)
+
+
+@compiled
+def set_dimer(row, dm):
+    """Fill in the dimer of one parameter row: a solid rod between the surfaces of two solid balls.
 
     Parameters
     ----------
     row : float64 array, shape (N_ROW,)
         Parameters in the order of ``layout.ROW``, SI units.
-
-    Returns
-    -------
-    Dimer
+    dm : Dimer
+        Filled in place.
     """
     # fmt: off
     (e_1, e_2, Gamma, f, A_r, mu_1, mu_2, mu_s_1, mu_s_2, mu_h_1, mu_h_2, _, _, phi0, r_1, r_2, rho_b_1, rho_b_2, rho_r,
@@ -57,55 +85,43 @@ def as_dimer(row):
     centre = 0.5 * ((m_2 - m_1) * lever + m_r * (r_1 - r_2)) / m
     rod_at = 0.5 * (r_1 - r_2) - centre
     h_1, h_2 = -0.5 * lever - centre, 0.5 * lever - centre
+    set_end(dm.p1, -1.0, r_1, h_1, e_1, mu_1, mu_s_1, mu_h_1, 1.0)
+    set_end(dm.p2, 1.0, r_2, h_2, e_2, mu_2, mu_s_2, mu_h_2, k_ratio)
     J_t = 0.4 * (m_1 * r_1**2 + m_2 * r_2**2) + (m_1 * h_1**2 + m_2 * h_2**2)
     J_t += m_r * (rod**2 / 12.0 + D_r**2 / 16.0 + rod_at**2)
     J_a = 0.4 * (m_1 * r_1**2 + m_2 * r_2**2) + 0.125 * m_r * D_r**2
-    sin_0 = (r_2 - r_1) / lever
-    cos_0 = sqrt((1.0 - sin_0) * (1.0 + sin_0))
+    dm.m, dm.J_t, dm.J_a = m, J_t, J_a
+    dm.im, dm.it, dm.ia = 1.0 / m, 1.0 / J_t, 1.0 / J_a
+    dm.l, dm.sin_0 = lever, (r_2 - r_1) / lever
+    dm.cos_0 = sqrt((1.0 - dm.sin_0) * (1.0 + dm.sin_0))
+    dm.beta_0 = atan2(dm.sin_0, dm.cos_0)
+    dm.eta = eta
+    set_pair(dm)
     sin_tilt, cos_tilt = sincos(tilt)
     sin_way, cos_way = sincos(azimuth)
-    omega = TWO_PI * f
-    hold_1, hold_2 = mu_1 * (1.0 + STICK_MARGIN), mu_2 * (1.0 + STICK_MARGIN)
-    return Dimer(
-        End(-1.0, r_1, h_1, e_1, mu_1, max(mu_s_1, hold_1), max(mu_h_1, hold_1), 1.0),
-        End(1.0, r_2, h_2, e_2, mu_2, max(mu_s_2, hold_2), max(mu_h_2, hold_2), k_ratio),
-        lever,
-        atan2(sin_0, cos_0),
-        sin_0,
-        cos_0,
-        eta,
-        m,
-        J_t,
-        J_a,
-        1.0 / m,
-        1.0 / J_t,
-        1.0 / J_a,
-        g * cos_tilt,
-        amplitude(Gamma, g, omega),
-        omega,
-        1.0 / f,
-        phi0 - TWO_PI * (phi0 // TWO_PI),
-        amplitude(Gamma_2, g, 2.0 * omega),
-        (phi_2 - 2.0 * phi0) % TWO_PI,
-        1.0 if tilt != 0.0 or Gamma_x != 0.0 or Gamma_y != 0.0 else 0.0,
-        g * sin_tilt * cos_way,
-        g * sin_tilt * sin_way,
-        Gamma_x * g,
-        phi_x % TWO_PI,
-        Gamma_y * g,
-        phi_y % TWO_PI,
-        min(g / omega, sqrt(g * lever)),
-        sqrt(g / lever),
-    )
+    dm.omega, dm.T, dm.g = TWO_PI * f, 1.0 / f, g * cos_tilt
+    dm.A_z, dm.phi0 = amplitude(Gamma, g, dm.omega), phi0 - TWO_PI * (phi0 // TWO_PI)
+    dm.A_2, dm.lag = amplitude(Gamma_2, g, 2.0 * dm.omega), (phi_2 - 2.0 * phi0) % TWO_PI
+    dm.sideways = 1.0 if tilt != 0.0 or Gamma_x != 0.0 or Gamma_y != 0.0 else 0.0
+    dm.fall_x, dm.fall_y = g * sin_tilt * cos_way, g * sin_tilt * sin_way
+    dm.G_x, dm.lag_x, dm.G_y, dm.lag_y = Gamma_x * g, phi_x % TWO_PI, Gamma_y * g, phi_y % TWO_PI
+    dm.v_scale, dm.w_scale = min(g / dm.omega, sqrt(g * lever)), sqrt(g / lever)
 
 
 @exported
-def dimer_of(row):
-    """The dimer of one parameter row, for Python; see `as_dimer`."""
-    return as_dimer(row)
+def fill_dimer(row, dm):
+    """`set_dimer` for Python."""
+    set_dimer(row, dm)
 
 
-@compiled
+def dimer_of(row: np.ndarray) -> Dimer:
+    """The dimer of one parameter row, for Python; see `set_dimer`."""
+    dm = new_record(Dimer)
+    fill_dimer(row, dm)
+    return dm
+
+
+@compiled(inline=True)
 def end(dm, i):
     """End number i: 0 is p1, 1 is p2."""
     return dm.p1 if i == 0 else dm.p2
@@ -114,20 +130,13 @@ def end(dm, i):
 # --- the dip ----------------------------------------------------------------------------------------------------------
 
 
-@compiled
-def tilted(dm, sin_d, cos_d):
-    """Sine and cosine of the dip angle beta, from those of the dip above level."""
-    return dm.sin_0 * cos_d + dm.cos_0 * sin_d, dm.cos_0 * cos_d - dm.sin_0 * sin_d
-
-
-@compiled
+@compiled(inline=True)
 def attitude(dm, dip):
     """Sine and cosine of the dip angle beta at a dip above level."""
-    sin_d, cos_d = sincos(dip)
-    return tilted(dm, sin_d, cos_d)
+    return sincos(dm.beta_0 + dip)
 
 
-@compiled
+@compiled(inline=True)
 def lift(dm, dip):
     """sin(beta) - sin(beta_0): by how much p2 is higher over the plate than p1, in units of l."""
     sin_d, cos_d = sincos(dip)
@@ -146,13 +155,13 @@ class Levers(NamedTuple):
     c: float  # lateral velocity per axial spin
 
 
-@compiled
+@compiled(inline=True)
 def levers(p, sin_b, cos_b):
     """Contact Jacobian of the end p, (A.1) and (A.3)."""
     return Levers(p.h * cos_b, p.r - p.h * sin_b, p.r * sin_b - p.h, -p.r * cos_b)
 
 
-@compiled
+@compiled(inline=True)
 def level_levers(dm):
     """Contact Jacobians of p1 and p2 where both touch the plate."""
     return levers(dm.p1, dm.sin_0, dm.cos_0), levers(dm.p2, dm.sin_0, dm.cos_0)
@@ -168,7 +177,7 @@ class Delassus(NamedTuple):
     bb: float
 
 
-@compiled
+@compiled(inline=True)
 def delassus(dm, p, q):
     """Delassus operator between the ends with levers p and q: velocity at p per impulse at q."""
     im, it = dm.im, dm.it
@@ -179,28 +188,6 @@ def delassus(dm, p, q):
         im + p.a * q.a * it,
         im + p.b * q.b * it + p.c * q.c * dm.ia,
     )
-
-
-class Pair(NamedTuple):
-    """Delassus operator of both ends on the plate [1/kg]: they share the axial velocity, and normal and lateral do not mix."""
-
-    nn_1: float
-    nn_2: float
-    nn_12: float
-    na_1: float  # gap rate of p1 per axial impulse, and axial velocity per normal impulse at p1
-    na_2: float
-    aa: float
-    bb_1: float
-    bb_2: float
-    bb_12: float
-
-
-@compiled
-def pair_of(dm):
-    """Delassus operator of both ends where both touch the plate."""
-    p, q = level_levers(dm)
-    w_1, w_2, w_12 = delassus(dm, p, p), delassus(dm, q, q), delassus(dm, p, q)
-    return Pair(w_1.nn, w_2.nn, w_12.nn, w_1.na, w_2.na, w_1.aa, w_1.bb, w_2.bb, w_12.bb)
 
 
 # --- velocities ---------------------------------------------------------------------------------------------------------
@@ -227,7 +214,7 @@ def turn_of_pair(dm, apart, spin):
     return (apart / (dm.l * dm.cos_0) - dm.sin_0 * spin) / dm.cos_0
 
 
-@compiled
+@compiled(inline=True)
 def reach(dm):
     """Radius of the greater ball, and the distance of the centre of mass from the farther one [m]."""
     return max(dm.p1.r, dm.p2.r), max(-dm.p1.h, dm.p2.h)

@@ -16,7 +16,7 @@ ROW_BETA0, ROW_XDOT0, ROW_THETA0, ROW_PHI0, ROW_PHI_2 = (
 )
 
 
-class End(NamedTuple):
+class End:
     """One end of the dimer: its ball, and the contact of that with the plate."""
 
     s: float  # -1 for p1, +1 for p2
@@ -29,11 +29,40 @@ class End(NamedTuple):
     k: float  # stiffness of the contact in impacts, in units of that of p1 [1]
 
 
-class Dimer(NamedTuple):
-    """One dimer on one plate in flight through the kernel: every field a float (an int field would compile again)."""
+class Split:
+    """What two forces f_1, f_2, one at each end, give together: w_1 f_1 + w_2 f_2."""
+
+    both: float  # (w_1 + w_2) / 2, per sum of the forces
+    apart: float  # (w_1 - w_2) / 2, per difference
+
+
+class Pair:
+    """Delassus operator of both ends where both touch the plate [1/m]: they share the axial velocity, and normal and
+    lateral do not mix.
+    """
+
+    nn_1: float
+    nn_2: float
+    nn_12: float
+    na_1: float  # gap rate of p1 per axial impulse, and axial velocity per normal impulse at p1
+    na_2: float
+    aa: float
+    bb_1: float
+    bb_2: float
+    bb_12: float
+    n_1: Split  # gap rates per normal forces
+    n_2: Split
+    a: Split  # axial velocity per normal forces
+    b_1: Split  # lateral velocities per lateral forces
+    b_2: Split
+
+
+class Dimer:
+    """One dimer on one plate: a record (``compiler.records``), filled by ``body.set_dimer``."""
 
     p1: End
     p2: End
+    pair: Pair
     l: float  # noqa: E741 (the paper's symbol): distance of the ball centres [m]
     beta_0: float  # dip angle at which both balls can touch the plate: sin(beta_0) = (r_2 - r_1) / l [rad]
     sin_0: float

@@ -47,13 +47,13 @@ def sincos(x):
     return (-s if quarter & 2 else s), (-c if quarter == 1 or quarter == 2 else c)
 
 
-@compiled
+@compiled(inline=True)
 def one_minus_cos(s, c):
     """1 - cos x from sin x, cos x without cancellation."""
     return s * s / (1.0 + c) if c > 0.0 else 1.0 - c
 
 
-@compiled
+@compiled(inline=True)
 def x_minus_sin(x, s):
     """x - sin x without cancellation."""
     if abs(x) > 0.5:

@@ -3,7 +3,7 @@
 from math import inf, sqrt
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.numerics.elementary import eighth_root, raised
+from dimersweep.kernel.numerics.elementary import eighth_root, nearly_raised
 from dimersweep.kernel.numerics.tableaux import (
     DOP_A,
     DOP_E3,
@@ -112,7 +112,7 @@ def step_factor(error, order):
     """By what to multiply the step after one with this error."""
     if not error < inf:
         return 0.1
-    root = eighth_root(error) if order == 8.0 else raised(error, 1.0 / order)
+    root = eighth_root(error) if order == 8.0 else nearly_raised(error, 1.0 / order)
     return max(0.1, 0.9 / root) if root > 0.18 else 5.0
 
 
