@@ -1,16 +1,15 @@
 """The benchmarks at a tiny size: what they time is what they name, and what they conclude follows from what they measure."""
 
-import ast
 import os
 from pathlib import Path
 
 import compare
+import compile_time
 import early_stop
 import later_course
 import memory
 import numpy as np
 import pytest
-import shortcuts
 import speed
 import verbs_loops
 from verbs_inputs import DOUBLE, SINGLE, harvest
@@ -124,54 +123,18 @@ def test_a_revision_is_checked_out_and_leaves_nothing(tmp_path):
         pass
 
 
-@pytest.mark.parametrize("shortcut", shortcuts.SHORTCUTS, ids=lambda shortcut: shortcut.name)
-def test_every_shortcut_can_be_taken_out(shortcut, tmp_path):
-    assert shortcut.edits or shortcut.asked
-    shortcuts.without(shortcut, tmp_path)
-    for module in shortcut.edits:
-        kept, edited = (folder / "dimersweep" / "kernel" / f"{module}.py" for folder in (ROOT, tmp_path))
-        assert ast.dump(ast.parse(edited.read_text())) != ast.dump(ast.parse(kept.read_text()))
+@pytest.mark.parametrize("way", compile_time.WAYS)
+def test_every_part_of_the_fast_way_can_be_taken_out(way, tmp_path):
+    """Its edit finds the text that it replaces."""
+    made = compile_time.make_copy(compile_time.WAYS[way], tmp_path) / "dimersweep"
+    kept = ROOT / "dimersweep"
+    changed = [file for file in kept.rglob("*.py") if (made / file.relative_to(kept)).read_text() != file.read_text()]
+    assert len(changed) == (compile_time.WAYS[way].module != "")
 
 
 def test_an_edit_that_finds_nothing_is_an_error():
-    for edit in (shortcuts.replaced("a", "b"), shortcuts.constant("A", "1"), shortcuts.body("f", "return 1")):
-        with pytest.raises(ValueError, match="0 times, not once"):
-            edit("x = 2\n")
-    assert shortcuts.constant("A", "1")("A = 3  # why\n") == "A = 1  # why\n"
-    assert shortcuts.body("f", "return 1")("def f(x):\n    '''Doc.'''\n    return x\n") == "def f(x):\n    return 1\n"
-
-
-def test_effect_of_a_shortcut(tmp_path):
-    (early_end,) = [one for one in shortcuts.SHORTCUTS if one.asked == {"settle": False}]
-    whole = shortcuts.worker(ROOT, CACHE)
-    (effect,) = shortcuts.effects(early_end, tmp_path, whole, shortcuts.finest_states(whole, ["jump"]))
-    whole.close()
-    assert effect.ratio > 1.5  # about a quarter of the periods
-    assert effect.error_on == effect.error_off < 1e-3
-    assert effect.mode_on == effect.mode_off == "jump"
-    text = "\n".join(
-        shortcuts.document(
-            [effect, effect._replace(scene="drift", error_on=1e-3, error_off=1e-9)], ["jump", "drift"], "1a2b"
-        )
-    )
-    assert "revision 1a2b." in text
-    assert "- stop when settled, drift: 1.0e-03, without it 1.0e-09" in text
-
-
-@pytest.mark.skipif(not (ROOT / ".git").exists(), reason="not a checkout")
-def test_the_table_of_shortcuts_at_small_size(tmp_path, capsys):
-    found = shortcuts.main(["--small", "--document", str(tmp_path / "page.md"), "--note", "A trial."])
-    page = (tmp_path / "page.md").read_text()
-    assert {effect.scene for effect in found} == {"jump", "frictionless"}
-    assert all(effect.error_on == effect.error_off < 1e-3 for effect in found)  # asked for more, the motion is the same
-    assert "A trial." in page
-    assert "Not measured yet: chatter summed to its end;" in page
-    assert "stop when settled" in capsys.readouterr().out
-
-
-def test_the_page_of_shortcuts_names_each_of_them():
-    page = shortcuts.DOCUMENT.read_text()
-    assert not [shortcut.name for shortcut in shortcuts.SHORTCUTS if shortcut.name not in page]
+    with pytest.raises(ValueError, match="0 times, not once"):
+        compile_time.replaced("a", "b")("x = 2\n")
 
 
 def test_early_stop_on_a_few_points(capsys):
