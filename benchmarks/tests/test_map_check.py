@@ -1,10 +1,9 @@
-"""The check of a refined map finds what differs from brute force; limits of the overhead are judged as they are told."""
+"""The check of a refined map finds what differs from brute force."""
 
 import sys
 from pathlib import Path
 
 import numpy as np
-import overhead
 import pytest
 import refinement
 
@@ -68,11 +67,3 @@ def test_a_wrong_cell_is_found(monkeypatch, capsys, points):
     monkeypatch.setattr("refinement.dimersweep.open_cube", lambda path: cube)
     told, code = check(monkeypatch, capsys, "map.nc", "--points", points)
     assert code and "differs at [" in told
-
-
-@pytest.mark.parametrize(
-    ("over", "scaling", "on_core", "code"),
-    [(1.05, 1.8, 1, 0), (1.11, 1.8, 1, 1), (1.05, 1.69, 1, 1), (1.0, 1.9, 0.5, 2)],
-)
-def test_limits_of_the_overhead(over, scaling, on_core, code):
-    assert overhead.judged(over, scaling, on_core) == code
