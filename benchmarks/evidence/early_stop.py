@@ -14,9 +14,8 @@ from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
-from later_course import UNEXPLAINED, Sampled, Why, why
+from later_course import UNEXPLAINED, why
 
-from dimersweep import simulate
 from dimersweep.cubes.cube import blank
 from dimersweep.kernel.batch import run_many
 from dimersweep.kernel.model.layout import (
@@ -25,7 +24,6 @@ from dimersweep.kernel.model.layout import (
     MODES,
     OUT,
 )
-from dimersweep.kernel.verdict.settling import KEPT, PATIENCE, SETTLED
 from dimersweep.parameters import fill_rows
 from dimersweep.symbols import BASE
 
@@ -76,41 +74,6 @@ def run_all(rows: np.ndarray, periods: int, rtol: float, settle: bool, workers: 
     return Runs(out, codes, perf_counter() - begun)
 
 
-def strobes(point: dict[str, float], periods: int, rtol: float) -> np.ndarray:
-    """Gaps and gap rates at the ends of the forcing periods, and the spin, in units of g and omega, shape (periods, 5)."""
-    states = simulate(**point, periods=periods, rtol=rtol).states(np.arange(1, periods + 1) / point["f"])
-    speed = BASE["g"] / (2.0 * np.pi * point["f"])
-    gaps = [states[name].values * BASE["g"] / speed**2 for name in ("gap_1", "gap_2")]
-    spin = states["spin_rate"].values + states["theta_rate"].values * np.sin(states["beta"].values)
-    rates = [states[name].values / speed for name in ("gap_1_rate", "gap_2_rate")]
-    return np.column_stack([*gaps, *rates, BASE["r"] * spin / speed])
-
-
-def changes(strobe: np.ndarray, p: int) -> np.ndarray:
-    """Largest change of each strobe over p periods, infinite for the first ones."""
-    return np.append(np.full(p, np.inf), np.abs(strobe[p:, :4] - strobe[:-p, :4]).max(axis=1))
-
-
-def residuals(strobe: np.ndarray, p: int) -> np.ndarray:
-    """How far each strobe is from one that repeats over p periods while its spin creeps, infinite for the first ones."""
-    change, fast = changes(strobe, p), np.full(len(strobe), np.inf)
-    fast[2 * p :] = PATIENCE * np.abs(strobe[2 * p :] - 2.0 * strobe[p:-p] + strobe[: -2 * p])[:, :4].max(axis=1)
-    spun = np.append(np.zeros(p), np.abs(strobe[p:, 4] - strobe[:-p, 4]))
-    return np.where((change <= SETTLED) | (change > spun), change, np.minimum(change, fast))
-
-
-def reason(point: dict[str, float], early: np.ndarray, late: np.ndarray, given: argparse.Namespace) -> Why:
-    """Why the verdict of a run differs from the one with the early stop."""
-    period, stop = int(early[PERIOD]), int(early[TAKEN])
-    if period == 0:
-        return Why("no period", "the stopped run has no period: rest that was not, or a failure")
-    told = why(Sampled(point, given.periods, given.rtol), period, stop)
-    left = residuals(strobes(point, given.periods, given.rtol), period)[stop:]
-    lost = np.flatnonzero(left > KEPT)
-    when = f"change by {left[lost[0]]:.1e} after {stop + lost[0] + 1}" if lost.size else "repeat to the end"
-    return told._replace(shown=f"{told.shown}; its strobes {when}")
-
-
 def told(columns: dict[str, np.ndarray], k: int) -> dict[str, float]:
     """Parameters of one point."""
     return {name: float(values[k]) for name, values in columns.items()}
@@ -123,11 +86,11 @@ def print_exceptions(
     differ, kinds = np.flatnonzero(stopped.codes[:, MODE] != full.codes[:, MODE]), Counter[str]()
     for k in differ:
         early, late, point = stopped.codes[k], full.codes[k], told(columns, k)
-        why = reason(point, early, late, given)
-        kinds[why.kind] += 1
+        kind, shown = why(point, int(early[PERIOD]), int(early[TAKEN]), given.periods, given.rtol)
+        kinds[kind] += 1
         print(
-            f"  {why.kind}: {MODES[early[MODE]]} of period {early[PERIOD]} after {early[TAKEN]} periods, at the end "
-            f"{MODES[late[MODE]]} of period {late[PERIOD]}: {why.shown}\n    {point}"
+            f"  {kind}: {MODES[early[MODE]]} of period {early[PERIOD]} after {early[TAKEN]} periods, at the end "
+            f"{MODES[late[MODE]]} of period {late[PERIOD]}: {shown}\n    {point}"
         )
     of_kinds = f" ({', '.join(f'{kind}: {n}' for kind, n in kinds.most_common())})" if kinds else ""
     print(f"{differ.size} of {given.points} modes differ{of_kinds}")
