@@ -20,14 +20,14 @@ from dimersweep.kernel.batch import run_many
 from dimersweep.kernel.model.layout import CODES, MODES
 from dimersweep.runs.shadows import (
     CERTAIN,
-    FINEST,
+    FINEST_SHADOW,
     certified,
     delays,
     difference,
     scaled,
 )
 
-FIGURE = Path(__file__).resolve().parent.parent / "docs" / "figures" / "calibration.png"
+FIGURE = Path(__file__).resolve().parents[2] / "docs" / "figures" / "calibration.png"
 LENGTHS = (4, 4, 20, 60)  # forcing periods, in turns
 SAMPLES = 4  # states compared per period
 VERDICT_PERIODS = 200
@@ -56,7 +56,7 @@ def error_of(seed, rtol):
     """
     given, periods = scene(seed), LENGTHS[seed // 2 % len(LENGTHS)]
     run = simulate(**given, periods=periods, rtol=rtol)
-    finest = simulate(**given, periods=periods, rtol=FINEST)
+    finest = simulate(**given, periods=periods, rtol=FINEST_SHADOW)
     if run.status != "ok" or finest.status != "ok":
         return None
     bound = run.error(np.arange(SAMPLES * periods + 1) / (SAMPLES * given["f"]))
@@ -90,7 +90,7 @@ def verdicts_of(seeds):
 
 def tell_errors(errors, seconds):
     """Print how often the bounds hold, and how wide they are."""
-    print(f"{len(errors)} runs at rtol {RTOL:.0e} against rtol {FINEST:.0e}, {seconds:.0f} s")
+    print(f"{len(errors)} runs at rtol {RTOL:.0e} against rtol {FINEST_SHADOW:.0e}, {seconds:.0f} s")
     print("periods   runs  bound holds  bound/error: median   90 %  true error: median   90 %   what")
     for periods in (*sorted(set(LENGTHS)), "all"):
         some = errors if periods == "all" else errors[errors[:, 0] == periods]
@@ -142,7 +142,7 @@ def draw(errors, path):
         ax.set_ylabel("estimated bound")
         ax.grid(alpha=0.3)
     axes[0].legend(fontsize=8)
-    figure.suptitle(f"{len(errors)} runs at rtol {RTOL:.0e}, against rtol {FINEST:.0e}", fontsize=10)
+    figure.suptitle(f"{len(errors)} runs at rtol {RTOL:.0e}, against rtol {FINEST_SHADOW:.0e}", fontsize=10)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=200)
 
