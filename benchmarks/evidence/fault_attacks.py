@@ -16,20 +16,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from faults import SEARCH, TOML, Scene, Skipped, ended, forked, line_of
-
-ATTACKS: dict[str, Callable[[Scene], str | None]] = {}
-
-
-def attack(name: str) -> Callable[[Callable[[Scene], str | None]], Callable[[Scene], str | None]]:
-    """Enter a function into the list."""
-
-    def enter(function: Callable[[Scene], str | None]) -> Callable[[Scene], str | None]:
-        ATTACKS[name] = function
-        return function
-
-    return enter
-
+from fault_scene import SEARCH, TOML, Scene, Skipped, attack, ended, forked, line_of
 
 # --- kills --------------------------------------------------------------------------------------------------------------
 

@@ -14,8 +14,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from fault_attacks import attack, flip, raising
-from faults import Hanging, Scene, ended, forked, line_of, slowed
+from fault_attacks import flip, raising
+from fault_scene import Hanging, Scene, attack, ended, forked, line_of, slowed
 
 ROOT = Path(__file__).resolve().parents[2]
 
