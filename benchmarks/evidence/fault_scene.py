@@ -9,6 +9,7 @@ import sys
 import time
 import traceback
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -163,6 +164,13 @@ class Scene:
     def run(self, *more: str, before: Callable[[], None] = lambda: None) -> int:
         """Run the sweep to its end; its exit status."""
         return ended(self.start(*more, before=before))
+
+    def kill(self, pid: int) -> None:
+        """Kill a sweep, if it has not ended by itself."""
+        with suppress(ProcessLookupError, ChildProcessError):
+            os.kill(pid, signal.SIGKILL)
+            os.waitpid(pid, 0)
+            self.kills += 1
 
     def came_through(self, pid: int, told: str = "told") -> str | None:
         """Wait for a sweep that is under attack: it must make the cube, or say in one line why not; "FAILED: how" if not."""
