@@ -250,6 +250,15 @@ def test_a_run_that_rests_does_so_in_the_periods_that_are_not_made(both_ways):
         np.testing.assert_allclose(stopped.out[name][rests], full.out[name][rests], atol=1e-12, err_msg=name)
 
 
+@pytest.mark.parametrize("Gamma", np.linspace(0.3, 0.7, 5))
+def test_a_run_that_dies_stops_with_the_period_in_which_both_ends_come_to_stick(Gamma):
+    run = simulate(Gamma=Gamma, periods=100, stop_when_settled=True)
+    assert run.mode == "rest"
+    moves = run.events["contact_after"].values != "DC_sk_sk"
+    death = run.events["time"].values[np.flatnonzero(moves)[-1] + 1]
+    assert run.n_periods == np.ceil(death * run.parameters["f"])
+
+
 @pytest.mark.parametrize("periods", range(3, 20))
 def test_shares_and_hops_of_a_rest_are_those_of_the_last_periods_asked_for(periods):
     stopped, full = (

@@ -13,9 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import dimersweep
-from dimersweep.cubes.cube import names
+from dimersweep.cubes.cube import blank, names
+from dimersweep.cubes.grid import make_grid
 from dimersweep.cubes.results import Tile, split
 from dimersweep.errors import KernelError, ParameterError, StoreError, UnfinishedError
+from dimersweep.kernel.batch import run_many
 from dimersweep.kernel.model.layout import (
     CODE_MODE,
     CODE_N_PERIODS,
@@ -58,6 +60,25 @@ def test_the_numbers_do_not_depend_on_tiles_and_workers(fake_kernel, monkeypatch
     reference = quiet_sweep()
     set_pace(monkeypatch, 7)
     xr.testing.assert_equal(quiet_sweep(workers=workers), reference)
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_sweep_costs_little_beyond_its_kernel(workers):
+    """Processor time, which other programs change little, over that of plain calls for the same points."""
+    grid = {"f": [15, 20, 25], "beta0": np.linspace(0.05, 1.5, 150)}
+    rows = make_grid(grid).rows(0, 450)
+    out, codes = blank(len(rows))
+    quiet_sweep({"f": [15, 20]})  # compiles
+
+    def over_plain():
+        begun = time.process_time()
+        run_many(rows, 100, 1e-8, True, out, codes)
+        plain = time.process_time() - begun
+        quiet_sweep(grid, periods=100, workers=workers)
+        return (time.process_time() - begun - plain) / plain
+
+    assert any(over_plain() < 1.1 for _ in range(3))  # a busy machine may disturb one
 
 
 @pytest.mark.jit

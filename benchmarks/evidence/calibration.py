@@ -28,7 +28,7 @@ from dimersweep.runs.shadows import (
 )
 from dimersweep.work.tiles import RunSettings
 
-FIGURE = Path(__file__).resolve().parent.parent / "docs" / "figures" / "calibration.png"
+FIGURE = Path(__file__).resolve().parents[2] / "docs" / "figures" / "calibration.png"
 LENGTHS = (4, 4, 20, 60)  # forcing periods, in turns
 SAMPLES = 4  # states compared per period
 VERDICT_PERIODS = 200

@@ -14,21 +14,11 @@ from matplotlib.figure import Figure
 
 from dimersweep import simulate
 from dimersweep.plots.style import log_scale
+from tests.checks.scenes import difference, engine_states
 
 HERE = Path(__file__).resolve().parent
 FIGURE = HERE.parents[1] / "docs" / "figures" / "convergence.png"
 FINEST = 1e-13
-COORDINATES = ("x1", "y1", "gap_1", "theta", "beta", "spin")
-COLUMNS = COORDINATES + tuple(f"{name}_rate" for name in COORDINATES)
-
-
-def states(scene, times, periods, rtol):
-    """States of a run, shape (n, 12)."""
-    run = simulate(**scene, periods=periods, rtol=rtol)
-    if run.status != "ok":
-        raise SystemExit(f"{run.message}: {scene}")
-    sampled = run.states(times)
-    return np.column_stack([sampled[name] for name in COLUMNS])
 
 
 def seconds(scene, periods, rtol, repeats):
@@ -44,12 +34,12 @@ def seconds(scene, periods, rtol, repeats):
 def measure(rtols, repeats):
     """Errors and times, shape (scenes, accuracies)."""
     setup = json.loads((HERE / "scenes.json").read_text())
-    periods, scale = setup["periods"], np.array(setup["scale"])
+    periods = setup["periods"]
     errors, times = [], []
     for scene in setup["scenes"]:
         at = np.arange(1, setup["samples_per_period"] * periods + 1) / setup["samples_per_period"] / scene["f"]
-        finest = states(scene, at, periods, FINEST)
-        errors.append([np.abs((states(scene, at, periods, rtol) - finest) / scale).max() for rtol in rtols])
+        finest, _ = engine_states(scene, at, FINEST)
+        errors.append([difference(engine_states(scene, at, rtol)[0], finest) for rtol in rtols])
         times.append([seconds(scene, periods, rtol, repeats) for rtol in rtols])
     return np.array(errors), np.array(times)
 

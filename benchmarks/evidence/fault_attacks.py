@@ -16,20 +16,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from faults import SEARCH, TOML, Scene, Skipped, ended, forked, line_of
-
-ATTACKS: dict[str, Callable[[Scene], str | None]] = {}
-
-
-def attack(name: str) -> Callable[[Callable[[Scene], str | None]], Callable[[Scene], str | None]]:
-    """Enter a function into the list."""
-
-    def enter(function: Callable[[Scene], str | None]) -> Callable[[Scene], str | None]:
-        ATTACKS[name] = function
-        return function
-
-    return enter
-
+from fault_scene import SEARCH, TOML, Scene, Skipped, attack, ended, forked, line_of
 
 # --- kills --------------------------------------------------------------------------------------------------------------
 
@@ -48,14 +35,17 @@ def killed(
     return None
 
 
-@attack("killed: the client, at any moment")
-def _(scene: Scene) -> str | None:
-    return killed(scene)
+KILLS: dict[str, dict[str, Any]] = {
+    "the client, at any moment": {},
+    "the client, as it begins": {"share": (0.0, 0.1), "most": 6},
+    "with SIGTERM": {"number": signal.SIGTERM},
+    "with SIGINT": {"number": signal.SIGINT},
+}
+for _name, _how in KILLS.items():
 
-
-@attack("killed: the client, as it begins")
-def _(scene: Scene) -> str | None:
-    return killed(scene, share=(0.0, 0.1), most=6)
+    @attack(f"killed: {_name}")
+    def _(scene: Scene, how: dict[str, Any] = _how) -> str | None:
+        return killed(scene, **how)
 
 
 @attack("killed: a Zarr sweep, at any moment")
@@ -71,16 +61,6 @@ def _(scene: Scene) -> str | None:
     return killed(scene)
 
 
-@attack("killed: with SIGTERM")
-def _(scene: Scene) -> str | None:
-    return killed(scene, signal.SIGTERM)
-
-
-@attack("killed: with SIGINT")
-def _(scene: Scene) -> str | None:
-    return killed(scene, signal.SIGINT)
-
-
 def as_zarr(scene: Scene) -> None:
     """Let the sweep write Zarr."""
     scene.out = "cube.zarr"
@@ -94,12 +74,7 @@ def killed_when(scene: Scene, holds: Callable[[], bool]) -> None:
     while not holds() and time.monotonic() < ends and os.waitpid(pid, os.WNOHANG) == (0, 0):
         time.sleep(0.0005)
     time.sleep(scene.rng.uniform(0, 0.05))
-    try:
-        os.kill(pid, signal.SIGKILL)
-        os.waitpid(pid, 0)
-    except (ProcessLookupError, ChildProcessError):  # it had ended
-        return
-    scene.kills += 1
+    scene.kill(pid)
 
 
 @attack("killed: while it writes NetCDF")
@@ -121,9 +96,7 @@ def _(scene: Scene) -> None:
     scene.declare()
     pid = scene.start("--force")
     time.sleep(scene.rng.uniform(0.5, 1.5) * scene.length)
-    os.kill(pid, signal.SIGKILL)
-    os.waitpid(pid, 0)
-    scene.kills += 1
+    scene.kill(pid)
     scene.again = ("--force",)
 
 
@@ -209,9 +182,17 @@ def during(scene: Scene, change: Callable[[], Any]) -> str | None:
     return scene.came_through(pid)
 
 
-@attack("the folder of tiles is removed while it runs")
-def _(scene: Scene) -> str | None:
-    return during(scene, lambda: shutil.rmtree(scene.tiles))
+VANISHING: dict[str, Callable[[Scene], Any]] = {
+    "the folder of tiles is": lambda scene: shutil.rmtree(scene.tiles),
+    "the manifest is": lambda scene: scene.manifest.unlink(),
+    "the lock is": lambda scene: (scene.tiles / "lock").unlink(),
+    "tiles are": lambda scene: [path.unlink() for path in scene.tiles.glob("tiles-*.npy")],
+}
+for _name, _remove in VANISHING.items():
+
+    @attack(f"{_name} removed while it runs")
+    def _(scene: Scene, remove: Callable[[Scene], Any] = _remove) -> str | None:
+        return during(scene, lambda: remove(scene))
 
 
 @attack("the folder of tiles is renamed while it runs")
@@ -220,21 +201,6 @@ def _(scene: Scene) -> str | None:
     if (scene.folder / "moved").exists():  # ours to tidy: it was moved by the user
         shutil.rmtree(scene.folder / "moved")
     return wrong
-
-
-@attack("the manifest is removed while it runs")
-def _(scene: Scene) -> str | None:
-    return during(scene, scene.manifest.unlink)
-
-
-@attack("the lock is removed while it runs")
-def _(scene: Scene) -> str | None:
-    return during(scene, (scene.tiles / "lock").unlink)
-
-
-@attack("tiles are removed while it runs")
-def _(scene: Scene) -> str | None:
-    return during(scene, lambda: [path.unlink() for path in scene.tiles.glob("tiles-*.npy")])
 
 
 def a_tile(scene: Scene) -> Path:
@@ -805,9 +771,7 @@ def _(scene: Scene) -> str:
     while time.monotonic() < ends and scene.snapshot() == before:  # until it begins to write
         time.sleep(0.0005)
     time.sleep(scene.rng.uniform(0, 0.3))
-    os.kill(pid, signal.SIGKILL)
-    os.waitpid(pid, 0)
-    scene.kills += 1
+    scene.kill(pid)
     after = {file: digest for file, digest in scene.snapshot().items() if not file.startswith(".dimersweep-")}
     if before | {name: after.get(name)} != after:
         return "FAILED: what lay beside it was changed"

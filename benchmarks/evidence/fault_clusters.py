@@ -14,8 +14,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from fault_attacks import attack, flip, raising
-from faults import Hanging, Scene, ended, forked, line_of, slowed
+from fault_attacks import flip, raising
+from fault_scene import Hanging, Scene, attack, ended, forked, line_of, slowed
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -86,16 +86,12 @@ class Cluster:
             time.sleep(0.01)
         raise Hanging(f"there is no scheduler: {self.told.read_text()[-300:]}")
 
-    def kill(self, process: int) -> None:
-        """Kill one of them."""
-        with suppress(ProcessLookupError, ChildProcessError):
-            os.kill(process, signal.SIGKILL)
-            os.waitpid(process, 0)
-
     def end(self) -> None:
-        """Kill all that is left."""
+        """End all that is left; that is no attack."""
         for process in (*self.workers, self.scheduler):
-            self.kill(process)
+            with suppress(ProcessLookupError, ChildProcessError):
+                os.kill(process, signal.SIGKILL)
+                os.waitpid(process, 0)
 
 
 @contextmanager
@@ -127,8 +123,7 @@ def _(scene: Scene) -> str | None:
     with cluster(scene) as made:
         driver = made.start()
         at_any_moment(scene)
-        made.kill(made.workers[0])
-        scene.kills += 1
+        scene.kill(made.workers[0])
         return scene.came_through(driver)
 
 
@@ -138,8 +133,7 @@ def _(scene: Scene) -> str | None:
         driver = made.start()
         for _ in range(2):
             at_any_moment(scene)
-            made.kill(made.workers[-1])
-            scene.kills += 1
+            scene.kill(made.workers[-1])
             made.hire()
         return scene.came_through(driver)
 
@@ -149,8 +143,7 @@ def _(scene: Scene) -> str | None:
     with cluster(scene) as made:
         driver = made.start()
         at_any_moment(scene)
-        made.kill(made.scheduler)
-        scene.kills += 1
+        scene.kill(made.scheduler)
         return scene.came_through(driver)
 
 
@@ -160,8 +153,7 @@ def _(scene: Scene) -> str | None:
         for _ in range(2):
             driver = made.start()
             at_any_moment(scene)
-            made.kill(driver)
-            scene.kills += 1
+            scene.kill(driver)
         return scene.came_through(made.start())
 
 

@@ -5,8 +5,8 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-from fault_attacks import as_zarr, attack
-from faults import Scene, ended, forked, line_of
+from fault_attacks import as_zarr
+from fault_scene import Scene, attack, ended, forked, line_of
 
 # --- cubes that were changed --------------------------------------------------------------------------------------------
 

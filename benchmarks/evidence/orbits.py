@@ -6,7 +6,6 @@
 * the cost, in forcing periods of the map, of an orbit, a warm point of a branch, of a border, of a family, and the time;
 * `later` beside plain runs (of 20,000 periods; with ``--long`` of 60,000 and 100,000 for two aspect ratios);
 * multipliers beside those of `stability`; the fold beside that of pycont-lite driving the same map, where it is installed;
-* with ``--refine`` the cost of the same border by `refine`;
 * with ``--warm`` the cost of points of borders, over e in the base case and over the grid of ``sweeps/borders/atlas.toml``:
   of all begun from a neighbour, of those of the same word, and of these where an end stays on the plate for a part of the
   period.
@@ -19,7 +18,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from dimersweep import orbits, refine, simulate, stability
+from dimersweep import orbits, simulate, stability
 from dimersweep.orbits import border_grid
 from dimersweep.orbits.ball import ball_flip, ball_fold
 from dimersweep.orbits.curve import Curve
@@ -162,19 +161,6 @@ def closing(m):
     return closes
 
 
-def by_refine():
-    """The cost of the fold's border at three e by refinement of a map, to 3e-3 in Gamma."""
-    betas = {"start": 2, "stop": 60, "step": 2, "unit": "deg"}
-    cube, seconds = timed(
-        lambda: refine(
-            {"e": [0.6, 0.61], "Gamma": [0.7, 0.9], "beta0": betas}, halvings={"e": 1, "Gamma": 6},
-            between=["drift", "rest"], over="beta0", periods=200,
-        )
-    )  # fmt: skip
-    runs = int(cube["n_runs"].sum())
-    print(f"refine to {0.2 / 2**6:.1e} in Gamma at three e: {runs} runs of up to 200 periods, {seconds:.1f} s")
-
-
 def watched(kind, axes):
     """Of each point of a border the word, that of the neighbour it began from, and the cost."""
     points, point = [], Curve.point
@@ -213,7 +199,6 @@ def warm():
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--long", action="store_true", help="runs of 60,000 and 100,000 periods, two aspect ratios")
-    parser.add_argument("--refine", action="store_true", help="the same border by refine")
     parser.add_argument("--warm", action="store_true", help="the cost of points of borders, by what they begin with")
     given = parser.parse_args()
     borders()
@@ -221,7 +206,5 @@ if __name__ == "__main__":
     later(given.long)
     multipliers()
     peer()
-    if given.refine:
-        by_refine()
     if given.warm:
         warm()

@@ -17,10 +17,26 @@ from typing import NamedTuple
 
 import numpy as np
 from compare import checked_out, environment_of
-from shortcuts import replaced
 
 ROOT = Path(__file__).resolve().parents[2]
 FIRST_RUN = "import dimersweep; dimersweep.simulate(periods=1, record=False)"
+
+
+def replaced(old: str, new: str) -> Callable[[str], str]:
+    """An edit of a text that occurs once.
+
+    Raises
+    ------
+    ValueError
+        When the edit is made and the text is not there, or is there more often.
+    """
+
+    def edit(source: str) -> str:
+        if source.count(old) != 1:
+            raise ValueError(f"{old!r} occurs {source.count(old)} times, not once")
+        return source.replace(old, new)
+
+    return edit
 
 
 class Way(NamedTuple):

@@ -11,14 +11,12 @@ share these, so that the points in a second are a lower bound.
 
 import argparse
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
-from hashlib import sha256
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,15 +24,9 @@ import numpy as np
 import psutil
 from distributed import Client
 
-import dimersweep.work.tiles
-from dimersweep import open_cube, sweep
-from dimersweep.cubes.cube import blank
-from dimersweep.cubes.grid import make_grid
-from dimersweep.cubes.results import RESULT, Tile
-from dimersweep.kernel.model.layout import CODES, M_DRIFT, M_REST, OK, OUT, ROW
-from dimersweep.storage.blocks import blocks
+from dimersweep import sweep
+from dimersweep.kernel.model.layout import CODES, M_DRIFT, OK
 from dimersweep.storage.formats import FORMATS
-from dimersweep.storage.tilestore import tiles_of
 from dimersweep.work.scheduling import tile_seconds
 
 WRITE = FORMATS[".zarr"].write_blocks
@@ -63,7 +55,6 @@ def stand_in(point: float, travel: bool) -> None:
 
     import dimersweep.work.scheduling as tasks
     import dimersweep.work.tiles as there
-    from dimersweep.kernel.model.layout import CODES, M_DRIFT, OK
 
     status, mode, attempt = CODES.index("status"), CODES.index("mode"), tasks.attempt
     there.ends, there.tasks = [], 0
@@ -201,103 +192,6 @@ def share(workers: int, cost: float) -> float:
     return min(1.0, 1e3 * tile_seconds(workers) / (cost * workers))
 
 
-# --- a sweep of many points on one machine ------------------------------------------------------------------------------
-
-
-def hashed(rows: np.ndarray, out: np.ndarray, codes: np.ndarray) -> None:
-    """Numbers for each point that follow from its row, and cost next to nothing."""
-    mixed = np.zeros(len(rows), dtype=np.uint64)
-    for slot in (ROW.index("f"), ROW.index("beta0")):
-        mixed = (mixed ^ rows[:, slot].copy().view(np.uint64)) * np.uint64(0x9E3779B97F4A7C15)
-        mixed ^= mixed >> np.uint64(29)
-    out[:], codes[:] = np.nan, 0
-    out[:, OUT.index("radius")] = (mixed >> np.uint64(11)) * 2.0**-53
-    codes[:, CODES.index("status")] = OK
-    codes[:, CODES.index("mode")] = np.where(mixed & np.uint64(1), M_DRIFT, M_REST)
-
-
-def hashed_run_many(rows: Any, periods: int, rtol: float, settle: bool, out: Any, codes: Any, **more: Any) -> int:
-    """In place of the kernel."""
-    hashed(rows, out, codes)
-    return len(rows)
-
-
-def hashed_grid(points: int) -> dict[str, np.ndarray]:
-    """Axes of a grid of so many points."""
-    side = 10 ** (len(str(points)) // 2)
-    return {"f": np.linspace(15, 25, points // side), "beta0": np.linspace(0.01, 1.5, side)}
-
-
-def hashed_sweep(points: int, out: str) -> None:
-    """A sweep of so many points on one thread."""
-    dimersweep.work.tiles.run_many = hashed_run_many
-    sweep(hashed_grid(points), periods=1, workers=1, out=out, progress=False)
-
-
-def digest_of(points: int, values: Callable[[Tile, tuple[slice, ...]], Iterable[np.ndarray]]) -> str:
-    """Hash of the modes and radii of a cube of so many points, in blocks."""
-    found = sha256()
-    for tile, where in blocks(tuple(axis.size for axis in hashed_grid(points).values())):
-        for each in values(tile, where):
-            found.update(each.tobytes())
-    return found.hexdigest()
-
-
-def digest_of_function(points: int) -> str:
-    """What the hash of the cube must be."""
-    grid = make_grid(hashed_grid(points))
-
-    def values(tile: Tile, where: tuple[slice, ...]) -> Iterable[np.ndarray]:
-        out, codes = blank(tile.stop - tile.start)
-        hashed(grid.rows(*tile), out, codes)
-        return codes[:, CODES.index("mode")].astype(np.int8), out[:, OUT.index("radius")]
-
-    return digest_of(points, values)
-
-
-def digest_of_cube(points: int, path: Path) -> str:
-    """The hash of the cube that is there."""
-    cube = open_cube(path)
-    return digest_of(points, lambda tile, where: [cube[name][where].values for name in ("mode", "radius")])
-
-
-def followed(points: int, out: Path, until: Callable[[], bool]) -> tuple[float, bool]:
-    """Run the sweep in a process, killed as soon as `until` holds; its peak memory [bytes], and whether it was killed."""
-    program = f"import scale; scale.hashed_sweep({points}, {str(out)!r})"
-    process = psutil.Popen([sys.executable, "-c", program], cwd=Path(__file__).parent)
-    peak = 0.0
-    while process.poll() is None:
-        with suppress(psutil.Error):
-            peak = max(peak, process.memory_info().rss)
-        if until():
-            process.kill()
-            process.wait()
-            return peak, True
-        time.sleep(0.01)
-    if process.returncode:
-        raise SystemExit(f"the sweep of {points} points fails with {process.returncode}")
-    return peak, False
-
-
-def large(points: int, folder: Path) -> str:
-    """A row of the table of a sweep of so many points, killed half way and while its cube is written."""
-    out, begun, peaks, kills = folder / "cube.zarr", time.time(), [], 0
-
-    def half() -> bool:
-        return (
-            sum(path.stat().st_size for path in tiles_of(out).path.glob("tiles-*.npy")) > 0.5 * RESULT.itemsize * points
-        )
-
-    for until in (half, (tiles_of(out).path / "cube.tmp" / "radius" / "c").exists, lambda: False):
-        peak, killed = followed(points, out, until)
-        peaks.append(peak)
-        kills += killed
-    wall = time.time() - begun
-    same = digest_of_cube(points, out) == digest_of_function(points)
-    shutil.rmtree(out)
-    return f"| {points:,} | {1e-6 * max(peaks):,.0f} | {kills} | {wall:,.0f} | {'the same' if same else 'OTHER'} |"
-
-
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -305,16 +199,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60.0, help="that the workers would take, all at work")
     parser.add_argument("--point", type=float, default=1e-3, help="time of a point")
     parser.add_argument("--travel", action="store_true", help="as if the workers did not share the driver's disk")
-    parser.add_argument(
-        "--sweep", type=int, nargs="+", help="points of sweeps on one thread, killed and resumed, instead"
-    )
     given = parser.parse_args()
-    if given.sweep:
-        print("| points | peak memory (MB) | kills | s in all | cube and function |\n|---|---|---|---|---|")
-        for points in given.sweep:
-            with tempfile.TemporaryDirectory() as folder:
-                print(large(points, Path(folder)), flush=True)
-        return
     print(f"| {' | '.join(HEADS)} |\n|{'---|' * len(HEADS)}")
     for workers in given.workers:
         with tempfile.TemporaryDirectory() as folder:

@@ -1,16 +1,15 @@
 """The benchmarks at a tiny size: what they time is what they name, and what they conclude follows from what they measure."""
 
-import ast
 import os
 from pathlib import Path
 
 import compare
+import compile_time
 import early_stop
 import later_course
 import memory
 import numpy as np
 import pytest
-import shortcuts
 import speed
 import verbs_loops
 from verbs_inputs import DOUBLE, SINGLE, harvest
@@ -25,8 +24,6 @@ from dimersweep.kernel.model.layout import (
     N1,
     N2,
 )
-from dimersweep.parameters import Parameters
-from dimersweep.symbols import BASE
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -124,62 +121,25 @@ def test_a_revision_is_checked_out_and_leaves_nothing(tmp_path):
         pass
 
 
-@pytest.mark.parametrize("shortcut", shortcuts.SHORTCUTS, ids=lambda shortcut: shortcut.name)
-def test_every_shortcut_can_be_taken_out(shortcut, tmp_path):
-    assert shortcut.edits or shortcut.asked
-    shortcuts.without(shortcut, tmp_path)
-    for module in shortcut.edits:
-        kept, edited = (folder / "dimersweep" / "kernel" / f"{module}.py" for folder in (ROOT, tmp_path))
-        assert ast.dump(ast.parse(edited.read_text())) != ast.dump(ast.parse(kept.read_text()))
+@pytest.mark.parametrize("way", compile_time.WAYS)
+def test_every_part_of_the_fast_way_can_be_taken_out(way, tmp_path):
+    """Its edit finds the text that it replaces."""
+    made = compile_time.make_copy(compile_time.WAYS[way], tmp_path) / "dimersweep"
+    kept = ROOT / "dimersweep"
+    changed = [file for file in kept.rglob("*.py") if (made / file.relative_to(kept)).read_text() != file.read_text()]
+    assert len(changed) == (compile_time.WAYS[way].module != "")
 
 
 def test_an_edit_that_finds_nothing_is_an_error():
-    for edit in (shortcuts.replaced("a", "b"), shortcuts.constant("A", "1"), shortcuts.body("f", "return 1")):
-        with pytest.raises(ValueError, match="0 times, not once"):
-            edit("x = 2\n")
-    assert shortcuts.constant("A", "1")("A = 3  # why\n") == "A = 1  # why\n"
-    assert shortcuts.body("f", "return 1")("def f(x):\n    '''Doc.'''\n    return x\n") == "def f(x):\n    return 1\n"
-
-
-def test_effect_of_a_shortcut(tmp_path):
-    (early_end,) = [one for one in shortcuts.SHORTCUTS if one.asked == {"settle": False}]
-    whole = shortcuts.worker(ROOT, CACHE)
-    (effect,) = shortcuts.effects(early_end, tmp_path, whole, shortcuts.finest_states(whole, ["jump"]))
-    whole.close()
-    assert effect.ratio > 1.5  # about a quarter of the periods
-    assert effect.error_on == effect.error_off < 1e-3
-    assert effect.mode_on == effect.mode_off == "jump"
-    text = "\n".join(
-        shortcuts.document(
-            [effect, effect._replace(scene="drift", error_on=1e-3, error_off=1e-9)], ["jump", "drift"], "1a2b"
-        )
-    )
-    assert "revision 1a2b." in text
-    assert "- stop when settled, drift: 1.0e-03, without it 1.0e-09" in text
-
-
-@pytest.mark.skipif(not (ROOT / ".git").exists(), reason="not a checkout")
-def test_the_table_of_shortcuts_at_small_size(tmp_path, capsys):
-    found = shortcuts.main(["--small", "--document", str(tmp_path / "page.md"), "--note", "A trial."])
-    page = (tmp_path / "page.md").read_text()
-    assert {effect.scene for effect in found} == {"jump", "frictionless"}
-    assert all(effect.error_on == effect.error_off < 1e-3 for effect in found)  # asked for more, the motion is the same
-    assert "A trial." in page
-    assert "Not measured yet: chatter summed to its end;" in page
-    assert "stop when settled" in capsys.readouterr().out
-
-
-def test_the_page_of_shortcuts_names_each_of_them():
-    page = shortcuts.DOCUMENT.read_text()
-    assert not [shortcut.name for shortcut in shortcuts.SHORTCUTS if shortcut.name not in page]
+    with pytest.raises(ValueError, match="0 times, not once"):
+        compile_time.replaced("a", "b")("x = 2\n")
 
 
 def test_early_stop_on_a_few_points(capsys):
-    kinds = early_stop.main(["--points", "20", "--periods", "60", "--timed", "2", "--workers", "1"])
+    kinds = early_stop.main(["--points", "20", "--periods", "60", "--workers", "1"])
     said = capsys.readouterr().out
     assert f"{kinds.total()} of 20 modes differ" in said
-    assert "runs that die" in said
-    assert "drifts stop after settling" in said
+    assert "rest: " in said
 
 
 PASSES_A_BORDER = {
@@ -214,114 +174,50 @@ STROBED_IN_A_HOP = {
 }
 
 
-def test_the_verdicts_are_judged_again_from_their_file(tmp_path, capsys, monkeypatch):
-    asked = ["--points", "20", "--periods", "60", "--timed", "1", "--results", str(tmp_path / "kept.npz")]
-    first = early_stop.main([*asked, "--workers", "1"])
-    said = capsys.readouterr().out.splitlines()
-    monkeypatch.setattr(early_stop, "run_all", None)
-    assert early_stop.main(asked) == first
-    assert capsys.readouterr().out.splitlines()[:3] == said[:3]
-    with pytest.raises(SystemExit, match="other points, periods or rtol"):
-        early_stop.main([*asked, "--seed", "2"])
-
-
 def test_a_border_on_the_way_is_foretold():
-    """The family of a drift whose spin grows ends where its double impact ends another way: there the run loses it."""
-    run = later_course.Sampled(PASSES_A_BORDER, 400, 1e-8)
-    why = later_course.why(run, 1, 72)
-    assert why.kind == later_course.FORETOLD
-    one = later_course.stretch(run, run.start(72, 1), 72)
-    assert max(seen.apart for seen in one.seen) < 1e-4
-    border = later_course.border_ahead(one.last, 2)
-    left = early_stop.residuals(early_stop.strobes(PASSES_A_BORDER, 400, 1e-8), 1)
-    lost = 73 + int(np.flatnonzero(left[72:] > early_stop.KEPT)[0])
-    assert 0 <= lost - one.left <= 3
-    foretold = later_course.border_ahead(run.start(lost - 20, 1), 40)  # at the pace of the family alone
-    pace = one.seen[-1].spin - one.seen[-2].spin
-    assert foretold.spins[1] == pytest.approx(border.spins[1], abs=0.1 * abs(pace))
-    assert abs(border.spins[1] - border.spins[0]) < 1e-2 * abs(pace)
-    assert later_course.border_ahead(run.start(lost - 50, 1), 24) is None  # and none before
+    """The family of a drift ends where its double impact ends another way; the run goes over to the next family."""
+    kind, shown = later_course.why(PASSES_A_BORDER, 1, 72, 400, 1e-8)
+    assert kind == later_course.FORETOLD
+    before, after = (later_course.beside(PASSES_A_BORDER, [n], 1, 1e-8).seen.orbit.word for n in (320, 350))
+    assert before.startswith("DI_sp_sp>DI_sp_sk ") and after.startswith("DI_sp_sp ")
+    assert f"the next one found has the word {after}" in shown
+    kinds = [simulate(**PASSES_A_BORDER, periods=n).events["kind"].values for n in (320, 350)]
+    doubles = [each[np.char.startswith(each, "DI")] for each in kinds]
+    assert [each[-1] for each in doubles] == ["DI_sp_sk", "DI_sp_sp"]
 
 
 def test_a_motion_near_a_shorter_period_is_explained_by_that():
     """Told period 6, it is one of period 3 whose multiplier is -0.997: what alternates lasts up to a change of word."""
-    run = later_course.Sampled(ALTERNATES, 400, 1e-8)
-    why = later_course.why(run, 6, 354)
-    assert why.kind == later_course.FORETOLD
-    assert "shorter period 3" in why.shown
-    last = later_course.stretch(run, run.start(354, 3), 354).last
-    border = later_course.border_ahead(last, 12)
+    kind, shown = later_course.why(ALTERNATES, 6, 354, 400, 1e-8)
+    assert kind == later_course.FORETOLD
+    assert "shorter period 3" in shown
     branch = orbits.follow(orbits.find(guess=simulate(**ALTERNATES, periods=330), periods=3), "spin", to=199.0)
     (word,) = branch["spin"].values[branch["special"].values == "word"]
-    assert border.spins[0] == pytest.approx(word, abs=0.01)
-
-
-def test_the_fold_behind_a_family_is_found():
-    Gamma = float(orbits.border("fold", "Gamma", over={"e": [0.6]}, spin=120.0)["Gamma"][0])
-    begin = orbits.find(Gamma=Gamma, spin=100.0).fixed
-    fold = later_course.fold_behind(begin, 140.0)
-    assert fold.kind == "fold"
-    assert fold.spins[0] == pytest.approx(120.0, abs=0.01)  # the spin of a border is that at another phase
-    assert later_course.fold_behind(begin, 110.0) is None
+    assert float(shown.split("at spin ")[1].split()[0]) == pytest.approx(word, abs=1e-3)
 
 
 def test_a_motion_whose_strobes_lie_in_a_hop_keeps_to_its_family():
-    left = early_stop.residuals(early_stop.strobes(STROBED_IN_A_HOP, 400, 1e-8), 1)
-    assert left[291:].max() > 1e-2
-    run = later_course.Sampled(STROBED_IN_A_HOP, 400, 1e-8)
-    assert later_course.why(run, 1, 291).kind == later_course.KEEPS
-    one = later_course.stretch(run, run.start(291, 1), 291)
-    assert one.left is None
-    assert max(seen.apart for seen in one.seen) < 1e-5
+    assert later_course.why(STROBED_IN_A_HOP, 1, 291, 400, 1e-8).kind == later_course.KEEPS
 
 
 @pytest.mark.skipif(not os.environ.get("DIMERSWEEP_SLOW"), reason="minutes: set DIMERSWEEP_SLOW=1")
 def test_a_run_that_has_no_family_is_not_explained():
     scene = {"e": 0.6, "Gamma": 2.0, "beta0": np.radians(16)}
     assert simulate(**scene, periods=200).mode == "aperiodic"
-    assert later_course.why(later_course.Sampled(scene, 200, 1e-8), 1, 100).kind == later_course.UNEXPLAINED
+    assert later_course.why(scene, 1, 100, 200, 1e-8).kind == later_course.UNEXPLAINED
 
 
 def test_a_run_that_leaves_where_its_family_has_no_border_is_not_explained(monkeypatch):
-    run = later_course.Sampled(PASSES_A_BORDER, 400, 1e-8)
-    monkeypatch.setattr(later_course, "border_ahead", lambda *_: None)
-    assert later_course.why(run, 1, 72).kind == later_course.UNEXPLAINED
+    monkeypatch.setattr(later_course, "borders_of", lambda branch: [])
+    assert later_course.why(PASSES_A_BORDER, 1, 72, 400, 1e-8).kind == later_course.UNEXPLAINED
 
 
 def test_a_run_of_another_dimer_is_not_on_the_family():
-    run = later_course.Sampled(STROBED_IN_A_HOP, 400, 1e-8)
-    at = run.start(291, 1)
-    other = later_course.Sampled(STROBED_IN_A_HOP | {"e": STROBED_IN_A_HOP["e"] + 1e-3}, 400, 1e-8)
-    assert later_course.stretch(other, at, 291).seen[-1].apart > later_course.ON
-
-
-def test_what_is_left_of_a_creeping_strobe_is_its_fast_part():
-    n = np.arange(100.0)
-    strobe = np.column_stack([3e-4 * n + 0.1 * 0.5**n, 0 * n, 0 * n, 0 * n, -1e-2 * n])
-    left = early_stop.residuals(strobe, 1)
-    assert left[30:].max() < 1e-7
-    strobe[:, 4] = 0.0  # nothing creeps along with it
-    assert early_stop.residuals(strobe, 1)[30:].min() > 2e-4
-
-
-@pytest.mark.parametrize(("way", "expected"), [(1.0, 44), (-1.0, 50)], ids=["from one side", "by turns from both"])
-def test_settling_is_when_all_later_strobes_are_near_each_other(way, expected, monkeypatch):
-    course = 0.01 * (0.9 * way) ** np.arange(1.0, 201.0)[:, None] * [1.0, 0.0, 0.0, 0.0, 0.0]
-    monkeypatch.setattr(early_stop, "strobes", lambda *_: course)
-    assert early_stop.settling_of({}, 200, 1e-8) == expected
-
-
-def test_death_is_when_both_gaps_close():
-    scene = BASE | {"Gamma": 0.5}
-    death = early_stop.Recorder(Parameters(**scene).row(), 20, 1e-8)
-    run = simulate(**scene, periods=20)
-    times = np.linspace(0.0, 20 / scene["f"], 20001)
-    states = run.states(times)
-    off = np.maximum(states["gap_1"].values, states["gap_2"].values) > 0.0
-    assert times[off][-1] * scene["f"] == pytest.approx(death.death, abs=2e-3)
-    assert death.rows < run.events.sizes["event"]
-    whole, part = death.cost()
-    assert 0.0 < part < 1.5 * whole  # measured, on a machine that may be busy
+    first, end = (later_course.beside(STROBED_IN_A_HOP, [n], 1, 1e-8) for n in (291, 400))
+    branch = later_course.followed(first, end.seen.orbit.spin)
+    other = later_course.beside(STROBED_IN_A_HOP | {"e": STROBED_IN_A_HOP["e"] + 2e-3}, [400], 1, 1e-8)
+    assert later_course.leads_to(branch, end)
+    assert not later_course.leads_to(branch, other)
 
 
 def test_exponent_of_the_growth():

@@ -113,12 +113,8 @@ class Board:
             self.fixed[name] = slider.value
         if self.choices:
             self.x, self.y = self.choices["right"].value, self.choices["up"].value
-            self._clear()
+            self.spot.data = {"x": [], "y": []}  # the point that was clicked is another one now
         self._recolor()
-
-    def _clear(self) -> None:
-        """Take away the mark of the point that was clicked."""
-        self.spot.data = {"x": [], "y": []}
 
     def _map(self) -> Any:
         geometric = [name for name in (self.x, self.y) if name and not self.points and is_geometric(self._along(name))]

@@ -123,18 +123,7 @@ def _ffmpeg() -> str | None:
     return found
 
 
-def write_movie(
-    run: "Run",
-    path: str | os.PathLike[str],
-    *,
-    periods: int = 6,
-    speed: float = 0.1,
-    fps: int = 25,
-    slow_impacts: bool = False,
-    last: bool = True,
-    dpi: int = 80,
-    force: bool = False,
-) -> Path:
+def write_movie(run: "Run", path: str | os.PathLike[str], playback: Playback, dpi: int, *, force: bool) -> Path:
     """Write a movie of a recorded run, see `Run.animate`.
 
     Raises
@@ -142,7 +131,6 @@ def write_movie(
     ParameterError, StoreError
     """
     path = check_movie(path, force=force)
-    playback = playback_of(run, periods, speed, fps, last=last, slow_impacts=slow_impacts)
     dpi = check_count("dpi", dpi, MOST_DPI)
     if path.suffix == ".html":
         from dimersweep.plots.replay import replay_page
@@ -155,7 +143,7 @@ def write_movie(
             put(path, [page.encode()])
         return path
     with disk_errors(f"movie = {path}", ""), replacing(path) as temporary:
-        (_write_gif if path.suffix == ".gif" else _write_video)(temporary, _rendered(run, playback, dpi), fps)
+        (_write_gif if path.suffix == ".gif" else _write_video)(temporary, _rendered(run, playback, dpi), playback.fps)
     return path
 
 

@@ -344,19 +344,10 @@ class Run(RunNumbers):
         StoreError
             If the file cannot be written, or what it needs is not installed.
         """
-        from dimersweep.plots.movie import write_movie
+        from dimersweep.plots.movie import playback_of, write_movie
 
-        return write_movie(
-            self,
-            path,
-            periods=periods,
-            speed=speed,
-            fps=fps,
-            slow_impacts=slow_impacts,
-            last=last,
-            dpi=dpi,
-            force=force,
-        )
+        playback = playback_of(self, periods, speed, fps, last=last, slow_impacts=slow_impacts)
+        return write_movie(self, path, playback, dpi, force=force)
 
     def error(self, t: Any = None) -> xr.Dataset:
         """Bounds on the errors of this run, estimated with two more runs that shadow it (docs/trust.md).

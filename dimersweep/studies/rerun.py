@@ -11,7 +11,7 @@ from dimersweep.errors import StoreError, one_line
 from dimersweep.kernel import kernel_version
 from dimersweep.storage.cubefiles import open_cube
 from dimersweep.storage.provenance import differences
-from dimersweep.studies.declaration import Declaration, PlotSection, PointsSection, SweepSection
+from dimersweep.studies.declaration import Declaration
 from dimersweep.studies.sweep_spec import Spec
 
 MADE_BY = ("source", "git_commit", "python", "numpy", "numba", "llvmlite", "cpu")
@@ -39,9 +39,7 @@ def from_cube(path: str | os.PathLike[str], *, other_kernel: bool = False) -> De
     cube = open_cube(path)
     configuration = json.loads(cube.attrs["configuration"])
     try:
-        declaration = (
-            _of_search(cube, configuration, path) if "search" in configuration else _of_sweep(cube, configuration, path)
-        )
+        declaration = _declared(cube, configuration, path)
     except (KeyError, TypeError, ValueError, AttributeError) as error:  # a ValidationError is a ValueError
         raise StoreError(f"{path}: tells a configuration that this version does not know ({one_line(error)})") from None
     today = configuration | {"kernel_version": kernel_version()}
@@ -57,41 +55,19 @@ def from_cube(path: str | os.PathLike[str], *, other_kernel: bool = False) -> De
     return declaration
 
 
-def _of_sweep(cube: xr.Dataset, configuration: Mapping[str, Any], path: str | os.PathLike[str]) -> Declaration:
-    return Declaration(
-        sweep=SweepSection(
-            title=cube.attrs["title"],
-            periods=configuration["periods"],
-            max_periods=configuration.get("max_periods"),
-            rtol=configuration["rtol"],
-            stop_when_settled=configuration["stop_when_settled"],
-            certify=configuration.get("certify", False),
-            strobes=configuration.get("strobes", 0),
-            output=str(path),
-        ),
-        grid=configuration.get("grid"),
-        points=PointsSection(columns=configuration["points"]) if "points" in configuration else None,
-        fixed=configuration["fixed"],
-        plot=PlotSection(kind=cube.attrs.get("plot", "mode_map")),
-    )
-
-
-def _of_search(cube: xr.Dataset, configuration: Mapping[str, Any], path: str | os.PathLike[str]) -> Declaration:
-    asked = dict(configuration["search"])
-    over, values = asked.pop("axis"), asked.pop("values")
-    return Declaration.model_validate(
-        {
-            "sweep": {
-                "title": cube.attrs["title"],
-                "periods": configuration["periods"],
-                "max_periods": configuration.get("max_periods"),
-                "rtol": configuration["rtol"],
-                "output": str(path),
-            },
-            "grid": configuration["grid"] | {over: values},
-            "fixed": configuration["fixed"],
-            "search": asked | {"over": over},
-            "plot": {"kind": cube.attrs.get("plot", "mode_map")},
-            **{name: configuration[name] for name in ("refine", "paths") if name in configuration},
-        }
-    )
+def _declared(cube: xr.Dataset, configuration: Mapping[str, Any], path: str | os.PathLike[str]) -> Declaration:
+    """The declaration of a sweep, a search or a refined map with this configuration."""
+    sweep: dict[str, Any] = {name: configuration[name] for name in ("periods", "rtol")}
+    sweep |= {"title": cube.attrs["title"], "max_periods": configuration.get("max_periods"), "output": str(path)}
+    given: dict[str, Any] = {"fixed": configuration["fixed"], "plot": {"kind": cube.attrs.get("plot", "mode_map")}}
+    if "search" in configuration:
+        asked = dict(configuration["search"])
+        over, values = asked.pop("axis"), asked.pop("values")
+        given |= {"grid": configuration["grid"] | {over: values}, "search": asked | {"over": over}}
+        given |= {name: configuration[name] for name in ("refine", "paths") if name in configuration}
+    else:
+        sweep["stop_when_settled"] = configuration["stop_when_settled"]
+        sweep |= {name: configuration[name] for name in ("certify", "strobes") if name in configuration}
+        given["grid"] = configuration.get("grid")
+        given |= {"points": {"columns": configuration["points"]}} if "points" in configuration else {}
+    return Declaration.model_validate(given | {"sweep": sweep})

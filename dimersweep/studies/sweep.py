@@ -32,7 +32,7 @@ def run_sweep(spec: Spec, options: Options) -> xr.Dataset:
     former = complete_cube(spec, options)
     if former is not None:
         return former
-    with unfinished_cube(spec, options, _to_run_again) as cube:
+    with unfinished_cube(spec, options, lambda results: not_ok(results["codes"])) as cube:
         others, origin = known_points(spec, options, partial(results_of, spec))
         for other in others:
             cube.crew.take_over(other.pieces(cube.store.gaps(), options.unwanted))
@@ -41,10 +41,6 @@ def run_sweep(spec: Spec, options: Options) -> xr.Dataset:
         if cube.by_blocks:
             return cube.write_blocks(cube.attributes(origin))
         return cube.write(as_cube(spec, cube.results(), cube.attributes(origin)))
-
-
-def _to_run_again(results: np.ndarray) -> np.ndarray:
-    return not_ok(results["codes"])
 
 
 def as_cube(spec: Spec, results: np.ndarray, attributes: Mapping[str, Any]) -> xr.Dataset:
