@@ -253,6 +253,15 @@ def read_declaration(path: str | os.PathLike[str]) -> Declaration:
     ------
     ParameterError
         With the file and every key that is wrong, and what is allowed.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from dimersweep.studies.declaration import read_declaration
+    >>> from dimersweep.studies.presets import find_declaration
+    >>> declared = read_declaration(find_declaration(Path("fig07-small")))
+    >>> declared.sweep.periods, declared.grid["f"]
+    (200, [15, 20, 25])
     """
     path = Path(path)
     raw = read_toml(path)
