@@ -1,7 +1,7 @@
 """The words of the package: every parameter and every quantity that comes out, with its unit and its meaning."""
 
 from collections.abc import Collection, Mapping
-from math import inf, isclose, pi
+from math import degrees, inf, isclose, pi
 from typing import Any, Literal, NamedTuple
 
 
@@ -145,13 +145,23 @@ def units_shown(units: str) -> str:
 
 
 def units_of(name: str) -> str:
-    """Unit of a parameter as it is shown, empty if it has none."""
-    return units_shown(PARAMETERS[name].units)
+    """Unit that values of a parameter are shown in: degrees for an angle, empty if it has none."""
+    return "°" if is_angle(name) else units_shown(PARAMETERS[name].units)
+
+
+def is_angle(name: str) -> bool:
+    """Whether a parameter is an angle, which is kept in radians and shown in degrees."""
+    return PARAMETERS[name].units == "rad"
+
+
+def value_shown(name: str, value: float) -> str:
+    """A value of a parameter with its unit, such as 15 Hz or 16°."""
+    return f"{degrees(value):.4g}°" if is_angle(name) else f"{value:.4g} {units_of(name)}".rstrip()
 
 
 def given(name: str, value: float, *, tex: bool = False) -> str:
     """A parameter and its value, such as f = 15 Hz."""
-    return f"{symbol(name, tex=tex)} = {value:.4g} {units_of(name)}".rstrip()
+    return f"{symbol(name, tex=tex)} = {value_shown(name, value)}"
 
 
 def stated(values: Mapping[str, float], varied: Collection[str] = ()) -> dict[str, float]:
