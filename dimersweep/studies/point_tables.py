@@ -3,13 +3,14 @@
 import csv
 import os
 from collections.abc import Mapping
+from decimal import Context, Decimal, localcontext
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from dimersweep.cubes.grid import axis
+from dimersweep.cubes.grid import DIGITS, axis
 from dimersweep.cubes.points import MAX_POINTS
 from dimersweep.errors import ParameterError, one_line
 from dimersweep.parameters import check_count
@@ -106,8 +107,13 @@ def _ends(name: str, declared: Any) -> tuple[float, float, bool]:
 
 
 def _between(low: float, high: float, by_ratio: bool, share: np.ndarray) -> np.ndarray:
-    """The values at shares in [0, 1) of a range."""
-    return low * (high / low) ** share if by_ratio else low + (high - low) * share
+    """The values at shares in [0, 1) of a range; by ratio each is the nearest float, as in `cubes.grid`."""
+    if not by_ratio:
+        return low + (high - low) * share
+    with localcontext(Context(prec=DIGITS)):
+        first = Decimal(low)
+        log = (Decimal(high) / first).ln()
+        return np.fromiter((first * (log * Decimal(at)).exp() for at in share.tolist()), float, share.size)
 
 
 def _column(declared: Any) -> Any:
