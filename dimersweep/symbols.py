@@ -260,7 +260,7 @@ QUANTITIES |= {
 }
 
 # what a recorded run gives of each event, and of each moment
-EVENTS = {
+EVENT_QUANTITIES = {
     "time": Quantity("s", "time since the start", 0),
     "phase": Quantity("rad", "phase of the plate, omega t + phi0, in [0, 2 pi)", 0, 2 * pi),
     "kind": Quantity("1", "contact state during the impact, or from the event on"),
@@ -280,7 +280,7 @@ EVENTS = {
     "slip_2_a": Quantity("m s-1", "velocity of contact point p2 after the event, along the axis p1-p2"),
     "slip_2_b": Quantity("m s-1", "velocity of contact point p2 after the event, across the axis p1-p2"),
 }
-STATES = {
+STATE_QUANTITIES = {
     "phase": Quantity("rad", "phase of the plate, omega t + phi0, in [0, 2 pi)", 0, 2 * pi),
     "x1": Quantity("m", "x of the centre of ball 1"),
     "y1": Quantity("m", "y of the centre of ball 1"),

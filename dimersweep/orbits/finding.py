@@ -31,7 +31,7 @@ RTOL = 1e-12
 TRANSIENTS = (1, 30, 200)  # periods of the map run from the ball's orbit before Newton's method
 SAME = 1e-4  # in units of the section: a fast part that comes as near as this to its start has repeated
 MOST_TURNS = 1e3  # of the spin in a forcing period: orbits are found up to some 30; far beyond, the search takes long
-SMALLEST_STEP = 1e-3  # of the way from the parameters of one orbit to other ones
+SMALLEST_SHARE = 1e-3  # of the way from the parameters of one orbit to other ones
 Start = tuple[ReturnMap, np.ndarray]
 
 
@@ -208,7 +208,7 @@ def _from_orbit(
     done, step, z, fixed = 0.0, 1.0, orbit.fixed.z, None
     reason = OrbitLost("")
     while done < 1.0:
-        if step < SMALLEST_STEP:
+        if step < SMALLEST_SHARE:
             raise OrbitLost(f"{reason}, {done:.0%} of the way")
         there = min(1.0, done + step)
         values = given if there == 1.0 else {name: first[name] + there * (last[name] - first[name]) for name in ROW}

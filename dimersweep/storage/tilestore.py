@@ -51,9 +51,11 @@ DISK_SHARE = 0.05  # of the driver's time at most: a slow disk gets larger files
 FLUSH_BYTES = 1 << 26  # of tiles that wait: a larger file would take memory, and save no time
 KEPT_BYTES = 1 << 28  # of files that are held in memory while points are read in order
 NAMED_FILES = 5  # whose damage is named one by one
-_NAME = re.compile(r"tiles-(\d+|w[0-9a-f]{16})\.npy")  # of files that the driver has written, and of those of workers
-_SCRATCH = "cube.tmp"  # the cube as it is written: only who holds the lock does that
-_HALF = re.compile(rf"{HALF.pattern}|{re.escape(_SCRATCH)}")  # of files that a kill has left half written
+TILE_FILE = re.compile(
+    r"tiles-(\d+|w[0-9a-f]{16})\.npy"
+)  # of files that the driver has written, and of those of workers
+CUBE_SCRATCH = "cube.tmp"  # the cube as it is written: only who holds the lock does that
+LEFTOVERS = re.compile(rf"{HALF.pattern}|{re.escape(CUBE_SCRATCH)}")  # of files that a kill has left half written
 
 
 def folder_of(out: Path) -> Path:
@@ -103,12 +105,12 @@ class TileStore:
         self._index: list[tuple[Tile, Entry]] = []
 
     def _files(self) -> list[Path]:
-        return _named(self.folder, _NAME)
+        return _named(self.folder, TILE_FILE)
 
     @property
     def scratch(self) -> Path:
         """Where the cube is written before it takes its name."""
-        return self.folder / _SCRATCH
+        return self.folder / CUBE_SCRATCH
 
     @property
     def kept_if_refused(self) -> str:
@@ -170,7 +172,7 @@ class TileStore:
         put(manifest_of(self.out), [written])
         self.manifest.length = len(written)
         listed = {entry.file for entry in entries}
-        for path in (*self._files(), *_named(self.folder, _HALF)):
+        for path in (*self._files(), *_named(self.folder, LEFTOVERS)):
             if path.name not in listed:
                 delete(path)
 
@@ -317,7 +319,7 @@ class TileStore:
     def clear(self) -> None:
         """Delete all results."""
         close_shelf(self.folder)
-        for path in (*self._files(), *_named(self.folder, _HALF), manifest_of(self.out)):
+        for path in (*self._files(), *_named(self.folder, LEFTOVERS), manifest_of(self.out)):
             delete(path)
 
     def remove(self) -> None:
@@ -332,7 +334,7 @@ def _opened(out: Path, nothing: Manifest, kind: np.dtype) -> TileStore:
     """What is in the folder of `out`, if it goes with `nothing`, the manifest to begin with."""
     path = manifest_of(out)
     if not path.exists():
-        if _named(folder_of(out), _NAME):
+        if _named(folder_of(out), TILE_FILE):
             raise StoreError(f"{path.parent}: holds results, but no manifest of them; sweep anew (force=True)")
         put(path, [lines(nothing)])
     manifest = read_manifest(path)

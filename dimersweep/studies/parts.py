@@ -15,8 +15,8 @@ from dimersweep.storage.formats.netcdf import read_netcdf
 from dimersweep.storage.locking import locked
 from dimersweep.storage.provenance import configured, differences, read_configuration
 
-LOCK, CONFIGURATION = "lock", "configuration.json"
-SCRATCH = "scratch.tmp"  # a part as it is written: only who holds the lock does that
+LOCK_FILE, CONFIGURATION = "lock", "configuration.json"
+PART_SCRATCH = "scratch.tmp"  # a part as it is written: only who holds the lock does that
 FILES = "part-*.nc"  # nothing else in the folder is ever read or removed
 
 
@@ -56,7 +56,7 @@ class Parts:
             return make()
         part = self._kept(path)
         if part is None:
-            write_cube(make().assign_attrs(self.configured), path, force=True, scratch=path.with_name(SCRATCH))
+            write_cube(make().assign_attrs(self.configured), path, force=True, scratch=path.with_name(PART_SCRATCH))
             part = read_netcdf(path)  # a part that was kept and one that is new come the same way
         part.attrs = {key: value for key, value in part.attrs.items() if key not in self.configured}
         return part
@@ -80,7 +80,11 @@ class Parts:
         if self.folder is None or not self.folder.is_dir():
             return
         half = (path for path in self.folder.iterdir() if HALF.fullmatch(path.name))
-        for path in (*half, *self.folder.glob(FILES), *(self.folder / name for name in (CONFIGURATION, SCRATCH, LOCK))):
+        for path in (
+            *half,
+            *self.folder.glob(FILES),
+            *(self.folder / name for name in (CONFIGURATION, PART_SCRATCH, LOCK_FILE)),
+        ):
             path.unlink(missing_ok=True)
         with suppress(OSError):
             self.folder.rmdir()
@@ -108,7 +112,7 @@ def parts_beside(out: Path | None, configuration: Mapping[str, Any], *, force: b
         return
     with ExitStack() as stack:
         with disk_errors(str(parts.folder), ""):
-            stack.enter_context(locked(parts.folder / LOCK))
+            stack.enter_context(locked(parts.folder / LOCK_FILE))
             _claim(parts, configuration, force=force)
         try:
             yield parts

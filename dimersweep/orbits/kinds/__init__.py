@@ -6,5 +6,6 @@ from dimersweep.orbits.kinds.fold import FOLD
 from dimersweep.orbits.kinds.kind import Kind
 from dimersweep.orbits.kinds.torus import TORUS
 
-_ALL: tuple[Kind, ...] = (FOLD, FLIP, TORUS, WORD, STICK_SLIP, LIFT_OFF, DOUBLE_IMPACT, CHATTER, HOP)
-BORDER_KINDS = {kind.name: kind for kind in _ALL}
+BORDER_KINDS: dict[str, Kind] = {
+    kind.name: kind for kind in (FOLD, FLIP, TORUS, WORD, STICK_SLIP, LIFT_OFF, DOUBLE_IMPACT, CHATTER, HOP)
+}
