@@ -171,7 +171,7 @@ def on_manifold(near: Fixed) -> Fixed:
 
 
 def in_own_section(at: Fixed) -> Fixed:
-    """The same point of the manifold in a section away from its events."""
+    """A point of the manifold in a section away from its events."""
     return at.map.in_own_section(at, at.image.passage, at_point)
 
 
@@ -322,7 +322,7 @@ class Why(NamedTuple):
 
 
 def why(run: Sampled, period: int, stop: int) -> Why:
-    """What becomes of a motion after the stop of its run that told its period.
+    """What becomes of a motion after the stop that its period led to.
 
     Where no orbit of that period explains it, one of a shorter period does, if the motion comes near it too slowly.
     """
@@ -336,7 +336,7 @@ def why(run: Sampled, period: int, stop: int) -> Why:
 
 
 def course(run: Sampled, orbit: int, period: int, stop: int) -> Why:
-    """The same, beside orbits of one period."""
+    """What becomes of a motion after the stop, beside orbits of one period."""
     families = stretches(run, orbit, stop)
     at_stop = [n for n, one in enumerate(families) if one.seen[-1].after >= stop - period]
     if not at_stop:

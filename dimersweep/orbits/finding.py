@@ -202,7 +202,7 @@ def _from_orbit(
 ) -> Fixed:
     """Newton from the orbit's own point; if that fails, by steps from its parameters and spin to those asked for."""
     old, spin = orbit.fixed.map, orbit.spin if spin is None else spin
-    first, last = ({name: value_of(name, told) for name in ROW} for told in (old.parameters, given))
+    first, last = ({name: value_of(name, one) for name in ROW} for one in (old.parameters, given))
     m = ReturnMap(old.parameters, old.phase, old.modes, periods, rtol, tape)
     known = system(old, orbit.fixed.matrix, orbit.fixed.gradient) if periods == old.periods else None
     done, step, z, fixed = 0.0, 1.0, orbit.fixed.z, None

@@ -91,10 +91,10 @@ def _entitle(figure: Figure, table: xr.Dataset, *along: str) -> None:
     """Write the title of a table, with the conditions that its orbits share; those of a start are none of theirs."""
     declared = json.loads(table.attrs.get("configuration", "{}"))
     values = BASE | declared["fixed"] if declared else table.attrs
-    told = conditions(values, {*declared.get("over", ()), *along, "beta0", "xdot0"}, tex=True)
+    heading = conditions(values, {*declared.get("over", ()), *along, "beta0", "xdot0"}, tex=True)
     spin = declared.get(table.attrs.get("what"), {}).get("spin")
-    told += f", axial spin = {spin:.4g} rad/s" if isinstance(spin, float) else ""
-    entitle(figure, f"{table.attrs.get('title', '')}\n{told}".lstrip())
+    heading += f", axial spin = {spin:.4g} rad/s" if isinstance(spin, float) else ""
+    entitle(figure, f"{table.attrs.get('title', '')}\n{heading}".lstrip())
 
 
 def _map_under(axes: Axes, over: xr.Dataset, x: str, y: str) -> Patch:
