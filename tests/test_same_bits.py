@@ -1,4 +1,4 @@
-"""A sweep gives one cube, bit for bit: in series, in threads, on four processes, in two tilings, and after kills at any moment."""
+"""A sweep gives one cube, bit for bit: in series, in threads, on four processes, in two tilings, and after random kills."""
 
 import os
 import random
