@@ -205,6 +205,20 @@ def test_every_page_of_a_name_has_an_example(name):
     assert ">>> " in inspect.getdoc(named)
 
 
+@pytest.mark.parametrize("name", PAGES_OF_NAMES)
+def test_every_page_of_a_name_links_to_its_source(name, monkeypatch):
+    pycode = pytest.importorskip("sphinx.pycode")
+    monkeypatch.syspath_prepend(str(ROOT / "docs"))
+    parts = name.split(".")
+    first = next(
+        (k for k, part in enumerate(parts) if part[0].isupper()), len(parts) - 1
+    )  # of a class, or the last one
+    module, attribute = ".".join(["dimersweep", *parts[:first]]), ".".join(parts[first:])
+    analyzer = pycode.ModuleAnalyzer.for_module(import_module("conf").home_of(None, module, attribute))
+    analyzer.find_tags()
+    assert attribute in analyzer.tags
+
+
 # --- cubes ------------------------------------------------------------------------------------------------------------
 @pytest.fixture
 def tables(monkeypatch):

@@ -347,7 +347,7 @@ def test_the_time_left_does_not_count_what_is_under_way_as_slowness():
 
 
 def times_left(points, point_seconds, first_seconds, workers):
-    """What is told of the time left, and the truth, whenever a task comes back: the clock is that of the tasks alone.
+    """The time left as shown, and the truth, whenever a task comes back: the clock is that of the tasks alone.
 
     The first task of each worker takes `first_seconds` more than its points do.
     """
