@@ -40,7 +40,20 @@ class StoreError(UserError, OSError):
 
 
 class PointError(UserError, RuntimeError):
-    """A point that failed, where the user asked to stop at the first one."""
+    """A point that failed, where the user asked to stop at the first one.
+
+    Examples
+    --------
+    >>> from dimersweep import sweep
+    >>> from dimersweep.errors import PointError
+    >>> try:
+    ...     cube = sweep({"Gamma": [0.6, 0.9]}, periods=60, progress=False, fail_fast=True)
+    ... except PointError as error:
+    ...     print(error)
+    ... else:
+    ...     print("no point failed")
+    no point failed
+    """
 
 
 class UnfinishedError(UserError, RuntimeError):
@@ -59,6 +72,18 @@ class Stopped(KeyboardInterrupt):
     message : str
     signal : int
         Number of the signal.
+
+    Examples
+    --------
+    >>> from dimersweep import sweep
+    >>> from dimersweep.errors import Stopped
+    >>> try:
+    ...     cube = sweep({"Gamma": [0.6, 0.9]}, periods=60, progress=False)
+    ... except Stopped as error:
+    ...     print(error)
+    ... else:
+    ...     print("not stopped")
+    not stopped
     """
 
     def __init__(self, message: str, signal: int) -> None:

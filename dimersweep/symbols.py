@@ -1,7 +1,7 @@
 """The words of the package: every parameter and every quantity that comes out, with its unit and its meaning."""
 
 from collections.abc import Collection, Mapping
-from math import inf, isclose, pi
+from math import degrees, inf, isclose, pi
 from typing import Literal
 
 from dimersweep.kernel.model.layout import CODE_COLUMNS, N_ORBIT, ORBIT_COLUMNS, OUT, RUN_COLUMNS, Quantity
@@ -131,13 +131,23 @@ def units_shown(units: str) -> str:
 
 
 def units_of(name: str) -> str:
-    """Unit of a parameter as it is shown, empty if it has none."""
-    return units_shown(PARAMETERS[name].units)
+    """Unit that values of a parameter are shown in: degrees for an angle, empty if it has none."""
+    return "°" if is_angle(name) else units_shown(PARAMETERS[name].units)
+
+
+def is_angle(name: str) -> bool:
+    """Whether a parameter is an angle, which is kept in radians and shown in degrees."""
+    return PARAMETERS[name].units == "rad"
+
+
+def value_shown(name: str, value: float) -> str:
+    """A value of a parameter with its unit, such as 15 Hz or 16°."""
+    return f"{degrees(value):.4g}°" if is_angle(name) else f"{value:.4g} {units_of(name)}".rstrip()
 
 
 def given(name: str, value: float, *, tex: bool = False) -> str:
     """A parameter and its value, such as f = 15 Hz."""
-    return f"{symbol(name, tex=tex)} = {value:.4g} {units_of(name)}".rstrip()
+    return f"{symbol(name, tex=tex)} = {value_shown(name, value)}"
 
 
 def stated(values: Mapping[str, float], varied: Collection[str] = ()) -> dict[str, float]:
@@ -208,7 +218,7 @@ QUANTITIES = {
 }
 
 # what a recorded run gives of each event, and of each moment
-EVENTS = {
+EVENT_QUANTITIES = {
     "time": Quantity("s", "time since the start", 0),
     "phase": Quantity("rad", "phase of the plate, omega t + phi0, in [0, 2 pi)", 0, 2 * pi),
     "kind": Quantity("1", "contact state during the impact, or from the event on"),
@@ -228,7 +238,7 @@ EVENTS = {
     "slip_2_a": Quantity("m s-1", "velocity of contact point p2 after the event, along the axis p1-p2"),
     "slip_2_b": Quantity("m s-1", "velocity of contact point p2 after the event, across the axis p1-p2"),
 }
-STATES = {
+STATE_QUANTITIES = {
     "phase": Quantity("rad", "phase of the plate, omega t + phi0, in [0, 2 pi)", 0, 2 * pi),
     "x1": Quantity("m", "x of the centre of ball 1"),
     "y1": Quantity("m", "y of the centre of ball 1"),

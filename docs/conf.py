@@ -1,6 +1,7 @@
 """How Sphinx builds the site: ``./go docs``."""
 
 import shutil
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -66,6 +67,12 @@ def copy_mathjax(app, error):
             shutil.copy(MATHJAX / part, target)
 
 
+def home_of(app, module, name):
+    """The module that defines a function, a class or, by its class, a property: so that each has a link to its source."""
+    return getattr(getattr(import_module(module), name.split(".")[0], None), "__module__", None)
+
+
 def setup(app):
     """What Sphinx calls."""
+    app.connect("viewcode-follow-imported", home_of)
     app.connect("build-finished", copy_mathjax)

@@ -15,7 +15,18 @@ from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.orbits.labelling import COLUMNS, MULTIPLIERS
 from dimersweep.orbits.labelling import WORDS as WORDS_OF_ORBITS
 from dimersweep.parameters import RULES
-from dimersweep.symbols import BASE, ENDS, EVENTS, INSTEAD, LEFT_OUT, PARAMETERS, QUANTITIES, STATES, Quantity, symbol
+from dimersweep.symbols import (
+    BASE,
+    ENDS,
+    EVENT_QUANTITIES,
+    INSTEAD,
+    LEFT_OUT,
+    PARAMETERS,
+    QUANTITIES,
+    STATE_QUANTITIES,
+    Quantity,
+    symbol,
+)
 
 BYTES_IN_CUBE = 689  # of memory, a point of a cube that is written as NetCDF: benchmarks/speed/memory.py
 SWEEPS = Path(__file__).resolve().parents[1] / "sweeps"
@@ -148,12 +159,12 @@ def quantities() -> Markdown:
 
 def events() -> Markdown:
     """The columns of ``run.events``."""
-    return _quantities(EVENTS)
+    return _quantities(EVENT_QUANTITIES)
 
 
 def states() -> Markdown:
     """The variables of ``run.states(t)``."""
-    return _quantities(STATES)
+    return _quantities(STATE_QUANTITIES)
 
 
 def orbits() -> Markdown:

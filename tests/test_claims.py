@@ -86,8 +86,8 @@ def test_what_the_paper_says_of_its_two_runs_agrees_under_both_readings(labs, ch
 def test_the_readings_part_where_the_paper_speaks_of_a_slipping_contact(labs):
     verdicts = {reading: sect3.sliding_contact(lab).verdict for reading, lab in labs.items()}
     assert verdicts == {"mu_s": "differs", "mu": "agrees"}
-    assert sect3.shares(labs["mu_s"].base)["SC1_sk"] == pytest.approx(0.76, abs=0.01)
-    assert sect3.shares(labs["mu"].base)["SC1_sp"] == pytest.approx(0.87, abs=0.01)
+    assert sect3.state_shares(labs["mu_s"].base)["SC1_sk"] == pytest.approx(0.76, abs=0.01)
+    assert sect3.state_shares(labs["mu"].base)["SC1_sp"] == pytest.approx(0.87, abs=0.01)
     assert [sect3.angles_repeat(lab).verdict for lab in labs.values()] == ["agrees", "partly"]
 
 
@@ -107,7 +107,7 @@ def test_the_normal_motion_changes_by_three_per_cent_with_friction(labs):
 @pytest.mark.jit
 def test_the_slip_of_p1_is_that_of_the_events(lab):
     """While p1 is on the plate, the kinematics of the states give the slip that the events tell."""
-    slip, times = sect3.slip_of_p1(lab.base), sect3.last_cycle(lab.base)
+    slip, times = sect3.slip_of_p1(lab.base), sect3.cycle_times(lab.base)
     rows = lab.base.events
     inside = (rows["cause"].values == "stick") | (rows["cause"].values == "slip")
     inside &= (rows["time"].values > times[0]) & (rows["time"].values < times[-1])

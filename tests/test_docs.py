@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import pydoc
 import re
 import sys
 import tomllib
@@ -181,7 +182,8 @@ def test_the_sweep_files_of_the_page_are_some(tmp_path):
 # --- Python -----------------------------------------------------------------------------------------------------------
 def test_the_page_on_python_has_every_public_name():
     shown = set(re.findall(r"^   ([\w.]+)$", text_of("docs/api.md"), re.MULTILINE))
-    assert set(dimersweep.__all__) - {"stability"} <= shown  # a module, whose functions are there
+    modules = {"orbits", "stability"}  # their functions are there
+    assert set(dimersweep.__all__) - modules <= shown
     public = [name for name, value in vars(dimersweep.Run).items() if not name.startswith("_") and value.__doc__]
     assert {f"Run.{name}" for name in public if name not in ("record", *dimersweep.Run.__annotations__)} <= shown
 
@@ -191,6 +193,30 @@ def test_every_public_function_and_class_has_an_example(module):
     public = {name: getattr(import_module(module), name) for name in import_module(module).__all__}
     without = [name for name, value in public.items() if callable(value) and ">>> " not in (value.__doc__ or "")]
     assert without == []
+
+
+PAGES_OF_NAMES = re.findall(r"^   ([\w.]+)$", text_of("docs/api.md"), re.MULTILINE)
+
+
+@pytest.mark.parametrize("name", PAGES_OF_NAMES)
+def test_every_page_of_a_name_has_an_example(name):
+    named = pydoc.locate(f"dimersweep.{name}")
+    assert named is not None
+    assert ">>> " in inspect.getdoc(named)
+
+
+@pytest.mark.parametrize("name", PAGES_OF_NAMES)
+def test_every_page_of_a_name_links_to_its_source(name, monkeypatch):
+    pycode = pytest.importorskip("sphinx.pycode")
+    monkeypatch.syspath_prepend(str(ROOT / "docs"))
+    parts = name.split(".")
+    first = next(
+        (k for k, part in enumerate(parts) if part[0].isupper()), len(parts) - 1
+    )  # of a class, or the last one
+    module, attribute = ".".join(["dimersweep", *parts[:first]]), ".".join(parts[first:])
+    analyzer = pycode.ModuleAnalyzer.for_module(import_module("conf").home_of(None, module, attribute))
+    analyzer.find_tags()
+    assert attribute in analyzer.tags
 
 
 # --- cubes ------------------------------------------------------------------------------------------------------------

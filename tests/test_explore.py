@@ -46,11 +46,11 @@ def sample(tmp_path_factory):
 
 def test_a_click_shows_the_run_behind_the_nearest_point(cube):
     shown = board.Board(cube)
-    run = shown.click(16.9 * DEG, 0.88)
+    run = shown.click(16.9, 0.88)  # in degrees, as the map is drawn
     assert run.parameters["Gamma"] == 0.9
     assert run.parameters["beta0"] == pytest.approx(16 * DEG)
     assert run.parameters["f"] == 15
-    assert shown.spot.data == {"x": [run.parameters["beta0"]], "y": [0.9]}
+    assert shown.spot.data == {"x": [pytest.approx(16)], "y": [0.9]}
     assert "drift" in shown.summary.object
     point = cube.sel(f=15, Gamma=0.9, beta0=16 * DEG, method="nearest")
     assert (run.n_periods, run.n_events) == (point["n_periods"], point["n_events"])
@@ -66,8 +66,19 @@ def test_a_slider_moves_the_map_and_the_run(cube):
     shown.sliders["f"].value = 1
     words = dimersweep.names(cube["mode"]).sel(f=20).values.ravel()
     assert list(shown.source.data["mode"]) == list(words)
-    assert shown.click(16 * DEG, 0.9).parameters["f"] == 20
+    assert shown.click(16, 0.9).parameters["f"] == 20
     assert before == list(dimersweep.names(cube["mode"]).sel(f=15).values.ravel())
+
+
+def test_angles_are_in_degrees_wherever_they_are_shown(cube):
+    shown = board.Board(cube.transpose("beta0", "f", "Gamma"))
+    assert list(shown.sliders["beta0"].options) == ["8", "12", "16", "20", "24"]
+    assert shown.sliders["beta0"].label == "β(0) [°]"
+    shown = board.Board(cube)
+    np.testing.assert_allclose(shown.source.data["x"].reshape(2, 5), [[8, 12, 16, 20, 24]] * 2)
+    np.testing.assert_allclose(shown.source.data["left"].reshape(2, 5)[0], [6, 10, 14, 18, 22])
+    assert shown.map.xaxis[0].axis_label == "β(0) [°]"
+    assert "5 values from 8° to 24°" in cube.dimersweep._repr_html_()
 
 
 def test_values_that_differ_late_are_told_apart(cube):
@@ -93,27 +104,27 @@ def test_a_quantity_is_shown_in_shades(cube):
     assert set(colors) != modes
     assert shown.bar.visible and shown.bar.title == "radius [m]" and not shown.key.visible
     told = dict(shown.hover.tooltips)
-    assert list(told) == ["β(0) [rad]", "Γ", "mode", "radius [m]"]
+    assert list(told) == ["β(0) [°]", "Γ", "mode", "radius [m]"]
     np.testing.assert_array_equal(shown.source.data["shown"], cube["radius"].sel(f=15).values.ravel())
     assert shown.spot not in [renderer.data_source for renderer in shown.hover.renderers]
 
 
 def test_points_that_are_no_grid_are_shown_over_any_two_of_their_parameters(sample):
     shown = board.Board(sample)
-    np.testing.assert_array_equal(shown.source.data["x"], sample["beta0"])
+    np.testing.assert_array_equal(shown.source.data["x"], np.rad2deg(sample["beta0"]))
     np.testing.assert_array_equal(shown.source.data["y"], sample["f"])
-    run = shown.click(0.28, 15.9)
+    run = shown.click(16.0, 15.9)
     assert (run.parameters["beta0"], run.parameters["Gamma"], run.parameters["f"]) == (0.27, 0.91, 16.0)
-    assert shown.spot.data == {"x": [0.27], "y": [16.0]}
+    assert shown.spot.data == {"x": [np.rad2deg(0.27)], "y": [16.0]}
     shown.choices["up"].value = "Gamma"
     assert shown.spot.data["x"] == []
     np.testing.assert_array_equal(shown.source.data["y"], sample["Gamma"])
     assert shown.map.yaxis[0].axis_label == "Γ"
-    assert shown.click(0.1, 0.9).parameters["f"] == 15.0
+    assert shown.click(6, 0.9).parameters["f"] == 15.0
 
 
 def test_a_cube_over_one_axis_and_a_search_are_shown(cube):
-    assert board.Board(cube.isel(f=0, Gamma=1)).click(16 * DEG, 0.3).mode == "drift"
+    assert board.Board(cube.isel(f=0, Gamma=1)).click(16, 0.3).mode == "drift"
     found = dimersweep.search(
         {"f": [15, 20], "beta0": [0.05, 0.28]}, over="beta0", ask="first", periods=100, progress=False
     )
@@ -203,7 +214,7 @@ def test_a_click_in_a_browser_changes_the_run(cube, file):
         page.get_by_text("Click a point of the map").wait_for(timeout=60_000)
         place = page.locator(".bk-Canvas").first.bounding_box()
         assert colors_of(page.screenshot())  # the map is drawn
-        for right, told in ((0.85, "0.4189"), (0.25, "0.1396")):
+        for right, told in ((0.85, "24°"), (0.25, "8°")):
             page.mouse.click(place["x"] + right * place["width"], place["y"] + 0.25 * place["height"])
             page.get_by_text("centre of mass").or_(page.get_by_text("Run:")).first.wait_for(timeout=30_000)
             page.get_by_text(f"β(0) = {told}").wait_for(timeout=30_000)

@@ -111,7 +111,7 @@ def assert_same(states, expected, names, within):
 
 
 def exchanged(scene):
-    """The same scene with its ends numbered the other way round."""
+    """A scene with its ends numbered the other way round."""
     kinds = ("r", "rho_b", "e", "mu", "mu_s", "mu_h")
     ends = {f"{kind}_{i}": f"{kind}_{3 - i}" for kind in kinds for i in (1, 2)}
     scene = {ends.get(name, name): value for name, value in scene.items()}
@@ -150,7 +150,7 @@ def test_the_scenes_hold_every_phase():
 
 
 def turned(scene, angle):
-    """The same scene with start, azimuth and the plate's motion along itself turned about the vertical."""
+    """A scene with start, azimuth and the plate's motion along itself turned about the vertical."""
     along = {axis: rect(scene.get(f"Gamma_{axis}", 0.0), scene.get(f"phi_{axis}", 0.0)) for axis in "xy"}
     x, y = along["x"] * cos(angle) - along["y"] * sin(angle), along["x"] * sin(angle) + along["y"] * cos(angle)
     shaken = {"Gamma_x": abs(x), "phi_x": phase(x), "Gamma_y": abs(y), "phi_y": phase(y)}

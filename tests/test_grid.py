@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from dimersweep.cubes.grid import (
     MAX_POINTS,
-    axis,
+    axis_values,
     make_grid,
 )
 from dimersweep.cubes.points import check_fits
@@ -79,11 +79,11 @@ def test_a_grid_too_large_for_one_cube_is_refused_at_once():
 
 
 def test_a_range_holds_its_stop_and_angles_may_be_degrees():
-    beta0 = axis("beta0", {"start": 0.1, "stop": 89.9, "step": 0.1, "unit": "deg"})
+    beta0 = axis_values("beta0", {"start": 0.1, "stop": 89.9, "step": 0.1, "unit": "deg"})
     assert beta0.size == 899
     np.testing.assert_allclose(np.rad2deg(beta0[[0, -1]]), [0.1, 89.9])
-    np.testing.assert_array_equal(axis("f", {"start": 15, "stop": 25, "num": 3}), [15, 20, 25])
-    np.testing.assert_array_equal(axis("f", 15), [15])
+    np.testing.assert_array_equal(axis_values("f", {"start": 15, "stop": 25, "num": 3}), [15, 20, 25])
+    np.testing.assert_array_equal(axis_values("f", 15), [15])
 
 
 hundredths = st.integers(1, 100_000)
@@ -91,7 +91,7 @@ hundredths = st.integers(1, 100_000)
 
 @given(hundredths, hundredths, st.integers(0, 10_000))
 def test_a_range_of_whole_steps_ends_at_its_stop(start, step, n):
-    values = axis("f", {"start": start / 100, "stop": (start + n * step) / 100, "step": step / 100})
+    values = axis_values("f", {"start": start / 100, "stop": (start + n * step) / 100, "step": step / 100})
     assert values.size == n + 1
     assert values[-1] == pytest.approx((start + n * step) / 100, rel=1e-12)
 
@@ -101,12 +101,12 @@ def test_what_is_said_of_a_stop_between_two_steps_is_taken(start, step, n, part)
     start, step = start / 100, step / 100
     declared = {"start": start, "stop": start + (n + part) * step, "step": step}
     with pytest.raises(ParameterError, match=r"^f.step = .*: no whole steps from ") as caught:
-        axis("f", declared)
+        axis_values("f", declared)
     stops, nums = re.search(r"give stop = (.*), or num = (.*) in place of step$", str(caught.value)).groups()
     for stop, num in zip(stops.split(" or "), nums.split(" or "), strict=True):
-        assert axis("f", declared | {"stop": float(stop)}).size == int(num)
+        assert axis_values("f", declared | {"stop": float(stop)}).size == int(num)
         del declared["step"]
-        assert axis("f", declared | {"num": int(num)}).size == int(num)
+        assert axis_values("f", declared | {"num": int(num)}).size == int(num)
         declared["step"] = step
 
 
@@ -163,8 +163,8 @@ def test_values_in_a_fixed_ratio_are_the_nearest_floats(low, high, count):
     with mpmath.workdps(60):
         share = [mpmath.mpf(k) / (count - 1) for k in range(count)]
         nearest = [float(mpmath.mpf(low) * (mpmath.mpf(high) / mpmath.mpf(low)) ** x) for x in share]
-    assert axis("f", declared).tolist() == nearest
+    assert axis_values("f", declared).tolist() == nearest
 
 
 def test_one_value_in_a_fixed_ratio_is_the_first():
-    assert axis("f", {"start": 2.0, "stop": 3.0, "num": 1, "spacing": "log"}).tolist() == [2.0]
+    assert axis_values("f", {"start": 2.0, "stop": 3.0, "num": 1, "spacing": "log"}).tolist() == [2.0]

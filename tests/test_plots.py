@@ -90,11 +90,11 @@ WRITTEN = (
     "$e_{1}$ = 0.5",
     "$e_{2}$ = 0.7",
     r"$\Gamma_2$ = 0.1",
-    r"$\phi_2$ = 0.3 rad",
+    r"$\phi_2$ = 17.19°",
     "$g$ = 9 m/s²",
     "$r$ = 0.006 m",
 )
-WRITTEN += (r"$\rho_b$ = 7000 kg/m³", r"$\phi_0$ = 1 rad")
+WRITTEN += (r"$\rho_b$ = 7000 kg/m³", r"$\phi_0$ = 57.3°")
 
 
 def heading_of(figure, path):
@@ -193,6 +193,16 @@ def test_maps_have_angles_in_round_degrees():
     assert [tick.get_text() for tick in axes.get_xticklabels()][1:-2] == ["0", "20", "40", "60", "80"]
     np.testing.assert_allclose(axes.get_xticks()[1:4], np.deg2rad([0, 20, 40]), atol=1e-15)
     assert (axes.get_xlabel(), axes.get_ylabel()) == (r"$\beta(0)$ [°]", r"$\phi_0$ [°]")
+
+
+def test_angles_in_a_fixed_ratio_have_round_degrees_on_a_logarithmic_axis():
+    figure = mode_map(cube_of(np.full((2, 4), R), f=[15, 20], beta0=np.deg2rad([1, 3, 9, 27])))
+    figure.canvas.draw()
+    (axes,) = figure.axes
+    assert (axes.get_xscale(), axes.get_xlabel()) == ("log", r"$\beta(0)$ [°]")
+    told = {tick.get_text(): tick.get_position()[0] for tick in axes.get_xticklabels()}
+    assert {"1", "2", "5", "10", "20"} <= told.keys()
+    assert told["20"] == pytest.approx(np.pi / 9)
 
 
 def test_a_picture_is_as_large_whoever_saves_it(tmp_path):

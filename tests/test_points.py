@@ -235,6 +235,19 @@ def test_points_are_drawn_evenly_from_ranges_and_alike_each_time(tmp_path, sampl
         assert counted.min() > 16 if sample == "random" else (counted == 32).all()
 
 
+def test_points_drawn_by_ratio_are_the_nearest_floats(tmp_path):
+    """So they do not depend on the processor, as the powers of numpy do."""
+    mpmath = pytest.importorskip("mpmath")
+    section = '[points]\nsample = "random"\nnumber = 500\nseed = 3\n[points.ranges]\n{}'
+    even, by_ratio = (
+        declared(tmp_path, section.format(f"Gamma = {{ start = {ends}{more} }}")).study().grid.columns["Gamma"]
+        for ends, more in (("0.0, stop = 1.0", ""), ("0.3, stop = 7.0", ', spacing = "log"'))
+    )
+    with mpmath.workdps(50):
+        expected = [float(mpmath.mpf(0.3) * (mpmath.mpf(7) / mpmath.mpf(0.3)) ** mpmath.mpf(share)) for share in even]
+    assert by_ratio.tolist() == expected
+
+
 @pytest.mark.parametrize(
     ("points", "message"),
     [

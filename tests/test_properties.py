@@ -143,7 +143,7 @@ def test_mirrored_starts_make_mirrored_runs(rtol, drawn):
 
 
 def exchanged(dm, state):
-    """The same motion told with the balls' names exchanged: the axis and the heading point the other way."""
+    """A motion with the balls' names exchanged: the axis and the heading point the other way."""
     told = state.copy()
     told[[D1, D2, N1, N2]] = state[[D2, D1, N2, N1]]
     told[[DIP, WB, CA, CB, SPIN, GAMMA]] *= -1

@@ -13,7 +13,7 @@ from dimersweep.cubes.grid import make_grid
 from dimersweep.kernel.batch import run_many
 from dimersweep.kernel.model.layout import CODES, N_CODES, N_OUT, OUT
 from dimersweep.parameters import Parameters
-from dimersweep.symbols import EVENTS, PARAMETERS, QUANTITIES, STATES
+from dimersweep.symbols import EVENT_QUANTITIES, PARAMETERS, QUANTITIES, STATE_QUANTITIES
 
 pytestmark = pytest.mark.jit
 steady = settings(derandomize=True, max_examples=40, deadline=None)
@@ -58,11 +58,11 @@ def test_outcomes_are_in_their_ranges(scene, periods, stop):
 @given(scenes, st.integers(1, 12))
 def test_what_is_recorded_is_in_its_range(scene, periods):
     run = dimersweep.simulate(**scene, periods=periods)
-    for name, quantity in EVENTS.items():
+    for name, quantity in EVENT_QUANTITIES.items():
         if run.events[name].dtype.kind == "f":
             in_range(name, run.events[name], quantity)
     states = run.states(np.linspace(0, run.n_periods / scene["f"], 50))
-    for name, quantity in STATES.items():
+    for name, quantity in STATE_QUANTITIES.items():
         in_range(name, states[name], quantity)
 
 
@@ -85,7 +85,7 @@ def test_a_flight_that_goes_on_at_the_end_counts_as_long():
 def test_ranges_are_stated_where_there_is_one():
     for name in ("zeta", "impact_phase", "down_share_1", "down_share_2"):
         assert -inf < QUANTITIES[name].least < QUANTITIES[name].most < inf
-    assert (STATES["beta"].least, STATES["beta"].most) == (-pi / 2, pi / 2)
+    assert (STATE_QUANTITIES["beta"].least, STATE_QUANTITIES["beta"].most) == (-pi / 2, pi / 2)
     assert {*OUT, *CODES} <= set(QUANTITIES)
 
 

@@ -52,7 +52,9 @@ def defined(path):
             yield from (name for name in names if name.isupper() and len(name) > 1)
 
 
-@pytest.mark.parametrize("room", ["claims", "cli", "cubes", "exploring", "plots", "runs", "work"])
+@pytest.mark.parametrize(
+    "room", ["claims", "cli", "cubes", "exploring", "orbits", "plots", "runs", "storage", "studies", "work"]
+)
 def test_a_constant_or_a_class_of_a_room_has_no_namesake_in_another_module(room):
     own = {path: set(defined(path)) for path in files(f"dimersweep/{room}")}
     others = {path: set(defined(path)) for path in files("dimersweep")}

@@ -1,4 +1,4 @@
-"""The same cube bit for bit: serial, in threads, on four processes, in two tilings, and after kills at random moments."""
+"""A sweep gives one cube, bit for bit: in series, in threads, on four processes, in two tilings, and after random kills."""
 
 import os
 import random

@@ -1,4 +1,4 @@
-"""Settled means that the fast part has settled: a motion whose spin creeps is told by its word, and the creep beside it."""
+"""Settled means that the fast part has settled: a motion whose spin creeps has its mode, and the creep beside it."""
 
 from typing import NamedTuple
 

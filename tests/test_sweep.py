@@ -1,5 +1,6 @@
 """A sweep gives each point its own numbers, whoever runs it, and keeps the trouble of one tile to that tile."""
 
+import heapq
 import json
 import pickle
 import re
@@ -36,7 +37,8 @@ from dimersweep.studies.sweep_spec import make_spec
 from dimersweep.work import proving
 from dimersweep.work.progress import Lines, Tally
 from dimersweep.work.proving import proof
-from dimersweep.work.scheduling import TASK_POINTS, Pace
+from dimersweep.work.scheduling import TASK_POINTS, Pace, bundles
+from dimersweep.work.tiles import count
 from tests.fakes import failing, fake_run_many, raising, run_tile, set_pace
 
 GRID = {"f": [15, 20, 25], "beta0": {"start": 1, "stop": 89, "step": 1, "unit": "deg"}}
@@ -354,15 +356,68 @@ def test_results_are_taken_in_the_calling_thread(fake_kernel, monkeypatch):
 
 
 def test_the_time_left_does_not_count_what_is_under_way_as_slowness():
-    """Eight workers with points of 10 s each: 240 take five minutes, from the first that comes back on."""
-    tally = Tally(241, {"rest": 1}, lambda: 8)
-    assert tally.time_left() == "-:--:--"
-    tally.add({"drift": 1}, 10.0)
-    assert tally.time_left() == "-:--:--"  # one point of 240 says little of the others
+    """Eight workers with points of 10 s each: 240 take five minutes, from their second points on."""
+    tally = Tally(249, {"rest": 1}, lambda: 8)
+    for _ in range(9):
+        assert tally.time_left() == "-:--:--"  # the first points, and one of 240, say little of the others
+        tally.add({"drift": 1}, 10.0)
     tally.add({"rest": 1}, 10.0)
     assert tally.time_left() == "0:04:58"
     tally.add({"rest": 119})  # taken over from a former cube, in no time
     assert tally.time_left() == "0:02:29"
+
+
+def times_left(points, point_seconds, first_seconds, workers):
+    """The time left as shown, and the truth, whenever a task comes back: the clock is that of the tasks alone.
+
+    The first task of each worker takes `first_seconds` more than its points do.
+    """
+    tally, pace = Tally(points, workers=lambda: workers), Pace(points, lambda: workers)
+    tasks, told, now = bundles([Tile(0, points)], pace), [], 0.0
+    busy = [(0.0, worker, 0, first_seconds) for worker in range(workers)]
+    heapq.heapify(busy)
+    while busy:
+        now, worker, done, seconds = heapq.heappop(busy)
+        if done:
+            pace.note(done, seconds)
+            tally.add({"drift": done}, seconds)
+            told.append((now, tally.time_left()))
+            seconds = 0.0
+        if task := next(tasks, None):
+            work = seconds + count(task) * point_seconds
+            heapq.heappush(busy, (now + work, worker, count(task), work))
+    shown = [
+        (at, sum(int(part) * 60**k for k, part in enumerate(left.split(":")[::-1])))
+        for at, left in told
+        if "-" not in left
+    ]
+    return [(at, left, now - at) for at, left in shown]
+
+
+@pytest.mark.parametrize("workers", [1, 2, 16])
+@pytest.mark.parametrize("first_seconds", [0.0, 1.0, 30.0])
+def test_the_time_left_is_right_within_a_tenth_whatever_the_first_tasks_take(workers, first_seconds):
+    """The first tasks may load or compile what the others find done. Times are shown to a second."""
+    points = 6000 * workers
+    told = times_left(points, 0.01, first_seconds, workers)
+    begun = told[0][0]
+    assert begun < first_seconds + 6  # of a minute of work for each worker
+    for at, left, truth in told:
+        assert left == pytest.approx(truth, rel=0.1, abs=1.5), at
+
+
+def test_a_task_counts_all_its_points_with_its_time(fake_kernel, monkeypatch, tmp_path):
+    """A task may hold many short ranges of points, as where every second point is there already."""
+    angles = {"start": 1, "stop": 89, "step": 2, "unit": "deg"}
+    former = quiet_sweep({"f": [15, 20, 25], "beta0": angles}, out=tmp_path / "old.nc")
+    counted = []
+    add = Tally.add
+    monkeypatch.setattr(Tally, "add", lambda self, *told: counted.append(told) or add(self, *told))
+    set_pace(monkeypatch, 10)
+    cube = quiet_sweep(extend=tmp_path / "old.nc", workers=1)
+    made = [(sum(modes.values()), seconds) for modes, *(seconds,) in (told for told in counted if len(told) > 1)]
+    assert sum(points for points, _ in made) == cube["mode"].size - former["mode"].size
+    assert all(seconds > 0 for _, seconds in made) and max(points for points, _ in made) == 10
 
 
 def test_a_log_gets_plain_lines(capsys, monkeypatch):

@@ -431,7 +431,7 @@ def _(scene: Scene) -> str | None:
     return None if code == 0 or "a sweep is at work here" in line_of(told) else f"FAILED: {told[-200:]}"
 
 
-@attack("a lock that tells of another host")
+@attack("a lock that names another host")
 def _(scene: Scene) -> None:
     scene.begin()
     (scene.tiles / "lock").write_text(json.dumps({"pid": 1, "host": f"not-{socket.gethostname()}", "since": "2001"}))

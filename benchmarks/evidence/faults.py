@@ -10,11 +10,14 @@ does not hold.
 import argparse
 import os
 import random
+import re
 import resource
+import subprocess
 import sys
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
 
@@ -111,6 +114,9 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=200, help="random kills in all, at least")
     parser.add_argument("--only", default="", help="attacks whose name has this in it")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument(
+        "--page", type=Path, help="a page, such as docs/faults.md, whose table and figures are to be those of this run"
+    )
     given = parser.parse_args()
     from dimersweep.work.proving import prove
 
@@ -119,6 +125,7 @@ def main() -> None:
     prove()  # children find all loaded
     chosen = {name: attack for name, attack in ATTACKS.items() if given.only in name}
     verdicts: dict[str, Counter[str]] = {name: Counter() for name in chosen}
+    first: dict[str, Counter[str]] = {}  # without the kills that fill up
     told: dict[str, str] = {}
     kills, started = 0, spent()
     memory = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None  # kills need no disk that is slow to write
@@ -143,6 +150,7 @@ def main() -> None:
         for name in chosen:
             begun = spent()
             kills += sum(once(name, number) for number in range(given.times))
+            first[name] = verdicts[name].copy()
             wall, used = ((after - before) / given.times for after, before in zip(spent(), begun, strict=True))
             print(f"{_row(name, verdicts[name], told[name])}  {wall:.1f} s, {used:.1f} s on a core", flush=True)
         number, killers = given.times, [name for name in chosen if "killed" in name]
@@ -151,11 +159,39 @@ def main() -> None:
             number += 1
     failed = [name for name in chosen if verdicts[name]["FAILED"]]
     made = sum(counter.total() for counter in verdicts.values())
-    print(f"{time.monotonic() - started[0]:.0f} s, {spent()[1] - started[1]:.0f} s of processors")
-    print(f"{len(chosen)} attacks, {made} times in all, {kills} random kills: {len(failed) or 'none'} did not hold")
+    summary = f"{time.monotonic() - started[0]:.0f} s, {spent()[1] - started[1]:.0f} s of processors\n"
+    summary += f"{len(chosen)} attacks, {made} times in all, {kills} random kills: {len(failed) or 'none'} did not hold"
+    print(summary)
+    if given.page:
+        asked = ["git", "rev-parse", "--short", "HEAD"]
+        revision = subprocess.run(
+            asked, cwd=Path(__file__).parent, capture_output=True, text=True, check=True
+        ).stdout.strip()
+        given.page.write_text(
+            with_results(given.page.read_text(encoding="utf-8"), summary, revision, first), encoding="utf-8"
+        )
     for name in failed:
         print(_row(name, verdicts[name], told[name]))
     sys.exit(1 if failed else 0)
+
+
+def with_results(page: str, summary: str, revision: str, verdicts: Mapping[str, Mapping[str, int]]) -> str:
+    """A page with the results of a run in place of those that it has: the last lines, the revision, and the table.
+
+    Parameters
+    ----------
+    page, summary, revision : str
+    verdicts : mapping of str to mapping
+        How often each attack ended the same, refused or FAILED.
+    """
+    words = ("same", "refused", "FAILED")
+    rows = (
+        f"| {name} | {' | '.join(str(counts.get(word, 0)) for word in words)} |\n" for name, counts in verdicts.items()
+    )
+    head, rule = "| attack | the same | refused | not held |\n", "|---|---|---|---|\n"
+    page = re.sub(r"```\n[^`]* random kills: [^`]*\n```", lambda _: f"```\n{summary}\n```", page)
+    page = re.sub(r"revision `\w+`", f"revision `{revision}`", page)
+    return re.sub(re.escape(head + rule) + r"(\|[^\n]*\n)*", lambda _: head + rule + "".join(rows), page)
 
 
 def _row(name: str, counter: Counter[str], told: str) -> str:

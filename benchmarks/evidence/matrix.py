@@ -1,6 +1,6 @@
 """Versions, ways to compile and places where the package runs, or refuses to: ``python benchmarks/evidence/matrix.py``.
 
-Every row has a wheel made from this checkout, and answers the same scenes: the modes must be those that are told by the first
+Every row has a wheel made from this checkout, and answers the same scenes: the modes must be those of the first
 row that passes, and the states the same to the accuracy asked for. A refusal is one line. Nothing may end by a signal, or print
 a traceback. Rows of a Python that is not installed are left out.
 """

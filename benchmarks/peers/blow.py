@@ -49,7 +49,7 @@ class End(NamedTuple):
 
 
 class Pair(NamedTuple):
-    """The same for both ends of a dimer that lies flat."""
+    """What impulses at both ends of a dimer that lies flat do to the contact velocities, and the law there."""
 
     nn: float
     nn_12: float

@@ -203,7 +203,7 @@ def first_hop(body, state, start):
 
 @compiled
 def lone_hop(body, state, modes, start):
-    """The same for the one open end in a contact, in the clock of that phase; its gap is a dip angle here."""
+    """The hop of the one open end in a contact, in the clock of that phase; its gap is a dip angle here."""
     if start[YB] != 0.0:
         return 0.0
     i = 0 if modes[0] == FREE else 1

@@ -192,7 +192,7 @@ def timed_pair(
 
 def compare(revisions: Sequence[str], names: Sequence[str], pairs: int) -> np.ndarray:
     """Median times of each verb or scene in each pair of processes, shape (pairs, names, 2) [s]."""
-    sign_interval(np.ones(pairs), DOUBT / len(names))  # too few pairs are told before the work
+    sign_interval(np.ones(pairs), DOUBT / len(names))  # too few pairs are refused before the work
     with tempfile.TemporaryDirectory() as folder_name:
         folder = Path(folder_name)
         caches = [folder / "cache_a", folder / "cache_b"]

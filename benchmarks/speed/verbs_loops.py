@@ -245,7 +245,7 @@ class Drift(NamedTuple):
 
 
 def without_slip(inputs: Inputs, axial: bool) -> Inputs:
-    """The same impacts with the lateral slip of the end that lands taken away, and the axial one too if `axial`."""
+    """Impacts with the lateral slip of the end that lands taken away, and the axial one too if `axial`."""
     states = inputs.states.copy()
     for state, row in zip(states, inputs.rows[inputs.scene], strict=True):
         along, across = body.slip_at(body.dimer_of(row), state, 0 if state[D1] == 0.0 else 1)

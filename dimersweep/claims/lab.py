@@ -31,7 +31,7 @@ def degrees(start: float, stop: float, step: float) -> dict[str, Any]:
     return {"start": start, "stop": stop, "step": step, "unit": "deg"}
 
 
-def orbit_of(run: Run) -> Orbit:
+def drift_orbit(run: Run) -> Orbit:
     """The orbit of a run that is known to drift.
 
     Raises

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dimersweep.claims.lab import Lab, orbit_of
+from dimersweep.claims.lab import Lab, drift_orbit
 from dimersweep.claims.ledger import Finding, claim, found
 from dimersweep.cubes.cube import names
 from dimersweep.cubes.reading import circle_through
@@ -10,7 +10,7 @@ from dimersweep.orbits.ball import ball_fold
 from dimersweep.runs.run import Run
 
 
-def last_cycle(run: Run, points: int = 20_001) -> np.ndarray:
+def cycle_times(run: Run, points: int = 20_001) -> np.ndarray:
     """Times of the last full cycle, from just before a double impact to just before the next [s]."""
     T = 1 / run.parameters["f"]
     kinds = run.events["kind"].values
@@ -18,7 +18,7 @@ def last_cycle(run: Run, points: int = 20_001) -> np.ndarray:
     return np.linspace(last - T, last, points)[:-1] - 1e-6 * T
 
 
-def double_impact(run: Run) -> list[str]:
+def last_double_impact(run: Run) -> list[str]:
     """Contact states of the last double impact, in their order."""
     rows = run.events.isel(event=np.flatnonzero(run.events["cause"].values == "impact"))
     double = np.char.startswith(rows["kind"].values, "DI")
@@ -28,7 +28,7 @@ def double_impact(run: Run) -> list[str]:
 
 def slip_of_p1(run: Run) -> np.ndarray:
     """Slip of p1 along the axis and across it in the last cycle, shape (2, n) [m s-1]; NaN while p1 is off the plate."""
-    states, r = run.states(last_cycle(run)), run.parameters["r"]
+    states, r = run.states(cycle_times(run)), run.parameters["r"]
     theta, beta = states["theta"].values, states["beta"].values
     vx, vy = states["x1_rate"].values, states["y1_rate"].values
     along = -np.sin(theta) * vx + np.cos(theta) * vy + r * states["beta_rate"].values
@@ -37,9 +37,9 @@ def slip_of_p1(run: Run) -> np.ndarray:
     return np.where(down, [along, across], np.nan)
 
 
-def shares(run: Run) -> dict[str, float]:
+def state_shares(run: Run) -> dict[str, float]:
     """Share of the last cycle that each contact state takes."""
-    kinds, counts = np.unique(names(run.states(last_cycle(run))["contact_state"]), return_counts=True)
+    kinds, counts = np.unique(names(run.states(cycle_times(run))["contact_state"]), return_counts=True)
     return dict(zip(kinds.tolist(), (counts / counts.sum()).tolist(), strict=True))
 
 
@@ -60,7 +60,7 @@ def base_drifts(lab: Lab) -> Finding:
     "order of the contact states in the last double impact",
 )
 def course_of_impact(lab: Lab) -> Finding:
-    kinds = double_impact(lab.base)
+    kinds = last_double_impact(lab.base)
     course = [kind for kind, before in zip(kinds, ["", *kinds], strict=False) if kind != before]
     return found(
         " then ".join(course),
@@ -71,7 +71,7 @@ def course_of_impact(lab: Lab) -> Finding:
 
 @claim("3.1", "The double impact comes in the first quadrant of the plate's cycle", "phase between 0 and 0.25")
 def first_quadrant(lab: Lab) -> Finding:
-    phase, change = orbit_of(lab.base).impact_phase, orbit_of(lab.base).impact_phase_drift
+    phase, change = drift_orbit(lab.base).impact_phase, drift_orbit(lab.base).impact_phase_drift
     p = lab.base.parameters
     ball = np.arccos(ball_fold(p["e"]) / p["Gamma"]) / (2 * np.pi)
     value = f"at {phase:.5f} of the cycle (changes by {change:.0e} a period); a ball, in closed form: {ball:.4f}"
@@ -99,7 +99,7 @@ def opposite_velocities(lab: Lab) -> Finding:
     "SC_sp for more than half of the cycle",
 )
 def sliding_contact(lab: Lab) -> Finding:
-    share = shares(lab.base)
+    share = state_shares(lab.base)
     slip, stick = share.get("SC1_sp", 0.0), share.get("SC1_sk", 0.0)
     fastest = np.nanmax(np.hypot(*slip_of_p1(lab.base)))
     reason = (
@@ -118,7 +118,7 @@ def angles_repeat(lab: Lab) -> Finding:
     run = lab.base
     end, T = run.n_periods / run.parameters["f"], 1 / run.parameters["f"]
     first, last = (run.states(end - k * T - 0.4 * T) for k in (1, 0))
-    cycle = run.states(last_cycle(run))
+    cycle = run.states(cycle_times(run))
     change = {name: last[name].item() - first[name].item() for name in ("beta", "beta_rate", "theta_rate", "spin_rate")}
     shares = {name: abs(by) / np.ptp(cycle[name].values) for name, by in change.items()}
     others = max(share for name, share in shares.items() if name != "spin_rate")
@@ -136,7 +136,7 @@ def angles_repeat(lab: Lab) -> Finding:
     "beta >= 0, and the rate jumps from - to + by unequal amounts, with a ratio above 1.1",
 )
 def d_shape(lab: Lab) -> Finding:
-    states = lab.base.states(last_cycle(lab.base))
+    states = lab.base.states(cycle_times(lab.base))
     beta, rate = states["beta"].values, states["beta_rate"].values
     uneven = abs(rate[0]) / rate[1]
     value = (
@@ -148,7 +148,7 @@ def d_shape(lab: Lab) -> Finding:
 
 def _impact_changes(run: Run, name: str) -> dict[str, float]:
     """Change of a rate by the double impact and by the single impacts of the last cycle together."""
-    times = last_cycle(run)
+    times = cycle_times(run)
     rows = run.events
     inside = (rows["time"].values >= times[0]) & (rows["time"].values < times[-1]) & (rows["cause"].values == "impact")
     changes = {}
@@ -173,7 +173,7 @@ def theta_in_impacts(lab: Lab) -> Finding:
 )
 def gamma_in_impacts(lab: Lab) -> Finding:
     change = _impact_changes(lab.base, "spin_rate")
-    mean = lab.base.states(last_cycle(lab.base))["spin_rate"].values.mean()
+    mean = lab.base.states(cycle_times(lab.base))["spin_rate"].values.mean()
     value = f"mean {mean:.1f} rad/s; DI {change['DI']:+.1e}, SI {change['SI']:+.1e} of a swing of {change['swing']:.2f} rad/s"
     little = abs(change["DI"]) < 0.05 * change["swing"]
     share = 100 * change["SI"] / change["swing"]
@@ -195,6 +195,6 @@ def circular(lab: Lab) -> Finding:
     states = run.states(np.arange(30, run.n_periods) * T)
     a, b, radius = circle_through(states["x"].values, states["y"].values)
     away = np.hypot(states["x"].values - a, states["y"].values - b) - radius
-    most, expected = float(np.abs(away).max()), orbit_of(run).radius
+    most, expected = float(np.abs(away).max()), drift_orbit(run).radius
     value = f"circle of {radius:.4f} m, off by {1e6 * most:.0f} µm at most; R = v/omega = {expected:.4f} m"
     return found(value, most < 0.01 * radius and abs(radius / expected - 1) < 0.01)

@@ -3,9 +3,9 @@
 import numpy as np
 import xarray as xr
 
-from dimersweep.claims.lab import Lab, orbit_of
+from dimersweep.claims.lab import Lab, drift_orbit
 from dimersweep.claims.ledger import Finding, claim, found
-from dimersweep.claims.sect3 import double_impact, last_cycle, slip_of_p1
+from dimersweep.claims.sect3 import cycle_times, last_double_impact, slip_of_p1
 from dimersweep.cubes.cube import names
 from dimersweep.cubes.reading import drift_intervals, drift_lengths, runs_of, stick_ratio
 from dimersweep.kernel.model.layout import M_DRIFT, M_REST, MODES
@@ -80,7 +80,7 @@ def interval_lengths(lab: Lab) -> Finding:
 def kinetic_energy(run: Run) -> tuple[float, float]:
     """Energies per mass right after the double impact, from where it takes place [m2 s-2]: of the ball that bounces, of all."""
     p = run.parameters
-    state = run.states(last_cycle(run)[[1]])
+    state = run.states(cycle_times(run)[[1]])
     half = p["r"] * (p["A_r"] - 1)
     turning = half * np.cos(state["beta"]) * state["beta_rate"]
     ball, rod = 4 / 3 * np.pi * p["r"] ** 3 * p["rho_b"], np.pi / 4 * p["D_r"] ** 2 * 2 * (half - p["r"]) * p["rho_r"]
@@ -227,8 +227,8 @@ def phase_elsewhere(lab: Lab) -> Finding:
 )
 def friction_and_normal(lab: Lab) -> Finding:
     both = (lab.base, lab.low)
-    tops = [float(run.states(last_cycle(run))["gap_2"].max()) for run in both]
-    phases = [orbit_of(run).impact_phase for run in both]
+    tops = [float(run.states(cycle_times(run))["gap_2"].max()) for run in both]
+    phases = [drift_orbit(run).impact_phase for run in both]
     slips = [float(np.sqrt(np.nanmean((slip_of_p1(run) ** 2).sum(axis=0)))) for run in both]
     value = (
         f"p2 rises {1e3 * tops[0]:.3f}, {1e3 * tops[1]:.3f} mm, lands at {phases[0]:.5f}, {phases[1]:.5f} of the cycle; "
@@ -247,9 +247,9 @@ def friction_and_normal(lab: Lab) -> Finding:
     "end of the impact and sign of the change of R",
 )
 def inward_spiral(lab: Lab) -> Finding:
-    orbit = orbit_of(lab.low)
+    orbit = drift_orbit(lab.low)
     turn = orbit.radius_drift * orbit.period * lab.low.parameters["f"]
-    value = f"{double_impact(lab.low)[-1]}; radius {orbit.radius:.3f} m, {1e3 * turn:+.2f} mm a turn"
+    value = f"{last_double_impact(lab.low)[-1]}; radius {orbit.radius:.3f} m, {1e3 * turn:+.2f} mm a turn"
     return found(value, orbit.di_end == "sp_sp" and turn < 0)
 
 
@@ -259,7 +259,7 @@ def inward_spiral(lab: Lab) -> Finding:
     "both fall, the speed by the larger share",
 )
 def spiral_slows(lab: Lab) -> Finding:
-    orbit = orbit_of(lab.low)
+    orbit = drift_orbit(lab.low)
     speed, rate = orbit.speed_drift / orbit.speed, orbit.precession_rate_drift / orbit.precession_rate
     return found(f"{speed:.3e} and {rate:.3e} a period (speed, precession rate)", speed < rate < 0)
 

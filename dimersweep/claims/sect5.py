@@ -4,9 +4,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dimersweep.claims.lab import LOW_FRICTION, Lab, orbit_of
+from dimersweep.claims.lab import LOW_FRICTION, Lab, drift_orbit
 from dimersweep.claims.ledger import Finding, claim, found
-from dimersweep.claims.sect3 import shares
+from dimersweep.claims.sect3 import state_shares
 from dimersweep.claims.sect4 import drifting, span
 from dimersweep.cubes.cube import names
 from dimersweep.cubes.reading import (
@@ -29,7 +29,7 @@ PAPER_RADIUS = 2.4  # m, read by the paper off its Fig. 14 at A_r = 5, f = 15 Hz
     "both as said, for the base case and the small friction",
 )
 def angles(lab: Lab) -> Finding:
-    circle, spiral = orbit_of(lab.base).zeta, orbit_of(lab.low).zeta
+    circle, spiral = drift_orbit(lab.base).zeta, drift_orbit(lab.low).zeta
     value = f"{circle:.4f} rad (base), {spiral:.4f} rad (mu = 0.05, mu_s = 0.1); pi/2 = {np.pi / 2:.4f}"
     return found(value, circle > np.pi / 2 >= spiral)
 
@@ -192,7 +192,7 @@ def _minima(lab: Lab) -> dict[float, Minimum]:
     "For a given A_r the period has a minimum over xdot0 (Fig. 17, Abstract of Sect. 1)",
     "a minimum within 0.5 to 9 m/s for each A_r, read from runs; partly: for some",
 )
-def least_period(lab: Lab) -> Finding:
+def period_has_minimum(lab: Lab) -> Finding:
     minima = _minima(lab)
     value = "; ".join(f"A_r = {a:g}: {low.words('s', 'm/s')}" for a, low in minima.items())
     value += f" (after {int(lab.fast['n_periods'].max())} periods, from the least dip angle that drifts)"
@@ -324,5 +324,5 @@ def _studied(lab: Lab, changed: dict[str, Any]) -> Studied | None:
     run = simulate(**(given | {"f": f, "beta0": cube["beta0"].item()}), periods=lab.late)
     if run.orbit is None:
         return None
-    rolls = shares(run).get("SC1_sk", 0.0)
+    rolls = state_shares(run).get("SC1_sk", 0.0)
     return Studied(run.orbit.radius, run.orbit.di_end, rolls, float(np.rad2deg(cube["beta0"].item())))

@@ -27,7 +27,7 @@ FLAGS = {
     "confidence": ("not_run", "certain", "unsure", "changed"),
 }
 _SUMMED = {"fletcher32": True}  # a checksum that the NetCDF library itself tests, in any program that reads the file
-_PACKED = {"zlib": True, "complevel": 4, "shuffle": True, **_SUMMED}
+PACKED = {"zlib": True, "complevel": 4, "shuffle": True, **_SUMMED}
 
 
 def blank(n: int) -> tuple[np.ndarray, np.ndarray]:
@@ -61,14 +61,14 @@ def label_variable(name: str, dims: tuple[str, ...], values: np.ndarray) -> xr.V
     else:
         attributes |= QUANTITIES[name].attributes(np.int64)
     variable = xr.Variable(dims, values.astype(kind), attributes)
-    variable.encoding.update(_PACKED, _FillValue=None)  # with one, xarray would read the integers back as floats
+    variable.encoding.update(PACKED, _FillValue=None)  # with one, xarray would read the integers back as floats
     return variable
 
 
 def float_variable(dims: tuple[str, ...], values: np.ndarray, quantity: Quantity) -> xr.Variable:
     """Float results with their unit; NaN where they have no meaning."""
     variable = xr.Variable(dims, values, quantity.attributes())
-    variable.encoding.update(_PACKED, _FillValue=np.nan)
+    variable.encoding.update(PACKED, _FillValue=np.nan)
     return variable
 
 

@@ -18,7 +18,7 @@ from dimersweep.symbols import BASE, ENDS, PARAMETERS
 
 MAX_POINTS = 50_000_000  # of an axis, and of a cube in memory: about 14 GB, see benchmarks/speed/memory.py
 
-DIGITS = 40  # that values in a fixed ratio are reckoned with
+RATIO_DIGITS = 40  # that values in a fixed ratio are reckoned with
 STEP_TOLERANCE = 1e-9  # of a number of steps that counts as whole, times that number
 _FORMS = "give values, or start, stop and either step or num; unit is optional, and spacing = log with num"
 Reader = Callable[[str, Any], float]
@@ -71,7 +71,7 @@ def _from_logarithms(name: str, read: Reader, start: Any, stop: Any, num: Any) -
 
 def _in_ratio(low: float, high: float, count: int) -> np.ndarray:
     """So many values in a fixed ratio, each the nearest float: the powers of numpy depend on the processor."""
-    with localcontext(Context(prec=DIGITS)):
+    with localcontext(Context(prec=RATIO_DIGITS)):
         ratio = (Decimal(high) / Decimal(low)) ** (Decimal(1) / max(1, count - 1))
         values = np.fromiter(accumulate(repeat(ratio, count - 1), mul, initial=Decimal(low)), float, count)
     values[-1], values[0] = high, low
@@ -121,7 +121,7 @@ def fixed_value(name: str, value: Any) -> float:
     return number(name, value)
 
 
-def axis(name: str, declared: Any) -> np.ndarray:
+def axis_values(name: str, declared: Any) -> np.ndarray:
     """One axis of a grid.
 
     Parameters
@@ -298,7 +298,7 @@ def make_grid(axes: Mapping[str, Any], fixed: Mapping[str, Any] | None = None, *
     Parameters
     ----------
     axes : mapping of str to array_like or mapping
-        See `axis`.
+        See `axis_values`.
     fixed : mapping of str to float, optional
         Parameters that differ from the paper's base case.
     gaps : collection of str
@@ -319,7 +319,7 @@ def make_grid(axes: Mapping[str, Any], fixed: Mapping[str, Any] | None = None, *
     if not axes:
         raise ParameterError("grid: has no axis; give at least one parameter to sweep")
     refuse_twice(axes, fixed)
-    made = {name: axis(name, declared) for name, declared in axes.items()}
+    made = {name: axis_values(name, declared) for name, declared in axes.items()}
     held = fixed_values(made, fixed)
     check(held | made, gaps)
     return Grid(made, held)

@@ -136,7 +136,18 @@ def search_summary(cube: xr.Dataset) -> str:
 
 
 def runs_of(cube: xr.Dataset, mode: str) -> xr.DataArray:
-    """How many runs of a search led to `mode`, over the axes of its cube."""
+    """How many runs of a search led to `mode`, over the axes of its cube.
+
+    Examples
+    --------
+    >>> from dimersweep import search
+    >>> from dimersweep.cubes.reading import runs_of
+    >>> angles = {"start": 5, "stop": 35, "step": 5, "unit": "deg"}
+    >>> grid = {"Gamma": [0.6, 0.9], "beta0": angles}
+    >>> cube = search(grid, over="beta0", ask="fraction", periods=100, progress=False)
+    >>> runs_of(cube, "drift").values, cube["n_runs"].values
+    (array([0, 2]), array([7, 7]))
+    """
     return cube["runs"].sel(outcome=MODES.index(mode))
 
 
@@ -160,6 +171,16 @@ def boundary(cube: xr.Dataset, region: str) -> list[np.ndarray]:
     ------
     ParameterError
         If the cube has no regions over two axes.
+
+    Examples
+    --------
+    >>> from dimersweep import search
+    >>> from dimersweep.cubes.reading import boundary
+    >>> angles = {"start": 5, "stop": 35, "step": 5, "unit": "deg"}
+    >>> grid = {"Gamma": [0.6, 0.7, 0.8, 0.9, 1.0], "f": [12, 15, 20], "beta0": angles}
+    >>> cube = search(grid, over="beta0", ask="first", periods=100, progress=False)
+    >>> [line.round(3).tolist() for line in boundary(cube, "drift")]  # pairs of Gamma and f
+    [[[0.75, 12.0], [0.8, 13.5], [0.85, 15.0], [0.8, 17.5], [0.75, 20.0]]]
     """
     if "region" not in cube:
         raise ParameterError("boundary: the cube has no regions; it is not of a search")
@@ -172,7 +193,15 @@ def boundary(cube: xr.Dataset, region: str) -> list[np.ndarray]:
 
 
 class PowerLaw(NamedTuple):
-    """Exponent with its standard error, and the least and the greatest slope between neighbouring points."""
+    """Exponent with its standard error, and the least and the greatest slope between neighbouring points.
+
+    Examples
+    --------
+    >>> from dimersweep.cubes.reading import PowerLaw
+    >>> law = PowerLaw(exponent=2.92, error=0.02, least=2.88, greatest=2.95)
+    >>> law.least <= law.exponent <= law.greatest
+    True
+    """
 
     exponent: float
     error: float
@@ -207,6 +236,16 @@ def exponents(cube: xr.Dataset, quantity: str = "radius") -> dict[str, PowerLaw]
     ------
     ParameterError
         If there are too few points that drift.
+
+    Examples
+    --------
+    >>> from dimersweep import search
+    >>> from dimersweep.cubes.reading import exponents
+    >>> angles = {"start": 5, "stop": 35, "step": 5, "unit": "deg"}
+    >>> cube = search({"A_r": [5, 6, 7], "beta0": angles}, over="beta0", ask="first", periods=100, progress=False)
+    >>> law = exponents(cube, "radius")["A_r"]  # the radius grows like (A_r - 1) to this power
+    >>> round(law.exponent, 2), round(law.error, 2)
+    (2.92, 0.02)
     """
     values = cube[quantity].where(cube["mode"] == M_DRIFT).squeeze(drop=True)
     logs = {str(dim): np.log(_grown(str(dim), cube[dim].values)) for dim in values.dims}
@@ -231,7 +270,18 @@ def exponents(cube: xr.Dataset, quantity: str = "radius") -> dict[str, PowerLaw]
 
 
 class Minimum(NamedTuple):
-    """Where a quantity is least and what it is there, each with what a grid twice as coarse would change of it."""
+    """Where a quantity is least and what it is there, each with what a grid twice as coarse would change of it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from dimersweep.cubes.reading import minimum
+    >>> xdot0 = np.linspace(1, 5, 17)
+    >>> minimum(xdot0, 10 + (xdot0 - 3.1) ** 2).words("s", "m/s")
+    '10.000 ± 0.000 s at 3.100 ± 0.000 m/s'
+    >>> minimum(xdot0, xdot0).located
+    False
+    """
 
     at: float
     at_error: float
@@ -264,6 +314,15 @@ def minimum(points: np.ndarray, values: np.ndarray) -> Minimum:
         NaN if none is located: there is no valley, there are fewer than three points on one of its sides, a value
         beside its lowest point is unknown, a grid twice as coarse would have the bottom outside that valley, or the
         spline digs far below the points.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from dimersweep.cubes.reading import minimum
+    >>> xdot0 = np.linspace(1, 5, 17)
+    >>> lowest = minimum(xdot0, 10 + (xdot0 - 3.1) ** 2)
+    >>> round(lowest.at, 6), round(lowest.value, 6)
+    (3.1, 10.0)
     """
     nowhere = Minimum(*[float("nan")] * 4)
     known = np.flatnonzero(np.isfinite(values))

@@ -21,7 +21,7 @@ from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, fixed_of
 from dimersweep.plots.tables import run_table, title_as_html
 from dimersweep.runs import accessor  # noqa: F401 - the run behind a point
 from dimersweep.runs.run import Run
-from dimersweep.symbols import PARAMETERS, symbol, units_shown
+from dimersweep.symbols import is_angle, symbol, units_of, units_shown
 
 SHOWN_PERIODS = 60  # in the picture beside the map, if the run of the cube is shorter
 REPLAYED = 6  # forcing periods
@@ -30,11 +30,16 @@ MOST_CELLS = 250_000  # of one map: more would make the page slow
 
 def label_of(name: str) -> str:
     """An axis and its unit, in plain letters."""
-    return f"{symbol(name)} {_in_brackets(PARAMETERS[name].units)}".rstrip()
+    return symbol(name) + _in_brackets(units_of(name))
 
 
 def _in_brackets(units: str) -> str:
-    return "" if units == "1" else f"[{units_shown(units)}]"
+    return f" [{units}]" if units else ""
+
+
+def shown_as(name: str, values: np.ndarray) -> np.ndarray:
+    """Values of a parameter in the unit that it is shown in: degrees for an angle."""
+    return np.rad2deg(values) if is_angle(name) else values
 
 
 def distinct_labels(values: np.ndarray) -> list[str]:
@@ -103,7 +108,7 @@ class Board:
             widget.param.watch(self._moved, "value")
 
     def _slider(self, name: str) -> Any:
-        options = {value: k for k, value in enumerate(distinct_labels(self.cube[name].values))}
+        options = {value: k for k, value in enumerate(distinct_labels(shown_as(name, self.cube[name].values)))}
         slider = pn.widgets.DiscreteSlider(label=label_of(name), options=options)
         slider.param.watch(self._moved, "value")
         return slider
@@ -138,8 +143,8 @@ class Board:
         return plot
 
     def _along(self, name: str) -> np.ndarray:
-        """Values of a parameter of the map, of each point where they are no grid; one for no parameter."""
-        return self.cube[name].values if name else np.array([0.5])
+        """Values of a parameter of the map as shown, of each point where they are no grid; one for no parameter."""
+        return shown_as(name, self.cube[name].values) if name else np.array([0.5])
 
     def _cells(self) -> dict[str, np.ndarray]:
         """Where the points of the map lie, and the edges of their cells."""
@@ -169,9 +174,8 @@ class Board:
         else:
             columns["shown"] = part[shown].values.ravel()
             columns["color"] = self._shades(self.cube[shown].values, columns["shown"])
-            self.bar.title = (
-                f"{shown.replace('_', ' ')} {_in_brackets(self.cube[shown].attrs.get('units', '1'))}".rstrip()
-            )
+            units = units_shown(self.cube[shown].attrs.get("units", "1"))
+            self.bar.title = shown.replace("_", " ") + _in_brackets(units)
             tooltips[self.bar.title] = "@shown{%.6g}"
         self.bar.visible, self.key.visible = shown != "mode", shown == "mode"
         self.hover.tooltips = list(tooltips.items())
@@ -192,14 +196,21 @@ class Board:
         """The point of the map that is nearest to a place, in the eye of who looks at it."""
         where = {self.x: x} | ({self.y: y} if self.y else {})
         if not self.points:
-            return self.cube.isel(self.fixed).sel(where, method="nearest")
+            near = {name: int(np.argmin(np.abs(self._along(name) - at))) for name, at in where.items()}
+            return self.cube.isel(self.fixed | near)
         away = sum(((self._along(name) - at) / np.ptp(self._along(name))) ** 2 for name, at in where.items())
         return self.cube.isel(point=int(np.argmin(away)))
 
     def click(self, x: float, y: float) -> Run | None:
-        """Show the run behind the point of the map that is nearest to `x` and `y`; None where there is none."""
+        """Show the run behind the point of the map that is nearest to `x` and `y`; None where there is none.
+
+        Parameters
+        ----------
+        x, y : float
+            A place on the map, in the units of its axes.
+        """
         point = self._nearest(x, y)
-        at = float(point[self.x]), float(point[self.y]) if self.y else 0.5
+        at = [float(shown_as(name, point[name].values)) if name else 0.5 for name in (self.x, self.y)]
         self.spot.data = {"x": [at[0]], "y": [at[1]]}
         self.motion.object, self.replay.visible = "", False
         try:

@@ -1,4 +1,12 @@
-"""Orbits as objects: fixed points of the return map's fast part, their branches and borders, and the slow family they form."""
+"""Orbits as objects: fixed points of the return map's fast part, their branches and borders, and the slow family they form.
+
+Examples
+--------
+>>> from dimersweep import orbits
+>>> orbit = orbits.find(Gamma=0.9, spin=100.0)  # the drift of that axial spin [rad/s]
+>>> orbit.stable, round(orbit.radius, 3)
+(True, 4.259)
+"""
 
 from dimersweep.orbits.border_grid import border
 from dimersweep.orbits.edges import Edge, edge

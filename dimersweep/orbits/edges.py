@@ -20,13 +20,10 @@ from dimersweep.runs.run import Run
 from dimersweep.runs.simulating import simulate
 
 EDGE_KNOWN = 1e-10  # how well an edge is known, in the unit of its axis
-NEAR_PERIODIC = (
-    0.3  # change of the strobe in a period, in g/omega^2 and g/omega, of a motion that is near a periodic one
-)
-STARTS_BESIDE, SCALES = (
-    6,
-    4,
-)  # starts on either side of an edge, at each of some distances, that decide whether it is clean
+# change of the strobe in a period, in g/omega^2 and g/omega, of a motion that is near a periodic one
+NEAR_PERIODIC = 0.3
+# starts on either side of an edge, at each of some distances, that decide whether it is clean
+STARTS_BESIDE, SCALES = 6, 4
 PROBES, DISTANCES = 60, (1e-3, 1e-4, 1e-5, 1e-6)  # for the uncertainty exponent, in shares of the interval
 
 

@@ -23,7 +23,7 @@ RTOL = 1e-12
 TRANSIENTS = (1, 30, 200)  # periods of the map run from the ball's orbit before Newton's method
 SAME = 1e-4  # in units of the section: a fast part that comes as near as this to its start has repeated
 MOST_TURNS = 1e3  # of the spin in a forcing period: orbits are found up to some 30; far beyond, the search takes long
-SMALLEST_STEP = 1e-3  # of the way from the parameters of one orbit to other ones
+SMALLEST_SHARE = 1e-3  # of the way from the parameters of one orbit to other ones
 Start = tuple[ReturnMap, np.ndarray]
 
 
@@ -194,13 +194,13 @@ def _from_orbit(
 ) -> Fixed:
     """Newton from the orbit's own point; if that fails, by steps from its parameters and spin to those asked for."""
     old, spin = orbit.fixed.map, orbit.spin if spin is None else spin
-    first, last = ({name: value_of(name, told) for name in ROW} for told in (old.parameters, given))
+    first, last = ({name: value_of(name, one) for name in ROW} for one in (old.parameters, given))
     m = ReturnMap(old.parameters, old.phase, old.modes, periods, rtol, tape)
     known = system(old, orbit.fixed.matrix, orbit.fixed.gradient) if periods == old.periods else None
     done, step, z, fixed = 0.0, 1.0, orbit.fixed.z, None
     reason = OrbitLost("")
     while done < 1.0:
-        if step < SMALLEST_STEP:
+        if step < SMALLEST_SHARE:
             raise OrbitLost(f"{reason}, {done:.0%} of the way")
         there = min(1.0, done + step)
         values = given if there == 1.0 else {name: first[name] + there * (last[name] - first[name]) for name in ROW}

@@ -21,12 +21,8 @@ from dimersweep.orbits.specials import Leap, Special, doubled, specials
 from dimersweep.parameters import check_effect, check_name, value_of
 from dimersweep.symbols import PARAMETERS
 
-FIRST_STEP, LARGEST_STEP, SMALLEST_STEP, GROWTH = (
-    0.02,
-    0.25,
-    1e-6,
-    1.3,
-)  # length of a step, in units of the section and of the parameter
+# length of a step, in units of the section and of the parameter, and by how much the next may be longer
+FIRST_STEP, LARGEST_STEP, SMALLEST_STEP, STEP_GROWTH = 0.02, 0.25, 1e-6, 1.3
 LEAST_SCALE = 1e-3  # of a parameter, where it and its target are both near zero
 
 
@@ -129,7 +125,7 @@ def traced(
                 return Trace(entries, f"lost: no branch of twice the period was found ({reason})", tape.periods)
         entries.append(_entry(nxt))
         point = in_own_section(axis, nxt, simplest=others is None) if not end else nxt
-        step = min(step * GROWTH, LARGEST_STEP)
+        step = min(step * STEP_GROWTH, LARGEST_STEP)
     return Trace(entries, end, tape.periods)
 
 

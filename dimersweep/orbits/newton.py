@@ -8,7 +8,7 @@ import numpy as np
 from dimersweep.orbits.poincare import Image, OrbitLost, ReturnMap
 
 TOLERANCE = 10.0  # residual of an orbit over the rtol of the map
-NEWTON_STEPS, SLOW = 25, 0.2  # Newton steps at most; a residual that falls by less asks for a new derivative
+NEWTON_STEPS, QUICK_FALL = 25, 0.2  # Newton steps at most; a residual that falls by less asks for a new derivative
 FEW = 10  # steps where no new one is to be had
 STEP_HALVINGS = 6
 NEAR_ENOUGH = 1e3  # residual, over the target, of steps that come no nearer but are near enough
@@ -124,7 +124,7 @@ def newton(
             A = None
             continue
         taken = y_next - y
-        quick = np.abs(r_next).max() < SLOW * size
+        quick = np.abs(r_next).max() < QUICK_FALL * size
         A = A + np.outer(r_next - r - A @ taken, taken) / (taken @ taken) if quick or not derivative else None
         y, r, extra, fresh = y_next, r_next, extra_next, False
     raise OrbitLost(f"Newton's method stays {np.abs(r).max():.1e} away")

@@ -11,7 +11,7 @@ from dimersweep.orbits.newton import Fixed
 from dimersweep.orbits.passage import TURN, Strike, strike_of
 from dimersweep.orbits.word import word_of
 from dimersweep.runs.run import Run, as_run
-from dimersweep.runs.solving import solve
+from dimersweep.runs.solving import run_row
 from dimersweep.runs.starting import start_of
 
 CIRCLE = 1e-12  # turn of a period [rad] that is none
@@ -112,7 +112,7 @@ class PeriodicOrbit:
         state, _ = m.sampled(self.creep.image.passage, phase)
         state[[PHASE, PERIOD, THETA, X1, Y1, GAMMA]] = 0.0  # the cyclic ones begin anew
         row = m.row_at(self.parameters["phi0"])
-        solved = solve(
+        solved = run_row(
             row, np.concatenate([state, np.zeros(2)])[None], periods, rtol, tape.space, settle=False, record=True
         )
         run = as_run(self.parameters, rtol, solved, None)

@@ -15,7 +15,7 @@ from scipy.interpolate import PchipInterpolator
 from dimersweep.cubes.reading import edges_of
 from dimersweep.errors import ParameterError
 from dimersweep.orbits.kinds import BORDER_KINDS
-from dimersweep.plots.style import Drawing, entitle, given, label, log_scale
+from dimersweep.plots.style import Drawing, entitle, given, log_scale, mark
 from dimersweep.symbols import BASE, PARAMETERS, QUANTITIES, conditions
 
 STYLES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
@@ -80,8 +80,8 @@ def curves(table: xr.Dataset, over: xr.Dataset | None = None) -> Figure:
             words = ", ".join(given(name, float(flat[name].isel(line=k))) for name in others)
             handles.append(Line2D([], [], color="gray", linestyle=STYLES[k % len(STYLES)], label=words))
     handles.append(Line2D([], [], color="black", linewidth=0.7, label="ball, closed form"))
-    axes.set_xlabel(label(x))
-    axes.set_ylabel(label(y))
+    mark(axes.xaxis, x)
+    mark(axes.yaxis, y)
     axes.legend(handles=handles, fontsize=8)
     _entitle(figure, table, x, y)
     return figure
@@ -91,10 +91,10 @@ def _entitle(figure: Figure, table: xr.Dataset, *along: str) -> None:
     """Write the title of a table, with the conditions that its orbits share; those of a start are none of theirs."""
     declared = json.loads(table.attrs.get("configuration", "{}"))
     values = BASE | declared["fixed"] if declared else table.attrs
-    told = conditions(values, {*declared.get("over", ()), *along, "beta0", "xdot0"}, tex=True)
+    heading = conditions(values, {*declared.get("over", ()), *along, "beta0", "xdot0"}, tex=True)
     spin = declared.get(table.attrs.get("what"), {}).get("spin")
-    told += f", axial spin = {spin:.4g} rad/s" if isinstance(spin, float) else ""
-    entitle(figure, f"{table.attrs.get('title', '')}\n{told}".lstrip())
+    heading += f", axial spin = {spin:.4g} rad/s" if isinstance(spin, float) else ""
+    entitle(figure, f"{table.attrs.get('title', '')}\n{heading}".lstrip())
 
 
 def _map_under(axes: Axes, over: xr.Dataset, x: str, y: str) -> Patch:
@@ -138,7 +138,10 @@ def branches(table: xr.Dataset) -> Figure:
             words = ", ".join(given(str(name), value) for name, value in zip(groups, key, strict=True))
             handles.append(Line2D([], [], color=color, label=words))
     panels[0].legend(handles=handles, fontsize=8, ncols=2)
-    panels[-1].set_xlabel(label(x) if x in PARAMETERS else "axial spin [rad/s]")
+    if x in PARAMETERS:
+        mark(panels[-1].xaxis, x)
+    else:
+        panels[-1].set_xlabel("axial spin [rad/s]")
     _entitle(figure, table, x)
     return figure
 

@@ -35,7 +35,7 @@ from dimersweep.parameters import fill_rows
 from dimersweep.runs.stability import NAMES, Section, free_coordinates
 
 SPIN_COORDINATE = NAMES.index("spin")
-FIRST_ROWS, GROWTH, MOST_ROWS = 400, 4, 2_000_000
+FIRST_ROWS, ROWS_GROWTH, MOST_ROWS = 400, 4, 2_000_000
 MARGIN = 0.03  # distance of the section from the next event that is too small, in forcing periods
 LONG = 0.1  # length of a smooth phase from which on the simpler contact counts for more than more length
 
@@ -83,7 +83,7 @@ class Tape:
             status = advance(row, state, modes, periods, rtol, path, self.space, self.record)
             if status != RECORD_FULL or len(self.record.events) >= MOST_ROWS:
                 break
-            self.grow(GROWTH * len(self.record.events))
+            self.grow(ROWS_GROWTH * len(self.record.events))
         if status != OK:
             raise OrbitLost(STATUS_MESSAGES[status])
         events, segments = (self.record.counts[which] for which in (EVENT_ROWS, SEGMENT_ROWS))

@@ -16,7 +16,8 @@ from dimersweep.cubes.reading import (
 )
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots.judging import judge_cube
-from dimersweep.plots.style import MODE_COLORS, ROW_COLORS, Drawing, entitle, given, label, mark, title
+from dimersweep.plots.style import MODE_COLORS, ROW_COLORS, Drawing, entitle, given, mark, title
+from dimersweep.symbols import symbol
 
 
 def segments(cube: xr.Dataset) -> Figure:
@@ -61,7 +62,7 @@ def _dip_axis(axes: Axes) -> None:
     """The dip angle from 0 to pi/2 in radians below, in degrees above."""
     axes.set_xlim(0, np.pi / 2)
     axes.set_xticks(np.pi / 16 * np.arange(0, 9, 2), ["0", "π/8", "π/4", "3π/8", "π/2"])
-    axes.set_xlabel(label("beta0"))
+    axes.set_xlabel(f"{symbol('beta0', tex=True)} [rad]")
     degrees = axes.secondary_xaxis("top", functions=(np.rad2deg, np.deg2rad))
     degrees.set_xticks(range(0, 91, 15))
     degrees.set_xlabel("degrees")

@@ -12,12 +12,12 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.text import Text
-from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, NullLocator
 
 from dimersweep import symbols
 from dimersweep.storage.files import disk_errors, replacing
 from dimersweep.storage.outputs import check_output
-from dimersweep.symbols import PARAMETERS, conditions, symbol, units_of
+from dimersweep.symbols import PARAMETERS, conditions, is_angle, symbol, units_of
 
 # after Okabe and Ito: distinct to color-blind readers too
 MODE_COLORS = {
@@ -61,7 +61,7 @@ def given(name: str, value: float) -> str:
 
 
 def label(name: str) -> str:
-    """Axis label of a parameter: its symbol and unit."""
+    """Axis label of a parameter: its symbol, and the unit that it is shown in."""
     units = units_of(name)
     return symbol(name, tex=True) + (f" [{units}]" if units else "")
 
@@ -73,13 +73,23 @@ class _Degrees(MaxNLocator):
         return np.deg2rad(super().tick_values(np.rad2deg(vmin), np.rad2deg(vmax)))
 
 
+class _LogDegrees(LogLocator):
+    """Places on a logarithmic axis in radians that are round in degrees."""
+
+    def tick_values(self, vmin: float, vmax: float) -> Any:
+        return np.deg2rad(super().tick_values(np.rad2deg(vmin), np.rad2deg(vmax)))
+
+
 def mark(axis: Axis, name: str) -> None:
-    """Label an axis with the symbol and unit of a parameter: degrees for an angle, unless the axis is logarithmic."""
+    """Label an axis with the symbol and unit of a parameter; an angle has ticks in degrees, its values being radians."""
     axis.set_label_text(label(name))
-    if PARAMETERS[name].units == "rad" and axis.get_scale() == "linear":
-        axis.set_label_text(f"{symbol(name, tex=True)} [°]")
-        axis.set_major_locator(_Degrees(nbins=7, steps=[1, 1.5, 2, 3, 6, 10]))
+    if is_angle(name):
+        linear = axis.get_scale() == "linear"
+        axis.set_major_locator(
+            _Degrees(nbins=7, steps=[1, 1.5, 2, 3, 6, 10]) if linear else _LogDegrees(subs=(1, 2, 5))
+        )
         axis.set_major_formatter(lambda angle, _: f"{round(np.rad2deg(angle), 9):g}")
+        axis.set_minor_locator(NullLocator())
 
 
 def percent(share: float) -> str:

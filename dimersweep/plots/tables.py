@@ -10,7 +10,7 @@ import xarray as xr
 from dimersweep.cubes.cube import names
 from dimersweep.kernel.model.layout import M_REST
 from dimersweep.plots.style import MODE_COLORS, fixed_of, percent
-from dimersweep.symbols import PARAMETERS, QUANTITIES, conditions, symbol, units_of, units_shown
+from dimersweep.symbols import PARAMETERS, QUANTITIES, conditions, symbol, units_shown, value_shown
 
 if TYPE_CHECKING:
     from dimersweep.runs.run import Run
@@ -43,7 +43,11 @@ def cube_table(cube: xr.Dataset) -> str:
     rows = []
     for name, n in mode.sizes.items():
         values = cube[name].values if name in PARAMETERS else None
-        span = "" if values is None else f" from {values[0]:.4g} to {values[-1]:.4g} {units_of(str(name))}"
+        span = (
+            ""
+            if values is None
+            else f" from {value_shown(str(name), values[0])} to {value_shown(str(name), values[-1])}"
+        )
         rows.append((f"axis {symbol(str(name)) if name in PARAMETERS else name}", f"{n} values{span}"))
     rows.append(("fixed", conditions(*fixed_of(cube), PARAMETERS)))
     words, counts = np.unique(names(mode).values, return_counts=True)

@@ -32,6 +32,13 @@ class Orbit(OrbitNumbers):
         Change per forcing period, in the unit of the quantity.
     spin_drift : float
         The same of `spin_rate`: the creep along the family of orbits that the drift goes through [rad s-1].
+
+    Examples
+    --------
+    >>> from dimersweep import simulate
+    >>> orbit = simulate(periods=200).orbit
+    >>> round(orbit.radius, 3), round(orbit.period, 2), orbit.di_end
+    (4.245, 36.9, 'sp_sk')
     """
 
     di_end: str

@@ -55,7 +55,7 @@ from dimersweep.kernel.record import (
     rows_of,
 )
 from dimersweep.kernel.sample import HOPS_LAST, sample
-from dimersweep.symbols import EVENTS, STATES, Quantity
+from dimersweep.symbols import EVENT_QUANTITIES, STATE_QUANTITIES, Quantity
 
 BETWEEN_IMPACTS = [code_of(first, second) for first in (FREE, STICK, SLIP) for second in (FREE, STICK, SLIP)]
 HOP_ROWS, HOP_ROWS_GROWTH = 500, 4  # for the hops that one close sums
@@ -105,7 +105,7 @@ def events_of(record: RunRecord, rtol: float, parameters: dict[str, float]) -> x
         for way in ("a", "b"):
             name = f"slip_{own + 1}_{way}"
             columns[name] = np.where(bystander, np.nan, columns[name])
-    return _dataset(columns, EVENTS, "event")
+    return _dataset(columns, EVENT_QUANTITIES, "event")
 
 
 def _columns_at(dm: Dimer, states: np.ndarray) -> dict[str, np.ndarray]:
@@ -236,7 +236,9 @@ def _states(
         "plate": plate,
         "contact_state": code_of(modes[:, 0], modes[:, 1]).astype(np.int8),
     }
-    states = _dataset(columns, STATES, "time").assign_coords(time=("time", times, EVENTS["time"].attributes()))
+    states = _dataset(columns, STATE_QUANTITIES, "time").assign_coords(
+        time=("time", times, EVENT_QUANTITIES["time"].attributes())
+    )
     states["contact_state"].attrs |= {
         "flag_values": np.array(BETWEEN_IMPACTS, dtype=np.int8),
         "flag_meanings": " ".join(CONTACT_STATES[code] for code in BETWEEN_IMPACTS),

@@ -118,12 +118,27 @@ class Run(RunNumbers):
 
     @property
     def duration(self) -> float:
-        """Time that was run [s]."""
+        """Time that was run [s].
+
+        Examples
+        --------
+        >>> from dimersweep import simulate
+        >>> simulate(f=15, periods=60).duration
+        4.0
+        """
         return self.n_periods / self.parameters["f"]
 
     @property
     def end_speed(self) -> float:
-        """Speed of the centre of mass over the floor at the end [m/s]: a dimer at rest on the plate may roll or slide on."""
+        """Speed of the centre of mass over the floor at the end [m/s]: a dimer at rest on the plate may roll or slide on.
+
+        Examples
+        --------
+        >>> from dimersweep import simulate
+        >>> run = simulate(beta0="10 deg", periods=60)
+        >>> run.mode, round(run.end_speed, 3)
+        ('rest', 0.725)
+        """
         return float("nan") if self._end is None else speed_at(self._end)
 
     def conditions(self, always: Collection[str] = CAPTION, *, tex: bool = False) -> str:
@@ -135,6 +150,13 @@ class Run(RunNumbers):
             Parameters that are named in any case.
         tex : bool
             Whether symbols are in TeX, else in plain letters.
+
+        Examples
+        --------
+        >>> from dimersweep import simulate
+        >>> run = simulate(e=0.5, f="20 Hz", periods=60)
+        >>> print(*run.conditions(always=()).split())  # its spaces do not break
+        e = 0.5, f = 20 Hz
         """
         if self.start is None:
             return conditions(self.parameters, always=always, tex=tex)
@@ -159,7 +181,14 @@ class Run(RunNumbers):
 
     @property
     def record_cut(self) -> str:
-        """Where the record ends before the run does, in words; "" if it does not."""
+        """Where the record ends before the run does, in words; "" if it does not.
+
+        Examples
+        --------
+        >>> from dimersweep import simulate
+        >>> simulate(periods=60).record_cut
+        ''
+        """
         if self._record is None or not self._record.cut:
             return ""
         periods = int(self._record.segments[-1, PERIOD])
@@ -178,6 +207,14 @@ class Run(RunNumbers):
         ------
         ParameterError
             If nothing was recorded.
+
+        Examples
+        --------
+        >>> from dimersweep import simulate
+        >>> events = simulate(periods=60).events
+        >>> impacts = events.sel(event=events["cause"] == "impact")
+        >>> impacts["kind"].values[-3:].tolist()
+        ['SI1_sk', 'SI1_sp', 'SI1_sk']
         """
         record = self.record("events")
         events = events_of(record, self.rtol, self.parameters)
@@ -202,6 +239,16 @@ class Run(RunNumbers):
         ------
         ParameterError
             If nothing was recorded, or a time is none or outside the run.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from dimersweep import simulate
+        >>> run = simulate(periods=60)
+        >>> run.states(1.0)["beta"].item()  # [rad]
+        0.0414
+        >>> run.states(np.linspace(0, run.duration, 200)).sizes["time"]
+        200
         """
         record = self.record("states")
         if not len(record.segments):
@@ -222,6 +269,13 @@ class Run(RunNumbers):
         ------
         ParameterError
             If nothing was recorded.
+
+        Examples
+        --------
+        >>> from dimersweep import simulate
+        >>> points = simulate(periods=60).section()
+        >>> points["gap_2"].sel(n=[58, 59, 60]).values  # of a motion that repeats itself [m]
+        array([0.002075, 0.002075, 0.002075])
         """
         n = np.arange(self.n_periods + 1)
         points = self.states(n / self.parameters["f"]).swap_dims(time="n")
@@ -247,6 +301,13 @@ class Run(RunNumbers):
         ------
         ParameterError
             If the run did not reach its end, or would become too long to be recorded.
+
+        Examples
+        --------
+        >>> from dimersweep import simulate
+        >>> run = simulate(periods=60)
+        >>> run.go_on(140)
+        <Run: ok, drift, radius 4.245 m, zeta 1.604 rad, 200 periods, 3002 events>
         """
         total = self.n_periods + check_count("periods", periods)
         if self.status != "ok" or self._end is None:
@@ -276,6 +337,13 @@ class Run(RunNumbers):
             If it does not end in .nc.
         StoreError
             If the file cannot be written.
+
+        Examples
+        --------
+        >>> from dimersweep import load_run, simulate
+        >>> path = simulate(periods=60).save("run.nc", force=True)
+        >>> load_run(path).mode
+        'drift'
         """
         from dimersweep.runs.saving import save_run
 
@@ -288,6 +356,13 @@ class Run(RunNumbers):
         ------
         ParameterError, StoreError
             If nothing was recorded, or the picture cannot be written.
+
+        Examples
+        --------
+        >>> from dimersweep import simulate
+        >>> figure = simulate(periods=60).plot("run.png", force=True)
+        >>> figure.get_size_inches()
+        array([11.,  7.])
         """
         from dimersweep.plots import check_picture, run_figure, write_picture
 
@@ -343,6 +418,12 @@ class Run(RunNumbers):
             If nothing was recorded, or the movie would be too long.
         StoreError
             If the file cannot be written, or what it needs is not installed.
+
+        Examples
+        --------
+        >>> from dimersweep import simulate
+        >>> simulate(periods=60).animate("drift.gif", periods=2, fps=10, force=True).name
+        'drift.gif'
         """
         from dimersweep.plots.movie import playback_of, write_movie
 
@@ -368,6 +449,14 @@ class Run(RunNumbers):
         ------
         ParameterError
             If nothing was recorded, the run did not reach its end, or a time is none or outside the run.
+
+        Examples
+        --------
+        >>> from dimersweep import simulate
+        >>> run = simulate(periods=60)
+        >>> bounds = run.error()
+        >>> bounds["x"].sel(time=run.duration).item() < 1e-6  # [m]
+        True
         """
         from dimersweep.runs.simulating import simulate
 

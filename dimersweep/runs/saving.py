@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from dimersweep.cubes.cube import PACKED
 from dimersweep.errors import StoreError, one_line
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import N_START
@@ -28,7 +29,6 @@ from dimersweep.symbols import PARAMETERS
 if TYPE_CHECKING:
     from dimersweep.runs.run import Run
 
-PACKED = {"zlib": True, "complevel": 4, "shuffle": True, "fletcher32": True}
 ROWS = {  # arrays of the kernel, their dimensions and meanings
     "event_rows": (("event", "event_column"), "events as the kernel wrote them"),
     "segment_rows": (("segment", "segment_column"), "state at the start of each smooth phase, as the kernel wrote it"),

@@ -32,7 +32,7 @@ from dimersweep.kernel.model.layout import (
     ROW,
 )
 from dimersweep.kernel.model.plate import phases_later
-from dimersweep.symbols import EVENTS, STATES
+from dimersweep.symbols import EVENT_QUANTITIES, STATE_QUANTITIES
 from dimersweep.work.tiles import RunSettings, run_all_patiently
 
 FINEST_SHADOW, COARSEST_SHADOW = RTOL_RANGE
@@ -50,7 +50,7 @@ ORBIT = tuple(range(N_ORBIT))
 _BY_UNIT = {"m": 0.01, "m s-1": 0.1, "rad": 1.0, "rad s-1": 1.0}
 ERROR_SCALES = {
     name: _BY_UNIT[quantity.units]
-    for name, quantity in STATES.items()
+    for name, quantity in STATE_QUANTITIES.items()
     if quantity.units in _BY_UNIT and name not in ("plate", "phase")
 }
 ERROR_SCALES |= {"spin": 10.0, "spin_rate": 100.0}  # the ball turns as many times as fast as the rod is long
@@ -190,8 +190,8 @@ def bounds(run: Recorded, shadows: Sequence[Recorded], times: np.ndarray, T: flo
     for name, scale in ERROR_SCALES.items():
         # what two runs happen to share for a moment is no less in error: the largest difference so far counts
         bound = SAFETY * np.maximum.accumulate(np.max([errors[name] for errors in apart], axis=0))
-        meaning = f"bound on the error: {STATES[name].long_name}"
-        attributes = {"units": STATES[name].units, "long_name": meaning}
+        meaning = f"bound on the error: {STATE_QUANTITIES[name].long_name}"
+        attributes = {"units": STATE_QUANTITIES[name].units, "long_name": meaning}
         variables[name] = ("time", bound + LEAST_ERROR * scale, attributes)
     late = np.max([delays(run, shadow) for shadow in shadows], axis=0)
     bound = np.where(np.isnan(late), np.nan, SAFETY * np.fmax.accumulate(late) + LEAST_ERROR * T)
@@ -200,7 +200,7 @@ def bounds(run: Recorded, shadows: Sequence[Recorded], times: np.ndarray, T: flo
     total = scaled({name: variables[name][1] for name in CLOSED_STATE})
     variables["scaled"] = ("time", total, {"units": "1", "long_name": "largest bound of the state, in its scales"})
     coordinates = {name: run.events[name].variable for name in ("cause", "kind")}
-    return xr.Dataset(variables, coordinates | {"time": ("time", times, EVENTS["time"].attributes())})
+    return xr.Dataset(variables, coordinates | {"time": ("time", times, EVENT_QUANTITIES["time"].attributes())})
 
 
 def certified(

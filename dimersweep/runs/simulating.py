@@ -9,7 +9,7 @@ from dimersweep.inputs import check_count, check_rtol, check_seconds, check_swit
 from dimersweep.kernel.batch import Workspace
 from dimersweep.parameters import Parameters, check_name, updated
 from dimersweep.runs.run import Run, as_run
-from dimersweep.runs.solving import check_recorded, solve
+from dimersweep.runs.solving import check_recorded, run_row
 from dimersweep.runs.starting import INITIAL, is_point, kernel_start, named, parameters_of, start_of
 from dimersweep.symbols import INSTEAD
 from dimersweep.work.proving import is_proven, prove
@@ -86,7 +86,7 @@ def simulate(
 
     def call(stop: StopFlag) -> Run:
         with stop.space() as space:
-            return follow(given, *how, space, begun)
+            return simulate_judged(given, *how, space, begun)
 
     run = stoppable(call, seconds)
     if run.record_cut:
@@ -94,7 +94,7 @@ def simulate(
     return run
 
 
-def follow(
+def simulate_judged(
     parameters: Parameters,
     periods: int,
     rtol: float,
@@ -105,7 +105,7 @@ def follow(
 ) -> Run:
     """The run that `simulate` gives for what it has judged, on scratch arrays that may be stopped."""
     first = None if begun is None else kernel_start(begun, parameters.given())
-    solved = solve(parameters.row(), first, periods, rtol, space, settle=settle, record=record)
+    solved = run_row(parameters.row(), first, periods, rtol, space, settle=settle, record=record)
     begun = begun and {name: value for name, value in begun.items() if name != "phase"}  # which is phi0 now
     return as_run(parameters.given(), rtol, solved, begun)
 

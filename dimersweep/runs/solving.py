@@ -14,7 +14,7 @@ RECORD_ROWS, ROWS_PER_PERIOD, RECORD_GROWTH = 500, 100, 4  # capacity of a recor
 MAX_ROWS = 2_000_000  # of events and of segments each, 0.7 GB in all
 MAX_RECORDED = 100_000  # forcing periods: those of a drift fit
 IN_PYTHON = "a run whose events and states are recorded; give record=False for one without them"
-_CAUSE = EVENT.index("cause")
+CAUSE_COLUMN = EVENT.index("cause")
 
 
 def check_recorded(periods: int, which: str = IN_PYTHON) -> None:
@@ -59,7 +59,7 @@ class Solved(NamedTuple):
     end: RunEnd
 
 
-def solve(
+def run_row(
     row: np.ndarray,
     start: np.ndarray | None,
     periods: int,
@@ -118,12 +118,12 @@ def go_on(
     row: np.ndarray, end: RunEnd, n_events: int, record: RunRecord | None, periods: int, rtol: float, space: Workspace
 ) -> Solved:
     """More of a run that has ended after `n_events` events with `record`: the whole of it, up to `periods` in all."""
-    more = solve(row, end.start, periods, rtol, space, settle=False, record=record is not None, past=end.past)
+    more = run_row(row, end.start, periods, rtol, space, settle=False, record=record is not None, past=end.past)
     more.codes[CODE_N_EVENTS] += n_events
     if record is None or more.record is None:
         return more
     # what was noted where the two parts meet, an end and a start, is no event
-    begun = int(more.record.events[0, _CAUSE] == C_START)
+    begun = int(more.record.events[0, CAUSE_COLUMN] == C_START)
     events = np.concatenate([record.events[:-1], more.record.events[begun:]])
     segments = np.concatenate([record.segments[:-1], more.record.segments[begun:]])
     return more._replace(record=RunRecord(row, events, segments, record.cut or more.record.cut))

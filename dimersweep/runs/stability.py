@@ -58,6 +58,13 @@ class Multipliers(NamedTuple):
         Its rows and columns: those of `NAMES` that are free in the contact at the start of the period.
     closure : float
         How far the motion fails to close after its period, in units of the coordinates.
+
+    Examples
+    --------
+    >>> from dimersweep import simulate, stability
+    >>> found = stability.multipliers(simulate(periods=200))
+    >>> bool((abs(found.values) < 1).all()), found.matrix.shape  # a stable motion
+    (True, (4, 4))
     """
 
     values: np.ndarray
@@ -77,6 +84,13 @@ class Lyapunov(NamedTuple):
         The same growth per forcing period [1].
     periods : int
         Forcing periods over which it is averaged: fewer than asked for where chaos has ended before.
+
+    Examples
+    --------
+    >>> from dimersweep import simulate, stability
+    >>> found = stability.lyapunov(simulate(periods=200), periods=100)
+    >>> abs(found.per_period) < 1e-4, found.periods  # a settled drift: only its spin creeps
+    (True, 100)
     """
 
     exponent: float
@@ -192,6 +206,15 @@ def multipliers(run: Run) -> Multipliers:
     ParameterError
         If the motion has no period, or a neighbouring one meets the section in another contact: then the section lies at an
         event of the motion; shift it with `phi0`.
+
+    Examples
+    --------
+    >>> from dimersweep import simulate, stability
+    >>> found = stability.multipliers(simulate(periods=200))
+    >>> found.coordinates
+    ('gap_2', 'gap_2_rate', 'turn_rate', 'spin')
+    >>> abs(found.values).round(3)  # the first is that of the spin, which creeps
+    array([1.   , 0.599, 0.599, 0.307])
     """
     record, state, modes = _end(run, "multipliers")
     if run.mode_period == 0:
@@ -245,6 +268,13 @@ def lyapunov(run: Run, periods: int = 1000) -> Lyapunov:
     ------
     ParameterError
         If nothing was recorded, the run does not reach its end, or its chaos ends soon after.
+
+    Examples
+    --------
+    >>> from dimersweep import simulate, stability
+    >>> found = stability.lyapunov(simulate(Gamma=3.0, periods=200), periods=130)
+    >>> found.exponent > 10 * found.error  # chaos: a small difference grows
+    True
     """
     _end(run, "lyapunov")
     periods = check_count("periods", periods)

@@ -31,7 +31,7 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.kernel.model.plate import motion
 from dimersweep.parameters import dimer_from
-from dimersweep.symbols import BASE, INSTEAD, PARAMETERS, STATES
+from dimersweep.symbols import BASE, INSTEAD, PARAMETERS, STATE_QUANTITIES
 
 CLOSED_GAP = 1e-12  # a gap this far below zero is a closed one [m]
 GAPS_AGREE = 1e-9  # how well the gaps of a start must agree with its dip angle, in units of the distance of the balls
@@ -39,7 +39,7 @@ INITIAL = ("beta0", "xdot0")  # parameters that a start takes the place of
 
 
 def start_of(start: Any) -> dict[str, float]:
-    """What a start says, as numbers by the names of `STATES`.
+    """What a start says, as numbers by the names of `STATE_QUANTITIES`.
 
     Parameters
     ----------
@@ -54,19 +54,23 @@ def start_of(start: Any) -> dict[str, float]:
     if hasattr(start, "states"):
         start = start.states(start.duration)
     if isinstance(start, xr.Dataset):
-        return {str(name): _one(str(name), value) for name, value in start.variables.items() if str(name) in STATES}
+        return {
+            str(name): _one(str(name), value)
+            for name, value in start.variables.items()
+            if str(name) in STATE_QUANTITIES
+        }
     if not isinstance(start, Mapping):
         raise ParameterError(f"start = {start!r}: must be a mapping, one time of Run.states, or a run")
     for name in start:
-        if name not in STATES:
-            raise ParameterError("start." + unknown(name, "quantity of a state", STATES))
-    return {name: number(f"start.{name}", value, STATES[name].units) for name, value in start.items()}
+        if name not in STATE_QUANTITIES:
+            raise ParameterError("start." + unknown(name, "quantity of a state", STATE_QUANTITIES))
+    return {name: number(f"start.{name}", value, STATE_QUANTITIES[name].units) for name, value in start.items()}
 
 
 def _one(name: str, variable: Any) -> float:
     if variable.size != 1:
         raise ParameterError(f"start.{name}: has {variable.size} values; give one time, such as states.isel(time=-1)")
-    return as_number(f"start.{name}", variable.squeeze(), STATES[name].units)
+    return as_number(f"start.{name}", variable.squeeze(), STATE_QUANTITIES[name].units)
 
 
 def is_point(start: Any) -> bool:

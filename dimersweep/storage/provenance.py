@@ -30,7 +30,7 @@ OURS = {  # attributes of a cube that are the program's; a user may give its tit
     *("wall_time_s", "kernel_time_s", "extends", CHECKSUM),
 }
 _OF_LIBRARIES = {"coordinates", "CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST"}  # of xarray and HDF5
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_.-]{0,99}")
+ATTRIBUTE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_.-]{0,99}")
 _NO_TEXT = re.compile("[\0\ud800-\udfff]")  # signs that no file can hold
 
 
@@ -186,7 +186,7 @@ def check_attrs(attrs: Any) -> dict[str, Any]:
     if not isinstance(attrs, Mapping | None):
         raise ParameterError(f"attrs = {reprlib.repr(attrs)}: must be a mapping of names to values")
     for name in attrs or {}:
-        if not isinstance(name, str) or not _NAME.fullmatch(name):
+        if not isinstance(name, str) or not ATTRIBUTE_NAME.fullmatch(name):
             raise ParameterError(f"attrs: {name!r:.60}: a name is a letter and at most 99 letters, digits, _, . or -")
         if name in OURS | _OF_LIBRARIES:
             raise ParameterError(f"attrs: {name}: is taken by the program or the file format; give another name")

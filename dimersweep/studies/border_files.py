@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
-from dimersweep.cubes.grid import axis
+from dimersweep.cubes.grid import axis_values
 from dimersweep.errors import OrbitError, ParameterError, Stopped, unknown
 from dimersweep.inputs import check_count
 from dimersweep.kernel import kernel_version
@@ -36,7 +36,7 @@ Tell = Callable[[str], None]
 Maker = Callable[[Tell], xr.Dataset]
 
 
-class _Section(BaseModel):
+class BorderFileSection(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
 
@@ -50,14 +50,14 @@ def _distinct(name: str, values: list[Any]) -> list[Any]:
     return values
 
 
-class Head(_Section):
+class Head(BorderFileSection):
     """What is made, and where to."""
 
     title: str
     output: Annotated[str, AfterValidator(partial(check_ending, name="borders.output", what="a table", endings=TABLES))]
 
 
-class Curves(_Section):
+class Curves(BorderFileSection):
     """Borders in one parameter, over the axes in `over`, the last of which the curves go along."""
 
     kinds: Annotated[list[str], AfterValidator(partial(_distinct, "curves.kinds"))]
@@ -65,7 +65,7 @@ class Curves(_Section):
     spin: float | None = None
 
 
-class Branches(_Section):
+class Branches(BorderFileSection):
     """Branches in one parameter from the orbits at each point of `over`, to each of `ends`."""
 
     parameter: str
@@ -76,14 +76,14 @@ class Branches(_Section):
     points: Annotated[int, AfterValidator(partial(check_count, "branches.points"))] = 200
 
 
-class Families(_Section):
+class Families(BorderFileSection):
     """The orbits of all spins, at each point of `over`."""
 
     spin: tuple[float, float]
     points: Annotated[int, AfterValidator(partial(check_count, "families.points"))] = 50
 
 
-class Borders(_Section):
+class Borders(BorderFileSection):
     """A file of borders: one of `curves`, `branches` and `families`."""
 
     borders: Head
@@ -96,7 +96,7 @@ class Borders(_Section):
     @property
     def axes(self) -> dict[str, np.ndarray]:
         """Values of the axes in `over`."""
-        return {name: axis(name, declared) for name, declared in self.over.items()}
+        return {name: axis_values(name, declared) for name, declared in self.over.items()}
 
     def points(self) -> Iterator[dict[str, float]]:
         """Parameters at each point of `over`."""
@@ -124,7 +124,7 @@ class Borders(_Section):
         return next(name for name in ("curves", "branches", "families") if getattr(self, name) is not None)
 
 
-_KNOWN: dict[str, type[BaseModel]] = {
+BORDER_SECTIONS: dict[str, type[BaseModel]] = {
     "": Borders,
     "borders": Head,
     "curves": Curves,
@@ -146,7 +146,7 @@ def read_borders(path: str | os.PathLike[str]) -> Borders:
     try:
         _judge(Borders.model_validate(raw))
     except ValidationError as error:
-        mistakes = explain(error, _KNOWN)
+        mistakes = explain(error, BORDER_SECTIONS)
     except ParameterError as error:
         mistakes = [str(error)]
     refuse_mistakes(path, mistakes)

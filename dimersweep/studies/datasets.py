@@ -45,6 +45,17 @@ def make(
     ------
     ParameterError, StoreError, PointError, UnfinishedError, Stopped
         As by `sweep`.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from dimersweep.studies.datasets import make
+    >>> from dimersweep.studies.declaration import read_declaration
+    >>> from dimersweep.studies.presets import find_declaration
+    >>> declared = read_declaration(find_declaration(Path("fig07-small")))
+    >>> cube = make(declared, "small.nc", periods=60, progress=False, force=True)
+    >>> dict(cube.sizes)
+    {'f': 3, 'beta0': 44}
     """
     study = declared.study(periods=periods, rtol=rtol, certify=certify)
     options.setdefault("attrs", declared.attrs)

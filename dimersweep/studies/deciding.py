@@ -30,7 +30,7 @@ A_NOT_RUN, A_NO, A_YES, A_UNSURE = range(4)
 OPEN = (M_NOT_RUN, M_FAILED, M_UNRESOLVED)  # verdicts that leave an answer open
 CHUNK_RUNS = 16  # in one call of the kernel: it can be stopped only between calls
 # the answer, the index of the value that decided it, counted from 1 (0: none did), and the number of runs in each mode
-FOUND: list[tuple[Any, ...]] = [("answer", "<i8"), ("decider", "<i8"), ("counts", "<i8", (len(MODES),))]
+ANSWER_FIELDS: list[tuple[Any, ...]] = [("answer", "<i8"), ("decider", "<i8"), ("counts", "<i8", (len(MODES),))]
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class SearchSpec:
     @property
     def kind(self) -> np.dtype:
         """Of the result of one point: that of the deciding run, and how it was found."""
-        return np.dtype(RESULT.descr + FOUND + (self.paths.fields if self.paths else []))
+        return np.dtype(RESULT.descr + ANSWER_FIELDS + (self.paths.fields if self.paths else []))
 
     def configuration(self) -> dict[str, Any]:
         """All that decides the numbers, as plain numbers, lists and strings, with the version of the kernel."""

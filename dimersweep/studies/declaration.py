@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
-from dimersweep.cubes.grid import axis, fixed_value
+from dimersweep.cubes.grid import axis_values, fixed_value
 from dimersweep.errors import ParameterError, unknown
 from dimersweep.inputs import check_count, check_rtol
 from dimersweep.parameters import check
@@ -24,11 +24,11 @@ from dimersweep.studies.sweep_spec import Spec
 from dimersweep.symbols import PARAMETERS, Picture
 
 
-class _Section(BaseModel):
+class SweepFileSection(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True)
 
 
-class SweepSection(_Section):
+class SweepSection(SweepFileSection):
     """What to compute and where to put it."""
 
     title: str | None = None
@@ -41,7 +41,7 @@ class SweepSection(_Section):
     output: Annotated[str, AfterValidator(partial(check_ending, name="sweep.output"))]
 
 
-class PointsSection(_Section):
+class PointsSection(SweepFileSection):
     """Single points in place of a grid: from a file, listed, or drawn from ranges."""
 
     file: str | None = None
@@ -52,7 +52,7 @@ class PointsSection(_Section):
     seed: int | None = None
 
 
-class SearchSection(_Section):
+class SearchSection(SweepFileSection):
     """A question about one axis, in place of every point of it."""
 
     over: str
@@ -61,27 +61,27 @@ class SearchSection(_Section):
     orbit_periods: int = 0
 
 
-class RefineSection(_Section):
+class RefineSection(SweepFileSection):
     """How far a map is refined, and at which boundaries."""
 
     halvings: dict[str, int]
     between: list[str] | None = None
 
 
-class PathsSection(_Section):
+class PathsSection(SweepFileSection):
     """How much of the path of the centre of mass is kept of each run."""
 
     periods: int
     per_period: int = 8
 
 
-class PlotSection(_Section):
+class PlotSection(SweepFileSection):
     """How to draw the cube."""
 
     kind: Picture = "mode_map"
 
 
-class Declaration(_Section):
+class Declaration(SweepFileSection):
     """One sweep, search or refined map as a file declares it."""
 
     sweep: SweepSection
@@ -144,7 +144,7 @@ class Declaration(_Section):
         return ({} if self.sweep.title is None else {"title": self.sweep.title}) | {"plot": self.plot.kind}
 
 
-_KNOWN: dict[str, type[BaseModel]] = {
+SWEEP_SECTIONS: dict[str, type[BaseModel]] = {
     "": Declaration,
     "sweep": SweepSection,
     "points": PointsSection,
@@ -180,7 +180,7 @@ def explain(error: ValidationError, sections: Mapping[str, type[BaseModel]]) -> 
 def _of_parameters(raw: Mapping[str, Any]) -> list[str]:
     """What is wrong with single parameters in the sections grid and fixed, each in one line."""
     mistakes = []
-    for section, judged in (("grid", axis), ("fixed", fixed_value)):
+    for section, judged in (("grid", axis_values), ("fixed", fixed_value)):
         given = raw.get(section, {})
         for name, value in given.items() if isinstance(given, Mapping) else ():
             try:
@@ -196,7 +196,7 @@ def _mistakes(raw: Mapping[str, Any]) -> list[str]:
     try:
         declaration = Declaration.model_validate(raw)
     except ValidationError as error:
-        mistakes = explain(error, _KNOWN)
+        mistakes = explain(error, SWEEP_SECTIONS)
     mistakes += _of_parameters(raw)
     if not mistakes:
         try:
@@ -254,6 +254,15 @@ def read_declaration(path: str | os.PathLike[str]) -> Declaration:
     ------
     ParameterError
         With the file and every key that is wrong, and what is allowed.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from dimersweep.studies.declaration import read_declaration
+    >>> from dimersweep.studies.presets import find_declaration
+    >>> declared = read_declaration(find_declaration(Path("fig07-small")))
+    >>> declared.sweep.periods, declared.grid["f"]
+    (200, [15, 20, 25])
     """
     path = Path(path)
     raw = read_toml(path)

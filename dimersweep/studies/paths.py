@@ -10,7 +10,7 @@ from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_count
 from dimersweep.kernel.batch import Workspace
 from dimersweep.parameters import Parameters
-from dimersweep.runs.simulating import follow
+from dimersweep.runs.simulating import simulate_judged
 from dimersweep.runs.solving import MAX_RECORDED
 
 MAX_POSITIONS = 20_000_000  # in one cube, which is held in memory
@@ -79,7 +79,7 @@ def path_of(
         period was completed.
     """
     full = np.full((2, length.moments), np.nan)
-    run = follow(Parameters(**parameters), length.periods, rtol, False, True, space)
+    run = simulate_judged(Parameters(**parameters), length.periods, rtol, False, True, space)
     if not run.n_periods:
         return full[0], full[1], nan
     ends = run.n_periods / run.parameters["f"]

@@ -3,13 +3,14 @@
 import csv
 import os
 from collections.abc import Mapping
+from decimal import Context, Decimal, localcontext
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from dimersweep.cubes.grid import axis
+from dimersweep.cubes.grid import RATIO_DIGITS, axis_values
 from dimersweep.cubes.points import MAX_POINTS
 from dimersweep.errors import ParameterError, one_line
 from dimersweep.inputs import check_count
@@ -98,7 +99,7 @@ def _ends(name: str, declared: Any) -> tuple[float, float, bool]:
         "spacing",
     }:
         raise ParameterError(f"points.ranges.{name}: give start and stop, and perhaps unit and spacing")
-    low, high = axis(name, {**declared, "num": 2}).tolist()
+    low, high = axis_values(name, {**declared, "num": 2}).tolist()
     by_ratio = declared.get("spacing") == "log"
     if by_ratio and not isfinite(high / low):
         raise ParameterError(f"points.ranges.{name}: stop = {high} is too far from start = {low}")
@@ -106,8 +107,13 @@ def _ends(name: str, declared: Any) -> tuple[float, float, bool]:
 
 
 def _between(low: float, high: float, by_ratio: bool, share: np.ndarray) -> np.ndarray:
-    """The values at shares in [0, 1) of a range."""
-    return low * (high / low) ** share if by_ratio else low + (high - low) * share
+    """The values at shares in [0, 1) of a range; by ratio each is the nearest float, as in `cubes.grid`."""
+    if not by_ratio:
+        return low + (high - low) * share
+    with localcontext(Context(prec=RATIO_DIGITS)):
+        first = Decimal(low)
+        log = (Decimal(high) / first).ln()
+        return np.fromiter((first * (log * Decimal(at)).exp() for at in share.tolist()), float, share.size)
 
 
 def _column(declared: Any) -> Any:

@@ -42,7 +42,7 @@ from dimersweep.studies.options import Given, Options, make_options
 from dimersweep.studies.paths import PathLength, path_length
 from dimersweep.studies.reuse import known_points
 from dimersweep.studies.sweep_spec import run_settings
-from dimersweep.symbols import PARAMETERS, QUANTITIES, STATES, Quantity
+from dimersweep.symbols import PARAMETERS, QUANTITIES, STATE_QUANTITIES, Quantity
 from dimersweep.work.computing import Crew
 
 REGIONS = FLAGS["region"]
@@ -378,7 +378,9 @@ def _with_paths(cube: xr.Dataset, results: np.ndarray, length: PathLength) -> xr
     """`cube` with the paths of its deciding runs, along `cycle`."""
     shape, dims = cube["mode"].shape, tuple(map(str, cube["mode"].dims))
     for name in ("x", "y"):
-        cube[name] = float_variable((*dims, "cycle"), results[name].reshape(*shape, length.moments), STATES[name])
+        cube[name] = float_variable(
+            (*dims, "cycle"), results[name].reshape(*shape, length.moments), STATE_QUANTITIES[name]
+        )
     velocity = results["axial_velocity"].reshape(shape)
     cube["axial_velocity"] = float_variable(dims, velocity, QUANTITIES["axial_velocity"])
     cycles = np.arange(length.moments) / length.per_period

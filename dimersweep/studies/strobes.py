@@ -9,8 +9,8 @@ from dimersweep.cubes.cube import coordinate, float_variable
 from dimersweep.kernel.course import Workspace
 from dimersweep.kernel.model.layout import CODE_N_PERIODS, CODE_STATUS, OK
 from dimersweep.runs.recorded import states_of_segments
-from dimersweep.runs.solving import solve
-from dimersweep.symbols import STATES, Quantity
+from dimersweep.runs.solving import run_row
+from dimersweep.symbols import STATE_QUANTITIES, Quantity
 
 MAX_STROBES = 20_000_000  # in one cube, which is held in memory
 STROBED = ("gap_1", "gap_2", "gap_1_rate", "gap_2_rate", "theta_rate", "beta_rate")
@@ -28,8 +28,8 @@ def add_strobes(rows: np.ndarray, rtol: float, results: np.ndarray, space: Works
         if result["codes"][CODE_STATUS] != OK:
             continue
         done = int(result["codes"][CODE_N_PERIODS])
-        end = solve(row, None, done, rtol, space, settle=False, record=False).end
-        more = solve(row, end.start, done + n, rtol, space, settle=False, record=True, past=end.past)
+        end = run_row(row, None, done, rtol, space, settle=False, record=False).end
+        more = run_row(row, end.start, done + n, rtol, space, settle=False, record=True, past=end.past)
         if more.record is None or more.codes[CODE_STATUS] != OK:
             continue
         states = states_of_segments(more.record, np.arange(done + 1, done + n + 1))
@@ -42,7 +42,10 @@ def with_strobes(cube: xr.Dataset, results: np.ndarray) -> xr.Dataset:
     shape, dims = cube["mode"].shape, tuple(map(str, cube["mode"].dims))
     for name in STROBED:
         values = results[f"strobe_{name}"]
-        units, meaning = STATES[name].units, f"{STATES[name].long_name}, at the start of a forcing period"
+        units, meaning = (
+            STATE_QUANTITIES[name].units,
+            f"{STATE_QUANTITIES[name].long_name}, at the start of a forcing period",
+        )
         cube[f"strobe_{name}"] = float_variable((*dims, "strobe"), values.reshape(*shape, -1), Quantity(units, meaning))
     numbers = coordinate("strobe", np.arange(values.shape[-1]), Quantity("1", "forcing periods after the run"))
     return cube.assign_coords(strobe=numbers)

@@ -1,6 +1,7 @@
 """The points that a store lacks, run and put there: workers, progress, and the ways that this can end early."""
 
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -182,9 +183,10 @@ class Crew:
             if troubles.alike >= ALIKE or (troubles.points and self.how.fail_fast):
                 self._stop.set()
             left -= made.done
+            modes: Counter[str] = Counter()
             if made.entry and isinstance(self.store, TileStore):
                 self.store.enlist(made.entry)
-                self._shown.add(made.entry.modes, made.entry.seconds)
+                modes.update(made.entry.modes)
             for tile in made.finished:
                 self.store.add(tile)
                 if also:
@@ -192,7 +194,9 @@ class Crew:
                 if self.how.fail_fast and not_ok(tile.codes).any():
                     failures.append(_failure(work, tile))
                     self._stop.set()
-                self._shown.add(tally(tile.codes), tile.seconds)
+                modes.update(tally(tile.codes))
+            if modes:
+                self._shown.add(modes, made.seconds)
 
         shelf = None if also or self.how.fail_fast else self._shelf()
         try:

@@ -35,7 +35,11 @@ class Tally:
     ) -> None:
         self.total, self.workers = total, workers
         self.modes: Counter[str] = Counter(before or {})
-        self.timed, self.seconds = 0, 0.0  # points that were run, and the times of all of them
+        self.tasks, self.timed, self.seconds = (
+            0,
+            0,
+            0.0,
+        )  # tasks that were run; points of all but the first, and their time
         self.start = perf_counter()
 
     @property
@@ -44,15 +48,18 @@ class Tally:
         return self.modes.total()
 
     def add(self, modes: Mapping[str, int], seconds: float = 0.0) -> None:
-        """Count finished points, so many of each mode, and the time that they took [s], if they were run."""
+        """Count the finished points of a task, so many of each mode, and the time that they took [s], if they were run."""
         self.modes.update(modes)
         if seconds:
+            self.tasks += 1
+        if seconds and self.tasks > self.workers():
             self.timed, self.seconds = self.timed + sum(modes.values()), self.seconds + seconds
 
     def time_left(self) -> str:
         """Time until the end, at the mean of what a point took; points that are under way are not held against it.
 
-        Nothing is said from points of less than `ENOUGH_SECONDS` for each worker, which may be of any kind.
+        The first task of each worker does not count: it may load or compile what the others find done. Nothing is said from
+        points of less than `ENOUGH_SECONDS` for each worker, which may be of any kind.
         """
         left, workers = self.total - self.done, max(1, self.workers())
         if left and self.seconds < ENOUGH_SECONDS * workers:

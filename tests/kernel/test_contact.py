@@ -411,7 +411,7 @@ def test_a_jam_is_where_the_oracles_compliance_vanishes(start):
 
 
 def reference_phase(dm, modes, y, phase, span):
-    """The same contact phase by a plain integration."""
+    """A contact phase by a plain integration."""
 
     def rates(t, z):
         dy = np.zeros(N_Y)

@@ -280,7 +280,7 @@ def test_mirrored_impacts_have_mirrored_outcomes(seed):
     assert mirrored_modes == modes
 
     def turned(state):
-        """The same seen from the other side: half a turn about the normal."""
+        """A state seen from the other side: half a turn about the normal."""
         state = state.copy()
         state[[N1, N2]] = state[[N2, N1]]
         state[[CA, CB, WB, SPIN]] *= -1

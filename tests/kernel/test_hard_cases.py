@@ -251,7 +251,7 @@ def test_friction_at_the_edge_of_holding_an_end(rtol, n_2):
 
 @accuracies
 def test_a_drift_at_the_edge_is_one_motion(rtol):
-    """The same over sixty periods of drift: on both sides of mu = mubar, to 1e-12, the orbit is the same."""
+    """Sixty periods of drift, on both sides of mu = mubar to 1e-12, end on one orbit."""
     mubar = axial_ratio(dimer())
     runs = [simulate(mu=mubar * (1 + side), periods=60, rtol=rtol, record=False) for side in (-1e-12, 0.0, 1e-12)]
     assert {run.mode for run in runs} == {"drift"}

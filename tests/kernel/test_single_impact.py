@@ -216,7 +216,7 @@ def test_slip_along_an_oblique_invariant_direction_keeps_it():
 
 
 def integrated(law, n, a, b):
-    """The same impact by a plain integration in the normal impulse, for slip that does not stop."""
+    """An impact by a plain integration in the normal impulse, for slip that does not stop."""
 
     def slopes(_, y):
         v = hypot(y[1], y[2])

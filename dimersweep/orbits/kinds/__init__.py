@@ -1,10 +1,11 @@
 """Kinds of borders. A kind in `BORDER_KINDS` is known to curves, branches, files, pictures and pages."""
 
-from dimersweep.orbits.kinds.changes import CHATTER, DOUBLE_IMPACT, HOP, LIFT_OFF, STICK_SLIP, WORD
+from dimersweep.orbits.kinds.changes import CHATTER, DOUBLE_IMPACT, HOP, LIFT_OFFS, STICK_SLIP, WORD
 from dimersweep.orbits.kinds.flip import FLIP
 from dimersweep.orbits.kinds.fold import FOLD
 from dimersweep.orbits.kinds.kind import Kind
 from dimersweep.orbits.kinds.torus import TORUS
 
-_ALL: tuple[Kind, ...] = (FOLD, FLIP, TORUS, WORD, STICK_SLIP, LIFT_OFF, DOUBLE_IMPACT, CHATTER, HOP)
-BORDER_KINDS = {kind.name: kind for kind in _ALL}
+BORDER_KINDS: dict[str, Kind] = {
+    kind.name: kind for kind in (FOLD, FLIP, TORUS, WORD, STICK_SLIP, LIFT_OFFS, DOUBLE_IMPACT, CHATTER, HOP)
+}

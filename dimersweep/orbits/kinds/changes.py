@@ -53,7 +53,7 @@ DOUBLE_IMPACT = Change(
     leads=lambda old, new: any(symbol.startswith("DI") for symbol in _changed(old, new)),
     once=True,
 )
-LIFT_OFF = Change(
+LIFT_OFFS = Change(
     name="lift_off",
     meaning="the number of lift-offs changes",
     leads=lambda old, new: old.split().count("FM") != new.split().count("FM"),
@@ -64,7 +64,7 @@ STICK_SLIP = Change(
     leads=lambda old, new: old != new,
 )
 WORD = Change(name="word", meaning="any of the changes of word", leads=lambda old, new: old != new)
-CHANGES = (HOP, CHATTER, DOUBLE_IMPACT, LIFT_OFF, STICK_SLIP)  # a change is of the first kind that leads to it
+CHANGES = (HOP, CHATTER, DOUBLE_IMPACT, LIFT_OFFS, STICK_SLIP)  # a change is of the first kind that leads to it
 
 
 def change_of(old: str, new: str) -> Change:

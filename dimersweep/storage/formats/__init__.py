@@ -7,8 +7,7 @@ from dimersweep.storage.formats.format import Format
 from dimersweep.storage.formats.netcdf import NETCDF
 from dimersweep.storage.formats.zarr import ZARR
 
-_ALL: tuple[Format, ...] = (NETCDF, ZARR)
-FORMATS = {each.ending: each for each in _ALL}
+FORMATS: dict[str, Format] = {each.ending: each for each in (NETCDF, ZARR)}
 
 
 def format_of(path: Path) -> Format:
