@@ -5,7 +5,7 @@ from passage import HOLD_LOST, P_PHASE, P_SLIP, SLIP_ZERO, as_body, begin, compi
 from dimersweep.kernel.chatter import come_to_rest, kinetic
 from dimersweep.kernel.compiler.jit import exported
 from dimersweep.kernel.contact.contact_mode import INCONSISTENT
-from dimersweep.kernel.course import NO, ROW_CONTACT, YES, motion_of
+from dimersweep.kernel.course import ROW_CONTACT, motion_of
 from dimersweep.kernel.event_loop import approaches, collide, force_impact
 from dimersweep.kernel.model.body import set_dimer
 from dimersweep.kernel.model.layout import D1, D2, FREE, N1, N2, OK, PHASE
@@ -34,7 +34,7 @@ def settle(row, state, modes, lost, rtol, space, log):
             lost = False
             come_to_rest(dm, state, modes, no_slip(dm, state, rtol), rtol, 0.0, energy, y, dy, F)
         slip_tol = no_slip(dm, state, rtol)
-        if find_contact(dm, motion, modes, YES if lost else NO, slip_tol) != INCONSISTENT:
+        if find_contact(dm, motion, modes, lost, slip_tol) != INCONSISTENT:
             return True, slip_tol
         force_impact(dm, state)
     return False, 0.0
@@ -60,7 +60,7 @@ def arrive(constants, state, modes, ended, event, dt, y):
 @compiled
 def cross(constants, row, rtol, space, log, state, modes, ended, event, dt, doubles, count, start, pars):
     """From the end of one phase to the start of the next, as `law.cross`."""
-    body, y = as_body(constants), space.work[ROW_CONTACT]
+    body, y = as_body(constants), space.work.rows[ROW_CONTACT]
     lost = arrive(constants, state, modes, ended, event, dt, y)
     if state[D1] == 0.0 and state[D2] == 0.0 and min(state[N1], state[N2]) < 0.0 and count < doubles.size:
         doubles[count] = state[PHASE] / body.omega

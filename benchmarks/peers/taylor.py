@@ -159,7 +159,7 @@ class Borrower(_Peer):
 
         def recording(state, modes, ended, event, dt, *rest):
             before = state.copy(), modes.copy()
-            lost = borrowed.arrive(self.constants, *before, ended, event, dt, self.space.work[ROW_CONTACT])
+            lost = borrowed.arrive(self.constants, *before, ended, event, dt, self.space.work.rows[ROW_CONTACT])
             instants.append((*before, lost))
             return cross(state, modes, ended, event, dt, *rest)
 

@@ -15,10 +15,6 @@ from dimersweep.kernel.contact import coordinates, forces, phase, step_control
 from dimersweep.kernel.contact.contact_mode import CLOSED
 from dimersweep.kernel.contact.events import OUT_OF_STEPS, is_failure
 from dimersweep.kernel.course import (
-    CONTACT_IS_SET,
-    NO,
-    SLIP_TOL,
-    YES,
     Ask,
     motion_of,
     new_workspace,
@@ -128,7 +124,7 @@ def contact_phase(dm, motion, rtol):
 @compiled
 def whole_chatter(dm, motion, ask, record):
     """Impacts and hops of one end until its chatter is closed; the number of impacts, 0 if something else happens first."""
-    state, modes, course = motion.state, motion.modes, motion.course
+    state, modes, course = motion.state, motion.modes, motion.course[0]
     for hop in range(1, MAX_HOPS):
         energy = chatter.kinetic(dm, state)
         status, _ = event_loop.collide(dm, state, modes, ask.rtol, dm.v_scale, motion.work, record.log)
@@ -136,8 +132,8 @@ def whole_chatter(dm, motion, ask, record):
         y, dy, F = motion.contact, motion.rates, motion.forces
         if chatter.come_to_rest(dm, state, modes, slip_tol, ask.close, 1.0 * hop, energy, y, dy, F) >= 0.0:
             return hop
-        answer = smooth_motion.find_contact(dm, motion, modes, NO, slip_tol)
-        course[CONTACT_IS_SET], course[SLIP_TOL] = YES if answer == CLOSED else NO, slip_tol
+        answer = smooth_motion.find_contact(dm, motion, modes, False, slip_tol)
+        course.contact_is_set, course.slip_tol = answer == CLOSED, slip_tol
         event = smooth_motion.move_to_next_event(dm, ask, motion)
         if status != OK or is_failure(event) or approach(state) == 0.0:
             return 0

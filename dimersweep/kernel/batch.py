@@ -34,7 +34,6 @@ from dimersweep.kernel.model.layout import (
     ROW_XDOT0,
     STOPPED,
 )
-from dimersweep.kernel.numerics.meter import METER, SPENT, STOP
 from dimersweep.kernel.numerics.steps import copy
 from dimersweep.kernel.record import EVENT_COUNT, clear_counts, no_record, without_rows
 from dimersweep.kernel.verdict.classify import verdict
@@ -174,17 +173,17 @@ def ask_for(periods, rtol, settle=False, path=False) -> Ask:
 
 def stop(space: Workspace) -> None:
     """Have the runs on the scratch arrays of a thread end within a few steps; they stay stopped."""
-    space.work[METER, STOP] = 1.0
+    space.work.meter[0].stop = True
 
 
 def is_stopped(space: Workspace) -> bool:
     """Whether the runs on these scratch arrays were stopped."""
-    return bool(space.work[METER, STOP])
+    return bool(space.work.meter[0].stop)
 
 
 def work_done(space: Workspace) -> float:
     """Work of the last run on these scratch arrays, in hops of one end: its time is about in proportion."""
-    return float(space.work[METER, SPENT])
+    return float(space.work.meter[0].spent)
 
 
 def run_many(rows, periods, rtol, settle, out, codes, until=0, space: Workspace | None = None) -> int:

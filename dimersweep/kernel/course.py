@@ -1,39 +1,59 @@
 """What is asked of a run, and a run on its way: the arrays it works on, and what stands between its events."""
 
+from math import inf
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.compiler.records import new_record
-from dimersweep.kernel.contact.step_control import STEP_ROWS
+from dimersweep.kernel.compiler.records import new_record, one
+from dimersweep.kernel.contact.step_control import STEP_ROWS, Control
 from dimersweep.kernel.model.layout import N_ROW, N_STATE, OK, Dimer
-from dimersweep.kernel.numerics.meter import METER, has_no_bound
+from dimersweep.kernel.numerics.meter import Meter
+from dimersweep.kernel.numerics.root_bracket import Bracket
 from dimersweep.kernel.verdict.past import PAST_COLUMNS, PAST_ROWS
 
 # bound on the work of a run, in hops of one end: some seconds, and 0.1 s a period
 BUDGET, BUDGET_PER_PERIOD = 5_000_000, 100_000
 
-# slots of a course
-(
-    STATUS,  # OK, or why the run cannot go on
-    ENDED,  # whether the run has ended before its last forcing period
-    PENDING,  # whether the contact of the ends at rest on the plate is to be chosen anew
-    HOLD_IS_LOST,  # whether a sticking end has just reached the limit of its friction
-    CONTACT_IS_SET,  # whether the contact state is the one just chosen: it holds slips that the kernel state would round off
-    SLIP_TOL,  # slip that counts as none in contact [m/s]
-    CAUSE,  # of the next event row
-    CONTACT_BEFORE,  # contact state of Table 1 before the event
-    HOP_TIME,  # time that the hops take which the close of a chatter sums; below zero if none were [s]
-    FORCED,  # impacts without collision in a row
-    PERIOD_EVENTS,  # number of events when the forcing period began
-) = range(11)
-NO, YES = 0.0, 1.0
 
-# rows of the work array beyond those of a contact step, and the meter's
+class Course:
+    """Where a run stands between two events."""
+
+    status: int  # OK, or why the run cannot go on
+    ended: bool  # whether the run has ended before its last forcing period
+    pending: bool  # whether the contact of the ends at rest on the plate is to be chosen anew
+    hold_is_lost: bool  # whether a sticking end has just reached the limit of its friction
+    contact_is_set: bool  # the contact state is the one just chosen: it holds slips that the kernel state rounds off
+    slip_tol: float  # slip that counts as none in contact [m/s]
+    cause: int  # of the next event row
+    contact_before: float  # contact state of Table 1 before the event
+    hop_time: float  # time that the hops take which the close of a chatter sums; below zero if none were [s]
+    forced: int  # impacts without collision in a row
+    period_events: int  # number of events when the forcing period began
+
+
+# rows of scratch beyond those of a contact step
 ROW_CONTACT = STEP_ROWS
-ROW_RATES, ROW_FORCES, ROW_BEFORE, ROW_COURSE, ROW_TRIAL = range(ROW_CONTACT + 1, ROW_CONTACT + 6)
-WORK_ROWS, WORK_COLUMNS = ROW_TRIAL + 3, 16
+ROW_RATES, ROW_FORCES, ROW_BEFORE, ROW_TRIAL, WORK_ROWS = range(ROW_CONTACT + 1, ROW_CONTACT + 6)
+WORK_COLUMNS = 16
+
+
+class Work(NamedTuple):
+    """Scratch of one thread for impacts and contact steps; records stand in arrays of one, which functions can return."""
+
+    rows: Any  # shape (WORK_ROWS, WORK_COLUMNS)
+    bracket: Any  # of an event within a step (`root_bracket.Bracket`)
+    control: Any  # of the steps of a contact phase (`step_control.Control`)
+    course: Any  # of the run (`Course`)
+    meter: Any  # the work that the run has done and may do, and whether it is to stop (`meter.Meter`)
+
+
+def new_work() -> Work:
+    """Scratch that may be worked on without bound."""
+    rows, meter = np.zeros((WORK_ROWS, WORK_COLUMNS)), one(Meter)
+    meter[0].bound = inf
+    return Work(rows, one(Bracket), one(Control), one(Course), meter)
 
 
 class Ask(NamedTuple):
@@ -52,13 +72,13 @@ class Motion(NamedTuple):
     state: Any  # shape (N_STATE,)
     modes: Any  # friction modes of the ends, shape (2,)
     past: Any  # what the verdict needs (`verdict.past`), shape (PAST_ROWS, PAST_COLUMNS)
-    course: Any  # the slots above
+    course: Any  # where it stands (`Course`)
     contact: Any  # the state as a contact phase has it (`coordinates`), its rates, and its forces
     rates: Any
     forces: Any
     before: Any  # the state before hops were summed
-    work: Any  # rows for impacts and contact steps, shape (WORK_ROWS, WORK_COLUMNS)
-    meter: Any  # the work that the run has done and may do, and whether it is to stop (`numerics.meter`)
+    work: Any  # scratch (`Work`), and its meter
+    meter: Any
 
 
 class Workspace(NamedTuple):
@@ -94,25 +114,25 @@ def new_workspace() -> Workspace:
         dimer=new_record(Dimer),
         later_dimer=new_record(Dimer),
         row=np.zeros(N_ROW),
-        work=has_no_bound(np.zeros((WORK_ROWS, WORK_COLUMNS))),
+        work=new_work(),
     )
 
 
 @compiled(inline=True)
 def motion_of(state, modes, past, space):
     """The run of a state with its past, on the scratch arrays of a workspace."""
-    work = space.work
+    work, rows = space.work, space.work.rows
     return Motion(
         state,
         modes,
         past,
-        work[ROW_COURSE],
-        work[ROW_CONTACT],
-        work[ROW_RATES],
-        work[ROW_FORCES],
-        work[ROW_BEFORE],
+        work.course,
+        rows[ROW_CONTACT],
+        rows[ROW_RATES],
+        rows[ROW_FORCES],
+        rows[ROW_BEFORE],
         work,
-        work[METER],
+        work.meter,
     )
 
 
@@ -129,8 +149,7 @@ def begin_course(course, contact, cause, events):
     events : int
         Number of event rows in the record so far.
     """
-    course[STATUS], course[ENDED] = OK, NO
-    course[PENDING], course[HOLD_IS_LOST], course[CONTACT_IS_SET], course[SLIP_TOL] = YES, NO, NO, 0.0
-    course[CAUSE], course[CONTACT_BEFORE], course[HOP_TIME] = cause, contact, 0.0
-    course[FORCED] = 0.0
-    course[PERIOD_EVENTS] = events
+    course.status, course.ended = OK, False
+    course.pending, course.hold_is_lost, course.contact_is_set, course.slip_tol = True, False, False, 0.0
+    course.cause, course.contact_before, course.hop_time = cause, contact, 0.0
+    course.forced, course.period_events = 0, events

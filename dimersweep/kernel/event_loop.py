@@ -16,24 +16,7 @@ from dimersweep.kernel.contact.events import (
     is_lift_off,
     is_slip_end,
 )
-from dimersweep.kernel.course import (
-    BUDGET,
-    BUDGET_PER_PERIOD,
-    CAUSE,
-    CONTACT_BEFORE,
-    CONTACT_IS_SET,
-    ENDED,
-    FORCED,
-    HOLD_IS_LOST,
-    HOP_TIME,
-    NO,
-    PENDING,
-    PERIOD_EVENTS,
-    SLIP_TOL,
-    STATUS,
-    YES,
-    begin_course,
-)
+from dimersweep.kernel.course import BUDGET, BUDGET_PER_PERIOD, begin_course
 from dimersweep.kernel.impact.impact import contact_velocity, double_impact, single_impact
 from dimersweep.kernel.model.body import TWO_PI, lift
 from dimersweep.kernel.model.contact_code import coded
@@ -117,12 +100,12 @@ def evolve(dm, ask, motion, record):
     status, at_rest : int, bool
         OK or the reason why the run could not go on; whether the dimer rests for good.
     """
-    begin_course(motion.course, coded(motion.modes[0], motion.modes[1]), C_START, record.counts[EVENT_COUNT])
+    begin_course(motion.course[0], coded(motion.modes[0], motion.modes[1]), C_START, record.counts[EVENT_COUNT])
     set_bound(motion.meter, BUDGET + BUDGET_PER_PERIOD * ask.periods)
     while going_on(ask, motion):
         if approaches(motion.state) and not resolve_impact(dm, ask, motion, record):
             break
-        if motion.course[PENDING] and not choose_contact(dm, ask, motion, record):
+        if motion.course[0].pending and not choose_contact(dm, ask, motion, record):
             continue
         event = move_to_next_event(dm, ask, motion)
         follow_up(dm, ask, motion, record, event)
@@ -132,12 +115,12 @@ def evolve(dm, ask, motion, record):
 @compiled(inline=True)
 def going_on(ask, motion):
     """Whether the run is to go on; sets its status where it cannot."""
-    course = motion.course
-    if course[STATUS] != OK or course[ENDED] or motion.state[PERIOD] >= ask.periods:
+    course = motion.course[0]
+    if course.status != OK or course.ended or motion.state[PERIOD] >= ask.periods:
         return False
     if is_over(motion.meter):
-        course[STATUS] = why_over(motion.meter)
-    return course[STATUS] == OK
+        course.status = why_over(motion.meter)
+    return course.status == OK
 
 
 @compiled(inline=True)
@@ -164,20 +147,20 @@ def resolve_impact(dm, ask, motion, record):
     bool
         Whether the run goes on.
     """
-    state, modes, past, course = motion.state, motion.modes, motion.past, motion.course
+    state, modes, past, course = motion.state, motion.modes, motion.past, motion.course[0]
     record.counts[EVENT_COUNT] += 1
     if state[D1] == state[D2]:
         charge(motion.meter, DOUBLE_COST)
     energy = kinetic(dm, state)
     past[SCALARS, S_FASTEST] = max(past[SCALARS, S_FASTEST], sqrt(2.0 * energy * dm.im))
-    course[STATUS] = noted_impact(dm, ask, motion, record)
-    if course[STATUS] != OK:
+    course.status = noted_impact(dm, ask, motion, record)
+    if course.status != OK:
         return False
-    course[PENDING], course[HOLD_IS_LOST], course[CAUSE], course[CONTACT_BEFORE] = YES, NO, C_IMPACT, 0.0
+    course.pending, course.hold_is_lost, course.cause, course.contact_before = True, False, C_IMPACT, 0.0
     if is_kept(record):
         copy(state, motion.before, N_STATE)
-    hops = record.counts[EVENT_COUNT] - course[PERIOD_EVENTS]
-    course[HOP_TIME] = come_to_rest(
+    hops = record.counts[EVENT_COUNT] - course.period_events
+    course.hop_time = come_to_rest(
         dm,
         state,
         modes,
@@ -189,20 +172,20 @@ def resolve_impact(dm, ask, motion, record):
         motion.rates,
         motion.forces,
     )
-    if course[HOP_TIME] >= 0.0:
-        course[CAUSE] = C_CHATTER_END
+    if course.hop_time >= 0.0:
+        course.cause = C_CHATTER_END
     return True
 
 
 @compiled(inline=True)
 def noted_impact(dm, ask, motion, record):
     """An impact with all that is kept of it: landings, the double event, the rows of the record. Returns its status."""
-    state, past, course = motion.state, motion.past, motion.course
+    state, past, course = motion.state, motion.past, motion.course[0]
     double = state[D1] == 0.0 and state[D2] == 0.0
     end, begins = note_landings(dm, past, state)
     status, rows = collide(dm, state, motion.modes, ask.rtol, past[SCALARS, S_FASTEST], motion.work, record.log)
     note_impact(dm, state, past, double, end, begins)
-    note_impact_phases(dm, record, state, rows, course[CONTACT_BEFORE])
+    note_impact_phases(dm, record, state, rows, course.contact_before)
     return status
 
 
@@ -259,20 +242,20 @@ def choose_contact(dm, ask, motion, record):
     bool
         Whether the run moves on: not where an impact without collision has to come first, nor where the record is full.
     """
-    state, modes, course = motion.state, motion.modes, motion.course
-    course[SLIP_TOL] = no_slip(dm, state, ask.rtol)
-    if find_contact(dm, motion, modes, course[HOLD_IS_LOST], course[SLIP_TOL]) == INCONSISTENT:
-        course[FORCED] += 1.0
-        if course[FORCED] > MOST_FORCED:
-            course[STATUS] = JAMMED
+    state, modes, course = motion.state, motion.modes, motion.course[0]
+    course.slip_tol = no_slip(dm, state, ask.rtol)
+    if find_contact(dm, motion, modes, course.hold_is_lost, course.slip_tol) == INCONSISTENT:
+        course.forced += 1
+        if course.forced > MOST_FORCED:
+            course.status = JAMMED
         else:
             force_impact(dm, state)
         return False
-    course[FORCED], course[PENDING], course[CONTACT_IS_SET] = 0.0, NO, YES
-    before, after = course[CONTACT_BEFORE], coded(modes[0], modes[1])
-    note_contact(dm, record, state, modes, int(course[CAUSE]), before, after, course[HOP_TIME], motion.before)
+    course.forced, course.pending, course.contact_is_set = 0, False, True
+    before, after = course.contact_before, coded(modes[0], modes[1])
+    note_contact(dm, record, state, modes, course.cause, before, after, course.hop_time, motion.before)
     if is_kept(record) and is_full(record):
-        course[STATUS] = RECORD_FULL
+        course.status = RECORD_FULL
         return False
     note_take_offs(dm, motion.past, state, modes)
     return True
@@ -284,9 +267,9 @@ def choose_contact(dm, ask, motion, record):
 @compiled(inline=True)
 def follow_up(dm, ask, motion, record, event):
     """What an event leads to: an impact, the next forcing period, a new contact, or nothing."""
-    course = motion.course
+    course = motion.course[0]
     if is_failure(event):
-        course[STATUS] = CONTACT_STEPS if event == OUT_OF_STEPS else ROOT_STEPS
+        course.status = CONTACT_STEPS if event == OUT_OF_STEPS else ROOT_STEPS
     elif event == NO_EVENT:
         end_period(dm, ask, motion, record)
     else:
@@ -296,26 +279,26 @@ def follow_up(dm, ask, motion, record, event):
         elif is_lift_off(event) and only_grazes(dm, motion, end_of(event), motion.state[PHASE] + dm.phi0):
             follow_contact(dm, ask, motion, min(MOMENT, TWO_PI - motion.state[PHASE]), False)
         else:
-            course[PENDING] = YES
-            course[HOLD_IS_LOST] = YES if is_hold_lost(event) else NO
+            course.pending = True
+            course.hold_is_lost = is_hold_lost(event)
             if event != LANDING:
-                course[CAUSE] = cause_of(event)
+                course.cause = cause_of(event)
 
 
 @compiled(inline=True)
 def end_period(dm, ask, motion, record):
     """The end of a forcing period: a strobe of the motion, and whether its verdict is known by now."""
-    state, modes, course = motion.state, motion.modes, motion.course
+    state, modes, course = motion.state, motion.modes, motion.course[0]
     state[PHASE] = 0.0
     state[PERIOD] += 1.0
-    course[PERIOD_EVENTS] = record.counts[EVENT_COUNT]
+    course.period_events = record.counts[EVENT_COUNT]
     if not isfinite(state[DIP] + state[D1] + state[D2] + state[N1] + state[N2] + state[CA] + state[CB]):
-        course[STATUS] = NOT_FINITE
+        course.status = NOT_FINITE
         return
     note_period(dm, state, modes, motion.past)
     note_segment(record, state, modes, 0.0, state)
     if ask.settle and (rests_for_good(dm, motion) or stays_as_it_is(dm, motion.past, ask.periods - int(state[PERIOD]))):
-        course[ENDED] = YES
+        course.ended = True
 
 
 @compiled(inline=True)
@@ -350,11 +333,11 @@ def start_state(dm, beta0, xdot0, theta0, state):
 @compiled(inline=True)
 def finish(dm, ask, motion, record):
     """The last row of the record; see `evolve`."""
-    state, modes, course = motion.state, motion.modes, motion.course
-    if course[STATUS] != OK:
-        out_of_steps = course[STATUS] == CONTACT_STEPS or course[STATUS] == IMPACT_STEPS
-        return why_over(motion.meter) if out_of_steps and is_over(motion.meter) else int(course[STATUS]), False
-    note_event(dm, record, state, C_END, course[CONTACT_BEFORE], coded(modes[0], modes[1]))
+    state, modes, course = motion.state, motion.modes, motion.course[0]
+    if course.status != OK:
+        out_of_steps = course.status == CONTACT_STEPS or course.status == IMPACT_STEPS
+        return why_over(motion.meter) if out_of_steps and is_over(motion.meter) else course.status, False
+    note_event(dm, record, state, C_END, course.contact_before, coded(modes[0], modes[1]))
     note_segment(record, state, modes, 0.0, state)
     if is_kept(record) and is_full(record):
         return RECORD_FULL, False

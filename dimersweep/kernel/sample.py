@@ -20,7 +20,7 @@ from dimersweep.kernel.contact.events import (
     slip_speed,
 )
 from dimersweep.kernel.contact.phase import sustain_contact
-from dimersweep.kernel.course import ROW_TRIAL, SLIP_TOL, YES, Ask, motion_of
+from dimersweep.kernel.course import ROW_TRIAL, Ask, motion_of
 from dimersweep.kernel.event_loop import evolve
 from dimersweep.kernel.flight.free_motion import fly, take_off
 from dimersweep.kernel.model.body import TWO_PI, set_dimer
@@ -120,7 +120,7 @@ def follow_contact(dm, motion, span, rtol):
     is over stays so, all else goes on, but no end goes below the plate.
     """
     state, modes, y = motion.state, motion.modes, motion.contact
-    motion.course[SLIP_TOL] = no_slip(dm, state, rtol)
+    motion.course[0].slip_tol = no_slip(dm, state, rtol)
     phase = state[PHASE] + dm.phi0
     begin_contact(dm, motion)
     done, event = follow_to_event(dm, motion, phase, span, rtol)
@@ -145,12 +145,12 @@ def begin_contact(dm, motion):
 
     A slip that sets out from rest is chosen again: its direction is lost in the rounding of the state.
     """
-    state, modes, y, trial = motion.state, motion.modes, motion.contact, motion.work[ROW_TRIAL]
-    slip_tol = motion.course[SLIP_TOL]
+    state, modes, y, trial = motion.state, motion.modes, motion.contact, motion.work.rows[ROW_TRIAL]
+    slip_tol = motion.course[0].slip_tol
     set_contact(dm, state, modes, y)
     speed, _ = slip_speed(dm, modes, y, y)
     if speed <= slip_tol:
-        answer = find_contact(dm, motion, trial, YES, slip_tol)
+        answer = find_contact(dm, motion, trial, True, slip_tol)
         if answer != CLOSED or trial[0] != modes[0] or trial[1] != modes[1]:
             contact_state(dm, state, leading(modes), y)
 
@@ -172,5 +172,5 @@ def follow_to_event(dm, motion, phase, span, rtol):
 @compiled
 def sustain(dm, motion, phase, span, rtol, locate):
     """Integrate the contact phase with its path; see `sustain_contact`."""
-    slip_tol = motion.course[SLIP_TOL]
+    slip_tol = motion.course[0].slip_tol
     return sustain_contact(dm, motion.modes, motion.contact, phase, span, True, rtol, slip_tol, locate, motion.work)

@@ -6,7 +6,6 @@ from dimersweep.kernel.contact.coordinates import YDIP, YS, YUA, YUB, YWB, YWP, 
 from dimersweep.kernel.contact.events import LANDING, NO_EVENT, OUT_OF_PROBES
 from dimersweep.kernel.contact.forces import F1, F2, contact_rates, double_rates, hold_reserve
 from dimersweep.kernel.contact.phase import sustain_contact
-from dimersweep.kernel.course import CONTACT_BEFORE, CONTACT_IS_SET, NO, SLIP_TOL
 from dimersweep.kernel.flight.free_motion import fly, take_off
 from dimersweep.kernel.flight.landing import MAX_LANDING_PROBES, next_landing
 from dimersweep.kernel.impact.impact import rounding
@@ -46,7 +45,7 @@ def find_contact(dm, motion, modes, hold_is_lost, slip_tol):
     contact_state(dm, state, 0 if closed_1 else 1, y)
     if closed_1 and closed_2:
         y[YDIP], y[YWB] = 0.0, 0.0
-    phase, lost = state[PHASE] + dm.phi0, hold_is_lost != NO
+    phase, lost = state[PHASE] + dm.phi0, hold_is_lost
     answer = contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, lost, motion.rates, motion.forces)
     if answer == CLOSED:
         kernel_state(dm, modes, y, state)
@@ -62,18 +61,18 @@ def move_to_next_event(dm, ask, motion):
     int
         The event (`contact.events`), or NO_EVENT at the end of the period.
     """
-    modes, course = motion.modes, motion.course
-    course[CONTACT_BEFORE] = coded(modes[0], modes[1])
+    modes, course = motion.modes, motion.course[0]
+    course.contact_before = coded(modes[0], modes[1])
     free = modes[0] == FREE and modes[1] == FREE
     if free:
         event = fly_to_landing(dm, motion, ask.path)
     else:
         charge(motion.meter, CONTACT_COST)
-        if not course[CONTACT_IS_SET]:
-            course[SLIP_TOL] = no_slip(dm, motion.state, ask.rtol)
+        if not course.contact_is_set:
+            course.slip_tol = no_slip(dm, motion.state, ask.rtol)
             set_contact(dm, motion.state, modes, motion.contact)
         event = follow_contact(dm, ask, motion, TWO_PI - motion.state[PHASE], True)
-    course[CONTACT_IS_SET] = NO
+    course.contact_is_set = False
     return event
 
 
@@ -127,7 +126,7 @@ def follow_contact(dm, ask, motion, turn, locate):
     state, y = motion.state, motion.contact
     phase, span = state[PHASE] + dm.phi0, turn / dm.omega
     t, event = sustain_contact(
-        dm, motion.modes, y, phase, span, ask.path, ask.rtol, motion.course[SLIP_TOL], locate, motion.work
+        dm, motion.modes, y, phase, span, ask.path, ask.rtol, motion.course[0].slip_tol, locate, motion.work
     )
     if event == LANDING:
         y[YDIP] = 0.0

@@ -9,7 +9,7 @@ from dimersweep.kernel import chatter, smooth_motion
 from dimersweep.kernel.compiler.jit import exported
 from dimersweep.kernel.contact import contact_mode as contact_modes
 from dimersweep.kernel.contact import coordinates, forces, phase
-from dimersweep.kernel.course import WORK_COLUMNS, WORK_ROWS, motion_of, new_workspace
+from dimersweep.kernel.course import motion_of, new_work, new_workspace
 from dimersweep.kernel.flight import free_motion, landing
 from dimersweep.kernel.impact import double_equations, impact, phase_log, single_impact
 from dimersweep.kernel.model import body, friction, plate
@@ -33,7 +33,6 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.kernel.numerics import elementary
 from dimersweep.kernel.numerics import sincos as sines
-from dimersweep.kernel.numerics.meter import has_no_bound
 from dimersweep.parameters import Parameters
 from tests.checks.cached import compiled
 
@@ -297,8 +296,8 @@ def dimer(**parameters):
 
 
 def scratch():
-    """Work array and an impact's log."""
-    return has_no_bound(np.zeros((WORK_ROWS, WORK_COLUMNS))), np.zeros((200, phase_log.N_LOG))
+    """Scratch, and an impact's log."""
+    return new_work(), np.zeros((200, phase_log.N_LOG))
 
 
 def state_of(dm, q, qdot, phase=0.0):

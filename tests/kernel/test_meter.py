@@ -20,7 +20,6 @@ from dimersweep.kernel.model.layout import (
     SLIP,
     STATUSES,
 )
-from dimersweep.kernel.numerics.meter import BOUND, METER, SPENT, STOP
 from dimersweep.kernel.smooth_motion import CONTACT_COST
 from dimersweep.parameters import Parameters
 from tests.checks.random_scenes import rows_of
@@ -43,34 +42,34 @@ def test_each_step_of_a_contact_phase_is_charged():
     work, _ = scratch()
     t, span, event = slide(work)
     assert (t, event) == (span, NO_EVENT)
-    steps = work[METER, SPENT] / EXPLICIT_COST
+    steps = work.meter[0].spent / EXPLICIT_COST
     assert steps >= 2
     assert steps == pytest.approx(round(steps))
 
 
-@pytest.mark.parametrize("slot", [BOUND, STOP])
+@pytest.mark.parametrize("slot", ["bound", "stop"])
 def test_a_contact_phase_ends_within_where_the_meter_is_over(slot):
     work, _ = scratch()
-    work[METER, slot] = EXPLICIT_COST if slot == BOUND else 1.0
+    setattr(work.meter[0], slot, EXPLICIT_COST if slot == "bound" else True)
     t, span, event = slide(work)
     assert event == OUT_OF_STEPS
     assert t < span
-    assert work[METER, SPENT] <= work[METER, BOUND] + max(EXPLICIT_COST, IMPLICIT_COST)
+    assert work.meter[0].spent <= work.meter[0].bound + max(EXPLICIT_COST, IMPLICIT_COST)
 
 
-@pytest.mark.parametrize("slot", [BOUND, STOP])
+@pytest.mark.parametrize("slot", ["bound", "stop"])
 def test_an_impact_at_both_ends_ends_within_where_the_meter_is_over(slot):
     dm, modes = dimer(e=0.6), np.zeros(2)
     state = np.zeros(N_STATE)
     state[N1], state[N2], state[CB] = -1.0, -0.5, 0.3
     work, log = scratch()
     assert collide_double(dm, state.copy(), 1.0, 1e-8, modes, work, log)[0] == OK
-    whole = work[METER, SPENT]
+    whole = work.meter[0].spent
     assert whole > 5
     work, log = scratch()
-    work[METER, slot] = 0.5 * whole if slot == BOUND else 1.0
+    setattr(work.meter[0], slot, 0.5 * whole if slot == "bound" else True)
     assert collide_double(dm, state.copy(), 1.0, 1e-8, modes, work, log)[0] == IMPACT_STEPS
-    assert work[METER, SPENT] < whole
+    assert work.meter[0].spent < whole
 
 
 def outcome_of(rows, periods, space):

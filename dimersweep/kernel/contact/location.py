@@ -17,7 +17,7 @@ from dimersweep.kernel.contact.events import (
     needs_forces,
 )
 from dimersweep.kernel.contact.forces import contact_rates
-from dimersweep.kernel.contact.step_control import METHOD, NOW, RESCALED, SIZE, STIFFNESS, step_to
+from dimersweep.kernel.contact.step_control import RESCALED, step_to
 from dimersweep.kernel.model.body import end
 from dimersweep.kernel.numerics.root_bracket import (
     FOUND,
@@ -52,18 +52,18 @@ class PhaseCrossing(NamedTuple):
 @compiled(inline=True)
 def value_on_cubic(at, share):
     """The event function on the cubic through the ends of the step, at a share of it."""
-    dm, p, b, c = at.dm, at.p, at.b, at.b.control
-    on_cubic(b.start, b.dy, b.out, b.dy_out, share, c[SIZE], p.n, b.probe)
+    dm, p, b, c = at.dm, at.p, at.b, at.b.control[0]
+    on_cubic(b.start, b.dy, b.out, b.dy_out, share, c.size, p.n, b.probe)
     if needs_forces(at.event):
-        contact_rates(dm, p.modes, c[NOW] + dm.omega * c[SIZE] * share, b.probe, False, b.dy_probe, b.F_probe)
+        contact_rates(dm, p.modes, c.now + dm.omega * c.size * share, b.probe, False, b.dy_probe, b.F_probe)
     return event_function(dm, p.modes, at.event, b.start, b.probe, b.F_probe, p.slip_tol)
 
 
 @compiled(inline=True)
 def probe_step(at, t):
     """Take the step up to t: the least event function there, its event, and FOUND, LOOK_ON or REFUSED."""
-    dm, p, b, c = at.dm, at.p, at.b, at.b.control
-    if not step_to(dm, p.modes, c[NOW], t, p.n, int(c[METHOD]), c[STIFFNESS], b) <= 1.0:
+    dm, p, b, c = at.dm, at.p, at.b, at.b.control[0]
+    if not step_to(dm, p.modes, c.now, t, p.n, c.method, c.stiffness, b) <= 1.0:
         return 0.0, UNSOUND, REFUSED
     g, which = least_value(dm, p.modes, b.armed, b.start, b.out, b.F_out, p.slip_tol, b.values[1])
     at_rest = is_slip_end(which) and abs(g) <= p.slip_tol / dm.v_scale
@@ -92,7 +92,7 @@ def first_crossing(dm, p, event, least, b):
     int
         The event, b.out being the state there; or UNSOUND.
     """
-    s, h, method = b.bracket, b.control[SIZE], int(b.control[METHOD])
+    s, h, method = b.bracket[0], b.control[0].size, b.control[0].method
     g_low, _ = least_value(dm, p.modes, b.armed, b.start, b.start, b.F, p.slip_tol, b.values[1])
     past = ZERO_PASSED * p.tol * (abs(g_low) + abs(least))
     dip_left = DIP_LEFT * past if b.start[YDIP] != 0.0 else 0.0  # an end that has just left does not land

@@ -41,20 +41,9 @@ from dimersweep.kernel.contact.forces import COMPLIANCE, F1, F2, N_F, contact_ra
 from dimersweep.kernel.contact.location import first_crossing, hidden_dip, low_between
 from dimersweep.kernel.contact.step_control import (
     IMPLICIT,
-    LAST,
-    METHOD,
-    NATURAL,
-    NOW,
     PLAIN_METHOD,
     RESCALED,
-    SIZE,
-    SPEED,
-    SPEED_RATE,
-    STIFFNESS,
     TIGHT,
-    TIME,
-    XI,
-    H,
     Phase,
     set_chart,
     set_scales,
@@ -141,14 +130,14 @@ def sustain_in_chart(dm, p, work):
             break
         event = step_on(dm, p, b)
         if event != GOES_ON:
-            return b.control[TIME], event
-    return b.control[TIME], OUT_OF_STEPS
+            return b.control[0].time, event
+    return b.control[0].time, OUT_OF_STEPS
 
 
 @compiled(inline=True)
 def begin_phase(dm, p, b):
     """The rates at the start, the event functions that are positive there, and first guesses of the steps."""
-    modes, y, c, path = p.modes, p.y, b.control, p.n > N_CLOSED
+    modes, y, c, path = p.modes, p.y, b.control[0], p.n > N_CLOSED
     set_scales(dm, p.tol, b.scale)
     set_chart(y, b)
     contact_rates(dm, modes, p.phase, y, path, b.dy, b.F)
@@ -160,25 +149,25 @@ def begin_phase(dm, p, b):
         arm(dm, modes, b.armed, y, b.F, p.slip_tol, b.values[0])
     least_value(dm, modes, b.armed, y, y, b.F, p.slip_tol, b.values[0])
     natural = eighth_root(p.tol)
-    c[TIME], c[NATURAL], c[H], c[XI] = 0.0, natural, FIRST_PHASE_STEP * natural * dm.T, FIRST_RESCALED * natural
+    c.time, c.natural, c.h, c.xi = 0.0, natural, FIRST_PHASE_STEP * natural * dm.T, FIRST_RESCALED * natural
     if without_force(modes, b.F) >= 0:
-        c[H] = FIRST_WITHOUT_FORCE * TWO_PI / motion_rate(dm, y)
+        c.h = FIRST_WITHOUT_FORCE * TWO_PI / motion_rate(dm, y)
 
 
 @compiled(inline=True)
 def step_on(dm, p, b):
     """Take one step, or find that it has to be shorter; returns the event that ends the phase, or GOES_ON."""
-    c = b.control
-    if c[TIME] >= p.span:
+    c = b.control[0]
+    if c.time >= p.span:
         return NO_EVENT
     begin_step(dm, p, b)
     event = end_slip_on_line(dm, p, b)
     if event != GOES_ON:
         return event
     choose_step(dm, p, b)
-    error = step_to(dm, p.modes, c[NOW], c[SIZE], p.n, int(c[METHOD]), c[STIFFNESS], b)
+    error = step_to(dm, p.modes, c.now, c.size, p.n, c.method, c.stiffness, b)
     factor = step_factor(error, 8.0)
-    if not error <= 1.0 or (c[METHOD] == RESCALED and b.out[YTIME] > p.span - c[TIME]):
+    if not error <= 1.0 or (c.method == RESCALED and b.out[YTIME] > p.span - c.time):
         return shorten(dm, 0.3 if error == inf else min(factor, 0.8), b)
     least, event = least_after_step(dm, p, b)
     if may_hide_event(dm, p, least, event, b):
@@ -191,24 +180,24 @@ def step_on(dm, p, b):
 @compiled(inline=True)
 def begin_step(dm, p, b):
     """What a step starts from, and how stiff its slip is."""
-    y, c = p.y, b.control
+    y, c = p.y, b.control[0]
     y[YTIME] = 0.0
     copy(y, b.start, N_PATH)
-    c[STIFFNESS] = stiffness(dm, p.modes, y, max(b.F[F1], b.F[F2]))
-    c[NOW] = p.phase + dm.omega * c[TIME]
-    c[SPEED], c[SPEED_RATE] = slip_speed(dm, p.modes, y, b.dy)
+    c.stiffness = stiffness(dm, p.modes, y, max(b.F[F1], b.F[F2]))
+    c.now = p.phase + dm.omega * c.time
+    c.speed, c.speed_rate = slip_speed(dm, p.modes, y, b.dy)
 
 
 @compiled(inline=True)
 def end_slip_on_line(dm, p, b):
     """Carry a slip that is about to end along a straight line to its end; returns that event, or GOES_ON."""
-    modes, y, c = p.modes, p.y, b.control
-    sets_out = c[TIME] == 0.0 and c[SPEED] <= p.slip_tol  # its mode was chosen: rounding has no say in its rate
-    if p.locate and not sets_out and c[SPEED] < PLAIN_LEAST_TURN * dm.T * c[STIFFNESS]:
+    modes, y, c = p.modes, p.y, b.control[0]
+    sets_out = c.time == 0.0 and c.speed <= p.slip_tol  # its mode was chosen: rounding has no say in its rate
+    if p.locate and not sets_out and c.speed < PLAIN_LEAST_TURN * dm.T * c.stiffness:
         lands = landing_in_sight(dm, modes, y, b.dy) / PAST_LANDING
-        i = slip_about_to_end(dm, modes, y, b.dy, min(lands, p.span - c[TIME]), p.tol, p.slip_tol)
+        i = slip_about_to_end(dm, modes, y, b.dy, min(lands, p.span - c.time), p.tol, p.slip_tol)
         if i >= 0:
-            c[TIME] += run_to_slip_end(dm, modes, y, b.dy, i, p.slip_tol, p.n)
+            c.time += run_to_slip_end(dm, modes, y, b.dy, i, p.slip_tol, p.n)
             return SLIP_END + i
     return GOES_ON
 
@@ -216,24 +205,24 @@ def end_slip_on_line(dm, p, b):
 @compiled(inline=True)
 def choose_step(dm, p, b):
     """Choose the method of the next step and its size."""
-    modes, y, c = p.modes, p.y, b.control
-    v, gamma, left = c[SPEED], c[STIFFNESS], p.span - c[TIME]
-    tight = jams_soon(dm, modes, c[NOW], v, gamma, b)
-    method = method_for(dm, modes, y, v, c[SPEED_RATE], gamma, tight)
-    if method == RESCALED and 2.0 * c[XI] * v / gamma > left:
+    modes, y, c = p.modes, p.y, b.control[0]
+    v, gamma, left = c.speed, c.stiffness, p.span - c.time
+    tight = jams_soon(dm, modes, c.now, v, gamma, b)
+    method = method_for(dm, modes, y, v, c.speed_rate, gamma, tight)
+    if method == RESCALED and 2.0 * c.xi * v / gamma > left:
         method = IMPLICIT
-    h = min(c[H], LONGEST_STEP * dm.T)
-    if c[TIME] == 0.0 and method == IMPLICIT:
-        h = min(h, 0.5 * FIRST_PHASE_STEP * c[NATURAL] * dm.T)
+    h = min(c.h, LONGEST_STEP * dm.T)
+    if c.time == 0.0 and method == IMPLICIT:
+        h = min(h, 0.5 * FIRST_PHASE_STEP * c.natural * dm.T)
     if method != RESCALED:
-        slowing = SLIDING if method == IMPLICIT else (0.9 if v == inf else min(0.9, HALTING * sqrt(c[NATURAL])))
+        slowing = SLIDING if method == IMPLICIT else (0.9 if v == inf else min(0.9, HALTING * sqrt(c.natural)))
         h = min(h, min(slowing * slip_limit(dm, modes, y, b.dy), landing_in_sight(dm, modes, y, b.dy)))
     if method == PLAIN_METHOD and gamma > 0.0:
         h = min(h, PHASE_TURNS * v / max(gamma, stiffness(dm, modes, y, 0.5 * dm.m * dm.g)))
     last = method != RESCALED and h >= left * (1.0 - 1e-12)
     if last:
         h = left
-    c[METHOD], c[LAST], c[H], c[SIZE] = method, 1.0 if last else 0.0, h, c[XI] if method == RESCALED else h
+    c.method, c.last, c.h, c.size = method, last, h, c.xi if method == RESCALED else h
 
 
 @compiled
@@ -279,13 +268,13 @@ def landing_in_sight(dm, modes, y, dy):
 @compiled
 def shorten(dm, factor, b):
     """Shorten the next step; returns JAM if no step is short enough, else GOES_ON."""
-    c = b.control
-    if c[METHOD] == RESCALED:
-        c[XI] *= factor
-        length = c[XI] * c[SPEED] / c[STIFFNESS]
+    c = b.control[0]
+    if c.method == RESCALED:
+        c.xi *= factor
+        length = c.xi * c.speed / c.stiffness
     else:
-        c[H] *= factor
-        length = c[H]
+        c.h *= factor
+        length = c.h
     return JAM if length < LEAST * dm.T else GOES_ON
 
 
@@ -300,42 +289,42 @@ def least_after_step(dm, p, b):
 @compiled(inline=True)
 def may_hide_event(dm, p, least, event, b):
     """Whether the step is to be taken again, shorter, because an event may hide in it."""
-    c = b.control
-    if c[METHOD] == RESCALED:
+    c = b.control[0]
+    if c.method == RESCALED:
         return False
     part = 1.0
     if p.locate and least > 0.0:
-        part = hidden_dip(dm, p.modes, c[NOW], c[H], p.n, p.slip_tol, b)
+        part = hidden_dip(dm, p.modes, c.now, c.h, p.n, p.slip_tol, b)
     if part < 1.0 or (least <= 0.0 and event == LANDING and p.y[YDIP] == 0.0):
-        c[H] *= min(part, 0.5)
-        return c[H] > SHORTEST * dm.T
+        c.h *= min(part, 0.5)
+        return c.h > SHORTEST * dm.T
     return False
 
 
 @compiled(inline=True)
 def stop_at_event(dm, p, least, event, b):
     """Go to the first event in the step, and return it; GOES_ON if the step is to be taken again, or a slip only turns."""
-    modes, y, c = p.modes, p.y, b.control
+    modes, y, c = p.modes, p.y, b.control[0]
     event = first_crossing(dm, p, event, least, b)
     if event == UNSOUND:
         return shorten(dm, 0.5, b)
-    if p.locate and c[METHOD] != RESCALED:
+    if p.locate and c.method != RESCALED:
         least_value(dm, modes, b.armed, b.start, b.out, b.F_out, p.slip_tol, b.values[3])
         dt = b.out[YTIME]
         low = low_between(b, motion_rate(dm, b.start) * dt)
-        part = hidden_dip(dm, modes, c[NOW], dt, p.n, p.slip_tol, b) if low else 1.0
+        part = hidden_dip(dm, modes, c.now, dt, p.n, p.slip_tol, b) if low else 1.0
         if part < 1.0 and dt > SHORTEST * dm.T:
-            c[H] = part * dt
+            c.h = part * dt
             return GOES_ON
     copy(b.out, y, p.n)
-    c[TIME] += max(0.0, b.out[YTIME])
+    c.time += max(0.0, b.out[YTIME])
     if not is_slip_end(event):
         return event
     a_slip, b_slip = slip_of(dm, modes, y, end_of(event))
     if length(a_slip, b_slip) <= 4.0 * p.slip_tol:
         end_slip(dm, modes, y, end_of(event))
         return event
-    c[H], c[XI] = 0.5 * c[H], 0.5 * c[XI]  # the slip has only turned by a right angle
+    c.h, c.xi = 0.5 * c.h, 0.5 * c.xi  # the slip has only turned by a right angle
     copy(b.dy_out, b.dy, p.n)
     copy(b.F_out, b.F, N_F)
     least_value(dm, modes, b.armed, y, y, b.F, p.slip_tol, b.values[0])
@@ -345,21 +334,21 @@ def stop_at_event(dm, p, least, event, b):
 @compiled(inline=True)
 def accept_step(dm, p, factor, b):
     """Go to the end of the step, and guess the size of the next one; returns a lift-off there, or GOES_ON."""
-    modes, y, c, dt = p.modes, p.y, b.control, b.out[YTIME]
+    modes, y, c, dt = p.modes, p.y, b.control[0], b.out[YTIME]
     copy(b.out, y, p.n)
     copy(b.dy_out, b.dy, p.n)
     copy(b.F_out, b.F, N_F)
-    c[TIME] = p.span if c[LAST] else c[TIME] + dt
+    c.time = p.span if c.last else c.time + dt
     pulled = without_force(modes, b.F)
     if p.locate and pulled >= 0 and b.armed[LIFT_OFF + pulled] == 0.0:
         return LIFT_OFF + pulled
     copy(b.values[3], b.values[0], N_CONTACT_EVENTS)
     if p.locate:
         arm(dm, modes, b.armed, y, b.F, p.slip_tol, b.values[0])
-    if c[METHOD] == RESCALED:
-        c[XI], c[H] = min(PHASE_TURNS, min(factor, RISE) * c[XI]), 2.0 * dt
+    if c.method == RESCALED:
+        c.xi, c.h = min(PHASE_TURNS, min(factor, RISE) * c.xi), 2.0 * dt
     else:
-        c[H] *= min(factor, RISE) if c[METHOD] == IMPLICIT else factor
+        c.h *= min(factor, RISE) if c.method == IMPLICIT else factor
     return GOES_ON
 
 

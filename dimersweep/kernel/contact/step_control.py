@@ -37,7 +37,7 @@ from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import FREE, SLIP
 from dimersweep.kernel.model.plate import acceleration_along, effective_gravity
 from dimersweep.kernel.numerics.collocation import NEXT, NODES, RADAU_A, RADAU_C, TOP
-from dimersweep.kernel.numerics.meter import METER, charge
+from dimersweep.kernel.numerics.meter import charge
 from dimersweep.kernel.numerics.steps import (
     DOP_STAGES,
     copy,
@@ -56,7 +56,7 @@ RENEWED = 2  # the iteration that takes new derivatives
 TIGHT = 0.5  # compliance from which the turning of the slip may lead to a jam
 SLIP_CHANGE = 1e-6  # change of a slip, in units of itself, in its finite differences
 
-STEP_ROWS = 81
+STEP_ROWS = 79
 EXPLICIT_COST, IMPLICIT_COST = 0.8, 3.0  # of a step, in hops of one end: as measured
 
 
@@ -83,24 +83,24 @@ class StepArrays(NamedTuple):
     pivots: Any
     change: Any
     bracket: Any  # of an event
-    control: Any  # what one step leaves to the next (`phase`)
+    control: Any
     meter: Any
 
 
-# slots of the step control
-(
-    TIME,  # since the start of the phase [s]
-    NOW,  # plate phase at the start of the step [rad]
-    H,  # size of the next step: in time [s], and in xi
-    XI,
-    NATURAL,  # tolerance to the power of 1/8
-    STIFFNESS,  # gamma of the step, and the slip that it turns with its rate
-    SPEED,
-    SPEED_RATE,
-    METHOD,  # of the step
-    SIZE,  # of the step, in the unit of its method
-    LAST,  # whether the step ends the span
-) = range(11)
+class Control:
+    """What one step of a contact phase leaves to the next."""
+
+    time: float  # since the start of the phase [s]
+    now: float  # plate phase at the start of the step [rad]
+    h: float  # size of the next step: in time [s], and in xi
+    xi: float
+    natural: float  # tolerance to the power of 1/8
+    stiffness: float  # gamma of the step, and the slip that it turns with its rate
+    speed: float
+    speed_rate: float
+    method: int  # of the step
+    size: float  # of the step, in the unit of its method
+    last: bool  # whether the step ends the span
 
 
 class Phase(NamedTuple):
@@ -118,30 +118,31 @@ class Phase(NamedTuple):
 
 @compiled
 def step_arrays(work):
-    """The arrays of a step on a work array of at least STEP_ROWS rows."""
+    """The arrays of a step on scratch of at least STEP_ROWS rows."""
+    rows = work.rows
     return StepArrays(
-        work[0:12],
-        work[12:17],
-        work[17:32],
-        work[32:47],
-        work[47:62],
-        work[62],
-        work[63],
-        work[64],
-        work[65],
-        work[66],
-        work[67],
-        work[68],
-        work[69],
-        work[70:74],
-        work[74],
-        work[75],
-        work[76],
-        work[77],
-        work[78],
-        work[79],
-        work[80],
-        work[METER],
+        rows[0:12],
+        rows[12:17],
+        rows[17:32],
+        rows[32:47],
+        rows[47:62],
+        rows[62],
+        rows[63],
+        rows[64],
+        rows[65],
+        rows[66],
+        rows[67],
+        rows[68],
+        rows[69],
+        rows[70:74],
+        rows[74],
+        rows[75],
+        rows[76],
+        rows[77],
+        rows[78],
+        work.bracket,
+        work.control,
+        work.meter,
     )
 
 

@@ -37,7 +37,6 @@ from dimersweep.kernel.numerics.root_bracket import (
     FOUND,
     LOOK_ON,
     REFUSED,
-    S_AT,
     UNSOUND,
     locate,
     set_bracket,
@@ -308,7 +307,7 @@ def probe_step(at, t):
     g, event, verdict : float, int, int
         The least event function at t and its event; FOUND, LOOK_ON or REFUSED.
     """
-    b, way = at.b, t - at.b.bracket[S_AT]
+    b, way = at.b, t - at.b.bracket[0].at
     if abs(way) <= min(at.near, CARRIED * t):
         impact_rates(at.dm, at.modes, b.gains, at.clock, b.out, b.rates_out)
         carry_on(at.dm, at.modes, at.clock, way, b)
@@ -326,7 +325,7 @@ def first_crossing(dm, modes, compressing, clock, h, event, least, tol, slip_tol
     probe by a small part of `brisk`, the time in which the motion changes, the last probe is carried on to t instead.
     """
     g_low, _ = least_value(dm, modes, compressing, clock, b.armed, b.start, b.start, slip_tol)
-    smooth, s = event < 6, b.bracket
+    smooth, s = event < 6, b.bracket[0]
     near = NEAR_PROBE * nearly_raised(tol, 1.0 / 3.0) * brisk if smooth else 0.0
     at, guess, slope = LegCrossing(dm, modes, compressing, clock, h, tol, slip_tol, stiff, near, b), 0.0, 0.0
     if smooth:

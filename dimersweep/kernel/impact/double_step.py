@@ -12,7 +12,7 @@ from dimersweep.kernel.impact.double_equations import (
     impact_rates,
     rates_in_clock,
 )
-from dimersweep.kernel.numerics.meter import METER, charge
+from dimersweep.kernel.numerics.meter import charge
 from dimersweep.kernel.numerics.steps import (
     DOP_STAGES,
     ROS_STAGES,
@@ -26,7 +26,7 @@ from dimersweep.kernel.numerics.steps import (
 )
 from dimersweep.kernel.numerics.tableaux import DOP_A, ROS_GAMMA
 
-LEG_ROWS = 41
+LEG_ROWS = 40
 EXPLICIT_LEG_COST, IMPLICIT_LEG_COST = 0.5, 1.0  # of a step, in hops of one end: as measured
 
 
@@ -54,25 +54,26 @@ class LegRows(NamedTuple):
 
 @compiled
 def leg_rows(work):
-    """The rows of a leg on a work array of at least LEG_ROWS rows."""
+    """The rows of a leg on scratch of at least LEG_ROWS rows."""
+    rows = work.rows
     return LegRows(
-        work[0:12],
-        work[12:19],
-        work[19:26],
-        work[26:29],
-        work[29],
-        work[30],
-        work[31],
-        work[32],
-        work[33],
-        work[34],
-        work[35],
-        work[36],
-        work[37],
-        work[38],
-        work[39],
-        work[40],
-        work[METER],
+        rows[0:12],
+        rows[12:19],
+        rows[19:26],
+        rows[26:29],
+        rows[29],
+        rows[30],
+        rows[31],
+        rows[32],
+        rows[33],
+        rows[34],
+        rows[35],
+        rows[36],
+        rows[37],
+        rows[38],
+        work.bracket,
+        rows[39],
+        work.meter,
     )
 
 

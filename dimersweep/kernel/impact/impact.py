@@ -76,14 +76,8 @@ class ImpactRows(NamedTuple):
 @compiled
 def impact_rows(work):
     """The rows of an impact at both ends on a work array."""
-    return ImpactRows(
-        work[LEG_ROWS],
-        work[LEG_ROWS + 1],
-        work[LEG_ROWS + 2],
-        work[LEG_ROWS + 3],
-        work[LEG_ROWS + 4],
-        leg_rows(work).e,
-    )
+    rows, more = work.rows, LEG_ROWS
+    return ImpactRows(rows[more], rows[more + 1], rows[more + 2], rows[more + 3], rows[more + 4], leg_rows(work).e)
 
 
 @compiled

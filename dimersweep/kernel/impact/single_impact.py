@@ -29,7 +29,7 @@ from dimersweep.kernel.impact.expansion import (
 from dimersweep.kernel.model.friction import holds_axially, length, slip_force
 from dimersweep.kernel.model.layout import SLIP, STICK
 from dimersweep.kernel.numerics.elementary import exp, expm1, log1p
-from dimersweep.kernel.numerics.meter import METER, charge, is_over
+from dimersweep.kernel.numerics.meter import charge, is_over
 
 DONE, OTHER, LEG, IMPACT_JAMS, IMPACT_OUT_OF_STEPS = 0, 1, 2, 3, 4
 MAX_LEGS = 200
@@ -205,34 +205,34 @@ def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
     n, a, b, E, n_j, P, A, B : float
         Velocities, energy and other gap rate after the leg; normal, axial, lateral impulse of it.
     reason : int
-        LEG (go on with the next leg), or IMPACT_OUT_OF_STEPS, also where the meter of the work array is over.
+        LEG (go on with the next leg), or IMPACT_OUT_OF_STEPS, also where the meter of the scratch is over.
     """
     gain = 1.0 if compressing else 1.0 / (law.e * law.e)
     slip_end, lateral = max(tol, 1e-14 * length(a, b)), abs(b) > tol
-    n, n_j, P, A, B = n0, n_j0, 0.0, 0.0, 0.0
+    n, n_j, P, A, B, c = n0, n_j0, 0.0, 0.0, 0.0, work.rows
     for _ in range(MAX_SINGLE_STEPS):
-        if is_over(work[METER]):
+        if is_over(work.meter):
             break
-        charge(work[METER], EXPANSION_COST)
+        charge(work.meter, EXPANSION_COST)
         if law.both == 0.0:
             n_end, E_end, dP, dA = stop_at_once(law, n, a, b, E, compressing, tol)
             if dP < inf:
                 n_j += law.nn_j * dP + law.na_j * dA
                 return n_end, 0.0, 0.0, E_end, n_j, P + dP, A + dA, B - b / law.bb, LEG
         v = length(a, b)
-        fading = begin_expansion(n, a, b, E, n_j, work)
-        order, h = expand_to_end(law, gain, compressing, fading, unseen(work, v, tol), work)
-        xi_n = first_zero(work, A_N, order, -1.0 if compressing else 1.0, h)
-        xi_E = inf if compressing else first_zero(work, A_E, order, 1.0, h)
-        xi_j = first_zero(work, A_J, order, 1.0, h) if law.both > 0.0 else inf
+        fading = begin_expansion(n, a, b, E, n_j, c)
+        order, h = expand_to_end(law, gain, compressing, fading, unseen(c, v, tol), c)
+        xi_n = first_zero(c, A_N, order, -1.0 if compressing else 1.0, h)
+        xi_E = inf if compressing else first_zero(c, A_E, order, 1.0, h)
+        xi_j = first_zero(c, A_J, order, 1.0, h) if law.both > 0.0 else inf
         xi = min(min(xi_n, xi_E), min(xi_j, h))
         a_old, b_old = a, b
-        a, _ = at(work, A_A, order, xi)
+        a, _ = at(c, A_A, order, xi)
         b = b * exp(-law.mu * law.bb * xi)
-        dP, _ = at(work, A_P, order, xi)
-        n, _ = at(work, A_N, order, xi)
-        E, _ = at(work, A_E, order, xi)
-        n_j, _ = at(work, A_J, order, xi)
+        dP, _ = at(c, A_P, order, xi)
+        n, _ = at(c, A_N, order, xi)
+        E, _ = at(c, A_E, order, xi)
+        n_j, _ = at(c, A_J, order, xi)
         P, A, B = P + dP, A + (a - a_old - law.na * dP) / law.aa, B + (b - b_old) / law.bb
         v = length(a, b)
         ended = xi == xi_n or xi == xi_E or xi == xi_j

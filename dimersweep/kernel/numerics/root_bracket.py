@@ -16,23 +16,35 @@ ON_CUBIC, CLOSE_ON_CUBIC, ASIDE = (
     1e-3,
 )  # evaluations, change of the function that is left, and way to its slope
 GUESSES = 6  # probes by Newton's rule, after which the bracket alone decides
-# what a row holds: the bracket and the values at its ends, the end replaced last (-1, 0 or 1), probes made, place and value of
-# the last one, the next place by Newton's rule and the slope there
-S_LOW, S_HIGH, S_G_LOW, S_G_HIGH, S_SIDE, S_PROBES, S_AT, S_G, S_GUESS, S_SLOPE = range(10)
+
+
+class Bracket:
+    """Where a zero lies, and where it is probed next."""
+
+    low: float
+    high: float
+    g_low: float  # values at both ends
+    g_high: float
+    side: int  # the end replaced last: -1, 0 for neither, 1
+    probes: int  # probes made, place and value of the last one
+    at: float
+    g: float
+    guess: float  # the next place by Newton's rule, and the slope there
+    slope: float
 
 
 @compiled
 def set_bracket(s, h, g_low, g_high, guess, slope):
     """Look for a zero in (0, h], from the values at its ends and a first guess with the slope there."""
-    s[S_LOW], s[S_HIGH], s[S_G_LOW], s[S_G_HIGH], s[S_SIDE] = 0.0, h, g_low, g_high, 0.0
-    s[S_PROBES], s[S_AT], s[S_G] = 0.0, h, g_high
-    s[S_GUESS], s[S_SLOPE] = guess, slope
+    s.low, s.high, s.g_low, s.g_high, s.side = 0.0, h, g_low, g_high, 0
+    s.probes, s.at, s.g = 0, h, g_high
+    s.guess, s.slope = guess, slope
 
 
 @compiled
 def is_closed(s, h):
     """Whether the bracket is as small as round-off allows, or has been probed as often as it may."""
-    return s[S_HIGH] - s[S_LOW] <= 1e-15 * h or s[S_PROBES] >= MAX_ROOT_PROBES
+    return s.high - s.low <= 1e-15 * h or s.probes >= MAX_ROOT_PROBES
 
 
 @compiled
@@ -40,11 +52,11 @@ def next_probe(s):
     """Where to probe: by Newton's rule, else at the secant point; in the middle if that is not inside, and in every third
     probe, since the least of several functions may have a bend that regula falsi creeps to.
     """
-    low, high, g_low, g_high = s[S_LOW], s[S_HIGH], s[S_G_LOW], s[S_G_HIGH]
-    if s[S_PROBES] < GUESSES and low < s[S_GUESS] < high:
-        return s[S_GUESS]
+    low, high, g_low, g_high = s.low, s.high, s.g_low, s.g_high
+    if s.probes < GUESSES and low < s.guess < high:
+        return s.guess
     mid = (low * g_high - high * g_low) / (g_high - g_low)
-    return mid if low < mid < high and int(s[S_PROBES]) % 3 < 2 else 0.5 * (low + high)
+    return mid if low < mid < high and s.probes % 3 < 2 else 0.5 * (low + high)
 
 
 @compiled
@@ -55,19 +67,19 @@ def note_probe(s, mid, g, aim, steep):
     tell the slope better than the guess did.
     """
     if g > 0.0:
-        if s[S_SIDE] < 0.0:
-            factor = 1.0 - g / s[S_G_LOW]
-            s[S_G_HIGH] *= factor if factor > 0.0 else 0.5
-        s[S_LOW], s[S_G_LOW], s[S_SIDE] = mid, g, -1.0
+        if s.side < 0:
+            factor = 1.0 - g / s.g_low
+            s.g_high *= factor if factor > 0.0 else 0.5
+        s.low, s.g_low, s.side = mid, g, -1
     else:
-        if s[S_SIDE] > 0.0:
-            factor = 1.0 - g / s[S_G_HIGH]
-            s[S_G_LOW] *= factor if factor > 0.0 else 0.5
-        s[S_HIGH], s[S_G_HIGH], s[S_SIDE] = mid, g, 1.0
-    if steep and s[S_PROBES] > 0.0:
-        s[S_SLOPE] = (g - s[S_G]) / (mid - s[S_AT])
-    s[S_GUESS] = mid - (g - aim) / s[S_SLOPE] if s[S_SLOPE] < 0.0 else 0.0
-    s[S_AT], s[S_G], s[S_PROBES] = mid, g, s[S_PROBES] + 1.0
+        if s.side > 0:
+            factor = 1.0 - g / s.g_high
+            s.g_low *= factor if factor > 0.0 else 0.5
+        s.high, s.g_high, s.side = mid, g, 1
+    if steep and s.probes > 0:
+        s.slope = (g - s.g) / (mid - s.at)
+    s.guess = mid - (g - aim) / s.slope if s.slope < 0.0 else 0.0
+    s.at, s.g, s.probes = mid, g, s.probes + 1
 
 
 @compiled(inline=True)
@@ -101,5 +113,5 @@ def locate(probe, problem, s, h, aim, steep):
         if verdict != LOOK_ON:
             return event if verdict == FOUND else UNSOUND
         note_probe(s, mid, g, aim, steep)
-    _, event, _ = probe(problem, s[S_HIGH])
+    _, event, _ = probe(problem, s.high)
     return event
