@@ -78,7 +78,7 @@ def route(dm, state, tol):
 @compiled
 def gap_evaluation(dm, state):
     """One gap with its derivatives, half a flight of a tenth of a period ahead."""
-    return free_motion.gap_series(free_motion.take_off(dm, state), 1, 0.05 * dm.T)[0]
+    return free_motion.gap_series(free_motion.take_off(dm, state), 1, 0.05 * dm.period)[0]
 
 
 @compiled
@@ -106,7 +106,7 @@ def contact_step(dm, motion, method, rtol):
     step_control.set_chart(b.start, b)
     forces.contact_rates(dm, motion.modes, plate, b.start, False, b.dy, b.F)
     gamma = step_control.stiffness(dm, motion.modes, b.start, max(b.F[forces.F1], b.F[forces.F2]))
-    size = STRETCH if method == step_control.RESCALED else SHARE * dm.T
+    size = STRETCH if method == step_control.RESCALED else SHARE * dm.period
     return step_control.step_to(dm, motion.modes, plate, size, coordinates.N_CLOSED, method, gamma, b)
 
 

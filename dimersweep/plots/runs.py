@@ -71,7 +71,7 @@ def impact_rates(run: "Run", time: float) -> xr.Dataset:
     """
     dm = dimer_from(run.parameters)
     rows = run.events.isel(event=np.flatnonzero((run.events["time"] == time) & (run.events["cause"] == "impact")))
-    before = run.states(max(0.0, time - 1e-9 * dm.T))
+    before = run.states(max(0.0, time - 1e-9 * dm.period))
     theta, theta_rate = float(before["theta"]), float(before["theta_rate"])
     # lateral velocity of each end per theta' cos(beta) and per axial spin, and what a unit impulse gives of these
     levers = np.array([[end.r * dm.sin_0 - end.h, -end.r * dm.cos_0] for end in (dm.p1, dm.p2)])

@@ -28,7 +28,7 @@ def test_constants_of_the_base_case():
     assert dm.J_t == pytest.approx(5.299695485087e-6, rel=1e-12)
     assert dm.J_a == pytest.approx(8.339127315493e-8, rel=1e-12)
     assert dm.p2.h == pytest.approx(0.025, rel=1e-15)
-    assert (dm.omega, dm.T) == (2 * pi * 15, 1 / 15)
+    assert (dm.omega, dm.period) == (2 * pi * 15, 1 / 15)
     assert dm.A_z * dm.omega**2 == pytest.approx(0.9 * 9.81, rel=1e-15)
     assert (dm.p1.e, dm.p2.e, dm.p1.mu, dm.g, dm.p1.r) == (0.6, 0.6, 0.2, 9.81, 5e-3)
     assert 0.4 <= dm.p1.mu_s <= 0.4 * (1 + 2e-9)  # a hair above, so that slip out of rest accelerates if mu = mu_s

@@ -403,7 +403,7 @@ def test_a_jam_is_where_the_oracles_compliance_vanishes(start):
     jam.terminal = True
     expected = solve_ivp(rates, (0, 0.05), [*q, *qdot, 0.0], events=jam, method="DOP853", rtol=1e-11, atol=1e-13)
     assert expected.status == 1
-    t, event = sustain_contact(dm, codes, y, 0.0, dm.T, 1e-10, 1e-11, True, scratch()[0])
+    t, event = sustain_contact(dm, codes, y, 0.0, dm.period, 1e-10, 1e-11, True, scratch()[0])
     assert event == JAM
     assert t == pytest.approx(expected.y[12, -1], rel=1e-8)
     kernel_state(dm, codes, y, state)
@@ -456,9 +456,9 @@ def test_events_of_a_phase_are_where_their_functions_vanish():
         if modes == (STICK, FREE):
             state = at_rest(dm, state, 0)
         codes, y = loaded(dm, modes, state)
-        t, found = sustain_contact(dm, codes, y, 0.0, dm.T, 1e-10, 1e-11, True, scratch()[0])
+        t, found = sustain_contact(dm, codes, y, 0.0, dm.period, 1e-10, 1e-11, True, scratch()[0])
         assert found - found % 2 == event, (event, found)
-        assert 0 < t < dm.T
+        assert 0 < t < dm.period
         dy, F = np.zeros(N_Y), np.zeros(N_F)
         contact_rates(dm, codes, dm.omega * t, y, dy, F)
         value = {
@@ -513,7 +513,9 @@ def test_slip_beside_an_end_that_sticks_comes_to_rest_on_a_line(tol):
     state = at_rest(dm, state, 0)
     for accuracy in (tol, 1e-13):
         codes, y = loaded(dm, (STICK, SLIP), state)
-        t, event = sustain_contact(dm, codes, y, 0.0, dm.T, accuracy, 0.1 * accuracy * dm.v_scale, True, scratch()[0])
+        t, event = sustain_contact(
+            dm, codes, y, 0.0, dm.period, accuracy, 0.1 * accuracy * dm.v_scale, True, scratch()[0]
+        )
         assert event == SLIP_END + 1
         assert y[YWP] == y[YUB] == 0.0
         times.append(t)

@@ -311,7 +311,8 @@ def test_ends_that_land_within_a_picosecond(rtol, apart):
     speed = 0.3
     run = launched(row, lifted(dm, speed * apart / (dm.l), 1e-3, c_n=-speed, cb=0.2), 2, rtol)
     struck = (
-        run.column("period")[causes(run) == C_IMPACT] * dm.T + run.column("phase")[causes(run) == C_IMPACT] / dm.omega
+        run.column("period")[causes(run) == C_IMPACT] * dm.period
+        + run.column("phase")[causes(run) == C_IMPACT] / dm.omega
     )
     fall = (sqrt(speed**2 + 2 * dm.g * 1e-3) - speed) / dm.g
     assert struck[0] == pytest.approx(fall, abs=2e-11)
@@ -411,7 +412,7 @@ def test_a_rod_that_starts_vertical_falls_in_its_time(rtol, tilt):
     dm = dimer_of(row)
     run = launched(row, standing(dm, 0.5 * pi - tilt), 4, rtol)
     landed = np.flatnonzero(causes(run) == C_IMPACT)[0]
-    time = run.column("period")[landed] * dm.T + run.column("phase")[landed] / dm.omega
+    time = run.column("period")[landed] * dm.period + run.column("phase")[landed] / dm.omega
     assert time == pytest.approx(time_to_fall(dm, tilt), abs=rtol + (0.1 * rtol + 1e-16) / tilt)
 
 

@@ -33,7 +33,7 @@ def slide(work):
     dm, state, y, codes = dimer(Gamma=0.5), np.zeros(N_STATE), np.zeros(16), np.array([SLIP, SLIP], dtype=float)
     state[CB] = 1.0
     contact_state(dm, state, -1.0, y)
-    span = dm.T
+    span = dm.period
     t, event = sustain_contact(dm, codes, y, 0.0, span, 1e-10, 1e-11, True, work)
     return t, span, event
 

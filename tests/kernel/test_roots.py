@@ -54,7 +54,7 @@ def random_flight(rng, k):
     state[N1] = abs(rng.normal()) * rng.choice([1e-4, 0.1, 1])
     state[D2] = state[D1] + dm.l * sin(state[DIP])
     state[N2] = state[N1] + dm.l * cos(state[DIP]) * state[WB]
-    return take_off(dm, state), dm.T
+    return take_off(dm, state), dm.period
 
 
 def first_sign_change(fl, sign, until, n=20001):

@@ -149,7 +149,7 @@ def begin_phase(dm, p, b):
         arm(dm, modes, b.armed, y, b.F, p.slip_tol, b.values[0])
     least_value(dm, modes, b.armed, y, y, b.F, p.slip_tol, b.values[0])
     natural = eighth_root(p.tol)
-    c.time, c.natural, c.h, c.xi = 0.0, natural, FIRST_PHASE_STEP * natural * dm.T, FIRST_RESCALED * natural
+    c.time, c.natural, c.h, c.xi = 0.0, natural, FIRST_PHASE_STEP * natural * dm.period, FIRST_RESCALED * natural
     if without_force(modes, b.F) >= 0:
         c.h = FIRST_WITHOUT_FORCE * TWO_PI / motion_rate(dm, y)
 
@@ -193,7 +193,7 @@ def end_slip_on_line(dm, p, b):
     """Carry a slip that is about to end along a straight line to its end; returns that event, or GOES_ON."""
     modes, y, c = p.modes, p.y, b.control[0]
     sets_out = c.time == 0.0 and c.speed <= p.slip_tol  # its mode was chosen: rounding has no say in its rate
-    if p.locate and not sets_out and c.speed < PLAIN_LEAST_TURN * dm.T * c.stiffness:
+    if p.locate and not sets_out and c.speed < PLAIN_LEAST_TURN * dm.period * c.stiffness:
         lands = landing_in_sight(dm, modes, y, b.dy) / PAST_LANDING
         i = slip_about_to_end(dm, modes, y, b.dy, min(lands, p.span - c.time), p.tol, p.slip_tol)
         if i >= 0:
@@ -211,9 +211,9 @@ def choose_step(dm, p, b):
     method = method_for(dm, modes, y, v, c.speed_rate, gamma, tight)
     if method == RESCALED and 2.0 * c.xi * v / gamma > left:
         method = IMPLICIT
-    h = min(c.h, LONGEST_STEP * dm.T)
+    h = min(c.h, LONGEST_STEP * dm.period)
     if c.time == 0.0 and method == IMPLICIT:
-        h = min(h, 0.5 * FIRST_PHASE_STEP * c.natural * dm.T)
+        h = min(h, 0.5 * FIRST_PHASE_STEP * c.natural * dm.period)
     if method != RESCALED:
         slowing = SLIDING if method == IMPLICIT else (0.9 if v == inf else min(0.9, HALTING * sqrt(c.natural)))
         h = min(h, min(slowing * slip_limit(dm, modes, y, b.dy), landing_in_sight(dm, modes, y, b.dy)))
@@ -233,8 +233,8 @@ def method_for(dm, modes, y, v, rate, gamma, tight):
     mu spin J_a / J_t, which may be stiff.
     """
     braked = max(dm.p1.mu, dm.p2.mu) * abs(y[YS]) * dm.J_a * dm.it if modes[0] == SLIP and modes[1] == SLIP else 0.0
-    if v >= PLAIN_LEAST_TURN * dm.T * gamma:
-        return IMPLICIT if braked * dm.T > BRAKED else PLAIN_METHOD
+    if v >= PLAIN_LEAST_TURN * dm.period * gamma:
+        return IMPLICIT if braked * dm.period > BRAKED else PLAIN_METHOD
     return RESCALED if tight or (rate < -FALLING * gamma and braked * v < gamma) else IMPLICIT
 
 
@@ -275,7 +275,7 @@ def shorten(dm, factor, b):
     else:
         c.h *= factor
         length = c.h
-    return JAM if length < LEAST * dm.T else GOES_ON
+    return JAM if length < LEAST * dm.period else GOES_ON
 
 
 @compiled(inline=True)
@@ -297,7 +297,7 @@ def may_hide_event(dm, p, least, event, b):
         part = hidden_dip(dm, p.modes, c.now, c.h, p.n, p.slip_tol, b)
     if part < 1.0 or (least <= 0.0 and event == LANDING and p.y[YDIP] == 0.0):
         c.h *= min(part, 0.5)
-        return c.h > SHORTEST * dm.T
+        return c.h > SHORTEST * dm.period
     return False
 
 
@@ -313,7 +313,7 @@ def stop_at_event(dm, p, least, event, b):
         dt = b.out[YTIME]
         low = low_between(b, motion_rate(dm, b.start) * dt)
         part = hidden_dip(dm, modes, c.now, dt, p.n, p.slip_tol, b) if low else 1.0
-        if part < 1.0 and dt > SHORTEST * dm.T:
+        if part < 1.0 and dt > SHORTEST * dm.period:
             c.h = part * dt
             return GOES_ON
     copy(b.out, y, p.n)

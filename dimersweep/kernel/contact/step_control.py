@@ -163,7 +163,7 @@ def set_scales(dm, tol, scale):
     scale[YWB] = scale[YWP] = tol * dm.w_scale
     scale[YS] = 10.0 * tol * dm.w_scale
     scale[YUA] = scale[YUB] = tol * dm.v_scale
-    scale[YTIME] = tol * dm.T
+    scale[YTIME] = tol * dm.period
     scale[YX] = scale[YY] = tol * max(dm.p1.r, dm.p2.r)
     scale[YGAMMA] = 10.0 * tol
 

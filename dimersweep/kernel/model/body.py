@@ -99,7 +99,7 @@ def set_dimer(row, dm):
     set_pair(dm)
     sin_tilt, cos_tilt = sincos(tilt)
     sin_way, cos_way = sincos(azimuth)
-    dm.omega, dm.T, dm.g = TWO_PI * f, 1.0 / f, g * cos_tilt
+    dm.omega, dm.period, dm.g = TWO_PI * f, 1.0 / f, g * cos_tilt
     dm.A_z, dm.phi0 = amplitude(Gamma, g, dm.omega), phi0 - TWO_PI * (phi0 // TWO_PI)
     dm.A_2, dm.lag = amplitude(Gamma_2, g, 2.0 * dm.omega), (phi_2 - 2.0 * phi0) % TWO_PI
     dm.sideways = 1.0 if tilt != 0.0 or Gamma_x != 0.0 or Gamma_y != 0.0 else 0.0

@@ -77,7 +77,7 @@ class Dimer:
     g: float  # gravity along the normal of the plate [m s-2]
     A_z: float  # plate amplitude [m]
     omega: float  # plate angular frequency [rad s-1]
-    T: float  # forcing period [s]
+    period: float  # forcing period [s]
     phi0: float  # plate phase at t = 0, reduced to [0, 2 pi) [rad]
     A_2: float  # amplitude of the plate's second harmonic [m]
     lag: float  # its angle where the phase is zero [rad]

@@ -91,7 +91,7 @@ def longest_hop(dm, past, span, i):
     count = int(past[SCALARS, S_STROBES])
     last = past[STROBES + (count - 1) % RING]
     on_its_way = last[P_TIME] - last[P_OFF_1 + i] if last[P_OFF_1 + i] >= 0.0 else 0.0
-    return max(on_its_way / dm.T, longest_landed(dm, past, span, 0, i))
+    return max(on_its_way / dm.period, longest_landed(dm, past, span, 0, i))
 
 
 @compiled
@@ -100,7 +100,7 @@ def longest_landed(dm, past, span, back, i):
     last, longest = int(past[SCALARS, S_STROBES]) - 1 - back, 0.0
     for k in range(span):
         longest = max(longest, past[STROBES + (last - k) % RING, P_HOP_1 + i])
-    return longest / dm.T
+    return longest / dm.period
 
 
 @compiled
@@ -131,7 +131,7 @@ def mode_of(dm, past, at_rest):
 def landing_pattern(dm, past, span):
     """Of the long landings of the last `span` periods: those with one of the other end beside them, changes of end, all."""
     count = int(past[SCALARS, S_LANDINGS])
-    begin = (past[SCALARS, S_STROBES] - span) * dm.T
+    begin = (past[SCALARS, S_STROBES] - span) * dm.period
     together, turns, total, later_end = 0, 0, 0, -1.0
     for back in range(min(count, RING)):
         row = past[LANDINGS + (count - 1 - back) % RING]
@@ -152,7 +152,7 @@ def landing_pattern(dm, past, span):
 def beside(dm, past, landing, k):
     """Whether the k-th landing is one of the other end at nearly the same time."""
     row = past[LANDINGS + k % RING]
-    return row[G_END] != landing[G_END] and abs(row[G_TIME] - landing[G_TIME]) < TOGETHER * dm.T
+    return row[G_END] != landing[G_END] and abs(row[G_TIME] - landing[G_TIME]) < TOGETHER * dm.period
 
 
 @compiled

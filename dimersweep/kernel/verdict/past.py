@@ -56,7 +56,7 @@ G_TIME, G_END, G_LONG = range(3)
 @compiled
 def time_of(dm, state):
     """Time since the start [s]."""
-    return state[PERIOD] * dm.T + state[PHASE] / dm.omega
+    return state[PERIOD] * dm.period + state[PHASE] / dm.omega
 
 
 @compiled
@@ -85,13 +85,13 @@ def note_landing(dm, past, i, now):
     past[SCALARS, S_OFF_1 + i] = -1.0
     hop = now - off
     past[SCALARS, S_HOP_1 + i] = max(past[SCALARS, S_HOP_1 + i], hop)
-    if hop < HOP_LINE * dm.T:  # it counts as down after all, and crosses the last period boundary at most
+    if hop < HOP_LINE * dm.period:  # it counts as down after all, and crosses the last period boundary at most
         strobe = STROBES + (int(past[SCALARS, S_STROBES]) + RING - 1) % RING
         if past[strobe, P_OFF_1 + i] == off:
             past[strobe, P_OFF_1 + i] = -1.0
-    if hop < NOTED * dm.T:
+    if hop < NOTED * dm.period:
         return False
-    is_long = hop >= HOP_LINE * dm.T
+    is_long = hop >= HOP_LINE * dm.period
     row = LANDINGS + int(past[SCALARS, S_LANDINGS]) % RING
     past[row, G_TIME], past[row, G_END], past[row, G_LONG] = now, i, 1.0 if is_long else 0.0
     past[SCALARS, S_LANDINGS] += 1.0
@@ -119,7 +119,7 @@ def note_landings(dm, past, state):
             elif state[N1 + i] < 0.0 and not long_flight:
                 end = i
     other_off = past[SCALARS, S_OFF_1 + 1 - end]
-    return end, long_flight and (other_off < 0.0 or now - other_off < HOP_LINE * dm.T)
+    return end, long_flight and (other_off < 0.0 or now - other_off < HOP_LINE * dm.period)
 
 
 @compiled
@@ -165,7 +165,7 @@ def note_impact(dm, state, past, double, i, begins):
     now = time_of(dm, state)
     count = int(past[SCALARS, S_DOUBLES])
     row = DOUBLES + (count - 1) % RING if count > 0 else DOUBLES
-    burst = count > 0 and now - past[row, DE_TIME] < BURST * dm.T
+    burst = count > 0 and now - past[row, DE_TIME] < BURST * dm.period
     if burst:
         if not double and past[row, DE_BOUNCER] != i:
             return
