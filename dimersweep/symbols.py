@@ -254,6 +254,7 @@ QUANTITIES = {
     "runs": Quantity("1", "number of runs that the answer took, by their mode", 0),
     "axial_velocity": Quantity("m s-1", "mean velocity along the axis from the end that is down to the other one"),
     "computed": Quantity("1", "whether runs were made here; else as the cell around it"),
+    "direction": Quantity("1", "direction along the last axis in which the state is carried on"),
 }
 # numbers of an orbit, each with its change per forcing period
 ORBIT_NAMES = ("radius", "period", "zeta", "speed", "precession_rate", "impact_phase")

@@ -9,10 +9,13 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.cubes.cube import check_codes, names
+from dimersweep.cubes.grid import DIRECTIONS
 from dimersweep.cubes.reading import nearest
 from dimersweep.errors import ParameterError, unknown
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.model.layout import M_DRIFT, MODES
+from dimersweep.parameters import check_count, check_switch
+from dimersweep.runs.carrying import run_in_line
 from dimersweep.runs.run import Run
 from dimersweep.runs.simulating import simulate
 from dimersweep.runs.starting import parameters_of
@@ -80,7 +83,8 @@ class CubeAccessor:
         Parameters
         ----------
         **where : float or str
-            Axes and values, such as ``f=15, beta0="16 deg"``; or ``point=7``, its number, of points that are no grid.
+            Axes and values, such as ``f=15, beta0="16 deg"``; ``direction="down"`` where a state was carried; or
+            ``point=7``, its number, of points that are no grid.
 
         Raises
         ------
@@ -92,7 +96,8 @@ class CubeAccessor:
         for name, value in where.items():
             if name not in axes:
                 raise ParameterError(unknown(name, "axis of the cube", axes))
-            picked = nearest(picked, name, value) if name in PARAMETERS else _numbered(picked, name, value)
+            named = name in PARAMETERS or name == "direction"
+            picked = nearest(picked, name, value) if named else _numbered(picked, name, value)
         for name, n in axes.items():
             if name not in where and n != 1:
                 raise ParameterError(f"{name}: has {n} values; give one of them")
@@ -102,7 +107,7 @@ class CubeAccessor:
         """The run behind a point: the one nearest to values of the axes; of a search, the one that decided.
 
         It is the same run, bit for bit: one that had not settled after the `periods` of the cube was made anew, twice as long,
-        up to `max_periods`.
+        up to `max_periods`. Where a state was carried to it, the runs before it on its line are made first.
 
         Parameters
         ----------
@@ -129,6 +134,8 @@ class CubeAccessor:
                 "the cube was made by another version of the kernel; the run may differ from what it says of the point"
             )
             warnings.warn(line, RuntimeWarning, stacklevel=2)
+        if "direction" in configuration.get("grid", {}):
+            return self._in_line(point, configuration, periods, record)
         late = configuration.get("search", {}).get("orbit_periods", 0)
         given: dict[str, Any] = parameters_of(point) | {"rtol": configuration.get("rtol", 1e-8), "record": record}
         if periods is not None or late:
@@ -139,6 +146,17 @@ class CubeAccessor:
             if run.mode != "unresolved":
                 break
         return run
+
+    def _in_line(self, point: xr.Dataset, configuration: dict[str, Any], periods: int | None, record: bool) -> Run:
+        """The run behind a point to which a state was carried; those before it are made again."""
+        axis, values = list(configuration["grid"].items())[-1]
+        given = parameters_of(point)
+        along = values if DIRECTIONS[int(point["direction"])] == "up" else values[::-1]
+        before = [given | {axis: value} for value in along[: along.index(given[axis])]]
+        first, settles = configuration["periods"], configuration["stop_when_settled"]
+        how = first, configuration.get("max_periods", first), configuration["rtol"], settles
+        length = None if periods is None else check_count("periods", periods)
+        return run_in_line(before, given, how, record=check_switch("record", record), periods=length)
 
     def plot(
         self,

@@ -12,7 +12,7 @@ from dimersweep.kernel import kernel_version
 from dimersweep.storage.cubefiles import open_cube
 from dimersweep.storage.provenance import differences
 from dimersweep.studies.declaration import Declaration, PlotSection, PointsSection, SweepSection
-from dimersweep.studies.sweep_spec import Spec
+from dimersweep.studies.sweep_spec import Spec, without_directions
 
 MADE_BY = ("source", "git_commit", "python", "numpy", "numba", "llvmlite", "cpu")
 
@@ -58,6 +58,7 @@ def from_cube(path: str | os.PathLike[str], *, other_kernel: bool = False) -> De
 
 
 def _of_sweep(cube: xr.Dataset, configuration: Mapping[str, Any], path: str | os.PathLike[str]) -> Declaration:
+    axes, carry = without_directions(configuration.get("grid"))
     return Declaration(
         sweep=SweepSection(
             title=cube.attrs["title"],
@@ -67,9 +68,10 @@ def _of_sweep(cube: xr.Dataset, configuration: Mapping[str, Any], path: str | os
             stop_when_settled=configuration["stop_when_settled"],
             certify=configuration.get("certify", False),
             strobes=configuration.get("strobes", 0),
+            carry=carry,  # type: ignore[arg-type]
             output=str(path),
         ),
-        grid=configuration.get("grid"),
+        grid=axes,
         points=PointsSection(columns=configuration["points"]) if "points" in configuration else None,
         fixed=configuration["fixed"],
         plot=PlotSection(kind=cube.attrs.get("plot", "mode_map")),

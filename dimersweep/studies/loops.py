@@ -1,0 +1,240 @@
+"""Hysteresis: where the motions of a sweep that carries its state up and down an axis part, and where they meet again."""
+
+import json
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from dimersweep.cubes.cube import coordinate, label_variable
+from dimersweep.cubes.grid import DIRECTIONS, Grid
+from dimersweep.cubes.results import runs
+from dimersweep.errors import ParameterError
+from dimersweep.kernel.batch import Workspace
+from dimersweep.kernel.model.layout import CODE_MODE, CODE_MODE_PERIOD, M_FAILED, M_NOT_RUN, M_UNRESOLVED
+from dimersweep.parameters import as_number
+from dimersweep.runs.carrying import Link, carried
+from dimersweep.studies.sweep_spec import Spec
+from dimersweep.symbols import PARAMETERS, QUANTITIES, Quantity
+from dimersweep.work.stopping import StopFlag, stoppable
+
+OPEN = (M_NOT_RUN, M_FAILED, M_UNRESOLVED)  # modes of points of which it is not known what their motion is
+UP, DOWN = range(len(DIRECTIONS))
+ENDS = ("low", "high")
+PATIENCE = 16  # how much longer than a run of the line one may be that looks for the end of a loop
+
+
+class End(NamedTuple):
+    """One end of a loop: between two values of the axis, of which one lies inside.
+
+    Attributes
+    ----------
+    below, above : float
+        The two values; NaN both where the loop is not closed on the axis.
+    modes : tuple of int
+        Modes of motion, codes, on the way up and down at the value inside.
+    """
+
+    below: float
+    above: float
+    modes: tuple[int, int]
+
+
+Motion = tuple[int, int]  # mode, and forcing periods after which it repeats
+
+
+def loops(cube: xr.Dataset, *, within: float | None = None) -> xr.Dataset:
+    """The hysteresis loops of a cube: where going up and going down lead to different motions.
+
+    Motions differ if their modes or their periods in forcing periods do. Points that failed or have not settled are left out:
+    the ends of a loop lie between values at which both motions are known.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        Of `sweep` or `bifurcation` with ``carry="both"``.
+    within : float, optional
+        If given, ends are located to this, in the unit of the axis, by halving the step that they lie in: each new run starts
+        from the state carried up to it from below, and down to it from above. The lines of these loops are run again for
+        their states.
+
+    Returns
+    -------
+    xarray.Dataset
+        Along `loop`, one after the other on each line of the cube, in the unit of the axis: `low` and `high`, the middles of
+        the steps in which its ends lie, with `low_error` and `high_error`, half the lengths of these; NaN for an end that lies
+        beyond the axis. Besides the values of the other axes, and the modes on the way up and down next to each end inside
+        the loop, such as `mode_up_low`.
+
+    Raises
+    ------
+    ParameterError
+        If the cube has not both directions, or `within` is not positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from dimersweep import loops, sweep
+    >>> cube = sweep({"Gamma": np.linspace(0.7, 1.1, 9)}, periods=200, carry="both", progress=False)
+    >>> found = loops(cube, within=1e-3)
+    >>> found["low"].values.round(2).tolist()  # the drift that comes down ends here, and what rests goes on resting
+    [0.79]
+    """
+    if within is not None and not as_number("within", within) > 0:
+        raise ParameterError(f"within = {within}: must be > 0")
+    if not isinstance(cube, xr.Dataset) or cube.sizes.get("direction", 0) != len(DIRECTIONS):
+        raise ParameterError("loops: the cube has not both directions; make it with carry='both'")
+    configuration = json.loads(cube.attrs["configuration"])
+    axis = list(configuration["grid"])[-1]
+    others = [str(name) for name in cube["mode"].dims if name not in ("direction", axis)]
+    motions = {
+        name: cube[name].transpose(*others, "direction", axis).values.reshape(-1, len(DIRECTIONS), cube.sizes[axis])
+        for name in ("mode", "mode_period")
+    }
+    values = cube[axis].values
+    places = np.array(list(np.ndindex(*(cube.sizes[name] for name in others))), dtype=int)  # of each line
+    found: list[tuple[int, tuple[End, End]]] = []
+    for line in range(len(motions["mode"])):
+        ends = list(_ends(values, motions["mode"][line], motions["mode_period"][line]))
+        if ends and within is not None:
+            here = {name: float(cube[name].values[k]) for name, k in zip(others, places[line], strict=True)}
+            ends = _located(_line_of(configuration, here), ends, within)
+        found += [(line, pair) for pair in ends]
+    return _table(cube, axis, {name: places[:, k] for k, name in enumerate(others)}, found)
+
+
+def _ends(values: np.ndarray, mode: np.ndarray, period: np.ndarray) -> Iterator[tuple[End, End]]:
+    """The ends of the loops of one line, from modes and periods of shape (2, n)."""
+    known = np.flatnonzero(~np.isin(mode, OPEN).any(axis=0))
+    values, mode, period = values[known], mode[:, known], period[:, known]
+    for first, stop in runs((mode[UP] != mode[DOWN]) | (period[UP] != period[DOWN])):
+        low, high = ((int(mode[UP, k]), int(mode[DOWN, k])) for k in (first, stop - 1))
+        beyond = np.nan, np.nan
+        below = (values[first - 1], values[first]) if first else beyond
+        above = (values[stop - 1], values[stop]) if stop < values.size else beyond
+        yield End(below[0], below[1], low), End(above[0], above[1], high)
+
+
+def _line_of(configuration: dict[str, Any], here: dict[str, float]) -> Spec:
+    """The line at values of the other axes, as a sweep of its own."""
+    spec = Spec.from_configuration(configuration)
+    (axis,) = [name for name in spec.grid.axes if name not in here and name != "direction"]
+    axes = {name: spec.grid.axes[name] for name in ("direction", axis)}
+    return Spec(
+        Grid(axes, spec.grid.fixed | here),
+        spec.periods,
+        spec.rtol,
+        spec.stop_when_settled,
+        False,
+        spec.max_periods,
+    )
+
+
+def _located(spec: Spec, ends: list[tuple[End, End]], within: float) -> list[tuple[End, End]]:
+    """The same ends, located to `within`."""
+
+    def call(stop: StopFlag) -> list[tuple[End, End]]:
+        with stop.space() as space:
+            line = Line(spec, space)
+            return [(line.located(low, within, inside=1), line.located(high, within, inside=0)) for low, high in ends]
+
+    return stoppable(call)
+
+
+class Line:
+    """One line of the carried axis, run anew each way for the states at its values.
+
+    Parameters
+    ----------
+    spec : Spec
+        Of this line alone.
+    space : Workspace
+        Scratch arrays, which may be stopped.
+    """
+
+    def __init__(self, spec: Spec, space: Workspace) -> None:
+        self.spec, self.space = spec, space
+        *_, self.axis = spec.grid.axes
+        self.values = spec.grid.axes[self.axis]
+        n = self.values.size
+        rows = spec.grid.rows(0, n)
+        how = spec.periods, spec.max_periods, spec.rtol, spec.stop_when_settled
+        up, down = ([link.end for link in carried(each, *how, space)] for each in (rows, rows[::-1]))
+        self.ends = {UP: up, DOWN: down[::-1]}
+
+    def _row(self, value: float) -> np.ndarray:
+        grid = self.spec.grid
+        row: np.ndarray = Grid({self.axis: np.array([value])}, grid.fixed).rows(0, 1)[0]
+        return row
+
+    def _carry(self, start: np.ndarray | None, before: float, to: float) -> Link | None:
+        """Carry a state from one value to another; near an end motions settle slowly, and may take longer than on the line.
+
+        None if it was stopped.
+        """
+        spec = self.spec
+        how = spec.periods, PATIENCE * spec.max_periods, spec.rtol, spec.stop_when_settled, self.space
+        return next(carried([self._row(to)], *how, start, self._row(before)), None)
+
+    def located(self, end: End, within: float, inside: int) -> End:
+        """An end between values of the axis, located by halving; `inside` is 0 if the loop lies below it, 1 if above."""
+        if np.isnan(end.below):
+            return end
+        below, above, modes = end
+        k, j = (int(np.searchsorted(self.values, value)) for value in (below, above))
+        up, down = self.ends[UP][k], self.ends[DOWN][j]
+        while above - below > 2 * within:  # half of it is the error
+            middle = 0.5 * (below + above)
+            rising, falling = self._carry(up, below, middle), self._carry(down, above, middle)
+            if middle in (below, above) or rising is None or falling is None:
+                break
+            one, two = _motion(rising), _motion(falling)
+            if one[0] in OPEN or two[0] in OPEN:
+                break
+            if one != two:
+                modes = one[0], two[0]
+            if (one != two) == bool(inside):
+                above, down = middle, falling.end
+            else:
+                below, up = middle, rising.end
+        return End(below, above, modes)
+
+
+def _motion(link: Link) -> Motion:
+    return int(link.codes[0, CODE_MODE]), int(link.codes[0, CODE_MODE_PERIOD])
+
+
+def _table(
+    cube: xr.Dataset, axis: str, places: dict[str, np.ndarray], found: list[tuple[int, tuple[End, End]]]
+) -> xr.Dataset:
+    """The loops as a dataset."""
+    units = PARAMETERS[axis].units
+    lines = np.array([line for line, _ in found], dtype=int)
+    table = xr.Dataset(attrs={"axis": axis})
+    for name, numbers in places.items():
+        table[name] = ("loop", cube[name].values[numbers[lines]], PARAMETERS[name].attributes())
+    for k, which in enumerate(ENDS):
+        ends = [pair[k] for _, pair in found]
+        middle = np.array([0.5 * (end.below + end.above) for end in ends])
+        half = np.array([0.5 * (end.above - end.below) for end in ends])
+        table[which] = (
+            "loop",
+            middle,
+            {"units": units, "long_name": f"{which} end of the loop: {PARAMETERS[axis].long_name}"},
+        )
+        table[f"{which}_error"] = (
+            "loop",
+            half,
+            {"units": units, "long_name": f"half the step that the {which} end lies in"},
+        )
+    for k, which in enumerate(ENDS):
+        for way, word in enumerate(DIRECTIONS):
+            codes = np.array([pair[k].modes[way] for _, pair in found], dtype=np.int8)
+            flags = label_variable("mode", ("loop",), codes)
+            flags.attrs["long_name"] = (
+                f"{QUANTITIES['mode'].long_name} on the way {word}, inside the loop at its {which} end"
+            )
+            table[f"mode_{word}_{which}"] = flags
+    number = Quantity("1", "number of the loop")
+    return table.assign_coords(loop=coordinate("loop", np.arange(len(found)), number))
