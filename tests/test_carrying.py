@@ -453,3 +453,18 @@ def test_pictures_have_both_ways(both):
     diagram = bifurcation({"Gamma": GAMMA}, carry="both", strobes=2, **QUIET)
     titles = [title for title in shown(plots.draw(diagram)) if title]
     assert titles == ["going up", "going down"]
+
+
+def test_each_way_can_be_explored(both):
+    pytest.importorskip("panel")
+    from dimersweep.exploring.board import Board
+
+    board = Board(both)
+    assert (board.x, board.y) == ("Gamma", "e")
+    slider = board.sliders["direction"]
+    assert list(slider.options) == ["up", "down"]
+    slider.value = 1
+    shown = board.source.data["mode"].reshape(2, -1)
+    np.testing.assert_array_equal(shown, names(both["mode"]).isel(direction=1).values)
+    board.click(0.9, 0.6)
+    assert board.run.mode == names(both["mode"]).isel(direction=1).sel(e=0.6, Gamma=0.9, method="nearest").item()

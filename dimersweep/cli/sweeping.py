@@ -14,8 +14,12 @@ if TYPE_CHECKING:
 
 PRESET = "Declaration of the sweep: a file, or a preset such as fig07."
 
-CARRIED = "Carry the state on along the last axis, from value to value: for hysteresis."
-Carry = Annotated[str | None, typer.Option("--carry", help=CARRIED, metavar="up|down|both")]
+Carry = Annotated[
+    str | None,
+    typer.Option(
+        metavar="up|down|both", help="Carry the state on along the last axis, from value to value: for hysteresis."
+    ),
+]
 Declared = Annotated[Path | None, typer.Argument(metavar="SWEEP.toml", help=PRESET)]
 
 

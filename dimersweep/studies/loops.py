@@ -12,20 +12,20 @@ from dimersweep.cubes.grid import DIRECTIONS, Grid
 from dimersweep.cubes.results import runs
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.batch import Workspace
-from dimersweep.kernel.model.layout import CODE_MODE, CODE_MODE_PERIOD, M_FAILED, M_NOT_RUN, M_UNRESOLVED
+from dimersweep.kernel.model.layout import CODE_MODE, CODE_MODE_PERIOD
 from dimersweep.parameters import as_number
 from dimersweep.runs.carrying import Link, carried
+from dimersweep.studies.deciding import OPEN
 from dimersweep.studies.sweep_spec import Spec
 from dimersweep.symbols import PARAMETERS, QUANTITIES, Quantity
 from dimersweep.work.stopping import StopFlag, stoppable
 
-OPEN = (M_NOT_RUN, M_FAILED, M_UNRESOLVED)  # modes of points of which it is not known what their motion is
 UP, DOWN = range(len(DIRECTIONS))
-ENDS = ("low", "high")
-PATIENCE = 16  # how much longer than a run of the line one may be that looks for the end of a loop
+SIDES = ("low", "high")
+LONGER = 16  # how much longer than a run of the line one may be that looks for the end of a loop
 
 
-class End(NamedTuple):
+class LoopEnd(NamedTuple):
     """One end of a loop: between two values of the axis, of which one lies inside.
 
     Attributes
@@ -41,7 +41,7 @@ class End(NamedTuple):
     modes: tuple[int, int]
 
 
-Motion = tuple[int, int]  # mode, and forcing periods after which it repeats
+Verdict = tuple[int, int]  # mode, and forcing periods after which it repeats
 
 
 def loops(cube: xr.Dataset, *, within: float | None = None) -> xr.Dataset:
@@ -94,7 +94,7 @@ def loops(cube: xr.Dataset, *, within: float | None = None) -> xr.Dataset:
     }
     values = cube[axis].values
     places = np.array(list(np.ndindex(*(cube.sizes[name] for name in others))), dtype=int)  # of each line
-    found: list[tuple[int, tuple[End, End]]] = []
+    found: list[tuple[int, tuple[LoopEnd, LoopEnd]]] = []
     for line in range(len(motions["mode"])):
         ends = list(_ends(values, motions["mode"][line], motions["mode_period"][line]))
         if ends and within is not None:
@@ -104,7 +104,7 @@ def loops(cube: xr.Dataset, *, within: float | None = None) -> xr.Dataset:
     return _table(cube, axis, {name: places[:, k] for k, name in enumerate(others)}, found)
 
 
-def _ends(values: np.ndarray, mode: np.ndarray, period: np.ndarray) -> Iterator[tuple[End, End]]:
+def _ends(values: np.ndarray, mode: np.ndarray, period: np.ndarray) -> Iterator[tuple[LoopEnd, LoopEnd]]:
     """The ends of the loops of one line, from modes and periods of shape (2, n)."""
     known = np.flatnonzero(~np.isin(mode, OPEN).any(axis=0))
     values, mode, period = values[known], mode[:, known], period[:, known]
@@ -113,7 +113,7 @@ def _ends(values: np.ndarray, mode: np.ndarray, period: np.ndarray) -> Iterator[
         beyond = np.nan, np.nan
         below = (values[first - 1], values[first]) if first else beyond
         above = (values[stop - 1], values[stop]) if stop < values.size else beyond
-        yield End(below[0], below[1], low), End(above[0], above[1], high)
+        yield LoopEnd(below[0], below[1], low), LoopEnd(above[0], above[1], high)
 
 
 def _line_of(configuration: dict[str, Any], here: dict[str, float]) -> Spec:
@@ -131,18 +131,18 @@ def _line_of(configuration: dict[str, Any], here: dict[str, float]) -> Spec:
     )
 
 
-def _located(spec: Spec, ends: list[tuple[End, End]], within: float) -> list[tuple[End, End]]:
+def _located(spec: Spec, ends: list[tuple[LoopEnd, LoopEnd]], within: float) -> list[tuple[LoopEnd, LoopEnd]]:
     """The same ends, located to `within`."""
 
-    def call(stop: StopFlag) -> list[tuple[End, End]]:
+    def call(stop: StopFlag) -> list[tuple[LoopEnd, LoopEnd]]:
         with stop.space() as space:
-            line = Line(spec, space)
+            line = CarriedLine(spec, space)
             return [(line.located(low, within, inside=1), line.located(high, within, inside=0)) for low, high in ends]
 
     return stoppable(call)
 
 
-class Line:
+class CarriedLine:
     """One line of the carried axis, run anew each way for the states at its values.
 
     Parameters
@@ -174,10 +174,10 @@ class Line:
         None if it was stopped.
         """
         spec = self.spec
-        how = spec.periods, PATIENCE * spec.max_periods, spec.rtol, spec.stop_when_settled, self.space
+        how = spec.periods, LONGER * spec.max_periods, spec.rtol, spec.stop_when_settled, self.space
         return next(carried([self._row(to)], *how, start, self._row(before)), None)
 
-    def located(self, end: End, within: float, inside: int) -> End:
+    def located(self, end: LoopEnd, within: float, inside: int) -> LoopEnd:
         """An end between values of the axis, located by halving; `inside` is 0 if the loop lies below it, 1 if above."""
         if np.isnan(end.below):
             return end
@@ -198,15 +198,15 @@ class Line:
                 above, down = middle, falling.end
             else:
                 below, up = middle, rising.end
-        return End(below, above, modes)
+        return LoopEnd(below, above, modes)
 
 
-def _motion(link: Link) -> Motion:
+def _motion(link: Link) -> Verdict:
     return int(link.codes[0, CODE_MODE]), int(link.codes[0, CODE_MODE_PERIOD])
 
 
 def _table(
-    cube: xr.Dataset, axis: str, places: dict[str, np.ndarray], found: list[tuple[int, tuple[End, End]]]
+    cube: xr.Dataset, axis: str, places: dict[str, np.ndarray], found: list[tuple[int, tuple[LoopEnd, LoopEnd]]]
 ) -> xr.Dataset:
     """The loops as a dataset."""
     units = PARAMETERS[axis].units
@@ -214,7 +214,7 @@ def _table(
     table = xr.Dataset(attrs={"axis": axis})
     for name, numbers in places.items():
         table[name] = ("loop", cube[name].values[numbers[lines]], PARAMETERS[name].attributes())
-    for k, which in enumerate(ENDS):
+    for k, which in enumerate(SIDES):
         ends = [pair[k] for _, pair in found]
         middle = np.array([0.5 * (end.below + end.above) for end in ends])
         half = np.array([0.5 * (end.above - end.below) for end in ends])
@@ -228,7 +228,7 @@ def _table(
             half,
             {"units": units, "long_name": f"half the step that the {which} end lies in"},
         )
-    for k, which in enumerate(ENDS):
+    for k, which in enumerate(SIDES):
         for way, word in enumerate(DIRECTIONS):
             codes = np.array([pair[k].modes[way] for _, pair in found], dtype=np.int8)
             flags = label_variable("mode", ("loop",), codes)
