@@ -147,7 +147,9 @@ def _quantities(quantities: dict[str, Quantity]) -> Markdown:
 
 def quantities() -> Markdown:
     """Every variable that a cube may have besides its axes."""
-    return _quantities({name: quantity for name, quantity in QUANTITIES.items() if name != "outcome"})
+    return _quantities(
+        {name: quantity for name, quantity in QUANTITIES.items() if name not in ("outcome", "direction")}
+    )
 
 
 def events() -> Markdown:

@@ -221,6 +221,9 @@ def test_the_loop_of_rest_and_drift_begins_at_the_fold():
     fold = orbits.border("fold", "Gamma", over={"e": [0.6]}, spin=np.nanmin(spins[spins > 0]))["Gamma"].item()
     assert abs(coarse["low"].item() - fold) <= coarse["low_error"].item() == pytest.approx(0.025)
     assert fine["low_error"].item() <= 1e-5
+    assert coarse.attrs["cost"] == 0 < fine.attrs["cost"]
+    turned = loops(cube.isel(direction=[1, 0], Gamma=slice(None, None, -1)), within=1e-5)
+    assert turned.equals(fine)
     assert abs(fine["low"].item() - fold) < 2e-5
     assert np.isnan(fine["high"].item())  # it goes on beyond the axis
     assert [names(fine[f"mode_{word}_low"]).item() for word in ("up", "down")] == ["rest", "drift"]
@@ -254,6 +257,20 @@ def test_loops_need_both_ways(both):
             loops(cube)
     with pytest.raises(ParameterError, match="within = 0: must be > 0"):
         loops(both, within=0)
+
+
+def test_a_part_of_a_cube_has_the_loops_of_that_part(both):
+    whole, part = (loops(each, within=1e-3) for each in (both, both.sel(e=0.6)))
+    for name in ("low", "high", "low_error"):
+        np.testing.assert_array_equal(part[name], whole[name].values[whole["e"].values == 0.6])
+
+
+def test_another_kernel_is_told_of(both):
+    other = both.assign_attrs(
+        configuration=both.attrs["configuration"].replace('"kernel_version": "', '"kernel_version": "x')
+    )
+    with pytest.warns(RuntimeWarning, match="made by another version of the kernel; the ends may lie elsewhere"):
+        loops(other, within=0.1)
 
 
 def test_loops_tell_the_other_axes(both):

@@ -34,6 +34,13 @@ def _numbered(cube: xr.Dataset, name: str, value: Any) -> xr.Dataset:
     return cube.isel({name: int(value)})
 
 
+def warn_of_another_kernel(configuration: dict[str, Any], what: str) -> None:
+    """Warn of runs that are made again, by another kernel than that of their cube."""
+    if configuration.get("kernel_version", kernel_version()) != kernel_version():
+        line = f"the cube was made by another version of the kernel; {what}"
+        warnings.warn(line, RuntimeWarning, stacklevel=3)
+
+
 @xr.register_dataset_accessor("dimersweep")
 class CubeAccessor:
     """A cube of `sweep`, `search` or `refine`, as ``cube.dimersweep``.
@@ -129,11 +136,7 @@ class CubeAccessor:
         """
         point = self.at(**where)
         configuration = json.loads(self._cube.attrs.get("configuration", "{}"))
-        if configuration.get("kernel_version", kernel_version()) != kernel_version():
-            line = (
-                "the cube was made by another version of the kernel; the run may differ from what it says of the point"
-            )
-            warnings.warn(line, RuntimeWarning, stacklevel=2)
+        warn_of_another_kernel(configuration, "the run may differ from what it says of the point")
         if "direction" in configuration.get("grid", {}):
             return self._in_line(point, configuration, periods, record)
         late = configuration.get("search", {}).get("orbit_periods", 0)

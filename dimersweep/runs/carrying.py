@@ -11,6 +11,7 @@ from dimersweep.kernel.batch import N_START, Workspace, ask_for, is_stopped, run
 from dimersweep.kernel.model.body import dimer_of
 from dimersweep.kernel.model.layout import (
     CODE_MODE,
+    CODE_N_PERIODS,
     CODE_STATUS,
     D1,
     D2,
@@ -47,12 +48,15 @@ class Link(NamedTuple):
         State and friction modes that it started from; None for the start of its parameters.
     end : ndarray, shape (1, N_START), or None
         Those that the next one starts from: where it has ended, or what it started from if it did not reach its end.
+    cost : int
+        Forcing periods that were run for it.
     """
 
     out: np.ndarray
     codes: np.ndarray
     start: np.ndarray | None
     end: np.ndarray | None
+    cost: int
 
 
 def carried(
@@ -90,15 +94,16 @@ def carried(
         if start is not None and before is not None:
             start = fitted(start, before, row)
         out, codes = blank(1)
-        starts = np.zeros((0, N_START)) if start is None else start
+        starts, cost = np.zeros((0, N_START)) if start is None else start, 0
         for length in lengths(periods, max_periods):
             run_rows(row[None], starts, ask_for(length, rtol, settle), 0, out, codes, space, no_record())
+            cost += int(codes[0, CODE_N_PERIODS])
             if codes[0, CODE_MODE] != M_UNRESOLVED or is_stopped(space):
                 break
         if is_stopped(space):
             return
         end = _end_of(space) if codes[0, CODE_STATUS] == OK else start
-        yield Link(out, codes, start, end)
+        yield Link(out, codes, start, end, cost)
         before, start = row, end
 
 

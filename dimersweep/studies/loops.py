@@ -14,6 +14,7 @@ from dimersweep.errors import ParameterError
 from dimersweep.kernel.batch import Workspace
 from dimersweep.kernel.model.layout import CODE_MODE, CODE_MODE_PERIOD
 from dimersweep.parameters import as_number
+from dimersweep.runs.accessor import warn_of_another_kernel
 from dimersweep.runs.carrying import Link, carried
 from dimersweep.studies.deciding import OPEN
 from dimersweep.studies.sweep_spec import Spec
@@ -65,7 +66,7 @@ def loops(cube: xr.Dataset, *, within: float | None = None) -> xr.Dataset:
         Along `loop`, one after the other on each line of the cube, in the unit of the axis: `low` and `high`, the middles of
         the steps in which its ends lie, with `low_error` and `high_error`, half the lengths of these; NaN for an end that lies
         beyond the axis. Besides the values of the other axes, and the modes on the way up and down next to each end inside
-        the loop, such as `mode_up_low`.
+        the loop, such as `mode_up_low`. The attribute `cost` is the number of forcing periods that were run.
 
     Raises
     ------
@@ -86,8 +87,12 @@ def loops(cube: xr.Dataset, *, within: float | None = None) -> xr.Dataset:
     if not isinstance(cube, xr.Dataset) or cube.sizes.get("direction", 0) != len(DIRECTIONS):
         raise ParameterError("loops: the cube has not both directions; make it with carry='both'")
     configuration = json.loads(cube.attrs["configuration"])
-    axis = list(configuration["grid"])[-1]
+    if within is not None:
+        warn_of_another_kernel(configuration, "the ends may lie elsewhere than its modes say")
+    *_, axis = configuration["grid"]
+    cube = cube.sel(direction=[UP, DOWN]).sortby(axis)
     others = [str(name) for name in cube["mode"].dims if name not in ("direction", axis)]
+    alone = {name: cube[name].item() for name in configuration["grid"] if name not in cube["mode"].dims}
     motions = {
         name: cube[name].transpose(*others, "direction", axis).values.reshape(-1, len(DIRECTIONS), cube.sizes[axis])
         for name in ("mode", "mode_period")
@@ -95,13 +100,16 @@ def loops(cube: xr.Dataset, *, within: float | None = None) -> xr.Dataset:
     values = cube[axis].values
     places = np.array(list(np.ndindex(*(cube.sizes[name] for name in others))), dtype=int)  # of each line
     found: list[tuple[int, tuple[LoopEnd, LoopEnd]]] = []
+    cost = 0
     for line in range(len(motions["mode"])):
         ends = list(_ends(values, motions["mode"][line], motions["mode_period"][line]))
         if ends and within is not None:
             here = {name: float(cube[name].values[k]) for name, k in zip(others, places[line], strict=True)}
-            ends = _located(_line_of(configuration, here), ends, within)
+            ends, spent = _located(_line_of(configuration, alone | here), ends, within)
+            cost += spent
         found += [(line, pair) for pair in ends]
-    return _table(cube, axis, {name: places[:, k] for k, name in enumerate(others)}, found)
+    table = _table(cube, axis, {name: places[:, k] for k, name in enumerate(others)}, found)
+    return table.assign_attrs(axis=axis, cost=cost)
 
 
 def _ends(values: np.ndarray, mode: np.ndarray, period: np.ndarray) -> Iterator[tuple[LoopEnd, LoopEnd]]:
@@ -131,13 +139,16 @@ def _line_of(configuration: dict[str, Any], here: dict[str, float]) -> Spec:
     )
 
 
-def _located(spec: Spec, ends: list[tuple[LoopEnd, LoopEnd]], within: float) -> list[tuple[LoopEnd, LoopEnd]]:
-    """The same ends, located to `within`."""
+def _located(
+    spec: Spec, ends: list[tuple[LoopEnd, LoopEnd]], within: float
+) -> tuple[list[tuple[LoopEnd, LoopEnd]], int]:
+    """The same ends, located to `within`, and the forcing periods that this took."""
 
-    def call(stop: StopFlag) -> list[tuple[LoopEnd, LoopEnd]]:
+    def call(stop: StopFlag) -> tuple[list[tuple[LoopEnd, LoopEnd]], int]:
         with stop.space() as space:
             line = CarriedLine(spec, space)
-            return [(line.located(low, within, inside=1), line.located(high, within, inside=0)) for low, high in ends]
+            found = [(line.located(low, within, inside=1), line.located(high, within, inside=0)) for low, high in ends]
+            return found, line.cost
 
     return stoppable(call)
 
@@ -160,8 +171,9 @@ class CarriedLine:
         n = self.values.size
         rows = spec.grid.rows(0, n)
         how = spec.periods, spec.max_periods, spec.rtol, spec.stop_when_settled
-        up, down = ([link.end for link in carried(each, *how, space)] for each in (rows, rows[::-1]))
-        self.ends = {UP: up, DOWN: down[::-1]}
+        up, down = (list(carried(each, *how, space)) for each in (rows, rows[::-1]))
+        self.ends = {UP: [link.end for link in up], DOWN: [link.end for link in down[::-1]]}
+        self.cost = sum(link.cost for link in (*up, *down))
 
     def _row(self, value: float) -> np.ndarray:
         grid = self.spec.grid
@@ -189,6 +201,7 @@ class CarriedLine:
             rising, falling = self._carry(up, below, middle), self._carry(down, above, middle)
             if middle in (below, above) or rising is None or falling is None:
                 break
+            self.cost += rising.cost + falling.cost
             one, two = _motion(rising), _motion(falling)
             if one[0] in OPEN or two[0] in OPEN:
                 break
@@ -211,7 +224,7 @@ def _table(
     """The loops as a dataset."""
     units = PARAMETERS[axis].units
     lines = np.array([line for line, _ in found], dtype=int)
-    table = xr.Dataset(attrs={"axis": axis})
+    table = xr.Dataset()
     for name, numbers in places.items():
         table[name] = ("loop", cube[name].values[numbers[lines]], PARAMETERS[name].attributes())
     for k, which in enumerate(SIDES):
