@@ -126,6 +126,11 @@ def test_the_run_behind_a_point(both):
     assert again is None or again.mode == run.mode
 
 
+def test_a_point_alone_does_not_tell_what_was_carried_to_it(both):
+    with pytest.raises(ParameterError, match="start: to this point a state was carried"):
+        simulate(start=both.dimersweep.at(e=0.6, direction="up", Gamma=0.9))
+
+
 def test_strobes_go_on_from_the_run_that_carried_on(both):
     diagram = bifurcation(GRID, carry="both", strobes=3, **QUIET)
     assert_same_bits(diagram[list(both.data_vars)], both)

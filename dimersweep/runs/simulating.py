@@ -80,6 +80,10 @@ def simulate(
         if name not in INSTEAD:
             check_name(name)
     if is_point(start):
+        if "direction" in start.coords:
+            raise ParameterError(
+                "start: to this point a state was carried, which the cube does not hold; take cube.dimersweep.run(...)"
+            )
         parameters, start = updated(parameters_of(start), parameters), None
     begun = None if start is None else start_of(start)
     given = Parameters(**(parameters if begun is None else _with_start(parameters, begun)))
