@@ -146,11 +146,12 @@ def test_the_mirror_image_of_a_start_has_the_mirror_image_of_its_motion():
 
 
 @jit
-@pytest.mark.parametrize("seed", [0, 3, 4])
+@pytest.mark.parametrize("seed", range(10))
 def test_starts_against_the_slow_oracle(seed):
+    """Hops below 1e-8 m/s are beyond the oracle where the plate is tilted: it lets an end fall through (seed 2)."""
     scene = started_scene(seed)
     times = sample_times(scene, periods=1)
-    expected = oracle.simulate(scene, times, rtol=1e-9, v_rest=1e-9)
+    expected = oracle.simulate(scene, times, rtol=1e-9, v_rest=1e-8)
     assert expected["status"] == "done"
     states, _ = engine_states(scene, times, 1e-10)
     assert difference(states, expected["samples"][:, 1:]) < 1e-6

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests import oracle
-from tests.checks.scenes import difference, engine_states, random_scene, sample_times, started_scene, wider_scene
+from tests.checks.scenes import difference, engine_states, random_scene, sample_times, wider_scene
 
 pytestmark = pytest.mark.jit
 
@@ -39,7 +39,7 @@ def test_stored_runs_are_the_scenes_that_matter():
 @pytest.mark.slow
 @pytest.mark.skipif(not os.environ.get("DIMERSWEEP_SLOW"), reason="an hour: set DIMERSWEEP_SLOW=1")
 @pytest.mark.parametrize("seed", range(30))
-@pytest.mark.parametrize("drawn", [random_scene, wider_scene, started_scene])
+@pytest.mark.parametrize("drawn", [random_scene, wider_scene])
 def test_random_scenes(drawn, seed):
     scene = drawn(seed)
     times = sample_times(scene)
