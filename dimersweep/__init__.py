@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from dimersweep.runs.saving import load_run
     from dimersweep.runs.simulating import simulate
     from dimersweep.storage.cubefiles import open_cube
+    from dimersweep.studies.loops import loops
     from dimersweep.studies.refine import refine
     from dimersweep.studies.search import search
     from dimersweep.studies.sweep import bifurcation, sweep
@@ -39,6 +40,7 @@ __all__ = [
     "bifurcation",
     "explore",
     "load_run",
+    "loops",
     "names",
     "open_cube",
     "orbits",
@@ -58,6 +60,7 @@ _HOME = {
     "bifurcation": "studies.sweep",
     "explore": "exploring.serving",
     "load_run": "runs.saving",
+    "loops": "studies.loops",
     "names": "cubes.cube",
     "open_cube": "storage.cubefiles",
     "refine": "studies.refine",

@@ -61,6 +61,7 @@ RULES = (
     Rule("tilt", lambda value: (value >= 0) & (value < pi / 2), 'in [0, pi/2) (radians; degrees as "2 deg")'),
     Rule("Gamma_x", _not_negative, ">= 0 (turn it by phi_x)"),
     Rule("Gamma_y", _not_negative, ">= 0 (turn it by phi_y)"),
+    Rule("gap0", _not_negative, ">= 0 (the lower end would be below the plate)"),
 )
 
 
@@ -243,7 +244,12 @@ class Parameters:
         Initial dip angle [rad], below pi/2 in size, and velocity of ball 1 along X in the room [m s-1]. Level is at
         sin(beta) = (r_2 - r_1)/l: a smaller dip angle puts p2 on the plate.
     theta0 : float
-        Initial heading [rad], the angle of the axis from Y. It counts where the plate is tilted or moves along itself.
+        Initial heading [rad], the angle of the axis from Y.
+    ydot0, betadot0, thetadot0, gammadot0 : float
+        Initial velocity of ball 1 along Y in the room [m s-1], and rates of dip, precession and spinning angle [rad s-1].
+        With `xdot0` they are the first derivatives of the paper's coordinates; that of z1, the height of ball 1, is zero.
+    gap0 : float
+        Initial height of the lower end's contact point over the plate [m], not negative.
     eta, k_ratio : float
         Exponent of the contacts in an impact, F = k X^eta [1], 3/2 for Hertz's law; k_2/k_1, None for sqrt(r_2/r_1).
     tilt, azimuth : float
@@ -306,6 +312,11 @@ class Parameters:
     Gamma_y: float = 0.0
     phi_y: float = 0.0
     theta0: float = 0.0
+    ydot0: float = 0.0
+    betadot0: float = 0.0
+    thetadot0: float = 0.0
+    gammadot0: float = 0.0
+    gap0: float = 0.0
     l: InitVar[float | None] = None  # noqa: E741 - the paper's symbol
 
     def __post_init__(self, length: float | None) -> None:

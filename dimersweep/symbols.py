@@ -34,7 +34,7 @@ PARAMETERS = {
     "mu": Quantity("1", "coefficient of slip friction"),
     "mu_s": Quantity("1", "coefficient of stick friction (inside impacts only, where mu_h is given)"),
     "beta0": Quantity("rad", "initial dip angle"),
-    "xdot0": Quantity("m s-1", "initial lateral velocity of ball 1"),
+    "xdot0": Quantity("m s-1", "initial velocity of ball 1 along X"),
     "phi0": Quantity("rad", "phase of the plate at the start"),
     "r": Quantity("m", "radius of the balls"),
     "rho_b": Quantity("kg m-3", "density of the balls"),
@@ -65,9 +65,16 @@ PARAMETERS = {
     "Gamma_y": Quantity("1", "vibration intensity along the plate's axis Y, A_y omega^2 / g"),
     "phi_y": Quantity("rad", "phase of that vibration before the one along the normal"),
     "theta0": Quantity("rad", "initial heading: angle of the axis from the plate's axis Y"),
+    "ydot0": Quantity("m s-1", "initial velocity of ball 1 along Y"),
+    "betadot0": Quantity("rad s-1", "initial rate of the dip angle"),
+    "thetadot0": Quantity("rad s-1", "initial rate of the precession angle"),
+    "gammadot0": Quantity("rad s-1", "initial rate of the spinning angle"),
+    "gap0": Quantity("m", "initial height of the lower end over the plate"),
 }
 # parameters that the two ends may have each of their own: X is the value of both, X_1 and X_2, where given, are those of p1, p2
 ENDS = {name: (f"{name}_1", f"{name}_2") for name in PARAMETERS if f"{name}_1" in PARAMETERS}
+# parameters of the start but for the plate's phase: a run that is given a state to start from takes none of them
+START = ("beta0", "xdot0", "theta0", "ydot0", "betadot0", "thetadot0", "gammadot0", "gap0")
 # what a run takes in place of a parameter: that parameter, and what it is
 INSTEAD = {"l": ("A_r", Quantity("m", "distance between the centres of the balls, in place of A_r"))}
 # what the parameters that may be left out are then: the value of another parameter, or a number
@@ -80,7 +87,8 @@ LEFT_OUT: dict[str, str | float] = {
     "mu_h_2": "mu_s_2",
     "eta": 1.5,  # Hertz's law, in which the stiffness goes with the root of the radius
     "k_ratio": "sqrt(r_2/r_1)",
-    **dict.fromkeys(("tilt", "azimuth", "Gamma_x", "phi_x", "Gamma_y", "phi_y", "theta0"), 0.0),
+    **dict.fromkeys(("tilt", "azimuth", "Gamma_x", "phi_x", "Gamma_y", "phi_y"), 0.0),
+    **dict.fromkeys(("theta0", "ydot0", "betadot0", "thetadot0", "gammadot0", "gap0"), 0.0),
 }
 # how the parameters are written: in TeX, and in plain letters
 SYMBOLS = {
@@ -110,6 +118,11 @@ SYMBOLS = {
     "Gamma_y": (r"\Gamma_y", "Γ_y"),
     "phi_y": (r"\phi_y", "φ_y"),
     "theta0": (r"\theta(0)", "θ(0)"),
+    "ydot0": (r"\dot{y}_1(0)", "ẏ(0)"),
+    "betadot0": (r"\dot{\beta}(0)", "β\u0307(0)"),
+    "thetadot0": (r"\dot{\theta}(0)", "θ\u0307(0)"),
+    "gammadot0": (r"\dot{\gamma}(0)", "γ\u0307(0)"),
+    "gap0": (r"\delta(0)", "δ(0)"),
 }
 CAPTION = ("xdot0", "A_r", "e", "Gamma", "f", "mu", "mu_s", "beta0")  # what the paper's captions give
 
@@ -215,6 +228,7 @@ QUANTITIES = {
     "runs": Quantity("1", "number of runs that the answer took, by their mode", 0),
     "axial_velocity": Quantity("m s-1", "mean velocity along the axis from the end that is down to the other one"),
     "computed": Quantity("1", "whether runs were made here; else as the cell around it"),
+    "direction": Quantity("1", "direction along the last axis in which the state is carried on"),
 }
 
 # what a recorded run gives of each event, and of each moment

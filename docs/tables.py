@@ -62,6 +62,10 @@ WORDS = {
         "unsure": "runs failed or did not settle, and the answer depends on them",
     },
     "computed": {"no": "the values are those of the cell around the point", "yes": "runs were made at this point"},
+    "direction": {
+        "up": "from the least value of the last axis to its greatest",
+        "down": "from its greatest value to its least",
+    },
     "confidence": {
         "not_run": "the point was not certified",
         "certain": "both further runs come to the same mode and settle in the same period",
@@ -154,7 +158,9 @@ def _quantities(quantities: dict[str, Quantity]) -> Markdown:
 
 def quantities() -> Markdown:
     """Every variable that a cube may have besides its axes."""
-    return _quantities({name: quantity for name, quantity in QUANTITIES.items() if name != "outcome"})
+    return _quantities(
+        {name: quantity for name, quantity in QUANTITIES.items() if name not in ("outcome", "direction")}
+    )
 
 
 def events() -> Markdown:
@@ -213,7 +219,9 @@ def presets() -> Markdown:
     for small in sorted(SWEEPS.glob("*-small.toml")):
         name = small.stem.removesuffix("-small")
         declared = tomllib.loads((SWEEPS / f"{name}.toml").read_text(encoding="utf-8"))
-        over = declared.get("search", {}).get("over")
-        axes = ", ".join(f"`{axis}`" + (" (searched)" if axis == over else "") for axis in declared["grid"])
+        marks = {declared.get("search", {}).get("over"): " (searched)"}
+        if declared["sweep"].get("carry"):
+            marks[list(declared["grid"])[-1]] = " (the state is carried along it)"
+        axes = ", ".join(f"`{axis}`{marks.get(axis, '')}" for axis in declared["grid"])
         rows.append((f"`{name}`", declared["sweep"]["title"], axes))
     return _table(("name", "what it holds", "axes"), rows)

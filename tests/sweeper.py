@@ -4,6 +4,7 @@ import sys
 import time
 from pathlib import Path
 
+import dimersweep.runs.carrying
 import dimersweep.work.tiles
 from dimersweep import sweep
 from dimersweep.studies.datasets import make
@@ -14,11 +15,14 @@ GRID = {"Gamma": [0.5, 0.9, 1.2], "beta0": {"start": 0.2, "stop": 80, "num": 110
 SETTINGS = {"fixed": {"mu": 0.15}, "periods": 50}
 SEARCHED = {"Gamma": [0.5, 0.7, 0.8, 0.9, 1.0, 1.2], "f": [15, 20, 25, 30], "beta0": [0.1, 0.3, 0.5, 0.7, 0.9]}
 SEARCH = {"over": "beta0", "periods": 60, "orbit_periods": 30, "paths": {"periods": 10, "per_period": 4}}
+TURNED = {"e": [0.45, 0.5, 0.55, 0.6, 0.65], "Gamma": {"start": 0.75, "stop": 1.1, "num": 8}}
+CARRY = {"carry": "both", "periods": 60, "strobes": 3}
 SMALL_MAP = Path(__file__).parents[1] / "sweeps" / "fig08-small.toml"
 
 MAKERS = {
     "sweep": lambda out, **how: sweep(GRID, **SETTINGS, out=out, progress=False, **how),
     "search": lambda out, **how: search(SEARCHED, **SEARCH, out=out, progress=False, **how),
+    "carry": lambda out, **how: sweep(TURNED, **CARRY, out=out, progress=False, **how),
     "map": lambda out, **how: make(read_declaration(SMALL_MAP), out, progress=False, **how),
 }
 
@@ -32,7 +36,14 @@ def slow_down(seconds):
         time.sleep(seconds * made)
         return made
 
+    one_of_a_line = dimersweep.runs.carrying.run_rows
+
+    def run_rows(*given):
+        time.sleep(seconds)
+        return one_of_a_line(*given)
+
     dimersweep.work.tiles.run_many = run_many
+    dimersweep.runs.carrying.run_rows = run_rows
 
 
 if __name__ == "__main__":

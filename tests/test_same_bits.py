@@ -82,9 +82,9 @@ def test_zarr(serial, tmp_path, monkeypatch):
 
 @pytest.fixture(scope="module")
 def others(serial, tmp_path_factory):
-    """Of each kind, the cube that nothing has disturbed: for a search and a map, in one thread and without any file."""
+    """Of each kind, the cube that nothing has disturbed: but for the sweep, in one thread and without any file."""
     made = {"sweep": serial}
-    for kind in ("search", "map"):
+    for kind in ("search", "map", "carry"):
         made[kind] = MAKERS[kind](None, workers=1)
     return made
 
@@ -128,7 +128,7 @@ def finished_points(out):
     return read_manifest(manifest).done if manifest.exists() else 0
 
 
-@pytest.mark.parametrize(("kind", "kills"), [("sweep", 5), ("search", 3), ("map", 3)])
+@pytest.mark.parametrize(("kind", "kills"), [("sweep", 5), ("search", 3), ("map", 3), ("carry", 3)])
 def test_kills_at_random_moments(others, tmp_path, kind, kills):
     out, chance = tmp_path / "cube.nc", random.Random(kills)
     done = []

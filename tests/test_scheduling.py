@@ -398,6 +398,7 @@ class Endless(NamedTuple):
     """Work that goes on until it is stopped."""
 
     kind: np.dtype = RESULT
+    line: int = 1
 
     def advance(self, points, results, space):
         """Wait for the stop."""

@@ -4,6 +4,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping
 from json import loads
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -146,6 +147,8 @@ def print_cube(cube: "xr.Dataset") -> None:
 
         sure = Counter(names(cube["confidence"]).values.ravel().tolist())
         typer.echo("modes that are " + ", ".join(f"{word} {count}" for word, count in sure.most_common()))
+    if cube.sizes.get("direction", 0) > 1:
+        _print_loops(cube)
     if cube.attrs.get("plot") != "segments" or "beta0" not in cube["mode"].dims or cube["mode"].squeeze().ndim > 2:
         return
     lengths = drift_lengths(cube)
@@ -153,3 +156,22 @@ def print_cube(cube: "xr.Dataset") -> None:
     units = PARAMETERS[name].units
     for value, length in zip(lengths[name].values, lengths.values, strict=True):
         typer.echo(f"{name} = {value:g} {units}: initial dip angles that drift make up {length:.4f} rad in all")
+
+
+def _print_loops(cube: "xr.Dataset") -> None:
+    """Where going up and going down lead to different motions, a line for each loop."""
+    from dimersweep.studies.loops import loops
+    from dimersweep.symbols import given
+
+    found = loops(cube)
+    for k in range(found.sizes["loop"]):
+        loop = found.isel(loop=k)
+        where = ", ".join(given(str(name), loop[name].item()) for name in loop.data_vars if name in PARAMETERS)
+        ends = " to ".join(_end(loop, which) for which in ("low", "high"))
+        typer.echo(f"{where + ': ' if where else ''}up and down differ from {found.attrs['axis']} = {ends}")
+
+
+def _end(loop: "xr.Dataset", which: str) -> str:
+    """One end of a loop, with the step that it lies in, such as 0.785 ± 0.005."""
+    value = loop[which].item()
+    return f"{value:.6g} ± {loop[f'{which}_error'].item():.2g}" if isfinite(value) else "beyond the axis"

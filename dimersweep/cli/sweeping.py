@@ -13,6 +13,13 @@ if TYPE_CHECKING:
     from dimersweep.studies.declaration import Declaration
 
 PRESET = "Declaration of the sweep: a file, or a preset such as fig07."
+
+Carry = Annotated[
+    str | None,
+    typer.Option(
+        metavar="up|down|both", help="Carry the state on along the last axis, from value to value: for hysteresis."
+    ),
+]
 Declared = Annotated[Path | None, typer.Argument(metavar="SWEEP.toml", help=PRESET)]
 
 
@@ -39,6 +46,7 @@ def run(
     certify: Annotated[
         bool, typer.Option("--certify", help="Say how sure each mode is; about 2.5 times the time.")
     ] = False,
+    carry: Carry = None,
     plot: Annotated[bool, typer.Option(help="Draw the cube beside its file.")] = True,
     force: Force = False,
 ) -> None:
@@ -56,7 +64,7 @@ def run(
         from dimersweep.studies.datasets import run_study
         from dimersweep.studies.options import make_options
 
-        study = declared.study(periods=periods, rtol=rtol, certify=certify)
+        study = declared.study(periods=periods, rtol=rtol, certify=certify, carry=carry)
         if plot and not cube_file.exists():
             judge_picture(declared, study)
             check_picture_of(study.configuration, picture, force=forced)
@@ -101,6 +109,7 @@ def plan(
     workers: Workers = None,
     periods: Periods = None,
     rtol: Rtol = None,
+    carry: Carry = None,
 ) -> None:
     """Print points, size and time of a declared sweep from a timed sample; nothing is written."""
     from dimersweep.studies.declaration import read_declaration
@@ -110,7 +119,8 @@ def plan(
     from dimersweep.work.progress import report_compiling
 
     declared = read_declaration(find_declaration(declaration))
-    study, threads = declared.study(periods=periods, rtol=rtol), make_how(workers).workers
+    study = declared.study(periods=periods, rtol=rtol, carry=carry)
+    threads = make_how(workers).workers
     report_compiling()
     for line in plan(study, threads, Path(declared.sweep.output)).lines():
         typer.echo(line)

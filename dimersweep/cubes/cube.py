@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from dimersweep.cubes.grid import DIRECTIONS
 from dimersweep.cubes.points import AnyGrid
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.kernel.model.layout import (
@@ -25,6 +26,7 @@ FLAGS = {
     "region": (*MODES, "mixed"),
     "computed": ("no", "yes"),
     "confidence": ("not_run", "certain", "unsure", "changed"),
+    "direction": DIRECTIONS,
 }
 _SUMMED = {"fletcher32": True}  # a checksum that the NetCDF library itself tests, in any program that reads the file
 PACKED = {"zlib": True, "complevel": 4, "shuffle": True, **_SUMMED}
@@ -120,7 +122,10 @@ def build(
 def coordinates_of(grid: AnyGrid) -> dict[str, xr.Variable]:
     """The axes of a grid, or the columns of single points; and every fixed parameter."""
     given = PARAMETERS | {"point": Quantity("1", "number of the point")}
-    coordinates = {name: coordinate(name, value, given[name]) for name, value in (grid.axes | grid.fixed).items()}
+    axes = {name: value for name, value in (grid.axes | grid.fixed).items() if name != "direction"}
+    coordinates = {name: coordinate(name, value, given[name]) for name, value in axes.items()}
+    if "direction" in grid.axes:
+        coordinates["direction"] = label_variable("direction", ("direction",), grid.axes["direction"])
     for name, values in grid.columns.items():
         coordinates[name] = xr.Variable(("point",), values, PARAMETERS[name].attributes())
         coordinates[name].encoding.update(_SUMMED, _FillValue=None)

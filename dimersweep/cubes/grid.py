@@ -14,12 +14,13 @@ import numpy as np
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import DEGREES, as_number, as_numbers, check_count, number, units_taken
 from dimersweep.parameters import check, check_effect, check_name, fill_rows, keeps_rules
-from dimersweep.symbols import BASE, ENDS, PARAMETERS
+from dimersweep.symbols import BASE, ENDS, PARAMETERS, START
 
 MAX_POINTS = 50_000_000  # of an axis, and of a cube in memory: about 14 GB, see benchmarks/speed/memory.py
 
 RATIO_DIGITS = 40  # that values in a fixed ratio are reckoned with
 STEP_TOLERANCE = 1e-9  # of a number of steps that counts as whole, times that number
+DIRECTIONS = ("up", "down")  # of a state that is carried along an axis; their places are the codes
 _FORMS = "give values, or start, stop and either step or num; unit is optional, and spacing = log with num"
 Reader = Callable[[str, Any], float]
 
@@ -207,8 +208,14 @@ class Grid:
     def point(self, number: int) -> str:
         """Such as ``point 7 (Gamma = 0.9, beta0 = 0.2)``."""
         places = np.unravel_index(number, self.shape)
-        values = (f"{name} = {float(axis[k])!r}" for (name, axis), k in zip(self.axes.items(), places, strict=True))
-        return f"point {number} ({', '.join(values)})"
+        values = {name: axis[k] for (name, axis), k in zip(self.axes.items(), places, strict=True)}
+        told = (f"{name} = {_told(name, value)}" for name, value in values.items())
+        return f"point {number} ({', '.join(told)})"
+
+    @property
+    def line(self) -> int:
+        """Points that make one piece of work: a line of the last axis where a state is carried along that, else one."""
+        return self.shape[-1] if "direction" in self.axes else 1
 
     def configuration(self) -> dict[str, Any]:
         """The part of a configuration that gives the points."""
@@ -237,6 +244,36 @@ class Grid:
             if last > first:
                 break
         return Grid(axes, self.fixed), start - lead
+
+
+def _told(name: str, value: Any) -> str:
+    return DIRECTIONS[value] if name == "direction" else repr(float(value))
+
+
+def carry_of(directions: Collection[int]) -> str:
+    """What `carry` was where these directions, codes, are in a grid: up, down or both."""
+    return "both" if len(directions) == len(DIRECTIONS) else DIRECTIONS[next(iter(directions))]
+
+
+def with_directions(grid: Grid, carry: Any) -> Grid:
+    """A grid along whose last axis the state is carried: with an axis `direction`, of codes, before that one.
+
+    Raises
+    ------
+    ParameterError
+        If `carry` is no direction, or the last axis is of the start, which only the first run of a line has.
+    """
+    if carry not in (*DIRECTIONS, "both"):
+        raise ParameterError(f"carry = {carry!r}: must be one of {', '.join(DIRECTIONS)}, both")
+    *others, last = grid.axes
+    if last in (*START, "phi0"):
+        raise ParameterError(
+            f"carry = {carry!r}: goes along the last axis, {last}, which is of the start and changes no later run; "
+            "make another axis the last one"
+        )
+    codes = [k for k, word in enumerate(DIRECTIONS) if carry in (word, "both")]
+    axes = {name: grid.axes[name] for name in others} | {"direction": np.array(codes), last: grid.axes[last]}
+    return Grid(axes, grid.fixed)
 
 
 def legal_points(grid: Grid) -> np.ndarray:

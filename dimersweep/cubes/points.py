@@ -55,6 +55,8 @@ class Points:
         """Values of the parameters that vary at `points`, of the same shape."""
         return {name: values[points] for name, values in self.columns.items()}
 
+    line = 1  # see `Grid.line`
+
     def point(self, number: int) -> str:
         """Such as ``point 7 (Gamma = 0.9, beta0 = 0.2)``."""
         values = (f"{name} = {float(values[number])!r}" for name, values in self.columns.items())

@@ -9,6 +9,7 @@ from contourpy import contour_generator
 from scipy.interpolate import CubicSpline
 
 from dimersweep.cubes.cube import names
+from dimersweep.cubes.grid import DIRECTIONS
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import number
 from dimersweep.kernel.model.layout import M_DRIFT, MODES
@@ -36,15 +37,17 @@ def nearest(cube: xr.Dataset, name: str, value: Any) -> xr.Dataset:
     ----------
     cube : xarray.Dataset
     name : str
-        A parameter that is an axis of it.
+        A parameter that is an axis of it, or `direction`.
     value : float or str
-        As in `number`.
+        As in `number`; of a direction its word.
 
     Raises
     ------
     ParameterError
         If it lies beyond the cells of that axis: an angle in degrees, for example, without its unit.
     """
+    if name == "direction":
+        return cube.sel(direction=_direction_in(cube, value))
     values, wanted = cube[name].values, number(name, value)
     if not values.size:
         raise ParameterError(f"{name}: the axis is empty")
@@ -53,6 +56,14 @@ def nearest(cube: xr.Dataset, name: str, value: Any) -> xr.Dataset:
         units = "" if PARAMETERS[name].units == "1" else f" {PARAMETERS[name].units}"
         raise ParameterError(f"{name} = {wanted:g}: must lie on the axis, {values[0]:g} to {values[-1]:g}{units}")
     return cube.sel({name: wanted}, method="nearest")
+
+
+def _direction_in(cube: xr.Dataset, value: Any) -> int:
+    """The code of a direction in which the state of a cube was carried, from its word."""
+    words = [DIRECTIONS[code] for code in cube["direction"].values.tolist()]
+    if value not in words:
+        raise ParameterError(f"direction = {value!r}: must be {' or '.join(words)}")
+    return DIRECTIONS.index(value)
 
 
 def _middles(values: np.ndarray) -> np.ndarray:

@@ -30,6 +30,8 @@ MOST_CELLS = 250_000  # of one map: more would make the page slow
 
 def label_of(name: str) -> str:
     """An axis and its unit, in plain letters."""
+    if name == "direction":
+        return name
     return symbol(name) + _in_brackets(units_of(name))
 
 
@@ -77,7 +79,8 @@ class Board:
         mode = cube["mode"]
         check_codes(mode)
         self.points = "point" in mode.dims
-        axes = fixed_of(cube)[1] if self.points else [str(name) for name in mode.dims if mode.sizes[name] > 1]
+        wide = [str(name) for name in mode.dims if mode.sizes[name] > 1 and name != "direction"]  # that has a slider
+        axes = fixed_of(cube)[1] if self.points else wide
         if not axes or not mode.size:
             raise ParameterError("explore: needs a cube over at least one axis of more than one value")
         self.x, self.y = axes[-1], axes[-2] if len(axes) > 1 else ""
@@ -108,7 +111,10 @@ class Board:
             widget.param.watch(self._moved, "value")
 
     def _slider(self, name: str) -> Any:
-        options = {value: k for k, value in enumerate(distinct_labels(shown_as(name, self.cube[name].values)))}
+        values = self.cube[name].values
+        carried = name == "direction"
+        words = names(self.cube[name]).values.tolist() if carried else distinct_labels(shown_as(name, values))
+        options = {value: k for k, value in enumerate(words)}
         slider = pn.widgets.DiscreteSlider(label=label_of(name), options=options)
         slider.param.watch(self._moved, "value")
         return slider

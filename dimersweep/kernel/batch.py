@@ -29,9 +29,6 @@ from dimersweep.kernel.model.layout import (
     OUT_SPEED,
     PERIOD,
     PHASE,
-    ROW_BETA0,
-    ROW_THETA0,
-    ROW_XDOT0,
     STOPPED,
 )
 from dimersweep.kernel.numerics.steps import copy
@@ -56,7 +53,7 @@ def run_rows(rows, starts, ask, until, out, codes, space, record):
     rows : float64 array, shape (n, N_ROW)
         Parameters in the order of ``layout.ROW``, SI units.
     starts : float64 array, shape (n, N_START)
-        States and friction modes to start from, each at the start of a forcing period, in place of `beta0` and `xdot0` of
+        States and friction modes to start from, each at the start of a forcing period, in place of those in
         the rows; no rows for those. Where its periods are not 0 a run goes on, with the past that stands in the workspace.
     ask : Ask
         What is asked of each run; its periods count those before the start.
@@ -102,7 +99,7 @@ def run_rows(rows, starts, ask, until, out, codes, space, record):
 def begin_run(dm, row, starts, k, run):
     """The start of a run: that of its row, or the k-th of `starts`."""
     if starts.shape[0] == 0:
-        start_state(dm, row[ROW_BETA0], row[ROW_XDOT0], row[ROW_THETA0], run.state)
+        start_state(dm, row, run.state)
         run.modes[0], run.modes[1] = FREE, FREE
     else:
         copy(starts[k], run.state, N_STATE)

@@ -18,7 +18,7 @@ from dimersweep.kernel.contact.events import (
 )
 from dimersweep.kernel.course import BUDGET, BUDGET_PER_PERIOD, begin_course
 from dimersweep.kernel.impact.impact import contact_velocity, double_impact, single_impact
-from dimersweep.kernel.model.body import TWO_PI, lift
+from dimersweep.kernel.model.body import TWO_PI, attitude, lift
 from dimersweep.kernel.model.contact_code import coded
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import (
@@ -48,8 +48,19 @@ from dimersweep.kernel.model.layout import (
     PHASE,
     RECORD_FULL,
     ROOT_STEPS,
+    ROW_BETA0,
+    ROW_BETADOT0,
+    ROW_GAMMADOT0,
+    ROW_GAP0,
+    ROW_THETA0,
+    ROW_THETADOT0,
+    ROW_XDOT0,
+    ROW_YDOT0,
+    SPIN,
     STOPPED,
     THETA,
+    WB,
+    WP,
 )
 from dimersweep.kernel.model.plate import plate_rate, velocity_along
 from dimersweep.kernel.numerics.meter import charge, is_over, is_to_stop, set_bound
@@ -313,21 +324,33 @@ def cause_of(event):
 
 
 @compiled
-def start_state(dm, beta0, xdot0, theta0, state):
-    """The start of a run: the lower end on the plate, the rod at beta0 along the heading theta0 (Y where that is zero), the
-    balls moving along X with xdot0 in the room.
+def start_state(dm, row, state):
+    """The start of a run: the lower end at gap0 over the plate, the rod at beta0 along the heading theta0 (Y where that is
+    zero), the rates of x1, y1, beta, theta, gamma as the row has them, that of z1 zero, all in the room.
     """
     for k in range(N_STATE):
         state[k] = 0.0
-    state[DIP] = beta0 - dm.beta_0
+    state[DIP] = row[ROW_BETA0] - dm.beta_0
     rise = dm.l * lift(dm, state[DIP])
-    state[D1], state[D2] = max(0.0, -rise), max(0.0, rise)
+    state[D1], state[D2] = max(0.0, -rise) + row[ROW_GAP0], max(0.0, rise) + row[ROW_GAP0]
     state[N1] = state[N2] = -plate_rate(dm, dm.phi0)
     v_x, v_y = velocity_along(dm, dm.phi0)
-    v_x, v_y = xdot0 - v_x, -v_y
-    sin_t, cos_t = sincos(theta0)
-    state[THETA] = theta0
+    v_x, v_y = row[ROW_XDOT0] - v_x, -(v_y - row[ROW_YDOT0])  # -0.0 where both are zero, as ever
+    sin_t, cos_t = sincos(row[ROW_THETA0])
+    state[THETA] = row[ROW_THETA0]
     state[CA], state[CB] = v_y * cos_t - v_x * sin_t, v_x * cos_t + v_y * sin_t
+    if row[ROW_BETADOT0] != 0.0 or row[ROW_THETADOT0] != 0.0 or row[ROW_GAMMADOT0] != 0.0:
+        turn_about_ball_1(dm, row[ROW_BETADOT0], row[ROW_THETADOT0], row[ROW_GAMMADOT0], state)
+
+
+@compiled
+def turn_about_ball_1(dm, beta_rate, theta_rate, gamma_rate, state):
+    """Have a dimer that does not turn do so, with the velocity of ball 1 kept."""
+    sin_b, cos_b = attitude(dm, state[DIP])
+    state[WB], state[WP], state[SPIN] = beta_rate, theta_rate * cos_b, gamma_rate + theta_rate * sin_b
+    state[N2] += dm.l * cos_b * state[WB]
+    state[CA] += dm.p1.h * sin_b * state[WB]
+    state[CB] += dm.p1.h * state[WP]
 
 
 @compiled(inline=True)

@@ -16,7 +16,18 @@ from dimersweep.cubes.reading import edges_of, is_geometric
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots.judging import judge_cube
-from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, Drawing, entitle, given, mark, percent, title
+from dimersweep.plots.style import (
+    MODE_COLORS,
+    MODE_LABELS,
+    ROW_COLORS,
+    WAY_MARKERS,
+    Drawing,
+    entitle,
+    given,
+    mark,
+    percent,
+    title,
+)
 from dimersweep.symbols import PARAMETERS, QUANTITIES, units_shown
 
 MOST_PANELS = 12
@@ -45,7 +56,7 @@ def mode_map(cube: xr.Dataset) -> Figure:
     judge_cube("mode_map", cube)
     if "point" in cube["mode"].dims:
         return point_map(cube)
-    mode = cube["mode"].squeeze()
+    mode = _directions_first(cube["mode"].squeeze())
     figure, panels = _panels(mode, title(cube))
     for axes, part in panels:
         _mesh(axes, part, COLORS[np.atleast_2d(part.values)])
@@ -100,7 +111,9 @@ def quantity_map(cube: xr.Dataset, quantity: str) -> Figure:
     judge_cube("mode_map", cube)
     if "point" in cube["mode"].dims:
         return point_map(cube, quantity)
-    values = cube[quantity].squeeze()
+    values = _directions_first(cube[quantity].squeeze())
+    if values.dims[:-1] == ("direction",):
+        return _curves_each_way(values, quantity, title(cube))
     figure, panels = _panels(values, title(cube))
     words = names(cube[quantity]).squeeze() if "flag_meanings" in cube[quantity].attrs else None
     finite = values.values[np.isfinite(values.values)]
@@ -113,6 +126,28 @@ def quantity_map(cube: xr.Dataset, quantity: str) -> Figure:
             mesh = _mesh(axes, part, part.values, cmap="viridis", **how)
     if values.ndim > 1:
         figure.colorbar(mesh, ax=figure.axes, label=quantity_label(quantity) + (" (code)" if words is not None else ""))
+    return figure
+
+
+def _directions_first(values: xr.DataArray) -> xr.DataArray:
+    """The values with the direction in which the state was carried as their first axis, so that each has its panels."""
+    return values.transpose("direction", ...) if "direction" in values.dims else values
+
+
+def _curves_each_way(values: xr.DataArray, quantity: str, heading: str) -> Figure:
+    """A quantity over one axis, on the way up and down."""
+    name = str(values.dims[-1])
+    figure = Drawing(7.5, 3.2)
+    axes = figure.add_subplot()
+    for way, color in zip(values, ROW_COLORS, strict=False):
+        marker = WAY_MARKERS[int(way["direction"])]
+        label = given("direction", way["direction"].item())
+        axes.plot(way[name], way, marker=marker, markersize=4, linewidth=1, color=color, label=label)
+    _scale(axes, values.isel(direction=0))
+    mark(axes.xaxis, name)
+    axes.set_ylabel(quantity_label(quantity))
+    axes.legend(fontsize=9)
+    entitle(figure, heading)
     return figure
 
 

@@ -1,7 +1,10 @@
 """Bifurcation diagrams: the strobes of each point over one axis, coloured by mode."""
 
+from collections.abc import Iterable
+
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -9,7 +12,7 @@ from dimersweep.cubes.reading import is_geometric
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots.judging import judge_cube
-from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, Drawing, entitle, mark, title
+from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, Drawing, entitle, given, mark, title
 
 SHOWN = {  # rows of the picture: what they are, and the factor to the unit that is shown
     "gap_1": ("gap of $p_1$ [mm]", 1e3),
@@ -24,7 +27,8 @@ def bifurcation(cube: xr.Dataset) -> Figure:
     Parameters
     ----------
     cube : xarray.Dataset
-        With strobes over one axis of more than one value, see `dimersweep.bifurcation`.
+        With strobes over one axis of more than one value, see `dimersweep.bifurcation`. Where the state was carried up and
+        down that axis, each way has its panels.
 
     Returns
     -------
@@ -38,24 +42,21 @@ def bifurcation(cube: xr.Dataset) -> Figure:
     """
     judge_cube("bifurcation", cube)
     mode = cube["mode"].squeeze()
-    if mode.ndim != 1:
+    ways = [cube.isel(direction=k) for k in range(cube.sizes["direction"])] if "direction" in mode.dims else [cube]
+    if mode.ndim != 1 + ("direction" in mode.dims):
         raise ParameterError(
             f"bifurcation: has axes {', '.join(map(str, mode.dims))}; needs one: select values of others"
         )
-    (name,) = map(str, mode.dims)
-    figure = Drawing(6.4, 7)
-    panels = figure.subplots(len(SHOWN), 1, sharex=True)
-    for axes, (quantity, (label, factor)) in zip(panels, SHOWN.items(), strict=True):
-        values = factor * cube[f"strobe_{quantity}"].squeeze().transpose(name, "strobe").values
-        for code in np.unique(mode.values):
-            here = mode.values == code
-            places = np.repeat(mode[name].values[here], values.shape[1])
-            color = MODE_COLORS[MODES[code]]
-            axes.plot(places, values[here].ravel(), ".", color=color, markersize=4, markeredgewidth=0)
+    name = str(next(dim for dim in mode.dims if dim != "direction"))
+    figure = Drawing(2.6 + 3.8 * len(ways), 7)
+    columns = figure.subplots(len(SHOWN), len(ways), sharex=True, sharey="row", squeeze=False).T
+    for panels, way in zip(columns, ways, strict=True):
+        _draw(panels, way, name)
+        mark(panels[-1].xaxis, name)
+        if "direction" in mode.dims:
+            panels[0].set_title(given("direction", way["direction"].item()), fontsize=10)
+    for axes, (label, _) in zip(columns[0], SHOWN.values(), strict=True):
         axes.set_ylabel(label)
-        if is_geometric(mode[name].values):
-            axes.set_xscale("log")
-    mark(panels[-1].xaxis, name)
     found = [MODES[code] for code in np.unique(mode.values)]
     handles = [
         Line2D([], [], color=MODE_COLORS[word], marker="o", linestyle="", label=MODE_LABELS[word]) for word in found
@@ -63,3 +64,17 @@ def bifurcation(cube: xr.Dataset) -> Figure:
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
     entitle(figure, f"At the start of each forcing period\n{title(cube)}")
     return figure
+
+
+def _draw(panels: Iterable[Axes], cube: xr.Dataset, name: str) -> None:
+    """Draw the strobes over the axis `name`, a quantity in each panel."""
+    mode = cube["mode"].squeeze()
+    for axes, (quantity, (_, factor)) in zip(panels, SHOWN.items(), strict=True):
+        values = factor * cube[f"strobe_{quantity}"].squeeze().transpose(name, "strobe").values
+        for code in np.unique(mode.values):
+            here = mode.values == code
+            places = np.repeat(mode[name].values[here], values.shape[1])
+            color = MODE_COLORS[MODES[code]]
+            axes.plot(places, values[here].ravel(), ".", color=color, markersize=4, markeredgewidth=0)
+        if is_geometric(mode[name].values):
+            axes.set_xscale("log")

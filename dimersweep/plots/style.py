@@ -15,6 +15,7 @@ from matplotlib.text import Text
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, NullLocator
 
 from dimersweep import symbols
+from dimersweep.cubes.grid import DIRECTIONS
 from dimersweep.storage.files import disk_errors, replacing
 from dimersweep.storage.outputs import check_output
 from dimersweep.symbols import PARAMETERS, conditions, is_angle, symbol, units_of
@@ -33,6 +34,8 @@ MODE_COLORS = {
 }
 MODE_LABELS = {word: word for word in MODE_COLORS} | {"rest": "rest: both ends down"}  # it may roll on
 ROW_COLORS = ("#1f4fd8", "#d62728", "#000000", "#009e73", "#cc79a7", "#e69f00")  # the paper's three first
+WAYS = tuple(f"going {word}" for word in DIRECTIONS)  # along the last axis, of cubes whose state was carried
+WAY_MARKERS = (">", "<")
 PICTURES = (".png", ".pdf", ".svg")
 DPI = 200  # of a picture that is not made of lines
 
@@ -56,8 +59,8 @@ def row_colors(n: int) -> list[Any]:
 
 
 def given(name: str, value: float) -> str:
-    """A parameter and its value, such as f = 15 Hz, with its symbol in TeX."""
-    return symbols.given(name, value, tex=True)
+    """A parameter and its value, such as f = 15 Hz, with its symbol in TeX; or the way that a state was carried."""
+    return WAYS[int(value)] if name == "direction" else symbols.given(name, value, tex=True)
 
 
 def label(name: str) -> str:
@@ -81,7 +84,13 @@ class _LogDegrees(LogLocator):
 
 
 def mark(axis: Axis, name: str) -> None:
-    """Label an axis with the symbol and unit of a parameter; an angle has ticks in degrees, its values being radians."""
+    """Label an axis with the symbol and unit of a parameter; an angle has ticks in degrees, its values being radians.
+
+    That of the direction in which a state was carried has its words.
+    """
+    if name == "direction":
+        axis.set_ticks(range(len(WAYS)), labels=WAYS)
+        return
     axis.set_label_text(label(name))
     if is_angle(name):
         linear = axis.get_scale() == "linear"

@@ -9,15 +9,18 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.cubes.cube import check_codes, names
+from dimersweep.cubes.grid import DIRECTIONS
 from dimersweep.cubes.reading import nearest
 from dimersweep.errors import ParameterError, unknown
+from dimersweep.inputs import check_count, check_switch
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.model.layout import M_DRIFT, MODES
+from dimersweep.runs.carrying import run_in_line
 from dimersweep.runs.run import Run
 from dimersweep.runs.simulating import simulate
 from dimersweep.runs.starting import parameters_of
 from dimersweep.symbols import PARAMETERS
-from dimersweep.work.tiles import lengths
+from dimersweep.work.tiles import RunSettings, lengths
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,6 +32,13 @@ def _numbered(cube: xr.Dataset, name: str, value: Any) -> xr.Dataset:
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or not 0 <= value < n:
         raise ParameterError(f"{name} = {value!r}: must be a whole number from 0 to {n - 1}")
     return cube.isel({name: int(value)})
+
+
+def warn_of_another_kernel(configuration: dict[str, Any], what: str) -> None:
+    """Warn of runs that are made again, by another kernel than that of their cube."""
+    if configuration.get("kernel_version", kernel_version()) != kernel_version():
+        line = f"the cube was made by another version of the kernel; {what}"
+        warnings.warn(line, RuntimeWarning, stacklevel=3)
 
 
 @xr.register_dataset_accessor("dimersweep")
@@ -80,7 +90,8 @@ class CubeAccessor:
         Parameters
         ----------
         **where : float or str
-            Axes and values, such as ``f=15, beta0="16 deg"``; or ``point=7``, its number, of points that are no grid.
+            Axes and values, such as ``f=15, beta0="16 deg"``; ``direction="down"`` where a state was carried; or
+            ``point=7``, its number, of points that are no grid.
 
         Raises
         ------
@@ -92,7 +103,8 @@ class CubeAccessor:
         for name, value in where.items():
             if name not in axes:
                 raise ParameterError(unknown(name, "axis of the cube", axes))
-            picked = nearest(picked, name, value) if name in PARAMETERS else _numbered(picked, name, value)
+            named = name in PARAMETERS or name == "direction"
+            picked = nearest(picked, name, value) if named else _numbered(picked, name, value)
         for name, n in axes.items():
             if name not in where and n != 1:
                 raise ParameterError(f"{name}: has {n} values; give one of them")
@@ -102,7 +114,7 @@ class CubeAccessor:
         """The run behind a point: the one nearest to values of the axes; of a search, the one that decided.
 
         It is the same run, bit for bit: one that had not settled after the `periods` of the cube was made anew, twice as long,
-        up to `max_periods`.
+        up to `max_periods`. Where a state was carried to it, the runs before it on its line are made first.
 
         Parameters
         ----------
@@ -124,11 +136,9 @@ class CubeAccessor:
         """
         point = self.at(**where)
         configuration = json.loads(self._cube.attrs.get("configuration", "{}"))
-        if configuration.get("kernel_version", kernel_version()) != kernel_version():
-            line = (
-                "the cube was made by another version of the kernel; the run may differ from what it says of the point"
-            )
-            warnings.warn(line, RuntimeWarning, stacklevel=2)
+        warn_of_another_kernel(configuration, "the run may differ from what it says of the point")
+        if "direction" in configuration.get("grid", {}):
+            return self._in_line(point, configuration, periods, record)
         late = configuration.get("search", {}).get("orbit_periods", 0)
         given: dict[str, Any] = parameters_of(point) | {"rtol": configuration.get("rtol", 1e-8), "record": record}
         if periods is not None or late:
@@ -139,6 +149,17 @@ class CubeAccessor:
             if run.mode != "unresolved":
                 break
         return run
+
+    def _in_line(self, point: xr.Dataset, configuration: dict[str, Any], periods: int | None, record: bool) -> Run:
+        """The run behind a point to which a state was carried; those before it are made again."""
+        axis, values = list(configuration["grid"].items())[-1]
+        given = parameters_of(point)
+        along = values if DIRECTIONS[int(point["direction"])] == "up" else values[::-1]
+        before = [given | {axis: value} for value in along[: along.index(given[axis])]]
+        first, settles = configuration["periods"], configuration["stop_when_settled"]
+        how = RunSettings(first, configuration.get("max_periods", first), configuration["rtol"], settles)
+        length = None if periods is None else check_count("periods", periods)
+        return run_in_line(before, given, how, record=check_switch("record", record), periods=length)
 
     def plot(
         self,

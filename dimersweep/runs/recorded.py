@@ -60,6 +60,9 @@ from dimersweep.symbols import EVENT_QUANTITIES, STATE_QUANTITIES, Quantity
 BETWEEN_IMPACTS = [code_of(first, second) for first in (FREE, STICK, SLIP) for second in (FREE, STICK, SLIP)]
 HOP_ROWS, HOP_ROWS_GROWTH = 500, 4  # for the hops that one close sums
 FOLLOWED = 0.95  # share of the time for which these may be followed: clear of its end
+STARTED = tuple(  # what a state to start from is given by
+    name for name in STATE_QUANTITIES if name not in ("phase", "z1", "z1_rate", "x", "y", "z", "plate", "contact_state")
+)
 BOUNDARY = 1e-12  # a time this far below the end of a forcing period counts as that end, in periods
 
 
@@ -244,6 +247,14 @@ def _states(
         "flag_meanings": " ".join(CONTACT_STATES[code] for code in BETWEEN_IMPACTS),
     }
     return states
+
+
+def named_state(row: np.ndarray, start: np.ndarray) -> dict[str, float]:
+    """A kernel state to start from, shape (1, N_START), by the names that `simulate` takes as a start."""
+    parameters = dict(zip(ROW, row.tolist(), strict=True))
+    record = RunRecord(row, np.empty((0, 0)), np.empty((0, 0)), False)
+    states = _states(record, np.zeros(1), start[:, :N_STATE], start[:, N_STATE:], parameters)
+    return {name: float(states[name].item()) for name in STARTED}
 
 
 def _sampled(

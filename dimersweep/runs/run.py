@@ -29,8 +29,7 @@ from dimersweep.runs.outcome import Orbit
 from dimersweep.runs.recorded import RunRecord, events_of, states_of
 from dimersweep.runs.shadows import NUDGE, bounds, nudged, nudged_state, shadow_rtol
 from dimersweep.runs.solving import RunEnd, Solved, check_recorded, go_on, speed_at
-from dimersweep.runs.starting import INITIAL
-from dimersweep.symbols import CAPTION, conditions
+from dimersweep.symbols import CAPTION, START, conditions
 from dimersweep.work.stopping import StopFlag, stoppable
 
 if TYPE_CHECKING:
@@ -52,8 +51,8 @@ class Run(RunNumbers):
     parameters : dict
         Every parameter of the model; those that may be left out (`symbols.LEFT_OUT`) where they were not.
     start : dict or None
-        The state that it started from, by the names of `states`, its phase being `phi0`; None where `beta0` and `xdot0`
-        give the start.
+        The state that it started from, by the names of `states`, its phase being `phi0`; None where parameters give the
+        start, such as `beta0` and `xdot0`.
     rtol : float
         Accuracy [1].
     n_events : int
@@ -160,12 +159,12 @@ class Run(RunNumbers):
         """
         if self.start is None:
             return conditions(self.parameters, always=always, tex=tex)
-        words = conditions(self.parameters, INITIAL, always, tex=tex)
+        words = conditions(self.parameters, START, always, tex=tex)
         return f"{words}, from a given state".removeprefix(", ")
 
     def _given(self) -> dict[str, Any]:
         """The parameters to be given with its start to `simulate` for the same run."""
-        return {name: value for name, value in self.parameters.items() if self.start is None or name not in INITIAL}
+        return {name: value for name, value in self.parameters.items() if self.start is None or name not in START}
 
     def record(self, wanted: str) -> RunRecord:
         """The kernel's rows of this run, for what is `wanted` of them.

@@ -32,7 +32,7 @@ from dimersweep.kernel.model.layout import (
     ROW,
 )
 from dimersweep.kernel.model.plate import phases_later
-from dimersweep.symbols import EVENT_QUANTITIES, STATE_QUANTITIES
+from dimersweep.symbols import EVENT_QUANTITIES, START, STATE_QUANTITIES
 from dimersweep.work.tiles import RunSettings, run_all_patiently
 
 FINEST_SHADOW, COARSEST_SHADOW = RTOL_RANGE
@@ -83,10 +83,10 @@ def shadow_rtol(rtol: float) -> float:
 
 
 def nudged(given: Mapping[str, Any], by: float) -> dict[str, Any]:
-    """Parameters, numbers or columns, with the plate later by `by` radians, `beta0` less and `xdot0` more by that share."""
+    """Parameters, numbers or columns, with the plate later by `by` radians, `beta0` less and rates more by that share."""
     phi0, phi_2 = phases_later(given["phi0"], given.get("phi_2", 0.0), by)
     moved = dict(given) | {"phi0": phi0} | ({"phi_2": phi_2} if "Gamma_2" in given else {})
-    changed = {"beta0": 1 - by, "xdot0": 1 + by}
+    changed = {name: 1 - by if name == "beta0" else 1 + by for name in START if name != "theta0"}
     return moved | {name: given[name] * factor for name, factor in changed.items() if name in given}
 
 

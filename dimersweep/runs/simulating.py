@@ -10,8 +10,8 @@ from dimersweep.kernel.batch import Workspace
 from dimersweep.parameters import Parameters, check_name, updated
 from dimersweep.runs.run import Run, as_run
 from dimersweep.runs.solving import check_recorded, run_row
-from dimersweep.runs.starting import INITIAL, is_point, kernel_start, named, parameters_of, start_of
-from dimersweep.symbols import INSTEAD
+from dimersweep.runs.starting import is_point, kernel_start, named, parameters_of, start_of
+from dimersweep.symbols import INSTEAD, START
 from dimersweep.work.proving import is_proven, prove
 from dimersweep.work.stopping import StopFlag, stoppable
 
@@ -31,9 +31,9 @@ def simulate(
     Parameters
     ----------
     start : mapping of str to float, xarray.Dataset, or Run, optional
-        State to start from, in place of `beta0` and `xdot0`: values by the names of `Run.states` (what is not given is
-        zero, and the lower end on the plate), one time of it, or a run whose end it is. Its `phase` is the `phi0` of the
-        new run. Or one point of a cube: the run behind it.
+        State to start from, in place of `beta0`, `xdot0` and the other parameters of a start: values by the names of
+        `Run.states` (what is not given is zero, and the lower end on the plate), one time of it, or a run whose end it is.
+        Its `phase` is the `phi0` of the new run. Or one point of a cube: the run behind it.
     periods : int
         Forcing periods to run.
     rtol : float
@@ -73,6 +73,10 @@ def simulate(
         if name not in INSTEAD:
             check_name(name)
     if is_point(start):
+        if "direction" in start.coords:
+            raise ParameterError(
+                "start: to this point a state was carried, which the cube does not hold; take cube.dimersweep.run(...)"
+            )
         parameters, start = updated(parameters_of(start), parameters), None
     begun = None if start is None else start_of(start)
     given = Parameters(**(parameters if begun is None else _with_start(parameters, begun)))
@@ -115,7 +119,7 @@ simulate.__signature__ = named(simulate)  # type: ignore[attr-defined]
 
 def _with_start(parameters: Mapping[str, Any], start: Mapping[str, float]) -> dict[str, Any]:
     """The parameters of a run that starts from a state: its `phase` is their `phi0`, and they give no other start."""
-    for name in INITIAL:
+    for name in START:
         if parameters.get(name) is not None:
             raise ParameterError(f"{name}: given together with start, which holds it; leave one out")
     if "phase" not in start:

@@ -35,7 +35,6 @@ from dimersweep.symbols import BASE, INSTEAD, PARAMETERS, STATE_QUANTITIES
 
 CLOSED_GAP = 1e-12  # a gap this far below zero is a closed one [m]
 GAPS_AGREE = 1e-9  # how well the gaps of a start must agree with its dip angle, in units of the distance of the balls
-INITIAL = ("beta0", "xdot0")  # parameters that a start takes the place of
 
 
 def start_of(start: Any) -> dict[str, float]:

@@ -29,9 +29,8 @@ from dimersweep.storage.outputs import TABLES, check_ending, check_output
 from dimersweep.storage.provenance import attributes
 from dimersweep.studies.declaration import explain, read_toml, refuse_mistakes
 from dimersweep.studies.parts import Parts, parts_beside
-from dimersweep.symbols import PARAMETERS
+from dimersweep.symbols import PARAMETERS, START
 
-STARTS = ("beta0", "xdot0", "phi0")  # parameters of a run's start
 Tell = Callable[[str], None]
 Maker = Callable[[Tell], xr.Dataset]
 
@@ -198,7 +197,7 @@ def _judge_names(declared: Borders) -> None:
         if section == "over" and name in declared.fixed:
             raise ParameterError(f"over.{name}: is fixed, too")
         rolls_up = name == "xdot0" and part is not None and part.spin is None  # to the spin: of curves, at one point
-        if name in STARTS and not (rolls_up and not (declared.curves and section == "over")):
+        if name in (*START, "phi0") and not (rolls_up and not (declared.curves and section == "over")):
             raise ParameterError(f"{section}.{name}: is of a start, and changes no orbit")
 
 

@@ -157,6 +157,8 @@ class Wave:
     spec: SearchSpec
     hints: Mapping[int, Sequence[int]]
 
+    line = 1
+
     @property
     def grid(self) -> Grid:
         """The points."""

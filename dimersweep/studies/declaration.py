@@ -38,6 +38,7 @@ class SweepSection(SweepFileSection):
     stop_when_settled: bool = True
     certify: bool = False
     strobes: int = 0
+    carry: Literal["up", "down", "both"] | None = None
     output: Annotated[str, AfterValidator(partial(check_ending, name="sweep.output"))]
 
 
@@ -94,7 +95,7 @@ class Declaration(SweepFileSection):
     plot: PlotSection = Field(default_factory=PlotSection)
 
     def study(
-        self, *, periods: int | None = None, rtol: float | None = None, certify: bool = False
+        self, *, periods: int | None = None, rtol: float | None = None, certify: bool = False, carry: str | None = None
     ) -> Spec | SearchSpec | RefineSpec:
         """What the sections say together, judged.
 
@@ -104,6 +105,8 @@ class Declaration(SweepFileSection):
             In place of the declared ones; `periods` in place of the declared ``max_periods`` too.
         certify : bool
             Whether to certify what was not declared to be, see `sweep`.
+        carry : str, optional
+            In place of the declared one.
 
         Raises
         ------
@@ -114,20 +117,24 @@ class Declaration(SweepFileSection):
             "max_periods": self.sweep.max_periods if periods is None else None,
             "rtol": self.sweep.rtol if rtol is None else rtol,
         }
-        certify = certify or self.sweep.certify
+        certify, carry = certify or self.sweep.certify, carry or self.sweep.carry
         if self.grid is None and self.points is None:
             raise ParameterError("grid: is missing; or give points")
         if self.search is None:
             if self.refine or self.paths:
                 raise ParameterError("search: is missing; refine and paths go with a search")
             given |= {"stop_when_settled": self.sweep.stop_when_settled, "certify": certify}
-            given["strobes"] = self.sweep.strobes
+            given |= {"strobes": self.sweep.strobes, "carry": carry}
             points = None if self.points is None else point_table(**self.points.model_dump())
             return sweep_spec.make_spec(self.grid, self.fixed, points=points, **given)
         if self.points or self.grid is None:
             raise ParameterError("points: is for sweeps; a search has a grid")
         if self.sweep.strobes:
             raise ParameterError(f"sweep.strobes = {self.sweep.strobes}: is for sweeps of a whole grid")
+        if carry:
+            raise ParameterError(
+                f"carry = {carry!r}: is for sweeps of a whole grid; a search starts each run by itself"
+            )
         if certify:
             raise ParameterError("certify: is for sweeps of a whole grid; a search does not take it")
         if not self.sweep.stop_when_settled:

@@ -31,6 +31,7 @@ from dimersweep.work.stopping import stoppable
 from dimersweep.work.tiles import TILE_SECONDS, Work, attempt
 
 SAMPLE = 200  # points or cells timed at most
+MOST_OF_LINE = 20  # values of a line that are timed
 POINT_SECONDS, CELL_SECONDS = 10.0, 30.0  # a sample ends after this time, though not before its first one
 _SEED = 20100
 
@@ -53,6 +54,8 @@ class Plan:
         Points to run for each unit of the sample; a share of those that others need too.
     times : ndarray, shape (n,), float64
         Their times [s].
+    line : int
+        Points that are run in one piece, see `Grid.line`.
     """
 
     grid_points: int
@@ -63,6 +66,7 @@ class Plan:
     unit: str
     points: np.ndarray
     times: np.ndarray
+    line: int = 1
 
     def _total(self, values: np.ndarray) -> tuple[float, float]:
         """What the sample says of the sum of `values` over all units, and its standard error."""
@@ -79,7 +83,7 @@ class Plan:
     def tile_points(self) -> int:
         """Points in a tile."""
         longest = ceil(self.to_run / (TILES_PER_WORKER * self.workers))
-        return max(1, min(longest, int(TILE_SECONDS * self.points.sum() / self.times.sum())))
+        return self.line * max(1, min(longest, int(TILE_SECONDS * self.points.sum() / self.times.sum())) // self.line)
 
     @property
     def seconds(self) -> tuple[float, float]:
@@ -92,7 +96,7 @@ class Plan:
         """The plan in words."""
         left, (seconds, error) = self.to_run - self.done, self.seconds
         points = f"{self.to_run}"
-        if (self.points != 1).any():  # of a map
+        if (self.points != self.line).any():  # of a map
             spread = self._total(self.points)[1]
             points = (
                 f"about {points} (standard error {spread:.0f}), or a third more, of a fine grid of {self.grid_points}"
@@ -129,8 +133,8 @@ def plan(study: Study, workers: int, out: Path | None = None) -> Plan:
     rng = np.random.default_rng(_SEED)
     seconds = POINT_SECONDS
     if isinstance(study, Spec):
-        numbers = rng.choice(study.grid.size, min(SAMPLE, study.grid.size), replace=False)
-        units, unit, costs = study.grid.size, "random points", _of_points(study, numbers)
+        units, unit = study.grid.size // study.line, "random points" if study.line == 1 else "random lines"
+        costs = _of_lines(study, rng.choice(units, min(SAMPLE, units), replace=False))
     elif isinstance(study, RefineSpec):
         check_fits(study.grid, by_blocks=False)
         units, unit, seconds = (
@@ -147,7 +151,17 @@ def plan(study: Study, workers: int, out: Path | None = None) -> Plan:
         costs = _of_searches(study, legal, rng.permutation(np.flatnonzero(legal)))
     sample = np.array(list(_for_some_time(costs, seconds)))
     bytes_per_point = sum(variable.nbytes for variable in _of_one_point(study).data_vars.values())
-    return Plan(study.grid.size, _done(study, out), workers, bytes_per_point, units, unit, *sample.T)
+    return Plan(
+        study.grid.size,
+        _done(study, out),
+        workers,
+        bytes_per_point,
+        units,
+        unit,
+        sample[:, 0],
+        sample[:, 1],
+        study.grid.line,
+    )
 
 
 Cost = tuple[float, float]  # points to run, and their time [s]
@@ -163,16 +177,21 @@ def _for_some_time(costs: Iterator[Cost], seconds: float) -> Iterator[Cost]:
 
 
 def _made(work: Work, point: int) -> Finished:
-    made = stoppable(lambda stop: attempt(work, (Tile(point, point + 1),), stop))
+    made = stoppable(lambda stop: attempt(work, (Tile(point, point + work.line),), stop))
     if made.broken:
         raise UnfinishedError(f"{work.grid.point(point)} could not be run: {made.broken.reason}")
     return made.finished[0]
 
 
-def _of_points(spec: Spec, numbers: np.ndarray) -> Iterator[Cost]:
-    """Costs of points of a sweep."""
-    for point in numbers.tolist():
-        yield 1, _made(spec, point).seconds
+def _of_lines(spec: Spec, numbers: np.ndarray) -> Iterator[Cost]:
+    """Costs of lines of a sweep: of its points, unless a state is carried along them; of a long line by some of its values."""
+    short = spec
+    if spec.line > MOST_OF_LINE:
+        *_, (axis, values) = spec.grid.axes.items()
+        some = values[np.linspace(0, spec.line - 1, MOST_OF_LINE).round().astype(int)]
+        short = replace(spec, grid=Grid(spec.grid.axes | {axis: some}, spec.grid.fixed))
+    for number in numbers.tolist():
+        yield spec.line, _made(short, number * short.line).seconds * spec.line / short.line
 
 
 def _of_searches(spec: SearchSpec, legal: np.ndarray, numbers: np.ndarray) -> Iterator[Cost]:

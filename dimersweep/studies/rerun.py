@@ -12,7 +12,7 @@ from dimersweep.kernel import kernel_version
 from dimersweep.storage.cubefiles import open_cube
 from dimersweep.storage.provenance import differences
 from dimersweep.studies.declaration import Declaration
-from dimersweep.studies.sweep_spec import Spec
+from dimersweep.studies.sweep_spec import Spec, without_directions
 
 MADE_BY = ("source", "git_commit", "python", "numpy", "numba", "llvmlite", "cpu")
 
@@ -68,6 +68,6 @@ def _declared(cube: xr.Dataset, configuration: Mapping[str, Any], path: str | os
     else:
         sweep["stop_when_settled"] = configuration["stop_when_settled"]
         sweep |= {name: configuration[name] for name in ("certify", "strobes") if name in configuration}
-        given["grid"] = configuration.get("grid")
+        given["grid"], sweep["carry"] = without_directions(configuration.get("grid"))
         given |= {"points": {"columns": configuration["points"]}} if "points" in configuration else {}
     return Declaration.model_validate(given | {"sweep": sweep})

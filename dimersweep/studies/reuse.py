@@ -29,6 +29,7 @@ Read = Callable[[xr.Dataset], np.ndarray]  # the results of all points that a cu
 
 def _places(old: np.ndarray, new: np.ndarray) -> np.ndarray:
     """Index in the increasing `old` of each value of `new`, -1 where it is not there bit for bit."""
+    old, new = old.astype(float), new.astype(float)  # the codes of directions, too
     found = np.minimum(np.searchsorted(old, new), old.size - 1)
     return np.where(old[found].view(np.int64) == new.view(np.int64), found, -1)
 
@@ -50,6 +51,17 @@ def _refuse_other_settings(old: dict[str, Any], new: dict[str, Any], name: str) 
     if changes:
         lines = "".join(f"\n  {line}" for line in changes)
         raise StoreError(f"{name}: cannot be extended to this sweep, as it was made otherwise:{lines}")
+
+
+def _refuse_another_line(old: dict[str, list[float]], new: dict[str, list[float]], name: str) -> None:
+    """Refuse to extend lines along which the state is carried: each of their runs depends on those before it."""
+    one, other = list(old)[-1], list(new)[-1]
+    if one != other:
+        raise StoreError(f"{name}: cannot be extended to this sweep, as it carries the state along {one}, not {other}")
+    if old[one] != new[other]:
+        raise StoreError(
+            f"{name}: cannot be extended along {one}, along which it carries the state; its values must be the same"
+        )
 
 
 class Known:
@@ -78,6 +90,8 @@ class Known:
         if not {"grid", "fixed"} <= set(old):
             raise StoreError(f"{name}: tells a configuration that this version does not know")
         _refuse_other_settings(old, new, name)
+        if "direction" in old["grid"]:
+            _refuse_another_line(old["grid"], new["grid"], name)
         check_unchanged(cube, name)
         self.shape = spec.grid.shape
         self.offset = 0
@@ -95,11 +109,12 @@ class Known:
                 self.places.append(numbers)
             else:
                 self.offset += int(numbers[0])
+        self.line = spec.grid.line
         self.results = read(cube)
 
     def pieces(self, ranges: Iterable[Tile], unwanted: Callable[[np.ndarray], np.ndarray]) -> Iterator[Finished]:
         """The known points of `ranges`, without those that `unwanted` picks from their codes."""
-        for tile in split(ranges, BLOCK):
+        for tile in split(ranges, self.line * max(1, BLOCK // self.line)):
             parts = np.unravel_index(np.arange(*tile), self.shape)
             columns = [numbers[k] for numbers, k in zip(self.places, parts, strict=True)]
             number = np.sum(columns, axis=0) + self.offset

@@ -21,14 +21,19 @@ def strobe_fields(n: int) -> list[tuple[Any, ...]]:
     return [(f"strobe_{name}", "<f8", (n,)) for name in STROBED]
 
 
-def add_strobes(rows: np.ndarray, rtol: float, results: np.ndarray, space: Workspace) -> None:
-    """Run points on, and fill in the strobes of their next forcing periods; NaN where a point has failed."""
+def add_strobes(
+    rows: np.ndarray, rtol: float, results: np.ndarray, space: Workspace, start: np.ndarray | None = None
+) -> None:
+    """Run points on, and fill in the strobes of their next forcing periods; NaN where a point has failed.
+
+    They start as their rows say, or all from `start`, shape (1, N_START).
+    """
     n = results[f"strobe_{STROBED[0]}"].shape[1]
     for row, result in zip(rows, results, strict=True):
         if result["codes"][CODE_STATUS] != OK:
             continue
         done = int(result["codes"][CODE_N_PERIODS])
-        end = run_row(row, None, done, rtol, space, settle=False, record=False).end
+        end = run_row(row, start, done, rtol, space, settle=False, record=False).end
         more = run_row(row, end.start, done + n, rtol, space, settle=False, record=True, past=end.past)
         if more.record is None or more.codes[CODE_STATUS] != OK:
             continue

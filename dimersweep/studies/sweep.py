@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from functools import partial
-from typing import Any, Unpack
+from typing import Any, Literal, Unpack
 
 import numpy as np
 import xarray as xr
@@ -32,10 +32,17 @@ def run_sweep(spec: Spec, options: Options) -> xr.Dataset:
     former = complete_cube(spec, options)
     if former is not None:
         return former
-    with unfinished_cube(spec, options, lambda results: not_ok(results["codes"])) as cube:
+
+    def again(results: np.ndarray) -> np.ndarray:
+        return spec.whole_lines(not_ok(results["codes"]))
+
+    def unwanted(codes: np.ndarray) -> np.ndarray:
+        return spec.whole_lines(options.unwanted(codes))
+
+    with unfinished_cube(spec, options, again) as cube:
         others, origin = known_points(spec, options, partial(results_of, spec))
         for other in others:
-            cube.crew.take_over(other.pieces(cube.store.gaps(), options.unwanted))
+            cube.crew.take_over(other.pieces(cube.store.gaps(), unwanted))
         cube.crew.expect(spec.grid.size)
         cube.crew.run(spec, cube.store.gaps())
         if cube.by_blocks:
@@ -70,6 +77,7 @@ def sweep(
     stop_when_settled: bool = True,
     certify: bool = False,
     strobes: int = 0,
+    carry: Literal["up", "down", "both"] | None = None,
     **options: Unpack[Given],
 ) -> xr.Dataset:
     """Run the dimer at every point of a grid, or at points of a table.
@@ -108,6 +116,11 @@ def sweep(
         settles (docs/trust.md).
     strobes : int
         If above 0, each run goes on for so many forcing periods, and the states at their ends are kept; see `bifurcation`.
+    carry : {"up", "down", "both"}, optional
+        Carry the state on along the last axis of the grid, from its least value to its greatest, from its greatest to its
+        least, or once each way: a run starts from the state, relative to the plate, that the run before it has ended in. The
+        first run of a line starts as its parameters say. The cube then has the dimension `direction`, and `loops` finds
+        where the two part and meet. Lines run in parallel, each of them in one piece.
     force : bool
         Whether `out` may replace an existing file, and results of another configuration be deleted.
     attrs : mapping, optional
@@ -162,6 +175,7 @@ def sweep(
         certify=certify,
         points=points,
         strobes=strobes,
+        carry=carry,
     )
     return run_sweep(spec, make_options(**options))
 
@@ -180,7 +194,7 @@ def bifurcation(
     strobes : int
         Forcing periods whose starts are kept.
     **how
-        As in `sweep`.
+        As in `sweep`; with ``carry="both"`` the diagram shows hysteresis.
 
     Returns
     -------

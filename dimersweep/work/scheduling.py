@@ -94,10 +94,13 @@ class Pace:
         self.length = max(1, min(aim, TASK_GROWTH * self.seen, longest, TASK_POINTS))
 
 
-def bundles(ranges: Iterable[Tile], pace: Pace) -> Iterator[Bundle]:
-    """Bundles that cover `ranges`, each of ``pace.length`` points as it is then; the last one may have fewer."""
+def bundles(ranges: Iterable[Tile], pace: Pace, line: int = 1) -> Iterator[Bundle]:
+    """Bundles that cover `ranges`, each of ``pace.length`` points as it is then; the last one may have fewer.
+
+    Each has whole lines of so many points, at least one; `ranges` have whole ones.
+    """
     bundle: list[Tile] = []
-    room = pace.length
+    room = _whole(pace.length, line)
     for start, stop in ranges:
         at = start
         while at < stop:
@@ -107,9 +110,14 @@ def bundles(ranges: Iterable[Tile], pace: Pace) -> Iterator[Bundle]:
             at = end
             if room == 0:
                 yield tuple(bundle)
-                bundle, room = [], pace.length
+                bundle, room = [], _whole(pace.length, line)
     if bundle:
         yield tuple(bundle)
+
+
+def _whole(points: int, line: int) -> int:
+    """The points in as many whole lines as `points` make, at least one."""
+    return line * max(1, points // line)
 
 
 def warm_up(stop: StopFlag) -> None:
@@ -306,7 +314,7 @@ def run_tiles(
     running: dict[Future[Made], Bundle] = {}
     done: SimpleQueue[Future[Made]] = SimpleQueue()  # to wait for each of thousands takes far longer
     undone: deque[Bundle] = deque()
-    tasks = bundles(missing, pace)
+    tasks = bundles(missing, pace, work.line)
     while not stop.is_set():
         while len(running) < pace.in_flight:
             task = undone.popleft() if undone else next(tasks, ())

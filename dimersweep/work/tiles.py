@@ -159,6 +159,10 @@ class Work(Protocol):
     def kind(self) -> np.dtype:
         """Of the result of one point, see `blank_results`."""
 
+    @property
+    def line(self) -> int:
+        """How many points make one piece of work, see `Grid.line`: whoever runs them has them all, in one call."""
+
     def advance(self, points: np.ndarray, results: np.ndarray, space: Workspace) -> int:
         """Run some of `points`, from the first one on, and count them.
 
@@ -210,22 +214,23 @@ def _advanced(
     work: Work, points: np.ndarray, results: np.ndarray, space: Workspace, ends: float
 ) -> tuple[int, Broken | None]:
     """Number of `points` that are done, from the first one on, and what broke off the work, if anything did."""
-    done, batch, begun = 0, 1, perf_counter()
+    line, begun = work.line, perf_counter()
+    done, batch = 0, line
     while done < points.size:
         part = slice(done, done + batch)
         try:
             made = work.advance(points[part], results[part], space)
         except Exception as error:  # whatever it is, it must not cost the other points
-            if points[part].size > 1:
-                batch = 1  # find the one
+            if points[part].size > line:
+                batch = line  # find the one
                 continue
             point = int(points[done])
-            return done, Broken((Tile(point, point + 1),), f"{type(error).__name__}: {error}")
+            return done, Broken((Tile(point, point + line),), f"{type(error).__name__}: {error}")
         done += made
         now = perf_counter()
         if not made or now > ends or is_stopped(space):
             break
-        batch = max(1, min(2 * batch, int(CHUNK_SECONDS * done / max(now - begun, 1e-9))))
+        batch = line * max(1, min(2 * batch, int(CHUNK_SECONDS * done / max(now - begun, 1e-9))) // line)
     return done, None
 
 

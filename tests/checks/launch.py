@@ -8,7 +8,7 @@ from dimersweep.kernel import event_loop
 from dimersweep.kernel.compiler.jit import exported
 from dimersweep.kernel.course import Ask, motion_of, new_workspace
 from dimersweep.kernel.model.body import dimer_of
-from dimersweep.kernel.model.layout import ROW_BETA0, ROW_THETA0, ROW_XDOT0, STATUSES
+from dimersweep.kernel.model.layout import STATUSES
 from dimersweep.kernel.record import EVENT, EVENT_COUNT, new_record, no_record, rows_of
 from dimersweep.kernel.verdict import past
 from tests.checks.examine import look_at
@@ -25,7 +25,7 @@ def evolve(dm, ask, state, space, record):
 @exported
 def begin(dm, row, state):
     """The start of a scene."""
-    event_loop.start_state(dm, row[ROW_BETA0], row[ROW_XDOT0], row[ROW_THETA0], state)
+    event_loop.start_state(dm, row, state)
 
 
 def last_state(row, periods, rtol, close):

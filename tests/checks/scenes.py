@@ -72,6 +72,14 @@ def wider_scene(seed):
     return scene
 
 
+def started_scene(seed):
+    """A general scene that starts over the plate, and turns about every axis."""
+    scene, rng = general_scene(seed), np.random.default_rng([20240304, seed])
+    fastest = {"ydot0": 1.0, "betadot0": 5.0, "thetadot0": 5.0, "gammadot0": 150.0}
+    scene |= {name: float(rng.uniform(-most, most)) for name, most in fastest.items()}
+    return scene | {"gap0": float(rng.choice([0.0, rng.uniform(0, 5e-3)]))}
+
+
 def general_scene(seed):
     """A wider scene with unlike ends, another contact, and in turn a plate that is tilted, that moves along itself, or both."""
     scene, rng = wider_scene(seed), np.random.default_rng([20240303, seed])

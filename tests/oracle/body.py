@@ -21,7 +21,8 @@ DEFAULTS = {
     "phi0": 0.0, "r": 5e-3, "rho_b": 7850.0, "rho_r": 1180.0, "D_r": 4e-3, "g": 9.81,
 }  # fmt: skip
 OTHERS = {
-    "Gamma_2", "phi_2", "mu_h", "l", "eta", "k_ratio", "tilt", "azimuth", "Gamma_x", "phi_x", "Gamma_y", "phi_y", "theta0",
+    "Gamma_2", "phi_2", "mu_h", "l", "eta", "k_ratio", "tilt", "azimuth", "Gamma_x", "phi_x", "Gamma_y", "phi_y",
+    "theta0", "ydot0", "betadot0", "thetadot0", "gammadot0", "gap0",
 }  # fmt: skip
 ENDS = ("e", "r", "rho_b", "mu", "mu_s", "mu_h")
 Pair = tuple[float, float]

@@ -30,9 +30,10 @@ class Run:
         self.rtol, self.v_rest = rtol, v_rest
         self.t, self.q, self.qdot = 0.0, np.zeros(6), np.zeros(6)
         self.q[3], self.q[4] = p.get("theta0", 0.0), p["beta0"] - d.beta_0
-        self.qdot[0] = p["xdot0"]
-        self.qdot[:3] -= body.plate_velocity(d, 0.0)  # at rest in the room but for xdot0, on the moving plate
-        self.q[2] = max(0.0, -body.rise(d, self.q))
+        self.qdot[:2] = p["xdot0"], p.get("ydot0", 0.0)
+        self.qdot[3:] = p.get("thetadot0", 0.0), p.get("betadot0", 0.0), p.get("gammadot0", 0.0)
+        self.qdot[:3] -= body.plate_velocity(d, 0.0)  # the start is told in the room, the coordinates are the plate's
+        self.q[2] = max(0.0, -body.rise(d, self.q)) + p.get("gap0", 0.0)
         self.closed = {int(i) for i in np.flatnonzero(body.gaps(d, self.q) <= 0)}
         self.resting = set[int]()
         self.breaking: dict[int, Array] = {}
@@ -196,7 +197,8 @@ def simulate(
 ) -> dict[str, Any]:
     """Simulate one dimer from its release to the last sample.
 
-    It starts with one end on the plate, end 2 where beta0 is below level, at rest in the room but for xdot0.
+    It starts with one end at gap0 over the plate, end 2 where beta0 is below level, ball 1 at rest in the room but for xdot0
+    and ydot0.
 
     Parameters
     ----------

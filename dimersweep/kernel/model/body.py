@@ -74,7 +74,7 @@ def set_dimer(row, dm):
     """
     # fmt: off
     (e_1, e_2, Gamma, f, A_r, mu_1, mu_2, mu_s_1, mu_s_2, mu_h_1, mu_h_2, _, _, phi0, r_1, r_2, rho_b_1, rho_b_2, rho_r,
-     D_r, g, Gamma_2, phi_2, eta, k_ratio, tilt, azimuth, Gamma_x, phi_x, Gamma_y, phi_y, _) = row
+     D_r, g, Gamma_2, phi_2, eta, k_ratio, tilt, azimuth, Gamma_x, phi_x, Gamma_y, phi_y, _, _, _, _, _, _) = row
     # fmt: on
     lever = (A_r - 1.0) * (r_1 + r_2)
     rod = lever - (r_1 + r_2)

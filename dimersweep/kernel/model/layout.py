@@ -8,12 +8,11 @@ from typing import Any, NamedTuple
 ROW = (
     "e_1", "e_2", "Gamma", "f", "A_r", "mu_1", "mu_2", "mu_s_1", "mu_s_2", "mu_h_1", "mu_h_2", "beta0", "xdot0", "phi0",
     "r_1", "r_2", "rho_b_1", "rho_b_2", "rho_r", "D_r", "g", "Gamma_2", "phi_2", "eta", "k_ratio",
-    "tilt", "azimuth", "Gamma_x", "phi_x", "Gamma_y", "phi_y", "theta0",
+    "tilt", "azimuth", "Gamma_x", "phi_x", "Gamma_y", "phi_y", "theta0", "ydot0", "betadot0", "thetadot0", "gammadot0", "gap0",
 )  # fmt: skip
 N_ROW = len(ROW)
-ROW_BETA0, ROW_XDOT0, ROW_THETA0, ROW_PHI0, ROW_PHI_2 = (
-    ROW.index(name) for name in ("beta0", "xdot0", "theta0", "phi0", "phi_2")
-)
+ROW_BETA0, ROW_XDOT0, ROW_PHI0, ROW_PHI_2 = (ROW.index(name) for name in ("beta0", "xdot0", "phi0", "phi_2"))
+ROW_THETA0, ROW_YDOT0, ROW_BETADOT0, ROW_THETADOT0, ROW_GAMMADOT0, ROW_GAP0 = range(ROW.index("theta0"), N_ROW)
 
 
 class End:

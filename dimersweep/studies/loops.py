@@ -1,0 +1,244 @@
+"""Hysteresis: where the motions of a sweep that carries its state up and down an axis part, and where they meet again."""
+
+import json
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from dimersweep.cubes.cube import coordinate, label_variable
+from dimersweep.cubes.grid import DIRECTIONS, Grid
+from dimersweep.cubes.results import runs
+from dimersweep.errors import ParameterError
+from dimersweep.inputs import as_number
+from dimersweep.kernel.batch import Workspace
+from dimersweep.kernel.model.layout import CODE_MODE, CODE_MODE_PERIOD
+from dimersweep.runs.accessor import warn_of_another_kernel
+from dimersweep.runs.carrying import Link, carried
+from dimersweep.studies.deciding import OPEN
+from dimersweep.studies.sweep_spec import Spec
+from dimersweep.symbols import PARAMETERS, QUANTITIES, Quantity
+from dimersweep.work.stopping import StopFlag, stoppable
+
+UP, DOWN = range(len(DIRECTIONS))
+SIDES = ("low", "high")
+LONGER = 16  # how much longer than a run of the line one may be that looks for the end of a loop
+
+
+class LoopEnd(NamedTuple):
+    """One end of a loop: between two values of the axis, of which one lies inside.
+
+    Attributes
+    ----------
+    below, above : float
+        The two values; NaN both where the loop is not closed on the axis.
+    modes : tuple of int
+        Modes of motion, codes, on the way up and down at the value inside.
+    """
+
+    below: float
+    above: float
+    modes: tuple[int, int]
+
+
+Verdict = tuple[int, int]  # mode, and forcing periods after which it repeats
+
+
+def loops(cube: xr.Dataset, *, within: float | None = None) -> xr.Dataset:
+    """The hysteresis loops of a cube: where going up and going down lead to different motions.
+
+    Motions differ if their modes or their periods in forcing periods do. Points that failed or have not settled are left out:
+    the ends of a loop lie between values at which both motions are known.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        Of `sweep` or `bifurcation` with ``carry="both"``.
+    within : float, optional
+        If given, ends are located to this, in the unit of the axis, by halving the step that they lie in: each new run starts
+        from the state carried up to it from below, and down to it from above. The lines of these loops are run again for
+        their states.
+
+    Returns
+    -------
+    xarray.Dataset
+        Along `loop`, one after the other on each line of the cube, in the unit of the axis: `low` and `high`, the middles of
+        the steps in which its ends lie, with `low_error` and `high_error`, half the lengths of these; NaN for an end that lies
+        beyond the axis. Besides the values of the other axes, and the modes on the way up and down next to each end inside
+        the loop, such as `mode_up_low`. The attribute `cost` is the number of forcing periods that were run.
+
+    Raises
+    ------
+    ParameterError
+        If the cube has not both directions, or `within` is not positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from dimersweep import loops, sweep
+    >>> cube = sweep({"Gamma": np.linspace(0.7, 1.1, 9)}, periods=200, carry="both", progress=False)
+    >>> found = loops(cube, within=1e-3)
+    >>> found["low"].values.round(2).tolist()  # the drift that comes down ends here, and what rests goes on resting
+    [0.79]
+    """
+    if within is not None and not as_number("within", within) > 0:
+        raise ParameterError(f"within = {within}: must be > 0")
+    if not isinstance(cube, xr.Dataset) or cube.sizes.get("direction", 0) != len(DIRECTIONS):
+        raise ParameterError("loops: the cube has not both directions; make it with carry='both'")
+    configuration = json.loads(cube.attrs["configuration"])
+    if within is not None:
+        warn_of_another_kernel(configuration, "the ends may lie elsewhere than its modes say")
+    *_, axis = configuration["grid"]
+    cube = cube.sel(direction=[UP, DOWN]).sortby(axis)
+    others = [str(name) for name in cube["mode"].dims if name not in ("direction", axis)]
+    alone = {name: cube[name].item() for name in configuration["grid"] if name not in cube["mode"].dims}
+    motions = {
+        name: cube[name].transpose(*others, "direction", axis).values.reshape(-1, len(DIRECTIONS), cube.sizes[axis])
+        for name in ("mode", "mode_period")
+    }
+    values = cube[axis].values
+    places = np.array(list(np.ndindex(*(cube.sizes[name] for name in others))), dtype=int)  # of each line
+    found: list[tuple[int, tuple[LoopEnd, LoopEnd]]] = []
+    cost = 0
+    for line in range(len(motions["mode"])):
+        ends = list(_ends(values, motions["mode"][line], motions["mode_period"][line]))
+        if ends and within is not None:
+            here = {name: float(cube[name].values[k]) for name, k in zip(others, places[line], strict=True)}
+            ends, spent = _located(_line_of(configuration, alone | here), ends, within)
+            cost += spent
+        found += [(line, pair) for pair in ends]
+    table = _table(cube, axis, {name: places[:, k] for k, name in enumerate(others)}, found)
+    return table.assign_attrs(axis=axis, cost=cost)
+
+
+def _ends(values: np.ndarray, mode: np.ndarray, period: np.ndarray) -> Iterator[tuple[LoopEnd, LoopEnd]]:
+    """The ends of the loops of one line, from modes and periods of shape (2, n)."""
+    known = np.flatnonzero(~np.isin(mode, OPEN).any(axis=0))
+    values, mode, period = values[known], mode[:, known], period[:, known]
+    for first, stop in runs((mode[UP] != mode[DOWN]) | (period[UP] != period[DOWN])):
+        low, high = ((int(mode[UP, k]), int(mode[DOWN, k])) for k in (first, stop - 1))
+        beyond = np.nan, np.nan
+        below = (values[first - 1], values[first]) if first else beyond
+        above = (values[stop - 1], values[stop]) if stop < values.size else beyond
+        yield LoopEnd(below[0], below[1], low), LoopEnd(above[0], above[1], high)
+
+
+def _line_of(configuration: dict[str, Any], here: dict[str, float]) -> Spec:
+    """The line at values of the other axes, as a sweep of its own."""
+    spec = Spec.from_configuration(configuration)
+    (axis,) = [name for name in spec.grid.axes if name not in here and name != "direction"]
+    axes = {name: spec.grid.axes[name] for name in ("direction", axis)}
+    return Spec(Grid(axes, spec.grid.fixed | here), spec.how, certify=False)
+
+
+def _located(
+    spec: Spec, ends: list[tuple[LoopEnd, LoopEnd]], within: float
+) -> tuple[list[tuple[LoopEnd, LoopEnd]], int]:
+    """The same ends, located to `within`, and the forcing periods that this took."""
+
+    def call(stop: StopFlag) -> tuple[list[tuple[LoopEnd, LoopEnd]], int]:
+        with stop.space() as space:
+            line = CarriedLine(spec, space)
+            found = [(line.located(low, within, inside=1), line.located(high, within, inside=0)) for low, high in ends]
+            return found, line.cost
+
+    return stoppable(call)
+
+
+class CarriedLine:
+    """One line of the carried axis, run anew each way for the states at its values.
+
+    Parameters
+    ----------
+    spec : Spec
+        Of this line alone.
+    space : Workspace
+        Scratch arrays, which may be stopped.
+    """
+
+    def __init__(self, spec: Spec, space: Workspace) -> None:
+        self.spec, self.space = spec, space
+        *_, self.axis = spec.grid.axes
+        self.values = spec.grid.axes[self.axis]
+        n = self.values.size
+        rows = spec.grid.rows(0, n)
+        up, down = (list(carried(each, spec.how, space)) for each in (rows, rows[::-1]))
+        self.ends = {UP: [link.end for link in up], DOWN: [link.end for link in down[::-1]]}
+        self.cost = sum(link.cost for link in (*up, *down))
+
+    def _row(self, value: float) -> np.ndarray:
+        grid = self.spec.grid
+        row: np.ndarray = Grid({self.axis: np.array([value])}, grid.fixed).rows(0, 1)[0]
+        return row
+
+    def _carry(self, start: np.ndarray | None, before: float, to: float) -> Link | None:
+        """Carry a state from one value to another; near an end motions settle slowly, and may take longer than on the line.
+
+        None if it was stopped.
+        """
+        how = self.spec.how._replace(max_periods=LONGER * self.spec.how.max_periods)
+        return next(carried([self._row(to)], how, self.space, start, self._row(before)), None)
+
+    def located(self, end: LoopEnd, within: float, inside: int) -> LoopEnd:
+        """An end between values of the axis, located by halving; `inside` is 0 if the loop lies below it, 1 if above."""
+        if np.isnan(end.below):
+            return end
+        below, above, modes = end
+        k, j = (int(np.searchsorted(self.values, value)) for value in (below, above))
+        up, down = self.ends[UP][k], self.ends[DOWN][j]
+        while above - below > 2 * within:  # half of it is the error
+            middle = 0.5 * (below + above)
+            rising, falling = self._carry(up, below, middle), self._carry(down, above, middle)
+            if middle in (below, above) or rising is None or falling is None:
+                break
+            self.cost += rising.cost + falling.cost
+            one, two = _motion(rising), _motion(falling)
+            if one[0] in OPEN or two[0] in OPEN:
+                break
+            if one != two:
+                modes = one[0], two[0]
+            if (one != two) == bool(inside):
+                above, down = middle, falling.end
+            else:
+                below, up = middle, rising.end
+        return LoopEnd(below, above, modes)
+
+
+def _motion(link: Link) -> Verdict:
+    return int(link.codes[0, CODE_MODE]), int(link.codes[0, CODE_MODE_PERIOD])
+
+
+def _table(
+    cube: xr.Dataset, axis: str, places: dict[str, np.ndarray], found: list[tuple[int, tuple[LoopEnd, LoopEnd]]]
+) -> xr.Dataset:
+    """The loops as a dataset."""
+    units = PARAMETERS[axis].units
+    lines = np.array([line for line, _ in found], dtype=int)
+    table = xr.Dataset()
+    for name, numbers in places.items():
+        table[name] = ("loop", cube[name].values[numbers[lines]], PARAMETERS[name].attributes())
+    for k, which in enumerate(SIDES):
+        ends = [pair[k] for _, pair in found]
+        middle = np.array([0.5 * (end.below + end.above) for end in ends])
+        half = np.array([0.5 * (end.above - end.below) for end in ends])
+        table[which] = (
+            "loop",
+            middle,
+            {"units": units, "long_name": f"{which} end of the loop: {PARAMETERS[axis].long_name}"},
+        )
+        table[f"{which}_error"] = (
+            "loop",
+            half,
+            {"units": units, "long_name": f"half the step that the {which} end lies in"},
+        )
+    for k, which in enumerate(SIDES):
+        for way, word in enumerate(DIRECTIONS):
+            codes = np.array([pair[k].modes[way] for _, pair in found], dtype=np.int8)
+            flags = label_variable("mode", ("loop",), codes)
+            flags.attrs["long_name"] = (
+                f"{QUANTITIES['mode'].long_name} on the way {word}, inside the loop at its {which} end"
+            )
+            table[f"mode_{word}_{which}"] = flags
+    number = Quantity("1", "number of the loop")
+    return table.assign_coords(loop=coordinate("loop", np.arange(len(found)), number))
