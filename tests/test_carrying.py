@@ -23,6 +23,7 @@ from dimersweep.studies.planning import plan
 from dimersweep.studies.reuse import Known
 from dimersweep.studies.sweep_spec import Spec, make_spec
 from dimersweep.work.scheduling import Pace, bundles
+from dimersweep.work.tiles import RunSettings
 
 pytestmark = pytest.mark.jit
 
@@ -152,7 +153,7 @@ def test_a_run_that_fails_hands_on_what_it_was_given(monkeypatch):
 
     monkeypatch.setattr(carrying, "run_rows", sometimes)
     rows = [Parameters(Gamma=value).row() for value in (0.9, 0.91, 0.92)]
-    links = list(carrying.carried(rows, 60, 60, 1e-8, True, new_workspace()))
+    links = list(carrying.carried(rows, RunSettings(60, 60, 1e-8), new_workspace()))
     assert [int(link.codes[0, CODE_STATUS]) for link in links] == [OK, JAMMED, OK]
     assert starts[0].shape == (0, N_START)
     np.testing.assert_array_equal(starts[2], starts[1])
