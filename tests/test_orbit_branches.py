@@ -357,3 +357,15 @@ def test_a_border_of_unlike_balls_is_where_runs_change(kind, known):
     else:
         assert beyond.mode_period == 2
         assert orbits.find(guess=beyond, periods=2).stable
+
+
+def test_a_fold_whose_impact_lies_where_the_spin_is_put_back_is_found():
+    """The double impact lies 4e-6 of a period after the plate's mean at e = 0.7: a branch, which holds no spin, has the same fold."""
+    short = {"r": 0.003, "A_r": 26 / 6, "mu": 0.3, "f": 30.0}
+    found = orbits.border("fold", "Gamma", over={"e": [0.65, 0.7, 0.75]}, **short)
+    assert (found["status"] == "ok").all()
+    for e, Gamma, phase in zip(found["e"].values, found["Gamma"].values, found["impact_phase"].values, strict=True):
+        branch = orbits.follow(orbits.find(e=e, Gamma=Gamma + 0.1, **short), "Gamma", to=Gamma - 0.1, words=False)
+        assert min(phase, 1 - phase) < 1e-3
+        assert Gamma == pytest.approx(float(branch["Gamma"][branch["special"].values == "fold"][0]), abs=1e-6)
+    assert float(found["Gamma"][1]) == pytest.approx(0.560388, abs=1e-6)
