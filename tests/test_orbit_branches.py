@@ -360,7 +360,7 @@ def test_a_border_of_unlike_balls_is_where_runs_change(kind, known):
 
 
 def test_a_fold_whose_impact_lies_where_the_spin_is_put_back_is_found():
-    """The double impact lies 4e-6 of a period after the plate's mean at e = 0.7: a branch, which holds no spin, has the same fold."""
+    """At e = 0.7 the double impact lies 4e-6 of a period beside it. A branch, where no spin is put back, has the same fold."""
     short = {"r": 0.003, "A_r": 26 / 6, "mu": 0.3, "f": 30.0}
     found = orbits.border("fold", "Gamma", over={"e": [0.65, 0.7, 0.75]}, **short)
     assert (found["status"] == "ok").all()

@@ -42,9 +42,7 @@ def test_orbits_found_beside_it_have_the_words_that_it_tells(curve):
     """Where the orbit leaps there may be none beyond for a little way."""
     kind = curve.attrs["kind"]
     assert np.isfinite(curve["Gamma"]).all()
-    assert {str(status).split(":")[0] for status in curve["status"].values} == {
-        "one of several" if kind == "stick_slip" else "ok"
-    }
+    assert set(curve["status"].values) == {"one of several" if kind == "stick_slip" else "ok"}
     for k in range(curve.sizes["e"]):
         point = curve.isel(e=k)
         word = str(point["word"].values)
@@ -75,13 +73,13 @@ def test_a_curve_is_smooth_where_its_change_is_the_same():
 @pytest.mark.parametrize(
     "scene", [{}, {"r": 3e-3, "A_r": 26 / 6, "mu": 0.3, "f": 30.0}], ids=["base case", "a short dimer"]
 )
-def test_a_border_of_a_bouncing_motion_that_depends_on_its_grid_says_that_there_are_more(scene):
+def test_a_border_of_a_bouncing_motion_is_the_same_over_any_grid_and_says_that_there_are_more(scene):
     """From e = 0.69 on both ends bounce on, and their hops pass half a period at many values of Gamma."""
     alone = orbits.border("hop", "Gamma", over={"e": [0.7]}, spin=100.0, **scene)
     along = orbits.border("hop", "Gamma", over={"e": [0.65, 0.7]}, spin=100.0, **scene)
-    assert abs(float(alone["Gamma"][0] - along["Gamma"][1])) > 1e-3
-    assert [str(status).split(":")[0] for status in alone["status"].values] == ["one of several"]
-    assert [str(status).split(":")[0] for status in along["status"].values] == ["ok", "one of several"]
+    assert float(alone["Gamma"][0]) == pytest.approx(float(along["Gamma"][1]), abs=1e-9)
+    assert list(alone["status"].values) == ["one of several"]
+    assert list(along["status"].values) == ["ok", "one of several"]
 
 
 @pytest.mark.parametrize("kind", ["word", "lift_off"])
@@ -89,9 +87,8 @@ def test_a_change_that_a_motion_has_at_several_values_says_so(kind):
     e = 0.6
     alone = orbits.border(kind, "Gamma", over={"e": [e]}, spin=100.0)
     along = orbits.border(kind, "Gamma", over={"e": [e - 0.05, e]}, spin=100.0)
-    assert abs(float(alone["Gamma"][0] - along["Gamma"][1])) > 0.1
-    assert "one of several" in str(alone["status"][0].values)
-    assert "one of several" in str(along["status"][1].values)
+    assert float(alone["Gamma"][0]) == pytest.approx(float(along["Gamma"][1]), abs=1e-9)
+    assert str(alone["status"][0].values) == str(along["status"][1].values) == "one of several"
 
 
 def test_a_warm_point_of_a_hop_costs_little():

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dimersweep.orbits.curve import Curve, Found
+from dimersweep.orbits.curve import FollowedCurve, Found
 from dimersweep.orbits.held import held
 from dimersweep.orbits.kinds.kind import Bifurcation
 from dimersweep.orbits.newton import fixed_at
@@ -18,8 +18,10 @@ from dimersweep.orbits.word import Sides
 
 BACK = (0.0, 1e-3 * TURN, -1e-3 * TURN)  # phases of the plate at which the spin is put back [rad], as they are tried
 
+KINK = 1e-2  # distance of all multipliers from the border's beyond which they are those of another map
 
-class BifurcationCurve(Curve):
+
+class BifurcationCurve(FollowedCurve):
     """A curve along which multipliers of the orbit have the value that its kind asks for: see `Curve`."""
 
     kind: Bifurcation
@@ -40,7 +42,7 @@ class BifurcationCurve(Curve):
     def _is_met(self, special: Special, like: Sides | None) -> bool:
         return special.kind is self.kind
 
-    def _taken_up(self, special: Special) -> Found:
+    def taken_up(self, special: Special) -> Found:
         """At a fold the bouncer strikes about where the spin is put back; where it is just there, that is done beside it."""
         reason = OrbitLost("")
         for back in BACK:
@@ -67,5 +69,11 @@ class BifurcationCurve(Curve):
         fast = np.linalg.eigvals(matrix).astype(complex)
         fast = fast[np.argsort(-np.abs(fast), kind="stable")][:-1]  # without that of the spin, which is put back
         orbit = orbit_of(fixed_at(plain, at.z, image, at.residual))
+        if not fast.size or np.abs(self.kind.away(fast)).min() > KINK:
+            raise OrbitLost(f"the map has a kink where a {self.kind.name} is looked for")
         orbit = replace(orbit, multipliers=fast, stable=bool((np.abs(fast) < 1).all()))
-        return Found(orbit, float(at.u[-1] * self.axis.scale), at)
+        return Found(orbit, float(at.u[-1] * self.axis.scale), at, loses=self.kind.is_all(fast))
+
+    def is_sure(self, found: Found) -> bool:
+        """Where a stable orbit loses its stability."""
+        return found.loses

@@ -13,7 +13,7 @@ from typing import cast
 import numpy as np
 
 from dimersweep.orbits.branch import Equations, Mark, Point, in_own_section, lent, with_mark
-from dimersweep.orbits.curve import Curve, Found
+from dimersweep.orbits.curve import FollowedCurve, Found
 from dimersweep.orbits.grazing import graze, least_gap
 from dimersweep.orbits.kinds.changes import WORD
 from dimersweep.orbits.kinds.kind import Change
@@ -21,9 +21,10 @@ from dimersweep.orbits.newton import defect
 from dimersweep.orbits.orbit import orbit_of
 from dimersweep.orbits.poincare import OrbitLost
 from dimersweep.orbits.specials import Special, last_with
+from dimersweep.orbits.stability_end import is_stable, stays_stable
 from dimersweep.orbits.word import Sides, rests, sides_of, word_of
 
-SEVERAL = "one of several: the word changes alike at other values; which one is found depends on the start and the grid"
+SEVERAL = "one of several"
 POINT_REACH = 0.2  # of a point of a curve from where it is looked for, in units of the section
 WIDEST, NARROWEST, WIDER = 0.05, 2e-5, 4.0  # bracket of a change of word, in the parameter over its scale
 DOUBT, LESS = 4e-3, 0.08  # of a point with one neighbour; of one on the line through two, in the step between them
@@ -32,7 +33,7 @@ MOST_DERIVATIVES = 3  # new derivatives at a point: where Newton's method asks f
 TANGENT_SHARE = 1e-3  # of the way to the next point, over which a derivative is taken
 
 
-class WordCurve(Curve):
+class WordCurve(FollowedCurve):
     """A curve along which the word changes: see `Curve`."""
 
     kind: Change
@@ -46,12 +47,24 @@ class WordCurve(Curve):
             return False
         return like is None or like.between(*special.words)
 
-    def _taken_up(self, special: Special) -> Found:
-        return self._found(special.point, sides_of(*special.words, self.kind.begins))
+    def taken_up(self, special: Special) -> Found:
+        at = special.point
+        return self._found(at, sides_of(*special.words, self.kind.begins), float(np.sign(at.tangent[-1])))
 
-    def _found(self, at: Point, sides: Sides) -> Found:
-        """A point of the curve, in a section that suits the next one."""
-        return Found(orbit_of(at.fixed), at.value, in_own_section(self.axis, at), sides)
+    def is_sure(self, found: Found) -> bool:
+        """Where there is one such change only."""
+        return self.status(found) == "ok"
+
+    def _found(self, at: Point, sides: Sides, sense: float) -> Found:
+        """A point of the curve, in a section that suits the next one.
+
+        Beyond it the parameter changes in the `sense` (1 or -1); 0 where the map is smooth, and nothing but the word changes.
+        """
+        if at.grazes:
+            sense = -float(np.sign(cast(np.ndarray, at.mark_slope)[-1]))  # the end strikes there
+        leaps = sense != 0.0 and (self.kind.zero is None or at.grazes)
+        loses = leaps and is_stable(at) and not stays_stable(self.axis, at, sense)
+        return Found(orbit_of(at.fixed), at.value, in_own_section(self.axis, at), sides, loses)
 
     def _next(self, given: dict[str, float], near: list[Found]) -> Found:
         last, sides = near[0].begin, near[0].sides
@@ -95,7 +108,7 @@ class WordCurve(Curve):
                 change = last_with(self.axis, sides.here, 0.0, this, other)
                 if not sides.beyond(change.word):
                     raise OrbitLost(f"another change is nearer at {self.parameter} = {change.at.value:.6g}")
-                return self._found(change.at, sides)
+                return self._found(change.at, sides, float(np.sign(other.value - this.value)))
             width *= WIDER
         at = y[-1] * self.axis.scale
         raise OrbitLost(f"no change of word within {WIDEST * self.axis.scale:.2g} of {self.parameter} = {at:.6g}")
@@ -111,7 +124,7 @@ class WordCurve(Curve):
                 at, struck = graze(self.axis, wider)
                 near_by = np.abs(at.value / self.axis.scale - y[-1]) <= WIDEST
                 if near_by and sides.between(word_of(at.fixed.image.passage), struck):
-                    return self._found(at, sides)
+                    return self._found(at, sides, 0.0)
         raise OrbitLost(f"no end grazes where the word changes near {self.parameter} = {y[-1] * self.axis.scale:.6g}")
 
     def _zero(self, given: dict[str, float], near: Point, sides: Sides, mark: Mark) -> Found:
@@ -123,7 +136,7 @@ class WordCurve(Curve):
         away = np.abs(at.y(self.axis) - y)
         if away.max() > POINT_REACH or away[-1] > WIDEST or not sides.here(word_of(at.fixed.image.passage)):
             raise OrbitLost(f"no {self.kind.name} near {self.parameter} = {beside.value:.6g}")
-        return self._found(with_mark(self.axis, at, mark), sides)
+        return self._found(with_mark(self.axis, at, mark), sides, 0.0)
 
     def _ahead(self, given: dict[str, float], near: Point, mark: Mark) -> tuple[np.ndarray, np.ndarray]:
         """Where the curve leads from a neighbour along its tangent, and the derivative there of all equations.

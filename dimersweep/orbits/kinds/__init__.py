@@ -4,7 +4,10 @@ from dimersweep.orbits.kinds.changes import CHATTER, DOUBLE_IMPACT, HOP, LIFT_OF
 from dimersweep.orbits.kinds.flip import FLIP
 from dimersweep.orbits.kinds.fold import FOLD
 from dimersweep.orbits.kinds.kind import Kind
+from dimersweep.orbits.kinds.stability import STABLE_FROM, STABLE_TO
 from dimersweep.orbits.kinds.torus import TORUS
 
-_ALL: tuple[Kind, ...] = (FOLD, FLIP, TORUS, WORD, STICK_SLIP, LIFT_OFF, DOUBLE_IMPACT, CHATTER, HOP)
+_ALL: tuple[Kind, ...] = (
+    FOLD, FLIP, TORUS, STABLE_FROM, STABLE_TO, WORD, STICK_SLIP, LIFT_OFF, DOUBLE_IMPACT, CHATTER, HOP,
+)  # fmt: skip
 BORDER_KINDS = {kind.name: kind for kind in _ALL}
