@@ -3,12 +3,12 @@
 That is a fold, a flip or a torus, or a change of word over which the multipliers leap, or beyond which there is no such orbit.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 
 import numpy as np
 
-from dimersweep.orbits.branch import Axis, Point, corrected, in_each_section, in_own_section, one_sided
+from dimersweep.orbits.branch import Axis, Point, corrected, in_each_section, in_own_section, lent, one_sided
 from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.orbits.kinds.changes import WORD, change_of
 from dimersweep.orbits.kinds.kind import Bifurcation, Kind
@@ -127,8 +127,10 @@ def stays_stable(axis: Axis, point: Point, sense: float) -> bool:
     """Whether there is a stable orbit nearby where the parameter is a little further in a sense (1 or -1)."""
     for by in (0.01 * GAP, 0.1 * GAP, GAP):
         with suppress(OrbitLost):
-            _pushed(axis, point, sense * by)
-            return True
+            fixed = _beside(axis, point, sense * by, lent).fixed
+            matrix, _ = fixed.map.jacobian(fixed.z, fixed.image, np.ones(fixed.z.size))
+            if (np.abs(multipliers_of(fixed._replace(matrix=matrix))[0]) < 1).all():
+                return True
     return False
 
 
@@ -140,13 +142,21 @@ def _pushed(axis: Axis, point: Point, by: float) -> Point:
     OrbitLost
         If there is none.
     """
-    along = np.append(np.zeros(point.fixed.z.size), by)
-    nxt = corrected(axis, point, point.y(axis) + along, along)
+    nxt = _beside(axis, point, by, corrected)
     if not is_stable(nxt):
         raise OrbitLost("the orbit is unstable")
+    return nxt._replace(tangent=nxt.tangent if nxt.tangent[-1] * by > 0 else -nxt.tangent)
+
+
+def _beside(
+    axis: Axis, point: Point, by: float, solved: Callable[[Axis, Point, np.ndarray, np.ndarray], Point]
+) -> Point:
+    """The orbit nearby where the parameter over its scale is greater by so much, as `lent` or `corrected` solve for it."""
+    along = np.append(np.zeros(point.fixed.z.size), by)
+    nxt = solved(axis, point, point.y(axis) + along, along)
     if np.abs(nxt.fixed.z - point.fixed.z).max() > JOINED:
         raise OrbitLost("another orbit is found")
-    return nxt._replace(tangent=nxt.tangent if nxt.tangent[-1] * by > 0 else -nxt.tangent)
+    return nxt
 
 
 def _in_step(axis: Axis, a: Point, b: Point) -> Special:
