@@ -27,6 +27,7 @@ from dimersweep.parameters import as_numbers, check_effect, check_name, check_rt
 from dimersweep.symbols import PARAMETERS
 
 STRETCHES = 8  # in a line of points: shorter ones are not begun anew
+STATUS_LENGTH = 100  # of a status at most
 MEETING = 1e-6  # how well a meeting is known, in the step of the curve
 
 
@@ -69,13 +70,14 @@ def border(
     -------
     xarray.Dataset
         Along the names in `over`: `parameter`, the attributes of the border's `PeriodicOrbit`, `status` and `cost`, the
-        forcing periods of the map that a point took. The status is "ok", or says why there is no point, or that the border is
-        one of several: the word of a motion in which no end stays on the plate, and the order of sticking, slipping and
-        lifting off in any motion, change at many values of the parameter. Of these it is the first one met along the branch
-        of the stable orbit. `loses_stability` says whether a stable orbit loses its stability there: the multipliers are
-        inside the unit circle on one side, and beyond the orbit has one outside, or there is none. Of stable_from and
-        stable_to also `ends_by`, the kind of border there. Of a change of word also `change`, the symbols that go and come:
-        it may differ from line to line of points.
+        forcing periods of the map that a point took. The status is "ok", or says why there is no point, or that there are
+        more. The word, and the order of sticking, slipping and lifting off, change at many values of the parameter: the row
+        has the first one met along the branch of the stable orbit, `several` has all of that branch, and the status is "one
+        of 10". Beyond where an end no longer comes to rest the branch is in pieces: the row is the last orbit of which an end
+        does, and the status says that there are several beyond. `loses_stability` says whether a stable orbit loses its
+        stability there: the multipliers are inside the unit circle on one side, and beyond the orbit has one outside, or there
+        is none. Of stable_from and stable_to also `ends_by`, the kind of border there. Of a change of word also `change`, the
+        symbols that go and come: it may differ from line to line of points.
         Along `meeting`: where the curve meets another border, with its `meets`.
 
     Raises
@@ -218,7 +220,7 @@ class Walk:
         try:
             self.found[index] = self._point(values, near, like)
         except (OrbitLost, OrbitError, ParameterError) as reason:
-            self.status.setdefault(index, str(reason))
+            self.status.setdefault(index, shortened(str(reason)))
             return
         for k, column in enumerate(self.columns):
             for side in (-1, 1):
@@ -240,6 +242,12 @@ class Walk:
         return {
             index: self.status.get(index, "no neighbour was found") for index in self.order if index not in self.found
         }
+
+
+def shortened(reason: str) -> str:
+    """The beginning of a reason, in one line that a table can hold."""
+    said = "; ".join(reason.split("; ")[:2])
+    return said if len(said) <= STATUS_LENGTH else said[: STATUS_LENGTH - 3] + "..."
 
 
 def _to_begin(line: list[tuple[int, ...]], tried: Set[tuple[int, ...]]) -> tuple[int, ...] | None:
@@ -332,6 +340,10 @@ def _dataset(
         words = "what goes (-) and comes (+) in the word beyond: symbols, or pairs of them (a/b)"
         changes = [one.sides.described(one.orbit.word) if one.sides else "" for one in found.values()]
         table["change"] = ("found", changes, {"long_name": words})
+        most = max(len(one.several) for one in found.values())
+        values = np.array([[*one.several, *[np.nan] * (most - len(one.several))] for one in found.values()])
+        words = f"{curve.parameter} of all such changes along the branch of the stable orbit"
+        table["several"] = (("found", "number"), values.reshape(len(found), most), {"units": "1", "long_name": words})
     at = tuple(np.array(list(found)).T)
     result = xr.Dataset(coords={n: (n, v, PARAMETERS[n]._asdict()) for n, v in axes.items()})
     for name, column in table.data_vars.items():

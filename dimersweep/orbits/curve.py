@@ -37,11 +37,13 @@ class Found(NamedTuple):
     begin : OnBorder or Point
         What the next point begins with.
     sides : Sides, optional
-        Of a change of word: how the words on its two sides differ.
+        Of a change of word: how the words on its two sides differ; none where a branch goes to pieces.
     loses : bool
         Whether a stable orbit loses its stability there.
     by : Kind, optional
         Of an end of stability: the kind of border that ends it.
+    several : tuple of float
+        Of a change that a motion has at several values of the parameter: those along the branch of the stable orbit.
     cost : float
         Forcing periods of the map that it took.
     """
@@ -52,6 +54,7 @@ class Found(NamedTuple):
     sides: Sides | None = None
     loses: bool = False
     by: Kind | None = None
+    several: tuple[float, ...] = ()
     cost: float = 0.0
 
     def alike(self, other: "Found") -> bool:
@@ -230,10 +233,20 @@ class FollowedCurve(Curve):
         reasons: list[str] = []
         for orbit in [start] if start is not None else self._starts(given, reasons):
             try:
-                return self.taken_up(self._along(orbit, like))
+                return self._from(orbit, like)
             except (OrbitError, OrbitLost) as reason:
                 reasons.append(str(reason))
         raise OrbitError(f"no {self.kind.name} was met; {'; '.join(reasons)}")
+
+    def _from(self, orbit: PeriodicOrbit, like: Sides | None) -> Found:
+        """The first point of the border on the branch through an orbit.
+
+        Raises
+        ------
+        OrbitLost
+            If there is none.
+        """
+        return self.taken_up(self._along(orbit, like))
 
     def _along(self, orbit: PeriodicOrbit, like: Sides | None) -> Special:
         """The first point of the border on the branch through an orbit, to either side; one that ends stability goes before.

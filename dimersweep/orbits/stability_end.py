@@ -5,6 +5,7 @@ That is a fold, a flip or a torus, or a change of word over which the multiplier
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from itertools import takewhile
 
 import numpy as np
 
@@ -23,6 +24,8 @@ NARROW = 1e-4  # length of a step in which stability is lost, from which on chan
 GAP = 1e-2  # part of the parameter over which an orbit may be missing or leap
 FIRST_PUSH, LAST_PUSH, PUSH_GROWTH = 1e-5, 1e-9, 3.0  # steps of the parameter to the last stable orbit
 AHEAD = (1e-5, 1e-4, 1e-3, 1e-2)  # how far beyond the last orbit of a branch the word is looked at
+
+Holds = Callable[[Point], bool]  # a property of an orbit
 
 
 def is_stable(point: Point) -> bool:
@@ -80,7 +83,7 @@ def stability_end(axis: Axis, begin: Point) -> Special:
         special = _first_end(axis, point)
         if isinstance(special.kind, Bifurcation):
             return special
-        last, goes_on = _furthest(axis, special.point, float(np.sign(begin.tangent[-1])))
+        last, goes_on = _furthest(is_stable, axis, special.point, float(np.sign(begin.tangent[-1])))
         if not goes_on:
             kind = special.kind if last is special.point else _kind_beyond(axis, last)
             return special._replace(kind=kind, point=last)
@@ -106,12 +109,37 @@ def _first_end(axis: Axis, begin: Point) -> Special:
     return Special(_kind_beyond(axis, last), last, 1.0)
 
 
-def _furthest(axis: Axis, point: Point, sense: float) -> tuple[Point, bool]:
-    """The last stable orbit in steps of the parameter, and whether the orbit goes on beyond."""
+def last_that(holds: Holds, axis: Axis, begin: Point) -> Point:
+    """The last orbit with a property, in the sense of the tangent of the first, where it is lost by a change of word.
+
+    Raises
+    ------
+    OrbitLost
+        If the first orbit does not have it, or it is not lost.
+    """
+    point = begin
+    if not holds(begin):
+        raise OrbitLost("the first orbit is another one")
+    for _ in range(MOST_CHANGES):
+        last = point
+        try:
+            for _, b in takewhile(lambda step: holds(step[1]), walked(axis, point)):
+                last = b
+        except OrbitLost:
+            if last is begin:
+                raise
+        point, goes_on = _furthest(holds, axis, last, float(np.sign(begin.tangent[-1])))
+        if not goes_on:
+            return point
+    raise OrbitLost("no end is met")
+
+
+def _furthest(holds: Holds, axis: Axis, point: Point, sense: float) -> tuple[Point, bool]:
+    """The last orbit with a property in steps of the parameter, and whether such an orbit goes on beyond."""
     start, step = point, FIRST_PUSH
     while step > LAST_PUSH:
         try:
-            point = _pushed(axis, point, sense * step)
+            point = _pushed(holds, axis, point, sense * step)
             step *= PUSH_GROWTH
         except OrbitLost:
             step /= PUSH_GROWTH**2
@@ -119,7 +147,7 @@ def _furthest(axis: Axis, point: Point, sense: float) -> tuple[Point, bool]:
             return point, True
     for gap in (0.1 * GAP, GAP):
         with suppress(OrbitLost):
-            return _pushed(axis, point, sense * gap), True
+            return _pushed(holds, axis, point, sense * gap), True
     return point, False
 
 
@@ -134,8 +162,8 @@ def stays_stable(axis: Axis, point: Point, sense: float) -> bool:
     return False
 
 
-def _pushed(axis: Axis, point: Point, by: float) -> Point:
-    """The stable orbit nearby where the parameter over its scale is greater by so much; its tangent points there.
+def _pushed(holds: Holds, axis: Axis, point: Point, by: float) -> Point:
+    """The orbit with a property nearby where the parameter over its scale is greater by so much; its tangent points there.
 
     Raises
     ------
@@ -143,8 +171,8 @@ def _pushed(axis: Axis, point: Point, by: float) -> Point:
         If there is none.
     """
     nxt = _beside(axis, point, by, corrected)
-    if not is_stable(nxt):
-        raise OrbitLost("the orbit is unstable")
+    if not holds(nxt):
+        raise OrbitLost("the orbit nearby is another one")
     return nxt._replace(tangent=nxt.tangent if nxt.tangent[-1] * by > 0 else -nxt.tangent)
 
 

@@ -18,19 +18,24 @@ from dimersweep.orbits.grazing import graze, least_gap
 from dimersweep.orbits.kinds.changes import WORD
 from dimersweep.orbits.kinds.kind import Change
 from dimersweep.orbits.newton import defect
-from dimersweep.orbits.orbit import orbit_of
+from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import OrbitLost
 from dimersweep.orbits.specials import Special, last_with
-from dimersweep.orbits.stability_end import is_stable, stays_stable
-from dimersweep.orbits.word import Sides, rests, sides_of, word_of
+from dimersweep.orbits.stability_end import WALK_POINTS, is_stable, last_that, stays_stable, walked
+from dimersweep.orbits.word import Sides, far_ends, rests, sides_of, word_of
 
-SEVERAL = "one of several"
+SAME = 1e-7  # distance of two changes of word that are one, in the parameter over its scale
 POINT_REACH = 0.2  # of a point of a curve from where it is looked for, in units of the section
 WIDEST, NARROWEST, WIDER = 0.05, 2e-5, 4.0  # bracket of a change of word, in the parameter over its scale
 DOUBT, LESS = 4e-3, 0.08  # of a point with one neighbour; of one on the line through two, in the step between them
 OPENED = (1e-2, 1e-1)  # ways along the branch, in units of the section, from which a grazing orbit is looked for
 MOST_DERIVATIVES = 3  # new derivatives at a point: where Newton's method asks for more, the motion is another one
 TANGENT_SHARE = 1e-3  # of the way to the next point, over which a derivative is taken
+
+
+def comes_to_rest(point: Point) -> bool:
+    """Whether an end stays on the plate for a part of the period."""
+    return rests(word_of(point.fixed.image.passage))
 
 
 class WordCurve(FollowedCurve):
@@ -40,7 +45,11 @@ class WordCurve(FollowedCurve):
     words = True
 
     def status(self, found: Found) -> str:
-        return "ok" if self.kind.once and rests(found.orbit.word) else SEVERAL
+        if found.sides is None:
+            return "several beyond, of motions that come to no rest"
+        if self.kind.once and rests(found.orbit.word):
+            return "ok"
+        return f"one of {len(found.several)}" if found.several else "one of several"
 
     def _is_met(self, special: Special, like: Sides | None) -> bool:
         if not isinstance(special.kind, Change) or self.kind not in (WORD, special.kind):
@@ -50,6 +59,56 @@ class WordCurve(FollowedCurve):
     def taken_up(self, special: Special) -> Found:
         at = special.point
         return self._found(at, sides_of(*special.words, self.kind.begins), float(np.sign(at.tangent[-1])))
+
+    def _from(self, orbit: PeriodicOrbit, like: Sides | None) -> Found:
+        try:
+            found = super()._from(orbit, like)
+        except OrbitLost:
+            if not orbit.stable or far_ends(orbit.word) != 1:
+                raise
+            return self._to_pieces(orbit)
+        if self.kind.once or not orbit.stable:
+            return found
+        values = [value for way in self.senses for value in self._while_stable(self._begun(orbit), way)]
+        if all(abs(value - found.value) > SAME * self.axis.scale for value in values):
+            values.append(found.value)
+        return found._replace(several=tuple(sorted(values)))
+
+    def _while_stable(self, begin: Point, sense: float) -> Iterator[float]:
+        """Values of the parameter at which the word changes so, along a branch while its orbit is stable."""
+        with suppress(OrbitLost):
+            for a, b in walked(self.axis, begin._replace(tangent=sense * begin.tangent)):
+                yield from (special.point.value for special in self._specials(a, b) if self._is_met(special, None))
+                if not is_stable(b):
+                    return
+
+    def _met(self, point: Point, like: Sides | None) -> Special:
+        """On a motion of which an end comes to rest; beyond, steps lead from one piece of the branch to any other."""
+        came_to_rest = comes_to_rest(point)
+        for a, b in walked(self.axis, point):
+            for special in self._specials(a, b):
+                if came_to_rest and not comes_to_rest(special.point):
+                    break
+                if self._is_met(special, like):
+                    return special
+            if came_to_rest and not comes_to_rest(b):
+                raise OrbitLost(f"no end comes to rest beyond {self.parameter} = {a.value:.3g}")
+        raise OrbitLost(f"none within {WALK_POINTS} points of the branch")
+
+    def _to_pieces(self, orbit: PeriodicOrbit) -> Found:
+        """The last orbit of which an end comes to rest: beyond it is a border for each number of bounces.
+
+        Raises
+        ------
+        OrbitLost
+            If the branch does not go to pieces.
+        """
+        begin = self._begun(orbit)
+        for sense in self.senses:
+            with suppress(OrbitLost):
+                last = last_that(comes_to_rest, self.axis, begin._replace(tangent=sense * begin.tangent))
+                return Found(orbit_of(last.fixed), last.value, in_own_section(self.axis, last))
+        raise OrbitLost(f"no {self.kind.name} is met")
 
     def is_sure(self, found: Found) -> bool:
         """Where there is one such change only."""
@@ -68,7 +127,8 @@ class WordCurve(FollowedCurve):
 
     def _next(self, given: dict[str, float], near: list[Found]) -> Found:
         last, sides = near[0].begin, near[0].sides
-        assert sides is not None
+        if sides is None:
+            raise OrbitLost("the branch of the neighbour goes to pieces")
         if last.grazes:
             with suppress(OrbitLost):
                 return self._graze(given, last, sides)
