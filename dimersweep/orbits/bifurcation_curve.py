@@ -36,7 +36,7 @@ class BifurcationCurve(FollowedCurve):
         for back in (m.back, *(other for other in BACK if other != m.back)):
             for u in (self.extrapolated(near), old.u):
                 with suppress(OrbitLost):
-                    return self._found(next_on_border(self.kind, self.axis, replace(m, back=back), old, u))
+                    return self.at(next_on_border(self.kind, self.axis, replace(m, back=back), old, u))
         raise OrbitLost(f"no {self.kind.name} is found from its neighbour")
 
     def _is_met(self, special: Special, like: Sides | None) -> bool:
@@ -48,12 +48,12 @@ class BifurcationCurve(FollowedCurve):
         for back in BACK:
             try:
                 m = held(special.point.map, self.spin, back)
-                return self._found(on_border(self.kind, self.axis, m, special.point.y(self.axis)))
+                return self.at(on_border(self.kind, self.axis, m, special.point.y(self.axis)))
             except OrbitLost as lost:
                 reason = lost
         raise reason
 
-    def _found(self, at: OnBorder) -> Found:
+    def at(self, at: OnBorder) -> Found:
         """A point of the border, in a section that suits the next one."""
 
         def make(own: ReturnMap, z: np.ndarray) -> OnBorder:

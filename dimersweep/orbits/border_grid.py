@@ -11,7 +11,7 @@ import xarray as xr
 
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.orbits.bifurcation_curve import BifurcationCurve
-from dimersweep.orbits.curve import Curve, FollowedCurve, Found
+from dimersweep.orbits.curve import Curve, FollowedCurve, Found, shortened
 from dimersweep.orbits.finding import RTOL, checked, checked_spin
 from dimersweep.orbits.kinds import BORDER_KINDS, Kind
 from dimersweep.orbits.kinds.changes import change_of
@@ -27,7 +27,6 @@ from dimersweep.parameters import as_numbers, check_effect, check_name, check_rt
 from dimersweep.symbols import PARAMETERS
 
 STRETCHES = 8  # in a line of points: shorter ones are not begun anew
-STATUS_LENGTH = 100  # of a status at most
 MEETING = 1e-6  # how well a meeting is known, in the step of the curve
 
 
@@ -242,12 +241,6 @@ class Walk:
         return {
             index: self.status.get(index, "no neighbour was found") for index in self.order if index not in self.found
         }
-
-
-def shortened(reason: str) -> str:
-    """The beginning of a reason, in one line that a table can hold."""
-    said = "; ".join(reason.split("; ")[:2])
-    return said if len(said) <= STATUS_LENGTH else said[: STATUS_LENGTH - 3] + "..."
 
 
 def _to_begin(line: list[tuple[int, ...]], tried: Set[tuple[int, ...]]) -> tuple[int, ...] | None:

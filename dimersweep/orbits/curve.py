@@ -23,6 +23,7 @@ from dimersweep.orbits.stability_end import WALK_POINTS, stability_end, walked
 from dimersweep.orbits.word import Sides, far_ends
 from dimersweep.parameters import value_of
 
+STATUS_LENGTH = 100  # of a status at most
 HALVINGS = 4  # of a step from one point of a curve to the next
 
 
@@ -61,6 +62,12 @@ class Found(NamedTuple):
         """Whether both are points of one section, and words change alike at both."""
         m, n = self.begin.map, other.begin.map
         return m.phase == n.phase and m.free.size == n.free.size and self.sides == other.sides
+
+
+def shortened(reason: str) -> str:
+    """The beginning of a reason, in one line that a table can hold."""
+    said = "; ".join(reason.split("; ")[:2])
+    return said if len(said) <= STATUS_LENGTH else said[: STATUS_LENGTH - 3] + "..."
 
 
 class Curve(ABC):
@@ -236,7 +243,7 @@ class FollowedCurve(Curve):
                 return self._from(orbit, like)
             except (OrbitError, OrbitLost) as reason:
                 reasons.append(str(reason))
-        raise OrbitError(f"no {self.kind.name} was met; {'; '.join(reasons)}")
+        raise OrbitError(shortened(f"no {self.kind.name} was met; {'; '.join(dict.fromkeys(reasons))}"))
 
     def _from(self, orbit: PeriodicOrbit, like: Sides | None) -> Found:
         """The first point of the border on the branch through an orbit.
