@@ -331,6 +331,8 @@ def _stepped(
 ) -> tuple[Place, float | None]:
     """The point a step further, or the one at an end of the span that lies before it, and that end."""
     nxt = _on_plane(equations, place, place.x + step * place.tangent, place.tangent)
+    if np.linalg.norm(nxt.x - place.x) > step / SAME_WAY or place.tangent @ nxt.tangent < SAME_WAY:
+        raise OrbitLost("the curve turns too sharply")
     for edge in span:
         a, b = (at.x[-1] - edge / equations.other.scale for at in (place, nxt))
         if a * b < 0:
@@ -355,13 +357,8 @@ def _on_plane(equations: PlaneEquations, place: Place, x: np.ndarray, normal: np
     def derivative(at: np.ndarray) -> np.ndarray:
         return np.vstack([equations.derivative(at), normal])
 
-    rtol = equations.curve.rtol
-    root = newton(value, x, derivative, TOLERANCE * rtol)
-    nxt = _placed(equations, equations.made(root.y, root.extra), root.y, place.tangent)
-    way, asked = np.linalg.norm(root.y - place.x), np.linalg.norm(x - place.x)
-    if way > asked / SAME_WAY or place.tangent @ nxt.tangent < SAME_WAY:
-        raise OrbitLost("the curve turns too sharply")
-    return nxt
+    root = newton(value, x, derivative, TOLERANCE * equations.curve.rtol)
+    return _placed(equations, equations.made(root.y, root.extra), root.y, place.tangent)
 
 
 def _special(equations: PlaneEquations, a: Place, b: Place) -> list[tuple[Place, str]]:
@@ -391,19 +388,19 @@ def _special(equations: PlaneEquations, a: Place, b: Place) -> list[tuple[Place,
         with suppress(OrbitLost):
             word, share = words[0], 0.0
             while word != words[1] and len(found) < MOST_CHANGES:
-                share, beyond = _halved(lambda share, word=word: at(share).found.orbit.word == word, share)
+                share, beyond = _halved(lambda share: at(share).found.orbit.word, word, share)
                 after = at(beyond).found.orbit.word
                 found.append((share, (at(share), f"{equations.curve.kind.name}-{change_of(word, after).name}")))
                 word, share = after, beyond
     return [row for _, row in sorted(found, key=lambda one: one[0])]
 
 
-def _halved(holds: Callable[[float], bool], low: float) -> tuple[float, float]:
-    """The last share of a step at which something holds, from one on at which it does, and the first at which it does not."""
+def _halved(read: Callable[[float], str], word: str, low: float) -> tuple[float, float]:
+    """The last share of a step with a word, from one on that has it, and the first that has another one."""
     high = 1.0
     while high - low > WORD_LOCATED:
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if holds(middle) else (low, middle)
+        low, high = (middle, high) if read(middle) == word else (low, middle)
     return low, high
 
 
