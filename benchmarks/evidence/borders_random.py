@@ -1,9 +1,10 @@
 """Whether the borders of random dimers are where they are said to be: ``borders_random.py [--dimers N] [--first K]``.
 
 Of each dimer (r 2 to 10 mm, A_r 4.5 to 9, f 12 to 50 Hz, mu 0.08 to 0.5, mu_s up to 2 mu, e 0.5 to 0.78, spin 0.16/r to 0.64/r)
-the fold and the end of the drift's stability are computed, and crossed by `find` at 1 % to either side: on the inner side there
-is a stable orbit; below the fold there is none, or another motion; beyond the end there is an unstable one, or none. Printed
-are the forcing periods of the map that each border took. It ends with 1 if a dimer is not as told.
+the fold and both ends of the drift's stability are computed, and crossed by `find` at 1 % to either side: on the inner side
+there is a stable orbit, and beyond an unstable one, or none, or another motion; where a row says that no stable orbit loses its
+stability there, this is not so. Printed are the forcing periods of the map that each border took. It ends with 1 if a border is
+not as told.
 """
 
 import argparse
@@ -15,7 +16,7 @@ from dimersweep import orbits
 from dimersweep.errors import OrbitError
 from tests.checks.dimers import crossed, random_dimer
 
-OUTWARD = {"fold": -1, "stable_to": 1}
+OUTWARD = {"fold": -1, "stable_from": -1, "stable_to": 1}
 
 
 def judged(kind, dimer):
@@ -28,8 +29,9 @@ def judged(kind, dimer):
         return str(reason), "", np.nan, False
     Gamma, by = float(found["Gamma"]), str(found["ends_by"].values) if "ends_by" in found else kind
     inner, outer = crossed(dimer, Gamma, OUTWARD[kind])
-    right = bool(found["loses_stability"]) and inner == "stable" and outer in ("none", "unstable", "another motion")
-    return f"{Gamma:.6f} ({inner} inside, {outer} beyond)", by, float(found["cost"]), right
+    lost = inner == "stable" and outer != "stable"
+    told = f"{Gamma:.6f} {'' if found['loses_stability'] else '(no stable orbit ends there) '}({inner} inside, {outer} beyond)"
+    return told, by, float(found["cost"]), lost == bool(found["loses_stability"])
 
 
 def main():

@@ -333,10 +333,10 @@ def _dataset(
         words = "what goes (-) and comes (+) in the word beyond: symbols, or pairs of them (a/b)"
         changes = [one.sides.described(one.orbit.word) if one.sides else "" for one in found.values()]
         table["change"] = ("found", changes, {"long_name": words})
-        most = max(len(one.several) for one in found.values())
-        values = np.array([[*one.several, *[np.nan] * (most - len(one.several))] for one in found.values()])
-        words = f"{curve.parameter} of all such changes along the branch of the stable orbit"
-        table["several"] = (("found", "number"), values.reshape(len(found), most), {"units": "1", "long_name": words})
+        if most := max(len(one.several) for one in found.values()):
+            values = np.array([[*one.several, *[np.nan] * (most - len(one.several))] for one in found.values()])
+            words = f"{curve.parameter} of all such changes along the branch of the stable orbit"
+            table["several"] = (("found", "number"), values, {"units": "1", "long_name": words})
     at = tuple(np.array(list(found)).T)
     result = xr.Dataset(coords={n: (n, v, PARAMETERS[n]._asdict()) for n, v in axes.items()})
     for name, column in table.data_vars.items():
