@@ -226,7 +226,9 @@ def test_families_tell_their_quantities_in_symbols_and_plain_numbers(tmp_path):
 @pytest.mark.jit
 def test_curves_are_those_of_border(tmp_path):
     text = (BORDERS / "atlas-small.toml").read_text()
-    text = text.replace('kinds = ["fold", "flip", "hop"]', 'kinds = ["fold", "flip"]').replace("num = 7", "num = 3")
+    text = text.replace(
+        'kinds = ["stable_from", "stable_to", "fold", "flip", "hop"]', 'kinds = ["fold", "flip"]'
+    ).replace("num = 7", "num = 3")
     declaration = tmp_path / "atlas.toml"
     declaration.write_text(text)
     made = make_borders(read_borders(declaration))
@@ -356,3 +358,23 @@ def test_xdot0_may_give_the_spin_of_branches_and_of_curves(tmp_path):
         declaration = tmp_path / "a.toml"
         declaration.write_text(text.replace("spin = 100", "").replace("[over]", "[fixed]\nxdot0 = 0.5\n[over]"))
         assert read_borders(declaration).fixed == {"xdot0": 0.5}
+
+
+@pytest.mark.jit
+def test_words_of_all_parts_are_written_whole(tmp_path):
+    """The status of the hop is longer than that of the fold before it."""
+    declaration, out = tmp_path / "two.toml", tmp_path / "two.nc"
+    text = (BORDERS / "atlas-small.toml").read_text()
+    text = text.replace('["stable_from", "stable_to", "fold", "flip", "hop"]', '["fold", "hop", "stable_to"]')
+    declaration.write_text(text.replace("start = 0.5, stop = 0.7, num = 7", "start = 0.65, stop = 0.7, num = 2"))
+    made = make_borders(read_borders(declaration), out)
+    with xr.open_dataset(out) as back:
+        assert back["status"].values.tolist() == made["status"].values.tolist()
+        assert back["status"].values.ravel().tolist()[:4] == [
+            "ok",
+            "ok",
+            "ok",
+            "several beyond, of motions that come to no rest",
+        ]
+        ends = back.swap_dims(border="kind").sel(kind="stable_to")
+        assert set(ends["ends_by"].values.ravel()) == {"flip"} and (ends["loses_stability"] == 1).all()

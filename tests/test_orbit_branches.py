@@ -331,3 +331,41 @@ def test_a_line_that_is_not_reached_is_begun_anew():
     assert (found["status"] == "ok").all()
     alone = orbits.border("double_impact", "Gamma", over={"e": [0.56, 0.57]}, spin=100.0, A_r=7.0)
     assert np.abs(found["Gamma"].values[1] - alone["Gamma"].values).max() < 1e-8
+
+
+UNLIKE = {"r_1": 5e-3, "r_2": 5.05e-3}  # p2 is one per cent larger, all else as in the base case; spin 100 rad/s
+UNLIKE_FOLD, UNLIKE_FLIP = 0.7885477, 1.2658848
+
+
+@pytest.mark.parametrize(("kind", "known"), [("fold", UNLIKE_FOLD), ("flip", UNLIKE_FLIP)])
+def test_a_border_of_unlike_balls_is_where_runs_change(kind, known):
+    """On the inner side a run stays on the orbit; beyond, it comes to rest, or to a motion of twice the period."""
+    found = orbits.border(kind, "Gamma", over={"e": [0.6]}, spin=100.0, **UNLIKE)
+    Gamma = float(found["Gamma"][0])
+    assert Gamma == pytest.approx(known, abs=1e-7)
+    outwards = -1 if kind == "fold" else 1
+    inside = orbits.find(spin=100.0, Gamma=Gamma - outwards * 1e-3, **UNLIKE)
+    run = inside.run(1000, rtol=1e-10)
+    assert run.mode == "drift"
+    assert run.orbit.radius == pytest.approx(orbits.find(guess=inside, spin=run.orbit.spin_rate).radius, rel=1e-5)
+    plate = UNLIKE | {"Gamma": Gamma + outwards * 1e-3}
+    beyond = simulate(start=run.states(run.duration), periods=3000, rtol=1e-10, **plate)
+    if kind == "fold":
+        assert beyond.mode == "rest"
+        with pytest.raises(OrbitError):
+            orbits.find(guess=inside, Gamma=Gamma + outwards * 1e-3)
+    else:
+        assert beyond.mode_period == 2
+        assert orbits.find(guess=beyond, periods=2).stable
+
+
+def test_a_fold_whose_impact_lies_where_the_spin_is_put_back_is_found():
+    """At e = 0.7 the double impact lies 4e-6 of a period beside it. A branch, where no spin is put back, has the same fold."""
+    short = {"r": 0.003, "A_r": 26 / 6, "mu": 0.3, "f": 30.0}
+    found = orbits.border("fold", "Gamma", over={"e": [0.65, 0.7, 0.75]}, **short)
+    assert (found["status"] == "ok").all()
+    for e, Gamma, phase in zip(found["e"].values, found["Gamma"].values, found["impact_phase"].values, strict=True):
+        branch = orbits.follow(orbits.find(e=e, Gamma=Gamma + 0.1, **short), "Gamma", to=Gamma - 0.1, words=False)
+        assert min(phase, 1 - phase) < 1e-3
+        assert Gamma == pytest.approx(float(branch["Gamma"][branch["special"].values == "fold"][0]), abs=1e-6)
+    assert float(found["Gamma"][1]) == pytest.approx(0.560388, abs=1e-6)

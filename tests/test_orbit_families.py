@@ -160,3 +160,20 @@ def test_halving_and_the_exponent_of_fractal_fates():
     smooth = uncertainty(lambda x: str(x > 0.4), 0.0, 1.0)
     assert 1 - np.log(2) / np.log(3) == pytest.approx(0.37, abs=0.01)
     assert uncertainty(cantor, 0.0, 1.0) < 0.7 < smooth
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_runs_beside_the_family_of_unlike_balls_come_to_it(side):
+    """The runs begin with p2 above and below where it is on the family, and settle to its radius, period and angle."""
+    unlike = {"r_1": 5e-3, "r_2": 5.05e-3}
+    family = orbits.family(spin=(90.0, 110.0), points=9, **unlike)
+    assert family["stable"].values.all()
+    orbit = orbits.find(spin=100.0, **unlike)
+    begin = orbit.run(2).start
+    start = {name: begin[name] for name in ("beta", "beta_rate", "theta_rate", "x1_rate", "y1_rate", "spin_rate")}
+    start["beta"] *= 1 + 0.1 * side
+    beside = simulate(start=start, periods=400, rtol=1e-10, **unlike).orbit
+    for name in ("radius", "period", "zeta"):
+        curve = CubicSpline(family["spin"].values, family[name].values)
+        assert float(curve(100.0)) == pytest.approx(getattr(orbit, name), rel=1e-6)
+        assert float(curve(beside.spin_rate)) == pytest.approx(getattr(beside, name), rel=1e-5), name

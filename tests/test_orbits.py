@@ -178,3 +178,22 @@ def test_words_are_told_of_the_states_in_their_order(base):
     assert change_of("DI_sp_sp SC1_sk.1", "DI_sp_sp FM SC1_sk.1").name == "lift_off"
     assert change_of("DI_sp_sp chatter.1 SC1_sk.1", "DI_sp_sp bounces.1*4").name == "chatter"
     assert change_of("DI_sp_sp SC1_sk.1", "DI_sp_sp SC1_sk.1 SC1_sp.1").name == "stick_slip"
+
+
+@pytest.mark.parametrize("Gamma", [0.78, 0.6])
+@pytest.mark.parametrize("periods", [1, 2])
+def test_below_the_fold_it_is_said_why_there_is_no_orbit(Gamma, periods):
+    """The ball has its orbit from 0.7854 on. A run there comes to rest on the plate, of which no period repeats."""
+    with pytest.raises(
+        OrbitError, match=r"200 periods on: the motion dies: both ends stay .*needs Gamma >= .* = 0.7854"
+    ):
+        orbits.find(Gamma=Gamma, periods=periods, spin=100.0)
+    assert simulate(Gamma=Gamma, periods=200, record=False).mode == "rest"
+
+
+def test_a_dimer_that_is_thrown_off_from_rest_once_a_period_repeats_after_one():
+    """Nothing of it is free at the section but its spin: the period that was asked for is refused in a line."""
+    thrown = {"e": 0.3, "Gamma": 1.1, "spin": 0.0}
+    assert orbits.find(**thrown).multipliers.size == 0
+    with pytest.raises(OrbitError, match="repeats after 1 already; ask for periods=1"):
+        orbits.find(**thrown, periods=2)

@@ -1,21 +1,27 @@
 """Curves of bifurcations: folds, flips, tori."""
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
-from dimersweep.orbits.curve import Curve, Found
+from dimersweep.orbits.curve import FollowedCurve, Found
 from dimersweep.orbits.held import held
 from dimersweep.orbits.kinds.kind import Bifurcation
 from dimersweep.orbits.newton import fixed_at
 from dimersweep.orbits.on_border import OnBorder, next_on_border, on_border
 from dimersweep.orbits.orbit import orbit_of
+from dimersweep.orbits.passage import TURN
 from dimersweep.orbits.poincare import OrbitLost, ReturnMap
 from dimersweep.orbits.specials import Special
 from dimersweep.orbits.word import Sides
 
+BACK = (0.0, 1e-3 * TURN, -1e-3 * TURN)  # phases of the plate at which the spin is put back [rad], as they are tried
 
-class BifurcationCurve(Curve):
+KINK = 1e-2  # distance of all multipliers from the border's beyond which they are those of another map
+
+
+class BifurcationCurve(FollowedCurve):
     """A curve along which multipliers of the orbit have the value that its kind asks for: see `Curve`."""
 
     kind: Bifurcation
@@ -27,23 +33,31 @@ class BifurcationCurve(Curve):
     def _next(self, given: dict[str, float], near: list[Found]) -> Found:
         old: OnBorder = near[0].begin
         m = replace(old.map, parameters=given)
-        try:
-            return self._found(next_on_border(self.kind, self.axis, m, old, self.extrapolated(near)))
-        except OrbitLost:
-            return self._found(next_on_border(self.kind, self.axis, m, old, old.u))
+        for back in (m.back, *(other for other in BACK if other != m.back)):
+            for u in (self.extrapolated(near), old.u):
+                with suppress(OrbitLost):
+                    return self.at(next_on_border(self.kind, self.axis, replace(m, back=back), old, u))
+        raise OrbitLost(f"no {self.kind.name} is found from its neighbour")
 
     def _is_met(self, special: Special, like: Sides | None) -> bool:
         return special.kind is self.kind
 
-    def _taken_up(self, special: Special) -> Found:
-        m = held(special.point.map, self.spin)
-        return self._found(on_border(self.kind, self.axis, m, special.point.y(self.axis)))
+    def taken_up(self, special: Special) -> Found:
+        """At a fold the bouncer strikes about where the spin is put back; where it is just there, that is done beside it."""
+        reason = OrbitLost("")
+        for back in BACK:
+            try:
+                m = held(special.point.map, self.spin, back)
+                return self.at(on_border(self.kind, self.axis, m, special.point.y(self.axis)))
+            except OrbitLost as lost:
+                reason = lost
+        raise reason
 
-    def _found(self, at: OnBorder) -> Found:
+    def at(self, at: OnBorder) -> Found:
         """A point of the border, in a section that suits the next one."""
 
         def make(own: ReturnMap, z: np.ndarray) -> OnBorder:
-            return on_border(self.kind, self.axis, held(own, self.spin), np.append(z, at.u[-1]))
+            return on_border(self.kind, self.axis, held(own, self.spin, at.map.back), np.append(z, at.u[-1]))
 
         plain = at.map.let_go()
         image = plain.image(at.z)
@@ -55,5 +69,11 @@ class BifurcationCurve(Curve):
         fast = np.linalg.eigvals(matrix).astype(complex)
         fast = fast[np.argsort(-np.abs(fast), kind="stable")][:-1]  # without that of the spin, which is put back
         orbit = orbit_of(fixed_at(plain, at.z, image, at.residual))
+        if not fast.size or np.abs(self.kind.away(fast)).min() > KINK:
+            raise OrbitLost(f"the map has a kink where a {self.kind.name} is looked for")
         orbit = replace(orbit, multipliers=fast, stable=bool((np.abs(fast) < 1).all()))
-        return Found(orbit, float(at.u[-1] * self.axis.scale), at)
+        return Found(orbit, float(at.u[-1] * self.axis.scale), at, loses=self.kind.is_all(fast))
+
+    def is_sure(self, found: Found) -> bool:
+        """Where a stable orbit loses its stability."""
+        return found.loses

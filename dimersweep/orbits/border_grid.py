@@ -1,6 +1,7 @@
 """Curves of borders over other parameters, and where they meet other borders."""
 
 from collections.abc import Mapping, Set
+from contextlib import suppress
 from heapq import heappop, heappush
 from itertools import groupby, product, takewhile
 from typing import Any, NamedTuple
@@ -11,14 +12,16 @@ import xarray as xr
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.inputs import as_numbers, check_rtol, number
 from dimersweep.orbits.bifurcation_curve import BifurcationCurve
-from dimersweep.orbits.curve import Curve, Found
+from dimersweep.orbits.curve import Curve, FollowedCurve, Found, shortened
 from dimersweep.orbits.finding import RTOL, checked, checked_spin
 from dimersweep.orbits.kinds import BORDER_KINDS, Kind
 from dimersweep.orbits.kinds.changes import change_of
 from dimersweep.orbits.kinds.kind import COMPLEX, Bifurcation, Change, RealMultiplier
+from dimersweep.orbits.kinds.stability import StabilityEnd
 from dimersweep.orbits.labelling import dataset
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.poincare import OrbitLost
+from dimersweep.orbits.stability_curve import StabilityCurve
 from dimersweep.orbits.word import Sides
 from dimersweep.orbits.word_curve import WordCurve
 from dimersweep.parameters import check_effect, check_name
@@ -44,7 +47,9 @@ def border(
     ----------
     kind : str
         fold, flip (period doubling), torus (Neimark-Sacker), or a change of word: any of them (word), or stick_slip,
-        lift_off, double_impact, chatter, hop. The first one met from the start is the one that is followed.
+        lift_off, double_impact, chatter, hop. The first one met from the start is the one that is followed; of folds, flips
+        and tori the one at which the stable orbit that runs come to loses its stability, if it does so there. stable_from
+        and stable_to are the ends of that orbit's stability, whatever their kind; each point is found by itself.
     parameter : str
         The one that is solved for.
     over : mapping of str to sequence of float
@@ -65,10 +70,14 @@ def border(
     -------
     xarray.Dataset
         Along the names in `over`: `parameter`, the attributes of the border's `PeriodicOrbit`, `status` and `cost`, the
-        forcing periods of the map that a point took. The status is "ok", or says why there is no point, or that the border is
-        one of several: the word of a motion in which no end stays on the plate, and the order of sticking, slipping and
-        lifting off in any motion, change at many values of the parameter. Which of them is found depends on the start and on
-        `over`. Of a change of word also `change`, the symbols that go and come: it may differ from line to line of points.
+        forcing periods of the map that a point took. The status is "ok", or says why there is no point, or that there are
+        more. The word, and the order of sticking, slipping and lifting off, change at many values of the parameter: the row
+        has the first one met along the branch of the stable orbit, `several` has all of that branch, and the status is "one
+        of 10". Beyond where an end no longer comes to rest the branch is in pieces: the row is the last orbit of which an end
+        does, and the status says that there are several beyond. `loses_stability` says whether a stable orbit loses its
+        stability there: the multipliers are inside the unit circle on one side, and beyond the orbit has one outside, or there
+        is none. Of stable_from and stable_to also `ends_by`, the kind of border there. Of a change of word also `change`, the
+        symbols that go and come: it may differ from line to line of points.
         Along `meeting`: where the curve meets another border, with its `meets`.
 
     Raises
@@ -99,6 +108,8 @@ def _curve(kind: Kind, parameter: str, given: dict[str, float], spin: float, rto
     """The curve that is followed for a kind."""
     if isinstance(kind, Bifurcation):
         return BifurcationCurve(kind, parameter, given, spin, rtol)
+    if isinstance(kind, StabilityEnd):
+        return StabilityCurve(kind, parameter, given, spin, rtol)
     assert isinstance(kind, Change)
     return WordCurve(kind, parameter, given, spin, rtol)
 
@@ -175,6 +186,10 @@ class Walk:
         self.waiting: list[Try] = []
         steps = [_steps(column).min(initial=np.inf) for column in self.columns]
         self.fine = int(np.argmin(steps))
+        if curve.alone:
+            for index in self.order:
+                self._try(index, [])
+            return
         for first in outwards(tuple(1 if k == self.fine else n for k, n in enumerate(lengths))):
             self._line([_moved(first, self.fine, n) for n in range(lengths[self.fine])])
         self._follow(across=True)
@@ -203,9 +218,9 @@ class Walk:
     def _try(self, index: tuple[int, ...], near: list[Found], like: Sides | None = None) -> None:
         values = {name: float(column[k]) for (name, column), k in zip(self.axes.items(), index, strict=True)}
         try:
-            self.found[index] = self.curve.point(values, near, self.start, like)
+            self.found[index] = self._point(values, near, like)
         except (OrbitLost, OrbitError, ParameterError) as reason:
-            self.status.setdefault(index, str(reason))
+            self.status.setdefault(index, shortened(str(reason)))
             return
         for k, column in enumerate(self.columns):
             for side in (-1, 1):
@@ -213,6 +228,14 @@ class Walk:
                 if other in self.places and other not in self.found:
                     step = _steps(column)[min(other[k], index[k])]
                     heappush(self.waiting, Try(round(step, 9), self.places[other], other, k, side))
+
+    def _point(self, values: dict[str, float], near: list[Found], like: Sides | None) -> Found:
+        """A point found from its neighbours, or by itself where that may be another one."""
+        found = self.curve.point(values, near, self.start, like)
+        if near and isinstance(self.curve, FollowedCurve) and not self.curve.is_sure(found):
+            with suppress(OrbitLost, OrbitError, ParameterError):
+                return self.curve.point(values, [], self.start)
+        return found
 
     def failed(self) -> dict[tuple[int, ...], str]:
         """Why the other points are not found."""
@@ -253,12 +276,15 @@ def marks(kind: Kind, orbit: PeriodicOrbit) -> dict[str, float]:
     return {f"{kind.name}-{other.name}": float(np.prod(1 - other.at * real)) for other in others}
 
 
-def meetings(kind: Kind, a: PeriodicOrbit, b: PeriodicOrbit) -> list[str]:
+def meetings(kind: Kind, a: Found, b: Found) -> list[str]:
     """Names of the borders that a curve meets between two of its points."""
-    first, second = marks(kind, a), marks(kind, b)
+    if a.by is not None and b.by is not None:
+        return [f"{a.by.name}-{b.by.name}"] if a.by is not b.by else []
+    first, second = marks(kind, a.orbit), marks(kind, b.orbit)
     names = [name for name in first if first[name] * second[name] < 0]
-    if a.word != b.word and isinstance(kind, Bifurcation):
-        names.append(f"{kind.name}-{change_of(a.word, b.word).name}")
+    words = a.orbit.word, b.orbit.word
+    if words[0] != words[1] and isinstance(kind, Bifurcation):
+        names.append(f"{kind.name}-{change_of(*words).name}")
     return names
 
 
@@ -271,7 +297,7 @@ def _meetings(curve: Curve, axes: dict[str, np.ndarray], found: dict[tuple[int, 
         if after not in found:
             continue
         two = found[after]
-        for meets in meetings(curve.kind, one.orbit, two.orbit):
+        for meets in meetings(curve.kind, one, two):
             values = {n: float(axes[n][k]) for n, k in zip(names, index, strict=True)}
             low, high = values[name], float(axes[name][after[-1]])
             a, b = one, two
@@ -279,7 +305,7 @@ def _meetings(curve: Curve, axes: dict[str, np.ndarray], found: dict[tuple[int, 
                 while abs(high - low) > MEETING * max(1.0, abs(high)):
                     middle = 0.5 * (low + high)
                     point = curve.point(values | {name: middle}, [a], None)
-                    if meets in meetings(curve.kind, a.orbit, point.orbit):
+                    if meets in meetings(curve.kind, a, point):
                         high, b = middle, point
                     else:
                         low, a = middle, point
@@ -298,11 +324,20 @@ def _dataset(
     table = dataset(orbits, "found")
     periods = {"units": "1", "long_name": "forcing periods of the map that the point took"}
     table["cost"] = ("found", [one.cost for one in found.values()], periods)
+    words = "whether a stable orbit loses its stability there"
+    table["loses_stability"] = ("found", [one.loses for one in found.values()], {"units": "1", "long_name": words})
+    if isinstance(curve.kind, StabilityEnd):
+        kinds = [one.by.name if one.by else "" for one in found.values()]
+        table["ends_by"] = ("found", kinds, {"long_name": "kind of border by which the stability ends"})
     table[curve.parameter] = ("found", [one.value for one in found.values()], PARAMETERS[curve.parameter]._asdict())
     if curve.words:
         words = "what goes (-) and comes (+) in the word beyond: symbols, or pairs of them (a/b)"
         changes = [one.sides.described(one.orbit.word) if one.sides else "" for one in found.values()]
         table["change"] = ("found", changes, {"long_name": words})
+        if most := max(len(one.several) for one in found.values()):
+            values = np.array([[*one.several, *[np.nan] * (most - len(one.several))] for one in found.values()])
+            words = f"{curve.parameter} of all such changes along the branch of the stable orbit"
+            table["several"] = (("found", "number"), values, {"units": "1", "long_name": words})
     at = tuple(np.array(list(found)).T)
     result = xr.Dataset(coords={n: (n, v, PARAMETERS[n]._asdict()) for n, v in axes.items()})
     for name, column in table.data_vars.items():

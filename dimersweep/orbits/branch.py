@@ -15,6 +15,7 @@ import numpy as np
 from dimersweep.errors import ParameterError
 from dimersweep.orbits.manifold import lag
 from dimersweep.orbits.newton import NEWTON_STEPS, TOLERANCE, Fixed, defect, fixed_at, newton, system
+from dimersweep.orbits.passage import TURN
 from dimersweep.orbits.poincare import Image, OrbitLost, ReturnMap
 from dimersweep.parameters import check
 
@@ -279,18 +280,29 @@ def in_each_section(axis: Axis, point: Point) -> Iterator[Point]:
 
 
 def _moved(axis: Axis, point: Point, moved: ReturnMap, z: np.ndarray) -> Point:
-    """A point of a branch in another section."""
+    """A point of a branch in another section; `z` is that of its motion there."""
     fixed = fixed_at(moved, z)
     fixed = fixed._replace(z=z - lag(fixed))  # what is a fixed point in one section is one that creeps in another
     near = Point(fixed, point.value, slope_of(axis, moved, z, point.value), np.zeros(z.size + 1))
-    forward = 1.0 if point.tangent[-1] >= 0 else -1.0
     normal = np.append(np.zeros(z.size), 1.0)
     if abs(point.tangent[-1]) < 0.05:  # near a fold the parameter says nothing of where one is
         normal = np.linalg.svd(near.matrix())[2][-1]
     again = corrected(axis, near, near.y(axis), normal)
     tangent = again.tangent
-    if point.fixed.z.size == z.size and abs(tangent[:-1] @ point.tangent[:-1]) > abs(tangent[-1] * point.tangent[-1]):
-        flipped = tangent @ point.tangent < 0
-    else:
-        flipped = tangent[-1] * forward < 0
-    return again._replace(tangent=-tangent if flipped else tangent)
+    return again._replace(tangent=tangent if tangent @ _ahead(axis, point, moved, z) >= 0 else -tangent)
+
+
+def _ahead(axis: Axis, point: Point, moved: ReturnMap, z: np.ndarray) -> np.ndarray:
+    """Where a branch leads from a point, in another section: the way that a motion a little ahead has there."""
+    m, y = point.map, point.y(axis)
+    onward = np.append(np.zeros(z.size), point.tangent[-1])
+    with suppress(OrbitLost):
+        later = y + m.step * point.tangent
+        passage = axis.map_at(m, later[-1] * axis.scale).image(later[:-1]).passage
+        phases = (moved.phase - m.phase) % TURN + TURN * np.arange(m.periods)
+        places = [m.moved_to(passage, phase) for phase in phases]
+        same = [there for map_, there in places if map_.free.size == z.size]
+        if same:
+            there = min(same, key=lambda there: float(np.abs(there - z).max()))
+            onward[:-1] = (there - z) / m.step
+    return onward

@@ -1,7 +1,8 @@
-"""A border as a curve: how its first point is found on a branch, and how steps lead from one point to the next."""
+"""A border as a curve: how its points are found on branches of orbits, and how steps lead from one point to the next."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from itertools import takewhile
 from math import pi
@@ -11,16 +12,18 @@ import numpy as np
 
 from dimersweep.errors import OrbitError
 from dimersweep.orbits.ball import ball_flip, ball_fold
-from dimersweep.orbits.branch import Axis, Point, corrected, in_own_section, point_of
+from dimersweep.orbits.branch import Axis, Point, point_of
 from dimersweep.orbits.finding import orbit_at
 from dimersweep.orbits.kinds import Kind
+from dimersweep.orbits.kinds.kind import Bifurcation
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.poincare import OrbitLost, Tape
 from dimersweep.orbits.specials import Leap, Special, specials
-from dimersweep.orbits.word import Sides
+from dimersweep.orbits.stability_end import WALK_POINTS, stability_end, walked
+from dimersweep.orbits.word import Sides, far_ends
 from dimersweep.parameters import value_of
 
-SEED_POINTS, SEED_STEP = 120, 0.1  # of the branch on which the first point is looked for
+STATUS_LENGTH = 100  # of a status at most
 HALVINGS = 4  # of a step from one point of a curve to the next
 
 
@@ -35,7 +38,13 @@ class Found(NamedTuple):
     begin : OnBorder or Point
         What the next point begins with.
     sides : Sides, optional
-        Of a change of word: how the words on its two sides differ.
+        Of a change of word: how the words on its two sides differ; none where a branch goes to pieces.
+    loses : bool
+        Whether a stable orbit loses its stability there.
+    by : Kind, optional
+        Of an end of stability: the kind of border that ends it.
+    several : tuple of float
+        Of a change that a motion has at several values of the parameter: those along the branch of the stable orbit.
     cost : float
         Forcing periods of the map that it took.
     """
@@ -44,6 +53,9 @@ class Found(NamedTuple):
     value: float
     begin: Any
     sides: Sides | None = None
+    loses: bool = False
+    by: Kind | None = None
+    several: tuple[float, ...] = ()
     cost: float = 0.0
 
     def alike(self, other: "Found") -> bool:
@@ -52,8 +64,19 @@ class Found(NamedTuple):
         return m.phase == n.phase and m.free.size == n.free.size and self.sides == other.sides
 
 
+def shortened(reason: str) -> str:
+    """The beginning of a reason, in one line that a table can hold."""
+    said = "; ".join(reason.split("; ")[:2])
+    return said if len(said) <= STATUS_LENGTH else said[: STATUS_LENGTH - 3] + "..."
+
+
 class Curve(ABC):
     """A border of one kind.
+
+    Attributes
+    ----------
+    alone : bool
+        Whether each point is looked for by itself, and not from its neighbours.
 
     Parameters
     ----------
@@ -68,9 +91,17 @@ class Curve(ABC):
         Accuracy of the map.
     """
 
+    alone = False
     words = False  # whether words are looked at on a branch
     senses: tuple[float, float] = (1.0, -1.0)  # of the parameter, in which the border is looked for from an orbit
-    shares: tuple[float, ...] = (0.3, 0.1, 0.6, 0.8)  # of the way from the ball's fold to its flip, where orbits are
+    shares: tuple[float, ...] = (
+        0.3,
+        0.1,
+        0.6,
+        0.8,
+        0.2,
+        0.05,
+    )  # of the way from the ball's fold to its flip, where orbits are
 
     def __init__(self, kind: Kind, parameter: str, given: dict[str, float], spin: float, rtol: float) -> None:
         self.kind, self.parameter, self.given, self.spin, self.rtol = kind, parameter, given, spin, rtol
@@ -78,6 +109,7 @@ class Curve(ABC):
         self.axis = Axis(parameter, scale, spin)
         self.tape = Tape()
 
+    @abstractmethod
     def point(
         self, values: dict[str, float], near: list[Found], start: PeriodicOrbit | None, like: Sides | None = None
     ) -> Found:
@@ -98,14 +130,62 @@ class Curve(ABC):
         OrbitLost, OrbitError
             If none is found.
         """
+
+    def status(self, found: Found) -> str:
+        """The status of a point that is found: ok, or why there may be others."""
+        return "ok"
+
+    def _starts(self, given: dict[str, float], reasons: list[str]) -> Iterator[PeriodicOrbit]:
+        """Orbits from which the border is looked for: first stable ones, which runs come to; last those of other motions.
+
+        In a walk one end is far from the plate at a time; both ends are, or none is, in motions of other kinds.
+        """
+        later = []
+        for at in self._places(given):
+            try:
+                orbit = orbit_at(given | at, self.spin, rtol=self.rtol)
+            except OrbitError as reason:
+                reasons.append(str(reason))
+                continue
+            if orbit.stable and far_ends(orbit.word) == 1:
+                yield orbit
+            else:
+                later.append(orbit)
+        yield from sorted(later, key=lambda orbit: (far_ends(orbit.word) != 1, not orbit.stable))
+
+    def _places(self, given: dict[str, float]) -> Iterator[dict[str, float]]:
+        """Where an orbit is looked for: between the ball's fold and flip."""
+        if self.parameter not in ("Gamma", "e"):
+            yield {}
+            return
+        for share in self.shares:
+            if self.parameter == "Gamma":
+                e = value_of("e_2", given)
+                yield {"Gamma": ball_fold(e) + share * (ball_flip(e) - ball_fold(e))}
+            else:
+                least = (pi - given["Gamma"]) / (pi + given["Gamma"])  # the ball's fold
+                yield {"e": max(0.0, least) + share * (1 - max(0.0, least)) * 0.5}
+
+    def _begun(self, orbit: PeriodicOrbit) -> Point:
+        """The first point of a branch, in the sense of a growing parameter."""
+        fixed = orbit.fixed._replace(map=replace(orbit.fixed.map, tape=self.tape))
+        return point_of(self.axis, fixed, value_of(self.parameter, orbit.parameters), None)
+
+
+class FollowedCurve(Curve):
+    """A border whose points are found from their neighbours, the first one on a branch: see `Curve`."""
+
+    def point(
+        self, values: dict[str, float], near: list[Found], start: PeriodicOrbit | None, like: Sides | None = None
+    ) -> Found:
         spent = self.tape.periods
         given = self.given | values
         found = self._stepped(given, near) if near else self._beginning(given, start, like)
         return found._replace(cost=self.tape.periods - spent)
 
-    def status(self, found: Found) -> str:
-        """The status of a point that is found: ok, or why there may be others."""
-        return "ok"
+    def is_sure(self, found: Found) -> bool:
+        """Whether a point that was found from a neighbour would be found by itself, too."""
+        return True
 
     # --- from one point to the next --------------------------------------------------------------------------------
 
@@ -145,7 +225,7 @@ class Curve(ABC):
         """Whether a special point of a branch lies on this border."""
 
     @abstractmethod
-    def _taken_up(self, special: Special) -> Found:
+    def taken_up(self, special: Special) -> Found:
         """The point of the border at a special point of a branch."""
 
     def _beginning(self, given: dict[str, float], start: PeriodicOrbit | None, like: Sides | None) -> Found:
@@ -160,72 +240,50 @@ class Curve(ABC):
         reasons: list[str] = []
         for orbit in [start] if start is not None else self._starts(given, reasons):
             try:
-                return self._taken_up(self._along(orbit, like))
+                return self._from(orbit, like)
             except (OrbitError, OrbitLost) as reason:
                 reasons.append(str(reason))
-        raise OrbitError(f"no {self.kind.name} was met; {'; '.join(reasons)}")
+        raise OrbitError(shortened(f"no {self.kind.name} was met; {'; '.join(dict.fromkeys(reasons))}"))
 
-    def _starts(self, given: dict[str, float], reasons: list[str]) -> Iterator[PeriodicOrbit]:
-        """Orbits from which the border is looked for; those in which both ends fly, perhaps another motion, come last."""
-        flying = []
-        for at in self._places(given):
-            try:
-                orbit = orbit_at(given | at, self.spin, rtol=self.rtol)
-            except OrbitError as reason:
-                reasons.append(str(reason))
-                continue
-            if orbit.word.endswith("far.1 far.2"):
-                flying.append(orbit)
-            else:
-                yield orbit
-        yield from flying
-
-    def _places(self, given: dict[str, float]) -> Iterator[dict[str, float]]:
-        """Where an orbit is looked for: between the ball's fold and flip."""
-        if self.parameter not in ("Gamma", "e"):
-            yield {}
-            return
-        for share in self.shares:
-            if self.parameter == "Gamma":
-                e = value_of("e_2", given)
-                yield {"Gamma": ball_fold(e) + share * (ball_flip(e) - ball_fold(e))}
-            else:
-                least = (pi - given["Gamma"]) / (pi + given["Gamma"])  # the ball's fold
-                yield {"e": max(0.0, least) + share * (1 - max(0.0, least)) * 0.5}
-
-    def _along(self, orbit: PeriodicOrbit, like: Sides | None) -> Special:
-        """The first point of the border on the branch through an orbit, to either side.
+    def _from(self, orbit: PeriodicOrbit, like: Sides | None) -> Found:
+        """The first point of the border on the branch through an orbit.
 
         Raises
         ------
         OrbitLost
             If there is none.
         """
-        reasons = []
-        value = value_of(self.parameter, orbit.parameters)
-        begin = point_of(self.axis, orbit.fixed._replace(map=replace(orbit.fixed.map, tape=self.tape)), value, None)
-        for sense in self.senses:
+        return self.taken_up(self._along(orbit, like))
+
+    def _along(self, orbit: PeriodicOrbit, like: Sides | None) -> Special:
+        """The first point of the border on the branch through an orbit, to either side; one that ends stability goes before.
+
+        Raises
+        ------
+        OrbitLost
+            If there is none.
+        """
+        begin, reasons = self._begun(orbit), []
+        ways = [begin._replace(tangent=sense * begin.tangent) for sense in self.senses]
+        if orbit.stable and isinstance(self.kind, Bifurcation):
+            for way in ways:
+                with suppress(OrbitLost):
+                    end = stability_end(self.axis, way)
+                    if end.kind is self.kind:
+                        return end
+        for way in ways:
             try:
-                return self._met(begin._replace(tangent=sense * begin.tangent), like)
+                return self._met(way, like)
             except OrbitLost as reason:
                 reasons.append(str(reason))
         raise OrbitLost(f"along {self.parameter}: {'; '.join(reasons)}")
 
     def _met(self, point: Point, like: Sides | None) -> Special:
-        step = SEED_STEP
-        for _ in range(SEED_POINTS):
-            try:
-                nxt = corrected(self.axis, point, point.y(self.axis) + step * point.tangent, point.tangent)
-            except OrbitLost:
-                step *= 0.5
-                if step < 1e-5:
-                    raise
-                continue
-            for special in self._specials(point, nxt):
+        for a, b in walked(self.axis, point):
+            for special in self._specials(a, b):
                 if self._is_met(special, like):
                     return special
-            point, step = in_own_section(self.axis, nxt), min(1.5 * step, SEED_STEP)
-        raise OrbitLost(f"none within {SEED_POINTS} points of the branch")
+        raise OrbitLost(f"none within {WALK_POINTS} points of the branch")
 
     def _specials(self, a: Point, b: Point) -> list[Special]:
         try:

@@ -184,7 +184,7 @@ def repeats_after(fixed: Fixed) -> int:
         if m.periods % k == 0:
             state, _ = m.sampled(fixed.image.passage, TURN * k)
             apart = np.abs(m.section.point(state) - m.section.point(first))[m.free]
-            if np.delete(apart, m.slow).max() < SAME:
+            if np.delete(apart, m.slow).max(initial=0.0) < SAME:
                 return k
     return m.periods
 

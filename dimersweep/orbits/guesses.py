@@ -74,9 +74,9 @@ def settled_on(m: ReturnMap, state: np.ndarray, periods: int) -> tuple[ReturnMap
     """
     for _ in range(periods // m.periods):
         state[[PHASE, PERIOD]] = 0.0
-        state, modes, passage = m.tape.run(m.row, state, m.periods, m.rtol)
-    if (modes != FREE).all() and len(passage.segments) < 4:
-        raise OrbitLost("the motion dies")
+        state, _, passage = m.tape.run(m.row, state, m.periods, m.rtol)
+    if (passage.segments[:, SEGMENT_MODES : SEGMENT_MODES + 2] != FREE).all():
+        raise OrbitLost("the motion dies: both ends stay on the plate")
     return m.moved(passage)
 
 

@@ -16,19 +16,24 @@ from dimersweep.runs.stability import Section
 
 @dataclass(eq=False)
 class HeldMap(ReturnMap):
-    """The return map with the spin put back to `spin` [rad/s]: all its fixed points close, the spin included."""
+    """The return map with the spin put back to `spin` [rad/s]: all its fixed points close, the spin included.
+
+    It is put back where the plate has the phase `back` [rad].
+    """
 
     spin: float
+    back: float = 0.0
 
     def let_go(self) -> ReturnMap:
         """The map in the same section with the spin let go: its passage is whole."""
         return ReturnMap(self.parameters, self.phase, self.modes, self.periods, self.rtol, self.tape)
 
     def image(self, z: np.ndarray) -> Image:
-        """The image of a point; its spin is the one at the start of the period, before it is put back [rad/s]."""
-        state, row = self.state(z), self.row_at(0.0)
+        """The image of a point; its spin is the one before it is put back [rad/s]."""
+        state, row = self.state(z), self.row_at(self.back)
+        since = (self.phase - self.back) % TURN  # of the section since the spin is put back
         for k in range(self.periods):
-            state[PHASE] = self.phase if k == 0 else 0.0
+            state[PHASE] = since if k == 0 else 0.0
             state, modes, _ = self.tape.run(row, state, 1, self.rtol)
             there = Section(self.parameters, row, self.rtol, self.tape.space)
             point = there.point(state)
@@ -37,12 +42,12 @@ class HeldMap(ReturnMap):
             theta = state[THETA]
             state = there.held(there.state(point), modes)
             state[THETA] = theta
-        state[PHASE], state[PERIOD] = TURN - self.phase, 0.0
+        state[PHASE], state[PERIOD] = TURN - since, 0.0
         state, modes, passage = self.tape.run(self.row, state, 1, self.rtol)
         self._same(modes)
         return Image(self.section.point(state)[self.free], spin, float(state[THETA]), passage)
 
 
-def held(m: ReturnMap, spin: float) -> HeldMap:
-    """The map in the same section with the spin put back to `spin` [rad/s]."""
-    return HeldMap(m.parameters, m.phase, m.modes, m.periods, m.rtol, m.tape, spin)
+def held(m: ReturnMap, spin: float, back: float = 0.0) -> HeldMap:
+    """The map in the same section with the spin put back to `spin` [rad/s], where the plate has the phase `back` [rad]."""
+    return HeldMap(m.parameters, m.phase, m.modes, m.periods, m.rtol, m.tape, spin, back)

@@ -15,11 +15,14 @@ from scipy.interpolate import PchipInterpolator
 from dimersweep.cubes.reading import edges_of
 from dimersweep.errors import ParameterError
 from dimersweep.orbits.kinds import BORDER_KINDS
+from dimersweep.orbits.kinds.kind import Bifurcation
+from dimersweep.orbits.kinds.stability import STABLE_FROM, STABLE_TO
 from dimersweep.plots.style import Drawing, entitle, given, log_scale, mark
 from dimersweep.symbols import BASE, PARAMETERS, QUANTITIES, conditions
 
 STYLES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
-REGION_COLOR = "#c6dbef"
+REGION_COLOR, STABLE_COLOR = "#c6dbef", "#e5f5e0"
+PALE = 0.35  # of curves of orbits that are unstable on both sides
 SMOOTH = 12  # places of a drawn branch between two of its points
 MARKERS = {kind.name: kind.marker for kind in BORDER_KINDS.values()}
 PANELS = {"radius": "radius [m]", "period": "period [s]", "zeta": r"$\zeta$ [rad]"}
@@ -56,7 +59,10 @@ def draw_borders(table: xr.Dataset, over: xr.Dataset | None = None) -> Figure:
 
 
 def curves(table: xr.Dataset, over: xr.Dataset | None = None) -> Figure:
-    """Borders along the last axis, one line style for each value of the others; the ball's closed forms are thin and black."""
+    """Borders along the last axis, one line style for each value of the others; the ball's closed forms are thin and black.
+
+    Between the two ends of stability is a shade. Bifurcations of orbits that are unstable on both sides are pale.
+    """
     table = table.swap_dims(border="kind")
     y = table.attrs["parameter"]
     *others, x = [str(dim) for dim in table[y].dims if dim != "kind"]
@@ -66,11 +72,18 @@ def curves(table: xr.Dataset, over: xr.Dataset | None = None) -> Figure:
     if over is not None:
         handles.append(_map_under(axes, over, x, y))
     flat = table.stack(line=others) if others else table.expand_dims("line")
-    for kind in table["kind"].values:
+    if {STABLE_FROM.name, STABLE_TO.name} <= set(table["kind"].values):
+        handles.append(_stable_shaded(axes, flat, x, y))
+        flat = flat.sel(kind=[kind for kind in table["kind"].values if kind not in (STABLE_FROM.name, STABLE_TO.name)])
+    for kind in flat["kind"].values:
         color = BORDER_KINDS[str(kind)].color
         for k in range(flat.sizes["line"]):
             row = flat.sel(kind=kind).isel(line=k)
-            axes.plot(row[x], row[y], color=color, linestyle=STYLES[k % len(STYLES)], linewidth=1.4)
+            taken = row[y]
+            if isinstance(BORDER_KINDS[str(kind)], Bifurcation):  # pale where no stable orbit loses its stability
+                axes.plot(row[x], row[y], color=color, linestyle=STYLES[k % len(STYLES)], linewidth=1.4, alpha=PALE)
+                taken = row[y].where(row["loses_stability"] == 1)
+            axes.plot(row[x], taken, color=color, linestyle=STYLES[k % len(STYLES)], linewidth=1.4)
         ball = flat.sel(kind=kind).isel(line=0)["ball"]
         if np.isfinite(ball).any():
             axes.plot(ball[x], ball, color="black", linewidth=0.7)
@@ -85,6 +98,15 @@ def curves(table: xr.Dataset, over: xr.Dataset | None = None) -> Figure:
     axes.legend(handles=handles, fontsize=8)
     _entitle(figure, table, x, y)
     return figure
+
+
+def _stable_shaded(axes: Axes, flat: xr.Dataset, x: str, y: str) -> Patch:
+    """Shade where an orbit is stable, on each line; its handle for a legend."""
+    low, high = (flat.sel(kind=kind.name)[y] for kind in (STABLE_FROM, STABLE_TO))
+    alpha = 1 / flat.sizes["line"] ** 0.5
+    for k in range(flat.sizes["line"]):
+        axes.fill_between(flat[x], low.isel(line=k), high.isel(line=k), color=STABLE_COLOR, alpha=alpha, linewidth=0)
+    return Patch(facecolor=STABLE_COLOR, alpha=alpha, label="a stable orbit, which runs come to")
 
 
 def _entitle(figure: Figure, table: xr.Dataset, *along: str) -> None:

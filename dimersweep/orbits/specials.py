@@ -52,7 +52,7 @@ def specials(axis: Axis, a: Point, b: Point, words: bool = True) -> list[Special
     found = []
     for kind in BORDER_KINDS.values():
         if isinstance(kind, Bifurcation) and kind.test(a) * kind.test(b) < 0:
-            special = _located(axis, kind, a, b)
+            special = located(axis, kind, a, b)
             if special is not None:
                 found.append(special)
     if words:
@@ -60,7 +60,7 @@ def specials(axis: Axis, a: Point, b: Point, words: bool = True) -> list[Special
     return sorted(found, key=lambda special: special.share)
 
 
-def _located(axis: Axis, kind: Bifurcation, a: Point, b: Point) -> Special | None:
+def located(axis: Axis, kind: Bifurcation, a: Point, b: Point) -> Special | None:
     """The zero of a kind's test function between two points; none if the function leaps over zero."""
     length = abs(a.value - b.value) / axis.scale or float(np.linalg.norm(a.y(axis) - b.y(axis)))
     reached: dict[float, Point] = {0.0: a, 1.0: b}
@@ -140,12 +140,12 @@ def last_with(axis: Axis, holds: Callable[[str], bool], low: float, left: Point,
     with suppress(OrbitLost):
         return bracket.grazing()
     bracket.narrow(LOCATED)
-    at = one_sided(axis, bracket.left, _senses(axis, bracket.left, holds), bracket.left.tangent)
+    at = one_sided(axis, bracket.left, senses_of(axis, bracket.left, holds), bracket.left.tangent)
     jump = float(np.abs(at.y(axis) - bracket.right.y(axis)).max())
     return Changed(bracket.low, at, word_of(bracket.right.fixed.image.passage), bracket.right, jump)
 
 
-def _senses(axis: Axis, at: Point, holds: Callable[[str], bool]) -> np.ndarray:
+def senses_of(axis: Axis, at: Point, holds: Callable[[str], bool]) -> np.ndarray:
     """The side (1 or -1) to which each coordinate and the parameter may move so that the word still satisfies `holds`."""
     m, y = at.map, at.y(axis)
 

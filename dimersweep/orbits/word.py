@@ -21,9 +21,9 @@ from dimersweep.orbits.passage import TURN, Passage
 MANY = 4  # bounces that do not die out are counted so far: beyond, their number changes without end
 
 
-def word_of(passage: Passage) -> str:
-    """The word of a passage that is one period of a motion."""
-    symbols = _chatter_as_one(_symbols(passage.events))
+def word_of(passage: Passage, whole: bool = False) -> str:
+    """The word of a passage that is one period of a motion; a `whole` one has all its bounces counted."""
+    symbols = _chatter_as_one(_symbols(passage.events), len(passage.events) if whole else MANY)
     far = _far(passage.events, passage.times[-1])
     return " ".join(_from_double_impact(symbols) + far)
 
@@ -60,8 +60,8 @@ def _symbols(events: np.ndarray) -> list[str]:
     return symbols
 
 
-def _chatter_as_one(symbols: Sequence[str]) -> list[str]:
-    """Symbols with the hops of a chatter joined to one symbol; other single impacts of an end in a row are counted."""
+def _chatter_as_one(symbols: Sequence[str], most: int) -> list[str]:
+    """Symbols with the hops of a chatter joined to one symbol; other impacts of an end in a row are counted to `most`."""
     kept: list[str] = []
     for symbol in symbols:
         end = symbol[-1] if symbol.startswith("SI") else ""
@@ -72,7 +72,7 @@ def _chatter_as_one(symbols: Sequence[str]) -> list[str]:
             continue
         if end and kept and kept[-1].split("*")[0] == name:
             before = kept[-1].split("*")
-            kept[-1] = f"{name}*{min(MANY, int(before[1]) + 1 if len(before) > 1 else 2)}"
+            kept[-1] = f"{name}*{min(most, int(before[1]) + 1 if len(before) > 1 else 2)}"
             continue
         kept.append(name)
     return kept
@@ -106,6 +106,11 @@ def _from_double_impact(symbols: list[str]) -> list[str]:
     """The symbols of a period, begun at its first double impact, or without one at the rotation that sorts first."""
     turns = [symbols[k:] + symbols[:k] for k in range(len(symbols))] or [[]]
     return min(turns, key=lambda turn: (not (turn and turn[0].startswith("DI")), turn))
+
+
+def far_ends(word: str) -> int:
+    """Number of ends that are in the air for more than half a forcing period at a time."""
+    return sum(symbol.startswith("far") for symbol in word.split())
 
 
 def rests(word: str) -> bool:

@@ -13,17 +13,18 @@ from typing import cast
 import numpy as np
 
 from dimersweep.orbits.branch import Equations, Mark, Point, in_own_section, lent, with_mark
-from dimersweep.orbits.curve import Curve, Found
+from dimersweep.orbits.curve import FollowedCurve, Found
 from dimersweep.orbits.grazing import graze, least_gap
 from dimersweep.orbits.kinds.changes import WORD
 from dimersweep.orbits.kinds.kind import Change
 from dimersweep.orbits.newton import defect
-from dimersweep.orbits.orbit import orbit_of
+from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import OrbitLost
 from dimersweep.orbits.specials import Special, last_with
-from dimersweep.orbits.word import Sides, rests, sides_of, word_of
+from dimersweep.orbits.stability_end import WALK_POINTS, is_stable, last_that, stays_stable, walked
+from dimersweep.orbits.word import Sides, far_ends, rests, sides_of, word_of
 
-SEVERAL = "one of several: the word changes alike at other values; which one is found depends on the start and the grid"
+SAME = 1e-7  # distance of two changes of word that are one, in the parameter over its scale
 POINT_REACH = 0.2  # of a point of a curve from where it is looked for, in units of the section
 WIDEST, NARROWEST, WIDER = 0.05, 2e-5, 4.0  # bracket of a change of word, in the parameter over its scale
 DOUBT, LESS = 4e-3, 0.08  # of a point with one neighbour; of one on the line through two, in the step between them
@@ -32,30 +33,102 @@ MOST_DERIVATIVES = 3  # new derivatives at a point: where Newton's method asks f
 TANGENT_SHARE = 1e-3  # of the way to the next point, over which a derivative is taken
 
 
-class WordCurve(Curve):
+def comes_to_rest(point: Point) -> bool:
+    """Whether an end stays on the plate for a part of the period."""
+    return rests(word_of(point.fixed.image.passage))
+
+
+class WordCurve(FollowedCurve):
     """A curve along which the word changes: see `Curve`."""
 
     kind: Change
     words = True
 
     def status(self, found: Found) -> str:
-        return "ok" if self.kind.once and rests(found.orbit.word) else SEVERAL
+        if found.sides is None:
+            return "several beyond, of motions that come to no rest"
+        if self.kind.once and rests(found.orbit.word):
+            return "ok"
+        return f"one of {len(found.several)}" if found.several else "one of several"
 
     def _is_met(self, special: Special, like: Sides | None) -> bool:
         if not isinstance(special.kind, Change) or self.kind not in (WORD, special.kind):
             return False
         return like is None or like.between(*special.words)
 
-    def _taken_up(self, special: Special) -> Found:
-        return self._found(special.point, sides_of(*special.words, self.kind.begins))
+    def taken_up(self, special: Special) -> Found:
+        at = special.point
+        return self._found(at, sides_of(*special.words, self.kind.begins), float(np.sign(at.tangent[-1])))
 
-    def _found(self, at: Point, sides: Sides) -> Found:
-        """A point of the curve, in a section that suits the next one."""
-        return Found(orbit_of(at.fixed), at.value, in_own_section(self.axis, at), sides)
+    def _from(self, orbit: PeriodicOrbit, like: Sides | None) -> Found:
+        try:
+            found = super()._from(orbit, like)
+        except OrbitLost:
+            if not orbit.stable or far_ends(orbit.word) != 1:
+                raise
+            return self._to_pieces(orbit)
+        if self.kind.once or not orbit.stable:
+            return found
+        values = [value for way in self.senses for value in self._while_stable(self._begun(orbit), way)]
+        if all(abs(value - found.value) > SAME * self.axis.scale for value in values):
+            values.append(found.value)
+        return found._replace(several=tuple(sorted(values)))
+
+    def _while_stable(self, begin: Point, sense: float) -> Iterator[float]:
+        """Values of the parameter at which the word changes so, along a branch while its orbit is stable."""
+        with suppress(OrbitLost):
+            for a, b in walked(self.axis, begin._replace(tangent=sense * begin.tangent)):
+                yield from (special.point.value for special in self._specials(a, b) if self._is_met(special, None))
+                if not is_stable(b):
+                    return
+
+    def _met(self, point: Point, like: Sides | None) -> Special:
+        """On a motion of which an end comes to rest; beyond, steps lead from one piece of the branch to any other."""
+        came_to_rest = comes_to_rest(point)
+        for a, b in walked(self.axis, point):
+            for special in self._specials(a, b):
+                if came_to_rest and not comes_to_rest(special.point):
+                    break
+                if self._is_met(special, like):
+                    return special
+            if came_to_rest and not comes_to_rest(b):
+                raise OrbitLost(f"no end comes to rest beyond {self.parameter} = {a.value:.3g}")
+        raise OrbitLost(f"none within {WALK_POINTS} points of the branch")
+
+    def _to_pieces(self, orbit: PeriodicOrbit) -> Found:
+        """The last orbit of which an end comes to rest: beyond it is a border for each number of bounces.
+
+        Raises
+        ------
+        OrbitLost
+            If the branch does not go to pieces.
+        """
+        begin = self._begun(orbit)
+        for sense in self.senses:
+            with suppress(OrbitLost):
+                last = last_that(comes_to_rest, self.axis, begin._replace(tangent=sense * begin.tangent))
+                return Found(orbit_of(last.fixed), last.value, in_own_section(self.axis, last))
+        raise OrbitLost(f"no {self.kind.name} is met")
+
+    def is_sure(self, found: Found) -> bool:
+        """Where there is one such change only."""
+        return self.status(found) == "ok"
+
+    def _found(self, at: Point, sides: Sides, sense: float) -> Found:
+        """A point of the curve, in a section that suits the next one.
+
+        Beyond it the parameter changes in the `sense` (1 or -1); 0 where the map is smooth, and nothing but the word changes.
+        """
+        if at.grazes:
+            sense = -float(np.sign(cast(np.ndarray, at.mark_slope)[-1]))  # the end strikes there
+        leaps = sense != 0.0 and (self.kind.zero is None or at.grazes)
+        loses = leaps and is_stable(at) and not stays_stable(self.axis, at, sense)
+        return Found(orbit_of(at.fixed), at.value, in_own_section(self.axis, at), sides, loses)
 
     def _next(self, given: dict[str, float], near: list[Found]) -> Found:
         last, sides = near[0].begin, near[0].sides
-        assert sides is not None
+        if sides is None:
+            raise OrbitLost("the branch of the neighbour goes to pieces")
         if last.grazes:
             with suppress(OrbitLost):
                 return self._graze(given, last, sides)
@@ -95,7 +168,7 @@ class WordCurve(Curve):
                 change = last_with(self.axis, sides.here, 0.0, this, other)
                 if not sides.beyond(change.word):
                     raise OrbitLost(f"another change is nearer at {self.parameter} = {change.at.value:.6g}")
-                return self._found(change.at, sides)
+                return self._found(change.at, sides, float(np.sign(other.value - this.value)))
             width *= WIDER
         at = y[-1] * self.axis.scale
         raise OrbitLost(f"no change of word within {WIDEST * self.axis.scale:.2g} of {self.parameter} = {at:.6g}")
@@ -111,7 +184,7 @@ class WordCurve(Curve):
                 at, struck = graze(self.axis, wider)
                 near_by = np.abs(at.value / self.axis.scale - y[-1]) <= WIDEST
                 if near_by and sides.between(word_of(at.fixed.image.passage), struck):
-                    return self._found(at, sides)
+                    return self._found(at, sides, 0.0)
         raise OrbitLost(f"no end grazes where the word changes near {self.parameter} = {y[-1] * self.axis.scale:.6g}")
 
     def _zero(self, given: dict[str, float], near: Point, sides: Sides, mark: Mark) -> Found:
@@ -123,7 +196,7 @@ class WordCurve(Curve):
         away = np.abs(at.y(self.axis) - y)
         if away.max() > POINT_REACH or away[-1] > WIDEST or not sides.here(word_of(at.fixed.image.passage)):
             raise OrbitLost(f"no {self.kind.name} near {self.parameter} = {beside.value:.6g}")
-        return self._found(with_mark(self.axis, at, mark), sides)
+        return self._found(with_mark(self.axis, at, mark), sides, 0.0)
 
     def _ahead(self, given: dict[str, float], near: Point, mark: Mark) -> tuple[np.ndarray, np.ndarray]:
         """Where the curve leads from a neighbour along its tangent, and the derivative there of all equations.

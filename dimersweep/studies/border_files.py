@@ -288,6 +288,8 @@ def _joined(declared: Borders, tables: list[xr.Dataset]) -> xr.Dataset:
             column = [point[name] for point in declared.points()]
             made = made.assign_coords({name: ("over", np.array(column), PARAMETERS[name]._asdict())})
         made.attrs = {}
+    for variable in made.variables.values():
+        variable.encoding.pop("dtype", None)  # that of the first part, in which words may be shorter
     return made.assign_attrs(what=declared.what)
 
 

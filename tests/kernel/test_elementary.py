@@ -12,6 +12,7 @@ import pytest
 import dimersweep
 from dimersweep.kernel import batch, return_map, sample
 from dimersweep.kernel.compiler.cache import load
+from dimersweep.kernel.compiler.versions import FAST, way
 from dimersweep.kernel.model import body
 from dimersweep.parameters import Parameters
 from dimersweep.runs.stability import Section
@@ -104,33 +105,47 @@ def test_beyond_all_borders():
     assert all(map(isnan, [verbs.atan2(nan, 1.0), verbs.atan2(1.0, nan), verbs.atan2(nan, 0.0), verbs.atan2(0.0, nan)]))
 
 
-def needed(code):
-    """Names that an object file for x86-64 or arm64 Linux leaves to others."""
+def symbols(code):
+    """Names in an object file for x86-64 or arm64 Linux, with the section where each is found: 0 for those of others."""
     (at,), (count,) = struct.unpack_from("<Q", code, 40), struct.unpack_from("<H", code, 60)
     sections = [struct.unpack_from("<IIQQQQIIQQ", code, at + 64 * k) for k in range(count)]
-    names = set()
     for _, kind, _, _, start, size, strings, *_ in sections:
         if kind == 2:  # a table of symbols
             for entry in range(start + 24, start + size, 24):  # the first one is empty
-                name, _, _, section = struct.unpack_from("<IBBH", code, entry)
+                name, info, _, section = struct.unpack_from("<IBBH", code, entry)
                 first = sections[strings][4] + name
-                if section == 0:
-                    names.add(code[first : code.index(b"\0", first)].decode())
-    return names
+                yield code[first : code.index(b"\0", first)].decode(), section, info & 15
+
+
+def object_codes():
+    """Object code of every exported kernel in use."""
+    outcomes()
+    dimersweep.simulate(periods=3).states([0.01, 0.02])
+    section = Section({}, Parameters().row(), 1e-8)
+    section.after(section.state(np.zeros(8)), 1)
+    for kernel in (batch.run_rows, sample.sample, return_map.advance, body.fill_dimer):
+        assert kernel.overloads
+        for signature in kernel.overloads:
+            parts = pickle.loads(load(kernel._cache._name(signature)))
+            yield kernel.__name__, next(part[2][0] for part in parts if isinstance(part, tuple) and "object" in part)
 
 
 @pytest.mark.jit
 @pytest.mark.skipif(sys.platform != "linux", reason="reads object files of Linux")
 def test_compiled_code_calls_no_function_of_the_mathematical_library():
-    outcomes()
-    dimersweep.simulate(periods=3).states([0.01, 0.02])
-    section = Section({}, Parameters().row(), 1e-8)
-    section.after(section.state(np.zeros(8)), 1)
-    for kernel in (batch.run_rows, sample.sample, return_map.advance, body.dimer_of):
-        assert kernel.overloads
-        for signature in kernel.overloads:
-            parts = pickle.loads(load(kernel._cache._name(signature)))
-            code = next(part[2][0] for part in parts if isinstance(part, tuple) and "object" in part)
-            names = {name for name in needed(code) if not name.startswith(("Py", "_Py", "numba_", "NRT_"))}
-            assert names <= EXACT
-            assert "fmod" in names  # the table was read
+    for _, code in object_codes():
+        others = {name for name, section, _ in symbols(code) if section == 0}
+        names = {name for name in others if not name.startswith(("Py", "_Py", "numba_", "NRT_"))}
+        assert names <= EXACT
+        assert "fmod" in names  # the table was read
+
+
+@pytest.mark.jit
+@pytest.mark.skipif(sys.platform != "linux" or way() != FAST, reason="reads object files of Linux, linked the fast way")
+def test_functions_that_a_kernel_links_have_no_name():
+    """The loader would take a function of one kernel for that of another, which has other arguments left."""
+    function = 2
+    for kernel, code in object_codes():
+        names = [name for name, section, kind in symbols(code) if section and kind == function]
+        assert names
+        assert all(f"{len(kernel)}{kernel}" in name for name in names), names

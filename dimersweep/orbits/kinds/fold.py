@@ -24,5 +24,5 @@ FOLD = Fold(
     at=1.0,
     ball=ball_fold,
     senses=(-1.0, 1.0),
-    shares=(0.05, 0.3, 0.6),
+    shares=(0.05, 0.3, 0.6, 0.1, 0.2),
 )

@@ -52,7 +52,7 @@ class Bifurcation(Kind):
     """
 
     senses: tuple[float, float] = (1.0, -1.0)
-    shares: tuple[float, ...] = (0.3, 0.1, 0.6, 0.8)
+    shares: tuple[float, ...] = (0.3, 0.1, 0.6, 0.8, 0.2, 0.05)
 
     @property
     @abstractmethod
@@ -66,6 +66,18 @@ class Bifurcation(Kind):
     @abstractmethod
     def multiplier(self, unknown: np.ndarray) -> complex:
         """The multiplier at the border, from what is not known of it (nothing, or one number)."""
+
+    @abstractmethod
+    def away(self, values: np.ndarray) -> np.ndarray:
+        """How far multipliers are from the border."""
+
+    @abstractmethod
+    def others(self, values: np.ndarray) -> np.ndarray:
+        """Of multipliers at the border, those that it does not concern."""
+
+    def is_all(self, values: np.ndarray) -> bool:
+        """Whether nothing but this border takes stability away: of multipliers there, all others are below 1 in size."""
+        return bool((np.abs(self.others(values)) < 1).all())
 
     @abstractmethod
     def begin(self, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -92,6 +104,12 @@ class RealMultiplier(Bifurcation):
     def multiplier(self, unknown: np.ndarray) -> complex:
         return complex(self.at)
 
+    def away(self, values: np.ndarray) -> np.ndarray:
+        return values - self.at
+
+    def others(self, values: np.ndarray) -> np.ndarray:
+        return np.delete(values, np.argmin(np.abs(self.away(values)))) if values.size else values
+
     def begin(self, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return np.linalg.svd(J - self.at * np.eye(len(J)))[2][-1:], np.empty(0)
 
@@ -107,12 +125,12 @@ class ComplexPair(Bifurcation):
         """Derivative of the multiplier by what is not known of it."""
 
     @abstractmethod
-    def away(self, values: np.ndarray) -> np.ndarray:
-        """How far complex multipliers are from the border."""
-
-    @abstractmethod
     def unknown(self, value: complex) -> float:
         """What is not known of the multiplier, if it is about `value`."""
+
+    def others(self, values: np.ndarray) -> np.ndarray:
+        pairs = np.flatnonzero(values.imag != 0)
+        return np.delete(values, pairs[np.argsort(np.abs(self.away(values[pairs])))[:2]])
 
     def begin(self, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         values, vectors = np.linalg.eig(J)
