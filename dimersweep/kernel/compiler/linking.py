@@ -17,13 +17,14 @@ _BAD_ARGUMENT = ctypes.cast(ctypes.pythonapi.PyErr_BadArgument, ctypes.c_void_p)
 class _Kernel(_Library):
     """The code of an exported kernel with all that it calls, which nothing else may call.
 
-    So LLVM passes on what a function uses of its arguments, and not the seven words of each array.
+    So LLVM passes on what a function uses of its arguments, and not the seven words of each array. Such a function has no
+    name in the object code: the loader would take it for another one of that name.
     """
 
     def _optimize_final_module(self) -> None:
         for function in self._final_module.functions:
             if not function.is_declaration and function.linkage.name == "linkonce_odr":
-                function.linkage = "internal"
+                function.linkage = "private"
         super()._optimize_final_module()
 
 
