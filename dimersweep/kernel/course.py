@@ -39,7 +39,7 @@ ROW_RATES, ROW_FORCES, ROW_BEFORE, ROW_TRIAL, WORK_ROWS = range(ROW_CONTACT + 1,
 WORK_COLUMNS = 16
 
 
-class Work(NamedTuple):
+class Scratch(NamedTuple):
     """Scratch of one thread for impacts and contact steps; records stand in arrays of one, which functions can return."""
 
     rows: Any  # shape (WORK_ROWS, WORK_COLUMNS)
@@ -49,11 +49,11 @@ class Work(NamedTuple):
     meter: Any  # the work that the run has done and may do, and whether it is to stop (`meter.Meter`)
 
 
-def new_work() -> Work:
+def new_work() -> Scratch:
     """Scratch that may be worked on without bound."""
     rows, meter = np.zeros((WORK_ROWS, WORK_COLUMNS)), one(Meter)
     meter[0].bound = inf
-    return Work(rows, one(Bracket), one(Control), one(Course), meter)
+    return Scratch(rows, one(Bracket), one(Control), one(Course), meter)
 
 
 class Ask(NamedTuple):
@@ -77,7 +77,7 @@ class Motion(NamedTuple):
     rates: Any
     forces: Any
     before: Any  # the state before hops were summed
-    work: Any  # scratch (`Work`), and its meter
+    work: Any  # scratch (`Scratch`), and its meter
     meter: Any
 
 

@@ -37,7 +37,7 @@ from dimersweep.orbits.word_curve import WordCurve
 from dimersweep.parameters import check_effect, check_name
 from dimersweep.symbols import PARAMETERS
 
-FIRST_STEP, LARGEST_STEP, SMALLEST_STEP, GROWTH = 0.02, 0.2, 1e-6, 1.5  # of a curve, in its unknowns
+FIRST_ARC, LARGEST_ARC, SMALLEST_ARC, ARC_GROWTH = 0.02, 0.2, 1e-6, 1.5  # of a curve, in its unknowns
 SHORT = 1e-3  # step from which on a kink is not avoided any more
 LOCATED, WORD_LOCATED = 1e-9, 1e-7  # how well a meeting or a turn, and a change of word is known, as a share of a step
 SAME_WAY = 0.7  # product of the tangents of two points, and step over the way between them, below which it is too long
@@ -292,7 +292,7 @@ def _to_end(
 ) -> tuple[list[tuple[Place, str]], str]:
     """The points of a curve from one on, each with what is special there, and why it ends."""
     rows: list[tuple[Place, str]] = []
-    step = FIRST_STEP
+    step = FIRST_ARC
     for _ in range(points):
         equations = _equations(curve, other, place.found)
         while True:
@@ -303,7 +303,7 @@ def _to_end(
                 step *= 0.7
             except OrbitLost as reason:
                 step *= 0.5
-                if step < SMALLEST_STEP:
+                if step < SMALLEST_ARC:
                     return rows, f"lost: {reason}"
         rows += _special(equations, place, nxt)
         if edge:
@@ -315,7 +315,7 @@ def _to_end(
         except OrbitLost as reason:
             return [*rows, (nxt, "")], f"lost: {reason}"
         rows.append((place, ""))
-        step = min(GROWTH * step, LARGEST_STEP)
+        step = min(ARC_GROWTH * step, LARGEST_ARC)
     return rows, f"{points} points were asked for"
 
 

@@ -24,7 +24,7 @@ from dimersweep.orbits.specials import Special, last_with
 from dimersweep.orbits.stability_end import WALK_POINTS, is_stable, last_that, stays_stable, walked
 from dimersweep.orbits.word import Sides, far_ends, rests, sides_of, word_of
 
-SAME = 1e-7  # distance of two changes of word that are one, in the parameter over its scale
+SAME_CHANGE = 1e-7  # distance of two changes of word that are one, in the parameter over its scale
 POINT_REACH = 0.2  # of a point of a curve from where it is looked for, in units of the section
 WIDEST, NARROWEST, WIDER = 0.05, 2e-5, 4.0  # bracket of a change of word, in the parameter over its scale
 DOUBT, LESS = 4e-3, 0.08  # of a point with one neighbour; of one on the line through two, in the step between them
@@ -70,7 +70,7 @@ class WordCurve(FollowedCurve):
         if self.kind.once or not orbit.stable:
             return found
         values = [value for way in self.senses for value in self._while_stable(self._begun(orbit), way)]
-        if all(abs(value - found.value) > SAME * self.axis.scale for value in values):
+        if all(abs(value - found.value) > SAME_CHANGE * self.axis.scale for value in values):
             values.append(found.value)
         return found._replace(several=tuple(sorted(values)))
 
