@@ -25,6 +25,8 @@ from dimersweep.work.stopping import StopFlag, stoppable
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from dimersweep.runs.energy import By
+
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class Run:
@@ -205,6 +207,43 @@ class Run:
         times = as_numbers("t", t, as_number, "s")
         states = states_of(record, times, self.rtol, self.parameters)
         return states if np.ndim(t) else states.isel(time=0)
+
+    def energy(self, by: "By" = "period") -> xr.Dataset:
+        """The energy budget: what the plate gives, and what restitution and slip take, at each end.
+
+        The plate gives by its normal force and, where it moves along itself, by friction. All terms are works on the dimer, so
+        that what takes energy is below zero. `energy` follows from the states alone, the works from the forces and the law of
+        impact (Eqs. 4, 6, 7), which are integrated anew; `residual` is what the change of the one is more than the sum of the
+        others, and the attribute `closure` tells how large it becomes. The budget begins right after the impact at the start.
+
+        Parameters
+        ----------
+        by : {"period", "event"}
+            Whether the works are summed over each forcing period, along `n`, or told of each smooth phase and of each contact
+            state of an impact, along `part`.
+
+        Returns
+        -------
+        xarray.Dataset
+
+        Raises
+        ------
+        ParameterError
+            If nothing was recorded, or `by` is none of these.
+
+        Examples
+        --------
+        >>> from dimersweep import simulate
+        >>> budget = simulate(periods=60).energy().isel(n=slice(-12, None)).mean("n")
+        >>> print(f"{1e6 * budget.plate_2:.1f} uJ from the plate at p2, {1e6 * budget.restitution_2:.1f} uJ to restitution")
+        229.3 uJ from the plate at p2, -226.4 uJ to restitution
+        """
+        from dimersweep.runs.energy import energy_of
+
+        record = self.record("energy")
+        if len(record.segments) < 2:
+            raise ParameterError(f"energy: there is none, the run failed at its first impact ({self.message})")
+        return energy_of(record, self.rtol, self.parameters, by)
 
     def section(self) -> xr.Dataset:
         """The points of the return map: the state at the start of each forcing period, and at the end.
