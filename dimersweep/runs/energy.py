@@ -22,7 +22,7 @@ from dimersweep.runs.recorded import RunRecord, times_of
 from dimersweep.symbols import EVENTS, WORKS
 
 By = Literal["period", "event"]
-SMOOTH = "motion"  # cause of a row that is no impact
+BETWEEN = "motion"  # cause of a row that is no impact
 
 
 def energy_of(record: RunRecord, rtol: float, parameters: dict[str, float], by: By) -> xr.Dataset:
@@ -69,7 +69,7 @@ def energy_of(record: RunRecord, rtol: float, parameters: dict[str, float], by: 
         phases = joined(segments[:-1, PHASE], events[rows, E_PHASE])
         kinds = joined(code_of(*segments[:-1, SEGMENT_MODES : SEGMENT_MODES + 2].T), events[rows, E_KIND]).astype(int)
         causes = joined(np.full(n - 1, -1.0), events[rows, E_CAUSE]).astype(int)
-        names, dim = (*CAUSES, SMOOTH), "part"
+        names, dim = (*CAUSES, BETWEEN), "part"
         labels = {
             "kind": ("part", np.array(CONTACT_STATES)[kinds], EVENTS["kind"].attributes()),
             "cause": ("part", np.array(names)[causes], EVENTS["cause"].attributes()),

@@ -34,6 +34,7 @@ from dimersweep.kernel.energy.impact_work import (
 )
 from dimersweep.kernel.flight.free_motion import fly, take_off
 from dimersweep.kernel.model.body import TWO_PI, as_dimer, attitude, reach, rise_of_centre
+from dimersweep.kernel.model.contact_code import digits_of
 from dimersweep.kernel.model.layout import (
     C_CHATTER_END,
     C_IMPACT,
@@ -72,7 +73,7 @@ from dimersweep.kernel.record import (
     SEGMENT_MODES,
 )
 
-DIGITS = 5
+digits_in = compiled(digits_of, inline=True)
 
 
 def budget_scratch() -> np.ndarray:
@@ -158,7 +159,7 @@ def strike(dm, state, later, events, e, n, scratch, struck, leads_to):
     while e < events.shape[0] and not is_later(events[e], later):
         event, done = events[e], struck[e]
         leads_to[e] = n
-        digit_1, digit_2 = int(event[E_KIND]) // DIGITS, int(event[E_KIND]) % DIGITS
+        digit_1, digit_2 = digits_in(int(event[E_KIND]))
         strikes = event[E_CAUSE] == C_IMPACT and (digit_1 > IMPACT or digit_2 > IMPACT)
         if strikes:
             if not begun:
