@@ -15,7 +15,20 @@ from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.orbits.labelling import COLUMNS, MULTIPLIERS
 from dimersweep.orbits.labelling import WORDS as WORDS_OF_ORBITS
 from dimersweep.parameters import RULES
-from dimersweep.symbols import BASE, ENDS, EVENTS, INSTEAD, LEFT_OUT, PARAMETERS, QUANTITIES, STATES, Quantity, symbol
+from dimersweep.symbols import (
+    BASE,
+    ENDS,
+    EVENTS,
+    FORCES,
+    INSTEAD,
+    LEFT_OUT,
+    PARAMETERS,
+    QUANTITIES,
+    STATES,
+    WORKS,
+    Quantity,
+    symbol,
+)
 
 BYTES_IN_CUBE = 689  # of memory, a point of a cube that is written as NetCDF: benchmarks/speed/memory.py
 SWEEPS = Path(__file__).resolve().parents[1] / "sweeps"
@@ -153,7 +166,12 @@ def events() -> Markdown:
 
 def states() -> Markdown:
     """The variables of ``run.states(t)``."""
-    return _quantities(STATES)
+    return _quantities(STATES | FORCES)
+
+
+def works() -> Markdown:
+    """The terms of ``run.energy()``."""
+    return _quantities(WORKS)
 
 
 def orbits() -> Markdown:

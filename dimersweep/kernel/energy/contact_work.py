@@ -43,8 +43,7 @@ GAUSS = np.array([0.5 * g for _, _, g in _PLACES])
 N_PLACES = 15
 FINER, FINEST = 1e-2, 1e-13  # accuracy of the phase over that of the run, and the best of it
 DOUBT = 1e-13  # of the work in a panel, in units of the energy of the motion and of the plate
-SURE = 1e-3  # of that doubt, from which the next panel is twice as long
-LONGEST, SHORTEST = 0.25, 1e-9  # panel, in forcing periods
+LONGEST, SHORTEST = 0.25, 1e-7  # panel, in forcing periods
 # rows of the scratch array, beyond those of an impact's
 S_KRONROD, S_GAUSS, S_POWER, S_BEGUN = range(4)
 CONTACT_ROWS = 4
@@ -150,8 +149,7 @@ def contact_work(dm, motion, span, rtol, unit, rows, done):
         h = min(h, span - t)
         look = locate and t + h >= span  # what ends the phase is at the end of the last panel
         sound = panel(dm, motion, start + dm.omega * t, h, tol, look, rows)
-        unsure = doubt(rows, unit) / DOUBT
-        if (not sound or unsure > 1.0) and h > SHORTEST * dm.T:
+        if (not sound or doubt(rows, unit) > DOUBT) and h > SHORTEST * dm.T:
             h, shortened = 0.5 * h, True
             copy(begun, y, N_Y)
             continue
@@ -167,7 +165,8 @@ def contact_work(dm, motion, span, rtol, unit, rows, done):
         for k in range(N_WORK):
             done[k] += rows[S_KRONROD, k]
         t = span if t + h >= span * (1.0 - 1e-15) else t + h
-        h = min(2.0 * h if unsure < SURE and not shortened else h, LONGEST * dm.T)
+        if not shortened or h <= SHORTEST * dm.T:
+            h = min(2.0 * h, LONGEST * dm.T)
         shortened = False
     kernel_state(dm, motion.modes, y, state)
     state[PHASE] += dm.omega * span
