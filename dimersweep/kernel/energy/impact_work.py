@@ -34,6 +34,7 @@ TOL = 1e-12  # of a step
 LEAST_SLIP = 1e-10  # slip below which friction falls to zero with it
 STEPS = 20_000  # of a phase at most
 ON_AXIS = 1e-8  # angle of a slip to the axis below which it is axial (its square counts)
+PLASTIC = 1e-9  # restitution that is none
 LOCATED = 1e-15  # what the impulse at the end of a phase may be off
 PROBES = 40
 
@@ -216,7 +217,8 @@ def integrate(dm, target, work):
                 copy(out, q, N_Q)
                 q[QN1 + i] = 0.0
                 e = dm.p1.e if i == 0 else dm.p2.e
-                law[LGAIN1 + i] = 1.0 / (e * e) if e > 0.0 else 0.0
+                law[LGAIN1 + i] = 1.0 / (e * e) if e > PLASTIC else 0.0
+                q[QX1 + i] *= 1.0 if e > PLASTIC else 0.0
                 continue
         if out[QP] >= target:
             if out[QP] > target:
@@ -244,7 +246,9 @@ def straight(dm, law, q, P, t_a):
     e = dm.p1.e if i == 0 else dm.p2.e
     P_c = min(P, -n / w) if n < 0.0 and w > 0.0 else 0.0  # in compression
     q[QX1 + i] -= P_c * (n + 0.5 * w * P_c)
-    if P_c < P and e > 0.0:
+    if e <= PLASTIC and n + w * P >= 0.0:
+        q[QX1 + i] = 0.0
+    elif P_c < P:
         q[QX1 + i] -= (P - P_c) * (n + 0.5 * w * (P + P_c)) / (e * e)
     q[QN1 + i] += w * P
     q[QN1 + j] += (law[LNN12] + law[LNA1 + j] * t_a) * P
@@ -274,7 +278,7 @@ def single_phase(dm, i, mode, P, work):
     p = dm.p1 if i == 0 else dm.p2
     compresses = q[QN1 + i] < 0.0
     law[LEND] = i
-    law[LGAIN1 + i] = 1.0 if compresses else (1.0 / (p.e * p.e) if p.e > 0.0 else 0.0)
+    law[LGAIN1 + i] = 1.0 if compresses else (1.0 / (p.e * p.e) if p.e > PLASTIC else 0.0)
     hold = -law[LNA1 + i] / law[LAA]
     if mode == STICK:
         come_to_rest(law, q, 1 - i)
@@ -330,7 +334,7 @@ def gain(e, X, n_before, n_after):
     the gap rates before and after.
     """
     compresses = X == 0.0 or n_before < 0.0 or (n_before == 0.0 and n_after < 0.0)
-    return 1.0 if compresses or e == 0.0 else 1.0 / (e * e)
+    return 1.0 if compresses or e <= PLASTIC else 1.0 / (e * e)
 
 
 @compiled
@@ -359,6 +363,10 @@ def impact_phase(dm, digit_1, digit_2, n_before, n_after, P, sin_b, cos_b, V, u,
     set_law(dm, i, sin_b, cos_b, law)
     load(dm, i, sin_b, cos_b, u, V, q)
     unit = dm.m * V
+    if dm.p1.e <= PLASTIC and n_before[0] >= 0.0:
+        q[QX1] = 0.0
+    if dm.p2.e <= PLASTIC and n_before[1] >= 0.0:
+        q[QX2] = 0.0
     if on_1 and on_2:
         law[LEND], law[LMODE1], law[LMODE2] = BOTH, digit_1 - IMPACT, digit_2 - IMPACT
         law[LGAIN1] = gain(dm.p1.e, q[QX1], n_before[0], n_after[0])
