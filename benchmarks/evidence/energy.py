@@ -56,7 +56,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scenes", type=int, nargs="?", default=100)
     parser.add_argument("--periods", type=int, default=100)
-    parser.add_argument("--rtol", type=float, default=1e-10)
+    parser.add_argument("--rtol", type=float, default=1e-11)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", type=int, help="number of the one scene to look at")
     asked = parser.parse_args()

@@ -10,7 +10,7 @@ from dimersweep.errors import ParameterError
 from dimersweep.parameters import as_number
 
 At = Literal["period", "double_impact", "landing_1", "landing_2"]
-_PLACES: tuple[str, ...] = get_args(At)
+SECTIONS: tuple[str, ...] = get_args(At)
 
 
 def check_section(at: str, phase: float | None) -> float | None:
@@ -21,8 +21,8 @@ def check_section(at: str, phase: float | None) -> float | None:
     ParameterError
         If `at` is no place of a section, the phase no number, or both are given.
     """
-    if at not in _PLACES:
-        raise ParameterError(f"at = {at!r}: must be one of {', '.join(_PLACES)}")
+    if at not in SECTIONS:
+        raise ParameterError(f"at = {at!r}: must be one of {', '.join(SECTIONS)}")
     if phase is not None and at != "period":
         raise ParameterError(f"phase = {phase}: a section is at a phase, or at = {at!r}")
     return None if phase is None else as_number("phase", phase, "rad")

@@ -42,7 +42,7 @@ MAP_RTOL = 1e-11  # of the map, where the run was coarser: differences are taken
 SETTLING, SHARE = 20, 10  # periods before the count begins, and one in so many more: the twin finds its direction
 FORGOTTEN = NAMES[:5]  # what both ends at rest have lost of the past; the spin rolls on
 BLOCKS = 20  # of periods, whose spread gives the error of a mean
-LOST = 1e-4  # growth in one period, below which differences of the map do not show what is left of a change
+SHRUNK = 1e-4  # growth in one period, below which differences of the map do not show what is left of a change
 
 
 class Multipliers(NamedTuple):
@@ -375,7 +375,7 @@ def qr_growth(derivatives: Iterable[np.ndarray], n: int) -> np.ndarray:
     for derivative in derivatives:
         directions, upper = np.linalg.qr(derivative @ directions)
         sizes = np.abs(np.diag(upper))
-        lost = np.flatnonzero(sizes <= LOST)
+        lost = np.flatnonzero(sizes <= SHRUNK)
         left = int(lost[0]) if lost.size else sizes.size
         directions = directions[:, :left]
         growth.append(np.concatenate([np.log(sizes[:left]), np.full(n - left, -np.inf)]))
