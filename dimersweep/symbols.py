@@ -276,6 +276,34 @@ STATE_QUANTITIES = {
     "plate": Quantity("m", "height of the plate over its mean"),
     "contact_state": Quantity("1", "contact state (Table 1 of the paper)"),
 }
+# with each moment of a run come its energy in the room, and the forces of the plate on both ends
+FORCES = {
+    "kinetic_energy": Quantity("J", "kinetic energy in the room", 0),
+    "potential_energy": Quantity("J", "potential energy, zero with the centre of mass at the origin of the room"),
+    "normal_force_1": Quantity("N", "normal force on p1"),
+    "normal_force_2": Quantity("N", "normal force on p2"),
+    "axial_force": Quantity("N", "sum of the forces of friction on both ends along the axis p1-p2"),
+    "axial_force_1": Quantity(
+        "N", "friction on p1 along the axis p1-p2; NaN where only the sum of both ends is determined"
+    ),
+    "axial_force_2": Quantity(
+        "N", "friction on p2 along the axis p1-p2; NaN where only the sum of both ends is determined"
+    ),
+    "lateral_force_1": Quantity("N", "friction on p1 across the axis p1-p2"),
+    "lateral_force_2": Quantity("N", "friction on p2 across the axis p1-p2"),
+}
+# the terms of the energy budget, in the order of the kernel's works; what takes energy is below zero
+WORKS = {
+    "plate_1": Quantity("J", "work of the moving plate by its normal force on p1"),
+    "plate_2": Quantity("J", "work of the moving plate by its normal force on p2"),
+    "plate_along": Quantity("J", "work of the plate's motion along itself, by friction on both ends"),
+    "restitution_1": Quantity("J", "work of the normal force on p1 with its gap rate: what restitution takes"),
+    "restitution_2": Quantity("J", "work of the normal force on p2 with its gap rate: what restitution takes"),
+    "slip_1": Quantity("J", "work of friction with the slip of p1"),
+    "slip_2": Quantity("J", "work of friction with the slip of p2"),
+    "energy": Quantity("J", "kinetic and potential energy in the room at the end; NaN within an impact"),
+    "residual": Quantity("J", "change of that energy less all these works"),
+}
 
 # kinds of pictures of a cube
 Picture = Literal[

@@ -19,11 +19,13 @@ from dimersweep.symbols import (
     BASE,
     ENDS,
     EVENT_QUANTITIES,
+    FORCES,
     INSTEAD,
     LEFT_OUT,
     PARAMETERS,
     QUANTITIES,
     STATE_QUANTITIES,
+    WORKS,
     Quantity,
     symbol,
 )
@@ -170,7 +172,12 @@ def events() -> Markdown:
 
 def states() -> Markdown:
     """The variables of ``run.states(t)``."""
-    return _quantities(STATE_QUANTITIES)
+    return _quantities(STATE_QUANTITIES | FORCES)
+
+
+def works() -> Markdown:
+    """The terms of ``run.energy()``."""
+    return _quantities(WORKS)
 
 
 def orbits() -> Markdown:

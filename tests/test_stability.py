@@ -21,6 +21,8 @@ from dimersweep.runs.stability import (
     lyapunov,
     multipliers,
     of_orbit,
+    qr_growth,
+    spectrum,
 )
 
 G = 9.81
@@ -244,3 +246,48 @@ def test_weak_chaos_is_told_by_a_run_that_is_long_enough():
     assert modes.count("aperiodic") >= 6
     per_period = lyapunov(simulate(Gamma=1.32, beta0=0.2, periods=600), periods=600).per_period
     assert 0.1 < per_period < log(1e4) / 24
+
+
+def henon(n, a=1.4, b=0.3):
+    """Derivatives of Henon's map along its attractor (doi 10.1007/BF01608556)."""
+    x, y = 0.1, 0.1
+    for k in range(n + 100):
+        derivative = np.array([[-2 * a * x, 1.0], [b, 0.0]])
+        x, y = 1 - a * x * x + y, b * x
+        if k >= 100:
+            yield derivative
+
+
+def test_exponents_of_known_maps():
+    """Henon's map contracts areas by 0.3 everywhere, and has the exponent 0.4192; a fixed matrix has its eigenvalues."""
+    mean = qr_growth(henon(40_000), 2).mean(axis=0)
+    assert mean.sum() == pytest.approx(log(0.3), abs=1e-12)
+    assert mean[0] == pytest.approx(0.4192, abs=0.003)
+    matrix = np.array([[0.9, 0.4, 0.1], [0.0, -0.5, 0.2], [0.0, 0.0, 0.2]])
+    assert qr_growth([matrix] * 400, 3)[200:].mean(axis=0) == pytest.approx(np.log([0.9, 0.5, 0.2]), abs=1e-9)
+
+
+def test_a_direction_that_is_lost_stays_so():
+    """A map onto fewer coordinates, and back onto more: contact takes a direction and gives none."""
+    onto, back = np.array([[2.0, 0.0, 0.0], [0.0, 0.5, 0.5]]), np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
+    growth = qr_growth([onto, back, onto, back], 3)
+    assert np.isfinite(growth[:, :2]).all()
+    assert np.isneginf(growth[:, 2]).all()
+
+
+def test_the_exponents_of_a_settled_motion_are_those_of_its_multipliers(drift):
+    found, expected = spectrum(drift, 200), multipliers(drift)
+    assert found.periods == 200
+    assert found.per_period == pytest.approx(np.log(np.abs(expected.values)), abs=5e-3)
+    assert found.per_period[0] == pytest.approx(log(abs(expected.values[0])), rel=0.02)
+    assert found.exponents == pytest.approx(15 * found.per_period)
+    assert found.per_period.sum() == pytest.approx(log(abs(np.prod(expected.values))), abs=1e-4)
+
+
+def test_the_largest_exponent_of_chaos_is_that_of_a_twin():
+    run = simulate(Gamma=3.0, periods=200)
+    every, largest = spectrum(run, 300), lyapunov(run, 300)
+    assert every.exponents[0] == pytest.approx(largest.exponent, rel=1e-3)
+    assert every.periods == largest.periods
+    assert np.isneginf(every.exponents[-1])  # both ends have been down
+    assert (np.diff(every.exponents[np.isfinite(every.exponents)]) < 0).all()

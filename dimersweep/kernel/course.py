@@ -10,7 +10,7 @@ from dimersweep.kernel.compiler.records import new_record, one
 from dimersweep.kernel.contact.step_control import STEP_ROWS, Control
 from dimersweep.kernel.model.layout import N_ROW, N_STATE, OK, Dimer
 from dimersweep.kernel.numerics.meter import Meter
-from dimersweep.kernel.numerics.root_bracket import Bracket
+from dimersweep.kernel.numerics.root_bracket import RootBracket
 from dimersweep.kernel.verdict.past import PAST_COLUMNS, PAST_ROWS
 
 # bound on the work of a run, in hops of one end: some seconds, and 0.1 s a period
@@ -43,7 +43,7 @@ class Scratch(NamedTuple):
     """Scratch of one thread for impacts and contact steps; records stand in arrays of one, which functions can return."""
 
     rows: Any  # shape (WORK_ROWS, WORK_COLUMNS)
-    bracket: Any  # of an event within a step (`root_bracket.Bracket`)
+    bracket: Any  # of an event within a step (`root_bracket.RootBracket`)
     control: Any  # of the steps of a contact phase (`step_control.Control`)
     course: Any  # of the run (`Course`)
     meter: Any  # the work that the run has done and may do, and whether it is to stop (`meter.Meter`)
@@ -53,7 +53,7 @@ def new_work() -> Scratch:
     """Scratch that may be worked on without bound."""
     rows, meter = np.zeros((WORK_ROWS, WORK_COLUMNS)), one(Meter)
     meter[0].bound = inf
-    return Scratch(rows, one(Bracket), one(Control), one(Course), meter)
+    return Scratch(rows, one(RootBracket), one(Control), one(Course), meter)
 
 
 class Ask(NamedTuple):

@@ -9,7 +9,15 @@ from math import inf, nan
 
 from dimersweep.kernel.compiler.jit import compiled, exported
 from dimersweep.kernel.contact.contact_mode import CLOSED, MOMENT
-from dimersweep.kernel.contact.coordinates import BY_HEADING, YCHART, YDIP, contact_state, kernel_state, leading
+from dimersweep.kernel.contact.coordinates import (
+    BY_HEADING,
+    YCHART,
+    YDIP,
+    change_chart,
+    contact_state,
+    kernel_state,
+    leading,
+)
 from dimersweep.kernel.contact.events import (
     LANDING,
     NO_EVENT,
@@ -19,11 +27,12 @@ from dimersweep.kernel.contact.events import (
     is_slip_end,
     slip_speed,
 )
+from dimersweep.kernel.contact.forces import contact_rates
 from dimersweep.kernel.contact.phase import sustain_contact
 from dimersweep.kernel.course import ROW_TRIAL, Ask, motion_of
 from dimersweep.kernel.event_loop import evolve
 from dimersweep.kernel.flight.free_motion import fly, take_off
-from dimersweep.kernel.model.body import TWO_PI, set_dimer
+from dimersweep.kernel.model.body import TWO_PI, end, set_dimer
 from dimersweep.kernel.model.layout import CB, CONTACT_STEPS, FREE, N1, N_ROW, N_STATE, OK, PERIOD, PHASE, STOPPED
 from dimersweep.kernel.model.plate import start_later
 from dimersweep.kernel.numerics.meter import is_to_stop, set_bound
@@ -85,6 +94,38 @@ def sample(row, segments, which, phases, rtol, space, record, states, modes):
                 state[j] = nan
             worst = status
     return worst
+
+
+@exported
+def forces_at(row, states, modes, rtol, space, forces):
+    """Contact forces of kernel states; zero at ends in free motion.
+
+    Parameters
+    ----------
+    row : float64 array, shape (N_ROW,)
+    states : float64 array, shape (k, N_STATE)
+    modes : float64 array, shape (k, 2)
+        Friction modes of the ends.
+    rtol : float
+        Accuracy of the run.
+    space : Workspace
+        Scratch.
+    forces : float64 array, shape (k, N_F)
+        Filled in place [N], see `contact_rates`: forces along the axis and across it.
+    """
+    dm = space.dimer
+    set_dimer(row, dm)
+    for k in range(states.shape[0]):
+        if modes[k, 0] == FREE and modes[k, 1] == FREE:
+            continue
+        copy(states[k], space.state, N_STATE)
+        copy(modes[k], space.modes, 2)
+        motion = motion_of(space.state, space.modes, space.past, space)
+        motion.course[0].slip_tol = no_slip(dm, space.state, rtol)
+        begin_contact(dm, motion)
+        if motion.contact[YCHART] != BY_HEADING:
+            change_chart(dm, end(dm, leading(space.modes)).s, motion.contact)
+        contact_rates(dm, space.modes, states[k, PHASE] + dm.phi0, motion.contact, False, motion.rates, forces[k])
 
 
 @compiled

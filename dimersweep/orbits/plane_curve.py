@@ -38,8 +38,11 @@ from dimersweep.parameters import check_effect, check_name
 from dimersweep.symbols import PARAMETERS
 
 FIRST_ARC, LARGEST_ARC, SMALLEST_ARC, ARC_GROWTH = 0.02, 0.2, 1e-6, 1.5  # of a curve, in its unknowns
-SHORT = 1e-3  # step from which on a kink is not avoided any more
-LOCATED, WORD_LOCATED = 1e-9, 1e-7  # how well a meeting or a turn, and a change of word is known, as a share of a step
+SHORT_ARC = 1e-3  # step from which on a kink is not avoided any more
+MEETING_LOCATED, WORD_LOCATED = (
+    1e-9,
+    1e-7,
+)  # how well a meeting or a turn, and a change of word is known, as a share of a step
 SAME_WAY = 0.7  # product of the tangents of two points, and step over the way between them, below which it is too long
 
 
@@ -298,7 +301,7 @@ def _to_end(
         while True:
             try:
                 nxt, edge = _stepped(equations, place, step, span)
-                if edge or step < SHORT or not _at_kink(nxt.found):
+                if edge or step < SHORT_ARC or not _at_kink(nxt.found):
                     break
                 step *= 0.7
             except OrbitLost as reason:
@@ -380,7 +383,7 @@ def _special(equations: PlaneEquations, a: Place, b: Place) -> list[tuple[Place,
     for name, test in signs.items():
         if test(a) * test(b) < 0:
             try:
-                share = brentq(lambda share, test=test: test(at(share)), 0.0, 1.0, xtol=LOCATED)
+                share = brentq(lambda share, test=test: test(at(share)), 0.0, 1.0, xtol=MEETING_LOCATED)
                 found.append((share, (at(share), name)))
             except OrbitLost:
                 continue

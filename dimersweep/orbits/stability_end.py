@@ -19,8 +19,8 @@ from dimersweep.orbits.specials import JOINED, MOST_CHANGES, Special, between, l
 from dimersweep.orbits.word import word_of
 
 WALK_STEP, SHORTEST_STEP, WALK_POINTS = 0.1, 1e-5, 120  # of a branch, in units of the section and of the parameter
-STRAIGHT = 0.7  # product of the tangents at both ends of a step, below which it is too long
-NARROW = 1e-4  # length of a step in which stability is lost, from which on changes of word are looked for
+STRAIGHT_LINE = 0.7  # product of the tangents at both ends of a step, below which it is too long
+NARROW_STRETCH = 1e-4  # length of a step in which stability is lost, from which on changes of word are looked for
 GAP = 1e-2  # part of the parameter over which an orbit may be missing or leap
 FIRST_PUSH, LAST_PUSH, PUSH_GROWTH = 1e-5, 1e-9, 3.0  # steps of the parameter to the last stable orbit
 AHEAD = (1e-5, 1e-4, 1e-3, 1e-2)  # how far beyond the last orbit of a branch the word is looked at
@@ -62,7 +62,7 @@ def walked(axis: Axis, point: Point) -> Iterator[tuple[Point, Point]]:
 
 def _straight_on(axis: Axis, point: Point, step: float) -> Point:
     nxt = corrected(axis, point, point.y(axis) + step * point.tangent, point.tangent)
-    if nxt.tangent @ point.tangent < STRAIGHT:
+    if nxt.tangent @ point.tangent < STRAIGHT_LINE:
         raise OrbitLost("the branch turns too sharply")
     return nxt
 
@@ -215,7 +215,7 @@ def _narrowed(axis: Axis, a: Point, b: Point) -> tuple[Point, Point]:
     low, high = 0.0, 1.0
     left, right = a, b
     length = float(np.linalg.norm(b.y(axis) - a.y(axis)))
-    while (high - low) * length > NARROW:
+    while (high - low) * length > NARROW_STRETCH:
         middle = 0.5 * (low + high)
         try:
             point = between(axis, a, b, middle)

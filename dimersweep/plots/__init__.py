@@ -5,6 +5,7 @@ from matplotlib.figure import Figure
 
 from dimersweep.cubes.reading import drift_intervals, drift_lengths
 from dimersweep.errors import ParameterError
+from dimersweep.plots.budgets import energy_budget
 from dimersweep.plots.judging import judge_cube
 from dimersweep.plots.maps import mode_map, quantity_map
 from dimersweep.plots.modes import regions, segments
@@ -31,6 +32,7 @@ __all__ = [
     "draw",
     "drift_intervals",
     "drift_lengths",
+    "energy_budget",
     "heights",
     "impact_ends",
     "impact_rates",

@@ -55,7 +55,8 @@ from dimersweep.kernel.record import (
     rows_of,
 )
 from dimersweep.kernel.sample import HOPS_LAST, sample
-from dimersweep.symbols import EVENT_QUANTITIES, STATE_QUANTITIES, Quantity
+from dimersweep.runs.forces import energies, forces
+from dimersweep.symbols import EVENT_QUANTITIES, FORCES, STATE_QUANTITIES, Quantity
 
 BETWEEN_IMPACTS = [code_of(first, second) for first in (FREE, STICK, SLIP) for second in (FREE, STICK, SLIP)]
 HOP_ROWS, HOP_ROWS_GROWTH = 500, 4  # for the hops that one close sums
@@ -78,7 +79,7 @@ class RunRecord(NamedTuple):
     cut: bool = False
 
 
-def _times(periods: np.ndarray, phases: np.ndarray, f: float) -> np.ndarray:
+def times_of(periods: np.ndarray, phases: np.ndarray, f: float) -> np.ndarray:
     """Times [s] of completed forcing periods and plate phases since then [rad]."""
     return (periods + phases / (2 * pi)) / f
 
@@ -92,7 +93,7 @@ def events_of(record: RunRecord, rtol: float, parameters: dict[str, float]) -> x
     """The events of a run in order of time, along `event`; see `Run.events`."""
     columns = dict(zip(EVENT, record.events.T.copy(), strict=True))
     ended = _move_to_ends_of_hops(record, rtol, columns)
-    columns["time"] = _times(columns["period"], columns["phase"], parameters["f"])
+    columns["time"] = times_of(columns["period"], columns["phase"], parameters["f"])
     if ended.size:
         places = _places(columns["time"][ended], record.segments, parameters["f"], record.cut)
         _, states, _ = _sampled(record, *places, rtol, no_record())
@@ -183,7 +184,7 @@ def _places(times: np.ndarray, segments: np.ndarray, f: float, cut: bool) -> tup
     ParameterError
         If a time is outside the run.
     """
-    starts = _times(segments[:, PERIOD], segments[:, PHASE], f)
+    starts = times_of(segments[:, PERIOD], segments[:, PHASE], f)
     end = starts[-1]
     outside = ~((times >= 0) & (times <= end * (1 + 1e-15) + BOUNDARY / f))  # in this form true for a NaN as well
     if outside.any():
@@ -203,7 +204,11 @@ def _places(times: np.ndarray, segments: np.ndarray, f: float, cut: bool) -> tup
 
 
 def _states(
-    record: RunRecord, times: np.ndarray, kernel_states: np.ndarray, modes: np.ndarray, parameters: dict[str, float]
+    record: RunRecord,
+    times: np.ndarray,
+    kernel_states: np.ndarray,
+    modes: np.ndarray,
+    parameters: dict[str, float],
 ) -> xr.Dataset:
     """The kernel's closed state in the coordinates of the paper."""
     s = kernel_states.T
@@ -278,7 +283,11 @@ def states_of(record: RunRecord, times: np.ndarray, rtol: float, parameters: dic
     status, kernel_states, modes = _sampled(record, which, phases, rtol, no_record())
     if status != OK:
         raise RuntimeError(STATUS_MESSAGES[status])
-    return _states(record, times, kernel_states, modes, parameters)
+    kinetic, potential = energies(dimer_of(record.row), kernel_states, parameters["phi0"])
+    columns = forces(record.row, kernel_states, modes, rtol)
+    columns |= {"kinetic_energy": kinetic, "potential_energy": potential}
+    states = _states(record, times, kernel_states, modes, parameters)
+    return states.assign(_dataset(columns, FORCES, "time").variables)
 
 
 def period_rows(segments: np.ndarray) -> np.ndarray:

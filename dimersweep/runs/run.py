@@ -35,6 +35,9 @@ from dimersweep.work.stopping import StopFlag, stoppable
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from dimersweep.runs.energy import By
+    from dimersweep.runs.sections import At
+
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class Run(RunNumbers):
@@ -256,29 +259,94 @@ class Run(RunNumbers):
         states = states_of(record, times, self.rtol, self.parameters)
         return states if np.ndim(t) else states.isel(time=0)
 
-    def section(self) -> xr.Dataset:
-        """The points of the return map: the state at the start of each forcing period, and at the end.
+    def energy(self, by: "By" = "period") -> xr.Dataset:
+        """The energy budget: what the plate gives, and what restitution and slip take, at each end.
+
+        The plate gives by its normal force and, where it moves along itself, by friction. All terms are works on the dimer, so
+        that what takes energy is below zero. `energy` follows from the states alone, the works from the forces and the law of
+        impact (Eqs. 4, 6, 7), which are integrated anew; `residual` is what the change of the one is more than the sum of the
+        others, and the attribute `closure` tells how large it becomes. The budget begins right after the impact at the start.
+
+        Parameters
+        ----------
+        by : {"period", "event"}
+            Whether the works are summed over each forcing period, along `n`, or told of each smooth phase and of each contact
+            state of an impact, along `part`.
 
         Returns
         -------
         xarray.Dataset
-            As `states`, along `n`, the number of forcing periods since the start.
 
         Raises
         ------
         ParameterError
-            If nothing was recorded.
+            If nothing was recorded, or `by` is none of these.
 
         Examples
         --------
         >>> from dimersweep import simulate
-        >>> points = simulate(periods=60).section()
-        >>> points["gap_2"].sel(n=[58, 59, 60]).values  # of a motion that repeats itself [m]
-        array([0.002075, 0.002075, 0.002075])
+        >>> budget = simulate(periods=60).energy().isel(n=slice(-12, None)).mean("n")
+        >>> print(f"{1e6 * budget.plate_2:.1f} uJ from the plate at p2, {1e6 * budget.restitution_2:.1f} uJ to restitution")
+        233.4 uJ from the plate at p2, -230.5 uJ to restitution
         """
-        n = np.arange(self.n_periods + 1)
-        points = self.states(n / self.parameters["f"]).swap_dims(time="n")
-        return points.assign_coords(n=("n", n, {"units": "1", "long_name": "forcing periods since the start"}))
+        from dimersweep.runs.energy import energy_of
+
+        record = self.record("energy")
+        if len(record.segments) < 2:
+            raise ParameterError(f"energy: there is none, the run failed at its first impact ({self.message})")
+        return energy_of(record, self.rtol, self.parameters, by)
+
+    def section(self, at: "At" = "period", *, phase: float | None = None) -> xr.Dataset:
+        """States at which a map can be looked at: those of the return map, of impacts, or of a phase of the plate.
+
+        Parameters
+        ----------
+        at : {"period", "double_impact", "landing_1", "landing_2"}
+            The start of each forcing period, and the end of the last one; right after each impact that begins with both ends
+            on the plate; right after each landing of p1 or p2, every bounce of a chatter being one that is not summed.
+        phase : float, optional
+            In place of the start of a period: a phase of the plate, omega t + phi0 [rad].
+
+        Returns
+        -------
+        xarray.Dataset
+            As `states`, along `n`: the number of forcing periods since the start, or that of the point. At an impact also
+            the rates of the gaps before it.
+
+        Raises
+        ------
+        ParameterError
+            If nothing was recorded, `at` is none of these, or a phase is given with an impact.
+
+        Examples
+        --------
+        >>> from dimersweep import simulate
+        >>> points = simulate(periods=60).section(at="double_impact")
+        >>> print(f"phase {points.phase.values[-1]:.4f} rad, {points.gap_2_rate_before.values[-1]:.4f} m/s")
+        phase 0.5083 rad, -0.4041 m/s
+        """
+        from dimersweep.runs.sections import check_section, impacts_at, times_of_phase
+
+        at_phase = check_section(at, phase)
+        self.record("section")
+        f = self.parameters["f"]
+        if at != "period":
+            rows = impacts_at(self.events, at)
+            points = self.states(self.events["time"].values[rows]).swap_dims(time="n")
+            before = {
+                name: ("n", variable.values[rows], variable.attrs)
+                for name, variable in self.events.items()
+                if "before" in str(name) and "gap" in str(name)
+            }
+            points = points.assign(before)
+        elif at_phase is not None:
+            points = self.states(times_of_phase(at_phase, self.parameters["phi0"], f, self.n_periods)).swap_dims(
+                time="n"
+            )
+        else:
+            points = self.states(np.arange(self.n_periods + 1) / f).swap_dims(time="n")
+        name = "number of the point" if at != "period" else "forcing periods since the start"
+        return points.assign_coords(n=("n", np.arange(points.sizes["n"]), {"units": "1", "long_name": name}))
 
     def go_on(self, periods: int) -> "Run":
         """This run made longer by so many forcing periods.

@@ -1,10 +1,11 @@
-"""What a small change of a motion grows to: the largest Lyapunov exponent of a run, the multipliers of a settled one.
+"""What a small change of a motion grows to: the Lyapunov exponents of a run, the multipliers of a settled one.
 
-Both use the map from one start of a forcing period to the next, in coordinates that leave out the cyclic ones (place,
+All use the map from one start of a forcing period to the next, in coordinates that leave out the cyclic ones (place,
 heading and spin angle). They are the gaps and their rates, theta' cos(beta), the axial spin, and the velocity of the centre
 of mass along and across the axis, in units of g/omega^2, g/omega, and g/omega over h and r.
 """
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -42,6 +43,7 @@ MAP_RTOL = 1e-11  # of the map, where the run was coarser: differences are taken
 SETTLING, SHARE = 20, 10  # periods before the count begins, and one in so many more: the twin finds its direction
 FORGOTTEN = NAMES[:5]  # what both ends at rest have lost of the past; the spin rolls on
 BLOCKS = 20  # of periods, whose spread gives the error of a mean
+SHRUNK = 1e-4  # growth in one period, below which differences of the map do not show what is left of a change
 
 
 class Multipliers(NamedTuple):
@@ -96,6 +98,26 @@ class Lyapunov(NamedTuple):
     exponent: float
     error: float
     per_period: float
+    periods: int
+
+
+class Spectrum(NamedTuple):
+    """Lyapunov exponents, the largest first.
+
+    Attributes
+    ----------
+    exponents, errors : ndarray, shape (n,)
+        Mean growth rates of small changes in the n coordinates that are free at the start, and the standard errors of these
+        means [s-1]. -inf for a change that a contact or an impact takes away, NaN its error.
+    per_period : ndarray, shape (n,)
+        The same growth per forcing period [1].
+    periods : int
+        Forcing periods over which it is averaged: fewer than asked for where chaos has ended before.
+    """
+
+    exponents: np.ndarray
+    errors: np.ndarray
+    per_period: np.ndarray
     periods: int
 
 
@@ -276,24 +298,139 @@ def lyapunov(run: Run, periods: int = 1000) -> Lyapunov:
     >>> found.exponent > 10 * found.error  # chaos: a small difference grows
     True
     """
-    _end(run, "lyapunov")
+    way = _way_on(run, periods, "lyapunov")
+    growth = np.array(_growth(way.section, way.states, way.modes, way.settled))
+    mean, error, counted = _mean_growth(growth, way, "lyapunov")
+    f = run.parameters["f"]
+    return Lyapunov(float(mean) * f, float(error) * f, float(mean), counted)
+
+
+def spectrum(run: Run, periods: int = 200) -> Spectrum:
+    """All Lyapunov exponents of the motion that a run has come to.
+
+    The run goes on (`Run.go_on`). The derivative of its return map is taken in each forcing period, by differences in the
+    coordinates that contact leaves free, and applied to directions that are made orthogonal again by QR
+    (doi 10.1007/BF02128237).
+
+    Parameters
+    ----------
+    run : Run
+        Recorded; its transients are over.
+    periods : int
+        As of `lyapunov`; each takes about nine times the time of a period.
+
+    Returns
+    -------
+    Spectrum
+        Of a motion that has settled, the logarithms of its multipliers.
+
+    Raises
+    ------
+    ParameterError
+        As `lyapunov`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from dimersweep import simulate
+    >>> from dimersweep.runs.stability import multipliers, spectrum
+    >>> run = simulate(periods=300)
+    >>> print(np.exp(spectrum(run, 100).per_period).round(2), abs(multipliers(run).values).round(2))
+    [1.   0.6  0.6  0.31] [1.   0.6  0.6  0.31]
+    """
+    way = _way_on(run, periods, "spectrum")
+    growth = qr_growth(
+        _derivatives(way.section, way.states, way.modes, way.settled), len(free_coordinates(way.modes[0]))
+    )
+    mean, error, counted = _mean_growth(growth, way, "spectrum")
+    order, f = np.argsort(-mean, kind="stable"), run.parameters["f"]
+    return Spectrum(mean[order] * f, error[order] * f, mean[order], counted)
+
+
+class _Way(NamedTuple):
+    """The way of a run that goes on: states and friction modes at the starts of its forcing periods."""
+
+    section: Section
+    states: np.ndarray
+    modes: np.ndarray
+    settled: bool
+    before: int  # periods before the count begins, and those to count
+    counted: int
+
+
+def _way_on(run: Run, periods: int, wanted: str) -> _Way:
+    """The run made longer by so many periods to count, and those before them; to the end of its chaos."""
+    _end(run, wanted)
     periods = check_count("periods", periods)
     before = SETTLING + periods // SHARE
     longer = run.go_on(before + periods)
-    record, _, _ = _end(longer, "lyapunov")
+    record, _, _ = _end(longer, wanted)
     settled = run.mode_period > 0 or run.mode == "rest"
     rows = record.segments[period_rows(record.segments)][run.n_periods :]
     if not settled and longer.settled_after > run.n_periods:
         rows = rows[: int(longer.settled_after) - run.n_periods + 1]
     section = Section(run.parameters, record.row, min(run.rtol, MAP_RTOL))
-    growth = np.array(_growth(section, rows[:, :N_STATE], rows[:, SEGMENT_MODES:SEGMENT_HOP_TIME], settled))
-    if growth.size <= SETTLING:
-        raise ParameterError(f"lyapunov: the chaos ends {growth.size} periods after the run; end the run earlier")
-    kept = growth[growth.size * before // (before + periods) :]
-    blocks = [block.mean() for block in np.array_split(kept, min(BLOCKS, kept.size))]
-    f = run.parameters["f"]
-    error = float(np.std(blocks, ddof=1) / len(blocks) ** 0.5) if len(blocks) > 1 else float("nan")
-    return Lyapunov(float(kept.mean()) * f, error * f, float(kept.mean()), kept.size)
+    modes = rows[:, SEGMENT_MODES:SEGMENT_HOP_TIME]
+    return _Way(section, rows[:, :N_STATE], modes, settled, before, periods)
+
+
+def _mean_growth(growth: np.ndarray, way: _Way, wanted: str) -> tuple[np.ndarray, np.ndarray, int]:
+    """Means of logarithms of growth along the first axis, their standard errors, and how many were counted."""
+    if len(growth) <= SETTLING:
+        raise ParameterError(f"{wanted}: the chaos ends {len(growth)} periods after the run; end the run earlier")
+    kept = growth[len(growth) * way.before // (way.before + way.counted) :]
+    blocks = np.array([block.mean(axis=0) for block in np.array_split(kept, min(BLOCKS, len(kept)))])
+    with np.errstate(invalid="ignore"):
+        error = (
+            np.std(blocks, axis=0, ddof=1) / len(blocks) ** 0.5 if len(blocks) > 1 else np.full(kept.shape[1:], np.nan)
+        )
+    return kept.mean(axis=0), error, len(kept)
+
+
+def qr_growth(derivatives: Iterable[np.ndarray], n: int) -> np.ndarray:
+    """Logarithms of the growth of n orthogonal directions under derivatives of a map, one after the other.
+
+    Parameters
+    ----------
+    derivatives : iterable of ndarray
+        Each of as many columns as the one before has rows, the first of n columns.
+    n : int
+
+    Returns
+    -------
+    ndarray, shape (number of derivatives, n)
+        -inf for a direction that is lost, and all that come after it.
+    """
+    directions = np.eye(n)
+    growth = []
+    for derivative in derivatives:
+        directions, upper = np.linalg.qr(derivative @ directions)
+        sizes = np.abs(np.diag(upper))
+        lost = np.flatnonzero(sizes <= SHRUNK)
+        left = int(lost[0]) if lost.size else sizes.size
+        directions = directions[:, :left]
+        growth.append(np.concatenate([np.log(sizes[:left]), np.full(n - left, -np.inf)]))
+    return np.array(growth).reshape(-1, n)
+
+
+def _derivatives(section: Section, states: np.ndarray, modes: np.ndarray, settled: bool) -> Iterable[np.ndarray]:
+    """Derivatives of the return map from each state to the next, in the coordinates that are free at either.
+
+    In a motion that has not `settled` they end where both ends have been at rest.
+    """
+    step = section.rtol**0.5
+    for state, here, there in zip(states[:-1], modes[:-1], modes[1:], strict=True):
+        point, free = section.point(state), free_coordinates(here)
+        image = section.after(state.copy(), 1)[0]
+        columns = []
+        for k in free:
+            moved = point.copy()
+            moved[k] += step
+            columns.append((section.after(section.held(section.state(moved), here), 1)[0] - image) / step)
+        kept = free_coordinates(there)
+        if not settled and not any(column[k] for column in columns for k in kept if NAMES[k] in FORGOTTEN):
+            return
+        yield np.array(columns).T[kept]
 
 
 def _growth(section: Section, states: np.ndarray, modes: np.ndarray, settled: bool) -> list[float]:

@@ -18,7 +18,7 @@ ON_CUBIC, CLOSE_ON_CUBIC, ASIDE = (
 GUESSES = 6  # probes by Newton's rule, after which the bracket alone decides
 
 
-class Bracket:
+class RootBracket:
     """Where a zero lies, and where it is probed next."""
 
     low: float

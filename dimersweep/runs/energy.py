@@ -1,0 +1,87 @@
+"""The energy budget of a recorded run.
+
+All energies are those in the room, in which the plate moves. The budget sets the change of the energy, which follows from the
+states alone, beside the works of the forces (``kernel.energy``), which follow from the forces and the law of impact alone.
+"""
+
+from typing import Literal, get_args
+
+import numpy as np
+import xarray as xr
+
+from dimersweep.errors import ParameterError
+from dimersweep.kernel.course import new_workspace
+from dimersweep.kernel.energy.budget import budget, budget_scratch
+from dimersweep.kernel.energy.impact_work import N_WORK
+from dimersweep.kernel.model.body import dimer_of
+from dimersweep.kernel.model.contact_code import CONTACT_STATES, code_of
+from dimersweep.kernel.model.layout import CAUSES, N_STATE, PERIOD, PHASE
+from dimersweep.kernel.record import E_CAUSE, E_KIND, E_PERIOD, E_PHASE, SEGMENT_MODES
+from dimersweep.runs.forces import energies
+from dimersweep.runs.recorded import RunRecord, times_of
+from dimersweep.symbols import EVENT_QUANTITIES, WORKS
+
+By = Literal["period", "event"]
+BETWEEN = "motion"  # cause of a row that is no impact
+
+
+def energy_of(record: RunRecord, rtol: float, parameters: dict[str, float], by: By) -> xr.Dataset:
+    """The energy budget of a run; see `Run.energy`."""
+    if by not in get_args(By):
+        raise ParameterError(f"by = {by!r}: must be one of {', '.join(get_args(By))}")
+    dm, segments, events = dimer_of(record.row), record.segments, record.events
+    n, f, phi0 = len(segments), parameters["f"], parameters["phi0"]
+    ends, smooth = np.zeros((n - 1, N_STATE)), np.zeros((n - 1, N_WORK))
+    struck, leads_to = np.zeros((len(events), N_WORK)), np.zeros(len(events), np.int64)
+    budget(record.row, segments, events, rtol, new_workspace(), budget_scratch(), ends, smooth, struck, leads_to)
+    at_starts, at_ends = np.sum(energies(dm, segments[:, :N_STATE], phi0), 0), np.sum(energies(dm, ends, phi0), 0)
+
+    rows = np.flatnonzero(struck.any(1))
+    jumps = leads_to[rows]
+    last = np.append(np.diff(jumps) > 0, True)[: len(rows)]  # row of an impact
+    jumped = at_starts[1:] - at_ends
+    np.subtract.at(jumped, jumps - 1, struck[rows].sum(1))
+    moved = at_ends - at_starts[:-1] - smooth.sum(1)
+    moved += np.where(np.isin(np.arange(1, n), jumps), 0.0, jumped)
+
+    order = np.argsort(np.concatenate([np.arange(1, n), jumps + 0.5]), kind="stable")
+
+    def joined(of_phases: np.ndarray, of_impacts: np.ndarray) -> np.ndarray:
+        return np.concatenate([of_phases, of_impacts])[order]
+
+    works = joined(smooth, struck[rows])
+    residual = joined(moved, np.where(last, jumped[jumps - 1], 0.0))
+    energy = joined(at_ends, np.where(last, at_starts[jumps], np.nan))
+    periods = joined(segments[:-1, PERIOD], events[rows, E_PERIOD]).astype(int)
+    greatest = max(np.abs(np.cumsum(works, axis=0)).max(), np.abs(at_starts - at_starts[0]).max())
+    attributes = {
+        "closure": float(np.abs(np.cumsum(residual)).max() / greatest) if greatest > 0 else 0.0,
+        "closure_long_name": "largest sum of the residuals so far, over the greatest sum of a term or change of the energy",
+    }
+    if by == "period":
+        count = int(segments[-1, PERIOD])
+        within = periods < count
+        works, residual = _summed(works, periods, within, count), _summed(residual, periods, within, count)
+        ended = np.array([np.flatnonzero(segments[:, PERIOD] == k + 1)[0] for k in range(count)], int)
+        energy, labels, dim = at_starts[ended], {}, "n"
+        index = {"n": ("n", np.arange(count), {"units": "1", "long_name": "number of the forcing period"})}
+    else:
+        phases = joined(segments[:-1, PHASE], events[rows, E_PHASE])
+        kinds = joined(code_of(*segments[:-1, SEGMENT_MODES : SEGMENT_MODES + 2].T), events[rows, E_KIND]).astype(int)
+        causes = joined(np.full(n - 1, -1.0), events[rows, E_CAUSE]).astype(int)
+        names, dim = (*CAUSES, BETWEEN), "part"
+        labels = {
+            "kind": ("part", np.array(CONTACT_STATES)[kinds], EVENTS["kind"].attributes()),
+            "cause": ("part", np.array(names)[causes], EVENTS["cause"].attributes()),
+        }
+        index = {"time": ("part", times_of(periods, phases, f), EVENT_QUANTITIES["time"].attributes())}
+    columns = dict(zip(WORKS, works.T, strict=False)) | {"energy": energy, "residual": residual}
+    variables = {name: (dim, columns[name], quantity.attributes()) for name, quantity in WORKS.items()}
+    return xr.Dataset(labels | variables, index, attributes)
+
+
+def _summed(values: np.ndarray, periods: np.ndarray, within: np.ndarray, count: int) -> np.ndarray:
+    """Sums over each forcing period of values of parts, along the first axis."""
+    total = np.zeros((count, *values.shape[1:]))
+    np.add.at(total, periods[within], values[within])
+    return total

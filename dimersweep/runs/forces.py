@@ -1,0 +1,83 @@
+"""Kinetic and potential energy of kernel states, and the forces of their contacts."""
+
+import numpy as np
+
+from dimersweep.kernel.contact.forces import A1, A2, F1, F2, L1, L2, N_F
+from dimersweep.kernel.course import new_workspace
+from dimersweep.kernel.model.body import dimer_of, slip_at
+from dimersweep.kernel.model.layout import (
+    CA,
+    CB,
+    D1,
+    DIP,
+    FREE,
+    N1,
+    N2,
+    PHASE,
+    SLIP,
+    SPIN,
+    THETA,
+    WB,
+    WP,
+    X1,
+    Y1,
+    Dimer,
+)
+from dimersweep.kernel.model.plate import motion
+from dimersweep.kernel.sample import forces_at
+
+
+def energies(dm: Dimer, states: np.ndarray, phi0: float) -> tuple[np.ndarray, np.ndarray]:
+    """Kinetic and potential energy in the room of kernel states, shape (n, N_STATE) [J].
+
+    The potential energy is zero with the centre of mass at the origin of the room: the plate's mean place.
+    """
+    s = states.T
+    phase = s[PHASE] + phi0
+    height, rise, _ = motion(dm, phase)
+    beta, sin_t, cos_t = dm.beta_0 + s[DIP], np.sin(s[THETA]), np.cos(s[THETA])
+    angle_x, angle_y = phase + dm.lag_x, phase + dm.lag_y
+    v_x, v_y = dm.G_x / dm.omega * np.cos(angle_x), dm.G_y / dm.omega * np.cos(angle_y)
+    c_n = (dm.p2.h * s[N1] - dm.p1.h * s[N2]) / dm.l + rise
+    c_a, c_b = s[CA] + v_y * cos_t - v_x * sin_t, s[CB] + v_x * cos_t + v_y * sin_t
+    turning = dm.J_t * (s[WB] ** 2 + s[WP] ** 2) + dm.J_a * s[SPIN] ** 2
+    kinetic = 0.5 * (dm.m * (c_a**2 + c_b**2 + c_n**2) + turning)
+    h = dm.p1.h * np.cos(beta)
+    x = s[X1] + h * sin_t + dm.G_x / dm.omega**2 * np.sin(angle_x)
+    y = s[Y1] - h * cos_t + dm.G_y / dm.omega**2 * np.sin(angle_y)
+    z = height + dm.p1.r + s[D1] - dm.p1.h * np.sin(beta)
+    return kinetic, dm.m * (dm.g * z - dm.fall_x * x - dm.fall_y * y)
+
+
+def forces(row: np.ndarray, states: np.ndarray, modes: np.ndarray, rtol: float) -> dict[str, np.ndarray]:
+    """Forces of the plate on both ends, by the names of `symbols.FORCES` [N].
+
+    Two ends on the plate share one axial velocity. Where one of them sticks, only the sum of their axial forces is determined.
+
+    Parameters
+    ----------
+    row : ndarray, shape (N_ROW,)
+    states, modes : ndarray, shapes (n, N_STATE), (n, 2)
+        Kernel states, and the friction modes of their ends.
+    rtol : float
+        Accuracy of the run.
+    """
+    F = np.zeros((len(states), N_F))
+    forces_at(row, states, modes, rtol, new_workspace(), F)
+    dm = dimer_of(row)
+    axial = np.array([F[:, A1], F[:, A2]])
+    both = (modes != FREE).all(1)
+    axial[:, both] = np.nan
+    slide = both & (modes == SLIP).all(1)
+    for i, p in enumerate((dm.p1, dm.p2)):
+        along, across = slip_at(dm, states[slide].T, i)
+        axial[i, slide] = -p.mu * F[slide, F1 + i * (F2 - F1)] * along / np.hypot(along, across)
+    return {
+        "normal_force_1": F[:, F1],
+        "normal_force_2": F[:, F2],
+        "axial_force": F[:, A1] + F[:, A2],
+        "axial_force_1": axial[0],
+        "axial_force_2": axial[1],
+        "lateral_force_1": F[:, L1],
+        "lateral_force_2": F[:, L2],
+    }

@@ -1,0 +1,50 @@
+"""Sections of a recorded run: the moments at which its states are points of a map."""
+
+from math import pi, tau
+from typing import Literal, get_args
+
+import numpy as np
+import xarray as xr
+
+from dimersweep.errors import ParameterError
+from dimersweep.inputs import as_number
+
+At = Literal["period", "double_impact", "landing_1", "landing_2"]
+SECTIONS: tuple[str, ...] = get_args(At)
+
+
+def check_section(at: str, phase: float | None) -> float | None:
+    """The phase of a section as a float, None if there is none.
+
+    Raises
+    ------
+    ParameterError
+        If `at` is no place of a section, the phase no number, or both are given.
+    """
+    if at not in SECTIONS:
+        raise ParameterError(f"at = {at!r}: must be one of {', '.join(SECTIONS)}")
+    if phase is not None and at != "period":
+        raise ParameterError(f"phase = {phase}: a section is at a phase, or at = {at!r}")
+    return None if phase is None else as_number("phase", phase, "rad")
+
+
+def times_of_phase(phase: float, phi0: float, f: float, periods: int) -> np.ndarray:
+    """Times at which the plate passes a phase [rad] within so many forcing periods [s]."""
+    first = (phase - phi0) % (2 * pi) / tau
+    cycles = first + np.arange(periods + 1)
+    return cycles[cycles <= periods] / f
+
+
+def impacts_at(events: xr.Dataset, at: str) -> np.ndarray:
+    """Numbers of the first rows of those impacts that begin with both ends on the plate, or in which an end lands."""
+    time, strikes = (
+        events["time"].values,
+        (events["cause"] == "impact").values & ((events["impulse_1"] > 0) | (events["impulse_2"] > 0)).values,
+    )
+    if at == "double_impact":
+        wanted = strikes & events["kind"].str.startswith("DI").values
+    else:
+        end = at[-1]
+        wanted = strikes & (events[f"impulse_{end}"] > 0).values & (events[f"gap_{end}_rate_before"] < 0).values
+    (rows,) = np.nonzero(wanted)
+    return rows[np.unique(time[rows], return_index=True)[1]]

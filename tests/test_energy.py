@@ -1,0 +1,214 @@
+"""Energies, forces and energy budgets of runs, against closed forms and against themselves."""
+
+from math import pi
+
+import numpy as np
+import pytest
+
+from dimersweep import names, simulate
+from dimersweep.errors import ParameterError
+from dimersweep.kernel.model.body import dimer_of
+from dimersweep.kernel.model.layout import ROW
+from dimersweep.symbols import FORCES, WORKS
+
+SCENES = {
+    "base case": {},
+    "both ends slip": {"mu": 0.05, "mu_s": 0.1},
+    "without friction": {"mu": 0.0, "mu_s": 0.0},
+    "without loss": {"mu": 0.0, "mu_s": 0.0, "e": 1.0},
+    "plastic": {"e": 0.0},
+    "thrown up": {"Gamma": 3.0},
+    "a hold of its own": {"mu_h": 0.25, "Gamma": 0.8},
+    "unlike": {"r_1": 0.006, "r_2": 0.004, "e_1": 0.7, "e_2": 0.5, "mu_1": 0.1, "eta": 1.0, "beta0": 0.6},
+    "tilted": {"tilt": 0.05, "azimuth": 0.4, "theta0": 1.0},
+    "sideways": {"Gamma_x": 0.3, "Gamma_y": 0.2, "phi_y": 1.0, "tilt": 0.05, "Gamma_2": 0.3},
+    # a slip that comes to rest in an impact and sets out again along the axis, at a rounding of its end
+    "slips on": {"e": 0.9673037855604738, "Gamma": 0.8569418725583566, "f": 34.11061940996683, "A_r": 9.263011035373214}
+    | {"mu": 0.33817352555634983, "mu_s": 0.804390683756783, "beta0": 0.7074024745008577, "xdot0": 0.0489813549867264}
+    | {"phi0": 4.229328091320457, "tilt": 0.165, "azimuth": 5.31, "Gamma_x": 0.3, "Gamma_y": 0.3, "phi_x": 1.0},
+}
+
+
+@pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
+def test_the_budget_closes(scene):
+    run = simulate(**scene, periods=100, rtol=1e-10)
+    budget, parts = run.energy(), run.energy("event")
+    assert run.status == "ok"
+    assert budget.closure < 1e-9
+    works = [name for name in WORKS if name not in ("energy", "residual")]
+    greatest = max(float(np.abs(budget[name].cumsum()).max()) for name in works)
+    gained = float(budget["energy"][-1] - parts["energy"][0]) + float(parts["energy"][0] - start_energy(run))
+    given = sum(float(budget[name].sum()) for name in works)
+    assert abs(gained - given) < 2e-9 * max(greatest, abs(gained))
+    for name in works:
+        assert float(budget[name].sum()) == pytest.approx(float(parts[name].sum()), abs=1e-12 * greatest)
+
+
+def start_energy(run):
+    state = run.states(0.0)
+    return float(state["kinetic_energy"] + state["potential_energy"])
+
+
+def test_the_budget_of_a_thousand_periods_closes():
+    assert simulate(periods=1000, rtol=1e-10).energy().closure < 1e-9
+
+
+def test_what_takes_energy_is_below_zero():
+    """But at the close of a chatter, whose impulse pulls instead of the hops that it sums."""
+    parts = simulate(mu=0.05, mu_s=0.1, periods=100).energy("event")
+    parts = parts.isel(part=np.flatnonzero(parts["cause"] != "chatter_end"))
+    tiny = 1e-12
+    for end in (1, 2):
+        assert (parts[f"slip_{end}"] <= tiny * float(parts["energy"].max())).all()
+    impacts = parts.isel(part=np.flatnonzero(parts["cause"] == "impact"))
+    sums = impacts.groupby("time").sum()
+    assert (sums["restitution_1"] + sums["restitution_2"] <= tiny * float(parts["energy"].max())).all()
+
+
+def test_restitution_takes_what_the_law_says():
+    """Without friction an impact at one end has the rebound e times the approach: (1 - e^2) n^2 / (2 W_nn) is lost."""
+    run = simulate(mu=0.0, mu_s=0.0, e=0.7, periods=60)
+    parts, events, dm = run.energy("event"), run.events, dimer_of(run.record("the test").row)
+    single = np.flatnonzero(np.isin(events["kind"], ("SI1_sp", "SI2_sp")) & (events["cause"] == "impact"))[1:]
+    assert single.size > 50
+    checked = 0
+    for row in single:
+        event = events.isel(event=row)
+        (part,) = np.flatnonzero((parts["time"] == event["time"]) & (parts["kind"] == event["kind"]))
+        end = 1 if event["kind"] == "SI1_sp" else 2
+        h = (dm.p1.h, dm.p2.h)[end - 1]
+        w_nn = 1 / dm.m + (h * np.cos(float(event["beta"]))) ** 2 / dm.J_t
+        lost = (1 - 0.7**2) * float(event[f"gap_{end}_rate_before"]) ** 2 / (2 * w_nn)
+        assert float(parts[f"restitution_{end}"][part]) == pytest.approx(-lost, rel=1e-6, abs=1e-16)
+        checked += 1
+    assert checked == single.size
+
+
+def test_without_loss_restitution_and_slip_take_nothing():
+    budget = simulate(mu=0.0, mu_s=0.0, e=1.0, periods=60).energy()
+    given = float(np.abs(budget["plate_1"]).sum() + np.abs(budget["plate_2"]).sum())
+    for name in ("restitution_1", "restitution_2", "slip_1", "slip_2", "plate_along"):
+        assert float(np.abs(budget[name]).sum()) < 1e-7 * given
+
+
+def test_a_wrong_coefficient_of_friction_opens_the_budget():
+    """The works follow from the forces: those of another friction do not fit the states."""
+    run = simulate(mu=0.05, mu_s=0.1, periods=60)
+    record = run.record("the test")
+    row = record.row.copy()
+    row[[ROW.index("mu_1"), ROW.index("mu_2")]] *= 1 + 1e-4
+    object.__setattr__(run, "_record", record._replace(row=row))
+    assert run.energy().closure > 1e-6
+
+
+def test_a_wrong_impulse_opens_the_budget():
+    run = simulate(periods=60)
+    record = run.record("the test")
+    events = record.events.copy()
+    events[:, 10:12] *= 1 + 1e-5
+    object.__setattr__(run, "_record", record._replace(events=events))
+    assert run.energy().closure > 1e-6
+
+
+def test_the_energy_is_that_of_the_room():
+    """Kinetic energy from the columns of `states`: that of the centre of mass and of the turning about it."""
+    run = simulate(Gamma=1.5, Gamma_x=0.4, tilt=0.1, azimuth=0.3, phi_x=0.7, periods=20)
+    dm = dimer_of(run.record("the test").row)
+    t, step = np.linspace(0.1, 1.2, 40), 1e-6
+    before, states, after = run.states(t - step), run.states(t), run.states(t + step)
+    flies = [(at["contact_state"] == 0).values for at in (before, states, after)]
+    smooth = flies[0] & flies[1] & flies[2]
+    assert int(smooth.sum()) > 5
+    omega, angle = 2 * pi * 15, 2 * pi * 15 * t + 0.7
+    amplitude = 0.4 * 9.81 / omega**2
+    rates = [(after[name].values - before[name].values) / (2 * step) for name in "xyz"]
+    rates[0] += amplitude * omega * np.cos(angle)
+    spin = states["spin_rate"] + states["theta_rate"] * np.sin(states["beta"])
+    turning = (
+        dm.J_t * (states["beta_rate"] ** 2 + (states["theta_rate"] * np.cos(states["beta"])) ** 2) + dm.J_a * spin**2
+    )
+    kinetic = 0.5 * dm.m * sum(rate**2 for rate in rates) + 0.5 * turning
+    height = states["z"] * np.cos(0.1) - np.sin(0.1) * (
+        (states["x"] + amplitude * np.sin(angle)) * np.cos(0.3) + states["y"] * np.sin(0.3)
+    )
+    potential = dm.m * 9.81 * height
+    np.testing.assert_allclose(states["kinetic_energy"][smooth], kinetic[smooth], rtol=1e-6)
+    np.testing.assert_allclose(states["potential_energy"], potential, rtol=1e-9, atol=1e-12)
+
+
+def test_forces_are_those_of_newton():
+    """Their sum is the mass times the acceleration of the centre of mass in the room, less gravity."""
+    run = simulate(periods=40)
+    dm = dimer_of(run.record("the test").row)
+    t, step = np.linspace(2.0, 2.6, 200), 1e-5
+    before, states, after = run.states(t - step), run.states(t), run.states(t + step)
+    kinds = names(states["contact_state"]).values
+    times = run.events["time"].values
+    same = (kinds != "FM") & (np.searchsorted(times, t - step) == np.searchsorted(times, t + step))
+    assert same.sum() > 50
+    x, y, z = ((after[name].values - 2 * states[name].values + before[name].values) / step**2 for name in "xyz")
+    theta = states["theta"].values
+    unit = dm.m * 9.81
+    normal = (states["normal_force_1"] + states["normal_force_2"]).values
+    lateral = (states["lateral_force_1"] + states["lateral_force_2"]).values
+    assert np.abs(normal - dm.m * (z + 9.81))[same].max() < 1e-4 * unit
+    assert (
+        np.abs(states["axial_force"].values - dm.m * (y * np.cos(theta) - x * np.sin(theta)))[same].max() < 1e-3 * unit
+    )
+    assert np.abs(lateral - dm.m * (x * np.cos(theta) + y * np.sin(theta)))[same].max() < 1e-3 * unit
+
+
+def test_friction_is_within_its_law():
+    run = simulate(mu=0.05, mu_s=0.1, periods=60)
+    states = run.states(np.linspace(0.0, 4.0, 400))
+    kinds = names(states["contact_state"]).values
+    for end in (1, 2):
+        normal = states[f"normal_force_{end}"].values
+        friction = np.hypot(states[f"axial_force_{end}"], states[f"lateral_force_{end}"]).values
+        slips = np.array([kind == f"SC{end}_sp" for kind in kinds])
+        assert (normal >= 0).all()
+        np.testing.assert_allclose(friction[slips], 0.05 * normal[slips], rtol=1e-9)
+    assert (states["normal_force_1"].values[kinds == "FM"] == 0).all()
+
+
+def test_of_two_ends_down_one_of_which_sticks_only_the_sum_of_axial_forces_is_known():
+    run = simulate(Gamma=0.5, periods=100)  # comes to rest: both stick
+    states = run.states(6.0)
+    assert str(names(states["contact_state"]).values) == "DC_sk_sk"
+    assert np.isnan(states["axial_force_1"]) and np.isnan(states["axial_force_2"])
+    assert abs(float(states["axial_force"])) < 1e-9
+    weight = float(states["normal_force_1"] + states["normal_force_2"])
+    dm = dimer_of(run.record("the test").row)
+    assert weight == pytest.approx(dm.m * 9.81 * (1 - 0.5 * np.sin(float(states["phase"]))), rel=1e-9)
+
+
+def test_what_has_no_budget_is_told():
+    run = simulate(periods=2)
+    with pytest.raises(ParameterError, match=r"^by = 'day': must be one of period, event$"):
+        run.energy("day")
+    with pytest.raises(ParameterError, match="energy: nothing was recorded"):
+        simulate(periods=1, record=False).energy()
+    assert set(FORCES) <= set(run.states(0.0))
+
+
+def test_sections_are_at_their_moments():
+    run = simulate(periods=60)
+    double = run.section(at="double_impact")
+    np.testing.assert_allclose(double["phase"][-5:] / (2 * pi), run.orbit.impact_phase, atol=1e-6)
+    assert float(np.abs(double["gap_1"]).max()) == float(np.abs(double["gap_2"]).max()) == 0.0
+    assert (double["gap_2_rate_before"] < 0).all()
+    first = run.section(at="landing_1")
+    assert (first["gap_1"] == 0).all() and (first["gap_1_rate_before"] < 0).all()
+    assert first.sizes["n"] > 4 * 60  # its chatter
+    at_phase = run.section(phase=1.0)
+    np.testing.assert_allclose(at_phase["phase"], 1.0, atol=1e-9)
+    assert at_phase.sizes["n"] == 60
+    later = simulate(periods=4, phi0=2.0).section(phase=1.0)
+    np.testing.assert_allclose(later["phase"], 1.0, atol=1e-9)
+    assert run.section().sizes["n"] == 61
+    with pytest.raises(
+        ParameterError, match=r"^at = 'noon': must be one of period, double_impact, landing_1, landing_2$"
+    ):
+        run.section(at="noon")
+    with pytest.raises(ParameterError, match=r"^phase = 1.0: a section is at a phase, or at = 'landing_1'$"):
+        run.section(at="landing_1", phase=1.0)
