@@ -210,7 +210,9 @@ def test_an_exponent_of_chaos_does_not_depend_on_how_long_it_is_measured():
     found = [lyapunov(run, periods) for periods in (130, 300, 1000, 3000, 5000)]
     end = found[4].periods
     assert 1000 < end < 5000  # of the chaos
-    assert [each.periods for each in found] == [min(n, end) for n in (130, 300, 1000, 3000, 5000)]
+    # of a chaos that ends, the share of 20 periods and a tenth goes before: not the same for 3,000 and 5,000
+    counts = [each.periods for each in found]
+    assert counts == pytest.approx([min(n, end) for n in (130, 300, 1000, 3000, 5000)], rel=5e-3)
     for one, other in combinations(found, 2):
         assert abs(one.exponent - other.exponent) < 2 * hypot(one.error, other.error)
     assert found[-1].exponent == pytest.approx(12.3, abs=0.5)

@@ -71,8 +71,8 @@ def energy_of(record: RunRecord, rtol: float, parameters: dict[str, float], by: 
         causes = joined(np.full(n - 1, -1.0), events[rows, E_CAUSE]).astype(int)
         names, dim = (*CAUSES, BETWEEN), "part"
         labels = {
-            "kind": ("part", np.array(CONTACT_STATES)[kinds], EVENTS["kind"].attributes()),
-            "cause": ("part", np.array(names)[causes], EVENTS["cause"].attributes()),
+            "kind": ("part", np.array(CONTACT_STATES)[kinds], EVENT_QUANTITIES["kind"].attributes()),
+            "cause": ("part", np.array(names)[causes], EVENT_QUANTITIES["cause"].attributes()),
         }
         index = {"time": ("part", times_of(periods, phases, f), EVENT_QUANTITIES["time"].attributes())}
     columns = dict(zip(WORKS, works.T, strict=False)) | {"energy": energy, "residual": residual}

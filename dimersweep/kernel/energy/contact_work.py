@@ -41,7 +41,7 @@ KRONROD = np.array([0.5 * k for _, k, _ in _PLACES])
 GAUSS = np.array([0.5 * g for _, _, g in _PLACES])
 N_PLACES = 15
 FINER, FINEST = 1e-2, 1e-13  # accuracy of the phase over that of the run, and the best of it
-DOUBT = 1e-13  # of the work in a panel, in units of the energy of the motion and of the plate
+WORK_DOUBT = 1e-13  # of the work in a panel, in units of the energy of the motion and of the plate
 LONGEST, SHORTEST = 0.25, 1e-7  # panel, in forcing periods
 # rows of the scratch array, beyond those of an impact's
 S_KRONROD, S_GAUSS, S_POWER, S_BEGUN = range(4)
@@ -148,7 +148,7 @@ def contact_work(dm, motion, span, rtol, unit, rows, done):
         h = min(h, span - t)
         look = locate and t + h >= span  # what ends the phase is at the end of the last panel
         sound = panel(dm, motion, start + dm.omega * t, h, tol, look, rows)
-        if (not sound or doubt(rows, unit) > DOUBT) and h > SHORTEST * dm.period:
+        if (not sound or doubt(rows, unit) > WORK_DOUBT) and h > SHORTEST * dm.period:
             h, shortened = 0.5 * h, True
             copy(begun, y, N_Y)
             continue

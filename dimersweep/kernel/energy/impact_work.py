@@ -35,8 +35,8 @@ LEAST_SLIP = 1e-10  # slip below which friction falls to zero with it
 STEPS = 20_000  # of a phase at most
 ON_AXIS = 1e-8  # angle of a slip to the axis below which it is axial (its square counts)
 PLASTIC = 1e-9  # restitution that is none
-LOCATED = 1e-15  # what the impulse at the end of a phase may be off
-PROBES = 40
+EVENT_LOCATED = 1e-15  # what the impulse at the end of a phase may be off
+ROOT_PROBES = 40
 
 
 @compiled
@@ -171,12 +171,12 @@ def step_to(dm, h, slot, target, work):
     """Shorten a step h, over which slot `slot` of the phase rises beyond `target`, to where it is that; by secants."""
     q, out = work[R_Q], work[R_OUT]
     low, high, low_value, high_value = 0.0, h, q[slot] - target, out[slot] - target
-    for k in range(PROBES):
+    for k in range(ROOT_PROBES):
         share = low_value / (low_value - high_value)
         h = low + (high - low) * (share if k % 3 < 2 else 0.5)
         step(dm, h, work)
         value = out[slot] - target
-        if abs(value) <= LOCATED or not low < h < high:
+        if abs(value) <= EVENT_LOCATED or not low < h < high:
             break
         if value < 0.0:
             low, low_value = h, value
