@@ -19,7 +19,7 @@ from dimersweep.kernel.contact.contact_mode import CLOSED, contact_mode
 from dimersweep.kernel.contact.coordinates import YUA, YUB, contact_state
 from dimersweep.kernel.contact.forces import A1, A2, F1, F2, L1, L2, double_forces
 from dimersweep.kernel.impact.impact import apply_impulse
-from dimersweep.kernel.model.body import attitude, delassus, end, level_levers, levers, reach, rise_of_centre
+from dimersweep.kernel.model.body import attitude, delassus, end, extent, level_levers, levers, rise_of_centre
 from dimersweep.kernel.model.friction import length, slip_force
 from dimersweep.kernel.model.layout import (
     CA,
@@ -83,7 +83,7 @@ def slow_enough(dm, p, n, remaining, tol):
 @compiled
 def stays_open(dm, state, j, time):
     """Whether end j certainly stays off the plate for so long."""
-    _, far = reach(dm)
+    _, far = extent(dm)
     fall = heaviest(dm) + far * (state[WB] ** 2 + state[WP] ** 2 + state[SPIN] ** 2)
     return state[D1 + j] + time * (state[N1 + j] - fall * time) >= 0.0
 

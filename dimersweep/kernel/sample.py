@@ -88,7 +88,7 @@ def sample(row, segments, which, phases, rtol, space, record, states, modes):
         elif span > 0.0 and modes[k, 0] == FREE and modes[k, 1] == FREE:
             fly(dm, take_off(dm, state), state, span, True)
         elif span > 0.0:
-            status = follow_contact(dm, motion, span, rtol)
+            status = move_contact(dm, motion, span, rtol)
         if status != OK:
             for j in range(N_STATE):
                 state[j] = nan
@@ -154,7 +154,7 @@ def follow_hops(dm, later_dm, row, segment, motion, span, rtol, record):
 
 
 @compiled
-def follow_contact(dm, motion, span, rtol):
+def move_contact(dm, motion, span, rtol):
     """Move the state of a contact phase on by a time in it, in place; returns a status.
 
     An event before that time is the end of the phase, found a hair too early, or one that the run has passed by: a slip that

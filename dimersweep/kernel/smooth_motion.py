@@ -8,7 +8,7 @@ from dimersweep.kernel.contact.forces import F1, F2, contact_rates, double_rates
 from dimersweep.kernel.contact.phase import sustain_contact
 from dimersweep.kernel.flight.free_motion import fly, take_off
 from dimersweep.kernel.flight.landing import MAX_LANDING_PROBES, next_landing
-from dimersweep.kernel.impact.impact import rounding
+from dimersweep.kernel.impact.impact import slip_rounding
 from dimersweep.kernel.model.body import TWO_PI, turn_of_pair
 from dimersweep.kernel.model.contact_code import coded
 from dimersweep.kernel.model.layout import D1, D2, DIP, FREE, N1, N2, PHASE, STICK
@@ -24,7 +24,7 @@ CONTACT_COST, HOP_COST, PROBE_COST = 3.0, 0.6, 0.12
 @compiled
 def no_slip(dm, state, rtol):
     """Slip that counts as none in contact [m/s]: below the tolerance, but clear of round-off."""
-    return max(SLIP_SCALE * rtol * dm.v_scale, 32.0 * rounding(dm, state))
+    return max(SLIP_SCALE * rtol * dm.v_scale, 32.0 * slip_rounding(dm, state))
 
 
 @compiled(inline=True)

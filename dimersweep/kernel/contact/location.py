@@ -20,9 +20,9 @@ from dimersweep.kernel.contact.forces import contact_rates
 from dimersweep.kernel.contact.step_control import RESCALED, step_to
 from dimersweep.kernel.model.body import end
 from dimersweep.kernel.numerics.root_bracket import (
-    FOUND,
-    LOOK_ON,
-    REFUSED,
+    PROBE_FOUND,
+    PROBE_LOOK_ON,
+    PROBE_REFUSED,
     UNSOUND,
     locate,
     set_bracket,
@@ -61,14 +61,14 @@ def value_on_cubic(at, share):
 
 @compiled(inline=True)
 def probe_step(at, t):
-    """Take the step up to t: the least event function there, its event, and FOUND, LOOK_ON or REFUSED."""
+    """Take the step up to t: the least event function there, its event, and PROBE_FOUND, PROBE_LOOK_ON or PROBE_REFUSED."""
     dm, p, b, c = at.dm, at.p, at.b, at.b.control[0]
     if not step_to(dm, p.modes, c.now, t, p.n, c.method, c.stiffness, b) <= 1.0:
-        return 0.0, UNSOUND, REFUSED
+        return 0.0, UNSOUND, PROBE_REFUSED
     g, which = least_value(dm, p.modes, b.armed, b.start, b.out, b.F_out, p.slip_tol, b.values[1])
     at_rest = is_slip_end(which) and abs(g) <= p.slip_tol / dm.v_scale
     landed = which == LANDING and abs(g) <= at.dip_left and b.out[YDIP] * b.out[YWB] < 0.0
-    return g, which, FOUND if -at.past <= g <= 0.0 or at_rest or landed else LOOK_ON
+    return g, which, PROBE_FOUND if -at.past <= g <= 0.0 or at_rest or landed else PROBE_LOOK_ON
 
 
 @compiled(inline=True)

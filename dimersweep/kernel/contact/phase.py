@@ -63,7 +63,7 @@ MAX_PHASE_STEPS = 200000
 MAX_CHARTS = 20000
 # first step of a phase that begins without force, in turns of its motion: after it the end presses, or lifts off
 FIRST_WITHOUT_FORCE = 1e-5
-LEAST = 1e-14  # step, in forcing periods, below which the contact force grows beyond all bounds
+LEAST_STEP = 1e-14  # step, in forcing periods, below which the contact force grows beyond all bounds
 PLAIN_LEAST_TURN = 0.02  # time in which the slip turns, in forcing periods, below which the plain method is left
 FALLING = 0.15  # rate of slip, in units of -gamma, from which the rescaled method takes it
 SOON = (
@@ -275,7 +275,7 @@ def shorten(dm, factor, b):
     else:
         c.h *= factor
         length = c.h
-    return JAM if length < LEAST * dm.period else GOES_ON
+    return JAM if length < LEAST_STEP * dm.period else GOES_ON
 
 
 @compiled(inline=True)

@@ -33,7 +33,7 @@ from dimersweep.kernel.energy.impact_work import (
     impact_phase,
 )
 from dimersweep.kernel.flight.free_motion import fly, take_off
-from dimersweep.kernel.model.body import TWO_PI, attitude, reach, rise_of_centre, set_dimer
+from dimersweep.kernel.model.body import TWO_PI, attitude, extent, rise_of_centre, set_dimer
 from dimersweep.kernel.model.contact_code import digits_of
 from dimersweep.kernel.model.layout import (
     C_CHATTER_END,
@@ -145,7 +145,7 @@ def body_velocities(dm, state, skip, u):
 @compiled
 def fastest(dm, u):
     """A bound of the speed of any point of the body [m s-1]."""
-    r, h = reach(dm)
+    r, h = extent(dm)
     return abs(u[UN]) + abs(u[UA]) + abs(u[UB]) + (r + h) * (abs(u[UWB]) + abs(u[UWP])) + r * abs(u[US])
 
 

@@ -34,9 +34,9 @@ from dimersweep.kernel.numerics.elementary import eighth_root, nearly_raised
 from dimersweep.kernel.numerics.meter import is_over
 from dimersweep.kernel.numerics.root_bracket import (
     CARRIED,
-    FOUND,
-    LOOK_ON,
-    REFUSED,
+    PROBE_FOUND,
+    PROBE_LOOK_ON,
+    PROBE_REFUSED,
     UNSOUND,
     locate,
     set_bracket,
@@ -305,16 +305,16 @@ def probe_step(at, t):
     Returns
     -------
     g, event, verdict : float, int, int
-        The least event function at t and its event; FOUND, LOOK_ON or REFUSED.
+        The least event function at t and its event; PROBE_FOUND, PROBE_LOOK_ON or PROBE_REFUSED.
     """
     b, way = at.b, t - at.b.bracket[0].at
     if abs(way) <= min(at.near, CARRIED * t):
         impact_rates(at.dm, at.modes, b.gains, at.clock, b.out, b.rates_out)
         carry_on(at.dm, at.modes, at.clock, way, b)
     elif not leg_step(at.dm, at.modes, at.clock, t, at.tol, 1.0, at.stiff, b) <= 1.0:
-        return 0.0, UNSOUND, REFUSED
+        return 0.0, UNSOUND, PROBE_REFUSED
     g, event = least_value(at.dm, at.modes, at.compressing, at.clock, b.armed, b.start, b.out, at.slip_tol)
-    return g, event, FOUND if abs(g) <= ZERO_ERROR * at.tol else LOOK_ON
+    return g, event, PROBE_FOUND if abs(g) <= ZERO_ERROR * at.tol else PROBE_LOOK_ON
 
 
 @compiled

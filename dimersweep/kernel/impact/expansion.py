@@ -81,7 +81,7 @@ def term(c, j):
 
 
 @compiled
-def reach(c, order, small):
+def step_reach(c, order, small):
     """Step over which the last terms of the expansions stay below `small`, and well inside their convergence."""
     last, before = term(c, order), term(c, order - 1)
     h = nearly_raised(small / last, 1.0 / order) if last > 0.0 else inf
@@ -113,7 +113,7 @@ def expand_to_end(law, gain, compressing, fading, small, c):
             fading = expand(law, gain, fading, order, more, c)
             order = more
     expand(law, gain, fading, order, ORDER, c)
-    return ORDER, reach(c, ORDER, small)
+    return ORDER, step_reach(c, ORDER, small)
 
 
 @compiled

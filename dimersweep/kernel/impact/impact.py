@@ -30,7 +30,7 @@ from dimersweep.kernel.impact.single_impact import (
     EndLaw,
     single_phase,
 )
-from dimersweep.kernel.model.body import attitude, delassus, end, level_levers, levers, reach, rise_of_centre
+from dimersweep.kernel.model.body import attitude, delassus, end, extent, level_levers, levers, rise_of_centre
 from dimersweep.kernel.model.contact_code import coded, impact_digit
 from dimersweep.kernel.model.friction import holds_axially, length, slip_force
 from dimersweep.kernel.model.layout import (
@@ -57,7 +57,10 @@ MAX_PHASES = 2000
 LEFT_OVER, LEAST_LEFT = 1e-3, 1e-13
 DOUBLE_TOL = 0.2  # of the integrator of a double impact, in units of the impact's tolerance: its steps add up
 NO_REBOUND = 0.1  # rebound that is none, in units of the impact's tolerance
-FINEST, COARSEST = 5e-14, 1e-4  # tolerances of that integrator: what round-off allows, and what finds events easily
+FINEST_LEG_TOL, COARSEST_LEG_TOL = (
+    5e-14,
+    1e-4,
+)  # tolerances of that integrator: what round-off allows, and what finds events easily
 LEAST_SLIP = 1e-12  # slip, in units of V, whose setting out of rest the integrator can still follow
 IMPACT_SLIP_SCALE = 0.1  # slip that counts as none, in units of the impact's tolerance
 
@@ -152,7 +155,7 @@ def single_impact(dm, state, i, V, tol, work, log):
     p, (sin_b, cos_b) = end(dm, i), attitude(dm, state[DIP])
     law = end_law(dm, i, 0.0, sin_b, cos_b, restitution(p.e, tol))
     n, a, b = contact_velocity(dm, state, i)
-    slip_tol = max(IMPACT_SLIP_SCALE * tol, rounding(dm, state) / V)
+    slip_tol = max(IMPACT_SLIP_SCALE * tol, slip_rounding(dm, state) / V)
     n_plus, a_plus, b_plus, _, _, P, A, B, P_s, A_s, mode, reason = single_phase(
         law, n / V, a / V, b / V, 0.0, 0.0, slip_tol, work
     )
@@ -184,9 +187,9 @@ def apply_impulse(dm, state, lv, P, A, B):
 
 
 @compiled
-def rounding(dm, state):
+def slip_rounding(dm, state):
     """Round-off of a contact velocity [m/s]: slip below it is none."""
-    r, h = reach(dm)
+    r, h = extent(dm)
     size = abs(state[CA]) + abs(state[CB]) + r * abs(state[SPIN]) + h * (abs(state[WB]) + abs(state[WP]))
     return 8.0 * 2.3e-16 * size
 
@@ -229,7 +232,7 @@ def double_impact(dm, state, V, tol, modes, work, log):
     e[0], e[1] = restitution(dm.p1.e, tol), restitution(dm.p2.e, tol)
     load_double(dm, state, V, z)
     copy(z, start, N_Z)
-    slip_tol = max(max(IMPACT_SLIP_SCALE * tol, LEAST_SLIP), rounding(dm, state) / V)
+    slip_tol = max(max(IMPACT_SLIP_SCALE * tol, LEAST_SLIP), slip_rounding(dm, state) / V)
     left = max(LEFT_OVER * tol, LEAST_LEFT)
     least = raised(left, 2.0 / (dm.eta + 1.0))  # the root of E, which goes with X^(eta + 1), is worth a gap rate
     compressing[0], compressing[1] = 1.0, 1.0
@@ -250,7 +253,9 @@ def double_impact(dm, state, V, tol, modes, work, log):
             friction_modes(dm, z, modes, f_1, f_2, slip_tol, lost)
             if follow_acceleration(dm, z, modes, compressing, left, e, mid):
                 continue
-            event = double_leg(dm, z, modes, compressing, max(min(DOUBLE_TOL * tol, COARSEST), FINEST), slip_tol, work)
+            event = double_leg(
+                dm, z, modes, compressing, max(min(DOUBLE_TOL * tol, COARSEST_LEG_TOL), FINEST_LEG_TOL), slip_tol, work
+            )
             if event < 0:
                 break
             lost = 4 <= event < 6

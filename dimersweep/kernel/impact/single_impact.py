@@ -248,7 +248,7 @@ def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
 
 
 @compiled
-def later(P, change, rate):
+def later_zero(P, change, rate):
     """When a function that falls to zero at P, at this rate, does so if it has changed a little."""
     return max(0.0, P - change / rate) if inf > P else inf
 
@@ -279,8 +279,8 @@ def straight_leg(law, n, a, b, E, n_j, compressing, stick, c, s):
         S, S_1, b_left = swerve(w_v, slope, v, b, P)
         rub, rub_1 = -t_a * S, -t_a * S_1
         slower = 2.0 * law.mu * (law.aa - law.bb) * S - law.na * rub / law.mu
-        P_n, P_j = later(P_n, law.na * rub, w), later(P_j, law.na_j * rub, w_j)
-        P_E, P_v = later(P_E, -law.na * rub_1, -(n + w * P_E)), later(P_v, slower, w_v)
+        P_n, P_j = later_zero(P_n, law.na * rub, w), later_zero(P_j, law.na_j * rub, w_j)
+        P_E, P_v = later_zero(P_E, -law.na * rub_1, -(n + w * P_E)), later_zero(P_v, slower, w_v)
         P = min(min(P_n, P_E), min(P_j, P_v))
     E = 0.0 if P == P_E else max(0.0, E - gain * (P * (n + 0.5 * w * P) + law.na * rub_1))
     n = 0.0 if P_n == P else n + w * P + law.na * rub

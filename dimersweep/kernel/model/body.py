@@ -215,7 +215,7 @@ def turn_of_pair(dm, apart, spin):
 
 
 @compiled(inline=True)
-def reach(dm):
+def extent(dm):
     """Radius of the greater ball, and the distance of the centre of mass from the farther one [m]."""
     return max(dm.p1.r, dm.p2.r), max(-dm.p1.h, dm.p2.h)
 

@@ -8,12 +8,12 @@ from typing import Any
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.model.layout import FREE, IMPACT, SLIP, STICK
 
-_DIGITS = 5
+CODE_BASE = 5
 
 
 def code_of(digit_1: Any, digit_2: Any) -> Any:
     """Code of a contact state with these digits of p1 and p2: numbers, or arrays of one shape."""
-    return _DIGITS * digit_1 + digit_2
+    return CODE_BASE * digit_1 + digit_2
 
 
 coded = compiled(code_of, inline=True)  # for the kernel
@@ -21,7 +21,7 @@ coded = compiled(code_of, inline=True)  # for the kernel
 
 def digits_of(code: Any) -> tuple[Any, Any]:
     """Digits of p1 and p2 in the code of a contact state: of a whole number, or of an array."""
-    return divmod(code, _DIGITS)
+    return divmod(code, CODE_BASE)
 
 
 @compiled
@@ -42,4 +42,4 @@ def contact_state_name(code: int) -> str:
     return family + "".join("_sk" if k in (STICK, STICK + IMPACT) else "_sp" for k in closed)
 
 
-CONTACT_STATES = tuple(contact_state_name(code) for code in range(_DIGITS**2))
+CONTACT_STATES = tuple(contact_state_name(code) for code in range(CODE_BASE**2))

@@ -18,9 +18,8 @@ import numpy as np
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.model.layout import ROW_PHI0, ROW_PHI_2
-from dimersweep.kernel.numerics.sincos import one_minus_cos, sincos, x_minus_sin
+from dimersweep.kernel.numerics.sincos import TWO_PI, one_minus_cos, sincos, x_minus_sin
 
-TWO_PI = 6.283185307179586
 CREST_PHASES, CLIMBS = 16, 60  # phases from the best of which the crest is climbed, and steps of that
 CREST_EXCESS = 1e-9  # excess of the bound on a crest over its height, over the sum of both harmonics
 

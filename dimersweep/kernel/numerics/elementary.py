@@ -23,14 +23,23 @@ E14, E15, E16, E17 = 1 / 87178291200, 1 / 1307674368000, 1 / 20922789888000, 1 /
 ROOT_2 = 1.4142135623730951
 MANTISSA, BIAS, EXPONENT = 52, 1023, 0x3FF0000000000000  # bits of a float's mantissa, and those of the exponent of 1
 FRACTION = 0xFFFFFFFFFFFFF
-LEAST, RAISE, RAISED = 2.2250738585072014e-308, 18014398509481984.0, 54  # the least float with all its bits; 2^54
-L1, L2, L3, L4 = 6.666666666666735130e-01, 3.999999999940941908e-01, 2.857142874366239149e-01, 2.222219843214978396e-01
-L5, L6, L7 = 1.818357216161805012e-01, 1.531383769920937332e-01, 1.479819860511658591e-01
+LEAST_NORMAL, RAISE, RAISED = (
+    2.2250738585072014e-308,
+    18014398509481984.0,
+    54,
+)  # the least float with all its bits; 2^54
+LOG_1, LOG_2, LOG_3, LOG_4 = (
+    6.666666666666735130e-01,
+    3.999999999940941908e-01,
+    2.857142874366239149e-01,
+    2.222219843214978396e-01,
+)
+LOG_5, LOG_6, LOG_7 = 1.818357216161805012e-01, 1.531383769920937332e-01, 1.479819860511658591e-01
 SPLIT = 134217729.0  # 2^27 + 1
-A0, A1, A2 = 3.33333333333329318027e-01, -1.99999999998764832476e-01, 1.42857142725034663711e-01
-A3, A4, A5 = -1.11111104054623557880e-01, 9.09088713343650656196e-02, -7.69187620504482999495e-02
-A6, A7, A8 = 6.66107313738753120669e-02, -5.83357013379057348645e-02, 4.97687799461593236017e-02
-A9, A10 = -3.65315727442169155270e-02, 1.62858201153657823623e-02
+ATAN_0, ATAN_1, ATAN_2 = 3.33333333333329318027e-01, -1.99999999998764832476e-01, 1.42857142725034663711e-01
+ATAN_3, ATAN_4, ATAN_5 = -1.11111104054623557880e-01, 9.09088713343650656196e-02, -7.69187620504482999495e-02
+ATAN_6, ATAN_7, ATAN_8 = 6.66107313738753120669e-02, -5.83357013379057348645e-02, 4.97687799461593236017e-02
+ATAN_9, ATAN_10 = -3.65315727442169155270e-02, 1.62858201153657823623e-02
 HALF_HIGH, HALF_LOW = 4.63647609000806093515e-01, 2.26987774529616870924e-17  # arctangent of 1/2
 EIGHTH_HIGH, EIGHTH_LOW = 7.85398163397448278999e-01, 3.06161699786838301793e-17  # pi / 4
 
@@ -97,7 +106,7 @@ def expm1(x):
 def mantissa(x):
     """k and m with x = 2^k m, m between the root of 1/2 and that of 2, for a finite x > 0."""
     k = -BIAS
-    if x < LEAST:
+    if x < LEAST_NORMAL:
         x, k = x * RAISE, k - RAISED
     bits = np.float64(x).view(np.int64)
     m = float(np.int64((bits & FRACTION) | EXPONENT).view(np.float64))
@@ -110,7 +119,7 @@ def log_rest(s):
     """(log(1 + f) - 2 s) / s for s = f / (2 + f)."""
     z = s * s
     w = z * z
-    return z * ((L1 + w * (L3 + w * (L5 + w * L7))) + z * (L2 + w * (L4 + w * L6)))
+    return z * ((LOG_1 + w * (LOG_3 + w * (LOG_5 + w * LOG_7))) + z * (LOG_2 + w * (LOG_4 + w * LOG_6)))
 
 
 @compiled
@@ -202,8 +211,8 @@ def atan_lack(t):
     """t less its arctangent, for a t between -7/16 and 7/16."""
     z = t * t
     w = z * z
-    odd = z * (A0 + w * (A2 + w * (A4 + w * (A6 + w * (A8 + w * A10)))))
-    return t * (odd + w * (A1 + w * (A3 + w * (A5 + w * (A7 + w * A9)))))
+    odd = z * (ATAN_0 + w * (ATAN_2 + w * (ATAN_4 + w * (ATAN_6 + w * (ATAN_8 + w * ATAN_10)))))
+    return t * (odd + w * (ATAN_1 + w * (ATAN_3 + w * (ATAN_5 + w * (ATAN_7 + w * ATAN_9)))))
 
 
 @compiled

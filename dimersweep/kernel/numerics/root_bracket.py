@@ -9,7 +9,7 @@ MAX_ROOT_PROBES = 160
 CARRIED = 0.1  # way over which a probe may carry the last one on, in units of its place: its error is one of that
 # in place of an event: a probe within the step is worse than the step itself, which has passed over a singularity
 UNSOUND = -3
-LOOK_ON, FOUND, REFUSED = range(3)  # the verdict of a probe
+PROBE_LOOK_ON, PROBE_FOUND, PROBE_REFUSED = range(3)  # the verdict of a probe
 ON_CUBIC, CLOSE_ON_CUBIC, ASIDE = (
     12,
     1e-6,
@@ -104,14 +104,14 @@ def zero_on_cubic(value, problem, s, h, g_start, g_end):
 def locate(probe, problem, s, h, aim, steep):
     """Close the bracket of a step h around its first event, and return that; UNSOUND where a probe is refused.
 
-    ``probe(problem, at)`` takes the step up to `at` and gives the least event function there, its event, and LOOK_ON, FOUND or
-    REFUSED. The last probe is at the event. Newton's rule aims at the value `aim`; `steep` is that of `note_probe`.
+    ``probe(problem, at)`` takes the step up to `at` and gives the least event function there, its event, and PROBE_LOOK_ON, PROBE_FOUND or
+    PROBE_REFUSED. The last probe is at the event. Newton's rule aims at the value `aim`; `steep` is that of `note_probe`.
     """
     while not is_closed(s, h):
         mid = next_probe(s)
         g, event, verdict = probe(problem, mid)
-        if verdict != LOOK_ON:
-            return event if verdict == FOUND else UNSOUND
+        if verdict != PROBE_LOOK_ON:
+            return event if verdict == PROBE_FOUND else UNSOUND
         note_probe(s, mid, g, aim, steep)
     _, event, _ = probe(problem, s.high)
     return event

@@ -9,7 +9,7 @@ from math import copysign, inf, nan
 from dimersweep.kernel.compiler.jit import compiled
 
 SMALL = 0.78  # angle that is in that interval as it is
-MOST = 1e5  # angle up to which the first product of the reduction is exact, with room to spare
+MOST_ANGLE = 1e5  # angle up to which the first product of the reduction is exact, with room to spare
 PER_RIGHT = 0.63661977236758134  # 2 / pi
 TWO_PI = 6.283185307179586
 RIGHT_HIGH, RIGHT_LOW = 1.57079632673412561417, 6.07710050650619224932e-11  # pi / 2
@@ -32,10 +32,10 @@ def polynomials(y):
 
 @compiled(fuse=True)
 def sincos(x):
-    """sin x and cos x, to 1.5 units in the last place; beyond `MOST`, of an angle within half of such a unit of x."""
+    """sin x and cos x, to 1.5 units in the last place; beyond `MOST_ANGLE`, of an angle within half of such a unit of x."""
     if abs(x) <= SMALL:
         return polynomials(x)
-    if not abs(x) <= MOST:
+    if not abs(x) <= MOST_ANGLE:
         if not abs(x) < inf:
             return nan, nan
         x = copysign(abs(x) % TWO_PI, x)  # exact, and 2 pi is rounded off by less than x
