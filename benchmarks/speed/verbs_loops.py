@@ -70,7 +70,7 @@ def route(dm, state, tol):
     v = hypot(a, b)
     if law.mu == 0.0:
         return FRICTIONLESS
-    if v <= max(impact.IMPACT_SLIP_SCALE * tol * V, impact.rounding(dm, state)):
+    if v <= max(impact.IMPACT_SLIP_SCALE * tol * V, impact.slip_rounding(dm, state)):
         return HELD if friction.holds_axially(law.mu_s, law.na, law.aa) else STRAIGHT
     return STRAIGHT if single_impact.is_invariant(law, v / V, a / v, b / v, tol) else TURNING
 

@@ -57,10 +57,7 @@ MAX_PHASES = 2000
 LEFT_OVER, LEAST_LEFT = 1e-3, 1e-13
 DOUBLE_TOL = 0.2  # of the integrator of a double impact, in units of the impact's tolerance: its steps add up
 NO_REBOUND = 0.1  # rebound that is none, in units of the impact's tolerance
-FINEST_LEG_TOL, COARSEST_LEG_TOL = (
-    5e-14,
-    1e-4,
-)  # tolerances of that integrator: what round-off allows, and what finds events easily
+FINEST_LEG_TOL, COARSEST_LEG_TOL = 5e-14, 1e-4  # of that integrator: what round-off allows, what finds events easily
 LEAST_SLIP = 1e-12  # slip, in units of V, whose setting out of rest the integrator can still follow
 IMPACT_SLIP_SCALE = 0.1  # slip that counts as none, in units of the impact's tolerance
 
@@ -233,7 +230,7 @@ def double_impact(dm, state, V, tol, modes, work, log):
     load_double(dm, state, V, z)
     copy(z, start, N_Z)
     slip_tol = max(max(IMPACT_SLIP_SCALE * tol, LEAST_SLIP), slip_rounding(dm, state) / V)
-    left = max(LEFT_OVER * tol, LEAST_LEFT)
+    left, leg_tol = max(LEFT_OVER * tol, LEAST_LEFT), max(min(DOUBLE_TOL * tol, COARSEST_LEG_TOL), FINEST_LEG_TOL)
     least = raised(left, 2.0 / (dm.eta + 1.0))  # the root of E, which goes with X^(eta + 1), is worth a gap rate
     compressing[0], compressing[1] = 1.0, 1.0
     rows = 0
@@ -253,9 +250,7 @@ def double_impact(dm, state, V, tol, modes, work, log):
             friction_modes(dm, z, modes, f_1, f_2, slip_tol, lost)
             if follow_acceleration(dm, z, modes, compressing, left, e, mid):
                 continue
-            event = double_leg(
-                dm, z, modes, compressing, max(min(DOUBLE_TOL * tol, COARSEST_LEG_TOL), FINEST_LEG_TOL), slip_tol, work
-            )
+            event = double_leg(dm, z, modes, compressing, leg_tol, slip_tol, work)
             if event < 0:
                 break
             lost = 4 <= event < 6
