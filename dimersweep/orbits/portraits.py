@@ -29,6 +29,7 @@ from dimersweep.symbols import ENDS
 VIEWS = TURN * np.arange(8) / 8  # phases of the plate at which the gaps are taken
 ALIKE_WITHIN = 0.02  # places at the same spin that are one, in units of g/omega^2
 SPIN_SLACK = 0.01  # of the spin, by which a motion may lie beyond the family that was followed
+REPEATS_WITHIN = 1e-3  # places in two periods of the plate that are one, in the same units
 CARRIED_TO = 9  # spins at which the orbits of a family are found; between them its place is interpolated
 
 
@@ -69,6 +70,13 @@ class Portrait(NamedTuple):
     spin: float
     gaps: np.ndarray
     turn: float
+
+    def least_period(self) -> int:
+        """The fewest forcing periods after which the place repeats: fewer than `periods` on a branch that has joined one."""
+        for n in range(1, self.periods):
+            if self.periods % n == 0 and np.abs(self.gaps - np.roll(self.gaps, n, axis=0)).max() < REPEATS_WITHIN:
+                return n
+        return self.periods
 
     def ends_changed(self) -> "Portrait":
         """The image in which the ends have changed places, at the same spin."""
@@ -185,6 +193,9 @@ class Carried:
         here = portrait_of_orbit(orbit, mirrors)
         self.views = [here]
         grid = np.linspace(min(here.spin, *spins), max(here.spin, *spins), CARRIED_TO)
+        grid = np.concatenate(
+            [grid[:1], grid, grid[-1:]]
+        )  # a step meets its spin nearly; the second at an end is short
         self._follow(grid[grid > here.spin])
         self._follow(grid[grid < here.spin][::-1])
         self.views.sort(key=lambda view: view.spin)

@@ -11,12 +11,13 @@ from dimersweep.cubes.grid import axis_values
 from dimersweep.cubes.points import make_points
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number, check_count, check_switch
+from dimersweep.orbits.finding import find
 from dimersweep.orbits.following import traced
 from dimersweep.orbits.kinds.kind import Change
 from dimersweep.orbits.labelling import COLUMNS, MULTIPLIERS, padded
 from dimersweep.orbits.orbit import PeriodicOrbit
-from dimersweep.orbits.portraits import mirrors_of
-from dimersweep.parameters import check_level
+from dimersweep.orbits.portraits import Mirrors, mirrors_of, portrait_of_orbit
+from dimersweep.parameters import check_level, value_of
 from dimersweep.studies.drawn import Drawn, drawn_starts
 from dimersweep.studies.sweep_spec import run_settings
 from dimersweep.studies.telling_apart import Judge, Sort, distance, matched
@@ -59,12 +60,16 @@ def border_between(orbit: PeriodicOrbit, name: str, to: float) -> tuple[float, s
     """Where the branch of an orbit first loses its stability, or ends, on the way to a value of a parameter, and its kind.
 
     The spin is kept. The kind is that of a border of `orbits`, word where the orbit leaps to another word, lost where Newton's
-    method loses it; none, with NaN, if the orbit goes on all the way: then only its basin was not met.
+    method loses it; none, with NaN, if the orbit goes on all the way: then only its basin was not met. An orbit that comes to
+    repeat after fewer periods has joined that of these, where the latter loses its stability.
     """
     trace = traced(orbit, name, to)
     for entry in trace.entries:
         if entry.kind is not None and not isinstance(entry.kind, Change):
             return entry.value, entry.kind.name
+        shorter = portrait_of_orbit(entry.orbit, Mirrors(plane=False, ends=False)).least_period()
+        if shorter < orbit.periods:
+            return border_between(find(guess=entry.orbit, periods=shorter), name, value_of(name, orbit.parameters))
     why = trace.end.partition(":")[0]
     return (trace.entries[-1].value, why) if why in ("word", "lost") else (float("nan"), "none")
 
