@@ -1,4 +1,4 @@
-"""Attractors: intervals against scipy, mirrors and matching of made-up motions, families, the base case's shares and borders."""
+"""Attractors: intervals against scipy, mirrors and matching of made-up motions, families, shares and borders at the base."""
 
 from types import SimpleNamespace
 
@@ -159,9 +159,21 @@ def test_a_seed_gives_the_same_starts_and_numbers_whatever_the_threads(base):
 def test_at_one_set_of_parameters_five_attractors_are_told_apart_and_stay():
     found = attractors(MANY, {"e": 0.8, "Gamma": 1.0}, starts=100, seed=1, periods=1000, confirm=2000, progress=False)
     kept = found.sel(attractor=found["confirmed"] & (found["periods"] > 0))
-    assert kept.sizes["attractor"] >= 4
-    assert found["confirmed"].sel(attractor=found["mode"] == "rest").all()
+    assert kept.sizes["attractor"] >= 5
     assert {1, 2, 3} <= set(kept["periods"].values.tolist())
+    assert found["confirmed"].sel(attractor=found["mode"] == "rest").all()
+    slow = found.sel(attractor=found["orbit"] & ~found["stable"])  # a slow transient beside an orbit that is unstable
+    assert not slow["confirmed"].any()
+
+
+@pytest.mark.slow
+def test_shares_of_two_thousand_drawn_angles_are_those_of_the_fine_grid():
+    over, angles = {"f": [15, 20, 25]}, {"beta0": ("0.01 deg", "89.99 deg")}
+    found = attractors(angles, starts=2000, seed=7, over=over, periods=400, progress=False)
+    walk = found.sel(attractor=found["attractor"][(found["mode"] == "drift").all("f")].item())
+    grid = np.array([0.194, 0.278, 0.250])  # of the 4,499 angles of sweeps/fig07.toml
+    assert (walk["share_low"].values < grid).all()
+    assert (grid < walk["share_high"].values).all()
 
 
 def test_over_the_intensity_the_drift_appears_at_the_fold_and_goes_at_the_flip_where_that_of_period_2_begins(
@@ -195,8 +207,8 @@ def test_it_is_drawn_as_areas_or_bars(base, over_gamma):
     drawn = [
         line.get_xdata()[0] for line in axes.lines if len(set(line.get_xdata())) == 1 and line.get_linestyle() == "--"
     ]
-    borders = over_gamma["border"].values
-    assert_allclose(np.unique(drawn), np.unique(borders[np.isfinite(borders)]))
+    told = over_gamma["border"].dropna("change")  # the flip is told twice, and drawn once
+    assert_allclose(np.sort(drawn), np.unique(told)[:-1])
     bars = plots.attractors(base).axes[0].patches
     assert_allclose([bar.get_height() for bar in bars], 100 * base["share"])
 
@@ -223,7 +235,10 @@ def test_it_is_drawn_as_areas_or_bars(base, over_gamma):
         ({"ranges": STARTS, "over": {"e": [0.5], "f": [15]}}, "over = "),
         ({"ranges": STARTS, "fixed": {"phi0": 1.0}}, "phi0"),
         ({"ranges": STARTS, "fixed": {"tilt": 0.1}}, "tilt = 0.1: must be 0 for attractors"),
-        ({"ranges": STARTS | {"Gamma_x": (0.0, 0.1)}}, "Gamma_x = "),
+        ({"ranges": STARTS, "over": {"Gamma_x": [0.0, 0.1]}}, "Gamma_x = 0.1: must be 0 for attractors"),
+        ({"ranges": STARTS | {"e": (0.5, 0.6)}}, "e: is no part of a start"),
+        ({"points": {"Gamma": [0.8, 0.9]}}, "Gamma: is no part of a start"),
+        ({"ranges": STARTS, "fixed": {"Gamma_2": 0.1}}, "phi0: cannot be drawn"),
     ],
 )
 def test_what_is_not_allowed_is_said_in_one_line_before_any_run(given, says, monkeypatch):

@@ -12,6 +12,7 @@ from dimersweep.errors import ParameterError
 from dimersweep.plots.style import MODE_COLORS, Drawing, entitle, mark, title
 
 MOST_NAMED = 12  # attractors that the legend names
+ONE_LINE = 0.01  # of the axis: borders of a kind that are drawn as one
 NOT_REPEATING = ("rest", "aperiodic", "unresolved", "failed")  # modes that are one attractor each
 
 
@@ -41,6 +42,15 @@ def labels_of(data: xr.Dataset) -> list[str]:
         f"{number}: {mode.replace('period_n', 'other')}" + (f", period {n}" if n else "")
         for number, mode, n in zip(data["attractor"].values, modes_of(data), periods, strict=True)
     ]
+
+
+def _borders(data: xr.Dataset, near: float) -> list[tuple[float, str]]:
+    """The borders of the changes with their kinds, one of those of a kind that lie `near` each other."""
+    kept: list[tuple[float, str]] = []
+    for border, kind in sorted(zip(data["border"].values.tolist(), data["border_kind"].values.tolist(), strict=True)):
+        if np.isfinite(border) and not any(kind == other and border - at < near for at, other in kept):
+            kept.append((border, kind))
+    return kept
 
 
 def attractors(data: xr.Dataset) -> Figure:
@@ -86,7 +96,7 @@ def attractors(data: xr.Dataset) -> Figure:
             yerr=(below[met], above[met]),
             capsize=3,
         )
-        axes.tick_params(axis="x", rotation=30)
+        axes.set_xticks(range(met.size), [labels[k] for k in met], rotation=30, ha="right", rotation_mode="anchor")
         axes.set_ylabel("share of the starts [%]")
         return figure
     values, tops = data[axis].values, np.cumsum(share, axis=1)
@@ -95,11 +105,9 @@ def attractors(data: xr.Dataset) -> Figure:
         here = share[:, k] > 0
         error = (below[here, k], above[here, k])
         axes.errorbar(values[here], tops[here, k], yerr=error, fmt="none", ecolor="black", elinewidth=0.9, capsize=2)
-    borders = dict(zip(data["border"].values.tolist(), data["border_kind"].values.tolist(), strict=True))
-    for border, kind in borders.items():
-        if np.isfinite(border):
-            axes.axvline(border, color="black", linestyle="--", linewidth=1)
-            axes.text(border, 1.01, kind, transform=axes.get_xaxis_transform(), ha="center", va="bottom", fontsize=8)
+    for border, kind in _borders(data, ONE_LINE * (values[-1] - values[0])):
+        axes.axvline(border, color="black", linestyle="--", linewidth=1)
+        axes.text(border, 1.01, kind, transform=axes.get_xaxis_transform(), ha="center", va="bottom", fontsize=8)
     if is_geometric(values):
         axes.set_xscale("log")
     mark(axes.xaxis, axis)

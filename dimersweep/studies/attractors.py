@@ -163,10 +163,9 @@ def attractors(
     if name:
         table[name] = np.repeat(values, n)
     drawn = Drawn(make_points(table, fixed), how)
-    check_level(drawn.grid.fixed, "attractors")
-    check_level({key: float(np.abs(column).max()) for key, column in table.items()}, "attractors")
+    _check_one_plate(drawn.grid.fixed, table)
     results = drawn.run(make_how(workers, progress=progress))
-    found = Found(name, values, columns, wanted)
+    found = Census(name, values, columns, wanted)
     for k in range(values.size):
         here, _ = drawn.grid.window(k * n, (k + 1) * n)
         first = here.fixed | {key: float(column[0]) for key, column in here.columns.items()}
@@ -188,6 +187,19 @@ def check_level_of(level: Any) -> float:
     return value
 
 
+def _check_one_plate(fixed: Mapping[str, float], table: Mapping[str, np.ndarray]) -> None:
+    """Refuse a plate on which the heading counts, and starts at phases that would make the plate's second harmonic another.
+
+    Raises
+    ------
+    ParameterError
+    """
+    most = dict(fixed) | {name: float(np.abs(column).max()) for name, column in table.items()}
+    check_level(most, "attractors")
+    if most.get("Gamma_2") and "phi0" in table:
+        raise ParameterError("phi0: cannot be drawn where Gamma_2 is given, as phi_2 counts from the start")
+
+
 def _axis_of(over: Mapping[str, Any] | None, columns: Mapping[str, np.ndarray]) -> tuple[str, np.ndarray]:
     """Name and values of the parameter over which attractors are followed; no name and one value without one."""
     if over is None:
@@ -201,7 +213,7 @@ def _axis_of(over: Mapping[str, Any] | None, columns: Mapping[str, np.ndarray]) 
     return name, values
 
 
-class Found:
+class Census:
     """Attractors from value to value of a parameter, numbered as they appear.
 
     Parameters

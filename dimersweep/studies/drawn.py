@@ -1,6 +1,6 @@
 """Runs from drawn starts, each with the state that it has come to: the work behind `attractors`."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,10 +14,12 @@ from dimersweep.kernel.batch import N_START, Workspace
 from dimersweep.kernel.model.layout import CODE_MODE, CODE_STATUS, M_UNRESOLVED, STOPPED
 from dimersweep.parameters import check_name
 from dimersweep.runs.solving import run_row
+from dimersweep.runs.starting import INITIAL
 from dimersweep.storage.memorystore import MemoryStore
 from dimersweep.work.computing import How, crew
 from dimersweep.work.tiles import RunSettings, around, lengths
 
+STARTING = (*INITIAL, "phi0")  # parameters that starts are drawn from
 ENDED = np.dtype([*RESULT.descr, ("end", "<f8", (N_START,))])  # a result, and the state and friction modes at the end
 
 
@@ -79,9 +81,12 @@ def drawn_starts(ranges: Any, points: Any, starts: int, seed: int) -> dict[str, 
     if (ranges is None) == (points is None):
         raise ParameterError("ranges: give either ranges to draw from or points")
     if points is not None:
-        return make_points(points).columns
+        columns = make_points(points).columns
+        _check_starts(columns)
+        return columns
     if not isinstance(ranges, Mapping) or not ranges:
         raise ParameterError(f"ranges = {ranges!r}: must be a mapping of parameters to pairs such as (0.1, 0.5)")
+    _check_starts(ranges)
     count = check_count("starts", starts)
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise ParameterError(f"seed = {seed!r}: must be a whole number >= 0")
@@ -89,9 +94,16 @@ def drawn_starts(ranges: Any, points: Any, starts: int, seed: int) -> dict[str, 
     return {name: draw.uniform(*_pair(name, pair), size=count) for name, pair in ranges.items()}
 
 
+def _check_starts(names: Iterable[str]) -> None:
+    """Refuse to draw what makes another dimer or another plate: motions are compared on one."""
+    for name in names:
+        check_name(name)
+        if name not in STARTING:
+            raise ParameterError(f"{name}: is no part of a start; draw from {', '.join(STARTING)}")
+
+
 def _pair(name: str, pair: Any) -> tuple[float, float]:
     """The ends of a range in SI units."""
-    check_name(name)
     if not isinstance(pair, list | tuple | np.ndarray) or len(pair) != 2:
         raise ParameterError(f"{name} = {pair!r}: must be a pair of its least and its greatest value")
     low, high = (number(name, value) for value in pair)
