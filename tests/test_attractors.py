@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import binomtest
 
-from dimersweep import attractors, orbits, plots, sweep
+from dimersweep import attractors, orbits, plots, simulate, sweep
 from dimersweep.errors import ParameterError
 from dimersweep.orbits.portraits import (
     ALIKE_WITHIN,
@@ -122,6 +122,17 @@ def test_a_run_with_its_ends_changed_is_another_attractor_only_if_mirrors_do_not
     # the second one spins backwards: it lies on the family of the first, which passes through the motion in a plane
     each = attractors(points=lateral, periods=300, mirror=False, progress=False)
     assert each["basin"].values.tolist() == [1, 1, 2]
+
+
+def test_an_orbit_is_found_that_forgets_all_but_its_spin_while_both_ends_stay_down():
+    run = simulate(e=0.2, Gamma=4.0, periods=600, stop_when_settled=True)
+    orbit = orbits.find(guess=run, periods=6)
+    assert orbit.multipliers.size == 0  # nothing but the spin is free at the section
+    again = orbit.run(18, rtol=1e-11)
+    at_phase = again.states((np.arange(18) + 0.5) / 15.0)["gap_1"].values
+    assert_allclose(at_phase[6:], at_phase[:12], atol=1e-7)
+    for fewer in (1, 2, 3):
+        assert np.abs(at_phase[fewer:] - at_phase[:-fewer]).max() > 1e-3
 
 
 # --------------------------------------------------------------------------------------------------------------- the base case
