@@ -220,8 +220,9 @@ def test_it_is_drawn_as_areas_or_bars(base, over_gamma):
     ]
     told = over_gamma["border"].dropna("change")  # the flip is told twice, and drawn once
     assert_allclose(np.sort(drawn), np.unique(told)[:-1])
-    bars = plots.attractors(base).axes[0].patches
-    assert_allclose([bar.get_height() for bar in bars], 100 * base["share"])
+    for alone, shares in ((base, base["share"]), (over_gamma.isel(Gamma=[1]), over_gamma["share"][1])):
+        bars = plots.attractors(alone).axes[0].patches
+        assert_allclose([bar.get_height() for bar in bars], 100 * shares[shares > 0])
 
 
 # --------------------------------------------------------------------------------------------------------------- bad input

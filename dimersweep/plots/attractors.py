@@ -7,7 +7,6 @@ import xarray as xr
 from matplotlib import colormaps
 from matplotlib.figure import Figure
 
-from dimersweep.cubes.reading import is_geometric
 from dimersweep.errors import ParameterError
 from dimersweep.plots.style import MODE_COLORS, Drawing, entitle, mark, title
 
@@ -81,6 +80,7 @@ def attractors(data: xr.Dataset) -> Figure:
     """
     if not isinstance(data, xr.Dataset) or "share_low" not in data:
         raise ParameterError(f"data: is a {type(data).__name__} without shares; give what attractors() returns")
+    data = data.squeeze([dim for dim in data["share"].dims if dim != "attractor" and data.sizes[dim] == 1])
     axis = next((str(dim) for dim in data["share"].dims if dim != "attractor"), "")
     figure = Drawing(7.5, 4.4)
     entitle(figure, f"Shares of {data.sizes['start']} starts\n{title(data.drop_dims('start'))}")
@@ -101,16 +101,16 @@ def attractors(data: xr.Dataset) -> Figure:
         return figure
     values, tops = data[axis].values, np.cumsum(share, axis=1)
     axes.stackplot(values, share.T, colors=colors, labels=labels[:MOST_NAMED], alpha=0.8)
+    near = ONE_LINE * (values[-1] - values[0])
     for k in range(share.shape[1]):
         here = share[:, k] > 0
         error = (below[here, k], above[here, k])
-        axes.errorbar(values[here], tops[here, k], yerr=error, fmt="none", ecolor="black", elinewidth=0.9, capsize=2)
-    for border, kind in _borders(data, ONE_LINE * (values[-1] - values[0])):
+        beside = values[here] + 0.6 * near * (k - 0.5 * (share.shape[1] - 1))  # of the bars of the other areas
+        axes.errorbar(beside, tops[here, k], yerr=error, fmt="none", ecolor="black", elinewidth=0.9, capsize=2)
+    for border, kind in _borders(data, near):
         axes.axvline(border, color="black", linestyle="--", linewidth=1)
         axes.text(border, 1.01, kind, transform=axes.get_xaxis_transform(), ha="center", va="bottom", fontsize=8)
-    if is_geometric(values):
-        axes.set_xscale("log")
     mark(axes.xaxis, axis)
-    axes.set(xlim=(values[0], values[-1]), ylim=(0, 100), ylabel="share of the starts [%]")
+    axes.set(xlim=(values[0] - 2 * near, values[-1] + 2 * near), ylim=(0, 100), ylabel="share of the starts [%]")
     figure.legend(loc="outside right upper", fontsize=8, reverse=True)
     return figure
