@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from dimersweep.runs.saving import load_run
     from dimersweep.runs.simulating import simulate
     from dimersweep.storage.cubefiles import open_cube
+    from dimersweep.studies.attractors import attractors
     from dimersweep.studies.loops import loops
     from dimersweep.studies.refine import refine
     from dimersweep.studies.search import search
@@ -37,6 +38,7 @@ __all__ = [
     "Parameters",
     "Run",
     "StoreError",
+    "attractors",
     "bifurcation",
     "explore",
     "load_run",
@@ -57,6 +59,7 @@ _HOME = {
     "Parameters": "parameters",
     "Run": "runs.run",
     "StoreError": "errors",
+    "attractors": "studies.attractors",
     "bifurcation": "studies.sweep",
     "explore": "exploring.serving",
     "load_run": "runs.saving",

@@ -24,6 +24,7 @@ TRANSIENTS = (1, 30, 200)  # periods of the map run from the ball's orbit before
 SAME = 1e-4  # in units of the section: a fast part that comes as near as this to its start has repeated
 MOST_TURNS = 1e3  # of the spin in a forcing period: orbits are found up to some 30; far beyond, the search takes long
 SMALLEST_SHARE = 1e-3  # of the way from the parameters of one orbit to other ones
+GAPS_AND_RATES = range(4)  # the first of the coordinates of a section
 Start = tuple[ReturnMap, np.ndarray]
 
 
@@ -180,11 +181,12 @@ def repeats_after(fixed: Fixed) -> int:
     """Least number of forcing periods after which a motion comes back to its point of the section."""
     m = fixed.map
     first = m.state(fixed.z)
+    # an end that stays down here may be in the air a period on
+    fast = np.union1d(GAPS_AND_RATES, np.delete(m.free, m.slow))
     for k in range(1, m.periods):
         if m.periods % k == 0:
             state, _ = m.sampled(fixed.image.passage, TURN * k)
-            apart = np.abs(m.section.point(state) - m.section.point(first))[m.free]
-            if np.delete(apart, m.slow).max(initial=0.0) < SAME:
+            if np.abs(m.section.point(state) - m.section.point(first))[fast].max() < SAME:
                 return k
     return m.periods
 

@@ -5,6 +5,7 @@ from matplotlib.figure import Figure
 
 from dimersweep.cubes.reading import drift_intervals, drift_lengths
 from dimersweep.errors import ParameterError
+from dimersweep.plots.attractors import attractors
 from dimersweep.plots.budgets import energy_budget
 from dimersweep.plots.judging import judge_cube
 from dimersweep.plots.maps import mode_map, quantity_map
@@ -26,6 +27,7 @@ __all__ = [
     "DPI",
     "FIGURES",
     "MODE_COLORS",
+    "attractors",
     "bifurcation",
     "check_picture",
     "contact_legend",

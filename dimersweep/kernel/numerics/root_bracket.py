@@ -105,7 +105,8 @@ def locate(probe, problem, s, h, aim, steep):
     """Close the bracket of a step h around its first event, and return that; UNSOUND where a probe is refused.
 
     ``probe(problem, at)`` takes the step up to `at` and gives the least event function there, its event, and PROBE_LOOK_ON,
-    PROBE_FOUND or PROBE_REFUSED. The last probe is at the event. Newton's rule aims at the value `aim`; `steep` is that of `note_probe`.
+    PROBE_FOUND or PROBE_REFUSED. The last probe is at the event. Newton's rule aims at the value `aim`; `steep` is that of
+    `note_probe`.
     """
     while not is_closed(s, h):
         mid = next_probe(s)

@@ -1,0 +1,234 @@
+"""What a periodic motion looks like, whoever came to it: its period, its word, and its place at the same spin.
+
+The place is taken where no event can make it jump: the gaps of both ends at eight phases of the plate in each of its
+periods, and the turn of the heading in one of them. Where these agree at the same axial spin, so do all other coordinates.
+
+On a level plate the mirror image of a motion is a motion: in the vertical plane of its axis the heading's turn and the spin
+change their signs. If the ends are alike, the two may also change places. In a portrait with mirrors the spin is not
+negative; what is left is the image with both.
+"""
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from typing import NamedTuple
+
+import numpy as np
+
+from dimersweep.errors import OrbitError
+from dimersweep.kernel.model.contact_code import code_of, digits_of
+from dimersweep.kernel.model.layout import D1, D2, N_STATE, PHASE, SPIN, THETA
+from dimersweep.kernel.record import E_AFTER, E_BEFORE, E_KIND
+from dimersweep.orbits.finding import find
+from dimersweep.orbits.orbit import PeriodicOrbit
+from dimersweep.orbits.passage import TURN, Passage
+from dimersweep.orbits.poincare import OrbitLost, ReturnMap, Tape
+from dimersweep.orbits.word import word_of
+from dimersweep.parameters import value_of
+from dimersweep.symbols import ENDS
+
+VIEWS = TURN * np.arange(8) / 8  # phases of the plate at which the gaps are taken
+ALIKE_WITHIN = 0.02  # places at the same spin that are one, in units of g/omega^2
+SPIN_SLACK = 0.01  # of the spin, by which a motion may lie beyond the family that was followed
+REPEATS_WITHIN = 1e-3  # places in two periods of the plate that are one, in the same units
+CARRIED_TO = 9  # spins at which the orbits of a family are found; between them its place is interpolated
+
+
+class Mirrors(NamedTuple):
+    """Which images of a motion count as the motion.
+
+    Attributes
+    ----------
+    plane : bool
+        That in the vertical plane of its axis.
+    ends : bool
+        That with both ends in each other's place.
+    """
+
+    plane: bool
+    ends: bool
+
+
+class Portrait(NamedTuple):
+    """A periodic motion.
+
+    Attributes
+    ----------
+    periods : int
+        Forcing periods after which it repeats.
+    word : str
+        See `orbits.word`; with mirrors of the ends the one of both words that sorts first.
+    spin : float
+        Mean axial spin at the times of the gaps [rad/s].
+    gaps : ndarray, shape (periods, 8, 2)
+        Gaps of both ends at `VIEWS` of each plate period, in units of g/omega^2.
+    turn : float
+        Turn of the heading in a forcing period, as the way of an end in units of g/omega^2.
+    """
+
+    periods: int
+    word: str
+    spin: float
+    gaps: np.ndarray
+    turn: float
+
+    def least_period(self) -> int:
+        """The fewest forcing periods after which the place repeats: fewer than `periods` on a branch that has joined one."""
+        for n in range(1, self.periods):
+            if self.periods % n == 0 and np.abs(self.gaps - np.roll(self.gaps, n, axis=0)).max() < REPEATS_WITHIN:
+                return n
+        return self.periods
+
+    def ends_changed(self) -> "Portrait":
+        """The image in which the ends have changed places, at the same spin."""
+        return self._replace(gaps=self.gaps[..., ::-1], turn=-self.turn)
+
+
+def mirrors_of(parameters: Mapping[str, float], wanted: bool) -> Mirrors:
+    """The images that count as one, if they are wanted: that of the ends only where these are alike."""
+    alike = all(value_of(one, parameters) == value_of(two, parameters) for one, two in ENDS.values())
+    return Mirrors(wanted, bool(wanted and alike and value_of("k_ratio", parameters) == 1))
+
+
+def portrait_of(m: ReturnMap, passage: Passage, mirrors: Mirrors) -> Portrait:
+    """The portrait of a motion from its record over one of its periods, which begins at the section of `m`.
+
+    Raises
+    ------
+    OrbitLost
+        If the kernel cannot go back to a state.
+    """
+    whole = TURN * m.periods
+    times = np.mod(VIEWS - m.phase + TURN * np.arange(m.periods)[:, None], whole)
+    which = np.searchsorted(passage.times, times.ravel(), side="right") - 1
+    states = np.array([m.states(passage, at, times.ravel()[[k]])[0][0] for k, at in enumerate(which)])
+    gaps = states[:, [D1, D2]].reshape(m.periods, VIEWS.size, 2)
+    spin = float(states[:, SPIN].mean())
+    first, last = passage.segments[0], passage.segments[-1]
+    turn = (last[THETA] - first[THETA]) / m.periods * 0.5 * m.dimer.l
+    word = word_of(passage)
+    if mirrors.ends:
+        word = min(word, word_of(_ends_changed(passage)))
+    back = -1.0 if mirrors.plane and spin < 0 else 1.0
+    unit = m.section.units[0]
+    return Portrait(m.periods, word, back * spin, gaps / unit, float(back * turn / unit))
+
+
+def _ends_changed(passage: Passage) -> Passage:
+    """The record of a passage, as far as its word goes, with the ends in each other's place."""
+    events = passage.events.copy()
+    for column in (E_KIND, E_BEFORE, E_AFTER):
+        first, second = digits_of(events[:, column].astype(int))
+        events[:, column] = code_of(second, first)
+    return Passage(events, passage.segments)
+
+
+def portrait_from(
+    parameters: Mapping[str, float], start: np.ndarray, periods: int, rtol: float, tape: Tape, mirrors: Mirrors
+) -> Portrait:
+    """The portrait of the motion that a run has come to.
+
+    Parameters
+    ----------
+    parameters : mapping
+        Of the run.
+    start : ndarray, shape (N_START,)
+        Where the run has ended, at the start of a forcing period: state and friction modes.
+    periods : int
+        Forcing periods after which the motion repeats.
+    rtol : float
+        Accuracy [1].
+    tape : Tape
+    mirrors : Mirrors
+
+    Raises
+    ------
+    OrbitLost
+        If the kernel cannot go on.
+    """
+    m = ReturnMap(dict(parameters), parameters["phi0"], start[N_STATE:].copy(), periods, rtol, tape)
+    state = start[:N_STATE].copy()
+    state[PHASE] = 0.0
+    _, _, passage = tape.run(m.row, state, periods, rtol)
+    return portrait_of(m, passage, mirrors)
+
+
+def portrait_of_orbit(orbit: PeriodicOrbit, mirrors: Mirrors) -> Portrait:
+    """The portrait of an orbit, at its spin; raises as `portrait_of`."""
+    return portrait_of(orbit.fixed.map, orbit.creep.image.passage, mirrors)
+
+
+def apart(a: Portrait, b: Portrait, mirrors: Mirrors) -> float:
+    """How far two places are apart, in units of g/omega^2, whatever the spin; inf for other periods.
+
+    Which of its periods a motion of period n begins with does not count.
+    """
+    return shifted(a, b, mirrors)[0]
+
+
+def shifted(a: Portrait, b: Portrait, mirrors: Mirrors) -> tuple[float, Portrait]:
+    """How far two places are apart, see `apart`, and the image of `b` that lies nearest."""
+    if a.periods != b.periods:
+        return float("inf"), b
+    images = [b, b.ends_changed()] if mirrors.ends else [b]
+    turned = [image._replace(gaps=np.roll(image.gaps, k, axis=0)) for image in images for k in range(b.periods)]
+    far = [float(max(np.abs(a.gaps - image.gaps).max(), abs(a.turn - image.turn))) for image in turned]
+    nearest = int(np.argmin(far))
+    return far[nearest], turned[nearest]
+
+
+class Carried:
+    """The place of an orbit along its slow family, so that motions are compared with it at their own spin.
+
+    Parameters
+    ----------
+    orbit : PeriodicOrbit
+        Where the family is entered.
+    spins : sequence of float
+        Between the least and the greatest of these, as portraits have them, the family is followed as far as it goes.
+    mirrors : Mirrors
+    """
+
+    def __init__(self, orbit: PeriodicOrbit, spins: Sequence[float], mirrors: Mirrors) -> None:
+        self.orbit, self.mirrors = orbit, mirrors
+        here = portrait_of_orbit(orbit, mirrors)
+        self.views = [here]
+        grid = np.linspace(min(here.spin, *spins), max(here.spin, *spins), CARRIED_TO)
+        grid = np.concatenate(
+            [grid[:1], grid, grid[-1:]]
+        )  # a step meets its spin nearly; the second at an end is short
+        self._follow(grid[grid > here.spin])
+        self._follow(grid[grid < here.spin][::-1])
+        self.views.sort(key=lambda view: view.spin)
+
+    def _follow(self, spins: np.ndarray) -> None:
+        """Add what the family looks like at `spins`, up to the first at which it is not found."""
+        orbit, view = self.orbit, self.views[0]
+        sense = -1.0 if self.mirrors.plane and orbit.spin < 0 else 1.0
+        with suppress(OrbitError, OrbitLost):
+            for spin in spins:
+                orbit = find(guess=orbit, spin=orbit.spin + sense * (spin - view.spin), periods=orbit.periods)
+                view = shifted(view, portrait_of_orbit(orbit, self.mirrors), self.mirrors)[1]
+                self.views.append(view)
+
+    def at(self, spin: float) -> Portrait | None:
+        """The family at a spin, or None where it was not found."""
+        spins = np.array([view.spin for view in self.views])
+        slack = SPIN_SLACK * max(1.0, abs(spin))
+        if not spins[0] - slack <= spin <= spins[-1] + slack:
+            return None
+        gaps = np.array([view.gaps for view in self.views])
+        above = int(np.clip(np.searchsorted(spins, spin), 1, max(1, spins.size - 1)))
+        if spins.size == 1 or spins[above] == spins[above - 1]:
+            return self.views[0]._replace(spin=spin)
+        share = np.clip((spin - spins[above - 1]) / (spins[above] - spins[above - 1]), 0.0, 1.0)
+        a, b = self.views[above - 1], self.views[above]
+        return a._replace(
+            spin=spin,
+            gaps=(1 - share) * gaps[above - 1] + share * gaps[above],
+            turn=(1 - share) * a.turn + share * b.turn,
+        )
+
+    def apart(self, motion: Portrait) -> float:
+        """How far a motion is from the family at its own spin, see `apart`; inf where the family was not found."""
+        here = self.at(motion.spin)
+        return float("inf") if here is None else apart(here, motion, self.mirrors)

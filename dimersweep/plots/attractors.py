@@ -1,0 +1,116 @@
+"""Shares of attractors: bars at one set of parameters, stacked areas over one."""
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from matplotlib import colormaps
+from matplotlib.figure import Figure
+
+from dimersweep.errors import ParameterError
+from dimersweep.plots.style import MODE_COLORS, Drawing, entitle, mark, title
+
+MOST_NAMED = 12  # attractors that the legend names
+ONE_LINE = 0.01  # of the axis: borders of a kind that are drawn as one
+NOT_REPEATING = ("rest", "aperiodic", "unresolved", "failed")  # modes that are one attractor each
+
+
+def attractor_colors(data: xr.Dataset) -> list[Any]:
+    """A colour for each attractor: that of the mode for those that do not repeat, others in their order."""
+    palette = colormaps["tab20"]([k for k in range(20) if k not in (14, 15)])  # no greys, which are those of rest
+    colors, taken = [], 0
+    for mode in modes_of(data):
+        if mode in NOT_REPEATING:
+            colors.append(MODE_COLORS[mode])
+            continue
+        colors.append(palette[taken % len(palette)])
+        taken += 1
+    return colors
+
+
+def modes_of(data: xr.Dataset) -> list[str]:
+    """The mode of each attractor, where it was met first."""
+    modes = data["mode"].values.reshape(-1, data.sizes["attractor"])
+    return [next((str(mode) for mode in column if mode), "") for column in modes.T]
+
+
+def labels_of(data: xr.Dataset) -> list[str]:
+    """A name for each attractor: its number, its mode, and its period."""
+    periods = data["periods"].values.reshape(-1, data.sizes["attractor"]).max(axis=0)
+    return [
+        f"{number}: {mode.replace('period_n', 'other')}" + (f", period {n}" if n else "")
+        for number, mode, n in zip(data["attractor"].values, modes_of(data), periods, strict=True)
+    ]
+
+
+def _borders(data: xr.Dataset, near: float) -> list[tuple[float, str]]:
+    """The borders of the changes with their kinds, one of those of a kind that lie `near` each other."""
+    kept: list[tuple[float, str]] = []
+    for border, kind in sorted(zip(data["border"].values.tolist(), data["border_kind"].values.tolist(), strict=True)):
+        if np.isfinite(border) and not any(kind == other and border - at < near for at, other in kept):
+            kept.append((border, kind))
+    return kept
+
+
+def attractors(data: xr.Dataset) -> Figure:
+    """Shares of attractors with their intervals: bars, or over a parameter stacked areas.
+
+    In a stack the bar at the upper edge of an area is the interval of its own share. A dashed line is a border of an orbit
+    that appears or goes, with its kind.
+
+    Parameters
+    ----------
+    data : xarray.Dataset
+        Of `dimersweep.attractors`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    ParameterError
+        If it is none.
+
+    Examples
+    --------
+    >>> from dimersweep import attractors, plots
+    >>> found = attractors({"beta0": ("1 deg", "89 deg")}, starts=40, periods=200, progress=False)
+    >>> plots.attractors(found).savefig("attractors.png")
+    """
+    if not isinstance(data, xr.Dataset) or "share_low" not in data:
+        raise ParameterError(f"data: is a {type(data).__name__} without shares; give what attractors() returns")
+    data = data.squeeze([dim for dim in data["share"].dims if dim != "attractor" and data.sizes[dim] == 1])
+    axis = next((str(dim) for dim in data["share"].dims if dim != "attractor"), "")
+    figure = Drawing(7.5, 4.4)
+    entitle(figure, f"Shares of {data.sizes['start']} starts\n{title(data.drop_dims('start'))}")
+    axes = figure.subplots()
+    below, above = (100 * abs(data[f"share_{end}"] - data["share"]).values for end in ("low", "high"))
+    share, colors, labels = 100 * data["share"].values, attractor_colors(data), labels_of(data)
+    if not axis:
+        (met,) = np.nonzero(share)
+        axes.bar(
+            [labels[k] for k in met],
+            share[met],
+            color=[colors[k] for k in met],
+            yerr=(below[met], above[met]),
+            capsize=3,
+        )
+        axes.set_xticks(range(met.size), [labels[k] for k in met], rotation=30, ha="right", rotation_mode="anchor")
+        axes.set_ylabel("share of the starts [%]")
+        return figure
+    values, tops = data[axis].values, np.cumsum(share, axis=1)
+    axes.stackplot(values, share.T, colors=colors, labels=labels[:MOST_NAMED], alpha=0.8)
+    near = ONE_LINE * (values[-1] - values[0])
+    for k in range(share.shape[1]):
+        here = share[:, k] > 0
+        error = (below[here, k], above[here, k])
+        beside = values[here] + 0.6 * near * (k - 0.5 * (share.shape[1] - 1))  # of the bars of the other areas
+        axes.errorbar(beside, tops[here, k], yerr=error, fmt="none", ecolor="black", elinewidth=0.9, capsize=2)
+    for border, kind in _borders(data, near):
+        axes.axvline(border, color="black", linestyle="--", linewidth=1)
+        axes.text(border, 1.01, kind, transform=axes.get_xaxis_transform(), ha="center", va="bottom", fontsize=8)
+    mark(axes.xaxis, axis)
+    axes.set(xlim=(values[0] - 2 * near, values[-1] + 2 * near), ylim=(0, 100), ylabel="share of the starts [%]")
+    figure.legend(loc="outside right upper", fontsize=8, reverse=True)
+    return figure

@@ -1,0 +1,367 @@
+"""What motions there are: attractors told apart from drawn starts, and the share of the starts that each of them takes."""
+
+from collections.abc import Callable, Mapping, Sequence
+from statistics import NormalDist
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from dimersweep.cubes.grid import axis_values
+from dimersweep.cubes.points import make_points
+from dimersweep.errors import ParameterError
+from dimersweep.inputs import as_number, check_count, check_switch
+from dimersweep.orbits.finding import find
+from dimersweep.orbits.following import traced
+from dimersweep.orbits.kinds.kind import Change
+from dimersweep.orbits.labelling import COLUMNS, MULTIPLIERS, padded
+from dimersweep.orbits.orbit import PeriodicOrbit
+from dimersweep.orbits.portraits import Mirrors, mirrors_of, portrait_of_orbit
+from dimersweep.parameters import check_level, value_of
+from dimersweep.studies.drawn import Drawn, drawn_starts
+from dimersweep.studies.sweep_spec import run_settings
+from dimersweep.studies.telling_apart import Judge, Sort, distance, matched
+from dimersweep.symbols import PARAMETERS
+from dimersweep.work.computing import make_how
+
+NONE = -1  # in place of the number of a start
+OF_AN_ORBIT = tuple(name for name in COLUMNS if name != "cost")  # numbers of an orbit that each attractor has
+
+
+def wilson(counts: Any, n: int, level: float = 0.95) -> tuple[np.ndarray, np.ndarray]:
+    """Ends of the interval of a share by Wilson's score, doi 10.1080/01621459.1927.10502953.
+
+    Parameters
+    ----------
+    counts : array_like of int
+        How many of `n` draws fell there.
+    n : int
+    level : float
+        Confidence, in (0, 1).
+
+    Returns
+    -------
+    low, high : ndarray
+
+    Examples
+    --------
+    >>> from dimersweep.studies.attractors import wilson
+    >>> [round(float(end), 3) for end in wilson(20, 100)]
+    [0.133, 0.289]
+    """
+    z = NormalDist().inv_cdf(0.5 + 0.5 * level)
+    share = np.asarray(counts) / n
+    middle = (share + z * z / (2 * n)) / (1 + z * z / n)
+    half = z / (1 + z * z / n) * np.sqrt(share * (1 - share) / n + z * z / (4 * n * n))
+    return np.clip(middle - half, 0.0, share), np.clip(middle + half, share, 1.0)
+
+
+def border_between(orbit: PeriodicOrbit, name: str, to: float) -> tuple[float, str]:
+    """Where the branch of an orbit first loses its stability, or ends, on the way to a value of a parameter, and its kind.
+
+    The spin is kept. The kind is that of a border of `orbits`, word where the orbit leaps to another word, lost where Newton's
+    method loses it; none, with NaN, if the orbit goes on all the way: then only its basin was not met. An orbit that comes to
+    repeat after fewer periods has joined that of these, where the latter loses its stability.
+    """
+    trace = traced(orbit, name, to)
+    for entry in trace.entries:
+        if entry.kind is not None and not isinstance(entry.kind, Change):
+            return entry.value, entry.kind.name
+        shorter = portrait_of_orbit(entry.orbit, Mirrors(plane=False, ends=False)).least_period()
+        if shorter < orbit.periods:
+            return border_between(find(guess=entry.orbit, periods=shorter), name, value_of(name, orbit.parameters))
+    why = trace.end.partition(":")[0]
+    return (trace.entries[-1].value, why) if why in ("word", "lost") else (float("nan"), "none")
+
+
+def attractors(
+    ranges: Mapping[str, Any] | None = None,
+    fixed: Mapping[str, Any] | None = None,
+    *,
+    points: Any = None,
+    starts: int = 1000,
+    seed: int = 0,
+    over: Mapping[str, Any] | None = None,
+    periods: int,
+    max_periods: int | None = None,
+    rtol: float = 1e-8,
+    mirror: bool = True,
+    level: float = 0.95,
+    confirm: int = 0,
+    workers: int | None = None,
+    progress: bool = True,
+) -> xr.Dataset:
+    """What motions there are, from drawn starts, and which share of the starts comes to each.
+
+    Motions are told apart by their period and by their place at the same spin: the gaps of both ends at eight phases of the
+    plate in each period, and the turn of the heading. For that the orbit of one run of each is found, and carried along its
+    slow family to the spins of the others. Rest, motions that do not repeat, and runs that have failed are one each, by their
+    mode.
+
+    Parameters
+    ----------
+    ranges : mapping of str to pair
+        Parameters to draw from, with their least and greatest values, such as ``{"beta0": ("1 deg", "89 deg")}``. Draws are
+        even and independent.
+    fixed : mapping of str to float, optional
+        Parameters that differ from the paper's base case.
+    points : mapping of str to array_like, pandas.DataFrame or xarray.Dataset, optional
+        The starts, as columns, in place of ranges.
+    starts : int
+        How many are drawn.
+    seed : int
+        Of the draw.
+    over : mapping of str to array_like or mapping, optional
+        One parameter and its values, as an axis of `sweep`: the same starts are made at each. Attractors are matched from
+        value to value by following their orbits.
+    periods, max_periods, rtol
+        Of the runs, as in `sweep`; a run stops when its motion has settled.
+    mirror : bool
+        Whether mirror images count as one motion: in the vertical plane of the axis and, of ends that are alike, with the
+        ends in each other's place.
+    level : float
+        Confidence of the intervals, in (0, 1).
+    confirm : int
+        If above 0, a run of each attractor is made for so many forcing periods: `confirmed` says if it is still there.
+    workers : int, optional
+        Threads; by default one for each core.
+    progress : bool
+        Whether to show finished runs on stderr.
+
+    Returns
+    -------
+    xarray.Dataset
+        Over the values of `over`, if given, and `attractor`, numbered from 1, the most frequent first: `count`, `share` [1]
+        and the ends `share_low` and `share_high` of its interval by Wilson's score; the number of a `representative` start
+        along `start`; `mode`, `periods` and `word`; whether its `orbit` was found where the run of the representative ends,
+        and the numbers of that, NaN without one: `spin`, `radius`, `period`, `zeta`, `speed`, `multipliers` and others.
+        `basin` has the attractor of each start.
+        With `over`, along `change`: which attractor appears or goes, between which values, and the `border` that `orbits` has
+        for it on the way.
+
+    Raises
+    ------
+    ParameterError
+        For a parameter or a setting that is not allowed, before any work.
+    UnfinishedError, Stopped
+        As by `sweep`.
+
+    Examples
+    --------
+    >>> from dimersweep import attractors
+    >>> found = attractors({"beta0": ("1 deg", "89 deg")}, starts=40, periods=200, progress=False)
+    >>> found["mode"].values.tolist()
+    ['rest', 'drift']
+    """
+    columns = drawn_starts(ranges, points, starts, seed)
+    how = run_settings(periods=periods, max_periods=max_periods, rtol=rtol)
+    name, values = _axis_of(over, columns)
+    mirrored, wanted = check_switch("mirror", mirror), check_level_of(level)
+    longest = 0 if confirm == 0 else check_count("confirm", confirm)
+    n = len(next(iter(columns.values())))
+    table = {key: np.tile(column, values.size) for key, column in columns.items()}
+    if name:
+        table[name] = np.repeat(values, n)
+    drawn = Drawn(make_points(table, fixed), how)
+    _check_one_plate(drawn.grid.fixed, table)
+    results = drawn.run(make_how(workers, progress=progress))
+    found = Census(name, values, columns, wanted)
+    for k in range(values.size):
+        here, _ = drawn.grid.window(k * n, (k + 1) * n)
+        first = here.fixed | {key: float(column[0]) for key, column in here.columns.items()}
+        judge = Judge(here, how, results[k * n : (k + 1) * n], mirrors_of(first, mirrored))
+        found.take(judge, longest)
+    return found.dataset(drawn.grid.fixed)
+
+
+def check_level_of(level: Any) -> float:
+    """A confidence as a float in (0, 1).
+
+    Raises
+    ------
+    ParameterError
+    """
+    value = as_number("level", level)
+    if not 0 < value < 1:
+        raise ParameterError(f"level = {value:g}: must be in (0, 1)")
+    return value
+
+
+def _check_one_plate(fixed: Mapping[str, float], table: Mapping[str, np.ndarray]) -> None:
+    """Refuse a plate on which the heading counts, and starts at phases that would make the plate's second harmonic another.
+
+    Raises
+    ------
+    ParameterError
+    """
+    most = dict(fixed) | {name: float(np.abs(column).max()) for name, column in table.items()}
+    check_level(most, "attractors")
+    if most.get("Gamma_2") and "phi0" in table:
+        raise ParameterError("phi0: cannot be drawn where Gamma_2 is given, as phi_2 counts from the start")
+
+
+def _axis_of(over: Mapping[str, Any] | None, columns: Mapping[str, np.ndarray]) -> tuple[str, np.ndarray]:
+    """Name and values of the parameter over which attractors are followed; no name and one value without one."""
+    if over is None:
+        return "", np.zeros(1)
+    if not isinstance(over, Mapping) or len(over) != 1:
+        raise ParameterError(f"over = {over!r}: must be a mapping of one parameter to its values")
+    ((name, declared),) = over.items()
+    values = axis_values(name, declared)
+    if name in columns:
+        raise ParameterError(f"{name}: is drawn and given in over; give it once")
+    return name, values
+
+
+class Census:
+    """Attractors from value to value of a parameter, numbered as they appear.
+
+    Parameters
+    ----------
+    name : str
+        Of the parameter; empty for none.
+    values : ndarray
+        Its values.
+    columns : dict of str to ndarray
+        The starts.
+    level : float
+        Confidence of the intervals.
+    """
+
+    def __init__(self, name: str, values: np.ndarray, columns: dict[str, np.ndarray], level: float) -> None:
+        self.name, self.values, self.columns, self.level = name, values, columns, level
+        self.known: list[Sort] = []  # as each was seen last
+        self.rows: list[dict[int, Sort]] = []  # of each value: number from 0, and what it is there
+        self.checks: list[dict[int, bool]] = []
+
+    def take(self, judge: Judge, confirm: int) -> None:
+        """Add the attractors at the next value; those that are known keep their numbers."""
+        sorts, value = judge.sorts(), float(self.values[len(self.rows)])
+        costs = np.array([[distance(old, new, self.name, value, judge.mirrors) for new in sorts] for old in self.known])
+        pairs = {new: old for old, new in matched(costs).items()} if self.known else {}
+        row = {}
+        for k, sort in enumerate(sorts):
+            number = pairs.get(k, len(self.known))
+            if number == len(self.known):
+                self.known.append(sort)
+            self.known[number] = row[number] = sort
+        self.rows.append(row)
+        if confirm:
+            self.checks.append({number: judge.confirmed(sort, confirm) for number, sort in row.items()})
+
+    def dataset(self, fixed: Mapping[str, float]) -> xr.Dataset:
+        """All that was found, labelled; `fixed` are the parameters that do not vary."""
+        axis = self.name or "value"
+        data = xr.Dataset(coords={"attractor": ("attractor", 1 + np.arange(len(self.known)), _meaning("its number"))})
+        for name, meaning, kind, empty, read in _READ:
+            table = np.full((len(self.rows), len(self.known)), empty, dtype=object)
+            for k, row in enumerate(self.rows):
+                for number, sort in row.items():
+                    table[k, number] = read(sort)
+            data[name] = ((axis, "attractor"), table.astype(kind), meaning)
+        n = len(next(iter(self.columns.values())))
+        data["share"] = data["count"] / n
+        data["share"].attrs = _meaning("share of the starts")
+        for end, bound in zip(("low", "high"), wilson(data["count"].values, n, self.level), strict=True):
+            name = f"{end} end of the share's interval"
+            data[f"share_{end}"] = ((axis, "attractor"), bound, _meaning(name) | {"level": self.level})
+        self._add_orbits(data, axis)
+        self._add_basins(data, axis)
+        if self.checks:
+            table = np.array([[row.get(k, False) for k in range(len(self.known))] for row in self.checks])
+            data["confirmed"] = ((axis, "attractor"), table, _meaning("whether a longer run is still there"))
+        if not self.name:
+            data = data.isel({axis: 0})
+        else:
+            data = data.assign_coords({axis: (axis, self.values, PARAMETERS[axis].attributes())})
+            self._add_changes(data)
+        scalars = {key: ((), value, PARAMETERS[key].attributes()) for key, value in fixed.items()}
+        return data.assign_coords(scalars).assign_attrs(plot="attractors")
+
+    def _add_orbits(self, data: xr.Dataset, axis: str) -> None:
+        shape = (len(self.rows), len(self.known))
+        numbers = {name: np.full(shape, np.nan) for name in OF_AN_ORBIT}
+        multipliers = np.full((*shape, padded(np.zeros(0)).size), np.nan, dtype=complex)
+        known, stable = np.zeros(shape, dtype=bool), np.zeros(shape, dtype=bool)
+        for k, row in enumerate(self.rows):
+            for number, sort in row.items():
+                if sort.carried is None:
+                    continue
+                orbit = sort.carried.orbit
+                for name, column in numbers.items():
+                    column[k, number] = getattr(orbit, name)
+                multipliers[k, number] = padded(orbit.multipliers)
+                known[k, number], stable[k, number] = True, orbit.stable
+        data["orbit"] = ((axis, "attractor"), known, _meaning("whether its orbit was found"))
+        data["stable"] = ((axis, "attractor"), stable, _meaning("whether an orbit was found that is stable"))
+        for name, column in numbers.items():
+            data[name] = ((axis, "attractor"), column, COLUMNS[name].attributes())
+        data["multipliers"] = ((axis, "attractor", "multiplier"), multipliers, MULTIPLIERS.attributes())
+
+    def _add_basins(self, data: xr.Dataset, axis: str) -> None:
+        n = len(next(iter(self.columns.values())))
+        basin = np.zeros((len(self.rows), n), dtype=np.int64)
+        for k, row in enumerate(self.rows):
+            for number, sort in row.items():
+                basin[k, sort.members] = number + 1
+        data["basin"] = ((axis, "start"), basin, _meaning("number of the attractor that a start leads to"))
+        for name, column in self.columns.items():
+            data.coords[name] = ("start", column, PARAMETERS[name].attributes())
+
+    def _add_changes(self, data: xr.Dataset) -> None:
+        """Where an attractor appears or goes between two values, and the border that its orbit has there."""
+        rows = []
+        for k in range(len(self.rows) - 1):
+            for number in sorted(self.rows[k].keys() ^ self.rows[k + 1].keys()):
+                goes = number in self.rows[k]
+                sort = self.rows[k if goes else k + 1][number]
+                beyond = float(self.values[k + 1 if goes else k])
+                border = (float("nan"), "none")
+                if sort.carried is not None:
+                    border = border_between(sort.carried.orbit, self.name, beyond)
+                rows.append((number + 1, "goes" if goes else "appears", *self.values[k : k + 2], *border))
+        for k, (name, kind, units, meaning) in enumerate(_CHANGE):
+            column: np.ndarray = np.array([row[k] for row in rows], dtype=kind)
+            unit = PARAMETERS[self.name].units if units is None else units
+            data[name] = ("change", column, {"units": unit, "long_name": meaning})
+
+
+def _meaning(text: str) -> dict[str, Any]:
+    return {"units": "1", "long_name": text}
+
+
+def _word(sort: Sort) -> str:
+    if sort.carried is not None:
+        return sort.carried.orbit.word
+    return "" if sort.portrait is None else sort.portrait.word
+
+
+# variables of each attractor: name, attributes, type, what stands where it is not met, and how it is read
+_READ: Sequence[tuple[str, dict[str, Any], Any, Any, Callable[[Sort], Any]]] = (
+    ("count", _meaning("number of starts that lead there"), np.int64, 0, lambda sort: sort.members.size),
+    ("mode", _meaning("mode of the representative"), str, "", lambda sort: sort.mode),
+    (
+        "periods",
+        _meaning("forcing periods after which it repeats; 0 if it does not"),
+        np.int64,
+        0,
+        lambda sort: 0 if sort.portrait is None else sort.portrait.periods,
+    ),
+    ("word", _meaning("sequence of contact states"), str, "", _word),
+    (
+        "representative",
+        _meaning("number of a start that leads there"),
+        np.int64,
+        NONE,
+        lambda sort: sort.representative,
+    ),
+)
+# variables of a change: name, type, unit (that of the parameter, if None), meaning
+_CHANGE = (
+    ("changed", np.int64, "1", "number of the attractor that appears or goes"),
+    ("what", str, "1", "whether it appears or goes"),
+    ("last", float, None, "value before the change"),
+    ("next", float, None, "value behind the change"),
+    ("border", float, None, "where its orbit ends or loses its stability"),
+    ("border_kind", str, "1", "kind of that border"),
+)

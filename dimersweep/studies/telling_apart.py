@@ -1,0 +1,195 @@
+"""Who tells motions apart: the attractors of drawn starts at one set of parameters, and which of them are those of another."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from dimersweep.cubes.points import Points
+from dimersweep.errors import OrbitError
+from dimersweep.kernel.course import new_workspace
+from dimersweep.kernel.model.layout import CODE_MODE, CODE_MODE_PERIOD, M_UNRESOLVED, MODES
+from dimersweep.orbits.finding import find
+from dimersweep.orbits.poincare import OrbitLost, Tape
+from dimersweep.orbits.portraits import ALIKE_WITHIN, Carried, Mirrors, Portrait, apart, portrait_from
+from dimersweep.runs.run import Run
+from dimersweep.runs.simulating import simulate
+from dimersweep.runs.solving import run_row
+from dimersweep.work.tiles import RunSettings, lengths
+
+
+class Sort(NamedTuple):
+    """One attractor at one set of parameters.
+
+    Attributes
+    ----------
+    mode : str
+        Mode of its representative.
+    members : ndarray of int
+        The starts that lead there.
+    representative : int
+        One of them, in the middle of their spins.
+    portrait : Portrait or None
+        What it looks like; none for rest and for motions that do not repeat.
+    carried : Carried or None
+        Its orbit, with the family; none where no orbit was found.
+    """
+
+    mode: str
+    members: np.ndarray
+    representative: int
+    portrait: Portrait | None = None
+    carried: Carried | None = None
+
+
+def matched(costs: np.ndarray) -> dict[int, int]:
+    """Which column goes with which row, each once, at the least sum of costs; infinite costs never go together."""
+    allowed = np.isfinite(costs)
+    if not allowed.any():
+        return {}
+    dear = 1.0 + costs[allowed].sum()
+    rows, columns = linear_sum_assignment(np.where(allowed, costs, dear))
+    return {int(a): int(b) for a, b in zip(rows, columns, strict=True) if allowed[a, b]}
+
+
+class Judge:
+    """Who tells the motions of drawn starts apart at one set of parameters.
+
+    Parameters
+    ----------
+    points : Points
+        The starts.
+    how : RunSettings
+        Of the runs.
+    results : ndarray, shape (n,)
+        Of `Drawn`.
+    mirrors : Mirrors
+    """
+
+    def __init__(self, points: Points, how: RunSettings, results: np.ndarray, mirrors: Mirrors) -> None:
+        self.points, self.how, self.results, self.mirrors = points, how, results, mirrors
+        self.modes, self.periods = (results["codes"][:, slot] for slot in (CODE_MODE, CODE_MODE_PERIOD))
+        self.tape = Tape()
+
+    def parameters(self, start: int) -> dict[str, float]:
+        """Of the run from a start."""
+        return self.points.fixed | {name: float(value) for name, value in self.points.values(start).items()}
+
+    def portrait(self, start: int, end: np.ndarray, periods: int) -> Portrait | None:
+        """The portrait of the motion that a start has come to; none where it does not repeat."""
+        try:
+            return portrait_from(self.parameters(start), end, periods, self.how.rtol, self.tape, self.mirrors)
+        except OrbitLost:
+            return None
+
+    def run(self, start: int) -> Run:
+        """The recorded run of a start."""
+        for periods in lengths(self.how.periods, self.how.max_periods):
+            given: dict[str, Any] = dict(self.parameters(start))
+            run = simulate(**given, periods=periods, rtol=self.how.rtol, stop_when_settled=True)
+            if run.mode != MODES[M_UNRESOLVED]:
+                break
+        return run
+
+    def sorts(self) -> list[Sort]:
+        """The attractors, those that most starts lead to first."""
+        portraits: dict[int, Portrait] = {}
+        for start in np.flatnonzero(self.periods > 0):
+            portrait = self.portrait(int(start), self.results["end"][start], int(self.periods[start]))
+            if portrait is not None:
+                portraits[int(start)] = portrait
+        others = [start for start in range(self.modes.size) if start not in portraits]
+        sorts = []
+        for mode in sorted({int(self.modes[start]) for start in others}):
+            members = np.array([start for start in others if self.modes[start] == mode])
+            sorts.append(Sort(MODES[mode], members, int(members[0])))
+        left = dict(portraits)
+        while left:
+            sort = self._one(left)
+            sorts.append(sort)
+            for start in sort.members:
+                del left[int(start)]
+        return sorted(sorts, key=lambda sort: (-sort.members.size, int(sort.members[0])))
+
+    def _one(self, left: Mapping[int, Portrait]) -> Sort:
+        """The attractor of one of the portraits, with all that show it."""
+        representative = _typical(left)
+        own = left[representative]
+        near = {start: other for start, other in left.items() if other.periods == own.periods}
+        carried = self._carried(representative, own, near)
+        if carried is not None:
+            members = [start for start, other in near.items() if carried.apart(other) < ALIKE_WITHIN]
+        else:
+            members = _linked(representative, near, self.mirrors)
+        mode = MODES[self.modes[representative]]
+        return Sort(mode, np.array(sorted(members)), representative, own, carried)
+
+    def _carried(self, start: int, own: Portrait, near: Mapping[int, Portrait]) -> Carried | None:
+        """The orbit of a start, with its family over the spins of the portraits that may show it."""
+        try:
+            orbit = find(guess=self.run(start), periods=own.periods)
+            carried = Carried(orbit, [other.spin for other in near.values()], self.mirrors)
+        except (OrbitError, OrbitLost):
+            return None
+        return carried if carried.apart(own) < ALIKE_WITHIN else None
+
+    def confirmed(self, sort: Sort, periods: int) -> bool:
+        """Whether the representative is still at its attractor after so many forcing periods."""
+        row = self.points.rows_at(np.array([sort.representative]))[0]
+        solved = run_row(row, None, periods, self.how.rtol, new_workspace(), settle=False, record=False)
+        if sort.portrait is None:
+            return MODES[solved.codes[CODE_MODE]] == sort.mode
+        later = self.portrait(sort.representative, solved.end.start[0], sort.portrait.periods)
+        if later is None or solved.codes[CODE_MODE_PERIOD] != sort.portrait.periods:
+            return False
+        if sort.carried is None:
+            return apart(sort.portrait, later, self.mirrors) < ALIKE_WITHIN
+        return Carried(sort.carried.orbit, [later.spin], self.mirrors).apart(later) < ALIKE_WITHIN
+
+
+def _typical(left: Mapping[int, Portrait]) -> int:
+    """The start in the middle of the spins of those with the period and word that occur most often."""
+    kinds: dict[tuple[int, str], list[int]] = {}
+    for start, portrait in left.items():
+        kinds.setdefault((portrait.periods, portrait.word), []).append(start)
+    most = max(kinds.values(), key=len)
+    return sorted(most, key=lambda start: left[start].spin)[len(most) // 2]
+
+
+def _linked(first: int, near: Mapping[int, Portrait], mirrors: Mirrors) -> list[int]:
+    """The starts that a chain of like portraits of one word joins to the first; without an orbit the spin cannot be carried."""
+    word = near[first].word
+    left = {start for start, portrait in near.items() if portrait.word == word} - {first}
+    chain, joined = [first], [first]
+    while joined:
+        here = near[joined.pop()]
+        found = [start for start in sorted(left) if apart(here, near[start], mirrors) < ALIKE_WITHIN]
+        left -= set(found)
+        joined += found
+        chain += found
+    return chain
+
+
+def distance(former: Sort, later: Sort, name: str, value: float, mirrors: Mirrors) -> float:
+    """How far an attractor is from a former one that is carried to `value` of the parameter `name`; inf if it is another.
+
+    The orbit of the former one is followed to the value, and to the spin there. Where that has none, period and word decide.
+    """
+    if former.portrait is None or later.portrait is None:
+        return 0.0 if former.portrait is later.portrait and former.mode == later.mode else float("inf")
+    if former.portrait.periods != later.portrait.periods:
+        return float("inf")
+    if former.carried is not None:
+        try:
+            orbit = former.carried.orbit
+            there = find(guess=orbit, periods=orbit.periods, **{name: value})
+            far = Carried(there, [later.portrait.spin], mirrors).apart(later.portrait)
+            return far if far < ALIKE_WITHIN else float("inf")
+        except (OrbitError, OrbitLost):
+            pass
+    return 1.0 + apart(former.portrait, later.portrait, mirrors) if _one_word(former, later) else float("inf")
+
+
+def _one_word(a: Sort, b: Sort) -> bool:
+    return a.portrait is not None and b.portrait is not None and a.portrait.word == b.portrait.word

@@ -1,0 +1,266 @@
+"""Attractors: intervals against scipy, mirrors and matching of made-up motions, families, shares and borders at the base."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.stats import binomtest
+
+from dimersweep import attractors, orbits, plots, simulate, sweep
+from dimersweep.errors import ParameterError
+from dimersweep.orbits.portraits import (
+    ALIKE_WITHIN,
+    Carried,
+    Mirrors,
+    Portrait,
+    apart,
+    mirrors_of,
+    portrait_of_orbit,
+    shifted,
+)
+from dimersweep.parameters import Parameters
+from dimersweep.studies.attractors import wilson
+from dimersweep.studies.drawn import drawn_starts
+from dimersweep.studies.telling_apart import Sort, distance, matched
+
+BOTH = Mirrors(plane=True, ends=True)
+STARTS = {"beta0": ("1 deg", "60 deg"), "phi0": (0.0, 6.28)}
+MANY = {"beta0": ("1 deg", "89 deg"), "xdot0": (0.2, 2.0), "phi0": (0.0, 6.28)}
+
+
+def motion(periods=1, seed=0, word="DI", spin=10.0):
+    gaps = np.random.default_rng(seed).uniform(size=(periods, 8, 2))
+    return Portrait(periods, word, spin, gaps, 0.3)
+
+
+def sort(portrait, mode="jump"):
+    return Sort(mode, np.array([0]), 0, portrait)
+
+
+@pytest.fixture(scope="module")
+def base():
+    return attractors(STARTS, starts=60, seed=3, periods=300, confirm=600, progress=False)
+
+
+@pytest.fixture(scope="module")
+def over_gamma():
+    return attractors(STARTS, starts=24, seed=1, over={"Gamma": [0.75, 0.95, 1.25, 1.35]}, periods=300, progress=False)
+
+
+# ------------------------------------------------------------------------------------------------- intervals and matching
+
+
+@pytest.mark.parametrize(("k", "n"), [(0, 40), (1, 2000), (388, 2000), (20, 20), (1, 1)])
+@pytest.mark.parametrize("level", [0.5, 0.95, 0.999])
+def test_the_interval_is_wilsons(k, n, level):
+    expected = binomtest(k, n).proportion_ci(level, method="wilson")
+    assert_allclose(wilson(k, n, level), expected, rtol=1e-12, atol=1e-15)
+
+
+def test_pairs_have_the_least_sum_and_what_is_infinite_is_never_paired():
+    inf = np.inf
+    costs = np.array([[0.1, 0.2, inf], [0.15, 5.0, inf], [inf, inf, inf]])
+    assert matched(costs) == {0: 1, 1: 0}
+    assert matched(np.full((2, 3), inf)) == {}
+
+
+def test_a_motion_is_its_mirror_image_and_its_other_beginnings():
+    a = motion(periods=3)
+    later = a._replace(gaps=np.roll(a.gaps, 2, axis=0))
+    assert apart(a, later, Mirrors(False, False)) == 0.0
+    swapped = later._replace(gaps=later.gaps[..., ::-1], turn=-a.turn)
+    assert apart(a, swapped, BOTH) == 0.0
+    assert apart(a, swapped, Mirrors(plane=True, ends=False)) > ALIKE_WITHIN
+    far, image = shifted(a, swapped, BOTH)
+    assert far == 0.0
+    assert_allclose(image.gaps, a.gaps)
+    assert apart(a, motion(periods=2), BOTH) == np.inf
+
+
+def test_a_branch_that_has_joined_another_has_the_period_of_that():
+    once = motion(periods=2)
+    twice = once._replace(periods=4, gaps=np.concatenate([once.gaps, once.gaps]))
+    assert (once.least_period(), twice.least_period()) == (2, 2)
+
+
+def test_without_orbits_attractors_are_matched_by_period_word_and_mode():
+    known = [sort(motion(seed=1)), sort(motion(seed=2, word="FM")), sort(None, "rest")]
+    new = [sort(None, "rest"), sort(motion(seed=3, word="FM")), sort(motion(periods=2, seed=1))]
+    costs = [[distance(old, one, "Gamma", 1.0, BOTH) for one in new] for old in known]
+    assert matched(np.array(costs)) == {1: 1, 2: 0}
+
+
+def test_the_ends_are_mirrors_of_each_other_only_where_they_are_alike():
+    assert mirrors_of(Parameters().given(), True) == BOTH
+    assert mirrors_of(Parameters().given(), False) == Mirrors(False, False)
+    for unlike in ({"e_1": 0.5}, {"r_2": 4e-3}, {"k_ratio": 2.0}):
+        assert mirrors_of(Parameters(**unlike).given(), True) == Mirrors(plane=True, ends=False)
+
+
+# -------------------------------------------------------------------------------------------- the same attractor, elsewhere
+
+
+@pytest.fixture(scope="module")
+def drift():
+    return orbits.find(spin=130.0)
+
+
+@pytest.mark.parametrize("spin", [0.5, 20.0, 64.3, 270.0])
+def test_a_drift_of_another_spin_is_the_same_attractor_and_one_beside_it_is_not(drift, spin):
+    family = Carried(drift, [0.5, 275.0], BOTH)
+    there = portrait_of_orbit(orbits.find(spin=spin), BOTH)
+    assert family.apart(there) < 0.1 * ALIKE_WITHIN
+    assert family.apart(there._replace(turn=there.turn + 2 * ALIKE_WITHIN)) > ALIKE_WITHIN
+    assert family.apart(there._replace(spin=400.0)) == np.inf
+
+
+def test_a_run_with_its_ends_changed_is_another_attractor_only_if_mirrors_do_not_count():
+    lateral = {"beta0": [0.28, 0.28, -0.28], "xdot0": [1.0, -1.0, 1.0]}
+    both = attractors(points=lateral, periods=300, progress=False)
+    assert both["count"].values.tolist() == [3]
+    # the second one spins backwards: it lies on the family of the first, which passes through the motion in a plane
+    each = attractors(points=lateral, periods=300, mirror=False, progress=False)
+    assert each["basin"].values.tolist() == [1, 1, 2]
+
+
+def test_an_orbit_is_found_that_forgets_all_but_its_spin_while_both_ends_stay_down():
+    run = simulate(e=0.2, Gamma=4.0, periods=600, stop_when_settled=True)
+    orbit = orbits.find(guess=run, periods=6)
+    assert orbit.multipliers.size == 0  # nothing but the spin is free at the section
+    again = orbit.run(18, rtol=1e-11)
+    at_phase = again.states((np.arange(18) + 0.5) / 15.0)["gap_1"].values
+    assert_allclose(at_phase[6:], at_phase[:12], atol=1e-7)
+    for fewer in (1, 2, 3):
+        assert np.abs(at_phase[fewer:] - at_phase[:-fewer]).max() > 1e-3
+
+
+# --------------------------------------------------------------------------------------------------------------- the base case
+
+
+def test_the_base_case_rests_or_drifts_as_a_sweep_of_the_same_starts_says(base):
+    columns = {name: base[name].values for name in STARTS}
+    modes = sweep(points=columns, periods=300, progress=False).dimersweep.modes().values
+    assert base["mode"].values.tolist() == ["rest", "drift"]
+    assert (base["mode"].values[base["basin"].values - 1] == modes).all()
+    assert base["count"].values.tolist() == [(modes == word).sum() for word in ("rest", "drift")]
+    assert_allclose(base["share"], base["count"] / 60)
+    assert bool(base["confirmed"].all())
+
+
+def test_the_orbit_of_an_attractor_is_that_of_orbits_at_its_spin(base):
+    one = base.sel(attractor=2)
+    orbit = orbits.find(spin=float(one["spin"]))
+    assert one["orbit"]
+    assert one["stable"]
+    assert one["word"] == orbit.word
+    for name in ("radius", "period", "zeta", "speed"):
+        assert_allclose(float(one[name]), getattr(orbit, name), rtol=1e-6)
+    sizes = np.sort(np.abs(orbit.multipliers))
+    assert_allclose(np.sort(np.abs(one["multipliers"].values))[-sizes.size :], sizes, atol=1e-5)
+    assert np.isnan(base["radius"].sel(attractor=1))
+
+
+def test_a_seed_gives_the_same_starts_and_numbers_whatever_the_threads(base):
+    again = attractors(STARTS, starts=60, seed=3, periods=300, confirm=600, workers=1, progress=False)
+    assert again.identical(base)
+    assert not np.array_equal(drawn_starts(STARTS, None, 60, 4)["beta0"], base["beta0"])
+
+
+def test_at_one_set_of_parameters_five_attractors_are_told_apart_and_stay():
+    found = attractors(MANY, {"e": 0.8, "Gamma": 1.0}, starts=100, seed=1, periods=1000, confirm=2000, progress=False)
+    kept = found.sel(attractor=found["confirmed"] & (found["periods"] > 0))
+    assert kept.sizes["attractor"] >= 5
+    assert {1, 2, 3} <= set(kept["periods"].values.tolist())
+    assert found["confirmed"].sel(attractor=found["mode"] == "rest").all()
+    slow = found.sel(attractor=found["orbit"] & ~found["stable"])  # a slow transient beside an orbit that is unstable
+    assert not slow["confirmed"].any()
+
+
+@pytest.mark.slow
+def test_shares_of_two_thousand_drawn_angles_are_those_of_the_fine_grid():
+    over, angles = {"f": [15, 20, 25]}, {"beta0": ("0.01 deg", "89.99 deg")}
+    found = attractors(angles, starts=2000, seed=7, over=over, periods=400, progress=False)
+    walk = found.sel(attractor=found["attractor"][(found["mode"] == "drift").all("f")].item())
+    grid = np.array([0.194, 0.278, 0.250])  # of the 4,499 angles of sweeps/fig07.toml
+    assert (walk["share_low"].values < grid).all()
+    assert (grid < walk["share_high"].values).all()
+
+
+def test_over_the_intensity_the_drift_appears_at_the_fold_and_goes_at_the_flip_where_that_of_period_2_begins(
+    over_gamma,
+):
+    words = over_gamma["mode"].where(over_gamma["count"] > 0, "")
+    drifts = int(over_gamma["attractor"][(words == "drift").any("Gamma")][0])
+    assert (over_gamma["count"].sel(attractor=drifts) > 0).values.tolist() == [False, True, True, False]
+    told = {
+        (int(number), str(what)): (float(border), str(kind))
+        for number, what, border, kind in zip(
+            *(over_gamma[name].values for name in ("changed", "what", "border", "border_kind")), strict=True
+        )
+    }
+    double = int(over_gamma["attractor"][(over_gamma["periods"] == 2).any("Gamma")][0])
+    for number, what, kind, k in (
+        (drifts, "appears", "fold", 1),
+        (drifts, "goes", "flip", 2),
+        (double, "appears", "flip", 3),
+    ):
+        spin = float(over_gamma["spin"].sel(attractor=number)[k])
+        expected = orbits.border(kind, "Gamma", over={"e": [0.6]}, spin=spin)["Gamma"].item()
+        assert told[number, what] == (pytest.approx(expected, abs=1e-4), kind)
+    assert (over_gamma["count"].sum("attractor") == 24).all()
+
+
+def test_it_is_drawn_as_areas_or_bars(base, over_gamma):
+    axes = plots.attractors(over_gamma).axes[0]
+    tops = axes.collections[over_gamma.sizes["attractor"] - 1].get_paths()[0].vertices[:, 1]
+    assert_allclose(tops.max(), 100)
+    drawn = [
+        line.get_xdata()[0] for line in axes.lines if len(set(line.get_xdata())) == 1 and line.get_linestyle() == "--"
+    ]
+    told = over_gamma["border"].dropna("change")  # the flip is told twice, and drawn once
+    assert_allclose(np.sort(drawn), np.unique(told)[:-1])
+    for alone, shares in ((base, base["share"]), (over_gamma.isel(Gamma=[1]), over_gamma["share"][1])):
+        bars = plots.attractors(alone).axes[0].patches
+        assert_allclose([bar.get_height() for bar in bars], 100 * shares[shares > 0])
+
+
+# --------------------------------------------------------------------------------------------------------------- bad input
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({}, "ranges: give either"),
+        ({"ranges": STARTS, "points": {"beta0": [0.1]}}, "ranges: give either"),
+        ({"ranges": {}}, "ranges = {}"),
+        ({"ranges": {"beta0": 0.3}}, "beta0 = 0.3: must be a pair"),
+        ({"ranges": {"beta0": (0.3, 0.1)}}, "beta0 = 0.3 to 0.1: the least"),
+        ({"ranges": {"beta": (0.1, 0.3)}}, "beta: unknown|beta: is no"),
+        ({"ranges": {"beta0": (0.1, 2.0)}}, "beta0"),
+        ({"ranges": STARTS, "starts": 0}, "starts = 0: must be"),
+        ({"ranges": STARTS, "seed": -1}, "seed = -1: must be"),
+        ({"ranges": STARTS, "level": 1.0}, "level = 1: must be"),
+        ({"ranges": STARTS, "confirm": -3}, "confirm = -3: must be"),
+        ({"ranges": STARTS, "mirror": "no"}, "mirror = 'no': must be"),
+        ({"ranges": STARTS, "over": {"beta0": [0.1, 0.2]}}, "beta0: is drawn"),
+        ({"ranges": STARTS, "over": {"e": [0.5], "f": [15]}}, "over = "),
+        ({"ranges": STARTS, "fixed": {"phi0": 1.0}}, "phi0"),
+        ({"ranges": STARTS, "fixed": {"tilt": 0.1}}, "tilt = 0.1: must be 0 for attractors"),
+        ({"ranges": STARTS, "over": {"Gamma_x": [0.0, 0.1]}}, "Gamma_x = 0.1: must be 0 for attractors"),
+        ({"ranges": STARTS | {"e": (0.5, 0.6)}}, "e: is no part of a start"),
+        ({"points": {"Gamma": [0.8, 0.9]}}, "Gamma: is no part of a start"),
+        ({"ranges": STARTS, "fixed": {"Gamma_2": 0.1}}, "phi0: cannot be drawn"),
+    ],
+)
+def test_what_is_not_allowed_is_said_in_one_line_before_any_run(given, says, monkeypatch):
+    monkeypatch.setattr("dimersweep.studies.drawn.crew", None)
+    with pytest.raises(ParameterError, match=says) as caught:
+        attractors(periods=100, progress=False, **given)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("data", [None, SimpleNamespace()])
+def test_only_attractors_are_drawn(data):
+    with pytest.raises(ParameterError, match="without shares"):
+        plots.attractors(data)
