@@ -16,10 +16,11 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from dimersweep import orbits
+    from dimersweep import fits, orbits
     from dimersweep.cubes.cube import names
     from dimersweep.errors import ParameterError, StoreError
     from dimersweep.exploring.serving import explore
+    from dimersweep.fits.fitting import fit
     from dimersweep.parameters import Parameters
     from dimersweep.runs import stability
     from dimersweep.runs.run import Run
@@ -38,6 +39,8 @@ __all__ = [
     "StoreError",
     "bifurcation",
     "explore",
+    "fit",
+    "fits",
     "load_run",
     "names",
     "open_cube",
@@ -49,7 +52,7 @@ __all__ = [
     "sweep",
 ]
 
-_MODULES = {"orbits": "orbits", "stability": "runs.stability"}
+_MODULES = {"fits": "fits", "orbits": "orbits", "stability": "runs.stability"}
 _HOME = {
     "ParameterError": "errors",
     "Parameters": "parameters",
@@ -57,6 +60,7 @@ _HOME = {
     "StoreError": "errors",
     "bifurcation": "studies.sweep",
     "explore": "exploring.serving",
+    "fit": "fits.fitting",
     "load_run": "runs.saving",
     "names": "cubes.cube",
     "open_cube": "storage.cubefiles",
