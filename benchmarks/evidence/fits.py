@@ -1,7 +1,8 @@
 """Whether fits find what made the data: ``python benchmarks/evidence/fits.py --sets 200``.
 
-Orbits with drawn parameters, and tracks of circles and cycloids, are measured with drawn errors and fitted. Prints how many of the
-true values lie within one and two standard deviations, where 68.3 and 95.4 % should, and how the misfits are distributed.
+Orbits with drawn parameters, and tracks of circles and cycloids, are measured with drawn errors and fitted. Prints how many
+of the true values lie within one and two standard deviations, where 68.3 and 95.4 % should, and how the misfits are
+distributed.
 """
 
 import argparse
@@ -79,10 +80,8 @@ def main():
     apart, probabilities, costs = (np.array(column) for column in zip(*found, strict=True))
     measured = ", ".join(ERRORS)
     tell(f"{options.sets} orbits: {', '.join(FREE)} from {measured}", FREE, apart)
-    print(
-        f"  probabilities of a greater misfit: even with a Kolmogorov-Smirnov probability of {kstest(probabilities, 'uniform').pvalue:.2f}; "
-        f"called impossible: {np.count_nonzero(probabilities < 0.0027)}"
-    )
+    even, refused = kstest(probabilities, "uniform").pvalue, np.count_nonzero(probabilities < 0.0027)
+    print(f"  misfits: chi-square with a Kolmogorov-Smirnov probability of {even:.2f}; called impossible: {refused}")
     print(
         f"  cost: {np.median(costs):,.0f} forcing periods a fit in the median; {time.perf_counter() - began:.0f} s in all"
     )

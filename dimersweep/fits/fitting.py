@@ -217,7 +217,7 @@ def _ordered(points: Iterable[_Point]) -> list[_Point]:
 
 
 class _Search:
-    """The likelihood in units of the ranges, with the orbits that were found last as guesses for the next ones."""
+    """The likelihood in units of the ranges, with the orbit that was found last."""
 
     def __init__(self, likelihood: Likelihood) -> None:
         self.likelihood = likelihood
@@ -274,7 +274,7 @@ class _Search:
     def residuals(self, u: np.ndarray) -> np.ndarray:
         """Residuals for the solver: inf where no stable orbit is, at which it takes a shorter step."""
         try:
-            self.last = self.at(u, None if self.last is None else self.last.orbit)
+            self.last = self.at(u)
         except (OrbitError, ParameterError):
             return np.full(len(self.likelihood.whitening), np.inf)
         return self.likelihood.residuals(self.last.orbit)
@@ -305,8 +305,7 @@ class _Search:
 
         def slopes(u: np.ndarray) -> np.ndarray:
             assert self.last is not None
-            point = self.last if np.array_equal(self.last.u, u) else self.at(u, self.last.orbit)
-            return self.slopes(point)
+            return self.slopes(self.last if np.array_equal(self.last.u, u) else self.at(u))
 
         solved = least_squares(
             self.residuals,
@@ -318,7 +317,7 @@ class _Search:
             xtol=ENOUGH,
             gtol=LEVEL,
         )
-        end = self.at(np.clip(solved.x, 0, 1), self.last.orbit)
+        end = self.at(np.clip(solved.x, 0, 1))
         return end if end.misfit <= start.misfit else start
 
     def cut_off(self, end: _Point, slopes: np.ndarray) -> bool:
@@ -334,7 +333,7 @@ class _Search:
         def misfit(u: np.ndarray) -> float:
             nonlocal best
             try:
-                point = self.at(u, best.orbit)
+                point = self.at(u)
             except (OrbitError, ParameterError):
                 return float("inf")
             best = min(best, point, key=lambda one: one.misfit)

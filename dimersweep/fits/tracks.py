@@ -153,8 +153,8 @@ def _track(t: Any, x: Any, y: Any, sigma: float | None, moving: bool) -> Track:
     G[2:4, 1:3] = np.eye(2)
     if moving:
         G[4:6, 3:5] = np.eye(2) / span
-    with np.errstate(over="ignore"):
-        covariance = sigma**2 * G @ np.linalg.pinv(J.T @ J) @ G.T
+    back = sigma * G @ np.linalg.pinv(J)
+    covariance = back @ back.T
     if not np.sqrt(covariance[0, 0]) < radius:
         raise ParameterError(
             f"track: turns by too little to tell its radius, {radius:.3g} ± {covariance[0, 0] ** 0.5:.2g} m"
