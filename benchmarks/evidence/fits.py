@@ -54,8 +54,10 @@ def tell(title, names, apart):
         shares = []
         for times, should in SHOULD.items():
             inside = np.count_nonzero(np.abs(column) <= times)
-            low, high = binomtest(inside, column.size).proportion_ci(0.95, "wilson")
-            words = f"{times} sd: {100 * inside / column.size:5.1f} % ({100 * low:.1f} to {100 * high:.1f})"
+            words = f"{times} sd: {100 * inside / column.size:5.1f} %"
+            if name != "all":  # those of one set are not independent
+                low, high = binomtest(inside, column.size).proportion_ci(0.95, "wilson")
+                words += f" ({100 * low:.1f} to {100 * high:.1f})"
             shares.append(f"{words}, should be {100 * should:.1f}")
         print(f"  {name:>12}   {';   '.join(shares)};   mean {column.mean():+.2f} sd")
 

@@ -25,20 +25,16 @@ FIRST_LOOKS = 8  # points of the ranges that are looked at for each free paramet
 MOST_CORNERED = 3  # free parameters up to which their corners are looked at, too
 DESCENTS = 4  # of those that are better than all around, from which the solver starts
 MOST_STEPS = 30  # of the solver in a descent
-SMALL = 1e-4  # step of the differences, in ranges: their error is its square, and that of the orbit, 1e-10, over it
-STEEP = 0.05  # share of the misfit that a step of a range would gain above which a descent has not come to a minimum
+SLOPE_STEP = 1e-4  # of the differences, in ranges: their error is its square, and that of the orbit, 1e-10, over it
+FALLS_ON = 0.05  # share of the misfit that a step of a range would gain above which a descent has not come to a minimum
 RIM = 1e-3  # distance from an end of its range [ranges] at which a value is called to be there
 APART_BY = 0.05  # distance of two minima that are two [ranges]
 ENOUGH = 1e-6  # step of the solver, in ranges, and gain, in the misfit, at which it ends
-LEVEL = (
-    1e-3  # slope of the misfit at which it ends: where the data tell a direction, less than 1e-4 of an error is left
-)
+LEVEL = 1e-3  # slope of half the misfit at which it ends: over FEW_ERRORS, it is what is left of an error
 IMPROBABLE = 0.0027  # of a greater misfit by chance: three standard deviations of one value
-OPEN = (
-    12**0.5
-)  # errors in a range below which a direction is open: there a range says as much as the data (its own is 1/sqrt(12))
-UNSEEN = 1e-2  # the same below which the data say nothing at all
-SHARES = 0.05  # of a direction from which on a parameter is named in it
+FEW_ERRORS = 12**0.5  # to a range, below which a direction is open: a uniform density there has as small a deviation
+NO_ERRORS = 1e-2  # the same below which the data say nothing at all
+LEAST_NAMED = 0.05  # of a direction from which on a parameter is named in it
 
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)
@@ -83,7 +79,7 @@ class Fit:
     >>> from dimersweep import fits
     >>> fit = fits.fit({"radius": (4.06, 0.02)}, {"e": (0.55, 0.75)})
     >>> fit
-    <Fit: e 0.6502 ± 0.0065, chi-square 0.00 of 1 value>
+    <Fit: e 0.6507 ± 0.0076, chi-square 0.00 of 1 value>
     """
 
     values: dict[str, float]
@@ -192,7 +188,7 @@ def fit(
     --------
     >>> from dimersweep import fits
     >>> fit = fits.fit({"radius": (3.1, 0.02)}, {"e": (0.5, 0.85), "mu": (0.05, 0.4)})
-    >>> fit.possible, round(fit.predicted[0], 2)
+    >>> fit.possible, round(float(fit.predicted[0]), 2)
     (False, 3.74)
     """
     search = _Search(Likelihood(measured, free, spin=spin, rtol=rtol, **parameters))
@@ -287,7 +283,7 @@ class _Search:
             sides = []
             for sign in (1, -1):
                 u = point.u.copy()
-                u[k] = np.clip(u[k] + sign * SMALL, 0, 1)
+                u[k] = np.clip(u[k] + sign * SLOPE_STEP, 0, 1)
                 if u[k] == point.u[k]:
                     continue
                 try:
@@ -324,7 +320,7 @@ class _Search:
         """Whether the misfit falls on from where a descent has ended, within the ranges."""
         fall = -2 * slopes.T @ self.likelihood.residuals(end.orbit)
         inward = ((end.u > RIM) | (fall > 0)) & ((end.u < 1 - RIM) | (fall < 0))
-        return bool(np.abs(fall[inward]).max(initial=0.0) > STEEP * end.misfit)
+        return bool(np.abs(fall[inward]).max(initial=0.0) > FALLS_ON * end.misfit)
 
     def simplex(self, start: _Point) -> _Point:
         """A better point that a simplex finds: where a border of the stable orbits cuts off the way down, it goes along it."""
@@ -346,7 +342,7 @@ class _Search:
 
 def _probability(misfit: float, slopes: np.ndarray) -> float:
     """The probability of a greater misfit, if the directions that are not open take one value each."""
-    taken = np.count_nonzero(np.linalg.svd(slopes, compute_uv=False) >= OPEN)
+    taken = np.count_nonzero(np.linalg.svd(slopes, compute_uv=False) >= FEW_ERRORS)
     return float(chi2.sf(misfit, max(1, slopes.shape[0] - taken)))
 
 
@@ -358,7 +354,7 @@ def _told(search: _Search, ends: list[_Point], slopes: np.ndarray) -> Fit:
     singular = np.concatenate([found, np.zeros(n - found.size)])
     probability = _probability(best.misfit, slopes)
     possible = probability >= IMPROBABLE
-    is_open = possible & (singular < OPEN)
+    is_open = possible & (singular < FEW_ERRORS)
     others = [
         likelihood.values(likelihood.low + end.u * search.width)
         for k, end in enumerate(ends[1:], 1)
@@ -383,7 +379,7 @@ def _told(search: _Search, ends: list[_Point], slopes: np.ndarray) -> Fit:
     undetermined = [
         _open(likelihood.names, *each, search.width)
         for each in zip(singular, directions, strict=True)
-        if possible and each[0] < OPEN
+        if possible and each[0] < FEW_ERRORS
     ]
     if undetermined and len(predicted) < n:
         undetermined.insert(0, f"Fewer values ({len(predicted)}) than free parameters ({n}) are measured.")
@@ -408,10 +404,10 @@ def _told(search: _Search, ends: list[_Point], slopes: np.ndarray) -> Fit:
 
 def _covariance(singular: np.ndarray, directions: np.ndarray, width: np.ndarray) -> np.ndarray:
     """Of the free parameters; with inf and nan for those in directions about which the data say nothing."""
-    seen = singular >= UNSEEN
+    seen = singular >= NO_ERRORS
     steps = directions[seen] / singular[seen, None] * width
     covariance = steps.T @ steps
-    lost = (np.abs(directions[~seen]) > SHARES).any(axis=0)
+    lost = (np.abs(directions[~seen]) > LEAST_NAMED).any(axis=0)
     covariance[lost], covariance[:, lost] = np.nan, np.nan
     covariance[lost, lost] = np.inf
     return covariance
@@ -430,9 +426,9 @@ def _impossible(measured: Measured, predicted: np.ndarray, misfit: float, values
 def _open(names: tuple[str, ...], singular: float, direction: np.ndarray, width: np.ndarray) -> str:
     """In words, a direction that the data leave open."""
     effect = (
-        f"changes the data by {singular:.2g} of their errors" if singular >= UNSEEN else "changes no measured value"
+        f"changes the data by {singular:.2g} of their errors" if singular >= NO_ERRORS else "changes no measured value"
     )
-    named = np.flatnonzero(np.abs(direction) > SHARES)
+    named = np.flatnonzero(np.abs(direction) > LEAST_NAMED)
     if named.size == 1:
         return f"{names[named[0]]} is not determined: by the slopes there, a step as long as its range {effect}."
     step = direction * width / np.abs(direction).max() * np.sign(direction[named[0]])

@@ -67,7 +67,7 @@ def _ellipses(
             for times in DEVIATIONS if np.isfinite(error) else ():
                 draw = axes.axhspan if k else axes.axvspan
                 draw(centre[k] - times * error, centre[k] + times * error, color="C0", alpha=0.25, lw=0)
-    axes.plot(*centre, "k+", label="fit")
+    axes.plot(*centre, "k+", label="fit", clip_on=False)
     for limit, name in ((axes.set_xlim, pair[0]), (axes.set_ylim, pair[1])):
         limit(*ranges[name])
     axes.grid(alpha=0.3)

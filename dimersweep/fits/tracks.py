@@ -10,8 +10,8 @@ from scipy.optimize import least_squares
 from dimersweep.errors import ParameterError
 from dimersweep.fits.measured import Measured
 from dimersweep.inputs import as_number, as_numbers
+from dimersweep.orbits.passage import TURN
 
-TURN = 2 * np.pi
 LEAST_TURN, MOST_SCANNED = 0.05, 2000  # turns in a track that are tried at least, and how many rates are tried
 CIRCLE_NAMES, CYCLOID_NAMES = ("radius", "period", "x", "y"), ("radius", "period", "x", "y", "v_x", "v_y")
 
@@ -91,7 +91,7 @@ def circle(t: Any, x: Any, y: Any, sigma: float | None = None) -> Track:
     >>> from dimersweep import fits
     >>> t = np.linspace(0, 10, 30)
     >>> fits.circle(t, np.cos(t) + 3, np.sin(t), sigma=0.01).measured
-    <Measured: radius 1 ± 0.00258 m, period 6.28319 ± 0.00576 s>
+    <Measured: radius 1 ± 0.00186 m, period 6.28319 ± 0.00393 s>
     """
     return _track(t, x, y, sigma, moving=False)
 
