@@ -217,6 +217,7 @@ def test_a_phase_is_measured_round_the_clock():
         ({"radius": (4, 0.1)}, {"e": (0.5, 0.7)}, {"e": 0.6}, "e: is given and free"),
         ({"radius": (4, 0.1)}, {"spin": (90, 120)}, {"spin": 100.0}, "spin: is given and free"),
         ({"radius": (4, 0.1)}, {"e": (0.5, 0.7)}, {"e_1": 0.6, "e_2": 0.6}, "e: has no effect beside e_1 and e_2"),
+        ({"radius": (4, 0.1)}, {"tilt": (0, 0.1)}, {}, "tilt = 0.1: must be 0 for orbits"),
         ({"radius": (4, 0.1)}, {"mu": (0.5, 0.7)}, {}, "mu_s = 0.4: must be >= mu"),
     ],
 )

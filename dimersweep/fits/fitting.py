@@ -29,6 +29,7 @@ SLOPE_STEP = 1e-4  # of the differences, in ranges: their error is its square, a
 FALLS_ON = 0.05  # share of the misfit that a step of a range would gain above which a descent has not come to a minimum
 RIM = 1e-3  # distance from an end of its range [ranges] at which a value is called to be there
 APART_BY = 0.05  # distance of two minima that are two [ranges]
+INSIDE = 1e-9  # distance from the ends of the ranges at which a descent begins at least
 ENOUGH = 1e-6  # step of the solver, in ranges, and gain, in the misfit, at which it ends
 LEVEL = 1e-3  # slope of half the misfit at which it ends: over FEW_ERRORS, it is what is left of an error
 IMPROBABLE = 0.0027  # of a greater misfit by chance: three standard deviations of one value
@@ -297,7 +298,9 @@ class _Search:
 
     def descended(self, start: _Point) -> _Point:
         """Where the solver comes to from a point."""
-        self.last = start
+        inside = np.clip(start.u, INSIDE, 1 - INSIDE)  # the solver begins within its bounds
+        if not np.isfinite(self.residuals(inside)).all():
+            return start
 
         def slopes(u: np.ndarray) -> np.ndarray:
             assert self.last is not None
@@ -305,7 +308,7 @@ class _Search:
 
         solved = least_squares(
             self.residuals,
-            start.u,
+            inside,
             slopes,
             bounds=(0, 1),
             max_nfev=MOST_STEPS,
@@ -354,6 +357,7 @@ def _told(search: _Search, ends: list[_Point], slopes: np.ndarray) -> Fit:
     singular = np.concatenate([found, np.zeros(n - found.size)])
     probability = _probability(best.misfit, slopes)
     possible = probability >= IMPROBABLE
+    covariance = _covariance(singular, directions, search.width) if possible else np.full((n, n), np.nan)
     is_open = possible & (singular < FEW_ERRORS)
     others = [
         likelihood.values(likelihood.low + end.u * search.width)
@@ -372,8 +376,8 @@ def _told(search: _Search, ends: list[_Point], slopes: np.ndarray) -> Fit:
         notes.append("The nearest ones lie at a border of the stable orbits.")
     notes += [
         f"{name} is at the {'lower' if u < 0.5 else 'upper'} end of its range: the true value may lie beyond."
-        for name, u in zip(values, best.u, strict=True)
-        if min(u, 1 - u) < RIM
+        for name, u, variance in zip(values, best.u, np.diag(covariance), strict=True)
+        if min(u, 1 - u) < RIM and not np.isinf(variance)
     ]
     notes += [f"These give the data too: {_listed(one)}." for one in others]
     undetermined = [
@@ -385,7 +389,7 @@ def _told(search: _Search, ends: list[_Point], slopes: np.ndarray) -> Fit:
         undetermined.insert(0, f"Fewer values ({len(predicted)}) than free parameters ({n}) are measured.")
     return Fit(
         values=values,
-        covariance=_covariance(singular, directions, search.width) if possible else np.full((n, n), np.nan),
+        covariance=covariance,
         possible=possible,
         chi_square=best.misfit,
         probability=probability,

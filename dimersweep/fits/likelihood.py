@@ -12,7 +12,7 @@ from dimersweep.inputs import as_number, check_rtol, number
 from dimersweep.orbits.finding import RTOL, checked, checked_spin, orbit_at
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.poincare import Tape
-from dimersweep.parameters import check, check_effect, check_name
+from dimersweep.parameters import check, check_effect, check_level, check_name
 
 
 class Likelihood:
@@ -142,6 +142,7 @@ def _ranges(free: Mapping[str, tuple[float, float]]) -> tuple[tuple[str, ...], n
             raise ParameterError(f"{name} = ({low:g}, {high:g}): the first must be below the second")
         if name != "spin":
             check({name: np.array(ends)})
+            check_level({name: low or high}, "orbits")
         rows.append(ends)
     lows, highs = np.array(rows).T
     return tuple(free), lows, highs
