@@ -16,10 +16,11 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from dimersweep import orbits
+    from dimersweep import fits, orbits
     from dimersweep.cubes.cube import names
     from dimersweep.errors import ParameterError, StoreError
     from dimersweep.exploring.serving import explore
+    from dimersweep.fits.fitting import fit
     from dimersweep.parameters import Parameters
     from dimersweep.runs import stability
     from dimersweep.runs.run import Run
@@ -41,6 +42,8 @@ __all__ = [
     "attractors",
     "bifurcation",
     "explore",
+    "fit",
+    "fits",
     "load_run",
     "loops",
     "names",
@@ -53,7 +56,7 @@ __all__ = [
     "sweep",
 ]
 
-_MODULES = {"orbits": "orbits", "stability": "runs.stability"}
+_MODULES = {"fits": "fits", "orbits": "orbits", "stability": "runs.stability"}
 _HOME = {
     "ParameterError": "errors",
     "Parameters": "parameters",
@@ -62,6 +65,7 @@ _HOME = {
     "attractors": "studies.attractors",
     "bifurcation": "studies.sweep",
     "explore": "exploring.serving",
+    "fit": "fits.fitting",
     "load_run": "runs.saving",
     "loops": "studies.loops",
     "names": "cubes.cube",

@@ -182,13 +182,13 @@ def test_the_sweep_files_of_the_page_are_some(tmp_path):
 # --- Python -----------------------------------------------------------------------------------------------------------
 def test_the_page_on_python_has_every_public_name():
     shown = set(re.findall(r"^   ([\w.]+)$", text_of("docs/api.md"), re.MULTILINE))
-    modules = {"orbits", "stability"}  # their functions are there
+    modules = {"fits", "orbits", "stability"}  # their functions are there
     assert set(dimersweep.__all__) - modules <= shown
     public = [name for name, value in vars(dimersweep.Run).items() if not name.startswith("_") and value.__doc__]
     assert {f"Run.{name}" for name in public if name not in ("record", *dimersweep.Run.__annotations__)} <= shown
 
 
-@pytest.mark.parametrize("module", ["dimersweep", "dimersweep.orbits", "dimersweep.plots"])
+@pytest.mark.parametrize("module", ["dimersweep", "dimersweep.fits", "dimersweep.orbits", "dimersweep.plots"])
 def test_every_public_function_and_class_has_an_example(module):
     public = {name: getattr(import_module(module), name) for name in import_module(module).__all__}
     without = [name for name, value in public.items() if callable(value) and ">>> " not in (value.__doc__ or "")]

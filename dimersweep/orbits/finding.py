@@ -86,9 +86,10 @@ def orbit_at(
     periods: int = 1,
     guess: Run | PeriodicOrbit | None = None,
     rtol: float = RTOL,
+    tape: Tape | None = None,
 ) -> PeriodicOrbit:
-    """The orbit at a given spin, for parameters that have been checked; see `find`."""
-    tape = Tape()
+    """The orbit at a given spin, for parameters that have been checked; see `find`. A `tape` goes on counting periods."""
+    tape = Tape() if tape is None else tape
     tried = []
     for name, start in _starts(spin, periods, guess, given, rtol, tape):
         try:

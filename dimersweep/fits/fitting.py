@@ -1,0 +1,448 @@
+"""Fit: the parameters whose orbit is nearest to what was measured, what the data leave open, and whether any give them."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+from scipy.optimize import least_squares, minimize
+from scipy.stats import chi2
+from scipy.stats.qmc import Halton
+
+from dimersweep.errors import OrbitError, ParameterError
+from dimersweep.fits.likelihood import Likelihood
+from dimersweep.fits.measured import MEASURABLE, Measured
+from dimersweep.fits.pictures import draw_fit
+from dimersweep.fits.tracks import Track
+from dimersweep.orbits.finding import RTOL
+from dimersweep.orbits.orbit import PeriodicOrbit
+from dimersweep.orbits.poincare import Tape
+from dimersweep.symbols import PARAMETERS, units_shown
+
+FIRST_LOOKS = 8  # points of the ranges that are looked at for each free parameter, and once more
+MOST_CORNERED = 3  # free parameters up to which their corners are looked at, too
+DESCENTS = 4  # of those that are better than all around, from which the solver starts
+MOST_STEPS = 30  # of the solver in a descent
+SLOPE_STEP = 1e-4  # of the differences, in ranges: their error is its square, and that of the orbit, 1e-10, over it
+FALLS_ON = 0.05  # share of the misfit that a step of a range would gain above which a descent has not come to a minimum
+RIM = 1e-3  # distance from an end of its range [ranges] at which a value is called to be there
+APART_BY = 0.05  # distance of two minima that are two [ranges]
+INSIDE = 1e-9  # distance from the ends of the ranges at which a descent begins at least
+ENOUGH = 1e-6  # step of the solver, in ranges, and gain, in the misfit, at which it ends
+LEVEL = 1e-3  # slope of half the misfit at which it ends: over FEW_ERRORS, it is what is left of an error
+IMPROBABLE = 0.0027  # of a greater misfit by chance: three standard deviations of one value
+FEW_ERRORS = 12**0.5  # to a range, below which a direction is open: a uniform density there has as small a deviation
+NO_ERRORS = 1e-2  # the same below which the data say nothing at all
+LEAST_NAMED = 0.05  # of a direction from which on a parameter is named in it
+
+
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
+class Fit:
+    """The parameters whose orbit is nearest to what was measured.
+
+    Attributes
+    ----------
+    values : dict
+        Of the free parameters.
+    covariance : ndarray, shape (n, n)
+        Of the free parameters, in their order, from the slopes at the fit and the errors of the data. A parameter about which
+        the data say nothing has the variance inf, and nan beside it; all is nan where no parameters give the data.
+    possible : bool
+        Whether the data may come from parameters in the ranges: a misfit as great as this one has a probability of more
+        than 0.0027.
+    chi_square, probability : float
+        The misfit in errors, squared and summed, and the probability of a greater one.
+    singular_values : ndarray, shape (n,)
+        Of the slopes, the largest first: by how many of their errors the data change for a step of the size of a range.
+    directions : ndarray, shape (n, n)
+        The steps that belong to them, one a row, in ranges.
+    undetermined : tuple of str
+        In words, what the data leave open.
+    notes : tuple of str
+        In words, what else is to be known: no parameters give the data, a value is at the end of its range, there is
+        another minimum.
+    others : tuple of dict
+        Other values that give the data too, where some are found.
+    measured : Measured
+    predicted : ndarray, shape (m,)
+        The measured quantities of the fitted orbit.
+    orbit : PeriodicOrbit
+        The fitted orbit.
+    ranges : dict
+        Of the free parameters.
+    cost : float
+        Forcing periods that it took.
+
+    Examples
+    --------
+    >>> from dimersweep import fits
+    >>> fit = fits.fit({"radius": (4.06, 0.02)}, {"e": (0.55, 0.75)})
+    >>> fit
+    <Fit: e 0.6507 ± 0.0076, chi-square 0.00 of 1 value>
+    """
+
+    values: dict[str, float]
+    covariance: np.ndarray
+    possible: bool
+    chi_square: float
+    probability: float
+    singular_values: np.ndarray
+    directions: np.ndarray
+    undetermined: tuple[str, ...]
+    notes: tuple[str, ...]
+    others: tuple[dict[str, float], ...]
+    measured: Measured
+    predicted: np.ndarray
+    orbit: PeriodicOrbit
+    ranges: dict[str, tuple[float, float]]
+    cost: float
+
+    @property
+    def errors(self) -> dict[str, float]:
+        """Standard deviations of the fitted values."""
+        return dict(zip(self.values, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
+
+    def __repr__(self) -> str:
+        errors = self.errors
+        words = ", ".join(f"{name} {value:.4g} ± {errors[name]:.2g}" for name, value in self.values.items())
+        n = len(self.predicted)
+        none = "" if self.possible else "; no parameters in the ranges give the data"
+        return f"<Fit: {words}, chi-square {self.chi_square:.2f} of {n} value{'s' if n > 1 else ''}{none}>"
+
+    def __str__(self) -> str:
+        return self.table()
+
+    def table(self) -> str:
+        """What was fitted and what was measured, and in words what the data leave open, as a text of some lines.
+
+        Examples
+        --------
+        >>> from dimersweep import fits
+        >>> print(fits.fit({"radius": (4.06, 0.02)}, {"e": (0.55, 0.75)}).table().splitlines()[0])
+        free               value        error   range
+        """
+        errors = self.errors
+        lines = [f"{'free':<14}{'value':>10}{'error':>13}   range"]
+        for name, (low, high) in self.ranges.items():
+            lines.append(
+                f"{name:<14}{self.values[name]:>10.6g}{errors[name]:>13.2g}   {low:g} to {high:g} {_unit(name)}".rstrip()
+            )
+        lines.append(f"{'measured':<14}{'value':>10}{'error':>13}{'fitted':>13}")
+        rows = zip(self.measured.names, self.measured.values, self.measured.errors, self.predicted, strict=True)
+        lines += [f"{n:<14}{v:>10.6g}{s:>13.2g}{p:>13.6g} {_unit(n)}".rstrip() for n, v, s, p in rows]
+        lines.append(f"chi-square {self.chi_square:.3g}; a greater one has a probability of {self.probability:.2g}")
+        return "\n".join([*lines, *self.notes, *self.undetermined, f"cost: {self.cost:,.0f} forcing periods"])
+
+    def plot(self) -> Figure:
+        """The regions of one and two standard deviations of each pair of free parameters.
+
+        Examples
+        --------
+        >>> from dimersweep import fits
+        >>> data = {"radius": (4.06, 0.02), "zeta": (1.6, 0.002)}
+        >>> fits.fit(data, {"e": (0.55, 0.75), "A_r": (5.5, 6.5)}).plot().savefig("fit.png")
+        """
+        return draw_fit(self.values, self.covariance, self.ranges)
+
+
+def fit(
+    measured: Mapping[str, tuple[float, float]] | Measured | Track,
+    free: Mapping[str, tuple[float, float]],
+    *,
+    spin: float | None = None,
+    rtol: float = RTOL,
+    **parameters: float,
+) -> Fit:
+    """The parameters whose orbit is nearest to what was measured.
+
+    The model is the stable orbit of `orbits.find`. Points spread over the ranges are looked at, and
+    `scipy.optimize.least_squares` descends from the best of them.
+
+    Parameters
+    ----------
+    measured : mapping of str to (float, float), Measured or Track
+        Values and standard deviations of some of `radius` [m], `period` [s], `zeta` [rad], `speed` [m s-1], `spin`
+        [rad s-1] and `impact_phase` [cycles]; or what `circle` or `cycloid` make of a track.
+    free : mapping of str to (float, float)
+        Least and greatest value of each free parameter; `spin` may be one of them.
+    spin : float, optional
+        Axial spin [rad s-1] where it is not free; by default what a lateral start with `xdot0` rolls up to.
+    rtol : float
+        Accuracy of the map [1].
+    **parameters : float
+        Of the model, as far as they are not free; by default the paper's base case.
+
+    Returns
+    -------
+    Fit
+
+    Raises
+    ------
+    ParameterError
+        For an unknown name, an error that is not above 0, a range that is none, or a value that is not allowed.
+    OrbitError
+        If there is no stable orbit at any of the points that are looked at.
+
+    Examples
+    --------
+    >>> from dimersweep import fits
+    >>> fit = fits.fit({"radius": (3.1, 0.02)}, {"e": (0.5, 0.85), "mu": (0.05, 0.4)})
+    >>> fit.possible, round(float(fit.predicted[0]), 2)
+    (False, 3.74)
+    """
+    search = _Search(Likelihood(measured, free, spin=spin, rtol=rtol, **parameters))
+    ends = _ordered(map(search.descended, search.starts()))
+    slopes = search.slopes(ends[0])
+    if _probability(ends[0].misfit, slopes) < IMPROBABLE and search.cut_off(ends[0], slopes):
+        ends = _ordered([search.simplex(ends[0]), *ends])
+        slopes = search.slopes(ends[0])
+    return _told(search, ends, slopes)
+
+
+class _Point(NamedTuple):
+    """A point of the ranges, each from 0 to 1, its stable orbit, and the sum of the squared residuals."""
+
+    u: np.ndarray
+    orbit: PeriodicOrbit
+    misfit: float
+
+
+def _ordered(points: Iterable[_Point]) -> list[_Point]:
+    return sorted(points, key=lambda point: point.misfit)
+
+
+class _Search:
+    """The likelihood in units of the ranges, with the orbit that was found last."""
+
+    def __init__(self, likelihood: Likelihood) -> None:
+        self.likelihood = likelihood
+        self.width = likelihood.high - likelihood.low
+        self.tape = Tape()
+        self.last: _Point | None = None
+
+    def at(self, u: np.ndarray, guess: PeriodicOrbit | None = None) -> _Point:
+        """The point with its orbit, found from one nearby or from nothing.
+
+        Raises
+        ------
+        OrbitError, ParameterError
+            If there is none.
+        """
+        before = self.tape.periods
+        orbit = self.likelihood.orbit(self.likelihood.low + u * self.width, guess, self.tape)
+        residuals = self.likelihood.residuals(orbit)
+        if not np.isfinite(residuals).all():
+            raise OrbitError("the orbit goes round in no circle")
+        return _Point(u.copy(), replace(orbit, cost=self.tape.periods - before), float(residuals @ residuals))
+
+    def starts(self) -> list[_Point]:
+        """Of some points spread over the ranges, those with a stable orbit that are better than all around, the best first.
+
+        Raises
+        ------
+        OrbitError, ParameterError
+            If none of them has a stable orbit.
+        """
+        n = self.width.size
+        spread = Halton(n, scramble=False).random((n + 1) * FIRST_LOOKS + 1)[1:]  # the first one is a corner
+        found, reason = [], OrbitError("")
+        corners = np.array(list(product((0.0, 1.0), repeat=n))) if n <= MOST_CORNERED else np.empty((0, n))
+        looks = [np.full(n, 0.5), *spread, *corners]
+        for u in looks:
+            try:
+                found.append(self.at(u))
+            except (OrbitError, ParameterError) as error:
+                reason = error  # type: ignore[assignment]
+        if not found:
+            if isinstance(reason, ParameterError):
+                raise reason
+            looked = f"{len(looks)} points of the ranges ({self.tape.periods:,.0f} forcing periods)"
+            raise OrbitError(f"no stable orbit at any of {looked}; at the last one: {reason}")
+        places = np.array([point.u for point in found])
+        least = []
+        for point in found:
+            near = np.argsort(np.linalg.norm(places - point.u, axis=1))[: 2 * n + 1]
+            if all(found[k].misfit >= point.misfit for k in near):
+                least.append(point)
+        return _ordered(least)[:DESCENTS]
+
+    def residuals(self, u: np.ndarray) -> np.ndarray:
+        """Residuals for the solver: inf where no stable orbit is, at which it takes a shorter step."""
+        try:
+            self.last = self.at(u)
+        except (OrbitError, ParameterError):
+            return np.full(len(self.likelihood.whitening), np.inf)
+        return self.likelihood.residuals(self.last.orbit)
+
+    def slopes(self, point: _Point) -> np.ndarray:
+        """Derivatives of the residuals by the free parameters in their ranges, shape (m, n): central, else one-sided."""
+        here = self.likelihood.residuals(point.orbit)
+        columns = []
+        for k in range(point.u.size):
+            sides = []
+            for sign in (1, -1):
+                u = point.u.copy()
+                u[k] = np.clip(u[k] + sign * SLOPE_STEP, 0, 1)
+                if u[k] == point.u[k]:
+                    continue
+                try:
+                    sides.append((u[k], self.likelihood.residuals(self.at(u, point.orbit).orbit)))
+                except (OrbitError, ParameterError):
+                    continue
+            sides = sides if len(sides) == 2 else [*sides, (point.u[k], here)]
+            step = sides[0][0] - sides[-1][0]
+            columns.append((sides[0][1] - sides[-1][1]) / step if step else np.zeros(here.size))
+        return np.column_stack(columns)
+
+    def descended(self, start: _Point) -> _Point:
+        """Where the solver comes to from a point."""
+        inside = np.clip(start.u, INSIDE, 1 - INSIDE)  # the solver begins within its bounds
+        if not np.isfinite(self.residuals(inside)).all():
+            return start
+
+        def slopes(u: np.ndarray) -> np.ndarray:
+            assert self.last is not None
+            return self.slopes(self.last if np.array_equal(self.last.u, u) else self.at(u))
+
+        solved = least_squares(
+            self.residuals,
+            inside,
+            slopes,
+            bounds=(0, 1),
+            max_nfev=MOST_STEPS,
+            ftol=ENOUGH,
+            xtol=ENOUGH,
+            gtol=LEVEL,
+        )
+        end = self.at(np.clip(solved.x, 0, 1))
+        return end if end.misfit <= start.misfit else start
+
+    def cut_off(self, end: _Point, slopes: np.ndarray) -> bool:
+        """Whether the misfit falls on from where a descent has ended, within the ranges."""
+        fall = -2 * slopes.T @ self.likelihood.residuals(end.orbit)
+        inward = ((end.u > RIM) | (fall > 0)) & ((end.u < 1 - RIM) | (fall < 0))
+        return bool(np.abs(fall[inward]).max(initial=0.0) > FALLS_ON * end.misfit)
+
+    def simplex(self, start: _Point) -> _Point:
+        """A better point that a simplex finds: where a border of the stable orbits cuts off the way down, it goes along it."""
+        best = start
+
+        def misfit(u: np.ndarray) -> float:
+            nonlocal best
+            try:
+                point = self.at(u)
+            except (OrbitError, ParameterError):
+                return float("inf")
+            best = min(best, point, key=lambda one: one.misfit)
+            return point.misfit
+
+        tries = 40 * start.u.size
+        minimize(misfit, start.u, method="Nelder-Mead", bounds=[(0, 1)] * start.u.size, options={"maxfev": tries})
+        return best
+
+
+def _probability(misfit: float, slopes: np.ndarray) -> float:
+    """The probability of a greater misfit, if the directions that are not open take one value each."""
+    taken = np.count_nonzero(np.linalg.svd(slopes, compute_uv=False) >= FEW_ERRORS)
+    return float(chi2.sf(misfit, max(1, slopes.shape[0] - taken)))
+
+
+def _told(search: _Search, ends: list[_Point], slopes: np.ndarray) -> Fit:
+    """The fit in the units of its parameters and in words."""
+    likelihood, best = search.likelihood, ends[0]
+    n = search.width.size
+    _, found, directions = np.linalg.svd(slopes, full_matrices=True)
+    singular = np.concatenate([found, np.zeros(n - found.size)])
+    probability = _probability(best.misfit, slopes)
+    possible = probability >= IMPROBABLE
+    covariance = _covariance(singular, directions, search.width) if possible else np.full((n, n), np.nan)
+    is_open = possible & (singular < FEW_ERRORS)
+    others = [
+        likelihood.values(likelihood.low + end.u * search.width)
+        for k, end in enumerate(ends[1:], 1)
+        if not is_open.any()
+        and _probability(end.misfit, slopes) >= IMPROBABLE
+        and all(np.abs(end.u - one.u).max() > APART_BY for one in ends[:k])
+    ]
+    values = likelihood.values(likelihood.low + best.u * search.width)
+    predicted = likelihood.predicted(best.orbit)
+    ranges = {
+        k: (float(a), float(b)) for k, a, b in zip(likelihood.names, likelihood.low, likelihood.high, strict=True)
+    }
+    notes = [] if possible else [_impossible(likelihood.measured, predicted, best.misfit, values)]
+    if not possible and search.cut_off(best, slopes):
+        notes.append("The nearest ones lie at a border of the stable orbits.")
+    notes += [
+        f"{name} is at the {'lower' if u < 0.5 else 'upper'} end of its range: the true value may lie beyond."
+        for name, u, variance in zip(values, best.u, np.diag(covariance), strict=True)
+        if min(u, 1 - u) < RIM and not np.isinf(variance)
+    ]
+    notes += [f"These give the data too: {_listed(one)}." for one in others]
+    undetermined = [
+        _open(likelihood.names, *each, search.width)
+        for each in zip(singular, directions, strict=True)
+        if possible and each[0] < FEW_ERRORS
+    ]
+    if undetermined and len(predicted) < n:
+        undetermined.insert(0, f"Fewer values ({len(predicted)}) than free parameters ({n}) are measured.")
+    return Fit(
+        values=values,
+        covariance=covariance,
+        possible=possible,
+        chi_square=best.misfit,
+        probability=probability,
+        singular_values=singular,
+        directions=directions,
+        undetermined=tuple(undetermined),
+        notes=tuple(notes),
+        others=tuple(others),
+        measured=likelihood.measured,
+        predicted=predicted,
+        orbit=best.orbit,
+        ranges=ranges,
+        cost=search.tape.periods,
+    )
+
+
+def _covariance(singular: np.ndarray, directions: np.ndarray, width: np.ndarray) -> np.ndarray:
+    """Of the free parameters; with inf and nan for those in directions about which the data say nothing."""
+    seen = singular >= NO_ERRORS
+    steps = directions[seen] / singular[seen, None] * width
+    covariance = steps.T @ steps
+    lost = (np.abs(directions[~seen]) > LEAST_NAMED).any(axis=0)
+    covariance[lost], covariance[:, lost] = np.nan, np.nan
+    covariance[lost, lost] = np.inf
+    return covariance
+
+
+def _impossible(measured: Measured, predicted: np.ndarray, misfit: float, values: dict[str, float]) -> str:
+    """In words, that no parameters give the data, and how near the nearest ones come."""
+    apart = (predicted - measured.values) / measured.errors
+    k = int(np.argmax(np.abs(apart)))
+    return (
+        f"No parameters found in the ranges give the data (chi-square {misfit:.3g}): {measured.names[k]} comes no nearer to "
+        f"{measured.values[k]:.6g} than {predicted[k]:.6g}, {abs(apart[k]):.3g} errors away, at {_listed(values)}."
+    )
+
+
+def _open(names: tuple[str, ...], singular: float, direction: np.ndarray, width: np.ndarray) -> str:
+    """In words, a direction that the data leave open."""
+    effect = (
+        f"changes the data by {singular:.2g} of their errors" if singular >= NO_ERRORS else "changes no measured value"
+    )
+    named = np.flatnonzero(np.abs(direction) > LEAST_NAMED)
+    if named.size == 1:
+        return f"{names[named[0]]} is not determined: by the slopes there, a step as long as its range {effect}."
+    step = direction * width / np.abs(direction).max() * np.sign(direction[named[0]])
+    words = " with ".join(f"{names[k]} {step[k]:+.3g}" for k in named)
+    return f"{', '.join(names[k] for k in named)} are not determined apart: by the slopes there, {words} {effect}."
+
+
+def _listed(values: dict[str, float]) -> str:
+    return ", ".join(f"{name} = {value:.4g}" for name, value in values.items())
+
+
+def _unit(name: str) -> str:
+    return units_shown(MEASURABLE[name] if name in MEASURABLE else PARAMETERS[name].units)

@@ -1,0 +1,148 @@
+"""The probability of what was measured, for parameters in given ranges: the orbit is the model."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from dimersweep.errors import OrbitError, ParameterError
+from dimersweep.fits.measured import MEASURABLE, Measured
+from dimersweep.fits.tracks import Track
+from dimersweep.inputs import as_number, check_rtol, number
+from dimersweep.orbits.finding import RTOL, checked, checked_spin, orbit_at
+from dimersweep.orbits.orbit import PeriodicOrbit
+from dimersweep.orbits.poincare import Tape
+from dimersweep.parameters import check, check_effect, check_level, check_name
+
+
+class Likelihood:
+    """The logarithm of the probability density of the data, as a function of the free parameters, for any sampler.
+
+    Called with a point, shape (n,), it returns a float: -inf outside the ranges and where no stable orbit is. It depends on the
+    point alone, can be pickled, and costs some 40 forcing periods.
+
+    Parameters
+    ----------
+    measured : mapping, Measured or Track
+        See `fit`.
+    free : mapping of str to (float, float)
+    spin : float, optional
+    rtol : float
+    **parameters : float
+
+    Attributes
+    ----------
+    names : tuple of str
+        The free parameters, in the order of a point.
+    low, high : ndarray, shape (n,)
+        Their ranges.
+
+    Raises
+    ------
+    ParameterError
+
+    Examples
+    --------
+    >>> from dimersweep import fits
+    >>> log_likelihood = fits.Likelihood({"radius": (4.06, 0.02)}, {"e": (0.55, 0.75)})
+    >>> log_likelihood([0.65]) > log_likelihood([0.6]) > log_likelihood([0.8])
+    True
+    """
+
+    def __init__(
+        self,
+        measured: Mapping[str, tuple[float, float]] | Measured | Track,
+        free: Mapping[str, tuple[float, float]],
+        *,
+        spin: float | None = None,
+        rtol: float = RTOL,
+        **parameters: float,
+    ) -> None:
+        if isinstance(measured, Track):
+            measured = measured.measured
+        self.measured = measured if isinstance(measured, Measured) else Measured.of(measured)
+        self.names, self.low, self.high = _ranges(free)
+        self.rtol = check_rtol(rtol)
+        self.fixed: dict[str, Any] = dict(parameters)
+        for name in self.fixed:
+            check_name(name)
+            if name in self.names:
+                raise ParameterError(f"{name}: is given and free; leave one of the two out")
+            check({name: number(name, self.fixed[name])})
+        check_effect([*self.fixed, *(name for name in self.names if name != "spin")])
+        if spin is not None and "spin" in self.names:
+            raise ParameterError("spin: is given and free; leave one of the two out")
+        self.spin = None if spin is None else as_number("spin", spin)
+        lower = np.linalg.cholesky(self.measured.covariance)
+        self.whitening = np.linalg.inv(lower)
+        self.constant = -float(np.log(np.diag(lower)).sum()) - 0.5 * len(lower) * float(np.log(2 * np.pi))
+
+    def values(self, point: np.ndarray) -> dict[str, float]:
+        """The free parameters at a point, by name."""
+        return dict(zip(self.names, map(float, point), strict=True))
+
+    def orbit(self, point: np.ndarray, guess: PeriodicOrbit | None = None, tape: Tape | None = None) -> PeriodicOrbit:
+        """The stable orbit at a point: a motion that is measured is stable.
+
+        Raises
+        ------
+        OrbitError
+            If there is none.
+        ParameterError
+            If the parameters do not go together, such as mu above mu_s.
+        """
+        values = self.values(point)
+        spin = values.pop("spin", self.spin)
+        given = checked({**self.fixed, **values})
+        orbit = orbit_at(given, checked_spin(spin, given), guess=guess, rtol=self.rtol, tape=tape)
+        if not orbit.stable:
+            raise OrbitError(f"the orbit is unstable, with a multiplier of size {abs(orbit.multipliers[0]):.4g}")
+        return orbit
+
+    def predicted(self, orbit: PeriodicOrbit) -> np.ndarray:
+        """What would be measured of an orbit, shape (m,); a phase is that nearest to the measured one."""
+        values = np.array([getattr(orbit, name) for name in self.measured.names])
+        for k, name in enumerate(self.measured.names):
+            if name == "impact_phase":
+                values[k] -= np.round(values[k] - self.measured.values[k])
+        return values
+
+    def residuals(self, orbit: PeriodicOrbit) -> np.ndarray:
+        """How far an orbit is from what was measured, in errors and uncorrelated, shape (m,)."""
+        return self.whitening @ (self.predicted(orbit) - self.measured.values)
+
+    def __call__(self, point: np.ndarray) -> float:
+        point = np.asarray(point, dtype=float)
+        if not ((self.low <= point) & (point <= self.high)).all():
+            return -float("inf")
+        try:
+            residuals = self.residuals(self.orbit(point))
+        except (OrbitError, ParameterError):
+            return -float("inf")
+        value = self.constant - 0.5 * float(residuals @ residuals)
+        return value if np.isfinite(value) else -float("inf")
+
+
+def _ranges(free: Mapping[str, tuple[float, float]]) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
+    """Names, least and greatest values of the free parameters, judged."""
+    if not isinstance(free, Mapping) or not free:
+        raise ParameterError(f"free = {free!r}: must be ranges such as {{'e': (0.5, 0.7)}}")
+    rows = []
+    for name, pair in free.items():
+        if name != "spin":
+            check_name(name)
+        try:
+            ends = tuple(number(name, end, MEASURABLE["spin"] if name == "spin" else None) for end in pair)
+            low, high = ends
+        except (TypeError, ValueError) as error:
+            if isinstance(error, ParameterError):
+                raise
+            raise ParameterError(f"{name} = {pair!r}: must be the least and the greatest value") from None
+        if low >= high:
+            raise ParameterError(f"{name} = ({low:g}, {high:g}): the first must be below the second")
+        if name != "spin":
+            check({name: np.array(ends)})
+            check_level({name: low or high}, "orbits")
+        rows.append(ends)
+    lows, highs = np.array(rows).T
+    return tuple(free), lows, highs

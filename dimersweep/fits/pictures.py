@@ -1,0 +1,92 @@
+"""The picture of a fit."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from dimersweep.fits.measured import MEASURABLE
+from dimersweep.plots.style import Drawing
+from dimersweep.symbols import PARAMETERS, symbol, units_shown
+
+DEVIATIONS = (2, 1)
+CORNERS = 181  # of a drawn ellipse
+
+
+def draw_fit(values: dict[str, float], covariance: np.ndarray, ranges: dict[str, tuple[float, float]]) -> Figure:
+    """Regions of one and two standard deviations of each pair of free parameters; of one alone, its density.
+
+    Parameters
+    ----------
+    values : dict
+    covariance : ndarray, shape (n, n)
+    ranges : dict
+        Of the free parameters.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    names = list(values)
+    n = max(1, len(names) - 1)
+    figure = Drawing(1.2 + 3.0 * n, 0.8 + 2.6 * n)
+    panels = figure.subplots(n, n, squeeze=False, sharex="col", sharey="row" if len(names) > 1 else "none")
+    if len(names) == 1:
+        _density(panels[0, 0], names[0], values[names[0]], float(covariance[0, 0]), ranges[names[0]])
+        return figure
+    for row in range(n):
+        for column in range(n):
+            if column > row:
+                panels[row, column].set_visible(False)
+                continue
+            pair = [column, row + 1]
+            _ellipses(panels[row, column], [names[k] for k in pair], values, covariance[np.ix_(pair, pair)], ranges)
+            if row == n - 1:
+                panels[row, column].set_xlabel(_label(names[column]))
+        panels[row, 0].set_ylabel(_label(names[row + 1]))
+    panels[0, 0].legend(fontsize=8)
+    return figure
+
+
+def _ellipses(
+    axes: Axes,
+    pair: list[str],
+    values: dict[str, float],
+    covariance: np.ndarray,
+    ranges: dict[str, tuple[float, float]],
+) -> None:
+    angle = np.linspace(0, 2 * np.pi, CORNERS)
+    centre = np.array([values[name] for name in pair])
+    if np.isfinite(covariance).all():
+        root = np.linalg.cholesky(covariance)
+        for times in DEVIATIONS:
+            x, y = centre[:, None] + times * root @ np.array([np.cos(angle), np.sin(angle)])
+            axes.fill(x, y, color="C0", alpha=0.25, lw=0, label=f"{times} standard deviation{'s' if times > 1 else ''}")
+    else:
+        for k in (0, 1):
+            error = float(np.sqrt(covariance[k, k]))
+            for times in DEVIATIONS if np.isfinite(error) else ():
+                draw = axes.axhspan if k else axes.axvspan
+                draw(centre[k] - times * error, centre[k] + times * error, color="C0", alpha=0.25, lw=0)
+    axes.plot(*centre, "k+", label="fit", clip_on=False)
+    for limit, name in ((axes.set_xlim, pair[0]), (axes.set_ylim, pair[1])):
+        limit(*ranges[name])
+    axes.grid(alpha=0.3)
+
+
+def _density(axes: Axes, name: str, value: float, variance: float, ends: tuple[float, float]) -> None:
+    at = np.linspace(*ends, 401)
+    if np.isfinite(variance):
+        axes.plot(at, np.exp(-((at - value) ** 2) / (2 * variance)))
+        for times in DEVIATIONS:
+            axes.axvspan(value - times * variance**0.5, value + times * variance**0.5, color="C0", alpha=0.2, lw=0)
+    axes.set_xlim(*ends)
+    axes.set_xlabel(_label(name))
+    axes.set_ylabel("probability density, over its greatest")
+    axes.grid(alpha=0.3)
+
+
+def _label(name: str) -> str:
+    if name == "spin":
+        return f"spin [{units_shown(MEASURABLE['spin'])}]"
+    unit = units_shown(PARAMETERS[name].units)
+    return f"{symbol(name, tex=True)} [{unit}]" if unit else symbol(name, tex=True)

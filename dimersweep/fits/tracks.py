@@ -1,0 +1,219 @@
+"""A track of the centre of mass: the circle or the cycloid that fits it, with the covariance of what it gives."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from dimersweep.errors import ParameterError
+from dimersweep.fits.measured import Measured
+from dimersweep.inputs import as_number, as_numbers
+from dimersweep.orbits.passage import TURN
+
+LEAST_TURN, MOST_SCANNED = 0.05, 2000  # turns in a track that are tried at least, and how many rates are tried
+CIRCLE_NAMES, CYCLOID_NAMES = ("radius", "period", "x", "y"), ("radius", "period", "x", "y", "v_x", "v_y")
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """The circle, or the cycloid, that fits a track best.
+
+    Attributes
+    ----------
+    values : dict
+        `radius` [m] and `period` [s] of the turn, the centre `x`, `y` [m] in the middle of the track's times, and its
+        velocity `v_x`, `v_y` [m s-1] if it moves.
+    covariance : ndarray, shape (n, n)
+        Of these, in their order.
+    sense : int
+        1 if it turns counterclockwise, else -1.
+    sigma : float
+        Standard deviation of the error of each coordinate [m]: the given one, or what the residuals say.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from dimersweep import fits
+    >>> t, rng = np.linspace(0, 20, 200), np.random.default_rng(1)
+    >>> x, y = 4 * np.cos(0.2 * t), 4 * np.sin(0.2 * t)
+    >>> track = fits.circle(t, x + rng.normal(0, 0.01, 200), y + rng.normal(0, 0.01, 200))
+    >>> round(track.values["radius"], 2), track.sense, round(track.sigma, 3)
+    (4.0, 1, 0.01)
+    """
+
+    values: dict[str, float]
+    covariance: np.ndarray
+    sense: int
+    sigma: float
+
+    @property
+    def errors(self) -> dict[str, float]:
+        """Standard deviations."""
+        return dict(zip(self.values, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
+
+    @property
+    def measured(self) -> Measured:
+        """Radius and period with their covariance, for `fit`."""
+        return Measured(("radius", "period"), np.array(list(self.values.values())[:2]), self.covariance[:2, :2])
+
+    def __repr__(self) -> str:
+        errors = self.errors
+        words = ", ".join(f"{name} {value:.6g} ± {errors[name]:.2g}" for name, value in self.values.items())
+        return f"<Track: {words}, error of a coordinate {self.sigma:.2g} m>"
+
+
+def circle(t: Any, x: Any, y: Any, sigma: float | None = None) -> Track:
+    """The circle that a track of the centre of mass goes round evenly.
+
+    Parameters
+    ----------
+    t : array_like, shape (n,)
+        Times [s], in any order; more than two to a turn.
+    x, y : array_like, shape (n,)
+        Places of the centre of mass [m].
+    sigma : float, optional
+        Standard deviation of the error of each coordinate [m]; by default as the residuals say.
+
+    Returns
+    -------
+    Track
+
+    Raises
+    ------
+    ParameterError
+        If these are no tracks of one length, or too short ones, or the track does not turn by enough.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from dimersweep import fits
+    >>> t = np.linspace(0, 10, 30)
+    >>> fits.circle(t, np.cos(t) + 3, np.sin(t), sigma=0.01).measured
+    <Measured: radius 1 ± 0.00186 m, period 6.28319 ± 0.00393 s>
+    """
+    return _track(t, x, y, sigma, moving=False)
+
+
+def cycloid(t: Any, x: Any, y: Any, sigma: float | None = None) -> Track:
+    """The cycloid that fits a track: even motion on a circle whose centre moves evenly, as on a plate not quite level.
+
+    Parameters
+    ----------
+    t, x, y : array_like, shape (n,)
+        As for `circle`.
+    sigma : float, optional
+
+    Returns
+    -------
+    Track
+
+    Raises
+    ------
+    ParameterError
+        As for `circle`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from dimersweep import fits
+    >>> t = np.linspace(0, 20, 60)
+    >>> track = fits.cycloid(t, np.cos(t) + 0.1 * t, np.sin(t), sigma=0.01)
+    >>> round(track.values["radius"], 6), round(track.values["v_x"], 6)
+    (1.0, 0.1)
+    """
+    return _track(t, x, y, sigma, moving=True)
+
+
+def _track(t: Any, x: Any, y: Any, sigma: float | None, moving: bool) -> Track:
+    times, place = _judged(t, x, y, sigma, moving)
+    middle = 0.5 * (times.min() + times.max())
+    span = float(np.ptp(times))
+    s = (times - middle) / span  # in [-1/2, 1/2]
+
+    def basis(rate: float) -> np.ndarray:
+        still = [np.ones(s.size), s] if moving else [np.ones(s.size)]
+        return np.column_stack([*still, np.exp(1j * rate * s)])
+
+    rate, coefficients = _refined(basis, s, place, _best_rate(basis, place))
+    A = basis(rate)
+    residual = A @ coefficients - place
+    columns = np.column_stack([1j * s * A[:, -1] * coefficients[-1], *_both(A)])
+    J = np.vstack([columns.real, columns.imag])
+    if sigma is None:
+        sigma = float(
+            np.sqrt((residual.real @ residual.real + residual.imag @ residual.imag) / (J.shape[0] - J.shape[1]))
+        )
+    radius, period = float(abs(coefficients[-1])), TURN * span / abs(rate)
+    n = 2 * coefficients.size - 1  # place of the last coefficient among the columns
+    G = np.zeros((len(CYCLOID_NAMES if moving else CIRCLE_NAMES), J.shape[1]))
+    G[0, n : n + 2] = coefficients[-1].real / radius, coefficients[-1].imag / radius
+    G[1, 0] = -period / rate
+    G[2:4, 1:3] = np.eye(2)
+    if moving:
+        G[4:6, 3:5] = np.eye(2) / span
+    back = sigma * G @ np.linalg.pinv(J)
+    covariance = back @ back.T
+    if not np.sqrt(covariance[0, 0]) < radius:
+        raise ParameterError(
+            f"track: turns by too little to tell its radius, {radius:.3g} ± {covariance[0, 0] ** 0.5:.2g} m"
+        )
+    values = [radius, period, coefficients[0].real, coefficients[0].imag]
+    if moving:
+        values += [coefficients[1].real / span, coefficients[1].imag / span]
+    names = CYCLOID_NAMES if moving else CIRCLE_NAMES
+    return Track(dict(zip(names, map(float, values), strict=True)), covariance, int(np.sign(rate)), sigma)
+
+
+def _judged(t: Any, x: Any, y: Any, sigma: float | None, moving: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Times and places x + iy of a track."""
+    times, *places = (as_numbers(name, values, as_number) for name, values in (("t", t), ("x", x), ("y", y)))
+    for name, values in zip("xy", places, strict=True):
+        if values.size != times.size:
+            raise ParameterError(f"{name}: has {values.size} values; must have {times.size}, as t has")
+    least = 5 if moving else 4
+    if np.unique(times).size < least:
+        raise ParameterError(f"t: has {np.unique(times).size} different times; must have at least {least}")
+    if sigma is not None and as_number("sigma", sigma) <= 0:
+        raise ParameterError(f"sigma = {sigma}: must be > 0")
+    return times, places[0] + 1j * places[1]
+
+
+def _both(A: np.ndarray) -> list[np.ndarray]:
+    """Derivatives of a sum of complex columns by the real and the imaginary part of each coefficient."""
+    return [factor * column for column in A.T for factor in (1, 1j)]
+
+
+def _best_rate(basis: Callable[[float], np.ndarray], place: np.ndarray) -> float:
+    """The rate of turning, in radians in the whole track, at which circle and track are nearest, roughly."""
+    most = max(1.0, place.size / 2)
+    above = np.linspace(1, most, min(MOST_SCANNED, int(4 * most)))
+    rates = TURN * np.concatenate([np.geomspace(LEAST_TURN, 1, 16), above])
+    rates = np.concatenate([rates, -rates])
+    misses = [_solved(basis(rate), place)[1] for rate in rates]
+    return float(rates[int(np.argmin(misses))])
+
+
+def _solved(A: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, float]:
+    coefficients = np.linalg.lstsq(A, place, rcond=None)[0]
+    return coefficients, float(np.linalg.norm(A @ coefficients - place))
+
+
+def _refined(
+    basis: Callable[[float], np.ndarray], s: np.ndarray, place: np.ndarray, rate: float
+) -> tuple[float, np.ndarray]:
+    """The rate and the coefficients of least squares, from a rate nearby."""
+
+    def residual(p: np.ndarray) -> np.ndarray:
+        miss = basis(p[0]) @ p[1:].view(complex) - place
+        return np.concatenate([miss.real, miss.imag])
+
+    def slopes(p: np.ndarray) -> np.ndarray:
+        A = basis(p[0])
+        columns = np.column_stack([1j * s * A[:, -1] * p[1:].view(complex)[-1], *_both(A)])
+        return np.vstack([columns.real, columns.imag])
+
+    start = np.concatenate([[rate], _solved(basis(rate), place)[0].view(float)])
+    p = least_squares(residual, start, slopes, method="lm", xtol=1e-14, ftol=1e-14, gtol=1e-14).x
+    return float(p[0]), p[1:].copy().view(complex)

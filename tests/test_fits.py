@@ -1,0 +1,264 @@
+"""Fits: tracks against closed forms and runs, fitted values against what made the data, and what cannot be told."""
+
+import pickle
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.stats import multivariate_normal
+
+import dimersweep
+from dimersweep import fits, orbits, simulate
+from dimersweep.errors import OrbitError, ParameterError
+
+SLIPPY = {"mu": 0.3, "mu_s": 0.6}  # away from mu = mubar, where radius and angle have a kink
+
+
+def around(radius, rate, n, turns, centre=0.0, velocity=0.0, phase=0.4):
+    """Times and places of even motion on a circle, over whole turns from both ends of which one point is left out."""
+    t = np.arange(n) * turns * 2 * np.pi / abs(rate) / n
+    place = centre + velocity * (t - (t[0] + t[-1]) / 2) + radius * np.exp(1j * (phase + rate * t))
+    return t, place.real, place.imag
+
+
+# --- tracks -----------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("rate", [0.17, -0.17])
+@pytest.mark.parametrize("turns", [0.3, 1, 2.6])
+def test_a_circle_is_found_whichever_way_it_turns(rate, turns):
+    track = fits.circle(*around(4.2, rate, 120, turns, centre=2 - 1j), sigma=0.01)
+    assert_allclose(list(track.values.values()), [4.2, 2 * np.pi / 0.17, 2, -1], rtol=1e-8)
+    assert track.sense == np.sign(rate)
+
+
+def test_a_cycloid_is_found_and_a_circle_is_one_that_stays():
+    t, x, y = around(4.2, -0.17, 120, 1.7, centre=2 - 1j, velocity=0.05 - 0.02j)
+    track = fits.cycloid(t, x, y, sigma=0.01)
+    assert_allclose(list(track.values.values()), [4.2, 2 * np.pi / 0.17, 2, -1, 0.05, -0.02], rtol=1e-7)
+    assert fits.circle(t, x, y).sigma > 0.1  # what the circle leaves of it
+
+
+def test_the_errors_of_a_track_are_those_of_linear_least_squares():
+    """Over whole turns the radius is orthogonal to all else: its variance is sigma^2/n, whatever the rate."""
+    t, x, y = around(3.0, 0.5, 200, 2)
+    track = fits.circle(t, x, y, sigma=0.03)
+    assert track.errors["radius"] == pytest.approx(0.03 / np.sqrt(200), rel=1e-9)
+    shorter = fits.circle(t[:50], x[:50], y[:50], sigma=0.03)
+    assert shorter.errors["period"] > 4 * track.errors["period"]
+
+
+def test_the_error_of_a_coordinate_is_read_off_the_residuals():
+    rng = np.random.default_rng(3)
+    t, x, y = around(3.0, 0.5, 400, 2)
+    track = fits.circle(t, x + rng.normal(0, 0.02, 400), y + rng.normal(0, 0.02, 400))
+    assert track.sigma == pytest.approx(0.02, rel=4 / np.sqrt(2 * 800))
+    for name, true in (("radius", 3.0), ("period", 4 * np.pi)):
+        assert abs(track.values[name] - true) < 4 * track.errors[name]
+
+
+def test_the_track_of_a_run_has_the_radius_and_the_period_of_its_orbit():
+    run = simulate(periods=900)
+    t = np.arange(300, 900) / run.parameters["f"]
+    states = run.states(t)
+    track = fits.circle(t, states["x"].values, states["y"].values)
+    assert track.sense == np.sign(run.orbit.precession_rate)
+    assert track.values["radius"] == pytest.approx(run.orbit.radius, rel=5e-4)
+    assert track.values["period"] == pytest.approx(run.orbit.period, rel=2e-3)  # which creeps
+    assert track.sigma < 1e-3
+
+
+# --- fits -------------------------------------------------------------------------------------------------------------
+def test_what_made_the_data_is_found():
+    true = {"e": 0.65, "A_r": 5.9, "spin": 120.0}
+    orbit = orbits.find(**SLIPPY, **true)
+    names = {"radius": 0.04, "zeta": 0.002, "impact_phase": 0.003, "speed": 0.004}
+    measured = {name: (getattr(orbit, name), error) for name, error in names.items()}
+    fit = fits.fit(measured, {"e": (0.58, 0.72), "A_r": (5.4, 6.6), "spin": (90, 150)}, **SLIPPY)
+    assert fit.possible
+    assert fit.undetermined == ()
+    for name, value in true.items():
+        assert abs(fit.values[name] - value) < 0.01 * fit.errors[name], name
+    assert fit.orbit.word == orbit.word
+    assert fit.cost > fit.orbit.cost > 0
+
+
+def test_an_error_is_that_of_the_datum_over_the_slope():
+    slope = np.diff([orbits.find(e=e).radius for e in (0.6495, 0.6505)])[0] / 1e-3
+    fit = fits.fit({"radius": (orbits.find(e=0.65).radius, 0.01)}, {"e": (0.55, 0.75)})
+    assert fit.errors["e"] == pytest.approx(abs(0.01 / slope), rel=1e-3)
+    assert fit.singular_values[0] == pytest.approx(0.2 / fit.errors["e"])
+
+
+def test_a_track_gives_restitution_and_spin():
+    rng = np.random.default_rng(11)
+    run = orbits.find(e=0.66, spin=130.0, **SLIPPY).run(periods=400)
+    t = np.arange(400) / run.parameters["f"]
+    states = run.states(t)
+    x, y = (states[name].values + rng.normal(0, 0.01, t.size) for name in ("x", "y"))
+    fit = fits.fit(fits.circle(t, x, y), {"e": (0.58, 0.75), "spin": (100, 160)}, **SLIPPY)
+    assert fit.possible
+    for name, value in (("e", 0.66), ("spin", 130.0)):
+        assert abs(fit.values[name] - value) < 3 * fit.errors[name] + 0.01 * value  # and the spin creeps
+    assert fit.covariance[0, 1] != 0
+
+
+@pytest.mark.slow
+def test_true_values_lie_within_the_errors_as_often_as_they_should():
+    """Eight sets of one free parameter: the sum of their squared deviations is chi-square, 1.3 to 22 in 99 of 100 cases."""
+    apart = []
+    for seed in range(8):
+        rng = np.random.default_rng([27, seed])
+        true = rng.uniform(0.62, 0.68)
+        radius = orbits.find(e=true, **SLIPPY).radius + rng.normal(0, 0.02)
+        fit = fits.fit({"radius": (radius, 0.02)}, {"e": (0.57, 0.75)}, **SLIPPY)
+        apart.append((fit.values["e"] - true) / fit.errors["e"])
+    assert 1.3 < np.sum(np.square(apart)) < 22
+    assert np.min(apart) < 0 < np.max(apart)
+
+
+def test_no_restitution_and_friction_give_a_radius_below_the_least():
+    """The least of a grid of orbits, which no solver has chosen, is what the fit comes to."""
+    free = {"e": (0.5, 0.85), "mu": (0.05, 0.4)}
+    fit = fits.fit({"radius": (3.1, 0.02)}, free)
+    assert not fit.possible
+    assert "No parameters found" in fit.notes[0] and "3.1" in fit.notes[0]
+    assert np.isnan(fit.covariance).all()
+    least = min(orbits.find(e=e, mu=mu).radius for e in np.linspace(0.65, 0.85, 5) for mu in np.linspace(0.05, 0.4, 8))
+    assert fit.predicted[0] == pytest.approx(least, abs=1e-4)
+    assert fit.predicted[0] == pytest.approx(3.745, abs=2e-3)
+
+
+@pytest.mark.slow
+def test_where_the_stable_orbits_end_it_says_so():
+    fit = fits.fit({"radius": (6.0, 0.1)}, {"e": (0.54, 0.65)})
+    assert not fit.possible
+    assert "border of the stable orbits" in " ".join(fit.notes)
+    with pytest.raises(OrbitError):
+        orbits.find(e=fit.values["e"] - 1e-4)
+    assert fit.predicted[0] < 6.0 - 0.1
+
+
+def test_a_value_at_the_end_of_its_range_is_told():
+    fit = fits.fit({"radius": (4.06, 0.02)}, {"e": (0.55, 0.648)})
+    assert fit.possible
+    assert fit.notes == ("e is at the upper end of its range: the true value may lie beyond.",)
+
+
+# --- what the data leave open -----------------------------------------------------------------------------------------
+def test_one_radius_does_not_tell_two_parameters():
+    fit = fits.fit({"radius": (4.06, 0.02)}, {"e": (0.58, 0.75), "A_r": (5.8, 6.2)}, **SLIPPY)
+    assert fit.possible
+    assert fit.singular_values[1] == 0
+    assert len(fit.undetermined) == 2
+    assert "e, A_r are not determined apart" in fit.undetermined[1]
+    assert set(fit.errors.values()) == {np.inf}
+    step = fit.directions[1] * [0.17, 0.4]  # along it the radius stays, to first order
+    values = np.array(list(fit.values.values()))
+    ahead, back = (
+        orbits.find(**dict(zip(fit.values, values + s * step, strict=True)), **SLIPPY).radius for s in (1e-3, -1e-3)
+    )
+    assert abs(ahead - back) / 2e-3 < 0.02 * fit.singular_values[0] * 0.02
+
+
+def test_a_parameter_without_effect_is_named():
+    data = {"radius": (4.06, 0.02), "speed": (0.72, 0.005)}
+    fit = fits.fit(data, {"e": (0.58, 0.75), "beta0": (0.1, 0.3)}, **SLIPPY)
+    assert [each.split(":")[0] for each in fit.undetermined] == ["beta0 is not determined"]
+    assert fit.errors["beta0"] == np.inf
+    assert np.isfinite(fit.errors["e"])
+
+
+def test_radius_period_and_speed_are_two_numbers():
+    orbit = orbits.find(spin=120.0, e=0.65, **SLIPPY)
+    data = {name: (getattr(orbit, name), 1e-3 * getattr(orbit, name)) for name in ("radius", "period", "speed")}
+    fit = fits.fit(data, {"e": (0.6, 0.7), "A_r": (5.8, 6.2), "spin": (110, 130)}, **SLIPPY)
+    assert fit.possible
+    assert fit.singular_values[2] < 12**0.5 < fit.singular_values[1]
+    assert any("not determined apart" in each for each in fit.undetermined)
+
+
+# --- the likelihood ---------------------------------------------------------------------------------------------------
+def test_the_likelihood_is_the_normal_density_of_the_data():
+    measured = fits.Measured(("radius", "zeta"), np.array([4.06, 1.6]), np.array([[4e-4, 1e-5], [1e-5, 4e-6]]))
+    measured = measured.also(speed=(0.72, 0.005))
+    density = fits.Likelihood(measured, {"e": (0.55, 0.75), "spin": (100, 160)}, **SLIPPY)
+    orbit = orbits.find(e=0.66, spin=140.0, **SLIPPY)
+    seen = [orbit.radius, orbit.zeta, orbit.speed]
+    wanted = multivariate_normal(measured.values, measured.covariance).logpdf(seen)
+    assert density([0.66, 140.0]) == pytest.approx(wanted, rel=1e-8)
+    assert pickle.loads(pickle.dumps(density))([0.66, 140.0]) == density([0.66, 140.0])
+    assert density([0.5, 140.0]) == -np.inf  # beyond the range
+
+
+def test_the_likelihood_is_zero_where_no_stable_orbit_is():
+    density = fits.Likelihood({"radius": (4.06, 0.02)}, {"Gamma": (0.3, 1.5)})
+    assert density([0.4]) == density([1.4]) == -np.inf  # below the fold, beyond the flip
+    assert np.isfinite(density([0.9]))
+
+
+def test_a_phase_is_measured_round_the_clock():
+    orbit = orbits.find()
+    density = fits.Likelihood({"impact_phase": (orbit.impact_phase + 1, 0.01)}, {"e": (0.55, 0.75)})
+    assert_allclose(density.residuals(orbit), 0, atol=1e-9)
+
+
+# --- input, output ----------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("measured", "free", "more", "words"),
+    [
+        ({"radios": (4, 0.1)}, {"e": (0.5, 0.7)}, {}, "radios: unknown measured quantity; did you mean radius"),
+        ({"radius": (4, 0)}, {"e": (0.5, 0.7)}, {}, "error of radius = 0: must be > 0"),
+        ({"radius": 4}, {"e": (0.5, 0.7)}, {}, "radius = 4: must be a value and its error"),
+        ({}, {"e": (0.5, 0.7)}, {}, "measured = {}: must be pairs"),
+        ({"radius": (4, 0.1)}, {}, {}, "free = {}: must be ranges"),
+        ({"radius": (4, 0.1)}, {"e": (0.7, 0.5)}, {}, r"e = \(0.7, 0.5\): the first must be below the second"),
+        ({"radius": (4, 0.1)}, {"e": 0.5}, {}, "e = 0.5: must be the least and the greatest value"),
+        ({"radius": (4, 0.1)}, {"e": (0.5, 1.5)}, {}, r"e = 1.5: must be in \[0, 1\]"),
+        ({"radius": (4, 0.1)}, {"epsilon": (0.5, 0.7)}, {}, "epsilon: unknown parameter"),
+        ({"radius": (4, 0.1)}, {"e": (0.5, 0.7)}, {"e": 0.6}, "e: is given and free"),
+        ({"radius": (4, 0.1)}, {"spin": (90, 120)}, {"spin": 100.0}, "spin: is given and free"),
+        ({"radius": (4, 0.1)}, {"e": (0.5, 0.7)}, {"e_1": 0.6, "e_2": 0.6}, "e: has no effect beside e_1 and e_2"),
+        ({"radius": (4, 0.1)}, {"tilt": (0, 0.1)}, {}, "tilt = 0.1: must be 0 for orbits"),
+        ({"radius": (4, 0.1)}, {"mu": (0.5, 0.7)}, {}, "mu_s = 0.4: must be >= mu"),
+    ],
+)
+def test_what_is_wrong_is_told_in_one_line(measured, free, more, words):
+    with pytest.raises(ParameterError, match=words) as error:
+        fits.fit(measured, free, **more)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("t", "x", "y", "sigma", "words"),
+    [
+        ([0, 1, 2], [0, 1, 2], [0, 1, 2], 1, "t: has 3 different times; must have at least 4"),
+        ([0, 1, 2, 3], [0, 1, 2], [0, 1, 2, 3], 1, "x: has 3 values; must have 4, as t has"),
+        ([0, 1, 2, 3], [1, 2, np.nan, 3], [0, 1, 2, 3], 1, "x = nan: must be finite"),
+        ([0, 1, 2, 3], [1, 2, 3, 4], [0, 1, 2, 3], 0, "sigma = 0: must be > 0"),
+        (np.arange(9), np.arange(9), np.zeros(9), 0.1, "track: turns by too little to tell its radius"),
+    ],
+)
+def test_what_is_wrong_with_a_track_is_told_in_one_line(t, x, y, sigma, words):
+    with pytest.raises(ParameterError, match=words):
+        fits.circle(t, x, y, sigma)
+
+
+def test_where_no_orbit_is_it_says_why():
+    with pytest.raises(OrbitError, match=r"no stable orbit at any of \d+ points of the ranges .* needs Gamma >="):
+        fits.fit({"radius": (4.06, 0.02)}, {"Gamma": (0.3, 0.4)})
+
+
+def test_a_fit_is_shown_as_a_line_a_table_and_a_picture():
+    assert dimersweep.fit is fits.fit
+    orbit = orbits.find(e=0.65, A_r=6.1, **SLIPPY)
+    data = {"radius": (orbit.radius, 0.02), "impact_phase": (orbit.impact_phase, 0.003)}
+    fit = fits.fit(data, {"e": (0.6, 0.7), "A_r": (5.8, 6.4)}, **SLIPPY)
+    assert repr(fit).startswith("<Fit: e ") and "\n" not in repr(fit)
+    rows = {line.split()[0]: line.split() for line in str(fit).splitlines()}
+    for name in fit.values:
+        assert float(rows[name][1]) == pytest.approx(fit.values[name], rel=1e-5)
+        assert float(rows[name][2]) == pytest.approx(fit.errors[name], rel=0.05)
+    assert float(rows["radius"][3]) == pytest.approx(fit.predicted[0], rel=1e-5)
+    assert rows["cost:"][1] == f"{fit.cost:,.0f}"
+    (axes,) = fit.plot().axes
+    corners = axes.patches[0].get_xy()  # two standard deviations: its extent is that of each parameter
+    assert np.ptp(corners, axis=0) == pytest.approx([4 * error for error in fit.errors.values()], rel=1e-2)
