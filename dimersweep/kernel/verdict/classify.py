@@ -221,8 +221,11 @@ def orbit_of(past, out):
 
 @compiled
 def stays_as_it_is(dm, past, left):
-    """Whether the motion has settled, and its numbers stand as they are for the periods that are left of a run."""
-    return settled_period(past) > 0 and change_ahead(dm, past, left) <= STILL
+    """Whether the motion has settled, and its numbers stand as they are for the periods that are left of a run.
+
+    Where they go with the heading, their pace of now says nothing of the turn to come.
+    """
+    return dm.sideways == 0.0 and settled_period(past) > 0 and change_ahead(dm, past, left) <= STILL
 
 
 @compiled
