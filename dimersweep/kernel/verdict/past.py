@@ -37,9 +37,9 @@ BURST = 0.05
 SLIP_LINE = 1e-7  # slip, in g/omega, from which an end slips at the end of a double impact
 
 RING = 64
-# rows of the past: scalars, strobes, double events, long landings
-SCALARS, STROBES, DOUBLES, LANDINGS = 0, 2, 2 + RING, 2 + 2 * RING
-PAST_ROWS, PAST_COLUMNS = 2 + 3 * RING, 24
+# rows of the past: scalars, the track (``verdict.track``), strobes, double events, long landings
+SCALARS, TRACK, STROBES, DOUBLES, LANDINGS = 0, 2, 3, 3 + RING, 3 + 2 * RING
+PAST_ROWS, PAST_COLUMNS = 3 + 3 * RING, 24
 # scalars
 S_OFF_1, S_OFF_2, S_DOWN_1, S_DOWN_2, S_DOUBLES, S_LANDINGS, S_STROBES, S_CLOSED, S_HOP_1, S_HOP_2 = range(10)
 S_FASTEST = 10  # greatest speed in the plate's frame so far [m/s], by which an impact is slow

@@ -30,8 +30,10 @@ from dimersweep.kernel.verdict.past import (
     S_STROBES,
     SCALARS,
     STROBES,
+    TRACK,
     note_strobe,
 )
+from dimersweep.kernel.verdict.track import T_BEGUN, note_track
 
 SETTLED = 1e-4  # change of a strobe, in g/omega^2 and g/omega, that counts as none
 KEPT = 1e-3  # the same of a motion that has settled before: it is not lost at a corner of its family
@@ -44,10 +46,14 @@ MAX_PERIOD = 16
 
 @compiled
 def note_period(dm, state, modes, past):
-    """Strobe at a period boundary, and count for how long the motion has repeated with each period."""
+    """Strobe at a period boundary, count for how long the motion has repeated with each period, and go on with its track."""
     note_strobe(dm, state, modes, past)
+    settled = False
     for p in range(1, MAX_PERIOD + 1):
         past[RUNS, p] = past[RUNS, p] + 1.0 if repeats(past, p) else 0.0
+        settled = settled or past[RUNS, p] >= PATIENCE + p
+    if settled or past[TRACK, T_BEGUN] != 0.0:
+        note_track(dm, state, past)
 
 
 @compiled
