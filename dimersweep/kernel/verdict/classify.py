@@ -60,7 +60,7 @@ from dimersweep.kernel.verdict.past import (
     S_STROBES,
     SCALARS,
     STROBES,
-    TRACK,
+    TRACK_ROW,
 )
 from dimersweep.kernel.verdict.settling import PATIENCE, ringing_period, settled_period, spin_drift
 from dimersweep.kernel.verdict.track import track_of
@@ -292,7 +292,7 @@ def verdict(dm, past, at_rest, left, out):
     out[OUT_CHANGE_AHEAD] = change_ahead(dm, past, left)
     track = TR_NONE
     if p > 0:
-        track, out[OUT_CENTRE_VELOCITY_X], out[OUT_CENTRE_VELOCITY_Y] = track_of(past[TRACK], dm.period, left)
+        track, out[OUT_CENTRE_VELOCITY_X], out[OUT_CENTRE_VELOCITY_Y] = track_of(past[TRACK_ROW], dm.period, left)
         out[OUT_SETTLED_AFTER] = past[SCALARS, S_STROBES] - past[RUNS, p]
         out[OUT_SPIN_DRIFT] = spin_drift(dm, past, p)
     end = orbit_of(past, out) if mode == M_DRIFT else 0

@@ -38,7 +38,7 @@ SLIP_LINE = 1e-7  # slip, in g/omega, from which an end slips at the end of a do
 
 RING = 64
 # rows of the past: scalars, the track (``verdict.track``), strobes, double events, long landings
-SCALARS, TRACK, STROBES, DOUBLES, LANDINGS = 0, 2, 3, 3 + RING, 3 + 2 * RING
+SCALARS, TRACK_ROW, STROBES, DOUBLES, LANDINGS = 0, 2, 3, 3 + RING, 3 + 2 * RING
 PAST_ROWS, PAST_COLUMNS = 3 + 3 * RING, 24
 # scalars
 S_OFF_1, S_OFF_2, S_DOWN_1, S_DOWN_2, S_DOUBLES, S_LANDINGS, S_STROBES, S_CLOSED, S_HOP_1, S_HOP_2 = range(10)

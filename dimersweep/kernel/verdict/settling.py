@@ -30,7 +30,7 @@ from dimersweep.kernel.verdict.past import (
     S_STROBES,
     SCALARS,
     STROBES,
-    TRACK,
+    TRACK_ROW,
     note_strobe,
 )
 from dimersweep.kernel.verdict.track import T_BEGUN, note_track
@@ -52,7 +52,7 @@ def note_period(dm, state, modes, past):
     for p in range(1, MAX_PERIOD + 1):
         past[RUNS, p] = past[RUNS, p] + 1.0 if repeats(past, p) else 0.0
         settled = settled or past[RUNS, p] >= PATIENCE + p
-    if settled or past[TRACK, T_BEGUN] != 0.0:
+    if settled or past[TRACK_ROW, T_BEGUN] != 0.0:
         note_track(dm, state, past)
 
 

@@ -25,7 +25,7 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.kernel.numerics.elementary import atan2
 from dimersweep.kernel.numerics.sincos import sincos
-from dimersweep.kernel.verdict.past import TRACK, time_of
+from dimersweep.kernel.verdict.past import TRACK_ROW, time_of
 
 TURNED_BACK = 0.1  # turning of the heading [rad] that counts: less is straight, and a reversal comes back by more
 STANDS = 0.01  # speed of a circle's centre, in that of the dimer, below which it stands
@@ -51,7 +51,7 @@ def note_track(dm, state, past):
         sin_t, cos_t = sincos(state[THETA])
         reach = -dm.p1.h * cos_b
         x, y = state[X1] - reach * sin_t, state[Y1] + reach * cos_t
-    follow_track(past[TRACK], time_of(dm, state), x, y, state[THETA], NO_SPEED * dm.g / dm.omega)
+    follow_track(past[TRACK_ROW], time_of(dm, state), x, y, state[THETA], NO_SPEED * dm.g / dm.omega)
 
 
 @compiled
