@@ -57,6 +57,17 @@ WORDS = {
         "sk_sp": "p1 sticks, p2 slips",
         "sk_sk": "both ends stick",
     },
+    "track": {
+        "none": "the motion has not settled, or rests",
+        "straight": "the heading has turned by less than 0.1 rad since the motion settled",
+        "arc": "it has turned by more, but not by a whole turn",
+        "circle": "the heading has made a whole turn; in the last one the circle's centre moved by less than 1 % of the path",
+        "loops": "the centre moved by more, and the velocity turned along with the heading",
+        "waves": "the velocity did not turn along: the centre moves faster than the circle turns",
+        "cusps": "in the last turn, or before the heading turned back, the velocity (its mean over a period) turned by more "
+        "than a right angle from one period to the next",
+        "reversals": "the heading turned back by more than 0.1 rad, without a cusp, and has made no whole turn since",
+    },
     "answer": {
         "not_run": "the point has not been searched",
         "no": "certain: no",

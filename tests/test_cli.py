@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager
+from math import isnan
 from pathlib import Path
 
 import pytest
@@ -187,7 +188,9 @@ def test_simulate_prints_json_and_draws(call):
     assert told["orbit"]["radius"] == pytest.approx(4.2447, rel=1e-3)
     assert Path("run.png").read_bytes().startswith(b"\x89PNG")
     run = dimersweep.simulate(periods=60)
-    assert [told[name] for name in RUN_COLUMNS] == [getattr(run, name) for name in RUN_COLUMNS]
+    numbers = [None if isnan(getattr(run, name)) else getattr(run, name) for name in RUN_COLUMNS]
+    assert [told[name] for name in RUN_COLUMNS] == numbers
+    assert told["track"] == "arc"
     assert [told["orbit"][name] for name in ORBIT_COLUMNS] == [getattr(run.orbit, name) for name in ORBIT_COLUMNS]
     told = json.loads(call("simulate", "--Gamma", "0.5", "--json")[0])
     assert (told["mode"], told["settled_after"], told["orbit"]) == ("rest", None, None)

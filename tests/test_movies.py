@@ -10,7 +10,7 @@ from PIL import Image
 
 from dimersweep import cli, simulate
 from dimersweep.errors import ParameterError, StoreError
-from dimersweep.plots import movie
+from dimersweep.plots import movie, replay
 from tests.browser import chromium_page, colors_of, needs_chromium
 
 pytestmark = pytest.mark.jit
@@ -155,3 +155,20 @@ def test_the_page_plays_in_a_browser_without_a_network(run, tmp_path):
         assert page.evaluate(moved) != first
         assert page.screenshot() != before
         assert errors == []
+
+
+def test_a_page_shows_the_plate_as_it_tilts_and_moves():
+    """The dimer falls by what the plate does, and a plate that moves by A sin(phase) carries its corners along."""
+    tilt, azimuth, Gamma_x = 0.2, 0.7, 0.5
+    run = simulate(tilt=tilt, azimuth=azimuth, Gamma_x=Gamma_x, periods=20)
+    shown = movie.frames(run, movie.playback_of(run, 2, fps=10))
+    uphill, downhill = np.array([[0.0, 0.0, 0.0], [np.cos(azimuth), np.sin(azimuth), 0.0]])
+    places = replay._in_room(
+        run, np.array([uphill, downhill, [-np.sin(azimuth), np.cos(azimuth), 0.0], [0.0, 0.0, 1.0]])
+    )
+    np.testing.assert_allclose(places[:, 2], [0, -np.sin(tilt), 0, np.cos(tilt)], atol=1e-15)
+    np.testing.assert_allclose(np.linalg.norm(places[1:], axis=1), 1)
+    np.testing.assert_allclose(np.cross(places[1], places[2]), places[3], atol=1e-15)
+    amplitude = Gamma_x * run.parameters["g"] / (2 * np.pi * run.parameters["f"]) ** 2
+    np.testing.assert_allclose(shown["away_x"], amplitude * np.sin(shown["phase"]), atol=1e-12)
+    assert not shown["away_y"].any()

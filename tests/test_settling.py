@@ -66,6 +66,36 @@ def test_the_creep_of_a_motion_that_is_no_drift():
     assert np.isnan(simulate(Gamma=0.5, periods=100, record=False).spin_drift)
 
 
+SWAYED = {"Gamma_x": 0.03}  # the heading drives its strobes, by more than its spin creeps
+
+
+def test_a_drift_whose_heading_is_driven_is_a_drift():
+    """Its strobe follows the heading: at the same heading, one turn later, it is the same."""
+    run = simulate(**SWAYED, periods=800)
+    assert run.mode == "drift"
+    assert run.mode_period == 1
+    assert run.settled_after < 50
+    x, _ = strobes(run)
+    heading = run.section()["theta"].values[1:]
+    late = slice(100, None)
+    change = np.abs(np.diff(x, axis=0)).max(axis=1)
+    assert (change[late] > 1e-4).mean() > 0.5  # by its strobes alone it would not have settled
+    assert (change[late] < np.abs(np.diff(heading))[late]).all()
+    again = np.argmin(np.abs(heading - (heading[100] - 2 * np.pi)))
+    assert np.abs(x[again] - x[100]).max() < 0.1 * np.ptp(x[late], axis=0).max()
+
+
+def test_a_heading_that_turns_is_followed_to_the_last_period_asked_for():
+    """The pace of now says nothing of the turn to come, so that there is no early end but in rest."""
+    run = simulate(**SWAYED, periods=300, record=False, stop_when_settled=True)
+    assert run.mode == "drift"
+    assert run.n_periods == 300
+    assert run.change_ahead == 0
+    resting = simulate(**SWAYED, beta0=0.15, Gamma=0.5, periods=300, record=False, stop_when_settled=True)
+    assert resting.mode == "rest"
+    assert resting.n_periods < 100
+
+
 def test_a_fast_part_that_falls_is_foreseen():
     """At 60 periods the strobes have not repeated for 24 of them, but fall tenfold in 10; at 400 they are the same drift."""
     scene = {"e": 0.7, "beta0": np.radians(42), "rtol": 1e-6}

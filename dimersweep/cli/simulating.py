@@ -79,7 +79,7 @@ def simulate(
 
 def _as_dict(run: "Run") -> dict[str, Any]:
     """What came out of `run`, as JSON can hold it."""
-    names = ("status", "message", "mode", "mode_period", "n_events", "n_periods", "end_speed")
+    names = ("status", "message", "mode", "mode_period", "track", "n_events", "n_periods", "end_speed")
     numbers = {name: getattr(run, name) for name in RUN_COLUMNS}
     return {
         "parameters": stated(run.parameters),
@@ -105,6 +105,11 @@ def _print_table(run: "Run", bounds: dict[str, float]) -> None:
     table.add_row("mode", run.mode + repeats)
     if run.mode == "rest":
         table.add_row("both ends stay down, speed", f"{run.end_speed:.4g}", "m/s")
+    if run.track != "none":
+        table.add_row("track", run.track)
+    if not isnan(run.centre_velocity_x):
+        velocity = f"{run.centre_velocity_x:.4g}, {run.centre_velocity_y:.4g}"
+        table.add_row("velocity of the circle's centre", velocity, "m/s")
     table.add_row("forcing periods", str(run.n_periods))
     table.add_row("events", str(run.n_events))
     for name, bound in bounds.items():

@@ -18,6 +18,7 @@ from dimersweep.kernel.model.layout import (
     CODE_N_EVENTS,
     CODE_N_PERIODS,
     CODE_STATUS,
+    CODE_TRACK,
     DI_NONE,
     FREE,
     M_APERIODIC,
@@ -30,6 +31,7 @@ from dimersweep.kernel.model.layout import (
     PERIOD,
     PHASE,
     STOPPED,
+    TR_NONE,
 )
 from dimersweep.kernel.numerics.steps import copy
 from dimersweep.kernel.record import EVENT_COUNT, clear_counts, no_record, without_rows
@@ -81,7 +83,7 @@ def run_rows(rows, starts, ask, until, out, codes, space, record):
     for k in range(rows.shape[0]):
         set_dimer(rows[k], dm)
         begin_run(dm, rows[k], starts, k, run)
-        run_to_verdict(dm, ask, run, record, out[k], codes[k])
+        run_to_verdict(dm, asked_on(dm, ask), run, record, out[k], codes[k])
         if codes[k, CODE_MODE] == M_UNRESOLVED and ask.periods >= EVIDENCE:
             status, apart = follow_with_twin(dm, ask, run, later, twin, without_rows(record), space.strobe)
             if apart:
@@ -93,6 +95,12 @@ def run_rows(rows, starts, ask, until, out, codes, space, record):
         if until >> codes[k, CODE_MODE] & 1:
             return k + 1
     return rows.shape[0]
+
+
+@compiled
+def asked_on(dm, ask):
+    """What is asked of a run on this plate: its path, too, where the heading counts, for the verdict on its track."""
+    return Ask(ask.periods, ask.rtol, ask.close, ask.settle, ask.path or dm.sideways != 0.0)
 
 
 @compiled
@@ -113,8 +121,9 @@ def run_to_verdict(dm, ask, run, record, out, codes):
     """A run from its start to its verdict; fills its outcome."""
     clear_counts(record.counts)
     status, at_rest = evolve(dm, ask, run, record)
-    mode, p, end = verdict(dm, run.past, at_rest, ask.periods - int(run.state[PERIOD]), out)
+    mode, p, end, track = verdict(dm, run.past, at_rest, ask.periods - int(run.state[PERIOD]), out)
     codes[CODE_STATUS], codes[CODE_MODE], codes[CODE_MODE_PERIOD], codes[CODE_DI_END] = status, mode, p, end
+    codes[CODE_TRACK] = track
     codes[CODE_N_EVENTS], codes[CODE_N_PERIODS] = record.counts[EVENT_COUNT], int(run.state[PERIOD])
     if mode == M_REST:
         out[OUT_SPEED] = length(run.state[CA], run.state[CB])  # a dimer whose ends stay down may roll or slide on
@@ -126,6 +135,7 @@ def run_to_verdict(dm, ask, run, record, out, codes):
 def note_failure(status, out, codes):
     """The outcome of a run that could not go on."""
     codes[CODE_STATUS], codes[CODE_MODE], codes[CODE_MODE_PERIOD], codes[CODE_DI_END] = status, M_FAILED, 0, DI_NONE
+    codes[CODE_TRACK] = TR_NONE
     for j in range(out.shape[0]):
         out[j] = nan
 

@@ -17,6 +17,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import Affine2D
 from PIL import Image
 
 from dimersweep.errors import ParameterError, StoreError
@@ -193,17 +194,20 @@ def playback_of(
 
 
 def frames(run: "Run", playback: Playback) -> xr.Dataset:
-    """The states of the frames, with the centres of both balls."""
+    """The states of the frames relative to the plate, with the centres of both balls, and how far the plate is away [m]."""
     p = run.parameters
     kinds = run.events["kind"].values
     impacts = np.unique(run.events["time"].values[np.char.startswith(kinds, "DI")])
     states = run.states(playback.times(impacts, 1 / p["f"]))
-    length = dimer_from(p).l
+    dm = dimer_from(p)
+    length = dm.l
     across = length * np.cos(states["beta"])
     return states.assign(
         x2=states["x1"] - across * np.sin(states["theta"]),
         y2=states["y1"] + across * np.cos(states["theta"]),
         z2=states["z1"] + length * np.sin(states["beta"]),
+        away_x=dm.G_x / dm.omega**2 * np.sin(states["phase"] + dm.lag_x),
+        away_y=dm.G_y / dm.omega**2 * np.sin(states["phase"] + dm.lag_y),
     )
 
 
@@ -238,19 +242,26 @@ def _rendered(run: "Run", playback: Playback, dpi: int) -> Iterator[np.ndarray]:
 
 
 def _side_view(axes: Axes, run: "Run", shown: xr.Dataset) -> Callable[[int], list[Any]]:
-    """Seen along the plate, square to the rod: heights are true, and the ball p1 stands still."""
-    radii, length = radii_of(run), dimer_from(run.parameters).l
+    """Seen along the plate, square to the rod, as it tilts and moves there: p1 stands still on it, and up is up."""
+    dimer = dimer_from(run.parameters)
+    radii, length = radii_of(run), dimer.l
     across = 1e3 * length * np.cos(shown["beta"].values)
     z1, z2, plate = (1e3 * shown[name].values for name in ("z1", "z2", "plate"))
     r = max(radii)
+    cos_a, sin_a = -np.sin(shown["theta"].values), np.cos(shown["theta"].values)  # of the rod on the plate
+    away = 1e3 * (shown["away_x"].values * cos_a + shown["away_y"].values * sin_a)
+    falls = np.arctan2(dimer.fall_x * cos_a + dimer.fall_y * sin_a, dimer.g)
+    left, right, top = -3 * r, 1e3 * length + 3 * r, max(z1.max(), z2.max()) + 2 * r
+    corners = np.array([(u, v) for u in (left, right) for v in (plate.min() - r, top)]).T
+    seen = np.array([_turned(corners + np.array([[by], [0]]), -angle) for by, angle in zip(away, falls, strict=True)])
     table = Rectangle((-3 * r, 0), 1e3 * length + 6 * r, r / 2, color=PLATE)
     axes.add_patch(table)
     (rod,) = axes.plot([], [], color=ROD, linewidth=3, solid_capstyle="round")
     balls = [Circle((0, 0), radius, color=color) for radius, color in zip(radii, BALLS, strict=True)]
     for ball in balls:
         axes.add_patch(ball)
-    axes.set_xlim(-3 * r, 1e3 * length + 3 * r)
-    axes.set_ylim(plate.min() - r, max(z1.max(), z2.max()) + 2 * r)
+    axes.set_xlim(seen[:, 0].min(), seen[:, 0].max())
+    axes.set_ylim(seen[:, 1].min(), seen[:, 1].max())
     axes.set_aspect("equal", adjustable="box")
     axes.set_xlabel("along the rod [mm]")
     axes.set_ylabel("height [mm]")
@@ -262,13 +273,23 @@ def _side_view(axes: Axes, run: "Run", shown: xr.Dataset) -> Callable[[int], lis
         balls[0].center, balls[1].center = (0.0, z1[k]), (across[k], z2[k])
         rod.set_data([0.0, across[k]], [z1[k], z2[k]])
         table.set_y(plate[k] - r / 2)
+        place = Affine2D().translate(away[k], 0).rotate(-falls[k]) + axes.transData
+        for artist in (table, rod, *balls):
+            artist.set_transform(place)
         return [table, rod, *balls]
 
     return update
 
 
+def _turned(points: np.ndarray, angle: float) -> np.ndarray:
+    """Points, shape (2, n), turned about the origin."""
+    c, s = np.cos(angle), np.sin(angle)
+    turned: np.ndarray = np.array([[c, -s], [s, c]]) @ points
+    return turned
+
+
 def _view_from_above(axes: Axes, run: "Run", shown: xr.Dataset) -> Callable[[int], list[Any]]:
-    """Seen from above, with the track of the centre of mass."""
+    """Seen from above, with the track of the centre of mass on the plate; a plate that moves sideways is shown to."""
     radii = radii_of(run)
     r = max(radii)
     x, y = (1e3 * shown[name].values for name in ("x", "y"))
@@ -278,10 +299,15 @@ def _view_from_above(axes: Axes, run: "Run", shown: xr.Dataset) -> Callable[[int
     balls = [Circle((0, 0), radius, color=color) for radius, color in zip(radii, BALLS, strict=True)]
     for ball in balls:
         axes.add_patch(ball)
+    away = 1e3 * np.column_stack([shown["away_x"], shown["away_y"]])
     allx, ally = np.concatenate([e[0] for e in ends]), np.concatenate([e[1] for e in ends])
-    half = max(np.ptp(allx), np.ptp(ally)) / 2 + 2 * r
-    axes.set_xlim((allx.min() + allx.max()) / 2 + np.array([-half, half]))
-    axes.set_ylim((ally.min() + ally.max()) / 2 + np.array([-half, half]))
+    half, moves = max(np.ptp(allx), np.ptp(ally)) / 2 + 2 * r, np.abs(away).max()
+    middle = (allx.min() + allx.max()) / 2, (ally.min() + ally.max()) / 2
+    corner = middle[0] - half, middle[1] - half
+    table = Rectangle(corner, 2 * half, 2 * half, color=PLATE, alpha=0.25, visible=moves > 0, zorder=0)
+    axes.add_patch(table)
+    axes.set_xlim(middle[0] + (half + 1.5 * moves) * np.array([-1, 1]))
+    axes.set_ylim(middle[1] + (half + 1.5 * moves) * np.array([-1, 1]))
     axes.set_aspect("equal", adjustable="box")
     axes.set_xlabel("$x$ [mm]")
     axes.set_ylabel("$y$ [mm]")
@@ -294,6 +320,8 @@ def _view_from_above(axes: Axes, run: "Run", shown: xr.Dataset) -> Callable[[int
         for ball, (u, v) in zip(balls, ends, strict=True):
             ball.center = (u[k], v[k])
         rod.set_data([ends[0][0][k], ends[1][0][k]], [ends[0][1][k], ends[1][1][k]])
-        return [track, rod, *balls]
+        for artist in (table, track, rod, *balls):
+            artist.set_transform(Affine2D().translate(*away[k]) + axes.transData)
+        return [table, track, rod, *balls]
 
     return update

@@ -1,11 +1,13 @@
 """A run to turn around: one page of HTML that holds its own script (plotly) and shows the motion in three dimensions."""
 
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
 from dimersweep.errors import StoreError
+from dimersweep.parameters import dimer_from
 from dimersweep.plots.movie import BALLS, PLATE, ROD, TRACK, Playback, frames, radii_of
 
 if TYPE_CHECKING:
@@ -79,6 +81,22 @@ def _xyz(points: np.ndarray) -> dict[str, list[float]]:
     return dict(zip("xyz", rounded, strict=True))
 
 
+def _in_room(run: "Run", points: np.ndarray, away: Any = (0.0, 0.0, 0.0)) -> np.ndarray:
+    """Points, shape (n, 3), relative to a plate that is `away` along itself, turned with it: up is up."""
+    dimer = dimer_from(run.parameters)
+    fall = complex(dimer.fall_x, dimer.fall_y)
+    tilt, azimuth = np.arctan2(abs(fall), dimer.g), np.angle(fall)
+    u, v, c, s = np.cos(azimuth), np.sin(azimuth), np.cos(tilt), np.sin(tilt)
+    falls, level, normal = np.array([u * c, v * c, -s]), np.array([-v, u, 0.0]), np.array([u * s, v * s, c])
+    axes = np.array([u * falls - v * level, v * falls + u * level, normal])  # X, Y and Z of the plate, in the room
+    return np.asarray((points + np.asarray(away)) @ axes)
+
+
+def _away(shown: xr.Dataset, k: int) -> list[float]:
+    """How far the plate is away along itself in frame k [mm]."""
+    return [1e3 * shown["away_x"].values[k], 1e3 * shown["away_y"].values[k], 0.0]
+
+
 def _centre(shown: xr.Dataset, k: int, ball: int) -> np.ndarray:
     """Centre of a ball (1 or 2) in frame k [mm]."""
     return 1e3 * np.array([shown[f"{axis}{ball}"].values[k] for axis in "xyz"])
@@ -91,12 +109,20 @@ def _span(shown: xr.Dataset, axis: str, room: float) -> list[float]:
     return [float(lowest), float(values.max() + (room / 2 if axis == "z" else room))]
 
 
-def _plate(shown: xr.Dataset, r: float, k: int) -> dict[str, list[float]]:
-    """Corners of the piece of plate that is shown, at its height in frame k."""
+def _box(run: "Run", spans: list[list[float]]) -> dict[str, list[float]]:
+    """Least and greatest coordinate in the room of all that is shown of a plate with these spans [mm]."""
+    corners = _in_room(run, np.array(list(product(*spans))))
+    return {
+        axis: [float(low), float(high)] for axis, low, high in zip("xyz", corners.min(0), corners.max(0), strict=True)
+    }
+
+
+def _plate(shown: xr.Dataset, r: float, k: int) -> np.ndarray:
+    """Corners of the piece of plate that is shown, at its height in frame k, shape (4, 3) [mm]."""
     (left, right), (near, far) = (_span(shown, axis, 4 * r) for axis in "xy")
     x, y = [left, right, right, left], [near, near, far, far]
     z = [1e3 * shown["plate"].values[k]] * 4
-    return _xyz(np.column_stack([x, y, z]))
+    return np.column_stack([x, y, z])
 
 
 def _moved(run: "Run", shown: xr.Dataset, k: int) -> list[dict[str, Any]]:
@@ -107,8 +133,9 @@ def _moved(run: "Run", shown: xr.Dataset, k: int) -> list[dict[str, Any]]:
     path = np.column_stack([shown["x"][: k + 1], shown["y"][: k + 1], shown["z"][: k + 1]]) * 1e3
     ends = np.array([first, second])
     kinds = ("mesh3d", "mesh3d", "scatter3d", "mesh3d", "scatter3d")
-    places = (_xyz(first + small), _xyz(second + other), _xyz(ends), _plate(shown, max(radii), k), _xyz(path[-1:]))
-    return [{"type": kind} | place for kind, place in zip(kinds, places, strict=True)]
+    places = (first + small, second + other, ends, _plate(shown, max(radii), k), path[-1:])
+    turned = [_xyz(_in_room(run, place, _away(shown, k))) for place in places]
+    return [{"type": kind} | place for kind, place in zip(kinds, turned, strict=True)]
 
 
 def _scene(run: "Run", shown: xr.Dataset) -> list[dict[str, Any]]:
@@ -126,7 +153,7 @@ def _scene(run: "Run", shown: xr.Dataset) -> list[dict[str, Any]]:
     path = 1e3 * np.column_stack([shown["x"], shown["y"], shown["z"]])
     line = {"color": TRACK, "width": 3}
     track = {"type": "scatter3d", "mode": "lines", "line": line, "name": "track", "hoverinfo": "skip"}
-    return [*moving, track | _xyz(path)]
+    return [*moving, track | _xyz(_in_room(run, path))]
 
 
 def _layout(run: "Run", shown: xr.Dataset, playback: Playback) -> dict[str, Any]:
@@ -147,7 +174,7 @@ def _layout(run: "Run", shown: xr.Dataset, playback: Playback) -> dict[str, Any]
     ]
     play = {"x": 0.03, "xanchor": "left", "y": 0, "yanchor": "top", "pad": {"t": 0}}  # left of the slider's number
     room = 4 * max(radii_of(run))
-    spans = {axis: _span(shown, axis, room) for axis in "xyz"}
+    spans = _box(run, [_span(shown, axis, room) for axis in "xyz"])
     widest = max(high - low for low, high in spans.values())
     ratio = {axis: (high - low) / widest for axis, (low, high) in spans.items()}
     ticks = {axis: max(3, round(8 * share)) for axis, share in ratio.items()}

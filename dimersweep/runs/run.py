@@ -51,6 +51,9 @@ class Run(RunNumbers):
         What the motion became: rest, drift, jump, flutter, period_n, aperiodic, unresolved or, without "ok", failed.
     mode_period : int
         Forcing periods after which it repeats, 0 if it does not.
+    track : str
+        What a settled motion draws on the plate: straight, arc, circle, loops, waves, cusps or reversals
+        (docs/imperfect.md); none if it has not settled, or rests.
     parameters : dict
         Every parameter of the model; those that may be left out (`symbols.LEFT_OUT`) where they were not.
     start : dict or None
@@ -81,6 +84,10 @@ class Run(RunNumbers):
         Of a run that stopped before the periods asked for: the largest change that its numbers would still make in the
         others, extrapolated; 0 of a run that made them all. It is relative of the orbit's radius, period, speed,
         precession rate and spin, and absolute of zeta [rad], impact phase [cycles] and the longest hops [forcing periods].
+    centre_velocity_x, centre_velocity_y : float
+        Velocity of the circle's centre relative to the plate [m/s]: the displacement from a heading to the same heading, over
+        the last whole turn, by its time. 0 on a level plate; NaN where no whole turn was made since the motion settled, or
+        since its heading turned back.
 
     Examples
     --------
@@ -96,6 +103,7 @@ class Run(RunNumbers):
     message: str
     mode: str
     mode_period: int
+    track: str
     parameters: dict[str, float]
     rtol: float
     n_events: int

@@ -33,6 +33,7 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.kernel.numerics import elementary
 from dimersweep.kernel.numerics import sincos as sines
+from dimersweep.kernel.verdict import track
 from dimersweep.parameters import Parameters
 from tests.checks.cached import compiled
 
@@ -57,6 +58,16 @@ def end(dm, s):
 @compiled
 def sincos(x):
     return sines.sincos(x)
+
+
+@compiled
+def follow_track(row, time, x, y, heading, no_speed):
+    track.follow_track(row, time, x, y, heading, no_speed)
+
+
+@compiled
+def track_of(row, period, left):
+    return track.track_of(row, period, left)
 
 
 @compiled

@@ -151,6 +151,10 @@ M_NOT_RUN, M_FAILED, M_REST, M_DRIFT, M_JUMP, M_FLUTTER, M_PERIOD_N, M_APERIODIC
 DI_ENDS = ("none", "sp_sp", "sp_sk", "sk_sp", "sk_sk")
 DI_NONE, DI_SP_SP, DI_SP_SK, DI_SK_SP, DI_SK_SK = range(5)
 
+# --- what a settled motion draws on the plate (``verdict.track``) -----------------------------------------------------
+TRACKS = ("none", "straight", "arc", "circle", "loops", "waves", "cusps", "reversals")
+TR_NONE, TR_STRAIGHT, TR_ARC, TR_CIRCLE, TR_LOOPS, TR_WAVES, TR_CUSPS, TR_REVERSALS = range(8)
+
 # --- outcome of one run: a row of integers and a row of floats, which are columns of cubes and attributes of runs -------
 
 
@@ -174,13 +178,14 @@ CODE_COLUMNS = {
     "mode": Quantity("1", "mode of motion"),
     "mode_period": Quantity("1", "period of the motion in forcing periods", 0, 16),
     "di_end": Quantity("1", "friction of p1, p2 at the end of the double impact"),
+    "track": Quantity("1", "what the centre of mass draws on the plate"),
     "n_events": Quantity("1", "number of landings, impacts, lift-offs and changes between slip and stick", 0),
     "n_periods": Quantity("1", "number of forcing periods run", 0),
 }
-CODE_WORDS = {"mode": MODES, "status": STATUSES, "di_end": DI_ENDS}  # of those that are flags
+CODE_WORDS = {"mode": MODES, "status": STATUSES, "di_end": DI_ENDS, "track": TRACKS}  # of those that are flags
 CODES = tuple(CODE_COLUMNS)
 N_CODES = len(CODES)
-CODE_STATUS, CODE_MODE, CODE_MODE_PERIOD, CODE_DI_END, CODE_N_EVENTS, CODE_N_PERIODS = range(N_CODES)
+CODE_STATUS, CODE_MODE, CODE_MODE_PERIOD, CODE_DI_END, CODE_TRACK, CODE_N_EVENTS, CODE_N_PERIODS = range(N_CODES)
 
 
 def _column(units: str, long_name: str, least: float = -inf, most: float = inf) -> Any:
@@ -231,6 +236,8 @@ class RunNumbers:
     change_ahead: float = _column(
         "1", "largest change left out: that of the numbers in the periods that were not run, extrapolated", 0
     )
+    centre_velocity_x: float = _column("m s-1", "velocity of the circle's centre along x, over the last whole turn")
+    centre_velocity_y: float = _column("m s-1", "velocity of the circle's centre along y, over the last whole turn")
 
 
 ORBIT_COLUMNS, RUN_COLUMNS = (
@@ -243,4 +250,5 @@ OUT_RADIUS, OUT_PERIOD, OUT_ZETA, OUT_SPEED, OUT_PRECESSION_RATE, OUT_IMPACT_PHA
 OUT_SPIN_RATE, OUT_BETA_RATE_AFTER, OUT_DOWN_SHARE_1, OUT_DOWN_SHARE_2, OUT_SETTLED_AFTER = range(
     2 * N_ORBIT, 2 * N_ORBIT + 5
 )
-OUT_SPIN_DRIFT, OUT_LONGEST_HOP_1, OUT_LONGEST_HOP_2, OUT_CHANGE_AHEAD = range(2 * N_ORBIT + 5, N_OUT)
+OUT_SPIN_DRIFT, OUT_LONGEST_HOP_1, OUT_LONGEST_HOP_2, OUT_CHANGE_AHEAD = range(2 * N_ORBIT + 5, 2 * N_ORBIT + 9)
+OUT_CENTRE_VELOCITY_X, OUT_CENTRE_VELOCITY_Y = range(2 * N_ORBIT + 9, N_OUT)

@@ -18,6 +18,8 @@ from dimersweep.kernel.model.layout import (
     N_ORBIT,
     N_OUT,
     OUT_BETA_RATE_AFTER,
+    OUT_CENTRE_VELOCITY_X,
+    OUT_CENTRE_VELOCITY_Y,
     OUT_CHANGE_AHEAD,
     OUT_DOWN_SHARE_1,
     OUT_IMPACT_PHASE,
@@ -29,6 +31,7 @@ from dimersweep.kernel.model.layout import (
     OUT_SPIN_DRIFT,
     OUT_SPIN_RATE,
     OUT_ZETA,
+    TR_NONE,
 )
 from dimersweep.kernel.verdict.past import (
     DE_END,
@@ -57,8 +60,10 @@ from dimersweep.kernel.verdict.past import (
     S_STROBES,
     SCALARS,
     STROBES,
+    TRACK_ROW,
 )
 from dimersweep.kernel.verdict.settling import PATIENCE, ringing_period, settled_period, spin_drift
+from dimersweep.kernel.verdict.track import track_of
 
 DOWN_LINE = 0.9  # share of the time one ball is down in the drift mode
 TOGETHER = 0.15  # landings of a jump lie closer than this
@@ -221,8 +226,11 @@ def orbit_of(past, out):
 
 @compiled
 def stays_as_it_is(dm, past, left):
-    """Whether the motion has settled, and its numbers stand as they are for the periods that are left of a run."""
-    return settled_period(past) > 0 and change_ahead(dm, past, left) <= STILL
+    """Whether the motion has settled, and its numbers stand as they are for the periods that are left of a run.
+
+    Where they go with the heading, their pace of now says nothing of the turn to come.
+    """
+    return dm.sideways == 0.0 and settled_period(past) > 0 and change_ahead(dm, past, left) <= STILL
 
 
 @compiled
@@ -265,7 +273,7 @@ def hop_pace(dm, past, p, i):
 
 @compiled
 def verdict(dm, past, at_rest, left, out):
-    """Mode, its period and the end of the double impact; fills the outcome row (nan where a number has no meaning).
+    """Mode, its period, the end of the double impact, and the track; fills the outcome row (nan where a number has no meaning).
 
     A run that rests does so for the periods that are left of it, too: both ends are down in them.
     """
@@ -282,8 +290,10 @@ def verdict(dm, past, at_rest, left, out):
         elif span > 0:
             out[OUT_DOWN_SHARE_1 + i], out[OUT_LONGEST_HOP_1 + i] = 1.0, 0.0
     out[OUT_CHANGE_AHEAD] = change_ahead(dm, past, left)
+    track = TR_NONE
     if p > 0:
+        track, out[OUT_CENTRE_VELOCITY_X], out[OUT_CENTRE_VELOCITY_Y] = track_of(past[TRACK_ROW], dm.period, left)
         out[OUT_SETTLED_AFTER] = past[SCALARS, S_STROBES] - past[RUNS, p]
         out[OUT_SPIN_DRIFT] = spin_drift(dm, past, p)
     end = orbit_of(past, out) if mode == M_DRIFT else 0
-    return mode, p, end
+    return mode, p, end, track

@@ -37,15 +37,17 @@ BURST = 0.05
 SLIP_LINE = 1e-7  # slip, in g/omega, from which an end slips at the end of a double impact
 
 RING = 64
-# rows of the past: scalars, strobes, double events, long landings
-SCALARS, STROBES, DOUBLES, LANDINGS = 0, 2, 2 + RING, 2 + 2 * RING
-PAST_ROWS, PAST_COLUMNS = 2 + 3 * RING, 24
+# rows of the past: scalars, the track (``verdict.track``), strobes, double events, long landings
+SCALARS, TRACK_ROW, STROBES, DOUBLES, LANDINGS = 0, 2, 3, 3 + RING, 3 + 2 * RING
+PAST_ROWS, PAST_COLUMNS = 3 + 3 * RING, 24
 # scalars
 S_OFF_1, S_OFF_2, S_DOWN_1, S_DOWN_2, S_DOUBLES, S_LANDINGS, S_STROBES, S_CLOSED, S_HOP_1, S_HOP_2 = range(10)
 S_FASTEST = 10  # greatest speed in the plate's frame so far [m/s], by which an impact is slow
 RUNS = 1  # this row holds, in column p, for how many periods the motion has repeated with period p
 # columns of a strobe
-P_D1, P_D2, P_N1, P_N2, P_SPIN, P_DOWN_1, P_DOWN_2, P_DOUBLES, P_TIME, P_OFF_1, P_OFF_2, P_HOP_1, P_HOP_2 = range(13)
+P_D1, P_D2, P_N1, P_N2, P_SPIN, P_DOWN_1, P_DOWN_2, P_DOUBLES, P_TIME, P_OFF_1, P_OFF_2, P_HOP_1, P_HOP_2, P_HEADING = (
+    range(14)
+)
 N_NORMAL = P_N2 + 1  # those up to here are the normal state, which a motion repeats
 # columns of a double event
 DE_TIME, DE_PHASE, DE_SPEED, DE_ZETA, DE_THETA, DE_SPIN, DE_WB, DE_END, DE_BOUNCER = range(9)
@@ -196,6 +198,7 @@ def note_strobe(dm, state, modes, past):
     row[P_D1], row[P_D2] = state[D1] / length, state[D2] / length
     row[P_N1], row[P_N2] = state[N1] / speed, state[N2] / speed
     row[P_SPIN] = max(dm.p1.r, dm.p2.r) * state[SPIN] / speed
+    row[P_HEADING] = state[THETA] if dm.sideways != 0.0 else 0.0  # else it is of no consequence
     row[P_DOWN_1], row[P_DOWN_2] = scalars[S_DOWN_1], scalars[S_DOWN_2]
     row[P_DOUBLES] = scalars[S_DOUBLES]
     row[P_TIME] = time_of(dm, state)

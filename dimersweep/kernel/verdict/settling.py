@@ -8,15 +8,32 @@ two measures of how far a strobe x (gaps and gap rates, in g/omega^2 and g/omega
 * PATIENCE times its second difference: x less where it was bound for at the pace of the p periods before. There the
   creep cancels but for its own slow change, and what is left is the fast part.
 
+On a plate that is tilted or moves sideways the family has an orbit for each heading, too. There a change of the heading
+[rad] counts as one of the spin does, and a second difference only by what exceeds the change times that of the heading:
+so much comes of a strobe that goes smoothly with it.
+
 A strobe has repeated if the less of the two is below SETTLED, or below KEPT where the motion has settled before: on its way
-along the family it passes corners, where the number of its small hops or the order of stick and slip changes. The motion
+along the family it passes corners, where the number of its small hops or the order of stick and slip changes. A heading
+that turns passes them again and again: there a change below that of the heading will do, too. The motion
 has settled when it has repeated for PATIENCE periods: what then is left of the fast part would change x by SETTLED in as
 many again, or less. A run that ends before has settled, too, where the fast part is seen to fall geometrically, over
 PATIENCE periods, to below SETTLED.
 """
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.verdict.past import N_NORMAL, P_SPIN, RING, RUNS, S_STROBES, SCALARS, STROBES, note_strobe
+from dimersweep.kernel.verdict.past import (
+    N_NORMAL,
+    P_HEADING,
+    P_SPIN,
+    RING,
+    RUNS,
+    S_STROBES,
+    SCALARS,
+    STROBES,
+    TRACK_ROW,
+    note_strobe,
+)
+from dimersweep.kernel.verdict.track import T_BEGUN, note_track
 
 SETTLED = 1e-4  # change of a strobe, in g/omega^2 and g/omega, that counts as none
 KEPT = 1e-3  # the same of a motion that has settled before: it is not lost at a corner of its family
@@ -29,33 +46,42 @@ MAX_PERIOD = 16
 
 @compiled
 def note_period(dm, state, modes, past):
-    """Strobe at a period boundary, and count for how long the motion has repeated with each period."""
+    """Strobe at a period boundary, count for how long the motion has repeated with each period, and go on with its track."""
     note_strobe(dm, state, modes, past)
+    settled = False
     for p in range(1, MAX_PERIOD + 1):
         past[RUNS, p] = past[RUNS, p] + 1.0 if repeats(past, p) else 0.0
+        settled = settled or past[RUNS, p] >= PATIENCE + p
+    if settled or past[TRACK_ROW, T_BEGUN] != 0.0:
+        note_track(dm, state, past)
 
 
 @compiled
 def repeats(past, p):
-    """Whether the motion has come back to where it was p periods ago, but for the creep of its spin."""
-    line = KEPT if past[RUNS, p] >= PATIENCE + p else SETTLED
-    return past[SCALARS, S_STROBES] > p and residual(past, p, 0) <= line
+    """Whether the motion has come back to where it was p periods ago, but for the creep of its spin and its heading."""
+    if past[SCALARS, S_STROBES] <= p:
+        return False
+    line = max(KEPT, slow_change(past, P_HEADING, p, 0)) if past[RUNS, p] >= PATIENCE + p else SETTLED
+    return residual(past, p, 0) <= line
 
 
 @compiled
 def residual(past, p, back):
     """How far the strobe `back` periods before the last one is from one that repeats over p periods."""
     moved = change(past, p, back)
-    if past[SCALARS, S_STROBES] <= 2 * p + back or moved <= SETTLED or moved > spin_change(past, p, back):
+    if past[SCALARS, S_STROBES] <= 2 * p + back or moved <= SETTLED:
         return moved
-    return min(moved, PATIENCE * fast_change(past, p, back))
+    turned = slow_change(past, P_HEADING, p, back)
+    if moved > max(slow_change(past, P_SPIN, p, back), turned):
+        return moved
+    return min(moved, PATIENCE * max(0.0, fast_change(past, p, back) - turned * moved))
 
 
 @compiled
-def spin_change(past, p, back):
-    """How far the spin came in p periods, in its unit."""
+def slow_change(past, which, p, back):
+    """How far the spin (P_SPIN) or the heading (P_HEADING) came in p periods, in its unit."""
     last = int(past[SCALARS, S_STROBES]) - 1 - back
-    return abs(past[STROBES + last % RING, P_SPIN] - past[STROBES + (last - p) % RING, P_SPIN])
+    return abs(past[STROBES + last % RING, which] - past[STROBES + (last - p) % RING, which])
 
 
 @compiled
