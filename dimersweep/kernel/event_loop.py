@@ -196,7 +196,8 @@ def noted_impact(dm, ask, motion, record):
     end, begins = note_landings(dm, past, state)
     status, rows = collide(dm, state, motion.modes, ask.rtol, past[SCALARS, S_FASTEST], motion.work, record.log)
     note_impact(dm, state, past, double, end, begins)
-    note_impact_phases(dm, record, state, rows, course.contact_before)
+    if status == OK:  # an impact that is not over has no rows
+        note_impact_phases(dm, record, state, rows, course.contact_before)
     return status
 
 

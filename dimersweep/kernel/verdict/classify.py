@@ -8,6 +8,7 @@ their pace over the last ones: so they are those at the end of the periods asked
 from math import copysign, nan, pi
 
 from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.model.body import extent
 from dimersweep.kernel.model.layout import (
     M_DRIFT,
     M_FLUTTER,
@@ -62,7 +63,7 @@ from dimersweep.kernel.verdict.past import (
     STROBES,
     TRACK_ROW,
 )
-from dimersweep.kernel.verdict.settling import PATIENCE, ringing_period, settled_period, spin_drift
+from dimersweep.kernel.verdict.settling import SETTLED_PERIODS, ringing_period, settled_period, spin_drift
 from dimersweep.kernel.verdict.track import track_of
 
 DOWN_LINE = 0.9  # share of the time one ball is down in the drift mode
@@ -70,7 +71,7 @@ TOGETHER = 0.15  # landings of a jump lie closer than this
 FIT = 20  # double events in the fit of an orbit's drift
 SPAN = 12  # last periods, over which the shares of contact and the longest hops are taken
 STILL = 8e-4  # change of its numbers, relative, in radians, cycles or periods, that a stopped run leaves out at most
-SLOW, STRAIGHT = 1e-2, 1e-9  # speed in g/omega, precession in omega: changes of lesser ones are relative to these
+SLOW_SPEED, STRAIGHT = 1e-2, 1e-9  # speed in g/omega, precession in omega: changes of lesser ones are relative to these
 
 
 @compiled
@@ -247,9 +248,9 @@ def change_ahead(dm, past, left):
     if mode == M_DRIFT:
         n, unit = fitted(past), dm.g / dm.omega
         turning = relative_pace(past, OUT_PRECESSION_RATE, n, STRAIGHT * dm.omega)
-        moving = relative_pace(past, OUT_SPEED, n, SLOW * unit)
+        moving = relative_pace(past, OUT_SPEED, n, SLOW_SPEED * unit)
         pace = max(pace, abs(turning), abs(moving), abs(moving - turning))  # of the period, the speed and the radius
-        pace = max(pace, abs(relative_pace(past, OUT_SPIN_RATE, n, unit / max(dm.p1.r, dm.p2.r))))
+        pace = max(pace, abs(relative_pace(past, OUT_SPIN_RATE, n, unit / extent(dm)[0])))
         pace = max(pace, abs(orbit_slope(past, OUT_IMPACT_PHASE, n)))
         angle = abs(orbit_slope(past, OUT_ZETA, n))
         if angle > pace:  # a dimer that stands has none
@@ -267,7 +268,7 @@ def relative_pace(past, k, n, least):
 @compiled
 def hop_pace(dm, past, p, i):
     """Change of the longest hop of end i per forcing period over the last periods of a motion of period p [periods]."""
-    span = p * (PATIENCE // p)
+    span = p * (SETTLED_PERIODS // p)
     return abs(longest_landed(dm, past, p, 0, i) - longest_landed(dm, past, p, span, i)) / span
 
 
