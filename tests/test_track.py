@@ -8,7 +8,7 @@ from dimersweep import simulate, sweep
 from dimersweep.cubes.cube import names
 from dimersweep.kernel.model.layout import TRACKS
 from dimersweep.kernel.verdict.past import PAST_COLUMNS
-from dimersweep.kernel.verdict.settling import PATIENCE
+from dimersweep.kernel.verdict.settling import SETTLED_PERIODS
 from dimersweep.kernel.verdict.track import T_KIND, T_U_X, T_U_Y
 from tests.checks.verbs import follow_track, track_of
 
@@ -101,7 +101,7 @@ def test_on_a_tilted_plate_the_centre_moves_uphill_as_the_track_says(tilted):
     """
     points = tilted.section()
     heading = -points["theta"].values
-    first = int(tilted.settled_after) + PATIENCE + tilted.mode_period
+    first = int(tilted.settled_after) + SETTLED_PERIODS + tilted.mode_period
     second = np.argmax(heading >= heading[first] + 2 * np.pi)
     assert heading[-1] < heading[second] + 4 * np.pi
     if heading[-1] >= heading[second] + 2 * np.pi:

@@ -32,7 +32,7 @@ from dimersweep.kernel.contact.coordinates import (
 )
 from dimersweep.kernel.contact.events import slip_speed
 from dimersweep.kernel.contact.forces import COMPLIANCE, F1, F2, contact_rates, path_rates, single_rates
-from dimersweep.kernel.model.body import attitude, end
+from dimersweep.kernel.model.body import attitude, end, extent
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import FREE, SLIP
 from dimersweep.kernel.model.plate import acceleration_along, effective_gravity
@@ -164,7 +164,7 @@ def set_scales(dm, tol, scale):
     scale[YS] = 10.0 * tol * dm.w_scale
     scale[YUA] = scale[YUB] = tol * dm.v_scale
     scale[YTIME] = tol * dm.period
-    scale[YX] = scale[YY] = tol * max(dm.p1.r, dm.p2.r)
+    scale[YX] = scale[YY] = tol * extent(dm)[0]
     scale[YGAMMA] = 10.0 * tol
 
 

@@ -9,6 +9,7 @@ from math import nan, pi, sqrt
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.impact.impact import contact_velocity
+from dimersweep.kernel.model.body import extent
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import (
     CA,
@@ -197,7 +198,7 @@ def note_strobe(dm, state, modes, past):
     length = speed / dm.omega
     row[P_D1], row[P_D2] = state[D1] / length, state[D2] / length
     row[P_N1], row[P_N2] = state[N1] / speed, state[N2] / speed
-    row[P_SPIN] = max(dm.p1.r, dm.p2.r) * state[SPIN] / speed
+    row[P_SPIN] = extent(dm)[0] * state[SPIN] / speed
     row[P_HEADING] = state[THETA] if dm.sideways != 0.0 else 0.0  # else it is of no consequence
     row[P_DOWN_1], row[P_DOWN_2] = scalars[S_DOWN_1], scalars[S_DOWN_2]
     row[P_DOUBLES] = scalars[S_DOUBLES]

@@ -12,15 +12,16 @@ On a plate that is tilted or moves sideways the family has an orbit for each hea
 [rad] counts as one of the spin does, and a second difference only by what exceeds the change times that of the heading:
 so much comes of a strobe that goes smoothly with it.
 
-A strobe has repeated if the less of the two is below SETTLED_CHANGE, or below KEPT where the motion has settled before: on its way
-along the family it passes corners, where the number of its small hops or the order of stick and slip changes. A heading
-that turns passes them again and again: there a change below that of the heading will do, too. The motion
-has settled when it has repeated for SETTLED_PERIODS periods: what then is left of the fast part would change x by SETTLED_CHANGE in as
-many again, or less. A run that ends before has settled, too, where the fast part is seen to fall geometrically, over
-SETTLED_PERIODS periods, to below SETTLED_CHANGE.
+A strobe has repeated if the less of the two is below SETTLED_CHANGE, or below KEPT where the motion has settled before: on
+its way along the family it passes corners, where the number of its small hops or the order of stick and slip changes. A
+heading that turns passes them again and again: there a change below that of the heading will do, too. The motion has
+settled when it has repeated for SETTLED_PERIODS periods: what then is left of the fast part would change x by
+SETTLED_CHANGE in as many again, or less. A run that ends before has settled, too, where the fast part is seen to fall
+geometrically, over SETTLED_PERIODS periods, to below SETTLED_CHANGE.
 """
 
 from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.model.body import extent
 from dimersweep.kernel.verdict.past import (
     N_NORMAL,
     P_HEADING,
@@ -150,7 +151,7 @@ def ringing_period(past):
 
 @compiled
 def rings_down(past, p):
-    """Whether the fast part falls by FALL from each FALL_STRETCH of the last SETTLED_PERIODS periods to the next, to below SETTLED_CHANGE."""
+    """Whether the fast part falls by FALL from each FALL_STRETCH of the last periods to the next, to below SETTLED_CHANGE."""
     if past[SCALARS, S_STROBES] < SETTLED_PERIODS + 2 * p:
         return False
     older = largest_residual(past, p, FALL_STRETCH, 2 * FALL_STRETCH)
@@ -172,4 +173,4 @@ def spin_drift(dm, past, p):
     """Change of the spin per forcing period over the last periods of a motion of period p [rad/s]."""
     last, span = int(past[SCALARS, S_STROBES]) - 1, p * (SETTLED_PERIODS // p)
     change = past[STROBES + last % RING, P_SPIN] - past[STROBES + (last - span) % RING, P_SPIN]
-    return change / span * dm.g / (dm.omega * max(dm.p1.r, dm.p2.r))
+    return change / span * dm.g / (dm.omega * extent(dm)[0])
