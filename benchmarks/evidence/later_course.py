@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dimersweep import simulate
-from dimersweep.kernel.verdict.settling import KEPT, PATIENCE
+from dimersweep.kernel.verdict.settling import KEPT, SETTLED_PERIODS
 from dimersweep.orbits.families import Seen, seen_at
 from dimersweep.orbits.finding import repeats_after
 from dimersweep.orbits.following import Trace, traced
@@ -63,12 +63,12 @@ def why(point: dict[str, float], period: int, stop: int, periods: int, rtol: flo
 
 
 def course(point: dict[str, float], period: int, stop: int, periods: int, rtol: float) -> Why:
-    """What becomes of a motion, beside orbits of one period: from when it has settled, `PATIENCE` before its stop."""
-    first = beside(point, range(max(1, stop - PATIENCE), stop + 1), period, rtol)
+    """What becomes of a motion, beside orbits of one period: from when it has settled, `SETTLED_PERIODS` before its stop."""
+    first = beside(point, range(max(1, stop - SETTLED_PERIODS), stop + 1), period, rtol)
     if first is None:
         return Why(UNEXPLAINED, "no orbit is found near the run at its stop")
     last, at_end = first, (periods, periods - 1)
-    for places in (*((k, k - 1) for k in range(first.after + PATIENCE, periods, PATIENCE)), at_end):
+    for places in (*((k, k - 1) for k in range(first.after + SETTLED_PERIODS, periods, SETTLED_PERIODS)), at_end):
         one = beside(point, places, period, rtol)
         if one is None or one.seen.orbit.word != first.seen.orbit.word:
             break
@@ -78,7 +78,7 @@ def course(point: dict[str, float], period: int, stop: int, periods: int, rtol: 
         shorter, shown = repeats_after(end.seen.at), f"{first}, {end}"
         return Why(SHORTER, f"{shown}; it repeats after {shorter}") if shorter < period else Why(KEEPS, shown)
     orbit, shown = last.seen.orbit, f"{first}, {last}"
-    borders = borders_of(followed(first, orbit.spin + 2 * PATIENCE * orbit.spin_drift))
+    borders = borders_of(followed(first, orbit.spin + 2 * SETTLED_PERIODS * orbit.spin_drift))
     if not borders:
         return Why(UNEXPLAINED, f"{shown}; then it leaves it, and the family goes on")
     return Why(FORETOLD, f"{shown}; {', '.join(borders)}")

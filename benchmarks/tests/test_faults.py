@@ -20,9 +20,9 @@ def rows_of(page):
 
 
 def test_the_page_has_every_attack():
-    for name in ("fault_cubes", "fault_clusters"):
+    for name in ("fault_attacks", "fault_cubes", "fault_clusters"):
         import_module(name)
-    assert set(rows_of(PAGE)) == set(import_module("fault_attacks").ATTACKS)
+    assert set(rows_of(PAGE)) == set(import_module("fault_scene").ATTACKS)
 
 
 def test_a_run_fills_the_page():

@@ -209,8 +209,8 @@ class Grid:
         """Such as ``point 7 (Gamma = 0.9, beta0 = 0.2)``."""
         places = np.unravel_index(number, self.shape)
         values = {name: axis[k] for (name, axis), k in zip(self.axes.items(), places, strict=True)}
-        told = (f"{name} = {_told(name, value)}" for name, value in values.items())
-        return f"point {number} ({', '.join(told)})"
+        given = (f"{name} = {_given(name, value)}" for name, value in values.items())
+        return f"point {number} ({', '.join(given)})"
 
     @property
     def line(self) -> int:
@@ -246,7 +246,7 @@ class Grid:
         return Grid(axes, self.fixed), start - lead
 
 
-def _told(name: str, value: Any) -> str:
+def _given(name: str, value: Any) -> str:
     return DIRECTIONS[value] if name == "direction" else repr(float(value))
 
 

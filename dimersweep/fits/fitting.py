@@ -198,7 +198,7 @@ def fit(
     if _probability(ends[0].misfit, slopes) < IMPROBABLE and search.cut_off(ends[0], slopes):
         ends = _ordered([search.simplex(ends[0]), *ends])
         slopes = search.slopes(ends[0])
-    return _told(search, ends, slopes)
+    return _answer(search, ends, slopes)
 
 
 class _Point(NamedTuple):
@@ -349,7 +349,7 @@ def _probability(misfit: float, slopes: np.ndarray) -> float:
     return float(chi2.sf(misfit, max(1, slopes.shape[0] - taken)))
 
 
-def _told(search: _Search, ends: list[_Point], slopes: np.ndarray) -> Fit:
+def _answer(search: _Search, ends: list[_Point], slopes: np.ndarray) -> Fit:
     """The fit in the units of its parameters and in words."""
     likelihood, best = search.likelihood, ends[0]
     n = search.width.size

@@ -243,7 +243,7 @@ def _kind_between(a: Point, b: Point) -> Kind:
 
 
 def _kind_beyond(axis: Axis, last: Point) -> Kind:
-    """The kind of change where a branch does not go on: told from images of points beyond, which are no orbits."""
+    """The kind of change where a branch does not go on, from images of points beyond, which are no orbits."""
     word = word_of(last.fixed.image.passage, whole=True)
     for by in AHEAD:
         y = last.y(axis) + by * last.tangent

@@ -278,7 +278,7 @@ class Run(RunNumbers):
         Parameters
         ----------
         by : {"period", "event"}
-            Whether the works are summed over each forcing period, along `n`, or told of each smooth phase and of each contact
+            Whether the works are summed over each forcing period, along `n`, or given for each smooth phase and of each contact
             state of an impact, along `part`.
 
         Returns

@@ -113,6 +113,14 @@ class Spectrum(NamedTuple):
         The same growth per forcing period [1].
     periods : int
         Forcing periods over which it is averaged: fewer than asked for where chaos has ended before.
+
+    Examples
+    --------
+    >>> from dimersweep import simulate
+    >>> from dimersweep.runs.stability import spectrum
+    >>> found = spectrum(simulate(periods=300), 100)
+    >>> found.periods, bool(found.exponents[0] > found.exponents[-1])
+    (100, True)
     """
 
     exponents: np.ndarray
@@ -400,6 +408,14 @@ def qr_growth(derivatives: Iterable[np.ndarray], n: int) -> np.ndarray:
     -------
     ndarray, shape (number of derivatives, n)
         -inf for a direction that is lost, and all that come after it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from dimersweep.runs.stability import qr_growth
+    >>> growth = qr_growth([np.array([[2.0, 1.0], [0.0, 0.5]])] * 50, 2)
+    >>> print(np.exp(growth.mean(axis=0)).round(3))
+    [2.  0.5]
     """
     directions = np.eye(n)
     growth = []

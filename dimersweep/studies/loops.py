@@ -135,7 +135,7 @@ def _line_of(configuration: dict[str, Any], here: dict[str, float]) -> Spec:
 def _located(
     spec: Spec, ends: list[tuple[LoopEnd, LoopEnd]], within: float
 ) -> tuple[list[tuple[LoopEnd, LoopEnd]], int]:
-    """The same ends, located to `within`, and the forcing periods that this took."""
+    """These ends, located to `within`, and the forcing periods that this took."""
 
     def call(stop: StopFlag) -> tuple[list[tuple[LoopEnd, LoopEnd]], int]:
         with stop.space() as space:
