@@ -193,7 +193,8 @@ def test_a_motion_near_a_shorter_period_is_explained_by_that():
     assert "shorter period 3" in shown
     branch = orbits.follow(orbits.find(guess=simulate(**ALTERNATES, periods=330), periods=3), "spin", to=199.0)
     (word,) = branch["spin"].values[branch["special"].values == "word"]
-    assert float(shown.split("at spin ")[1].split()[0]) == pytest.approx(word, abs=1e-3)
+    # where the spin creeps, sections at other phases have the change up to 1e-4 apart (docs/orbits.md)
+    assert float(shown.split("at spin ")[1].split()[0]) == pytest.approx(word, rel=1e-4)
 
 
 def test_a_motion_whose_strobes_lie_in_a_hop_keeps_to_its_family():
