@@ -154,7 +154,8 @@ def inputs_for(found: Harvest, tree: Path, cache: Path, folder: Path) -> Path:
     told = subprocess.run(
         command, env=environment_of(tree, cache), cwd=tree, check=True, capture_output=True, text=True
     )
-    columns = [ROW.index(name) for name in json.loads(told.stdout)]
+    # where a revision knows one value for both ends, the inputs have alike ends
+    columns = [ROW.index(name if name in ROW else f"{name}_1") for name in json.loads(told.stdout)]
     cut = copy(found)
     for kinds in ("rough", "smooth"):
         every = getattr(found, kinds).items()
