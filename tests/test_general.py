@@ -27,8 +27,8 @@ pytestmark = pytest.mark.jit
 
 # It ends a chatter at a separation speed of 1e-7 m/s, where it drops the gap rate that is left, without the impulse that
 # would take it away: beta' is then wrong by a few 1e-6 rad/s, and what follows by up to 8e-5. The slow oracle made to do so
-# has its states within 1e-6, most of them within 1e-7; as it stands it has those of the engine, the nearer the slower an end
-# may be that it takes for resting (benchmarks/evidence/general_scenes.py).
+# has its states within 1e-6 but in two cases (12 and 17), most of them within 1e-7; as it stands it has those of the engine,
+# the nearer the slower an end may be that it takes for resting (benchmarks/evidence/general_scenes.py).
 SMOOTH, CHATTERED = 1e-6, 1e-4
 # The double impact of this run is not that of its parameters, by the slow oracle either (6e-9 from the engine); it is almost
 # what eta = 3/2 in place of 1.573 gives.
