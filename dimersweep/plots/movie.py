@@ -195,19 +195,21 @@ def playback_of(
 
 def frames(run: "Run", playback: Playback) -> xr.Dataset:
     """The states of the frames relative to the plate, with the centres of both balls, and how far the plate is away [m]."""
+    from dimersweep.kernel.model.plate import motion_along  # Numba: pictures of cubes do without
+
     p = run.parameters
     kinds = run.events["kind"].values
     impacts = np.unique(run.events["time"].values[np.char.startswith(kinds, "DI")])
     states = run.states(playback.times(impacts, 1 / p["f"]))
     dm = dimer_from(p)
-    length = dm.l
+    length, (away_x, away_y, _, _) = dm.l, motion_along(dm, states["phase"])
     across = length * np.cos(states["beta"])
     return states.assign(
         x2=states["x1"] - across * np.sin(states["theta"]),
         y2=states["y1"] + across * np.cos(states["theta"]),
         z2=states["z1"] + length * np.sin(states["beta"]),
-        away_x=dm.G_x / dm.omega**2 * np.sin(states["phase"] + dm.lag_x),
-        away_y=dm.G_y / dm.omega**2 * np.sin(states["phase"] + dm.lag_y),
+        away_x=away_x,
+        away_y=away_y,
     )
 
 

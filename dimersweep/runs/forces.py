@@ -23,7 +23,7 @@ from dimersweep.kernel.model.layout import (
     Y1,
     Dimer,
 )
-from dimersweep.kernel.model.plate import motion
+from dimersweep.kernel.model.plate import motion, motion_along
 from dimersweep.kernel.sample import forces_at
 
 
@@ -36,15 +36,14 @@ def energies(dm: Dimer, states: np.ndarray, phi0: float) -> tuple[np.ndarray, np
     phase = s[PHASE] + phi0
     height, rise, _ = motion(dm, phase)
     beta, sin_t, cos_t = dm.beta_0 + s[DIP], np.sin(s[THETA]), np.cos(s[THETA])
-    angle_x, angle_y = phase + dm.lag_x, phase + dm.lag_y
-    v_x, v_y = dm.G_x / dm.omega * np.cos(angle_x), dm.G_y / dm.omega * np.cos(angle_y)
+    away_x, away_y, v_x, v_y = motion_along(dm, phase)
     c_n = (dm.p2.h * s[N1] - dm.p1.h * s[N2]) / dm.l + rise
     c_a, c_b = s[CA] + v_y * cos_t - v_x * sin_t, s[CB] + v_x * cos_t + v_y * sin_t
     turning = dm.J_t * (s[WB] ** 2 + s[WP] ** 2) + dm.J_a * s[SPIN] ** 2
     kinetic = 0.5 * (dm.m * (c_a**2 + c_b**2 + c_n**2) + turning)
     h = dm.p1.h * np.cos(beta)
-    x = s[X1] + h * sin_t + dm.G_x / dm.omega**2 * np.sin(angle_x)
-    y = s[Y1] - h * cos_t + dm.G_y / dm.omega**2 * np.sin(angle_y)
+    x = s[X1] + h * sin_t + away_x
+    y = s[Y1] - h * cos_t + away_y
     z = height + dm.p1.r + s[D1] - dm.p1.h * np.sin(beta)
     return kinetic, dm.m * (dm.g * z - dm.fall_x * x - dm.fall_y * y)
 

@@ -8,6 +8,7 @@ from dimersweep.kernel.course import motion_of
 from dimersweep.kernel.energy.contact_work import CONTACT_ROWS, contact_work
 from dimersweep.kernel.energy.impact_work import (
     ALONG,
+    IMPACT_ROWS,
     PLATE_1,
     PLATE_2,
     QP1,
@@ -27,7 +28,6 @@ from dimersweep.kernel.energy.impact_work import (
     US,
     UWB,
     UWP,
-    WORK_ROWS,
     WORK_WIDTH,
     close_work,
     impact_phase,
@@ -78,7 +78,7 @@ digits_in = compiled(digits_of, inline=True)
 
 def budget_scratch() -> np.ndarray:
     """Scratch array for `budget`."""
-    return np.zeros((WORK_ROWS + CONTACT_ROWS, WORK_WIDTH))
+    return np.zeros((IMPACT_ROWS + CONTACT_ROWS, WORK_WIDTH))
 
 
 @exported
@@ -123,7 +123,7 @@ def budget(row, segments, events, rtol, space, scratch, ends, smooth, struck, le
             fly(dm, take_off(dm, state), state, span, True)
         elif span > 0.0:
             unit = kinetic(dm, state) + 0.5 * dm.m * (speed_bound(dm) ** 2 + dm.v_scale**2)
-            contact_work(dm, motion, span, rtol, unit, scratch[WORK_ROWS:], smooth[n])
+            contact_work(dm, motion, span, rtol, unit, scratch[IMPACT_ROWS:], smooth[n])
         e = strike(dm, state, later, events, e, n + 1, scratch, struck, leads_to)
 
 

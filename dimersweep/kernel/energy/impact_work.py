@@ -8,7 +8,7 @@ its normal impulses are as recorded. Units within a phase: the approach speed V,
 from math import copysign, sqrt
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.model.body import levers
+from dimersweep.kernel.model.body import delassus, end, levers
 from dimersweep.kernel.model.friction import length, outward_slip
 from dimersweep.kernel.model.layout import IMPACT, STICK
 from dimersweep.kernel.numerics.elementary import raised
@@ -29,7 +29,7 @@ LNN1, LNN2, LNN12, LNA1, LNA2, LAA, LBB1, LBB2, LBB12, LGAIN1, LGAIN2, LMODE1, L
 BOTH = -1.0
 # rows of the scratch array
 R_K, R_Q, R_OUT, R_START, R_LAW, R_SCALE, R_BODY, R_LATER, R_SUM = 0, 12, 13, 14, 15, 16, 17, 18, 19
-WORK_ROWS, WORK_WIDTH = 20, 18
+IMPACT_ROWS, WORK_WIDTH = 20, 18
 TOL = 1e-12  # of a step
 LEAST_SLIP = 1e-10  # slip below which friction falls to zero with it
 STEPS = 20_000  # of a phase at most
@@ -42,14 +42,12 @@ ROOT_PROBES = 40
 @compiled
 def set_law(dm, i, sin_b, cos_b, law):
     """Delassus operator of both ends, with the axial lever of end i."""
-    p, q = levers(dm.p1, sin_b, cos_b), levers(dm.p2, sin_b, cos_b)
-    a, m = p.a if i == 0 else q.a, dm.m
-    law[LNN1], law[LNN2] = 1.0 + m * p.n * p.n * dm.it, 1.0 + m * q.n * q.n * dm.it
-    law[LNN12] = 1.0 + m * p.n * q.n * dm.it
-    law[LNA1], law[LNA2], law[LAA] = m * p.n * a * dm.it, m * q.n * a * dm.it, 1.0 + m * a * a * dm.it
-    law[LBB1] = 1.0 + m * (p.b * p.b * dm.it + p.c * p.c * dm.ia)
-    law[LBB2] = 1.0 + m * (q.b * q.b * dm.it + q.c * q.c * dm.ia)
-    law[LBB12] = 1.0 + m * (p.b * q.b * dm.it + p.c * q.c * dm.ia)
+    p, q, own = levers(dm.p1, sin_b, cos_b), levers(dm.p2, sin_b, cos_b), levers(end(dm, i), sin_b, cos_b)
+    w_1, w_2, w_12 = delassus(dm, p, p), delassus(dm, q, q), delassus(dm, p, q)
+    law[LNN1], law[LNN2], law[LNN12] = dm.m * w_1.nn, dm.m * w_2.nn, dm.m * w_12.nn
+    law[LBB1], law[LBB2], law[LBB12] = dm.m * w_1.bb, dm.m * w_2.bb, dm.m * w_12.bb
+    w_1, w_2 = delassus(dm, p, own), delassus(dm, q, own)
+    law[LNA1], law[LNA2], law[LAA] = dm.m * w_1.na, dm.m * w_2.na, dm.m * delassus(dm, own, own).aa
 
 
 @compiled
@@ -352,7 +350,7 @@ def impact_phase(dm, digit_1, digit_2, n_before, n_after, P, sin_b, cos_b, V, u,
     V : float
         Unit of velocities [m/s].
     u : float64 array, shape (N_U,)
-    work : float64 array, shape (WORK_ROWS, WORK_WIDTH)
+    work : float64 array, shape (IMPACT_ROWS, WORK_WIDTH)
         Scratch; compressions are carried on from phase to phase in R_Q.
     done : float64 array, shape (N_WORK,)
         Works of restitution and slip are filled in [J], and impulses into the row R_SUM of the scratch.

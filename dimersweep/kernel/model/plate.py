@@ -255,6 +255,14 @@ def start_later(row, by):
 # --- for Python -------------------------------------------------------------------------------------------------------
 
 
+def motion_along(dm, phase):
+    """Place and velocity of the plate along its axes, x, y, x', y', at phases of any shape [m, m s-1]."""
+    angles = phase + dm.lag_x, phase + dm.lag_y
+    places = (G / dm.omega**2 * np.sin(angle) for G, angle in zip((dm.G_x, dm.G_y), angles, strict=True))
+    rates = (G / dm.omega * np.cos(angle) for G, angle in zip((dm.G_x, dm.G_y), angles, strict=True))
+    return *places, *rates
+
+
 def motion(dm, phase):
     """z_p, z_p' and z_p'' at phases of any shape [m, m s-1, m s-2]."""
     omega = dm.omega
