@@ -5,6 +5,7 @@ for stick. An open end lands where its gap in (3) is zero. A slip ends where it 
 """
 
 from math import inf, sqrt
+from typing import Any, NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.coordinates import UPRIGHT, YCHART, YDIP, YS, YUA, YUB, YWB, YWP, slip_of, to_border
@@ -13,6 +14,7 @@ from dimersweep.kernel.model.body import turn_of_pair
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
 from dimersweep.kernel.model.plate import tempo
+from dimersweep.kernel.numerics.armed_events import arm, least_armed
 
 # Events of a contact phase, two numbers of each kind that an end has: the even one is p1's, the odd one p2's. A phase
 # evaluates one event function for each number.
@@ -100,26 +102,42 @@ def height_of_open_end(modes, y):
     return y[YDIP] if modes[0] != FREE else -y[YDIP]
 
 
+class ContactEvents(NamedTuple):
+    """A contact state in which the event functions are asked for."""
+
+    dm: Any
+    modes: Any
+    base: Any  # the state at the start of the step
+    y: Any
+    F: Any
+    slip_tol: float
+    values: Any  # what they are is written there
+
+
+@compiled(inline=True)
+def noted_value(at, k):
+    """Event function k, which is noted."""
+    at.values[k] = event_function(at.dm, at.modes, k, at.base, at.y, at.F, at.slip_tol)
+    return at.values[k]
+
+
+@compiled(inline=True)
+def value_with_meaning(at, k):
+    """Event function k, which is noted; 0.0 where it has no meaning."""
+    value = noted_value(at, k)
+    return value if value < inf else 0.0
+
+
 @compiled
 def least_value(dm, modes, armed, base, y, F, slip_tol, values):
     """Least of the armed event functions and its number (inf and -1 if none is armed); all of them into `values`."""
-    least, which = inf, -1
-    for k in range(N_CONTACT_EVENTS):
-        if armed[k] > 0.0:
-            values[k] = event_function(dm, modes, k, base, y, F, slip_tol)
-            if values[k] < least:
-                least, which = values[k], k
-    return least, which
+    return least_armed(noted_value, ContactEvents(dm, modes, base, y, F, slip_tol, values), armed, N_CONTACT_EVENTS)
 
 
 @compiled
-def arm(dm, modes, armed, y, F, slip_tol, values):
+def arm_events(dm, modes, armed, y, F, slip_tol, values):
     """Arm the event functions of the ends that have become positive; they are written into `values`."""
-    for k in range(LANDING + 1):
-        if armed[k] == 0.0:
-            value = event_function(dm, modes, k, y, y, F, slip_tol)
-            if 0.0 < value < inf:
-                armed[k], values[k] = 1.0, value
+    arm(value_with_meaning, ContactEvents(dm, modes, y, y, F, slip_tol, values), armed, LANDING + 1)
 
 
 @compiled

@@ -26,7 +26,7 @@ from dimersweep.kernel.contact.events import (
     NO_EVENT,
     OUT_OF_STEPS,
     SLIP_END,
-    arm,
+    arm_events,
     end_of,
     end_slip,
     is_slip_end,
@@ -146,7 +146,7 @@ def begin_phase(dm, p, b):
     if modes[0] == FREE or modes[1] == FREE:
         b.armed[LANDING], b.armed[LEAVES_CHART] = 1.0 if p.locate else 0.0, 1.0
     if p.locate:
-        arm(dm, modes, b.armed, y, b.F, p.slip_tol, b.values[0])
+        arm_events(dm, modes, b.armed, y, b.F, p.slip_tol, b.values[0])
     least_value(dm, modes, b.armed, y, y, b.F, p.slip_tol, b.values[0])
     natural = eighth_root(p.tol)
     c.time, c.natural, c.h, c.xi = 0.0, natural, FIRST_PHASE_STEP * natural * dm.period, FIRST_RESCALED * natural
@@ -344,7 +344,7 @@ def accept_step(dm, p, factor, b):
         return LIFT_OFF + pulled
     copy(b.values[3], b.values[0], N_CONTACT_EVENTS)
     if p.locate:
-        arm(dm, modes, b.armed, y, b.F, p.slip_tol, b.values[0])
+        arm_events(dm, modes, b.armed, y, b.F, p.slip_tol, b.values[0])
     if c.method == RESCALED:
         c.xi, c.h = min(PHASE_TURNS, min(factor, RISE) * c.xi), 2.0 * dt
     else:

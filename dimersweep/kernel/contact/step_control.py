@@ -39,15 +39,12 @@ from dimersweep.kernel.model.plate import acceleration_along, effective_gravity
 from dimersweep.kernel.numerics.collocation import NEXT, NODES, RADAU_A, RADAU_C, TOP
 from dimersweep.kernel.numerics.meter import charge
 from dimersweep.kernel.numerics.steps import (
-    DOP_STAGES,
     copy,
-    explicit_finish,
-    explicit_stage,
+    explicit_step,
     lu_factor,
     lu_solve,
-    stage_sums,
 )
-from dimersweep.kernel.numerics.tableaux import DOP_A, DOP_C
+from dimersweep.kernel.numerics.tableaux import DOP_C
 
 PLAIN_METHOD, RESCALED, IMPLICIT = 0, 1, 2
 MAX_STEP_NEWTON = 14  # Newton iterations of an implicit step
@@ -202,65 +199,84 @@ def time_per_xi(F, start):
     return (1.0 + more) / ((F[F1] + F[F2]) / (start[F1] + start[F2]) + more)
 
 
+class ExplicitStep(NamedTuple):
+    """An explicit step of a contact phase, of h seconds or, by the rescaled method, h units of xi."""
+
+    dm: Any
+    modes: Any
+    phase: float  # of the plate at its start [rad]
+    h: float
+    n: int  # entries of the state that are integrated
+    method: int
+    gamma: float
+    b: Any
+
+
 @compiled
-def explicit_step(dm, modes, phase, h, n, method, gamma, b):
-    """One DOP853 step from b.start into b.out, of h seconds or, by the rescaled method, h units of xi; returns the error."""
-    for i in range(DOP_STAGES):
-        if i == 0:
-            copy(b.dy, b.K[0], n)
-            copy(b.start, b.out, n)
-        else:
-            explicit_stage(i, h, b.start, b.K, n, b.out)
-            contact_rates(dm, modes, phase + dm.omega * b.out[YTIME], b.out, n > N_CLOSED, b.K[i], b.F_out)
-        if method == RESCALED:
-            share = ruling_slip(dm, modes, b.out) / gamma
-            if b.F[COMPLIANCE] < TIGHT:
-                share *= time_per_xi(b.F if i == 0 else b.F_out, b.F)
-            for k in range(n):
-                b.K[i, k] *= share
-    return explicit_finish(h, b.start, b.K, n, b.scale, b.out)
+def slopes_of_any(step, i, dip, w_b, w_p, spin, u_a, u_b, theta, t):
+    """Slopes of a stage of any contact, in either chart."""
+    b = step.b
+    y, k = b.out, b.K[i]
+    y[YDIP], y[YWB], y[YWP], y[YS], y[YUA], y[YUB], y[YTHETA], y[YTIME] = dip, w_b, w_p, spin, u_a, u_b, theta, t
+    contact_rates(step.dm, step.modes, step.phase + step.dm.omega * t, y, step.n > N_CLOSED, k, b.F_out)
+    rescale(step, y, b.F_out, k)
+    return k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7]
+
+
+@compiled(inline=True)
+def rescale(step, y, F, k):
+    """By the rescaled method, the slopes k per xi in place of those per time."""
+    if step.method == RESCALED:
+        share = ruling_slip(step.dm, step.modes, y) / step.gamma
+        if step.b.F[COMPLIANCE] < TIGHT:
+            share *= time_per_xi(F, step.b.F)
+        for j in range(step.n):
+            k[j] *= share
 
 
 @compiled(fuse=True, inline=True)
-def explicit_step_single(dm, modes, phase, h, n, method, gamma, b):
-    """An explicit step of the contact of one end in the chart by heading.
-
-    The newest slopes stay in registers: to write them to K and to read them at once takes as long as half of the rates.
-    """
-    i = leading(modes)
-    p, mode, y, path = end(dm, i), modes[i], b.start, n > N_CLOSED
-    share = length(y[YUA], y[YUB]) / gamma if method == RESCALED else 1.0
-    clocked, force, more = method == RESCALED and b.F[COMPLIANCE] < TIGHT, b.F[F1] + b.F[F2], b.F[COMPLIANCE]
-    k = b.K[0]
-    for j in range(n):
-        k[j] = share * b.dy[j]
-    k0, k1, k2, k3, k4, k5, k6, k7 = k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7]
-    for i in range(1, DOP_STAGES):
-        t0, t1, t2, t3, t4, t5, t6, t7 = stage_sums(i, i - 1, b.K)
-        a = DOP_A[i, i - 1]
-        dip, w_b = y[YDIP] + h * (t0 + a * k0), y[YWB] + h * (t1 + a * k1)
-        w_p, spin = y[YWP] + h * (t2 + a * k2), y[YS] + h * (t3 + a * k3)
-        u_a, u_b = y[YUA] + h * (t4 + a * k4), y[YUB] + h * (t5 + a * k5)
-        theta = y[YTHETA] + h * (t6 + a * k6)
-        t = h * (t7 + a * k7) if method == RESCALED else h * DOP_C[i]
-        now, A_a, A_b = phase + dm.omega * t, 0.0, 0.0
-        if dm.sideways != 0.0:
-            A_a, A_b = acceleration_along(dm, now, theta)
-        g_e = effective_gravity(dm, now)
-        sin_b, cos_b = attitude(dm, dip)
-        rates = single_rates(dm, mode, p, g_e, A_a, A_b, sin_b, cos_b, w_b, w_p, spin, u_a, u_b)
-        if method == RESCALED:
-            share = length(u_a, u_b) / gamma
-            if clocked:
-                share *= (1.0 + more) / (rates.F / force + more)
-        k0, k1, k2, k3 = share * w_b, share * rates.w_b, share * rates.w_p, share * rates.spin
-        k4, k5, k6, k7 = share * rates.a, share * rates.b, share * rates.turn, share
+def slopes_of_single(step, i, dip, w_b, w_p, spin, u_a, u_b, theta, xi_time):
+    """Slopes of a stage of the contact of one end in the chart by heading."""
+    dm, b, rescaled = step.dm, step.b, step.method == RESCALED
+    end_number = leading(step.modes)
+    p, mode = end(dm, end_number), step.modes[end_number]
+    t = xi_time if rescaled else step.h * DOP_C[i]
+    now, A_a, A_b = step.phase + dm.omega * t, 0.0, 0.0
+    if dm.sideways != 0.0:
+        A_a, A_b = acceleration_along(dm, now, theta)
+    g_e = effective_gravity(dm, now)
+    sin_b, cos_b = attitude(dm, dip)
+    rates = single_rates(dm, mode, p, g_e, A_a, A_b, sin_b, cos_b, w_b, w_p, spin, u_a, u_b)
+    share = 1.0
+    if rescaled:
+        share, more = length(u_a, u_b) / step.gamma, b.F[COMPLIANCE]
+        if more < TIGHT:
+            share *= (1.0 + more) / (rates.F / (b.F[F1] + b.F[F2]) + more)
+    if step.n > N_CLOSED:
+        x, y_1, spun = path_rates(dm, p, sin_b, cos_b, w_b, w_p, spin, u_a, u_b, theta)
         k = b.K[i]
-        k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7] = k0, k1, k2, k3, k4, k5, k6, k7
-        if path:
-            x, y_1, spun = path_rates(dm, p, sin_b, cos_b, w_b, w_p, spin, u_a, u_b, theta)
-            k[YX], k[YY], k[YGAMMA] = share * x, share * y_1, share * spun
-    return explicit_finish(h, b.start, b.K, n, b.scale, b.out)
+        k[YX], k[YY], k[YGAMMA] = share * x, share * y_1, share * spun
+    return (
+        share * w_b,
+        share * rates.w_b,
+        share * rates.w_p,
+        share * rates.spin,
+        share * rates.a,
+        share * rates.b,
+        share * rates.turn,
+        share,
+    )
+
+
+@compiled
+def explicit_contact_step(dm, modes, phase, h, n, method, gamma, b):
+    """One DOP853 step from b.start into b.out; returns the error over the tolerance."""
+    step = ExplicitStep(dm, modes, phase, h, n, method, gamma, b)
+    copy(b.dy, b.K[0], n)
+    rescale(step, b.start, b.F, b.K[0])
+    if b.start[YCHART] == UPRIGHT or (modes[0] != FREE and modes[1] != FREE):
+        return explicit_step(slopes_of_any, step, h, b.start, b.K, n, b.scale, b.out)
+    return explicit_step(slopes_of_single, step, h, b.start, b.K, n, b.scale, b.out)
 
 
 @compiled
@@ -399,9 +415,7 @@ def step_to(dm, modes, phase, h, n, method, gamma, b):
     charge(b.meter, IMPLICIT_COST if method == IMPLICIT else EXPLICIT_COST)
     if method == IMPLICIT:
         error = implicit_step(dm, modes, phase, h, n, b)
-    elif b.start[YCHART] == UPRIGHT or (modes[0] != FREE and modes[1] != FREE):
-        error = explicit_step(dm, modes, phase, h, n, method, gamma, b)
     else:
-        error = explicit_step_single(dm, modes, phase, h, n, method, gamma, b)
+        error = explicit_contact_step(dm, modes, phase, h, n, method, gamma, b)
     contact_rates(dm, modes, phase + dm.omega * b.out[YTIME], b.out, n > N_CLOSED, b.dy_out, b.F_out)
     return error

@@ -30,6 +30,7 @@ from dimersweep.kernel.impact.double_step import leg_rows, leg_step
 from dimersweep.kernel.model.body import end
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import SLIP, STICK
+from dimersweep.kernel.numerics.armed_events import arm, least_armed
 from dimersweep.kernel.numerics.elementary import eighth_root, nearly_raised
 from dimersweep.kernel.numerics.meter import is_over
 from dimersweep.kernel.numerics.root_bracket import (
@@ -105,26 +106,44 @@ def turning_time(dm, modes, z):
     return least
 
 
+class LegEvents(NamedTuple):
+    """A state of a leg in which the event functions are asked for."""
+
+    dm: Any
+    modes: Any
+    compressing: Any
+    clock: int
+    base: Any  # the state at the start of the step
+    z: Any
+    tol: float
+
+
 @compiled(inline=True)
-def event_value(dm, k, modes, compressing, clock, base, z, tol):
+def event_value(at, k):
     """Event function k of a phase, positive while the phase goes on; inf where it has no meaning.
 
     0, 1: gap rate of p1, p2 against the phase; 2, 3: compression left; 4, 5: reserve of the friction that holds;
     6, 7: slip along its direction at `base`, the start of the step (so that a passage through zero changes sign).
     """
-    i = k % 2
+    dm, z, base, i = at.dm, at.z, at.base, k % 2
     if k < 2:
-        return -z[ZN1 + i] if compressing[i] > 0.0 else z[ZN1 + i]
+        return -z[ZN1 + i] if at.compressing[i] > 0.0 else z[ZN1 + i]
     if k < 4:
-        return inf if compressing[i] > 0.0 else z[ZX1 + i]
+        return inf if at.compressing[i] > 0.0 else z[ZX1 + i]
     if k < 6:
         # all force vanishes where an impact ends: only its ratios decide
-        f_1, f_2 = forces(dm, z, clock)
-        return stick_reserve(dm, modes, i, z, f_1, f_2) / (f_1 + f_2) if f_1 + f_2 > 0.0 else 1.0
-    if modes[i] == STICK or end(dm, i).mu == 0.0:
+        f_1, f_2 = forces(dm, z, at.clock)
+        return stick_reserve(dm, at.modes, i, z, f_1, f_2) / (f_1 + f_2) if f_1 + f_2 > 0.0 else 1.0
+    if at.modes[i] == STICK or end(dm, i).mu == 0.0:
         return inf
     v = length(base[ZA], base[ZB1 + i])
-    return (z[ZA] * base[ZA] + z[ZB1 + i] * base[ZB1 + i]) / v - SLIP_ENDS_AT * tol if v > 0.0 else inf
+    return (z[ZA] * base[ZA] + z[ZB1 + i] * base[ZB1 + i]) / v - SLIP_ENDS_AT * at.tol if v > 0.0 else inf
+
+
+@compiled
+def least_value(dm, modes, compressing, clock, armed, base, z, tol):
+    """Least of the armed event functions at z, and its number (inf and -1 if none is armed)."""
+    return least_armed(event_value, LegEvents(dm, modes, compressing, clock, base, z, tol), armed, N_LEG_EVENTS)
 
 
 @compiled
@@ -184,19 +203,12 @@ def begin_leg(dm, z, modes, compressing, slip_tol, b):
     for i in range(2):
         b.gains[i] = 1.0 if compressing[i] > 0.0 else 1.0 / (b.e[i] * b.e[i])
     for k in range(N_LEG_EVENTS):
-        b.armed[k] = 1.0 if event_value(dm, k, modes, compressing, PLAIN_CLOCK, z, z, slip_tol) > 0.0 else 0.0
+        b.armed[k] = 0.0
+    arm(event_value, LegEvents(dm, modes, compressing, PLAIN_CLOCK, z, z, slip_tol), b.armed, N_LEG_EVENTS)
     for k in range(N_Z, WIDTH):
         b.start[k], b.rates[k] = 0.0, 0.0
         for i in range(DOP_STAGES):
             b.K[i, k] = 0.0
-
-
-@compiled(inline=True)
-def arm(dm, modes, compressing, clock, slip_tol, b):
-    """Arm the event functions that have become positive."""
-    for k in range(N_LEG_EVENTS):
-        if b.armed[k] == 0.0 and event_value(dm, k, modes, compressing, clock, b.out, b.out, slip_tol) > 0.0:
-            b.armed[k] = 1.0
 
 
 @compiled
@@ -244,7 +256,7 @@ def double_leg(dm, z, modes, compressing, tol, slip_tol, work):
         fresh = True
         least, event = least_value(dm, modes, compressing, clock, b.armed, b.start, b.out, slip_tol)
         if least > 0.0:
-            arm(dm, modes, compressing, clock, slip_tol, b)
+            arm(event_value, LegEvents(dm, modes, compressing, clock, b.out, b.out, slip_tol), b.armed, N_LEG_EVENTS)
         else:
             brisk = turning / pace if longest * pace > turning else longest
             event = first_crossing(dm, modes, compressing, clock, h, event, least, tol, slip_tol, stiff, brisk, b)
@@ -333,15 +345,3 @@ def first_crossing(dm, modes, compressing, clock, h, event, least, tol, slip_tol
         guess, slope = zero_on_cubic(value_on_cubic, at, s, h, g_low, least)
     set_bracket(s, h, g_low, least, guess, slope)
     return locate(probe_step, at, s, h, 0.0, smooth)
-
-
-@compiled
-def least_value(dm, modes, compressing, clock, armed, base, z, tol):
-    """Least of the armed event functions at z, and its number (inf and -1 if none is armed)."""
-    least, which = inf, -1
-    for k in range(N_LEG_EVENTS):
-        if armed[k] > 0.0:
-            value = event_value(dm, k, modes, compressing, clock, base, z, tol)
-            if value < least:
-                least, which = value, k
-    return least, which

@@ -14,17 +14,16 @@ from dimersweep.kernel.impact.double_equations import (
 )
 from dimersweep.kernel.numerics.meter import charge
 from dimersweep.kernel.numerics.steps import (
-    DOP_STAGES,
     ROS_STAGES,
     WIDTH,
-    explicit_finish,
+    copy,
+    explicit_step,
     implicit_load,
     implicit_stage,
     lu_factor,
     lu_solve,
-    stage_sums,
 )
-from dimersweep.kernel.numerics.tableaux import DOP_A, ROS_GAMMA
+from dimersweep.kernel.numerics.tableaux import ROS_GAMMA
 
 LEG_ROWS = 40
 EXPLICIT_LEG_COST, IMPLICIT_LEG_COST = 0.5, 1.0  # of a step, in hops of one end: as measured
@@ -77,42 +76,29 @@ def leg_rows(work):
     )
 
 
-@compiled(fuse=True, inline=True)
-def stage_value(y, h, total, a, k):
-    """An entry of the state at a stage, from the sum over the older slopes and the newest one k."""
-    return y + h * (total + a * k)
+class Leg(NamedTuple):
+    """What the rates of a leg depend on besides its state."""
+
+    dm: Any
+    modes: Any
+    gains: Any
+    clock: Any
+
+
+@compiled(inline=True)
+def leg_slopes(leg, i, n_1, n_2, X_1, X_2, a, b_1, b_2, _):
+    """Slopes of a stage of an explicit step; the last entry of the state is not used."""
+    rates = rates_in_clock(leg.dm, leg.modes, leg.gains, leg.clock, n_1, n_2, X_1, X_2, a, b_1, b_2)
+    return rates[0], rates[1], rates[2], rates[3], rates[4], rates[5], rates[6], 0.0
 
 
 @compiled
-def explicit_step(dm, modes, clock, h, tol, b):
-    """One DOP853 step of size h in a clock, from b.start into b.out; returns the error over the tolerance.
-
-    The newest slopes stay in registers: to write them to K and to read them at once takes a tenth of the step.
-    """
-    y, k = b.start, b.rates
-    k0, k1, k2, k3, k4, k5, k6 = k[0], k[1], k[2], k[3], k[4], k[5], k[6]
-    for i in range(DOP_STAGES):
-        k = b.K[i]
-        k[0], k[1], k[2], k[3], k[4], k[5], k[6] = k0, k1, k2, k3, k4, k5, k6
-        if i < DOP_STAGES - 1:
-            t0, t1, t2, t3, t4, t5, t6, _ = stage_sums(i + 1, i, b.K)
-            a = DOP_A[i + 1, i]
-            k0, k1, k2, k3, k4, k5, k6 = rates_in_clock(
-                dm,
-                modes,
-                b.gains,
-                clock,
-                stage_value(y[0], h, t0, a, k0),
-                stage_value(y[1], h, t1, a, k1),
-                stage_value(y[2], h, t2, a, k2),
-                stage_value(y[3], h, t3, a, k3),
-                stage_value(y[4], h, t4, a, k4),
-                stage_value(y[5], h, t5, a, k5),
-                stage_value(y[6], h, t6, a, k6),
-            )
+def explicit_leg_step(dm, modes, clock, h, tol, b):
+    """One DOP853 step of size h in a clock, from b.start into b.out; returns the error over the tolerance."""
+    copy(b.rates, b.K[0], WIDTH)
     for j in range(WIDTH):
         b.scale[j] = tol
-    return explicit_finish(h, b.start, b.K, WIDTH, b.scale, b.out)
+    return explicit_step(leg_slopes, Leg(dm, modes, b.gains, clock), h, b.start, b.K, WIDTH, b.scale, b.out)
 
 
 @compiled
@@ -147,4 +133,4 @@ def leg_step(dm, modes, clock, h, tol, slip_unit, stiff, b):
     charge(b.meter, IMPLICIT_LEG_COST if stiff else EXPLICIT_LEG_COST)
     if stiff:
         return implicit_step(dm, modes, h, tol, slip_unit, b)
-    return explicit_step(dm, modes, clock, h, tol, b)
+    return explicit_leg_step(dm, modes, clock, h, tol, b)
