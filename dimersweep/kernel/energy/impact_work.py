@@ -30,7 +30,7 @@ BOTH = -1.0
 # rows of the scratch array
 R_K, R_Q, R_OUT, R_START, R_LAW, R_SCALE, R_BODY, R_LATER, R_SUM = 0, 12, 13, 14, 15, 16, 17, 18, 19
 IMPACT_ROWS, WORK_WIDTH = 20, 18
-TOL = 1e-12  # of a step
+TOL = 1e-14  # of a step
 LEAST_SLIP = 1e-10  # slip below which friction falls to zero with it
 STEPS = 20_000  # of a phase at most
 ON_AXIS = 1e-8  # angle of a slip to the axis below which it is axial (its square counts)
