@@ -274,3 +274,12 @@ def test_a_cone_that_rolls_presses_as_derived_and_lifts_off_where_an_end_presses
         row, _, state, _ = rolling(ROLLING | ends, share * limit)
         last = launch(row, state, 1, 1e-12).state
         assert (last[D1] == last[D2] == 0.0) == stays
+
+
+def test_a_pair_on_a_plate_that_shakes_sideways_sets_out_once():
+    """Friction along the axis and to the side holds it up to one limit; it then slips as both ask, and stays so."""
+    shaken = {"tilt": 0.086, "azimuth": 5.03, "theta0": 1.415, "Gamma_x": 0.115, "phi_x": 3.63, "Gamma_y": 0.353}
+    scene = {"e": 0.184, "Gamma": 1.385, "f": 37.13, "A_r": 4.127, "mu": 0.308, "mu_s": 0.356, "phi0": 1.58}
+    run = simulate(**scene, **shaken, beta0=0.774, xdot0=0.698, periods=100, rtol=1e-10)
+    assert run.status == "ok", run.message
+    assert run.n_events < 100 * run.n_periods

@@ -5,6 +5,7 @@ from math import cos, hypot, sin
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 from dimersweep import simulate
 from dimersweep.kernel.contact.contact_mode import CLOSED, INCONSISTENT, SEPARATES
@@ -36,6 +37,7 @@ from dimersweep.kernel.contact.forces import (
     F1,
     F2,
     L1,
+    L2,
     N_F,
 )
 from dimersweep.kernel.model.layout import (
@@ -59,6 +61,7 @@ from tests.checks.verbs import (
     contact_state,
     contact_velocity,
     dimer,
+    hold_left_of_pair,
     hold_reserve,
     kernel_state,
     oracle_state,
@@ -313,6 +316,30 @@ def test_two_ends_at_rest_share_the_axial_force_only(lateral):
         else:
             F[A1] = -part * room.sum()
             assert hold_reserve(dm, codes, 0, F) == pytest.approx((1 - part) * room.sum(), abs=1e-14)
+
+
+SHAKEN = {"Gamma": 0.3, "Gamma_x": 0.2, "Gamma_y": 0.15, "phi_y": 0.6}
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_two_ends_at_their_limits_set_out_against_what_held_them(seed):
+    """With mu = mu_s the friction of the slip is then the one that held, so that no slip has an acceleration yet."""
+    rng = np.random.default_rng(seed)
+    scene = SHAKEN | {"rho_b_2": rng.uniform(4000, 7000), "theta0": rng.uniform(0, 6)}
+    rough = dimer(mu=0.0, mu_s=10.0, **scene)
+    state = closed_state(rough, (STICK, STICK), rng, 0.3)
+    _, _, _, _, F = chosen(rough, state, (True, True))
+
+    def reserve(mu):
+        return hold_left_of_pair(mu, F[F1], F[L1], F[F2], F[L2], F[A1])
+
+    mu = brentq(reserve, 1e-3, 10.0, xtol=1e-16, rtol=1e-15)
+    assert min(abs(F[L1]), abs(F[L2]), abs(F[A1])) > 1e-2 * mu * (F[F1] + F[F2])
+    answer, found, _, dy, slipping = chosen(dimer(mu=mu, mu_s=mu, **scene), state, (True, True), lost=True)
+    assert (answer, found) == (CLOSED, (SLIP, SLIP))
+    assert slipping[A1] == pytest.approx(F[A1], rel=1e-6)
+    assert slipping[[L1, L2]] == pytest.approx(F[[L1, L2]], rel=1e-6)
+    assert np.abs(dy[[YUA, YUB, YWP]] * [1, 1, rough.l]).max() < 1e-6 * rough.g
 
 
 def test_a_plate_that_falls_away_is_left():

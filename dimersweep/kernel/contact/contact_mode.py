@@ -11,7 +11,7 @@ from dimersweep.kernel.contact.coordinates import YS, YUA, YUB, YWP, set_slip, s
 from dimersweep.kernel.contact.forces import A1, A2, COMPLIANCE, F1, F2, L1, L2, contact_rates, hold_reserve
 from dimersweep.kernel.contact.slip_onset import slip_onset
 from dimersweep.kernel.model.body import apart_sideways, turn_of_pair
-from dimersweep.kernel.model.friction import hold_left, length
+from dimersweep.kernel.model.friction import direction_at_limit, hold_left, length
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
 
 CLOSED, SEPARATES, INCONSISTENT = 0, 1, 2
@@ -115,19 +115,27 @@ def double_mode(dm, phase, y, modes, slip_tol, lost, dy, F):
 
 @compiled
 def start_slips(dm, y, modes, slip_tol, F):
-    """Both ends at rest and not both held: an end whose lateral hold is exceeded slips laterally, else both axially."""
+    """Both ends at rest and not both held: an end whose lateral hold is exceeded slips laterally, else both slip.
+
+    Both ends then are at their limits, and each sets out against the force that held it. Its lateral part is known, and
+    its axial part is what the limit leaves; the axial slip of both is one.
+    """
     over_1 = hold_left(dm.p1.mu_h, F[F1], 0.0, F[L1]) < 0.0
     over_2 = hold_left(dm.p2.mu_h, F[F2], 0.0, F[L2]) < 0.0
     small = 0.5 * slip_tol
     if over_1 or over_2:
         u_1 = -copysign(small, F[L1]) if over_1 else 0.0
         u_2 = -copysign(small, F[L2]) if over_2 else 0.0
-        y[YUB], y[YWP] = u_1, turn_of_pair(dm, u_1 - u_2, y[YS])
         modes[0] = SLIP if over_1 else STICK
         modes[1] = SLIP if over_2 else STICK
     else:
-        y[YUA] = -copysign(small, F[A1])
+        c_1, s_1 = direction_at_limit(dm.p1.mu_h, F[F1], F[L1])
+        c_2, s_2 = direction_at_limit(dm.p2.mu_h, F[F2], F[L2])
+        small /= max(c_1, c_2)
+        u_1, u_2 = -small * s_1 * c_2, -small * s_2 * c_1
+        y[YUA] = -copysign(small * c_1 * c_2, F[A1])
         modes[0], modes[1] = SLIP, SLIP
+    y[YUB], y[YWP] = u_1, turn_of_pair(dm, u_1 - u_2, y[YS])
 
 
 @compiled
