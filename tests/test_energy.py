@@ -55,7 +55,15 @@ STEADY = {
     | {"xdot0": 0.4646, "phi0": 4.927, "tilt": 0.1859, "azimuth": 2.496, "theta0": 0.0356}
     | {"Gamma_x": 0.1564, "phi_x": 2.2814, "Gamma_y": 0.1673},
     # an end at rest that sets out to slip in the double impact of each period
-    "sets out": {"e": 0.4167, "Gamma": 1.3495, "f": 21.0491, "A_r": 5.1719, "mu": 0.1262, "mu_s": 0.2015, "mu_h": 0.1262}
+    "sets out": {
+        "e": 0.4167,
+        "Gamma": 1.3495,
+        "f": 21.0491,
+        "A_r": 5.1719,
+        "mu": 0.1262,
+        "mu_s": 0.2015,
+        "mu_h": 0.1262,
+    }
     | {"beta0": 0.0597, "xdot0": 1.0756, "phi0": 3.7509},
     "base case": {},
 }

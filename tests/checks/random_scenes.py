@@ -15,6 +15,7 @@ from dimersweep.symbols import BASE, ENDS, LEFT_OUT
 from tests.checks.examine import CODE, examine, lies
 
 BLOCK = 1000  # scenes that have random numbers of their own
+SEED = 20240305  # of the scenes that are compared with other programs
 LONGEST = 10.0  # time for a scene [s], after which it is stopped
 
 
@@ -226,6 +227,16 @@ def rows_of(block, n, seed, domain):
 def scene_row(k, seed, domain):
     """Row of scene number k."""
     return rows_of(k // BLOCK, BLOCK, seed, domain)[k % BLOCK]
+
+
+def laboratory_row(k, seed):
+    """Row of scene number k of the whole model as a laboratory might build it."""
+    return scene_row(k // BLOCK * 2 * BLOCK + k % BLOCK, seed, "whole")
+
+
+def whole_scene(k):
+    """Parameters of that scene."""
+    return parameters_of(laboratory_row(k, SEED))
 
 
 def parameters_of(row):
