@@ -49,6 +49,33 @@ def start_energy(run):
     return float(state["kinetic_energy"] + state["potential_energy"])
 
 
+STEADY = {
+    # two slips that turn and come to rest together in each period
+    "creeps": {"e": 0.6147, "Gamma": 0.9752, "f": 56.6615, "A_r": 7.5248, "mu": 0.4361, "mu_s": 0.8341, "beta0": 0.6775}
+    | {"xdot0": 0.4646, "phi0": 4.927, "tilt": 0.1859, "azimuth": 2.496, "theta0": 0.0356}
+    | {"Gamma_x": 0.1564, "phi_x": 2.2814, "Gamma_y": 0.1673},
+    # an end at rest that sets out to slip in the double impact of each period
+    "sets out": {
+        "e": 0.4167,
+        "Gamma": 1.3495,
+        "f": 21.0491,
+        "A_r": 5.1719,
+        "mu": 0.1262,
+        "mu_s": 0.2015,
+        "mu_h": 0.1262,
+    }
+    | {"beta0": 0.0597, "xdot0": 1.0756, "phi0": 3.7509},
+    "base case": {},
+}
+
+
+@pytest.mark.parametrize("scene", STEADY.values(), ids=STEADY)
+def test_the_closure_is_the_error_of_the_run(scene):
+    """It falls with `rtol`, to what rounding leaves."""
+    coarse, fine = (simulate(**scene, periods=100, rtol=rtol).energy().closure for rtol in (1e-8, 1e-12))
+    assert fine < min(5e-11, 1e-2 * coarse)
+
+
 def test_the_budget_of_a_thousand_periods_closes():
     assert simulate(periods=1000, rtol=1e-10).energy().closure < 1e-9
 

@@ -13,7 +13,7 @@ from dimersweep.parameters import Parameters
 from dimersweep.studies.declaration import Declaration
 from dimersweep.symbols import LEFT_OUT, START
 from tests import oracle
-from tests.checks.scenes import difference, engine_states, sample_times, started_scene
+from tests.checks.scenes import UNITS, difference, engine_states, sample_times, started_scene
 from tests.oracle.body import dimer
 
 jit = pytest.mark.jit
@@ -106,8 +106,9 @@ def test_parameters_of_a_start_mean_what_a_given_state_does(beta0, gap0):
     held = {name: value for name, value in scene.items() if name not in (*START, "phi0")}
     one, two = (simulate(**given, periods=4, rtol=1e-12) for given in (scene, held | {"start": state}))
     times = np.linspace(0.0, 4 / 15, 33)
-    for name, values in two.states(times).data_vars.items():
-        np.testing.assert_allclose(one.states(times)[name], values, rtol=0, atol=1e-8, err_msg=name)
+    before, after = one.states(times), two.states(times)
+    for name, unit in UNITS.items():
+        np.testing.assert_allclose(before[name], after[name], rtol=0, atol=1e-10 * unit, err_msg=name)
 
 
 @jit
@@ -127,9 +128,10 @@ def test_exchanged_ends_start_as_before(beta0):
         ("gap_1", "gap_2", 1), ("gap_2", "gap_1", 1), ("beta", "beta", -1), ("theta_rate", "theta_rate", 1),
         ("spin_rate", "spin_rate", -1), ("beta_rate", "beta_rate", -1),
     ):  # fmt: skip
-        np.testing.assert_allclose(before[one], sign * after[two], rtol=0, atol=1e-9, err_msg=one)
+        np.testing.assert_allclose(before[one], sign * after[two], rtol=0, atol=1e-10 * UNITS[one], err_msg=one)
     for name in ("x", "y"):
-        np.testing.assert_allclose(before[name] - before[name][0], after[name] - after[name][0], rtol=0, atol=1e-10)
+        moved, seen = (states[name] - states[name][0] for states in (before, after))
+        np.testing.assert_allclose(moved, seen, rtol=0, atol=1e-10 * UNITS[name], err_msg=name)
 
 
 @jit
@@ -142,7 +144,7 @@ def test_the_mirror_image_of_a_start_has_the_mirror_image_of_its_motion():
     before, after = (simulate(**each, periods=3, rtol=1e-12).states(times) for each in (scene, image))
     for name in ("x1", "y1", "gap_1", "gap_2", "theta", "beta", "theta_rate", "beta_rate", "spin_rate"):
         sign = -1 if name in ("x1", "theta", "theta_rate", "spin_rate") else 1
-        np.testing.assert_allclose(before[name], sign * after[name], rtol=0, atol=1e-9, err_msg=name)
+        np.testing.assert_allclose(before[name], sign * after[name], rtol=0, atol=1e-10 * UNITS[name], err_msg=name)
 
 
 @jit

@@ -10,11 +10,26 @@ import time
 import numpy as np
 
 from tests import oracle
-from tests.checks.scenes import difference, engine_states, general_scene, random_scene, sample_times, wider_scene
+from tests.checks.random_scenes import whole_scene
+from tests.checks.scenes import (
+    difference,
+    engine_states,
+    general_scene,
+    random_scene,
+    sample_times,
+    started_scene,
+    wider_scene,
+)
 
 RTOLS = (1e-8, 1e-10, 1e-12)
 LEAST_REST = 1e-8  # m/s; hops of p2 that are slower are lost in the digits of its gap
-DRAWN = {"random": random_scene, "wider": wider_scene, "general": general_scene}
+DRAWN = {
+    "random": random_scene,
+    "wider": wider_scene,
+    "general": general_scene,
+    "started": started_scene,
+    "whole": whole_scene,
+}
 
 
 def compare(scene):
@@ -38,9 +53,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--scenes", type=int, default=30, help="number of random scenes")
     parser.add_argument("--first", type=int, default=0, help="number of the first one")
-    parser.add_argument(
-        "--drawn", choices=DRAWN, default="random", help="what the scenes have: general, all of the model"
-    )
+    parser.add_argument("--drawn", choices=DRAWN, default="whole", help="what the scenes have: whole, all of the model")
     options = parser.parse_args()
     heads = [f"{rtol:.0e}" for rtol in RTOLS] + ["oracle", "DI late"]
     print("scene " + " ".join(f"{head:>8}" for head in heads) + "  DIs  s  parameters")

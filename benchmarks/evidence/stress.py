@@ -31,7 +31,7 @@ from tests.checks.random_scenes import BLOCK, base, faults, lying_nan, parameter
 
 FIGURE = Path(__file__).resolve().parents[2] / "docs" / "figures" / "stress.png"
 MANY, SLOW = 60, 20  # scenes with the most events, and slowest ones, that are examined besides
-BOUNDS = ("max_events", "impact_steps", "contact_steps", "root_steps")  # statuses that stand for a hang
+BOUNDS = ("max_events", "impact_steps", "contact_steps", "root_steps", "stopped")  # statuses that stand for a hang
 TASK = 50  # scenes to a task of the examination
 BUSY = 1000  # work, in hops of one end, from which a scene's time says what a hop costs
 PATIENCE = 20.0  # time for making one scene simple [s]
@@ -339,7 +339,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scenes", type=int)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--domain", choices=("near", "far", "mixed", "wider", "wild"), default="far")
+    parser.add_argument("--domain", choices=("near", "far", "mixed", "wider", "wild", "whole"), default="whole")
     parser.add_argument("--periods", type=int, default=10)
     parser.add_argument("--rtol", type=float, default=1e-8)
     parser.add_argument("--workers", type=int, default=os.cpu_count())

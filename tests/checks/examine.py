@@ -36,17 +36,21 @@ from dimersweep.kernel.model.layout import (
     SLIP,
     SPIN,
     STATUSES,
+    THETA,
     WB,
     WP,
+    X1,
+    Y1,
 )
-from dimersweep.kernel.model.plate import motion
+from dimersweep.kernel.model.plate import motion, motion_along
 from dimersweep.kernel.record import EVENT, SEGMENT_HOP_TIME, SEGMENT_MODES, new_record, no_record, rows_of, was_full
 from dimersweep.kernel.sample import sample
 
 CODE = {name: k for k, name in enumerate(CODES)}
 LOG_ROWS, FIRST_ROWS, MOST_ROWS = 400, 2000, 200_000
 SAME = 1e-13  # events closer than this, in forcing periods, are at one moment
-INSIDE = 0.5 - 0.5 * np.cos(pi * np.arange(1, 12) / 12)  # where a phase is looked at
+# where a phase is looked at: at last shortly before its end, so that a slip that turns fast is not taken for one that flips
+INSIDE = np.append(0.5 - 0.5 * np.cos(pi * np.arange(1, 12) / 12), 1.0 - 1e-4)
 RULES = tuple((0.5 * (nodes + 1.0), 0.5 * weights) for nodes, weights in map(np.polynomial.legendre.leggauss, (8, 12)))
 STATES = sum(len(nodes) for nodes, _ in RULES)  # looked at in a panel
 HALVINGS = 12  # of a phase for the quadrature in it, at most
@@ -78,27 +82,52 @@ def record(row, periods, rtol):
     return None
 
 
+def of_centre(dm, first, second):
+    """Height of the centre of mass over that where both ends touch the plate, or its rate, from both gaps or gap rates."""
+    return (dm.p2.h * first - dm.p1.h * second) / dm.l
+
+
 def kinetic(dm, states):
     """Kinetic energy in the plate's frame [J]; states of shape (..., N_STATE)."""
     s = np.moveaxis(states, -1, 0)
-    moving = dm.m * (s[CA] ** 2 + s[CB] ** 2 + 0.25 * (s[N1] + s[N2]) ** 2)
+    moving = dm.m * (s[CA] ** 2 + s[CB] ** 2 + of_centre(dm, s[N1], s[N2]) ** 2)
     return 0.5 * (moving + dm.J_t * (s[WB] ** 2 + s[WP] ** 2) + dm.J_a * s[SPIN] ** 2)
 
 
 def total(dm, states):
     """Kinetic energy in the plate's frame and that of the height above it [J]; states of shape (n, N_STATE)."""
-    return kinetic(dm, states) + 0.5 * dm.m * dm.g * (states[:, D1] + states[:, D2])
+    return kinetic(dm, states) + dm.m * dm.g * of_centre(dm, states[:, D1], states[:, D2])
+
+
+def plate_energy(dm):
+    """Energy of the dimer at the greatest speed of the plate [J]."""
+    along = (dm.G_x**2 + dm.G_y**2) / dm.omega**2
+    return 0.5 * dm.m * ((dm.omega * (dm.A_z + 2.0 * dm.A_2)) ** 2 + along)
+
+
+def over_plate(dm, states):
+    """Place and velocity of the centre of mass over the plate, along its axes and its normal; shapes (3, n)."""
+    s = states.T
+    sin_t, cos_t, h = np.sin(s[THETA]), np.cos(s[THETA]), dm.p1.h * np.cos(dm.beta_0 + s[DIP])
+    place = np.array([s[X1] + h * sin_t, s[Y1] - h * cos_t, of_centre(dm, s[D1], s[D2])])
+    rates = s[CB] * cos_t - s[CA] * sin_t, s[CA] * cos_t + s[CB] * sin_t, of_centre(dm, s[N1], s[N2])
+    return place, np.array(rates)
+
+
+def of_plate(dm, states):
+    """Place and velocity of the plate along its axes and its normal at the times of states; shapes (3, n)."""
+    phase = states[:, PHASE] + dm.phi0
+    (x, y, v_x, v_y), (z, rate, _) = motion_along(dm, phase), motion(dm, phase)
+    return np.array([x, y, z]), np.array([v_x, v_y, rate])
 
 
 def lab_gain(dm, starts, ends):
     """Change of the dimer's total energy in the lab's frame over flights; states of shape (n, N_STATE) [J]."""
-    (c_0, p_0, z_0), (c_1, p_1, z_1) = (
-        (0.5 * (s[N1] + s[N2]), rate, 0.5 * (s[D1] + s[D2]) + height)
-        for s in (starts.T, ends.T)
-        for height, rate, _ in [motion(dm, s[PHASE] + dm.phi0)]
-    )
-    frame = dm.m * (c_1 * p_1 - c_0 * p_0 + 0.5 * (p_1 - p_0) * (p_1 + p_0))
-    return kinetic(dm, ends) - kinetic(dm, starts) + frame + dm.m * dm.g * (z_1 - z_0)
+    (r_0, c_0), (r_1, c_1) = (over_plate(dm, states) for states in (starts, ends))
+    (q_0, p_0), (q_1, p_1) = (of_plate(dm, states) for states in (starts, ends))
+    frame = dm.m * (c_1 * p_1 - c_0 * p_0 + 0.5 * (p_1 - p_0) * (p_1 + p_0)).sum(0)
+    fall = dm.m * np.array([-dm.fall_x, -dm.fall_y, dm.g]) @ (r_1 - r_0 + q_1 - q_0)
+    return kinetic(dm, ends) - kinetic(dm, starts) + frame + fall
 
 
 def states_at(row, segments, phases, rtol):
@@ -168,24 +197,34 @@ def contact_gains(dm, row, segments, span, rise, rtol, unit):
     """Gain of energy in contact phases beyond the work of the effective gravity, and the doubt about that work [J]."""
 
     def power(states, which):
-        pull = dm.g + motion(dm, states[..., PHASE] + dm.phi0)[2]
-        return -0.5 * dm.m / dm.omega * pull * (states[..., N1] + states[..., N2])
+        s = np.moveaxis(states, -1, 0)
+        return dm.m / dm.omega * gravity_power(dm, s)
 
     work, doubt = integrals(row, segments, span, rtol, power, DOUBT * unit)
     return rise - work, doubt
 
 
+def gravity_power(dm, s):
+    """Power of the effective gravity along the normal and along the plate, per mass [W/kg]; the state's numbers come first."""
+    phase = s[PHASE] + dm.phi0
+    down = dm.g + motion(dm, phase)[2]
+    a_x, a_y = dm.fall_x + dm.G_x * np.sin(phase + dm.lag_x), dm.fall_y + dm.G_y * np.sin(phase + dm.lag_y)
+    sin_t, cos_t = np.sin(s[THETA]), np.cos(s[THETA])
+    along = a_x * (s[CB] * cos_t - s[CA] * sin_t) + a_y * (s[CA] * cos_t + s[CB] * sin_t)
+    return along - down * of_centre(dm, s[N1], s[N2])
+
+
 def slips(dm, states):
     """Axial and lateral slip of p1 and of p2 [m/s], shape (n, 2, 2)."""
     s = states.T
-    sin_b, cos_b = np.sin(s[DIP]), np.cos(s[DIP])
+    sin_b, cos_b = np.sin(dm.beta_0 + s[DIP]), np.cos(dm.beta_0 + s[DIP])
     return np.array(
         [
             (
-                s[CA] + (dm.p1.r - sign * dm.p2.h * sin_b) * s[WB],
-                s[CB] + (dm.p1.r * sin_b - sign * dm.p2.h) * s[WP] - dm.p1.r * cos_b * s[SPIN],
+                s[CA] + (p.r - p.h * sin_b) * s[WB],
+                s[CB] + (p.r * sin_b - p.h) * s[WP] - p.r * cos_b * s[SPIN],
             )
-            for sign in (-1.0, 1.0)
+            for p in (dm.p1, dm.p2)
         ]
     ).transpose(2, 0, 1)
 
@@ -293,17 +332,15 @@ def look_at(row, rtol, status, n_events, events, segments):
     at_rest = (modes != FREE).all(1)
     rise = kinetic(dm, ends) - kinetic(dm, starts)
     jump = kinetic(dm, after) - kinetic(dm, ends)
-    leans = ~free & ~at_rest
-    most = (
-        max(largest(total(dm, starts)), largest(total(dm, ends)))
-        + 0.5 * dm.m * (dm.omega * (dm.A_z + 2.0 * dm.A_2)) ** 2
-    )
+    still = at_rest & (dm.sideways == 0.0)  # gravity does no work there
+    leans = ~free & ~still
+    most = max(largest(total(dm, starts)), largest(total(dm, ends))) + plate_energy(dm)
     leaning, doubt = contact_gains(dm, row, segments[leans], span[leans], rise[leans], rtol, most)
     found = {
         "flight": np.abs(lab_gain(dm, starts[free], ends[free])),
         "impact": jump[struck],
         # where the work is in doubt by more than is asked, what is gained beyond the doubt
-        "contact": np.concatenate([rise[at_rest], np.where(doubt > GAINED * most, leaning - doubt, leaning)]),
+        "contact": np.concatenate([rise[still], np.where(doubt > GAINED * most, leaning - doubt, leaning)]),
         "close": jump[closed],
     }
     seen = np.concatenate([inner.reshape(-1, N_STATE), ends])

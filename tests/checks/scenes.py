@@ -1,15 +1,19 @@
 """Scenes in which the engine and the slow oracle are compared: random ones, and the coordinates they share."""
 
-from math import pi
+from cmath import phase, rect
+from math import cos, pi, sin
 
 import numpy as np
 
 from dimersweep import simulate
 from dimersweep.parameters import updated, without_effect
+from dimersweep.symbols import ENDS
 
 SCALE = np.array([0.01, 0.01, 0.01, 1, 1, 10, 0.1, 0.1, 0.1, 1, 1, 100])
 COORDINATES = ("x1", "y1", "gap_1", "theta", "beta", "spin")
 COLUMNS = COORDINATES + tuple(f"{name}_rate" for name in COORDINATES)
+# units in which differences of two runs count, of quantities of `Run.states`
+UNITS = dict(zip(COLUMNS, SCALE.tolist(), strict=True)) | {"x": 0.01, "y": 0.01, "gap_2": 0.01, "gap_2_rate": 0.1}
 
 
 def random_scene(seed):
@@ -102,3 +106,17 @@ def general_scene(seed):
         for axis in "xy":
             scene |= {f"Gamma_{axis}": float(rng.uniform(0, 0.3)), f"phi_{axis}": float(rng.uniform(0, 2 * pi))}
     return scene
+
+
+def exchanged_ends(scene):
+    """A scene with the parameters of its ends exchanged."""
+    other = {one: two for ends in ENDS.values() for one, two in (ends, ends[::-1])}
+    return {other.get(name, name): value for name, value in scene.items()} | {"k_ratio": 1 / scene["k_ratio"]}
+
+
+def turned_plate(scene, angle):
+    """Parameters of the tilt and of the motion along the plate of a scene, turned about the normal."""
+    along = {axis: rect(scene.get(f"Gamma_{axis}", 0.0), scene.get(f"phi_{axis}", 0.0)) for axis in "xy"}
+    x, y = along["x"] * cos(angle) - along["y"] * sin(angle), along["x"] * sin(angle) + along["y"] * cos(angle)
+    shaken = {"Gamma_x": abs(x), "phi_x": phase(x), "Gamma_y": abs(y), "phi_y": phase(y)}
+    return shaken | {"azimuth": scene.get("azimuth", 0.0) + angle}

@@ -228,9 +228,11 @@ def run_to_slip_end(dm, modes, y, dy, i, slip_tol, n):
 
 @compiled
 def end_slip(dm, modes, y, i):
-    """Set the slip of end i, which has come down to its tolerance, to zero."""
+    """Set the slip of end i, which has come down to its tolerance, to zero; an end that sticks beside it still does."""
     y[YUA] = 0.0
     if i == 0 or modes[0] == FREE:
         y[YUB] = 0.0
+        if modes[0] != FREE and modes[1] == STICK:
+            y[YWP] = turn_of_pair(dm, 0.0, y[YS])
     else:
         y[YWP] = turn_of_pair(dm, y[YUB], y[YS])

@@ -73,6 +73,7 @@ from dimersweep.kernel.record import (
     SEGMENT_MODES,
 )
 
+FINER, FINEST = 1e-2, 1e-13  # accuracy of the budget over that of the run, and the best of it
 digits_in = compiled(digits_of, inline=True)
 
 
@@ -107,7 +108,7 @@ def budget(row, segments, events, rtol, space, scratch, ends, smooth, struck, le
     leads_to : int64 array, shape (k,)
         Filled with the number of the segment that an event leads to; 0 up to the first one.
     """
-    dm, e = space.dimer, 0
+    dm, e, tol = space.dimer, 0, max(FINER * rtol, FINEST)
     set_dimer(row, dm)
     while e < events.shape[0] and not is_later(events[e], segments[0]):
         leads_to[e] = 0
@@ -123,8 +124,8 @@ def budget(row, segments, events, rtol, space, scratch, ends, smooth, struck, le
             fly(dm, take_off(dm, state), state, span, True)
         elif span > 0.0:
             unit = kinetic(dm, state) + 0.5 * dm.m * (speed_bound(dm) ** 2 + dm.v_scale**2)
-            contact_work(dm, motion, span, rtol, unit, scratch[IMPACT_ROWS:], smooth[n])
-        e = strike(dm, state, later, events, e, n + 1, scratch, struck, leads_to)
+            contact_work(dm, motion, span, rtol, tol, unit, scratch[IMPACT_ROWS:], smooth[n])
+        e = strike(dm, state, later, events, e, n + 1, tol, scratch, struck, leads_to)
 
 
 @compiled
@@ -150,8 +151,11 @@ def fastest(dm, u):
 
 
 @compiled
-def strike(dm, state, later, events, e, n, scratch, struck, leads_to):
-    """Works of the impacts from the end of a phase to the start of the next one, number n; returns the next event row."""
+def strike(dm, state, later, events, e, n, tol, scratch, struck, leads_to):
+    """Works of the impacts from the end of a phase to the start of the next one, number n; returns the next event row.
+
+    `tol` is the slip that counts as none, in units of the fastest speed.
+    """
     u, q = scratch[R_BODY], scratch[R_Q]
     sin_b, cos_b = attitude(dm, state[DIP])
     body_velocities(dm, state, 0, u)
@@ -166,7 +170,7 @@ def strike(dm, state, later, events, e, n, scratch, struck, leads_to):
                 q[QX1], q[QX2], V, begun = 0.0, 0.0, fastest(dm, u), True
             before, after = (event[E_N1], event[E_N2]), (event[E_N1_AFTER], event[E_N2_AFTER])
             P = (event[E_P1], event[E_P2])
-            impact_phase(dm, digit_1, digit_2, before, after, P, sin_b, cos_b, V, u, scratch, done)
+            impact_phase(dm, digit_1, digit_2, before, after, P, sin_b, cos_b, V, tol, u, scratch, done)
         elif event[E_CAUSE] == C_CHATTER_END:
             body_velocities(dm, later, BEFORE - N1, u)
             body_velocities(dm, later, 0, scratch[R_LATER])

@@ -24,14 +24,14 @@ N_WORK = 7
 # impulses; normal impulses, the axial one, laterals; works of restitution and slip
 QN1, QN2, QX1, QX2, QA, QB1, QB2, QP, QP1, QP2, QSA, QSB1, QSB2, QR1, QR2, QS1, QS2 = range(17)
 N_Q = 17
-# constants of a phase: the Delassus operator, in units of 1/m; 1 or 1/e^2; the friction modes, or the number of the end
-LNN1, LNN2, LNN12, LNA1, LNA2, LAA, LBB1, LBB2, LBB12, LGAIN1, LGAIN2, LMODE1, LMODE2, LEND = range(14)
+# constants of a phase: the Delassus operator, in units of 1/m; 1 or 1/e^2; the friction modes, or the number of the end; the
+# slip that counts as none
+LNN1, LNN2, LNN12, LNA1, LNA2, LAA, LBB1, LBB2, LBB12, LGAIN1, LGAIN2, LMODE1, LMODE2, LEND, LREST = range(15)
 BOTH = -1.0
 # rows of the scratch array
 R_K, R_Q, R_OUT, R_START, R_LAW, R_SCALE, R_BODY, R_LATER, R_SUM = 0, 12, 13, 14, 15, 16, 17, 18, 19
 IMPACT_ROWS, WORK_WIDTH = 20, 18
-TOL = 1e-12  # of a step
-LEAST_SLIP = 1e-10  # slip below which friction falls to zero with it
+TOL = 1e-14  # of a step
 STEPS = 20_000  # of a phase at most
 ON_AXIS = 1e-8  # angle of a slip to the axis below which it is axial (its square counts)
 PLASTIC = 1e-9  # restitution that is none
@@ -105,9 +105,9 @@ def force(k, eta, X):
 
 
 @compiled
-def strength(mu, f, v):
-    """Friction over slip; below `LEAST_SLIP` as there."""
-    return mu * f / max(v, LEAST_SLIP)
+def strength(mu, f, v, least):
+    """Friction over slip; below the slip `least` as there: it falls to zero with the slip."""
+    return mu * f / max(v, least)
 
 
 @compiled
@@ -121,15 +121,16 @@ def both_rates(dm, law, q, dq):
     if stick_1 or stick_2:
         A = -pull / law[LAA]
         if not stick_1:
-            L_1 = -strength(dm.p1.mu, f_1, abs(b_1)) * b_1
+            L_1 = -strength(dm.p1.mu, f_1, abs(b_1), law[LREST]) * b_1
             L_2 = -law[LBB12] / law[LBB2] * L_1
             s_1 = L_1 * b_1
         elif not stick_2:
-            L_2 = -strength(dm.p2.mu, f_2, abs(b_2)) * b_2
+            L_2 = -strength(dm.p2.mu, f_2, abs(b_2), law[LREST]) * b_2
             L_1 = -law[LBB12] / law[LBB1] * L_2
             s_2 = L_2 * b_2
     else:
-        k_1, k_2 = strength(dm.p1.mu, f_1, length(a, b_1)), strength(dm.p2.mu, f_2, length(a, b_2))
+        k_1 = strength(dm.p1.mu, f_1, length(a, b_1), law[LREST])
+        k_2 = strength(dm.p2.mu, f_2, length(a, b_2), law[LREST])
         A, L_1, L_2 = -(k_1 + k_2) * a, -k_1 * b_1, -k_2 * b_2
         s_1, s_2 = -k_1 * (a * a + b_1 * b_1), -k_2 * (a * a + b_2 * b_2)
     n_1, n_2 = q[QN1], q[QN2]
@@ -225,7 +226,7 @@ def integrate(dm, target, work):
             return True
         copy(out, q, N_Q)
         h *= min(5.0, step_factor(error, 8.0))
-        if i >= 0 and (length(q[QA], q[QB1 + i]) <= LEAST_SLIP * v_0 or is_axial(dm, law, q)):
+        if i >= 0 and (length(q[QA], q[QB1 + i]) <= law[LREST] * v_0 or is_axial(dm, law, q)):
             return False
         if i < 0 and not q[QX1] > 0.0 and not q[QX2] > 0.0 and q[QN1] >= 0.0 and q[QN2] >= 0.0:
             return False
@@ -285,9 +286,9 @@ def single_phase(dm, i, mode, P, work):
     if p.mu == 0.0:
         straight(dm, law, q, P, 0.0)
         return
-    if length(q[QA], q[QB1 + i]) > LEAST_SLIP and not is_axial(dm, law, q) and integrate(dm, P, work):
+    if length(q[QA], q[QB1 + i]) > law[LREST] and not is_axial(dm, law, q) and integrate(dm, P, work):
         return
-    if length(q[QA], q[QB1 + i]) > LEAST_SLIP and is_axial(dm, law, q):
+    if length(q[QA], q[QB1 + i]) > law[LREST] and is_axial(dm, law, q):
         t_a = -copysign(p.mu, q[QA])
         w, left = law[LNA1 + i] + law[LAA] * t_a, P - q[QP]
         stops = q[QA] * w < 0.0 and -q[QA] / w < left
@@ -308,7 +309,7 @@ def set_out(dm, law, q):
         q[QB1] = 0.0 if stick_1 else q[QB1]
         q[QB2] = 0.0 if stick_2 else q[QB2]
         return
-    none, eta = 10.0 * LEAST_SLIP, dm.eta
+    none, eta = 10.0 * law[LREST], dm.eta
     f_1, f_2 = force(dm.p1.k, eta, q[QX1]), force(dm.p2.k, eta, q[QX2])
     if f_1 == 0.0 and f_2 == 0.0:
         f_1, f_2 = force(dm.p1.k, eta, -q[QN1]), force(dm.p2.k, eta, -q[QN2])
@@ -336,7 +337,7 @@ def gain(e, X, n_before, n_after):
 
 
 @compiled
-def impact_phase(dm, digit_1, digit_2, n_before, n_after, P, sin_b, cos_b, V, u, work, done):
+def impact_phase(dm, digit_1, digit_2, n_before, n_after, P, sin_b, cos_b, V, least, u, work, done):
     """One phase of an impact as it was recorded; the body velocities u in place.
 
     Parameters
@@ -349,6 +350,8 @@ def impact_phase(dm, digit_1, digit_2, n_before, n_after, P, sin_b, cos_b, V, u,
         Of the dip angle.
     V : float
         Unit of velocities [m/s].
+    least : float
+        Slip that counts as none, in this unit.
     u : float64 array, shape (N_U,)
     work : float64 array, shape (IMPACT_ROWS, WORK_WIDTH)
         Scratch; compressions are carried on from phase to phase in R_Q.
@@ -359,6 +362,7 @@ def impact_phase(dm, digit_1, digit_2, n_before, n_after, P, sin_b, cos_b, V, u,
     on_1, on_2 = digit_1 > IMPACT, digit_2 > IMPACT
     i = 0 if on_1 else 1
     set_law(dm, i, sin_b, cos_b, law)
+    law[LREST] = least
     load(dm, i, sin_b, cos_b, u, V, q)
     unit = dm.m * V
     if dm.p1.e <= PLASTIC and n_before[0] >= 0.0:
