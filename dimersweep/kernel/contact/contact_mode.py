@@ -9,9 +9,9 @@ from math import copysign
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.coordinates import YS, YUA, YUB, YWP, set_slip, slip_of
 from dimersweep.kernel.contact.forces import A1, A2, COMPLIANCE, F1, F2, L1, L2, contact_rates, hold_reserve
-from dimersweep.kernel.contact.slip_onset import slip_onset
+from dimersweep.kernel.contact.slip_onset import pair_onset, slip_onset
 from dimersweep.kernel.model.body import apart_sideways, turn_of_pair
-from dimersweep.kernel.model.friction import direction_at_limit, hold_left, length
+from dimersweep.kernel.model.friction import hold_left, lateral_at_limit, length
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
 
 CLOSED, SEPARATES, INCONSISTENT = 0, 1, 2
@@ -105,7 +105,7 @@ def double_mode(dm, phase, y, modes, slip_tol, lost, dy, F):
     contact_rates(dm, modes, phase, y, False, dy, F)
     if rest_1 and rest_2:
         if lost or hold_reserve(dm, modes, 0, F) < 0.0:
-            start_slips(dm, y, modes, slip_tol, F)
+            start_slips(dm, phase, y, modes, slip_tol, dy, F)
     elif rest_1 and (lost or hold_reserve(dm, modes, 0, F) < 0.0):
         start_slip(dm, phase, y, modes, 0, slip_tol, dy, F)
     elif rest_2 and (lost or hold_reserve(dm, modes, 1, F) < 0.0):
@@ -114,7 +114,7 @@ def double_mode(dm, phase, y, modes, slip_tol, lost, dy, F):
 
 
 @compiled
-def start_slips(dm, y, modes, slip_tol, F):
+def start_slips(dm, phase, y, modes, slip_tol, dy, F):
     """Both ends at rest and not both held: an end whose lateral hold is exceeded slips laterally, else both slip.
 
     Both ends then are at their limits, and each sets out against the force that held it. Its lateral part is known, and
@@ -123,19 +123,17 @@ def start_slips(dm, y, modes, slip_tol, F):
     over_1 = hold_left(dm.p1.mu_h, F[F1], 0.0, F[L1]) < 0.0
     over_2 = hold_left(dm.p2.mu_h, F[F2], 0.0, F[L2]) < 0.0
     small = 0.5 * slip_tol
+    modes[0] = SLIP if over_1 or not over_2 else STICK
+    modes[1] = SLIP if over_2 or not over_1 else STICK
     if over_1 or over_2:
         u_1 = -copysign(small, F[L1]) if over_1 else 0.0
         u_2 = -copysign(small, F[L2]) if over_2 else 0.0
-        modes[0] = SLIP if over_1 else STICK
-        modes[1] = SLIP if over_2 else STICK
+        y[YUB], y[YWP] = u_1, turn_of_pair(dm, u_1 - u_2, y[YS])
     else:
-        c_1, s_1 = direction_at_limit(dm.p1.mu_h, F[F1], F[L1])
-        c_2, s_2 = direction_at_limit(dm.p2.mu_h, F[F2], F[L2])
-        small /= max(c_1, c_2)
-        u_1, u_2 = -small * s_1 * c_2, -small * s_2 * c_1
-        y[YUA] = -copysign(small * c_1 * c_2, F[A1])
-        modes[0], modes[1] = SLIP, SLIP
-    y[YUB], y[YWP] = u_1, turn_of_pair(dm, u_1 - u_2, y[YS])
+        side = -copysign(1.0, F[A1])
+        b_1 = -side * lateral_at_limit(dm.p1.mu_h, F[F1], F[L1])
+        b_2 = -side * lateral_at_limit(dm.p2.mu_h, F[F2], F[L2])
+        pair_onset(dm, modes, phase, y, small, side, b_1, b_2, dy, F)
 
 
 @compiled

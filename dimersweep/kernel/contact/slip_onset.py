@@ -3,13 +3,19 @@
 from math import pi
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.contact.coordinates import set_slip, slip_of
+from dimersweep.kernel.contact.coordinates import YS, YUA, YUB, YWP, set_slip, slip_of
 from dimersweep.kernel.contact.forces import F1, contact_rates
+from dimersweep.kernel.model.body import turn_of_pair
+from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.numerics.elementary import atan2
 from dimersweep.kernel.numerics.sincos import sincos
 
 ONSET_DIRECTIONS = 48  # directions looked at for a change of sign
 SLANT = 1e-7  # change of direction in a finite difference [rad]
+PAIR_SLANT = (
+    1e-4  # the same of two ends, over the tangent: coarse enough for the smallest slips, whose last digits are rounded
+)
+PAIR_NEWTON, PAIR_KNOWN = 12, 1e-6  # Newton iterations of two ends at most, and the change that ends them
 
 
 @compiled
@@ -78,3 +84,42 @@ def slip_onset(dm, modes, i, phase, y, v, hold_a, hold_b, dy, F):
     if settle_near(dm, modes, i, phase, y, v, atan2(-hold_b, -hold_a), dy, F):
         return True
     return settle_anywhere(dm, modes, i, phase, y, v, dy, F)
+
+
+@compiled
+def set_out_as_pair(dm, modes, phase, y, v, side, b_1, b_2, dy, F):
+    """Two ends slip along (1, b_i) times `side`, the faster with the speed v: the axial acceleration that way, and what each
+    lateral one has beyond that direction.
+    """
+    u = side * v / length(1.0, max(abs(b_1), abs(b_2)))
+    y[YUA], y[YUB], y[YWP] = u, u * b_1, turn_of_pair(dm, u * (b_1 - b_2), y[YS])
+    contact_rates(dm, modes, phase, y, False, dy, F)
+    a, a_1 = slip_of(dm, modes, dy, 0)
+    _, a_2 = slip_of(dm, modes, dy, 1)
+    return side * a, side * (a_1 - b_1 * a), side * (a_2 - b_2 * a)
+
+
+@compiled
+def pair_onset(dm, modes, phase, y, v, side, b_1, b_2, dy, F):
+    """Slips out of rest of two ends, into y: near (1, b_i) times `side`, in directions to which the accelerations are parallel.
+
+    Where there are none, the given directions are kept.
+    """
+    first_1, first_2 = b_1, b_2
+    for _ in range(PAIR_NEWTON):
+        along, r_1, r_2 = set_out_as_pair(dm, modes, phase, y, v, side, b_1, b_2, dy, F)
+        d_1, d_2 = PAIR_SLANT * (1.0 + abs(b_1)), PAIR_SLANT * (1.0 + abs(b_2))
+        _, s_11, s_21 = set_out_as_pair(dm, modes, phase, y, v, side, b_1 + d_1, b_2, dy, F)
+        _, s_12, s_22 = set_out_as_pair(dm, modes, phase, y, v, side, b_1, b_2 + d_2, dy, F)
+        s_11, s_21, s_12, s_22 = (s_11 - r_1) / d_1, (s_21 - r_2) / d_1, (s_12 - r_1) / d_2, (s_22 - r_2) / d_2
+        det = s_11 * s_22 - s_12 * s_21
+        step_1, step_2 = (s_12 * r_2 - s_22 * r_1) / det, (s_21 * r_1 - s_11 * r_2) / det
+        if not abs(step_1) <= 1.0 + abs(b_1) or not abs(step_2) <= 1.0 + abs(b_2):
+            break
+        b_1, b_2 = b_1 + step_1, b_2 + step_2
+        if abs(step_1) <= PAIR_KNOWN * (1.0 + abs(b_1)) and abs(step_2) <= PAIR_KNOWN * (1.0 + abs(b_2)):
+            along, _, _ = set_out_as_pair(dm, modes, phase, y, v, side, b_1, b_2, dy, F)
+            if along > 0.0:
+                return
+            break
+    set_out_as_pair(dm, modes, phase, y, v, side, first_1, first_2, dy, F)

@@ -14,7 +14,7 @@ from math import sqrt
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.model.layout import STICK
 
-LEAST_COSINE = 1e-8  # to the axis, of the friction of an end that is held to the sides only: below it, rounding
+LEAST_COSINE = 1e-6  # to the axis, of the friction of an end that is held to the sides only: below it, rounding
 MAX_ONSET_NEWTON = 30  # of Newton's rule for the direction of a slip out of rest
 
 
@@ -90,11 +90,10 @@ def hold_left_of_pair(hold_1, F_1, L_1, hold_2, F_2, L_2, A):
 
 
 @compiled
-def direction_at_limit(hold, F, L):
-    """Cosine and sine, to the axis, of the friction that holds an end at its limit, the lateral part L being known."""
+def lateral_at_limit(hold, F, L):
+    """Lateral part L of the friction that holds an end at its limit, over the size of the axial part."""
     limit = hold * F
-    s = L / limit if limit > 0.0 else 0.0
-    return sqrt(max(LEAST_COSINE**2, 1.0 - s * s)), s
+    return L / sqrt(max(limit * limit - L * L, (LEAST_COSINE * limit) ** 2)) if limit > 0.0 else 0.0
 
 
 @compiled
