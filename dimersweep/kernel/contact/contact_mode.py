@@ -155,6 +155,12 @@ def start_slip(dm, phase, y, modes, i, slip_tol, dy, F):
 
 
 @compiled
+def change_leading(dm, before, after, y):
+    """Have the slip of end `after` in y in place of that of end `before`, with both ends on the plate."""
+    y[YUB] += (before - after) * apart_sideways(dm, y[YWP], y[YS])
+
+
+@compiled
 def contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, lost, dy, F):
     """Which of the closed ends stay closed, and in which friction modes, into modes (y with p1 leading if it is closed).
 
@@ -179,6 +185,10 @@ def contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, lost, dy, F)
         return CLOSED
     elif not on_1 and not on_2 and is_driven_in(dm, modes, 0, phase, y, dy, F):
         stays = 0
-    if stays == 1:
-        y[YUB] -= apart_sideways(dm, y[YWP], y[YS])
-    return single_mode(dm, stays, phase, y, modes, slip_tol, lost, dy, F)
+    # a hold that was lost was that of both
+    change_leading(dm, 0, stays, y)
+    answer = single_mode(dm, stays, phase, y, modes, slip_tol, False, dy, F)
+    if answer == SEPARATES:  # friction at both ends may have driven off one that nothing drives off alone
+        change_leading(dm, stays, 1 - stays, y)
+        answer = single_mode(dm, 1 - stays, phase, y, modes, slip_tol, False, dy, F)
+    return answer
