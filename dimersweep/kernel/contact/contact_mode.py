@@ -18,6 +18,9 @@ CLOSED, SEPARATES, INCONSISTENT = 0, 1, 2
 NO_FORCE = 1e-12  # force, in units of the weight, whose sign a moment later decides
 MOMENT = 1e-6  # of the plate's phase
 AT_LIMIT = 1e-6  # deceleration, in units of gravity, that is none
+# of Newton's rule for the direction of two slips out of rest: its steps, the change of slope in a difference, and the slip at
+# which it is taken over that at which they set out: clear of the rounding of the state
+MOST_TURNS, TURN, CLEAR = 20, 1e-5, 100.0
 
 
 @compiled
@@ -106,6 +109,8 @@ def double_mode(dm, phase, y, modes, slip_tol, lost, dy, F):
     if rest_1 and rest_2:
         if lost or hold_reserve(dm, modes, 0, F) < 0.0:
             start_slips(dm, y, modes, slip_tol, F)
+            if modes[0] == SLIP and modes[1] == SLIP and y[YUA] != 0.0:
+                set_out_together(dm, phase, y, modes, dy, F)
     elif rest_1 and (lost or hold_reserve(dm, modes, 0, F) < 0.0):
         start_slip(dm, phase, y, modes, 0, slip_tol, dy, F)
     elif rest_2 and (lost or hold_reserve(dm, modes, 1, F) < 0.0):
@@ -136,6 +141,49 @@ def start_slips(dm, y, modes, slip_tol, F):
         y[YUA] = -copysign(small * c_1 * c_2, F[A1])
         modes[0], modes[1] = SLIP, SLIP
     y[YUB], y[YWP] = u_1, turn_of_pair(dm, u_1 - u_2, y[YS])
+
+
+@compiled
+def pair_slopes(dm, phase, y, modes, u, p, q, dy, F):
+    """How far the rates of both slips, out of rest with the axial slip u and lateral ones p u, q u, are from that direction;
+    and the rate of the axial one.
+    """
+    y[YUA], y[YUB] = u, p * u
+    y[YWP] = turn_of_pair(dm, (p - q) * u, y[YS])
+    contact_rates(dm, modes, phase, y, False, dy, F)
+    a, b_1 = slip_of(dm, modes, dy, 0)
+    _, b_2 = slip_of(dm, modes, dy, 1)
+    return b_1 - p * a, b_2 - q * a, a
+
+
+@compiled
+def set_out_together(dm, phase, y, modes, dy, F):
+    """Turn the slips of both ends, which set out, to where their rates have their direction, by Newton's rule; where it
+    does not find it, they stay as they are.
+    """
+    u, b_1 = y[YUA], y[YUB]
+    probe = CLEAR * u
+    b_2 = b_1 - apart_sideways(dm, y[YWP], y[YS])
+    p, q, found = b_1 / u, b_2 / u, False
+    for _ in range(MOST_TURNS):
+        r_1, r_2, a = pair_slopes(dm, phase, y, modes, probe, p, q, dy, F)
+        d_p, d_q = TURN * (1.0 + abs(p)), TURN * (1.0 + abs(q))
+        p_1, p_2, _ = pair_slopes(dm, phase, y, modes, probe, p + d_p, q, dy, F)
+        q_1, q_2, _ = pair_slopes(dm, phase, y, modes, probe, p, q + d_q, dy, F)
+        m_11, m_21, m_12, m_22 = (p_1 - r_1) / d_p, (p_2 - r_2) / d_p, (q_1 - r_1) / d_q, (q_2 - r_2) / d_q
+        det = m_11 * m_22 - m_12 * m_21
+        if det == 0.0:
+            break
+        step_p, step_q = (m_12 * r_2 - m_22 * r_1) / det, (m_21 * r_1 - m_11 * r_2) / det
+        p, q = p + step_p, q + step_q
+        if abs(step_p) <= TURN * (1.0 + abs(p)) and abs(step_q) <= TURN * (1.0 + abs(q)):
+            _, _, a = pair_slopes(dm, phase, y, modes, probe, p, q, dy, F)
+            found = a * u > 0.0
+            break
+    if found:
+        u /= max(1.0, abs(p), abs(q))
+        b_1, b_2 = p * u, q * u
+    y[YUA], y[YUB], y[YWP] = u, b_1, turn_of_pair(dm, b_1 - b_2, y[YS])
 
 
 @compiled
