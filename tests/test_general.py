@@ -178,6 +178,35 @@ def test_without_friction_the_plate_moves_nothing_sideways(name):
     assert_same(states, still, ("theta", "beta", "spin", "gap_1", "gap_2", "beta_rate", "theta_rate"), 1e-11)
 
 
+THROWN = {"gap0": 5e-3, "gammadot0": 30.0, "thetadot0": 2.0, "Gamma": 0.0}
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        THROWN | {"beta0": 0.4, "xdot0": 0.5, "gap0": 0.01, "thetadot0": 0.0},
+        UNLIKE | THROWN | {"beta0": -0.4, "xdot0": 0.2, "ydot0": -0.3, "gammadot0": -40.0},
+    ],
+    ids=["alike", "unlike"],
+)
+def test_a_plate_that_moves_evenly_along_itself_changes_nothing(scene):
+    """Galilei, with friction: start and plate have a common velocity more, and the motion over the plate is the same.
+
+    A plate that moves along itself at 1e-6 Hz moves evenly while this one bounces, slips and comes to rest: within 0.28 s its
+    velocity changes by 2e-12 of itself.
+    """
+    f, even = 1e-6, {"x": 1.0, "y": -0.7}
+    shaken = {f"Gamma_{axis}": abs(v) * 2 * pi * f / 9.81 for axis, v in even.items()}
+    shaken |= {f"phi_{axis}": 0.0 if v > 0 else pi for axis, v in even.items()}
+    faster = {f"{axis}dot0": scene.get(f"{axis}dot0", 0.0) + v for axis, v in even.items()}
+    still, moved = (simulate(**scene | more, f=f, periods=1, rtol=1e-12) for more in ({}, shaken | faster))
+    times = np.linspace(0.0, 0.28, 57)
+    before, after = ({name: run.states(times)[name].values for name in UNITS} for run in (still, moved))
+    assert_same(after, before, UNITS, 1e-10)
+    kinds = set(still.events["kind"].values)
+    assert {"SI1_sp", "SI2_sp", "DI_sp_sp", "DC_sk_sk"} <= kinds
+
+
 @pytest.mark.parametrize("tilt", [0.0, 0.2])
 def test_elastic_bounces_keep_the_energy_in_the_tilted_potential(tilt):
     scene = {name: value for name, value in UNLIKE.items() if not name.startswith(("mu", "e_"))}

@@ -18,7 +18,7 @@ from dimersweep import simulate
 KINDS = ("alike", "unlike", "sideways", "special")
 CLOSES = 1e-9
 MOST_EVENTS = 300  # in a forcing period; a run with more is left out
-PATIENCE = 5.0  # time for a run [s]; one that takes longer is left out
+PATIENCE = 20.0  # time for a run [s]; one that takes longer is left out
 
 
 def scene(seed, number):

@@ -27,7 +27,17 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.parameters import Parameters
 from tests.checks.examine import CODE, GAINED, KINDS, SUNK, examine, lies
-from tests.checks.random_scenes import BLOCK, base, faults, lying_nan, parameters_of, rows_of, run_block, scene_row
+from tests.checks.random_scenes import (
+    BLOCK,
+    LONGEST,
+    base,
+    faults,
+    lying_nan,
+    parameters_of,
+    rows_of,
+    run_block,
+    scene_row,
+)
 
 FIGURE = Path(__file__).resolve().parents[2] / "docs" / "figures" / "stress.png"
 MANY, SLOW = 60, 20  # scenes with the most events, and slowest ones, that are examined besides
@@ -186,7 +196,7 @@ def worst(looks, measure):
     return (0.0, None) if k is None else (float(measure(looks[k])), int(k))
 
 
-def acceptance(codes, nans, looks):
+def acceptance(codes, nans, seconds, looks):
     """What is asked of the engine: each with its value, the most it may be, and the numbers of the worst scenes."""
     status = codes[:, CODE["status"]]
     hung = np.isin(status, [STATUSES.index(name) for name in BOUNDS])
@@ -197,6 +207,7 @@ def acceptance(codes, nans, looks):
     deep, deepest = worst(looks, lambda seen: seen["penetration"] / seen["length"])
     lines = {
         "hangs: bounds on events or steps, in 10,000": (1e4 * hung.mean(), 1.0, np.flatnonzero(hung)[:5].tolist()),
+        "time of the slowest [s]": (float(seconds.max()), LONGEST, [int(seconds.argmax())]),
         "nan with status ok": (len(lying), 0, lying[:5]),
         "penetration over length": (deep, SUNK, [deepest]),
     }
@@ -245,7 +256,7 @@ def summary(codes, nans, seconds, work, times, looks, options):
         "flips": sum(seen["flips"] for seen in looks.values()),
         "dip": worst(looks, lambda seen: seen["dip"]),
         "crowd": worst(looks, lambda seen: seen["crowd"]),
-        "acceptance": acceptance(codes, nans, looks),
+        "acceptance": acceptance(codes, nans, seconds, looks),
     }
 
 

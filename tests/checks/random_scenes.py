@@ -16,7 +16,7 @@ from tests.checks.examine import CODE, examine, lies
 
 BLOCK = 1000  # scenes that have random numbers of their own
 SEED = 20240305  # of the scenes that are compared with other programs
-LONGEST = 10.0  # time for a scene [s], after which it is stopped
+LONGEST = 5.0  # time for a scene [s], after which it is stopped
 
 
 def pick(rng, n, usual, *special, share=0.05):

@@ -342,6 +342,37 @@ def test_two_ends_at_their_limits_set_out_against_what_held_them(seed):
     assert np.abs(dy[[YUA, YUB, YWP]] * [1, 1, rough.l]).max() < 1e-6 * rough.g
 
 
+@pytest.mark.parametrize("share", [0.99, 0.5])
+@pytest.mark.parametrize("seed", range(6))
+def test_two_ends_beyond_their_limits_set_out_in_the_direction_of_their_rates(seed, share):
+    """Slips that grow from nothing keep their directions: those of their rates, under the friction of these directions."""
+    rng = np.random.default_rng(seed)
+    scene = SHAKEN | {"rho_b_2": rng.uniform(4000, 7000), "theta0": rng.uniform(0, 6)}
+    rough = dimer(mu=0.0, mu_s=10.0, **scene)
+    state = closed_state(rough, (STICK, STICK), rng, 0.3)
+    _, _, _, _, F = chosen(rough, state, (True, True))
+
+    def reserve(mu):
+        return hold_left_of_pair(mu, F[F1], F[L1], F[F2], F[L2], F[A1])
+
+    least = max(abs(F[L1]) / F[F1], abs(F[L2]) / F[F2])  # below it an end slips to the side alone
+    mu = least + share * (brentq(reserve, 1e-3, 10.0, xtol=1e-16, rtol=1e-15) - least)
+    dm = dimer(mu=mu, mu_s=mu, **scene)
+    answer, found, y, dy, _ = chosen(dm, state, (True, True))
+    assert (answer, found) == (CLOSED, (SLIP, SLIP))
+    for i in range(2):
+        u, v = slip_at_contact(dm, y, i), slip_at_contact(dm, dy, i)
+        assert u @ v > 0.0
+        rounding = 1e-15 / np.linalg.norm(u)  # of a slip that is a difference of velocities
+        assert abs(u[0] * v[1] - u[1] * v[0]) < (1e-4 + rounding) * np.linalg.norm(u) * np.linalg.norm(v)
+
+
+def slip_at_contact(dm, y, i):
+    """Slip of end i, or its rate, of a contact state with both ends down and p1 leading."""
+    apart = dm.l * dm.cos_0 * (dm.cos_0 * y[YWP] + dm.sin_0 * y[YS])
+    return np.array([y[YUA], y[YUB] - (apart if i else 0.0)])
+
+
 def test_a_plate_that_falls_away_is_left():
     dm = dimer(Gamma=1.5, phi0=np.pi / 2)
     for modes in (STICK, FREE), (FREE, STICK), (STICK, STICK):
