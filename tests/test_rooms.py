@@ -9,7 +9,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 ROOMS = ("speed", "evidence", "peers")
-PROGRAMS = {path.stem: path.parent.name for room in ROOMS for path in (ROOT / "benchmarks" / room).glob("*.py")}
+PROGRAMS = {path.stem: room for room in ROOMS for path in (ROOT / "benchmarks" / room).rglob("*.py")}
 
 
 def imported(path):

@@ -208,23 +208,26 @@ def a_tile(scene: Scene) -> Path:
     return scene.rng.choice(sorted(scene.tiles.glob("tiles-*.npy")))
 
 
-@attack("a tile is removed")
-def _(scene: Scene) -> None:
-    scene.begin()
-    a_tile(scene).unlink()
+BEGUN: dict[str, Callable[[Scene], Any]] = {  # what is done to a sweep that has begun
+    "a tile is removed": lambda scene: a_tile(scene).unlink(),
+    "all tiles are removed": lambda scene: [path.unlink() for path in scene.tiles.glob("tiles-*.npy")],
+    "the manifest is removed": lambda scene: scene.manifest.unlink(),
+    "a lock that names another host": lambda scene: (scene.tiles / "lock").write_text(
+        json.dumps({"pid": 1, "host": f"not-{socket.gethostname()}", "since": "2001"})
+    ),
+    "a bit is flipped in a tile": lambda scene: flip(a_tile(scene), scene.rng),
+    "a bit is flipped in the manifest": lambda scene: flip(scene.manifest, scene.rng),
+    "a bit is flipped in the lock": lambda scene: flip(scene.tiles / "lock", scene.rng),
+    "the end is cut from a tile": lambda scene: cut(a_tile(scene), scene.rng),
+    "the end is cut from the manifest": lambda scene: cut(scene.manifest, scene.rng),
+    "the end is cut from the lock": lambda scene: cut(scene.tiles / "lock", scene.rng),
+}
+for _name, _change in BEGUN.items():
 
-
-@attack("all tiles are removed")
-def _(scene: Scene) -> None:
-    scene.begin()
-    for path in scene.tiles.glob("tiles-*.npy"):
-        path.unlink()
-
-
-@attack("the manifest is removed")
-def _(scene: Scene) -> None:
-    scene.begin()
-    scene.manifest.unlink()
+    @attack(_name)
+    def _(scene: Scene, change: Callable[[Scene], Any] = _change) -> None:
+        scene.begin()
+        change(scene)
 
 
 @attack("the finished cube is removed")
@@ -274,21 +277,6 @@ def cut(path: Path, rng: random.Random) -> None:
 
 for _what, _damage in (("a bit is flipped in", flip), ("the end is cut from", cut)):
 
-    @attack(f"{_what} a tile")
-    def _(scene: Scene, damage: Callable[[Path, random.Random], None] = _damage) -> None:
-        scene.begin()
-        damage(a_tile(scene), scene.rng)
-
-    @attack(f"{_what} the manifest")
-    def _(scene: Scene, damage: Callable[[Path, random.Random], None] = _damage) -> None:
-        scene.begin()
-        damage(scene.manifest, scene.rng)
-
-    @attack(f"{_what} the lock")
-    def _(scene: Scene, damage: Callable[[Path, random.Random], None] = _damage) -> None:
-        scene.begin()
-        damage(scene.tiles / "lock", scene.rng)
-
     @attack(f"{_what} the numbers of a NetCDF cube")
     def _(scene: Scene, damage: Callable[[Path, random.Random], None] = _damage) -> None:
         scene.complete()
@@ -323,13 +311,6 @@ def list_anew(scene: Scene, lines: list[dict[str, Any]]) -> None:
     scene.manifest.write_bytes(b"".join(map(as_line, lines)))
 
 
-@attack("the head of the manifest is forged: its points")
-def _(scene: Scene) -> None:
-    scene.begin()
-    head, *rest = listed(scene)
-    list_anew(scene, [head | {"points": scene.rng.choice([1, 20, 10**15, -3, 0, "120"])}, *rest])
-
-
 @attack("the head of the manifest is forged: its configuration")
 def _(scene: Scene) -> None:
     scene.begin()
@@ -354,26 +335,21 @@ FORGERIES = (
 )
 
 
-@attack("a line of the manifest is forged")
-def _(scene: Scene) -> None:
-    scene.begin()
-    head, first, *rest = listed(scene)
-    list_anew(scene, [head, first | scene.rng.choice(FORGERIES), *rest])
+LINES: dict[str, Callable[..., list[dict[str, Any]]]] = {  # of the manifest, with true checksums
+    "the head of the manifest is forged: its points": lambda rng, head, *rest: [
+        head | {"points": rng.choice([1, 20, 10**15, -3, 0, "120"])},
+        *rest,
+    ],
+    "a line of the manifest is forged": lambda rng, head, first, *rest: [head, first | rng.choice(FORGERIES), *rest],
+    "a line of the manifest is there twice": lambda rng, head, first, *rest: [head, first, first, *rest],
+    "the lines of the manifest are in another order": lambda rng, head, *rest: [head, *rng.sample(rest, len(rest))],
+}
+for _name, _lines in LINES.items():
 
-
-@attack("a line of the manifest is there twice")
-def _(scene: Scene) -> None:
-    scene.begin()
-    head, first, *rest = listed(scene)
-    list_anew(scene, [head, first, first, *rest])
-
-
-@attack("the lines of the manifest are in another order")
-def _(scene: Scene) -> None:
-    scene.begin()
-    head, *rest = listed(scene)
-    scene.rng.shuffle(rest)
-    list_anew(scene, [head, *rest])
+    @attack(_name)
+    def _(scene: Scene, lines: Callable[..., list[dict[str, Any]]] = _lines) -> None:
+        scene.begin()
+        list_anew(scene, lines(scene.rng, *listed(scene)))
 
 
 @attack("two tiles are swapped")
@@ -429,12 +405,6 @@ def _(scene: Scene) -> str | None:
     if code == 0 and not scene.cube.exists():
         return "FAILED: exit 0 without a cube"
     return None if code == 0 or "a sweep is at work here" in line_of(told) else f"FAILED: {told[-200:]}"
-
-
-@attack("a lock that names another host")
-def _(scene: Scene) -> None:
-    scene.begin()
-    (scene.tiles / "lock").write_text(json.dumps({"pid": 1, "host": f"not-{socket.gethostname()}", "since": "2001"}))
 
 
 @attack("a clock that is set back or ahead")

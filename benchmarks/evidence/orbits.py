@@ -1,35 +1,22 @@
-"""What orbits as objects give, and what they cost: borders, branches, families.
+"""What orbits as objects cost, and the fold by another program: ``python benchmarks/evidence/orbits.py``.
 
-``python benchmarks/evidence/orbits.py`` prints, for the base case at an axial spin of 100 rad/s:
+For the base case at an axial spin of 100 rad/s it prints
 
-* folds and flips over e, beside the closed forms of a ball, and the fold of a long light rod, where they are exact;
 * the cost, in forcing periods of the map, of an orbit, a warm point of a branch, of a border, of a family, and the time;
-* `later` beside plain runs (of 20,000 periods; with ``--long`` of 60,000 and 100,000 for two aspect ratios);
-* multipliers beside those of `stability`; the fold beside that of pycont-lite driving the same map, where it is installed;
-* with ``--warm`` the cost of points of borders, over e in the base case and over the grid of ``sweeps/borders/atlas.toml``:
-  of all begun from a neighbour, of those of the same word, and of these where an end stays on the plate for a part of the
-  period.
+* the fold beside that of pycont-lite driving the same map, where it is installed.
 """
 
-import argparse
 from dataclasses import replace
 from time import process_time
-from unittest.mock import patch
 
 import numpy as np
 
-from dimersweep import orbits, simulate, stability
-from dimersweep.orbits import border_grid
-from dimersweep.orbits.ball import ball_flip, ball_fold
-from dimersweep.orbits.curve import Curve
+from dimersweep import orbits, simulate
 from dimersweep.orbits.newton import defect
 from dimersweep.orbits.poincare import OrbitLost
 
 SPIN = 100.0
-KNOWN = {
-    "fold": {0.5: 1.04771531, 0.6: 0.78725965, 0.7: 0.55603099},
-    "flip": {0.5: 1.468736, 0.6: 1.264428, 0.7: 1.115556},
-}
+FOLDS = {0.5: 1.04771531, 0.6: 0.78725965, 0.7: 0.55603099}  # Gamma over e
 
 
 def timed(action):
@@ -37,21 +24,6 @@ def timed(action):
     start = process_time()
     result = action()
     return result, process_time() - start
-
-
-def borders():
-    """Folds and flips, beside what was measured before and the closed forms."""
-    for kind, ball in (("fold", ball_fold), ("flip", ball_flip)):
-        known = KNOWN[kind]
-        found = orbits.border(kind, "Gamma", over={"e": list(known)}, spin=SPIN)
-        for e, Gamma in zip(found["e"].values, found["Gamma"].values, strict=True):
-            off = f"known {known[e]:.8f}, off {Gamma - known[e]:+.1e}"
-            print(f"{kind} at e = {e:.1f}: Gamma = {Gamma:.8f} ({off}; ball {ball(e):.8f})")
-    print("fold of a rod without mass, less that of a ball:")
-    for A_r in (10.0, 100.0, 1000.0, 10_000.0):
-        found = orbits.border("fold", "Gamma", over={"e": list(KNOWN["fold"])}, spin=1e-3, A_r=A_r, rho_r=0.0)
-        away = found["Gamma"].values - [ball_fold(e) for e in found["e"].values]
-        print(f"  A_r = {A_r:7.0f}: " + ", ".join(f"{value:+.1e}" for value in away))
 
 
 def costs():
@@ -63,8 +35,9 @@ def costs():
     plain = (branch["special"].values[1:] == "") & (branch["special"].values[:-1] == "")
     cost = np.diff(branch["cost"].values)[plain]
     print(f"a warm point of a branch: median {np.median(cost):.0f}, most {cost.max():.0f} periods")
-    for kind in ("fold", "flip"):
-        e = np.linspace(0.4, 0.8, 1000) if kind == "fold" else np.linspace(0.6, 0.7, 200)
+    spans = {"fold": (0.4, 0.8, 1000), "flip": (0.6, 0.7, 200)}
+    for kind in ("fold", "flip", "lift_off", "double_impact", "chatter", "hop"):
+        e = np.linspace(*spans.get(kind, (0.5, 0.7, 41)))
         found, seconds = timed(lambda kind=kind, e=e: orbits.border(kind, "Gamma", over={"e": e}, spin=SPIN))
         cost = np.sort(found["cost"].values)[:-3]  # without the first ones
         print(
@@ -72,54 +45,8 @@ def costs():
             f" {e.size} points: {found.attrs['cost']:.0f} periods with the meetings, {seconds:.1f} s,"
             f" {int(np.isnan(found['Gamma']).sum())} failed"
         )
-    for kind in ("fold", "flip", "lift_off", "double_impact", "chatter", "hop"):
-        e = np.linspace(0.5, 0.7, 41)
-        (before, _, cost), seconds = timed(lambda kind=kind, e=e: watched(kind, {"e": e}))
-        warm = cost[before != ""]
-        print(
-            f"a warm point of a {kind} curve, e from 0.5 to 0.7: median {np.median(warm):.0f}, most {warm.max():.0f} periods;"
-            f" {cost.size} of {e.size} points, {seconds:.1f} s"
-        )
     family, seconds = timed(lambda: orbits.family(spin=(50.0, 250.0), points=200))
     print(f"a family of 200 spins: {float(family.attrs['cost']) / 200:.1f} periods a spin, {seconds:.2f} s")
-
-
-def later(long):
-    """`later` beside plain runs from the same start."""
-    lengths, rtol = (60_000, 100_000) if long else (20_000,), 1e-10
-    for A_r in (6.0, 6.5) if long else (6.0,):
-        family = orbits.family(spin=(80.0, 150.0), points=60, A_r=A_r)
-        start = simulate(A_r=A_r, periods=500, record=False, rtol=rtol).orbit if A_r == 6.0 else None
-        beta0 = 4 * np.pi / 45
-        if start is None:
-            beta0 = next(
-                b
-                for b in np.linspace(0.1, 0.6, 40)
-                if simulate(A_r=A_r, beta0=b, periods=100, record=False).mode == "drift"
-            )
-            start = simulate(A_r=A_r, beta0=beta0, periods=500, record=False, rtol=rtol).orbit
-        for n in lengths:
-            run, seconds = timed(
-                lambda A_r=A_r, b=beta0, n=n: simulate(A_r=A_r, beta0=b, periods=n, record=False, rtol=rtol).orbit
-            )
-            told, quick = timed(lambda n=n, s=start, f=family: orbits.later(f, spin=s.spin_rate, periods=n - 500))
-            pairs = {"radius": run.radius, "period": run.period, "zeta": run.zeta, "spin": run.spin_rate}
-            off = ", ".join(f"{name} {getattr(told, name) / value - 1:+.1e}" for name, value in pairs.items())
-            print(f"A_r = {A_r}, {n} periods: {off}; run {seconds:.1f} s, later {1e3 * quick:.0f} ms")
-
-
-def multipliers():
-    """Those of an orbit beside those of a run that has settled on it."""
-    run = simulate(periods=600, rtol=1e-12, phi0=1.5 * np.pi, beta0=0.05 + 0.05)
-    for beta0 in np.linspace(0.05, 1.0, 20):
-        run = simulate(periods=600, rtol=1e-12, phi0=1.5 * np.pi, beta0=beta0)
-        if run.mode == "drift":
-            break
-    theirs = stability.multipliers(run).values
-    orbit = orbits.find(guess=run)
-    ours = np.append(orbit.multipliers, orbit.slow_multiplier)
-    gap = np.abs(np.sort(np.abs(theirs)) - np.sort(np.abs(ours))).max()
-    print(f"multipliers of a run at 600 periods and of its orbit differ by {gap:.1e} at most")
 
 
 def peer():
@@ -130,7 +57,7 @@ def peer():
         print("pycont-lite is not installed: pip install pycont-lite")
         return
     settings = {"rdiff": 1e-5, "tolerance": 1e-10, "initial_directions": "decrease_p", "analyze_stability": False}
-    for e, known in KNOWN["fold"].items():
+    for e, known in FOLDS.items():
         begin = known + 5e-5
         orbit = orbits.find(spin=SPIN, e=e, Gamma=begin)
         closes = closing(orbit.fixed.map)
@@ -161,50 +88,6 @@ def closing(m):
     return closes
 
 
-def watched(kind, axes):
-    """Of each point of a border the word, that of the neighbour it began from, and the cost."""
-    points, point = [], Curve.point
-
-    def noted(self, values, near, *rest):
-        found = point(self, values, near, *rest)
-        points.append((near[0].orbit.word if near else "", found.orbit.word, found.cost))
-        return found
-
-    with patch.object(Curve, "point", noted), patch.object(border_grid, "_meetings", lambda *_: []):
-        orbits.border(kind, "Gamma", over=axes, spin=SPIN)
-    return tuple(np.array(column) for column in zip(*points, strict=True))
-
-
-def warm():
-    """The cost of points of borders, of the base case and over the grid of the atlas, by what they begin with."""
-    base = {"e": np.linspace(0.4, 0.8, 81)}
-    grid = {"A_r": [4.0, 5.0, 6.0, 7.0, 8.0], "e": np.linspace(0.35, 0.8, 46)}
-    every = ("fold", "flip", "chatter", "double_impact", "lift_off", "hop")
-    for name, axes, kinds in (("base case", base, every), ("atlas", grid, ("fold", "flip", "hop"))):
-        for kind in kinds:
-            before, word, cost = watched(kind, axes)
-            same, touches = before == word, np.char.find(word, "SC") >= 0
-            print(f"{kind}, {name}:")
-            for told, which in (
-                ("begun from a neighbour", before != ""),
-                ("of the same word", same),
-                ("with an end on the plate", same & touches),
-            ):
-                dear = np.sort(cost[which & (cost > 120)])
-                print(
-                    f"  {told}: {which.sum()} points, median {np.median(cost[which]):.0f}, {dear.size} above 120: {dear}"
-                )
-
-
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--long", action="store_true", help="runs of 60,000 and 100,000 periods, two aspect ratios")
-    parser.add_argument("--warm", action="store_true", help="the cost of points of borders, by what they begin with")
-    given = parser.parse_args()
-    borders()
     costs()
-    later(given.long)
-    multipliers()
     peer()
-    if given.warm:
-        warm()

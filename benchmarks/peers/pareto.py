@@ -79,9 +79,7 @@ METHODS = {
     "engine": Method("own", "Engine", None, lambda: _powers(3, 12), 2),
     "oracle": Method("own", "Oracle", None, lambda: _powers(4, 8, 2), 1),
     "heyoka": Method("taylor", "Heyoka", "heyoka", lambda: _powers(3, 14), 2),
-    "borrower": Method("taylor", "Borrower", "heyoka", lambda: _powers(3, 15), 2),
     "springs": Method("springs", "Springs", None, _springs, 1),
-    "mujoco": Method("soft", "MuJoCo", "mujoco", lambda: [1e-4, 1e-5, 1e-6], 1),
 }
 
 
@@ -199,7 +197,7 @@ def starts_of(scene, count=None):
 
 
 def references(found, scenes, periods, orbits, count):
-    """The truth about every scene, and the doubt about it: how far off a looser engine and the peers on heyoka are.
+    """The truth about every scene, and the doubt about it: how far off a looser engine and the peer on heyoka are.
 
     Returns
     -------
@@ -208,7 +206,8 @@ def references(found, scenes, periods, orbits, count):
     doubts : ndarray, shape (scenes, 3)
     """
     others = [(found["engine"], FINER)]
-    others += [(found[name], METHODS[name].settings()[-1]) for name in ("heyoka", "borrower") if name in found]
+    if "heyoka" in found:
+        others.append((found["heyoka"], METHODS["heyoka"].settings()[-1]))
     truths, doubts = {}, []
     for name, scene in scenes.items():
         orbit, starts = name in orbits, starts_of(scene, count)
@@ -276,14 +275,12 @@ def measure(found, scenes, settings, periods, orbits, rounds, cap, count):
     error : ndarray, shape (scenes, methods, settings, starts, 3)
     taken : ndarray, shape (scenes, methods, settings, rounds)
         Processor time of a short run [s].
-    borrowed : ndarray, shape (scenes, methods, settings)
-        Share of it that is spent in what a program borrows from the engine.
     doubt : ndarray, shape (scenes, 3)
     """
     truths, doubts = references(found, scenes, periods, orbits, count)
     shape = len(scenes), len(settings), max(len(values) for values in settings.values())
     error, taken = np.full((*shape, count, 3), np.nan), np.full((*shape, rounds), np.nan)
-    borrowed, points = np.full(shape, np.nan), {}
+    points = {}
     for i, (name, scene) in enumerate(scenes.items()):
         for j, (method, values) in enumerate(settings.items()):
             for k, setting in enumerate(values):
@@ -302,13 +299,10 @@ def measure(found, scenes, settings, periods, orbits, rounds, cap, count):
             if np.nansum(taken[place]) < PATIENCE:
                 taken[(*place, turn)] = seconds(attempt, end, SHORTEST)
         print(f"round {turn + 1} of {rounds} timed", file=sys.stderr, flush=True)
-    for place, (attempt, end) in points.items():
-        if hasattr(attempt, "borrowed_seconds"):
-            borrowed[place] = attempt.borrowed_seconds(end) / np.nanmedian(taken[place])
-    return error, taken, borrowed, doubts
+    return error, taken, doubts
 
 
-def as_dataset(scenes, settings, error, taken, borrowed, doubt, periods, wall):
+def as_dataset(scenes, settings, error, taken, doubt, periods, wall):
     """All that was measured, labelled."""
     dims = ("scene", "program", "setting")
     labels = np.full(taken.shape[1:3], "", dtype=object)
@@ -330,16 +324,11 @@ def as_dataset(scenes, settings, error, taken, borrowed, doubt, periods, wall):
         data[f"{name}_most"] = (dims, most[..., q], told | {"long_name": f"the same from the worst start: {text}"})
         data[f"{name}_doubt"] = ("scene", doubt[:, q], told | {"long_name": f"doubt about the reference: {text}"})
     data["starts"] = (dims, np.isfinite(error[..., 0]).sum(axis=-1), {"units": "1", "long_name": "number of starts"})
-    data["borrowed"] = (
-        dims,
-        borrowed,
-        {"units": "1", "long_name": "share of the time in what is borrowed of the engine"},
-    )
     data["timings"] = (dims, np.isfinite(taken).sum(axis=-1), {"units": "1", "long_name": "number of timings"})
     data["knob"] = (
         dims[1:],
         labels.astype(str),
-        {"long_name": "setting: rtol, tolerance, stiffness and step, time step"},
+        {"long_name": "setting: rtol, tolerance, stiffness and step"},
     )
     configuration = {"scenes": scenes, "periods": periods, "rounds": taken.shape[-1]}
     attributes = provenance.attributes(configuration, "Run time against error, the engine beside its peers", wall)

@@ -18,19 +18,11 @@ SURE = 100.0  # how much larger than the doubt about the reference an error must
 COLORS = {
     "engine": MODE_COLORS["drift"],
     "heyoka": MODE_COLORS["aperiodic"],
-    "borrower": MODE_COLORS["aperiodic"],
     "oracle": MODE_COLORS["flutter"],
     "springs": MODE_COLORS["period_n"],
-    "mujoco": MODE_COLORS["jump"],
 }
-MARKERS = {"engine": "o", "heyoka": "s", "borrower": "s", "oracle": "^", "springs": "D", "mujoco": "X"}
-HOLLOW = ("borrower",)
-TITLES = {
-    "borrower": "heyoka, engine's impacts",
-    "springs": "Hertz springs",
-    "mujoco": "MuJoCo",
-    "oracle": "scipy oracle",
-}
+MARKERS = {"engine": "o", "heyoka": "s", "oracle": "^", "springs": "D"}
+TITLES = {"springs": "Hertz springs", "oracle": "scipy oracle"}
 
 
 def front(error, seconds_taken):
@@ -108,30 +100,11 @@ def tell(points):
         for scene, method in dict.fromkeys(row[:2] for row in rows):
             found = [ratios.get((scene, method, level)) for level in levels]
             print(f"{scene:16s} {method:9s}" + "".join(f"{ratio:9.3g}" if ratio else " " * 9 for ratio in found))
-    tell_borrowed(points)
     print()
     rows = [(*row, name) for name in ERRORS for row in advantages(points, name)]
     for method in dict.fromkeys(row[1] for row in rows):
         scene, _, level, ratio, name = min((row for row in rows if row[1] == method), key=lambda row: row[3])
         print(f"least advantage over {TITLES.get(method, method)}: {ratio:.3g} times ({scene}, {name} {level:.0e})")
-
-
-def tell_borrowed(points):
-    """Print how much of its time a program spends in what it borrows, and so by how much the engine can lead it at most."""
-    for method in points["program"].values:
-        here = points["borrowed"].sel(program=method)
-        if not np.isfinite(here).any():
-            continue
-        print(f"\n{TITLES[method]}: share of its time in what it borrows, from the loosest to the tightest;")
-        print("an engine that did all the rest in no time would lead by the inverse")
-        for scene in points["scene"].values:
-            shares = here.sel(scene=scene).values
-            shares = shares[np.isfinite(shares)]
-            print(
-                f"{scene:16s}"
-                + "".join(f"{share:6.2f}" for share in shares)
-                + f"   at most {1 / shares.min():.3g} times"
-            )
 
 
 def draw(points, path):
@@ -150,7 +123,6 @@ def draw(points, path):
             spread = np.abs(np.array([values["time_low"].values, values["time_high"].values]) - middle)[:, good]
             least, most = values["state_error_least"].values[good], values["state_error_most"].values[good]
             apart = np.array([error[good] - least, np.minimum(most, 1e3) - error[good]])
-            hollow = method in HOLLOW
             ax.errorbar(
                 error[good],
                 middle[good],
@@ -159,11 +131,10 @@ def draw(points, path):
                 fmt=MARKERS[method],
                 ms=4,
                 color=color,
-                mfc="white" if hollow else color,
                 elinewidth=0.6,
                 label=TITLES.get(method, method),
             )
-            ax.plot(*front(error[good], middle[good]), color=color, lw=1, ls="--" if hollow else "-", zorder=1)
+            ax.plot(*front(error[good], middle[good]), color=color, lw=1, zorder=1)
         ax.axvspan(1e-15, min(100.0, SURE * float(here["state_error_doubt"])), color="#999999", alpha=0.2, lw=0)
         ax.set(xscale="log", yscale="log", title=scene, xlim=(100, 1e-14))
         ax.grid(alpha=0.3)

@@ -1,14 +1,8 @@
-"""The two peers on heyoka: Taylor series with events for each smooth phase, and a compiled law for what happens between two.
-
-`Heyoka` has a law of its own (`law`), as its users would write it. `Borrower` takes all that happens at an instant from the
-engine (`borrowed`): what is compared then is integration, the location of events and the passage between phases alone.
-"""
+"""The peer on heyoka: Taylor series with events for each smooth phase, and a compiled law of its own (`law`) between two."""
 
 import math
-import time
 from functools import partial
 
-import borrowed
 import heyoka as hy
 import law
 import numpy as np
@@ -16,17 +10,12 @@ from blow import DESK
 from passage import N_PATH, P_END, YTIME, body_of, start_state, state_at
 from phases import N_OF_PHASE, TIME_UP, constants_of, integrator
 
-from dimersweep.inputs import RTOL_RANGE
-from dimersweep.kernel.course import ROW_CONTACT, new_workspace
 from dimersweep.kernel.model.layout import FREE, N_STATE
-from dimersweep.kernel.record import no_record
-from dimersweep.parameters import Parameters
 from tests.checks.verbs import dimer, oracle_state
 from tests.oracle.body import DEFAULTS
 
 LONGEST = 0.125  # longest step of a contact, in forcing periods: forces follow the plate where the state may not
 HOP = 1.5  # first step of a flight that leaves the plate, in times of the hop to be expected
-IMPACTS = 100.0  # tolerance of the engine's impacts, in units of that of the series
 # tolerance of its own impacts, slip that counts as none, cost of the close of a chatter, separation that is none in any
 # case: in units of the tolerance of the series, and at least [m/s]
 ACCURACY = (0.01, 1e-16), (1.0, 1e-14), (4.0, 1e-16), (0.0, 1e-14)
@@ -114,14 +103,16 @@ class March:
         raise RuntimeError(f"heyoka stopped with {outcome}")
 
 
-class _Peer:
-    """heyoka at one tolerance."""
+class Heyoka:
+    """heyoka with a law of its own, at one tolerance."""
 
     copies = 1
 
     def __init__(self, scene, tol):
         self.dm = dimer(**scene)
-        self.full, self.bare = (March(scene, tol, self.crossing(scene, tol), path) for path in (True, False))
+        accuracy = law.Accuracy(*(max(share * tol, least) for share, least in ACCURACY))
+        cross = partial(law.cross, np.array([*body_of(scene), *accuracy]), np.zeros(N_PATH), np.zeros(DESK))
+        self.full, self.bare = (March(scene, tol, cross, path) for path in (True, False))
 
     def follow(self, times):
         """States and times of double impacts."""
@@ -131,46 +122,3 @@ class _Peer:
     def run(self, end):
         """One run without the cyclic coordinates, as the engine's."""
         self.bare.to([end])
-
-
-class Heyoka(_Peer):
-    """heyoka with a law of its own."""
-
-    def crossing(self, scene, tol):
-        """What leads from one phase to the next."""
-        accuracy = law.Accuracy(*(max(share * tol, least) for share, least in ACCURACY))
-        return partial(law.cross, np.array([*body_of(scene), *accuracy]), np.zeros(N_PATH), np.zeros(DESK))
-
-
-class Borrower(_Peer):
-    """heyoka with the engine's impacts, close of a chatter and choice of contact modes."""
-
-    def crossing(self, scene, tol):
-        """What leads from one phase to the next."""
-        self.rtol = min(max(IMPACTS * tol, RTOL_RANGE[0]), RTOL_RANGE[1])
-        self.row, self.constants = Parameters(**scene).row(), np.array(body_of(scene))
-        self.space, self.log = new_workspace(), no_record().log
-        return partial(borrowed.cross, self.constants, self.row, self.rtol, self.space, self.log)
-
-    def borrowed_seconds(self, end):
-        """Processor time that what is borrowed takes of one run: all its instants, settled once more in one compiled loop."""
-        march, instants = self.bare, []
-        cross = march.cross
-
-        def recording(state, modes, ended, event, dt, *rest):
-            before = state.copy(), modes.copy()
-            lost = borrowed.arrive(self.constants, *before, ended, event, dt, self.space.work.rows[ROW_CONTACT])
-            instants.append((*before, lost))
-            return cross(state, modes, ended, event, dt, *rest)
-
-        march.cross = recording
-        self.run(end)
-        march.cross = cross
-        states, modes, lost = (np.array(each) for each in zip(*instants, strict=True))
-        return min(self._settling(states, modes, lost) for _ in range(5))
-
-    def _settling(self, states, modes, lost):
-        arguments = self.row, states.copy(), modes.copy(), lost, self.rtol, self.space, self.log
-        begun = time.process_time()
-        borrowed.settle_all(*arguments)
-        return time.process_time() - begun

@@ -1,12 +1,9 @@
 """The benchmarks at a tiny size: what they time is what they name, and what they conclude follows from what they measure."""
 
-import os
 from pathlib import Path
 
 import compare
 import compile_time
-import early_stop
-import later_course
 import memory
 import numpy as np
 import pytest
@@ -15,7 +12,7 @@ import verbs_loops
 from verbs_inputs import DOUBLE, SINGLE, harvest
 from verbs_loops import VERBS, Harvest, call
 
-from dimersweep import orbits, simulate
+from dimersweep import simulate
 from dimersweep.kernel.compiler.cache import base_folders
 from dimersweep.kernel.model.layout import (
     D1,
@@ -121,104 +118,9 @@ def test_a_revision_is_checked_out_and_leaves_nothing(tmp_path):
         pass
 
 
-@pytest.mark.parametrize("way", compile_time.WAYS)
-def test_every_part_of_the_fast_way_can_be_taken_out(way, tmp_path):
-    """Its edit finds the text that it replaces."""
-    made = compile_time.make_copy(compile_time.WAYS[way], tmp_path) / "dimersweep"
-    kept = ROOT / "dimersweep"
-    changed = [file for file in kept.rglob("*.py") if (made / file.relative_to(kept)).read_text() != file.read_text()]
-    assert len(changed) == (compile_time.WAYS[way].module != "")
-
-
-def test_an_edit_that_finds_nothing_is_an_error():
-    with pytest.raises(ValueError, match="0 times, not once"):
-        compile_time.replaced("a", "b")("x = 2\n")
-
-
-def test_early_stop_on_a_few_points(capsys):
-    kinds = early_stop.main(["--points", "20", "--periods", "60", "--workers", "1"])
-    said = capsys.readouterr().out
-    assert f"{kinds.total()} of 20 modes differ" in said
-    assert "rest: " in said
-
-
-PASSES_A_BORDER = {
-    "e": 0.7433423608556691,
-    "Gamma": 0.5879174426469472,
-    "f": 10.871068058945365,
-    "A_r": 4.258092942455766,
-    "mu": 0.18162133214136056,
-    "mu_s": 0.28237042799378276,
-    "beta0": 1.1040930235653665,
-    "xdot0": 1.7378546837487074,
-}
-ALTERNATES = {
-    "e": 0.8391827475082073,
-    "Gamma": 1.1072376298475284,
-    "f": 14.18583254602025,
-    "A_r": 7.83688448173043,
-    "mu": 0.08568674004111577,
-    "mu_s": 0.15950764035401868,
-    "beta0": 0.7738863607370206,
-    "xdot0": 1.4379699116089182,
-}
-STROBED_IN_A_HOP = {
-    "e": 0.7047298080489681,
-    "Gamma": 0.9713073882590381,
-    "f": 25.283508067206412,
-    "A_r": 3.361469394358585,
-    "mu": 0.13491000631220026,
-    "mu_s": 0.17788786106750618,
-    "beta0": 1.0562824495239087,
-    "xdot0": 2.5666586492250065,
-}
-
-
-def test_a_border_on_the_way_is_foretold():
-    """The family of a drift ends where its double impact ends another way; the run goes over to the next family."""
-    kind, shown = later_course.why(PASSES_A_BORDER, 1, 72, 400, 1e-8)
-    assert kind == later_course.FORETOLD
-    before, after = (later_course.beside(PASSES_A_BORDER, [n], 1, 1e-8).seen.orbit.word for n in (320, 350))
-    assert before.startswith("DI_sp_sp>DI_sp_sk ") and after.startswith("DI_sp_sp ")
-    assert f"the next one found has the word {after}" in shown
-    kinds = [simulate(**PASSES_A_BORDER, periods=n).events["kind"].values for n in (320, 350)]
-    doubles = [each[np.char.startswith(each, "DI")] for each in kinds]
-    assert [each[-1] for each in doubles] == ["DI_sp_sk", "DI_sp_sp"]
-
-
-def test_a_motion_near_a_shorter_period_is_explained_by_that():
-    """Told period 6, it is one of period 3 whose multiplier is -0.997: what alternates lasts up to a change of word."""
-    kind, shown = later_course.why(ALTERNATES, 6, 354, 400, 1e-8)
-    assert kind == later_course.FORETOLD
-    assert "shorter period 3" in shown
-    branch = orbits.follow(orbits.find(guess=simulate(**ALTERNATES, periods=330), periods=3), "spin", to=199.0)
-    (word,) = branch["spin"].values[branch["special"].values == "word"]
-    # where the spin creeps, sections at other phases have the change up to 1e-4 apart (docs/orbits.md)
-    assert float(shown.split("at spin ")[1].split()[0]) == pytest.approx(word, rel=1e-4)
-
-
-def test_a_motion_whose_strobes_lie_in_a_hop_keeps_to_its_family():
-    assert later_course.why(STROBED_IN_A_HOP, 1, 291, 400, 1e-8).kind == later_course.KEEPS
-
-
-@pytest.mark.skipif(not os.environ.get("DIMERSWEEP_SLOW"), reason="minutes: set DIMERSWEEP_SLOW=1")
-def test_a_run_that_has_no_family_is_not_explained():
-    scene = {"e": 0.6, "Gamma": 2.0, "beta0": np.radians(16)}
-    assert simulate(**scene, periods=200).mode == "aperiodic"
-    assert later_course.why(scene, 1, 100, 200, 1e-8).kind == later_course.UNEXPLAINED
-
-
-def test_a_run_that_leaves_where_its_family_has_no_border_is_not_explained(monkeypatch):
-    monkeypatch.setattr(later_course, "borders_of", lambda branch: [])
-    assert later_course.why(PASSES_A_BORDER, 1, 72, 400, 1e-8).kind == later_course.UNEXPLAINED
-
-
-def test_a_run_of_another_dimer_is_not_on_the_family():
-    first, end = (later_course.beside(STROBED_IN_A_HOP, [n], 1, 1e-8) for n in (291, 400))
-    branch = later_course.followed(first, end.seen.orbit.spin)
-    other = later_course.beside(STROBED_IN_A_HOP | {"e": STROBED_IN_A_HOP["e"] + 2e-3}, [400], 1, 1e-8)
-    assert later_course.leads_to(branch, end)
-    assert not later_course.leads_to(branch, other)
+def test_compile_times_are_told_over_those_of_the_first_in_the_same_round():
+    *_, line = compile_time.table(["one", "other"], np.array([[10.0, 11.0], [20.0, 24.0], [30.0, 36.0]]))
+    assert line.split() == ["other", "24.0", "(11.0,", "36.0)", "1.20"]
 
 
 def test_exponent_of_the_growth():
