@@ -9,7 +9,7 @@ from dimersweep.cubes.cube import names
 from dimersweep.plots.judging import judge_cube
 from dimersweep.plots.style import Drawing, entitle, given, mark, row_colors, title
 
-ALONG = {"centre_velocity_x": ("o", "along $x$"), "centre_velocity_y": ("s", "along $y$")}
+CENTRES = {"centre_velocity_x": ("o", "along $x$"), "centre_velocity_y": ("s", "along $y$")}
 
 
 def walks(cube: xr.Dataset) -> Figure:
@@ -47,7 +47,7 @@ def walks(cube: xr.Dataset) -> Figure:
     left.set_aspect("equal", adjustable="datalim")
     left.set_xlabel("$x$ [m]")
     left.set_ylabel("$y$ [m]")
-    if any(np.nanmax(np.abs(cube[which].values), initial=0.0) > 0 for which in ALONG):
+    if any(np.nanmax(np.abs(cube[which].values), initial=0.0) > 0 for which in CENTRES):
         _velocities(right, cube, name, words)
     else:
         right.plot(cube[name], -cube["precession_rate"] / cube["speed"], "o-", color=colors[0], markersize=4)
@@ -61,13 +61,13 @@ def walks(cube: xr.Dataset) -> Figure:
 
 def _velocities(axes: Axes, cube: xr.Dataset, name: str, words: np.ndarray) -> None:
     """The velocities of the circles' centres over an axis, and the words of the tracks that have none."""
-    for color, (which, (marker, text)) in zip(row_colors(2), ALONG.items(), strict=True):
+    for color, (which, (marker, text)) in zip(row_colors(2), CENTRES.items(), strict=True):
         axes.plot(cube[name], 1e3 * cube[which], f"{marker}-", color=color, markersize=4, linewidth=1, label=text)
-    below = np.nansum(cube["centre_velocity_x"].values) < 0
+    below = np.nansum(cube["centre_velocity_x"].values) < 0  # the curve, so that there is room
     for value, velocity, word in zip(cube[name].values, cube["centre_velocity_x"].values, words, strict=True):
         if np.isnan(velocity):
-            place = {"ha": "center", "va": "top" if below else "bottom", "rotation": 90}
-            axes.text(value, 0, f" {word} ", fontsize=8, in_layout=False, **place)
+            side = "top" if below else "bottom"
+            axes.text(value, 0, f" {word} ", ha="center", va=side, rotation=90, fontsize=8, in_layout=False)
     reach = 0.03 * float(np.ptp(cube[name].values))
     axes.set_xlim(cube[name].values.min() - reach, cube[name].values.max() + reach)
     axes.set_ylabel("velocity of the circle's centre [mm/s]")
