@@ -9,7 +9,7 @@ of an hour.
 import argparse
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from math import atan, cos, degrees, log, pi, sin, sqrt
+from math import atan, cos, degrees, log, pi, sqrt
 from pathlib import Path
 from typing import NamedTuple
 
@@ -34,7 +34,7 @@ from walks import (
     response,
     rolled,
     scan,
-    slow_walk,
+    turned,
     turns_back,
 )
 
@@ -242,11 +242,7 @@ def critical(figures: Path | None) -> Iterator[str]:
         for climb in range(first_climb(azimuth), first_climb(azimuth) + 3):
             fails = partial(turns_back, climb=climb, azimuth=azimuth)
             low, high = border_of(fails, 2e-3, 0.05)
-
-            def slow(tilt: float, climb: int = climb, azimuth: float = azimuth) -> bool:
-                passed, back = slow_walk(answer, bend, speed, g * sin(tilt), azimuth)
-                return back and passed < climb
-
+            slow = partial(turned, climb=climb, azimuth=azimuth, answer=answer, bend=bend, speed=speed)
             closed = sqrt(np.prod(border_of(slow, 1e-3, 0.1)))
             number = climb + 1 - first_climb(azimuth)
             rows.append([start, number, *sides(fails, low, high), f"{1e3 * closed:.3f}"])

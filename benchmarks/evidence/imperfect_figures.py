@@ -1,7 +1,8 @@
 """The figures of `imperfect.py`: the curvature of unlike balls, and the tilts at which a walk turns back."""
 
+from collections.abc import Callable
 from functools import partial
-from math import nan, pi, sqrt
+from math import pi, sqrt
 from pathlib import Path
 
 import numpy as np
@@ -43,26 +44,19 @@ def draw_critical(folder: Path, answer: Response, bend: float, speed: float) -> 
     left.set_aspect("equal", adjustable="datalim")
     left.set(xlabel="$x$, downhill [m]", ylabel="$y$ [m]", title="160 s of the base case")
     left.legend(fontsize=8)
-    tilts = np.linspace(2e-3, 12e-3, 201)
-    fine = np.linspace(-pi / 2, 3 * pi / 2, 49)[:-1]
+    fine, coarse = np.linspace(-pi / 2, 3 * pi / 2, 49)[:-1], np.linspace(-pi / 2, pi, 4)
     for number, color in zip((1, 2, 3), ROW_COLORS, strict=False):
-        first = [number - 1 + first_climb(azimuth) for azimuth in fine]
-        at = [
-            next((tilt for tilt in tilts if turned(answer, bend, speed, tilt, azimuth, climb)), nan)
-            for azimuth, climb in zip(fine, first, strict=True)
-        ]
-        right.plot(np.degrees(fine), 1e3 * np.array(at), color=color, linewidth=1, label=f"way up {number}")
-        coarse = np.linspace(-pi / 2, pi, 4)
-        found = [
-            sqrt(
-                np.prod(
-                    border_of(partial(turns_back, climb=number - 1 + first_climb(azimuth), azimuth=azimuth), 2e-3, 0.05)
-                )
-            )
-            for azimuth in coarse
-        ]
-        right.plot(np.degrees(coarse), 1e3 * np.array(found), "o", color=color, markersize=4)
+        slow = partial(turned, answer=answer, bend=bend, speed=speed)
+        right.plot(np.degrees(fine), borders(slow, number, fine), color=color, linewidth=1, label=f"way up {number}")
+        right.plot(np.degrees(coarse), borders(turns_back, number, coarse), "o", color=color, markersize=4)
     right.set(xlabel="azimuth of the slope [deg]; the walk starts along $x$", ylabel="tilt [mrad]", ylim=(0, 12))
     right.set_title("turns back (dots: runs; lines: in two variables)")
     right.legend(fontsize=8)
     figure.savefig(folder / "imperfect_tilt.png", dpi=150)
+
+
+def borders(fails: Callable[..., bool], number: int, azimuths: np.ndarray) -> list[float]:
+    """The tilts from which on a walk turns back on a way up, at each azimuth [mrad]."""
+    climbs = [(number - 1 + first_climb(azimuth), azimuth) for azimuth in azimuths]
+    found = [border_of(partial(fails, climb=climb, azimuth=azimuth), 2e-3, 0.05) for climb, azimuth in climbs]
+    return [1e3 * sqrt(low * high) for low, high in found]

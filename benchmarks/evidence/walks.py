@@ -160,11 +160,11 @@ def border_of(fails: Callable[[float], bool], low: float, high: float) -> tuple[
 
 
 def first_climb(azimuth: float) -> int:
-    """The first climb that a start has whole before it: one that begins at the top passes that at once."""
-    return 2 if azimuth < 0 else 1
+    """The first climb that is not over at once: a start at the uppermost place passes it at its first step."""
+    return 2 if azimuth <= -pi / 2 else 1
 
 
-def turned(answer: Response, bend: float, speed: float, tilt: float, azimuth: float, climb: int) -> bool:
+def turned(tilt: float, climb: int, azimuth: float, answer: Response, bend: float, speed: float) -> bool:
     """Whether the walk in two variables turns back on a climb."""
     passed, back = slow_walk(answer, bend, speed, Parameters().g * sin(tilt), azimuth)
     return back and passed < climb

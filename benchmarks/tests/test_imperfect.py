@@ -83,7 +83,7 @@ def test_the_walk_turns_back_at_the_steeper_tilts_only():
     assert [turns_back(tilt, 1, rtol=1e-10) for tilt in (5.35e-3, 5.47e-3)] == [False, True]
     orbit, answer = orbits.find(), response(BASE.given())
     speed = RADIUS * rolled({})
-    told = [turned(answer, curvature_of(orbit), speed, tilt, 0.0, 1) for tilt in (5.41e-3 * 0.97, 5.41e-3 * 1.03)]
+    told = [turned(tilt, 1, 0.0, answer, curvature_of(orbit), speed) for tilt in (5.41e-3 * 0.97, 5.41e-3 * 1.03)]
     assert told == [False, True]
 
 
