@@ -180,8 +180,8 @@ def tolerances(figures: Path | None) -> Iterator[str]:
             f", phi_2 = {degrees(change.besides['phi_2']):g} deg" if change.value == 0 else ""
         )
         for Gamma in INTENSITIES:
-            share, turned = answer(change, Gamma)
-            rows.append([shown, f"{Gamma:g}", f"{share:+.2g}", allowed(change, share), f"{10 * turned:+.2f}"])
+            share, zeta_moved = answer(change, Gamma)
+            rows.append([shown, f"{Gamma:g}", f"{share:+.2g}", allowed(change, share), f"{10 * zeta_moved:+.2f}"])
             rows[-1] += bounds(change, Gamma)
     yield "### One end\n"
     heads = ["parameter", "Gamma", "d ln R/d ln X", "for 1 % of R", "zeta per 1 % [mrad]", "drift from", "to"]

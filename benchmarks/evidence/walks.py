@@ -143,7 +143,10 @@ def caught(tilts: np.ndarray, azimuth: float, rtol: float = 1e-8, **start: float
     """Whether the base case drifts without spin after 2,400 periods, pointing downhill, at each tilt."""
     plate = {"azimuth": azimuth, **start}
     cube = sweep({"tilt": tilts}, fixed=plate, periods=2400, rtol=rtol, progress=False)
-    return (names(cube["mode"]).values == "drift") & (np.abs(cube["spin_rate"].values) < 1.0)
+    modes = names(cube["mode"]).values
+    if (modes == "failed").any():
+        raise RuntimeError(f"azimuth = {azimuth:g}: failed at the tilts {tilts[modes == 'failed']}")
+    return (modes == "drift") & (np.abs(cube["spin_rate"].values) < 1.0)
 
 
 def scan(held: np.ndarray, tilts: np.ndarray) -> tuple[float, float]:
