@@ -2,8 +2,8 @@
 
 It writes `imperfect.md` beside it, which `docs/imperfect.md` takes its numbers from, and the figures imperfect_*.png of
 that page. ``--only NAME ...`` prints some of the parts and writes nothing: curvature, tolerances, tilt, critical, sideways,
-paper. ``--oracle TILT`` asks the slow program in tests/oracle what one tilt does to the walk of the base case, in a quarter
-of an hour.
+paper. ``--oracle TILT`` asks the slow program in tests/oracle what one tilt does to the walk of the base case, in half
+an hour.
 """
 
 import argparse

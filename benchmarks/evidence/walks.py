@@ -220,7 +220,7 @@ def ratio_of(curvature: float, level: float, **parameters: float) -> float:
     return ratio
 
 
-def ask_oracle(tilt: float, azimuth: float = 0.0, periods: int = 600, rtol: float = 1e-8, v_rest: float = 1e-7) -> str:
+def ask_oracle(tilt: float, azimuth: float = 0.0, periods: int = 900, rtol: float = 3e-8, v_rest: float = 1e-6) -> str:
     """What the slow program says of the walk of the base case: whether it passes its first top, or turns back before."""
     given = Parameters(tilt=tilt, azimuth=azimuth).given()
     made = simulate_slowly(given, np.arange(1, periods + 1) / given["f"], rtol, v_rest)
