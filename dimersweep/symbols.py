@@ -311,6 +311,7 @@ Picture = Literal[
     "mode_map",
     "regions",
     "paths",
+    "walks",
     "trends",
     "minimum",
     "impact_ends",

@@ -7,7 +7,7 @@ import pytest
 from matplotlib.contour import QuadContourSet
 
 from dimersweep.cubes.cube import names
-from dimersweep.cubes.reading import edges_of, search_summary
+from dimersweep.cubes.reading import circle_through, edges_of, search_summary
 from dimersweep.errors import ParameterError
 from dimersweep.plots import FIGURES, draw
 from dimersweep.studies.refine import refine
@@ -29,6 +29,7 @@ def searched(axes, **settings):
         ("minimum", "minimum: has axes Gamma; needs A_r, xdot0"),
         ("impact_ends", "impact_ends: has axes Gamma; needs A_r, mu, mu_s"),
         ("shares", "shares: needs the runs of a search over two axes"),
+        ("walks", "walks: the cube has no paths over one axis; declare [paths]"),
         ("planar", "planar: needs paths over one axis; declare [paths]"),
     ],
 )
@@ -36,6 +37,37 @@ def test_a_cube_that_does_not_fit_is_refused(fake_kernel, kind, message):
     with pytest.raises(ParameterError) as caught:
         FIGURES[kind](searched({"Gamma": [0.8, 0.9, 1.0]}))
     assert str(caught.value) == message
+
+
+@pytest.mark.jit
+def test_walks_are_drawn_from_their_starts_with_the_velocity_of_the_centre():
+    """The centre goes uphill in proportion to the tilt; a walk that turns back has a word in place of a velocity."""
+    tilts = [0.0, 1e-3, 2e-3, 8e-3]
+    cube = search(
+        {"tilt": tilts, "beta0": [0.28]}, over="beta0", ask="first", periods=700, orbit_periods=700, progress=False,
+        paths={"periods": 700, "per_period": 1},
+    )  # fmt: skip
+    left, right = FIGURES["walks"](cube).axes
+    for line, x, y in zip(left.lines, cube["x"].values, cube["y"].values, strict=False):
+        np.testing.assert_array_equal(line.get_xydata(), np.column_stack([x, y]))
+    along, across, _ = (line.get_ydata() for line in right.lines)
+    assert along[1:3] == pytest.approx(-11.6e3 * np.array(tilts[1:3]), rel=0.01)
+    assert np.abs(across[:3]).max() < 0.05 * np.abs(along[1:3]).max()
+    assert np.isnan(along[3])
+    assert [(text.get_position()[0], text.get_text().strip()) for text in right.texts] == [(8e-3, "cusps")]
+
+
+@pytest.mark.jit
+def test_walks_of_unlike_balls_have_the_curvature_of_their_paths():
+    cube = search(
+        {"r_2": [4.9e-3, 5.05e-3], "beta0": [0.28]}, fixed={"r_1": 5e-3}, over="beta0", ask="first", periods=700,
+        orbit_periods=700, progress=False, paths={"periods": 700, "per_period": 1},
+    )  # fmt: skip
+    _, right = FIGURES["walks"](cube).axes
+    shown = right.lines[0].get_ydata()
+    radii = [circle_through(x[60:], y[60:])[2] for x, y in zip(cube["x"].values, cube["y"].values, strict=True)]
+    assert np.abs(shown) == pytest.approx(1 / np.array(radii), rel=1e-3)
+    assert shown[0] < 0 < shown[1]
 
 
 def test_trends_tell_the_exponent(fake_kernel):

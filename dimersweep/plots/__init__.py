@@ -22,6 +22,7 @@ from dimersweep.plots.runs import (
 )
 from dimersweep.plots.strobes import bifurcation
 from dimersweep.plots.style import DPI, MODE_COLORS, check_picture, write_picture
+from dimersweep.plots.walks import walks
 
 __all__ = [
     "DPI",
@@ -51,6 +52,7 @@ __all__ = [
     "segments",
     "shares",
     "trends",
+    "walks",
     "write_picture",
 ]
 
@@ -59,6 +61,7 @@ FIGURES = {
     "mode_map": mode_map,
     "regions": regions,
     "paths": paths,
+    "walks": walks,
     "trends": trends,
     "minimum": least_period,
     "impact_ends": impact_ends,

@@ -57,8 +57,8 @@ def judge(kind: str, sizes: Mapping[str, int], has: Collection[str] = ()) -> Non
             )
     if kind == "shares" and not ("search" in has and len(sizes) == 2):
         raise ParameterError("shares: needs the runs of a search over two axes")
-    if kind in ("paths", "planar") and not ("paths" in has and len(sizes) == 1):
-        words = "the cube has no paths over one axis" if kind == "paths" else "needs paths over one axis"
+    if kind in ("paths", "walks", "planar") and not ("paths" in has and len(sizes) == 1):
+        words = "needs paths over one axis" if kind == "planar" else "the cube has no paths over one axis"
         raise ParameterError(f"{kind}: {words}; declare [paths]")
     if kind == "bifurcation" and "strobes" not in has:
         raise ParameterError("bifurcation: the cube has no strobes; make it with bifurcation(...)")

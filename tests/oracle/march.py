@@ -94,4 +94,4 @@ def _root(
 
     if function(a) * function(b) > 0:
         return a
-    return float(brentq(function, a, b, xtol=1e-22, rtol=1e-14))
+    return float(brentq(function, a, b, xtol=1e-22, rtol=1e-14, maxiter=2000))
