@@ -61,7 +61,7 @@ MENDED = [
             "r": 0.0037287218858966112,
             "rho_b": 3789.9070826506877,
         },
-        2,
+        5,
     ),
     # friction at both ends drove off the one end that nothing drives off alone, and the other could not stay without it
     (

@@ -147,11 +147,11 @@ def least_value(dm, modes, compressing, clock, armed, base, z, tol):
 
 
 @compiled
-def slip_bound(z, rates, modes, h):
-    """Step that leaves a slip about a tenth of itself where it decreases, at most h."""
+def slip_bound(dm, z, rates, modes, h):
+    """Step that leaves a slip about a tenth of itself where friction has it decrease, at most h."""
     for i in range(2):
         v = length(z[ZA], z[ZB1 + i])
-        if modes[i] == SLIP and v > 0.0:
+        if modes[i] == SLIP and v > 0.0 and end(dm, i).mu > 0.0:
             rate = (z[ZA] * rates[ZA] + z[ZB1 + i] * rates[ZB1 + i]) / v
             if rate < 0.0:
                 h = min(h, -0.9 * v / rate)
@@ -240,7 +240,7 @@ def double_leg(dm, z, modes, compressing, tol, slip_tol, work):
             impact_rates(dm, modes, b.gains, clock, b.start, b.rates)
             if not stiff and h * pace > turns:
                 h = turns / pace
-            h = slip_bound(z, b.rates, modes, h)
+            h = slip_bound(dm, z, b.rates, modes, h)
             unit = slip_unit(dm, modes, z, b.rates) if stiff else 1.0
         error = leg_step(dm, modes, clock, h, tol, unit, stiff, b)
         factor = step_factor(error, 5.0 if stiff else 8.0)
