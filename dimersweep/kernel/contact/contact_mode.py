@@ -20,7 +20,7 @@ MOMENT = 1e-6  # of the plate's phase
 AT_LIMIT = 1e-6  # deceleration, in units of gravity, that is none
 # of Newton's rule for the direction of two slips out of rest: its steps, the change of slope in a difference, and the slip at
 # which it is taken over that at which they set out: clear of the rounding of the state
-MOST_TURNS, TURN, CLEAR = 20, 1e-5, 100.0
+MOST_PAIR_NEWTON, PAIR_SLANT, PAIR_PROBE = 20, 1e-5, 100.0
 
 
 @compiled
@@ -162,12 +162,12 @@ def set_out_together(dm, phase, y, modes, dy, F):
     does not find it, they stay as they are.
     """
     u, b_1 = y[YUA], y[YUB]
-    probe = CLEAR * u
+    probe = PAIR_PROBE * u
     b_2 = b_1 - apart_sideways(dm, y[YWP], y[YS])
     p, q, found = b_1 / u, b_2 / u, False
-    for _ in range(MOST_TURNS):
+    for _ in range(MOST_PAIR_NEWTON):
         r_1, r_2, a = pair_slopes(dm, phase, y, modes, probe, p, q, dy, F)
-        d_p, d_q = TURN * (1.0 + abs(p)), TURN * (1.0 + abs(q))
+        d_p, d_q = PAIR_SLANT * (1.0 + abs(p)), PAIR_SLANT * (1.0 + abs(q))
         p_1, p_2, _ = pair_slopes(dm, phase, y, modes, probe, p + d_p, q, dy, F)
         q_1, q_2, _ = pair_slopes(dm, phase, y, modes, probe, p, q + d_q, dy, F)
         m_11, m_21, m_12, m_22 = (p_1 - r_1) / d_p, (p_2 - r_2) / d_p, (q_1 - r_1) / d_q, (q_2 - r_2) / d_q
@@ -176,7 +176,7 @@ def set_out_together(dm, phase, y, modes, dy, F):
             break
         step_p, step_q = (m_12 * r_2 - m_22 * r_1) / det, (m_21 * r_1 - m_11 * r_2) / det
         p, q = p + step_p, q + step_q
-        if abs(step_p) <= TURN * (1.0 + abs(p)) and abs(step_q) <= TURN * (1.0 + abs(q)):
+        if abs(step_p) <= PAIR_SLANT * (1.0 + abs(p)) and abs(step_q) <= PAIR_SLANT * (1.0 + abs(q)):
             _, _, a = pair_slopes(dm, phase, y, modes, probe, p, q, dy, F)
             found = a * u > 0.0
             break
