@@ -9,12 +9,12 @@ import pytest
 from dimersweep import orbits, simulate
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.orbits.ball import ball_flip, ball_fold
-from dimersweep.orbits.border_grid import outwards
 from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.orbits.kinds.changes import change_of
 from dimersweep.orbits.kinds.kind import COMPLEX, ComplexPair
 from dimersweep.orbits.on_border import on_border
 from dimersweep.orbits.poincare import OrbitLost
+from dimersweep.orbits.walk import outwards
 
 # at spin 100 rad/s, all else as in the base case; found with a prototype of its own
 FOLDS = {0.5: 1.04771531, 0.6: 0.78725965, 0.7: 0.55603099}
@@ -48,7 +48,10 @@ def test_borders_are_where_they_were_measured(kind, known):
 def test_a_change_of_word_costs_little_and_lies_between_two_words(kind):
     e = np.linspace(0.56, 0.6, 9)
     curve = orbits.border(kind, "Gamma", over={"e": e}, spin=100.0)
-    assert np.median(curve["cost"].values) <= 120
+    changes = curve.sizes.get(
+        "number", 1
+    )  # the motion has two of chatter: one of the end that is down, one of the bouncer
+    assert np.median(curve["cost"].values) <= 125 * changes
     Gamma = float(curve["Gamma"][4])
     below, above = (orbits.find(spin=100.0, e=e[4], Gamma=Gamma + by).word for by in (-1e-6, 1e-6))
     assert change_of(below, above).name == kind
