@@ -33,7 +33,7 @@ from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import OrbitLost, ReturnMap
 from dimersweep.orbits.specials import MOST_CHANGES
 from dimersweep.orbits.word import word_of
-from dimersweep.orbits.word_curve import WordCurve
+from dimersweep.orbits.word_curve import WordCurve, crept
 from dimersweep.parameters import check_effect, check_name
 from dimersweep.symbols import PARAMETERS
 
@@ -172,7 +172,7 @@ class OfChange(PlaneEquations):
         fixed = near.fixed._replace(map=m, z=x[:-2], image=image, residual=0.0)
         at: Point = near._replace(fixed=fixed, value=float(x[-2] * axis.scale), mark_slope=None)
         at = with_mark(axis, at, self.mark)
-        return Found(orbit_of(at.fixed), at.value, in_own_section(axis, at), self.found.sides)
+        return Found(orbit_of(at.fixed), crept(axis, at, self.mark), in_own_section(axis, at), self.found.sides)
 
     def tests(self, found: Found) -> dict[str, float]:
         fixed = found.begin.fixed
