@@ -13,13 +13,13 @@ from dimersweep.orbits.curve import Curve, FollowedCurve, Found, shortened
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.poincare import OrbitLost
 
-Place = tuple[int, ...]  # of a point of a grid: its number along each axis
+Index = tuple[int, ...]  # of a point of a grid: its number along each axis
 
 STRETCHES = 8  # in a line of points: shorter ones are not begun anew
 AGREED = 1e-3  # distance of two points of one border, found in two ways, in the parameter over its scale
 
 
-def outwards(shape: tuple[int, ...]) -> list[Place]:
+def outwards(shape: tuple[int, ...]) -> list[Index]:
     """Every point of a grid, from its middle outwards."""
     middle = [(n - 1) // 2 for n in shape]
     points = product(*(range(n) for n in shape))
@@ -31,7 +31,7 @@ class Try(NamedTuple):
 
     step: float
     order: int
-    point: Place
+    point: Index
     axis: int
     side: int
 
@@ -57,9 +57,9 @@ class Walk:
 
     def __init__(self, curve: Curve, axes: dict[str, np.ndarray], start: PeriodicOrbit | None) -> None:
         self.curve, self.axes, self.start = curve, axes, start
-        self.found: dict[Place, Found] = {}
-        self.begun_at: dict[Place, Place] = {}  # for each point that is found, the one from which it was followed
-        self.status: dict[Place, str] = {}
+        self.found: dict[Index, Found] = {}
+        self.begun_at: dict[Index, Index] = {}  # for each point that is found, the one from which it was followed
+        self.status: dict[Index, str] = {}
         self.columns = list(axes.values())
         lengths = [column.size for column in self.columns]
         self.order = {index: n for n, index in enumerate(outwards(tuple(lengths)))}
@@ -74,8 +74,8 @@ class Walk:
             self._line([_moved(first, self.fine, n) for n in range(lengths[self.fine])])
         self._follow(across=True)
 
-    def _line(self, line: list[Place]) -> None:
-        begun: set[Place] = set()
+    def _line(self, line: list[Index]) -> None:
+        begun: set[Index] = set()
         least = 1 if self.curve.many else len(line) / STRETCHES
         while (index := _to_begin(line, self.found.keys() | begun, least)) is not None:
             begun.add(index)
@@ -102,7 +102,7 @@ class Walk:
                 later.append(one)
         self.waiting = sorted(later)
 
-    def _try(self, index: Place, near: list[Place]) -> None:
+    def _try(self, index: Index, near: list[Index]) -> None:
         try:
             self.found[index], alone = self._point(index, near)
         except (OrbitLost, OrbitError, ParameterError) as reason:
@@ -111,7 +111,7 @@ class Walk:
         self.begun_at[index] = index if alone else self.begun_at[near[0]]
         self._wait_beside(index)
 
-    def _wait_beside(self, index: Place) -> None:
+    def _wait_beside(self, index: Index) -> None:
         """Have the neighbours of a point that is found looked for."""
         for k, column in enumerate(self.columns):
             for side in (-1, 1):
@@ -120,7 +120,7 @@ class Walk:
                     step = _steps(column)[min(other[k], index[k])]
                     heappush(self.waiting, Try(round(step, 9), self.order[other], other, k, side))
 
-    def _point(self, index: Place, near: list[Place]) -> tuple[Found, bool]:
+    def _point(self, index: Index, near: list[Index]) -> tuple[Found, bool]:
         """A point found from its neighbours, or by itself where that may be another one; whether it is the latter."""
         if not near:
             return self._alone(index), True
@@ -130,21 +130,21 @@ class Walk:
                 return self._alone(index), True
         return found, False
 
-    def _alone(self, index: Place) -> Found:
+    def _alone(self, index: Index) -> Found:
         return self.curve.point(self._values(index), [], self.start)
 
-    def _values(self, index: Place) -> dict[str, float]:
+    def _values(self, index: Index) -> dict[str, float]:
         return {name: float(column[k]) for (name, column), k in zip(self.axes.items(), index, strict=True)}
 
     # --- whether points that were followed are those that are found by themselves --------------------------------------
 
-    def _unconfirmed(self, line: list[Place], begun: Set[Place]) -> Iterator[Place]:
+    def _unconfirmed(self, line: list[Index], begun: Set[Index]) -> Iterator[Index]:
         """Ends of the stretches of a line that were followed from one point, if they were not looked for by themselves."""
         for _, stretch in groupby((at for at in line if at in self.found), self.begun_at.__getitem__):
             points = list(stretch)
             yield from (end for end in (points[0], points[-1]) if end not in begun)
 
-    def _confirm(self, end: Place, line: list[Place]) -> None:
+    def _confirm(self, end: Index, line: list[Index]) -> None:
         """Look for the end of a stretch by itself; if that is another point, give up the half of the stretch before it."""
         try:
             alone = self._alone(end)
@@ -161,14 +161,14 @@ class Walk:
         self.found[end], self.begun_at[end] = alone, end
         self._wait_beside(end)
 
-    def failed(self) -> dict[Place, str]:
+    def failed(self) -> dict[Index, str]:
         """Why the other points are not found."""
         return {
             index: self.status.get(index, "no neighbour was found") for index in self.order if index not in self.found
         }
 
 
-def _to_begin(line: list[Place], tried: Set[Place], least: float) -> Place | None:
+def _to_begin(line: list[Index], tried: Set[Index], least: float) -> Index | None:
     """The middle of the longest stretch of a line in which no point has been tried or found; none if it is short."""
     stretches = [list(stretch) for was, stretch in groupby(range(len(line)), lambda n: line[n] in tried) if not was]
     longest = max(stretches, key=len, default=[])
@@ -183,5 +183,5 @@ def _steps(column: np.ndarray) -> np.ndarray:
     return np.abs(np.diff(column)) / np.abs(column).max()
 
 
-def _moved(index: Place, axis: int, by: int) -> Place:
+def _moved(index: Index, axis: int, by: int) -> Index:
     return tuple(n + by * (k == axis) for k, n in enumerate(index))

@@ -25,13 +25,13 @@ from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import OrbitLost
 from dimersweep.orbits.specials import Leap, Special, between, last_with, specials
 from dimersweep.orbits.stability_end import is_stable, last_that, stays_stable, walked
-from dimersweep.orbits.word import Sides, rests, sides_of, word_of
+from dimersweep.orbits.word import Sides, far_ends, rests, sides_of, word_of
 
 POINT_REACH = 0.2  # of a point of a curve from where it is looked for, in units of the section
 WIDEST, NARROWEST, WIDER = 0.05, 2e-5, 4.0  # bracket of a change of word, in the parameter over its scale
 SAME_CHANGE = 1e-7  # distance of two changes of word that are one, in the parameter over its scale
 BENT = 1e-2  # difference of multipliers to one side of a point and to both, beyond which the map has a kink there
-SMOOTH = 1e-8  # jump of an orbit at a change of word that is none, in units of the section
+NO_JUMP = 1e-8  # jump of an orbit at a change of word that is none, in units of the section
 CORNER = 2e-3  # distance of a point from where its curve leads, in the parameter over its scale, from which on it has a corner
 PARTS = 5  # halvings of a step of a branch in which a hop comes near its line
 DOUBT, LESS = 4e-3, 0.08  # of a point with one neighbour; of one on the line through two, in the step between them
@@ -84,15 +84,20 @@ class WordCurve(FollowedCurve):
         if not comes_to_rest(begin):
             return self._taken_up(self._first_met(ways))
         changes = [special for way in ways for special in self._changes(way)]
-        if not changes:
+        if not changes and orbit.stable and far_ends(orbit.word) == 1:
             return self._to_pieces(ways)
-        first, *others = (self._taken_up(special) for special in changes)
-        return first._replace(others=tuple(others))
+        if not changes:
+            raise OrbitLost(f"no {self.kind.name} is met")
+        kept: list[Found] = []
+        for found in map(self._taken_up, changes):
+            if all(abs(found.value - other.value) > SAME_CHANGE * self.axis.scale for other in kept):
+                kept.append(found)
+        return kept[0]._replace(others=tuple(kept[1:]))
 
     def _taken_up(self, special: Special) -> Found:
         """The point of the border at a special point of a branch."""
         at, sides = special.point, sides_of(*special.words, self.kind.begins)
-        smooth = special.jump < SMOOTH and not at.grazes
+        smooth = special.jump < NO_JUMP and not at.grazes
         if smooth and self.kind.zero and (mark := self.kind.zero(sides)):
             with suppress(OrbitLost):
                 found = self._zero(at.map.parameters, at, sides, mark)
