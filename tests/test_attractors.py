@@ -4,11 +4,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+import xarray as xr
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import binomtest
 
 from dimersweep import attractors, orbits, plots, simulate, sweep
-from dimersweep.errors import ParameterError
+from dimersweep.errors import ParameterError, StoreError
 from dimersweep.orbits.portraits import (
     ALIKE_WITHIN,
     Carried,
@@ -159,6 +160,23 @@ def test_the_orbit_of_an_attractor_is_that_of_orbits_at_its_spin(base):
     sizes = np.sort(np.abs(orbit.multipliers))
     assert_allclose(np.sort(np.abs(one["multipliers"].values))[-sizes.size :], sizes, atol=1e-5)
     assert np.isnan(base["radius"].sel(attractor=1))
+
+
+def test_a_file_has_what_was_found_and_opens_again(base, tmp_path):
+    path = tmp_path / "found.nc"
+    found = attractors(STARTS, starts=60, seed=3, periods=300, confirm=600, out=path, progress=False)
+    assert found.identical(base)
+    with xr.open_dataset(path) as stored:
+        stored.load()
+    assert stored["multipliers_real"].values.tobytes() == base["multipliers"].values.real.tobytes()
+    assert stored["multipliers_imag"].values.tobytes() == base["multipliers"].values.imag.tobytes()
+    for name in set(base.variables) - {"multipliers"}:
+        assert_array_equal(stored[name].values, base[name].values)
+    assert len(plots.attractors(stored).axes[0].patches) == len(plots.attractors(base).axes[0].patches)
+    with pytest.raises(StoreError, match="exists already"):
+        attractors(STARTS, starts=60, periods=300, out=path, progress=False)
+    with pytest.raises(ParameterError, match="table"):
+        attractors(STARTS, starts=60, periods=300, out=tmp_path / "found.zarr", progress=False)
 
 
 def test_a_seed_gives_the_same_starts_and_numbers_whatever_the_threads(base):

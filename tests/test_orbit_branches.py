@@ -9,12 +9,12 @@ import pytest
 from dimersweep import orbits, simulate
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.orbits.ball import ball_flip, ball_fold
-from dimersweep.orbits.border_grid import outwards
 from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.orbits.kinds.changes import change_of
 from dimersweep.orbits.kinds.kind import COMPLEX, ComplexPair
 from dimersweep.orbits.on_border import on_border
 from dimersweep.orbits.poincare import OrbitLost
+from dimersweep.orbits.walk import outwards
 
 # at spin 100 rad/s, all else as in the base case; found with a prototype of its own
 FOLDS = {0.5: 1.04771531, 0.6: 0.78725965, 0.7: 0.55603099}
@@ -48,7 +48,10 @@ def test_borders_are_where_they_were_measured(kind, known):
 def test_a_change_of_word_costs_little_and_lies_between_two_words(kind):
     e = np.linspace(0.56, 0.6, 9)
     curve = orbits.border(kind, "Gamma", over={"e": e}, spin=100.0)
-    assert np.median(curve["cost"].values) <= 120
+    changes = curve.sizes.get(
+        "number", 1
+    )  # the motion has two of chatter: one of the end that is down, one of the bouncer
+    assert np.median(curve["cost"].values) <= 125 * changes
     Gamma = float(curve["Gamma"][4])
     below, above = (orbits.find(spin=100.0, e=e[4], Gamma=Gamma + by).word for by in (-1e-6, 1e-6))
     assert change_of(below, above).name == kind
@@ -328,7 +331,7 @@ def test_a_point_that_fails_is_marked_and_the_rest_kept():
 def test_a_line_that_is_not_reached_is_begun_anew():
     """The phases of the double impact change near 0.966 at A_r = 6 and near 1.189 at 7: no step leads across."""
     found = orbits.border("double_impact", "Gamma", over={"A_r": [6.0, 7.0], "e": [0.56, 0.57]}, spin=100.0)
-    assert (found["status"] == "ok").all()
+    assert found["status"].values.tolist() == [["ok", "ok"], ["one of 2", "one of 2"]]
     alone = orbits.border("double_impact", "Gamma", over={"e": [0.56, 0.57]}, spin=100.0, A_r=7.0)
     assert np.abs(found["Gamma"].values[1] - alone["Gamma"].values).max() < 1e-8
 

@@ -52,6 +52,14 @@ def test_after_its_turn_the_hop_is_one_of_the_unstable_orbit(hop):
     assert "far.1" in words[1] and words[1].replace("far.1 ", "") == words[0]
 
 
+def test_a_curve_of_hops_is_the_border_in_any_section():
+    """The border is found in other sections, in which fixed points differ by more where the spin creeps."""
+    hop = orbits.border_curve("hop", "Gamma", "e", span=(0.63, 0.67), spin=100.0)
+    some = hop.isel(point=slice(1, None, 4)).sortby("e")
+    told = orbits.border("hop", "Gamma", over={"e": some["e"].values}, spin=100.0)
+    assert some["Gamma"].values == pytest.approx(told["Gamma"].values, abs=1e-6)
+
+
 def test_the_flip_and_the_hop_meet_where_one_passes_the_other():
     flip = orbits.border_curve("flip", "Gamma", "e", span=(0.54, 0.56), spin=100.0)
     place = met(flip, "flip-hop")

@@ -42,9 +42,10 @@ def test_orbits_found_beside_it_have_the_words_that_it_tells(curve):
     """Where the orbit leaps there may be none beyond for a little way."""
     kind = curve.attrs["kind"]
     assert np.isfinite(curve["Gamma"]).all()
-    assert all(str(status).startswith("one of " if kind == "stick_slip" else "ok") for status in curve["status"].values)
     for k in range(curve.sizes["e"]):
         point = curve.isel(e=k)
+        count = int(np.isfinite(point["several"]).sum()) if "several" in curve else 0
+        assert str(point["status"].values) == (f"one of {count}" if count else "ok")
         word = str(point["word"].values)
         beside = [found(curve, point, by) for by in (-CURVES[kind][2], CURVES[kind][2])]
         words = [orbit.word for orbit in beside if orbit is not None]
@@ -56,12 +57,19 @@ def test_orbits_found_beside_it_have_the_words_that_it_tells(curve):
 @pytest.mark.parametrize("curve", [kind for kind in CURVES if kind != "chatter"], indirect=True)
 def test_its_multipliers_are_those_of_orbits_on_its_side(curve):
     """Across the border the map has a kink or leaps; near that of chatter there is another one."""
+    kind, compared = curve.attrs["kind"], 0
     for k in range(curve.sizes["e"]):
         point = curve.isel(e=k)
         beside = [found(curve, point, by) for by in (-2e-4, 2e-4)]
         (near,) = [orbit for orbit in beside if orbit is not None and orbit.word == str(point["word"].values)]
-        told = np.sort(np.abs(point["multipliers"].values))[-near.multipliers.size :]
-        assert np.abs(told - np.sort(np.abs(near.multipliers))).max() < 5e-3
+        side = np.sign(near.parameters["Gamma"] - float(point["Gamma"]))
+        sizes, nearer = (np.sort(np.abs(one.multipliers)) for one in (near, found(curve, point, side * 5e-5)))
+        if kind == "hop" and np.abs(sizes - nearer).max() > 5e-3:
+            continue  # the rest of p1 between two hops shrinks to nothing: they have no limit there
+        told = np.sort(np.abs(point["multipliers"].values))[-sizes.size :]
+        assert np.abs(told - sizes).max() < 5e-3
+        compared += 1
+    assert compared >= curve.sizes["e"] - 1
 
 
 def test_a_curve_is_smooth_where_its_change_is_the_same():
@@ -70,9 +78,10 @@ def test_a_curve_is_smooth_where_its_change_is_the_same():
     assert np.abs(np.diff(values, 3)).max() < 2e-4
 
 
-@pytest.mark.parametrize(
-    "scene", [{}, {"r": 3e-3, "A_r": 26 / 6, "mu": 0.3, "f": 30.0}], ids=["base case", "a short dimer"]
-)
+SHORT = {"r": 3e-3, "A_r": 26 / 6, "mu": 0.3, "f": 30.0}
+
+
+@pytest.mark.parametrize("scene", [{}, SHORT], ids=["base case", "a short dimer"])
 def test_a_border_of_a_bouncing_motion_is_the_same_over_any_grid_and_says_that_there_are_more(scene):
     """From e = 0.69 on both ends bounce on, and their hops pass half a period at many values of Gamma.
 
@@ -88,6 +97,43 @@ def test_a_border_of_a_bouncing_motion_is_the_same_over_any_grid_and_says_that_t
     branch = orbits.follow(orbits.find(Gamma=1.0, e=0.7, spin=100.0, **scene), "Gamma", to=Gamma + 0.01)
     rests = np.char.find(branch["word"].values.astype(str), "SC1") >= 0
     assert Gamma - 1e-3 < branch["Gamma"].values[rests].max() < Gamma + 1e-5  # the short one leaps before
+
+
+# scene, values of e, and lists of them in which each has to be the border that it is alone
+ORDERS = {
+    "a short dimer": (
+        SHORT,
+        [0.65, 0.67, 0.7],
+        [[0.65, 0.67], [0.7, 0.65], [0.67, 0.7], [0.7, 0.67, 0.65], [0.6, 0.65, 0.7]],
+    ),
+    "base case": ({}, [0.65, 0.68, 0.7], [[0.7, 0.65], [0.65, 0.66, 0.67, 0.68], [0.7, 0.69, 0.68]]),
+    "a corner of the curve": ({}, [0.47, 0.49, 0.5], [[0.5, 0.49, 0.47], [0.47, 0.48, 0.49], [0.45, 0.5, 0.6]]),
+}
+
+
+@pytest.mark.parametrize("scene", ORDERS)
+def test_a_border_is_the_same_alone_and_in_any_list_in_any_order(scene):
+    fixed, values, lists = ORDERS[scene]
+    alone = {e: orbits.border("hop", "Gamma", over={"e": [e]}, spin=100.0, **fixed).isel(e=0) for e in values}
+    for order in lists:
+        told = orbits.border("hop", "Gamma", over={"e": order}, spin=100.0, **fixed)
+        for e in set(order) & set(alone):
+            row = told.isel(e=order.index(e))
+            assert float(row["Gamma"]) == pytest.approx(float(alone[e]["Gamma"]), abs=1e-6)
+            assert str(row["status"].values) == str(alone[e]["status"].values)
+            if "several" in alone[e]:
+                assert row["several"].values[:3] == pytest.approx(alone[e]["several"].values, abs=1e-6)
+
+
+def test_three_hops_of_one_motion_are_numbered():
+    """The hop of p1 passes its line, falls below it again, and leaps across it where its first bounce grazes the plate."""
+    hop = orbits.border("hop", "Gamma", over={"e": [0.49]}, spin=100.0).isel(e=0)
+    assert str(hop["status"].values) == "one of 3" and float(hop["Gamma"]) in hop["several"].values
+    orbit, at, words = orbits.find(spin=100.0, e=0.49, Gamma=1.32), hop["several"].values, []
+    for Gamma in (1.345, at[0] - 1e-5, at[0] + 1e-5, at[1] - 1e-5, at[1] + 1e-5, at[2] - 1e-5, at[2] + 1e-5):
+        orbit = orbits.find(guess=orbit, Gamma=float(Gamma))
+        words.append("far.1" in orbit.word)
+    assert words == [False, False, True, True, False, False, True]
 
 
 @pytest.mark.parametrize("kind", ["word", "lift_off"])
@@ -114,7 +160,7 @@ def test_a_warm_point_of_a_hop_costs_little():
     """Between the corners of the curve, where the hop leaps (e = 0.48) and where both ends begin to bounce on (e = 0.69)."""
     curve = orbits.border("hop", "Gamma", over={"e": np.linspace(0.5, 0.68, 19)}, spin=100.0)
     cost = np.sort(curve["cost"].values)
-    assert cost[-2] <= 120  # the first is not warm
+    assert cost[-3] <= 120  # the first is not warm, nor one beyond the corner at 0.51
     assert np.median(cost) <= 40
 
 

@@ -3,8 +3,8 @@
 Of each dimer (r 2 to 10 mm, A_r 4.5 to 9, f 12 to 50 Hz, mu 0.08 to 0.5, mu_s up to 2 mu, e 0.5 to 0.78, spin 0.16/r to 0.64/r)
 the fold and both ends of the drift's stability are computed, and crossed by `find` at 1 % to either side: on the inner side
 there is a stable orbit, and beyond an unstable one, or none, or another motion; where a row says that no stable orbit loses its
-stability there, this is not so. Printed are the forcing periods of the map that each border took. It ends with 1 if a border is
-not as told.
+stability there, this is not so. Where no stable orbit is found, none of some drawn starts comes to a drift. Printed are the
+forcing periods of the map that each border took. It ends with 1 if a border is not as told.
 """
 
 import argparse
@@ -14,7 +14,7 @@ import numpy as np
 
 from dimersweep import orbits
 from dimersweep.errors import OrbitError
-from tests.checks.dimers import crossed, random_dimer
+from tests.checks.dimers import STARTS, crossed, drifts, random_dimer
 
 OUTWARD = {"fold": -1, "stable_from": -1, "stable_to": 1}
 
@@ -26,7 +26,8 @@ def judged(kind, dimer):
     try:
         found = orbits.border(kind, "Gamma", over={"e": [e]}, **rest).isel(e=0)
     except OrbitError as reason:
-        return str(reason), "", np.nan, False
+        count = drifts(dimer)
+        return f"{reason}; {count} of {STARTS} drawn starts drift", "", np.nan, count == 0
     Gamma, by = float(found["Gamma"]), str(found["ends_by"].values) if "ends_by" in found else kind
     inner, outer = crossed(dimer, Gamma, OUTWARD[kind])
     lost = inner == "stable" and outer != "stable"

@@ -59,7 +59,11 @@ def tell(title, names, apart):
                 low, high = binomtest(inside, column.size).proportion_ci(0.95, "wilson")
                 words += f" ({100 * low:.1f} to {100 * high:.1f})"
             shares.append(f"{words}, should be {100 * should:.1f}")
-        print(f"  {name:>12}   {';   '.join(shares)};   mean {column.mean():+.2f} sd")
+        lost = np.count_nonzero(~np.isfinite(column))
+        mean = column[np.isfinite(column)].mean()
+        print(
+            f"  {name:>12}   {';   '.join(shares)};   mean {mean:+.2f} sd{f';   {lost} without an error' if lost else ''}"
+        )
 
 
 def main():

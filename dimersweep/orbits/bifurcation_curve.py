@@ -5,16 +5,19 @@ from dataclasses import replace
 
 import numpy as np
 
+from dimersweep.orbits.branch import Point
 from dimersweep.orbits.curve import FollowedCurve, Found
+from dimersweep.orbits.doubling import doubling
 from dimersweep.orbits.held import held
+from dimersweep.orbits.kinds.flip import FLIP
 from dimersweep.orbits.kinds.kind import Bifurcation
 from dimersweep.orbits.newton import fixed_at
 from dimersweep.orbits.on_border import OnBorder, next_on_border, on_border
-from dimersweep.orbits.orbit import orbit_of
+from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.passage import TURN
 from dimersweep.orbits.poincare import OrbitLost, ReturnMap
-from dimersweep.orbits.specials import Special
-from dimersweep.orbits.word import Sides
+from dimersweep.orbits.specials import Special, specials
+from dimersweep.orbits.stability_end import WALK_POINTS, stability_end, walked
 
 BACK = (0.0, 1e-3 * TURN, -1e-3 * TURN)  # phases of the plate at which the spin is put back [rad], as they are tried
 
@@ -39,11 +42,35 @@ class BifurcationCurve(FollowedCurve):
                     return self.at(next_on_border(self.kind, self.axis, replace(m, back=back), old, u))
         raise OrbitLost(f"no {self.kind.name} is found from its neighbour")
 
-    def _is_met(self, special: Special, like: Sides | None) -> bool:
-        return special.kind is self.kind
+    def _from(self, orbit: PeriodicOrbit) -> Found:
+        """The first point of the border on the branch, to either side; one that ends stability goes before."""
+        begin, reasons = self._begun(orbit), []
+        ways = [begin._replace(tangent=sense * begin.tangent) for sense in self.senses]
+        if orbit.stable:
+            for way in ways:
+                with suppress(OrbitLost):
+                    end = stability_end(self.axis, way)
+                    if end.kind is self.kind:
+                        return self.taken_up(end)
+        for way in ways:
+            try:
+                return self.taken_up(self._met(way))
+            except OrbitLost as reason:
+                reasons.append(str(reason))
+        raise OrbitLost(f"along {self.parameter}: {'; '.join(reasons)}")
+
+    def _met(self, point: Point) -> Special:
+        for a, b in walked(self.axis, point):
+            for special in specials(self.axis, a, b, words=False):
+                if special.kind is self.kind:
+                    return special
+        raise OrbitLost(f"none within {WALK_POINTS} points of the branch")
 
     def taken_up(self, special: Special) -> Found:
-        """At a fold the bouncer strikes about where the spin is put back; where it is just there, that is done beside it."""
+        """The point of the border at a special point of a branch.
+
+        At a fold the bouncer strikes about where the spin is put back; where it is just there, that is done beside it.
+        """
         reason = OrbitLost("")
         for back in BACK:
             try:
@@ -72,7 +99,11 @@ class BifurcationCurve(FollowedCurve):
         if not fast.size or np.abs(self.kind.away(fast)).min() > KINK:
             raise OrbitLost(f"the map has a kink where a {self.kind.name} is looked for")
         orbit = replace(orbit, multipliers=fast, stable=bool((np.abs(fast) < 1).all()))
-        return Found(orbit, float(at.u[-1] * self.axis.scale), at, loses=self.kind.is_all(fast))
+        found = Found(orbit, float(at.u[-1] * self.axis.scale), at, loses=self.kind.is_all(fast))
+        if self.kind is FLIP:
+            with suppress(OrbitLost):
+                return found._replace(doubling=doubling(at.map, at.z, matrix))
+        return found
 
     def is_sure(self, found: Found) -> bool:
         """Where a stable orbit loses its stability."""

@@ -1,10 +1,7 @@
 """Curves of borders over other parameters, and where they meet other borders."""
 
-from collections.abc import Mapping, Set
-from contextlib import suppress
-from heapq import heappop, heappush
-from itertools import groupby, product, takewhile
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -12,22 +9,22 @@ import xarray as xr
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.inputs import as_numbers, check_rtol, number
 from dimersweep.orbits.bifurcation_curve import BifurcationCurve
-from dimersweep.orbits.curve import Curve, FollowedCurve, Found, shortened
+from dimersweep.orbits.curve import Curve, Found
 from dimersweep.orbits.finding import RTOL, checked, checked_spin
 from dimersweep.orbits.kinds import BORDER_KINDS, Kind
 from dimersweep.orbits.kinds.changes import change_of
+from dimersweep.orbits.kinds.flip import FLIP
 from dimersweep.orbits.kinds.kind import COMPLEX, Bifurcation, Change, RealMultiplier
 from dimersweep.orbits.kinds.stability import StabilityEnd
-from dimersweep.orbits.labelling import dataset
+from dimersweep.orbits.labelling import DOUBLING, dataset
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.poincare import OrbitLost
 from dimersweep.orbits.stability_curve import StabilityCurve
-from dimersweep.orbits.word import Sides
+from dimersweep.orbits.walk import Walk
 from dimersweep.orbits.word_curve import WordCurve
 from dimersweep.parameters import check_effect, check_name
 from dimersweep.symbols import PARAMETERS
 
-STRETCHES = 8  # in a line of points: shorter ones are not begun anew
 MEETING = 1e-6  # how well a meeting is known, in the step of the curve
 
 
@@ -53,8 +50,10 @@ def border(
     parameter : str
         The one that is solved for.
     over : mapping of str to sequence of float
-        Values of one or more others; each point begins with what its neighbour has come to. Each line of points along the axis
-        of the shortest steps is begun by itself, and so is a long stretch of it that is not reached.
+        Values of one or more others. Each line of points along the axis of the shortest steps is begun in its middle, and
+        each point begins with what its neighbour has come to. A long stretch that is not reached is begun by itself. Of
+        changes of word every such point is, and the last point of each stretch, too: where that gives another border, the
+        stretch before it is looked for again.
     spin : float, optional
         Axial spin [rad s-1]; by default what a lateral start with `xdot0` rolls up to. Of a fold, a flip and a torus it is
         that to which the spin is put back at the start of each forcing period; of a change of word that after the double
@@ -71,13 +70,15 @@ def border(
     xarray.Dataset
         Along the names in `over`: `parameter`, the attributes of the border's `PeriodicOrbit`, `status` and `cost`, the
         forcing periods of the map that a point took. The status is "ok", or says why there is no point, or that there are
-        more. The word, and the order of sticking, slipping and lifting off, change at many values of the parameter: the row
-        has the first one met along the branch of the stable orbit, `several` has all of that branch, and the status is "one
-        of 10". Beyond where an end no longer comes to rest the branch is in pieces: the row is the last orbit of which an end
-        does, and the status says that there are several beyond. `loses_stability` says whether a stable orbit loses its
-        stability there: the multipliers are inside the unit circle on one side, and beyond the orbit has one outside, or there
-        is none. Of stable_from and stable_to also `ends_by`, the kind of border there. Of a change of word also `change`, the
-        symbols that go and come: it may differ from line to line of points.
+        more. The word of a motion may change alike at many values of the parameter, between where its branch turns round and
+        where no end comes to rest any more: the row has the first one met, upwards before downwards, `several` has all of
+        them, and the status is "one of 10". Beyond where no end comes to rest the branch is in pieces: if there is no such
+        change before, the row is the last orbit of which an end does, and the status says that there are several beyond.
+        `loses_stability` says whether a stable orbit loses its stability there: the multipliers are inside the unit circle on
+        one side, and beyond the orbit has one outside, or there is none. Of a flip also `doubling`, the coefficient of its
+        normal form: where it is positive a stable orbit of twice the period begins, where it is negative an unstable one ends.
+        Of stable_from and stable_to also `ends_by`, the kind of border there. Of a change of word also `change`, the symbols
+        that go and come: it may differ from point to point.
         Along `meeting`: where the curve meets another border, with its `meets`.
 
     Raises
@@ -144,128 +145,6 @@ def _checked(
     return checked(fixed | {name: float(values[0]) for name, values in axes.items()}), axes
 
 
-def outwards(shape: tuple[int, ...]) -> list[tuple[int, ...]]:
-    """Every point of a grid, from its middle outwards."""
-    middle = [(n - 1) // 2 for n in shape]
-    points = product(*(range(n) for n in shape))
-    return sorted(points, key=lambda index: sum(abs(k - m) for k, m in zip(index, middle, strict=True)))
-
-
-class Try(NamedTuple):
-    """A point to be looked for from a neighbour: its distance, its place in the order of the walk, and where it lies."""
-
-    step: float
-    place: int
-    point: tuple[int, ...]
-    axis: int
-    side: int
-
-
-class Walk:
-    """The points of a curve over a grid.
-
-    The grid is taken line by line, along the axis of the shortest steps. Each line is begun in its middle, from a branch of
-    orbits, and followed from point to neighbouring point. A long stretch of a line that is not reached is begun again. Points
-    that are still missing are looked for from neighbouring lines; with a given start, so are all points from the beginning.
-
-    Parameters
-    ----------
-    curve : Curve
-    axes : dict of str to ndarray
-    start : PeriodicOrbit, optional
-    """
-
-    def __init__(self, curve: Curve, axes: dict[str, np.ndarray], start: PeriodicOrbit | None) -> None:
-        self.curve, self.axes, self.start = curve, axes, start
-        self.found: dict[tuple[int, ...], Found] = {}
-        self.status: dict[tuple[int, ...], str] = {}
-        self.columns = list(axes.values())
-        lengths = [column.size for column in self.columns]
-        self.order = outwards(tuple(lengths))
-        self.places = {index: place for place, index in enumerate(self.order)}
-        self.waiting: list[Try] = []
-        steps = [_steps(column).min(initial=np.inf) for column in self.columns]
-        self.fine = int(np.argmin(steps))
-        if curve.alone:
-            for index in self.order:
-                self._try(index, [])
-            return
-        for first in outwards(tuple(1 if k == self.fine else n for k, n in enumerate(lengths))):
-            self._line([_moved(first, self.fine, n) for n in range(lengths[self.fine])])
-        self._follow(across=True)
-
-    def _line(self, line: list[tuple[int, ...]]) -> None:
-        begun: set[tuple[int, ...]] = set()
-        while (index := _to_begin(line, self.found.keys() | begun)) is not None:
-            begun.add(index)
-            self._try(index, [], next((self.found[at].sides for at in line if at in self.found), None))
-            self._follow(across=self.start is not None)
-
-    def _follow(self, across: bool) -> None:
-        """Look for the neighbours of what has been found, the nearest first, along the lines only or also across them."""
-        later = []
-        while self.waiting:
-            one = heappop(self.waiting)
-            if one.point in self.found:
-                continue
-            if across or one.axis == self.fine:
-                beside = (_moved(one.point, one.axis, by * one.side) for by in (1, 2, 3))
-                self._try(one.point, [self.found[at] for at in takewhile(self.found.__contains__, beside)])
-            else:
-                later.append(one)
-        self.waiting = sorted(later)
-
-    def _try(self, index: tuple[int, ...], near: list[Found], like: Sides | None = None) -> None:
-        values = {name: float(column[k]) for (name, column), k in zip(self.axes.items(), index, strict=True)}
-        try:
-            self.found[index] = self._point(values, near, like)
-        except (OrbitLost, OrbitError, ParameterError) as reason:
-            self.status.setdefault(index, shortened(str(reason)))
-            return
-        for k, column in enumerate(self.columns):
-            for side in (-1, 1):
-                other = _moved(index, k, -side)
-                if other in self.places and other not in self.found:
-                    step = _steps(column)[min(other[k], index[k])]
-                    heappush(self.waiting, Try(round(step, 9), self.places[other], other, k, side))
-
-    def _point(self, values: dict[str, float], near: list[Found], like: Sides | None) -> Found:
-        """A point found from its neighbours, or by itself where that may be another one."""
-        found = self.curve.point(values, near, self.start, like)
-        if near and isinstance(self.curve, FollowedCurve) and not self.curve.is_sure(found):
-            with suppress(OrbitLost, OrbitError, ParameterError):
-                return self.curve.point(values, [], self.start)
-        return found
-
-    def failed(self) -> dict[tuple[int, ...], str]:
-        """Why the other points are not found."""
-        return {
-            index: self.status.get(index, "no neighbour was found") for index in self.order if index not in self.found
-        }
-
-
-def _to_begin(line: list[tuple[int, ...]], tried: Set[tuple[int, ...]]) -> tuple[int, ...] | None:
-    """The middle of the longest stretch of a line in which no point has been tried or found; none if it is short."""
-    stretches = [list(stretch) for was, stretch in groupby(range(len(line)), lambda n: line[n] in tried) if not was]
-    longest = max(stretches, key=len, default=[])
-    if not longest or STRETCHES * len(longest) < len(line):
-        return None
-    halfway = longest[(len(longest) - 1) // 2], longest[len(longest) // 2]
-    return line[min(halfway, key=lambda n: abs(2 * n - len(line) + 1))]
-
-
-def _steps(column: np.ndarray) -> np.ndarray:
-    """Steps between the values of an axis, over the largest of them."""
-    return np.abs(np.diff(column)) / np.abs(column).max()
-
-
-def _moved(index: tuple[int, ...], axis: int, by: int) -> tuple[int, ...]:
-    return tuple(n + by * (k == axis) for k, n in enumerate(index))
-
-
-# --- where borders meet -------------------------------------------------------------------------------------------
-
-
 def marks(kind: Kind, orbit: PeriodicOrbit) -> dict[str, float]:
     """Test functions along a curve, by the names of the two borders that meet where one changes its sign."""
     values = orbit.multipliers
@@ -326,6 +205,8 @@ def _dataset(
     table["cost"] = ("found", [one.cost for one in found.values()], periods)
     words = "whether a stable orbit loses its stability there"
     table["loses_stability"] = ("found", [one.loses for one in found.values()], {"units": "1", "long_name": words})
+    if curve.kind is FLIP:
+        table["doubling"] = ("found", [one.doubling for one in found.values()], DOUBLING._asdict())
     if isinstance(curve.kind, StabilityEnd):
         kinds = [one.by.name if one.by else "" for one in found.values()]
         table["ends_by"] = ("found", kinds, {"long_name": "kind of border by which the stability ends"})

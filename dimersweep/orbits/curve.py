@@ -2,7 +2,6 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import replace
 from itertools import takewhile
 from math import pi
@@ -15,11 +14,8 @@ from dimersweep.orbits.ball import ball_flip, ball_fold
 from dimersweep.orbits.branch import Axis, Point, point_of
 from dimersweep.orbits.finding import orbit_at
 from dimersweep.orbits.kinds import Kind
-from dimersweep.orbits.kinds.kind import Bifurcation
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.poincare import OrbitLost, Tape
-from dimersweep.orbits.specials import Leap, Special, specials
-from dimersweep.orbits.stability_end import WALK_POINTS, stability_end, walked
 from dimersweep.orbits.word import Sides, far_ends
 from dimersweep.parameters import value_of
 
@@ -43,8 +39,10 @@ class Found(NamedTuple):
         Whether a stable orbit loses its stability there.
     by : Kind, optional
         Of an end of stability: the kind of border that ends it.
-    several : tuple of float
-        Of a change that a motion has at several values of the parameter: those along the branch of the stable orbit.
+    others : tuple of Found
+        Of a change of word: those that the motion has at other values of the parameter.
+    doubling : float
+        Of a flip: its coefficient, see `doubling`.
     cost : float
         Forcing periods of the map that it took.
     """
@@ -55,8 +53,14 @@ class Found(NamedTuple):
     sides: Sides | None = None
     loses: bool = False
     by: Kind | None = None
-    several: tuple[float, ...] = ()
+    others: "tuple[Found, ...]" = ()
+    doubling: float = float("nan")
     cost: float = 0.0
+
+    @property
+    def several(self) -> list[float]:
+        """Values of the parameter of all such changes of the motion, if there is more than one."""
+        return sorted([self.value, *(other.value for other in self.others)]) if self.others else []
 
     def alike(self, other: "Found") -> bool:
         """Whether both are points of one section, and words change alike at both."""
@@ -92,7 +96,10 @@ class Curve(ABC):
     """
 
     alone = False
-    words = False  # whether words are looked at on a branch
+    many = (
+        False  # whether a motion may have several borders of the kind, so that points that are followed are confirmed
+    )
+    words = False  # whether its rows say what changes in the word
     senses: tuple[float, float] = (1.0, -1.0)  # of the parameter, in which the border is looked for from an orbit
     shares: tuple[float, ...] = (
         0.3,
@@ -110,9 +117,7 @@ class Curve(ABC):
         self.tape = Tape()
 
     @abstractmethod
-    def point(
-        self, values: dict[str, float], near: list[Found], start: PeriodicOrbit | None, like: Sides | None = None
-    ) -> Found:
+    def point(self, values: dict[str, float], near: list[Found], start: PeriodicOrbit | None) -> Found:
         """The point of the border at values of the other parameters.
 
         Parameters
@@ -122,8 +127,6 @@ class Curve(ABC):
             Neighbours at equal distances, the nearest first; without any the border is looked for on a branch.
         start : PeriodicOrbit, optional
             Of that branch.
-        like : Sides, optional
-            The change of word that is looked for there.
 
         Raises
         ------
@@ -175,12 +178,10 @@ class Curve(ABC):
 class FollowedCurve(Curve):
     """A border whose points are found from their neighbours, the first one on a branch: see `Curve`."""
 
-    def point(
-        self, values: dict[str, float], near: list[Found], start: PeriodicOrbit | None, like: Sides | None = None
-    ) -> Found:
+    def point(self, values: dict[str, float], near: list[Found], start: PeriodicOrbit | None) -> Found:
         spent = self.tape.periods
         given = self.given | values
-        found = self._stepped(given, near) if near else self._beginning(given, start, like)
+        found = self._stepped(given, near) if near else self._beginning(given, start)
         return found._replace(cost=self.tape.periods - spent)
 
     def is_sure(self, found: Found) -> bool:
@@ -220,73 +221,29 @@ class FollowedCurve(Curve):
 
     # --- the first point: on a branch ------------------------------------------------------------------------------
 
-    @abstractmethod
-    def _is_met(self, special: Special, like: Sides | None) -> bool:
-        """Whether a special point of a branch lies on this border."""
-
-    @abstractmethod
-    def taken_up(self, special: Special) -> Found:
-        """The point of the border at a special point of a branch."""
-
-    def _beginning(self, given: dict[str, float], start: PeriodicOrbit | None, like: Sides | None) -> Found:
+    def _beginning(self, given: dict[str, float], start: PeriodicOrbit | None) -> Found:
         """The first point of the curve: found on a branch at an orbit's parameters, then carried to those that are given."""
-        first = self._first(given, start, like)
+        first = self._first(given, start)
         found = first.orbit.parameters
         if all(found[name] == value for name, value in given.items() if name != self.parameter and name in found):
             return first
         return self._stepped(given, [first])
 
-    def _first(self, given: dict[str, float], start: PeriodicOrbit | None, like: Sides | None) -> Found:
+    def _first(self, given: dict[str, float], start: PeriodicOrbit | None) -> Found:
         reasons: list[str] = []
         for orbit in [start] if start is not None else self._starts(given, reasons):
             try:
-                return self._from(orbit, like)
+                return self._from(orbit)
             except (OrbitError, OrbitLost) as reason:
                 reasons.append(str(reason))
         raise OrbitError(shortened(f"no {self.kind.name} was met; {'; '.join(dict.fromkeys(reasons))}"))
 
-    def _from(self, orbit: PeriodicOrbit, like: Sides | None) -> Found:
-        """The first point of the border on the branch through an orbit.
+    @abstractmethod
+    def _from(self, orbit: PeriodicOrbit) -> Found:
+        """The point of the border on the branch through an orbit.
 
         Raises
         ------
         OrbitLost
             If there is none.
         """
-        return self.taken_up(self._along(orbit, like))
-
-    def _along(self, orbit: PeriodicOrbit, like: Sides | None) -> Special:
-        """The first point of the border on the branch through an orbit, to either side; one that ends stability goes before.
-
-        Raises
-        ------
-        OrbitLost
-            If there is none.
-        """
-        begin, reasons = self._begun(orbit), []
-        ways = [begin._replace(tangent=sense * begin.tangent) for sense in self.senses]
-        if orbit.stable and isinstance(self.kind, Bifurcation):
-            for way in ways:
-                with suppress(OrbitLost):
-                    end = stability_end(self.axis, way)
-                    if end.kind is self.kind:
-                        return end
-        for way in ways:
-            try:
-                return self._met(way, like)
-            except OrbitLost as reason:
-                reasons.append(str(reason))
-        raise OrbitLost(f"along {self.parameter}: {'; '.join(reasons)}")
-
-    def _met(self, point: Point, like: Sides | None) -> Special:
-        for a, b in walked(self.axis, point):
-            for special in self._specials(a, b):
-                if self._is_met(special, like):
-                    return special
-        raise OrbitLost(f"none within {WALK_POINTS} points of the branch")
-
-    def _specials(self, a: Point, b: Point) -> list[Special]:
-        try:
-            return specials(self.axis, a, b, self.words)
-        except Leap as leap:
-            raise OrbitLost(str(leap)) from leap

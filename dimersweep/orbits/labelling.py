@@ -24,6 +24,7 @@ WORDS = {
     "di_end": QUANTITIES["di_end"],
     "word": Quantity("1", "sequence of contact states"),
 }
+DOUBLING = Quantity("1", "coefficient of the flip: a stable orbit of twice the period begins where it is positive")
 MULTIPLIERS = Quantity("1", "multipliers of the fast part, the largest first")
 
 

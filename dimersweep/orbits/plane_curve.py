@@ -26,14 +26,14 @@ from dimersweep.orbits.kinds.changes import change_of
 from dimersweep.orbits.kinds.flip import FLIP
 from dimersweep.orbits.kinds.fold import FOLD
 from dimersweep.orbits.kinds.kind import COMPLEX, Bifurcation, Change, RealMultiplier
-from dimersweep.orbits.labelling import dataset
+from dimersweep.orbits.labelling import DOUBLING, dataset
 from dimersweep.orbits.newton import TOLERANCE, defect, newton, system
 from dimersweep.orbits.on_border import BorderEquations, OnBorder
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import OrbitLost, ReturnMap
 from dimersweep.orbits.specials import MOST_CHANGES
 from dimersweep.orbits.word import word_of
-from dimersweep.orbits.word_curve import WordCurve
+from dimersweep.orbits.word_curve import WordCurve, crept
 from dimersweep.parameters import check_effect, check_name
 from dimersweep.symbols import PARAMETERS
 
@@ -43,7 +43,15 @@ MEETING_LOCATED, WORD_LOCATED = (
     1e-9,
     1e-7,
 )  # how well a meeting or a turn, and a change of word is known, as a share of a step
+LEAP = (
+    1e-3  # part of a test function at both ends of a step, below which it is zero between, and does not leap over zero
+)
 SAME_WAY = 0.7  # product of the tangents of two points, and step over the way between them, below which it is too long
+
+
+DOUBLED_FOLD = (
+    "flip-doubled_fold"  # where the orbit of twice the period, beyond a flip, has its fold on the flip itself
+)
 
 
 class Place(NamedTuple):
@@ -133,7 +141,8 @@ class OfBifurcation(PlaneEquations):
         kind = self.curve.kind
         values = kind.others(found.orbit.multipliers) if isinstance(kind, RealMultiplier) else found.orbit.multipliers
         real = values[np.abs(values.imag) < COMPLEX].real
-        return {f"{kind.name}-{end.name}": float(prod(1 - end.at * real)) for end in (FOLD, FLIP)}
+        tests = {f"{kind.name}-{end.name}": float(prod(1 - end.at * real)) for end in (FOLD, FLIP)}
+        return tests | ({DOUBLED_FOLD: found.doubling} if kind is FLIP else {})
 
 
 class OfChange(PlaneEquations):
@@ -163,7 +172,7 @@ class OfChange(PlaneEquations):
         fixed = near.fixed._replace(map=m, z=x[:-2], image=image, residual=0.0)
         at: Point = near._replace(fixed=fixed, value=float(x[-2] * axis.scale), mark_slope=None)
         at = with_mark(axis, at, self.mark)
-        return Found(orbit_of(at.fixed), at.value, in_own_section(axis, at), self.found.sides)
+        return Found(orbit_of(at.fixed), crept(axis, at, self.mark), in_own_section(axis, at), self.found.sides)
 
     def tests(self, found: Found) -> dict[str, float]:
         fixed = found.begin.fixed
@@ -208,8 +217,9 @@ def border_curve(
     -------
     xarray.Dataset
         Along `point`, from one end of the curve to the other: both parameters, the attributes of the border's
-        `PeriodicOrbit`, `loses_stability` as in `border`, and `meets`: the two borders that meet in a row (hop-fold), or
-        "turn" with the parameter in which the curve turns round there, each located to 1e-6 or better. The attribute `ends`
+        `PeriodicOrbit`, `loses_stability` and `doubling` as in `border`, and `meets`: the two borders that meet in a row
+        (hop-fold), or "turn" with the parameter in which the curve turns round there, each located to 1e-6 or better. At
+        flip-doubled_fold the fold of the orbit of twice the period ends on the flip (generalised flip). The attribute `ends`
         says why the curve ends on either side, `cost` how many forcing periods of the map it took.
 
     Raises
@@ -384,7 +394,8 @@ def _special(equations: PlaneEquations, a: Place, b: Place) -> list[tuple[Place,
         if test(a) * test(b) < 0:
             try:
                 share = brentq(lambda share, test=test: test(at(share)), 0.0, 1.0, xtol=MEETING_LOCATED)
-                found.append((share, (at(share), name)))
+                if abs(test(at(share))) < LEAP * max(abs(test(a)), abs(test(b))):
+                    found.append((share, (at(share), name)))
             except OrbitLost:
                 continue
     words = a.found.orbit.word, b.found.orbit.word
@@ -418,6 +429,8 @@ def _table(curve: FollowedCurve, other: str, rows: list[tuple[Place, str]], ends
         table[name] = ("point", np.array(values), PARAMETERS[name]._asdict())
     words = "whether a stable orbit loses its stability there"
     table["loses_stability"] = ("point", [place.found.loses for place, _ in rows], {"units": "1", "long_name": words})
+    if curve.kind is FLIP:
+        table["doubling"] = ("point", [place.found.doubling for place, _ in rows], DOUBLING._asdict())
     meets = np.array([special for _, special in rows], dtype=object).astype(str)
     table["meets"] = (
         "point",

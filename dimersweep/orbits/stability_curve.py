@@ -12,7 +12,6 @@ from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import OrbitLost
 from dimersweep.orbits.specials import Special
 from dimersweep.orbits.stability_end import stability_end
-from dimersweep.orbits.word import Sides
 
 
 class StabilityCurve(Curve):
@@ -21,9 +20,7 @@ class StabilityCurve(Curve):
     kind: StabilityEnd
     alone = True
 
-    def point(
-        self, values: dict[str, float], near: list[Found], start: PeriodicOrbit | None, like: Sides | None = None
-    ) -> Found:
+    def point(self, values: dict[str, float], near: list[Found], start: PeriodicOrbit | None) -> Found:
         spent, reasons = self.tape.periods, list[str]()
         given = self.given | values
         starts = self._starts(given, reasons)

@@ -8,25 +8,32 @@ orbits.
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
+from itertools import takewhile
 from typing import cast
 
 import numpy as np
 
-from dimersweep.orbits.branch import Equations, Mark, Point, in_own_section, lent, with_mark
+from dimersweep.orbits.branch import Axis, Equations, Mark, Point, in_own_section, lent, with_mark
 from dimersweep.orbits.curve import FollowedCurve, Found
 from dimersweep.orbits.grazing import graze, least_gap
 from dimersweep.orbits.kinds.changes import WORD
-from dimersweep.orbits.kinds.kind import Change
+from dimersweep.orbits.kinds.fold import FOLD
+from dimersweep.orbits.kinds.kind import COMPLEX, Change
+from dimersweep.orbits.manifold import lag, multipliers_of
 from dimersweep.orbits.newton import defect
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import OrbitLost
-from dimersweep.orbits.specials import Special, last_with
-from dimersweep.orbits.stability_end import WALK_POINTS, is_stable, last_that, stays_stable, walked
+from dimersweep.orbits.specials import Leap, Special, between, last_with, specials
+from dimersweep.orbits.stability_end import is_stable, last_that, stays_stable, walked
 from dimersweep.orbits.word import Sides, far_ends, rests, sides_of, word_of
 
-SAME_CHANGE = 1e-7  # distance of two changes of word that are one, in the parameter over its scale
 POINT_REACH = 0.2  # of a point of a curve from where it is looked for, in units of the section
 WIDEST, NARROWEST, WIDER = 0.05, 2e-5, 4.0  # bracket of a change of word, in the parameter over its scale
+SAME_CHANGE = 1e-7  # distance of two changes of word that are one, in the parameter over its scale
+BENT = 1e-2  # difference of multipliers to one side of a point and to both, beyond which the map has a kink there
+NO_JUMP = 1e-8  # jump of an orbit at a change of word that is none, in units of the section
+CORNER = 2e-3  # distance of a point from where its curve leads, in the parameter over its scale, from which on it has a corner
+PARTS = 5  # halvings of a step of a branch in which a hop comes near its line
 DOUBT, LESS = 4e-3, 0.08  # of a point with one neighbour; of one on the line through two, in the step between them
 OPENED = (1e-2, 1e-1)  # ways along the branch, in units of the section, from which a grazing orbit is looked for
 MOST_DERIVATIVES = 3  # new derivatives at a point: where Newton's method asks for more, the motion is another one
@@ -38,64 +45,113 @@ def comes_to_rest(point: Point) -> bool:
     return rests(word_of(point.fixed.image.passage))
 
 
+def crept(axis: Axis, at: Point, mark: Mark) -> float:
+    """The parameter where a mark of the motion that creeps is zero, near a fixed point at which it is.
+
+    The fixed point is another one in each section, the motion is not (see `manifold`).
+    """
+    along = cast(np.ndarray, at.mark_slope) @ at.tangent / at.tangent[-1]
+    of_motion = mark(at.map, at.map.image(at.fixed.z + lag(at.fixed)))
+    return float(at.value - axis.scale * (of_motion - mark(at.map, at.fixed.image)) / along)
+
+
+def _has_turned(orbit: PeriodicOrbit) -> bool:
+    """Whether a branch has turned round between a stable orbit and this one: an odd number of multipliers are beyond 1."""
+    real = orbit.multipliers[np.abs(orbit.multipliers.imag) < COMPLEX].real
+    return bool((real > 1).sum() % 2)
+
+
 class WordCurve(FollowedCurve):
     """A curve along which the word changes: see `Curve`."""
 
     kind: Change
-    words = True
+    words = many = True
 
     def status(self, found: Found) -> str:
         if found.sides is None:
             return "several beyond, of motions that come to no rest"
-        if self.kind.once and rests(found.orbit.word):
-            return "ok"
-        return f"one of {len(found.several)}" if found.several else "one of several"
+        if not rests(found.orbit.word):
+            return "one of several"
+        return f"one of {len(found.several)}" if found.several else "ok"
 
-    def _is_met(self, special: Special, like: Sides | None) -> bool:
-        if not isinstance(special.kind, Change) or self.kind not in (WORD, special.kind):
-            return False
-        return like is None or like.between(*special.words)
+    def _from(self, orbit: PeriodicOrbit) -> Found:
+        """The first one met of all changes along the branch of a motion of which an end comes to rest, and the values of all.
 
-    def taken_up(self, special: Special) -> Found:
-        at = special.point
-        return self._found(at, sides_of(*special.words, self.kind.begins), float(np.sign(at.tangent[-1])))
+        Of a motion that comes to no rest others are not known: there steps lead from one piece of the branch to any other.
+        """
+        begin = self._begun(orbit)
+        ways = [begin._replace(tangent=sense * begin.tangent) for sense in self.senses]
+        if not comes_to_rest(begin):
+            return self._taken_up(self._first_met(ways))
+        changes = [special for way in ways for special in self._changes(way)]
+        if not changes and orbit.stable and far_ends(orbit.word) == 1:
+            return self._to_pieces(ways)
+        if not changes:
+            raise OrbitLost(f"no {self.kind.name} is met")
+        kept: list[Found] = []
+        for found in map(self._taken_up, changes):
+            if all(abs(found.value - other.value) > SAME_CHANGE * self.axis.scale for other in kept):
+                kept.append(found)
+        return kept[0]._replace(others=tuple(kept[1:]))
 
-    def _from(self, orbit: PeriodicOrbit, like: Sides | None) -> Found:
-        try:
-            found = super()._from(orbit, like)
-        except OrbitLost:
-            if not orbit.stable or far_ends(orbit.word) != 1:
-                raise
-            return self._to_pieces(orbit)
-        if self.kind.once or not orbit.stable:
-            return found
-        values = [value for way in self.senses for value in self._while_stable(self._begun(orbit), way)]
-        if all(abs(value - found.value) > SAME_CHANGE * self.axis.scale for value in values):
-            values.append(found.value)
-        return found._replace(several=tuple(sorted(values)))
+    def _taken_up(self, special: Special) -> Found:
+        """The point of the border at a special point of a branch."""
+        at, sides = special.point, sides_of(*special.words, self.kind.begins)
+        smooth = special.jump < NO_JUMP and not at.grazes
+        if smooth and self.kind.zero and (mark := self.kind.zero(sides)):
+            with suppress(OrbitLost):
+                found = self._zero(at.map.parameters, at, sides, mark)
+                own, fast = multipliers_of(at.fixed)[0], found.orbit.multipliers
+                if own.size != fast.size or np.abs(np.abs(own) - np.abs(fast)).max() < BENT:
+                    return found  # without a kink of the map, across which its derivatives would be taken
+        return self._found(at, sides, float(np.sign(at.tangent[-1])))
 
-    def _while_stable(self, begin: Point, sense: float) -> Iterator[float]:
-        """Values of the parameter at which the word changes so, along a branch while its orbit is stable."""
+    def _is_met(self, special: Special) -> bool:
+        return isinstance(special.kind, Change) and self.kind in (WORD, special.kind)
+
+    def _first_met(self, ways: list[Point]) -> Special:
+        for way in ways:
+            with suppress(OrbitLost):
+                for a, b in walked(self.axis, way):
+                    for special in self._specials(a, b)[0]:
+                        if self._is_met(special):
+                            return special
+        raise OrbitLost(f"no {self.kind.name} is met by a motion that comes to no rest")
+
+    def _changes(self, begin: Point) -> Iterator[Special]:
+        """Changes of this kind along a branch, up to where it turns round, goes to pieces or is lost."""
         with suppress(OrbitLost):
-            for a, b in walked(self.axis, begin._replace(tangent=sense * begin.tangent)):
-                yield from (special.point.value for special in self._specials(a, b) if self._is_met(special, None))
-                if not is_stable(b):
+            for step in walked(self.axis, begin):
+                for a, b in self._parts(*step, PARTS):
+                    found, goes_on = self._specials(a, b)
+                    for special in found:
+                        if special.kind is FOLD or not comes_to_rest(special.point):
+                            return
+                        if self._is_met(special):
+                            yield special
+                    if not goes_on or b.tangent[-1] * begin.tangent[-1] < 0 or not comes_to_rest(b):
+                        return
+
+    def _parts(self, a: Point, b: Point, halvings: int) -> Iterator[tuple[Point, Point]]:
+        """A step of a branch, in parts in which what makes the change hardly comes to its line and goes back."""
+        if self.kind.lines is not None and halvings:
+            first, last = (self.kind.lines(point.fixed.image) for point in (a, b))
+            if (np.minimum(np.abs(first), np.abs(last)) < np.abs(last - first)).any():
+                with suppress(OrbitLost):
+                    middle = between(self.axis, a, b, 0.5)
+                    yield from self._parts(a, middle, halvings - 1)
+                    yield from self._parts(middle, b, halvings - 1)
                     return
+        yield a, b
 
-    def _met(self, point: Point, like: Sides | None) -> Special:
-        """On a motion of which an end comes to rest; beyond, steps lead from one piece of the branch to any other."""
-        came_to_rest = comes_to_rest(point)
-        for a, b in walked(self.axis, point):
-            for special in self._specials(a, b):
-                if came_to_rest and not comes_to_rest(special.point):
-                    break
-                if self._is_met(special, like):
-                    return special
-            if came_to_rest and not comes_to_rest(b):
-                raise OrbitLost(f"no end comes to rest beyond {self.parameter} = {a.value:.3g}")
-        raise OrbitLost(f"none within {WALK_POINTS} points of the branch")
+    def _specials(self, a: Point, b: Point) -> tuple[list[Special], bool]:
+        """Special points of a step, and whether the branch goes on to its end."""
+        try:
+            return specials(self.axis, a, b), True
+        except Leap as leap:
+            return leap.found, False
 
-    def _to_pieces(self, orbit: PeriodicOrbit) -> Found:
+    def _to_pieces(self, ways: list[Point]) -> Found:
         """The last orbit of which an end comes to rest: beyond it is a border for each number of bounces.
 
         Raises
@@ -103,16 +159,11 @@ class WordCurve(FollowedCurve):
         OrbitLost
             If the branch does not go to pieces.
         """
-        begin = self._begun(orbit)
-        for sense in self.senses:
+        for way in ways:
             with suppress(OrbitLost):
-                last = last_that(comes_to_rest, self.axis, begin._replace(tangent=sense * begin.tangent))
+                last = last_that(comes_to_rest, self.axis, way)
                 return Found(orbit_of(last.fixed), last.value, in_own_section(self.axis, last))
         raise OrbitLost(f"no {self.kind.name} is met")
-
-    def is_sure(self, found: Found) -> bool:
-        """Where there is one such change only."""
-        return self.status(found) == "ok"
 
     def _found(self, at: Point, sides: Sides, sense: float) -> Found:
         """A point of the curve, in a section that suits the next one.
@@ -126,22 +177,49 @@ class WordCurve(FollowedCurve):
         return Found(orbit_of(at.fixed), at.value, in_own_section(self.axis, at), sides, loses)
 
     def _next(self, given: dict[str, float], near: list[Found]) -> Found:
+        """The point one step from neighbours, with all others that their motion has."""
+        if near[0].sides is None or not rests(near[0].orbit.word):
+            raise OrbitLost("the neighbour's motion comes to no rest")
+        others = []
+        for k in range(len(near[0].others)):
+            with_it = takewhile(lambda one, k=k: len(one.others) > k, near)  # type: ignore[misc]
+            beside = [one.others[k] for one in with_it]
+            others.append(self._one(given, list(takewhile(beside[0].alike, beside))))
+        found = self._one(given, near)._replace(others=tuple(others))
+        if others and np.diff(found.several).min() < SAME_CHANGE * self.axis.scale:
+            raise OrbitLost("two changes come to one point")
+        return found
+
+    def _one(self, given: dict[str, float], near: list[Found]) -> Found:
+        found = self._near(given, near)
+        if not rests(found.orbit.word) or _has_turned(found.orbit) != _has_turned(near[0].orbit):
+            raise OrbitLost("the point found is one of another motion")
+        return found
+
+    def _near(self, given: dict[str, float], near: list[Found]) -> Found:
         last, sides = near[0].begin, near[0].sides
-        if sides is None:
-            raise OrbitLost("the branch of the neighbour goes to pieces")
+        assert sides is not None
         if last.grazes:
-            with suppress(OrbitLost):
-                return self._graze(given, last, sides)
-        elif self.kind.zero and (mark := self.kind.zero(sides)):
-            with suppress(OrbitLost):
-                return self._zero(given, last, sides, mark)
+            return self._graze(given, last, sides)
+        if self.kind.zero and (mark := self.kind.zero(sides)):
+            return self._zero(given, last, sides, mark)
         reason = OrbitLost("")
-        for y, doubt in self._guesses([one for one in near if one.begin.grazes == last.grazes]):
+        for y, doubt in self._guesses([one for one in near if not one.begin.grazes]):
             try:
-                return self._between(given, last, sides, y, doubt)
+                found = self._between(given, last, sides, y, doubt)
             except OrbitLost as error:
                 reason = error
+                continue
+            if len(near) > 1:
+                self._smooth(found.begin, last, y[-1])
+            return found
         raise reason
+
+    def _smooth(self, at: Point, last: Point, expected: float) -> None:
+        """Refuse a point that lies elsewhere than where its curve leads from the last one: beyond a corner are others."""
+        value, before = (point.value / self.axis.scale for point in (at, last))
+        if abs(value - expected) > CORNER + abs(expected - before):
+            raise OrbitLost(f"the curve has a corner near {self.parameter} = {at.value:.6g}")
 
     # --- between two orbits ----------------------------------------------------------------------------------------
 
@@ -182,8 +260,8 @@ class WordCurve(FollowedCurve):
             with suppress(OrbitLost):
                 wider = in_own_section(self.axis, self._at(given, near, y + opened * near.tangent))
                 at, struck = graze(self.axis, wider)
-                near_by = np.abs(at.value / self.axis.scale - y[-1]) <= WIDEST
-                if near_by and sides.between(word_of(at.fixed.image.passage), struck):
+                if sides.between(word_of(at.fixed.image.passage), struck):
+                    self._smooth(at, near, y[-1])
                     return self._found(at, sides, 0.0)
         raise OrbitLost(f"no end grazes where the word changes near {self.parameter} = {y[-1] * self.axis.scale:.6g}")
 
@@ -193,10 +271,11 @@ class WordCurve(FollowedCurve):
         beside = self._beside(given, near, y)
         equations = Equations(self.axis, beside, lambda _, m, image: mark(m, image))
         at, _ = equations.solved(y, equations.derivative, known, MOST_DERIVATIVES)
-        away = np.abs(at.y(self.axis) - y)
-        if away.max() > POINT_REACH or away[-1] > WIDEST or not sides.here(word_of(at.fixed.image.passage)):
+        if np.abs(at.y(self.axis) - y).max() > POINT_REACH or not sides.here(word_of(at.fixed.image.passage)):
             raise OrbitLost(f"no {self.kind.name} near {self.parameter} = {beside.value:.6g}")
-        return self._found(with_mark(self.axis, at, mark), sides, 0.0)
+        self._smooth(at, near, y[-1])
+        at = with_mark(self.axis, at, mark)
+        return self._found(at, sides, 0.0)._replace(value=crept(self.axis, at, mark))
 
     def _ahead(self, given: dict[str, float], near: Point, mark: Mark) -> tuple[np.ndarray, np.ndarray]:
         """Where the curve leads from a neighbour along its tangent, and the derivative there of all equations.

@@ -1,7 +1,9 @@
 """What motions there are: attractors told apart from drawn starts, and the share of the starts that each of them takes."""
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from statistics import NormalDist
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -18,6 +20,10 @@ from dimersweep.orbits.labelling import COLUMNS, MULTIPLIERS, padded
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.portraits import Mirrors, mirrors_of, portrait_of_orbit
 from dimersweep.parameters import check_level, value_of
+from dimersweep.storage.cubefiles import write_cube
+from dimersweep.storage.outputs import TABLES, check_output
+from dimersweep.storage.provenance import attributes
+from dimersweep.storage.tables import storable, without_fill
 from dimersweep.studies.drawn import Drawn, drawn_starts
 from dimersweep.studies.sweep_spec import run_settings
 from dimersweep.studies.telling_apart import Judge, Sort, distance, matched
@@ -88,6 +94,8 @@ def attractors(
     mirror: bool = True,
     level: float = 0.95,
     confirm: int = 0,
+    out: str | os.PathLike[str] | None = None,
+    force: bool = False,
     workers: int | None = None,
     progress: bool = True,
 ) -> xr.Dataset:
@@ -123,6 +131,11 @@ def attractors(
         Confidence of the intervals, in (0, 1).
     confirm : int
         If above 0, a run of each attractor is made for so many forcing periods: `confirmed` says if it is still there.
+    out : path-like, optional
+        NetCDF file to write the result to as well, with multipliers as `multipliers_real` and `multipliers_imag`, and switches
+        as 0 and 1.
+    force : bool
+        Whether it may replace an existing file.
     workers : int, optional
         Threads; by default one for each core.
     progress : bool
@@ -143,6 +156,8 @@ def attractors(
     ------
     ParameterError
         For a parameter or a setting that is not allowed, before any work.
+    StoreError
+        If the file exists or cannot be written, before any work.
     UnfinishedError, Stopped
         As by `sweep`.
 
@@ -153,6 +168,7 @@ def attractors(
     >>> found["mode"].values.tolist()
     ['rest', 'drift']
     """
+    out, began = None if out is None else check_output(out, force=force, what="a table", endings=TABLES), perf_counter()
     columns = drawn_starts(ranges, points, starts, seed)
     how = run_settings(periods=periods, max_periods=max_periods, rtol=rtol)
     name, values = _axis_of(over, columns)
@@ -171,7 +187,12 @@ def attractors(
         first = here.fixed | {key: float(column[0]) for key, column in here.columns.items()}
         judge = Judge(here, how, results[k * n : (k + 1) * n], mirrors_of(first, mirrored))
         found.take(judge, longest)
-    return found.dataset(drawn.grid.fixed)
+    data = found.dataset(drawn.grid.fixed)
+    if out is not None:
+        asked = {"periods": periods, "max_periods": max_periods, "rtol": rtol, "mirror": mirrored, "level": wanted}
+        about = attributes(asked, "Attractors and the shares of starts that lead to them", perf_counter() - began)
+        write_cube(without_fill(storable(data).assign_attrs(about)), out, force=force)
+    return data
 
 
 def check_level_of(level: Any) -> float:

@@ -27,6 +27,7 @@ from dimersweep.parameters import check_name, value_of
 from dimersweep.storage.cubefiles import write_cube
 from dimersweep.storage.outputs import TABLES, check_ending, check_output
 from dimersweep.storage.provenance import attributes
+from dimersweep.storage.tables import storable, without_fill
 from dimersweep.studies.declaration import explain, read_toml, refuse_mistakes
 from dimersweep.studies.parts import Parts, parts_beside
 from dimersweep.symbols import PARAMETERS, START
@@ -291,37 +292,6 @@ def _joined(declared: Borders, tables: list[xr.Dataset]) -> xr.Dataset:
     for variable in made.variables.values():
         variable.encoding.pop("dtype", None)  # that of the first part, in which words may be shorter
     return made.assign_attrs(what=declared.what)
-
-
-def storable(table: xr.Dataset) -> xr.Dataset:
-    """A table without complex numbers and truth values, which NetCDF does not know."""
-    table = table.copy()
-    for name in list(table.data_vars):
-        column = table[name]
-        if column.dtype.kind == "c":
-            for part in ("real", "imag"):
-                table[f"{name}_{part}"] = (column.dims, getattr(column.values, part), column.attrs)
-            table = table.drop_vars([name])
-        elif column.dtype.kind == "b":
-            flags = {"flag_values": np.array([0, 1], dtype=np.int8), "flag_meanings": "no yes"}
-            table[name] = (
-                column.dims,
-                column.values.astype(np.int8),
-                {"long_name": column.attrs.get("long_name", name)} | flags,
-            )
-        elif column.dtype.kind == "i":
-            table[name] = column.astype(np.int32)
-    for name in table.variables:
-        if table[name].dtype.kind in "OU":
-            table[name].attrs.pop("units", None)
-    return table
-
-
-def without_fill(table: xr.Dataset) -> xr.Dataset:
-    """A table that is written without a fill value for its coordinates, which CF forbids."""
-    for name in table.coords:
-        table[name].encoding["_FillValue"] = None
-    return table
 
 
 def _curve(declared: Borders, curves: Curves, kind: str, tell: Tell) -> xr.Dataset:

@@ -2,11 +2,13 @@
 
 import numpy as np
 
-from dimersweep import orbits
+from dimersweep import orbits, sweep
 from dimersweep.errors import OrbitError
+from dimersweep.orbits.ball import ball_flip, ball_fold
 from dimersweep.orbits.word import far_ends
 
 ASIDE = 0.01  # share of the parameter by which a border is crossed
+STARTS = 400  # of which none may drift where no stable orbit is found
 MOST_ASIDE = 8  # such shares within which a stable orbit is looked for
 
 
@@ -23,6 +25,18 @@ def random_dimer(seed):
         "e": float(rng.uniform(0.5, 0.78)),
         "spin": float(rng.uniform(0.16, 0.64)) / r,
     }
+
+
+def drifts(dimer):
+    """How many of `STARTS` drawn starts between the ball's fold and flip come to a drift, with about the spin of the dimer."""
+    rng, e, r = np.random.default_rng(0), dimer["e"], dimer["r"]
+    starts = {
+        "Gamma": rng.uniform(ball_fold(e), ball_flip(e), STARTS),
+        "beta0": rng.uniform(0.02, 1.2, STARTS),
+        "phi0": rng.uniform(0.0, 2 * np.pi, STARTS),
+    }
+    model = {name: value for name, value in dimer.items() if name != "spin"} | {"xdot0": 1.4 * r * dimer["spin"]}
+    return int(sweep(points=starts, fixed=model, periods=200, progress=False).dimersweep.drifts().sum())
 
 
 def stability_at(dimer, Gamma, guess=None):

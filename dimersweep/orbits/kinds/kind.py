@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dimersweep.orbits.branch import Mark, Point
-from dimersweep.orbits.poincare import OrbitLost
+from dimersweep.orbits.poincare import Image, OrbitLost
 from dimersweep.orbits.word import Sides
 
 COMPLEX = 1e-7  # imaginary part from which on a pair of multipliers is complex
@@ -153,15 +153,15 @@ class Change(Kind):
         Whether a change from one word to another one is of this kind.
     begins : str
         Only symbols that begin so are compared.
-    once : bool
-        Whether a motion with an end at rest on the plate has such a change at one value of a parameter only.
     zero : callable, optional
         From the sides of a change, the function of the orbit that is zero there, if one is known.
+    lines : callable, optional
+        Numbers of a motion of which one changes its sign wherever such a change is, if they are known.
     """
 
     leads: Callable[[str, str], bool]
     begins: str = ""
-    once: bool = False
     zero: Callable[[Sides], Mark | None] | None = None
+    lines: Callable[[Image], np.ndarray] | None = None
     color: str = "#009e73"
     marker: str = "|"
