@@ -71,9 +71,9 @@ STEADY = {
 
 @pytest.mark.parametrize("scene", STEADY.values(), ids=STEADY)
 def test_the_closure_is_the_error_of_the_run(scene):
-    """It falls with `rtol`, to what rounding leaves."""
+    """It falls with `rtol`. Each time that two held ends set out together, they do so with a slip of `rtol` in its unit."""
     coarse, fine = (simulate(**scene, periods=100, rtol=rtol).energy().closure for rtol in (1e-8, 1e-12))
-    assert fine < min(5e-11, 1e-2 * coarse)
+    assert fine < min(5e-10, 5e-2 * coarse)
 
 
 def test_the_budget_of_a_thousand_periods_closes():

@@ -17,6 +17,8 @@ from dimersweep.kernel.model.layout import FREE, SLIP, STICK
 CLOSED, SEPARATES, INCONSISTENT = 0, 1, 2
 NO_FORCE = 1e-12  # force, in units of the weight, whose sign a moment later decides
 MOMENT = 1e-6  # of the plate's phase
+# slip with which two ends set out, in units of the one that counts as none: steps resolve it, and its direction bears rounding
+PAIR_SPEED = 10.0
 AT_LIMIT = 1e-6  # deceleration, in units of gravity, that is none
 
 
@@ -133,7 +135,7 @@ def start_slips(dm, phase, y, modes, slip_tol, dy, F):
         side = -copysign(1.0, F[A1])
         b_1 = -side * lateral_at_limit(dm.p1.mu_h, F[F1], F[L1])
         b_2 = -side * lateral_at_limit(dm.p2.mu_h, F[F2], F[L2])
-        pair_onset(dm, modes, phase, y, small, side, b_1, b_2, dy, F)
+        pair_onset(dm, modes, phase, y, PAIR_SPEED * slip_tol, side, b_1, b_2, dy, F)
 
 
 @compiled
