@@ -59,8 +59,8 @@ def test_a_change_of_word_costs_little_and_lies_between_two_words(kind):
 
 
 def test_a_point_of_a_curve_begins_with_its_nearest_neighbours():
-    """From A_r = 4 to 5 the step is far; along e it is short."""
-    curve = orbits.border("flip", "Gamma", over={"A_r": [4.0, 5.0], "e": np.linspace(0.6, 0.64, 5)}, spin=100.0)
+    """From A_r = 5 to 6 the step is far; along e it is short."""
+    curve = orbits.border("flip", "Gamma", over={"A_r": [5.0, 6.0], "e": np.linspace(0.6, 0.64, 5)}, spin=100.0)
     assert np.median(curve["cost"].values[1]) <= 120
 
 

@@ -89,7 +89,7 @@ PARTS = {
         Row("zarr 3.0", ("zarr==3.0.10",), refused="must be >= 3.1", zarr=True),
     ),
 }
-SMALL = (  # the suite tries both ways of compiling, and places where little can be written
+SMALL = (  # the suite tries places where little can be written, and the plain way of compiling where DIMERSWEEP_SLOW is set
     "versions: oldest of everything",
     "refusals: a compiler that there is not",
     "places: three first starts at once",

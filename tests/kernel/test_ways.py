@@ -27,6 +27,7 @@ def answers_of(way, folder):
 
 @pytest.mark.jit
 @pytest.mark.slow
+@pytest.mark.skipif(not os.environ.get("DIMERSWEEP_SLOW"), reason="a minute each: set DIMERSWEEP_SLOW=1")
 def test_fast_and_plain_answer_alike(tmp_path):
     (codes, states), (other_codes, other_states) = (
         answers_of(way, tmp_path) for way in (versions.FAST, versions.PLAIN)
