@@ -12,9 +12,8 @@ from dimersweep.kernel.numerics.sincos import sincos
 
 ONSET_DIRECTIONS = 48  # directions looked at for a change of sign
 SLANT = 1e-7  # change of direction in a finite difference [rad]
-PAIR_SLANT = (
-    1e-4  # the same of two ends, over the tangent: coarse enough for the smallest slips, whose last digits are rounded
-)
+# the same of two ends, over the tangent: coarse enough for the smallest slips, whose last digits are rounded
+PAIR_SLANT = 1e-4
 PAIR_NEWTON, PAIR_KNOWN = 12, 1e-6  # Newton iterations of two ends at most, and the change that ends them
 
 
