@@ -301,7 +301,11 @@ def test_a_run_that_is_stopped_is_recorded_up_to_there():
     assert (run.status, run.mode, run.orbit) == ("stopped", "failed", None)
     rows = run.events.sizes["event"]
     assert run.events.equals(whole.events.isel(event=slice(rows)))
-    assert run.states(0.0).identical(whole.states(0.0))
+    if rows == 0:  # on a machine that does something else for a millisecond
+        with pytest.raises(ParameterError, match="stopped"):
+            run.states(0.0)
+    else:
+        assert run.states(0.0).identical(whole.states(0.0))
 
 
 def test_a_chatter_that_has_not_ended_where_a_record_ends_has_no_row(base):

@@ -262,7 +262,9 @@ class Run(RunNumbers):
         """
         record = self.record("states")
         if not len(record.segments):
-            raise ParameterError(f"states: there are none, the run failed at its first impact ({self.message})")
+            raise ParameterError(
+                f"states: there are none, the run ended before its first smooth phase ({self.message})"
+            )
         times = as_numbers("t", t, as_number, "s")
         states = states_of(record, times, self.rtol, self.parameters)
         return states if np.ndim(t) else states.isel(time=0)
@@ -301,7 +303,7 @@ class Run(RunNumbers):
 
         record = self.record("energy")
         if len(record.segments) < 2:
-            raise ParameterError(f"energy: there is none, the run failed at its first impact ({self.message})")
+            raise ParameterError(f"energy: there is none, the run ended before its first smooth phase ({self.message})")
         return energy_of(record, self.rtol, self.parameters, by)
 
     def section(self, at: "At" = "period", *, phase: float | None = None) -> xr.Dataset:
