@@ -321,9 +321,8 @@ def test_two_ends_at_rest_share_the_axial_force_only(lateral):
 SHAKEN = {"Gamma": 0.3, "Gamma_x": 0.2, "Gamma_y": 0.15, "phi_y": 0.6}
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_two_ends_at_their_limits_set_out_against_what_held_them(seed):
-    """With mu = mu_s the friction of the slip is then the one that held, so that no slip has an acceleration yet."""
+def held_pair(seed):
+    """A scene with both ends held, its state, the forces, and the friction at which these are the limit."""
     rng = np.random.default_rng(seed)
     scene = SHAKEN | {"rho_b_2": rng.uniform(4000, 7000), "theta0": rng.uniform(0, 6)}
     rough = dimer(mu=0.0, mu_s=10.0, **scene)
@@ -333,30 +332,29 @@ def test_two_ends_at_their_limits_set_out_against_what_held_them(seed):
     def reserve(mu):
         return hold_left_of_pair(mu, F[F1], F[L1], F[F2], F[L2], F[A1])
 
-    mu = brentq(reserve, 1e-3, 10.0, xtol=1e-16, rtol=1e-15)
+    return scene, state, F, brentq(reserve, 1e-3, 10.0, xtol=1e-16, rtol=1e-15)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_two_ends_at_their_limits_set_out_against_what_held_them(seed):
+    """With mu = mu_s the friction of the slip is then the one that held, so that no slip has an acceleration yet."""
+    scene, state, F, mu = held_pair(seed)
     assert min(abs(F[L1]), abs(F[L2]), abs(F[A1])) > 1e-2 * mu * (F[F1] + F[F2])
-    answer, found, _, dy, slipping = chosen(dimer(mu=mu, mu_s=mu, **scene), state, (True, True), lost=True)
+    dm = dimer(mu=mu, mu_s=mu, **scene)
+    answer, found, _, dy, slipping = chosen(dm, state, (True, True), lost=True)
     assert (answer, found) == (CLOSED, (SLIP, SLIP))
     assert slipping[A1] == pytest.approx(F[A1], rel=1e-6)
     assert slipping[[L1, L2]] == pytest.approx(F[[L1, L2]], rel=1e-6)
-    assert np.abs(dy[[YUA, YUB, YWP]] * [1, 1, rough.l]).max() < 1e-6 * rough.g
+    assert np.abs(dy[[YUA, YUB, YWP]] * [1, 1, dm.l]).max() < 1e-6 * dm.g
 
 
 @pytest.mark.parametrize("share", [0.99, 0.5])
 @pytest.mark.parametrize("seed", range(6))
 def test_two_ends_beyond_their_limits_set_out_in_the_direction_of_their_rates(seed, share):
     """Slips that grow from nothing keep their directions: those of their rates, under the friction of these directions."""
-    rng = np.random.default_rng(seed)
-    scene = SHAKEN | {"rho_b_2": rng.uniform(4000, 7000), "theta0": rng.uniform(0, 6)}
-    rough = dimer(mu=0.0, mu_s=10.0, **scene)
-    state = closed_state(rough, (STICK, STICK), rng, 0.3)
-    _, _, _, _, F = chosen(rough, state, (True, True))
-
-    def reserve(mu):
-        return hold_left_of_pair(mu, F[F1], F[L1], F[F2], F[L2], F[A1])
-
+    scene, state, F, limit = held_pair(seed)
     least = max(abs(F[L1]) / F[F1], abs(F[L2]) / F[F2])  # below it an end slips to the side alone
-    mu = least + share * (brentq(reserve, 1e-3, 10.0, xtol=1e-16, rtol=1e-15) - least)
+    mu = least + share * (limit - least)
     dm = dimer(mu=mu, mu_s=mu, **scene)
     answer, found, y, dy, _ = chosen(dm, state, (True, True))
     assert (answer, found) == (CLOSED, (SLIP, SLIP))
