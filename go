@@ -40,14 +40,37 @@ step() {
     "$@"
 }
 
-# the cubes of the small presets, in a scratch folder, where notebooks look for them
-make_small_cubes() {
+# run a step beside those that follow; `finish` prints what it said, and fails where it failed
+begin() {
+    (step "$@") >"$scratch/$1.log" 2>&1 &
+    eval "$1=$!"
+}
+
+finish() {
+    local status=0
+    wait "${!1}" || status=$?
+    cat "$scratch/$1.log"
+    return $status
+}
+
+make_scratch() {
     scratch=$(mktemp -d)
-    trap 'rm -rf "$scratch"' EXIT
+    trap 'kill $(jobs -p) 2>/dev/null; rm -rf "$scratch"' EXIT
+}
+
+# the cubes of the small presets, where notebooks look for them
+make_small_cubes() {
     export DIMERSWEEP_CUBES=$scratch
     for sweep in sweeps/*-small.toml; do
         step dimersweep run "$sweep" --out "$scratch/$(basename "$sweep" .toml).nc"
     done
+}
+
+check_style() {
+    step ruff check
+    step ruff format --check
+    step mypy
+    step lint-imports --no-logo
 }
 
 build_site() {
@@ -56,22 +79,23 @@ build_site() {
     echo "site: build/docs/index.html"
 }
 
+# two processors: what needs one of them goes beside the rest
 run_checks() {
-    step ruff check
-    step ruff format --check
-    step mypy
-    step lint-imports --no-logo
+    make_scratch
+    begin check_style
     make_small_cubes # this leaves compiled kernels in the cache for all that follows
     for file in sweeps/borders/*-small.toml; do
         step dimersweep borders "$file" --out "$scratch/borders-$(basename "$file" .toml).nc"
     done
+    finish check_style
     step dimersweep simulate --plot "$scratch/run.png"
     for cube in "$scratch"/*.nc; do
         step compliance-checker -t cf:1.11 "$cube"
     done
+    begin build_site
     step env NUMBA_DISABLE_JIT=1 pytest -q -m "not jit" tests/kernel
-    build_site
     step pytest -q -n 2 --dist loadfile --no-loadscope-reorder --durations=25
+    finish build_site
 }
 
 case "${1:-}" in
@@ -85,6 +109,7 @@ test)
     ;;
 docs)
     set_up ".[docs]"
+    make_scratch
     make_small_cubes
     build_site
     ;;
