@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # From a fresh machine with Python 3.11 or later to a result in one command:
 #   ./go fig07 [options]   make fig07.nc and fig07.png
-#   ./go test              run every check and test
+#   ./go test [--matrix]   run every check and test; with the small matrix
 #   ./go docs              build the site: build/docs/index.html
 #   ./go matrix [options]  try versions, ways to compile and places (--small: those of continuous integration)
 # Each sets up a virtual environment first (.venv, or the folder that DIMERSWEEP_VENV names).
@@ -40,10 +40,12 @@ step() {
     "$@"
 }
 
-# run a step beside those that follow; `finish` prints what it said, and fails where it failed
+# run a step beside those that follow; `finish` waits for it, prints what it said, and fails where it failed
 begin() {
-    (step "$@") >"$scratch/$1.log" 2>&1 &
-    eval "$1=$!"
+    set -m # a process group of its own, which can be ended whole
+    step "$@" >"$scratch/$1.log" 2>&1 &
+    set +m
+    printf -v "$1" %s "$!"
 }
 
 finish() {
@@ -55,7 +57,7 @@ finish() {
 
 make_scratch() {
     scratch=$(mktemp -d)
-    trap 'kill $(jobs -p) 2>/dev/null; rm -rf "$scratch"' EXIT
+    trap 'for job in $(jobs -p); do kill -- "-$job" || :; done 2>/dev/null; rm -rf "$scratch"' EXIT
 }
 
 # the cubes of the small presets, where notebooks look for them
@@ -79,23 +81,39 @@ build_site() {
     echo "site: build/docs/index.html"
 }
 
+# files of borders and of sweeps as other programs read them
+check_files() {
+    for file in sweeps/borders/*-small.toml; do
+        step dimersweep borders "$file" --out "$scratch/borders-$(basename "$file" .toml).nc"
+    done
+    step compliance-checker -t cf:1.11 "$scratch"/*.nc
+}
+
+check_beside_tests() {
+    step env NUMBA_DISABLE_JIT=1 pytest -q -m "not jit" tests/kernel
+    check_files
+    build_site
+    if [ "${1:-}" = --matrix ]; then
+        step python benchmarks/evidence/matrix.py --small
+    fi
+}
+
+run_tests() {
+    step pytest -q -n 2 --dist loadfile --no-loadscope-reorder --durations=25
+}
+
 # two processors: what needs one of them goes beside the rest
 run_checks() {
     make_scratch
     begin check_style
     make_small_cubes # this leaves compiled kernels in the cache for all that follows
-    for file in sweeps/borders/*-small.toml; do
-        step dimersweep borders "$file" --out "$scratch/borders-$(basename "$file" .toml).nc"
-    done
     finish check_style
-    step dimersweep simulate --plot "$scratch/run.png"
-    for cube in "$scratch"/*.nc; do
-        step compliance-checker -t cf:1.11 "$cube"
-    done
-    begin build_site
-    step env NUMBA_DISABLE_JIT=1 pytest -q -m "not jit" tests/kernel
-    step pytest -q -n 2 --dist loadfile --no-loadscope-reorder --durations=25
-    finish build_site
+    begin run_tests
+    begin check_beside_tests "$@"
+    local failed=0
+    finish check_beside_tests || failed=$?
+    finish run_tests || failed=$?
+    return "$failed"
 }
 
 case "${1:-}" in
@@ -105,7 +123,7 @@ fig07)
     ;;
 test)
     set_up ".[dev]"
-    run_checks
+    run_checks "${@:2}"
     ;;
 docs)
     set_up ".[docs]"

@@ -1,13 +1,17 @@
 """Fixtures of the tests around the kernel, and what is said of tests that were left out."""
 
+import os
 import re
 import signal
 from collections import Counter
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
 from tests.fakes import fake_run_many
+
+ROOT = Path(__file__).parents[1]
 
 settings.register_profile("unhurried", deadline=None)  # a machine may be busy
 settings.load_profile("unhurried")
@@ -18,6 +22,20 @@ signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell starts its b
 def fake_kernel(monkeypatch):
     """Run sweeps on `fake_run_many`."""
     monkeypatch.setattr("dimersweep.work.tiles.run_many", fake_run_many)
+
+
+@pytest.fixture(scope="session")
+def small_cubes(tmp_path_factory):
+    """The folder of the cubes of all small presets."""
+    if os.environ.get("DIMERSWEEP_CUBES"):
+        return Path(os.environ["DIMERSWEEP_CUBES"])
+    from dimersweep.studies.datasets import make
+    from dimersweep.studies.declaration import read_declaration
+
+    folder = tmp_path_factory.mktemp("cubes")
+    for preset in sorted((ROOT / "sweeps").glob("*-small.toml")):
+        make(read_declaration(preset), folder / f"{preset.stem}.nc", progress=False)
+    return folder
 
 
 def pytest_collection_modifyitems(items):

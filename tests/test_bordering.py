@@ -17,6 +17,7 @@ from dimersweep.storage.tables import storable
 from dimersweep.studies import border_files
 from dimersweep.studies.border_files import make_borders, plan_borders, read_borders
 from dimersweep.studies.parts import parts_beside
+from tests.checks.conform import conforms
 
 BORDERS = Path(__file__).parents[1] / "sweeps" / "borders"
 
@@ -49,17 +50,6 @@ def test_a_small_preset_is_written_and_drawn(name, tmp_path):
         make_borders(read_borders(BORDERS / f"{name}.toml"), out)
     assert not out.with_name("borders.nc.parts").exists()
     conforms(out)
-
-
-def conforms(path):
-    """Whether a file is CF, as its checker says."""
-    checker = pytest.importorskip("compliance_checker.runner")
-    checker.CheckSuite.load_all_available_checkers()
-    report = path.with_suffix(".txt")
-    passed, failed = checker.ComplianceChecker.run_checker(
-        str(path), ["cf:1.11"], 0, "strict", output_filename=str(report), output_format="text"
-    )
-    assert passed and not failed, report.read_text()
 
 
 FAMILIES = """

@@ -1,6 +1,5 @@
 """The notebooks run, and what is stored in them is what they give."""
 
-import os
 import sys
 from pathlib import Path
 
@@ -22,16 +21,6 @@ def maker():
         del sys.modules["make_notebooks"]
 
 
-@pytest.fixture(scope="module")
-def cubes(maker, tmp_path_factory):
-    """The folder of the cubes of all small presets."""
-    if "DIMERSWEEP_CUBES" in os.environ:
-        return os.environ["DIMERSWEEP_CUBES"]
-    folder = tmp_path_factory.mktemp("cubes")
-    maker.make_small_cubes(folder)
-    return str(folder)
-
-
 def shown(notebook):
     """Lines, text and number of pictures of each code cell, in order."""
     for cell in notebook.cells:
@@ -49,9 +38,9 @@ def test_every_figure_of_a_notebook_is_a_picture(path):
     assert figures and all("image/png" in each for each in figures)
 
 
-@pytest.mark.parametrize(("name", "least"), [("figures", 8), ("datasets", 8), ("imperfect", 4)])
-def test_a_notebook_gives_what_is_stored_in_it(name, least, maker, cubes, monkeypatch):
-    monkeypatch.setenv("DIMERSWEEP_CUBES", cubes)
+@pytest.mark.parametrize(("name", "least"), [("figures", 8), ("datasets", 8), ("imperfect", 4), ("orbits", 2)])
+def test_a_notebook_gives_what_is_stored_in_it(name, least, maker, small_cubes, monkeypatch):
+    monkeypatch.setenv("DIMERSWEEP_CUBES", str(small_cubes))
     path = ROOT / "notebooks" / f"{name}.ipynb"
     assert path in maker.NOTEBOOKS
     stored, fresh = list(shown(nbformat.read(path, as_version=4))), list(shown(maker.executed(path)))

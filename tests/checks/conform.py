@@ -1,0 +1,14 @@
+"""Whether files are what the conventions say, by the checker of others."""
+
+import pytest
+
+
+def conforms(path):
+    """A file is CF, as its checker says; its report is in the message where it is not."""
+    checker = pytest.importorskip("compliance_checker.runner")
+    checker.CheckSuite.load_all_available_checkers()
+    report = path.with_suffix(".txt")
+    passed, failed = checker.ComplianceChecker.run_checker(
+        str(path), ["cf:1.11"], 0, "strict", output_filename=str(report), output_format="text"
+    )
+    assert passed and not failed, report.read_text()
