@@ -2,8 +2,8 @@
 
 For changes of the kernel that may change last digits, where ``same_bits.py`` says no more than that they do. Random scenes of a
 laboratory are run for a few forcing periods, short enough that no difference grows much; the states at the end are compared
-in their scales. The exit status is 1 if a status differs, or a state by more than ten times `rtol`. A folder may stand for a
-revision.
+in their scales. The modes of Fig. 7, every tenth of a degree, are compared as well. The exit status is 1 if a status or a mode
+differs, or a state by more than ten times `rtol`. A folder may stand for a revision.
 """
 
 import argparse
@@ -59,8 +59,16 @@ def answer(n: int, rtol: float) -> list[tuple[str, dict[str, float]]]:
     return found
 
 
-def answers_of(revision: str, n: int, rtol: float) -> list[tuple[str, dict[str, float]]]:
-    """What a revision answers, in a process of its own."""
+def modes() -> list[int]:
+    """Modes of the base case for three frequencies and 899 dip angles (Fig. 7)."""
+    from dimersweep import sweep
+
+    grid = {"f": [15, 20, 25], "beta0": {"start": 0.1, "stop": 89.9, "num": 899, "unit": "deg"}}
+    return sweep(grid, periods=400, progress=False)["mode"].values.ravel().tolist()
+
+
+def answers_of(revision: str, n: int, rtol: float) -> tuple[list[tuple[str, dict[str, float]]], np.ndarray]:
+    """Answers and modes of a revision, in a process of its own."""
     from compare import (
         checked_out,
         environment_of,
@@ -72,7 +80,8 @@ def answers_of(revision: str, n: int, rtol: float) -> list[tuple[str, dict[str, 
             command = [sys.executable, __file__, "--answer", str(n), str(rtol)]
             environment = environment_of(tree, folder / "cache")
             done = subprocess.run(command, env=environment, cwd=folder, check=True, stdout=subprocess.PIPE, text=True)
-    return [(status, state) for status, state in json.loads(done.stdout)]
+    answers, found = json.loads(done.stdout)
+    return [(status, state) for status, state in answers], np.array(found)
 
 
 def apart(one: dict[str, float], other: dict[str, float]) -> float:
@@ -90,18 +99,20 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--answer", nargs=2, help=argparse.SUPPRESS)
     given = parser.parse_args(arguments)
     if given.answer:
-        print(json.dumps(answer(int(given.answer[0]), float(given.answer[1]))))
+        print(json.dumps([answer(int(given.answer[0]), float(given.answer[1])), modes()]))
         return 0
     if len(given.revisions) != 2:
         parser.error("two revisions are compared")
-    one, other = (answers_of(revision, given.runs, given.rtol) for revision in given.revisions)
+    (one, modes_one), (other, modes_other) = (answers_of(each, given.runs, given.rtol) for each in given.revisions)
     statuses = sum(a != b for (a, _), (b, _) in zip(one, other, strict=True))
     far = np.array([apart(a, b) for (_, a), (_, b) in zip(one, other, strict=True)])
     print(
         f"{given.runs} runs of {PERIODS} periods at rtol {given.rtol:.0e}: {statuses} statuses differ; states are apart by "
         f"{np.median(far):.1e} (median), {np.quantile(far, 0.99):.1e} (99 %), {far.max():.1e} (largest, run {far.argmax()})"
     )
-    return int(statuses > 0 or not far.max() <= ALLOWED * given.rtol)
+    differ = int((modes_one != modes_other).sum())
+    print(f"Fig. 7: {differ} of {modes_one.size} modes differ")
+    return int(statuses > 0 or differ > 0 or not far.max() <= ALLOWED * given.rtol)
 
 
 if __name__ == "__main__":
