@@ -71,13 +71,23 @@ STEADY = {
 
 @pytest.mark.parametrize("scene", STEADY.values(), ids=STEADY)
 def test_the_closure_is_the_error_of_the_run(scene):
-    """It falls with `rtol`. Each time that two held ends set out together, they do so with a slip of `rtol` in its unit."""
+    """It falls with `rtol`."""
     coarse, fine = (simulate(**scene, periods=100, rtol=rtol).energy().closure for rtol in (1e-8, 1e-12))
-    assert fine < min(5e-10, 5e-2 * coarse)
+    assert fine < min(5e-11, 2e-2 * coarse)
 
 
-def test_the_budget_of_a_thousand_periods_closes():
-    assert simulate(periods=1000, rtol=1e-10).energy().closure < 1e-9
+LONG = {
+    "base case": {},
+    # it rolls down the plate ever faster, and in each period both ends set out to slip and come to rest again
+    "rolls down": {"e": 0.4127, "Gamma": 1.4929, "f": 12.563, "A_r": 4.348, "mu": 0.5214, "mu_s": 1.2252}
+    | {"beta0": 0.4397, "xdot0": 1.7689, "phi0": 5.9628, "tilt": 0.0915, "azimuth": 4.1366, "theta0": 4.5179}
+    | {"Gamma_x": 0.3951, "phi_x": 2.6274, "Gamma_y": 0.1094},
+}
+
+
+@pytest.mark.parametrize("scene", LONG.values(), ids=LONG)
+def test_the_budget_of_a_thousand_periods_closes(scene):
+    assert simulate(**scene, periods=1000, rtol=1e-10).energy().closure < 1e-9
 
 
 def test_what_takes_energy_is_below_zero():

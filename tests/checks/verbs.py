@@ -184,6 +184,16 @@ def kernel_state(dm, modes, y, state):
 
 
 @compiled
+def set_slip(dm, modes, y, i, a, b):
+    coordinates.set_slip(dm, modes, y, i, a, b)
+
+
+@compiled
+def set_slips(dm, y, a, b_1, b_2):
+    coordinates.set_slips(dm, y, a, b_1, b_2)
+
+
+@compiled
 def contact_rates(dm, modes, phase, y, dy, F):
     forces.contact_rates(dm, modes, phase, y, True, dy, F)
 

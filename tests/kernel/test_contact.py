@@ -49,6 +49,7 @@ from dimersweep.kernel.model.layout import (
     FREE,
     N1,
     N2,
+    N_STATE,
     SLIP,
     SPIN,
     STICK,
@@ -66,6 +67,8 @@ from tests.checks.verbs import (
     kernel_state,
     oracle_state,
     scratch,
+    set_slip,
+    set_slips,
     state_of,
     sustain_contact,
     sustain_contact_without_path,
@@ -118,6 +121,48 @@ def loaded(dm, modes, state):
     if STICK in (modes[0], modes[1]) and (modes[0] == STICK or modes[0] == FREE):
         y[YUB] = 0.0
     return np.array(modes, dtype=float), y
+
+
+def lateral_levers(dm, state):
+    """Lateral velocity of both contact points per theta' cos(beta) and per spin, from the rod's geometry."""
+    beta = dm.beta_0 + state[DIP]
+    return [(p.r * sin(beta) - p.h, -p.r * cos(beta)) for p in (dm.p1, dm.p2)]
+
+
+ONE_SLIP = [(modes, False) for modes in ((SLIP, FREE), (FREE, SLIP), (SLIP, STICK), (STICK, SLIP), (SLIP, SLIP))]
+
+
+@pytest.mark.parametrize(("modes", "both"), [*ONE_SLIP, ((SLIP, SLIP), True)])
+def test_a_slip_is_set_by_impulses_of_friction(modes, both):
+    """What changes across the axis are momentum and spins by (5), with an impulse at each end that is meant, none elsewhere."""
+    dm, rng = dimer(r_1=0.006, r_2=0.004, A_r=6.0), np.random.default_rng(5)
+    state = np.zeros(N_STATE)
+    state[[CA, CB, WP, SPIN]] = rng.normal(size=4) * [0.1, 1.0, 3.0, 60.0]
+    state[DIP] = 0.0 if FREE not in modes else (0.4 if modes[0] != FREE else -0.4)
+    levers = lateral_levers(dm, state)
+    slips = [lambda at, of=of: at[CB] + of[0] * at[WP] + of[1] * at[SPIN] for of in levers]
+    if STICK in modes:
+        state[CB] -= slips[modes.index(STICK)](state)
+    codes, y = np.array(modes, dtype=float), np.zeros(N_Y)
+    contact_state(dm, state, -1.0 if modes[0] != FREE else 1.0, y)
+    i, later = modes.index(SLIP), state.copy()
+    if both:
+        set_slips(dm, y, y[YUA], 0.7, -0.3)
+    else:
+        set_slip(dm, codes, y, i, y[YUA], 0.7)
+    kernel_state(dm, codes, y, later)
+    change = (later - state)[[CB, WP, SPIN]] * [dm.m, dm.J_t, dm.J_a]
+    columns = np.array([[1.0, *of] for of in levers]).T
+    impulses, *_ = np.linalg.lstsq(columns, change, rcond=None)
+    np.testing.assert_allclose(columns @ impulses, change, atol=1e-14 * np.abs(change).max())
+    assert slips[i](later) == pytest.approx(0.7, rel=1e-13)
+    if both:
+        assert slips[1 - i](later) == pytest.approx(-0.3, rel=1e-13)
+    elif STICK in modes:
+        assert slips[1 - i](later) == pytest.approx(0.0, abs=1e-14)
+    else:
+        assert impulses[1 - i] == pytest.approx(0.0, abs=1e-13 * abs(impulses[i]))
+    assert later[CA] == pytest.approx(state[CA], rel=1e-13)
 
 
 def heading_frame(q):

@@ -7,10 +7,10 @@ friction can hold it. A mode fits if the forces that go with it do.
 from math import copysign
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.contact.coordinates import YS, YUA, YUB, YWP, set_slip, slip_of
+from dimersweep.kernel.contact.coordinates import YS, YUA, YUB, YWP, set_slip, set_slips, slip_of
 from dimersweep.kernel.contact.forces import A1, A2, COMPLIANCE, F1, F2, L1, L2, contact_rates, hold_reserve
 from dimersweep.kernel.contact.slip_onset import pair_onset, slip_onset
-from dimersweep.kernel.model.body import apart_sideways, turn_of_pair
+from dimersweep.kernel.model.body import apart_sideways
 from dimersweep.kernel.model.friction import hold_left, lateral_at_limit, length
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
 
@@ -46,10 +46,10 @@ def single_mode(dm, i, phase, y, modes, slip_tol, lost, dy, F):
     """
     modes[0], modes[1] = FREE, FREE
     slips = length(y[YUA], y[YUB]) > slip_tol
-    if not slips:
-        y[YUA], y[YUB] = 0.0, 0.0
     mode = SLIP if slips else STICK
     modes[i] = mode
+    if not slips:
+        set_slip(dm, modes, y, i, 0.0, 0.0)
     contact_rates(dm, modes, phase, y, False, dy, F)
     if not slips and is_compressive(dm, modes, i, phase, y, dy, F):
         faint = F[F1 + 3 * i] <= NO_FORCE * dm.m * dm.g
@@ -96,14 +96,12 @@ def double_mode(dm, phase, y, modes, slip_tol, lost, dy, F):
     """Friction modes with both ends on the plate into modes, and the forces into F; y gets the slips that go with them."""
     rest_1 = length(y[YUA], y[YUB]) <= slip_tol
     rest_2 = length(y[YUA], y[YUB] - apart_sideways(dm, y[YWP], y[YS])) <= slip_tol
-    if rest_1 or rest_2:
-        y[YUA] = 0.0
-    if rest_1:
-        y[YUB] = 0.0
-    if rest_2:
-        y[YWP] = turn_of_pair(dm, y[YUB], y[YS])
     modes[0] = STICK if rest_1 else SLIP
     modes[1] = STICK if rest_2 else SLIP
+    if rest_1:
+        set_slip(dm, modes, y, 0, 0.0, 0.0)
+    if rest_2:
+        set_slip(dm, modes, y, 1, 0.0, 0.0)
     contact_rates(dm, modes, phase, y, False, dy, F)
     if rest_1 and rest_2:
         if lost or hold_reserve(dm, modes, 0, F) < 0.0:
@@ -128,9 +126,7 @@ def start_slips(dm, phase, y, modes, slip_tol, dy, F):
     modes[0] = SLIP if over_1 or not over_2 else STICK
     modes[1] = SLIP if over_2 or not over_1 else STICK
     if over_1 or over_2:
-        u_1 = -copysign(small, F[L1]) if over_1 else 0.0
-        u_2 = -copysign(small, F[L2]) if over_2 else 0.0
-        y[YUB], y[YWP] = u_1, turn_of_pair(dm, u_1 - u_2, y[YS])
+        set_slips(dm, y, 0.0, -copysign(small, F[L1]) if over_1 else 0.0, -copysign(small, F[L2]) if over_2 else 0.0)
     else:
         side = -copysign(1.0, F[A1])
         b_1 = -side * lateral_at_limit(dm.p1.mu_h, F[F1], F[L1])

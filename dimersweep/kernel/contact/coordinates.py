@@ -11,7 +11,17 @@ stay regular at the vertical. Both have the slip in the same slots, and the same
 from math import sqrt
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.model.body import apart_sideways, attitude, end, levers, lift, turn_of_pair
+from dimersweep.kernel.model.body import (
+    apart_sideways,
+    attitude,
+    delassus,
+    end,
+    lateral_impulses,
+    level_levers,
+    levers,
+    lift,
+    turn_of_pair,
+)
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import (
     CA,
@@ -24,6 +34,7 @@ from dimersweep.kernel.model.layout import (
     N1,
     N2,
     SPIN,
+    STICK,
     THETA,
     WB,
     WP,
@@ -93,15 +104,37 @@ def slip_of(dm, modes, y, i):
 
 @compiled
 def set_slip(dm, modes, y, i, a, b):
-    """Give end i, which is closed, the slip (a, b); the other end keeps its lateral slip."""
-    y[YUA] = a
-    if modes[0] == FREE or modes[1] == FREE:
-        y[YUB] = b
-    elif i == 0:
-        y[YWP] = turn_of_pair(dm, b - y[YUB] + apart_sideways(dm, y[YWP], y[YS]), y[YS])
-        y[YUB] = b
-    else:
-        y[YWP] = turn_of_pair(dm, y[YUB] - b, y[YS])
+    """Give end i, which is closed, the slip (a, b), across the axis by an impulse there: the spin takes its part in it.
+
+    So a rod that rolls fast gets no energy from a slip, however small, that is set or taken away. An end that sticks beside it
+    does so still; of one that slips the lateral slip changes with that impulse. In the upright chart the spin stays.
+    """
+    if modes[0] != FREE and modes[1] != FREE:
+        b_1, b_2 = y[YUB], y[YUB] - apart_sideways(dm, y[YWP], y[YS])
+        if i == 0:
+            b_2 = 0.0 if modes[1] == STICK else b_2 + dm.pair.bb_12 / dm.pair.bb_1 * (b - b_1)
+            set_slips(dm, y, a, b, b_2)
+        else:
+            b_1 = 0.0 if modes[0] == STICK else b_1 + dm.pair.bb_12 / dm.pair.bb_2 * (b - b_2)
+            set_slips(dm, y, a, b_1, b)
+        return
+    if y[YCHART] == BY_HEADING:
+        sin_b, cos_b = attitude(dm, y[YDIP])
+        lv = levers(end(dm, i), sin_b, cos_b)
+        impulse = (b - y[YUB]) / delassus(dm, lv, lv).bb
+        y[YWP] += lv.b * dm.it * impulse
+        y[YS] += lv.c * dm.ia * impulse
+    y[YUA], y[YUB] = a, b
+
+
+@compiled
+def set_slips(dm, y, a, b_1, b_2):
+    """Give both ends, which are closed, the axial slip a and the lateral ones b_1, b_2, by impulses at both; see `set_slip`."""
+    apart = apart_sideways(dm, y[YWP], y[YS])
+    B_1, B_2 = lateral_impulses(dm, dm.m * (b_1 - y[YUB]), dm.m * (b_2 - y[YUB] + apart))
+    p, q = level_levers(dm)
+    y[YS] += (p.c * B_1 + q.c * B_2) * dm.ia
+    y[YUA], y[YUB], y[YWP] = a, b_1, turn_of_pair(dm, b_1 - b_2, y[YS])
 
 
 @compiled

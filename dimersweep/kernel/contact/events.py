@@ -8,9 +8,18 @@ from math import inf, sqrt
 from typing import Any, NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.contact.coordinates import UPRIGHT, YCHART, YDIP, YS, YUA, YUB, YWB, YWP, slip_of, to_border
+from dimersweep.kernel.contact.coordinates import (
+    UPRIGHT,
+    YCHART,
+    YDIP,
+    YS,
+    YWB,
+    YWP,
+    set_slip,
+    slip_of,
+    to_border,
+)
 from dimersweep.kernel.contact.forces import COMPLIANCE, F1, F2, hold_reserve
-from dimersweep.kernel.model.body import turn_of_pair
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
 from dimersweep.kernel.model.plate import tempo
@@ -222,17 +231,5 @@ def run_to_slip_end(dm, modes, y, dy, i, slip_tol, n):
     v2 = a * a + b * b
     t = -v2 / (a * d_a + b * d_b) if v2 > slip_tol * slip_tol else 0.0
     carry(y, dy, t, n)
-    end_slip(dm, modes, y, i)
+    set_slip(dm, modes, y, i, 0.0, 0.0)
     return t
-
-
-@compiled
-def end_slip(dm, modes, y, i):
-    """Set the slip of end i, which has come down to its tolerance, to zero; an end that sticks beside it still does."""
-    y[YUA] = 0.0
-    if i == 0 or modes[0] == FREE:
-        y[YUB] = 0.0
-        if modes[0] != FREE and modes[1] == STICK:
-            y[YWP] = turn_of_pair(dm, 0.0, y[YS])
-    else:
-        y[YWP] = turn_of_pair(dm, y[YUB], y[YS])

@@ -14,6 +14,7 @@ from dimersweep.kernel.contact.coordinates import (
     YWB,
     change_chart,
     leading,
+    set_slip,
     slip_of,
 )
 from dimersweep.kernel.contact.events import (
@@ -28,7 +29,6 @@ from dimersweep.kernel.contact.events import (
     SLIP_END,
     arm_events,
     end_of,
-    end_slip,
     is_slip_end,
     least_value,
     motion_rate,
@@ -323,7 +323,7 @@ def stop_at_event(dm, p, least, event, b):
         return event
     a_slip, b_slip = slip_of(dm, modes, y, end_of(event))
     if length(a_slip, b_slip) <= 4.0 * p.slip_tol:
-        end_slip(dm, modes, y, end_of(event))
+        set_slip(dm, modes, y, end_of(event), 0.0, 0.0)
         return event
     c.h, c.xi = 0.5 * c.h, 0.5 * c.xi  # the slip has only turned by a right angle
     copy(b.dy_out, b.dy, p.n)

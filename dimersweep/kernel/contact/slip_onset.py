@@ -3,9 +3,8 @@
 from math import pi
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.contact.coordinates import YS, YUA, YUB, YWP, set_slip, slip_of
+from dimersweep.kernel.contact.coordinates import set_slip, set_slips, slip_of
 from dimersweep.kernel.contact.forces import F1, contact_rates
-from dimersweep.kernel.model.body import turn_of_pair
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.numerics.elementary import atan2
 from dimersweep.kernel.numerics.sincos import sincos
@@ -91,7 +90,7 @@ def set_out_as_pair(dm, modes, phase, y, v, side, b_1, b_2, dy, F):
     lateral one has beyond that direction.
     """
     u = side * v / length(1.0, max(abs(b_1), abs(b_2)))
-    y[YUA], y[YUB], y[YWP] = u, u * b_1, turn_of_pair(dm, u * (b_1 - b_2), y[YS])
+    set_slips(dm, y, u, u * b_1, u * b_2)
     contact_rates(dm, modes, phase, y, False, dy, F)
     a, a_1 = slip_of(dm, modes, dy, 0)
     _, a_2 = slip_of(dm, modes, dy, 1)

@@ -1,18 +1,20 @@
 """Works of the forces in an impact: its law (6)-(7) once more, with the works as further integrals.
 
 Nothing of the impact's own solution is used but its record: which ends act in a phase, whether they stick or slip, and how
-large the normal impulses are at its end. A phase is integrated from the velocities that the phases before it have given, until
-its normal impulses are as recorded. Units within a phase: the approach speed V, the mass m of the dimer, m V of impulses.
+large the normal impulses are at its end. Of its law the force over the compression is shared (``double_equations``), no rate.
+A phase is integrated from the velocities that the phases before it have given, until its normal impulses are as recorded.
+Units within a phase: the approach speed V, the mass m of the dimer, m V of impulses.
 """
 
-from math import copysign, sqrt
+from math import copysign
+from typing import Any, NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.model.body import delassus, end, levers
-from dimersweep.kernel.model.friction import length, outward_slip
-from dimersweep.kernel.model.layout import IMPACT, STICK
-from dimersweep.kernel.numerics.elementary import raised
-from dimersweep.kernel.numerics.steps import DOP_STAGES, WIDTH, copy, explicit_finish, explicit_stage, step_factor
+from dimersweep.kernel.impact.double_equations import compression, first_forces, force, stored_energy
+from dimersweep.kernel.model.body import delassus, end, lateral_impulses, levers
+from dimersweep.kernel.model.friction import length, outward_slip, slip_strength
+from dimersweep.kernel.model.layout import IMPACT, SLIP, STICK
+from dimersweep.kernel.numerics.steps import DOP_STAGES, WIDTH, copy, explicit_step, step_factor
 
 # velocities of the body: of the centre of mass (normal, axial, lateral), beta', theta' cos(beta), axial spin
 UN, UA, UB, UWB, UWP, US = range(6)
@@ -20,8 +22,8 @@ N_U = 6
 # works: of the plate by the normal forces at p1, p2, and along itself; what restitution and slip take (below zero) at p1, p2
 PLATE_1, PLATE_2, ALONG, REST_1, REST_2, SLIP_1, SLIP_2 = range(7)
 N_WORK = 7
-# a phase: gap rates, compressions (of a single end: its stored energy), axial and lateral velocities, the sum of the normal
-# impulses; normal impulses, the axial one, laterals; works of restitution and slip
+# a phase: gap rates, compressions (of a single end: its stored energy), axial and lateral velocities, as in the state of an
+# impact, and the sum of the normal impulses; normal impulses, the axial one, laterals; works of restitution and slip
 QN1, QN2, QX1, QX2, QA, QB1, QB2, QP, QP1, QP2, QSA, QSB1, QSB2, QR1, QR2, QS1, QS2 = range(17)
 N_Q = 17
 # constants of a phase: the Delassus operator, in units of 1/m; 1 or 1/e^2; the friction modes, or the number of the end; the
@@ -51,7 +53,7 @@ def set_law(dm, i, sin_b, cos_b, law):
 
 
 @compiled
-def load(dm, i, sin_b, cos_b, u, V, q):
+def load_phase(dm, i, sin_b, cos_b, u, V, q):
     """Contact velocities of the body velocities u into q, in units of V; no impulses and no works yet."""
     for k in range(N_Q):
         if k != QX1 and k != QX2:
@@ -64,7 +66,7 @@ def load(dm, i, sin_b, cos_b, u, V, q):
 
 
 @compiled
-def apply(dm, i, sin_b, cos_b, u, V, q):
+def end_phase(dm, i, sin_b, cos_b, u, V, q):
     """Add the impulses of a phase to the body velocities u, by (5)."""
     first, second = levers(dm.p1, sin_b, cos_b), levers(dm.p2, sin_b, cos_b)
     unit = dm.m * V
@@ -77,103 +79,85 @@ def apply(dm, i, sin_b, cos_b, u, V, q):
     u[US] += unit * (first.c * q[QSB1] + second.c * q[QSB2]) * dm.ia
 
 
-@compiled
-def single_rates(dm, law, q, dq):
-    """Rates of a phase in which only end i acts and slips, in the clock of dP = v dxi."""
-    i = int(law[LEND])
-    j, mu = 1 - i, dm.p1.mu if i == 0 else dm.p2.mu
-    a, b = q[QA], q[QB1 + i]
-    v = length(a, b)
-    for k in range(N_Q):
-        dq[k] = 0.0
-    dq[QN1 + i] = law[LNN1 + i] * v - mu * law[LNA1 + i] * a
-    dq[QN1 + j] = law[LNN12] * v - mu * law[LNA1 + j] * a
-    dq[QX1 + i] = -law[LGAIN1 + i] * q[QN1 + i] * v
-    dq[QA] = law[LNA1 + i] * v - mu * law[LAA] * a
-    dq[QB1 + i], dq[QB1 + j] = -mu * law[LBB1 + i] * b, -mu * law[LBB12] * b
-    dq[QP], dq[QP1 + i] = v, v
-    dq[QSA], dq[QSB1 + i] = -mu * a, -mu * b
-    dq[QR1 + i], dq[QS1 + i] = q[QN1 + i] * v, -mu * v * v
+class LawPhase(NamedTuple):
+    """A phase whose slopes are asked for."""
+
+    dm: Any
+    law: Any
+    K: Any  # slopes of the stages
 
 
 @compiled
-def force(k, eta, X):
-    """k X^eta, none where nothing is compressed."""
-    if not X > 0.0:
-        return 0.0
-    return k * X * sqrt(X) if eta == 1.5 else k * raised(X, eta)
+def frictions(dm, law, least, f_1, f_2, a, b_1, b_2):
+    """Axial friction A_1, A_2 and lateral friction L_1, L_2 of both ends; of held ends A_1 is the sum of the axial ones.
+
+    Below the slip `least` friction falls to zero with the slip.
+    """
+    k_1 = slip_strength(dm.p1.mu, f_1, max(length(a, b_1), least))
+    k_2 = slip_strength(dm.p2.mu, f_2, max(length(a, b_2), least))
+    if law[LMODE1] != STICK and law[LMODE2] != STICK:
+        return -k_1 * a, -k_2 * a, -k_1 * b_1, -k_2 * b_2
+    hold, L_1, L_2 = -(law[LNA1] * f_1 + law[LNA2] * f_2) / law[LAA], 0.0, 0.0
+    if law[LMODE1] != STICK:
+        L_1 = -k_1 * b_1
+        L_2 = -law[LBB12] / law[LBB2] * L_1
+    elif law[LMODE2] != STICK:
+        L_2 = -k_2 * b_2
+        L_1 = -law[LBB12] / law[LBB1] * L_2
+    return hold, 0.0, L_1, L_2
 
 
 @compiled
-def strength(mu, f, v, least):
-    """Friction over slip; below the slip `least` as there: it falls to zero with the slip."""
-    return mu * f / max(v, least)
+def slopes_with_works(phase, stage, n_1, n_2, X_1, X_2, a, b_1, b_2, _):
+    """Slopes of a stage; of the first WIDTH numbers of a phase they are returned.
 
-
-@compiled
-def both_rates(dm, law, q, dq):
-    """Rates of a phase in which both ends act, in the clock of dP_i = k_i X_i^eta dtau."""
-    f_1, f_2 = force(dm.p1.k, dm.eta, q[QX1]), force(dm.p2.k, dm.eta, q[QX2])
-    a, b_1, b_2 = q[QA], q[QB1], q[QB2]
-    pull = law[LNA1] * f_1 + law[LNA2] * f_2
-    stick_1, stick_2 = law[LMODE1] == STICK, law[LMODE2] == STICK
-    A, L_1, L_2, s_1, s_2 = 0.0, 0.0, 0.0, 0.0, 0.0
-    if stick_1 or stick_2:
-        A = -pull / law[LAA]
-        if not stick_1:
-            L_1 = -strength(dm.p1.mu, f_1, abs(b_1), law[LREST]) * b_1
-            L_2 = -law[LBB12] / law[LBB2] * L_1
-            s_1 = L_1 * b_1
-        elif not stick_2:
-            L_2 = -strength(dm.p2.mu, f_2, abs(b_2), law[LREST]) * b_2
-            L_1 = -law[LBB12] / law[LBB1] * L_2
-            s_2 = L_2 * b_2
+    Where both ends act, the clock is that of dP_i = k_i X_i^eta dtau; where one does, and slips, that of dP = v dxi.
+    """
+    dm, law, k, acting = phase.dm, phase.law, phase.K[stage], phase.law[LEND]
+    if acting == BOTH:
+        f_1, f_2, least = force(dm, 0, X_1), force(dm, 1, X_2), law[LREST]
+        pace_1 = 1.0 if n_1 < 0.0 or X_1 > 0.0 else 0.0
+        pace_2 = 1.0 if n_2 < 0.0 or X_2 > 0.0 else 0.0
     else:
-        k_1 = strength(dm.p1.mu, f_1, length(a, b_1), law[LREST])
-        k_2 = strength(dm.p2.mu, f_2, length(a, b_2), law[LREST])
-        A, L_1, L_2 = -(k_1 + k_2) * a, -k_1 * b_1, -k_2 * b_2
-        s_1, s_2 = -k_1 * (a * a + b_1 * b_1), -k_2 * (a * a + b_2 * b_2)
-    n_1, n_2 = q[QN1], q[QN2]
-    dq[QN1] = law[LNN1] * f_1 + law[LNN12] * f_2 + law[LNA1] * A
-    dq[QN2] = law[LNN12] * f_1 + law[LNN2] * f_2 + law[LNA2] * A
-    dq[QX1] = -law[LGAIN1] * n_1 if n_1 < 0.0 or q[QX1] > 0.0 else 0.0
-    dq[QX2] = -law[LGAIN2] * n_2 if n_2 < 0.0 or q[QX2] > 0.0 else 0.0
-    dq[QA] = 0.0 if stick_1 or stick_2 else pull + law[LAA] * A
-    dq[QB1] = 0.0 if stick_1 else law[LBB1] * L_1 + law[LBB12] * L_2
-    dq[QB2] = 0.0 if stick_2 else law[LBB12] * L_1 + law[LBB2] * L_2
-    dq[QP], dq[QP1], dq[QP2], dq[QSA], dq[QSB1], dq[QSB2] = f_1 + f_2, f_1, f_2, A, L_1, L_2
-    dq[QR1], dq[QR2], dq[QS1], dq[QS2] = n_1 * f_1, n_2 * f_2, s_1, s_2
+        f_1 = length(a, b_1) if acting == 0.0 else 0.0
+        f_2 = length(a, b_2) if acting == 1.0 else 0.0
+        least, pace_1, pace_2 = 0.0, f_1, f_2
+    A_1, A_2, L_1, L_2 = frictions(dm, law, least, f_1, f_2, a, b_1, b_2)
+    A = A_1 + A_2
+    k[QP1], k[QP2], k[QSA], k[QSB1], k[QSB2] = f_1, f_2, A, L_1, L_2
+    k[QR1], k[QR2], k[QS1], k[QS2] = n_1 * f_1, n_2 * f_2, A_1 * a + L_1 * b_1, A_2 * a + L_2 * b_2
+    return (
+        law[LNN1] * f_1 + law[LNN12] * f_2 + law[LNA1] * A,
+        law[LNN12] * f_1 + law[LNN2] * f_2 + law[LNA2] * A,
+        -law[LGAIN1] * n_1 * pace_1,
+        -law[LGAIN2] * n_2 * pace_2,
+        law[LNA1] * f_1 + law[LNA2] * f_2 + law[LAA] * A,
+        law[LBB1] * L_1 + law[LBB12] * L_2,
+        law[LBB12] * L_1 + law[LBB2] * L_2,
+        f_1 + f_2,
+    )
 
 
 @compiled
-def rates(dm, law, q, dq):
-    """Rates of a phase of either kind."""
-    if law[LEND] == BOTH:
-        both_rates(dm, law, q, dq)
-    else:
-        single_rates(dm, law, q, dq)
-
-
-@compiled
-def step(dm, h, work):
+def law_step(dm, h, work):
     """One step of DOP853 from the phase in row R_Q into row R_OUT; returns its error over the tolerance."""
-    K, q, out, law = work[R_K : R_K + DOP_STAGES], work[R_Q], work[R_OUT], work[R_LAW]
-    rates(dm, law, q, K[0])
-    for i in range(1, DOP_STAGES):
-        explicit_stage(i, h, q, K, N_Q, out)
-        rates(dm, law, out, K[i])
-    return explicit_finish(h, q, K, N_Q, work[R_SCALE], out)
+    K, q = work[R_K : R_K + DOP_STAGES], work[R_Q]
+    phase, k = LawPhase(dm, work[R_LAW], K), K[0]
+    k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7] = slopes_with_works(
+        phase, 0, q[QN1], q[QN2], q[QX1], q[QX2], q[QA], q[QB1], q[QB2], q[QP]
+    )
+    return explicit_step(slopes_with_works, phase, h, q, K, N_Q, work[R_SCALE], work[R_OUT])
 
 
 @compiled
-def step_to(dm, h, slot, target, work):
+def shorten_to(dm, h, slot, target, work):
     """Shorten a step h, over which slot `slot` of the phase rises beyond `target`, to where it is that; by secants."""
     q, out = work[R_Q], work[R_OUT]
     low, high, low_value, high_value = 0.0, h, q[slot] - target, out[slot] - target
     for k in range(ROOT_PROBES):
         share = low_value / (low_value - high_value)
         h = low + (high - low) * (share if k % 3 < 2 else 0.5)
-        step(dm, h, work)
+        law_step(dm, h, work)
         value = out[slot] - target
         if abs(value) <= EVENT_LOCATED or not low < h < high:
             break
@@ -193,7 +177,7 @@ def is_axial(dm, law, q):
 
 
 @compiled
-def integrate(dm, target, work):
+def follow_law(dm, target, work):
     """Carry a phase on to where its normal impulses sum up to `target`; returns whether it has come there.
 
     It has not where the slip of a single end comes to rest before, or goes along the axis for good, or where nothing presses
@@ -206,12 +190,12 @@ def integrate(dm, target, work):
     v_0 = length(q[QA], q[QB1 + i]) if i >= 0 else 0.0
     h = target / v_0 if i >= 0 else 1e-4
     for _ in range(STEPS):
-        error = step(dm, h, work)
+        error = law_step(dm, h, work)
         if not error <= 1.0:
             h *= min(0.8, step_factor(error, 8.0))
             continue
         if i >= 0 and q[QN1 + i] < 0.0 and out[QN1 + i] > 0.0:  # from compression to restitution
-            step_to(dm, h, QN1 + i, 0.0, work)
+            shorten_to(dm, h, QN1 + i, 0.0, work)
             if out[QP] < target:
                 copy(out, q, N_Q)
                 q[QN1 + i] = 0.0
@@ -221,7 +205,7 @@ def integrate(dm, target, work):
                 continue
         if out[QP] >= target:
             if out[QP] > target:
-                step_to(dm, h, QP, target, work)
+                shorten_to(dm, h, QP, target, work)
             copy(out, q, N_Q)
             return True
         copy(out, q, N_Q)
@@ -234,7 +218,7 @@ def integrate(dm, target, work):
 
 
 @compiled
-def straight(dm, law, q, P, t_a):
+def straight_stretch(dm, law, q, P, t_a):
     """A stretch of a phase of a single end, at rest or slipping along the axis, over the normal impulse P: closed form.
 
     t_a is the axial impulse per normal one.
@@ -260,7 +244,7 @@ def straight(dm, law, q, P, t_a):
 
 
 @compiled
-def come_to_rest(law, q, j):
+def take_slip_away(law, q, j):
     """Take away what is left of a slip that is as good as over."""
     i = 1 - j
     a, b = q[QA], q[QB1 + i]
@@ -271,37 +255,37 @@ def come_to_rest(law, q, j):
 
 
 @compiled
-def single_phase(dm, i, mode, P, work):
+def phase_of_one(dm, i, mode, P, work):
     """A phase of an impact in which end i alone acts, over its normal impulse P."""
     q, law = work[R_Q], work[R_LAW]
     p = dm.p1 if i == 0 else dm.p2
     compresses = q[QN1 + i] < 0.0
-    law[LEND] = i
+    law[LEND], law[LMODE1], law[LMODE2] = i, SLIP, SLIP  # of an end that sticks nothing is integrated
     law[LGAIN1 + i] = 1.0 if compresses else (1.0 / (p.e * p.e) if p.e > PLASTIC else 0.0)
     hold = -law[LNA1 + i] / law[LAA]
     if mode == STICK:
-        come_to_rest(law, q, 1 - i)
-        straight(dm, law, q, P, hold)
+        take_slip_away(law, q, 1 - i)
+        straight_stretch(dm, law, q, P, hold)
         return
     if p.mu == 0.0:
-        straight(dm, law, q, P, 0.0)
+        straight_stretch(dm, law, q, P, 0.0)
         return
-    if length(q[QA], q[QB1 + i]) > law[LREST] and not is_axial(dm, law, q) and integrate(dm, P, work):
+    if length(q[QA], q[QB1 + i]) > law[LREST] and not is_axial(dm, law, q) and follow_law(dm, P, work):
         return
     if length(q[QA], q[QB1 + i]) > law[LREST] and is_axial(dm, law, q):
         t_a = -copysign(p.mu, q[QA])
         w, left = law[LNA1 + i] + law[LAA] * t_a, P - q[QP]
         stops = q[QA] * w < 0.0 and -q[QA] / w < left
-        straight(dm, law, q, -q[QA] / w if stops else left, t_a)
+        straight_stretch(dm, law, q, -q[QA] / w if stops else left, t_a)
         if not stops:
             return
-    come_to_rest(law, q, 1 - i)
+    take_slip_away(law, q, 1 - i)
     away = -copysign(p.mu, law[LNA1 + i])
-    straight(dm, law, q, P - q[QP], away if abs(law[LNA1 + i]) > p.mu * law[LAA] else hold)
+    straight_stretch(dm, law, q, P - q[QP], away if abs(law[LNA1 + i]) > p.mu * law[LAA] else hold)
 
 
 @compiled
-def set_out(dm, law, q):
+def set_slips_out(dm, law, q):
     """Give a slip that begins at rest the direction in which it sets out, and take away that of ends that stick."""
     stick_1, stick_2 = law[LMODE1] == STICK, law[LMODE2] == STICK
     if stick_1 or stick_2:
@@ -309,10 +293,7 @@ def set_out(dm, law, q):
         q[QB1] = 0.0 if stick_1 else q[QB1]
         q[QB2] = 0.0 if stick_2 else q[QB2]
         return
-    none, eta = 10.0 * law[LREST], dm.eta
-    f_1, f_2 = force(dm.p1.k, eta, q[QX1]), force(dm.p2.k, eta, q[QX2])
-    if f_1 == 0.0 and f_2 == 0.0:
-        f_1, f_2 = force(dm.p1.k, eta, -q[QN1]), force(dm.p2.k, eta, -q[QN2])
+    none, (f_1, f_2) = 10.0 * law[LREST], first_forces(dm, q)
     pull = law[LNA1] * f_1 + law[LNA2] * f_2
     rest_1, rest_2 = length(q[QA], q[QB1]) <= none, length(q[QA], q[QB2]) <= none
     if rest_1 and rest_2:
@@ -328,7 +309,7 @@ def set_out(dm, law, q):
 
 
 @compiled
-def gain(e, X, n_before, n_after):
+def loading_gain(e, X, n_before, n_after):
     """1 in compression, 1/e^2 in restitution, from the compression at the start of a phase in which it is one of them, and
     the gap rates before and after.
     """
@@ -363,7 +344,7 @@ def impact_phase(dm, digit_1, digit_2, n_before, n_after, P, sin_b, cos_b, V, le
     i = 0 if on_1 else 1
     set_law(dm, i, sin_b, cos_b, law)
     law[LREST] = least
-    load(dm, i, sin_b, cos_b, u, V, q)
+    load_phase(dm, i, sin_b, cos_b, u, V, q)
     unit = dm.m * V
     if dm.p1.e <= PLASTIC and n_before[0] >= 0.0:
         q[QX1] = 0.0
@@ -371,29 +352,25 @@ def impact_phase(dm, digit_1, digit_2, n_before, n_after, P, sin_b, cos_b, V, le
         q[QX2] = 0.0
     if on_1 and on_2:
         law[LEND], law[LMODE1], law[LMODE2] = BOTH, digit_1 - IMPACT, digit_2 - IMPACT
-        law[LGAIN1] = gain(dm.p1.e, q[QX1], n_before[0], n_after[0])
-        law[LGAIN2] = gain(dm.p2.e, q[QX2], n_before[1], n_after[1])
-        set_out(dm, law, q)
-        integrate(dm, (P[0] + P[1]) / unit, work)
+        law[LGAIN1] = loading_gain(dm.p1.e, q[QX1], n_before[0], n_after[0])
+        law[LGAIN2] = loading_gain(dm.p2.e, q[QX2], n_before[1], n_after[1])
+        set_slips_out(dm, law, q)
+        follow_law(dm, (P[0] + P[1]) / unit, work)
     else:
-        p = dm.p1 if i == 0 else dm.p2
-        X = q[QX1 + i]
-        q[QX1 + i] = force(p.k, dm.eta, X) * X / (dm.eta + 1.0)
-        q[QX2 - i] = 0.0
-        single_phase(dm, i, (digit_1 if i == 0 else digit_2) - IMPACT, P[i] / unit, work)
-        E = q[QX1 + i]
-        q[QX1 + i] = raised((dm.eta + 1.0) * E / p.k, 1.0 / (dm.eta + 1.0)) if E > 0.0 else 0.0
+        q[QX1 + i], q[QX2 - i] = stored_energy(dm, i, q[QX1 + i]), 0.0
+        phase_of_one(dm, i, (digit_1 if i == 0 else digit_2) - IMPACT, P[i] / unit, work)
+        q[QX1 + i] = compression(dm, i, q[QX1 + i])
     for k in range(2):
         q[QX1 + k] = max(0.0, q[QX1 + k])
         done[REST_1 + k] = unit * V * q[QR1 + k]
         done[SLIP_1 + k] = unit * V * q[QS1 + k]
     for k in range(QP1, QSB2 + 1):
         total[k] = unit * q[k]
-    apply(dm, i, sin_b, cos_b, u, V, q)
+    end_phase(dm, i, sin_b, cos_b, u, V, q)
 
 
 @compiled
-def impulses_between(dm, i, both, sin_b, cos_b, u, later, total):
+def impulses_of_change(dm, i, both, sin_b, cos_b, u, later, total):
     """Impulses that change the body velocities from u to `later`, those at p1 and p2 or at end i alone, into `total`."""
     first, second = levers(dm.p1, sin_b, cos_b), levers(dm.p2, sin_b, cos_b)
     push, A, side = dm.m * (later[UN] - u[UN]), dm.m * (later[UA] - u[UA]), dm.m * (later[UB] - u[UB])
@@ -405,11 +382,9 @@ def impulses_between(dm, i, both, sin_b, cos_b, u, later, total):
     moment = dm.J_t * (later[UWB] - u[UWB]) - first.a * A
     total[QP1] = (second.n * push - moment) / (second.n - first.n)
     total[QP2] = push - total[QP1]
-    w = dm.pair
     d_1 = side + dm.m * (first.b * (later[UWP] - u[UWP]) + first.c * (later[US] - u[US]))
     d_2 = side + dm.m * (second.b * (later[UWP] - u[UWP]) + second.c * (later[US] - u[US]))
-    det = w.bb_1 * w.bb_2 - w.bb_12 * w.bb_12
-    total[QSB1], total[QSB2] = (w.bb_2 * d_1 - w.bb_12 * d_2) / det, (w.bb_1 * d_2 - w.bb_12 * d_1) / det
+    total[QSB1], total[QSB2] = lateral_impulses(dm, d_1, d_2)
 
 
 @compiled
@@ -419,11 +394,11 @@ def close_work(dm, closed_1, closed_2, sin_b, cos_b, u, later, work, done):
     An impulse that acts at once works with the mean of the velocities before and after it.
     """
     q, total, i = work[R_Q], work[R_SUM], 0 if closed_1 else 1
-    impulses_between(dm, i, closed_1 and closed_2, sin_b, cos_b, u, later, total)
+    impulses_of_change(dm, i, closed_1 and closed_2, sin_b, cos_b, u, later, total)
     for k in range(N_U):
         work[R_START, k] = 0.5 * (u[k] + later[k])
         u[k] = later[k]
-    load(dm, i, sin_b, cos_b, work[R_START], 1.0, q)
+    load_phase(dm, i, sin_b, cos_b, work[R_START], 1.0, q)
     alone = not (closed_1 and closed_2)
     for k in range(2):
         done[REST_1 + k] = total[QP1 + k] * q[QN1 + k]

@@ -30,7 +30,16 @@ from dimersweep.kernel.impact.single_impact import (
     EndLaw,
     single_phase,
 )
-from dimersweep.kernel.model.body import attitude, delassus, end, extent, level_levers, levers, rise_of_centre
+from dimersweep.kernel.model.body import (
+    attitude,
+    delassus,
+    end,
+    extent,
+    lateral_impulses,
+    level_levers,
+    levers,
+    rise_of_centre,
+)
 from dimersweep.kernel.model.contact_code import coded, impact_digit
 from dimersweep.kernel.model.friction import holds_axially, length, slip_force
 from dimersweep.kernel.model.layout import (
@@ -210,10 +219,9 @@ def impulses_between(dm, z, start, V):
     A = dm.m * ((z[ZA] - start[ZA]) * V - p.a * d_w)
     push, moment = dm.m * rise_of_centre(dm, d_n1, d_n2), dm.J_t * d_w - p.a * A
     P_1, P_2 = (q.n * push - moment) / (q.n - p.n), (moment - p.n * push) / (q.n - p.n)
-    w, unit = dm.pair, dm.m * V
-    d_1, d_2 = (z[ZB1] - start[ZB1]) * unit, (z[ZB2] - start[ZB2]) * unit
-    det = w.bb_1 * w.bb_2 - w.bb_12 * w.bb_12
-    return P_1, P_2, A, (w.bb_2 * d_1 - w.bb_12 * d_2) / det, (w.bb_1 * d_2 - w.bb_12 * d_1) / det
+    unit = dm.m * V
+    B_1, B_2 = lateral_impulses(dm, (z[ZB1] - start[ZB1]) * unit, (z[ZB2] - start[ZB2]) * unit)
+    return P_1, P_2, A, B_1, B_2
 
 
 @compiled

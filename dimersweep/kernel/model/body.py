@@ -214,6 +214,14 @@ def turn_of_pair(dm, apart, spin):
     return (apart / (dm.l * dm.cos_0) - dm.sin_0 * spin) / dm.cos_0
 
 
+@compiled
+def lateral_impulses(dm, d_1, d_2):
+    """Lateral impulses at both ends on the plate that change their lateral velocities by d_1, d_2, which are times m."""
+    w = dm.pair
+    det = w.bb_1 * w.bb_2 - w.bb_12 * w.bb_12
+    return (w.bb_2 * d_1 - w.bb_12 * d_2) / det, (w.bb_1 * d_2 - w.bb_12 * d_1) / det
+
+
 @compiled(inline=True)
 def extent(dm):
     """Radius of the greater ball, and the distance of the centre of mass from the farther one [m]."""

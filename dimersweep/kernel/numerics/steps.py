@@ -53,25 +53,19 @@ def stage_sums(i, last, K):
 
 
 @compiled(fuse=True, inline=True)
-def explicit_stage(i, h, y, K, n, out):
-    """y with the slopes K of the stages of DOP853 before number i, weighted by row i of its table, into `out`. n >= WIDTH."""
-    t0, t1, t2, t3, t4, t5, t6, t7 = stage_sums(i, i, K)
-    out[0], out[1], out[2], out[3] = y[0] + h * t0, y[1] + h * t1, y[2] + h * t2, y[3] + h * t3
-    out[4], out[5], out[6], out[7] = y[4] + h * t4, y[5] + h * t5, y[6] + h * t6, y[7] + h * t7
-    for k in range(WIDTH, n):
-        total = DOP_A[i, 0] * K[0, k]
-        for j in range(DOP_SKIPPED[i], i):
-            total += DOP_A[i, j] * K[j, k]
-        out[k] = y[k] + h * total
-
-
-@compiled(fuse=True, inline=True)
 def explicit_finish(h, y, K, n, scale, out):
     """New state into `out`; returns the error of the first WIDTH entries over the tolerance (1 is acceptable).
 
     What lies beyond only follows from those: whether it is wanted must not change the steps.
     """
-    explicit_stage(DOP_STAGES, h, y, K, n, out)
+    t0, t1, t2, t3, t4, t5, t6, t7 = stage_sums(DOP_STAGES, DOP_STAGES, K)
+    out[0], out[1], out[2], out[3] = y[0] + h * t0, y[1] + h * t1, y[2] + h * t2, y[3] + h * t3
+    out[4], out[5], out[6], out[7] = y[4] + h * t4, y[5] + h * t5, y[6] + h * t6, y[7] + h * t7
+    for k in range(WIDTH, n):
+        total = DOP_A[DOP_STAGES, 0] * K[0, k]
+        for j in range(DOP_SKIPPED[DOP_STAGES], DOP_STAGES):
+            total += DOP_A[DOP_STAGES, j] * K[j, k]
+        out[k] = y[k] + h * total
     sum5, sum3 = 0.0, 0.0
     for k in range(WIDTH):
         e5, e3 = DOP_E5[0] * K[0, k], DOP_E3[0] * K[0, k]
