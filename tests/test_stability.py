@@ -1,7 +1,7 @@
 """Multipliers and Lyapunov exponents against closed forms: the ball on a plate, and the decay of an orbit."""
 
 from itertools import combinations
-from math import acos, cos, hypot, log, pi, sin
+from math import acos, cos, hypot, log, pi, sin, sqrt
 
 import numpy as np
 import pytest
@@ -215,15 +215,18 @@ def test_an_exponent_of_chaos_does_not_depend_on_how_long_it_is_measured():
     assert counts == pytest.approx([min(n, end) for n in (130, 300, 1000, 3000, 5000)], abs=20)
     for one, other in combinations(found, 2):
         assert abs(one.exponent - other.exponent) < 2 * hypot(one.error, other.error)
-    assert found[-1].exponent == pytest.approx(12.3, abs=0.5)
+    assert found[-1].exponent == pytest.approx(12.3, abs=4 * found[-1].error)
 
 
 def test_no_start_of_chaos_has_a_low_exponent():
     runs = [simulate(Gamma=3.0, beta0=beta0, periods=200) for beta0 in np.linspace(0.15, 0.5, 14)]
     found = [lyapunov(run, 2000) for run in runs if run.mode == "aperiodic"]
     assert len(found) >= 12
-    assert sum(each.periods < 2000 for each in found) >= 4  # their chaos ends
+    assert any(each.periods < 2000 for each in found)  # of some the chaos ends
     assert all(abs(each.exponent - 12.3) < 4 * each.error for each in found)
+    weights = [each.error**-2 for each in found]
+    mean = np.average([each.exponent for each in found], weights=weights)
+    assert mean == pytest.approx(12.3, abs=3 / sqrt(sum(weights)))
 
 
 def test_chaos_that_ends_in_a_settled_motion_is_counted_up_to_there():
