@@ -74,9 +74,9 @@ def powers(dm, motion, phase, power):
 
 @compiled
 def go_to(dm, motion, phase, span, tol, locate):
-    """Carry the contact state on by a time; returns NO_EVENT, or why the phase did not go on so long.
+    """Carry the contact state on by a time; returns NO_EVENT, the end of a slip that comes before, or OUT_OF_STEPS.
 
-    With `locate` it looks for events as the run does: one that comes shortly before its time ends a slip, or goes unheeded.
+    With `locate` it looks for events as the run does; what comes shortly before the end of the phase, no slip's, goes unheeded.
     """
     done, event = 0.0, NO_EVENT
     if locate:
@@ -84,7 +84,7 @@ def go_to(dm, motion, phase, span, tol, locate):
         if event == NO_EVENT or is_slip_end(event) or event == OUT_OF_STEPS:
             return event
     _, event = sustain(dm, motion, phase + dm.omega * done, span - done, tol, False)
-    return event
+    return OUT_OF_STEPS if event == OUT_OF_STEPS else NO_EVENT
 
 
 @compiled
@@ -170,7 +170,8 @@ def contact_work(dm, motion, span, rtol, tol, unit, rows, done):
             copy(begun, y, N_Y)
             continue
         last = h * PLACES[N_PLACES - 1]
-        go_to(dm, motion, start + dm.omega * (t + last), h - last, tol, look)
+        if go_to(dm, motion, start + dm.omega * (t + last), h - last, tol, look) == OUT_OF_STEPS:
+            return False
         copy(y, begun, N_Y)
         for k in range(N_WORK):
             done[k] += rows[S_KRONROD, k]
