@@ -14,6 +14,7 @@ from dimersweep.kernel.energy.impact_work import ALONG, N_WORK, PLATE_1, PLATE_2
 from dimersweep.kernel.model.friction import direction
 from dimersweep.kernel.model.layout import PHASE, SLIP
 from dimersweep.kernel.model.plate import plate_rate, velocity_along
+from dimersweep.kernel.numerics.meter import set_bound
 from dimersweep.kernel.numerics.sincos import sincos
 from dimersweep.kernel.numerics.steps import copy
 from dimersweep.kernel.sample import begin_contact, follow_to_event, sustain
@@ -42,6 +43,7 @@ GAUSS = np.array([0.5 * g for _, _, g in _PLACES])
 N_PLACES = 15
 WORK_DOUBT = 1e-13  # of the work in a panel, in units of the energy of the motion and of the plate
 LONGEST, SHORTEST = 0.25, 1e-7  # panel, in forcing periods
+PANEL_BOUND = 5e3  # of the cost of a panel's steps, in hops of one end: one that costs more is taken again, shorter
 # rows of the scratch array, beyond those of an impact's
 S_KRONROD, S_GAUSS, S_POWER, S_BEGUN = range(4)
 CONTACT_ROWS = 4
@@ -89,13 +91,14 @@ def go_to(dm, motion, phase, span, tol, locate):
 
 @compiled
 def panel(dm, motion, phase, h, tol, locate, rows):
-    """Works over a panel of the length h by both rules, and the contact state at the last place of the rule.
+    """Works over a panel of the length h by both rules, and the contact state at its end.
 
     Returns
     -------
     int
-        NO_EVENT, the end of a slip before that place, or OUT_OF_STEPS.
+        NO_EVENT, the end of a slip before the last place of the rules, or OUT_OF_STEPS.
     """
+    set_bound(motion.meter, PANEL_BOUND)
     for k in range(N_WORK):
         rows[S_KRONROD, k], rows[S_GAUSS, k] = 0.0, 0.0
     at = 0.0
@@ -108,7 +111,8 @@ def panel(dm, motion, phase, h, tol, locate, rows):
         for k in range(N_WORK):
             rows[S_KRONROD, k] += h * KRONROD[j] * rows[S_POWER, k]
             rows[S_GAUSS, k] += h * GAUSS[j] * rows[S_POWER, k]
-    return NO_EVENT
+    event = go_to(dm, motion, phase + dm.omega * h * at, h * (1.0 - at), tol, locate)
+    return OUT_OF_STEPS if event == OUT_OF_STEPS else NO_EVENT
 
 
 @compiled
@@ -156,8 +160,6 @@ def contact_work(dm, motion, span, rtol, tol, unit, rows, done):
         h = min(h, span - t)
         look = locate and t + h >= span  # what ends the phase is at the end of the last panel
         event = panel(dm, motion, start + dm.omega * t, h, tol, look, rows)
-        if event == OUT_OF_STEPS:
-            return False
         sound = event == NO_EVENT
         if (not sound or doubt(rows, unit) > WORK_DOUBT) and h > SHORTEST * dm.period:
             h, shortened = 0.5 * h, True
@@ -166,12 +168,11 @@ def contact_work(dm, motion, span, rtol, tol, unit, rows, done):
         if not sound:
             if h + t >= span:
                 break
+            if event == OUT_OF_STEPS:
+                return False
             locate = False
             copy(begun, y, N_Y)
             continue
-        last = h * PLACES[N_PLACES - 1]
-        if go_to(dm, motion, start + dm.omega * (t + last), h - last, tol, look) == OUT_OF_STEPS:
-            return False
         copy(y, begun, N_Y)
         for k in range(N_WORK):
             done[k] += rows[S_KRONROD, k]
