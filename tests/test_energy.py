@@ -8,7 +8,7 @@ import pytest
 from dimersweep import names, simulate
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.body import dimer_of
-from dimersweep.kernel.model.layout import ROW
+from dimersweep.kernel.model.layout import PERIOD, ROW
 from dimersweep.symbols import FORCES, WORKS
 
 SCENES = {
@@ -88,6 +88,13 @@ LONG = {
 @pytest.mark.parametrize("scene", LONG.values(), ids=LONG)
 def test_the_budget_of_a_thousand_periods_closes(scene):
     assert simulate(**scene, periods=1000, rtol=1e-10).energy().closure < 1e-9
+
+
+def test_works_past_the_end_of_a_slip_are_taken_in_shorter_panels():
+    """Both ends slip till one sticks: a place of the quadrature lies past that by a rounding, where steps would creep."""
+    scene = {"e": 0.4748, "Gamma": 1.162, "f": 46.31, "A_r": 9.83, "mu": 0.7026, "mu_s": 0.7165, "beta0": 1.179}
+    scene |= {"xdot0": 1.502, "phi0": 4.654, "r_1": 0.004769, "r_2": 0.006878, "e_1": 0.4561, "mu_1": 0.1235}
+    assert simulate(**scene, periods=50, rtol=1e-12).energy().closure < 1e-12
 
 
 def test_what_takes_energy_is_below_zero():
@@ -249,3 +256,19 @@ def test_sections_are_at_their_moments():
         run.section(at="noon")
     with pytest.raises(ParameterError, match=r"^phase = 1.0: a section is at a phase, or at = 'landing_1'$"):
         run.section(at="landing_1", phase=1.0)
+
+
+def test_a_phase_too_long_for_its_steps_is_told(monkeypatch):
+    """A dimer at rest whose record is said to end a million periods later: with a quarter of one a step, 200,000 at most."""
+    run = simulate(Gamma=0.5, periods=100)
+    record = run.record("the test")
+    segments = record.segments.copy()
+    segments[-1, PERIOD] += 1e6
+    told = r"\(a phase of sustained contact took more steps than its bound\)$"
+    object.__setattr__(run, "_record", record._replace(segments=segments))
+    with pytest.raises(ParameterError, match=rf"^t = 60000: there is no state {told}"):
+        run.states([1.0, 60000.0])
+    object.__setattr__(run, "_record", record)
+    monkeypatch.setattr("dimersweep.runs.energy.budget", lambda *_: len(record.segments) - 2)  # it would take minutes
+    with pytest.raises(ParameterError, match=rf"^energy: there is none from t = {100 / 15:.10g} s on {told}"):
+        run.energy()

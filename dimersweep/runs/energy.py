@@ -11,11 +11,11 @@ import xarray as xr
 
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.course import new_workspace
-from dimersweep.kernel.energy.budget import budget, budget_scratch
+from dimersweep.kernel.energy.budget import ALL, budget, budget_scratch
 from dimersweep.kernel.energy.impact_work import N_WORK
 from dimersweep.kernel.model.body import dimer_of
 from dimersweep.kernel.model.contact_code import CONTACT_STATES, code_of
-from dimersweep.kernel.model.layout import CAUSES, N_STATE, PERIOD, PHASE
+from dimersweep.kernel.model.layout import CAUSES, CONTACT_STEPS, N_STATE, PERIOD, PHASE, STATUS_MESSAGES
 from dimersweep.kernel.record import E_CAUSE, E_KIND, E_PERIOD, E_PHASE, SEGMENT_MODES
 from dimersweep.runs.forces import energies
 from dimersweep.runs.recorded import RunRecord, times_of
@@ -33,7 +33,12 @@ def energy_of(record: RunRecord, rtol: float, parameters: dict[str, float], by: 
     n, f, phi0 = len(segments), parameters["f"], parameters["phi0"]
     ends, smooth = np.zeros((n - 1, N_STATE)), np.zeros((n - 1, N_WORK))
     struck, leads_to = np.zeros((len(events), N_WORK)), np.zeros(len(events), np.int64)
-    budget(record.row, segments, events, rtol, new_workspace(), budget_scratch(), ends, smooth, struck, leads_to)
+    failed = budget(
+        record.row, segments, events, rtol, new_workspace(), budget_scratch(), ends, smooth, struck, leads_to
+    )
+    if failed != ALL:
+        since = times_of(segments[failed, PERIOD], segments[failed, PHASE], f)
+        raise ParameterError(f"energy: there is none from t = {since:.10g} s on ({STATUS_MESSAGES[CONTACT_STEPS]})")
     at_starts, at_ends = np.sum(energies(dm, segments[:, :N_STATE], phi0), 0), np.sum(energies(dm, ends, phi0), 0)
 
     rows = np.flatnonzero(struck.any(1))

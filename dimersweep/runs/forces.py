@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from dimersweep.kernel.compiler.jit import plain
 from dimersweep.kernel.contact.forces import A1, A2, F1, F2, L1, L2, N_F
 from dimersweep.kernel.course import new_workspace
-from dimersweep.kernel.model.body import dimer_of, slip_at
+from dimersweep.kernel.model.body import dimer_of, rise_of_centre, slip_at
 from dimersweep.kernel.model.layout import (
     CA,
     CB,
@@ -37,7 +38,7 @@ def energies(dm: Dimer, states: np.ndarray, phi0: float) -> tuple[np.ndarray, np
     height, rise, _ = motion(dm, phase)
     beta, sin_t, cos_t = dm.beta_0 + s[DIP], np.sin(s[THETA]), np.cos(s[THETA])
     away_x, away_y, v_x, v_y = motion_along(dm, phase)
-    c_n = (dm.p2.h * s[N1] - dm.p1.h * s[N2]) / dm.l + rise
+    c_n = plain(rise_of_centre)(dm, s[N1], s[N2]) + rise
     c_a, c_b = s[CA] + v_y * cos_t - v_x * sin_t, s[CB] + v_x * cos_t + v_y * sin_t
     turning = dm.J_t * (s[WB] ** 2 + s[WP] ** 2) + dm.J_a * s[SPIN] ** 2
     kinetic = 0.5 * (dm.m * (c_a**2 + c_b**2 + c_n**2) + turning)

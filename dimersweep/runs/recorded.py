@@ -277,12 +277,13 @@ def states_of(record: RunRecord, times: np.ndarray, rtol: float, parameters: dic
     Raises
     ------
     ParameterError
-        If a time is outside the run.
+        If a time is outside the run, or in a phase of contact so long that its steps are more than their bound.
     """
     which, phases = _places(times, record.segments, parameters["f"], record.cut)
     status, kernel_states, modes = _sampled(record, which, phases, rtol, no_record())
     if status != OK:
-        raise RuntimeError(STATUS_MESSAGES[status])
+        time = times[np.isnan(kernel_states[:, PHASE])][0]
+        raise ParameterError(f"t = {time:.10g}: there is no state ({STATUS_MESSAGES[status]})")
     kinetic, potential = energies(dimer_of(record.row), kernel_states, parameters["phi0"])
     columns = forces(record.row, kernel_states, modes, rtol)
     columns |= {"kinetic_energy": kinetic, "potential_energy": potential}

@@ -248,7 +248,8 @@ class Run(RunNumbers):
         Raises
         ------
         ParameterError
-            If nothing was recorded, or a time is none or outside the run.
+            If nothing was recorded, a time is none or outside the run, or a phase of contact before it is so long that its
+            steps are more than their bound.
 
         Examples
         --------
@@ -290,7 +291,8 @@ class Run(RunNumbers):
         Raises
         ------
         ParameterError
-            If nothing was recorded, or `by` is none of these.
+            If nothing was recorded, `by` is none of these, or a phase of contact is so long that its steps are more than
+            their bound.
 
         Examples
         --------

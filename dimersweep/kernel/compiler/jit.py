@@ -52,6 +52,11 @@ def exported(function: Callable[..., Any]) -> Any:
     return kept(_compile(function, part=False, inline=False))
 
 
+def plain(function: Any) -> Any:
+    """The Python function of a compiled one: what is only arithmetic takes arrays there."""
+    return getattr(function, "py_func", function)
+
+
 def compiled(function: Callable[..., Any] | None = None, *, fuse: bool = False, inline: bool = False) -> Any:
     """Compile what only other kernels call.
 

@@ -74,6 +74,7 @@ from dimersweep.kernel.record import (
 )
 
 FINER, FINEST = 1e-2, 1e-13  # accuracy of the budget over that of the run, and the best of it
+ALL = -1  # in place of a number of a segment
 digits_in = compiled(digits_of, inline=True)
 
 
@@ -107,6 +108,11 @@ def budget(row, segments, events, rtol, space, scratch, ends, smooth, struck, le
         Filled with the works in impacts and in closes of chatters [J], zero in other rows.
     leads_to : int64 array, shape (k,)
         Filled with the number of the segment that an event leads to; 0 up to the first one.
+
+    Returns
+    -------
+    int
+        ALL, or the number of the segment whose phase takes more steps than its bound; nothing is filled in after it.
     """
     dm, e, tol = space.dimer, 0, max(FINER * rtol, FINEST)
     set_dimer(row, dm)
@@ -124,8 +130,10 @@ def budget(row, segments, events, rtol, space, scratch, ends, smooth, struck, le
             fly(dm, take_off(dm, state), state, span, True)
         elif span > 0.0:
             unit = kinetic(dm, state) + 0.5 * dm.m * (speed_bound(dm) ** 2 + dm.v_scale**2)
-            contact_work(dm, motion, span, rtol, tol, unit, scratch[IMPACT_ROWS:], smooth[n])
+            if not contact_work(dm, motion, span, rtol, tol, unit, scratch[IMPACT_ROWS:], smooth[n]):
+                return n
         e = strike(dm, state, later, events, e, n + 1, tol, scratch, struck, leads_to)
+    return ALL
 
 
 @compiled

@@ -8,12 +8,13 @@ import numpy as np
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.coordinates import N_Y, UPRIGHT, YAXES, YCHART, YTHETA, kernel_state, slip_of
-from dimersweep.kernel.contact.events import NO_EVENT, is_slip_end
+from dimersweep.kernel.contact.events import NO_EVENT, OUT_OF_STEPS, is_slip_end
 from dimersweep.kernel.contact.forces import A1, F1, F2, L1, contact_rates
 from dimersweep.kernel.energy.impact_work import ALONG, N_WORK, PLATE_1, PLATE_2, SLIP_1
 from dimersweep.kernel.model.friction import direction
 from dimersweep.kernel.model.layout import PHASE, SLIP
 from dimersweep.kernel.model.plate import plate_rate, velocity_along
+from dimersweep.kernel.numerics.meter import set_bound
 from dimersweep.kernel.numerics.sincos import sincos
 from dimersweep.kernel.numerics.steps import copy
 from dimersweep.kernel.sample import begin_contact, follow_to_event, sustain
@@ -42,6 +43,7 @@ GAUSS = np.array([0.5 * g for _, _, g in _PLACES])
 N_PLACES = 15
 WORK_DOUBT = 1e-13  # of the work in a panel, in units of the energy of the motion and of the plate
 LONGEST, SHORTEST = 0.25, 1e-7  # panel, in forcing periods
+PANEL_BOUND = 5e3  # of the cost of a panel's steps, in hops of one end: one that costs more is taken again, shorter
 # rows of the scratch array, beyond those of an impact's
 S_KRONROD, S_GAUSS, S_POWER, S_BEGUN = range(4)
 CONTACT_ROWS = 4
@@ -74,36 +76,43 @@ def powers(dm, motion, phase, power):
 
 @compiled
 def go_to(dm, motion, phase, span, tol, locate):
-    """Carry the contact state on by a time; returns whether the phase went on so long.
+    """Carry the contact state on by a time; returns NO_EVENT, the end of a slip that comes before, or OUT_OF_STEPS.
 
-    With `locate` it looks for events as the run does: one that comes shortly before its time ends a slip, or goes unheeded.
+    With `locate` it looks for events as the run does; what comes shortly before the end of the phase, no slip's, goes unheeded.
     """
-    if not locate:
-        sustain(dm, motion, phase, span, tol, False)
-        return True
-    done, event = follow_to_event(dm, motion, phase, span, tol)
-    if is_slip_end(event):
-        return False
-    if event != NO_EVENT:
-        sustain(dm, motion, phase + dm.omega * done, span - done, tol, False)
-    return True
+    done, event = 0.0, NO_EVENT
+    if locate:
+        done, event = follow_to_event(dm, motion, phase, span, tol)
+        if event == NO_EVENT or is_slip_end(event) or event == OUT_OF_STEPS:
+            return event
+    _, event = sustain(dm, motion, phase + dm.omega * done, span - done, tol, False)
+    return OUT_OF_STEPS if event == OUT_OF_STEPS else NO_EVENT
 
 
 @compiled
 def panel(dm, motion, phase, h, tol, locate, rows):
-    """Works over a panel of the length h by both rules, and the contact state at its end; False where a slip ends in it."""
+    """Works over a panel of the length h by both rules, and the contact state at its end.
+
+    Returns
+    -------
+    int
+        NO_EVENT, the end of a slip before the last place of the rules, or OUT_OF_STEPS.
+    """
+    set_bound(motion.meter, PANEL_BOUND)
     for k in range(N_WORK):
         rows[S_KRONROD, k], rows[S_GAUSS, k] = 0.0, 0.0
     at = 0.0
     for j in range(N_PLACES):
-        if not go_to(dm, motion, phase + dm.omega * h * at, h * (PLACES[j] - at), tol, locate):
-            return False
+        event = go_to(dm, motion, phase + dm.omega * h * at, h * (PLACES[j] - at), tol, locate)
+        if event != NO_EVENT:
+            return event
         at = PLACES[j]
         powers(dm, motion, phase + dm.omega * h * at, rows[S_POWER])
         for k in range(N_WORK):
             rows[S_KRONROD, k] += h * KRONROD[j] * rows[S_POWER, k]
             rows[S_GAUSS, k] += h * GAUSS[j] * rows[S_POWER, k]
-    return True
+    event = go_to(dm, motion, phase + dm.omega * h * at, h * (1.0 - at), tol, locate)
+    return OUT_OF_STEPS if event == OUT_OF_STEPS else NO_EVENT
 
 
 @compiled
@@ -133,6 +142,11 @@ def contact_work(dm, motion, span, rtol, tol, unit, rows, done):
         Scratch.
     done : float64 array, shape (N_WORK,)
         Filled in place [J].
+
+    Returns
+    -------
+    bool
+        Whether the steps that a phase may take were enough.
     """
     state, y, begun = motion.state, motion.contact, rows[S_BEGUN]
     motion.course[0].slip_tol = no_slip(dm, state, rtol)
@@ -145,7 +159,8 @@ def contact_work(dm, motion, span, rtol, tol, unit, rows, done):
     while t < span:
         h = min(h, span - t)
         look = locate and t + h >= span  # what ends the phase is at the end of the last panel
-        sound = panel(dm, motion, start + dm.omega * t, h, tol, look, rows)
+        event = panel(dm, motion, start + dm.omega * t, h, tol, look, rows)
+        sound = event == NO_EVENT
         if (not sound or doubt(rows, unit) > WORK_DOUBT) and h > SHORTEST * dm.period:
             h, shortened = 0.5 * h, True
             copy(begun, y, N_Y)
@@ -153,11 +168,11 @@ def contact_work(dm, motion, span, rtol, tol, unit, rows, done):
         if not sound:
             if h + t >= span:
                 break
+            if event == OUT_OF_STEPS:
+                return False
             locate = False
             copy(begun, y, N_Y)
             continue
-        last = h * PLACES[N_PLACES - 1]
-        go_to(dm, motion, start + dm.omega * (t + last), h - last, tol, look)
         copy(y, begun, N_Y)
         for k in range(N_WORK):
             done[k] += rows[S_KRONROD, k]
@@ -167,3 +182,4 @@ def contact_work(dm, motion, span, rtol, tol, unit, rows, done):
         shortened = False
     kernel_state(dm, motion.modes, y, state)
     state[PHASE] += dm.omega * span
+    return True

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dimersweep.kernel.compiler.jit import compiled, exported
+from dimersweep.kernel.compiler.jit import compiled, exported, plain
 from dimersweep.kernel.compiler.records import new_record
 from dimersweep.kernel.model.layout import CA, CB, DIP, SPIN, WB, WP, Dimer
 from dimersweep.kernel.model.plate import TWO_PI, amplitude
@@ -249,5 +249,5 @@ def rise_at(dm, beta):
 def slip_at(dm, state, i):
     """Axial and lateral velocity of the contact point of end i in a kernel state [m s-1]."""
     beta = dm.beta_0 + state[DIP]
-    lv = getattr(levers, "py_func", levers)((dm.p1, dm.p2)[i], np.sin(beta), np.cos(beta))
+    lv = plain(levers)((dm.p1, dm.p2)[i], np.sin(beta), np.cos(beta))
     return state[CA] + lv.a * state[WB], state[CB] + lv.b * state[WP] + lv.c * state[SPIN]
