@@ -16,14 +16,8 @@ from dimersweep.kernel.model.layout import (
     N2,
     N_STATE,
 )
-from dimersweep.runs.stability import (
-    Section,
-    lyapunov,
-    multipliers,
-    of_orbit,
-    qr_growth,
-    spectrum,
-)
+from dimersweep.runs.period_map import Section
+from dimersweep.runs.stability import lyapunov, multipliers, of_orbit, qr_growth, spectrum
 
 G = 9.81
 

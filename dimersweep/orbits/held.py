@@ -11,7 +11,7 @@ import numpy as np
 from dimersweep.kernel.model.layout import PERIOD, PHASE, THETA
 from dimersweep.orbits.passage import TURN
 from dimersweep.orbits.poincare import SPIN_COORDINATE, Image, ReturnMap
-from dimersweep.runs.stability import Section
+from dimersweep.runs.period_map import Section
 
 
 @dataclass(eq=False)

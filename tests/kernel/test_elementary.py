@@ -15,7 +15,7 @@ from dimersweep.kernel.compiler.cache import load
 from dimersweep.kernel.compiler.versions import FAST, way
 from dimersweep.kernel.model import body
 from dimersweep.parameters import Parameters
-from dimersweep.runs.stability import Section
+from dimersweep.runs.period_map import Section
 from dimersweep.work.proving import outcomes
 from tests.checks import verbs
 
