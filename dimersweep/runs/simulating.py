@@ -82,7 +82,7 @@ def simulate(
     given = Parameters(**(parameters if begun is None else _with_start(parameters, begun)))
     switches = check_switch("stop_when_settled", stop_when_settled), check_switch("record", record)
     how = check_count("periods", periods), check_rtol(rtol), *switches
-    seconds = check_seconds("max_seconds", max_seconds)
+    seconds = check_seconds(max_seconds)
     if record:
         check_recorded(how[0])
     if not is_proven():
