@@ -66,9 +66,8 @@ FIRST_WITHOUT_FORCE = 1e-5
 LEAST_STEP = 1e-14  # step, in forcing periods, below which the contact force grows beyond all bounds
 PLAIN_LEAST_TURN = 0.02  # time in which the slip turns, in forcing periods, below which the plain method is left
 FALLING = 0.15  # rate of slip, in units of -gamma, from which the rescaled method takes it
-SOON = (
-    0.1  # rate at which the compliance falls, in units of itself and of gamma / v, that calls for the rescaled method
-)
+# rate at which the compliance falls, in units of itself and of gamma / v, that calls for the rescaled method
+SOON = 0.1
 BRAKED = 1e3  # braking of the turn of a spinning dimer, per forcing period, from which it is stiff
 PHASE_TURNS = 7.0  # of a slip, that an explicit step may span: what the method bears
 SLIGHT = 1e-6  # turn of the slip over which that rate is taken [rad]
