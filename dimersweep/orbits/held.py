@@ -35,7 +35,7 @@ class HeldMap(ReturnMap):
         for k in range(self.periods):
             state[PHASE] = since if k == 0 else 0.0
             state, modes, _ = self.tape.run(row, state, 1, self.rtol)
-            there = Section(self.parameters, row, self.rtol, self.tape.space)
+            there = Section(row, self.rtol, self.tape.space)
             point = there.point(state)
             spin = float(point[SPIN_COORDINATE]) * self.unit
             point[SPIN_COORDINATE] = self.spin / self.unit

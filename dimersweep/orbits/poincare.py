@@ -120,7 +120,7 @@ class ReturnMap:
     def __post_init__(self) -> None:
         self.row = self.row_at(self.phase)
         self.dimer = dimer_of(self.row)
-        self.section = Section(self.parameters, self.row, self.rtol, self.tape.space)
+        self.section = Section(self.row, self.rtol, self.tape.space)
         self.free = np.array(free_coordinates(self.modes))
         self.slow = int(np.flatnonzero(self.free == SPIN_COORDINATE)[0])
         self.unit = float(self.section.units[SPIN_COORDINATE])  # of the spin [rad/s]

@@ -37,19 +37,15 @@ class Section:
 
     Parameters
     ----------
-    parameters : dict
-        Of the run.
     row : ndarray, shape (N_ROW,)
-        The same as the kernel takes them.
+        Their parameters.
     rtol : float
         Accuracy of the map [1].
     space : Workspace, optional
         Scratch arrays to share.
     """
 
-    def __init__(
-        self, parameters: dict[str, float], row: np.ndarray, rtol: float, space: Workspace | None = None
-    ) -> None:
+    def __init__(self, row: np.ndarray, rtol: float, space: Workspace | None = None) -> None:
         self.row, self.rtol = row, rtol
         self.dm = dimer_of(row)
         omega = self.dm.omega

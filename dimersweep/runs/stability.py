@@ -149,7 +149,7 @@ def multipliers(run: Run) -> Multipliers:
     record, state, modes = _end(run, "multipliers")
     if run.mode_period == 0:
         raise ParameterError(f"multipliers: the motion does not repeat (mode {run.mode}); give it more periods")
-    return of_orbit(Section(run.parameters, record.row, min(run.rtol, MAP_RTOL)), state, modes, run.mode_period)
+    return of_orbit(Section(record.row, min(run.rtol, MAP_RTOL)), state, modes, run.mode_period)
 
 
 def of_orbit(section: Section, state: np.ndarray, modes: np.ndarray, periods: int) -> Multipliers:
@@ -277,7 +277,7 @@ def _way_on(run: Run, periods: int, wanted: str) -> _Way:
     rows = record.segments[period_rows(record.segments)][run.n_periods :]
     if not settled and longer.settled_after > run.n_periods:
         rows = rows[: int(longer.settled_after) - run.n_periods + 1]
-    section = Section(run.parameters, record.row, min(run.rtol, MAP_RTOL))
+    section = Section(record.row, min(run.rtol, MAP_RTOL))
     modes = rows[:, SEGMENT_MODES:SEGMENT_HOP_TIME]
     return _Way(section, rows[:, :N_STATE], modes, settled, before, periods)
 

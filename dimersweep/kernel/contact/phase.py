@@ -193,7 +193,7 @@ def end_slip_on_line(dm, p, b):
     modes, y, c = p.modes, p.y, b.control[0]
     sets_out = c.time == 0.0 and c.speed <= p.slip_tol  # its mode was chosen: rounding has no say in its rate
     if p.locate and not sets_out and c.speed < PLAIN_LEAST_TURN * dm.period * c.stiffness:
-        lands = landing_in_sight(dm, modes, y, b.dy) / PAST_LANDING
+        lands = landing_in_sight(modes, y, b.dy) / PAST_LANDING
         i = slip_about_to_end(dm, modes, y, b.dy, min(lands, p.span - c.time), p.tol, p.slip_tol)
         if i >= 0:
             c.time += run_to_slip_end(dm, modes, y, b.dy, i, p.slip_tol, p.n)
@@ -216,7 +216,7 @@ def choose_step(dm, p, b):
         h = min(h, 0.5 * FIRST_PHASE_STEP * c.natural * dm.period)
     if method != RESCALED:
         slowing = SLIDING if method == IMPLICIT else (0.9 if v == inf else min(0.9, HALTING * sqrt(c.natural)))
-        h = min(h, min(slowing * slip_limit(dm, modes, y, b.dy), landing_in_sight(dm, modes, y, b.dy)))
+        h = min(h, min(slowing * slip_limit(dm, modes, y, b.dy), landing_in_sight(modes, y, b.dy)))
     if method == PLAIN_METHOD and gamma > 0.0:
         h = min(h, PHASE_TURNS * v / max(gamma, stiffness(dm, modes, y, 0.5 * dm.m * dm.g)))
     last = method != RESCALED and h >= left * (1.0 - 1e-12)
@@ -251,7 +251,7 @@ def jams_soon(dm, modes, phase, v, gamma, b):
 
 
 @compiled
-def landing_in_sight(dm, modes, y, dy):
+def landing_in_sight(modes, y, dy):
     """Time after which the open end has landed at its present acceleration, and a little more; inf if it does not."""
     sign = 1.0 if modes[0] != FREE else -1.0
     gap, rate, fall = sign * y[YDIP], sign * y[YWB], sign * dy[YWB]
