@@ -189,10 +189,6 @@ class Grid:
         """Number of points."""
         return prod(self.shape)
 
-    def rows(self, start: int, stop: int) -> np.ndarray:
-        """Kernel rows of the points `start` to `stop` - 1, shape (stop - start, N_ROW), float64."""
-        return self.rows_at(np.arange(start, stop))
-
     def rows_at(self, points: np.ndarray) -> np.ndarray:
         """Kernel rows of `points`, numbers in C order of shape (n,); shape (n, N_ROW), float64."""
         return fill_rows(self.fixed | self.values(points), points.size)
