@@ -61,8 +61,10 @@ def answer(n: int, rtol: float) -> list[tuple[str, dict[str, float]]]:
 
 def answers_of(revision: str, n: int, rtol: float) -> list[tuple[str, dict[str, float]]]:
     """What a revision answers, in a process of its own."""
-    # not in that process: of an old revision this could not be imported
-    from compare import checked_out, environment_of
+    from compare import (
+        checked_out,
+        environment_of,
+    )  # not in that process: of an old revision this could not be imported
 
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
