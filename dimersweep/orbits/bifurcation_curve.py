@@ -57,7 +57,7 @@ class BifurcationCurve(FollowedCurve):
 
     def _met(self, point: Point) -> Special:
         for a, b in walked(self.axis, point):
-            for special in specials(self.axis, a, b, words=False)[0]:
+            for special in specials(self.axis, a, b, words=False):
                 if special.kind is self.kind:
                     return special
         raise OrbitLost(f"none within {WALK_POINTS} points of the branch")

@@ -17,7 +17,7 @@ from dimersweep.orbits.labelling import dataset
 from dimersweep.orbits.manifold import creep_of
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import OrbitLost, Tape
-from dimersweep.orbits.specials import Special, doubled, specials
+from dimersweep.orbits.specials import Leap, Special, doubled, specials
 from dimersweep.parameters import check_effect, check_name, value_of
 from dimersweep.symbols import PARAMETERS
 
@@ -112,13 +112,12 @@ def traced(
         if others:
             others = []  # one of them goes on
         nxt, end = _window(axis, point, nxt, start, to)
-        found, leap = specials(axis, point, nxt, words)
+        found, leap = _specials(axis, point, nxt, words)
         flips = [special for special in found if special.kind is FLIP] if switch else []
         kept = found[: found.index(flips[0]) + 1] if flips else found
         entries += [_entry(special.point, special) for special in kept]
         if leap is not None:
-            end = f"word: the orbit does not go on beyond its word; the next one found has the word {leap.word}"
-            return Trace([*entries, _entry(leap.last)], end, tape.periods)
+            return Trace([*entries, _entry(leap.last)], f"word: {leap}", tape.periods)
         if flips:
             try:
                 nxt, switch, end, step = doubled(axis, flips[0].point), False, "", FIRST_STEP
@@ -186,6 +185,13 @@ def _window(axis: Axis, a: Point, b: Point, start: float, to: float) -> tuple[Po
             except OrbitLost:
                 return b, why
     return b, ""
+
+
+def _specials(axis: Axis, a: Point, b: Point, words: bool) -> tuple[list[Special], Leap | None]:
+    try:
+        return specials(axis, a, b, words), None
+    except Leap as leap:
+        return leap.found, leap
 
 
 def _entry(point: Point, special: Special | None = None) -> BranchRow:

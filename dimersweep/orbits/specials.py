@@ -47,32 +47,17 @@ def between(axis: Axis, a: Point, b: Point, share: float) -> Point:
     return corrected(axis, near, start + share * way, way / np.linalg.norm(way))
 
 
-class Leap(NamedTuple):
-    """The end of a branch at a change of word: the next orbit that is found belongs to another branch.
-
-    Attributes
-    ----------
-    last : Point
-    word : str
-        Of what lies beyond.
-    """
-
-    last: Point
-    word: str
-
-
-def specials(axis: Axis, a: Point, b: Point, words: bool = True) -> tuple[list[Special], Leap | None]:
-    """Special points between two points of a branch, in their order; or the changes of word before it ends, and how it does."""
+def specials(axis: Axis, a: Point, b: Point, words: bool = True) -> list[Special]:
+    """Special points between two points of a branch, in their order."""
     found = []
     for kind in BORDER_KINDS.values():
         if isinstance(kind, Bifurcation) and kind.test(a) * kind.test(b) < 0:
             special = located(axis, kind, a, b)
             if special is not None:
                 found.append(special)
-    changes, leap = word_changes(axis, a, b) if words else ([], None)
-    if leap is not None:
-        return changes, leap
-    return sorted([*found, *changes], key=lambda special: special.share), None
+    if words:
+        found.extend(word_changes(axis, a, b))
+    return sorted(found, key=lambda special: special.share)
 
 
 def located(axis: Axis, kind: Bifurcation, a: Point, b: Point) -> Special | None:
@@ -94,20 +79,43 @@ def located(axis: Axis, kind: Bifurcation, a: Point, b: Point) -> Special | None
     return Special(kind, point, share) if abs(kind.test(point)) < 1e-3 * scale else None
 
 
-def word_changes(axis: Axis, a: Point, b: Point) -> tuple[list[Special], Leap | None]:
-    """Where the word changes between two points, by halving, up to a change whose two sides are not of one branch."""
+class Leap(Exception):
+    """The branch ends at a change of word: the next orbit that is found belongs to another branch.
+
+    Parameters
+    ----------
+    found : list of Special
+        Word changes before it.
+    last : Point
+    word : str
+        Of what lies beyond.
+    """
+
+    def __init__(self, found: list[Special], last: Point, word: str) -> None:
+        super().__init__(f"the orbit does not go on beyond its word; the next one found has the word {word}")
+        self.found, self.last = found, last
+
+
+def word_changes(axis: Axis, a: Point, b: Point) -> list[Special]:
+    """Where the word changes between two points, by halving.
+
+    Raises
+    ------
+    Leap
+        If the points on both sides of a change are not those of one branch.
+    """
     found: list[Special] = []
     low, left = 0.0, a
     last = word_of(b.fixed.image.passage)
     while (word := word_of(left.fixed.image.passage)) != last:
         change = last_with(axis, word.__eq__, low, left, b)
         if change.jump > JOINED:
-            return found, Leap(change.at, change.word)
+            raise Leap(found, change.at, change.word)
         found.append(Special(change_of(word, change.word), change.at, change.share, change.jump, (word, change.word)))
         if len(found) > MOST_CHANGES:
-            return found, Leap(change.at, change.word)
+            raise Leap(found, change.at, change.word)
         low, left = change.share, change.beyond
-    return found, None
+    return found
 
 
 class Changed(NamedTuple):

@@ -23,7 +23,7 @@ from dimersweep.orbits.manifold import lag, multipliers_of
 from dimersweep.orbits.newton import defect
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import OrbitLost
-from dimersweep.orbits.specials import Special, between, last_with, specials
+from dimersweep.orbits.specials import Leap, Special, between, last_with, specials
 from dimersweep.orbits.stability_end import is_stable, last_that, stays_stable, walked
 from dimersweep.orbits.word import Sides, far_ends, rests, sides_of, word_of
 
@@ -113,7 +113,7 @@ class WordCurve(FollowedCurve):
         for way in ways:
             with suppress(OrbitLost):
                 for a, b in walked(self.axis, way):
-                    for special in specials(self.axis, a, b)[0]:
+                    for special in self._specials(a, b)[0]:
                         if self._is_met(special):
                             return special
         raise OrbitLost(f"no {self.kind.name} is met by a motion that comes to no rest")
@@ -123,13 +123,13 @@ class WordCurve(FollowedCurve):
         with suppress(OrbitLost):
             for step in walked(self.axis, begin):
                 for a, b in self._parts(*step, PARTS):
-                    found, leap = specials(self.axis, a, b)
+                    found, goes_on = self._specials(a, b)
                     for special in found:
                         if special.kind is FOLD or not comes_to_rest(special.point):
                             return
                         if self._is_met(special):
                             yield special
-                    if leap is not None or b.tangent[-1] * begin.tangent[-1] < 0 or not comes_to_rest(b):
+                    if not goes_on or b.tangent[-1] * begin.tangent[-1] < 0 or not comes_to_rest(b):
                         return
 
     def _parts(self, a: Point, b: Point, halvings: int) -> Iterator[tuple[Point, Point]]:
@@ -143,6 +143,13 @@ class WordCurve(FollowedCurve):
                     yield from self._parts(middle, b, halvings - 1)
                     return
         yield a, b
+
+    def _specials(self, a: Point, b: Point) -> tuple[list[Special], bool]:
+        """Special points of a step, and whether the branch goes on to its end."""
+        try:
+            return specials(self.axis, a, b), True
+        except Leap as leap:
+            return leap.found, False
 
     def _to_pieces(self, ways: list[Point]) -> Found:
         """The last orbit of which an end comes to rest: beyond it is a border for each number of bounces.

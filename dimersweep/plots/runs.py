@@ -69,15 +69,12 @@ def impact_rates(run: "Run", time: float) -> xr.Dataset:
     >>> sorted(rates.data_vars)
     ['beta_rate', 'kind', 'spin_rate', 'theta_rate']
     """
-    from dimersweep.kernel.model.body import contact_jacobian  # Numba: pictures of cubes do without
-
     dm = dimer_from(run.parameters)
     rows = run.events.isel(event=np.flatnonzero((run.events["time"] == time) & (run.events["cause"] == "impact")))
     before = run.states(max(0.0, time - 1e-9 * dm.period))
     theta, theta_rate = float(before["theta"]), float(before["theta_rate"])
     # lateral velocity of each end per theta' cos(beta) and per axial spin, and what a unit impulse gives of these
-    jacobians = [contact_jacobian(end, dm.sin_0, dm.cos_0) for end in (dm.p1, dm.p2)]
-    levers = np.array([[lever.b, lever.c] for lever in jacobians])
+    levers = np.array([[end.r * dm.sin_0 - end.h, -end.r * dm.cos_0] for end in (dm.p1, dm.p2)])
     gives = levers * [dm.it, dm.ia]
     turning = np.array([theta_rate * dm.cos_0, float(before["spin_rate"]) + theta_rate * dm.sin_0])
     across = float(before["x1_rate"]) * np.cos(theta) + float(before["y1_rate"]) * np.sin(theta) + dm.p1.h * turning[0]

@@ -155,12 +155,10 @@ class Levers(NamedTuple):
     c: float  # lateral velocity per axial spin
 
 
-def contact_jacobian(p, sin_b, cos_b):
-    """Contact Jacobian of the end p, (A.1) and (A.3), at the sine and cosine of a dip angle: floats, or arrays of one shape."""
+@compiled(inline=True)
+def levers(p, sin_b, cos_b):
+    """Contact Jacobian of the end p, (A.1) and (A.3)."""
     return Levers(p.h * cos_b, p.r - p.h * sin_b, p.r * sin_b - p.h, -p.r * cos_b)
-
-
-levers = compiled(contact_jacobian, inline=True)  # for the kernel
 
 
 @compiled(inline=True)
@@ -243,5 +241,5 @@ def rise_at(dm, beta):
 def slip_at(dm, state, i):
     """Axial and lateral velocity of the contact point of end i in a kernel state [m s-1]."""
     beta = dm.beta_0 + state[DIP]
-    lv = contact_jacobian((dm.p1, dm.p2)[i], np.sin(beta), np.cos(beta))
+    lv = getattr(levers, "py_func", levers)((dm.p1, dm.p2)[i], np.sin(beta), np.cos(beta))
     return state[CA] + lv.a * state[WB], state[CB] + lv.b * state[WP] + lv.c * state[SPIN]
