@@ -195,17 +195,17 @@ def check_switch(name: str, value: Any) -> bool:
     raise ParameterError(f"{name} = {_shown(value)}: must be True or False")
 
 
-def check_seconds(name: str, value: Any) -> float | None:
-    """A bound on time [s] as a float above 0, or None for none.
+def check_seconds(max_seconds: Any) -> float | None:
+    """A bound on the time of a run [s] as a float above 0, or None for none.
 
     Raises
     ------
     ParameterError
         If it is no number, or not above 0.
     """
-    if value is None:
+    if max_seconds is None:
         return None
-    number = as_number(name, value)
+    number = as_number("max_seconds", max_seconds)
     if number <= 0:
-        raise ParameterError(f"{name} = {number}: must be > 0")
+        raise ParameterError(f"max_seconds = {number}: must be > 0")
     return min(number, MAX_SECONDS)

@@ -315,7 +315,9 @@ def test_a_window_for_a_worker_has_whole_lines():
         narrow, (tile,), shift = spec.narrowed((Tile(start, start + 10),))
         assert narrow.line == spec.line == 10
         assert (tile.start + shift, tile.stop + shift) == (start, start + 10)
-        np.testing.assert_array_equal(narrow.grid.rows(*tile), spec.grid.rows(start, start + 10))
+        np.testing.assert_array_equal(
+            narrow.grid.rows_at(np.arange(*tile)), spec.grid.rows_at(np.arange(start, start + 10))
+        )
         (direction,) = set(narrow.grid.values(np.arange(*tile))["direction"].tolist())
         assert direction == start // 10 % 2
 

@@ -113,7 +113,7 @@ def test_what_is_said_of_a_stop_between_two_steps_is_taken(start, step, n, part)
 def test_points_are_numbered_in_c_order():
     grid = make_grid({"f": [15, 20], "beta0": [0.1, 0.2, 0.3]}, {"mu": 0.1})
     assert grid.shape == (2, 3)
-    f, beta0, mu = (grid.rows(0, 6)[:, ROW.index(name)] for name in ("f", "beta0", "mu_1"))
+    f, beta0, mu = (grid.rows_at(np.arange(6))[:, ROW.index(name)] for name in ("f", "beta0", "mu_1"))
     np.testing.assert_array_equal(f, [15, 15, 15, 20, 20, 20])
     np.testing.assert_array_equal(beta0, [0.1, 0.2, 0.3] * 2)
     assert (mu == 0.1).all()
@@ -122,7 +122,7 @@ def test_points_are_numbered_in_c_order():
 def test_one_end_of_its_own_leaves_the_other_at_e():
     grid = make_grid({"e_1": [0.3, 0.5]})
     assert "e" not in grid.fixed
-    np.testing.assert_array_equal(grid.rows(0, 2)[:, :2], [[0.3, 0.6], [0.5, 0.6]])
+    np.testing.assert_array_equal(grid.rows_at(np.arange(2))[:, :2], [[0.3, 0.6], [0.5, 0.6]])
 
 
 @pytest.mark.parametrize(
@@ -136,7 +136,7 @@ def test_one_end_of_its_own_leaves_the_other_at_e():
 )
 def test_each_end_has_its_own_value_or_that_of_both(axes, fixed, expected):
     grid = make_grid(axes, fixed)
-    np.testing.assert_array_equal(grid.rows(0, grid.size)[:, :2], expected)
+    np.testing.assert_array_equal(grid.rows_at(np.arange(grid.size))[:, :2], expected)
 
 
 def test_what_is_the_same_at_the_ends_is_told_alike():
@@ -151,7 +151,7 @@ def test_what_is_the_same_at_the_ends_is_told_alike():
 def test_any_range_of_points_is_the_same_slice_of_the_grid(start, stop):
     grid = make_grid({"e": [0.5, 0.6], "f": [15, 20, 25], "A_r": [4, 5, 6, 7]})
     start, stop = min(start, stop), max(start, stop)
-    np.testing.assert_array_equal(grid.rows(start, stop), grid.rows(0, 24)[start:stop])
+    np.testing.assert_array_equal(grid.rows_at(np.arange(start, stop)), grid.rows_at(np.arange(24))[start:stop])
 
 
 @pytest.mark.parametrize(

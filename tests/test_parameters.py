@@ -112,9 +112,9 @@ def test_runs_axes_fixed_values_and_points_have_one_rule_for_the_ends(values, da
     axes, fixed = {name: [values[name]] for name in varied}, {n: v for n, v in values.items() if n not in varied}
     judged = {
         "run": lambda: Parameters(**values).row(),
-        "grid": lambda: make_grid(axes, fixed).rows(0, 1)[0],
-        "points": lambda: make_points(axes, fixed).rows(0, 1)[0],
-        "fixed": lambda: make_grid({"f": [15.0]}, values).rows(0, 1)[0],
+        "grid": lambda: make_grid(axes, fixed).rows_at(np.arange(1))[0],
+        "points": lambda: make_points(axes, fixed).rows_at(np.arange(1))[0],
+        "fixed": lambda: make_grid({"f": [15.0]}, values).rows_at(np.arange(1))[0],
     }
     if len(values) == 3:
         for row in judged.values():

@@ -16,14 +16,8 @@ from dimersweep.kernel.model.layout import (
     N2,
     N_STATE,
 )
-from dimersweep.runs.stability import (
-    Section,
-    lyapunov,
-    multipliers,
-    of_orbit,
-    qr_growth,
-    spectrum,
-)
+from dimersweep.runs.period_map import Section
+from dimersweep.runs.stability import lyapunov, multipliers, of_orbit, qr_growth, spectrum
 
 G = 9.81
 
@@ -72,7 +66,7 @@ def test_a_ball_that_bounces_once_a_period_has_its_multipliers(e, Gamma):
     state[D1] = state[D2] = height + amplitude * (sin(phase) - sin(phase - pi))
     state[D2] += 1e-7 * height  # one after the other: two balls that land at once need the impact at both ends
     state[N1] = state[N2] = -amplitude * omega * cos(phase - pi)
-    found = of_orbit(Section(parameters.given(), parameters.row(), 1e-11), state, np.zeros(2), 1)
+    found = of_orbit(Section(parameters.row(), 1e-11), state, np.zeros(2), 1)
     assert found.closure < 1e-5
     wanted = np.sort_complex(np.concatenate([expected, expected, np.ones(4)]))
     assert np.prod(expected) == pytest.approx(e**2)
@@ -106,7 +100,7 @@ def test_each_impact_of_a_ball_contracts_by_the_square_of_its_restitution():
 def test_the_map_goes_on_as_a_run_does():
     short, long = (simulate(periods=periods).record("the test").segments[-1][:N_STATE] for periods in (10, 15))
     parameters = Parameters()
-    section = Section(parameters.given(), parameters.row(), 1e-8)
+    section = Section(parameters.row(), 1e-8)
     image, modes = section.after(short.copy(), 5)
     assert image == pytest.approx(section.point(long), abs=1e-6)
     assert section.point(section.state(image)) == pytest.approx(image, abs=1e-12)

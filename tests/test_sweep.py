@@ -68,7 +68,7 @@ def test_the_numbers_do_not_depend_on_tiles_and_workers(fake_kernel, monkeypatch
 def test_a_sweep_costs_little_beyond_its_kernel():
     """Processor time, which other programs change little, over that of plain calls for the same points."""
     grid = {"f": [15, 20, 25], "beta0": np.linspace(0.05, 1.5, 150)}
-    rows = make_grid(grid).rows(0, 450)
+    rows = make_grid(grid).rows_at(np.arange(450))
     out, codes = blank(len(rows))
     quiet_sweep({"f": [15, 20]})  # compiles
 

@@ -31,9 +31,8 @@ AXIAL = 10.0  # lateral part of a slip that is none, in units of the slip that i
 LEFT = 1e-3  # gap rate, in tolerances, that is none
 
 AA, AB, AN, AE = range(4)  # of the slip of one end: axial and lateral slip, gap rate, stored energy
-ZN1, ZN2, ZX1, ZX2, ZA, ZB1, ZB2 = range(
-    7
-)  # of two ends: gap rates, compressions, the axial slip they share, lateral ones
+# of two ends: gap rates, compressions, the axial slip they share, lateral ones
+ZN1, ZN2, ZX1, ZX2, ZA, ZB1, ZB2 = range(7)
 
 
 class End(NamedTuple):

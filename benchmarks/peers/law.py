@@ -141,9 +141,8 @@ def direction(body, w, free, free_j, i, side, hold):
     """Direction in which a slip sets out along its own acceleration; the one against the hold if none is found."""
     before, low = 0.0, hold
     for k in range(DIRECTIONS + 1):
-        high = (
-            hold + pi + 2.0 * pi * (k - 0.5) / DIRECTIONS
-        )  # the first interval is about the direction against the hold
+        # the first interval is about the direction against the hold
+        high = hold + pi + 2.0 * pi * (k - 0.5) / DIRECTIONS
         across, _, _ = sets_out(body, w, free, free_j, i, side, high)
         if k > 0 and before * across <= 0.0:
             right = high

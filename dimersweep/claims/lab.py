@@ -71,10 +71,11 @@ class Lab:
         """Parameters with the hold of a lasting contact as it is read."""
         return given | ({"mu_h": given.get("mu", BASE["mu"])} if self.reading == "mu" else {})
 
-    def _first(self, grid: dict[str, Any], **fixed: Any) -> xr.Dataset:
-        """The orbit at each point, from the least initial dip angle that drifts."""
-        how: dict[str, Any] = {"periods": 300, "orbit_periods": self.late} | self.how
-        return search(grid | {"beta0": self.starts}, self.held(**fixed), over="beta0", ask="first", **how)
+    def _first(self, grid: dict[str, Any], fixed: Mapping[str, Any] | None = None, **more: Any) -> xr.Dataset:
+        """The orbit at each point, from the least initial dip angle that drifts; `more` is how, if otherwise than usual."""
+        whole = grid if "beta0" in grid else grid | {"beta0": self.starts}
+        how: dict[str, Any] = {"periods": 300, "orbit_periods": self.late} | self.how | more
+        return search(whole, self.held(**(fixed or {})), over="beta0", ask="first", **how)
 
     def _fates(self, e: np.ndarray, Gamma: np.ndarray, periods: int) -> xr.Dataset:
         """What becomes of starts all over the dip angle, at pairs of e and Gamma."""
@@ -142,13 +143,9 @@ class Lab:
     @cached_property
     def fast(self) -> xr.Dataset:
         """Orbits over the initial velocity and the aspect ratio (Fig. 17), up to past the first minimum."""
-        grid = {
-            "A_r": [5, 6, 7],
-            "xdot0": {"start": 0.5, "stop": 6.5, "step": 0.25 if self.small else 0.125},
-            "beta0": self.starts,
-        }
+        speeds = {"start": 0.5, "stop": 6.5, "step": 0.25 if self.small else 0.125}
         periods = 300 if self.small else 1000
-        return search(grid, self.held(), over="beta0", ask="first", periods=periods, orbit_periods=periods, **self.how)
+        return self._first({"A_r": [5, 6, 7], "xdot0": speeds}, periods=periods, orbit_periods=periods)
 
     @cached_property
     def reached(self) -> xr.Dataset:
@@ -158,20 +155,17 @@ class Lab:
     @cached_property
     def planar(self) -> xr.Dataset:
         """Drift of the planar dimer over the aspect ratio, with its mean velocity."""
-        grid = {"A_r": {"start": 3, "stop": 12, "step": 1 if self.small else 0.5}, "beta0": self.starts}
-        how: dict[str, Any] = {"periods": 300, "orbit_periods": self.late} | self.how
-        paths = {"periods": self.late, "per_period": 1}
-        return search(grid, self.held(xdot0=0), over="beta0", ask="first", paths=paths, **how)
+        grid = {"A_r": {"start": 3, "stop": 12, "step": 1 if self.small else 0.5}}
+        return self._first(grid, {"xdot0": 0}, paths={"periods": self.late, "per_period": 1})
 
     @cached_property
     def small_dimer(self) -> xr.Dataset:
         """The small dimer for an experiment (Sect. 5.2): A_r = 4, r = 2 mm, over friction and frequency."""
-        beta0 = degrees(1, 88, 3 if self.small else 1)
-        how: dict[str, Any] = {"over": "beta0", "ask": "first", "periods": 300, "orbit_periods": self.late} | self.how
+        grid = {"f": [15, 20], "beta0": degrees(1, 88, 3 if self.small else 1)}
         parts = []
         for mu in (0.4, 0.6, 0.8):  # one search each, as what holds a lasting contact may go with mu
-            fixed = self.held(A_r=4, r=2e-3, mu=mu, mu_s=0.8)
-            parts.append(search({"f": [15, 20], "beta0": beta0}, fixed, **how)[["radius", "mode", "di_end"]])
+            cube = self._first(grid, {"A_r": 4, "r": 2e-3, "mu": mu, "mu_s": 0.8})
+            parts.append(cube[["radius", "mode", "di_end"]])
         return xr.concat([part.drop_vars("mu", errors="ignore") for part in parts], "mu", combine_attrs="override")
 
     # --- orbits -------------------------------------------------------------------------------------------------

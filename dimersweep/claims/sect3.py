@@ -10,12 +10,12 @@ from dimersweep.orbits.ball import ball_fold
 from dimersweep.runs.run import Run
 
 
-def cycle_times(run: Run, points: int = 20_001) -> np.ndarray:
+def cycle_times(run: Run) -> np.ndarray:
     """Times of the last full cycle, from just before a double impact to just before the next [s]."""
     T = 1 / run.parameters["f"]
     kinds = run.events["kind"].values
     last = run.events["time"].values[np.char.startswith(kinds, "DI")][-1]
-    return np.linspace(last - T, last, points)[:-1] - 1e-6 * T
+    return np.linspace(last - T, last, 20_001)[:-1] - 1e-6 * T
 
 
 def last_double_impact(run: Run) -> list[str]:

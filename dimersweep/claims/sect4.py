@@ -10,6 +10,7 @@ from dimersweep.cubes.cube import names
 from dimersweep.cubes.reading import drift_intervals, drift_lengths, runs_of, stick_ratio
 from dimersweep.kernel.model.layout import M_DRIFT, M_REST, MODES
 from dimersweep.orbits.ball import ball_flip, ball_fold
+from dimersweep.parameters import dimer_from
 from dimersweep.runs.run import Run
 
 STEADY = 1e-6  # growth of the radius a period that is none: a spiral of Fig. 10 shrinks by 1.7e-6
@@ -68,7 +69,7 @@ def interval_lengths(lab: Lab) -> Finding:
     error = step * np.sqrt(np.mean([len(intervals) for intervals in drift_intervals(lab.dips)]) / 3)
     value = f"{lengths[0]:.3f}, {lengths[1]:.3f}, {lengths[2]:.3f} rad (each ± {error:.3f} by the grid)"
     f, p = lab.dips["f"].values, lab.base.parameters
-    heights = 2 * p["r"] * (p["A_r"] - 1) * f**2 / p["g"]
+    heights = dimer_from(p).l * f**2 / p["g"]
     reason = (
         f"what a start falls through, in the height of a bounce g/f^2, reaches up to {heights[0]:.2f}, {heights[1]:.2f}, "
         f"{heights[2]:.2f}: at 15 Hz only the first few intervals fit below pi/2, from 20 Hz on the lengths differ by "
@@ -79,15 +80,12 @@ def interval_lengths(lab: Lab) -> Finding:
 
 def kinetic_energy(run: Run) -> tuple[float, float]:
     """Energies per mass right after the double impact, from where it takes place [m2 s-2]: of the ball that bounces, of all."""
-    p = run.parameters
+    dm = dimer_from(run.parameters)
     state = run.states(cycle_times(run)[[1]])
-    half = p["r"] * (p["A_r"] - 1)
-    turning = half * np.cos(state["beta"]) * state["beta_rate"]
-    ball, rod = 4 / 3 * np.pi * p["r"] ** 3 * p["rho_b"], np.pi / 4 * p["D_r"] ** 2 * 2 * (half - p["r"]) * p["rho_r"]
-    inertia = 2 * ball * (2 / 5 * p["r"] ** 2 + half**2) + rod * ((half - p["r"]) ** 2 / 3 + p["D_r"] ** 2 / 16)
-    spin = 0.5 * inertia / (2 * ball + rod) * state["beta_rate"] ** 2
-    middle, bouncing = state["z1_rate"] + turning, state["z1_rate"] + 2 * turning
-    return float((0.5 * bouncing**2).item()), float((0.5 * middle**2 + spin).item())
+    turning = np.cos(state["beta"]) * state["beta_rate"]
+    centre, bouncing = state["z1_rate"] - dm.p1.h * turning, state["z1_rate"] + dm.l * turning
+    spin = 0.5 * dm.J_t / dm.m * state["beta_rate"] ** 2
+    return float((0.5 * bouncing**2).item()), float((0.5 * centre**2 + spin).item())
 
 
 @claim(

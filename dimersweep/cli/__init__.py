@@ -77,7 +77,6 @@ def main() -> None:
             raise
         _fail(_unknown_option(error) or " ".join(error.format_message().split()))
     if code == INTERRUPTED:
-        print(
-            "dimersweep: interrupted: nothing was written", file=sys.stderr
-        )  # a command that writes is `interruptible`
+        # a command that writes is `interruptible`
+        print("dimersweep: interrupted: nothing was written", file=sys.stderr)
         os._exit(INTERRUPTED)  # threads may be inside compiled code, which Ctrl-C does not reach

@@ -37,7 +37,7 @@ def borders(
     check_output(out, force=force, what="a table", endings=TABLES)
     drawn = check_picture(picture or out.with_suffix(".png"), force=force, name="picture")
     if over is not None:
-        refuse_input(out, over, "out")
+        refuse_input(out, over)
     under = open_cube(over) if over is not None else None
     with interruptible(out, drawn, parts=parts_of(out).path):
         from dimersweep.orbits.pictures import draw_borders

@@ -42,7 +42,7 @@ def plot(
     if out is None and not cube.name:
         raise typer.BadParameter(f"{str(cube)!r}: is no cube")
     picture = check_picture(out or cube.with_suffix(".png"), force=force)
-    refuse_input(picture, cube, "out")
+    refuse_input(picture, cube)
     with interruptible(picture):
         opened = open_cube(cube)
         for each in select or ():

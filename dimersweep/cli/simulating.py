@@ -53,7 +53,7 @@ def simulate(
     Parameters(**parameters)
     check_count("periods", periods)
     check_rtol(rtol)
-    check_seconds("max_seconds", max_seconds)
+    check_seconds(max_seconds)
     recorded = error or bool(plot or movie or save)
     with interruptible(save, plot, movie):
         report_compiling()

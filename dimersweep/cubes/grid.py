@@ -64,10 +64,7 @@ def _from_logarithms(name: str, read: Reader, start: Any, stop: Any, num: Any) -
     ends = read(f"{name}.start", start), read(f"{name}.stop", stop)
     if not 0 < ends[0] < ends[1]:
         raise ParameterError(f"{name}.start = {ends[0]}: must be > 0 and < stop = {ends[1]}, for logarithmic spacing")
-    count = check_count(f"{name}.num", num)
-    if count > MAX_POINTS:
-        raise ParameterError(f"{name}.num = {count}: must be <= {MAX_POINTS}")
-    return _in_ratio(*ends, count)
+    return _in_ratio(*ends, check_count(f"{name}.num", num, MAX_POINTS))
 
 
 def _in_ratio(low: float, high: float, count: int) -> np.ndarray:
@@ -192,10 +189,6 @@ class Grid:
         """Number of points."""
         return prod(self.shape)
 
-    def rows(self, start: int, stop: int) -> np.ndarray:
-        """Kernel rows of the points `start` to `stop` - 1, shape (stop - start, N_ROW), float64."""
-        return self.rows_at(np.arange(start, stop))
-
     def rows_at(self, points: np.ndarray) -> np.ndarray:
         """Kernel rows of `points`, numbers in C order of shape (n,); shape (n, N_ROW), float64."""
         return fill_rows(self.fixed | self.values(points), points.size)
@@ -207,9 +200,7 @@ class Grid:
 
     def point(self, number: int) -> str:
         """Such as ``point 7 (Gamma = 0.9, beta0 = 0.2)``."""
-        places = np.unravel_index(number, self.shape)
-        values = {name: axis[k] for (name, axis), k in zip(self.axes.items(), places, strict=True)}
-        given = (f"{name} = {_given(name, value)}" for name, value in values.items())
+        given = (f"{name} = {_given(name, value)}" for name, value in self.values(number).items())
         return f"point {number} ({', '.join(given)})"
 
     @property

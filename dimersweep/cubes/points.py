@@ -43,10 +43,6 @@ class Points:
         """Number of points."""
         return len(next(iter(self.columns.values())))
 
-    def rows(self, start: int, stop: int) -> np.ndarray:
-        """Kernel rows of the points `start` to `stop` - 1, shape (stop - start, N_ROW), float64."""
-        return self.rows_at(np.arange(start, stop))
-
     def rows_at(self, points: np.ndarray) -> np.ndarray:
         """Kernel rows of `points`, numbers of shape (n,); shape (n, N_ROW), float64."""
         return fill_rows(self.fixed | self.values(points), points.size)

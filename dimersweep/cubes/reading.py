@@ -13,6 +13,7 @@ from dimersweep.cubes.grid import DIRECTIONS
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import number
 from dimersweep.kernel.model.layout import M_DRIFT, MODES
+from dimersweep.parameters import dimer_from
 from dimersweep.symbols import BASE, PARAMETERS
 
 VALLEY = 5  # points on each side of a minimum that the spline goes through
@@ -408,9 +409,6 @@ def stick_ratio(
     >>> round(stick_ratio(5), 3), round(stick_ratio(6), 3), round(stick_ratio(7), 3)
     (0.239, 0.2, 0.171)
     """
-    length = 2 * r * (A_r - 1)
-    ball, rod = 4 / 3 * np.pi * r**3 * rho_b, np.pi / 4 * D_r**2 * (length - 2 * r) * rho_r
-    about_ball = 2 / 5 * ball * r**2 + ball * length**2 / 4
-    about_rod = rod * ((length - 2 * r) ** 2 / 12 + D_r**2 / 16)
-    inertia = (2 * about_ball + about_rod) / (2 * ball + rod)
-    return float(length * r / 2 / (inertia + r**2))
+    body = {"A_r": A_r, "r": r, "rho_b": rho_b, "rho_r": rho_r, "D_r": D_r}
+    pair = dimer_from(BASE | body).pair
+    return float(-pair.na_1 / pair.aa)

@@ -20,8 +20,8 @@ from dimersweep.kernel.model.layout import (
 RESULT = np.dtype([("out", "<f8", (N_OUT,)), ("codes", "<i8", (N_CODES,))])  # of one point of a sweep
 
 
-def blank_results(n: int, kind: np.dtype = RESULT, mode: int = M_NOT_RUN) -> np.ndarray:
-    """Results of `n` points that have none, shape (n,): NaN and 0, and `mode`, a code, as their mode.
+def blank_results(n: int, kind: np.dtype = RESULT) -> np.ndarray:
+    """Results of `n` points that have none, shape (n,): NaN and 0, with the mode of what was not run.
 
     `kind` has the fields of `RESULT`, and perhaps more.
     """
@@ -29,7 +29,7 @@ def blank_results(n: int, kind: np.dtype = RESULT, mode: int = M_NOT_RUN) -> np.
     for name in kind.names or ():
         if kind[name].base.kind == "f":
             results[name] = np.nan
-    results["codes"][:, CODE_MODE] = mode
+    results["codes"][:, CODE_MODE] = M_NOT_RUN
     return results
 
 

@@ -139,8 +139,7 @@ def _track(t: Any, x: Any, y: Any, sigma: float | None, moving: bool) -> Track:
     rate, coefficients = _refined(basis, s, place, _best_rate(basis, place))
     A = basis(rate)
     residual = A @ coefficients - place
-    columns = np.column_stack([1j * s * A[:, -1] * coefficients[-1], *_both(A)])
-    J = np.vstack([columns.real, columns.imag])
+    J = _slopes(A, s, coefficients)
     if sigma is None:
         sigma = float(
             np.sqrt((residual.real @ residual.real + residual.imag @ residual.imag) / (J.shape[0] - J.shape[1]))
@@ -180,9 +179,11 @@ def _judged(t: Any, x: Any, y: Any, sigma: float | None, moving: bool) -> tuple[
     return times, places[0] + 1j * places[1]
 
 
-def _both(A: np.ndarray) -> list[np.ndarray]:
-    """Derivatives of a sum of complex columns by the real and the imaginary part of each coefficient."""
-    return [factor * column for column in A.T for factor in (1, 1j)]
+def _slopes(A: np.ndarray, s: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+    """Derivatives of x and y of a track by the rate, and by the real and the imaginary part of each coefficient."""
+    parts = (factor * column for column in A.T for factor in (1, 1j))
+    columns = np.column_stack([1j * s * A[:, -1] * coefficients[-1], *parts])
+    return np.vstack([columns.real, columns.imag])
 
 
 def _best_rate(basis: Callable[[float], np.ndarray], place: np.ndarray) -> float:
@@ -210,9 +211,7 @@ def _refined(
         return np.concatenate([miss.real, miss.imag])
 
     def slopes(p: np.ndarray) -> np.ndarray:
-        A = basis(p[0])
-        columns = np.column_stack([1j * s * A[:, -1] * p[1:].view(complex)[-1], *_both(A)])
-        return np.vstack([columns.real, columns.imag])
+        return _slopes(basis(p[0]), s, p[1:].view(complex))
 
     start = np.concatenate([[rate], _solved(basis(rate), place)[0].view(float)])
     p = least_squares(residual, start, slopes, method="lm", xtol=1e-14, ftol=1e-14, gtol=1e-14).x

@@ -188,11 +188,6 @@ def is_stopped(space: Workspace) -> bool:
     return bool(space.work.meter[0].stop)
 
 
-def work_done(space: Workspace) -> float:
-    """Work of the last run on these scratch arrays, in hops of one end: its time is about in proportion."""
-    return float(space.work.meter[0].spent)
-
-
 def run_many(rows, periods, rtol, settle, out, codes, until=0, space: Workspace | None = None) -> int:
     """Verdicts of many runs, unrecorded: ``run_rows``, with scratch arrays of its own unless some are given."""
     ask, nowhere = ask_for(periods, rtol, settle), np.zeros((0, N_START))

@@ -120,7 +120,7 @@ def evolve(dm, ask, motion, record):
             continue
         event = move_to_next_event(dm, ask, motion)
         follow_up(dm, ask, motion, record, event)
-    return finish(dm, ask, motion, record)
+    return finish(dm, motion, record)
 
 
 @compiled(inline=True)
@@ -355,7 +355,7 @@ def turn_about_ball_1(dm, beta_rate, theta_rate, gamma_rate, state):
 
 
 @compiled(inline=True)
-def finish(dm, ask, motion, record):
+def finish(dm, motion, record):
     """The last row of the record; see `evolve`."""
     state, modes, course = motion.state, motion.modes, motion.course[0]
     if course.status != OK:

@@ -29,10 +29,6 @@ class BifurcationCurve(FollowedCurve):
 
     kind: Bifurcation
 
-    def __init__(self, kind: Bifurcation, parameter: str, given: dict[str, float], spin: float, rtol: float) -> None:
-        super().__init__(kind, parameter, given, spin, rtol)
-        self.senses, self.shares = kind.senses, kind.shares
-
     def _next(self, given: dict[str, float], near: list[Found]) -> Found:
         old: OnBorder = near[0].begin
         m = replace(old.map, parameters=given)
@@ -45,7 +41,7 @@ class BifurcationCurve(FollowedCurve):
     def _from(self, orbit: PeriodicOrbit) -> Found:
         """The first point of the border on the branch, to either side; one that ends stability goes before."""
         begin, reasons = self._begun(orbit), []
-        ways = [begin._replace(tangent=sense * begin.tangent) for sense in self.senses]
+        ways = [begin._replace(tangent=sense * begin.tangent) for sense in self.kind.senses]
         if orbit.stable:
             for way in ways:
                 with suppress(OrbitLost):

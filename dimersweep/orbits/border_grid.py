@@ -9,14 +9,13 @@ import xarray as xr
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.inputs import as_numbers, check_rtol, number
 from dimersweep.orbits.bifurcation_curve import BifurcationCurve
-from dimersweep.orbits.curve import Curve, Found
+from dimersweep.orbits.curve import Curve, Found, add_stability, crossings
 from dimersweep.orbits.finding import RTOL, checked, checked_spin
 from dimersweep.orbits.kinds import BORDER_KINDS, Kind
 from dimersweep.orbits.kinds.changes import change_of
-from dimersweep.orbits.kinds.flip import FLIP
-from dimersweep.orbits.kinds.kind import COMPLEX, Bifurcation, Change, RealMultiplier
+from dimersweep.orbits.kinds.kind import Bifurcation, Change
 from dimersweep.orbits.kinds.stability import StabilityEnd
-from dimersweep.orbits.labelling import DOUBLING, dataset
+from dimersweep.orbits.labelling import dataset
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.poincare import OrbitLost
 from dimersweep.orbits.stability_curve import StabilityCurve
@@ -145,21 +144,11 @@ def _checked(
     return checked(fixed | {name: float(values[0]) for name, values in axes.items()}), axes
 
 
-def marks(kind: Kind, orbit: PeriodicOrbit) -> dict[str, float]:
-    """Test functions along a curve, by the names of the two borders that meet where one changes its sign."""
-    values = orbit.multipliers
-    if isinstance(kind, RealMultiplier):
-        values = np.delete(values, int(np.argmin(np.abs(values - kind.at))))
-    real = values[np.abs(values.imag) < COMPLEX].real
-    others = [other for other in BORDER_KINDS.values() if isinstance(other, RealMultiplier)]
-    return {f"{kind.name}-{other.name}": float(np.prod(1 - other.at * real)) for other in others}
-
-
 def meetings(kind: Kind, a: Found, b: Found) -> list[str]:
     """Names of the borders that a curve meets between two of its points."""
     if a.by is not None and b.by is not None:
         return [f"{a.by.name}-{b.by.name}"] if a.by is not b.by else []
-    first, second = marks(kind, a.orbit), marks(kind, b.orbit)
+    first, second = crossings(kind, a.orbit), crossings(kind, b.orbit)
     names = [name for name in first if first[name] * second[name] < 0]
     words = a.orbit.word, b.orbit.word
     if words[0] != words[1] and isinstance(kind, Bifurcation):
@@ -203,15 +192,12 @@ def _dataset(
     table = dataset(orbits, "found")
     periods = {"units": "1", "long_name": "forcing periods of the map that the point took"}
     table["cost"] = ("found", [one.cost for one in found.values()], periods)
-    words = "whether a stable orbit loses its stability there"
-    table["loses_stability"] = ("found", [one.loses for one in found.values()], {"units": "1", "long_name": words})
-    if curve.kind is FLIP:
-        table["doubling"] = ("found", [one.doubling for one in found.values()], DOUBLING._asdict())
+    add_stability(table, "found", curve.kind, found.values())
     if isinstance(curve.kind, StabilityEnd):
         kinds = [one.by.name if one.by else "" for one in found.values()]
         table["ends_by"] = ("found", kinds, {"long_name": "kind of border by which the stability ends"})
     table[curve.parameter] = ("found", [one.value for one in found.values()], PARAMETERS[curve.parameter]._asdict())
-    if curve.words:
+    if isinstance(curve, WordCurve):
         words = "what goes (-) and comes (+) in the word beyond: symbols, or pairs of them (a/b)"
         changes = [one.sides.described(one.orbit.word) if one.sides else "" for one in found.values()]
         table["change"] = ("found", changes, {"long_name": words})

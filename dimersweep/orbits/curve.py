@@ -1,19 +1,23 @@
 """A border as a curve: how its points are found on branches of orbits, and how steps lead from one point to the next."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import replace
 from itertools import takewhile
-from math import pi
+from math import pi, prod
 from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 
 from dimersweep.errors import OrbitError
 from dimersweep.orbits.ball import ball_flip, ball_fold
 from dimersweep.orbits.branch import Axis, Point, point_of
 from dimersweep.orbits.finding import orbit_at
-from dimersweep.orbits.kinds import Kind
+from dimersweep.orbits.kinds import BORDER_KINDS, Kind
+from dimersweep.orbits.kinds.flip import FLIP
+from dimersweep.orbits.kinds.kind import COMPLEX, RealMultiplier
+from dimersweep.orbits.labelling import DOUBLING
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.poincare import OrbitLost, Tape
 from dimersweep.orbits.word import Sides, far_ends
@@ -74,6 +78,22 @@ def shortened(reason: str) -> str:
     return said if len(said) <= STATUS_LENGTH else said[: STATUS_LENGTH - 3] + "..."
 
 
+def add_stability(table: xr.Dataset, dim: str, kind: Kind, found: Collection[Found]) -> None:
+    """Enter what points of a border say of stability: whether it is lost there, and the coefficient of a flip."""
+    words = "whether a stable orbit loses its stability there"
+    table["loses_stability"] = (dim, [one.loses for one in found], {"units": "1", "long_name": words})
+    if kind is FLIP:
+        table["doubling"] = (dim, [one.doubling for one in found], DOUBLING._asdict())
+
+
+def crossings(kind: Kind, orbit: PeriodicOrbit) -> dict[str, float]:
+    """Test functions along a border, by the names of the two borders that meet where one changes its sign."""
+    values = kind.others(orbit.multipliers) if isinstance(kind, RealMultiplier) else orbit.multipliers
+    real = values[np.abs(values.imag) < COMPLEX].real
+    others = [other for other in BORDER_KINDS.values() if isinstance(other, RealMultiplier)]
+    return {f"{kind.name}-{other.name}": float(prod(1 - other.at * real)) for other in others}
+
+
 class Curve(ABC):
     """A border of one kind.
 
@@ -96,19 +116,7 @@ class Curve(ABC):
     """
 
     alone = False
-    many = (
-        False  # whether a motion may have several borders of the kind, so that points that are followed are confirmed
-    )
-    words = False  # whether its rows say what changes in the word
-    senses: tuple[float, float] = (1.0, -1.0)  # of the parameter, in which the border is looked for from an orbit
-    shares: tuple[float, ...] = (
-        0.3,
-        0.1,
-        0.6,
-        0.8,
-        0.2,
-        0.05,
-    )  # of the way from the ball's fold to its flip, where orbits are
+    many = False  # whether a motion may have several such borders, so that points that are followed are confirmed
 
     def __init__(self, kind: Kind, parameter: str, given: dict[str, float], spin: float, rtol: float) -> None:
         self.kind, self.parameter, self.given, self.spin, self.rtol = kind, parameter, given, spin, rtol
@@ -161,7 +169,7 @@ class Curve(ABC):
         if self.parameter not in ("Gamma", "e"):
             yield {}
             return
-        for share in self.shares:
+        for share in self.kind.shares:
             if self.parameter == "Gamma":
                 e = value_of("e_2", given)
                 yield {"Gamma": ball_fold(e) + share * (ball_flip(e) - ball_fold(e))}

@@ -4,10 +4,8 @@ import numpy as np
 
 from dimersweep.orbits.poincare import ReturnMap
 
-WIDTHS = (
-    3e-3,
-    1e-3,
-)  # of the differences, in units of the section: those of the third order are then right to about 1e-3
+# of the differences, in units of the section: those of the third order are then right to about 1e-3
+WIDTHS = (3e-3, 1e-3)
 AGREE = 0.02  # part in which the coefficients of both widths differ at most; more where a change of word lies between
 
 

@@ -93,7 +93,7 @@ def orbit_at(
     tried = []
     for name, start in _starts(spin, periods, guess, given, rtol, tape):
         try:
-            return _found(start(), spin, guess, given, tape)
+            return _found(start(), spin, guess, given)
         except OrbitLost as reason:
             tried.append(f"{name}: {reason}")
     raise OrbitError(f"no orbit of period {periods}{_where(spin)}; tried {'; '.join(tried)}{_why_not(given)}")
@@ -153,7 +153,7 @@ def _starts(
 
 
 def _found(
-    start: Start | Fixed, spin: float | None, guess: Run | PeriodicOrbit | None, given: dict[str, float], tape: Tape
+    start: Start | Fixed, spin: float | None, guess: Run | PeriodicOrbit | None, given: dict[str, float]
 ) -> PeriodicOrbit:
     if isinstance(start, Fixed):
         fixed = start

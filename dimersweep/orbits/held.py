@@ -11,7 +11,7 @@ import numpy as np
 from dimersweep.kernel.model.layout import PERIOD, PHASE, THETA
 from dimersweep.orbits.passage import TURN
 from dimersweep.orbits.poincare import SPIN_COORDINATE, Image, ReturnMap
-from dimersweep.runs.stability import Section
+from dimersweep.runs.period_map import Section
 
 
 @dataclass(eq=False)
@@ -35,7 +35,7 @@ class HeldMap(ReturnMap):
         for k in range(self.periods):
             state[PHASE] = since if k == 0 else 0.0
             state, modes, _ = self.tape.run(row, state, 1, self.rtol)
-            there = Section(self.parameters, row, self.rtol, self.tape.space)
+            there = Section(row, self.rtol, self.tape.space)
             point = there.point(state)
             spin = float(point[SPIN_COORDINATE]) * self.unit
             point[SPIN_COORDINATE] = self.spin / self.unit

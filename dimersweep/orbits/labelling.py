@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.orbits.orbit import PeriodicOrbit
-from dimersweep.runs.stability import NAMES
+from dimersweep.runs.period_map import NAMES
 from dimersweep.symbols import ORBIT_NAMES, QUANTITIES, Quantity
 
 MOST_MULTIPLIERS = len(NAMES) - 1  # multipliers of a fast part at most; those that contact takes away are zero

@@ -132,7 +132,7 @@ def orbit_of(fixed: Fixed, creep: Creep | None = None) -> PeriodicOrbit:
     parameters, image = m.parameters, creep.image
     strike = strike_of(image.passage, m.dimer)
     if strike is None:
-        strike = Strike(float("nan"), image.spin, *(float("nan"),) * 3, DI_ENDS[0])
+        strike = Strike(*(float("nan"),) * 3, DI_ENDS[0])
     turn = creep.turn / m.periods
     rate = turn * parameters["f"] if abs(turn) > CIRCLE else 0.0
     fast, slow = multipliers_of(fixed)

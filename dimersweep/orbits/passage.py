@@ -23,8 +23,6 @@ from dimersweep.kernel.model.layout import (
     N1,
     PERIOD,
     PHASE,
-    SPIN,
-    WB,
     Dimer,
 )
 from dimersweep.kernel.record import BEFORE, E_KIND, E_PERIOD, E_PHASE, SEGMENT_MODES
@@ -76,8 +74,6 @@ class Strike(NamedTuple):
     ----------
     phase : float
         Since the section [rad].
-    spin, beta_rate : float
-        [rad s-1].
     speed, zeta : float
         Of the centre of mass [m s-1]; from the axis, in the sense from the end that is down to the other one [rad].
     di_end : str
@@ -85,8 +81,6 @@ class Strike(NamedTuple):
     """
 
     phase: float
-    spin: float
-    beta_rate: float
     speed: float
     zeta: float
     di_end: str
@@ -108,4 +102,4 @@ def strike_of(passage: Passage, dm: Dimer) -> Strike | None:
     zeta = float(np.arctan2(abs(state[CB]), state[CA] if bouncer == 1 else -state[CA])) if speed > 0 else float("nan")
     sticks = [ends_sticking(dm, *slip_at(dm, state, end)) for end in (0, 1)]
     end = double_end(sticks[1 - bouncer], sticks[bouncer]) if state[D1] == state[D2] == 0.0 else DI_NONE
-    return Strike(state[PHASE], state[SPIN], state[WB], speed, zeta, DI_ENDS[end])
+    return Strike(state[PHASE], speed, zeta, DI_ENDS[end])

@@ -8,7 +8,6 @@ second parameter: one more than there are equations. A step goes along the tange
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
-from math import prod
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,14 +18,13 @@ from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.inputs import as_number, check_count, check_rtol
 from dimersweep.orbits.bifurcation_curve import BifurcationCurve
 from dimersweep.orbits.branch import Axis, Mark, Point, in_own_section, with_mark
-from dimersweep.orbits.curve import FollowedCurve, Found
+from dimersweep.orbits.curve import FollowedCurve, Found, add_stability, crossings
 from dimersweep.orbits.finding import RTOL, checked, checked_spin
 from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.orbits.kinds.changes import change_of
 from dimersweep.orbits.kinds.flip import FLIP
-from dimersweep.orbits.kinds.fold import FOLD
-from dimersweep.orbits.kinds.kind import COMPLEX, Bifurcation, Change, RealMultiplier
-from dimersweep.orbits.labelling import DOUBLING, dataset
+from dimersweep.orbits.kinds.kind import Bifurcation, Change
+from dimersweep.orbits.labelling import dataset
 from dimersweep.orbits.newton import TOLERANCE, defect, newton, system
 from dimersweep.orbits.on_border import BorderEquations, OnBorder
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
@@ -39,19 +37,12 @@ from dimersweep.symbols import PARAMETERS
 
 FIRST_ARC, LARGEST_ARC, SMALLEST_ARC, ARC_GROWTH = 0.02, 0.2, 1e-6, 1.5  # of a curve, in its unknowns
 SHORT_ARC = 1e-3  # step from which on a kink is not avoided any more
-MEETING_LOCATED, WORD_LOCATED = (
-    1e-9,
-    1e-7,
-)  # how well a meeting or a turn, and a change of word is known, as a share of a step
-LEAP = (
-    1e-3  # part of a test function at both ends of a step, below which it is zero between, and does not leap over zero
-)
+# how well a meeting or a turn, and a change of word is known, as a share of a step
+MEETING_LOCATED, WORD_LOCATED = 1e-9, 1e-7
+# part of a test function at both ends of a step, below which it is zero between, and does not leap over zero
+LEAP = 1e-3
 SAME_WAY = 0.7  # product of the tangents of two points, and step over the way between them, below which it is too long
-
-
-DOUBLED_FOLD = (
-    "flip-doubled_fold"  # where the orbit of twice the period, beyond a flip, has its fold on the flip itself
-)
+DOUBLED_FOLD = "flip-doubled_fold"  # where the orbit of twice the period has its fold on the flip itself
 
 
 class Place(NamedTuple):
@@ -138,11 +129,8 @@ class OfBifurcation(PlaneEquations):
         return self.curve.at(OnBorder(extra, x[:-1], near.normal, None, 0.0))
 
     def tests(self, found: Found) -> dict[str, float]:
-        kind = self.curve.kind
-        values = kind.others(found.orbit.multipliers) if isinstance(kind, RealMultiplier) else found.orbit.multipliers
-        real = values[np.abs(values.imag) < COMPLEX].real
-        tests = {f"{kind.name}-{end.name}": float(prod(1 - end.at * real)) for end in (FOLD, FLIP)}
-        return tests | ({DOUBLED_FOLD: found.doubling} if kind is FLIP else {})
+        tests = crossings(self.curve.kind, found.orbit)
+        return tests | ({DOUBLED_FOLD: found.doubling} if self.curve.kind is FLIP else {})
 
 
 class OfChange(PlaneEquations):
@@ -239,7 +227,7 @@ def border_curve(
     low, high, given, border = _judged(kind, parameter, other, span, fixed)
     spin, points = checked_spin(spin, given), check_count("points", points)
     made = BifurcationCurve if isinstance(border, Bifurcation) else WordCurve
-    curve = made(border, parameter, given, spin, check_rtol(rtol))  # type: ignore[arg-type]
+    curve = made(border, parameter, given, spin, check_rtol(rtol))
     try:
         first = curve.point({}, [], start)
         axis = Axis(other, max(abs(low), abs(high)), spin)
@@ -427,10 +415,7 @@ def _table(curve: FollowedCurve, other: str, rows: list[tuple[Place, str]], ends
     }
     for name, values in columns.items():
         table[name] = ("point", np.array(values), PARAMETERS[name]._asdict())
-    words = "whether a stable orbit loses its stability there"
-    table["loses_stability"] = ("point", [place.found.loses for place, _ in rows], {"units": "1", "long_name": words})
-    if curve.kind is FLIP:
-        table["doubling"] = ("point", [place.found.doubling for place, _ in rows], DOUBLING._asdict())
+    add_stability(table, "point", curve.kind, [place.found for place, _ in rows])
     meets = np.array([special for _, special in rows], dtype=object).astype(str)
     table["meets"] = (
         "point",

@@ -1,7 +1,7 @@
 """The Poincaré map of the dimer: from a section to itself, in the coordinates that contact leaves free there.
 
 The section is a phase of the plate that lies away from the events of the orbit. A point of it is the row of those
-coordinates of `stability.NAMES` that are free in the contact there, in their units; the axial spin is one of them, the
+coordinates of `period_map.NAMES` that are free in the contact there, in their units; the axial spin is one of them, the
 rest is the fast part. The cost of all that is asked here is counted in forcing periods.
 """
 
@@ -32,7 +32,7 @@ from dimersweep.kernel.return_map import advance
 from dimersweep.kernel.sample import sample
 from dimersweep.orbits.passage import TURN, Passage
 from dimersweep.parameters import fill_rows
-from dimersweep.runs.stability import NAMES, Section, free_coordinates
+from dimersweep.runs.period_map import NAMES, Section, free_coordinates
 
 SPIN_COORDINATE = NAMES.index("spin")
 FIRST_ROWS, ROWS_GROWTH, MOST_ROWS = 400, 4, 2_000_000
@@ -120,7 +120,7 @@ class ReturnMap:
     def __post_init__(self) -> None:
         self.row = self.row_at(self.phase)
         self.dimer = dimer_of(self.row)
-        self.section = Section(self.parameters, self.row, self.rtol, self.tape.space)
+        self.section = Section(self.row, self.rtol, self.tape.space)
         self.free = np.array(free_coordinates(self.modes))
         self.slow = int(np.flatnonzero(self.free == SPIN_COORDINATE)[0])
         self.unit = float(self.section.units[SPIN_COORDINATE])  # of the spin [rad/s]

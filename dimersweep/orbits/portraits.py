@@ -193,9 +193,8 @@ class Carried:
         here = portrait_of_orbit(orbit, mirrors)
         self.views = [here]
         grid = np.linspace(min(here.spin, *spins), max(here.spin, *spins), CARRIED_TO)
-        grid = np.concatenate(
-            [grid[:1], grid, grid[-1:]]
-        )  # a step meets its spin nearly; the second at an end is short
+        # a step meets its spin nearly; the second at an end is short
+        grid = np.concatenate([grid[:1], grid, grid[-1:]])
         self._follow(grid[grid > here.spin])
         self._follow(grid[grid < here.spin][::-1])
         self.views.sort(key=lambda view: view.spin)

@@ -65,7 +65,7 @@ class WordCurve(FollowedCurve):
     """A curve along which the word changes: see `Curve`."""
 
     kind: Change
-    words = many = True
+    many = True
 
     def status(self, found: Found) -> str:
         if found.sides is None:
@@ -80,7 +80,7 @@ class WordCurve(FollowedCurve):
         Of a motion that comes to no rest others are not known: there steps lead from one piece of the branch to any other.
         """
         begin = self._begun(orbit)
-        ways = [begin._replace(tangent=sense * begin.tangent) for sense in self.senses]
+        ways = [begin._replace(tangent=sense * begin.tangent) for sense in self.kind.senses]
         if not comes_to_rest(begin):
             return self._taken_up(self._first_met(ways))
         changes = [special for way in ways for special in self._changes(way)]

@@ -4,7 +4,6 @@ import numpy as np
 import xarray as xr
 from matplotlib import rc_context
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
@@ -16,7 +15,8 @@ from dimersweep.cubes.reading import (
 )
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots.judging import judge_cube
-from dimersweep.plots.style import MODE_COLORS, ROW_COLORS, Drawing, entitle, given, mark, title
+from dimersweep.plots.maps import COLORS
+from dimersweep.plots.style import ROW_COLORS, Drawing, entitle, given, mark, title
 from dimersweep.symbols import symbol
 
 
@@ -95,8 +95,7 @@ def regions(cube: xr.Dataset) -> Figure:
     figure = Drawing(8, 5.6)
     axes = figure.add_subplot()
     region = names(cube["region"]).squeeze().values
-    colors = np.array([to_rgb(color) for color in MODE_COLORS.values()])
-    shown = np.where((region == "drift")[..., None], 1.0, colors[mode.values] * 0.6 + 0.4)
+    shown = np.where((region == "drift")[..., None], 1.0, COLORS[mode.values] * 0.6 + 0.4)
     axes.pcolormesh(edges_of(x), edges_of(y), shown.transpose(1, 0, 2))
     corners = [np.repeat(edges_of(values), 2)[1:-1] for values in (x, y)]
     handles = []
@@ -114,7 +113,7 @@ def regions(cube: xr.Dataset) -> Figure:
     left = ~np.isin(region, ("drift", "rest"))
     for code in np.unique(mode.values[left]):
         word = MODES[code]
-        face = colors[code] * 0.6 + 0.4
+        face = COLORS[code] * 0.6 + 0.4
         handles.append(Patch(facecolor=face, edgecolor="black", linewidth=0.5, label=f"mostly {word}"))
     figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=9)
     axes.set_xlim(corners[0][0], corners[0][-1])

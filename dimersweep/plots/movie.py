@@ -94,7 +94,7 @@ class Playback:
         return np.array(shown)
 
 
-def check_movie(path: str | os.PathLike[str], *, force: bool = False, name: str = "movie") -> Path:
+def check_movie(path: str | os.PathLike[str], *, force: bool) -> Path:
     """Refuse a movie file that could not be written, before any work is done.
 
     Raises
@@ -105,12 +105,12 @@ def check_movie(path: str | os.PathLike[str], *, force: bool = False, name: str 
         As for a cube; or a video is asked for and there is no ffmpeg.
     """
     path = Path(path)
-    check_ending(os.fspath(path), name=name, what="a movie", endings=MOVIES)
+    check_ending(os.fspath(path), name="movie", what="a movie", endings=MOVIES)
     if path.suffix == ".mp4" and _ffmpeg() is None:
         raise StoreError(
-            f"{name} = {path}: a video needs ffmpeg; pip install 'dimersweep[movie]', or write a .gif or .html"
+            f"movie = {path}: a video needs ffmpeg; pip install 'dimersweep[movie]', or write a .gif or .html"
         )
-    return check_writable(path, force=force, name=name)
+    return check_writable(path, force=force, name="movie")
 
 
 def _ffmpeg() -> str | None:

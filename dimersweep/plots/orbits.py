@@ -89,9 +89,8 @@ def paths(cube: xr.Dataset) -> Figure:
     teeth.set_ylabel("distance from the circle [mm]")
     handles, labels = whole.get_legend_handles_labels()
     if handles:
-        figure.legend(
-            handles, labels, loc="outside lower center", ncols=min(len(handles), 4)
-        )  # circles fill their panel
+        # circles fill their panel
+        figure.legend(handles, labels, loc="outside lower center", ncols=min(len(handles), 4))
     return figure
 
 

@@ -17,10 +17,10 @@ from dimersweep.kernel import kernel_version
 from dimersweep.kernel.model.layout import M_DRIFT, MODES
 from dimersweep.runs.carrying import run_in_line
 from dimersweep.runs.run import Run
-from dimersweep.runs.simulating import simulate
+from dimersweep.runs.simulating import simulate, simulate_patiently
 from dimersweep.runs.starting import parameters_of
 from dimersweep.symbols import PARAMETERS
-from dimersweep.work.tiles import RunSettings, lengths
+from dimersweep.work.tiles import RunSettings
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -140,15 +140,13 @@ class CubeAccessor:
         if "direction" in configuration.get("grid", {}):
             return self._in_line(point, configuration, periods, record)
         late = configuration.get("search", {}).get("orbit_periods", 0)
-        given: dict[str, Any] = parameters_of(point) | {"rtol": configuration.get("rtol", 1e-8), "record": record}
+        given: dict[str, Any] = dict(parameters_of(point))
+        rtol = configuration.get("rtol", 1e-8)
         if periods is not None or late:
-            return simulate(**given, periods=late if periods is None else periods)
+            return simulate(**given, periods=late if periods is None else periods, rtol=rtol, record=record)
         first, settles = configuration.get("periods", 100), configuration.get("stop_when_settled", True)
-        for length in lengths(first, configuration.get("max_periods", first)):
-            run = simulate(**given, periods=length, stop_when_settled=settles)
-            if run.mode != "unresolved":
-                break
-        return run
+        how = RunSettings(first, configuration.get("max_periods", first), rtol, settles)
+        return simulate_patiently(given, how, record=record)
 
     def _in_line(self, point: xr.Dataset, configuration: dict[str, Any], periods: int | None, record: bool) -> Run:
         """The run behind a point to which a state was carried; those before it are made again."""

@@ -27,7 +27,6 @@ from dimersweep.kernel.model.layout import (
 from dimersweep.parameters import Parameters
 from dimersweep.runs.outcome import Orbit
 from dimersweep.runs.recorded import RunRecord, events_of, states_of
-from dimersweep.runs.shadows import NUDGE, bounds, nudged, nudged_state, shadow_rtol
 from dimersweep.runs.solving import RunEnd, Solved, check_recorded, go_on, speed_at
 from dimersweep.symbols import CAPTION, START, conditions
 from dimersweep.work.stopping import StopFlag, stoppable
@@ -172,10 +171,6 @@ class Run(RunNumbers):
             return conditions(self.parameters, always=always, tex=tex)
         words = conditions(self.parameters, START, always, tex=tex)
         return f"{words}, from a given state".removeprefix(", ")
-
-    def _given(self) -> dict[str, Any]:
-        """The parameters to be given with its start to `simulate` for the same run."""
-        return {name: value for name, value in self.parameters.items() if self.start is None or name not in START}
 
     def record(self, wanted: str) -> RunRecord:
         """The kernel's rows of this run, for what is `wanted` of them.
@@ -337,28 +332,9 @@ class Run(RunNumbers):
         >>> print(f"phase {points.phase.values[-1]:.4f} rad, {points.gap_2_rate_before.values[-1]:.4f} m/s")
         phase 0.5083 rad, -0.4041 m/s
         """
-        from dimersweep.runs.sections import check_section, impacts_at, times_of_phase
+        from dimersweep.runs.sections import section_of
 
-        at_phase = check_section(at, phase)
-        self.record("section")
-        f = self.parameters["f"]
-        if at != "period":
-            rows = impacts_at(self.events, at)
-            points = self.states(self.events["time"].values[rows]).swap_dims(time="n")
-            before = {
-                name: ("n", variable.values[rows], variable.attrs)
-                for name, variable in self.events.items()
-                if "before" in str(name) and "gap" in str(name)
-            }
-            points = points.assign(before)
-        elif at_phase is not None:
-            points = self.states(times_of_phase(at_phase, self.parameters["phi0"], f, self.n_periods)).swap_dims(
-                time="n"
-            )
-        else:
-            points = self.states(np.arange(self.n_periods + 1) / f).swap_dims(time="n")
-        name = "number of the point" if at != "period" else "forcing periods since the start"
-        return points.assign_coords(n=("n", np.arange(points.sizes["n"]), {"units": "1", "long_name": name}))
+        return section_of(self, at, phase)
 
     def go_on(self, periods: int) -> "Run":
         """This run made longer by so many forcing periods.
@@ -537,21 +513,9 @@ class Run(RunNumbers):
         >>> bounds["x"].sel(time=run.duration).item() < 1e-6  # [m]
         True
         """
-        from dimersweep.runs.simulating import simulate
+        from dimersweep.runs.shadows import errors_of
 
-        self.record("error")
-        if self.status != "ok":
-            raise ParameterError(f"error: the run did not reach its end ({self.message})")
-        if self.record_cut:
-            raise ParameterError(f"error: needs the whole record, but {self.record_cut}")
-        T = 1 / self.parameters["f"]
-        times = np.union1d(np.arange(self.n_periods + 1) * T, [] if t is None else self.states(t)["time"])
-        rtol = shadow_rtol(self.rtol)
-        given: dict[str, Any] = self._given()
-        by = NUDGE * self.rtol
-        starts = ((given, self.start), (nudged(given, by), self.start and nudged_state(self.start, by)))
-        shadows = [simulate(**dict(one), start=begin, periods=self.n_periods, rtol=rtol) for one, begin in starts]
-        return bounds(self, shadows, times, T)
+        return errors_of(self, t)
 
 
 def as_run(parameters: dict[str, float], rtol: float, solved: Solved, start: dict[str, float] | None) -> Run:

@@ -1,7 +1,7 @@
 """Sections of a recorded run: the moments at which its states are points of a map."""
 
 from math import pi, tau
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 import xarray as xr
@@ -9,8 +9,33 @@ import xarray as xr
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number
 
+if TYPE_CHECKING:
+    from dimersweep.runs.run import Run
+
 At = Literal["period", "double_impact", "landing_1", "landing_2"]
 SECTIONS: tuple[str, ...] = get_args(At)
+
+
+def section_of(run: "Run", at: At, phase: float | None) -> xr.Dataset:
+    """The states of a run at the moments of a section; see `Run.section`."""
+    at_phase = check_section(at, phase)
+    run.record("section")
+    f, before = run.parameters["f"], {}
+    if at != "period":
+        rows = impacts_at(run.events, at)
+        times = run.events["time"].values[rows]
+        before = {
+            name: ("n", variable.values[rows], variable.attrs)
+            for name, variable in run.events.items()
+            if "before" in str(name) and "gap" in str(name)
+        }
+    elif at_phase is not None:
+        times = times_of_phase(at_phase, run.parameters["phi0"], f, run.n_periods)
+    else:
+        times = np.arange(run.n_periods + 1) / f
+    points = run.states(times).swap_dims(time="n").assign(before)
+    name = "number of the point" if at != "period" else "forcing periods since the start"
+    return points.assign_coords(n=("n", np.arange(points.sizes["n"]), {"units": "1", "long_name": name}))
 
 
 def check_section(at: str, phase: float | None) -> float | None:

@@ -12,11 +12,12 @@ any time.
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from dimersweep.errors import ParameterError
 from dimersweep.inputs import RTOL_RANGE
 from dimersweep.kernel.batch import Workspace
 from dimersweep.kernel.model.layout import (
@@ -32,6 +33,8 @@ from dimersweep.kernel.model.layout import (
     ROW,
 )
 from dimersweep.kernel.model.plate import phases_later
+from dimersweep.runs.run import Run
+from dimersweep.runs.simulating import simulate
 from dimersweep.symbols import EVENT_QUANTITIES, START, STATE_QUANTITIES
 from dimersweep.work.tiles import RunSettings, run_all_patiently
 
@@ -58,23 +61,20 @@ COORDINATES = ("x1", "y1", "gap_1", "theta", "beta", "spin")
 CLOSED_STATE = COORDINATES + tuple(f"{name}_rate" for name in COORDINATES)
 
 
-class Recorded(Protocol):
-    """A recorded run, as far as its error is estimated from it."""
-
-    @property
-    def status(self) -> str:
-        """See `Run`."""
-
-    @property
-    def parameters(self) -> dict[str, float]:
-        """See `Run`."""
-
-    @property
-    def events(self) -> xr.Dataset:
-        """See `Run.events`."""
-
-    def states(self, t: Any) -> xr.Dataset:
-        """See `Run.states`."""
+def errors_of(run: Run, t: Any) -> xr.Dataset:
+    """Bounds on the errors of a run, from two shadows; see `Run.error`."""
+    run.record("error")
+    if run.status != "ok":
+        raise ParameterError(f"error: the run did not reach its end ({run.message})")
+    if run.record_cut:
+        raise ParameterError(f"error: needs the whole record, but {run.record_cut}")
+    T = 1 / run.parameters["f"]
+    times = np.union1d(np.arange(run.n_periods + 1) * T, [] if t is None else run.states(t)["time"])
+    rtol, by, start = shadow_rtol(run.rtol), NUDGE * run.rtol, run.start
+    given = {name: value for name, value in run.parameters.items() if start is None or name not in START}
+    starts = ((given, start), (nudged(given, by), start and nudged_state(start, by)))
+    shadows = [simulate(**dict(one), start=begin, periods=run.n_periods, rtol=rtol) for one, begin in starts]
+    return bounds(run, shadows, times, T)
 
 
 def shadow_rtol(rtol: float) -> float:
@@ -151,7 +151,7 @@ def _room(values: np.ndarray, most: float) -> np.ndarray:
     return np.minimum(np.minimum(steps[:-1], steps[1:]), most)
 
 
-def difference(run: Recorded, other: Recorded, times: np.ndarray) -> dict[str, np.ndarray]:
+def difference(run: Run, other: Run, times: np.ndarray) -> dict[str, np.ndarray]:
     """How far the states of two runs are apart: each quantity of `ERROR_SCALES`, shape (n,), or inf if `other` failed."""
     if other.status != "ok":
         return dict.fromkeys(ERROR_SCALES, np.full(times.size, np.inf))
@@ -159,7 +159,7 @@ def difference(run: Recorded, other: Recorded, times: np.ndarray) -> dict[str, n
     return {name: np.abs(ours[name].values - theirs[name].values) for name in ERROR_SCALES}
 
 
-def delays(run: Recorded, other: Recorded) -> np.ndarray:
+def delays(run: Run, other: Run) -> np.ndarray:
     """How far the events of two runs are apart in time [s], one for each event of `run`; NaN where `other` lacks it."""
     rows, other_rows = pairs(run.events, other.events, 1 / run.parameters["f"])
     apart = np.full(run.events.sizes["event"], np.nan)
@@ -172,13 +172,14 @@ def scaled(errors: dict[str, np.ndarray]) -> np.ndarray:
     return np.max([errors[name] / ERROR_SCALES[name] for name in CLOSED_STATE], axis=0)
 
 
-def bounds(run: Recorded, shadows: Sequence[Recorded], times: np.ndarray, T: float) -> xr.Dataset:
+def bounds(run: Run, shadows: Sequence[Run], times: np.ndarray, T: float) -> xr.Dataset:
     """Estimated bounds on the errors of a run, see `Run.error`.
 
     Parameters
     ----------
-    run : Recorded
-    shadows : sequence of Recorded
+    run : Run
+        Recorded.
+    shadows : sequence of Run
         The same run otherwise computed. Where one failed, no bound is known: inf.
     times : ndarray, shape (n,)
         Increasing [s].

@@ -7,6 +7,7 @@ from typing import Any
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_count, check_rtol, check_seconds, check_switch
 from dimersweep.kernel.batch import Workspace
+from dimersweep.kernel.model.layout import M_UNRESOLVED, MODES
 from dimersweep.parameters import Parameters, check_name, updated
 from dimersweep.runs.run import Run, as_run
 from dimersweep.runs.solving import check_recorded, run_row
@@ -14,6 +15,7 @@ from dimersweep.runs.starting import is_point, kernel_start, named, parameters_o
 from dimersweep.symbols import INSTEAD, START
 from dimersweep.work.proving import is_proven, prove
 from dimersweep.work.stopping import StopFlag, stoppable
+from dimersweep.work.tiles import RunSettings, lengths
 
 
 def simulate(
@@ -82,7 +84,7 @@ def simulate(
     given = Parameters(**(parameters if begun is None else _with_start(parameters, begun)))
     switches = check_switch("stop_when_settled", stop_when_settled), check_switch("record", record)
     how = check_count("periods", periods), check_rtol(rtol), *switches
-    seconds = check_seconds("max_seconds", max_seconds)
+    seconds = check_seconds(max_seconds)
     if record:
         check_recorded(how[0])
     if not is_proven():
@@ -112,6 +114,16 @@ def simulate_judged(
     solved = run_row(parameters.row(), first, periods, rtol, space, settle=settle, record=record)
     begun = begun and {name: value for name, value in begun.items() if name != "phase"}  # which is phi0 now
     return as_run(parameters.given(), rtol, solved, begun)
+
+
+def simulate_patiently(parameters: Mapping[str, Any], how: RunSettings, *, record: bool = True) -> Run:
+    """The run of a point of a sweep: one that has not settled is made anew for twice as long, up to `how.max_periods`."""
+    for periods in lengths(how.periods, how.max_periods):
+        settings: dict[str, Any] = {"periods": periods, "rtol": how.rtol, "stop_when_settled": how.stop_when_settled}
+        run = simulate(**parameters, **settings, record=record)
+        if run.mode != MODES[M_UNRESOLVED]:
+            break
+    return run
 
 
 simulate.__signature__ = named(simulate)  # type: ignore[attr-defined]

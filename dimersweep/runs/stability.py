@@ -1,8 +1,6 @@
 """What a small change of a motion grows to: the Lyapunov exponents of a run, the multipliers of a settled one.
 
-All use the map from one start of a forcing period to the next, in coordinates that leave out the cyclic ones (place,
-heading and spin angle). They are the gaps and their rates, theta' cos(beta), the axial spin, and the velocity of the centre
-of mass along and across the axis, in units of g/omega^2, g/omega, and g/omega over h and r.
+All use the map from one start of a forcing period to the next (`period_map`).
 """
 
 from collections.abc import Iterable
@@ -12,33 +10,13 @@ import numpy as np
 
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_count
-from dimersweep.kernel.course import Workspace, new_workspace
-from dimersweep.kernel.model.body import dimer_of, dip_of, slip_at
-from dimersweep.kernel.model.layout import (
-    CA,
-    CB,
-    D1,
-    D2,
-    DIP,
-    FREE,
-    N1,
-    N2,
-    N_STATE,
-    OK,
-    SPIN,
-    STATUS_MESSAGES,
-    STICK,
-    WB,
-    WP,
-)
-from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES, no_record
-from dimersweep.kernel.return_map import advance
+from dimersweep.kernel.model.layout import FREE, N_STATE
+from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES
 from dimersweep.parameters import check_level
+from dimersweep.runs.period_map import NAMES, Section, free_coordinates
 from dimersweep.runs.recorded import RunRecord, period_rows
 from dimersweep.runs.run import Run
 
-NAMES = ("gap_1", "gap_2", "gap_1_rate", "gap_2_rate", "turn_rate", "spin", "along", "across")
-_SLOTS = (D1, D2, N1, N2, WP, SPIN, CA, CB)
 MAP_RTOL = 1e-11  # of the map, where the run was coarser: differences are taken of it
 SETTLING, SHARE = 20, 10  # periods before the count begins, and one in so many more: the twin finds its direction
 FORGOTTEN = NAMES[:5]  # what both ends at rest have lost of the past; the spin rolls on
@@ -129,84 +107,6 @@ class Spectrum(NamedTuple):
     periods: int
 
 
-class Section:
-    """The return map of one dimer on one plate, between points of shape (8,) in the order of `NAMES`.
-
-    Parameters
-    ----------
-    parameters : dict
-        Of the run.
-    row : ndarray, shape (N_ROW,)
-        The same as the kernel takes them.
-    rtol : float
-        Accuracy of the map [1].
-    space : Workspace, optional
-        Scratch arrays to share.
-    """
-
-    def __init__(
-        self, parameters: dict[str, float], row: np.ndarray, rtol: float, space: Workspace | None = None
-    ) -> None:
-        self.row, self.rtol = row, rtol
-        self.dm = dimer_of(row)
-        omega = self.dm.omega
-        v = self.dm.g / omega
-        self.units = np.array(
-            [v / omega, v / omega, v, v, v / (0.5 * self.dm.l), v / max(self.dm.p1.r, self.dm.p2.r), v, v]
-        )
-        self.space, self.record = space or new_workspace(), no_record()
-
-    def point(self, state: np.ndarray) -> np.ndarray:
-        """The point of the section that a kernel state is at."""
-        return state[list(_SLOTS)] / self.units
-
-    def state(self, point: np.ndarray) -> np.ndarray:
-        """The kernel's state at a point; a gap that is below zero by a rounding of the point is closed."""
-        state = np.zeros(N_STATE)
-        state[list(_SLOTS)] = point * self.units
-        state[D1], state[D2] = max(0.0, state[D1]), max(0.0, state[D2])
-        state[DIP] = dip_of(self.dm, state[D2] - state[D1])
-        state[WB] = (state[N2] - state[N1]) / (self.dm.l * np.cos(self.dm.beta_0 + state[DIP]))
-        return state
-
-    def held(self, state: np.ndarray, modes: np.ndarray) -> np.ndarray:
-        """The state with the ends that stick at rest: the motion of the centre of mass follows from the other rates."""
-        if (modes == STICK).all():
-            state[WP] = -state[SPIN] * self.dm.sin_0 / self.dm.cos_0  # it rolls straight on, or as a cone
-        for i in np.flatnonzero(modes == STICK):
-            along, across = slip_at(self.dm, state, i)
-            state[CA] -= along
-            state[CB] -= across
-        return state
-
-    def after(self, state: np.ndarray, periods: int) -> tuple[np.ndarray, np.ndarray]:
-        """The point after whole periods, and the friction modes of the ends there.
-
-        Raises
-        ------
-        RuntimeError
-            If the kernel cannot go on.
-        """
-        modes = np.zeros(2)
-        status = advance(self.row, state, modes, periods, self.rtol, False, self.space, self.record)
-        if status != OK:
-            raise RuntimeError(STATUS_MESSAGES[status])
-        return self.point(state), modes
-
-
-def free_coordinates(modes: np.ndarray) -> list[int]:
-    """Numbers of the coordinates that contact leaves free.
-
-    An end on the plate has neither gap nor rate. Where one sticks, the centre of mass moves as it must; where both do, only
-    the spin is left.
-    """
-    free = [k for k in range(4) if modes[k % 2] == FREE]
-    if not (modes == STICK).all():
-        free.append(4)
-    free.append(5)
-    return free if (modes == STICK).any() else [*free, 6, 7]
-
-
 def _end(run: Run, wanted: str) -> tuple[RunRecord, np.ndarray, np.ndarray]:
     """The record of a run, with its last state and friction modes."""
     check_level(run.parameters, wanted)
@@ -249,7 +149,7 @@ def multipliers(run: Run) -> Multipliers:
     record, state, modes = _end(run, "multipliers")
     if run.mode_period == 0:
         raise ParameterError(f"multipliers: the motion does not repeat (mode {run.mode}); give it more periods")
-    return of_orbit(Section(run.parameters, record.row, min(run.rtol, MAP_RTOL)), state, modes, run.mode_period)
+    return of_orbit(Section(record.row, min(run.rtol, MAP_RTOL)), state, modes, run.mode_period)
 
 
 def of_orbit(section: Section, state: np.ndarray, modes: np.ndarray, periods: int) -> Multipliers:
@@ -377,7 +277,7 @@ def _way_on(run: Run, periods: int, wanted: str) -> _Way:
     rows = record.segments[period_rows(record.segments)][run.n_periods :]
     if not settled and longer.settled_after > run.n_periods:
         rows = rows[: int(longer.settled_after) - run.n_periods + 1]
-    section = Section(run.parameters, record.row, min(run.rtol, MAP_RTOL))
+    section = Section(record.row, min(run.rtol, MAP_RTOL))
     modes = rows[:, SEGMENT_MODES:SEGMENT_HOP_TIME]
     return _Way(section, rows[:, :N_STATE], modes, settled, before, periods)
 

@@ -11,9 +11,8 @@ from uuid import uuid4
 
 from dimersweep.errors import StoreError
 
-HALF = re.compile(
-    r"\.dimersweep-[0-9a-f]{32}\.tmp"
-)  # of a file that is being written, or that a kill has left half written
+# of a file that is being written, or that a kill has left half written
+HALF = re.compile(r"\.dimersweep-[0-9a-f]{32}\.tmp")
 
 
 def sync(path: Path) -> None:

@@ -117,12 +117,12 @@ def check_output(
     return check_writable(path, force=force, name=name)
 
 
-def refuse_input(output: Path, given: Path, name: str) -> None:
+def refuse_input(out: Path, given: Path) -> None:
     """Refuse an output that would replace a file that the same call reads.
 
     Raises
     ------
     ParameterError
     """
-    if output.exists() and given.exists() and output.samefile(given):
-        raise ParameterError(f"{name} = {_shown(output)}: would replace what is read; give another name")
+    if out.exists() and given.exists() and out.samefile(given):
+        raise ParameterError(f"out = {_shown(out)}: would replace what is read; give another name")

@@ -279,7 +279,7 @@ def _kept(parts: Parts, makers: Mapping[str, Maker]) -> str:
 def _joined(declared: Borders, tables: list[xr.Dataset]) -> xr.Dataset:
     """One dataset of all parts."""
     if declared.curves is not None:
-        made = _joined_curves(declared, declared.curves, tables)
+        made = _joined_curves(declared.curves, tables)
     elif declared.branches is not None:
         made = xr.concat(tables, dim="point", combine_attrs="override")
         made.attrs = {"parameter": declared.branches.parameter}
@@ -315,7 +315,7 @@ def _curve(declared: Borders, curves: Curves, kind: str, tell: Tell) -> xr.Datas
     return table
 
 
-def _joined_curves(declared: Borders, curves: Curves, tables: list[xr.Dataset]) -> xr.Dataset:
+def _joined_curves(curves: Curves, tables: list[xr.Dataset]) -> xr.Dataset:
     """Curves along `border`, each with its `kind`, and the meetings of all of them."""
     beside = [name for name in tables[0].data_vars if "meeting" in tables[0][name].dims]
     made = xr.concat([table.drop_vars(beside) for table in tables], dim="border", combine_attrs="override")

@@ -179,9 +179,8 @@ def explain(error: ValidationError, sections: Mapping[str, type[BaseModel]]) -> 
             mistakes.append(str(complaint["ctx"]["error"]))  # of one of our own checks, which names what it judges
         else:
             mistakes.append(f"{where} = {complaint['input']!r}: {complaint['msg'].replace('Input should', 'must')}")
-    return [
-        line for line in mistakes if line.partition(": is missing")[0] not in meant
-    ]  # a misspelt key is not missing too
+    # a misspelt key is not missing too
+    return [line for line in mistakes if line.partition(": is missing")[0] not in meant]
 
 
 def _of_parameters(raw: Mapping[str, Any]) -> list[str]:

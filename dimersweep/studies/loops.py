@@ -14,6 +14,7 @@ from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number
 from dimersweep.kernel.batch import Workspace
 from dimersweep.kernel.model.layout import CODE_MODE, CODE_MODE_PERIOD
+from dimersweep.parameters import fill_rows
 from dimersweep.runs.accessor import warn_of_another_kernel
 from dimersweep.runs.carrying import Link, carried
 from dimersweep.studies.deciding import OPEN
@@ -161,15 +162,13 @@ class CarriedLine:
         self.spec, self.space = spec, space
         *_, self.axis = spec.grid.axes
         self.values = spec.grid.axes[self.axis]
-        n = self.values.size
-        rows = spec.grid.rows(0, n)
+        rows = spec.grid.rows_at(np.arange(self.values.size))
         up, down = (list(carried(each, spec.how, space)) for each in (rows, rows[::-1]))
         self.ends = {UP: [link.end for link in up], DOWN: [link.end for link in down[::-1]]}
         self.cost = sum(link.cost for link in (*up, *down))
 
     def _row(self, value: float) -> np.ndarray:
-        grid = self.spec.grid
-        row: np.ndarray = Grid({self.axis: np.array([value])}, grid.fixed).rows(0, 1)[0]
+        row: np.ndarray = fill_rows(self.spec.grid.fixed | {self.axis: value}, 1)[0]
         return row
 
     def _carry(self, start: np.ndarray | None, before: float, to: float) -> Link | None:

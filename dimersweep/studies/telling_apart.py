@@ -1,7 +1,7 @@
 """Who tells motions apart: the attractors of drawn starts at one set of parameters, and which of them are those of another."""
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -9,14 +9,13 @@ from scipy.optimize import linear_sum_assignment
 from dimersweep.cubes.points import Points
 from dimersweep.errors import OrbitError
 from dimersweep.kernel.course import new_workspace
-from dimersweep.kernel.model.layout import CODE_MODE, CODE_MODE_PERIOD, M_UNRESOLVED, MODES
+from dimersweep.kernel.model.layout import CODE_MODE, CODE_MODE_PERIOD, MODES
 from dimersweep.orbits.finding import find
 from dimersweep.orbits.poincare import OrbitLost, Tape
 from dimersweep.orbits.portraits import ALIKE_WITHIN, Carried, Mirrors, Portrait, apart, portrait_from
-from dimersweep.runs.run import Run
-from dimersweep.runs.simulating import simulate
+from dimersweep.runs.simulating import simulate_patiently
 from dimersweep.runs.solving import run_row
-from dimersweep.work.tiles import RunSettings, lengths
+from dimersweep.work.tiles import RunSettings
 
 
 class Sort(NamedTuple):
@@ -83,15 +82,6 @@ class Judge:
         except OrbitLost:
             return None
 
-    def run(self, start: int) -> Run:
-        """The recorded run of a start."""
-        for periods in lengths(self.how.periods, self.how.max_periods):
-            given: dict[str, Any] = dict(self.parameters(start))
-            run = simulate(**given, periods=periods, rtol=self.how.rtol, stop_when_settled=True)
-            if run.mode != MODES[M_UNRESOLVED]:
-                break
-        return run
-
     def sorts(self) -> list[Sort]:
         """The attractors, those that most starts lead to first."""
         portraits: dict[int, Portrait] = {}
@@ -128,7 +118,7 @@ class Judge:
     def _carried(self, start: int, own: Portrait, near: Mapping[int, Portrait]) -> Carried | None:
         """The orbit of a start, with its family over the spins of the portraits that may show it."""
         try:
-            orbit = find(guess=self.run(start), periods=own.periods)
+            orbit = find(guess=simulate_patiently(self.parameters(start), self.how), periods=own.periods)
             carried = Carried(orbit, [other.spin for other in near.values()], self.mirrors)
         except (OrbitError, OrbitLost):
             return None

@@ -35,11 +35,8 @@ class Tally:
     ) -> None:
         self.total, self.workers = total, workers
         self.modes: Counter[str] = Counter(before or {})
-        self.tasks, self.timed, self.seconds = (
-            0,
-            0,
-            0.0,
-        )  # tasks that were run; points of all but the first, and their time
+        # tasks that were run; points of all but the first, and their time
+        self.tasks, self.timed, self.seconds = 0, 0, 0.0
         self.start = perf_counter()
 
     @property

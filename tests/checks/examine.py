@@ -57,10 +57,8 @@ HALVINGS = 12  # of a phase for the quadrature in it, at most
 SAMPLES = 20_000  # states of a scene, beyond one panel a phase, after which no panel is halved
 DOUBT = 1e-13  # about the work in a part of a phase, over the energy of the scene, that ends its halving
 KINDS = ("flight", "impact", "contact", "close")
-SUNK, GAINED = (
-    1e-14,
-    1e-9,
-)  # penetration over length, and energy from nothing over that of the scene, from which a run lies
+# penetration over length, and energy from nothing over that of the scene, from which a run lies
+SUNK, GAINED = 1e-14, 1e-9
 STRICT = 1e-11  # accuracy of the run that shows whether energy comes from nothing
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dimersweep.kernel.batch import run_many, stop, work_done
+from dimersweep.kernel.batch import run_many, stop
 from dimersweep.kernel.course import new_workspace
 from dimersweep.kernel.model.layout import M_DRIFT, N_CODES, N_OUT, NOT_RUN, OK, OUT, ROW, STATUSES, STOPPED
 from dimersweep.parameters import Parameters, fill_rows, value_of
@@ -287,7 +287,7 @@ def run_block(rows, periods, rtol, longest=LONGEST):
         watch.restart()
         begun = time.thread_time()
         run_many(rows[k : k + 1], periods, rtol, False, out[k : k + 1], codes[k : k + 1], 0, space)
-        seconds[k], work[k] = time.thread_time() - begun, work_done(space)
+        seconds[k], work[k] = time.thread_time() - begun, space.work.meter[0].spent
     watch.over.set()
     codes[codes[:, CODE["status"]] == NOT_RUN, CODE["status"]] = STOPPED
     return codes, out, seconds, work

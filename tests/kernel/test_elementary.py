@@ -15,7 +15,7 @@ from dimersweep.kernel.compiler.cache import load
 from dimersweep.kernel.compiler.versions import FAST, way
 from dimersweep.kernel.model import body
 from dimersweep.parameters import Parameters
-from dimersweep.runs.stability import Section
+from dimersweep.runs.period_map import Section
 from dimersweep.work.proving import outcomes
 from tests.checks import verbs
 
@@ -121,7 +121,7 @@ def object_codes():
     """Object code of every exported kernel in use."""
     outcomes()
     dimersweep.simulate(periods=3).states([0.01, 0.02])
-    section = Section({}, Parameters().row(), 1e-8)
+    section = Section(Parameters().row(), 1e-8)
     section.after(section.state(np.zeros(8)), 1)
     for kernel in (batch.run_rows, sample.sample, return_map.advance, body.fill_dimer):
         assert kernel.overloads

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dimersweep.kernel.batch import run_many, stop, work_done
+from dimersweep.kernel.batch import run_many, stop
 from dimersweep.kernel.contact.events import NO_EVENT, OUT_OF_STEPS
 from dimersweep.kernel.contact.step_control import EXPLICIT_COST, IMPLICIT_COST
 from dimersweep.kernel.course import BUDGET, BUDGET_PER_PERIOD, new_workspace
@@ -84,7 +84,7 @@ def test_no_wild_scene_does_more_work_than_its_bound():
     space, most = new_workspace(), 0.0
     for row in rows_of(0, 300, 2, "wild"):
         outcome_of(row[None], 1, space)
-        most = max(most, work_done(space))
+        most = max(most, space.work.meter[0].spent)
     assert CONTACT_COST < most <= BUDGET + BUDGET_PER_PERIOD + ONE_MORE
 
 

@@ -66,9 +66,8 @@ FIRST_WITHOUT_FORCE = 1e-5
 LEAST_STEP = 1e-14  # step, in forcing periods, below which the contact force grows beyond all bounds
 PLAIN_LEAST_TURN = 0.02  # time in which the slip turns, in forcing periods, below which the plain method is left
 FALLING = 0.15  # rate of slip, in units of -gamma, from which the rescaled method takes it
-SOON = (
-    0.1  # rate at which the compliance falls, in units of itself and of gamma / v, that calls for the rescaled method
-)
+# rate at which the compliance falls, in units of itself and of gamma / v, that calls for the rescaled method
+SOON = 0.1
 BRAKED = 1e3  # braking of the turn of a spinning dimer, per forcing period, from which it is stiff
 PHASE_TURNS = 7.0  # of a slip, that an explicit step may span: what the method bears
 SLIGHT = 1e-6  # turn of the slip over which that rate is taken [rad]
@@ -194,7 +193,7 @@ def end_slip_on_line(dm, p, b):
     modes, y, c = p.modes, p.y, b.control[0]
     sets_out = c.time == 0.0 and c.speed <= p.slip_tol  # its mode was chosen: rounding has no say in its rate
     if p.locate and not sets_out and c.speed < PLAIN_LEAST_TURN * dm.period * c.stiffness:
-        lands = landing_in_sight(dm, modes, y, b.dy) / PAST_LANDING
+        lands = landing_in_sight(modes, y, b.dy) / PAST_LANDING
         i = slip_about_to_end(dm, modes, y, b.dy, min(lands, p.span - c.time), p.tol, p.slip_tol)
         if i >= 0:
             c.time += run_to_slip_end(dm, modes, y, b.dy, i, p.slip_tol, p.n)
@@ -217,7 +216,7 @@ def choose_step(dm, p, b):
         h = min(h, 0.5 * FIRST_PHASE_STEP * c.natural * dm.period)
     if method != RESCALED:
         slowing = SLIDING if method == IMPLICIT else (0.9 if v == inf else min(0.9, HALTING * sqrt(c.natural)))
-        h = min(h, min(slowing * slip_limit(dm, modes, y, b.dy), landing_in_sight(dm, modes, y, b.dy)))
+        h = min(h, min(slowing * slip_limit(dm, modes, y, b.dy), landing_in_sight(modes, y, b.dy)))
     if method == PLAIN_METHOD and gamma > 0.0:
         h = min(h, PHASE_TURNS * v / max(gamma, stiffness(dm, modes, y, 0.5 * dm.m * dm.g)))
     last = method != RESCALED and h >= left * (1.0 - 1e-12)
@@ -252,7 +251,7 @@ def jams_soon(dm, modes, phase, v, gamma, b):
 
 
 @compiled
-def landing_in_sight(dm, modes, y, dy):
+def landing_in_sight(modes, y, dy):
     """Time after which the open end has landed at its present acceleration, and a little more; inf if it does not."""
     sign = 1.0 if modes[0] != FREE else -1.0
     gap, rate, fall = sign * y[YDIP], sign * y[YWB], sign * dy[YWB]

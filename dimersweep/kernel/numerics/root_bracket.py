@@ -10,11 +10,8 @@ CARRIED = 0.1  # way over which a probe may carry the last one on, in units of i
 # in place of an event: a probe within the step is worse than the step itself, which has passed over a singularity
 UNSOUND = -3
 PROBE_LOOK_ON, PROBE_FOUND, PROBE_REFUSED = range(3)  # the verdict of a probe
-ON_CUBIC, CLOSE_ON_CUBIC, ASIDE = (
-    12,
-    1e-6,
-    1e-3,
-)  # evaluations, change of the function that is left, and way to its slope
+# evaluations, change of the function that is left, and way to its slope
+ON_CUBIC, CLOSE_ON_CUBIC, ASIDE = 12, 1e-6, 1e-3
 GUESSES = 6  # probes by Newton's rule, after which the bracket alone decides
 
 

@@ -27,6 +27,10 @@ class Kind(ABC):
         Of its curves, and of its points on branches, in pictures.
     ball : callable, optional
         Gamma of this border for a ball that bounces once a period, from e.
+    senses : tuple of float
+        Of the parameter, in which the border is looked for from an orbit.
+    shares : tuple of float
+        Of the way from the ball's fold to its flip, where those orbits are looked for.
     """
 
     name: str
@@ -34,6 +38,8 @@ class Kind(ABC):
     color: str
     marker: str
     ball: Callable[[float], float] | None = None
+    senses: tuple[float, float] = (1.0, -1.0)
+    shares: tuple[float, ...] = (0.3, 0.1, 0.6, 0.8, 0.2, 0.05)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,17 +48,7 @@ class Bifurcation(Kind):
 
     The derivative J of the map has an eigenvector to the multiplier there: one real vector, or the real and the imaginary
     part of a complex one.
-
-    Attributes
-    ----------
-    senses : tuple of float
-        Of the parameter, in which the border is looked for from an orbit.
-    shares : tuple of float
-        Of the way from the ball's fold to its flip, where those orbits are looked for.
     """
-
-    senses: tuple[float, float] = (1.0, -1.0)
-    shares: tuple[float, ...] = (0.3, 0.1, 0.6, 0.8, 0.2, 0.05)
 
     @property
     @abstractmethod
