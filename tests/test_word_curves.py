@@ -6,7 +6,7 @@ import pytest
 from dimersweep import orbits
 from dimersweep.errors import OrbitError
 from dimersweep.orbits.kinds import BORDER_KINDS
-from dimersweep.orbits.word import sides_of
+from dimersweep.orbits.word import rests, sides_of
 
 # kind: fixed parameters, e, and how far from the border orbits found in sections of their own surely have its words
 CURVES = {
@@ -182,3 +182,11 @@ def test_the_sides_of_a_change_are_told_by_pairs_where_counts_are_equal():
     sides = sides_of("DI_sp_sp SC1_sp.1 SC1_sk.1", "DI_sp_sp SC1_sk.1 SC1_sp.1")
     assert sides.here("DI_sp_sp SC1_sp.1 SC1_sk.1") and sides.beyond("DI_sp_sp SC1_sk.1 SC1_sp.1")
     assert "-SC1_sp.1/SC1_sk.1" in sides.described("DI_sp_sp SC1_sp.1 SC1_sk.1")
+
+
+def test_an_event_that_comes_to_the_section_of_a_branch_is_not_where_its_motion_comes_to_no_rest():
+    """At e = 0.72 p1 no longer sticks at the section of the branch from Gamma = 1.1919 on, but still comes to rest."""
+    Gamma = float(orbits.border("hop", "Gamma", over={"e": [0.72]}, spin=100.0, **SHORT)["Gamma"][0])
+    inside = orbits.find(Gamma=1.21, e=0.72, spin=100.0, **SHORT)
+    for by, at_rest in ((-1e-3, True), (-1e-4, True), (2e-3, False)):
+        assert rests(orbits.find(guess=inside, Gamma=Gamma + by).word) == at_rest

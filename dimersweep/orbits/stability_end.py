@@ -9,11 +9,14 @@ from itertools import takewhile
 
 import numpy as np
 
-from dimersweep.orbits.branch import Axis, Point, corrected, in_each_section, in_own_section, lent, one_sided
+from dimersweep.orbits.branch import Axis, Point, corrected, in_each_section, in_own_section, lent, one_sided, point_of
+from dimersweep.orbits.guesses import settled_on
 from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.orbits.kinds.changes import WORD, change_of
 from dimersweep.orbits.kinds.kind import Bifurcation, Kind
 from dimersweep.orbits.manifold import multipliers_of
+from dimersweep.orbits.newton import solve
+from dimersweep.orbits.passage import TURN
 from dimersweep.orbits.poincare import OrbitLost
 from dimersweep.orbits.specials import JOINED, MOST_CHANGES, Special, between, last_with, located, senses_of
 from dimersweep.orbits.word import word_of
@@ -135,11 +138,15 @@ def last_that(holds: Holds, axis: Axis, begin: Point) -> Point:
 
 
 def _furthest(holds: Holds, axis: Axis, point: Point, sense: float) -> tuple[Point, bool]:
-    """The last orbit with a property in steps of the parameter, and whether such an orbit goes on beyond."""
+    """The last orbit with a property in steps of the parameter, and whether such an orbit goes on beyond.
+
+    Each step is taken in a section that suits the orbit: an event that comes to the section is not the end of the orbit.
+    """
     start, step = point, FIRST_PUSH
+    point = in_own_section(axis, point)
     while step > LAST_PUSH:
         try:
-            point = _pushed(holds, axis, point, sense * step)
+            point = in_own_section(axis, _pushed(holds, axis, point, sense * step))
             step *= PUSH_GROWTH
         except OrbitLost:
             step /= PUSH_GROWTH**2
@@ -147,8 +154,33 @@ def _furthest(holds: Holds, axis: Axis, point: Point, sense: float) -> tuple[Poi
             return point, True
     for gap in (0.1 * GAP, GAP):
         with suppress(OrbitLost):
-            return _pushed(holds, axis, point, sense * gap), True
+            return _come_to(holds, axis, point, sense * gap), True
     return point, False
+
+
+def _come_to(holds: Holds, axis: Axis, point: Point, by: float) -> Point:
+    """The orbit with a property nearby where the parameter over its scale is greater by so much; its tangent points there.
+
+    Its contact at the section of the point may be another one: it has a section of its own, that of the motion which the point
+    comes to in a period.
+
+    Raises
+    ------
+    OrbitLost
+        If there is none.
+    """
+    value = point.value + by * axis.scale
+    m = axis.map_at(point.map, value)
+    own, z = settled_on(m, m.state(point.fixed.z), m.periods)
+    fixed = solve(own, z, axis.spin_at(value))
+    before, _ = point.map.sampled(point.fixed.image.passage, (own.phase - point.map.phase) % TURN)
+    leap = own.section.point(own.state(fixed.z)) - own.section.point(before)
+    if np.abs(leap).max() > JOINED:
+        raise OrbitLost("another orbit is found")
+    nxt = point_of(axis, fixed, value, None)
+    if not holds(nxt):
+        raise OrbitLost("the orbit nearby is another one")
+    return nxt if by > 0 else nxt._replace(tangent=-nxt.tangent)
 
 
 def stays_stable(axis: Axis, point: Point, sense: float) -> bool:
