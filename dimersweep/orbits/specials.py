@@ -93,7 +93,7 @@ class Leap(Exception):
 
     def __init__(self, found: list[Special], last: Point, word: str) -> None:
         super().__init__(f"the orbit does not go on beyond its word; the next one found has the word {word}")
-        self.found, self.last = found, last
+        self.found, self.last, self.word = found, last, word
 
 
 def word_changes(axis: Axis, a: Point, b: Point) -> list[Special]:

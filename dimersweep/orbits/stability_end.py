@@ -25,6 +25,7 @@ WALK_STEP, SHORTEST_STEP, WALK_POINTS = 0.1, 1e-5, 120  # of a branch, in units 
 STRAIGHT_LINE = 0.7  # product of the tangents at both ends of a step, below which it is too long
 NARROW_STRETCH = 1e-4  # length of a step in which stability is lost, from which on changes of word are looked for
 GAP = 1e-2  # part of the parameter over which an orbit may be missing or leap
+GAPS = (0.1 * GAP, GAP)  # beyond which it is taken up
 FIRST_PUSH, LAST_PUSH, PUSH_GROWTH = 1e-5, 1e-9, 3.0  # steps of the parameter to the last stable orbit
 AHEAD = (1e-5, 1e-4, 1e-3, 1e-2)  # how far beyond the last orbit of a branch the word is looked at
 
@@ -152,10 +153,31 @@ def _furthest(holds: Holds, axis: Axis, point: Point, sense: float) -> tuple[Poi
             step /= PUSH_GROWTH**2
         if abs(point.value - start.value) > GAP * axis.scale:
             return point, True
-    for gap in (0.1 * GAP, GAP):
+    for gap in GAPS:
         with suppress(OrbitLost):
             return _come_to(holds, axis, point, sense * gap), True
     return point, False
+
+
+def across(holds: Holds, axis: Axis, point: Point, sense: float) -> tuple[Point, Point]:
+    """The last orbit with the word of a point where its branch is lost, and the next one nearby with a property beyond it.
+
+    Both are the same one where an orbit with that word goes on.
+
+    Raises
+    ------
+    OrbitLost
+        If there is none beyond.
+    """
+    word = word_of(point.fixed.image.passage)
+    last, goes_on = _furthest(lambda orbit: word_of(orbit.fixed.image.passage) == word, axis, point, sense)
+    if goes_on:
+        return last, last
+    for gap in GAPS:
+        with suppress(OrbitLost):
+            beyond = _come_to(holds, axis, last, sense * gap)
+            return one_sided(axis, last, senses_of(axis, last, word.__eq__), last.tangent), beyond
+    raise OrbitLost("the branch does not go on")
 
 
 def _come_to(holds: Holds, axis: Axis, point: Point, by: float) -> Point:
@@ -191,6 +213,10 @@ def stays_stable(axis: Axis, point: Point, sense: float) -> bool:
             matrix, _ = fixed.map.jacobian(fixed.z, fixed.image, np.ones(fixed.z.size))
             if (np.abs(multipliers_of(fixed._replace(matrix=matrix))[0]) < 1).all():
                 return True
+    for by in GAPS:
+        with suppress(OrbitLost):
+            _come_to(is_stable, axis, point, sense * by)
+            return True
     return False
 
 
