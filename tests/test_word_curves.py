@@ -7,6 +7,7 @@ from dimersweep import orbits
 from dimersweep.errors import OrbitError
 from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.orbits.word import rests, sides_of
+from tests.checks.dimers import random_dimer
 
 # kind: fixed parameters, e, and how far from the border orbits found in sections of their own surely have its words
 CURVES = {
@@ -190,3 +191,25 @@ def test_an_event_that_comes_to_the_section_of_a_branch_is_not_where_its_motion_
     inside = orbits.find(Gamma=1.21, e=0.72, spin=100.0, **SHORT)
     for by, at_rest in ((-1e-3, True), (-1e-4, True), (2e-3, False)):
         assert rests(orbits.find(guess=inside, Gamma=Gamma + by).word) == at_rest
+
+
+def test_changes_are_listed_beyond_where_an_orbit_leaps_to_another_contact():
+    """From Gamma = 0.698 on its p1 slips as long as it is down: no section is left in which it sticks on both sides."""
+    dimer = random_dimer(67)
+    rest = {name: value for name, value in dimer.items() if name != "e"}
+    slips, bounces = (
+        orbits.border(kind, "Gamma", over={"e": [dimer["e"]]}, **rest).isel(e=0) for kind in ("stick_slip", "chatter")
+    )
+    assert str(slips["status"].values) == "ok" and str(slips["change"].values) == "-SC1_sk.1"
+    assert not slips["loses_stability"]
+    assert str(bounces["status"].values) == "one of 2"
+    before, beyond = orbits.find(Gamma=0.69, **dimer), orbits.find(Gamma=0.7, **dimer)
+    at, then = float(slips["Gamma"]), float(bounces["Gamma"])
+    words = [
+        orbits.find(guess=guess, **dimer | {"Gamma": Gamma}).word
+        for guess, Gamma in ((before, at - 1e-5), (beyond, at + 1e-5), (None, then - 2e-4), (None, then + 2e-4))
+    ]
+    assert ["SC1_sk.1" in word for word in words] == [True, False, False, False]
+    assert ["bounces.2" in word for word in words] == [False, False, False, True]
+    with pytest.raises(OrbitError):
+        orbits.find(guess=before, Gamma=at + 1e-5)

@@ -119,7 +119,7 @@ class WordCurve(FollowedCurve):
         raise OrbitLost(f"no {self.kind.name} is met by a motion that comes to no rest")
 
     def _changes(self, begin: Point) -> Iterator[Special]:
-        """Changes of this kind along a branch, up to where it turns round, goes to pieces, leaps far or is lost."""
+        """Changes of this kind along a branch, up to where it turns round, goes to pieces or is lost."""
         point, sense = begin, float(np.sign(begin.tangent[-1]))
         for _ in range(MOST_CHANGES):
             last = point
@@ -132,7 +132,7 @@ class WordCurve(FollowedCurve):
                                 return
                             if self._is_met(special):
                                 yield special
-                        if not goes_on or b.tangent[-1] * sense < 0 or not comes_to_rest(b):
+                        if not goes_on or b.tangent[-1] * sense < 0:
                             return
                         last = b
                 return
@@ -160,12 +160,14 @@ class WordCurve(FollowedCurve):
         yield a, b
 
     def _specials(self, a: Point, b: Point) -> tuple[list[Special], bool]:
-        """Special points of a step, that at which it leaps to another branch too, and whether the branch goes on to its end."""
+        """Special points of a step, leaps among them, and whether it leads to orbits of which an end comes to rest."""
         try:
-            return specials(self.axis, a, b), True
+            return specials(self.axis, a, b), comes_to_rest(b)
         except Leap as leap:
             words = word_of(leap.last.fixed.image.passage), leap.word
-            return [*leap.found, Special(change_of(*words), leap.last, 1.0, np.nan, words)], False
+            found = [*leap.found, Special(change_of(*words), leap.last, 1.0, np.nan, words)]
+            further, goes_on = self._specials(leap.beyond, b) if rests(leap.word) else ([], False)
+            return found + further, goes_on
 
     def _to_pieces(self, ways: list[Point]) -> Found:
         """The last orbit of which an end comes to rest: beyond it is a border for each number of bounces.
