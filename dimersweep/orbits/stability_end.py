@@ -9,7 +9,7 @@ from itertools import takewhile
 
 import numpy as np
 
-from dimersweep.orbits.branch import Axis, Point, corrected, in_each_section, in_own_section, lent, one_sided, point_of
+from dimersweep.orbits.branch import Axis, Point, corrected, in_each_section, in_own_section, one_sided, point_of
 from dimersweep.orbits.guesses import settled_on
 from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.orbits.kinds.changes import WORD, change_of
@@ -207,12 +207,6 @@ def _come_to(holds: Holds, axis: Axis, point: Point, by: float) -> Point:
 
 def stays_stable(axis: Axis, point: Point, sense: float) -> bool:
     """Whether there is a stable orbit nearby where the parameter is a little further in a sense (1 or -1)."""
-    for by in (0.01 * GAP, 0.1 * GAP, GAP):
-        with suppress(OrbitLost):
-            fixed = _beside(axis, point, sense * by, lent).fixed
-            matrix, _ = fixed.map.jacobian(fixed.z, fixed.image, np.ones(fixed.z.size))
-            if (np.abs(multipliers_of(fixed._replace(matrix=matrix))[0]) < 1).all():
-                return True
     for by in GAPS:
         with suppress(OrbitLost):
             _come_to(is_stable, axis, point, sense * by)
@@ -228,21 +222,13 @@ def _pushed(holds: Holds, axis: Axis, point: Point, by: float) -> Point:
     OrbitLost
         If there is none.
     """
-    nxt = _beside(axis, point, by, corrected)
+    along = np.append(np.zeros(point.fixed.z.size), by)
+    nxt = corrected(axis, point, point.y(axis) + along, along)
+    if np.abs(nxt.fixed.z - point.fixed.z).max() > JOINED:
+        raise OrbitLost("another orbit is found")
     if not holds(nxt):
         raise OrbitLost("the orbit nearby is another one")
     return nxt._replace(tangent=nxt.tangent if nxt.tangent[-1] * by > 0 else -nxt.tangent)
-
-
-def _beside(
-    axis: Axis, point: Point, by: float, solved: Callable[[Axis, Point, np.ndarray, np.ndarray], Point]
-) -> Point:
-    """The orbit nearby where the parameter over its scale is greater by so much, as `lent` or `corrected` solve for it."""
-    along = np.append(np.zeros(point.fixed.z.size), by)
-    nxt = solved(axis, point, point.y(axis) + along, along)
-    if np.abs(nxt.fixed.z - point.fixed.z).max() > JOINED:
-        raise OrbitLost("another orbit is found")
-    return nxt
 
 
 def _in_step(axis: Axis, a: Point, b: Point) -> Special:
