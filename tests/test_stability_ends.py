@@ -11,10 +11,21 @@ from tests.checks.dimers import crossed, random_dimer
 FIRST, LAST = 1, 8  # of the random dimers; `benchmarks/evidence/borders_random.py` judges more
 
 
+def dimer_without_e(dimer):
+    """The parameters of a dimer that a border over e is given."""
+    return {name: value for name, value in dimer.items() if name != "e"}
+
+
+def carried(run, dimer, Gamma, periods):
+    """The run of a dimer that goes on from the end of another one."""
+    parameters = {name: value for name, value in dimer.items() if name != "spin"} | {"Gamma": Gamma}
+    return simulate(start=run.states(run.duration), periods=periods, rtol=1e-9, **parameters)
+
+
 @pytest.mark.parametrize("seed", range(FIRST, LAST))
 def test_a_random_dimer_drifts_between_its_fold_and_the_end_of_its_stability(seed):
     dimer = random_dimer(seed)
-    over, rest = {"e": [dimer["e"]]}, {name: value for name, value in dimer.items() if name != "e"}
+    over, rest = {"e": [dimer["e"]]}, dimer_without_e(dimer)
     fold, end = (orbits.border(kind, "Gamma", over=over, **rest).isel(e=0) for kind in ("fold", "stable_to"))
     assert fold["loses_stability"] and end["loses_stability"]
     inner, outer = crossed(dimer, float(fold["Gamma"]), -1)
@@ -40,27 +51,44 @@ def test_the_ends_of_stability_of_a_long_light_rod_that_slips_are_those_of_a_bal
 
 
 # Its end that is down no longer comes to rest in time beyond Gamma = 1.2292
-CHATTERS = {name: value for name, value in random_dimer(1).items() if name != "e"}
-CHATTERS_E = random_dimer(1)["e"]
+CHATTERS = random_dimer(1)
 
 
 def test_a_drift_may_end_where_an_end_no_longer_comes_to_rest():
-    end = orbits.border("stable_to", "Gamma", over={"e": [CHATTERS_E]}, **CHATTERS).isel(e=0)
+    end = orbits.border("stable_to", "Gamma", over={"e": [CHATTERS["e"]]}, **dimer_without_e(CHATTERS)).isel(e=0)
     Gamma = float(end["Gamma"])
     assert str(end["ends_by"].values) == "chatter"
     assert np.abs(end["multipliers"].values).max() < 0.9
-    at = CHATTERS | {"e": CHATTERS_E}
-    inside = orbits.find(Gamma=Gamma - 1e-3, **at)
-    run = inside.run(400, rtol=1e-10)
+    run = orbits.find(Gamma=Gamma - 1e-3, **CHATTERS).run(400, rtol=1e-10)
     assert run.orbit is not None or run.mode_period == 1
-    parameters = {name: value for name, value in at.items() if name != "spin"} | {"Gamma": Gamma + 1e-2}
-    beyond = simulate(start=run.states(run.duration), periods=800, rtol=1e-10, **parameters)
-    assert beyond.mode_period != 1
+    assert carried(run, CHATTERS, Gamma + 1e-2, 800).mode_period != 1
+
+
+def test_where_the_end_that_is_down_begins_to_slip_the_orbit_leaps_a_little_and_stays_stable():
+    """Just above Gamma = 0.698 it slips as long as it is down, and runs drift on up to a flip."""
+    dimer = random_dimer(67)
+    end = orbits.border("stable_to", "Gamma", over={"e": [dimer["e"]]}, **dimer_without_e(dimer)).isel(e=0)
+    assert str(end["ends_by"].values) == "flip"
+    low = orbits.find(Gamma=0.697, **dimer)
+    run = carried(low.run(50), dimer, 0.7, 200)
+    drifting = orbits.find(guess=run, spin=dimer["spin"])
+    assert "SC1_sk.1" in low.word and "SC1_sk.1" not in drifting.word and drifting.stable
+    assert crossed(dimer, float(end["Gamma"]), 1) == ("stable", "unstable")
+
+
+def test_an_orbit_that_is_stable_but_that_no_run_comes_to_is_none_that_goes_on():
+    """Beyond the leap there is one at a distance of 0.15, but runs from the last orbit settle on a motion of period 3."""
+    dimer = random_dimer(19)
+    end = orbits.border("stable_to", "Gamma", over={"e": [dimer["e"]]}, **dimer_without_e(dimer)).isel(e=0)
+    Gamma = float(end["Gamma"])
+    run = orbits.find(Gamma=Gamma - 2e-4, **dimer).run(400)
+    assert run.mode == "drift"
+    assert carried(run, dimer, Gamma + 1e-3, 400).mode_period == 3
 
 
 def test_a_flip_of_orbits_that_are_unstable_already_says_so():
     dimer = random_dimer(8)
-    over, rest = {"e": [dimer["e"]]}, {name: value for name, value in dimer.items() if name != "e"}
+    over, rest = {"e": [dimer["e"]]}, dimer_without_e(dimer)
     flip, end = (orbits.border(kind, "Gamma", over=over, **rest).isel(e=0) for kind in ("flip", "stable_to"))
     assert not flip["loses_stability"]
     assert float(flip["Gamma"]) > float(end["Gamma"])

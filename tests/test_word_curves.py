@@ -6,7 +6,8 @@ import pytest
 from dimersweep import orbits
 from dimersweep.errors import OrbitError
 from dimersweep.orbits.kinds import BORDER_KINDS
-from dimersweep.orbits.word import sides_of
+from dimersweep.orbits.word import rests, sides_of
+from tests.checks.dimers import random_dimer
 
 # kind: fixed parameters, e, and how far from the border orbits found in sections of their own surely have its words
 CURVES = {
@@ -182,3 +183,33 @@ def test_the_sides_of_a_change_are_told_by_pairs_where_counts_are_equal():
     sides = sides_of("DI_sp_sp SC1_sp.1 SC1_sk.1", "DI_sp_sp SC1_sk.1 SC1_sp.1")
     assert sides.here("DI_sp_sp SC1_sp.1 SC1_sk.1") and sides.beyond("DI_sp_sp SC1_sk.1 SC1_sp.1")
     assert "-SC1_sp.1/SC1_sk.1" in sides.described("DI_sp_sp SC1_sp.1 SC1_sk.1")
+
+
+def test_an_event_that_comes_to_the_section_of_a_branch_is_not_where_its_motion_comes_to_no_rest():
+    """At e = 0.72 p1 no longer sticks at the section of the branch from Gamma = 1.1919 on, but still comes to rest."""
+    Gamma = float(orbits.border("hop", "Gamma", over={"e": [0.72]}, spin=100.0, **SHORT)["Gamma"][0])
+    inside = orbits.find(Gamma=1.21, e=0.72, spin=100.0, **SHORT)
+    for by, at_rest in ((-1e-3, True), (-1e-4, True), (2e-3, False)):
+        assert rests(orbits.find(guess=inside, Gamma=Gamma + by).word) == at_rest
+
+
+def test_changes_are_listed_beyond_where_an_orbit_leaps_to_another_contact():
+    """From Gamma = 0.698 on its p1 slips as long as it is down: no section is left in which it sticks on both sides."""
+    dimer = random_dimer(67)
+    rest = {name: value for name, value in dimer.items() if name != "e"}
+    slips, bounces = (
+        orbits.border(kind, "Gamma", over={"e": [dimer["e"]]}, **rest).isel(e=0) for kind in ("stick_slip", "chatter")
+    )
+    assert str(slips["status"].values) == "ok" and str(slips["change"].values) == "-SC1_sk.1"
+    assert not slips["loses_stability"]
+    assert str(bounces["status"].values) == "one of 2"
+    before, beyond = orbits.find(Gamma=0.69, **dimer), orbits.find(Gamma=0.7, **dimer)
+    at, then = float(slips["Gamma"]), float(bounces["Gamma"])
+    words = [
+        orbits.find(guess=guess, **dimer | {"Gamma": Gamma}).word
+        for guess, Gamma in ((before, at - 1e-5), (beyond, at + 1e-5), (None, then - 2e-4), (None, then + 2e-4))
+    ]
+    assert ["SC1_sk.1" in word for word in words] == [True, False, False, False]
+    assert ["bounces.2" in word for word in words] == [False, False, False, True]
+    with pytest.raises(OrbitError):
+        orbits.find(guess=before, Gamma=at + 1e-5)

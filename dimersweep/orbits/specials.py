@@ -89,11 +89,12 @@ class Leap(Exception):
     last : Point
     word : str
         Of what lies beyond.
+    beyond : Point
     """
 
-    def __init__(self, found: list[Special], last: Point, word: str) -> None:
+    def __init__(self, found: list[Special], last: Point, word: str, beyond: Point) -> None:
         super().__init__(f"the orbit does not go on beyond its word; the next one found has the word {word}")
-        self.found, self.last = found, last
+        self.found, self.last, self.word, self.beyond = found, last, word, beyond
 
 
 def word_changes(axis: Axis, a: Point, b: Point) -> list[Special]:
@@ -110,10 +111,10 @@ def word_changes(axis: Axis, a: Point, b: Point) -> list[Special]:
     while (word := word_of(left.fixed.image.passage)) != last:
         change = last_with(axis, word.__eq__, low, left, b)
         if change.jump > JOINED:
-            raise Leap(found, change.at, change.word)
+            raise Leap(found, change.at, change.word, change.beyond)
         found.append(Special(change_of(word, change.word), change.at, change.share, change.jump, (word, change.word)))
         if len(found) > MOST_CHANGES:
-            raise Leap(found, change.at, change.word)
+            raise Leap(found, change.at, change.word, change.beyond)
         low, left = change.share, change.beyond
     return found
 

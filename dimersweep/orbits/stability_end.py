@@ -9,11 +9,14 @@ from itertools import takewhile
 
 import numpy as np
 
-from dimersweep.orbits.branch import Axis, Point, corrected, in_each_section, in_own_section, lent, one_sided
+from dimersweep.orbits.branch import Axis, Point, corrected, in_each_section, in_own_section, one_sided, point_of
+from dimersweep.orbits.guesses import settled_on
 from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.orbits.kinds.changes import WORD, change_of
 from dimersweep.orbits.kinds.kind import Bifurcation, Kind
 from dimersweep.orbits.manifold import multipliers_of
+from dimersweep.orbits.newton import solve
+from dimersweep.orbits.passage import TURN
 from dimersweep.orbits.poincare import OrbitLost
 from dimersweep.orbits.specials import JOINED, MOST_CHANGES, Special, between, last_with, located, senses_of
 from dimersweep.orbits.word import word_of
@@ -22,6 +25,7 @@ WALK_STEP, SHORTEST_STEP, WALK_POINTS = 0.1, 1e-5, 120  # of a branch, in units 
 STRAIGHT_LINE = 0.7  # product of the tangents at both ends of a step, below which it is too long
 NARROW_STRETCH = 1e-4  # length of a step in which stability is lost, from which on changes of word are looked for
 GAP = 1e-2  # part of the parameter over which an orbit may be missing or leap
+GAPS = (0.1 * GAP, GAP)  # beyond which it is taken up
 FIRST_PUSH, LAST_PUSH, PUSH_GROWTH = 1e-5, 1e-9, 3.0  # steps of the parameter to the last stable orbit
 AHEAD = (1e-5, 1e-4, 1e-3, 1e-2)  # how far beyond the last orbit of a branch the word is looked at
 
@@ -135,30 +139,78 @@ def last_that(holds: Holds, axis: Axis, begin: Point) -> Point:
 
 
 def _furthest(holds: Holds, axis: Axis, point: Point, sense: float) -> tuple[Point, bool]:
-    """The last orbit with a property in steps of the parameter, and whether such an orbit goes on beyond."""
+    """The last orbit with a property in steps of the parameter, and whether such an orbit goes on beyond.
+
+    Each step is taken in a section that suits the orbit: an event that comes to the section is not the end of the orbit.
+    """
     start, step = point, FIRST_PUSH
+    point = in_own_section(axis, point)
     while step > LAST_PUSH:
         try:
-            point = _pushed(holds, axis, point, sense * step)
+            point = in_own_section(axis, _pushed(holds, axis, point, sense * step))
             step *= PUSH_GROWTH
         except OrbitLost:
             step /= PUSH_GROWTH**2
         if abs(point.value - start.value) > GAP * axis.scale:
             return point, True
-    for gap in (0.1 * GAP, GAP):
+    for gap in GAPS:
         with suppress(OrbitLost):
-            return _pushed(holds, axis, point, sense * gap), True
+            return _come_to(holds, axis, point, sense * gap), True
     return point, False
+
+
+def across(holds: Holds, axis: Axis, point: Point, sense: float) -> tuple[Point, Point]:
+    """The last orbit with the word of a point where its branch is lost, and the next one nearby with a property beyond it.
+
+    Both are the same one where an orbit with that word goes on.
+
+    Raises
+    ------
+    OrbitLost
+        If there is none beyond.
+    """
+    word = word_of(point.fixed.image.passage)
+    last, goes_on = _furthest(lambda orbit: word_of(orbit.fixed.image.passage) == word, axis, point, sense)
+    if goes_on:
+        return last, last
+    for gap in GAPS:
+        with suppress(OrbitLost):
+            beyond = _come_to(holds, axis, last, sense * gap)
+            return one_sided(axis, last, senses_of(axis, last, word.__eq__), last.tangent), beyond
+    raise OrbitLost("the branch does not go on")
+
+
+def _come_to(holds: Holds, axis: Axis, point: Point, by: float) -> Point:
+    """The orbit with a property nearby where the parameter over its scale is greater by so much; its tangent points there.
+
+    Its contact at the section of the point may be another one: it has a section of its own, that of the motion which the point
+    comes to in a period.
+
+    Raises
+    ------
+    OrbitLost
+        If there is none.
+    """
+    value = point.value + by * axis.scale
+    m = axis.map_at(point.map, value)
+    own, z = settled_on(m, m.state(point.fixed.z), m.periods)
+    fixed = solve(own, z, axis.spin_at(value))
+    before, _ = point.map.sampled(point.fixed.image.passage, (own.phase - point.map.phase) % TURN)
+    leap = own.section.point(own.state(fixed.z)) - own.section.point(before)
+    if np.abs(leap).max() > JOINED:
+        raise OrbitLost("another orbit is found")
+    nxt = point_of(axis, fixed, value, None)
+    if not holds(nxt):
+        raise OrbitLost("the orbit nearby is another one")
+    return nxt if by > 0 else nxt._replace(tangent=-nxt.tangent)
 
 
 def stays_stable(axis: Axis, point: Point, sense: float) -> bool:
     """Whether there is a stable orbit nearby where the parameter is a little further in a sense (1 or -1)."""
-    for by in (0.01 * GAP, 0.1 * GAP, GAP):
+    for by in GAPS:
         with suppress(OrbitLost):
-            fixed = _beside(axis, point, sense * by, lent).fixed
-            matrix, _ = fixed.map.jacobian(fixed.z, fixed.image, np.ones(fixed.z.size))
-            if (np.abs(multipliers_of(fixed._replace(matrix=matrix))[0]) < 1).all():
-                return True
+            _come_to(is_stable, axis, point, sense * by)
+            return True
     return False
 
 
@@ -170,21 +222,13 @@ def _pushed(holds: Holds, axis: Axis, point: Point, by: float) -> Point:
     OrbitLost
         If there is none.
     """
-    nxt = _beside(axis, point, by, corrected)
+    along = np.append(np.zeros(point.fixed.z.size), by)
+    nxt = corrected(axis, point, point.y(axis) + along, along)
+    if np.abs(nxt.fixed.z - point.fixed.z).max() > JOINED:
+        raise OrbitLost("another orbit is found")
     if not holds(nxt):
         raise OrbitLost("the orbit nearby is another one")
     return nxt._replace(tangent=nxt.tangent if nxt.tangent[-1] * by > 0 else -nxt.tangent)
-
-
-def _beside(
-    axis: Axis, point: Point, by: float, solved: Callable[[Axis, Point, np.ndarray, np.ndarray], Point]
-) -> Point:
-    """The orbit nearby where the parameter over its scale is greater by so much, as `lent` or `corrected` solve for it."""
-    along = np.append(np.zeros(point.fixed.z.size), by)
-    nxt = solved(axis, point, point.y(axis) + along, along)
-    if np.abs(nxt.fixed.z - point.fixed.z).max() > JOINED:
-        raise OrbitLost("another orbit is found")
-    return nxt
 
 
 def _in_step(axis: Axis, a: Point, b: Point) -> Special:

@@ -16,15 +16,15 @@ import numpy as np
 from dimersweep.orbits.branch import Axis, Equations, Mark, Point, in_own_section, lent, with_mark
 from dimersweep.orbits.curve import FollowedCurve, Found
 from dimersweep.orbits.grazing import graze, least_gap
-from dimersweep.orbits.kinds.changes import WORD
+from dimersweep.orbits.kinds.changes import WORD, change_of
 from dimersweep.orbits.kinds.fold import FOLD
 from dimersweep.orbits.kinds.kind import COMPLEX, Change
 from dimersweep.orbits.manifold import lag, multipliers_of
 from dimersweep.orbits.newton import defect
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import OrbitLost
-from dimersweep.orbits.specials import Leap, Special, between, last_with, specials
-from dimersweep.orbits.stability_end import is_stable, last_that, stays_stable, walked
+from dimersweep.orbits.specials import MOST_CHANGES, Leap, Special, between, last_with, specials
+from dimersweep.orbits.stability_end import across, is_stable, last_that, stays_stable, walked
 from dimersweep.orbits.word import Sides, far_ends, rests, sides_of, word_of
 
 POINT_REACH = 0.2  # of a point of a curve from where it is looked for, in units of the section
@@ -120,17 +120,32 @@ class WordCurve(FollowedCurve):
 
     def _changes(self, begin: Point) -> Iterator[Special]:
         """Changes of this kind along a branch, up to where it turns round, goes to pieces or is lost."""
-        with suppress(OrbitLost):
-            for step in walked(self.axis, begin):
-                for a, b in self._parts(*step, PARTS):
-                    found, goes_on = self._specials(a, b)
-                    for special in found:
-                        if special.kind is FOLD or not comes_to_rest(special.point):
+        point, sense = begin, float(np.sign(begin.tangent[-1]))
+        for _ in range(MOST_CHANGES):
+            last = point
+            try:
+                for step in walked(self.axis, point):
+                    for a, b in self._parts(*step, PARTS):
+                        found, goes_on = self._specials(a, b)
+                        for special in found:
+                            if special.kind is FOLD or not comes_to_rest(special.point):
+                                return
+                            if self._is_met(special):
+                                yield special
+                        if not goes_on or b.tangent[-1] * sense < 0:
                             return
-                        if self._is_met(special):
-                            yield special
-                    if not goes_on or b.tangent[-1] * begin.tangent[-1] < 0 or not comes_to_rest(b):
-                        return
+                        last = b
+                return
+            except OrbitLost:
+                try:
+                    last, point = across(comes_to_rest, self.axis, last, sense)
+                except OrbitLost:
+                    return
+            words = word_of(last.fixed.image.passage), word_of(point.fixed.image.passage)
+            if words[0] != words[1]:
+                special = Special(change_of(*words), last, 1.0, np.nan, words)
+                if self._is_met(special):
+                    yield special
 
     def _parts(self, a: Point, b: Point, halvings: int) -> Iterator[tuple[Point, Point]]:
         """A step of a branch, in parts in which what makes the change hardly comes to its line and goes back."""
@@ -145,11 +160,14 @@ class WordCurve(FollowedCurve):
         yield a, b
 
     def _specials(self, a: Point, b: Point) -> tuple[list[Special], bool]:
-        """Special points of a step, and whether the branch goes on to its end."""
+        """Special points of a step, leaps among them, and whether it leads to orbits of which an end comes to rest."""
         try:
-            return specials(self.axis, a, b), True
+            return specials(self.axis, a, b), comes_to_rest(b)
         except Leap as leap:
-            return leap.found, False
+            words = word_of(leap.last.fixed.image.passage), leap.word
+            found = [*leap.found, Special(change_of(*words), leap.last, 1.0, np.nan, words)]
+            further, goes_on = self._specials(leap.beyond, b) if rests(leap.word) else ([], False)
+            return found + further, goes_on
 
     def _to_pieces(self, ways: list[Point]) -> Found:
         """The last orbit of which an end comes to rest: beyond it is a border for each number of bounces.
