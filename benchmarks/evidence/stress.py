@@ -10,6 +10,7 @@ import argparse
 import json
 import os
 import platform
+import signal
 import time
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from functools import partial
@@ -44,7 +45,7 @@ MANY, SLOW = 60, 20  # scenes with the most events, and slowest ones, that are e
 BOUNDS = ("max_events", "impact_steps", "contact_steps", "root_steps", "stopped")  # statuses that stand for a hang
 TASK = 50  # scenes to a task of the examination
 BUSY = 1000  # work, in hops of one end, from which a scene's time says what a hop costs
-PATIENCE = 20.0  # time for making one scene simple [s]
+PATIENCE = 20.0  # time for making one scene simple, or for examining its record [s]
 
 
 # --- failing scenes made simple ---------------------------------------------------------------------------------------
@@ -149,12 +150,23 @@ def chosen(codes, seconds, examined):
 
 
 def look(k, options):
-    """Examination of scene number k."""
-    return examine(scene_row(k, options.seed, options.domain), options.periods, options.rtol)
+    """Examination of scene number k; None if it takes longer than `PATIENCE`."""
+
+    def end(*_):
+        raise TimeoutError
+
+    signal.signal(signal.SIGALRM, end)
+    signal.setitimer(signal.ITIMER_REAL, PATIENCE)
+    try:
+        return examine(scene_row(k, options.seed, options.domain), options.periods, options.rtol)
+    except TimeoutError:
+        return None
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
 
 
 def examination(numbers, options):
-    """What the records of these scenes show, by number, without those whose record is too long; and the time that passed."""
+    """What the records of these scenes show, by number, without those that are too long; and the time that passed."""
     begun, told, looks = time.perf_counter(), teller(len(numbers), "records"), {}
     with ProcessPoolExecutor(options.workers) as pool:
         found = pool.map(partial(look, options=options), numbers, chunksize=TASK)
@@ -226,6 +238,11 @@ def cost_of_work(seconds, work):
     return {"all": seconds.sum() / work.sum(), "busy": len(busy)} | each
 
 
+def counted(codes, words):
+    """How many scenes have each word that occurs."""
+    return {word: int((codes == k).sum()) for k, word in enumerate(words) if (codes == k).any()}
+
+
 def summary(codes, nans, seconds, work, times, looks, options):
     """Everything counted, as JSON can hold it."""
     n = len(codes)
@@ -239,8 +256,8 @@ def summary(codes, nans, seconds, work, times, looks, options):
         "rtol": options.rtol,
         "machine": machine(options.workers),
         "seconds": times,
-        "status": {name: int((status == k).sum()) for k, name in enumerate(STATUSES) if (status == k).any()},
-        "mode": {name: int((mode == k).sum()) for k, name in enumerate(MODES) if (mode == k).any()},
+        "status": counted(status, STATUSES),
+        "mode": counted(mode, MODES),
         "most_events": int(events.max()),
         "most_events_per_period_ok": float(events[status == OK].max(initial=0) / options.periods),
         "slowest": [{"number": int(k), "seconds": seconds[k], "status": STATUSES[status[k]]} for k in slowest],
@@ -365,7 +382,10 @@ def main():
     codes, nans, seconds, work, wall = survey(
         options.scenes, options.seed, options.domain, options.periods, options.rtol, options.workers, told
     )
-    looks, records = examination(chosen(codes, seconds, options.examined), options)
+    print(counted(codes[:, CODE["status"]], STATUSES), flush=True)
+    numbers = chosen(codes, seconds, options.examined)
+    looks, records = examination(numbers, options)
+    print(f"{len(numbers) - len(looks)} of {len(numbers)} records took too long to be examined", flush=True)
     report = summary(codes, nans, seconds, work, {"runs": wall, "records": records}, looks, options)
     tell(report)
     draw(codes, seconds, looks, report, options.figure)
