@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import DOP853, LSODA
+from scipy.integrate import DOP853, LSODA, solve_ivp
 
 from . import body
 from .friction import hold_or_break, stick_excess
@@ -194,10 +194,14 @@ class _Impact:
             "rtol": self.tol,
             "atol": self.tol * 1e-2,
         }
+        method = DOP853
         try:
-            _, y, fired = march(DOP853(rhs, **options), events, parts=2, max_steps=2000)
+            tau, y, fired = march(DOP853(rhs, **options), events, parts=2, max_steps=2000)
         except TooManySteps:  # a slip that stays slow is stiff
-            _, y, fired = march(LSODA(rhs, **options), events, parts=2)
+            method = LSODA
+            tau, y, fired = march(LSODA(rhs, **options), events, parts=2)
+        if any(names[j][1] == "ended" for j in fired):  # the last step went on without force, which is not smooth there
+            y = solve_ivp(rhs, (0.0, tau), y0, method, rtol=self.tol, atol=self.tol * 1e-2, first_step=1e-5).y[:, -1]
         self.c, X, _ = unpack(y)
         self.X = np.maximum(X, 0)
         self.P += y[: 3 * k].reshape(k, 3)
