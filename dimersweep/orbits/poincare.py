@@ -13,7 +13,6 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from dimersweep.kernel.course import new_workspace
-from dimersweep.kernel.model.body import dimer_of
 from dimersweep.kernel.model.layout import (
     N_STATE,
     OK,
@@ -119,8 +118,8 @@ class ReturnMap:
 
     def __post_init__(self) -> None:
         self.row = self.row_at(self.phase)
-        self.dimer = dimer_of(self.row)
         self.section = Section(self.row, self.rtol, self.tape.space)
+        self.dimer = self.section.dm
         self.free = np.array(free_coordinates(self.modes))
         self.slow = int(np.flatnonzero(self.free == SPIN_COORDINATE)[0])
         self.unit = float(self.section.units[SPIN_COORDINATE])  # of the spin [rad/s]

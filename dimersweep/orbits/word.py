@@ -85,21 +85,14 @@ def _far(events: np.ndarray, length: float) -> list[str]:
 
 def longest_hop(events: np.ndarray, end: int, length: float) -> float:
     """Longest time [rad] for which an end is off the plate."""
-    touches: list[tuple[float, bool]] = []  # when, and whether the end stays on the plate from then on
-    for row in events:
-        time = row[E_PERIOD] * TURN + row[E_PHASE]
-        struck = digits_of(row[E_KIND])[end] > IMPACT
-        before, after = digits_of(row[E_BEFORE])[end], digits_of(row[E_AFTER])[end]
-        if int(row[E_CAUSE]) == C_START:
-            continue
-        if struck or before or after:
-            touches.append((time, 0 < after <= IMPACT))
-    if not touches:
+    struck = digits_of(events[:, E_KIND])[end] > IMPACT
+    before, after = (digits_of(events[:, column])[end] for column in (E_BEFORE, E_AFTER))
+    touched = (events[:, E_CAUSE] != C_START) & (struck | (before > 0) | (after > 0))
+    if not touched.any():
         return 0.0
-    spans = [b[0] - a[0] for a, b in pairwise(touches) if not a[1]]
-    if not touches[-1][1]:
-        spans.append(touches[0][0] + length - touches[-1][0])
-    return max(spans, default=0.0)
+    times = (events[:, E_PERIOD] * TURN + events[:, E_PHASE])[touched]
+    leaves = (after[touched] == 0) | (after[touched] > IMPACT)  # after each touch
+    return float(np.diff(times, append=times[0] + length)[leaves].max(initial=0.0))
 
 
 def _from_double_impact(symbols: list[str]) -> list[str]:

@@ -4,6 +4,7 @@ A tuple goes from function to function by its values: one of forty numbers costs
 """
 
 from collections.abc import Sequence
+from functools import cache
 from types import SimpleNamespace
 from typing import Any, TypeVar, get_type_hints
 
@@ -15,6 +16,7 @@ _config: Any = numba.config
 NUMBERS = (bool, int, float)
 
 
+@cache  # a search of an orbit makes thousands of records
 def record_type(fields: type) -> np.dtype:
     """The type in memory of a class of named numbers and further such classes."""
     kinds = get_type_hints(fields).items()
