@@ -81,17 +81,8 @@ build_site() {
     echo "site: build/docs/index.html"
 }
 
-# files of borders and of sweeps as other programs read them
-check_files() {
-    for file in sweeps/borders/*-small.toml; do
-        step dimersweep borders "$file" --out "$scratch/borders-$(basename "$file" .toml).nc"
-    done
-    step compliance-checker -t cf:1.11 "$scratch"/*.nc
-}
-
 check_beside_tests() {
     step env NUMBA_DISABLE_JIT=1 pytest -q -m "not jit" tests/kernel
-    check_files
     build_site
     if [ "${1:-}" = --matrix ]; then
         step python benchmarks/evidence/matrix.py --small

@@ -32,8 +32,9 @@ def test_every_declaration_is_allowed_and_has_a_small_preset(path):
     assert list(declared.over) == list(small.over)
 
 
+@pytest.mark.slow
 @pytest.mark.jit
-@pytest.mark.parametrize("name", ["branch-small", "families-small", "fig14_16-small"])
+@pytest.mark.parametrize("name", sorted(path.stem for path in BORDERS.glob("*-small.toml")))
 def test_a_small_preset_is_written_and_drawn(name, tmp_path):
     out = tmp_path / "borders.nc"
     made = make_borders(read_borders(BORDERS / f"{name}.toml"), out)

@@ -174,6 +174,7 @@ def twice(copy, first="pass", **environment):
     return int(value), Path(place)
 
 
+@pytest.mark.slow
 @pytest.mark.jit
 def test_who_changes_the_physics_is_warned_and_goes_on(tmp_path, copy):
     body = copy / "dimersweep" / "kernel" / "model" / "body.py"

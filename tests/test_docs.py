@@ -96,6 +96,7 @@ def examples_of(path, parsers, **more):
 WITH_PYTHON = [page for page in PAGES if "```python" in page.read_text(encoding="utf-8")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", WITH_PYTHON, ids=lambda page: page.name)
 def test_each_block_of_a_page_runs_by_itself_twice(page, tmp_path, monkeypatch):
     """Each block by itself, and once more in the folder that it has been run in."""

@@ -203,6 +203,7 @@ def test_markup_in_a_cube_is_shown_as_it_is_written(cube, tmp_path):
         assert [each for each in errors if "favicon" not in each] == []
 
 
+@pytest.mark.slow
 @needs_chromium
 def test_a_click_in_a_browser_changes_the_run(cube, file):
     with (

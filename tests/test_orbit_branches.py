@@ -320,6 +320,7 @@ def test_bad_input_is_told(orbit):
         orbits.follow(simulate(periods=1), "Gamma", to=1.0)
 
 
+@pytest.mark.slow
 def test_a_point_that_fails_is_marked_and_the_rest_kept():
     """The curve of the hop ends on the fold at e = 0.393."""
     found = orbits.border("hop", "Gamma", over={"e": [0.5, 0.45, 0.3]}, spin=100.0)

@@ -68,6 +68,7 @@ def test_the_commands_on_sweeps_run_one_after_the_other(tmp_path, monkeypatch, f
     assert {path.name for path in tmp_path.iterdir()} >= {"fig07.nc", "same.nc", "finer.nc", "again.png"}
 
 
+@pytest.mark.slow
 def test_the_tutorial_runs(tmp_path):
     tutorial = jupytext.read(ROOT / "docs" / "tutorial.md")
     assert sum(cell.cell_type == "code" for cell in tutorial.cells) > 20

@@ -9,6 +9,8 @@ from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.orbits.word import rests, sides_of
 from tests.checks.dimers import random_dimer
 
+pytestmark = pytest.mark.slow
+
 # kind: fixed parameters, e, and how far from the border orbits found in sections of their own surely have its words
 CURVES = {
     "stick_slip": ({"A_r": 6.0}, np.linspace(0.6, 0.64, 3), 2e-4),  # the same symbols on both sides, but other counts

@@ -318,7 +318,11 @@ def _curve(declared: Borders, curves: Curves, kind: str, tell: Tell) -> xr.Datas
 def _joined_curves(curves: Curves, tables: list[xr.Dataset]) -> xr.Dataset:
     """Curves along `border`, each with its `kind`, and the meetings of all of them."""
     beside = [name for name in tables[0].data_vars if "meeting" in tables[0][name].dims]
-    made = xr.concat([table.drop_vars(beside) for table in tables], dim="border", combine_attrs="override")
+    own = [table.drop_vars(beside) for table in tables]
+    words = {name: "" for table in own for name, column in table.data_vars.items() if column.dtype.kind in "OU"}
+    made = xr.concat(own, dim="border", combine_attrs="override", fill_value=words)
+    for name in words:
+        made[name] = made[name].astype(str)  # empty where a kind of border has no such word
     # words along a dimension of another name: CF has numbers only in a coordinate that is named like its dimension
     made = made.assign_coords(kind=("border", np.array(curves.kinds), {"long_name": "kind of border"}))
     met = xr.concat([table[beside] for table in tables], dim="meeting", combine_attrs="override")
