@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
 # From a fresh machine with Python 3.11 or later to a result in one command:
 #   ./go fig07 [options]   make fig07.nc and fig07.png
-#   ./go test [--matrix]   run every check and test; with the small matrix
+#   ./go test              run every check and test
 #   ./go docs              build the site: build/docs/index.html
-#   ./go matrix [options]  try versions, ways to compile and places (--small: those of continuous integration)
+#   ./go matrix [options]  try versions, ways to compile and places (--small: two minutes)
 # Each sets up a virtual environment first (.venv, or the folder that DIMERSWEEP_VENV names).
 set -euo pipefail
 cd "$(dirname "$0")"
@@ -84,9 +84,6 @@ build_site() {
 check_beside_tests() {
     step env NUMBA_DISABLE_JIT=1 pytest -q -m "not jit" tests/kernel
     build_site
-    if [ "${1:-}" = --matrix ]; then
-        step python benchmarks/evidence/matrix.py --small
-    fi
 }
 
 run_tests() {
@@ -100,7 +97,7 @@ run_checks() {
     make_small_cubes # this leaves compiled kernels in the cache for all that follows
     finish check_style
     begin run_tests
-    begin check_beside_tests "$@"
+    begin check_beside_tests
     local failed=0
     finish check_beside_tests || failed=$?
     finish run_tests || failed=$?
@@ -114,7 +111,7 @@ fig07)
     ;;
 test)
     set_up ".[dev]"
-    run_checks "${@:2}"
+    run_checks
     ;;
 docs)
     set_up ".[docs]"

@@ -128,7 +128,7 @@ def finished_points(out):
     return read_manifest(manifest).done if manifest.exists() else 0
 
 
-@pytest.mark.parametrize(("kind", "kills"), [("sweep", 5), ("search", 3), ("map", 3), ("carry", 3)])
+@pytest.mark.parametrize(("kind", "kills"), [("sweep", 3), ("search", 2), ("map", 2), ("carry", 2)])
 def test_kills_at_random_moments(others, tmp_path, kind, kills):
     out, chance = tmp_path / "cube.nc", random.Random(kills)
     done = []

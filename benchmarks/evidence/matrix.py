@@ -255,7 +255,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--parts", nargs="+", choices=list(PARTS), default=list(PARTS))
     parser.add_argument("--rows", nargs="+", choices=list(rows), metavar="ROW", help="rows, by 'part: name'")
-    parser.add_argument("--small", action="store_true", help="the rows that continuous integration runs")
+    parser.add_argument("--small", action="store_true", help="the rows that take two minutes")
     parser.add_argument("--folder", type=Path, help="where environments are made and kept; by default they are deleted")
     given = parser.parse_args(arguments)
     chosen = SMALL if given.small else given.rows or [name for name in rows if name.partition(":")[0] in given.parts]
