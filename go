@@ -68,22 +68,18 @@ make_small_cubes() {
     done
 }
 
-check_style() {
+check_sources() {
     step ruff check
     step ruff format --check
     step mypy
     step lint-imports --no-logo
+    step env NUMBA_DISABLE_JIT=1 pytest -q -m "not jit" tests/kernel
 }
 
 build_site() {
     rm -rf docs/generated # pages of names that are gone would be orphans
     step python -m sphinx -W --keep-going --fresh-env --quiet docs build/docs
     echo "site: build/docs/index.html"
-}
-
-check_beside_tests() {
-    step env NUMBA_DISABLE_JIT=1 pytest -q -m "not jit" tests/kernel
-    build_site
 }
 
 run_tests() {
@@ -93,13 +89,13 @@ run_tests() {
 # two processors: what needs one of them goes beside the rest
 run_checks() {
     make_scratch
-    begin check_style
-    make_small_cubes # this leaves compiled kernels in the cache for all that follows
-    finish check_style
-    begin run_tests
-    begin check_beside_tests
     local failed=0
-    finish check_beside_tests || failed=$?
+    begin check_sources
+    make_small_cubes # this leaves compiled kernels in the cache for all that follows
+    finish check_sources || failed=$?
+    begin run_tests
+    begin build_site
+    finish build_site || failed=$?
     finish run_tests || failed=$?
     return "$failed"
 }
