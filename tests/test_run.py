@@ -15,11 +15,11 @@ from dimersweep import simulate
 from dimersweep.cubes.cube import names
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.contact_code import CONTACT_STATES
-from dimersweep.kernel.model.layout import C_CHATTER_END, OUT
-from dimersweep.kernel.record import E_CAUSE, SEGMENT_HOP_TIME
+from dimersweep.kernel.model.layout import C_CHATTER_END, OUT, PERIOD, PHASE
+from dimersweep.kernel.record import E_CAUSE, E_PERIOD, E_PHASE, SEGMENT_HOP_TIME
 from dimersweep.runs import run as run_module
 from dimersweep.runs import solving
-from dimersweep.runs.recorded import events_of
+from dimersweep.runs.recorded import events_of, states_of
 
 SHARED = Path(os.environ.get("DIMERSWEEP_SHARED", Path(__file__).parents[2] / "shared")) / "reference"
 REFERENCE = {name: SHARED / f"{name}.json" for name in ("states", "orbits")}
@@ -314,6 +314,21 @@ def test_a_chatter_that_has_not_ended_where_a_record_ends_has_no_row(base):
     for n, k in zip(np.flatnonzero(causes == C_CHATTER_END)[:20], closes[:20], strict=True):
         ended = record._replace(events=record.events[: n + 1], segments=record.segments[: k + 1])
         assert events_of(ended, base.rtol, base.parameters).equals(events.isel(event=slice(n)))
+
+
+def test_a_run_that_failed_has_states_up_to_its_last_event(base):
+    """It fails by an impact that no phase follows: the record has that event, and the start of the phase before it."""
+    record = base.record("its events")
+    n = np.flatnonzero(np.diff(record.segments[:, PERIOD]) == 0)[20]
+    start = record.segments[n, [PERIOD, PHASE]]
+    after = (record.events[:, [E_PERIOD, E_PHASE]] >= start).all(1)
+    m = np.flatnonzero(after & (record.events[:, E_PHASE] > start[1]))[0]
+    failed = record._replace(segments=record.segments[: n + 1], events=record.events[: m + 1])
+    last = base.events["time"].values[m]
+    state = states_of(failed, np.array([np.nextafter(last, 0.0)]), base.rtol, base.parameters)
+    assert state.identical(base.states(np.array([np.nextafter(last, 0.0)])))
+    with pytest.raises(ParameterError, match="length of the run"):
+        states_of(failed, np.array([last * (1 + 1e-6)]), base.rtol, base.parameters)
 
 
 def test_data_have_units_and_meanings(base):

@@ -95,7 +95,7 @@ def events_of(record: RunRecord, rtol: float, parameters: dict[str, float]) -> x
     ended = _move_to_ends_of_hops(record, rtol, columns)
     columns["time"] = times_of(columns["period"], columns["phase"], parameters["f"])
     if ended.size:
-        places = _places(columns["time"][ended], record.segments, parameters["f"], record.cut)
+        places = _places(columns["time"][ended], record, parameters["f"])
         _, states, _ = _sampled(record, *places, rtol, no_record())
         for name, values in _columns_at(dimer_of(record.row), states).items():
             columns[name][ended] = values
@@ -173,7 +173,7 @@ def _end_of_hops(record: RunRecord, k: int, rtol: float) -> float | None:
     return float(2 * pi * (period - 1) + phase + span + omega * rest)
 
 
-def _places(times: np.ndarray, segments: np.ndarray, f: float, cut: bool) -> tuple[np.ndarray, np.ndarray]:
+def _places(times: np.ndarray, record: RunRecord, f: float) -> tuple[np.ndarray, np.ndarray]:
     """Number of the segment in whose phase each time lies, and the plate phase [rad] of the time, counted as there.
 
     A time within the hops that the close of a chatter sums belongs to the segment that starts from it.
@@ -184,8 +184,13 @@ def _places(times: np.ndarray, segments: np.ndarray, f: float, cut: bool) -> tup
     ParameterError
         If a time is outside the run.
     """
+    segments, events, cut = record.segments, record.events, record.cut
     starts = times_of(segments[:, PERIOD], segments[:, PHASE], f)
     end = starts[-1]
+    if (
+        len(events) and not cut
+    ):  # a run that failed has events beyond: its last phase has led to an impact that nothing follows
+        end = max(end, times_of(events[-1, E_PERIOD], events[-1, E_PHASE], f))
     outside = ~((times >= 0) & (times <= end * (1 + 1e-15) + BOUNDARY / f))  # in this form true for a NaN as well
     if outside.any():
         length = "where the record was cut" if cut else "the length of the run"
@@ -279,7 +284,7 @@ def states_of(record: RunRecord, times: np.ndarray, rtol: float, parameters: dic
     ParameterError
         If a time is outside the run, or in a phase of contact so long that its steps are more than their bound.
     """
-    which, phases = _places(times, record.segments, parameters["f"], record.cut)
+    which, phases = _places(times, record, parameters["f"])
     status, kernel_states, modes = _sampled(record, which, phases, rtol, no_record())
     if status != OK:
         time = times[np.isnan(kernel_states[:, PHASE])][0]

@@ -189,8 +189,10 @@ def set_slip(dm, modes, y, i, a, b):
 
 
 @compiled
-def set_slips(dm, y, a, b_1, b_2):
-    coordinates.set_slips(dm, y, a, b_1, b_2)
+def set_slips(dm, modes, y, a, b_1, b_2):
+    u_b, w_p = y[coordinates.YUB], y[coordinates.YWP]
+    coordinates.put_slips(dm, y, a, b_1, b_2)
+    coordinates.give_impulses(dm, modes, y, u_b, w_p)
 
 
 @compiled

@@ -147,7 +147,7 @@ def test_a_slip_is_set_by_impulses_of_friction(modes, both):
     contact_state(dm, state, -1.0 if modes[0] != FREE else 1.0, y)
     i, later = modes.index(SLIP), state.copy()
     if both:
-        set_slips(dm, y, y[YUA], 0.7, -0.3)
+        set_slips(dm, codes, y, y[YUA], 0.7, -0.3)
     else:
         set_slip(dm, codes, y, i, y[YUA], 0.7)
     kernel_state(dm, codes, y, later)

@@ -2,6 +2,7 @@
 
 import pytest
 
+from dimersweep import simulate
 from dimersweep.kernel.model.layout import OK
 from dimersweep.parameters import Parameters
 from tests.checks.examine import CODE, examine, lies
@@ -695,6 +696,42 @@ def test_random_scenes(domain):
     assert seconds.max() < 5.0
     looks = [examine(scene_row(k, 7, domain), 5, 1e-8) for k in range(0, 1000, 40) if status[k] == OK]
     assert [lies(look) for look in looks] == [[]] * len(looks)
+
+
+BASE_539 = {"e": 0.662521525564665, "f": 16.380178668420943, "A_r": 6.8348067087184265, "Gamma": 1.1606323857055174}
+BASE_539 |= {
+    "mu": 0.18809918152844554,
+    "mu_s": 0.3761983630568911,
+    "beta0": 0.1213430249236633,
+    "xdot0": 1.3043003194930332,
+}
+FAINT = {
+    "near the base case": (BASE_539, 121, 8.894506047338538e-06),
+    "sideways": (
+        {"Gamma": 0.005, "f": 2.0, "A_r": 2.0, "phi0": 1.0, "Gamma_x": 3.0, "phi_x": 3.4, "ydot0": 4.0, "e": 0.009}
+        | {"mu": 5.0, "mu_s": 5.0, "r": 0.05},
+        1,
+        1e-5,
+    ),
+    "tilted": (
+        {"f": 3.0, "beta0": 0.8, "phi0": 4.0, "tilt": 1.2, "azimuth": 1.6, "theta0": 2.0, "betadot0": 3.0, "e": 0.0}
+        | {"mu": 5.0, "mu_s": 5.0, "xdot0": -3e-6, "r": 0.06},
+        1,
+        1e-5,
+    ),
+    "unlike ends": (
+        {"A_r": 7.0, "mu_1": 0.3, "mu_2": 4.0, "mu_s_2": 20.0, "beta0": -1.0, "xdot0": -0.2, "phi0": 5.0, "D_r": 0.2}
+        | {"Gamma_2": 1.0, "r": 0.6},
+        1,
+        1e-5,
+    ),
+}
+
+
+@pytest.mark.parametrize(("scene", "periods", "rtol"), FAINT.values(), ids=FAINT)
+def test_an_end_that_hardly_presses_leaves(scene, periods, rtol):
+    """The modes of an end whose force is near zero are judged at one spin: they once jammed where a slip had changed it."""
+    assert simulate(**scene, periods=periods, rtol=rtol, record=False, stop_when_settled=False).status == "ok"
 
 
 @pytest.mark.parametrize("number", [7890, 10227, 15342, 252152, 259397])

@@ -7,7 +7,17 @@ friction can hold it. A mode fits if the forces that go with it do.
 from math import copysign
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.contact.coordinates import YS, YUA, YUB, YWP, set_slip, set_slips, slip_of
+from dimersweep.kernel.contact.coordinates import (
+    YS,
+    YUA,
+    YUB,
+    YWP,
+    give_impulses,
+    leading,
+    put_slip,
+    put_slips,
+    slip_of,
+)
 from dimersweep.kernel.contact.forces import A1, A2, COMPLIANCE, F1, F2, L1, L2, contact_rates, hold_reserve
 from dimersweep.kernel.contact.slip_onset import pair_onset, slip_onset
 from dimersweep.kernel.model.body import apart_sideways
@@ -49,7 +59,7 @@ def single_mode(dm, i, phase, y, modes, slip_tol, lost, dy, F):
     mode = SLIP if slips else STICK
     modes[i] = mode
     if not slips:
-        set_slip(dm, modes, y, i, 0.0, 0.0)
+        put_slip(dm, modes, y, i, 0.0, 0.0)
     contact_rates(dm, modes, phase, y, False, dy, F)
     if not slips and is_compressive(dm, modes, i, phase, y, dy, F):
         faint = F[F1 + 3 * i] <= NO_FORCE * dm.m * dm.g
@@ -99,9 +109,9 @@ def double_mode(dm, phase, y, modes, slip_tol, lost, dy, F):
     modes[0] = STICK if rest_1 else SLIP
     modes[1] = STICK if rest_2 else SLIP
     if rest_1:
-        set_slip(dm, modes, y, 0, 0.0, 0.0)
+        put_slip(dm, modes, y, 0, 0.0, 0.0)
     if rest_2:
-        set_slip(dm, modes, y, 1, 0.0, 0.0)
+        put_slip(dm, modes, y, 1, 0.0, 0.0)
     contact_rates(dm, modes, phase, y, False, dy, F)
     if rest_1 and rest_2:
         if lost or hold_reserve(dm, modes, 0, F) < 0.0:
@@ -126,7 +136,7 @@ def start_slips(dm, phase, y, modes, slip_tol, dy, F):
     modes[0] = SLIP if over_1 or not over_2 else STICK
     modes[1] = SLIP if over_2 or not over_1 else STICK
     if over_1 or over_2:
-        set_slips(dm, y, 0.0, -copysign(small, F[L1]) if over_1 else 0.0, -copysign(small, F[L2]) if over_2 else 0.0)
+        put_slips(dm, y, 0.0, -copysign(small, F[L1]) if over_1 else 0.0, -copysign(small, F[L2]) if over_2 else 0.0)
     else:
         side = -copysign(1.0, F[A1])
         b_1 = -side * lateral_at_limit(dm.p1.mu_h, F[F1], F[L1])
@@ -146,16 +156,17 @@ def start_slip(dm, phase, y, modes, i, slip_tol, dy, F):
     modes[i] = SLIP
     if slip_onset(dm, modes, i, phase, y, small, hold_a, hold_b, dy, F):
         return True
-    set_slip(dm, modes, y, i, -small * hold_a / hold, -small * hold_b / hold)
+    put_slip(dm, modes, y, i, -small * hold_a / hold, -small * hold_b / hold)
     contact_rates(dm, modes, phase, y, False, dy, F)
     a, b = slip_of(dm, modes, dy, i)
     return a * hold_a + b * hold_b <= AT_LIMIT * dm.g * hold
 
 
 @compiled
-def change_leading(dm, before, after, y):
-    """Have the slip of end `after` in y in place of that of end `before`, with both ends on the plate."""
-    y[YUB] += (before - after) * apart_sideways(dm, y[YWP], y[YS])
+def lead_with(dm, i, u_a, u_b, w_p, y):
+    """Have y hold the slip of end i, with both ends on the plate, where p1 slips by (u_a, u_b) and theta' cos(beta) is w_p."""
+    y[YUA], y[YWP] = u_a, w_p
+    y[YUB] = u_b - i * apart_sideways(dm, w_p, y[YS])
 
 
 @compiled
@@ -166,13 +177,30 @@ def contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, lost, dy, F)
     negative compliance the double contact is no answer even where both forces point outward: the least difference between
     the ends grows, and drives off the one with the greater force, or the one that nothing drives into the plate.
 
+    All modes are judged at the spin of the given state, so that the forces of each agree even near zero. A slip that the mode
+    found sets or takes away then comes about by impulses.
+
     Returns
     -------
     int
         CLOSED, SEPARATES or INCONSISTENT.
     """
+    u_b, w_p = y[YUB], y[YWP]
     if not (closed_1 and closed_2):
-        return single_mode(dm, 0 if closed_1 else 1, phase, y, modes, slip_tol, lost, dy, F)
+        answer = single_mode(dm, 0 if closed_1 else 1, phase, y, modes, slip_tol, lost, dy, F)
+    else:
+        answer = mode_of_pair(dm, phase, y, modes, slip_tol, lost, dy, F)
+        if answer == CLOSED:
+            u_b -= leading(modes) * apart_sideways(dm, w_p, y[YS])
+    if answer == CLOSED and not (y[YUB] == u_b and y[YWP] == w_p):
+        give_impulses(dm, modes, y, u_b, w_p)
+    return answer
+
+
+@compiled
+def mode_of_pair(dm, phase, y, modes, slip_tol, lost, dy, F):
+    """`contact_mode` with both ends on the plate."""
+    u_a, u_b, w_p = y[YUA], y[YUB], y[YWP]
     double_mode(dm, phase, y, modes, slip_tol, lost, dy, F)
     on_1, on_2 = is_compressive(dm, modes, 0, phase, y, dy, F), is_compressive(dm, modes, 1, phase, y, dy, F)
     stays = 0 if on_1 else 1
@@ -184,9 +212,9 @@ def contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, lost, dy, F)
     elif not on_1 and not on_2 and is_driven_in(dm, modes, 0, phase, y, dy, F):
         stays = 0
     # a hold that was lost was that of both
-    change_leading(dm, 0, stays, y)
+    lead_with(dm, stays, u_a, u_b, w_p, y)
     answer = single_mode(dm, stays, phase, y, modes, slip_tol, False, dy, F)
     if answer == SEPARATES:  # friction at both ends may have driven off one that nothing drives off alone
-        change_leading(dm, stays, 1 - stays, y)
+        lead_with(dm, 1 - stays, u_a, u_b, w_p, y)
         answer = single_mode(dm, 1 - stays, phase, y, modes, slip_tol, False, dy, F)
     return answer

@@ -103,38 +103,62 @@ def slip_of(dm, modes, y, i):
 
 
 @compiled
-def set_slip(dm, modes, y, i, a, b):
-    """Give end i, which is closed, the slip (a, b), across the axis by an impulse there: the spin takes its part in it.
+def put_slip(dm, modes, y, i, a, b):
+    """Write the slip (a, b) of end i, which is closed; the spin stays.
 
-    So a rod that rolls fast gets no energy from a slip, however small, that is set or taken away. An end that sticks beside it
-    does so still; of one that slips the lateral slip changes with that impulse. In the upright chart the spin stays.
+    An end that sticks beside it does so still; of one that slips the lateral slip changes as it would by an impulse at end i.
     """
-    if modes[0] != FREE and modes[1] != FREE:
-        b_1, b_2 = y[YUB], y[YUB] - apart_sideways(dm, y[YWP], y[YS])
-        if i == 0:
-            b_2 = 0.0 if modes[1] == STICK else b_2 + dm.pair.bb_12 / dm.pair.bb_1 * (b - b_1)
-            set_slips(dm, y, a, b, b_2)
-        else:
-            b_1 = 0.0 if modes[0] == STICK else b_1 + dm.pair.bb_12 / dm.pair.bb_2 * (b - b_2)
-            set_slips(dm, y, a, b_1, b)
+    if modes[0] == FREE or modes[1] == FREE:
+        y[YUA], y[YUB] = a, b
         return
-    if y[YCHART] == BY_HEADING:
-        sin_b, cos_b = attitude(dm, y[YDIP])
-        lv = levers(end(dm, i), sin_b, cos_b)
-        impulse = (b - y[YUB]) / delassus(dm, lv, lv).bb
-        y[YWP] += lv.b * dm.it * impulse
-        y[YS] += lv.c * dm.ia * impulse
-    y[YUA], y[YUB] = a, b
+    b_1, b_2 = y[YUB], y[YUB] - apart_sideways(dm, y[YWP], y[YS])
+    if i == 0:
+        b_2 = 0.0 if modes[1] == STICK else b_2 + dm.pair.bb_12 / dm.pair.bb_1 * (b - b_1)
+        put_slips(dm, y, a, b, b_2)
+    else:
+        b_1 = 0.0 if modes[0] == STICK else b_1 + dm.pair.bb_12 / dm.pair.bb_2 * (b - b_2)
+        put_slips(dm, y, a, b_1, b)
 
 
 @compiled
-def set_slips(dm, y, a, b_1, b_2):
-    """Give both ends, which are closed, the axial slip a and the lateral ones b_1, b_2, by impulses at both; see `set_slip`."""
-    apart = apart_sideways(dm, y[YWP], y[YS])
-    B_1, B_2 = lateral_impulses(dm, dm.m * (b_1 - y[YUB]), dm.m * (b_2 - y[YUB] + apart))
-    p, q = level_levers(dm)
-    y[YS] += (p.c * B_1 + q.c * B_2) * dm.ia
+def put_slips(dm, y, a, b_1, b_2):
+    """Write the slips of both ends, which are closed: the axial one a, the lateral ones b_1, b_2; the spin stays."""
     y[YUA], y[YUB], y[YWP] = a, b_1, turn_of_pair(dm, b_1 - b_2, y[YS])
+
+
+@compiled
+def give_impulses(dm, modes, y, u_b, w_p):
+    """Have the lateral slips that were put into y come about by impulses: the spin takes its part in them.
+
+    So a rod that rolls fast gets no energy from a slip, however small, that is set or taken away. In the upright chart the
+    spin stays.
+
+    Parameters
+    ----------
+    u_b, w_p : float
+        Lateral slip of the leading end and theta' cos(beta) before.
+    """
+    b = y[YUB]
+    if modes[0] != FREE and modes[1] != FREE:
+        apart = apart_sideways(dm, y[YWP], y[YS])
+        B_1, B_2 = lateral_impulses(dm, dm.m * (b - u_b), dm.m * (b - apart - u_b + apart_sideways(dm, w_p, y[YS])))
+        p, q = level_levers(dm)
+        y[YS] += (p.c * B_1 + q.c * B_2) * dm.ia
+        y[YWP] = turn_of_pair(dm, apart, y[YS])
+    elif y[YCHART] == BY_HEADING:
+        sin_b, cos_b = attitude(dm, y[YDIP])
+        lv = levers(end(dm, leading(modes)), sin_b, cos_b)
+        impulse = (b - u_b) / delassus(dm, lv, lv).bb
+        y[YWP] = w_p + lv.b * dm.it * impulse
+        y[YS] += lv.c * dm.ia * impulse
+
+
+@compiled
+def set_slip(dm, modes, y, i, a, b):
+    """Give end i, which is closed, the slip (a, b), across the axis by an impulse there."""
+    u_b, w_p = y[YUB], y[YWP]
+    put_slip(dm, modes, y, i, a, b)
+    give_impulses(dm, modes, y, u_b, w_p)
 
 
 @compiled

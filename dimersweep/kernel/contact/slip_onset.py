@@ -3,7 +3,7 @@
 from math import pi
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.contact.coordinates import set_slip, set_slips, slip_of
+from dimersweep.kernel.contact.coordinates import put_slip, put_slips, slip_of
 from dimersweep.kernel.contact.forces import F1, contact_rates
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.numerics.elementary import atan2
@@ -20,7 +20,7 @@ PAIR_NEWTON, PAIR_KNOWN = 12, 1e-6  # Newton iterations of two ends at most, and
 def set_out(dm, modes, i, phase, y, v, phi, dy, F):
     """Acceleration of the slip of end i across and along the direction phi, once it slips there with speed v."""
     s, c = sincos(phi)
-    set_slip(dm, modes, y, i, v * c, v * s)
+    put_slip(dm, modes, y, i, v * c, v * s)
     contact_rates(dm, modes, phase, y, False, dy, F)
     a, b = slip_of(dm, modes, dy, i)
     return a * s - b * c, a * c + b * s
@@ -74,7 +74,7 @@ def slip_onset(dm, modes, i, phase, y, v, hold_a, hold_b, dy, F):
     if hold_b == 0.0:
         for k in range(2):
             phi_c = 1.0 - 2.0 * k
-            set_slip(dm, modes, y, i, v * phi_c, 0.0)
+            put_slip(dm, modes, y, i, v * phi_c, 0.0)
             contact_rates(dm, modes, phase, y, False, dy, F)
             a, b = slip_of(dm, modes, dy, i)
             if phi_c * a > 0.0 and b == 0.0 and F[F1 + 3 * i] > 0.0:
@@ -90,7 +90,7 @@ def set_out_as_pair(dm, modes, phase, y, v, side, b_1, b_2, dy, F):
     lateral one has beyond that direction.
     """
     u = side * v / length(1.0, max(abs(b_1), abs(b_2)))
-    set_slips(dm, y, u, u * b_1, u * b_2)
+    put_slips(dm, y, u, u * b_1, u * b_2)
     contact_rates(dm, modes, phase, y, False, dy, F)
     a, a_1 = slip_of(dm, modes, dy, 0)
     _, a_2 = slip_of(dm, modes, dy, 1)
