@@ -71,7 +71,8 @@ def forces(row: np.ndarray, states: np.ndarray, modes: np.ndarray, rtol: float) 
     slide = both & (modes == SLIP).all(1)
     for i, p in enumerate((dm.p1, dm.p2)):
         along, across = slip_at(dm, states[slide].T, i)
-        axial[i, slide] = -p.mu * F[slide, F1 + i * (F2 - F1)] * along / np.hypot(along, across)
+        with np.errstate(invalid="ignore"):  # a slip that just turns back has no direction
+            axial[i, slide] = -p.mu * F[slide, F1 + i * (F2 - F1)] * along / np.hypot(along, across)
     return {
         "normal_force_1": F[:, F1],
         "normal_force_2": F[:, F2],

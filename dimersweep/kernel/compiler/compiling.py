@@ -8,9 +8,10 @@ numbers read from and written to contiguous arrays.
 import gc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
+from functools import cache
 from typing import Any
 
-from numba.core import errors, event, lowering, typeinfer, types
+from numba.core import base, errors, event, interpreter, lowering, typeinfer, types
 from numba.core.compiler import CompilerBase, PassManager
 from numba.core.compiler_machinery import register_pass
 from numba.core.ir_utils import build_definitions
@@ -29,6 +30,7 @@ _Base: Any = CompilerBase
 _Function: Any = BaseFunction
 _Context: Any = BaseContext
 _errors: Any = errors
+_base: Any = base
 _Manager: Any = PassManager
 _Lower: Any = Lower
 _Lowering: Any = NativeLowering
@@ -162,6 +164,10 @@ class _ErrorContext:
             error.add_context(_errors._format_msg(*self.said))
 
 
+def _as_it_is(code: Any) -> Any:
+    return code
+
+
 _HURRIED: tuple[tuple[Any, str, Any], ...] = (
     (_Function, "get_call_type", _type_once),
     (_Context, "resolve_getattr", _attribute_once),
@@ -170,6 +176,11 @@ _HURRIED: tuple[tuple[Any, str, Any], ...] = (
     # a filter of warnings is set for each assignment, and each call of LLVM is told to all compilations that are under way
     (_errors.WarningsFixer, "catch_warnings", lambda *_, **__: _NOTHING),
     (event, "broadcast", lambda _: None),
+    # whether the writer of an operation takes a place in the source is read from its signature each time
+    (base, "_has_loc", cache(_base._has_loc)),
+    # kernels have no ``with`` and no dictionaries to look for
+    (interpreter, "peep_hole_delete_with_exit", _as_it_is),
+    (interpreter, "peep_hole_fuse_dict_add_updates", _as_it_is),
 )
 
 

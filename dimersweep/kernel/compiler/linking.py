@@ -14,12 +14,26 @@ _Codegen: Any = JITCPUCodegen
 _BAD_ARGUMENT = ctypes.cast(ctypes.pythonapi.PyErr_BadArgument, ctypes.c_void_p).value
 
 
+def _needed(library: Any, seen: dict[int, Any]) -> dict[int, Any]:
+    """What this library calls, each once, with what the parts among it call."""
+    for each in library._linking_libraries:
+        if id(each) not in seen:
+            seen[id(each)] = each
+            if isinstance(each, Part):
+                _needed(each, seen)
+    return seen
+
+
 class _Kernel(_Library):
     """The code of an exported kernel with all that it calls, which nothing else may call.
 
     So LLVM passes on what a function uses of its arguments, and not the seven words of each array. Such a function has no
     name in the object code: the loader would take it for another one of that name.
     """
+
+    def finalize(self) -> None:
+        self._linking_libraries = list(_needed(self, {}).values())
+        super().finalize()
 
     def _optimize_final_module(self) -> None:
         for function in self._final_module.functions:
@@ -49,12 +63,10 @@ def kernel_codegen() -> Any:
 class Part(_Library):
     """The code of one function, as Numba lowers it: neither optimised with what it calls nor made machine code."""
 
-    _shared_module: Any
-
     def _optimize_functions(self, module: Any) -> None:
-        """Optimise each function by itself, as Numba does: with one pass manager for all, and no mere declaration."""
+        """Optimise each function by itself, as Numba does, but lightly: all of them are optimised together later."""
         module.data_layout = self._codegen._data_layout
-        passes, builder = self._codegen._function_pass_manager()
+        passes, builder = self._codegen._function_pass_manager(opt=1)
         for function in module.functions:
             if not function.is_declaration:
                 passes.run(function, builder)
@@ -62,31 +74,12 @@ class Part(_Library):
     def _ensure_finalized(self) -> None:
         """Never: only what links it is finalized."""
 
-    def _all(self, seen: dict[int, Any]) -> dict[int, Any]:
-        """This part and those below it."""
-        if id(self) not in seen:
-            seen[id(self)] = self
-            for library in self._linking_libraries:
-                if isinstance(library, Part):
-                    library._all(seen)
-                else:
-                    seen[id(library)] = library
-        return seen
-
     def _get_module_for_linking(self) -> Any:
-        """The part with all that it calls, for an exported kernel to link."""
-        if self._shared_module is None:
-            shared = self._final_module.clone()
-            for library in self._all({}).values():
-                if library is not self:
-                    part = isinstance(library, Part)
-                    module = library._final_module if part else library._get_module_for_linking()
-                    shared.link_in(module, preserve=True)
-            for function in shared.functions:
-                if not function.is_declaration and function.linkage.name == "external":
-                    function.linkage = "linkonce_odr"
-            self._shared_module = shared
-        return self._shared_module
+        """The part alone: the kernel links each part that it needs once."""
+        for function in self._final_module.functions:
+            if not function.is_declaration and function.linkage.name == "external":
+                function.linkage = "linkonce_odr"
+        return self._final_module
 
 
 def refusal(library: Any, fndesc: Any, env: Any) -> Any:
