@@ -173,7 +173,7 @@ _HURRIED: tuple[tuple[Any, str, Any], ...] = (
     (_Context, "resolve_getattr", _attribute_once),
     (typeinfer, "new_error_context", _ErrorContext),
     (lowering, "new_error_context", _ErrorContext),
-    # a filter of warnings is set for each assignment, and each call of LLVM is told to all compilations that are under way
+    # a filter of warnings is set for each assignment, and each call of LLVM is announced to all compilations that are under way
     (_errors.WarningsFixer, "catch_warnings", lambda *_, **__: _NOTHING),
     (event, "broadcast", lambda _: None),
     # whether the writer of an operation takes a place in the source is read from its signature each time
