@@ -32,7 +32,11 @@ class _Kernel(_Library):
     """
 
     def finalize(self) -> None:
-        self._linking_libraries = list(_needed(self, {}).values())
+        needed = _needed(self, {}).values()
+        for part in needed:
+            if isinstance(part, Part):
+                self._final_module.link_in(part.alone(), preserve=True)
+        self._linking_libraries = [each for each in needed if not isinstance(each, Part)]
         super().finalize()
 
     def _optimize_final_module(self) -> None:
@@ -63,6 +67,8 @@ def kernel_codegen() -> Any:
 class Part(_Library):
     """The code of one function, as Numba lowers it: neither optimised with what it calls nor made machine code."""
 
+    _shared_module: Any
+
     def _optimize_functions(self, module: Any) -> None:
         """Optimise each function by itself, as Numba does, but lightly: all of them are optimised together later."""
         module.data_layout = self._codegen._data_layout
@@ -74,12 +80,23 @@ class Part(_Library):
     def _ensure_finalized(self) -> None:
         """Never: only what links it is finalized."""
 
-    def _get_module_for_linking(self) -> Any:
-        """The part alone: the kernel links each part that it needs once."""
+    def alone(self) -> Any:
+        """This function without what it calls, for a kernel, which links each part that it needs once."""
         for function in self._final_module.functions:
             if not function.is_declaration and function.linkage.name == "external":
                 function.linkage = "linkonce_odr"
         return self._final_module
+
+    def _get_module_for_linking(self) -> Any:
+        """This function with all that it calls, for a function that Numba itself compiles."""
+        if self._shared_module is None:
+            shared = self.alone().clone()
+            for each in _needed(self, {}).values():
+                if each is not self:
+                    module = each.alone() if isinstance(each, Part) else each._get_module_for_linking()
+                    shared.link_in(module, preserve=True)
+            self._shared_module = shared
+        return self._shared_module
 
 
 def refusal(library: Any, fndesc: Any, env: Any) -> Any:
