@@ -11,6 +11,7 @@ from dimersweep.kernel.contact.coordinates import (
     YS,
     YUA,
     YUB,
+    YWB,
     YWP,
     give_impulses,
     leading,
@@ -20,13 +21,14 @@ from dimersweep.kernel.contact.coordinates import (
 )
 from dimersweep.kernel.contact.forces import A1, A2, COMPLIANCE, F1, F2, L1, L2, contact_rates, hold_reserve
 from dimersweep.kernel.contact.slip_onset import pair_onset, slip_onset
-from dimersweep.kernel.model.body import apart_sideways
+from dimersweep.kernel.model.body import apart_sideways, extent
 from dimersweep.kernel.model.friction import hold_left, lateral_at_limit, length
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
 
 CLOSED, SEPARATES, INCONSISTENT = 0, 1, 2
 NO_FORCE = 1e-12  # force, in units of the weight, whose sign a moment later decides
 MOMENT = 1e-6  # of the plate's phase
+ROUNDED_SLIP = 2e-15  # slip that is rounding, in units of the speeds it is a difference of
 # slip with which two ends set out, in units of the one that counts as none: steps resolve it, and its direction bears rounding
 PAIR_SPEED = 10.0
 AT_LIMIT = 1e-6  # deceleration, in units of gravity, that is none
@@ -178,7 +180,8 @@ def contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, lost, dy, F)
     the ends grows, and drives off the one with the greater force, or the one that nothing drives into the plate.
 
     All modes are judged at the spin of the given state, so that the forces of each agree even near zero. A slip that the mode
-    found sets or takes away then comes about by impulses.
+    found sets or takes away then comes about by impulses; one that is only rounding needs none, so that a run goes on from a
+    stored state to the same bits.
 
     Returns
     -------
@@ -192,8 +195,11 @@ def contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, lost, dy, F)
         answer = mode_of_pair(dm, phase, y, modes, slip_tol, lost, dy, F)
         if answer == CLOSED:
             u_b -= leading(modes) * apart_sideways(dm, w_p, y[YS])
-    if answer == CLOSED and not (y[YUB] == u_b and y[YWP] == w_p):
-        give_impulses(dm, modes, y, u_b, w_p)
+    if answer == CLOSED:
+        r, h = extent(dm)
+        size = abs(y[YUA]) + abs(u_b) + r * abs(y[YS]) + h * (abs(y[YWB]) + abs(w_p))
+        if abs(y[YUB] - u_b) + h * abs(y[YWP] - w_p) > ROUNDED_SLIP * size:
+            give_impulses(dm, modes, y, u_b, w_p)
     return answer
 
 
