@@ -65,8 +65,8 @@ def test_a_lasting_contact_is_held_by_its_own_coefficient():
     F = np.zeros(N_F)
     F[[F1, A1, L1]] = 1.0, 0.3, -0.1
     assert hold_reserve(dm, np.array([STICK, FREE], float), 0, F) == pytest.approx(0.4 - hypot(0.3, 0.1), rel=1e-14)
-    F[F2] = 2.0
-    expected = (0.4**2 - 0.1**2) ** 0.5 + 0.8 - 0.3
+    F[F2], F[A1] = 2.0, 1.0
+    expected = (0.4**2 - 0.1**2) ** 0.5 + 0.8 - 1.0
     assert hold_reserve(dm, np.array([STICK, STICK], float), 0, F) == pytest.approx(expected, rel=1e-14)
     assert (end_law(dm, -1.0, 0.2).mu_s, dm.p1.mu_s, dm.p2.mu_s) == (0.7, 0.7, 0.7)
 

@@ -22,7 +22,7 @@ from dimersweep.kernel.contact.coordinates import (
 from dimersweep.kernel.contact.forces import A1, A2, COMPLIANCE, F1, F2, L1, L2, contact_rates, hold_reserve
 from dimersweep.kernel.contact.slip_onset import pair_onset, slip_onset
 from dimersweep.kernel.model.body import apart_sideways, extent
-from dimersweep.kernel.model.friction import hold_left, lateral_at_limit, length
+from dimersweep.kernel.model.friction import axial_left_of_pair, hold_left, lateral_at_limit, length
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
 
 CLOSED, SEPARATES, INCONSISTENT = 0, 1, 2
@@ -31,6 +31,7 @@ MOMENT = 1e-6  # of the plate's phase
 ROUNDED_SLIP = 2e-15  # slip that is rounding, in units of the speeds it is a difference of
 # slip with which two ends set out, in units of the one that counts as none: steps resolve it, and its direction bears rounding
 PAIR_SPEED = 10.0
+ROUNDED_HOLD = 1e-9  # lateral hold that is rounding, in units of what is left along the axis
 AT_LIMIT = 1e-6  # deceleration, in units of gravity, that is none
 
 
@@ -132,8 +133,10 @@ def start_slips(dm, phase, y, modes, slip_tol, dy, F):
     Both ends then are at their limits, and each sets out against the force that held it. Its lateral part is known, and
     its axial part is what the limit leaves; the axial slip of both is one.
     """
-    over_1 = hold_left(dm.p1.mu_h, F[F1], 0.0, F[L1]) < 0.0
-    over_2 = hold_left(dm.p2.mu_h, F[F2], 0.0, F[L2]) < 0.0
+    # a loss is found to rounding: an end whose lateral hold has ended may come with a last rest of it
+    rest = ROUNDED_HOLD * max(axial_left_of_pair(dm.p1.mu_h, F[F1], F[L1], dm.p2.mu_h, F[F2], F[L2], F[A1]), 0.0)
+    over_1 = hold_left(dm.p1.mu_h, F[F1], 0.0, F[L1]) <= rest
+    over_2 = hold_left(dm.p2.mu_h, F[F2], 0.0, F[L2]) <= rest
     small = 0.5 * slip_tol
     modes[0] = SLIP if over_1 or not over_2 else STICK
     modes[1] = SLIP if over_2 or not over_1 else STICK

@@ -79,14 +79,19 @@ def hold_left(hold, F, A, L):
 
 
 @compiled
-def hold_left_of_pair(hold_1, F_1, L_1, hold_2, F_2, L_2, A):
-    """How far two held ends are from the limit of their friction, the sum A of the axial frictions and the laterals L_1, L_2
-    being known; negative beyond it.
-    """
+def axial_left_of_pair(hold_1, F_1, L_1, hold_2, F_2, L_2, A):
+    """How far the sum A of the axial frictions of two held ends is from the limit that the lateral ones L_1, L_2 leave it."""
     room_1, room_2 = (hold_1 * F_1) ** 2 - L_1**2, (hold_2 * F_2) ** 2 - L_2**2
-    if room_1 < 0.0 or room_2 < 0.0:
-        return -sqrt(-min(room_1, room_2))
-    return sqrt(room_1) + sqrt(room_2) - abs(A)
+    return sqrt(max(room_1, 0.0)) + sqrt(max(room_2, 0.0)) - abs(A)
+
+
+@compiled
+def hold_left_of_pair(hold_1, F_1, L_1, hold_2, F_2, L_2, A):
+    """How far two held ends are from the limit of their friction: the least of what is left to each laterally, and to both
+    along the axis; negative beyond it. A normal force below zero ends the contact, not the hold: its size counts here.
+    """
+    left_1, left_2 = hold_left(hold_1, abs(F_1), 0.0, L_1), hold_left(hold_2, abs(F_2), 0.0, L_2)
+    return min(left_1, left_2, axial_left_of_pair(hold_1, F_1, L_1, hold_2, F_2, L_2, A))
 
 
 @compiled
