@@ -4,7 +4,7 @@ from math import pi
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from dimersweep.kernel.contact.coordinates import YUA, YUB
@@ -65,13 +65,16 @@ def between(low, high):
     return st.integers(0, 2000).map(lambda k: low + (high - low) * k / 2000)
 
 
-@st.composite
-def scenes(draw):
+def scene_of(k):
     """A scene of the whole model as a laboratory might build it, and the state that it starts from."""
-    row = laboratory_row(draw(st.integers(0, 10 * BLOCK - 1)), SEED)
+    row = laboratory_row(k, SEED)
     state = np.zeros(N_STATE)
     begin(dimer_of(row), row, state)
     return dict(zip(ROW, row.tolist(), strict=True)), state
+
+
+def scenes():
+    return st.integers(0, 10 * BLOCK - 1).map(scene_of)
 
 
 def run_of(scene, state, rtol):
@@ -80,6 +83,25 @@ def run_of(scene, state, rtol):
     run = launch(row, state, PERIODS, rtol)
     assert run.status == "ok"
     return row, dimer_of(row), run
+
+
+def steady_run_of(scene, state, rtol):
+    """Dimer and run of a scene that does not enlarge rounding: balls that rattle are chaotic, some within two periods."""
+    _, dm, run = run_of(scene, state, rtol)
+    nudged = state.copy()
+    nudged[[CA, CB]] *= 1 + 2**-48
+    _, _, other = run_of(scene, nudged, rtol)
+    assume(is_same(dm, other.state, run.state, 1e-8))
+    return dm, run
+
+
+def is_same(dm, found, expected, allowed):
+    """Whether two states agree as in `same`."""
+    try:
+        same(dm, found, expected, allowed)
+    except AssertionError:
+        return False
+    return True
 
 
 def same(dm, found, expected, allowed=1e-6):
@@ -108,7 +130,7 @@ def scale_of(dm, slot):
 def test_heading_and_origin_are_of_no_consequence(rtol, drawn, turn, east, north):
     """Nothing in the plane is special: a turned and shifted start on a turned plate has the turned and shifted run."""
     scene, state = drawn
-    _, dm, run = run_of(scene, state, rtol)
+    dm, run = steady_run_of(scene, state, rtol)
     moved = state.copy()
     moved[[THETA, X1, Y1]] = state[THETA] + turn, east, north
     _, _, other = run_of(scene | turned_plate(scene, turn), moved, rtol)
@@ -129,7 +151,7 @@ def test_heading_and_origin_are_of_no_consequence(rtol, drawn, turn, east, north
 def test_mirrored_starts_make_mirrored_runs(rtol, drawn):
     """The plane of Y and the normal is a mirror: lateral velocities and the turning change sign, and so does all along X."""
     scene, state = drawn
-    _, dm, run = run_of(scene, state, rtol)
+    dm, run = steady_run_of(scene, state, rtol)
     lateral = [CB, WP, SPIN, THETA, X1, GAMMA]
     mirrored = state.copy()
     mirrored[lateral] *= -1
@@ -158,7 +180,7 @@ def exchanged(dm, state):
 def test_the_balls_have_no_names(rtol, drawn):
     """Exchanged balls, each with its own radius, density, restitution, friction and stiffness, make the same motion."""
     scene, state = drawn
-    _, dm, run = run_of(scene, state, rtol)
+    dm, run = steady_run_of(scene, state, rtol)
     _, _, other = run_of(exchanged_ends(scene), exchanged(dm, state), rtol)
     # stiffness counts in units of that of p1: an impact takes other steps, which costs a tolerance that impacts enlarge
     same(dm, other.state, exchanged(dm, run.state), 1e-6 + 1e4 * rtol)
@@ -167,10 +189,11 @@ def test_the_balls_have_no_names(rtol, drawn):
 @accuracies
 @steady
 @given(scenes(), st.sampled_from([1e-3, 0.37, 1e4]))
+@example(drawn=scene_of(4485), factor=0.37)  # held at both ends, until the lateral hold of one is lost
 def test_mass_is_of_no_consequence(rtol, drawn, factor):
     """All forces grow with the mass: a dimer of a denser kind moves in the same way."""
     scene, state = drawn
-    _, dm, run = run_of(scene, state, rtol)
+    dm, run = steady_run_of(scene, state, rtol)
     denser = {name: factor * scene[name] for name in ("rho_b_1", "rho_b_2", "rho_r")}
     _, _, other = run_of(scene | denser, state, rtol)
     same(dm, other.state, run.state)
@@ -182,7 +205,7 @@ def test_mass_is_of_no_consequence(rtol, drawn, factor):
 def test_length_and_gravity_only_set_the_units(rtol, drawn, length, gravity):
     """The similarity law: lengths by L, gravity by G, times by sqrt(L/G), speeds by sqrt(L G)."""
     scene, state = drawn
-    _, _, run = run_of(scene, state, rtol)
+    _, run = steady_run_of(scene, state, rtol)
     scaled = scene | {name: length * scene[name] for name in ("r_1", "r_2", "D_r")}
     scaled |= {
         "g": gravity * scene["g"],
@@ -207,7 +230,7 @@ def test_length_and_gravity_only_set_the_units(rtol, drawn, length, gravity):
 def test_whole_periods_of_the_phase_are_of_no_consequence(rtol, drawn, turns):
     """A phase at the start that is larger by whole turns, and time that is later by whole periods."""
     scene, state = drawn
-    _, dm, run = run_of(scene, state, rtol)
+    dm, run = steady_run_of(scene, state, rtol)
     _, _, other = run_of(scene | {"phi0": scene["phi0"] + 2 * pi * turns}, state, rtol)
     same(dm, other.state, run.state)
 
@@ -270,6 +293,7 @@ def test_impulses_lie_in_the_friction_cone_and_point_up(rtol, drawn):
 @accuracies
 @steady
 @given(scenes())
+@example(drawn=scene_of(217))  # an end leaves because the slips turn, while the plate presses the more
 def test_an_end_is_open_or_pressed(rtol, drawn):
     """Complementarity: gaps and forces are never negative, a force acts at gap and gap rate zero only, in its cone."""
     scene, state = drawn

@@ -1,7 +1,7 @@
 """The smooth motion of a run between its impacts: the contact that begins, and the way to the next event."""
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.contact.contact_mode import CLOSED, MOMENT, contact_mode
+from dimersweep.kernel.contact.contact_mode import CLOSED, contact_mode, force_later
 from dimersweep.kernel.contact.coordinates import YDIP, YS, YUA, YUB, YWB, YWP, contact_state, kernel_state, leading
 from dimersweep.kernel.contact.events import LANDING, NO_EVENT, OUT_OF_PROBES
 from dimersweep.kernel.contact.forces import F1, F2, contact_rates, double_rates, hold_reserve
@@ -138,8 +138,9 @@ def follow_contact(dm, ask, motion, turn, locate):
 @compiled(inline=True)
 def only_grazes(dm, motion, i, phase):
     """Whether the force at end i, zero now in the contact phase, is positive again a moment later."""
-    contact_rates(dm, motion.modes, phase + MOMENT, motion.contact, False, motion.rates, motion.forces)
-    return motion.forces[F1 + 3 * i] > 0.0
+    y, dy, F = motion.contact, motion.rates, motion.forces
+    contact_rates(dm, motion.modes, phase, y, False, dy, F)
+    return force_later(dm, motion.modes, i, phase, y, dy, F) > 0.0
 
 
 @compiled

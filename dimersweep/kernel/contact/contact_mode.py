@@ -8,7 +8,10 @@ from math import copysign
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.coordinates import (
+    YDIP,
     YS,
+    YTHETA,
+    YTIME,
     YUA,
     YUB,
     YWB,
@@ -85,10 +88,23 @@ def is_compressive(dm, modes, i, phase, y, dy, F):
     force = F[F1 + 3 * i]
     if abs(force) > NO_FORCE * dm.m * dm.g:
         return force > 0.0
-    contact_rates(dm, modes, phase + MOMENT, y, False, dy, F)
-    later = F[F1 + 3 * i] > 0.0
+    later = force_later(dm, modes, i, phase, y, dy, F) > 0.0
     contact_rates(dm, modes, phase, y, False, dy, F)
     return later
+
+
+@compiled
+def force_later(dm, modes, i, phase, y, dy, F):
+    """Normal force at end i a moment after the state y, which goes on at its rates dy; dy and F are of that moment then."""
+    dip, w_b, w_p, spin, u_a, u_b, theta = y[YDIP], y[YWB], y[YWP], y[YS], y[YUA], y[YUB], y[YTHETA]
+    t = MOMENT / dm.omega
+    for k in range(YTIME):
+        y[k] += t * dy[k]
+    if u_a == 0.0 and u_b == 0.0:  # an end that sticks, or one that is asked of without friction
+        y[YUA], y[YUB] = 0.0, 0.0
+    contact_rates(dm, modes, phase + MOMENT, y, False, dy, F)
+    y[YDIP], y[YWB], y[YWP], y[YS], y[YUA], y[YUB], y[YTHETA] = dip, w_b, w_p, spin, u_a, u_b, theta
+    return F[F1 + 3 * i]
 
 
 @compiled
