@@ -410,6 +410,27 @@ def test_the_end_whose_lateral_hold_ends_slips_alone(seed, end, k):
     assert slip[0] == 0.0 and slip[1] * F[[L1, L2]][end] < 0.0
 
 
+@pytest.mark.parametrize("end", [0, 1])
+@pytest.mark.parametrize("seed", range(6))
+def test_an_end_that_is_held_no_more_beside_one_that_slips_sets_out_with_it(seed, end):
+    """Friction falls from mu_s to mu where an end slips: the other one has to hold the rest, and cannot."""
+    scene, state, F, _ = held_pair(seed)
+    needed = np.abs(F[[L1, L2]]) / F[[F1, F2]]
+    dm = dimer(mu=0.2 * needed.min(), **scene)
+    limit = np.full(2, 10.0)
+    limit[end] = 0.999 * needed[end]
+    dm.p1.mu_h, dm.p2.mu_h = limit
+    _, found, _, _, F = chosen(dm, state, (True, True))
+    assert found == ((SLIP, STICK) if end == 0 else (STICK, SLIP))
+    limit[1 - end] = 0.99 * hypot(F[A1], F[L2 if end == 0 else L1]) / F[F2 if end == 0 else F1]
+    dm.p1.mu_h, dm.p2.mu_h = limit
+    answer, found, y, dy, _ = chosen(dm, state, (True, True))
+    assert (answer, found) == (CLOSED, (SLIP, SLIP))
+    for i in range(2):
+        u, v = slip_at_contact(dm, y, i), slip_at_contact(dm, dy, i)
+        assert u @ v == pytest.approx(np.linalg.norm(u) * np.linalg.norm(v), rel=1e-6)
+
+
 @pytest.mark.parametrize("share", [0.99, 0.5])
 @pytest.mark.parametrize("seed", range(6))
 def test_two_ends_beyond_their_limits_set_out_in_the_direction_of_their_rates(seed, share):

@@ -144,25 +144,38 @@ def double_mode(dm, phase, y, modes, slip_tol, lost, dy, F):
 
 @compiled
 def start_slips(dm, phase, y, modes, slip_tol, dy, F):
-    """Both ends at rest and not both held: an end whose lateral hold is exceeded slips laterally, else both slip.
+    """Both ends at rest and not both held: an end whose lateral hold is exceeded slips laterally, if the other one is held
+    then; else both slip.
 
-    Both ends then are at their limits, and each sets out against the force that held it. Its lateral part is known, and
-    its axial part is what the limit leaves; the axial slip of both is one.
+    Two ends whose axial hold is exceeded are at their limits, and each sets out against the force that held it. Its lateral
+    part is known, and its axial part is what the limit leaves; the axial slip of both is one.
     """
     # a loss is found to rounding: an end whose lateral hold has ended may come with a last rest of it
     rest = ROUNDED_HOLD * max(axial_left_of_pair(dm.p1.mu_h, F[F1], F[L1], dm.p2.mu_h, F[F2], F[L2], F[A1]), 0.0)
     over_1 = hold_left(dm.p1.mu_h, F[F1], 0.0, F[L1]) <= rest
     over_2 = hold_left(dm.p2.mu_h, F[F2], 0.0, F[L2]) <= rest
     small = 0.5 * slip_tol
-    modes[0] = SLIP if over_1 or not over_2 else STICK
-    modes[1] = SLIP if over_2 or not over_1 else STICK
-    if over_1 or over_2:
-        put_slips(dm, y, 0.0, -copysign(small, F[L1]) if over_1 else 0.0, -copysign(small, F[L2]) if over_2 else 0.0)
-    else:
+    if not over_1 and not over_2:
+        modes[0], modes[1] = SLIP, SLIP
         side = -copysign(1.0, F[A1])
         b_1 = -side * lateral_at_limit(dm.p1.mu_h, F[F1], F[L1])
         b_2 = -side * lateral_at_limit(dm.p2.mu_h, F[F2], F[L2])
         pair_onset(dm, modes, phase, y, PAIR_SPEED * slip_tol, side, b_1, b_2, dy, F)
+        return
+    b_1, b_2 = -copysign(small, F[L1]), -copysign(small, F[L2])
+    if not over_1 or not over_2:
+        modes[0], modes[1] = SLIP if over_1 else STICK, SLIP if over_2 else STICK
+        put_slips(dm, y, 0.0, b_1 if over_1 else 0.0, b_2 if over_2 else 0.0)
+        contact_rates(dm, modes, phase, y, False, dy, F)
+        if hold_reserve(dm, modes, 1 if over_1 else 0, F) >= 0.0:
+            return
+    modes[0], modes[1] = SLIP, SLIP
+    put_slips(dm, y, 0.0, b_1, b_2)
+    contact_rates(dm, modes, phase, y, False, dy, F)
+    a, a_1 = slip_of(dm, modes, dy, 0)
+    _, a_2 = slip_of(dm, modes, dy, 1)
+    if abs(a) > AT_LIMIT * max(abs(a_1), abs(a_2)):
+        pair_onset(dm, modes, phase, y, PAIR_SPEED * slip_tol, copysign(1.0, a), a_1 / a, a_2 / a, dy, F)
 
 
 @compiled
