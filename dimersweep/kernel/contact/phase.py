@@ -209,7 +209,7 @@ def choose_step(dm, p, b):
     tight = jams_soon(dm, modes, c.now, v, gamma, b)
     method = method_for(dm, modes, y, v, c.speed_rate, gamma, tight)
     unended = not p.locate and v <= p.slip_tol  # no event ends it, and rescaled steps would never take it to zero
-    unsure = c.time == 0.0 and without_force(modes, b.F) >= 0
+    unsure = c.time == 0.0 and without_force(modes, b.F) >= 0  # that step is brief, as c.h says and c.xi does not
     if method == RESCALED and (unended or unsure or 2.0 * c.xi * v / gamma > left):
         method = IMPLICIT
     h = min(c.h, LONGEST_STEP * dm.period)
