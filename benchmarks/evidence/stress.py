@@ -357,7 +357,7 @@ def draw(codes, seconds, looks, report, path):
     axes[1, 1].set_yscale("log")
     axes[1, 1].set_xlabel("at least this (dashed: 1e-9)")
     axes[1, 1].set_ylabel(f"scenes of {len(seen):,} recorded")
-    axes[1, 1].legend(fontsize=8, loc="lower left")
+    axes[1, 1].legend(fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncol=2, frameon=False)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=200)
 

@@ -41,6 +41,7 @@ from dimersweep.kernel.record import BEFORE, SEGMENT_HOP_TIME, SEGMENT_MODES
 from dimersweep.kernel.smooth_motion import find_contact, no_slip, only_grazes, set_contact
 from dimersweep.kernel.verdict.past import begin_past
 
+SLIP_END_ERROR = 10.0  # x rtol: how much sooner than the run a sample may find the end of a slip [rad of the plate's phase]
 HOPS_LAST = 2.0  # hops are followed for so long, in units of the time that they take when the plate does not change
 
 
@@ -165,7 +166,8 @@ def move_contact(dm, motion, span, rtol):
     phase = state[PHASE] + dm.phi0
     begin_contact(dm, motion)
     done, event = follow_to_event(dm, motion, phase, span, rtol)
-    if is_slip_end(event) and dm.omega * (span - done) > MOMENT:  # passed by: all again, with no events in view
+    if is_slip_end(event) and dm.omega * (span - done) > max(MOMENT, SLIP_END_ERROR * rtol):
+        # passed by: all again, with no events in view
         begin_contact(dm, motion)
         done, event = 0.0, LANDING
     if event != NO_EVENT and not is_slip_end(event):
