@@ -365,7 +365,8 @@ def test_energy_is_accounted_for_event_by_event(rtol, drawn):
     work, doubt = integrals(row, phases.segments[~free], phases.span[~free], rtol, power, 1e-3 * closed * unit)
     rise = kinetic(dm, phases.ends[~free]) - kinetic(dm, starts[~free])
     assert (np.abs(rise - work) <= closed * unit + 3 * doubt).all()
-    assert doubt.max(initial=0.0) <= max(0.1 * closed, 1e-7) * unit  # a slip that turns within 1e-6 rad is hard to integrate
+    # a slip that turns within 1e-6 rad is hard to integrate
+    assert doubt.max(initial=0.0) <= max(0.1 * closed, 1e-7) * unit
 
 
 def power_of(dm, modes, state):

@@ -13,7 +13,7 @@ from dimersweep.kernel.batch import run_many
 from dimersweep.kernel.compiler.jit import compiled, exported
 from dimersweep.kernel.contact import coordinates, forces, phase, step_control
 from dimersweep.kernel.contact.contact_mode import CLOSED
-from dimersweep.kernel.contact.events import OUT_OF_STEPS, is_failure
+from dimersweep.kernel.contact.events import NO_EVENT, OUT_OF_STEPS, is_failure
 from dimersweep.kernel.course import (
     Ask,
     motion_of,
@@ -132,7 +132,7 @@ def whole_chatter(dm, motion, ask, record):
         y, dy, F = motion.contact, motion.rates, motion.forces
         if chatter.come_to_rest(dm, state, modes, slip_tol, ask.close, 1.0 * hop, energy, y, dy, F) >= 0.0:
             return hop
-        answer = smooth_motion.find_contact(dm, motion, modes, False, slip_tol)
+        answer = smooth_motion.find_contact(dm, motion, modes, NO_EVENT, slip_tol)
         course.contact_is_set, course.slip_tol = answer == CLOSED, slip_tol
         event = smooth_motion.move_to_next_event(dm, ask, motion)
         if status != OK or is_failure(event) or approach(state) == 0.0:

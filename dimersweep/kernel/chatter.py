@@ -17,6 +17,7 @@ from math import inf
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.contact_mode import CLOSED, contact_mode
 from dimersweep.kernel.contact.coordinates import YUA, YUB, contact_state
+from dimersweep.kernel.contact.events import NO_EVENT
 from dimersweep.kernel.contact.forces import A1, A2, F1, F2, L1, L2, double_forces
 from dimersweep.kernel.impact.impact import apply_impulse
 from dimersweep.kernel.model.body import attitude, delassus, end, extent, level_levers, levers, rise_of_centre
@@ -140,7 +141,7 @@ def come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F):
             return NOTHING
         contact_state(dm, state, 0 if may_1 else 1, y)
         phase = state[PHASE] + dm.phi0
-        answer = contact_mode(dm, may_1, may_2, phase, y, modes, slip_tol, False, dy, F)
+        answer = contact_mode(dm, may_1, may_2, phase, y, modes, slip_tol, NO_EVENT, dy, F)
         if answer != CLOSED:
             drop_round_off(dm, state)
             return NOTHING
@@ -156,6 +157,7 @@ def come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F):
         ):
             return NOTHING
         if close(dm, state, modes, tol, energy, dy, y, F):
+            drop_round_off(dm, state)
             return max(rest_1 if modes[0] != FREE else 0.0, rest_2 if modes[1] != FREE else 0.0)
         if modes[0] != FREE and modes[1] != FREE:
             may_1, may_2 = state[N1] < state[N2], state[N2] < state[N1]  # the slower end alone

@@ -7,14 +7,15 @@ import numpy as np
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.compiler.records import new_record, one
+from dimersweep.kernel.contact.events import NO_EVENT
 from dimersweep.kernel.contact.step_control import STEP_ROWS, Control
 from dimersweep.kernel.model.layout import N_ROW, N_STATE, OK, Dimer
 from dimersweep.kernel.numerics.meter import Meter
 from dimersweep.kernel.numerics.root_bracket import RootBracket
 from dimersweep.kernel.verdict.past import PAST_COLUMNS, PAST_ROWS
 
-# bound on the work of a run, in hops of one end: some seconds, and 0.1 s a period
-BUDGET, BUDGET_PER_PERIOD = 5_000_000, 100_000
+# bound on the work of a run, in hops of one end: a few seconds, and 0.2 s a period, at most
+BUDGET, BUDGET_PER_PERIOD = 1_500_000, 100_000
 
 
 class Course:
@@ -23,7 +24,7 @@ class Course:
     status: int  # OK, or why the run cannot go on
     ended: bool  # whether the run has ended before its last forcing period
     pending: bool  # whether the contact of the ends at rest on the plate is to be chosen anew
-    hold_is_lost: bool  # whether a sticking end has just reached the limit of its friction
+    event: int  # what has just ended a contact phase (`contact.events`), NO_EVENT if nothing has
     contact_is_set: bool  # the contact state is the one just chosen: it holds slips that the kernel state rounds off
     slip_tol: float  # slip that counts as none in contact [m/s]
     cause: int  # of the next event row
@@ -150,6 +151,6 @@ def begin_course(course, contact, cause, events):
         Number of event rows in the record so far.
     """
     course.status, course.ended = OK, False
-    course.pending, course.hold_is_lost, course.contact_is_set, course.slip_tol = True, False, False, 0.0
+    course.pending, course.event, course.contact_is_set, course.slip_tol = True, NO_EVENT, False, 0.0
     course.cause, course.contact_before, course.hop_time = cause, contact, 0.0
     course.forced, course.period_events = 0, events

@@ -4,7 +4,7 @@ from math import isfinite, sqrt
 
 from dimersweep.kernel.chatter import come_to_rest, kinetic
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.contact.contact_mode import INCONSISTENT, MOMENT
+from dimersweep.kernel.contact.contact_mode import INCONSISTENT
 from dimersweep.kernel.contact.events import (
     JAM,
     LANDING,
@@ -18,7 +18,7 @@ from dimersweep.kernel.contact.events import (
 )
 from dimersweep.kernel.course import BUDGET, BUDGET_PER_PERIOD, begin_course
 from dimersweep.kernel.impact.impact import contact_velocity, double_impact, single_impact
-from dimersweep.kernel.model.body import TWO_PI, attitude, lift
+from dimersweep.kernel.model.body import attitude, lift
 from dimersweep.kernel.model.contact_code import coded
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import (
@@ -77,7 +77,6 @@ from dimersweep.kernel.record import (
 )
 from dimersweep.kernel.smooth_motion import (
     find_contact,
-    follow_contact,
     move_to_next_event,
     no_slip,
     only_grazes,
@@ -87,7 +86,7 @@ from dimersweep.kernel.verdict.classify import stays_as_it_is
 from dimersweep.kernel.verdict.past import S_FASTEST, SCALARS, note_impact, note_landings, note_take_offs
 from dimersweep.kernel.verdict.settling import note_period
 
-DOUBLE_COST = 1.0  # of an impact at both ends besides its steps, in hops of one end
+PAIR_COST = 3.0  # of the choice for two ends on the plate, which may have to find how they set out, in hops of one end
 LOOSEST = 1e-3  # relative tolerance of an impact, however slow
 MOST_FORCED = 20  # impacts without collision in a row, after which the contact counts as jammed
 TURNED = 1e-9  # approach that stands for an impact without collision, in units of the slip
@@ -160,14 +159,12 @@ def resolve_impact(dm, ask, motion, record):
     """
     state, modes, past, course = motion.state, motion.modes, motion.past, motion.course[0]
     record.counts[EVENT_COUNT] += 1
-    if state[D1] == state[D2]:
-        charge(motion.meter, DOUBLE_COST)
     energy = kinetic(dm, state)
     past[SCALARS, S_FASTEST] = max(past[SCALARS, S_FASTEST], sqrt(2.0 * energy * dm.im))
     course.status = noted_impact(dm, ask, motion, record)
     if course.status != OK:
         return False
-    course.pending, course.hold_is_lost, course.cause, course.contact_before = True, False, C_IMPACT, 0.0
+    course.pending, course.event, course.cause, course.contact_before = True, NO_EVENT, C_IMPACT, 0.0
     if is_kept(record):
         copy(state, motion.before, N_STATE)
     hops = record.counts[EVENT_COUNT] - course.period_events
@@ -256,7 +253,9 @@ def choose_contact(dm, ask, motion, record):
     """
     state, modes, course = motion.state, motion.modes, motion.course[0]
     course.slip_tol = no_slip(dm, state, ask.rtol)
-    if find_contact(dm, motion, modes, course.hold_is_lost, course.slip_tol) == INCONSISTENT:
+    if state[D1] == 0.0 and state[D2] == 0.0:
+        charge(motion.meter, PAIR_COST)
+    if find_contact(dm, motion, modes, course.event, course.slip_tol) == INCONSISTENT:
         course.forced += 1
         if course.forced > MOST_FORCED:
             course.status = JAMMED
@@ -288,11 +287,9 @@ def follow_up(dm, ask, motion, record, event):
         record.counts[EVENT_COUNT] += 1
         if event == JAM:  # the force of a slip grows beyond all bounds: an impact without collision follows
             force_impact(dm, motion.state)
-        elif is_lift_off(event) and only_grazes(dm, motion, end_of(event), motion.state[PHASE] + dm.phi0):
-            follow_contact(dm, ask, motion, min(MOMENT, TWO_PI - motion.state[PHASE]), False)
-        else:
+        elif not (is_lift_off(event) and only_grazes(dm, motion, end_of(event), motion.state[PHASE] + dm.phi0)):
             course.pending = True
-            course.hold_is_lost = is_hold_lost(event)
+            course.event = event
             if event != LANDING:
                 course.cause = cause_of(event)
 

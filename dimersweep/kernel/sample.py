@@ -19,6 +19,7 @@ from dimersweep.kernel.contact.coordinates import (
     leading,
 )
 from dimersweep.kernel.contact.events import (
+    HOLD_LOST,
     LANDING,
     NO_EVENT,
     OUT_OF_STEPS,
@@ -41,7 +42,8 @@ from dimersweep.kernel.record import BEFORE, SEGMENT_HOP_TIME, SEGMENT_MODES
 from dimersweep.kernel.smooth_motion import find_contact, no_slip, only_grazes, set_contact
 from dimersweep.kernel.verdict.past import begin_past
 
-SLIP_END_ERROR = 10.0  # x rtol: how much sooner than the run a sample may find the end of a slip [rad of the plate's phase]
+SLIP_END_ERROR = 10.0  # x rtol: how much sooner than the run a sample may find the end of a slip [rad]
+MOST_GRAZES = 1000  # in a contact phase
 HOPS_LAST = 2.0  # hops are followed for so long, in units of the time that they take when the plate does not change
 
 
@@ -193,23 +195,21 @@ def begin_contact(dm, motion):
     set_contact(dm, state, modes, y)
     speed, _ = slip_speed(dm, modes, y, y)
     if speed <= slip_tol:
-        answer = find_contact(dm, motion, trial, True, slip_tol)
+        answer = find_contact(dm, motion, trial, HOLD_LOST, slip_tol)
         if answer != CLOSED or trial[0] != modes[0] or trial[1] != modes[1]:
             contact_state(dm, state, leading(modes), y)
 
 
 @compiled
 def follow_to_event(dm, motion, phase, span, rtol):
-    """Follow a contact phase to its first event, over the moments in which an end only grazes; returns time and event."""
-    done = 0.0
-    while True:
+    """Follow a contact phase to its first event that is no graze; returns time and event."""
+    done, event = 0.0, NO_EVENT
+    for _ in range(MOST_GRAZES):
         t, event = sustain(dm, motion, phase + dm.omega * done, span - done, rtol, True)
         done += t
         if not (is_lift_off(event) and only_grazes(dm, motion, end_of(event), phase + dm.omega * done)):
-            return done, event
-        brief = min(MOMENT / dm.omega, span - done)
-        sustain(dm, motion, phase + dm.omega * done, brief, rtol, False)
-        done += brief
+            break
+    return done, event
 
 
 @compiled

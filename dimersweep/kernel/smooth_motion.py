@@ -28,7 +28,7 @@ def no_slip(dm, state, rtol):
 
 
 @compiled(inline=True)
-def find_contact(dm, motion, modes, hold_is_lost, slip_tol):
+def find_contact(dm, motion, modes, event, slip_tol):
     """Contact modes of the ends at rest on the plate into `modes`; the state follows them, and the contact state is set.
 
     Returns
@@ -45,8 +45,8 @@ def find_contact(dm, motion, modes, hold_is_lost, slip_tol):
     contact_state(dm, state, 0 if closed_1 else 1, y)
     if closed_1 and closed_2:
         y[YDIP], y[YWB] = 0.0, 0.0
-    phase, lost = state[PHASE] + dm.phi0, hold_is_lost
-    answer = contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, lost, motion.rates, motion.forces)
+    phase = state[PHASE] + dm.phi0
+    answer = contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, event, motion.rates, motion.forces)
     if answer == CLOSED:
         kernel_state(dm, modes, y, state)
     return answer
@@ -71,7 +71,7 @@ def move_to_next_event(dm, ask, motion):
         if not course.contact_is_set:
             course.slip_tol = no_slip(dm, motion.state, ask.rtol)
             set_contact(dm, motion.state, modes, motion.contact)
-        event = follow_contact(dm, ask, motion, TWO_PI - motion.state[PHASE], True)
+        event = follow_contact(dm, ask, motion)
     course.contact_is_set = False
     return event
 
@@ -121,12 +121,12 @@ def clear_slip(dm, modes, y):
 
 
 @compiled(inline=True)
-def follow_contact(dm, ask, motion, turn, locate):
-    """Follow the contact phase to its next event, but no further than the plate turns by `turn` [rad]; returns the event."""
+def follow_contact(dm, ask, motion):
+    """Follow the contact phase to its next event, or to the end of the forcing period; returns the event."""
     state, y = motion.state, motion.contact
-    phase, span = state[PHASE] + dm.phi0, turn / dm.omega
+    phase, span = state[PHASE] + dm.phi0, (TWO_PI - state[PHASE]) / dm.omega
     t, event = sustain_contact(
-        dm, motion.modes, y, phase, span, ask.path, ask.rtol, motion.course[0].slip_tol, locate, motion.work
+        dm, motion.modes, y, phase, span, ask.path, ask.rtol, motion.course[0].slip_tol, True, motion.work
     )
     if event == LANDING:
         y[YDIP] = 0.0

@@ -251,8 +251,8 @@ def hold_reserve(dm, modes, i, F):
 
 
 @compiled
-def contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, lost, dy, F):
-    return contact_modes.contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, lost, dy, F)
+def contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, event, dy, F):
+    return contact_modes.contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, event, dy, F)
 
 
 @compiled

@@ -229,11 +229,11 @@ def test_contact_states_survive_the_way_there_and_back(modes):
             assert back[D1 + i] == back[N1 + i] == 0
 
 
-def chosen(dm, state, closed, time=TIME, lost=False):
+def chosen(dm, state, closed, time=TIME, event=NO_EVENT):
     """The contact mode that the kernel chooses: answer, modes, contact state, its rates and forces."""
     modes, y, dy, F = np.zeros(2), np.zeros(N_Y), np.zeros(N_Y), np.zeros(N_F)
     contact_state(dm, state, -1.0 if closed[0] else 1.0, y)
-    answer = contact_mode(dm, *closed, dm.omega * time + dm.phi0, y, modes, SLIP_TOL, lost, dy, F)
+    answer = contact_mode(dm, *closed, dm.omega * time + dm.phi0, y, modes, SLIP_TOL, event, dy, F)
     if answer == CLOSED:
         contact_rates(dm, modes, dm.omega * time + dm.phi0, y, dy, F)
     return answer, tuple(int(mode) for mode in modes), y, dy, F
@@ -342,7 +342,7 @@ def test_a_hold_just_lost_turns_into_slip_when_both_coefficients_agree(k):
     state = closed_state(rough, (STICK, FREE), np.random.default_rng(4))
     _, _, _, _, F = chosen(rough, state, (True, False))
     mu = hypot(F[A1], F[L1]) / F[F1] * (1 + k * 1e-15)
-    answer, found, *_ = chosen(dimer(mu=mu, mu_s=mu), state, (True, False), lost=True)
+    answer, found, *_ = chosen(dimer(mu=mu, mu_s=mu), state, (True, False), event=HOLD_LOST)
     assert (answer, found) == (CLOSED, (SLIP, FREE))
 
 
@@ -387,7 +387,7 @@ def test_two_ends_at_their_limits_set_out_against_what_held_them(seed):
     scene, state, F, mu = held_pair(seed)
     assert min(abs(F[L1]), abs(F[L2]), abs(F[A1])) > 1e-2 * mu * (F[F1] + F[F2])
     dm = dimer(mu=mu, mu_s=mu, **scene)
-    answer, found, _, dy, slipping = chosen(dm, state, (True, True), lost=True)
+    answer, found, _, dy, slipping = chosen(dm, state, (True, True), event=HOLD_LOST)
     assert (answer, found) == (CLOSED, (SLIP, SLIP))
     assert slipping[A1] == pytest.approx(F[A1], rel=1e-6)
     assert slipping[[L1, L2]] == pytest.approx(F[[L1, L2]], rel=1e-6)
@@ -404,7 +404,7 @@ def test_the_end_whose_lateral_hold_ends_slips_alone(seed, end, k):
     limit[end] = abs(F[[L1, L2]][end]) / F[[F1, F2]][end] * (1 + k * 1e-15)
     dm = dimer(mu=0.0, **scene)
     dm.p1.mu_h, dm.p2.mu_h = limit
-    answer, found, y, *_ = chosen(dm, state, (True, True), lost=True)
+    answer, found, y, *_ = chosen(dm, state, (True, True), event=HOLD_LOST)
     assert (answer, found) == (CLOSED, (SLIP, STICK) if end == 0 else (STICK, SLIP))
     slip = slip_at_contact(dm, y, end)
     assert slip[0] == 0.0 and slip[1] * F[[L1, L2]][end] < 0.0

@@ -757,3 +757,26 @@ def test_no_energy_from_nothing(number):
     """A swift turn that pulls at the plate from its start; a scene so slow that each of its impacts counts."""
     look = examine(scene_row(number, 11, "far"), 1, 1e-8)
     assert (look["status"], lies(look)) == ("ok", [])
+
+
+ONE_MOMENT = {
+    "a slip ends in the moment after a graze": [308124, 225125, 32330, 163397],
+    "an end sets out beside one that hardly slips": [759011, 509620],
+    "two ends set out far from where they were held": [970809, 776316, 69384],
+    "a force that has vanished is back by rounding": [91774, 89621],
+    "the plate takes all weight for a moment": [889794, 717057],
+    "two ends are held, but for the pull of one": [89814, 485512, 309071],
+    "an end leaves at a rate of round-off as the other one closes": [637957, 151502, 555559, 475566],
+}
+
+
+@pytest.mark.parametrize(
+    ("why", "number"), [(why, number) for why, numbers in ONE_MOMENT.items() for number in numbers]
+)
+def test_a_contact_does_not_go_round_at_one_moment(why, number):
+    """These ended at a bound on work, or after seconds, with thousands of events or steps and no time between them."""
+    row = scene_row(number, 11, "whole")
+    codes, _, _, work = run_block(row[None], 5, 1e-8)
+    assert codes[0, CODE["status"]] == OK, why
+    assert work[0] < 30_000
+    assert lies(examine(row, 5, 1e-8)) == [], why

@@ -22,6 +22,7 @@ from dimersweep.kernel.contact.coordinates import (
     put_slips,
     slip_of,
 )
+from dimersweep.kernel.contact.events import end_of, is_hold_lost, is_lift_off
 from dimersweep.kernel.contact.forces import A1, A2, COMPLIANCE, F1, F2, L1, L2, contact_rates, hold_reserve
 from dimersweep.kernel.contact.slip_onset import pair_onset, slip_onset
 from dimersweep.kernel.model.body import apart_sideways, extent
@@ -29,7 +30,8 @@ from dimersweep.kernel.model.friction import axial_left_of_pair, hold_left, late
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
 
 CLOSED, SEPARATES, INCONSISTENT = 0, 1, 2
-NO_FORCE = 1e-12  # force, in units of the weight, whose sign a moment later decides
+# force, in units of the weight, whose sign a moment later decides, and the same that is rounding
+NO_FORCE, ROUNDED_FORCE = 1e-12, 1e-13
 MOMENT = 1e-6  # of the plate's phase
 ROUNDED_SLIP = 2e-15  # slip that is rounding, in units of the speeds it is a difference of
 # slip with which two ends set out, in units of the one that counts as none: steps resolve it, and its direction bears rounding
@@ -88,7 +90,13 @@ def is_compressive(dm, modes, i, phase, y, dy, F):
     force = F[F1 + 3 * i]
     if abs(force) > NO_FORCE * dm.m * dm.g:
         return force > 0.0
-    later = force_later(dm, modes, i, phase, y, dy, F) > 0.0
+    return comes_back(dm, modes, i, phase, y, dy, F)
+
+
+@compiled
+def comes_back(dm, modes, i, phase, y, dy, F):
+    """Whether the force at end i, which has just vanished, does not pull a moment later (at no weight it is rounding)."""
+    later = force_later(dm, modes, i, phase, y, dy, F) > -ROUNDED_FORCE * dm.m * dm.g
     contact_rates(dm, modes, phase, y, False, dy, F)
     return later
 
@@ -132,13 +140,21 @@ def double_mode(dm, phase, y, modes, slip_tol, lost, dy, F):
     if rest_2:
         put_slip(dm, modes, y, 1, 0.0, 0.0)
     contact_rates(dm, modes, phase, y, False, dy, F)
-    if rest_1 and rest_2:
-        if lost or hold_reserve(dm, modes, 0, F) < 0.0:
-            start_slips(dm, phase, y, modes, slip_tol, dy, F)
+    if not (rest_1 and rest_2) and (rest_1 or rest_2):
+        i = 0 if rest_1 else 1
+        if lost or hold_reserve(dm, modes, i, F) < 0.0:
+            a, b = slip_of(dm, modes, y, 1 - i)
+            if (
+                length(a, b) <= 2.0 * PAIR_SPEED * slip_tol
+            ):  # else its direction would follow that of end i, and turn it back
+                modes[0], modes[1] = STICK, STICK
+                put_slips(dm, y, 0.0, 0.0, 0.0)
+                contact_rates(dm, modes, phase, y, False, dy, F)
+                start_slips(dm, phase, y, modes, slip_tol, dy, F)
+            else:
+                start_slip(dm, phase, y, modes, i, slip_tol, dy, F)
     elif rest_1 and (lost or hold_reserve(dm, modes, 0, F) < 0.0):
-        start_slip(dm, phase, y, modes, 0, slip_tol, dy, F)
-    elif rest_2 and (lost or hold_reserve(dm, modes, 1, F) < 0.0):
-        start_slip(dm, phase, y, modes, 1, slip_tol, dy, F)
+        start_slips(dm, phase, y, modes, slip_tol, dy, F)
     contact_rates(dm, modes, phase, y, False, dy, F)
 
 
@@ -179,6 +195,19 @@ def start_slips(dm, phase, y, modes, slip_tol, dy, F):
 
 
 @compiled
+def slip_together(dm, phase, y, modes, slip_tol, dy, F):
+    """Both ends slip out of rest, near the direction in which they would without friction."""
+    modes[0], modes[1] = SLIP, SLIP
+    put_slips(dm, y, 0.0, 0.0, 0.0)
+    contact_rates(dm, modes, phase, y, False, dy, F)
+    a, a_1 = slip_of(dm, modes, dy, 0)
+    _, a_2 = slip_of(dm, modes, dy, 1)
+    if a != 0.0:
+        pair_onset(dm, modes, phase, y, PAIR_SPEED * slip_tol, copysign(1.0, a), a_1 / a, a_2 / a, dy, F)
+        contact_rates(dm, modes, phase, y, False, dy, F)
+
+
+@compiled
 def start_slip(dm, phase, y, modes, i, slip_tol, dy, F):
     """End i, held by the forces F, begins to slip, with the rates and forces in dy, F; returns whether it can.
 
@@ -204,8 +233,11 @@ def lead_with(dm, i, u_a, u_b, w_p, y):
 
 
 @compiled
-def contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, lost, dy, F):
+def contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, event, dy, F):
     """Which of the closed ends stay closed, and in which friction modes, into modes (y with p1 leading if it is closed).
+
+    `event` is the number of what has just ended the last contact phase (`events`), NO_EVENT if nothing has: rounding may
+    leave a little of a hold that was lost, or of a force that has vanished.
 
     With both ends on the plate the double contact is tried first, then each end alone where its force points outward. At a
     negative compliance the double contact is no answer even where both forces point outward: the least difference between
@@ -222,9 +254,9 @@ def contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, lost, dy, F)
     """
     u_b, w_p = y[YUB], y[YWP]
     if not (closed_1 and closed_2):
-        answer = single_mode(dm, 0 if closed_1 else 1, phase, y, modes, slip_tol, lost, dy, F)
+        answer = single_mode(dm, 0 if closed_1 else 1, phase, y, modes, slip_tol, is_hold_lost(event), dy, F)
     else:
-        answer = mode_of_pair(dm, phase, y, modes, slip_tol, lost, dy, F)
+        answer = mode_of_pair(dm, phase, y, modes, slip_tol, event, dy, F)
         if answer == CLOSED:
             u_b -= leading(modes) * apart_sideways(dm, w_p, y[YS])
     if answer == CLOSED:
@@ -236,11 +268,14 @@ def contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, lost, dy, F)
 
 
 @compiled
-def mode_of_pair(dm, phase, y, modes, slip_tol, lost, dy, F):
+def mode_of_pair(dm, phase, y, modes, slip_tol, event, dy, F):
     """`contact_mode` with both ends on the plate."""
     u_a, u_b, w_p = y[YUA], y[YUB], y[YWP]
-    double_mode(dm, phase, y, modes, slip_tol, lost, dy, F)
+    double_mode(dm, phase, y, modes, slip_tol, is_hold_lost(event), dy, F)
+    held = modes[0] == STICK and modes[1] == STICK
     on_1, on_2 = is_compressive(dm, modes, 0, phase, y, dy, F), is_compressive(dm, modes, 1, phase, y, dy, F)
+    if on_1 and on_2 and is_lift_off(event) and not comes_back(dm, modes, end_of(event), phase, y, dy, F):
+        on_1, on_2 = end_of(event) == 1, end_of(event) == 0
     stays = 0 if on_1 else 1
     if F[COMPLIANCE] < 0.0:
         stays = 0 if F[F1] < F[F2] else 1
@@ -249,7 +284,23 @@ def mode_of_pair(dm, phase, y, modes, slip_tol, lost, dy, F):
         return CLOSED
     elif not on_1 and not on_2 and is_driven_in(dm, modes, 0, phase, y, dy, F):
         stays = 0
-    # a hold that was lost was that of both
+    answer = mode_of_one(dm, stays, phase, y, modes, slip_tol, u_a, u_b, w_p, dy, F)
+    if held and answer == CLOSED and (1.0 - 2.0 * leading(modes)) * dy[YWB] * dm.l < -NO_FORCE * dm.g:
+        # two could be held, but for the pull of one, which is driven in beside the other one alone: both slip
+        lead_with(dm, 0, u_a, u_b, w_p, y)
+        slip_together(dm, phase, y, modes, slip_tol, dy, F)
+        if is_compressive(dm, modes, 0, phase, y, dy, F) and is_compressive(dm, modes, 1, phase, y, dy, F):
+            return CLOSED
+        answer = mode_of_one(dm, stays, phase, y, modes, slip_tol, u_a, u_b, w_p, dy, F)
+    return answer
+
+
+@compiled
+def mode_of_one(dm, stays, phase, y, modes, slip_tol, u_a, u_b, w_p, dy, F):
+    """`single_mode` of one of two ends on the plate, of which p1 slips by (u_a, u_b): of the end that stays, or the other one.
+
+    A hold that was lost was that of both.
+    """
     lead_with(dm, stays, u_a, u_b, w_p, y)
     answer = single_mode(dm, stays, phase, y, modes, slip_tol, False, dy, F)
     if answer == SEPARATES:  # friction at both ends may have driven off one that nothing drives off alone

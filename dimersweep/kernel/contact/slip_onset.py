@@ -1,6 +1,6 @@
 """Slip that sets out from rest: the direction in (4) is that of the acceleration which the contact then has."""
 
-from math import pi
+from math import copysign, pi
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.coordinates import put_slip, put_slips, slip_of
@@ -14,6 +14,7 @@ SLANT = 1e-7  # change of direction in a finite difference [rad]
 # the same of two ends, over the tangent: coarse enough for the smallest slips, whose last digits are rounded
 PAIR_SLANT = 1e-4
 PAIR_NEWTON, PAIR_KNOWN = 12, 1e-6  # Newton iterations of two ends at most, and the change that ends them
+PAIR_TURNS, PAIR_TURN = 100, 0.1  # steps in which two slips turn with their accelerations, and the size of one
 
 
 @compiled
@@ -99,11 +100,20 @@ def set_out_as_pair(dm, modes, phase, y, v, side, b_1, b_2, dy, F):
 
 @compiled
 def pair_onset(dm, modes, phase, y, v, side, b_1, b_2, dy, F):
-    """Slips out of rest of two ends, into y: near (1, b_i) times `side`, in directions to which the accelerations are parallel.
+    """Slips out of rest of two ends, into y: along (1, b_i) times `side`, where the accelerations are parallel to the slips.
 
-    Where there are none, the given directions are kept.
+    They are looked for near the given ones, then where slips that set out so turn. Where there are none, the given ones are
+    kept.
     """
-    first_1, first_2 = b_1, b_2
+    if not settle_pair(dm, modes, phase, y, v, side, b_1, b_2, dy, F):
+        u, u_1, u_2 = turned_pair(dm, modes, phase, y, v, side, side * b_1, side * b_2, dy, F)
+        if u == 0.0 or not settle_pair(dm, modes, phase, y, v, copysign(1.0, u), u_1 / u, u_2 / u, dy, F):
+            set_out_as_pair(dm, modes, phase, y, v, side, b_1, b_2, dy, F)
+
+
+@compiled
+def settle_pair(dm, modes, phase, y, v, side, b_1, b_2, dy, F):
+    """Such directions near (1, b_i) times `side`, by Newton's rule, into y; whether there are any."""
     for _ in range(PAIR_NEWTON):
         along, r_1, r_2 = set_out_as_pair(dm, modes, phase, y, v, side, b_1, b_2, dy, F)
         d_1, d_2 = PAIR_SLANT * (1.0 + abs(b_1)), PAIR_SLANT * (1.0 + abs(b_2))
@@ -113,11 +123,24 @@ def pair_onset(dm, modes, phase, y, v, side, b_1, b_2, dy, F):
         det = s_11 * s_22 - s_12 * s_21
         step_1, step_2 = (s_12 * r_2 - s_22 * r_1) / det, (s_21 * r_1 - s_11 * r_2) / det
         if not abs(step_1) <= 1.0 + abs(b_1) or not abs(step_2) <= 1.0 + abs(b_2):
-            break
+            return False
         b_1, b_2 = b_1 + step_1, b_2 + step_2
         if abs(step_1) <= PAIR_KNOWN * (1.0 + abs(b_1)) and abs(step_2) <= PAIR_KNOWN * (1.0 + abs(b_2)):
             along, _, _ = set_out_as_pair(dm, modes, phase, y, v, side, b_1, b_2, dy, F)
-            if along > 0.0:
-                return
-            break
-    set_out_as_pair(dm, modes, phase, y, v, side, first_1, first_2, dy, F)
+            return along > 0.0
+    return False
+
+
+@compiled
+def turned_pair(dm, modes, phase, y, v, u, u_1, u_2, dy, F):
+    """Where the slips (u, u_i) of two ends turn, as their accelerations have them: axial and lateral parts, in no unit."""
+    for _ in range(PAIR_TURNS):
+        size = max(abs(u), max(abs(u_1), abs(u_2)))
+        u, u_1, u_2 = u / size, u_1 / size, u_2 / size
+        put_slips(dm, y, v * u, v * u_1, v * u_2)
+        contact_rates(dm, modes, phase, y, False, dy, F)
+        a, a_1 = slip_of(dm, modes, dy, 0)
+        _, a_2 = slip_of(dm, modes, dy, 1)
+        step = PAIR_TURN / max(abs(a), max(abs(a_1), abs(a_2)))
+        u, u_1, u_2 = u + step * a, u_1 + step * a_1, u_2 + step * a_2
+    return u, u_1, u_2
