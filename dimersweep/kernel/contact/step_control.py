@@ -54,7 +54,9 @@ TIGHT = 0.5  # compliance from which the turning of the slip may lead to a jam
 SLIP_CHANGE = 1e-6  # change of a slip, in units of itself, in its finite differences
 
 STEP_ROWS = 79
-EXPLICIT_COST, IMPLICIT_COST = 0.8, 3.0  # of a step, in hops of one end: as measured
+# of an explicit step, and of a Newton iteration for each direction in which a slip turns and once more, in hops of one end:
+# as measured
+EXPLICIT_COST, NEWTON_COST = 0.8, 0.4
 
 
 class StepArrays(NamedTuple):
@@ -390,6 +392,7 @@ def implicit_step(dm, modes, phase, h, n, b):
             b.Y[j, k] = b.start[k] + h * RADAU_C[j] * b.dy[k]
     before = inf
     for turn in range(MAX_STEP_NEWTON):
+        charge(b.meter, NEWTON_COST * (1 + m))
         for j in range(NODES):
             at = phase + dm.omega * h * RADAU_C[j]
             contact_rates(dm, modes, at, b.Y[j], n > N_CLOSED, b.K[j], b.F_out)
@@ -412,10 +415,10 @@ def implicit_step(dm, modes, phase, h, n, b):
 @compiled(inline=True)
 def step_to(dm, modes, phase, h, n, method, gamma, b):
     """One step; the rates (per time) and forces at its end are left in b.dy_out, b.F_out. Returns the error."""
-    charge(b.meter, IMPLICIT_COST if method == IMPLICIT else EXPLICIT_COST)
     if method == IMPLICIT:
         error = implicit_step(dm, modes, phase, h, n, b)
     else:
+        charge(b.meter, EXPLICIT_COST)
         error = explicit_contact_step(dm, modes, phase, h, n, method, gamma, b)
     contact_rates(dm, modes, phase + dm.omega * b.out[YTIME], b.out, n > N_CLOSED, b.dy_out, b.F_out)
     return error

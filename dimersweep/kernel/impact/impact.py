@@ -59,9 +59,11 @@ from dimersweep.kernel.model.layout import (
     WP,
 )
 from dimersweep.kernel.numerics.elementary import raised
+from dimersweep.kernel.numerics.meter import charge
 from dimersweep.kernel.numerics.steps import copy
 
 MAX_PHASES = 2000
+PHASE_COST = 1.0  # of a phase of an impact at both ends besides its steps, in hops of one end
 # approach, in tolerances and in V, that ends the series of switches of two ends at small e
 LEFT_OVER, LEAST_LEFT = 1e-3, 1e-13
 DOUBLE_TOL = 0.2  # of the integrator of a double impact, in units of the impact's tolerance: its steps add up
@@ -245,6 +247,7 @@ def double_impact(dm, state, V, tol, modes, work, log):
     status = IMPACT_STEPS
     lost = False
     for _ in range(MAX_PHASES):
+        charge(work.meter, PHASE_COST)
         let_go(0, z, compressing, left, least)
         let_go(1, z, compressing, left, least)
         on_1, on_2 = acts(dm, 0, z, left, least, slip_tol), acts(dm, 1, z, left, least, slip_tol)
