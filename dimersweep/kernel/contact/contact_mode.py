@@ -22,7 +22,7 @@ from dimersweep.kernel.contact.coordinates import (
     put_slips,
     slip_of,
 )
-from dimersweep.kernel.contact.events import end_of, is_hold_lost, is_lift_off
+from dimersweep.kernel.contact.events import end_of, is_hold_lost, is_lift_off, slip_limit
 from dimersweep.kernel.contact.forces import A1, A2, COMPLIANCE, F1, F2, L1, L2, contact_rates, hold_reserve
 from dimersweep.kernel.contact.slip_onset import pair_onset, slip_onset
 from dimersweep.kernel.model.body import apart_sideways, extent
@@ -30,8 +30,7 @@ from dimersweep.kernel.model.friction import axial_left_of_pair, hold_left, late
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
 
 CLOSED, SEPARATES, INCONSISTENT = 0, 1, 2
-# force, in units of the weight, whose sign a moment later decides, and the same that is rounding
-NO_FORCE, ROUNDED_FORCE = 1e-12, 1e-13
+NO_FORCE = 1e-12  # force, in units of the weight, whose sign a moment later decides
 MOMENT = 1e-6  # of the plate's phase
 ROUNDED_SLIP = 2e-15  # slip that is rounding, in units of the speeds it is a difference of
 # slip with which two ends set out, in units of the one that counts as none: steps resolve it, and its direction bears rounding
@@ -95,22 +94,25 @@ def is_compressive(dm, modes, i, phase, y, dy, F):
 
 @compiled
 def comes_back(dm, modes, i, phase, y, dy, F):
-    """Whether the force at end i, which has just vanished, does not pull a moment later (at no weight it is rounding)."""
-    later = force_later(dm, modes, i, phase, y, dy, F) > -ROUNDED_FORCE * dm.m * dm.g
+    """Whether the force at end i, which has just vanished, is positive a moment later."""
+    later = force_later(dm, modes, i, phase, y, dy, F) > 0.0
     contact_rates(dm, modes, phase, y, False, dy, F)
     return later
 
 
 @compiled
 def force_later(dm, modes, i, phase, y, dy, F):
-    """Normal force at end i a moment after the state y, which goes on at its rates dy; dy and F are of that moment then."""
+    """Normal force at end i a moment after the state y, which goes on at its rates dy; dy and F are of that moment then.
+
+    A slip that would come to rest within the moment is followed half the way.
+    """
     dip, w_b, w_p, spin, u_a, u_b, theta = y[YDIP], y[YWB], y[YWP], y[YS], y[YUA], y[YUB], y[YTHETA]
-    t = MOMENT / dm.omega
+    t = min(MOMENT / dm.omega, 0.5 * slip_limit(dm, modes, y, dy))
     for k in range(YTIME):
         y[k] += t * dy[k]
     if u_a == 0.0 and u_b == 0.0:  # an end that sticks, or one that is asked of without friction
         y[YUA], y[YUB] = 0.0, 0.0
-    contact_rates(dm, modes, phase + MOMENT, y, False, dy, F)
+    contact_rates(dm, modes, phase + dm.omega * t, y, False, dy, F)
     y[YDIP], y[YWB], y[YWP], y[YS], y[YUA], y[YUB], y[YTHETA] = dip, w_b, w_p, spin, u_a, u_b, theta
     return F[F1 + 3 * i]
 
@@ -140,21 +142,13 @@ def double_mode(dm, phase, y, modes, slip_tol, lost, dy, F):
     if rest_2:
         put_slip(dm, modes, y, 1, 0.0, 0.0)
     contact_rates(dm, modes, phase, y, False, dy, F)
-    if not (rest_1 and rest_2) and (rest_1 or rest_2):
-        i = 0 if rest_1 else 1
-        if lost or hold_reserve(dm, modes, i, F) < 0.0:
-            a, b = slip_of(dm, modes, y, 1 - i)
-            if (
-                length(a, b) <= 2.0 * PAIR_SPEED * slip_tol
-            ):  # else its direction would follow that of end i, and turn it back
-                modes[0], modes[1] = STICK, STICK
-                put_slips(dm, y, 0.0, 0.0, 0.0)
-                contact_rates(dm, modes, phase, y, False, dy, F)
-                start_slips(dm, phase, y, modes, slip_tol, dy, F)
-            else:
-                start_slip(dm, phase, y, modes, i, slip_tol, dy, F)
+    if rest_1 and rest_2:
+        if lost or hold_reserve(dm, modes, 0, F) < 0.0:
+            start_slips(dm, phase, y, modes, slip_tol, dy, F)
     elif rest_1 and (lost or hold_reserve(dm, modes, 0, F) < 0.0):
-        start_slips(dm, phase, y, modes, slip_tol, dy, F)
+        start_beside(dm, phase, y, modes, 0, slip_tol, dy, F)
+    elif rest_2 and (lost or hold_reserve(dm, modes, 1, F) < 0.0):
+        start_beside(dm, phase, y, modes, 1, slip_tol, dy, F)
     contact_rates(dm, modes, phase, y, False, dy, F)
 
 
@@ -192,6 +186,31 @@ def start_slips(dm, phase, y, modes, slip_tol, dy, F):
     _, a_2 = slip_of(dm, modes, dy, 1)
     if abs(a) > AT_LIMIT * max(abs(a_1), abs(a_2)):
         pair_onset(dm, modes, phase, y, PAIR_SPEED * slip_tol, copysign(1.0, a), a_1 / a, a_2 / a, dy, F)
+
+
+@compiled
+def start_beside(dm, phase, y, modes, i, slip_tol, dy, F):
+    """End i begins to slip beside one that slips. Where that one hardly does, and would be turned back, both set out together
+    if neither can be held.
+    """
+    u_a, u_b, w_p = y[YUA], y[YUB], y[YWP]
+    start_slip(dm, phase, y, modes, i, slip_tol, dy, F)
+    contact_rates(dm, modes, phase, y, False, dy, F)
+    a, b = slip_of(dm, modes, y, 1 - i)
+    d_a, d_b = slip_of(dm, modes, dy, 1 - i)
+    if a * d_a + b * d_b >= 0.0 or length(a, b) > 2.0 * PAIR_SPEED * slip_tol:
+        return
+    modes[0], modes[1] = STICK, STICK
+    put_slips(dm, y, 0.0, 0.0, 0.0)
+    contact_rates(dm, modes, phase, y, False, dy, F)
+    if hold_reserve(dm, modes, 0, F) < 0.0:
+        start_slips(dm, phase, y, modes, slip_tol, dy, F)
+    if modes[0] == STICK or modes[1] == STICK:
+        modes[0], modes[1] = SLIP, SLIP
+        y[YUA], y[YUB], y[YWP] = u_a, u_b, w_p
+        modes[i] = STICK
+        contact_rates(dm, modes, phase, y, False, dy, F)
+        start_slip(dm, phase, y, modes, i, slip_tol, dy, F)
 
 
 @compiled

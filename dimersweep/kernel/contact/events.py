@@ -176,10 +176,9 @@ def slip_limit(dm, modes, y, dy):
         if modes[i] == SLIP:
             a, b = slip_of(dm, modes, y, i)
             d_a, d_b = slip_of(dm, modes, dy, i)
-            v = length(a, b)
-            rate = (a * d_a + b * d_b) / v
-            if rate < 0.0:
-                h = min(h, -v / rate)
+            v, along = length(a, b), a * d_a + b * d_b
+            if along < 0.0:
+                h = min(h, -v / (along / v))
     return h
 
 
