@@ -86,7 +86,7 @@ from dimersweep.kernel.verdict.classify import stays_as_it_is
 from dimersweep.kernel.verdict.past import S_FASTEST, SCALARS, note_impact, note_landings, note_take_offs
 from dimersweep.kernel.verdict.settling import note_period
 
-PAIR_COST = 3.0  # of the choice for two ends on the plate, which may have to find how they set out, in hops of one end
+PAIR_COST = 6.0  # of a choice of contact for two ends, which may have to find how they set out, in hops of one end
 LOOSEST = 1e-3  # relative tolerance of an impact, however slow
 MOST_FORCED = 20  # impacts without collision in a row, after which the contact counts as jammed
 TURNED = 1e-9  # approach that stands for an impact without collision, in units of the slip
@@ -168,6 +168,7 @@ def resolve_impact(dm, ask, motion, record):
     if is_kept(record):
         copy(state, motion.before, N_STATE)
     hops = record.counts[EVENT_COUNT] - course.period_events
+    charge_pair(motion)
     course.hop_time = come_to_rest(
         dm,
         state,
@@ -253,8 +254,7 @@ def choose_contact(dm, ask, motion, record):
     """
     state, modes, course = motion.state, motion.modes, motion.course[0]
     course.slip_tol = no_slip(dm, state, ask.rtol)
-    if state[D1] == 0.0 and state[D2] == 0.0:
-        charge(motion.meter, PAIR_COST)
+    charge_pair(motion)
     if find_contact(dm, motion, modes, course.event, course.slip_tol) == INCONSISTENT:
         course.forced += 1
         if course.forced > MOST_FORCED:
@@ -270,6 +270,13 @@ def choose_contact(dm, ask, motion, record):
         return False
     note_take_offs(dm, motion.past, state, modes)
     return True
+
+
+@compiled(inline=True)
+def charge_pair(motion):
+    """Charge a choice of contact, if both ends are on the plate."""
+    if motion.state[D1] == 0.0 and motion.state[D2] == 0.0:
+        charge(motion.meter, PAIR_COST)
 
 
 # --- what follows an event ----------------------------------------------------------------------------------------------
