@@ -8,6 +8,7 @@ distributed.
 import argparse
 import time
 from concurrent.futures import ProcessPoolExecutor
+from itertools import product, repeat
 
 import numpy as np
 from scipy.stats import binomtest, kstest
@@ -66,31 +67,41 @@ def tell(title, names, apart):
         )
 
 
-def main():
-    """Print the shares."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--sets", type=int, default=200, help="number of synthetic sets of each kind")
-    parser.add_argument("--workers", type=int, default=2, help="processes")
-    options = parser.parse_args()
-    for moving in (False, True):
-        for known in (True, False):
-            apart = np.array([of_track(seed, moving, known) for seed in range(options.sets)])
-            kind = f"{'cycloids' if moving else 'circles'}, error of a coordinate {'known' if known else 'estimated'}"
-            tell(
-                f"{options.sets} tracks: {kind}", ("radius", "period", "x", "y", "v_x", "v_y")[: apart.shape[1]], apart
-            )
-    orbits.find()  # compiled once, before the processes start
+def tell_tracks(pool, numbers):
+    """Print the shares of circles and cycloids."""
+    for moving, known in product((False, True), (True, False)):
+        apart = np.array(list(pool.map(of_track, numbers, repeat(moving), repeat(known), chunksize=20)))
+        kind = f"{'cycloids' if moving else 'circles'}, error of a coordinate {'known' if known else 'estimated'}"
+        tell(f"{len(numbers)} tracks: {kind}", ("radius", "period", "x", "y", "v_x", "v_y")[: apart.shape[1]], apart)
+
+
+def tell_orbits(pool, numbers):
+    """Print the shares of orbits, how the misfits are distributed, and the cost."""
+    orbits.find()  # the processes find it compiled
     began = time.perf_counter()
-    with ProcessPoolExecutor(options.workers) as pool:
-        found = list(pool.map(of_orbit, range(options.sets)))
-    apart, probabilities, costs = (np.array(column) for column in zip(*found, strict=True))
-    measured = ", ".join(ERRORS)
-    tell(f"{options.sets} orbits: {', '.join(FREE)} from {measured}", FREE, apart)
+    apart, probabilities, costs = (np.array(column) for column in zip(*pool.map(of_orbit, numbers), strict=True))
+    tell(f"{len(numbers)} orbits: {', '.join(FREE)} from {', '.join(ERRORS)}", FREE, apart)
     even, refused = kstest(probabilities, "uniform").pvalue, np.count_nonzero(probabilities < 0.0027)
     print(f"  misfits: chi-square with a Kolmogorov-Smirnov probability of {even:.2f}; called impossible: {refused}")
     print(
         f"  cost: {np.median(costs):,.0f} forcing periods a fit in the median; {time.perf_counter() - began:.0f} s in all"
     )
+
+
+def main():
+    """Print the shares."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--sets", type=int, default=200, help="number of synthetic sets of each kind")
+    parser.add_argument("--first", type=int, default=0, help="number of the first one")
+    parser.add_argument("--only", choices=("tracks", "orbits"), help="the other ones are left out")
+    parser.add_argument("--workers", type=int, default=2, help="processes")
+    options = parser.parse_args()
+    numbers = range(options.first, options.first + options.sets)
+    with ProcessPoolExecutor(options.workers) as pool:
+        if options.only != "orbits":
+            tell_tracks(pool, numbers)
+        if options.only != "tracks":
+            tell_orbits(pool, numbers)
 
 
 if __name__ == "__main__":

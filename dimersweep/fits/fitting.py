@@ -48,7 +48,8 @@ class Fit:
         Of the free parameters.
     covariance : ndarray, shape (n, n)
         Of the free parameters, in their order, from the slopes at the fit and the errors of the data. A parameter about which
-        the data say nothing has the variance inf, and nan beside it; all is nan where no parameters give the data.
+        the data say nothing has the variance inf, and nan beside it. Where `possible` is False it is that of data that the
+        fitted orbit would give.
     possible : bool
         Whether the data may come from parameters in the ranges: a misfit as great as this one has a probability of more
         than 0.0027.
@@ -357,12 +358,11 @@ def _answer(search: _Search, ends: list[_Point], slopes: np.ndarray) -> Fit:
     singular = np.concatenate([found, np.zeros(n - found.size)])
     probability = _probability(best.misfit, slopes)
     possible = probability >= IMPROBABLE
-    covariance = _covariance(singular, directions, search.width) if possible else np.full((n, n), np.nan)
-    is_open = possible & (singular < FEW_ERRORS)
+    covariance = _covariance(singular, directions, search.width)
     others = [
         likelihood.values(likelihood.low + end.u * search.width)
         for k, end in enumerate(ends[1:], 1)
-        if not is_open.any()
+        if singular.min() >= FEW_ERRORS
         and _probability(end.misfit, slopes) >= IMPROBABLE
         and all(np.abs(end.u - one.u).max() > APART_BY for one in ends[:k])
     ]
@@ -383,7 +383,7 @@ def _answer(search: _Search, ends: list[_Point], slopes: np.ndarray) -> Fit:
     undetermined = [
         _open(likelihood.names, *each, search.width)
         for each in zip(singular, directions, strict=True)
-        if possible and each[0] < FEW_ERRORS
+        if each[0] < FEW_ERRORS
     ]
     if undetermined and len(predicted) < n:
         undetermined.insert(0, f"Fewer values ({len(predicted)}) than free parameters ({n}) are measured.")
