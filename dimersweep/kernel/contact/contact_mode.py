@@ -179,6 +179,12 @@ def start_slips(dm, phase, y, modes, slip_tol, dy, F):
         contact_rates(dm, modes, phase, y, False, dy, F)
         if hold_reserve(dm, modes, 1 if over_1 else 0, F) >= 0.0:
             return
+    slip_together(dm, phase, y, modes, b_1, b_2, slip_tol, dy, F)
+
+
+@compiled
+def slip_together(dm, phase, y, modes, b_1, b_2, slip_tol, dy, F):
+    """Both ends slip out of rest, near the direction of the accelerations which they have with the lateral slips b_1, b_2."""
     modes[0], modes[1] = SLIP, SLIP
     put_slips(dm, y, 0.0, b_1, b_2)
     contact_rates(dm, modes, phase, y, False, dy, F)
@@ -206,24 +212,10 @@ def start_beside(dm, phase, y, modes, i, slip_tol, dy, F):
     if hold_reserve(dm, modes, 0, F) < 0.0:
         start_slips(dm, phase, y, modes, slip_tol, dy, F)
     if modes[0] == STICK or modes[1] == STICK:
-        modes[0], modes[1] = SLIP, SLIP
+        modes[i], modes[1 - i] = STICK, SLIP
         y[YUA], y[YUB], y[YWP] = u_a, u_b, w_p
-        modes[i] = STICK
         contact_rates(dm, modes, phase, y, False, dy, F)
         start_slip(dm, phase, y, modes, i, slip_tol, dy, F)
-
-
-@compiled
-def slip_together(dm, phase, y, modes, slip_tol, dy, F):
-    """Both ends slip out of rest, near the direction in which they would without friction."""
-    modes[0], modes[1] = SLIP, SLIP
-    put_slips(dm, y, 0.0, 0.0, 0.0)
-    contact_rates(dm, modes, phase, y, False, dy, F)
-    a, a_1 = slip_of(dm, modes, dy, 0)
-    _, a_2 = slip_of(dm, modes, dy, 1)
-    if a != 0.0:
-        pair_onset(dm, modes, phase, y, PAIR_SPEED * slip_tol, copysign(1.0, a), a_1 / a, a_2 / a, dy, F)
-        contact_rates(dm, modes, phase, y, False, dy, F)
 
 
 @compiled
@@ -307,7 +299,8 @@ def mode_of_pair(dm, phase, y, modes, slip_tol, event, dy, F):
     if held and answer == CLOSED and (1.0 - 2.0 * leading(modes)) * dy[YWB] * dm.l < -NO_FORCE * dm.g:
         # two could be held, but for the pull of one, which is driven in beside the other one alone: both slip
         lead_with(dm, 0, u_a, u_b, w_p, y)
-        slip_together(dm, phase, y, modes, slip_tol, dy, F)
+        slip_together(dm, phase, y, modes, 0.0, 0.0, slip_tol, dy, F)
+        contact_rates(dm, modes, phase, y, False, dy, F)
         if is_compressive(dm, modes, 0, phase, y, dy, F) and is_compressive(dm, modes, 1, phase, y, dy, F):
             return CLOSED
         answer = mode_of_one(dm, stays, phase, y, modes, slip_tol, u_a, u_b, w_p, dy, F)
