@@ -182,7 +182,7 @@ def test_a_file_has_what_was_found_and_opens_again(base, tmp_path):
 def test_a_seed_gives_the_same_starts_and_numbers_whatever_the_threads(base):
     again = attractors(STARTS, starts=60, seed=3, periods=300, confirm=600, workers=1, progress=False)
     assert again.identical(base)
-    assert not np.array_equal(drawn_starts(STARTS, None, 60, 4)["beta0"], base["beta0"])
+    assert not np.array_equal(drawn_starts(STARTS, None, None, 60, 4)["beta0"], base["beta0"])
 
 
 def test_at_one_set_of_parameters_five_attractors_are_told_apart_and_stay():
@@ -255,7 +255,7 @@ def test_it_is_drawn_as_areas_or_bars(base, over_gamma):
         ({"ranges": {"beta0": 0.3}}, "beta0 = 0.3: must be a pair"),
         ({"ranges": {"beta0": (0.3, 0.1)}}, "beta0 = 0.3 to 0.1: the least"),
         ({"ranges": {"beta": (0.1, 0.3)}}, "beta: unknown|beta: is no"),
-        ({"ranges": {"beta0": (0.1, 2.0)}}, "beta0"),
+        ({"ranges": {"beta0": (0.1, 2.0)}}, "beta0 = 2.0: must be below"),
         ({"ranges": STARTS, "starts": 0}, "starts = 0: must be"),
         ({"ranges": STARTS, "seed": -1}, "seed = -1: must be"),
         ({"ranges": STARTS, "level": 1.0}, "level = 1: must be"),

@@ -244,6 +244,7 @@ def test_what_is_wrong_is_told_in_one_line(measured, free, more, words):
         ([0, 1, 2, 3], [0, 1, 2], [0, 1, 2, 3], 1, "x: has 3 values; must have 4, as t has"),
         ([0, 1, 2, 3], [1, 2, np.nan, 3], [0, 1, 2, 3], 1, "x = nan: must be finite"),
         ([0, 1, 2, 3], [1, 2, 3, 4], [0, 1, 2, 3], 0, "sigma = 0: must be > 0"),
+        (np.arange(9), np.ones(9), np.ones(9), None, "x, y: all 9 points are at one place"),
         (np.arange(9), np.arange(9), np.zeros(9), 0.1, "track: turns by too little to tell its radius"),
     ],
 )

@@ -139,6 +139,13 @@ def test_the_edge_of_a_basin_is_the_unstable_orbit_of_the_fold():
     assert float(branch["radius"][-1]) == pytest.approx(edge.near.radius, rel=1e-5)
 
 
+def test_ends_of_angles_may_be_in_degrees():
+    assert orbits.edge("beta0", ("14 deg", "16 deg"), within=1e-3).bracket == pytest.approx((0.267, 0.267), abs=2e-3)
+    orbit = orbits.find(spin=100.0, phi_2=0.1, Gamma_2=0.01)
+    branch = orbits.follow(orbit, "phi_2", to="10 deg", words=False)
+    assert float(branch["phi_2"][-1]) == pytest.approx(np.deg2rad(10), abs=1e-12)
+
+
 def test_one_fate_has_no_edge():
     with pytest.raises(ParameterError, match="both lead to rest"):
         orbits.edge("beta0", (0.05, 0.1))

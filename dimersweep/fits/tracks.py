@@ -174,6 +174,8 @@ def _judged(t: Any, x: Any, y: Any, sigma: float | None, moving: bool) -> tuple[
     least = 5 if moving else 4
     if np.unique(times).size < least:
         raise ParameterError(f"t: has {np.unique(times).size} different times; must have at least {least}")
+    if max(np.ptp(values) for values in places) == 0:
+        raise ParameterError(f"x, y: all {times.size} points are at one place; a track has to move")
     if sigma is not None and as_number("sigma", sigma) <= 0:
         raise ParameterError(f"sigma = {sigma}: must be > 0")
     return times, places[0] + 1j * places[1]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from dimersweep.errors import OrbitError, ParameterError
-from dimersweep.inputs import as_number, check_count
+from dimersweep.inputs import check_count, number
 from dimersweep.kernel.model.layout import D1, D2, N1, N2, N_STATE, PERIOD, PHASE
 from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES
 from dimersweep.orbits.finding import RTOL, centred, checked
@@ -90,7 +90,7 @@ class Fates:
 
 def edge(
     axis: str,
-    between: tuple[float, float],
+    between: tuple[float | str, float | str],
     *,
     periods: int = 300,
     rtol: float = 1e-11,
@@ -103,7 +103,7 @@ def edge(
     ----------
     axis : str
         beta0, xdot0, phi0 or any other parameter.
-    between : tuple of float
+    between : tuple of float or str
         Two values that lead to different modes of motion.
     periods : int
         Forcing periods of a run at most.
@@ -131,7 +131,7 @@ def edge(
     0.267
     """
     given = checked(parameters | {axis: between[0]})
-    low, high = as_number(axis, between[0]), as_number(axis, between[1])
+    ends = low, high = number(axis, between[0]), number(axis, between[1])
     checked(parameters | {axis: high})
     fate = Fates(axis, check_count("periods", periods), rtol, given)
     if fate(low) == fate(high):
@@ -149,7 +149,7 @@ def edge(
         stays=stays,
         partner=_is_partner(near) if near is not None else None,
         clean=clean,
-        exponent=float("nan") if clean else uncertainty(fate, *sorted(between)),
+        exponent=float("nan") if clean else uncertainty(fate, *sorted(ends)),
         runs=len(fate.known),
     )
 

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.errors import ParameterError
-from dimersweep.inputs import as_number, check_count
+from dimersweep.inputs import check_count, number
 from dimersweep.orbits.branch import Axis, Point, corrected, in_each_section, in_own_section, point_of
 from dimersweep.orbits.kinds import Kind
 from dimersweep.orbits.kinds.flip import FLIP
@@ -36,7 +36,13 @@ class BranchRow(NamedTuple):
 
 
 def follow(
-    orbit: PeriodicOrbit, parameter: str, *, to: float, points: int = 200, switch: bool = False, words: bool = True
+    orbit: PeriodicOrbit,
+    parameter: str,
+    *,
+    to: float | str,
+    points: int = 200,
+    switch: bool = False,
+    words: bool = True,
 ) -> xr.Dataset:
     """The branch of an orbit in a parameter or the spin, by pseudo-arclength steps, through folds.
 
@@ -46,7 +52,7 @@ def follow(
         Where the branch begins.
     parameter : str
         Any parameter of the model, or "spin".
-    to : float
+    to : float or str
         Where it ends. A branch that turns round at a fold ends where it comes back to the value it began with.
     points : int
         Points at most, special ones aside.
@@ -87,7 +93,7 @@ class Trace(NamedTuple):
 
 
 def traced(
-    orbit: PeriodicOrbit, parameter: str, to: float, points: int = 200, switch: bool = False, words: bool = True
+    orbit: PeriodicOrbit, parameter: str, to: float | str, points: int = 200, switch: bool = False, words: bool = True
 ) -> Trace:
     """The points of a branch; see `follow`."""
     axis, point, to = _begin(orbit, parameter, to)
@@ -129,13 +135,13 @@ def traced(
     return Trace(entries, end, tape.periods)
 
 
-def _begin(orbit: PeriodicOrbit, parameter: str, to: float) -> tuple[Axis, Point, float]:
+def _begin(orbit: PeriodicOrbit, parameter: str, to: float | str) -> tuple[Axis, Point, float]:
     if not isinstance(orbit, PeriodicOrbit):
         raise ParameterError(f"orbit = {orbit!r}: must be a PeriodicOrbit")
     if parameter != "spin":
         check_name(parameter)
         check_effect({parameter, *orbit.parameters})
-    to = as_number("to", to)
+    to = number("to", to, "rad s-1" if parameter == "spin" else PARAMETERS[parameter].units)
     value = orbit.spin if parameter == "spin" else value_of(parameter, orbit.parameters)
     if to == value:
         raise ParameterError(f"to = {to}: must differ from the value {parameter} has")

@@ -15,7 +15,7 @@ import xarray as xr
 from scipy.optimize import brentq
 
 from dimersweep.errors import OrbitError, ParameterError
-from dimersweep.inputs import as_number, check_count, check_rtol
+from dimersweep.inputs import check_count, check_rtol, number
 from dimersweep.orbits.bifurcation_curve import BifurcationCurve
 from dimersweep.orbits.branch import Axis, Mark, Point, in_own_section, with_mark
 from dimersweep.orbits.curve import FollowedCurve, Found, add_stability, crossings
@@ -173,7 +173,7 @@ def border_curve(
     parameter: str,
     other: str,
     *,
-    span: tuple[float, float],
+    span: tuple[float | str, float | str],
     spin: float | None = None,
     start: PeriodicOrbit | None = None,
     points: int = 200,
@@ -188,7 +188,7 @@ def border_curve(
         fold, flip, torus or hop.
     parameter, other : str
         The two parameters.
-    span : tuple of float
+    span : tuple of float or str
         Values of `other` at which the curve ends. It is begun halfway, and followed to both sides.
     spin : float, optional
         Axial spin [rad s-1], as in `border`.
@@ -244,7 +244,7 @@ def border_curve(
 
 
 def _judged(
-    kind: str, parameter: str, other: str, span: tuple[float, float], fixed: dict[str, float]
+    kind: str, parameter: str, other: str, span: tuple[float | str, float | str], fixed: dict[str, float]
 ) -> tuple[float, float, dict[str, float], Bifurcation | Change]:
     """The span, all parameters halfway, and the kind.
 
@@ -261,7 +261,7 @@ def _judged(
     if parameter == other or {parameter, other} & fixed.keys():
         raise ParameterError(f"{other if other in fixed or parameter == other else parameter}: is given twice")
     try:
-        low, high = (as_number("span", value) for value in span)
+        low, high = (number("span", value, PARAMETERS[other].units) for value in span)
     except (TypeError, ValueError):
         raise ParameterError(f"span = {span!r}: must be the least and the greatest value of {other}") from None
     if not low < high:

@@ -303,7 +303,7 @@ class Run(RunNumbers):
             raise ParameterError(f"energy: there is none, the run ended before its first smooth phase ({self.message})")
         return energy_of(record, self.rtol, self.parameters, by)
 
-    def section(self, at: "At" = "period", *, phase: float | None = None) -> xr.Dataset:
+    def section(self, at: "At" = "period", *, phase: float | str | None = None) -> xr.Dataset:
         """States at which a map can be looked at: those of the return map, of impacts, or of a phase of the plate.
 
         Parameters
@@ -311,7 +311,7 @@ class Run(RunNumbers):
         at : {"period", "double_impact", "landing_1", "landing_2"}
             The start of each forcing period, and the end of the last one; right after each impact that begins with both ends
             on the plate; right after each landing of p1 or p2, every bounce of a chatter being one that is not summed.
-        phase : float, optional
+        phase : float or str, optional
             In place of the start of a period: a phase of the plate, omega t + phi0 [rad].
 
         Returns

@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.errors import ParameterError
-from dimersweep.inputs import as_number
+from dimersweep.inputs import number
 
 if TYPE_CHECKING:
     from dimersweep.runs.run import Run
@@ -16,7 +16,7 @@ At = Literal["period", "double_impact", "landing_1", "landing_2"]
 SECTIONS: tuple[str, ...] = get_args(At)
 
 
-def section_of(run: "Run", at: At, phase: float | None) -> xr.Dataset:
+def section_of(run: "Run", at: At, phase: float | str | None) -> xr.Dataset:
     """The states of a run at the moments of a section; see `Run.section`."""
     at_phase = check_section(at, phase)
     run.record("section")
@@ -38,7 +38,7 @@ def section_of(run: "Run", at: At, phase: float | None) -> xr.Dataset:
     return points.assign_coords(n=("n", np.arange(points.sizes["n"]), {"units": "1", "long_name": name}))
 
 
-def check_section(at: str, phase: float | None) -> float | None:
+def check_section(at: str, phase: float | str | None) -> float | None:
     """The phase of a section as a float, None if there is none.
 
     Raises
@@ -50,7 +50,7 @@ def check_section(at: str, phase: float | None) -> float | None:
         raise ParameterError(f"at = {at!r}: must be one of {', '.join(SECTIONS)}")
     if phase is not None and at != "period":
         raise ParameterError(f"phase = {phase}: a section is at a phase, or at = {at!r}")
-    return None if phase is None else as_number("phase", phase, "rad")
+    return None if phase is None else number("phase", phase, "rad")
 
 
 def times_of_phase(phase: float, phi0: float, f: float, periods: int) -> np.ndarray:

@@ -169,8 +169,8 @@ def attractors(
     ['rest', 'drift']
     """
     out, began = None if out is None else check_output(out, force=force, what="a table", endings=TABLES), perf_counter()
-    columns = drawn_starts(ranges, points, starts, seed)
     how = run_settings(periods=periods, max_periods=max_periods, rtol=rtol)
+    columns = drawn_starts(ranges, fixed, points, starts, seed)
     name, values = _axis_of(over, columns)
     mirrored, wanted = check_switch("mirror", mirror), check_level_of(level)
     longest = 0 if confirm == 0 else check_count("confirm", confirm)

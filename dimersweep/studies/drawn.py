@@ -70,8 +70,8 @@ class Drawn:
         return store.results
 
 
-def drawn_starts(ranges: Any, points: Any, starts: int, seed: int) -> dict[str, np.ndarray]:
-    """Columns of starts: those of a table, or drawn evenly and independently from ranges.
+def drawn_starts(ranges: Any, fixed: Any, points: Any, starts: int, seed: int) -> dict[str, np.ndarray]:
+    """Columns of starts: those of a table, or drawn evenly and independently from ranges, whose ends are judged as starts.
 
     Raises
     ------
@@ -90,8 +90,9 @@ def drawn_starts(ranges: Any, points: Any, starts: int, seed: int) -> dict[str, 
     count = check_count("starts", starts)
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise ParameterError(f"seed = {seed!r}: must be a whole number >= 0")
-    draw = np.random.default_rng(int(seed))
-    return {name: draw.uniform(*_pair(name, pair), size=count) for name, pair in ranges.items()}
+    pairs, draw = {name: _pair(name, pair) for name, pair in ranges.items()}, np.random.default_rng(int(seed))
+    make_points(pairs, fixed)
+    return {name: draw.uniform(low, high, size=count) for name, (low, high) in pairs.items()}
 
 
 def _check_starts(names: Iterable[str]) -> None:
