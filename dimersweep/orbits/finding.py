@@ -96,7 +96,7 @@ def orbit_at(
             return _found(start(), spin, guess, given)
         except OrbitLost as reason:
             tried.append(f"{name}: {reason}")
-    raise OrbitError(f"no orbit of period {periods}{_where(spin)}; tried {'; '.join(tried)}{_why_not(given)}")
+    raise OrbitError(f"no orbit of period {periods}{_where(spin)}{_why_not(given)}; tried {'; '.join(tried)}")
 
 
 def checked(parameters: dict[str, Any], guess: Run | PeriodicOrbit | None = None) -> dict[str, float]:
