@@ -4,11 +4,17 @@ from math import pi
 
 import numpy as np
 import pytest
+import xarray as xr
+from scipy.optimize import brentq
 
 from dimersweep import names, simulate
 from dimersweep.errors import ParameterError
+from dimersweep.kernel.course import new_workspace
+from dimersweep.kernel.energy.budget import ALL, budget, budget_scratch
+from dimersweep.kernel.energy.impact_work import N_WORK
 from dimersweep.kernel.model.body import dimer_of
-from dimersweep.kernel.model.layout import PERIOD, ROW
+from dimersweep.kernel.model.layout import N_STATE, PERIOD, PHASE, ROW
+from dimersweep.runs.forces import energies
 from dimersweep.symbols import FORCES, WORKS
 
 SCENES = {
@@ -78,6 +84,7 @@ def test_the_closure_is_the_error_of_the_run(scene):
 
 LONG = {
     "base case": {},
+    "creeps": STEADY["creeps"],  # downhill, rolling: kinetic and potential energy change by far more than any work
     # it rolls down the plate ever faster, and in each period both ends set out to slip and come to rest again
     "rolls down": {"e": 0.4127, "Gamma": 1.4929, "f": 12.563, "A_r": 4.348, "mu": 0.5214, "mu_s": 1.2252}
     | {"beta0": 0.4397, "xdot0": 1.7689, "phi0": 5.9628, "tilt": 0.0915, "azimuth": 4.1366, "theta0": 4.5179}
@@ -95,6 +102,29 @@ def test_works_past_the_end_of_a_slip_are_taken_in_shorter_panels():
     scene = {"e": 0.4748, "Gamma": 1.162, "f": 46.31, "A_r": 9.83, "mu": 0.7026, "mu_s": 0.7165, "beta0": 1.179}
     scene |= {"xdot0": 1.502, "phi0": 4.654, "r_1": 0.004769, "r_2": 0.006878, "e_1": 0.4561, "mu_1": 0.1235}
     assert simulate(**scene, periods=50, rtol=1e-12).energy().closure < 1e-12
+
+
+def test_a_slip_that_turns_at_the_end_of_a_panel_is_seen():
+    """Slip along the axis passes through zero with a little slip across: the direction of friction turns within 1e-7 s.
+
+    A phase of contact is ended so shortly after that no place of the quadrature lies between.
+    """
+    f, rtol = 15.0, 1e-12
+    scene = {"mu": 0.05, "mu_s": 0.05, "e": 0.0, "beta0": 0.3, "ydot0": 0.03, "xdot0": 1e-7, "Gamma": 0.6}
+    run = simulate(**scene, f=f, phi0=1.5 * pi, periods=1, rtol=rtol)
+    record = run.record("the test")
+    k = int(np.flatnonzero(record.segments[:, PHASE] > 1.0)[0])
+    start, dm = record.segments[k - 1 : k + 1], dimer_of(record.row)
+    assert dm.sideways == 0.0 and start[0, PERIOD] == start[1, PERIOD]
+    turns = brentq(lambda t: float(run.states(t)["axial_force"]), 5e-3, 9e-3, xtol=1e-13)
+    for beyond in np.geomspace(1e-6, 1e-2, 20):
+        segments, ends, works = start.copy(), np.zeros((1, N_STATE)), np.zeros((1, N_WORK))
+        segments[1, PHASE] = 2 * pi * f * turns * (1 + beyond)
+        nothing = (np.zeros((0, N_WORK)), np.zeros(0, np.int64))
+        scratch = new_workspace(), budget_scratch()
+        assert budget(record.row, segments, record.events[:0], rtol, *scratch, ends, works, *nothing) == ALL
+        before, after = (np.sum(energies(dm, each, 1.5 * pi), 0) for each in (segments[:1, :N_STATE], ends))
+        assert abs(after - before - works.sum()) < 1e-11 * np.abs(works).max()
 
 
 def test_what_takes_energy_is_below_zero():
@@ -247,6 +277,7 @@ def test_sections_are_at_their_moments():
     at_phase = run.section(phase=1.0)
     np.testing.assert_allclose(at_phase["phase"], 1.0, atol=1e-9)
     assert at_phase.sizes["n"] == 60
+    xr.testing.assert_identical(run.section(phase="90 deg"), run.section(phase=pi / 2))
     later = simulate(periods=4, phi0=2.0).section(phase=1.0)
     np.testing.assert_allclose(later["phase"], 1.0, atol=1e-9)
     assert run.section().sizes["n"] == 61

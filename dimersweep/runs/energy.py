@@ -39,7 +39,8 @@ def energy_of(record: RunRecord, rtol: float, parameters: dict[str, float], by: 
     if failed != ALL:
         since = times_of(segments[failed, PERIOD], segments[failed, PHASE], f)
         raise ParameterError(f"energy: there is none from t = {since:.10g} s on ({STATUS_MESSAGES[CONTACT_STEPS]})")
-    at_starts, at_ends = np.sum(energies(dm, segments[:, :N_STATE], phi0), 0), np.sum(energies(dm, ends, phi0), 0)
+    parts_at_starts = np.array(energies(dm, segments[:, :N_STATE], phi0))
+    at_starts, at_ends = parts_at_starts.sum(0), np.sum(energies(dm, ends, phi0), 0)
 
     rows = np.flatnonzero(struck.any(1))
     jumps = leads_to[rows]
@@ -58,10 +59,10 @@ def energy_of(record: RunRecord, rtol: float, parameters: dict[str, float], by: 
     residual = joined(moved, np.where(last, jumped[jumps - 1], 0.0))
     energy = joined(at_ends, np.where(last, at_starts[jumps], np.nan))
     periods = joined(segments[:-1, PERIOD], events[rows, E_PERIOD]).astype(int)
-    greatest = max(np.abs(np.cumsum(works, axis=0)).max(), np.abs(at_starts - at_starts[0]).max())
+    greatest = max(np.abs(np.cumsum(works, axis=0)).max(), np.abs(parts_at_starts - parts_at_starts[:, :1]).max())
     attributes = {
         "closure": float(np.abs(np.cumsum(residual)).max() / greatest) if greatest > 0 else 0.0,
-        "closure_long_name": "largest sum of the residuals so far, over the greatest sum of a term or change of the energy",
+        "closure_long_name": "largest sum of the residuals, over the greatest work or change of kinetic or potential energy",
     }
     if by == "period":
         count = int(segments[-1, PERIOD])

@@ -41,12 +41,15 @@ PLACES = np.array([0.5 * (1.0 + x) for x, _, _ in _PLACES])
 KRONROD = np.array([0.5 * k for _, k, _ in _PLACES])
 GAUSS = np.array([0.5 * g for _, _, g in _PLACES])
 N_PLACES = 15
+# what a power at the places comes to at the end of the panel, by Lagrange's polynomial; at its start in the opposite order
+AT_END = np.array([np.prod([(1.0 - p) / (q - p) for p in PLACES if p != q]) for q in PLACES])
+UNSEEN = 1.0 - PLACES[-1]  # share of a panel at either end that has no place
 WORK_DOUBT = 1e-13  # of the work in a panel, in units of the energy of the motion and of the plate
-LONGEST, SHORTEST = 0.25, 1e-7  # panel, in forcing periods
+LONGEST, SHORTEST = 0.25, 1e-10  # panel, in forcing periods
 PANEL_BOUND = 5e3  # of the cost of a panel's steps, in hops of one end: one that costs more is taken again, shorter
 # rows of the scratch array, beyond those of an impact's
-S_KRONROD, S_GAUSS, S_POWER, S_BEGUN = range(4)
-CONTACT_ROWS = 4
+S_KRONROD, S_GAUSS, S_POWER, S_BEGUN, S_FIRST, S_LAST = range(6)
+CONTACT_ROWS = 6
 
 
 @compiled
@@ -91,7 +94,8 @@ def go_to(dm, motion, phase, span, tol, locate):
 
 @compiled
 def panel(dm, motion, phase, h, tol, locate, rows):
-    """Works over a panel of the length h by both rules, and the contact state at its end.
+    """Works over a panel of the length h by both rules, the contact state at its end, and what the powers at both ends have
+    beyond those at the places: a slip may turn between the last place and the end.
 
     Returns
     -------
@@ -99,8 +103,9 @@ def panel(dm, motion, phase, h, tol, locate, rows):
         NO_EVENT, the end of a slip before the last place of the rules, or OUT_OF_STEPS.
     """
     set_bound(motion.meter, PANEL_BOUND)
+    powers(dm, motion, phase, rows[S_FIRST])
     for k in range(N_WORK):
-        rows[S_KRONROD, k], rows[S_GAUSS, k] = 0.0, 0.0
+        rows[S_KRONROD, k], rows[S_GAUSS, k], rows[S_LAST, k] = 0.0, 0.0, 0.0
     at = 0.0
     for j in range(N_PLACES):
         event = go_to(dm, motion, phase + dm.omega * h * at, h * (PLACES[j] - at), tol, locate)
@@ -111,16 +116,28 @@ def panel(dm, motion, phase, h, tol, locate, rows):
         for k in range(N_WORK):
             rows[S_KRONROD, k] += h * KRONROD[j] * rows[S_POWER, k]
             rows[S_GAUSS, k] += h * GAUSS[j] * rows[S_POWER, k]
+            rows[S_FIRST, k] -= AT_END[N_PLACES - 1 - j] * rows[S_POWER, k]
+            rows[S_LAST, k] -= AT_END[j] * rows[S_POWER, k]
     event = go_to(dm, motion, phase + dm.omega * h * at, h * (1.0 - at), tol, locate)
+    if event == NO_EVENT:
+        powers(dm, motion, phase + dm.omega * h, rows[S_POWER])
+        for k in range(N_WORK):
+            rows[S_LAST, k] += rows[S_POWER, k]
+    else:  # of a slip that has ended there is no power
+        for k in range(N_WORK):
+            rows[S_LAST, k] = 0.0
     return OUT_OF_STEPS if event == OUT_OF_STEPS else NO_EVENT
 
 
 @compiled
-def doubt(rows, unit):
-    """What the works over a panel may be off: the difference of both rules, which bears slips that turn fast as well."""
+def doubt(h, rows, unit):
+    """What the works over a panel of the length h may be off: the difference of both rules, and what they do not see at the
+    ends. It bears slips that turn fast as well.
+    """
     worst = 0.0
     for k in range(N_WORK):
-        worst = max(worst, abs(rows[S_KRONROD, k] - rows[S_GAUSS, k]) / unit)
+        unseen = UNSEEN * h * max(abs(rows[S_FIRST, k]), abs(rows[S_LAST, k]))
+        worst = max(worst, max(unseen, abs(rows[S_KRONROD, k] - rows[S_GAUSS, k])) / unit)
     return worst
 
 
@@ -161,7 +178,7 @@ def contact_work(dm, motion, span, rtol, tol, unit, rows, done):
         look = locate and t + h >= span  # what ends the phase is at the end of the last panel
         event = panel(dm, motion, start + dm.omega * t, h, tol, look, rows)
         sound = event == NO_EVENT
-        if (not sound or doubt(rows, unit) > WORK_DOUBT) and h > SHORTEST * dm.period:
+        if (not sound or doubt(h, rows, unit) > WORK_DOUBT) and h > SHORTEST * dm.period:
             h, shortened = 0.5 * h, True
             copy(begun, y, N_Y)
             continue
