@@ -114,17 +114,31 @@ def test_a_slip_that_turns_at_the_end_of_a_panel_is_seen():
     run = simulate(**scene, f=f, phi0=1.5 * pi, periods=1, rtol=rtol)
     record = run.record("the test")
     k = int(np.flatnonzero(record.segments[:, PHASE] > 1.0)[0])
-    start, dm = record.segments[k - 1 : k + 1], dimer_of(record.row)
-    assert dm.sideways == 0.0 and start[0, PERIOD] == start[1, PERIOD]
+    start = record.segments[k - 1 : k + 1]
+    assert start[0, PERIOD] == start[1, PERIOD]
     turns = brentq(lambda t: float(run.states(t)["axial_force"]), 5e-3, 9e-3, xtol=1e-13)
     for beyond in np.geomspace(1e-6, 1e-2, 20):
-        segments, ends, works = start.copy(), np.zeros((1, N_STATE)), np.zeros((1, N_WORK))
-        segments[1, PHASE] = 2 * pi * f * turns * (1 + beyond)
-        nothing = (np.zeros((0, N_WORK)), np.zeros(0, np.int64))
-        scratch = new_workspace(), budget_scratch()
-        assert budget(record.row, segments, record.events[:0], rtol, *scratch, ends, works, *nothing) == ALL
-        before, after = (np.sum(energies(dm, each, 1.5 * pi), 0) for each in (segments[:1, :N_STATE], ends))
-        assert abs(after - before - works.sum()) < 1e-11 * np.abs(works).max()
+        assert left_of_phase(record, start, 2 * pi * f * turns * (1 + beyond), 1.5 * pi, rtol) < 1e-11
+
+
+def left_of_phase(record, start, end, phi0, rtol):
+    """What the budget of a phase leaves that ends at a phase of the plate, in units of its greatest term."""
+    segments, ends, works = start.copy(), np.zeros((1, N_STATE)), np.zeros((1, N_WORK))
+    segments[1, PHASE] = end
+    nothing, scratch = (np.zeros((0, N_WORK)), np.zeros(0, np.int64)), (new_workspace(), budget_scratch())
+    assert budget(record.row, segments, record.events[:0], rtol, *scratch, ends, works, *nothing) == ALL
+    before, after = (np.sum(energies(dimer_of(record.row), each, phi0), 0) for each in (segments[:1, :N_STATE], ends))
+    return abs(after - before - works.sum()).item() / np.abs(works).max()
+
+
+def test_the_last_moment_of_a_slip_counts():
+    """It turns back where the run has its end, and the budget a rounding before: 4e-14 J were lost in each such phase."""
+    scene = {"e": 0.9422608631106655, "Gamma": 1.0282569443577212, "f": 20.927739110511336, "A_r": 4.016822875986243}
+    scene |= {"mu": 0.04453392051632559, "mu_s": 0.04768263474519634, "beta0": 0.24193387214672946, "eta": 1.0}
+    scene |= {"xdot0": 0.8889221677633112, "phi0": 3.102377853861228, "e_1": 0.3339987503023226}
+    scene |= {"r_1": 0.006628427778115669, "r_2": 0.005752051912301697, "mu_1": 0.025541083407211358}
+    parts = simulate(**scene, periods=150, rtol=1e-12).energy("event")
+    assert abs(parts["residual"]).max() < 1e-15
 
 
 def test_what_takes_energy_is_below_zero():

@@ -4,7 +4,7 @@ Each scene is a run over so many forcing periods. Its budget sets the change of 
 the works of all forces, which are integrated anew. The closure of a scene is the largest sum of what is left so far, over the
 greatest term. A fourth of the scenes each: alike ends; unlike ends and other exponents of contact; plates that are tilted and
 move along themselves; and special ones (no friction, no loss, a hold of its own in lasting contact, a second harmonic).
-What fails, takes longer than `PATIENCE` or rattles is left out, and told.
+What fails, takes longer than `PATIENCE` or has too many events is left out, and told.
 """
 
 import argparse
@@ -17,8 +17,8 @@ from dimersweep import simulate
 
 KINDS = ("alike", "unlike", "sideways", "special")
 CLOSES = 1e-9
-MOST_EVENTS = 300  # in a forcing period; a run with more is left out
-PATIENCE = 20.0  # time for a run [s]; one that takes longer is left out
+MOST_EVENTS = 2000  # in a forcing period; a run with more is left out
+PATIENCE = 30.0  # time for a run [s]; one that takes longer is left out
 
 
 def scene(seed, number):

@@ -48,8 +48,8 @@ WORK_DOUBT = 1e-13  # of the work in a panel, in units of the energy of the moti
 LONGEST, SHORTEST = 0.25, 1e-10  # panel, in forcing periods
 PANEL_BOUND = 5e3  # of the cost of a panel's steps, in hops of one end: one that costs more is taken again, shorter
 # rows of the scratch array, beyond those of an impact's
-S_KRONROD, S_GAUSS, S_POWER, S_BEGUN, S_FIRST, S_LAST = range(6)
-CONTACT_ROWS = 6
+S_KRONROD, S_GAUSS, S_POWER, S_BEGUN, S_START, S_FIRST, S_LAST = range(7)
+CONTACT_ROWS = 7
 
 
 @compiled
@@ -103,9 +103,9 @@ def panel(dm, motion, phase, h, tol, locate, rows):
         NO_EVENT, the end of a slip before the last place of the rules, or OUT_OF_STEPS.
     """
     set_bound(motion.meter, PANEL_BOUND)
-    powers(dm, motion, phase, rows[S_FIRST])
+    powers(dm, motion, phase, rows[S_START])
     for k in range(N_WORK):
-        rows[S_KRONROD, k], rows[S_GAUSS, k], rows[S_LAST, k] = 0.0, 0.0, 0.0
+        rows[S_KRONROD, k], rows[S_GAUSS, k], rows[S_FIRST, k], rows[S_LAST, k] = 0.0, 0.0, rows[S_START, k], 0.0
     at = 0.0
     for j in range(N_PLACES):
         event = go_to(dm, motion, phase + dm.omega * h * at, h * (PLACES[j] - at), tol, locate)
@@ -183,7 +183,9 @@ def contact_work(dm, motion, span, rtol, tol, unit, rows, done):
             copy(begun, y, N_Y)
             continue
         if not sound:
-            if h + t >= span:
+            if h + t >= span:  # the slip ends before its phase does, by the rounding of both
+                for k in range(N_WORK):
+                    done[k] += h * rows[S_START, k]
                 break
             if event == OUT_OF_STEPS:
                 return False
