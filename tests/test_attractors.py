@@ -141,7 +141,9 @@ def test_an_orbit_is_found_that_forgets_all_but_its_spin_while_both_ends_stay_do
 
 def test_the_base_case_rests_or_drifts_as_a_sweep_of_the_same_starts_says(base):
     columns = {name: base[name].values for name in STARTS}
-    modes = sweep(points=columns, periods=300, progress=False).dimersweep.modes().values
+    cube = sweep(points=columns, periods=300, progress=False)
+    modes = cube.dimersweep.modes().values
+    assert base.attrs["cost"] == cube["n_periods"].sum()
     assert base["mode"].values.tolist() == ["rest", "drift"]
     assert (base["mode"].values[base["basin"].values - 1] == modes).all()
     assert base["count"].values.tolist() == [(modes == word).sum() for word in ("rest", "drift")]

@@ -13,6 +13,7 @@ from dimersweep.cubes.grid import axis_values
 from dimersweep.cubes.points import make_points
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number, check_count, check_switch
+from dimersweep.kernel.model.layout import CODE_N_PERIODS
 from dimersweep.orbits.finding import find
 from dimersweep.orbits.following import traced
 from dimersweep.orbits.kinds.kind import Change
@@ -150,7 +151,7 @@ def attractors(
         and the numbers of that, NaN without one: `spin`, `radius`, `period`, `zeta`, `speed`, `multipliers` and others.
         `basin` has the attractor of each start.
         With `over`, along `change`: which attractor appears or goes, between which values, and the `border` that `orbits` has
-        for it on the way.
+        for it on the way. The attribute `cost` is the number of forcing periods of the runs of all starts.
 
     Raises
     ------
@@ -187,7 +188,7 @@ def attractors(
         first = here.fixed | {key: float(column[0]) for key, column in here.columns.items()}
         judge = Judge(here, how, results[k * n : (k + 1) * n], mirrors_of(first, mirrored))
         found.take(judge, longest)
-    data = found.dataset(drawn.grid.fixed)
+    data = found.dataset(drawn.grid.fixed).assign_attrs(cost=int(results["codes"][:, CODE_N_PERIODS].sum()))
     if out is not None:
         asked = {"periods": periods, "max_periods": max_periods, "rtol": rtol, "mirror": mirrored, "level": wanted}
         about = attributes(asked, "Attractors and the shares of starts that lead to them", perf_counter() - began)
