@@ -121,6 +121,11 @@ def test_no_restitution_and_friction_give_a_radius_below_the_least():
     fit = fits.fit({"radius": (3.1, 0.02)}, free)
     assert not fit.possible
     assert "No parameters found" in fit.notes[0] and "3.1" in fit.notes[0]
+    assert np.isnan(fit.covariance).all()
+    assert [note.split(":")[0] for note in fit.notes[1:]] == [
+        "e is at the upper end of its range",
+        "mu is at the lower end of its range",
+    ]
     least = min(orbits.find(e=e, mu=mu).radius for e in np.linspace(0.65, 0.85, 5) for mu in np.linspace(0.05, 0.4, 8))
     assert fit.predicted[0] == pytest.approx(least, abs=1e-4)
     assert fit.predicted[0] == pytest.approx(3.745, abs=2e-3)

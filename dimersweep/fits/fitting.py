@@ -48,8 +48,8 @@ class Fit:
         Of the free parameters.
     covariance : ndarray, shape (n, n)
         Of the free parameters, in their order, from the slopes at the fit and the errors of the data. A parameter about which
-        the data say nothing has the variance inf, and nan beside it. Where `possible` is False it is that of data that the
-        fitted orbit would give.
+        the data say nothing has the variance inf, and nan beside it; all is nan where no parameters give the data and the
+        nearest ones lie at the end of a range or at a border of the stable orbits.
     possible : bool
         Whether the data may come from parameters in the ranges: a misfit as great as this one has a probability of more
         than 0.0027.
@@ -358,7 +358,10 @@ def _answer(search: _Search, ends: list[_Point], slopes: np.ndarray) -> Fit:
     singular = np.concatenate([found, np.zeros(n - found.size)])
     probability = _probability(best.misfit, slopes)
     possible = probability >= IMPROBABLE
-    covariance = _covariance(singular, directions, search.width)
+    cut_off = not possible and search.cut_off(best, slopes)
+    at_end = np.minimum(best.u, 1 - best.u) < RIM
+    least_within = possible or not (cut_off or at_end.any())  # else the slopes tell no errors
+    covariance = _covariance(singular, directions, search.width) if least_within else np.full((n, n), np.nan)
     others = [
         likelihood.values(likelihood.low + end.u * search.width)
         for k, end in enumerate(ends[1:], 1)
@@ -372,18 +375,18 @@ def _answer(search: _Search, ends: list[_Point], slopes: np.ndarray) -> Fit:
         k: (float(a), float(b)) for k, a, b in zip(likelihood.names, likelihood.low, likelihood.high, strict=True)
     }
     notes = [] if possible else [_impossible(likelihood.measured, predicted, best.misfit, values)]
-    if not possible and search.cut_off(best, slopes):
+    if cut_off:
         notes.append("The nearest ones lie at a border of the stable orbits.")
     notes += [
         f"{name} is at the {'lower' if u < 0.5 else 'upper'} end of its range: the true value may lie beyond."
-        for name, u, variance in zip(values, best.u, np.diag(covariance), strict=True)
-        if min(u, 1 - u) < RIM and not np.isinf(variance)
+        for name, u, is_there, variance in zip(values, best.u, at_end, np.diag(covariance), strict=True)
+        if is_there and not np.isinf(variance)
     ]
     notes += [f"These give the data too: {_listed(one)}." for one in others]
     undetermined = [
         _open(likelihood.names, *each, search.width)
         for each in zip(singular, directions, strict=True)
-        if each[0] < FEW_ERRORS
+        if least_within and each[0] < FEW_ERRORS
     ]
     if undetermined and len(predicted) < n:
         undetermined.insert(0, f"Fewer values ({len(predicted)}) than free parameters ({n}) are measured.")
