@@ -270,6 +270,38 @@ def test_of_two_ends_down_one_of_which_sticks_only_the_sum_of_axial_forces_is_kn
     assert weight == pytest.approx(dm.m * 9.81 * (1 - 0.5 * np.sin(float(states["phase"]))), rel=1e-9)
 
 
+@pytest.mark.parametrize(
+    "parameters",
+    [
+        {},
+        {"Gamma": 0.9, "tilt": 0.1, "Gamma_x": 0.3, "Gamma_2": 0.3, "phi_2": 1.0, "phi0": 2.0},
+        {
+            "Gamma": 1.3,
+            "A_r": 5,
+            "r_1": 0.005,
+            "r_2": 0.0055,
+            "phi0": 1.2,
+            "f": 20,
+            "e": 0.5,
+            "gap0": 2e-3,
+            "beta0": -0.3,
+        },
+    ],
+    ids=["base case", "two plates", "unlike ends"],
+)
+def test_an_end_that_lands_was_in_the_air_a_moment_before(parameters):
+    """An end that rests while the other one lands may rebound within that impact and come back: this is no landing."""
+    run = simulate(**parameters, periods=60)
+    events = run.events.isel(event=(run.events["cause"] == "impact") & (run.events["time"] > 1e-9))
+    for end in (1, 2):
+        lands = run.section(at=f"landing_{end}")
+        assert (lands[f"gap_{end}_rate_before"] < 0).all()
+        at = lands["time"].values[lands["time"] > 1e-9]
+        assert at.size > 50 and (run.states(at - 1e-9)[f"gap_{end}"] > 0).all()
+        others = np.setdiff1d(events["time"].values[events[f"impulse_{end}"] > 0], at)
+        assert (np.abs(run.states(others - 1e-9)[f"gap_{end}"]) < 1e-15).all()
+
+
 def test_what_has_no_budget_is_told():
     run = simulate(periods=2)
     with pytest.raises(ParameterError, match=r"^by = 'day': must be one of period, event$"):

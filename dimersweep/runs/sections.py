@@ -61,15 +61,19 @@ def times_of_phase(phase: float, phi0: float, f: float, periods: int) -> np.ndar
 
 
 def impacts_at(events: xr.Dataset, at: str) -> np.ndarray:
-    """Numbers of the first rows of those impacts that begin with both ends on the plate, or in which an end lands."""
-    time, strikes = (
-        events["time"].values,
-        (events["cause"] == "impact").values & ((events["impulse_1"] > 0) | (events["impulse_2"] > 0)).values,
-    )
+    """Numbers of the first rows of those impacts that begin with both ends on the plate, or in which an end lands.
+
+    An end that lands is in the air before the first row; in a later row of the same impact it may come back after a rebound.
+    """
+    (rows,) = np.nonzero((events["cause"] == "impact").values)
+    impulses = np.array([events["impulse_1"].values[rows], events["impulse_2"].values[rows]])
+    times, begins = np.unique(events["time"].values[rows], return_index=True)
+    if not times.size:
+        return rows
+    firsts, pushes = rows[begins], np.add.reduceat(impulses, begins, axis=1) > 0
     if at == "double_impact":
-        wanted = strikes & events["kind"].str.startswith("DI").values
-    else:
-        end = at[-1]
-        wanted = strikes & (events[f"impulse_{end}"] > 0).values & (events[f"gap_{end}_rate_before"] < 0).values
-    (rows,) = np.nonzero(wanted)
-    return rows[np.unique(time[rows], return_index=True)[1]]
+        return firsts[pushes.any(axis=0) & events["kind"].str.startswith("DI").values[firsts]]
+    end = at[-1]
+    falls = events[f"gap_{end}_rate_before"].values[firsts] < 0
+    held = events["contact_before"].str.startswith((f"SC{end}", "DC")).values[firsts]
+    return firsts[pushes[int(end) - 1] & falls & ~held]
