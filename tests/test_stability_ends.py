@@ -76,6 +76,18 @@ def test_where_the_end_that_is_down_begins_to_slip_the_orbit_leaps_a_little_and_
     assert crossed(dimer, float(end["Gamma"]), 1) == ("stable", "unstable")
 
 
+def test_a_branch_keeps_its_sense_where_its_section_changes_and_the_parameter_moves_the_gap():
+    """At A_r = 4.03 the section changes: the branch once turned back there, and a border above was told as the one below."""
+    branch = orbits.follow(orbits.find(spin=100.0, Gamma=0.9, f=20.0, A_r=6.0), "A_r", to=4.0)
+    assert branch.attrs["end"].startswith("to:") and (np.diff(branch["A_r"]) < 0).all()
+    low = orbits.border("stable_from", "A_r", over={"e": [0.6, 0.605]}, spin=100.0, Gamma=0.85)
+    assert low["A_r"].values == pytest.approx([3.531165, 3.244917], abs=1e-5)
+    for e, A_r in zip(low["e"].values, low["A_r"].values, strict=True):
+        assert orbits.find(spin=100.0, Gamma=0.85, e=float(e), A_r=1.1 * float(A_r)).stable
+        with pytest.raises(OrbitError):
+            orbits.find(spin=100.0, Gamma=0.85, e=float(e), A_r=0.98 * float(A_r))
+
+
 def test_an_orbit_that_is_stable_but_that_no_run_comes_to_is_none_that_goes_on():
     """Beyond the leap there is one at a distance of 0.15, but runs from the last orbit settle on a motion of period 3."""
     dimer = random_dimer(19)

@@ -298,9 +298,10 @@ def _ahead(axis: Axis, point: Point, moved: ReturnMap, z: np.ndarray) -> np.ndar
     onward = np.append(np.zeros(z.size), point.tangent[-1])
     with suppress(OrbitLost):
         later = y + m.step * point.tangent
-        passage = axis.map_at(m, later[-1] * axis.scale).image(later[:-1]).passage
+        own = axis.map_at(m, later[-1] * axis.scale)
+        passage = own.image(later[:-1]).passage
         phases = (moved.phase - m.phase) % TURN + TURN * np.arange(m.periods)
-        places = [m.moved_to(passage, phase) for phase in phases]
+        places = [own.moved_to(passage, phase) for phase in phases]
         same = [there for map_, there in places if map_.free.size == z.size]
         if same:
             there = min(same, key=lambda there: float(np.abs(there - z).max()))
