@@ -111,3 +111,17 @@ def test_a_flip_of_orbits_that_are_unstable_already_says_so():
 def test_where_there_is_no_stable_orbit_it_is_said():
     with pytest.raises(OrbitError, match="no stable orbit was found"):
         orbits.border("stable_to", "Gamma", over={"e": [0.05]}, spin=100.0)
+
+
+@pytest.mark.parametrize(
+    ("kind", "parameter", "over", "given", "end"),
+    [
+        ("stable_to", "mu", {"e": [0.6]}, {"spin": 120.0, "f": 20.0, "mu_s": 0.3}, "mu = 0.3"),
+        ("stable_from", "mu_s", {"e": [0.6]}, {"spin": 100.0, "mu": 0.2}, "mu_s = 0.2"),
+        ("stable_to", "e", {"f": [20.0]}, {"spin": 100.0, "Gamma": 0.5}, "e = 1"),
+    ],
+)
+def test_the_end_of_what_a_parameter_may_be_is_no_border(kind, parameter, over, given, end):
+    told = f"no end of stability was found; the orbit is stable up to {end}, the end of its range"
+    with pytest.raises(OrbitError, match=told):
+        orbits.border(kind, parameter, over=over, **given)

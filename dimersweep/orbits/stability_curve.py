@@ -11,7 +11,7 @@ from dimersweep.orbits.kinds.stability import StabilityEnd
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import OrbitLost
 from dimersweep.orbits.specials import Special
-from dimersweep.orbits.stability_end import stability_end
+from dimersweep.orbits.stability_end import is_stable, stability_end
 
 
 class StabilityCurve(Curve):
@@ -26,8 +26,11 @@ class StabilityCurve(Curve):
         starts = self._starts(given, reasons)
         if start is not None:
             starts = iter([orbit_at(given, self.spin, guess=start, rtol=self.rtol)])
+        lacking = "no stable orbit"
         for orbit in starts:
             begin = self._begun(orbit)
+            if is_stable(begin):
+                lacking = "no end of stability"
             try:
                 special = stability_end(self.axis, begin._replace(tangent=self.kind.sense * begin.tangent))
             except OrbitLost as reason:
@@ -35,7 +38,7 @@ class StabilityCurve(Curve):
                 continue
             found = self._found(special)
             return found._replace(loses=True, by=special.kind, cost=self.tape.periods - spent)
-        raise OrbitError(f"no stable orbit was found; {'; '.join(reasons)}")
+        raise OrbitError(f"{lacking} was found; {'; '.join(reasons)}")
 
     def _found(self, special: Special) -> Found:
         """The point of the end, with the spin put back where it is a bifurcation, as on curves of those."""

@@ -82,17 +82,32 @@ def stability_end(axis: Axis, begin: Point) -> Special:
     OrbitLost
         If the orbit is not stable, or no end is met.
     """
-    point = begin
+    point, sense = begin, float(np.sign(begin.tangent[-1]))
     for _ in range(MOST_CHANGES):
         special = _first_end(axis, point)
         if isinstance(special.kind, Bifurcation):
             return special
-        last, goes_on = _furthest(is_stable, axis, special.point, float(np.sign(begin.tangent[-1])))
+        last, goes_on = _furthest(is_stable, axis, special.point, sense)
         if not goes_on:
+            _check_allowed(axis, last, sense)
             kind = special.kind if last is special.point else _kind_beyond(axis, last)
             return special._replace(kind=kind, point=last)
         point = last
     raise OrbitLost("no end of stability is met")
+
+
+def _check_allowed(axis: Axis, last: Point, sense: float) -> None:
+    """Refuse the end of what the parameter may be as an end of stability.
+
+    Raises
+    ------
+    OrbitLost
+        If the parameter is not allowed just beyond the last stable orbit.
+    """
+    try:
+        axis.map_at(last.map, last.value + sense * 10 * LAST_PUSH * axis.scale)
+    except OrbitLost as reason:
+        raise OrbitLost(f"the orbit is stable up to {axis.name} = {last.value:.6g}, the end of its range") from reason
 
 
 def _first_end(axis: Axis, begin: Point) -> Special:
