@@ -8,6 +8,7 @@ import pytest
 
 from dimersweep import orbits, simulate
 from dimersweep.errors import OrbitError, ParameterError
+from dimersweep.orbits import following
 from dimersweep.orbits.ball import ball_flip, ball_fold
 from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.orbits.kinds.changes import change_of
@@ -15,6 +16,7 @@ from dimersweep.orbits.kinds.kind import COMPLEX, ComplexPair
 from dimersweep.orbits.on_border import on_border
 from dimersweep.orbits.poincare import OrbitLost
 from dimersweep.orbits.walk import outwards
+from dimersweep.studies.attractors import border_between
 
 # at spin 100 rad/s, all else as in the base case; found with a prototype of its own
 FOLDS = {0.5: 1.04771531, 0.6: 0.78725965, 0.7: 0.55603099}
@@ -373,3 +375,33 @@ def test_a_fold_whose_impact_lies_where_the_spin_is_put_back_is_found():
         assert min(phase, 1 - phase) < 1e-3
         assert Gamma == pytest.approx(float(branch["Gamma"][branch["special"].values == "fold"][0]), abs=1e-6)
     assert float(found["Gamma"][1]) == pytest.approx(0.560388, abs=1e-6)
+
+
+def lost_at(monkeypatch, times):
+    """Make the derivatives by the parameter fail for the first point of a branch, so many times."""
+    left = [times]
+
+    def point_of(*arguments):
+        left[0] -= 1
+        if left[0] >= 0:
+            raise OrbitLost("the contact at the section changes")
+        return found(*arguments)
+
+    found = following.point_of
+    monkeypatch.setattr(following, "point_of", point_of)
+
+
+def test_a_branch_whose_first_section_has_no_derivatives_begins_in_another(monkeypatch, orbit):
+    plain = orbits.follow(orbit, "Gamma", to=0.85)
+    lost_at(monkeypatch, 1)
+    branch = orbits.follow(orbit, "Gamma", to=0.85)
+    assert branch.attrs["end"].startswith("to:")
+    assert float(branch["zeta"][-1]) == pytest.approx(float(plain["zeta"][-1]), rel=1e-8)
+
+
+def test_a_branch_that_has_derivatives_in_no_section_is_lost_at_its_beginning(monkeypatch, orbit):
+    lost_at(monkeypatch, 1000)
+    branch = orbits.follow(orbit, "Gamma", to=0.85)
+    assert branch.attrs["end"] == "lost: the contact at the section changes"
+    assert branch["Gamma"].values.tolist() == [0.9]
+    assert border_between(orbit, "Gamma", 0.85) == (0.9, "lost")

@@ -1,6 +1,7 @@
 """Follow an orbit along a branch, through folds, with its stability, its words and its special points."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -15,6 +16,7 @@ from dimersweep.orbits.kinds.flip import FLIP
 from dimersweep.orbits.kinds.kind import Change
 from dimersweep.orbits.labelling import dataset
 from dimersweep.orbits.manifold import creep_of
+from dimersweep.orbits.newton import Fixed, solve
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import OrbitLost, Tape
 from dimersweep.orbits.specials import Leap, Special, doubled, specials
@@ -96,8 +98,12 @@ def traced(
     orbit: PeriodicOrbit, parameter: str, to: float | str, points: int = 200, switch: bool = False, words: bool = True
 ) -> Trace:
     """The points of a branch; see `follow`."""
-    axis, point, to = _begin(orbit, parameter, to)
-    start, tape = point.value, point.map.tape
+    axis, start, to = _axis(orbit, parameter, to)
+    tape = Tape()
+    try:
+        point = _begin(axis, orbit.fixed._replace(map=replace(orbit.fixed.map, tape=tape)), start, to)
+    except OrbitLost as reason:
+        return Trace([BranchRow(orbit, start)], f"lost: {reason}", tape.periods)
     entries, step, end = [_entry(point)], FIRST_STEP, ""
     others: list[Point] | None = None  # the point in other sections, at the first place where the branch is lost
     while not end:
@@ -135,7 +141,8 @@ def traced(
     return Trace(entries, end, tape.periods)
 
 
-def _begin(orbit: PeriodicOrbit, parameter: str, to: float | str) -> tuple[Axis, Point, float]:
+def _axis(orbit: PeriodicOrbit, parameter: str, to: float | str) -> tuple[Axis, float, float]:
+    """The quantity that changes along the branch, its value at the orbit, and where it ends."""
     if not isinstance(orbit, PeriodicOrbit):
         raise ParameterError(f"orbit = {orbit!r}: must be a PeriodicOrbit")
     if parameter != "spin":
@@ -145,10 +152,27 @@ def _begin(orbit: PeriodicOrbit, parameter: str, to: float | str) -> tuple[Axis,
     value = orbit.spin if parameter == "spin" else value_of(parameter, orbit.parameters)
     if to == value:
         raise ParameterError(f"to = {to}: must differ from the value {parameter} has")
-    axis = Axis(parameter, max(abs(value), abs(to - value), LEAST_SCALE), orbit.spin)
-    fixed = orbit.fixed._replace(map=replace(orbit.fixed.map, tape=Tape()))
-    start = point_of(axis, fixed, value, None)
-    return axis, start if to > value else start._replace(tangent=-start.tangent), to
+    return Axis(parameter, max(abs(value), abs(to - value), LEAST_SCALE), orbit.spin), value, to
+
+
+def _begin(axis: Axis, fixed: Fixed, value: float, to: float) -> Point:
+    """The first point of the branch, in its section or, where that has no derivatives, in another one.
+
+    Raises
+    ------
+    OrbitLost
+        If no section has them.
+    """
+    try:
+        start = point_of(axis, fixed, value, None)
+    except OrbitLost:
+        for m, z in fixed.map.sections(fixed.image.passage):
+            with suppress(OrbitLost):
+                start = point_of(axis, solve(m, z, axis.spin_at(value)), value, None)
+                break
+        else:
+            raise
+    return start if to > value else start._replace(tangent=-start.tangent)
 
 
 def _same_way(a: Point, b: Point) -> None:
