@@ -245,6 +245,19 @@ def test_it_is_drawn_as_areas_or_bars(base, over_gamma):
         assert_allclose([bar.get_height() for bar in bars], 100 * shares[shares > 0])
 
 
+def test_borders_that_lie_close_share_a_label_and_all_areas_are_named(over_gamma):
+    found = over_gamma.isel(change=[0] * 6).assign(
+        border=("change", [0.9, 0.901, 0.902, 1.0, 1.1, 1.15]),
+        border_kind=("change", ["fold", "flip", "fold", "word", "lost", "flip"]),
+    )
+    found = found.assign_coords(Gamma=np.linspace(0.8, 1.3, found.sizes["Gamma"]))
+    figure = plots.attractors(found)
+    texts = figure.axes[0].texts
+    assert [text.get_text() for text in texts] == ["fold, flip", "word", "lost", "flip"]
+    assert {text.get_rotation() for text in texts} == {90.0}
+    assert len(figure.legends[0].get_texts()) == found.sizes["attractor"]
+
+
 # --------------------------------------------------------------------------------------------------------------- bad input
 
 

@@ -10,8 +10,10 @@ from matplotlib.figure import Figure
 from dimersweep.errors import ParameterError
 from dimersweep.plots.style import MODE_COLORS, Drawing, entitle, mark, title
 
-MOST_NAMED = 12  # attractors that the legend names
+MOST_NAMED = 18  # attractors that the legend has room for
 ONE_LINE = 0.01  # of the axis: borders of a kind that are drawn as one
+ONE_LABEL = 0.03  # and borders that share a label
+FLAT_LABELS = 3  # so many have room side by side, more stand upright
 NOT_REPEATING = ("rest", "aperiodic", "unresolved", "failed")  # modes that are one attractor each
 
 
@@ -52,11 +54,22 @@ def _borders(data: xr.Dataset, near: float) -> list[tuple[float, str]]:
     return kept
 
 
+def _border_labels(borders: list[tuple[float, str]], near: float) -> list[tuple[float, str]]:
+    """Places and texts of labels, one for the borders that lie `near` the first of them."""
+    groups: list[tuple[float, list[str]]] = []
+    for border, kind in borders:
+        if not groups or border - groups[-1][0] > near:
+            groups.append((border, []))
+        if kind not in groups[-1][1]:
+            groups[-1][1].append(kind)
+    return [(at, ", ".join(kinds)) for at, kinds in groups]
+
+
 def attractors(data: xr.Dataset) -> Figure:
     """Shares of attractors with their intervals: bars, or over a parameter stacked areas.
 
     In a stack the bar at the upper edge of an area is the interval of its own share. A dashed line is a border of an orbit
-    that appears or goes, with its kind.
+    that appears or goes, with its kind; those that lie close together share a label.
 
     Parameters
     ----------
@@ -100,17 +113,32 @@ def attractors(data: xr.Dataset) -> Figure:
         axes.set_ylabel("share of the starts [%]")
         return figure
     values, tops = data[axis].values, np.cumsum(share, axis=1)
-    axes.stackplot(values, share.T, colors=colors, labels=labels[:MOST_NAMED], alpha=0.8)
-    near = ONE_LINE * (values[-1] - values[0])
+    areas = axes.stackplot(values, share.T, colors=colors, labels=labels, alpha=0.8)
+    width = values[-1] - values[0]
+    near = ONE_LINE * width
     for k in range(share.shape[1]):
         here = share[:, k] > 0
         error = (below[here, k], above[here, k])
         beside = values[here] + 0.6 * near * (k - 0.5 * (share.shape[1] - 1))  # of the bars of the other areas
         axes.errorbar(beside, tops[here, k], yerr=error, fmt="none", ecolor="black", elinewidth=0.9, capsize=2)
-    for border, kind in _borders(data, near):
+    borders = _borders(data, near)
+    for border, _ in borders:
         axes.axvline(border, color="black", linestyle="--", linewidth=1)
-        axes.text(border, 1.01, kind, transform=axes.get_xaxis_transform(), ha="center", va="bottom", fontsize=8)
+    labelled = _border_labels(borders, ONE_LABEL * width)
+    turned = 90 if len(labelled) > FLAT_LABELS else 0
+    for at, kinds in labelled:
+        axes.text(
+            at, 1.01, kinds, transform=axes.get_xaxis_transform(), ha="center", va="bottom", fontsize=8, rotation=turned
+        )
     mark(axes.xaxis, axis)
     axes.set(xlim=(values[0] - 2 * near, values[-1] + 2 * near), ylim=(0, 100), ylabel="share of the starts [%]")
-    figure.legend(loc="outside right upper", fontsize=8, reverse=True)
+    hidden = len(labels) - MOST_NAMED
+    figure.legend(
+        handles=areas[:MOST_NAMED],
+        loc="outside right center",
+        fontsize=8,
+        reverse=True,
+        title=f"and {hidden} more" if hidden > 0 else None,
+        title_fontsize=8,
+    )
     return figure
