@@ -405,3 +405,10 @@ def test_a_branch_that_has_derivatives_in_no_section_is_lost_at_its_beginning(mo
     assert branch.attrs["end"] == "lost: the contact at the section changes"
     assert branch["Gamma"].values.tolist() == [0.9]
     assert border_between(orbit, "Gamma", 0.85) == (0.9, "lost")
+
+
+def test_columns_of_tables_have_the_attributes_of_cf(orbit, down):
+    for table in (down, orbits.border("fold", "Gamma", over={"e": [0.6]}, spin=100.0)):
+        for name in ("Gamma", "radius", "multipliers"):
+            assert set(table[name].attrs) <= {"units", "long_name", "valid_min", "valid_max"}, name
+        assert table["radius"].attrs["valid_min"] == 0.0

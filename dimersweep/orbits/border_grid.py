@@ -196,7 +196,7 @@ def _dataset(
     if isinstance(curve.kind, StabilityEnd):
         kinds = [one.by.name if one.by else "" for one in found.values()]
         table["ends_by"] = ("found", kinds, {"long_name": "kind of border by which the stability ends"})
-    table[curve.parameter] = ("found", [one.value for one in found.values()], PARAMETERS[curve.parameter]._asdict())
+    table[curve.parameter] = ("found", [one.value for one in found.values()], PARAMETERS[curve.parameter].attributes())
     if isinstance(curve, WordCurve):
         words = "what goes (-) and comes (+) in the word beyond: symbols, or pairs of them (a/b)"
         changes = [one.sides.described(one.orbit.word) if one.sides else "" for one in found.values()]
@@ -206,7 +206,7 @@ def _dataset(
             words = f"{curve.parameter} of all such changes along the branch of the stable orbit"
             table["several"] = (("found", "number"), values, {"units": "1", "long_name": words})
     at = tuple(np.array(list(found)).T)
-    result = xr.Dataset(coords={n: (n, v, PARAMETERS[n]._asdict()) for n, v in axes.items()})
+    result = xr.Dataset(coords={n: (n, v, PARAMETERS[n].attributes()) for n, v in axes.items()})
     for name, column in table.data_vars.items():
         values = np.full(shape + column.shape[1:], _empty(column.dtype), dtype=column.dtype)
         values[at] = column.values
@@ -218,7 +218,7 @@ def _dataset(
     result["status"] = (tuple(axes), said.astype(str), {"long_name": words})
     met = _meetings(curve, axes, found)
     for name in (*axes, curve.parameter):
-        units = PARAMETERS[name]._replace(long_name=f"{PARAMETERS[name].long_name} where two borders meet")._asdict()
+        units = PARAMETERS[name]._replace(long_name=f"{PARAMETERS[name].long_name} where two borders meet").attributes()
         result[f"{name}_at_meeting"] = ("meeting", np.array([row[name] for row in met], dtype=float), units)
     names = np.array([row["meets"] for row in met], dtype=str)
     result["meets"] = ("meeting", names, {"long_name": "the two borders that meet"})

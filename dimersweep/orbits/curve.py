@@ -83,7 +83,7 @@ def add_stability(table: xr.Dataset, dim: str, kind: Kind, found: Collection[Fou
     words = "whether a stable orbit loses its stability there"
     table["loses_stability"] = (dim, [one.loses for one in found], {"units": "1", "long_name": words})
     if kind is FLIP:
-        table["doubling"] = (dim, [one.doubling for one in found], DOUBLING._asdict())
+        table["doubling"] = (dim, [one.doubling for one in found], DOUBLING.attributes())
 
 
 def crossings(kind: Kind, orbit: PeriodicOrbit) -> dict[str, float]:

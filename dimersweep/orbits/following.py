@@ -244,6 +244,6 @@ def _dataset(entries: Sequence[BranchRow], parameter: str, end: str, cost: float
     units = {"units": "1", "long_name": "jump of the orbit, in units of the section"}
     table["jump"] = ("point", np.array([entry.jump for entry in entries]), units)
     if parameter != "spin":
-        table[parameter] = ("point", np.array([entry.value for entry in entries]), PARAMETERS[parameter]._asdict())
+        table[parameter] = ("point", np.array([entry.value for entry in entries]), PARAMETERS[parameter].attributes())
     table.attrs |= {"end": end, "cost": cost, "parameter": parameter}
     return table

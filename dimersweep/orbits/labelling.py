@@ -39,11 +39,11 @@ def dataset(orbits: Sequence[PeriodicOrbit], dim: str) -> xr.Dataset:
     """The attributes of orbits along `dim`; parameters that all of them share are attributes of the dataset."""
     table = xr.Dataset()
     for name, quantity in COLUMNS.items():
-        table[name] = (dim, np.array([getattr(orbit, name) for orbit in orbits], dtype=float), quantity._asdict())
+        table[name] = (dim, np.array([getattr(orbit, name) for orbit in orbits], dtype=float), quantity.attributes())
     for name, quantity in WORDS.items():
-        table[name] = (dim, np.array([getattr(orbit, name) for orbit in orbits]), quantity._asdict())
+        table[name] = (dim, np.array([getattr(orbit, name) for orbit in orbits]), quantity.attributes())
     rows = np.array([padded(orbit.multipliers) for orbit in orbits]).reshape(-1, MOST_MULTIPLIERS)
-    table["multipliers"] = ((dim, "multiplier"), rows, MULTIPLIERS._asdict())
+    table["multipliers"] = ((dim, "multiplier"), rows, MULTIPLIERS.attributes())
     if orbits:
         first = orbits[0].parameters
         table.attrs = {k: v for k, v in first.items() if all(orbit.parameters.get(k) == v for orbit in orbits)}

@@ -414,7 +414,7 @@ def _table(curve: FollowedCurve, other: str, rows: list[tuple[Place, str]], ends
         other: [place.found.orbit.parameters[other] for place, _ in rows],
     }
     for name, values in columns.items():
-        table[name] = ("point", np.array(values), PARAMETERS[name]._asdict())
+        table[name] = ("point", np.array(values), PARAMETERS[name].attributes())
     add_stability(table, "point", curve.kind, [place.found for place, _ in rows])
     meets = np.array([special for _, special in rows], dtype=object).astype(str)
     table["meets"] = (

@@ -287,7 +287,7 @@ def _joined(declared: Borders, tables: list[xr.Dataset]) -> xr.Dataset:
         made = xr.concat(tables, dim="over", combine_attrs="override")
         for name in declared.axes:
             column = [point[name] for point in declared.points()]
-            made = made.assign_coords({name: ("over", np.array(column), PARAMETERS[name]._asdict())})
+            made = made.assign_coords({name: ("over", np.array(column), PARAMETERS[name].attributes())})
         made.attrs = {}
     for variable in made.variables.values():
         variable.encoding.pop("dtype", None)  # that of the first part, in which words may be shorter
@@ -341,7 +341,7 @@ def _branch(
     columns = {"branch": np.full(size, number, dtype=np.int32)}
     columns |= {name: np.full(size, point[name]) for name in declared.over}
     for name, values in columns.items():
-        units = PARAMETERS[name]._asdict() if name in PARAMETERS else {"long_name": "number of the branch"}
+        units = PARAMETERS[name].attributes() if name in PARAMETERS else {"long_name": "number of the branch"}
         table[name] = ("point", values, units)
     table.attrs = {}
     return table
