@@ -11,7 +11,7 @@ from dimersweep.orbits.kinds.stability import StabilityEnd
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import OrbitLost
 from dimersweep.orbits.specials import Special
-from dimersweep.orbits.stability_end import is_stable, stability_end
+from dimersweep.orbits.stability_end import stability_end
 
 
 class StabilityCurve(Curve):
@@ -29,7 +29,7 @@ class StabilityCurve(Curve):
         lacking = "no stable orbit"
         for orbit in starts:
             begin = self._begun(orbit)
-            if is_stable(begin):
+            if orbit.stable:
                 lacking = "no end of stability"
             try:
                 special = stability_end(self.axis, begin._replace(tangent=self.kind.sense * begin.tangent))
