@@ -8,7 +8,7 @@ from PIL import Image
 import dimersweep
 from dimersweep.cubes.cube import blank, build
 from dimersweep.cubes.grid import make_grid
-from dimersweep.cubes.reading import edges_of
+from dimersweep.cubes.reading import edges_of, minimum
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import (
     CODES,
@@ -60,11 +60,60 @@ def test_intervals_stay_within_zero_and_a_right_angle():
     assert drift_lengths(cube_of([R, R], beta0=[0.1, 0.2])).item() == 0
 
 
-def test_the_order_of_axes_does_not_matter():
+@pytest.mark.parametrize(
+    ("angles", "modes", "expected"),
+    [
+        ([-0.45, -0.2, -0.1], [D, D, R], [[-0.575, -0.15]]),
+        ([-0.3, -0.1, 0.1, 0.2], [R, D, D, R], [[-0.2, 0.15]]),
+        ([-0.3, -0.1, 0.1, 0.2], [D, R, R, D], [[-0.4, -0.2], [0.15, 0.25]]),
+        ([-1.5, -0.1], [D, D], [[-np.pi / 2, 0]]),  # no point is on the other side
+        ([-1.5, 1.5], [D, D], [[-np.pi / 2, np.pi / 2]]),
+        ([-0.2, 0.0], [R, D], [[-0.1, 0]]),
+        ([0.0, 0.2], [D, R], [[0, 0.1]]),
+    ],
+)
+def test_dips_of_the_other_sign_count_too_and_what_is_mirrored_or_reversed_is_as_long(angles, modes, expected):
+    cube = cube_of(modes, beta0=angles)
+    (found,) = drift_intervals(cube)
+    np.testing.assert_allclose(found, expected, atol=1e-15)
+    length = drift_lengths(cube).item()
+    assert length == pytest.approx(np.ptp(expected, axis=1).sum(), abs=1e-15)
+    mirrored = cube_of(modes[::-1], beta0=[-angle for angle in angles[::-1]])
+    np.testing.assert_allclose(drift_intervals(mirrored)[0], -np.array(expected)[::-1, ::-1], atol=1e-15)
+    for again in (
+        cube.sortby("beta0", ascending=False),
+        cube.isel(beta0=np.random.default_rng(1).permutation(len(angles))),
+    ):
+        np.testing.assert_array_equal(drift_intervals(again), [found])
+        assert drift_lengths(again).item() == length
+
+
+def test_segments_reach_as_far_as_the_dips_do():
+    modes = np.array([[R, D, D, R], [D, D, R, D]])
+    cube = cube_of(modes, f=[15, 20], beta0=[-0.3, -0.1, 0.1, 0.3])
+    for shown in (cube, cube.sortby("beta0", ascending=False)):
+        axes = segments(shown).axes[0]
+        drawn = [np.array(row.get_segments()).tolist() for row in axes.collections]
+        expected = [[[[-0.2, 0], [0.2, 0]]], [[[-0.4, 1], [0, 1]], [[0.2, 1], [0.4, 1]]]]
+        for row, one in zip(drawn, expected, strict=True):
+            np.testing.assert_allclose(row, one, atol=1e-15)
+        assert axes.get_xlim() == (-np.pi / 2, np.pi / 2)
+        ticks = dict(zip((tick.get_text() for tick in axes.get_xticklabels()), axes.get_xticks(), strict=True))
+        assert ticks["-π/8"] == -np.pi / 8 and ticks["π/2"] == np.pi / 2
+        assert [text.get_text() for text in axes.texts] == ["0.400 rad", "0.600 rad"]
+    assert segments(cube.isel(beta0=[0, 1])).axes[0].get_xlim() == (-np.pi / 2, 0)
+
+
+def test_the_order_of_axes_and_of_values_does_not_matter():
     modes = np.array([[R, D, D], [D, D, R]])
     cube = cube_of(modes, f=[15, 20], beta0=[0.1, 0.2, 0.3])
     turned = cube_of(modes.T, beta0=[0.1, 0.2, 0.3], f=[15, 20])
     np.testing.assert_array_equal(drift_lengths(cube), drift_lengths(turned))
+    speeds = np.linspace(1, 5, 17)
+    valley = 10 + (speeds - 3.1) ** 2
+    assert minimum(speeds[::-1], valley[::-1]) == minimum(speeds, valley)
+    for values in ([1.0, 2.0, 4.0, 8.0], [0.1, 0.2, 0.4]):
+        np.testing.assert_allclose(edges_of(np.array(values[::-1])), edges_of(np.array(values))[::-1])
 
 
 def test_segments_show_the_length_of_each_row():

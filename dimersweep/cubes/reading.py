@@ -26,9 +26,9 @@ def edges_of(values: np.ndarray, lowest: float = -np.inf, highest: float = np.in
     """
     if values.size == 1:
         return values[0] + np.array([-0.5, 0.5])
-    if is_geometric(values):
-        return np.clip(np.exp(_middles(np.log(values))), lowest, highest)
-    return np.clip(_middles(values), lowest, highest)
+    sign = np.sign(values[0])
+    geometric = is_geometric(sign * values)
+    return np.clip(sign * np.exp(_middles(np.log(sign * values))) if geometric else _middles(values), lowest, highest)
 
 
 def nearest(cube: xr.Dataset, name: str, value: Any) -> xr.Dataset:
@@ -74,20 +74,26 @@ def _middles(values: np.ndarray) -> np.ndarray:
 
 def is_geometric(values: np.ndarray) -> bool:
     """Whether the values of an axis, three or more, are in a fixed ratio rather than at a fixed distance."""
-    if values.size < 3 or values[0] <= 0:
+    if values.size < 3 or values.min() <= 0:
         return False
     ratios, steps = np.diff(np.log(values)), np.diff(values)
-    return bool(np.ptp(ratios) < 1e-6 * ratios.mean() and np.ptp(steps) > 1e-6 * steps.mean())
+    return bool(np.ptp(ratios) < 1e-6 * abs(ratios.mean()) and np.ptp(steps) > 1e-6 * abs(steps.mean()))
 
 
 def _drift_rows(cube: xr.Dataset) -> xr.DataArray:
-    """Where `cube` drifts, shape (rows, beta0)."""
+    """Where `cube` drifts, shape (rows, beta0), the angles increasing."""
     mode = cube["mode"].squeeze()
     if "beta0" not in mode.dims or mode.ndim > 2 or not mode.size:
         axes = ", ".join(map(str, mode.dims)) or "none"
         raise ParameterError(f"drift_intervals: has axes {axes}; needs beta0 and at most one more")
     rows = mode if mode.ndim == 2 else mode.expand_dims("f")
-    return (rows == M_DRIFT).transpose(..., "beta0")
+    return (rows == M_DRIFT).transpose(..., "beta0").sortby("beta0")
+
+
+def dip_range(angles: np.ndarray) -> tuple[float, float]:
+    """The dip angles that points with these ones may stand for [rad]: up to a right angle, on the sides where points are."""
+    low, high = min(angles.min(), 0.0), max(angles.max(), 0.0)
+    return (-np.pi / 2 if low < 0 or high == 0 else 0.0), (np.pi / 2 if high > 0 or low == 0 else 0.0)
 
 
 def drift_intervals(cube: xr.Dataset) -> list[np.ndarray]:
@@ -96,12 +102,13 @@ def drift_intervals(cube: xr.Dataset) -> list[np.ndarray]:
     Parameters
     ----------
     cube : xarray.Dataset
-        With the axis `beta0` and at most one more; each point stands for the angles half way to its neighbours.
+        With the axis `beta0` and at most one more; each point stands for the angles half way to its neighbours. Those of
+        one sign alone stand for none of the other.
 
     Returns
     -------
     list of ndarray, shape (n_intervals, 2)
-        Start and end of each interval [rad].
+        Start and end of each interval [rad], increasing.
 
     Examples
     --------
@@ -111,7 +118,8 @@ def drift_intervals(cube: xr.Dataset) -> list[np.ndarray]:
     [[[0.26, 0.34]]]
     """
     drift = _drift_rows(cube)
-    edges = edges_of(drift["beta0"].values, 0.0, np.pi / 2)
+    angles = drift["beta0"].values
+    edges = edges_of(angles, *dip_range(angles))
     padded = np.pad(drift.values, ((0, 0), (1, 1))).astype(np.int8)
     steps = np.diff(padded, axis=1)
     return [edges[np.column_stack([np.flatnonzero(row == 1), np.flatnonzero(row == -1)])] for row in steps]
@@ -318,7 +326,7 @@ def minimum(points: np.ndarray, values: np.ndarray) -> Minimum:
     Parameters
     ----------
     points, values : ndarray, shape (n,)
-        Points increase; values are NaN where they are unknown.
+        Values are NaN where they are unknown.
 
     Returns
     -------
@@ -337,8 +345,10 @@ def minimum(points: np.ndarray, values: np.ndarray) -> Minimum:
     (3.1, 10.0)
     """
     nowhere = Minimum(*[float("nan")] * 4)
+    order = np.argsort(points)
+    points, values = np.asarray(points)[order], np.asarray(values)[order]
     known = np.flatnonzero(np.isfinite(values))
-    x, y = np.asarray(points)[known], np.asarray(values)[known]
+    x, y = points[known], values[known]
     turns = np.flatnonzero((y[1:-1] <= y[:-2]) & (y[1:-1] <= y[2:])) + 1
     if not turns.size or not 3 <= turns[0] < y.size - 3:
         return nowhere

@@ -95,6 +95,7 @@ def attractors(data: xr.Dataset) -> Figure:
         raise ParameterError(f"data: is a {type(data).__name__} without shares; give what attractors() returns")
     data = data.squeeze([dim for dim in data["share"].dims if dim != "attractor" and data.sizes[dim] == 1])
     axis = next((str(dim) for dim in data["share"].dims if dim != "attractor"), "")
+    data = data.sortby(axis) if axis else data
     figure = Drawing(7.5, 4.4)
     entitle(figure, f"Shares of {data.sizes['start']} starts\n{title(data.drop_dims('start'))}")
     axes = figure.subplots()

@@ -8,11 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from dimersweep.cubes.cube import names
-from dimersweep.cubes.reading import (
-    drift_intervals,
-    drift_lengths,
-    edges_of,
-)
+from dimersweep.cubes.reading import dip_range, drift_intervals, drift_lengths, edges_of
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots.judging import judge_cube
 from dimersweep.plots.maps import COLORS
@@ -53,18 +49,24 @@ def segments(cube: xr.Dataset) -> Figure:
     axes.set_yticks(range(lengths.size), [given(str(name), value) for value in lengths[name].values])
     axes.set_ylim(-0.6, lengths.size - 0.4)
     axes.grid(axis="x", alpha=0.3)
-    _dip_axis(axes)
+    _dip_axis(axes, *dip_range(cube["beta0"].values))
     entitle(figure, f"Initial dip angles that lead to drift\n{title(cube)}")
     return figure
 
 
-def _dip_axis(axes: Axes) -> None:
-    """The dip angle from 0 to pi/2 in radians below, in degrees above."""
-    axes.set_xlim(0, np.pi / 2)
-    axes.set_xticks(np.pi / 16 * np.arange(0, 9, 2), ["0", "π/8", "π/4", "3π/8", "π/2"])
+def _dip_axis(axes: Axes, low: float, high: float) -> None:
+    """The dip angle, up to a right angle on one side or on both, in radians below, in degrees above."""
+    axes.set_xlim(low, high)
+    sides = (sign for sign, end in ((-1, low), (1, high)) if end)
+    eighths = {0.0: "0"} | {
+        sign * k * np.pi / 8: ("-" if sign < 0 else "") + words
+        for sign in sides
+        for k, words in enumerate(("π/8", "π/4", "3π/8", "π/2"), start=1)
+    }
+    axes.set_xticks(list(eighths), list(eighths.values()))
     axes.set_xlabel(f"{symbol('beta0', tex=True)} [rad]")
     degrees = axes.secondary_xaxis("top", functions=(np.rad2deg, np.deg2rad))
-    degrees.set_xticks(range(0, 91, 15))
+    degrees.set_xticks(range(round(np.rad2deg(low)), round(np.rad2deg(high)) + 1, 15))
     degrees.set_xlabel("degrees")
 
 
