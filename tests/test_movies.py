@@ -2,6 +2,7 @@
 
 import re
 import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -24,20 +25,32 @@ def run():
 def test_frames_are_the_states_of_the_run(run):
     playback = movie.Playback(3.0, 3.2, 0.1, 25, False)
     shown = movie.frames(run, playback)
-    np.testing.assert_allclose(shown["time"], np.arange(3.0, 3.2, 0.004))
+    np.testing.assert_allclose(shown["time"], 3.0 + 0.004 * np.arange(50))
     length = 2 * 5e-3 * 5
     apart = [(shown[f"{axis}2"] - shown[f"{axis}1"]).values for axis in "xyz"]
     np.testing.assert_allclose(np.linalg.norm(apart, axis=0), length)
     np.testing.assert_allclose(shown["z2"], 5e-3 + shown["gap_2"] + shown["plate"], atol=1e-15)
 
 
-def test_time_is_slow_around_double_impacts(run):
+@pytest.mark.parametrize(("speed", "fps"), [(0.5, 25), (0.1, 60), (0.03, 7), (2.0, 10), (1.0, 1)])
+def test_time_is_slow_around_double_impacts_however_far_apart_the_frames_are(speed, fps):
+    """Each second of the run takes 1/speed, and SLOWED times that near an impact; whole, overlapping and cut spans alike."""
     T = 1 / 15
-    impacts = np.array([3.05])
-    times = movie.Playback(3.0, 3.1, 0.5, 25, True).times(impacts, T)
-    steps, near = np.diff(times), np.abs(times[:-1] - 3.05) < movie.NEAR_IMPACT * T
-    np.testing.assert_allclose(steps[near], 0.02 / movie.SLOWED)
-    np.testing.assert_allclose(steps[~near], 0.02)
+    impacts, reach = np.array([3.0, 3.0501, 3.0522, 3.07, 3.1]), movie.NEAR_IMPACT * T
+    times = movie.Playback(3.0, 3.1, speed, fps, True).times(impacts, T)
+    fine = np.linspace(3.0, 3.1, 1_000_001)
+    slow = (np.abs(fine[:-1, None] + 5e-8 - impacts) < reach).any(axis=1)
+    shown = np.concatenate([[0.0], np.cumsum(np.where(slow, movie.SLOWED, 1.0) * 1e-7 / speed)])
+    np.testing.assert_allclose(np.interp(times, fine, shown), np.arange(times.size) / fps, atol=1e-5 / speed)
+    assert times.size == np.ceil(shown[-1] * fps)
+    assert slow.mean() == pytest.approx((reach + 0.0021 + 2 * reach + 2 * reach + reach) / 0.1, rel=1e-3)
+
+
+def test_a_movie_has_as_many_frames_as_its_time_asks_for():
+    for periods, speed, fps in ((3, 0.1, 10), (7, 0.1, 30), (6, 0.3, 50), (1, 0.7, 3)):
+        length = periods / 15
+        n = movie.Playback(4 - length, 4.0, speed, fps, False).times(np.array([]), 1 / 15).size
+        assert n == int(np.ceil(round(length / speed * fps, 6)))
 
 
 def test_a_gif_moves(run, tmp_path):
@@ -45,10 +58,26 @@ def test_a_gif_moves(run, tmp_path):
     with Image.open(tmp_path / "run.gif") as image:
         assert image.n_frames == len(np.arange(0, 2 / 15, 0.005))
         assert image.info["duration"] == 50
+        assert "loop" in image.info and image.info["loop"] == 0
         first = np.asarray(image.convert("RGB"), dtype=int)
         image.seek(image.n_frames // 2)
         later = np.asarray(image.convert("RGB"), dtype=int)
     assert (np.abs(first - later).max(axis=2) > 60).sum() > 200
+
+
+@pytest.mark.parametrize("fps", [7, 24, 30, 60, 120])
+def test_a_gif_lasts_as_long_as_it_was_asked_to(run, tmp_path, fps):
+    """Its delays are whole hundredths of a second, and browsers show one below two hundredths as ten."""
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        run.animate(tmp_path / "run.gif", periods=1, fps=fps, speed=0.2, dpi=15)
+    with Image.open(tmp_path / "run.gif") as image:
+        delays = [image.seek(k) or image.info["duration"] for k in range(image.n_frames)]
+    made = min(fps, 50)
+    assert sum(delays) == pytest.approx(1e3 * np.ceil(round(1 / 15 / 0.2 * made, 6)) / made, abs=5.01)
+    assert min(delays) >= 20 and max(delays) - min(delays) <= 10
+    said = [str(each.message) for each in told]
+    assert said == ([f"fps = {fps}: a GIF shows at most 50 frames a second, and has 50; a video has more"] * (fps > 50))
 
 
 def test_a_video_is_a_video(run, tmp_path):
@@ -148,11 +177,19 @@ def test_the_page_plays_in_a_browser_without_a_network(run, tmp_path):
         found = colors_of(before)
         assert found.get((3, 0, 0), 0) + found.get((2, 0, 0), 0) > 100  # p1 is red
         assert sum(count for (r, g, b), count in found.items() if b > r and b >= 2) > 1000  # the plate is blue
+        page.evaluate(
+            "() => { window.seen = []; document.querySelector('.js-plotly-plot').on('plotly_animatingframe',"
+            " ({name}) => seen.push([Number(name), performance.now()])); }"
+        )
         moved = "() => document.querySelector('.js-plotly-plot').data[1].z[0]"
         first = page.evaluate(moved)
         page.get_by_text("play", exact=True).click()
         page.wait_for_timeout(2500)
         assert page.evaluate(moved) != first
+        page.wait_for_function("() => seen.length && seen.at(-1)[0] == 39")
+        frames, at = np.array(page.evaluate("() => seen")).T
+        # however slowly the machine draws, each frame is shown at its time or is left out
+        np.testing.assert_allclose(np.diff(at[[0, -1]]), 1000 * (frames[-1] - frames[0]) / 20, atol=700)
         assert page.screenshot() != before
         assert errors == []
 
@@ -172,3 +209,16 @@ def test_a_page_shows_the_plate_as_it_tilts_and_moves():
     amplitude = Gamma_x * run.parameters["g"] / (2 * np.pi * run.parameters["f"]) ** 2
     np.testing.assert_allclose(shown["away_x"], amplitude * np.sin(shown["phase"]), atol=1e-12)
     assert not shown["away_y"].any()
+
+
+def test_a_page_of_a_small_dimer_is_as_round_as_that_of_a_large_one():
+    """The same motion in other units: of length by 1e-3, and of time so that g stays."""
+    large = simulate(periods=4)
+    small = simulate(periods=4, r=5e-6, D_r=4e-6, f=15 * 1e3**0.5, xdot0=1e-3**0.5)
+    pages = [
+        replay._moved(run, movie.frames(run, movie.playback_of(run, 2, 0.1 * s**0.5)), 3)
+        for run, s in ((large, 1), (small, 1e-3))
+    ]
+    for one, other in zip(*pages, strict=True):
+        for axis in "xyz":
+            np.testing.assert_allclose(one[axis], 1e3 * np.array(other[axis]), atol=1.01e-3)

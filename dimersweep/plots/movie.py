@@ -3,9 +3,10 @@
 import os
 import shutil
 import subprocess
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -36,7 +37,9 @@ ROD, PLATE, TRACK = "#444444", "#56b4e9", "#999999"
 SLOWED = 20.0  # how much slower the double impacts are shown
 NEAR_IMPACT = 0.04  # of a double impact, in forcing periods on either side
 MOST_FRAMES = 2000
+ROUND_OFF = 1e-6  # of a number of frames
 MOST_DPI = 600
+MOST_FPS_OF_GIF = 50  # browsers show a delay below two hundredths of a second as ten
 COLORS_OF_GIF = 64
 
 
@@ -63,12 +66,12 @@ class Playback:
     slow_impacts: bool
 
     def times(self, impacts: np.ndarray, T: float) -> np.ndarray:
-        """Times of the frames [s], increasing.
+        """Times of the frames [s], increasing: what is shown at each of the moments 1/fps apart.
 
         Parameters
         ----------
         impacts : ndarray, shape (n,)
-            Of the double impacts [s].
+            Of the double impacts [s], increasing.
         T : float
             Forcing period [s].
 
@@ -77,21 +80,18 @@ class Playback:
         ParameterError
             If there are too many.
         """
-        step = self.speed / self.fps
-        if (self.stop - self.start) / step > MOST_FRAMES:
-            n = (self.stop - self.start) / step
-            raise ParameterError(f"animate: {n:.0f} frames; at most {MOST_FRAMES}: give fewer periods or more speed")
-        if not self.slow_impacts:
-            return np.arange(self.start, self.stop, step)
-        shown: list[float] = []
-        t = self.start
-        while t < self.stop and len(shown) <= MOST_FRAMES:
-            shown.append(t)
-            slow = bool((np.abs(impacts - t) < NEAR_IMPACT * T).any())
-            t += step / SLOWED if slow else step
-        if len(shown) > MOST_FRAMES:
-            raise ParameterError(f"animate: more than {MOST_FRAMES} frames; give fewer periods, or no slow impacts")
-        return np.array(shown)
+        reach = NEAR_IMPACT * T
+        begin, end = (np.clip(impacts + by, self.start, self.stop) for by in (-reach, reach))
+        edges = np.unique(np.concatenate([[self.start, self.stop], *((begin, end) if self.slow_impacts else ())]))
+        middles = (edges[1:] + edges[:-1]) / 2
+        slow = np.searchsorted(begin, middles) > np.searchsorted(end, middles)  # more have begun than have ended
+        lasts = np.diff(edges) * np.where(slow & self.slow_impacts, SLOWED, 1.0) / self.speed
+        shown = np.concatenate([[0.0], np.cumsum(lasts)])
+        n = int(np.ceil(shown[-1] * self.fps - ROUND_OFF))
+        if n > MOST_FRAMES:
+            less = "give fewer periods or more speed" + (", or no slow impacts" if self.slow_impacts else "")
+            raise ParameterError(f"animate: {n} frames; at most {MOST_FRAMES}: {less}")
+        return np.interp(np.arange(n) / self.fps, shown, edges)
 
 
 def check_movie(path: str | os.PathLike[str], *, force: bool) -> Path:
@@ -143,16 +143,24 @@ def write_movie(run: "Run", path: str | os.PathLike[str], playback: Playback, dp
         with disk_errors(f"movie = {path}", ""):
             put(path, [page.encode()])
         return path
+    if path.suffix == ".gif" and playback.fps > MOST_FPS_OF_GIF:
+        most = f"a GIF shows at most {MOST_FPS_OF_GIF} frames a second, and has {MOST_FPS_OF_GIF}"
+        warnings.warn(f"fps = {playback.fps}: {most}; a video has more", RuntimeWarning, stacklevel=3)
+        playback = replace(playback, fps=MOST_FPS_OF_GIF)
     with disk_errors(f"movie = {path}", ""), replacing(path) as temporary:
         (_write_gif if path.suffix == ".gif" else _write_video)(temporary, _rendered(run, playback, dpi), playback.fps)
     return path
 
 
 def _write_gif(path: Path, pictures: Iterator[np.ndarray], fps: int) -> None:
-    """Frames of shape (height, width, 3) as an endless GIF with one palette."""
+    """Frames of shape (height, width, 3) as an endless GIF with one palette.
+
+    Delays are whole hundredths of a second; what is left over of one goes to the next.
+    """
     first = Image.fromarray(next(pictures)).quantize(COLORS_OF_GIF)
     others = (Image.fromarray(each).quantize(palette=first, dither=Image.Dither.NONE) for each in pictures)
-    how: dict[str, Any] = {"duration": round(1000 / fps), "loop": 0, "optimize": True}
+    delays = np.diff(np.round(100 * np.arange(MOST_FRAMES + 1) / fps).astype(int))
+    how: dict[str, Any] = {"duration": (10 * delays).tolist(), "loop": 0, "optimize": True}
     first.save(path, format="GIF", save_all=True, append_images=others, **how)
 
 

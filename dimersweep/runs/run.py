@@ -449,11 +449,11 @@ class Run(RunNumbers):
             Ends in .gif; in .mp4 (needs ffmpeg); or in .html, for one page that shows the motion in three dimensions
             without a network (needs plotly).
         periods : int
-            Forcing periods to show.
+            Forcing periods to show; of a run that has fewer, all.
         speed : float
             Seconds of the run in one of the movie [1].
         fps : int
-            Frames in one second of the movie.
+            Frames in one second of the movie. A GIF has at most 50; a page leaves out those that a browser has no time for.
         slow_impacts : bool
             Whether time runs 20 times slower around double impacts.
         last : bool
