@@ -229,9 +229,33 @@ class PowerLaw(NamedTuple):
     greatest: float
 
 
-def _grown(name: str, values: np.ndarray) -> np.ndarray:
+def _grown(name: str, values: np.ndarray) -> tuple[str, np.ndarray]:
     """What a quantity is compared with a power of: A_r - 1 (the distance of the balls) for A_r."""
-    return values - 1 if name == "A_r" else values
+    return (f"{name} - 1", values - 1) if name == "A_r" else (name, values)
+
+
+def _positive(what: str, values: np.ndarray, where: str = "") -> np.ndarray:
+    """Logarithms of values, which must be positive."""
+    if values.min() <= 0:
+        raise ParameterError(
+            f"exponents: {what} is {values.min():g} to {values.max():g}{where}; a power law needs values > 0"
+        )
+    return np.log(values)
+
+
+def over_axes(cube: xr.Dataset, quantity: str, *, flags: bool = True) -> xr.DataArray:
+    """A variable of a cube over all its axes; without `flags`, only one that is no code of words.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such variable.
+    """
+    known = [str(name) for name, each in cube.data_vars.items() if each.dims == cube["mode"].dims]
+    known = [name for name in known if flags or "flag_meanings" not in cube[name].attrs]
+    if quantity not in known:
+        raise ParameterError(f"quantity = {quantity!r}: must be one of {', '.join(known)}")
+    return cube[quantity]
 
 
 def exponents(cube: xr.Dataset, quantity: str = "radius") -> dict[str, PowerLaw]:
@@ -245,17 +269,18 @@ def exponents(cube: xr.Dataset, quantity: str = "radius") -> dict[str, PowerLaw]
     cube : xarray.Dataset
         Of `search` or `sweep`; points that do not drift are left out.
     quantity : str
-        Such as radius or period.
+        Such as radius or period, positive where there is drift.
 
     Returns
     -------
     dict of str to PowerLaw
-        One for each axis of more than one value.
+        One for each axis of more than one value. Where no two neighbours drift, its slopes are NaN.
 
     Raises
     ------
     ParameterError
-        If there are too few points that drift.
+        If there are too few points that drift, or they do not vary along each axis by itself; or if the quantity or an axis
+        has values there that are not positive.
 
     Examples
     --------
@@ -267,25 +292,37 @@ def exponents(cube: xr.Dataset, quantity: str = "radius") -> dict[str, PowerLaw]
     >>> round(law.exponent, 2), round(law.error, 2)
     (2.92, 0.02)
     """
-    values = cube[quantity].where(cube["mode"] == M_DRIFT).squeeze(drop=True)
-    logs = {str(dim): np.log(_grown(str(dim), cube[dim].values)) for dim in values.dims}
-    columns = np.meshgrid(*logs.values(), indexing="ij")
+    values = over_axes(cube, quantity, flags=False).where(cube["mode"] == M_DRIFT).squeeze(drop=True)
+    axes = [str(dim) for dim in values.dims]
+    if not axes or not set(axes) <= set(PARAMETERS):
+        raise ParameterError(
+            f"exponents: has axes {', '.join(axes) or 'none'}; needs parameters of more than one value"
+        )
     known = np.isfinite(values.values)
-    if known.sum() <= len(columns) + 1:
-        raise ParameterError(f"exponents: {known.sum()} points drift; too few for a fit over {', '.join(logs)}")
-    design = np.column_stack([np.ones(known.sum()), *(column[known] for column in columns)])
-    target = np.log(values.values[known])
+    if known.sum() <= len(axes) + 1:
+        raise ParameterError(f"exponents: {known.sum()} points drift; too few for a fit over {', '.join(axes)}")
+    grown = [_grown(name, cube[name].values) for name in axes]
+    places = np.meshgrid(*(along for _, along in grown), indexing="ij")
+    target = _positive(quantity, values.values[known], " where it drifts")
+    logs = [_positive(what, place[known]) for (what, _), place in zip(grown, places, strict=True)]
+    fixed = [name for name, log in zip(axes, logs, strict=True) if not np.ptp(log)]
+    if fixed:
+        raise ParameterError(f"exponents: {fixed[0]} is the same at all {known.sum()} points that drift")
+    design = np.column_stack([np.ones(known.sum()), *logs])
+    if np.linalg.matrix_rank(design) <= len(axes):
+        raise ParameterError(f"exponents: {' and '.join(axes)} vary together at all {known.sum()} points that drift")
     fit, *_ = np.linalg.lstsq(design, target)
     rest = target - design @ fit
     covariance = np.linalg.inv(design.T @ design) * (rest @ rest) / (target.size - design.shape[1])
     errors = np.sqrt(np.diag(covariance))
-    found = {}
-    for k, (name, log) in enumerate(logs.items()):
-        step = np.diff(log).reshape([-1 if axis == k else 1 for axis in range(values.ndim)])
-        slopes = np.diff(np.log(values.values), axis=k) / step
-        found[name] = PowerLaw(
-            float(fit[k + 1]), float(errors[k + 1]), float(np.nanmin(slopes)), float(np.nanmax(slopes))
-        )
+    found, level = {}, np.full(known.shape, np.nan)
+    level[known] = target
+    for k, (name, log) in enumerate(zip(axes, logs, strict=True)):
+        along = np.full(known.shape, np.nan)
+        along[known] = log
+        slopes = np.diff(level, axis=k) / np.diff(along, axis=k)
+        ends = (np.nanmin(slopes), np.nanmax(slopes)) if np.isfinite(slopes).any() else (np.nan, np.nan)
+        found[name] = PowerLaw(float(fit[k + 1]), float(errors[k + 1]), float(ends[0]), float(ends[1]))
     return found
 
 

@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from dimersweep.cubes.cube import names
-from dimersweep.cubes.reading import edges_of, is_geometric
-from dimersweep.errors import ParameterError
+from dimersweep.cubes.reading import edges_of, is_geometric, over_axes
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots.judging import judge_cube
 from dimersweep.plots.style import (
@@ -103,9 +102,7 @@ def quantity_map(cube: xr.Dataset, quantity: str) -> Figure:
     >>> cube = sweep({"Gamma": [0.8, 0.9], "beta0": [0.2, 0.28, 0.36]}, periods=60, progress=False)
     >>> plots.quantity_map(cube, "zeta").savefig("zeta.png")
     """
-    drawable = [str(name) for name, each in cube.data_vars.items() if each.dims == cube["mode"].dims]
-    if quantity not in drawable:
-        raise ParameterError(f"quantity = {quantity!r}: must be one of {', '.join(drawable)}")
+    over_axes(cube, quantity)
     if quantity == "mode":
         return mode_map(cube)
     judge_cube("mode_map", cube)
