@@ -767,7 +767,7 @@ def test_an_output_that_is_no_file_is_refused_before_any_work(call, monkeypatch,
 @pytest.mark.jit
 def test_a_straight_path_is_told(call):
     out, _, code = call("simulate", "--mu", "0", "--mu_s", "0")
-    assert code == 0 and out.count("none: straight") == 2 and "nan" not in out
+    assert code == 0 and out.count("none: straight") == 3 and "nan" not in out
 
 
 @pytest.mark.parametrize("command", [("simulate",), ("run", "small.toml")])

@@ -120,5 +120,8 @@ def _print_table(run: "Run", bounds: dict[str, float]) -> None:
             value, drift = getattr(run.orbit, name), getattr(run.orbit, f"{name}_drift")
             cells = (f"{value:.8g}", QUANTITIES[name].units, f"{drift:.2e}")
             table.add_row(name, *(("none: straight", "", "") if isnan(value) else cells))
+        for name in ("path_radius", "path_speed"):
+            value = getattr(run.orbit, name)
+            table.add_row(name, "none: straight" if isnan(value) else f"{value:.8g}", QUANTITIES[name].units)
         table.add_row("double impact ends", run.orbit.di_end)
     Console().print(table)

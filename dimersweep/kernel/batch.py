@@ -7,6 +7,7 @@ import numpy as np
 from dimersweep.kernel.compiler.jit import compiled, exported
 from dimersweep.kernel.course import Ask, Workspace, motion_of, new_workspace
 from dimersweep.kernel.event_loop import evolve, start_state
+from dimersweep.kernel.mean_path import note_path
 from dimersweep.kernel.model.body import set_dimer
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import (
@@ -22,6 +23,7 @@ from dimersweep.kernel.model.layout import (
     DI_NONE,
     FREE,
     M_APERIODIC,
+    M_DRIFT,
     M_FAILED,
     M_REST,
     M_UNRESOLVED,
@@ -89,6 +91,10 @@ def run_rows(rows, starts, ask, until, out, codes, space, record):
             if apart:
                 codes[k, CODE_MODE] = M_APERIODIC
             elif status == STOPPED:
+                note_failure(status, out[k], codes[k])
+        elif codes[k, CODE_MODE] == M_DRIFT:
+            status = note_path(dm, rows[k], ask, run, later, space, without_rows(record), out[k])
+            if status == STOPPED:
                 note_failure(status, out[k], codes[k])
         if codes[k, CODE_STATUS] == STOPPED:
             return k

@@ -12,7 +12,7 @@ from dimersweep.symbols import ORBIT_NAMES, QUANTITIES, Quantity
 MOST_MULTIPLIERS = len(NAMES) - 1  # multipliers of a fast part at most; those that contact takes away are zero
 COLUMNS = {
     "spin": Quantity("rad s-1", "axial spin after the double impact"),
-    **{name: QUANTITIES[name] for name in ORBIT_NAMES},
+    **{name: QUANTITIES[name] for name in (*ORBIT_NAMES, "path_radius", "path_speed")},
     "spin_drift": Quantity("rad s-1", "change per forcing period: axial spin after the double impact"),
     "slow_multiplier": Quantity("1", "multiplier of the direction along the family"),
     "residual": Quantity("1", "how far the fast part fails to close, in units of the section"),

@@ -33,6 +33,8 @@ class Creep(NamedTuple):
         Change of theta from the last impact of the bouncer to that in the image [rad].
     drift : float
         Change of the spin in the period that follows [rad/s].
+    turn_drift : float
+        Change of the turn from that period to the one that follows [rad].
     residual : float
         In units of the section.
     """
@@ -41,6 +43,7 @@ class Creep(NamedTuple):
     image: Image
     turn: float
     drift: float
+    turn_drift: float
     residual: float
 
 
@@ -86,7 +89,7 @@ def has_fast_part(fixed: Fixed) -> bool:
 
 def creep_at(fixed: Fixed) -> Creep:
     """The fixed point itself, taken for a motion on the manifold."""
-    return Creep(fixed.z, fixed.image, fixed.image.theta, slow_direction(fixed)[1], fixed.residual)
+    return Creep(fixed.z, fixed.image, fixed.image.theta, slow_direction(fixed)[1], 0.0, fixed.residual)
 
 
 def creep_of(fixed: Fixed) -> Creep:
@@ -136,8 +139,8 @@ def creep_near(m: ReturnMap, z: np.ndarray, spin: float, matrix: np.ndarray, gra
     target = WEIGHTS * TOLERANCE * m.rtol
     root = newton(value, begin, lambda z: derivative(*m.jacobian(z)), target, derivative(matrix, gradient))
     before, here, after = root.extra
-    turn = before.theta - _turned(before) + _turned(here)
-    return Creep(before.point, here, turn, after.spin - here.spin, float(np.abs(root.value).max()))
+    turn, next_turn = (one.theta - _turned(one) + _turned(two) for one, two in ((before, here), (here, after)))
+    return Creep(before.point, here, turn, after.spin - here.spin, next_turn - turn, float(np.abs(root.value).max()))
 
 
 def _turned(image: Image) -> float:

@@ -1,12 +1,14 @@
 """An orbit: the fixed point of the fast part at a given spin, and all that follows from it."""
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
 from dimersweep.inputs import check_count
 from dimersweep.kernel.model.layout import DI_ENDS, GAMMA, PERIOD, PHASE, THETA, X1, Y1
 from dimersweep.orbits.manifold import Creep, creep_at, multipliers_of
+from dimersweep.orbits.mean_path import MeanPath, path_of
 from dimersweep.orbits.newton import Fixed
 from dimersweep.orbits.passage import TURN, Strike, strike_of
 from dimersweep.orbits.word import word_of
@@ -31,9 +33,11 @@ class PeriodicOrbit:
         Axial spin after the double impact (without one: after the last impact of the end that is in the air for longer)
         [rad s-1]: what `Run.orbit` calls `spin_rate`. For period n, of the last one.
     radius : float
-        Speed over precession rate; inf for a motion in a plane [m].
+        Equivalent radius (11), `speed` over precession rate; inf for a motion in a plane [m].
+    path_radius, path_speed : float
+        Radius of the mean path of the centre of mass, as a camera sees it [m]; speed along it [m s-1].
     period : float
-        Time once round [s].
+        Time once round [s], for either radius.
     zeta, speed : float
         Angle from the axis to the velocity [rad], speed of the centre of mass [m s-1], there too.
     precession_rate : float
@@ -42,8 +46,8 @@ class PeriodicOrbit:
         Phase of that impact in cycles of the plate, in [0, 1) [1].
     di_end : str
         Friction after it, of the end that is down and of the one that bounces; none if it is no double impact.
-    spin_drift : float
-        Change of the spin per forcing period along the slow family [rad s-1].
+    spin_drift, precession_rate_drift : float
+        Change of the spin and of the precession rate per forcing period along the slow family [rad s-1].
     multipliers : ndarray of complex
         Of the fast part, over the period of the motion, the largest first [1].
     slow_multiplier : float
@@ -76,6 +80,7 @@ class PeriodicOrbit:
     impact_phase: float
     di_end: str
     spin_drift: float
+    precession_rate_drift: float
     multipliers: np.ndarray
     slow_multiplier: float
     stable: bool
@@ -92,6 +97,22 @@ class PeriodicOrbit:
             f"<PeriodicOrbit: period {self.periods}, {kind}, spin {self.spin:.6g} rad/s, radius {self.radius:.6g} m, "
             f"zeta {self.zeta:.6g} rad, residual {self.residual:.1e}>"
         )
+
+    @cached_property
+    def path(self) -> MeanPath:
+        """The mean path of the centre of mass."""
+        turn = self.creep.turn if self.precession_rate else 0.0
+        return path_of(self.fixed.map, self.creep.z, turn)
+
+    @property
+    def path_radius(self) -> float:
+        """Radius of the mean path of the centre of mass; inf for a motion in a plane [m]."""
+        return self.path.radius
+
+    @property
+    def path_speed(self) -> float:
+        """Speed along the mean path of the centre of mass [m s-1]."""
+        return self.path.speed
 
     def run(self, periods: int = 100, rtol: float = 1e-8) -> Run:
         """A recorded run that starts on the orbit, at the plate's phase `phi0` of the parameters.
@@ -148,6 +169,7 @@ def orbit_of(fixed: Fixed, creep: Creep | None = None) -> PeriodicOrbit:
         impact_phase=float((m.phase + strike.phase) / TURN % 1.0),
         di_end=strike.di_end,
         spin_drift=creep.drift / m.periods + 0.0,
+        precession_rate_drift=creep.turn_drift * parameters["f"] / m.periods**2,
         multipliers=fast,
         slow_multiplier=slow,
         stable=bool((np.abs(fast) < 1).all()),

@@ -8,7 +8,7 @@ rest is the fast part. The cost of all that is asked here is counted in forcing 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -250,8 +250,8 @@ class ReturnMap:
         states, modes = self.states(passage, which, np.array([phase]))
         return states[0], modes[0]
 
-    def states(self, passage: Passage, which: int, phases: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Kernel states and friction modes in one smooth phase of a motion, at phases since the section [rad]."""
+    def states(self, passage: Passage, which: Any, phases: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Kernel states and friction modes at phases since the section [rad], in one smooth phase or each in its own."""
         segments = passage.segments
         states, modes = np.zeros((phases.size, N_STATE)), np.zeros((phases.size, 2))
         at = phases - TURN * segments[which, PERIOD]

@@ -100,7 +100,7 @@ def portrait_of(m: ReturnMap, passage: Passage, mirrors: Mirrors) -> Portrait:
     whole = TURN * m.periods
     times = np.mod(VIEWS - m.phase + TURN * np.arange(m.periods)[:, None], whole)
     which = np.searchsorted(passage.times, times.ravel(), side="right") - 1
-    states = np.array([m.states(passage, at, times.ravel()[[k]])[0][0] for k, at in enumerate(which)])
+    states, _ = m.states(passage, which, times.ravel())
     gaps = states[:, [D1, D2]].reshape(m.periods, VIEWS.size, 2)
     spin = float(states[:, SPIN].mean())
     first, last = passage.segments[0], passage.segments[-1]

@@ -15,7 +15,7 @@ from dimersweep.symbols import PARAMETERS, QUANTITIES, conditions, symbol, units
 if TYPE_CHECKING:
     from dimersweep.runs.run import Run
 
-SHOWN_OF_ORBIT = ("radius", "period", "zeta", "speed", "impact_phase")
+SHOWN_OF_ORBIT = ("radius", "path_radius", "period", "zeta", "speed", "impact_phase")
 
 
 def run_table(run: "Run") -> str:

@@ -13,13 +13,18 @@ class Orbit(OrbitNumbers):
     Attributes
     ----------
     radius : float
-        Radius of the circle, speed over precession rate [m]; NaN for a straight path, which has none.
+        Equivalent radius (11), speed over precession rate [m]; NaN for a straight path, which has none.
+    path_radius : float
+        Radius of the mean path of the centre of mass, as a camera sees it [m]; NaN for a straight path. Of the forcing period
+        that follows the run, as is `path_speed`.
     period : float
-        Time once round [s]; NaN for a straight path.
+        Time once round [s], for either radius; NaN for a straight path.
     zeta : float
         Angle from the axis (from the ball that is down to the one that bounces) to the velocity [rad].
     speed : float
         Speed of the centre of mass at the end of the double impact [m s-1].
+    path_speed : float
+        Speed along the mean path [m s-1]: 2 pi path_radius / period.
     precession_rate : float
         Mean rate of theta, signed [rad s-1].
     impact_phase : float

@@ -201,8 +201,8 @@ def _pace(column: Any) -> Any:
 class OrbitNumbers:
     """Columns of every cube, and numbers of the orbit of a drift; the speed also of a dimer at rest."""
 
-    radius: float = _column("m", "radius of the orbit", 0)
-    period: float = _column("s", "period of the orbit", 0)
+    radius: float = _column("m", "equivalent radius (11): speed over precession rate; the path's is path_radius", 0)
+    period: float = _column("s", "period of the orbit (12), and of its path", 0)
     zeta: float = _column("rad", "angle from the axis p1-p2 to the velocity at the end of the double impact", 0, pi)
     speed: float = _column(
         "m s-1",
@@ -219,6 +219,8 @@ class OrbitNumbers:
     impact_phase_drift: float = _pace(impact_phase)
     spin_rate: float = _column("rad s-1", "axial spin after the double impact")
     beta_rate_after: float = _column("rad s-1", "rate of the dip angle after the double impact")
+    path_radius: float = _column("m", "radius of the mean path of the centre of mass, as a camera sees it", 0)
+    path_speed: float = _column("m s-1", "speed along the mean path of the centre of mass", 0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -247,8 +249,7 @@ OUT = (*ORBIT_COLUMNS, *RUN_COLUMNS)
 N_OUT = len(OUT)
 N_ORBIT = 6  # values of an orbit, in the first slots; the drift of each is so many slots later
 OUT_RADIUS, OUT_PERIOD, OUT_ZETA, OUT_SPEED, OUT_PRECESSION_RATE, OUT_IMPACT_PHASE = range(N_ORBIT)
-OUT_SPIN_RATE, OUT_BETA_RATE_AFTER, OUT_DOWN_SHARE_1, OUT_DOWN_SHARE_2, OUT_SETTLED_AFTER = range(
-    2 * N_ORBIT, 2 * N_ORBIT + 5
-)
-OUT_SPIN_DRIFT, OUT_LONGEST_HOP_1, OUT_LONGEST_HOP_2, OUT_CHANGE_AHEAD = range(2 * N_ORBIT + 5, 2 * N_ORBIT + 9)
-OUT_CENTRE_VELOCITY_X, OUT_CENTRE_VELOCITY_Y = range(2 * N_ORBIT + 9, N_OUT)
+OUT_SPIN_RATE, OUT_BETA_RATE_AFTER, OUT_PATH_RADIUS, OUT_PATH_SPEED = range(2 * N_ORBIT, len(ORBIT_COLUMNS))
+OUT_DOWN_SHARE_1, OUT_DOWN_SHARE_2, OUT_SETTLED_AFTER, OUT_SPIN_DRIFT = range(OUT_PATH_SPEED + 1, OUT_PATH_SPEED + 5)
+OUT_LONGEST_HOP_1, OUT_LONGEST_HOP_2, OUT_CHANGE_AHEAD = range(OUT_SPIN_DRIFT + 1, OUT_SPIN_DRIFT + 4)
+OUT_CENTRE_VELOCITY_X, OUT_CENTRE_VELOCITY_Y = range(OUT_CHANGE_AHEAD + 1, N_OUT)

@@ -1,0 +1,96 @@
+"""The mean path of a drift: the circle that the centre of mass goes round, as a camera sees it.
+
+Within a forcing period the centre of mass swings to and fro about it. The speed in (11) is that of one moment, right after
+the double impact, and most of its part along the axis is made good within the period: so the radius of (11) is greater than
+the path's where zeta is far from a right angle, as it is where the spin is slow.
+"""
+
+from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.course import Ask
+from dimersweep.kernel.event_loop import evolve
+from dimersweep.kernel.model.body import TWO_PI, attitude, set_dimer
+from dimersweep.kernel.model.friction import length
+from dimersweep.kernel.model.layout import (
+    DIP,
+    GAMMA,
+    N_ROW,
+    N_STATE,
+    OK,
+    OUT_PATH_RADIUS,
+    OUT_PATH_SPEED,
+    OUT_PRECESSION_RATE,
+    PERIOD,
+    PHASE,
+    THETA,
+    X1,
+    Y1,
+)
+from dimersweep.kernel.model.plate import start_later
+from dimersweep.kernel.numerics.sincos import sincos
+from dimersweep.kernel.numerics.steps import copy
+from dimersweep.kernel.verdict.past import begin_past
+
+ARCS = 4  # parts of a forcing period: with these the radius of the base case's path is known to 1e-5 m
+
+
+@compiled
+def note_path(dm, row, ask, run, later, space, record, out):
+    """Radius and speed of a drift's mean path into its outcome row, from the forcing period that follows the run.
+
+    The period is cut in ARCS parts, and their chords are turned back, by the precession up to the middle of each of them.
+    With places z = c + e^(i w t) (R + s(t)), s being a swing that repeats in each period and is 0 in the mean, the sum of the
+    chords is 2 i ARCS sin(a / (2 ARCS)) times the mean of R + s over the ends of the parts, a = w T being the turn of a period.
+
+    Parameters
+    ----------
+    run, later : Motion
+        The run at its end, which stays as it is, and the one that is followed on from there.
+    row : float64 array, shape (N_ROW,)
+    space : Workspace
+        Scratch; the run stands in it.
+    record : Record
+        Without rows.
+
+    Returns
+    -------
+    int
+        OK or the reason why there is none.
+    """
+    state, moved = later.state, space.later_dimer
+    copy(run.state, state, N_STATE)
+    copy(run.modes, later.modes, 2)
+    copy(row, space.row, N_ROW)
+    state[X1] = state[Y1] = state[GAMMA] = 0.0  # only how far they go counts
+    begin_past(later.past)
+    step, part = out[OUT_PRECESSION_RATE] * dm.period / ARCS, TWO_PI / ARCS
+    start_later(space.row, part - TWO_PI)
+    heading, (x, y) = state[THETA], centre(dm, state)
+    along, across = 0.0, 0.0
+    for k in range(ARCS):  # the last part of a forcing period of a plate that is ahead by as much
+        state[PHASE], state[PERIOD] = TWO_PI - part, 0.0
+        set_dimer(space.row, moved)
+        status, _ = evolve(moved, Ask(1, ask.rtol, ask.close, False, True), later, record)
+        if status != OK:
+            return status
+        start_later(space.row, part)
+        next_x, next_y = centre(dm, state)
+        s, c = sincos((k + 0.5) * step)
+        along += c * (next_x - x) + s * (next_y - y)
+        across += c * (next_y - y) - s * (next_x - x)
+        x, y = next_x, next_y
+    turn = state[THETA] - heading
+    s, _ = sincos(0.5 * turn / ARCS)
+    way = length(along, across) * (0.5 * turn / ARCS / s if s != 0.0 else 1.0)  # an arc over its chord
+    out[OUT_PATH_SPEED] = way / dm.period
+    if turn != 0.0:
+        out[OUT_PATH_RADIUS] = way / abs(turn)
+    return OK
+
+
+@compiled
+def centre(dm, state):
+    """Place of the centre of mass on the plate [m]."""
+    _, cos_b = attitude(dm, state[DIP])
+    sin_t, cos_t = sincos(state[THETA])
+    reach = -dm.p1.h * cos_b
+    return state[X1] - reach * sin_t, state[Y1] + reach * cos_t
