@@ -12,6 +12,7 @@ Examples
 ['rest', 'drift', 'drift']
 """
 
+from collections.abc import Callable
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -56,7 +57,8 @@ __all__ = [
     "sweep",
 ]
 
-_MODULES = {"fits": "fits", "orbits": "orbits", "stability": "runs.stability"}
+_ROOMS = ("cubes", "errors", "fits", "orbits", "plots", "runs", "studies")  # with the names that are not here
+_MODULES = {room: room for room in _ROOMS} | {"stability": "runs.stability"}
 _HOME = {
     "ParameterError": "errors",
     "Parameters": "parameters",
@@ -93,4 +95,15 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *__all__])
+    return sorted({*globals(), *__all__, *_ROOMS})
+
+
+def reachable(room: str, *modules: str) -> Callable[[str], Any]:
+    """A `__getattr__` for a room some of whose modules are public: each is loaded when it is asked for."""
+
+    def load(name: str) -> Any:
+        if name not in modules:
+            raise AttributeError(f"module {room!r} has no attribute {name!r}")
+        return import_module(f"{room}.{name}")
+
+    return load

@@ -4,6 +4,7 @@ import inspect
 import json
 import pydoc
 import re
+import subprocess
 import sys
 import tomllib
 from importlib import import_module
@@ -197,6 +198,37 @@ def test_every_public_function_and_class_has_an_example(module):
 
 
 PAGES_OF_NAMES = re.findall(r"^   ([\w.]+)$", text_of("docs/api.md"), re.MULTILINE)
+
+
+def test_every_room_is_reached_after_the_import_of_the_package_alone():
+    """Each one first, in a process that has loaded nothing else of the package; and all of them in turn."""
+    program = """
+import os, sys
+from functools import reduce
+import matplotlib.figure, numba, scipy.interpolate, xarray
+import dimersweep
+assert not [name for name in sys.modules if name.startswith("dimersweep.")]
+for names in (*([name] for name in sys.argv[1:]), sys.argv[:0:-1]):
+    if (child := os.fork()) == 0:
+        code = 1
+        try:
+            for name in names:
+                reduce(getattr, name.split("."), dimersweep)
+            code = 0
+        finally:
+            os._exit(code)
+    if os.waitpid(child, 0)[1]:
+        print(names)
+"""
+    first = {name.rpartition(".")[0]: name for name in PAGES_OF_NAMES if "." in name and name[0].islower()}
+    assert {"plots", "errors", "cubes.reading", "runs.outcome"} <= first.keys()
+    told = {"capture_output": True, "text": True, "cwd": ROOT}
+    done = subprocess.run([sys.executable, "-c", program, *first.values()], check=False, **told)
+    assert (done.returncode, done.stdout) == (0, ""), done.stderr
+    assert {name.partition(".")[0] for name in first} <= set(dir(dimersweep))
+    for room in (dimersweep, dimersweep.cubes, dimersweep.runs, dimersweep.studies):
+        with pytest.raises(AttributeError, match=rf"^module '{room.__name__}' has no attribute 'nothing'$"):
+            getattr(room, "nothing")  # noqa: B009
 
 
 @pytest.mark.parametrize("name", PAGES_OF_NAMES)

@@ -1,1 +1,5 @@
 """The data: grids of points, their results, labelled cubes and what is read off them."""
+
+from dimersweep import reachable
+
+__getattr__ = reachable(__name__, "reading")

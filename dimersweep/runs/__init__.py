@@ -1,1 +1,5 @@
 """One run: its outcome, its record, its errors, its stability."""
+
+from dimersweep import reachable
+
+__getattr__ = reachable(__name__, "outcome", "stability")
