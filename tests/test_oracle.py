@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from tests.oracle import body, impact, simulate, three_balls
-from tests.oracle.dropping import Dropping
 
 HERE = Path(__file__).resolve().parent
 SMALL = json.loads((HERE / "reference" / "small.json").read_text())
@@ -174,10 +173,9 @@ def test_external_reference(k):
 @pytest.mark.skipif(not (SHARED / "reference" / "states_general.json").exists(), reason="external reference not here")
 @pytest.mark.parametrize(("number", "samples"), [(0, 2), (3, 8), (5, 8), (6, 8), (8, 8), (10, 2)])
 def test_external_reference_of_the_general_dimer(number, samples):
-    """Its chatters end at 1e-7 m/s by dropping what is left of the gap rate: then their ends agree as well."""
     cases = json.loads((SHARED / "reference" / "states_general.json").read_text())["cases"]
     case = next(case for case in cases if case["case"] == number)
     expected = np.array(case["samples"])[:samples]
-    run = Dropping(case["params"], expected[:, 0], 1e-10, 1e-7)
-    assert run.run(expected[-1, 0]) == "done"
-    assert (np.abs(run.samples - expected)[:, 1:] / SMALL["scale"]).max() < 1e-7
+    out = simulate(case["params"], expected[:, 0], rtol=1e-10, v_rest=1e-8)
+    assert out["status"] == "done"
+    assert (np.abs(out["samples"] - expected)[:, 1:] / SMALL["scale"]).max() < case["accuracy"]
