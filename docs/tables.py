@@ -53,8 +53,8 @@ WORDS = {
     "di_end": {
         "none": "there was no double impact, or the mode is not drift",
         "sp_sp": "both ends slip",
-        "sp_sk": "p1 slips, p2 sticks",
-        "sk_sp": "p1 sticks, p2 slips",
+        "sp_sk": "the end that stays down slips, the other one sticks",
+        "sk_sp": "the end that stays down sticks, the other one slips",
         "sk_sk": "both ends stick",
     },
     "track": {

@@ -30,7 +30,7 @@ class Orbit(OrbitNumbers):
     impact_phase : float
         Phase of the double impact in cycles of the plate, in [0, 1) [1].
     di_end : str
-        Friction of p1 and p2 when the double impact ends: sp_sp, sp_sk, sk_sp or sk_sk.
+        Friction of the end that stays down, then of the other one, when the double impact ends: sp_sp, sp_sk, sk_sp or sk_sk.
     spin_rate, beta_rate_after : float
         Axial spin, and rate of the dip angle, after the double impact [rad s-1].
     radius_drift, period_drift, zeta_drift, speed_drift, precession_rate_drift, impact_phase_drift : float

@@ -177,7 +177,9 @@ CODE_COLUMNS = {
     "status": Quantity("1", "how the run ended"),
     "mode": Quantity("1", "mode of motion"),
     "mode_period": Quantity("1", "period of the motion in forcing periods", 0, 16),
-    "di_end": Quantity("1", "friction of p1, p2 at the end of the double impact"),
+    "di_end": Quantity(
+        "1", "friction of the end that stays down, then of the other one, at the end of the double impact"
+    ),
     "track": Quantity("1", "what the centre of mass draws on the plate"),
     "n_events": Quantity("1", "number of landings, impacts, lift-offs and changes between slip and stick", 0),
     "n_periods": Quantity("1", "number of forcing periods run", 0),

@@ -1,0 +1,143 @@
+"""The verdict on a run: against a second one, made of the whole record (``tests.checks.verdicts``)."""
+
+import numpy as np
+import pytest
+
+from dimersweep import simulate
+from dimersweep.kernel.compiler.jit import exported
+from dimersweep.kernel.model.layout import D1, D2, N1, N2, N_STATE, PERIOD, SPIN
+from dimersweep.kernel.verdict import past as pasts
+from dimersweep.kernel.verdict import settling
+from tests.checks.verbs import dimer
+from tests.checks.verdicts import LONGEST_PERIOD, WINDOW, Course, verdict
+
+NAMES = ("Gamma", "f", "A_r", "mu_1", "mu_2", "mu_s_1", "mu_s_2", "beta0", "xdot0", "e_1", "e_2", "phi0")
+# unlike ends; what is told of each, with p1 or p2 as the end that stays down
+SCENES = {
+    "drift sk_sk, p1": (0.807, 39.438, 5.671, 0.3, 0.6, 0.3, 0.6, 0.395, -0.5, 0.531, 0.677, 2.013),
+    "drift sk_sk, p2": (0.69, 19.676, 6.42, 0.6, 0.6, 0.6, 0.6, -0.88, -0.5, 0.782, 0.475, 0.649),
+    "drift sk_sp, p1": (1.043, 12.143, 7.098, 0.3, 0.6, 0.6, 1.2, 0.755, -1.5, 0.797, 0.769, 3.123),
+    "drift sk_sp, p2": (1.099, 15.064, 6.381, 0.3, 0.3, 0.3, 0.3, -0.036, -0.5, 0.714, 0.632, 6.02),
+    "drift sp_sk, p1": (1.099, 26.537, 5.687, 0.3, 0.3, 0.6, 0.3, 0.179, -1.5, 0.55, 0.592, 5.426),
+    "drift sp_sk, p2": (1.074, 23.548, 5.351, 0.3, 0.3, 0.3, 0.3, -0.85, 1.5, 0.732, 0.578, 3.119),
+    "drift sp_sp, p1": (1.035, 13.626, 5.589, 0.1, 0.1, 0.2, 0.1, 0.261, 1.5, 0.576, 0.764, 2.068),
+    "drift sp_sp, p2": (1.063, 28.115, 6.143, 0.3, 0.1, 0.6, 0.2, -0.687, -1.5, 0.546, 0.699, 4.949),
+    "drift in a plane": (0.81, 22.501, 7.368, 0.3, 0.03, 0.3, 0.03, -0.364, 0.0, 0.756, 0.645, 0.985),
+    "flutter 2": (1.392, 38.119, 4.588, 0.6, 0.6, 1.2, 0.6, 0.319, 0.0, 0.464, 0.582, 1.163),
+    "flutter 3": (1.343, 38.656, 7.116, 0.6, 0.6, 0.6, 0.6, -0.461, 0.0, 0.533, 0.686, 5.244),
+    "jump 1": (1.163, 29.003, 4.461, 0.6, 0.3, 0.6, 0.6, -0.227, -1.5, 0.588, 0.629, 4.052),
+    "jump 2": (1.429, 18.067, 4.27, 0.3, 0.1, 0.3, 0.1, 0.592, -0.5, 0.507, 0.641, 0.807),
+    "period_n 1": (1.278, 17.396, 6.988, 0.1, 0.6, 0.1, 1.2, -0.577, -1.5, 0.511, 0.7, 2.869),
+    "period_n 2": (1.066, 14.348, 5.42, 0.3, 0.6, 0.6, 0.6, -0.254, 0.5, 0.797, 0.763, 3.626),
+    "period_n 8": (1.398, 26.897, 6.82, 0.3, 0.3, 0.3, 0.6, -0.232, 0.0, 0.649, 0.755, 5.182),
+}
+
+
+def numbers_of(run):
+    """What a run tells, by name: its own numbers, and those of its orbit."""
+    return vars(run) | (vars(run.orbit) if run.orbit else {})
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("name", SCENES)
+def test_the_verdict_is_that_of_the_whole_record(name):
+    run = simulate(**dict(zip(NAMES, SCENES[name], strict=True)), periods=90)
+    expected, told = verdict(run), numbers_of(run)
+    mode, what = name.split()[:2]
+    assert expected["mode"] == mode
+    if mode != "drift":
+        assert expected["mode_period"] == int(what)
+    elif "_" in what:
+        assert expected["di_end"] == what.rstrip(",")
+    for key, value in expected.items():
+        wanted = value if isinstance(value, str) else pytest.approx(value, rel=1e-7, abs=1e-9, nan_ok=True)
+        assert told[key] == wanted, key
+    assert set(expected) >= {"settled_after", "spin_drift", "down_share_1", "longest_hop_2"}
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("periods", [26, 31, 60])
+def test_the_verdict_on_a_short_run_is_that_of_its_record(periods):
+    run = simulate(**dict(zip(NAMES, SCENES["drift sp_sp, p2"], strict=True)), periods=periods)
+    told = numbers_of(run)
+    for key, value in verdict(run).items():
+        wanted = value if isinstance(value, str) else pytest.approx(value, rel=1e-7, abs=1e-9)
+        assert told[key] == wanted, key
+
+
+# --- when a motion has settled: strobes that are made up ------------------------------------------------------------------
+
+
+@exported
+def follow(dm, states, modes, past, runs):
+    """Period boundaries one after the other; for how long they have repeated with each period into `runs`; the period."""
+    pasts.begin_past(past)
+    for k in range(states.shape[0]):
+        settling.note_period(dm, states[k], modes, past)
+        for p in range(runs.shape[1]):
+            runs[k, p] = past[pasts.RUNS, p]
+    p = settling.settled_period(past)
+    return p if p > 0 else settling.ringing_period(past)
+
+
+def followed(x, roll):
+    """The kernel's counts and its period for strobes, and those of the `Course`."""
+    dm = dimer(r_1=5e-3, r_2=5.2e-3)
+    speed = dm.g / dm.omega
+    states = np.zeros((len(x), N_STATE))
+    states[:, [D1, D2]], states[:, [N1, N2]] = x[:, :2] * speed / dm.omega, x[:, 2:] * speed
+    states[:, PERIOD] = 1.0 + np.arange(len(x))
+    states[:, SPIN] = roll * speed / dm.p2.r
+    runs = np.zeros((len(x), LONGEST_PERIOD + 1))
+    period = follow(dm, states, np.zeros(2), np.zeros((pasts.PAST_ROWS, pasts.PAST_COLUMNS)), runs)
+    course = Course(x, roll)
+    return (runs.astype(int), period), (course.runs, course.period())
+
+
+def steady(n, at=None, step=0.0):
+    """Strobes that all are the same but for a step."""
+    x = np.full((n, 4), 0.5)
+    if at is not None:
+        x[at:, 1] += step
+    return x
+
+
+@pytest.mark.parametrize(
+    ("at", "step", "lasts"),
+    [(12, 0.9e-4, True), (12, 1.1e-4, False), (40, 0.9e-3, True), (40, 1.1e-3, False), (40, -0.9e-3, True)],
+)
+def test_a_motion_settles_below_one_line_and_stays_settled_below_another(at, step, lasts):
+    (runs, _), (expected, _) = followed(steady(60, at, step), np.zeros(60))
+    assert (runs == expected).all()
+    assert runs[-1, 1] == (59 if lasts else 59 - at)
+
+
+@pytest.mark.parametrize(("n", "period"), [(WINDOW + 2, 0), (WINDOW + 3, 1)])
+def test_a_motion_has_settled_when_it_has_repeated_long_enough(n, period):
+    x = steady(n)
+    x[0] = 0.6  # the first strobe belongs to what went before
+    x[1:, 3] += np.tile([0.0, 0.5e-4], n)[: n - 1]
+    assert followed(x, np.zeros(n))[0][1] == period
+
+
+def drawn(seed):
+    """Strobes of a motion of some period whose fast part rings down and whose spin creeps, with a step at a corner."""
+    rng, n = np.random.default_rng([36, seed]), 100
+    k, p = np.arange(n), int(rng.integers(1, 5))
+    pattern = rng.normal(size=(p, 4)) * (0.0 if p == 1 else 10 ** rng.uniform(-4, 0))
+    fast = 10 ** rng.uniform(-4, 0) * rng.uniform(0.5, 1.0) ** k * np.cos(rng.uniform(0, np.pi) * k)
+    roll = 0.3 + 10 ** rng.uniform(-5, -2) * (k + 10 ** rng.uniform(-4, -2) * k**2)
+    family = rng.uniform(-0.9, 0.9, 4)
+    x = 1.0 + pattern[k % p] + np.outer(fast, rng.normal(size=4)) + np.outer(roll, family)
+    x[int(rng.integers(30, 95)) :] += 10 ** rng.uniform(-5, -2) * rng.normal(size=4)
+    return x, roll
+
+
+def test_drawn_strobes_settle_as_they_are_said_to():
+    periods = []
+    for seed in range(50):
+        (runs, period), (expected, wanted) = followed(*drawn(seed))
+        np.testing.assert_array_equal(runs, expected, err_msg=f"seed {seed}")
+        assert period == wanted, f"seed {seed}"
+        periods.append(period)
+    assert {0, 1, 2, 3, 4} <= set(periods)
