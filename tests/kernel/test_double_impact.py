@@ -259,6 +259,26 @@ def test_two_ends_at_rest_hold_up_to_the_sum_of_their_limits(n_1, n_2, A_r):
         assert hit == [IMPACT + mode] * len(hit)
 
 
+@pytest.mark.parametrize("seed", range(2))
+def test_within_an_impact_an_end_is_held_by_mu_s_whatever_holds_a_lasting_contact(seed):
+    """Also one at rest beside an end that slips; with another mu_s some of these come to another outcome."""
+    rng = np.random.default_rng([36, seed])
+    mu = float(rng.uniform(0.1, 0.4))
+    one, other, stickier = (
+        dimer(mu=mu, mu_s=1.1 * mu * hold, mu_h=mu_h * mu, e_1=0.5, e_2=0.7)
+        for hold, mu_h in ((1, 1.1), (1, 8.0), (6, 8.0))
+    )
+    changed = 0
+    for k in range(20):
+        state = random_flat(one, rng, k)
+        after, modes, _ = strike(one, state)
+        again, other_modes, _ = strike(other, state)
+        np.testing.assert_array_equal(again, after)
+        assert other_modes == modes
+        changed += (strike(stickier, state)[0] != after).any()
+    assert changed > 0
+
+
 def test_two_held_ends_do_not_slip():
     dm = dimer(A_r=7, mu=0.3, mu_s=0.4)
     after, modes, _ = strike(dm, flat(dm, 0.0, -0.3, spin=40.0))

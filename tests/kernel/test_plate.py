@@ -8,6 +8,7 @@ import numba
 import numpy as np
 import pytest
 
+from dimersweep.kernel.compiler.jit import plain
 from dimersweep.kernel.model import plate as plate_of
 from dimersweep.kernel.model.body import dimer_of
 from dimersweep.kernel.model.layout import (
@@ -226,3 +227,23 @@ def test_only_two_ends_that_stick_rest_for_good():
     for modes in product((FREE, STICK, SLIP), repeat=2):
         assert rests_for_good(dimer(Gamma=0.9999), np.array(modes, float)) == (modes == (STICK, STICK))
         assert not rests_for_good(dimer(Gamma=1.0001), np.array(modes, float))
+
+
+ALONG = {
+    "Gamma_y": {"Gamma_y": 0.3, "phi_y": 0.4},
+    "Gamma_x": {"Gamma_x": 0.3, "phi_x": 0.4},
+    "tilt": {"tilt": 0.2, "azimuth": 0.7},
+    "all": {"tilt": 0.1, "azimuth": 0.7, "Gamma_x": 0.2, "phi_x": 1.2, "Gamma_y": 0.3, "phi_y": 1.2},
+}
+
+
+@pytest.mark.parametrize("name", ALONG)
+def test_the_bound_of_the_acceleration_along_the_plate_is_its_greatest(name):
+    """Over all phases and headings; where both axes are in phase with each other it is reached."""
+    g, scene = 9.81, ALONG[name]
+    tilt, azimuth = scene.get("tilt", 0.0), scene.get("azimuth", 0.0)
+    x, y = (
+        g * np.sin(tilt) * way + scene.get(f"Gamma_{axis}", 0.0) * g * np.sin(CYCLE + scene.get(f"phi_{axis}", 0.0))
+        for axis, way in (("x", np.cos(azimuth)), ("y", np.sin(azimuth)))
+    )
+    assert plain(plate_of.most_along)(dimer(**scene)) == pytest.approx(np.hypot(x, y).max(), rel=1e-5)
