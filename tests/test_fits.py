@@ -11,6 +11,7 @@ import dimersweep
 from dimersweep import fits, orbits, simulate
 from dimersweep.errors import OrbitError, ParameterError
 
+RADII = "path_radius", "radius"
 SLIPPY = {"mu": 0.3, "mu_s": 0.6}  # away from mu = mubar, where radius and angle have a kink
 
 
@@ -41,7 +42,7 @@ def test_the_errors_of_a_track_are_those_of_linear_least_squares():
     """Over whole turns the radius is orthogonal to all else: its variance is sigma^2/n, whatever the rate."""
     t, x, y = around(3.0, 0.5, 200, 2)
     track = fits.circle(t, x, y, sigma=0.03)
-    assert track.errors["radius"] == pytest.approx(0.03 / np.sqrt(200), rel=1e-9)
+    assert track.errors["path_radius"] == pytest.approx(0.03 / np.sqrt(200), rel=1e-9)
     shorter = fits.circle(t[:50], x[:50], y[:50], sigma=0.03)
     assert shorter.errors["period"] > 4 * track.errors["period"]
 
@@ -51,19 +52,63 @@ def test_the_error_of_a_coordinate_is_read_off_the_residuals():
     t, x, y = around(3.0, 0.5, 400, 2)
     track = fits.circle(t, x + rng.normal(0, 0.02, 400), y + rng.normal(0, 0.02, 400))
     assert track.sigma == pytest.approx(0.02, rel=4 / np.sqrt(2 * 800))
-    for name, true in (("radius", 3.0), ("period", 4 * np.pi)):
+    for name, true in (("path_radius", 3.0), ("period", 4 * np.pi)):
         assert abs(track.values[name] - true) < 4 * track.errors[name]
 
 
-def test_the_track_of_a_run_has_the_radius_and_the_period_of_its_orbit():
-    run = simulate(periods=900)
-    t = np.arange(300, 900) / run.parameters["f"]
+def track_of(run, t, error=0.0, rng=None, sigma=None):
+    """The circle through where the centre of mass of a run is at some times, with errors."""
     states = run.states(t)
-    track = fits.circle(t, states["x"].values, states["y"].values)
-    assert track.sense == np.sign(run.orbit.precession_rate)
-    assert track.values["radius"] == pytest.approx(run.orbit.radius, rel=5e-4)
-    assert track.values["period"] == pytest.approx(run.orbit.period, rel=2e-3)  # which creeps
-    assert track.sigma < 1e-3
+    x, y = (states[name].values + (rng.normal(0, error, t.size) if error else 0.0) for name in "xy")
+    return fits.circle(t, x, y, sigma)
+
+
+TIMES = {
+    "at all phases of the plate": lambda first, last: np.linspace(first, last, 1777),
+    "at its start": np.arange,
+    "at a third of it": lambda first, last: np.arange(first, last) + 1 / 3,
+    "irregular": lambda first, last: first + (last - first) * np.random.default_rng(4).uniform(size=300) ** 2,
+}
+
+
+@pytest.mark.parametrize("times", TIMES.values(), ids=TIMES)
+@pytest.mark.parametrize(
+    ("scene", "close", "quicker"),  # the swing is 4e-4 m; the period of a run is that of the periods before
+    [
+        ({"xdot0": 0.2}, 6e-6, 4e-6),
+        ({"xdot0": -1.5, "phi0": 1.0, "beta0": 0.2, **SLIPPY}, 2e-6, 8e-6),
+        ({"xdot0": 2.5}, 6e-5, 6e-5),  # its rate creeps by 1.5 %
+    ],
+)
+def test_a_track_has_of_its_orbit_what_is_foretold(times, scene, close, quicker):
+    """Without errors: a track of a run, and what one of the orbit at its middle would give; swing and creep are seen."""
+    run = simulate(**scene, periods=900)
+    f = run.parameters["f"]
+    t = times(300, 900) / f
+    track = track_of(run, t, sigma=1e-4)
+    middle = simulate(**scene, periods=round(0.5 * (t.min() + t.max()) * f), rtol=1e-10)
+    orbit = orbits.find(guess=middle, spin=middle.orbit.spin_rate)
+    radius, period = track.of(orbit)
+    assert track.values["path_radius"] == pytest.approx(radius, abs=close)
+    assert track.values["period"] == pytest.approx(period, rel=quicker)
+    assert track.sense == np.sign(orbit.precession_rate)
+
+
+def test_the_swing_is_that_of_the_phase_of_the_plate():
+    """A camera in step with the plate sees a circle of another radius at each phase; all of them are foretold."""
+    run = simulate(periods=900)
+    orbit = orbits.find(guess=simulate(periods=600))
+    tracks = [track_of(run, (np.arange(300, 900) + share) / 15, sigma=1e-4) for share in np.arange(8) / 8]
+    seen, foretold = np.array([[track.values["path_radius"], track.of(orbit)[0]] for track in tracks]).T
+    assert np.ptp(seen) > 5e-4
+    assert_allclose(seen, foretold, atol=0.02 * np.ptp(seen))
+
+
+def test_the_creep_of_a_run_counts_to_no_error_of_a_coordinate():
+    rng = np.random.default_rng(8)
+    run = simulate(xdot0=2.0, periods=900)
+    track = track_of(run, rng.uniform(300, 900, 400) / 15, 1e-3, rng)
+    assert track.sigma == pytest.approx(1e-3, rel=0.15)
 
 
 # --- fits -------------------------------------------------------------------------------------------------------------
@@ -88,17 +133,30 @@ def test_an_error_is_that_of_the_datum_over_the_slope():
     assert fit.singular_values[0] == pytest.approx(0.2 / fit.errors["e"])
 
 
-def test_a_track_gives_restitution_and_spin():
-    rng = np.random.default_rng(11)
-    run = orbits.find(e=0.66, spin=130.0, **SLIPPY).run(periods=400)
-    t = np.arange(400) / run.parameters["f"]
-    states = run.states(t)
-    x, y = (states[name].values + rng.normal(0, 0.01, t.size) for name in ("x", "y"))
-    fit = fits.fit(fits.circle(t, x, y), {"e": (0.58, 0.75), "spin": (100, 160)}, **SLIPPY)
-    assert fit.possible
-    for name, value in (("e", 0.66), ("spin", 130.0)):
-        assert abs(fit.values[name] - value) < 3 * fit.errors[name] + 0.01 * value  # and the spin creeps
-    assert fit.covariance[0, 1] != 0
+def test_tracks_of_runs_give_restitution_and_spin():
+    """The sum of six squared deviations in errors is chi-square: below 22 in 999 of 1,000 cases."""
+    apart = []
+    for seed, (xdot0, model, e) in enumerate([(0.1, {}, 0.6), (0.3, {}, 0.6), (-0.8, SLIPPY, 0.66)]):
+        rng = np.random.default_rng([11, seed])
+        run = simulate(xdot0=xdot0, e=e, **model, periods=1500)
+        t = np.sort(rng.uniform(300, 1500, 250)) / run.parameters["f"]
+        middle = simulate(xdot0=xdot0, e=e, **model, periods=round(7.5 * (t[0] + t[-1])), record=False)
+        spin = abs(middle.orbit.spin_rate)
+        free = {"e": (e - 0.04, e + 0.05), "spin": (0.8 * spin, 1.2 * spin)}
+        fit = fits.fit(track_of(run, t, 2e-3, rng), free, **model)
+        assert fit.possible
+        assert fit.errors["e"] < 1e-3 and fit.errors["spin"] < 2e-3 * spin
+        apart += [(fit.values["e"] - e) / fit.errors["e"], (fit.values["spin"] - spin) / fit.errors["spin"]]
+    assert 0.3 < np.sum(np.square(apart)) < 22
+
+
+def test_the_radius_of_equation_11_is_not_that_of_a_track():
+    orbit = orbits.find(spin=14.3)
+    by_path, by_other = (fits.Likelihood({name: (4.2663, 1e-3)}, {"e": (0.55, 0.65)}, spin=14.3) for name in RADII)
+    assert abs(by_path.residuals(orbit)[0]) < 0.1 < 200 < abs(by_other.residuals(orbit)[0])
+    track = fits.circle(*around(4.2663, 0.017, 300, 0.7), sigma=1e-3)
+    assert track.measured.names == ("path_radius", "period")
+    assert track.measured.also(zeta=(1.9, 0.01)).track is track
 
 
 @pytest.mark.slow

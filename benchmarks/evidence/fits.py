@@ -1,8 +1,8 @@
 """Whether fits find what made the data: ``python benchmarks/evidence/fits.py --sets 200``.
 
-Orbits with drawn parameters, and tracks of circles and cycloids, are measured with drawn errors and fitted. Prints how many
-of the true values lie within one and two standard deviations, where 68.3 and 95.4 % should, and how the misfits are
-distributed.
+Orbits with drawn parameters, tracks of circles and cycloids, and tracks of runs are measured with drawn errors and fitted.
+Prints how many of the true values lie within one and two standard deviations, where 68.3 and 95.4 % should, and how the
+misfits are distributed.
 """
 
 import argparse
@@ -13,13 +13,14 @@ from itertools import product, repeat
 import numpy as np
 from scipy.stats import binomtest, kstest
 
-from dimersweep import fits, orbits
+from dimersweep import fits, orbits, simulate
 
 FIXED = {"mu": 0.3, "mu_s": 0.6}
 FREE = {"e": (0.56, 0.74), "A_r": (5.2, 6.8), "spin": (80.0, 150.0)}
 DRAWN = {"e": (0.62, 0.68), "A_r": (5.7, 6.3), "spin": (100.0, 130.0)}
 ERRORS = {"radius": 0.04, "zeta": 0.002, "impact_phase": 0.003, "speed": 0.004}
 TRACK_ERROR, TRACK_POINTS = 0.02, 150  # of a coordinate [m], and how many of them
+BEFORE = 300  # forcing periods of a run before its track begins
 SHOULD = {1: 0.6827, 2: 0.9545}  # of a normal distribution, by its standard deviations
 
 
@@ -46,6 +47,41 @@ def of_track(seed, moving, known):
     middle = centre + velocity * t.mean()
     true = dict(zip(track.values, [radius, period, *middle, *velocity], strict=False))
     return [(track.values[name] - true[name]) / track.errors[name] for name in true]
+
+
+def drawn_run(rng):
+    """A recorded run that drifts, its parameters, and the times of the camera: at any phases of the plate, of any sense."""
+    while True:
+        spin, mu = float(np.exp(rng.uniform(np.log(10), np.log(300)))), float(rng.uniform(0.15, 0.4))
+        given = {"e": float(rng.uniform(0.57, 0.67)), "mu": mu, "mu_s": 2 * mu, "A_r": float(rng.uniform(5.5, 6.5))}
+        start = {"xdot0": 1.4 * 5e-3 * spin * rng.choice([-1, 1]), "beta0": 4 * np.pi / 45 * rng.choice([-1, 1])}
+        begun = simulate(**given, **start, periods=BEFORE, record=False)
+        if begun.mode == "drift" and np.isfinite(begun.orbit.period):
+            f = begun.parameters["f"]
+            length = int(rng.uniform(0.3, 1.5) * begun.orbit.period * f)
+            run = simulate(**given, **start, periods=BEFORE + length)
+            return run, given, np.sort(rng.uniform(BEFORE, run.n_periods, int(rng.uniform(80, 300)))) / f
+
+
+def of_run(seed, strobed=False):
+    """Errors in their standard deviations of e and the spin that a track of a run gives, and of the radius of its path.
+
+    Half of the tracks have a known error of a coordinate. If `strobed` the times are whole forcing periods.
+    """
+    rng = np.random.default_rng([36, seed])
+    run, given, t = drawn_run(rng)
+    f = run.parameters["f"]
+    t = np.unique(np.round(t * f)) / f if strobed else t
+    error = float(np.exp(rng.uniform(np.log(1e-3), np.log(2e-2))))
+    x, y = (run.states(t)[name].values + rng.normal(0, error, t.size) for name in "xy")
+    track = fits.circle(t, x, y, error if rng.uniform() < 0.5 else None)
+    middle = simulate(**run.parameters, periods=round(f * (t[0] + t[-1]) / 2), record=False).orbit
+    e, spin = given.pop("e"), abs(middle.spin_rate)
+    fit = fits.fit(track, {"e": (e - 0.045, e + 0.055), "spin": (0.75 * spin, 1.3 * spin)}, **given)
+    more = track.of(fit.orbit)[0] - fit.orbit.path_radius  # because the times are some, and the rate creeps
+    radius = (track.values["path_radius"] - more - middle.path_radius) / track.errors["path_radius"]
+    apart = [(fit.values["e"] - e) / fit.errors["e"], (fit.values["spin"] - spin) / fit.errors["spin"], radius]
+    return apart, fit.probability, fit.cost
 
 
 def tell(title, names, apart):
@@ -75,6 +111,19 @@ def tell_tracks(pool, numbers):
         tell(f"{len(numbers)} tracks: {kind}", ("radius", "period", "x", "y", "v_x", "v_y")[: apart.shape[1]], apart)
 
 
+def tell_runs(pool, numbers):
+    """Print the shares of tracks of runs."""
+    for strobed in (False, True):
+        apart, probabilities, _ = (
+            np.array(column) for column in zip(*pool.map(of_run, numbers, repeat(strobed)), strict=True)
+        )
+        refused = np.count_nonzero(probabilities < 0.0027)
+        times = "whole forcing periods" if strobed else "irregular times"
+        tell(
+            f"{len(numbers)} tracks of runs, {times}; called impossible: {refused}", ("e", "spin", "path_radius"), apart
+        )
+
+
 def tell_orbits(pool, numbers):
     """Print the shares of orbits, how the misfits are distributed, and the cost."""
     orbits.find()  # the processes find it compiled
@@ -93,15 +142,14 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--sets", type=int, default=200, help="number of synthetic sets of each kind")
     parser.add_argument("--first", type=int, default=0, help="number of the first one")
-    parser.add_argument("--only", choices=("tracks", "orbits"), help="the other ones are left out")
+    parser.add_argument("--only", choices=("tracks", "runs", "orbits"), help="the other ones are left out")
     parser.add_argument("--workers", type=int, default=2, help="processes")
     options = parser.parse_args()
     numbers = range(options.first, options.first + options.sets)
     with ProcessPoolExecutor(options.workers) as pool:
-        if options.only != "orbits":
-            tell_tracks(pool, numbers)
-        if options.only != "tracks":
-            tell_orbits(pool, numbers)
+        for kind, tell_kind in (("tracks", tell_tracks), ("runs", tell_runs), ("orbits", tell_orbits)):
+            if options.only in (None, kind):
+                tell_kind(pool, numbers)
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 Examples
 --------
 >>> from dimersweep import fits
->>> fit = fits.fit({"radius": (4.06, 0.02)}, {"e": (0.55, 0.75)})
+>>> fit = fits.fit({"path_radius": (4.06, 0.02)}, {"e": (0.55, 0.75)})
 >>> fit.possible, round(fit.values["e"], 2)
 (True, 0.65)
 """

@@ -79,9 +79,9 @@ class Fit:
     Examples
     --------
     >>> from dimersweep import fits
-    >>> fit = fits.fit({"radius": (4.06, 0.02)}, {"e": (0.55, 0.75)})
+    >>> fit = fits.fit({"path_radius": (4.06, 0.02)}, {"e": (0.55, 0.75)})
     >>> fit
-    <Fit: e 0.6507 ± 0.0076, chi-square 0.00 of 1 value>
+    <Fit: e 0.6506 ± 0.0076, chi-square 0.00 of 1 value>
     """
 
     values: dict[str, float]
@@ -121,7 +121,7 @@ class Fit:
         Examples
         --------
         >>> from dimersweep import fits
-        >>> print(fits.fit({"radius": (4.06, 0.02)}, {"e": (0.55, 0.75)}).table().splitlines()[0])
+        >>> print(fits.fit({"path_radius": (4.06, 0.02)}, {"e": (0.55, 0.75)}).table().splitlines()[0])
         free               value        error   range
         """
         errors = self.errors
@@ -142,7 +142,7 @@ class Fit:
         Examples
         --------
         >>> from dimersweep import fits
-        >>> data = {"radius": (4.06, 0.02), "zeta": (1.6, 0.002)}
+        >>> data = {"path_radius": (4.06, 0.02), "zeta": (1.6, 0.002)}
         >>> fits.fit(data, {"e": (0.55, 0.75), "A_r": (5.5, 6.5)}).plot().savefig("fit.png")
         """
         return draw_fit(self.values, self.covariance, self.ranges)
@@ -164,8 +164,9 @@ def fit(
     Parameters
     ----------
     measured : mapping of str to (float, float), Measured or Track
-        Values and standard deviations of some of `radius` [m], `period` [s], `zeta` [rad], `speed` [m s-1], `spin`
-        [rad s-1] and `impact_phase` [cycles]; or what `circle` or `cycloid` make of a track.
+        Values and standard deviations of some of `path_radius` [m], `period` [s], `path_speed` [m s-1], `zeta` [rad], `spin`
+        [rad s-1], `impact_phase` [cycles], and `radius` [m] and `speed` [m s-1], which are those of equation (11), right after
+        the double impact, and not of the path; or what `circle` or `cycloid` make of a track.
     free : mapping of str to (float, float)
         Least and greatest value of each free parameter; `spin` may be one of them.
     spin : float, optional
@@ -189,7 +190,7 @@ def fit(
     Examples
     --------
     >>> from dimersweep import fits
-    >>> fit = fits.fit({"radius": (3.1, 0.02)}, {"e": (0.5, 0.85), "mu": (0.05, 0.4)})
+    >>> fit = fits.fit({"path_radius": (3.1, 0.02)}, {"e": (0.5, 0.85), "mu": (0.05, 0.4)})
     >>> fit.possible, round(float(fit.predicted[0]), 2)
     (False, 3.74)
     """

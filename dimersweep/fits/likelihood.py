@@ -44,7 +44,7 @@ class Likelihood:
     Examples
     --------
     >>> from dimersweep import fits
-    >>> log_likelihood = fits.Likelihood({"radius": (4.06, 0.02)}, {"e": (0.55, 0.75)})
+    >>> log_likelihood = fits.Likelihood({"path_radius": (4.06, 0.02)}, {"e": (0.55, 0.75)})
     >>> log_likelihood([0.65]) > log_likelihood([0.6]) > log_likelihood([0.8])
     True
     """
@@ -100,8 +100,10 @@ class Likelihood:
         return orbit
 
     def predicted(self, orbit: PeriodicOrbit) -> np.ndarray:
-        """What would be measured of an orbit, shape (m,); a phase is that nearest to the measured one."""
+        """What would be measured of an orbit, shape (m,): of a track what one of it would give; the nearest of phases."""
         values = np.array([getattr(orbit, name) for name in self.measured.names])
+        if self.measured.track is not None and orbit.precession_rate:
+            values[:2] = self.measured.track.of(orbit)
         for k, name in enumerate(self.measured.names):
             if name == "impact_phase":
                 values[k] -= np.round(values[k] - self.measured.values[k])

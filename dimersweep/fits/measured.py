@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -10,10 +10,16 @@ from dimersweep.errors import ParameterError, unknown
 from dimersweep.inputs import number
 from dimersweep.symbols import QUANTITIES
 
+if TYPE_CHECKING:
+    from dimersweep.fits.tracks import Track
+
 # attributes of an orbit that an experiment can measure, with their units
 MEASURABLE = {
     "spin": QUANTITIES["spin_rate"].units,
-    **{name: QUANTITIES[name].units for name in ("radius", "period", "zeta", "speed", "impact_phase")},
+    **{
+        name: QUANTITIES[name].units
+        for name in ("path_radius", "period", "path_speed", "zeta", "impact_phase", "radius", "speed")
+    },
 }
 
 
@@ -24,10 +30,13 @@ class Measured:
     Attributes
     ----------
     names : tuple of str
-        Among `radius`, `period`, `zeta`, `speed`, `spin`, `impact_phase`, as a `PeriodicOrbit` has them.
+        Among `path_radius`, `period`, `path_speed`, `zeta`, `spin`, `impact_phase`, `radius` and `speed`, as a `PeriodicOrbit`
+        has them: a circle that was seen is that of `path_radius`.
     values : ndarray, shape (n,)
         In SI units; the phase in cycles.
     covariance : ndarray, shape (n, n)
+    track : Track, optional
+        That the first two values, `path_radius` and `period`, are read off.
 
     Raises
     ------
@@ -37,13 +46,14 @@ class Measured:
     Examples
     --------
     >>> from dimersweep.fits import Measured
-    >>> Measured.of({"radius": (4.24, 0.02), "zeta": ("91.9 deg", "0.1 deg")})
-    <Measured: radius 4.24 ± 0.02 m, zeta 1.60396 ± 0.00175 rad>
+    >>> Measured.of({"path_radius": (4.24, 0.02), "zeta": ("91.9 deg", "0.1 deg")})
+    <Measured: path_radius 4.24 ± 0.02 m, zeta 1.60396 ± 0.00175 rad>
     """
 
     names: tuple[str, ...]
     values: np.ndarray
     covariance: np.ndarray
+    track: "Track | None" = None
 
     def __post_init__(self) -> None:
         for name in self.names:
@@ -71,7 +81,7 @@ class Measured:
         ParameterError
         """
         if not isinstance(measured, Mapping) or not measured:
-            raise ParameterError(f"measured = {measured!r}: must be pairs such as {{'radius': (4.24, 0.02)}}")
+            raise ParameterError(f"measured = {measured!r}: must be pairs such as {{'path_radius': (4.24, 0.02)}}")
         pairs = [_value_and_error(name, pair) for name, pair in measured.items()]
         values, errors = np.array(pairs).T
         return cls(tuple(measured), values, np.diag(errors**2))
@@ -82,7 +92,7 @@ class Measured:
         n = len(self.names)
         covariance = np.zeros((n + len(more.names),) * 2)
         covariance[:n, :n], covariance[n:, n:] = self.covariance, more.covariance
-        return Measured((*self.names, *more.names), np.concatenate([self.values, more.values]), covariance)
+        return Measured((*self.names, *more.names), np.concatenate([self.values, more.values]), covariance, self.track)
 
     @property
     def errors(self) -> np.ndarray:

@@ -1,6 +1,10 @@
-"""A track of the centre of mass: the circle or the cycloid that fits it, with the covariance of what it gives."""
+"""A track of the centre of mass: the circle or the cycloid that fits it, with the covariance of what it gives.
 
-from collections.abc import Callable
+No dimer goes round a circle quite evenly. It swings about the mean path within each forcing period, which counts where the
+times are those of few phases of the plate; and its rate creeps, which counts where a track is long. What a track shows of
+both follows from the orbit: `Track.of`.
+"""
+
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,10 +14,12 @@ from scipy.optimize import least_squares
 from dimersweep.errors import ParameterError
 from dimersweep.fits.measured import Measured
 from dimersweep.inputs import as_number, as_numbers
+from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.passage import TURN
 
 LEAST_TURN, MOST_SCANNED = 0.05, 2000  # turns in a track that are tried at least, and how many rates are tried
-CIRCLE_NAMES, CYCLOID_NAMES = ("radius", "period", "x", "y"), ("radius", "period", "x", "y", "v_x", "v_y")
+CIRCLE_NAMES = ("path_radius", "period", "x", "y")
+CYCLOID_NAMES = (*CIRCLE_NAMES, "v_x", "v_y")
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,14 +29,19 @@ class Track:
     Attributes
     ----------
     values : dict
-        `radius` [m] and `period` [s] of the turn, the centre `x`, `y` [m] in the middle of the track's times, and its
+        `path_radius` [m] and `period` [s] of the turn, the centre `x`, `y` [m] in the middle of the track's times, and its
         velocity `v_x`, `v_y` [m s-1] if it moves.
     covariance : ndarray, shape (n, n)
         Of these, in their order.
     sense : int
         1 if it turns counterclockwise, else -1.
     sigma : float
-        Standard deviation of the error of each coordinate [m]: the given one, or what the residuals say.
+        Standard deviation of the error of each coordinate [m]: the given one, or what the residuals say, less what is left of
+        them because rate and radius creep.
+    times : ndarray, shape (n,)
+        [s]
+    moving : bool
+        Whether the centre may move, as that of a cycloid.
 
     Examples
     --------
@@ -39,7 +50,7 @@ class Track:
     >>> t, rng = np.linspace(0, 20, 200), np.random.default_rng(1)
     >>> x, y = 4 * np.cos(0.2 * t), 4 * np.sin(0.2 * t)
     >>> track = fits.circle(t, x + rng.normal(0, 0.01, 200), y + rng.normal(0, 0.01, 200))
-    >>> round(track.values["radius"], 2), track.sense, round(track.sigma, 3)
+    >>> round(track.values["path_radius"], 2), track.sense, round(track.sigma, 3)
     (4.0, 1, 0.01)
     """
 
@@ -47,6 +58,8 @@ class Track:
     covariance: np.ndarray
     sense: int
     sigma: float
+    times: np.ndarray
+    moving: bool
 
     @property
     def errors(self) -> dict[str, float]:
@@ -56,7 +69,26 @@ class Track:
     @property
     def measured(self) -> Measured:
         """Radius and period with their covariance, for `fit`."""
-        return Measured(("radius", "period"), np.array(list(self.values.values())[:2]), self.covariance[:2, :2])
+        return Measured(CIRCLE_NAMES[:2], np.array(list(self.values.values())[:2]), self.covariance[:2, :2], self)
+
+    def of(self, orbit: PeriodicOrbit) -> np.ndarray:
+        """The `path_radius` and the `period` that a track of an orbit at these times gives, shape (2,).
+
+        Times count from the moment at which the plate has the phase `phi0` of the orbit's parameters. The spin is that of the
+        orbit in the middle of them. Before and after it the path creeps: its rate by what the orbit says, ever less or more by
+        the slow multiplier; its speed with the spin, since the dimer rolls; and its radius by both.
+        """
+        f, rate, path = orbit.parameters["f"], orbit.precession_rate, orbit.path
+        phases = TURN * f * self.times + orbit.parameters["phi0"]
+        swing = np.interp(phases, path.phases, path.swing, period=TURN)
+        t = self.times - _middle(self.times)
+        quickens, speeds_up = orbit.precession_rate_drift * f / rate, orbit.spin_drift * f / orbit.spin
+        fades = (orbit.slow_multiplier - 1) * f / orbit.periods
+        turned = abs(rate) * t * (1 + quickens * t / 2 * (1 + fades * t / 3))
+        place = path.radius * (1 + swing) * np.exp((speeds_up - quickens) * t + 1j * turned)
+        span = float(np.ptp(self.times))
+        found, coefficients = _refined(t / span, place, abs(rate) * span, self.moving)
+        return np.array([abs(coefficients[-1]), TURN * span / abs(found)])
 
     def __repr__(self) -> str:
         errors = self.errors
@@ -70,7 +102,7 @@ def circle(t: Any, x: Any, y: Any, sigma: float | None = None) -> Track:
     Parameters
     ----------
     t : array_like, shape (n,)
-        Times [s], in any order; more than two to a turn.
+        Times [s] since the plate had the phase `phi0`, in any order; more than two to a turn.
     x, y : array_like, shape (n,)
         Places of the centre of mass [m].
     sigma : float, optional
@@ -91,7 +123,7 @@ def circle(t: Any, x: Any, y: Any, sigma: float | None = None) -> Track:
     >>> from dimersweep import fits
     >>> t = np.linspace(0, 10, 30)
     >>> fits.circle(t, np.cos(t) + 3, np.sin(t), sigma=0.01).measured
-    <Measured: radius 1 ± 0.00186 m, period 6.28319 ± 0.00393 s>
+    <Measured: path_radius 1 ± 0.00186 m, period 6.28319 ± 0.00393 s>
     """
     return _track(t, x, y, sigma, moving=False)
 
@@ -120,7 +152,7 @@ def cycloid(t: Any, x: Any, y: Any, sigma: float | None = None) -> Track:
     >>> from dimersweep import fits
     >>> t = np.linspace(0, 20, 60)
     >>> track = fits.cycloid(t, np.cos(t) + 0.1 * t, np.sin(t), sigma=0.01)
-    >>> round(track.values["radius"], 6), round(track.values["v_x"], 6)
+    >>> round(track.values["path_radius"], 6), round(track.values["v_x"], 6)
     (1.0, 0.1)
     """
     return _track(t, x, y, sigma, moving=True)
@@ -128,22 +160,14 @@ def cycloid(t: Any, x: Any, y: Any, sigma: float | None = None) -> Track:
 
 def _track(t: Any, x: Any, y: Any, sigma: float | None, moving: bool) -> Track:
     times, place = _judged(t, x, y, sigma, moving)
-    middle = 0.5 * (times.min() + times.max())
     span = float(np.ptp(times))
-    s = (times - middle) / span  # in [-1/2, 1/2]
-
-    def basis(rate: float) -> np.ndarray:
-        still = [np.ones(s.size), s] if moving else [np.ones(s.size)]
-        return np.column_stack([*still, np.exp(1j * rate * s)])
-
-    rate, coefficients = _refined(basis, s, place, _best_rate(basis, place))
-    A = basis(rate)
+    s = (times - _middle(times)) / span  # in [-1/2, 1/2]
+    rate, coefficients = _refined(s, place, _best_rate(s, place, moving), moving)
+    A = _basis(s, rate, moving)
     residual = A @ coefficients - place
     J = _slopes(A, s, coefficients)
     if sigma is None:
-        sigma = float(
-            np.sqrt((residual.real @ residual.real + residual.imag @ residual.imag) / (J.shape[0] - J.shape[1]))
-        )
+        sigma = _scatter(residual, J, s, A[:, -1] * coefficients[-1])
     radius, period = float(abs(coefficients[-1])), TURN * span / abs(rate)
     n = 2 * coefficients.size - 1  # place of the last coefficient among the columns
     G = np.zeros((len(CYCLOID_NAMES if moving else CIRCLE_NAMES), J.shape[1]))
@@ -162,7 +186,14 @@ def _track(t: Any, x: Any, y: Any, sigma: float | None, moving: bool) -> Track:
     if moving:
         values += [coefficients[1].real / span, coefficients[1].imag / span]
     names = CYCLOID_NAMES if moving else CIRCLE_NAMES
-    return Track(dict(zip(names, map(float, values), strict=True)), covariance, int(np.sign(rate)), sigma)
+    return Track(
+        values=dict(zip(names, map(float, values), strict=True)),
+        covariance=covariance,
+        sense=int(np.sign(rate)),
+        sigma=sigma,
+        times=times,
+        moving=moving,
+    )
 
 
 def _judged(t: Any, x: Any, y: Any, sigma: float | None, moving: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -188,13 +219,32 @@ def _slopes(A: np.ndarray, s: np.ndarray, coefficients: np.ndarray) -> np.ndarra
     return np.vstack([columns.real, columns.imag])
 
 
-def _best_rate(basis: Callable[[float], np.ndarray], place: np.ndarray) -> float:
+def _scatter(residual: np.ndarray, J: np.ndarray, s: np.ndarray, around: np.ndarray) -> float:
+    """Standard deviation of a coordinate by the residuals, less what a rate and a radius explain that change evenly."""
+    creep = np.column_stack([1j * s**2 * around, s * around])
+    slopes = np.column_stack([J, np.vstack([creep.real, creep.imag])])
+    left = np.concatenate([residual.real, residual.imag])
+    left = left - slopes @ np.linalg.lstsq(slopes, left, rcond=None)[0]
+    return float(np.linalg.norm(left) / np.sqrt(slopes.shape[0] - slopes.shape[1]))
+
+
+def _middle(times: np.ndarray) -> float:
+    return float(0.5 * (times.min() + times.max()))
+
+
+def _basis(s: np.ndarray, rate: float, moving: bool) -> np.ndarray:
+    """What places x + iy are sums of: a centre, its velocity, even motion on a circle; one a column."""
+    still = [np.ones(s.size), s] if moving else [np.ones(s.size)]
+    return np.column_stack([*still, np.exp(1j * rate * s)])
+
+
+def _best_rate(s: np.ndarray, place: np.ndarray, moving: bool) -> float:
     """The rate of turning, in radians in the whole track, at which circle and track are nearest, roughly."""
     most = max(1.0, place.size / 2)
     above = np.linspace(1, most, min(MOST_SCANNED, int(4 * most)))
     rates = TURN * np.concatenate([np.geomspace(LEAST_TURN, 1, 16), above])
     rates = np.concatenate([rates, -rates])
-    misses = [_solved(basis(rate), place)[1] for rate in rates]
+    misses = [_solved(_basis(s, rate, moving), place)[1] for rate in rates]
     return float(rates[int(np.argmin(misses))])
 
 
@@ -203,18 +253,16 @@ def _solved(A: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, float]:
     return coefficients, float(np.linalg.norm(A @ coefficients - place))
 
 
-def _refined(
-    basis: Callable[[float], np.ndarray], s: np.ndarray, place: np.ndarray, rate: float
-) -> tuple[float, np.ndarray]:
+def _refined(s: np.ndarray, place: np.ndarray, rate: float, moving: bool) -> tuple[float, np.ndarray]:
     """The rate and the coefficients of least squares, from a rate nearby."""
 
     def residual(p: np.ndarray) -> np.ndarray:
-        miss = basis(p[0]) @ p[1:].view(complex) - place
+        miss = _basis(s, p[0], moving) @ p[1:].view(complex) - place
         return np.concatenate([miss.real, miss.imag])
 
     def slopes(p: np.ndarray) -> np.ndarray:
-        return _slopes(basis(p[0]), s, p[1:].view(complex))
+        return _slopes(_basis(s, p[0], moving), s, p[1:].view(complex))
 
-    start = np.concatenate([[rate], _solved(basis(rate), place)[0].view(float)])
+    start = np.concatenate([[rate], _solved(_basis(s, rate, moving), place)[0].view(float)])
     p = least_squares(residual, start, slopes, method="lm", xtol=1e-14, ftol=1e-14, gtol=1e-14).x
     return float(p[0]), p[1:].copy().view(complex)

@@ -8,6 +8,7 @@ from dimersweep.kernel.model.layout import DIP, THETA, X1, Y1
 from dimersweep.orbits.passage import TURN
 from dimersweep.orbits.poincare import ReturnMap
 
+CIRCLE = 1e-12  # turn of a period [rad] that is none
 CHORDS = 16  # parts of a forcing period: with these the radius of the base case's path is known to 1e-6 m
 
 
@@ -30,8 +31,8 @@ class MeanPath(NamedTuple):
     swing: np.ndarray
 
 
-def path_of(m: ReturnMap, z: np.ndarray, turn: float) -> MeanPath:
-    """The mean path of a motion from a point of the section on, which turns by so much in its period [rad].
+def path_of(m: ReturnMap, z: np.ndarray) -> MeanPath:
+    """The mean path of a motion over its period from a point of the section on.
 
     The chords of the parts of the period are summed as in `kernel.mean_path`.
 
@@ -47,12 +48,13 @@ def path_of(m: ReturnMap, z: np.ndarray, turn: float) -> MeanPath:
     states, _ = m.states(passage, np.searchsorted(passage.times, at, side="right") - 1, at)
     heading = np.exp(1j * states[:, THETA])
     places = states[:, X1] + 1j * states[:, Y1] - 1j * m.dimer.p1.h * np.cos(m.dimer.beta_0 + states[:, DIP]) * heading
+    turn = states[-1, THETA] - states[0, THETA]
     step = turn / count
     chords = np.exp(-1j * step * (np.arange(count) + 0.5)) * np.diff(places)
     time = m.periods / m.parameters["f"]
     speed = float(abs(chords.sum()) / time / np.sinc(step / TURN))
     phases = np.mod(m.phase + at[:-1], TURN)
-    if turn == 0:
+    if abs(turn) <= CIRCLE:
         return MeanPath(np.inf, speed, phases, np.zeros(count, complex))
     middle = places[0] - (places[-1] - places[0]) / np.expm1(1j * turn)
     radii = (places[:-1] - middle) * np.exp(-1j * turn * parts[:-1])

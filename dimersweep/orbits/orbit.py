@@ -8,15 +8,13 @@ import numpy as np
 from dimersweep.inputs import check_count
 from dimersweep.kernel.model.layout import DI_ENDS, GAMMA, PERIOD, PHASE, THETA, X1, Y1
 from dimersweep.orbits.manifold import Creep, creep_at, multipliers_of
-from dimersweep.orbits.mean_path import MeanPath, path_of
+from dimersweep.orbits.mean_path import CIRCLE, MeanPath, path_of
 from dimersweep.orbits.newton import Fixed
 from dimersweep.orbits.passage import TURN, Strike, strike_of
 from dimersweep.orbits.word import word_of
 from dimersweep.runs.run import Run, as_run
 from dimersweep.runs.solving import run_row
 from dimersweep.runs.starting import start_of
-
-CIRCLE = 1e-12  # turn of a period [rad] that is none
 
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)
@@ -101,8 +99,7 @@ class PeriodicOrbit:
     @cached_property
     def path(self) -> MeanPath:
         """The mean path of the centre of mass."""
-        turn = self.creep.turn if self.precession_rate else 0.0
-        return path_of(self.fixed.map, self.creep.z, turn)
+        return path_of(self.fixed.map, self.creep.z)
 
     @property
     def path_radius(self) -> float:
