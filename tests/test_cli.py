@@ -395,6 +395,114 @@ def interrupted_in(call, monkeypatch):
     return run
 
 
+# of each command: its arguments, and places where a signal may find it
+COMMANDS = {
+    "simulate": (["--periods", "3"], ["parameters.Parameters", "runs.simulating.simulate"]),
+    "run": (["small.toml"], ["studies.declaration.read_declaration", "studies.datasets.run_study"]),
+    "presets": ([], ["studies.presets.presets"]),
+    "plan": (["small.toml"], ["studies.declaration.read_declaration", "studies.planning.plan"]),
+    "status": (["absent.nc"], ["studies.status.status"]),
+    "plot": (["absent.nc"], ["plots.check_picture", "storage.cubefiles.open_cube"]),
+    "explore": (["absent.nc"], ["storage.cubefiles.open_cube"]),
+    "borders": (["small.toml"], ["studies.border_files.read_borders"]),
+    "claims": (["--out", "a.md"], ["storage.outputs.check_output", "claims.made"]),
+}
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_every_command_in_one_way(call, monkeypatch, number):
+    """Wherever it is, with one line and the exit code that a shell expects of that signal."""
+    assert COMMANDS.keys() == {command.callback.__name__ for command in cli.app.registered_commands}
+    monkeypatch.setattr("dimersweep.cli.interrupting.os._exit", sys.exit)
+    word = "interrupted" if number == signal.SIGINT else "terminated"
+    for name, (arguments, places) in COMMANDS.items():
+        for place in places:
+            with monkeypatch.context() as patch:
+                patch.setattr(f"dimersweep.{place}", lambda *rest, **more: signal.raise_signal(number))
+                out, err, code = call(name, *arguments)
+            told = f"dimersweep: {word}: nothing was written"
+            assert (out, err.splitlines()[-1:], code) == ("", [told], 128 + number), (name, place)
+    assert os.listdir() == ["small.toml"]
+
+
+def test_ctrl_c_ends_a_server_as_it_ends_all_else(call, monkeypatch):
+    """Which takes the signal for its own end, and returns."""
+    panel = pytest.importorskip("panel")
+    monkeypatch.setattr("dimersweep.cli.interrupting.os._exit", sys.exit)
+    monkeypatch.setattr("dimersweep.storage.cubefiles.open_cube", lambda path: None)
+    monkeypatch.setattr("dimersweep.exploring.board.Board", lambda cube: None)
+    monkeypatch.setattr(panel, "serve", lambda *rest, **more: None)
+    assert call("explore", "a.nc")[1:] == ("dimersweep: interrupted: nothing was written\n", 130)
+
+
+@pytest.mark.parametrize("port", ["80000", "65536", "-1", "99999999999999999999"])
+def test_a_port_that_cannot_be_is_refused_at_once(call, port):
+    assert call("explore", "absent.nc", "--port", port)[1:] == (
+        f"dimersweep: error: port = {port}: must be 0 to 65535\n",
+        2,
+    )
+
+
+def printed_to(target, arguments, **settings):
+    """Exit code, and the lines of the error output, of a command that prints to a file, or to a pipe that is closed."""
+    given = os.environ | {"PYTHONPATH": str(ROOT)} | settings
+    command = [sys.executable, "-m", "dimersweep", *arguments]
+    if target == "closed pipe":
+        far, near = os.pipe()
+        os.close(far)
+        stream = os.fdopen(near, "wb")
+    else:
+        stream = open(target, "wb")  # noqa: SIM115
+    with stream:
+        done = subprocess.run(command, stdout=stream, stderr=subprocess.PIPE, env=given, text=True, check=False)
+    return done.returncode, done.stderr.splitlines()
+
+
+@pytest.mark.parametrize("arguments", [["presets", "fig07"], ["simulate", "--help"]], ids=" ".join)
+def test_what_cannot_be_printed_to_a_full_disk_or_a_closed_pipe_is_no_traceback(arguments):
+    refused = ["dimersweep: error: what is printed: No space left on device"]
+    assert printed_to("/dev/full", arguments) == (2, refused)
+    assert printed_to("closed pipe", arguments) == (1, [])
+
+
+@pytest.mark.jit
+def test_a_table_is_printed_in_the_letters_that_the_terminal_has():
+    code, told = printed_to("out.txt", ["simulate", "--periods", "3"], PYTHONIOENCODING="latin-1")
+    text = Path("out.txt").read_bytes().decode("latin-1")
+    assert (code, [line for line in told if "compil" not in line]) == (0, [])
+    assert "\\u0393" in text.splitlines()[0] and "forcing periods" in text
+
+
+def test_a_file_with_the_mark_of_some_editors_is_read(call, fake_kernel):
+    Path("small.toml").write_bytes(b"\xef\xbb\xbf" + SMALL.encode())
+    assert call("run", "small.toml", "--no-plot")[2] == 0
+    assert call("presets", "./small.toml")[0].startswith("# ") == SMALL.startswith("# ")
+    assert "\ufeff" not in call("presets", "./small.toml")[0]
+
+
+UNREADABLE = {
+    "folder.toml": "cannot be read (Is a directory)",
+    "latin.toml": "is no text in UTF-8 ('utf-8' codec can't decode byte 0xe9 in position 1: ",
+    "wide.toml": "is no text in UTF-8 ('utf-8' codec can't decode byte 0xff in position 0: ",
+    "loop.toml": "cannot be read (Too many levels of symbolic links)",
+    "absent.toml": "cannot be read (No such file or directory)",
+}
+
+
+@pytest.mark.parametrize("command", ["run", "plan", "borders", "presets"])
+def test_a_file_that_is_no_text_is_refused_in_a_line(call, command):
+    Path("folder.toml").mkdir()
+    Path("latin.toml").write_bytes("#é\n".encode("latin-1"))
+    Path("wide.toml").write_bytes(SMALL.encode("utf-16"))
+    Path("loop.toml").symlink_to("loop.toml")
+    for name, told in UNREADABLE.items():
+        _, err, code = call(command, name)
+        assert (code, err.count("\n")) == (2, 1), (name, err)
+        assert err.startswith(f"dimersweep: error: {name}: {told}"), (name, err)
+    _, err, code = call(command, "x" * 300)
+    assert (code, err.count("\n")) == (2, 1) and "File name too long" in err
+
+
 @pytest.mark.jit
 def test_a_run_that_is_stopped_says_which_files_are_written(interrupted_in):
     said = interrupted_in("dimersweep.Run.animate", "simulate", "--periods", "3", "--plot", "a.png", "--movie", "a.gif")

@@ -3,6 +3,10 @@
 import os
 import re
 import sys
+from collections.abc import Callable
+from contextlib import suppress
+from functools import wraps
+from io import TextIOWrapper
 from typing import Annotated, Any
 
 import typer
@@ -11,6 +15,7 @@ from dimersweep.cli.bordering import borders
 from dimersweep.cli.claiming import claims
 from dimersweep.cli.drawing import plot
 from dimersweep.cli.exploring import explore
+from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.simulating import simulate
 from dimersweep.cli.sweeping import plan, presets, run, status
 from dimersweep.errors import UserError, unknown
@@ -22,8 +27,21 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+
+def _stoppable(command: Callable[..., None]) -> Callable[..., None]:
+    """A command that a signal ends with one line and its exit code, wherever it is: what typer makes of it varies."""
+
+    @wraps(command)
+    def stoppable(*arguments: Any, **options: Any) -> None:
+        with interruptible():
+            command(*arguments, **options)
+
+    return stoppable
+
+
 for command in (simulate, run, presets, plan, status, plot, explore, borders, claims):
-    app.command()(command)
+    app.command()(_stoppable(command))
 
 
 def _show_version(wanted: bool) -> None:
@@ -57,6 +75,15 @@ def _unknown_option(error: Any) -> str:
     return unknown(error.option_name, "option", (option for option in there if option.startswith("--")))
 
 
+def _refused(error: OSError) -> str:
+    """What to say of a file that the system refuses; one without a name is what is printed to."""
+    if error.filename is None:
+        with suppress(OSError, ValueError):  # what is left to print would fail again as Python ends
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    name = "what is printed" if error.filename is None else error.filename
+    return f"{name}: {error.strerror or error}"
+
+
 def _warn(message: Warning | str, *others: Any, **more: Any) -> None:
     print(f"dimersweep: warning: {message}", file=sys.stderr, flush=True)
 
@@ -66,17 +93,21 @@ def main() -> None:
     import warnings
 
     warnings.showwarning = _warn
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):  # neither closed nor replaced
+            stream.reconfigure(errors="backslashreplace")  # letters that the terminal does not have
     try:
         code = app(prog_name="dimersweep", standalone_mode=False)
     except UserError as error:
         _fail(str(error))
     except ImportError as error:
         _fail(f"cannot run with the packages and settings that there are ({error})")
+    except OSError as error:
+        _fail(_refused(error))
     except Exception as error:
         if not hasattr(error, "format_message"):  # of a usage error; its class moved between versions of typer
             raise
         _fail(_unknown_option(error) or " ".join(error.format_message().split()))
-    if code == INTERRUPTED:
-        # a command that writes is `interruptible`
+    if code == INTERRUPTED:  # before a command began
         print("dimersweep: interrupted: nothing was written", file=sys.stderr)
         os._exit(INTERRUPTED)  # threads may be inside compiled code, which Ctrl-C does not reach

@@ -6,6 +6,9 @@ from typing import Annotated
 import typer
 
 from dimersweep.cli.options import whole_option
+from dimersweep.errors import ParameterError
+
+LAST_PORT = 65535
 
 
 def explore(
@@ -15,6 +18,8 @@ def explore(
     show: Annotated[bool, typer.Option(help="Open a browser.")] = True,
 ) -> None:
     """Look at a cube in a browser: a map to click, and the run behind each point."""
+    if not 0 <= port <= LAST_PORT:
+        raise ParameterError(f"port = {port}: must be 0 to {LAST_PORT}")
     from dimersweep.exploring.serving import serve
     from dimersweep.storage.cubefiles import open_cube
 

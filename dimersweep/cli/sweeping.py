@@ -148,7 +148,9 @@ def presets(
     from dimersweep.studies.presets import presets as all_presets
 
     if name is not None:
-        typer.echo(find_declaration(Path(name)).read_text(encoding="utf-8").rstrip())
+        from dimersweep.storage.files import read_text
+
+        typer.echo(read_text(find_declaration(Path(name))).rstrip())
         return
     known = all_presets()
     width = max(map(len, known), default=0)

@@ -59,6 +59,8 @@ def serve(cube: xr.Dataset, *, port: int, show: bool) -> None:
 
     Raises
     ------
+    KeyboardInterrupt
+        At Ctrl-C, which the server keeps to itself.
     StoreError
         If the package panel is not installed, or the port is taken.
     """
@@ -72,3 +74,4 @@ def serve(cube: xr.Dataset, *, port: int, show: bool) -> None:
         )
     except OSError as error:
         raise StoreError(f"port = {port}: cannot be served on ({error.strerror or error})") from None
+    raise KeyboardInterrupt

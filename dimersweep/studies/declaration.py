@@ -14,6 +14,7 @@ from dimersweep.cubes.grid import axis_values, fixed_value
 from dimersweep.errors import ParameterError, unknown
 from dimersweep.inputs import check_count, check_rtol
 from dimersweep.parameters import check
+from dimersweep.storage.files import read_text
 from dimersweep.storage.outputs import check_ending
 from dimersweep.studies import search as searching
 from dimersweep.studies import sweep_spec
@@ -220,13 +221,12 @@ def read_toml(path: Path) -> dict[str, Any]:
     ParameterError
         If it cannot be read, or is none.
     """
+    text = read_text(path)
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ParameterError(f"{path}: cannot be read ({error.strerror})") from None
+        return tomllib.loads(text)
     except RecursionError:
         raise ParameterError(f"{path}: is nested too deeply") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except tomllib.TOMLDecodeError as error:
         raise ParameterError(f"{path}: is no valid TOML ({error})") from None
 
 
