@@ -38,6 +38,32 @@ def test_a_cycloid_is_found_and_a_circle_is_one_that_stays():
     assert fits.circle(t, x, y).sigma > 0.1  # what the circle leaves of it
 
 
+@pytest.mark.parametrize("moving", [False, True])
+@pytest.mark.parametrize(
+    ("n", "turns"), [(20_000, 1.37), (20_000, -6001.3), (11_000, 40.6), (5_000, -2480.2), (7, 2.9)]
+)
+def test_a_circle_is_found_however_many_points_and_turns_there_are(n, turns, moving):
+    """As many as there are two points to a turn: the valley of the misfit is a turn wide, whatever the number of points."""
+    t = np.linspace(0, 100, n)
+    place = (2 - 1j) + (0.03 - 0.02j) * t * moving + 4 * np.exp(1j * (0.3 + 2 * np.pi * turns * t / 100))
+    track = (fits.cycloid if moving else fits.circle)(t, place.real, place.imag, sigma=0.01)
+    assert track.values["path_radius"] == pytest.approx(4, rel=1e-9)
+    assert track.values["period"] == pytest.approx(100 / abs(turns), rel=1e-9)
+    assert track.sense == np.sign(turns)
+
+
+def test_a_circle_is_found_in_bursts_of_pictures():
+    """Ten bursts at random times, with errors of a quarter of the radius: the circle is far from orthogonal to its centre."""
+    rng, apart = np.random.default_rng(5), []
+    for turns in rng.uniform(1, 60, 25):
+        t = np.concatenate([rng.uniform(begin, begin + 2, 40) for begin in rng.uniform(0, 100, 10)])
+        place = 4 * np.exp(2j * np.pi * turns * t / np.ptp(t)) + rng.normal(0, 1, 400) + 1j * rng.normal(0, 1, 400)
+        track = fits.circle(t, place.real, place.imag, 1.0)
+        apart.append([(track.values[name] - true) / track.errors[name] for name, true in
+                      (("path_radius", 4), ("period", np.ptp(t) / turns), ("x", 0), ("y", 0))])  # fmt: skip
+    assert 60 < np.sum(np.square(apart)) < 150  # chi-square of 100: one in 1,000 is beyond
+
+
 def test_the_errors_of_a_track_are_those_of_linear_least_squares():
     """Over whole turns the radius is orthogonal to all else: its variance is sigma^2/n, whatever the rate."""
     t, x, y = around(3.0, 0.5, 200, 2)

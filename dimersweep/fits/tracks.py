@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.fft import fft, fftfreq
 from scipy.optimize import least_squares
 
 from dimersweep.errors import ParameterError
@@ -17,7 +18,10 @@ from dimersweep.inputs import as_number, as_numbers
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.passage import TURN
 
-LEAST_TURN, MOST_SCANNED = 0.05, 2000  # turns in a track that are tried at least, and how many rates are tried
+LEAST_TURN = 0.05  # turns in a track that are tried at least
+TURN_PARTS = 4  # rates that are tried in each further turn
+TRIED = 12  # of them that are tried exactly
+LEAST_OWN = 1e-3  # share of a circle that is none of what stands still, below which it is not told apart
 CIRCLE_NAMES = ("path_radius", "period", "x", "y")
 CYCLOID_NAMES = (*CIRCLE_NAMES, "v_x", "v_y")
 
@@ -239,13 +243,41 @@ def _basis(s: np.ndarray, rate: float, moving: bool) -> np.ndarray:
 
 
 def _best_rate(s: np.ndarray, place: np.ndarray, moving: bool) -> float:
-    """The rate of turning, in radians in the whole track, at which circle and track are nearest, roughly."""
-    most = max(1.0, place.size / 2)
-    above = np.linspace(1, most, min(MOST_SCANNED, int(4 * most)))
-    rates = TURN * np.concatenate([np.geomspace(LEAST_TURN, 1, 16), above])
-    rates = np.concatenate([rates, -rates])
+    """The rate of turning, in radians in the whole track, at which circle and track are nearest, roughly.
+
+    The valley of the misfit is a turn wide to either side. Rates below a turn are tried one by one, the others, up to one of
+    half as many turns as there are times, by Fourier transforms; of these the best ones once more.
+    """
+    slow = TURN * np.geomspace(LEAST_TURN, 1, 16)
+    rates = np.concatenate([slow, -slow, _fast_rates(s, place, moving)])
     misses = [_solved(_basis(s, rate, moving), place)[1] for rate in rates]
     return float(rates[int(np.argmin(misses))])
+
+
+def _fast_rates(s: np.ndarray, place: np.ndarray, moving: bool) -> np.ndarray:
+    """The rates of whole turns and their parts at which a circle takes most of the squares of a track off, by its spectra.
+
+    Times are put into bins. With the sums of e = exp(i rate s), of s e and of the conjugate of e times the place, which their
+    transforms are, what a circle takes off beside a centre, or a centre that moves, is a quotient at each rate.
+    """
+    most = max(1, s.size // 2)
+    bins, length = 4 * most, 4 * most * TURN_PARTS
+    which = np.minimum((bins * (s + 0.5)).astype(int), bins - 1)
+    still = np.linalg.qr(_basis(s, 0.0, moving)[:, : 2 if moving else 1].real)[0]
+    left = place - still @ (still.T @ place)
+
+    def spectrum(values: np.ndarray) -> np.ndarray:
+        """Sums of values times exp(-i rate s), but for a phase, at rates of a turn over TURN_PARTS and its multiples."""
+        parts = [np.bincount(which, part, bins) for part in (values.real, values.imag)]
+        return fft(parts[0] + 1j * parts[1], length)
+
+    # a circle less its share in what stands still has so many squares left
+    own = s.size - sum(np.abs(spectrum(column)) ** 2 for column in still.T)
+    taken = np.abs(spectrum(left)) ** 2 / np.maximum(own, LEAST_OWN * s.size)
+    turns = fftfreq(length, 1 / length) / TURN_PARTS
+    taken[(np.abs(turns) < 1) | (np.abs(turns) > most)] = 0.0
+    best = np.argpartition(taken, -TRIED)[-TRIED:]
+    return TURN * turns[best]
 
 
 def _solved(A: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, float]:
