@@ -10,6 +10,7 @@ import numpy as np
 from dimersweep.errors import ParameterError, unknown
 from dimersweep.inputs import number
 from dimersweep.kernel.model.layout import N_ROW, ROW, Dimer
+from dimersweep.kernel.model.plate import phases_later
 from dimersweep.symbols import BASE, ENDS, INSTEAD, LEFT_OUT, PARAMETERS
 
 
@@ -148,6 +149,15 @@ def updated(known: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any
     values = {name: value for name, value in known.items() if name not in replaced} | dict(given)
     idle = without_effect(values) - set(given)
     return {name: value for name, value in values.items() if name not in idle}
+
+
+def moved_on(plate: Mapping[str, Any], by: Any) -> dict[str, Any]:
+    """Parameters, numbers or columns, whose plate starts later by an angle of its phase [rad].
+
+    The phases along the plate count from the one along the normal, so they stay.
+    """
+    phi0, phi_2 = phases_later(plate["phi0"], plate.get("phi_2", 0.0), by)
+    return {**plate, "phi0": phi0} | ({"phi_2": phi_2} if "Gamma_2" in plate else {})
 
 
 def value_of(name: str, columns: Mapping[str, Any]) -> Any:

@@ -6,12 +6,14 @@ from math import cos, pi, sin
 
 import numpy as np
 import pytest
+import xarray as xr
 
-from dimersweep import cli, names, refine, search, simulate, sweep
+from dimersweep import cli, load_run, names, refine, search, simulate, sweep
 from dimersweep.errors import ParameterError
+from dimersweep.kernel.model.body import dimer_of
 from dimersweep.parameters import Parameters
 from dimersweep.studies.declaration import Declaration
-from dimersweep.symbols import LEFT_OUT, START
+from dimersweep.symbols import BASE, LEFT_OUT, START, STATE_QUANTITIES
 from tests import oracle
 from tests.checks.scenes import UNITS, difference, engine_states, sample_times, started_scene
 from tests.oracle.body import dimer
@@ -217,3 +219,109 @@ def test_each_is_an_option_of_the_command_line(capsys, monkeypatch):
     told = json.loads(capsys.readouterr().out)
     assert told["parameters"].items() >= NEW.items()
     assert told["n_events"] == simulate(**NEW, periods=30, record=False).n_events
+
+
+# --- starts from another run ------------------------------------------------------------------------------------------
+
+MAPPED = tuple(name for name in STATE_QUANTITIES if name not in ("contact_state", "phase", "theta", "spin"))
+SENSITIVE = (
+    1e-4  # a scene whose states are so far from those at another accuracy, in their units, enlarges every rounding
+)
+
+
+def apart(one, two):
+    """How far states are from each other, in the units of each quantity; angles of which only sines count are left out."""
+    return max(np.abs(one[name].values - two[name].values).max() / UNITS.get(name, 1.0) for name in MAPPED)
+
+
+@jit
+def test_a_run_goes_on_from_any_moment_of_another():
+    """200 scenes of the whole model: starts from states, from sections, from ends of runs, and from what these say."""
+    sensitive, second = 0, 0
+    for seed in range(200):
+        rng = np.random.default_rng([20240306, seed])
+        scene = started_scene(seed) | {"D_r": 1e-3, "phi0": float(rng.uniform(0, 2 * pi))}
+        f, second = scene["f"], second + ("Gamma_2" in scene)
+        run = simulate(**scene, periods=3, rtol=1e-10)
+        assert run.status == "ok"
+        way = ("states", "section", "run", "told")[seed % 4]
+        time = {"section": 1.0, "run": 2.0}.get(way, float(rng.uniform(0.5, 2.0))) / f
+        begun = run.states(time)
+        start, given = {
+            "states": (begun, {}),
+            "section": (run.section().isel(n=1), {}),
+            "run": (simulate(**scene, periods=2, rtol=1e-10), {}),
+            "told": ({name: begun[name].item() for name in begun.data_vars if name in STATE_QUANTITIES}, scene),
+        }[way]
+        given = {name: value for name, value in given.items() if name not in START and name != "phi0"}
+        if way == "told" and "Gamma_2" in scene:  # numbers know of no run: phi_2 is that of a plate with phi0 = 0
+            given["phi_2"] = scene["phi_2"] - 2 * scene["phi0"]
+        again, ahead = simulate(start=start, **given, periods=1, rtol=1e-10), np.array([0.3, 0.7, 1.0]) / f
+        off = apart(again.states(ahead), run.states(time + ahead))
+        if off > 1e-8:
+            sensitive += 1
+            finer = simulate(**scene, periods=3, rtol=1e-12)
+            assert apart(finer.states(time + ahead), run.states(time + ahead)) > SENSITIVE, (seed, way, off)
+    assert sensitive <= 4 and second > 100
+
+
+@jit
+def test_a_start_brings_the_parameters_of_its_run_and_those_given_take_their_place(tmp_path):
+    plate = {"e_1": 0.5, "e_2": 0.7, "Gamma_2": 0.2, "phi_2": 0.4, "tilt": 0.02, "f": 20.0, "mu": 0.2}
+    run = simulate(**plate, beta0=0.2, gammadot0=30.0, periods=3)
+    run.save(tmp_path / "run.nc")
+    cube = sweep(
+        {"f": [20.0, 21.0]}, fixed={name: plate[name] for name in plate if name != "f"}, periods=3, progress=False
+    )
+    brought = Parameters(**plate).given()
+    starts = (run, load_run(tmp_path / "run.nc"), run.states(0.15), run.states([0.1, 0.15]).isel(time=1))
+    for start in (*starts, run.section().isel(n=3), run.section(at="double_impact").isel(n=0), cube.isel(f=0)):
+        for given in ({}, {"mu": 0.1}, {"e": 0.4}):
+            found = simulate(start=start, **given, periods=1, record=False).parameters
+            wanted = {name: value for name, value in brought.items() if not ("e" in given and name in ("e_1", "e_2"))}
+            left = {"phi0", "phi_2", *START}
+            assert {n: v for n, v in found.items() if n not in left} == {
+                n: v for n, v in (wanted | given).items() if n not in left
+            }
+            lag = found["phi_2"] - 2 * found["phi0"] - plate["phi_2"]
+            assert lag == pytest.approx(2 * pi * round(lag / (2 * pi)), abs=1e-9)
+    assert simulate(start={"beta": 0.2}, periods=1).parameters["mu"] == BASE["mu"]
+
+
+def across_and_axial(state):
+    """Components of the rate of rotation across the axis, in the vertical plane, and along it [rad/s]."""
+    beta, rate = state["beta"].item(), state["theta_rate"].item()
+    return rate * cos(beta), state["spin_rate"].item() + rate * sin(beta)
+
+
+@jit
+@pytest.mark.parametrize("changes", [{"A_r": 7.0}, {"r": 4e-3}, {"r_1": 6e-3, "r_2": 4e-3}, {"l": 0.07}])
+def test_a_dimer_of_another_shape_starts_with_its_lower_end_where_it_was(changes):
+    run = simulate(periods=20)
+    before = run.states(run.duration)
+    again = simulate(start=run, **changes, periods=1)
+    after, row = again.states(0), Parameters(**changes).row()
+    lower = 1 if before["gap_1"] <= before["gap_2"] else 2
+    assert after[f"gap_{lower}"].item() == before[f"gap_{lower}"].item()
+    d = dimer_of(row)
+    rise = after["gap_2"].item() - after["gap_1"].item()
+    assert rise == pytest.approx(d.l * (sin(after["beta"].item()) - d.sin_0), abs=1e-15)
+    dip = before["beta"].item() - dimer_of(Parameters().row()).beta_0
+    assert after["beta"].item() - d.beta_0 == pytest.approx(dip, abs=1e-14)
+    for name in ("theta", "beta_rate"):
+        assert after[name].item() == pytest.approx(before[name].item(), abs=1e-12)
+    np.testing.assert_allclose(across_and_axial(after), across_and_axial(before), atol=1e-12)
+    assert again.error()["gap_1"].max() < 1e-5  # its shadows start from what it says of its start
+
+
+@jit
+def test_a_start_of_several_runs_is_refused():
+    one, two = (simulate(e=e, periods=1).states(0.03) for e in (0.5, 0.6))
+    both = xr.concat([one, two], "run")
+    assert simulate(start=both.isel(run=0), periods=1).parameters["e"] == 0.5
+    for start, message in ((both, r"start\.\w+: has 2 values"), (both.isel(run=1), "start: states of several runs")):
+        with pytest.raises(ParameterError, match="^" + message):
+            simulate(start=start, periods=1)
+    xr.testing.assert_identical(both.isel(run=0), one)
+    with pytest.raises(ParameterError, match=r"^phi0: given together with start.phase; leave one out$"):
+        simulate(start=one, phi0=0.3, periods=1)

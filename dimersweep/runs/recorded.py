@@ -1,7 +1,10 @@
 """What the kernel recorded of one run as labelled data: the events in their order, and the state at any time."""
 
+import json
+from collections.abc import Mapping
 from math import pi
 from typing import NamedTuple
+from zlib import crc32
 
 import numpy as np
 import xarray as xr
@@ -56,7 +59,7 @@ from dimersweep.kernel.record import (
 )
 from dimersweep.kernel.sample import HOPS_LAST, sample
 from dimersweep.runs.forces import energies, forces
-from dimersweep.symbols import EVENT_QUANTITIES, FORCES, STATE_QUANTITIES, Quantity
+from dimersweep.symbols import EVENT_QUANTITIES, FORCES, START, STATE_QUANTITIES, Quantity
 
 BETWEEN_IMPACTS = [code_of(first, second) for first in (FREE, STICK, SLIP) for second in (FREE, STICK, SLIP)]
 HOP_ROWS, HOP_ROWS_GROWTH = 500, 4  # for the hops that one close sums
@@ -293,7 +296,30 @@ def states_of(record: RunRecord, times: np.ndarray, rtol: float, parameters: dic
     columns = forces(record.row, kernel_states, modes, rtol)
     columns |= {"kinetic_energy": kinetic, "potential_energy": potential}
     states = _states(record, times, kernel_states, modes, parameters)
-    return states.assign(_dataset(columns, FORCES, "time").variables)
+    return states.assign(_dataset(columns, FORCES, "time").variables).assign_coords(made_with=_made_with(parameters))
+
+
+def _made_with(parameters: Mapping[str, float]) -> xr.Variable:
+    """A number of the parameters of a run but for its start, which tells them, and by which states put together are known."""
+    told = json.dumps({name: value for name, value in parameters.items() if name not in START})
+    about = {"units": "1", "long_name": "number of the run's parameters", "parameters": told}
+    return xr.Variable((), crc32(told.encode()), about)
+
+
+def parameters_told(states: xr.Dataset) -> dict[str, float]:
+    """The parameters of the run of one state, but for its start; none where it does not tell them.
+
+    Raises
+    ------
+    ParameterError
+        If the states come from several runs.
+    """
+    made = states.variables.get("made_with")
+    told = "" if made is None else made.attrs.get("parameters", "")
+    if made is not None and (made.size != 1 or made.values.item() != crc32(told.encode())):
+        raise ParameterError("start: states of several runs were put together; take one from the run that it is of")
+    known: dict[str, float] = json.loads(told or "{}")
+    return known
 
 
 def period_rows(segments: np.ndarray) -> np.ndarray:

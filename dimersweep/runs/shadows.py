@@ -32,7 +32,7 @@ from dimersweep.kernel.model.layout import (
     OUT_SETTLED_AFTER,
     ROW,
 )
-from dimersweep.kernel.model.plate import phases_later
+from dimersweep.parameters import moved_on
 from dimersweep.runs.run import Run
 from dimersweep.runs.simulating import simulate
 from dimersweep.symbols import EVENT_QUANTITIES, START, STATE_QUANTITIES
@@ -84,8 +84,7 @@ def shadow_rtol(rtol: float) -> float:
 
 def nudged(given: Mapping[str, Any], by: float) -> dict[str, Any]:
     """Parameters, numbers or columns, with the plate later by `by` radians, `beta0` less and rates more by that share."""
-    phi0, phi_2 = phases_later(given["phi0"], given.get("phi_2", 0.0), by)
-    moved = dict(given) | {"phi0": phi0} | ({"phi_2": phi_2} if "Gamma_2" in given else {})
+    moved = moved_on(given, by)
     changed = {name: 1 - by if name == "beta0" else 1 + by for name in START if name != "theta0"}
     return moved | {name: given[name] * factor for name, factor in changed.items() if name in given}
 

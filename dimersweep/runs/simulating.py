@@ -2,16 +2,20 @@
 
 import warnings
 from collections.abc import Mapping
+from dataclasses import replace
+from math import remainder, tau
 from typing import Any
 
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_count, check_rtol, check_seconds, check_switch
 from dimersweep.kernel.batch import Workspace
 from dimersweep.kernel.model.layout import M_UNRESOLVED, MODES
-from dimersweep.parameters import Parameters, check_name, updated
+from dimersweep.parameters import Parameters, check_name, moved_on, updated
+from dimersweep.runs.carrying import fitted
+from dimersweep.runs.recorded import named_state
 from dimersweep.runs.run import Run, as_run
 from dimersweep.runs.solving import check_recorded, run_row
-from dimersweep.runs.starting import is_point, kernel_start, named, parameters_of, start_of
+from dimersweep.runs.starting import is_point, kernel_start, known_by, named, parameters_of, start_of
 from dimersweep.symbols import INSTEAD, START
 from dimersweep.work.proving import is_proven, prove
 from dimersweep.work.stopping import StopFlag, stoppable
@@ -34,8 +38,10 @@ def simulate(
     ----------
     start : mapping of str to float, xarray.Dataset, or Run, optional
         State to start from, in place of `beta0`, `xdot0` and the other parameters of a start: values by the names of
-        `Run.states` (what is not given is zero, and the lower end on the plate), one time of it, or a run whose end it is.
-        Its `phase` is the `phi0` of the new run. Or one point of a cube: the run behind it.
+        `Run.states` (what is not given is zero, and the lower end on the plate), one time of it, one point of `Run.section`,
+        or a run whose end it is. Or one point of a cube: the run behind it. All but a mapping bring the parameters of their
+        run, and those that are given take their place; where these change the dimer's shape, its lower end stays where it is.
+        The plate is that of the parameters, moved on to the `phase` of the state, which is the `phi0` of the new run.
     periods : int
         Forcing periods to run.
     rtol : float
@@ -81,7 +87,8 @@ def simulate(
             )
         parameters, start = updated(parameters_of(start), parameters), None
     begun = None if start is None else start_of(start)
-    given = Parameters(**(parameters if begun is None else _with_start(parameters, begun)))
+    known = {} if begun is None else known_by(start)
+    given = Parameters(**parameters) if begun is None else _with_start(parameters, known, begun)
     switches = check_switch("stop_when_settled", stop_when_settled), check_switch("record", record)
     how = check_count("periods", periods), check_rtol(rtol), *switches
     seconds = check_seconds(max_seconds)
@@ -92,7 +99,7 @@ def simulate(
 
     def call(stop: StopFlag) -> Run:
         with stop.space() as space:
-            return simulate_judged(given, *how, space, begun)
+            return simulate_judged(given, *how, space, begun, Parameters(**known) if known else None)
 
     run = stoppable(call, seconds)
     if run.record_cut:
@@ -108,11 +115,20 @@ def simulate_judged(
     record: bool,
     space: Workspace,
     begun: dict[str, float] | None = None,
+    before: Parameters | None = None,
 ) -> Run:
-    """The run that `simulate` gives for what it has judged, on scratch arrays that may be stopped."""
-    first = None if begun is None else kernel_start(begun, parameters.given())
-    solved = run_row(parameters.row(), first, periods, rtol, space, settle=settle, record=record)
-    begun = begun and {name: value for name, value in begun.items() if name != "phase"}  # which is phi0 now
+    """The run that `simulate` gives for what it has judged, on scratch arrays that may be stopped.
+
+    The state `begun` is that of a dimer of the parameters `before`, if there are any, as these have it.
+    """
+    row, first = parameters.row(), None
+    if begun is not None:
+        begun = {name: value for name, value in begun.items() if name != "phase"}  # which is phi0 now
+        shaped = parameters if before is None else replace(before, phi0=parameters.phi0)
+        as_told = kernel_start(begun, shaped.given())
+        first = fitted(as_told, shaped.row(), row)
+        begun = begun if first is as_told else named_state(row, first)
+    solved = run_row(row, first, periods, rtol, space, settle=settle, record=record)
     return as_run(parameters.given(), rtol, solved, begun)
 
 
@@ -129,13 +145,15 @@ def simulate_patiently(parameters: Mapping[str, Any], how: RunSettings, *, recor
 simulate.__signature__ = named(simulate)  # type: ignore[attr-defined]
 
 
-def _with_start(parameters: Mapping[str, Any], start: Mapping[str, float]) -> dict[str, Any]:
-    """The parameters of a run that starts from a state: its `phase` is their `phi0`, and they give no other start."""
+def _with_start(given: Mapping[str, Any], known: Mapping[str, float], start: Mapping[str, float]) -> Parameters:
+    """The parameters of a run that starts from a state: those that it brings but for those given, at its phase."""
     for name in START:
-        if parameters.get(name) is not None:
+        if given.get(name) is not None:
             raise ParameterError(f"{name}: given together with start, which holds it; leave one out")
+    parameters = Parameters(**updated(known, given))
     if "phase" not in start:
-        return dict(parameters)
-    if "phi0" in parameters:
+        return parameters
+    if "phi0" in given:
         raise ParameterError("phi0: given together with start.phase; leave one out")
-    return {**parameters, "phi0": start["phase"]}
+    moved = moved_on(parameters.given(), remainder(start["phase"] - parameters.phi0, tau))
+    return Parameters(**moved | {"phi0": start["phase"]})

@@ -31,7 +31,8 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.kernel.model.plate import motion
 from dimersweep.parameters import dimer_from
-from dimersweep.symbols import BASE, INSTEAD, PARAMETERS, STATE_QUANTITIES
+from dimersweep.runs.recorded import parameters_told
+from dimersweep.symbols import BASE, INSTEAD, PARAMETERS, START, STATE_QUANTITIES
 
 CLOSED_GAP = 1e-12  # a gap this far below zero is a closed one [m]
 GAPS_AGREE = 1e-9  # how well the gaps of a start must agree with its dip angle, in units of the distance of the balls
@@ -64,6 +65,13 @@ def start_of(start: Any) -> dict[str, float]:
         if name not in STATE_QUANTITIES:
             raise ParameterError("start." + unknown(name, "quantity of a state", STATE_QUANTITIES))
     return {name: number(f"start.{name}", value, STATE_QUANTITIES[name].units) for name, value in start.items()}
+
+
+def known_by(start: Any) -> dict[str, float]:
+    """The parameters that a start brings: those of its run, but for its start; none where it is a mapping of numbers."""
+    if hasattr(start, "states"):
+        return {name: value for name, value in start.parameters.items() if name not in START}
+    return parameters_told(start) if isinstance(start, xr.Dataset) else {}
 
 
 def _one(name: str, variable: Any) -> float:
