@@ -197,6 +197,49 @@ def test_at_one_set_of_parameters_five_attractors_are_told_apart_and_stay():
     assert not slow["confirmed"].any()
 
 
+# drifts with p2 down, all but the last with p1 down, and words that change with the spin
+WORDS_OF_UNLIKE = {"e": 0.7, "Gamma": 1.05, "f": 18, "A_r": 7, "r_1": 5e-3, "r_2": 5.1e-3}
+STARTS_OF_UNLIKE = {
+    "beta0": [-0.452, -1.134, -0.112, -0.878, -0.527, 1.081],
+    "xdot0": [-1.357, 1.107, -1.751, 0.565, 0.038, 0.899],
+    "phi0": [1.203, 5.409, 4.521, 5.247, 6.052, 5.147],
+}
+
+
+def test_a_family_whose_word_changes_with_the_spin_is_one_attractor():
+    found = attractors(points=STARTS_OF_UNLIKE, fixed=WORDS_OF_UNLIKE, periods=300, progress=False)
+    assert found["basin"].values.tolist() == [1, 1, 1, 1, 1, 2]
+    each = [{name: column[k] for name, column in STARTS_OF_UNLIKE.items()} for k in range(5)]
+    words = [orbits.find(guess=simulate(**WORDS_OF_UNLIKE, **start, periods=300)).word for start in each]
+    assert len(set(words)) >= 3
+
+
+def test_motions_that_long_runs_bring_together_are_one_attractor():
+    """One of them is on a family of its own at first, over whose end its spin creeps."""
+    fixed = {"e": 0.60423, "f": 22.774, "A_r": 5.2429, "mu": 0.13524, "mu_s": 0.23056, "Gamma": 0.99085}
+    fixed |= {"r_1": 4.4338e-3, "r_2": 4.3275e-3}
+    starts = {"beta0": [-0.152, -0.953, 1.003], "xdot0": [-1.128, 1.469, 0.354], "phi0": [2.984, 0.128, 3.818]}
+    found = attractors(points=starts, fixed=fixed, periods=300, progress=False)
+    assert found["basin"].values.tolist() == [1, 1, 2]
+    each = [{name: column[k] for name, column in starts.items()} for k in range(2)]
+    soon, late = (
+        [simulate(**fixed, **start, periods=n, record=False).orbit.radius for start in each] for n in (300, 15_000)
+    )
+    assert abs(soon[1] / soon[0] - 1) > 0.03
+    assert late[1] == pytest.approx(late[0], rel=1e-4)
+
+
+def test_over_a_parameter_a_family_whose_word_changes_keeps_its_number():
+    fixed = {name: value for name, value in WORDS_OF_UNLIKE.items() if name != "Gamma"}
+    starts = {name: column[-4:] for name, column in STARTS_OF_UNLIKE.items()}
+    found = attractors(points=starts, fixed=fixed, over={"Gamma": [0.9, 1.0]}, periods=300, progress=False)
+    drifts = found.sel(attractor=(found["mode"] == "drift").any("Gamma"))
+    assert drifts.sizes["attractor"] == 2
+    assert (drifts["count"] > 0).all()
+    word = drifts["word"].isel(attractor=0).values
+    assert word[0] != word[1]
+
+
 @pytest.mark.slow
 def test_shares_of_two_thousand_drawn_angles_are_those_of_the_fine_grid():
     over, angles = {"f": [15, 20, 25]}, {"beta0": ("0.01 deg", "89.99 deg")}

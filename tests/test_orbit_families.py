@@ -107,6 +107,26 @@ def test_a_family_goes_on_where_the_contact_at_its_section_ends():
     assert told == pytest.approx([run.radius, run.period, run.zeta], rel=1e-5)
 
 
+MANY_WORDS = {"e": 0.7, "Gamma": 1.05, "f": 18, "A_r": 7, "r_1": 5.1e-3, "r_2": 5e-3}
+
+
+def test_a_family_goes_on_beyond_spins_that_have_no_orbit():
+    """From 89.0 to 89.8 rad/s there is none: the end that is down ceases to stick after its chatter, and friction falls."""
+    found = orbits.family(spin=(88.2, 90.6), points=9, **MANY_WORDS)
+    assert found.attrs["low_end"] == found.attrs["high_end"] == "asked for"
+    missing = set(np.linspace(88.2, 90.6, 9).round(6)) - set(found["spin"].values.round(6))
+    assert {89.1, 89.4, 89.7} <= missing <= {89.1, 89.4, 89.7, 90.3}
+    assert len(set(found["word"].values)) > 1
+
+
+@pytest.mark.parametrize(("near", "spin"), [(80.0, 105.0), (120.0, 60.0), (80.0, 200.0)])
+def test_an_orbit_is_found_from_one_of_another_word(near, spin):
+    begin = orbits.find(spin=near, **MANY_WORDS)
+    there, direct = orbits.find(guess=begin, spin=spin), orbits.find(spin=spin, **MANY_WORDS)
+    assert there.word == direct.word != begin.word
+    assert there.radius == pytest.approx(direct.radius, rel=1e-7)
+
+
 def test_a_branch_goes_on_in_another_section():
     branch = orbits.follow(orbits.find(A_r=6.0, spin=550.0), "spin", to=575.0)
     assert branch.attrs["end"].startswith("to:")

@@ -1,7 +1,7 @@
 """The slow family: the orbits of all spins, and how a motion creeps along them.
 
-A dimer on a circular orbit loses spin, so slowly that all else follows: it goes through the orbits of the family one after
-the other. The family is followed on the slow manifold, not on the fixed points of the fast part, which lie beside it.
+A dimer on a circular orbit gains or loses spin, so slowly that all else follows: it goes through the orbits of the family one
+after the other. The family is followed on the slow manifold, not on the fixed points of the fast part, which lie beside it.
 """
 
 from contextlib import suppress
@@ -16,22 +16,22 @@ from scipy.optimize import brentq
 
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.inputs import as_number, check_count, check_rtol
-from dimersweep.kernel.model.layout import PERIOD, PHASE, SPIN
 from dimersweep.orbits.finding import RTOL, checked, checked_spin, orbit_at
 from dimersweep.orbits.following import Trace, traced
+from dimersweep.orbits.guesses import settled_near
 from dimersweep.orbits.kinds.fold import FOLD
 from dimersweep.orbits.labelling import dataset
 from dimersweep.orbits.manifold import Creep, creep_near, creep_of, has_fast_part, slow_direction
 from dimersweep.orbits.newton import Fixed, solve, system
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
-from dimersweep.orbits.passage import Passage
 from dimersweep.orbits.poincare import OrbitLost, ReturnMap
 from dimersweep.orbits.specials import JOINED
 
 FAMILY_REACH = 0.05  # distance from where the family leads, in units of the section
 BRANCH_POINTS = 60  # of a branch from one spin to the next, where Newton's method does not get there at once
-RUN_IN = 40  # periods in which the fast part of a stable motion settles
-MISSING = 1  # spins in a row that may be missing, where a word just changes
+GAP = 0.02  # part of the spin over which orbits may be missing, where a word just changes
+TRIES = 8  # on the way from one spin to the next
+MISSING = 1  # spins in a row that may be missing if they lie wider
 THROUGH = 3  # points of the family through which the next one is looked for
 READ = ("radius", "period", "zeta")
 
@@ -60,9 +60,9 @@ def family(*, spin: tuple[float, float], points: int = 50, rtol: float = RTOL, *
     Returns
     -------
     xarray.Dataset
-        Along `spin`: the attributes of a `PeriodicOrbit`, as far as the family goes. A spin at which the word just changes
-        may be missing. The attributes `low_end` and `high_end` say why the family ends ("asked for" where it does not),
-        `cost` how many forcing periods of the map it took.
+        Along `spin`: the attributes of a `PeriodicOrbit`, as far as the family goes, over changes of word. Spins at which the
+        word just changes may be missing. The attributes `low_end` and `high_end` say why the family ends ("asked for" where it
+        does not), `cost` how many forcing periods of the map it took.
 
     Raises
     ------
@@ -83,10 +83,10 @@ def family(*, spin: tuple[float, float], points: int = 50, rtol: float = RTOL, *
     first, begin = _anywhere(spins, given, check_rtol(rtol))
     tape = first.fixed.map.tape
     start = tape.periods
-    seen = {begin: seen_at(first.fixed.map, first.creep)}
-    ends = {}
+    seen, ends = {begin: seen_at(first.fixed.map, first.creep)}, {}
     for name, order in (("high_end", range(begin + 1, spins.size)), ("low_end", range(begin - 1, -1, -1))):
-        ends[name] = _along(seen, spins, order)
+        found, ends[name] = walk(seen[begin], spins[order])
+        seen |= {order[k]: one for k, one in found.items()}
     kept = sorted(seen)
     table = dataset([seen[k].orbit for k in kept], "spin_")
     table = table.drop_vars("spin").rename_dims({"spin_": "spin"}).assign_coords(spin=("spin", spins[kept]))
@@ -125,27 +125,89 @@ def _anywhere(spins: np.ndarray, given: dict[str, float], rtol: float) -> tuple[
     raise OrbitError(f"spin = ({spins[0]:g}, {spins[-1]:g}): no orbit found; {reason}")
 
 
-def _along(seen: dict[int, Seen], spins: np.ndarray, order: range) -> str:
-    """Go from one spin to the next, until there is no orbit at two of them; why the family ends."""
-    last = [seen[order.start - order.step]]
-    missing: list[str] = []
-    for k in order:
+def walk(first: Seen, spins: np.ndarray, runs: bool = False) -> tuple[dict[int, Seen], str]:
+    """The family from an orbit through spins, in their order: over changes of word, and over spins that just have no orbit.
+
+    Parameters
+    ----------
+    first : Seen
+    spins : ndarray
+    runs : bool
+        Whether to go where runs go: on with another family where the spin of a motion creeps over the end of this one, but not
+        along the branch of fixed points.
+
+    Returns
+    -------
+    found : dict of int to Seen
+        By the number of the spin.
+    why : str
+        Why the family ends before the last spin; "asked for" if it does not.
+    """
+    found: dict[int, Seen] = {}
+    last, k, missed = [first], 0, 0
+    while k < len(spins):
         spin = float(spins[k])
         try:
+            nxt = _next(last, spin, runs)
+        except OrbitLost:
+            missed += 1
+            if k + 1 < len(spins) and (missed <= MISSING or _near(last[0].orbit.spin, spin)):
+                k += 1
+                continue
+            k -= missed - 1  # that which was missed first
+            if runs:
+                return found, "the run comes to no orbit"
             try:
-                nxt = _next(last, spin)
-            except OrbitLost:
-                nxt = _onwards(last[0], spin)
-        except OrbitLost as reason:
-            missing.append(str(reason))
-            if len(missing) > MISSING:
+                nxt = _along_branch(last[0], float(spins[k]))
+            except OrbitLost as reason:
+                return found, str(reason)
+        found[k], last, missed = nxt, [nxt, *last[:2]], 0
+        k += 1
+    return found, "asked for"
+
+
+def _next(last: list[Seen], spin: float, leaps: bool) -> Seen:
+    """The orbit at another spin, along the family or by a run, by way of spins between where that fails.
+
+    `last` are those before, the nearest first; see `walk` for leaps.
+
+    Raises
+    ------
+    OrbitLost
+        If it is not reached in a few tries.
+    """
+    share, reason = 1.0, OrbitLost("")
+    for _ in range(TRIES):
+        begin = last[0].orbit
+        to = spin if share == 1.0 else begin.spin + share * (spin - begin.spin)
+        creeps_there = (to - begin.spin) * begin.spin_drift > 0
+        try:
+            nxt = _step_or_run(last, to, np.inf if leaps and creeps_there else JOINED)
+        except OrbitLost as error:
+            share, reason = 0.5 * share, error
+            if _near(begin.spin, to):
                 break
             continue
-        seen[k], last, missing = nxt, [nxt, *last[:2]], []
-    return missing[0] if missing else "asked for"
+        if share == 1.0:
+            return nxt
+        last, share = [nxt, *last[:2]], 1.0
+    raise reason
 
 
-def _next(last: list[Seen], spin: float) -> Seen:
+def _near(a: float, b: float) -> bool:
+    """Whether orbits may be missing from one spin to the other."""
+    return abs(a - b) <= GAP * abs(b)
+
+
+def _step_or_run(last: list[Seen], spin: float, most: float) -> Seen:
+    """The orbit at another spin by a step along the family, or else by a run that is at most so far from where it leads."""
+    try:
+        return _step(last, spin)
+    except OrbitLost:
+        return _run_onto(last[0], spin, most)
+
+
+def _step(last: list[Seen], spin: float) -> Seen:
     """The orbit at another spin, along the family; `last` are those before, the nearest first.
 
     Raises
@@ -178,17 +240,30 @@ def _centred(seen: Seen) -> Seen:
     return seen.at.map.in_own_section(seen, image.passage, make)
 
 
-def _onwards(last: Seen, spin: float) -> Seen:
-    """The orbit at another spin where a step along the family fails: by a run, or along the branch of fixed points.
+def _run_onto(last: Seen, spin: float, most: float) -> Seen:
+    """The motion at another spin that a run from an orbit settles on, at most so far from where the orbit leads.
 
     Raises
     ------
     OrbitLost
-        If neither leads there: in one line, why the family ends.
+        If the orbit is not stable, or the run does not come to one.
     """
-    if last.orbit.stable:
+    for there, z in settled_near(last.at, last.at.map, spin, most):
         with suppress(OrbitLost):
-            return _run_onto(last.at, spin)
+            creep = creep_near(there, z, spin, *there.jacobian(z))
+            if np.delete(np.abs(creep.z - z), there.slow).max() <= FAMILY_REACH:
+                return seen_at(there, creep)
+    raise OrbitLost("the run comes to no orbit")
+
+
+def _along_branch(last: Seen, spin: float) -> Seen:
+    """The orbit at another spin along the branch of fixed points.
+
+    Raises
+    ------
+    OrbitLost
+        If it does not lead there: in one line, why the family ends.
+    """
     fixed = solve(last.at.map, last.at.z, last.at.image.spin)
     branch = traced(orbit_of(fixed), "spin", spin, BRANCH_POINTS, words=False)
     if not branch.end.startswith("to:"):
@@ -197,48 +272,6 @@ def _onwards(last: Seen, spin: float) -> Seen:
     if orbit.creep.z is orbit.fixed.z and has_fast_part(orbit.fixed):
         raise OrbitLost(f"no motion creeps by the fixed point, at spin = {spin:.6g} rad/s")
     return seen_at(orbit.fixed.map, orbit.creep)
-
-
-def _run_onto(at: Fixed, spin: float) -> Seen:
-    """The motion at another spin that a run settles on; the run begins beside an orbit, some periods before it has that spin.
-
-    Raises
-    ------
-    OrbitLost
-        If it does not come to one, or to one far off.
-    """
-    for there, z in at.map.sections(_run_to(at, spin)):
-        with suppress(OrbitLost):
-            creep = creep_near(there, z, spin, *there.jacobian(z))
-            if np.delete(np.abs(creep.z - z), there.slow).max() <= FAMILY_REACH:
-                return seen_at(there, creep)
-    raise OrbitLost("the run comes to no orbit")
-
-
-def _run_to(at: Fixed, spin: float) -> Passage:
-    """The period in which a run passes a spin, after enough others for its fast part to settle.
-
-    Raises
-    ------
-    OrbitLost
-        If it does not, or far off the family.
-    """
-    m = at.map
-    along, rate = slow_direction(at)
-    z = at.z + along * (spin - at.image.spin) / m.unit
-    state = m.state(z - along * 2 * RUN_IN * rate / m.unit)
-    for k in range(4 * RUN_IN):
-        state[[PHASE, PERIOD]] = 0.0
-        before = m.section.point(state)[m.free]
-        state, _, passage = m.tape.run(m.row, state, m.periods, m.rtol)
-        struck = passage.last_impact(passage.bouncer)
-        if struck is None:
-            break
-        if k >= RUN_IN and (struck[SPIN] - spin) * rate >= 0:
-            if np.delete(np.abs(before - z), m.slow).max() > JOINED:
-                break
-            return passage
-    raise OrbitLost("no run comes to an orbit nearby")
 
 
 def _why(branch: Trace) -> str:

@@ -1,6 +1,7 @@
 """Find an orbit: from a run, from another orbit, or from the closed form of a ball on a plate."""
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -10,12 +11,13 @@ from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.inputs import as_number, check_count, check_rtol
 from dimersweep.kernel.model.layout import ROW
 from dimersweep.orbits.ball import ball_fold
-from dimersweep.orbits.guesses import of_ball, of_run, rolled_up
+from dimersweep.orbits.guesses import Start, of_ball, of_run, rolled_up, settled_near
 from dimersweep.orbits.manifold import creep_of
 from dimersweep.orbits.newton import Fixed, solve, system
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.passage import TURN
 from dimersweep.orbits.poincare import OrbitLost, ReturnMap, Tape
+from dimersweep.orbits.specials import JOINED
 from dimersweep.parameters import Parameters, check_level, check_name, updated, value_of
 from dimersweep.runs.run import Run
 
@@ -25,7 +27,6 @@ SAME = 1e-4  # in units of the section: a fast part that comes as near as this t
 MOST_TURNS = 1e3  # of the spin in a forcing period: orbits are found up to some 30; far beyond, the search takes long
 SMALLEST_SHARE = 1e-3  # of the way from the parameters of one orbit to other ones
 GAPS_AND_RATES = range(4)  # the first of the coordinates of a section
-Start = tuple[ReturnMap, np.ndarray]
 
 
 def find(
@@ -198,24 +199,38 @@ def _from_orbit(
     """Newton from the orbit's own point; if that fails, by steps from its parameters and spin to those asked for."""
     old, spin = orbit.fixed.map, orbit.spin if spin is None else spin
     first, last = ({name: value_of(name, one) for name in ROW} for one in (old.parameters, given))
-    m = ReturnMap(old.parameters, old.phase, old.modes, periods, rtol, tape)
-    known = system(old, orbit.fixed.matrix, orbit.fixed.gradient) if periods == old.periods else None
-    done, step, z, fixed = 0.0, 1.0, orbit.fixed.z, None
-    reason = OrbitLost("")
+    fixed = orbit.fixed._replace(map=ReturnMap(old.parameters, old.phase, old.modes, periods, rtol, tape))
+    known = system(old, fixed.matrix, fixed.gradient) if periods == old.periods else None
+    done, step, reason = 0.0, 1.0, OrbitLost("")
     while done < 1.0:
         if step < SMALLEST_SHARE:
             raise OrbitLost(f"{reason}, {done:.0%} of the way")
         there = min(1.0, done + step)
         values = given if there == 1.0 else {name: first[name] + there * (last[name] - first[name]) for name in ROW}
+        m = replace(fixed.map, parameters=values)
         try:
-            fixed = centred(solve(replace(m, parameters=values), z, orbit.spin + there * (spin - orbit.spin), known))
+            fixed = _beside(fixed, m, orbit.spin + there * (spin - orbit.spin), known)
         except OrbitLost as error:
             reason, step = error, 0.5 * step
             continue
-        m, z, done, step = fixed.map, fixed.z, there, 2 * step
-        known = system(m, fixed.matrix, fixed.gradient)
-    assert fixed is not None
+        done, step = there, 2 * step
+        known = system(fixed.map, fixed.matrix, fixed.gradient)
     return fixed
+
+
+def _beside(fixed: Fixed, m: ReturnMap, spin: float, known: np.ndarray | None) -> Fixed:
+    """The orbit at other parameters or another spin by Newton from one nearby, or else, over a change of word, from a run."""
+    try:
+        return centred(solve(m, fixed.z, spin, known))
+    except OrbitLost:
+        if known is None:
+            raise
+        for own, z in settled_near(fixed, m, spin):
+            with suppress(OrbitLost):
+                found = solve(own, z, spin)
+                if np.abs(found.z - z).max() < JOINED:
+                    return centred(found)
+        raise
 
 
 def _where(spin: float | None) -> str:

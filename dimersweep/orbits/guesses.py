@@ -1,5 +1,7 @@
 """Where Newton's method begins: the ball's orbit in closed form, a transient from it, the end of a run."""
 
+from collections.abc import Iterator
+from dataclasses import replace
 from math import acos, cos, sin
 
 import numpy as np
@@ -21,11 +23,17 @@ from dimersweep.kernel.model.layout import (
     Dimer,
 )
 from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES
+from dimersweep.orbits.manifold import multipliers_of, slow_direction
+from dimersweep.orbits.newton import Fixed
 from dimersweep.orbits.passage import TURN
-from dimersweep.orbits.poincare import OrbitLost, ReturnMap, Tape
+from dimersweep.orbits.poincare import SPIN_COORDINATE, OrbitLost, ReturnMap, Tape
+from dimersweep.orbits.specials import JOINED
 from dimersweep.parameters import dimer_from, value_of
 from dimersweep.runs.run import Run
 
+Start = tuple[ReturnMap, np.ndarray]
+
+RUN_IN = 40  # periods in which the fast part of a stable motion settles
 SECTION = 0.75 * TURN  # of the guess: well before the double impact, which lies in the first quadrant
 
 
@@ -78,6 +86,47 @@ def settled_on(m: ReturnMap, state: np.ndarray, periods: int) -> tuple[ReturnMap
     if (passage.segments[:, SEGMENT_MODES : SEGMENT_MODES + 2] != FREE).all():
         raise OrbitLost("the motion dies: both ends stay on the plate")
     return m.moved(passage)
+
+
+def settled_near(at: Fixed, m: ReturnMap, spin: float, most: float = JOINED) -> Iterator[Start]:
+    """The motion that a run from a stable orbit settles on at other parameters or another spin, in each of its sections.
+
+    The fast part settles while the spin is put back once a period, whatever the contacts it comes to.
+
+    Parameters
+    ----------
+    at : Fixed
+        The orbit.
+    m : ReturnMap
+        Of the other parameters, in the section of the orbit.
+    spin : float
+        After the last impact of a period [rad/s].
+    most : float
+        How far the motion may be from where the orbit leads, in units of the section.
+
+    Raises
+    ------
+    OrbitLost
+        If the orbit is not stable, or the motion is further off.
+    """
+    if not (np.abs(multipliers_of(at)[0]) < 1).all():
+        raise OrbitLost("the orbit is unstable: no run stays near it")
+    along, _ = slow_direction(at)
+    state = begin = m.state(at.z + along * (spin - at.image.spin) / m.unit)
+    for _ in range(RUN_IN):
+        state[PHASE] = 0.0
+        state, modes, passage = m.tape.run(m.row, state, m.periods, m.rtol)
+        struck = passage.last_impact(passage.bouncer)
+        if struck is None:
+            raise OrbitLost("the motion dies: nothing strikes the plate")
+        there = replace(m, modes=modes)
+        z = there.section.point(state)[there.free]
+        z[there.slow] += (spin - struck[SPIN]) / there.unit
+        state = there.state(z)
+    leap = np.delete(np.abs(m.section.point(state) - m.section.point(begin)), SPIN_COORDINATE)
+    if leap.max() > most:
+        raise OrbitLost("the run leaves for another motion")
+    yield from m.sections(passage)
 
 
 def of_run(

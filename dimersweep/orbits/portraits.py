@@ -9,19 +9,17 @@ negative; what is left is the image with both.
 """
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
 
-from dimersweep.errors import OrbitError
 from dimersweep.kernel.model.contact_code import code_of, digits_of
 from dimersweep.kernel.model.layout import D1, D2, N_STATE, PHASE, SPIN, THETA
 from dimersweep.kernel.record import E_AFTER, E_BEFORE, E_KIND
-from dimersweep.orbits.finding import find
+from dimersweep.orbits.families import GAP, Seen, seen_at, walk
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.passage import TURN, Passage
-from dimersweep.orbits.poincare import OrbitLost, ReturnMap, Tape
+from dimersweep.orbits.poincare import ReturnMap, Tape
 from dimersweep.orbits.word import word_of
 from dimersweep.parameters import value_of
 from dimersweep.symbols import ENDS
@@ -30,6 +28,7 @@ VIEWS = TURN * np.arange(8) / 8  # phases of the plate at which the gaps are tak
 ALIKE_WITHIN = 0.02  # places at the same spin that are one, in units of g/omega^2
 SPIN_SLACK = 0.01  # of the spin, by which a motion may lie beyond the family that was followed
 REPEATS_WITHIN = 1e-3  # places in two periods of the plate that are one, in the same units
+BENT = 0.2  # place of a family beside its interpolation at most, in the same units
 CARRIED_TO = 9  # spins at which the orbits of a family are found; between them its place is interpolated
 
 
@@ -191,23 +190,22 @@ class Carried:
     def __init__(self, orbit: PeriodicOrbit, spins: Sequence[float], mirrors: Mirrors) -> None:
         self.orbit, self.mirrors = orbit, mirrors
         here = portrait_of_orbit(orbit, mirrors)
-        self.views = [here]
-        grid = np.linspace(min(here.spin, *spins), max(here.spin, *spins), CARRIED_TO)
-        # a step meets its spin nearly; the second at an end is short
-        grid = np.concatenate([grid[:1], grid, grid[-1:]])
-        self._follow(grid[grid > here.spin])
-        self._follow(grid[grid < here.spin][::-1])
-        self.views.sort(key=lambda view: view.spin)
+        known = [(seen_at(orbit.fixed.map, orbit.creep), here)]
+        least, greatest = min(here.spin, *spins), max(here.spin, *spins)
+        grid = np.linspace(least - GAP * abs(least), greatest + GAP * abs(greatest), CARRIED_TO)
+        for part in (grid[grid < here.spin][::-1], grid[grid > here.spin]):
+            known += self._followed(*known[0], part)
+        known.sort(key=lambda one: one[1].spin)
+        self.seen, self.views = (list(column) for column in zip(*known, strict=True))
 
-    def _follow(self, spins: np.ndarray) -> None:
-        """Add what the family looks like at `spins`, up to the first at which it is not found."""
-        orbit, view = self.orbit, self.views[0]
-        sense = -1.0 if self.mirrors.plane and orbit.spin < 0 else 1.0
-        with suppress(OrbitError, OrbitLost):
-            for spin in spins:
-                orbit = find(guess=orbit, spin=orbit.spin + sense * (spin - view.spin), periods=orbit.periods)
-                view = shifted(view, portrait_of_orbit(orbit, self.mirrors), self.mirrors)[1]
-                self.views.append(view)
+    def _followed(self, seen: Seen, view: Portrait, spins: np.ndarray) -> list[tuple[Seen, Portrait]]:
+        """The family at `spins`, as far as it goes from one that is known, and what it looks like there."""
+        after = seen.orbit.spin / view.spin if view.spin else 1.0  # spin after the impact over the mean
+        found = []
+        for one in walk(seen, after * spins, runs=True)[0].values():
+            view = shifted(view, portrait_of_orbit(one.orbit, self.mirrors), self.mirrors)[1]
+            found.append((one, view))
+        return found
 
     def at(self, spin: float) -> Portrait | None:
         """The family at a spin, or None where it was not found."""
@@ -228,6 +226,15 @@ class Carried:
         )
 
     def apart(self, motion: Portrait) -> float:
-        """How far a motion is from the family at its own spin, see `apart`; inf where the family was not found."""
+        """How far a motion is from the family at its own spin, see `apart`; inf where the family was not found.
+
+        Where the family bends or leaps it may be far from its interpolation: there it is followed to that spin.
+        """
         here = self.at(motion.spin)
-        return float("inf") if here is None else apart(here, motion, self.mirrors)
+        far = float("inf") if here is None else apart(here, motion, self.mirrors)
+        if ALIKE_WITHIN <= far < BENT:
+            beside = np.argsort([abs(view.spin - motion.spin) for view in self.views])[:2]
+            for k in beside:
+                there = self._followed(self.seen[k], self.views[k], np.array([motion.spin]))
+                far = min([far, *(apart(view, motion, self.mirrors) for _, view in there)])
+        return far

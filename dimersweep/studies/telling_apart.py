@@ -1,6 +1,6 @@
 """Who tells motions apart: the attractors of drawn starts at one set of parameters, and which of them are those of another."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -40,6 +40,25 @@ class Sort(NamedTuple):
     representative: int
     portrait: Portrait | None = None
     carried: Carried | None = None
+
+    def joined_by(self, other: "Sort") -> "Sort":
+        """The attractor with the starts of another one, and the orbit of the first that has one."""
+        shown = other if self.carried is None else self
+        return shown._replace(members=np.union1d(self.members, other.members))
+
+    def views(self) -> list[Portrait]:
+        """What it looks like, at all spins at which that is known."""
+        if self.carried is not None:
+            return list(self.carried.views)
+        return [] if self.portrait is None else [self.portrait]
+
+
+def one_family(a: Sort, b: Sort) -> bool:
+    """Whether the family of one of two attractors leads to the other one."""
+    return any(
+        one.carried is not None and any(one.carried.apart(view) < ALIKE_WITHIN for view in other.views())
+        for one, other in ((a, b), (b, a))
+    )
 
 
 def matched(costs: np.ndarray) -> dict[int, int]:
@@ -96,18 +115,23 @@ class Judge:
             sorts.append(Sort(MODES[mode], members, int(members[0])))
         left = dict(portraits)
         while left:
-            sort = self._one(left)
-            sorts.append(sort)
+            sort = self._one(left, [known.portrait for known in sorts if known.portrait is not None])
             for start in sort.members:
                 del left[int(start)]
+            home = next((k for k, known in enumerate(sorts) if one_family(known, sort)), len(sorts))
+            if home < len(sorts):
+                sorts[home] = sorts[home].joined_by(sort)
+            else:
+                sorts.append(sort)
         return sorted(sorts, key=lambda sort: (-sort.members.size, int(sort.members[0])))
 
-    def _one(self, left: Mapping[int, Portrait]) -> Sort:
-        """The attractor of one of the portraits, with all that show it."""
+    def _one(self, left: Mapping[int, Portrait], known: Sequence[Portrait]) -> Sort:
+        """The attractor of one of the portraits that are left, with all of these that show it; `known` are those of others."""
         representative = _typical(left)
         own = left[representative]
         near = {start: other for start, other in left.items() if other.periods == own.periods}
-        carried = self._carried(representative, own, near)
+        spins = [other.spin for other in (*near.values(), *known) if other.periods == own.periods]
+        carried = self._carried(representative, own, spins)
         if carried is not None:
             members = [start for start, other in near.items() if carried.apart(other) < ALIKE_WITHIN]
         else:
@@ -115,11 +139,11 @@ class Judge:
         mode = MODES[self.modes[representative]]
         return Sort(mode, np.array(sorted(members)), representative, own, carried)
 
-    def _carried(self, start: int, own: Portrait, near: Mapping[int, Portrait]) -> Carried | None:
-        """The orbit of a start, with its family over the spins of the portraits that may show it."""
+    def _carried(self, start: int, own: Portrait, spins: Sequence[float]) -> Carried | None:
+        """The orbit of a start, with its family over the spins of the portraits that may lie on it."""
         try:
             orbit = find(guess=simulate_patiently(self.parameters(start), self.how), periods=own.periods)
-            carried = Carried(orbit, [other.spin for other in near.values()], self.mirrors)
+            carried = Carried(orbit, spins, self.mirrors)
         except (OrbitError, OrbitLost):
             return None
         return carried if carried.apart(own) < ALIKE_WITHIN else None
