@@ -449,4 +449,4 @@ def _listed(values: dict[str, float]) -> str:
 
 
 def _unit(name: str) -> str:
-    return units_shown(MEASURABLE[name] if name in MEASURABLE else PARAMETERS[name].units)
+    return units_shown(MEASURABLE[name].units if name in MEASURABLE else PARAMETERS[name].units)

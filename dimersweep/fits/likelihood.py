@@ -6,13 +6,14 @@ from typing import Any
 import numpy as np
 
 from dimersweep.errors import OrbitError, ParameterError
-from dimersweep.fits.measured import MEASURABLE, Measured
+from dimersweep.fits.measured import MEASURABLE, Measured, pair_of
 from dimersweep.fits.tracks import Track
 from dimersweep.inputs import as_number, check_rtol, number
 from dimersweep.orbits.finding import RTOL, checked, checked_spin, orbit_at
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.poincare import Tape
 from dimersweep.parameters import check, check_effect, check_level, check_name
+from dimersweep.symbols import BASE
 
 
 class Likelihood:
@@ -73,9 +74,27 @@ class Likelihood:
         if spin is not None and "spin" in self.names:
             raise ParameterError("spin: is given and free; leave one of the two out")
         self.spin = None if spin is None else as_number("spin", spin)
+        for value in self._spins():
+            checked_spin(value, {"f": self._fastest()})
         lower = np.linalg.cholesky(self.measured.covariance)
         self.whitening = np.linalg.inv(lower)
         self.constant = -float(np.log(np.diag(lower)).sum()) - 0.5 * len(lower) * float(np.log(2 * np.pi))
+
+    def _spins(self) -> list[float]:
+        """The spins that are given, as ends of a range, or as measured."""
+        ends = [
+            end for name, *pair in zip(self.names, self.low, self.high, strict=True) if name == "spin" for end in pair
+        ]
+        seen = [v for name, v in zip(self.measured.names, self.measured.values, strict=True) if name == "spin"]
+        return [float(value) for value in (*ends, *seen, *([] if self.spin is None else [self.spin]))]
+
+    def _fastest(self) -> float:
+        """The greatest frequency of the plate [Hz]."""
+        return (
+            float(self.high[self.names.index("f")])
+            if "f" in self.names
+            else number("f", self.fixed.get("f", BASE["f"]))
+        )
 
     def values(self, point: np.ndarray) -> dict[str, float]:
         """The free parameters at a point, by name."""
@@ -115,6 +134,8 @@ class Likelihood:
 
     def __call__(self, point: np.ndarray) -> float:
         point = np.asarray(point, dtype=float)
+        if point.shape != self.low.shape:
+            raise ParameterError(f"point: must have {self.low.size} values: {', '.join(self.names)}")
         if not ((self.low <= point) & (point <= self.high)).all():
             return -float("inf")
         try:
@@ -133,13 +154,10 @@ def _ranges(free: Mapping[str, tuple[float, float]]) -> tuple[tuple[str, ...], n
     for name, pair in free.items():
         if name != "spin":
             check_name(name)
-        try:
-            ends = tuple(number(name, end, MEASURABLE["spin"] if name == "spin" else None) for end in pair)
-            low, high = ends
-        except (TypeError, ValueError) as error:
-            if isinstance(error, ParameterError):
-                raise
-            raise ParameterError(f"{name} = {pair!r}: must be the least and the greatest value") from None
+        both = pair_of(name, pair, "the least and the greatest value")
+        low, high = ends = tuple(
+            number(name, end, MEASURABLE["spin"].units if name == "spin" else None) for end in both
+        )
         if low >= high:
             raise ParameterError(f"{name} = ({low:g}, {high:g}): the first must be below the second")
         if name != "spin":

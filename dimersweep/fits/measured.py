@@ -1,26 +1,29 @@
 """What was measured of an orbit: some of its quantities, with their errors."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import dataclass
+from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dimersweep.errors import ParameterError, unknown
-from dimersweep.inputs import number
-from dimersweep.symbols import QUANTITIES
+from dimersweep.inputs import as_number, as_numbers, number
+from dimersweep.symbols import QUANTITIES, Quantity
 
 if TYPE_CHECKING:
     from dimersweep.fits.tracks import Track
 
-# attributes of an orbit that an experiment can measure, with their units
-MEASURABLE = {
-    "spin": QUANTITIES["spin_rate"].units,
+# attributes of an orbit that an experiment can measure
+MEASURABLE: dict[str, Quantity] = {
+    "spin": QUANTITIES["spin_rate"],
     **{
-        name: QUANTITIES[name].units
+        name: QUANTITIES[name]
         for name in ("path_radius", "period", "path_speed", "zeta", "impact_phase", "radius", "speed")
     },
 }
+ABOVE_ZERO = ("path_radius", "radius", "period")  # what a circle has
+SYMMETRIC = 1e-9  # how well a covariance must be, relative to its errors
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,16 +59,26 @@ class Measured:
     track: "Track | None" = None
 
     def __post_init__(self) -> None:
-        for name in self.names:
+        names = (self.names,) if isinstance(self.names, str) else tuple(self.names)
+        for name in names:
             if name not in MEASURABLE:
                 raise ParameterError(unknown(name, "measured quantity", MEASURABLE))
-        n = len(set(self.names))
-        if n != len(self.names) or np.shape(self.values) != (n,) or np.shape(self.covariance) != (n, n):
-            raise ParameterError(f"measured = {', '.join(self.names)}: must be one value and one row of errors each")
+        words, n = f"measured = {', '.join(names)}", len(set(names))
+        if n != len(names) or np.shape(self.values) != (n,) or np.shape(self.covariance) != (n, n):
+            raise ParameterError(f"{words}: must be one value and one row of errors each")
+        values = np.array([_measured(name, value) for name, value in zip(names, self.values, strict=True)])
+        covariance = np.array(
+            [as_numbers(f"{words}: covariance", row, as_number) for row in np.asarray(self.covariance)]
+        )
+        variances = np.abs(np.diag(covariance))
+        if (np.abs(covariance - covariance.T) > SYMMETRIC * np.sqrt(np.outer(variances, variances))).any():
+            raise ParameterError(f"{words}: the covariance must be symmetric")
         try:
-            np.linalg.cholesky(self.covariance)
+            np.linalg.cholesky(covariance)
         except np.linalg.LinAlgError:
-            raise ParameterError(f"measured = {', '.join(self.names)}: the errors must be > 0") from None
+            raise ParameterError(f"{words}: the errors must be > 0, and no combination of values without one") from None
+        for name, value in (("names", names), ("values", values), ("covariance", covariance)):
+            object.__setattr__(self, name, value)
 
     @classmethod
     def of(cls, measured: Mapping[str, tuple[float, float]]) -> "Measured":
@@ -102,20 +115,48 @@ class Measured:
     def __repr__(self) -> str:
         rows = zip(self.names, self.values, self.errors, strict=True)
         words = (
-            f"{name} {value:.6g} ± {error:.3g} {MEASURABLE[name]}".removesuffix(" 1") for name, value, error in rows
+            f"{name} {value:.6g} ± {error:.3g} {MEASURABLE[name].units}".removesuffix(" 1")
+            for name, value, error in rows
         )
         return f"<Measured: {', '.join(words)}>"
+
+
+def pair_of(name: str, pair: Any, what: str) -> tuple[Any, Any]:
+    """Two values, in their order.
+
+    Raises
+    ------
+    ParameterError
+        If these are none: a text, a set or a mapping has no first and second.
+    """
+    in_order = not isinstance(pair, str | bytes | Mapping | Set) and np.iterable(pair)
+    values = tuple(pair) if in_order else ()
+    if len(values) != 2:
+        raise ParameterError(f"{name} = {pair!r}: must be {what}")
+    return values
+
+
+def _measured(name: str, value: Any) -> float:
+    """A measured value, which an orbit can have.
+
+    Raises
+    ------
+    ParameterError
+    """
+    units, _, least, most = MEASURABLE[name]
+    value = number(name, value, units)
+    if name in ABOVE_ZERO and value <= 0:
+        raise ParameterError(f"{name} = {value:g}: must be > 0")
+    if not least <= value <= most:
+        raise ParameterError(f"{name} = {value:g}: must be {f'in [{least:g}, {most:g}]' if isfinite(most) else '>= 0'}")
+    return value
 
 
 def _value_and_error(name: str, pair: Any) -> tuple[float, float]:
     if name not in MEASURABLE:
         raise ParameterError(unknown(name, "measured quantity", MEASURABLE))
-    try:
-        value, error = pair
-    except (TypeError, ValueError):
-        raise ParameterError(f"{name} = {pair!r}: must be a value and its error, such as (4.24, 0.02)") from None
-    units = MEASURABLE[name]
-    value, error = number(name, value, units), number(f"error of {name}", error, units)
+    value, error = pair_of(name, pair, "a value and its error, such as (4.24, 0.02)")
+    value, error = _measured(name, value), number(f"error of {name}", error, MEASURABLE[name].units)
     if error <= 0:
         raise ParameterError(f"error of {name} = {error:g}: must be > 0")
     return value, error

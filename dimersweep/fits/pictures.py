@@ -87,6 +87,6 @@ def _density(axes: Axes, name: str, value: float, variance: float, ends: tuple[f
 
 def _label(name: str) -> str:
     if name == "spin":
-        return f"spin [{units_shown(MEASURABLE['spin'])}]"
+        return f"spin [{units_shown(MEASURABLE['spin'].units)}]"
     unit = units_shown(PARAMETERS[name].units)
     return f"{symbol(name, tex=True)} [{unit}]" if unit else symbol(name, tex=True)

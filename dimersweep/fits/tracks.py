@@ -6,6 +6,7 @@ both follows from the orbit: `Track.of`.
 """
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -163,7 +164,7 @@ def cycloid(t: Any, x: Any, y: Any, sigma: float | None = None) -> Track:
 
 
 def _track(t: Any, x: Any, y: Any, sigma: float | None, moving: bool) -> Track:
-    times, place = _judged(t, x, y, sigma, moving)
+    times, place, sigma = _judged(t, x, y, sigma, moving)
     span = float(np.ptp(times))
     s = (times - _middle(times)) / span  # in [-1/2, 1/2]
     rate, coefficients = _refined(s, place, _best_rate(s, place, moving), moving)
@@ -200,9 +201,10 @@ def _track(t: Any, x: Any, y: Any, sigma: float | None, moving: bool) -> Track:
     )
 
 
-def _judged(t: Any, x: Any, y: Any, sigma: float | None, moving: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Times and places x + iy of a track."""
-    times, *places = (as_numbers(name, values, as_number) for name, values in (("t", t), ("x", x), ("y", y)))
+def _judged(t: Any, x: Any, y: Any, sigma: float | None, moving: bool) -> tuple[np.ndarray, np.ndarray, float | None]:
+    """Times and places x + iy of a track, and the error of a coordinate where it is given."""
+    given = (("t", t, "s"), ("x", x, "m"), ("y", y, "m"))
+    times, *places = (as_numbers(name, values, partial(as_number, units=units), units) for name, values, units in given)
     for name, values in zip("xy", places, strict=True):
         if values.size != times.size:
             raise ParameterError(f"{name}: has {values.size} values; must have {times.size}, as t has")
@@ -211,9 +213,10 @@ def _judged(t: Any, x: Any, y: Any, sigma: float | None, moving: bool) -> tuple[
         raise ParameterError(f"t: has {np.unique(times).size} different times; must have at least {least}")
     if max(np.ptp(values) for values in places) == 0:
         raise ParameterError(f"x, y: all {times.size} points are at one place; a track has to move")
-    if sigma is not None and as_number("sigma", sigma) <= 0:
-        raise ParameterError(f"sigma = {sigma}: must be > 0")
-    return times, places[0] + 1j * places[1]
+    sigma = None if sigma is None else as_number("sigma", sigma, "m")
+    if sigma is not None and sigma <= 0:
+        raise ParameterError(f"sigma = {sigma:g}: must be > 0")
+    return times, places[0] + 1j * places[1], sigma
 
 
 def _slopes(A: np.ndarray, s: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
