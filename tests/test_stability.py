@@ -17,7 +17,8 @@ from dimersweep.kernel.model.layout import (
     N_STATE,
 )
 from dimersweep.runs.period_map import Section
-from dimersweep.runs.stability import lyapunov, multipliers, of_orbit, qr_growth, spectrum
+from dimersweep.runs.stability import lyapunov, multipliers, of_orbit, orthogonal, qr_growth, spectrum
+from dimersweep.runs.tangent import Tangents
 
 G = 9.81
 
@@ -247,6 +248,11 @@ def test_weak_chaos_is_told_by_a_run_that_is_long_enough():
     assert 0.1 < per_period < log(1e4) / 24
 
 
+def exact(matrices):
+    """Maps of `qr_growth` from matrices."""
+    return [lambda directions, matrix=matrix: (matrix @ directions.T, np.zeros(len(directions))) for matrix in matrices]
+
+
 def henon(n, a=1.4, b=0.3):
     """Derivatives of Henon's map along its attractor (doi 10.1007/BF01608556)."""
     x, y = 0.1, 0.1
@@ -259,19 +265,38 @@ def henon(n, a=1.4, b=0.3):
 
 def test_exponents_of_known_maps():
     """Henon's map contracts areas by 0.3 everywhere, and has the exponent 0.4192; a fixed matrix has its eigenvalues."""
-    mean = qr_growth(henon(40_000), 2).mean(axis=0)
+    mean = qr_growth(exact(henon(40_000)), np.eye(2)).mean(axis=0)
     assert mean.sum() == pytest.approx(log(0.3), abs=1e-12)
     assert mean[0] == pytest.approx(0.4192, abs=0.003)
     matrix = np.array([[0.9, 0.4, 0.1], [0.0, -0.5, 0.2], [0.0, 0.0, 0.2]])
-    assert qr_growth([matrix] * 400, 3)[200:].mean(axis=0) == pytest.approx(np.log([0.9, 0.5, 0.2]), abs=1e-9)
+    assert qr_growth(exact([matrix] * 400), np.eye(3))[200:].mean(axis=0) == pytest.approx(
+        np.log([0.9, 0.5, 0.2]), abs=1e-9
+    )
 
 
 def test_a_direction_that_is_lost_stays_so():
     """A map onto fewer coordinates, and back onto more: contact takes a direction and gives none."""
     onto, back = np.array([[2.0, 0.0, 0.0], [0.0, 0.5, 0.5]]), np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
-    growth = qr_growth([onto, back, onto, back], 3)
+    growth = qr_growth(exact([onto, back, onto, back]), np.eye(3))
     assert np.isfinite(growth[:, :2]).all()
     assert np.isneginf(growth[:, 2]).all()
+    # one that is lost takes no other with it, and one that shrinks by much is not lost
+    growth = qr_growth(exact([np.diag([2.0, 0.0, 1e-9, 0.5]), *[np.diag([2.0, 3.0, 1.0, 0.5])] * 3]), np.eye(4))
+    expected = np.log(
+        [[2.0, 0.0, 1e-9, 0.5]] + [[2.0, 0.0, 1.0, 0.5]] * 3, where=np.arange(4) != 1, out=np.full((4, 4), -np.inf)
+    )
+    assert growth == pytest.approx(expected)
+
+
+def test_a_direction_is_lost_where_the_others_leave_less_than_its_error():
+    columns = np.array([[1.0, 0.5, 0.0], [0.0, 1e-5, 0.0], [0.0, 0.0, 1.0]])
+    for error, second in ((1e-6, 1e-5), (1e-4, 0.0)):
+        found, sizes = orthogonal(columns, np.array([0.0, error, 0.0]))
+        assert sizes == pytest.approx([1.0, second, 1.0])
+        assert found == pytest.approx(np.eye(3)[sizes > 0])
+    assert (
+        orthogonal(columns, np.array([1e-4, 0.0, 0.0]))[1][1] == 0.0
+    )  # half of the error of the first is in the second
 
 
 def test_the_exponents_of_a_settled_motion_are_those_of_its_multipliers(drift):
@@ -290,3 +315,68 @@ def test_the_largest_exponent_of_chaos_is_that_of_a_twin():
     assert every.periods == largest.periods
     assert np.isneginf(every.exponents[-1])  # both ends have been down
     assert (np.diff(every.exponents[np.isfinite(every.exponents)]) < 0).all()
+
+
+def bouncing(seed):
+    """Parameters of a random unlike dimer without friction on a plate that shakes it strongly."""
+    rng = np.random.default_rng([20240307, seed])
+    low, high = (
+        [3.0, 10.0, 2.5, 3e-3, 3e-3, 0.6, 0.6, -0.5, 0.0, 0.0],
+        [9.0, 40.0, 8.0, 7e-3, 7e-3, 0.98, 0.98, 1.4, 2.0, 6.2],
+    )
+    names = ("Gamma", "f", "A_r", "r_1", "r_2", "e_1", "e_2", "beta0", "xdot0", "phi0")
+    scene = dict(zip(names, rng.uniform(low, high).tolist(), strict=True))
+    return scene | {
+        "mu": 0.0,
+        "mu_s": 0.0,
+        "gammadot0": float(rng.uniform(-50, 50)),
+        "thetadot0": float(rng.uniform(-5, 5)),
+    }
+
+
+def test_without_friction_the_exponents_add_up_to_what_impacts_take():
+    """A flight keeps the volume of phase space, and an impact of an end of restitution e leaves e^2 of it, in any period."""
+    seed = scenes = steep = 0
+    while scenes < 50:
+        scene, seed = bouncing(seed), seed + 1
+        run, f = simulate(**scene, periods=10), scene["f"]
+        longer = run.go_on(20 + 1 + 10)
+        if set(longer.events["kind"].values) - {"FM", "SI1_sp", "SI2_sp"}:
+            continue  # an end has stayed down: that takes directions altogether
+        scenes += 1
+        events = longer.events.sel(event=(longer.events["cause"] == "impact") & (longer.events["time"] * f > 31))
+        struck = [(events[f"impulse_{end}"].values > 0).sum() for end in (1, 2)]
+        found = spectrum(run, 10)
+        assert found.periods == 10
+        expected = 2 * (struck[0] * log(scene["e_1"]) + struck[1] * log(scene["e_2"])) * f / 10
+        assert found.exponents.sum() == pytest.approx(expected, abs=1e-6 * f), scene
+        steep += np.abs(longer.states(np.linspace(31, 41, 400) / f)["beta"].values).max() > pi / 2 - 0.02
+    assert seed < 100 and steep >= 5
+
+
+@pytest.mark.parametrize("lower", [0.1, 1e-3, 1e-6, 1e-9])
+def test_places_are_regular_where_the_dimer_stands_upright(lower):
+    """To a place and back, and a place a small way off is a state of a dimer as near."""
+    run = simulate(beta0=pi / 2 - lower, gap0=1e-3, betadot0=1.0, thetadot0=2.0, gammadot0=30.0, r_2=6e-3, periods=1)
+    record = run.record("the test")
+    tangents, state, free = Tangents(Section(record.row, 1e-11)), record.segments[0, :N_STATE], np.zeros(2)
+    place = tangents.place(state)
+    assert tangents.place(tangents.state(place, free)) == pytest.approx(place, abs=1e-12)
+    for way in np.eye(10)[:7]:
+        assert tangents.place(tangents.state(place + 1e-4 * way, free)) - place == pytest.approx(1e-4 * way, abs=1e-12)
+    basis = tangents.basis(place, free)
+    assert basis @ basis.T == pytest.approx(np.eye(8), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("scene", "finite"),
+    [({"Gamma": 8.0, "e": 0.6, "mu_s": 0.2}, 6), ({"Gamma": 5.0, "e": 0.7, "mu": 0.3, "beta0": 0.4}, 4)],
+)
+def test_a_period_that_contracts_by_much_loses_no_exponent(scene, finite):
+    """Ends that stick within impacts take two, an end that stays down two more; what is left does not depend on the length."""
+    run = simulate(**scene, periods=100)
+    short, long = spectrum(run, 100), spectrum(run, 300)
+    for found in (short, long):
+        assert (np.isfinite(found.exponents) == (np.arange(8) < finite)).all()
+    off = np.abs(short.exponents[:finite] - long.exponents[:finite])
+    assert (off < 4 * np.hypot(short.errors[:finite], long.errors[:finite])).all()

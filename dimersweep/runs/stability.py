@@ -3,7 +3,8 @@
 All use the map from one start of a forcing period to the next (`period_map`).
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -16,12 +17,14 @@ from dimersweep.parameters import check_level
 from dimersweep.runs.period_map import NAMES, Section, free_coordinates
 from dimersweep.runs.recorded import RunRecord, period_rows
 from dimersweep.runs.run import Run
+from dimersweep.runs.tangent import Tangents
 
+LinearMap = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 MAP_RTOL = 1e-11  # of the map, where the run was coarser: differences are taken of it
 SETTLING, SHARE = 20, 10  # periods before the count begins, and one in so many more: the twin finds its direction
 FORGOTTEN = NAMES[:5]  # what both ends at rest have lost of the past; the spin rolls on
 BLOCKS = 20  # of periods, whose spread gives the error of a mean
-SHRUNK = 1e-4  # growth in one period, below which differences of the map do not show what is left of a change
+ROUNDING = 100 * np.finfo(float).eps  # error of a length that a sum of products gives
 
 
 class Multipliers(NamedTuple):
@@ -216,16 +219,17 @@ def lyapunov(run: Run, periods: int = 1000) -> Lyapunov:
 def spectrum(run: Run, periods: int = 200) -> Spectrum:
     """All Lyapunov exponents of the motion that a run has come to.
 
-    The run goes on (`Run.go_on`). The derivative of its return map is taken in each forcing period, by differences in the
-    coordinates that contact leaves free, and applied to directions that are made orthogonal again by QR
-    (doi 10.1007/BF02128237).
+    The run goes on (`Run.go_on`). In each forcing period the derivative of its return map is taken in directions that contact
+    leaves free, by central differences whose step is judged, and what they become is made orthogonal again
+    (doi 10.1007/BF02128237). Volumes are those of phase space (`tangent`): without friction each impact of an end of
+    restitution e contracts them by e^2, and nothing else does.
 
     Parameters
     ----------
     run : Run
         Recorded; its transients are over.
     periods : int
-        As of `lyapunov`; each takes about nine times the time of a period.
+        As of `lyapunov`; each takes about forty times the time of a period.
 
     Returns
     -------
@@ -247,9 +251,11 @@ def spectrum(run: Run, periods: int = 200) -> Spectrum:
     [1.   0.6  0.6  0.31] [1.   0.6  0.6  0.31]
     """
     way = _way_on(run, periods, "spectrum")
-    growth = qr_growth(
-        _derivatives(way.section, way.states, way.modes, way.settled), len(free_coordinates(way.modes[0]))
-    )
+    tangents = Tangents(way.section)
+    places = [tangents.place(state) for state in way.states]
+    maps = map(partial(partial, tangents.grown), places[:-1], way.modes[:-1], places[1:])
+    # in a motion that has not settled one direction alone, the spin, is left where both ends have been at rest
+    growth = qr_growth(maps, tangents.basis(places[0], way.modes[0]), fewest=0 if way.settled else 2)
     mean, error, counted = _mean_growth(growth, way, "spectrum")
     order, f = np.argsort(-mean, kind="stable"), run.parameters["f"]
     return Spectrum(mean[order] * f, error[order] * f, mean[order], counted)
@@ -295,58 +301,60 @@ def _mean_growth(growth: np.ndarray, way: _Way, wanted: str) -> tuple[np.ndarray
     return kept.mean(axis=0), error, len(kept)
 
 
-def qr_growth(derivatives: Iterable[np.ndarray], n: int) -> np.ndarray:
-    """Logarithms of the growth of n orthogonal directions under derivatives of a map, one after the other.
+def qr_growth(maps: Iterable[LinearMap], directions: np.ndarray, fewest: int = 0) -> np.ndarray:
+    """Logarithms of the growth of orthogonal directions under linear maps, one after the other.
 
     Parameters
     ----------
-    derivatives : iterable of ndarray
-        Each of as many columns as the one before has rows, the first of n columns.
-    n : int
+    maps : iterable of callable
+        Each takes directions, shape (m, k), to columns, shape (l, m), and bounds on the errors of these, shape (m,).
+    directions : ndarray, shape (n, k)
+    fewest : int
+        It ends before the map that leaves fewer of them.
 
     Returns
     -------
-    ndarray, shape (number of derivatives, n)
-        -inf for a direction that is lost, and all that come after it.
+    ndarray, shape (number of maps that count, n)
+        -inf for a direction that is lost, from there on: what the others leave of it is below its error.
 
     Examples
     --------
     >>> import numpy as np
     >>> from dimersweep.runs.stability import qr_growth
-    >>> growth = qr_growth([np.array([[2.0, 1.0], [0.0, 0.5]])] * 50, 2)
+    >>> matrix = np.array([[2.0, 1.0], [0.0, 0.5]])
+    >>> growth = qr_growth([lambda q: (matrix @ q.T, np.zeros(len(q)))] * 50, np.eye(2))
     >>> print(np.exp(growth.mean(axis=0)).round(3))
     [2.  0.5]
     """
-    directions = np.eye(n)
-    growth = []
-    for derivative in derivatives:
-        directions, upper = np.linalg.qr(derivative @ directions)
-        sizes = np.abs(np.diag(upper))
-        lost = np.flatnonzero(sizes <= SHRUNK)
-        left = int(lost[0]) if lost.size else sizes.size
-        directions = directions[:, :left]
-        growth.append(np.concatenate([np.log(sizes[:left]), np.full(n - left, -np.inf)]))
+    n = len(directions)
+    left, growth = np.arange(n), []
+    for each in maps:
+        directions, sizes = orthogonal(*each(directions))
+        left = left[sizes > 0]
+        if left.size < fewest:
+            break
+        growth.append(np.full(n, -np.inf))
+        growth[-1][left] = np.log(sizes[sizes > 0])
     return np.array(growth).reshape(-1, n)
 
 
-def _derivatives(section: Section, states: np.ndarray, modes: np.ndarray, settled: bool) -> Iterable[np.ndarray]:
-    """Derivatives of the return map from each state to the next, in the coordinates that are free at either.
-
-    In a motion that has not `settled` they end where both ends have been at rest.
-    """
-    step = section.rtol**0.5
-    for state, here, there in zip(states[:-1], modes[:-1], modes[1:], strict=True):
-        point, free = section.point(state), free_coordinates(here)
-        image = section.after(state.copy(), 1)[0]
-        columns = []
-        for k in free:
-            moved = point.copy()
-            moved[k] += step
-            columns.append((section.after(section.held(section.state(moved), here), 1)[0] - image) / step)
-        kept = free_coordinates(there)
-        if not settled and not any(column[k] for column in columns for k in kept if NAMES[k] in FORGOTTEN):
-            return
-        yield np.array(columns).T[kept]
+def orthogonal(columns: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors that columns span one after the other, as rows; what each adds, 0 where that is below its error."""
+    found: list[np.ndarray] = []
+    shares: list[float] = []  # errors of those, which are of unit length
+    sizes = np.zeros(columns.shape[1])
+    for k, (column, error) in enumerate(zip(columns.T, errors, strict=True)):
+        rest, bound = column, max(error, ROUNDING * np.linalg.norm(column))
+        for _ in range(2):  # again, as rounding leaves some of what was large
+            for unit, share in zip(found, shares, strict=True):
+                along = unit @ rest
+                rest, bound = rest - along * unit, bound + abs(along) * share
+        size = np.linalg.norm(rest)
+        if size > bound:
+            sizes[k] = size
+            found.append(rest / size)
+            shares.append(float(bound / size))
+    return np.array(found).reshape(-1, len(columns)), sizes
 
 
 def _growth(section: Section, states: np.ndarray, modes: np.ndarray, settled: bool) -> list[float]:
