@@ -147,6 +147,21 @@ def test_twice_the_period():
         orbits.find(spin=100.0, periods=2)
 
 
+def test_the_orbit_that_runs_come_to_is_preferred_and_others_are_told():
+    slender = {"r": 2.8107e-3, "A_r": 8.1917, "f": 15.558, "mu": 0.21445, "mu_s": 0.34869, "e": 0.73123, "Gamma": 0.82}
+    orbit = orbits.find(spin=75.08, **slender)
+    run = simulate(beta0=0.3, xdot0=75.08 * 2.8107e-3 * 1.4, periods=400, record=False, **slender)
+    near = orbits.find(spin=run.orbit.spin_rate, guess=orbit)
+    assert near.radius == pytest.approx(run.orbit.radius, rel=1e-5)
+    assert orbit.stable
+    (other,) = orbit.others
+    assert not other.stable
+    assert other.spin == pytest.approx(orbit.spin)
+    assert "1 other at this spin" in repr(orbit)
+    assert orbits.find(spin=75.08, **slender | {"Gamma": 0.8}).others == ()
+    assert orbits.find(spin=100.0, Gamma=1.28).others == ()  # it is found again from each start
+
+
 def test_what_is_no_orbit_is_told_in_one_line():
     with pytest.raises(ParameterError, match="unknown parameter"):
         orbits.find(gamma=1.0)
@@ -194,6 +209,6 @@ def test_below_the_fold_it_is_said_why_there_is_no_orbit(Gamma, periods):
 def test_a_dimer_that_is_thrown_off_from_rest_once_a_period_repeats_after_one():
     """Nothing of it is free at the section but its spin: the period that was asked for is refused in a line."""
     thrown = {"e": 0.3, "Gamma": 1.1, "spin": 0.0}
-    assert orbits.find(**thrown).multipliers.size == 0
+    assert orbits.find(**thrown).multipliers.tolist() == [0]
     with pytest.raises(OrbitError, match="repeats after 1 already; ask for periods=1"):
         orbits.find(**thrown, periods=2)

@@ -23,6 +23,7 @@ from dimersweep.runs.run import Run
 
 RTOL = 1e-12
 TRANSIENTS = (1, 30, 200)  # periods of the map run from the ball's orbit before Newton's method
+ONE_ORBIT = 1e-6  # radii and phases of two orbits that are one, relative to each other
 SAME = 1e-4  # in units of the section: a fast part that comes as near as this to its start has repeated
 MOST_TURNS = 1e3  # of the spin in a forcing period: orbits are found up to some 30; far beyond, the search takes long
 SMALLEST_SHARE = 1e-3  # of the way from the parameters of one orbit to other ones
@@ -38,6 +39,9 @@ def find(
     **parameters: float,
 ) -> PeriodicOrbit:
     """The orbit at a given axial spin: a fixed point of the fast part of the return map, stable or not.
+
+    Without a guess it is looked for from three starts, until one leads to a stable orbit. If none does, it is the first that
+    was found. Others that were found on the way are its `others`.
 
     Parameters
     ----------
@@ -91,13 +95,26 @@ def orbit_at(
 ) -> PeriodicOrbit:
     """The orbit at a given spin, for parameters that have been checked; see `find`. A `tape` goes on counting periods."""
     tape = Tape() if tape is None else tape
-    tried = []
+    tried: list[str] = []
+    found: list[PeriodicOrbit] = []
     for name, start in _starts(spin, periods, guess, given, rtol, tape):
         try:
-            return _found(start(), spin, guess, given)
+            orbit = _found(start(), spin, guess, given)
         except OrbitLost as reason:
             tried.append(f"{name}: {reason}")
+            continue
+        if orbit.stable:
+            return replace(orbit, others=tuple(found))
+        if not any(_is_same(orbit, other) for other in found):
+            found.append(orbit)
+    if found:
+        return replace(found[0], others=tuple(found[1:]))
     raise OrbitError(f"no orbit of period {periods}{_where(spin)}{_why_not(given)}; tried {'; '.join(tried)}")
+
+
+def _is_same(a: PeriodicOrbit, b: PeriodicOrbit) -> bool:
+    """Whether two orbits of one spin are one."""
+    return bool(np.isclose([a.radius, a.impact_phase], [b.radius, b.impact_phase], rtol=ONE_ORBIT).all())
 
 
 def checked(parameters: dict[str, Any], guess: Run | PeriodicOrbit | None = None) -> dict[str, float]:

@@ -47,7 +47,8 @@ class PeriodicOrbit:
     spin_drift, precession_rate_drift : float
         Change of the spin and of the precession rate per forcing period along the slow family [rad s-1].
     multipliers : ndarray of complex
-        Of the fast part, over the period of the motion, the largest first [1].
+        Of the fast part, over the period of the motion, the largest first [1]; a single 0 if nothing but the spin is
+        remembered.
     slow_multiplier : float
         That of the direction along the family [1].
     stable : bool
@@ -58,6 +59,8 @@ class PeriodicOrbit:
         The sequence of contact states (docs/orbits.md).
     cost : float
         Forcing periods of the map that it took.
+    others : tuple of PeriodicOrbit
+        Unstable ones of the same spin that were found before it, by `orbits.find`.
 
     Examples
     --------
@@ -88,12 +91,14 @@ class PeriodicOrbit:
     rtol: float
     fixed: Fixed = field(repr=False)
     creep: Creep = field(repr=False)
+    others: "tuple[PeriodicOrbit, ...]" = ()
 
     def __repr__(self) -> str:
         kind = "stable" if self.stable else "unstable"
+        others = f", {len(self.others)} other at this spin" if self.others else ""
         return (
             f"<PeriodicOrbit: period {self.periods}, {kind}, spin {self.spin:.6g} rad/s, radius {self.radius:.6g} m, "
-            f"zeta {self.zeta:.6g} rad, residual {self.residual:.1e}>"
+            f"zeta {self.zeta:.6g} rad, residual {self.residual:.1e}{others}>"
         )
 
     @cached_property
@@ -167,7 +172,7 @@ def orbit_of(fixed: Fixed, creep: Creep | None = None) -> PeriodicOrbit:
         di_end=strike.di_end,
         spin_drift=creep.drift / m.periods + 0.0,
         precession_rate_drift=creep.turn_drift * parameters["f"] / m.periods**2,
-        multipliers=fast,
+        multipliers=fast if fast.size else np.zeros(1, dtype=complex),
         slow_multiplier=slow,
         stable=bool((np.abs(fast) < 1).all()),
         residual=fixed.residual,
