@@ -1,5 +1,7 @@
 """A map to click: what a click shows, and the page in a real browser."""
 
+import asyncio
+import logging
 import os
 import subprocess
 import sys
@@ -14,6 +16,7 @@ import pytest
 import dimersweep
 from dimersweep import cli
 from dimersweep.errors import ParameterError, StoreError
+from dimersweep.exploring import serving
 from tests.browser import chromium_page, colors_of, needs_chromium
 
 board = pytest.importorskip("dimersweep.exploring.board", reason="panel is not installed", exc_type=ImportError)
@@ -151,6 +154,24 @@ def test_a_cube_that_is_none_is_refused_before_a_server_starts(monkeypatch, caps
     with pytest.raises(SystemExit) as stop:
         cli.main()
     assert (stop.value.code, capsys.readouterr().err) == (2, "dimersweep: error: absent.nc: no such file\n")
+
+
+def test_a_page_that_is_closed_while_it_draws_leaves_no_traceback(cube, monkeypatch, caplog):
+    """Bokeh sends on to the page; asyncio tells of that at length. Whatever else goes wrong is told."""
+    panel = pytest.importorskip("panel")
+    websocket = pytest.importorskip("tornado.websocket")
+
+    def serves(*rest, **more):
+        loop = asyncio.new_event_loop()
+        for error in (websocket.WebSocketClosedError(), ValueError("a fault")):
+            loop.call_exception_handler({"message": "Task exception was never retrieved", "exception": error})
+        loop.close()
+        logging.getLogger("bokeh.server.views.ws").warning("Failed sending message as connection was closed")
+
+    monkeypatch.setattr(panel, "serve", serves)
+    with pytest.raises(KeyboardInterrupt):
+        serving.serve(cube, port=0, show=False)
+    assert [record.exc_info[0] for record in caplog.records] == [ValueError]
 
 
 @contextmanager

@@ -1,10 +1,13 @@
 """The board of a cube in a browser, or in a notebook."""
 
+import logging
 from typing import Any
 
 import xarray as xr
 
 from dimersweep.errors import StoreError
+
+CLOSED = ("WebSocketClosedError", "StreamClosedError")
 
 
 def _panel() -> Any:
@@ -20,6 +23,12 @@ def _panel() -> Any:
     except ImportError:
         raise StoreError("explore: needs panel; pip install 'dimersweep[explore]'") from None
     return panel
+
+
+def _of_an_open_page(record: logging.LogRecord) -> bool:
+    """Whether a line of the server's log is worth reading: that a page was closed while it was drawn is not."""
+    error = record.exc_info[0] if record.exc_info else None
+    return not (error and error.__name__ in CLOSED) and "connection was closed" not in record.getMessage()
 
 
 def explore(cube: xr.Dataset) -> Any:
@@ -68,6 +77,8 @@ def serve(cube: xr.Dataset, *, port: int, show: bool) -> None:
     from dimersweep.exploring.board import Board, layout_of
 
     Board(cube)  # what is wrong with a cube is reported before a server starts
+    for name in ("asyncio", "bokeh.server.views.ws", "tornado.application"):
+        logging.getLogger(name).addFilter(_of_an_open_page)
     try:
         panel.serve(
             lambda: layout_of(cube), port=port, show=show, address="127.0.0.1", title="dimersweep", verbose=True
