@@ -57,7 +57,8 @@ def _ellipses(
     angle = np.linspace(0, 2 * np.pi, CORNERS)
     centre = np.array([values[name] for name in pair])
     if np.isfinite(covariance).all():
-        root = np.linalg.cholesky(covariance)
+        sizes, directions = np.linalg.eigh(covariance)  # one of a pair may be known exactly
+        root = directions * np.sqrt(np.maximum(sizes, 0.0))
         for times in DEVIATIONS:
             x, y = centre[:, None] + times * root @ np.array([np.cos(angle), np.sin(angle)])
             axes.fill(x, y, color="C0", alpha=0.25, lw=0, label=f"{times} standard deviation{'s' if times > 1 else ''}")
@@ -75,7 +76,7 @@ def _ellipses(
 
 def _density(axes: Axes, name: str, value: float, variance: float, ends: tuple[float, float]) -> None:
     at = np.linspace(*ends, 401)
-    if np.isfinite(variance):
+    if 0 < variance < np.inf:
         axes.plot(at, np.exp(-((at - value) ** 2) / (2 * variance)))
         for times in DEVIATIONS:
             axes.axvspan(value - times * variance**0.5, value + times * variance**0.5, color="C0", alpha=0.2, lw=0)

@@ -203,8 +203,9 @@ def families(table: xr.Dataset) -> Figure:
         words = ", ".join(given(name, float(row[name])) for name in names)
         for axes, name in zip(panels, PANELS, strict=False):
             axes.plot(spin, row[name], color=f"C{k}", label=words)
-        least = int(np.nanargmin(row["period"]))
-        if 0 < least < int(np.isfinite(row["period"]).sum()) - 1:
+        known = np.flatnonzero(np.isfinite(row["period"].values))
+        least = known[np.argmin(row["period"].values[known])] if known.size else 0
+        if known.size and known[0] < least < known[-1]:
             panels[1].plot(spin[least], row["period"][least], "o", color=f"C{k}")
         panels[3].plot(spin, np.abs(row["spin_drift"]) / spin, color=f"C{k}")
     for axes, name in zip(panels, PANELS, strict=False):

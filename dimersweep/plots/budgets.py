@@ -52,7 +52,12 @@ def energy_budget(axes: Axes, run: "Run", periods: int = 12) -> None:
     kinds = list(dict.fromkeys(late["kind"].values.tolist()))
     sums = np.array([[late[name].values[late["kind"].values == kind].sum() for name in names] for kind in kinds])
     sums *= 1e6 / count
-    greatest = np.abs(sums).max()
+    greatest = np.abs(sums).max(initial=0.0)
+    axes.set_xlabel("work on the dimer, per forcing period [µJ]")
+    if not greatest:
+        axes.set_yticks([])
+        axes.set_title("no work is done", fontsize=9)
+        return
     shown = np.abs(sums).max(1) > SMALLEST * greatest
     sums, kinds = sums[shown], [kind for kind, keep in zip(kinds, shown, strict=True) if keep]
     sums, kinds = np.vstack([sums, sums.sum(0)]), [*kinds, "all"]
@@ -71,4 +76,3 @@ def energy_budget(axes: Axes, run: "Run", periods: int = 12) -> None:
     ticks = 10.0 ** np.arange(np.ceil(np.log10(greatest)) - 5, np.ceil(np.log10(greatest)) + 1, 2)
     axes.set_xticks(np.concatenate([-ticks[::-1], [0.0], ticks]))
     axes.minorticks_off()
-    axes.set_xlabel("work on the dimer, per forcing period [µJ]")

@@ -13,6 +13,7 @@ from matplotlib.patches import Patch
 
 from dimersweep.cubes.cube import names
 from dimersweep.cubes.reading import edges_of, is_geometric, over_axes
+from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots.judging import judge_cube
 from dimersweep.plots.style import (
@@ -158,6 +159,8 @@ def point_map(cube: xr.Dataset, quantity: str | None = None) -> Figure:
     """Points that are no grid: each pair of parameters that vary, one over the other, coloured by mode or a quantity."""
     varied = [str(name) for name, each in cube.coords.items() if name in PARAMETERS and np.ptp(each.values) > 0]
     pairs = [(varied[i], varied[j]) for j in range(len(varied)) for i in range(j)][:MOST_PANELS]
+    if not varied:
+        raise ParameterError("mode_map: all points have the same parameters; needs one that varies")
     pairs = pairs or [(varied[0], varied[0])]
     columns = min(3, len(pairs))
     rows = -(-len(pairs) // columns)

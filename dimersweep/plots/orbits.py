@@ -19,6 +19,7 @@ from dimersweep.cubes.reading import (
     runs_of,
     stick_ratio,
 )
+from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import DI_ENDS, M_DRIFT, M_NOT_RUN
 from dimersweep.plots.judging import judge_cube
 from dimersweep.plots.style import Drawing, entitle, given, label, log_scale, mark, row_colors, title
@@ -140,12 +141,19 @@ def _trend(axes: Axes, cube: xr.Dataset, quantity: str, name: str, other: str) -
         axes.axhline(np.pi / 2, color="black", linewidth=0.8, linestyle=":")
         axes.set_xlabel(f"${base}$" + (" [Hz]" if name == "f" else ""))
         return
+    if not np.isfinite(values).any():
+        axes.set_title("nothing drifts", fontsize=9)
+        return
     log_scale(axes)
     axes.set_xscale("log")
     axes.xaxis.set_major_locator(LogLocator(subs=(1, 1.5, 2, 2.5, 3, 4, 5, 6)))
     axes.xaxis.set_major_formatter("{x:g}")
     axes.xaxis.set_minor_formatter(NullFormatter())
-    law = exponents(cube, quantity)[name]
+    try:
+        law = exponents(cube, quantity)[name]
+    except (KeyError, ParameterError):  # one value of this axis, or too few points that drift
+        axes.set_title("no exponent: too few points drift", fontsize=9)
+        return
     shown = f"({base})" if name == "A_r" else base
     text = f"${shown}^{{{law.exponent:.3f} \\pm {law.error:.3f}}}$, local {law.least:.2f} to {law.greatest:.2f}"
     axes.set_title(text, fontsize=9)

@@ -107,7 +107,12 @@ def percent(share: float) -> str:
 
 
 def log_scale(axes: Axes) -> None:
-    """A logarithmic y axis with plain numbers: at 1, 2 and 5, or evenly where what is drawn spans less than a decade."""
+    """A logarithmic y axis with plain numbers: at 1, 2 and 5, or evenly where what is drawn spans less than a decade.
+
+    Where nothing is drawn the axis stays as it is.
+    """
+    if not np.isfinite(axes.dataLim.minposy):
+        return
     axes.set_yscale("log")
     low, high = axes.get_ylim()
     axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)) if high > 10 * low else MaxNLocator(6))

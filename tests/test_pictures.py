@@ -1,0 +1,817 @@
+"""What is drawn, read back from the figures and compared with the data; and pictures of next to nothing."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.colors import to_hex, to_rgb
+from matplotlib.contour import QuadContourSet
+from matplotlib.figure import Figure
+
+import dimersweep
+from dimersweep.cubes.cube import FLAGS, blank, build
+from dimersweep.cubes.grid import make_grid
+from dimersweep.cubes.points import make_points
+from dimersweep.errors import ParameterError
+from dimersweep.fits.pictures import draw_fit
+from dimersweep.kernel.model.layout import CODES, DI_ENDS, M_DRIFT, M_JUMP, M_NOT_RUN, M_REST, MODES, OUT
+from dimersweep.orbits.pictures import draw_borders
+from dimersweep.plots import FIGURES, draw, energy_budget, movie, orbit, replay, run_figure
+from dimersweep.plots.attractors import attractors
+
+pytestmark = pytest.mark.filterwarnings("error")
+D, R, J = M_DRIFT, M_REST, M_JUMP
+COLORS = {"drift": "#0072b2", "rest": "#999999", "jump": "#e69f00", "flutter": "#009e73", "failed": "#000000"}
+RED, BLUE, BLACK = "#d62728", "#1f4fd8", "#000000"  # of p1; of the first row
+ENDS = {"none": "#ffffff", "sp_sp": "#0072b2", "sp_sk": "#e69f00", "sk_sp": "#cc79a7", "sk_sk": "#009e73"}
+
+
+def built(grid, modes, **columns):
+    out, codes = blank(grid.size)
+    codes[:, CODES.index("mode")] = np.ravel(modes)
+    for name, values in columns.items():
+        if name in CODES:
+            codes[:, CODES.index(name)] = np.ravel(values)
+        else:
+            out[:, OUT.index(name)] = np.ravel(values)
+    return build(grid, out, codes, {})
+
+
+def cube_of(modes, axes, fixed=None, **columns):
+    return built(make_grid(axes, fixed or {}), modes, **columns)
+
+
+def with_paths(cube, per_period=4):
+    """Tracks that begin at the origin, in circles of radius 1, 2, ... about (-1, 0), (-2, 0), ..., with a ripple of 2 mm."""
+    n, cycle = cube["mode"].size, np.arange(0, 40 + 0.5 / per_period, 1 / per_period)
+    radius, name = 1.0 + np.arange(n)[:, None], cube["mode"].dims[0]
+    angle = 2 * np.pi * cycle / 40
+    rim = radius + 2e-3 * np.sin(2 * np.pi * 10 * cycle / 40)
+    x, y = rim * np.cos(angle) - radius, rim * np.sin(angle)
+    along = (name, "cycle")
+    return cube.assign(x=(along, x), y=(along, y)).assign_coords(cycle=cycle)
+
+
+def color_at(axes, x, y, which=0):
+    """The colour of the cell of a mesh that a place lies in."""
+    mesh = [each for each in axes.collections if hasattr(each, "get_coordinates")][which]
+    corners = mesh.get_coordinates()
+    column = np.searchsorted(corners[0, :, 0], x) - 1
+    row = np.searchsorted(corners[:, 0, 1], y) - 1
+    shape = corners.shape[0] - 1, corners.shape[1] - 1
+    mesh.update_scalarmappable()
+    return to_hex(mesh.get_facecolors().reshape(*shape, 4)[row, column])
+
+
+def labelled(axes):
+    return {line.get_label(): line for line in axes.lines if not line.get_label().startswith("_")}
+
+
+def legend_of(figure):
+    (legend,) = figure.legends
+    faces = [
+        handle.get_facecolor() if hasattr(handle, "get_facecolor") else handle.get_color()
+        for handle in legend.legend_handles
+    ]
+    return {text.get_text(): to_hex(face) for text, face in zip(legend.get_texts(), faces, strict=True)}
+
+
+def drawn(figure):
+    """A figure that can be drawn, at little cost."""
+    figure.set_dpi(20)
+    figure.draw_without_rendering()
+    return figure
+
+
+# --- maps -------------------------------------------------------------------------------------------------------------
+def test_a_map_of_modes_has_each_mode_in_its_place_and_its_colour():
+    modes = np.array([[[R, D, D], [J, D, R]], [[D, R, R], [R, R, J]]])
+    axes = {"f": [15, 20], "e": [0.5, 0.6], "Gamma": [0.8, 0.9, 1.1]}
+    figure = drawn(draw(cube_of(modes, axes), "mode_map"))
+    panels = {each.get_title(): each for each in figure.axes}
+    for k, f in enumerate(axes["f"]):
+        panel = panels[f"$f$ = {f} Hz"]
+        for j, e in enumerate(axes["e"]):
+            for i, Gamma in enumerate(axes["Gamma"]):
+                assert color_at(panel, Gamma, e) == COLORS[MODES[modes[k, j, i]]]
+        assert panel.get_xlabel() == r"$\Gamma$"
+    assert figure.axes[0].get_ylabel() == "$e$"
+    assert legend_of(figure) == {
+        "rest: both ends down (50.0 %)": COLORS["rest"],
+        "drift (33.3 %)": COLORS["drift"],
+        "jump (16.7 %)": COLORS["jump"],
+    }
+    lowest, highest = (np.array(each) for each in zip(panel.get_xlim(), panel.get_ylim(), strict=True))
+    assert (lowest < highest).all()  # right and up
+
+
+def test_a_strip_of_modes_runs_to_the_right():
+    (axes,) = draw(cube_of([R, D, D, J], {"xdot0": [0.5, 1, 2, 3]})).axes
+    assert [color_at(axes, x, 0.5) for x in (0.5, 1, 2, 3)] == [
+        COLORS[word] for word in ("rest", "drift", "drift", "jump")
+    ]
+
+
+def test_a_map_of_a_quantity_has_its_values_in_their_places_and_one_scale():
+    values = np.array([[[1.0, 2, 3], [4, 5, np.nan]], [[7, 8, 9], [10, 11, 12]]])
+    cube = cube_of(np.full(values.shape, D), {"f": [15, 20], "e": [0.5, 0.6], "Gamma": [0.8, 0.9, 1.1]}, radius=values)
+    figure = drawn(draw(cube, quantity="radius"))
+    *panels, bar = figure.axes
+    for k, panel in enumerate(panels):
+        (mesh,) = panel.collections
+        np.testing.assert_array_equal(np.ma.filled(mesh.get_array(), np.nan), values[k])
+        assert mesh.get_clim() == (1, 12) and mesh.cmap.name == "viridis"
+        corners = mesh.get_coordinates()
+        np.testing.assert_allclose(corners[0, :, 0], [0.75, 0.85, 1.0, 1.2])
+        np.testing.assert_allclose(corners[:, 0, 1], [0.45, 0.55, 0.65])
+    assert bar.get_ylabel() == "radius [m]"
+    line = draw(cube.isel(f=1, e=0), quantity="radius").axes[0].lines[0]
+    np.testing.assert_array_equal(line.get_xydata(), [[0.8, 7], [0.9, 8], [1.1, 9]])
+
+
+def test_curves_of_both_ways_are_told_apart():
+    up = cube_of([D, D, D], {"Gamma": [0.8, 0.9, 1.1]}, zeta=[1.0, 2, 3])
+    down = up.assign(zeta=up["zeta"] + 5)
+    both = xr.concat([up, down], dim="direction").assign_coords(direction=[0, 1])
+    (axes,) = draw(both, quantity="zeta").axes
+    lines = labelled(axes)
+    for word, values, marker in (("up", [1, 2, 3], ">"), ("down", [6, 7, 8], "<")):
+        np.testing.assert_array_equal(lines[f"going {word}"].get_xydata(), np.column_stack([[0.8, 0.9, 1.1], values]))
+        assert lines[f"going {word}"].get_marker() == marker
+    assert axes.get_ylabel() == r"$\zeta$ [rad]"
+
+
+def test_points_are_drawn_over_each_pair_of_their_parameters():
+    table = {"Gamma": [0.8, 0.9, 1.0, 1.1], "f": [15, 25, 20, 10], "beta0": [0.1, 0.4, 0.3, 0.2]}
+    cube = built(make_points(table), [R, D, J, D], radius=[np.nan, 2.0, 3.0, 4.0])
+    for quantity in (None, "radius"):
+        figure = draw(cube, quantity=quantity)
+        for panel, (x, y) in zip(figure.axes, (("Gamma", "f"), ("Gamma", "beta0"), ("f", "beta0")), strict=False):
+            (dots,) = panel.collections
+            names = {"Gamma": r"$\Gamma$", "f": "$f$ [Hz]", "beta0": r"$\beta(0)$ [°]"}
+            assert (panel.get_xlabel(), panel.get_ylabel()) == (names[x], names[y])
+            np.testing.assert_array_equal(dots.get_offsets(), np.column_stack([table[x], table[y]]))
+            if quantity is None:
+                assert [to_hex(face) for face in dots.get_facecolors()] == [COLORS[MODES[k]] for k in (R, D, J, D)]
+            else:
+                np.testing.assert_array_equal(np.ma.filled(dots.get_array(), np.nan), cube["radius"])
+
+
+def test_segments_are_the_angles_that_drift_in_their_rows():
+    cube = cube_of([[R, D, D, R], [D, R, R, D]], {"f": [15, 20], "beta0": [0.1, 0.2, 0.3, 0.5]})
+    axes = drawn(draw(cube, "segments")).axes[0]
+    rows = {text.get_text(): height for text, height in zip(axes.get_yticklabels(), axes.get_yticks(), strict=True)}
+    spans = {}
+    for row in axes.collections:
+        for (left, low), (right, high) in row.get_segments():
+            assert low == high
+            spans.setdefault(low, []).append((round(left, 6), round(right, 6)))
+    assert spans == {rows["$f$ = 15 Hz"]: [(0.15, 0.4)], rows["$f$ = 20 Hz"]: [(0.05, 0.15), (0.4, 0.6)]}
+    told = {text.xy[1]: (text.get_text(), to_hex(text.get_color())) for text in axes.texts}
+    assert told == {rows["$f$ = 15 Hz"]: ("0.250 rad", BLUE), rows["$f$ = 20 Hz"]: ("0.300 rad", RED)}
+    assert [to_hex(row.get_colors()[0]) for row in axes.collections] == [BLUE, RED]
+    (degrees,) = axes.child_axes
+    np.testing.assert_allclose(degrees.get_xlim(), [0, 90])
+
+
+def test_regions_are_in_their_places():
+    modes = np.array([[R, R, J], [R, D, J], [R, D, R]])  # over e, then Gamma
+    cube = cube_of(modes, {"e": [0.4, 0.5, 0.7], "Gamma": [0.8, 0.9, 1.1]})
+    words = np.where(modes == D, "drift", np.where(modes == R, "rest", "mixed"))
+    codes = np.vectorize({word: k for k, word in enumerate(FLAGS["region"])}.get)(words)
+    cube["region"] = (
+        cube["mode"].dims,
+        codes,
+        {"flag_values": np.arange(len(FLAGS["region"])), "flag_meanings": " ".join(FLAGS["region"])},
+    )
+    figure = drawn(draw(cube, "regions"))
+    (axes,) = figure.axes
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("$e$", r"$\Gamma$")
+    pale = {"drift": "#ffffff"} | {
+        word: to_hex(0.6 * np.array(to_rgb(COLORS[word])) + 0.4) for word in ("rest", "jump")
+    }
+    hatched = {}
+    for each in axes.collections:
+        if isinstance(each, QuadContourSet) and each.filled:
+            hatched[each.hatches[0]] = each.get_paths()[0]
+    for i, e in enumerate([0.4, 0.5, 0.7]):
+        for j, Gamma in enumerate([0.8, 0.9, 1.1]):
+            assert color_at(axes, e, Gamma) == pale[MODES[modes[i, j]]]
+            assert hatched["|||"].contains_point((e, Gamma)) == (modes[i, j] == D)
+            assert hatched["///"].contains_point((e, Gamma)) == (modes[i, j] == R)
+    lines = [each for each in axes.collections if isinstance(each, QuadContourSet) and not each.filled]
+    assert [to_hex(each.get_edgecolor()[0]) for each in lines] == [RED, BLUE]
+    handles = {
+        text.get_text(): handle
+        for text, handle in zip(figure.legends[0].get_texts(), figure.legends[0].legend_handles, strict=True)
+    }
+    assert {text: handle.get_hatch() for text, handle in handles.items()} == {
+        "$R_1$: some start drifts": "|||", "$R_2$: every start comes to rest": "///", "mostly jump": None,
+    }  # fmt: skip
+
+
+# --- orbits over parameters -------------------------------------------------------------------------------------------
+def test_paths_are_drawn_about_their_centres_and_their_teeth_in_mm():
+    cube = with_paths(cube_of([D, D, D], {"f": [15, 20, 25]}))
+    whole, teeth = draw(cube, "paths").axes
+    lines = labelled(whole)
+    angle = 2 * np.pi * np.arange(0, 40.1, 0.25) / 40
+    for k, (f, color) in enumerate(zip((15, 20, 25), (BLUE, RED, BLACK), strict=True)):
+        line = lines[f"$f$ = {f} Hz: $R$ = {k + 1}.000 m"]
+        rim = k + 1 + 2e-3 * np.sin(10 * angle)
+        np.testing.assert_allclose(
+            line.get_xydata(), np.column_stack([rim * np.cos(angle), rim * np.sin(angle)]), atol=3e-4
+        )
+        assert to_hex(line.get_color()) == to_hex(teeth.lines[k].get_color()) == color
+        np.testing.assert_allclose(teeth.lines[k].get_xdata(), np.arange(0, 4.1, 0.25))
+        np.testing.assert_allclose(teeth.lines[k].get_ydata(), 2 * np.sin(10 * angle)[-17:], atol=0.3)
+    assert [whole.get_xlabel(), whole.get_ylabel()] == ["$x$ [m]", "$y$ [m]"]
+    assert [teeth.get_xlabel(), teeth.get_ylabel()] == ["time [forcing periods]", "distance from the circle [mm]"]
+
+
+def test_walks_have_their_tracks_their_velocities_and_their_curvatures():
+    moving = {"centre_velocity_x": [0, -0.002, np.nan], "centre_velocity_y": [0, 0.001, np.nan], "track": [3, 4, 6]}
+    cube = with_paths(cube_of([D, D, D], {"tilt": [0, 0.001, 0.002]}, **moving))
+    left, right = draw(cube, "walks").axes
+    for k, (line, word) in enumerate(zip(left.lines, ("circle", "loops", "cusps"), strict=False)):
+        np.testing.assert_array_equal(line.get_xydata(), np.column_stack([cube["x"][k], cube["y"][k]]))
+        assert line.get_label().endswith(f": {word}")
+    lines = labelled(right)
+    np.testing.assert_allclose(lines["along $x$"].get_xydata(), [[0, 0], [0.001, -2], [0.002, np.nan]])
+    np.testing.assert_allclose(lines["along $y$"].get_xydata(), [[0, 0], [0.001, 1], [0.002, np.nan]])
+    assert right.get_ylabel() == "velocity of the circle's centre [mm/s]"
+    assert [(text.get_position(), text.get_text().strip()) for text in right.texts] == [((0.002, 0), "cusps")]
+    level = cube_of([D, D, D], {"f": [15, 20, 25]}, precession_rate=[-0.5, 0.2, 1.0], speed=[2.0, 2.0, 4.0])
+    _, right = draw(with_paths(level), "walks").axes
+    np.testing.assert_allclose(right.lines[0].get_xydata(), [[15, 0.25], [20, -0.1], [25, -0.25]])
+    assert right.get_ylabel() == "curvature $1/R$ [1/m]"
+
+
+def laws():
+    A_r, f = np.meshgrid([5.0, 6, 8], [15.0, 20, 30, 40], indexing="ij")
+    columns = {
+        "radius": 0.1 * (A_r - 1) ** 3 * f**-2,
+        "period": 0.2 * (A_r - 1) * f,
+        "zeta": 1.5 + 0.01 * A_r + 0.001 * f,
+    }
+    return cube_of(np.full(A_r.shape, D), {"A_r": [5, 6, 8], "f": [15, 20, 30, 40]}, **columns), columns
+
+
+def test_trends_are_drawn_over_both_axes_with_lines_of_their_exponents():
+    cube, columns = laws()
+    panels = np.reshape(draw(cube, "trends").axes, (3, 2))
+    powers = {"radius": (3, -2), "period": (1, 1)}
+    labels = {"radius": r"$\bar R$ [m]", "period": r"$\bar T$ [s]", "zeta": r"$\zeta$ [rad]"}
+    for row, (name, values) in zip(panels, columns.items(), strict=True):
+        over_A, over_f = row
+        assert over_A.get_ylabel() == labels[name]
+        for k, f in enumerate((15, 20, 30, 40)):
+            np.testing.assert_allclose(
+                labelled(over_A)[f"$f$ = {f} Hz"].get_xydata(), np.column_stack([[4, 5, 7], values[:, k]])
+            )
+        for k, A_r in enumerate((5, 6, 8)):
+            np.testing.assert_allclose(
+                labelled(over_f)[f"$A_r$ = {A_r}"].get_xydata(), np.column_stack([[15, 20, 30, 40], values[k]])
+            )
+        for axes, k in ((over_A, 0), (over_f, 1)):
+            if name in powers:
+                x, y = np.log(axes.lines[-1].get_xydata().T)
+                np.testing.assert_allclose(np.diff(y) / np.diff(x), powers[name][k], atol=1e-6)
+                assert axes.get_xscale() == axes.get_yscale() == "log"
+                assert axes.get_title().startswith(("$(A_r - 1)" if k == 0 else "$f") + f"^{{{powers[name][k]:.3f} ")
+            else:
+                np.testing.assert_allclose(axes.lines[-1].get_ydata(), np.pi / 2)
+    assert [axes.get_xlabel() for axes in panels[-1]] == ["$A_r - 1$", "$f$ [Hz]"]
+
+
+def test_the_least_period_is_marked_where_it_is():
+    speeds = np.linspace(1, 7, 25)
+    periods = np.array([10 + (speeds - 4) ** 2, 20 + (speeds - 3) ** 2])
+    columns = {"period": periods, "zeta": [1.6 + 0 * speeds, 1.6 + 0.01 * speeds]}
+    cube = cube_of(np.full(periods.shape, D), {"A_r": [5, 6], "xdot0": speeds}, **columns)
+    left, right = draw(cube, "minimum").axes
+    for k, color in enumerate((BLUE, RED)):
+        curve, mark = left.lines[2 * k : 2 * k + 2]
+        assert curve.get_label() == f"$A_r$ = {5 + k}"
+        np.testing.assert_array_equal(curve.get_xydata(), np.column_stack([speeds, periods[k]]))
+        np.testing.assert_allclose(mark.get_xydata(), [[4 - k, 10 * (k + 1)]], atol=1e-6)
+        assert mark.get_label() == f"{10 * (k + 1)}.000 ± 0.000 s at {4 - k}.000 ± 0.000 m/s"
+        zeta, down = right.lines[2 * k : 2 * k + 2]
+        np.testing.assert_array_equal(zeta.get_xydata(), np.column_stack([speeds, columns["zeta"][k]]))
+        np.testing.assert_allclose(down.get_xdata(), 4 - k, atol=1e-6)
+        assert {to_hex(line.get_color()) for line in (curve, mark, zeta, down)} == {color}
+    assert (left.get_ylabel(), right.get_ylabel()) == (r"$\bar T$ [s]", r"$\zeta$ [rad]")
+    assert {left.get_xlabel(), right.get_xlabel()} == {r"$\dot{x}_1(0)$ [m/s]"}
+
+
+def test_the_ends_of_impacts_lie_at_mu_and_mu_s():
+    ends = np.array([[["sp_sp", "sp_sk", "sk_sp"], ["none", "none", "sk_sk"]]])  # over A_r, mu, mu_s
+    modes = np.array([[[D, D, D], [M_NOT_RUN, R, D]]])
+    codes = np.vectorize(DI_ENDS.index)(ends)
+    cube = cube_of(np.full(modes.shape, D), {"A_r": [6], "mu": [0.1, 0.3], "mu_s": [0.4, 0.5, 0.7]}, di_end=codes)
+    cube["mode"] = cube["mode"].copy(data=modes)
+    figure = drawn(draw(cube, "impact_ends"))
+    (axes,) = figure.axes
+    for i, mu in enumerate((0.1, 0.3)):
+        for j, mu_s in enumerate((0.4, 0.5, 0.7)):
+            color = "#d9d9d9" if modes[0, i, j] == M_NOT_RUN else ENDS[ends[0, i, j]]
+            assert color_at(axes, mu, mu_s) == color
+    assert (axes.get_xlabel(), axes.get_ylabel()) == (r"$\mu$", r"$\mu_s$")
+    np.testing.assert_allclose(axes.lines[0].get_xdata(), 0.19958, atol=1e-5)
+    words = {"none": "no drift found"}
+    assert legend_of(figure) == {words.get(end, end): color for end, color in ENDS.items()} | {
+        r"$\mu_s < \mu$: not run": "#d9d9d9"
+    }
+
+
+def test_velocities_along_the_axis_have_the_colour_of_their_end():
+    codes = [DI_ENDS.index(end) for end in ("sp_sp", "sk_sk", "sp_sp", "none")]
+    cube = with_paths(cube_of([D] * 4, {"A_r": [5, 6, 7, 8]}, di_end=codes))
+    cube["axial_velocity"] = ("A_r", [0.01, -0.02, 0.03, np.nan])
+    figure = draw(cube, "planar")
+    lines = labelled(figure.axes[0])
+    assert set(lines) == {"sp_sp", "sk_sk"}
+    np.testing.assert_allclose(lines["sp_sp"].get_xydata(), [[5, 10], [7, 30]])
+    np.testing.assert_allclose(lines["sk_sk"].get_xydata(), [[6, -20]])
+    assert {word: to_hex(line.get_color()) for word, line in lines.items()} == {word: ENDS[word] for word in lines}
+    assert (figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()) == ("$A_r$", "drift velocity [mm/s]")
+
+
+def strobed(cube):
+    dims = cube["mode"].dims
+    states = np.arange(cube["mode"].size * 4.0).reshape(*cube["mode"].shape, 4)
+    columns = {"gap_1": 1e-3 * states, "gap_2": 2e-3 * states + 1, "theta_rate": -states}
+    return cube.assign({f"strobe_{name}": ((*dims, "strobe"), values) for name, values in columns.items()})
+
+
+def test_a_bifurcation_diagram_has_each_state_over_its_value_in_the_colour_of_its_mode():
+    cube = strobed(cube_of([R, D, D], {"Gamma": [0.8, 0.9, 1.1]}))
+    figure = draw(cube, "bifurcation")
+    labels = {
+        "gap of $p_1$ [mm]": ("gap_1", 1e3),
+        "gap of $p_2$ [mm]": ("gap_2", 1e3),
+        r"$\dot\theta$ [rad/s]": ("theta_rate", 1),
+    }
+    assert [axes.get_ylabel() for axes in figure.axes] == list(labels)
+    for axes in figure.axes:
+        name, factor = labels[axes.get_ylabel()]
+        dots = {to_hex(line.get_color()): line.get_xydata() for line in axes.lines}
+        values = factor * cube[f"strobe_{name}"].values
+        np.testing.assert_allclose(dots[COLORS["rest"]], np.column_stack([np.full(4, 0.8), values[0]]))
+        np.testing.assert_allclose(
+            dots[COLORS["drift"]], np.column_stack([np.repeat([0.9, 1.1], 4), values[1:].ravel()])
+        )
+    assert figure.axes[-1].get_xlabel() == r"$\Gamma$"
+    assert legend_of(figure) == {"rest: both ends down": COLORS["rest"], "drift": COLORS["drift"]}
+
+
+# --- attractors -------------------------------------------------------------------------------------------------------
+def shares_of(share, **axis):
+    share = np.array(share, float)
+    dims = (*axis, "attractor")
+    n = share.shape[-1]
+    words = np.array(["rest", "drift", "drift"][:n])
+    return xr.Dataset(
+        {
+            "share": (dims, share),
+            "share_low": (dims, share - 0.05 * (share > 0)), "share_high": (dims, share + 0.1 * (share > 0)),
+            "mode": (dims, np.where(share > 0, words, "")), "periods": (dims, np.where(share > 0, [0, 1, 3][:n], 0)),
+            "border": ("change", [0.85, np.nan]), "border_kind": ("change", ["fold", ""]), "start": ("start", np.arange(10)),
+        },
+        {"attractor": np.arange(n), **axis},
+    )  # fmt: skip
+
+
+def test_bars_are_the_shares_of_attractors_with_their_bounds():
+    axes = drawn(attractors(shares_of([0.2, 0.5, 0.3]))).axes[0]
+    assert [tick.get_text() for tick in axes.get_xticklabels()] == [
+        "0: rest",
+        "1: drift, period 1",
+        "2: drift, period 3",
+    ]
+    bars = axes.containers[-1].patches if hasattr(axes.containers[-1], "patches") else axes.patches
+    np.testing.assert_allclose([bar.get_height() for bar in bars], [20, 50, 30])
+    assert to_hex(bars[0].get_facecolor()) == COLORS["rest"] and len({bar.get_facecolor() for bar in bars}) == 3
+    spans = [np.array(segment)[:, 1] for each in axes.collections for segment in each.get_segments()]
+    np.testing.assert_allclose(spans, [[15, 30], [45, 60], [25, 40]])
+    assert axes.get_ylabel() == "share of the starts [%]"
+
+
+@pytest.mark.parametrize("step", [1, -1])
+def test_areas_are_the_shares_of_attractors_over_a_parameter(step):
+    table = shares_of([[0.2, 0.8, 0], [0.5, 0.3, 0.2], [0, 0.4, 0.6]], Gamma=[0.8, 0.9, 1.0])
+    figure = drawn(attractors(table.isel(Gamma=slice(None, None, step))))
+    (axes,) = figure.axes
+    areas = [each for each in axes.collections if not hasattr(each, "get_segments")]
+    bottoms = np.cumsum([[0, 0, 0], [20, 50, 0], [80, 30, 40]], axis=0)
+    for area, bottom, height in zip(areas, bottoms, [[20, 50, 0], [80, 30, 40], [0, 20, 60]], strict=True):
+        corners = area.get_paths()[0].vertices
+        for x, low, thick in zip((0.8, 0.9, 1.0), bottom, height, strict=True):
+            here = corners[np.isclose(corners[:, 0], x), 1]
+            np.testing.assert_allclose([here.min(), here.max()], [low, low + thick], atol=1e-9)
+    assert [line.get_xdata() for line in axes.lines if line.get_linestyle() == "--"] == [[0.85, 0.85]]
+    assert [(text.get_position()[0], text.get_text()) for text in axes.texts] == [(0.85, "fold")]
+    assert axes.get_xlim()[0] < 0.8 < 1.0 < axes.get_xlim()[1] and axes.get_ylim() == (0, 100)
+    assert (axes.get_xlabel(), axes.get_ylabel()) == (r"$\Gamma$", "share of the starts [%]")
+    texts, handles = figure.legends[0].get_texts(), figure.legends[0].legend_handles
+    colors = {text.get_text(): to_hex(handle.get_facecolor()) for text, handle in zip(texts, handles, strict=True)}
+    names = ("0: rest", "1: drift, period 1", "2: drift, period 3")
+    assert colors == {name: to_hex(area.get_facecolor()) for name, area in zip(names, areas, strict=True)}
+
+
+# --- branches, curves and families ------------------------------------------------------------------------------------
+def branch_table():
+    """A branch that turns back at Gamma = 1.2, stable before its fold; and one of another A_r, unstable."""
+    Gamma = [0.8, 1.0, 1.2, 1.0, 0.8, 0.7, 0.9, 1.1]
+    radius = [1.0, 2, 3, 4, 5, 10.0, 11, 12]
+    special = ["", "", "fold", "", "", "", "flip", ""]
+    columns = {
+        "Gamma": Gamma, "radius": radius, "period": 2 * np.array(radius), "zeta": -np.array(radius), "special": special,
+        "stable": [1, 1, 1, 0, 0, 0, 0, 0], "branch": [0] * 5 + [1] * 3, "A_r": [6.0] * 5 + [7.0] * 3,
+    }  # fmt: skip
+    return xr.Dataset(
+        {name: ("point", values) for name, values in columns.items()}, attrs={"parameter": "Gamma", "title": "t"}
+    )
+
+
+def test_branches_are_solid_where_they_are_stable_and_marked_where_they_change():
+    table = branch_table()
+    figure = drawn(draw_borders(table))
+    for axes, (name, label) in zip(
+        figure.axes, (("radius", "radius [m]"), ("period", "period [s]"), ("zeta", r"$\zeta$ [rad]")), strict=True
+    ):
+        assert axes.get_ylabel() == label
+        lines = [line for line in axes.lines if line.get_linestyle() in ("-", "--") and line.get_xdata().size]
+        points = np.column_stack([table["Gamma"], table[name]])
+        for part, style, color in (([0, 1, 2], "-", "C0"), ([3, 4], "--", "C0"), ([5, 6, 7], "--", "C1")):
+            (line,) = [
+                each for each in lines if each.get_linestyle() == style and to_hex(each.get_color()) == to_hex(color)
+            ]
+            for point in points[part]:
+                assert np.abs(line.get_xydata() - point).max(axis=1).min() < 1e-9
+        marks = {
+            line.get_marker(): line.get_xydata()
+            for line in axes.lines
+            if line.get_marker() != "None" and line.get_xdata().size
+        }
+        np.testing.assert_array_equal(marks["s"], points[[2]])
+        np.testing.assert_array_equal(marks["D"], points[[6]])
+    texts, handles = figure.axes[0].get_legend().get_texts(), figure.axes[0].get_legend().legend_handles
+    told = {text.get_text(): handle for text, handle in zip(texts, handles, strict=True)}
+    assert (told["stable"].get_linestyle(), told["unstable"].get_linestyle()) == ("-", "--")
+    assert (told["fold"].get_marker(), told["flip"].get_marker()) == ("s", "D")
+    assert [to_hex(told[f"$A_r$ = {A_r}"].get_color()) for A_r in (6, 7)] == [to_hex("C0"), to_hex("C1")]
+    assert figure.axes[-1].get_xlabel() == r"$\Gamma$"
+
+
+def curve_table(**change):
+    """Borders of Gamma over e, for two values of A_r, with the ball's closed form at 2 e; stable between 0.5 + e and 2 + e."""
+    e, A_r = np.array([0.5, 0.6, 0.7]), np.array([5.0, 6.0])
+    kinds = ["fold", "double_impact", "stable_from", "stable_to"]
+    grid = A_r[:, None] * 0.1 + e
+    Gamma = np.array([grid, grid + 1, 0 * grid + 0.5 + e, 0 * grid + 2 + e])
+    ball = np.array([0 * grid + 2 * e, *[grid * np.nan] * 3])
+    loses = np.array([0 * grid + [1, 0, 1], *[grid * np.nan] * 3])
+    dims = ("border", "A_r", "e")
+    columns = {"Gamma": (dims, Gamma), "ball": (dims, ball), "loses_stability": (dims, loses)}
+    return xr.Dataset(
+        columns, {"kind": ("border", kinds), "A_r": A_r, "e": e}, {"parameter": "Gamma", "title": "t"} | change
+    )
+
+
+def test_curves_of_borders_are_drawn_over_their_last_axis_in_the_style_of_the_others():
+    cube = cube_of([[R, D, D], [D, R, R]], {"Gamma": [0.9, 1.1], "e": [0.5, 0.6, 0.7]})
+    table = curve_table()
+    figure = drawn(draw_borders(table, cube))
+    (axes,) = figure.axes
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("$e$", r"$\Gamma$")
+    for k, style in enumerate(("-", "--")):
+        Gamma = table["Gamma"].isel(A_r=k).values
+        mine = [line for line in axes.lines if line.get_linestyle() == style]
+        pale, strong = (line for line in mine if to_hex(line.get_color()) == "#0072b2")  # fold
+        np.testing.assert_array_equal(pale.get_xydata(), np.column_stack([table["e"], Gamma[0]]))
+        np.testing.assert_array_equal(strong.get_ydata(), [Gamma[0, 0], np.nan, Gamma[0, 2]])
+        assert (pale.get_alpha(), strong.get_alpha()) == (0.35, None)
+        (other,) = (line for line in mine if to_hex(line.get_color()) == "#009e73")
+        np.testing.assert_array_equal(other.get_ydata(), Gamma[1])
+    (ball,) = (line for line in axes.lines if to_hex(line.get_color()) == BLACK)
+    np.testing.assert_allclose(ball.get_xydata(), np.column_stack([table["e"], 2 * table["e"]]))
+    shades = [each.get_paths()[0] for each in axes.collections if not hasattr(each, "get_coordinates")]
+    for path in shades:
+        assert [path.contains_point((0.6, Gamma)) for Gamma in (1.0, 1.2, 2.5, 2.7)] == [False, True, True, False]
+    assert len(shades) == 2
+    assert color_at(axes, 0.5, 1.1) == "#c6dbef" and color_at(axes, 0.6, 0.9) == "#c6dbef"
+    texts = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert {"$A_r$ = 5", "$A_r$ = 6", "fold", "double_impact", "ball, closed form"} <= set(texts)
+
+
+def test_families_are_drawn_over_their_spin_with_the_least_period():
+    spin = np.array([90.0, 100, 110, 120])
+    period = np.array([[5.0, 4, 6, 7], [9, 8, 7, 6.5]])
+    columns = {"radius": period + 1, "period": period, "zeta": period / 5, "spin_drift": -0.01 * period * spin}
+    table = xr.Dataset(
+        {name: (("over", "spin"), values) for name, values in columns.items()},
+        {"spin": spin, "A_r": ("over", [5.0, 6.0])},
+    )
+    table.attrs = {"title": "t", "what": "families"}
+    radius, seconds, zeta, decay = drawn(draw_borders(table)).axes
+    for k in range(2):
+        for axes, values in ((radius, period[k] + 1), (seconds, period[k]), (zeta, period[k] / 5)):
+            np.testing.assert_allclose(labelled(axes)[f"$A_r$ = {5 + k}"].get_xydata(), np.column_stack([spin, values]))
+        np.testing.assert_allclose(decay.lines[k].get_xydata(), np.column_stack([spin, 0.01 * period[k]]))
+    marks = [line.get_xydata() for line in seconds.lines if line.get_marker() == "o"]
+    np.testing.assert_allclose(marks, [[[100, 4]]])  # the other one falls on
+    assert [axes.get_ylabel() for axes in (radius, seconds, zeta)] == ["radius [m]", "period [s]", r"$\zeta$ [rad]"]
+    assert decay.get_xlabel() == zeta.get_xlabel() == "axial spin [rad/s]"
+
+
+# --- fits -------------------------------------------------------------------------------------------------------------
+def test_a_fit_is_drawn_with_its_ellipses():
+    values, ranges = {"e": 0.6, "Gamma": 0.9, "f": 15.0}, {"e": (0.5, 0.7), "Gamma": (0.8, 1.2), "f": (10.0, 20.0)}
+    root = np.array([[0.01, 0, 0], [0.02, 0.01, 0], [-0.3, 0.2, 0.5]])
+    covariance = root @ root.T
+    figure = drawn(draw_fit(values, covariance, ranges))
+    names = list(values)
+    labels = {"e": "$e$", "Gamma": r"$\Gamma$", "f": "$f$ [Hz]"}
+    for row in range(2):
+        for column in range(row + 1):
+            axes = figure.axes[2 * row + column]
+            pair = [column, row + 1]
+            inverse = np.linalg.inv(covariance[np.ix_(pair, pair)])
+            centre = np.array([values[names[k]] for k in pair])
+            for patch, times in zip(axes.patches, (2, 1), strict=True):
+                away = patch.get_xy() - centre
+                np.testing.assert_allclose(np.einsum("ki,ij,kj->k", away, inverse, away), times**2)
+                assert patch.get_label() == f"{times} standard deviation{'s' * (times > 1)}"
+            np.testing.assert_array_equal(axes.lines[0].get_xydata(), [centre])
+            assert (axes.get_xlim(), axes.get_ylim()) == (ranges[names[column]], ranges[names[row + 1]])
+            if row == 1:
+                assert axes.get_xlabel() == labels[names[column]]
+        assert figure.axes[2 * row].get_ylabel() == labels[names[row + 1]]
+
+
+def test_a_fit_of_one_parameter_is_drawn_as_its_density():
+    (axes,) = drawn(draw_fit({"f": 15.0}, np.array([[0.25]]), {"f": (10.0, 20.0)})).axes
+    x, y = axes.lines[0].get_xydata().T
+    np.testing.assert_allclose(y, np.exp(-2 * (x - 15) ** 2))
+    np.testing.assert_allclose([(span.get_x(), span.get_width()) for span in axes.patches], [(14, 2), (14.5, 1)])
+    assert axes.get_xlabel() == "$f$ [Hz]"
+
+
+# --- runs -------------------------------------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def run():
+    """A drift whose balls are unlike, on a plate that moves sideways too."""
+    return dimersweep.simulate(periods=60, r_2=5.02e-3, r_1=5e-3)
+
+
+@pytest.mark.jit
+def test_the_picture_of_a_run_has_its_heights_its_orbit_and_its_portraits(run):
+    figure = run_figure(run, periods=3)
+    heights, path, *portraits = figure.axes
+    lines = labelled(heights)
+    states = run.states(lines["$p_1$"].get_xdata() / 15)
+    assert lines["$p_1$"].get_xdata()[[0, -1]] == pytest.approx([57, 60])
+    for label, values, color in (
+        ("$p_1$", states["plate"] + states["gap_1"], RED),
+        ("$p_2$", states["plate"] + states["gap_2"], BLACK),
+        ("plate", states["plate"], "#56b4e9"),
+    ):
+        np.testing.assert_allclose(lines[label].get_ydata(), 1e3 * values, atol=1e-9)
+        assert to_hex(lines[label].get_color()) == color
+    assert (heights.get_xlabel(), heights.get_ylabel()) == ("time [forcing periods]", "height [mm]")
+    x, y = path.lines[0].get_xydata().T
+    whole = run.states(np.linspace(0, 4, x.size))
+    np.testing.assert_allclose(x, whole["x"], atol=1e-12)
+    np.testing.assert_allclose(y, whole["y"], atol=1e-12)
+    (arrows,) = (each for each in path.collections if hasattr(each, "U"))
+    for at, u, v in zip(arrows.get_offsets(), arrows.U, arrows.V, strict=True):
+        k = int(np.argmin(np.hypot(x - at[0], y - at[1])))
+        ahead = np.array([x[k + 40] - x[k], y[k + 40] - y[k]])
+        np.testing.assert_allclose([u, v], ahead, atol=1e-12)
+    assert arrows.angles == "xy"
+    np.testing.assert_array_equal(path.lines[1].get_xydata(), [[x[0], y[0]]])
+    assert (path.get_xlabel(), path.get_ylabel()) == ("$x$ [m]", "$y$ [m]")
+    names = {
+        "beta": (r"$\beta$ [rad]", r"\beta"),
+        "theta": (r"$\theta - \theta_0$ [rad]", r"\theta"),
+        "spin": (r"$\gamma - \gamma_0$ [rad]", r"\gamma"),
+    }
+    from dimersweep.plots import last_cycle
+
+    start, stop = last_cycle(run)
+    fine = run.states(np.linspace(start, stop, 4001))
+    for axes, (angle, (label, letter)) in zip(portraits, names.items(), strict=True):
+        assert (axes.get_xlabel(), axes.get_ylabel()) == (label, rf"$\dot{{{letter}}}$ [rad/s]")
+        values = fine[angle].values - (0 if angle == "beta" else fine[angle].values[0])
+        rates = fine[f"{angle}_rate"].values
+        pieces = [line.get_xydata() for line in axes.lines if line.get_linestyle() in ("-", "--")]
+        points = np.concatenate(pieces)
+        scale = np.array([np.ptp(values), np.ptp(rates)])
+        for k in range(0, 4001, 400):
+            assert (np.abs(points - [values[k], rates[k]]) / scale).max(axis=1).min() < 5e-3
+        down = fine["contact_state"].values != 0
+        dashed = sum(len(line.get_xdata()) for line in axes.lines if line.get_linestyle() == "--")
+        assert dashed / len(points) == pytest.approx(down.mean(), abs=0.02)
+
+
+@pytest.mark.jit
+def test_a_motion_that_does_not_repeat_is_drawn_by_its_section():
+    run = dimersweep.simulate(Gamma=1.75, e=0.6, periods=120)
+    assert run.mode == "aperiodic"
+    _, _, beta, theta, spin = run_figure(run).axes
+    section = run.section()
+    np.testing.assert_array_equal(
+        beta.lines[0].get_xydata(), np.column_stack([section["beta"], section["beta_rate"]])[60:]
+    )
+    for axes, name, letter in ((theta, "theta_rate", r"\theta"), (spin, "spin_rate", r"\gamma")):
+        rates = section[name].values
+        np.testing.assert_array_equal(axes.lines[0].get_xydata(), np.column_stack([rates[:-1], rates[1:]])[59:])
+        assert (axes.get_xlabel(), axes.get_ylabel()) == (
+            rf"$\dot{{{letter}}}_n$ [rad/s]",
+            rf"$\dot{{{letter}}}_{{n+1}}$ [rad/s]",
+        )
+
+
+@pytest.mark.jit
+def test_the_bars_of_a_budget_are_its_works(run):
+    axes = Figure().subplots()
+    energy_budget(axes, run, periods=10)
+    budget = run.energy("event")
+    late = budget.isel(part=np.flatnonzero(budget["time"].values >= 50 / 15 * (1 - 1e-12)))
+    words = {
+        "plate_1": "from the plate, $p_1$", "restitution_1": "restitution, $p_1$", "restitution_2": "restitution, $p_2$",
+        "slip_1": "slip, $p_1$", "slip_2": "slip, $p_2$", "plate_2": "from the plate, $p_2$",
+    }  # fmt: skip
+    rows = [tick.get_text() for tick in axes.get_yticklabels()]
+    bars = {container.get_label(): [bar.get_width() for bar in container] for container in axes.containers}
+    for name, label in words.items():
+        for row, kind in enumerate(rows):
+            here = np.ones(late.sizes["part"], bool) if kind == "all" else late["kind"].values == kind
+            work = 1e5 * late[name].values[here].sum()
+            if label in bars:
+                assert bars[label][row] == pytest.approx(work, rel=1e-5, abs=1e-3 * max(map(abs, bars[label])))
+    assert set(words.values()) >= bars.keys() and len(bars) >= 4
+    assert bars["slip, $p_1$"][-1] < 0
+    colors = {container.get_label(): to_hex(container.patches[0].get_facecolor()) for container in axes.containers}
+    dark = {"from the plate, $p_1$": "#1b7837", "restitution, $p_1$": "#2166ac", "slip, $p_1$": "#b2182b"}
+    assert dark.items() <= colors.items()
+    assert axes.get_xlabel() == "work on the dimer, per forcing period [µJ]"
+
+
+@pytest.mark.jit
+def test_a_movie_shows_the_balls_where_they_are(run):
+    shown = movie.frames(run, movie.playback_of(run, 2, fps=10))
+    side, above = Figure().subplots(1, 2)
+    updates = movie._side_view(side, run, shown), movie._view_from_above(above, run, shown)
+    for k in (0, 5, 9):
+        at = {name: 1e3 * shown[name].values[k] for name in ("x1", "y1", "z1", "x2", "y2", "z2", "x", "y", "plate")}
+        table, rod, one, two = updates[0](k)
+        length = np.hypot(at["x2"] - at["x1"], at["y2"] - at["y1"])
+        np.testing.assert_allclose([one.center, two.center], [(0, at["z1"]), (length, at["z2"])])
+        np.testing.assert_allclose(rod.get_xydata(), [(0, at["z1"]), (length, at["z2"])])
+        assert table.get_y() + table.get_height() == pytest.approx(at["plate"])
+        assert (one.radius, two.radius) == pytest.approx((5, 5.02)) and [
+            to_hex(ball.get_facecolor()) for ball in (one, two)
+        ] == [RED, "#0072b2"]
+        _, track, rod, one, two = updates[1](k)
+        np.testing.assert_allclose([one.center, two.center], [(at["x1"], at["y1"]), (at["x2"], at["y2"])])
+        np.testing.assert_allclose(rod.get_xydata(), [one.center, two.center])
+        np.testing.assert_allclose(track.get_xydata()[-1], (at["x"], at["y"]))
+        assert len(track.get_xdata()) == k + 1
+        balls = replay._moved(run, shown, k)
+        for ball, axes in ((0, "1"), (1, "2")):
+            middle = [np.mean([min(balls[ball][axis]), max(balls[ball][axis])]) for axis in "xyz"]
+            np.testing.assert_allclose(middle, [at[axis + axes] for axis in "xyz"], atol=0.1)
+        assert balls[3]["z"] == pytest.approx([at["plate"]] * 4, abs=1e-3)
+    assert (side.get_xlabel(), side.get_ylabel()) == ("along the rod [mm]", "height [mm]")
+    assert (above.get_xlabel(), above.get_ylabel()) == ("$x$ [mm]", "$y$ [mm]")
+    assert [(text.get_text(), to_hex(text.get_color())) for text in side.texts] == [
+        ("$p_1$", RED),
+        ("$p_2$", "#0072b2"),
+    ]
+    looks = replay._scene(run, shown)
+    assert [(each["name"], each.get("color")) for each in looks[:2]] == [("p1", RED), ("p2", "#0072b2")]
+
+
+# --- next to nothing --------------------------------------------------------------------------------------------------
+def cubes_of_each_kind():
+    cube, _ = laws()
+    speeds = np.linspace(1, 7, 25)
+    mus = {"A_r": [5, 6], "mu": [0.1, 0.3], "mu_s": [0.4, 0.5, 0.7]}
+    return {
+        "mode_map": cube_of([[R, D, D], [D, R, R]], {"f": [15, 20], "e": [0.4, 0.5, 0.7]}),
+        "segments": cube_of([[R, D, D], [D, R, R]], {"f": [15, 20], "beta0": [0.1, 0.2, 0.4]}),
+        "trends": cube,
+        "minimum": cube_of(np.full((2, 25), D), {"A_r": [5, 6], "xdot0": speeds}, period=np.full((2, 25), 2.0)),
+        "impact_ends": cube_of(np.full((2, 2, 3), D), mus),
+        "paths": with_paths(cube_of([D, D, D], {"f": [15, 20, 25]})),
+        "walks": with_paths(cube_of([D, D, D], {"f": [15, 20, 25]})),
+        "planar": with_paths(cube_of([D, D, D], {"f": [15, 20, 25]})).assign(axial_velocity=("f", [1.0, 2, 3])),
+        "bifurcation": strobed(cube_of([R, D, D], {"Gamma": [0.8, 0.9, 1.1]})),
+    }
+
+
+def with_values(cube, mode, value):
+    """A cube with one mode and one value all over."""
+    made = cube.copy(deep=True)
+    for name, each in made.data_vars.items():
+        if each.dtype.kind == "f":
+            made[name] = each.copy(data=np.full(each.shape, value))
+    made["mode"] = made["mode"].copy(data=np.full(made["mode"].shape, mode, made["mode"].dtype))
+    return made
+
+
+@pytest.mark.parametrize("kind", [*cubes_of_each_kind(), "quantity"])
+def test_a_picture_of_next_to_nothing_is_drawn_or_refused_in_a_line(kind):
+    cube = cubes_of_each_kind()["mode_map" if kind == "quantity" else kind]
+    parts = [cube.isel({dim: slice(0, n)}) for dim in cube["mode"].dims for n in (0, 1, 2)]
+    parts += [
+        cube.isel({dim: slice(0, 1) for dim in cube["mode"].dims}),
+        cube.isel(dict.fromkeys(cube["mode"].dims, 0)),
+    ]
+    parts += [with_values(cube, mode, value) for mode in (D, R, M_NOT_RUN) for value in (np.nan, 2.0)]
+    made = 0
+    for part in parts:
+        try:
+            drawn(draw(part, quantity="radius") if kind == "quantity" else FIGURES[kind](part))
+            made += 1
+        except ParameterError as error:
+            assert "\n" not in str(error)
+    assert made >= 3
+
+
+def test_points_that_are_all_alike_or_few_are_drawn_or_refused():
+    alike = built(make_points({"f": [15, 15, 15], "e": [0.6, 0.6, 0.6]}), [D, D, D])
+    one = built(make_points({"f": [15], "e": [0.6]}), [D])
+    for cube in (alike, one, one.isel(point=[])):
+        for quantity in (None, "radius"):
+            with pytest.raises(
+                ParameterError,
+                match=r"^mode_map: (all points have the same parameters; needs one|has axes none|the axis)",
+            ):
+                draw(cube, quantity=quantity)
+    two = built(make_points({"f": [15, 15, 20], "e": [0.6, 0.6, 0.6]}), [D, D, D])
+    for quantity in (None, "radius"):
+        (dots,) = drawn(draw(two, quantity=quantity)).axes[0].collections
+        assert len(dots.get_offsets()) == 3
+
+
+def test_trends_over_one_value_have_no_exponent_there():
+    cube, _ = laws()
+    titles = [axes.get_title() for axes in draw(cube.isel(A_r=[0]), "trends").axes]
+    assert titles[0] == "no exponent: too few points drift" and titles[1].startswith("$f^{-2.000 ")
+
+
+def test_branches_curves_and_families_of_next_to_nothing_are_drawn():
+    table = branch_table()
+    unknown = table.assign(dict.fromkeys(("radius", "period", "zeta"), table["radius"] * np.nan))
+    for part in (table.isel(point=[0]), table.isel(point=[0, 0]), unknown):
+        drawn(draw_borders(part.assign_attrs(table.attrs)))
+    curves = curve_table()
+    for part in (
+        curves.isel(e=[0]),
+        curves.isel(A_r=[0]),
+        curves.assign(Gamma=curves["Gamma"] * np.nan, ball=curves["ball"] * np.nan),
+    ):
+        drawn(draw_borders(part))
+    spin = np.array([90.0, 100])
+    for values in ([[np.nan, np.nan]], [[5.0, np.nan]], [[5.0, 5.0]]):
+        columns = {name: (("over", "spin"), np.array(values)) for name in ("radius", "period", "zeta", "spin_drift")}
+        drawn(draw_borders(xr.Dataset(columns, {"spin": spin, "A_r": ("over", [6.0])}, {"what": "families"})))
+
+
+@pytest.mark.parametrize("share", [[1.0], [0.0, 0.0], [np.nan, np.nan]])
+def test_attractors_of_next_to_nothing_are_drawn(share):
+    drawn(attractors(shares_of(share)))
+    drawn(attractors(shares_of([share], Gamma=[0.9])))
+    drawn(attractors(shares_of([share, share], Gamma=[0.9, 1.0])))
+
+
+@pytest.mark.parametrize(
+    "covariance",
+    [np.zeros((2, 2)), [[1e-4, 1e-4], [1e-4, 1e-4]], [[np.inf, np.nan], [np.nan, 1e-4]], np.full((2, 2), np.nan)],
+)
+def test_a_fit_that_is_exact_or_open_is_drawn(covariance):
+    covariance, ranges = np.array(covariance, float), {"e": (0.5, 0.7), "Gamma": (0.8, 1.2)}
+    drawn(draw_fit({"e": 0.6, "Gamma": 0.9}, covariance, ranges))
+    drawn(draw_fit({"e": 0.6}, covariance[:1, :1], {"e": (0.5, 0.7)}))
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize(
+    "scene",
+    [{"Gamma": 0.0, "xdot0": 0.0, "beta0": 0.0}, {"Gamma": 0.5}, {"Gamma": 3.0}, {"max_seconds": 1e-9, "periods": 500}],
+)
+def test_a_run_of_next_to_nothing_is_drawn(scene, tmp_path):
+    run = dimersweep.simulate(**({"periods": 1} | scene))
+    if not run.n_periods:
+        with pytest.raises(
+            ParameterError, match=r"^states: there are none, the run ended before its first smooth phase"
+        ):
+            run_figure(run)
+        return
+    drawn(run_figure(run))
+    axes = Figure().subplots()
+    energy_budget(axes, run)
+    orbit(Figure().subplots(), run)
+    run.animate(tmp_path / "a.gif", periods=1, dpi=20)
