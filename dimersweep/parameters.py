@@ -165,10 +165,31 @@ def value_of(name: str, columns: Mapping[str, Any]) -> Any:
     if name in columns:
         return columns[name]
     if name == "k_ratio":
-        return np.sqrt(np.divide(value_of("r_2", columns), value_of("r_1", columns)))
+        r_1, r_2 = value_of("r_1", columns), value_of("r_2", columns)
+        return None if r_1 is None or r_2 is None else np.sqrt(np.divide(r_2, r_1))
     both = next((both for both, ends in ENDS.items() if name in ends and both in columns), None)
     value = LEFT_OUT.get(name) if both is None else both
     return value_of(value, columns) if isinstance(value, str) else value
+
+
+def completed(columns: Mapping[str, Any]) -> dict[str, Any]:
+    """`columns`, and after them each parameter that they do not give, with the value that it has beside them, if it has one."""
+    others = {name: value_of(name, columns) for name in PARAMETERS if name not in columns}
+    return dict(columns) | {name: value for name, value in others.items() if value is not None}
+
+
+def reduced(columns: Mapping[str, Any]) -> dict[str, Any]:
+    """`columns` without those that change nothing: what is as it would be if it were left out; the inverse of `completed`."""
+    kept, row = dict(columns), {slot: value_of(slot, columns) for slot in ROW}
+    for name in (*LEFT_OUT, *ENDS):
+        rest = {other: value for other, value in kept.items() if other != name}
+        if name in kept and all(_same(value, value_of(slot, rest)) for slot, value in row.items()):
+            kept = rest
+    return kept
+
+
+def _same(one: Any, other: Any) -> bool:
+    return one is other or (one is not None and other is not None and bool(np.all(one == other)))
 
 
 def check_level(values: Mapping[str, float], wanted: str) -> None:

@@ -75,6 +75,19 @@ PARAMETERS = {
 ENDS = {name: (f"{name}_1", f"{name}_2") for name in PARAMETERS if f"{name}_1" in PARAMETERS}
 # parameters of the start but for the plate's phase: a run that is given a state to start from takes none of them
 START = ("beta0", "xdot0", "theta0", "ydot0", "betadot0", "thetadot0", "gammadot0", "gap0")
+# how the run of a point of a cube was made, besides its parameters
+SETTINGS = {
+    "periods": Quantity("1", "forcing periods that the run was given", 1),
+    "max_periods": Quantity(
+        "1", "forcing periods up to which it was made anew, twice as long, while it had not settled", 1
+    ),
+    "rtol": Quantity("1", "accuracy of the run"),
+    "stop_when_settled": Quantity(
+        "1", "whether the run ended as soon as its motion had settled: 1 if so, else 0", 0, 1
+    ),
+    "kernel": Quantity("1", "version of the kernel, as a number"),
+    "line": Quantity("1", "checksum of the values along which a state was carried to the run"),  # where one was
+}
 # what a run takes in place of a parameter: that parameter, and what it is
 INSTEAD = {"l": ("A_r", Quantity("m", "distance between the centres of the balls, in place of A_r"))}
 # what the parameters that may be left out are then: the value of another parameter, or a number
@@ -229,6 +242,7 @@ QUANTITIES = {
     "axial_velocity": Quantity("m s-1", "mean velocity along the axis from the end that is down to the other one"),
     "computed": Quantity("1", "whether runs were made here; else as the cell around it"),
     "direction": Quantity("1", "direction along the last axis in which the state is carried on"),
+    "made_with": Quantity("1", "checksum of the parameters and settings that all runs of the cube were made with", 0),
 }
 
 # what a recorded run gives of each event, and of each moment

@@ -24,6 +24,7 @@ from dimersweep.symbols import (
     LEFT_OUT,
     PARAMETERS,
     QUANTITIES,
+    SETTINGS,
     STATE_QUANTITIES,
     WORKS,
     Quantity,
@@ -174,6 +175,11 @@ def quantities() -> Markdown:
     return _quantities(
         {name: quantity for name, quantity in QUANTITIES.items() if name not in ("outcome", "direction")}
     )
+
+
+def settings() -> Markdown:
+    """The coordinates that tell how the runs of a cube were made."""
+    return _quantities(SETTINGS)
 
 
 def events() -> Markdown:

@@ -1,7 +1,9 @@
 """Points to a labelled cube: an xarray.Dataset over the axes of the grid, ready to be written as CF NetCDF."""
 
-from collections.abc import Mapping
+import json
+from collections.abc import Collection, Mapping
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 import xarray as xr
@@ -16,8 +18,10 @@ from dimersweep.kernel.model.layout import (
     N_CODES,
     N_OUT,
     OUT,
+    ROW,
 )
-from dimersweep.symbols import PARAMETERS, QUANTITIES, Quantity
+from dimersweep.parameters import completed
+from dimersweep.symbols import PARAMETERS, QUANTITIES, SETTINGS, Quantity
 
 FLAGS = {
     **CODE_WORDS,
@@ -46,10 +50,15 @@ def blank(n: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def coordinate(name: str, values: Any, quantity: Quantity) -> xr.Variable:
-    """Values along an axis of that name, or the one value of a fixed parameter, with their unit."""
-    dims = (name,) if np.ndim(values) else ()
-    variable = xr.Variable(dims, values, quantity.attributes())
-    variable.encoding.update(_SUMMED if dims else {}, _FillValue=None)  # CF: a coordinate has no missing values
+    """Values along an axis of that name, with their unit."""
+    return labelled(xr.Variable((name,), values), quantity)
+
+
+def labelled(values: xr.Variable, quantity: Quantity) -> xr.Variable:
+    """Values of a coordinate with their unit."""
+    kind = np.int64 if values.dtype.kind == "i" else float
+    variable = xr.Variable(values.dims, values.values, quantity.attributes(kind))
+    variable.encoding.update(_SUMMED if values.dims else {}, _FillValue=None)  # CF: a coordinate has no missing values
     return variable
 
 
@@ -120,16 +129,73 @@ def build(
 
 
 def coordinates_of(grid: AnyGrid) -> dict[str, xr.Variable]:
-    """The axes of a grid, or the columns of single points; and every fixed parameter."""
-    given = PARAMETERS | {"point": Quantity("1", "number of the point")}
-    axes = {name: value for name, value in (grid.axes | grid.fixed).items() if name != "direction"}
-    coordinates = {name: coordinate(name, value, given[name]) for name, value in axes.items()}
+    """The axes of a grid, or the columns of single points; and every other parameter, as it is beside these."""
+    quantities = PARAMETERS | {"point": Quantity("1", "number of the point")}
+    values = {name: xr.Variable((name,), axis) for name, axis in grid.axes.items() if name != "direction"}
+    values |= {name: xr.Variable(("point",), column) for name, column in grid.columns.items()}
+    values |= {name: xr.Variable((), value) for name, value in grid.fixed.items()}
+    coordinates = {name: labelled(xr.as_variable(each), quantities[name]) for name, each in completed(values).items()}
     if "direction" in grid.axes:
         coordinates["direction"] = label_variable("direction", ("direction",), grid.axes["direction"])
-    for name, values in grid.columns.items():
-        coordinates[name] = xr.Variable(("point",), values, PARAMETERS[name].attributes())
-        coordinates[name].encoding.update(_SUMMED, _FillValue=None)
     return coordinates
+
+
+def settings_in(configuration: Mapping[str, Any]) -> dict[str, float]:
+    """How the runs of a cube were made, by the names of `SETTINGS`, from its configuration.
+
+    Those of a search whose deciding runs were made once more are of these.
+
+    Raises
+    ------
+    KeyError
+        If the configuration does not tell.
+    """
+    late = configuration.get("search", {}).get("orbit_periods", 0)
+    first = late or configuration["periods"]
+    told = {
+        "periods": first,
+        "max_periods": late or configuration.get("max_periods", first),
+        "rtol": configuration["rtol"],
+        "stop_when_settled": int(configuration.get("stop_when_settled", True) and not late),
+        "kernel": kernel_number(configuration["kernel_version"]),
+    }
+    return told | ({"line": line_number(configuration)} if "direction" in configuration.get("grid", {}) else {})
+
+
+def kernel_number(version: str) -> int:
+    """The version of a kernel as a number that a float holds, too."""
+    return crc32(version.encode())
+
+
+def line_number(configuration: Mapping[str, Any]) -> int:
+    """A number of the axis along which a state was carried, of its values, and of the names of what else was given."""
+    *others, (axis, values) = configuration["grid"].items()
+    return crc32(json.dumps([axis, values, *sorted({*dict(others), *configuration["fixed"]})]).encode())
+
+
+def signed(cube: xr.Dataset, configuration: Mapping[str, Any]) -> xr.Dataset:
+    """A cube that tells at each point how its runs were made, wherever its points go.
+
+    Settings are coordinates, as parameters are. Where cubes are put together, xarray may take those of the first one for all:
+    `made_with` lies along the axes, and its points keep it.
+    """
+    settings = {name: xr.Variable((), value) for name, value in settings_in(configuration).items()}
+    cube = cube.assign_coords({name: labelled(each, SETTINGS[name]) for name, each in settings.items()})
+    varied = [name for name in (*ROW, *SETTINGS) if name in cube.variables and cube.variables[name].ndim]
+    number = np.full(cube["mode"].shape, made_number(cube, varied))
+    cube["made_with"] = label_variable("made_with", tuple(map(str, cube["mode"].dims)), number)
+    cube["made_with"].attrs["varied"] = " ".join(varied)
+    return cube
+
+
+def made_number(point: xr.Dataset, varied: Collection[str]) -> int:
+    """A number of the parameters and settings of a point but for those that are `varied`."""
+    told = [
+        (name, float(point[name].values))
+        for name in (*ROW, *SETTINGS)
+        if name in point.variables and name not in varied
+    ]
+    return crc32(json.dumps(told).encode())
 
 
 def flatten(cube: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:

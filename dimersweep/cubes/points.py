@@ -9,7 +9,7 @@ import numpy as np
 from dimersweep.cubes.grid import MAX_POINTS, Grid, as_fixed, fixed_values, refuse_twice
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_numbers, number
-from dimersweep.parameters import check, check_name, fill_rows, keeps_rules
+from dimersweep.parameters import check, check_name, fill_rows, keeps_rules, reduced
 from dimersweep.symbols import PARAMETERS
 
 
@@ -108,8 +108,11 @@ def make_points(table: Any, fixed: Mapping[str, Any] | None = None) -> Points:
 
 
 def _columns(table: Any) -> dict[str, Any]:
-    if hasattr(table, "data_vars"):  # an xarray.Dataset, perhaps a cube of points
-        return {str(name): each for name, each in table.variables.items() if name in PARAMETERS and each.ndim == 1}
+    if hasattr(table, "data_vars"):
+        told = {str(name): each for name, each in table.variables.items() if name in PARAMETERS}
+        if "mode" in table:  # a cube tells what follows from the rest, too
+            told = reduced(told)
+        return {name: each for name, each in told.items() if each.ndim == 1}
     if hasattr(table, "items"):
         columns = [(str(name), values) for name, values in table.items()]
         names = [name for name, _ in columns]

@@ -16,6 +16,7 @@ from dimersweep.kernel.model.layout import M_DRIFT, MODES
 from dimersweep.parameters import dimer_from
 from dimersweep.symbols import BASE, PARAMETERS
 
+AS_GIVEN = 1e-12  # how near a value counts as the one value of an axis, relative
 VALLEY = 5  # points on each side of a minimum that the spline goes through
 
 
@@ -45,18 +46,26 @@ def nearest(cube: xr.Dataset, name: str, value: Any) -> xr.Dataset:
     Raises
     ------
     ParameterError
-        If it lies beyond the cells of that axis: an angle in degrees, for example, without its unit.
+        If it lies beyond the cells of that axis: an angle in degrees, for example, without its unit; or is not the one value
+        that there is.
     """
+    if name not in cube.coords:
+        raise ParameterError(f"{name}: the cube has lost the values of this axis; take it as it was made, or use isel")
     if name == "direction":
         return cube.sel(direction=_direction_in(cube, value))
-    values, wanted = cube[name].values, number(name, value)
+    values, wanted = np.sort(cube[name].values), number(name, value)
     if not values.size:
         raise ParameterError(f"{name}: the axis is empty")
-    edges = edges_of(values)
-    if not edges[0] <= wanted <= edges[-1]:
+    edges = edges_of(values) if values.size > 1 else values.repeat(2)
+    if not edges[0] <= wanted <= edges[-1] and not np.isclose(wanted, values, rtol=AS_GIVEN, atol=0).any():
         units = "" if PARAMETERS[name].units == "1" else f" {PARAMETERS[name].units}"
-        raise ParameterError(f"{name} = {wanted:g}: must lie on the axis, {values[0]:g} to {values[-1]:g}{units}")
-    return cube.sel({name: wanted}, method="nearest")
+        allowed = f"lie on the axis, {values[0]:g} to {values[-1]:g}" if values.size > 1 else f"be {values[0]:g}"
+        raise ParameterError(f"{name} = {wanted:g}: must {allowed}{units}")
+    away = np.abs(values - wanted)
+    places = np.flatnonzero(cube[name].values == values[away == away.min()].max())
+    if places.size > 1:
+        raise ParameterError(f"{name} = {wanted:g}: the axis has this value {places.size} times; take one by isel")
+    return cube.isel({name: int(places[0])})
 
 
 def _direction_in(cube: xr.Dataset, value: Any) -> int:

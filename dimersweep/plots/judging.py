@@ -3,11 +3,12 @@
 from collections.abc import Collection, Mapping
 from typing import get_args
 
+import numpy as np
 import xarray as xr
 
 from dimersweep.cubes.cube import check_codes
 from dimersweep.errors import ParameterError
-from dimersweep.symbols import Picture
+from dimersweep.symbols import PARAMETERS, Picture
 
 PICTURE_KINDS = get_args(Picture)
 EXACT_AXES = {"trends": ("A_r", "f"), "minimum": ("A_r", "xdot0"), "impact_ends": ("A_r", "mu", "mu_s")}
@@ -69,4 +70,26 @@ def judge_cube(kind: str, cube: xr.Dataset) -> None:
     if not isinstance(cube, xr.Dataset):
         raise ParameterError(f"cube: is a {type(cube).__name__}; give a cube")
     check_codes(cube["mode"])
+    check_axes(cube)
     judge(kind, {str(name): n for name, n in cube["mode"].sizes.items()}, features(cube))
+
+
+def check_axes(cube: xr.Dataset) -> None:
+    """Refuse a cube whose points have no places: an axis that is no parameter, has lost its values or has them in no order.
+
+    Raises
+    ------
+    ParameterError
+    """
+    for name, n in cube["mode"].sizes.items():
+        if n < 2 or name == "point":
+            continue
+        if name not in {*PARAMETERS, "direction"} or name not in cube.coords:
+            raise ParameterError(
+                f"plot: the axis {name} is no parameter, or has lost its values; give the cube as it was made"
+            )
+        steps = np.diff(cube[name].values)
+        if not ((steps > 0).all() or (steps < 0).all()):
+            raise ParameterError(
+                f"plot: the values of the axis {name} are in no order, or not each there once; sort them"
+            )

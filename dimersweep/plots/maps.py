@@ -23,12 +23,13 @@ from dimersweep.plots.style import (
     WAY_MARKERS,
     Drawing,
     entitle,
+    fixed_of,
     given,
     mark,
     percent,
     title,
 )
-from dimersweep.symbols import PARAMETERS, QUANTITIES, units_shown
+from dimersweep.symbols import QUANTITIES, units_shown
 
 MOST_PANELS = 12
 COLORS = np.array([to_rgb(color) for color in MODE_COLORS.values()])
@@ -157,7 +158,8 @@ def quantity_label(quantity: str) -> str:
 
 def point_map(cube: xr.Dataset, quantity: str | None = None) -> Figure:
     """Points that are no grid: each pair of parameters that vary, one over the other, coloured by mode or a quantity."""
-    varied = [str(name) for name, each in cube.coords.items() if name in PARAMETERS and np.ptp(each.values) > 0]
+    differing = fixed_of(cube)[1]
+    varied = [str(name) for name in cube.coords if name in differing]
     pairs = [(varied[i], varied[j]) for j in range(len(varied)) for i in range(j)][:MOST_PANELS]
     if not varied:
         raise ParameterError("mode_map: all points have the same parameters; needs one that varies")

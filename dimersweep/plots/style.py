@@ -16,6 +16,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, NullLocato
 
 from dimersweep import symbols
 from dimersweep.cubes.grid import DIRECTIONS
+from dimersweep.parameters import reduced
 from dimersweep.storage.files import disk_errors, replacing
 from dimersweep.storage.outputs import check_output
 from dimersweep.symbols import PARAMETERS, conditions, is_angle, symbol, units_of
@@ -122,8 +123,9 @@ def log_scale(axes: Axes) -> None:
 
 def fixed_of(cube: xr.Dataset) -> tuple[dict[str, float], list[str]]:
     """The parameters that have one value all over a cube, and the names of the others."""
-    columns = {name: cube[name].values.ravel() for name in PARAMETERS if name in cube.coords and cube[name].size}
-    varied = [name for name, values in columns.items() if np.ptp(values) > 0]
+    told = reduced({name: cube[name].variable for name in PARAMETERS if name in cube.coords and cube[name].size})
+    columns = {name: values.values.ravel() for name, values in told.items()}
+    varied = [name for name, values in columns.items() if (values != values[0]).any()]
     return {name: float(values[0]) for name, values in columns.items() if name not in varied}, varied
 
 

@@ -1,6 +1,5 @@
 """What a cube can do: ``cube.dimersweep.plot()``, ``.run(f=15, beta0="16 deg")``, ``.drifts()``."""
 
-import json
 import warnings
 from os import PathLike
 from typing import TYPE_CHECKING, Any
@@ -8,17 +7,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.cube import check_codes, names
-from dimersweep.cubes.grid import DIRECTIONS
+from dimersweep.cubes.cube import check_codes, kernel_number, names
 from dimersweep.cubes.reading import nearest
 from dimersweep.errors import ParameterError, unknown
 from dimersweep.inputs import check_count, check_switch
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.model.layout import M_DRIFT, MODES
+from dimersweep.runs.behind import AS_MADE, behind
 from dimersweep.runs.carrying import run_in_line
 from dimersweep.runs.run import Run
-from dimersweep.runs.simulating import simulate, simulate_patiently
-from dimersweep.runs.starting import parameters_of
+from dimersweep.runs.simulating import simulate_patiently
 from dimersweep.symbols import PARAMETERS
 from dimersweep.work.tiles import RunSettings
 
@@ -34,11 +32,20 @@ def _numbered(cube: xr.Dataset, name: str, value: Any) -> xr.Dataset:
     return cube.isel({name: int(value)})
 
 
-def warn_of_another_kernel(configuration: dict[str, Any], what: str) -> None:
-    """Warn of runs that are made again, by another kernel than that of their cube."""
-    if configuration.get("kernel_version", kernel_version()) != kernel_version():
-        line = f"the cube was made by another version of the kernel; {what}"
-        warnings.warn(line, RuntimeWarning, stacklevel=3)
+def is_of_this_kernel(kernel: float, what: str) -> bool:
+    """Whether a cube was made by this kernel, whose number it tells; if not, warn of runs that are made again."""
+    if kernel == kernel_number(kernel_version()):
+        return True
+    warnings.warn(f"the cube was made by another version of the kernel; {what}", RuntimeWarning, stacklevel=3)
+    return False
+
+
+def _check_same(run: Run, point: xr.Dataset) -> None:
+    """Refuse a run that is not the one that a point tells of, whatever changed the point."""
+    for name in ("n_periods", "n_events"):
+        told, found = point[name].values.item() if name in point else None, getattr(run, name)
+        if told not in (None, found):
+            raise ParameterError(f"{name} = {told:.0f}: is {found} in the run of these parameters; {AS_MADE}")
 
 
 @xr.register_dataset_accessor("dimersweep")
@@ -135,29 +142,18 @@ class CubeAccessor:
             If that is not one point, or a search has found no run there.
         """
         point = self.at(**where)
-        configuration = json.loads(self._cube.attrs.get("configuration", "{}"))
-        warn_of_another_kernel(configuration, "the run may differ from what it says of the point")
-        if "direction" in configuration.get("grid", {}):
-            return self._in_line(point, configuration, periods, record)
-        late = configuration.get("search", {}).get("orbit_periods", 0)
-        given: dict[str, Any] = dict(parameters_of(point))
-        rtol = configuration.get("rtol", 1e-8)
-        if periods is not None or late:
-            return simulate(**given, periods=late if periods is None else periods, rtol=rtol, record=record)
-        first, settles = configuration.get("periods", 100), configuration.get("stop_when_settled", True)
-        how = RunSettings(first, configuration.get("max_periods", first), rtol, settles)
-        return simulate_patiently(given, how, record=record)
-
-    def _in_line(self, point: xr.Dataset, configuration: dict[str, Any], periods: int | None, record: bool) -> Run:
-        """The run behind a point to which a state was carried; those before it are made again."""
-        axis, values = list(configuration["grid"].items())[-1]
-        given = parameters_of(point)
-        along = values if DIRECTIONS[int(point["direction"])] == "up" else values[::-1]
-        before = [given | {axis: value} for value in along[: along.index(given[axis])]]
-        first, settles = configuration["periods"], configuration["stop_when_settled"]
-        how = RunSettings(first, configuration.get("max_periods", first), configuration["rtol"], settles)
-        length = None if periods is None else check_count("periods", periods)
-        return run_in_line(before, given, how, record=check_switch("record", record), periods=length)
+        made = behind(point)
+        same = is_of_this_kernel(made.kernel, "the run may differ from what it says of the point")
+        how = (
+            made.how if periods is None else RunSettings(check_count("periods", periods), periods, made.how.rtol, False)
+        )
+        if made.line is None:
+            run = simulate_patiently(made.parameters, how, record=record)
+        else:
+            run = run_in_line(made.line.before(), made.parameters, made.how, how, record=check_switch("record", record))
+        if periods is None and same:
+            _check_same(run, point)
+        return run
 
     def plot(
         self,

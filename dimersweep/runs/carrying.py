@@ -146,9 +146,9 @@ def run_in_line(
     before: Iterable[Mapping[str, float]],
     parameters: Mapping[str, float],
     how: RunSettings,
+    last: RunSettings,
     *,
     record: bool,
-    periods: int | None = None,
 ) -> Run:
     """The run with `parameters` that carries on the state of the runs `before` it.
 
@@ -157,10 +157,9 @@ def run_in_line(
     before : iterable of mapping
         Parameters of those, in their order; if there are none, it starts as its own say.
     parameters : mapping
-    how : RunSettings
+    how, last : RunSettings
+        Of those before, and of the run.
     record : bool
-    periods : int, optional
-        Forcing periods of the last run, in place of those; it then does not stop when it has settled.
 
     Returns
     -------
@@ -173,15 +172,14 @@ def run_in_line(
 
     def call(stop: StopFlag) -> Run:
         with stop.space() as space:
-            *_, last = [None, *carried(rows, how, space)]
-            start = None if last is None else last.end
+            *_, former = [None, *carried(rows, how, space)]
+            start = None if former is None else former.end
             if start is not None:
                 start = fitted(start, rows[-1], row)
-            for length in lengths(how.periods, how.max_periods) if periods is None else (periods,):
-                settles = how.stop_when_settled and periods is None
-                solved = run_row(row, start, length, how.rtol, space, settle=settles, record=record)
+            for length in lengths(last.periods, last.max_periods):
+                solved = run_row(row, start, length, last.rtol, space, settle=last.stop_when_settled, record=record)
                 if solved.codes[CODE_MODE] != M_UNRESOLVED:
                     break
-        return as_run(given.given(), how.rtol, solved, None if start is None else named_state(row, start))
+        return as_run(given.given(), last.rtol, solved, None if start is None else named_state(row, start))
 
     return stoppable(call)

@@ -11,11 +11,12 @@ from dimersweep.inputs import check_count, check_rtol, check_seconds, check_swit
 from dimersweep.kernel.batch import Workspace
 from dimersweep.kernel.model.layout import M_UNRESOLVED, MODES
 from dimersweep.parameters import Parameters, check_name, moved_on, updated
+from dimersweep.runs.behind import parameters_of, was_carried
 from dimersweep.runs.carrying import fitted
 from dimersweep.runs.recorded import named_state
 from dimersweep.runs.run import Run, as_run
 from dimersweep.runs.solving import check_recorded, run_row
-from dimersweep.runs.starting import is_point, kernel_start, known_by, named, parameters_of, start_of
+from dimersweep.runs.starting import is_point, kernel_start, known_by, named, start_of
 from dimersweep.symbols import INSTEAD, START
 from dimersweep.work.proving import is_proven, prove
 from dimersweep.work.stopping import StopFlag, stoppable
@@ -81,7 +82,7 @@ def simulate(
         if name not in INSTEAD:
             check_name(name)
     if is_point(start):
-        if "direction" in start.coords:
+        if was_carried(start):
             raise ParameterError(
                 "start: to this point a state was carried, which the cube does not hold; take cube.dimersweep.run(...)"
             )

@@ -85,26 +85,6 @@ def is_point(start: Any) -> bool:
     return isinstance(start, xr.Dataset) and "mode" in start and "gap_1" not in start
 
 
-def parameters_of(point: xr.Dataset) -> dict[str, float]:
-    """The parameters of the run behind one point of a cube.
-
-    Raises
-    ------
-    ParameterError
-        If it is not one point, or a search has found no run there.
-    """
-    given = {}
-    for name in PARAMETERS:
-        if name not in point:
-            continue
-        if point[name].size != 1:
-            raise ParameterError(f"{name}: has {point[name].size} values; give one point, such as cube.sel({name}=...)")
-        given[name] = float(point[name].values.item())
-        if np.isnan(given[name]):
-            raise ParameterError(f"{name}: the search has found none here; give one")
-    return given
-
-
 def kernel_start(start: Mapping[str, float], parameters: Mapping[str, float]) -> np.ndarray:
     """The kernel's state of a start, shape (1, N_START), float64, at the start of a forcing period.
 

@@ -11,7 +11,7 @@ from dimersweep.errors import StoreError
 from dimersweep.kernel.model.layout import CODES, OUT
 from dimersweep.storage.blocks import blocks
 from dimersweep.storage.provenance import CHECKSUM, read_configuration
-from dimersweep.symbols import PARAMETERS, QUANTITIES
+from dimersweep.symbols import PARAMETERS, QUANTITIES, SETTINGS
 
 
 def checksum_of(cube: xr.Dataset) -> str:
@@ -56,7 +56,7 @@ def check_undamaged(cube: xr.Dataset, path: str | Path) -> None:
     StoreError
         If its checksum is not that of its values.
     """
-    whole = set(cube.variables) <= {*PARAMETERS, *QUANTITIES, "point"} and _has_declared_axes(cube)
+    whole = set(cube.variables) <= {*PARAMETERS, *QUANTITIES, *SETTINGS, "point"} and _has_declared_axes(cube)
     if CHECKSUM in cube.attrs and whole and checksum_of(cube) != cube.attrs[CHECKSUM]:
         raise StoreError(
             f"{path}: is damaged, or values were changed on purpose; without its attribute {CHECKSUM} it would be read as it is"

@@ -9,16 +9,18 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.cube import FLAGS, check_codes, check_flags
+from dimersweep.cubes.cube import FLAGS, check_codes, check_flags, settings_in
 from dimersweep.cubes.grid import MAX_POINTS
 from dimersweep.errors import StoreError
 from dimersweep.kernel.model.layout import MODES
+from dimersweep.parameters import completed
 from dimersweep.storage.blocks import blocks
 from dimersweep.storage.checking import check_undamaged
 from dimersweep.storage.files import disk_errors
 from dimersweep.storage.formats import FORMATS, format_at, format_of
 from dimersweep.storage.outputs import check_writable
 from dimersweep.storage.provenance import CUBE_FORMAT, digest, read_configuration
+from dimersweep.symbols import SETTINGS
 
 
 def write_cube(
@@ -160,6 +162,8 @@ def _sound(cube: xr.Dataset, path: Path, kind: str) -> xr.Dataset:
 
 
 def _fixed_as_configured(cube: xr.Dataset, configuration: Mapping[str, Any]) -> bool:
-    """Whether the fixed parameters are those of the configuration: single values have no checksum of their own."""
-    fixed = configuration.get("fixed", {})
-    return all(bool((cube[name] == value).all()) for name, value in fixed.items() if name in cube.coords)
+    """Whether what has one value is as the configuration says: single values have no checksum of their own."""
+    varied = {*configuration.get("grid", {}), *configuration.get("points", {})}
+    single = {name for name, each in cube.coords.items() if not each.ndim} - varied
+    told = completed(configuration.get("fixed", {})) | (settings_in(configuration) if single & {*SETTINGS} else {})
+    return all(bool(cube[name] == value) for name, value in told.items() if name in single)

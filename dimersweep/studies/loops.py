@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -15,7 +15,8 @@ from dimersweep.inputs import as_number
 from dimersweep.kernel.batch import Workspace
 from dimersweep.kernel.model.layout import CODE_MODE, CODE_MODE_PERIOD
 from dimersweep.parameters import fill_rows
-from dimersweep.runs.accessor import warn_of_another_kernel
+from dimersweep.runs.accessor import is_of_this_kernel
+from dimersweep.runs.behind import behind
 from dimersweep.runs.carrying import Link, carried
 from dimersweep.studies.deciding import OPEN
 from dimersweep.studies.sweep_spec import Spec
@@ -87,13 +88,9 @@ def loops(cube: xr.Dataset, *, within: float | None = None) -> xr.Dataset:
         raise ParameterError(f"within = {within}: must be > 0")
     if not isinstance(cube, xr.Dataset) or cube.sizes.get("direction", 0) != len(DIRECTIONS):
         raise ParameterError("loops: the cube has not both directions; make it with carry='both'")
-    configuration = json.loads(cube.attrs["configuration"])
-    if within is not None:
-        warn_of_another_kernel(configuration, "the ends may lie elsewhere than its modes say")
-    *_, axis = configuration["grid"]
+    *_, axis = json.loads(cube.attrs["configuration"])["grid"]
     cube = cube.sel(direction=[UP, DOWN]).sortby(axis)
     others = [str(name) for name in cube["mode"].dims if name not in ("direction", axis)]
-    alone = {name: cube[name].item() for name in configuration["grid"] if name not in cube["mode"].dims}
     motions = {
         name: cube[name].transpose(*others, "direction", axis).values.reshape(-1, len(DIRECTIONS), cube.sizes[axis])
         for name in ("mode", "mode_period")
@@ -105,8 +102,8 @@ def loops(cube: xr.Dataset, *, within: float | None = None) -> xr.Dataset:
     for line in range(len(motions["mode"])):
         ends = list(_ends(values, motions["mode"][line], motions["mode_period"][line]))
         if ends and within is not None:
-            here = {name: float(cube[name].values[k]) for name, k in zip(others, places[line], strict=True)}
-            ends, spent = _located(_line_of(configuration, alone | here), ends, within)
+            here = dict(zip(others, places[line], strict=True))
+            ends, spent = _located(_line_through(cube.isel(here | {"direction": UP, axis: 0})), ends, within)
             cost += spent
         found += [(line, pair) for pair in ends]
     table = _table(cube, axis, {name: places[:, k] for k, name in enumerate(others)}, found)
@@ -125,12 +122,13 @@ def _ends(values: np.ndarray, mode: np.ndarray, period: np.ndarray) -> Iterator[
         yield LoopEnd(below[0], below[1], low), LoopEnd(above[0], above[1], high)
 
 
-def _line_of(configuration: dict[str, Any], here: dict[str, float]) -> Spec:
-    """The line at values of the other axes, as a sweep of its own."""
-    spec = Spec.from_configuration(configuration)
-    (axis,) = [name for name in spec.grid.axes if name not in here and name != "direction"]
-    axes = {name: spec.grid.axes[name] for name in ("direction", axis)}
-    return Spec(Grid(axes, spec.grid.fixed | here), spec.how, certify=False)
+def _line_through(point: xr.Dataset) -> Spec:
+    """The line of a point on the way up, each way, as a sweep of its own."""
+    made = behind(point)
+    is_of_this_kernel(made.kernel, "the ends may lie elsewhere than its modes say")
+    assert made.line is not None  # the cube has directions
+    axes = {"direction": np.array([UP, DOWN]), made.line.axis: np.array(made.line.values)}
+    return Spec(Grid(axes, made.line.fixed), made.how, certify=False)
 
 
 def _located(

@@ -6,13 +6,14 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.cube import flatten
+from dimersweep.cubes.cube import flatten, signed
 from dimersweep.cubes.points import AnyGrid, check_fits
 from dimersweep.cubes.results import failed
 from dimersweep.errors import ParameterError, Stopped, StoreError
@@ -121,6 +122,7 @@ class UnfinishedCube:
 
     def write(self, cube: xr.Dataset) -> xr.Dataset:
         """Write the finished cube with its checksum, if it has an output, and remove the folder of its points."""
+        cube = signed(cube, self.study.configuration())
         cube.attrs[CHECKSUM] = checksum_of(cube)
         if isinstance(self.store, TileStore):
             write_cube(
@@ -135,8 +137,15 @@ class UnfinishedCube:
         out, write = self.store.out, format_of(self.store.out).write_blocks
         assert write is not None
         with disk_errors(f"out = {out}", self.store.kept_if_refused):
-            workers, scratch = self.options.how.workers, self.store.scratch
-            write(self.study.grid, self.store.read, attributes, out, scratch=scratch, workers=workers)
+            write(
+                self.study.grid,
+                self.store.read,
+                attributes,
+                out,
+                sign=partial(signed, configuration=self.study.configuration()),
+                scratch=self.store.scratch,
+                workers=self.options.how.workers,
+            )
         self._tidy_up(self.store)
         return open_cube(out)
 

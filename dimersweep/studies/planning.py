@@ -11,6 +11,7 @@ from time import perf_counter
 import numpy as np
 import xarray as xr
 
+from dimersweep.cubes.cube import signed
 from dimersweep.cubes.grid import Grid, legal_points
 from dimersweep.cubes.points import check_fits
 from dimersweep.cubes.results import Finished, Tile, blank_results
@@ -232,12 +233,12 @@ def _shares(n: int, first: bool, last: bool) -> np.ndarray:
 
 def _of_one_point(study: Study) -> xr.Dataset:
     """The cube of the first point of a study, without results."""
-    blank = blank_results(1, study.kind)
+    blank, told = blank_results(1, study.kind), study.configuration()
     if isinstance(study, Spec):
-        return sweep.as_cube(replace(study, grid=study.grid.first()), blank, {})
+        return signed(sweep.as_cube(replace(study, grid=study.grid.first()), blank, {}), told)
     spec = study.fine if isinstance(study, RefineSpec) else study
     assert isinstance(spec, SearchSpec)
-    return search.as_cube(replace(spec, grid=spec.grid.first()), blank, {})
+    return signed(search.as_cube(replace(spec, grid=spec.grid.first()), blank, {}), told)
 
 
 def _done(study: Study, out: Path | None) -> int:

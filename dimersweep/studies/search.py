@@ -27,6 +27,7 @@ from dimersweep.cubes.results import (
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_count
 from dimersweep.kernel.model.layout import CODE_MODE, M_NOT_RUN, MODES
+from dimersweep.parameters import completed
 from dimersweep.studies.deciding import (
     A_NOT_RUN,
     A_UNSURE,
@@ -351,7 +352,11 @@ def as_cube(spec: SearchSpec, results: np.ndarray, attributes: Mapping[str, Any]
     cube = build(spec.grid, results["out"], results["codes"], attributes)
     cube["answer"] = label_variable("answer", dims, findings.answers().reshape(shape))
     cube["region"] = label_variable("region", dims, findings.regions().reshape(shape))
-    cube[question.axis] = float_variable(dims, findings.deciders().reshape(shape), PARAMETERS[question.axis])
+    known = {name: each.variable for name, each in cube.coords.items() if name in PARAMETERS}
+    known[question.axis] = xr.Variable(dims, findings.deciders().reshape(shape))
+    for name, values in completed(known).items():  # the one that decided, and what is as that one
+        if name not in cube.coords:
+            cube[name] = float_variable(values.dims, values.values, PARAMETERS[name])
     cube["n_runs"] = label_variable("n_runs", dims, counts.sum(axis=1).reshape(shape))
     cube["runs"] = label_variable("runs", (*dims, "outcome"), counts.reshape(*shape, len(MODES)))
     cube = cube.assign_coords(outcome=label_variable("outcome", ("outcome",), np.arange(len(MODES))))

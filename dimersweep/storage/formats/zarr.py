@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.cubes.checksum import Checksum
-from dimersweep.cubes.cube import blank, build
+from dimersweep.cubes.cube import blank, build, coordinates_of
 from dimersweep.cubes.grid import Grid
 from dimersweep.cubes.points import AnyGrid
 from dimersweep.cubes.results import beyond, blank_results
@@ -53,6 +53,7 @@ def write_zarr(
     attributes: Mapping[str, Any],
     path: Path,
     *,
+    sign: Callable[[xr.Dataset], xr.Dataset],
     scratch: Path,
     workers: int = WRITERS,
 ) -> None:
@@ -67,6 +68,8 @@ def write_zarr(
         ``read(start, stop)`` gives the results of these points, see ``TileStore.read``.
     attributes : mapping
         Global attributes.
+    sign : callable
+        See `signed`.
     path, scratch : Path
         A group that is at `path` already is replaced.
     workers : int
@@ -81,7 +84,9 @@ def write_zarr(
 
     # chunks of nothing but missing values are written too, so that one that is missing is known to be lost
     with replacing_folder(path, scratch), zarr.config.set({"array.write_empty_chunks": True}):
-        template = _template(grid, attributes, read(0, 0).dtype)
+        one = Grid({name: values[:1] for name, values in grid.axes.items()}, grid.fixed)
+        small = sign(build(one, *blank(1), attributes, beyond(blank_results(1, read(0, 0).dtype))))
+        template, (made_with,) = _template(grid, small), small["made_with"].values.ravel()
         template.to_zarr(scratch, mode="w", compute=False, consolidated=False)
         group, checksum = zarr.open_group(scratch, mode="r+"), Checksum(template)
         arrays = dict(group.arrays())
@@ -93,6 +98,7 @@ def write_zarr(
                 results = read(*tile)
                 axes = {name: values[part] for (name, values), part in zip(grid.axes.items(), where, strict=True)}
                 block = build(Grid(axes, {}), results["out"], results["codes"], {}, beyond(results))
+                block["made_with"] = xr.full_like(block["mode"], made_with, dtype=np.int64)
                 for name, variable in block.data_vars.items():
                     checksum.add(name, variable.values)
                 yield block, where
@@ -121,17 +127,15 @@ def _each(workers: int, call: Callable[..., None], given: Iterable[tuple[Any, ..
             future.result()
 
 
-def _template(grid: AnyGrid, attributes: Mapping[str, Any], kind: np.dtype) -> xr.Dataset:
-    """The cube of `grid` with lazy variables, so that only their types, chunks and attributes are written."""
+def _template(grid: AnyGrid, small: xr.Dataset) -> xr.Dataset:
+    """The cube of `grid` with lazy variables, like that of one point, so that only types, chunks and attributes are written."""
     from zarr.codecs import ZstdCodec
 
-    one = Grid({name: values[:1] for name, values in grid.axes.items()}, grid.fixed)
-    small = build(one, *blank(1), attributes, beyond(blank_results(1, kind)))
     chunks = chunk_shape(grid.shape)
     summed = {"compressors": [ZstdCodec(checksum=True)]}
-    coordinates = {name: small[name].variable for name in grid.fixed}
-    for name, values in grid.axes.items():
-        coordinates[name] = xr.Variable((name,), values, small[name].attrs, {"_FillValue": None, **summed})
+    coordinates = {str(name): each.variable for name, each in small.coords.items()} | coordinates_of(grid)
+    for variable in coordinates.values():
+        variable.encoding = {"_FillValue": None} | (summed if variable.dims else {})
     lazy = {
         name: xr.Variable(
             variable.dims,
