@@ -97,18 +97,31 @@ def number(name: str, value: Any, units: str | None = None) -> float:
     if not isinstance(value, str):
         return as_number(name, value, units)
     factors = {"": 1.0, units: 1.0} | (dict.fromkeys(DEGREES, pi / 180) if units == "rad" else {})
-    found = re.fullmatch(r"\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?|[-+]?inf|nan)\s*(.*?)\s*", value)
-    try:
-        size = float(found[1]) if found else None
-    except ValueError:
-        size = None
-    if found is None or size is None:
+    size, unit = _size_and_unit(value)
+    if size is None:
         raise ParameterError(f"{name} = {value!r}: must be a number{_or_degrees(units)}")
-    if found[2] not in factors:
+    if unit not in factors:
         raise ParameterError(
             f"{name} = {value!r}: the unit must be {'left out' if units == '1' else units_taken(units)}"
         )
-    return as_number(name, size * factors[found[2]])
+    return as_number(name, size * factors[unit])
+
+
+def _size_and_unit(text: str) -> tuple[float | None, str]:
+    """The number in a text such as "16 deg", and the unit after it."""
+    found = re.fullmatch(r"\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?|[-+]?inf|nan)\s*(.*?)\s*", text)
+    try:
+        return (float(found[1]), found[2]) if found else (None, "")
+    except ValueError:
+        return None, ""
+
+
+def degrees_in(value: Any) -> float | None:
+    """The degrees that a text such as "16 deg" tells, or 0; None of anything else."""
+    if isinstance(value, int | float) and not isinstance(value, bool) and value == 0:
+        return 0.0
+    size, unit = _size_and_unit(value) if isinstance(value, str) else (None, "")
+    return size if unit in DEGREES else None
 
 
 def units_taken(units: str) -> str:

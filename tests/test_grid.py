@@ -1,7 +1,10 @@
 """Axes become points in C order, whatever range is asked for, and a bad axis is refused in one line."""
 
 import re
+from decimal import Decimal
+from fractions import Fraction
 from functools import reduce
+from time import perf_counter
 
 import mpmath
 import numpy as np
@@ -12,10 +15,13 @@ from hypothesis import strategies as st
 from dimersweep.cubes.grid import (
     MAX_POINTS,
     axis_values,
+    evenly,
+    finer,
     make_grid,
 )
 from dimersweep.cubes.points import check_fits
 from dimersweep.errors import ParameterError
+from dimersweep.inputs import number
 from dimersweep.kernel.model.layout import ROW
 
 BAD = [
@@ -162,9 +168,101 @@ def test_values_in_a_fixed_ratio_are_the_nearest_floats(low, high, count):
     declared = {"start": low, "stop": high, "num": count, "spacing": "log"}
     with mpmath.workdps(60):
         share = [mpmath.mpf(k) / (count - 1) for k in range(count)]
-        nearest = [float(mpmath.mpf(low) * (mpmath.mpf(high) / mpmath.mpf(low)) ** x) for x in share]
+        nearest = [float(mpmath.mpf(str(low)) * (mpmath.mpf(str(high)) / mpmath.mpf(str(low))) ** x) for x in share]
     assert axis_values("f", declared).tolist() == nearest
 
 
 def test_one_value_in_a_fixed_ratio_is_the_first():
     assert axis_values("f", {"start": 2.0, "stop": 3.0, "num": 1, "spacing": "log"}).tolist() == [2.0]
+
+
+# --- values of a range are the decimal numbers that were meant -------------------------------------------------------------
+
+
+def meant(low, high, count):
+    """Evenly spaced numbers between two decimals: each the nearest float."""
+    first, last = Fraction(str(low)), Fraction(str(high))
+    return [float(first + (last - first) * k / max(1, count - 1)) for k in range(count)]
+
+
+@pytest.mark.parametrize("step", ["0.1", "0.05", "0.02", "0.01", "0.3", "0.007", "1e-5", "2.5"])
+def test_steps_give_the_decimal_numbers_that_one_would_write(step):
+    written = [float(Decimal(step) * k) for k in range(1, 300)]
+    declared = {"start": float(step), "stop": written[-1], "step": float(step)}
+    assert axis_values("xdot0", declared).tolist() == written
+    assert axis_values("xdot0", {**declared, "start": -written[-1]}).tolist() == [-x for x in written[::-1]] + [
+        0.0,
+        *written,
+    ]
+
+
+def test_a_range_and_a_list_have_the_same_values():
+    assert axis_values("e", {"start": 0.1, "stop": 0.9, "step": 0.1}).tolist() == [
+        0.1,
+        0.2,
+        0.3,
+        0.4,
+        0.5,
+        0.6,
+        0.7,
+        0.8,
+        0.9,
+    ]
+    assert 0.3 in axis_values("e", {"start": 0, "stop": 1, "num": 11})
+
+
+@given(st.integers(-(10**6), 10**6), st.integers(1, 10**6), st.integers(0, 8), st.integers(2, 60))
+def test_ends_are_exact_and_what_is_between_is_nearest(low, width, digits, count):
+    low, high = float(Decimal(low).scaleb(-digits)), float(Decimal(low + width).scaleb(-digits))
+    assert axis_values("xdot0", {"start": low, "stop": high, "num": count}).tolist() == meant(low, high, count)
+
+
+@given(st.floats(-1e300, 1e300), st.floats(-1e300, 1e300), st.integers(2, 20))
+def test_ends_are_exact_whatever_they_are(one, other, count):
+    low, high = sorted((one, other))
+    values = evenly(low, high, count)
+    assert (values[0], values[-1]) == (low, high) and (np.diff(values) >= 0).all()
+
+
+def test_all_shares_of_a_whole_end_at_it():
+    """Each of these ranges is allowed: none ends above 1, as one in seventy did."""
+    for start in np.arange(11) / 10:
+        for num in range(2, 121):
+            values = axis_values("e", {"start": float(start), "stop": 1.0, "num": num}) if start < 1 else np.ones(1)
+            assert values[-1] == 1.0
+            make_grid({"e": values})
+
+
+@pytest.mark.parametrize("ends", [(0.1, 89.9, 0.1), (5, 85, 5), (-12, 12, 1.5), (0, 7.2, 0.01)])
+def test_angles_of_a_range_are_those_that_their_texts_give(ends):
+    start, stop, step = ends
+    texts = [f"{float(x)!r} deg" for x in meant(start, stop, round((stop - start) / step) + 1)]
+    written = [number("theta0", text) for text in texts]
+    names = ("start", "stop", "step")
+    assert axis_values("theta0", dict(zip(names, ends, strict=True)) | {"unit": "deg"}).tolist() == written
+    told = dict(zip(names, (f"{x} deg" for x in ends), strict=True))
+    assert axis_values("theta0", told).tolist() == written
+    assert axis_values("theta0", texts).tolist() == written
+    if start == 0:
+        assert axis_values("theta0", told | {"start": 0}).tolist() == written
+
+
+def test_an_angle_in_degrees_may_end_a_range_in_radians():
+    values = axis_values("theta0", {"start": 0.5, "stop": "90 deg", "num": 3})
+    assert values.tolist() == meant(0.5, np.pi / 2, 3)
+
+
+def test_decades_are_decimal():
+    values = axis_values("xdot0", {"start": 1e-3, "stop": 1e3, "num": 7, "spacing": "log"})
+    assert values.tolist() == [1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0, 1e3]
+
+
+def test_halves_are_decimal():
+    assert finer(np.array([0.1, 0.5, 0.9]), 1).tolist() == [0.1, 0.3, 0.5, 0.7, 0.9]
+    assert finer(np.array([0.1, 0.2, 0.4]), 2).tolist() == [0.1, 0.125, 0.15, 0.175, 0.2, 0.25, 0.3, 0.35, 0.4]
+
+
+def test_a_long_range_takes_no_time():
+    begun = perf_counter()
+    values = axis_values("f", {"start": 0.1, "stop": 500_000, "step": 0.1})
+    assert values.size == 5_000_000 and values[2] == 0.3 and perf_counter() - begun < 2

@@ -3,22 +3,24 @@
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from decimal import Context, Decimal, localcontext
+from fractions import Fraction
 from functools import partial
-from itertools import accumulate, repeat
-from math import isfinite, prod
+from itertools import accumulate, pairwise, repeat
+from math import isfinite, lcm, prod
 from operator import mul
 from typing import Any
 
 import numpy as np
 
 from dimersweep.errors import ParameterError
-from dimersweep.inputs import DEGREES, as_number, as_numbers, check_count, number, units_taken
+from dimersweep.inputs import DEGREES, as_number, as_numbers, check_count, degrees_in, number, units_taken
 from dimersweep.parameters import check, check_effect, check_name, fill_rows, keeps_rules
 from dimersweep.symbols import BASE, ENDS, PARAMETERS, START
 
 MAX_POINTS = 50_000_000  # of an axis, and of a cube in memory: about 14 GB, see benchmarks/speed/memory.py
 
 RATIO_DIGITS = 40  # that values in a fixed ratio are reckoned with
+EXACT = 1 << 53  # up to it every whole number is a float
 STEP_TOLERANCE = 1e-9  # of a number of steps that counts as whole, times that number
 DIRECTIONS = ("up", "down")  # of a state that is carried along an axis; their places are the codes
 _FORMS = "give values, or start, stop and either step or num; unit is optional, and spacing = log with num"
@@ -36,6 +38,22 @@ def _no_whole_steps(start: float, stop: float, step: float, steps: int) -> str:
     )
 
 
+def evenly(start: float, stop: float, count: int) -> np.ndarray:
+    """So many values from `start` to `stop` at one distance: each the float that is nearest to the decimal number meant.
+
+    So 0.1, 0.2 and 0.3 are those that one would write, and the ends are exact.
+    """
+    first, last = Fraction(repr(float(start))), Fraction(repr(float(stop)))
+    step = (last - first) / max(1, count - 1)
+    parts = lcm(first.denominator, step.denominator)
+    least, each = int(first * parts), int(step * parts)  # in units of 1/parts
+    if max(parts, abs(least), abs(least + each * (count - 1))) <= EXACT:  # one division rounds, once
+        return (least + each * np.arange(count)) / parts
+    return np.array(
+        [(least + each * k) / parts for k in range(count)]
+    )  # so it is with Python's whole numbers, of any size
+
+
 def _from_range(name: str, read: Reader, start: Any, stop: Any, step: Any = None, num: Any = None) -> np.ndarray:
     """Values from `start` to `stop`, which whole steps must reach, up to round-off."""
     start, stop = read(f"{name}.start", start), read(f"{name}.stop", stop)
@@ -44,19 +62,16 @@ def _from_range(name: str, read: Reader, start: Any, stop: Any, step: Any = None
     if not isfinite(stop - start):
         raise ParameterError(f"{name}.stop = {stop}: is too far from start = {start}")
     if num is not None:
-        count = check_count(f"{name}.num", num, MAX_POINTS)
-        stride = (stop - start) / max(count - 1, 1)
-    else:
-        stride = read(f"{name}.step", step)
-        if stride <= 0:
-            raise ParameterError(f"{name}.step = {stride}: must be > 0")
-        steps = (stop - start) / stride
-        if steps >= MAX_POINTS:
-            raise ParameterError(f"{name}.step = {stride}: gives more than {MAX_POINTS} values")
-        count = round(steps) + 1
-        if abs(steps - round(steps)) > STEP_TOLERANCE * max(1.0, steps):
-            raise ParameterError(f"{name}.step = {stride}: {_no_whole_steps(start, stop, stride, int(steps))}")
-    return start + stride * np.arange(count)
+        return evenly(start, stop, check_count(f"{name}.num", num, MAX_POINTS))
+    stride = read(f"{name}.step", step)
+    if stride <= 0:
+        raise ParameterError(f"{name}.step = {stride}: must be > 0")
+    steps = (stop - start) / stride
+    if steps >= MAX_POINTS:
+        raise ParameterError(f"{name}.step = {stride}: gives more than {MAX_POINTS} values")
+    if abs(steps - round(steps)) > STEP_TOLERANCE * max(1.0, steps):
+        raise ParameterError(f"{name}.step = {stride}: {_no_whole_steps(start, stop, stride, int(steps))}")
+    return evenly(start, stop, round(steps) + 1)
 
 
 def _from_logarithms(name: str, read: Reader, start: Any, stop: Any, num: Any) -> np.ndarray:
@@ -70,8 +85,9 @@ def _from_logarithms(name: str, read: Reader, start: Any, stop: Any, num: Any) -
 def _in_ratio(low: float, high: float, count: int) -> np.ndarray:
     """So many values in a fixed ratio, each the nearest float: the powers of numpy depend on the processor."""
     with localcontext(Context(prec=RATIO_DIGITS)):
-        ratio = (Decimal(high) / Decimal(low)) ** (Decimal(1) / max(1, count - 1))
-        values = np.fromiter(accumulate(repeat(ratio, count - 1), mul, initial=Decimal(low)), float, count)
+        first, last = Decimal(repr(low)), Decimal(repr(high))
+        ratio = (last / first) ** (Decimal(1) / max(1, count - 1))
+        values = np.fromiter(accumulate(repeat(ratio, count - 1), mul, initial=first), float, count)
     values[-1], values[0] = high, low
     return values
 
@@ -85,6 +101,9 @@ def _from_declaration(name: str, declared: Mapping[str, Any]) -> np.ndarray:
     units = PARAMETERS[name].units
     bare = "unit" in given
     unit, spacing = given.pop("unit", units), given.pop("spacing", "linear")
+    degrees = {each: degrees_in(given[each]) for each in ("start", "stop", "step") if each in given}
+    if units == "rad" and not bare and degrees and None not in degrees.values():  # then steps of degrees are meant
+        given, unit, bare = given | degrees, "deg", True
     read: Reader = partial(as_number, units=unit) if bare else _with_units
     if spacing not in ("linear", "log"):
         raise ParameterError(f"{name}.spacing = {spacing!r}: must be linear or log")
@@ -158,10 +177,8 @@ def axis_values(name: str, declared: Any) -> np.ndarray:
 
 def finer(values: np.ndarray, halvings: int) -> np.ndarray:
     """`values` with each of their intervals halved so many times; the given values are kept as they are."""
-    parts = 1 << halvings
-    steps = np.arange(parts) / parts
-    inner = values[:-1, None] + np.diff(values)[:, None] * steps
-    return np.append(inner.ravel(), values[-1])
+    ends = pairwise(values.tolist())
+    return np.concatenate([*(evenly(*pair, (1 << halvings) + 1)[:-1] for pair in ends), values[-1:]])
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from scipy.integrate import quad
 from scipy.interpolate import BarycentricInterpolator, CubicSpline
 from scipy.optimize import brentq
 
+from dimersweep.cubes.grid import evenly
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.inputs import as_number, check_count, check_rtol
 from dimersweep.orbits.finding import RTOL, checked, checked_spin, orbit_at
@@ -79,7 +80,7 @@ def family(*, spin: tuple[float, float], points: int = 50, rtol: float = RTOL, *
     [4.259, 4.257, 4.256]
     """
     given = checked(parameters)
-    spins = np.linspace(*spin_range(spin, given), check_count("points", points))
+    spins = evenly(*spin_range(spin, given), check_count("points", points))
     first, begin = _anywhere(spins, given, check_rtol(rtol))
     tape = first.fixed.map.tape
     start = tape.periods

@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
-from dimersweep.cubes.grid import axis_values
+from dimersweep.cubes.grid import axis_values, evenly
 from dimersweep.errors import OrbitError, ParameterError, Stopped, unknown
 from dimersweep.inputs import check_count
 from dimersweep.kernel import kernel_version
@@ -359,7 +359,7 @@ def _family(declared: Borders, families: Families, point: dict[str, float], tell
     ends = {name: ((), table.attrs[name], {"long_name": text}) for name, text in words.items()}
     table = table.drop_vars([name for name in table.data_vars if table[name].dtype.kind not in "fc"])
     spin_attrs = table["spin"].attrs
-    table = table.reindex(spin=np.linspace(*families.spin, families.points)).assign(ends)
+    table = table.reindex(spin=evenly(families.spin[0], families.spin[1], families.points)).assign(ends)
     table["spin"].attrs, table.attrs = spin_attrs, {}
     return table
 
