@@ -3,6 +3,7 @@
 import errno
 import os
 import re
+import shutil
 from math import prod
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from dimersweep.storage.blocks import blocks, chunk_shape
 from dimersweep.studies.status import status
 
 pytest.importorskip("zarr")
+SMALL = {"f": [15, 20, 25], "beta0": {"start": 1, "stop": 8, "step": 1, "unit": "deg"}}  # a chunk for each f
 GRID = {"f": [15, 20, 25], "A_r": [5, 6], "beta0": {"start": 1, "stop": 11, "step": 1, "unit": "deg"}}
 
 
@@ -27,8 +29,8 @@ def in_an_empty_folder(tmp_path, monkeypatch, fake_kernel):
     monkeypatch.setattr("dimersweep.storage.blocks.CHUNK_POINTS", 8)
 
 
-def sweep(**settings):
-    return dimersweep.sweep(GRID, **({"periods": 5, "progress": False, "out": "cube.zarr"} | settings))
+def sweep(grid=GRID, **settings):
+    return dimersweep.sweep(grid, **({"periods": 5, "progress": False, "out": "cube.zarr"} | settings))
 
 
 @given(st.lists(st.integers(1, 13), min_size=1, max_size=4).map(tuple))
@@ -139,6 +141,42 @@ def test_force_replaces_it_and_an_extension_reads_it():
     assert sweep(periods=6, force=True)["n_periods"].values.max() == 6
     wider = dimersweep.sweep(GRID | {"f": [15, 30]}, periods=6, progress=False, extend="cube.zarr", out="wide.zarr")
     xr.testing.assert_equal(wider, dimersweep.sweep(GRID | {"f": [15, 30]}, periods=6, progress=False))
+
+
+NOT_THAT = r"^cube.zarr: is not the cube that was opened any more \(it was replaced, moved or deleted\); open it again$"
+
+
+def test_a_cube_in_hand_is_that_of_its_file_or_says_so():
+    """Values are read when they are used, and never those of another file, nor missing ones in place of those that are gone."""
+    former, names = sweep(SMALL), ["radius", "n_events", "mode", "e", "eta"]
+    held = former[names].compute()
+    lazy = [each for name in names for each in (former[name], former[name].max())] + [former["mode"].isel(f=[0, 2])]
+    uses = [each.compute for each in lazy]
+    uses += [former.dimersweep.plot, former.dimersweep.__repr__, lambda: former.dimersweep.run(f=15, beta0="5 deg")]
+    uses += [lambda: former.to_netcdf("copy.nc"), lambda: dimersweep.simulate(start=former.isel(f=0, beta0=0))]
+    other = sweep(SMALL, periods=6, force=True)
+    for use in uses:
+        with pytest.raises(StoreError, match=NOT_THAT):
+            use()
+    xr.testing.assert_equal(held, sweep(SMALL, out=None)[names])
+    os.rename("cube.zarr", "moved.zarr")
+    for name in names:
+        with pytest.raises(StoreError, match=NOT_THAT):
+            other[name].compute()
+    assert (dimersweep.open_cube("moved.zarr")["n_periods"] == 6).all()
+    os.rename("moved.zarr", "cube.zarr")
+    assert (other["n_periods"] == 6).all()
+
+
+def test_a_chunk_that_goes_while_a_cube_is_in_hand_is_found():
+    cube = sweep(SMALL)
+    shutil.rmtree("cube.zarr/radius/c/2")
+    cube["radius"].isel(f=0).compute()
+    for part in ({"f": 2}, {"f": [0, 2]}, {"f": slice(None, None, -2)}, {}):
+        with pytest.raises(
+            StoreError, match=r"^cube.zarr: is damaged: radius lacks some of its chunks; sweep it again"
+        ):
+            cube["radius"].isel(part).compute()
 
 
 def test_a_full_disk_keeps_the_points(monkeypatch):

@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
+from itertools import product
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -148,30 +149,61 @@ def _template(grid: AnyGrid, small: xr.Dataset) -> xr.Dataset:
     return xr.Dataset(lazy, coordinates, small.attrs)
 
 
-def _chunks_lacking(folder: Path, variable: xr.Variable) -> int:
+def _chunks_of(variable: xr.Variable) -> tuple[int, ...]:
+    """Lengths of the chunks of a variable."""
+    return tuple(variable.encoding.get("chunks") or variable.shape)
+
+
+def _lacking(folder: Path, variable: xr.Variable) -> int:
     """How many chunks of a variable have no file."""
-    chunks = variable.encoding.get("chunks") or variable.shape
-    expected = prod(-(-length // chunk) for length, chunk in zip(variable.shape, chunks, strict=True))
+    expected = prod(-(-length // chunk) for length, chunk in zip(variable.shape, _chunks_of(variable), strict=True))
     if not variable.dims:
         return 0 if (folder / "c").is_file() else 1
     return expected - sum(len(names) for _, _, names in os.walk(folder / "c"))
 
 
-class _Numbers:
-    """Values of a variable, read when they are used; damage that is found then is named in one line."""
+def _lacks_some(folder: Path, variable: xr.Variable, where: tuple[Any, ...]) -> bool:
+    """Whether a chunk that has values at `where` has no file."""
+    places = (np.arange(length)[part] for length, part in zip(variable.shape, where, strict=True))
+    numbers = (np.unique(place // chunk).tolist() for place, chunk in zip(places, _chunks_of(variable), strict=True))
+    return not all((folder / "c").joinpath(*map(str, place)).is_file() for place in product(*numbers))
 
-    def __init__(self, path: Path, name: str, variable: xr.Variable) -> None:
+
+class _Numbers:
+    """Values of a variable, read when they are used; damage that is found then is named in one line.
+
+    The file may be another one by then, and what is gone reads as missing values: what the group told of itself when it was
+    opened is compared after each reading.
+    """
+
+    def __init__(self, path: Path, name: str, variable: xr.Variable, told: bytes, *, whole: bool) -> None:
         self.path, self.name, self.variable = path, name, variable.copy(deep=False)
+        self.told, self.whole = told, whole
         self.shape, self.dtype, self.ndim = variable.shape, variable.dtype, variable.ndim
 
-    def __getitem__(self, where: tuple[slice, ...]) -> np.ndarray:
+    def __getitem__(self, where: tuple[Any, ...]) -> np.ndarray:
         try:
-            return self.variable[where].values
+            values, why = self.variable[where].values, ""
         except MemoryError:
             raise
         except Exception as error:  # each way to compress has its own
             why = f"{self.name} cannot be read ({one_line(error)})"
-            raise StoreError(f"{self.path}: is damaged: {why}; sweep it again (force=True)") from None
+        if not why and self.whole and _lacks_some(self.path / self.name, self.variable, where):
+            why = f"{self.name} lacks some of its chunks"
+        if _told_by(self.path) != self.told:
+            gone = "is not the cube that was opened any more (it was replaced, moved or deleted)"
+            raise StoreError(f"{self.path}: {gone}; open it again")
+        if why:
+            raise StoreError(f"{self.path}: is damaged: {why}; sweep it again (force=True)")
+        return values
+
+
+def _told_by(path: Path) -> bytes:
+    """What a group tells of itself: its attributes, with the checksum of all values and the time when they were made."""
+    try:
+        return (path / "zarr.json").read_bytes()
+    except OSError:
+        return b""
 
 
 @contextmanager
@@ -184,20 +216,21 @@ def opened_zarr(path: Path) -> Iterator[xr.Dataset]:
         If it is none, or damaged.
     """
     check_zarr()
+    told = _told_by(path)
     try:  # format 2 may name filters that run code
         cube = xr.open_dataset(path, engine="zarr", consolidated=False, zarr_format=3, cache=False)
     except Exception as error:  # what its description leads to, if it was changed
         raise StoreError(f"{path}: is no Zarr group, or a damaged one ({one_line(error)})") from error
-    for name, variable in cube.variables.items():
-        lacking = _chunks_lacking(path / str(name), variable)
-        if lacking and "dimersweep_cube" in cube.attrs:
-            raise StoreError(f"{path}: is damaged: {name} lacks {lacking} of its chunks; sweep it again (force=True)")
+    lacking = {str(name): _lacking(path / str(name), variable) for name, variable in cube.variables.items()}
     for name, variable in cube.variables.items():
         if name not in cube.indexes:  # those are read already
-            numbers, chunks = _Numbers(path, str(name), variable), variable.encoding.get("chunks") or variable.shape
-            variable.data = dask.array.from_array(numbers, chunks, name=False, fancy=False)
+            numbers = _Numbers(path, str(name), variable, told, whole=not lacking[str(name)])
+            variable.data = dask.array.from_array(numbers, _chunks_of(variable), name=False, fancy=False)
         if "flag_values" in variable.attrs:  # Zarr keeps attributes as JSON
             variable.attrs["flag_values"] = np.array(variable.attrs["flag_values"], dtype=variable.dtype)
+    for name, number in lacking.items():
+        if number and "dimersweep_cube" in cube.attrs:
+            raise StoreError(f"{path}: is damaged: {name} lacks {number} of its chunks; sweep it again (force=True)")
     yield cube
 
 
