@@ -56,11 +56,15 @@ def check_undamaged(cube: xr.Dataset, path: str | Path) -> None:
     StoreError
         If its checksum is not that of its values.
     """
-    whole = set(cube.variables) <= {*PARAMETERS, *QUANTITIES, *SETTINGS, "point"} and _has_declared_axes(cube)
-    if CHECKSUM in cube.attrs and whole and checksum_of(cube) != cube.attrs[CHECKSUM]:
+    if CHECKSUM in cube.attrs and is_whole(cube) and checksum_of(cube) != cube.attrs[CHECKSUM]:
         raise StoreError(
             f"{path}: is damaged, or values were changed on purpose; without its attribute {CHECKSUM} it would be read as it is"
         )
+
+
+def is_whole(cube: xr.Dataset) -> bool:
+    """Whether a cube has the points that its configuration tells, and no variables of its user's."""
+    return set(cube.variables) <= {*PARAMETERS, *QUANTITIES, *SETTINGS, "point"} and _has_declared_axes(cube)
 
 
 def _has_declared_axes(cube: xr.Dataset) -> bool:

@@ -20,6 +20,7 @@ from dimersweep.cubes.points import AnyGrid
 from dimersweep.cubes.results import beyond, blank_results
 from dimersweep.errors import StoreError, one_line
 from dimersweep.storage.blocks import blocks, chunk_shape
+from dimersweep.storage.checking import checksum_of, is_whole
 from dimersweep.storage.files import replacing_folder, sync
 from dimersweep.storage.formats.format import Format
 from dimersweep.storage.provenance import CHECKSUM
@@ -228,10 +229,26 @@ def opened_zarr(path: Path) -> Iterator[xr.Dataset]:
             variable.data = dask.array.from_array(numbers, _chunks_of(variable), name=False, fancy=False)
         if "flag_values" in variable.attrs:  # Zarr keeps attributes as JSON
             variable.attrs["flag_values"] = np.array(variable.attrs["flag_values"], dtype=variable.dtype)
-    for name, number in lacking.items():
-        if number and "dimersweep_cube" in cube.attrs:
-            raise StoreError(f"{path}: is damaged: {name} lacks {number} of its chunks; sweep it again (force=True)")
+    if "dimersweep_cube" in cube.attrs:
+        _check_lacking(cube, path, {name: number for name, number in lacking.items() if number})
     yield cube
+
+
+def _check_lacking(cube: xr.Dataset, path: Path, lacking: Mapping[str, int]) -> None:
+    """Refuse a cube that lacks chunks, unless it is a whole one with all its values.
+
+    Sweeps write all chunks, but xarray writes none of missing values, or zeros, alone.
+    """
+    if not lacking:
+        return
+    (name, number), *_ = lacking.items()
+    if not is_whole(cube):
+        raise StoreError(
+            f"{path}: is a part of a cube, of which {name} lacks {number} chunks: lost, or not written as they hold nothing; "
+            "write it with zarr.config.set({'array.write_empty_chunks': True}), or as NetCDF"
+        )
+    if checksum_of(cube) != cube.attrs.get(CHECKSUM):
+        raise StoreError(f"{path}: is damaged: {name} lacks {number} of its chunks; sweep it again (force=True)")
 
 
 ZARR = Format(".zarr", "Zarr", "Zarr group", opened_zarr, write_blocks=write_zarr, check=check_zarr, marker="zarr.json")
