@@ -22,6 +22,8 @@ def test_the_matrix_of_multipliers_maps_a_change_of_the_start(run):
     last = record.segments[-1]
     state, modes = last[:16].copy(), last[16:18].copy()
     point = section.point(state)
+    assert (np.diff(np.abs(found.values)) <= 0).all()  # the largest first
+    np.testing.assert_allclose(np.prod(found.values), np.linalg.det(found.matrix), atol=1e-12)
     assert np.abs(found.matrix - found.matrix.T).max() > 0.1  # rows and columns are told apart
     for seed in range(3):
         way = np.zeros(len(NAMES))

@@ -259,6 +259,18 @@ def test_friction_is_within_its_law():
     assert (states["normal_force_1"].values[kinds == "FM"] == 0).all()
 
 
+def test_each_of_two_ends_that_slide_has_the_friction_of_its_own_coefficient():
+    run = simulate(
+        mu_1=0.05, mu_2=0.12, mu_s_1=0.05, mu_s_2=0.12, beta0=0.0, Gamma=0.2, xdot0=2.0, ydot0=1.0, periods=3
+    )
+    states = run.states(np.linspace(0.05, 0.2, 40))
+    slide = names(states["contact_state"]).values == "DC_sp_sp"
+    assert slide.sum() > 20
+    for end, mu in ((1, 0.05), (2, 0.12)):
+        friction = np.hypot(states[f"axial_force_{end}"], states[f"lateral_force_{end}"]).values
+        np.testing.assert_allclose(friction[slide], mu * states[f"normal_force_{end}"].values[slide], rtol=1e-9)
+
+
 def test_of_two_ends_down_one_of_which_sticks_only_the_sum_of_axial_forces_is_known():
     run = simulate(Gamma=0.5, periods=100)  # comes to rest: both stick
     states = run.states(6.0)

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+import xarray as xr
 
-from dimersweep import simulate
+from dimersweep import Parameters, simulate
+from dimersweep.kernel.model.layout import N_OUT
 from dimersweep.runs.shadows import (
     CLOSED_STATE,
     ERROR_SCALES,
@@ -12,6 +14,10 @@ from dimersweep.runs.shadows import (
     bounds,
     delays,
     difference,
+    nudged,
+    nudged_state,
+    orbit_difference,
+    pairs,
     scaled,
     shadow_rtol,
 )
@@ -57,3 +63,45 @@ def test_bounds_on_times_of_events_never_fall(runs):
 @pytest.mark.parametrize(("rtol", "shadow"), [(1e-6, 1e-8), (1e-9, 1e-11), (1e-12, 1e-11)])
 def test_a_shadow_is_a_hundred_times_as_fine_or_ten_times_coarser_where_there_is_nothing_finer(rtol, shadow):
     assert shadow_rtol(rtol) == pytest.approx(shadow)
+
+
+def test_a_nudged_start_lies_beside_the_given_one_and_is_allowed_wherever_that_is():
+    """The plate is later, both harmonics of it; an angle at the end of its range comes back into it."""
+    by = 1e-4
+    steep = {"beta0": -np.pi / 2, "xdot0": 1.0, "phi0": 0.3, "Gamma_2": 0.2, "phi_2": 0.5, "theta0": 1.0, "ydot0": -2.0}
+    moved = nudged(steep, by)
+    Parameters(**moved)
+    assert moved["beta0"] == pytest.approx(-np.pi / 2 * (1 - by), rel=1e-15)
+    assert (moved["phi0"], moved["phi_2"]) == pytest.approx((0.3 + by, 0.5 + 2 * by), rel=1e-15)
+    assert (moved["xdot0"], moved["ydot0"]) == pytest.approx((1 + by, -2 * (1 + by)), rel=1e-15)
+    assert (moved["theta0"], moved["Gamma_2"]) == (1.0, 0.2)
+    assert "phi_2" not in nudged({"beta0": 0.1, "phi0": 0.0}, by)
+    state = {"x1": 1.0, "x1_rate": 2.0, "gap_1_rate": 3.0, "spin_rate": -4.0}
+    assert nudged_state(state, by) == {
+        "x1": 1.0,
+        "x1_rate": 2 * (1 + by),
+        "gap_1_rate": 3.0,
+        "spin_rate": -4 * (1 + by),
+    }
+
+
+def moments(*times):
+    """Events of one sort."""
+    same = {name: ("event", np.full(len(times), "impact")) for name in ("cause", "kind")}
+    return xr.Dataset({"time": ("event", np.array(times, dtype=float))} | same)
+
+
+@pytest.mark.parametrize(("apart", "same"), [(0.49, True), (0.51, False), (-0.49, True), (-0.51, False)])
+def test_events_further_apart_than_half_the_way_to_the_next_are_not_the_same(apart, same):
+    """Of two events a second apart one has gone; the other one has its partner within half a second only."""
+    rows, others = pairs(moments(10.0, 11.0, 30.0), moments(11.0 + apart, 30.0), 5.0)
+    assert (1 in rows) == same
+    assert rows[-1] == 2 and others[-1] == 1
+
+
+def test_zeta_and_the_phase_count_absolutely_and_all_else_relative_to_itself():
+    orbit = np.zeros((6, N_OUT))
+    orbit[:, :6] = [4.0, 30.0, 0.02, 0.7, -0.2, 0.5]
+    other = orbit.copy()
+    other[np.arange(6), np.arange(6)] += [0.004, 0.03, 0.001, 0.0007, -0.0002, 0.001]
+    assert orbit_difference(orbit, other) == pytest.approx(np.full(6, 1e-3))

@@ -216,8 +216,8 @@ def hold_left(hold, F, A, L):
 
 
 @compiled
-def hold_left_of_pair(hold, F_1, L_1, F_2, L_2, A):
-    return friction.hold_left_of_pair(hold, F_1, L_1, hold, F_2, L_2, A)
+def hold_left_of_pair(hold_1, F_1, L_1, hold_2, F_2, L_2, A):
+    return friction.hold_left_of_pair(hold_1, F_1, L_1, hold_2, F_2, L_2, A)
 
 
 @compiled
@@ -293,6 +293,12 @@ def effective_gravity(dm, phase):
 @compiled
 def plate_rate(dm, phase):
     return plate.plate_rate(dm, phase)
+
+
+@compiled
+def along_plate(dm, phase, theta):
+    """Acceleration along the heading and across it; velocity of the plate along X and Y."""
+    return (*plate.acceleration_along(dm, phase, theta), *plate.velocity_along(dm, phase))
 
 
 @compiled

@@ -5,6 +5,8 @@ from math import cos, pi, sin
 import numpy as np
 import pytest
 
+from dimersweep.kernel.compiler.jit import plain
+from dimersweep.kernel.model.body import extent
 from tests.checks.verbs import contact_velocity, delassus, dimer, levers, oracle_state, state_of
 from tests.oracle import body
 
@@ -90,3 +92,30 @@ def test_axial_stick_ratio_of_a_flat_dimer(A_r, mubar):
 def test_coupling_of_the_normals_changes_sign_between_aspect_ratios_4_and_5():
     couplings = [dimer(A_r=A_r).pair.nn_12 for A_r in (3, 4, 5, 6)]
     assert [value > 0 for value in couplings] == [True, True, False, False]
+
+
+@pytest.mark.parametrize(("tilt", "azimuth"), [(0.0, 0.0), (0.2, 0.0), (0.2, 0.7), (0.05, 4.0)])
+def test_gravity_of_a_tilted_plate_is_one_vector(tilt, azimuth):
+    """Along the normal and the axes of the plate: of the length of gravity, at the tilt, in the direction of the azimuth."""
+    dm = dimer(**({"tilt": tilt, "azimuth": azimuth} if tilt else {}))
+    np.testing.assert_allclose([dm.g, dm.fall_x, dm.fall_y], 9.81 * np.array(way_down(tilt, azimuth)), atol=1e-15)
+    assert dm.A_z * dm.omega**2 == pytest.approx(0.9 * 9.81, rel=1e-14)  # an intensity counts in the whole of gravity
+
+
+def way_down(tilt, azimuth):
+    """Unit vector of gravity in the axes normal (into the plate), X, Y of the plate."""
+    return cos(tilt), sin(tilt) * cos(azimuth), sin(tilt) * sin(azimuth)
+
+
+@pytest.mark.parametrize(
+    ("given", "sideways"),
+    [({}, 0.0), ({"tilt": 0.1}, 1.0), ({"Gamma_x": 0.1}, 1.0), ({"Gamma_y": 0.1}, 1.0), ({"Gamma_2": 0.3}, 0.0)],
+)
+def test_the_heading_counts_where_anything_acts_along_the_plate(given, sideways):
+    assert dimer(**given).sideways == sideways
+
+
+@pytest.mark.parametrize("change", [{}, UNLIKE, UNLIKE | {"r_1": 3e-3}, {"r_1": 3e-3, "r_2": 5e-3}])
+def test_the_extent_is_that_of_the_greater_ball_and_of_the_farther_one(change):
+    dm = dimer(**change)
+    assert plain(extent)(dm) == (max(dm.p1.r, dm.p2.r), max(abs(dm.p1.h), abs(dm.p2.h)))

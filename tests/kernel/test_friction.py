@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dimersweep.kernel.contact.coordinates import N_Y, YDIP, YS, YUA, YUB, YWB, YWP
-from dimersweep.kernel.contact.forces import A1, COMPLIANCE, F1, F2, L1, L2, N_F
+from dimersweep.kernel.contact.forces import A1, A2, COMPLIANCE, F1, F2, L1, L2, N_F
 from dimersweep.kernel.impact.double_equations import N_Z, ZA, ZB1, ZB2, ZX1, ZX2
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
 from tests.checks.verbs import (
@@ -31,10 +31,12 @@ seeds = pytest.mark.parametrize("seed", range(6))
 
 
 def scene(seed):
-    """Random numbers, and a dimer whose three coefficients differ."""
+    """Random numbers, and a dimer whose three coefficients differ, and those of one end from those of the other."""
     rng = np.random.default_rng(seed)
-    mu = rng.uniform(0.05, 0.8)
-    return rng, dimer(mu=mu, mu_s=2.0 * mu, mu_h=1.5 * mu, A_r=rng.uniform(2.5, 8.0))
+    mu_1, mu_2 = rng.uniform(0.05, 0.8, 2)
+    first = {"mu_1": mu_1, "mu_s_1": 2.0 * mu_1, "mu_h_1": 1.5 * mu_1}
+    second = {"mu_2": mu_2, "mu_s_2": 2.2 * mu_2, "mu_h_2": 1.3 * mu_2}
+    return rng, dimer(**first, **second, A_r=rng.uniform(2.5, 8.0))
 
 
 @seeds
@@ -53,20 +55,22 @@ def test_two_held_ends_hold_where_some_split_of_the_axial_force_does(seed):
         F, L, A = rng.uniform(0.1, 2.0, 2), rng.normal(size=2) * 0.3, rng.normal()
         splits = A * np.linspace(-3.0, 4.0, 20_001)
         best = max(
-            min(hold_left(dm.p1.mu_h, F[0], a, L[0]), hold_left(dm.p1.mu_h, F[1], A - a, L[1])) for a in splits[::20]
+            min(hold_left(dm.p1.mu_h, F[0], a, L[0]), hold_left(dm.p2.mu_h, F[1], A - a, L[1])) for a in splits[::20]
         )
-        left = hold_left_of_pair(dm.p1.mu_h, F[0], L[0], F[1], L[1], A)
+        left = hold_left_of_pair(dm.p1.mu_h, F[0], L[0], dm.p2.mu_h, F[1], L[1], A)
         assert (best >= 0.0) == (left >= 0.0) or abs(left) < 1e-2
 
 
 def test_a_lasting_contact_is_held_by_its_own_coefficient():
     """One end, both ends, and the law of an impact, which keeps mu_s."""
-    dm = dimer(mu=0.2, mu_s=0.7, mu_h=0.4)
+    dm = dimer(mu=0.2, mu_s=0.7, mu_h_1=0.4, mu_h_2=0.3)
     F = np.zeros(N_F)
     F[[F1, A1, L1]] = 1.0, 0.3, -0.1
     assert hold_reserve(dm, np.array([STICK, FREE], float), 0, F) == pytest.approx(0.4 - hypot(0.3, 0.1), rel=1e-14)
-    F[F2], F[A1] = 2.0, 1.0
-    expected = (0.4**2 - 0.1**2) ** 0.5 + 0.8 - 1.0
+    F[[F2, A2, L2]] = 1.0, 0.2, 0.1
+    assert hold_reserve(dm, np.array([FREE, STICK], float), 1, F) == pytest.approx(0.3 - hypot(0.2, 0.1), rel=1e-14)
+    F[[F2, A1, L2]] = 2.0, 1.0, 0.0
+    expected = (0.4**2 - 0.1**2) ** 0.5 + 0.6 - 1.0
     assert hold_reserve(dm, np.array([STICK, STICK], float), 0, F) == pytest.approx(expected, rel=1e-14)
     assert (end_law(dm, -1.0, 0.2).mu_s, dm.p1.mu_s, dm.p2.mu_s) == (0.7, 0.7, 0.7)
 
@@ -103,7 +107,10 @@ def test_the_contact_of_two_slipping_ends(seed):
     contact_rates(dm, np.array([SLIP, SLIP], float), 0.0, y, dy, F)
     slips = [(y[YUA], y[YUB]), (y[YUA], y[YUB] - dm.l * y[YWP])]
     friction = np.array(
-        [slip_force(dm.p1.mu, F[k], *(np.array(u) / hypot(*u))) for k, u in zip((F1, F2), slips, strict=True)]
+        [
+            slip_force(p.mu, F[k], *(np.array(u) / hypot(*u)))
+            for p, k, u in zip((dm.p1, dm.p2), (F1, F2), slips, strict=True)
+        ]
     )
     np.testing.assert_allclose(F[[A1, L1, L2]], [friction[:, 0].sum(), *friction[:, 1]], rtol=1e-12, atol=1e-14)
     assert F[F1] + F[F2] == pytest.approx(dm.m * dm.g, rel=1e-12)
@@ -115,7 +122,9 @@ def test_the_contact_of_two_slipping_ends(seed):
 def test_the_friction_of_an_impact_at_both_ends(seed):
     rng, dm = scene(seed)
     f_1, f_2, a, b_1, b_2 = rng.uniform(0.1, 2.0), rng.uniform(0.1, 2.0), *rng.normal(size=3)
-    first, second = (slip_force(dm.p1.mu, f, a / hypot(a, b), b / hypot(a, b)) for f, b in ((f_1, b_1), (f_2, b_2)))
+    first, second = (
+        slip_force(p.mu, f, a / hypot(a, b), b / hypot(a, b)) for p, f, b in ((dm.p1, f_1, b_1), (dm.p2, f_2, b_2))
+    )
     expected = first[0] + second[0], first[1], second[1]
     np.testing.assert_allclose(pair_friction(dm, SLIP, SLIP, f_1, f_2, a, b_1, b_2), expected, rtol=1e-13)
 

@@ -28,8 +28,9 @@ from dimersweep.kernel.model.layout import (
     WB,
     WP,
 )
-from dimersweep.kernel.model.plate import motion, phases_later
+from dimersweep.kernel.model.plate import motion, motion_along, phases_later
 from tests.checks.verbs import (
+    along_plate,
     dimer,
     effective_gravity,
     first_landing,
@@ -247,3 +248,25 @@ def test_the_bound_of_the_acceleration_along_the_plate_is_its_greatest(name):
         for axis, way in (("x", np.cos(azimuth)), ("y", np.sin(azimuth)))
     )
     assert plain(plate_of.most_along)(dimer(**scene)) == pytest.approx(np.hypot(x, y).max(), rel=1e-5)
+
+
+@pytest.mark.parametrize("phi0", [0.0, 2.3])
+def test_velocity_and_acceleration_along_the_plate_are_derivatives_of_its_place(phi0):
+    """With another phase and intensity along each axis; seen from the plate a body is accelerated the other way."""
+    tilt, azimuth, g = 0.1, 0.7, 9.81
+    shaken = {"Gamma_x": 0.2, "phi_x": 1.2, "Gamma_y": 0.5, "phi_y": 4.0}
+    dm = dimer(tilt=tilt, azimuth=azimuth, phi0=phi0, **shaken)
+    fall = g * np.sin(tilt) * np.array([np.cos(azimuth), np.sin(azimuth)])
+    for phase in np.linspace(0, 2 * np.pi, 7):
+        step = 1e-5
+        ahead, here, back = (np.array(motion_along(dm, phase + by)) for by in (step, 0.0, -step))
+        rates = (ahead - back) / (2 * step) * dm.omega
+        np.testing.assert_allclose(here[2:], rates[:2], atol=1e-9)
+        angles = phase + np.array([shaken["phi_x"], shaken["phi_y"]])
+        np.testing.assert_allclose(here[2:], g * np.array([0.2, 0.5]) / dm.omega * np.cos(angles), atol=1e-14)
+        for theta in (0.0, 0.9):
+            a_a, a_b, v_x, v_y = along_plate(dm, phase, theta)
+            np.testing.assert_allclose([v_x, v_y], here[2:], atol=1e-14)
+            room = fall - rates[2:]
+            axis, across = [-np.sin(theta), np.cos(theta)], [np.cos(theta), np.sin(theta)]
+            np.testing.assert_allclose([a_a, a_b], [room @ axis, room @ across], atol=1e-7)
