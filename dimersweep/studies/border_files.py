@@ -31,6 +31,7 @@ from dimersweep.storage.tables import storable, without_fill
 from dimersweep.studies.declaration import explain, read_toml, refuse_mistakes
 from dimersweep.studies.parts import Parts, parts_beside
 from dimersweep.symbols import PARAMETERS, START
+from dimersweep.work.computing import settle_way
 
 Tell = Callable[[str], None]
 Maker = Callable[[Tell], xr.Dataset]
@@ -234,6 +235,7 @@ def make_borders(
         On Ctrl-C or SIGTERM; the message says what is kept.
     """
     out = None if out is None else check_output(out, force=force, what="a table", endings=TABLES)
+    settle_way(progress=False)
     start, makers = perf_counter(), declared.parts()
     with parts_beside(out, declared.configuration, force=force) as parts:
         before = [name for name in makers if parts.has(name)]

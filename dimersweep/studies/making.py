@@ -27,7 +27,7 @@ from dimersweep.storage.outputs import check_output, check_writable
 from dimersweep.storage.provenance import CHECKSUM, as_text, attributes, differences
 from dimersweep.storage.tilestore import TileStore, tile_store
 from dimersweep.studies.options import Options
-from dimersweep.work.computing import Crew, Store, crew
+from dimersweep.work.computing import Crew, Store, crew, settle_way
 
 
 class Study(Protocol):
@@ -177,6 +177,7 @@ def unfinished_cube(
     ParameterError, StoreError, KernelError, PointError, UnfinishedError, Stopped
         See `sweep`.
     """
+    settle_way(progress=options.how.progress)
     with ExitStack() as stack:
         store: Store = (
             MemoryStore(study.grid.size, study.kind)

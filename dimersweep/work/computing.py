@@ -18,6 +18,7 @@ from dimersweep.storage.memorystore import MemoryStore
 from dimersweep.storage.shelf import Shelf
 from dimersweep.storage.tilestore import TileStore
 from dimersweep.work.progress import Silent, Tally, report_compiling, watch
+from dimersweep.work.proving import is_proven
 from dimersweep.work.scheduling import (
     Pace,
     Pool,
@@ -142,7 +143,7 @@ class Crew:
     def _hire(self) -> Pool:
         how, hired = self.how, self._hired
         client = None if how.client is None else hired.enter_context(connected(how.client))
-        if how.progress:
+        if how.progress and not is_proven():
             report_compiling()
         self._stop = hired.enter_context(stop_on_signals())
         warm_up(self._stop)  # before the clock of the progress starts, and before workers would all do it
@@ -209,6 +210,26 @@ class Crew:
             raise UnfinishedError(f"{troubles.words(work.grid)}; {self.store.kept}")
         if left:
             raise Stopped(self.store.kept, self._stop.signal)
+
+
+def settle_way(*, progress: bool) -> None:
+    """Compile or load the kernel, before its version is written or compared: how it can be compiled is seen by doing it.
+
+    Raises
+    ------
+    KernelError
+        If it cannot run, or gives wrong numbers.
+    Stopped
+        On Ctrl-C or SIGTERM.
+    """
+    if is_proven():
+        return
+    if progress:
+        report_compiling()
+    with stop_on_signals() as stop:
+        warm_up(stop)
+    if stop.is_set():
+        raise Stopped("nothing was begun", stop.signal)
 
 
 @contextmanager

@@ -11,9 +11,11 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from dimersweep.kernel.compiler.cache import is_compiled
+from dimersweep.kernel.compiler.versions import FAST, PLAIN, way
 
 LINE_SECONDS = 10.0  # between two plain lines
 ENOUGH_SECONDS = 2.0  # of work by each worker, before its time left is shown
+COMPILE_TIMES = {FAST: "10 to 60 s", PLAIN: "1 to 4 minutes"}
 COMPILE_STEP, COMPILE_SHOWN = 10.0, 600.0  # between two lines while the kernel is compiled, and how long at most [s]
 
 
@@ -134,7 +136,7 @@ class Bar(Silent):
 def report_compiling() -> None:
     """Say on stderr that the kernel is about to be compiled, if it is, and go on saying how long that has taken."""
     if not is_compiled():
-        print("compiling the kernel: 10 to 60 s, once for each version", file=sys.stderr, flush=True)
+        print(f"compiling the kernel: {COMPILE_TIMES[way()]}, once for each version", file=sys.stderr, flush=True)
         threading.Thread(target=_report_seconds, daemon=True).start()
 
 

@@ -171,12 +171,12 @@ def run_elsewhere(
     KernelError
         If it cannot run there, or gives wrong numbers.
     """
-    if kernel_version() != version:
-        raise ParameterError(_other_kernel("a worker", kernel_version(), version))
     try:
         prove()
     except KernelError as error:
         raise KernelError(f"scheduler: worker process {os.getpid()} on {socket.gethostname()}: {error}") from None
+    if kernel_version() != version:  # as it was compiled, now that it is
+        raise ParameterError(_other_kernel("a worker", kernel_version(), version))
     made = attempt(work, tiles, _flags.setdefault(asker, StopFlag()), shift, seconds)
     entry = shelf.keep(made.finished) if shelf and made.finished else None
     return Made([], made.broken, entry) if entry else made
@@ -231,6 +231,9 @@ def _quiet() -> Iterator[None]:
 def _check_kernels(client: Any) -> None:
     try:
         versions = client.run(kernel_version)
+        if set(versions.values()) - {kernel_version()}:
+            client.run(prove)  # which may change how a worker compiles
+            versions = client.run(kernel_version)
     except Exception as error:  # whatever a worker raised: it cannot run the kernel
         raise ParameterError(f"scheduler: a worker cannot use dimersweep ({type(error).__name__}: {error})") from None
     for worker, version in versions.items():

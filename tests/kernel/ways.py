@@ -1,6 +1,10 @@
-"""What the kernel answers in some scenes: modes, and states after a few forcing periods; ``python ways.py FILE`` saves it."""
+"""What the kernel answers in some scenes: modes, and states after a few forcing periods; ``python ways.py FILE`` saves it.
+
+Without a file, it answers each line that it is given by the time of a forcing period.
+"""
 
 import sys
+from time import thread_time
 
 import numpy as np
 
@@ -58,6 +62,17 @@ def answers(periods=200, few=4):
     return codes[:, : CODES.index("n_events")], np.array([last_state(row, few) for row in rows])
 
 
+def period_time(periods=1000):
+    """Time on the processor of a forcing period of the base case [s]."""
+    out, codes = blank(1)
+    begun = thread_time()
+    run_many(Parameters().row()[None], periods, RTOL, False, out, codes)
+    return (thread_time() - begun) / periods
+
+
 if __name__ == "__main__":
-    codes, states = answers()
-    np.savez(sys.argv[1], codes=codes, states=states, way=versions.way())
+    if sys.argv[1:]:
+        codes, states = answers()
+        np.savez(sys.argv[1], codes=codes, states=states, way=versions.way())
+    for _ in sys.stdin if not sys.argv[1:] else ():
+        print(period_time(), flush=True)

@@ -51,9 +51,9 @@ def _is_trusted(base: Path) -> bool:
     return stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o022
 
 
-def code_folders() -> list[Path]:
-    """The folders of this version, in the order in which they are tried; they may not exist."""
-    return [base / code_version() for base in base_folders()]
+def code_folders(version: str | None = None) -> list[Path]:
+    """The folders of a version, by default of this one, in the order in which they are tried; they may not exist."""
+    return [base / (version or code_version()) for base in base_folders()]
 
 
 def is_compiled() -> bool:
@@ -63,9 +63,9 @@ def is_compiled() -> bool:
     )
 
 
-def load(name: str) -> bytes | None:
+def load(name: str, version: str | None = None) -> bytes | None:
     """The code that was saved by that name, if it is there and undamaged; its folder is marked as used now."""
-    for folder in code_folders():
+    for folder in code_folders(version):
         with suppress(OSError):
             if _is_trusted(folder.parent):
                 content = (folder / (name + SUFFIX)).read_bytes()
@@ -82,12 +82,12 @@ def _checksum(name: str, code: bytes) -> bytes:
     return hashlib.sha256(name.encode() + b"\0" + code).digest()
 
 
-def save(name: str, code: bytes) -> None:
+def save(name: str, code: bytes, version: str | None = None) -> None:
     """Keep `code` by that name, and delete what has not been used for long.
 
     Where no folder can be written, one line says so, and the next process compiles again.
     """
-    for folder in code_folders():
+    for folder in code_folders(version):
         try:
             folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             if not _is_trusted(folder.parent):

@@ -188,10 +188,10 @@ _HURRIED: tuple[tuple[Any, str, Any], ...] = (
 def _in_a_hurry() -> Iterator[None]:
     """Type every operation once, watch nothing, and look for no garbage; Numba's lock keeps other threads from compiling."""
     before, collects = [getattr(owner, name) for owner, name, _ in _HURRIED], gc.isenabled()
-    for owner, name, quick in _HURRIED:
-        setattr(owner, name, quick)
-    gc.disable()  # looking for cycles among millions of objects takes a seventh of the time
     try:
+        for owner, name, quick in _HURRIED:
+            setattr(owner, name, quick)
+        gc.disable()  # looking for cycles among millions of objects takes a seventh of the time
         yield
     finally:
         for (owner, name, _), former in zip(_HURRIED, before, strict=True):
@@ -229,10 +229,6 @@ class _PartCompiler(KernelCompiler):
         return super().compile_extra(func)
 
 
-def fast_settings(part: bool, inline: bool) -> dict[str, Any]:
+def fast_settings(part: bool) -> dict[str, Any]:
     """Further settings of ``numba.njit`` for a kernel that Python calls, or a part that only other kernels call."""
-    # no reference counts: nothing is allocated, and a part returns no array to code that counts
-    settings: dict[str, Any] = {"_nrt": False, "no_cfunc_wrapper": True}
-    if part:  # where forceinline is not set, that of the first caller would hold
-        return settings | {"pipeline_class": _PartCompiler, "no_cpython_wrapper": True, "forceinline": inline}
-    return settings | {"pipeline_class": KernelCompiler}
+    return {"pipeline_class": _PartCompiler, "no_cpython_wrapper": True} if part else {"pipeline_class": KernelCompiler}

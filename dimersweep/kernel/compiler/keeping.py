@@ -58,11 +58,9 @@ class _Kept:
         return None
 
     def save_overload(self, signature: Any, result: Any) -> None:
-        """Keep it, unless it holds addresses of this process."""
+        """Keep it; the addresses of this process in it are those of functions that are handed on, and are never read."""
         under_way.clear()
         ready.set()
-        if result.library.has_dynamic_globals:
-            return
         try:
             from numba.core.serialize import dumps
 

@@ -25,7 +25,16 @@ def target() -> tuple[str, str]:
     asked = config.CPU_NAME is not None or config.CPU_FEATURES is not None or not config.ENABLE_AVX
     if not asked and all(has.get(name) for name in INSTRUCTIONS):
         return COMMON, ""
-    features = has.flatten() if config.CPU_FEATURES is None else str(config.CPU_FEATURES)
+    return numba_target()
+
+
+def numba_target() -> tuple[str, str]:
+    """Name and features of the processor that Numba itself makes code for, as kernels that are compiled the plain way."""
+    import numba
+    from llvmlite import binding
+
+    config: Any = numba.config
+    features = binding.get_host_cpu_features().flatten() if config.CPU_FEATURES is None else str(config.CPU_FEATURES)
     return str(config.CPU_NAME or binding.get_host_cpu_name()), features
 
 

@@ -14,11 +14,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from dimersweep.kernel.compiler.target import rounding, target
+from dimersweep.kernel.compiler.target import numba_target, rounding, target
 
-# of Numba: the least one that the package allows, and the last one that the fast way was tested with. The compiler of 0.61
-# (LLVM 15) rounds otherwise than all those after it: last digits differ, and so do modes near a border.
-OLDEST, NEWEST = (0, 62, 1), (0, 68)
+# the least Numba that the package allows. The compiler of 0.61 (LLVM 15) rounds otherwise than all those after it: last digits
+# differ, and so do modes near a border.
+OLDEST = (0, 62, 1)
 FAST, PLAIN, PYTHON = "fast", "plain", "python"
 # of numba.config: those that change what machine code is made
 SETTINGS = (
@@ -49,9 +49,25 @@ def sources_digest(folder: Path, files: Iterable[Path] | None = None) -> bytes:
     return digest.digest()
 
 
-@cache
 def way() -> str:
     """How the kernel is compiled: FAST, PLAIN or, with the JIT off, PYTHON.
+
+    DIMERSWEEP_COMPILER chooses. Without it the fast way is taken, until it fails where the plain way works (``giving_up.py``).
+    """
+    return _taken[-1] if _taken else take(first_way())
+
+
+def take(chosen: str) -> str:
+    """Compile this way from now on; returns it."""
+    _taken[:] = [chosen]
+    return chosen
+
+
+_taken: list[str] = []  # the way that is gone
+
+
+def asked_way() -> str | None:
+    """What DIMERSWEEP_COMPILER asks for, PYTHON with the JIT off, or None.
 
     Raises
     ------
@@ -60,18 +76,32 @@ def way() -> str:
     """
     import numba
 
-    version: str = numba.__version__
-    found = tuple(map(int, re.findall(r"\d+", version)[:3]))
-    if found < OLDEST:
-        raise ImportError(f"numba = {version}: must be >= {'.'.join(map(str, OLDEST))}")
-    asked = os.environ.get("DIMERSWEEP_COMPILER") or (FAST if found[:2] <= NEWEST else PLAIN)
-    if asked not in (FAST, PLAIN):
+    if tuple(map(int, re.findall(r"\d+", numba.__version__)[:3])) < OLDEST:
+        raise ImportError(f"numba = {numba.__version__}: must be >= {'.'.join(map(str, OLDEST))}")
+    asked = os.environ.get("DIMERSWEEP_COMPILER") or None
+    if asked not in (FAST, PLAIN, None):
         raise ImportError(f"DIMERSWEEP_COMPILER = {asked}: must be {FAST} or {PLAIN}")
     config: Any = numba.config
     return PYTHON if config.DISABLE_JIT else asked
 
 
-def compiler() -> dict[str, str]:
+def first_way() -> str:
+    """The way that a process begins with.
+
+    Raises
+    ------
+    ImportError
+        See `asked_way`; or if the fast way is asked for, and this Numba lacks what it takes.
+    """
+    from dimersweep.kernel.compiler import giving_up
+
+    asked = asked_way()
+    if asked == FAST and (lack := giving_up.lack()):
+        raise ImportError(f"DIMERSWEEP_COMPILER = {FAST}: cannot be had ({lack})")
+    return asked or (PLAIN if giving_up.is_known_to_fail() else FAST)
+
+
+def compiler(chosen: str | None = None) -> dict[str, str]:
     """What makes machine code of the kernel, how, and how that rounds; imports Numba."""
     import llvmlite
     import numba
@@ -79,14 +109,14 @@ def compiler() -> dict[str, str]:
 
     config: Any = numba.config
     parts = {module.__name__: module.__version__ for module in (numba, llvmlite, np)}
-    parts["way"] = way()
+    parts["way"] = chosen or way()
     parts["python"] = f"{platform.python_implementation()} {platform.python_version()}"
     parts["rounding"] = rounding()
     return parts | {name: str(getattr(config, name, None)) for name in SETTINGS}
 
 
-def _short(digest: bytes, **more: str) -> str:
-    lines = "\n".join(f"{name} = {value}" for name, value in (compiler() | more).items())
+def _short(digest: bytes, chosen: str, **more: str) -> str:
+    lines = "\n".join(f"{name} = {value}" for name, value in (compiler(chosen) | more).items())
     return hashlib.sha256(digest + lines.encode()).hexdigest()[:16]
 
 
@@ -102,13 +132,22 @@ def take_digests() -> tuple[bytes, bytes]:
     return sources_digest(kernel), sources_digest(package, result_sources(package))
 
 
-@cache
-def code_version() -> str:
-    """Of compiled code: the kernel's sources and the compiler; 16 hexadecimal digits."""
-    return _short(take_digests()[0], target=" ".join(target()))
+def code_version(chosen: str | None = None) -> str:
+    """Of code that is compiled this way: the kernel's sources and the compiler; 16 hexadecimal digits."""
+    return _code_version(chosen or way())
 
 
-@cache
 def kernel_version() -> str:
     """Of results: what is compared between a sweep and its workers, or the one it goes on with; 16 hexadecimal digits."""
-    return _short(take_digests()[1])
+    return _kernel_version(way())
+
+
+@cache
+def _code_version(chosen: str) -> str:
+    made_for = numba_target() if chosen == PLAIN else target()
+    return _short(take_digests()[0], chosen, target=" ".join(made_for))
+
+
+@cache
+def _kernel_version(chosen: str) -> str:
+    return _short(take_digests()[1], chosen)

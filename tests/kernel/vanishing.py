@@ -1,0 +1,162 @@
+"""What becomes of a small program where the fast way fails: ``python vanishing.py gone`` or ``midway`` prints lines of JSON.
+
+Each fault is tried in a process of its own, a fork of this one, which has imported Numba and nothing of what takes its parts.
+"""
+
+import ast
+import json
+import os
+import sys
+import tempfile
+import warnings
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+
+import numba
+import numpy as np
+
+COMPILER = Path(find_spec("dimersweep").submodule_search_locations[0], "kernel", "compiler")
+FAST = ("compiling", "linking")  # the modules that take what is private
+
+
+class Without:
+    """A module or a class that lacks one name."""
+
+    def __init__(self, whole, name):
+        self.__dict__ |= {"_whole": whole, "_gone": name}
+
+    def __getattr__(self, name):
+        if name == self._gone:
+            raise AttributeError(f"{self._whole!r} has no attribute {name!r}")
+        return getattr(self._whole, name)
+
+
+def imports(tree):
+    """What a module imports of Numba: the module it is in, its name there, and that here."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module.split(".")[0] in ("numba", "llvmlite"):
+            yield from ((node.module, each.name, each.asname or each.name) for each in node.names)
+
+
+def stands_for(tree):
+    """Names that are given to imported ones, such as those of Any in place of a type."""
+    plain = (node for node in ast.walk(tree) if isinstance(node, ast.AnnAssign) and isinstance(node.value, ast.Name))
+    return {node.target.id: node.value.id for node in plain}
+
+
+def attributes(tree):
+    """Names that are read or patched of what is imported: pairs of the name here and the attribute."""
+    other = stands_for(tree)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+            yield other.get(node.value.id, node.value.id), node.attr
+        if isinstance(node, ast.Tuple) and len(node.elts) == 3 and isinstance(node.elts[1], ast.Constant):
+            owner = node.elts[0]
+            if isinstance(owner, ast.Name):
+                yield other.get(owner.id, owner.id), node.elts[1].value
+
+
+def parts():
+    """Each private part of Numba that the fast way takes: its module, its name, and an attribute of it or None."""
+    found = set()
+    for name in FAST:
+        tree = ast.parse((COMPILER / f"{name}.py").read_text())
+        known = {here: (module, there) for module, there, here in imports(tree)}
+        bases = {base.id for node in ast.walk(tree) if isinstance(node, ast.ClassDef) for base in node.bases}
+        bases = {stands_for(tree).get(base, base) for base in bases}  # a class without a name cannot be made
+        found |= {(*place, None) for place in known.values()}
+        found |= {(*known[here], name) for here, name in attributes(tree) if here in known and here not in bases}
+    return sorted(found, key=str)
+
+
+def hide(module, name, attribute):
+    """Have the fast way find no `name` in a module, or no `attribute` of it; Numba itself keeps what it has."""
+    home = import_module(module)
+    whole = getattr(home, name)
+    lacking = Without(home, name)
+    if attribute is not None:
+        lacking.__dict__["_gone"] = None
+        lacking.__dict__[name] = Without(whole, attribute)
+    elif f"{module}.{name}" in sys.modules:
+        sys.modules[f"{module}.{name}"] = None
+    sys.modules[module] = lacking
+
+
+FAILING = (  # what is made to raise while a kernel is compiled
+    "compiling._KernelLower.lower_setitem",
+    "compiling._KernelLowering.run_pass",
+    "compiling._PartCompiler.define_pipelines",
+    "linking.Part.alone",
+    "linking._Kernel.finalize",
+)
+
+
+def fail(place):
+    """Have something of the fast way raise from now on."""
+    module, owner, name = place.split(".")
+
+    def broken(*_):
+        raise AttributeError("made to fail")
+
+    setattr(getattr(import_module(f"dimersweep.kernel.compiler.{module}"), owner), name, broken)
+
+
+def outcome(hidden=None, failing=None, wrong=False):
+    """What the program gives with a part hidden or made to fail midway, how it was compiled, and what was told."""
+    if hidden:
+        hide(*hidden)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        from dimersweep.kernel.compiler import cache, versions
+        from tests.kernel import tiny
+
+        found = {"before": versions.kernel_version(), "values": [tiny.simple(9.0)]}
+        if failing:
+            fail(failing)
+        if wrong:
+            try:
+                tiny.wrong(4.0)
+            except numba.TypingError as error:
+                found["refused"] = type(error).__name__
+        found["values"] += [tiny.root(np.array([4.0, 0.0])), tiny.simple(9.0)]
+    code = {file.name: file.stat().st_mtime_ns for file in cache.code_folders()[0].glob("[rs]*.code")}
+    lines = [str(each.message) for each in told if each.category is RuntimeWarning]
+    return found | {"way": versions.way(), "after": versions.kernel_version(), "told": lines, "code": code}
+
+
+def in_fork(folder, environment=(), **asked):
+    """Print what `outcome` returns in a fork of this process, whose compiled code is kept in a folder."""
+    child = os.fork()
+    if child == 0:
+        os.environ.update({"NUMBA_CACHE_DIR": folder}, **dict(environment))
+        try:
+            found = outcome(**asked)
+        except BaseException as error:
+            found = {"error": f"{type(error).__name__}: {error}"}
+        print(json.dumps(asked | dict(environment) | found), flush=True)
+        os._exit(0)
+    os.waitpid(child, 0)
+
+
+def main(kind):
+    """Print what becomes of the program where each part is gone, or where the fast way fails midway and in a later process."""
+    numba.njit(lambda x: x[0] + 1.0)(np.ones(2))  # so that the forks need not begin with it
+    with tempfile.TemporaryDirectory() as folder:
+        if kind == "gone":
+            for n, place in enumerate([None, *parts()]):
+                in_fork(f"{folder}/{n}", hidden=place)
+            return
+        for place in FAILING:
+            in_fork(f"{folder}/{place}", failing=place)
+            in_fork(f"{folder}/{place}")
+        in_fork(f"{folder}/asked", {"DIMERSWEEP_COMPILER": "fast"}, failing=FAILING[0])
+        in_fork(
+            f"{folder}/asked", {"DIMERSWEEP_COMPILER": "fast"}, hidden=("numba.core.compiler", "CompilerBase", None)
+        )
+        in_fork(f"{folder}/asked", {"DIMERSWEEP_COMPILER": "plain"})
+        in_fork(f"{folder}/wrong", wrong=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])
