@@ -60,11 +60,18 @@ make_scratch() {
     trap 'for job in $(jobs -p); do kill -- "-$job" || :; done 2>/dev/null; rm -rf "$scratch"' EXIT
 }
 
+# run a command with what an extra asks for and nothing else of what is installed, as `./go fig07` and `./go docs` do
+with_extra() {
+    local folder="$scratch/with-$1"
+    [ -d "$folder" ] || python -m tests.checks.alone "$folder" "$1"
+    PATH="$folder/bin:$PATH" "${@:2}"
+}
+
 # the cubes of the small presets, where notebooks look for them
 make_small_cubes() {
     export DIMERSWEEP_CUBES=$scratch
     for sweep in sweeps/*-small.toml; do
-        step dimersweep run "$sweep" --out "$scratch/$(basename "$sweep" .toml).nc"
+        step "$@" dimersweep run "$sweep" --out "$scratch/$(basename "$sweep" .toml).nc"
     done
 }
 
@@ -78,7 +85,7 @@ check_sources() {
 
 build_site() {
     rm -rf docs/generated # pages of names that are gone would be orphans
-    step python -m sphinx -W --keep-going --fresh-env --quiet docs build/docs
+    step "$@" python -m sphinx -W --keep-going --fresh-env --quiet docs build/docs
     echo "site: build/docs/index.html"
 }
 
@@ -97,11 +104,11 @@ run_checks() {
     local failed=0
     begin check_sources
     begin compile_plainly
-    make_small_cubes # this leaves compiled kernels in the cache for all that follows
+    make_small_cubes with_extra "" # this leaves compiled kernels in the cache for all that follows
     finish check_sources || failed=$?
     finish compile_plainly || failed=$?
     begin run_tests
-    begin build_site
+    begin build_site with_extra docs
     finish build_site || failed=$?
     finish run_tests || failed=$?
     return "$failed"

@@ -2,7 +2,8 @@
 
 Every row has a wheel made from this checkout, and answers the same scenes: the modes must be those of the first
 row that passes, and the states the same to the accuracy asked for. A refusal is one line. Nothing may end by a signal, or print
-a traceback. Rows of a Python that is not installed are left out.
+a traceback. Rows of a Python that is not installed are left out. Each extra is installed alone, and does what it is for; so is
+what each target of ``./go`` sets up.
 """
 
 import argparse
@@ -19,6 +20,8 @@ from typing import NamedTuple
 from zipfile import ZipFile
 
 import numpy as np
+
+from tests.checks.alone import SMOKES
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENES = ROOT / "tests" / "kernel" / "ways.py"
@@ -52,6 +55,8 @@ class Row(NamedTuple):
     place: str = ""
     refused: str = ""  # words of the line that refuses
     zarr: bool = False  # whether a Zarr group is opened too
+    extra: str | None = None  # installed alone, in an environment of its own, and tried
+    target: str = ""  # of ./go, in an environment of its own
 
 
 PARTS = {
@@ -87,6 +92,11 @@ PARTS = {
         ),
         Row("a numpy that numba refuses", ("--no-deps", "numba==0.62.1", "llvmlite==0.45.1"), refused="NumPy"),
         Row("zarr 3.0", ("zarr==3.0.10",), refused="must be >= 3.1", zarr=True),
+    ),
+    "extras": tuple(Row(f"{extra or 'none'} alone", extra=extra) for extra in SMOKES),
+    "targets": (
+        Row("./go fig07", target="fig07"),
+        Row("./go docs", target="docs"),
     ),
 }
 # the suite tries places where little can be written, and the plain way of compiling where DIMERSWEEP_SLOW is set
@@ -169,6 +179,20 @@ def environment_of(row: Row, wheel: Path, folder: Path) -> tuple[Path, dict[str,
     if not before.exists():
         pip(Path(sys.executable), "--target", str(before), *row.packages)
     return python, {"PYTHONPATH": str(before)}
+
+
+def judged_alone(row: Row, wheel: Path, folder: Path) -> str:
+    """The verdict on an extra, or on a target of ``./go``: whether all that it needs comes with it."""
+    if row.target:
+        asked = [str(ROOT / "go"), row.target, *(["--out", str(folder / "cube.nc")] if row.target == "fig07" else [])]
+        done = run(asked, ROOT, DIMERSWEEP_VENV=str(folder / "venv"))
+    else:
+        assert row.extra is not None
+        python = folder / "venv" / "bin" / "python"
+        subprocess.run([sys.executable, "-m", "venv", str(folder / "venv")], check=True)
+        pip(python, f"{wheel}[{row.extra}]" if row.extra else str(wheel))
+        done = run([str(python), "-c", SMOKES[row.extra]], folder)
+    return f"FAIL: {done.errors.strip().splitlines()[-1]}" if done.code else "pass"
 
 
 def bare(command: list[str]) -> list[str]:
@@ -270,6 +294,11 @@ def main(arguments: list[str] | None = None) -> int:
                 continue
             folder = Path(scratch, str(k))
             folder.mkdir()
+            if row.target or row.extra is not None:
+                verdict = judged_alone(row, wheel, folder)
+                print(f"{name:45s} {'-':65s} {verdict}", flush=True)
+                failed += verdict.startswith("FAIL")
+                continue
             python, settings = environment_of(row, wheel, (given.folder or Path(scratch)).absolute())
             versions = run([str(python), "-c", TOLD], folder, **settings).printed.strip()
             verdict = judged(row, python, folder, settings, reference)
