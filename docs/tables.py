@@ -199,7 +199,7 @@ def works() -> Markdown:
 
 def orbits() -> Markdown:
     """The attributes of an orbit that stand in every dataset of orbits."""
-    return _quantities(COLUMNS | {"multipliers": MULTIPLIERS} | WORDS_OF_ORBITS)
+    return _quantities(COLUMNS | MULTIPLIERS | WORDS_OF_ORBITS)
 
 
 def borders() -> Markdown:

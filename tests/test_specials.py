@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from dimersweep import orbits
+from tests.checks.tables import multipliers
 
 
 @pytest.mark.parametrize(
@@ -14,4 +15,4 @@ def test_a_border_on_a_branch_has_its_multiplier(kind, begin, to, multiplier, wi
     branch = orbits.follow(orbits.find(spin=100.0, Gamma=begin), "Gamma", to=to, words=False)
     at = branch["special"].values == kind
     assert at.sum() == 1
-    assert np.abs(branch["multipliers"].values[at] - multiplier).min() < within
+    assert np.abs(multipliers(branch)[at] - multiplier).min() < within

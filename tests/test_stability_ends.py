@@ -7,6 +7,7 @@ from dimersweep import orbits, simulate
 from dimersweep.errors import OrbitError
 from dimersweep.orbits.ball import ball_flip, ball_fold
 from tests.checks.dimers import crossed, random_dimer
+from tests.checks.tables import multipliers
 
 FIRST, LAST = 1, 8  # of the random dimers; `benchmarks/evidence/borders_random.py` judges more
 
@@ -58,7 +59,7 @@ def test_a_drift_may_end_where_an_end_no_longer_comes_to_rest():
     end = orbits.border("stable_to", "Gamma", over={"e": [CHATTERS["e"]]}, **dimer_without_e(CHATTERS)).isel(e=0)
     Gamma = float(end["Gamma"])
     assert str(end["ends_by"].values) == "chatter"
-    assert np.abs(end["multipliers"].values).max() < 0.9
+    assert np.abs(multipliers(end)).max() < 0.9
     run = orbits.find(Gamma=Gamma - 1e-3, **CHATTERS).run(400, rtol=1e-10)
     assert run.orbit is not None or run.mode_period == 1
     assert carried(run, CHATTERS, Gamma + 1e-2, 800).mode_period != 1
@@ -104,8 +105,8 @@ def test_a_flip_of_orbits_that_are_unstable_already_says_so():
     flip, end = (orbits.border(kind, "Gamma", over=over, **rest).isel(e=0) for kind in ("flip", "stable_to"))
     assert not flip["loses_stability"]
     assert float(flip["Gamma"]) > float(end["Gamma"])
-    sizes = np.abs(flip["multipliers"].values)
-    assert sizes.max() > 1.1 and np.abs(flip["multipliers"].values + 1).min() < 1e-2
+    sizes = np.abs(multipliers(flip))
+    assert sizes.max() > 1.1 and np.abs(multipliers(flip) + 1).min() < 1e-2
 
 
 def test_where_there_is_no_stable_orbit_it_is_said():

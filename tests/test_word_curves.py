@@ -8,6 +8,7 @@ from dimersweep.errors import OrbitError
 from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.orbits.word import rests, sides_of
 from tests.checks.dimers import random_dimer
+from tests.checks.tables import multipliers
 
 pytestmark = pytest.mark.slow
 
@@ -69,7 +70,7 @@ def test_its_multipliers_are_those_of_orbits_on_its_side(curve):
         sizes, nearer = (np.sort(np.abs(one.multipliers)) for one in (near, found(curve, point, side * 5e-5)))
         if kind == "hop" and np.abs(sizes - nearer).max() > 5e-3:
             continue  # the rest of p1 between two hops shrinks to nothing: they have no limit there
-        told = np.sort(np.abs(point["multipliers"].values))[-sizes.size :]
+        told = np.sort(np.abs(multipliers(point)))[-sizes.size :]
         assert np.abs(told - sizes).max() < 5e-3
         compared += 1
     assert compared >= curve.sizes["e"] - 1

@@ -246,4 +246,4 @@ def _dataset(entries: Sequence[BranchRow], parameter: str, end: str, cost: float
     if parameter != "spin":
         table[parameter] = ("point", np.array([entry.value for entry in entries]), PARAMETERS[parameter].attributes())
     table.attrs |= {"end": end, "cost": cost, "parameter": parameter}
-    return table
+    return table.set_coords(parameter)

@@ -25,7 +25,10 @@ WORDS = {
     "word": Quantity("1", "sequence of contact states"),
 }
 DOUBLING = Quantity("1", "coefficient of the flip: a stable orbit of twice the period begins where it is positive")
-MULTIPLIERS = Quantity("1", "multipliers of the fast part, the largest first")
+MULTIPLIERS = {
+    "multipliers_real": Quantity("1", "real parts of the multipliers of the fast part, the largest first"),
+    "multipliers_imag": Quantity("1", "imaginary parts of the multipliers of the fast part"),
+}
 
 
 def padded(values: np.ndarray) -> np.ndarray:
@@ -33,6 +36,12 @@ def padded(values: np.ndarray) -> np.ndarray:
     row = np.zeros(MOST_MULTIPLIERS, dtype=complex)
     row[: values.size] = values
     return row
+
+
+def multiplier_columns(dims: Sequence[str], rows: np.ndarray) -> dict[str, xr.Variable]:
+    """Multipliers as a table has them: NetCDF knows no complex numbers."""
+    parts = zip(MULTIPLIERS.items(), (rows.real, rows.imag), strict=True)
+    return {name: xr.Variable(dims, part, quantity.attributes()) for (name, quantity), part in parts}
 
 
 def dataset(orbits: Sequence[PeriodicOrbit], dim: str) -> xr.Dataset:
@@ -43,7 +52,7 @@ def dataset(orbits: Sequence[PeriodicOrbit], dim: str) -> xr.Dataset:
     for name, quantity in WORDS.items():
         table[name] = (dim, np.array([getattr(orbit, name) for orbit in orbits]), quantity.attributes())
     rows = np.array([padded(orbit.multipliers) for orbit in orbits]).reshape(-1, MOST_MULTIPLIERS)
-    table["multipliers"] = ((dim, "multiplier"), rows, MULTIPLIERS.attributes())
+    table = table.assign(multiplier_columns((dim, "multiplier"), rows))
     if orbits:
         first = orbits[0].parameters
         table.attrs = {k: v for k, v in first.items() if all(orbit.parameters.get(k) == v for orbit in orbits)}

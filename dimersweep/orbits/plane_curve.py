@@ -424,4 +424,4 @@ def _table(curve: FollowedCurve, other: str, rows: list[tuple[Place, str]], ends
     )
     table.attrs |= {"kind": curve.kind.name, "parameter": curve.parameter, "other": other, "ends": ends}
     table.attrs |= {"spin": curve.spin, "cost": curve.tape.periods}
-    return table
+    return table.set_coords(list(columns))

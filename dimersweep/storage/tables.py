@@ -5,15 +5,11 @@ import xarray as xr
 
 
 def storable(table: xr.Dataset) -> xr.Dataset:
-    """A table without complex numbers and truth values, which NetCDF does not know."""
+    """A table without truth values, which NetCDF does not know."""
     table = table.copy()
     for name in list(table.data_vars):
         column = table[name]
-        if column.dtype.kind == "c":
-            for part in ("real", "imag"):
-                table[f"{name}_{part}"] = (column.dims, getattr(column.values, part), column.attrs)
-            table = table.drop_vars([name])
-        elif column.dtype.kind == "b":
+        if column.dtype.kind == "b":
             flags = {"flag_values": np.array([0, 1], dtype=np.int8), "flag_meanings": "no yes"}
             table[name] = (
                 column.dims,

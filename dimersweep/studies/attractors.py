@@ -17,7 +17,7 @@ from dimersweep.kernel.model.layout import CODE_N_PERIODS
 from dimersweep.orbits.finding import find
 from dimersweep.orbits.following import traced
 from dimersweep.orbits.kinds.kind import Change
-from dimersweep.orbits.labelling import COLUMNS, MULTIPLIERS, padded
+from dimersweep.orbits.labelling import COLUMNS, multiplier_columns, padded
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.portraits import Mirrors, mirrors_of, portrait_of_orbit
 from dimersweep.parameters import check_level, value_of
@@ -133,8 +133,7 @@ def attractors(
     confirm : int
         If above 0, a run of each attractor is made for so many forcing periods: `confirmed` says if it is still there.
     out : path-like, optional
-        NetCDF file to write the result to as well, with multipliers as `multipliers_real` and `multipliers_imag`, and switches
-        as 0 and 1.
+        NetCDF file to write the result to as well, with switches as 0 and 1.
     force : bool
         Whether it may replace an existing file.
     workers : int, optional
@@ -148,7 +147,7 @@ def attractors(
         Over the values of `over`, if given, and `attractor`, numbered from 1, the most frequent first: `count`, `share` [1]
         and the ends `share_low` and `share_high` of its interval by Wilson's score; the number of a `representative` start
         along `start`; `mode`, `periods` and `word`; whether its `orbit` was found where the run of the representative ends,
-        and the numbers of that, NaN without one: `spin`, `radius`, `period`, `zeta`, `speed`, `multipliers` and others.
+        and the numbers of that, NaN without one: `spin`, `radius`, `period`, `zeta`, `speed`, `multipliers_real` and others.
         `basin` has the attractor of each start.
         With `over`, along `change`: which attractor appears or goes, between which values, and the `border` that `orbits` has
         for it on the way. The attribute `cost` is the number of forcing periods of the runs of all starts.
@@ -318,7 +317,7 @@ class Census:
         data["stable"] = ((axis, "attractor"), stable, _meaning("whether an orbit was found that is stable"))
         for name, column in numbers.items():
             data[name] = ((axis, "attractor"), column, COLUMNS[name].attributes())
-        data["multipliers"] = ((axis, "attractor", "multiplier"), multipliers, MULTIPLIERS.attributes())
+        data.update(multiplier_columns((axis, "attractor", "multiplier"), multipliers))
 
     def _add_basins(self, data: xr.Dataset, axis: str) -> None:
         n = len(next(iter(self.columns.values())))
