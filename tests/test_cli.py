@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager
+from itertools import pairwise
 from math import isnan
 from pathlib import Path
 
@@ -16,11 +17,13 @@ import pytest
 import dimersweep
 from dimersweep import cli, plots
 from dimersweep.cli.claiming import PAGES
+from dimersweep.cli.options import in_lines
 from dimersweep.kernel.model.layout import ORBIT_COLUMNS, ROW_BETA0, RUN_COLUMNS
 from dimersweep.plots.movie import MOVIES
 from dimersweep.plots.style import PICTURES
 from dimersweep.storage.outputs import CUBES, TABLES
 from dimersweep.studies.planning import SAMPLE
+from dimersweep.symbols import BASE, conditions
 from tests.fakes import failing, fake_run_many, raising
 
 ROOT = Path(__file__).parents[1]
@@ -471,6 +474,20 @@ def test_a_table_is_printed_in_the_letters_that_the_terminal_has():
     text = Path("out.txt").read_bytes().decode("latin-1")
     assert (code, [line for line in told if "compil" not in line]) == (0, [])
     assert "\\u0393" in text.splitlines()[0] and "forcing periods" in text
+
+
+@pytest.mark.parametrize("width", [20, 40, 60, 79, 80, 81, 200])
+def test_a_terminal_breaks_no_number_in_two(monkeypatch, width):
+    told = conditions(BASE | {"g": 9.0, "Gamma_2": 0.1, "phi_2": 0.3})
+    monkeypatch.setenv("COLUMNS", str(width))
+    assert in_lines(told) == told  # what is no terminal breaks nothing
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
+    lines = in_lines(told).splitlines()
+    assert max(map(len, lines)) <= width
+    assert ", ".join(line.removesuffix(",") for line in lines) == told
+    assert len(lines) == 1 or all(
+        len(line) + 1 + len(after.partition(", ")[0]) >= width for line, after in pairwise(lines)
+    )
 
 
 def test_a_file_with_the_mark_of_some_editors_is_read(call, fake_kernel):

@@ -181,6 +181,13 @@ def test_the_sweep_files_of_the_page_are_some(tmp_path):
     assert read_declaration(file).study().grid.size == 512
 
 
+def test_no_page_runs_a_command_through_a_terminal():
+    """Which IPython reads in pieces that may end within a letter, and that breaks lines at 80 columns."""
+    for page in sorted((ROOT / "docs").glob("*.md")):
+        for cell in re.findall(r"```\{code-cell\}.*?\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL):
+            assert not re.search(r"^!", cell, re.MULTILINE), page
+
+
 # --- Python -----------------------------------------------------------------------------------------------------------
 def test_the_page_on_python_has_every_public_name():
     shown = set(re.findall(r"^   ([\w.]+)$", text_of("docs/api.md"), re.MULTILINE))

@@ -1,7 +1,10 @@
 """Options that several commands take, and the judging of what is typed for them."""
 
 import inspect
+import sys
 from collections.abc import Callable
+from shutil import get_terminal_size
+from textwrap import wrap
 from typing import Annotated, Any
 
 import typer
@@ -37,6 +40,14 @@ Force = Annotated[bool, typer.Option("--force", help="Replace files that exist."
 Workers = Annotated[int | None, whole_option("Threads; one for each core by default.")]
 Periods = Annotated[int | None, whole_option("Forcing periods, in place of the declared ones.")]
 Rtol = Annotated[float | None, number_option("Accuracy, in place of the declared one.")]
+
+
+def in_lines(text: str) -> str:
+    """A text in lines of a terminal, broken at spaces only: a terminal breaks a number in two."""
+    if not sys.stdout or not sys.stdout.isatty():
+        return text
+    width = get_terminal_size().columns
+    return "\n".join(wrap(text, width, break_long_words=False, break_on_hyphens=False))
 
 
 def _by_default(name: str) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dimersweep.cli.interrupting import interruptible
-from dimersweep.cli.options import Force, number_option, whole_option, with_parameters
+from dimersweep.cli.options import Force, in_lines, number_option, whole_option, with_parameters
 from dimersweep.kernel.model.layout import RUN_COLUMNS
 from dimersweep.symbols import ORBIT_NAMES, QUANTITIES, stated
 
@@ -67,7 +67,7 @@ def simulate(
         if json:
             typer.echo(dumps(_as_dict(run) | bounds, indent=1))
         else:
-            typer.echo(run.conditions())
+            typer.echo(in_lines(run.conditions()))
             _print_table(run, bounds)
         if save is not None:  # first: a movie may take long
             run.save(save, force=force)
