@@ -82,6 +82,36 @@ def test_the_closure_is_the_error_of_the_run(scene):
     assert fine < min(5e-11, 2e-2 * coarse)
 
 
+LYING = {"beta": 0.0}
+CARRIED = {
+    "alike": {"Gamma": 0.5, "start": LYING},
+    "from a crest": {"Gamma": 0.7, "phi0": 1.0, "start": LYING},
+    "it rolls": {"Gamma": 0.5, "start": LYING | {"x1_rate": 0.3, "spin_rate": 60.0}},
+    "along as well": {"Gamma": 0.9, "Gamma_x": 0.1, "Gamma_2": 0.05, "start": LYING},
+    "along alone": {"Gamma": 0.0, "Gamma_y": 0.1, "start": LYING},
+    "on a slope": {"Gamma": 0.5, "tilt": 0.05, "azimuth": 1.5707963267948966, "start": LYING},
+    "it rolls on a plate at rest": {"Gamma": 0.0, "start": LYING | {"x1_rate": 0.3, "spin_rate": 60.0}},
+    "nothing moves": {"Gamma": 0.0, "start": LYING},
+}
+
+
+@pytest.mark.parametrize("scene", CARRIED.values(), ids=CARRIED)
+def test_the_budget_of_what_is_carried_closes(scene):
+    """The plate gives and takes in each period, and nothing is left of it."""
+    assert simulate(**scene, periods=30, rtol=1e-12).energy().closure < 1e-11
+
+
+def test_what_flows_is_what_the_plate_gives_while_it_rises():
+    """Each end carries half of the weight, twice the amplitude up in each period, and down again."""
+    run = simulate(Gamma=0.5, start=LYING, periods=30)
+    budget, dm = run.energy(), dimer_of(run.record("the test").row)
+    left = float(np.abs(run.energy("event")["residual"].cumsum()).max())
+    assert budget["plate_1"].sum() == pytest.approx(0.0, abs=1e-16)
+    given = 30 * 0.5 * dm.m * dm.g * 2 * dm.A_z
+    assert left > 0
+    assert budget.closure == pytest.approx(left / given, rel=1e-6)
+
+
 LONG = {
     "base case": {},
     "creeps": STEADY["creeps"],  # downhill, rolling: kinetic and potential energy change by far more than any work
@@ -123,10 +153,10 @@ def test_a_slip_that_turns_at_the_end_of_a_panel_is_seen():
 
 def left_of_phase(record, start, end, phi0, rtol):
     """What the budget of a phase leaves that ends at a phase of the plate, in units of its greatest term."""
-    segments, ends, works = start.copy(), np.zeros((1, N_STATE)), np.zeros((1, N_WORK))
+    segments, ends, works, flows = start.copy(), np.zeros((1, N_STATE)), *np.zeros((2, 1, N_WORK))
     segments[1, PHASE] = end
     nothing, scratch = (np.zeros((0, N_WORK)), np.zeros(0, np.int64)), (new_workspace(), budget_scratch())
-    assert budget(record.row, segments, record.events[:0], rtol, *scratch, ends, works, *nothing) == ALL
+    assert budget(record.row, segments, record.events[:0], rtol, *scratch, ends, works, flows, *nothing) == ALL
     before, after = (np.sum(energies(dimer_of(record.row), each, phi0), 0) for each in (segments[:1, :N_STATE], ends))
     return abs(after - before - works.sum()).item() / np.abs(works).max()
 

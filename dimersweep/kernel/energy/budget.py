@@ -84,7 +84,7 @@ def budget_scratch() -> np.ndarray:
 
 
 @exported
-def budget(row, segments, events, rtol, space, scratch, ends, smooth, struck, leads_to):
+def budget(row, segments, events, rtol, space, scratch, ends, smooth, flows, struck, leads_to):
     """Works of the forces in the smooth phases and impacts of a run.
 
     Parameters
@@ -104,6 +104,8 @@ def budget(row, segments, events, rtol, space, scratch, ends, smooth, struck, le
         Filled with the states at the ends of the smooth phases, before an impact there.
     smooth : float64 array, shape (n - 1, N_WORK)
         Filled with the works in the smooth phases [J].
+    flows : float64 array, shape (n - 1, N_WORK)
+        Filled with what flows in them either way: the integrals of the powers' sizes [J].
     struck : float64 array, shape (k, N_WORK)
         Filled with the works in impacts and in closes of chatters [J], zero in other rows.
     leads_to : int64 array, shape (k,)
@@ -130,7 +132,7 @@ def budget(row, segments, events, rtol, space, scratch, ends, smooth, struck, le
             fly(dm, take_off(dm, state), state, span, True)
         elif span > 0.0:
             unit = kinetic(dm, state) + 0.5 * dm.m * (speed_bound(dm) ** 2 + dm.v_scale**2)
-            if not contact_work(dm, motion, span, rtol, tol, unit, scratch[IMPACT_ROWS:], smooth[n]):
+            if not contact_work(dm, motion, span, rtol, tol, unit, scratch[IMPACT_ROWS:], smooth[n], flows[n]):
                 return n
         e = strike(dm, state, later, events, e, n + 1, tol, scratch, struck, leads_to)
     return ALL

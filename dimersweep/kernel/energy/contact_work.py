@@ -48,8 +48,8 @@ WORK_DOUBT = 1e-13  # of the work in a panel, in units of the energy of the moti
 LONGEST, SHORTEST = 0.25, 1e-10  # panel, in forcing periods
 PANEL_BOUND = 5e3  # of the cost of a panel's steps, in hops of one end: one that costs more is taken again, shorter
 # rows of the scratch array, beyond those of an impact's
-S_KRONROD, S_GAUSS, S_POWER, S_BEGUN, S_START, S_FIRST, S_LAST = range(7)
-CONTACT_ROWS = 7
+S_KRONROD, S_GAUSS, S_POWER, S_BEGUN, S_START, S_FIRST, S_LAST, S_FLOW = range(8)
+CONTACT_ROWS = 8
 
 
 @compiled
@@ -94,8 +94,8 @@ def go_to(dm, motion, phase, span, tol, locate):
 
 @compiled
 def panel(dm, motion, phase, h, tol, locate, rows):
-    """Works over a panel of the length h by both rules, the contact state at its end, and what the powers at both ends have
-    beyond those at the places: a slip may turn between the last place and the end.
+    """Works over a panel of the length h by both rules, what flows either way, the contact state at its end, and what the
+    powers at both ends have beyond those at the places: a slip may turn between the last place and the end.
 
     Returns
     -------
@@ -106,6 +106,7 @@ def panel(dm, motion, phase, h, tol, locate, rows):
     powers(dm, motion, phase, rows[S_START])
     for k in range(N_WORK):
         rows[S_KRONROD, k], rows[S_GAUSS, k], rows[S_FIRST, k], rows[S_LAST, k] = 0.0, 0.0, rows[S_START, k], 0.0
+        rows[S_FLOW, k] = 0.0
     at = 0.0
     for j in range(N_PLACES):
         event = go_to(dm, motion, phase + dm.omega * h * at, h * (PLACES[j] - at), tol, locate)
@@ -116,6 +117,7 @@ def panel(dm, motion, phase, h, tol, locate, rows):
         for k in range(N_WORK):
             rows[S_KRONROD, k] += h * KRONROD[j] * rows[S_POWER, k]
             rows[S_GAUSS, k] += h * GAUSS[j] * rows[S_POWER, k]
+            rows[S_FLOW, k] += h * KRONROD[j] * abs(rows[S_POWER, k])
             rows[S_FIRST, k] -= AT_END[N_PLACES - 1 - j] * rows[S_POWER, k]
             rows[S_LAST, k] -= AT_END[j] * rows[S_POWER, k]
     event = go_to(dm, motion, phase + dm.omega * h * at, h * (1.0 - at), tol, locate)
@@ -142,7 +144,7 @@ def doubt(h, rows, unit):
 
 
 @compiled
-def contact_work(dm, motion, span, rtol, tol, unit, rows, done):
+def contact_work(dm, motion, span, rtol, tol, unit, rows, done, flow):
     """Works of the contact forces over a phase of sustained contact; the kernel state goes to its end.
 
     Parameters
@@ -157,8 +159,8 @@ def contact_work(dm, motion, span, rtol, tol, unit, rows, done):
         Energy of the motion and of the plate [J].
     rows : float64 array, shape (CONTACT_ROWS, at least N_Y)
         Scratch.
-    done : float64 array, shape (N_WORK,)
-        Filled in place [J].
+    done, flow : float64 arrays, shape (N_WORK,)
+        Filled in place with the works, and with the integrals of the powers' sizes [J].
 
     Returns
     -------
@@ -171,7 +173,7 @@ def contact_work(dm, motion, span, rtol, tol, unit, rows, done):
     begin_contact(dm, motion)
     locate, shortened, t, h = True, False, 0.0, min(span, LONGEST * dm.period)
     for k in range(N_WORK):
-        done[k] = 0.0
+        done[k], flow[k] = 0.0, 0.0
     copy(y, begun, N_Y)
     while t < span:
         h = min(h, span - t)
@@ -186,6 +188,7 @@ def contact_work(dm, motion, span, rtol, tol, unit, rows, done):
             if h + t >= span:  # the slip ends before its phase does, by the rounding of both
                 for k in range(N_WORK):
                     done[k] += h * rows[S_START, k]
+                    flow[k] += h * abs(rows[S_START, k])
                 break
             if event == OUT_OF_STEPS:
                 return False
@@ -195,6 +198,7 @@ def contact_work(dm, motion, span, rtol, tol, unit, rows, done):
         copy(y, begun, N_Y)
         for k in range(N_WORK):
             done[k] += rows[S_KRONROD, k]
+            flow[k] += rows[S_FLOW, k]
         t = span if t + h >= span * (1.0 - 1e-15) else t + h
         if not shortened or h <= SHORTEST * dm.period:
             h = min(2.0 * h, LONGEST * dm.period)
