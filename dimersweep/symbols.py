@@ -273,13 +273,13 @@ STATE_QUANTITIES = {
     "z1": Quantity("m", "z of the centre of ball 1"),
     "theta": Quantity("rad", "precession angle"),
     "beta": Quantity("rad", "dip angle", -pi / 2, pi / 2),
-    "spin": Quantity("rad", "spinning angle"),
+    "gamma": Quantity("rad", "spinning angle"),
     "x1_rate": Quantity("m s-1", "x velocity of the centre of ball 1"),
     "y1_rate": Quantity("m s-1", "y velocity of the centre of ball 1"),
     "z1_rate": Quantity("m s-1", "z velocity of the centre of ball 1"),
     "theta_rate": Quantity("rad s-1", "rate of the precession angle"),
     "beta_rate": Quantity("rad s-1", "rate of the dip angle"),
-    "spin_rate": Quantity("rad s-1", "rate of the spinning angle"),
+    "gamma_rate": Quantity("rad s-1", "rate of the spinning angle"),
     "gap_1": Quantity("m", "gap between p1 and the plate"),
     "gap_2": Quantity("m", "gap between p2 and the plate"),
     "gap_1_rate": Quantity("m s-1", "rate of the gap of p1"),
@@ -290,6 +290,8 @@ STATE_QUANTITIES = {
     "plate": Quantity("m", "height of the plate over its mean"),
     "contact_state": Quantity("1", "contact state (Table 1 of the paper)"),
 }
+# names that two of these had before `spin` was the axial one everywhere, gamma' + theta' sin(beta)
+FORMER_NAMES = {"spin": "gamma", "spin_rate": "gamma_rate"}
 # with each moment of a run come its energy in the room, and the forces of the plate on both ends
 FORCES = {
     "kinetic_energy": Quantity("J", "kinetic energy in the room", 0),

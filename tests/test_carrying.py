@@ -81,7 +81,7 @@ def test_each_run_starts_where_the_one_before_it_has_ended(both, word):
         assert (run.mode, run.n_periods) == (names(point["mode"]).item(), point["n_periods"].item())
         if run.orbit is not None:
             assert point["radius"].item() == pytest.approx(run.orbit.radius, rel=1e-6)
-            assert point["spin_rate"].item() == pytest.approx(run.orbit.spin_rate, rel=1e-9)
+            assert point["spin"].item() == pytest.approx(run.orbit.spin, rel=1e-9)
 
 
 def test_the_first_run_of_a_line_starts_as_its_parameters_say(both):
@@ -187,7 +187,7 @@ def test_a_length_may_be_the_axis():
     assert names(cube["mode"]).values.tolist() == ["drift"] * 5
     for value in cube["A_r"].values:
         point = cube.sel(A_r=value)
-        orbit = orbits.find(A_r=value, spin=point["spin_rate"].item())
+        orbit = orbits.find(A_r=value, spin=point["spin"].item())
         assert point["radius"].item() == pytest.approx(orbit.radius, rel=1e-3)
         assert point["zeta"].item() == pytest.approx(orbit.zeta, abs=1e-3)
 
@@ -204,7 +204,7 @@ def drift_ends(word, start, stop, step):
     last = int(drifts.argmin()) - 1
     assert last > 0, "it drifts at first, and not for ever"
     inside, outside = line["Gamma"].values[last : last + 2]
-    return inside, outside, line["spin_rate"].values[last], names(line["mode"]).values[last + 1]
+    return inside, outside, line["spin"].values[last], names(line["mode"]).values[last + 1]
 
 
 @pytest.mark.parametrize(
@@ -223,7 +223,7 @@ def test_the_loop_of_rest_and_drift_begins_at_the_fold():
     """Located by halving to 1e-5, where the border is known to that from its own equations, at the spin that was left."""
     cube = sweep({"Gamma": np.linspace(0.7, 1.25, 12)}, periods=300, carry="both", progress=False)
     coarse, fine = loops(cube), loops(cube, within=1e-5)
-    spins = cube["spin_rate"].isel(direction=1).values
+    spins = cube["spin"].isel(direction=1).values
     fold = orbits.border("fold", "Gamma", over={"e": [0.6]}, spin=np.nanmin(spins[spins > 0]))["Gamma"].item()
     assert abs(coarse["low"].item() - fold) <= coarse["low_error"].item() == pytest.approx(0.025)
     assert fine["low_error"].item() <= 1e-5

@@ -241,7 +241,7 @@ def test_the_energy_is_that_of_the_room():
     amplitude = 0.4 * 9.81 / omega**2
     rates = [(after[name].values - before[name].values) / (2 * step) for name in "xyz"]
     rates[0] += amplitude * omega * np.cos(angle)
-    spin = states["spin_rate"] + states["theta_rate"] * np.sin(states["beta"])
+    spin = states["gamma_rate"] + states["theta_rate"] * np.sin(states["beta"])
     turning = (
         dm.J_t * (states["beta_rate"] ** 2 + (states["theta_rate"] * np.cos(states["beta"])) ** 2) + dm.J_a * spin**2
     )

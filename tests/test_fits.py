@@ -114,7 +114,7 @@ def test_a_track_has_of_its_orbit_what_is_foretold(times, scene, close, quicker)
     t = times(300, 900) / f
     track = track_of(run, t, sigma=1e-4)
     middle = simulate(**scene, periods=round(0.5 * (t.min() + t.max()) * f), rtol=1e-10)
-    orbit = orbits.find(guess=middle, spin=middle.orbit.spin_rate)
+    orbit = orbits.find(guess=middle, spin=middle.orbit.spin)
     radius, period = track.of(orbit)
     assert track.values["path_radius"] == pytest.approx(radius, abs=close)
     assert track.values["period"] == pytest.approx(period, rel=quicker)
@@ -168,7 +168,7 @@ def test_tracks_of_runs_give_restitution_and_spin():
         run = simulate(xdot0=xdot0, e=e, **model, periods=1500)
         t = np.sort(rng.uniform(300, 1500, 250)) / run.parameters["f"]
         middle = simulate(xdot0=xdot0, e=e, **model, periods=round(7.5 * (t[0] + t[-1])), record=False)
-        spin = abs(middle.orbit.spin_rate)
+        spin = abs(middle.orbit.spin)
         free = {"e": (e - 0.04, e + 0.05), "spin": (0.8 * spin, 1.2 * spin)}
         fit = fits.fit(track_of(run, t, 2e-3, rng), free, **model)
         assert fit.possible

@@ -91,11 +91,11 @@ def test_exchanged_ends_move_as_before(name):
     before, after = states_of(**scene), states_of(**exchanged(scene))
     seen = {name: after[name] for name in ("x", "y", "theta_rate")}
     seen |= {f"gap_{i}{rate}": after[f"gap_{3 - i}{rate}"] for i in (1, 2) for rate in ("", "_rate")}
-    seen |= {name: -after[name] for name in ("beta", "beta_rate", "spin_rate")}
-    seen |= {"theta": after["theta"] - pi, "spin": -after["spin"]}
+    seen |= {name: -after[name] for name in ("beta", "beta_rate", "gamma_rate")}
+    seen |= {"theta": after["theta"] - pi, "gamma": -after["gamma"]}
     for track in ("x", "y"):  # counted from where they start: that is ball 1, which is another one
         before[track], seen[track] = before[track] - before[track][0], seen[track] - seen[track][0]
-    before["spin"], seen["spin"] = before["spin"] - before["spin"][0], seen["spin"] - seen["spin"][0]
+    before["gamma"], seen["gamma"] = before["gamma"] - before["gamma"][0], seen["gamma"] - seen["gamma"][0]
     assert_same(seen, before, seen, 1e-10)
 
 
@@ -148,7 +148,7 @@ def test_without_friction_the_plate_moves_nothing_sideways(name):
         plate = Gamma * g / omega**2 * (np.sin(omega * INSTANTS + lead) - sin(lead))
         moved = start * INSTANTS + 0.5 * g * sin(tilt) * fall * INSTANTS**2 - plate
         np.testing.assert_allclose(states[axis] - states[axis][0], moved, atol=1e-14)
-    assert_same(states, still, ("theta", "beta", "spin", "gap_1", "gap_2", "beta_rate", "theta_rate"), 1e-11)
+    assert_same(states, still, ("theta", "beta", "gamma", "gap_1", "gap_2", "beta_rate", "theta_rate"), 1e-11)
 
 
 THROWN = {"gap0": 5e-3, "gammadot0": 30.0, "thetadot0": 2.0, "Gamma": 0.0}
@@ -193,7 +193,7 @@ def test_elastic_bounces_keep_the_energy_in_the_tilted_potential(tilt):
     x_rate = s["x1_rate"] - h * (np.cos(beta) * np.cos(theta) * w_t - np.sin(beta) * np.sin(theta) * w_b)
     y_rate = s["y1_rate"] - h * (np.cos(beta) * np.sin(theta) * w_t + np.sin(beta) * np.cos(theta) * w_b)
     n_rate = s["gap_1_rate"] + h * np.cos(beta) * w_b
-    spin = s["spin_rate"] + w_t * np.sin(beta)
+    spin = s["gamma_rate"] + w_t * np.sin(beta)
     moving = (
         dm.m * (x_rate**2 + y_rate**2 + n_rate**2) + dm.J_t * (w_b**2 + (np.cos(beta) * w_t) ** 2) + dm.J_a * spin**2
     )

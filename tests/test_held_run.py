@@ -94,7 +94,7 @@ def test_a_run_starts_from_one_time_of_another():
         again = simulate(start=start, periods=10)
         times = np.linspace(0, 10 / F, 200)
         expected, found = base.states(times + number / F), again.states(times)
-        for name in ("x1", "y1", "theta", "beta", "gap_1", "gap_2", "x1_rate", "spin_rate", "beta_rate"):
+        for name in ("x1", "y1", "theta", "beta", "gap_1", "gap_2", "x1_rate", "gamma_rate", "beta_rate"):
             scale = np.abs(expected[name]).max()
             np.testing.assert_allclose(found[name], expected[name], atol=2e-6 * scale, rtol=0, err_msg=name)
     assert again.start is not None and "phase" not in again.start

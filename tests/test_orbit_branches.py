@@ -163,7 +163,7 @@ def apart(run, orbit, skip=0):
 def test_runs_stay_on_the_orbits_just_inside_the_borders(Gamma):
     orbit = orbits.find(spin=100.0, Gamma=Gamma)
     run = orbit.run(2000, rtol=1e-10)
-    later = orbits.find(spin=run.orbit.spin_rate, Gamma=Gamma)
+    later = orbits.find(spin=run.orbit.spin, Gamma=Gamma)
     assert max(apart(run, orbit, 0).min(), apart(run, later, 1990).max()) < 1e-2
     assert min(apart(run, orbit, 0).max(), apart(run, later, 0).max()) < 1e-2
 
@@ -354,7 +354,7 @@ def test_a_border_of_unlike_balls_is_where_runs_change(kind, known):
     inside = orbits.find(spin=100.0, Gamma=Gamma - outwards * 1e-3, **UNLIKE)
     run = inside.run(1000, rtol=1e-10)
     assert run.mode == "drift"
-    assert run.orbit.radius == pytest.approx(orbits.find(guess=inside, spin=run.orbit.spin_rate).radius, rel=1e-5)
+    assert run.orbit.radius == pytest.approx(orbits.find(guess=inside, spin=run.orbit.spin).radius, rel=1e-5)
     plate = UNLIKE | {"Gamma": Gamma + outwards * 1e-3}
     beyond = simulate(start=run.states(run.duration), periods=3000, rtol=1e-10, **plate)
     if kind == "fold":

@@ -25,7 +25,7 @@ LONG = [(20_000, 4.247001, 38.75933, 1.605906, 137.6089), (100_000, 4.253879, 46
 def test_later_is_what_a_long_run_comes_to(family, row):
     periods, *known = row
     short = simulate(periods=500, record=False, rtol=1e-10).orbit
-    later = orbits.later(family, spin=short.spin_rate, periods=periods - 500)
+    later = orbits.later(family, spin=short.spin, periods=periods - 500)
     assert [later.radius, later.period, later.zeta, later.spin] == pytest.approx(known, rel=1e-5)
 
 
@@ -33,9 +33,9 @@ def test_later_is_what_a_long_run_comes_to(family, row):
 def test_later_at_another_length():
     family = orbits.family(spin=(100.0, 150.0), points=40, A_r=6.5)
     short, long = (simulate(A_r=6.5, beta0=0.3, periods=n, record=False).orbit for n in (500, 20_000))
-    later = orbits.later(family, spin=short.spin_rate, periods=19_500)
+    later = orbits.later(family, spin=short.spin, periods=19_500)
     told = [later.radius, later.period, later.zeta, later.spin]
-    assert told == pytest.approx([long.radius, long.period, long.zeta, long.spin_rate], rel=1e-5)
+    assert told == pytest.approx([long.radius, long.period, long.zeta, long.spin], rel=1e-5)
 
 
 def test_time_runs_both_ways(family):
@@ -59,10 +59,10 @@ def test_a_family_is_made_of_orbits(family):
 def test_a_drift_of_fig_17_lies_on_the_family_at_its_own_spin(A_r, xdot0, degrees):
     start = {"A_r": A_r, "xdot0": xdot0, "beta0": np.radians(degrees)}
     drift = simulate(**start, periods=400, rtol=1e-10, record=False).orbit
-    family = orbits.family(spin=(0.95 * drift.spin_rate, 1.05 * drift.spin_rate), points=9, A_r=A_r)
+    family = orbits.family(spin=(0.95 * drift.spin, 1.05 * drift.spin), points=9, A_r=A_r)
     for name in ("radius", "period", "zeta"):
         curve = CubicSpline(family["spin"].values, family[name].values)
-        assert float(curve(drift.spin_rate)) == pytest.approx(getattr(drift, name), rel=1e-5), name
+        assert float(curve(drift.spin)) == pytest.approx(getattr(drift, name), rel=1e-5), name
 
 
 def test_a_spin_of_a_family_costs_little(family):
@@ -98,8 +98,8 @@ def test_an_orbit_is_the_same_from_every_section(A_r, spin):
 def test_a_family_goes_on_where_the_contact_at_its_section_ends():
     """At A_r = 6 the end that rolls comes to stick below 557.5 rad/s only: so it is where a run from above has come to."""
     run = orbits.find(spin=580.0, A_r=6.0).run(120, rtol=1e-11).orbit
-    assert 558.0 < run.spin_rate < 572.0
-    family = orbits.family(spin=(550.0, run.spin_rate), points=4, A_r=6.0)
+    assert 558.0 < run.spin < 572.0
+    family = orbits.family(spin=(550.0, run.spin), points=4, A_r=6.0)
     assert family.attrs["high_end"] == "asked for"
     assert "SC1_sk.1" in family["word"].values[0]
     assert "SC1_sk.1" not in family["word"].values[-1]
@@ -197,13 +197,13 @@ def test_runs_beside_the_family_of_unlike_balls_come_to_it(side):
     assert family["stable"].values.all()
     orbit = orbits.find(spin=100.0, **unlike)
     begin = orbit.run(2).start
-    start = {name: begin[name] for name in ("beta", "beta_rate", "theta_rate", "x1_rate", "y1_rate", "spin_rate")}
+    start = {name: begin[name] for name in ("beta", "beta_rate", "theta_rate", "x1_rate", "y1_rate", "gamma_rate")}
     start["beta"] *= 1 + 0.1 * side
     beside = simulate(start=start, periods=400, rtol=1e-10, **unlike).orbit
     for name in ("radius", "period", "zeta"):
         curve = CubicSpline(family["spin"].values, family[name].values)
         assert float(curve(100.0)) == pytest.approx(getattr(orbit, name), rel=1e-6)
-        assert float(curve(beside.spin_rate)) == pytest.approx(getattr(beside, name), rel=1e-5), name
+        assert float(curve(beside.spin)) == pytest.approx(getattr(beside, name), rel=1e-5), name
 
 
 PASSES_A_BORDER = {
@@ -224,7 +224,7 @@ def test_a_run_leaves_its_family_where_its_double_impact_ends_another_way():
     branch = orbits.follow(orbits.find(guess=settled), "spin", to=145.0)
     assert branch["word"].values[-1].startswith("DI_sp_sp>DI_sp_sk ")
     assert "the next one found has the word DI_sp_sp " in branch.attrs["end"]
-    assert settled.orbit.spin_rate < branch["spin"].values[-1] == pytest.approx(before.orbit.spin_rate, rel=0.02)
+    assert settled.orbit.spin < branch["spin"].values[-1] == pytest.approx(before.orbit.spin, rel=0.02)
     kinds = [run.events["kind"].values for run in (before, beyond)]
     assert [each[np.char.startswith(each, "DI")][-1] for each in kinds] == ["DI_sp_sk", "DI_sp_sp"]
     assert orbits.find(guess=beyond).word.startswith("DI_sp_sp ")

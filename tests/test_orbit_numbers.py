@@ -18,7 +18,7 @@ SCENES = {
 def test_an_orbit_has_the_numbers_of_the_run_that_came_to_it(name):
     run = simulate(**SCENES[name], periods=300, rtol=1e-10)
     assert run.mode == "drift"
-    orbit = orbits.find(guess=run, spin=run.orbit.spin_rate)
+    orbit = orbits.find(guess=run, spin=run.orbit.spin)
     for number in TOLD:
         if hasattr(orbit, number):
             assert getattr(orbit, number) == pytest.approx(getattr(run.orbit, number), rel=1e-4), number

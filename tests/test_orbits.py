@@ -39,7 +39,7 @@ def test_the_package_reaches_orbits_lazily():
 def test_an_orbit_closes_at_the_spin_a_lateral_start_rolls_up_to(base, drift):
     assert base.residual < 1e-11
     assert base.spin == pytest.approx(rolled_up(Parameters().given()), abs=1e-9)
-    assert base.spin == pytest.approx(drift.orbit.spin_rate, rel=1e-2)
+    assert base.spin == pytest.approx(drift.orbit.spin, rel=1e-2)
     assert base.stable
 
 
@@ -47,8 +47,8 @@ def test_the_orbit_of_a_run_is_the_one_it_has_come_to(drift):
     found = orbits.find(guess=drift)
     assert found.residual < 1e-11
     assert found.cost <= 100
-    assert found.spin == pytest.approx(drift.orbit.spin_rate, rel=1e-5)
-    again = orbits.find(guess=drift, spin=drift.orbit.spin_rate)
+    assert found.spin == pytest.approx(drift.orbit.spin, rel=1e-5)
+    again = orbits.find(guess=drift, spin=drift.orbit.spin)
     for name in TOLD:
         assert getattr(again, name) == pytest.approx(getattr(drift.orbit, name), rel=1e-5), name
     assert again.di_end == drift.orbit.di_end
@@ -76,7 +76,7 @@ def test_multipliers_are_those_of_stability(given):
 
 
 def test_the_slow_rate_is_that_of_a_long_run(base):
-    short, long = (simulate(periods=n, record=False, rtol=1e-11).orbit.spin_rate for n in (500, 1500))
+    short, long = (simulate(periods=n, record=False, rtol=1e-11).orbit.spin for n in (500, 1500))
     middle = orbits.find(spin=0.5 * (short + long))
     assert middle.spin_drift == pytest.approx((long - short) / 1000, rel=1e-5)
     assert middle.slow_multiplier == pytest.approx(1, abs=1e-5)
@@ -121,7 +121,7 @@ def test_a_run_from_an_orbit_stays_on_it(base):
     assert run.mode == "drift"
     assert run.parameters == base.parameters
     assert run.orbit.radius == pytest.approx(base.radius, rel=1e-5)
-    assert run.orbit.spin_rate == pytest.approx(base.spin + 39 * base.spin_drift, rel=5e-8)
+    assert run.orbit.spin == pytest.approx(base.spin + 39 * base.spin_drift, rel=5e-8)
     x = run.states([0.0, 1.0])
     assert float(abs(x.x[1] - x.x[0])) > 0.1  # it has a path
 
@@ -151,7 +151,7 @@ def test_the_orbit_that_runs_come_to_is_preferred_and_others_are_told():
     slender = {"r": 2.8107e-3, "A_r": 8.1917, "f": 15.558, "mu": 0.21445, "mu_s": 0.34869, "e": 0.73123, "Gamma": 0.82}
     orbit = orbits.find(spin=75.08, **slender)
     run = simulate(beta0=0.3, xdot0=75.08 * 2.8107e-3 * 1.4, periods=400, record=False, **slender)
-    near = orbits.find(spin=run.orbit.spin_rate, guess=orbit)
+    near = orbits.find(spin=run.orbit.spin, guess=orbit)
     assert near.radius == pytest.approx(run.orbit.radius, rel=1e-5)
     assert orbit.stable
     (other,) = orbit.others

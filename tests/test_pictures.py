@@ -594,7 +594,7 @@ def test_the_picture_of_a_run_has_its_heights_its_orbit_and_its_portraits(run):
     names = {
         "beta": (r"$\beta$ [rad]", r"\beta"),
         "theta": (r"$\theta - \theta_0$ [rad]", r"\theta"),
-        "spin": (r"$\gamma - \gamma_0$ [rad]", r"\gamma"),
+        "gamma": (r"$\gamma - \gamma_0$ [rad]", r"\gamma"),
     }
     from dimersweep.plots import last_cycle
 
@@ -623,7 +623,7 @@ def test_a_motion_that_does_not_repeat_is_drawn_by_its_section():
     np.testing.assert_array_equal(
         beta.lines[0].get_xydata(), np.column_stack([section["beta"], section["beta_rate"]])[60:]
     )
-    for axes, name, letter in ((theta, "theta_rate", r"\theta"), (spin, "spin_rate", r"\gamma")):
+    for axes, name, letter in ((theta, "theta_rate", r"\theta"), (spin, "gamma_rate", r"\gamma")):
         rates = section[name].values
         np.testing.assert_array_equal(axes.lines[0].get_xydata(), np.column_stack([rates[:-1], rates[1:]])[59:])
         assert (axes.get_xlabel(), axes.get_ylabel()) == (

@@ -299,7 +299,7 @@ def test_the_course_of_a_double_impact_leads_to_the_state_after_it(friction):
     time = run.events["time"].values[double][-1]
     course = impact_rates(run, time)
     after = run.states(time)
-    for name in ("beta_rate", "theta_rate", "spin_rate"):
+    for name in ("beta_rate", "theta_rate", "gamma_rate"):
         assert course[name].values[-1] == pytest.approx(after[name].item(), abs=1e-10)
     assert course["kind"].values[0] == ""
     start, stop = last_cycle(run)

@@ -43,7 +43,7 @@ def test_bounds_are_ten_times_the_largest_difference_so_far_and_never_fall(runs)
     assert (SAFETY, LEAST_ERROR) == (10.0, 1e-12)
     units = {"x1": 0.01, "y1": 0.01, "gap_1": 0.01, "theta": 1.0, "beta": 1.0, "spin": 10.0}
     units |= {f"{name}_rate": 10 * unit if unit == 0.01 else unit for name, unit in units.items()}
-    units |= {"spin_rate": 100.0}
+    units |= {"gamma_rate": 100.0}
     assert set(units) == set(CLOSED_STATE)
     largest = np.max([told[name].values / unit for name, unit in units.items()], axis=0)
     np.testing.assert_allclose(told["scaled"], largest, rtol=1e-12)
@@ -76,12 +76,12 @@ def test_a_nudged_start_lies_beside_the_given_one_and_is_allowed_wherever_that_i
     assert (moved["xdot0"], moved["ydot0"]) == pytest.approx((1 + by, -2 * (1 + by)), rel=1e-15)
     assert (moved["theta0"], moved["Gamma_2"]) == (1.0, 0.2)
     assert "phi_2" not in nudged({"beta0": 0.1, "phi0": 0.0}, by)
-    state = {"x1": 1.0, "x1_rate": 2.0, "gap_1_rate": 3.0, "spin_rate": -4.0}
+    state = {"x1": 1.0, "x1_rate": 2.0, "gap_1_rate": 3.0, "gamma_rate": -4.0}
     assert nudged_state(state, by) == {
         "x1": 1.0,
         "x1_rate": 2 * (1 + by),
         "gap_1_rate": 3.0,
-        "spin_rate": -4 * (1 + by),
+        "gamma_rate": -4 * (1 + by),
     }
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from dimersweep import cli, load_run, names, refine, search, simulate, sweep
+from dimersweep import cli, load_run, names, orbits, refine, search, simulate, sweep
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.body import dimer_of
 from dimersweep.parameters import Parameters
@@ -72,7 +72,7 @@ def test_a_dimer_that_is_thrown_moves_as_a_top():
         assert [now[name].item() for name in ("x1", "y1", "z1")] == pytest.approx(list(ball), abs=1e-13)
         assert list(frame(now["beta"].item(), now["theta"].item())[0]) == pytest.approx(list(axis), abs=1e-13)
     first = states.isel(time=0)
-    for name, given in zip(("x1", "y1", "beta", "theta", "spin"), RATES, strict=True):
+    for name, given in zip(("x1", "y1", "beta", "theta", "gamma"), RATES, strict=True):
         assert first[f"{name}_rate"].item() == pytest.approx(THROWN[given], rel=1e-14)
     assert first["z1_rate"].item() == pytest.approx(0.0, abs=1e-14)
     assert first["gap_1"].item() == pytest.approx(0.3, rel=1e-15)
@@ -101,7 +101,7 @@ def test_parameters_of_a_start_mean_what_a_given_state_does(beta0, gap0):
         "beta_rate": scene["betadot0"],
         "theta": scene["theta0"],
         "theta_rate": scene["thetadot0"],
-        "spin_rate": scene["gammadot0"],
+        "gamma_rate": scene["gammadot0"],
         "phase": scene["phi0"],
         "gap_1" if beta0 > 0 else "gap_2": gap0,
     }
@@ -128,7 +128,7 @@ def test_exchanged_ends_start_as_before(beta0):
     before, after = (simulate(**each, periods=3, rtol=1e-12).states(times) for each in (scene, other))
     for one, two, sign in (
         ("gap_1", "gap_2", 1), ("gap_2", "gap_1", 1), ("beta", "beta", -1), ("theta_rate", "theta_rate", 1),
-        ("spin_rate", "spin_rate", -1), ("beta_rate", "beta_rate", -1),
+        ("gamma_rate", "gamma_rate", -1), ("beta_rate", "beta_rate", -1),
     ):  # fmt: skip
         np.testing.assert_allclose(before[one], sign * after[two], rtol=0, atol=1e-10 * UNITS[one], err_msg=one)
     for name in ("x", "y"):
@@ -144,8 +144,8 @@ def test_the_mirror_image_of_a_start_has_the_mirror_image_of_its_motion():
     image = scene | {name: -scene[name] for name in odd}
     times = np.linspace(0.0, 3 / 15, 31)
     before, after = (simulate(**each, periods=3, rtol=1e-12).states(times) for each in (scene, image))
-    for name in ("x1", "y1", "gap_1", "gap_2", "theta", "beta", "theta_rate", "beta_rate", "spin_rate"):
-        sign = -1 if name in ("x1", "theta", "theta_rate", "spin_rate") else 1
+    for name in ("x1", "y1", "gap_1", "gap_2", "theta", "beta", "theta_rate", "beta_rate", "gamma_rate"):
+        sign = -1 if name in ("x1", "theta", "theta_rate", "gamma_rate") else 1
         np.testing.assert_allclose(before[name], sign * after[name], rtol=0, atol=1e-10 * UNITS[name], err_msg=name)
 
 
@@ -223,7 +223,7 @@ def test_each_is_an_option_of_the_command_line(capsys, monkeypatch):
 
 # --- starts from another run ------------------------------------------------------------------------------------------
 
-MAPPED = tuple(name for name in STATE_QUANTITIES if name not in ("contact_state", "phase", "theta", "spin"))
+MAPPED = tuple(name for name in STATE_QUANTITIES if name not in ("contact_state", "phase", "theta", "gamma"))
 SENSITIVE = (
     1e-4  # a scene whose states are so far from those at another accuracy, in their units, enlarges every rounding
 )
@@ -291,7 +291,7 @@ def test_a_start_brings_the_parameters_of_its_run_and_those_given_take_their_pla
 def across_and_axial(state):
     """Components of the rate of rotation across the axis, in the vertical plane, and along it [rad/s]."""
     beta, rate = state["beta"].item(), state["theta_rate"].item()
-    return rate * cos(beta), state["spin_rate"].item() + rate * sin(beta)
+    return rate * cos(beta), state["gamma_rate"].item() + rate * sin(beta)
 
 
 @jit
@@ -325,3 +325,24 @@ def test_a_start_of_several_runs_is_refused():
     xr.testing.assert_identical(both.isel(run=0), one)
     with pytest.raises(ParameterError, match=r"^phi0: given together with start.phase; leave one out$"):
         simulate(start=one, phi0=0.3, periods=1)
+
+
+@pytest.mark.parametrize(("former", "now"), [("spin", "gamma"), ("spin_rate", "gamma_rate")])
+def test_a_start_with_a_former_name_is_told_the_new_one(former, now):
+    states = simulate(periods=2).states(0.1)
+    assert now in states and former not in states
+    for start in ({former: 1.0}, states.rename({now: former})):
+        with pytest.raises(ParameterError, match=f"start.{former}: is {now} now; spin is gamma_rate"):
+            simulate(start=start, periods=2)
+
+
+def test_spin_is_the_axial_spin_in_all_that_has_one():
+    run = simulate(periods=100)
+    after = run.section("double_impact").isel(n=-1)
+    axial = after["gamma_rate"] + after["theta_rate"] * np.sin(after["beta"])
+    names = set(run.states(0.0).variables) | set(run.section().variables) | set(run.events.variables)
+    assert not {"spin", "spin_rate"} & names
+    assert run.orbit.spin == pytest.approx(axial.item(), rel=1e-4)  # the last impact of the burst comes after the first
+    assert orbits.find(guess=run).spin == pytest.approx(run.orbit.spin, rel=1e-4)
+    cube = sweep({"Gamma": [0.9]}, periods=100, progress=False)
+    assert cube["spin"].item() == cube.dimersweep.run(Gamma=0.9).orbit.spin and "spin_rate" not in cube

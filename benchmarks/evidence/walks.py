@@ -116,7 +116,7 @@ def tops_passed(heading: np.ndarray) -> int:
 def walked(run: Run) -> tuple[int, bool]:
     """Tops that the walk of a run passed before it turned back, and whether it did."""
     section = run.section()
-    return way(section["theta"].values - run.parameters.get("azimuth", 0.0), section["spin_rate"].values)
+    return way(section["theta"].values - run.parameters.get("azimuth", 0.0), section["gamma_rate"].values)
 
 
 def way(heading: np.ndarray, spin: np.ndarray) -> tuple[int, bool]:
@@ -135,7 +135,7 @@ def turns_back(tilt: float, climb: int, azimuth: float = 0.0, rtol: float = 1e-8
 
 def comes_to_rest(tilt: float, periods: int, azimuth: float = 0.0, rtol: float = 1e-8) -> bool:
     """Whether the walk of the base case is over after so many periods, and goes on to be for a swing."""
-    spin = simulate(tilt=tilt, azimuth=azimuth, periods=periods + SWING, rtol=rtol).section()["spin_rate"].values
+    spin = simulate(tilt=tilt, azimuth=azimuth, periods=periods + SWING, rtol=rtol).section()["gamma_rate"].values
     return bool(np.abs(spin[periods:]).max() < STOPPED * rolled({}))
 
 
@@ -146,7 +146,7 @@ def caught(tilts: np.ndarray, azimuth: float, rtol: float = 1e-8, **start: float
     modes = names(cube["mode"]).values
     if (modes == "failed").any():
         raise RuntimeError(f"azimuth = {azimuth:g}: failed at the tilts {tilts[modes == 'failed']}")
-    return (modes == "drift") & (np.abs(cube["spin_rate"].values) < 1.0)
+    return (modes == "drift") & (np.abs(cube["spin"].values) < 1.0)
 
 
 def scan(held: np.ndarray, tilts: np.ndarray) -> tuple[float, float]:

@@ -42,7 +42,7 @@ def scale_of(name: str) -> float:
     """Scale of a state: 1 cm, 0.1 m/s, 1 rad, 1 rad/s, and 100 rad/s for the spin."""
     if name.startswith(("gap", "x", "y", "z")):
         return 0.1 if name.endswith("_rate") else 0.01
-    return 100.0 if name in ("spin_rate", "gamma_rate") else 1.0
+    return 100.0 if name == "gamma_rate" else 1.0
 
 
 def answer(n: int, rtol: float) -> list[tuple[str, dict[str, float]]]:

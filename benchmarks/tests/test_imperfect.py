@@ -63,7 +63,7 @@ def test_a_tilt_turns_the_heading_and_the_spin_as_the_closed_form_says(Gamma, A_
     run = simulate(Gamma=Gamma, A_r=A_r, tilt=tilt, periods=1500)
     assert run.orbit.di_end == ("sk_sk" if both_stick else run.orbit.di_end)
     section = run.section()
-    heading, spin = section["theta"].values[200:], section["spin_rate"].values[200:]
+    heading, spin = section["theta"].values[200:], section["gamma_rate"].values[200:]
     middle = 0.5 * (heading[1:] + heading[:-1])
     across = BASE.g * tilt * np.cos(middle)
     columns = np.column_stack(

@@ -32,7 +32,7 @@ def slip_of_p1(run: Run) -> np.ndarray:
     theta, beta = states["theta"].values, states["beta"].values
     vx, vy = states["x1_rate"].values, states["y1_rate"].values
     along = -np.sin(theta) * vx + np.cos(theta) * vy + r * states["beta_rate"].values
-    across = np.cos(theta) * vx + np.sin(theta) * vy - r * np.cos(beta) * states["spin_rate"].values
+    across = np.cos(theta) * vx + np.sin(theta) * vy - r * np.cos(beta) * states["gamma_rate"].values
     down = np.char.startswith(names(states["contact_state"]).values.astype(str), "SC1")
     return np.where(down, [along, across], np.nan)
 
@@ -119,13 +119,15 @@ def angles_repeat(lab: Lab) -> Finding:
     end, T = run.n_periods / run.parameters["f"], 1 / run.parameters["f"]
     first, last = (run.states(end - k * T - 0.4 * T) for k in (1, 0))
     cycle = run.states(cycle_times(run))
-    change = {name: last[name].item() - first[name].item() for name in ("beta", "beta_rate", "theta_rate", "spin_rate")}
+    change = {
+        name: last[name].item() - first[name].item() for name in ("beta", "beta_rate", "theta_rate", "gamma_rate")
+    }
     shares = {name: abs(by) / np.ptp(cycle[name].values) for name, by in change.items()}
-    others = max(share for name, share in shares.items() if name != "spin_rate")
+    others = max(share for name, share in shares.items() if name != "gamma_rate")
     value = ", ".join(f"{name} {share:.0e}" for name, share in shares.items())
     reason = (
-        f"the spin is not sustained but creeps along the slow family, by {change['spin_rate']:+.1e} rad/s a period of "
-        f"{last['spin_rate'].item():.1f} rad/s, while beta and the rate of theta repeat to {others:.0e}"
+        f"the spin is not sustained but creeps along the slow family, by {change['gamma_rate']:+.1e} rad/s a period of "
+        f"{last['gamma_rate'].item():.1f} rad/s, while beta and the rate of theta repeat to {others:.0e}"
     )
     return found(value, max(shares.values()) < 0.01, partly=others < 0.01, reason=reason)
 
@@ -172,8 +174,8 @@ def theta_in_impacts(lab: Lab) -> Finding:
     "DI below 5 % of the swing, SI a fall of more than 25 %; partly: of more than 5 %",
 )
 def gamma_in_impacts(lab: Lab) -> Finding:
-    change = _impact_changes(lab.base, "spin_rate")
-    mean = lab.base.states(cycle_times(lab.base))["spin_rate"].values.mean()
+    change = _impact_changes(lab.base, "gamma_rate")
+    mean = lab.base.states(cycle_times(lab.base))["gamma_rate"].values.mean()
     value = f"mean {mean:.1f} rad/s; DI {change['DI']:+.1e}, SI {change['SI']:+.1e} of a swing of {change['swing']:.2f} rad/s"
     little = abs(change["DI"]) < 0.05 * change["swing"]
     share = 100 * change["SI"] / change["swing"]

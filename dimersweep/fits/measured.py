@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 # attributes of an orbit that an experiment can measure
 MEASURABLE: dict[str, Quantity] = {
-    "spin": QUANTITIES["spin_rate"],
+    "spin": QUANTITIES["spin"],
     **{
         name: QUANTITIES[name]
         for name in ("path_radius", "period", "path_speed", "zeta", "impact_phase", "radius", "speed")

@@ -317,7 +317,7 @@ def later(family: xr.Dataset, *, spin: float, periods: float) -> Later:
     family : xarray.Dataset
         From `family`.
     spin : float
-        Axial spin after the double impact, as in `Run.orbit.spin_rate` [rad s-1].
+        Axial spin after the double impact, as in `Run.orbit.spin` [rad s-1].
     periods : float
         Forcing periods, forwards; backwards if negative.
 

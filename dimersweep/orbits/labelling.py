@@ -11,7 +11,7 @@ from dimersweep.symbols import ORBIT_NAMES, QUANTITIES, Quantity
 
 MOST_MULTIPLIERS = len(NAMES) - 1  # multipliers of a fast part at most; those that contact takes away are zero
 COLUMNS = {
-    "spin": Quantity("rad s-1", "axial spin after the double impact"),
+    "spin": QUANTITIES["spin"],
     **{name: QUANTITIES[name] for name in (*ORBIT_NAMES, "path_radius", "path_speed")},
     "spin_drift": Quantity("rad s-1", "change per forcing period: axial spin after the double impact"),
     "slow_multiplier": Quantity("1", "multiplier of the direction along the family"),

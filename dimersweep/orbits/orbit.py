@@ -29,7 +29,7 @@ class PeriodicOrbit:
         Forcing periods after which it repeats.
     spin : float
         Axial spin after the double impact (without one: after the last impact of the end that is in the air for longer)
-        [rad s-1]: what `Run.orbit` calls `spin_rate`. For period n, of the last one.
+        [rad s-1], as that of `Run.orbit`. For period n, of the last one.
     radius : float
         Equivalent radius (11), `speed` over precession rate; inf for a motion in a plane [m].
     path_radius, path_speed : float

@@ -216,7 +216,7 @@ def families(table: xr.Dataset) -> Figure:
     for axes in panels:
         axes.grid(alpha=0.3)
     for axes in panels[2:]:
-        axes.set_xlabel(f"axial spin [{QUANTITIES['spin_rate'].units.replace(' s-1', '/s')}]")
+        axes.set_xlabel(f"axial spin [{QUANTITIES['spin'].units.replace(' s-1', '/s')}]")
     panels[0].legend(fontsize=8)
     _entitle(figure, table)
     return figure

@@ -15,11 +15,11 @@ from dimersweep.plots.style import Drawing, entitle
 if TYPE_CHECKING:
     from dimersweep.runs.run import Run
 
-_GREEK = {"beta": r"\beta", "theta": r"\theta", "spin": r"\gamma"}
+_GREEK = {"beta": r"\beta", "theta": r"\theta", "gamma": r"\gamma"}
 ANGLES = {  # labels of the angles in phase portraits
     "beta": r"$\beta$ [rad]",
     "theta": r"$\theta - \theta_0$ [rad]",
-    "spin": r"$\gamma - \gamma_0$ [rad]",
+    "gamma": r"$\gamma - \gamma_0$ [rad]",
 }
 
 
@@ -57,7 +57,7 @@ def impact_rates(run: "Run", time: float) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        `beta_rate`, `theta_rate`, `spin_rate` [rad s-1] along `stage`: before the impact, then after each of its rows,
+        `beta_rate`, `theta_rate`, `gamma_rate` [rad s-1] along `stage`: before the impact, then after each of its rows,
         with the row's `kind`.
 
     Examples
@@ -67,7 +67,7 @@ def impact_rates(run: "Run", time: float) -> xr.Dataset:
     >>> double = run.events["kind"].str.startswith("DI")
     >>> rates = plots.impact_rates(run, float(run.events["time"][double][-1]))
     >>> sorted(rates.data_vars)
-    ['beta_rate', 'kind', 'spin_rate', 'theta_rate']
+    ['beta_rate', 'kind', 'gamma_rate', 'theta_rate']
     """
     dm = dimer_from(run.parameters)
     rows = run.events.isel(event=np.flatnonzero((run.events["time"] == time) & (run.events["cause"] == "impact")))
@@ -76,7 +76,7 @@ def impact_rates(run: "Run", time: float) -> xr.Dataset:
     # lateral velocity of each end per theta' cos(beta) and per axial spin, and what a unit impulse gives of these
     levers = np.array([[end.r * dm.sin_0 - end.h, -end.r * dm.cos_0] for end in (dm.p1, dm.p2)])
     gives = levers * [dm.it, dm.ia]
-    turning = np.array([theta_rate * dm.cos_0, float(before["spin_rate"]) + theta_rate * dm.sin_0])
+    turning = np.array([theta_rate * dm.cos_0, float(before["gamma_rate"]) + theta_rate * dm.sin_0])
     across = float(before["x1_rate"]) * np.cos(theta) + float(before["y1_rate"]) * np.sin(theta) + dm.p1.h * turning[0]
     slips = np.array([rows["slip_1_b"], rows["slip_2_b"]]) - (across + levers @ turning)[:, None]
     turned = turning[:, None] + gives.T @ np.linalg.solve(dm.im + gives @ levers.T, slips)
@@ -85,7 +85,7 @@ def impact_rates(run: "Run", time: float) -> xr.Dataset:
     columns = {
         "beta_rate": np.append(float(before["beta_rate"]), dip),
         "theta_rate": np.append(theta_rate, turn),
-        "spin_rate": np.append(float(before["spin_rate"]), turned[1] - turn * dm.sin_0),
+        "gamma_rate": np.append(float(before["gamma_rate"]), turned[1] - turn * dm.sin_0),
         "kind": np.append("", rows["kind"]),
     }
     return xr.Dataset({name: ("stage", values) for name, values in columns.items()})
@@ -102,7 +102,7 @@ def portrait(axes: Axes, run: "Run", angle: str, span: tuple[float, float], *, c
     run : Run
         Recorded.
     angle : str
-        beta, theta or spin; the last two are counted from the start.
+        beta, theta or gamma; the last two are counted from the start.
     span : tuple of float
         Start and stop [s].
     color : str, optional
@@ -248,7 +248,7 @@ def run_figure(run: "Run", periods: int = 4) -> Figure:
     """
     end, f = run.n_periods / run.parameters["f"], run.parameters["f"]
     figure = Drawing(11, 7)
-    panels = figure.subplot_mosaic([["heights", "heights", "orbit"], ["beta", "theta", "spin"]])
+    panels = figure.subplot_mosaic([["heights", "heights", "orbit"], ["beta", "theta", "gamma"]])
     heights(panels["heights"], run, (max(0.0, end - periods / f), end))
     orbit(panels["orbit"], run)
     aperiodic = run.mode == "aperiodic"
@@ -257,7 +257,7 @@ def run_figure(run: "Run", periods: int = 4) -> Figure:
             strobes(panels[angle], run, angle)
         else:
             portrait(panels[angle], run, angle, last_cycle(run))
-    titles = ("normal displacements", "centre of mass", "dip", "precession", "spin")
+    titles = ("normal displacements", "centre of mass", "dip", "precession", "spinning")
     for letter, title, axes in zip("abcde", titles, panels.values(), strict=True):
         axes.set_title(f"({letter}) {title}", loc="left", fontsize=10)
     if not aperiodic:

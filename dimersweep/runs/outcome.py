@@ -31,12 +31,12 @@ class Orbit(OrbitNumbers):
         Phase of the double impact in cycles of the plate, in [0, 1) [1].
     di_end : str
         Friction of the end that stays down, then of the other one, when the double impact ends: sp_sp, sp_sk, sk_sp or sk_sk.
-    spin_rate, beta_rate_after : float
+    spin, beta_rate_after : float
         Axial spin, and rate of the dip angle, after the double impact [rad s-1].
     radius_drift, period_drift, zeta_drift, speed_drift, precession_rate_drift, impact_phase_drift : float
         Change per forcing period, in the unit of the quantity.
     spin_drift : float
-        The same of `spin_rate`: the creep along the family of orbits that the drift goes through [rad s-1].
+        The same of `spin`: the creep along the family of orbits that the drift goes through [rad s-1].
 
     Examples
     --------

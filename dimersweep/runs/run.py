@@ -497,7 +497,7 @@ class Run(RunNumbers):
         -------
         xarray.Dataset
             Along `time`, for each quantity of `states`, a bound on its error up to then, in its unit, and `scaled`, the
-            largest of those of the closed state in units of 1 cm, 0.1 m/s, 1 rad and 1 rad/s (spin: 10 and 100 of them).
+            largest of those of the closed state in units of 1 cm, 0.1 m/s, 1 rad and 1 rad/s (gamma: 10 and 100 of them).
             Along `event`, the bound on the error of its time [s]; NaN for an event that a shadow lacks.
 
         Raises

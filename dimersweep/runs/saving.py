@@ -24,7 +24,7 @@ from dimersweep.storage.cubefiles import write_cube
 from dimersweep.storage.formats.netcdf import read_netcdf
 from dimersweep.storage.outputs import TABLES, check_output
 from dimersweep.storage.provenance import attributes, digest, read_configuration
-from dimersweep.symbols import PARAMETERS
+from dimersweep.symbols import FORMER_NAMES, PARAMETERS
 
 if TYPE_CHECKING:
     from dimersweep.runs.run import Run
@@ -149,12 +149,15 @@ def _as_run(configuration: dict[str, Any], rows: dict[str, np.ndarray]) -> "Run"
     from dimersweep.runs.run import Orbit, Run
 
     parameters = updated(configuration["parameters"], {})  # earlier versions wrote e beside e_1 and e_2
+    start, orbit = configuration["start"], configuration["orbit"]  # and called gamma spin, and spin spin_rate
+    start = start and {FORMER_NAMES.get(name, name): value for name, value in start.items()}
+    orbit = orbit and Orbit(**{"spin" if name == "spin_rate" else name: value for name, value in orbit.items()})
     row, recorded = Parameters(**parameters).row(), "event_rows" in rows
     return Run(
         parameters=parameters,
-        start=configuration["start"],
+        start=start,
         rtol=float(configuration["rtol"]),
-        orbit=configuration["orbit"] and Orbit(**configuration["orbit"]),
+        orbit=orbit,
         **configuration["outcome"],
         _record=RunRecord(row, rows["event_rows"], rows["segment_rows"], configuration["record_cut"])
         if recorded

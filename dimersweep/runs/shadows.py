@@ -56,8 +56,8 @@ ERROR_SCALES = {
     for name, quantity in STATE_QUANTITIES.items()
     if quantity.units in _BY_UNIT and name not in ("plate", "phase")
 }
-ERROR_SCALES |= {"spin": 10.0, "spin_rate": 100.0}  # the ball turns as many times as fast as the rod is long
-COORDINATES = ("x1", "y1", "gap_1", "theta", "beta", "spin")
+ERROR_SCALES |= {"gamma": 10.0, "gamma_rate": 100.0}  # the ball turns as many times as fast as the rod is long
+COORDINATES = ("x1", "y1", "gap_1", "theta", "beta", "gamma")
 CLOSED_STATE = COORDINATES + tuple(f"{name}_rate" for name in COORDINATES)
 
 
@@ -91,7 +91,7 @@ def nudged(given: Mapping[str, Any], by: float) -> dict[str, Any]:
 
 def nudged_state(start: Mapping[str, float], by: float) -> dict[str, float]:
     """A state to start from, with those rates more by the share `by` that no contact ties."""
-    faster = ("x1_rate", "y1_rate", "theta_rate", "spin_rate")
+    faster = ("x1_rate", "y1_rate", "theta_rate", "gamma_rate")
     return {name: value * (1 + by if name in faster else 1.0) for name, value in start.items()}
 
 
@@ -167,7 +167,7 @@ def delays(run: Run, other: Run) -> np.ndarray:
 
 
 def scaled(errors: dict[str, np.ndarray]) -> np.ndarray:
-    """The largest of the errors of the closed state in units of 1 cm, 0.1 m/s, 1 rad and 1 rad/s (spin: 10 and 100 of them)."""
+    """The largest of the errors of the closed state in units of 1 cm, 0.1 m/s, 1 rad and 1 rad/s (gamma: 10 and 100)."""
     return np.max([errors[name] / ERROR_SCALES[name] for name in CLOSED_STATE], axis=0)
 
 

@@ -32,7 +32,7 @@ from dimersweep.kernel.model.layout import (
 from dimersweep.kernel.model.plate import motion
 from dimersweep.parameters import dimer_from
 from dimersweep.runs.recorded import parameters_told
-from dimersweep.symbols import BASE, INSTEAD, PARAMETERS, START, STATE_QUANTITIES
+from dimersweep.symbols import BASE, FORMER_NAMES, INSTEAD, PARAMETERS, START, STATE_QUANTITIES
 
 CLOSED_GAP = 1e-12  # a gap this far below zero is a closed one [m]
 GAPS_AGREE = 1e-9  # how well the gaps of a start must agree with its dip angle, in units of the distance of the balls
@@ -53,6 +53,11 @@ def start_of(start: Any) -> dict[str, float]:
     """
     if hasattr(start, "states"):
         start = start.states(start.duration)
+    for name in FORMER_NAMES:
+        if isinstance(start, xr.Dataset | Mapping) and name in start:
+            raise ParameterError(
+                f"start.{name}: is {FORMER_NAMES[name]} now; spin is gamma_rate + theta_rate sin(beta)"
+            )
     if isinstance(start, xr.Dataset):
         return {
             str(name): _one(str(name), value)
@@ -114,11 +119,11 @@ def kernel_start(start: Mapping[str, float], parameters: Mapping[str, float]) ->
     state[N1], state[N2] = _gap_rates(start, dm, dm.l * cos(beta) * state[WB])
     theta, theta_rate = start.get("theta", 0.0), start.get("theta_rate", 0.0)
     state[WP] = theta_rate * cos(beta)
-    state[SPIN] = start.get("spin_rate", 0.0) + theta_rate * sin(beta)
+    state[SPIN] = start.get("gamma_rate", 0.0) + theta_rate * sin(beta)
     u, v = start.get("x1_rate", 0.0), start.get("y1_rate", 0.0)
     state[CA] = v * cos(theta) - u * sin(theta) + dm.p1.h * sin(beta) * state[WB]
     state[CB] = u * cos(theta) + v * sin(theta) + dm.p1.h * state[WP]
-    state[THETA], state[GAMMA] = theta, start.get("spin", 0.0)
+    state[THETA], state[GAMMA] = theta, start.get("gamma", 0.0)
     away = dm.p1.h * cos(beta)  # of ball 1 from the centre of mass, along the heading
     state[X1] = start.get("x1", start["x"] - away * sin(theta) if "x" in start else 0.0)
     state[Y1] = start.get("y1", start["y"] + away * cos(theta) if "y" in start else 0.0)

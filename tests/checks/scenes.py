@@ -10,7 +10,7 @@ from dimersweep.parameters import updated, without_effect
 from dimersweep.symbols import ENDS
 
 SCALE = np.array([0.01, 0.01, 0.01, 1, 1, 10, 0.1, 0.1, 0.1, 1, 1, 100])
-COORDINATES = ("x1", "y1", "gap_1", "theta", "beta", "spin")
+COORDINATES = ("x1", "y1", "gap_1", "theta", "beta", "gamma")
 COLUMNS = COORDINATES + tuple(f"{name}_rate" for name in COORDINATES)
 # units in which differences of two runs count, of quantities of `Run.states`
 UNITS = dict(zip(COLUMNS, SCALE.tolist(), strict=True)) | {"x": 0.01, "y": 0.01, "gap_2": 0.01, "gap_2_rate": 0.1}

@@ -155,7 +155,7 @@ def orbit_numbers(run: Any, doubles: list[Double]) -> dict[str, np.ndarray]:
             "speed": speed,
             "precession_rate": rate,
             "impact_phase": np.mod(phase, 1.0)[1:],
-            "spin_rate": np.array([one.spin for one in doubles])[1:],
+            "spin": np.array([one.spin for one in doubles])[1:],
             "beta_rate_after": np.array([one.beta_rate for one in doubles])[1:],
         }
 
@@ -173,7 +173,7 @@ def strobes_of(run: Any) -> tuple[np.ndarray, np.ndarray]:
     states = run.states(np.arange(1, run.n_periods + 1) / f)
     gaps = [states[f"gap_{end}"].values * omega**2 / g for end in (1, 2)]
     rates = [states[f"gap_{end}_rate"].values * omega / g for end in (1, 2)]
-    spin = states["spin_rate"].values + states["theta_rate"].values * np.sin(states["beta"].values)
+    spin = states["gamma_rate"].values + states["theta_rate"].values * np.sin(states["beta"].values)
     return np.column_stack([*gaps, *rates]), spin
 
 
@@ -273,7 +273,7 @@ def verdict(run: Any) -> dict[str, Any]:
         told |= {name: values[-1] for name, values in numbers.items()}
         drifting = ("radius", "period", "zeta", "speed", "precession_rate", "impact_phase")
         told |= {f"{name}_drift": slope(numbers[name]) for name in drifting}
-        told["spin_drift"] = slope(numbers["spin_rate"])
+        told["spin_drift"] = slope(numbers["spin"])
         least = NO_SLIP * run.parameters["g"] / (TURN * run.parameters["f"])
         ends = ["sk" if slip <= least else "sp" for slip in doubles[-1].slips]
         bouncer = doubles[-1].bouncer

@@ -43,7 +43,7 @@ def status_and_mode(row, periods, rtol=1e-8):
 def energy(states):
     """Energy of the base case's dimer in the frame of the plate, where gravity is taken as constant."""
     speed2 = _centre_speeds(states)
-    axial = states["spin_rate"] + states["theta_rate"] * np.sin(states["beta"])
+    axial = states["gamma_rate"] + states["theta_rate"] * np.sin(states["beta"])
     turning = states["beta_rate"] ** 2 + (states["theta_rate"] * np.cos(states["beta"])) ** 2
     height = 0.5 * (states["gap_1"] + states["gap_2"])
     return (0.5 * (M * speed2 + J_T * turning + J_A * axial**2) + M * G * height).values

@@ -219,7 +219,7 @@ class OrbitNumbers:
     speed_drift: float = _pace(speed)
     precession_rate_drift: float = _pace(precession_rate)
     impact_phase_drift: float = _pace(impact_phase)
-    spin_rate: float = _column("rad s-1", "axial spin after the double impact")
+    spin: float = _column("rad s-1", "axial spin after the double impact")
     beta_rate_after: float = _column("rad s-1", "rate of the dip angle after the double impact")
     path_radius: float = _column("m", "radius of the mean path of the centre of mass, as a camera sees it", 0)
     path_speed: float = _column("m s-1", "speed along the mean path of the centre of mass", 0)
