@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import xarray as xr
 from scipy.interpolate import CubicSpline
 
 from dimersweep import orbits, simulate
@@ -142,6 +143,45 @@ def test_what_is_beyond_a_family_is_told(family):
         orbits.family(spin=(3.0, 2.0))
     with pytest.raises(OrbitError, match="no orbit found"):
         orbits.family(spin=(10.0, 20.0), Gamma=0.5)
+
+
+def test_a_motion_comes_to_the_spin_at_which_nothing_drifts_and_keeps_it():
+    """A made-up rate, linear in the spin, which has a closed form; and one that is zero everywhere, or at the first spin."""
+    spins = np.linspace(50.0, 150.0, 21)
+
+    def made(drift):
+        same = np.ones(spins.size)
+        columns = {"spin_drift": drift, "radius": same, "period": same, "zeta": same}
+        return xr.Dataset({name: ("spin", column) for name, column in columns.items()}, coords={"spin": spins})
+
+    pulled = made(-1e-4 * (spins - 100.0))
+    rate = np.log1p(-1e-4)  # of the map s(n + 1) = s(n) + d(s(n))
+    for begin in (60.0, 90.0, 140.0):
+        for periods in (1e3, 3e4):
+            expected = 100.0 + (begin - 100.0) * np.exp(rate * periods)
+            assert orbits.later(pulled, spin=begin, periods=periods).spin == pytest.approx(expected, rel=1e-6)
+        assert orbits.later(pulled, spin=begin, periods=1e12).spin == pytest.approx(100.0, rel=1e-9)
+    assert orbits.later(pulled, spin=100.0, periods=1e6).spin == pytest.approx(100.0, rel=1e-12)
+    with pytest.raises(ParameterError, match="comes to the end of the family after"):
+        orbits.later(pulled, spin=90.0, periods=-1e5)
+    assert orbits.later(made(0.0 * spins), spin=70.0, periods=1e9).spin == 70.0
+    assert orbits.later(pulled.isel(spin=slice(None, None, -1)), spin=60.0, periods=10.0).spin > 60.0
+    for broken in (made(np.full(spins.size, np.nan)), xr.concat([pulled, pulled], "spin")):
+        with pytest.raises(ParameterError, match="needs at least 4, each spin once"):
+            orbits.later(broken, spin=60.0, periods=10.0)
+
+
+def test_from_below_and_above_motions_come_to_the_spin_that_is_kept():
+    family = orbits.family(spin=(100.0, 108.0), points=9, **MANY_WORDS)
+    assert float(family["spin_drift"][0]) > 0 > float(family["spin_drift"][-1])
+    ends = [orbits.later(family, spin=spin, periods=1e8).spin for spin in (101.0, 107.5)]
+    assert ends == pytest.approx([106.8, 106.8], abs=0.02)
+
+
+def test_a_motion_in_a_plane_stays_there():
+    family = orbits.family(spin=(0.0, 40.0), points=9)
+    later = orbits.later(family, spin=0.0, periods=1e5)
+    assert later.spin == pytest.approx(0.0, abs=1e-6)
 
 
 def test_the_edge_of_a_basin_is_the_unstable_orbit_of_the_fold():

@@ -5,14 +5,13 @@ after the other. The family is followed on the slow manifold, not on the fixed p
 """
 
 from contextlib import suppress
-from itertools import pairwise, takewhile
+from itertools import takewhile
 from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from scipy.integrate import quad
+from scipy.integrate import solve_ivp
 from scipy.interpolate import BarycentricInterpolator, CubicSpline
-from scipy.optimize import brentq
 
 from dimersweep.cubes.grid import evenly
 from dimersweep.errors import OrbitError, ParameterError
@@ -34,6 +33,10 @@ GAP = 0.02  # part of the spin over which orbits may be missing, where a word ju
 TRIES = 8  # on the way from one spin to the next
 MISSING = 1  # spins in a row that may be missing if they lie wider
 THROUGH = 3  # points of the family through which the next one is looked for
+TIGHT, SLACK = (
+    1e-12,
+    1e-9,
+)  # accuracy of the spin after many periods, and how far it may pass an end of the family, relative
 READ = ("radius", "period", "zeta")
 
 
@@ -308,9 +311,10 @@ class Later(NamedTuple):
 
 
 def later(family: xr.Dataset, *, spin: float, periods: float) -> Later:
-    """The motion some forcing periods after it had a given spin, by quadrature of the slow rate.
+    """The motion some forcing periods after it had a given spin, by integration of the slow rate.
 
-    The spin obeys s(n + 1) = s(n) + d(s(n)); the flow ds/dn = d - d d'/2 has this map to second order.
+    The spin obeys s(n + 1) = s(n) + d(s(n)); the flow ds/dn = d - d d'/2 has this map to second order. Where d falls through
+    zero as the spin grows, the motion comes to that spin and keeps it.
 
     Parameters
     ----------
@@ -338,9 +342,10 @@ def later(family: xr.Dataset, *, spin: float, periods: float) -> Later:
     4.256
     """
     spin, periods = as_number("spin", spin), as_number("periods", periods)
+    family = family.sortby("spin").isel(spin=np.isfinite(family.sortby("spin")["spin_drift"].values))
     spins = family["spin"].values
-    if spins.size < 4:
-        raise ParameterError(f"family: has {spins.size} points; needs at least 4")
+    if spins.size < 4 or (np.diff(spins) == 0).any():
+        raise ParameterError(f"family: has {np.unique(spins).size} points; needs at least 4, each spin once")
     if not spins[0] <= spin <= spins[-1]:
         raise ParameterError(f"spin = {spin:g}: the family goes from {spins[0]:g} to {spins[-1]:g} rad/s")
     at_end = _spin_after(spins, family["spin_drift"].values, spin, periods)
@@ -348,25 +353,35 @@ def later(family: xr.Dataset, *, spin: float, periods: float) -> Later:
     for name in READ:
         values = family[name].values
         known = np.isfinite(values)  # in a plane there is no circle
-        read[name] = float(CubicSpline(spins[known], values[known])(at_end))
+        read[name] = float(CubicSpline(spins[known], values[known])(at_end)) if known.sum() > 1 else float("nan")
     return Later(spin=at_end, **read)
 
 
 def _spin_after(spins: np.ndarray, drift: np.ndarray, spin: float, periods: float) -> float:
-    """The spin after some periods."""
+    """The spin after some periods; one at which nothing drifts is not passed."""
     rate = CubicSpline(spins, drift)
     flow = CubicSpline(spins, drift * (1 - rate.derivative()(spins) / 2))
 
-    def needed(to: float) -> float:
-        inner = [s for s in spins if min(spin, to) < s < max(spin, to)]
-        edges = [spin, *(inner if to > spin else inner[::-1]), to]
-        return sum(quad(lambda s: 1 / flow(s), a, b)[0] for a, b in pairwise(edges))
+    scale = float(np.abs(spins).max())
+    aside = SLACK * scale  # what drifts by rounding alone does not leave the family
 
-    falls = (flow(spin) < 0) == (periods > 0)
-    edge = float(spins[0] if falls else spins[-1])
+    def below(_: float, s: np.ndarray) -> float:
+        return float(s[0] - spins[0] + aside)
+
+    def above(_: float, s: np.ndarray) -> float:
+        return float(s[0] - spins[-1] - aside)
+
+    for event, direction in ((below, -1), (above, 1)):
+        event.terminal, event.direction = True, direction  # type: ignore[attr-defined]
     if periods == 0:
         return spin
-    most = needed(edge) if edge != spin else 0.0
-    if abs(periods) > abs(most):
-        raise ParameterError(f"periods = {periods:g}: the motion comes to the end of the family after {abs(most):.0f}")
-    return float(brentq(lambda to: needed(to) - periods, spin, edge, xtol=1e-12 * abs(spin)))
+    way = solve_ivp(
+        lambda _, s: flow(s), (0.0, periods), [spin], "LSODA", events=[below, above], rtol=TIGHT, atol=TIGHT * scale
+    )
+    if way.status == 1:
+        raise ParameterError(
+            f"periods = {periods:g}: the motion comes to the end of the family after {abs(way.t[-1]):.0f}"
+        )
+    if way.status < 0:
+        raise ParameterError(f"periods = {periods:g}: the spin cannot be followed so far ({way.message})")
+    return float(np.clip(way.y[0, -1], spins[0], spins[-1]))
