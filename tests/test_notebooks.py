@@ -1,5 +1,6 @@
 """The notebooks run, and what is stored in them is what they give."""
 
+import re
 import sys
 from pathlib import Path
 
@@ -27,7 +28,10 @@ def shown(notebook):
         if cell.cell_type == "code":
             outputs = [output for output in cell.outputs if output.get("name") != "stderr"]
             texts = [output.text if "text" in output else output.data["text/plain"] for output in outputs]
-            yield cell.source, "\n".join(texts), sum("image/png" in output.get("data", {}) for output in outputs)
+            text = re.sub(
+                r"(\bkernel +int64 8B) \d+", r"\1", "\n".join(texts)
+            )  # its version is another one after each edit
+            yield cell.source, text, sum("image/png" in output.get("data", {}) for output in outputs)
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "notebooks").glob("*.ipynb")), ids=lambda path: path.stem)
