@@ -189,12 +189,9 @@ def signed(cube: xr.Dataset, configuration: Mapping[str, Any]) -> xr.Dataset:
 
 
 def made_number(point: xr.Dataset, varied: Collection[str]) -> int:
-    """A number of the parameters and settings of a point but for those that are `varied`."""
-    told = [
-        (name, float(point[name].values))
-        for name in (*ROW, *SETTINGS)
-        if name in point.variables and name not in varied
-    ]
+    """A number of the parameters and settings of a point but for the kernel, and for those that are `varied`."""
+    names = [name for name in (*ROW, *SETTINGS) if name in point.variables and name not in (*varied, "kernel")]
+    told = [(name, float(point.variables[name].values.item())) for name in names]
     return crc32(json.dumps(told).encode())
 
 
