@@ -423,7 +423,7 @@ def branch_table():
     """A branch that turns back at Gamma = 1.2, stable before its fold; and one of another A_r, unstable."""
     Gamma = [0.8, 1.0, 1.2, 1.0, 0.8, 0.7, 0.9, 1.1]
     radius = [1.0, 2, 3, 4, 5, 10.0, 11, 12]
-    special = ["", "", "fold", "", "", "", "flip", ""]
+    special = ["", "", "fold", "", "", "", "", "flip"]
     columns = {
         "Gamma": Gamma, "radius": radius, "period": 2 * np.array(radius), "zeta": -np.array(radius), "special": special,
         "stable": [1, 1, 1, 0, 0, 0, 0, 0], "branch": [0] * 5 + [1] * 3, "A_r": [6.0] * 5 + [7.0] * 3,
@@ -454,7 +454,7 @@ def test_branches_are_solid_where_they_are_stable_and_marked_where_they_change()
             if line.get_marker() != "None" and line.get_xdata().size
         }
         np.testing.assert_array_equal(marks["s"], points[[2]])
-        np.testing.assert_array_equal(marks["D"], points[[6]])
+        np.testing.assert_array_equal(marks["D"], points[[7]])
     texts, handles = figure.axes[0].get_legend().get_texts(), figure.axes[0].get_legend().legend_handles
     told = {text.get_text(): handle for text, handle in zip(texts, handles, strict=True)}
     assert (told["stable"].get_linestyle(), told["unstable"].get_linestyle()) == ("-", "--")
