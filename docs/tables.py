@@ -38,13 +38,15 @@ SWEEPS = Path(__file__).resolve().parents[1] / "sweeps"
 MODES = {
     "not_run": "the point has not been run",
     "failed": "the run could not be finished; `status` says why",
-    "rest": "both ends stay on the plate for good; the dimer may roll or slide on, at `speed`",
+    "rest": "both ends stay on the plate and stick; the dimer lies still, or rolls on at a `speed` that does not change",
     "drift": "the motion repeats every forcing period; the raised end lands once, the other one stays down nearly all the time",
     "jump": "both ends leave the plate and land almost together",
     "flutter": "the ends take turns, with a period longer than the forcing period",
     "period_n": "any other motion that repeats after n forcing periods",
     "aperiodic": "bounded, and does not repeat",
     "unresolved": "had not settled within the periods given; ask for more",
+    "rolls": "both ends stay on the plate and stick, and `speed` changes, as down a slope; it is that at the end",
+    "slides": "both ends stay on the plate, and one or both slip; `speed` is that at the end",
 }
 WORDS = {
     "mode": MODES,
@@ -59,7 +61,7 @@ WORDS = {
         "sk_sk": "both ends stick",
     },
     "track": {
-        "none": "the motion has not settled, or rests",
+        "none": "the motion has not settled, or both ends stay down",
         "straight": "the heading has turned by less than 0.1 rad since the motion settled",
         "arc": "it has turned by more, but not by a whole turn",
         "circle": "the heading has made a whole turn; in the last one the circle's centre moved by less than 1 % of the path",

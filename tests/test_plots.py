@@ -125,11 +125,12 @@ def test_segments_show_the_length_of_each_row():
 
 
 def test_mode_map_has_one_color_and_one_legend_entry_for_each_mode():
-    modes = np.arange(len(MODES)).reshape(3, 3)
-    figure = mode_map(cube_of(modes, e=[0.4, 0.5, 0.6], Gamma=[0.8, 0.9, 1.0]))
+    modes = np.tile(np.arange(len(MODES)), (2, 1))
+    figure = mode_map(cube_of(modes, e=[0.4, 0.5], Gamma=np.linspace(0.8, 1.2, len(MODES))))
     (legend,) = figure.legends
-    words = ["rest: both ends down" if mode == "rest" else mode for mode in MODES]
-    assert [text.get_text() for text in legend.get_texts()] == [f"{word} (11.1 %)" for word in words]
+    down = {"rest": "", "rolls": ", speed changes", "slides": ", slipping"}
+    words = [f"{mode}: both ends down{down[mode]}" if mode in down else mode for mode in MODES]
+    assert [text.get_text() for text in legend.get_texts()] == [f"{word} (9.1 %)" for word in words]
     assert len({to_rgb(color) for color in MODE_COLORS.values()}) == len(MODES) == len(MODE_COLORS)
     assert (figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()) == (r"$\Gamma$", "$e$")
 

@@ -10,7 +10,7 @@ import typer
 
 from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.options import Force, in_lines, number_option, whole_option, with_parameters
-from dimersweep.kernel.model.layout import RUN_COLUMNS
+from dimersweep.kernel.model.layout import DOWN_WORDS, RUN_COLUMNS
 from dimersweep.symbols import ORBIT_NAMES, QUANTITIES, stated
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ def _print_table(run: "Run", bounds: dict[str, float]) -> None:
     repeats = f", repeats every {run.mode_period} periods" if run.mode_period > 1 else ""
     table.add_row("status", run.status if run.status == "ok" else f"{run.status}: {run.message}")
     table.add_row("mode", run.mode + repeats)
-    if run.mode == "rest":
+    if run.mode in DOWN_WORDS:
         table.add_row("both ends stay down, speed", f"{run.end_speed:.4g}", "m/s")
     if run.track != "none":
         table.add_row("track", run.track)

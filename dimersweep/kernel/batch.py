@@ -11,6 +11,7 @@ from dimersweep.kernel.mean_path import note_path
 from dimersweep.kernel.model.body import set_dimer
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import (
+    BOTH_DOWN,
     CA,
     CB,
     CODE_DI_END,
@@ -25,7 +26,6 @@ from dimersweep.kernel.model.layout import (
     M_APERIODIC,
     M_DRIFT,
     M_FAILED,
-    M_REST,
     M_UNRESOLVED,
     N_STATE,
     OK,
@@ -127,12 +127,12 @@ def run_to_verdict(dm, ask, run, record, out, codes):
     """A run from its start to its verdict; fills its outcome."""
     clear_counts(record.counts)
     status, at_rest = evolve(dm, ask, run, record)
-    mode, p, end, track = verdict(dm, run.past, at_rest, ask.periods - int(run.state[PERIOD]), out)
+    mode, p, end, track = verdict(dm, run.state, run.past, at_rest, ask.periods - int(run.state[PERIOD]), out)
     codes[CODE_STATUS], codes[CODE_MODE], codes[CODE_MODE_PERIOD], codes[CODE_DI_END] = status, mode, p, end
     codes[CODE_TRACK] = track
     codes[CODE_N_EVENTS], codes[CODE_N_PERIODS] = record.counts[EVENT_COUNT], int(run.state[PERIOD])
-    if mode == M_REST:
-        out[OUT_SPEED] = length(run.state[CA], run.state[CB])  # a dimer whose ends stay down may roll or slide on
+    if mode in BOTH_DOWN:
+        out[OUT_SPEED] = length(run.state[CA], run.state[CB])
     if status != OK:
         note_failure(status, out, codes)
 

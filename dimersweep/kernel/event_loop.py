@@ -83,7 +83,7 @@ from dimersweep.kernel.smooth_motion import (
     rests_for_good,
 )
 from dimersweep.kernel.verdict.classify import stays_as_it_is
-from dimersweep.kernel.verdict.past import S_FASTEST, SCALARS, note_impact, note_landings, note_take_offs
+from dimersweep.kernel.verdict.past import S_FASTEST, SCALARS, note_contact_modes, note_impact, note_landings
 from dimersweep.kernel.verdict.settling import note_period
 
 PAIR_COST = 6.0  # of a choice of contact for two ends, which may have to find how they set out, in hops of one end
@@ -268,7 +268,7 @@ def choose_contact(dm, ask, motion, record):
     if is_kept(record) and is_full(record):
         course.status = RECORD_FULL
         return False
-    note_take_offs(dm, motion.past, state, modes)
+    note_contact_modes(dm, motion.past, state, modes)
     return True
 
 

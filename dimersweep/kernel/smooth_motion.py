@@ -11,8 +11,8 @@ from dimersweep.kernel.flight.landing import MAX_LANDING_PROBES, next_landing
 from dimersweep.kernel.impact.impact import slip_rounding
 from dimersweep.kernel.model.body import TWO_PI, turn_of_pair
 from dimersweep.kernel.model.contact_code import coded
-from dimersweep.kernel.model.layout import D1, D2, DIP, FREE, N1, N2, PHASE, STICK
-from dimersweep.kernel.model.plate import lightest, most_along
+from dimersweep.kernel.model.layout import D1, D2, DIP, FREE, N1, N2, PHASE, STICK, THETA, WP
+from dimersweep.kernel.model.plate import keeps_speed, lightest, most_along
 from dimersweep.kernel.numerics.meter import charge
 
 SLIP_SCALE = 0.1  # slip that counts as none in contact, in units of the tolerance and g/omega
@@ -145,13 +145,15 @@ def only_grazes(dm, motion, i, phase):
 
 @compiled
 def rests_for_good(dm, motion):
-    """Whether both ends stick for good: the rod lies still, or rolls straight on or as a cone, and friction and plate hold it
-    at every moment of the cycle.
+    """Whether both ends stick for good: the rod lies still, or rolls on at its speed, straight or as a cone, and friction and
+    plate hold it at every moment of the cycle.
 
     Its forces are linear in gravity and in the acceleration along the plate, so that they are judged at the worst of both.
     """
     modes, y, lightest_g = motion.modes, motion.contact, lightest(dm)
     if modes[0] != STICK or modes[1] != STICK or lightest_g < 0.0:
+        return False
+    if not keeps_speed(dm, motion.state[THETA], motion.state[WP]):
         return False
     contact_state(dm, motion.state, 0, y)
     clear_slip(dm, modes, y)

@@ -8,13 +8,14 @@ from matplotlib import colormaps
 from matplotlib.figure import Figure
 
 from dimersweep.errors import ParameterError
+from dimersweep.kernel.model.layout import DOWN_WORDS
 from dimersweep.plots.style import MODE_COLORS, Drawing, entitle, mark, title
 
 MOST_NAMED = 18  # attractors that the legend has room for
 ONE_LINE = 0.01  # of the axis: borders of a kind that are drawn as one
 ONE_LABEL = 0.03  # and borders that share a label
 FLAT_LABELS = 3  # so many have room side by side, more stand upright
-NOT_REPEATING = ("rest", "aperiodic", "unresolved", "failed")  # modes that are one attractor each
+NOT_REPEATING = (*DOWN_WORDS, "aperiodic", "unresolved", "failed")  # modes that are one attractor each
 
 
 def attractor_colors(data: xr.Dataset) -> list[Any]:

@@ -32,8 +32,14 @@ MODE_COLORS = {
     "period_n": "#cc79a7",
     "aperiodic": "#d55e00",
     "unresolved": "#c4bba3",
+    "rolls": "#56b4e9",
+    "slides": "#882255",
 }
-MODE_LABELS = {word: word for word in MODE_COLORS} | {"rest": "rest: both ends down"}  # it may roll on
+MODE_LABELS = {word: word for word in MODE_COLORS} | {
+    "rest": "rest: both ends down",  # it may roll on
+    "rolls": "rolls: both ends down, speed changes",
+    "slides": "slides: both ends down, slipping",
+}
 ROW_COLORS = ("#1f4fd8", "#d62728", "#000000", "#009e73", "#cc79a7", "#e69f00")  # the paper's three first
 WAYS = tuple(f"going {word}" for word in DIRECTIONS)  # along the last axis, of cubes whose state was carried
 WAY_MARKERS = (">", "<")

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.cubes.cube import names
-from dimersweep.kernel.model.layout import M_REST
+from dimersweep.kernel.model.layout import DOWN_WORDS, MODES
 from dimersweep.plots.style import MODE_COLORS, fixed_of, percent
 from dimersweep.symbols import PARAMETERS, QUANTITIES, conditions, symbol, units_shown, value_shown
 
@@ -31,7 +31,7 @@ def run_table(run: "Run") -> str:
         for name in SHOWN_OF_ORBIT:
             value = f"{getattr(run.orbit, name):.6g} {units_shown(QUANTITIES[name].units)}"
             rows.append((name.replace("_", " "), value))
-    elif run.mode == "rest":
+    elif run.mode in DOWN_WORDS:
         rows.append(("both ends stay down", f"the centre of mass moves at {run.end_speed:.3g} m/s"))
     repeats = f", repeats every {run.mode_period} periods" if run.mode_period > 1 else ""
     return _table(f"Run: {_badge(run.mode)}{escape(repeats)}", rows)
@@ -52,15 +52,15 @@ def cube_table(cube: xr.Dataset) -> str:
     rows.append(("fixed", conditions(*fixed_of(cube), PARAMETERS)))
     words, counts = np.unique(names(mode).values, return_counts=True)
     for k in np.argsort(-counts, kind="stable"):
-        rows.append((str(words[k]), f"{counts[k]} ({percent(counts[k] / mode.size)})" + _rest(cube, str(words[k]))))
+        rows.append((str(words[k]), f"{counts[k]} ({percent(counts[k] / mode.size)})" + _speeds(cube, str(words[k]))))
     return _table(title_as_html(cube), rows)
 
 
-def _rest(cube: xr.Dataset, word: str) -> str:
-    """What the mode rest means in a cube: how fast the dimer rolls or slides on."""
-    if word != "rest":
+def _speeds(cube: xr.Dataset, word: str) -> str:
+    """What a mode of ends that stay down means in a cube: how fast the dimer rolls or slides on."""
+    if word not in DOWN_WORDS:
         return ""
-    speeds = cube["speed"].values[(cube["mode"].values == M_REST) & np.isfinite(cube["speed"].values)]
+    speeds = cube["speed"].values[(cube["mode"].values == MODES.index(word)) & np.isfinite(cube["speed"].values)]
     moves = f", the centre of mass moves at {speeds.min():.3g} to {speeds.max():.3g} m/s" if speeds.size else ""
     return f": both ends stay down{moves}"
 

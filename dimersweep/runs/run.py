@@ -17,6 +17,7 @@ from dimersweep.kernel.model.layout import (
     CODE_STATUS,
     CODE_WORDS,
     CODES,
+    DOWN_WORDS,
     ORBIT_COLUMNS,
     OUT,
     PERIOD,
@@ -47,12 +48,13 @@ class Run(RunNumbers):
     status, message : str
         "ok", or the name of the reason why the run stopped early; that reason in words.
     mode : str
-        What the motion became: rest, drift, jump, flutter, period_n, aperiodic, unresolved or, without "ok", failed.
+        What the motion became: rest, rolls, slides, drift, jump, flutter, period_n, aperiodic, unresolved or, without "ok",
+        failed.
     mode_period : int
         Forcing periods after which it repeats, 0 if it does not.
     track : str
         What a settled motion draws on the plate: straight, arc, circle, loops, waves, cusps or reversals
-        (docs/imperfect.md); none if it has not settled, or rests.
+        (docs/imperfect.md); none if it has not settled, or both ends stay down.
     parameters : dict
         Every parameter of the model; those that may be left out (`symbols.LEFT_OUT`) where they were not.
     start : dict or None
@@ -68,8 +70,9 @@ class Run(RunNumbers):
     orbit : Orbit or None
         None unless the mode is drift.
     down_share_1, down_share_2 : float
-        Share of the last (at most 12) periods that each end is down [1]: closed, or in hops shorter than half a period. A
-        longer flight, or one that goes on at the end, counts from the start of those periods on.
+        Share of the last 12 periods (or the multiple of the motion's period below, at least one) that each end is down [1]:
+        closed, or in hops shorter than half a period. A hop that goes on at the end is as long as that one period of the motion
+        before; of a longer flight what lies within those periods counts.
     settled_after : float
         Forcing periods until the motion had settled; NaN if it has not.
     spin_drift : float
@@ -77,12 +80,13 @@ class Run(RunNumbers):
         [rad s-1]; NaN if it has not settled. Of a drift it is that after the double impact, fitted over the last 20 periods;
         else that at the ends of the periods, over the last 24 or the multiple of the motion's period below.
     longest_hop_1, longest_hop_2 : float
-        Longest time that each end is off the plate at once, of the hops that ended in the last (at most 12) periods or go
-        on at the end [forcing periods]. From 0.5 on a ball counts as flying.
+        Longest time that each end is off the plate at once, of the hops that ended in those periods or go on at the
+        end [forcing periods]. From 0.5 on a ball counts as flying.
     change_ahead : float
         Of a run that stopped before the periods asked for: the largest change that its numbers would still make in the
-        others, extrapolated; 0 of a run that made them all. It is relative of the orbit's radius, period, speed,
-        precession rate and spin, and absolute of zeta [rad], impact phase [cycles] and the longest hops [forcing periods].
+        others, extrapolated; 0 of a run that made them all, or rests. It is relative of the orbit's radius, period, speed,
+        precession rate, of the spin of any motion, and of the angle that its heading turns by where that is more than 1 rad; it
+        is absolute of zeta [rad], impact phase [cycles] and the longest hops [forcing periods].
     centre_velocity_x, centre_velocity_y : float
         Velocity of the circle's centre relative to the plate [m/s]: the displacement from a heading to the same heading, over
         the last whole turn, by its time. 0 on a level plate; NaN where no whole turn was made since the motion settled, or
@@ -115,7 +119,7 @@ class Run(RunNumbers):
     def __repr__(self) -> str:
         circle = f"radius {self.orbit.radius:.4g} m" if self.orbit and not isnan(self.orbit.radius) else "straight"
         orbit = f", {circle}, zeta {self.orbit.zeta:.4g} rad" if self.orbit else ""
-        rest = f", both ends down at {self.end_speed:.3g} m/s" if self.mode == "rest" else ""
+        rest = f", both ends down at {self.end_speed:.3g} m/s" if self.mode in DOWN_WORDS else ""
         kept = "" if self._record else ", not recorded"
         kept += ", record cut" if self.record_cut else ""
         return f"<Run: {self.status}, {self.mode}{orbit}{rest}, {self.n_periods} periods, {self.n_events} events{kept}>"
@@ -139,7 +143,7 @@ class Run(RunNumbers):
 
     @property
     def end_speed(self) -> float:
-        """Speed of the centre of mass over the floor at the end [m/s]: a dimer at rest on the plate may roll or slide on.
+        """Speed of the centre of mass over the floor at the end [m/s]: a dimer whose ends stay down may roll or slide on.
 
         Examples
         --------

@@ -21,13 +21,13 @@ from dimersweep.errors import ParameterError
 from dimersweep.inputs import RTOL_RANGE
 from dimersweep.kernel.batch import Workspace
 from dimersweep.kernel.model.layout import (
+    BOTH_DOWN,
     CODE_MODE,
     CODE_N_PERIODS,
     M_DRIFT,
     M_FLUTTER,
     M_JUMP,
     M_PERIOD_N,
-    M_REST,
     N_ORBIT,
     OUT_SETTLED_AFTER,
     ROW,
@@ -48,7 +48,7 @@ NUDGE = 1e-4  # change of the start over rtol: far below the error of the run, f
 SAFETY = 10.0  # bound over difference: two runs can be alike by chance
 LEAST_ERROR = 1e-12  # what no number is known better than, in its scale
 CERTAIN, UNSURE, CHANGED = 1, 2, 3  # codes of ``cube.FLAGS["confidence"]``
-SETTLED_MODES = (M_REST, M_DRIFT, M_JUMP, M_FLUTTER, M_PERIOD_N)
+SETTLED_MODES = (*BOTH_DOWN, M_DRIFT, M_JUMP, M_FLUTTER, M_PERIOD_N)
 ORBIT = tuple(range(N_ORBIT))
 _BY_UNIT = {"m": 0.01, "m s-1": 0.1, "rad": 1.0, "rad s-1": 1.0}
 ERROR_SCALES = {

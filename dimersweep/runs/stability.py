@@ -11,7 +11,7 @@ import numpy as np
 
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_count
-from dimersweep.kernel.model.layout import FREE, N_STATE
+from dimersweep.kernel.model.layout import DOWN_WORDS, FREE, N_STATE
 from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES
 from dimersweep.parameters import check_level
 from dimersweep.runs.period_map import NAMES, Section, free_coordinates
@@ -279,7 +279,7 @@ def _way_on(run: Run, periods: int, wanted: str) -> _Way:
     before = SETTLING + periods // SHARE
     longer = run.go_on(before + periods)
     record, _, _ = _end(longer, wanted)
-    settled = run.mode_period > 0 or run.mode == "rest"
+    settled = run.mode_period > 0 or run.mode in DOWN_WORDS
     rows = record.segments[period_rows(record.segments)][run.n_periods :]
     if not settled and longer.settled_after > run.n_periods:
         rows = rows[: int(longer.settled_after) - run.n_periods + 1]

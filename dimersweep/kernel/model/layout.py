@@ -144,8 +144,13 @@ STATUS_MESSAGES = (
 )
 
 # --- modes of motion ------------------------------------------------------------------------------------------------
-MODES = ("not_run", "failed", "rest", "drift", "jump", "flutter", "period_n", "aperiodic", "unresolved")
+MODES = (
+    "not_run", "failed", "rest", "drift", "jump", "flutter", "period_n", "aperiodic", "unresolved", "rolls", "slides",
+)  # fmt: skip
 M_NOT_RUN, M_FAILED, M_REST, M_DRIFT, M_JUMP, M_FLUTTER, M_PERIOD_N, M_APERIODIC, M_UNRESOLVED = range(9)
+M_ROLLS, M_SLIDES = range(9, len(MODES))
+BOTH_DOWN = (M_REST, M_ROLLS, M_SLIDES)  # both ends stay on the plate
+DOWN_WORDS = tuple(MODES[mode] for mode in BOTH_DOWN)
 
 # --- how the double impact ends -------------------------------------------------------------------------------------
 DI_ENDS = ("none", "sp_sp", "sp_sk", "sk_sp", "sk_sk")
@@ -194,6 +199,9 @@ def _column(units: str, long_name: str, least: float = -inf, most: float = inf) 
     return field(default=nan, metadata={"quantity": Quantity(units, long_name, least, most)})
 
 
+_LAST = "the last (at most 16) periods"
+
+
 def _pace(column: Any) -> Any:
     quantity = column.metadata["quantity"]
     return _column(quantity.units, f"change per forcing period: {quantity.long_name}")
@@ -201,14 +209,14 @@ def _pace(column: Any) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class OrbitNumbers:
-    """Columns of every cube, and numbers of the orbit of a drift; the speed also of a dimer at rest."""
+    """Columns of every cube, and numbers of the orbit of a drift; the speed also of a dimer whose ends stay down."""
 
     radius: float = _column("m", "equivalent radius (11): speed over precession rate; the path's is path_radius", 0)
     period: float = _column("s", "period of the orbit (12), and of its path", 0)
     zeta: float = _column("rad", "angle from the axis p1-p2 to the velocity at the end of the double impact", 0, pi)
     speed: float = _column(
         "m s-1",
-        "speed of the centre of mass: of a drift at the end of the double impact, of rest at the end of the run",
+        "speed of the centre of mass: at the end of the double impact; of ends that stay down, at the end of the run",
         0,
     )
     precession_rate: float = _column("rad s-1", "mean precession rate over the last forcing period")
@@ -229,14 +237,14 @@ class OrbitNumbers:
 class RunNumbers:
     """Columns of every cube, and numbers of every run."""
 
-    down_share_1: float = _column("1", "share of the last (at most 12) periods that p1 is down", 0, 1)
-    down_share_2: float = _column("1", "share of the last (at most 12) periods that p2 is down", 0, 1)
+    down_share_1: float = _column("1", f"share of {_LAST} that p1 is down", 0, 1)
+    down_share_2: float = _column("1", f"share of {_LAST} that p2 is down", 0, 1)
     settled_after: float = _column("1", "forcing periods until the motion had settled", 0)
     spin_drift: float = _column(
         "rad s-1", "change per forcing period: axial spin (of a drift: after the double impact)"
     )
-    longest_hop_1: float = _column("1", "longest hop of p1 in the last (at most 12) periods, in forcing periods", 0)
-    longest_hop_2: float = _column("1", "longest hop of p2 in the last (at most 12) periods, in forcing periods", 0)
+    longest_hop_1: float = _column("1", f"longest hop of p1 in {_LAST}, in forcing periods", 0)
+    longest_hop_2: float = _column("1", f"longest hop of p2 in {_LAST}, in forcing periods", 0)
     change_ahead: float = _column(
         "1", "largest change left out: that of the numbers in the periods that were not run, extrapolated", 0
     )

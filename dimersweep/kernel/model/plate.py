@@ -21,6 +21,7 @@ from dimersweep.kernel.model.layout import ROW_PHI0, ROW_PHI_2
 from dimersweep.kernel.numerics.sincos import TWO_PI, one_minus_cos, sincos, x_minus_sin
 
 CREST_PHASES, CLIMBS = 16, 60  # phases from the best of which the crest is climbed, and steps of that
+STEADY = 1e-9  # acceleration across the heading, in g, that counts as none
 CREST_EXCESS = 1e-9  # excess of the bound on a crest over its height, over the sum of both harmonics
 
 
@@ -113,6 +114,22 @@ def acceleration_along(dm, phase, theta):
 def most_along(dm):
     """Bound of that acceleration, in any direction [m s-2]."""
     return sqrt((abs(dm.fall_x) + abs(dm.G_x)) ** 2 + (abs(dm.fall_y) + abs(dm.G_y)) ** 2)
+
+
+@compiled
+def keeps_speed(dm, theta, w_p):
+    """Whether a dimer that rolls on both ends has the same speed after each cycle, w_p being its rate of turning (WP).
+
+    The plate must not fall across the heading. Where the ends are unlike the dimer rolls as a cone does, so that its heading
+    must not change, either.
+    """
+    if dm.sideways == 0.0:
+        return True
+    sin_t, cos_t = sincos(theta)
+    fall = abs(dm.fall_x * cos_t + dm.fall_y * sin_t)
+    if dm.p1.r != dm.p2.r:
+        fall += abs(dm.G_x * cos_t) + abs(dm.G_y * sin_t) + abs(w_p) * dm.v_scale
+    return fall <= STEADY * dm.g
 
 
 @compiled

@@ -15,6 +15,8 @@ from dimersweep.kernel.model.layout import (
     M_JUMP,
     M_PERIOD_N,
     M_REST,
+    M_ROLLS,
+    M_SLIDES,
     M_UNRESOLVED,
     N_ORBIT,
     N_OUT,
@@ -32,8 +34,11 @@ from dimersweep.kernel.model.layout import (
     OUT_SPIN_DRIFT,
     OUT_SPIN_RATE,
     OUT_ZETA,
+    THETA,
     TR_NONE,
+    WP,
 )
+from dimersweep.kernel.model.plate import keeps_speed
 from dimersweep.kernel.verdict.past import (
     DE_END,
     DE_PHASE,
@@ -57,6 +62,7 @@ from dimersweep.kernel.verdict.past import (
     RUNS,
     S_CLOSED,
     S_DOUBLES,
+    S_HELD,
     S_LANDINGS,
     S_STROBES,
     SCALARS,
@@ -70,6 +76,7 @@ DOWN_LINE = 0.9  # share of the time one ball is down in the drift mode
 TOGETHER = 0.15  # landings of a jump lie closer than this
 FIT = 20  # double events in the fit of an orbit's drift
 SPAN = 12  # last periods, over which the shares of contact and the longest hops are taken
+STAYS = 3.0  # periods for which both ends have been down where they stay down
 STILL = 8e-4  # change of its numbers, relative, in radians, cycles or periods, that a stopped run leaves out at most
 SLOW_SPEED, STRAIGHT = 1e-2, 1e-9  # speed in g/omega, precession in omega: changes of lesser ones are relative to these
 
@@ -110,11 +117,25 @@ def longest_landed(dm, past, span, back, i):
 
 
 @compiled
-def mode_of(dm, past, at_rest):
-    """Mode of the motion and its period in forcing periods (0 where it has none)."""
+def stays_down(past):
+    """Whether both ends have been on the plate for some periods."""
+    return past[SCALARS, S_CLOSED] >= STAYS
+
+
+@compiled
+def mode_on_the_plate(dm, state, past, at_rest):
+    """Mode of a motion whose ends both stay down."""
+    if at_rest:
+        return M_REST
+    if past[SCALARS, S_HELD] < STAYS:
+        return M_SLIDES
+    return M_REST if keeps_speed(dm, state[THETA], state[WP]) else M_ROLLS
+
+
+@compiled
+def mode_of(dm, past):
+    """Mode of a motion whose ends do not both stay down, and its period in forcing periods (0 where it has none)."""
     count = int(past[SCALARS, S_STROBES])
-    if at_rest or past[SCALARS, S_CLOSED] >= 3.0:
-        return M_REST, 0
     p = settled_period(past)
     if p == 0:
         p = ringing_period(past)
@@ -229,9 +250,12 @@ def orbit_of(past, out):
 def stays_as_it_is(dm, past, left):
     """Whether the motion has settled, and its numbers stand as they are for the periods that are left of a run.
 
-    Where they go with the heading, their pace of now says nothing of the turn to come.
+    Where they go with the heading, their pace of now says nothing of the turn to come. Where both ends stay down, and do not
+    rest, the speed changes.
     """
-    return dm.sideways == 0.0 and settled_period(past) > 0 and change_ahead(dm, past, left) <= STILL
+    if dm.sideways != 0.0 or stays_down(past):
+        return False
+    return settled_period(past) > 0 and change_ahead(dm, past, left) <= STILL
 
 
 @compiled
@@ -241,8 +265,10 @@ def change_ahead(dm, past, left):
     Relative of the radius, period, speed, precession rate and spin of a drift; absolute of its angle [rad] and phase
     [cycles]; of any motion absolute of its longest hops [periods].
     """
-    mode, p = mode_of(dm, past, False)
-    if p == 0 or left == 0:
+    if left == 0 or stays_down(past):
+        return 0.0
+    mode, p = mode_of(dm, past)
+    if p == 0:
         return 0.0
     pace = max(hop_pace(dm, past, p, 0), hop_pace(dm, past, p, 1))
     if mode == M_DRIFT:
@@ -273,14 +299,18 @@ def hop_pace(dm, past, p, i):
 
 
 @compiled
-def verdict(dm, past, at_rest, left, out):
+def verdict(dm, state, past, at_rest, left, out):
     """Mode, its period, the end of the double impact, and the track; fills the outcome row (nan where a number has no meaning).
 
     A run that rests does so for the periods that are left of it, too: both ends are down in them.
     """
     for k in range(N_OUT):
         out[k] = nan
-    mode, p = mode_of(dm, past, at_rest)
+    mode, p = M_UNRESOLVED, 0
+    if at_rest or stays_down(past):
+        mode = mode_on_the_plate(dm, state, past, at_rest)
+    else:
+        mode, p = mode_of(dm, past)
     rest = left if at_rest else 0
     span = min(int(past[SCALARS, S_STROBES]) + rest - 1, SPAN)
     moved = max(0, span - rest)

@@ -25,7 +25,9 @@ from dimersweep.kernel.model.layout import (
     N2,
     PERIOD,
     PHASE,
+    SLIP,
     SPIN,
+    STICK,
     THETA,
     WB,
 )
@@ -44,6 +46,7 @@ PAST_ROWS, PAST_COLUMNS = 3 + 3 * RING, 24
 # scalars
 S_OFF_1, S_OFF_2, S_DOWN_1, S_DOWN_2, S_DOUBLES, S_LANDINGS, S_STROBES, S_CLOSED, S_HOP_1, S_HOP_2 = range(10)
 S_FASTEST = 10  # greatest speed in the plate's frame so far [m/s], by which an impact is slow
+S_HELD = 11  # for how many periods both ends have stuck
 RUNS = 1  # this row holds, in column p, for how many periods the motion has repeated with period p
 # columns of a strobe
 P_D1, P_D2, P_N1, P_N2, P_SPIN, P_DOWN_1, P_DOWN_2, P_DOUBLES, P_TIME, P_OFF_1, P_OFF_2, P_HOP_1, P_HOP_2, P_HEADING = (
@@ -70,9 +73,11 @@ def begin_past(past):
 
 
 @compiled
-def note_take_offs(dm, past, state, modes):
-    """Note the ends that are off the plate from now on."""
+def note_contact_modes(dm, past, state, modes):
+    """Note the ends that slip or are off the plate from now on."""
     for i in range(2):
+        if modes[i] == SLIP:
+            past[SCALARS, S_HELD] = -1.0
         if modes[i] == FREE:
             past[SCALARS, S_CLOSED] = -1.0
             if past[SCALARS, S_OFF_1 + i] < 0.0:
@@ -208,3 +213,4 @@ def note_strobe(dm, state, modes, past):
     scalars[S_HOP_1] = scalars[S_HOP_2] = 0.0
     scalars[S_STROBES] += 1.0
     scalars[S_CLOSED] = scalars[S_CLOSED] + 1.0 if modes[0] != FREE and modes[1] != FREE else 0.0
+    scalars[S_HELD] = scalars[S_HELD] + 1.0 if modes[0] == STICK and modes[1] == STICK else 0.0
