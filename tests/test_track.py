@@ -40,7 +40,7 @@ def test_the_velocity_of_the_centre_of_a_cycloid_is_exact(pace, centre_velocity)
 
 
 def word(z, heading):
-    kind, _, _ = track_of(followed(z, heading), STEP, 0)
+    kind, _, _ = track_of(followed(z, heading), 0.0)
     return TRACKS[kind]
 
 
@@ -156,6 +156,16 @@ def test_on_a_level_plate_the_centre_stands():
     assert np.isnan(short.centre_velocity_x)
     assert simulate(xdot0=0.0, periods=100, record=False).track == "straight"
     assert simulate(Gamma=0.5, periods=100, record=False).track == "none"
+
+
+@pytest.mark.parametrize("scene", [{}, {"f": 30.0, "xdot0": 3.0}, {"Gamma": 1.2, "beta0": 0.8, "xdot0": 0.5}], ids=str)
+@pytest.mark.parametrize("periods", [80, 300, 1000])
+def test_the_track_of_a_stopped_run_is_that_of_the_whole_one(periods, scene):
+    whole, stopped = (
+        simulate(**scene, periods=periods, record=False, stop_when_settled=settle) for settle in (False, True)
+    )
+    assert stopped.n_periods < periods
+    assert (stopped.mode, stopped.track) == (whole.mode, whole.track)
 
 
 def test_a_cube_tells_the_velocity_of_the_centre():

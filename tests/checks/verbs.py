@@ -66,8 +66,8 @@ def follow_track(row, time, x, y, heading, no_speed):
 
 
 @compiled
-def track_of(row, period, left):
-    return track.track_of(row, period, left)
+def track_of(row, ahead):
+    return track.track_of(row, ahead)
 
 
 @compiled

@@ -57,6 +57,7 @@ from dimersweep.kernel.verdict.past import (
     P_DOWN_1,
     P_HOP_1,
     P_OFF_1,
+    P_THETA,
     P_TIME,
     RING,
     RUNS,
@@ -96,6 +97,12 @@ def share(past, p, i):
     first = past[STROBES + (count - 1 - p) % RING]
     down = (down_until(last, i) - down_until(first, i)) / (last[P_TIME] - first[P_TIME])
     return max(0.0, min(1.0, down))  # but for rounding it is
+
+
+@compiled
+def whole(p):
+    """The last SPAN periods, or as many as are whole periods p of the motion, at least one."""
+    return p * max(1, SPAN // p) if p > 0 else SPAN
 
 
 @compiled
@@ -292,6 +299,15 @@ def relative_pace(past, k, n, least):
 
 
 @compiled
+def heading_pace(past, p):
+    """Turning of the heading per forcing period over the last periods of a motion of period p, and its change [rad]."""
+    last, span = int(past[SCALARS, S_STROBES]) - 1, whole(p)
+    now, old = past[STROBES + last % RING, P_THETA], past[STROBES + (last - span) % RING, P_THETA]
+    turn, turn_before = now - old, old - past[STROBES + (last - 2 * span) % RING, P_THETA]
+    return turn / span, (turn - turn_before) / (span * span)
+
+
+@compiled
 def hop_pace(dm, past, p, i):
     """Change of the longest hop of end i per forcing period over the last periods of a motion of period p [periods]."""
     span = p * (SETTLED_PERIODS // p)
@@ -323,7 +339,8 @@ def verdict(dm, state, past, at_rest, left, out):
     out[OUT_CHANGE_AHEAD] = change_ahead(dm, past, left)
     track = TR_NONE
     if p > 0:
-        track, out[OUT_CENTRE_VELOCITY_X], out[OUT_CENTRE_VELOCITY_Y] = track_of(past[TRACK_ROW], dm.period, left)
+        turn, _ = heading_pace(past, p)
+        track, out[OUT_CENTRE_VELOCITY_X], out[OUT_CENTRE_VELOCITY_Y] = track_of(past[TRACK_ROW], left * turn)
         out[OUT_SETTLED_AFTER] = past[SCALARS, S_STROBES] - past[RUNS, p]
         out[OUT_SPIN_DRIFT] = spin_drift(dm, past, p)
     end = orbit_of(past, out) if mode == M_DRIFT else 0

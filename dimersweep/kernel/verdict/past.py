@@ -49,9 +49,8 @@ S_FASTEST = 10  # greatest speed in the plate's frame so far [m/s], by which an 
 S_HELD = 11  # for how many periods both ends have stuck
 RUNS = 1  # this row holds, in column p, for how many periods the motion has repeated with period p
 # columns of a strobe
-P_D1, P_D2, P_N1, P_N2, P_SPIN, P_DOWN_1, P_DOWN_2, P_DOUBLES, P_TIME, P_OFF_1, P_OFF_2, P_HOP_1, P_HOP_2, P_HEADING = (
-    range(14)
-)
+P_D1, P_D2, P_N1, P_N2, P_SPIN, P_DOWN_1, P_DOWN_2, P_DOUBLES, P_TIME, P_OFF_1, P_OFF_2, P_HOP_1, P_HOP_2 = range(13)
+P_HEADING, P_THETA = 13, 14  # the heading where it counts, and in any case
 N_NORMAL = P_N2 + 1  # those up to here are the normal state, which a motion repeats
 # columns of a double event
 DE_TIME, DE_PHASE, DE_SPEED, DE_ZETA, DE_THETA, DE_SPIN, DE_WB, DE_END, DE_BOUNCER = range(9)
@@ -204,6 +203,7 @@ def note_strobe(dm, state, modes, past):
     row[P_D1], row[P_D2] = state[D1] / length, state[D2] / length
     row[P_N1], row[P_N2] = state[N1] / speed, state[N2] / speed
     row[P_SPIN] = extent(dm)[0] * state[SPIN] / speed
+    row[P_THETA] = state[THETA]
     row[P_HEADING] = state[THETA] if dm.sideways != 0.0 else 0.0  # else it is of no consequence
     row[P_DOWN_1], row[P_DOWN_2] = scalars[S_DOWN_1], scalars[S_DOWN_2]
     row[P_DOUBLES] = scalars[S_DOUBLES]

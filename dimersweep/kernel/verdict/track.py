@@ -155,22 +155,23 @@ def centre_velocity(took, x, y, turned, step_took, step_x, step_y, step):
 
 
 @compiled
-def track_of(row, period, left):
+def track_of(row, ahead):
     """What a track is, and the velocity of the circle's centre over the last whole turn; see `layout.TRACKS`.
 
-    Where no turn was made, the heading goes on at its mean pace for the periods that are `left` of a run that stopped before:
-    only on a level plate does a run that turns do so, and there the centre stands.
+    The heading turns by the angle `ahead` [rad] in the periods that are left of a run that stopped before: only on a level
+    plate does a run that turns do so, and there the centre stands.
     """
     if row[T_BEGUN] == 0.0:
         return TR_NONE, nan, nan
-    kind, u_x, u_y = int(row[T_KIND]), row[T_U_X], row[T_U_Y]
-    if kind != TR_NONE:
-        return kind, u_x, u_y
-    turned, took = row[T_FAR], row[T_LAST_TIME] - row[T_TIME]
-    if took > 0.0:
-        turned *= 1.0 + left * period / took
+    turned, far = row[T_LAST_HEADING] - row[T_HEADING] + ahead, row[T_FAR]
     if abs(turned) >= TWO_PI:
         return TR_CIRCLE, 0.0, 0.0
+    if abs(turned) > abs(far):
+        far = turned
+    if abs(far) > TURNED_BACK and abs(far - turned) > TURNED_BACK:
+        return TR_REVERSALS, nan, nan
+    if row[T_KIND] != TR_NONE:
+        return int(row[T_KIND]), row[T_U_X], row[T_U_Y]
     if row[T_CUSP] != 0.0:
         return TR_CUSPS, nan, nan
-    return TR_ARC if abs(turned) > TURNED_BACK else TR_STRAIGHT, nan, nan
+    return TR_ARC if abs(far) > TURNED_BACK else TR_STRAIGHT, nan, nan
