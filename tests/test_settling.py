@@ -1,17 +1,11 @@
 """Settled means that the fast part has settled: a motion whose spin creeps has its mode, and the creep beside it."""
 
-from typing import NamedTuple
-
 import numpy as np
 import pytest
 
 import dimersweep
 from dimersweep import orbits, simulate
-from dimersweep.cubes.cube import blank, names
-from dimersweep.kernel.batch import run_many
-from dimersweep.kernel.model.layout import CODES, M_DRIFT, M_REST, OUT
-from dimersweep.parameters import fill_rows
-from dimersweep.symbols import BASE
+from dimersweep.cubes.cube import names
 
 pytestmark = pytest.mark.jit
 CREEPING = [{"A_r": 5.0, "beta0": 0.3386, "xdot0": xdot0} for xdot0 in (2.5, 3.0)]
@@ -192,45 +186,6 @@ STRAIGHTENS = {  # its mode stands after 117 periods; its path bends less and le
     "rho_b": 4861.9,
     "D_r": 7.157e-3,
 }
-DRIFTING = {  # mu_s is given over mu, D_r over r
-    "r": (2e-3, 10e-3),
-    "A_r": (4.0, 8.0),
-    "f": (12.0, 70.0),
-    "e": (0.45, 0.85),
-    "mu": (0.03, 0.35),
-    "mu_s": (1.0, 4.0),
-    "Gamma": (0.5, 1.3),
-    "phi0": (0.0, 6.28),
-    "beta0": (0.05, 1.5),
-    "xdot0": (-3.0, 3.0),
-    "rho_r": (300.0, 3000.0),
-    "rho_b": (1000.0, 8000.0),
-    "D_r": (0.2, 1.0),
-}
-
-
-class Outcomes(NamedTuple):
-    """Numbers and codes of runs, by the names of the kernel."""
-
-    out: dict
-    codes: dict
-
-
-def outcomes(rows, settle):
-    out, codes = blank(len(rows))
-    run_many(rows, 300, 1e-8, settle, out, codes)
-    return Outcomes(dict(zip(OUT, out.T, strict=True)), dict(zip(CODES, codes.T, strict=True)))
-
-
-@pytest.fixture(scope="module")
-def both_ways():
-    """Random runs to where they stop, and to their last period."""
-    rng, n = np.random.default_rng(7), 900
-    columns = {name: rng.uniform(*ends, n) for name, ends in DRIFTING.items()}
-    columns["mu_s"] *= columns["mu"]
-    columns["D_r"] *= columns["r"]
-    rows = fill_rows(BASE | columns, n)
-    return outcomes(rows, True), outcomes(rows, False)
 
 
 def test_a_path_that_bends_less_and_less_is_followed_until_its_radius_stands():
@@ -244,46 +199,6 @@ def test_a_path_that_bends_less_and_less_is_followed_until_its_radius_stands():
     assert stopped.n_periods < 300
     assert full.change_ahead == 0.0
     assert 0.0 < stopped.change_ahead < WITHIN
-
-
-def test_the_numbers_of_a_stopped_drift_are_those_of_the_periods_asked_for(both_ways):
-    stopped, full = both_ways
-    drifts = (stopped.codes["mode"] == M_DRIFT) & (full.codes["mode"] == M_DRIFT)
-    assert drifts.sum() > 137
-    assert np.median(stopped.codes["n_periods"][drifts]) < 120
-    for name in ("radius", "period", "speed", "precession_rate", "spin"):
-        np.testing.assert_allclose(stopped.out[name][drifts], full.out[name][drifts], rtol=WITHIN, err_msg=name)
-    for name in ("zeta", "impact_phase", "longest_hop_1", "longest_hop_2"):
-        apart = np.abs(stopped.out[name][drifts] - full.out[name][drifts])
-        assert apart.max() < WITHIN, name
-
-
-def test_modes_of_stopped_runs_hardly_ever_differ_from_those_of_the_periods_asked_for(both_ways):
-    stopped, full = both_ways
-    differ = stopped.codes["mode"] != full.codes["mode"]
-    assert differ.sum() <= 2  # of 900: five of 4,000 do (docs/stopping.md)
-
-
-def test_what_a_stopped_run_leaves_out_is_told(both_ways):
-    stopped, full = both_ways
-    made_all = stopped.codes["n_periods"] == 300
-    told = stopped.out["change_ahead"]
-    assert (told[made_all] == 0).all()
-    assert (told[~made_all] < WITHIN).all()
-    assert (full.out["change_ahead"] == 0).all()
-    drifts = (stopped.codes["mode"] == M_DRIFT) & (full.codes["mode"] == M_DRIFT) & ~made_all
-    for name in ("radius", "period", "speed", "spin"):
-        apart = np.abs(stopped.out[name][drifts] / full.out[name][drifts] - 1.0)
-        assert (apart <= 1.2 * told[drifts] + 1e-6).all(), name
-
-
-def test_a_run_that_rests_does_so_in_the_periods_that_are_not_made(both_ways):
-    stopped, full = both_ways
-    rests = (stopped.codes["mode"] == M_REST) & (full.codes["mode"] == M_REST)
-    assert rests.sum() > 100
-    assert stopped.codes["n_periods"][rests].mean() < 50
-    for name in ("down_share_1", "down_share_2", "longest_hop_1", "longest_hop_2"):
-        np.testing.assert_allclose(stopped.out[name][rests], full.out[name][rests], atol=1e-12, err_msg=name)
 
 
 @pytest.mark.parametrize("Gamma", np.linspace(0.3, 0.7, 5))

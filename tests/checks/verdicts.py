@@ -77,9 +77,14 @@ def hops_of(found: Sequence[Moment]) -> tuple[list[Hop], list[Hop]]:
     return hops
 
 
-def share_down(hops: list[Hop], last: int, over: int) -> float:
-    """Share of the last periods that an end is down: not in a hop of half a period or more, nor in one that goes on."""
+def share_down(hops: list[Hop], last: int, over: int, p: int) -> float:
+    """Share of the last periods that an end is down: not in a hop of half a period or more.
+
+    One that goes on is as long as the one a period p before, or long if p is 0.
+    """
     long = [hop for hop in hops if hop.end - hop.begin >= LONG]
+    if p and not any(hop.begin < last - p < hop.end for hop in long):
+        long = [hop for hop in long if hop.end < np.inf]
     off = [min(hop.end, last) - max(hop.begin, last - over) for hop in long]
     return 1 - sum(max(0.0, time) for time in off) / over
 
@@ -230,11 +235,16 @@ class Course:
         return any(self.runs[k, q] >= p or self.worst(q, k, p) < 0.99 * self.worst(q, k - WINDOW, p) for q in divisors)
 
 
+def told_over(p: int) -> int:
+    """Periods over which shares and hops of a motion of period p are told."""
+    return p * max(1, TOLD // p) if p else TOLD
+
+
 def mode_of(p: int, last: int, hops: tuple[list[Hop], list[Hop]], doubles: Sequence[Double]) -> str:
     """Name of a motion of period p."""
-    span = p * max(1, 12 // p)
+    span = told_over(p)
     doubles = [one for one in doubles if last - span < one.time <= last]
-    down = [share_down(hops[i], last, span) for i in (0, 1)]
+    down = [share_down(hops[i], last, span, p) for i in (0, 1)]
     if p == 1 and len(doubles) == span and max(down) >= 0.9 and min(down) <= 0.5:
         return "drift"
     landings = sorted((hop.end, i, hop.end - hop.begin) for i in (0, 1) for hop in hops[i])
@@ -253,15 +263,15 @@ def verdict(run: Any) -> dict[str, Any]:
     hops = hops_of(found)
     doubles = doubles_of(run, found, hops)
     told: dict[str, Any] = {}
-    over = min(n - 1, TOLD)
-    for i in (0, 1):
-        told[f"down_share_{i + 1}"] = share_down(hops[i], n, over)
-        told[f"longest_hop_{i + 1}"] = longest_hop(hops[i], n, over)
     x, spin = strobes_of(run)
     r = max(run.parameters.get(name, 0.0) for name in ("r", "r_1", "r_2"))
     course = Course(x, r * spin * TURN * run.parameters["f"] / run.parameters["g"])
     p = course.period()
     told["mode_period"] = p
+    over = min(n - 1, told_over(p))
+    for i in (0, 1):
+        told[f"down_share_{i + 1}"] = share_down(hops[i], n, over, p)
+        told[f"longest_hop_{i + 1}"] = longest_hop(hops[i], n, over)
     if p == 0:
         return told
     told["settled_after"] = n - int(course.runs[n - 1, p])

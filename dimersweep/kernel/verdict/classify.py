@@ -8,7 +8,6 @@ their pace over the last ones: so they are those at the end of the periods asked
 from math import copysign, nan, pi
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.model.body import extent
 from dimersweep.kernel.model.layout import (
     M_DRIFT,
     M_FLUTTER,
@@ -57,6 +56,7 @@ from dimersweep.kernel.verdict.past import (
     P_DOWN_1,
     P_HOP_1,
     P_OFF_1,
+    P_SPIN,
     P_THETA,
     P_TIME,
     RING,
@@ -83,25 +83,29 @@ SLOW_SPEED, STRAIGHT = 1e-2, 1e-9  # speed in g/omega, precession in omega: chan
 
 
 @compiled
-def down_until(strobe, i):
-    """Time that end i has been down by a strobe [s], up to a constant; a flight that goes on then counts as a long one."""
-    off = strobe[P_OFF_1 + i]
+def down_until(strobe, i, off):
+    """Time that end i has been down by a strobe [s], up to a constant; a flight that goes on since `off` (or not: < 0) is
+    a long one.
+    """
     return strobe[P_TIME] + strobe[P_DOWN_1 + i] - (strobe[P_TIME] - off if off >= 0.0 else 0.0)
 
 
 @compiled
-def share(past, p, i):
-    """Share of the last p periods that end i is down, in [0, 1]: of a flight, the part within them is not."""
-    count = int(past[SCALARS, S_STROBES])
-    last = past[STROBES + (count - 1) % RING]
-    first = past[STROBES + (count - 1 - p) % RING]
-    down = (down_until(last, i) - down_until(first, i)) / (last[P_TIME] - first[P_TIME])
-    return max(0.0, min(1.0, down))  # but for rounding it is
+def share(past, span, p, i):
+    """Share of the last periods that end i is down, in [0, 1]: of a flight, the part within them is not.
+
+    One that goes on at their end is as long as that which went on a period p of the motion before; a long one if p is 0.
+    """
+    last = int(past[SCALARS, S_STROBES]) - 1
+    row, old = past[STROBES + last % RING], past[STROBES + (last - span) % RING]
+    off, goes_on = row[P_OFF_1 + i], past[STROBES + (last - p) % RING, P_OFF_1 + i] >= 0.0
+    down = down_until(row, i, off if goes_on else -1.0) - down_until(old, i, old[P_OFF_1 + i])
+    return max(0.0, min(1.0, down / (row[P_TIME] - old[P_TIME])))  # but for rounding it is
 
 
 @compiled
 def whole(p):
-    """The last SPAN periods, or as many as are whole periods p of the motion, at least one."""
+    """The last periods whose shares and hops are told: SPAN, or as many as are whole periods p of the motion, at least one."""
     return p * max(1, SPAN // p) if p > 0 else SPAN
 
 
@@ -148,8 +152,8 @@ def mode_of(dm, past):
         p = ringing_period(past)
     if p == 0:
         return M_UNRESOLVED, 0
-    span = p * max(1, 12 // p)
-    down_1, down_2 = share(past, span, 0), share(past, span, 1)
+    span = whole(p)
+    down_1, down_2 = share(past, span, p, 0), share(past, span, p, 1)
     doubles = past[STROBES + (count - 1) % RING, P_DOUBLES] - past[STROBES + (count - 1 - span) % RING, P_DOUBLES]
     if p == 1 and doubles == span and max(down_1, down_2) >= DOWN_LINE and min(down_1, down_2) <= 0.5:
         return M_DRIFT, 1
@@ -269,21 +273,22 @@ def stays_as_it_is(dm, past, left):
 def change_ahead(dm, past, left):
     """Largest change of a settled motion's numbers in the periods that are left, at their pace over the last ones.
 
-    Relative of the radius, period, speed, precession rate and spin of a drift; absolute of its angle [rad] and phase
-    [cycles]; of any motion absolute of its longest hops [periods].
+    Relative of the radius, period, speed and precession rate of a drift; absolute of its angle [rad] and phase [cycles]; of
+    any motion relative of its spin, absolute of its longest hops [periods] and of the angle that its heading turns by [rad],
+    or relative to that where it is more than one.
     """
-    if left == 0 or stays_down(past):
-        return 0.0
     mode, p = mode_of(dm, past)
-    if p == 0:
+    if p == 0 or left == 0:
         return 0.0
     pace = max(hop_pace(dm, past, p, 0), hop_pace(dm, past, p, 1))
+    pace = max(pace, spin_pace(past, p))
+    turn, bend = heading_pace(past, p)
+    pace = max(pace, 0.5 * left * abs(bend) / max(1.0, left * abs(turn)))
     if mode == M_DRIFT:
         n, unit = fitted(past), dm.g / dm.omega
         turning = relative_pace(past, OUT_PRECESSION_RATE, n, STRAIGHT * dm.omega)
         moving = relative_pace(past, OUT_SPEED, n, SLOW_SPEED * unit)
         pace = max(pace, abs(turning), abs(moving), abs(moving - turning))  # of the period, the speed and the radius
-        pace = max(pace, abs(relative_pace(past, OUT_SPIN_RATE, n, unit / extent(dm)[0])))
         pace = max(pace, abs(orbit_slope(past, OUT_IMPACT_PHASE, n)))
         angle = abs(orbit_slope(past, OUT_ZETA, n))
         if angle > pace:  # a dimer that stands has none
@@ -296,6 +301,14 @@ def relative_pace(past, k, n, least):
     """Slope of value k of the orbit over the last n double events, relative to the value, or to the least that counts."""
     value = orbit_value(past, k, 0)
     return orbit_slope(past, k, n) / copysign(max(abs(value), least), value)
+
+
+@compiled
+def spin_pace(past, p):
+    """Change of the spin per forcing period over the last periods of a motion of period p, relative to it or to g/(omega r)."""
+    last, span = int(past[SCALARS, S_STROBES]) - 1, p * (SETTLED_PERIODS // p)
+    spin, old = past[STROBES + last % RING, P_SPIN], past[STROBES + (last - span) % RING, P_SPIN]
+    return abs(spin - old) / span / max(abs(spin), 1.0)
 
 
 @compiled
@@ -328,15 +341,15 @@ def verdict(dm, state, past, at_rest, left, out):
     else:
         mode, p = mode_of(dm, past)
     rest = left if at_rest else 0
-    span = min(int(past[SCALARS, S_STROBES]) + rest - 1, SPAN)
+    span = min(int(past[SCALARS, S_STROBES]) + rest - 1, whole(p))
     moved = max(0, span - rest)
     for i in range(2):
         if moved > 0:
-            out[OUT_DOWN_SHARE_1 + i] = (moved * share(past, moved, i) + (span - moved)) / span
+            out[OUT_DOWN_SHARE_1 + i] = (moved * share(past, moved, p, i) + (span - moved)) / span
             out[OUT_LONGEST_HOP_1 + i] = longest_hop(dm, past, moved, i)
         elif span > 0:
             out[OUT_DOWN_SHARE_1 + i], out[OUT_LONGEST_HOP_1 + i] = 1.0, 0.0
-    out[OUT_CHANGE_AHEAD] = change_ahead(dm, past, left)
+    out[OUT_CHANGE_AHEAD] = change_ahead(dm, past, left) if p > 0 else 0.0
     track = TR_NONE
     if p > 0:
         turn, _ = heading_pace(past, p)
