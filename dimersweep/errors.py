@@ -21,6 +21,10 @@ class ParameterError(UserError, ValueError):
     """
 
 
+class AbsentError(ParameterError, AttributeError):
+    """What was asked of something that a run does not have: with what it has instead."""
+
+
 class OrbitError(UserError, RuntimeError):
     """An orbit, a branch or a border that was not found: with what was tried."""
 

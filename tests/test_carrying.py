@@ -79,7 +79,7 @@ def test_each_run_starts_where_the_one_before_it_has_ended(both, word):
         run = simulate(Gamma=value, periods=100, stop_when_settled=True, **start)
         point = line.sel(Gamma=value)
         assert (run.mode, run.n_periods) == (names(point["mode"]).item(), point["n_periods"].item())
-        if run.orbit is not None:
+        if run.orbit:
             assert point["radius"].item() == pytest.approx(run.orbit.radius, rel=1e-6)
             assert point["spin"].item() == pytest.approx(run.orbit.spin, rel=1e-9)
 
@@ -120,7 +120,7 @@ def test_the_run_behind_a_point(both):
             run, point = both.dimersweep.run(**where), both.dimersweep.at(**where)
             assert (run.n_events, run.n_periods) == (point["n_events"].item(), point["n_periods"].item())
             assert run.mode == names(point["mode"]).item()
-            if run.orbit is not None:
+            if run.orbit:
                 assert run.orbit.radius == point["radius"].item()  # the same bits
             assert (run.start is None) == (value == GAMMA[0 if word == "up" else -1])
     again = simulate(start=run.start, Gamma=value, periods=20) if run.start else None

@@ -128,7 +128,7 @@ def test_the_ball_that_bounces_has_the_energy_of_one_period(lab):
 def test_the_growth_of_the_radius_is_that_of_a_run():
     orbit = orbits.find(A_r=5, spin=200)
     run = orbit.run(40)
-    assert run.orbit is not None
+    assert run.orbit
     assert growth(orbit) == pytest.approx(run.orbit.radius_drift / run.orbit.radius, rel=0.05)
 
 

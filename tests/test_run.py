@@ -1,5 +1,6 @@
 """One run as labelled data: closed forms, invariants of the record, sampling at any time, and the reference runs."""
 
+import copy
 import dataclasses
 import json
 import os
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 import dimersweep
-from dimersweep import simulate
+from dimersweep import load_run, simulate
 from dimersweep.cubes.cube import names
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.contact_code import CONTACT_STATES
@@ -438,7 +439,7 @@ def test_reference_orbits(name):
 def test_every_number_of_a_cube_is_one_of_the_run_there_and_of_its_file(tmp_path):
     point = dimersweep.sweep({"Gamma": [0.9]}, periods=60, progress=False).isel(Gamma=0)
     run = simulate(periods=60, stop_when_settled=True)
-    for each in (run, dimersweep.load_run(run.save(tmp_path / "run.nc"))):
+    for each in (run, dimersweep.load_run(run.save(tmp_path / "run.nc", force=True))):
         numbers = dataclasses.asdict(each.orbit) | vars(each)
         np.testing.assert_equal({name: numbers[name] for name in OUT}, {name: point[name].item() for name in OUT})
 
@@ -456,3 +457,18 @@ def test_a_straight_path_has_no_circle():
     for name in ("radius", "period", "radius_drift", "period_drift"):
         assert np.isnan(getattr(run.orbit, name)), name
     assert repr(run).startswith("<Run: ok, drift, straight, zeta 1.571 rad, ")
+
+
+@pytest.mark.parametrize(("given", "mode"), [({"Gamma": 0.5}, "rest"), ({"Gamma": 1.5}, None), ({"e": 0.3}, None)])
+def test_an_orbit_that_is_none_says_which_mode_there_is(given, mode, tmp_path):
+    run = simulate(**given, periods=100)
+    mode = run.mode if mode is None else mode
+    assert run.mode == mode != "drift"
+    for again in (run, copy.deepcopy(run), load_run(run.save(tmp_path / "run.nc", force=True))):
+        assert not again.orbit
+        assert again.orbit == run.orbit
+        assert not hasattr(again.orbit, "radius")
+        for name in ("radius", "period", "di_end"):
+            with pytest.raises(ParameterError, match=f"{name}: the motion is {mode}, and only a drift has an orbit"):
+                getattr(again.orbit, name)
+    assert mode in repr(run.orbit)

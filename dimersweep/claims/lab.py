@@ -11,7 +11,8 @@ from dimersweep import orbits
 from dimersweep.errors import OrbitError
 from dimersweep.kernel.model.layout import M_DRIFT, M_NOT_RUN
 from dimersweep.orbits.orbit import PeriodicOrbit
-from dimersweep.runs.run import Orbit, Run
+from dimersweep.runs.outcome import Absent, Orbit
+from dimersweep.runs.run import Run
 from dimersweep.runs.simulating import simulate
 from dimersweep.studies.search import search
 from dimersweep.studies.sweep import sweep
@@ -39,7 +40,7 @@ def drift_orbit(run: Run) -> Orbit:
     RuntimeError
         If it does not.
     """
-    if run.orbit is None:
+    if isinstance(run.orbit, Absent):
         raise RuntimeError(f"{run!r} was expected to drift")
     return run.orbit
 

@@ -322,7 +322,7 @@ def _studied(lab: Lab, changed: dict[str, Any]) -> Studied | None:
     if cube["mode"].item() != M_DRIFT:
         return None
     run = simulate(**(given | {"f": f, "beta0": cube["beta0"].item()}), periods=lab.late)
-    if run.orbit is None:
+    if not run.orbit:
         return None
     rolls = state_shares(run).get("SC1_sk", 0.0)
     return Studied(run.orbit.radius, run.orbit.di_end, rolls, float(np.rad2deg(cube["beta0"].item())))

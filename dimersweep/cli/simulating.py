@@ -11,6 +11,7 @@ import typer
 from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.options import Force, in_lines, number_option, whole_option, with_parameters
 from dimersweep.kernel.model.layout import DOWN_WORDS, RUN_COLUMNS
+from dimersweep.runs.outcome import Absent
 from dimersweep.symbols import ORBIT_NAMES, QUANTITIES, stated
 
 if TYPE_CHECKING:
@@ -85,7 +86,7 @@ def _as_dict(run: "Run") -> dict[str, Any]:
         "parameters": stated(run.parameters),
         **{name: getattr(run, name) for name in names},
         **{name: None if isnan(value) else value for name, value in numbers.items()},
-        "orbit": run.orbit and asdict(run.orbit),
+        "orbit": None if isinstance(run.orbit, Absent) else asdict(run.orbit),
     }
 
 
@@ -114,7 +115,7 @@ def _print_table(run: "Run", bounds: dict[str, float]) -> None:
     table.add_row("events", str(run.n_events))
     for name, bound in bounds.items():
         table.add_row(name.replace("_", " "), f"below {bound:.1e}", "s" if "time" in name else "1")
-    if run.orbit is not None:
+    if run.orbit:
         table.add_section()
         for name in ORBIT_NAMES:
             value, drift = getattr(run.orbit, name), getattr(run.orbit, f"{name}_drift")

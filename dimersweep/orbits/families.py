@@ -33,10 +33,8 @@ GAP = 0.02  # part of the spin over which orbits may be missing, where a word ju
 TRIES = 8  # on the way from one spin to the next
 MISSING = 1  # spins in a row that may be missing if they lie wider
 THROUGH = 3  # points of the family through which the next one is looked for
-TIGHT, SLACK = (
-    1e-12,
-    1e-9,
-)  # accuracy of the spin after many periods, and how far it may pass an end of the family, relative
+TIGHT = 1e-12  # accuracy of the spin after many periods, relative
+SLACK = 1e-7  # of the greatest spin, by which rounding may lead over an end of the family
 READ = ("radius", "period", "zeta")
 
 

@@ -27,7 +27,7 @@ def run_table(run: "Run") -> str:
     ]
     if run.status != "ok":
         rows.append(("status", f"{run.status}: {run.message}"))
-    if run.orbit is not None:
+    if run.orbit:
         for name in SHOWN_OF_ORBIT:
             value = f"{getattr(run.orbit, name):.6g} {units_shown(QUANTITIES[name].units)}"
             rows.append((name.replace("_", " "), value))

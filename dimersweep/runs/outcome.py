@@ -2,8 +2,43 @@
 
 from dataclasses import dataclass
 from math import nan
+from typing import Any
 
+from dimersweep.errors import AbsentError
 from dimersweep.kernel.model.layout import OrbitNumbers
+
+
+class Absent:
+    """In place of what a run does not have: false, and whatever is asked of it says why.
+
+    Parameters
+    ----------
+    why : str
+        In one line, what there is instead.
+    """
+
+    def __init__(self, why: str) -> None:
+        self._why = why
+
+    def __bool__(self) -> bool:
+        return False
+
+    def __eq__(self, other: object) -> bool:
+        return other is None or (isinstance(other, Absent) and other._why == self._why)
+
+    def __hash__(self) -> int:
+        return hash(self._why)
+
+    def __repr__(self) -> str:
+        return f"<none: {self._why}>"
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)  # asked by Python itself, as in a copy
+        raise AbsentError(f"{name}: {self._why}")
+
+    def __getitem__(self, name: Any) -> Any:
+        raise AbsentError(f"{name}: {self._why}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,3 +83,8 @@ class Orbit(OrbitNumbers):
 
     di_end: str
     spin_drift: float = nan
+
+
+def no_orbit(mode: str) -> Absent:
+    """What stands in place of the orbit of a motion that is no drift."""
+    return Absent(f"the motion is {mode}, and only a drift has an orbit")

@@ -26,7 +26,7 @@ from dimersweep.kernel.model.layout import (
     RunNumbers,
 )
 from dimersweep.parameters import Parameters
-from dimersweep.runs.outcome import Orbit
+from dimersweep.runs.outcome import Absent, Orbit, no_orbit
 from dimersweep.runs.recorded import RunRecord, events_of, states_of
 from dimersweep.runs.solving import RunEnd, Solved, check_recorded, go_on, speed_at
 from dimersweep.symbols import CAPTION, START, conditions
@@ -67,8 +67,8 @@ class Run(RunNumbers):
         rows: none for a landing, one for each contact state of an impact, and those of its cause "chatter_end" and "end".
     n_periods : int
         Completed forcing periods.
-    orbit : Orbit or None
-        None unless the mode is drift.
+    orbit : Orbit or Absent
+        Of a drift. Of other modes it is false, and whatever is asked of it says in a line which mode there is.
     down_share_1, down_share_2 : float
         Share of the last 12 periods (or the multiple of the motion's period below, at least one) that each end is down [1]:
         closed, or in hops shorter than half a period. A hop that goes on at the end is as long as that one period of the motion
@@ -111,7 +111,7 @@ class Run(RunNumbers):
     rtol: float
     n_events: int
     n_periods: int
-    orbit: Orbit | None
+    orbit: Orbit | Absent
     start: dict[str, float] | None = None
     _record: RunRecord | None = field(default=None)
     _end: RunEnd | None = field(default=None)
@@ -533,7 +533,9 @@ def as_run(parameters: dict[str, float], rtol: float, solved: Solved, start: dic
         parameters=parameters,
         start=start,
         rtol=rtol,
-        orbit=Orbit(di_end=di_end, **{name: out[name] for name in of_orbit}) if code["mode"] == "drift" else None,
+        orbit=Orbit(di_end=di_end, **{name: out[name] for name in of_orbit})
+        if code["mode"] == "drift"
+        else no_orbit(code["mode"]),
         **code,
         **{name: out[name] for name in RUN_COLUMNS},
         _record=solved.record,

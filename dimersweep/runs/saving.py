@@ -18,6 +18,7 @@ from dimersweep.kernel.model.layout import CODES, RUN_COLUMNS
 from dimersweep.kernel.record import N_EVENT, N_SEGMENT
 from dimersweep.kernel.verdict.past import PAST_COLUMNS, PAST_ROWS
 from dimersweep.parameters import Parameters, updated
+from dimersweep.runs.outcome import Absent
 from dimersweep.runs.recorded import RunRecord
 from dimersweep.runs.solving import RunEnd
 from dimersweep.storage.cubefiles import write_cube
@@ -80,7 +81,7 @@ def _configuration(run: "Run") -> dict[str, Any]:
         "start": run.start,
         "rtol": run.rtol,
         "outcome": {name: getattr(run, name) for name in ("message", *CODES, *RUN_COLUMNS) if name != "di_end"},
-        "orbit": run.orbit and asdict(run.orbit),
+        "orbit": None if isinstance(run.orbit, Absent) else asdict(run.orbit),
         "record_cut": run._record is not None and run._record.cut,
         "kernel_version": kernel_version(),
     }
@@ -146,7 +147,7 @@ def _check_rows(rows: Mapping[str, np.ndarray]) -> None:
 
 def _as_run(configuration: dict[str, Any], rows: dict[str, np.ndarray]) -> "Run":
     """A run, from its configuration and the rows of the kernel."""
-    from dimersweep.runs.run import Orbit, Run
+    from dimersweep.runs.run import Orbit, Run, no_orbit
 
     parameters = updated(configuration["parameters"], {})  # earlier versions wrote e beside e_1 and e_2
     start, orbit = configuration["start"], configuration["orbit"]  # and called gamma spin, and spin spin_rate
@@ -157,7 +158,7 @@ def _as_run(configuration: dict[str, Any], rows: dict[str, np.ndarray]) -> "Run"
         parameters=parameters,
         start=start,
         rtol=float(configuration["rtol"]),
-        orbit=orbit,
+        orbit=orbit or no_orbit(configuration["outcome"]["mode"]),
         **configuration["outcome"],
         _record=RunRecord(row, rows["event_rows"], rows["segment_rows"], configuration["record_cut"])
         if recorded
