@@ -13,7 +13,7 @@ from dimersweep.orbits.ball import ball_flip, ball_fold
 from dimersweep.parameters import dimer_from
 from dimersweep.runs.run import Run
 
-STEADY = 1e-6  # growth of the radius a period that is none: a spiral of Fig. 10 shrinks by 1.7e-6
+NO_GROWTH = 1e-6  # growth of the radius a period that is none: a spiral of Fig. 10 shrinks by 1.7e-6
 
 
 def drifting(cube: xr.Dataset, name: str) -> np.ndarray:
@@ -292,7 +292,7 @@ def no_outward_spiral(lab: Lab) -> Finding:
         known = (cube["mode"].values == M_DRIFT) & np.isfinite(cube["growth"].values)
         change.extend(cube["growth"].values[known])
         losing.extend(cube["spin_drift"].values[known] < 0)
-    grows = np.array(change) > STEADY
+    grows = np.array(change) > NO_GROWTH
     value = f"{grows.sum()} of {grows.size} orbits grow, the fastest by {max(change):.1e} of R a period"
     lose, gain = (int((grows & (np.array(losing) == way)).sum()) for way in (True, False))
     reason = (

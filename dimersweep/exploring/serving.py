@@ -7,7 +7,7 @@ import xarray as xr
 
 from dimersweep.errors import StoreError
 
-CLOSED = ("WebSocketClosedError", "StreamClosedError")
+GONE_PAGE = ("WebSocketClosedError", "StreamClosedError")
 
 
 def _panel() -> Any:
@@ -28,7 +28,7 @@ def _panel() -> Any:
 def _of_an_open_page(record: logging.LogRecord) -> bool:
     """Whether a line of the server's log is worth reading: that a page was closed while it was drawn is not."""
     error = record.exc_info[0] if record.exc_info else None
-    return not (error and error.__name__ in CLOSED) and "connection was closed" not in record.getMessage()
+    return not (error and error.__name__ in GONE_PAGE) and "connection was closed" not in record.getMessage()
 
 
 def explore(cube: xr.Dataset) -> Any:

@@ -29,12 +29,12 @@ from dimersweep.orbits.specials import JOINED
 
 FAMILY_REACH = 0.05  # distance from where the family leads, in units of the section
 BRANCH_POINTS = 60  # of a branch from one spin to the next, where Newton's method does not get there at once
-GAP = 0.02  # part of the spin over which orbits may be missing, where a word just changes
+MISSING_OVER = 0.02  # part of the spin over which orbits may be missing, where a word just changes
 TRIES = 8  # on the way from one spin to the next
 MISSING = 1  # spins in a row that may be missing if they lie wider
 THROUGH = 3  # points of the family through which the next one is looked for
-TIGHT = 1e-12  # accuracy of the spin after many periods, relative
-SLACK = 1e-7  # of the greatest spin, by which rounding may lead over an end of the family
+SPIN_RTOL = 1e-12  # accuracy of the spin after many periods, relative
+OVER_THE_END = 1e-7  # of the greatest spin, by which rounding may lead over an end of the family
 READ = ("radius", "period", "zeta")
 
 
@@ -198,7 +198,7 @@ def _next(last: list[Seen], spin: float, leaps: bool) -> Seen:
 
 def _near(a: float, b: float) -> bool:
     """Whether orbits may be missing from one spin to the other."""
-    return abs(a - b) <= GAP * abs(b)
+    return abs(a - b) <= MISSING_OVER * abs(b)
 
 
 def _step_or_run(last: list[Seen], spin: float, most: float) -> Seen:
@@ -361,7 +361,7 @@ def _spin_after(spins: np.ndarray, drift: np.ndarray, spin: float, periods: floa
     flow = CubicSpline(spins, drift * (1 - rate.derivative()(spins) / 2))
 
     scale = float(np.abs(spins).max())
-    aside = SLACK * scale  # what drifts by rounding alone does not leave the family
+    aside = OVER_THE_END * scale  # what drifts by rounding alone does not leave the family
 
     def below(_: float, s: np.ndarray) -> float:
         return float(s[0] - spins[0] + aside)
@@ -374,7 +374,13 @@ def _spin_after(spins: np.ndarray, drift: np.ndarray, spin: float, periods: floa
     if periods == 0:
         return spin
     way = solve_ivp(
-        lambda _, s: flow(s), (0.0, periods), [spin], "LSODA", events=[below, above], rtol=TIGHT, atol=TIGHT * scale
+        lambda _, s: flow(s),
+        (0.0, periods),
+        [spin],
+        "LSODA",
+        events=[below, above],
+        rtol=SPIN_RTOL,
+        atol=SPIN_RTOL * scale,
     )
     if way.status == 1:
         raise ParameterError(

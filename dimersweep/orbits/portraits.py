@@ -16,7 +16,7 @@ import numpy as np
 from dimersweep.kernel.model.contact_code import code_of, digits_of
 from dimersweep.kernel.model.layout import D1, D2, N_STATE, PHASE, SPIN, THETA
 from dimersweep.kernel.record import E_AFTER, E_BEFORE, E_KIND
-from dimersweep.orbits.families import GAP, Seen, seen_at, walk
+from dimersweep.orbits.families import MISSING_OVER, Seen, seen_at, walk
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.passage import TURN, Passage
 from dimersweep.orbits.poincare import ReturnMap, Tape
@@ -28,7 +28,7 @@ VIEWS = TURN * np.arange(8) / 8  # phases of the plate at which the gaps are tak
 ALIKE_WITHIN = 0.02  # places at the same spin that are one, in units of g/omega^2
 SPIN_SLACK = 0.01  # of the spin, by which a motion may lie beyond the family that was followed
 REPEATS_WITHIN = 1e-3  # places in two periods of the plate that are one, in the same units
-BENT = 0.2  # place of a family beside its interpolation at most, in the same units
+MOST_BENT = 0.2  # place of a family beside its interpolation at most, in the same units
 CARRIED_TO = 9  # spins at which the orbits of a family are found; between them its place is interpolated
 
 
@@ -192,7 +192,7 @@ class Carried:
         here = portrait_of_orbit(orbit, mirrors)
         known = [(seen_at(orbit.fixed.map, orbit.creep), here)]
         least, greatest = min(here.spin, *spins), max(here.spin, *spins)
-        grid = np.linspace(least - GAP * abs(least), greatest + GAP * abs(greatest), CARRIED_TO)
+        grid = np.linspace(least - MISSING_OVER * abs(least), greatest + MISSING_OVER * abs(greatest), CARRIED_TO)
         for part in (grid[grid < here.spin][::-1], grid[grid > here.spin]):
             known += self._followed(*known[0], part)
         known.sort(key=lambda one: one[1].spin)
@@ -232,7 +232,7 @@ class Carried:
         """
         here = self.at(motion.spin)
         far = float("inf") if here is None else apart(here, motion, self.mirrors)
-        if ALIKE_WITHIN <= far < BENT:
+        if ALIKE_WITHIN <= far < MOST_BENT:
             beside = np.argsort([abs(view.spin - motion.spin) for view in self.views])[:2]
             for k in beside:
                 there = self._followed(self.seen[k], self.views[k], np.array([motion.spin]))

@@ -15,7 +15,7 @@ from dimersweep.symbols import PARAMETERS, SETTINGS
 from dimersweep.work.tiles import RunSettings
 
 AS_MADE = "take the point from the cube as it was made"
-LOST = f"the point has lost it (where it was dropped, renamed, or put together with others); {AS_MADE}"
+LOST_HERE = f"the point has lost it (where it was dropped, renamed, or put together with others); {AS_MADE}"
 
 
 class Line(NamedTuple):
@@ -102,7 +102,7 @@ def _parameters_at(point: xr.Dataset) -> dict[str, float]:
         if given and {*told} - given:
             raise ParameterError(f"{min({*told} - given)}: comes from another cube than this point; {AS_MADE}")
     if lost:
-        raise ParameterError(f"{lost[0]}: {LOST}")
+        raise ParameterError(f"{lost[0]}: {LOST_HERE}")
     _value(point, "mode")
     if "made_with" in point:
         varied = point["made_with"].attrs.get("varied", "").split()
@@ -144,17 +144,17 @@ def _settings_of(point: xr.Dataset) -> dict[str, float]:
         try:
             return settings_in(_configuration(point))
         except KeyError as error:
-            raise ParameterError(f"{error.args[0]}: {LOST}") from None
+            raise ParameterError(f"{error.args[0]}: {LOST_HERE}") from None
     for name in SETTINGS:
         if name not in point.variables and (name != "line" or "direction" in point.variables):
-            raise ParameterError(f"{name}: {LOST}")
+            raise ParameterError(f"{name}: {LOST_HERE}")
     return {name: _value(point, name) for name in SETTINGS if name in point.variables}
 
 
 def _line_of(point: xr.Dataset, parameters: dict[str, float], number: float) -> Line:
     """The line along which a state was carried to a point."""
     if "direction" not in point.variables:
-        raise ParameterError(f"direction: {LOST}")
+        raise ParameterError(f"direction: {LOST_HERE}")
     known = _configuration(point)
     if "direction" not in known.get("grid", {}) or line_number(known) != number:
         raise ParameterError(

@@ -22,7 +22,7 @@ from dimersweep.runs.recorded import RunRecord, times_of
 from dimersweep.symbols import EVENT_QUANTITIES, WORKS
 
 By = Literal["period", "event"]
-ROUNDING = 100 * np.finfo(float).eps  # share of the energy below which nothing is said to flow
+NO_FLOW = 100 * np.finfo(float).eps  # share of the energy below which nothing is said to flow
 BETWEEN = "motion"  # cause of a row that is no impact
 
 
@@ -62,7 +62,7 @@ def energy_of(record: RunRecord, rtol: float, parameters: dict[str, float], by: 
     periods = joined(segments[:-1, PERIOD], events[rows, E_PERIOD]).astype(int)
     changes = np.abs(parts_at_starts - parts_at_starts[:, :1]).max()
     greatest = max(_greatest_way(smooth, flows, struck), changes)
-    moves = greatest > ROUNDING * np.abs(parts_at_starts).max()
+    moves = greatest > NO_FLOW * np.abs(parts_at_starts).max()
     attributes = {
         "closure": float(np.abs(np.cumsum(residual)).max() / greatest) if moves else 0.0,
         "closure_long_name": (

@@ -18,13 +18,10 @@ from dimersweep.kernel.model.layout import CA, CB, D1, D2, DIP, FREE, N1, N2, N_
 from dimersweep.runs.period_map import Section, free_coordinates
 
 N_PLACE, N_MOST = 10, 8  # coordinates of a place, and how many changes matter where both ends are in the air
-STEP, FINER, STEPS = (
-    1e-3,
-    4.0,
-    8,
-)  # of differences: the greatest one, by how much the next is less, and how many there are
+# of differences: the greatest step, by how much the next one is less, and how many are tried at most
+STEP, FINER_STEP, STEPS_TRIED = 1e-3, 4.0, 8
 GOOD = 1e-8  # change of a derivative with the next step, over its size, below which no further step is tried
-SAFETY = 10.0  # bound on an error over that change: two can be alike by chance
+BY_CHANCE = 10.0  # bound on an error over that change: two can be alike by chance
 
 
 class Tangents:
@@ -121,7 +118,7 @@ class Tangents:
         pairs = [self._derivative(place, modes, direction) for direction in directions]
         scale = _density(image) / _density(place) if len(directions) == N_MOST else 1.0
         columns = _less_turn(np.array([column for column, _ in pairs]).T, image)
-        return scale * columns, SAFETY * scale * np.array([error for _, error in pairs])
+        return scale * columns, BY_CHANCE * scale * np.array([error for _, error in pairs])
 
     def _derivative(self, place: np.ndarray, modes: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, float]:
         """The derivative of the map in a direction, and its change with the step, the least of all.
@@ -130,11 +127,11 @@ class Tangents:
         """
         best, least, step = np.zeros(N_PLACE), np.inf, STEP
         coarse = before = None
-        for _ in range(STEPS):
+        for _ in range(STEPS_TRIED):
             ahead, back = (self.after(self.state(place + by * direction, modes)) for by in (step, -step))
-            fine, step = (ahead - back) / (2 * step), step / FINER
+            fine, step = (ahead - back) / (2 * step), step / FINER_STEP
             if coarse is not None:
-                now = fine + (fine - coarse) / (FINER**2 - 1)
+                now = fine + (fine - coarse) / (FINER_STEP**2 - 1)
                 change = np.inf if before is None else float(np.linalg.norm(now - before))
                 if change < least:
                     best, least = now, change
