@@ -63,6 +63,16 @@ def test_an_orbit_has_the_path_of_a_run_on_it(scene):
     assert abs(swing.mean()) < 1e-12
 
 
+@pytest.mark.parametrize("spin", [19.7, -40.0, 60.0])  # at 19.7 no motion that creeps is found
+def test_the_rate_of_an_orbit_drifts_with_its_spin(spin):
+    orbit = orbits.find(
+        e=0.5896333951537192, mu=0.25102286019814835, mu_s=0.5020457203962967, A_r=6.1111617441311825, spin=spin
+    )
+    ratio = orbit.spin_drift / orbit.spin
+    assert -2e-6 < ratio < -2e-7
+    assert orbit.precession_rate_drift / orbit.precession_rate == pytest.approx(ratio, rel=1e-2)
+
+
 def test_a_straight_path_has_a_speed_and_no_radius():
     straight = simulate(xdot0=0.0, e=0.66, mu=0.3, mu_s=0.6, periods=200)
     x, y = (np.diff(straight.states([100 / 15, 200 / 15])[name]).item() for name in ("x", "y"))

@@ -88,8 +88,10 @@ def has_fast_part(fixed: Fixed) -> bool:
 
 
 def creep_at(fixed: Fixed) -> Creep:
-    """The fixed point itself, taken for a motion on the manifold."""
-    return Creep(fixed.z, fixed.image, fixed.image.theta, slow_direction(fixed)[1], 0.0, fixed.residual)
+    """The fixed point itself, taken for a motion on the manifold; its turn goes with its spin, as where a dimer rolls."""
+    image, drift = fixed.image, slow_direction(fixed)[1]
+    turn_drift = image.theta * drift / image.spin if image.spin else 0.0
+    return Creep(fixed.z, image, image.theta, drift, turn_drift, fixed.residual)
 
 
 def creep_of(fixed: Fixed) -> Creep:
