@@ -13,6 +13,7 @@ from dimersweep import fits, orbits, simulate
 from dimersweep.errors import OrbitError, ParameterError
 
 RADII = "path_radius", "radius"
+SPIRAL = {"mu": 0.164, "mu_s": 0.33}  # the double impact ends in sp_sp
 SLIPPY = {"mu": 0.3, "mu_s": 0.6}  # away from mu = mubar, where radius and angle have a kink
 
 
@@ -90,6 +91,14 @@ def track_of(run, t, error=0.0, rng=None, sigma=None):
     return fits.circle(t, x, y, sigma)
 
 
+def orbit_halfway(scene, moment):
+    """The orbit of the spin that a run has at a moment [forcing periods], if it creeps evenly between impacts."""
+    run = simulate(**scene, periods=round(moment), rtol=1e-10)
+    cycles = scene.get("phi0", 0.0) / (2 * np.pi)
+    since = moment - round(moment) + (round(moment) + cycles - run.orbit.impact_phase) % 1
+    return orbits.find(guess=run, spin=run.orbit.spin + run.orbit.spin_drift * since)
+
+
 TIMES = {
     "at all phases of the plate": lambda first, last: np.linspace(first, last, 1777),
     "at its start": np.arange,
@@ -100,11 +109,13 @@ TIMES = {
 
 @pytest.mark.parametrize("times", TIMES.values(), ids=TIMES)
 @pytest.mark.parametrize(
-    ("scene", "close", "quicker"),  # the swing is 4e-4 m; the period of a run is that of the periods before
+    ("scene", "close", "quicker"),  # the swing is 4e-4 m
     [
-        ({"xdot0": 0.2}, 6e-6, 4e-6),
-        ({"xdot0": -1.5, "phi0": 1.0, "beta0": 0.2, **SLIPPY}, 2e-6, 8e-6),
-        ({"xdot0": 2.5}, 6e-5, 6e-5),  # its rate creeps by 1.5 %
+        ({"xdot0": 0.2}, 1e-5, 2e-6),
+        ({"xdot0": -1.5, "phi0": 1.0, "beta0": 0.2, **SLIPPY}, 2e-6, 8e-7),
+        ({"xdot0": 2.5}, 2e-5, 2e-6),  # its rate creeps by 1.5 %
+        ({"xdot0": 0.2, **SPIRAL}, 1e-5, 3e-6),  # without the turn of its velocity against the heading 1.4e-3 m
+        ({"xdot0": -0.4, "beta0": -0.28, "phi0": 0.3, **SPIRAL}, 1e-5, 3e-6),
     ],
 )
 def test_a_track_has_of_its_orbit_what_is_foretold(times, scene, close, quicker):
@@ -113,12 +124,29 @@ def test_a_track_has_of_its_orbit_what_is_foretold(times, scene, close, quicker)
     f = run.parameters["f"]
     t = times(300, 900) / f
     track = track_of(run, t, sigma=1e-4)
-    middle = simulate(**scene, periods=round(0.5 * (t.min() + t.max()) * f), rtol=1e-10)
-    orbit = orbits.find(guess=middle, spin=middle.orbit.spin)
+    orbit = orbit_halfway(scene, 0.5 * (t.min() + t.max()) * f)
     radius, period = track.of(orbit)
     assert track.values["path_radius"] == pytest.approx(radius, abs=close)
     assert track.values["period"] == pytest.approx(period, rel=quicker)
     assert track.sense == np.sign(orbit.precession_rate)
+
+
+@pytest.mark.parametrize(
+    ("scene", "close", "quicker"),
+    [
+        ({"xdot0": 0.16, "A_r": 5.76, "e": 0.608, **SPIRAL}, 3e-6, 5e-6),  # 12 % slower at its end
+        ({"xdot0": 0.11, "mu": 0.154, "mu_s": 0.308}, 3e-6, 5e-6),
+    ],
+)
+def test_a_long_spiral_is_foretold(scene, close, quicker):
+    t = np.linspace(300, 2700, 4001) / 15
+    track = track_of(simulate(**scene, periods=2700), t, sigma=1e-3)
+    orbit = orbit_halfway(scene, 1500)
+    radius, period = track.of(orbit)
+    assert track.values["path_radius"] == pytest.approx(radius, abs=close)
+    assert track.values["period"] == pytest.approx(period, rel=quicker)
+    less = orbit.path.bend.imag / abs(orbit.precession_rate)  # than the rate of the heading is that of the velocity
+    assert 1e-3 < abs(less) == pytest.approx(abs(track.values["path_radius"] / orbit.path_radius - 1), rel=0.3)
 
 
 def test_the_swing_is_that_of_the_phase_of_the_plate():

@@ -75,8 +75,12 @@ def of_run(seed, strobed=False):
     error = float(np.exp(rng.uniform(np.log(1e-3), np.log(2e-2))))
     x, y = (run.states(t)[name].values + rng.normal(0, error, t.size) for name in "xy")
     track = fits.circle(t, x, y, error if rng.uniform() < 0.5 else None)
-    middle = simulate(**run.parameters, periods=round(f * (t[0] + t[-1]) / 2), record=False).orbit
-    e, spin = given.pop("e"), abs(middle.spin)
+    halfway = f * (t[0] + t[-1]) / 2
+    middle = simulate(**run.parameters, periods=round(halfway), record=False).orbit
+    since = halfway - (
+        round(halfway) - 1 + middle.impact_phase
+    )  # forcing periods since the impact the spin is told after
+    e, spin = given.pop("e"), abs(middle.spin + middle.spin_drift * since)
     fit = fits.fit(track, {"e": (e - 0.045, e + 0.055), "spin": (0.75 * spin, 1.3 * spin)}, **given)
     more = track.of(fit.orbit)[0] - fit.orbit.path_radius  # because the times are some, and the rate creeps
     radius = (track.values["path_radius"] - more - middle.path_radius) / track.errors["path_radius"]

@@ -1,8 +1,8 @@
 """A track of the centre of mass: the circle or the cycloid that fits it, with the covariance of what it gives.
 
 No dimer goes round a circle quite evenly. It swings about the mean path within each forcing period, which counts where the
-times are those of few phases of the plate; and its rate creeps, which counts where a track is long. What a track shows of
-both follows from the orbit: `Track.of`.
+times are those of few phases of the plate; and its velocity creeps, which counts where a track is long and, where it turns
+against the heading, always. What a track shows of both follows from the orbit: `Track.of`.
 """
 
 from dataclasses import dataclass
@@ -11,7 +11,9 @@ from typing import Any
 
 import numpy as np
 from scipy.fft import fft, fftfreq
+from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
+from scipy.special import exprel
 
 from dimersweep.errors import ParameterError
 from dimersweep.fits.measured import Measured
@@ -23,6 +25,7 @@ LEAST_TURN = 0.05  # turns in a track that are tried at least
 TURN_PARTS = 4  # rates that are tried in each further turn
 TRIED = 12  # of them that are tried exactly
 LEAST_OWN = 1e-3  # share of a circle that is none of what stands still, below which it is not told apart
+STEPS = 64  # of a turn, by which the path of an orbit is summed
 CIRCLE_NAMES = ("path_radius", "period", "x", "y")
 CYCLOID_NAMES = (*CIRCLE_NAMES, "v_x", "v_y")
 
@@ -80,19 +83,24 @@ class Track:
         """The `path_radius` and the `period` that a track of an orbit at these times gives, shape (2,).
 
         Times count from the moment at which the plate has the phase `phi0` of the orbit's parameters. The spin is that of the
-        orbit in the middle of them. Before and after it the path creeps: its rate by what the orbit says, ever less or more by
-        the slow multiplier; its speed with the spin, since the dimer rolls; and its radius by both.
+        orbit in the middle of them, where it creeps evenly from impact to impact. Before and after it the heading's rate and
+        the velocity seen from there change by what the orbit says, ever less or more by the slow multiplier; the velocity is
+        summed.
         """
-        f, rate, path = orbit.parameters["f"], orbit.precession_rate, orbit.path
+        f, rate, path = orbit.parameters["f"], abs(orbit.precession_rate), orbit.path
         phases = TURN * f * self.times + orbit.parameters["phi0"]
         swing = np.interp(phases, path.phases, path.swing, period=TURN)
-        t = self.times - _middle(self.times)
-        quickens, speeds_up = orbit.precession_rate_drift * f / rate, orbit.spin_drift * f / orbit.spin
+        quickens = orbit.precession_rate_drift * f / orbit.precession_rate
         fades = (orbit.slow_multiplier - 1) * f / orbit.periods
-        turned = abs(rate) * t * (1 + quickens * t / 2 * (1 + fades * t / 3))
-        place = path.radius * (1 + swing) * np.exp((speeds_up - quickens) * t + 1j * turned)
         span = float(np.ptp(self.times))
-        found, coefficients = _refined(t / span, place, abs(rate) * span, self.moving)
+        t = self.times - _middle(self.times)
+        t += 0.5 * orbit.periods / f  # the rate is the mean of the period up to the impact that the spin is told after
+        at = np.linspace(t.min(), t.max(), int(STEPS * rate * span / TURN) + STEPS)
+        pace = at * exprel(fades * at)
+        turned = CubicSpline(at, rate * (1 + quickens * pace)).antiderivative()
+        way = CubicSpline(at, (1 + path.bend * pace) * np.exp(1j * turned(at))).antiderivative()
+        place = path.radius * (1j * rate * way(t) + swing * np.exp(1j * turned(t)))
+        found, coefficients = _refined(t / span, place, rate * span, self.moving)
         return np.array([abs(coefficients[-1]), TURN * span / abs(found)])
 
     def __repr__(self) -> str:

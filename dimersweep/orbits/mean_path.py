@@ -19,6 +19,9 @@ class MeanPath(NamedTuple):
     ----------
     radius, speed : float
         inf for a straight path [m]; along the circle or the line [m s-1].
+    bend : complex
+        Change of the mean velocity over itself, seen from the heading (real part: it grows; imaginary part: it turns in the
+        sense of the path) [s-1].
     phases : ndarray, shape (n,)
         Of the plate, in each forcing period the same [rad].
     swing : ndarray of complex, shape (n,)
@@ -27,6 +30,7 @@ class MeanPath(NamedTuple):
 
     radius: float
     speed: float
+    bend: complex
     phases: np.ndarray
     swing: np.ndarray
 
@@ -34,7 +38,7 @@ class MeanPath(NamedTuple):
 def path_of(m: ReturnMap, z: np.ndarray) -> MeanPath:
     """The mean path of a motion over its period from a point of the section on.
 
-    The chords of the parts of the period are summed as in `kernel.mean_path`.
+    The chords of the parts of the period are summed as in `kernel.mean_path`; those of the next one give the bend.
 
     Raises
     ------
@@ -42,21 +46,25 @@ def path_of(m: ReturnMap, z: np.ndarray) -> MeanPath:
         If the kernel cannot go on.
     """
     count = CHORDS * m.periods
-    parts = np.arange(count + 1) / count
+    parts = np.arange(2 * count + 1) / count
     at = TURN * m.periods * parts
-    _, _, passage = m.tape.run(m.row, m.state(z), m.periods, m.rtol, path=True)
+    _, _, passage = m.tape.run(m.row, m.state(z), 2 * m.periods, m.rtol, path=True)
     states, _ = m.states(passage, np.searchsorted(passage.times, at, side="right") - 1, at)
     heading = np.exp(1j * states[:, THETA])
     places = states[:, X1] + 1j * states[:, Y1] - 1j * m.dimer.p1.h * np.cos(m.dimer.beta_0 + states[:, DIP]) * heading
-    turn = states[-1, THETA] - states[0, THETA]
-    step = turn / count
-    chords = np.exp(-1j * step * (np.arange(count) + 0.5)) * np.diff(places)
+    turn, later = np.diff(states[::count, THETA]).tolist()
+    step = np.repeat([turn, later], count) / count
+    chords = np.exp(-1j * (np.cumsum(step) - 0.5 * step)) * np.diff(places)
+    way, next_way = chords.reshape(2, count).sum(axis=1)
     time = m.periods / m.parameters["f"]
-    speed = float(abs(chords.sum()) / time / np.sinc(step / TURN))
-    phases = np.mod(m.phase + at[:-1], TURN)
+    speed = float(abs(way) / time / np.sinc(step[0] / TURN))
+    phases = np.mod(m.phase + at[:count], TURN)
     if abs(turn) <= CIRCLE:
-        return MeanPath(np.inf, speed, phases, np.zeros(count, complex))
-    middle = places[0] - (places[-1] - places[0]) / np.expm1(1j * turn)
-    radii = (places[:-1] - middle) * np.exp(-1j * turn * parts[:-1])
+        return MeanPath(np.inf, speed, 0j, phases, np.zeros(count, complex))
+    bend = complex(next_way / way - 1) / time
+    middle = places[0] - (places[count] - places[0]) / np.expm1(1j * turn)
+    radii = (places[:count] - middle) * np.exp(-1j * turn * parts[:count])
     swing = radii / radii.mean() - 1
-    return MeanPath(speed * time / abs(turn), speed, phases, swing if turn > 0 else swing.conj())
+    if turn < 0:
+        bend, swing = bend.conjugate(), swing.conj()
+    return MeanPath(speed * time / abs(turn), speed, bend, phases, swing)
