@@ -25,6 +25,7 @@ LEAST_TURN = 0.05  # turns in a track that are tried at least
 TURN_PARTS = 4  # rates that are tried in each further turn
 TRIED = 12  # of them that are tried exactly
 LEAST_OWN = 1e-3  # share of a circle that is none of what stands still, below which it is not told apart
+CREEP_POINTS = 20  # points of a track, with which two further coefficients cost little
 STEPS = 64  # of a turn, by which the path of an orbit is summed
 CIRCLE_NAMES = ("path_radius", "period", "x", "y")
 CYCLOID_NAMES = (*CIRCLE_NAMES, "v_x", "v_y")
@@ -235,8 +236,12 @@ def _slopes(A: np.ndarray, s: np.ndarray, coefficients: np.ndarray) -> np.ndarra
 
 
 def _scatter(residual: np.ndarray, J: np.ndarray, s: np.ndarray, around: np.ndarray) -> float:
-    """Standard deviation of a coordinate by the residuals, less what a rate and a radius explain that change evenly."""
-    creep = np.column_stack([1j * s**2 * around, s * around])
+    """Standard deviation of a coordinate by the residuals, less what a rate and a radius explain that change.
+
+    Of many points that is a change to second order, of few an even one.
+    """
+    orders = np.column_stack([1j * s**2, s, 1j * s**3, s**2])[:, : 4 if s.size >= CREEP_POINTS else 2]
+    creep = orders * around[:, None]
     slopes = np.column_stack([J, np.vstack([creep.real, creep.imag])])
     left = np.concatenate([residual.real, residual.imag])
     left = left - slopes @ np.linalg.lstsq(slopes, left, rcond=None)[0]
