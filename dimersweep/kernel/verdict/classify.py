@@ -30,8 +30,8 @@ from dimersweep.kernel.model.layout import (
     OUT_RADIUS,
     OUT_SETTLED_AFTER,
     OUT_SPEED,
+    OUT_SPIN,
     OUT_SPIN_DRIFT,
-    OUT_SPIN_RATE,
     OUT_ZETA,
     THETA,
     TR_NONE,
@@ -195,7 +195,7 @@ def beside(dm, past, landing, k):
 
 @compiled
 def orbit_value(past, k, back):
-    """Value k of the orbit (OUT_RADIUS to OUT_IMPACT_PHASE, or OUT_SPIN_RATE) at the double event `back` before the last."""
+    """Value k of the orbit (OUT_RADIUS to OUT_IMPACT_PHASE, or OUT_SPIN) at the double event `back` before the last."""
     count = int(past[SCALARS, S_DOUBLES])
     row = past[DOUBLES + (count - 1 - back) % RING]
     old = past[DOUBLES + (count - 2 - back) % RING]
@@ -205,7 +205,7 @@ def orbit_value(past, k, back):
         return row[DE_SPEED]
     if k == OUT_IMPACT_PHASE:
         return row[DE_PHASE]
-    if k == OUT_SPIN_RATE:
+    if k == OUT_SPIN:
         return row[DE_SPIN]
     rate = (row[DE_THETA] - old[DE_THETA]) / (row[DE_TIME] - old[DE_TIME])
     if k == OUT_PRECESSION_RATE:
@@ -252,8 +252,8 @@ def orbit_of(past, out):
         out[k] = orbit_value(past, k, 0)
         out[N_ORBIT + k] = orbit_slope(past, k, n)
     last = past[DOUBLES + (count - 1) % RING]
-    out[OUT_SPIN_RATE], out[OUT_BETA_RATE_AFTER] = last[DE_SPIN], last[DE_WB]
-    out[OUT_SPIN_DRIFT] = orbit_slope(past, OUT_SPIN_RATE, n)
+    out[OUT_SPIN], out[OUT_BETA_RATE_AFTER] = last[DE_SPIN], last[DE_WB]
+    out[OUT_SPIN_DRIFT] = orbit_slope(past, OUT_SPIN, n)
     return int(last[DE_END])
 
 
