@@ -1,6 +1,6 @@
 """When a motion has settled, and with which period: when its fast part has.
 
-A dimer turns and rolls on while its spin creeps, by some 1e-6 to 1e-3 of itself in a period, and nothing sustains it. All else
+A dimer turns and rolls on while its spin creeps, by some 1e-6 to 1e-3 of itself in a period. All else
 follows at once: a motion goes through a family of orbits, one for each spin, and its strobe moves along it. So there are
 two measures of how far a strobe x (gaps and gap rates, in g/omega^2 and g/omega) is from one that repeats over p periods:
 
