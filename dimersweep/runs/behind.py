@@ -103,7 +103,8 @@ def _parameters_at(point: xr.Dataset) -> dict[str, float]:
             raise ParameterError(f"{min({*told} - given)}: comes from another cube than this point; {AS_MADE}")
     if lost:
         raise ParameterError(f"{lost[0]}: {LOST_HERE}")
-    _value(point, "mode")
+    if point["mode"].dtype.kind != "U":  # words, where they are of attractors
+        _value(point, "mode")
     if "made_with" in point:
         varied = point["made_with"].attrs.get("varied", "").split()
         if _value(point, "made_with") != made_number(point, varied):
@@ -117,7 +118,7 @@ def was_carried(point: xr.Dataset) -> bool:
 
 
 def _tells_all(point: xr.Dataset) -> bool:
-    return bool({*SETTINGS} & {*point.variables})
+    return bool({*SETTINGS} - {"periods"} & {*point.variables})  # of attractors, those of the motion
 
 
 def _configuration(point: xr.Dataset) -> dict[str, Any]:
