@@ -333,7 +333,7 @@ def test_what_is_no_file_of_borders_is_refused_in_a_line(tmp_path):
         read_borders(bad)
     for written, message in (
         (b"[[", "is no valid TOML"),
-        (CURVES.encode() + b"# \xff", "is no valid TOML"),
+        (CURVES.encode() + b"# \xff", "is no text in UTF-8"),
         (CURVES.replace("[5, 6]", "[" * 5000 + "5" + "]" * 5000).encode(), "is nested too deeply"),
         (CURVES.replace("[5, 6]", "[" * 50 + "5" + "]" * 50).encode(), "must be a number"),
     ):

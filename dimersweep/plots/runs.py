@@ -67,7 +67,7 @@ def impact_rates(run: "Run", time: float) -> xr.Dataset:
     >>> double = run.events["kind"].str.startswith("DI")
     >>> rates = plots.impact_rates(run, float(run.events["time"][double][-1]))
     >>> sorted(rates.data_vars)
-    ['beta_rate', 'kind', 'gamma_rate', 'theta_rate']
+    ['beta_rate', 'gamma_rate', 'kind', 'theta_rate']
     """
     dm = dimer_from(run.parameters)
     rows = run.events.isel(event=np.flatnonzero((run.events["time"] == time) & (run.events["cause"] == "impact")))
