@@ -86,11 +86,11 @@ LYING = {"beta": 0.0}
 CARRIED = {
     "alike": {"Gamma": 0.5, "start": LYING},
     "from a crest": {"Gamma": 0.7, "phi0": 1.0, "start": LYING},
-    "it rolls": {"Gamma": 0.5, "start": LYING | {"x1_rate": 0.3, "spin_rate": 60.0}},
+    "it rolls": {"Gamma": 0.5, "start": LYING | {"x1_rate": 0.3, "gamma_rate": 60.0}},
     "along as well": {"Gamma": 0.9, "Gamma_x": 0.1, "Gamma_2": 0.05, "start": LYING},
     "along alone": {"Gamma": 0.0, "Gamma_y": 0.1, "start": LYING},
     "on a slope": {"Gamma": 0.5, "tilt": 0.05, "azimuth": 1.5707963267948966, "start": LYING},
-    "it rolls on a plate at rest": {"Gamma": 0.0, "start": LYING | {"x1_rate": 0.3, "spin_rate": 60.0}},
+    "it rolls on a plate at rest": {"Gamma": 0.0, "start": LYING | {"x1_rate": 0.3, "gamma_rate": 60.0}},
     "nothing moves": {"Gamma": 0.0, "start": LYING},
 }
 

@@ -113,7 +113,7 @@ def arrays(run, periods):
     """Every number of a run, as bytes."""
     states = run.states(np.linspace(0.0, periods / run.parameters["f"], 301))
     told = [repr((run.mode, run.n_events, run.orbit, run.down_share_1, run.settled_after))]
-    return told + [data[name].values.tobytes() for data in (run.events, states) for name in data.variables]
+    return told + [data[name].values.tobytes() for data in (run.events, states) for name in data.data_vars]
 
 
 @jit

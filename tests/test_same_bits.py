@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import dimersweep
-from dimersweep.cubes.cube import build
+from dimersweep.cubes.cube import build, signed
 from dimersweep.cubes.results import Tile
 from dimersweep.storage.manifest import read_manifest
 from dimersweep.storage.provenance import attributes
@@ -59,7 +59,8 @@ def serial():
     """All points in one call of the tile function, without any scheduling or file."""
     spec = make_spec(GRID, **SETTINGS)
     results = run_tile(spec, Tile(0, spec.grid.size))
-    cube = build(spec.grid, results["out"], results["codes"], attributes(spec.configuration(), "serial", 0))
+    known = spec.configuration()
+    cube = signed(build(spec.grid, results["out"], results["codes"], attributes(known, "serial", 0)), known)
     counts = np.bincount(cube["mode"].values.ravel(), minlength=9)
     assert (counts > 0).sum() >= 4, "the grid should hold several modes"
     return cube

@@ -41,7 +41,7 @@ def test_bounds_are_ten_times_the_largest_difference_so_far_and_never_fall(runs)
         fell += int((np.diff(worst) < 0).any())
     assert fell > len(ERROR_SCALES) / 2  # the differences themselves do fall
     assert (SAFETY, LEAST_ERROR) == (10.0, 1e-12)
-    units = {"x1": 0.01, "y1": 0.01, "gap_1": 0.01, "theta": 1.0, "beta": 1.0, "spin": 10.0}
+    units = {"x1": 0.01, "y1": 0.01, "gap_1": 0.01, "theta": 1.0, "beta": 1.0, "gamma": 10.0}
     units |= {f"{name}_rate": 10 * unit if unit == 0.01 else unit for name, unit in units.items()}
     units |= {"gamma_rate": 100.0}
     assert set(units) == set(CLOSED_STATE)

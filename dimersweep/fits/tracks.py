@@ -26,7 +26,7 @@ TURN_PARTS = 4  # rates that are tried in each further turn
 TRIED = 12  # of them that are tried exactly
 LEAST_OWN = 1e-3  # share of a circle that is none of what stands still, below which it is not told apart
 CREEP_POINTS = 20  # points of a track, with which two further coefficients cost little
-STEPS = 64  # of a turn, by which the path of an orbit is summed
+SPIRAL_STEPS = 64  # of a turn, by which the path of an orbit is summed
 CIRCLE_NAMES = ("path_radius", "period", "x", "y")
 CYCLOID_NAMES = (*CIRCLE_NAMES, "v_x", "v_y")
 
@@ -96,7 +96,7 @@ class Track:
         span = float(np.ptp(self.times))
         t = self.times - _middle(self.times)
         t += 0.5 * orbit.periods / f  # the rate is the mean of the period up to the impact that the spin is told after
-        at = np.linspace(t.min(), t.max(), int(STEPS * rate * span / TURN) + STEPS)
+        at = np.linspace(t.min(), t.max(), int(SPIRAL_STEPS * rate * span / TURN) + SPIRAL_STEPS)
         pace = at * exprel(fades * at)
         turned = CubicSpline(at, rate * (1 + quickens * pace)).antiderivative()
         way = CubicSpline(at, (1 + path.bend * pace) * np.exp(1j * turned(at))).antiderivative()
