@@ -8,10 +8,9 @@ the path's where zeta is far from a right angle, as it is where the spin is slow
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.course import Ask
 from dimersweep.kernel.event_loop import evolve
-from dimersweep.kernel.model.body import TWO_PI, attitude, set_dimer
+from dimersweep.kernel.model.body import TWO_PI, centre, set_dimer
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import (
-    DIP,
     GAMMA,
     N_ROW,
     N_STATE,
@@ -85,12 +84,3 @@ def note_path(dm, row, ask, run, later, space, record, out):
     if turn != 0.0:
         out[OUT_PATH_RADIUS] = way / abs(turn)
     return OK
-
-
-@compiled
-def centre(dm, state):
-    """Place of the centre of mass on the plate [m]."""
-    _, cos_b = attitude(dm, state[DIP])
-    sin_t, cos_t = sincos(state[THETA])
-    reach = -dm.p1.h * cos_b
-    return state[X1] - reach * sin_t, state[Y1] + reach * cos_t

@@ -9,7 +9,7 @@ import warnings
 from importlib import import_module
 
 from dimersweep.kernel.compiler.cache import load, save
-from dimersweep.kernel.compiler.versions import FAST, PLAIN, code_version, take
+from dimersweep.kernel.compiler.versions import FAST, code_version
 
 NOTE = "fast-way-fails"
 LONGEST = 200  # characters of an error that are told
@@ -36,8 +36,7 @@ def lack() -> str:
 
 
 def give_up(error: Exception) -> None:
-    """Note for later processes that the fast way fails with this error, and say so; this one goes the plain way."""
-    take(PLAIN)
+    """Note for later processes that the fast way fails with this error, and say so."""
     save(NOTE, _words(error).encode(), code_version(FAST))
     _tell(_words(error))
 

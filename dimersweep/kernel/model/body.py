@@ -23,7 +23,7 @@ import numpy as np
 
 from dimersweep.kernel.compiler.jit import compiled, exported, plain
 from dimersweep.kernel.compiler.records import new_record
-from dimersweep.kernel.model.layout import CA, CB, DIP, SPIN, WB, WP, Dimer
+from dimersweep.kernel.model.layout import CA, CB, DIP, SPIN, THETA, WB, WP, X1, Y1, Dimer
 from dimersweep.kernel.model.plate import TWO_PI, amplitude
 from dimersweep.kernel.numerics.elementary import atan2
 from dimersweep.kernel.numerics.sincos import one_minus_cos, sincos
@@ -134,6 +134,15 @@ def end(dm, i):
 def attitude(dm, dip):
     """Sine and cosine of the dip angle beta at a dip above level."""
     return sincos(dm.beta_0 + dip)
+
+
+@compiled
+def centre(dm, state):
+    """Place of the centre of mass on the plate [m]."""
+    _, cos_b = attitude(dm, state[DIP])
+    sin_t, cos_t = sincos(state[THETA])
+    reach = -dm.p1.h * cos_b
+    return state[X1] - reach * sin_t, state[Y1] + reach * cos_t
 
 
 @compiled(inline=True)

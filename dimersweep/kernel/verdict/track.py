@@ -7,10 +7,9 @@ theta turned by a fixed angle. Kept are the last whole turn of the heading and w
 from math import nan, pi
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.model.body import TWO_PI, attitude
+from dimersweep.kernel.model.body import TWO_PI, centre
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import (
-    DIP,
     THETA,
     TR_ARC,
     TR_CIRCLE,
@@ -20,8 +19,6 @@ from dimersweep.kernel.model.layout import (
     TR_REVERSALS,
     TR_STRAIGHT,
     TR_WAVES,
-    X1,
-    Y1,
 )
 from dimersweep.kernel.numerics.elementary import atan2
 from dimersweep.kernel.numerics.sincos import sincos
@@ -47,10 +44,7 @@ def note_track(dm, state, past):
     """
     x, y = 0.0, 0.0
     if dm.sideways != 0.0:
-        _, cos_b = attitude(dm, state[DIP])
-        sin_t, cos_t = sincos(state[THETA])
-        reach = -dm.p1.h * cos_b
-        x, y = state[X1] - reach * sin_t, state[Y1] + reach * cos_t
+        x, y = centre(dm, state)
     follow_track(past[TRACK_ROW], time_of(dm, state), x, y, state[THETA], NO_SPEED * dm.g / dm.omega)
 
 
