@@ -120,7 +120,7 @@ def bits_of(question: dict[str, Any]) -> dict[str, str]:
 
 
 def presets(sweeps: Path, folder: Path) -> Iterator[tuple[str, dict[str, str]]]:
-    """Hashes of the variables of every small declared sweep that the revision knows."""
+    """Hashes of the variables of every small declared sweep that the revision knows, but for the version of its kernel."""
     from dimersweep import open_cube
 
     for declared in sorted(sweeps.glob("*-small.toml")):
@@ -129,7 +129,7 @@ def presets(sweeps: Path, folder: Path) -> Iterator[tuple[str, dict[str, str]]]:
         if subprocess.run(command, check=False, capture_output=True, cwd=folder).returncode:
             continue
         cube = open_cube(out)
-        yield declared.stem, {str(name): digest(cube[name].values) for name in cube.variables}
+        yield declared.stem, {str(name): digest(cube[name].values) for name in cube.variables if name != "kernel"}
 
 
 def answer(asked: Sequence[dict[str, Any]], sweeps: Path | None) -> None:
