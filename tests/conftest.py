@@ -21,7 +21,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell starts its b
 @pytest.fixture
 def fake_kernel(monkeypatch):
     """Run sweeps on `fake_run_many`."""
-    monkeypatch.setattr("dimersweep.work.tiles.run_many", fake_run_many)
+    monkeypatch.setattr("dimersweep.runs.settings.run_many", fake_run_many)
 
 
 @pytest.fixture(scope="session")

@@ -5,7 +5,7 @@ import time
 from pathlib import Path
 
 import dimersweep.runs.carrying
-import dimersweep.work.tiles
+import dimersweep.runs.settings
 from dimersweep import sweep
 from dimersweep.studies.datasets import make
 from dimersweep.studies.declaration import read_declaration
@@ -29,7 +29,7 @@ MAKERS = {
 
 def slow_down(seconds):
     """Let each run take `seconds` more, without any change in its numbers."""
-    fast = dimersweep.work.tiles.run_many
+    fast = dimersweep.runs.settings.run_many
 
     def run_many(rows, *rest, until=0, space=None):
         made = fast(rows, *rest, until=until, space=space)
@@ -42,7 +42,7 @@ def slow_down(seconds):
         time.sleep(seconds)
         return one_of_a_line(*given)
 
-    dimersweep.work.tiles.run_many = run_many
+    dimersweep.runs.settings.run_many = run_many
     dimersweep.runs.carrying.run_rows = run_rows
 
 

@@ -18,6 +18,7 @@ from dimersweep.kernel.model.layout import (
     M_UNRESOLVED,
     OUT,
 )
+from dimersweep.runs.settings import RunSettings, run_all_patiently
 from dimersweep.runs.shadows import (
     CERTAIN,
     CHANGED,
@@ -30,7 +31,6 @@ from dimersweep.runs.shadows import (
 from dimersweep.studies.datasets import make
 from dimersweep.studies.declaration import read_declaration
 from dimersweep.studies.rerun import from_cube
-from dimersweep.work.tiles import RunSettings, run_all_patiently
 
 GRID = {"Gamma": [0.7, 0.9], "beta0": {"start": 4, "stop": 60, "num": 8, "unit": "deg"}}
 SETTINGS = {"periods": 100, "progress": False, "workers": 1}

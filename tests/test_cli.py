@@ -261,14 +261,14 @@ def test_an_import_leaves_the_heavy_packages_for_later():
 SMALL_MAP = (ROOT / "sweeps" / "fig08-small.toml").read_text()
 SLOW_SWEEP = """
 import sys, time
-import dimersweep.work.tiles
+import dimersweep.runs.settings
 from tests.fakes import fake_run_many
 
 def slow(rows, *rest, until=0, space=None):
     time.sleep(0.05 * len(rows))
     return fake_run_many(rows, *rest)
 
-dimersweep.work.tiles.run_many = slow
+dimersweep.runs.settings.run_many = slow
 from dimersweep.cli import main
 sys.argv = ["dimersweep", "run", sys.argv[1], "--workers", "2"]
 print("ready", flush=True)
@@ -600,7 +600,7 @@ def test_another_configuration_is_refused_with_what_differs(call, fake_kernel):
 
 def test_a_finished_sweep_is_not_done_again(call, fake_kernel, monkeypatch):
     assert call("run", "small.toml", "--no-plot")[2] == 0
-    monkeypatch.setattr("dimersweep.work.tiles.run_many", lambda *rest, **more: pytest.fail("work was done"))
+    monkeypatch.setattr("dimersweep.runs.settings.run_many", lambda *rest, **more: pytest.fail("work was done"))
     for _ in range(2):  # first without a picture, then with one
         out, err, code = call("run", "small.toml")
         assert (code, err) == (0, "fig07-small.nc: is complete already; nothing was run\n")
@@ -753,7 +753,7 @@ def test_a_map_is_made_told_of_and_not_made_again(call, fake_kernel, monkeypatch
     assert re.search(r"(\d+)/\1 points, 100 %, elapsed", err)
     assert out.splitlines()[-2:] == ["cube: fig08-small.nc", "picture: fig08-small.png"]
     assert call("status", "fig08-small.nc")[0].startswith("fig08-small.nc: complete, 125 points")
-    monkeypatch.setattr("dimersweep.work.tiles.run_many", lambda *rest, **more: pytest.fail("work was done"))
+    monkeypatch.setattr("dimersweep.runs.settings.run_many", lambda *rest, **more: pytest.fail("work was done"))
     for more in ([], ["--retry"]):
         _, err, code = call("run", "map.toml", *more)
         assert (code, err) == (0, "fig08-small.nc: is complete already; nothing was run\n")
@@ -840,7 +840,7 @@ def test_a_shell_completes_commands(monkeypatch):
 
 
 def test_fail_fast_names_the_point_and_keeps_the_rest(call, monkeypatch):
-    monkeypatch.setattr("dimersweep.work.tiles.run_many", failing(lambda rows: rows[:, 3] == 20))
+    monkeypatch.setattr("dimersweep.runs.settings.run_many", failing(lambda rows: rows[:, 3] == 20))
     _, err, code = call("run", "small.toml", "--fail-fast", "--workers", "1")
     assert code == 2
     assert err.splitlines()[-1].startswith("dimersweep: error: point 44 (f = 20.0, beta0 = 0.0349")
@@ -849,20 +849,20 @@ def test_fail_fast_names_the_point_and_keeps_the_rest(call, monkeypatch):
     _, err, code = call("run", "small.toml")
     assert (code, "failed 44" in err) == (0, True)
     assert "failed 44" in call("status", "fig07-small.nc")[0]
-    monkeypatch.setattr("dimersweep.work.tiles.run_many", fake_run_many)
+    monkeypatch.setattr("dimersweep.runs.settings.run_many", fake_run_many)
     assert call("run", "small.toml", "--retry")[2] == 0
     assert "failed" not in call("status", "fig07-small.nc")[0]
 
 
 def test_points_that_cannot_be_run_end_in_a_line_and_an_exit_code(call, monkeypatch):
-    monkeypatch.setattr("dimersweep.work.tiles.run_many", raising(lambda rows: rows[:, ROW_BETA0] > 1.5))
+    monkeypatch.setattr("dimersweep.runs.settings.run_many", raising(lambda rows: rows[:, ROW_BETA0] > 1.5))
     _, err, code = call("run", "small.toml")
     assert code == 2
     assert re.match(
         r"dimersweep: error: \d+ points could not be run, such as point .*: MemoryError: ", err.splitlines()[-1]
     )
     assert os.listdir() and not Path("fig07-small.nc").exists()
-    monkeypatch.setattr("dimersweep.work.tiles.run_many", fake_run_many)
+    monkeypatch.setattr("dimersweep.runs.settings.run_many", fake_run_many)
     assert call("run", "small.toml")[2] == 0
 
 
@@ -877,7 +877,7 @@ def test_an_axis_nested_deeply_is_refused(call):
 
 @pytest.mark.parametrize("out", ["", ".", "..", "/dev/full", "a" * 300])
 def test_an_output_that_is_no_file_is_refused_before_any_work(call, monkeypatch, out):
-    monkeypatch.setattr("dimersweep.work.tiles.run_many", lambda *rest, **more: pytest.fail("work was done"))
+    monkeypatch.setattr("dimersweep.runs.settings.run_many", lambda *rest, **more: pytest.fail("work was done"))
     edited('output = "fig07-small.nc"', f'output = "{out}"')
     for arguments in (("run", "small.toml"), ("run", "small.toml", "--force")):
         _, err, code = call(*arguments)
@@ -928,7 +928,7 @@ def test_a_plan_writes_nothing_and_takes_any_grid(call, fake_kernel, monkeypatch
         run.append(len(rows))
         return fake_run_many(rows, *rest, until=until)
 
-    monkeypatch.setattr("dimersweep.work.tiles.run_many", counting)
+    monkeypatch.setattr("dimersweep.runs.settings.run_many", counting)
     out, err, code = call("plan", "small.toml")
     assert (code, err) == (0, "")
     assert out.startswith("points: 3000000000\n")

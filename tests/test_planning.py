@@ -22,7 +22,7 @@ def made(monkeypatch):
             runs.append(kernel(*arguments, until=until))
             return runs[-1]
 
-        monkeypatch.setattr("dimersweep.work.tiles.run_many", counting)
+        monkeypatch.setattr("dimersweep.runs.settings.run_many", counting)
         monkeypatch.setattr("dimersweep.work.tiles.perf_counter", lambda: float(sum(runs)))
         monkeypatch.setattr("dimersweep.work.tiles.OVERTIME", np.inf)
         return runs

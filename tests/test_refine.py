@@ -36,7 +36,7 @@ SETTINGS = {"over": "beta0", "halvings": {"e": 2, "Gamma": 6}, "periods": 5, "pr
 
 @pytest.fixture
 def banded(monkeypatch):
-    monkeypatch.setattr("dimersweep.work.tiles.run_many", banded_kernel)
+    monkeypatch.setattr("dimersweep.runs.settings.run_many", banded_kernel)
 
 
 def brute_regions(grid, **settings):
@@ -106,7 +106,7 @@ def test_a_map_is_extended_to_the_bits_of_a_new_one(banded, monkeypatch, tmp_pat
         made.append(banded_kernel(*arguments, until=until))
         return made[-1]
 
-    monkeypatch.setattr("dimersweep.work.tiles.run_many", counting)
+    monkeypatch.setattr("dimersweep.runs.settings.run_many", counting)
     monkeypatch.setattr("dimersweep.work.computing.warm_up", lambda stop: None)
     for name, known in former.items():
         made.clear()
@@ -121,7 +121,7 @@ def test_a_retry_gives_the_bits_of_a_map_without_failures(banded, monkeypatch, t
     fails = failing(lambda rows: np.abs(rows[:, SLOT["e_1"]] - 0.6) < 1e-9, banded_kernel)
     reference = refine(COARSE, **SETTINGS)
     with monkeypatch.context() as patch:
-        patch.setattr("dimersweep.work.tiles.run_many", fails)
+        patch.setattr("dimersweep.runs.settings.run_many", fails)
         refine(COARSE, out=tmp_path / "map.nc", **SETTINGS)
     cube = refine(COARSE, out=tmp_path / "map.nc", retry=True, **SETTINGS)
     assert {k: cube[k].values.tobytes() for k in cube} == {k: reference[k].values.tobytes() for k in reference}
@@ -186,7 +186,7 @@ def test_an_island_beside_a_border_is_seen(monkeypatch):
         codes[:, CODE["mode"]] = np.where((place == 90) | (place >= 92), M_DRIFT, M_REST)
         return len(rows)
 
-    monkeypatch.setattr("dimersweep.work.tiles.run_many", island_kernel)
+    monkeypatch.setattr("dimersweep.runs.settings.run_many", island_kernel)
     cube = refine(COARSE, **SETTINGS)
     drift = np.flatnonzero((names(cube["region"]) == "drift").isel(e=0))
     np.testing.assert_array_equal(drift, [90, *range(92, cube["Gamma"].size)])
@@ -207,7 +207,7 @@ def test_an_island_beside_a_border_is_seen(monkeypatch):
     ],
 )
 def test_bad_input_is_refused_before_any_work(monkeypatch, settings, message):
-    monkeypatch.setattr("dimersweep.work.tiles.run_many", lambda *arguments: pytest.fail("work was done"))
+    monkeypatch.setattr("dimersweep.runs.settings.run_many", lambda *arguments: pytest.fail("work was done"))
     given = {"grid": COARSE} | SETTINGS | settings
     with pytest.raises(ParameterError, match=f"^{re.escape(message)}"):
         refine(given.pop("grid"), **given)

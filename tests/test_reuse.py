@@ -34,7 +34,7 @@ def asked(monkeypatch):
         rows_of_all.append(rows.copy())
         return fake_run_many(rows, *rest)
 
-    monkeypatch.setattr("dimersweep.work.tiles.run_many", run_many)
+    monkeypatch.setattr("dimersweep.runs.settings.run_many", run_many)
     set_pace(monkeypatch, 10)
     monkeypatch.setattr("dimersweep.work.computing.warm_up", lambda stop: None)
     return rows_of_all
@@ -124,7 +124,7 @@ def test_a_cube_without_any_of_the_points_is_refused(asked):
 def test_failed_points_are_run_again(monkeypatch, asked):
     reference = sweep()
     with monkeypatch.context() as patch:
-        patch.setattr("dimersweep.work.tiles.run_many", failing(lambda rows: rows[:, ROW_BETA0] > 1.3))
+        patch.setattr("dimersweep.runs.settings.run_many", failing(lambda rows: rows[:, ROW_BETA0] > 1.3))
         cube = sweep(out="cube.nc")
     failed = int((names(cube["mode"]) == "failed").sum())
     assert failed == 8
@@ -143,7 +143,7 @@ def test_failed_points_are_run_again(monkeypatch, asked):
 def test_a_stopped_sweep_runs_its_failed_points_again(monkeypatch, asked):
     reference = sweep()
     with monkeypatch.context() as patch, pytest.raises(dimersweep.errors.PointError):
-        patch.setattr("dimersweep.work.tiles.run_many", failing(lambda rows: rows[:, ROW_BETA0] > 1.3))
+        patch.setattr("dimersweep.runs.settings.run_many", failing(lambda rows: rows[:, ROW_BETA0] > 1.3))
         sweep(out="cube.nc", fail_fast=True, workers=1)
     assert os.listdir() == ["cube.nc.tiles"]
     xr.testing.assert_equal(sweep(out="cube.nc", retry=True), reference)

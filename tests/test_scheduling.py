@@ -101,7 +101,7 @@ def slow_points(rows, periods, rtol, settle, out, codes, until=0, space=None):
 
 
 def test_a_task_that_meets_slow_points_comes_back_with_what_it_has(monkeypatch):
-    monkeypatch.setattr("dimersweep.work.tiles.run_many", slow_points)
+    monkeypatch.setattr("dimersweep.runs.settings.run_many", slow_points)
     monkeypatch.setattr("dimersweep.work.tiles.perf_counter", lambda: CLOCK[0])
     first, second = attempt(SPEC, (Tile(0, 10), Tile(10, 240))).finished
     assert first.seconds <= tiles.OVERTIME * tiles.TILE_SECONDS + 0.05
@@ -112,7 +112,7 @@ def test_a_task_that_meets_slow_points_comes_back_with_what_it_has(monkeypatch):
 
 
 def test_a_tile_stops_when_it_is_told_to(monkeypatch):
-    monkeypatch.setattr("dimersweep.work.tiles.run_many", slow_points)
+    monkeypatch.setattr("dimersweep.runs.settings.run_many", slow_points)
     stop = StopFlag()
     stop.set()
     assert [tile.tile for tile in attempt(SPEC, (Tile(20, 240),), stop).finished] == [Tile(20, 21)]
@@ -120,7 +120,7 @@ def test_a_tile_stops_when_it_is_told_to(monkeypatch):
 
 def test_one_point_that_raises_costs_no_other(monkeypatch):
     bad = SPEC.grid.axes["beta0"][7]
-    monkeypatch.setattr("dimersweep.work.tiles.run_many", raising(lambda rows: rows[:, ROW_BETA0] == bad))
+    monkeypatch.setattr("dimersweep.runs.settings.run_many", raising(lambda rows: rows[:, ROW_BETA0] == bad))
     task = (Tile(0, 5), Tile(5, 40))
     (first, second), broken, _ = attempt(SPEC, task, shift=100)
     assert (first.tile, second.tile) == (Tile(100, 105), Tile(105, 107))
@@ -185,7 +185,7 @@ def test_a_worker_that_dies_costs_its_tile_alone(cluster, monkeypatch, tmp_path)
     def poison():
         import os
 
-        import dimersweep.work.tiles as there
+        import dimersweep.runs.settings as there
 
         run_many = there.run_many
 
@@ -197,7 +197,7 @@ def test_a_worker_that_dies_costs_its_tile_alone(cluster, monkeypatch, tmp_path)
         there.ours, there.run_many = run_many, dies_at_20_hz
 
     def heal():
-        import dimersweep.work.tiles as there
+        import dimersweep.runs.settings as there
 
         there.run_many = getattr(there, "ours", there.run_many)  # a worker that has died comes back sound
 

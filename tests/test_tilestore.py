@@ -57,7 +57,7 @@ def counted(monkeypatch):
         asked.append(len(rows))
         return fake_run_many(rows, *rest)
 
-    monkeypatch.setattr("dimersweep.work.tiles.run_many", run_many)
+    monkeypatch.setattr("dimersweep.runs.settings.run_many", run_many)
     set_pace(monkeypatch, 10)
     monkeypatch.setattr("dimersweep.work.computing.warm_up", lambda stop: None)
     return asked
@@ -420,7 +420,7 @@ def test_a_folder_of_tiles_that_is_a_link_is_refused_before_any_work(monkeypatch
     Path("elsewhere").mkdir()
     Path("file").write_text("precious")
     Path("cube.nc.tiles").symlink_to(target)
-    monkeypatch.setattr("dimersweep.work.tiles.run_many", lambda *rest, **more: pytest.fail("work was done"))
+    monkeypatch.setattr("dimersweep.runs.settings.run_many", lambda *rest, **more: pytest.fail("work was done"))
     with pytest.raises(StoreError, match=r"^cube.nc.tiles: is no folder, where what is finished is kept; move it, or"):
         sweep(force=True)
     assert os.listdir("elsewhere") == []

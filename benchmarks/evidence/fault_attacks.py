@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from hashlib import sha256
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -438,11 +439,10 @@ def with_kernel(scene: Scene, module: str, kernel: Callable[..., int]) -> str | 
     """Run the sweep with another kernel; it must not come through."""
 
     def before() -> None:
-        import dimersweep.work.proving
-        import dimersweep.work.tiles
+        from dimersweep.work.proving import proof
 
-        dimersweep.work.proving.proof.cache_clear()
-        getattr(dimersweep.work, module).run_many = kernel
+        proof.cache_clear()
+        import_module(f"dimersweep.{module}").run_many = kernel
 
     code = scene.run(before=before)
     if code == 0 or not line_of(scene.told()) or scene.cube.exists():
@@ -452,12 +452,12 @@ def with_kernel(scene: Scene, module: str, kernel: Callable[..., int]) -> str | 
 
 @attack("a kernel that cannot run")
 def _(scene: Scene) -> str | None:
-    return with_kernel(scene, "proving", raising)
+    return with_kernel(scene, "work.proving", raising)
 
 
 @attack("a kernel that gives nothing")
 def _(scene: Scene) -> str | None:
-    return with_kernel(scene, "proving", wrong)
+    return with_kernel(scene, "work.proving", wrong)
 
 
 @attack("a kernel that ceases to run")
@@ -471,7 +471,7 @@ def _(scene: Scene) -> str | None:
         left -= len(rows)
         return run_many(rows, *rest, **more) if left > 0 else raising()
 
-    return with_kernel(scene, "tiles", ceases)
+    return with_kernel(scene, "runs.settings", ceases)
 
 
 @attack("points that cannot be run")
@@ -484,7 +484,7 @@ def _(scene: Scene) -> str | None:
     def some(rows: Any, *rest: Any, **more: Any) -> int:
         return raising() if (abs(rows[:, ROW_BETA0] - bad) < 0.04).any() else run_many(rows, *rest, **more)
 
-    return with_kernel(scene, "tiles", some)
+    return with_kernel(scene, "runs.settings", some)
 
 
 # --- hostile declarations -----------------------------------------------------------------------------------------------

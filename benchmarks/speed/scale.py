@@ -55,6 +55,7 @@ def stand_in(point: float, travel: bool) -> None:
 
     import dimersweep.work.scheduling as tasks
     import dimersweep.work.tiles as there
+    from dimersweep.runs import settings
 
     status, mode, attempt = CODES.index("status"), CODES.index("mode"), tasks.attempt
     there.ends, there.tasks = [], 0
@@ -69,7 +70,7 @@ def stand_in(point: float, travel: bool) -> None:
         there.tasks += 1
         return attempt(*arguments, **more)
 
-    there.run_many, tasks.attempt = run_many, counted
+    settings.run_many, tasks.attempt = run_many, counted
     if travel:
         from dimersweep.storage.shelf import Shelf
 

@@ -16,9 +16,9 @@ from dimersweep.kernel.model.layout import M_DRIFT, MODES
 from dimersweep.runs.behind import AS_MADE, behind
 from dimersweep.runs.carrying import run_in_line
 from dimersweep.runs.run import Run
+from dimersweep.runs.settings import RunSettings
 from dimersweep.runs.simulating import simulate_patiently
 from dimersweep.symbols import PARAMETERS
-from dimersweep.work.tiles import RunSettings
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

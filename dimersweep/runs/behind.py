@@ -11,8 +11,8 @@ from dimersweep.cubes.grid import DIRECTIONS
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import ROW
 from dimersweep.parameters import reduced, value_of
+from dimersweep.runs.settings import RunSettings
 from dimersweep.symbols import PARAMETERS, SETTINGS
-from dimersweep.work.tiles import RunSettings
 
 AS_MADE = "take the point from the cube as it was made"
 LOST_HERE = f"the point has lost it (where it was dropped, renamed, or put together with others); {AS_MADE}"

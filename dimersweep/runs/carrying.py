@@ -30,9 +30,8 @@ from dimersweep.kernel.record import no_record
 from dimersweep.parameters import Parameters
 from dimersweep.runs.recorded import named_state
 from dimersweep.runs.run import Run, as_run
-from dimersweep.runs.solving import run_row
+from dimersweep.runs.settings import RunSettings, run_row_patiently
 from dimersweep.work.stopping import StopFlag, stoppable
-from dimersweep.work.tiles import RunSettings, lengths
 
 CYCLIC = (X1, Y1, GAMMA, PERIOD)  # slots of a state that no later state depends on
 
@@ -91,7 +90,7 @@ def carried(
             start = fitted(start, before, row)
         out, codes = blank(1)
         starts, cost = np.zeros((0, N_START)) if start is None else start, 0
-        for length in lengths(how.periods, how.max_periods):
+        for length in how.lengths():
             run_rows(
                 row[None], starts, ask_for(length, how.rtol, how.stop_when_settled), 0, out, codes, space, no_record()
             )
@@ -176,10 +175,7 @@ def run_in_line(
             start = None if former is None else former.end
             if start is not None:
                 start = fitted(start, rows[-1], row)
-            for length in lengths(last.periods, last.max_periods):
-                solved = run_row(row, start, length, last.rtol, space, settle=last.stop_when_settled, record=record)
-                if solved.codes[CODE_MODE] != M_UNRESOLVED:
-                    break
+            solved = run_row_patiently(row, start, last, space, record=record)
         return as_run(given.given(), last.rtol, solved, None if start is None else named_state(row, start))
 
     return stoppable(call)

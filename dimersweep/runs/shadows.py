@@ -34,9 +34,9 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.parameters import moved_on
 from dimersweep.runs.run import Run
+from dimersweep.runs.settings import RunSettings, run_all_patiently
 from dimersweep.runs.simulating import simulate
 from dimersweep.symbols import EVENT_QUANTITIES, START, STATE_QUANTITIES
-from dimersweep.work.tiles import RunSettings, run_all_patiently
 
 FINEST_SHADOW, COARSEST_SHADOW = RTOL_RANGE
 SHADOW_FINER = 1e-2  # rtol of a shadow over that of the run

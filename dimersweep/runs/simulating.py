@@ -15,12 +15,12 @@ from dimersweep.runs.behind import parameters_of, was_carried
 from dimersweep.runs.carrying import fitted
 from dimersweep.runs.recorded import named_state
 from dimersweep.runs.run import Run, as_run
+from dimersweep.runs.settings import RunSettings
 from dimersweep.runs.solving import check_recorded, run_row
 from dimersweep.runs.starting import is_point, kernel_start, known_by, named, start_of
 from dimersweep.symbols import INSTEAD, START
 from dimersweep.work.proving import is_proven, prove
 from dimersweep.work.stopping import StopFlag, stoppable
-from dimersweep.work.tiles import RunSettings, lengths
 
 
 def simulate(
@@ -135,7 +135,7 @@ def simulate_judged(
 
 def simulate_patiently(parameters: Mapping[str, Any], how: RunSettings, *, record: bool = True) -> Run:
     """The run of a point of a sweep: one that has not settled is made anew for twice as long, up to `how.max_periods`."""
-    for periods in lengths(how.periods, how.max_periods):
+    for periods in how.lengths():
         settings: dict[str, Any] = {"periods": periods, "rtol": how.rtol, "stop_when_settled": how.stop_when_settled}
         run = simulate(**parameters, **settings, record=record)
         if run.mode != MODES[M_UNRESOLVED]:

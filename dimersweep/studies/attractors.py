@@ -21,12 +21,12 @@ from dimersweep.orbits.labelling import COLUMNS, multiplier_columns, padded
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.portraits import Mirrors, mirrors_of, portrait_of_orbit
 from dimersweep.parameters import check_level, value_of
+from dimersweep.runs.settings import run_settings
 from dimersweep.storage.cubefiles import write_cube
 from dimersweep.storage.outputs import TABLES, check_output
 from dimersweep.storage.provenance import attributes
 from dimersweep.storage.tables import storable, without_fill
 from dimersweep.studies.drawn import Drawn, drawn_starts
-from dimersweep.studies.sweep_spec import run_settings
 from dimersweep.studies.telling_apart import Judge, Sort, distance, matched
 from dimersweep.symbols import PARAMETERS
 from dimersweep.work.computing import make_how

@@ -22,8 +22,9 @@ from dimersweep.kernel.model.layout import (
     OK,
 )
 from dimersweep.parameters import fill_rows
+from dimersweep.runs.settings import SLOW_MODES, RunSettings, run_patiently
 from dimersweep.studies.paths import PathLength, path_of
-from dimersweep.work.tiles import SLOW_MODES, RunSettings, around, run_patiently
+from dimersweep.work.tiles import around
 
 ASKS = ("any", "all", "first", "fraction")
 A_NOT_RUN, A_NO, A_YES, A_UNSURE = range(4)

@@ -11,13 +11,13 @@ from dimersweep.cubes.results import RESULT, Bundle, Tile
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_count, number
 from dimersweep.kernel.batch import N_START, Workspace
-from dimersweep.kernel.model.layout import CODE_MODE, CODE_STATUS, M_UNRESOLVED, STOPPED
+from dimersweep.kernel.model.layout import CODE_STATUS, STOPPED
 from dimersweep.parameters import check_name
-from dimersweep.runs.solving import run_row
+from dimersweep.runs.settings import RunSettings, run_row_patiently
 from dimersweep.storage.memorystore import MemoryStore
 from dimersweep.symbols import START
 from dimersweep.work.computing import How, crew
-from dimersweep.work.tiles import RunSettings, around, lengths
+from dimersweep.work.tiles import around
 
 STARTING = (*START, "phi0")  # parameters that starts are drawn from
 ENDED = np.dtype([*RESULT.descr, ("end", "<f8", (N_START,))])  # a result, and the state and friction modes at the end
@@ -41,10 +41,7 @@ class Drawn:
     def advance(self, points: np.ndarray, results: np.ndarray, space: Workspace) -> int:
         """See `Work`."""
         for k, row in enumerate(self.grid.rows_at(points)):
-            for periods in lengths(self.how.periods, self.how.max_periods):
-                solved = run_row(row, None, periods, self.how.rtol, space, settle=True, record=False)
-                if solved.codes[CODE_MODE] != M_UNRESOLVED:
-                    break
+            solved = run_row_patiently(row, None, self.how, space)
             if solved.codes[CODE_STATUS] == STOPPED:
                 return k
             results[k] = (solved.out, solved.codes, solved.end.start[0])

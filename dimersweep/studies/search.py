@@ -28,6 +28,7 @@ from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_count
 from dimersweep.kernel.model.layout import CODE_MODE, M_NOT_RUN, MODES
 from dimersweep.parameters import completed
+from dimersweep.runs.settings import run_settings
 from dimersweep.studies.deciding import (
     A_NOT_RUN,
     A_UNSURE,
@@ -42,7 +43,6 @@ from dimersweep.studies.making import complete_cube, unfinished_cube
 from dimersweep.studies.options import Given, Options, make_options
 from dimersweep.studies.paths import PathLength, path_length
 from dimersweep.studies.reuse import known_points
-from dimersweep.studies.sweep_spec import run_settings
 from dimersweep.symbols import PARAMETERS, QUANTITIES, STATE_QUANTITIES, Quantity
 from dimersweep.work.computing import Crew
 

@@ -11,35 +11,16 @@ from dimersweep.cubes.grid import carry_of, make_grid, with_directions
 from dimersweep.cubes.points import AnyGrid, make_points
 from dimersweep.cubes.results import RESULT, Bundle
 from dimersweep.errors import ParameterError
-from dimersweep.inputs import check_count, check_rtol, check_switch
+from dimersweep.inputs import check_count, check_switch
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import Workspace, is_stopped
 from dimersweep.runs.carrying import carried
+from dimersweep.runs.settings import SLOW_MODES, RunSettings, run_patiently, run_settings
 from dimersweep.runs.shadows import certified
 from dimersweep.studies.strobes import MAX_STROBES, add_strobes, strobe_fields
-from dimersweep.work.tiles import SLOW_MODES, RunSettings, around, run_patiently
+from dimersweep.work.tiles import around
 
 CERTIFIED = np.dtype([*RESULT.descr, ("confidence", "<i8"), ("error_estimate", "<f8")])  # result of a certified point
-
-
-def run_settings(
-    *, periods: int, max_periods: int | None = None, rtol: float = 1e-8, stop_when_settled: bool = True
-) -> RunSettings:
-    """Settings of runs from what a user gives, see `sweep`.
-
-    Raises
-    ------
-    ParameterError
-        Naming what is not allowed.
-    """
-    periods = check_count("periods", periods)
-    longest = periods if max_periods is None else check_count("max_periods", max_periods)
-    if longest < periods:
-        raise ParameterError(f"max_periods = {longest}: must be >= periods = {periods}")
-    settles = check_switch("stop_when_settled", stop_when_settled)
-    if longest > periods and not settles:
-        raise ParameterError(f"max_periods = {longest}: is for runs that stop when they have settled")
-    return RunSettings(periods, longest, check_rtol(rtol), settles)
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,9 @@ from dimersweep.kernel.model.layout import CODE_MODE, CODE_MODE_PERIOD, MODES
 from dimersweep.orbits.finding import find
 from dimersweep.orbits.poincare import OrbitLost, Tape
 from dimersweep.orbits.portraits import ALIKE_WITHIN, Carried, Mirrors, Portrait, apart, portrait_from
+from dimersweep.runs.settings import RunSettings
 from dimersweep.runs.simulating import simulate_patiently
 from dimersweep.runs.solving import run_row
-from dimersweep.work.tiles import RunSettings
 
 
 class Sort(NamedTuple):

@@ -1,28 +1,20 @@
 """The unit of work: ranges of grid points, and the pure function that any thread, process or machine runs them with."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from time import perf_counter
 from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 
-from dimersweep.cubes.cube import blank
 from dimersweep.cubes.points import AnyGrid
 from dimersweep.cubes.results import Bundle, Finished, Tile, blank_results
-from dimersweep.kernel.batch import Workspace, is_stopped, run_many
-from dimersweep.kernel.model.layout import (
-    CODE_MODE,
-    M_APERIODIC,
-    M_FAILED,
-    M_UNRESOLVED,
-)
+from dimersweep.kernel.batch import Workspace, is_stopped
 from dimersweep.storage.manifest import Entry
 from dimersweep.work.stopping import StopFlag
 
 TILE_SECONDS = 0.5  # at least: long against the cost of a task (4 ms), short against what a kill may cost
 CHUNK_SECONDS = 0.1  # what one call of the kernel aims at: it can be stopped only between calls
 OVERTIME = 2  # a task whose points turn out slow comes back after so many times its time with those it has by then
-SLOW_MODES = sum(1 << mode for mode in (M_FAILED, M_APERIODIC, M_UNRESOLVED))  # these use all periods they are given
 
 
 class Broken(NamedTuple):
@@ -81,71 +73,6 @@ def after(tiles: Bundle, points: int) -> Bundle:
         if start + taken < stop:
             left.append(Tile(start + taken, stop))
     return tuple(left)
-
-
-def lengths(periods: int, max_periods: int) -> Iterator[int]:
-    """Forcing periods of the runs of a point that does not settle, one after the other: each twice those before."""
-    yield periods
-    while periods < max_periods:
-        periods = min(2 * periods, max_periods)
-        yield periods
-
-
-class RunSettings(NamedTuple):
-    """How long and how accurate the runs of points are; see `run_patiently`."""
-
-    periods: int  # forcing periods of the first run of a point
-    max_periods: int  # and of the longest
-    rtol: float  # accuracy [1]
-    stop_when_settled: bool = True  # whether a run ends as soon as its motion has settled and its numbers stand
-
-
-def run_patiently(
-    rows: np.ndarray,
-    how: RunSettings,
-    out: np.ndarray,
-    codes: np.ndarray,
-    until: int = 0,
-    space: Workspace | None = None,
-) -> int:
-    """Run points as `run_many` does, up to the first that has not settled; that one again for twice as long, and so on.
-
-    A longer run starts anew: what comes out depends on the point alone. Most motions settle soon, and those that ring down
-    slowly are too few to be given all they may need at once.
-
-    Parameters
-    ----------
-    rows, out, codes, until, space
-        See ``kernel.batch.run_rows``.
-    how : RunSettings
-
-    Returns
-    -------
-    int
-        Number of points made.
-    """
-    rtol, settle = how.rtol, how.stop_when_settled
-    first, *longer = lengths(how.periods, how.max_periods)
-    made = run_many(rows, first, rtol, settle, out, codes, until=until | 1 << M_UNRESOLVED, space=space)
-    last = slice(made - 1, made)
-    for more in longer:
-        if not made or codes[made - 1, CODE_MODE] != M_UNRESOLVED:
-            break
-        if not run_many(rows[last], more, rtol, settle, out[last], codes[last], until=until, space=space):
-            return made - 1  # it was stopped
-    return made
-
-
-def run_all_patiently(
-    rows: np.ndarray, how: RunSettings, space: Workspace | None = None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Results of all points by `run_patiently`: `out` and `codes`, blank from where the work was stopped."""
-    out, codes = blank(len(rows))
-    done, made = 0, 1
-    while made and done < len(rows):
-        made = run_patiently(rows[done:], how, out[done:], codes[done:], space=space)
-        done += made
-    return out, codes
 
 
 class Work(Protocol):
