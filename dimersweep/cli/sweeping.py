@@ -62,7 +62,7 @@ def run(
         cube_file, picture if plot else None, parts=tiles_of(cube_file).path, again="run the same again for the rest"
     ):
         from dimersweep.studies.datasets import run_study
-        from dimersweep.studies.options import make_options
+        from dimersweep.work.options import make_options
 
         study = declared.study(periods=periods, rtol=rtol, certify=certify, carry=carry)
         if plot and not cube_file.exists():
@@ -115,12 +115,12 @@ def plan(
     from dimersweep.studies.declaration import read_declaration
     from dimersweep.studies.planning import plan
     from dimersweep.studies.presets import find_declaration
-    from dimersweep.work.computing import make_how
+    from dimersweep.work.options import make_options
     from dimersweep.work.progress import report_compiling
 
     declared = read_declaration(find_declaration(declaration))
     study = declared.study(periods=periods, rtol=rtol, carry=carry)
-    threads = make_how(workers).workers
+    threads = make_options(workers=workers).workers
     report_compiling()
     for line in plan(study, threads, Path(declared.sweep.output)).lines():
         typer.echo(line)

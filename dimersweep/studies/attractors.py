@@ -29,7 +29,7 @@ from dimersweep.storage.tables import storable, without_fill
 from dimersweep.studies.drawn import Drawn, drawn_starts
 from dimersweep.studies.telling_apart import Judge, Sort, distance, matched
 from dimersweep.symbols import PARAMETERS
-from dimersweep.work.computing import make_how
+from dimersweep.work.options import make_options
 
 NONE = -1  # in place of the number of a start
 OF_AN_ORBIT = tuple(name for name in COLUMNS if name != "cost")  # numbers of an orbit that each attractor has
@@ -180,7 +180,7 @@ def attractors(
         table[name] = np.repeat(values, n)
     drawn = Drawn(make_points(table, fixed), how)
     _check_one_plate(drawn.grid.fixed, table)
-    results = drawn.run(make_how(workers, progress=progress))
+    results = drawn.run(make_options(workers=workers, progress=progress))
     found = Census(name, values, columns, wanted)
     for k in range(values.size):
         here, _ = drawn.grid.window(k * n, (k + 1) * n)

@@ -1,17 +1,17 @@
 """What a file declares, made into its cube."""
 
 import os
-from typing import Unpack
+from typing import Any
 
 import xarray as xr
 
 from dimersweep.studies.deciding import SearchSpec
 from dimersweep.studies.declaration import Declaration
-from dimersweep.studies.options import Manner, Options, make_options
 from dimersweep.studies.refine import RefineSpec, run_refine
 from dimersweep.studies.search import run_search
 from dimersweep.studies.sweep import run_sweep
 from dimersweep.studies.sweep_spec import Spec
+from dimersweep.work.options import Options, make_options
 
 
 def make(
@@ -21,7 +21,7 @@ def make(
     periods: int | None = None,
     rtol: float | None = None,
     certify: bool = False,
-    **options: Unpack[Manner],
+    **options: Any,
 ) -> xr.Dataset:
     """Make the cube of a declaration, and write it.
 

@@ -16,7 +16,8 @@ from dimersweep.parameters import check_name
 from dimersweep.runs.settings import RunSettings, run_row_patiently
 from dimersweep.storage.memorystore import MemoryStore
 from dimersweep.symbols import START
-from dimersweep.work.computing import How, crew
+from dimersweep.work.computing import crew
+from dimersweep.work.options import Options
 from dimersweep.work.tiles import around
 
 STARTING = (*START, "phi0")  # parameters that starts are drawn from
@@ -52,7 +53,7 @@ class Drawn:
         grid, moved, shift = around(self.grid, tiles)
         return replace(self, grid=grid), moved, shift
 
-    def run(self, how: How) -> np.ndarray:
+    def run(self, options: Options) -> np.ndarray:
         """Results of all points, shape (n,), of `ENDED`.
 
         Raises
@@ -61,7 +62,7 @@ class Drawn:
             As by `sweep`.
         """
         store = MemoryStore(self.grid.size, self.kind)
-        with crew(store, how) as team:
+        with crew(store, options) as team:
             team.expect(self.grid.size)
             team.run(self, [Tile(0, self.grid.size)])
         return store.results

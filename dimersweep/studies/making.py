@@ -26,8 +26,8 @@ from dimersweep.storage.memorystore import MemoryStore
 from dimersweep.storage.outputs import check_output, check_writable
 from dimersweep.storage.provenance import CHECKSUM, as_text, attributes, differences
 from dimersweep.storage.tilestore import TileStore, tile_store
-from dimersweep.studies.options import Options
 from dimersweep.work.computing import Crew, Store, crew, settle_way
+from dimersweep.work.options import Options
 
 
 class Study(Protocol):
@@ -79,7 +79,7 @@ def complete_cube(study: Study, options: Options) -> xr.Dataset | None:
     if out.exists() and not options.force:
         former = _former(out, study)
         if not options.retry or not failed(flatten(former)[1]).any():
-            if options.how.progress:
+            if options.progress:
                 print(f"{out}: is complete already; nothing was run", file=sys.stderr, flush=True)
             return former
     check_writable(out, force=options.force or options.retry)
@@ -144,7 +144,7 @@ class UnfinishedCube:
                 out,
                 sign=partial(signed, configuration=self.study.configuration()),
                 scratch=self.store.scratch,
-                workers=self.options.how.workers,
+                workers=self.options.workers,
             )
         self._tidy_up(self.store)
         return open_cube(out)
@@ -177,14 +177,14 @@ def unfinished_cube(
     ParameterError, StoreError, KernelError, PointError, UnfinishedError, Stopped
         See `sweep`.
     """
-    settle_way(progress=options.how.progress)
+    settle_way(progress=options.progress)
     with ExitStack() as stack:
         store: Store = (
             MemoryStore(study.grid.size, study.kind)
             if options.out is None
             else stack.enter_context(_store_of(study, options, options.out, again))
         )
-        cube = UnfinishedCube(study, options, store, stack.enter_context(crew(store, options.how)))
+        cube = UnfinishedCube(study, options, store, stack.enter_context(crew(store, options)))
         try:
             yield cube
         except KeyboardInterrupt as stop:  # one that came while no points were run tells nothing

@@ -25,7 +25,8 @@ from dimersweep.studies.deciding import SearchSpec, Wave, spread_order
 from dimersweep.studies.making import Study
 from dimersweep.studies.refine import RefineSpec, cut_cells
 from dimersweep.studies.sweep_spec import Spec
-from dimersweep.work.computing import How, crew
+from dimersweep.work.computing import crew
+from dimersweep.work.options import Options
 from dimersweep.work.proving import prove
 from dimersweep.work.scheduling import TILES_PER_WORKER
 from dimersweep.work.stopping import stoppable
@@ -216,7 +217,7 @@ def _of_cells(spec: RefineSpec, numbers: np.ndarray) -> Iterator[Cost]:
         own = {name: values[k : k + 2] for (name, values), k in zip(axes.items(), place, strict=True)}
         cell = replace(spec, coarse=replace(spec.coarse, grid=Grid(own, spec.coarse.grid.fixed)))
         store = MemoryStore(cell.grid.size, cell.kind)
-        with crew(store, How(1, progress=False)) as hands:
+        with crew(store, Options(workers=1, progress=False)) as hands:
             cut_cells(cell, search.Findings(cell.fine.question, store.read(0, cell.grid.size)), hands)
         ends = zip(place, cells, cell.grid.shape, strict=True)
         share = reduce(np.multiply.outer, [_shares(n, k == 0, k == last - 1) for k, last, n in ends]).ravel()

@@ -16,7 +16,6 @@ from dimersweep.inputs import as_number, check_count
 from dimersweep.parameters import check
 from dimersweep.studies.deciding import SearchSpec
 from dimersweep.studies.making import complete_cube, unfinished_cube
-from dimersweep.studies.options import Given, Options, make_options
 from dimersweep.studies.search import (
     MIXED,
     REGIONS,
@@ -27,6 +26,7 @@ from dimersweep.studies.search import (
     to_search_again,
 )
 from dimersweep.work.computing import Crew
+from dimersweep.work.options import Given, Options, make_options
 
 MAX_HALVINGS = 12
 FILLED = ("answer", "region", "mode")  # what a point that was not computed takes from the cell around it

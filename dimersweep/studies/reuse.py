@@ -19,8 +19,8 @@ from dimersweep.storage.checking import check_unchanged
 from dimersweep.storage.cubefiles import open_cube
 from dimersweep.storage.provenance import differences
 from dimersweep.studies.deciding import SearchSpec
-from dimersweep.studies.options import Options
 from dimersweep.studies.sweep_spec import Spec
+from dimersweep.work.options import Options
 
 BLOCK = 1 << 16  # points looked up at a time
 _POINTS = ("grid", "fixed", "refine")

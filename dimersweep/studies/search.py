@@ -40,11 +40,11 @@ from dimersweep.studies.deciding import (
     Wave,
 )
 from dimersweep.studies.making import complete_cube, unfinished_cube
-from dimersweep.studies.options import Given, Options, make_options
 from dimersweep.studies.paths import PathLength, path_length
 from dimersweep.studies.reuse import known_points
 from dimersweep.symbols import PARAMETERS, QUANTITIES, STATE_QUANTITIES, Quantity
 from dimersweep.work.computing import Crew
+from dimersweep.work.options import Given, Options, make_options
 
 REGIONS = FLAGS["region"]
 MIXED = REGIONS.index("mixed")  # several modes, none of them the one asked for

@@ -13,10 +13,10 @@ from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_count
 from dimersweep.storage.provenance import check_attrs
 from dimersweep.studies.making import complete_cube, unfinished_cube
-from dimersweep.studies.options import Given, Options, make_options
 from dimersweep.studies.reuse import known_points
 from dimersweep.studies.strobes import with_strobes
 from dimersweep.studies.sweep_spec import Spec, make_spec
+from dimersweep.work.options import Given, Options, make_options
 
 
 def run_sweep(spec: Spec, options: Options) -> xr.Dataset:

@@ -4,19 +4,15 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
-from typing import Any
-
-from dask.system import CPU_COUNT
 
 from dimersweep.cubes.points import AnyGrid
 from dimersweep.cubes.results import Finished, Tile, not_ok, tally
 from dimersweep.errors import PointError, Stopped, UnfinishedError
-from dimersweep.inputs import check_count
 from dimersweep.kernel.model.layout import CODE_STATUS, STATUS_MESSAGES, STATUSES
 from dimersweep.storage.memorystore import MemoryStore
 from dimersweep.storage.shelf import Shelf
 from dimersweep.storage.tilestore import TileStore
+from dimersweep.work.options import Options
 from dimersweep.work.progress import Silent, Tally, report_compiling, watch
 from dimersweep.work.proving import is_proven
 from dimersweep.work.scheduling import (
@@ -37,43 +33,9 @@ from dimersweep.work.tiles import (
     count,
 )
 
-MAX_WORKERS = 4096  # threads
 ALIKE = 10  # tasks that break off in a row for the same reason: then it is not for the points
 
 Store = MemoryStore | TileStore
-
-
-@dataclass(frozen=True)
-class How:
-    """What decides how points are run, but none of their numbers; get one from `make_how`.
-
-    Parameters
-    ----------
-    workers : int
-        Threads of this process.
-    client : distributed.Client or str, optional
-        A cluster in place of them.
-    progress, fail_fast : bool
-        See `sweep`.
-    """
-
-    workers: int
-    client: Any = None
-    progress: bool = True
-    fail_fast: bool = False
-
-
-def make_how(workers: int | None, client: Any = None, *, progress: bool = True, fail_fast: bool = False) -> How:
-    """How, from what a user gives: as many threads as there are cores if `workers` is None.
-
-    Raises
-    ------
-    ParameterError
-        If `workers` is not allowed.
-    """
-    return How(
-        CPU_COUNT if workers is None else check_count("workers", workers, MAX_WORKERS), client, progress, fail_fast
-    )
 
 
 class Troubles:
@@ -113,13 +75,13 @@ class Crew:
     ----------
     store : Store
         Where results are put; as many of its points as ``expect`` says are wanted.
-    how : How
+    options : Options
     hired : ExitStack
         Lets them go.
     """
 
-    def __init__(self, store: Store, how: How, hired: ExitStack) -> None:
-        self.store, self.how, self.wanted = store, how, 0
+    def __init__(self, store: Store, options: Options, hired: ExitStack) -> None:
+        self.store, self.options, self.wanted = store, options, 0
         self._hired = hired
         self._pool: Pool | None = None
         self._stop: StopFlag
@@ -141,23 +103,25 @@ class Crew:
         self.store.flush()
 
     def _hire(self) -> Pool:
-        how, hired = self.how, self._hired
-        client = None if how.client is None else hired.enter_context(connected(how.client))
-        if how.progress and not is_proven():
+        options, hired = self.options, self._hired
+        client = None if options.client is None else hired.enter_context(connected(options.client))
+        if options.progress and not is_proven():
             report_compiling()
         self._stop = hired.enter_context(stop_on_signals())
         warm_up(self._stop)  # before the clock of the progress starts, and before workers would all do it
-        pool = hired.enter_context(threads(how.workers, self._stop) if client is None else cluster(client))
+        pool = hired.enter_context(threads(options.workers, self._stop) if client is None else cluster(client))
         self._shown = hired.enter_context(
-            watch(Tally(self.wanted, self.store.modes(), pool.workers), show=how.progress)
+            watch(Tally(self.wanted, self.store.modes(), pool.workers), show=options.progress)
         )
-        if how.progress and not pool.workers():
+        if options.progress and not pool.workers():
             print("waiting for the first worker of the cluster", file=sys.stderr, flush=True)
         return pool
 
     def _shelf(self) -> Shelf | None:
         """Where workers of a cluster may put results by themselves."""
-        return self.store.open_shelf() if self.how.client is not None and isinstance(self.store, TileStore) else None
+        return (
+            self.store.open_shelf() if self.options.client is not None and isinstance(self.store, TileStore) else None
+        )
 
     def run(self, work: Work, missing: Sequence[Tile], also: Callable[[Finished], None] | None = None) -> None:
         """Do `work` at the points of `missing`, and hand each tile that is finished to the store, and to `also`.
@@ -181,7 +145,7 @@ class Crew:
         def take(made: Made) -> None:
             nonlocal left
             troubles.note(made)
-            if troubles.alike >= ALIKE or (troubles.points and self.how.fail_fast):
+            if troubles.alike >= ALIKE or (troubles.points and self.options.fail_fast):
                 self._stop.set()
             left -= made.done
             modes: Counter[str] = Counter()
@@ -192,14 +156,14 @@ class Crew:
                 self.store.add(tile)
                 if also:
                     also(tile)
-                if self.how.fail_fast and not_ok(tile.codes).any():
+                if self.options.fail_fast and not_ok(tile.codes).any():
                     failures.append(_failure(work, tile))
                     self._stop.set()
                 modes.update(tally(tile.codes))
             if modes:
                 self._shown.add(modes, made.seconds)
 
-        shelf = None if also or self.how.fail_fast else self._shelf()
+        shelf = None if also or self.options.fail_fast else self._shelf()
         try:
             run_tiles(self._pool, work, missing, pace, take, self._stop, shelf)
         finally:
@@ -233,10 +197,10 @@ def settle_way(*, progress: bool) -> None:
 
 
 @contextmanager
-def crew(store: Store, how: How) -> Iterator[Crew]:
+def crew(store: Store, options: Options) -> Iterator[Crew]:
     """A crew for `store`, which goes home at the end of the context."""
     with ExitStack() as hired:
-        yield Crew(store, how, hired)
+        yield Crew(store, options, hired)
 
 
 def _failure(work: Work, finished: Finished) -> tuple[int, str]:

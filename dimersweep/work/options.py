@@ -1,4 +1,4 @@
-"""The options that sweep, search and refine share: where the cube goes, who runs the points, what is taken from other cubes."""
+"""How a study is run, but none of its numbers: who runs the points, where results go, what is taken from other cubes."""
 
 import os
 from collections.abc import Mapping
@@ -7,16 +7,20 @@ from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
 import numpy as np
+from dask.system import CPU_COUNT
 
 from dimersweep.cubes.results import not_ok, not_run
+from dimersweep.inputs import check_count
 from dimersweep.storage.provenance import check_attrs
 from dimersweep.symbols import PARAMETERS
-from dimersweep.work.computing import How, make_how
+
+MAX_WORKERS = 4096  # threads
 
 
-class Manner(TypedDict, total=False):
-    """The options but for the output, as keyword arguments that may be left out; see `sweep`."""
+class Given(TypedDict, total=False):
+    """The options as keyword arguments that may be left out; see `sweep`."""
 
+    out: str | os.PathLike[str] | None
     workers: int | None
     progress: bool
     force: bool
@@ -28,20 +32,18 @@ class Manner(TypedDict, total=False):
     keep_tiles: bool
 
 
-class Given(Manner, total=False):
-    """All options as keyword arguments that may be left out; see `sweep`."""
-
-    out: str | os.PathLike[str] | None
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Options:
-    """How a cube is made, but none of its numbers; get one from `make_options`.
+    """How a study is run; get one from `make_options`.
 
     Parameters
     ----------
-    how : How
-        Who runs the points.
+    workers : int
+        Threads of this process.
+    client : distributed.Client or str, optional
+        A cluster in place of them.
+    progress, fail_fast : bool
+        See `sweep`.
     out : Path, optional
         The file of the cube.
     force, keep_tiles : bool
@@ -54,7 +56,10 @@ class Options:
         Whether points that failed there, or at `out`, are run again.
     """
 
-    how: How
+    workers: int
+    client: Any = None
+    progress: bool = True
+    fail_fast: bool = False
     out: Path | None = None
     force: bool = False
     keep_tiles: bool = False
@@ -68,7 +73,7 @@ class Options:
 
 
 def make_options(**given: Unpack[Given]) -> Options:
-    """Options from what a user gives, see `sweep`.
+    """Options from what a user gives, see `sweep`: as many threads as there are cores if `workers` is None.
 
     Raises
     ------
@@ -81,13 +86,10 @@ def make_options(**given: Unpack[Given]) -> Options:
         if name not in Given.__optional_keys__:
             fixed = f"; what is the same at all points goes into fixed = {{{name!r}: {value!r}}}"
             raise TypeError(f"{name} = {value!r}: unknown option{fixed if name in PARAMETERS else ''}")
-    out, progress, fail_fast = given.get("out"), given.get("progress", True), given.get("fail_fast", False)
-    return Options(
-        make_how(given.get("workers"), given.get("client"), progress=progress, fail_fast=fail_fast),
-        None if out is None else Path(out),
-        given.get("force", False),
-        given.get("keep_tiles", False),
-        check_attrs(given.get("attrs")),
-        given.get("extend"),
-        given.get("retry", False),
-    )
+    out, workers = given.get("out"), given.get("workers")
+    judged: dict[str, Any] = dict(given) | {
+        "workers": CPU_COUNT if workers is None else check_count("workers", workers, MAX_WORKERS),
+        "out": None if out is None else Path(out),
+        "attrs": check_attrs(given.get("attrs")),
+    }
+    return Options(**judged)
