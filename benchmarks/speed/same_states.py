@@ -59,12 +59,17 @@ def answer(n: int, rtol: float) -> list[tuple[str, dict[str, float]]]:
     return found
 
 
-def modes() -> list[int]:
-    """Modes of the base case for three frequencies and 899 dip angles (Fig. 7)."""
+def fig7(**how: Any) -> Any:
+    """The cube of the base case for three frequencies and 899 dip angles (Fig. 7)."""
     from dimersweep import sweep
 
     grid = {"f": [15, 20, 25], "beta0": {"start": 0.1, "stop": 89.9, "num": 899, "unit": "deg"}}
-    return sweep(grid, periods=400, progress=False)["mode"].values.ravel().tolist()
+    return sweep(grid, periods=400, progress=False, **how)
+
+
+def modes() -> list[int]:
+    """Modes of Fig. 7."""
+    return fig7()["mode"].values.ravel().tolist()
 
 
 def answers_of(revision: str, n: int, rtol: float) -> tuple[list[tuple[str, dict[str, float]]], np.ndarray]:
