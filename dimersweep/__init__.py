@@ -12,9 +12,10 @@ Examples
 ['rest', 'drift', 'drift']
 """
 
-from collections.abc import Callable
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
+
+from dimersweep.faces import __version__ as __version__
 
 if TYPE_CHECKING:
     from dimersweep import fits, orbits
@@ -24,8 +25,7 @@ if TYPE_CHECKING:
     from dimersweep.fits.fitting import fit
     from dimersweep.parameters import Parameters
     from dimersweep.runs import stability
-    from dimersweep.runs.run import Run
-    from dimersweep.runs.saving import load_run
+    from dimersweep.runs.run import Run, load_run
     from dimersweep.runs.simulating import simulate
     from dimersweep.storage.cubefiles import open_cube
     from dimersweep.studies.attractors import attractors
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from dimersweep.studies.search import search
     from dimersweep.studies.sweep import bifurcation, sweep
 
-__version__ = "0.1.0"
 __all__ = [
     "ParameterError",
     "Parameters",
@@ -68,7 +67,7 @@ _HOME = {
     "bifurcation": "studies.sweep",
     "explore": "exploring.serving",
     "fit": "fits.fitting",
-    "load_run": "runs.saving",
+    "load_run": "runs.run",
     "loops": "studies.loops",
     "names": "cubes.cube",
     "open_cube": "storage.cubefiles",
@@ -96,14 +95,3 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted({*globals(), *__all__, *_ROOMS})
-
-
-def reachable(room: str, *modules: str) -> Callable[[str], Any]:
-    """A `__getattr__` for a room some of whose modules are public: each is loaded when it is asked for."""
-
-    def load(name: str) -> Any:
-        if name not in modules:
-            raise AttributeError(f"module {room!r} has no attribute {name!r}")
-        return import_module(f"{room}.{name}")
-
-    return load

@@ -17,7 +17,7 @@ from dimersweep.kernel.batch import N_START
 from dimersweep.kernel.course import new_workspace
 from dimersweep.kernel.model.layout import CODE_STATUS, D1, D2, DIP, JAMMED, M_DRIFT, N1, N2, OK, WB
 from dimersweep.parameters import Parameters, dimer_from
-from dimersweep.runs import carrying
+from dimersweep.runs import carrying, starting
 from dimersweep.runs.settings import RunSettings
 from dimersweep.studies.declaration import read_declaration
 from dimersweep.studies.planning import plan
@@ -172,7 +172,7 @@ def test_no_end_of_another_body_is_below_the_plate(change, dip):
     start[0, [DIP, WB, N1]] = dip, 2.0, 0.1
     rise = dm.l * (sin(dm.beta_0 + dip) - sin(dm.beta_0))
     start[0, [D1, D2]] = max(0.0, -rise), max(0.0, rise)
-    moved = carrying.fitted(start, old.row(), new.row())[0]
+    moved = starting.fitted(start, old.row(), new.row())[0]
     rise = later.l * (sin(later.beta_0 + dip) - sin(later.beta_0))
     assert moved[D2] - moved[D1] == pytest.approx(rise, abs=1e-17)
     assert min(moved[D1], moved[D2]) == 0.0

@@ -12,6 +12,7 @@ from PIL import Image
 from dimersweep import cli, simulate
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.plots import movie, replay
+from dimersweep.plots import playback as playing
 from tests.browser import chromium_page, colors_of, needs_chromium
 
 pytestmark = pytest.mark.jit
@@ -23,8 +24,8 @@ def run():
 
 
 def test_frames_are_the_states_of_the_run(run):
-    playback = movie.Playback(3.0, 3.2, 0.1, 25, False)
-    shown = movie.frames(run, playback)
+    playback = playing.Playback(3.0, 3.2, 0.1, 25, False)
+    shown = playing.frames(run, playback)
     np.testing.assert_allclose(shown["time"], 3.0 + 0.004 * np.arange(50))
     length = 2 * 5e-3 * 5
     apart = [(shown[f"{axis}2"] - shown[f"{axis}1"]).values for axis in "xyz"]
@@ -36,11 +37,11 @@ def test_frames_are_the_states_of_the_run(run):
 def test_time_is_slow_around_double_impacts_however_far_apart_the_frames_are(speed, fps):
     """Each second of the run takes 1/speed, and SLOWED times that near an impact; whole, overlapping and cut spans alike."""
     T = 1 / 15
-    impacts, reach = np.array([3.0, 3.0501, 3.0522, 3.07, 3.1]), movie.NEAR_IMPACT * T
-    times = movie.Playback(3.0, 3.1, speed, fps, True).times(impacts, T)
+    impacts, reach = np.array([3.0, 3.0501, 3.0522, 3.07, 3.1]), playing.NEAR_IMPACT * T
+    times = playing.Playback(3.0, 3.1, speed, fps, True).times(impacts, T)
     fine = np.linspace(3.0, 3.1, 1_000_001)
     slow = (np.abs(fine[:-1, None] + 5e-8 - impacts) < reach).any(axis=1)
-    shown = np.concatenate([[0.0], np.cumsum(np.where(slow, movie.SLOWED, 1.0) * 1e-7 / speed)])
+    shown = np.concatenate([[0.0], np.cumsum(np.where(slow, playing.SLOWED, 1.0) * 1e-7 / speed)])
     np.testing.assert_allclose(np.interp(times, fine, shown), np.arange(times.size) / fps, atol=1e-5 / speed)
     assert times.size == np.ceil(shown[-1] * fps)
     assert slow.mean() == pytest.approx((reach + 0.0021 + 2 * reach + 2 * reach + reach) / 0.1, rel=1e-3)
@@ -49,7 +50,7 @@ def test_time_is_slow_around_double_impacts_however_far_apart_the_frames_are(spe
 def test_a_movie_has_as_many_frames_as_its_time_asks_for():
     for periods, speed, fps in ((3, 0.1, 10), (7, 0.1, 30), (6, 0.3, 50), (1, 0.7, 3)):
         length = periods / 15
-        n = movie.Playback(4 - length, 4.0, speed, fps, False).times(np.array([]), 1 / 15).size
+        n = playing.Playback(4 - length, 4.0, speed, fps, False).times(np.array([]), 1 / 15).size
         assert n == int(np.ceil(round(length / speed * fps, 6)))
 
 
@@ -198,7 +199,7 @@ def test_a_page_shows_the_plate_as_it_tilts_and_moves():
     """The dimer falls by what the plate does, and a plate that moves by A sin(phase) carries its corners along."""
     tilt, azimuth, Gamma_x = 0.2, 0.7, 0.5
     run = simulate(tilt=tilt, azimuth=azimuth, Gamma_x=Gamma_x, periods=20)
-    shown = movie.frames(run, movie.playback_of(run, 2, fps=10))
+    shown = playing.frames(run, playing.playback_of(run, 2, fps=10))
     uphill, downhill = np.array([[0.0, 0.0, 0.0], [np.cos(azimuth), np.sin(azimuth), 0.0]])
     places = replay._in_room(
         run, np.array([uphill, downhill, [-np.sin(azimuth), np.cos(azimuth), 0.0], [0.0, 0.0, 1.0]])
@@ -216,7 +217,7 @@ def test_a_page_of_a_small_dimer_is_as_round_as_that_of_a_large_one():
     large = simulate(periods=4)
     small = simulate(periods=4, r=5e-6, D_r=4e-6, f=15 * 1e3**0.5, xdot0=1e-3**0.5)
     pages = [
-        replay._moved(run, movie.frames(run, movie.playback_of(run, 2, 0.1 * s**0.5)), 3)
+        replay._moved(run, playing.frames(run, playing.playback_of(run, 2, 0.1 * s**0.5)), 3)
         for run, s in ((large, 1), (small, 1e-3))
     ]
     for one, other in zip(*pages, strict=True):

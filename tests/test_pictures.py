@@ -16,6 +16,7 @@ from dimersweep.fits.pictures import draw_fit
 from dimersweep.kernel.model.layout import CODES, DI_ENDS, M_DRIFT, M_JUMP, M_NOT_RUN, M_REST, MODES, OUT
 from dimersweep.orbits.pictures import draw_borders
 from dimersweep.plots import FIGURES, draw, energy_budget, movie, orbit, replay, run_figure
+from dimersweep.plots import playback as playing
 from dimersweep.plots.attractors import attractors
 
 pytestmark = pytest.mark.filterwarnings("error")
@@ -660,7 +661,7 @@ def test_the_bars_of_a_budget_are_its_works(run):
 
 @pytest.mark.jit
 def test_a_movie_shows_the_balls_where_they_are(run):
-    shown = movie.frames(run, movie.playback_of(run, 2, fps=10))
+    shown = playing.frames(run, playing.playback_of(run, 2, fps=10))
     side, above = Figure().subplots(1, 2)
     updates = movie._side_view(side, run, shown), movie._view_from_above(above, run, shown)
     for k in (0, 5, 9):

@@ -1,5 +1,5 @@
 """The data: grids of points, their results, labelled cubes and what is read off them."""
 
-from dimersweep import reachable
+from dimersweep.faces import reachable
 
 __getattr__ = reachable(__name__, "reading")

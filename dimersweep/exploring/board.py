@@ -15,7 +15,7 @@ from dimersweep.cubes.reading import edges_of, is_geometric
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots import run_figure
-from dimersweep.plots.movie import playback_of
+from dimersweep.plots.playback import playback_of
 from dimersweep.plots.replay import replay_page
 from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, fixed_of
 from dimersweep.plots.tables import run_table, title_as_html

@@ -3,16 +3,13 @@
 from collections.abc import Mapping, Set
 from dataclasses import dataclass
 from math import isfinite
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from dimersweep.errors import ParameterError, unknown
 from dimersweep.inputs import as_number, as_numbers, number
 from dimersweep.symbols import QUANTITIES, Quantity
-
-if TYPE_CHECKING:
-    from dimersweep.fits.tracks import Track
 
 # attributes of an orbit that an experiment can measure
 MEASURABLE: dict[str, Quantity] = {
@@ -24,6 +21,12 @@ MEASURABLE: dict[str, Quantity] = {
 }
 ABOVE_ZERO = ("path_radius", "radius", "period")  # what a circle has
 SYMMETRIC = 1e-9  # how well a covariance must be, relative to its errors
+
+
+class Foretelling(Protocol):
+    """A `Track`: it says what an orbit would have been measured as."""
+
+    def of(self, orbit: Any) -> np.ndarray: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +59,7 @@ class Measured:
     names: tuple[str, ...]
     values: np.ndarray
     covariance: np.ndarray
-    track: "Track | None" = None
+    track: Foretelling | None = None
 
     def __post_init__(self) -> None:
         names = (self.names,) if isinstance(self.names, str) else tuple(self.names)

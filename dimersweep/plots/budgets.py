@@ -1,14 +1,10 @@
 """The energy budget of a run as a picture: what the plate gives in each contact state, and what takes it."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from matplotlib.axes import Axes
 
+from dimersweep.cubes.seen_run import SeenRun
 from dimersweep.symbols import WORKS
-
-if TYPE_CHECKING:
-    from dimersweep.runs.run import Run
 
 TERMS = {  # how each term is drawn: its words and its colour, dark at p1 and light at p2
     "plate_1": ("from the plate, $p_1$", "#1b7837"),
@@ -22,7 +18,7 @@ TERMS = {  # how each term is drawn: its words and its colour, dark at p1 and li
 SMALLEST = 1e-6  # of the greatest work: where the axis begins to be linear, and below which a contact state has no row
 
 
-def energy_budget(axes: Axes, run: "Run", periods: int = 12) -> None:
+def energy_budget(axes: Axes, run: SeenRun, periods: int = 12) -> None:
     """Works in each contact state, per forcing period, over the last ones of a run; one bar a term, on a symmetric log axis.
 
     Parameters

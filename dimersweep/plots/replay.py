@@ -1,17 +1,15 @@
 """A run to turn around: one page of HTML that holds its own script (plotly) and shows the motion in three dimensions."""
 
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from dimersweep.cubes.seen_run import SeenRun
 from dimersweep.errors import StoreError
 from dimersweep.parameters import dimer_from
-from dimersweep.plots.movie import BALLS, PLATE, ROD, TRACK, Playback, frames, radii_of
-
-if TYPE_CHECKING:
-    from dimersweep.runs.run import Run
+from dimersweep.plots.playback import BALLS, PLATE, ROD, TRACK, Playback, frames, radii_of
 
 RINGS, SPOKES = 9, 14  # of the mesh of a ball
 SHOWN_DIGITS = 4  # of the radius of a ball, and as many places in all coordinates
@@ -55,7 +53,7 @@ view.on("plotly_sliderchange", ({slider, interaction}) => { if (interaction) { b
 """
 
 
-def replay_page(run: "Run", playback: Playback) -> str:
+def replay_page(run: SeenRun, playback: Playback) -> str:
     """The page of a recorded run.
 
     Raises
@@ -95,13 +93,13 @@ def _ball(r: float) -> tuple[np.ndarray, dict[str, list[int]]]:
     return points, {"i": i, "j": j, "k": k}
 
 
-def _xyz(run: "Run", points: np.ndarray) -> dict[str, list[float]]:
+def _xyz(run: SeenRun, points: np.ndarray) -> dict[str, list[float]]:
     """Columns of points in mm, short enough for a page."""
     rounded = np.round(points, SHOWN_DIGITS - int(np.ceil(np.log10(min(radii_of(run)))))).T.tolist()
     return dict(zip("xyz", rounded, strict=True))
 
 
-def _in_room(run: "Run", points: np.ndarray, away: Any = (0.0, 0.0, 0.0)) -> np.ndarray:
+def _in_room(run: SeenRun, points: np.ndarray, away: Any = (0.0, 0.0, 0.0)) -> np.ndarray:
     """Points, shape (n, 3), relative to a plate that is `away` along itself, turned with it: up is up."""
     dimer = dimer_from(run.parameters)
     fall = complex(dimer.fall_x, dimer.fall_y)
@@ -129,7 +127,7 @@ def _span(shown: xr.Dataset, axis: str, room: float) -> list[float]:
     return [float(lowest), float(values.max() + (room / 2 if axis == "z" else room))]
 
 
-def _box(run: "Run", spans: list[list[float]]) -> dict[str, list[float]]:
+def _box(run: SeenRun, spans: list[list[float]]) -> dict[str, list[float]]:
     """Least and greatest coordinate in the room of all that is shown of a plate with these spans [mm]."""
     corners = _in_room(run, np.array(list(product(*spans))))
     return {
@@ -145,7 +143,7 @@ def _plate(shown: xr.Dataset, r: float, k: int) -> np.ndarray:
     return np.column_stack([x, y, z])
 
 
-def _moved(run: "Run", shown: xr.Dataset, k: int) -> list[dict[str, Any]]:
+def _moved(run: SeenRun, shown: xr.Dataset, k: int) -> list[dict[str, Any]]:
     """What of the scene is new in frame k."""
     radii = radii_of(run)
     (small, _), (other, _) = _ball(radii[0]), _ball(radii[1])
@@ -158,7 +156,7 @@ def _moved(run: "Run", shown: xr.Dataset, k: int) -> list[dict[str, Any]]:
     return [{"type": kind} | place for kind, place in zip(kinds, turned, strict=True)]
 
 
-def _scene(run: "Run", shown: xr.Dataset) -> list[dict[str, Any]]:
+def _scene(run: SeenRun, shown: xr.Dataset) -> list[dict[str, Any]]:
     """The scene in its first frame: two balls, rod, plate, centre of mass; and the whole track."""
     _, triangles = _ball(1.0)
     light = {"ambient": 0.45, "diffuse": 0.8, "specular": 0.3}
@@ -176,7 +174,7 @@ def _scene(run: "Run", shown: xr.Dataset) -> list[dict[str, Any]]:
     return [*moving, track | _xyz(run, _in_room(run, path))]
 
 
-def _layout(run: "Run", shown: xr.Dataset, playback: Playback) -> dict[str, Any]:
+def _layout(run: SeenRun, shown: xr.Dataset, playback: Playback) -> dict[str, Any]:
     """Axes in true proportion, a button to play and one to pause, and a slider over the frames."""
     still = {"mode": "immediate", "frame": {"duration": 0, "redraw": True}, "transition": {"duration": 0}}
     cycles = shown["time"].values * run.parameters["f"]

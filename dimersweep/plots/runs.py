@@ -1,7 +1,5 @@
 """Pictures of one recorded run: heights, orbit, and phase portraits with their contact states."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -9,11 +7,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
+from dimersweep.cubes.seen_run import SeenRun
 from dimersweep.parameters import dimer_from
 from dimersweep.plots.style import Drawing, entitle
-
-if TYPE_CHECKING:
-    from dimersweep.runs.run import Run
 
 _GREEK = {"beta": r"\beta", "theta": r"\theta", "gamma": r"\gamma"}
 ANGLES = {  # labels of the angles in phase portraits
@@ -23,7 +19,7 @@ ANGLES = {  # labels of the angles in phase portraits
 }
 
 
-def last_cycle(run: "Run") -> tuple[float, float]:
+def last_cycle(run: SeenRun) -> tuple[float, float]:
     """Start and stop of the last full cycle of a recorded run [s], from just before a double impact if there is one.
 
     Examples
@@ -41,7 +37,7 @@ def last_cycle(run: "Run") -> tuple[float, float]:
     return max(0.0, stop - cycle), stop
 
 
-def impact_rates(run: "Run", time: float) -> xr.Dataset:
+def impact_rates(run: SeenRun, time: float) -> xr.Dataset:
     """The rates of the three angles in the course of a double impact.
 
     Both ends are on the plate: the gap rates give beta', and the lateral slips the lateral impulses, which change theta' and
@@ -91,7 +87,7 @@ def impact_rates(run: "Run", time: float) -> xr.Dataset:
     return xr.Dataset({name: ("stage", values) for name, values in columns.items()})
 
 
-def portrait(axes: Axes, run: "Run", angle: str, span: tuple[float, float], *, color: str = "black") -> None:
+def portrait(axes: Axes, run: SeenRun, angle: str, span: tuple[float, float], *, color: str = "black") -> None:
     """Phase portrait of an angle, its contact states marked as in the paper's Fig. 3.
 
     Solid: FM and SI. Dashed: contact. In a double impact, dots while both ends slip, circles while one sticks.
@@ -142,7 +138,7 @@ def portrait(axes: Axes, run: "Run", angle: str, span: tuple[float, float], *, c
     axes.ticklabel_format(axis="y", useOffset=False)
 
 
-def strobes(axes: Axes, run: "Run", angle: str) -> None:
+def strobes(axes: Axes, run: SeenRun, angle: str) -> None:
     """Rate of an angle at the start of each forcing period, of a motion that does not repeat: over beta, or over itself.
 
     Precession and spin, whose angles have no bounds, are drawn against their rate one period later.
@@ -173,7 +169,7 @@ def _impact_marks(axes: Axes, course: xr.Dataset, name: str, value: float, color
         axes.plot(np.full(marks.size, value), marks, "o", color=color, markerfacecolor=face, markersize=size)
 
 
-def heights(axes: Axes, run: "Run", span: tuple[float, float]) -> None:
+def heights(axes: Axes, run: SeenRun, span: tuple[float, float]) -> None:
     """Plate, p1 and p2 against time in forcing periods, as in the paper's Fig. 2; `span` is start and stop [s].
 
     Examples
@@ -196,7 +192,7 @@ def heights(axes: Axes, run: "Run", span: tuple[float, float]) -> None:
     axes.legend(fontsize=8, loc="lower right", bbox_to_anchor=(1, 1), ncols=3, frameon=False)
 
 
-def orbit(axes: Axes, run: "Run", arrows: int = 8) -> None:
+def orbit(axes: Axes, run: SeenRun, arrows: int = 8) -> None:
     """Path of the centre of mass seen from above, as in the paper's Fig. 6, with its velocity at some moments.
 
     Examples
@@ -226,7 +222,7 @@ def orbit(axes: Axes, run: "Run", arrows: int = 8) -> None:
     axes.legend(handles=[start], fontsize=8, loc="lower right", bbox_to_anchor=(1, 1), frameon=False)
 
 
-def run_figure(run: "Run", periods: int = 4) -> Figure:
+def run_figure(run: SeenRun, periods: int = 4) -> Figure:
     """One run: normal displacements, orbit of the centre of mass, and the phase portraits of its last cycle.
 
     Parameters

@@ -2,23 +2,20 @@
 
 from collections.abc import Iterable
 from html import escape
-from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
 
 from dimersweep.cubes.cube import names
+from dimersweep.cubes.seen_run import SeenRun
 from dimersweep.kernel.model.layout import DOWN_WORDS, MODES
 from dimersweep.plots.style import MODE_COLORS, fixed_of, percent
 from dimersweep.symbols import PARAMETERS, QUANTITIES, conditions, symbol, units_shown, value_shown
 
-if TYPE_CHECKING:
-    from dimersweep.runs.run import Run
-
 SHOWN_OF_ORBIT = ("radius", "path_radius", "period", "zeta", "speed", "impact_phase")
 
 
-def run_table(run: "Run") -> str:
+def run_table(run: SeenRun) -> str:
     """What a run is: its mode, its parameters that are not the base case's, its orbit."""
     rows = [
         ("parameters", run.conditions(always=()) or "the base case"),

@@ -1,5 +1,5 @@
 """One run: its outcome, its record, its errors, its stability."""
 
-from dimersweep import reachable
+from dimersweep.faces import reachable
 
 __getattr__ = reachable(__name__, "outcome", "stability")

@@ -1,28 +1,20 @@
 """Runs in a line that carry their state on: each starts from the state that the one before it has ended in."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from math import cos, sin
 from typing import NamedTuple
 
 import numpy as np
 
 from dimersweep.cubes.cube import blank
 from dimersweep.kernel.batch import N_START, Workspace, ask_for, is_stopped, run_rows
-from dimersweep.kernel.model.body import dimer_of
 from dimersweep.kernel.model.layout import (
     CODE_MODE,
     CODE_N_PERIODS,
     CODE_STATUS,
-    D1,
-    D2,
-    DIP,
     GAMMA,
     M_UNRESOLVED,
-    N1,
-    N2,
     OK,
     PERIOD,
-    WB,
     X1,
     Y1,
 )
@@ -31,6 +23,7 @@ from dimersweep.parameters import Parameters
 from dimersweep.runs.recorded import named_state
 from dimersweep.runs.run import Run, as_run
 from dimersweep.runs.settings import RunSettings, run_row_patiently
+from dimersweep.runs.starting import fitted
 from dimersweep.work.stopping import StopFlag, stoppable
 
 CYCLIC = (X1, Y1, GAMMA, PERIOD)  # slots of a state that no later state depends on
@@ -109,36 +102,6 @@ def _end_of(space: Workspace) -> np.ndarray:
     state = space.state.copy()
     state[list(CYCLIC)] = 0.0
     return np.concatenate([state, space.modes])[None]
-
-
-def fitted(start: np.ndarray, before: np.ndarray, row: np.ndarray) -> np.ndarray:
-    """The state of a dimer for one of other length or other balls: the other end follows the one that is lower.
-
-    The lower end keeps its gap and gap rate, and the dimer its dip above level, all velocities of its centre of mass along
-    the plate, and its spin components. Nothing changes where the parameters do not change the shape.
-
-    Parameters
-    ----------
-    start : ndarray, shape (1, N_START)
-    before, row : ndarray, shape (N_ROW,)
-        Parameters that the state comes from, and goes to.
-
-    Returns
-    -------
-    ndarray, shape (1, N_START)
-    """
-    old, new = dimer_of(before), dimer_of(row)
-    if (old.l, old.sin_0) == (new.l, new.sin_0):
-        return start
-    moved = start.copy()
-    state = moved[0]
-    rise = 2.0 * new.l * sin(0.5 * state[DIP]) * cos(new.beta_0 + 0.5 * state[DIP])  # with all digits near level
-    apart = new.l * cos(new.beta_0 + state[DIP]) * state[WB]
-    if state[D1] <= state[D2]:
-        state[D2], state[N2] = state[D1] + rise, state[N1] + apart
-    else:
-        state[D1], state[N1] = state[D2] - rise, state[N2] - apart
-    return moved
 
 
 def run_in_line(

@@ -1,7 +1,7 @@
 """One simulation that was made: its outcome, with its events and its state at any time where it was recorded."""
 
 from collections.abc import Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import isnan
 from os import PathLike
@@ -13,6 +13,7 @@ import xarray as xr
 
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number, as_numbers, check_count
+from dimersweep.kernel.batch import Workspace
 from dimersweep.kernel.model.layout import (
     CODE_STATUS,
     CODE_WORDS,
@@ -27,8 +28,9 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.parameters import Parameters
 from dimersweep.runs.outcome import Absent, Orbit, no_orbit
-from dimersweep.runs.recorded import RunRecord, events_of, states_of
-from dimersweep.runs.solving import RunEnd, Solved, check_recorded, go_on, speed_at
+from dimersweep.runs.recorded import RunRecord, events_of, named_state, states_of
+from dimersweep.runs.solving import RunEnd, Solved, check_recorded, go_on, run_row, speed_at
+from dimersweep.runs.starting import fitted, kernel_start
 from dimersweep.symbols import CAPTION, START, conditions
 from dimersweep.work.stopping import StopFlag, stoppable
 
@@ -404,9 +406,9 @@ class Run(RunNumbers):
         >>> load_run(path).mode
         'drift'
         """
-        from dimersweep.runs.saving import save_run
+        from dimersweep.runs.saving import write_run
 
-        return save_run(self, path, force=force)
+        return write_run(vars(self), self.events if self._record else xr.Dataset(), path, force=force)
 
     def plot(self, path: str | PathLike[str] | None = None, *, force: bool = False) -> "Figure":
         """Heights, orbit and phase portraits, and a picture of them at `path` if one is given.
@@ -484,7 +486,8 @@ class Run(RunNumbers):
         >>> simulate(periods=60).animate("drift.gif", periods=2, fps=10, force=True).name
         'drift.gif'
         """
-        from dimersweep.plots.movie import playback_of, write_movie
+        from dimersweep.plots.movie import write_movie
+        from dimersweep.plots.playback import playback_of
 
         playback = playback_of(self, periods, speed, fps, last=last, slow_impacts=slow_impacts)
         return write_movie(self, path, playback, dpi, force=force)
@@ -517,9 +520,25 @@ class Run(RunNumbers):
         >>> bounds["x"].sel(time=run.duration).item() < 1e-6  # [m]
         True
         """
-        from dimersweep.runs.shadows import errors_of
+        from dimersweep.runs.shadows import bounds, starts_beside
 
-        return errors_of(self, t)
+        self.record("error")
+        if self.status != "ok":
+            raise ParameterError(f"error: the run did not reach its end ({self.message})")
+        if self.record_cut:
+            raise ParameterError(f"error: needs the whole record, but {self.record_cut}")
+        times = np.arange(self.n_periods + 1) / self.parameters["f"]
+        times = np.union1d(times, [] if t is None else self.states(t)["time"])
+        rtol, starts = starts_beside(self.rtol, self.parameters, self.start)
+
+        def call(stop: StopFlag) -> list[Run]:
+            with stop.space() as space:
+                return [
+                    simulate_judged(Parameters(**given), self.n_periods, rtol, False, True, space, begun)
+                    for given, begun in starts
+                ]
+
+        return bounds(self, stoppable(call), times, 1 / self.parameters["f"])
 
 
 def as_run(parameters: dict[str, float], rtol: float, solved: Solved, start: dict[str, float] | None) -> Run:
@@ -541,3 +560,57 @@ def as_run(parameters: dict[str, float], rtol: float, solved: Solved, start: dic
         _record=solved.record,
         _end=solved.end,
     )
+
+
+def simulate_judged(
+    parameters: Parameters,
+    periods: int,
+    rtol: float,
+    settle: bool,
+    record: bool,
+    space: Workspace,
+    begun: dict[str, float] | None = None,
+    before: Parameters | None = None,
+) -> Run:
+    """The run that `simulate` gives for what it has judged, on scratch arrays that may be stopped.
+
+    The state `begun` is that of a dimer of the parameters `before`, if there are any, as these have it.
+    """
+    row, first = parameters.row(), None
+    if begun is not None:
+        begun = {name: value for name, value in begun.items() if name != "phase"}  # which is phi0 now
+        shaped = parameters if before is None else replace(before, phi0=parameters.phi0)
+        as_told = kernel_start(begun, shaped.given())
+        first = fitted(as_told, shaped.row(), row)
+        begun = begun if first is as_told else named_state(row, first)
+    solved = run_row(row, first, periods, rtol, space, settle=settle, record=record)
+    return as_run(parameters.given(), rtol, solved, begun)
+
+
+def load_run(path: str | PathLike[str]) -> Run:
+    """Read a run that `Run.save` wrote.
+
+    Parameters
+    ----------
+    path : path-like
+
+    Returns
+    -------
+    Run
+        With the same events and states, bit for bit, on the machine and the version that wrote it.
+
+    Raises
+    ------
+    StoreError
+        If there is no such file, or it is no run, or one that is damaged.
+
+    Examples
+    --------
+    >>> from dimersweep import load_run, simulate
+    >>> path = simulate(periods=60).save("walk.nc", force=True)
+    >>> load_run(path).mode
+    'drift'
+    """
+    from dimersweep.runs.saving import read_run
+
+    return Run(**read_run(path))

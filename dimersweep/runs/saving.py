@@ -5,7 +5,7 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -18,7 +18,7 @@ from dimersweep.kernel.model.layout import CODES, RUN_COLUMNS
 from dimersweep.kernel.record import N_EVENT, N_SEGMENT
 from dimersweep.kernel.verdict.past import PAST_COLUMNS, PAST_ROWS
 from dimersweep.parameters import Parameters, updated
-from dimersweep.runs.outcome import Absent
+from dimersweep.runs.outcome import Absent, Orbit, no_orbit
 from dimersweep.runs.recorded import RunRecord
 from dimersweep.runs.solving import RunEnd
 from dimersweep.storage.cubefiles import write_cube
@@ -26,9 +26,6 @@ from dimersweep.storage.formats.netcdf import read_netcdf
 from dimersweep.storage.outputs import TABLES, check_output
 from dimersweep.storage.provenance import attributes, digest, read_configuration
 from dimersweep.symbols import FORMER_NAMES, PARAMETERS
-
-if TYPE_CHECKING:
-    from dimersweep.runs.run import Run
 
 ROWS = {  # arrays of the kernel, their dimensions and meanings
     "event_rows": (("event", "event_column"), "events as the kernel wrote them"),
@@ -45,72 +42,50 @@ SHAPES = {  # 0 for as many as there are
 }
 
 
-def save_run(run: "Run", path: str | os.PathLike[str], *, force: bool = False) -> Path:
-    """Write a run, see `Run.save`."""
+def write_run(
+    fields: Mapping[str, Any], events: xr.Dataset, path: str | os.PathLike[str], *, force: bool = False
+) -> Path:
+    """Write the fields of a `Run` and its labelled events, if there are any; see `Run.save`."""
     path = check_output(path, force=force, what="a run", endings=TABLES)
-    write_cube(_as_dataset(run), path, force=force)
+    write_cube(_as_dataset(fields, events), path, force=force)
     return path
 
 
-def _as_dataset(run: "Run") -> xr.Dataset:
+def _as_dataset(fields: Mapping[str, Any], events: xr.Dataset) -> xr.Dataset:
     """A run as one dataset: its parameters and labelled events for the reader, the kernel's rows for `load_run`."""
-    end = run._end
+    end, record = fields["_end"], fields["_record"]
     if end is None:
         raise StoreError("save: the run has no end; it was not made by simulate")
     arrays = {"end_start": end.start, "end_past": end.past}
-    events = xr.Dataset()
-    if run._record is not None:
-        events = run.events.drop_encoding()
-        arrays |= {"event_rows": run._record.events, "segment_rows": run._record.segments}
+    if record is not None:
+        arrays |= {"event_rows": record.events, "segment_rows": record.segments}
     variables = {
         name: xr.Variable(ROWS[name][0], values, {"long_name": ROWS[name][1]}) for name, values in arrays.items()
     }
     for variable in variables.values():
         variable.encoding.update(PACKED, _FillValue=None)
-    parameters = {name: xr.Variable((), value, PARAMETERS[name].attributes()) for name, value in run.parameters.items()}
-    dataset = events.assign(variables).assign_coords(parameters)
-    dataset.attrs = attributes(_configuration(run), "run of a 3D dimer on a vibrating plate", 0.0)
+    parameters = {
+        name: xr.Variable((), value, PARAMETERS[name].attributes()) for name, value in fields["parameters"].items()
+    }
+    dataset = events.drop_encoding().assign(variables).assign_coords(parameters)
+    dataset.attrs = attributes(_configuration(fields), "run of a 3D dimer on a vibrating plate", 0.0)
     del dataset.attrs["dimersweep_cube"], dataset.attrs["wall_time_s"]
-    return dataset.assign_attrs(dimersweep_run="1", mode=run.mode, status=run.status)
+    return dataset.assign_attrs(dimersweep_run="1", mode=fields["mode"], status=fields["status"])
 
 
-def _configuration(run: "Run") -> dict[str, Any]:
+def _configuration(fields: Mapping[str, Any]) -> dict[str, Any]:
     """What a run was made from, and what came out, as JSON can hold it; numbers keep every digit."""
     return {
-        "parameters": run.parameters,
-        "start": run.start,
-        "rtol": run.rtol,
-        "outcome": {name: getattr(run, name) for name in ("message", *CODES, *RUN_COLUMNS) if name != "di_end"},
-        "orbit": None if isinstance(run.orbit, Absent) else asdict(run.orbit),
-        "record_cut": run._record is not None and run._record.cut,
+        **{name: fields[name] for name in ("parameters", "start", "rtol")},
+        "outcome": {name: fields[name] for name in ("message", *CODES, *RUN_COLUMNS) if name != "di_end"},
+        "orbit": None if isinstance(fields["orbit"], Absent) else asdict(fields["orbit"]),
+        "record_cut": fields["_record"] is not None and fields["_record"].cut,
         "kernel_version": kernel_version(),
     }
 
 
-def load_run(path: str | os.PathLike[str]) -> "Run":
-    """Read a run that `Run.save` wrote.
-
-    Parameters
-    ----------
-    path : path-like
-
-    Returns
-    -------
-    Run
-        With the same events and states, bit for bit, on the machine and the version that wrote it.
-
-    Raises
-    ------
-    StoreError
-        If there is no such file, or it is no run, or one that is damaged.
-
-    Examples
-    --------
-    >>> from dimersweep import load_run, simulate
-    >>> path = simulate(periods=60).save("walk.nc", force=True)
-    >>> load_run(path).mode
-    'drift'
-    """
+def read_run(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """The fields of a `Run` that was written; see `load_run`."""
     dataset = read_netcdf(Path(path))
     if "dimersweep_run" not in dataset.attrs:
         raise StoreError(f"{path}: is a NetCDF file, but no run of dimersweep")
@@ -124,10 +99,10 @@ def load_run(path: str | os.PathLike[str]) -> "Run":
         if configuration["kernel_version"] != kernel_version():
             line = f"{path}: was made by another version of the kernel"
             warnings.warn(
-                f"{line}; states between its events may differ in the last digits", RuntimeWarning, stacklevel=2
+                f"{line}; states between its events may differ in the last digits", RuntimeWarning, stacklevel=3
             )
         _check_rows(rows)
-        return _as_run(configuration, rows)
+        return _fields(configuration, rows)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise StoreError(f"{changed} ({one_line(error)})") from error
 
@@ -145,23 +120,20 @@ def _check_rows(rows: Mapping[str, np.ndarray]) -> None:
             raise ValueError(f"{name} has shape {values.shape} and type {values.dtype} in place of {shape} and float64")
 
 
-def _as_run(configuration: dict[str, Any], rows: dict[str, np.ndarray]) -> "Run":
-    """A run, from its configuration and the rows of the kernel."""
-    from dimersweep.runs.run import Orbit, Run, no_orbit
-
+def _fields(configuration: dict[str, Any], rows: dict[str, np.ndarray]) -> dict[str, Any]:
+    """The fields of a run, from its configuration and the rows of the kernel."""
     parameters = updated(configuration["parameters"], {})  # earlier versions wrote e beside e_1 and e_2
     start, orbit = configuration["start"], configuration["orbit"]  # and called gamma spin, and spin spin_rate
     start = start and {FORMER_NAMES.get(name, name): value for name, value in start.items()}
     orbit = orbit and Orbit(**{"spin" if name == "spin_rate" else name: value for name, value in orbit.items()})
     row, recorded = Parameters(**parameters).row(), "event_rows" in rows
-    return Run(
-        parameters=parameters,
-        start=start,
-        rtol=float(configuration["rtol"]),
-        orbit=orbit or no_orbit(configuration["outcome"]["mode"]),
+    record = RunRecord(row, rows["event_rows"], rows["segment_rows"], configuration["record_cut"]) if recorded else None
+    return {
+        "parameters": parameters,
+        "start": start,
+        "rtol": float(configuration["rtol"]),
+        "orbit": orbit or no_orbit(configuration["outcome"]["mode"]),
         **configuration["outcome"],
-        _record=RunRecord(row, rows["event_rows"], rows["segment_rows"], configuration["record_cut"])
-        if recorded
-        else None,
-        _end=RunEnd(rows["end_start"], rows["end_past"]),
-    )
+        "_record": record,
+        "_end": RunEnd(rows["end_start"], rows["end_past"]),
+    }

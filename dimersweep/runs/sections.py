@@ -1,22 +1,20 @@
 """Sections of a recorded run: the moments at which its states are points of a map."""
 
 from math import pi, tau
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 import xarray as xr
 
+from dimersweep.cubes.seen_run import SeenRun
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import number
-
-if TYPE_CHECKING:
-    from dimersweep.runs.run import Run
 
 At = Literal["period", "double_impact", "landing_1", "landing_2"]
 SECTIONS: tuple[str, ...] = get_args(At)
 
 
-def section_of(run: "Run", at: At, phase: float | str | None) -> xr.Dataset:
+def section_of(run: SeenRun, at: At, phase: float | str | None) -> xr.Dataset:
     """The states of a run at the moments of a section; see `Run.section`."""
     at_phase = check_section(at, phase)
     run.record("section")

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from dimersweep.errors import ParameterError
+from dimersweep.cubes.seen_run import SeenRun
 from dimersweep.inputs import RTOL_RANGE
 from dimersweep.kernel.batch import Workspace
 from dimersweep.kernel.model.layout import (
@@ -33,9 +33,7 @@ from dimersweep.kernel.model.layout import (
     ROW,
 )
 from dimersweep.parameters import moved_on
-from dimersweep.runs.run import Run
 from dimersweep.runs.settings import RunSettings, run_all_patiently
-from dimersweep.runs.simulating import simulate
 from dimersweep.symbols import EVENT_QUANTITIES, START, STATE_QUANTITIES
 
 FINEST_SHADOW, COARSEST_SHADOW = RTOL_RANGE
@@ -61,20 +59,14 @@ COORDINATES = ("x1", "y1", "gap_1", "theta", "beta", "gamma")
 CLOSED_STATE = COORDINATES + tuple(f"{name}_rate" for name in COORDINATES)
 
 
-def errors_of(run: Run, t: Any) -> xr.Dataset:
-    """Bounds on the errors of a run, from two shadows; see `Run.error`."""
-    run.record("error")
-    if run.status != "ok":
-        raise ParameterError(f"error: the run did not reach its end ({run.message})")
-    if run.record_cut:
-        raise ParameterError(f"error: needs the whole record, but {run.record_cut}")
-    T = 1 / run.parameters["f"]
-    times = np.union1d(np.arange(run.n_periods + 1) * T, [] if t is None else run.states(t)["time"])
-    rtol, by, start = shadow_rtol(run.rtol), NUDGE * run.rtol, run.start
-    given = {name: value for name, value in run.parameters.items() if start is None or name not in START}
-    starts = ((given, start), (nudged(given, by), start and nudged_state(start, by)))
-    shadows = [simulate(**dict(one), start=begin, periods=run.n_periods, rtol=rtol) for one, begin in starts]
-    return bounds(run, shadows, times, T)
+def starts_beside(
+    rtol: float, parameters: Mapping[str, float], start: Mapping[str, float] | None
+) -> tuple[float, list[tuple[dict[str, float], dict[str, float] | None]]]:
+    """Accuracy of the shadows of a run with accuracy `rtol`, and where they start: as it does, and beside it."""
+    by = NUDGE * rtol
+    given = {name: value for name, value in parameters.items() if start is None or name not in START}
+    as_it = None if start is None else dict(start)
+    return shadow_rtol(rtol), [(given, as_it), (nudged(given, by), as_it and nudged_state(as_it, by))]
 
 
 def shadow_rtol(rtol: float) -> float:
@@ -150,7 +142,7 @@ def _room(values: np.ndarray, most: float) -> np.ndarray:
     return np.minimum(np.minimum(steps[:-1], steps[1:]), most)
 
 
-def difference(run: Run, other: Run, times: np.ndarray) -> dict[str, np.ndarray]:
+def difference(run: SeenRun, other: SeenRun, times: np.ndarray) -> dict[str, np.ndarray]:
     """How far the states of two runs are apart: each quantity of `ERROR_SCALES`, shape (n,), or inf if `other` failed."""
     if other.status != "ok":
         return dict.fromkeys(ERROR_SCALES, np.full(times.size, np.inf))
@@ -158,7 +150,7 @@ def difference(run: Run, other: Run, times: np.ndarray) -> dict[str, np.ndarray]
     return {name: np.abs(ours[name].values - theirs[name].values) for name in ERROR_SCALES}
 
 
-def delays(run: Run, other: Run) -> np.ndarray:
+def delays(run: SeenRun, other: SeenRun) -> np.ndarray:
     """How far the events of two runs are apart in time [s], one for each event of `run`; NaN where `other` lacks it."""
     rows, other_rows = pairs(run.events, other.events, 1 / run.parameters["f"])
     apart = np.full(run.events.sizes["event"], np.nan)
@@ -171,14 +163,14 @@ def scaled(errors: dict[str, np.ndarray]) -> np.ndarray:
     return np.max([errors[name] / ERROR_SCALES[name] for name in CLOSED_STATE], axis=0)
 
 
-def bounds(run: Run, shadows: Sequence[Run], times: np.ndarray, T: float) -> xr.Dataset:
+def bounds(run: SeenRun, shadows: Sequence[SeenRun], times: np.ndarray, T: float) -> xr.Dataset:
     """Estimated bounds on the errors of a run, see `Run.error`.
 
     Parameters
     ----------
-    run : Run
+    run : SeenRun
         Recorded.
-    shadows : sequence of Run
+    shadows : sequence of SeenRun
         The same run otherwise computed. Where one failed, no bound is known: inf.
     times : ndarray, shape (n,)
         Increasing [s].

@@ -2,22 +2,18 @@
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import replace
 from math import remainder, tau
 from typing import Any
 
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_count, check_rtol, check_seconds, check_switch
-from dimersweep.kernel.batch import Workspace
 from dimersweep.kernel.model.layout import M_UNRESOLVED, MODES
 from dimersweep.parameters import Parameters, check_name, moved_on, updated
 from dimersweep.runs.behind import parameters_of, was_carried
-from dimersweep.runs.carrying import fitted
-from dimersweep.runs.recorded import named_state
-from dimersweep.runs.run import Run, as_run
+from dimersweep.runs.run import Run, simulate_judged
 from dimersweep.runs.settings import RunSettings
-from dimersweep.runs.solving import check_recorded, run_row
-from dimersweep.runs.starting import is_point, kernel_start, known_by, named, start_of
+from dimersweep.runs.solving import check_recorded
+from dimersweep.runs.starting import is_point, known_by, named, start_of
 from dimersweep.symbols import INSTEAD, START
 from dimersweep.work.proving import is_proven, prove
 from dimersweep.work.stopping import StopFlag, stoppable
@@ -106,31 +102,6 @@ def simulate(
     if run.record_cut:
         warnings.warn(f"record: is full; {run.record_cut}", RuntimeWarning, stacklevel=2)
     return run
-
-
-def simulate_judged(
-    parameters: Parameters,
-    periods: int,
-    rtol: float,
-    settle: bool,
-    record: bool,
-    space: Workspace,
-    begun: dict[str, float] | None = None,
-    before: Parameters | None = None,
-) -> Run:
-    """The run that `simulate` gives for what it has judged, on scratch arrays that may be stopped.
-
-    The state `begun` is that of a dimer of the parameters `before`, if there are any, as these have it.
-    """
-    row, first = parameters.row(), None
-    if begun is not None:
-        begun = {name: value for name, value in begun.items() if name != "phase"}  # which is phi0 now
-        shaped = parameters if before is None else replace(before, phi0=parameters.phi0)
-        as_told = kernel_start(begun, shaped.given())
-        first = fitted(as_told, shaped.row(), row)
-        begun = begun if first is as_told else named_state(row, first)
-    solved = run_row(row, first, periods, rtol, space, settle=settle, record=record)
-    return as_run(parameters.given(), rtol, solved, begun)
 
 
 def simulate_patiently(parameters: Mapping[str, Any], how: RunSettings, *, record: bool = True) -> Run:

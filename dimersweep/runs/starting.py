@@ -11,7 +11,7 @@ import xarray as xr
 from dimersweep.errors import ParameterError, unknown
 from dimersweep.inputs import as_number, number
 from dimersweep.kernel.batch import N_START
-from dimersweep.kernel.model.body import rise_at
+from dimersweep.kernel.model.body import dimer_of, rise_at
 from dimersweep.kernel.model.layout import (
     CA,
     CB,
@@ -171,3 +171,33 @@ def named(function: Any) -> Signature:
         for name in (*PARAMETERS, *INSTEAD)
     ]
     return Signature([*model, *own])
+
+
+def fitted(start: np.ndarray, before: np.ndarray, row: np.ndarray) -> np.ndarray:
+    """The state of a dimer for one of other length or other balls: the other end follows the one that is lower.
+
+    The lower end keeps its gap and gap rate, and the dimer its dip above level, all velocities of its centre of mass along
+    the plate, and its spin components. Nothing changes where the parameters do not change the shape.
+
+    Parameters
+    ----------
+    start : ndarray, shape (1, N_START)
+    before, row : ndarray, shape (N_ROW,)
+        Parameters that the state comes from, and goes to.
+
+    Returns
+    -------
+    ndarray, shape (1, N_START)
+    """
+    old, new = dimer_of(before), dimer_of(row)
+    if (old.l, old.sin_0) == (new.l, new.sin_0):
+        return start
+    moved = start.copy()
+    state = moved[0]
+    rise = 2.0 * new.l * sin(0.5 * state[DIP]) * cos(new.beta_0 + 0.5 * state[DIP])  # with all digits near level
+    apart = new.l * cos(new.beta_0 + state[DIP]) * state[WB]
+    if state[D1] <= state[D2]:
+        state[D2], state[N2] = state[D1] + rise, state[N1] + apart
+    else:
+        state[D1], state[N1] = state[D2] - rise, state[N2] - apart
+    return moved

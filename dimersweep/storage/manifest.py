@@ -10,9 +10,9 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, BinaryIO
 
-import dimersweep
 from dimersweep.cubes.results import Tile
 from dimersweep.errors import StoreError
+from dimersweep.faces import __version__
 from dimersweep.kernel.model.layout import CODES, MODES, OUT
 from dimersweep.storage.provenance import as_text, digest
 
@@ -115,7 +115,7 @@ class Manifest:
 def _head(configuration: Mapping[str, Any], size: int, cpu: str) -> dict[str, Any]:
     return {
         "dimersweep_manifest": FORMAT,
-        "dimersweep": dimersweep.__version__,
+        "dimersweep": __version__,
         "kernel_version": configuration["kernel_version"],
         "configuration": configuration,
         "configuration_sha256": digest(as_text(configuration)),

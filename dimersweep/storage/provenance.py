@@ -16,8 +16,8 @@ from typing import Any, get_args
 
 import numpy as np
 
-import dimersweep
 from dimersweep.errors import ParameterError
+from dimersweep.faces import __version__
 from dimersweep.inputs import as_number
 from dimersweep.kernel import kernel_version
 from dimersweep.symbols import Picture
@@ -154,9 +154,9 @@ def attributes(configuration: Mapping[str, Any], title: str, wall_time: float) -
     return {
         "Conventions": "CF-1.11",
         "title": title,
-        "source": f"dimersweep {dimersweep.__version__}, event-driven simulation",
+        "source": f"dimersweep {__version__}, event-driven simulation",
         "references": "Ratchet rotation of a 3D dimer on a vibrating plate",
-        "history": f"{now} swept by dimersweep {dimersweep.__version__}",
+        "history": f"{now} swept by dimersweep {__version__}",
         "dimersweep_cube": CUBE_FORMAT,
         **configured(configuration),
         "kernel_version": kernel_version(),

@@ -1,5 +1,5 @@
 """What is asked of many runs: sweeps, searches, refined maps, and their declarations."""
 
-from dimersweep import reachable
+from dimersweep.faces import reachable
 
 __getattr__ = reachable(__name__, "datasets", "declaration")

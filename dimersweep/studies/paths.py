@@ -10,7 +10,7 @@ from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_count
 from dimersweep.kernel.batch import Workspace
 from dimersweep.parameters import Parameters
-from dimersweep.runs.simulating import simulate_judged
+from dimersweep.runs.run import simulate_judged
 from dimersweep.runs.solving import MAX_RECORDED
 
 MAX_POSITIONS = 20_000_000  # in one cube, which is held in memory

@@ -2,10 +2,9 @@
 
 from pathlib import Path
 
-import dimersweep
 from dimersweep.errors import ParameterError, unknown
 
-_HERE = Path(dimersweep.__file__).parent
+_HERE = Path(__file__).parents[1]
 FOLDERS = (_HERE / "presets", _HERE.parent / "sweeps")  # of an installed package, and of a copy of the repository
 
 
