@@ -214,7 +214,7 @@ import os, sys
 from functools import reduce
 import matplotlib.figure, numba, scipy.interpolate, xarray
 import dimersweep
-assert not [name for name in sys.modules if name.startswith("dimersweep.")]
+assert [name for name in sys.modules if name.startswith("dimersweep.")] == ["dimersweep.faces"]
 for names in (*([name] for name in sys.argv[1:]), sys.argv[:0:-1]):
     if (child := os.fork()) == 0:
         code = 1
