@@ -16,7 +16,6 @@ import pytest
 
 import dimersweep
 from dimersweep import cli, plots
-from dimersweep.cli.claiming import PAGES
 from dimersweep.cli.options import in_lines
 from dimersweep.kernel.model.layout import ORBIT_COLUMNS, ROW_BETA0, RUN_COLUMNS
 from dimersweep.plots.movie import MOVIES
@@ -163,7 +162,7 @@ def test_a_bad_declaration_is_named(call, old, new, message):
         (["--vers"], "--vers: unknown option; did you mean --version? (allowed: --version, "),
         (["simulate", "--l", "0.05", "--A_r", "6"], "l: given together with A_r; leave one of the two out"),
         (["simulate", "--movie", "a.nc"], "movie = a.nc: a movie must end in .gif, .mp4 or .html"),
-        (["claims", "--out", "a.nc"], "out = a.nc: a page must end in .md"),
+        (["claims", "--out", "a.md"], "claims: is no command any more; run python benchmarks/evidence/claims.py in"),
         (["dance"], "No such command 'dance'."),
     ],
 )
@@ -408,14 +407,13 @@ COMMANDS = {
     "plot": (["absent.nc"], ["plots.check_picture", "storage.cubefiles.open_cube"]),
     "explore": (["absent.nc"], ["storage.cubefiles.open_cube"]),
     "borders": (["small.toml"], ["studies.border_files.read_borders"]),
-    "claims": (["--out", "a.md"], ["storage.outputs.check_output", "claims.made"]),
 }
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_every_command_in_one_way(call, monkeypatch, number):
     """Wherever it is, with one line and the exit code that a shell expects of that signal."""
-    assert COMMANDS.keys() == {command.callback.__name__ for command in cli.app.registered_commands}
+    assert COMMANDS.keys() == {one.callback.__name__ for one in cli.app.registered_commands if not one.hidden}
     monkeypatch.setattr("dimersweep.cli.interrupting.os._exit", sys.exit)
     word = "interrupted" if number == signal.SIGINT else "terminated"
     for name, (arguments, places) in COMMANDS.items():
@@ -685,7 +683,7 @@ def test_an_output_has_the_ending_of_its_format(call, fake_kernel):
 
 
 def test_no_two_kinds_of_output_have_an_ending_in_common():
-    kinds = CUBES, PICTURES, MOVIES, PAGES
+    kinds = CUBES, PICTURES, MOVIES
     assert len({ending for endings in kinds for ending in endings}) == sum(map(len, kinds))
     assert set(TABLES) < set(CUBES)
 
