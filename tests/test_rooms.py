@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-ROOMS = ("speed", "evidence", "peers")
+ROOMS = ("speed", "evidence")
 PROGRAMS = {path.stem: room for room in ROOMS for path in (ROOT / "benchmarks" / room).rglob("*.py")}
 
 
