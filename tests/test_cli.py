@@ -23,7 +23,7 @@ from dimersweep.plots.style import PICTURES
 from dimersweep.storage.outputs import CUBES, TABLES
 from dimersweep.studies.planning import SAMPLE
 from dimersweep.symbols import BASE, conditions
-from tests.fakes import failing, fake_run_many, raising
+from tests.fakes import failing, fake_run_many, points_on_disk, raising
 
 ROOT = Path(__file__).parents[1]
 SMALL = (ROOT / "sweeps" / "fig07-small.toml").read_text()
@@ -136,7 +136,7 @@ def test_a_bad_declaration_is_named(call, old, new, message):
         (["run", "--from", "x.nc", "--out", "y.nc"], "x.nc: no such file"),
         (["run", "small.toml", "--extend", "x.nc", "--no-plot"], "x.nc: no such file"),
         (["run", "small.toml", "--scheduler", "tcp://127.0.0.1:9"], "scheduler = tcp://127.0.0.1:9: cannot be reached"),
-        (["status", "absent.nc"], "absent.nc: no such cube, and no sweep for it (absent.nc.tiles has no manifest)"),
+        (["status", "absent.nc"], "absent.nc: no such cube, and no sweep for it (there is no absent.nc.tiles)"),
         (["run", "absent.toml"], "absent.toml: cannot be read (No such file or directory)"),
         (["run", "small.toml", "--workers", "0"], "workers = 0: must be a whole number >= 1"),
         (["run", "small.toml", "--out", "no/cube.nc"], "out = no/cube.nc: the folder no does not exist"),
@@ -288,9 +288,8 @@ def slow_sweep(declared="small.toml", cube="fig07-small.nc"):
     ) as process:
         try:
             assert process.stdout.readline() == "ready\n"
-            manifest = Path(f"{cube}.tiles/manifest.jsonl")
             give_up = time.monotonic() + 120
-            while not (manifest.exists() and b"sha256" in manifest.read_bytes().partition(b"\n")[2]):
+            while not points_on_disk(Path(cube)):
                 assert time.monotonic() < give_up and process.poll() is None
                 time.sleep(0.02)
             yield process
@@ -534,7 +533,7 @@ def test_a_sweep_that_is_stopped_says_what_is_kept_wherever_it_is(call, fake_ker
         assert said == f"dimersweep: interrupted: 132 of 132 points {there}"
     said = interrupted_in("dimersweep.studies.datasets.run_study", "run", "small.toml")
     assert said == f"dimersweep: interrupted: what was finished is kept in{there.removeprefix('are kept in')}"
-    said = interrupted_in("dimersweep.storage.beside.Beside.remove", "run", "small.toml", "--no-plot")
+    said = interrupted_in("dimersweep.storage.store.Store.remove", "run", "small.toml", "--no-plot")
     assert said == "dimersweep: interrupted: fig07-small.nc is written"
     Path("fig07-small.nc").unlink()
     said = interrupted_in("dimersweep.plots.draw", "run", "small.toml")
@@ -563,7 +562,7 @@ def test_a_signal_stops_a_map_and_it_goes_on(call, fake_kernel):
     assert sorted(os.listdir()) == ["fig08-small.nc", "map.toml", "small.toml"]
 
 
-def test_two_sweeps_do_not_share_a_folder_and_status_names_the_holder(call, fake_kernel):
+def test_two_sweeps_do_not_share_a_store_and_status_names_the_holder(call, fake_kernel):
     with slow_sweep() as process:
         out, err, code = call("run", "small.toml")
         assert (code, err.count("\n")) == (2, 1)
