@@ -65,7 +65,7 @@ class UnfinishedError(UserError, RuntimeError):
 
 
 class KernelError(UserError, RuntimeError):
-    """A kernel that cannot run here, or that gives other numbers than it must."""
+    """A kernel that cannot run here, that gives other numbers than it must, or that does not get through a motion."""
 
 
 class Stopped(KeyboardInterrupt):

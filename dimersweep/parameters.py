@@ -66,6 +66,9 @@ RULES = (
 )
 
 
+FAR, BOUND_KNOWN = 1e9, 1e-15  # beyond what any parameter is; how well its bounds are known
+
+
 def check(columns: Mapping[str, Any], gaps: Collection[str] = ()) -> None:
     """Judge every combination of the values in `columns`.
 
@@ -118,6 +121,25 @@ def keeps_rules(columns: Mapping[str, Any]) -> Any:
         if other:
             kept = kept & rule.holds(columns[name], columns[other])
     return kept
+
+
+def bounds(name: str, values: Mapping[str, float]) -> tuple[float, float]:
+    """Two values between which a parameter is allowed beside the others, and hardly beyond; each rule allows an interval."""
+    own = value_of(name, values)
+    rules = [(rule, names) for rule, *names in _rules_for({**values, name: own}) if name in names]
+
+    def kept(value: float) -> bool:
+        point = {**values, name: value}
+        return all(rule.holds(*(point[one] for one in names if one)) for rule, names in rules)
+
+    def end(beyond: float) -> float:
+        within = own
+        while not kept(beyond) and abs(beyond - within) > BOUND_KNOWN:
+            middle = 0.5 * (within + beyond)
+            within, beyond = (middle, beyond) if kept(middle) else (within, middle)
+        return beyond if kept(beyond) else within
+
+    return end(-FAR), end(FAR)
 
 
 def without_effect(names: Collection[str]) -> set[str]:

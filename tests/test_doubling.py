@@ -8,12 +8,12 @@ import pytest
 
 from dimersweep import orbits
 from dimersweep.orbits import bifurcation_curve
-from dimersweep.orbits.bifurcation_curve import BifurcationCurve
+from dimersweep.orbits.bifurcation_curve import DOUBLED_FOLD, BifurcationCurve
 from dimersweep.orbits.doubling import doubling
 from dimersweep.orbits.finding import checked
 from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.orbits.newton import newton
-from dimersweep.orbits.plane_curve import DOUBLED_FOLD
+from dimersweep.orbits.poincare import OrbitLost
 
 
 class KnownMap:
@@ -44,6 +44,11 @@ def test_the_coefficient_of_henons_map_is_known():
 def test_across_a_change_of_contacts_there_is_none():
     bent = KnownMap(lambda x: (-x + 0.5 * max(x - 5e-4, 0.0),))
     assert np.isnan(doubling(bent, np.zeros(1), np.array([[-1.0]])))
+
+
+def test_derivatives_that_are_no_numbers_are_told():
+    with pytest.raises(OrbitLost, match="of no use"):
+        doubling(KnownMap(lambda x: (x,)), np.zeros(1), np.array([[np.nan]]))
 
 
 @pytest.mark.parametrize("e", [0.62, 0.72])

@@ -7,7 +7,8 @@ from scipy.interpolate import CubicSpline
 
 from dimersweep import orbits, simulate
 from dimersweep.errors import OrbitError, ParameterError
-from dimersweep.orbits.edges import halved, uncertainty
+from dimersweep.orbits.continuation import halved
+from dimersweep.orbits.edges import uncertainty
 from dimersweep.orbits.manifold import creep_of, lag
 from dimersweep.orbits.newton import fixed_at, solve
 from dimersweep.orbits.orbit import orbit_of

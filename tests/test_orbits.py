@@ -8,10 +8,11 @@ from numpy.testing import assert_allclose
 
 import dimersweep
 from dimersweep import orbits, simulate, stability
-from dimersweep.errors import OrbitError, ParameterError
+from dimersweep.errors import KernelError, OrbitError, ParameterError
+from dimersweep.kernel.model.layout import IMPACT_STEPS, MAX_EVENTS, STATUS_MESSAGES
+from dimersweep.orbits import poincare
 from dimersweep.orbits.guesses import rolled_up
 from dimersweep.orbits.kinds.changes import change_of
-from dimersweep.orbits.word import word_of
 from dimersweep.parameters import Parameters
 
 TOLD = ("radius", "period", "zeta", "speed", "precession_rate", "impact_phase")
@@ -185,9 +186,20 @@ def test_what_is_no_orbit_is_told_in_one_line():
         orbits.find(guess=simulate(periods=50, record=False))
 
 
+@pytest.mark.parametrize(("status", "error"), [(IMPACT_STEPS, KernelError), (MAX_EVENTS, OrbitError)])
+def test_a_fault_of_the_kernel_is_not_taken_for_a_missing_orbit(monkeypatch, status, error):
+    """A border has it as the status of a point."""
+    monkeypatch.setattr(poincare, "advance", lambda *_: status)
+    with pytest.raises(error, match=STATUS_MESSAGES[status][:40]):
+        orbits.find(spin=100.0)
+    with pytest.raises(OrbitError) as told:
+        orbits.border("fold", "Gamma", over={"e": [0.6]}, spin=100.0)
+    assert (f"fault of the kernel: {STATUS_MESSAGES[status]}" in str(told.value)) == (error is KernelError)
+
+
 def test_words_are_told_of_the_states_in_their_order(base):
     assert base.word == "DI_sp_sp>DI_sp_sk chatter.1 SC1_sk.1 SC1_sp.1 SC1_sk.1 SC1_sp.1 far.2"
-    assert word_of(base.fixed.image.passage) == base.word
+    assert base.fixed.image.passage.word == base.word
     assert change_of("DI_sp_sp far.2", "DI_sp_sp far.1 far.2").name == "hop"
     assert change_of("DI_sp_sp>DI_sp_sk SC1_sk.1", "DI_sp_sp SC1_sk.1").name == "double_impact"
     assert change_of("DI_sp_sp SC1_sk.1", "DI_sp_sp FM SC1_sk.1").name == "lift_off"

@@ -16,7 +16,7 @@ from dimersweep.cubes.points import make_points
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_count, check_rtol
 from dimersweep.kernel.model.layout import ROW
-from dimersweep.parameters import RULES, Parameters, check, keeps_rules, updated
+from dimersweep.parameters import RULES, Parameters, bounds, check, keeps_rules, updated
 
 BAD = [
     ({"e": float("nan")}, "e = nan: must be finite"),
@@ -246,3 +246,20 @@ def test_a_grid_of_1e9_points_is_judged_by_its_axes(monkeypatch):
         assert tracemalloc.get_traced_memory()[1] < 20e6
     finally:
         tracemalloc.stop()
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "known"),
+    [
+        ("e", {}, (0, 1)),
+        ("mu", {}, (0, 0.4)),
+        ("mu_s_1", {"mu_s_1": 0.6, "mu_s_2": 0.5}, (0.2, np.inf)),
+        ("phi0", {}, (-np.inf, np.inf)),
+    ],
+)
+def test_the_bounds_of_a_parameter_beside_the_others_are_those_of_its_rules(name, given, known):
+    values = Parameters(**({"mu": 0.2, "mu_s": 0.4} if name != "mu_s_1" else {"mu": 0.2}) | given).given()
+    found = bounds(name, values)
+    for value, bound in zip(found, known, strict=True):
+        assert abs(value) >= 1e9 if np.isinf(bound) else value == pytest.approx(bound, abs=1e-14)
+        check(values | {name: value})

@@ -34,10 +34,13 @@ def serve(address: Path) -> None:
 
 
 def work(address: Path, before: Callable[[], None]) -> None:
-    """A worker of one thread."""
+    """A worker of one thread, which puts all results on the disk by itself."""
     from distributed import Worker
 
+    import dimersweep.storage.shelf
+
     slowed()
+    dimersweep.storage.shelf.LEAST_BYTES = 0
     before()
 
     async def until_the_end() -> None:
@@ -154,12 +157,23 @@ def _(scene: Scene) -> str | None:
         return scene.came_through(made.start())
 
 
-@attack("cluster: the store is removed while workers are at work")
+@attack("cluster: the folder of tiles is removed while workers write there")
 def _(scene: Scene) -> str | None:
     with cluster(scene) as made:
         driver = made.start()
         at_any_moment(scene)
-        scene.tiles.unlink(missing_ok=True)
+        shutil.rmtree(scene.tiles, ignore_errors=True)
+        return scene.came_through(driver)
+
+
+@attack("cluster: files of workers are removed or cut while it runs")
+def _(scene: Scene) -> str | None:
+    with cluster(scene) as made:
+        driver = made.start()
+        at_any_moment(scene)
+        for path in scene.tiles.glob("tiles-w*.npy"):
+            with suppress(OSError):
+                scene.rng.choice([Path.unlink, lambda path: os.truncate(path, 10)])(path)
         return scene.came_through(driver)
 
 

@@ -6,25 +6,24 @@ from dataclasses import replace
 import numpy as np
 
 from dimersweep.orbits.branch import Point
-from dimersweep.orbits.curve import FollowedCurve, Found
+from dimersweep.orbits.continuation import SEARCHING, steps
+from dimersweep.orbits.curve import FollowedCurve, Found, crossings
 from dimersweep.orbits.doubling import doubling
-from dimersweep.orbits.held import held
-from dimersweep.orbits.kinds.flip import FLIP
 from dimersweep.orbits.kinds.kind import Bifurcation
 from dimersweep.orbits.newton import fixed_at
-from dimersweep.orbits.on_border import OnBorder, next_on_border, on_border
+from dimersweep.orbits.on_border import BorderEquations, OnBorder, next_on_border, on_border
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.passage import TURN
-from dimersweep.orbits.poincare import OrbitLost, ReturnMap
+from dimersweep.orbits.poincare import OrbitLost, ReturnMap, singular_lost
 from dimersweep.orbits.specials import Special, specials
-from dimersweep.orbits.stability_end import WALK_POINTS, stability_end, walked
+from dimersweep.orbits.stability_end import stability_end
 
 BACK = (0.0, 1e-3 * TURN, -1e-3 * TURN)  # phases of the plate at which the spin is put back [rad], as they are tried
-
+DOUBLED_FOLD = "flip-doubled_fold"  # where the orbit of twice the period has its fold on the flip itself
 KINK = 1e-2  # distance of all multipliers from the border's beyond which they are those of another map
 
 
-class BifurcationCurve(FollowedCurve):
+class BifurcationCurve(FollowedCurve, of=Bifurcation):
     """A curve along which multipliers of the orbit have the value that its kind asks for: see `Curve`."""
 
     kind: Bifurcation
@@ -56,11 +55,11 @@ class BifurcationCurve(FollowedCurve):
         raise OrbitLost(f"along {self.parameter}: {'; '.join(reasons)}")
 
     def _met(self, point: Point) -> Special:
-        for a, b in walked(self.axis, point):
-            for special in specials(self.axis, a, b, words=False):
+        for a, b, _ in steps(self.axis, point, SEARCHING):
+            for special in specials(self.axis, a, b, words=False)[0]:
                 if special.kind is self.kind:
                     return special
-        raise OrbitLost(f"none within {WALK_POINTS} points of the branch")
+        raise OrbitLost(f"none within {SEARCHING.tries} points of the branch")
 
     def taken_up(self, special: Special) -> Found:
         """The point of the border at a special point of a branch.
@@ -70,23 +69,25 @@ class BifurcationCurve(FollowedCurve):
         reason = OrbitLost("")
         for back in BACK:
             try:
-                m = held(special.point.map, self.spin, back)
+                m = replace(special.point.map, spin=self.spin, back=back)
                 return self.at(on_border(self.kind, self.axis, m, special.point.y(self.axis)))
             except OrbitLost as lost:
                 reason = lost
         raise reason
 
+    @singular_lost()
     def at(self, at: OnBorder) -> Found:
         """A point of the border, in a section that suits the next one."""
 
         def make(own: ReturnMap, z: np.ndarray) -> OnBorder:
-            return on_border(self.kind, self.axis, held(own, self.spin, at.map.back), np.append(z, at.u[-1]))
+            held = replace(own, spin=self.spin, back=at.map.back)
+            return on_border(self.kind, self.axis, held, np.append(z, at.u[-1]))
 
-        plain = at.map.let_go()
+        plain = replace(at.map, spin=None)
         image = plain.image(at.z)
         moved = plain.in_own_section(at, image.passage, make)
         if moved is not at:
-            at, plain = moved, moved.map.let_go()
+            at, plain = moved, replace(moved.map, spin=None)
             image = plain.image(at.z)
         matrix, _ = at.map.jacobian(at.z)
         fast = np.linalg.eigvals(matrix).astype(complex)
@@ -96,10 +97,19 @@ class BifurcationCurve(FollowedCurve):
             raise OrbitLost(f"the map has a kink where a {self.kind.name} is looked for")
         orbit = replace(orbit, multipliers=fast, stable=bool((np.abs(fast) < 1).all()))
         found = Found(orbit, float(at.u[-1] * self.axis.scale), at, loses=self.kind.is_all(fast))
-        if self.kind is FLIP:
+        if self.kind.doubles:
             with suppress(OrbitLost):
                 return found._replace(doubling=doubling(at.map, at.z, matrix))
         return found
+
+    def system(self, m: ReturnMap, near: Found) -> BorderEquations:
+        return BorderEquations(self.kind, self.axis, m, near.begin.normal)
+
+    def made(self, u: np.ndarray, extra: ReturnMap, near: Found) -> Found:
+        return self.at(OnBorder(extra, u, near.begin.normal, None, 0.0))
+
+    def tests(self, found: Found) -> dict[str, float]:
+        return crossings(self.kind, found.orbit) | ({DOUBLED_FOLD: found.doubling} if self.kind.doubles else {})
 
     def is_sure(self, found: Found) -> bool:
         """Where a stable orbit loses its stability."""

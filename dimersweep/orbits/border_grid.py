@@ -8,19 +8,15 @@ import xarray as xr
 
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.inputs import as_numbers, check_rtol, number
-from dimersweep.orbits.bifurcation_curve import BifurcationCurve
-from dimersweep.orbits.curve import Curve, Found, add_stability, crossings
+from dimersweep.orbits import bifurcation_curve, stability_curve, word_curve  # noqa: F401 - they enter the curves of all kinds
+from dimersweep.orbits.continuation import halved
+from dimersweep.orbits.curve import Curve, Found, crossings, stability_columns
 from dimersweep.orbits.finding import RTOL, checked, checked_spin
 from dimersweep.orbits.kinds import BORDER_KINDS, Kind
 from dimersweep.orbits.kinds.changes import change_of
-from dimersweep.orbits.kinds.kind import Bifurcation, Change
-from dimersweep.orbits.kinds.stability import StabilityEnd
-from dimersweep.orbits.labelling import dataset
+from dimersweep.orbits.labelling import Column, dataset
 from dimersweep.orbits.orbit import PeriodicOrbit
-from dimersweep.orbits.poincare import OrbitLost
-from dimersweep.orbits.stability_curve import StabilityCurve
-from dimersweep.orbits.walk import Walk
-from dimersweep.orbits.word_curve import WordCurve
+from dimersweep.orbits.walk import Index, Walk
 from dimersweep.parameters import check_effect, check_name
 from dimersweep.symbols import PARAMETERS
 
@@ -97,21 +93,12 @@ def border(
     given, axes = _checked(kind, parameter, over, fixed)
     rtol = check_rtol(rtol)
     spin = checked_spin(spin, given)
-    curve = _curve(BORDER_KINDS[kind], parameter, given, spin, rtol)
+    border = BORDER_KINDS[kind]
+    curve = border.curve(border, parameter, given, spin, rtol)
     walk = Walk(curve, axes, start)
     if not walk.found:
         raise OrbitError(f"no {kind} found in {parameter}: {next(iter(walk.failed().values()))}")
     return _dataset(curve, axes, walk.found, walk.failed())
-
-
-def _curve(kind: Kind, parameter: str, given: dict[str, float], spin: float, rtol: float) -> Curve:
-    """The curve that is followed for a kind."""
-    if isinstance(kind, Bifurcation):
-        return BifurcationCurve(kind, parameter, given, spin, rtol)
-    if isinstance(kind, StabilityEnd):
-        return StabilityCurve(kind, parameter, given, spin, rtol)
-    assert isinstance(kind, Change)
-    return WordCurve(kind, parameter, given, spin, rtol)
 
 
 def _checked(
@@ -151,60 +138,55 @@ def meetings(kind: Kind, a: Found, b: Found) -> list[str]:
     first, second = crossings(kind, a.orbit), crossings(kind, b.orbit)
     names = [name for name in first if first[name] * second[name] < 0]
     words = a.orbit.word, b.orbit.word
-    if words[0] != words[1] and isinstance(kind, Bifurcation):
+    if words[0] != words[1] and kind.rows:
         names.append(f"{kind.name}-{change_of(*words).name}")
     return names
 
 
-def _meetings(curve: Curve, axes: dict[str, np.ndarray], found: dict[tuple[int, ...], Found]) -> list[dict[str, Any]]:
-    """Where the curve meets other borders along its last axis, each located between two points by halving."""
-    names, rows = list(axes), []
-    name = names[-1]
+def _meetings(curve: Curve, axes: dict[str, np.ndarray], found: dict[Index, Found]) -> list[dict[str, Any]]:
+    """Where the curve meets other borders along its last axis."""
+    *others, last = axes
+    rows = []
     for index, one in found.items():
         after = (*index[:-1], index[-1] + 1)
-        if after not in found:
-            continue
-        two = found[after]
-        for meets in meetings(curve.kind, one, two):
-            values = {n: float(axes[n][k]) for n, k in zip(names, index, strict=True)}
-            low, high = values[name], float(axes[name][after[-1]])
-            a, b = one, two
-            try:
-                while abs(high - low) > MEETING * max(1.0, abs(high)):
-                    middle = 0.5 * (low + high)
-                    point = curve.point(values | {name: middle}, [a], None)
-                    if meets in meetings(curve.kind, a, point):
-                        high, b = middle, point
-                    else:
-                        low, a = middle, point
-            except (OrbitLost, OrbitError):
-                pass  # the bracket as far as it was narrowed
-            values[name] = 0.5 * (low + high)
-            rows.append(values | {curve.parameter: 0.5 * (a.value + b.value), "meets": meets})
+        if after in found:
+            given = {name: float(axes[name][k]) for name, k in zip(others, index, strict=False)}
+            ends = float(axes[last][index[-1]]), float(axes[last][after[-1]])
+            for meets in meetings(curve.kind, one, found[after]):
+                at, value = _located(curve, meets, given, last, dict(zip(ends, (one, found[after]), strict=True)))
+                rows.append(given | {last: at, curve.parameter: value, "meets": meets})
     return rows
 
 
+def _located(
+    curve: Curve, meets: str, given: dict[str, float], name: str, ends: dict[float, Found]
+) -> tuple[float, float]:
+    """Where a curve meets another border between two of its points, along one parameter: that, and the one solved for."""
+    (start, end), (below, beyond) = ends, ([point] for point in ends.values())
+
+    def is_beyond(at: float) -> bool:
+        if at == start:
+            return False
+        point = curve.point(given | {name: at}, below[-1:], None)
+        met = meets in meetings(curve.kind, below[-1], point)
+        (beyond if met else below).append(point)
+        return met
+
+    low, high = halved(is_beyond, start, end, MEETING * max(1.0, abs(end)))
+    return 0.5 * (low + high), 0.5 * (below[-1].value + beyond[-1].value)
+
+
 def _dataset(
-    curve: Curve, axes: dict[str, np.ndarray], found: dict[tuple[int, ...], Found], status: dict[tuple[int, ...], str]
+    curve: Curve, axes: dict[str, np.ndarray], found: dict[Index, Found], status: dict[Index, str]
 ) -> xr.Dataset:
+    rows = list(found.values())
+    columns: dict[str, Column] = {
+        "cost": ([one.cost for one in rows], "forcing periods of the map that the point took"),
+        curve.parameter: ([one.value for one in rows], PARAMETERS[curve.parameter]),
+    }
+    columns |= stability_columns(curve.kind, rows) | curve.columns(rows)
+    table = dataset([one.orbit for one in rows], "found", columns)
     shape = tuple(len(values) for values in axes.values())
-    orbits = [one.orbit for one in found.values()]
-    table = dataset(orbits, "found")
-    periods = {"units": "1", "long_name": "forcing periods of the map that the point took"}
-    table["cost"] = ("found", [one.cost for one in found.values()], periods)
-    add_stability(table, "found", curve.kind, found.values())
-    if isinstance(curve.kind, StabilityEnd):
-        kinds = [one.by.name if one.by else "" for one in found.values()]
-        table["ends_by"] = ("found", kinds, {"long_name": "kind of border by which the stability ends"})
-    table[curve.parameter] = ("found", [one.value for one in found.values()], PARAMETERS[curve.parameter].attributes())
-    if isinstance(curve, WordCurve):
-        words = "what goes (-) and comes (+) in the word beyond: symbols, or pairs of them (a/b)"
-        changes = [one.sides.described(one.orbit.word) if one.sides else "" for one in found.values()]
-        table["change"] = ("found", changes, {"long_name": words})
-        if most := max(len(one.several) for one in found.values()):
-            values = np.array([[*one.several, *[np.nan] * (most - len(one.several))] for one in found.values()])
-            words = f"{curve.parameter} of all such changes along the branch of the stable orbit"
-            table["several"] = (("found", "number"), values, {"units": "1", "long_name": words})
     at = tuple(np.array(list(found)).T)
     result = xr.Dataset(coords={n: (n, v, PARAMETERS[n].attributes()) for n, v in axes.items()})
     for name, column in table.data_vars.items():

@@ -6,25 +6,22 @@ section, so that what lies between them is found on planes across the line from 
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import replace
 from functools import partial
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 
-from dimersweep.errors import ParameterError
+from dimersweep.orbits.continuation import SAME_WAY
 from dimersweep.orbits.manifold import lag
 from dimersweep.orbits.newton import NEWTON_STEPS, TOLERANCE, Fixed, defect, fixed_at, newton, system
 from dimersweep.orbits.passage import TURN
-from dimersweep.orbits.poincare import Image, OrbitLost, ReturnMap
-from dimersweep.parameters import check
+from dimersweep.orbits.poincare import Image, OrbitLost, ReturnMap, singular_lost
 
-M = TypeVar("M", bound=ReturnMap)
 Mark = Callable[[ReturnMap, Image], float]  # what is zero at a border, beside the equations of an orbit
 
 
 class Axis(NamedTuple):
-    """The quantity that changes along a branch.
+    """The quantity that changes along a branch, and the branch as a problem for `continuation`.
 
     Attributes
     ----------
@@ -40,7 +37,7 @@ class Axis(NamedTuple):
     scale: float
     spin: float
 
-    def map_at(self, m: M, value: float) -> M:
+    def map_at(self, m: ReturnMap, value: float) -> ReturnMap:
         """The map at a value of the parameter.
 
         Raises
@@ -48,20 +45,41 @@ class Axis(NamedTuple):
         OrbitLost
             If the parameter does not allow it.
         """
-        if self.name == "spin":
-            return m
-        if value == m.parameters.get(self.name):
-            return m
-        try:
-            parameters = m.parameters | {self.name: value}
-            check(parameters)
-        except ParameterError as error:
-            raise OrbitLost(str(error)) from error
-        return replace(m, parameters=parameters)
+        return m if self.name == "spin" else m.at(self.name, value)
 
     def spin_at(self, value: float) -> float:
         """The axial spin at a value of the quantity [rad/s]."""
         return value if self.name == "spin" else self.spin
+
+    def y(self, point: "Point") -> np.ndarray:
+        """The section point with the parameter over its scale."""
+        return np.append(point.fixed.z, point.value / self.scale)
+
+    def on_plane(self, near: "Point", y: np.ndarray, normal: np.ndarray) -> "Point":
+        """The point of the branch on the plane through `y` across `normal`, with its own derivatives; see `Problem`."""
+        return with_derivatives(self, lent(self, near, y, normal), near.tangent)
+
+    def judge(self, a: "Point", b: "Point", step: float) -> None:
+        """Refuse a step over which the branch turns too far."""
+        if a.tangent @ b.tangent < SAME_WAY:
+            raise OrbitLost("the branch turns too sharply")
+
+    def settled(self, point: "Point", simplest: bool = True) -> "Point":
+        """The point in another section, if events have come near its own, or (`simplest`) if simpler contact lasts elsewhere.
+
+        Where no orbit is found in another section, and where an end grazes, the point stays in its own.
+        """
+        fixed = point.fixed
+        if point.grazes:
+            return point
+        return fixed.map.in_own_section(point, fixed.image.passage, partial(_moved, self, point), simplest)
+
+    def elsewhere(self, point: "Point") -> "Iterator[Point]":
+        """The point in the section of each smooth phase of its motion in which Newton's method finds it."""
+        m = point.fixed.map
+        for moved, z in m.sections(point.fixed.image.passage):
+            with suppress(OrbitLost):
+                yield _moved(self, point, moved, z)
 
 
 class Point(NamedTuple):
@@ -94,9 +112,14 @@ class Point(NamedTuple):
         """The map of its section."""
         return self.fixed.map
 
+    @property
+    def word(self) -> str:
+        """The word of its motion."""
+        return self.fixed.image.passage.word
+
     def y(self, axis: Axis) -> np.ndarray:
         """The point with the parameter over its scale."""
-        return np.append(self.fixed.z, self.value / axis.scale)
+        return axis.y(self)
 
     def matrix(self) -> np.ndarray:
         """Derivative of `defect` by y, shape (n, n + 1)."""
@@ -137,6 +160,7 @@ def point_of(axis: Axis, fixed: Fixed, value: float, along: np.ndarray | None) -
     return _pointed(fixed, value, slope_of(axis, fixed.map, fixed.z, value), along)
 
 
+@singular_lost()
 def _pointed(fixed: Fixed, value: float, slope: np.ndarray, along: np.ndarray | None) -> Point:
     """A point with the tangent that follows from its derivatives."""
     tangent = np.linalg.svd(np.column_stack([system(fixed.map, fixed.matrix, fixed.gradient), slope]))[2][-1]
@@ -163,17 +187,6 @@ def one_sided(axis: Axis, point: Point, senses: np.ndarray, along: np.ndarray) -
     matrix, gradient = fixed.map.jacobian(fixed.z, fixed.image, senses[:-1])
     slope = slope_of(axis, fixed.map, fixed.z, point.value, senses[-1])
     return _pointed(fixed._replace(matrix=matrix, gradient=gradient), point.value, slope, along)
-
-
-def corrected(axis: Axis, near: Point, y: np.ndarray, normal: np.ndarray) -> Point:
-    """The point of the branch on the plane through `y` across `normal`, in the section of `near`, with its own derivatives.
-
-    Raises
-    ------
-    OrbitLost
-        If there is none nearby.
-    """
-    return with_derivatives(axis, lent(axis, near, y, normal), near.tangent)
 
 
 def with_derivatives(axis: Axis, point: Point, along: np.ndarray) -> Point:
@@ -260,25 +273,6 @@ class Equations:
         return point, root.derivative
 
 
-def in_own_section(axis: Axis, point: Point, simplest: bool = True) -> Point:
-    """The point in another section, if events have come near its own, or (`simplest`) if simpler contact lasts elsewhere.
-
-    Where no orbit is found in another section, and where an end grazes, the point stays in its own.
-    """
-    fixed = point.fixed
-    if point.grazes:
-        return point
-    return fixed.map.in_own_section(point, fixed.image.passage, partial(_moved, axis, point), simplest)
-
-
-def in_each_section(axis: Axis, point: Point) -> Iterator[Point]:
-    """The point in the section of each smooth phase of its motion in which Newton's method finds it."""
-    m = point.fixed.map
-    for moved, z in m.sections(point.fixed.image.passage):
-        with suppress(OrbitLost):
-            yield _moved(axis, point, moved, z)
-
-
 def _moved(axis: Axis, point: Point, moved: ReturnMap, z: np.ndarray) -> Point:
     """A point of a branch in another section; `z` is that of its motion there."""
     fixed = fixed_at(moved, z)
@@ -287,7 +281,7 @@ def _moved(axis: Axis, point: Point, moved: ReturnMap, z: np.ndarray) -> Point:
     normal = np.append(np.zeros(z.size), 1.0)
     if abs(point.tangent[-1]) < 0.05:  # near a fold the parameter says nothing of where one is
         normal = np.linalg.svd(near.matrix())[2][-1]
-    again = corrected(axis, near, near.y(axis), normal)
+    again = axis.on_plane(near, near.y(axis), normal)
     tangent = again.tangent
     return again._replace(tangent=tangent if tangent @ _ahead(axis, point, moved, z) >= 0 else -tangent)
 

@@ -4,22 +4,20 @@ from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator
 from dataclasses import replace
 from itertools import takewhile
-from math import pi, prod
+from math import pi
 from typing import Any, NamedTuple
 
 import numpy as np
-import xarray as xr
 
 from dimersweep.errors import OrbitError
 from dimersweep.orbits.ball import ball_flip, ball_fold
 from dimersweep.orbits.branch import Axis, Point, point_of
 from dimersweep.orbits.finding import orbit_at
 from dimersweep.orbits.kinds import BORDER_KINDS, Kind
-from dimersweep.orbits.kinds.flip import FLIP
-from dimersweep.orbits.kinds.kind import COMPLEX, RealMultiplier
-from dimersweep.orbits.labelling import DOUBLING
+from dimersweep.orbits.kinds.kind import COMPLEX
+from dimersweep.orbits.labelling import DOUBLING, Column
 from dimersweep.orbits.orbit import PeriodicOrbit
-from dimersweep.orbits.poincare import OrbitLost, Tape
+from dimersweep.orbits.poincare import OrbitLost, ReturnMap, Tape
 from dimersweep.orbits.word import Sides, far_ends
 from dimersweep.parameters import value_of
 
@@ -78,20 +76,17 @@ def shortened(reason: str) -> str:
     return said if len(said) <= STATUS_LENGTH else said[: STATUS_LENGTH - 3] + "..."
 
 
-def add_stability(table: xr.Dataset, dim: str, kind: Kind, found: Collection[Found]) -> None:
-    """Enter what points of a border say of stability: whether it is lost there, and the coefficient of a flip."""
-    words = "whether a stable orbit loses its stability there"
-    table["loses_stability"] = (dim, [one.loses for one in found], {"units": "1", "long_name": words})
-    if kind is FLIP:
-        table["doubling"] = (dim, [one.doubling for one in found], DOUBLING.attributes())
+def stability_columns(kind: Kind, found: Collection[Found]) -> dict[str, Column]:
+    """What points of a border say of stability: whether it is lost there, and the coefficient of a flip."""
+    loses = {"loses_stability": ([one.loses for one in found], "whether a stable orbit loses its stability there")}
+    return loses | ({"doubling": ([one.doubling for one in found], DOUBLING)} if kind.doubles else {})
 
 
 def crossings(kind: Kind, orbit: PeriodicOrbit) -> dict[str, float]:
     """Test functions along a border, by the names of the two borders that meet where one changes its sign."""
-    values = kind.others(orbit.multipliers) if isinstance(kind, RealMultiplier) else orbit.multipliers
+    values = kind.others(orbit.multipliers)
     real = values[np.abs(values.imag) < COMPLEX].real
-    others = [other for other in BORDER_KINDS.values() if isinstance(other, RealMultiplier)]
-    return {f"{kind.name}-{other.name}": float(prod(1 - other.at * real)) for other in others}
+    return {f"{kind.name}-{other.name}": other.crossing(real) for other in BORDER_KINDS.values()}
 
 
 class Curve(ABC):
@@ -117,6 +112,10 @@ class Curve(ABC):
 
     alone = False
     many = False  # whether a motion may have several such borders, so that points that are followed are confirmed
+
+    def __init_subclass__(cls, of: type[Kind] | None = None) -> None:
+        if of is not None:
+            of.curve = cls
 
     def __init__(self, kind: Kind, parameter: str, given: dict[str, float], spin: float, rtol: float) -> None:
         self.kind, self.parameter, self.given, self.spin, self.rtol = kind, parameter, given, spin, rtol
@@ -145,6 +144,14 @@ class Curve(ABC):
     def status(self, found: Found) -> str:
         """The status of a point that is found: ok, or why there may be others."""
         return "ok"
+
+    def is_sure(self, found: Found) -> bool:
+        """Whether a point that was found from a neighbour would be found by itself, too."""
+        return True
+
+    def columns(self, found: Collection[Found]) -> dict[str, Column]:
+        """What a table of points of this kind says more."""
+        return {}
 
     def _starts(self, given: dict[str, float], reasons: list[str]) -> Iterator[PeriodicOrbit]:
         """Orbits from which the border is looked for: first stable ones, which runs come to; last those of other motions.
@@ -192,9 +199,25 @@ class FollowedCurve(Curve):
         found = self._stepped(given, near) if near else self._beginning(given, start)
         return found._replace(cost=self.tape.periods - spent)
 
-    def is_sure(self, found: Found) -> bool:
-        """Whether a point that was found from a neighbour would be found by itself, too."""
-        return True
+    # --- in the plane of two parameters: see `plane_curve` ----------------------------------------------------------
+
+    @abstractmethod
+    def system(self, m: ReturnMap, near: Found) -> Any:
+        """The equations of the border near a point, `value` and `derivative`, with the map of other parameters.
+
+        Raises
+        ------
+        OrbitLost
+            If it has none there.
+        """
+
+    @abstractmethod
+    def made(self, u: np.ndarray, extra: Any, near: Found) -> Found:
+        """The point of the border at a solution of these equations, and what they returned there beside their value."""
+
+    @abstractmethod
+    def tests(self, found: Found) -> dict[str, float]:
+        """Functions that change their sign where the curve meets another border, by the names of both."""
 
     # --- from one point to the next --------------------------------------------------------------------------------
 

@@ -2,13 +2,14 @@
 
 import numpy as np
 
-from dimersweep.orbits.poincare import ReturnMap
+from dimersweep.orbits.poincare import ReturnMap, singular_lost
 
 # of the differences, in units of the section: those of the third order are then right to about 1e-3
 WIDTHS = (3e-3, 1e-3)
 AGREE = 0.02  # part in which the coefficients of both widths differ at most; more where a change of word lies between
 
 
+@singular_lost()
 def doubling(m: ReturnMap, z: np.ndarray, matrix: np.ndarray) -> float:
     """The coefficient c of a flip: on its centre manifold the map is x -> -x + c x^3.
 
@@ -22,7 +23,7 @@ def doubling(m: ReturnMap, z: np.ndarray, matrix: np.ndarray) -> float:
     Parameters
     ----------
     m : ReturnMap
-        All of whose fixed points close, such as a `HeldMap`.
+        All of whose fixed points close: that of the fast part alone.
     z : ndarray, shape (n,)
         Fixed point at the flip.
     matrix : ndarray, shape (n, n)

@@ -10,6 +10,7 @@ from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.inputs import check_count, number
 from dimersweep.kernel.model.layout import D1, D2, N1, N2, N_STATE, PERIOD, PHASE
 from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES
+from dimersweep.orbits.continuation import halved
 from dimersweep.orbits.finding import RTOL, centred, checked
 from dimersweep.orbits.following import traced
 from dimersweep.orbits.kinds.fold import FOLD
@@ -152,20 +153,6 @@ def edge(
         exponent=float("nan") if clean else uncertainty(fate, *sorted(ends)),
         runs=len(fate.known),
     )
-
-
-def halved(fate: Callable[[float], str], low: float, high: float, within: float) -> tuple[float, float]:
-    """Two starts no further apart than `within`: the first has the fate of `low`, the second another one."""
-    first = fate(low)
-    while abs(high - low) > within:
-        middle = 0.5 * (low + high)
-        if middle in (low, high):
-            break
-        if fate(middle) == first:
-            low = middle
-        else:
-            high = middle
-    return low, high
 
 
 def _clean(fate: Callable[[float], str], low: float, high: float, wide: float) -> bool:

@@ -38,13 +38,6 @@ OVER_THE_END = 1e-7  # of the greatest spin, by which rounding may lead over an 
 READ = ("radius", "period", "zeta")
 
 
-class Seen(NamedTuple):
-    """A point of the family with the derivatives there, and the orbit."""
-
-    at: Fixed
-    orbit: PeriodicOrbit
-
-
 def family(*, spin: tuple[float, float], points: int = 50, rtol: float = RTOL, **parameters: float) -> xr.Dataset:
     """The orbits of one set of parameters at all spins.
 
@@ -85,12 +78,12 @@ def family(*, spin: tuple[float, float], points: int = 50, rtol: float = RTOL, *
     first, begin = _anywhere(spins, given, check_rtol(rtol))
     tape = first.fixed.map.tape
     start = tape.periods
-    seen, ends = {begin: seen_at(first.fixed.map, first.creep)}, {}
+    orbits, ends = {begin: on_family(first.fixed.map, first.creep)}, {}
     for name, order in (("high_end", range(begin + 1, spins.size)), ("low_end", range(begin - 1, -1, -1))):
-        found, ends[name] = walk(seen[begin], spins[order])
-        seen |= {order[k]: one for k, one in found.items()}
-    kept = sorted(seen)
-    table = dataset([seen[k].orbit for k in kept], "spin_")
+        found, ends[name] = walk(orbits[begin], spins[order])
+        orbits |= {order[k]: one for k, one in found.items()}
+    kept = sorted(orbits)
+    table = dataset([orbits[k] for k in kept], "spin_")
     table = table.drop_vars("spin").rename_dims({"spin_": "spin"}).assign_coords(spin=("spin", spins[kept]))
     table["spin"].attrs = {"units": "rad s-1", "long_name": "axial spin after the double impact"}
     table = table.drop_vars("cost")
@@ -127,12 +120,13 @@ def _anywhere(spins: np.ndarray, given: dict[str, float], rtol: float) -> tuple[
     raise OrbitError(f"spin = ({spins[0]:g}, {spins[-1]:g}): no orbit found; {reason}")
 
 
-def walk(first: Seen, spins: np.ndarray, runs: bool = False) -> tuple[dict[int, Seen], str]:
+def walk(first: PeriodicOrbit, spins: np.ndarray, runs: bool = False) -> tuple[dict[int, PeriodicOrbit], str]:
     """The family from an orbit through spins, in their order: over changes of word, and over spins that just have no orbit.
 
     Parameters
     ----------
-    first : Seen
+    first : PeriodicOrbit
+        From `on_family`.
     spins : ndarray
     runs : bool
         Whether to go where runs go: on with another family where the spin of a motion creeps over the end of this one, but not
@@ -140,12 +134,12 @@ def walk(first: Seen, spins: np.ndarray, runs: bool = False) -> tuple[dict[int, 
 
     Returns
     -------
-    found : dict of int to Seen
+    found : dict of int to PeriodicOrbit
         By the number of the spin.
     why : str
         Why the family ends before the last spin; "asked for" if it does not.
     """
-    found: dict[int, Seen] = {}
+    found: dict[int, PeriodicOrbit] = {}
     last, k, missed = [first], 0, 0
     while k < len(spins):
         spin = float(spins[k])
@@ -153,7 +147,7 @@ def walk(first: Seen, spins: np.ndarray, runs: bool = False) -> tuple[dict[int, 
             nxt = _next(last, spin, runs)
         except OrbitLost:
             missed += 1
-            if k + 1 < len(spins) and (missed <= MISSING or _near(last[0].orbit.spin, spin)):
+            if k + 1 < len(spins) and (missed <= MISSING or _near(last[0].spin, spin)):
                 k += 1
                 continue
             k -= missed - 1  # that which was missed first
@@ -168,7 +162,7 @@ def walk(first: Seen, spins: np.ndarray, runs: bool = False) -> tuple[dict[int, 
     return found, "asked for"
 
 
-def _next(last: list[Seen], spin: float, leaps: bool) -> Seen:
+def _next(last: list[PeriodicOrbit], spin: float, leaps: bool) -> PeriodicOrbit:
     """The orbit at another spin, along the family or by a run, by way of spins between where that fails.
 
     `last` are those before, the nearest first; see `walk` for leaps.
@@ -180,7 +174,7 @@ def _next(last: list[Seen], spin: float, leaps: bool) -> Seen:
     """
     share, reason = 1.0, OrbitLost("")
     for _ in range(TRIES):
-        begin = last[0].orbit
+        begin = last[0]
         to = spin if share == 1.0 else begin.spin + share * (spin - begin.spin)
         creeps_there = (to - begin.spin) * begin.spin_drift > 0
         try:
@@ -201,7 +195,7 @@ def _near(a: float, b: float) -> bool:
     return abs(a - b) <= MISSING_OVER * abs(b)
 
 
-def _step_or_run(last: list[Seen], spin: float, most: float) -> Seen:
+def _step_or_run(last: list[PeriodicOrbit], spin: float, most: float) -> PeriodicOrbit:
     """The orbit at another spin by a step along the family, or else by a run that is at most so far from where it leads."""
     try:
         return _step(last, spin)
@@ -209,7 +203,7 @@ def _step_or_run(last: list[Seen], spin: float, most: float) -> Seen:
         return _run_onto(last[0], spin, most)
 
 
-def _step(last: list[Seen], spin: float) -> Seen:
+def _step(last: list[PeriodicOrbit], spin: float) -> PeriodicOrbit:
     """The orbit at another spin, along the family; `last` are those before, the nearest first.
 
     Raises
@@ -217,32 +211,31 @@ def _step(last: list[Seen], spin: float) -> Seen:
     OrbitLost
         If there is none nearby, or one so far from where the family leads that it may be another one's.
     """
-    near = last[0].at
+    near = last[0].fixed
     m = near.map
     z = near.z + slow_direction(near)[0] * (spin - near.image.spin) / m.unit
-    same = list(takewhile(lambda one: one.at.map.phase == m.phase and one.at.z.size == near.z.size, last))
+    same = list(takewhile(lambda one: one.fixed.map.phase == m.phase and one.fixed.z.size == near.z.size, last))
     if len(same) == THROUGH:
-        z = BarycentricInterpolator([one.at.image.spin for one in same], [one.at.z for one in same])(spin)
+        z = BarycentricInterpolator([one.spin for one in same], [one.fixed.z for one in same])(spin)
     if has_fast_part(near):
         creep = creep_near(m, z, spin, near.matrix, near.gradient)
     else:
         creep = creep_of(solve(m, z, spin, system(m, near.matrix, near.gradient)))
     if np.abs(creep.z - z).max() > FAMILY_REACH:
         raise OrbitLost("the next orbit lies aside of the family")
-    return _centred(seen_at(m, creep))
+    return _centred(on_family(m, creep))
 
 
-def _centred(seen: Seen) -> Seen:
+def _centred(orbit: PeriodicOrbit) -> PeriodicOrbit:
     """A motion of the family in another section, if an event lies near its own and it is found there."""
-    image = seen.at.image
 
-    def make(m: ReturnMap, z: np.ndarray) -> Seen:
-        return seen_at(m, creep_near(m, z, image.spin, *m.jacobian(z)))
+    def make(m: ReturnMap, z: np.ndarray) -> PeriodicOrbit:
+        return on_family(m, creep_near(m, z, orbit.spin, *m.jacobian(z)))
 
-    return seen.at.map.in_own_section(seen, image.passage, make)
+    return orbit.fixed.map.in_own_section(orbit, orbit.fixed.image.passage, make)
 
 
-def _run_onto(last: Seen, spin: float, most: float) -> Seen:
+def _run_onto(last: PeriodicOrbit, spin: float, most: float) -> PeriodicOrbit:
     """The motion at another spin that a run from an orbit settles on, at most so far from where the orbit leads.
 
     Raises
@@ -250,15 +243,15 @@ def _run_onto(last: Seen, spin: float, most: float) -> Seen:
     OrbitLost
         If the orbit is not stable, or the run does not come to one.
     """
-    for there, z in settled_near(last.at, last.at.map, spin, most):
+    for there, z in settled_near(last.fixed, last.fixed.map, spin, most):
         with suppress(OrbitLost):
             creep = creep_near(there, z, spin, *there.jacobian(z))
             if np.delete(np.abs(creep.z - z), there.slow).max() <= FAMILY_REACH:
-                return seen_at(there, creep)
+                return on_family(there, creep)
     raise OrbitLost("the run comes to no orbit")
 
 
-def _along_branch(last: Seen, spin: float) -> Seen:
+def _along_branch(last: PeriodicOrbit, spin: float) -> PeriodicOrbit:
     """The orbit at another spin along the branch of fixed points.
 
     Raises
@@ -266,14 +259,14 @@ def _along_branch(last: Seen, spin: float) -> Seen:
     OrbitLost
         If it does not lead there: in one line, why the family ends.
     """
-    fixed = solve(last.at.map, last.at.z, last.at.image.spin)
+    fixed = solve(last.fixed.map, last.fixed.z, last.spin)
     branch = traced(orbit_of(fixed), "spin", spin, BRANCH_POINTS, words=False)
     if not branch.end.startswith("to:"):
         raise OrbitLost(_why(branch))
     orbit = branch.entries[-1].orbit
     if orbit.creep.z is orbit.fixed.z and has_fast_part(orbit.fixed):
         raise OrbitLost(f"no motion creeps by the fixed point, at spin = {spin:.6g} rad/s")
-    return seen_at(orbit.fixed.map, orbit.creep)
+    return on_family(orbit.fixed.map, orbit.creep)
 
 
 def _why(branch: Trace) -> str:
@@ -284,11 +277,10 @@ def _why(branch: Trace) -> str:
     return f"{branch.end}, at spin = {branch.entries[-1].value:.6g} rad/s"
 
 
-def seen_at(m: ReturnMap, creep: Creep) -> Seen:
-    """A motion of the family, with the derivatives where it is."""
+def on_family(m: ReturnMap, creep: Creep) -> PeriodicOrbit:
+    """The orbit of a motion of the family; its `fixed` is where the motion is, with the derivatives there."""
     matrix, gradient = m.jacobian(creep.z)
-    at = Fixed(m, creep.z, creep.image, matrix, gradient, creep.residual)
-    return Seen(at, orbit_of(at, creep))
+    return orbit_of(Fixed(m, creep.z, creep.image, matrix, gradient, creep.residual), creep)
 
 
 class Later(NamedTuple):

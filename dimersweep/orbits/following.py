@@ -5,26 +5,23 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
 
-import numpy as np
 import xarray as xr
 
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_count, number
-from dimersweep.orbits.branch import Axis, Point, corrected, in_each_section, in_own_section, point_of
+from dimersweep.orbits.branch import Axis, Point, point_of
+from dimersweep.orbits.continuation import FOLLOWING, steps
 from dimersweep.orbits.kinds import Kind
 from dimersweep.orbits.kinds.flip import FLIP
-from dimersweep.orbits.kinds.kind import Change
-from dimersweep.orbits.labelling import dataset
+from dimersweep.orbits.labelling import Column, dataset
 from dimersweep.orbits.manifold import creep_of
 from dimersweep.orbits.newton import Fixed, solve
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import OrbitLost, Tape
-from dimersweep.orbits.specials import Leap, Special, doubled, specials
+from dimersweep.orbits.specials import Special, doubled, specials
 from dimersweep.parameters import check_effect, check_name, value_of
 from dimersweep.symbols import PARAMETERS
 
-# length of a step, in units of the section and of the parameter, and by how much the next may be longer
-FIRST_STEP, LARGEST_STEP, SMALLEST_STEP, STEP_GROWTH = 0.02, 0.25, 1e-6, 1.3
 LEAST_SCALE = 1e-3  # of a parameter, where it and its target are both near zero
 
 
@@ -104,41 +101,59 @@ def traced(
         point = _begin(axis, orbit.fixed._replace(map=replace(orbit.fixed.map, tape=tape)), start, to)
     except OrbitLost as reason:
         return Trace([BranchRow(orbit, start)], f"lost: {reason}", tape.periods)
-    entries, step, end = [_entry(point)], FIRST_STEP, ""
-    others: list[Point] | None = None  # the point in other sections, at the first place where the branch is lost
-    while not end:
-        if sum(entry.kind is None for entry in entries) >= points:
-            return Trace(entries, f"points: {points} points were asked for", tape.periods)
-        try:
-            nxt = _stepped(axis, point, step, start, to)
-            _same_way(point, nxt)
-        except OrbitLost as reason:
-            step *= 0.5
-            if step < SMALLEST_STEP:  # the contact at the section may be all that does not go on
-                others = list(in_each_section(axis, point)) if others is None else others
-                if others:
-                    point, step = others.pop(0), FIRST_STEP
-                else:
-                    end = f"lost: {reason}"
-            continue
-        if others:
-            others = []  # one of them goes on
-        nxt, end = _window(axis, point, nxt, start, to)
-        found, leap = _specials(axis, point, nxt, words)
+    edges = {
+        to / axis.scale: (to, "to: the value asked for is reached"),
+        start / axis.scale: (start, "back: the branch has turned round to its start"),
+    }
+    entries = [_entry(point)]
+    try:
+        end = _followed(axis, point, edges, entries, points, switch, words)
+    except OrbitLost as reason:
+        end = f"lost: {reason}"
+    return Trace(entries, end, tape.periods)
+
+
+def _followed(
+    axis: Axis,
+    begin: Point,
+    edges: dict[float, tuple[float, str]],
+    entries: list[BranchRow],
+    points: int,
+    switch: bool,
+    words: bool,
+) -> str:
+    """Enter the points of a branch from one on; why it ends.
+
+    `edges` has the values of the parameter at which it ends, and why, by those over the scale.
+
+    Raises
+    ------
+    OrbitLost
+        Where it does not go on.
+    """
+    taken = steps(axis, begin, FOLLOWING, tuple(edges))
+    while sum(entry.kind is None for entry in entries) < points:
+        a, b, edge = next(taken)
+        found, leap = specials(axis, a, b, words)
         flips = [special for special in found if special.kind is FLIP] if switch else []
         kept = found[: found.index(flips[0]) + 1] if flips else found
         entries += [_entry(special.point, special) for special in kept]
         if leap is not None:
-            return Trace([*entries, _entry(leap.last)], f"word: {leap}", tape.periods)
+            entries.append(_entry(leap.point))
+            return f"word: the orbit does not go on beyond its word; the next one found has the word {leap.words[1]}"
         if flips:
             try:
-                nxt, switch, end, step = doubled(axis, flips[0].point), False, "", FIRST_STEP
+                twice = doubled(axis, flips[0].point)
             except OrbitLost as reason:
-                return Trace(entries, f"lost: no branch of twice the period was found ({reason})", tape.periods)
-        entries.append(_entry(nxt))
-        point = in_own_section(axis, nxt, simplest=others is None) if not end else nxt
-        step = min(step * STEP_GROWTH, LARGEST_STEP)
-    return Trace(entries, end, tape.periods)
+                raise OrbitLost(f"no branch of twice the period was found ({reason})") from reason
+            entries.append(_entry(twice))
+            return _followed(axis, twice, edges, entries, points, False, words)
+        if edge is not None:
+            value, why = edges[edge]
+            entries.append(_entry(b._replace(value=value)))
+            return why
+        entries.append(_entry(b))
+    return f"points: {points} points were asked for"
 
 
 def _axis(orbit: PeriodicOrbit, parameter: str, to: float | str) -> tuple[Axis, float, float]:
@@ -175,75 +190,21 @@ def _begin(axis: Axis, fixed: Fixed, value: float, to: float) -> Point:
     return start if to > value else start._replace(tangent=-start.tangent)
 
 
-def _same_way(a: Point, b: Point) -> None:
-    """Refuse a step over which the branch turns too far."""
-    if a.tangent @ b.tangent < 0.7:
-        raise OrbitLost("the branch turns too sharply")
-
-
-def _stepped(axis: Axis, point: Point, step: float, start: float, to: float) -> Point:
-    """The point a step further, or where the step leads out of the range from `start` to `to` the one at its edge."""
-    y = point.y(axis) + step * point.tangent
-    for edge, _ in _edges(start, to):
-        if (y[-1] * axis.scale - edge) * (point.value - edge) < 0:
-            share = (edge - point.value) / (step * point.tangent[-1] * axis.scale)
-            return _at_edge(axis, point, point.y(axis) + share * step * point.tangent, edge)
-    return corrected(axis, point, y, point.tangent)
-
-
-def _edges(start: float, to: float) -> tuple[tuple[float, str], ...]:
-    """Values of the parameter at which a branch ends, and why."""
-    return (to, "to: the value asked for is reached"), (start, "back: the branch has turned round to its start")
-
-
-def _at_edge(axis: Axis, near: Point, y: np.ndarray, edge: float) -> Point:
-    """The point at a value of the parameter."""
-    y[-1] = edge / axis.scale
-    return corrected(axis, near, y, np.append(np.zeros(y.size - 1), 1.0))._replace(value=edge)
-
-
-def _window(axis: Axis, a: Point, b: Point, start: float, to: float) -> tuple[Point, str]:
-    """The point, or where the step leads out of the range from `start` to `to` the one at its edge; why the branch ends."""
-    for edge, why in _edges(start, to):
-        outward = np.sign(edge - (start if edge == to else to))
-        if (b.value - edge) * outward >= 0 and (a.value - edge) * outward < 0:
-            if b.value == edge:
-                return b, why
-            share = (edge - a.value) / (b.value - a.value)
-            try:
-                return _at_edge(axis, b, a.y(axis) + share * (b.y(axis) - a.y(axis)), edge), why
-            except OrbitLost:
-                return b, why
-    return b, ""
-
-
-def _specials(axis: Axis, a: Point, b: Point, words: bool) -> tuple[list[Special], Leap | None]:
-    try:
-        return specials(axis, a, b, words), None
-    except Leap as leap:
-        return leap.found, leap
-
-
 def _entry(point: Point, special: Special | None = None) -> BranchRow:
     orbit = orbit_of(point.fixed, creep_of(point.fixed))
     return BranchRow(orbit, point.value, special.kind, special.jump) if special else BranchRow(orbit, point.value)
 
 
 def _dataset(entries: Sequence[BranchRow], parameter: str, end: str, cost: float) -> xr.Dataset:
-    table = dataset([entry.orbit for entry in entries], "point")
     kinds = [entry.kind for entry in entries]
-    columns: dict[str, tuple[list[str], str]] = {
-        "special": (
-            ["word" if isinstance(kind, Change) else kind.name if kind else "" for kind in kinds],
-            "kind of special point",
-        ),
-        "change": ([kind.name if isinstance(kind, Change) else "" for kind in kinds], "what changes in the word"),
+    special = [("word" if kind.of_word else kind.name) if kind else "" for kind in kinds]
+    columns: dict[str, Column] = {
+        "special": (special, "kind of special point"),
+        "change": ([kind.name if kind and kind.of_word else "" for kind in kinds], "what changes in the word"),
+        "jump": ([entry.jump for entry in entries], "jump of the orbit, in units of the section"),
     }
-    for name, (values, meaning) in columns.items():
-        table[name] = ("point", np.array(values, dtype=object).astype(str), {"long_name": meaning})
-    units = {"units": "1", "long_name": "jump of the orbit, in units of the section"}
-    table["jump"] = ("point", np.array([entry.jump for entry in entries]), units)
     if parameter != "spin":
-        table[parameter] = ("point", np.array([entry.value for entry in entries]), PARAMETERS[parameter].attributes())
+        columns[parameter] = ([entry.value for entry in entries], PARAMETERS[parameter])
+    table = dataset([entry.orbit for entry in entries], "point", columns)
     table.attrs |= {"end": end, "cost": cost, "parameter": parameter}
     return table.set_coords(parameter)

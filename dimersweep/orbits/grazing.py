@@ -13,7 +13,6 @@ from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES
 from dimersweep.orbits.branch import Axis, Equations, Point, one_sided
 from dimersweep.orbits.passage import TURN
 from dimersweep.orbits.poincare import Image, OrbitLost, ReturnMap
-from dimersweep.orbits.word import word_of
 
 GAP_SAMPLES = 64  # in a forcing period, of an end in the air
 TURN_KNOWN = 1e-7  # how well the time is known at which an end turns [rad]: the gap does not change to first order
@@ -38,7 +37,10 @@ def least_gap(m: ReturnMap, image: Image) -> float:
             phases = np.linspace(passage.times[k], passage.times[k + 1], int(GAP_SAMPLES * lengths[k] / TURN) + 2)
             rates = of_end(phases)[1]
             for j in np.flatnonzero((rates[:-1] < 0) & (rates[1:] >= 0)):
-                turns = brentq(lambda at: of_end(np.array([at]))[1][0], phases[j], phases[j + 1], xtol=TURN_KNOWN)
+                try:
+                    turns = brentq(lambda at: of_end(np.array([at]))[1][0], phases[j], phases[j + 1], xtol=TURN_KNOWN)
+                except ValueError as error:  # a rate by the rounding of which one end has the other's sign
+                    raise OrbitLost(f"no time is found at which an end turns ({error})") from error
                 least = min(least, float(of_end(np.array([turns]))[0][0] / m.section.units[0]))
     return least
 
@@ -84,4 +86,4 @@ def graze(axis: Axis, near: Point) -> tuple[Point, str]:
 def _word_beyond(axis: Axis, at: Point, gap_slope: np.ndarray) -> str:
     beyond = at.y(axis) - ACROSS * gap_slope / np.abs(gap_slope).max()
     m = axis.map_at(at.fixed.map, beyond[-1] * axis.scale)
-    return word_of(m.image(beyond[:-1]).passage)
+    return m.image(beyond[:-1]).passage.word

@@ -1,6 +1,7 @@
 """Orbits as labelled data."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -8,6 +9,8 @@ import xarray as xr
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.runs.period_map import NAMES
 from dimersweep.symbols import ORBIT_NAMES, QUANTITIES, Quantity
+
+Column = tuple[Any, Quantity | str]  # entries, one an orbit or a row of numbers, and what they are
 
 MOST_MULTIPLIERS = len(NAMES) - 1  # multipliers of a fast part at most; those that contact takes away are zero
 COLUMNS = {
@@ -44,13 +47,17 @@ def multiplier_columns(dims: Sequence[str], rows: np.ndarray) -> dict[str, xr.Va
     return {name: xr.Variable(dims, part, quantity.attributes()) for (name, quantity), part in parts}
 
 
-def dataset(orbits: Sequence[PeriodicOrbit], dim: str) -> xr.Dataset:
-    """The attributes of orbits along `dim`; parameters that all of them share are attributes of the dataset."""
+def dataset(orbits: Sequence[PeriodicOrbit], dim: str, more: Mapping[str, Column] = {}) -> xr.Dataset:
+    """The attributes of orbits along `dim`, and `more` columns; parameters that all share are attributes of the dataset."""
+    columns = {name: ([getattr(orbit, name) for orbit in orbits], said) for name, said in (COLUMNS | WORDS).items()}
     table = xr.Dataset()
-    for name, quantity in COLUMNS.items():
-        table[name] = (dim, np.array([getattr(orbit, name) for orbit in orbits], dtype=float), quantity.attributes())
-    for name, quantity in WORDS.items():
-        table[name] = (dim, np.array([getattr(orbit, name) for orbit in orbits]), quantity.attributes())
+    for name, (entries, said) in (columns | dict(more)).items():
+        values = np.array(entries, dtype=float if name in COLUMNS else None)
+        if isinstance(said, str):
+            attributes = {"long_name": said} if values.dtype.kind == "U" else {"units": "1", "long_name": said}
+        else:
+            attributes = said.attributes()
+        table[name] = ((dim, "number")[: values.ndim], values, attributes)
     rows = np.array([padded(orbit.multipliers) for orbit in orbits]).reshape(-1, MOST_MULTIPLIERS)
     table = table.assign(multiplier_columns((dim, "multiplier"), rows))
     if orbits:

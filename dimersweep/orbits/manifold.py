@@ -13,7 +13,7 @@ import numpy as np
 
 from dimersweep.kernel.model.layout import THETA
 from dimersweep.orbits.newton import TOLERANCE, Fixed, newton, system
-from dimersweep.orbits.poincare import Image, OrbitLost, ReturnMap
+from dimersweep.orbits.poincare import Image, OrbitLost, ReturnMap, singular_lost
 
 APART = 0.05  # distance of the multipliers of the fast part from 1 below which it is no slower than the spin
 MANIFOLD_REACH = 0.05  # of the manifold from the fixed point, in units of the section
@@ -47,6 +47,7 @@ class Creep(NamedTuple):
     residual: float
 
 
+@singular_lost()
 def slow_direction(fixed: Fixed) -> tuple[np.ndarray, float]:
     """Derivative of the section point by the spin (in its unit) along the family, and the spin's change a period [rad/s].
 
@@ -60,6 +61,7 @@ def slow_direction(fixed: Fixed) -> tuple[np.ndarray, float]:
     return along, float(row @ (fixed.image.point - fixed.z) / (row @ along)) * m.unit
 
 
+@singular_lost()
 def multipliers_of(fixed: Fixed) -> tuple[np.ndarray, float]:
     """Multipliers of the fast part, over the period of the motion, the largest first, and that of the slow direction."""
     values = np.linalg.eigvals(fixed.matrix)
@@ -68,6 +70,7 @@ def multipliers_of(fixed: Fixed) -> tuple[np.ndarray, float]:
     return fast[np.argsort(-np.abs(fast), kind="stable")], float(values[slow].real)
 
 
+@singular_lost()
 def lag(fixed: Fixed) -> np.ndarray:
     """How far the manifold lies from the fixed point, to first order in the change of the spin; 0 without a fast part."""
     m = fixed.map

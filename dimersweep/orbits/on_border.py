@@ -11,10 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from dimersweep.orbits.branch import Axis
-from dimersweep.orbits.held import HeldMap
-from dimersweep.orbits.kinds.kind import Bifurcation, ComplexPair
+from dimersweep.orbits.kinds.kind import Bifurcation
 from dimersweep.orbits.newton import TOLERANCE, newton
-from dimersweep.orbits.poincare import OrbitLost
+from dimersweep.orbits.poincare import OrbitLost, ReturnMap, singular_lost
 
 SINGULAR = 3e-8  # residual of an eigenvector that counts as none: what differences know
 GUESS_REACH = 0.5  # distance from the first guess, in units of the section
@@ -25,7 +24,8 @@ class OnBorder(NamedTuple):
 
     Attributes
     ----------
-    map : HeldMap
+    map : ReturnMap
+        Of the fast part alone.
     u : ndarray
         Section point, rows of the eigenvector, what is not known of the multiplier, parameter over its scale.
     normal : ndarray, shape (n,)
@@ -36,7 +36,7 @@ class OnBorder(NamedTuple):
         How far the orbit fails to close, in units of the section.
     """
 
-    map: HeldMap
+    map: ReturnMap
     u: np.ndarray
     normal: np.ndarray
     derivative: np.ndarray | None
@@ -60,18 +60,18 @@ def rotation(value: complex, rows: int) -> np.ndarray:
 class BorderEquations:
     """The equations of a border, near a point of it."""
 
-    def __init__(self, kind: Bifurcation, axis: Axis, m: HeldMap, normal: np.ndarray) -> None:
+    def __init__(self, kind: Bifurcation, axis: Axis, m: ReturnMap, normal: np.ndarray) -> None:
         self.kind, self.axis, self.m, self.normal = kind, axis, m, normal
         self.n, self.rows = normal.size, kind.rows
         self.weight = TOLERANCE * m.rtol / SINGULAR  # so that one target serves all equations
 
-    def parts(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, HeldMap]:
+    def parts(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, ReturnMap]:
         """Section point, rows of the eigenvector, what is not known of the multiplier, and the map."""
         n, end = self.n, self.n * (1 + self.rows)
         m = self.axis.map_at(self.m, u[-1] * self.axis.scale)
         return u[:n], u[n:end].reshape(self.rows, n), u[end:-1], m
 
-    def residual(self, u: np.ndarray) -> tuple[np.ndarray, HeldMap]:
+    def value(self, u: np.ndarray) -> tuple[np.ndarray, ReturnMap]:
         """How far all equations fail to hold, and the map there."""
         z, V, unknown, m = self.parts(u)
         products = [(m.image(z + m.step * v).point - m.image(z - m.step * v).point) / (2 * m.step) for v in V]
@@ -101,7 +101,7 @@ class BorderEquations:
         A[n : n * (1 + self.rows), n : n * (1 + self.rows)] -= np.kron(
             rotation(self.kind.multiplier(unknown), self.rows), np.eye(n)
         )
-        if isinstance(self.kind, ComplexPair):
+        if unknown.size:
             A[n : 3 * n, 3 * n] = -(rotation(self.kind.slope(unknown), self.rows) @ V).ravel()
         A[n : n * (1 + self.rows)] *= self.weight
         return A
@@ -119,14 +119,15 @@ class Around(NamedTuple):
         return (self.ahead - self.back).T / (2 * self.step)
 
 
-def images_around(m: HeldMap, z: np.ndarray) -> Around:
+def images_around(m: ReturnMap, z: np.ndarray) -> Around:
     """The images from which the derivative at a point is taken."""
     steps = m.step * np.eye(z.size)
     ahead, back = (np.array([m.image(z + by * d).point for d in steps]) for by in (1, -1))
     return Around(ahead, back, m.step)
 
 
-def on_border(kind: Bifurcation, axis: Axis, m: HeldMap, y: np.ndarray) -> OnBorder:
+@singular_lost()
+def on_border(kind: Bifurcation, axis: Axis, m: ReturnMap, y: np.ndarray) -> OnBorder:
     """The point of a border near an orbit.
 
     Parameters
@@ -134,7 +135,7 @@ def on_border(kind: Bifurcation, axis: Axis, m: HeldMap, y: np.ndarray) -> OnBor
     kind : Bifurcation
     axis : Axis
         The parameter that is solved for.
-    m : HeldMap
+    m : ReturnMap
         At the other parameters.
     y : ndarray, shape (n + 1,)
         Section point and parameter over its scale.
@@ -153,7 +154,7 @@ def on_border(kind: Bifurcation, axis: Axis, m: HeldMap, y: np.ndarray) -> OnBor
     return _solved(system, u, system.derivative(u, around))
 
 
-def next_on_border(kind: Bifurcation, axis: Axis, m: HeldMap, near: OnBorder, u: np.ndarray) -> OnBorder:
+def next_on_border(kind: Bifurcation, axis: Axis, m: ReturnMap, near: OnBorder, u: np.ndarray) -> OnBorder:
     """The point of a border near a guess `u`, from the derivative at a neighbour in the same section.
 
     Raises
@@ -167,10 +168,10 @@ def next_on_border(kind: Bifurcation, axis: Axis, m: HeldMap, near: OnBorder, u:
 def _solved(system: BorderEquations, u: np.ndarray, derivative: np.ndarray | None) -> OnBorder:
     n = system.n
 
-    def residual(there: np.ndarray) -> tuple[np.ndarray, HeldMap]:
+    def residual(there: np.ndarray) -> tuple[np.ndarray, ReturnMap]:
         if np.abs(there - u)[[*range(n), -1]].max() > GUESS_REACH:
             raise OrbitLost(f"Newton's method for the {system.kind.name} goes too far")
-        return system.residual(there)
+        return system.value(there)
 
     root = newton(residual, u, system.derivative, TOLERANCE * system.m.rtol, derivative)
     return OnBorder(root.extra, root.y, system.normal, root.derivative, float(np.abs(root.value[:n]).max()))

@@ -11,7 +11,6 @@ from dimersweep.orbits.manifold import Creep, creep_at, multipliers_of
 from dimersweep.orbits.mean_path import CIRCLE, MeanPath, path_of
 from dimersweep.orbits.newton import Fixed
 from dimersweep.orbits.passage import TURN, Strike, strike_of
-from dimersweep.orbits.word import word_of
 from dimersweep.runs.run import Run, as_run
 from dimersweep.runs.solving import run_row
 from dimersweep.runs.starting import start_of
@@ -176,7 +175,7 @@ def orbit_of(fixed: Fixed, creep: Creep | None = None) -> PeriodicOrbit:
         slow_multiplier=slow,
         stable=bool((np.abs(fast) < 1).all()),
         residual=fixed.residual,
-        word=word_of(image.passage),
+        word=image.passage.word,
         cost=m.tape.periods,
         rtol=m.rtol,
         fixed=fixed,

@@ -27,8 +27,7 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.kernel.record import BEFORE, E_KIND, E_PERIOD, E_PHASE, SEGMENT_MODES
 from dimersweep.kernel.verdict.past import double_end, ends_sticking
-
-TURN = 2 * np.pi
+from dimersweep.orbits.word import TURN, word_of
 
 
 class Passage:
@@ -43,6 +42,16 @@ class Passage:
     def __init__(self, events: np.ndarray, segments: np.ndarray) -> None:
         self.events, self.segments = events, segments
         self.times = segments[:, PERIOD] * TURN + segments[:, PHASE]  # phases since the section [rad]
+
+    @cached_property
+    def word(self) -> str:
+        """The word of the motion of which this is one period."""
+        return word_of(self.events, self.times[-1])
+
+    @cached_property
+    def whole_word(self) -> str:
+        """The word with all bounces counted."""
+        return word_of(self.events, self.times[-1], whole=True)
 
     @cached_property
     def bouncer(self) -> int:

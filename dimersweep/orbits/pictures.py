@@ -15,7 +15,6 @@ from scipy.interpolate import PchipInterpolator
 from dimersweep.cubes.reading import edges_of
 from dimersweep.errors import ParameterError
 from dimersweep.orbits.kinds import BORDER_KINDS
-from dimersweep.orbits.kinds.kind import Bifurcation
 from dimersweep.orbits.kinds.stability import STABLE_FROM, STABLE_TO
 from dimersweep.plots.style import Drawing, entitle, given, log_scale, mark
 from dimersweep.symbols import BASE, PARAMETERS, QUANTITIES, conditions
@@ -80,7 +79,7 @@ def curves(table: xr.Dataset, over: xr.Dataset | None = None) -> Figure:
         for k in range(flat.sizes["line"]):
             row = flat.sel(kind=kind).isel(line=k)
             taken = row[y]
-            if isinstance(BORDER_KINDS[str(kind)], Bifurcation):  # pale where no stable orbit loses its stability
+            if BORDER_KINDS[str(kind)].rows:  # pale where no stable orbit loses its stability
                 axes.plot(row[x], row[y], color=color, linestyle=STYLES[k % len(STYLES)], linewidth=1.4, alpha=PALE)
                 taken = row[y].where(row["loses_stability"] == 1)
             axes.plot(row[x], taken, color=color, linestyle=STYLES[k % len(STYLES)], linewidth=1.4)

@@ -6,14 +6,17 @@ rest is the fast part. The cost of all that is asked here is counted in forcing 
 """
 
 from collections.abc import Callable, Iterator
-from contextlib import suppress
-from dataclasses import dataclass
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from dimersweep.errors import KernelError, ParameterError
 from dimersweep.kernel.course import new_workspace
 from dimersweep.kernel.model.layout import (
+    JAMMED,
+    MAX_EVENTS,
     N_STATE,
     OK,
     PERIOD,
@@ -30,7 +33,7 @@ from dimersweep.kernel.record import EVENT_ROWS, SEGMENT_MODES, SEGMENT_ROWS, ne
 from dimersweep.kernel.return_map import advance
 from dimersweep.kernel.sample import sample
 from dimersweep.orbits.passage import TURN, Passage
-from dimersweep.parameters import fill_rows
+from dimersweep.parameters import bounds, check, fill_rows
 from dimersweep.runs.period_map import NAMES, Section, free_coordinates
 
 SPIN_COORDINATE = NAMES.index("spin")
@@ -45,6 +48,15 @@ class OrbitLost(RuntimeError):
     """The map cannot be taken here, or leads to another contact: in one line, why."""
 
 
+@contextmanager
+def singular_lost() -> Iterator[None]:
+    """Matrices that have no inverse or no eigenvectors, as an orbit that is lost; also for functions, as their decorator."""
+    try:
+        yield
+    except np.linalg.LinAlgError as error:
+        raise OrbitLost(f"the derivatives there are of no use ({error})") from error
+
+
 class Image(NamedTuple):
     """Where a point goes: the image in the free coordinates, the spin [rad/s], the change of theta [rad], the record."""
 
@@ -55,11 +67,12 @@ class Image(NamedTuple):
 
 
 class Tape:
-    """The record that the kernel writes, grown when it is full, and the count of periods; shared by the maps of one task."""
+    """What the maps of one task share: the record that the kernel writes, grown when it is full, and the count of periods."""
 
     def __init__(self) -> None:
         self.space = new_workspace()
         self.periods = 0.0  # forcing periods that have been run
+        self.bounds: dict[tuple[object, ...], tuple[float, float]] = {}  # of a parameter beside the others
         self.grow(FIRST_ROWS)
 
     def grow(self, rows: int) -> None:
@@ -74,7 +87,9 @@ class Tape:
         Raises
         ------
         OrbitLost
-            If the kernel cannot go on.
+            If the motion does not go on so far.
+        KernelError
+            If the kernel does not find its way.
         """
         self.periods += periods - start[PHASE] / TURN
         while True:
@@ -83,8 +98,7 @@ class Tape:
             if status != RECORD_FULL or len(self.record.events) >= MOST_ROWS:
                 break
             self.grow(ROWS_GROWTH * len(self.record.events))
-        if status != OK:
-            raise OrbitLost(STATUS_MESSAGES[status])
+        _check(status)
         events, segments = (self.record.counts[which] for which in (EVENT_ROWS, SEGMENT_ROWS))
         passage = Passage(self.record.events[:events].copy(), self.record.segments[:segments].copy())
         return state, modes, passage
@@ -107,6 +121,12 @@ class ReturnMap:
     rtol : float
         Accuracy [1].
     tape : Tape
+    spin : float, optional
+        To which the spin is put back at the start of each forcing period [rad/s]: the map of the fast part alone, all of
+        whose fixed points close. Without it the spin creeps.
+    back : float
+        Phase of the plate at which that is done [rad]. Within a period the spin swings by some hundred times its loss, so a
+        border depends in its sixth digit on it; but not on the section.
     """
 
     parameters: dict[str, float]
@@ -115,6 +135,8 @@ class ReturnMap:
     periods: int
     rtol: float
     tape: Tape
+    spin: float | None = None
+    back: float = 0.0
 
     def __post_init__(self) -> None:
         self.row = self.row_at(self.phase)
@@ -125,6 +147,28 @@ class ReturnMap:
         self.unit = float(self.section.units[SPIN_COORDINATE])  # of the spin [rad/s]
         # they balance the error of differences, step^2 of central and step of one-sided ones, with that of the map, rtol/step
         self.step, self.one_sided = self.rtol ** (1 / 3), self.rtol**0.5
+
+    def at(self, name: str, value: float) -> "ReturnMap":
+        """The map in the same section at another value of a parameter.
+
+        Raises
+        ------
+        OrbitLost
+            If it is not allowed beside the others.
+        """
+        if value == self.parameters.get(name):
+            return self
+        others = (name, *(item for item in self.parameters.items() if item[0] != name))
+        if others not in self.tape.bounds:
+            self.tape.bounds[others] = bounds(name, self.parameters)
+        low, high = self.tape.bounds[others]
+        parameters = self.parameters | {name: value}
+        if not low <= value <= high:
+            try:
+                check(parameters)
+            except ParameterError as error:
+                raise OrbitLost(str(error)) from error
+        return replace(self, parameters=parameters)
 
     def row_at(self, phase: float) -> np.ndarray:
         """The kernel's row of the parameters, with the plate at `phase` [rad] at the start."""
@@ -150,22 +194,38 @@ class ReturnMap:
         return self.section.held(self.section.state(point), self.modes)
 
     def image(self, z: np.ndarray) -> Image:
-        """The image of a point after the periods of the motion; its spin is that after the last impact of the bouncer.
+        """The image of a point after the periods of the motion.
+
+        Its spin is that after the last impact of the bouncer, or the one before it is put back.
 
         Raises
         ------
         OrbitLost
             If the kernel cannot go on, or the image is in another contact.
         """
-        state, modes, passage = self.tape.run(self.row, self.state(z), self.periods, self.rtol)
-        self._same(modes)
-        struck = passage.last_impact(passage.bouncer)
-        spin = state[SPIN] if struck is None else struck[SPIN]
-        return Image(self.section.point(state)[self.free], float(spin), float(state[THETA]), passage)
-
-    def _same(self, modes: np.ndarray) -> None:
+        if self.spin is not None:
+            state, modes, passage, spin = self._held(self.state(z), self.spin)
+        else:
+            state, modes, passage = self.tape.run(self.row, self.state(z), self.periods, self.rtol)
+            struck = passage.last_impact(passage.bouncer)
+            spin = state[SPIN] if struck is None else struck[SPIN]
         if (modes != self.modes).any():
             raise OrbitLost("the contact at the section changes")
+        return Image(self.section.point(state)[self.free], float(spin), float(state[THETA]), passage)
+
+    def _held(self, state: np.ndarray, spin: float) -> tuple[np.ndarray, np.ndarray, Passage, float]:
+        """State and friction modes after the periods, the way from where the spin was last put back, and the spin before."""
+        row, since = self.row_at(self.back), (self.phase - self.back) % TURN
+        there = Section(row, self.rtol, self.tape.space)
+        for k in range(self.periods):
+            state[PHASE] = since if k == 0 else 0.0
+            state, modes, _ = self.tape.run(row, state, 1, self.rtol)
+            theta, before, point = state[THETA], float(state[SPIN]), there.point(state)
+            point[SPIN_COORDINATE] = spin / self.unit
+            state = there.held(there.state(point), modes)
+            state[THETA] = theta
+        state[PHASE], state[PERIOD] = TURN - since, 0.0
+        return *self.tape.run(self.row, state, 1, self.rtol), before
 
     def jacobian(
         self, z: np.ndarray, here: Image | None = None, senses: np.ndarray | None = None
@@ -241,7 +301,7 @@ class ReturnMap:
         """The map with its section at a phase since the one it has [rad], and the motion's point there."""
         at %= TURN * self.periods
         state, contact = self.sampled(passage, at)
-        moved = ReturnMap(self.parameters, (self.phase + at) % TURN, contact, self.periods, self.rtol, self.tape)
+        moved = replace(self, phase=(self.phase + at) % TURN, modes=contact)
         return moved, moved.section.point(state)[moved.free]
 
     def sampled(self, passage: Passage, phase: float) -> tuple[np.ndarray, np.ndarray]:
@@ -258,9 +318,16 @@ class ReturnMap:
         status = sample(
             self.row, segments, np.full(phases.size, which), at, self.rtol, self.tape.space, no_record(), states, modes
         )
-        if status != OK:
-            raise OrbitLost(STATUS_MESSAGES[status])
+        _check(status)
         return states, modes
+
+
+def _check(status: int) -> None:
+    """Refuse what the kernel has come to: a motion that does not go on is no orbit, a fault of the kernel is an error."""
+    if status in (MAX_EVENTS, JAMMED, RECORD_FULL):
+        raise OrbitLost(STATUS_MESSAGES[status])
+    if status != OK:
+        raise KernelError(STATUS_MESSAGES[status])
 
 
 def smooth_phases(passage: Passage, periods: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

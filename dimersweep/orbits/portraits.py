@@ -16,11 +16,10 @@ import numpy as np
 from dimersweep.kernel.model.contact_code import code_of, digits_of
 from dimersweep.kernel.model.layout import D1, D2, N_STATE, PHASE, SPIN, THETA
 from dimersweep.kernel.record import E_AFTER, E_BEFORE, E_KIND
-from dimersweep.orbits.families import MISSING_OVER, Seen, seen_at, walk
+from dimersweep.orbits.families import MISSING_OVER, on_family, walk
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.passage import TURN, Passage
 from dimersweep.orbits.poincare import ReturnMap, Tape
-from dimersweep.orbits.word import word_of
 from dimersweep.parameters import value_of
 from dimersweep.symbols import ENDS
 
@@ -104,9 +103,9 @@ def portrait_of(m: ReturnMap, passage: Passage, mirrors: Mirrors) -> Portrait:
     spin = float(states[:, SPIN].mean())
     first, last = passage.segments[0], passage.segments[-1]
     turn = (last[THETA] - first[THETA]) / m.periods * 0.5 * m.dimer.l
-    word = word_of(passage)
+    word = passage.word
     if mirrors.ends:
-        word = min(word, word_of(_ends_changed(passage)))
+        word = min(word, _ends_changed(passage).word)
     back = -1.0 if mirrors.plane and spin < 0 else 1.0
     unit = m.section.units[0]
     return Portrait(m.periods, word, back * spin, gaps / unit, float(back * turn / unit))
@@ -190,20 +189,22 @@ class Carried:
     def __init__(self, orbit: PeriodicOrbit, spins: Sequence[float], mirrors: Mirrors) -> None:
         self.orbit, self.mirrors = orbit, mirrors
         here = portrait_of_orbit(orbit, mirrors)
-        known = [(seen_at(orbit.fixed.map, orbit.creep), here)]
+        known = [(on_family(orbit.fixed.map, orbit.creep), here)]
         least, greatest = min(here.spin, *spins), max(here.spin, *spins)
         grid = np.linspace(least - MISSING_OVER * abs(least), greatest + MISSING_OVER * abs(greatest), CARRIED_TO)
         for part in (grid[grid < here.spin][::-1], grid[grid > here.spin]):
             known += self._followed(*known[0], part)
         known.sort(key=lambda one: one[1].spin)
-        self.seen, self.views = (list(column) for column in zip(*known, strict=True))
+        self.orbits, self.views = (list(column) for column in zip(*known, strict=True))
 
-    def _followed(self, seen: Seen, view: Portrait, spins: np.ndarray) -> list[tuple[Seen, Portrait]]:
+    def _followed(
+        self, begin: PeriodicOrbit, view: Portrait, spins: np.ndarray
+    ) -> list[tuple[PeriodicOrbit, Portrait]]:
         """The family at `spins`, as far as it goes from one that is known, and what it looks like there."""
-        after = seen.orbit.spin / view.spin if view.spin else 1.0  # spin after the impact over the mean
+        after = begin.spin / view.spin if view.spin else 1.0  # spin after the impact over the mean
         found = []
-        for one in walk(seen, after * spins, runs=True)[0].values():
-            view = shifted(view, portrait_of_orbit(one.orbit, self.mirrors), self.mirrors)[1]
+        for one in walk(begin, after * spins, runs=True)[0].values():
+            view = shifted(view, portrait_of_orbit(one, self.mirrors), self.mirrors)[1]
             found.append((one, view))
         return found
 
@@ -235,6 +236,6 @@ class Carried:
         if ALIKE_WITHIN <= far < MOST_BENT:
             beside = np.argsort([abs(view.spin - motion.spin) for view in self.views])[:2]
             for k in beside:
-                there = self._followed(self.seen[k], self.views[k], np.array([motion.spin]))
+                there = self._followed(self.orbits[k], self.views[k], np.array([motion.spin]))
                 far = min([far, *(apart(view, motion, self.mirrors) for _, view in there)])
         return far

@@ -3,21 +3,18 @@
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
-from scipy.optimize import brentq
 
-from dimersweep.orbits.branch import Axis, Equations, Point, corrected, lent, one_sided, slope_of, with_derivatives
+from dimersweep.orbits.branch import Axis, Equations, Point, lent, one_sided, slope_of, with_derivatives
+from dimersweep.orbits.continuation import LOCATED, Between, zero
 from dimersweep.orbits.grazing import graze, least_gap
 from dimersweep.orbits.kinds import BORDER_KINDS, Kind
 from dimersweep.orbits.kinds.changes import change_of
-from dimersweep.orbits.kinds.kind import Bifurcation
 from dimersweep.orbits.newton import fixed_at
 from dimersweep.orbits.poincare import Image, OrbitLost, ReturnMap
-from dimersweep.orbits.word import word_of
 
-LOCATED = 1e-9  # how well a special point is known, in the parameter over its scale
 MOST_CHANGES = 12  # word changes within one step; places at which an orbit is lost and found again
 JOINED = 0.1  # distance of points on both sides of a change of word that belong to one branch, in units of the section
 SHORTEST_SHARE = 1e-10  # share of a step to which a change of word is located where the parameter hardly changes
@@ -28,9 +25,21 @@ BORN = 2e-3  # distance from a flip at which the doubled branch is taken up, in 
 
 
 class Special(NamedTuple):
-    """A special point: the kind of border that the branch crosses there, and the share of the step it lies at.
+    """A special point of a branch.
 
-    Of a change of word, by how much the orbit jumps there, in units of the section, and the words on both sides.
+    Attributes
+    ----------
+    kind : Kind
+        Of border that the branch crosses there.
+    point : Point
+    share : float
+        Of the step at which it lies.
+    jump : float
+        Of the orbit at a change of word, in units of the section.
+    words : tuple of str
+        On both sides of it.
+    beyond : Point, optional
+        The first orbit beyond it.
     """
 
     kind: Kind
@@ -38,98 +47,40 @@ class Special(NamedTuple):
     share: float
     jump: float = 0.0
     words: tuple[str, str] = ("", "")
+    beyond: Point | None = None
 
 
-def between(axis: Axis, a: Point, b: Point, share: float) -> Point:
-    """The point of the branch on the plane at a share of the way from `a` to `b`."""
-    start, way = a.y(axis), b.y(axis) - a.y(axis)
-    near = a if share < 0.5 else b
-    return corrected(axis, near, start + share * way, way / np.linalg.norm(way))
+def specials(axis: Axis, a: Point, b: Point, words: bool = True) -> tuple[list[Special], Special | None]:
+    """Special points of a step of a branch, in their order, and the change of word at which it leaps to another branch."""
+    changes, leap = word_changes(axis, a, b) if words else ([], None)
+    if leap is not None:
+        return changes, leap
+    at = Between(axis, a, b)
+    found = [special for kind in BORDER_KINDS.values() if (special := located(kind, at)) is not None]
+    return sorted([*found, *changes], key=lambda special: special.share), None
 
 
-def specials(axis: Axis, a: Point, b: Point, words: bool = True) -> list[Special]:
-    """Special points between two points of a branch, in their order."""
-    found = []
-    for kind in BORDER_KINDS.values():
-        if isinstance(kind, Bifurcation) and kind.test(a) * kind.test(b) < 0:
-            special = located(axis, kind, a, b)
-            if special is not None:
-                found.append(special)
-    if words:
-        found.extend(word_changes(axis, a, b))
-    return sorted(found, key=lambda special: special.share)
+def located(kind: Kind, at: Between[Point]) -> Special | None:
+    """The zero of a kind's test function in a step; none if the function does not change its sign, or leaps over zero."""
+    length = abs(at.problem.y(at.a)[-1] - at.problem.y(at.b)[-1]) or at.length
+    share = zero(at, kind.test, max(LOCATED / length, 1e-14))
+    return None if share is None else Special(kind, at[share], share)
 
 
-def located(axis: Axis, kind: Bifurcation, a: Point, b: Point) -> Special | None:
-    """The zero of a kind's test function between two points; none if the function leaps over zero."""
-    length = abs(a.value - b.value) / axis.scale or float(np.linalg.norm(a.y(axis) - b.y(axis)))
-    reached: dict[float, Point] = {0.0: a, 1.0: b}
-
-    def value(share: float) -> float:
-        if share not in reached:
-            reached[share] = between(axis, a, b, share)
-        return kind.test(reached[share])
-
-    try:
-        share = brentq(value, 0.0, 1.0, xtol=max(LOCATED / length, 1e-14), rtol=8.9e-16)
-        point = reached.get(share) or between(axis, a, b, share)
-    except OrbitLost:
-        return None
-    scale = max(abs(kind.test(a)), abs(kind.test(b)))
-    return Special(kind, point, share) if abs(kind.test(point)) < 1e-3 * scale else None
-
-
-class Leap(Exception):
-    """The branch ends at a change of word: the next orbit that is found belongs to another branch.
-
-    Parameters
-    ----------
-    found : list of Special
-        Word changes before it.
-    last : Point
-    word : str
-        Of what lies beyond.
-    beyond : Point
-    """
-
-    def __init__(self, found: list[Special], last: Point, word: str, beyond: Point) -> None:
-        super().__init__(f"the orbit does not go on beyond its word; the next one found has the word {word}")
-        self.found, self.last, self.word, self.beyond = found, last, word, beyond
-
-
-def word_changes(axis: Axis, a: Point, b: Point) -> list[Special]:
-    """Where the word changes between two points, by halving.
-
-    Raises
-    ------
-    Leap
-        If the points on both sides of a change are not those of one branch.
-    """
+def word_changes(axis: Axis, a: Point, b: Point) -> tuple[list[Special], Special | None]:
+    """Where the word changes between two points of a branch, and the change beyond which the next orbit is another branch's."""
     found: list[Special] = []
     low, left = 0.0, a
-    last = word_of(b.fixed.image.passage)
-    while (word := word_of(left.fixed.image.passage)) != last:
-        change = last_with(axis, word.__eq__, low, left, b)
-        if change.jump > JOINED:
-            raise Leap(found, change.at, change.word, change.beyond)
-        found.append(Special(change_of(word, change.word), change.at, change.share, change.jump, (word, change.word)))
-        if len(found) > MOST_CHANGES:
-            raise Leap(found, change.at, change.word, change.beyond)
-        low, left = change.share, change.beyond
-    return found
+    while left.word != b.word:
+        change = last_with(axis, left.word.__eq__, low, left, b)
+        if change.jump > JOINED or len(found) == MOST_CHANGES:
+            return found, change
+        found.append(change)
+        low, left = change.share, cast(Point, change.beyond)
+    return found, None
 
 
-class Changed(NamedTuple):
-    """A change of word: the share of the step, the point, the word and the first point beyond, the jump of the orbit."""
-
-    share: float
-    at: Point
-    word: str
-    beyond: Point
-    jump: float
-
-
-def last_with(axis: Axis, holds: Callable[[str], bool], low: float, left: Point, b: Point) -> Changed:
+def last_with(axis: Axis, holds: Callable[[str], bool], low: float, left: Point, b: Point) -> Special:
     """Where words cease to satisfy `holds`, between `left`, at which they do, and the end of the step, `b`.
 
     Where an end that sticks begins to slip, friction falls from mu_s to mu at once, and the map leaps: for a little way there
@@ -143,7 +94,11 @@ def last_with(axis: Axis, holds: Callable[[str], bool], low: float, left: Point,
     bracket.narrow(LOCATED)
     at = one_sided(axis, bracket.left, senses_of(axis, bracket.left, holds), bracket.left.tangent)
     jump = float(np.abs(at.y(axis) - bracket.right.y(axis)).max())
-    return Changed(bracket.low, at, word_of(bracket.right.fixed.image.passage), bracket.right, jump)
+    return _change(at, bracket.low, jump, (at.word, bracket.right.word), bracket.right)
+
+
+def _change(at: Point, share: float, jump: float, words: tuple[str, str], beyond: Point) -> Special:
+    return Special(change_of(*words), at, share, jump, words, beyond)
 
 
 def senses_of(axis: Axis, at: Point, holds: Callable[[str], bool]) -> np.ndarray:
@@ -153,7 +108,7 @@ def senses_of(axis: Axis, at: Point, holds: Callable[[str], bool]) -> np.ndarray
     def kept(d: np.ndarray) -> bool:
         with suppress(OrbitLost):
             there = y + d
-            return holds(word_of(axis.map_at(m, there[-1] * axis.scale).image(there[:-1]).passage))
+            return holds(axis.map_at(m, there[-1] * axis.scale).image(there[:-1]).passage.word)
         return False
 
     return np.array([1.0 if kept(d) else -1.0 for d in m.one_sided * np.eye(y.size)])
@@ -206,7 +161,7 @@ class Bracket:
         while share < self.at_right:
             with suppress(OrbitLost):
                 point = lent(self.axis, self.right, *self._plane(share), most=0)
-                if not self.holds(word_of(point.fixed.image.passage)):
+                if not self.holds(point.word):
                     self.right, self.at_right = point, share
                     break
             share, step = share + step, FURTHER * step
@@ -232,7 +187,7 @@ class Bracket:
         y, normal = self._plane(share)
 
         def off_plane(there: np.ndarray, _: ReturnMap, image: Image) -> float:
-            if not self.holds(word_of(image.passage)):
+            if not self.holds(image.passage.word):
                 raise OrbitLost("the word changes")
             return float(normal @ (there - y))
 
@@ -257,7 +212,7 @@ class Bracket:
         if not self.steep:
             self.slope = way / way[-1]
 
-    def grazing(self) -> Changed:
+    def grazing(self) -> Special:
         """Where an end grazes in the bracket.
 
         Raises
@@ -268,15 +223,15 @@ class Bracket:
         axis = self.axis
         near = min(self.left, self.right, key=lambda point: least_gap(point.map, point.fixed.image))
         at, struck = graze(axis, near)
-        missed = word_of(at.fixed.image.passage)
+        missed = at.word
         low, high = sorted((self.left.value, self.right.value))
         aside = GRAZING * axis.scale  # the branch may turn back at the graze
         if not low - aside <= at.value <= high + aside or self.holds(missed) == self.holds(struck):
             raise OrbitLost("no end grazes where the word changes")
         share = self.first + (1 - self.first) * ((at.y(axis) - self.begin) @ self.way) / (self.way @ self.way)
         if near is self.right:
-            return Changed(share, at, missed, at, 0.0)
-        return Changed(share, at, struck, self.right, 0.0)
+            return _change(at, share, 0.0, (self.left.word, missed), at)
+        return _change(at, share, 0.0, (self.left.word, struck), self.right)
 
 
 def doubled(axis: Axis, flip: Point) -> Point:
@@ -295,4 +250,4 @@ def doubled(axis: Axis, flip: Point) -> Point:
     y = flip.y(axis) + BORN * tangent
     z = y[:-1]
     near = Point(fixed_at(m, z), flip.value, slope_of(axis, m, z, flip.value), tangent)
-    return corrected(axis, near, y, tangent)
+    return axis.on_plane(near, y, tangent)

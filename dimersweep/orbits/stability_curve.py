@@ -1,20 +1,20 @@
 """Curves along which the orbit that runs come to ceases to be stable, each point found by itself."""
 
+from collections.abc import Collection
 from contextlib import suppress
 
 from dimersweep.errors import OrbitError
-from dimersweep.orbits.bifurcation_curve import BifurcationCurve
 from dimersweep.orbits.curve import Curve, Found
 from dimersweep.orbits.finding import orbit_at
-from dimersweep.orbits.kinds.kind import Bifurcation
 from dimersweep.orbits.kinds.stability import StabilityEnd
+from dimersweep.orbits.labelling import Column
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import OrbitLost
 from dimersweep.orbits.specials import Special
 from dimersweep.orbits.stability_end import stability_end
 
 
-class StabilityCurve(Curve):
+class StabilityCurve(Curve, of=StabilityEnd):
     """An end of the stretch of the parameter over which an orbit is stable: see `Curve`."""
 
     kind: StabilityEnd
@@ -42,9 +42,13 @@ class StabilityCurve(Curve):
 
     def _found(self, special: Special) -> Found:
         """The point of the end, with the spin put back where it is a bifurcation, as on curves of those."""
-        if isinstance(special.kind, Bifurcation):
-            own = BifurcationCurve(special.kind, self.parameter, special.point.map.parameters, self.spin, self.rtol)
+        if special.kind.rows:
+            own = special.kind.curve(special.kind, self.parameter, special.point.map.parameters, self.spin, self.rtol)
             own.tape = self.tape
             with suppress(OrbitLost):
                 return own.taken_up(special)
         return Found(orbit_of(special.point.fixed), special.point.value, special.point)
+
+    def columns(self, found: Collection[Found]) -> dict[str, Column]:
+        kinds = [one.by.name if one.by else "" for one in found]
+        return {"ends_by": (kinds, "kind of border by which the stability ends")}

@@ -3,26 +3,25 @@
 That is a fold, a flip or a torus, or a change of word over which the multipliers leap, or beyond which there is no such orbit.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from itertools import takewhile
+from typing import cast
 
 import numpy as np
 
-from dimersweep.orbits.branch import Axis, Point, corrected, in_each_section, in_own_section, one_sided, point_of
+from dimersweep.orbits.branch import Axis, Point, one_sided, point_of
+from dimersweep.orbits.continuation import SEARCHING, Between, halved, steps
 from dimersweep.orbits.guesses import settled_on
 from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.orbits.kinds.changes import WORD, change_of
-from dimersweep.orbits.kinds.kind import Bifurcation, Kind
+from dimersweep.orbits.kinds.kind import Kind
 from dimersweep.orbits.manifold import multipliers_of
 from dimersweep.orbits.newton import solve
 from dimersweep.orbits.passage import TURN
 from dimersweep.orbits.poincare import OrbitLost
-from dimersweep.orbits.specials import JOINED, MOST_CHANGES, Special, between, last_with, located, senses_of
-from dimersweep.orbits.word import word_of
+from dimersweep.orbits.specials import JOINED, MOST_CHANGES, Special, last_with, located, senses_of
 
-WALK_STEP, SHORTEST_STEP, WALK_POINTS = 0.1, 1e-5, 120  # of a branch, in units of the section and of the parameter
-STRAIGHT_LINE = 0.7  # product of the tangents at both ends of a step, below which it is too long
 NARROW_STRETCH = 1e-4  # length of a step in which stability is lost, from which on changes of word are looked for
 GAP = 1e-2  # part of the parameter over which an orbit may be missing or leap
 GAPS = (0.1 * GAP, GAP)  # beyond which it is taken up
@@ -35,40 +34,6 @@ Holds = Callable[[Point], bool]  # a property of an orbit
 def is_stable(point: Point) -> bool:
     """Whether all multipliers of the fast part at a point of a branch are below 1 in size."""
     return bool((np.abs(multipliers_of(point.fixed)[0]) < 1).all())
-
-
-def walked(axis: Axis, point: Point) -> Iterator[tuple[Point, Point]]:
-    """Steps of a branch, in the sense of the tangent of the point that it begins with: the points at both ends of each.
-
-    Raises
-    ------
-    OrbitLost
-        Where the branch does not go on.
-    """
-    step = WALK_STEP
-    others: list[Point] | None = None  # the point in other sections, where the branch is lost
-    for _ in range(WALK_POINTS):
-        try:
-            nxt = _straight_on(axis, point, step)
-        except OrbitLost:
-            step *= 0.5
-            if step < SHORTEST_STEP:
-                others = list(in_each_section(axis, point)) if others is None else others
-                if not others:
-                    raise
-                point, step = others.pop(0), WALK_STEP
-            continue
-        yield point, nxt
-        point = in_own_section(axis, nxt, simplest=others is None)
-        step = min(1.5 * step, WALK_STEP)
-        others = [] if others else None
-
-
-def _straight_on(axis: Axis, point: Point, step: float) -> Point:
-    nxt = corrected(axis, point, point.y(axis) + step * point.tangent, point.tangent)
-    if nxt.tangent @ point.tangent < STRAIGHT_LINE:
-        raise OrbitLost("the branch turns too sharply")
-    return nxt
 
 
 def stability_end(axis: Axis, begin: Point) -> Special:
@@ -85,7 +50,7 @@ def stability_end(axis: Axis, begin: Point) -> Special:
     point, sense = begin, float(np.sign(begin.tangent[-1]))
     for _ in range(MOST_CHANGES):
         special = _first_end(axis, point)
-        if isinstance(special.kind, Bifurcation):
+        if special.kind.rows:
             return special
         last, goes_on = _furthest(is_stable, axis, special.point, sense)
         if not goes_on:
@@ -116,7 +81,7 @@ def _first_end(axis: Axis, begin: Point) -> Special:
         raise OrbitLost("the orbit is unstable")
     last = begin
     try:
-        for a, b in walked(axis, begin):
+        for a, b, _ in steps(axis, begin, SEARCHING):
             if not is_stable(b):
                 return _in_step(axis, a, b)
             last = b
@@ -124,7 +89,7 @@ def _first_end(axis: Axis, begin: Point) -> Special:
         if last is begin:
             raise
     else:
-        raise OrbitLost(f"the orbit is stable over {WALK_POINTS} points of its branch")
+        raise OrbitLost(f"the orbit is stable over {SEARCHING.tries} points of its branch")
     return Special(_kind_beyond(axis, last), last, 1.0)
 
 
@@ -142,7 +107,7 @@ def last_that(holds: Holds, axis: Axis, begin: Point) -> Point:
     for _ in range(MOST_CHANGES):
         last = point
         try:
-            for _, b in takewhile(lambda step: holds(step[1]), walked(axis, point)):
+            for _, b, _ in takewhile(lambda step: holds(step[1]), steps(axis, point, SEARCHING)):
                 last = b
         except OrbitLost:
             if last is begin:
@@ -159,19 +124,17 @@ def _furthest(holds: Holds, axis: Axis, point: Point, sense: float) -> tuple[Poi
     Each step is taken in a section that suits the orbit: an event that comes to the section is not the end of the orbit.
     """
     start, step = point, FIRST_PUSH
-    point = in_own_section(axis, point)
+    point = axis.settled(point)
     while step > LAST_PUSH:
         try:
-            point = in_own_section(axis, _pushed(holds, axis, point, sense * step))
+            point = axis.settled(_pushed(holds, axis, point, sense * step))
             step *= PUSH_GROWTH
         except OrbitLost:
             step /= PUSH_GROWTH**2
         if abs(point.value - start.value) > GAP * axis.scale:
             return point, True
-    for gap in GAPS:
-        with suppress(OrbitLost):
-            return _come_to(holds, axis, point, sense * gap), True
-    return point, False
+    beyond = _beyond(holds, axis, point, sense)
+    return (point, False) if beyond is None else (beyond, True)
 
 
 def across(holds: Holds, axis: Axis, point: Point, sense: float) -> tuple[Point, Point]:
@@ -184,15 +147,27 @@ def across(holds: Holds, axis: Axis, point: Point, sense: float) -> tuple[Point,
     OrbitLost
         If there is none beyond.
     """
-    word = word_of(point.fixed.image.passage)
-    last, goes_on = _furthest(lambda orbit: word_of(orbit.fixed.image.passage) == word, axis, point, sense)
+    word = point.word
+    last, goes_on = _furthest(lambda orbit: orbit.word == word, axis, point, sense)
     if goes_on:
         return last, last
+    beyond = _beyond(holds, axis, last, sense)
+    if beyond is None:
+        raise OrbitLost("the branch does not go on")
+    return one_sided(axis, last, senses_of(axis, last, word.__eq__), last.tangent), beyond
+
+
+def stays_stable(axis: Axis, point: Point, sense: float) -> bool:
+    """Whether there is a stable orbit nearby where the parameter is a little further in a sense (1 or -1)."""
+    return _beyond(is_stable, axis, point, sense) is not None
+
+
+def _beyond(holds: Holds, axis: Axis, point: Point, sense: float) -> Point | None:
+    """The orbit with a property nearby where the parameter is a little further in a sense (1 or -1), if there is one."""
     for gap in GAPS:
         with suppress(OrbitLost):
-            beyond = _come_to(holds, axis, last, sense * gap)
-            return one_sided(axis, last, senses_of(axis, last, word.__eq__), last.tangent), beyond
-    raise OrbitLost("the branch does not go on")
+            return _come_to(holds, axis, point, sense * gap)
+    return None
 
 
 def _come_to(holds: Holds, axis: Axis, point: Point, by: float) -> Point:
@@ -220,15 +195,6 @@ def _come_to(holds: Holds, axis: Axis, point: Point, by: float) -> Point:
     return nxt if by > 0 else nxt._replace(tangent=-nxt.tangent)
 
 
-def stays_stable(axis: Axis, point: Point, sense: float) -> bool:
-    """Whether there is a stable orbit nearby where the parameter is a little further in a sense (1 or -1)."""
-    for by in GAPS:
-        with suppress(OrbitLost):
-            _come_to(is_stable, axis, point, sense * by)
-            return True
-    return False
-
-
 def _pushed(holds: Holds, axis: Axis, point: Point, by: float) -> Point:
     """The orbit with a property nearby where the parameter over its scale is greater by so much; its tangent points there.
 
@@ -238,7 +204,7 @@ def _pushed(holds: Holds, axis: Axis, point: Point, by: float) -> Point:
         If there is none.
     """
     along = np.append(np.zeros(point.fixed.z.size), by)
-    nxt = corrected(axis, point, point.y(axis) + along, along)
+    nxt = axis.on_plane(point, point.y(axis) + along, along)
     if np.abs(nxt.fixed.z - point.fixed.z).max() > JOINED:
         raise OrbitLost("another orbit is found")
     if not holds(nxt):
@@ -248,13 +214,15 @@ def _pushed(holds: Holds, axis: Axis, point: Point, by: float) -> Point:
 
 def _in_step(axis: Axis, a: Point, b: Point) -> Special:
     """Where stability is lost in a step."""
+    at = Between(axis, a, b)
     for kind in BORDER_KINDS.values():
-        if isinstance(kind, Bifurcation) and kind.test(a) * kind.test(b) < 0:
-            special = located(axis, kind, a, b)
-            if special is not None and kind.is_all(multipliers_of(special.point.fixed)[0]):
-                return special
-    low, high = _narrowed(axis, a, b)
-    word, last = word_of(low.fixed.image.passage), word_of(high.fixed.image.passage)
+        special = located(kind, at)
+        if special is not None and kind.is_all(multipliers_of(special.point.fixed)[0]):
+            return special
+    low, high = (
+        at[share] for share in halved(lambda share: is_stable(at[share]), 0.0, 1.0, NARROW_STRETCH / at.length)
+    )
+    word, last = low.word, high.word
     left, share = low, 0.0
     for _ in range(MOST_CHANGES):
         if word == last:
@@ -263,28 +231,10 @@ def _in_step(axis: Axis, a: Point, b: Point) -> Special:
             change = last_with(axis, word.__eq__, share, left, high)
         except OrbitLost:
             break
-        if change.jump > JOINED or not _is_stable_beyond(axis, change.beyond, change.word):
-            return Special(change_of(word, change.word), change.at, 0.0, change.jump, (word, change.word))
-        left, share, word = change.beyond, change.share, change.word
+        left, share, word = cast(Point, change.beyond), change.share, change.words[1]
+        if change.jump > JOINED or not _is_stable_beyond(axis, left, word):
+            return change
     return Special(_kind_between(low, high), low, 0.0, 0.0, (word, last))
-
-
-def _narrowed(axis: Axis, a: Point, b: Point) -> tuple[Point, Point]:
-    """A stable and an unstable point of a short step, by halving."""
-    low, high = 0.0, 1.0
-    left, right = a, b
-    length = float(np.linalg.norm(b.y(axis) - a.y(axis)))
-    while (high - low) * length > NARROW_STRETCH:
-        middle = 0.5 * (low + high)
-        try:
-            point = between(axis, a, b, middle)
-        except OrbitLost:
-            break
-        if is_stable(point):
-            low, left = middle, point
-        else:
-            high, right = middle, point
-    return left, right
 
 
 def _is_stable_beyond(axis: Axis, beyond: Point, word: str) -> bool:
@@ -297,17 +247,17 @@ def _is_stable_beyond(axis: Axis, beyond: Point, word: str) -> bool:
 
 def _kind_between(a: Point, b: Point) -> Kind:
     """The kind of change from one point to another one with all bounces counted."""
-    words = [word_of(point.fixed.image.passage, whole=True) for point in (a, b)]
+    words = [point.fixed.image.passage.whole_word for point in (a, b)]
     return change_of(*words) if words[0] != words[1] else WORD
 
 
 def _kind_beyond(axis: Axis, last: Point) -> Kind:
     """The kind of change where a branch does not go on, from images of points beyond, which are no orbits."""
-    word = word_of(last.fixed.image.passage, whole=True)
+    word = last.fixed.image.passage.whole_word
     for by in AHEAD:
         y = last.y(axis) + by * last.tangent
         with suppress(OrbitLost):
-            other = word_of(axis.map_at(last.map, y[-1] * axis.scale).image(y[:-1]).passage, whole=True)
+            other = axis.map_at(last.map, y[-1] * axis.scale).image(y[:-1]).passage.whole_word
             if other != word:
                 return change_of(word, other)
     return WORD

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dimersweep.errors import OrbitError, ParameterError
-from dimersweep.orbits.curve import Curve, FollowedCurve, Found, shortened
+from dimersweep.errors import KernelError, OrbitError, ParameterError
+from dimersweep.orbits.curve import Curve, Found, shortened
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.poincare import OrbitLost
 
@@ -108,6 +108,9 @@ class Walk:
         except (OrbitLost, OrbitError, ParameterError) as reason:
             self.status.setdefault(index, shortened(str(reason)))
             return
+        except KernelError as fault:
+            self.status[index] = shortened(f"fault of the kernel: {fault}")
+            return
         self.begun_at[index] = index if alone else self.begun_at[near[0]]
         self._wait_beside(index)
 
@@ -125,7 +128,7 @@ class Walk:
         if not near:
             return self._alone(index), True
         found = self.curve.point(self._values(index), [self.found[at] for at in near], self.start)
-        if isinstance(self.curve, FollowedCurve) and not self.curve.is_sure(found):
+        if not self.curve.is_sure(found):
             with suppress(OrbitLost, OrbitError, ParameterError):
                 return self._alone(index), True
         return found, False

@@ -16,16 +16,15 @@ from dimersweep.kernel.model.contact_code import CONTACT_STATES, digits_of
 from dimersweep.kernel.model.layout import C_CHATTER_END, C_END, C_IMPACT, C_START, IMPACT
 from dimersweep.kernel.record import E_AFTER, E_BEFORE, E_CAUSE, E_KIND, E_PERIOD, E_PHASE
 from dimersweep.kernel.verdict.past import HOP_LINE
-from dimersweep.orbits.passage import TURN, Passage
 
+TURN = 2 * np.pi
 MANY = 4  # bounces that do not die out are counted so far: beyond, their number changes without end
 
 
-def word_of(passage: Passage, whole: bool = False) -> str:
-    """The word of a passage that is one period of a motion; a `whole` one has all its bounces counted."""
-    symbols = _chatter_as_one(_symbols(passage.events), len(passage.events) if whole else MANY)
-    far = _far(passage.events, passage.times[-1])
-    return " ".join(_from_double_impact(symbols) + far)
+def word_of(events: np.ndarray, length: float, whole: bool = False) -> str:
+    """The word of one period of a motion, so long [rad], from its events; a `whole` one has all its bounces counted."""
+    symbols = _chatter_as_one(_symbols(events), len(events) if whole else MANY)
+    return " ".join(_from_double_impact(symbols) + _far(events, length))
 
 
 def _name(code: int) -> str:

@@ -5,7 +5,7 @@ method finds it from where the tangent of the curve leads. Elsewhere the orbit m
 orbits.
 """
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from itertools import takewhile
@@ -13,19 +13,22 @@ from typing import cast
 
 import numpy as np
 
-from dimersweep.orbits.branch import Axis, Equations, Mark, Point, in_own_section, lent, with_mark
+from dimersweep.orbits.branch import Axis, Equations, Mark, Point, lent, with_mark
+from dimersweep.orbits.continuation import SEARCHING, between, steps
 from dimersweep.orbits.curve import FollowedCurve, Found
 from dimersweep.orbits.grazing import graze, least_gap
 from dimersweep.orbits.kinds.changes import WORD, change_of
+from dimersweep.orbits.kinds.flip import FLIP
 from dimersweep.orbits.kinds.fold import FOLD
 from dimersweep.orbits.kinds.kind import COMPLEX, Change
+from dimersweep.orbits.labelling import Column
 from dimersweep.orbits.manifold import lag, multipliers_of
-from dimersweep.orbits.newton import defect
+from dimersweep.orbits.newton import defect, system
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
-from dimersweep.orbits.poincare import OrbitLost
-from dimersweep.orbits.specials import MOST_CHANGES, Leap, Special, between, last_with, specials
-from dimersweep.orbits.stability_end import across, is_stable, last_that, stays_stable, walked
-from dimersweep.orbits.word import Sides, far_ends, rests, sides_of, word_of
+from dimersweep.orbits.poincare import Image, OrbitLost, ReturnMap, singular_lost
+from dimersweep.orbits.specials import MOST_CHANGES, Special, last_with, specials
+from dimersweep.orbits.stability_end import across, is_stable, last_that, stays_stable
+from dimersweep.orbits.word import Sides, far_ends, rests, sides_of
 
 POINT_REACH = 0.2  # of a point of a curve from where it is looked for, in units of the section
 WIDEST, NARROWEST, WIDER = 0.05, 2e-5, 4.0  # bracket of a change of word, in the parameter over its scale
@@ -42,7 +45,7 @@ TANGENT_SHARE = 1e-3  # of the way to the next point, over which a derivative is
 
 def comes_to_rest(point: Point) -> bool:
     """Whether an end stays on the plate for a part of the period."""
-    return rests(word_of(point.fixed.image.passage))
+    return rests(point.word)
 
 
 def crept(axis: Axis, at: Point, mark: Mark) -> float:
@@ -61,7 +64,7 @@ def _has_turned(orbit: PeriodicOrbit) -> bool:
     return bool((real > 1).sum() % 2)
 
 
-class WordCurve(FollowedCurve):
+class WordCurve(FollowedCurve, of=Change):
     """A curve along which the word changes: see `Curve`."""
 
     kind: Change
@@ -73,6 +76,15 @@ class WordCurve(FollowedCurve):
         if not rests(found.orbit.word):
             return "one of several"
         return f"one of {len(found.several)}" if found.several else "ok"
+
+    def columns(self, found: Collection[Found]) -> dict[str, Column]:
+        words = "what goes (-) and comes (+) in the word beyond: symbols, or pairs of them (a/b)"
+        changes = [one.sides.described(one.orbit.word) if one.sides else "" for one in found]
+        columns: dict[str, Column] = {"change": (changes, words)}
+        if most := max(len(one.several) for one in found):
+            values = np.array([[*one.several, *[np.nan] * (most - len(one.several))] for one in found])
+            columns["several"] = (values, f"{self.parameter} of all such changes along the branch of the stable orbit")
+        return columns
 
     def _from(self, orbit: PeriodicOrbit) -> Found:
         """The first one met of all changes along the branch of a motion of which an end comes to rest, and the values of all.
@@ -107,12 +119,12 @@ class WordCurve(FollowedCurve):
         return self._found(at, sides, float(np.sign(at.tangent[-1])))
 
     def _is_met(self, special: Special) -> bool:
-        return isinstance(special.kind, Change) and self.kind in (WORD, special.kind)
+        return special.kind.of_word and self.kind in (WORD, special.kind)
 
     def _first_met(self, ways: list[Point]) -> Special:
         for way in ways:
             with suppress(OrbitLost):
-                for a, b in walked(self.axis, way):
+                for a, b, _ in steps(self.axis, way, SEARCHING):
                     for special in self._specials(a, b)[0]:
                         if self._is_met(special):
                             return special
@@ -124,8 +136,8 @@ class WordCurve(FollowedCurve):
         for _ in range(MOST_CHANGES):
             last = point
             try:
-                for step in walked(self.axis, point):
-                    for a, b in self._parts(*step, PARTS):
+                for first, end, _ in steps(self.axis, point, SEARCHING):
+                    for a, b in self._parts(first, end, PARTS):
                         found, goes_on = self._specials(a, b)
                         for special in found:
                             if special.kind is FOLD or not comes_to_rest(special.point):
@@ -141,7 +153,7 @@ class WordCurve(FollowedCurve):
                     last, point = across(comes_to_rest, self.axis, last, sense)
                 except OrbitLost:
                     return
-            words = word_of(last.fixed.image.passage), word_of(point.fixed.image.passage)
+            words = last.word, point.word
             if words[0] != words[1]:
                 special = Special(change_of(*words), last, 1.0, np.nan, words)
                 if self._is_met(special):
@@ -161,13 +173,11 @@ class WordCurve(FollowedCurve):
 
     def _specials(self, a: Point, b: Point) -> tuple[list[Special], bool]:
         """Special points of a step, leaps among them, and whether it leads to orbits of which an end comes to rest."""
-        try:
-            return specials(self.axis, a, b), comes_to_rest(b)
-        except Leap as leap:
-            words = word_of(leap.last.fixed.image.passage), leap.word
-            found = [*leap.found, Special(change_of(*words), leap.last, 1.0, np.nan, words)]
-            further, goes_on = self._specials(leap.beyond, b) if rests(leap.word) else ([], False)
-            return found + further, goes_on
+        found, leap = specials(self.axis, a, b)
+        if leap is None:
+            return found, comes_to_rest(b)
+        further, goes_on = self._specials(cast(Point, leap.beyond), b) if rests(leap.words[1]) else ([], False)
+        return [*found, leap, *further], goes_on
 
     def _to_pieces(self, ways: list[Point]) -> Found:
         """The last orbit of which an end comes to rest: beyond it is a border for each number of bounces.
@@ -180,7 +190,7 @@ class WordCurve(FollowedCurve):
         for way in ways:
             with suppress(OrbitLost):
                 last = last_that(comes_to_rest, self.axis, way)
-                return Found(orbit_of(last.fixed), last.value, in_own_section(self.axis, last))
+                return Found(orbit_of(last.fixed), last.value, self.axis.settled(last))
         raise OrbitLost(f"no {self.kind.name} is met")
 
     def _found(self, at: Point, sides: Sides, sense: float) -> Found:
@@ -192,7 +202,7 @@ class WordCurve(FollowedCurve):
             sense = -float(np.sign(cast(np.ndarray, at.mark_slope)[-1]))  # the end strikes there
         leaps = sense != 0.0 and (self.kind.zero is None or at.grazes)
         loses = leaps and is_stable(at) and not stays_stable(self.axis, at, sense)
-        return Found(orbit_of(at.fixed), at.value, in_own_section(self.axis, at), sides, loses)
+        return Found(orbit_of(at.fixed), at.value, self.axis.settled(at), sides, loses)
 
     def _next(self, given: dict[str, float], near: list[Found]) -> Found:
         """The point one step from neighbours, with all others that their motion has."""
@@ -258,13 +268,13 @@ class WordCurve(FollowedCurve):
         width = min(WIDEST, max(NARROWEST, doubt))
         while width <= WIDEST:
             ends = [self._at(given, near, np.append(y[:-1], y[-1] + by)) for by in (-width, width)]
-            words = [word_of(end.fixed.image.passage) for end in ends]
+            words = [end.word for end in ends]
             if sides.between(*words):
                 this, other = ends if sides.here(words[0]) else ends[::-1]
                 change = last_with(self.axis, sides.here, 0.0, this, other)
-                if not sides.beyond(change.word):
-                    raise OrbitLost(f"another change is nearer at {self.parameter} = {change.at.value:.6g}")
-                return self._found(change.at, sides, float(np.sign(other.value - this.value)))
+                if not sides.beyond(change.words[1]):
+                    raise OrbitLost(f"another change is nearer at {self.parameter} = {change.point.value:.6g}")
+                return self._found(change.point, sides, float(np.sign(other.value - this.value)))
             width *= WIDER
         at = y[-1] * self.axis.scale
         raise OrbitLost(f"no change of word within {WIDEST * self.axis.scale:.2g} of {self.parameter} = {at:.6g}")
@@ -276,9 +286,9 @@ class WordCurve(FollowedCurve):
         y, _ = self._ahead(given, near, least_gap)
         for opened in OPENED:
             with suppress(OrbitLost):
-                wider = in_own_section(self.axis, self._at(given, near, y + opened * near.tangent))
+                wider = self.axis.settled(self._at(given, near, y + opened * near.tangent))
                 at, struck = graze(self.axis, wider)
-                if sides.between(word_of(at.fixed.image.passage), struck):
+                if sides.between(at.word, struck):
                     self._smooth(at, near, y[-1])
                     return self._found(at, sides, 0.0)
         raise OrbitLost(f"no end grazes where the word changes near {self.parameter} = {y[-1] * self.axis.scale:.6g}")
@@ -289,12 +299,13 @@ class WordCurve(FollowedCurve):
         beside = self._beside(given, near, y)
         equations = Equations(self.axis, beside, lambda _, m, image: mark(m, image))
         at, _ = equations.solved(y, equations.derivative, known, MOST_DERIVATIVES)
-        if np.abs(at.y(self.axis) - y).max() > POINT_REACH or not sides.here(word_of(at.fixed.image.passage)):
+        if np.abs(at.y(self.axis) - y).max() > POINT_REACH or not sides.here(at.word):
             raise OrbitLost(f"no {self.kind.name} near {self.parameter} = {beside.value:.6g}")
         self._smooth(at, near, y[-1])
         at = with_mark(self.axis, at, mark)
         return self._found(at, sides, 0.0)._replace(value=crept(self.axis, at, mark))
 
+    @singular_lost()
     def _ahead(self, given: dict[str, float], near: Point, mark: Mark) -> tuple[np.ndarray, np.ndarray]:
         """Where the curve leads from a neighbour along its tangent, and the derivative there of all equations.
 
@@ -315,6 +326,32 @@ class WordCurve(FollowedCurve):
                 if np.abs(fails).max() < POINT_REACH:
                     return y - np.linalg.solve(known, fails / part), known
         return y, known
+
+    # --- in the plane of two parameters ------------------------------------------------------------------------------
+
+    def _mark(self, near: Found) -> Mark:
+        """The function of the orbit that is zero on the border near a point."""
+        mark = self.kind.zero(near.sides) if self.kind.zero and near.sides else None
+        if mark is None or near.begin.grazes:
+            raise OrbitLost("the border has no equation there")
+        return mark
+
+    def system(self, m: ReturnMap, near: Found) -> Equations:
+        mark, at = self._mark(near), near.begin._replace(fixed=near.begin.fixed._replace(map=m))
+        return Equations(self.axis, at, lambda _, own, image: mark(own, image))
+
+    def made(self, u: np.ndarray, extra: tuple[ReturnMap, Image], near: Found) -> Found:
+        (m, image), mark = extra, self._mark(near)
+        fixed = near.begin.fixed._replace(map=m, z=u[:-1], image=image, residual=0.0)
+        at = near.begin._replace(fixed=fixed, value=float(u[-1] * self.axis.scale), mark_slope=None)
+        at = with_mark(self.axis, at, mark)
+        return Found(orbit_of(at.fixed), crept(self.axis, at, mark), self.axis.settled(at), near.sides)
+
+    @singular_lost()
+    def tests(self, found: Found) -> dict[str, float]:
+        fixed, name = found.begin.fixed, self.kind.name
+        fold = float(np.linalg.det(system(fixed.map, fixed.matrix, fixed.gradient)))
+        return {f"{name}-fold": fold, f"{name}-flip": FLIP.test(found.begin)}
 
     # --- from a neighbour ------------------------------------------------------------------------------------------
 

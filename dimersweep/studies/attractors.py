@@ -16,7 +16,6 @@ from dimersweep.inputs import as_number, check_count, check_switch
 from dimersweep.kernel.model.layout import CODE_N_PERIODS
 from dimersweep.orbits.finding import find
 from dimersweep.orbits.following import traced
-from dimersweep.orbits.kinds.kind import Change
 from dimersweep.orbits.labelling import COLUMNS, multiplier_columns, padded
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.portraits import Mirrors, mirrors_of, portrait_of_orbit
@@ -72,7 +71,7 @@ def border_between(orbit: PeriodicOrbit, name: str, to: float) -> tuple[float, s
     """
     trace = traced(orbit, name, to)
     for entry in trace.entries:
-        if entry.kind is not None and not isinstance(entry.kind, Change):
+        if entry.kind is not None and not entry.kind.of_word:
             return entry.value, entry.kind.name
         shorter = portrait_of_orbit(entry.orbit, Mirrors(plane=False, ends=False)).least_period()
         if shorter < orbit.periods:

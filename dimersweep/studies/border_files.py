@@ -29,7 +29,7 @@ from dimersweep.storage.outputs import TABLES, check_ending, check_output
 from dimersweep.storage.provenance import attributes
 from dimersweep.storage.tables import storable, without_fill
 from dimersweep.studies.declaration import explain, read_toml, refuse_mistakes
-from dimersweep.studies.parts import Parts, parts_beside, parts_there
+from dimersweep.studies.parts import Parts, parts_beside
 from dimersweep.symbols import PARAMETERS, START
 from dimersweep.work.computing import settle_way
 
@@ -208,7 +208,7 @@ def make_borders(
 ) -> xr.Dataset:
     """Make what is declared, and write it.
 
-    With an `out`, each part (a curve, a branch, a family) is kept when it is finished, in the store ``<out>.parts`` beside it
+    With an `out`, each part (a curve, a branch, a family) is kept when it is finished, in the folder ``<out>.parts`` beside it
     until the file is written: the same call goes on where a former one was stopped or killed.
 
     Parameters
@@ -237,8 +237,8 @@ def make_borders(
     out = None if out is None else check_output(out, force=force, what="a table", endings=TABLES)
     settle_way(progress=False)
     start, makers = perf_counter(), declared.parts()
-    with parts_beside(out, declared.configuration, list(makers), force=force) as parts:
-        before = parts.done()
+    with parts_beside(out, declared.configuration, force=force) as parts:
+        before = [name for name in makers if parts.has(name)]
         if before:
             tell(f"{len(before)} of {len(makers)} parts are there already: {', '.join(before)}")
         try:
@@ -250,16 +250,17 @@ def make_borders(
                 write_cube(made, out, force=force)
         except KeyboardInterrupt as stop:
             raise Stopped(_kept(parts, makers), getattr(stop, "signal", signal.SIGINT)) from None
-        if parts.store is not None:
-            parts.store.remove()
+        if parts.beside is not None:
+            parts.beside.remove()
     return made
 
 
 def plan_borders(declared: Borders, out: Path) -> list[str]:
     """What is to be made for a file, and what of it is there: lines of text; nothing is written."""
-    there, makers = parts_there(out, declared.configuration), declared.parts()
+    parts, makers = Parts(out, declared.configuration), declared.parts()
     points = declared.families.points if declared.families else prod(len(axis) for axis in declared.axes.values())
     each = f"{points} points each" if declared.what != "branches" else f"{declared.branches.points} points each at most"  # type: ignore[union-attr]
+    there = [name for name in makers if parts.has(name)]
     lines = [f"{declared.what}: {len(makers)} parts, {each}: {', '.join(makers)}"]
     return lines + ([f"there already: {', '.join(there)}"] if there else [])
 
@@ -271,25 +272,33 @@ def _stored(make: Maker, tell: Tell) -> xr.Dataset:
 
 def _kept(parts: Parts, makers: Mapping[str, Maker]) -> str:
     """What a stop leaves behind."""
-    done = len(parts.done())
-    if parts.store is None or not done:
+    done = sum(parts.has(name) for name in makers)
+    if parts.beside is None or not done:
         return "nothing was kept"
-    return f"{done} of {len(makers)} parts are kept in {parts.store.path}; the same command goes on from there"
+    return f"{done} of {len(makers)} parts are kept in {parts.beside.path}; the same command goes on from there"
 
 
 def _joined(declared: Borders, tables: list[xr.Dataset]) -> xr.Dataset:
-    """One dataset of all parts."""
-    if declared.curves is not None:
-        made = _joined_curves(declared.curves, tables)
-    elif declared.branches is not None:
-        made = xr.concat(tables, dim="point", combine_attrs="override")
-        made.attrs = {"parameter": declared.branches.parameter}
-    else:
-        made = xr.concat(tables, dim="over", combine_attrs="override")
+    """One dataset of all parts: curves along `border`, branches along `point`, families along `over`; meetings one by one."""
+    along = {"curves": "border", "branches": "point", "families": "over"}[declared.what]
+    beside = [name for name in tables[0].data_vars if "meeting" in tables[0][name].dims]
+    own = [table.drop_vars(beside) for table in tables]
+    words = {name: "" for table in own for name, column in table.data_vars.items() if column.dtype.kind in "OU"}
+    made = xr.concat(own, dim=along, combine_attrs="override", fill_value=words)
+    for name in words:
+        made[name] = made[name].astype(str)  # empty where a kind of border has no such word
+    made.attrs = {}
+    if declared.families is not None:
         for name in declared.axes:
             column = [point[name] for point in declared.points()]
-            made = made.assign_coords({name: ("over", np.array(column), PARAMETERS[name].attributes())})
-        made.attrs = {}
+            made = made.assign_coords({name: (along, np.array(column), PARAMETERS[name].attributes())})
+    if declared.curves is not None:
+        # words along a dimension of another name: CF has numbers only in a coordinate that is named like its dimension
+        made = made.assign_coords(kind=(along, np.array(declared.curves.kinds), {"long_name": "kind of border"}))
+        met = xr.concat([table[beside] for table in tables], dim="meeting", combine_attrs="override")
+        made = made.assign({name: met[name] for name in beside})
+    if part := declared.curves or declared.branches:
+        made.attrs["parameter"] = part.parameter
     for variable in made.variables.values():
         variable.encoding.pop("dtype", None)  # that of the first part, in which words may be shorter
     return made.assign_attrs(what=declared.what)
@@ -314,20 +323,6 @@ def _curve(declared: Borders, curves: Curves, kind: str, tell: Tell) -> xr.Datas
     }
     table.attrs = {}
     return table
-
-
-def _joined_curves(curves: Curves, tables: list[xr.Dataset]) -> xr.Dataset:
-    """Curves along `border`, each with its `kind`, and the meetings of all of them."""
-    beside = [name for name in tables[0].data_vars if "meeting" in tables[0][name].dims]
-    own = [table.drop_vars(beside) for table in tables]
-    words = {name: "" for table in own for name, column in table.data_vars.items() if column.dtype.kind in "OU"}
-    made = xr.concat(own, dim="border", combine_attrs="override", fill_value=words)
-    for name in words:
-        made[name] = made[name].astype(str)  # empty where a kind of border has no such word
-    # words along a dimension of another name: CF has numbers only in a coordinate that is named like its dimension
-    made = made.assign_coords(kind=("border", np.array(curves.kinds), {"long_name": "kind of border"}))
-    met = xr.concat([table[beside] for table in tables], dim="meeting", combine_attrs="override")
-    return made.assign({name: met[name] for name in beside}).assign_attrs(parameter=curves.parameter)
 
 
 def _branch(

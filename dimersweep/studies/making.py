@@ -121,12 +121,13 @@ class UnfinishedCube:
         return common | {"kernel_time_s": self.store.seconds} | dict(origin) | dict(self.options.attrs)
 
     def write(self, cube: xr.Dataset) -> xr.Dataset:
-        """Write the finished cube with its checksum, if it has an output, and remove the store of its points."""
+        """Write the finished cube with its checksum, if it has an output, and remove the folder of its points."""
         cube = signed(cube, self.study.configuration())
         cube.attrs[CHECKSUM] = checksum_of(cube)
         if isinstance(self.store, TileStore):
-            scratch = self.store.store.scratch
-            write_cube(cube, self.store.out, force=self._replaces, scratch=scratch, kept=self.store.kept_if_refused)
+            write_cube(
+                cube, self.store.out, force=self._replaces, scratch=self.store.scratch, kept=self.store.kept_if_refused
+            )
             self._tidy_up(self.store)
         return cube
 
@@ -142,7 +143,7 @@ class UnfinishedCube:
                 attributes,
                 out,
                 sign=partial(signed, configuration=self.study.configuration()),
-                scratch=self.store.store.scratch,
+                scratch=self.store.scratch,
                 workers=self.options.workers,
             )
         self._tidy_up(self.store)
@@ -155,7 +156,7 @@ class UnfinishedCube:
     def _tidy_up(self, store: TileStore) -> None:
         self._written = True
         if not self.options.keep_tiles:
-            store.store.remove()
+            store.beside.remove()
 
 
 @contextmanager
@@ -201,7 +202,7 @@ def _store_of(
     ):
         # who held the lock before may have written it meanwhile
         check_writable(out, force=options.force or options.retry)
-        for line in store.store.trouble:
+        for line in store.check():
             warnings.warn(line, RuntimeWarning, stacklevel=8)  # of what has called sweep, search or refine
         if options.retry and "failed" in store.modes():
             store.drop(again)
@@ -210,13 +211,13 @@ def _store_of(
 
 @contextmanager
 def _tidy(store: TileStore) -> Iterator[None]:
-    """Leave no store behind if nothing was finished."""
+    """Leave no folder behind if nothing was finished."""
     try:
         yield
     except BaseException:
-        if store.store.is_empty():
+        if not store.manifest.entries:
             with suppress(OSError):
-                store.store.remove()
+                store.beside.remove()
         raise
 
 

@@ -16,6 +16,7 @@ from uuid import uuid4
 from dimersweep.cubes.results import Bundle, Tile
 from dimersweep.errors import KernelError, ParameterError, UserError
 from dimersweep.kernel import kernel_version
+from dimersweep.storage.shelf import Shelf
 from dimersweep.work.proving import prove
 from dimersweep.work.stopping import StopFlag, in_thread
 from dimersweep.work.tiles import (
@@ -42,12 +43,13 @@ LOST = "scheduler: the connection to the cluster is lost; what was finished is k
 
 
 class Pool(NamedTuple):
-    """Where work is done: ``submit(work, tiles, seconds)`` gives a future of a `Made`; ``workers()`` counts threads.
+    """Where work is done: ``submit(work, tiles, seconds, shelf)`` gives a future of a `Made`; ``workers()`` counts threads.
 
-    ``stop()`` has tasks end that do not see the flag of this process.
+    Those that share the disk of a shelf put their results there; there may be None. ``stop()`` has tasks end that do not
+    see the flag of this process.
     """
 
-    submit: Callable[[Work, Bundle, float], "Future[Made]"]
+    submit: Callable[[Work, Bundle, float, Shelf | None], "Future[Made]"]
     workers: Callable[[], int]
     stop: Callable[[], None] = lambda: None
 
@@ -139,7 +141,7 @@ def threads(workers: int, stop: StopFlag) -> Iterator[Pool]:
     executor = ThreadPoolExecutor(workers, thread_name_prefix="dimersweep")
     try:
         yield Pool(
-            lambda work, tiles, seconds: executor.submit(attempt, work, tiles, stop, seconds=seconds),
+            lambda work, tiles, seconds, shelf: executor.submit(attempt, work, tiles, stop, seconds=seconds),
             lambda: workers,
         )
     finally:
@@ -155,8 +157,12 @@ def stop_elsewhere(asker: str) -> None:
     _flags.setdefault(asker, StopFlag()).set()
 
 
-def run_elsewhere(work: Work, tiles: Bundle, shift: int, seconds: float, version: str, asker: str) -> Made:
+def run_elsewhere(
+    work: Work, tiles: Bundle, shift: int, seconds: float, version: str, asker: str, shelf: Shelf | None = None
+) -> Made:
     """Run tiles in a worker process, if that has the same kernel as the process that asks, and it works there.
+
+    If it sees the `shelf`, results are put there, and what is brought back names their file.
 
     Raises
     ------
@@ -171,7 +177,9 @@ def run_elsewhere(work: Work, tiles: Bundle, shift: int, seconds: float, version
         raise KernelError(f"scheduler: worker process {os.getpid()} on {socket.gethostname()}: {error}") from None
     if kernel_version() != version:  # as it was compiled, now that it is
         raise ParameterError(_other_kernel("a worker", kernel_version(), version))
-    return attempt(work, tiles, _flags.setdefault(asker, StopFlag()), shift, seconds)
+    made = attempt(work, tiles, _flags.setdefault(asker, StopFlag()), shift, seconds)
+    entry = shelf.keep(made.finished) if shelf and made.finished else None
+    return Made([], made.broken, entry) if entry else made
 
 
 def _other_kernel(who: str, theirs: str, ours: str) -> str:
@@ -246,10 +254,10 @@ def cluster(client: Any) -> Iterator[Pool]:
                 counted, count = time.monotonic(), sum(client.nthreads().values())
         return count
 
-    def submit(work: Work, tiles: Bundle, seconds: float) -> "Future[Made]":
+    def submit(work: Work, tiles: Bundle, seconds: float, shelf: Shelf | None) -> "Future[Made]":
         # the task carries its points along: data scattered beforehand could die with a worker
         with _connection():
-            return executor.submit(run_elsewhere, *work.narrowed(tiles), seconds, kernel_version(), asker)
+            return executor.submit(run_elsewhere, *work.narrowed(tiles), seconds, kernel_version(), asker, shelf)
 
     def stop() -> None:
         with suppress(Exception):  # of a connection that is lost
@@ -298,6 +306,7 @@ def run_tiles(
     pace: Pace,
     take: Callable[[Made], None],
     stop: StopFlag,
+    shelf: Shelf | None = None,
 ) -> None:
     """Do `work` at the points of `missing`, in tasks as `pace` says, and hand what each brings back to `take`.
 
@@ -314,7 +323,7 @@ def run_tiles(
             task = undone.popleft() if undone else next(tasks, ())
             if not task:
                 break
-            future = pool.submit(work, task, pace.seconds)
+            future = pool.submit(work, task, pace.seconds, shelf)
             running[future] = task
             future.add_done_callback(done.put)
         if not running:

@@ -9,5 +9,6 @@ FLIP = RealMultiplier(
     color="#d62728",
     marker="D",
     at=-1.0,
+    doubles=True,
     ball=ball_flip,
 )

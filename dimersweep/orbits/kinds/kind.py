@@ -3,6 +3,8 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import prod
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -14,8 +16,11 @@ COMPLEX = 1e-7  # imaginary part from which on a pair of multipliers is complex
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Kind(ABC):
+class Kind:
     """A kind of border.
+
+    `curve` makes the curve of a kind, from the parameter that is solved for, all parameters, the spin and the accuracy of the
+    map (`curve.Curve`); the class of the curve enters itself.
 
     Attributes
     ----------
@@ -31,6 +36,8 @@ class Kind(ABC):
         Of the parameter, in which the border is looked for from an orbit.
     shares : tuple of float
         Of the way from the ball's fold to its flip, where those orbits are looked for.
+    doubles : bool
+        Whether the period is doubled there.
     """
 
     name: str
@@ -40,20 +47,40 @@ class Kind(ABC):
     ball: Callable[[float], float] | None = None
     senses: tuple[float, float] = (1.0, -1.0)
     shares: tuple[float, ...] = (0.3, 0.1, 0.6, 0.8, 0.2, 0.05)
+    curve: ClassVar[Callable[..., Any]]
+    rows: ClassVar[int] = 0  # real vectors that make the eigenvector there: 1 or 2; 0 where multipliers say nothing
+    of_word: ClassVar[bool] = False  # whether the word changes there
+    doubles: bool = False
+
+    @property
+    def has_equation(self) -> bool:
+        """Whether it is where a function of the orbit is zero."""
+        return self.rows > 0
+
+    def test(self, point: Point) -> float:
+        """A function of a point of a branch that changes its sign at the border; NaN if there is none."""
+        return float("nan")
+
+    def others(self, values: np.ndarray) -> np.ndarray:
+        """Of multipliers at the border, those that it does not concern."""
+        return values
+
+    def is_all(self, values: np.ndarray) -> bool:
+        """Whether nothing but this border takes stability away: of multipliers there, all others are below 1 in size."""
+        return bool((np.abs(self.others(values)) < 1).all())
+
+    def crossing(self, real: np.ndarray) -> float:
+        """A function of the real multipliers on another border, less its own, that changes its sign where it meets this one."""
+        return float("nan")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Bifurcation(Kind):
+class Bifurcation(Kind, ABC):
     """A border at which a multiplier of the orbit, or a pair of them, has a certain value.
 
     The derivative J of the map has an eigenvector to the multiplier there: one real vector, or the real and the imaginary
     part of a complex one.
     """
-
-    @property
-    @abstractmethod
-    def rows(self) -> int:
-        """Number of real vectors that make the eigenvector: 1 or 2."""
 
     @abstractmethod
     def test(self, point: Point) -> float:
@@ -63,17 +90,13 @@ class Bifurcation(Kind):
     def multiplier(self, unknown: np.ndarray) -> complex:
         """The multiplier at the border, from what is not known of it (nothing, or one number)."""
 
+    def slope(self, unknown: np.ndarray) -> complex:
+        """Derivative of the multiplier by what is not known of it."""
+        raise NotImplementedError
+
     @abstractmethod
     def away(self, values: np.ndarray) -> np.ndarray:
         """How far multipliers are from the border."""
-
-    @abstractmethod
-    def others(self, values: np.ndarray) -> np.ndarray:
-        """Of multipliers at the border, those that it does not concern."""
-
-    def is_all(self, values: np.ndarray) -> bool:
-        """Whether nothing but this border takes stability away: of multipliers there, all others are below 1 in size."""
-        return bool((np.abs(self.others(values)) < 1).all())
 
     @abstractmethod
     def begin(self, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -97,6 +120,9 @@ class RealMultiplier(Bifurcation):
         """The product of all multipliers less `at`."""
         return float(np.linalg.det(point.fixed.matrix - self.at * np.eye(len(point.fixed.matrix))))
 
+    def crossing(self, real: np.ndarray) -> float:
+        return float(prod(1 - self.at * real))
+
     def multiplier(self, unknown: np.ndarray) -> complex:
         return complex(self.at)
 
@@ -115,10 +141,6 @@ class ComplexPair(Bifurcation):
     """A border at which one number that makes up a complex pair of multipliers is given, and the other is not known."""
 
     rows = 2
-
-    @abstractmethod
-    def slope(self, unknown: np.ndarray) -> complex:
-        """Derivative of the multiplier by what is not known of it."""
 
     @abstractmethod
     def unknown(self, value: complex) -> float:
@@ -161,3 +183,8 @@ class Change(Kind):
     lines: Callable[[Image], np.ndarray] | None = None
     color: str = "#009e73"
     marker: str = "|"
+    of_word = True
+
+    @property
+    def has_equation(self) -> bool:
+        return self.zero is not None
