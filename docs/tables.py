@@ -221,7 +221,7 @@ def attributes(named: dict[str, str]) -> Markdown:
 
 
 def scale() -> Markdown:
-    """What sweeps of points of 1 ms take: memory of the driver, the folder of finished points, time."""
+    """What sweeps of points of 1 ms take: memory of the driver, the store of finished points, time."""
     rows = (
         (
             f"$10^{{{power}}}$",
@@ -232,7 +232,7 @@ def scale() -> Markdown:
         )
         for power in (6, 7, 8, 9)
     )
-    return _table(("points", "memory, NetCDF", "memory, Zarr", "folder", "time"), rows)
+    return _table(("points", "memory, NetCDF", "memory, Zarr", "store", "time"), rows)
 
 
 def _gigabytes(size: float) -> str:

@@ -47,7 +47,6 @@ def pytest_collection_modifyitems(items):
 # kinds of tests that need what a machine may lack, by the reasons that they give
 LEFT_OUT = {
     "browser": r"in a browser",
-    "peers": r"heyoka|siconos",
     "slow": r"DIMERSWEEP_SLOW",
     "references": r"reference",
 }

@@ -16,7 +16,6 @@ import pytest
 
 import dimersweep
 from dimersweep import cli, plots
-from dimersweep.cli.claiming import PAGES
 from dimersweep.cli.options import in_lines
 from dimersweep.kernel.model.layout import ORBIT_COLUMNS, ROW_BETA0, RUN_COLUMNS
 from dimersweep.plots.movie import MOVIES
@@ -24,7 +23,7 @@ from dimersweep.plots.style import PICTURES
 from dimersweep.storage.outputs import CUBES, TABLES
 from dimersweep.studies.planning import SAMPLE
 from dimersweep.symbols import BASE, conditions
-from tests.fakes import failing, fake_run_many, raising
+from tests.fakes import failing, fake_run_many, points_on_disk, raising
 
 ROOT = Path(__file__).parents[1]
 SMALL = (ROOT / "sweeps" / "fig07-small.toml").read_text()
@@ -137,7 +136,7 @@ def test_a_bad_declaration_is_named(call, old, new, message):
         (["run", "--from", "x.nc", "--out", "y.nc"], "x.nc: no such file"),
         (["run", "small.toml", "--extend", "x.nc", "--no-plot"], "x.nc: no such file"),
         (["run", "small.toml", "--scheduler", "tcp://127.0.0.1:9"], "scheduler = tcp://127.0.0.1:9: cannot be reached"),
-        (["status", "absent.nc"], "absent.nc: no such cube, and no sweep for it (absent.nc.tiles has no manifest)"),
+        (["status", "absent.nc"], "absent.nc: no such cube, and no sweep for it (there is no absent.nc.tiles)"),
         (["run", "absent.toml"], "absent.toml: cannot be read (No such file or directory)"),
         (["run", "small.toml", "--workers", "0"], "workers = 0: must be a whole number >= 1"),
         (["run", "small.toml", "--out", "no/cube.nc"], "out = no/cube.nc: the folder no does not exist"),
@@ -163,7 +162,7 @@ def test_a_bad_declaration_is_named(call, old, new, message):
         (["--vers"], "--vers: unknown option; did you mean --version? (allowed: --version, "),
         (["simulate", "--l", "0.05", "--A_r", "6"], "l: given together with A_r; leave one of the two out"),
         (["simulate", "--movie", "a.nc"], "movie = a.nc: a movie must end in .gif, .mp4 or .html"),
-        (["claims", "--out", "a.nc"], "out = a.nc: a page must end in .md"),
+        (["claims", "--out", "a.md"], "claims: is no command any more; run python benchmarks/evidence/claims.py in"),
         (["dance"], "No such command 'dance'."),
     ],
 )
@@ -289,9 +288,8 @@ def slow_sweep(declared="small.toml", cube="fig07-small.nc"):
     ) as process:
         try:
             assert process.stdout.readline() == "ready\n"
-            manifest = Path(f"{cube}.tiles/manifest.jsonl")
             give_up = time.monotonic() + 120
-            while not (manifest.exists() and b"sha256" in manifest.read_bytes().partition(b"\n")[2]):
+            while not points_on_disk(Path(cube)):
                 assert time.monotonic() < give_up and process.poll() is None
                 time.sleep(0.02)
             yield process
@@ -408,14 +406,13 @@ COMMANDS = {
     "plot": (["absent.nc"], ["plots.check_picture", "storage.cubefiles.open_cube"]),
     "explore": (["absent.nc"], ["storage.cubefiles.open_cube"]),
     "borders": (["small.toml"], ["studies.border_files.read_borders"]),
-    "claims": (["--out", "a.md"], ["storage.outputs.check_output", "claims.made"]),
 }
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_every_command_in_one_way(call, monkeypatch, number):
     """Wherever it is, with one line and the exit code that a shell expects of that signal."""
-    assert COMMANDS.keys() == {command.callback.__name__ for command in cli.app.registered_commands}
+    assert COMMANDS.keys() == {one.callback.__name__ for one in cli.app.registered_commands if not one.hidden}
     monkeypatch.setattr("dimersweep.cli.interrupting.os._exit", sys.exit)
     word = "interrupted" if number == signal.SIGINT else "terminated"
     for name, (arguments, places) in COMMANDS.items():
@@ -536,7 +533,7 @@ def test_a_sweep_that_is_stopped_says_what_is_kept_wherever_it_is(call, fake_ker
         assert said == f"dimersweep: interrupted: 132 of 132 points {there}"
     said = interrupted_in("dimersweep.studies.datasets.run_study", "run", "small.toml")
     assert said == f"dimersweep: interrupted: what was finished is kept in{there.removeprefix('are kept in')}"
-    said = interrupted_in("dimersweep.storage.beside.Beside.remove", "run", "small.toml", "--no-plot")
+    said = interrupted_in("dimersweep.storage.store.Store.remove", "run", "small.toml", "--no-plot")
     assert said == "dimersweep: interrupted: fig07-small.nc is written"
     Path("fig07-small.nc").unlink()
     said = interrupted_in("dimersweep.plots.draw", "run", "small.toml")
@@ -565,7 +562,7 @@ def test_a_signal_stops_a_map_and_it_goes_on(call, fake_kernel):
     assert sorted(os.listdir()) == ["fig08-small.nc", "map.toml", "small.toml"]
 
 
-def test_two_sweeps_do_not_share_a_folder_and_status_names_the_holder(call, fake_kernel):
+def test_two_sweeps_do_not_share_a_store_and_status_names_the_holder(call, fake_kernel):
     with slow_sweep() as process:
         out, err, code = call("run", "small.toml")
         assert (code, err.count("\n")) == (2, 1)
@@ -685,7 +682,7 @@ def test_an_output_has_the_ending_of_its_format(call, fake_kernel):
 
 
 def test_no_two_kinds_of_output_have_an_ending_in_common():
-    kinds = CUBES, PICTURES, MOVIES, PAGES
+    kinds = CUBES, PICTURES, MOVIES
     assert len({ending for endings in kinds for ending in endings}) == sum(map(len, kinds))
     assert set(TABLES) < set(CUBES)
 

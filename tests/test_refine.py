@@ -16,15 +16,15 @@ from dimersweep.kernel.model.layout import (
     M_REST,
     OK,
 )
-from dimersweep.storage.manifest import read_manifest
-from dimersweep.storage.tilestore import tiles_of
+from dimersweep.storage.store import looked_at
+from dimersweep.storage.tilestore import tiles_of, words_for
 from dimersweep.studies.refine import (
     Cell,
     cuts,
     refine,
 )
 from dimersweep.studies.search import make_spec, search
-from tests.fakes import CODE, SLOT, banded_kernel, failing, forget_some
+from tests.fakes import CODE, SLOT, banded_kernel, failing, forget_some, points_on_disk
 
 COARSE = {
     "e": {"start": 0.4, "stop": 0.8, "num": 5},
@@ -83,10 +83,11 @@ def test_threads_change_nothing(banded, workers):
 def test_what_was_known_before_changes_nothing(banded, tmp_path, seed):
     out = tmp_path / "map.nc"
     reference = refine(COARSE, out=out, keep_tiles=True, **SETTINGS)
-    manifest = read_manifest(tiles_of(out).manifest)
-    assert manifest.words == f"{manifest.done} of {manifest.done} points known to be needed so far"
+    with looked_at(tiles_of(out)) as store:
+        configuration, done = store.configuration, points_on_disk(out)
+        assert words_for(store, done) == f"{done} of {done} points known to be needed so far"
     coarse = make_spec(COARSE, None, over="beta0", ask="any", mode="drift", periods=5, rtol=1e-8)
-    forget_some(out, manifest.configuration, coarse.kind, seed)
+    forget_some(out, configuration, coarse.kind, seed)
     xr.testing.assert_equal(refine(COARSE, out=out, **SETTINGS), reference)
     assert os.listdir(tmp_path) == ["map.nc"]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-ROOMS = ("speed", "evidence", "peers")
+ROOMS = ("speed", "evidence")
 PROGRAMS = {path.stem: room for room in ROOMS for path in (ROOT / "benchmarks" / room).rglob("*.py")}
 
 
@@ -53,7 +53,7 @@ def defined(path):
 
 
 @pytest.mark.parametrize(
-    "room", ["claims", "cli", "cubes", "exploring", "fits", "orbits", "plots", "runs", "storage", "studies", "work"]
+    "room", ["cli", "cubes", "exploring", "fits", "orbits", "plots", "runs", "storage", "studies", "work"]
 )
 def test_a_constant_or_a_class_of_a_room_has_no_namesake_in_another_module(room):
     own = {path: set(defined(path)) for path in files(f"dimersweep/{room}")}

@@ -14,7 +14,6 @@ import pytest
 import dimersweep
 from dimersweep.cubes.cube import build, signed
 from dimersweep.cubes.results import Tile
-from dimersweep.storage.manifest import read_manifest
 from dimersweep.storage.provenance import attributes
 from dimersweep.storage.tilestore import tiles_of
 from dimersweep.studies.datasets import make
@@ -22,7 +21,7 @@ from dimersweep.studies.declaration import read_declaration
 from dimersweep.studies.search import search
 from dimersweep.studies.status import status
 from dimersweep.studies.sweep_spec import make_spec
-from tests.fakes import run_tile, set_pace
+from tests.fakes import points_on_disk, run_tile, set_pace
 from tests.sweeper import GRID, MAKERS, SEARCH, SEARCHED, SETTINGS, SMALL_MAP
 
 ROOT = Path(__file__).parents[1]
@@ -124,27 +123,22 @@ def start(kind, out, workers):
     return subprocess.Popen(command, env=environment, cwd=out.parent)
 
 
-def finished_points(out):
-    manifest = tiles_of(out).manifest
-    return read_manifest(manifest).done if manifest.exists() else 0
-
-
 @pytest.mark.parametrize(("kind", "kills"), [("sweep", 3), ("search", 2), ("map", 2), ("carry", 2)])
 def test_kills_at_random_moments(others, tmp_path, kind, kills):
     out, chance = tmp_path / "cube.nc", random.Random(kills)
     done = []
     for kill in range(kills):
         with start(kind, out, workers=1 + kill % 3) as process:
-            while not tiles_of(out).path.exists():
+            while not tiles_of(out).exists():
                 time.sleep(0.01)
             if kill:  # at least one after the first tiles, the others anywhere
                 time.sleep(chance.uniform(0.0, 1.5))
             else:
-                while not finished_points(out):
+                while not points_on_disk(out):
                     time.sleep(0.01)
             process.send_signal(signal.SIGKILL)
         assert process.returncode == -signal.SIGKILL, "it ended before it was killed"
-        done.append(finished_points(out))
+        done.append(points_on_disk(out))
         assert status(out)[0].startswith(f"{out}: {done[-1]} of ")
     assert done == sorted(done), "a kill has cost finished points"
     assert 0 < done[0] <= done[-1] < finished(others[kind])

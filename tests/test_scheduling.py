@@ -27,7 +27,6 @@ from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import is_stopped
 from dimersweep.kernel.compiler import versions
 from dimersweep.kernel.model.layout import M_DRIFT, M_UNRESOLVED, ROW_BETA0
-from dimersweep.storage.tilestore import TileStore
 from dimersweep.studies.sweep_spec import make_spec
 from dimersweep.work import scheduling, tiles
 from dimersweep.work.scheduling import (
@@ -43,7 +42,7 @@ from dimersweep.work.tiles import (
     after,
     attempt,
 )
-from tests.fakes import CODE, SteadyPace, raising, set_pace
+from tests.fakes import CODE, SteadyPace, points_on_disk, raising, set_pace
 
 SPEC = make_spec({"f": [15, 20], "A_r": [5, 6, 7], "beta0": {"start": 0.1, "stop": 1, "num": 40}}, periods=5)
 
@@ -122,7 +121,7 @@ def test_one_point_that_raises_costs_no_other(monkeypatch):
     bad = SPEC.grid.axes["beta0"][7]
     monkeypatch.setattr("dimersweep.runs.settings.run_many", raising(lambda rows: rows[:, ROW_BETA0] == bad))
     task = (Tile(0, 5), Tile(5, 40))
-    (first, second), broken, _ = attempt(SPEC, task, shift=100)
+    (first, second), broken = attempt(SPEC, task, shift=100)
     assert (first.tile, second.tile) == (Tile(100, 105), Tile(105, 107))
     assert (np.concatenate([first.codes, second.codes])[:, CODE["mode"]] > 1).all()
     assert broken == Broken((Tile(107, 108),), "MemoryError: no room")
@@ -138,7 +137,7 @@ def test_few_tasks_are_in_flight_and_short_ones_go_on():
     flying, most, taken = set(), [0], []
     lock = threading.Lock()
 
-    def submit(work, bundle, seconds, shelf):
+    def submit(work, bundle, seconds):
         future = Future()
         with lock:
             flying.add(future)
@@ -215,68 +214,6 @@ def test_a_worker_that_dies_costs_its_tile_alone(cluster, monkeypatch, tmp_path)
         assert again[name].values.tobytes() == reference[name].values.tobytes(), name
 
 
-def put_all_on_the_shelf():
-    import dimersweep.storage.shelf as there
-
-    there.LEAST_BYTES = 0  # however small
-
-
-def lose_sight_of_the_disk():
-    import dimersweep.storage.shelf as there
-
-    there.ours, there.Shelf.is_here = there.Shelf.is_here, lambda self: False
-
-
-def see_it_again():
-    import dimersweep.storage.shelf as there
-
-    there.LEAST_BYTES = 1 << 17
-    there.Shelf.is_here = getattr(there, "ours", there.Shelf.is_here)
-
-
-@pytest.fixture
-def listed(monkeypatch):
-    """Points of the files that workers have written, in the order in which the manifest came to tell of them."""
-    enlist, told = TileStore.enlist, []
-
-    def noted(self, entry):
-        told.extend(points_of(entry.tiles))
-        enlist(self, entry)
-
-    monkeypatch.setattr(TileStore, "enlist", noted)
-    return told
-
-
-@pytest.mark.jit
-@pytest.mark.parametrize("blind", [0, 1, 2])
-def test_workers_that_see_the_disk_write_by_themselves(cluster, monkeypatch, tmp_path, listed, blind):
-    reference, workers = sweep(), list(cluster.scheduler_info()["workers"])
-    set_pace(monkeypatch, 10)
-    cluster.run(put_all_on_the_shelf)
-    cluster.run(lose_sight_of_the_disk, workers=workers[:blind])
-    try:
-        cube = sweep(client=cluster, out=tmp_path / "cube.nc")
-    finally:
-        cluster.run(see_it_again)
-    assert len(listed) == len(set(listed))
-    assert {0: len(listed) == 90, 1: 0 < len(listed) < 90, 2: not listed}[blind]
-    for name in reference:
-        assert cube[name].values.tobytes() == reference[name].values.tobytes(), name
-    assert [path.name for path in tmp_path.iterdir()] == ["cube.nc"]
-
-
-@pytest.mark.jit
-def test_results_travel_to_who_looks_at_them(cluster, tmp_path, listed):
-    cluster.run(put_all_on_the_shelf)
-    try:
-        sweep(client=cluster, out=tmp_path / "strict.nc", fail_fast=True)
-        axes = {"Gamma": [0.7, 0.8, 0.9], "beta0": [0.2, 0.4, 0.6]}
-        dimersweep.search(axes, over="beta0", periods=20, client=cluster, out=tmp_path / "found.nc", progress=False)
-    finally:
-        cluster.run(see_it_again)
-    assert not listed
-
-
 @pytest.mark.jit
 @pytest.mark.parametrize("module", [versions.__name__, "dimersweep.work.scheduling"], ids=["at the start", "later"])
 def test_workers_with_another_kernel_are_refused(cluster, module):
@@ -341,7 +278,7 @@ def test_the_loss_of_the_scheduler_is_told_and_costs_nothing_finished(tmp_path):
     client = Client(made, timeout=3)
 
     def close_when_some_are_done():
-        while not (tmp_path / "cube.nc.tiles" / "tiles-000001.npy").exists():
+        while not points_on_disk(out):
             time.sleep(0.05)
         made.close()
 
@@ -353,7 +290,7 @@ def test_the_loss_of_the_scheduler_is_told_and_costs_nothing_finished(tmp_path):
         dimersweep.sweep(grid, periods=60, out=out, client=client, progress=False)
     closing.join()
     client.close()
-    assert any((tmp_path / "cube.nc.tiles").glob("tiles-*.npy"))
+    assert points_on_disk(out)
 
 
 LOGS = ("distributed.client", "tornado.application")

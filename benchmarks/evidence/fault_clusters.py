@@ -34,13 +34,10 @@ def serve(address: Path) -> None:
 
 
 def work(address: Path, before: Callable[[], None]) -> None:
-    """A worker of one thread, which puts all results on the disk by itself."""
+    """A worker of one thread."""
     from distributed import Worker
 
-    import dimersweep.storage.shelf
-
     slowed()
-    dimersweep.storage.shelf.LEAST_BYTES = 0
     before()
 
     async def until_the_end() -> None:
@@ -157,23 +154,12 @@ def _(scene: Scene) -> str | None:
         return scene.came_through(made.start())
 
 
-@attack("cluster: the folder of tiles is removed while workers write there")
+@attack("cluster: the store is removed while workers are at work")
 def _(scene: Scene) -> str | None:
     with cluster(scene) as made:
         driver = made.start()
         at_any_moment(scene)
-        shutil.rmtree(scene.tiles, ignore_errors=True)
-        return scene.came_through(driver)
-
-
-@attack("cluster: files of workers are removed or cut while it runs")
-def _(scene: Scene) -> str | None:
-    with cluster(scene) as made:
-        driver = made.start()
-        at_any_moment(scene)
-        for path in scene.tiles.glob("tiles-w*.npy"):
-            with suppress(OSError):
-                scene.rng.choice([Path.unlink, lambda path: os.truncate(path, 10)])(path)
+        scene.tiles.unlink(missing_ok=True)
         return scene.came_through(driver)
 
 

@@ -5,11 +5,12 @@ import os
 import random
 import shutil
 import signal
+import sqlite3
 import sys
 import time
 import traceback
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ beta0 = {{ start = 3, stop = 87, num = 40, unit = "deg" }}
 xdot0 = 1
 """
 SEARCH = '[search]\nover = "beta0"\n'
+BESIDE = ("-journal", "-wal", "-shm")  # endings of SQLite's files
 HALVES = 3  # sweeps of a kind that are killed half way, to be copied
 LONGEST = 120.0  # seconds that a sweep may take before it counts as hanging
 
@@ -122,13 +124,12 @@ class Scene:
 
     @property
     def tiles(self) -> Path:
-        """Its folder of finished points."""
+        """The store of its finished points."""
         return self.folder / f"{self.out}.tiles"
 
-    @property
-    def manifest(self) -> Path:
-        """Their list."""
-        return self.tiles / "manifest.jsonl"
+    def beside(self, ending: str) -> Path:
+        """A file of SQLite's beside the store."""
+        return self.folder / f"{self.out}.tiles{ending}"
 
     @property
     def text(self) -> str:
@@ -141,7 +142,7 @@ class Scene:
 
     def snapshot(self) -> dict[str, str]:
         """What lies beside the output, with a digest of each file."""
-        own = (self.out, f"{self.out}.tiles", "sweep.toml", "told", "told before")
+        own = (self.out, *(f"{self.out}.tiles{more}" for more in ("", *BESIDE)), "sweep.toml", "told", "told before")
         return {
             str(path.relative_to(self.folder)): hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
             for path in sorted(self.folder.rglob("*"))
@@ -188,21 +189,22 @@ class Scene:
         """Leave a sweep behind that was killed after some of its points: one of a few that were."""
         known = self.stock.halves.setdefault(self.text, [])
         if len(known) == HALVES:
-            shutil.copytree(self.rng.choice(known), self.tiles)
+            shutil.copy(self.rng.choice(known), self.tiles)
             return
-        pid, files = self.start(before=slowed), self.rng.randrange(2, 9)
+        pid, tiles = self.start(before=slowed), self.rng.randrange(2, 9)
         ends = time.monotonic() + LONGEST
-        while self._listed() < files and time.monotonic() < ends:
+        while self._tiles() < tiles and time.monotonic() < ends:
             time.sleep(0.002)
         os.kill(pid, signal.SIGKILL)
         os.waitpid(pid, 0)
-        known.append(shutil.copytree(self.tiles, self.stock.place()))
+        with closing(sqlite3.connect(self.tiles)) as file:  # takes back what was half done
+            file.execute("SELECT count(*) FROM tiles").fetchone()
+        known.append(Path(shutil.copy(self.tiles, self.stock.place())))
 
-    def _listed(self) -> int:
-        try:
-            return self.manifest.read_bytes().count(b"\n") - 1
-        except OSError:
-            return 0
+    def _tiles(self) -> int:
+        with suppress(sqlite3.Error), closing(sqlite3.connect(f"file:{self.tiles}?mode=ro", uri=True)) as file:
+            return int(file.execute("SELECT count(*) FROM tiles").fetchone()[0])
+        return 0
 
     def complete(self) -> None:
         """Leave a finished cube behind."""

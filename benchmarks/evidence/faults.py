@@ -3,7 +3,7 @@
 Each attack (``fault_attacks.py``, ``fault_cubes.py``, ``fault_clusters.py``) damages, kills or misuses a small sweep with the
 real kernel, several times, each time in another place or at another moment. Then the same sweep is asked for again. It holds if
 the cube that comes is the undisturbed one bit for bit, or if there is none, the exit status is not zero, and one line says why;
-and if nothing beside the output, its picture and its folder of tiles was written or deleted. The exit status is 1 if an attack
+and if nothing beside the output, its picture and its store of tiles was written or deleted. The exit status is 1 if an attack
 does not hold.
 """
 

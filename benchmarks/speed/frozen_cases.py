@@ -171,8 +171,10 @@ SWEEPS: dict[str, Callable[..., Any]] = {
     "certified": partial(sweep, GRID, periods=200, certify=True),
     "patient": partial(sweep, GRID, periods=30, max_periods=240, attrs={"title": "Patient", "note": [1, 2]}),
     "points": partial(sweep, points=POINTS, periods=60),
-    "carried": partial(sweep, TURNED, carry="both", periods=60, strobes=3),
+    "carried": partial(sweep, TURNED, carry="both", periods=60),
+    "hysteresis": partial(sweep, TURNED, carry="both", periods=60, strobes=3),
 }
+IN_ZARR = {"sweep", "certified", "patient", "carried"}
 SEARCHES: dict[str, Callable[..., Any]] = {
     "search": partial(search, SEARCHED, over="beta0", ask="first", periods=60, orbit_periods=30, paths=PATHS),
     "shares": partial(search, SEARCHED, over="beta0", ask="fraction", periods=60),
@@ -182,11 +184,9 @@ SEARCHES: dict[str, Callable[..., Any]] = {
 
 def cubes() -> Iterator[Case]:
     """Cubes of every kind, in each format that may hold them."""
-    for ending in (".nc", ".zarr"):
-        for name, make in SWEEPS.items():
+    for name, make in (SWEEPS | SEARCHES).items():
+        for ending in (".nc", ".zarr") if name in IN_ZARR else (".nc",):
             yield filed(name, ending, lambda path, make=make: make(out=path, **QUIET), open_cube)
-    for name, make in SEARCHES.items():
-        yield filed(name, ".nc", lambda path, make=make: make(out=path, **QUIET), open_cube)
 
 
 def of_saved(path: Path) -> Answer:

@@ -46,11 +46,8 @@ HEADS = (
 )
 
 
-def stand_in(point: float, travel: bool) -> None:
-    """Put a stand-in in place of the kernel of this process: each point takes `point` seconds, and ends are noted.
-
-    If results are to `travel`, the process is blind to the driver's disk.
-    """
+def stand_in(point: float) -> None:
+    """Put a stand-in in place of the kernel of this process: each point takes `point` seconds, and ends are noted."""
     import time
 
     import dimersweep.work.scheduling as tasks
@@ -71,10 +68,6 @@ def stand_in(point: float, travel: bool) -> None:
         return attempt(*arguments, **more)
 
     settings.run_many, tasks.attempt = run_many, counted
-    if travel:
-        from dimersweep.storage.shelf import Shelf
-
-        Shelf.is_here = lambda self: False
     there.CHUNK_SECONDS = 60.0  # few calls: the threads of a process share one lock
 
 
@@ -149,13 +142,13 @@ class Watch:
         WRITE(*arguments, **more)
 
 
-def measure(workers: int, seconds: float, point: float, folder: Path, *, travel: bool = False) -> list[str]:
+def measure(workers: int, seconds: float, point: float, folder: Path) -> list[str]:
     """A row of the table: a sweep whose points, of some time each, would keep so many workers at work for some time."""
     points = int(workers * seconds / point)
     grid = {"f": np.linspace(15, 25, max(2, points // 1000)), "beta0": np.linspace(0.01, 1.5, 1000)}
     with cluster(workers, folder) as made:
         sweep({"f": [15.0, 20.0]}, periods=1, client=made.client, progress=False)  # all have loaded what they need
-        made.client.run(stand_in, point, travel)
+        made.client.run(stand_in, point)
         watch = Watch(made)
         FORMATS[".zarr"] = FORMATS[".zarr"]._replace(write_blocks=watch.write)
         sweep(grid, periods=1, client=made.client, progress=False, out=folder / f"{workers}.zarr")
@@ -199,12 +192,11 @@ def main() -> None:
     parser.add_argument("--workers", type=int, nargs="+", default=[10, 100, 300, 1000])
     parser.add_argument("--seconds", type=float, default=60.0, help="that the workers would take, all at work")
     parser.add_argument("--point", type=float, default=1e-3, help="time of a point")
-    parser.add_argument("--travel", action="store_true", help="as if the workers did not share the driver's disk")
     given = parser.parse_args()
     print(f"| {' | '.join(HEADS)} |\n|{'---|' * len(HEADS)}")
     for workers in given.workers:
         with tempfile.TemporaryDirectory() as folder:
-            row = measure(workers, given.seconds, given.point, Path(folder), travel=given.travel)
+            row = measure(workers, given.seconds, given.point, Path(folder))
         print(f"| {' | '.join(row)} |", flush=True)
 
 

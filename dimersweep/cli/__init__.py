@@ -12,13 +12,12 @@ from typing import Annotated, Any
 import typer
 
 from dimersweep.cli.bordering import borders
-from dimersweep.cli.claiming import claims
 from dimersweep.cli.drawing import plot
 from dimersweep.cli.exploring import explore
 from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.simulating import simulate
 from dimersweep.cli.sweeping import plan, presets, run, status
-from dimersweep.errors import UserError, unknown
+from dimersweep.errors import ParameterError, UserError, unknown
 
 INTERRUPTED = 130  # what a shell expects of a program that Ctrl-C has stopped
 
@@ -40,8 +39,14 @@ def _stoppable(command: Callable[..., None]) -> Callable[..., None]:
     return stoppable
 
 
-for command in (simulate, run, presets, plan, status, plot, explore, borders, claims):
+for command in (simulate, run, presets, plan, status, plot, explore, borders):
     app.command()(_stoppable(command))
+
+
+@app.command(hidden=True, context_settings={"ignore_unknown_options": True, "allow_extra_args": True})
+def claims() -> None:
+    """Say where the former command is."""
+    raise ParameterError("claims: is no command any more; run python benchmarks/evidence/claims.py in the repository")
 
 
 def _show_version(wanted: bool) -> None:

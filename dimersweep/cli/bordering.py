@@ -39,7 +39,7 @@ def borders(
     if over is not None:
         refuse_input(out, over)
     under = open_cube(over) if over is not None else None
-    with interruptible(out, drawn, parts=parts_of(out).path):
+    with interruptible(out, drawn, parts=parts_of(out)):
         from dimersweep.orbits.pictures import draw_borders
 
         report_compiling()

@@ -24,7 +24,7 @@ def interruptible(*outputs: Path | None, parts: Path | None = None, again: str =
     *outputs : Path, optional
         What is to be written.
     parts : Path, optional
-        The folder of finished parts, from which the same command goes on.
+        The store of finished parts, from which the same command goes on.
     again : str
         How to go on if some of the outputs are written.
     """
@@ -57,6 +57,6 @@ def _kept(before: Mapping[Path, Stamp], parts: Path | None, again: str) -> str:
     rest = [str(path) for path in before if str(path) not in written]
     if written:
         return f"{', '.join(written)} written" + (f", {', '.join(rest)} not; {again}" if rest else "")
-    if parts is not None and parts.is_dir():
+    if parts is not None and parts.is_file():
         return f"what was finished is kept in {parts}; run the same again to go on"
     return "nothing was written"

@@ -39,7 +39,7 @@ def run(
     extend: Annotated[Path | None, typer.Option(metavar="CUBE", help="Take over the points this cube has.")] = None,
     retry: Annotated[bool, typer.Option("--retry", help="Run points that failed again.")] = False,
     fail_fast: Annotated[bool, typer.Option("--fail-fast", help="Stop at the first point that fails.")] = False,
-    keep_tiles: Annotated[bool, typer.Option("--keep-tiles", help="Keep the folder of finished points.")] = False,
+    keep_tiles: Annotated[bool, typer.Option("--keep-tiles", help="Keep the store of finished points.")] = False,
     other_kernel: Annotated[
         bool, typer.Option("--other-kernel", help="With --from: go on though numbers may differ.")
     ] = False,
@@ -59,7 +59,7 @@ def run(
     check_output(cube_file, force=True)  # a cube that is there already is judged where it can be read
     picture, forced = cube_file.with_suffix(".png"), force or retry
     with interruptible(
-        cube_file, picture if plot else None, parts=tiles_of(cube_file).path, again="run the same again for the rest"
+        cube_file, picture if plot else None, parts=tiles_of(cube_file), again="run the same again for the rest"
     ):
         from dimersweep.studies.datasets import run_study
         from dimersweep.work.options import make_options

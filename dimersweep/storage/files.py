@@ -4,6 +4,7 @@ import errno
 import os
 import re
 import shutil
+import sqlite3
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -57,7 +58,7 @@ def replacing_folder(path: Path, scratch: Path) -> Iterator[None]:
     """Write a folder at `scratch`, on the same disk, that then takes the name `path`; its files are on the disk already."""
     delete(scratch)
     yield
-    former = scratch.with_name("former.tmp")
+    former = scratch.with_suffix(".old")
     delete(former)
     if path.exists():
         path.replace(former)  # whole, so that a kill leaves no half of it under its name
@@ -71,20 +72,6 @@ def put(path: Path, parts: Iterable[bytes | memoryview]) -> None:
     with replacing(path) as temporary, temporary.open("xb") as file:
         for part in parts:
             file.write(part)
-
-
-def append(path: Path, written: bytes, length: int) -> None:
-    """Add to a file of `length` sound bytes; what a full disk or a kill has left beyond them goes."""
-    handle = os.open(path, os.O_WRONLY | os.O_NOFOLLOW)
-    try:
-        os.ftruncate(handle, length)
-        with os.fdopen(os.dup(handle), "wb", buffering=0) as file:
-            file.seek(length)
-            if file.write(written) != len(written):
-                raise OSError("cut by the disk")
-        os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 def delete(path: Path) -> None:
@@ -107,7 +94,7 @@ def disk_errors(what: str, then: str) -> Iterator[None]:
         yield
     except StoreError:
         raise
-    except (OSError, RuntimeError) as error:  # netCDF-C reports a full disk as a RuntimeError
+    except (OSError, RuntimeError, sqlite3.Error) as error:  # netCDF-C reports a full disk as a RuntimeError
         reason = getattr(error, "strerror", None) or error
         raise StoreError(f"{what}: could not be written ({reason})" + (f"; {then}" if then else "")) from error
 

@@ -1,102 +1,126 @@
-"""One sweep at a time in a folder: a lock that the system drops with its holder, however that ends."""
+"""One process at a time at a store: a lock on a byte of its file, which the system drops with its holder, however that ends."""
 
 import errno
 import fcntl
-import json
 import os
-import socket
-import time
+import struct
+import sys
+import threading
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import suppress
 from pathlib import Path
 
-from dimersweep.errors import StoreError
-
 NO_LOCKS = (errno.ENOSYS, errno.ENOTSUP, errno.ENOLCK)  # of network disks that are mounted without them
-LOCK_SECONDS = 0.3  # seconds: `holder` looks at a lock by taking it for a moment
+BYTE = 0x40000200  # the first one behind those that SQLite locks
+# A lock of an open file, not of a process: SQLite opens and closes the same file, which drops all locks of a process on it.
+if sys.platform == "darwin":
+    ASK, TAKE, FLOCK = 92, 90, struct.Struct("qqihh")  # Python does not name them
+else:
+    ASK, TAKE, FLOCK = fcntl.F_OFD_GETLK, fcntl.F_OFD_SETLK, struct.Struct("hhqqi4x")
+
+_held: set[tuple[int, int]] = set()  # device and number of the files that this process has locked
+_guard = threading.Lock()
 
 
-def _try(handle: int) -> bool:
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    except OSError as error:
-        if error.errno not in NO_LOCKS:
-            raise
-        message = "this file system has no locks; take care that no other sweep writes to the same output"
-        warnings.warn(message, RuntimeWarning, stacklevel=2)
-    return True
+def _on_byte(handle: int, what: int, kind: int) -> int:
+    """Ask for a lock of a `kind` on the byte, or take it; the kind that is in its way."""
+    linux = sys.platform != "darwin"
+    told = FLOCK.pack(*((kind, os.SEEK_SET, BYTE, 1, 0) if linux else (BYTE, 1, 0, kind, os.SEEK_SET)))
+    return int(FLOCK.unpack(fcntl.fcntl(handle, what, told))[0 if linux else 3])
 
 
-def _is_at(handle: int, path: Path) -> bool:
-    try:
-        return os.path.samestat(os.fstat(handle), path.stat())
-    except FileNotFoundError:
-        return False
+def _name(handle: int) -> tuple[int, int]:
+    told = os.fstat(handle)
+    return told.st_dev, told.st_ino
 
 
-def _holder(path: Path) -> str:
-    try:
-        holder = json.loads(path.read_text(encoding="utf-8"))
-        return f"process {holder['pid']} on {holder['host']}, since {holder['since']}"
-    except (OSError, ValueError, KeyError, TypeError):  # it has not written its name yet
-        return "another process"
+def is_locked(path: Path) -> bool:
+    """Whether a process is at work at the store `path`."""
+    with _guard, suppress(OSError):
+        told = os.stat(path)
+        # this process must not even close a file that SQLite has locked for it
+        if (told.st_dev, told.st_ino) in _held:
+            return True
+        handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        try:
+            return _on_byte(handle, ASK, fcntl.F_WRLCK) != fcntl.F_UNLCK
+        finally:
+            os.close(handle)
+    return False
 
 
-@contextmanager
-def locked(path: Path) -> Iterator[None]:
-    """Hold the lock file `path`, in a folder that is made if it is missing: its former holder may just have deleted it.
+class Lock:
+    """The lock of a store, once it is held.
+
+    Parameters
+    ----------
+    path : Path
+        A file that is made if it is missing. A link is refused: it might lead to a file of the user's.
 
     Raises
     ------
-    StoreError
-        If another process holds it, naming that process, or there is no folder but something else of that name: a link
-        might lead to a folder of the user's.
+    BlockingIOError
+        If another process, or another thread of this one, holds it.
     OSError
         If the file cannot be made.
     """
-    folder = path.parent
-    if os.path.lexists(folder) and (folder.is_symlink() or not folder.is_dir()):
-        raise StoreError(f"{folder}: is no folder, where what is finished is kept; move it, or give another output")
-    patience_ends = time.monotonic() + LOCK_SECONDS
-    while True:
-        folder.mkdir(exist_ok=True)
-        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
+
+    def __init__(self, path: Path) -> None:
+        self.honest = True
+        with _guard:
+            if os.path.exists(path) and (os.stat(path).st_dev, os.stat(path).st_ino) in _held:
+                raise BlockingIOError
+            self._handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
+            try:
+                self._take()
+            except BaseException:
+                os.close(self._handle)
+                raise
+            _held.add(_name(self._handle))
+
+    def _take(self) -> None:
         try:
-            held = _try(handle)
-            # a file that its holder has deleted meanwhile is not the one that others will find
-            if held and _is_at(handle, path):
-                break
-        except BaseException:
-            os.close(handle)
-            raise
-        os.close(handle)
-        if not held and time.monotonic() > patience_ends:
-            raise StoreError(f"{folder}: a sweep is at work here ({_holder(path)}); wait for it or stop it first")
-        time.sleep(0.02)
-    try:
-        me = {"pid": os.getpid(), "host": socket.gethostname(), "since": time.strftime("%Y-%m-%d %H:%M:%S")}
-        os.ftruncate(handle, 0)
-        os.write(handle, json.dumps(me).encode())
-        yield
-    finally:
-        os.close(handle)
+            _on_byte(self._handle, TAKE, fcntl.F_WRLCK)
+        except OSError as error:
+            if error.errno in (errno.EAGAIN, errno.EACCES):
+                raise BlockingIOError from None
+            if error.errno not in NO_LOCKS:
+                raise
+            self.honest = False
+            message = "this file system has no locks; take care that no other sweep writes to the same output"
+            warnings.warn(message, RuntimeWarning, stacklevel=2)
+
+    def is_at(self, path: Path) -> bool:
+        """Whether the file that is locked is the one that others will find."""
+        try:
+            return os.path.samestat(os.fstat(self._handle), path.stat())
+        except FileNotFoundError:
+            return False
+
+    def become(self, other: "Lock") -> None:
+        """Hold another lock in place of this one: its file has taken the name of this one."""
+        self.close()
+        self._handle = other._handle
+
+    def head(self) -> bytes:
+        """The first bytes of the file: to open it once more could cost SQLite its locks."""
+        return os.pread(self._handle, 100, 0)
+
+    def empty(self) -> None:
+        """Leave nothing in the file."""
+        os.ftruncate(self._handle, 0)
+
+    def close(self) -> None:
+        """Let it go."""
+        with _guard:
+            _held.discard(_name(self._handle))
+            os.close(self._handle)
 
 
-def holder(path: Path) -> str:
-    """Who holds the lock file `path`, or "" if nobody does."""
-    try:
-        handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
-    except OSError:
-        return ""
-    try:
-        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return _holder(path)
-    except OSError:
-        return ""
-    finally:
-        os.close(handle)
-    return ""
+def lock_of(path: Path) -> Lock:
+    """The lock of the file that is at `path`: a former holder may just have deleted another one; raises as `Lock`."""
+    lock = Lock(path)
+    while not lock.is_at(path):
+        lock.close()
+        lock = Lock(path)
+    return lock

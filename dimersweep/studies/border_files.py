@@ -29,7 +29,7 @@ from dimersweep.storage.outputs import TABLES, check_ending, check_output
 from dimersweep.storage.provenance import attributes
 from dimersweep.storage.tables import storable, without_fill
 from dimersweep.studies.declaration import explain, read_toml, refuse_mistakes
-from dimersweep.studies.parts import Parts, parts_beside
+from dimersweep.studies.parts import Parts, parts_beside, parts_there
 from dimersweep.symbols import PARAMETERS, START
 from dimersweep.work.computing import settle_way
 
@@ -208,7 +208,7 @@ def make_borders(
 ) -> xr.Dataset:
     """Make what is declared, and write it.
 
-    With an `out`, each part (a curve, a branch, a family) is kept when it is finished, in the folder ``<out>.parts`` beside it
+    With an `out`, each part (a curve, a branch, a family) is kept when it is finished, in the store ``<out>.parts`` beside it
     until the file is written: the same call goes on where a former one was stopped or killed.
 
     Parameters
@@ -237,8 +237,8 @@ def make_borders(
     out = None if out is None else check_output(out, force=force, what="a table", endings=TABLES)
     settle_way(progress=False)
     start, makers = perf_counter(), declared.parts()
-    with parts_beside(out, declared.configuration, force=force) as parts:
-        before = [name for name in makers if parts.has(name)]
+    with parts_beside(out, declared.configuration, list(makers), force=force) as parts:
+        before = parts.done()
         if before:
             tell(f"{len(before)} of {len(makers)} parts are there already: {', '.join(before)}")
         try:
@@ -250,17 +250,16 @@ def make_borders(
                 write_cube(made, out, force=force)
         except KeyboardInterrupt as stop:
             raise Stopped(_kept(parts, makers), getattr(stop, "signal", signal.SIGINT)) from None
-        if parts.beside is not None:
-            parts.beside.remove()
+        if parts.store is not None:
+            parts.store.remove()
     return made
 
 
 def plan_borders(declared: Borders, out: Path) -> list[str]:
     """What is to be made for a file, and what of it is there: lines of text; nothing is written."""
-    parts, makers = Parts(out, declared.configuration), declared.parts()
+    there, makers = parts_there(out, declared.configuration), declared.parts()
     points = declared.families.points if declared.families else prod(len(axis) for axis in declared.axes.values())
     each = f"{points} points each" if declared.what != "branches" else f"{declared.branches.points} points each at most"  # type: ignore[union-attr]
-    there = [name for name in makers if parts.has(name)]
     lines = [f"{declared.what}: {len(makers)} parts, {each}: {', '.join(makers)}"]
     return lines + ([f"there already: {', '.join(there)}"] if there else [])
 
@@ -272,10 +271,10 @@ def _stored(make: Maker, tell: Tell) -> xr.Dataset:
 
 def _kept(parts: Parts, makers: Mapping[str, Maker]) -> str:
     """What a stop leaves behind."""
-    done = sum(parts.has(name) for name in makers)
-    if parts.beside is None or not done:
+    done = len(parts.done())
+    if parts.store is None or not done:
         return "nothing was kept"
-    return f"{done} of {len(makers)} parts are kept in {parts.beside.path}; the same command goes on from there"
+    return f"{done} of {len(makers)} parts are kept in {parts.store.path}; the same command goes on from there"
 
 
 def _joined(declared: Borders, tables: list[xr.Dataset]) -> xr.Dataset:

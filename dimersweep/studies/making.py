@@ -121,13 +121,12 @@ class UnfinishedCube:
         return common | {"kernel_time_s": self.store.seconds} | dict(origin) | dict(self.options.attrs)
 
     def write(self, cube: xr.Dataset) -> xr.Dataset:
-        """Write the finished cube with its checksum, if it has an output, and remove the folder of its points."""
+        """Write the finished cube with its checksum, if it has an output, and remove the store of its points."""
         cube = signed(cube, self.study.configuration())
         cube.attrs[CHECKSUM] = checksum_of(cube)
         if isinstance(self.store, TileStore):
-            write_cube(
-                cube, self.store.out, force=self._replaces, scratch=self.store.scratch, kept=self.store.kept_if_refused
-            )
+            scratch = self.store.store.scratch
+            write_cube(cube, self.store.out, force=self._replaces, scratch=scratch, kept=self.store.kept_if_refused)
             self._tidy_up(self.store)
         return cube
 
@@ -143,7 +142,7 @@ class UnfinishedCube:
                 attributes,
                 out,
                 sign=partial(signed, configuration=self.study.configuration()),
-                scratch=self.store.scratch,
+                scratch=self.store.store.scratch,
                 workers=self.options.workers,
             )
         self._tidy_up(self.store)
@@ -156,7 +155,7 @@ class UnfinishedCube:
     def _tidy_up(self, store: TileStore) -> None:
         self._written = True
         if not self.options.keep_tiles:
-            store.beside.remove()
+            store.store.remove()
 
 
 @contextmanager
@@ -202,7 +201,7 @@ def _store_of(
     ):
         # who held the lock before may have written it meanwhile
         check_writable(out, force=options.force or options.retry)
-        for line in store.check():
+        for line in store.store.trouble:
             warnings.warn(line, RuntimeWarning, stacklevel=8)  # of what has called sweep, search or refine
         if options.retry and "failed" in store.modes():
             store.drop(again)
@@ -211,13 +210,13 @@ def _store_of(
 
 @contextmanager
 def _tidy(store: TileStore) -> Iterator[None]:
-    """Leave no folder behind if nothing was finished."""
+    """Leave no store behind if nothing was finished."""
     try:
         yield
     except BaseException:
-        if not store.manifest.entries:
+        if store.store.is_empty():
             with suppress(OSError):
-                store.beside.remove()
+                store.store.remove()
         raise
 
 

@@ -1,27 +1,32 @@
-"""Finished parts of a long calculation, kept in a folder beside its file until the file is whole."""
+"""Finished parts of a long calculation, kept in a store beside its file until the file is whole."""
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import xarray as xr
 
-from dimersweep.errors import StoreError
-from dimersweep.storage.beside import Beside
-from dimersweep.storage.cubefiles import write_cube
-from dimersweep.storage.formats.netcdf import read_netcdf
-from dimersweep.storage.provenance import configured
+from dimersweep.cubes.results import Tile
+from dimersweep.storage.files import delete, disk_errors
+from dimersweep.storage.formats.netcdf import read_netcdf, write_netcdf
+from dimersweep.storage.provenance import as_text
+from dimersweep.storage.store import Store, looked_at, opened_store
 
 
-def parts_of(out: Path) -> Beside:
-    """The folder that holds the finished parts of the file `out`."""
-    return Beside(out, ".parts", r"part-.*\.nc")
+def parts_of(out: Path) -> Path:
+    """The store of the finished parts of the file `out`."""
+    return out.with_name(out.name + ".parts")
 
 
-def _part(beside: Beside, name: str) -> Path:
-    return beside.path / f"part-{name}.nc"
+def parts_there(out: Path, configuration: Mapping[str, Any]) -> list[str]:
+    """Names of the parts of the file `out` that are finished, if they are of this configuration."""
+    if not parts_of(out).exists():
+        return []
+    with looked_at(parts_of(out)) as store:
+        same = as_text(store.configuration) == as_text(configuration)
+        return [row.what for row in store.told()] if same else []
 
 
 class Parts:
@@ -29,66 +34,62 @@ class Parts:
 
     Parameters
     ----------
-    out : Path, optional
-        The file to be; without one nothing is kept.
-    configuration : mapping
-        All that decides the numbers, as JSON can hold it.
+    store : Store, optional
+        Without one nothing is kept.
+    names : sequence of str
     """
 
-    def __init__(self, out: Path | None, configuration: Mapping[str, Any]) -> None:
-        self.beside = None if out is None else parts_of(out)
-        self.configured = configured(configuration)
+    def __init__(self, store: Store | None, names: Sequence[str]) -> None:
+        self.store, self._names = store, list(names)
 
-    def has(self, name: str) -> bool:
-        """Whether a part is there."""
-        return self.beside is not None and _part(self.beside, name).is_file()
+    def done(self) -> list[str]:
+        """Names of the parts that are there."""
+        return [] if self.store is None else [row.what for row in self.store.told()]
 
     def take(self, name: str, make: Callable[[], xr.Dataset]) -> xr.Dataset:
-        """A part: read if it is there and sound, or made and kept."""
-        if self.beside is None:
+        """A part: read if it is there, or made and kept; both come the same way."""
+        if self.store is None:
             return make()
-        path = _part(self.beside, name)
-        part = self._kept(path)
-        if part is None:
-            write_cube(make().assign_attrs(self.configured), path, force=True, scratch=self.beside.scratch)
-            part = read_netcdf(path)  # a part that was kept and one that is new come the same way
-        part.attrs = {key: value for key, value in part.attrs.items() if key not in self.configured}
-        return part
-
-    def _kept(self, path: Path) -> xr.Dataset | None:
-        """A part, if it is there, undamaged and of this configuration; a warning names one that is not sound."""
-        if not path.is_file():
-            return None
-        try:
-            part = read_netcdf(path)
-            if self.configured.items() <= part.attrs.items():
-                return part
-            why = f"{path}: is of another configuration"
-        except StoreError as error:
-            why = str(error)
-        warnings.warn(f"{why}; it is made again", RuntimeWarning, stacklevel=5)  # of what has called make_borders
-        return None
+        place, scratch = self._names.index(name), self.store.scratch
+        row = next(self.store.meeting(place, place + 1), None)
+        made = make() if row is None else None
+        with disk_errors(f"{self.store.path}: finished parts", "run the same again"):
+            try:
+                if row is not None:
+                    scratch.write_bytes(row.results)
+                elif made is not None:
+                    write_netcdf(made, scratch)
+                    with self.store.writing():
+                        self.store.put(Tile(place, place + 1), name, scratch.read_bytes())
+                return read_netcdf(scratch)
+            finally:
+                delete(scratch)
 
 
 @contextmanager
-def parts_beside(out: Path | None, configuration: Mapping[str, Any], *, force: bool = False) -> Iterator[Parts]:
-    """The parts of a file, in the folder ``<out>.parts``, under its lock; the folder goes if there are none.
+def parts_beside(
+    out: Path | None, configuration: Mapping[str, Any], names: Sequence[str], *, force: bool = False
+) -> Iterator[Parts]:
+    """The parts of a file, in the store ``<out>.parts``, under its lock; the store goes if there are none.
 
     Parameters
     ----------
     out : Path, optional
     configuration : mapping
+    names : sequence of str
+        Of all parts.
     force : bool
-        See `Beside.claimed`, which also says what is raised.
+        See `opened_store`, which also says what is raised.
     """
-    parts = Parts(out, configuration)
-    if parts.beside is None:
-        yield parts
+    if out is None:
+        yield Parts(None, names)
         return
-    with parts.beside.claimed(configuration, 1, force=force):  # parts are not listed: each has its configuration in it
+    with opened_store(parts_of(out), configuration, len(names), force=force) as store:
+        for line in store.trouble:
+            warnings.warn(line, RuntimeWarning, stacklevel=5)  # of what has called make_borders
         try:
-            yield parts
+            yield Parts(store, names)
         except BaseException:
-            if not parts.beside.files():
-                parts.beside.remove()
+            if store.is_empty():
+                store.remove()
             raise

@@ -16,10 +16,10 @@ from dimersweep.cubes.grid import Grid, legal_points
 from dimersweep.cubes.points import check_fits
 from dimersweep.cubes.results import Finished, Tile, blank_results
 from dimersweep.errors import UnfinishedError
-from dimersweep.storage.manifest import read_manifest
 from dimersweep.storage.memorystore import MemoryStore
 from dimersweep.storage.provenance import as_text
-from dimersweep.storage.tilestore import tiles_of
+from dimersweep.storage.store import looked_at
+from dimersweep.storage.tilestore import modes_of, tiles_of
 from dimersweep.studies import search, sweep
 from dimersweep.studies.deciding import SearchSpec, Wave, spread_order
 from dimersweep.studies.making import Study
@@ -243,10 +243,11 @@ def _of_one_point(study: Study) -> xr.Dataset:
 
 
 def _done(study: Study, out: Path | None) -> int:
-    if out is None or not tiles_of(out).manifest.exists():
+    if out is None or not tiles_of(out).exists():
         return 0
-    manifest = read_manifest(tiles_of(out).manifest)
-    return manifest.done if as_text(manifest.configuration) == as_text(study.configuration()) else 0
+    with looked_at(tiles_of(out)) as store:
+        same = as_text(store.configuration) == as_text(study.configuration())
+        return modes_of(store.told()).total() if same else 0
 
 
 def _bytes(number: float) -> str:

@@ -258,7 +258,7 @@ def search(
     Points are taken from coarse to fine; each tries the value that decided at its coarser neighbours first, then the
     others in an order that spreads over the axis. What is recorded depends on neither workers nor their timing.
 
-    With an `out`, finished points are kept in the folder ``<out>.tiles`` as by `sweep`, and the same call goes on there.
+    With an `out`, finished points are kept in the file ``<out>.tiles`` as by `sweep`, and the same call goes on there.
 
     Parameters
     ----------

@@ -7,9 +7,8 @@ from pathlib import Path
 
 from dimersweep.errors import StoreError
 from dimersweep.storage.cubefiles import count_modes
-from dimersweep.storage.locking import holder
-from dimersweep.storage.manifest import Entry, read_manifest
-from dimersweep.storage.tilestore import tiles_of
+from dimersweep.storage.store import Store, holder, looked_at
+from dimersweep.storage.tilestore import modes_of, tiles_of, words_for
 from dimersweep.work.progress import clock
 
 
@@ -19,7 +18,7 @@ def status(path: Path) -> list[str]:
     Parameters
     ----------
     path : Path
-        The cube to be, or the folder of its finished points.
+        The cube to be, or the store of its finished points.
 
     Raises
     ------
@@ -29,11 +28,12 @@ def status(path: Path) -> list[str]:
     out = path.with_suffix("") if path.suffix == ".tiles" else path
     if not out.name:
         raise StoreError(f"{out}: is no cube")
-    if not os.path.exists(tiles_of(out).manifest):
-        if os.path.exists(out):
-            return _of_cube(out)
-        raise StoreError(f"{out}: no such cube, and no sweep for it ({tiles_of(out).path} has no manifest)")
-    return _of_tiles(out)
+    if os.path.lexists(tiles_of(out)):
+        with looked_at(tiles_of(out)) as store:
+            return _of_tiles(out, store)
+    if os.path.exists(out):
+        return _of_cube(out)
+    raise StoreError(f"{out}: no such cube, and no sweep for it (there is no {tiles_of(out)})")
 
 
 def _of_cube(out: Path) -> list[str]:
@@ -41,32 +41,27 @@ def _of_cube(out: Path) -> list[str]:
     return [f"{out}: complete, {tally.total()} points", f"modes: {_words(tally)}"]
 
 
-def _of_tiles(out: Path) -> list[str]:
+def _of_tiles(out: Path, store: Store) -> list[str]:
     tally: Counter[str] = Counter()
-    last = ""
-
-    def take(entry: Entry) -> None:
-        nonlocal last
-        tally.update(entry.modes)
-        last = entry.time
-
-    try:
-        manifest = read_manifest(tiles_of(out).manifest, take)
-    except StoreError:
-        raise
-    except OSError as error:
-        raise StoreError(f"{tiles_of(out).manifest}: cannot be read ({error.strerror})") from None
+    last, unreadable, wanted = "", 0, store.about["wanted"]
+    for row in store.told():
+        try:
+            modes, at = modes_of([row]), datetime.fromisoformat(row.at)
+            sound = modes.total() == row.stop - row.start
+        except (ValueError, TypeError, AttributeError):
+            sound = False
+        if sound:
+            tally, last = tally + modes, max(last, at.isoformat())
+        unreadable += not sound
     done = tally.total()
-    lines = [f"{out}: {manifest.words_for(done)} done ({100 * done // max(manifest.wanted, 1)} %)"]
+    lines = [f"{out}: {words_for(store, done)} done ({100 * done // wanted} %)"]
     if done:
         lines += [f"modes: {_words(tally)}", f"last tile: {_ago(last)}"]
     lines.append(f"failed: {tally['failed']} points")
-    if manifest.damaged:
-        lines.append(
-            f"manifest: lines that are cut or damaged: {manifest.damaged}; their points will be computed again"
-        )
-    who = holder(tiles_of(out).lock)
-    if done == manifest.wanted and not who:
+    if unreadable or store.is_cut:
+        lines.append(f"{store.path}: is damaged; what is lost will be computed again")
+    who = holder(store.path)
+    if done == wanted and not who:
         lines.append("cube: is written" if out.exists() else "cube: is still to be written; run the same sweep again")
     else:
         lines.append(f"at work: {who}" if who else "at work: nobody; run the same sweep again to go on")

@@ -82,7 +82,7 @@ def sweep(
 ) -> xr.Dataset:
     """Run the dimer at every point of a grid, or at points of a table.
 
-    With an `out`, finished points are kept in the folder ``<out>.tiles`` beside it until the cube is written: the same call
+    With an `out`, finished points are kept in the file ``<out>.tiles`` beside it until the cube is written: the same call
     goes on where a former one was stopped or killed, with any number of workers.
 
     Parameters
@@ -134,7 +134,7 @@ def sweep(
     fail_fast : bool
         Whether to stop at the first point that fails; what was finished is kept.
     keep_tiles : bool
-        Whether the folder of finished points stays when the cube is written.
+        Whether the store of finished points stays when the cube is written.
 
     Returns
     -------

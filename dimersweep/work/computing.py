@@ -10,7 +10,6 @@ from dimersweep.cubes.results import Finished, Tile, not_ok, tally
 from dimersweep.errors import PointError, Stopped, UnfinishedError
 from dimersweep.kernel.model.layout import CODE_STATUS, STATUS_MESSAGES, STATUSES
 from dimersweep.storage.memorystore import MemoryStore
-from dimersweep.storage.shelf import Shelf
 from dimersweep.storage.tilestore import TileStore
 from dimersweep.work.options import Options
 from dimersweep.work.progress import Silent, Tally, report_compiling, watch
@@ -117,16 +116,8 @@ class Crew:
             print("waiting for the first worker of the cluster", file=sys.stderr, flush=True)
         return pool
 
-    def _shelf(self) -> Shelf | None:
-        """Where workers of a cluster may put results by themselves."""
-        return (
-            self.store.open_shelf() if self.options.client is not None and isinstance(self.store, TileStore) else None
-        )
-
     def run(self, work: Work, missing: Sequence[Tile], also: Callable[[Finished], None] | None = None) -> None:
         """Do `work` at the points of `missing`, and hand each tile that is finished to the store, and to `also`.
-
-        Where nobody here looks at results, workers that share the store's disk put them there by themselves.
 
         Raises
         ------
@@ -149,9 +140,6 @@ class Crew:
                 self._stop.set()
             left -= made.done
             modes: Counter[str] = Counter()
-            if made.entry and isinstance(self.store, TileStore):
-                self.store.enlist(made.entry)
-                modes.update(made.entry.modes)
             for tile in made.finished:
                 self.store.add(tile)
                 if also:
@@ -163,9 +151,8 @@ class Crew:
             if modes:
                 self._shown.add(modes, made.seconds)
 
-        shelf = None if also or self.options.fail_fast else self._shelf()
         try:
-            run_tiles(self._pool, work, missing, pace, take, self._stop, shelf)
+            run_tiles(self._pool, work, missing, pace, take, self._stop)
         finally:
             self.store.flush()
         if failures:

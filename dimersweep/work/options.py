@@ -47,7 +47,7 @@ class Options:
     out : Path, optional
         The file of the cube.
     force, keep_tiles : bool
-        Whether `out` may replace what is there, and whether the folder of finished points stays.
+        Whether `out` may replace what is there, and whether the store of finished points stays.
     attrs : mapping
         Further global attributes.
     extend : path-like, optional

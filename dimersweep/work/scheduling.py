@@ -16,7 +16,6 @@ from uuid import uuid4
 from dimersweep.cubes.results import Bundle, Tile
 from dimersweep.errors import KernelError, ParameterError, UserError
 from dimersweep.kernel import kernel_version
-from dimersweep.storage.shelf import Shelf
 from dimersweep.work.proving import prove
 from dimersweep.work.stopping import StopFlag, in_thread
 from dimersweep.work.tiles import (
@@ -43,13 +42,12 @@ LOST = "scheduler: the connection to the cluster is lost; what was finished is k
 
 
 class Pool(NamedTuple):
-    """Where work is done: ``submit(work, tiles, seconds, shelf)`` gives a future of a `Made`; ``workers()`` counts threads.
+    """Where work is done: ``submit(work, tiles, seconds)`` gives a future of a `Made`; ``workers()`` counts threads.
 
-    Those that share the disk of a shelf put their results there; there may be None. ``stop()`` has tasks end that do not
-    see the flag of this process.
+    ``stop()`` has tasks end that do not see the flag of this process.
     """
 
-    submit: Callable[[Work, Bundle, float, Shelf | None], "Future[Made]"]
+    submit: Callable[[Work, Bundle, float], "Future[Made]"]
     workers: Callable[[], int]
     stop: Callable[[], None] = lambda: None
 
@@ -141,7 +139,7 @@ def threads(workers: int, stop: StopFlag) -> Iterator[Pool]:
     executor = ThreadPoolExecutor(workers, thread_name_prefix="dimersweep")
     try:
         yield Pool(
-            lambda work, tiles, seconds, shelf: executor.submit(attempt, work, tiles, stop, seconds=seconds),
+            lambda work, tiles, seconds: executor.submit(attempt, work, tiles, stop, seconds=seconds),
             lambda: workers,
         )
     finally:
@@ -157,12 +155,8 @@ def stop_elsewhere(asker: str) -> None:
     _flags.setdefault(asker, StopFlag()).set()
 
 
-def run_elsewhere(
-    work: Work, tiles: Bundle, shift: int, seconds: float, version: str, asker: str, shelf: Shelf | None = None
-) -> Made:
+def run_elsewhere(work: Work, tiles: Bundle, shift: int, seconds: float, version: str, asker: str) -> Made:
     """Run tiles in a worker process, if that has the same kernel as the process that asks, and it works there.
-
-    If it sees the `shelf`, results are put there, and what is brought back names their file.
 
     Raises
     ------
@@ -177,9 +171,7 @@ def run_elsewhere(
         raise KernelError(f"scheduler: worker process {os.getpid()} on {socket.gethostname()}: {error}") from None
     if kernel_version() != version:  # as it was compiled, now that it is
         raise ParameterError(_other_kernel("a worker", kernel_version(), version))
-    made = attempt(work, tiles, _flags.setdefault(asker, StopFlag()), shift, seconds)
-    entry = shelf.keep(made.finished) if shelf and made.finished else None
-    return Made([], made.broken, entry) if entry else made
+    return attempt(work, tiles, _flags.setdefault(asker, StopFlag()), shift, seconds)
 
 
 def _other_kernel(who: str, theirs: str, ours: str) -> str:
@@ -254,10 +246,10 @@ def cluster(client: Any) -> Iterator[Pool]:
                 counted, count = time.monotonic(), sum(client.nthreads().values())
         return count
 
-    def submit(work: Work, tiles: Bundle, seconds: float, shelf: Shelf | None) -> "Future[Made]":
+    def submit(work: Work, tiles: Bundle, seconds: float) -> "Future[Made]":
         # the task carries its points along: data scattered beforehand could die with a worker
         with _connection():
-            return executor.submit(run_elsewhere, *work.narrowed(tiles), seconds, kernel_version(), asker, shelf)
+            return executor.submit(run_elsewhere, *work.narrowed(tiles), seconds, kernel_version(), asker)
 
     def stop() -> None:
         with suppress(Exception):  # of a connection that is lost
@@ -306,7 +298,6 @@ def run_tiles(
     pace: Pace,
     take: Callable[[Made], None],
     stop: StopFlag,
-    shelf: Shelf | None = None,
 ) -> None:
     """Do `work` at the points of `missing`, in tasks as `pace` says, and hand what each brings back to `take`.
 
@@ -323,7 +314,7 @@ def run_tiles(
             task = undone.popleft() if undone else next(tasks, ())
             if not task:
                 break
-            future = pool.submit(work, task, pace.seconds, shelf)
+            future = pool.submit(work, task, pace.seconds)
             running[future] = task
             future.add_done_callback(done.put)
         if not running:

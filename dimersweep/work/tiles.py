@@ -9,7 +9,6 @@ import numpy as np
 from dimersweep.cubes.points import AnyGrid
 from dimersweep.cubes.results import Bundle, Finished, Tile, blank_results
 from dimersweep.kernel.batch import Workspace, is_stopped
-from dimersweep.storage.manifest import Entry
 from dimersweep.work.stopping import StopFlag
 
 TILE_SECONDS = 0.5  # at least: long against the cost of a task (4 ms), short against what a kill may cost
@@ -34,19 +33,15 @@ class Broken(NamedTuple):
 
 
 class Made(NamedTuple):
-    """What a task brings back: what it has done of its tiles, in their order, and what broke it off, if anything did.
-
-    In place of results a worker may bring the `entry` of the file that it has written of them.
-    """
+    """What a task brings back: what it has done of its tiles, in their order, and what broke it off, if anything did."""
 
     finished: list[Finished]
     broken: Broken | None = None
-    entry: Entry | None = None
 
     @property
     def done(self) -> int:
         """Number of points that are done."""
-        return self.entry.points if self.entry else sum(len(tile.results) for tile in self.finished)
+        return sum(len(tile.results) for tile in self.finished)
 
     @property
     def points(self) -> int:
@@ -56,7 +51,7 @@ class Made(NamedTuple):
     @property
     def seconds(self) -> float:
         """Time of the points that are done [s]."""
-        return self.entry.seconds if self.entry else sum(tile.seconds for tile in self.finished)
+        return sum(tile.seconds for tile in self.finished)
 
 
 def count(tiles: Iterable[Tile]) -> int:

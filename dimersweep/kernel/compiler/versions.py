@@ -32,7 +32,7 @@ SETTINGS = (
     "SLP_VECTORIZE",
     "USING_SVML",
 )
-BESIDE = ("claims", "cli", "exploring", "plots")  # rooms of the package that read cubes, and make none
+BESIDE = ("cli", "exploring", "plots")  # rooms of the package that read cubes, and make none
 KERNEL = __name__.rpartition(".kernel.")[0] + ".kernel"
 
 

@@ -5,26 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import sect3
+import sect4
+import sect5
+from lab import READINGS, Lab, growth
+from ledger import CLAIMS, Finding, Row, as_markdown, counts, found, in_any
 
-from dimersweep import orbits
-from dimersweep.claims import (
-    CLAIMS,
-    READINGS,
-    Finding,
-    Lab,
-    Row,
-    as_markdown,
-    counts,
-    found,
-    in_any,
-    sect3,
-    sect4,
-    sect5,
-)
-from dimersweep.claims.lab import growth
-from dimersweep.runs.simulating import simulate
+from dimersweep import orbits, simulate
 
-PAGE = Path(__file__).parents[1] / "docs" / "claims.md"
+PAGE = Path(__file__).parents[2] / "docs" / "claims.md"
 
 
 @pytest.fixture(scope="module")

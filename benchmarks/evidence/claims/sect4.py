@@ -2,16 +2,15 @@
 
 import numpy as np
 import xarray as xr
+from lab import Lab, drift_orbit
+from ledger import Finding, claim, found
+from sect3 import cycle_times, last_double_impact, slip_of_p1
 
-from dimersweep.claims.lab import Lab, drift_orbit
-from dimersweep.claims.ledger import Finding, claim, found
-from dimersweep.claims.sect3 import cycle_times, last_double_impact, slip_of_p1
-from dimersweep.cubes.cube import names
+from dimersweep import Run, names
 from dimersweep.cubes.reading import drift_intervals, drift_lengths, runs_of, stick_ratio
 from dimersweep.kernel.model.layout import M_DRIFT, M_REST, MODES
 from dimersweep.orbits.ball import ball_flip, ball_fold
 from dimersweep.parameters import dimer_from
-from dimersweep.runs.run import Run
 
 NO_GROWTH = 1e-6  # growth of the radius a period that is none: a spiral of Fig. 10 shrinks by 1.7e-6
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping
 from time import perf_counter
 from typing import NamedTuple
 
-from dimersweep.claims.lab import READINGS, Lab
+from lab import READINGS, Lab
 
 AGREES, PARTLY, DIFFERS = "agrees", "partly", "differs"
 VERDICTS = (AGREES, PARTLY, DIFFERS)
@@ -115,12 +115,13 @@ and the energy per mass is that of the ball that bounces."""
 
 def as_markdown(rows: list[Row], table: list[str], small: bool, started: float) -> str:
     """The ledger as a page: counts, one table, and the study of the radius."""
-    size = "the small grids of `dimersweep claims --small`" if small else "the full grids"
+    size = "the small grids of `claims.py --small`" if small else "the full grids"
     readings = list(rows[0].findings)
     head = [
         "# The paper's claims, recomputed",
         "",
-        f"Written by `dimersweep claims`, on {size}, in {perf_counter() - started:.0f} s. {len(rows)} statements:",
+        f"Written by `python benchmarks/evidence/claims.py`, on {size}, in {perf_counter() - started:.0f} s. "
+        f"{len(rows)} statements:",
         "",
         *(f"- `{reading}`, {READINGS[reading]}: {counts(rows, reading)};" for reading in readings),
         f"- under at least one of them: {in_any(rows)} agree.",

@@ -7,15 +7,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from dimersweep import orbits
+from dimersweep import Run, orbits, search, simulate, sweep
 from dimersweep.errors import OrbitError
 from dimersweep.kernel.model.layout import M_DRIFT, M_NOT_RUN
-from dimersweep.orbits.orbit import PeriodicOrbit
+from dimersweep.orbits import PeriodicOrbit
 from dimersweep.runs.outcome import Absent, Orbit
-from dimersweep.runs.run import Run
-from dimersweep.runs.simulating import simulate
-from dimersweep.studies.search import search
-from dimersweep.studies.sweep import sweep
 from dimersweep.symbols import BASE
 
 READINGS = {"mu_s": "an end at rest is held by mu_s", "mu": "in lasting contact it is held by mu"}

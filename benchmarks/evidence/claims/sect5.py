@@ -3,12 +3,12 @@
 from typing import Any, NamedTuple
 
 import numpy as np
+from lab import LOW_FRICTION, Lab, drift_orbit
+from ledger import Finding, claim, found
+from sect3 import state_shares
+from sect4 import drifting, span
 
-from dimersweep.claims.lab import LOW_FRICTION, Lab, drift_orbit
-from dimersweep.claims.ledger import Finding, claim, found
-from dimersweep.claims.sect3 import state_shares
-from dimersweep.claims.sect4 import drifting, span
-from dimersweep.cubes.cube import names
+from dimersweep import names, search, simulate
 from dimersweep.cubes.reading import (
     Minimum,
     PowerLaw,
@@ -17,8 +17,6 @@ from dimersweep.cubes.reading import (
     stick_ratio,
 )
 from dimersweep.kernel.model.layout import M_DRIFT
-from dimersweep.runs.simulating import simulate
-from dimersweep.studies.search import search
 
 PAPER_RADIUS = 2.4  # m, read by the paper off its Fig. 14 at A_r = 5, f = 15 Hz
 

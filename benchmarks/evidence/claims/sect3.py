@@ -1,13 +1,12 @@
 """Claims of Sect. 3: the drift mode of the base case."""
 
 import numpy as np
+from lab import Lab, drift_orbit
+from ledger import Finding, claim, found
 
-from dimersweep.claims.lab import Lab, drift_orbit
-from dimersweep.claims.ledger import Finding, claim, found
-from dimersweep.cubes.cube import names
+from dimersweep import Run, names
 from dimersweep.cubes.reading import circle_through
 from dimersweep.orbits.ball import ball_fold
-from dimersweep.runs.run import Run
 
 
 def cycle_times(run: Run) -> np.ndarray:
