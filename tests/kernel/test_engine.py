@@ -21,6 +21,7 @@ from dimersweep.kernel.model.layout import (
     STATUS_MESSAGES,
     STATUSES,
 )
+from tests.checks.data import data
 from tests.checks.verbs import row_of
 
 CODE = {name: k for k, name in enumerate(CODES)}
@@ -279,123 +280,13 @@ def test_random_scenes_run_to_their_end(kind):
     assert not failed
 
 
-# scenes that invite events to repeat without time going on
-HESITANT = {
-    "flat, lifts off at an effective gravity of one rounding above zero": {
-        "e_1": 0.15657502841190143,
-        "e_2": 0.15657502841190143,
-        "Gamma": 1.4860841593911296,
-        "f": 15.60100869802031,
-        "A_r": 7.772649333194389,
-        "mu": 0.09158909430080497,
-        "mu_s": 0.09158909430080497,
-        "beta0": 0.21580789945671397,
-        "xdot0": 0.09604852362437251,
-        "phi0": 1.039539218777547,
-    },
-    "sticks and slips at hardly any weight": {
-        "e_1": 0.2422602496975524,
-        "e_2": 0.5251782019163492,
-        "Gamma": 1.5665980442437037,
-        "f": 24.964394832530953,
-        "A_r": 6.490929281750466,
-        "mu": 0.6599318736399942,
-        "mu_s": 0.6599318736399942,
-        "beta0": 1.139464578459592,
-        "xdot0": 0.06153395626639289,
-        "phi0": 5.6883728363015535,
-    },
-    "flat without restitution": {
-        "e_1": 0.0,
-        "e_2": 0.0,
-        "Gamma": 1.452791523052256,
-        "f": 18.388333886322997,
-        "A_r": 7.628871683275839,
-        "mu": 0.36430435350203044,
-        "mu_s": 0.36430435350203044,
-        "beta0": 1.1084760058733125,
-        "xdot0": 0.5655288757786566,
-        "phi0": 0.7771738869241641,
-    },
-    "a light end beside a heavy one that slides": {
-        "e_1": 0.0,
-        "e_2": 0.0,
-        "Gamma": 1.8464509661434567,
-        "f": 24.491964898758894,
-        "A_r": 8.230136199823868,
-        "mu": 0.5131246581785908,
-        "mu_s": 0.5131246581785908,
-        "beta0": 0.1890395126199398,
-        "xdot0": 0.5718593307277671,
-        "phi0": 4.352639281118526,
-    },
-    "flat and rough": {
-        "e_1": 0.35076632740553604,
-        "e_2": 0.35076632740553604,
-        "Gamma": 1.4220845134607976,
-        "f": 23.07137392017356,
-        "A_r": 5.879999100084996,
-        "mu": 2.2951430800494546,
-        "mu_s": 3.442714620074182,
-        "beta0": 0.9327930459815108,
-        "xdot0": 0.0811773184821373,
-        "phi0": 0.8483010951260513,
-    },
-    "flat with equal coefficients": {
-        "e_1": 0.3061104250740828,
-        "e_2": 0.3061104250740828,
-        "Gamma": 1.1996585013776628,
-        "f": 43.52943459825827,
-        "A_r": 3.597770128243944,
-        "mu": 0.23929349985805626,
-        "mu_s": 0.23929349985805626,
-        "beta0": 1.3955769263837257,
-        "xdot0": 0.052428464492347907,
-        "phi0": 2.893633120904476,
-    },
-    "flat at Gamma = 1, where the plate just carries no weight": {"Gamma": 1.0, "beta0": 0.004363323129985824},
-    "lifts off at a double contact": {
-        "e_1": 0.2353,
-        "e_2": 0.2353,
-        "Gamma": 1.0421,
-        "f": 32.3676,
-        "A_r": 7.1981,
-        "mu": 0.04339,
-        "mu_s": 0.1405,
-        "beta0": 0.3047,
-        "xdot0": -1.0305,
-        "phi0": 1.3522,
-    },
-}
-PARADOX = {
-    "e_1": 0.1004409325408497,
-    "e_2": 0.1004409325408497,
-    "Gamma": 1.090791649235658,
-    "f": 48.28044182719595,
-    "A_r": 2.2438684519594094,
-    "mu": 2.6798422393272325,
-    "mu_s": 4.019763358990849,
-    "beta0": 0.9783864096987831,
-    "xdot0": 0.5840004242889356,
-    "phi0": 0.9223042546784187,
-}
-
-
 @pytest.mark.jit
 @pytest.mark.parametrize("rtol", [1e-6, 1e-8, 1e-10])
-@pytest.mark.parametrize("name", HESITANT)
-def test_scenes_make_headway(name, rtol):
-    _, codes = outcome(row_of(**HESITANT[name]), 33, rtol)
+@pytest.mark.parametrize("case", data("hesitant")["scenes"], ids=lambda case: case["broke"])
+def test_scenes_make_headway(case, rtol):
+    _, codes = outcome(row_of(**case["scene"]), 33, rtol)
     assert STATUSES[codes[0, CODE["status"]]] == "ok"
     assert codes[0, CODE["n_periods"]] == 33
-
-
-@pytest.mark.jit
-@pytest.mark.parametrize("rtol", [1e-6, 1e-8, 1e-10])
-def test_an_end_that_can_neither_hold_nor_slip_leaves(rtol):
-    """At the limit of its hold every slip out of rest would be stopped, but nothing drives the end into the plate either."""
-    _, codes = outcome(row_of(**PARADOX), 33, rtol)
-    assert STATUSES[codes[0, CODE["status"]]] == "ok"
 
 
 def test_a_ball_chatters_to_rest_and_is_thrown_off_again():
