@@ -3,13 +3,16 @@
 import os
 import re
 import signal
+import sys
 from collections import Counter
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
+from dimersweep import cli
 from tests.fakes import fake_run_many
+from tests.seams import use_kernel
 
 ROOT = Path(__file__).parents[1]
 
@@ -21,7 +24,24 @@ signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell starts its b
 @pytest.fixture
 def fake_kernel(monkeypatch):
     """Run sweeps on `fake_run_many`."""
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", fake_run_many)
+    use_kernel(monkeypatch, fake_run_many)
+
+
+@pytest.fixture
+def call(monkeypatch, capsys):
+    """Run the command line in this process; what it printed and its exit code."""
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["dimersweep", *arguments])
+        try:
+            cli.main()
+            code = 0
+        except SystemExit as stop:
+            code = stop.code
+        printed = capsys.readouterr()
+        return printed.out, printed.err, code
+
+    return run
 
 
 @pytest.fixture(scope="session")

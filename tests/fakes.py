@@ -22,8 +22,6 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.storage.store import looked_at
 from dimersweep.storage.tilestore import tile_store, tiles_of
-from dimersweep.work.scheduling import IN_FLIGHT
-from dimersweep.work.tiles import TILE_SECONDS
 
 SLOT = {name: k for k, name in enumerate(ROW)}
 CODE = {name: k for k, name in enumerate(CODES)}
@@ -80,28 +78,6 @@ def run_tile(spec, tile):
     while done < points.size:
         done += spec.advance(points[done:], results[done:], new_workspace())
     return results
-
-
-class SteadyPace:
-    """In place of `Pace`: tasks of a given length."""
-
-    seconds = TILE_SECONDS
-
-    def __init__(self, length, workers=lambda: 1):
-        self.length, self.workers = length, workers
-
-    @property
-    def in_flight(self):
-        """As of `Pace`."""
-        return IN_FLIGHT * self.workers()
-
-    def note(self, points, seconds):
-        """Learn nothing."""
-
-
-def set_pace(monkeypatch, length):
-    """Cut sweeps into tasks of `length` points."""
-    monkeypatch.setattr("dimersweep.work.computing.Pace", lambda size, workers: SteadyPace(length, workers))
 
 
 def forget_some(out, configuration, kind, seed):

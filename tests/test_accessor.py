@@ -6,6 +6,7 @@ import xarray as xr
 
 import dimersweep
 from dimersweep.errors import ParameterError, StoreError
+from tests.seams import another_version
 
 pytestmark = pytest.mark.jit
 DEG = np.pi / 180
@@ -127,7 +128,7 @@ def test_a_title_that_is_no_text_is_shown(cube):
 
 
 def test_the_run_behind_a_point_of_another_kernel_says_so(cube, monkeypatch):
-    monkeypatch.setattr("dimersweep.runs.accessor.kernel_version", lambda: "another")
+    another_version(monkeypatch)
     with pytest.warns(RuntimeWarning, match=r"^the cube was made by another version of the kernel; the run may differ"):
         cube.dimersweep.run(f=15, beta0="16 deg")
 

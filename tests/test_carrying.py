@@ -24,6 +24,7 @@ from dimersweep.studies.planning import plan
 from dimersweep.studies.reuse import Known
 from dimersweep.studies.sweep_spec import Spec, make_spec
 from dimersweep.work.scheduling import Pace, bundles
+from tests.seams import another_version
 
 pytestmark = pytest.mark.jit
 
@@ -272,7 +273,7 @@ def test_a_part_of_a_cube_has_the_loops_of_that_part(both):
 
 
 def test_another_kernel_is_told_of(both, monkeypatch):
-    monkeypatch.setattr("dimersweep.runs.accessor.kernel_version", lambda: "another")
+    another_version(monkeypatch)
     with pytest.warns(RuntimeWarning, match="made by another version of the kernel; the ends may lie elsewhere"):
         loops(both, within=0.1)
 

@@ -1,13 +1,12 @@
 """How sure verdicts are: against borders found by bisection and finer runs; in cubes, files and declarations."""
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import dimersweep
-from dimersweep import Parameters, cli
+from dimersweep import Parameters
 from dimersweep.cubes.cube import FLAGS, names
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.kernel.model.layout import (
@@ -155,18 +154,14 @@ def test_a_cube_above_memory_has_them_too(fake_kernel, monkeypatch):
     assert (cube["confidence"] != 0).all()
 
 
-def test_a_declaration_and_the_command_line_certify(fake_kernel, monkeypatch, capsys):
+def test_a_declaration_and_the_command_line_certify(fake_kernel, call):
     Path("sweep.toml").write_text(DECLARED)
     cube = make(read_declaration("sweep.toml"), None, progress=False)
     assert set(names(cube["confidence"]).values.ravel()) <= {"certain", "unsure", "changed"}
     Path("plain.toml").write_text(DECLARED.replace("certify = true\n", ""))
-    monkeypatch.setattr(sys, "argv", ["dimersweep", "run", "plain.toml", "--certify"])
-    cli.main()
-    assert "modes that are certain " in capsys.readouterr().out
+    assert "modes that are certain " in call("run", "plain.toml", "--certify")[0]
     assert from_cube("cube.nc").sweep.certify
-    monkeypatch.setattr(sys, "argv", ["dimersweep", "plan", "sweep.toml"])
-    cli.main()
-    assert "points: 16" in capsys.readouterr().out
+    assert "points: 16" in call("plan", "sweep.toml")[0]
 
 
 def test_a_search_is_not_certified():

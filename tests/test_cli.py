@@ -24,6 +24,7 @@ from dimersweep.storage.outputs import CUBES, TABLES
 from dimersweep.studies.planning import SAMPLE
 from dimersweep.symbols import BASE, conditions
 from tests.fakes import failing, fake_run_many, points_on_disk, raising
+from tests.seams import another_version, exit_plainly, no_work, use_kernel
 
 ROOT = Path(__file__).parents[1]
 SMALL = (ROOT / "sweeps" / "fig07-small.toml").read_text()
@@ -33,23 +34,6 @@ SMALL = (ROOT / "sweeps" / "fig07-small.toml").read_text()
 def in_an_empty_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("small.toml").write_text(SMALL)
-
-
-@pytest.fixture
-def call(monkeypatch, capsys):
-    """Run the command line in this process; what it printed and its exit code."""
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["dimersweep", *arguments])
-        try:
-            cli.main()
-            code = 0
-        except SystemExit as stop:
-            code = stop.code
-        printed = capsys.readouterr()
-        return printed.out, printed.err, code
-
-    return run
 
 
 def edited(old, new):
@@ -388,7 +372,7 @@ def interrupted_in(call, monkeypatch):
     def run(where, *arguments):
         with monkeypatch.context() as patch:
             patch.setattr(where, interrupts)
-            patch.setattr("dimersweep.cli.interrupting.os._exit", sys.exit)
+            exit_plainly(patch)
             _, err, code = call(*arguments)
         assert code == 130
         return err.splitlines()[-1]
@@ -413,7 +397,7 @@ COMMANDS = {
 def test_a_signal_ends_every_command_in_one_way(call, monkeypatch, number):
     """Wherever it is, with one line and the exit code that a shell expects of that signal."""
     assert COMMANDS.keys() == {one.callback.__name__ for one in cli.app.registered_commands if not one.hidden}
-    monkeypatch.setattr("dimersweep.cli.interrupting.os._exit", sys.exit)
+    exit_plainly(monkeypatch)
     word = "interrupted" if number == signal.SIGINT else "terminated"
     for name, (arguments, places) in COMMANDS.items():
         for place in places:
@@ -428,7 +412,7 @@ def test_a_signal_ends_every_command_in_one_way(call, monkeypatch, number):
 def test_ctrl_c_ends_a_server_as_it_ends_all_else(call, monkeypatch):
     """Which takes the signal for its own end, and returns."""
     panel = pytest.importorskip("panel")
-    monkeypatch.setattr("dimersweep.cli.interrupting.os._exit", sys.exit)
+    exit_plainly(monkeypatch)
     monkeypatch.setattr("dimersweep.storage.cubefiles.open_cube", lambda path: None)
     monkeypatch.setattr("dimersweep.exploring.board.Board", lambda cube: None)
     monkeypatch.setattr(panel, "serve", lambda *rest, **more: None)
@@ -597,7 +581,7 @@ def test_another_configuration_is_refused_with_what_differs(call, fake_kernel):
 
 def test_a_finished_sweep_is_not_done_again(call, fake_kernel, monkeypatch):
     assert call("run", "small.toml", "--no-plot")[2] == 0
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", lambda *rest, **more: pytest.fail("work was done"))
+    no_work(monkeypatch)
     for _ in range(2):  # first without a picture, then with one
         out, err, code = call("run", "small.toml")
         assert (code, err) == (0, "fig07-small.nc: is complete already; nothing was run\n")
@@ -750,7 +734,7 @@ def test_a_map_is_made_told_of_and_not_made_again(call, fake_kernel, monkeypatch
     assert re.search(r"(\d+)/\1 points, 100 %, elapsed", err)
     assert out.splitlines()[-2:] == ["cube: fig08-small.nc", "picture: fig08-small.png"]
     assert call("status", "fig08-small.nc")[0].startswith("fig08-small.nc: complete, 125 points")
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", lambda *rest, **more: pytest.fail("work was done"))
+    no_work(monkeypatch)
     for more in ([], ["--retry"]):
         _, err, code = call("run", "map.toml", *more)
         assert (code, err) == (0, "fig08-small.nc: is complete already; nothing was run\n")
@@ -768,7 +752,7 @@ def test_a_cube_is_made_again_from_what_it_tells(call, fake_kernel, monkeypatch)
         assert variable.values.tobytes() == again[name].values.tobytes(), name
     for name in ("configuration", "configuration_sha256", "title", "plot"):
         assert first.attrs[name] == again.attrs[name]
-    monkeypatch.setattr("dimersweep.studies.sweep_spec.kernel_version", lambda: "another")
+    another_version(monkeypatch)
     _, err, code = call("run", "--from", "fig07-small.nc", "--out", "third.nc")
     assert code == 2
     assert err.startswith("dimersweep: error: fig07-small.nc: was made by another version, so its numbers may differ")
@@ -837,7 +821,7 @@ def test_a_shell_completes_commands(monkeypatch):
 
 
 def test_fail_fast_names_the_point_and_keeps_the_rest(call, monkeypatch):
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", failing(lambda rows: rows[:, 3] == 20))
+    use_kernel(monkeypatch, failing(lambda rows: rows[:, 3] == 20))
     _, err, code = call("run", "small.toml", "--fail-fast", "--workers", "1")
     assert code == 2
     assert err.splitlines()[-1].startswith("dimersweep: error: point 44 (f = 20.0, beta0 = 0.0349")
@@ -846,20 +830,20 @@ def test_fail_fast_names_the_point_and_keeps_the_rest(call, monkeypatch):
     _, err, code = call("run", "small.toml")
     assert (code, "failed 44" in err) == (0, True)
     assert "failed 44" in call("status", "fig07-small.nc")[0]
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", fake_run_many)
+    use_kernel(monkeypatch, fake_run_many)
     assert call("run", "small.toml", "--retry")[2] == 0
     assert "failed" not in call("status", "fig07-small.nc")[0]
 
 
 def test_points_that_cannot_be_run_end_in_a_line_and_an_exit_code(call, monkeypatch):
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", raising(lambda rows: rows[:, ROW_BETA0] > 1.5))
+    use_kernel(monkeypatch, raising(lambda rows: rows[:, ROW_BETA0] > 1.5))
     _, err, code = call("run", "small.toml")
     assert code == 2
     assert re.match(
         r"dimersweep: error: \d+ points could not be run, such as point .*: MemoryError: ", err.splitlines()[-1]
     )
     assert os.listdir() and not Path("fig07-small.nc").exists()
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", fake_run_many)
+    use_kernel(monkeypatch, fake_run_many)
     assert call("run", "small.toml")[2] == 0
 
 
@@ -874,7 +858,7 @@ def test_an_axis_nested_deeply_is_refused(call):
 
 @pytest.mark.parametrize("out", ["", ".", "..", "/dev/full", "a" * 300])
 def test_an_output_that_is_no_file_is_refused_before_any_work(call, monkeypatch, out):
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", lambda *rest, **more: pytest.fail("work was done"))
+    no_work(monkeypatch)
     edited('output = "fig07-small.nc"', f'output = "{out}"')
     for arguments in (("run", "small.toml"), ("run", "small.toml", "--force")):
         _, err, code = call(*arguments)
@@ -925,7 +909,7 @@ def test_a_plan_writes_nothing_and_takes_any_grid(call, fake_kernel, monkeypatch
         run.append(len(rows))
         return fake_run_many(rows, *rest, until=until)
 
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", counting)
+    use_kernel(monkeypatch, counting)
     out, err, code = call("plan", "small.toml")
     assert (code, err) == (0, "")
     assert out.startswith("points: 3000000000\n")

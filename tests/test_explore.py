@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 import dimersweep
-from dimersweep import cli
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.exploring import serving
 from tests.browser import chromium_page, colors_of, needs_chromium
@@ -149,11 +148,8 @@ def test_without_panel_it_says_what_to_install(cube, monkeypatch):
         dimersweep.explore(cube)
 
 
-def test_a_cube_that_is_none_is_refused_before_a_server_starts(monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["dimersweep", "explore", "absent.nc"])
-    with pytest.raises(SystemExit) as stop:
-        cli.main()
-    assert (stop.value.code, capsys.readouterr().err) == (2, "dimersweep: error: absent.nc: no such file\n")
+def test_a_cube_that_is_none_is_refused_before_a_server_starts(call):
+    assert call("explore", "absent.nc")[1:] == ("dimersweep: error: absent.nc: no such file\n", 2)
 
 
 def test_a_page_that_is_closed_while_it_draws_leaves_no_traceback(cube, monkeypatch, caplog):

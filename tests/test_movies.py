@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from dimersweep import cli, simulate
+from dimersweep import simulate
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.plots import movie, replay
 from dimersweep.plots import playback as playing
@@ -152,10 +152,9 @@ def test_an_interruption_leaves_the_former_file(run, tmp_path, monkeypatch, name
     assert {each.name: each.read_text() for each in tmp_path.iterdir()} == {name: "the former one"}
 
 
-def test_simulate_makes_a_movie_and_keeps_the_run(tmp_path, monkeypatch, capsys):
+def test_simulate_makes_a_movie_and_keeps_the_run(tmp_path, monkeypatch, call):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", ["dimersweep", "simulate", "--periods", "8", "--movie", "a.gif", "--save", "a.nc"])
-    cli.main()
+    assert call("simulate", "--periods", "8", "--movie", "a.gif", "--save", "a.nc")[2] == 0
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.gif", "a.nc"]
 
 

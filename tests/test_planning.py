@@ -7,6 +7,7 @@ from dimersweep.studies.planning import plan
 from dimersweep.studies.refine import RefineSpec, check_refinement, refine
 from dimersweep.studies.search import make_spec, search
 from tests.fakes import banded_kernel, fake_run_many
+from tests.seams import use_kernel
 from tests.test_refine import COARSE
 
 GRID = {"f": np.linspace(0.2, 9, 30), "e": [0.5, 0.6, 0.7], "beta0": np.linspace(0.03, 0.3, 19)}
@@ -22,7 +23,7 @@ def made(monkeypatch):
             runs.append(kernel(*arguments, until=until))
             return runs[-1]
 
-        monkeypatch.setattr("dimersweep.runs.settings.run_many", counting)
+        use_kernel(monkeypatch, counting)
         monkeypatch.setattr("dimersweep.work.tiles.perf_counter", lambda: float(sum(runs)))
         monkeypatch.setattr("dimersweep.work.tiles.OVERTIME", np.inf)
         return runs

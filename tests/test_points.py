@@ -6,7 +6,6 @@ import pytest
 from scipy.stats import qmc
 
 import dimersweep
-from dimersweep import cli
 from dimersweep.errors import ParameterError
 from dimersweep.plots import draw
 from dimersweep.studies.datasets import make
@@ -175,12 +174,11 @@ def test_a_file_of_points_does_what_sweep_does(tmp_path, monkeypatch):
         assert made.drop_attrs().identical(expected.drop_attrs())
 
 
-def test_the_command_runs_a_file_of_points_and_makes_its_cube_again(tmp_path, monkeypatch, capsys):
+def test_the_command_runs_a_file_of_points_and_makes_its_cube_again(tmp_path, monkeypatch, call):
     monkeypatch.chdir(tmp_path)
     declared(tmp_path, '[points.columns]\nbeta0 = { values = [10, 16], unit = "deg" }\nf = [15, 20]')
     for arguments in (["run", "points.toml"], ["run", "--from", "points.nc", "--out", "again.nc"]):
-        monkeypatch.setattr("sys.argv", ["dimersweep", *arguments])
-        cli.main()
+        assert call(*arguments)[2] == 0
     first, again = map(dimersweep.open_cube, ("points.nc", "again.nc"))
     assert again.drop_attrs().identical(first.drop_attrs())
     assert again.attrs["configuration"] == first.attrs["configuration"]

@@ -25,6 +25,7 @@ from dimersweep.studies.refine import (
 )
 from dimersweep.studies.search import make_spec, search
 from tests.fakes import CODE, SLOT, banded_kernel, failing, forget_some, points_on_disk
+from tests.seams import no_warm_up, no_work, use_kernel
 
 COARSE = {
     "e": {"start": 0.4, "stop": 0.8, "num": 5},
@@ -36,7 +37,7 @@ SETTINGS = {"over": "beta0", "halvings": {"e": 2, "Gamma": 6}, "periods": 5, "pr
 
 @pytest.fixture
 def banded(monkeypatch):
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", banded_kernel)
+    use_kernel(monkeypatch, banded_kernel)
 
 
 def brute_regions(grid, **settings):
@@ -107,8 +108,8 @@ def test_a_map_is_extended_to_the_bits_of_a_new_one(banded, monkeypatch, tmp_pat
         made.append(banded_kernel(*arguments, until=until))
         return made[-1]
 
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", counting)
-    monkeypatch.setattr("dimersweep.work.computing.warm_up", lambda stop: None)
+    use_kernel(monkeypatch, counting)
+    no_warm_up(monkeypatch)
     for name, known in former.items():
         made.clear()
         cube = refine(grid, extend=tmp_path / name, **SETTINGS)
@@ -122,7 +123,7 @@ def test_a_retry_gives_the_bits_of_a_map_without_failures(banded, monkeypatch, t
     fails = failing(lambda rows: np.abs(rows[:, SLOT["e_1"]] - 0.6) < 1e-9, banded_kernel)
     reference = refine(COARSE, **SETTINGS)
     with monkeypatch.context() as patch:
-        patch.setattr("dimersweep.runs.settings.run_many", fails)
+        use_kernel(patch, fails)
         refine(COARSE, out=tmp_path / "map.nc", **SETTINGS)
     cube = refine(COARSE, out=tmp_path / "map.nc", retry=True, **SETTINGS)
     assert {k: cube[k].values.tobytes() for k in cube} == {k: reference[k].values.tobytes() for k in reference}
@@ -187,7 +188,7 @@ def test_an_island_beside_a_border_is_seen(monkeypatch):
         codes[:, CODE["mode"]] = np.where((place == 90) | (place >= 92), M_DRIFT, M_REST)
         return len(rows)
 
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", island_kernel)
+    use_kernel(monkeypatch, island_kernel)
     cube = refine(COARSE, **SETTINGS)
     drift = np.flatnonzero((names(cube["region"]) == "drift").isel(e=0))
     np.testing.assert_array_equal(drift, [90, *range(92, cube["Gamma"].size)])
@@ -208,7 +209,7 @@ def test_an_island_beside_a_border_is_seen(monkeypatch):
     ],
 )
 def test_bad_input_is_refused_before_any_work(monkeypatch, settings, message):
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", lambda *arguments: pytest.fail("work was done"))
+    no_work(monkeypatch)
     given = {"grid": COARSE} | SETTINGS | settings
     with pytest.raises(ParameterError, match=f"^{re.escape(message)}"):
         refine(given.pop("grid"), **given)

@@ -14,7 +14,8 @@ from dimersweep.errors import ParameterError, StoreError
 from dimersweep.kernel.model.layout import ROW_BETA0
 from dimersweep.studies.refine import refine
 from dimersweep.studies.search import search
-from tests.fakes import failing, fake_run_many, set_pace
+from tests.fakes import failing, fake_run_many
+from tests.seams import another_version, no_warm_up, set_pace, use_kernel
 
 BETA0 = np.linspace(0.1, 1.5, 29)
 GRID = {"f": [15, 25], "beta0": BETA0}
@@ -34,9 +35,9 @@ def asked(monkeypatch):
         rows_of_all.append(rows.copy())
         return fake_run_many(rows, *rest)
 
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", run_many)
+    use_kernel(monkeypatch, run_many)
     set_pace(monkeypatch, 10)
-    monkeypatch.setattr("dimersweep.work.computing.warm_up", lambda stop: None)
+    no_warm_up(monkeypatch)
     return rows_of_all
 
 
@@ -110,7 +111,7 @@ def test_a_cube_made_otherwise_is_not_extended(asked, settings, told):
 
 def test_a_cube_of_another_kernel_is_not_extended(asked, monkeypatch):
     sweep(out="old.nc")
-    monkeypatch.setattr("dimersweep.studies.sweep_spec.kernel_version", lambda: "another")
+    another_version(monkeypatch)
     with pytest.raises(StoreError, match=r'otherwise:\n  kernel_version: "[0-9a-f]{16}" -> "another"$'):
         sweep(extend="old.nc")
 
@@ -124,7 +125,7 @@ def test_a_cube_without_any_of_the_points_is_refused(asked):
 def test_failed_points_are_run_again(monkeypatch, asked):
     reference = sweep()
     with monkeypatch.context() as patch:
-        patch.setattr("dimersweep.runs.settings.run_many", failing(lambda rows: rows[:, ROW_BETA0] > 1.3))
+        use_kernel(patch, failing(lambda rows: rows[:, ROW_BETA0] > 1.3))
         cube = sweep(out="cube.nc")
     failed = int((names(cube["mode"]) == "failed").sum())
     assert failed == 8
@@ -143,7 +144,7 @@ def test_failed_points_are_run_again(monkeypatch, asked):
 def test_a_stopped_sweep_runs_its_failed_points_again(monkeypatch, asked):
     reference = sweep()
     with monkeypatch.context() as patch, pytest.raises(dimersweep.errors.PointError):
-        patch.setattr("dimersweep.runs.settings.run_many", failing(lambda rows: rows[:, ROW_BETA0] > 1.3))
+        use_kernel(patch, failing(lambda rows: rows[:, ROW_BETA0] > 1.3))
         sweep(out="cube.nc", fail_fast=True, workers=1)
     assert os.listdir() == ["cube.nc.tiles"]
     xr.testing.assert_equal(sweep(out="cube.nc", retry=True), reference)

@@ -21,7 +21,8 @@ from dimersweep.studies.declaration import read_declaration
 from dimersweep.studies.search import search
 from dimersweep.studies.status import status
 from dimersweep.studies.sweep_spec import make_spec
-from tests.fakes import points_on_disk, run_tile, set_pace
+from tests.fakes import points_on_disk, run_tile
+from tests.seams import set_pace
 from tests.sweeper import GRID, MAKERS, SEARCH, SEARCHED, SETTINGS, SMALL_MAP
 
 ROOT = Path(__file__).parents[1]

@@ -42,7 +42,8 @@ from dimersweep.work.tiles import (
     after,
     attempt,
 )
-from tests.fakes import CODE, SteadyPace, points_on_disk, raising, set_pace
+from tests.fakes import CODE, points_on_disk, raising
+from tests.seams import SteadyPace, set_pace, use_kernel
 
 SPEC = make_spec({"f": [15, 20], "A_r": [5, 6, 7], "beta0": {"start": 0.1, "stop": 1, "num": 40}}, periods=5)
 
@@ -100,7 +101,7 @@ def slow_points(rows, periods, rtol, settle, out, codes, until=0, space=None):
 
 
 def test_a_task_that_meets_slow_points_comes_back_with_what_it_has(monkeypatch):
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", slow_points)
+    use_kernel(monkeypatch, slow_points)
     monkeypatch.setattr("dimersweep.work.tiles.perf_counter", lambda: CLOCK[0])
     first, second = attempt(SPEC, (Tile(0, 10), Tile(10, 240))).finished
     assert first.seconds <= tiles.OVERTIME * tiles.TILE_SECONDS + 0.05
@@ -111,7 +112,7 @@ def test_a_task_that_meets_slow_points_comes_back_with_what_it_has(monkeypatch):
 
 
 def test_a_tile_stops_when_it_is_told_to(monkeypatch):
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", slow_points)
+    use_kernel(monkeypatch, slow_points)
     stop = StopFlag()
     stop.set()
     assert [tile.tile for tile in attempt(SPEC, (Tile(20, 240),), stop).finished] == [Tile(20, 21)]
@@ -119,7 +120,7 @@ def test_a_tile_stops_when_it_is_told_to(monkeypatch):
 
 def test_one_point_that_raises_costs_no_other(monkeypatch):
     bad = SPEC.grid.axes["beta0"][7]
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", raising(lambda rows: rows[:, ROW_BETA0] == bad))
+    use_kernel(monkeypatch, raising(lambda rows: rows[:, ROW_BETA0] == bad))
     task = (Tile(0, 5), Tile(5, 40))
     (first, second), broken = attempt(SPEC, task, shift=100)
     assert (first.tile, second.tile) == (Tile(100, 105), Tile(105, 107))

@@ -22,7 +22,8 @@ from dimersweep.studies.search import make_spec, search, waves
 from dimersweep.studies.status import status
 from dimersweep.work.stopping import StopFlag
 from dimersweep.work.tiles import attempt
-from tests.fakes import failing, fake_run_many, forget_some, raising, set_pace
+from tests.fakes import failing, fake_run_many, forget_some, raising
+from tests.seams import no_warm_up, no_work, set_pace, use_kernel
 
 # with the fake kernel no start drifts where f is small, some do elsewhere
 GRID = {"f": [0.2, 0.3, 0.4, 0.5, 1, 3, 9], "e": [0.5, 0.6, 0.7], "beta0": {"start": 0.03, "stop": 0.3, "num": 19}}
@@ -108,7 +109,7 @@ def test_what_was_known_before_changes_nothing(fake_kernel, tmp_path, seed):
 
 def test_a_search_that_is_complete_is_not_made_again(fake_kernel, monkeypatch, tmp_path):
     reference = quiet_search(out=tmp_path / "cube.nc")
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", lambda *arguments, until: pytest.fail("work was done"))
+    no_work(monkeypatch)
     xr.testing.assert_identical(quiet_search(out=tmp_path / "cube.nc"), reference)
     with pytest.raises(StoreError, match=r'exists already; .*What differs:\n  search.ask: "any" -> "all"$'):
         quiet_search(out=tmp_path / "cube.nc", ask="all")
@@ -125,7 +126,7 @@ def test_a_search_that_is_stopped_keeps_what_it_has(fake_kernel, monkeypatch, tm
 
     reference = quiet_search()
     with monkeypatch.context() as patch:
-        patch.setattr("dimersweep.runs.settings.run_many", interrupts)
+        use_kernel(patch, interrupts)
         with pytest.raises(Stopped, match=r"\d+ of 21 points are kept in .*cube.nc.tiles; run the same again to go on"):
             quiet_search(out=out, workers=1)
     assert status(out)[-1] == "at work: nobody; run the same sweep again to go on"
@@ -145,8 +146,8 @@ def runs_made(monkeypatch):
         made.append(fake_run_many(*arguments, until=until))
         return made[-1]
 
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", counting)
-    monkeypatch.setattr("dimersweep.work.computing.warm_up", lambda stop: None)
+    use_kernel(monkeypatch, counting)
+    no_warm_up(monkeypatch)
     return made
 
 
@@ -209,7 +210,7 @@ def test_a_search_made_otherwise_is_not_extended(fake_kernel, tmp_path, settings
 def test_a_retry_gives_the_bits_of_a_search_without_failures(fake_kernel, monkeypatch, tmp_path, question, stopped):
     out, reference = tmp_path / "cube.nc", quiet_search(**question)
     with monkeypatch.context() as patch:
-        patch.setattr("dimersweep.runs.settings.run_many", failing(lambda rows: rows[:, 3] == 3))
+        use_kernel(patch, failing(lambda rows: rows[:, 3] == 3))
         broken = quiet_search(out=out, keep_tiles=stopped, **question)
     assert (names(broken["mode"]) == "failed").sum() == 3
     if stopped:
@@ -217,15 +218,13 @@ def test_a_retry_gives_the_bits_of_a_search_without_failures(fake_kernel, monkey
     cube = quiet_search(out=out, retry=True, **question)
     assert same_bits(cube, reference) and same_bits(dimersweep.open_cube(out), reference)
     assert os.listdir(tmp_path) == ["cube.nc"]
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", lambda *arguments, until: pytest.fail("work was done"))
+    no_work(monkeypatch)
     assert same_bits(quiet_search(out=out, retry=True, **question), reference)
 
 
 def test_a_retry_searches_again_only_where_a_failure_may_have_led(fake_kernel, monkeypatch, runs_made, tmp_path):
     with monkeypatch.context() as patch:
-        patch.setattr(
-            "dimersweep.runs.settings.run_many", failing(lambda rows: (rows[:, 3] == 3) & (rows[:, 0] == 0.6))
-        )
+        use_kernel(patch, failing(lambda rows: (rows[:, 3] == 3) & (rows[:, 0] == 0.6)))
         quiet_search(out=tmp_path / "cube.nc")
     runs_made.clear()
     cube = quiet_search(out=tmp_path / "cube.nc", retry=True)
@@ -235,14 +234,14 @@ def test_a_retry_searches_again_only_where_a_failure_may_have_led(fake_kernel, m
 def test_a_long_point_can_be_stopped_within(monkeypatch):
     spec = make_spec(GRID, None, over="beta0", ask="all", mode="rest", periods=5, rtol=1e-8)
     monkeypatch.setattr("dimersweep.studies.deciding.CHUNK_RUNS", 1)
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", fake_run_many)
+    use_kernel(monkeypatch, fake_run_many)
     stop = StopFlag()
     stop.set()
     assert attempt(Wave(spec, {0: []}), (Tile(0, 1),), stop).finished == []
 
 
 def test_a_search_is_not_written_by_blocks(monkeypatch, tmp_path):
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", lambda *arguments, until: pytest.fail("work was done"))
+    no_work(monkeypatch)
     with pytest.raises(ParameterError, match=r"a.zarr: only a sweep of a whole grid is written as Zarr; give a NetCDF"):
         quiet_search(out=tmp_path / "a.zarr")
 
@@ -288,7 +287,7 @@ def test_points_that_break_a_rule_between_two_axes_are_left_out(fake_kernel):
 def test_a_point_that_cannot_be_run_is_left_to_be_done(fake_kernel, monkeypatch, tmp_path):
     reference, out = quiet_search(), tmp_path / "cube.nc"
     with monkeypatch.context() as patch:
-        patch.setattr("dimersweep.runs.settings.run_many", raising(lambda rows: rows[:, 3] == 3))
+        use_kernel(patch, raising(lambda rows: rows[:, 3] == 3))
         set_pace(patch, 1)
         with pytest.raises(UnfinishedError, match=r"could not be run.* point 15 \(f = 3.0, .*MemoryError: no room; "):
             quiet_search(out=out)
@@ -297,7 +296,7 @@ def test_a_point_that_cannot_be_run_is_left_to_be_done(fake_kernel, monkeypatch,
 
 
 def test_a_point_that_fails_marks_only_itself(fake_kernel, monkeypatch):
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", failing(lambda rows: rows[:, 3] == 3))
+    use_kernel(monkeypatch, failing(lambda rows: rows[:, 3] == 3))
     set_pace(monkeypatch, 1)
     cube = quiet_search()
     failed = names(cube["mode"]) == "failed"
@@ -318,7 +317,7 @@ def test_a_point_that_fails_marks_only_itself(fake_kernel, monkeypatch):
     ],
 )
 def test_bad_input_is_refused_before_any_work(monkeypatch, settings, message):
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", lambda *arguments: pytest.fail("work was done"))
+    no_work(monkeypatch)
     with pytest.raises(ParameterError, match=f"^{re.escape(message)}"):
         quiet_search(**settings)
 

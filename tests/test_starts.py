@@ -1,14 +1,13 @@
 """Starts that are given by parameters: what each means, against closed forms, symmetries, a given state and the slow oracle."""
 
 import json
-import sys
 from math import cos, pi, sin
 
 import numpy as np
 import pytest
 import xarray as xr
 
-from dimersweep import cli, load_run, names, orbits, refine, search, simulate, sweep
+from dimersweep import load_run, names, orbits, refine, search, simulate, sweep
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.body import dimer_of
 from dimersweep.parameters import Parameters
@@ -212,11 +211,9 @@ def test_each_is_an_axis_of_sweeps_tables_searches_maps_and_files(name):
 
 
 @jit
-def test_each_is_an_option_of_the_command_line(capsys, monkeypatch):
+def test_each_is_an_option_of_the_command_line(call):
     given = [text for name, value in NEW.items() for text in (f"--{name}", f"{value:g}")]
-    monkeypatch.setattr(sys, "argv", ["dimersweep", "simulate", *given, "--periods", "30", "--json"])
-    cli.main()
-    told = json.loads(capsys.readouterr().out)
+    told = json.loads(call("simulate", *given, "--periods", "30", "--json")[0])
     assert told["parameters"].items() >= NEW.items()
     assert told["n_events"] == simulate(**NEW, periods=30, record=False).n_events
 

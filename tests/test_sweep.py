@@ -38,7 +38,8 @@ from dimersweep.work.progress import Lines, Tally
 from dimersweep.work.proving import proof
 from dimersweep.work.scheduling import TASK_POINTS, Pace, bundles
 from dimersweep.work.tiles import count
-from tests.fakes import failing, fake_run_many, raising, run_tile, set_pace
+from tests.fakes import failing, fake_run_many, raising, run_tile
+from tests.seams import no_work, set_pace, use_kernel
 
 GRID = {"f": [15, 20, 25], "beta0": {"start": 1, "stop": 89, "step": 1, "unit": "deg"}}
 
@@ -75,7 +76,7 @@ def test_a_sweep_costs_little_beyond_its_kernel(monkeypatch):
         points[0] += made
         return made
 
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", clocked)
+    use_kernel(monkeypatch, clocked)
     grid = {"f": [15, 20, 25], "beta0": np.linspace(0.05, 1.5, 600)}
     quiet_sweep({"f": [15, 20]})  # compiles
 
@@ -115,7 +116,7 @@ def rings_down(rows, periods, rtol, settle, out, codes, until=0, space=None):
 
 @pytest.mark.parametrize("length", [1, 7])
 def test_what_has_not_settled_is_run_longer(monkeypatch, tmp_path, length):
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", rings_down)
+    use_kernel(monkeypatch, rings_down)
     set_pace(monkeypatch, length)
     grid = {"f": [15, 25], "beta0": np.arange(1, 100) / 1000}
     assert (names(quiet_sweep(grid)["mode"]) == "drift").sum() == 5
@@ -143,7 +144,7 @@ def test_an_option_that_there_is_not_is_named(fake_kernel, given, told):
 
 
 def test_a_point_that_fails_marks_only_itself(monkeypatch):
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", failing(lambda rows: rows[:, 3] == 20))
+    use_kernel(monkeypatch, failing(lambda rows: rows[:, 3] == 20))
     set_pace(monkeypatch, 89)
     cube = quiet_sweep()
     failed = names(cube["mode"]) == "failed"
@@ -157,7 +158,7 @@ def test_points_that_cannot_be_run_are_left_to_be_done(fake_kernel, monkeypatch,
     reference, out, asked = quiet_sweep(), tmp_path / "cube.nc", []
     bad = reference["beta0"].values[[7, 50]]
     with monkeypatch.context() as patch:
-        patch.setattr("dimersweep.runs.settings.run_many", raising(lambda rows: np.isin(rows[:, ROW_BETA0], bad)))
+        use_kernel(patch, raising(lambda rows: np.isin(rows[:, ROW_BETA0], bad)))
         told = r"^6 points could not be run, such as point \d+ \(f = .*\): MemoryError: no room; 261 of 267 points are kept in "
         with pytest.raises(UnfinishedError, match=told):
             quiet_sweep(out=out, workers=workers)
@@ -167,7 +168,7 @@ def test_points_that_cannot_be_run_are_left_to_be_done(fake_kernel, monkeypatch,
         asked.append(len(rows))
         return fake_run_many(rows, *rest, until=until)
 
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", run_many)
+    use_kernel(monkeypatch, run_many)
     xr.testing.assert_equal(quiet_sweep(out=out), reference)
     assert 6 <= sum(asked) <= 6 + 4  # an unresolved point ends its call
 
@@ -181,7 +182,7 @@ def test_many_breaks_alike_in_a_row_stop_the_sweep(monkeypatch, tmp_path):
             raise MemoryError("no room")
         return fake_run_many(rows, *rest, until=until)
 
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", run_many)
+    use_kernel(monkeypatch, run_many)
     set_pace(monkeypatch, 5)
     told = r"^1[0-2] points could not be run, .*: MemoryError: no room; the sweep was stopped, as these came in a row; \d+ of "
     with pytest.raises(UnfinishedError, match=told):
@@ -226,7 +227,7 @@ def test_many_threads_prove_the_kernel_once(monkeypatch):
 )
 def test_a_kernel_that_does_not_work_ends_the_sweep_before_any_point(monkeypatch, tmp_path, kernel, told):
     monkeypatch.setattr("dimersweep.work.proving.run_many", kernel)
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", lambda *rest, **more: pytest.fail("work was done"))
+    no_work(monkeypatch)
     proof.cache_clear()
     with pytest.raises(KernelError, match=f"^{re.escape(told)}$"):
         quiet_sweep(out=tmp_path / "cube.nc")
@@ -254,7 +255,7 @@ def test_attributes_come_back_from_the_file(fake_kernel, monkeypatch, tmp_path, 
 
 
 def test_every_maker_of_cubes_judges_attributes(monkeypatch):
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", lambda *arguments: pytest.fail("work was done"))
+    no_work(monkeypatch)
     how = {"periods": 5, "attrs": {"configuration": "x"}}
     for make in (
         lambda: dimersweep.bifurcation({"f": [15]}, **how),
@@ -301,7 +302,7 @@ def test_every_maker_of_cubes_judges_attributes(monkeypatch):
     ],
 )
 def test_bad_input_is_refused_before_any_work(monkeypatch, settings, error, message):
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", lambda *arguments: pytest.fail("work was done"))
+    no_work(monkeypatch)
     with pytest.raises(error, match=f"^{re.escape(message)}"):
         quiet_sweep(**settings)
 

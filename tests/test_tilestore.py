@@ -24,7 +24,8 @@ from dimersweep.storage.tilestore import TileStore, tile_store
 from dimersweep.studies.status import status
 from dimersweep.studies.sweep_spec import make_spec
 from dimersweep.work.tiles import attempt
-from tests.fakes import fake_run_many, points_on_disk, set_pace
+from tests.fakes import fake_run_many, points_on_disk
+from tests.seams import another_version, no_warm_up, no_work, set_pace, use_kernel
 
 GRID = {"f": [15, 20, 25], "beta0": {"start": 1, "stop": 40, "step": 1, "unit": "deg"}}
 SPEC = make_spec(GRID, periods=5)
@@ -57,9 +58,9 @@ def counted(monkeypatch):
         asked.append(len(rows))
         return fake_run_many(rows, *rest)
 
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", run_many)
+    use_kernel(monkeypatch, run_many)
     set_pace(monkeypatch, 10)
-    monkeypatch.setattr("dimersweep.work.computing.warm_up", lambda stop: None)
+    no_warm_up(monkeypatch)
     return asked
 
 
@@ -217,7 +218,7 @@ def test_a_store_that_does_not_match_is_refused_and_nothing_is_touched(spoil, me
 def test_another_kernel_is_refused(monkeypatch):
     left_behind((0, 30))
     ours = SPEC.configuration()["kernel_version"]
-    monkeypatch.setattr("dimersweep.studies.sweep_spec.kernel_version", lambda: "0123456789abcdef")
+    another_version(monkeypatch, "0123456789abcdef")
     with pytest.raises(StoreError, match=f'What differs:\n  kernel_version: "{ours}" -> "0123456789abcdef"$'):
         sweep()
 
@@ -285,7 +286,7 @@ def test_what_is_no_store_is_refused_before_any_work_and_stays(monkeypatch, targ
     Path("elsewhere").mkdir()
     Path("file").write_text("precious")
     STORE.symlink_to(target) if target else STORE.write_text("precious")
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", lambda *rest, **more: pytest.fail("work was done"))
+    no_work(monkeypatch)
     for force in (False, True):
         with pytest.raises(StoreError, match=r"^cube.nc.tiles: .*, where what is finished is kept; move it, or"):
             sweep(force=force)

@@ -17,6 +17,7 @@ import dimersweep
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.storage.blocks import blocks, chunk_shape
 from dimersweep.studies.status import status
+from tests.seams import no_work
 
 pytest.importorskip("zarr")
 SMALL = {"f": [15, 20, 25], "beta0": {"start": 1, "stop": 8, "step": 1, "unit": "deg"}}  # a chunk for each f
@@ -134,7 +135,7 @@ def test_the_whole_is_never_in_memory(monkeypatch):
 
 def test_a_finished_one_is_returned_and_another_one_refused(monkeypatch):
     first = sweep()
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", lambda *rest, **more: pytest.fail("work was done"))
+    no_work(monkeypatch)
     xr.testing.assert_identical(sweep(), first)
     with pytest.raises(StoreError, match=r"cube.zarr: exists already; .*What differs:\n  periods: 5 -> 6$"):
         sweep(periods=6)
@@ -233,7 +234,7 @@ def test_a_full_disk_keeps_the_points(monkeypatch):
         told = "out = cube.zarr: could not be written (No space left on device); what was finished before is kept"
         with pytest.raises(StoreError, match=f"^{re.escape(told)}"):
             sweep()
-    monkeypatch.setattr("dimersweep.runs.settings.run_many", lambda *rest, **more: pytest.fail("work was done"))
+    no_work(monkeypatch)
     sweep()
     assert os.listdir() == ["cube.zarr"]
 

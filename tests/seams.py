@@ -1,0 +1,60 @@
+"""What tests replace inside the package, each in one place: a renaming there is mended here.
+
+The kernel that studies call, the compiling before it, the lengths of their tasks, the version of the kernel, and the end of a
+process.
+"""
+
+import sys
+
+import pytest
+
+from dimersweep.work.scheduling import IN_FLIGHT
+from dimersweep.work.tiles import TILE_SECONDS
+
+
+def use_kernel(patch, run_many):
+    """Let studies call another kernel, which needs no compiling."""
+    patch.setattr("dimersweep.runs.settings.run_many", run_many)
+
+
+def no_work(patch):
+    """Fail where a study runs a point."""
+    use_kernel(patch, lambda *_, **__: pytest.fail("work was done"))
+
+
+def no_warm_up(patch):
+    """Let work begin without the kernel being compiled."""
+    patch.setattr("dimersweep.work.computing.warm_up", lambda stop: None)
+
+
+def another_version(patch, version="another"):
+    """As if the kernel had been edited."""
+    for place in ("studies.sweep_spec", "runs.accessor"):
+        patch.setattr(f"dimersweep.{place}.kernel_version", lambda: version)
+
+
+def exit_plainly(patch):
+    """Let a command that a signal has stopped end as Python does."""
+    patch.setattr("dimersweep.cli.interrupting.os._exit", sys.exit)
+
+
+class SteadyPace:
+    """In place of `Pace`: tasks of a given length."""
+
+    seconds = TILE_SECONDS
+
+    def __init__(self, length, workers=lambda: 1):
+        self.length, self.workers = length, workers
+
+    @property
+    def in_flight(self):
+        """As of `Pace`."""
+        return IN_FLIGHT * self.workers()
+
+    def note(self, points, seconds):
+        """Learn nothing."""
+
+
+def set_pace(patch, length):
+    """Cut sweeps into tasks of `length` points."""
+    patch.setattr("dimersweep.work.computing.Pace", lambda size, workers: SteadyPace(length, workers))
