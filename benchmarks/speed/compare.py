@@ -5,12 +5,16 @@ every verb in turn on the same inputs, and a forcing period of each scene of ``s
 medians, the median over the pairs of B's time over A's, and an interval for it by the signs of the pairs, which needs no
 assumption on the noise: together, the intervals of all verbs and scenes hold the truth with 95 %. A folder may stand for a
 revision. The loops of the verbs are those of each revision, or these where it has none.
+
+``--compile ROUNDS`` times what each takes to compile its kernel from nothing, in turn, on a processor: other programs change
+that little. The plain way of compiling is timed where ``DIMERSWEEP_COMPILER=plain`` is set.
 """
 
 import argparse
 import json
 import os
 import pickle
+import resource
 import subprocess
 import sys
 import tempfile
@@ -29,6 +33,7 @@ from dimersweep.kernel.model.layout import ROW
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
+FIRST_RUN = "import dimersweep; dimersweep.simulate(periods=1, record=False)"
 DOUBT = 0.05  # chance that any of the intervals misses the truth
 SECONDS = 0.01  # length of one timing
 TURNS = 4  # of A and B with each verb in a pair of processes
@@ -217,13 +222,41 @@ def table(times: np.ndarray, verbs: Sequence[str]) -> Iterator[str]:
     yield f"{'median of all':52s} {np.nanmedian(np.median(times[:, :, 1] / times[:, :, 0], axis=0)):7.3f}"
 
 
+def compile_seconds(tree: Path) -> float:
+    """Time on a processor of a first run with nothing cached [s]."""
+    with tempfile.TemporaryDirectory() as cache:
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        subprocess.run([sys.executable, "-c", FIRST_RUN], env=environment_of(tree, Path(cache)), cwd=tree, check=True)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime - before.ru_utime
+
+
+def compiling(revisions: Sequence[str], rounds: int) -> np.ndarray:
+    """Times of compiling both revisions in turn, shape (rounds, 2) [s]."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        with checked_out(revisions[0], folder / "a") as a, checked_out(revisions[1], folder / "b") as b:
+            return np.array([[compile_seconds(tree) for tree in (a, b)] for _ in range(rounds)])
+
+
+def compile_table(taken: np.ndarray) -> Iterator[str]:
+    """Lines that tell the times of compiling, shape (rounds, 2)."""
+    for name, times in zip("AB", taken.T, strict=True):
+        yield f"{name}: {np.median(times):.1f} s ({times.min():.1f} to {times.max():.1f})"
+    yield f"B / A: {np.median(taken[:, 1] / taken[:, 0]):.2f}"
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("revisions", nargs=2, metavar="REV")
     parser.add_argument("--verbs", nargs="+", choices=NAMES, default=NAMES, metavar="VERB")
     parser.add_argument("--pairs", type=int, default=12, help="pairs of processes")
+    parser.add_argument("--compile", type=int, metavar="ROUNDS", help="time compiling instead, so many times")
     given = parser.parse_args(arguments)
+    if given.compile:
+        print(*compile_table(compiling(given.revisions, given.compile)), sep="\n")
+        return
     for line in table(compare(given.revisions, given.verbs, given.pairs), given.verbs):
         print(line)
 

@@ -16,6 +16,7 @@ import argparse
 import json
 import shutil
 import sys
+import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -114,7 +115,7 @@ def explanations(file: Path | None) -> list[tuple[str, str]]:
 def compare(folder: Path, cases: Cases, explained: list[tuple[str, str]]) -> int:
     """Say of each answer how it compares; how many differ for no reason that is told."""
     unexplained = 0
-    with TemporaryDirectory() as name:
+    with TemporaryDirectory() as name, warnings.catch_warnings(action="ignore"):  # of files of another kernel
         former, scratch = Path(name) / "former", Path(name) / "now"
         scratch.mkdir()
         shutil.copytree(folder / "files", former)

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import compare
-import compile_time
 import memory
 import numpy as np
 import pytest
@@ -118,8 +117,8 @@ def test_a_revision_is_checked_out_and_leaves_nothing(tmp_path):
 
 
 def test_compile_times_are_told_over_those_of_the_first_in_the_same_round():
-    *_, line = compile_time.table(["one", "other"], np.array([[10.0, 11.0], [20.0, 24.0], [30.0, 36.0]]))
-    assert line.split() == ["other", "24.0", "(11.0,", "36.0)", "1.20"]
+    *_, b, ratio = compare.compile_table(np.array([[10.0, 11.0], [20.0, 24.0], [30.0, 36.0]]))
+    assert (b, ratio) == ("B: 24.0 s (11.0 to 36.0)", "B / A: 1.20")
 
 
 def test_exponent_of_the_growth():
