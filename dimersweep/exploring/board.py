@@ -1,6 +1,7 @@
 """The board: a map of a cube, sliders, and the live run behind the point that is clicked, for a browser or a notebook."""
 
 from html import escape
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -58,6 +59,29 @@ def _shown(run: Run) -> Run:
     return run.go_on(SHOWN_PERIODS - run.n_periods) if run.n_periods < SHOWN_PERIODS else run
 
 
+def axes_of(cube: xr.Dataset) -> list[str]:
+    """The parameters that a map of a cube may have along its sides: its axes, or what varies from point to point.
+
+    Raises
+    ------
+    ParameterError
+        If it is no cube, has no such axis, or a map has too many cells.
+    """
+    if not isinstance(cube, xr.Dataset) or "mode" not in cube:
+        raise ParameterError(f"explore: {type(cube).__name__} is no cube; give one of sweep, or of open_cube(path)")
+    mode = cube["mode"]
+    check_codes(mode)
+    points = "point" in mode.dims
+    wide = [str(name) for name in mode.dims if mode.sizes[name] > 1 and name != "direction"]  # that has a slider
+    axes = fixed_of(cube)[1] if points else wide
+    if not axes or not mode.size:
+        raise ParameterError("explore: needs a cube over at least one axis of more than one value")
+    shown = [mode.sizes["point"]] if points else [mode.sizes[name] for name in axes[-2:]]
+    if prod(shown) > MOST_CELLS:
+        raise ParameterError(f"explore: a map of more than {MOST_CELLS} cells; give a part of the cube")
+    return axes
+
+
 class Board:
     """The parts of the board, and what a click does.
 
@@ -73,19 +97,10 @@ class Board:
     """
 
     def __init__(self, cube: xr.Dataset) -> None:
-        if not isinstance(cube, xr.Dataset) or "mode" not in cube:
-            raise ParameterError(f"explore: {type(cube).__name__} is no cube; give one of sweep, or of open_cube(path)")
-        self.cube = cube
-        mode = cube["mode"]
-        check_codes(mode)
+        axes = axes_of(cube)
+        self.cube, mode = cube, cube["mode"]
         self.points = "point" in mode.dims
-        wide = [str(name) for name in mode.dims if mode.sizes[name] > 1 and name != "direction"]  # that has a slider
-        axes = fixed_of(cube)[1] if self.points else wide
-        if not axes or not mode.size:
-            raise ParameterError("explore: needs a cube over at least one axis of more than one value")
         self.x, self.y = axes[-1], axes[-2] if len(axes) > 1 else ""
-        if mode.sizes["point" if self.points else self.x] * mode.sizes.get(self.y, 1) > MOST_CELLS:
-            raise ParameterError(f"explore: a map of more than {MOST_CELLS} cells; give a part of the cube")
         self.fixed = {str(name): 0 for name in mode.dims if name not in (self.x, self.y, "point")}
         self.source, self.spot = ColumnDataSource(), ColumnDataSource({"x": [], "y": []})
         numbers = [

@@ -239,6 +239,10 @@ class _Search:
             raise OrbitError("the orbit goes round in no circle")
         return _Point(u.copy(), replace(orbit, cost=self.tape.periods - before), float(residuals @ residuals))
 
+    def values(self, point: _Point) -> dict[str, float]:
+        """Of the free parameters, in their units."""
+        return self.likelihood.values(self.likelihood.low + point.u * self.width)
+
     def starts(self) -> list[_Point]:
         """Of some points spread over the ranges, those with a stable orbit that are better than all around, the best first.
 
@@ -351,6 +355,16 @@ def _probability(misfit: float, slopes: np.ndarray) -> float:
     return float(chi2.sf(misfit, max(1, slopes.shape[0] - taken)))
 
 
+def _others(ends: list[_Point], slopes: np.ndarray) -> list[_Point]:
+    """Where other descents have ended that give the data too, each far from all better ones."""
+    return [
+        end
+        for k, end in enumerate(ends[1:], 1)
+        if _probability(end.misfit, slopes) >= IMPROBABLE
+        and all(np.abs(end.u - one.u).max() > APART_BY for one in ends[:k])
+    ]
+
+
 def _answer(search: _Search, ends: list[_Point], slopes: np.ndarray) -> Fit:
     """The fit in the units of its parameters and in words."""
     likelihood, best = search.likelihood, ends[0]
@@ -363,14 +377,8 @@ def _answer(search: _Search, ends: list[_Point], slopes: np.ndarray) -> Fit:
     at_end = np.minimum(best.u, 1 - best.u) < RIM
     least_within = possible or not (cut_off or at_end.any())  # else the slopes tell no errors
     covariance = _covariance(singular, directions, search.width) if least_within else np.full((n, n), np.nan)
-    others = [
-        likelihood.values(likelihood.low + end.u * search.width)
-        for k, end in enumerate(ends[1:], 1)
-        if singular.min() >= FEW_ERRORS
-        and _probability(end.misfit, slopes) >= IMPROBABLE
-        and all(np.abs(end.u - one.u).max() > APART_BY for one in ends[:k])
-    ]
-    values = likelihood.values(likelihood.low + best.u * search.width)
+    others = [search.values(end) for end in _others(ends, slopes)] if singular.min() >= FEW_ERRORS else []
+    values = search.values(best)
     predicted = likelihood.predicted(best.orbit)
     ranges = {
         k: (float(a), float(b)) for k, a, b in zip(likelihood.names, likelihood.low, likelihood.high, strict=True)
@@ -384,10 +392,10 @@ def _answer(search: _Search, ends: list[_Point], slopes: np.ndarray) -> Fit:
         if is_there and not np.isinf(variance)
     ]
     notes += [f"These give the data too: {_listed(one)}." for one in others]
+    left_open = singular < FEW_ERRORS if least_within else np.zeros(n, dtype=bool)
     undetermined = [
         _open(likelihood.names, *each, search.width)
-        for each in zip(singular, directions, strict=True)
-        if least_within and each[0] < FEW_ERRORS
+        for each in zip(singular[left_open], directions[left_open], strict=True)
     ]
     if undetermined and len(predicted) < n:
         undetermined.insert(0, f"Fewer values ({len(predicted)}) than free parameters ({n}) are measured.")

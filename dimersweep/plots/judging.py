@@ -1,6 +1,6 @@
 """What each kind of picture needs of a cube, known before the cube is: its axes, and what was asked."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import get_args
 
 import numpy as np
@@ -11,7 +11,6 @@ from dimersweep.errors import ParameterError
 from dimersweep.symbols import PARAMETERS, Picture
 
 PICTURE_KINDS = get_args(Picture)
-EXACT_AXES = {"trends": ("A_r", "f"), "minimum": ("A_r", "xdot0"), "impact_ends": ("A_r", "mu", "mu_s")}
 
 
 def features(cube: xr.Dataset) -> set[str]:
@@ -42,27 +41,63 @@ def judge(kind: str, sizes: Mapping[str, int], has: Collection[str] = ()) -> Non
     for name, n in sizes.items():
         if n == 0:
             raise ParameterError(f"{kind}: the axis {name} is empty")
-    axes = [name for name, n in sizes.items() if n > 1]
-    axes_words = f"{kind}: has axes {', '.join(axes) or 'none'}; "
-    if kind == "segments" and not (1 <= len(axes) <= 2 and "beta0" in axes):
-        raise ParameterError(axes_words + ("needs beta0 among them" if 1 <= len(axes) <= 2 else "draws 1 to 2 of them"))
-    if kind == "mode_map" and not axes:
-        raise ParameterError(axes_words + "needs one of more than one value")
-    if kind == "regions" and not ("search" in has and len(axes) == 2):
-        raise ParameterError("regions: needs the regions of a search over two axes")
-    if kind in EXACT_AXES:
-        present = sorted({*axes, *(name for name in sizes if name in EXACT_AXES[kind])})
-        if set(present) != set(EXACT_AXES[kind]):
-            raise ParameterError(
-                f"{kind}: has axes {', '.join(present) or 'none'}; needs {', '.join(EXACT_AXES[kind])}"
-            )
-    if kind == "shares" and not ("search" in has and len(sizes) == 2):
-        raise ParameterError("shares: needs the runs of a search over two axes")
-    if kind in ("paths", "walks", "planar") and not ("paths" in has and len(sizes) == 1):
-        words = "needs paths over one axis" if kind == "planar" else "the cube has no paths over one axis"
-        raise ParameterError(f"{kind}: {words}; declare [paths]")
-    if kind == "bifurcation" and "strobes" not in has:
-        raise ParameterError("bifurcation: the cube has no strobes; make it with bifurcation(...)")
+    lack = _LACKS[kind](sizes, has)
+    if lack:
+        raise ParameterError(f"{kind}: {lack}")
+
+
+Lack = Callable[[Mapping[str, int], Collection[str]], str]  # what is wrong with axes and features; "" if nothing is
+
+
+def _wide(sizes: Mapping[str, int]) -> list[str]:
+    return [name for name, n in sizes.items() if n > 1]
+
+
+def _has_axes(axes: Collection[str], need: str) -> str:
+    return f"has axes {', '.join(axes) or 'none'}; {need}"
+
+
+def _of_segments(sizes: Mapping[str, int], has: Collection[str]) -> str:
+    axes = _wide(sizes)
+    if not 1 <= len(axes) <= 2:
+        return _has_axes(axes, "draws 1 to 2 of them")
+    return "" if "beta0" in axes else _has_axes(axes, "needs beta0 among them")
+
+
+def _exactly(*wanted: str) -> Lack:
+    """Just these axes of more than one value."""
+
+    def lack(sizes: Mapping[str, int], has: Collection[str]) -> str:
+        present = sorted({*_wide(sizes), *(name for name in sizes if name in wanted)})
+        return "" if set(present) == set(wanted) else _has_axes(present, f"needs {', '.join(wanted)}")
+
+    return lack
+
+
+def _paths(words: str) -> Lack:
+    return lambda sizes, has: "" if "paths" in has and len(sizes) == 1 else f"{words}; declare [paths]"
+
+
+_NO_PATHS = "the cube has no paths over one axis"
+_LACKS: dict[str, Lack] = {
+    "segments": _of_segments,
+    "mode_map": lambda sizes, has: "" if _wide(sizes) else _has_axes((), "needs one of more than one value"),
+    "regions": lambda sizes, has: (
+        "" if "search" in has and len(_wide(sizes)) == 2 else "needs the regions of a search over two axes"
+    ),
+    "shares": lambda sizes, has: (
+        "" if "search" in has and len(sizes) == 2 else "needs the runs of a search over two axes"
+    ),
+    "trends": _exactly("A_r", "f"),
+    "minimum": _exactly("A_r", "xdot0"),
+    "impact_ends": _exactly("A_r", "mu", "mu_s"),
+    "paths": _paths(_NO_PATHS),
+    "walks": _paths(_NO_PATHS),
+    "planar": _paths("needs paths over one axis"),
+    "bifurcation": lambda sizes, has: (
+        "" if "strobes" in has else "the cube has no strobes; make it with bifurcation(...)"
+    ),
+}
 
 
 def judge_cube(kind: str, cube: xr.Dataset) -> None:
