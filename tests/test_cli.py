@@ -21,7 +21,7 @@ from dimersweep.kernel.model.layout import ORBIT_COLUMNS, ROW_BETA0, RUN_COLUMNS
 from dimersweep.plots.movie import MOVIES
 from dimersweep.plots.style import PICTURES
 from dimersweep.storage.outputs import CUBES, TABLES
-from dimersweep.studies.planning import SAMPLE
+from dimersweep.studies.study import MOST_PARTS
 from dimersweep.symbols import BASE, conditions
 from tests.fakes import failing, fake_run_many, points_on_disk, raising
 from tests.seams import another_version, exit_plainly, no_work, use_kernel
@@ -383,7 +383,7 @@ def interrupted_in(call, monkeypatch):
 # of each command: its arguments, and places where a signal may find it
 COMMANDS = {
     "simulate": (["--periods", "3"], ["parameters.Parameters", "runs.simulating.simulate"]),
-    "run": (["small.toml"], ["studies.declaration.read_declaration", "studies.datasets.run_study"]),
+    "run": (["small.toml"], ["studies.declaration.read_declaration", "studies.making.make_cube"]),
     "presets": ([], ["studies.presets.presets"]),
     "plan": (["small.toml"], ["studies.declaration.read_declaration", "studies.planning.plan"]),
     "status": (["absent.nc"], ["studies.status.status"]),
@@ -515,7 +515,7 @@ def test_a_sweep_that_is_stopped_says_what_is_kept_wherever_it_is(call, fake_ker
     for _ in range(2):  # the second time all points are there
         said = interrupted_in("dimersweep.studies.making.write_cube", "run", "small.toml")
         assert said == f"dimersweep: interrupted: 132 of 132 points {there}"
-    said = interrupted_in("dimersweep.studies.datasets.run_study", "run", "small.toml")
+    said = interrupted_in("dimersweep.studies.making.make_cube", "run", "small.toml")
     assert said == f"dimersweep: interrupted: what was finished is kept in{there.removeprefix('are kept in')}"
     said = interrupted_in("dimersweep.storage.store.Store.remove", "run", "small.toml", "--no-plot")
     assert said == "dimersweep: interrupted: fig07-small.nc is written"
@@ -884,9 +884,8 @@ def test_a_number_of_periods_beyond_any_run_is_refused(call, command):
 
 @pytest.mark.parametrize("path", sorted((ROOT / "sweeps").glob("*.toml")), ids=lambda path: path.stem)
 def test_every_dataset_has_a_plan(call, fake_kernel, monkeypatch, path):
-    monkeypatch.setattr("dimersweep.studies.planning.POINT_SECONDS", 0.0)
-    monkeypatch.setattr("dimersweep.studies.planning.CELL_SECONDS", 0.0)
-    monkeypatch.setattr("dimersweep.studies.search.path_length", lambda **given: None)
+    monkeypatch.setattr("dimersweep.studies.planning.MOST_PARTS", 1)
+    monkeypatch.setattr("dimersweep.studies.observers.Paths.observe", lambda *given: None)
     out, err, code = call("plan", str(path))
     assert (code, err) == (0, "")
     assert [line.split(":")[0] for line in out.splitlines()] == ["points", "tiles", "cube", "time", "sample"]
@@ -916,5 +915,5 @@ def test_a_plan_writes_nothing_and_takes_any_grid(call, fake_kernel, monkeypatch
     _, err, code = call("run", "small.toml", "--no-plot")
     assert code == 2
     assert err.startswith("dimersweep: error: grid: 3000000000 points; one cube in memory may hold 50000000 (an output")
-    assert 0 < sum(run) <= SAMPLE
+    assert 0 < sum(run) <= MOST_PARTS
     assert os.listdir() == ["small.toml"]

@@ -26,7 +26,7 @@ from dimersweep.storage.tilestore import tile_store
 from dimersweep.studies.declaration import Declaration, read_declaration
 from dimersweep.studies.point_tables import point_table
 from dimersweep.studies.status import status
-from dimersweep.studies.sweep_spec import make_spec
+from dimersweep.studies.sweep import study_of
 from dimersweep.symbols import INSTEAD, PARAMETERS
 from dimersweep.work.tiles import attempt
 
@@ -123,7 +123,7 @@ def test_a_table_of_anything_has_the_values_of_its_lines_or_is_refused(names, da
     Path("fuzzed.csv").write_bytes(end.join(rows).encode())
     try:
         table = point_table(file="fuzzed.csv", columns={}, ranges={}, sample=None, number=None, seed=None)
-        columns = make_spec(None, points=table, periods=1).grid.columns
+        columns = study_of(None, points=table, periods=1).grid.columns
     except UserError as error:
         assert one_line(error), error
         return
@@ -196,9 +196,9 @@ SEVERAL = {
 def test_what_is_no_plain_number_is_refused_wherever_it_stands(value, message):
     places = {
         "": lambda: dimersweep.simulate(r=value, periods=1),
-        "fixed": lambda: make_spec({"f": [15]}, {"r": value}, periods=1),
-        "fixed, value": lambda: make_spec({"f": [15]}, {"r": {"value": value, "unit": "m"}}, periods=1),
-        "start": lambda: make_spec({"r": {"start": value, "stop": 1.0, "num": 2}}, periods=1),
+        "fixed": lambda: study_of({"f": [15]}, {"r": value}, periods=1),
+        "fixed, value": lambda: study_of({"f": [15]}, {"r": {"value": value, "unit": "m"}}, periods=1),
+        "start": lambda: study_of({"r": {"start": value, "stop": 1.0, "num": 2}}, periods=1),
         "found": lambda: dimersweep.orbits.find(r=value),
         "border": lambda: dimersweep.orbits.border("fold", "Gamma", over={"r": [value]}),
     }
@@ -215,9 +215,9 @@ def test_what_is_no_plain_number_is_refused_wherever_it_stands(value, message):
 @pytest.mark.parametrize(("values", "message"), SEVERAL.values(), ids=SEVERAL)
 def test_what_are_no_plain_numbers_is_refused_wherever_it_stands(values, message):
     places = {
-        "axis": lambda: make_spec({"r": values}, periods=1),
-        "values": lambda: make_spec({"r": {"values": values, "unit": "m"}}, periods=1),
-        "points": lambda: make_spec(None, points={"r": values}, periods=1),
+        "axis": lambda: study_of({"r": values}, periods=1),
+        "values": lambda: study_of({"r": {"values": values, "unit": "m"}}, periods=1),
+        "points": lambda: study_of(None, points={"r": values}, periods=1),
         "over": lambda: dimersweep.orbits.border("fold", "Gamma", over={"r": values}),
     }
     for place, call in places.items():
@@ -227,26 +227,26 @@ def test_what_are_no_plain_numbers_is_refused_wherever_it_stands(values, message
 
 
 def test_numbers_that_carry_the_unit_of_their_parameter_are_taken():
-    made = make_spec({"f": xr.DataArray([15.0, 20.0], attrs={"units": "Hz"}), "mu": np.ma.array([0.1])}, periods=1)
+    made = study_of({"f": xr.DataArray([15.0, 20.0], attrs={"units": "Hz"}), "mu": np.ma.array([0.1])}, periods=1)
     assert made.grid.axes["f"].tolist() == [15, 20] and made.grid.axes["mu"].tolist() == [0.1]
     assert dimersweep.simulate(r=xr.DataArray(4e-3, attrs={"units": "m"}), periods=1).parameters["r"] == 4e-3
     points = xr.Dataset({"r": ("point", [5.0, 6.0], {"units": "mm"})})
     with pytest.raises(ParameterError, match="^" + MM):
-        make_spec(None, points=points, periods=1)
+        study_of(None, points=points, periods=1)
     points["r"].attrs["units"] = "m"
-    assert make_spec(None, {"D_r": 1e-3}, points=points, periods=1).grid.size == 2
+    assert study_of(None, {"D_r": 1e-3}, points=points, periods=1).grid.size == 2
 
 
 def test_ends_of_a_range_that_are_too_far_apart_and_columns_of_one_name_are_refused():
     ends = {"start": -1.7e308, "stop": 1.7e308}
     for many in ({"num": 3}, {"step": 1e307}):
         with pytest.raises(ParameterError, match=r"^xdot0.stop = 1.7e\+308: is too far from start = -1.7e\+308$"):
-            make_spec({"xdot0": ends | many}, periods=1)
+            study_of({"xdot0": ends | many}, periods=1)
     with pytest.raises(ParameterError, match=r"^points.ranges.f: stop = 1e\+300 is too far from start = 1e-300$"):
         drawn = {"f": {"start": 1e-300, "stop": 1e300, "spacing": "log"}}
         point_table(file=None, columns={}, ranges=drawn, sample=None, number=2, seed=None)
     with pytest.raises(ParameterError, match=r"^points: has 2 columns f; give each parameter once$"):
-        make_spec(None, points=pd.DataFrame([[15.0, 16.0]], columns=["f", "f"]), periods=1)
+        study_of(None, points=pd.DataFrame([[15.0, 16.0]], columns=["f", "f"]), periods=1)
 
 
 # --- cubes --------------------------------------------------------------------------------------------------------------
@@ -327,7 +327,7 @@ def test_a_foreign_dataset_for_a_cube():
 def left_behind(fake_kernel):
     """What a sweep has left that was killed halfway, and the whole cube."""
     expected = dimersweep.sweep(GRID, periods=5, progress=False)
-    spec = make_spec(GRID, periods=5)
+    spec = study_of(GRID, periods=5)
     with tile_store(Path("cube.nc"), spec.configuration(), spec.grid.size) as store:
         for tile in ((0, 6), (8, 12)):
             store.add(attempt(spec, (Tile(*tile),)).finished[0])

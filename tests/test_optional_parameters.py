@@ -10,7 +10,7 @@ from dimersweep import simulate
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import ROW
 from dimersweep.parameters import Parameters, value_of
-from dimersweep.studies.sweep_spec import make_spec
+from dimersweep.studies.sweep import study_of
 from dimersweep.symbols import BASE, ENDS, LEFT_OUT, PARAMETERS, Quantity, conditions, given, stated, symbol
 
 jit = pytest.mark.jit
@@ -61,9 +61,9 @@ def test_what_is_not_allowed(parameters, message):
 
 
 def test_the_configuration_of_a_sweep_without_them_does_not_name_them():
-    told = make_spec({"Gamma": [0.5, 0.9]}, periods=10).configuration()
+    told = study_of({"Gamma": [0.5, 0.9]}, periods=10).configuration()
     assert set(told["fixed"]) == set(BASE) - {"Gamma"}
-    told = make_spec({"mu_h": [0.2, 0.4]}, {"Gamma_2": 0.3}, periods=10).configuration()
+    told = study_of({"mu_h": [0.2, 0.4]}, {"Gamma_2": 0.3}, periods=10).configuration()
     assert set(told["fixed"]) == {*BASE, "Gamma_2"}
 
 

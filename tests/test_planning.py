@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from dimersweep.studies import refine as refining
 from dimersweep.studies.planning import plan
-from dimersweep.studies.refine import RefineSpec, check_refinement, refine
-from dimersweep.studies.search import make_spec, search
+from dimersweep.studies.refine import refine
+from dimersweep.studies.search import search, study_of
 from tests.fakes import banded_kernel, fake_run_many
 from tests.seams import use_kernel
 from tests.test_refine import COARSE
@@ -34,7 +35,7 @@ def made(monkeypatch):
 @pytest.mark.parametrize(("ask", "close"), [("first", 1e-12), ("fraction", 1e-12), ("any", 0.25)])
 def test_a_search_takes_the_time_that_was_planned(made, ask, close):
     made(fake_run_many)
-    spec = make_spec(GRID, None, over="beta0", ask=ask, mode="drift", periods=5, rtol=1e-8)
+    spec = study_of(GRID, None, over="beta0", ask=ask, mode="drift", periods=5, rtol=1e-8)
     told = plan(spec, 1)
     runs = search(GRID, over="beta0", ask=ask, periods=5, progress=False)["n_runs"].sum()
     assert told.to_run == 90 == told.times.size
@@ -45,8 +46,8 @@ def test_a_search_takes_the_time_that_was_planned(made, ask, close):
 def test_a_map_takes_the_points_and_the_time_that_were_planned_and_at_most_a_third_more(made):
     made(banded_kernel)
     halvings = {"e": 2, "Gamma": 6}
-    spec = make_spec(COARSE, None, over="beta0", ask="any", mode="drift", periods=5, rtol=1e-8)
-    told = plan(RefineSpec(spec, *check_refinement(spec, halvings, None)), 1)
+    spec = study_of(COARSE, None, over="beta0", ask="any", mode="drift", periods=5, rtol=1e-8)
+    told = plan(refining.study_of(spec, halvings, None), 1)
     cube = refine(COARSE, halvings=halvings, over="beta0", periods=5, progress=False)
     assert told.times.size == told.units == 20
     assert told.to_run <= int(cube["computed"].sum()) <= 1.33 * told.to_run

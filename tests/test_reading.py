@@ -23,7 +23,7 @@ from dimersweep.kernel.model.layout import (
     OUT,
 )
 from dimersweep.studies.deciding import A_NO, A_YES
-from dimersweep.studies.search import as_cube, make_spec
+from dimersweep.studies.search import study_of
 
 
 def cube_of(quantity, values, modes=M_DRIFT, **axes):
@@ -35,7 +35,7 @@ def cube_of(quantity, values, modes=M_DRIFT, **axes):
 
 def test_the_boundary_runs_half_way_between_points_that_differ():
     axes = {"e": np.linspace(0.4, 0.8, 9), "Gamma": np.linspace(0.5, 1.5, 41)}
-    spec = make_spec(
+    spec = study_of(
         axes | {"beta0": [0.1, 0.2]}, None, over="beta0", ask="any", mode="drift", periods=1, rtol=1e-6, orbit_periods=0
     )
     e, Gamma = np.meshgrid(*axes.values(), indexing="ij")
@@ -43,7 +43,7 @@ def test_the_boundary_runs_half_way_between_points_that_differ():
     results = blank_results(spec.grid.size, spec.kind)
     results["answer"] = np.where(drifts, A_YES, A_NO)
     results["counts"][:, M_DRIFT], results["counts"][:, M_REST] = drifts, 2 * ~drifts
-    cube = as_cube(spec, results, {})
+    cube = spec.as_cube(results, {})
     (line,) = boundary(cube, "drift")
     assert np.abs(line[:, 1] - (1.5 - 0.5 * line[:, 0])).max() <= 0.025 + 1e-12
     assert np.ptp(line[:, 0]) == pytest.approx(0.4)

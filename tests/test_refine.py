@@ -23,7 +23,7 @@ from dimersweep.studies.refine import (
     cuts,
     refine,
 )
-from dimersweep.studies.search import make_spec, search
+from dimersweep.studies.search import search, study_of
 from tests.fakes import CODE, SLOT, banded_kernel, failing, forget_some, points_on_disk
 from tests.seams import no_warm_up, no_work, use_kernel
 
@@ -87,7 +87,7 @@ def test_what_was_known_before_changes_nothing(banded, tmp_path, seed):
     with looked_at(tiles_of(out)) as store:
         configuration, done = store.configuration, points_on_disk(out)
         assert words_for(store, done) == f"{done} of {done} points known to be needed so far"
-    coarse = make_spec(COARSE, None, over="beta0", ask="any", mode="drift", periods=5, rtol=1e-8)
+    coarse = study_of(COARSE, None, over="beta0", ask="any", mode="drift", periods=5, rtol=1e-8)
     forget_some(out, configuration, coarse.kind, seed)
     xr.testing.assert_equal(refine(COARSE, out=out, **SETTINGS), reference)
     assert os.listdir(tmp_path) == ["map.nc"]

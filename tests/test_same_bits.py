@@ -20,7 +20,7 @@ from dimersweep.studies.datasets import make
 from dimersweep.studies.declaration import read_declaration
 from dimersweep.studies.search import search
 from dimersweep.studies.status import status
-from dimersweep.studies.sweep_spec import make_spec
+from dimersweep.studies.sweep import study_of
 from tests.fakes import points_on_disk, run_tile
 from tests.seams import set_pace
 from tests.sweeper import GRID, MAKERS, SEARCH, SEARCHED, SETTINGS, SMALL_MAP
@@ -57,7 +57,7 @@ def swept(**settings):
 @pytest.fixture(scope="module")
 def serial():
     """All points in one call of the tile function, without any scheduling or file."""
-    spec = make_spec(GRID, **SETTINGS)
+    spec = study_of(GRID, **SETTINGS)
     results = run_tile(spec, Tile(0, spec.grid.size))
     known = spec.configuration()
     cube = signed(build(spec.grid, results["out"], results["codes"], attributes(known, "serial", 0)), known)

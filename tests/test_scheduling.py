@@ -27,7 +27,7 @@ from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import is_stopped
 from dimersweep.kernel.compiler import versions
 from dimersweep.kernel.model.layout import M_DRIFT, M_UNRESOLVED, ROW_BETA0
-from dimersweep.studies.sweep_spec import make_spec
+from dimersweep.studies.sweep import study_of
 from dimersweep.work import scheduling, tiles
 from dimersweep.work.scheduling import (
     IN_FLIGHT,
@@ -45,7 +45,7 @@ from dimersweep.work.tiles import (
 from tests.fakes import CODE, points_on_disk, raising
 from tests.seams import SteadyPace, set_pace, use_kernel
 
-SPEC = make_spec({"f": [15, 20], "A_r": [5, 6, 7], "beta0": {"start": 0.1, "stop": 1, "num": 40}}, periods=5)
+SPEC = study_of({"f": [15, 20], "A_r": [5, 6, 7], "beta0": {"start": 0.1, "stop": 1, "num": 40}}, periods=5)
 
 
 def points_of(ranges):

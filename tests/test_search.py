@@ -1,5 +1,6 @@
 """A search answers as a whole sweep would, with fewer runs, and whatever order its points are taken in."""
 
+import json
 import os
 import re
 import signal
@@ -17,8 +18,8 @@ from dimersweep.cubes.results import Tile
 from dimersweep.errors import ParameterError, Stopped, StoreError, UnfinishedError
 from dimersweep.kernel.model.layout import M_DRIFT, MODES
 from dimersweep.studies import deciding
-from dimersweep.studies.deciding import Wave, spread_order
-from dimersweep.studies.search import make_spec, search, waves
+from dimersweep.studies.deciding import spread_order
+from dimersweep.studies.search import search, study_of, waves
 from dimersweep.studies.status import status
 from dimersweep.work.stopping import StopFlag
 from dimersweep.work.tiles import attempt
@@ -101,7 +102,7 @@ def test_threads_and_tilings_change_nothing(fake_kernel, monkeypatch, workers, l
 def test_what_was_known_before_changes_nothing(fake_kernel, tmp_path, seed):
     out = tmp_path / "cube.nc"
     reference = quiet_search(out=out, keep_tiles=True)
-    spec = make_spec(GRID, None, over="beta0", ask="any", mode="drift", periods=5, rtol=1e-8)
+    spec = study_of(GRID, None, over="beta0", ask="any", mode="drift", periods=5, rtol=1e-8)
     forget_some(out, spec.configuration(), spec.kind, seed)
     xr.testing.assert_equal(quiet_search(out=out), reference)
     assert os.listdir(tmp_path) == ["cube.nc"]
@@ -232,12 +233,12 @@ def test_a_retry_searches_again_only_where_a_failure_may_have_led(fake_kernel, m
 
 
 def test_a_long_point_can_be_stopped_within(monkeypatch):
-    spec = make_spec(GRID, None, over="beta0", ask="all", mode="rest", periods=5, rtol=1e-8)
-    monkeypatch.setattr("dimersweep.studies.deciding.CHUNK_RUNS", 1)
+    spec = study_of(GRID, None, over="beta0", ask="all", mode="rest", periods=5, rtol=1e-8)
+    monkeypatch.setattr("dimersweep.studies.search.CHUNK_RUNS", 1)
     use_kernel(monkeypatch, fake_run_many)
     stop = StopFlag()
     stop.set()
-    assert attempt(Wave(spec, {0: []}), (Tile(0, 1),), stop).finished == []
+    assert attempt(spec, (Tile(0, 1),), stop).finished == []
 
 
 def test_a_search_is_not_written_by_blocks(monkeypatch, tmp_path):
@@ -267,6 +268,7 @@ def test_the_deciding_run_can_be_followed_for_longer():
     short = quiet_search(grid, periods=200)
     long = quiet_search(grid, periods=200, orbit_periods=150)
     run = dimersweep.simulate(periods=150, record=False)
+    assert json.loads(long.attrs["configuration"])["search"]["orbit_periods"] == 150
     assert long["n_periods"].item() == 150 > short["n_periods"].item()
     assert long["zeta"].item() == run.orbit.zeta != short["zeta"].item()
     assert long["n_runs"].item() == 1

@@ -32,7 +32,7 @@ from dimersweep.kernel.model.layout import (
 from dimersweep.storage.provenance import OURS
 from dimersweep.studies.rerun import from_cube
 from dimersweep.studies.search import search
-from dimersweep.studies.sweep_spec import make_spec
+from dimersweep.studies.sweep import study_of
 from dimersweep.work import proving
 from dimersweep.work.progress import Lines, Tally
 from dimersweep.work.proving import proof
@@ -92,7 +92,7 @@ def test_a_sweep_costs_little_beyond_its_kernel(monkeypatch):
 @pytest.mark.jit
 def test_threads_and_tiles_give_the_bits_of_a_serial_run(monkeypatch):
     grid = {"f": [15, 25], "beta0": {"start": 3, "stop": 87, "step": 7, "unit": "deg"}}
-    spec = make_spec(grid, periods=40)
+    spec = study_of(grid, periods=40)
     results = run_tile(spec, Tile(0, spec.grid.size))
     out, codes = results["out"], results["codes"]
     for length in (1, 5):
@@ -308,7 +308,7 @@ def test_bad_input_is_refused_before_any_work(monkeypatch, settings, error, mess
 
 
 def test_tiles_travel_by_pickle(fake_kernel):
-    spec = pickle.loads(pickle.dumps(make_spec(GRID, periods=5)))
+    spec = pickle.loads(pickle.dumps(study_of(GRID, periods=5)))
     results = run_tile(spec, pickle.loads(pickle.dumps(Tile(10, 20))))
     assert results.tobytes() == run_tile(spec, Tile(0, 267))[10:20].tobytes()
     assert results["codes"].shape == (10, len(CODES))

@@ -22,13 +22,13 @@ from dimersweep.storage.locking import Lock, is_locked, lock_of
 from dimersweep.storage.store import Store
 from dimersweep.storage.tilestore import TileStore, tile_store
 from dimersweep.studies.status import status
-from dimersweep.studies.sweep_spec import make_spec
+from dimersweep.studies.sweep import study_of
 from dimersweep.work.tiles import attempt
 from tests.fakes import fake_run_many, points_on_disk
 from tests.seams import another_version, no_warm_up, no_work, set_pace, use_kernel
 
 GRID = {"f": [15, 20, 25], "beta0": {"start": 1, "stop": 40, "step": 1, "unit": "deg"}}
-SPEC = make_spec(GRID, periods=5)
+SPEC = study_of(GRID, periods=5)
 STORE = Path("cube.nc.tiles")
 
 

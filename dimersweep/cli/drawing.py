@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from dimersweep.studies.declaration import Declaration
-    from dimersweep.studies.making import Study
+    from dimersweep.studies.study import Study
 
 
 def plot(

@@ -61,7 +61,7 @@ def run(
     with interruptible(
         cube_file, picture if plot else None, parts=tiles_of(cube_file), again="run the same again for the rest"
     ):
-        from dimersweep.studies.datasets import run_study
+        from dimersweep.studies.making import make_cube
         from dimersweep.work.options import make_options
 
         study = declared.study(periods=periods, rtol=rtol, certify=certify, carry=carry)
@@ -79,7 +79,7 @@ def run(
             force=force,
             keep_tiles=keep_tiles,
         )
-        cube = run_study(study, options)
+        cube = make_cube(study, options)
         print_cube(cube)
         typer.echo(f"cube: {cube_file}")
         if plot:

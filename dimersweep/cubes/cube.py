@@ -1,7 +1,7 @@
 """Points to a labelled cube: an xarray.Dataset over the axes of the grid, ready to be written as CF NetCDF."""
 
 import json
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 from zlib import crc32
 
@@ -10,6 +10,7 @@ import xarray as xr
 
 from dimersweep.cubes.grid import DIRECTIONS
 from dimersweep.cubes.points import AnyGrid
+from dimersweep.cubes.results import Field, blank_results
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.kernel.model.layout import (
     CODE_WORDS,
@@ -83,13 +84,7 @@ def float_variable(dims: tuple[str, ...], values: np.ndarray, quantity: Quantity
     return variable
 
 
-def build(
-    grid: AnyGrid,
-    out: np.ndarray,
-    codes: np.ndarray,
-    attributes: Mapping[str, Any],
-    more: Mapping[str, np.ndarray] | None = None,
-) -> xr.Dataset:
+def build(grid: AnyGrid, out: np.ndarray, codes: np.ndarray, attributes: Mapping[str, Any]) -> xr.Dataset:
     """The cube of a swept grid.
 
     Parameters
@@ -102,8 +97,6 @@ def build(
         Integer results of each point.
     attributes : mapping
         Global attributes.
-    more : mapping of str to ndarray, optional
-        What is known of each mode besides, shape (grid.size,).
 
     Returns
     -------
@@ -117,15 +110,31 @@ def build(
     }
     for slot, name in enumerate(OUT):
         variables[name] = float_variable(dims, out[:, slot].reshape(grid.shape), QUANTITIES[name])
-    for name, values in (more or {}).items():
-        shaped = values.reshape(grid.shape)
-        labelled = (
-            label_variable(name, dims, shaped) if name in FLAGS else float_variable(dims, shaped, QUANTITIES[name])
-        )
-        variables[name] = labelled
-    if more:
-        variables["mode"].attrs["ancillary_variables"] = " ".join(more)
     return xr.Dataset(variables, coordinates_of(grid), dict(attributes))
+
+
+def with_fields(cube: xr.Dataset, results: np.ndarray, fields: Iterable[Field]) -> xr.Dataset:
+    """`cube` with what its results, shape (n,), have besides those of runs: a variable for each field."""
+    shape, dims = cube["mode"].shape, tuple(map(str, cube["mode"].dims))
+    for name, quantity, kind, along, about in fields:
+        over = dims if along is None else (*dims, along.name)
+        values = results[name].reshape(*shape, *results.dtype[name].shape)
+        cube[name] = label_variable(name, over, values) if "i" in kind else float_variable(over, values, quantity)
+        if along is not None:
+            cube = cube.assign_coords({along.name: coordinate(*along)})
+        if about:
+            known = cube[about].attrs.get("ancillary_variables", "")
+            cube[about].attrs["ancillary_variables"] = f"{known} {name}".strip()
+    return cube
+
+
+def results_in(cube: xr.Dataset, kind: np.dtype, fields: Iterable[Field]) -> np.ndarray:
+    """The results of which `build` and `with_fields` made `cube`, shape (n,); other fields of `kind` are blank."""
+    results = blank_results(cube["mode"].size, kind)
+    results["out"], results["codes"] = flatten(cube)
+    for field in fields:
+        results[field.name] = cube[field.name].values.reshape(results[field.name].shape)
+    return results
 
 
 def coordinates_of(grid: AnyGrid) -> dict[str, xr.Variable]:

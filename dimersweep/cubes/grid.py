@@ -258,9 +258,13 @@ def _given(name: str, value: Any) -> str:
     return DIRECTIONS[value] if name == "direction" else repr(float(value))
 
 
-def carry_of(directions: Collection[int]) -> str:
-    """What `carry` was where these directions, codes, are in a grid: up, down or both."""
-    return "both" if len(directions) == len(DIRECTIONS) else DIRECTIONS[next(iter(directions))]
+def without_directions(axes: Mapping[str, Any] | None) -> tuple[dict[str, Any] | None, str | None]:
+    """The axes that a user gave, and `carry`, from those of a configuration."""
+    if axes is None or "direction" not in axes:
+        return axes if axes is None else dict(axes), None
+    codes = axes["direction"]
+    carry = "both" if len(codes) == len(DIRECTIONS) else DIRECTIONS[next(iter(codes))]
+    return {name: values for name, values in axes.items() if name != "direction"}, carry
 
 
 def with_directions(grid: Grid, carry: Any) -> Grid:
@@ -337,7 +341,13 @@ def fixed_values(varied: Mapping[str, np.ndarray], fixed: Mapping[str, Any]) -> 
     return held
 
 
-def make_grid(axes: Mapping[str, Any], fixed: Mapping[str, Any] | None = None, *, gaps: Collection[str] = ()) -> Grid:
+def make_grid(
+    axes: Mapping[str, Any],
+    fixed: Mapping[str, Any] | None = None,
+    *,
+    gaps: Collection[str] = (),
+    carry: Any = None,
+) -> Grid:
     """Build a grid and judge every point of it, axis by axis.
 
     Parameters
@@ -348,6 +358,8 @@ def make_grid(axes: Mapping[str, Any], fixed: Mapping[str, Any] | None = None, *
         Parameters that differ from the paper's base case.
     gaps : collection of str
         Axes on which points may break a rule that ties two of them (mu_s below mu); see `legal_points`.
+    carry : str, optional
+        The direction in which a state is carried along the last axis, or both; see `with_directions`.
 
     Returns
     -------
@@ -367,4 +379,4 @@ def make_grid(axes: Mapping[str, Any], fixed: Mapping[str, Any] | None = None, *
     made = {name: axis_values(name, declared) for name, declared in axes.items()}
     held = fixed_values(made, fixed)
     check(held | made, gaps)
-    return Grid(made, held)
+    return Grid(made, held) if carry is None else with_directions(Grid(made, held), carry)

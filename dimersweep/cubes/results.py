@@ -16,8 +16,50 @@ from dimersweep.kernel.model.layout import (
     NOT_RUN,
     OK,
 )
+from dimersweep.symbols import Quantity
 
-RESULT = np.dtype([("out", "<f8", (N_OUT,)), ("codes", "<i8", (N_CODES,))])  # of one point of a sweep
+RESULT = np.dtype([("out", "<f8", (N_OUT,)), ("codes", "<i8", (N_CODES,))])  # of the run of one point
+
+
+class Along(NamedTuple):
+    """A dimension that a field has besides those of the points: its name, the values along it, and what these are."""
+
+    name: str
+    values: np.ndarray
+    quantity: Quantity
+
+
+class Field(NamedTuple):
+    """What is known of each point besides the result of its run: a variable of the cube, and how it is kept.
+
+    Attributes
+    ----------
+    name : str
+    quantity : Quantity
+        Its unit and meaning.
+    type : str
+        Of numpy: floats, or integers for flags and counts.
+    along : Along, optional
+        Its own dimension.
+    about : str
+        The variable that it tells more of, if there is one.
+    """
+
+    name: str
+    quantity: Quantity
+    type: str = "<f8"
+    along: Along | None = None
+    about: str = ""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of its values at one point."""
+        return () if self.along is None else (self.along.values.size,)
+
+
+def kind_with(fields: Iterable[Field]) -> np.dtype:
+    """The type of a result with these fields besides those of `RESULT`."""
+    return np.dtype([*RESULT.descr, *((each.name, each.type, each.shape) for each in fields)])
 
 
 def blank_results(n: int, kind: np.dtype = RESULT) -> np.ndarray:
@@ -31,11 +73,6 @@ def blank_results(n: int, kind: np.dtype = RESULT) -> np.ndarray:
             results[name] = np.nan
     results["codes"][:, CODE_MODE] = M_NOT_RUN
     return results
-
-
-def beyond(results: np.ndarray) -> dict[str, np.ndarray]:
-    """The fields of results, shape (n,), that those of `RESULT` lack."""
-    return {name: results[name] for name in results.dtype.names or () if name not in (RESULT.names or ())}
 
 
 class Tile(NamedTuple):

@@ -25,7 +25,9 @@ from dimersweep.storage.cubefiles import write_cube
 from dimersweep.storage.outputs import TABLES, check_output
 from dimersweep.storage.provenance import attributes
 from dimersweep.storage.tables import storable, without_fill
-from dimersweep.studies.drawn import Drawn, drawn_starts
+from dimersweep.studies.drawn import drawn_starts
+from dimersweep.studies.observers import Ends
+from dimersweep.studies.study import Study
 from dimersweep.studies.telling_apart import Judge, Sort, distance, matched
 from dimersweep.symbols import PARAMETERS
 from dimersweep.work.options import make_options
@@ -177,16 +179,17 @@ def attractors(
     table = {key: np.tile(column, values.size) for key, column in columns.items()}
     if name:
         table[name] = np.repeat(values, n)
-    drawn = Drawn(make_points(table, fixed), how)
-    _check_one_plate(drawn.grid.fixed, table)
-    results = drawn.run(make_options(workers=workers, progress=progress))
+    drawn = make_points(table, fixed)
+    _check_one_plate(drawn.fixed, table)
+    study = Study(grid=drawn, how=how, observers=(Ends(),))
+    results = study.in_memory(make_options(workers=workers, progress=progress)).results
     found = Census(name, values, columns, wanted)
     for k in range(values.size):
-        here, _ = drawn.grid.window(k * n, (k + 1) * n)
+        here, _ = drawn.window(k * n, (k + 1) * n)
         first = here.fixed | {key: float(column[0]) for key, column in here.columns.items()}
         judge = Judge(here, how, results[k * n : (k + 1) * n], mirrors_of(first, mirrored))
         found.take(judge, longest)
-    data = found.dataset(drawn.grid.fixed).assign_attrs(cost=int(results["codes"][:, CODE_N_PERIODS].sum()))
+    data = found.dataset(drawn.fixed).assign_attrs(cost=int(results["codes"][:, CODE_N_PERIODS].sum()))
     if out is not None:
         asked = {"periods": periods, "max_periods": max_periods, "rtol": rtol, "mirror": mirrored, "level": wanted}
         about = attributes(asked, "Attractors and the shares of starts that lead to them", perf_counter() - began)

@@ -5,13 +5,9 @@ from typing import Any
 
 import xarray as xr
 
-from dimersweep.studies.deciding import SearchSpec
 from dimersweep.studies.declaration import Declaration
-from dimersweep.studies.refine import RefineSpec, run_refine
-from dimersweep.studies.search import run_search
-from dimersweep.studies.sweep import run_sweep
-from dimersweep.studies.sweep_spec import Spec
-from dimersweep.work.options import Options, make_options
+from dimersweep.studies.making import make_cube
+from dimersweep.work.options import make_options
 
 
 def make(
@@ -59,11 +55,4 @@ def make(
     """
     study = declared.study(periods=periods, rtol=rtol, certify=certify)
     options.setdefault("attrs", declared.attrs)
-    return run_study(study, make_options(out=out, **options))
-
-
-def run_study(study: Spec | SearchSpec | RefineSpec, options: Options) -> xr.Dataset:
-    """The cube of a sweep, a search or a refined map; raises as `sweep`."""
-    if isinstance(study, Spec):
-        return run_sweep(study, options)
-    return run_refine(study, options) if isinstance(study, RefineSpec) else run_search(study, options)
+    return make_cube(study, make_options(out=out, **options))

@@ -16,12 +16,9 @@ from dimersweep.inputs import check_count, check_rtol
 from dimersweep.parameters import check
 from dimersweep.storage.files import read_text
 from dimersweep.storage.outputs import check_ending
-from dimersweep.studies import search as searching
-from dimersweep.studies import sweep_spec
-from dimersweep.studies.deciding import SearchSpec
+from dimersweep.studies import refine, search, sweep
 from dimersweep.studies.point_tables import point_table
-from dimersweep.studies.refine import RefineSpec, check_refinement
-from dimersweep.studies.sweep_spec import Spec
+from dimersweep.studies.study import Study
 from dimersweep.symbols import PARAMETERS, Picture
 
 
@@ -97,7 +94,7 @@ class Declaration(SweepFileSection):
 
     def study(
         self, *, periods: int | None = None, rtol: float | None = None, certify: bool = False, carry: str | None = None
-    ) -> Spec | SearchSpec | RefineSpec:
+    ) -> Study:
         """What the sections say together, judged.
 
         Parameters
@@ -127,7 +124,7 @@ class Declaration(SweepFileSection):
             given |= {"stop_when_settled": self.sweep.stop_when_settled, "certify": certify}
             given |= {"strobes": self.sweep.strobes, "carry": carry}
             points = None if self.points is None else point_table(**self.points.model_dump())
-            return sweep_spec.make_spec(self.grid, self.fixed, points=points, **given)
+            return sweep.study_of(self.grid, self.fixed, points=points, **given)
         if self.points or self.grid is None:
             raise ParameterError("points: is for sweeps; a search has a grid")
         if self.sweep.strobes:
@@ -141,10 +138,8 @@ class Declaration(SweepFileSection):
         if not self.sweep.stop_when_settled:
             raise ParameterError("sweep.stop_when_settled = false: a search stops each run that has settled")
         paths = None if self.paths is None else self.paths.model_dump()
-        question = searching.make_spec(self.grid, self.fixed, paths=paths, **self.search.model_dump(), **given)
-        if self.refine is None:
-            return question
-        return RefineSpec(question, *check_refinement(question, **self.refine.model_dump()))
+        question = search.study_of(self.grid, self.fixed, paths=paths, **self.search.model_dump(), **given)
+        return question if self.refine is None else refine.study_of(question, **self.refine.model_dump())
 
     @property
     def attrs(self) -> dict[str, str]:

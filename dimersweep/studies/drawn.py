@@ -1,71 +1,17 @@
-"""Runs from drawn starts, each with the state that it has come to: the work behind `attractors`."""
+"""Starts, drawn from ranges or given as a table: where the runs behind `attractors` begin."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from dimersweep.cubes.points import Points, make_points
-from dimersweep.cubes.results import RESULT, Bundle, Tile
+from dimersweep.cubes.points import make_points
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_count, number
-from dimersweep.kernel.batch import N_START, Workspace
-from dimersweep.kernel.model.layout import CODE_STATUS, STOPPED
 from dimersweep.parameters import check_name
-from dimersweep.runs.settings import RunSettings, run_row_patiently
-from dimersweep.storage.memorystore import MemoryStore
 from dimersweep.symbols import START
-from dimersweep.work.computing import crew
-from dimersweep.work.options import Options
-from dimersweep.work.tiles import around
 
 STARTING = (*START, "phi0")  # parameters that starts are drawn from
-ENDED = np.dtype([*RESULT.descr, ("end", "<f8", (N_START,))])  # a result, and the state and friction modes at the end
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """Runs from single points up to their verdict, whose ends are kept.
-
-    Parameters
-    ----------
-    grid : Points
-    how : RunSettings
-    """
-
-    grid: Points
-    how: RunSettings
-
-    kind, line = ENDED, 1
-
-    def advance(self, points: np.ndarray, results: np.ndarray, space: Workspace) -> int:
-        """See `Work`."""
-        for k, row in enumerate(self.grid.rows_at(points)):
-            solved = run_row_patiently(row, None, self.how, space)
-            if solved.codes[CODE_STATUS] == STOPPED:
-                return k
-            results[k] = (solved.out, solved.codes, solved.end.start[0])
-        return len(points)
-
-    def narrowed(self, tiles: Bundle) -> tuple["Drawn", Bundle, int]:
-        """See `Work`."""
-        grid, moved, shift = around(self.grid, tiles)
-        return replace(self, grid=grid), moved, shift
-
-    def run(self, options: Options) -> np.ndarray:
-        """Results of all points, shape (n,), of `ENDED`.
-
-        Raises
-        ------
-        UnfinishedError, Stopped
-            As by `sweep`.
-        """
-        store = MemoryStore(self.grid.size, self.kind)
-        with crew(store, options) as team:
-            team.expect(self.grid.size)
-            team.run(self, [Tile(0, self.grid.size)])
-        return store.results
 
 
 def drawn_starts(ranges: Any, fixed: Any, points: Any, starts: int, seed: int) -> dict[str, np.ndarray]:

@@ -19,7 +19,7 @@ from dimersweep.runs.accessor import is_of_this_kernel
 from dimersweep.runs.behind import behind
 from dimersweep.runs.carrying import Link, carried
 from dimersweep.studies.deciding import OPEN
-from dimersweep.studies.sweep_spec import Spec
+from dimersweep.studies.study import Study
 from dimersweep.symbols import PARAMETERS, QUANTITIES, Quantity
 from dimersweep.work.stopping import StopFlag, stoppable
 
@@ -122,17 +122,17 @@ def _ends(values: np.ndarray, mode: np.ndarray, period: np.ndarray) -> Iterator[
         yield LoopEnd(below[0], below[1], low), LoopEnd(above[0], above[1], high)
 
 
-def _line_through(point: xr.Dataset) -> Spec:
+def _line_through(point: xr.Dataset) -> Study:
     """The line of a point on the way up, each way, as a sweep of its own."""
     made = behind(point)
     is_of_this_kernel(made.kernel, "the ends may lie elsewhere than its modes say")
     assert made.line is not None  # the cube has directions
     axes = {"direction": np.array([UP, DOWN]), made.line.axis: np.array(made.line.values)}
-    return Spec(Grid(axes, made.line.fixed), made.how, certify=False)
+    return Study(grid=Grid(axes, made.line.fixed), how=made.how)
 
 
 def _located(
-    spec: Spec, ends: list[tuple[LoopEnd, LoopEnd]], within: float
+    spec: Study, ends: list[tuple[LoopEnd, LoopEnd]], within: float
 ) -> tuple[list[tuple[LoopEnd, LoopEnd]], int]:
     """These ends, located to `within`, and the forcing periods that this took."""
 
@@ -150,13 +150,13 @@ class CarriedLine:
 
     Parameters
     ----------
-    spec : Spec
+    spec : Study
         Of this line alone.
     space : Workspace
         Scratch arrays, which may be stopped.
     """
 
-    def __init__(self, spec: Spec, space: Workspace) -> None:
+    def __init__(self, spec: Study, space: Workspace) -> None:
         self.spec, self.space = spec, space
         *_, self.axis = spec.grid.axes
         self.values = spec.grid.axes[self.axis]

@@ -4,18 +4,17 @@ import json
 import signal
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
-import numpy as np
 import xarray as xr
 
 from dimersweep.cubes.cube import flatten, signed
-from dimersweep.cubes.points import AnyGrid, check_fits
-from dimersweep.cubes.results import failed
+from dimersweep.cubes.points import check_fits
+from dimersweep.cubes.results import blank_results, failed
 from dimersweep.errors import ParameterError, Stopped, StoreError
 from dimersweep.runs import accessor  # noqa: F401 - gives every cube its `cube.dimersweep`
 from dimersweep.storage.checking import check_unchanged, checksum_of
@@ -26,31 +25,52 @@ from dimersweep.storage.memorystore import MemoryStore
 from dimersweep.storage.outputs import check_output, check_writable
 from dimersweep.storage.provenance import CHECKSUM, as_text, attributes, differences
 from dimersweep.storage.tilestore import TileStore, tile_store
+from dimersweep.studies.reuse import Known, check_alike
+from dimersweep.studies.study import Label, Study
 from dimersweep.work.computing import Crew, Store, crew, settle_way
 from dimersweep.work.options import Options
 
 
-class Study(Protocol):
-    """What a cube is made of: all that decides its numbers."""
+def make_cube(study: Study, options: Options) -> xr.Dataset:
+    """The cube of a study: what is there already, then what is missing.
 
-    @property
-    def grid(self) -> AnyGrid:
-        """Its points."""
+    Raises
+    ------
+    ParameterError, StoreError, KernelError, PointError, UnfinishedError, Stopped
+        See `sweep`.
+    """
+    if study.grid.columns and options.extend is not None:
+        raise ParameterError("extend: is for grids, not for single points")
+    former = complete_cube(study, options)
+    if former is not None:
+        return former
+    with unfinished_cube(study, options) as cube:
+        known, origin = known_points(study, options)
+        label = study.run(cube.crew, known)
+        return cube.write(label, cube.attributes(origin))
 
-    @property
-    def kind(self) -> np.dtype:
-        """Of the result of one point."""
 
-    @property
-    def summary(self) -> str:
-        """What the cube shows, its title unless another one is given."""
+def known_points(study: Study, options: Options) -> tuple[list[Known], dict[str, str]]:
+    """What other cubes have of the points of `study`, and the attributes that tell of the first of them.
 
-    @property
-    def by_blocks(self) -> bool:
-        """Whether the cube may be larger than memory, made block by block from its results."""
+    These are the cube to extend, and at a retry the one at the output.
 
-    def configuration(self) -> dict[str, Any]:
-        """All that decides its numbers, as JSON can hold it."""
+    Raises
+    ------
+    StoreError
+        See `check_alike` and `Known`.
+    """
+    origin: dict[str, str] = {}
+    known = []
+    paths = [options.extend, options.out if options.retry and options.out and options.out.exists() else None]
+    for path in (each for each in paths if each is not None):
+        cube, name = open_cube(path), str(path)
+        if not study.grid.columns:
+            check_alike(cube, study.configuration(), name)
+        known.append(Known(cube, name, study.grid, study.results_of, options.unwanted))
+        if path is options.extend:
+            origin["extends"] = f"{Path(path).name}, configuration sha256 {cube.attrs['configuration_sha256']}"
+    return known, origin
 
 
 def complete_cube(study: Study, options: Options) -> xr.Dataset | None:
@@ -111,18 +131,16 @@ class UnfinishedCube:
         """Whether it is written block by block."""
         return self.options.out is not None and format_of(self.options.out).write_blocks is not None
 
-    def results(self) -> np.ndarray:
-        """Results of all points, shape (n,)."""
-        return self.store.read(0, self.study.grid.size)
-
     def attributes(self, origin: Mapping[str, str]) -> dict[str, Any]:
         """Global attributes, with those of its `origin`."""
         common = attributes(self.study.configuration(), self.study.summary, self.store.wall)
         return common | {"kernel_time_s": self.store.seconds} | dict(origin) | dict(self.options.attrs)
 
-    def write(self, cube: xr.Dataset) -> xr.Dataset:
-        """Write the finished cube with its checksum, if it has an output, and remove the store of its points."""
-        cube = signed(cube, self.study.configuration())
+    def write(self, label: Label, attributes: Mapping[str, Any]) -> xr.Dataset:
+        """The finished cube with its checksum; written, if it has an output, and the folder of its points removed."""
+        if self.by_blocks:
+            return self._write_blocks(attributes)
+        cube = signed(label(self.store.read(0, self.study.grid.size), attributes), self.study.configuration())
         cube.attrs[CHECKSUM] = checksum_of(cube)
         if isinstance(self.store, TileStore):
             scratch = self.store.store.scratch
@@ -130,18 +148,19 @@ class UnfinishedCube:
             self._tidy_up(self.store)
         return cube
 
-    def write_blocks(self, attributes: Mapping[str, Any]) -> xr.Dataset:
-        """Write it block by block, with these global attributes; returns it opened again."""
+    def _write_blocks(self, attributes: Mapping[str, Any]) -> xr.Dataset:
+        """Write it block by block; returns it opened again."""
         assert isinstance(self.store, TileStore)
-        out, write = self.store.out, format_of(self.store.out).write_blocks
+        out, write, study = self.store.out, format_of(self.store.out).write_blocks, self.study
         assert write is not None
+        first = replace(study, grid=study.grid.window(0, 1)[0])
+        small = signed(first.as_cube(blank_results(1, study.kind), attributes), study.configuration())
         with disk_errors(f"out = {out}", self.store.kept_if_refused):
             write(
-                self.study.grid,
-                self.store.read,
-                attributes,
+                study.grid,
+                small,
+                lambda tile, axes: replace(study, grid=axes).as_cube(self.store.read(*tile), {}),
                 out,
-                sign=partial(signed, configuration=self.study.configuration()),
                 scratch=self.store.store.scratch,
                 workers=self.options.workers,
             )
@@ -159,17 +178,8 @@ class UnfinishedCube:
 
 
 @contextmanager
-def unfinished_cube(
-    study: Study, options: Options, again: Callable[[np.ndarray], np.ndarray]
-) -> Iterator[UnfinishedCube]:
+def unfinished_cube(study: Study, options: Options) -> Iterator[UnfinishedCube]:
     """A cube to be made, with what was finished of it before.
-
-    Parameters
-    ----------
-    study : Study
-    options : Options
-    again : callable
-        Which of results, shape (n,), a retry forgets: those that failed, and those that may depend on one; bool.
 
     Raises
     ------
@@ -181,7 +191,7 @@ def unfinished_cube(
         store: Store = (
             MemoryStore(study.grid.size, study.kind)
             if options.out is None
-            else stack.enter_context(_store_of(study, options, options.out, again))
+            else stack.enter_context(_store_of(study, options, options.out))
         )
         cube = UnfinishedCube(study, options, store, stack.enter_context(crew(store, options)))
         try:
@@ -191,9 +201,7 @@ def unfinished_cube(
 
 
 @contextmanager
-def _store_of(
-    study: Study, options: Options, out: Path, again: Callable[[np.ndarray], np.ndarray]
-) -> Iterator[TileStore]:
+def _store_of(study: Study, options: Options, out: Path) -> Iterator[TileStore]:
     """The store of finished points beside `out`, under its lock."""
     with (
         tile_store(out, study.configuration(), study.grid.size, study.kind, force=options.force) as store,
@@ -204,7 +212,7 @@ def _store_of(
         for line in store.store.trouble:
             warnings.warn(line, RuntimeWarning, stacklevel=8)  # of what has called sweep, search or refine
         if options.retry and "failed" in store.modes():
-            store.drop(again)
+            store.drop(study.again)
         yield store
 
 

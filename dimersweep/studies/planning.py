@@ -2,39 +2,25 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import reduce
 from itertools import islice
-from math import ceil, inf, prod, sqrt
+from math import ceil, inf, sqrt
 from pathlib import Path
 from time import perf_counter
 
 import numpy as np
-import xarray as xr
 
 from dimersweep.cubes.cube import signed
-from dimersweep.cubes.grid import Grid, legal_points
-from dimersweep.cubes.points import check_fits
-from dimersweep.cubes.results import Finished, Tile, blank_results
-from dimersweep.errors import UnfinishedError
-from dimersweep.storage.memorystore import MemoryStore
+from dimersweep.cubes.results import blank_results, not_run
 from dimersweep.storage.provenance import as_text
 from dimersweep.storage.store import looked_at
 from dimersweep.storage.tilestore import modes_of, tiles_of
-from dimersweep.studies import search, sweep
-from dimersweep.studies.deciding import SearchSpec, Wave, spread_order
-from dimersweep.studies.making import Study
-from dimersweep.studies.refine import RefineSpec, cut_cells
-from dimersweep.studies.sweep_spec import Spec
-from dimersweep.work.computing import crew
-from dimersweep.work.options import Options
+from dimersweep.studies.study import MOST_PARTS, Study
+from dimersweep.work.options import IN_PASSING
 from dimersweep.work.proving import prove
 from dimersweep.work.scheduling import TILES_PER_WORKER
 from dimersweep.work.stopping import stoppable
-from dimersweep.work.tiles import TILE_SECONDS, Work, attempt
+from dimersweep.work.tiles import TILE_SECONDS
 
-SAMPLE = 200  # points or cells timed at most
-MOST_OF_LINE = 20  # values of a line that are timed
-POINT_SECONDS, CELL_SECONDS = 10.0, 30.0  # a sample ends after this time, though not before its first one
 _SEED = 20100
 
 
@@ -98,7 +84,7 @@ class Plan:
         """The plan in words."""
         left, (seconds, error) = self.to_run - self.done, self.seconds
         points = f"{self.to_run}"
-        if (self.points != self.line).any():  # of a map
+        if not np.allclose(self.points, self.line):  # of a map
             spread = self._total(self.points)[1]
             points = (
                 f"about {points} (standard error {spread:.0f}), or a third more, of a fine grid of {self.grid_points}"
@@ -116,11 +102,11 @@ class Plan:
 
 
 def plan(study: Study, workers: int, out: Path | None = None) -> Plan:
-    """Time a random sample of a sweep, a search or a map, on one thread.
+    """Time a random sample of a study, on one thread.
 
     Parameters
     ----------
-    study : Spec, SearchSpec or RefineSpec
+    study : Study
         The grid of a sweep may be of any size: only the sampled points are laid out.
     workers : int
         Threads that it would have.
@@ -132,37 +118,20 @@ def plan(study: Study, workers: int, out: Path | None = None) -> Plan:
     Plan
     """
     stoppable(lambda stop: prove())  # and compile
-    rng = np.random.default_rng(_SEED)
-    seconds = POINT_SECONDS
-    if isinstance(study, Spec):
-        units, unit = study.grid.size // study.line, "random points" if study.line == 1 else "random lines"
-        costs = _of_lines(study, rng.choice(units, min(SAMPLE, units), replace=False))
-    elif isinstance(study, RefineSpec):
-        check_fits(study.grid, by_blocks=False)
-        units, unit, seconds = (
-            prod(n - 1 for n in study.coarse.grid.shape),
-            "cells spread over the coarse grid",
-            CELL_SECONDS,
-        )
-        costs = _of_cells(study, spread_order(units))
-    else:
-        assert isinstance(study, SearchSpec)
-        check_fits(study.grid, by_blocks=False)
-        legal = legal_points(study.grid)
-        units, unit = int(legal.sum()), "random points"
-        costs = _of_searches(study, legal, rng.permutation(np.flatnonzero(legal)))
-    sample = np.array(list(_for_some_time(costs, seconds)))
-    bytes_per_point = sum(variable.nbytes for variable in _of_one_point(study).data_vars.values())
+    sample = study.sample(np.random.default_rng(_SEED))
+    costs = np.array(list(_for_some_time((_cost(*part) for part in sample.parts), sample.seconds)))
+    first = replace(study, grid=study.grid.first())
+    cube = signed(first.as_cube(blank_results(1, study.kind), {}), study.configuration())
     return Plan(
         study.grid.size,
         _done(study, out),
         workers,
-        bytes_per_point,
-        units,
-        unit,
-        sample[:, 0],
-        sample[:, 1],
-        study.grid.line,
+        sum(variable.nbytes for variable in cube.data_vars.values()),
+        sample.units,
+        sample.unit,
+        costs[:, 0],
+        costs[:, 1],
+        study.line,
     )
 
 
@@ -170,76 +139,20 @@ Cost = tuple[float, float]  # points to run, and their time [s]
 
 
 def _for_some_time(costs: Iterator[Cost], seconds: float) -> Iterator[Cost]:
-    """At least one of `costs`, and no more than `SAMPLE` or than come within that time."""
+    """At least one of `costs`, and no more than `MOST_PARTS` or than come within that time."""
     started = perf_counter()
-    for cost in islice(costs, SAMPLE):
+    for cost in islice(costs, MOST_PARTS):
         yield cost
         if perf_counter() - started > seconds:
             break
 
 
-def _made(work: Work, point: int) -> Finished:
-    made = stoppable(lambda stop: attempt(work, (Tile(point, point + work.line),), stop))
-    if made.broken:
-        raise UnfinishedError(f"{work.grid.point(point)} could not be run: {made.broken.reason}")
-    return made.finished[0]
-
-
-def _of_lines(spec: Spec, numbers: np.ndarray) -> Iterator[Cost]:
-    """Costs of lines of a sweep: of its points, unless a state is carried along them; of a long line by some of its values."""
-    short = spec
-    if spec.line > MOST_OF_LINE:
-        *_, (axis, values) = spec.grid.axes.items()
-        some = values[np.linspace(0, spec.line - 1, MOST_OF_LINE).round().astype(int)]
-        short = replace(spec, grid=Grid(spec.grid.axes | {axis: some}, spec.grid.fixed))
-    for number in numbers.tolist():
-        yield spec.line, _made(short, number * short.line).seconds * spec.line / short.line
-
-
-def _of_searches(spec: SearchSpec, legal: np.ndarray, numbers: np.ndarray) -> Iterator[Cost]:
-    """Costs of points of a search, each begun with what decides at a point beside it, as most of them are."""
-    for point in numbers.tolist():
-        beside = point - 1 if point else min(1, legal.size - 1)
-        decider = 0
-        if spec.question.led and legal[beside]:
-            decider = int(_made(Wave(spec, {beside: []}), beside).results["decider"][0])
-        yield 1, _made(Wave(spec, {point: [decider - 1] if decider else []}), point).seconds
-
-
-def _of_cells(spec: RefineSpec, numbers: np.ndarray) -> Iterator[Cost]:
-    """Costs of cells of the coarse grid of a map, each refined as if it were alone, points that are shared counting in part.
-
-    What a border asks for beyond the cell is left out: of borders near the edges of cells, up to a third of the points.
-    """
-    axes, cells = spec.coarse.grid.axes, tuple(n - 1 for n in spec.coarse.grid.shape)
-    for number in numbers.tolist():
-        place = np.unravel_index(number, cells)
-        own = {name: values[k : k + 2] for (name, values), k in zip(axes.items(), place, strict=True)}
-        cell = replace(spec, coarse=replace(spec.coarse, grid=Grid(own, spec.coarse.grid.fixed)))
-        store = MemoryStore(cell.grid.size, cell.kind)
-        with crew(store, Options(workers=1, progress=False)) as hands:
-            cut_cells(cell, search.Findings(cell.fine.question, store.read(0, cell.grid.size)), hands)
-        ends = zip(place, cells, cell.grid.shape, strict=True)
-        share = reduce(np.multiply.outer, [_shares(n, k == 0, k == last - 1) for k, last, n in ends]).ravel()
-        made = store.results["counts"].sum(axis=1)
-        yield float(share[made > 0].sum()), store.seconds * float(share @ made) / float(made.sum())
-
-
-def _shares(n: int, first: bool, last: bool) -> np.ndarray:
-    """What of `n` points along an axis belongs to a cell: those at its ends are its neighbours' too, if it has any."""
-    shares = np.ones(n)
-    shares[0], shares[-1] = 1 if first else 0.5, 1 if last else 0.5
-    return shares
-
-
-def _of_one_point(study: Study) -> xr.Dataset:
-    """The cube of the first point of a study, without results."""
-    blank, told = blank_results(1, study.kind), study.configuration()
-    if isinstance(study, Spec):
-        return signed(sweep.as_cube(replace(study, grid=study.grid.first()), blank, {}), told)
-    spec = study.fine if isinstance(study, RefineSpec) else study
-    assert isinstance(spec, SearchSpec)
-    return signed(search.as_cube(replace(spec, grid=spec.grid.first()), blank, {}), told)
+def _cost(part: Study, shares: np.ndarray) -> Cost:
+    """What a part of a study takes, its points counting as `shares` say, and their time as the runs that they took."""
+    store = part.in_memory(IN_PASSING)
+    made = ~not_run(store.results["codes"])
+    runs = store.results["counts"].sum(axis=1) if "counts" in (part.kind.names or ()) else made
+    return float(shares[made].sum()), store.seconds * float(shares @ runs) / float(runs.sum())
 
 
 def _done(study: Study, out: Path | None) -> int:

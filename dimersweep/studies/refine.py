@@ -1,32 +1,30 @@
 """Boundaries at the cost of their length: cells of a coarse grid are halved only where the answers of a search disagree."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from itertools import product
-from typing import Any, NamedTuple, Unpack
+from math import prod
+from typing import Any, NamedTuple, Self, Unpack
 
 import numpy as np
 import xarray as xr
 
 from dimersweep.cubes.cube import label_variable
 from dimersweep.cubes.grid import Grid, finer
+from dimersweep.cubes.points import check_fits
+from dimersweep.cubes.results import not_run
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number, check_count
 from dimersweep.parameters import check
-from dimersweep.studies.deciding import SearchSpec
-from dimersweep.studies.making import complete_cube, unfinished_cube
-from dimersweep.studies.search import (
-    MIXED,
-    REGIONS,
-    Findings,
-    as_cube,
-    begin,
-    make_spec,
-    to_search_again,
-)
+from dimersweep.studies import search
+from dimersweep.studies.deciding import spread_order
+from dimersweep.studies.making import make_cube
+from dimersweep.studies.reuse import Known
+from dimersweep.studies.search import MIXED, REGIONS, Findings, Search
+from dimersweep.studies.study import Label, Sample
 from dimersweep.work.computing import Crew
-from dimersweep.work.options import Given, Options, make_options
+from dimersweep.work.options import Given, make_options
 
 MAX_HALVINGS = 12
 FILLED = ("answer", "region", "mode")  # what a point that was not computed takes from the cell around it
@@ -113,43 +111,32 @@ def _coarse_cells(shape: Sequence[int], parts: Sequence[int]) -> list[Cell]:
     return [Cell(origin, tuple(parts)) for origin in product(*starts)]
 
 
-@dataclass(frozen=True)
-class RefineSpec:
-    """All that decides the numbers of a refined map.
+@dataclass(frozen=True, kw_only=True)
+class RefinedMap(Search):
+    """A search on a fine grid, of which only the points that are needed are computed; see `Search`.
 
     Parameters
     ----------
-    coarse : SearchSpec
-        The search on the grid to begin with.
+    grid : Grid
+        The fine grid.
     halvings : dict of str to int
         Of each axis.
     between : list of int
         Regions to be told apart, codes.
     """
 
-    coarse: SearchSpec
     halvings: dict[str, int]
     between: list[int]
 
-    summary = "map refined at the borders of its regions, for a 3D dimer on a vibrating plate"
-    by_blocks = False
-
-    @cached_property
-    def fine(self) -> SearchSpec:
-        """The search on the fine grid, of which only the points that are needed are computed."""
-        axes = self.coarse.grid.axes.items()
-        fine = {name: finer(values, self.halvings[name]) for name, values in axes}
-        return replace(self.coarse, grid=Grid(fine, self.coarse.grid.fixed))
+    @property
+    def summary(self) -> str:
+        """See `Study`."""
+        return "map refined at the borders of its regions, for a 3D dimer on a vibrating plate"
 
     @property
-    def grid(self) -> Grid:
-        """The fine grid."""
-        return self.fine.grid
-
-    @property
-    def kind(self) -> np.dtype:
-        """Of the result of one point."""
-        return self.fine.kind
+    def coarse(self) -> Grid:
+        """The grid to begin with."""
+        return Grid({name: axis[:: 1 << self.halvings[name]] for name, axis in self.grid.axes.items()}, self.grid.fixed)
 
     @property
     def labels(self) -> np.ndarray:
@@ -159,94 +146,93 @@ class RefineSpec:
         return labels
 
     def configuration(self) -> dict[str, Any]:
-        """All that decides its numbers, as JSON can hold it."""
+        """See `Study`."""
         told_apart = [REGIONS[code] for code in self.between]
         halvings = {name: n for name, n in self.halvings.items() if n}
-        return self.coarse.configuration() | {"refine": {"halvings": halvings, "between": told_apart}}
+        refined = {"refine": {"halvings": halvings, "between": told_apart}}
+        return super().configuration() | self.coarse.configuration() | refined
+
+    def run(self, hired: Crew, known: Sequence[Known]) -> Label:
+        """See `Study`: cells are cut until there is none to be cut (see `cuts`).
+
+        What was known before is used when its turn comes, so that a map that goes on is cut as an undisturbed one.
+        """
+        findings = Findings(self, hired, known)
+        cells = _coarse_cells(self.grid.shape, [1 << count for count in self.halvings.values()])
+        self._search_corners(findings, cells, cells)
+        while True:
+            regions = self.labels[self.regions(findings.results)]
+            chosen = cuts(cells, np.where(findings.reached, regions, -1).reshape(self.grid.shape))
+            if not chosen:
+                return partial(self.as_cube, cells=cells)
+            pairs = [(half, cell) for cell, axes in chosen.items() for half in cell.halves(axes)]
+            self._search_corners(findings, [half for half, _ in pairs], [cell for _, cell in pairs])
+            cells = [cell for cell in cells if cell not in chosen] + [half for half, _ in pairs]
+
+    def sample(self, rng: np.random.Generator) -> Sample:
+        """See `Study`: cells spread over the coarse grid, each refined as if it were alone.
+
+        What a border asks for beyond the cell is left out: of borders near the edges of cells, up to a third of the points.
+        """
+        check_fits(self.grid, by_blocks=False)
+        cells = tuple(n - 1 for n in self.coarse.shape)
+        units = prod(cells)
+        parts = (self._cell(np.unravel_index(k, cells), cells) for k in spread_order(units).tolist())
+        return Sample(units, "cells spread over the coarse grid", parts, seconds=30.0)
+
+    def _cell(self, place: Sequence[int], cells: Sequence[int]) -> tuple[Self, np.ndarray]:
+        """The map of one cell of the coarse grid, and the shares of its points that belong to the cell."""
+        axes, shares = {}, np.ones(1)
+        for (name, values), k, n in zip(self.grid.axes.items(), place, cells, strict=True):
+            length = 1 << self.halvings[name]
+            axes[name] = values[k * length : (k + 1) * length + 1]
+            share = np.ones(length + 1)
+            share[0], share[-1] = 1 if k == 0 else 0.5, 1 if k == n - 1 else 0.5  # ends are of neighbours, too
+            shares = np.multiply.outer(shares, share).ravel()
+        return replace(self, grid=Grid(axes, self.grid.fixed)), shares
+
+    def _search_corners(self, findings: Findings, cells: Sequence[Cell], parents: Sequence[Cell]) -> None:
+        """Search at the corners of `cells` that are new, with hints from the corners of their `parents`."""
+        near: dict[int, set[int]] = {}
+        for cell, parent in zip(cells, parents, strict=True):
+            around = self._corners(parent)
+            for point in self._corners(cell):
+                if not findings.reached[point]:
+                    near.setdefault(point, set()).update(around)
+        points = np.sort(np.fromiter(near, dtype=np.int64))
+        needed = findings.known | findings.reached
+        needed[points] = True
+        findings.crew.expect(int(needed.sum()))
+        findings.search(points, [sorted(near[point]) for point in points.tolist()])
+
+    def _corners(self, cell: Cell) -> list[int]:
+        """Numbers of the points at the corners of a cell."""
+        return [int(np.ravel_multi_index(place, self.grid.shape)) for place in cell.corners()]
+
+    def as_cube(self, results: np.ndarray, attributes: Mapping[str, Any], cells: Sequence[Cell] = ()) -> xr.Dataset:
+        """See `Study`; points that were not computed are set to what the corners of `cells` around are, and told apart."""
+        cube = super().as_cube(results, attributes)
+        computed = ~not_run(results["codes"]).reshape(self.grid.shape)
+        for face in (face for cell in cells for face in cell.faces()):
+            missing = ~computed[face]
+            for name in FILLED:
+                values = cube[name].values
+                values[face][missing] = values[tuple(span.start for span in face)]
+        cube["computed"] = label_variable("computed", tuple(self.grid.axes), computed)
+        return cube
 
 
-def run_refine(spec: RefineSpec, options: Options) -> xr.Dataset:
-    """The cube of a refined map: what is there already, then what is missing, cell by cell.
-
-    Raises
-    ------
-    ParameterError, StoreError, KernelError, PointError, UnfinishedError, Stopped
-        See `refine`.
-    """
-    former = complete_cube(spec, options)
-    if former is not None:
-        return former
-    with unfinished_cube(spec, options, partial(to_search_again, spec.fine)) as cube:
-        findings, origin = begin(spec.fine, options, cube.results())
-        cells = cut_cells(spec, findings, cube.crew)
-        results = cube.results()
-        computed = Findings(spec.fine.question, results).known.reshape(spec.grid.shape)
-        return cube.write(_fill(as_cube(spec.fine, results, cube.attributes(origin)), cells, computed))
-
-
-def cut_cells(spec: RefineSpec, findings: Findings, crew: Crew) -> list[Cell]:
-    """Cut cells until there is none to be cut (see `cuts`), with searches at the corners that are not known; returns them.
-
-    What was known before is used when its turn comes, so that a map that goes on is cut as an undisturbed one.
-    """
-    cells = _coarse_cells(spec.grid.shape, [1 << count for count in spec.halvings.values()])
-    _search_corners(spec, findings, cells, cells, crew)
-    while True:
-        labels = np.where(findings.reached, spec.labels[findings.regions()], -1).reshape(spec.grid.shape)
-        chosen = cuts(cells, labels)
-        if not chosen:
-            return cells
-        pairs = [(half, cell) for cell, axes in chosen.items() for half in cell.halves(axes)]
-        _search_corners(spec, findings, [half for half, _ in pairs], [cell for _, cell in pairs], crew)
-        cells = [cell for cell in cells if cell not in chosen] + [half for half, _ in pairs]
-
-
-def _search_corners(
-    spec: RefineSpec, findings: Findings, cells: Sequence[Cell], parents: Sequence[Cell], crew: Crew
-) -> None:
-    """Search at the corners of `cells` that are new, with hints from the corners of their `parents`."""
-    near: dict[int, set[int]] = {}
-    for cell, parent in zip(cells, parents, strict=True):
-        around = _corners(spec.grid, parent)
-        for point in _corners(spec.grid, cell):
-            if not findings.reached[point]:
-                near.setdefault(point, set()).update(around)
-    points = np.sort(np.fromiter(near, dtype=np.int64))
-    needed = findings.known | findings.reached
-    needed[points] = True
-    crew.expect(int(needed.sum()))
-    findings.search(spec.fine, points, [sorted(near[point]) for point in points.tolist()], crew)
-
-
-def _corners(grid: Grid, cell: Cell) -> list[int]:
-    """Numbers of the points at the corners of a cell."""
-    return [int(np.ravel_multi_index(place, grid.shape)) for place in cell.corners()]
-
-
-def _fill(cube: xr.Dataset, cells: Iterable[Cell], computed: np.ndarray) -> xr.Dataset:
-    """`cube` with the points that were not computed set to what the corners around are, and a flag that tells them apart."""
-    for face in (face for cell in cells for face in cell.faces()):
-        missing = ~computed[face]
-        for name in FILLED:
-            values = cube[name].values
-            values[face][missing] = values[tuple(span.start for span in face)]
-    cube["computed"] = label_variable("computed", tuple(map(str, cube["mode"].dims)), computed)
-    return cube
-
-
-def check_refinement(
-    spec: SearchSpec, halvings: Mapping[str, int], between: Sequence[str] | None
-) -> tuple[dict[str, int], list[int]]:
-    """Halvings of each axis of the coarse grid of `spec`, and the codes of the regions to be told apart.
+def study_of(coarse: Search, halvings: Mapping[str, int], between: Sequence[str] | None) -> RefinedMap:
+    """The refined map that begins with a search on a coarse grid, judged; see `refine`.
 
     Raises
     ------
     ParameterError
-        If they are not allowed.
+        If something is not allowed.
     """
-    axes = spec.grid.axes
+    axes = coarse.grid.axes
     check(axes)  # a map has no gaps
-    if spec.paths or spec.orbit_periods:
+    if coarse.observers:
         raise ParameterError("refine: goes with neither paths nor search.orbit_periods")
     if not isinstance(halvings, Mapping):
         raise ParameterError(f"halvings = {halvings!r}: must be a mapping of axes and whole numbers")
@@ -263,8 +249,14 @@ def check_refinement(
     for region in between or ():
         if region not in REGIONS:
             raise ParameterError(f"between = {region!r}: must be some of {', '.join(REGIONS)}")
-    told_apart = [REGIONS.index(region) for region in (REGIONS if between is None else between)]
-    return {name: int(halvings.get(name, 0)) for name in axes}, told_apart
+    counts = {name: int(halvings.get(name, 0)) for name in axes}
+    return RefinedMap(
+        grid=Grid({name: finer(values, counts[name]) for name, values in axes.items()}, coarse.grid.fixed),
+        how=coarse.how,
+        question=coarse.question,
+        halvings=counts,
+        between=[REGIONS.index(region) for region in (REGIONS if between is None else between)],
+    )
 
 
 def refine(
@@ -325,5 +317,6 @@ def refine(
     >>> int(found["computed"].sum()), found["computed"].size
     (5, 9)
     """
-    coarse = make_spec(grid, fixed, over=over, ask=ask, mode=mode, periods=periods, max_periods=max_periods, rtol=rtol)
-    return run_refine(RefineSpec(coarse, *check_refinement(coarse, halvings, between)), make_options(**options))
+    settings: dict[str, Any] = {"periods": periods, "max_periods": max_periods, "rtol": rtol}
+    coarse = search.study_of(grid, fixed, over=over, ask=ask, mode=mode, **settings)
+    return make_cube(study_of(coarse, halvings, between), make_options(**options))

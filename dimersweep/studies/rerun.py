@@ -7,12 +7,11 @@ from typing import Any
 
 import xarray as xr
 
+from dimersweep.cubes.grid import without_directions
 from dimersweep.errors import StoreError, one_line
-from dimersweep.kernel import kernel_version
 from dimersweep.storage.cubefiles import open_cube
 from dimersweep.storage.provenance import differences
 from dimersweep.studies.declaration import Declaration
-from dimersweep.studies.sweep_spec import Spec, without_directions
 
 MADE_BY = ("source", "git_commit", "python", "numpy", "numba", "llvmlite", "cpu")
 
@@ -42,10 +41,7 @@ def from_cube(path: str | os.PathLike[str], *, other_kernel: bool = False) -> De
         declaration = _declared(cube, configuration, path)
     except (KeyError, TypeError, ValueError, AttributeError) as error:  # a ValidationError is a ValueError
         raise StoreError(f"{path}: tells a configuration that this version does not know ({one_line(error)})") from None
-    today = configuration | {"kernel_version": kernel_version()}
-    changes = differences(
-        configuration, today if "search" in configuration else Spec.from_configuration(configuration).configuration()
-    )
+    changes = differences(configuration, declaration.study().configuration())
     if changes and not other_kernel:
         made_by = ", ".join(f"{name} {cube.attrs.get(name, 'unknown')}" for name in MADE_BY)
         raise StoreError(

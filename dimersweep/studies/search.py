@@ -1,110 +1,233 @@
 """Questions about an axis at every point of a grid, such as whether any initial dip angle drifts: points, waves and cube."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import partial
+from dataclasses import dataclass, field, replace
 from itertools import product
-from typing import Any, Unpack
+from typing import Any, Self, Unpack
 
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.cube import (
-    FLAGS,
-    build,
-    coordinate,
-    flatten,
-    float_variable,
-    label_variable,
-)
+from dimersweep.cubes.cube import FLAGS, blank, build, float_variable, label_variable, with_fields
 from dimersweep.cubes.grid import Grid, legal_points, make_grid
-from dimersweep.cubes.results import (
-    Finished,
-    Tile,
-    blank_results,
-    not_ok,
-    runs,
-)
+from dimersweep.cubes.points import check_fits
+from dimersweep.cubes.results import Bundle, Finished, Tile, blank_results, not_ok, not_run, runs
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_count
-from dimersweep.kernel.model.layout import CODE_MODE, M_NOT_RUN, MODES
-from dimersweep.parameters import completed
-from dimersweep.runs.settings import run_settings
-from dimersweep.studies.deciding import (
-    A_NOT_RUN,
-    A_UNSURE,
-    A_YES,
-    ASKS,
-    OPEN,
-    Question,
-    SearchSpec,
-    Wave,
-)
-from dimersweep.studies.making import complete_cube, unfinished_cube
-from dimersweep.studies.paths import PathLength, path_length
-from dimersweep.studies.reuse import known_points
-from dimersweep.symbols import PARAMETERS, QUANTITIES, STATE_QUANTITIES, Quantity
+from dimersweep.kernel.batch import Workspace, is_stopped
+from dimersweep.kernel.model.layout import CODE_MODE, CODE_STATUS, M_NOT_RUN, MODES, OK
+from dimersweep.parameters import completed, fill_rows
+from dimersweep.runs.settings import SLOW_MODES, run_patiently, run_settings
+from dimersweep.studies.deciding import A_NOT_RUN, A_UNSURE, A_YES, ANSWER, ASKS, OPEN, Question
+from dimersweep.studies.making import make_cube
+from dimersweep.studies.observers import Longer, Observer, Ran, paths_of
+from dimersweep.studies.reuse import Known
+from dimersweep.studies.study import Label, Sample, Study
+from dimersweep.symbols import PARAMETERS
 from dimersweep.work.computing import Crew
-from dimersweep.work.options import Given, Options, make_options
+from dimersweep.work.options import IN_PASSING, Given, make_options
 
 REGIONS = FLAGS["region"]
 MIXED = REGIONS.index("mixed")  # several modes, none of them the one asked for
+CHUNK_RUNS = 16  # in one call of the kernel: it can be stopped only between calls
 
 
-class Findings:
-    """What is known of each point of a grid while it is searched.
+@dataclass(frozen=True, kw_only=True)
+class Search(Study):
+    """A question about one axis, asked at every point of a grid that has no axis of that name; see `Study`.
+
+    Its observers look at the deciding runs.
 
     Parameters
     ----------
     question : Question
-        What is asked at each of them.
-    results : ndarray, shape (n,)
-        Results of `SearchSpec.kind`, not run where nothing is known.
-    offered : ndarray, shape (n,)
-        The same from other cubes, whose points may have been tried in another order.
+    hints : mapping of int to sequence of int
+        Of points, by their numbers: indices on the searched axis to try first. Given from wave to wave, and no part of the
+        configuration.
     """
 
-    def __init__(self, question: Question, results: np.ndarray, offered: np.ndarray | None = None) -> None:
-        self.question, self.results = question, results
-        self.offered = blank_results(0, results.dtype) if offered is None else offered
-        # points whose turn has come: others may be known from a search that was stopped, but nothing may depend on that
-        self.reached = np.zeros(results.size, dtype=bool)
+    grid: Grid
+    question: Question
+    hints: Mapping[int, Sequence[int]] = field(default_factory=dict)
 
-    def take(self, finished: Finished) -> None:
-        """Enter what was found."""
-        self.results[slice(*finished.tile)] = finished.results
+    own_fields = ANSWER
 
     @property
-    def modes(self) -> np.ndarray:
-        """Mode of each point, shape (n,), codes."""
-        modes: np.ndarray = self.results["codes"][:, CODE_MODE]
-        return modes
+    def summary(self) -> str:
+        """See `Study`."""
+        return f"search over {self.question.axis} for a 3D dimer on a vibrating plate"
+
+    def configuration(self) -> dict[str, Any]:
+        """See `Study`."""
+        settings = super().configuration()
+        settings["search"]["orbit_periods"] = settings.pop("orbit_periods", 0)
+        return settings
+
+    def asked(self) -> dict[str, Any]:
+        """See `Study`."""
+        question = self.question
+        search = {
+            "axis": question.axis,
+            "values": question.values.tolist(),
+            "ask": question.ask,
+            "mode": MODES[question.mode],
+        }
+        return {"search": search, "periods": self.how.periods, "rtol": self.how.rtol}
+
+    def narrowed(self, tiles: Bundle) -> tuple[Self, Bundle, int]:
+        """See `Work`."""
+        small, moved, shift = super().narrowed(tiles)
+        hints = {point: self.hints[point + shift] for tile in moved for point in range(*tile)}
+        return replace(small, hints=hints), moved, shift
+
+    def advance(self, points: np.ndarray, results: np.ndarray, space: Workspace) -> int:
+        """See `Work`."""
+        for k, point in enumerate(points.tolist()):
+            ran = self._decided(point, results[k : k + 1], space)
+            if ran is None or not self.observed(ran, space):
+                return k
+        return points.size
+
+    def _decided(self, point: int, result: np.ndarray, space: Workspace) -> Ran | None:
+        """Search at one point, fill in its result, and give the deciding run: none, if none alone decides.
+
+        Returns
+        -------
+        Ran or None
+            None if the search was stopped.
+        """
+        order = self.question.order(self.hints.get(point, ()))
+        here = self.grid.fixed | {name: float(value) for name, value in self.grid.values(point).items()}
+        rows = fill_rows(here | {self.question.axis: self.question.values[order]}, order.size)
+        out, codes = blank(order.size)
+        made = self._tried(rows, out, codes, space)
+        if not made:
+            return None
+        modes = codes[:made, CODE_MODE]
+        counts = np.bincount(modes, minlength=len(MODES))
+        answer, which = self.question.verdict(modes)
+        result["answer"], result["counts"] = answer, counts
+        if which < 0:  # the most frequent mode, and no orbit
+            result["codes"][0, [CODE_MODE, CODE_STATUS]] = counts.argmax(), OK
+            return Ran(rows[:0], self.how, result[:0])
+        result["out"], result["codes"], result["decider"] = out[which], codes[which], order[which] + 1
+        return Ran(rows[which : which + 1], self.how, result)
+
+    def _tried(self, rows: np.ndarray, out: np.ndarray, codes: np.ndarray, space: Workspace) -> int:
+        """Make the runs of `rows`, in short calls, until the answer is certain; their number, 0 if `space` was stopped."""
+        made, ends = 0, self.question.until()
+        while made < len(rows):
+            part = slice(made, made + CHUNK_RUNS)
+            made += run_patiently(rows[part], self.how, out[part], codes[part], until=ends | SLOW_MODES, space=space)
+            if is_stopped(space):
+                return 0
+            if ends >> int(codes[made - 1, CODE_MODE]) & 1:
+                break
+        return made
+
+    def run(self, hired: Crew, known: Sequence[Known]) -> Label:
+        """See `Study`: the points are taken from coarse to fine."""
+        findings, legal = Findings(self, hired, known), legal_points(self.grid)
+        hired.expect(int(legal.sum()))
+        for points, neighbours in waves(self.grid.shape):
+            kept = np.flatnonzero(legal[points])
+            findings.search(points[kept], [neighbours[k] for k in kept])
+        return self.as_cube
+
+    def sample(self, rng: np.random.Generator) -> Sample:
+        """See `Study`: random points, each begun with what decides at a point beside it, as most of them are."""
+        check_fits(self.grid, by_blocks=False)
+        legal = legal_points(self.grid)
+        numbers = rng.permutation(np.flatnonzero(legal)).tolist()
+        return Sample(len(numbers), "random points", ((self._led(k, legal), np.ones(1)) for k in numbers))
+
+    def _led(self, point: int, legal: np.ndarray) -> Self:
+        """The search at a point alone, with what decides at a point beside it as its hint."""
+        beside, hints = point - 1 if point else min(1, legal.size - 1), {}
+        if self.question.led and legal[beside]:
+            decider = int(self._at(beside).in_memory(IN_PASSING).results["decider"][0])
+            hints = {0: [decider - 1]} if decider else {}
+        return replace(self._at(point), hints=hints)
+
+    def _at(self, point: int) -> Self:
+        return replace(self, grid=self.grid.window(point, point + 1)[0])
+
+    def again(self, results: np.ndarray) -> np.ndarray:
+        """See `Study`: those that a failed neighbour may have led are searched again, too."""
+        return not_ok(results["codes"]) | ((results["decider"] > 0) & self.question.led)
+
+    def regions(self, results: np.ndarray) -> np.ndarray:
+        """Region of each point: the mode asked for where the answer is yes, else the one mode of all runs, or mixed."""
+        question, counts = self.question, results["counts"]
+        region = np.where(counts.max(axis=1) == question.values.size, counts.argmax(axis=1), MIXED)
+        if question.ask != "fraction":
+            # the first may be found and yet not be sure
+            found = (results["decider"] > 0) & (question.ask != "all")
+            region[(results["answer"] == A_YES) | found] = question.mode
+        unsearched = counts.sum(axis=1) == 0
+        region[unsearched] = results["codes"][unsearched, CODE_MODE]
+        return region
+
+    def as_cube(self, results: np.ndarray, attributes: Mapping[str, Any]) -> xr.Dataset:
+        """See `Study`; with the answer at each point, open where the search itself failed, and the value that decided it."""
+        shape, dims, counts = self.grid.shape, tuple(self.grid.axes), results["counts"]
+        cube = build(self.grid, results["out"], results["codes"], attributes)
+        failed = ~not_run(results["codes"]) & (results["answer"] == A_NOT_RUN)
+        cube["answer"] = label_variable("answer", dims, np.where(failed, A_UNSURE, results["answer"]).reshape(shape))
+        cube["region"] = label_variable("region", dims, self.regions(results).reshape(shape))
+        known = {name: each.variable for name, each in cube.coords.items() if name in PARAMETERS}
+        deciders = np.concatenate(([np.nan], self.question.values))[results["decider"]]
+        known[self.question.axis] = xr.Variable(dims, deciders.reshape(shape))
+        for name, values in completed(known).items():  # the one that decided, and what is as that one
+            if name not in cube.coords:
+                cube[name] = float_variable(values.dims, values.values, PARAMETERS[name])
+        cube["n_runs"] = label_variable("n_runs", dims, counts.sum(axis=1).reshape(shape))
+        cube["runs"] = label_variable("runs", (*dims, "outcome"), counts.reshape(*shape, len(MODES)))
+        cube = cube.assign_coords(outcome=label_variable("outcome", ("outcome",), np.arange(len(MODES))))
+        return with_fields(cube, results, self.fields)
+
+    def results_of(self, cube: xr.Dataset) -> np.ndarray:
+        """See `Study`; not run where a refined map was not computed."""
+        results = super().results_of(cube)
+        results["counts"] = cube["runs"].values.reshape(results["counts"].shape)
+        results["answer"] = np.where(cube["n_runs"].values > 0, cube["answer"].values, A_NOT_RUN).ravel()
+        values = cube[self.question.axis].values.ravel()
+        results["decider"] = np.where(np.isnan(values), 0, np.searchsorted(self.question.values, values) + 1)
+        if "computed" in cube:
+            results["codes"][cube["computed"].values.ravel() == 0, CODE_MODE] = M_NOT_RUN
+        return results
+
+
+class Findings:
+    """What is known of each point of a search while a crew is at it.
+
+    Parameters
+    ----------
+    study : Search
+    crew : Crew
+    known : sequence of Known
+        Other cubes, whose points may have been tried in another order.
+    """
+
+    def __init__(self, study: Search, crew: Crew, known: Sequence[Known]) -> None:
+        self.study, self.crew = study, crew
+        self.results = crew.store.read(0, study.grid.size)
+        self.offered = blank_results(study.grid.size if known else 0, study.kind)
+        for cube in known:
+            for piece in cube.pieces(runs(not_run(self.offered["codes"]))):
+                self.offered[slice(*piece.tile)] = piece.results
+        # points whose turn has come: others may be known from a search that was stopped, but nothing may depend on that
+        self.reached = np.zeros(study.grid.size, dtype=bool)
 
     @property
     def known(self) -> np.ndarray:
         """Where a point was searched, shape (n,), bool."""
-        return self.modes != M_NOT_RUN
+        return ~not_run(self.results["codes"])
 
-    def answers(self) -> np.ndarray:
-        """Answer at each point, shape (n,): open where the search itself failed."""
-        return np.where(self.known & (self.results["answer"] == A_NOT_RUN), A_UNSURE, self.results["answer"])
+    def _take(self, finished: Finished) -> None:
+        self.results[slice(*finished.tile)] = finished.results
 
-    def deciders(self) -> np.ndarray:
-        """Value of the searched axis that decided at each point, shape (n,); NaN where none did."""
-        return np.concatenate(([np.nan], self.question.values))[self.results["decider"]]
-
-    def regions(self) -> np.ndarray:
-        """Region of each point: the mode asked for where the answer is yes, else the one mode of all runs, or mixed."""
-        question, counts = self.question, self.results["counts"]
-        region = np.where(counts.max(axis=1) == question.values.size, counts.argmax(axis=1), MIXED)
-        if question.ask != "fraction":
-            # the first may be found and yet not be sure
-            found = (self.results["decider"] > 0) & (question.ask != "all")
-            region[(self.results["answer"] == A_YES) | found] = question.mode
-        unsearched = counts.sum(axis=1) == 0
-        region[unsearched] = self.modes[unsearched]
-        return region
-
-    def search(self, spec: SearchSpec, points: np.ndarray, neighbours: Sequence[list[int]], crew: Crew) -> None:
+    def search(self, points: np.ndarray, neighbours: Sequence[list[int]]) -> None:
         """Search at those of `points` where nothing is known, trying first what decided at the `neighbours` of each.
 
         Each point has its own order of trials, from points of earlier calls alone: whoever searches, and whatever was
@@ -112,18 +235,19 @@ class Findings:
         """
         lacking, deciders = ~self.known, np.where(self.reached, self.results["decider"], 0)
         hints = {
-            int(point): list(dict.fromkeys(int(k) - 1 for k in deciders[near] if k))
+            int(point): list(dict.fromkeys(int(k) - 1 for k in deciders[near] if k)) or self.study.hints.get(point, [])
             for point, near in zip(points, neighbours, strict=True)
             if lacking[point]
         }
         if self.offered.size:
-            known = {point for point, tried in hints.items() if self.question.stands(self.offered[point], tried)}
+            stands = self.study.question.stands
+            known = {point for point, tried in hints.items() if stands(self.offered[point], tried)}
             pieces = [Finished(tile, self.offered[slice(*tile)]) for tile in _ranges(known, lacking.size)]
-            crew.take_over(pieces)
+            self.crew.take_over(pieces)
             for piece in pieces:
-                self.take(piece)
+                self._take(piece)
             hints = {point: tried for point, tried in hints.items() if point not in known}
-        crew.run(Wave(spec, hints), _ranges(hints, lacking.size), self.take)
+        self.crew.run(replace(self.study, hints=hints), _ranges(hints, lacking.size), self._take)
         self.reached[points] = True
 
 
@@ -164,7 +288,7 @@ def _neighbours(place: list[int], stride: int, shape: tuple[int, ...]) -> list[i
     return [point for point in near if point != own]
 
 
-def make_spec(
+def study_of(
     grid: Mapping[str, Any],
     fixed: Mapping[str, Any] | None,
     *,
@@ -174,7 +298,7 @@ def make_spec(
     orbit_periods: int = 0,
     paths: Mapping[str, int] | None = None,
     **how: Any,
-) -> SearchSpec:
+) -> Search:
     """Judge a search and lay it out, see `search`; `how` is what `run_settings` takes."""
     if over not in grid:
         raise ParameterError(f"over = {over!r}: must be one of the axes ({', '.join(grid)})")
@@ -186,57 +310,11 @@ def make_spec(
     if len(grid) < 2:
         raise ParameterError(f"grid: has the axis {over} only; a search needs one more")
     whole = make_grid(grid, fixed, gaps=set(grid) - {over})
-    question = Question(over, whole.axes[over], ask, MODES.index(mode))
     others = Grid({name: values for name, values in whole.axes.items() if name != over}, whole.fixed)
-    followed = 0 if orbit_periods == 0 else check_count("orbit_periods", orbit_periods)
-    length = None if paths is None else path_length(**paths)
-    if length is not None:
-        length.check(others.size)
-    return SearchSpec(others, question, run_settings(**how), followed, length)
-
-
-def run_search(spec: SearchSpec, options: Options) -> xr.Dataset:
-    """The cube of a search: what is there already, then what is missing, from coarse to fine.
-
-    Raises
-    ------
-    ParameterError, StoreError, KernelError, PointError, UnfinishedError, Stopped
-        See `search`.
-    """
-    former = complete_cube(spec, options)
-    if former is not None:
-        return former
-    with unfinished_cube(spec, options, partial(to_search_again, spec)) as cube:
-        findings, origin = begin(spec, options, cube.results())
-        legal = legal_points(spec.grid)
-        cube.crew.expect(int(legal.sum()))
-        for points, neighbours in waves(spec.grid.shape):
-            kept = np.flatnonzero(legal[points])
-            findings.search(spec, points[kept], [neighbours[k] for k in kept], cube.crew)
-        return cube.write(as_cube(spec, cube.results(), cube.attributes(origin)))
-
-
-def begin(spec: SearchSpec, options: Options, results: np.ndarray) -> tuple[Findings, dict[str, str]]:
-    """What is known before a search: its own `results` so far and what other cubes offer; and attributes that tell of these.
-
-    Raises
-    ------
-    StoreError
-        If such a cube was made with other settings.
-    """
-    cubes, origin = known_points(spec, options, partial(results_of, spec))
-    offered = blank_results(spec.grid.size if cubes else 0, spec.kind)
-    for cube in cubes:
-        lacking = runs(offered["codes"][:, CODE_MODE] == M_NOT_RUN)
-        for piece in cube.pieces(lacking, options.unwanted):
-            offered[slice(*piece.tile)] = piece.results
-    return Findings(spec.question, results, offered), origin
-
-
-def to_search_again(spec: SearchSpec, results: np.ndarray) -> np.ndarray:
-    """Which of `results`, shape (n,), a retry forgets: those that failed, and those that a failed neighbour may have led."""
-    led = (results["decider"] > 0) & spec.question.led
-    return not_ok(results["codes"]) | led
+    observers: list[Observer] = [] if orbit_periods == 0 else [Longer(check_count("orbit_periods", orbit_periods))]
+    observers += [] if paths is None else [paths_of(others.size, **paths)]
+    question = Question(over, whole.axes[over], ask, MODES.index(mode))
+    return Search(grid=others, how=run_settings(**how), observers=tuple(observers), question=question)
 
 
 def search(
@@ -321,72 +399,6 @@ def search(
     >>> names(found["answer"]).values.tolist()
     ['no', 'yes']
     """
-    spec = make_spec(
-        grid,
-        fixed,
-        over=over,
-        ask=ask,
-        mode=mode,
-        periods=periods,
-        max_periods=max_periods,
-        rtol=rtol,
-        orbit_periods=orbit_periods,
-        paths=paths,
-    )
-    return run_search(spec, make_options(**options))
-
-
-def as_cube(spec: SearchSpec, results: np.ndarray, attributes: Mapping[str, Any]) -> xr.Dataset:
-    """What was found as a labelled cube.
-
-    Parameters
-    ----------
-    spec : SearchSpec
-    results : ndarray, shape (spec.grid.size,)
-        Of ``spec.kind``.
-    attributes : mapping
-        Global ones.
-    """
-    question, shape, dims = spec.question, spec.grid.shape, tuple(spec.grid.axes)
-    findings, counts = Findings(question, results), results["counts"]
-    cube = build(spec.grid, results["out"], results["codes"], attributes)
-    cube["answer"] = label_variable("answer", dims, findings.answers().reshape(shape))
-    cube["region"] = label_variable("region", dims, findings.regions().reshape(shape))
-    known = {name: each.variable for name, each in cube.coords.items() if name in PARAMETERS}
-    known[question.axis] = xr.Variable(dims, findings.deciders().reshape(shape))
-    for name, values in completed(known).items():  # the one that decided, and what is as that one
-        if name not in cube.coords:
-            cube[name] = float_variable(values.dims, values.values, PARAMETERS[name])
-    cube["n_runs"] = label_variable("n_runs", dims, counts.sum(axis=1).reshape(shape))
-    cube["runs"] = label_variable("runs", (*dims, "outcome"), counts.reshape(*shape, len(MODES)))
-    cube = cube.assign_coords(outcome=label_variable("outcome", ("outcome",), np.arange(len(MODES))))
-    return cube if spec.paths is None else _with_paths(cube, results, spec.paths)
-
-
-def results_of(spec: SearchSpec, cube: xr.Dataset) -> np.ndarray:
-    """The results that `as_cube` made `cube` of, of ``spec.kind``; not run where a refined map was not computed."""
-    results = blank_results(cube["mode"].size, spec.kind)
-    results["out"], results["codes"] = flatten(cube)
-    results["counts"] = cube["runs"].values.reshape(results["counts"].shape)
-    results["answer"] = np.where(cube["n_runs"].values > 0, cube["answer"].values, A_NOT_RUN).ravel()
-    values = cube[spec.question.axis].values.ravel()
-    results["decider"] = np.where(np.isnan(values), 0, np.searchsorted(spec.question.values, values) + 1)
-    if spec.paths is not None:
-        for name in ("x", "y", "axial_velocity"):
-            results[name] = cube[name].values.reshape(results[name].shape)
-    if "computed" in cube:
-        results["codes"][cube["computed"].values.ravel() == 0, CODE_MODE] = M_NOT_RUN
-    return results
-
-
-def _with_paths(cube: xr.Dataset, results: np.ndarray, length: PathLength) -> xr.Dataset:
-    """`cube` with the paths of its deciding runs, along `cycle`."""
-    shape, dims = cube["mode"].shape, tuple(map(str, cube["mode"].dims))
-    for name in ("x", "y"):
-        cube[name] = float_variable(
-            (*dims, "cycle"), results[name].reshape(*shape, length.moments), STATE_QUANTITIES[name]
-        )
-    velocity = results["axial_velocity"].reshape(shape)
-    cube["axial_velocity"] = float_variable(dims, velocity, QUANTITIES["axial_velocity"])
-    cycles = np.arange(length.moments) / length.per_period
-    return cube.assign_coords(cycle=coordinate("cycle", cycles, Quantity("1", "time in forcing periods")))
+    asked: dict[str, Any] = {"over": over, "ask": ask, "mode": mode, "orbit_periods": orbit_periods, "paths": paths}
+    study = study_of(grid, fixed, **asked, periods=periods, max_periods=max_periods, rtol=rtol)
+    return make_cube(study, make_options(**options))

@@ -1,69 +1,48 @@
-"""A whole sweep: a grid in, a labelled cube out."""
+"""Sweeps: every point of a grid, or of a table, run once."""
 
 from collections.abc import Mapping
-from functools import partial
 from typing import Any, Literal, Unpack
 
-import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.cube import build, flatten
-from dimersweep.cubes.results import beyond, blank_results, not_ok
+from dimersweep.cubes.grid import make_grid
+from dimersweep.cubes.points import AnyGrid, make_points
 from dimersweep.errors import ParameterError
-from dimersweep.inputs import check_count
+from dimersweep.inputs import check_count, check_switch
+from dimersweep.runs.settings import run_settings
 from dimersweep.storage.provenance import check_attrs
-from dimersweep.studies.making import complete_cube, unfinished_cube
-from dimersweep.studies.reuse import known_points
-from dimersweep.studies.strobes import with_strobes
-from dimersweep.studies.sweep_spec import Spec, make_spec
-from dimersweep.work.options import Given, Options, make_options
+from dimersweep.studies.making import make_cube
+from dimersweep.studies.observers import Certify, Observer, strobes_of
+from dimersweep.studies.study import Study
+from dimersweep.work.options import Given, make_options
 
 
-def run_sweep(spec: Spec, options: Options) -> xr.Dataset:
-    """The cube of a sweep: what is there already, then what is missing.
+def study_of(
+    axes: Mapping[str, Any] | None,
+    fixed: Mapping[str, Any] | None = None,
+    *,
+    points: Any = None,
+    certify: bool = False,
+    strobes: int = 0,
+    carry: str | None = None,
+    **how: Any,
+) -> Study:
+    """Judge a sweep and lay it out, see `sweep`; `how` is what `run_settings` takes.
 
     Raises
     ------
-    ParameterError, StoreError, KernelError, PointError, UnfinishedError, Stopped
-        See `sweep`.
+    ParameterError
+        Naming what is not allowed.
     """
-    if spec.grid.columns and options.extend is not None:
-        raise ParameterError("extend: is for grids, not for single points")
-    former = complete_cube(spec, options)
-    if former is not None:
-        return former
-
-    def again(results: np.ndarray) -> np.ndarray:
-        return spec.whole_lines(not_ok(results["codes"]))
-
-    def unwanted(codes: np.ndarray) -> np.ndarray:
-        return spec.whole_lines(options.unwanted(codes))
-
-    with unfinished_cube(spec, options, again) as cube:
-        others, origin = known_points(spec, options, partial(results_of, spec))
-        for other in others:
-            cube.crew.take_over(other.pieces(cube.store.gaps(), unwanted))
-        cube.crew.expect(spec.grid.size)
-        cube.crew.run(spec, cube.store.gaps())
-        if cube.by_blocks:
-            return cube.write_blocks(cube.attributes(origin))
-        return cube.write(as_cube(spec, cube.results(), cube.attributes(origin)))
-
-
-def as_cube(spec: Spec, results: np.ndarray, attributes: Mapping[str, Any]) -> xr.Dataset:
-    """Results of all points, shape (spec.grid.size,), as a labelled cube with global attributes."""
-    more = {name: values for name, values in beyond(results).items() if values.ndim == 1}
-    cube = build(spec.grid, results["out"], results["codes"], attributes, more)
-    return with_strobes(cube, results) if spec.strobes else cube
-
-
-def results_of(spec: Spec, cube: xr.Dataset) -> np.ndarray:
-    """The results that `as_cube` made a cube of."""
-    results = blank_results(cube["mode"].size, spec.kind)
-    results["out"], results["codes"] = flatten(cube)
-    for name in beyond(results):
-        results[name] = cube[name].values.reshape(results[name].shape)
-    return results
+    if (axes is None) == (points is None):
+        raise ParameterError("grid: give either a grid or points")
+    if carry is not None and axes is None:
+        raise ParameterError(f"carry = {carry!r}: is for grids, whose last axis it goes along, not for single points")
+    grid: AnyGrid = make_points(points, fixed) if axes is None else make_grid(axes, fixed, carry=carry)
+    sure: tuple[Observer, ...] = (Certify(),) if check_switch("certify", certify) else ()
+    if carry is not None and sure:
+        raise ParameterError("certify: is for points that start by themselves, and goes without carry")
+    return Study(grid=grid, how=run_settings(**how), observers=(*sure, *strobes_of(strobes, grid.size)))
 
 
 def sweep(
@@ -165,19 +144,10 @@ def sweep(
     >>> names(cube["mode"]).values.tolist()
     [['rest', 'rest'], ['rest', 'drift']]
     """
-    spec = make_spec(
-        grid,
-        fixed,
-        periods=periods,
-        max_periods=max_periods,
-        rtol=rtol,
-        stop_when_settled=stop_when_settled,
-        certify=certify,
-        points=points,
-        strobes=strobes,
-        carry=carry,
-    )
-    return run_sweep(spec, make_options(**options))
+    how: dict[str, Any] = {"periods": periods, "max_periods": max_periods, "rtol": rtol}
+    how["stop_when_settled"] = stop_when_settled
+    study = study_of(grid, fixed, points=points, certify=certify, strobes=strobes, carry=carry, **how)
+    return make_cube(study, make_options(**options))
 
 
 def bifurcation(

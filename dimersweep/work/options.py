@@ -72,6 +72,9 @@ class Options:
         return not_ok(codes) if self.retry else not_run(codes)
 
 
+IN_PASSING = Options(workers=1, progress=False)  # for a part that is run by the way
+
+
 def make_options(**given: Unpack[Given]) -> Options:
     """Options from what a user gives, see `sweep`: as many threads as there are cores if `workers` is None.
 

@@ -11,9 +11,7 @@ import xarray as xr
 class WriteBlocks(Protocol):
     """Writes the cube of a grid block by block, see `write_zarr`."""
 
-    def __call__(
-        self, grid: Any, read: Any, attributes: Any, path: Path, *, sign: Any, scratch: Path, workers: int
-    ) -> None: ...
+    def __call__(self, grid: Any, small: Any, block_of: Any, path: Path, *, scratch: Path, workers: int) -> None: ...
 
 
 class Format(NamedTuple):

@@ -14,10 +14,10 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.cubes.checksum import Checksum
-from dimersweep.cubes.cube import blank, build, coordinates_of
+from dimersweep.cubes.cube import coordinates_of
 from dimersweep.cubes.grid import Grid
 from dimersweep.cubes.points import AnyGrid
-from dimersweep.cubes.results import beyond, blank_results
+from dimersweep.cubes.results import Tile
 from dimersweep.errors import StoreError, one_line
 from dimersweep.storage.blocks import blocks, chunk_shape
 from dimersweep.storage.checking import checksum_of, is_whole
@@ -51,11 +51,10 @@ def check_zarr() -> None:
 
 def write_zarr(
     grid: AnyGrid,
-    read: Callable[[int, int], np.ndarray],
-    attributes: Mapping[str, Any],
+    small: xr.Dataset,
+    block_of: Callable[[Tile, Grid], xr.Dataset],
     path: Path,
     *,
-    sign: Callable[[xr.Dataset], xr.Dataset],
     scratch: Path,
     workers: int = WRITERS,
 ) -> None:
@@ -66,12 +65,10 @@ def write_zarr(
     Parameters
     ----------
     grid : Grid
-    read : callable
-        ``read(start, stop)`` gives the results of these points, see ``TileStore.read``.
-    attributes : mapping
-        Global attributes.
-    sign : callable
-        See `signed`.
+    small : xarray.Dataset
+        The cube of its first point alone, with all attributes.
+    block_of : callable
+        ``block_of(tile, axes)`` gives the cube of the points of a tile, which are those of a grid of these axes.
     path, scratch : Path
         A group that is at `path` already is replaced.
     workers : int
@@ -86,8 +83,6 @@ def write_zarr(
 
     # chunks of nothing but missing values are written too, so that one that is missing is known to be lost
     with replacing_folder(path, scratch), zarr.config.set({"array.write_empty_chunks": True}):
-        one = Grid({name: values[:1] for name, values in grid.axes.items()}, grid.fixed)
-        small = sign(build(one, *blank(1), attributes, beyond(blank_results(1, read(0, 0).dtype))))
         template, (made_with,) = _template(grid, small), small["made_with"].values.ravel()
         template.to_zarr(scratch, mode="w", compute=False, consolidated=False)
         group, checksum = zarr.open_group(scratch, mode="r+"), Checksum(template)
@@ -97,9 +92,8 @@ def write_zarr(
 
         def each_block() -> Iterator[tuple[xr.Dataset, tuple[slice, ...]]]:
             for tile, where in blocks(grid.shape):
-                results = read(*tile)
                 axes = {name: values[part] for (name, values), part in zip(grid.axes.items(), where, strict=True)}
-                block = build(Grid(axes, {}), results["out"], results["codes"], {}, beyond(results))
+                block = block_of(tile, Grid(axes, {}))
                 block["made_with"] = xr.full_like(block["mode"], made_with, dtype=np.int64)
                 for name, variable in block.data_vars.items():
                     checksum.add(name, variable.values)

@@ -1,0 +1,196 @@
+"""A study: points, how each of them is run, what is observed there, and how the results become a cube and back."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, NamedTuple, Self
+
+import numpy as np
+import xarray as xr
+
+from dimersweep.cubes.cube import blank, build, results_in, with_fields
+from dimersweep.cubes.grid import Grid
+from dimersweep.cubes.points import AnyGrid
+from dimersweep.cubes.results import Bundle, Field, Tile, kind_with, not_ok
+from dimersweep.kernel import kernel_version
+from dimersweep.kernel.batch import Workspace, is_stopped
+from dimersweep.kernel.model.layout import CODE_STATUS, STOPPED
+from dimersweep.runs.carrying import carried
+from dimersweep.runs.settings import SLOW_MODES, RunSettings, run_patiently, run_row_patiently
+from dimersweep.storage.memorystore import MemoryStore
+from dimersweep.studies.observers import Observer, Ran
+from dimersweep.studies.reuse import Known
+from dimersweep.work.computing import Crew, crew
+from dimersweep.work.options import Options
+from dimersweep.work.tiles import around
+
+MOST_PARTS = 200  # that are timed
+MOST_OF_LINE = 20  # values of a line that are timed
+Label = Callable[[np.ndarray, Mapping[str, Any]], xr.Dataset]  # results of all points and global attributes to a cube
+
+
+class Sample(NamedTuple):
+    """Parts of a study that are run to see what all of it costs.
+
+    Attributes
+    ----------
+    units : int
+        How many such parts make up the study.
+    unit : str
+        What they are called.
+    parts : iterator
+        Some of them, as studies, each with the share to which each of its points counts: in part, if others need it too.
+    seconds : float
+        Time after which no further part is run [s].
+    """
+
+    units: int
+    unit: str
+    parts: Iterator[tuple["Study", np.ndarray]]
+    seconds: float = 10.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Study:
+    """All that decides the numbers of a cube; this one runs every point once. See `Work`, too.
+
+    Parameters
+    ----------
+    grid : Grid or Points
+        The points. Where it has the axis `direction`, the state is carried along the last axis, see `with_directions`.
+    how : RunSettings
+        How long each point is run, and how accurately.
+    observers : tuple of Observer
+        What is known of each point besides the numbers of its run.
+    """
+
+    grid: AnyGrid
+    how: RunSettings
+    observers: tuple[Observer, ...] = ()
+
+    own_fields: ClassVar[tuple[Field, ...]] = ()  # of a result, that become variables in another way than others do
+
+    @property
+    def summary(self) -> str:
+        """What its cube shows, the title unless another one is given."""
+        return "sweep of a 3D dimer on a vibrating plate"
+
+    @property
+    def fields(self) -> tuple[Field, ...]:
+        """What its observers add to the result of a point."""
+        return tuple(each for observer in self.observers for each in observer.fields)
+
+    @property
+    def kind(self) -> np.dtype:
+        """Of the result of one point."""
+        return kind_with((*self.own_fields, *self.fields))
+
+    @property
+    def by_blocks(self) -> bool:
+        """Whether the cube may be larger than memory, made block by block: that of a grid with one value a variable."""
+        return not (self.own_fields or self.grid.columns or any(each.along for each in self.fields))
+
+    @property
+    def line(self) -> int:
+        """See `Work`."""
+        return self.grid.line
+
+    def configuration(self) -> dict[str, Any]:
+        """All that decides the numbers, as JSON can hold it, with the version of the kernel."""
+        settings = self.grid.configuration() | self.asked() | {"kernel_version": kernel_version()}
+        if self.how.max_periods > self.how.periods:
+            settings["max_periods"] = self.how.max_periods
+        for observer in self.observers:
+            settings |= observer.settings()
+        return settings
+
+    def asked(self) -> dict[str, Any]:
+        """The part of a configuration that says what is done at each point."""
+        how = self.how
+        return {"periods": how.periods, "rtol": how.rtol, "stop_when_settled": how.stop_when_settled}
+
+    def narrowed(self, tiles: Bundle) -> tuple[Self, Bundle, int]:
+        """See `Work`."""
+        grid, moved, shift = around(self.grid, tiles)
+        return replace(self, grid=grid), moved, shift
+
+    def advance(self, points: np.ndarray, results: np.ndarray, space: Workspace) -> int:
+        """See `Work`: until one has used all its periods, so that quick points do not go on for long with slow ones."""
+        done = 0
+        for ran in self._runs(points, results, space):
+            if not self.observed(ran, space):
+                break
+            done += len(ran.results)
+        return done - done % self.line
+
+    def observed(self, ran: Ran, space: Workspace) -> bool:
+        """Have the observers look at runs; whether they came to their end."""
+        for observer in self.observers:
+            observer.observe(ran, space)
+        return not (self.observers and is_stopped(space))
+
+    def _runs(self, points: np.ndarray, results: np.ndarray, space: Workspace) -> Iterator[Ran]:
+        """Run `points`, from the first one on; where a state is carried, in whole lines."""
+        rows = self.grid.rows_at(points)
+        if "direction" in self.grid.axes:
+            for first in range(0, points.size, self.line):
+                line = slice(first, first + self.line)
+                way = -1 if self.grid.values(points[first])["direction"] else 1
+                yield from self._carried(rows[line][::way], results[line][::way], space)
+        elif any(observer.needs_ends for observer in self.observers):
+            for k, row in enumerate(rows):
+                solved, here = run_row_patiently(row, None, self.how, space), slice(k, k + 1)
+                if solved.codes[CODE_STATUS] == STOPPED:
+                    return
+                results["out"][here], results["codes"][here] = solved.out, solved.codes
+                yield Ran(rows[here], self.how, results[here], ends=solved.end.start)
+        else:
+            out, codes = blank(points.size)
+            done = run_patiently(rows, self.how, out, codes, until=SLOW_MODES, space=space)
+            results["out"][:done], results["codes"][:done] = out[:done], codes[:done]
+            yield Ran(rows[:done], self.how, results[:done])
+
+    def _carried(self, rows: np.ndarray, results: np.ndarray, space: Workspace) -> Iterator[Ran]:
+        """Run the points of one line, each from the state in which the one before it has ended."""
+        for k, link in enumerate(carried(rows, self.how, space)):
+            here = slice(k, k + 1)
+            results["out"][here], results["codes"][here] = link.out, link.codes
+            yield Ran(rows[here], self.how, results[here], link.start, link.end)
+
+    def run(self, hired: Crew, known: Sequence[Known]) -> Label:
+        """Have a crew run the points that its store lacks, but for those that other cubes have; what labels the results."""
+        for cube in known:
+            hired.take_over(cube.pieces(hired.store.gaps()))
+        hired.expect(self.grid.size)
+        hired.run(self, hired.store.gaps())
+        return self.as_cube
+
+    def in_memory(self, options: Options) -> MemoryStore:
+        """The store of all results, run anew."""
+        store = MemoryStore(self.grid.size, self.kind)
+        with crew(store, options) as hired:
+            self.run(hired, ())
+        return store
+
+    def sample(self, rng: np.random.Generator) -> Sample:
+        """Parts that tell what it costs: random points or lines; of a long line some values stand for all."""
+        short, lines = self, self.grid.size // self.line
+        if self.line > MOST_OF_LINE:
+            *_, (axis, values) = self.grid.axes.items()
+            some = values[np.linspace(0, self.line - 1, MOST_OF_LINE).round().astype(int)]
+            short = replace(self, grid=Grid(self.grid.axes | {axis: some}, self.grid.fixed))
+        shares = np.full(short.line, self.line / short.line)
+        numbers = rng.choice(lines, min(MOST_PARTS, lines), replace=False).tolist()
+        each = (short.narrowed((Tile(k * short.line, (k + 1) * short.line),))[0] for k in numbers)
+        return Sample(lines, "random points" if self.line == 1 else "random lines", ((part, shares) for part in each))
+
+    def again(self, results: np.ndarray) -> np.ndarray:
+        """Which of results, shape (n,), a retry forgets, in whole lines: those that failed, and those that depend on one."""
+        return np.repeat(not_ok(results["codes"]).reshape(-1, self.line).any(axis=1), self.line)
+
+    def as_cube(self, results: np.ndarray, attributes: Mapping[str, Any]) -> xr.Dataset:
+        """Results of all points, shape (grid.size,), as a labelled cube with global attributes."""
+        return with_fields(build(self.grid, results["out"], results["codes"], attributes), results, self.fields)
+
+    def results_of(self, cube: xr.Dataset) -> np.ndarray:
+        """The results that `as_cube` made a cube of."""
+        return results_in(cube, self.kind, self.fields)
