@@ -44,6 +44,13 @@ def call(monkeypatch, capsys):
     return run
 
 
+@pytest.fixture
+def empty_folder(tmp_path, monkeypatch):
+    """Work in an empty folder, which is given."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
 @pytest.fixture(scope="session")
 def small_cubes(tmp_path_factory):
     """The folder of the cubes of all small presets."""

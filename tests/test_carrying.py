@@ -27,16 +27,11 @@ from dimersweep.studies.sweep import study_of
 from dimersweep.work.scheduling import Pace, bundles
 from tests.seams import another_version
 
-pytestmark = pytest.mark.jit
+pytestmark = [pytest.mark.jit, pytest.mark.usefixtures("empty_folder")]
 
 GAMMA = np.linspace(0.74, 1.1, 10)
 GRID = {"e": [0.55, 0.6], "Gamma": GAMMA}
 QUIET = {"periods": 100, "progress": False}
-
-
-@pytest.fixture(autouse=True)
-def in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
 
 
 @pytest.fixture(scope="module")

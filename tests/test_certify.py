@@ -46,9 +46,7 @@ beta0 = {start = 4, stop = 60, num = 8, unit = "deg"}
 """
 
 
-@pytest.fixture(autouse=True)
-def in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+pytestmark = pytest.mark.usefixtures("empty_folder")
 
 
 def judged(periods=100, max_periods=None, **start):

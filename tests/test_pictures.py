@@ -8,37 +8,22 @@ from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure
 
 import dimersweep
-from dimersweep.cubes.cube import FLAGS, blank, build
-from dimersweep.cubes.grid import make_grid
+from dimersweep.cubes.cube import FLAGS
 from dimersweep.cubes.points import make_points
 from dimersweep.errors import ParameterError
 from dimersweep.fits.pictures import draw_fit
-from dimersweep.kernel.model.layout import CODES, DI_ENDS, M_DRIFT, M_JUMP, M_NOT_RUN, M_REST, MODES, OUT
+from dimersweep.kernel.model.layout import DI_ENDS, M_DRIFT, M_JUMP, M_NOT_RUN, M_REST, MODES
 from dimersweep.orbits.pictures import draw_borders
 from dimersweep.plots import FIGURES, draw, energy_budget, movie, orbit, replay, run_figure
 from dimersweep.plots import playback as playing
 from dimersweep.plots.attractors import attractors
+from tests.checks.cubes import built, cube_of
 
 pytestmark = pytest.mark.filterwarnings("error")
 D, R, J = M_DRIFT, M_REST, M_JUMP
 COLORS = {"drift": "#0072b2", "rest": "#999999", "jump": "#e69f00", "flutter": "#009e73", "failed": "#000000"}
 RED, BLUE, BLACK = "#d62728", "#1f4fd8", "#000000"  # of p1; of the first row
 ENDS = {"none": "#ffffff", "sp_sp": "#0072b2", "sp_sk": "#e69f00", "sk_sp": "#cc79a7", "sk_sk": "#009e73"}
-
-
-def built(grid, modes, **columns):
-    out, codes = blank(grid.size)
-    codes[:, CODES.index("mode")] = np.ravel(modes)
-    for name, values in columns.items():
-        if name in CODES:
-            codes[:, CODES.index(name)] = np.ravel(values)
-        else:
-            out[:, OUT.index(name)] = np.ravel(values)
-    return build(grid, out, codes, {})
-
-
-def cube_of(modes, axes, fixed=None, **columns):
-    return built(make_grid(axes, fixed or {}), modes, **columns)
 
 
 def with_paths(cube, per_period=4):
@@ -107,9 +92,9 @@ def test_a_map_of_modes_has_each_mode_in_its_place_and_its_colour():
 
 def test_a_strip_of_modes_runs_to_the_right():
     (axes,) = draw(cube_of([R, D, D, J], {"xdot0": [0.5, 1, 2, 3]})).axes
-    assert [color_at(axes, x, 0.5) for x in (0.5, 1, 2, 3)] == [
-        COLORS[word] for word in ("rest", "drift", "drift", "jump")
-    ]
+    words = ("rest", "drift", "drift", "jump")
+    assert [color_at(axes, x, 0.5) for x in (0.5, 1, 2, 3)] == [COLORS[word] for word in words]
+    assert axes.get_xlabel() == r"$\dot{x}_1(0)$ [m/s]"
 
 
 def test_a_map_of_a_quantity_has_its_values_in_their_places_and_one_scale():
@@ -569,6 +554,7 @@ def run():
 def test_the_picture_of_a_run_has_its_heights_its_orbit_and_its_portraits(run):
     figure = run_figure(run, periods=3)
     heights, path, *portraits = figure.axes
+    assert [axes.get_title(loc="left")[:3] for axes in figure.axes] == ["(a)", "(b)", "(c)", "(d)", "(e)"]
     lines = labelled(heights)
     states = run.states(lines["$p_1$"].get_xdata() / 15)
     assert lines["$p_1$"].get_xdata()[[0, -1]] == pytest.approx([57, 60])

@@ -1,21 +1,16 @@
 """Pictures: intervals and their lengths are right, and every kind of cube gives a figure or a clear refusal."""
 
+import re
+
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image
 
 import dimersweep
-from dimersweep.cubes.cube import blank, build
-from dimersweep.cubes.grid import make_grid
 from dimersweep.cubes.reading import edges_of, minimum
 from dimersweep.errors import ParameterError
-from dimersweep.kernel.model.layout import (
-    CODES,
-    M_DRIFT,
-    M_REST,
-    MODES,
-)
+from dimersweep.kernel.model.layout import M_DRIFT, M_REST, MODES
 from dimersweep.plots import (
     MODE_COLORS,
     check_picture,
@@ -26,19 +21,16 @@ from dimersweep.plots import (
     last_cycle,
     mode_map,
     movie,
-    run_figure,
     segments,
     write_picture,
 )
 from dimersweep.plots.style import Drawing, entitle, log_scale
 from dimersweep.symbols import given
+from tests.checks import cubes
 
 
 def cube_of(modes, fixed=None, **axes):
-    grid = make_grid(axes, fixed or {})
-    out, codes = blank(grid.size)
-    codes[:, CODES.index("mode")] = np.ravel(modes)
-    return build(grid, out, codes, {})
+    return cubes.cube_of(modes, axes, fixed)
 
 
 D, R = M_DRIFT, M_REST
@@ -116,14 +108,6 @@ def test_the_order_of_axes_and_of_values_does_not_matter():
         np.testing.assert_allclose(edges_of(np.array(values[::-1])), edges_of(np.array(values))[::-1])
 
 
-def test_segments_show_the_length_of_each_row():
-    figure = segments(cube_of([[R, D, D], [D, D, R]], f=[15, 20], beta0=[0.1, 0.2, 0.3]))
-    (axes,) = figure.axes
-    assert [text.get_text() for text in axes.texts] == ["0.200 rad", "0.200 rad"]
-    assert [tick.get_text() for tick in axes.get_yticklabels()] == ["$f$ = 15 Hz", "$f$ = 20 Hz"]
-    assert axes.get_xlim() == (0, np.pi / 2)
-
-
 def test_mode_map_has_one_color_and_one_legend_entry_for_each_mode():
     modes = np.tile(np.arange(len(MODES)), (2, 1))
     figure = mode_map(cube_of(modes, e=[0.4, 0.5], Gamma=np.linspace(0.8, 1.2, len(MODES))))
@@ -182,23 +166,23 @@ def test_a_run_names_all_that_is_not_the_base_case_s(tmp_path, monkeypatch):
     assert begun.conditions().endswith(", from a given state")
 
 
-def test_mode_map_of_one_axis_and_of_a_slice():
-    assert mode_map(cube_of([R, D], xdot0=[0.5, 1])).axes[0].get_xlabel() == r"$\dot{x}_1(0)$ [m/s]"
-    assert mode_map(cube_of([[[R, D]]], f=[15], e=[0.5], Gamma=[0.8, 0.9]))
+FLAT = cube_of([R, D], f=[15, 20])
 
 
-def test_cubes_that_cannot_be_drawn_are_refused():
-    flat = cube_of([R, D], f=[15, 20])
-    with pytest.raises(ParameterError, match=r"^segments: has axes f; needs beta0 among them$"):
-        segments(flat)
-    with pytest.raises(ParameterError, match=r"^mode_map: has axes none; needs one of more than one value$"):
-        mode_map(cube_of([R], f=[15]))
-    empty = flat.isel(f=[])
-    for kind in ("mode_map", "segments", "trends"):
-        with pytest.raises(ParameterError, match=rf"^{kind}: the axis f is empty$"):
-            draw(empty, kind)
-    with pytest.raises(ParameterError, match=r"^kind = 'pie': must be one of segments, mode_map"):
-        draw(flat, "pie")
+@pytest.mark.parametrize(
+    ("cube", "kind", "more", "told"),
+    [
+        (FLAT, "segments", {}, "segments: has axes f; needs beta0 among them"),
+        (cube_of([R], f=[15]), "mode_map", {}, "mode_map: has axes none; needs one of more than one value"),
+        *((FLAT.isel(f=[]), kind, {}, f"{kind}: the axis f is empty") for kind in ("mode_map", "segments", "trends")),
+        (FLAT, "pie", {}, "kind = 'pie': must be one of segments, mode_map"),
+        (FLAT, None, {"quantity": "size"}, "quantity = 'size': must be one of mode, status, "),
+        (FLAT, "trends", {"quantity": "radius"}, "quantity = 'radius': goes with a map, not with kind = 'trends'"),
+    ],
+)
+def test_cubes_that_cannot_be_drawn_are_refused(cube, kind, more, told):
+    with pytest.raises(ParameterError, match="^" + re.escape(told)):
+        draw(cube, kind, **more)
 
 
 def test_further_axes_are_panels_over_the_first_ones():
@@ -210,21 +194,6 @@ def test_further_axes_are_panels_over_the_first_ones():
     many = cube_of(np.full((5, 5, 2, 2), R), f=range(1, 6), g=range(1, 6), e=[0.5, 0.6], beta0=[0.1, 0.2])
     assert len([axes for axes in mode_map(many).axes if axes.axison]) == 12
     assert mode_map(many).get_suptitle().startswith("12 of 25 maps")
-
-
-def test_a_quantity_is_drawn_over_the_axes():
-    cube = cube_of([[R, D, D], [D, D, R]], f=[15, 20], Gamma=[0.8, 0.9, 1.0])
-    cube["radius"] = cube["radius"].copy(data=[[np.nan, 1, 2], [3, 4, np.nan]])
-    figure = draw(cube, quantity="radius")
-    mesh = figure.axes[0].collections[0]
-    np.testing.assert_array_equal(np.ma.filled(mesh.get_array(), np.nan), cube["radius"])
-    assert figure.axes[1].get_ylabel() == "radius [m]"
-    curve = draw(cube.isel(f=0), quantity="radius").axes[0]
-    assert curve.get_ylabel() == "radius [m]"
-    with pytest.raises(ParameterError, match=r"^quantity = 'size': must be one of mode, status, "):
-        draw(cube, quantity="size")
-    with pytest.raises(ParameterError, match=r"^quantity = 'radius': goes with a map, not with kind = 'trends'$"):
-        draw(cube, "trends", quantity="radius")
 
 
 def test_values_in_a_fixed_ratio_are_drawn_on_logarithmic_axes():
@@ -284,13 +253,6 @@ def test_every_mode_is_seen_as_a_dot_on_white():
 def test_a_picture_needs_a_known_ending(tmp_path):
     with pytest.raises(ParameterError, match=r"^out = .*a.xyz: a picture must end in .png, .pdf or .svg$"):
         check_picture(tmp_path / "a.xyz")
-
-
-def test_run_figure_labels_its_panels(tmp_path):
-    figure = run_figure(dimersweep.simulate(periods=30))
-    assert [axes.get_title(loc="left")[:3] for axes in figure.axes] == ["(a)", "(b)", "(c)", "(d)", "(e)"]
-    assert all(axes.get_xlabel() and axes.get_ylabel() for axes in figure.axes)
-    figure.savefig(tmp_path / "run.png")
 
 
 @pytest.mark.parametrize("friction", [{}, {"mu": 0.05, "mu_s": 0.1}])

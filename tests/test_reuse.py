@@ -21,9 +21,7 @@ BETA0 = np.linspace(0.1, 1.5, 29)
 GRID = {"f": [15, 25], "beta0": BETA0}
 
 
-@pytest.fixture(autouse=True)
-def in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+pytestmark = pytest.mark.usefixtures("empty_folder")
 
 
 @pytest.fixture

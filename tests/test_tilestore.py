@@ -32,9 +32,7 @@ SPEC = study_of(GRID, periods=5)
 STORE = Path("cube.nc.tiles")
 
 
-@pytest.fixture(autouse=True)
-def in_an_empty_folder(tmp_path, monkeypatch, fake_kernel):
-    monkeypatch.chdir(tmp_path)
+pytestmark = pytest.mark.usefixtures("empty_folder", "fake_kernel")
 
 
 def sweep(**settings):

@@ -16,14 +16,13 @@ from dimersweep.parameters import Parameters
 from dimersweep.storage.checking import checksum_of
 from dimersweep.symbols import PARAMETERS, SETTINGS
 
-pytestmark = [pytest.mark.jit, pytest.mark.filterwarnings("ignore:In a future version of xarray:FutureWarning")]
+pytestmark = [
+    pytest.mark.jit,
+    pytest.mark.filterwarnings("ignore:In a future version of xarray:FutureWarning"),
+    pytest.mark.usefixtures("empty_folder"),
+]
 AXES = {"Gamma": [0.8, 0.95, 1.1], "beta0": [0.2, 0.3]}
 QUIET = {"periods": 30, "progress": False}
-
-
-@pytest.fixture(autouse=True)
-def in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
 
 
 def marked(cube, first=0):
