@@ -43,7 +43,7 @@ def test_the_boundary_runs_half_way_between_points_that_differ():
     results = blank_results(spec.grid.size, spec.kind)
     results["answer"] = np.where(drifts, A_YES, A_NO)
     results["counts"][:, M_DRIFT], results["counts"][:, M_REST] = drifts, 2 * ~drifts
-    cube = spec.as_cube(results, {})
+    cube = spec.as_cube(results)
     (line,) = boundary(cube, "drift")
     assert np.abs(line[:, 1] - (1.5 - 0.5 * line[:, 0])).max() <= 0.025 + 1e-12
     assert np.ptp(line[:, 0]) == pytest.approx(0.4)

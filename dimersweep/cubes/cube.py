@@ -84,7 +84,7 @@ def float_variable(dims: tuple[str, ...], values: np.ndarray, quantity: Quantity
     return variable
 
 
-def build(grid: AnyGrid, out: np.ndarray, codes: np.ndarray, attributes: Mapping[str, Any]) -> xr.Dataset:
+def build(grid: AnyGrid, out: np.ndarray, codes: np.ndarray, attributes: Mapping[str, Any] | None = None) -> xr.Dataset:
     """The cube of a swept grid.
 
     Parameters
@@ -95,7 +95,7 @@ def build(grid: AnyGrid, out: np.ndarray, codes: np.ndarray, attributes: Mapping
         Float results of each point; NaN where they have no meaning.
     codes : ndarray, shape (grid.size, N_CODES), int64
         Integer results of each point.
-    attributes : mapping
+    attributes : mapping, optional
         Global attributes.
 
     Returns
@@ -110,7 +110,7 @@ def build(grid: AnyGrid, out: np.ndarray, codes: np.ndarray, attributes: Mapping
     }
     for slot, name in enumerate(OUT):
         variables[name] = float_variable(dims, out[:, slot].reshape(grid.shape), QUANTITIES[name])
-    return xr.Dataset(variables, coordinates_of(grid), dict(attributes))
+    return xr.Dataset(variables, coordinates_of(grid), attributes)
 
 
 def with_fields(cube: xr.Dataset, results: np.ndarray, fields: Iterable[Field]) -> xr.Dataset:

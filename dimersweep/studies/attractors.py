@@ -1,7 +1,9 @@
 """What motions there are: attractors told apart from drawn starts, and the share of the starts that each of them takes."""
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
+from functools import partial
+from math import nan
 from statistics import NormalDist
 from time import perf_counter
 from typing import Any
@@ -275,24 +277,25 @@ class Census:
     def dataset(self, fixed: Mapping[str, float]) -> xr.Dataset:
         """All that was found, labelled; `fixed` are the parameters that do not vary."""
         axis = self.name or "value"
+        over = (axis, "attractor")
         data = xr.Dataset(coords={"attractor": ("attractor", 1 + np.arange(len(self.known)), _meaning("its number"))})
-        for name, meaning, kind, empty, read in _READ:
-            table = np.full((len(self.rows), len(self.known)), empty, dtype=object)
-            for k, row in enumerate(self.rows):
-                for number, sort in row.items():
-                    table[k, number] = read(sort)
-            data[name] = ((axis, "attractor"), table.astype(kind), meaning)
+        for name, (meaning, empty, read) in _READ.items():
+            data[name] = (over, self._table(empty, read), meaning)
+        nothing = padded(np.zeros(0))
+        multipliers = self._table(
+            nothing, lambda sort: nothing if sort.orbit is None else padded(sort.orbit.multipliers)
+        )
+        data.update(multiplier_columns((*over, "multiplier"), multipliers))
         n = len(next(iter(self.columns.values())))
         data["share"] = data["count"] / n
         data["share"].attrs = _meaning("share of the starts")
         for end, bound in zip(("low", "high"), wilson(data["count"].values, n, self.level), strict=True):
             name = f"{end} end of the share's interval"
-            data[f"share_{end}"] = ((axis, "attractor"), bound, _meaning(name) | {"level": self.level})
-        self._add_orbits(data, axis)
+            data[f"share_{end}"] = (over, bound, _meaning(name) | {"level": self.level})
         self._add_basins(data, axis)
         if self.checks:
             table = np.array([[row.get(k, False) for k in range(len(self.known))] for row in self.checks])
-            data["confirmed"] = ((axis, "attractor"), table, _meaning("whether a longer run is still there"))
+            data["confirmed"] = (over, table, _meaning("whether a longer run is still there"))
         if not self.name:
             data = data.isel({axis: 0})
         else:
@@ -301,25 +304,10 @@ class Census:
         scalars = {key: ((), value, PARAMETERS[key].attributes()) for key, value in fixed.items()}
         return data.assign_coords(scalars).assign_attrs(plot="attractors")
 
-    def _add_orbits(self, data: xr.Dataset, axis: str) -> None:
-        shape = (len(self.rows), len(self.known))
-        numbers = {name: np.full(shape, np.nan) for name in OF_AN_ORBIT}
-        multipliers = np.full((*shape, padded(np.zeros(0)).size), np.nan, dtype=complex)
-        known, stable = np.zeros(shape, dtype=bool), np.zeros(shape, dtype=bool)
-        for k, row in enumerate(self.rows):
-            for number, sort in row.items():
-                if sort.carried is None:
-                    continue
-                orbit = sort.carried.orbit
-                for name, column in numbers.items():
-                    column[k, number] = getattr(orbit, name)
-                multipliers[k, number] = padded(orbit.multipliers)
-                known[k, number], stable[k, number] = True, orbit.stable
-        data["orbit"] = ((axis, "attractor"), known, _meaning("whether its orbit was found"))
-        data["stable"] = ((axis, "attractor"), stable, _meaning("whether an orbit was found that is stable"))
-        for name, column in numbers.items():
-            data[name] = ((axis, "attractor"), column, COLUMNS[name].attributes())
-        data.update(multiplier_columns((axis, "attractor", "multiplier"), multipliers))
+    def _table(self, empty: Any, read: Callable[[Sort], Any]) -> np.ndarray:
+        """What is read of each attractor at each value; `empty` where it is not met."""
+        numbers = range(len(self.known))
+        return np.array([[read(row[k]) if k in row else empty for k in numbers] for row in self.rows])
 
     def _add_basins(self, data: xr.Dataset, axis: str) -> None:
         n = len(next(iter(self.columns.values())))
@@ -340,8 +328,8 @@ class Census:
                 sort = self.rows[k if goes else k + 1][number]
                 beyond = float(self.values[k + 1 if goes else k])
                 border = (float("nan"), "none")
-                if sort.carried is not None:
-                    border = border_between(sort.carried.orbit, self.name, beyond)
+                if sort.orbit is not None:
+                    border = border_between(sort.orbit, self.name, beyond)
                 rows.append((number + 1, "goes" if goes else "appears", *self.values[k : k + 2], *border))
         for k, (name, kind, units, meaning) in enumerate(_CHANGE):
             column: np.ndarray = np.array([row[k] for row in rows], dtype=kind)
@@ -353,32 +341,34 @@ def _meaning(text: str) -> dict[str, Any]:
     return {"units": "1", "long_name": text}
 
 
+def _of_orbit(name: str, sort: Sort) -> float:
+    return nan if sort.orbit is None else float(getattr(sort.orbit, name))
+
+
 def _word(sort: Sort) -> str:
-    if sort.carried is not None:
-        return sort.carried.orbit.word
+    if sort.orbit is not None:
+        return sort.orbit.word
     return "" if sort.portrait is None else sort.portrait.word
 
 
-# variables of each attractor: name, attributes, type, what stands where it is not met, and how it is read
-_READ: Sequence[tuple[str, dict[str, Any], Any, Any, Callable[[Sort], Any]]] = (
-    ("count", _meaning("number of starts that lead there"), np.int64, 0, lambda sort: sort.members.size),
-    ("mode", _meaning("mode of the representative"), str, "", lambda sort: sort.mode),
-    (
-        "periods",
+# variables of each attractor: attributes, what stands where it is not met, and how it is read
+_READ: dict[str, tuple[dict[str, Any], Any, Callable[[Sort], Any]]] = {
+    "count": (_meaning("number of starts that lead there"), 0, lambda sort: sort.members.size),
+    "mode": (_meaning("mode of the representative"), "", lambda sort: sort.mode),
+    "periods": (
         _meaning("forcing periods after which it repeats; 0 if it does not"),
-        np.int64,
         0,
         lambda sort: 0 if sort.portrait is None else sort.portrait.periods,
     ),
-    ("word", _meaning("sequence of contact states"), str, "", _word),
-    (
-        "representative",
-        _meaning("number of a start that leads there"),
-        np.int64,
-        NONE,
-        lambda sort: sort.representative,
+    "word": (_meaning("sequence of contact states"), "", _word),
+    "representative": (_meaning("number of a start that leads there"), NONE, lambda sort: sort.representative),
+    "orbit": (_meaning("whether its orbit was found"), False, lambda sort: sort.orbit is not None),
+    "stable": (
+        _meaning("whether an orbit was found that is stable"),
+        False,
+        lambda sort: sort.orbit is not None and sort.orbit.stable,
     ),
-)
+} | {name: (COLUMNS[name].attributes(), nan, partial(_of_orbit, name)) for name in OF_AN_ORBIT}
 # variables of a change: name, type, unit (that of the parameter, if None), meaning
 _CHANGE = (
     ("changed", np.int64, "1", "number of the attractor that appears or goes"),

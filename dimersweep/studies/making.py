@@ -5,7 +5,7 @@ import signal
 import sys
 import warnings
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,7 @@ from dimersweep.storage.provenance import CHECKSUM, as_text, attributes, differe
 from dimersweep.storage.tilestore import TileStore, tile_store
 from dimersweep.studies.reuse import Known, check_alike
 from dimersweep.studies.study import Label, Study
-from dimersweep.work.computing import Crew, Store, crew, settle_way
+from dimersweep.work.computing import Store, crew, settle_way
 from dimersweep.work.options import Options
 
 
@@ -41,13 +41,53 @@ def make_cube(study: Study, options: Options) -> xr.Dataset:
     """
     if study.grid.columns and options.extend is not None:
         raise ParameterError("extend: is for grids, not for single points")
-    former = complete_cube(study, options)
+    former = _complete_cube(study, options)
     if former is not None:
         return former
-    with unfinished_cube(study, options) as cube:
-        known, origin = known_points(study, options)
-        label = study.run(cube.crew, known)
-        return cube.write(label, cube.attributes(origin))
+    settle_way(progress=options.progress)
+    written = False
+    with _store_of(study, options) as store, crew(store, options) as hired:
+        try:
+            known, origin = known_points(study, options)
+            label = study.run(hired, known)
+            told = attributes(study.configuration(), study.summary, store.wall) | {"kernel_time_s": store.seconds}
+            cube = _finished(study, options, store, label, told | origin | dict(options.attrs))
+            written = True
+            if isinstance(store, TileStore) and not options.keep_tiles:
+                store.store.remove()
+        except KeyboardInterrupt as stop:  # one that came while no points were run tells nothing
+            kept = f"{options.out} is written" if written else store.kept
+            raise Stopped(str(stop) or kept, getattr(stop, "signal", signal.SIGINT)) from None
+    return cube
+
+
+def _finished(study: Study, options: Options, store: Store, label: Label, told: Mapping[str, Any]) -> xr.Dataset:
+    """The cube of all results with what it tells of itself, its checksum among that; written, if it has an output."""
+    if isinstance(store, TileStore) and format_of(store.out).write_blocks is not None:
+        return _written_by_blocks(study, options, store, told)
+    cube = signed(label(store.read(0, study.grid.size)).assign_attrs(told), study.configuration())
+    cube.attrs[CHECKSUM] = checksum_of(cube)
+    if isinstance(store, TileStore):
+        replaces, scratch = options.force or options.retry, store.store.scratch
+        write_cube(cube, store.out, force=replaces, scratch=scratch, kept=store.kept_if_refused)
+    return cube
+
+
+def _written_by_blocks(study: Study, options: Options, store: TileStore, told: Mapping[str, Any]) -> xr.Dataset:
+    """The same, written block by block and opened."""
+    out, write = store.out, format_of(store.out).write_blocks
+    assert write is not None
+    first = replace(study, grid=study.grid.window(0, 1)[0]).as_cube(blank_results(1, study.kind))
+    with disk_errors(f"out = {out}", store.kept_if_refused):
+        write(
+            study.grid,
+            signed(first.assign_attrs(told), study.configuration()),
+            lambda tile, axes: replace(study, grid=axes).as_cube(store.read(*tile)),
+            out,
+            scratch=store.store.scratch,
+            workers=options.workers,
+        )
+    return open_cube(out)
 
 
 def known_points(study: Study, options: Options) -> tuple[list[Known], dict[str, str]]:
@@ -73,7 +113,7 @@ def known_points(study: Study, options: Options) -> tuple[list[Known], dict[str,
     return known, origin
 
 
-def complete_cube(study: Study, options: Options) -> xr.Dataset | None:
+def _complete_cube(study: Study, options: Options) -> xr.Dataset | None:
     """The cube of `study` if it is at the output already, with nothing to retry; the output is judged.
 
     Raises
@@ -106,103 +146,13 @@ def complete_cube(study: Study, options: Options) -> xr.Dataset | None:
     return None
 
 
-class UnfinishedCube:
-    """A cube that is being made: the store of its points, and the crew that runs those that are missing.
-
-    Parameters
-    ----------
-    study : Study
-    options : Options
-    store : Store
-    crew : Crew
-    """
-
-    def __init__(self, study: Study, options: Options, store: Store, crew: Crew) -> None:
-        self.study, self.options, self.store, self.crew = study, options, store, crew
-        self._written = False
-
-    @property
-    def kept(self) -> str:
-        """What is kept if it is stopped now, in words."""
-        return f"{self.options.out} is written" if self._written else self.store.kept
-
-    @property
-    def by_blocks(self) -> bool:
-        """Whether it is written block by block."""
-        return self.options.out is not None and format_of(self.options.out).write_blocks is not None
-
-    def attributes(self, origin: Mapping[str, str]) -> dict[str, Any]:
-        """Global attributes, with those of its `origin`."""
-        common = attributes(self.study.configuration(), self.study.summary, self.store.wall)
-        return common | {"kernel_time_s": self.store.seconds} | dict(origin) | dict(self.options.attrs)
-
-    def write(self, label: Label, attributes: Mapping[str, Any]) -> xr.Dataset:
-        """The finished cube with its checksum; written, if it has an output, and the folder of its points removed."""
-        if self.by_blocks:
-            return self._write_blocks(attributes)
-        cube = signed(label(self.store.read(0, self.study.grid.size), attributes), self.study.configuration())
-        cube.attrs[CHECKSUM] = checksum_of(cube)
-        if isinstance(self.store, TileStore):
-            scratch = self.store.store.scratch
-            write_cube(cube, self.store.out, force=self._replaces, scratch=scratch, kept=self.store.kept_if_refused)
-            self._tidy_up(self.store)
-        return cube
-
-    def _write_blocks(self, attributes: Mapping[str, Any]) -> xr.Dataset:
-        """Write it block by block; returns it opened again."""
-        assert isinstance(self.store, TileStore)
-        out, write, study = self.store.out, format_of(self.store.out).write_blocks, self.study
-        assert write is not None
-        first = replace(study, grid=study.grid.window(0, 1)[0])
-        small = signed(first.as_cube(blank_results(1, study.kind), attributes), study.configuration())
-        with disk_errors(f"out = {out}", self.store.kept_if_refused):
-            write(
-                study.grid,
-                small,
-                lambda tile, axes: replace(study, grid=axes).as_cube(self.store.read(*tile), {}),
-                out,
-                scratch=self.store.store.scratch,
-                workers=self.options.workers,
-            )
-        self._tidy_up(self.store)
-        return open_cube(out)
-
-    @property
-    def _replaces(self) -> bool:
-        return self.options.force or self.options.retry
-
-    def _tidy_up(self, store: TileStore) -> None:
-        self._written = True
-        if not self.options.keep_tiles:
-            store.store.remove()
-
-
 @contextmanager
-def unfinished_cube(study: Study, options: Options) -> Iterator[UnfinishedCube]:
-    """A cube to be made, with what was finished of it before.
-
-    Raises
-    ------
-    ParameterError, StoreError, KernelError, PointError, UnfinishedError, Stopped
-        See `sweep`.
-    """
-    settle_way(progress=options.progress)
-    with ExitStack() as stack:
-        store: Store = (
-            MemoryStore(study.grid.size, study.kind)
-            if options.out is None
-            else stack.enter_context(_store_of(study, options, options.out))
-        )
-        cube = UnfinishedCube(study, options, store, stack.enter_context(crew(store, options)))
-        try:
-            yield cube
-        except KeyboardInterrupt as stop:  # one that came while no points were run tells nothing
-            raise Stopped(str(stop) or cube.kept, getattr(stop, "signal", signal.SIGINT)) from None
-
-
-@contextmanager
-def _store_of(study: Study, options: Options, out: Path) -> Iterator[TileStore]:
-    """The store of finished points beside `out`, under its lock."""
+def _store_of(study: Study, options: Options) -> Iterator[Store]:
+    """The store of finished points: beside the output and under its lock, if there is one, else in memory."""
+    out = options.out
+    if out is None:
+        yield MemoryStore(study.grid.size, study.kind)
+        return
     with (
         tile_store(out, study.configuration(), study.grid.size, study.kind, force=options.force) as store,
         _tidy(store),
@@ -210,7 +160,7 @@ def _store_of(study: Study, options: Options, out: Path) -> Iterator[TileStore]:
         # who held the lock before may have written it meanwhile
         check_writable(out, force=options.force or options.retry)
         for line in store.store.trouble:
-            warnings.warn(line, RuntimeWarning, stacklevel=8)  # of what has called sweep, search or refine
+            warnings.warn(line, RuntimeWarning, stacklevel=5)  # of what has called sweep, search or refine
         if options.retry and "failed" in store.modes():
             store.drop(study.again)
         yield store

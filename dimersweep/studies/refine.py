@@ -209,9 +209,9 @@ class RefinedMap(Search):
         """Numbers of the points at the corners of a cell."""
         return [int(np.ravel_multi_index(place, self.grid.shape)) for place in cell.corners()]
 
-    def as_cube(self, results: np.ndarray, attributes: Mapping[str, Any], cells: Sequence[Cell] = ()) -> xr.Dataset:
+    def as_cube(self, results: np.ndarray, cells: Sequence[Cell] = ()) -> xr.Dataset:
         """See `Study`; points that were not computed are set to what the corners of `cells` around are, and told apart."""
-        cube = super().as_cube(results, attributes)
+        cube = super().as_cube(results)
         computed = ~not_run(results["codes"]).reshape(self.grid.shape)
         for face in (face for cell in cells for face in cell.faces()):
             missing = ~computed[face]

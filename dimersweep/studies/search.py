@@ -168,10 +168,10 @@ class Search(Study):
         region[unsearched] = results["codes"][unsearched, CODE_MODE]
         return region
 
-    def as_cube(self, results: np.ndarray, attributes: Mapping[str, Any]) -> xr.Dataset:
+    def as_cube(self, results: np.ndarray) -> xr.Dataset:
         """See `Study`; with the answer at each point, open where the search itself failed, and the value that decided it."""
         shape, dims, counts = self.grid.shape, tuple(self.grid.axes), results["counts"]
-        cube = build(self.grid, results["out"], results["codes"], attributes)
+        cube = build(self.grid, results["out"], results["codes"])
         failed = ~not_run(results["codes"]) & (results["answer"] == A_NOT_RUN)
         cube["answer"] = label_variable("answer", dims, np.where(failed, A_UNSURE, results["answer"]).reshape(shape))
         cube["region"] = label_variable("region", dims, self.regions(results).reshape(shape))

@@ -1,6 +1,6 @@
 """A study: points, how each of them is run, what is observed there, and how the results become a cube and back."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple, Self
 
@@ -25,7 +25,7 @@ from dimersweep.work.tiles import around
 
 MOST_PARTS = 200  # that are timed
 MOST_OF_LINE = 20  # values of a line that are timed
-Label = Callable[[np.ndarray, Mapping[str, Any]], xr.Dataset]  # results of all points and global attributes to a cube
+Label = Callable[[np.ndarray], xr.Dataset]  # results of all points to a cube
 
 
 class Sample(NamedTuple):
@@ -187,9 +187,9 @@ class Study:
         """Which of results, shape (n,), a retry forgets, in whole lines: those that failed, and those that depend on one."""
         return np.repeat(not_ok(results["codes"]).reshape(-1, self.line).any(axis=1), self.line)
 
-    def as_cube(self, results: np.ndarray, attributes: Mapping[str, Any]) -> xr.Dataset:
-        """Results of all points, shape (grid.size,), as a labelled cube with global attributes."""
-        return with_fields(build(self.grid, results["out"], results["codes"], attributes), results, self.fields)
+    def as_cube(self, results: np.ndarray) -> xr.Dataset:
+        """Results of all points, shape (grid.size,), as a labelled cube."""
+        return with_fields(build(self.grid, results["out"], results["codes"]), results, self.fields)
 
     def results_of(self, cube: xr.Dataset) -> np.ndarray:
         """The results that `as_cube` made a cube of."""

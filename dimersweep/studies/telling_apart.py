@@ -11,6 +11,7 @@ from dimersweep.errors import OrbitError
 from dimersweep.kernel.course import new_workspace
 from dimersweep.kernel.model.layout import CODE_MODE, CODE_MODE_PERIOD, MODES
 from dimersweep.orbits.finding import find
+from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.poincare import OrbitLost, Tape
 from dimersweep.orbits.portraits import ALIKE_WITHIN, Carried, Mirrors, Portrait, apart, portrait_from
 from dimersweep.runs.settings import RunSettings
@@ -40,6 +41,11 @@ class Sort(NamedTuple):
     representative: int
     portrait: Portrait | None = None
     carried: Carried | None = None
+
+    @property
+    def orbit(self) -> PeriodicOrbit | None:
+        """The one orbit that was found of it."""
+        return None if self.carried is None else self.carried.orbit
 
     def joined_by(self, other: "Sort") -> "Sort":
         """The attractor with the starts of another one, and the orbit of the first that has one."""
