@@ -16,7 +16,7 @@ import pytest
 import dimersweep
 from dimersweep import cli, parameters, plots
 from dimersweep.kernel import batch
-from dimersweep.kernel.compiler import cache, keeping, versions
+from dimersweep.kernel.compiler import cache, versions, ways
 from dimersweep.kernel.compiler.jit import exported
 from dimersweep.runs import run
 from dimersweep.studies import deciding, making
@@ -25,6 +25,7 @@ from dimersweep.work import progress, tiles
 
 PACKAGE = Path(dimersweep.__file__).parent
 KERNEL = PACKAGE / "kernel"
+VERSION = "0123456789abcdef"
 
 
 def test_an_edit_in_any_module_changes_the_hash(tmp_path):
@@ -69,7 +70,7 @@ def run_python(code, tree=PACKAGE.parent, **environment):
 
 def versions_of(tree=PACKAGE.parent, **environment):
     """The version of the code and that of the results, in a process of its own."""
-    program = f"from {versions.__name__} import code_version, kernel_version; print(code_version(), kernel_version())"
+    program = f"from {ways.__name__} import versions, way; print(versions.code_version(way()), versions.kernel_version(way()))"
     return run_python(program, tree, **environment).split()
 
 
@@ -123,7 +124,7 @@ def test_a_processor_that_rounds_alike_changes_the_code_alone(name):
 
 
 def test_the_versions_tell_rounding_and_packages():
-    told = versions.compiler()
+    told = versions.compiler(ways.FAST)
     assert {"numba", "llvmlite", "numpy", "python", "rounding"} <= set(told)
     assert "libc" not in told  # the kernel has elementary functions of its own
     assert told["numba"] == version("numba") and told["llvmlite"] == version("llvmlite")
@@ -167,10 +168,10 @@ def copy(tmp_path):
 def twice(copy, first="pass", **environment):
     """Value of the small program, and the folder of its code, in a process of its own."""
     program = (
-        f"{first}; from dimersweep.kernel.room.above import twice; from {cache.__name__} import code_folders; "
-        "print(twice(), *code_folders())"
+        f"{first}; from dimersweep.kernel.room.above import twice; from {ways.__name__} import cache, versions, way; "
+        "print(twice(), cache.code_folders(versions.code_version(way()))[0])"
     )
-    value, place, _ = run_python(program, copy, **environment).split()
+    value, place = run_python(program, copy, **environment).split()
     return int(value), Path(place)
 
 
@@ -187,10 +188,12 @@ def test_who_changes_the_physics_is_warned_and_goes_on(tmp_path, copy):
         "    run = dimersweep.simulate(record=False)\n"
         "print(round(run.orbit.radius, 3), *(each.message for each in said))"
     )
-    radius, told = run_python(program, copy, NUMBA_CACHE_DIR=str(tmp_path / "cache")).split(" ", 1)
+    radius, told = run_python(
+        program, copy, NUMBA_CACHE_DIR=str(tmp_path / "cache"), DIMERSWEEP_OTHER_PHYSICS="1"
+    ).split(" ", 1)
     assert float(radius) == 4.286
     assert told.startswith("kernel: gives radius 4.286")
-    assert told.endswith("for the base case, and so do its sources uncompiled: they were changed\n")
+    assert told.endswith("for the base case; DIMERSWEEP_OTHER_PHYSICS is set\n")
 
 
 @pytest.mark.jit
@@ -303,12 +306,10 @@ def test_settings_of_the_process_stay_as_they_are():
 def test_a_chosen_folder_is_the_base_and_a_child_process_shares_it(tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     monkeypatch.setenv("TMPDIR", str(tmp_path / "tmp"))
-    folders = cache.code_folders()
-    assert folders[0] == tmp_path / "dimersweep" / versions.code_version()
-    assert folders[1] == tmp_path / "tmp" / f"dimersweep-{os.getuid()}" / versions.code_version()
-    printed = run_python(f"from {cache.__name__} import code_folders; print(*code_folders(), sep='\\n')")
-    assert printed.split() == [str(folder) for folder in folders]
-    assert not cache.is_compiled()
+    assert cache.base_folders() == [tmp_path / "dimersweep", tmp_path / "tmp" / f"dimersweep-{os.getuid()}"]
+    printed = run_python(f"from {cache.__name__} import base_folders; print(*base_folders(), sep='\\n')")
+    assert printed.split() == [str(folder) for folder in cache.base_folders()]
+    assert not ways.is_compiled()
 
 
 @pytest.fixture
@@ -356,32 +357,32 @@ def test_code_is_not_kept_where_nothing_can_be_written(copy, places):
 
 def test_code_is_read_from_a_folder_that_others_have_filled(places):
     base = allow(places["NUMBA_CACHE_DIR"]) / "dimersweep"
-    cache.save("name", b"code")
-    (base / versions.code_version() / cache.MARK).unlink()  # so that the use cannot be noted
-    assert cache.load("name") == b"code"
+    cache.save(VERSION, "name", b"code")
+    (base / VERSION / cache.MARK).unlink()  # so that the use cannot be noted
+    assert cache.load(VERSION, "name") == b"code"
 
 
 @pytest.mark.parametrize("fault", ["others may write", "a link"])
 def test_code_from_a_temporary_folder_of_others_is_not_run(tmp_path, places, fault):
     scratch = allow(places["TMPDIR"]) / f"dimersweep-{os.getuid()}"
-    cache.save("name", b"code")
-    assert cache.load("name") == b"code" and cache.is_compiled()
+    cache.save(VERSION, "name", b"code")
+    assert cache.load(VERSION, "name") == b"code" and cache.holds(VERSION)
     if fault == "a link":
         scratch.rename(tmp_path / "elsewhere")
         scratch.symlink_to(tmp_path / "elsewhere")
     else:
         scratch.chmod(0o777)
-    assert cache.load("name") is None and not cache.is_compiled()
+    assert cache.load(VERSION, "name") is None and not cache.holds(VERSION)
     with pytest.warns(RuntimeWarning, match=r"^compiled code cannot be kept in .*, so every process compiles;"):
-        cache.save("other", b"code")
+        cache.save(VERSION, "other", b"code")
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="needs to be another user")
 def test_code_from_a_folder_of_another_user_is_not_run(places):
     scratch = allow(places["TMPDIR"]) / f"dimersweep-{os.getuid()}"
-    cache.save("name", b"code")
+    cache.save(VERSION, "name", b"code")
     os.chown(scratch, 12345, 12345)
-    assert cache.load("name") is None
+    assert cache.load(VERSION, "name") is None
 
 
 @pytest.mark.usefixtures("fake_kernel")
@@ -406,10 +407,10 @@ def flipped(content, at, bit):
 def test_damaged_code_is_not_read(places):
     allow(places["NUMBA_CACHE_DIR"])
     code = bytes(range(256)) * 20
-    cache.save("name", code)
-    cache.save("other", b"code of another function")
-    (path,) = cache.code_folders()[0].glob("name.*")
-    (other,) = cache.code_folders()[0].glob("other.*")
+    cache.save(VERSION, "name", code)
+    cache.save(VERSION, "other", b"code of another function")
+    (path,) = cache.code_folders(VERSION)[0].glob("name.*")
+    (other,) = cache.code_folders(VERSION)[0].glob("other.*")
     content = path.read_bytes()
     rng = np.random.default_rng(1)
     damaged = [
@@ -420,9 +421,9 @@ def test_damaged_code_is_not_read(places):
     damaged += [content + b"x", bytes(len(content)), other.read_bytes()]
     for each in damaged:
         path.write_bytes(each)
-        assert cache.load("name") is None
-    cache.save("name", code)
-    assert cache.load("name") == code
+        assert cache.load(VERSION, "name") is None
+    cache.save(VERSION, "name", code)
+    assert cache.load(VERSION, "name") == code
 
 
 @pytest.mark.jit
@@ -440,7 +441,7 @@ def test_damaged_code_is_made_again(tmp_path, copy):
 def test_a_long_compilation_is_told_until_it_is_done(monkeypatch, capsys):
     state = {"ready": threading.Event(), "under_way": threading.Event()}
     for name, event in state.items():
-        monkeypatch.setattr(keeping, name, event)
+        monkeypatch.setattr(cache, name, event)
     monkeypatch.setattr(progress, "COMPILE_STEP", 0.01)
     monkeypatch.setattr(progress, "is_compiled", lambda: True)
     progress.report_compiling()
@@ -462,6 +463,6 @@ def test_a_long_compilation_is_told_until_it_is_done(monkeypatch, capsys):
 
 
 def test_nothing_is_compiled_with_the_jit_off(tmp_path):
-    program = f"from {cache.__name__} import is_compiled; print(is_compiled())"
+    program = f"from {ways.__name__} import is_compiled; print(is_compiled())"
     assert run_python(program, NUMBA_CACHE_DIR=str(tmp_path), NUMBA_DISABLE_JIT="1") == "True\n"
     assert run_python(program, NUMBA_CACHE_DIR=str(tmp_path), TMPDIR=str(tmp_path), NUMBA_DISABLE_JIT=None) == "False\n"

@@ -199,6 +199,9 @@ def all_nan(rows, periods, rtol, settle, out, codes):
     codes[:, CODE_MODE] = M_DRIFT
 
 
+REFUSED = "it must not be used. If its sources were changed on purpose, set DIMERSWEEP_OTHER_PHYSICS=1"
+
+
 def test_many_threads_prove_the_kernel_once(monkeypatch):
     runs, run_many = [], proving.run_many
 
@@ -221,8 +224,8 @@ def test_many_threads_prove_the_kernel_once(monkeypatch):
     ("kernel", "told"),
     [
         (cannot_load, "kernel: cannot run here (EOFError: Ran out of input)"),
-        (all_nan, "kernel: gives radius nan in place of 4.2447157 for the base case; it must not be used"),
-        (lambda *arguments: None, "kernel: gives not_run in place of drift for the base case; it must not be used"),
+        (all_nan, "kernel: gives radius nan in place of 4.2447157 for the base case; " + REFUSED),
+        (lambda *arguments: None, "kernel: gives not_run in place of drift for the base case; " + REFUSED),
     ],
 )
 def test_a_kernel_that_does_not_work_ends_the_sweep_before_any_point(monkeypatch, tmp_path, kernel, told):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import dimersweep
-from dimersweep.kernel.compiler import target
+from dimersweep.kernel.compiler import versions
 from dimersweep.work.proving import is_proven
 from tests.sweeper import GRID, SETTINGS
 
@@ -75,7 +75,7 @@ def default(tmp_path_factory):
 
 @needs_fma
 def test_the_target_is_common_by_default(default):
-    assert default["target"] == [target.COMMON, ""]
+    assert default["target"] == [versions.COMMON, ""]
 
 
 @pytest.mark.parametrize("name", [runnable(name) for name in TARGETS])
@@ -112,7 +112,7 @@ def test_workers_with_different_targets_finish_a_sweep(tmp_path):
         cluster.scale(2)
         with Client(cluster) as client:
             client.wait_for_workers(2, timeout=60)
-            assert sorted(name for name, _ in client.run(target.target).values()) == sorted(names)
+            assert sorted(name for name, _ in client.run(versions.target).values()) == sorted(names)
             cube = dimersweep.sweep(GRID, **SETTINGS, progress=False, out=tmp_path / "cube.nc", client=client)
             assert list(client.run(is_proven).values()) == [True, True]  # both were given work
     alone = dimersweep.sweep(GRID, **SETTINGS, progress=False)
@@ -134,7 +134,7 @@ def answer(folder, *presets):
             str(name): hashlib.sha256(np.ascontiguousarray(cube[name].values).tobytes()).hexdigest()
             for name in cube.variables
         }
-    print(json.dumps({"version": kernel_version(), "target": target.target(), "bits": bits}))
+    print(json.dumps({"version": kernel_version(), "target": versions.target(), "bits": bits}))
 
 
 if __name__ == "__main__":

@@ -177,10 +177,10 @@ def refused(scene: Scene, before: Callable[[], None], words: str) -> str | None:
 @attack("cluster: a worker has another version")
 def _(scene: Scene) -> str | None:
     def pretend() -> None:
-        from dimersweep.kernel.compiler import versions
+        from dimersweep.kernel.compiler import ways
         from dimersweep.work import scheduling
 
-        versions.kernel_version = scheduling.kernel_version = lambda: "another"
+        ways.kernel_version = scheduling.kernel_version = lambda: "another"
 
     return refused(scene, pretend, "has kernel version another")
 
@@ -200,11 +200,9 @@ def _(scene: Scene) -> str | None:
 
 SMALL = """
 import sys
-from numba import njit
-from dimersweep.kernel.compiler.keeping import kept
+from dimersweep.kernel.compiler.jit import exported
 
-@kept
-@njit(error_model="numpy")
+@exported
 def total(n):
     found = 0.0
     for k in range(n):
@@ -214,7 +212,7 @@ def total(n):
 if sys.argv[1:] == ["wait"]:
     print("ready", flush=True)
     sys.stdin.readline()
-print(total(1000), len(total.stats.cache_hits), flush=True)
+print(total(1000), len(total.dispatcher.stats.cache_hits), flush=True)
 """
 
 

@@ -10,8 +10,7 @@ from time import perf_counter
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-from dimersweep.kernel.compiler.cache import is_compiled
-from dimersweep.kernel.compiler.versions import FAST, PLAIN, way
+from dimersweep.kernel.compiler.ways import FAST, PLAIN, is_compiled, way
 
 LINE_SECONDS = 10.0  # between two plain lines
 ENOUGH_SECONDS = 2.0  # of work by each worker, before its time left is shown
@@ -141,11 +140,11 @@ def report_compiling() -> None:
 
 
 def _report_seconds() -> None:
-    from dimersweep.kernel.compiler import keeping
+    from dimersweep.kernel.compiler import cache
 
     begun = perf_counter()
-    while (seconds := perf_counter() - begun) < COMPILE_SHOWN and not keeping.ready.wait(COMPILE_STEP):
-        if keeping.under_way.is_set():
+    while (seconds := perf_counter() - begun) < COMPILE_SHOWN and not cache.ready.wait(COMPILE_STEP):
+        if cache.under_way.is_set():
             print(f"compiling the kernel: {seconds + COMPILE_STEP:.0f} s so far", file=sys.stderr, flush=True)
 
 

@@ -2,9 +2,12 @@
 
 from numba import njit
 
-from dimersweep.kernel.compiler.keeping import kept
+from dimersweep.kernel.compiler.cache import kept
+from dimersweep.kernel.compiler.versions import code_version
+from dimersweep.kernel.compiler.ways import PYTHON, way
 
 
 def compiled(function):
     """Compile a function."""
-    return kept(njit(error_model="numpy")(function))
+    made = njit(error_model="numpy")(function)
+    return made if way() == PYTHON else kept(made, code_version(way()))

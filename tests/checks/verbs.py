@@ -35,239 +35,238 @@ from dimersweep.kernel.numerics import elementary
 from dimersweep.kernel.numerics import sincos as sines
 from dimersweep.kernel.verdict import track
 from dimersweep.parameters import Parameters
-from tests.checks.cached import compiled
 
 
-@compiled
+@exported
 def set_pair(dm):
     body.set_pair(dm)
 
 
-@compiled
+@exported
 def number(s):
     """Number of the end with sign s: -1 for p1, +1 for p2."""
     return 0 if s < 0.0 else 1
 
 
-@compiled
+@exported
 def end(dm, s):
     """The end with sign s."""
     return body.end(dm, number(s))
 
 
-@compiled
+@exported
 def sincos(x):
     return sines.sincos(x)
 
 
-@compiled
+@exported
 def follow_track(row, time, x, y, heading, no_speed):
     track.follow_track(row, time, x, y, heading, no_speed)
 
 
-@compiled
+@exported
 def track_of(row, ahead):
     return track.track_of(row, ahead)
 
 
-@compiled
+@exported
 def exp(x):
     return elementary.exp(x)
 
 
-@compiled
+@exported
 def expm1(x):
     return elementary.expm1(x)
 
 
-@compiled
+@exported
 def log1p(x):
     return elementary.log1p(x)
 
 
-@compiled
+@exported
 def atan2(y, x):
     return elementary.atan2(y, x)
 
 
-@compiled
+@exported
 def raised(x, y):
     return elementary.raised(x, y)
 
 
-@compiled
+@exported
 def multiplied(x, n):
     return elementary.multiplied(x, n)
 
 
-@compiled
+@exported
 def levers(dm, s, sin_b, cos_b):
     return body.levers(end(dm, s), sin_b, cos_b)
 
 
-@compiled
+@exported
 def delassus(dm, p, q):
     return body.delassus(dm, p, q)
 
 
-@compiled
+@exported
 def contact_velocity(dm, state, s):
     return impact.contact_velocity(dm, state, number(s))
 
 
-@compiled
+@exported
 def angular_momentum(dm, state):
     return free_motion.angular_momentum(dm, state, *body.attitude(dm, state[DIP]))
 
 
-@compiled
+@exported
 def take_off(dm, state):
     return free_motion.take_off(dm, state)
 
 
-@compiled
+@exported
 def gap_series(fl, s, t):
     return free_motion.gap_series(fl, number(s), t)
 
 
-@compiled
+@exported
 def fly(dm, state, t):
     """Free motion with the path, from the state's own take-off."""
     free_motion.fly(dm, free_motion.take_off(dm, state), state, t, True)
 
 
-@compiled
+@exported
 def first_landing(fl, sign, until):
     return landing.first_landing(fl, number(sign), until)
 
 
-@compiled
+@exported
 def next_landing(fl, until):
     """Sign of the end that lands first (0.0 for neither), the time, and the probes."""
     i, t, probes = landing.next_landing(fl, until)
     return (0.0 if i < 0 else (-1.0 if i == 0 else 1.0)), t, probes
 
 
-@compiled
+@exported
 def run_down(law, a, b, tol):
     return single_impact.run_down(law, a, b, tol)
 
 
-@compiled
+@exported
 def single_phase(law, n, a, b, E, n_j, tol, work):
     return single_impact.single_phase(law, n, a, b, E, n_j, tol, work)
 
 
-@compiled
+@exported
 def end_law(dm, s, beta):
     return impact.end_law(dm, number(s), 0.0, np.sin(beta), np.cos(beta), end(dm, s).e)
 
 
-@compiled
+@exported
 def collide_single(dm, state, s, V, tol, work, log):
     return impact.single_impact(dm, state, number(s), V, tol, work, log)
 
 
-@compiled
+@exported
 def collide_double(dm, state, V, tol, modes, work, log):
     return impact.double_impact(dm, state, V, tol, modes, work, log)
 
 
-@compiled
+@exported
 def contact_state(dm, state, s, y):
     coordinates.contact_state(dm, state, number(s), y)
 
 
-@compiled
+@exported
 def kernel_state(dm, modes, y, state):
     coordinates.kernel_state(dm, modes, y, state)
 
 
-@compiled
+@exported
 def set_slip(dm, modes, y, i, a, b):
     coordinates.set_slip(dm, modes, y, i, a, b)
 
 
-@compiled
+@exported
 def set_slips(dm, modes, y, a, b_1, b_2):
     u_b, w_p = y[coordinates.YUB], y[coordinates.YWP]
     coordinates.put_slips(dm, y, a, b_1, b_2)
     coordinates.give_impulses(dm, modes, y, u_b, w_p)
 
 
-@compiled
+@exported
 def contact_rates(dm, modes, phase, y, dy, F):
     forces.contact_rates(dm, modes, phase, y, True, dy, F)
 
 
-@compiled
+@exported
 def single_forces(dm, mode, w, u_a, u_b, n, a, b):
     return friction.single_forces(dm, dm.p1.mu, mode, w, u_a, u_b, n, a, b)
 
 
-@compiled
+@exported
 def slip_force(mu, F, c, s):
     return friction.slip_force(mu, F, c, s)
 
 
-@compiled
+@exported
 def hold_left(hold, F, A, L):
     return friction.hold_left(hold, F, A, L)
 
 
-@compiled
+@exported
 def hold_left_of_pair(hold_1, F_1, L_1, hold_2, F_2, L_2, A):
     return friction.hold_left_of_pair(hold_1, F_1, L_1, hold_2, F_2, L_2, A)
 
 
-@compiled
+@exported
 def outward_slip(drive_a, drive_b, k_a, k_b):
     return friction.outward_slip(drive_a, drive_b, k_a, k_b)
 
 
-@compiled
+@exported
 def pair_friction(dm, mode_1, mode_2, f_1, f_2, a, b_1, b_2):
     return double_equations.friction(dm, mode_1, mode_2, f_1, f_2, a, b_1, b_2)
 
 
-@compiled
+@exported
 def friction_slopes(dm, mode_1, mode_2, z, g_1, g_2, J):
     double_equations.friction_slopes(dm, mode_1, mode_2, z, g_1, g_2, J)
 
 
-@compiled
+@exported
 def straight_leg(law, n, a, b, E, n_j, compressing, stick, c, s):
     return single_impact.straight_leg(law, n, a, b, E, n_j, compressing, stick, c, s)
 
 
-@compiled
+@exported
 def free_rates(dm, s, y, g_e, sin_b, cos_b):
     return forces.free_rates(dm, end(dm, s), y, g_e, 0.0, 0.0, sin_b, cos_b)
 
 
-@compiled
+@exported
 def hold_reserve(dm, modes, i, F):
     return forces.hold_reserve(dm, modes, i, F)
 
 
-@compiled
+@exported
 def contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, event, dy, F):
     return contact_modes.contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, event, dy, F)
 
 
-@compiled
+@exported
 def sustain_contact(dm, modes, y, at, span, tol, slip_tol, locate, work):
     """Contact phase with the path."""
     return phase.sustain_contact(dm, modes, y, at, span, True, tol, slip_tol, locate, work)
 
 
-@compiled
+@exported
 def sustain_contact_without_path(dm, modes, y, at, span, tol, slip_tol, locate, work):
     """Contact phase without the path."""
     return phase.sustain_contact(dm, modes, y, at, span, False, tol, slip_tol, locate, work)
 
 
-@compiled
+@exported
 def come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F):
     return chatter.come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F)
 
@@ -285,28 +284,28 @@ def rests_for_good(dm, modes, **rates):
     return rests_flat(dm, state, modes, space)
 
 
-@compiled
+@exported
 def effective_gravity(dm, phase):
     return plate.effective_gravity(dm, phase)
 
 
-@compiled
+@exported
 def plate_rate(dm, phase):
     return plate.plate_rate(dm, phase)
 
 
-@compiled
+@exported
 def along_plate(dm, phase, theta):
     """Acceleration along the heading and across it; velocity of the plate along X and Y."""
     return (*plate.acceleration_along(dm, phase, theta), *plate.velocity_along(dm, phase))
 
 
-@compiled
+@exported
 def lightest(dm):
     return plate.lightest(dm)
 
 
-@compiled
+@exported
 def plate_bounds(dm):
     """Bounds of the plate's speed, of the effective gravity from above, and of the third and fourth derivative."""
     return plate.speed_bound(dm), plate.heaviest(dm), plate.jerk_bound(dm), plate.snap_bound(dm)

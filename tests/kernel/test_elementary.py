@@ -12,7 +12,8 @@ import pytest
 import dimersweep
 from dimersweep.kernel import batch, return_map, sample
 from dimersweep.kernel.compiler.cache import load
-from dimersweep.kernel.compiler.versions import FAST, way
+from dimersweep.kernel.compiler.versions import code_version
+from dimersweep.kernel.compiler.ways import FAST, way
 from dimersweep.kernel.model import body
 from dimersweep.parameters import Parameters
 from dimersweep.runs.period_map import Section
@@ -124,9 +125,9 @@ def object_codes():
     section = Section(Parameters().row(), 1e-8)
     section.after(section.state(np.zeros(8)), 1)
     for kernel in (batch.run_rows, sample.sample, return_map.advance, body.fill_dimer):
-        assert kernel.overloads
-        for signature in kernel.overloads:
-            parts = pickle.loads(load(kernel._cache._name(signature)))
+        assert kernel.dispatcher.overloads
+        for signature in kernel.dispatcher.overloads:
+            parts = pickle.loads(load(code_version(way()), kernel.dispatcher._cache._name(signature)))
             yield kernel.__name__, next(part[2][0] for part in parts if isinstance(part, tuple) and "object" in part)
 
 

@@ -186,7 +186,7 @@ def test_the_kernel_is_compiled_once():
     outcome(varied_rows(3), 3, 1e-6, True)
     simulate(periods=2, record=True)
     simulate(periods=2, record=False, stop_when_settled=True, e=1, mu=0, mu_s=0, beta0=0)
-    assert len(batch.run_rows.signatures) == 1
+    assert len(batch.run_rows.dispatcher.signatures) == 1
 
 
 def test_slots_are_those_of_the_names():

@@ -17,7 +17,7 @@ import numba
 import numpy as np
 
 COMPILER = Path(find_spec("dimersweep").submodule_search_locations[0], "kernel", "compiler")
-FAST = ("compiling", "linking")  # the modules that take what is private
+FAST = ("linking",)  # the modules that take what is private
 
 
 class Without:
@@ -84,10 +84,10 @@ def hide(module, name, attribute):
 
 
 FAILING = (  # what is made to raise while a kernel is compiled
-    "compiling._KernelLower.lower_setitem",
-    "compiling._KernelLowering.run_pass",
-    "compiling._PartCompiler.define_pipelines",
-    "linking.Part.alone",
+    "linking.KernelCompiler.define_pipelines",
+    "linking.PartCompiler.compile_extra",
+    "linking._Part._optimize_functions",
+    "linking._Part.alone",
     "linking._Kernel.finalize",
 )
 
@@ -102,27 +102,37 @@ def fail(place):
     setattr(getattr(import_module(f"dimersweep.kernel.compiler.{module}"), owner), name, broken)
 
 
+def refusal(function, given):
+    """The kind of error that a call ends with."""
+    try:
+        function(*given)
+    except Exception as error:
+        return type(error).__name__
+
+
 def outcome(hidden=None, failing=None, wrong=False):
     """What the program gives with a part hidden or made to fail midway, how it was compiled, and what was told."""
     if hidden:
         hide(*hidden)
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
-        from dimersweep.kernel.compiler import cache, versions
+        from dimersweep.kernel.compiler import cache, versions, ways
         from tests.kernel import tiny
 
-        found = {"before": versions.kernel_version(), "values": [tiny.simple(9.0)]}
+        found = {"before": ways.kernel_version(), "values": [tiny.simple(9.0)]}
         if failing:
             fail(failing)
         if wrong:
-            try:
-                tiny.wrong(4.0)
-            except numba.TypingError as error:
-                found["refused"] = type(error).__name__
+            found["refused"] = list(
+                map(refusal, (tiny.wrong, tiny.simple, tiny.root, tiny.leaf), ([4.0], ["x"], [], [4.0]))
+            )
         found["values"] += [tiny.root(np.array([4.0, 0.0])), tiny.simple(9.0)]
-    code = {file.name: file.stat().st_mtime_ns for file in cache.code_folders()[0].glob("[rs]*.code")}
+    code = {
+        file.name: file.stat().st_mtime_ns
+        for file in cache.code_folders(versions.code_version(ways.way()))[0].glob("[rs]*.code")
+    }
     lines = [str(each.message) for each in told if each.category is RuntimeWarning]
-    return found | {"way": versions.way(), "after": versions.kernel_version(), "told": lines, "code": code}
+    return found | {"way": ways.way(), "after": ways.kernel_version(), "told": lines, "code": code}
 
 
 def in_fork(folder, environment=(), **asked):

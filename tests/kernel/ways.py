@@ -10,7 +10,7 @@ import numpy as np
 
 from dimersweep.cubes.cube import blank
 from dimersweep.kernel.batch import ask_for, run_many, run_recorded
-from dimersweep.kernel.compiler import versions
+from dimersweep.kernel.compiler.ways import way
 from dimersweep.kernel.model.layout import (
     CA,
     CB,
@@ -73,6 +73,6 @@ def period_time(periods=1000):
 if __name__ == "__main__":
     if sys.argv[1:]:
         codes, states = answers()
-        np.savez(sys.argv[1], codes=codes, states=states, way=versions.way())
+        np.savez(sys.argv[1], codes=codes, states=states, way=way())
     for _ in sys.stdin if not sys.argv[1:] else ():
         print(period_time(), flush=True)

@@ -1,26 +1,36 @@
-"""Where compiled code is kept: in folders of our own, each named by the sources and the compiler that its code is made of.
+"""Compiled code, kept in folders of our own, each named by the sources and the compiler that its code is made of.
 
-Numba's own cache misses edits in imported modules, and its settings belong to the whole process. Here each compiled
-function has a cache of its own (``keeping.py``), and only what bears our mark is ever deleted.
+Numba's own cache misses edits in imported modules, and its settings belong to the whole process. Only what bears our mark is
+ever deleted. A Numba that has changed inside costs the cache, and nothing else: then every process compiles.
 """
 
+import functools
 import hashlib
+import inspect
 import os
+import pickle
 import re
 import stat
+import threading
 import time
 import uuid
 import warnings
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
-from dimersweep.kernel.compiler.versions import PYTHON, code_version, way
+from dimersweep.kernel.compiler.versions import sources_digest, take_digests
 
 KEPT_SECONDS = 30 * 86400.0  # folders of other versions go when unused for this long
 MARK = "made-by-dimersweep"  # the file by which a folder of ours is known, touched at each use
 SUFFIX = ".code"
 DIGEST_BYTES = 32  # a checksum of name and code is written before the code: damaged code could end the process
 _KEY = re.compile("[0-9a-f]{16}")
+_folder_digest = functools.cache(sources_digest)
+# whether a function that Python calls is being compiled, and whether one has been compiled or loaded
+under_way, ready = threading.Event(), threading.Event()
+take_digests()  # before the modules are imported that hold the functions
 
 
 def base_folders() -> list[Path]:
@@ -31,13 +41,9 @@ def base_folders() -> list[Path]:
     """
     scratch = Path(os.environ.get("TMPDIR") or "/tmp") / f"dimersweep-{os.getuid()}"
     with suppress(RuntimeError):  # nobody knows of a home
-        return [_chosen() / "dimersweep", scratch]
+        chosen = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+        return [Path(chosen).absolute() / "dimersweep", scratch]
     return [scratch]
-
-
-def _chosen() -> Path:
-    chosen = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
-    return (Path(chosen) if chosen else Path.home() / ".cache").absolute()
 
 
 def _is_trusted(base: Path) -> bool:
@@ -51,30 +57,27 @@ def _is_trusted(base: Path) -> bool:
     return stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o022
 
 
-def code_folders(version: str | None = None) -> list[Path]:
-    """The folders of a version, by default of this one, in the order in which they are tried; they may not exist."""
-    return [base / (version or code_version()) for base in base_folders()]
+def code_folders(version: str) -> list[Path]:
+    """The folders of a version that can be trusted, in the order in which they are tried; they may not exist."""
+    return [base / version for base in base_folders() if _is_trusted(base)]
 
 
-def is_compiled() -> bool:
-    """Whether compiled code of this version of the kernel is at hand, or none is needed, so that the next call is quick."""
-    return way() == PYTHON or any(
-        _is_trusted(folder.parent) and any(folder.glob("*" + SUFFIX)) for folder in code_folders()
-    )
+def holds(version: str) -> bool:
+    """Whether there is code of this version."""
+    return any(any(folder.glob("*" + SUFFIX)) for folder in code_folders(version))
 
 
-def load(name: str, version: str | None = None) -> bytes | None:
+def load(version: str, name: str) -> bytes | None:
     """The code that was saved by that name, if it is there and undamaged; its folder is marked as used now."""
     for folder in code_folders(version):
         with suppress(OSError):
-            if _is_trusted(folder.parent):
-                content = (folder / (name + SUFFIX)).read_bytes()
-                code = content[DIGEST_BYTES:]
-                if content[:DIGEST_BYTES] != _checksum(name, code):
-                    continue  # it will be compiled and saved again
-                with suppress(OSError):  # a folder that others have filled
-                    os.utime(folder / MARK)
-                return code
+            content = (folder / (name + SUFFIX)).read_bytes()
+            code = content[DIGEST_BYTES:]
+            if content[:DIGEST_BYTES] != _checksum(name, code):
+                continue  # it will be compiled and saved again
+            with suppress(OSError):  # a folder that others have filled
+                os.utime(folder / MARK)
+            return code
     return None
 
 
@@ -82,15 +85,16 @@ def _checksum(name: str, code: bytes) -> bytes:
     return hashlib.sha256(name.encode() + b"\0" + code).digest()
 
 
-def save(name: str, code: bytes, version: str | None = None) -> None:
+def save(version: str, name: str, code: bytes) -> None:
     """Keep `code` by that name, and delete what has not been used for long.
 
     Where no folder can be written, one line says so, and the next process compiles again.
     """
-    for folder in code_folders(version):
+    for base in base_folders():
+        folder = base / version
         try:
-            folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-            if not _is_trusted(folder.parent):
+            base.mkdir(mode=0o700, parents=True, exist_ok=True)
+            if not _is_trusted(base):
                 continue
             folder.mkdir(exist_ok=True)
             (folder / MARK).touch()
@@ -98,7 +102,7 @@ def save(name: str, code: bytes, version: str | None = None) -> None:
         except OSError:
             continue
         with suppress(OSError):
-            prune(folder.parent, keep=folder.name)
+            prune(base, keep=version)
         return
     tried = " or ".join(str(base) for base in base_folders())
     warnings.warn(
@@ -138,3 +142,61 @@ def _delete(folder: Path) -> None:
         for path in files:
             path.unlink(missing_ok=True)
         folder.rmdir()
+
+
+class _Kept:
+    """The cache of one compiled function; methods and arguments are those that Numba asks a cache for."""
+
+    cache_path = None
+
+    def __init__(self, function: Callable[..., Any], folder: Path, version: str) -> None:
+        self._digest = hashlib.sha256(
+            _folder_digest(folder) + f"{function.__module__}.{function.__qualname__}".encode()
+        )
+        self._function, self._version = function.__name__, version
+
+    def _name(self, signature: Any) -> str:
+        digest = self._digest.copy()
+        digest.update(f" {signature}".encode())
+        return f"{self._function}-{digest.hexdigest()[:16]}"
+
+    def load_overload(self, signature: Any, context: Any) -> Any:
+        """The compiled function for arguments of some types, or None."""
+        code = load(self._version, self._name(signature))
+        with suppress(Exception):  # whatever it is, compiling mends it
+            if code is not None:
+                from numba.core.compiler import CompileResult
+
+                context.refresh()  # what the code refers to must be known
+                result: Any = CompileResult
+                found = result._rebuild(context, *pickle.loads(code))
+                ready.set()
+                return found
+        under_way.set()
+        return None
+
+    def save_overload(self, signature: Any, result: Any) -> None:
+        """Keep it; the addresses of this process in it are those of functions that are handed on, and are never read."""
+        under_way.clear()
+        ready.set()
+        try:
+            from numba.core.serialize import dumps
+
+            code = dumps(result._reduce())
+        except Exception as error:  # of a Numba that is not known yet
+            warnings.warn(f"compiled code cannot be kept ({error})", RuntimeWarning, stacklevel=2)
+        else:
+            save(self._version, self._name(signature), code)
+
+    def flush(self) -> None:
+        """Nothing waits to be written."""
+
+    enable = disable = flush
+
+
+def kept(function: Any, version: str) -> Any:
+    """Keep the code of a compiled function for later processes: by a version and all sources of the function's folder."""
+    path = Path(inspect.getfile(function.py_func))
+    if path.is_file() and not function.py_func.__closure__:  # no prompt, and nothing that sources do not tell
+        function._cache = _Kept(function.py_func, path.parent, version)
+    return function

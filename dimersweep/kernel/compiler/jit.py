@@ -1,142 +1,134 @@
 """How the kernel is compiled: free of the GIL, strict about floating point, and kept for later processes.
 
-There are two ways. The plain one is ``numba.njit``, which works with every Numba. The fast one takes a quarter of its time,
-by what is private in Numba. Numba makes machine code of every function on its own, and LLVM optimises what a function calls
-once more with each of its callers. The fast way keeps the functions that only other kernels call as unoptimised parts
-(``linking.py``); an exported kernel links all the parts it needs, and they are optimised and made machine code once, together.
-What Numba does on the way that a kernel has no need of is left out (``compiling.py``).
-
-The fast way is tried on any Numba. Where it raises, and the plain way does not, that takes over in the same process.
+There are two ways. The plain one is ``numba.njit``, which works with every Numba. The fast one takes a fifth of its time, by
+what is private in Numba (``linking.py``), and may fail on any other Numba: then the plain way takes over in the same process.
 """
 
 import functools
+import inspect
 import threading
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from importlib import import_module
 from typing import Any
 
 import numba
 from numba import types
+from numba.extending import typeof_impl
 
-from dimersweep.kernel.compiler.giving_up import give_up
-from dimersweep.kernel.compiler.keeping import kept
-from dimersweep.kernel.compiler.versions import FAST, PLAIN, asked_way, take, way
+from dimersweep.kernel.compiler.cache import kept
+from dimersweep.kernel.compiler.versions import code_version
+from dimersweep.kernel.compiler.ways import FAST, PLAIN, PYTHON, asked_way, give_up, take, way
 
 # no fastmath: it would break the ordering of events and the meaning of nan; error_model "numpy" spares a branch
 # per division (a kernel never raises)
 _SETTINGS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
+# no reference counts: nothing is allocated, and a part returns no array to code that counts
+_SPARED: dict[str, Any] = {"_nrt": False, "no_cfunc_wrapper": True}
 _njit: Any = numba.njit
+_changing = threading.Lock()
 
 
 @functools.cache
 def _known_settings() -> Any:
     """What has an attribute for each setting that this Numba knows."""
-    return getattr(getattr(_njit(_nothing), "targetdescr", None), "options", None)
+    return getattr(getattr(_njit(lambda: None), "targetdescr", None), "options", None)
 
 
-def _nothing() -> None:
-    pass
+class Function:
+    """A function that is compiled, in the way that is gone by the time when it is called or compiled into another one."""
 
+    compiler = ""  # the class that compiles it the fast way
 
-class _Function:
-    """A function that is compiled: what Python has, and the dispatcher of Numba that stands for it."""
+    def __init__(self, function: Callable[..., Any], **settings: Any) -> None:
+        self.__name__, self.__doc__ = function.__name__, function.__doc__
+        self.py_func = function
+        spared = {name: value for name, value in (_SPARED | settings).items() if hasattr(_known_settings(), name)}
+        self._settings = _SETTINGS | spared
+        self._made: dict[str, Any] = {}
 
-    def __init__(self, function: Callable[..., Any], part: bool, inline: bool, fuse: bool) -> None:
-        self.function, self.part = function, part
-        # no reference counts: nothing is allocated, and a part returns no array to code that counts
-        spared: dict[str, Any] = {"_nrt": False, "no_cfunc_wrapper": True}
-        if part:  # where forceinline is not set, that of the first caller would hold
-            spared |= {"forceinline": inline}
-        self._settings = _SETTINGS | {name: value for name, value in spared.items() if hasattr(_known_settings(), name)}
-        self._settings["fastmath"] = {"contract"} if fuse else False
-        self.dispatcher = self.made(way())
+    @property
+    def dispatcher(self) -> Any:
+        """What Numba has for this function."""
+        chosen = way()
+        if chosen not in self._made:
+            self._made[chosen] = self._make(chosen)
+        return self._made[chosen]
 
-    def made(self, chosen: str) -> Any:
-        """A dispatcher that compiles one of the two ways."""
+    def _make(self, chosen: str) -> Any:
         settings = self._settings
         if chosen == FAST:
-            from dimersweep.kernel.compiler.compiling import fast_settings
+            linking = import_module("dimersweep.kernel.compiler.linking")
+            settings = settings | {"pipeline_class": getattr(linking, self.compiler)}
+        return _without_literals(_njit(**settings)(self.py_func))
 
-            settings = settings | fast_settings(self.part)
-        dispatcher = _without_literals(_njit(**settings)(self.function))
-        return dispatcher if self.part else kept(dispatcher)
+    def __reduce__(self) -> str:
+        return self.py_func.__qualname__
 
 
-class _Kernel:
-    """A kernel that Python calls, as long as it is compiled the fast way, which may have to be given up."""
+class Part(Function):
+    """A function that only compiled code calls: for Python nothing is made of it."""
 
-    def __init__(self, made: _Function) -> None:
-        self._made = made
-        functools.update_wrapper(self, made.function)
+    compiler = "PartCompiler"
+
+    def __call__(self, *_: Any) -> Any:
+        raise TypeError(f"{self.py_func.__qualname__}: called by compiled code only")
+
+
+class Kernel(Function):
+    """A function that Python calls."""
+
+    compiler = "KernelCompiler"
+
+    def _make(self, chosen: str) -> Any:
+        return kept(super()._make(chosen), code_version(chosen))
 
     def __call__(self, *given: Any) -> Any:
         try:
-            return self._made.dispatcher(*given)
-        except MemoryError:
-            raise
+            return self.dispatcher(*given)
         except Exception as error:  # while it is compiled: a kernel raises nothing
-            return _called_plainly(self._made, given, error)
+            if asked_way() or self._is_mistaken(error, given):
+                raise
+            return self._call_plainly(error, given)
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._made.dispatcher, name)
+    def _is_mistaken(self, error: Exception, given: Sequence[Any]) -> bool:
+        """Whether it is the fault of who calls, or of the sources, or of the machine."""
+        try:
+            inspect.signature(self.py_func).bind(*given)
+        except TypeError:
+            return True
+        return isinstance(error, (MemoryError, numba.TypingError))
 
-    def __reduce__(self) -> str:
-        return self._made.function.__qualname__
+    def _call_plainly(self, error: Exception, given: Sequence[Any]) -> Any:
+        """What a kernel returns that cannot be compiled the fast way, compiled the plain way as all others from now on.
 
-
-_may_change: list[_Function] = []  # all that is compiled the fast way, unless that was asked for
-_changing = threading.Lock()
-
-
-def _called_plainly(made: _Function, given: Sequence[Any], error: Exception) -> Any:
-    """What a kernel returns that cannot be compiled the fast way, compiled the plain way as all others from now on.
-
-    Raises
-    ------
-    Exception
-        If it cannot be compiled the plain way either: then the fault is in the call or the sources, and all is as before.
-    """
-    with _changing:
-        if way() == FAST:  # no other thread was here meanwhile
-            take(PLAIN)
-            former = _exchange([each.made(PLAIN) for each in _may_change])
-            try:
-                found = made.dispatcher(*given)
-            except BaseException as other:
-                take(FAST)
-                _exchange(former)
-                raise other from None
-            give_up(error)
-            return found
-    return made.dispatcher(*given)
+        Raises
+        ------
+        Exception
+            If it cannot be compiled the plain way either: then the fault is in the call or the sources, and all is as before.
+        """
+        with _changing:
+            if way() == FAST:  # no other thread was here meanwhile
+                take(PLAIN)
+                try:
+                    found = self.dispatcher(*given)
+                except BaseException as other:
+                    take(FAST)
+                    raise other from None
+                give_up(error)
+                return found
+        return self.dispatcher(*given)
 
 
-def _exchange(dispatchers: Sequence[Any]) -> list[Any]:
-    """Have other dispatchers stand for all functions, wherever these find each other; returns the former ones."""
-    former = [made.dispatcher for made in _may_change]
-    instead = {id(one): other for one, other in zip(former, dispatchers, strict=True)}
-    for made, dispatcher in zip(_may_change, dispatchers, strict=True):
-        made.dispatcher = dispatcher
-        for cell in made.function.__closure__ or ():
-            with suppress(ValueError):  # it is empty
-                cell.cell_contents = instead.get(id(cell.cell_contents), cell.cell_contents)
-    for names in {id(made.function.__globals__): made.function.__globals__ for made in _may_change}.values():
-        names.update({name: instead[id(value)] for name, value in names.items() if id(value) in instead})
-    return former
-
-
-def _compile(function: Callable[..., Any], part: bool, inline: bool = False, fuse: bool = False) -> Any:
-    made = _Function(function, part, inline, fuse)
-    if way() != FAST or asked_way():
-        return made.dispatcher
-    _may_change.append(made)
-    return made.dispatcher if part else _Kernel(made)
+@typeof_impl.register(Function)
+def _type_of(function: Function, _: Any) -> Any:
+    """What compiled code takes a function for: what stands for it now."""
+    return numba.typeof(function.dispatcher)
 
 
 def _without_literals(function: Any) -> Any:
     """Have constants in calls typed as plain numbers: else each of them compiles the function once more."""
     typed = getattr(function, "get_call_template", None)
-    if typed is None:  # the JIT is off, or Numba has changed
+    if typed is None:  # Numba has changed
         return function
 
     def get_call_template(args: Any, kws: Any) -> Any:
@@ -148,7 +140,7 @@ def _without_literals(function: Any) -> Any:
 
 def exported(function: Callable[..., Any]) -> Any:
     """Compile a kernel that Python calls."""
-    return _compile(function, part=False)
+    return function if way() == PYTHON else Kernel(function)
 
 
 def plain(function: Any) -> Any:
@@ -168,5 +160,8 @@ def compiled(function: Callable[..., Any] | None = None, *, fuse: bool = False, 
         Write the code into what calls it, however long: for what is called so often that passing its arrays counts.
     """
     if function is None:
-        return lambda wrapped: compiled(wrapped, fuse=fuse, inline=inline)
-    return _compile(function, part=True, inline=inline, fuse=fuse)
+        return functools.partial(compiled, fuse=fuse, inline=inline)
+    if way() == PYTHON:
+        return function
+    # where forceinline is not set, that of the first caller would hold
+    return Part(function, forceinline=inline, no_cpython_wrapper=True, fastmath={"contract"} if fuse else False)

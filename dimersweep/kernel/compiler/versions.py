@@ -5,21 +5,17 @@ made for. The second holds the sources of all modules that a number comes throug
 """
 
 import hashlib
-import os
 import platform
-import re
 import sys
 from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from dimersweep.kernel.compiler.target import numba_target, rounding, target
-
-# the least Numba that the package allows. The compiler of 0.61 (LLVM 15) rounds otherwise than all those after it: last digits
-# differ, and so do modes near a border.
-OLDEST = (0, 62, 1)
-FAST, PLAIN, PYTHON = "fast", "plain", "python"
+# code differs in its last digits where one processor rounds a product and a sum at once, and another one each by itself; all
+# that have these instructions do the former, and run the code that is made for COMMON
+COMMON = "x86-64-v3"  # Intel since 2013, AMD since 2015
+INSTRUCTIONS = ("avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")
 # of numba.config: those that change what machine code is made
 SETTINGS = (
     "BOUNDSCHECK",
@@ -49,77 +45,6 @@ def sources_digest(folder: Path, files: Iterable[Path] | None = None) -> bytes:
     return digest.digest()
 
 
-def way() -> str:
-    """How the kernel is compiled: FAST, PLAIN or, with the JIT off, PYTHON.
-
-    DIMERSWEEP_COMPILER chooses. Without it the fast way is taken, until it fails where the plain way works (``giving_up.py``).
-    """
-    return _taken[-1] if _taken else take(first_way())
-
-
-def take(chosen: str) -> str:
-    """Compile this way from now on; returns it."""
-    _taken[:] = [chosen]
-    return chosen
-
-
-_taken: list[str] = []  # the way that is gone
-
-
-def asked_way() -> str | None:
-    """What DIMERSWEEP_COMPILER asks for, PYTHON with the JIT off, or None.
-
-    Raises
-    ------
-    ImportError
-        If Numba is too old, or DIMERSWEEP_COMPILER asks for what there is not.
-    """
-    import numba
-
-    if tuple(map(int, re.findall(r"\d+", numba.__version__)[:3])) < OLDEST:
-        raise ImportError(f"numba = {numba.__version__}: must be >= {'.'.join(map(str, OLDEST))}")
-    asked = os.environ.get("DIMERSWEEP_COMPILER") or None
-    if asked not in (FAST, PLAIN, None):
-        raise ImportError(f"DIMERSWEEP_COMPILER = {asked}: must be {FAST} or {PLAIN}")
-    config: Any = numba.config
-    return PYTHON if config.DISABLE_JIT else asked
-
-
-def first_way() -> str:
-    """The way that a process begins with.
-
-    Raises
-    ------
-    ImportError
-        See `asked_way`; or if the fast way is asked for, and this Numba lacks what it takes.
-    """
-    from dimersweep.kernel.compiler import giving_up
-
-    asked = asked_way()
-    if asked == FAST and (lack := giving_up.lack()):
-        raise ImportError(f"DIMERSWEEP_COMPILER = {FAST}: cannot be had ({lack})")
-    return asked or (PLAIN if giving_up.is_known_to_fail() else FAST)
-
-
-def compiler(chosen: str | None = None) -> dict[str, str]:
-    """What makes machine code of the kernel, how, and how that rounds; imports Numba."""
-    import llvmlite
-    import numba
-    import numpy as np
-
-    config: Any = numba.config
-    parts = {module.__name__: module.__version__ for module in (numba, llvmlite, np)}
-    parts["way"] = chosen or way()
-    parts["python"] = f"{platform.python_implementation()} {platform.python_version()}"
-    parts["rounding"] = rounding()
-    return parts | {name: str(getattr(config, name, None)) for name in SETTINGS}
-
-
-def _short(digest: bytes, chosen: str, **more: str) -> str:
-    lines = "\n".join(f"{name} = {value}" for name, value in (compiler(chosen) | more).items())
-    return hashlib.sha256(digest + lines.encode()).hexdigest()[:16]
-
-
 def result_sources(package: Path) -> list[Path]:
     """The modules of the package that a number may come through on its way into a cube."""
     return [path for path in sources(package) if path.relative_to(package).parts[0] not in BESIDE]
@@ -132,22 +57,75 @@ def take_digests() -> tuple[bytes, bytes]:
     return sources_digest(kernel), sources_digest(package, result_sources(package))
 
 
-def code_version(chosen: str | None = None) -> str:
+def target(common: bool = True) -> tuple[str, str]:
+    """Name and features of the processor that code is made for, as LLVM has them; imports Numba.
+
+    `COMMON`, if it may be, where this processor has its instructions, and the user's settings of Numba ask for nothing else;
+    or that for which Numba itself makes code.
+    """
+    import numba
+    from llvmlite import binding
+
+    config: Any = numba.config
+    has = binding.get_host_cpu_features()
+    asked = config.CPU_NAME is not None or config.CPU_FEATURES is not None or not config.ENABLE_AVX
+    if common and not asked and all(has.get(name) for name in INSTRUCTIONS):
+        return COMMON, ""
+    features = has.flatten() if config.CPU_FEATURES is None else str(config.CPU_FEATURES)
+    return str(config.CPU_NAME or binding.get_host_cpu_name()), features
+
+
+@cache
+def _rounds_once(name: str, features: str) -> bool:
+    """Whether code for an x86-64 processor rounds a product and a sum at once."""
+    from llvmlite import binding
+
+    binding.initialize_native_target()
+    binding.initialize_native_asmprinter()
+    machine = binding.Target.from_default_triple().create_target_machine(cpu=name, features=features)
+    code = """
+        declare double @llvm.fma.f64(double, double, double)
+        define double @f(double %a, double %b, double %c) {
+            %d = call double @llvm.fma.f64(double %a, double %b, double %c)
+            ret double %d
+        }"""
+    return "vfmadd" in machine.emit_assembly(binding.parse_assembly(code))
+
+
+def rounding() -> str:
+    """What the last digits depend on: `COMMON` for all processors that have its bits, else name and features of the target."""
+    name, features = target()
+    if platform.machine() in ("x86_64", "AMD64") and _rounds_once(name, features):
+        return COMMON
+    return f"{platform.machine()} {name} {features}"
+
+
+def compiler(way: str) -> dict[str, str]:
+    """What makes machine code of the kernel, how, and how that rounds; imports Numba."""
+    import llvmlite
+    import numba
+    import numpy as np
+
+    parts = {module.__name__: module.__version__ for module in (numba, llvmlite, np)}
+    parts["way"] = way
+    parts["python"] = f"{platform.python_implementation()} {platform.python_version()}"
+    parts["rounding"] = rounding()
+    return parts | {name: str(getattr(numba.config, name, None)) for name in SETTINGS}
+
+
+def _short(digest: bytes, parts: dict[str, str]) -> str:
+    lines = "\n".join(f"{name} = {value}" for name, value in parts.items())
+    return hashlib.sha256(digest + lines.encode()).hexdigest()[:16]
+
+
+@cache
+def code_version(way: str) -> str:
     """Of code that is compiled this way: the kernel's sources and the compiler; 16 hexadecimal digits."""
-    return _code_version(chosen or way())
-
-
-def kernel_version() -> str:
-    """Of results: what is compared between a sweep and its workers, or the one it goes on with; 16 hexadecimal digits."""
-    return _kernel_version(way())
+    made_for = target(common=way != "plain")  # numba.njit makes code for what it finds
+    return _short(take_digests()[0], compiler(way) | {"target": " ".join(made_for)})
 
 
 @cache
-def _code_version(chosen: str) -> str:
-    made_for = numba_target() if chosen == PLAIN else target()
-    return _short(take_digests()[0], chosen, target=" ".join(made_for))
-
-
-@cache
-def _kernel_version(chosen: str) -> str:
-    return _short(take_digests()[1], chosen)
+def kernel_version(way: str) -> str:
+    """Of results: the sources that they come through and the compiler; 16 hexadecimal digits."""
+    return _short(take_digests()[1], compiler(way))
