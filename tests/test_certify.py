@@ -28,8 +28,7 @@ from dimersweep.runs.shadows import (
     orbit_difference,
 )
 from dimersweep.studies.datasets import make
-from dimersweep.studies.declaration import read_declaration
-from dimersweep.studies.rerun import from_cube
+from dimersweep.studies.declaration import from_cube, read_declaration
 
 GRID = {"Gamma": [0.7, 0.9], "beta0": {"start": 4, "stop": 60, "num": 8, "unit": "deg"}}
 SETTINGS = {"periods": 100, "progress": False, "workers": 1}

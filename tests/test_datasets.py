@@ -13,8 +13,7 @@ from dimersweep.errors import ParameterError
 from dimersweep.plots import draw
 from dimersweep.storage.cubefiles import open_cube
 from dimersweep.studies.datasets import make
-from dimersweep.studies.declaration import read_declaration
-from dimersweep.studies.rerun import from_cube
+from dimersweep.studies.declaration import from_cube, read_declaration
 from tests.checks.conform import conforms
 
 SWEEPS = Path(__file__).parents[1] / "sweeps"

@@ -23,7 +23,7 @@ from dimersweep.storage.cubefiles import count_modes, open_cube, write_cube
 from dimersweep.storage.files import HALF, put, replacing
 from dimersweep.storage.outputs import check_output, check_writable
 from dimersweep.storage.provenance import attributes, digest
-from dimersweep.studies.rerun import from_cube
+from dimersweep.studies.declaration import from_cube
 from dimersweep.studies.status import status
 
 

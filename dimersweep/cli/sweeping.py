@@ -98,7 +98,7 @@ def _declared(declaration: Path | None, source: Path | None, out: Path | None, *
     assert source is not None
     if out is None:
         raise typer.BadParameter("--from CUBE needs --out, the cube to write")
-    from dimersweep.studies.rerun import from_cube
+    from dimersweep.studies.declaration import from_cube
 
     return from_cube(source, other_kernel=other_kernel)
 

@@ -207,7 +207,7 @@ def tile_store(
     out : Path
         The cube to be.
     configuration : mapping
-        All that decides the numbers, see ``Spec.configuration``.
+        All that decides the numbers, see `Study.configuration`.
     size : int
         Number of points.
     kind : dtype

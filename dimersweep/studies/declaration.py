@@ -1,5 +1,6 @@
-"""Sweeps declared in a file: TOML in, checked for unknown words, and ready to be handed to `sweep`."""
+"""Sweeps declared in a file, or told by a cube: TOML in, checked for unknown words, and a study out."""
 
+import json
 import os
 import re
 import tomllib
@@ -8,18 +9,23 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import xarray as xr
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
-from dimersweep.cubes.grid import axis_values, fixed_value
-from dimersweep.errors import ParameterError, unknown
+from dimersweep.cubes.grid import axis_values, fixed_value, without_directions
+from dimersweep.errors import ParameterError, StoreError, one_line, unknown
 from dimersweep.inputs import check_count, check_rtol
 from dimersweep.parameters import check
+from dimersweep.storage.cubefiles import open_cube
 from dimersweep.storage.files import read_text
 from dimersweep.storage.outputs import check_ending
+from dimersweep.storage.provenance import differences
 from dimersweep.studies import refine, search, sweep
 from dimersweep.studies.point_tables import point_table
 from dimersweep.studies.study import Study
 from dimersweep.symbols import PARAMETERS, Picture
+
+MADE_BY = ("source", "git_commit", "python", "numpy", "numba", "llvmlite", "cpu")
 
 
 class SweepFileSection(BaseModel):
@@ -272,3 +278,56 @@ def read_declaration(path: str | os.PathLike[str]) -> Declaration:
         points["file"] = str(path.parent / points["file"])
     refuse_mistakes(path, _mistakes(raw))
     return Declaration.model_validate(raw)
+
+
+def from_cube(path: str | os.PathLike[str], *, other_kernel: bool = False) -> Declaration:
+    """The declaration that gives the cube at `path` again, from what the cube tells of itself.
+
+    Parameters
+    ----------
+    path : path-like
+    other_kernel : bool
+        Whether the cube may come from another kernel than this program's, or be configured in ways that it does not
+        know.
+
+    Returns
+    -------
+    Declaration
+
+    Raises
+    ------
+    StoreError
+        If there is no such cube, or it comes from another kernel; with the versions that made it.
+    """
+    cube = open_cube(path)
+    configuration = json.loads(cube.attrs["configuration"])
+    try:
+        declaration = _declared(cube, configuration, path)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:  # a ValidationError is a ValueError
+        raise StoreError(f"{path}: tells a configuration that this version does not know ({one_line(error)})") from None
+    changes = differences(configuration, declaration.study().configuration())
+    if changes and not other_kernel:
+        made_by = ", ".join(f"{name} {cube.attrs.get(name, 'unknown')}" for name in MADE_BY)
+        raise StoreError(
+            f"{path}: was made by another version, so its numbers may differ in the last digits; install that one "
+            f"({made_by}), or go on with other_kernel=True. What differs:" + "".join(f"\n  {line}" for line in changes)
+        )
+    return declaration
+
+
+def _declared(cube: xr.Dataset, configuration: Mapping[str, Any], path: str | os.PathLike[str]) -> Declaration:
+    """The declaration of a sweep, a search or a refined map with this configuration."""
+    sweep: dict[str, Any] = {name: configuration[name] for name in ("periods", "rtol")}
+    sweep |= {"title": cube.attrs["title"], "max_periods": configuration.get("max_periods"), "output": str(path)}
+    given: dict[str, Any] = {"fixed": configuration["fixed"], "plot": {"kind": cube.attrs.get("plot", "mode_map")}}
+    if "search" in configuration:
+        asked = dict(configuration["search"])
+        over, values = asked.pop("axis"), asked.pop("values")
+        given |= {"grid": configuration["grid"] | {over: values}, "search": asked | {"over": over}}
+        given |= {name: configuration[name] for name in ("refine", "paths") if name in configuration}
+    else:
+        sweep["stop_when_settled"] = configuration["stop_when_settled"]
+        sweep |= {name: configuration[name] for name in ("certify", "strobes") if name in configuration}
+        given["grid"], sweep["carry"] = without_directions(configuration.get("grid"))
+        given |= {"points": {"columns": configuration["points"]}} if "points" in configuration else {}
+    return Declaration.model_validate(given | {"sweep": sweep})

@@ -234,11 +234,11 @@ class Findings:
         known before, no number changes.
         """
         lacking, deciders = ~self.known, np.where(self.reached, self.results["decider"], 0)
-        hints = {
-            int(point): list(dict.fromkeys(int(k) - 1 for k in deciders[near] if k)) or self.study.hints.get(point, [])
-            for point, near in zip(points, neighbours, strict=True)
-            if lacking[point]
-        }
+        hints = {}
+        for point, near in zip(points.tolist(), neighbours, strict=True):
+            if lacking[point]:
+                led = dict.fromkeys(int(k) - 1 for k in deciders[near] if k)
+                hints[point] = list(led) or self.study.hints.get(point, [])  # a lone point of a plan brings its own
         if self.offered.size:
             stands = self.study.question.stands
             known = {point for point, tried in hints.items() if stands(self.offered[point], tried)}
