@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from dimersweep.kernel.contact.coordinates import YUA, YUB
+from dimersweep.kernel.contact.coordinates import N_Y, YUA, YUB
 from dimersweep.kernel.contact.forces import COMPLIANCE, N_F
 from dimersweep.kernel.model.body import dimer_of
 from dimersweep.kernel.model.layout import (
@@ -328,7 +328,7 @@ def test_an_end_is_open_or_pressed(rtol, drawn):
 
 def forces(dm, modes, state):
     """Forces on the ends (normal, axial, lateral), shape (2, 3) [N], and their slips along the same axes (2, 2) [m/s]."""
-    y, dy, F = np.zeros(16), np.zeros(16), np.zeros(N_F)
+    y, dy, F = np.zeros(N_Y), np.zeros(N_Y), np.zeros(N_F)
     contact_state(dm, state, -1.0 if modes[0] != FREE else 1.0, y)
     contact_rates(dm, modes, state[PHASE] + dm.phi0, y, dy, F)
     slip = slips(dm, state[None])[0]

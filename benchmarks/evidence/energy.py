@@ -1,7 +1,7 @@
 """How well the energy budgets of random scenes close: ``python benchmarks/evidence/energy.py 1000 --periods 100``.
 
 Each scene is a run over so many forcing periods. Its budget sets the change of the energy in the room, from the states, beside
-the works of all forces, which are integrated anew. The closure of a scene is the largest sum of what is left so far, over the
+the works of all forces, which ride along with it. The closure of a scene is the largest sum of what is left so far, over the
 greatest term. A fourth of the scenes each: alike ends; unlike ends and other exponents of contact; plates that are tilted and
 move along themselves; and special ones (no friction, no loss, a hold of its own in lasting contact, a second harmonic).
 What fails, takes longer than `PATIENCE` or has too many events is left out, and told.

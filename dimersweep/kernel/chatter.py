@@ -18,8 +18,8 @@ from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.contact_mode import CLOSED, contact_mode
 from dimersweep.kernel.contact.coordinates import YUA, YUB, contact_state
 from dimersweep.kernel.contact.events import NO_EVENT
-from dimersweep.kernel.contact.forces import A1, A2, F1, F2, L1, L2, double_forces
-from dimersweep.kernel.impact.impact import apply_impulse
+from dimersweep.kernel.contact.forces import A1, A2, COMPLIANCE, F1, F2, L1, L2, double_forces
+from dimersweep.kernel.impact.impact import apply_impulse, contact_velocity
 from dimersweep.kernel.model.body import attitude, delassus, end, extent, level_levers, levers, rise_of_centre
 from dimersweep.kernel.model.friction import length, slip_force
 from dimersweep.kernel.model.layout import (
@@ -39,6 +39,7 @@ from dimersweep.kernel.model.layout import (
     WP,
 )
 from dimersweep.kernel.model.plate import heaviest, jerk_bound, speed_bound, tempo
+from dimersweep.kernel.model.works import begin_tally, note_struck
 from dimersweep.kernel.numerics.elementary import raised
 from dimersweep.kernel.numerics.steps import copy
 
@@ -177,7 +178,7 @@ def close(dm, state, modes, tol, energy, before, y, F):
     if modes[0] != FREE and modes[1] != FREE:
         close_both(dm, state, modes, y, F)
     else:
-        close_one(dm, state, modes, 0 if modes[0] != FREE else 1, y)
+        close_one(dm, state, modes, 0 if modes[0] != FREE else 1, y, F)
     limit = energy + max(tol, GAIN) * (energy + 0.5 * dm.m * speed_bound(dm) ** 2)
     gains = kinetic(dm, state) > limit
     drives = (state[D1] == 0.0 and state[N1] < 0.0) or (state[D2] == 0.0 and state[N2] < 0.0)
@@ -196,8 +197,8 @@ def drop_round_off(dm, state):
 
 
 @compiled
-def close_one(dm, state, modes, i, y):
-    """Cancel the gap rate of end i by an impulse with the friction of its contact mode."""
+def close_one(dm, state, modes, i, y, F):
+    """Cancel the gap rate of end i by an impulse with the friction of its contact mode; the impulses go into F."""
     p, (sin_b, cos_b) = end(dm, i), attitude(dm, state[DIP])
     lv, lj = levers(p, sin_b, cos_b), levers(end(dm, 1 - i), sin_b, cos_b)
     w, wj = delassus(dm, lv, lv), delassus(dm, lj, lv)
@@ -208,6 +209,9 @@ def close_one(dm, state, modes, i, y):
         t_a, t_b = t_a / v, t_b / v
     P = -state[N1 + i] / (w.nn + w.na * t_a)
     apply_impulse(dm, state, lv, P, t_a * P, t_b * P)
+    for k in range(COMPLIANCE):
+        F[k] = 0.0
+    F[F1 + 3 * i], F[A1 + 3 * i], F[L1 + 3 * i] = P, t_a * P, t_b * P
     state[N2 - i] += P * (wj.nn + wj.na * t_a)
     state[N1 + i] = 0.0
 
@@ -221,3 +225,28 @@ def close_both(dm, state, modes, y, F):
     apply_impulse(dm, state, q, F[F2], F[A2], F[L2])
     state[N1], state[N2] = 0.0, 0.0
     state[DIP], state[WB] = 0.0, 0.0
+
+
+@compiled
+def note_close(dm, before, state, F, work):
+    """Note the works of the impulses F of a close in the first row of those of an impact.
+
+    An impulse that acts at once works with the mean of the velocities before and after it; the axial one that two closed ends
+    share works half at each.
+    """
+    n_1, a_1, b_1 = mean_velocity(dm, before, state, 0)
+    n_2, a_2, b_2 = mean_velocity(dm, before, state, 1)
+    A = F[A1] + F[A2]
+    share_1 = 0.5 if F[F1] != 0.0 and F[F2] != 0.0 else (1.0 if F[F1] != 0.0 else 0.0)
+    rest = F[F1] * n_1, F[F2] * n_2
+    slip = share_1 * A * a_1 + F[L1] * b_1, (1.0 - share_1) * A * a_2 + F[L2] * b_2
+    begin_tally(dm, state, work.course[0].tally)
+    note_struck(work, 0, 1.0, rest, slip, (F[F1], F[F2], A, F[L1], F[L2]))
+
+
+@compiled
+def mean_velocity(dm, before, state, i):
+    """Mean of the velocities (gap rate, axial, lateral) of the contact point of end i in two states."""
+    n_0, a_0, b_0 = contact_velocity(dm, before, i)
+    n, a, b = contact_velocity(dm, state, i)
+    return 0.5 * (n_0 + n), 0.5 * (a_0 + a), 0.5 * (b_0 + b)

@@ -10,6 +10,7 @@ from dimersweep.kernel.compiler.records import new_record, one
 from dimersweep.kernel.contact.events import NO_EVENT
 from dimersweep.kernel.contact.step_control import STEP_ROWS, Control
 from dimersweep.kernel.model.layout import N_ROW, N_STATE, OK, Dimer
+from dimersweep.kernel.model.works import STRUCK_ROWS, Tally
 from dimersweep.kernel.numerics.meter import Meter
 from dimersweep.kernel.numerics.root_bracket import RootBracket
 from dimersweep.kernel.verdict.past import PAST_COLUMNS, PAST_ROWS
@@ -32,18 +33,19 @@ class Course:
     hop_time: float  # time that the hops take which the close of a chatter sums; below zero if none were [s]
     forced: int  # impacts without collision in a row
     period_events: int  # number of events when the forcing period began
+    tally: Tally  # of the works of the forces, where they are wanted
 
 
 # rows of scratch beyond those of a contact step
 ROW_CONTACT = STEP_ROWS
 ROW_RATES, ROW_FORCES, ROW_BEFORE, ROW_TRIAL, WORK_ROWS = range(ROW_CONTACT + 1, ROW_CONTACT + 6)
-WORK_COLUMNS = 16
+WORK_COLUMNS = 24  # whole lines of the cache
 
 
 class Scratch(NamedTuple):
     """Scratch of one thread for impacts and contact steps; records stand in arrays of one, which functions can return."""
 
-    rows: Any  # shape (WORK_ROWS, WORK_COLUMNS)
+    rows: Any  # shape (WORK_ROWS + STRUCK_ROWS, WORK_COLUMNS); the last ones have the works of an impact (`works.note_struck`)
     bracket: Any  # of an event within a step (`root_bracket.RootBracket`)
     control: Any  # of the steps of a contact phase (`step_control.Control`)
     course: Any  # of the run (`Course`)
@@ -52,7 +54,7 @@ class Scratch(NamedTuple):
 
 def new_work() -> Scratch:
     """Scratch that may be worked on without bound."""
-    rows, meter = np.zeros((WORK_ROWS, WORK_COLUMNS)), one(Meter)
+    rows, meter = np.zeros((WORK_ROWS + STRUCK_ROWS, WORK_COLUMNS)), one(Meter)
     meter[0].bound = inf
     return Scratch(rows, one(RootBracket), one(Control), one(Course), meter)
 

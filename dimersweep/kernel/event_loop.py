@@ -2,7 +2,7 @@
 
 from math import isfinite, sqrt
 
-from dimersweep.kernel.chatter import come_to_rest, kinetic
+from dimersweep.kernel.chatter import come_to_rest, kinetic, note_close
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.contact_mode import INCONSISTENT
 from dimersweep.kernel.contact.events import (
@@ -17,6 +17,7 @@ from dimersweep.kernel.contact.events import (
     is_slip_end,
 )
 from dimersweep.kernel.course import BUDGET, BUDGET_PER_PERIOD, begin_course
+from dimersweep.kernel.energy import is_wanted, keep_phase, keep_struck
 from dimersweep.kernel.impact.impact import contact_velocity, double_impact, single_impact
 from dimersweep.kernel.model.body import attitude, lift
 from dimersweep.kernel.model.contact_code import coded
@@ -63,11 +64,14 @@ from dimersweep.kernel.model.layout import (
     WP,
 )
 from dimersweep.kernel.model.plate import plate_rate, velocity_along
+from dimersweep.kernel.model.works import begin_tally
 from dimersweep.kernel.numerics.meter import charge, is_over, is_to_stop, set_bound
 from dimersweep.kernel.numerics.sincos import sincos
 from dimersweep.kernel.numerics.steps import copy
 from dimersweep.kernel.record import (
     EVENT_COUNT,
+    EVENT_ROWS,
+    SEGMENT_ROWS,
     is_full,
     is_kept,
     note_contact,
@@ -112,13 +116,19 @@ def evolve(dm, ask, motion, record):
     """
     begin_course(motion.course[0], coded(motion.modes[0], motion.modes[1]), C_START, record.counts[EVENT_COUNT])
     set_bound(motion.meter, BUDGET + BUDGET_PER_PERIOD * ask.periods)
+    tally = motion.work.course[0].tally
+    tally.wanted = is_wanted(record.book)
     while going_on(ask, motion):
         if approaches(motion.state) and not resolve_impact(dm, ask, motion, record):
             break
         if motion.course[0].pending and not choose_contact(dm, ask, motion, record):
             continue
         event = move_to_next_event(dm, ask, motion)
+        if tally.wanted:
+            phase = record.counts[SEGMENT_ROWS] - 1
+            keep_phase(record.book, phase, motion.state, motion.modes, motion.contact, motion.work)
         follow_up(dm, ask, motion, record, event)
+    tally.wanted = False
     return finish(dm, motion, record)
 
 
@@ -183,6 +193,8 @@ def resolve_impact(dm, ask, motion, record):
     )
     if course.hop_time >= 0.0:
         course.cause = C_CHATTER_END
+        if motion.work.course[0].tally.wanted:
+            note_close(dm, motion.before, state, motion.forces, motion.work)
     return True
 
 
@@ -195,7 +207,9 @@ def noted_impact(dm, ask, motion, record):
     status, rows = collide(dm, state, motion.modes, ask.rtol, past[SCALARS, S_FASTEST], motion.work, record.log)
     note_impact(dm, state, past, double, end, begins)
     if status == OK:  # an impact that is not over has no rows
+        first = record.counts[EVENT_ROWS]
         note_impact_phases(dm, record, state, rows, course.contact_before)
+        keep_struck(record.book, first, first + rows, record.counts[SEGMENT_ROWS], motion.work.rows)
     return status
 
 
@@ -214,6 +228,8 @@ def collide(dm, state, modes, tol, fastest, work, log):
         OK or the reason; rows of the impact's log.
     """
     closed_1, closed_2 = state[D1] == 0.0, state[D2] == 0.0
+    if work.course[0].tally.wanted:
+        begin_tally(dm, state, work.course[0].tally)
     V = 0.0
     if closed_1:
         V = max(V, -state[N1])
@@ -264,6 +280,9 @@ def choose_contact(dm, ask, motion, record):
         return False
     course.forced, course.pending, course.contact_is_set = 0, False, True
     before, after = course.contact_before, coded(modes[0], modes[1])
+    if course.cause == C_CHATTER_END:
+        row = record.counts[EVENT_ROWS]
+        keep_struck(record.book, row, row + 1, record.counts[SEGMENT_ROWS], motion.work.rows)
     note_contact(dm, record, state, modes, course.cause, before, after, course.hop_time, motion.before)
     if is_kept(record) and is_full(record):
         course.status = RECORD_FULL

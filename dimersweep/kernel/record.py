@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.energy import Book, new_book
 from dimersweep.kernel.impact.impact import contact_velocity
 from dimersweep.kernel.impact.phase_log import (
     LOG_A1,
@@ -77,12 +78,13 @@ class Record(NamedTuple):
     events: Any  # shape (n, N_EVENT)
     segments: Any  # shape (n, N_SEGMENT)
     counts: Any  # shape (N_COUNTS,), int64
+    book: Book  # the works of the forces beside it
 
 
-def new_record(rows: int, phases: int = PHASES) -> Record:
+def new_record(rows: int, phases: int = PHASES, *, works: bool = False) -> Record:
     """An empty record with room for so many events, as many smooth phases, and so many phases of one impact."""
     log, counts = np.zeros((phases, N_LOG)), np.zeros(N_COUNTS, np.int64)
-    return Record(log, np.zeros((rows, N_EVENT)), np.zeros((rows, N_SEGMENT)), counts)
+    return Record(log, np.zeros((rows, N_EVENT)), np.zeros((rows, N_SEGMENT)), counts, new_book(rows if works else 0))
 
 
 def no_record() -> Record:
@@ -103,7 +105,9 @@ def was_full(record: Record) -> bool:
 @compiled
 def without_rows(record):
     """A record that keeps nothing, with the same counts."""
-    return Record(record.log[:0], record.events[:0], record.segments[:0], record.counts)
+    book = record.book
+    none = Book(book.smooth[:0], book.flows[:0], book.ends[:0], book.struck[:0], book.leads[:0])
+    return Record(record.log[:0], record.events[:0], record.segments[:0], record.counts, none)
 
 
 @compiled

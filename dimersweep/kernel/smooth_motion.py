@@ -1,22 +1,25 @@
 """The smooth motion of a run between its impacts: the contact that begins, and the way to the next event."""
 
+from dimersweep.kernel.chatter import kinetic
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.contact_mode import CLOSED, contact_mode, force_later
 from dimersweep.kernel.contact.coordinates import YDIP, YS, YUA, YUB, YWB, YWP, contact_state, kernel_state, leading
 from dimersweep.kernel.contact.events import LANDING, NO_EVENT, OUT_OF_PROBES
 from dimersweep.kernel.contact.forces import F1, F2, contact_rates, double_rates, hold_reserve
 from dimersweep.kernel.contact.phase import sustain_contact
+from dimersweep.kernel.energy import begin_phase
 from dimersweep.kernel.flight.free_motion import fly, take_off
 from dimersweep.kernel.flight.landing import MAX_LANDING_PROBES, next_landing
 from dimersweep.kernel.impact.impact import slip_rounding
 from dimersweep.kernel.model.body import TWO_PI, turn_of_pair
 from dimersweep.kernel.model.contact_code import coded
 from dimersweep.kernel.model.layout import D1, D2, DIP, FREE, N1, N2, PHASE, STICK, THETA, WP
-from dimersweep.kernel.model.plate import keeps_speed, lightest, most_along
+from dimersweep.kernel.model.plate import keeps_speed, lightest, most_along, speed_bound
 from dimersweep.kernel.numerics.meter import charge
 
 SLIP_SCALE = 0.1  # slip that counts as none in contact, in units of the tolerance and g/omega
 COINCIDENT = 4e-16  # gap, in units of l, that counts as closed when the other end lands
+FINER, FINEST = 1e-2, 1e-13  # accuracy of works over that of the run, and the best of it
 # of a contact phase besides its steps, of a flight with its impact, and of a probe for a landing, in hops of one end
 CONTACT_COST, HOP_COST, PROBE_COST = 3.0, 0.6, 0.12
 
@@ -120,11 +123,20 @@ def clear_slip(dm, modes, y):
         y[YWP] = turn_of_pair(dm, y[YUB], y[YS])
 
 
+@compiled
+def scene_energy(dm, state):
+    """Energy of the motion and of the plate, in which works count [J]."""
+    return kinetic(dm, state) + 0.5 * dm.m * (speed_bound(dm) ** 2 + dm.v_scale**2)
+
+
 @compiled(inline=True)
 def follow_contact(dm, ask, motion):
     """Follow the contact phase to its next event, or to the end of the forcing period; returns the event."""
     state, y = motion.state, motion.contact
     phase, span = state[PHASE] + dm.phi0, (TWO_PI - state[PHASE]) / dm.omega
+    if motion.work.course[0].tally.wanted:
+        motion.work.control[0].doubt = max(FINER * ask.rtol, FINEST) * scene_energy(dm, state)
+        begin_phase(y, motion.work)
     t, event = sustain_contact(
         dm, motion.modes, y, phase, span, ask.path, ask.rtol, motion.course[0].slip_tol, True, motion.work
     )

@@ -1,7 +1,7 @@
 """The energy budget of a recorded run.
 
 All energies are those in the room, in which the plate moves. The budget sets the change of the energy, which follows from the
-states alone, beside the works of the forces (``kernel.energy``), which follow from the forces and the law of impact alone.
+states alone, beside the works of the forces, which ride along with the run (``kernel.energy``).
 """
 
 from typing import Literal, get_args
@@ -10,15 +10,15 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.errors import ParameterError
-from dimersweep.kernel.course import new_workspace
-from dimersweep.kernel.energy.budget import ALL, budget, budget_scratch
-from dimersweep.kernel.energy.impact_work import N_WORK
+from dimersweep.kernel.batch import Workspace
 from dimersweep.kernel.model.body import dimer_of
 from dimersweep.kernel.model.contact_code import CONTACT_STATES, code_of
-from dimersweep.kernel.model.layout import CAUSES, CONTACT_STEPS, N_STATE, PERIOD, PHASE, STATUS_MESSAGES
+from dimersweep.kernel.model.layout import CAUSES, N_STATE, PERIOD, PHASE
+from dimersweep.kernel.model.works import WORK_NAMES
 from dimersweep.kernel.record import E_CAUSE, E_KIND, E_PERIOD, E_PHASE, SEGMENT_MODES
 from dimersweep.runs.forces import energies
 from dimersweep.runs.recorded import RunRecord, times_of
+from dimersweep.runs.solving import with_works
 from dimersweep.symbols import EVENT_QUANTITIES, WORKS
 
 By = Literal["period", "event"]
@@ -26,25 +26,29 @@ NO_FLOW = 100 * np.finfo(float).eps  # share of the energy below which nothing i
 BETWEEN = "motion"  # cause of a row that is no impact
 
 
-def energy_of(record: RunRecord, rtol: float, parameters: dict[str, float], by: By) -> xr.Dataset:
-    """The energy budget of a run; see `Run.energy`."""
+def check_by(by: str) -> None:
+    """Refuse a budget by what there is none.
+
+    Raises
+    ------
+    ParameterError
+    """
     if by not in get_args(By):
         raise ParameterError(f"by = {by!r}: must be one of {', '.join(get_args(By))}")
+
+
+def energy_of(record: RunRecord, rtol: float, parameters: dict[str, float], by: By, space: Workspace) -> xr.Dataset:
+    """The energy budget of a run, which is made once more for its works; see `Run.energy`."""
+    record, book = with_works(record, rtol, space)
     dm, segments, events = dimer_of(record.row), record.segments, record.events
     n, f, phi0 = len(segments), parameters["f"], parameters["phi0"]
-    ends, smooth, flows = np.zeros((n - 1, N_STATE)), np.zeros((n - 1, N_WORK)), np.zeros((n - 1, N_WORK))
-    struck, leads_to = np.zeros((len(events), N_WORK)), np.zeros(len(events), np.int64)
-    failed = budget(
-        record.row, segments, events, rtol, new_workspace(), budget_scratch(), ends, smooth, flows, struck, leads_to
-    )
-    if failed != ALL:
-        since = times_of(segments[failed, PERIOD], segments[failed, PHASE], f)
-        raise ParameterError(f"energy: there is none from t = {since:.10g} s on ({STATUS_MESSAGES[CONTACT_STEPS]})")
+    ends, smooth, flows = book.ends[: n - 1], book.smooth[: n - 1], book.flows[: n - 1]
+    struck = np.where((book.leads > 0) & (book.leads < n), book.struck.T, 0.0).T[: len(events)]
     parts_at_starts = np.array(energies(dm, segments[:, :N_STATE], phi0))
     at_starts, at_ends = parts_at_starts.sum(0), np.sum(energies(dm, ends, phi0), 0)
 
     rows = np.flatnonzero(struck.any(1))
-    jumps = leads_to[rows]
+    jumps = book.leads[rows]
     last = np.append(np.diff(jumps) > 0, True)[: len(rows)]  # row of an impact
     jumped = at_starts[1:] - at_ends
     np.subtract.at(jumped, jumps - 1, struck[rows].sum(1))
@@ -86,7 +90,7 @@ def energy_of(record: RunRecord, rtol: float, parameters: dict[str, float], by: 
             "cause": ("part", np.array(names)[causes], EVENT_QUANTITIES["cause"].attributes()),
         }
         index = {"time": ("part", times_of(periods, phases, f), EVENT_QUANTITIES["time"].attributes())}
-    columns = dict(zip(WORKS, works.T, strict=False)) | {"energy": energy, "residual": residual}
+    columns = dict(zip(WORK_NAMES, works.T, strict=True)) | {"energy": energy, "residual": residual}
     variables = {name: (dim, columns[name], quantity.attributes()) for name, quantity in WORKS.items()}
     return xr.Dataset(labels | variables, index, attributes)
 

@@ -73,13 +73,15 @@ BOUNDARY = 1e-12  # a time this far below the end of a forcing period counts as 
 class RunRecord(NamedTuple):
     """Record that the kernel wrote of one run (columns in ``kernel.record``), with the parameters that they belong to.
 
-    `cut` says that there was no room for all of them.
+    `cut` says that there was no room for all of them, and `start` what the run started from (rows of N_START numbers, none for
+    the start in the parameters), where that is known.
     """
 
     row: np.ndarray
     events: np.ndarray
     segments: np.ndarray
     cut: bool = False
+    start: np.ndarray | None = None
 
 
 def times_of(periods: np.ndarray, phases: np.ndarray, f: float) -> np.ndarray:

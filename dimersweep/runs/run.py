@@ -276,8 +276,9 @@ class Run(RunNumbers):
 
         The plate gives by its normal force and, where it moves along itself, by friction. All terms are works on the dimer, so
         that what takes energy is below zero. `energy` follows from the states alone, the works from the forces and the law of
-        impact (Eqs. 4, 6, 7), which are integrated anew; `residual` is what the change of the one is more than the sum of the
-        others, and the attribute `closure` tells how large it becomes. The budget begins right after the impact at the start.
+        impact (Eqs. 4, 6, 7), and ride along with the run, which is made once more for them; `residual` is what the change of
+        the one is more than the sum of the others, and the attribute `closure` tells how large it becomes. The budget begins
+        right after the impact at the start.
 
         Parameters
         ----------
@@ -292,8 +293,7 @@ class Run(RunNumbers):
         Raises
         ------
         ParameterError
-            If nothing was recorded, `by` is none of these, or a phase of contact is so long that its steps are more than
-            their bound.
+            If nothing was recorded, or `by` is none of these.
 
         Examples
         --------
@@ -302,12 +302,18 @@ class Run(RunNumbers):
         >>> print(f"{1e6 * budget.plate_2:.1f} uJ from the plate at p2, {1e6 * budget.restitution_2:.1f} uJ to restitution")
         233.4 uJ from the plate at p2, -230.5 uJ to restitution
         """
-        from dimersweep.runs.energy import energy_of
+        from dimersweep.runs.energy import check_by, energy_of
 
+        check_by(by)
         record = self.record("energy")
         if len(record.segments) < 2:
             raise ParameterError(f"energy: there is none, the run ended before its first smooth phase ({self.message})")
-        return energy_of(record, self.rtol, self.parameters, by)
+
+        def call(stop: StopFlag) -> xr.Dataset:
+            with stop.space() as space:
+                return energy_of(record, self.rtol, self.parameters, by, space)
+
+        return stoppable(call)
 
     def section(self, at: "At" = "period", *, phase: float | str | None = None) -> xr.Dataset:
         """States at which a map can be looked at: those of the return map, of impacts, or of a phase of the plate.

@@ -5,8 +5,9 @@ from typing import NamedTuple
 import numpy as np
 
 from dimersweep.errors import ParameterError
-from dimersweep.kernel.batch import Workspace, ask_for, run_recorded
-from dimersweep.kernel.model.layout import C_START, CA, CB, CODE_N_EVENTS, N_CODES, N_OUT
+from dimersweep.kernel.batch import N_START, Workspace, ask_for, run_recorded
+from dimersweep.kernel.energy import Book
+from dimersweep.kernel.model.layout import C_END, C_START, CA, CB, CODE_N_EVENTS, N_CODES, N_OUT, N_STATE, PERIOD
 from dimersweep.kernel.record import EVENT, Record, new_record, no_record, rows_of, was_full
 from dimersweep.runs.recorded import RunRecord
 
@@ -107,7 +108,7 @@ def run_row(
             rows = min(RECORD_GROWTH * rows, MAX_ROWS)
         full = was_full(made)
         events, segments = rows_of(made)
-        kept = RunRecord(row, events.copy(), segments.copy(), full)
+        kept = RunRecord(row, events.copy(), segments.copy(), full, np.zeros((0, N_START)) if start is None else start)
     if full or not record:
         run(no_record())
     end = RunEnd(np.concatenate([space.state, space.modes])[None], space.past.copy())
@@ -126,7 +127,23 @@ def go_on(
     begun = int(more.record.events[0, CAUSE_COLUMN] == C_START)
     events = np.concatenate([record.events[:-1], more.record.events[begun:]])
     segments = np.concatenate([record.segments[:-1], more.record.segments[begun:]])
-    return more._replace(record=RunRecord(row, events, segments, record.cut or more.record.cut))
+    return more._replace(record=RunRecord(row, events, segments, record.cut or more.record.cut, record.start))
+
+
+def with_works(record: RunRecord, rtol: float, space: Workspace) -> tuple[RunRecord, Book]:
+    """A recorded run once more, with the works of its forces: its record, and the book beside that.
+
+    What stands in the book rides along, and changes nothing of the run. One whose start is not known is made from its first
+    smooth phase on, so that its last digits may differ.
+    """
+    events, segments = record.events, record.segments
+    ended = len(events) > 0 and not record.cut and events[-1, CAUSE_COLUMN] == C_END
+    ask = ask_for(segments[-1, PERIOD] + (not ended), rtol, path=True)
+    start = segments[:1, : N_STATE + 2] if record.start is None else record.start
+    kept = new_record(max(len(events), len(segments)), works=True)
+    run_recorded(record.row, ask, np.zeros((1, N_OUT)), np.zeros((1, N_CODES), np.int64), kept, space, start)
+    events, segments = (rows[: len(of)] for rows, of in zip(rows_of(kept), (events, segments), strict=True))
+    return record._replace(events=events, segments=segments), kept.book
 
 
 def speed_at(end: RunEnd) -> float:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from dimersweep.kernel.batch import run_many, stop
+from dimersweep.kernel.contact.coordinates import N_Y
 from dimersweep.kernel.contact.events import NO_EVENT, OUT_OF_STEPS
 from dimersweep.kernel.contact.step_control import EXPLICIT_COST
 from dimersweep.kernel.course import BUDGET, BUDGET_PER_PERIOD, new_workspace
@@ -30,7 +31,7 @@ ONE_MORE = 200.0  # work that may be done between two looks at the meter: one st
 
 def slide(work):
     """A contact phase of a slide on both ends over a period: its time, the span and the event."""
-    dm, state, y, codes = dimer(Gamma=0.5), np.zeros(N_STATE), np.zeros(16), np.array([SLIP, SLIP], dtype=float)
+    dm, state, y, codes = dimer(Gamma=0.5), np.zeros(N_STATE), np.zeros(N_Y), np.array([SLIP, SLIP], dtype=float)
     state[CB] = 1.0
     contact_state(dm, state, -1.0, y)
     span = dm.period

@@ -49,6 +49,7 @@ class _Impact:
         self.rough = any(law.mu) or any(law.mu_s)
         self.X = np.zeros(self.k)
         self.P = np.zeros((self.k, 3))
+        self.work = np.zeros((2, self.k))  # of the normal forces and of friction
         self.normal = [COMPRESS if rate < 0 else IDLE for rate in c[:, 0]]
         if self.rough and self.k == 2:  # flat: the ends share the axial velocity, to the last digit
             shared = self.c[:, 1:] @ axial
@@ -168,16 +169,17 @@ class _Impact:
         k, c0 = self.k, self.c.copy()
 
         def unpack(y: Array) -> tuple[Array, Array, Array]:
-            X = y[3 * k :]
+            X = y[3 * k : 4 * k]
             c = c0 + (self.flat_G @ y[: 3 * k]).reshape(k, 3)
             forces, _ = self.respond(self.normal_forces(X), self.stick, self.sliding(c) if self.rough else {})
             return c, X, forces
 
         def rhs(_: float, y: Array) -> Array:
             c, _X, forces = unpack(y)
+            powers = forces * c
             factor = [{COMPRESS: -1.0, IDLE: 0.0}.get(n) for n in self.normal]
             dX = [(-1 / self.law.e[i] ** 2 if a is None else a) * c[i, 0] for i, a in enumerate(factor)]
-            return np.concatenate([forces.ravel(), dX])
+            return np.concatenate([forces.ravel(), dX, powers[:, 0], powers[:, 1:].sum(1)])
 
         names = self.watched()
 
@@ -185,7 +187,7 @@ class _Impact:
             c, X, forces = unpack(y)
             return np.array([self.gauge(i, name, c, X, forces) for i, name in names])
 
-        y0 = np.concatenate([np.zeros(3 * k), self.X])
+        y0 = np.concatenate([np.zeros(3 * k), self.X, np.zeros(2 * k)])
         options: dict[str, Any] = {
             "t0": 0.0,
             "y0": y0,
@@ -205,6 +207,7 @@ class _Impact:
         self.c, X, _ = unpack(y)
         self.X = np.maximum(X, 0)
         self.P += y[: 3 * k].reshape(k, 3)
+        self.work += y[4 * k :].reshape(2, k)
         if not fired:
             raise RuntimeError("the impact does not end")
         # an idle contact's slip is not held by anything
@@ -275,18 +278,19 @@ def resolve(G: Array, c: Array, law: Law, axial: Array, tol: float = 1e-11) -> t
     P : (k, 3) array
         Impulses, N s.
     details : dict
-        'stuck' (contacts without slip at the end), 'log' (the switches).
+        'stuck' (contacts without slip at the end), 'log' (the switches), 'work' of the normal forces and of friction, J.
     """
     G, c = np.asarray(G, dtype=float), np.asarray(c, dtype=float)
     first = int(np.argmin(c[:, 0]))
     speed, compliance = -c[first, 0], G[first, 0, first, 0]
     if speed <= 0:
-        return np.zeros_like(c), {"stuck": [], "log": []}
+        return np.zeros_like(c), {"stuck": [], "log": [], "work": np.zeros((2, len(c)))}
     slip_zero = max(SLIP_ZERO, SLIP_NOISE / speed)
     state = _Impact(G / compliance, c / speed, law, axial, tol, slip_zero)
     state.run()
     stuck = [i for i in range(len(c)) if i in state.zero]
-    return state.P * speed / compliance, {"stuck": stuck, "log": state.log}
+    details = {"stuck": stuck, "log": state.log, "work": state.work * speed**2 / compliance}
+    return state.P * speed / compliance, details
 
 
 def apply(
@@ -302,12 +306,13 @@ def apply(
         G[np.ix_(contacts, range(3), contacts, range(3))], c[contacts],
         Law(*([values[i] for i in contacts] for values in (d.e, d.mu, d.mu_s, d.k)), d.eta), body.axial_direction(q), tol,
     )  # fmt: skip
-    impulse = np.zeros((2, 3))
-    impulse[contacts] = P
+    impulse, work = np.zeros((2, 3)), np.zeros((2, 2))
+    impulse[contacts], work[:, contacts] = P, details["work"]
     after = qdot + np.einsum("kia,ia->k", response, impulse)
     stuck = [contacts[i] for i in details["stuck"]]
     return after, {
         "impulse": impulse,
+        "work": work,
         "gap_rates_minus": body.gap_rates(d, q, qdot),
         "gap_rates_plus": body.gap_rates(d, q, after),
         "end": tuple("-" if i not in contacts else "sk" if i in stuck else "sp" for i in (0, 1)),
@@ -341,7 +346,8 @@ def impact(
     qdot_after : (6,) array
     details : dict
         'impulse' (2, 3) normal, x, y in N s (where both ends stick the split of the axial part is arbitrary), gap rates
-        before and after in m/s, 'end' (sk, sp, or - where not closed), 'log' of the switches.
+        before and after in m/s, 'end' (sk, sp, or - where not closed), 'log' of the switches, 'work' (2, 2) of the normal
+        forces and of friction in J.
     """
     return apply(body.dimer(params), np.asarray(q, dtype=float), np.asarray(qdot, dtype=float), closed, tol)
 

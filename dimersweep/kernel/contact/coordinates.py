@@ -6,6 +6,8 @@ end (p1 if it is closed, else p2), so that slow slip keeps its relative precisio
 start of a step. Upright: everything horizontal is measured along two fixed axes, those of the heading when the chart was
 entered: y = (k_a, k_a', k_b', spin, u_a, u_b, k_b, t, x_b, x_a, chi), k the axis from p1 to p2 and chi = gamma +- theta, which
 stay regular at the vertical. Both have the slip in the same slots, and the same tolerances suit both.
+
+Behind them stand the works of the contact forces since the phase began (``works``), where these are wanted.
 """
 
 from math import sqrt
@@ -41,14 +43,17 @@ from dimersweep.kernel.model.layout import (
     X1,
     Y1,
 )
+from dimersweep.kernel.model.works import N_CONTACT_WORK
 from dimersweep.kernel.numerics.elementary import atan2
 from dimersweep.kernel.numerics.sincos import sincos
 
 YDIP, YWB, YWP, YS, YUA, YUB, YTHETA, YTIME, YX, YY, YGAMMA = range(11)
 KA, KDA, KDB, _, _, _, KB = range(7)  # of the upright chart, where they differ in meaning
-N_CLOSED, N_PATH = 8, 11  # entries without and with the path
-YCHART, YAXES = 11, 12  # constants of a phase: the chart, and theta of its axes
-N_Y = 13
+YWORK = 11  # the first of the works, in the order of `model.works`
+# entries without the path, with it, and with the works
+N_CLOSED, N_PATH, N_WORKED = 8, 11, YWORK + N_CONTACT_WORK
+YCHART, YAXES = N_WORKED, N_WORKED + 1  # constants of a phase: the chart, and theta of its axes
+N_Y = N_WORKED + 2
 BY_HEADING, UPRIGHT = 0.0, 1.0
 STEEP = 1.47  # dip beyond which the upright chart is taken [rad]
 LEANS = 0.15  # cosine of the dip from which it is left

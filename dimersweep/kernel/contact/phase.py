@@ -6,6 +6,7 @@ from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.coordinates import (
     N_CLOSED,
     N_PATH,
+    N_WORKED,
     UPRIGHT,
     YCHART,
     YDIP,
@@ -39,6 +40,7 @@ from dimersweep.kernel.contact.events import (
 )
 from dimersweep.kernel.contact.forces import COMPLIANCE, F1, F2, N_F, contact_rates
 from dimersweep.kernel.contact.location import first_crossing, hidden_dip, low_between
+from dimersweep.kernel.contact.powers import phase_rates
 from dimersweep.kernel.contact.step_control import (
     IMPLICIT,
     PLAIN_METHOD,
@@ -51,6 +53,7 @@ from dimersweep.kernel.contact.step_control import (
     step_to,
     stiffness,
 )
+from dimersweep.kernel.contact.works import settle_works, works_to_slip_end
 from dimersweep.kernel.model.body import TWO_PI, end
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import FREE, SLIP
@@ -90,7 +93,7 @@ def sustain_contact(dm, modes, y, phase, span, path, tol, slip_tol, locate, work
     phase : float
         Plate phase at the start [rad].
     path : bool
-        Whether x1, y1 and gamma are wanted.
+        Whether x1, y1 and gamma are wanted; they are where works are.
     tol : float
         Error per step, in units of the scales of the state.
     slip_tol : float
@@ -107,6 +110,8 @@ def sustain_contact(dm, modes, y, phase, span, path, tol, slip_tol, locate, work
         OUT_OF_STEPS, also where the meter of the work array is over.
     """
     t, n = 0.0, N_PATH if path else N_CLOSED
+    if work.course[0].tally.wanted:
+        n = N_WORKED
     for _ in range(MAX_CHARTS):
         p = Phase(modes, y, phase + dm.omega * t, span - t, tol, slip_tol, n, locate)
         part, event = sustain_in_chart(dm, p, work)
@@ -136,10 +141,12 @@ def sustain_in_chart(dm, p, work):
 @compiled(inline=True)
 def begin_phase(dm, p, b):
     """The rates at the start, the event functions that are positive there, and first guesses of the steps."""
-    modes, y, c, path = p.modes, p.y, b.control[0], p.n > N_CLOSED
+    modes, y, c = p.modes, p.y, b.control[0]
     set_scales(dm, p.tol, b.scale)
+    for k in range(N_PATH, p.n):
+        b.scale[k] = c.doubt
     set_chart(y, b)
-    contact_rates(dm, modes, p.phase, y, path, b.dy, b.F)
+    phase_rates(dm, modes, p.phase, y, p.n, b.dy, b.F)
     for k in range(N_CONTACT_EVENTS):
         b.armed[k] = 0.0
     if modes[0] == FREE or modes[1] == FREE:
@@ -181,7 +188,7 @@ def begin_step(dm, p, b):
     """What a step starts from, and how stiff its slip is."""
     y, c = p.y, b.control[0]
     y[YTIME] = 0.0
-    copy(y, b.start, N_PATH)
+    copy(y, b.start, p.n)
     c.stiffness = stiffness(dm, p.modes, y, max(b.F[F1], b.F[F2]))
     c.now = p.phase + dm.omega * c.time
     c.speed, c.speed_rate = slip_speed(dm, p.modes, y, b.dy)
@@ -196,7 +203,10 @@ def end_slip_on_line(dm, p, b):
         lands = landing_in_sight(modes, y, b.dy) / PAST_LANDING
         i = slip_about_to_end(dm, modes, y, b.dy, min(lands, p.span - c.time), p.tol, p.slip_tol)
         if i >= 0:
-            c.time += run_to_slip_end(dm, modes, y, b.dy, i, p.slip_tol, p.n)
+            t = run_to_slip_end(dm, modes, y, b.dy, i, p.slip_tol, p.n)
+            if p.n > N_PATH:
+                works_to_slip_end(dm, p, t, b)
+            c.time += t
             return SLIP_END + i
     return GOES_ON
 
@@ -317,6 +327,8 @@ def stop_at_event(dm, p, least, event, b):
         if part < 1.0 and dt > SHORTEST * dm.period:
             c.h = part * dt
             return GOES_ON
+    if p.n > N_PATH:
+        settle_works(dm, p, b)
     copy(b.out, y, p.n)
     c.time += max(0.0, b.out[YTIME])
     if not is_slip_end(event):
@@ -336,6 +348,8 @@ def stop_at_event(dm, p, least, event, b):
 def accept_step(dm, p, factor, b):
     """Go to the end of the step, and guess the size of the next one; returns a lift-off there, or GOES_ON."""
     modes, y, c, dt = p.modes, p.y, b.control[0], b.out[YTIME]
+    if p.n > N_PATH:
+        settle_works(dm, p, b)
     copy(b.out, y, p.n)
     copy(b.dy_out, b.dy, p.n)
     copy(b.F_out, b.F, N_F)

@@ -13,6 +13,8 @@ from typing import Any, NamedTuple
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.coordinates import (
     N_CLOSED,
+    N_PATH,
+    N_WORKED,
     UPRIGHT,
     YCHART,
     YDIP,
@@ -23,6 +25,7 @@ from dimersweep.kernel.contact.coordinates import (
     YUA,
     YUB,
     YWB,
+    YWORK,
     YWP,
     YX,
     YY,
@@ -31,7 +34,8 @@ from dimersweep.kernel.contact.coordinates import (
     slip_of,
 )
 from dimersweep.kernel.contact.events import slip_speed
-from dimersweep.kernel.contact.forces import COMPLIANCE, F1, F2, contact_rates, path_rates, single_rates
+from dimersweep.kernel.contact.forces import A1, COMPLIANCE, F1, F2, L1, N_F, path_rates, single_rates
+from dimersweep.kernel.contact.powers import phase_rates, work_rates
 from dimersweep.kernel.model.body import attitude, end, extent
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import FREE, SLIP
@@ -53,7 +57,7 @@ RENEWED = 2  # the iteration that takes new derivatives
 TIGHT = 0.5  # compliance from which the turning of the slip may lead to a jam
 SLIP_CHANGE = 1e-6  # change of a slip, in units of itself, in its finite differences
 
-STEP_ROWS = 79
+STEP_ROWS = 86
 # of an explicit step, and of a Newton iteration for each direction in which a slip turns and once more, in hops of one end:
 # as measured
 EXPLICIT_COST, NEWTON_COST = 0.8, 0.4
@@ -81,6 +85,8 @@ class StepArrays(NamedTuple):
     F_probe: Any
     pivots: Any
     change: Any
+    kept: Any  # what a step was from and to, while the works in it are taken in parts
+    flows: Any  # what the works since the phase began are either way
     bracket: Any  # of an event
     control: Any
     meter: Any
@@ -100,6 +106,7 @@ class Control:
     method: int  # of the step
     size: float  # of the step, in the unit of its method
     last: bool  # whether the step ends the span
+    doubt: float  # what works in a step may be off, where they are wanted [J]
 
 
 class Phase(NamedTuple):
@@ -139,6 +146,8 @@ def step_arrays(work):
         rows[76],
         rows[77],
         rows[78],
+        rows[79:85],
+        rows[85],
         work.bracket,
         work.control,
         work.meter,
@@ -220,7 +229,7 @@ def slopes_of_any(step, i, dip, w_b, w_p, spin, u_a, u_b, theta, t):
     b = step.b
     y, k = b.out, b.K[i]
     y[YDIP], y[YWB], y[YWP], y[YS], y[YUA], y[YUB], y[YTHETA], y[YTIME] = dip, w_b, w_p, spin, u_a, u_b, theta, t
-    contact_rates(step.dm, step.modes, step.phase + step.dm.omega * t, y, step.n > N_CLOSED, k, b.F_out)
+    phase_rates(step.dm, step.modes, step.phase + step.dm.omega * t, y, step.n, k, b.F_out)
     rescale(step, y, b.F_out, k)
     return k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7]
 
@@ -234,6 +243,20 @@ def rescale(step, y, F, k):
             share *= time_per_xi(F, step.b.F)
         for j in range(step.n):
             k[j] *= share
+
+
+@compiled
+def works_of_single(step, i, now, slip, rates, share):
+    """Slopes of the works of a stage of the contact of one end with the slip (axial, lateral) at a heading."""
+    b, k = step.b, 3 * leading(step.modes)
+    y, F, dy = b.out, b.F_out, b.K[i]
+    y[YUA], y[YUB], y[YTHETA] = slip
+    for j in range(N_F):
+        F[j] = 0.0
+    F[F1 + k], F[A1 + k], F[L1 + k] = rates.F, rates.A, rates.L
+    work_rates(step.dm, step.modes, now, y, F, dy)
+    for j in range(YWORK, N_WORKED):
+        dy[j] *= share
 
 
 @compiled(fuse=True, inline=True)
@@ -258,6 +281,8 @@ def slopes_of_single(step, i, dip, w_b, w_p, spin, u_a, u_b, theta, xi_time):
         x, y_1, spun = path_rates(dm, p, sin_b, cos_b, w_b, w_p, spin, u_a, u_b, theta)
         k = b.K[i]
         k[YX], k[YY], k[YGAMMA] = share * x, share * y_1, share * spun
+    if step.n > N_PATH:
+        works_of_single(step, i, now, (u_a, u_b, theta), rates, share)
     return (
         share * w_b,
         share * rates.w_b,
@@ -313,7 +338,7 @@ def turn_slopes(dm, modes, phase, h, n, j, b):
         b.probe[YUA] += size * turn[0]
         b.probe[YUB] += size * turn[1]
         b.probe[YWP] += size * turn[2]
-        contact_rates(dm, modes, phase + dm.omega * h * RADAU_C[j], b.probe, n > N_CLOSED, b.dy_probe, b.F_probe)
+        phase_rates(dm, modes, phase + dm.omega * h * RADAU_C[j], b.probe, n, b.dy_probe, b.F_probe)
         row = b.J[j * m + i]
         for k in range(n):
             row[k] = (b.dy_probe[k] - f[k]) / size
@@ -370,17 +395,19 @@ def newton_iteration(h, n, m, b):
 
 
 @compiled
-def implicit_error(h, b):
-    """Error of an implicit step over the tolerance, from how fast the slopes' expansion in Chebyshev polynomials falls off."""
+def implicit_error(h, first, last, b):
+    """Error of an implicit step over the tolerance, from how fast the slopes' expansion in Chebyshev polynomials falls off;
+    of the entries from `first` up to `last`.
+    """
     total = 0.0
-    for k in range(N_CLOSED):
+    for k in range(first, last):
         top, near = TOP[0] * b.dy[k], 0.0
         for j in range(NODES):
             top += TOP[j + 1] * b.K[j, k]
             near += NEXT[j] * b.K[j, k]
         ratio = min(1.0, abs(top / near)) if near != 0.0 else 1.0
         total += (h * top * ratio / b.scale[k]) ** 2
-    return sqrt(total / N_CLOSED)
+    return sqrt(total / (last - first))
 
 
 @compiled
@@ -395,7 +422,7 @@ def implicit_step(dm, modes, phase, h, n, b):
         charge(b.meter, NEWTON_COST * (1 + m))
         for j in range(NODES):
             at = phase + dm.omega * h * RADAU_C[j]
-            contact_rates(dm, modes, at, b.Y[j], n > N_CLOSED, b.K[j], b.F_out)
+            phase_rates(dm, modes, at, b.Y[j], n, b.K[j], b.F_out)
         if turn == 0 or turn == RENEWED:
             for j in range(NODES):
                 m = turn_slopes(dm, modes, phase, h, n, j, b)
@@ -405,7 +432,7 @@ def implicit_step(dm, modes, phase, h, n, b):
         if change <= CONVERGED:
             copy(b.Y[NODES - 1], b.out, n)
             b.out[YTIME] = h
-            return implicit_error(h, b)
+            return implicit_error(h, 0, N_CLOSED, b)
         if not change < inf or (turn > RENEWED and change > before):
             return inf
         before = change
@@ -420,5 +447,5 @@ def step_to(dm, modes, phase, h, n, method, gamma, b):
     else:
         charge(b.meter, EXPLICIT_COST)
         error = explicit_contact_step(dm, modes, phase, h, n, method, gamma, b)
-    contact_rates(dm, modes, phase + dm.omega * b.out[YTIME], b.out, n > N_CLOSED, b.dy_out, b.F_out)
+    phase_rates(dm, modes, phase + dm.omega * b.out[YTIME], b.out, n, b.dy_out, b.F_out)
     return error

@@ -28,9 +28,11 @@ from dimersweep.kernel.model.layout import SLIP, STICK
 from dimersweep.kernel.numerics.elementary import raised
 from dimersweep.kernel.numerics.steps import clear
 
-# state of the impact: gap rates, compressions, axial and lateral velocities
+# state of the impact: gap rates, compressions, axial and lateral velocities; beyond what steps control (`steps.WIDTH`), where
+# they are wanted, what slip takes at both ends
 ZN1, ZN2, ZX1, ZX2, ZA, ZB1, ZB2 = range(7)
 N_Z = 7
+ZS1, ZS2, N_RUBBED = 8, 9, 10
 HERTZ = 1.5  # exponent of two elastic bodies that touch at a point
 PLAIN_CLOCK, BOTH_CLOCK = -1, 2  # clocks besides those of the ends, 0 and 1: tau, and that of two ends that move alike
 
@@ -107,6 +109,15 @@ def stored_energy(dm, i, X):
 def compression(dm, i, E):
     """X_i of a stored energy."""
     return raised((dm.eta + 1.0) * E / end(dm, i).k, 1.0 / (dm.eta + 1.0)) if E > 0.0 else 0.0
+
+
+@compiled
+def rest_work(dm, i, X, compressing, e, z):
+    """Work of the normal impulse at end i over a leg from the compression X to z: what its energy loses, times e^2 in
+    restitution.
+    """
+    lost = stored_energy(dm, i, X) - stored_energy(dm, i, z[ZX1 + i])
+    return lost if compressing[i] > 0.0 else e[i] * e[i] * lost
 
 
 @compiled

@@ -26,7 +26,7 @@ from dimersweep.kernel.impact.double_equations import (
     stick_reserve,
     to_clock,
 )
-from dimersweep.kernel.impact.double_step import leg_rows, leg_step
+from dimersweep.kernel.impact.double_step import Leg, leg_rows, leg_step, pass_rubs_on, rub_rates_at
 from dimersweep.kernel.model.body import end
 from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import SLIP, STICK
@@ -236,6 +236,7 @@ def double_leg(dm, z, modes, compressing, tol, slip_tol, work):
             if clock != last:
                 h = min(h * clock_rate(last, z) / pace, longest)
             copy(z, b.start, N_Z)
+            pass_rubs_on(z, b.start, b.n)
             to_clock(clock, b.start)
             impact_rates(dm, modes, b.gains, clock, b.start, b.rates)
             if not stiff and h * pace > turns:
@@ -264,6 +265,7 @@ def double_leg(dm, z, modes, compressing, tol, slip_tol, work):
                 h, fresh = 0.5 * h, False
                 continue
         copy(b.out, z, N_Z)
+        pass_rubs_on(b.out, z, b.n)
         from_clock(clock, z)
         # a slip that has only turned by a right angle goes on
         if least <= 0.0 and (event < 6 or length(z[ZA], z[ZB1 + event - 6]) <= 4.0 * slip_tol):
@@ -306,6 +308,10 @@ def carry_on(dm, modes, clock, t, b):
     for k in range(N_Z):
         b.probe[k] = b.out[k] + 0.5 * t * b.rates_out[k]
     impact_rates(dm, modes, b.gains, clock, b.probe, b.rates_probe)
+    if b.n > WIDTH:
+        rub_rates_at(Leg(dm, modes, clock, b), b.probe, b.rates_probe)
+        for k in range(WIDTH, b.n):
+            b.out[k] += t * b.rates_probe[k]
     for k in range(N_Z):
         b.out[k] += t * b.rates_probe[k]
 

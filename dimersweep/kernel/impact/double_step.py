@@ -5,13 +5,21 @@ from typing import Any, NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.impact.double_equations import (
+    N_RUBBED,
     N_Z,
     PLAIN_CLOCK,
     ZA,
+    ZB1,
+    ZS1,
+    ZX1,
+    force_in_clock,
     impact_jacobian,
     impact_rates,
     rates_in_clock,
 )
+from dimersweep.kernel.model.body import end
+from dimersweep.kernel.model.friction import direction, slip_force
+from dimersweep.kernel.model.layout import SLIP
 from dimersweep.kernel.numerics.meter import charge
 from dimersweep.kernel.numerics.steps import (
     ROS_STAGES,
@@ -22,6 +30,7 @@ from dimersweep.kernel.numerics.steps import (
     implicit_stage,
     lu_factor,
     lu_solve,
+    on_cubic,
 )
 from dimersweep.kernel.numerics.tableaux import ROS_GAMMA
 
@@ -49,6 +58,7 @@ class LegRows(NamedTuple):
     bracket: Any
     e: Any  # restitution of both ends
     meter: Any
+    n: int  # entries of the state that an explicit step integrates
 
 
 @compiled
@@ -73,6 +83,7 @@ def leg_rows(work):
         work.bracket,
         rows[39],
         work.meter,
+        N_RUBBED if work.course[0].tally.wanted else WIDTH,
     )
 
 
@@ -81,24 +92,55 @@ class Leg(NamedTuple):
 
     dm: Any
     modes: Any
-    gains: Any
     clock: Any
+    b: Any
+
+
+@compiled
+def rub_rates(leg, X_1, X_2, a, b_1, b_2, out):
+    """What slip takes per clock at both ends, into its places in out."""
+    dm, clock = leg.dm, leg.clock
+    pace = 1.0 if clock == PLAIN_CLOCK else (X_2 if clock == 1 else X_1)
+    for i in range(2):
+        out[ZS1 + i] = 0.0
+        if leg.modes[i] == SLIP:
+            X, b = (X_1, b_1) if i == 0 else (X_2, b_2)
+            A, L = slip_force(end(dm, i).mu, pace * force_in_clock(dm, clock, i, X), *direction(a, b))
+            out[ZS1 + i] = A * a + L * b
+
+
+@compiled
+def rub_rates_at(leg, z, out):
+    """What slip takes per clock in the state z."""
+    rub_rates(leg, z[ZX1], z[ZX1 + 1], z[ZA], z[ZB1], z[ZB1 + 1], out)
+
+
+@compiled
+def pass_rubs_on(source, target, n):
+    """Copy what slip has taken, where it is wanted."""
+    for k in range(ZS1, n):
+        target[k] = source[k]
 
 
 @compiled(inline=True)
 def leg_slopes(leg, i, n_1, n_2, X_1, X_2, a, b_1, b_2, _):
-    """Slopes of a stage of an explicit step; the last entry of the state is not used."""
-    rates = rates_in_clock(leg.dm, leg.modes, leg.gains, leg.clock, n_1, n_2, X_1, X_2, a, b_1, b_2)
+    """Slopes of a stage of an explicit step; the last entry that it controls is not used."""
+    if leg.b.n > WIDTH:
+        rub_rates(leg, X_1, X_2, a, b_1, b_2, leg.b.K[i])
+    rates = rates_in_clock(leg.dm, leg.modes, leg.b.gains, leg.clock, n_1, n_2, X_1, X_2, a, b_1, b_2)
     return rates[0], rates[1], rates[2], rates[3], rates[4], rates[5], rates[6], 0.0
 
 
 @compiled
 def explicit_leg_step(dm, modes, clock, h, tol, b):
     """One DOP853 step of size h in a clock, from b.start into b.out; returns the error over the tolerance."""
+    leg = Leg(dm, modes, clock, b)
     copy(b.rates, b.K[0], WIDTH)
+    if b.n > WIDTH:
+        rub_rates_at(leg, b.start, b.K[0])
     for j in range(WIDTH):
         b.scale[j] = tol
-    return explicit_step(leg_slopes, Leg(dm, modes, b.gains, clock), h, b.start, b.K, WIDTH, b.scale, b.out)
+    return explicit_step(leg_slopes, leg, h, b.start, b.K, b.n, b.scale, b.out)
 
 
 @compiled
@@ -124,7 +166,22 @@ def implicit_step(dm, modes, h, tol, slip_unit, b):
         b.out[k] += b.K[ROS_STAGES - 1, k]
         unit = slip_unit if k >= ZA else 1.0
         total += (b.K[ROS_STAGES - 1, k] / unit) ** 2
+    if b.n > WIDTH:
+        rub_over_step(Leg(dm, modes, PLAIN_CLOCK, b), h)
     return sqrt(total / N_Z) / tol
+
+
+@compiled
+def rub_over_step(leg, h):
+    """What slip takes over an implicit step, by Simpson's rule on the cubic through its ends."""
+    b = leg.b
+    impact_rates(leg.dm, leg.modes, b.gains, PLAIN_CLOCK, b.out, b.rates_out)
+    on_cubic(b.start, b.rates, b.out, b.rates_out, 0.5, h, N_Z, b.probe)
+    pass_rubs_on(b.start, b.out, b.n)
+    for share, z in ((1.0, b.start), (4.0, b.probe), (1.0, b.out)):
+        rub_rates_at(leg, z, b.rates_probe)
+        for k in range(ZS1, N_RUBBED):
+            b.out[k] += share * h / 6.0 * b.rates_probe[k]
 
 
 @compiled(inline=True)

@@ -68,6 +68,18 @@ def at(c, row, order, xi):
 
 
 @compiled
+def square_integral(c, row, order, xi):
+    """Integral of the square of an expansion up to xi, from its coefficients below xi**order."""
+    total = 0.0
+    for j in range(order - 1, -1, -1):
+        square = 0.0
+        for i in range(j + 1):
+            square += c[row, i] * c[row, j - i]
+        total = total * xi + square * INVERSE[j]
+    return total * xi
+
+
+@compiled
 def unseen(c, v, tol):
     """Size of a term of the expansions that is none."""
     return max(0.1 * min(tol, 0.01 * v), ROUNDED_VELOCITY * max(v, abs(c[A_N, 0])))

@@ -12,12 +12,15 @@ from dimersweep.kernel.impact.double_equations import (
     ZB2,
     ZN1,
     ZN2,
+    ZS1,
+    ZS2,
     ZX1,
     ZX2,
     compression,
     first_forces,
     friction_modes,
     impact_rates,
+    rest_work,
     stored_energy,
 )
 from dimersweep.kernel.impact.double_leg import double_leg
@@ -58,6 +61,7 @@ from dimersweep.kernel.model.layout import (
     WB,
     WP,
 )
+from dimersweep.kernel.model.works import note_struck
 from dimersweep.kernel.numerics.elementary import raised
 from dimersweep.kernel.numerics.meter import charge
 from dimersweep.kernel.numerics.steps import copy
@@ -175,13 +179,35 @@ def single_impact(dm, state, i, V, tol, work, log):
     state[N1 + i] = n_plus * V
     state[other] += unit * (wj.nn * P + wj.na * A)
     apply_impulse(dm, state, lv, unit * P, unit * A, unit * B)
+    wanted = work.course[0].tally.wanted
     rows, n_j = 0, state[other] - unit * (wj.nn * P + wj.na * A)
     if mode == STICK and P_s > 0.0:
         n_s, n_js = n + V * (law.nn * P_s + law.na * A_s), n_j + unit * (wj.nn * P_s + wj.na * A_s)
+        if wanted:
+            note_single(work, rows, i, V, unit, (P_s, A_s, B), True)
         rows = log_single(log, rows, i, IMPACT + SLIP, n, n_j, n_s, n_js, unit * P_s, 0.0, 0.0)
-        n, n_j, P = n_s, n_js, P - P_s
+        n, n_j, P, A, B = n_s, n_js, P - P_s, A - A_s, 0.0
+    if wanted:
+        note_single(work, rows, i, V, unit, (P, A, B), False)
     rows = log_single(log, rows, i, IMPACT + mode, n, n_j, n_plus * V, state[other], unit * P, a_plus * V, b_plus * V)
     return OK, mode, rows
+
+
+@compiled
+def note_single(work, row, i, V, unit, impulses, slipping):
+    """Note the works of a phase at end i alone, and of its impulses (normal, axial, lateral)."""
+    P, A, B = impulses
+    rest, slip = works_of_one(i, work.course[0].tally, slipping)
+    P_1, B_1, P_2, B_2 = (P, B, 0.0, 0.0) if i == 0 else (0.0, 0.0, P, B)
+    note_struck(work, row, unit * V, rest, slip, (unit * P_1, unit * P_2, unit * A, unit * B_1, unit * B_2))
+
+
+@compiled
+def works_of_one(i, tally, slipping):
+    """What restitution takes at both ends and what slip does, where end i acts alone: up to its sticking, or what is left."""
+    rest, slip = tally.rest_slipping if slipping else tally.rest, tally.slip
+    tally.rest, tally.slip = tally.rest - rest, 0.0
+    return ((rest, 0.0), (slip, 0.0)) if i == 0 else ((0.0, rest), (0.0, slip))
 
 
 @compiled
@@ -240,6 +266,7 @@ def double_impact(dm, state, V, tol, modes, work, log):
     load_double(dm, state, V, z)
     copy(z, start, N_Z)
     slip_tol = max(max(IMPACT_SLIP_SCALE * tol, LEAST_SLIP), slip_rounding(dm, state) / V)
+    wanted, energy = work.course[0].tally.wanted, dm.m * V * V
     left, leg_tol = max(LEFT_OVER * tol, LEAST_LEFT), max(min(DOUBLE_TOL * tol, COARSEST_LEG_TOL), FINEST_LEG_TOL)
     least = raised(left, 2.0 / (dm.eta + 1.0))  # the root of E, which goes with X^(eta + 1), is worth a gap rate
     compressing[0], compressing[1] = 1.0, 1.0
@@ -256,14 +283,19 @@ def double_impact(dm, state, V, tol, modes, work, log):
             status = OK
             break
         copy(z, before, N_Z)
+        rest, slip = (0.0, 0.0), (0.0, 0.0)
         if on_1 and on_2:
             f_1, f_2 = first_forces(dm, z)
             friction_modes(dm, z, modes, f_1, f_2, slip_tol, lost)
             if follow_acceleration(dm, z, modes, compressing, left, e, mid):
                 continue
+            z[ZS1], z[ZS2] = 0.0, 0.0
             event = double_leg(dm, z, modes, compressing, leg_tol, slip_tol, work)
             if event < 0:
                 break
+            if wanted:
+                rest_1 = rest_work(dm, 0, before[ZX1], compressing, e, z)
+                rest, slip = (rest_1, rest_work(dm, 1, before[ZX2], compressing, e, z)), (z[ZS1], z[ZS2])
             lost = 4 <= event < 6
             settle_event(dm, event, z, compressing, left, e)
         else:
@@ -274,16 +306,23 @@ def double_impact(dm, state, V, tol, modes, work, log):
                 status = JAMMED if reason == IMPACT_JAMS else IMPACT_STEPS
                 break
             if halts:
-                P_1, P_2, _, _, _ = impulses_between(dm, mid, before, V)
+                impulses = impulses_between(dm, mid, before, V)
+                if wanted:
+                    rest, slip = works_of_one(i, work.course[0].tally, True)
+                    note_struck(work, rows, energy, rest, slip, impulses)
                 beside = SLIP if length(before[ZA], before[ZB2 - i]) > slip_tol else STICK
                 mode_1, mode_2 = (SLIP, beside) if i == 0 else (beside, SLIP)
                 code = coded(impact_digit(on_1, mode_1), impact_digit(on_2, mode_2))
-                rows = log_phase(log, rows, code, before[ZN1], before[ZN2], mid, V, P_1, P_2)
+                rows = log_phase(log, rows, code, before[ZN1], before[ZN2], mid, V, impulses[0], impulses[1])
                 copy(mid, before, N_Z)
-        P_1, P_2, _, _, _ = impulses_between(dm, z, before, V)
+            if wanted:
+                rest, slip = works_of_one(i, work.course[0].tally, False)
+        impulses = impulses_between(dm, z, before, V)
+        if wanted:
+            note_struck(work, rows, energy, rest, slip, impulses)
         code = coded(impact_digit(on_1, modes[0]), impact_digit(on_2, modes[1]))
-        rows = log_phase(log, rows, code, before[ZN1], before[ZN2], z, V, P_1, P_2)
-    P_1, P_2, A, B_1, B_2 = impulses_between(dm, z, start, V)
+        rows = log_phase(log, rows, code, before[ZN1], before[ZN2], z, V, impulses[0], impulses[1])
+    _, _, A, B_1, B_2 = impulses_between(dm, z, start, V)
     state[N1], state[N2] = z[ZN1] * V, z[ZN2] * V
     state[CA] += A / dm.m
     p, q = level_levers(dm)

@@ -20,10 +20,12 @@ from dimersweep.kernel.impact.expansion import (
     A_J,
     A_N,
     A_P,
+    A_V,
     at,
     begin_expansion,
     expand_to_end,
     first_zero,
+    square_integral,
     unseen,
 )
 from dimersweep.kernel.model.friction import holds_axially, length, slip_force
@@ -178,13 +180,14 @@ def stop_at_once(law, n, a, b, E, compressing, tol):
 
     Returns
     -------
-    n, E, P, A : float
-        Gap rate and energy then; normal and axial impulse. P is inf if the slip does not die out first, as far as is known.
+    n, E, P, A, S : float
+        Gap rate and energy then; normal and axial impulse; work of friction. P is inf if the slip does not die out first, as
+        far as is known.
     """
     P, swept = run_down(law, a, b, tol)
     # the gap rate must only rise, wherever the slip turns
     if inf == P or law.nn - law.mu * abs(law.na) < 0.0:
-        return n, E, inf, 0.0
+        return n, E, inf, 0.0, 0.0
     A = -(a + law.na * P) / law.aa
     n_end = n + law.nn * P + law.na * A
     # n = n_0 + W_nn P + W_na (a - a_0 - W_na P) / W_aa, integrated over P
@@ -192,8 +195,16 @@ def stop_at_once(law, n, a, b, E, compressing, tol):
     worked = P * (n - law.na * a / law.aa + 0.5 * P * (law.nn - law.na * law.na / law.aa)) + law.na / law.aa * swept
     E_end = E - gain * worked
     if (compressing and n_end >= 0.0) or E_end <= 0.0:
-        return n, E, inf, 0.0
-    return n_end, E_end, P, A
+        return n, E, inf, 0.0, 0.0
+    # a dA + b dB, with da = W_na dP + W_aa dA and db = W_bb dB, over the slip down to zero
+    rubbed = -(0.5 * a * a + law.na * swept) / law.aa - 0.5 * b * b / law.bb
+    return n_end, E_end, P, A, rubbed
+
+
+@compiled
+def rub_of_expansion(law, order, xi, work):
+    """What slip takes up to xi, as dP = v dxi; 0.0 where works are not wanted."""
+    return -law.mu * square_integral(work.rows, A_V, order, xi) if work.course[0].tally.wanted else 0.0
 
 
 @compiled
@@ -202,23 +213,24 @@ def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
 
     Returns
     -------
-    n, a, b, E, n_j, P, A, B : float
-        Velocities, energy and other gap rate after the leg; normal, axial, lateral impulse of it.
+    n, a, b, E, n_j, P, A, B, S : float
+        Velocities, energy and other gap rate after the leg; normal, axial, lateral impulse of it; work of friction, where
+        works are wanted.
     reason : int
         LEG (go on with the next leg), or IMPACT_OUT_OF_STEPS, also where the meter of the scratch is over.
     """
     gain = 1.0 if compressing else 1.0 / (law.e * law.e)
     slip_end, lateral = max(tol, 1e-14 * length(a, b)), abs(b) > tol
-    n, n_j, P, A, B, c = n0, n_j0, 0.0, 0.0, 0.0, work.rows
+    n, n_j, P, A, B, S, c = n0, n_j0, 0.0, 0.0, 0.0, 0.0, work.rows
     for _ in range(MAX_SINGLE_STEPS):
         if is_over(work.meter):
             break
         charge(work.meter, EXPANSION_COST)
         if law.both == 0.0:
-            n_end, E_end, dP, dA = stop_at_once(law, n, a, b, E, compressing, tol)
+            n_end, E_end, dP, dA, dS = stop_at_once(law, n, a, b, E, compressing, tol)
             if dP < inf:
                 n_j += law.nn_j * dP + law.na_j * dA
-                return n_end, 0.0, 0.0, E_end, n_j, P + dP, A + dA, B - b / law.bb, LEG
+                return n_end, 0.0, 0.0, E_end, n_j, P + dP, A + dA, B - b / law.bb, S + dS, LEG
         v = length(a, b)
         fading = begin_expansion(n, a, b, E, n_j, c)
         order, h = expand_to_end(law, gain, compressing, fading, unseen(c, v, tol), c)
@@ -226,6 +238,7 @@ def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
         xi_E = inf if compressing else first_zero(c, A_E, order, 1.0, h)
         xi_j = first_zero(c, A_J, order, 1.0, h) if law.both > 0.0 else inf
         xi = min(min(xi_n, xi_E), min(xi_j, h))
+        S += rub_of_expansion(law, order, xi, work)
         a_old, b_old = a, b
         a, _ = at(c, A_A, order, xi)
         b = b * exp(-law.mu * law.bb * xi)
@@ -243,8 +256,8 @@ def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
             n_j = 0.0 if xi == xi_j else n_j
             if stopped:
                 a, b = copysign(2.0 * slip_end, law.na) if lateral and turns_away(law, a / v) else 0.0, 0.0
-            return n, a, b, E, n_j, P, A, B, LEG
-    return n, a, b, E, n_j, P, A, B, IMPACT_OUT_OF_STEPS
+            return n, a, b, E, n_j, P, A, B, S, LEG
+    return n, a, b, E, n_j, P, A, B, S, IMPACT_OUT_OF_STEPS
 
 
 @compiled
@@ -295,6 +308,30 @@ def straight_leg(law, n, a, b, E, n_j, compressing, stick, c, s):
 
 
 @compiled
+def rub_of_straight_leg(law, a, b, c, s, P):
+    """What a slip (a, b) along (c, s) takes over an impulse P: mu times the integral of its speed."""
+    if law.mu == 0.0:
+        return 0.0
+    t_a, t_b = slip_force(law.mu, 1.0, c, s)
+    v, w_v = length(a, b), (law.na + law.aa * t_a) * c + law.bb * t_b * s
+    way = P * (v + 0.5 * w_v * P)
+    _, slope = turning(law, c, 0.0)
+    if s == 0.0 and b != 0.0 and slope < 0.0:  # what is left of its turning
+        _, S_1, _ = swerve(w_v, slope, v, b, P)
+        way += (2.0 * law.mu * (law.aa - law.bb) + law.na * t_a / law.mu) * S_1
+    return -law.mu * way
+
+
+@compiled
+def note_leg(tally, rest, slip, stick):
+    """Add what restitution and slip take in a leg."""
+    tally.rest += rest
+    tally.slip += slip
+    if not stick:
+        tally.rest_slipping = tally.rest
+
+
+@compiled
 def single_phase(law, n, a, b, E, n_j, tol, work):
     """Run the impact at one end until its energy is spent or the other closed end begins to be compressed.
 
@@ -310,7 +347,7 @@ def single_phase(law, n, a, b, E, n_j, tol, work):
     tol : float
         Error per unit of velocity, and the slip that counts as none.
     work : float64 array, at least (6, ORDER + 1)
-        Scratch, and the meter in its last row.
+        Scratch, and the meter in its last row; what the phase does goes into its tally.
 
     Returns
     -------
@@ -325,6 +362,10 @@ def single_phase(law, n, a, b, E, n_j, tol, work):
         DONE, OTHER, IMPACT_JAMS or IMPACT_OUT_OF_STEPS.
     """
     P, A, B, P_s, A_s = 0.0, 0.0, 0.0, 0.0, 0.0
+    tally = work.course[0].tally
+    wanted = tally.wanted
+    if wanted:
+        tally.rest, tally.rest_slipping, tally.slip = 0.0, 0.0, 0.0
     compressing = n < 0.0 or E == 0.0
     mode = SLIP
     for _ in range(MAX_LEGS):
@@ -345,12 +386,17 @@ def single_phase(law, n, a, b, E, n_j, tol, work):
             turns = not is_invariant(law, v, c, s, tol)
             if not turns and abs(s) < OFF_AXIS:
                 c, s = copysign(1.0, a), 0.0
-        w_j = law.nn_j + law.na_j * (-law.na / law.aa if stick else -law.mu * c)
+        w_j, E_0 = law.nn_j + law.na_j * (-law.na / law.aa if stick else -law.mu * c), E
         if turns:
-            n, a, b, E, n_j, dP, dA, dB, reason = turning_leg(law, n, a, b, E, n_j, compressing, tol, work)
+            n, a, b, E, n_j, dP, dA, dB, dS, reason = turning_leg(law, n, a, b, E, n_j, compressing, tol, work)
         else:
+            a_0, b_0, dS = a, b, 0.0
             n, a, b, E, n_j, dP, dA, dB, reason = straight_leg(law, n, a, b, E, n_j, compressing, stick, c, s)
+            if wanted and not stick:
+                dS = rub_of_straight_leg(law, a_0, b_0, c, s, dP)
         P, A, B = P + dP, A + dA, B + dB
+        if wanted:
+            note_leg(tally, (E_0 - E) * (1.0 if compressing else law.e * law.e), dS, stick)
         if not stick:
             P_s, A_s = P, A
         if reason != LEG:

@@ -81,6 +81,20 @@ def explicit_finish(h, y, K, n, scale, out):
     return abs(h) * sum5 / size if size < inf else inf
 
 
+@compiled
+def error_beyond(h, K, first, last, scale):
+    """Error over the tolerance of entries beyond the first WIDTH of a step of DOP853, from `first` up to `last`."""
+    sum5, sum3 = 0.0, 0.0
+    for k in range(first, last):
+        e5, e3 = DOP_E5[0] * K[0, k], DOP_E3[0] * K[0, k]
+        for j in range(DOP_SKIPPED[DOP_STAGES], DOP_STAGES):
+            e5 += DOP_E5[j] * K[j, k]
+            e3 += DOP_E3[j] * K[j, k]
+        sum5 += (e5 / scale[k]) ** 2
+        sum3 += (e3 / scale[k]) ** 2
+    return abs(h) * sum5 / sqrt((sum5 + 0.01 * sum3) * (last - first)) if sum5 > 0.0 else 0.0
+
+
 @compiled(fuse=True, inline=True)
 def explicit_step(slopes, problem, h, y, K, n, scale, out):
     """One DOP853 step of size h from y into `out`; returns the error over the tolerance. K[0] has the slopes at y.

@@ -1,0 +1,65 @@
+"""The energy book of a run: the works of the contact forces in each smooth phase and in each impact, where they are wanted."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.contact.coordinates import YWORK
+from dimersweep.kernel.contact.step_control import step_arrays
+from dimersweep.kernel.model.layout import FREE, N_STATE
+from dimersweep.kernel.model.works import N_CONTACT_WORK, N_WORK, STRUCK_ROWS
+from dimersweep.kernel.numerics.steps import copy
+
+
+class Book(NamedTuple):
+    """Rows beside those of a record, none if no works are wanted; all are filled in place [J]."""
+
+    smooth: Any  # works in each smooth phase, shape (n, N_WORK)
+    flows: Any  # what flows in it either way: the sums of the sizes of the works in its steps
+    ends: Any  # state at its end, before an impact there, shape (n, N_STATE)
+    struck: Any  # works of each event, shape (k, N_WORK): zero but for impacts and closes of chatters
+    leads: Any  # number of the smooth phase that such an event leads to, shape (k,), int64
+
+
+def new_book(rows: int) -> Book:
+    """An empty book beside a record of so many rows."""
+    works = [np.zeros((rows, N_WORK)) for _ in range(3)]
+    return Book(works[0], works[1], np.zeros((rows, N_STATE)), works[2], np.zeros(rows, np.int64))
+
+
+@compiled
+def is_wanted(book):
+    """Whether works are wanted."""
+    return book.ends.shape[0] > 0
+
+
+@compiled
+def begin_phase(y, work):
+    """No works yet in the contact phase that is followed on."""
+    flows = step_arrays(work).flows
+    for k in range(N_CONTACT_WORK):
+        y[YWORK + k], flows[k] = 0.0, 0.0
+
+
+@compiled
+def keep_phase(book, n, state, modes, y, work):
+    """Add to the smooth phase n the works in a part of it, which has come to a state with the contact state y."""
+    if not 0 <= n < book.ends.shape[0]:
+        return
+    copy(state, book.ends[n], N_STATE)
+    if modes[0] != FREE or modes[1] != FREE:
+        flows = step_arrays(work).flows
+        for k in range(N_CONTACT_WORK):
+            book.smooth[n, k] += y[YWORK + k]
+            book.flows[n, k] += flows[k]
+
+
+@compiled
+def keep_struck(book, first, last, n, rows):
+    """Move the works of the events from `first` up to `last`, which lead to the smooth phase n, into their rows."""
+    struck = rows[rows.shape[0] - STRUCK_ROWS :]
+    for k in range(first, min(last, book.leads.shape[0])):
+        book.leads[k] = n
+        for j in range(N_WORK):
+            book.struck[k, j], struck[k - first, j] = struck[k - first, j], 0.0
