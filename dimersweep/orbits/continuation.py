@@ -36,15 +36,7 @@ FOLLOWING = StepLengths(0.02, 0.25, 1e-6, 1.3, 1_000_000)  # its points are what
 SEARCHING = StepLengths(0.1, 0.1, 1e-5, 1.5, 120)  # what is asked for lies between its points
 
 
-class HasTangent(Protocol):
-    """A point of a curve."""
-
-    @property
-    def tangent(self) -> np.ndarray:
-        """Of length one, in the sense of the curve."""
-
-
-P = TypeVar("P", bound=HasTangent)
+P = TypeVar("P", bound=Any)  # a point of a curve, with its `tangent`: of length one, in the sense of the curve
 
 
 class Problem(Protocol[P]):

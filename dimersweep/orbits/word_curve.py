@@ -110,7 +110,7 @@ class WordCurve(FollowedCurve, of=Change):
         """The point of the border at a special point of a branch."""
         at, sides = special.point, sides_of(*special.words, self.kind.begins)
         smooth = special.jump < NO_JUMP and not at.grazes
-        if smooth and self.kind.zero and (mark := self.kind.zero(sides)):
+        if smooth and (mark := self.kind.mark(sides)):
             with suppress(OrbitLost):
                 found = self._zero(at.map.parameters, at, sides, mark)
                 own, fast = multipliers_of(at.fixed)[0], found.orbit.multipliers
@@ -229,7 +229,7 @@ class WordCurve(FollowedCurve, of=Change):
         assert sides is not None
         if last.grazes:
             return self._graze(given, last, sides)
-        if self.kind.zero and (mark := self.kind.zero(sides)):
+        if mark := self.kind.mark(sides):
             return self._zero(given, last, sides, mark)
         reason = OrbitLost("")
         for y, doubt in self._guesses([one for one in near if not one.begin.grazes]):
@@ -331,7 +331,7 @@ class WordCurve(FollowedCurve, of=Change):
 
     def _mark(self, near: Found) -> Mark:
         """The function of the orbit that is zero on the border near a point."""
-        mark = self.kind.zero(near.sides) if self.kind.zero and near.sides else None
+        mark = self.kind.mark(near.sides) if near.sides else None
         if mark is None or near.begin.grazes:
             raise OrbitLost("the border has no equation there")
         return mark

@@ -188,3 +188,7 @@ class Change(Kind):
     @property
     def has_equation(self) -> bool:
         return self.zero is not None
+
+    def mark(self, sides: Sides) -> Mark | None:
+        """The function of the orbit that is zero where the words on both sides change into one another, if one is known."""
+        return self.zero(sides) if self.zero else None
