@@ -11,10 +11,10 @@ from matplotlib.colors import to_rgb
 
 from dimersweep import orbits
 from dimersweep.cli import app
+from dimersweep.cubes.tables import storable
 from dimersweep.errors import OrbitError, ParameterError, Stopped, StoreError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.orbits.pictures import SMOOTH, _smoothed, draw_borders
-from dimersweep.storage.tables import storable
 from dimersweep.studies import border_files
 from dimersweep.studies.border_files import make_borders, plan_borders, read_borders
 from dimersweep.studies.parts import parts_beside

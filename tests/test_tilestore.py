@@ -131,6 +131,7 @@ LOST = "parts of the file cannot be read"
         (lambda: change("UPDATE tiles SET start = 60 WHERE start = 50"), OTHER.replace("50", "60")),
         (lambda: forge(stop=59), "tile 50 has results of another shape"),
         (lambda: forge(stop=10**9), "tile 50 is not of this grid"),
+        (lambda: forge(seconds="x"), OTHER),
         (lambda: forge(what='{"rest": 9}'), "tile 50 has other modes than were listed"),
         (lambda: forge_modes(0), "tile 50 has other modes than were listed"),
         (lambda: forge_modes(127), "tile 50 has other modes than were listed"),
@@ -157,7 +158,7 @@ def test_a_store_is_mended_once_and_used_on(counted):
     cut_end()
     for trouble in (1, 0):
         with tile_store(Path("cube.nc"), SPEC.configuration(), SPEC.grid.size) as store:
-            assert len(store.store.trouble) == trouble
+            assert len(store.file.trouble) == trouble
             store.add(attempt(SPEC, (Tile(100, 110),)).finished[0]) if trouble else None
             store.flush()
             assert store.gaps()[-1] == Tile(110, 120) and len(store.gaps()) > 1
@@ -169,7 +170,7 @@ def test_a_store_is_mended_once_and_used_on(counted):
 def test_what_a_kill_leaves_half_written_is_deleted(counted, recwarn):
     left_behind((0, 30))
     with tile_store(Path("cube.nc"), SPEC.configuration(), SPEC.grid.size) as store:
-        scratch = store.store.scratch
+        scratch = store.file.scratch
         scratch.mkdir()  # of a Zarr group
         (scratch / "zarr.json").write_text("{")
     with tile_store(Path("cube.nc"), SPEC.configuration(), SPEC.grid.size):
@@ -237,8 +238,8 @@ def test_status_reads_while_another_writes():
     with tile_store(Path("cube.nc"), SPEC.configuration(), SPEC.grid.size) as store:
         store.add(attempt(SPEC, (Tile(0, 30),)).finished[0])
         store.flush()
-        with store.store.writing():
-            store.store.take_out(0)
+        with store.file.writing():
+            store.file.take_out(0)
             assert status(Path("cube.nc"))[0] == "cube.nc: 30 of 120 points done (25 %)"
         assert status(Path("cube.nc"))[0] == "cube.nc: 0 of 120 points done (0 %)"
 
@@ -459,7 +460,7 @@ def test_what_is_read_is_what_was_added(monkeypatch):
         store.add(whole.part(Tile(5, 10)))
         store.flush()
         assert store.gaps() == [Tile(40, 90)]
-        rows = [(row.start, row.stop, row.wall > 0) for row in store.store.told()]
+        rows = [(row.start, row.stop, row.wall > 0) for row in store.file.told()]
         assert rows == [(0, 5, True), (5, 10, True), (10, 40, False), (90, 120, False)]
         for start, stop in ((0, 40), (3, 12), (39, 40), (100, 120)):
             assert store.read(start, stop).tobytes() == whole.results[start:stop].tobytes()
@@ -470,10 +471,10 @@ def test_what_is_read_is_what_was_added(monkeypatch):
         assert missing == sorted({*drifting.tolist(), *range(40, 90)})
         monkeypatch.setattr("dimersweep.storage.tilestore.FLUSH_BYTES", 20 * store.kind.itemsize)
         store.add(whole.part(Tile(40, 90)))
-        assert [row.start for row in store.store.told() if 40 <= row.start < 90] == [40, 60, 80]
+        assert [row.start for row in store.file.told() if 40 <= row.start < 90] == [40, 60, 80]
         assert store.read(40, 90).tobytes() == whole.results[40:90].tobytes()
     with tile_store(Path("cube.nc"), SPEC.configuration(), 120) as store:
-        assert store.store.trouble == []
+        assert store.file.trouble == []
 
 
 def test_any_client_of_sqlite_can_read_it():
@@ -485,3 +486,45 @@ def test_any_client_of_sqlite_can_read_it():
         ((results,),) = file.execute("SELECT results FROM tiles WHERE start = 50")
     whole = attempt(SPEC, (Tile(50, 60),)).finished[0].results
     assert np.frombuffer(results, whole.dtype).tobytes() == whole.tobytes()
+
+
+HALF_WRITTEN = """
+import os, signal, sqlite3
+file = sqlite3.connect("cube.nc.tiles", isolation_level=None)
+file.execute("PRAGMA cache_size = 1")
+file.execute("BEGIN IMMEDIATE")
+file.execute("UPDATE tiles SET results = zeroblob(9000)")
+file.executemany("INSERT INTO tiles (start, stop, results) VALUES (?, 1, zeroblob(9000))", [(k,) for k in range(200, 300)])
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_what_a_kill_has_left_half_written_is_taken_back(counted, recwarn):
+    reference = sweep(out=None)
+    left_behind((0, 30), (50, 60))
+    before = STORE.read_bytes()
+    subprocess.run([sys.executable, "-c", HALF_WRITTEN], check=False)
+    half = STORE.read_bytes()
+    assert half != before and Path("cube.nc.tiles-journal").stat().st_size > 4096
+    assert status(Path("cube.nc"))[0].startswith("cube.nc: ")
+    assert STORE.read_bytes() == half
+    counted.clear()
+    xr.testing.assert_equal(sweep(), reference)
+    assert sum(counted) == 120 - 40
+    assert not recwarn.list and os.listdir() == ["cube.nc"]
+
+
+def test_a_disk_that_cannot_be_read_costs_nothing(monkeypatch):
+    left_behind((0, 30))
+    before = STORE.read_bytes()
+
+    def fails(self, columns="*"):
+        raise sqlite3.OperationalError("disk I/O error")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Store, "rows", fails)
+        with pytest.raises(
+            StoreError, match=r"^cube.nc.tiles: could not be written \(disk I/O error\); nothing was com"
+        ):
+            sweep()
+    assert STORE.read_bytes() == before

@@ -21,10 +21,11 @@ from dimersweep.parameters import Parameters, updated
 from dimersweep.runs.outcome import Absent, Orbit, no_orbit
 from dimersweep.runs.recorded import RunRecord
 from dimersweep.runs.solving import RunEnd
+from dimersweep.storage.checking import changed, told_by
 from dimersweep.storage.cubefiles import write_cube
 from dimersweep.storage.formats.netcdf import read_netcdf
 from dimersweep.storage.outputs import TABLES, check_output
-from dimersweep.storage.provenance import attributes, digest, read_configuration
+from dimersweep.storage.provenance import attributes
 from dimersweep.symbols import FORMER_NAMES, PARAMETERS
 
 ROWS = {  # arrays of the kernel, their dimensions and meanings
@@ -87,15 +88,9 @@ def _configuration(fields: Mapping[str, Any]) -> dict[str, Any]:
 def read_run(path: str | os.PathLike[str]) -> dict[str, Any]:
     """The fields of a `Run` that was written; see `load_run`."""
     dataset = read_netcdf(Path(path))
-    if "dimersweep_run" not in dataset.attrs:
-        raise StoreError(f"{path}: is a NetCDF file, but no run of dimersweep")
-    changed = f"{path}: is a run of dimersweep that was changed or is incomplete"
-    text = dataset.attrs.get("configuration", "")
-    if digest(text) != dataset.attrs.get("configuration_sha256"):
-        raise StoreError(changed)
+    configuration = told_by(dataset, "run", Path(path))
     rows = {name: np.ascontiguousarray(dataset[name].values) for name in ROWS if name in dataset}
     try:
-        configuration = read_configuration(text)
         if configuration["kernel_version"] != kernel_version():
             line = f"{path}: was made by another version of the kernel"
             warnings.warn(
@@ -104,7 +99,7 @@ def read_run(path: str | os.PathLike[str]) -> dict[str, Any]:
         _check_rows(rows)
         return _fields(configuration, rows)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise StoreError(f"{changed} ({one_line(error)})") from error
+        raise changed("run", Path(path), one_line(error)) from error
 
 
 def _check_rows(rows: Mapping[str, np.ndarray]) -> None:

@@ -1,6 +1,8 @@
-"""Whether a cube is still the one that was written: its coordinates and its values, in their order."""
+"""Whether what was read is the program's, and still as it was written: its configuration, its coordinates and its values."""
 
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -10,8 +12,45 @@ from dimersweep.cubes.grid import finer
 from dimersweep.errors import StoreError
 from dimersweep.kernel.model.layout import CODES, OUT
 from dimersweep.storage.blocks import blocks
-from dimersweep.storage.provenance import CHECKSUM, read_configuration
+from dimersweep.storage.provenance import CHECKSUM, FILE_FORMAT, digest, read_configuration
 from dimersweep.symbols import PARAMETERS, QUANTITIES, SETTINGS
+
+
+def told_by(dataset: xr.Dataset, what: str, path: Path, noun: str = "NetCDF file") -> dict[str, Any]:
+    """The configuration of a cube or a run that was read, if it is one of this program's, and intact.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+    what : str
+        What it is to be: cube or run.
+    path : Path
+    noun : str
+        What it is otherwise.
+
+    Raises
+    ------
+    StoreError
+        If it is another thing, of another format, or its configuration was changed.
+    """
+    version = dataset.attrs.get(f"dimersweep_{what}")
+    if version is None:
+        raise StoreError(f"{path}: is a {noun}, but no {what} of dimersweep")
+    if str(version) != FILE_FORMAT:
+        raise StoreError(
+            f"{path}: is a {what} of format {version}; this version of dimersweep reads format {FILE_FORMAT}"
+        )
+    text = dataset.attrs.get("configuration", "")
+    with suppress(ValueError, TypeError, AttributeError):
+        if digest(text) == dataset.attrs.get("configuration_sha256"):
+            return read_configuration(text)
+    raise changed(what, path)
+
+
+def changed(what: str, path: Path, why: str = "") -> StoreError:
+    """The error for a cube or a run that is no longer as it was written."""
+    then = "; sweep it again" if what == "cube" else ""
+    return StoreError(f"{path}: is a {what} of dimersweep that was changed or is incomplete{why and f' ({why})'}{then}")
 
 
 def checksum_of(cube: xr.Dataset) -> str:

@@ -15,11 +15,10 @@ from dimersweep.errors import StoreError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.parameters import completed
 from dimersweep.storage.blocks import blocks
-from dimersweep.storage.checking import check_undamaged
+from dimersweep.storage.checking import changed, check_undamaged, told_by
 from dimersweep.storage.files import disk_errors
 from dimersweep.storage.formats import FORMATS, format_at, format_of
 from dimersweep.storage.outputs import check_writable
-from dimersweep.storage.provenance import CUBE_FORMAT, digest, read_configuration
 from dimersweep.symbols import SETTINGS
 
 
@@ -134,22 +133,10 @@ def _opened(path: Path) -> Iterator[xr.Dataset]:
 
 
 def _sound(cube: xr.Dataset, path: Path, kind: str) -> xr.Dataset:
-    if "dimersweep_cube" not in cube.attrs:
-        raise StoreError(f"{path}: is a {kind}, but no cube of dimersweep")
-    version = cube.attrs["dimersweep_cube"]
-    if str(version) != CUBE_FORMAT:
-        raise StoreError(
-            f"{path}: is a cube of format {version}; this version of dimersweep reads format {CUBE_FORMAT}"
-        )
-    text = cube.attrs.get("configuration", "")
+    configuration = told_by(cube, "cube", path, kind)
     try:
-        intact = digest(text) == cube.attrs.get("configuration_sha256") and "mode" in cube
-        configuration = read_configuration(text)
-        intact = (
-            intact
-            and set(configuration.get("grid", {})) <= set(cube.dims)
-            and _fixed_as_configured(cube, configuration)
-        )
+        intact = "mode" in cube and set(configuration.get("grid", {})) <= set(cube.dims)
+        intact = intact and _fixed_as_configured(cube, configuration)
         for name in set(FLAGS) & set(cube.variables):
             check_codes(cube[name])
     except StoreError as error:
@@ -157,7 +144,7 @@ def _sound(cube: xr.Dataset, path: Path, kind: str) -> xr.Dataset:
     except (ValueError, TypeError, AttributeError):
         intact = False
     if not intact:
-        raise StoreError(f"{path}: is a cube of dimersweep that was changed or is incomplete; sweep it again")
+        raise changed("cube", path)
     return cube
 
 

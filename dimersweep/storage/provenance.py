@@ -22,7 +22,7 @@ from dimersweep.inputs import as_number
 from dimersweep.kernel import kernel_version
 from dimersweep.symbols import Picture
 
-CUBE_FORMAT = "1"
+FILE_FORMAT = "1"  # of cubes and runs
 CHECKSUM = "values_sha256"  # attribute of a cube: the checksum of its coordinates and values
 OURS = {  # attributes of a cube that are the program's; a user may give its title and its kind of picture
     *("Conventions", "source", "references", "history", "dimersweep_cube", "configuration", "configuration_sha256"),
@@ -157,7 +157,7 @@ def attributes(configuration: Mapping[str, Any], title: str, wall_time: float) -
         "source": f"dimersweep {__version__}, event-driven simulation",
         "references": "Ratchet rotation of a 3D dimer on a vibrating plate",
         "history": f"{now} swept by dimersweep {__version__}",
-        "dimersweep_cube": CUBE_FORMAT,
+        "dimersweep_cube": FILE_FORMAT,
         **configured(configuration),
         "kernel_version": kernel_version(),
         **_commit(),

@@ -147,7 +147,7 @@ class Store:
                 reached = row[0]
                 yield StoredTile(*row)
         except sqlite3.DatabaseError as error:
-            if isinstance(error, sqlite3.OperationalError) and error.sqlite_errorcode == sqlite3.SQLITE_BUSY:
+            if isinstance(error, sqlite3.OperationalError):  # of the disk, not of what is on it
                 raise
             self.is_cut = True
             with suppress(sqlite3.DatabaseError):
@@ -230,7 +230,8 @@ class Store:
         try:
             if self._checksum(row, row.results) != row.sha256:
                 return "has other bytes than were written"
-            return judge(row) if 0 <= row.start < row.stop <= self.size else "is not of this grid"
+            sound = 0 <= row.start < row.stop <= self.size and row.seconds + row.wall >= 0
+            return judge(row) if sound else "is not of this grid"
         except TypeError:  # of a column that holds what it cannot
             return "has other bytes than were written"
 
@@ -287,6 +288,8 @@ class Store:
         """Whether SQLite finds nothing wrong with its pages, and may write to it."""
         try:
             found = self._connection.execute("PRAGMA quick_check(1)").fetchone()
+        except sqlite3.OperationalError:
+            raise
         except sqlite3.DatabaseError:
             return False
         return found == ("ok",) and lock.head()[PLACE_OF_VERSIONS] == b"\1\1"
@@ -381,6 +384,14 @@ def looked_at(path: Path) -> Iterator[Store]:
         raise StoreError(f"{path}: cannot be read ({error})") from None
 
 
+def finished_at(path: Path, configuration: Mapping[str, Any]) -> list[StoredTile]:
+    """What is finished at `path`, without the results, if it is of this configuration; raises as `looked_at`."""
+    if not path.exists():
+        return []
+    with looked_at(path) as store:
+        return list(store.told()) if as_text(store.configuration) == as_text(configuration) else []
+
+
 @contextmanager
 def _locked(path: Path) -> Iterator[Lock]:
     """The lock of the store at `path`.
@@ -421,6 +432,8 @@ def opened_store(
 ) -> Iterator[Store]:
     """The store of this configuration, locked against other processes while the context lasts.
 
+    If that ends with an error, and nothing was finished, no file is left behind.
+
     Parameters
     ----------
     path : Path
@@ -452,7 +465,13 @@ def opened_store(
                     raise
                 store.clear(lock)
                 _take_up(store, lock, configuration, size, judge)
-        yield store
+        try:
+            yield store
+        except BaseException:
+            with suppress(OSError, sqlite3.Error):
+                if store.is_empty():
+                    store.remove()
+            raise
 
 
 def _take_up(store: Store, lock: Lock, configuration: Mapping[str, Any], size: int, judge: Judge) -> None:

@@ -32,13 +32,13 @@ class TileStore:
     ----------
     out : Path
         The cube to be.
-    store : Store
+    file : Store
     kind : dtype
         Of the result of one point.
     """
 
-    def __init__(self, out: Path, store: Store, kind: np.dtype) -> None:
-        self.out, self.store, self.kind = out, store, kind
+    def __init__(self, out: Path, file: Store, kind: np.dtype) -> None:
+        self.out, self.file, self.kind = out, file, kind
         self._waiting: list[Finished] = []
         self._waiting_bytes = 0
         self._since, self._pause = perf_counter(), FLUSH_SECONDS
@@ -46,9 +46,9 @@ class TileStore:
     @property
     def kept_if_refused(self) -> str:
         """What is kept if the disk refuses to write, in words."""
-        if not self.modes():
+        if self.file.is_empty():
             return "nothing was finished before"
-        return f"what was finished before is kept in {self.store.path}; mend that and run the same again"
+        return f"what was finished before is kept in {self.file.path}; mend that and run the same again"
 
     @property
     def kept(self) -> str:
@@ -56,25 +56,25 @@ class TileStore:
         done = sum(self.modes().values())
         if not done:
             return "nothing was finished yet"
-        return f"{words_for(self.store, done)} are kept in {self.store.path}; run the same again to go on"
+        return f"{words_for(self.file, done)} are kept in {self.file.path}; run the same again to go on"
 
     @property
     def wall(self) -> float:
         """Time of the sweep so far, with that of processes before this one [s]."""
-        return sum(row.wall for row in self.store.told())
+        return sum(row.wall for row in self.file.told())
 
     @property
     def seconds(self) -> float:
         """Sum of the times of all tiles [s]."""
-        return sum(row.seconds for row in self.store.told())
+        return sum(row.seconds for row in self.file.told())
 
     def modes(self) -> dict[str, int]:
         """Tally of the points on disk."""
-        return dict(modes_of(self.store.told()))
+        return dict(modes_of(self.file.told()))
 
     def gaps(self) -> list[Tile]:
         """The ranges that are not yet on disk."""
-        return self.store.gaps()
+        return self.file.gaps()
 
     def add(self, finished: Finished) -> None:
         """Keep a finished tile; it is on disk after `FLUSH_SECONDS` (more on a slow disk), or with the next `flush`."""
@@ -104,7 +104,7 @@ class TileStore:
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
-        with disk_errors(f"{self.store.path}: finished tiles", self.kept_if_refused), self.store.writing():
+        with disk_errors(f"{self.file.path}: finished tiles", self.kept_if_refused), self.file.writing():
             yield
 
     def _pieces(self) -> Iterator[Finished]:
@@ -128,7 +128,7 @@ class TileStore:
 
     def _put(self, piece: Finished, wall: float) -> None:
         results = np.ascontiguousarray(piece.results).view(np.uint8).data
-        self.store.put(piece.tile, json.dumps(tally(piece.codes)), results, seconds=piece.seconds, wall=wall)
+        self.file.put(piece.tile, json.dumps(tally(piece.codes)), results, seconds=piece.seconds, wall=wall)
 
     def expect(self, total: int) -> None:
         """Note how many points are to be run, where that is not the whole grid.
@@ -138,19 +138,19 @@ class TileStore:
         StoreError
             If the disk refuses.
         """
-        if total != self.store.about["wanted"]:
+        if total != self.file.about["wanted"]:
             with self._writing():
-                self.store.tell(wanted=total)
+                self.file.tell(wanted=total)
 
     def drop(self, unwanted: Callable[[np.ndarray], np.ndarray]) -> None:
         """Forget the points that `unwanted` picks: results to bool, both of shape (n,)."""
-        for told in list(self.store.told()):
-            (row,) = self.store.meeting(told.start, told.start + 1)
+        for told in list(self.file.told()):
+            (row,) = self.file.meeting(told.start, told.start + 1)
             whole = self._finished(row)
             kept = [whole.part(tile) for tile in runs(~unwanted(whole.results), row.start)]
             if sum(len(piece.results) for piece in kept) < len(whole.results):
                 with self._writing():
-                    self.store.take_out(row.start)
+                    self.file.take_out(row.start)
                     for number, piece in enumerate(kept):
                         self._put(piece, 0.0 if number else row.wall)
 
@@ -166,7 +166,7 @@ class TileStore:
             If a tile was damaged since the store was opened.
         """
         results = blank_results(stop - start, self.kind)
-        for row in self.store.meeting(start, stop):
+        for row in self.file.meeting(start, stop):
             piece = self._finished(row).part(Tile(max(row.start, start), min(row.stop, stop)))
             results[piece.tile.start - start : piece.tile.stop - start] = piece.results
         return results
@@ -215,5 +215,5 @@ def tile_store(
     force : bool
         See `opened_store`, which also says what is raised.
     """
-    with opened_store(tiles_of(out), configuration, size, lambda row: _why_not(row, kind), force=force) as store:
-        yield TileStore(out, store, kind)
+    with opened_store(tiles_of(out), configuration, size, lambda row: _why_not(row, kind), force=force) as file:
+        yield TileStore(out, file, kind)

@@ -13,6 +13,7 @@ import xarray as xr
 
 from dimersweep.cubes.grid import axis_values
 from dimersweep.cubes.points import make_points
+from dimersweep.cubes.tables import storable, without_fill
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number, check_count, check_switch
 from dimersweep.kernel.model.layout import CODE_N_PERIODS
@@ -26,7 +27,6 @@ from dimersweep.runs.settings import run_settings
 from dimersweep.storage.cubefiles import write_cube
 from dimersweep.storage.outputs import TABLES, check_output
 from dimersweep.storage.provenance import attributes
-from dimersweep.storage.tables import storable, without_fill
 from dimersweep.studies.drawn import drawn_starts
 from dimersweep.studies.observers import Ends
 from dimersweep.studies.study import Study

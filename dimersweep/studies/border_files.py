@@ -15,6 +15,7 @@ import xarray as xr
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from dimersweep.cubes.grid import axis_values, evenly
+from dimersweep.cubes.tables import storable, without_fill
 from dimersweep.errors import OrbitError, ParameterError, Stopped, unknown
 from dimersweep.inputs import check_count
 from dimersweep.kernel import kernel_version
@@ -27,7 +28,6 @@ from dimersweep.parameters import check_name, value_of
 from dimersweep.storage.cubefiles import write_cube
 from dimersweep.storage.outputs import TABLES, check_ending, check_output
 from dimersweep.storage.provenance import attributes
-from dimersweep.storage.tables import storable, without_fill
 from dimersweep.studies.declaration import explain, read_toml, refuse_mistakes
 from dimersweep.studies.parts import Parts, parts_beside, parts_there
 from dimersweep.symbols import PARAMETERS, START

@@ -5,7 +5,7 @@ import signal
 import sys
 import warnings
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -54,7 +54,7 @@ def make_cube(study: Study, options: Options) -> xr.Dataset:
             cube = _finished(study, options, store, label, told | origin | dict(options.attrs))
             written = True
             if isinstance(store, TileStore) and not options.keep_tiles:
-                store.store.remove()
+                store.file.remove()
         except KeyboardInterrupt as stop:  # one that came while no points were run tells nothing
             kept = f"{options.out} is written" if written else store.kept
             raise Stopped(str(stop) or kept, getattr(stop, "signal", signal.SIGINT)) from None
@@ -68,7 +68,7 @@ def _finished(study: Study, options: Options, store: Store, label: Label, told: 
     cube = signed(label(store.read(0, study.grid.size)).assign_attrs(told), study.configuration())
     cube.attrs[CHECKSUM] = checksum_of(cube)
     if isinstance(store, TileStore):
-        replaces, scratch = options.force or options.retry, store.store.scratch
+        replaces, scratch = options.force or options.retry, store.file.scratch
         write_cube(cube, store.out, force=replaces, scratch=scratch, kept=store.kept_if_refused)
     return cube
 
@@ -84,7 +84,7 @@ def _written_by_blocks(study: Study, options: Options, store: TileStore, told: M
             signed(first.assign_attrs(told), study.configuration()),
             lambda tile, axes: replace(study, grid=axes).as_cube(store.read(*tile)),
             out,
-            scratch=store.store.scratch,
+            scratch=store.file.scratch,
             workers=options.workers,
         )
     return open_cube(out)
@@ -153,29 +153,14 @@ def _store_of(study: Study, options: Options) -> Iterator[Store]:
     if out is None:
         yield MemoryStore(study.grid.size, study.kind)
         return
-    with (
-        tile_store(out, study.configuration(), study.grid.size, study.kind, force=options.force) as store,
-        _tidy(store),
-    ):
+    with tile_store(out, study.configuration(), study.grid.size, study.kind, force=options.force) as store:
         # who held the lock before may have written it meanwhile
         check_writable(out, force=options.force or options.retry)
-        for line in store.store.trouble:
+        for line in store.file.trouble:
             warnings.warn(line, RuntimeWarning, stacklevel=5)  # of what has called sweep, search or refine
         if options.retry and "failed" in store.modes():
             store.drop(study.again)
         yield store
-
-
-@contextmanager
-def _tidy(store: TileStore) -> Iterator[None]:
-    """Leave no store behind if nothing was finished."""
-    try:
-        yield
-    except BaseException:
-        if store.store.is_empty():
-            with suppress(OSError):
-                store.store.remove()
-        raise
 
 
 def _former(out: Path, study: Study) -> xr.Dataset:

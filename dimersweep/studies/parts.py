@@ -11,8 +11,7 @@ import xarray as xr
 from dimersweep.cubes.results import Tile
 from dimersweep.storage.files import delete, disk_errors
 from dimersweep.storage.formats.netcdf import read_netcdf, write_netcdf
-from dimersweep.storage.provenance import as_text
-from dimersweep.storage.store import Store, looked_at, opened_store
+from dimersweep.storage.store import Store, finished_at, opened_store
 
 
 def parts_of(out: Path) -> Path:
@@ -22,11 +21,7 @@ def parts_of(out: Path) -> Path:
 
 def parts_there(out: Path, configuration: Mapping[str, Any]) -> list[str]:
     """Names of the parts of the file `out` that are finished, if they are of this configuration."""
-    if not parts_of(out).exists():
-        return []
-    with looked_at(parts_of(out)) as store:
-        same = as_text(store.configuration) == as_text(configuration)
-        return [row.what for row in store.told()] if same else []
+    return [row.what for row in finished_at(parts_of(out), configuration)]
 
 
 class Parts:
@@ -87,9 +82,4 @@ def parts_beside(
     with opened_store(parts_of(out), configuration, len(names), force=force) as store:
         for line in store.trouble:
             warnings.warn(line, RuntimeWarning, stacklevel=5)  # of what has called make_borders
-        try:
-            yield Parts(store, names)
-        except BaseException:
-            if store.is_empty():
-                store.remove()
-            raise
+        yield Parts(store, names)

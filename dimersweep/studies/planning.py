@@ -11,9 +11,8 @@ import numpy as np
 
 from dimersweep.cubes.cube import signed
 from dimersweep.cubes.results import blank_results, not_run
-from dimersweep.storage.provenance import as_text
-from dimersweep.storage.store import looked_at
-from dimersweep.storage.tilestore import modes_of, tiles_of
+from dimersweep.storage.store import finished_at
+from dimersweep.storage.tilestore import tiles_of
 from dimersweep.studies.study import MOST_PARTS, Study
 from dimersweep.work.options import IN_PASSING
 from dimersweep.work.proving import prove
@@ -156,11 +155,8 @@ def _cost(part: Study, shares: np.ndarray) -> Cost:
 
 
 def _done(study: Study, out: Path | None) -> int:
-    if out is None or not tiles_of(out).exists():
-        return 0
-    with looked_at(tiles_of(out)) as store:
-        same = as_text(store.configuration) == as_text(study.configuration())
-        return modes_of(store.told()).total() if same else 0
+    rows = [] if out is None else finished_at(tiles_of(out), study.configuration())
+    return sum(row.stop - row.start for row in rows)
 
 
 def _bytes(number: float) -> str:

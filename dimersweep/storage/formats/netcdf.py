@@ -17,7 +17,8 @@ from dimersweep.storage.formats.format import Format
 
 PART_BYTES = 1 << 26  # of a cube, that are written at once
 DEFLATED = 1100  # zlib makes nothing smaller by more than this
-# netCDF-C and HDF5 bear one thread at a time; xarray's own files wait for the same locks, taken in the same order
+# netCDF-C and HDF5 bear one thread at a time; xarray's own files wait for the same locks, taken in the same order.
+# xarray gives them out by no public name, and `to_netcdf` takes none: a lock of ours would not keep a user's files waiting.
 ONE_THREAD = combine_locks([NETCDFC_LOCK, HDF5_LOCK])
 
 
