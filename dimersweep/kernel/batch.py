@@ -9,7 +9,6 @@ from dimersweep.kernel.course import Ask, Workspace, motion_of, new_workspace
 from dimersweep.kernel.event_loop import evolve, start_state
 from dimersweep.kernel.mean_path import note_path
 from dimersweep.kernel.model.body import set_dimer
-from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import (
     BOTH_DOWN,
     CA,
@@ -35,6 +34,7 @@ from dimersweep.kernel.model.layout import (
     STOPPED,
     TR_NONE,
 )
+from dimersweep.kernel.numerics.elementary import length
 from dimersweep.kernel.numerics.steps import copy
 from dimersweep.kernel.record import EVENT_COUNT, clear_counts, no_record, without_rows
 from dimersweep.kernel.verdict.classify import verdict

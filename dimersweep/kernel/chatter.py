@@ -19,12 +19,19 @@ from dimersweep.kernel.contact.contact_mode import CLOSED, contact_mode
 from dimersweep.kernel.contact.coordinates import YUA, YUB, contact_state
 from dimersweep.kernel.contact.events import NO_EVENT
 from dimersweep.kernel.contact.forces import A1, A2, COMPLIANCE, F1, F2, L1, L2, double_forces
-from dimersweep.kernel.impact.impact import apply_impulse, contact_velocity
-from dimersweep.kernel.model.body import attitude, delassus, end, extent, level_levers, levers, rise_of_centre
-from dimersweep.kernel.model.friction import length, slip_force
+from dimersweep.kernel.impact.impact import apply_impulse
+from dimersweep.kernel.model.body import (
+    attitude,
+    contact_velocity,
+    delassus,
+    end,
+    extent,
+    kinetic,
+    level_levers,
+    levers,
+)
+from dimersweep.kernel.model.friction import slip_force
 from dimersweep.kernel.model.layout import (
-    CA,
-    CB,
     D1,
     D2,
     DIP,
@@ -40,7 +47,7 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.kernel.model.plate import heaviest, jerk_bound, speed_bound, tempo
 from dimersweep.kernel.model.works import begin_tally, note_struck
-from dimersweep.kernel.numerics.elementary import raised
+from dimersweep.kernel.numerics.elementary import length, raised
 from dimersweep.kernel.numerics.steps import copy
 
 CLOSE_COST = 4.0  # what the close of a chatter may cost, in tolerances
@@ -99,15 +106,6 @@ def lands_slowly(dm, state, rate):
         if fast and not stays_open(dm, state, j, ALONE * rate / dm.g):
             return False
     return True
-
-
-@compiled
-def kinetic(dm, state):
-    """Kinetic energy in the plate's frame [J]."""
-    c_n = rise_of_centre(dm, state[N1], state[N2])
-    moving = dm.m * (state[CA] * state[CA] + state[CB] * state[CB] + c_n * c_n)
-    turning = dm.J_t * (state[WB] * state[WB] + state[WP] * state[WP])
-    return 0.5 * (moving + turning + dm.J_a * state[SPIN] * state[SPIN])
 
 
 @compiled

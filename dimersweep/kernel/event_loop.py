@@ -2,7 +2,7 @@
 
 from math import isfinite, sqrt
 
-from dimersweep.kernel.chatter import come_to_rest, kinetic, note_close
+from dimersweep.kernel.chatter import come_to_rest, note_close
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.contact_mode import INCONSISTENT
 from dimersweep.kernel.contact.events import (
@@ -18,10 +18,9 @@ from dimersweep.kernel.contact.events import (
 )
 from dimersweep.kernel.course import BUDGET, BUDGET_PER_PERIOD, begin_course
 from dimersweep.kernel.energy import is_wanted, keep_phase, keep_struck
-from dimersweep.kernel.impact.impact import contact_velocity, double_impact, single_impact
-from dimersweep.kernel.model.body import attitude, lift
+from dimersweep.kernel.impact.impact import double_impact, single_impact
+from dimersweep.kernel.model.body import attitude, contact_velocity, kinetic, lift
 from dimersweep.kernel.model.contact_code import coded
-from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import (
     C_CHATTER_END,
     C_END,
@@ -65,6 +64,7 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.kernel.model.plate import plate_rate, velocity_along
 from dimersweep.kernel.model.works import begin_tally
+from dimersweep.kernel.numerics.elementary import length
 from dimersweep.kernel.numerics.meter import charge, is_over, is_to_stop, set_bound
 from dimersweep.kernel.numerics.sincos import sincos
 from dimersweep.kernel.numerics.steps import copy

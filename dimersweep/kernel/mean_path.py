@@ -9,7 +9,6 @@ from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.course import Ask
 from dimersweep.kernel.event_loop import evolve
 from dimersweep.kernel.model.body import TWO_PI, centre, set_dimer
-from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import (
     GAMMA,
     N_ROW,
@@ -25,6 +24,7 @@ from dimersweep.kernel.model.layout import (
     Y1,
 )
 from dimersweep.kernel.model.plate import start_later
+from dimersweep.kernel.numerics.elementary import length
 from dimersweep.kernel.numerics.sincos import sincos
 from dimersweep.kernel.numerics.steps import copy
 from dimersweep.kernel.verdict.past import begin_past

@@ -6,7 +6,6 @@ import numpy as np
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.energy import Book, new_book
-from dimersweep.kernel.impact.impact import contact_velocity
 from dimersweep.kernel.impact.phase_log import (
     LOG_A1,
     LOG_A2,
@@ -21,6 +20,7 @@ from dimersweep.kernel.impact.phase_log import (
     LOG_STATE,
     N_LOG,
 )
+from dimersweep.kernel.model.body import contact_velocity
 from dimersweep.kernel.model.layout import (
     C_CHATTER_END,
     C_IMPACT,

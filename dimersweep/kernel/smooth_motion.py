@@ -1,6 +1,5 @@
 """The smooth motion of a run between its impacts: the contact that begins, and the way to the next event."""
 
-from dimersweep.kernel.chatter import kinetic
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.contact_mode import CLOSED, contact_mode, force_later
 from dimersweep.kernel.contact.coordinates import YDIP, YS, YUA, YUB, YWB, YWP, contact_state, kernel_state, leading
@@ -10,8 +9,7 @@ from dimersweep.kernel.contact.phase import sustain_contact
 from dimersweep.kernel.energy import begin_phase
 from dimersweep.kernel.flight.free_motion import fly, take_off
 from dimersweep.kernel.flight.landing import MAX_LANDING_PROBES, next_landing
-from dimersweep.kernel.impact.impact import slip_rounding
-from dimersweep.kernel.model.body import TWO_PI, turn_of_pair
+from dimersweep.kernel.model.body import TWO_PI, kinetic, slip_rounding, turn_of_pair
 from dimersweep.kernel.model.contact_code import coded
 from dimersweep.kernel.model.layout import D1, D2, DIP, FREE, N1, N2, PHASE, STICK, THETA, WP
 from dimersweep.kernel.model.plate import keeps_speed, lightest, most_along, speed_bound

@@ -26,8 +26,9 @@ from dimersweep.kernel.contact.events import end_of, is_hold_lost, is_lift_off, 
 from dimersweep.kernel.contact.forces import A1, A2, COMPLIANCE, F1, F2, L1, L2, contact_rates, hold_reserve
 from dimersweep.kernel.contact.slip_onset import pair_onset, slip_onset
 from dimersweep.kernel.model.body import apart_sideways, extent
-from dimersweep.kernel.model.friction import axial_left_of_pair, hold_left, lateral_at_limit, length
+from dimersweep.kernel.model.friction import axial_left_of_pair, hold_left, lateral_at_limit
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
+from dimersweep.kernel.numerics.elementary import length
 
 CLOSED, SEPARATES, INCONSISTENT = 0, 1, 2
 NO_FORCE = 1e-12  # force, in units of the weight, whose sign a moment later decides

@@ -24,7 +24,6 @@ from dimersweep.kernel.model.body import (
     lift,
     turn_of_pair,
 )
-from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import (
     CA,
     CB,
@@ -44,7 +43,7 @@ from dimersweep.kernel.model.layout import (
     Y1,
 )
 from dimersweep.kernel.model.works import N_CONTACT_WORK
-from dimersweep.kernel.numerics.elementary import atan2
+from dimersweep.kernel.numerics.elementary import atan2, length
 from dimersweep.kernel.numerics.sincos import sincos
 
 YDIP, YWB, YWP, YS, YUA, YUB, YTHETA, YTIME, YX, YY, YGAMMA = range(11)

@@ -20,10 +20,10 @@ from dimersweep.kernel.contact.coordinates import (
     to_border,
 )
 from dimersweep.kernel.contact.forces import COMPLIANCE, F1, F2, hold_reserve
-from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
 from dimersweep.kernel.model.plate import tempo
 from dimersweep.kernel.numerics.armed_events import arm, least_armed
+from dimersweep.kernel.numerics.elementary import length
 
 # Events of a contact phase, two numbers of each kind that an end has: the even one is p1's, the odd one p2's. A phase
 # evaluates one event function for each number.

@@ -55,9 +55,8 @@ from dimersweep.kernel.contact.step_control import (
 )
 from dimersweep.kernel.contact.works import settle_works, works_to_slip_end
 from dimersweep.kernel.model.body import TWO_PI, end
-from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import FREE, SLIP
-from dimersweep.kernel.numerics.elementary import eighth_root
+from dimersweep.kernel.numerics.elementary import eighth_root, length
 from dimersweep.kernel.numerics.meter import is_over
 from dimersweep.kernel.numerics.root_bracket import UNSOUND
 from dimersweep.kernel.numerics.steps import copy, step_factor

@@ -5,8 +5,7 @@ from math import copysign, pi
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.coordinates import put_slip, put_slips, slip_of
 from dimersweep.kernel.contact.forces import F1, contact_rates
-from dimersweep.kernel.model.friction import length
-from dimersweep.kernel.numerics.elementary import atan2
+from dimersweep.kernel.numerics.elementary import atan2, length
 from dimersweep.kernel.numerics.sincos import sincos
 
 ONSET_DIRECTIONS = 48  # directions looked at for a change of sign

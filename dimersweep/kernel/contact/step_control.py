@@ -37,10 +37,10 @@ from dimersweep.kernel.contact.events import slip_speed
 from dimersweep.kernel.contact.forces import A1, COMPLIANCE, F1, F2, L1, N_F, path_rates, single_rates
 from dimersweep.kernel.contact.powers import phase_rates, work_rates
 from dimersweep.kernel.model.body import attitude, end, extent
-from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import FREE, SLIP
 from dimersweep.kernel.model.plate import acceleration_along, effective_gravity
 from dimersweep.kernel.numerics.collocation import NEXT, NODES, RADAU_A, RADAU_C, TOP
+from dimersweep.kernel.numerics.elementary import length
 from dimersweep.kernel.numerics.meter import charge
 from dimersweep.kernel.numerics.steps import (
     copy,

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.model.body import TWO_PI, attitude, lift
-from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import (
     CA,
     CB,
@@ -29,7 +28,7 @@ from dimersweep.kernel.model.layout import (
     Y1,
 )
 from dimersweep.kernel.model.plate import over_plate, snap_bound, sway_from, swing
-from dimersweep.kernel.numerics.elementary import atan2
+from dimersweep.kernel.numerics.elementary import atan2, length
 from dimersweep.kernel.numerics.sincos import one_minus_cos, sincos, x_minus_sin
 
 

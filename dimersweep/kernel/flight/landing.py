@@ -10,8 +10,8 @@ from math import inf, sqrt
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.flight.free_motion import gap_series
-from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.plate import bound_of_acceleration
+from dimersweep.kernel.numerics.elementary import length
 from dimersweep.kernel.numerics.sincos import sincos
 
 MAX_LANDING_PROBES = 10000

@@ -17,15 +17,9 @@ from math import copysign, inf, sqrt
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.model.body import end
-from dimersweep.kernel.model.friction import (
-    hold_left,
-    length,
-    outward_slip,
-    slip_force,
-    slip_strength,
-)
+from dimersweep.kernel.model.friction import hold_left, outward_slip, slip_force, slip_strength
 from dimersweep.kernel.model.layout import SLIP, STICK
-from dimersweep.kernel.numerics.elementary import raised
+from dimersweep.kernel.numerics.elementary import length, raised
 from dimersweep.kernel.numerics.steps import clear
 
 # state of the impact: gap rates, compressions, axial and lateral velocities; beyond what steps control (`steps.WIDTH`), where

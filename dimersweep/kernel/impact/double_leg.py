@@ -28,10 +28,9 @@ from dimersweep.kernel.impact.double_equations import (
 )
 from dimersweep.kernel.impact.double_step import Leg, leg_rows, leg_step, pass_rubs_on, rub_rates_at
 from dimersweep.kernel.model.body import end
-from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import SLIP, STICK
 from dimersweep.kernel.numerics.armed_events import arm, least_armed
-from dimersweep.kernel.numerics.elementary import eighth_root, nearly_raised
+from dimersweep.kernel.numerics.elementary import eighth_root, length, nearly_raised
 from dimersweep.kernel.numerics.meter import is_over
 from dimersweep.kernel.numerics.root_bracket import (
     CARRIED,

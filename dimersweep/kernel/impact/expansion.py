@@ -6,8 +6,7 @@ In that clock the slip direction is not stiff at small slip, and one expansion g
 from math import inf, sqrt
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.model.friction import length
-from dimersweep.kernel.numerics.elementary import multiplied, nearly_raised
+from dimersweep.kernel.numerics.elementary import length, multiplied, nearly_raised
 
 LEAST_ORDER, ORDER = 4, 15  # of the expansion of a leg with a turning slip direction
 PAST_LEG = 1.1  # how far past the likely end of a leg its expansion is to reach

@@ -35,16 +35,17 @@ from dimersweep.kernel.impact.single_impact import (
 )
 from dimersweep.kernel.model.body import (
     attitude,
+    contact_velocity,
     delassus,
     end,
-    extent,
     lateral_impulses,
     level_levers,
     levers,
     rise_of_centre,
+    slip_rounding,
 )
 from dimersweep.kernel.model.contact_code import coded, impact_digit
-from dimersweep.kernel.model.friction import holds_axially, length, slip_force
+from dimersweep.kernel.model.friction import holds_axially, slip_force
 from dimersweep.kernel.model.layout import (
     CA,
     CB,
@@ -62,7 +63,7 @@ from dimersweep.kernel.model.layout import (
     WP,
 )
 from dimersweep.kernel.model.works import note_struck
-from dimersweep.kernel.numerics.elementary import raised
+from dimersweep.kernel.numerics.elementary import length, raised
 from dimersweep.kernel.numerics.meter import charge
 from dimersweep.kernel.numerics.steps import copy
 
@@ -93,13 +94,6 @@ def impact_rows(work):
     """The rows of an impact at both ends on a work array."""
     rows, more = work.rows, LEG_ROWS
     return ImpactRows(rows[more], rows[more + 1], rows[more + 2], rows[more + 3], rows[more + 4], leg_rows(work).e)
-
-
-@compiled
-def contact_velocity(dm, state, i):
-    """Gap rate, axial and lateral velocity of the contact point of end i [m/s]."""
-    lv = levers(end(dm, i), *attitude(dm, state[DIP]))
-    return state[N1 + i], state[CA] + lv.a * state[WB], state[CB] + lv.b * state[WP] + lv.c * state[SPIN]
 
 
 @compiled
@@ -218,14 +212,6 @@ def apply_impulse(dm, state, lv, P, A, B):
     state[WB] += (lv.n * P + lv.a * A) / dm.J_t
     state[WP] += lv.b * B / dm.J_t
     state[SPIN] += lv.c * B / dm.J_a
-
-
-@compiled
-def slip_rounding(dm, state):
-    """Round-off of a contact velocity [m/s]: slip below it is none."""
-    r, h = extent(dm)
-    size = abs(state[CA]) + abs(state[CB]) + r * abs(state[SPIN]) + h * (abs(state[WB]) + abs(state[WP]))
-    return 8.0 * 2.3e-16 * size
 
 
 @compiled

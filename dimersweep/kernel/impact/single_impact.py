@@ -28,9 +28,9 @@ from dimersweep.kernel.impact.expansion import (
     square_integral,
     unseen,
 )
-from dimersweep.kernel.model.friction import holds_axially, length, slip_force
+from dimersweep.kernel.model.friction import holds_axially, slip_force
 from dimersweep.kernel.model.layout import SLIP, STICK
-from dimersweep.kernel.numerics.elementary import exp, expm1, log1p
+from dimersweep.kernel.numerics.elementary import exp, expm1, length, log1p
 from dimersweep.kernel.numerics.meter import charge, is_over
 
 DONE, OTHER, LEG, IMPACT_JAMS, IMPACT_OUT_OF_STEPS = 0, 1, 2, 3, 4

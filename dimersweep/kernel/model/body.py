@@ -23,7 +23,7 @@ import numpy as np
 
 from dimersweep.kernel.compiler.jit import compiled, exported, plain
 from dimersweep.kernel.compiler.records import new_record
-from dimersweep.kernel.model.layout import CA, CB, DIP, SPIN, THETA, WB, WP, X1, Y1, Dimer
+from dimersweep.kernel.model.layout import CA, CB, DIP, N1, N2, SPIN, THETA, WB, WP, X1, Y1, Dimer
 from dimersweep.kernel.model.plate import TWO_PI, amplitude
 from dimersweep.kernel.numerics.elementary import atan2
 from dimersweep.kernel.numerics.sincos import one_minus_cos, sincos
@@ -260,3 +260,27 @@ def slip_at(dm, state, i):
     beta = dm.beta_0 + state[DIP]
     lv = plain(levers)((dm.p1, dm.p2)[i], np.sin(beta), np.cos(beta))
     return state[CA] + lv.a * state[WB], state[CB] + lv.b * state[WP] + lv.c * state[SPIN]
+
+
+@compiled
+def contact_velocity(dm, state, i):
+    """Gap rate, axial and lateral velocity of the contact point of end i [m/s]."""
+    lv = levers(end(dm, i), *attitude(dm, state[DIP]))
+    return state[N1 + i], state[CA] + lv.a * state[WB], state[CB] + lv.b * state[WP] + lv.c * state[SPIN]
+
+
+@compiled
+def slip_rounding(dm, state):
+    """Round-off of a contact velocity [m/s]: slip below it is none."""
+    r, h = extent(dm)
+    size = abs(state[CA]) + abs(state[CB]) + r * abs(state[SPIN]) + h * (abs(state[WB]) + abs(state[WP]))
+    return 8.0 * 2.3e-16 * size
+
+
+@compiled
+def kinetic(dm, state):
+    """Kinetic energy in the plate's frame [J]."""
+    c_n = rise_of_centre(dm, state[N1], state[N2])
+    moving = dm.m * (state[CA] * state[CA] + state[CB] * state[CB] + c_n * c_n)
+    turning = dm.J_t * (state[WB] * state[WB] + state[WP] * state[WP])
+    return 0.5 * (moving + turning + dm.J_a * state[SPIN] * state[SPIN])

@@ -13,15 +13,10 @@ from math import sqrt
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.model.layout import STICK
+from dimersweep.kernel.numerics.elementary import length
 
 LEAST_COSINE = 1e-6  # to the axis, of the friction of an end that is held to the sides only: below it, rounding
 MAX_ONSET_NEWTON = 30  # of Newton's rule for the direction of a slip out of rest
-
-
-@compiled
-def length(a, b):
-    """Length of a vector whose square neither vanishes nor overflows, as none here does (``hypot`` is the system's)."""
-    return sqrt(a * a + b * b)
 
 
 @compiled

@@ -196,6 +196,12 @@ def eighth_root(x):
     return sqrt(sqrt(sqrt(x)))
 
 
+@compiled
+def length(a, b):
+    """Length of a vector whose square neither vanishes nor overflows, as none here does (``hypot`` is the system's)."""
+    return sqrt(a * a + b * b)
+
+
 # --- arctangent ---------------------------------------------------------------------------------------------------------
 
 

@@ -8,9 +8,7 @@ periods: a ball is down while it is closed or in hops shorter than HOP_LINE; imp
 from math import nan, pi, sqrt
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.impact.impact import contact_velocity
-from dimersweep.kernel.model.body import extent
-from dimersweep.kernel.model.friction import length
+from dimersweep.kernel.model.body import contact_velocity, extent
 from dimersweep.kernel.model.layout import (
     CA,
     CB,
@@ -31,7 +29,7 @@ from dimersweep.kernel.model.layout import (
     THETA,
     WB,
 )
-from dimersweep.kernel.numerics.elementary import atan2
+from dimersweep.kernel.numerics.elementary import atan2, length
 from dimersweep.kernel.numerics.steps import clear
 
 HOP_LINE = 0.5

@@ -8,7 +8,6 @@ from math import nan, pi
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.model.body import TWO_PI, centre
-from dimersweep.kernel.model.friction import length
 from dimersweep.kernel.model.layout import (
     THETA,
     TR_ARC,
@@ -20,7 +19,7 @@ from dimersweep.kernel.model.layout import (
     TR_STRAIGHT,
     TR_WAVES,
 )
-from dimersweep.kernel.numerics.elementary import atan2
+from dimersweep.kernel.numerics.elementary import atan2, length
 from dimersweep.kernel.numerics.sincos import sincos
 from dimersweep.kernel.verdict.past import TRACK_ROW, time_of
 
