@@ -31,7 +31,7 @@ from dimersweep.symbols import (
     symbol,
 )
 
-BYTES_IN_CUBE = 675  # of memory, a point of a cube that is written as NetCDF: benchmarks/speed/memory.py
+BYTES_IN_CUBE = 468  # of memory, a point of a cube that is written as NetCDF: benchmarks/speed/memory.py
 SWEEPS = Path(__file__).resolve().parents[1] / "sweeps"
 
 # what the words of the flags stand for; a word that is missing here stops the build
