@@ -10,7 +10,7 @@ from dimersweep.kernel.compiler.records import new_record, one
 from dimersweep.kernel.contact.events import NO_EVENT
 from dimersweep.kernel.contact.step_control import STEP_ROWS, Control
 from dimersweep.kernel.model.layout import N_ROW, N_STATE, OK, Dimer
-from dimersweep.kernel.model.works import STRUCK_ROWS, Tally
+from dimersweep.kernel.model.works import STRUCK_ROWS, WorkTally
 from dimersweep.kernel.numerics.meter import Meter
 from dimersweep.kernel.numerics.root_bracket import RootBracket
 from dimersweep.kernel.verdict.past import PAST_COLUMNS, PAST_ROWS
@@ -33,7 +33,7 @@ class Course:
     hop_time: float  # time that the hops take which the close of a chatter sums; below zero if none were [s]
     forced: int  # impacts without collision in a row
     period_events: int  # number of events when the forcing period began
-    tally: Tally  # of the works of the forces, where they are wanted
+    tally: WorkTally  # of the works of the forces, where they are wanted
 
 
 # rows of scratch beyond those of a contact step

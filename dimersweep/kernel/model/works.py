@@ -17,7 +17,7 @@ N_CONTACT_WORK = REST_1  # of these, in contact: a closed gap has no rate
 STRUCK_ROWS = 64  # of the scratch, for phases of one impact
 
 
-class Tally:
+class WorkTally:
     """Whether works are wanted, and what those of an impact follow from."""
 
     wanted: bool
