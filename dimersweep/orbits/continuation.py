@@ -116,7 +116,9 @@ def _stepped(problem: Problem[P], point: P, step: float, window: tuple[float, ..
     ahead = y + step * point.tangent
     for edge in window:
         if (ahead[-1] - edge) * (y[-1] - edge) < 0:
-            return _at_edge(problem, point, y, ahead, edge), edge
+            last = _at_edge(problem, point, y, ahead, edge)
+            problem.judge(point, last, step)
+            return last, edge
     nxt = problem.on_plane(point, ahead, point.tangent)
     problem.judge(point, nxt, step)
     ahead = problem.y(nxt)

@@ -1,6 +1,5 @@
 """Whether what was read is the program's, and still as it was written: its configuration, its coordinates and its values."""
 
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +8,7 @@ import xarray as xr
 
 from dimersweep.cubes.checksum import Checksum
 from dimersweep.cubes.grid import finer
-from dimersweep.errors import StoreError
+from dimersweep.errors import StoreError, one_line
 from dimersweep.kernel.model.layout import CODES, OUT
 from dimersweep.storage.blocks import blocks
 from dimersweep.storage.provenance import CHECKSUM, FILE_FORMAT, digest, read_configuration
@@ -41,9 +40,11 @@ def told_by(dataset: xr.Dataset, what: str, path: Path, noun: str = "NetCDF file
             f"{path}: is a {what} of format {version}; this version of dimersweep reads format {FILE_FORMAT}"
         )
     text = dataset.attrs.get("configuration", "")
-    with suppress(ValueError, TypeError, AttributeError):
+    try:
         if digest(text) == dataset.attrs.get("configuration_sha256"):
             return read_configuration(text)
+    except (ValueError, TypeError, AttributeError) as error:
+        raise changed(what, path, one_line(error)) from error
     raise changed(what, path)
 
 

@@ -21,7 +21,7 @@ def run_patched(folder: Path, changes: Iterable[tuple[str, str, str]], run: str,
         assert text.count(line) == 1, f"{name}: {line}"
         file.write_text(text.replace(line, other))
     script = f"from dimersweep import simulate\nrun = {run}\nprint({told})"
-    environment = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(folder)}
+    environment = os.environ | {"NUMBA_DISABLE_JIT": "1", "DIMERSWEEP_OTHER_PHYSICS": "1", "PYTHONPATH": str(folder)}
     command = [sys.executable, "-W", "ignore", "-c", script]
     made = subprocess.run(command, check=False, env=environment, cwd=folder, capture_output=True, text=True)
     assert made.returncode == 0, made.stderr
