@@ -20,7 +20,7 @@ from dimersweep.kernel.model.works import ALONG, PLATE_1, PLATE_2, SLIP_1
 from dimersweep.kernel.numerics.sincos import sincos
 
 
-@compiled
+@compiled(inline=True)
 def phase_rates(dm, modes, phase, y, n, dy, F):
     """Rates of the first n entries of y into dy, and the forces into F; see `contact_rates`."""
     contact_rates(dm, modes, phase, y, n > N_CLOSED, dy, F)

@@ -308,7 +308,7 @@ def carry_on(dm, modes, clock, t, b):
         b.probe[k] = b.out[k] + 0.5 * t * b.rates_out[k]
     impact_rates(dm, modes, b.gains, clock, b.probe, b.rates_probe)
     if b.n > WIDTH:
-        rub_rates_at(Leg(dm, modes, clock, b), b.probe, b.rates_probe)
+        rub_rates_at(Leg(dm, modes, b.gains, clock, b.K, b.n), b.probe, b.rates_probe)
         for k in range(WIDTH, b.n):
             b.out[k] += t * b.rates_probe[k]
     for k in range(N_Z):

@@ -92,8 +92,10 @@ class Leg(NamedTuple):
 
     dm: Any
     modes: Any
+    gains: Any
     clock: Any
-    b: Any
+    K: Any  # of all rows no more than a stage needs: each is handed on by its parts
+    n: int
 
 
 @compiled
@@ -125,16 +127,16 @@ def pass_rubs_on(source, target, n):
 @compiled(inline=True)
 def leg_slopes(leg, i, n_1, n_2, X_1, X_2, a, b_1, b_2, _):
     """Slopes of a stage of an explicit step; the last entry that it controls is not used."""
-    if leg.b.n > WIDTH:
-        rub_rates(leg, X_1, X_2, a, b_1, b_2, leg.b.K[i])
-    rates = rates_in_clock(leg.dm, leg.modes, leg.b.gains, leg.clock, n_1, n_2, X_1, X_2, a, b_1, b_2)
+    if leg.n > WIDTH:
+        rub_rates(leg, X_1, X_2, a, b_1, b_2, leg.K[i])
+    rates = rates_in_clock(leg.dm, leg.modes, leg.gains, leg.clock, n_1, n_2, X_1, X_2, a, b_1, b_2)
     return rates[0], rates[1], rates[2], rates[3], rates[4], rates[5], rates[6], 0.0
 
 
 @compiled
 def explicit_leg_step(dm, modes, clock, h, tol, b):
     """One DOP853 step of size h in a clock, from b.start into b.out; returns the error over the tolerance."""
-    leg = Leg(dm, modes, clock, b)
+    leg = Leg(dm, modes, b.gains, clock, b.K, b.n)
     copy(b.rates, b.K[0], WIDTH)
     if b.n > WIDTH:
         rub_rates_at(leg, b.start, b.K[0])
@@ -167,14 +169,13 @@ def implicit_step(dm, modes, h, tol, slip_unit, b):
         unit = slip_unit if k >= ZA else 1.0
         total += (b.K[ROS_STAGES - 1, k] / unit) ** 2
     if b.n > WIDTH:
-        rub_over_step(Leg(dm, modes, PLAIN_CLOCK, b), h)
+        rub_over_step(Leg(dm, modes, b.gains, PLAIN_CLOCK, b.K, b.n), h, b)
     return sqrt(total / N_Z) / tol
 
 
 @compiled
-def rub_over_step(leg, h):
+def rub_over_step(leg, h, b):
     """What slip takes over an implicit step, by Simpson's rule on the cubic through its ends."""
-    b = leg.b
     impact_rates(leg.dm, leg.modes, b.gains, PLAIN_CLOCK, b.out, b.rates_out)
     on_cubic(b.start, b.rates, b.out, b.rates_out, 0.5, h, N_Z, b.probe)
     pass_rubs_on(b.start, b.out, b.n)
