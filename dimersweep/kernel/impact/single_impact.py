@@ -207,7 +207,7 @@ def rub_of_expansion(law, order, xi, work):
     return -law.mu * square_integral(work.rows, A_V, order, xi) if work.course[0].tally.wanted else 0.0
 
 
-@compiled
+@compiled(inline=True)
 def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
     """One leg with a turning slip direction, up to its first event or until the direction has become invariant.
 
@@ -266,7 +266,7 @@ def later_zero(P, change, rate):
     return max(0.0, P - change / rate) if inf > P else inf
 
 
-@compiled
+@compiled(inline=True)
 def straight_leg(law, n, a, b, E, n_j, compressing, stick, c, s):
     """One leg at constant rates: sticking (stick), or slipping along the direction (c, s); closed form.
 
