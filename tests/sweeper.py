@@ -4,8 +4,8 @@ import sys
 import time
 from pathlib import Path
 
-import dimersweep.runs.carrying
 import dimersweep.runs.settings
+import dimersweep.runs.solving
 from dimersweep import sweep
 from dimersweep.studies.datasets import make
 from dimersweep.studies.declaration import read_declaration
@@ -36,14 +36,14 @@ def slow_down(seconds):
         time.sleep(seconds * made)
         return made
 
-    one_of_a_line = dimersweep.runs.carrying.run_rows
+    one_of_a_line = dimersweep.runs.solving.run_recorded
 
-    def run_rows(*given):
+    def run_recorded(*given):
         time.sleep(seconds)
         return one_of_a_line(*given)
 
     dimersweep.runs.settings.run_many = run_many
-    dimersweep.runs.carrying.run_rows = run_rows
+    dimersweep.runs.solving.run_recorded = run_recorded
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from dimersweep.kernel.batch import N_START
 from dimersweep.kernel.course import new_workspace
 from dimersweep.kernel.model.layout import CODE_STATUS, D1, D2, DIP, JAMMED, M_DRIFT, N1, N2, OK, WB
 from dimersweep.parameters import Parameters, dimer_from
-from dimersweep.runs import carrying, starting
+from dimersweep.runs import carrying, solving, starting
 from dimersweep.runs.settings import RunSettings
 from dimersweep.studies.declaration import read_declaration
 from dimersweep.studies.planning import plan
@@ -140,19 +140,19 @@ def test_strobes_go_on_from_the_run_that_carried_on(both):
 
 
 def test_a_run_that_fails_hands_on_what_it_was_given(monkeypatch):
-    kernel, starts = carrying.run_rows, []
+    kernel, starts = solving.run_recorded, []
 
-    def sometimes(rows, given, ask, until, out, codes, space, record):
-        starts.append(given.copy())
-        kernel(rows, given, ask, until, out, codes, space, record)
+    def sometimes(row, ask, out, codes, record, space, start):
+        starts.append(start)
+        kernel(row, ask, out, codes, record, space, start)
         if len(starts) == 2:
             codes[0, CODE_STATUS] = JAMMED
 
-    monkeypatch.setattr(carrying, "run_rows", sometimes)
+    monkeypatch.setattr(solving, "run_recorded", sometimes)
     rows = [Parameters(Gamma=value).row() for value in (0.9, 0.91, 0.92)]
     links = list(carrying.carried(rows, RunSettings(60, 60, 1e-8), new_workspace()))
-    assert [int(link.codes[0, CODE_STATUS]) for link in links] == [OK, JAMMED, OK]
-    assert starts[0].shape == (0, N_START)
+    assert [int(link.solved.codes[CODE_STATUS]) for link in links] == [OK, JAMMED, OK]
+    assert starts[0] is None
     np.testing.assert_array_equal(starts[2], starts[1])
 
 
@@ -345,7 +345,7 @@ def test_a_retry_makes_whole_lines_again(both, asked, monkeypatch):
         for k, link in enumerate(whole(rows, *how)):
             if k == 4 and not failed:
                 failed.append(k)
-                link.codes[0, :2] = JAMMED, 1
+                link.solved.codes[:2] = JAMMED, 1
             yield link
 
     monkeypatch.setattr(carrying, "carried", fails)

@@ -12,6 +12,7 @@ from dimersweep.orbits.mean_path import CIRCLE, MeanPath, path_of
 from dimersweep.orbits.newton import Fixed
 from dimersweep.orbits.passage import TURN, Strike, strike_of
 from dimersweep.runs.run import Run, as_run
+from dimersweep.runs.settings import exactly
 from dimersweep.runs.solving import run_row
 from dimersweep.runs.starting import start_of
 
@@ -134,9 +135,8 @@ class PeriodicOrbit:
         state, _ = m.sampled(self.creep.image.passage, phase)
         state[[PHASE, PERIOD, THETA, X1, Y1, GAMMA]] = 0.0  # the cyclic ones begin anew
         row = m.row_at(self.parameters["phi0"])
-        solved = run_row(
-            row, np.concatenate([state, np.zeros(2)])[None], periods, rtol, tape.space, settle=False, record=True
-        )
+        begun = np.concatenate([state, np.zeros(2)])[None]
+        solved = run_row(row, begun, exactly(periods, rtol), tape.space, record=True)
         run = as_run(self.parameters, rtol, solved, None)
         start = start_of(run.states(0.0))
         del start["phase"]  # which is phi0

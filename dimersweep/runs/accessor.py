@@ -16,8 +16,7 @@ from dimersweep.kernel.model.layout import M_DRIFT, MODES
 from dimersweep.runs.behind import AS_MADE, behind
 from dimersweep.runs.carrying import run_in_line
 from dimersweep.runs.run import Run
-from dimersweep.runs.settings import RunSettings
-from dimersweep.runs.simulating import simulate_patiently
+from dimersweep.runs.settings import exactly
 from dimersweep.symbols import PARAMETERS
 
 if TYPE_CHECKING:
@@ -144,13 +143,11 @@ class CubeAccessor:
         point = self.at(**where)
         made = behind(point)
         same = is_of_this_kernel(made.kernel, "the run may differ from what it says of the point")
-        how = (
-            made.how if periods is None else RunSettings(check_count("periods", periods), periods, made.how.rtol, False)
+        how = made.how if periods is None else exactly(check_count("periods", periods), made.how.rtol)
+        before = () if made.line is None else made.line.before()
+        run = run_in_line(
+            made.parameters, how, record=check_switch("record", record), before=before, how_before=made.how
         )
-        if made.line is None:
-            run = simulate_patiently(made.parameters, how, record=record)
-        else:
-            run = run_in_line(made.line.before(), made.parameters, made.how, how, record=check_switch("record", record))
         if periods is None and same:
             _check_same(run, point)
         return run

@@ -5,26 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dimersweep.cubes.cube import blank
-from dimersweep.kernel.batch import N_START, Workspace, ask_for, is_stopped, run_rows
-from dimersweep.kernel.model.layout import (
-    CODE_MODE,
-    CODE_N_PERIODS,
-    CODE_STATUS,
-    GAMMA,
-    M_UNRESOLVED,
-    OK,
-    PERIOD,
-    X1,
-    Y1,
-)
-from dimersweep.kernel.record import no_record
+from dimersweep.kernel.batch import Workspace, is_stopped
+from dimersweep.kernel.model.layout import CODE_STATUS, GAMMA, OK, PERIOD, X1, Y1
 from dimersweep.parameters import Parameters
 from dimersweep.runs.recorded import named_state
-from dimersweep.runs.run import Run, as_run
-from dimersweep.runs.settings import RunSettings, run_row_patiently
+from dimersweep.runs.run import Run, as_run, proven_run
+from dimersweep.runs.settings import RunSettings
+from dimersweep.runs.solving import Solved, run_row
 from dimersweep.runs.starting import fitted
-from dimersweep.work.stopping import StopFlag, stoppable
 
 CYCLIC = (X1, Y1, GAMMA, PERIOD)  # slots of a state that no later state depends on
 
@@ -34,21 +22,16 @@ class Link(NamedTuple):
 
     Attributes
     ----------
-    out, codes : ndarray, shapes (1, N_OUT), (1, N_CODES)
-        Its outcome.
+    solved : Solved
     start : ndarray, shape (1, N_START), or None
         State and friction modes that it started from; None for the start of its parameters.
     end : ndarray, shape (1, N_START), or None
         Those that the next one starts from: where it has ended, or what it started from if it did not reach its end.
-    cost : int
-        Forcing periods that were run for it.
     """
 
-    out: np.ndarray
-    codes: np.ndarray
+    solved: Solved
     start: np.ndarray | None
     end: np.ndarray | None
-    cost: int
 
 
 def carried(
@@ -81,64 +64,51 @@ def carried(
     for row in rows:
         if start is not None and before is not None:
             start = fitted(start, before, row)
-        out, codes = blank(1)
-        starts, cost = np.zeros((0, N_START)) if start is None else start, 0
-        for length in how.lengths():
-            run_rows(
-                row[None], starts, ask_for(length, how.rtol, how.stop_when_settled), 0, out, codes, space, no_record()
-            )
-            cost += int(codes[0, CODE_N_PERIODS])
-            if codes[0, CODE_MODE] != M_UNRESOLVED or is_stopped(space):
-                break
+        solved, end = run_row(row, start, how, space), start
         if is_stopped(space):
             return
-        end = _end_of(space) if codes[0, CODE_STATUS] == OK else start
-        yield Link(out, codes, start, end, cost)
+        if solved.codes[CODE_STATUS] == OK:
+            end = solved.end.start.copy()
+            end[0, CYCLIC] = 0.0
+        yield Link(solved, start, end)
         before, start = row, end
 
 
-def _end_of(space: Workspace) -> np.ndarray:
-    """State and friction modes at the end of the last run on scratch arrays, shape (1, N_START), to start from."""
-    state = space.state.copy()
-    state[list(CYCLIC)] = 0.0
-    return np.concatenate([state, space.modes])[None]
-
-
 def run_in_line(
-    before: Iterable[Mapping[str, float]],
     parameters: Mapping[str, float],
     how: RunSettings,
-    last: RunSettings,
     *,
-    record: bool,
+    record: bool = True,
+    before: Iterable[Mapping[str, float]] = (),
+    how_before: RunSettings | None = None,
 ) -> Run:
-    """The run with `parameters` that carries on the state of the runs `before` it.
+    """The run of a point of a sweep, bit for bit; it may carry on the state of the runs `before` it on a line.
 
     Parameters
     ----------
+    parameters : mapping
+    how : RunSettings
+    record : bool
     before : iterable of mapping
         Parameters of those, in their order; if there are none, it starts as its own say.
-    parameters : mapping
-    how, last : RunSettings
-        Of those before, and of the run.
-    record : bool
+    how_before : RunSettings, optional
+        Of those, where it is another one.
 
     Returns
     -------
     Run
-        The run of that line, bit for bit.
     """
     rows = [Parameters(**each).row() for each in before]
     given = Parameters(**parameters)
     row = given.row()
 
-    def call(stop: StopFlag) -> Run:
-        with stop.space() as space:
-            *_, former = [None, *carried(rows, how, space)]
-            start = None if former is None else former.end
-            if start is not None:
-                start = fitted(start, rows[-1], row)
-            solved = run_row_patiently(row, start, last, space, record=record)
-        return as_run(given.given(), last.rtol, solved, None if start is None else named_state(row, start))
+    def call(space: Workspace) -> Run:
+        start = None
+        for link in carried(rows, how_before or how, space):
+            start = link.end
+        if start is not None:
+            start = fitted(start, rows[-1], row)
+        solved = run_row(row, start, how, space, record=record)
+        return as_run(given.given(), how.rtol, solved, None if start is None else named_state(row, start))
 
-    return stoppable(call)
+    return proven_run(call)

@@ -1,8 +1,9 @@
 """One simulation that was made: its outcome, with its events and its state at any time where it was recorded."""
 
-from collections.abc import Collection
+import warnings
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from math import isnan
 from os import PathLike
 from pathlib import Path
@@ -15,6 +16,8 @@ from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number, as_numbers, check_count
 from dimersweep.kernel.batch import Workspace
 from dimersweep.kernel.model.layout import (
+    CA,
+    CB,
     CODE_STATUS,
     CODE_WORDS,
     CODES,
@@ -29,10 +32,12 @@ from dimersweep.kernel.model.layout import (
 from dimersweep.parameters import Parameters
 from dimersweep.runs.outcome import Absent, Orbit, no_orbit
 from dimersweep.runs.recorded import RunRecord, events_of, named_state, states_of
-from dimersweep.runs.solving import RunEnd, Solved, check_recorded, go_on, run_row, speed_at
+from dimersweep.runs.settings import RunSettings, exactly
+from dimersweep.runs.solving import RunEnd, Solved, check_recorded, go_on, run_row
 from dimersweep.runs.starting import fitted, kernel_start
 from dimersweep.symbols import CAPTION, START, conditions
-from dimersweep.work.stopping import StopFlag, stoppable
+from dimersweep.work.proving import is_proven, prove
+from dimersweep.work.stopping import stoppable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -154,7 +159,7 @@ class Run(RunNumbers):
         >>> run.mode, round(run.end_speed, 3)
         ('rest', 0.725)
         """
-        return float("nan") if self._end is None else speed_at(self._end)
+        return float("nan") if self._end is None else float(np.hypot(*self._end.start[0, [CA, CB]]))
 
     def conditions(self, always: Collection[str] = CAPTION, *, tex: bool = False) -> str:
         """The parameters of this run in words: those of the paper's captions, and all that differ from the base case.
@@ -309,11 +314,7 @@ class Run(RunNumbers):
         if len(record.segments) < 2:
             raise ParameterError(f"energy: there is none, the run ended before its first smooth phase ({self.message})")
 
-        def call(stop: StopFlag) -> xr.Dataset:
-            with stop.space() as space:
-                return energy_of(record, self.rtol, self.parameters, by, space)
-
-        return stoppable(call)
+        return stoppable(partial(energy_of, record, self.rtol, self.parameters, by))
 
     def section(self, at: "At" = "period", *, phase: float | str | None = None) -> xr.Dataset:
         """States at which a map can be looked at: those of the return map, of impacts, or of a phase of the plate.
@@ -381,13 +382,9 @@ class Run(RunNumbers):
             raise ParameterError(f"go_on: the run did not reach its end ({self.message})")
         if self._record is not None:
             check_recorded(total)
-        row, end = Parameters(**self.parameters).row(), self._end
-
-        def call(stop: StopFlag) -> Solved:
-            with stop.space() as space:
-                return go_on(row, end, self.n_events, self._record, total, self.rtol, space)
-
-        return as_run(self.parameters, self.rtol, stoppable(call), self.start)
+        row, how = Parameters(**self.parameters).row(), exactly(total, self.rtol)
+        solved = stoppable(partial(go_on, row, self._end, self.n_events, self._record, how))
+        return as_run(self.parameters, self.rtol, solved, self.start)
 
     def save(self, path: str | PathLike[str], *, force: bool = False) -> Path:
         """Write the run to one NetCDF file, from which `load_run` gives it back, exactly.
@@ -537,12 +534,10 @@ class Run(RunNumbers):
         times = np.union1d(times, [] if t is None else self.states(t)["time"])
         rtol, starts = starts_beside(self.rtol, self.parameters, self.start)
 
-        def call(stop: StopFlag) -> list[Run]:
-            with stop.space() as space:
-                return [
-                    simulate_judged(Parameters(**given), self.n_periods, rtol, False, True, space, begun)
-                    for given, begun in starts
-                ]
+        how = exactly(self.n_periods, rtol)
+
+        def call(space: Workspace) -> list[Run]:
+            return [simulate_judged(Parameters(**given), how, space, begun=begun) for given, begun in starts]
 
         return bounds(self, stoppable(call), times, 1 / self.parameters["f"])
 
@@ -570,11 +565,10 @@ def as_run(parameters: dict[str, float], rtol: float, solved: Solved, start: dic
 
 def simulate_judged(
     parameters: Parameters,
-    periods: int,
-    rtol: float,
-    settle: bool,
-    record: bool,
+    how: RunSettings,
     space: Workspace,
+    *,
+    record: bool = True,
     begun: dict[str, float] | None = None,
     before: Parameters | None = None,
 ) -> Run:
@@ -589,8 +583,18 @@ def simulate_judged(
         as_told = kernel_start(begun, shaped.given())
         first = fitted(as_told, shaped.row(), row)
         begun = begun if first is as_told else named_state(row, first)
-    solved = run_row(row, first, periods, rtol, space, settle=settle, record=record)
-    return as_run(parameters.given(), rtol, solved, begun)
+    solved = run_row(row, first, how, space, record=record)
+    return as_run(parameters.given(), how.rtol, solved, begun)
+
+
+def proven_run(call: Callable[[Workspace], Run], seconds: float | None = None) -> Run:
+    """The run that `call` makes on scratch arrays, by a kernel that is known to work; see `stoppable`."""
+    if not is_proven():
+        stoppable(lambda _: prove())  # to compile is no part of the run's time
+    run = stoppable(call, seconds)
+    if run.record_cut:
+        warnings.warn(f"record: is full; {run.record_cut}", RuntimeWarning, stacklevel=3)
+    return run
 
 
 def load_run(path: str | PathLike[str]) -> Run:

@@ -10,7 +10,6 @@ from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_count, check_rtol, check_switch
 from dimersweep.kernel.batch import Workspace, run_many
 from dimersweep.kernel.model.layout import CODE_MODE, M_APERIODIC, M_FAILED, M_UNRESOLVED
-from dimersweep.runs.solving import Solved, run_row
 
 SLOW_MODES = sum(1 << mode for mode in (M_FAILED, M_APERIODIC, M_UNRESOLVED))  # these use all periods they are given
 
@@ -30,6 +29,11 @@ class RunSettings(NamedTuple):
         while periods < self.max_periods:
             periods = min(2 * periods, self.max_periods)
             yield periods
+
+
+def exactly(periods: int, rtol: float) -> RunSettings:
+    """Settings of runs of so many forcing periods, whether or not their motions settle."""
+    return RunSettings(periods, periods, rtol, stop_when_settled=False)
 
 
 def run_settings(
@@ -98,14 +102,3 @@ def run_all_patiently(
         made = run_patiently(rows[done:], how, out[done:], codes[done:], space=space)
         done += made
     return out, codes
-
-
-def run_row_patiently(
-    row: np.ndarray, start: np.ndarray | None, how: RunSettings, space: Workspace, *, record: bool = False
-) -> Solved:
-    """One point as by `run_patiently`, from any start, with the end of its run; see `run_row`."""
-    for periods in how.lengths():
-        solved = run_row(row, start, periods, how.rtol, space, settle=how.stop_when_settled, record=record)
-        if solved.codes[CODE_MODE] != M_UNRESOLVED:
-            break
-    return solved

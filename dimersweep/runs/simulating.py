@@ -1,22 +1,18 @@
 """Parameters in, a run out."""
 
-import warnings
 from collections.abc import Mapping
 from math import remainder, tau
 from typing import Any
 
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_count, check_rtol, check_seconds, check_switch
-from dimersweep.kernel.model.layout import M_UNRESOLVED, MODES
 from dimersweep.parameters import Parameters, check_name, moved_on, updated
 from dimersweep.runs.behind import parameters_of, was_carried
-from dimersweep.runs.run import Run, simulate_judged
+from dimersweep.runs.run import Run, proven_run, simulate_judged
 from dimersweep.runs.settings import RunSettings
 from dimersweep.runs.solving import check_recorded
 from dimersweep.runs.starting import is_point, known_by, named, start_of
 from dimersweep.symbols import INSTEAD, START
-from dimersweep.work.proving import is_proven, prove
-from dimersweep.work.stopping import StopFlag, stoppable
 
 
 def simulate(
@@ -86,32 +82,14 @@ def simulate(
     begun = None if start is None else start_of(start)
     known = {} if begun is None else known_by(start)
     given = Parameters(**parameters) if begun is None else _with_start(parameters, known, begun)
-    switches = check_switch("stop_when_settled", stop_when_settled), check_switch("record", record)
-    how = check_count("periods", periods), check_rtol(rtol), *switches
-    seconds = check_seconds(max_seconds)
-    if record:
-        check_recorded(how[0])
-    if not is_proven():
-        stoppable(lambda stop: prove())  # to compile is no part of the run's time
-
-    def call(stop: StopFlag) -> Run:
-        with stop.space() as space:
-            return simulate_judged(given, *how, space, begun, Parameters(**known) if known else None)
-
-    run = stoppable(call, seconds)
-    if run.record_cut:
-        warnings.warn(f"record: is full; {run.record_cut}", RuntimeWarning, stacklevel=2)
-    return run
-
-
-def simulate_patiently(parameters: Mapping[str, Any], how: RunSettings, *, record: bool = True) -> Run:
-    """The run of a point of a sweep: one that has not settled is made anew for twice as long, up to `how.max_periods`."""
-    for periods in how.lengths():
-        settings: dict[str, Any] = {"periods": periods, "rtol": how.rtol, "stop_when_settled": how.stop_when_settled}
-        run = simulate(**parameters, **settings, record=record)
-        if run.mode != MODES[M_UNRESOLVED]:
-            break
-    return run
+    periods, settles = check_count("periods", periods), check_switch("stop_when_settled", stop_when_settled)
+    how = RunSettings(periods, periods, check_rtol(rtol), settles)
+    seconds, before = check_seconds(max_seconds), Parameters(**known) if known else None
+    if check_switch("record", record):
+        check_recorded(periods)
+    return proven_run(
+        lambda space: simulate_judged(given, how, space, record=record, begun=begun, before=before), seconds
+    )
 
 
 simulate.__signature__ = named(simulate)  # type: ignore[attr-defined]

@@ -7,9 +7,21 @@ import numpy as np
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.batch import N_START, Workspace, ask_for, run_recorded
 from dimersweep.kernel.energy import Book
-from dimersweep.kernel.model.layout import C_END, C_START, CA, CB, CODE_N_EVENTS, N_CODES, N_OUT, N_STATE, PERIOD
+from dimersweep.kernel.model.layout import (
+    C_END,
+    C_START,
+    CODE_MODE,
+    CODE_N_EVENTS,
+    CODE_N_PERIODS,
+    M_UNRESOLVED,
+    N_CODES,
+    N_OUT,
+    N_STATE,
+    PERIOD,
+)
 from dimersweep.kernel.record import EVENT, Record, new_record, no_record, rows_of, was_full
 from dimersweep.runs.recorded import RunRecord
+from dimersweep.runs.settings import RunSettings
 
 RECORD_ROWS, ROWS_PER_PERIOD, RECORD_GROWTH = 500, 100, 4  # capacity of a record: about twice what a drift takes
 MAX_ROWS = 2_000_000  # of events and of segments each, 0.7 GB in all
@@ -52,74 +64,82 @@ class Solved(NamedTuple):
     out, codes : ndarray, shapes (N_OUT,), (N_CODES,)
     record : RunRecord or None
     end : RunEnd
+    cost : int
+        Forcing periods that were run.
     """
 
     out: np.ndarray
     codes: np.ndarray
     record: RunRecord | None
     end: RunEnd
+    cost: int
 
 
 def run_row(
     row: np.ndarray,
     start: np.ndarray | None,
-    periods: int,
-    rtol: float,
+    how: RunSettings,
     space: Workspace,
     *,
-    settle: bool,
-    record: bool,
+    record: bool = False,
     past: np.ndarray | None = None,
 ) -> Solved:
-    """One run; a record that turns out too small is taken again with more rows (a run is deterministic).
+    """One point, made anew for twice as many periods until it has settled, as `how` says; the last of these runs.
 
-    One of more than `MAX_ROWS` is cut: the whole run is then made without it.
+    A record that turns out too small is taken again with more rows (a run is deterministic). One of more than `MAX_ROWS` is
+    cut: the whole run is then made without it.
 
     Parameters
     ----------
     row : ndarray, shape (N_ROW,)
     start : ndarray, shape (1, N_START), optional
         In place of the start in `row`.
-    periods : int
-        Forcing periods, with those before `start`.
-    rtol : float
+    how : RunSettings
+        Its periods count those before `start`.
     space : Workspace
         Scratch arrays, which may be stopped.
-    settle, record : bool
+    record : bool
     past : ndarray, optional
         Of the run that goes on.
-    """
-    out, codes, ask = (
-        np.full((1, N_OUT), np.nan),
-        np.zeros((1, N_CODES), np.int64),
-        ask_for(periods, rtol, settle, record),
-    )
 
-    def run(kept: Record) -> Record:
+    Raises
+    ------
+    ParameterError
+        If a record from the start would be too long.
+    """
+    out, codes, cost = np.full((1, N_OUT), np.nan), np.zeros((1, N_CODES), np.int64), 0
+
+    def run(periods: int, kept: Record) -> Record:
         if past is not None:
             space.past[:] = past
-        run_recorded(row, ask, out, codes, kept, space, start)
+        run_recorded(row, ask_for(periods, how.rtol, how.stop_when_settled, record), out, codes, kept, space, start)
         return kept
 
-    kept, full = None, False
-    if record:
-        rows = min(RECORD_ROWS + ROWS_PER_PERIOD * periods, MAX_ROWS)
-        while was_full(made := run(new_record(rows))) and rows < MAX_ROWS:
-            rows = min(RECORD_GROWTH * rows, MAX_ROWS)
-        full = was_full(made)
-        events, segments = rows_of(made)
-        kept = RunRecord(row, events.copy(), segments.copy(), full, np.zeros((0, N_START)) if start is None else start)
-    if full or not record:
-        run(no_record())
+    for periods in how.lengths():
+        kept, full = None, False
+        if record:
+            if past is None:
+                check_recorded(periods)
+            rows = min(RECORD_ROWS + ROWS_PER_PERIOD * periods, MAX_ROWS)
+            while was_full(made := run(periods, new_record(rows))) and rows < MAX_ROWS:
+                rows = min(RECORD_GROWTH * rows, MAX_ROWS)
+            full, (events, segments) = was_full(made), rows_of(made)
+            begun = np.zeros((0, N_START)) if start is None else start
+            kept = RunRecord(row, events.copy(), segments.copy(), full, begun)
+        if full or not record:
+            run(periods, no_record())
+        cost += int(codes[0, CODE_N_PERIODS])
+        if codes[0, CODE_MODE] != M_UNRESOLVED:
+            break
     end = RunEnd(np.concatenate([space.state, space.modes])[None], space.past.copy())
-    return Solved(out[0], codes[0], kept, end)
+    return Solved(out[0], codes[0], kept, end, cost)
 
 
 def go_on(
-    row: np.ndarray, end: RunEnd, n_events: int, record: RunRecord | None, periods: int, rtol: float, space: Workspace
+    row: np.ndarray, end: RunEnd, n_events: int, record: RunRecord | None, how: RunSettings, space: Workspace
 ) -> Solved:
-    """More of a run that has ended after `n_events` events with `record`: the whole of it, up to `periods` in all."""
-    more = run_row(row, end.start, periods, rtol, space, settle=False, record=record is not None, past=end.past)
+    """More of a run that has ended after `n_events` events with `record`: the whole of it, for the periods of `how` in all."""
+    more = run_row(row, end.start, how, space, record=record is not None, past=end.past)
     more.codes[CODE_N_EVENTS] += n_events
     if record is None or more.record is None:
         return more
@@ -144,8 +164,3 @@ def with_works(record: RunRecord, rtol: float, space: Workspace) -> tuple[RunRec
     run_recorded(record.row, ask, np.zeros((1, N_OUT)), np.zeros((1, N_CODES), np.int64), kept, space, start)
     events, segments = (rows[: len(of)] for rows, of in zip(rows_of(kept), (events, segments), strict=True))
     return record._replace(events=events, segments=segments), kept.book
-
-
-def speed_at(end: RunEnd) -> float:
-    """Speed of the centre of mass where a run has ended [m s-1], horizontally."""
-    return float(np.hypot(end.start[0, CA], end.start[0, CB]))

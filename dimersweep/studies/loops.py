@@ -21,7 +21,7 @@ from dimersweep.runs.carrying import Link, carried
 from dimersweep.studies.deciding import OPEN
 from dimersweep.studies.study import Study
 from dimersweep.symbols import PARAMETERS, QUANTITIES, Quantity
-from dimersweep.work.stopping import StopFlag, stoppable
+from dimersweep.work.stopping import stoppable
 
 UP, DOWN = range(len(DIRECTIONS))
 SIDES = ("low", "high")
@@ -136,11 +136,10 @@ def _located(
 ) -> tuple[list[tuple[LoopEnd, LoopEnd]], int]:
     """These ends, located to `within`, and the forcing periods that this took."""
 
-    def call(stop: StopFlag) -> tuple[list[tuple[LoopEnd, LoopEnd]], int]:
-        with stop.space() as space:
-            line = CarriedLine(spec, space)
-            found = [(line.located(low, within, inside=1), line.located(high, within, inside=0)) for low, high in ends]
-            return found, line.cost
+    def call(space: Workspace) -> tuple[list[tuple[LoopEnd, LoopEnd]], int]:
+        line = CarriedLine(spec, space)
+        found = [(line.located(low, within, inside=1), line.located(high, within, inside=0)) for low, high in ends]
+        return found, line.cost
 
     return stoppable(call)
 
@@ -163,7 +162,7 @@ class CarriedLine:
         rows = spec.grid.rows_at(np.arange(self.values.size))
         up, down = (list(carried(each, spec.how, space)) for each in (rows, rows[::-1]))
         self.ends = {UP: [link.end for link in up], DOWN: [link.end for link in down[::-1]]}
-        self.cost = sum(link.cost for link in (*up, *down))
+        self.cost = sum(link.solved.cost for link in (*up, *down))
 
     def _row(self, value: float) -> np.ndarray:
         row: np.ndarray = fill_rows(self.spec.grid.fixed | {self.axis: value}, 1)[0]
@@ -189,7 +188,7 @@ class CarriedLine:
             rising, falling = self._carry(up, below, middle), self._carry(down, above, middle)
             if middle in (below, above) or rising is None or falling is None:
                 break
-            self.cost += rising.cost + falling.cost
+            self.cost += rising.solved.cost + falling.solved.cost
             one, two = _motion(rising), _motion(falling)
             if one[0] in OPEN or two[0] in OPEN:
                 break
@@ -203,7 +202,7 @@ class CarriedLine:
 
 
 def _motion(link: Link) -> Verdict:
-    return int(link.codes[0, CODE_MODE]), int(link.codes[0, CODE_MODE_PERIOD])
+    return int(link.solved.codes[CODE_MODE]), int(link.solved.codes[CODE_MODE_PERIOD])
 
 
 def _table(

@@ -15,7 +15,7 @@ from dimersweep.kernel.model.layout import CODE_MODE, CODE_N_PERIODS, CODE_STATU
 from dimersweep.parameters import Parameters
 from dimersweep.runs.recorded import states_of_segments
 from dimersweep.runs.run import simulate_judged
-from dimersweep.runs.settings import RunSettings, run_all_patiently
+from dimersweep.runs.settings import RunSettings, exactly, run_all_patiently
 from dimersweep.runs.shadows import certified
 from dimersweep.runs.solving import MAX_RECORDED, run_row
 from dimersweep.symbols import QUANTITIES, STATE_QUANTITIES, Quantity
@@ -120,8 +120,8 @@ class Strobes(Observer):
             if result["codes"][CODE_STATUS] != OK:
                 continue
             done = int(result["codes"][CODE_N_PERIODS])
-            end = run_row(row, ran.start, done, rtol, space, settle=False, record=False).end
-            more = run_row(row, end.start, done + self.n, rtol, space, settle=False, record=True, past=end.past)
+            end = run_row(row, ran.start, exactly(done, rtol), space).end
+            more = run_row(row, end.start, exactly(done + self.n, rtol), space, record=True, past=end.past)
             if more.record is None or more.codes[CODE_STATUS] != OK:
                 continue
             states = states_of_segments(more.record, np.arange(done + 1, done + self.n + 1))
@@ -141,7 +141,7 @@ class Longer(Observer):
 
     def observe(self, ran: Ran, space: Workspace) -> None:
         """See `Observer`."""
-        how = RunSettings(self.periods, self.periods, ran.how.rtol, stop_when_settled=False)
+        how = exactly(self.periods, ran.how.rtol)
         ran.results["out"], ran.results["codes"] = run_all_patiently(ran.rows, how, space)
 
 
@@ -185,7 +185,7 @@ class Paths(Observer):
     def _of(self, row: np.ndarray, rtol: float, space: Workspace) -> tuple[np.ndarray, np.ndarray, float]:
         """Positions [m] of the run of a row, and its axial velocity [m s-1]."""
         parameters = Parameters(**dict(zip(ROW, row.tolist(), strict=True)))
-        run = simulate_judged(parameters, self.periods, rtol, False, True, space)
+        run = simulate_judged(parameters, exactly(self.periods, rtol), space)
         if not run.n_periods:
             return np.empty(0), np.empty(0), nan
         states = run.states(np.linspace(0, run.n_periods / parameters.f, run.n_periods * self.per_period + 1))

@@ -116,7 +116,7 @@ def plan(study: Study, workers: int, out: Path | None = None) -> Plan:
     -------
     Plan
     """
-    stoppable(lambda stop: prove())  # and compile
+    stoppable(lambda _: prove())  # and compile
     sample = study.sample(np.random.default_rng(_SEED))
     costs = np.array(list(_for_some_time((_cost(*part) for part in sample.parts), sample.seconds)))
     first = replace(study, grid=study.grid.first())

@@ -15,7 +15,8 @@ from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import Workspace, is_stopped
 from dimersweep.kernel.model.layout import CODE_STATUS, STOPPED
 from dimersweep.runs.carrying import carried
-from dimersweep.runs.settings import SLOW_MODES, RunSettings, run_patiently, run_row_patiently
+from dimersweep.runs.settings import SLOW_MODES, RunSettings, run_patiently
+from dimersweep.runs.solving import run_row
 from dimersweep.storage.memorystore import MemoryStore
 from dimersweep.studies.observers import Observer, Ran
 from dimersweep.studies.reuse import Known
@@ -138,7 +139,7 @@ class Study:
                 yield from self._carried(rows[line][::way], results[line][::way], space)
         elif any(observer.needs_ends for observer in self.observers):
             for k, row in enumerate(rows):
-                solved, here = run_row_patiently(row, None, self.how, space), slice(k, k + 1)
+                solved, here = run_row(row, None, self.how, space), slice(k, k + 1)
                 if solved.codes[CODE_STATUS] == STOPPED:
                     return
                 results["out"][here], results["codes"][here] = solved.out, solved.codes
@@ -153,7 +154,7 @@ class Study:
         """Run the points of one line, each from the state in which the one before it has ended."""
         for k, link in enumerate(carried(rows, self.how, space)):
             here = slice(k, k + 1)
-            results["out"][here], results["codes"][here] = link.out, link.codes
+            results["out"][here], results["codes"][here] = link.solved.out, link.solved.codes
             yield Ran(rows[here], self.how, results[here], link.start, link.end)
 
     def run(self, hired: Crew, known: Sequence[Known]) -> Label:

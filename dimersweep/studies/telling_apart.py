@@ -14,8 +14,8 @@ from dimersweep.orbits.finding import find
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.poincare import OrbitLost, Tape
 from dimersweep.orbits.portraits import ALIKE_WITHIN, Carried, Mirrors, Portrait, apart, portrait_from
-from dimersweep.runs.settings import RunSettings
-from dimersweep.runs.simulating import simulate_patiently
+from dimersweep.runs.carrying import run_in_line
+from dimersweep.runs.settings import RunSettings, exactly
 from dimersweep.runs.solving import run_row
 
 
@@ -148,7 +148,7 @@ class Judge:
     def _carried(self, start: int, own: Portrait, spins: Sequence[float]) -> Carried | None:
         """The orbit of a start, with its family over the spins of the portraits that may lie on it."""
         try:
-            orbit = find(guess=simulate_patiently(self.parameters(start), self.how), periods=own.periods)
+            orbit = find(guess=run_in_line(self.parameters(start), self.how), periods=own.periods)
             carried = Carried(orbit, spins, self.mirrors)
         except (OrbitError, OrbitLost):
             return None
@@ -157,7 +157,7 @@ class Judge:
     def confirmed(self, sort: Sort, periods: int) -> bool:
         """Whether the representative is still at its attractor after so many forcing periods."""
         row = self.points.rows_at(np.array([sort.representative]))[0]
-        solved = run_row(row, None, periods, self.how.rtol, new_workspace(), settle=False, record=False)
+        solved = run_row(row, None, exactly(periods, self.how.rtol), new_workspace())
         if sort.portrait is None:
             return MODES[solved.codes[CODE_MODE]] == sort.mode
         later = self.portrait(sort.representative, solved.end.start[0], sort.portrait.periods)

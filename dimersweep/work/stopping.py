@@ -55,23 +55,28 @@ def in_thread(call: Callable[[], T]) -> "Future[T]":
     return future
 
 
-def stoppable(call: Callable[[StopFlag], T], seconds: float | None = None) -> T:
-    """What `call` returns, with a flag that Ctrl-C sets, or the end of its time.
+def stoppable(call: Callable[[Workspace], T], seconds: float | None = None) -> T:
+    """What `call` returns, with scratch arrays whose runs Ctrl-C stops, or the end of its time.
 
     Parameters
     ----------
     call : callable
-        Runs the kernel on a space of the flag that it is given. Made in another thread, so that this one can see signals;
+        Runs the kernel on the arrays that it is given. Made in another thread, so that this one can see signals;
         in a thread that has none, and has no bound on its time, it is made right here.
     seconds : float, optional
         Bound on its time [s].
     """
     flag = StopFlag()
+
+    def work() -> T:
+        with flag.space() as space:
+            return call(space)
+
     if seconds is None and threading.current_thread() is not threading.main_thread():
-        return call(flag)
+        return work()
     future: Future[T] | None = None
     try:
-        future = in_thread(lambda: call(flag))
+        future = in_thread(work)
         try:
             return future.result(seconds)
         except TimeoutError:
