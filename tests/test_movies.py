@@ -26,11 +26,10 @@ def run():
 def test_frames_are_the_states_of_the_run(run):
     playback = playing.Playback(3.0, 3.2, 0.1, 25, False)
     shown = playing.frames(run, playback)
-    np.testing.assert_allclose(shown["time"], 3.0 + 0.004 * np.arange(50))
-    length = 2 * 5e-3 * 5
-    apart = [(shown[f"{axis}2"] - shown[f"{axis}1"]).values for axis in "xyz"]
-    np.testing.assert_allclose(np.linalg.norm(apart, axis=0), length)
-    np.testing.assert_allclose(shown["z2"], 5e-3 + shown["gap_2"] + shown["plate"], atol=1e-15)
+    states = run.states(3.0 + 0.004 * np.arange(50))
+    np.testing.assert_allclose(shown.cycles, 15 * states["time"])
+    np.testing.assert_allclose(np.linalg.norm(np.diff(shown.balls, axis=1), axis=2), 2 * 5 * 5)
+    np.testing.assert_allclose(shown.balls[:, 1, 2], 5 + 1e3 * (states["gap_2"] + states["plate"]), atol=1e-12)
 
 
 @pytest.mark.parametrize(("speed", "fps"), [(0.5, 25), (0.1, 60), (0.03, 7), (2.0, 10), (1.0, 1)])
@@ -200,15 +199,14 @@ def test_a_page_shows_the_plate_as_it_tilts_and_moves():
     run = simulate(tilt=tilt, azimuth=azimuth, Gamma_x=Gamma_x, periods=20)
     shown = playing.frames(run, playing.playback_of(run, 2, fps=10))
     uphill, downhill = np.array([[0.0, 0.0, 0.0], [np.cos(azimuth), np.sin(azimuth), 0.0]])
-    places = replay._in_room(
-        run, np.array([uphill, downhill, [-np.sin(azimuth), np.cos(azimuth), 0.0], [0.0, 0.0, 1.0]])
-    )
+    places = shown.room.apply([uphill, downhill, [-np.sin(azimuth), np.cos(azimuth), 0.0], [0.0, 0.0, 1.0]])
     np.testing.assert_allclose(places[:, 2], [0, -np.sin(tilt), 0, np.cos(tilt)], atol=1e-15)
     np.testing.assert_allclose(np.linalg.norm(places[1:], axis=1), 1)
     np.testing.assert_allclose(np.cross(places[1], places[2]), places[3], atol=1e-15)
     amplitude = Gamma_x * run.parameters["g"] / (2 * np.pi * run.parameters["f"]) ** 2
-    np.testing.assert_allclose(shown["away_x"], amplitude * np.sin(shown["phase"]), atol=1e-12)
-    assert not shown["away_y"].any()
+    phase = run.states(shown.cycles / run.parameters["f"])["phase"]
+    np.testing.assert_allclose(shown.away[:, 0], 1e3 * amplitude * np.sin(phase), atol=1e-9)
+    assert not shown.away[:, 1:].any()
 
 
 def test_a_page_of_a_small_dimer_is_as_round_as_that_of_a_large_one():
@@ -216,7 +214,7 @@ def test_a_page_of_a_small_dimer_is_as_round_as_that_of_a_large_one():
     large = simulate(periods=4)
     small = simulate(periods=4, r=5e-6, D_r=4e-6, f=15 * 1e3**0.5, xdot0=1e-3**0.5)
     pages = [
-        replay._moved(run, playing.frames(run, playing.playback_of(run, 2, 0.1 * s**0.5)), 3)
+        replay._moved(playing.frames(run, playing.playback_of(run, 2, 0.1 * s**0.5)), 3)
         for run, s in ((large, 1), (small, 1e-3))
     ]
     for one, other in zip(*pages, strict=True):

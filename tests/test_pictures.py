@@ -648,27 +648,31 @@ def test_the_bars_of_a_budget_are_its_works(run):
 @pytest.mark.jit
 def test_a_movie_shows_the_balls_where_they_are(run):
     shown = playing.frames(run, playing.playback_of(run, 2, fps=10))
+    states = run.states(shown.cycles / 15)
     side, above = Figure().subplots(1, 2)
-    updates = movie._side_view(side, run, shown), movie._view_from_above(above, run, shown)
+    updates = movie._side_view(side, shown), movie._view_from_above(above, shown)
+    length = 5 * (5 + 5.02)
     for k in (0, 5, 9):
-        at = {name: 1e3 * shown[name].values[k] for name in ("x1", "y1", "z1", "x2", "y2", "z2", "x", "y", "plate")}
+        at = {name: 1e3 * states[name].values[k] for name in ("x1", "y1", "z1", "x", "y", "plate")}
+        beta, theta = states["beta"].values[k], states["theta"].values[k]
+        flat = length * np.cos(beta)
+        first = np.array([at["x1"], at["y1"], at["z1"]])
+        second = first + np.array([-flat * np.sin(theta), flat * np.cos(theta), length * np.sin(beta)])
         table, rod, one, two = updates[0](k)
-        length = np.hypot(at["x2"] - at["x1"], at["y2"] - at["y1"])
-        np.testing.assert_allclose([one.center, two.center], [(0, at["z1"]), (length, at["z2"])])
-        np.testing.assert_allclose(rod.get_xydata(), [(0, at["z1"]), (length, at["z2"])])
+        np.testing.assert_allclose([one.center, two.center], [(0, first[2]), (flat, second[2])])
+        np.testing.assert_allclose(rod.get_xydata(), [(0, first[2]), (flat, second[2])])
         assert table.get_y() + table.get_height() == pytest.approx(at["plate"])
-        assert (one.radius, two.radius) == pytest.approx((5, 5.02)) and [
-            to_hex(ball.get_facecolor()) for ball in (one, two)
-        ] == [RED, "#0072b2"]
+        assert (one.radius, two.radius) == pytest.approx((5, 5.02))
+        assert [to_hex(ball.get_facecolor()) for ball in (one, two)] == [RED, "#0072b2"]
         _, track, rod, one, two = updates[1](k)
-        np.testing.assert_allclose([one.center, two.center], [(at["x1"], at["y1"]), (at["x2"], at["y2"])])
+        np.testing.assert_allclose([one.center, two.center], [first[:2], second[:2]])
         np.testing.assert_allclose(rod.get_xydata(), [one.center, two.center])
         np.testing.assert_allclose(track.get_xydata()[-1], (at["x"], at["y"]))
         assert len(track.get_xdata()) == k + 1
-        balls = replay._moved(run, shown, k)
-        for ball, axes in ((0, "1"), (1, "2")):
-            middle = [np.mean([min(balls[ball][axis]), max(balls[ball][axis])]) for axis in "xyz"]
-            np.testing.assert_allclose(middle, [at[axis + axes] for axis in "xyz"], atol=0.1)
+        balls = replay._moved(shown, k)
+        for ball, centre in zip(balls, (first, second), strict=False):
+            middle = [np.mean([min(ball[axis]), max(ball[axis])]) for axis in "xyz"]
+            np.testing.assert_allclose(middle, centre, atol=0.1)
         assert balls[3]["z"] == pytest.approx([at["plate"]] * 4, abs=1e-3)
     assert (side.get_xlabel(), side.get_ylabel()) == ("along the rod [mm]", "height [mm]")
     assert (above.get_xlabel(), above.get_ylabel()) == ("$x$ [mm]", "$y$ [mm]")
@@ -676,7 +680,7 @@ def test_a_movie_shows_the_balls_where_they_are(run):
         ("$p_1$", RED),
         ("$p_2$", "#0072b2"),
     ]
-    looks = replay._scene(run, shown)
+    looks = replay._scene(shown)
     assert [(each["name"], each.get("color")) for each in looks[:2]] == [("p1", RED), ("p2", "#0072b2")]
 
 

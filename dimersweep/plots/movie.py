@@ -1,10 +1,10 @@
-"""SeenRun to look at: the dimer on its shaking plate from the side and from above, as a GIF, a video, or frames of a page."""
+"""A run to look at: the dimer on its shaking plate from the side and from above, as a GIF, a video, or frames of a page."""
 
 import os
 import shutil
 import subprocess
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import chain
@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -24,11 +23,10 @@ from PIL import Image
 from dimersweep.cubes.seen_run import SeenRun
 from dimersweep.errors import StoreError
 from dimersweep.inputs import check_count
-from dimersweep.parameters import dimer_from
-from dimersweep.plots.playback import BALLS, MOST_FRAMES, PLATE, ROD, TRACK, Playback, frames, radii_of
+from dimersweep.plots.playback import BALLS, MOST_FRAMES, PLATE, ROD, TRACK, Frames, Playback, frames
 from dimersweep.plots.style import entitle
 from dimersweep.storage.files import disk_errors, put, replacing
-from dimersweep.storage.outputs import check_ending, check_writable
+from dimersweep.storage.outputs import check_output
 
 MOVIES = (".gif", ".mp4", ".html")
 MOST_DPI = 600
@@ -46,13 +44,12 @@ def check_movie(path: str | os.PathLike[str], *, force: bool) -> Path:
     StoreError
         As for a cube; or a video is asked for and there is no ffmpeg.
     """
-    path = Path(path)
-    check_ending(os.fspath(path), name="movie", what="a movie", endings=MOVIES)
+    path = check_output(path, force=force, name="movie", what="a movie", endings=MOVIES)
     if path.suffix == ".mp4" and _ffmpeg() is None:
         raise StoreError(
             f"movie = {path}: a video needs ffmpeg; pip install 'dimersweep[movie]', or write a .gif or .html"
         )
-    return check_writable(path, force=force, name="movie")
+    return path
 
 
 def _ffmpeg() -> str | None:
@@ -125,14 +122,14 @@ def _rendered(run: SeenRun, playback: Playback, dpi: int) -> Iterator[np.ndarray
     figure = Figure(figsize=(7.2, 3.7), layout="constrained", dpi=dpi)
     canvas = FigureCanvasAgg(figure)
     side, above = figure.subplots(1, 2, width_ratios=(1.25, 1))
-    updates = _side_view(side, run, shown), _view_from_above(above, run, shown)
+    updates = _side_view(side, shown), _view_from_above(above, shown)
     words = run.conditions(tex=True)
     heading = entitle(figure, f" \n{words}")
     for artist in (heading, *updates[0](0), *updates[1](0)):
         artist.set_animated(True)
     canvas.draw()
     still = canvas.copy_from_bbox(figure.bbox)
-    for k, cycles in enumerate(shown["time"].values * run.parameters["f"]):
+    for k, cycles in enumerate(shown.cycles):
         now = f"{run.mode}, forcing period {int(cycles)}, {360 * (cycles % 1):3.0f}° of the plate"
         heading.set_text(f"{now}\n{words}")
         canvas.restore_region(still)
@@ -143,87 +140,75 @@ def _rendered(run: SeenRun, playback: Playback, dpi: int) -> Iterator[np.ndarray
         yield np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
-def _side_view(axes: Axes, run: SeenRun, shown: xr.Dataset) -> Callable[[int], list[Any]]:
+def _side_view(axes: Axes, shown: Frames) -> Callable[[int], list[Any]]:
     """Seen along the plate, square to the rod, as it tilts and moves there: p1 stands still on it, and up is up."""
-    dimer = dimer_from(run.parameters)
-    radii, length = radii_of(run), dimer.l
-    across = 1e3 * length * np.cos(shown["beta"].values)
-    z1, z2, plate = (1e3 * shown[name].values for name in ("z1", "z2", "plate"))
-    r = max(radii)
-    cos_a, sin_a = -np.sin(shown["theta"].values), np.cos(shown["theta"].values)  # of the rod on the plate
-    away = 1e3 * (shown["away_x"].values * cos_a + shown["away_y"].values * sin_a)
-    falls = np.arctan2(dimer.fall_x * cos_a + dimer.fall_y * sin_a, dimer.g)
-    left, right, top = -3 * r, 1e3 * length + 3 * r, max(z1.max(), z2.max()) + 2 * r
-    corners = np.array([(u, v) for u in (left, right) for v in (plate.min() - r, top)]).T
-    seen = np.array([_turned(corners + np.array([[by], [0]]), -angle) for by, angle in zip(away, falls, strict=True)])
-    table = Rectangle((-3 * r, 0), 1e3 * length + 6 * r, r / 2, color=PLATE)
+    across = np.einsum("ki,ki->k", shown.along, np.diff(shown.balls[..., :2], axis=1)[:, 0])
+    balls = np.stack([np.column_stack([0 * across, across]), shown.balls[..., 2]], axis=2)
+    length, r = np.linalg.norm(shown.balls[0, 1] - shown.balls[0, 0]), shown.radii.max()
+    x, y, z = shown.room.as_matrix()[2]  # upward parts of the plate's axes
+    falls = np.arctan2(-(shown.along @ [x, y]), z)
+    places = [
+        Affine2D().translate(away, 0).rotate(-angle)
+        for away, angle in zip(np.einsum("ki,ki->k", shown.along, shown.away[:, :2]), falls, strict=True)
+    ]
+    left, right, top = -3 * r, length + 3 * r, balls[..., 1].max() + 2 * r
+    corners = [(u, v) for u in (left, right) for v in (shown.plate.min() - r, top)]
+    seen = np.concatenate([place.transform(corners) for place in places])
+    table = Rectangle((left, 0), right - left, r / 2, color=PLATE)
     axes.add_patch(table)
-    (rod,) = axes.plot([], [], color=ROD, linewidth=3, solid_capstyle="round")
-    balls = [Circle((0, 0), radius, color=color) for radius, color in zip(radii, BALLS, strict=True)]
-    for ball in balls:
-        axes.add_patch(ball)
-    axes.set_xlim(seen[:, 0].min(), seen[:, 0].max())
-    axes.set_ylim(seen[:, 1].min(), seen[:, 1].max())
-    axes.set_aspect("equal", adjustable="box")
-    axes.set_xlabel("along the rod [mm]")
-    axes.set_ylabel("height [mm]")
+    move = _moving(axes, shown, balls, places, table)
+    xlim, ylim = np.transpose([seen.min(axis=0), seen.max(axis=0)])
+    axes.set(xlim=xlim, ylim=ylim, aspect="equal", xlabel="along the rod [mm]", ylabel="height [mm]")
     axes.set_title("from the side", fontsize=9)
     for name, color, at in (("$p_1$", BALLS[0], 0.02), ("$p_2$", BALLS[1], 0.12)):
         axes.text(at, 0.98, name, color=color, transform=axes.transAxes, va="top")
 
     def update(k: int) -> list[Any]:
-        balls[0].center, balls[1].center = (0.0, z1[k]), (across[k], z2[k])
-        rod.set_data([0.0, across[k]], [z1[k], z2[k]])
-        table.set_y(plate[k] - r / 2)
-        place = Affine2D().translate(away[k], 0).rotate(-falls[k]) + axes.transData
-        for artist in (table, rod, *balls):
-            artist.set_transform(place)
-        return [table, rod, *balls]
+        table.set_y(shown.plate[k] - r / 2)
+        return move(k)
 
     return update
 
 
-def _turned(points: np.ndarray, angle: float) -> np.ndarray:
-    """Points, shape (2, n), turned about the origin."""
-    c, s = np.cos(angle), np.sin(angle)
-    turned: np.ndarray = np.array([[c, -s], [s, c]]) @ points
-    return turned
-
-
-def _view_from_above(axes: Axes, run: SeenRun, shown: xr.Dataset) -> Callable[[int], list[Any]]:
+def _view_from_above(axes: Axes, shown: Frames) -> Callable[[int], list[Any]]:
     """Seen from above, with the track of the centre of mass on the plate; a plate that moves sideways is shown to."""
-    radii = radii_of(run)
-    r = max(radii)
-    x, y = (1e3 * shown[name].values for name in ("x", "y"))
-    ends = [(1e3 * shown[f"x{k}"].values, 1e3 * shown[f"y{k}"].values) for k in (1, 2)]
-    (track,) = axes.plot([], [], color=TRACK, linewidth=1.2)
-    (rod,) = axes.plot([], [], color=ROD, linewidth=3, solid_capstyle="round")
-    balls = [Circle((0, 0), radius, color=color) for radius, color in zip(radii, BALLS, strict=True)]
-    for ball in balls:
-        axes.add_patch(ball)
-    away = 1e3 * np.column_stack([shown["away_x"], shown["away_y"]])
-    allx, ally = np.concatenate([e[0] for e in ends]), np.concatenate([e[1] for e in ends])
-    half, moves = max(np.ptp(allx), np.ptp(ally)) / 2 + 2 * r, np.abs(away).max()
-    middle = (allx.min() + allx.max()) / 2, (ally.min() + ally.max()) / 2
-    corner = middle[0] - half, middle[1] - half
-    table = Rectangle(corner, 2 * half, 2 * half, color=PLATE, alpha=0.25, visible=moves > 0, zorder=0)
+    ends = shown.balls[..., :2].reshape(-1, 2)
+    moves = np.abs(shown.away).max()
+    half, middle = np.ptp(ends, axis=0).max() / 2 + 2 * shown.radii.max(), (ends.min(axis=0) + ends.max(axis=0)) / 2
+    table = Rectangle(middle - half, 2 * half, 2 * half, color=PLATE, alpha=0.25, visible=moves > 0, zorder=0)
     axes.add_patch(table)
-    axes.set_xlim(middle[0] + (half + 1.5 * moves) * np.array([-1, 1]))
-    axes.set_ylim(middle[1] + (half + 1.5 * moves) * np.array([-1, 1]))
-    axes.set_aspect("equal", adjustable="box")
-    axes.set_xlabel("$x$ [mm]")
-    axes.set_ylabel("$y$ [mm]")
+    (track,) = axes.plot([], [], color=TRACK, linewidth=1.2)
+    places = [Affine2D().translate(*away) for away in shown.away[:, :2]]
+    move = _moving(axes, shown, shown.balls[..., :2], places, table, track)
+    xlim, ylim = middle[:, None] + (half + 1.5 * moves) * np.array([-1, 1])
+    axes.set(xlim=xlim, ylim=ylim, aspect="equal", xlabel="$x$ [mm]", ylabel="$y$ [mm]")
     axes.set_title("from above", fontsize=9)
     for each in (axes.xaxis, axes.yaxis):
         each.set_major_locator(MaxNLocator(4))
 
     def update(k: int) -> list[Any]:
-        track.set_data(x[: k + 1], y[: k + 1])
-        for ball, (u, v) in zip(balls, ends, strict=True):
-            ball.center = (u[k], v[k])
-        rod.set_data([ends[0][0][k], ends[1][0][k]], [ends[0][1][k], ends[1][1][k]])
-        for artist in (table, track, rod, *balls):
-            artist.set_transform(Affine2D().translate(*away[k]) + axes.transData)
-        return [table, track, rod, *balls]
+        track.set_data(*shown.centre[: k + 1, :2].T)
+        return move(k)
 
     return update
+
+
+def _moving(
+    axes: Axes, shown: Frames, balls: np.ndarray, places: Sequence[Affine2D], *others: Any
+) -> Callable[[int], list[Any]]:
+    """Draw rod and balls into a view; what puts them, and `others` that go with the plate, where they are in a frame."""
+    (rod,) = axes.plot([], [], color=ROD, linewidth=3, solid_capstyle="round")
+    circles = [Circle((0, 0), radius, color=color) for radius, color in zip(shown.radii, BALLS, strict=True)]
+    for circle in circles:
+        axes.add_patch(circle)
+
+    def move(k: int) -> list[Any]:
+        for circle, centre in zip(circles, balls[k], strict=True):
+            circle.center = tuple(centre)
+        rod.set_data(*balls[k].T)
+        moved = [*others, rod, *circles]
+        for artist in moved:
+            artist.set_transform(places[k] + axes.transData)
+        return moved
+
+    return move

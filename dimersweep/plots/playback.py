@@ -1,9 +1,10 @@
 """What a movie and a page show of a run: which times, and where the balls and the plate are then."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-import xarray as xr
+from scipy.spatial.transform import Rotation
 
 from dimersweep.cubes.seen_run import SeenRun
 from dimersweep.errors import ParameterError
@@ -93,27 +94,40 @@ def playback_of(
     return Playback(start, start + length, speed, fps, slow_impacts)
 
 
-def frames(run: SeenRun, playback: Playback) -> xr.Dataset:
-    """The states of the frames relative to the plate, with the centres of both balls, and how far the plate is away [m]."""
+class Frames(NamedTuple):
+    """What is seen of a run in each of n frames, relative to the plate as it tilts and moves along itself [mm]."""
+
+    cycles: np.ndarray  # shape (n,), time in forcing periods
+    balls: np.ndarray  # shape (n, 2, 3), centres of p1 and p2
+    centre: np.ndarray  # shape (n, 3), of mass
+    along: np.ndarray  # shape (n, 2), unit vector from p1 to p2 as seen from above
+    plate: np.ndarray  # shape (n,), height
+    away: np.ndarray  # shape (n, 3), how far the plate is away along itself
+    radii: np.ndarray  # shape (2,)
+    room: Rotation  # of the plate in the room, where up is up
+
+
+def frames(run: SeenRun, playback: Playback) -> Frames:
+    """The frames of the stretch of a run that is shown."""
     from dimersweep.kernel.model.plate import motion_along  # Numba: pictures of cubes do without
 
-    p = run.parameters
-    kinds = run.events["kind"].values
-    impacts = np.unique(run.events["time"].values[np.char.startswith(kinds, "DI")])
-    states = run.states(playback.times(impacts, 1 / p["f"]))
-    dm = dimer_from(p)
-    length, (away_x, away_y, _, _) = dm.l, motion_along(dm, states["phase"])
-    across = length * np.cos(states["beta"])
-    return states.assign(
-        x2=states["x1"] - across * np.sin(states["theta"]),
-        y2=states["y1"] + across * np.cos(states["theta"]),
-        z2=states["z1"] + length * np.sin(states["beta"]),
-        away_x=away_x,
-        away_y=away_y,
+    dm, f = dimer_from(run.parameters), run.parameters["f"]
+    impacts = run.events["time"].values[np.char.startswith(run.events["kind"].values, "DI")]
+    states = run.states(playback.times(np.unique(impacts), 1 / f))
+    first, centre = (1e3 * np.column_stack([states[axis + of] for axis in "xyz"]) for of in ("1", ""))
+    beta, theta = states["beta"].values, states["theta"].values
+    along = np.column_stack([-np.sin(theta), np.cos(theta)])
+    rod = 1e3 * dm.l * np.column_stack([np.cos(beta)[:, None] * along, np.sin(beta)])
+    away_x, away_y, _, _ = motion_along(dm, states["phase"].values)
+    slope = np.hypot(dm.fall_x, dm.fall_y)
+    turn = np.arctan2(slope, dm.g) / (slope or 1.0) * np.array([-dm.fall_y, dm.fall_x, 0.0])  # about its level line
+    return Frames(
+        cycles=states["time"].values * f,
+        balls=np.stack([first, first + rod], axis=1),
+        centre=centre,
+        along=along,
+        plate=1e3 * states["plate"].values,
+        away=1e3 * np.column_stack([away_x, away_y, np.zeros(beta.size)]),
+        radii=1e3 * np.array([dm.p1.r, dm.p2.r]),
+        room=Rotation.from_rotvec(turn),
     )
-
-
-def radii_of(run: SeenRun) -> tuple[float, float]:
-    """Radii of p1 and p2 [mm]."""
-    dimer = dimer_from(run.parameters)
-    return 1e3 * dimer.p1.r, 1e3 * dimer.p2.r

@@ -4,12 +4,10 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-import xarray as xr
 
 from dimersweep.cubes.seen_run import SeenRun
 from dimersweep.errors import StoreError
-from dimersweep.parameters import dimer_from
-from dimersweep.plots.playback import BALLS, PLATE, ROD, TRACK, Playback, frames, radii_of
+from dimersweep.plots.playback import BALLS, PLATE, ROD, TRACK, Frames, Playback, frames
 
 RINGS, SPOKES = 9, 14  # of the mesh of a ball
 SHOWN_DIGITS = 4  # of the radius of a ball, and as many places in all coordinates
@@ -66,142 +64,103 @@ def replay_page(run: SeenRun, playback: Playback) -> str:
     except ImportError:
         raise StoreError("a page needs plotly; pip install 'dimersweep[movie]'") from None
     shown = frames(run, playback)
-    data, layout = _scene(run, shown), _layout(run, shown, playback)
-    steps = [
-        {"name": str(k), "data": _moved(run, shown, k), "traces": [0, 1, 2, 3, 4]} for k in range(shown.sizes["time"])
-    ]
-    figure = Figure(data=data, layout=layout, frames=steps)
+    traces = list(range(len(LOOKS)))
+    steps = [{"name": str(k), "data": _moved(shown, k), "traces": traces} for k in range(shown.cycles.size)]
+    figure = Figure(data=_scene(shown), layout=_layout(shown, playback.fps), frames=steps)
     how = {"include_plotlyjs": True, "full_html": False, "auto_play": False, "config": {"displaylogo": False}}
     scene = figure.to_html(**how, post_script=PLAYER)
     return PAGE.format(heading=f"{run.mode}: {run.conditions()}", scene=scene)
 
 
-def _ball(r: float) -> tuple[np.ndarray, dict[str, list[int]]]:
-    """Points of a sphere about the origin, shape (n, 3), and its triangles."""
+def _ball(r: float) -> np.ndarray:
+    """Points of a sphere about the origin, shape (n, 3), ring by ring."""
     latitude = np.linspace(-np.pi / 2, np.pi / 2, RINGS)
     longitude = np.linspace(0, 2 * np.pi, SPOKES, endpoint=False)
-    north, east = np.meshgrid(latitude, longitude, indexing="ij")
-    points = r * np.column_stack(
-        [(np.cos(north) * np.cos(east)).ravel(), (np.cos(north) * np.sin(east)).ravel(), np.sin(north).ravel()]
-    )
-    corners = []
-    for ring in range(RINGS - 1):
-        for k in range(SPOKES):
-            a, b = ring * SPOKES + k, ring * SPOKES + (k + 1) % SPOKES
-            corners += [(a, b, b + SPOKES), (a, b + SPOKES, a + SPOKES)]
-    i, j, k = np.array(corners).T.tolist()
-    return points, {"i": i, "j": j, "k": k}
+    north, east = (each.ravel() for each in np.meshgrid(latitude, longitude, indexing="ij"))
+    return r * np.column_stack([np.cos(north) * np.cos(east), np.cos(north) * np.sin(east), np.sin(north)])
 
 
-def _xyz(run: SeenRun, points: np.ndarray) -> dict[str, list[float]]:
-    """Columns of points in mm, short enough for a page."""
-    rounded = np.round(points, SHOWN_DIGITS - int(np.ceil(np.log10(min(radii_of(run)))))).T.tolist()
-    return dict(zip("xyz", rounded, strict=True))
+def _triangles() -> dict[str, list[int]]:
+    """The corners of the triangles of a ball, by their numbers: two for each spoke between two rings."""
+    a = np.arange((RINGS - 1) * SPOKES)
+    b = a - a % SPOKES + (a + 1) % SPOKES
+    i, j, k = np.transpose([[a, b, b + SPOKES], [a, b + SPOKES, a + SPOKES]], (1, 2, 0)).reshape(3, -1).tolist()
+    return {"i": i, "j": j, "k": k}
 
 
-def _in_room(run: SeenRun, points: np.ndarray, away: Any = (0.0, 0.0, 0.0)) -> np.ndarray:
-    """Points, shape (n, 3), relative to a plate that is `away` along itself, turned with it: up is up."""
-    dimer = dimer_from(run.parameters)
-    fall = complex(dimer.fall_x, dimer.fall_y)
-    tilt, azimuth = np.arctan2(abs(fall), dimer.g), np.angle(fall)
-    u, v, c, s = np.cos(azimuth), np.sin(azimuth), np.cos(tilt), np.sin(tilt)
-    falls, level, normal = np.array([u * c, v * c, -s]), np.array([-v, u, 0.0]), np.array([u * s, v * s, c])
-    axes = np.array([u * falls - v * level, v * falls + u * level, normal])  # X, Y and Z of the plate, in the room
-    return np.asarray((points + np.asarray(away)) @ axes)
+LIGHT = {"ambient": 0.45, "diffuse": 0.8, "specular": 0.3}
+BALL = {"flatshading": False, "lighting": LIGHT, "showlegend": True} | _triangles()
+LOOKS: tuple[dict[str, Any], ...] = (  # of what moves, in the order of `_moved`
+    {"type": "mesh3d", "color": BALLS[0], "name": "p1"} | BALL,
+    {"type": "mesh3d", "color": BALLS[1], "name": "p2"} | BALL,
+    {"type": "scatter3d", "mode": "lines", "line": {"color": ROD, "width": 9}, "name": "rod", "showlegend": False},
+    {"type": "mesh3d", "color": PLATE, "opacity": 0.55, "name": "plate", "showlegend": True}
+    | {"i": [0, 0], "j": [1, 2], "k": [2, 3]},
+    {"type": "scatter3d", "mode": "markers", "marker": {"color": TRACK, "size": 3}, "name": "centre of mass"}
+    | {"showlegend": False},
+)
 
 
-def _away(shown: xr.Dataset, k: int) -> list[float]:
-    """How far the plate is away along itself in frame k [mm]."""
-    return [1e3 * shown["away_x"].values[k], 1e3 * shown["away_y"].values[k], 0.0]
+def _xyz(shown: Frames, points: np.ndarray) -> dict[str, list[float]]:
+    """Columns of points on the plate [mm] as they are in the room, short enough for a page."""
+    digits = SHOWN_DIGITS - int(np.ceil(np.log10(shown.radii.min())))
+    return dict(zip("xyz", np.round(shown.room.apply(points), digits).T.tolist(), strict=True))
 
 
-def _centre(shown: xr.Dataset, k: int, ball: int) -> np.ndarray:
-    """Centre of a ball (1 or 2) in frame k [mm]."""
-    return 1e3 * np.array([shown[f"{axis}{ball}"].values[k] for axis in "xyz"])
+def _spans(shown: Frames) -> np.ndarray:
+    """Least and greatest coordinate on the plate with room around the balls, shape (3, 2) [mm]; heights from the plate."""
+    balls, room = shown.balls.reshape(-1, 3), 4 * shown.radii.max() * np.array([1, 1, 0.5])
+    low, high = balls.min(axis=0) - room, balls.max(axis=0) + room
+    low[2] = shown.plate.min()
+    return np.column_stack([low, high])
 
 
-def _span(shown: xr.Dataset, axis: str, room: float) -> list[float]:
-    """Least and greatest coordinate that is shown, with room around the balls [mm]; heights from below the plate."""
-    values = 1e3 * np.concatenate([shown[f"{axis}1"].values, shown[f"{axis}2"].values])
-    lowest = 1e3 * shown["plate"].min().item() if axis == "z" else values.min() - room
-    return [float(lowest), float(values.max() + (room / 2 if axis == "z" else room))]
-
-
-def _box(run: SeenRun, spans: list[list[float]]) -> dict[str, list[float]]:
-    """Least and greatest coordinate in the room of all that is shown of a plate with these spans [mm]."""
-    corners = _in_room(run, np.array(list(product(*spans))))
-    return {
-        axis: [float(low), float(high)] for axis, low, high in zip("xyz", corners.min(0), corners.max(0), strict=True)
-    }
-
-
-def _plate(shown: xr.Dataset, r: float, k: int) -> np.ndarray:
-    """Corners of the piece of plate that is shown, at its height in frame k, shape (4, 3) [mm]."""
-    (left, right), (near, far) = (_span(shown, axis, 4 * r) for axis in "xy")
-    x, y = [left, right, right, left], [near, near, far, far]
-    z = [1e3 * shown["plate"].values[k]] * 4
-    return np.column_stack([x, y, z])
-
-
-def _moved(run: SeenRun, shown: xr.Dataset, k: int) -> list[dict[str, Any]]:
-    """What of the scene is new in frame k."""
-    radii = radii_of(run)
-    (small, _), (other, _) = _ball(radii[0]), _ball(radii[1])
-    first, second = _centre(shown, k, 1), _centre(shown, k, 2)
-    path = np.column_stack([shown["x"][: k + 1], shown["y"][: k + 1], shown["z"][: k + 1]]) * 1e3
-    ends = np.array([first, second])
-    kinds = ("mesh3d", "mesh3d", "scatter3d", "mesh3d", "scatter3d")
-    places = (first + small, second + other, ends, _plate(shown, max(radii), k), path[-1:])
-    turned = [_xyz(run, _in_room(run, place, _away(shown, k))) for place in places]
-    return [{"type": kind} | place for kind, place in zip(kinds, turned, strict=True)]
-
-
-def _scene(run: SeenRun, shown: xr.Dataset) -> list[dict[str, Any]]:
-    """The scene in its first frame: two balls, rod, plate, centre of mass; and the whole track."""
-    _, triangles = _ball(1.0)
-    light = {"ambient": 0.45, "diffuse": 0.8, "specular": 0.3}
-    looks: list[dict[str, Any]] = [
-        {"color": BALLS[0], "name": "p1", "flatshading": False, "lighting": light, "showlegend": True} | triangles,
-        {"color": BALLS[1], "name": "p2", "flatshading": False, "lighting": light, "showlegend": True} | triangles,
-        {"mode": "lines", "line": {"color": ROD, "width": 9}, "name": "rod", "showlegend": False},
-        {"color": PLATE, "opacity": 0.55, "name": "plate", "i": [0, 0], "j": [1, 2], "k": [2, 3], "showlegend": True},
-        {"mode": "markers", "marker": {"color": TRACK, "size": 3}, "name": "centre of mass", "showlegend": False},
+def _moved(shown: Frames, k: int) -> list[dict[str, Any]]:
+    """What of the scene is new in frame k: two balls, rod, plate, centre of mass."""
+    (left, right), (near, far), _ = _spans(shown)
+    balls = [centre + _ball(r) for centre, r in zip(shown.balls[k], shown.radii, strict=True)]
+    z = shown.plate[k]
+    plate = np.array([[left, near, z], [right, near, z], [right, far, z], [left, far, z]])
+    places = (*balls, shown.balls[k], plate, shown.centre[[k]])
+    return [
+        {"type": look["type"]} | _xyz(shown, place + shown.away[k]) for look, place in zip(LOOKS, places, strict=True)
     ]
-    moving = [place | look | {"hoverinfo": "name"} for place, look in zip(_moved(run, shown, 0), looks, strict=True)]
-    path = 1e3 * np.column_stack([shown["x"], shown["y"], shown["z"]])
+
+
+def _scene(shown: Frames) -> list[dict[str, Any]]:
+    """The scene in its first frame, and the whole track."""
     line = {"color": TRACK, "width": 3}
     track = {"type": "scatter3d", "mode": "lines", "line": line, "name": "track", "hoverinfo": "skip"}
-    return [*moving, track | _xyz(run, _in_room(run, path))]
+    moving = [place | look | {"hoverinfo": "name"} for place, look in zip(_moved(shown, 0), LOOKS, strict=True)]
+    return [*moving, track | _xyz(shown, shown.centre)]
 
 
-def _layout(run: SeenRun, shown: xr.Dataset, playback: Playback) -> dict[str, Any]:
+def _layout(shown: Frames, fps: int) -> dict[str, Any]:
     """Axes in true proportion, a button to play and one to pause, and a slider over the frames."""
     still = {"mode": "immediate", "frame": {"duration": 0, "redraw": True}, "transition": {"duration": 0}}
-    cycles = shown["time"].values * run.parameters["f"]
     slider = {
         "currentvalue": {"prefix": "forcing period ", "xanchor": "right"},
         "pad": {"t": 10},
         "steps": [
-            {"method": "animate", "label": f"{cycles[k]:.2f}", "args": [[str(k)], still]} for k in range(cycles.size)
+            {"method": "animate", "label": f"{cycle:.2f}", "args": [[str(k)], still]}
+            for k, cycle in enumerate(shown.cycles)
         ],
     }
     buttons = [
-        {"label": "play", "method": "skip", "args": [playback.fps, cycles.size]},  # see `PLAYER`
+        {"label": "play", "method": "skip", "args": [fps, shown.cycles.size]},  # see `PLAYER`
         {"label": "pause", "method": "skip", "args": []},
     ]
     play = {"x": 0.03, "xanchor": "left", "y": 0, "yanchor": "top", "pad": {"t": 0}}  # left of the slider's number
-    room = 4 * max(radii_of(run))
-    spans = _box(run, [_span(shown, axis, room) for axis in "xyz"])
-    widest = max(high - low for low, high in spans.values())
-    ratio = {axis: (high - low) / widest for axis, (low, high) in spans.items()}
-    ticks = {axis: max(3, round(8 * share)) for axis, share in ratio.items()}
+    corners = shown.room.apply(list(product(*_spans(shown))))
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    shares = dict(zip("xyz", (high - low) / (high - low).max(), strict=True))
     axes = {
-        f"{axis}axis": {"title": {"text": f"{axis} [mm]"}, "range": span, "nticks": ticks[axis]}
-        for axis, span in spans.items()
+        f"{axis}axis": {"title": {"text": f"{axis} [mm]"}, "range": span, "nticks": max(3, round(8 * shares[axis]))}
+        for axis, span in zip("xyz", np.column_stack([low, high]).tolist(), strict=True)
     }
     return {
         "scene": axes
-        | {"aspectmode": "manual", "aspectratio": ratio, "camera": {"eye": {"x": 0.85, "y": -1.1, "z": 0.68}}},
+        | {"aspectmode": "manual", "aspectratio": shares, "camera": {"eye": {"x": 0.85, "y": -1.1, "z": 0.68}}},
         "updatemenus": [play | {"type": "buttons", "direction": "left", "buttons": buttons}],
         "sliders": [slider | {"x": 0.03, "len": 0.94}],
         "legend": {"orientation": "h", "x": 0.5, "xanchor": "center", "y": 1, "yanchor": "bottom"},
