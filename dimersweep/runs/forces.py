@@ -6,24 +6,7 @@ from dimersweep.kernel.compiler.jit import plain
 from dimersweep.kernel.contact.forces import A1, A2, F1, F2, L1, L2, N_F
 from dimersweep.kernel.course import new_workspace
 from dimersweep.kernel.model.body import dimer_of, rise_of_centre, slip_at
-from dimersweep.kernel.model.layout import (
-    CA,
-    CB,
-    D1,
-    DIP,
-    FREE,
-    N1,
-    N2,
-    PHASE,
-    SLIP,
-    SPIN,
-    THETA,
-    WB,
-    WP,
-    X1,
-    Y1,
-    Dimer,
-)
+from dimersweep.kernel.model.layout import FREE, SLIP, Dimer, State
 from dimersweep.kernel.model.plate import motion, motion_along
 from dimersweep.kernel.sample import forces_at
 
@@ -33,19 +16,19 @@ def energies(dm: Dimer, states: np.ndarray, phi0: float) -> tuple[np.ndarray, np
 
     The potential energy is zero with the centre of mass at the origin of the room: the plate's mean place.
     """
-    s = states.T
-    phase = s[PHASE] + phi0
+    s = State(*states.T)
+    phase = s.phase + phi0
     height, rise, _ = motion(dm, phase)
-    beta, sin_t, cos_t = dm.beta_0 + s[DIP], np.sin(s[THETA]), np.cos(s[THETA])
+    beta, sin_t, cos_t = dm.beta_0 + s.dip, np.sin(s.theta), np.cos(s.theta)
     away_x, away_y, v_x, v_y = motion_along(dm, phase)
-    c_n = plain(rise_of_centre)(dm, s[N1], s[N2]) + rise
-    c_a, c_b = s[CA] + v_y * cos_t - v_x * sin_t, s[CB] + v_x * cos_t + v_y * sin_t
-    turning = dm.J_t * (s[WB] ** 2 + s[WP] ** 2) + dm.J_a * s[SPIN] ** 2
+    c_n = plain(rise_of_centre)(dm, s.n1, s.n2) + rise
+    c_a, c_b = s.ca + v_y * cos_t - v_x * sin_t, s.cb + v_x * cos_t + v_y * sin_t
+    turning = dm.J_t * (s.wb**2 + s.wp**2) + dm.J_a * s.spin**2
     kinetic = 0.5 * (dm.m * (c_a**2 + c_b**2 + c_n**2) + turning)
     h = dm.p1.h * np.cos(beta)
-    x = s[X1] + h * sin_t + away_x
-    y = s[Y1] - h * cos_t + away_y
-    z = height + dm.p1.r + s[D1] - dm.p1.h * np.sin(beta)
+    x = s.x1 + h * sin_t + away_x
+    y = s.y1 - h * cos_t + away_y
+    z = height + dm.p1.r + s.d1 - dm.p1.h * np.sin(beta)
     return kinetic, dm.m * (dm.g * z - dm.fall_x * x - dm.fall_y * y)
 
 

@@ -15,17 +15,10 @@ from dimersweep.kernel.model.body import dimer_of, slip_at
 from dimersweep.kernel.model.contact_code import CONTACT_STATES, code_of, digits_of
 from dimersweep.kernel.model.layout import (
     C_CHATTER_END,
-    CA,
     CAUSES,
-    CB,
-    D1,
-    D2,
-    DIP,
     FREE,
-    GAMMA,
     IMPACT,
     N1,
-    N2,
     N_STATE,
     OK,
     PERIOD,
@@ -33,15 +26,10 @@ from dimersweep.kernel.model.layout import (
     RECORD_FULL,
     ROW,
     SLIP,
-    SPIN,
     STATUS_MESSAGES,
     STICK,
-    THETA,
-    WB,
-    WP,
-    X1,
-    Y1,
     Dimer,
+    State,
 )
 from dimersweep.kernel.model.plate import motion
 from dimersweep.kernel.record import (
@@ -119,8 +107,8 @@ def events_of(record: RunRecord, rtol: float, parameters: dict[str, float]) -> x
 
 def _columns_at(dm: Dimer, states: np.ndarray) -> dict[str, np.ndarray]:
     """What an event row between impacts holds of kernel states, shape (n, N_STATE)."""
-    s = states.T
-    columns = {"beta": dm.beta_0 + s[DIP], "theta": s[THETA]}
+    s = State(*states.T)
+    columns = {"beta": dm.beta_0 + s.dip, "theta": s.theta}
     for end in (1, 2):
         columns |= {f"gap_{end}_rate_{when}": s[N1 + end - 1] for when in ("before", "after")}
         columns[f"slip_{end}_a"], columns[f"slip_{end}_b"] = slip_at(dm, s, end - 1)
@@ -221,35 +209,35 @@ def _states(
     parameters: dict[str, float],
 ) -> xr.Dataset:
     """The kernel's closed state in the coordinates of the paper."""
-    s = kernel_states.T
+    s = State(*kernel_states.T)
     dm = dimer_of(record.row)
-    plate, plate_rate, _ = motion(dm, s[PHASE] + parameters["phi0"])
-    beta = dm.beta_0 + s[DIP]
-    sin_b, cos_b, sin_t, cos_t = np.sin(beta), np.cos(beta), np.sin(s[THETA]), np.cos(s[THETA])
-    theta_rate = s[WP] / cos_b
+    plate, plate_rate, _ = motion(dm, s.phase + parameters["phi0"])
+    beta = dm.beta_0 + s.dip
+    sin_b, cos_b, sin_t, cos_t = np.sin(beta), np.cos(beta), np.sin(s.theta), np.cos(s.theta)
+    theta_rate = s.wp / cos_b
     h_1 = dm.p1.h
-    v_a, v_b = s[CA] - h_1 * sin_b * s[WB], s[CB] - h_1 * s[WP]  # of ball 1, along the heading and across it
-    z1 = dm.p1.r + s[D1] + plate
+    v_a, v_b = s.ca - h_1 * sin_b * s.wb, s.cb - h_1 * s.wp  # of ball 1, along the heading and across it
+    z1 = dm.p1.r + s.d1 + plate
     columns = {
-        "phase": np.mod(s[PHASE] + parameters["phi0"], 2 * pi),
-        "x1": s[X1],
-        "y1": s[Y1],
+        "phase": np.mod(s.phase + parameters["phi0"], 2 * pi),
+        "x1": s.x1,
+        "y1": s.y1,
         "z1": z1,
-        "theta": s[THETA],
+        "theta": s.theta,
         "beta": beta,
-        "gamma": s[GAMMA],
+        "gamma": s.gamma,
         "x1_rate": v_b * cos_t - v_a * sin_t,
         "y1_rate": v_a * cos_t + v_b * sin_t,
-        "z1_rate": s[N1] + plate_rate,
+        "z1_rate": s.n1 + plate_rate,
         "theta_rate": theta_rate,
-        "beta_rate": s[WB],
-        "gamma_rate": s[SPIN] - theta_rate * sin_b,
-        "gap_1": s[D1],
-        "gap_2": s[D2],
-        "gap_1_rate": s[N1],
-        "gap_2_rate": s[N2],
-        "x": s[X1] + h_1 * cos_b * sin_t,
-        "y": s[Y1] - h_1 * cos_b * cos_t,
+        "beta_rate": s.wb,
+        "gamma_rate": s.spin - theta_rate * sin_b,
+        "gap_1": s.d1,
+        "gap_2": s.d2,
+        "gap_1_rate": s.n1,
+        "gap_2_rate": s.n2,
+        "x": s.x1 + h_1 * cos_b * sin_t,
+        "y": s.y1 - h_1 * cos_b * cos_t,
         "z": z1 - h_1 * sin_b,
         "plate": plate,
         "contact_state": code_of(modes[:, 0], modes[:, 1]).astype(np.int8),

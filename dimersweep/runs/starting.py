@@ -10,25 +10,8 @@ import xarray as xr
 
 from dimersweep.errors import ParameterError, unknown
 from dimersweep.inputs import as_number, number
-from dimersweep.kernel.batch import N_START
 from dimersweep.kernel.model.body import dimer_of, rise_at
-from dimersweep.kernel.model.layout import (
-    CA,
-    CB,
-    D1,
-    D2,
-    DIP,
-    GAMMA,
-    N1,
-    N2,
-    SPIN,
-    THETA,
-    WB,
-    WP,
-    X1,
-    Y1,
-    Dimer,
-)
+from dimersweep.kernel.model.layout import D1, D2, FREE, N1, N2, N_STATE, Dimer, State
 from dimersweep.kernel.model.plate import motion
 from dimersweep.parameters import dimer_from
 from dimersweep.runs.recorded import parameters_told
@@ -111,23 +94,28 @@ def kernel_start(start: Mapping[str, float], parameters: Mapping[str, float]) ->
     beta = start.get("beta", 0.0)
     if not abs(beta) < pi / 2:
         raise ParameterError(f'start.beta = {beta}: must be below pi/2 = 1.5708 in size (radians; degrees as "16 deg")')
-    row = np.zeros((1, N_START))
-    state, dm = row[0], dimer_from(parameters)
-    state[D1], state[D2] = _gaps(start, dm, rise_at(dm, beta))
-    state[DIP] = beta - dm.beta_0 if state[D1] != state[D2] else 0.0
-    state[WB] = start.get("beta_rate", 0.0)
-    state[N1], state[N2] = _gap_rates(start, dm, dm.l * cos(beta) * state[WB])
+    dm = dimer_from(parameters)
+    gaps, beta_rate = _gaps(start, dm, rise_at(dm, beta)), start.get("beta_rate", 0.0)
     theta, theta_rate = start.get("theta", 0.0), start.get("theta_rate", 0.0)
-    state[WP] = theta_rate * cos(beta)
-    state[SPIN] = start.get("gamma_rate", 0.0) + theta_rate * sin(beta)
     u, v = start.get("x1_rate", 0.0), start.get("y1_rate", 0.0)
-    state[CA] = v * cos(theta) - u * sin(theta) + dm.p1.h * sin(beta) * state[WB]
-    state[CB] = u * cos(theta) + v * sin(theta) + dm.p1.h * state[WP]
-    state[THETA], state[GAMMA] = theta, start.get("gamma", 0.0)
+    sin_t, cos_t, across = sin(theta), cos(theta), theta_rate * cos(beta)
     away = dm.p1.h * cos(beta)  # of ball 1 from the centre of mass, along the heading
-    state[X1] = start.get("x1", start["x"] - away * sin(theta) if "x" in start else 0.0)
-    state[Y1] = start.get("y1", start["y"] + away * cos(theta) if "y" in start else 0.0)
-    return row
+    state = State(
+        0.0,
+        *gaps,
+        *_gap_rates(start, dm, dm.l * cos(beta) * beta_rate),
+        dip=beta - dm.beta_0 if gaps[0] != gaps[1] else 0.0,
+        wb=beta_rate,
+        wp=across,
+        spin=start.get("gamma_rate", 0.0) + theta_rate * sin(beta),
+        ca=v * cos_t - u * sin_t + dm.p1.h * sin(beta) * beta_rate,
+        cb=u * cos_t + v * sin_t + dm.p1.h * across,
+        theta=theta,
+        x1=start.get("x1", start["x"] - away * sin_t if "x" in start else 0.0),
+        y1=start.get("y1", start["y"] + away * cos_t if "y" in start else 0.0),
+        gamma=start.get("gamma", 0.0),
+    )
+    return np.array([[*state, FREE, FREE]], float)
 
 
 def _gaps(start: Mapping[str, float], dm: Dimer, rise: float) -> tuple[float, float]:
@@ -192,12 +180,12 @@ def fitted(start: np.ndarray, before: np.ndarray, row: np.ndarray) -> np.ndarray
     old, new = dimer_of(before), dimer_of(row)
     if (old.l, old.sin_0) == (new.l, new.sin_0):
         return start
+    s = State(*start[0, :N_STATE].tolist())
+    rise = 2.0 * new.l * sin(0.5 * s.dip) * cos(new.beta_0 + 0.5 * s.dip)  # with all digits near level
+    apart = new.l * cos(new.beta_0 + s.dip) * s.wb
     moved = start.copy()
-    state = moved[0]
-    rise = 2.0 * new.l * sin(0.5 * state[DIP]) * cos(new.beta_0 + 0.5 * state[DIP])  # with all digits near level
-    apart = new.l * cos(new.beta_0 + state[DIP]) * state[WB]
-    if state[D1] <= state[D2]:
-        state[D2], state[N2] = state[D1] + rise, state[N1] + apart
+    if s.d1 <= s.d2:
+        moved[0, [D2, N2]] = s.d1 + rise, s.n1 + apart
     else:
-        state[D1], state[N1] = state[D2] - rise, state[N2] - apart
+        moved[0, [D1, N1]] = s.d2 - rise, s.n2 - apart
     return moved

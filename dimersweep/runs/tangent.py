@@ -14,7 +14,7 @@ from math import atan2, cos, hypot, sin
 import numpy as np
 
 from dimersweep.kernel.model.body import rise_at
-from dimersweep.kernel.model.layout import CA, CB, D1, D2, DIP, FREE, N1, N2, N_STATE, SPIN, THETA, WB, WP
+from dimersweep.kernel.model.layout import FREE, State
 from dimersweep.runs.period_map import Section, free_coordinates
 
 N_PLACE, N_MOST = 10, 8  # coordinates of a place, and how many changes matter where both ends are in the air
@@ -41,17 +41,17 @@ class Tangents:
 
     def place(self, state: np.ndarray) -> np.ndarray:
         """The place of a kernel state, shape (10,)."""
-        h, beta = self.dm.p1.h, self.dm.beta_0 + state[DIP]
-        sb, cb, st, ct = sin(beta), cos(beta), sin(state[THETA]), cos(state[THETA])
-        along, across, wb, wp, spin = (float(state[k]) for k in (CA, CB, WB, WP, SPIN))
+        s = State(*state.tolist())
+        h, beta = self.dm.p1.h, self.dm.beta_0 + s.dip
+        sb, cb, st, ct = sin(beta), cos(beta), sin(s.theta), cos(s.theta)
         place = (
-            state[D1] - h * sb,
-            across * ct - along * st,
-            along * ct + across * st,
-            state[N1] - h * cb * wb,
-            wb * ct + wp * sb * st - spin * cb * st,
-            wb * st - wp * sb * ct + spin * cb * ct,
-            wp * cb + spin * sb,
+            s.d1 - h * sb,
+            s.cb * ct - s.ca * st,
+            s.ca * ct + s.cb * st,
+            s.n1 - h * cb * s.wb,
+            s.wb * ct + s.wp * sb * st - s.spin * cb * st,
+            s.wb * st - s.wp * sb * ct + s.spin * cb * ct,
+            s.wp * cb + s.spin * sb,
             -cb * st,
             cb * ct,
             sb,
@@ -73,14 +73,21 @@ class Tangents:
             gap, rate = (0.0, 0.0) if down[0] else (-rise, -apart)
         else:
             gap = max(gap, 0.0, -rise)  # no end is below the plate
-        state = np.zeros(N_STATE)
-        state[[THETA, DIP, WB]] = theta, beta - dm.beta_0, wb
-        state[[D1, N1]] = gap, rate
-        state[[D2, N2]] = (0.0, 0.0) if down[1] else (gap + rise, rate + apart)
-        state[WP] = p * sb * st - q * sb * ct + r * cb
-        state[SPIN] = q * cb * ct - p * cb * st + r * sb
-        state[CA], state[CB] = v * ct - u * st, u * ct + v * st
-        return self.section.held(state, modes)
+        gap_2, rate_2 = (0.0, 0.0) if down[1] else (gap + rise, rate + apart)
+        state = State(
+            d1=gap,
+            d2=gap_2,
+            n1=rate,
+            n2=rate_2,
+            dip=beta - dm.beta_0,
+            wb=wb,
+            wp=p * sb * st - q * sb * ct + r * cb,
+            spin=q * cb * ct - p * cb * st + r * sb,
+            ca=v * ct - u * st,
+            cb=u * ct + v * st,
+            theta=theta,
+        )
+        return self.section.held(np.array(state), modes)
 
     def after(self, state: np.ndarray) -> np.ndarray:
         """The place a forcing period after a kernel state."""

@@ -94,19 +94,29 @@ class Dimer:
 
 
 # --- state: the closed state in the plate frame, then the cyclic coordinates ----------------------------------------
-PHASE = 0  # plate phase since the last period boundary [rad], in [0, 2 pi]
-D1, D2 = 1, 2  # gaps of p1, p2 [m]
-N1, N2 = 3, 4  # gap rates [m s-1]
-DIP = 5  # dip angle above that at which both ends touch the plate, beta - beta_0 [rad]
-WB = 6  # beta' [rad s-1]
-WP = 7  # theta' cos(beta) [rad s-1]
-SPIN = 8  # axial spin gamma' + theta' sin(beta) [rad s-1]
-CA, CB = 9, 10  # velocity of the centre of mass along the heading a and the lateral b [m s-1]
-THETA = 11  # precession angle [rad]
-X1, Y1 = 12, 13  # centre of ball 1 [m]
-GAMMA = 14  # spinning angle [rad]
-PERIOD = 15  # completed forcing periods (an integer kept as a float, so that time loses no digits)
-N_STATE = 16
+class State(NamedTuple):
+    """What stands in the slots of a state, for Python: numbers, or columns of many states (``State(*states.T)``)."""
+
+    phase: Any = 0.0  # plate phase since the last period boundary [rad], in [0, 2 pi]
+    d1: Any = 0.0  # gaps of p1, p2 [m]
+    d2: Any = 0.0
+    n1: Any = 0.0  # gap rates [m s-1]
+    n2: Any = 0.0
+    dip: Any = 0.0  # dip angle above that at which both ends touch the plate, beta - beta_0 [rad]
+    wb: Any = 0.0  # beta' [rad s-1]
+    wp: Any = 0.0  # theta' cos(beta) [rad s-1]
+    spin: Any = 0.0  # axial spin gamma' + theta' sin(beta) [rad s-1]
+    ca: Any = 0.0  # velocity of the centre of mass along the heading a and the lateral b [m s-1]
+    cb: Any = 0.0
+    theta: Any = 0.0  # precession angle [rad]
+    x1: Any = 0.0  # centre of ball 1 [m]
+    y1: Any = 0.0
+    gamma: Any = 0.0  # spinning angle [rad]
+    period: Any = 0.0  # completed forcing periods (an integer kept as a float, so that time loses no digits)
+
+
+N_STATE = len(State._fields)
+PHASE, D1, D2, N1, N2, DIP, WB, WP, SPIN, CA, CB, THETA, X1, Y1, GAMMA, PERIOD = range(N_STATE)
 
 # --- friction modes of an end ---------------------------------------------------------------------------------------
 FREE, STICK, SLIP = 0, 1, 2
