@@ -8,8 +8,7 @@ import pytest
 
 from dimersweep import orbits
 from dimersweep.orbits import bifurcation_curve
-from dimersweep.orbits.bifurcation_curve import DOUBLED_FOLD, BifurcationCurve
-from dimersweep.orbits.doubling import doubling
+from dimersweep.orbits.bifurcation_curve import DOUBLED_FOLD, BifurcationCurve, doubling
 from dimersweep.orbits.finding import checked
 from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.orbits.newton import newton

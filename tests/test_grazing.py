@@ -5,8 +5,8 @@ import pytest
 
 from dimersweep import orbits
 from dimersweep.errors import OrbitError
-from dimersweep.orbits.grazing import NO_GAP, least_gap
 from dimersweep.orbits.passage import TURN
+from dimersweep.orbits.specials import NO_GAP, least_gap
 from dimersweep.orbits.word import longest_hop
 
 GRAZING = {"A_r": 7.0, "e": 0.46}  # p1 begins to strike on its way down, and its hop falls from 0.529 to 0.455 periods

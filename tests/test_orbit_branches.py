@@ -9,13 +9,10 @@ import pytest
 from dimersweep import orbits, simulate
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.orbits import following
-from dimersweep.orbits.ball import ball_flip, ball_fold
-from dimersweep.orbits.kinds import BORDER_KINDS
-from dimersweep.orbits.kinds.changes import change_of
-from dimersweep.orbits.kinds.kind import COMPLEX, ComplexPair
-from dimersweep.orbits.on_border import on_border
+from dimersweep.orbits.bifurcation_curve import on_border
+from dimersweep.orbits.border_grid import outwards
+from dimersweep.orbits.kinds import BORDER_KINDS, COMPLEX, ComplexPair, ball_flip, ball_fold, change_of
 from dimersweep.orbits.poincare import OrbitLost
-from dimersweep.orbits.walk import outwards
 from dimersweep.studies.attractors import border_between
 from tests.checks.tables import multipliers
 
@@ -186,7 +183,7 @@ def test_beyond_the_flip_a_run_goes_to_the_doubled_orbit():
 
 def test_below_the_fold_a_run_leaves():
     orbit = orbits.find(spin=100.0, Gamma=FOLDS[0.6] + 1e-6)
-    from dimersweep.orbits.guesses import of_run
+    from dimersweep.orbits.finding import of_run
 
     run = orbit.run(5)
     moved, z = of_run(run, run.parameters | {"Gamma": FOLDS[0.6] - 1e-4}, 1, 1e-10, orbit.fixed.map.tape)

@@ -5,7 +5,7 @@ import pytest
 
 from dimersweep import orbits, simulate
 from dimersweep.errors import OrbitError
-from dimersweep.orbits.ball import ball_flip, ball_fold
+from dimersweep.orbits.kinds import ball_flip, ball_fold
 from tests.checks.dimers import crossed, random_dimer
 from tests.checks.tables import multipliers
 

@@ -10,11 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dimersweep.errors import OrbitError
-from dimersweep.orbits.ball import ball_flip, ball_fold
 from dimersweep.orbits.branch import Axis, Point, point_of
 from dimersweep.orbits.finding import orbit_at
-from dimersweep.orbits.kinds import BORDER_KINDS, Kind
-from dimersweep.orbits.kinds.kind import COMPLEX
+from dimersweep.orbits.kinds import BORDER_KINDS, COMPLEX, Kind, ball_flip, ball_fold
 from dimersweep.orbits.labelling import DOUBLING, Column
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.poincare import OrbitLost, ReturnMap, Tape

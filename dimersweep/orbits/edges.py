@@ -13,7 +13,7 @@ from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES
 from dimersweep.orbits.continuation import halved
 from dimersweep.orbits.finding import RTOL, centred, checked
 from dimersweep.orbits.following import traced
-from dimersweep.orbits.kinds.fold import FOLD
+from dimersweep.orbits.kinds import FOLD
 from dimersweep.orbits.newton import solve
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import OrbitLost, ReturnMap, Tape

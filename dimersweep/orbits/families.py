@@ -16,10 +16,9 @@ from scipy.interpolate import BarycentricInterpolator, CubicSpline
 from dimersweep.cubes.grid import evenly
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.inputs import as_number, check_count, check_rtol
-from dimersweep.orbits.finding import RTOL, checked, checked_spin, orbit_at
+from dimersweep.orbits.finding import RTOL, checked, checked_spin, orbit_at, settled_near
 from dimersweep.orbits.following import Trace, traced
-from dimersweep.orbits.guesses import settled_near
-from dimersweep.orbits.kinds.fold import FOLD
+from dimersweep.orbits.kinds import FOLD
 from dimersweep.orbits.labelling import dataset
 from dimersweep.orbits.manifold import Creep, creep_near, creep_of, has_fast_part, slow_direction
 from dimersweep.orbits.newton import Fixed, solve, system

@@ -11,8 +11,7 @@ from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_count, number
 from dimersweep.orbits.branch import Axis, Point, point_of
 from dimersweep.orbits.continuation import FOLLOWING, steps
-from dimersweep.orbits.kinds import Kind
-from dimersweep.orbits.kinds.flip import FLIP
+from dimersweep.orbits.kinds import FLIP, Kind
 from dimersweep.orbits.labelling import Column, dataset
 from dimersweep.orbits.manifold import creep_of
 from dimersweep.orbits.newton import Fixed, solve

@@ -14,8 +14,7 @@ from scipy.interpolate import PchipInterpolator
 
 from dimersweep.cubes.reading import edges_of
 from dimersweep.errors import ParameterError
-from dimersweep.orbits.kinds import BORDER_KINDS
-from dimersweep.orbits.kinds.stability import STABLE_FROM, STABLE_TO
+from dimersweep.orbits.kinds import BORDER_KINDS, STABLE_FROM, STABLE_TO
 from dimersweep.plots.style import Drawing, entitle, given, log_scale, mark
 from dimersweep.symbols import BASE, PARAMETERS, QUANTITIES, conditions
 

@@ -13,15 +13,14 @@ import xarray as xr
 
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.inputs import check_count, check_rtol, number
+from dimersweep.orbits.bifurcation_curve import BorderEquations
 from dimersweep.orbits.branch import Axis, Equations
 from dimersweep.orbits.continuation import FOLLOWING, LOCATED, SAME_WAY, Between, halved, steps, zero
 from dimersweep.orbits.curve import FollowedCurve, Found, stability_columns
 from dimersweep.orbits.finding import RTOL, checked, checked_spin
-from dimersweep.orbits.kinds import BORDER_KINDS, Kind
-from dimersweep.orbits.kinds.changes import change_of
+from dimersweep.orbits.kinds import BORDER_KINDS, Kind, change_of
 from dimersweep.orbits.labelling import Column, dataset
 from dimersweep.orbits.newton import TOLERANCE, newton
-from dimersweep.orbits.on_border import BorderEquations
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.poincare import OrbitLost, singular_lost
 from dimersweep.orbits.specials import MOST_CHANGES

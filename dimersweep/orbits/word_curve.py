@@ -16,17 +16,13 @@ import numpy as np
 from dimersweep.orbits.branch import Axis, Equations, Mark, Point, lent, with_mark
 from dimersweep.orbits.continuation import SEARCHING, between, steps
 from dimersweep.orbits.curve import FollowedCurve, Found
-from dimersweep.orbits.grazing import graze, least_gap
-from dimersweep.orbits.kinds.changes import WORD, change_of
-from dimersweep.orbits.kinds.flip import FLIP
-from dimersweep.orbits.kinds.fold import FOLD
-from dimersweep.orbits.kinds.kind import COMPLEX, Change
+from dimersweep.orbits.kinds import COMPLEX, FLIP, FOLD, WORD, Change, change_of
 from dimersweep.orbits.labelling import Column
 from dimersweep.orbits.manifold import lag, multipliers_of
 from dimersweep.orbits.newton import defect, system
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import Image, OrbitLost, ReturnMap, singular_lost
-from dimersweep.orbits.specials import MOST_CHANGES, Special, last_with, specials
+from dimersweep.orbits.specials import MOST_CHANGES, Special, graze, last_with, least_gap, specials
 from dimersweep.orbits.stability_end import across, is_stable, last_that, stays_stable
 from dimersweep.orbits.word import Sides, far_ends, rests, sides_of
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from dimersweep import orbits, sweep
 from dimersweep.errors import OrbitError
-from dimersweep.orbits.ball import ball_flip, ball_fold
+from dimersweep.orbits.kinds import ball_flip, ball_fold
 from dimersweep.orbits.word import far_ends
 
 ASIDE = 0.01  # share of the parameter by which a border is crossed

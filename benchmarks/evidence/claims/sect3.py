@@ -6,7 +6,7 @@ from ledger import Finding, claim, found
 
 from dimersweep import Run, names
 from dimersweep.cubes.reading import circle_through
-from dimersweep.orbits.ball import ball_fold
+from dimersweep.orbits.kinds import ball_fold
 
 
 def cycle_times(run: Run) -> np.ndarray:

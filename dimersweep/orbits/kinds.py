@@ -1,18 +1,33 @@
-"""What a kind of border is: its name, its condition on an orbit, and how it is drawn."""
+"""Kinds of borders: their names, their conditions on an orbit, and how they are drawn.
+
+A kind in `BORDER_KINDS` is known to curves, branches, files, pictures and pages.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import prod
+from math import hypot, pi, prod
 from typing import Any, ClassVar
 
 import numpy as np
 
+from dimersweep.kernel.verdict.past import HOP_LINE
 from dimersweep.orbits.branch import Mark, Point
 from dimersweep.orbits.poincare import Image, OrbitLost
-from dimersweep.orbits.word import Sides
+from dimersweep.orbits.word import TURN, Sides, longest_hop
 
 COMPLEX = 1e-7  # imaginary part from which on a pair of multipliers is complex
+HOP_ASIDE = 1e-9  # how far on this side of a hop of half a period its orbit lies, in forcing periods
+
+
+def ball_fold(e: float) -> float:
+    """Least Gamma at which a ball can bounce once a period: pi (1 - e)/(1 + e)."""
+    return pi * (1 - e) / (1 + e)
+
+
+def ball_flip(e: float) -> float:
+    """Gamma at which a ball that bounces once a period doubles its period."""
+    return hypot(ball_fold(e), 2 * (1 + e**2) / (1 + e) ** 2)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,7 +60,7 @@ class Kind:
     color: str
     marker: str
     ball: Callable[[float], float] | None = None
-    senses: tuple[float, float] = (1.0, -1.0)
+    senses: tuple[float, ...] = (1.0, -1.0)
     shares: tuple[float, ...] = (0.3, 0.1, 0.6, 0.8, 0.2, 0.05)
     curve: ClassVar[Callable[..., Any]]
     rows: ClassVar[int] = 0  # real vectors that make the eigenvector there: 1 or 2; 0 where multipliers say nothing
@@ -83,10 +98,6 @@ class Bifurcation(Kind, ABC):
     """
 
     @abstractmethod
-    def test(self, point: Point) -> float:
-        """A function of a point of a branch that changes its sign at the border."""
-
-    @abstractmethod
     def multiplier(self, unknown: np.ndarray) -> complex:
         """The multiplier at the border, from what is not known of it (nothing, or one number)."""
 
@@ -100,13 +111,7 @@ class Bifurcation(Kind, ABC):
 
     @abstractmethod
     def begin(self, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The rows of the eigenvector, as nearly as J has them, and what is not known of the multiplier.
-
-        Raises
-        ------
-        OrbitLost
-            If J has no multiplier of this kind.
-        """
+        """The rows of the eigenvector, as nearly as J has them, and what is not known of the multiplier; lost without one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -192,3 +197,148 @@ class Change(Kind):
     def mark(self, sides: Sides) -> Mark | None:
         """The function of the orbit that is zero where the words on both sides change into one another, if one is known."""
         return self.zero(sides) if self.zero else None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Fold(RealMultiplier):
+    """A multiplier is 1, and the branch turns back in the parameter."""
+
+    def test(self, point: Point) -> float:
+        """The parameter's part in the tangent of the branch."""
+        return float(point.tangent[-1])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Torus(ComplexPair):
+    """A complex pair of multipliers has size 1; its angle is not known."""
+
+    def test(self, point: Point) -> float:
+        """The size of the largest complex pair, squared, less 1."""
+        values = np.linalg.eigvals(point.fixed.matrix)
+        pairs = values[np.abs(values.imag) > COMPLEX]
+        return float((np.abs(pairs) ** 2 - 1).max()) if pairs.size else -1.0
+
+    def multiplier(self, unknown: np.ndarray) -> complex:
+        return complex(np.exp(1j * unknown[0]))
+
+    def slope(self, unknown: np.ndarray) -> complex:
+        return 1j * self.multiplier(unknown)
+
+    def away(self, values: np.ndarray) -> np.ndarray:
+        """Sizes less 1."""
+        return np.abs(values) - 1
+
+    def unknown(self, value: complex) -> float:
+        """The angle [rad]."""
+        return float(np.angle(value))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StabilityEnd(Kind):
+    """Where a stable orbit ceases to be stable, or to be, whatever the kind of border there."""
+
+
+def _changed(old: str, new: str) -> set[str]:
+    """Symbols that only one of two words has."""
+    return set(old.split()) ^ set(new.split())
+
+
+def _only_far(old: str, new: str) -> bool:
+    changed = _changed(old, new)
+    return bool(changed) and all(symbol.startswith("far") for symbol in changed)
+
+
+def _over_line(image: Image, end: int) -> float:
+    """How much longer than half a period the longest hop of an end is, in forcing periods."""
+    return longest_hop(image.passage.events, end, image.passage.times[-1]) / TURN - HOP_LINE
+
+
+def _hop_over_line(sides: Sides) -> Mark | None:
+    """How much longer than half a period the longest hop of an end is; none if the hops of both ends change."""
+    if len(sides.least) != 1:
+        return None
+    (symbol,) = sides.least
+    end, aside = int(symbol[-1]) - 1, HOP_ASIDE if sides.more[symbol] else -HOP_ASIDE
+    return lambda _, image: _over_line(image, end) - aside
+
+
+FOLD = Fold(
+    name="fold",
+    meaning="a multiplier is 1: two orbits meet and vanish",
+    color="#0072b2",
+    marker="s",
+    at=1.0,
+    ball=ball_fold,
+    senses=(-1.0, 1.0),
+    shares=(0.05, 0.3, 0.6, 0.1, 0.2),
+)
+FLIP = RealMultiplier(
+    name="flip",
+    meaning="a multiplier is -1: a motion of twice the period begins",
+    color="#d62728",
+    marker="D",
+    at=-1.0,
+    doubles=True,
+    ball=ball_flip,
+)
+TORUS = Torus(
+    name="torus",
+    meaning="a complex pair of multipliers has size 1: a motion with two periods begins (Neimark-Sacker)",
+    color="#e69f00",
+    marker="o",
+)
+STABLE_FROM = StabilityEnd(
+    name="stable_from",
+    meaning="the least value to which the orbit that runs come to stays stable, whatever happens to it there",
+    color="#56b4e9",
+    marker="^",
+    senses=(-1.0,),
+)
+STABLE_TO = StabilityEnd(
+    name="stable_to",
+    meaning="the greatest value to which the orbit that runs come to stays stable, whatever happens to it there",
+    color="#56b4e9",
+    marker="v",
+    senses=(1.0,),
+)
+HOP = Change(
+    name="hop",
+    meaning="the longest hop of an end passes half a forcing period",
+    leads=_only_far,
+    begins="far",
+    zero=_hop_over_line,
+    lines=lambda image: np.array([_over_line(image, end) for end in (0, 1)]),
+)
+CHATTER = Change(
+    name="chatter",
+    meaning="the hops of an end begin or cease to die out",
+    leads=lambda old, new: any(symbol.startswith(("chatter", "bounces")) for symbol in _changed(old, new)),
+)
+DOUBLE_IMPACT = Change(
+    name="double_impact",
+    meaning="the phases of the double impact change",
+    leads=lambda old, new: any(symbol.startswith("DI") for symbol in _changed(old, new)),
+)
+LIFT_OFFS = Change(
+    name="lift_off",
+    meaning="the number of lift-offs changes",
+    leads=lambda old, new: old.split().count("FM") != new.split().count("FM"),
+)
+STICK_SLIP = Change(
+    name="stick_slip",
+    meaning="the order of sticking and slipping changes",
+    leads=lambda old, new: old != new,
+)
+WORD = Change(name="word", meaning="any of the changes of word", leads=lambda old, new: old != new)
+CHANGES = (HOP, CHATTER, DOUBLE_IMPACT, LIFT_OFFS, STICK_SLIP)  # a change is of the first kind that leads to it
+
+
+def change_of(old: str, new: str) -> Change:
+    """The kind of change that leads from one word to another one."""
+    return next(kind for kind in CHANGES if kind.leads(old, new))
+
+
+BORDER_KINDS: dict[str, Kind] = {
+    kind.name: kind
+    for kind in (FOLD, FLIP, TORUS, STABLE_FROM, STABLE_TO, WORD, STICK_SLIP, LIFT_OFFS, DOUBLE_IMPACT, CHATTER, HOP)
+}
