@@ -16,8 +16,9 @@ from dimersweep import load_run, simulate
 from dimersweep.cubes.cube import names
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.contact_code import CONTACT_STATES
+from dimersweep.kernel.model.event_row import E_CAUSE, E_PERIOD, E_PHASE
 from dimersweep.kernel.model.layout import C_CHATTER_END, OUT, PERIOD, PHASE
-from dimersweep.kernel.record import E_CAUSE, E_PERIOD, E_PHASE, SEGMENT_HOP_TIME
+from dimersweep.kernel.record import SEGMENT_HOP_TIME
 from dimersweep.runs import run as run_module
 from dimersweep.runs import solving
 from dimersweep.runs.recorded import events_of, states_of

@@ -6,21 +6,28 @@ import numpy as np
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.energy import Book, new_book
-from dimersweep.kernel.impact.phase_log import (
-    LOG_A1,
-    LOG_A2,
-    LOG_B1,
-    LOG_B2,
-    LOG_N1,
-    LOG_N1_AFTER,
-    LOG_N2,
-    LOG_N2_AFTER,
-    LOG_P1,
-    LOG_P2,
-    LOG_STATE,
-    N_LOG,
-)
 from dimersweep.kernel.model.body import contact_velocity
+from dimersweep.kernel.model.event_row import (
+    E_A1,
+    E_A2,
+    E_AFTER,
+    E_B1,
+    E_B2,
+    E_BEFORE,
+    E_BETA,
+    E_CAUSE,
+    E_KIND,
+    E_N1,
+    E_N1_AFTER,
+    E_N2,
+    E_N2_AFTER,
+    E_P1,
+    E_P2,
+    E_PERIOD,
+    E_PHASE,
+    E_THETA,
+    N_EVENT,
+)
 from dimersweep.kernel.model.layout import (
     C_CHATTER_END,
     C_IMPACT,
@@ -37,30 +44,6 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.kernel.numerics.steps import copy
 
-# columns of an event row, and their numbers
-EVENT = (
-    "period",
-    "phase",
-    "cause",
-    "kind",
-    "contact_before",
-    "contact_after",
-    "gap_1_rate_before",
-    "gap_2_rate_before",
-    "gap_1_rate_after",
-    "gap_2_rate_after",
-    "impulse_1",
-    "impulse_2",
-    "beta",
-    "theta",
-    "slip_1_a",
-    "slip_1_b",
-    "slip_2_a",
-    "slip_2_b",
-)
-N_EVENT = len(EVENT)
-E_PERIOD, E_PHASE, E_CAUSE, E_KIND, E_BEFORE, E_AFTER = range(6)
-E_N1, E_N2, E_N1_AFTER, E_N2_AFTER, E_P1, E_P2, E_BETA, E_THETA, E_A1, E_B1, E_A2, E_B2 = range(6, N_EVENT)
 # columns of a segment: the state, the friction modes of the phase that starts from it; and where the close of a chatter
 # leads to it, the time that the hops which it sums take [s] (else 0), and what it changes (N1 to CB) as it was before
 SEGMENT_MODES, SEGMENT_HOP_TIME, BEFORE = N_STATE, N_STATE + 2, N_STATE + 3
@@ -74,7 +57,7 @@ PHASES = 64  # of one impact that are kept
 class Record(NamedTuple):
     """Rows for the record of a run, none if none is wanted, and the counts."""
 
-    log: Any  # phases of one impact, shape (n, N_LOG)
+    log: Any  # phases of one impact, shape (n, N_EVENT)
     events: Any  # shape (n, N_EVENT)
     segments: Any  # shape (n, N_SEGMENT)
     counts: Any  # shape (N_COUNTS,), int64
@@ -83,7 +66,7 @@ class Record(NamedTuple):
 
 def new_record(rows: int, phases: int = PHASES, *, works: bool = False) -> Record:
     """An empty record with room for so many events, as many smooth phases, and so many phases of one impact."""
-    log, counts = np.zeros((phases, N_LOG)), np.zeros(N_COUNTS, np.int64)
+    log, counts = np.zeros((phases, N_EVENT)), np.zeros(N_COUNTS, np.int64)
     return Record(log, np.zeros((rows, N_EVENT)), np.zeros((rows, N_SEGMENT)), counts, new_book(rows if works else 0))
 
 
@@ -164,19 +147,12 @@ def note_impact_phases(dm, record, state, rows, before):
     if not is_kept(record):
         return
     for i in range(rows):
-        kind, after = record.log[i, LOG_STATE], record.log[i + 1, LOG_STATE] if i + 1 < rows else 0.0
+        phase = record.log[i]
+        kind, after = phase[E_KIND], record.log[i + 1, E_KIND] if i + 1 < rows else 0.0
         k = next_row(record)
         if k >= 0:
-            row, phase = record.events[k], record.log[i]
-            head(dm, row, state, C_IMPACT, kind, before, after)
-            row[E_N1], row[E_N2], row[E_N1_AFTER], row[E_N2_AFTER] = (
-                phase[LOG_N1],
-                phase[LOG_N2],
-                phase[LOG_N1_AFTER],
-                phase[LOG_N2_AFTER],
-            )
-            row[E_P1], row[E_P2] = phase[LOG_P1], phase[LOG_P2]
-            row[E_A1], row[E_B1], row[E_A2], row[E_B2] = phase[LOG_A1], phase[LOG_B1], phase[LOG_A2], phase[LOG_B2]
+            copy(phase, record.events[k], N_EVENT)
+            head(dm, record.events[k], state, C_IMPACT, kind, before, after)
         before = kind
 
 

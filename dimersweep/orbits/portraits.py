@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from dimersweep.kernel.model.contact_code import code_of, digits_of
+from dimersweep.kernel.model.event_row import E_AFTER, E_BEFORE, E_KIND
 from dimersweep.kernel.model.layout import D1, D2, N_STATE, PHASE, SPIN, THETA
-from dimersweep.kernel.record import E_AFTER, E_BEFORE, E_KIND
 from dimersweep.orbits.families import MISSING_OVER, on_family, walk
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.passage import TURN, Passage

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from dimersweep.kernel.model.contact_code import CONTACT_STATES, digits_of
+from dimersweep.kernel.model.event_row import E_AFTER, E_BEFORE, E_CAUSE, E_KIND, E_PERIOD, E_PHASE
 from dimersweep.kernel.model.layout import C_CHATTER_END, C_END, C_IMPACT, C_START, IMPACT
-from dimersweep.kernel.record import E_AFTER, E_BEFORE, E_CAUSE, E_KIND, E_PERIOD, E_PHASE
 from dimersweep.kernel.verdict.past import HOP_LINE
 
 TURN = 2 * np.pi

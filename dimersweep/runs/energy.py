@@ -13,9 +13,10 @@ from dimersweep.errors import ParameterError
 from dimersweep.kernel.batch import Workspace
 from dimersweep.kernel.model.body import dimer_of
 from dimersweep.kernel.model.contact_code import CONTACT_STATES, code_of
+from dimersweep.kernel.model.event_row import E_CAUSE, E_KIND, E_PERIOD, E_PHASE
 from dimersweep.kernel.model.layout import CAUSES, N_STATE, PERIOD, PHASE
 from dimersweep.kernel.model.works import WORK_NAMES
-from dimersweep.kernel.record import E_CAUSE, E_KIND, E_PERIOD, E_PHASE, SEGMENT_MODES
+from dimersweep.kernel.record import SEGMENT_MODES
 from dimersweep.runs.forces import energies
 from dimersweep.runs.recorded import RunRecord, times_of
 from dimersweep.runs.solving import with_works

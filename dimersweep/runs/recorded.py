@@ -13,6 +13,7 @@ from dimersweep.errors import ParameterError
 from dimersweep.kernel.course import new_workspace
 from dimersweep.kernel.model.body import dimer_of, slip_at
 from dimersweep.kernel.model.contact_code import CONTACT_STATES, code_of, digits_of
+from dimersweep.kernel.model.event_row import E_CAUSE, E_KIND, E_PERIOD, E_PHASE, EVENT
 from dimersweep.kernel.model.layout import (
     C_CHATTER_END,
     CAUSES,
@@ -32,19 +33,7 @@ from dimersweep.kernel.model.layout import (
     State,
 )
 from dimersweep.kernel.model.plate import motion
-from dimersweep.kernel.record import (
-    E_CAUSE,
-    E_KIND,
-    E_PERIOD,
-    E_PHASE,
-    EVENT,
-    SEGMENT_HOP_TIME,
-    SEGMENT_MODES,
-    Record,
-    new_record,
-    no_record,
-    rows_of,
-)
+from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES, Record, new_record, no_record, rows_of
 from dimersweep.kernel.sample import HOPS_LAST, sample
 from dimersweep.runs.forces import energies, forces
 from dimersweep.symbols import EVENT_QUANTITIES, FORCES, START, STATE_QUANTITIES, Quantity

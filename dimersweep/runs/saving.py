@@ -14,8 +14,9 @@ from dimersweep.cubes.cube import PACKED
 from dimersweep.errors import StoreError, one_line
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import N_START
+from dimersweep.kernel.model.event_row import N_EVENT
 from dimersweep.kernel.model.layout import CODES, RUN_COLUMNS
-from dimersweep.kernel.record import N_EVENT, N_SEGMENT
+from dimersweep.kernel.record import N_SEGMENT
 from dimersweep.kernel.verdict.past import PAST_COLUMNS, PAST_ROWS
 from dimersweep.parameters import Parameters, updated
 from dimersweep.runs.outcome import Absent, Orbit, no_orbit

@@ -7,6 +7,7 @@ import numpy as np
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.batch import N_START, Workspace, ask_for, run_recorded
 from dimersweep.kernel.energy import Book
+from dimersweep.kernel.model.event_row import EVENT
 from dimersweep.kernel.model.layout import (
     C_END,
     C_START,
@@ -19,7 +20,7 @@ from dimersweep.kernel.model.layout import (
     N_STATE,
     PERIOD,
 )
-from dimersweep.kernel.record import EVENT, Record, new_record, no_record, rows_of, was_full
+from dimersweep.kernel.record import Record, new_record, no_record, rows_of, was_full
 from dimersweep.runs.recorded import RunRecord
 from dimersweep.runs.settings import RunSettings
 

@@ -15,6 +15,7 @@ import numpy as np
 from dimersweep.kernel.batch import ask_for, run_recorded
 from dimersweep.kernel.course import new_workspace
 from dimersweep.kernel.model.body import dimer_of
+from dimersweep.kernel.model.event_row import EVENT
 from dimersweep.kernel.model.layout import (
     C_CHATTER_END,
     C_IMPACT,
@@ -43,7 +44,7 @@ from dimersweep.kernel.model.layout import (
     Y1,
 )
 from dimersweep.kernel.model.plate import motion, motion_along
-from dimersweep.kernel.record import EVENT, SEGMENT_HOP_TIME, SEGMENT_MODES, new_record, no_record, rows_of, was_full
+from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES, new_record, no_record, rows_of, was_full
 from dimersweep.kernel.sample import sample
 
 CODE = {name: k for k, name in enumerate(CODES)}

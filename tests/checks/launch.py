@@ -8,8 +8,9 @@ from dimersweep.kernel import event_loop
 from dimersweep.kernel.compiler.jit import exported
 from dimersweep.kernel.course import Ask, motion_of, new_workspace
 from dimersweep.kernel.model.body import dimer_of
+from dimersweep.kernel.model.event_row import EVENT
 from dimersweep.kernel.model.layout import STATUSES
-from dimersweep.kernel.record import EVENT, EVENT_COUNT, new_record, no_record, rows_of
+from dimersweep.kernel.record import EVENT_COUNT, new_record, no_record, rows_of
 from dimersweep.kernel.verdict import past
 from tests.checks.examine import look_at
 

@@ -11,8 +11,8 @@ from dimersweep.kernel.contact import contact_mode as contact_modes
 from dimersweep.kernel.contact import coordinates, forces, phase
 from dimersweep.kernel.course import motion_of, new_work, new_workspace
 from dimersweep.kernel.flight import free_motion, landing
-from dimersweep.kernel.impact import double_equations, impact, phase_log, single_impact
-from dimersweep.kernel.model import body, friction, plate
+from dimersweep.kernel.impact import double_equations, impact, single_impact
+from dimersweep.kernel.model import body, event_row, friction, plate
 from dimersweep.kernel.model.layout import (
     CA,
     CB,
@@ -325,7 +325,7 @@ def dimer(**parameters):
 
 def scratch():
     """Scratch, and an impact's log."""
-    return new_work(), np.zeros((200, phase_log.N_LOG))
+    return new_work(), np.zeros((200, event_row.N_EVENT))
 
 
 def state_of(dm, q, qdot, phase=0.0):

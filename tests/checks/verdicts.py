@@ -7,8 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dimersweep.kernel.model.contact_code import CONTACT_STATES
+from dimersweep.kernel.model.event_row import E_A1, E_A2, E_AFTER, E_CAUSE, E_KIND, E_PERIOD, E_PHASE
 from dimersweep.kernel.model.layout import C_CHATTER_END, C_IMPACT, CA, CB, N1, PERIOD, PHASE, SPIN, THETA, WB
-from dimersweep.kernel.record import BEFORE, E_A1, E_A2, E_AFTER, E_CAUSE, E_KIND, E_PERIOD, E_PHASE
+from dimersweep.kernel.record import BEFORE
 
 TURN = 2 * np.pi
 LONG, NOTED, BURST, BESIDE = 0.5, 0.4, 0.05, 0.15  # in forcing periods

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dimersweep.kernel.impact.phase_log import (
-    LOG_N1_AFTER,
-    LOG_P1,
-    LOG_P2,
-    LOG_STATE,
-)
 from dimersweep.kernel.model.contact_code import digits_of
+from dimersweep.kernel.model.event_row import (
+    E_KIND,
+    E_N1_AFTER,
+    E_P1,
+    E_P2,
+)
 from dimersweep.kernel.model.layout import (
     CA,
     CB,
@@ -126,7 +126,7 @@ def test_three_equal_balls(e, eta, expected, digits):
     np.testing.assert_allclose((w.nn_1, w.nn_2, w.nn_12, w.na_1, w.na_2), (4, 4, -2, 0, 0), rtol=1e-15)
     state, _, log = strike(dm, flat(dm, -1.0, 0.0))
     ball = dm.m / 2
-    P_1, P_2 = log[:, LOG_P1].sum(), log[:, LOG_P2].sum()
+    P_1, P_2 = log[:, E_P1].sum(), log[:, E_P2].sum()
     balls = np.array([1 - P_1 / ball, (P_1 - P_2) / ball, P_2 / ball])
     np.testing.assert_allclose(balls, expected, atol=10.0**-digits)
     np.testing.assert_allclose(np.diff(balls), state[[N1, N2]], atol=1e-12)
@@ -217,10 +217,10 @@ def test_impulses_of_the_log_make_the_change_of_momentum():
     dm = dimer()
     before = flat(dm, 0.0, -0.3, 0.01, 0.3, 0.2, 10.0)
     after, _, log = strike(dm, before)
-    total = log[:, LOG_P1].sum() + log[:, LOG_P2].sum()
+    total = log[:, E_P1].sum() + log[:, E_P2].sum()
     assert total == pytest.approx(dm.m * 0.5 * (after[N1] + after[N2] - before[N1] - before[N2]), rel=1e-12)
-    np.testing.assert_allclose(log[-1, LOG_N1_AFTER : LOG_N1_AFTER + 2], after[[N1, N2]], rtol=1e-15)
-    codes = log[:, LOG_STATE].astype(int)
+    np.testing.assert_allclose(log[-1, E_N1_AFTER : E_N1_AFTER + 2], after[[N1, N2]], rtol=1e-15)
+    codes = log[:, E_KIND].astype(int)
     assert ((digits_of(codes)[0] >= IMPACT) | (digits_of(codes)[1] > IMPACT)).all()
 
 
@@ -229,7 +229,7 @@ def test_an_end_at_rest_that_is_pressed_down_takes_an_impulse():
     dm = dimer(A_r=6)
     assert dm.pair.nn_12 < 0
     after, _, log = strike(dm, flat(dm, 0.0, -0.3, 0.0, 1.0, 1.0))
-    assert log[:, LOG_P1].sum() > 0.01 * log[:, LOG_P2].sum()
+    assert log[:, E_P1].sum() > 0.01 * log[:, E_P2].sum()
     assert after[N1] > 0
 
 
@@ -237,13 +237,13 @@ def test_an_end_at_rest_that_is_lifted_takes_none():
     dm = dimer(A_r=4, mu=0)
     assert dm.pair.nn_12 > 0
     after, _, log = strike(dm, flat(dm, 0.0, -0.3))
-    assert log[:, LOG_P1] == pytest.approx(0, abs=1e-16)
+    assert log[:, E_P1] == pytest.approx(0, abs=1e-16)
     np.testing.assert_allclose(after[[N1, N2]], (1.6 * 0.3 * dm.pair.nn_12 / dm.pair.nn_1, 0.18), rtol=1e-14)
 
 
 def first_phase(dm, n_1, n_2):
     """Digits of both ends in the contact state of the first phase of an impact that begins at rest."""
-    return digits_of(int(strike(dm, flat(dm, n_1, n_2))[2][0, LOG_STATE]))
+    return digits_of(int(strike(dm, flat(dm, n_1, n_2))[2][0, E_KIND]))
 
 
 @pytest.mark.parametrize(("n_1", "n_2"), [(0.0, -0.3), (-0.3, 0.0), (-0.1, -0.3), (-0.3, -0.2)])
@@ -334,7 +334,7 @@ def test_ten_thousand_random_impacts_never_gain_energy():
         noise = 1e-15 * kinetic_energy(dm, before) / unit
         gains.append((kinetic_energy(dm, after) - kinetic_energy(dm, before)) / unit - 8 * noise)
         rates.append(min(after[N1], after[N2]))
-        P = log[:, [LOG_P1, LOG_P2]].sum()
+        P = log[:, [E_P1, E_P2]].sum()
         cone.append(hypot(*(after[[CA, CB]] - before[[CA, CB]])) * dm.m / P - dm.p1.mu_s)
     # the bound is what the tolerance of the integration, 1e-10, may amount to
     assert max(gains) < 1e-8

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from dimersweep import simulate
-from dimersweep.kernel import batch, record
+from dimersweep.kernel import batch
 from dimersweep.kernel.course import BUDGET, BUDGET_PER_PERIOD, new_workspace
 from dimersweep.kernel.model import layout
 from dimersweep.kernel.model.contact_code import CONTACT_STATES, code_of, digits_of
+from dimersweep.kernel.model.event_row import E_A1, E_CAUSE, E_N1, E_P1, EVENT
 from dimersweep.kernel.model.layout import (
     CODES,
     MODES,
@@ -196,7 +197,7 @@ def test_slots_are_those_of_the_names():
     assert [OUT.index(f"{name}_drift") for name in OUT[: layout.N_ORBIT]] == list(
         range(layout.N_ORBIT, 2 * layout.N_ORBIT)
     )
-    assert [record.EVENT[k] for k in (record.E_CAUSE, record.E_N1, record.E_P1, record.E_A1)] == [
+    assert [EVENT[k] for k in (E_CAUSE, E_N1, E_P1, E_A1)] == [
         "cause",
         "gap_1_rate_before",
         "impulse_1",

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from dimersweep.kernel.impact.phase_log import (
-    LOG_N1,
-    LOG_N1_AFTER,
-    LOG_P1,
-    LOG_STATE,
-)
 from dimersweep.kernel.impact.single_impact import DONE
 from dimersweep.kernel.model.contact_code import code_of
+from dimersweep.kernel.model.event_row import (
+    E_KIND,
+    E_N1,
+    E_N1_AFTER,
+    E_P1,
+)
 from dimersweep.kernel.model.layout import (
     CA,
     CB,
@@ -60,8 +60,8 @@ def strike(dm, state, s, tol=1e-10):
     assert status == OK
     # one row, or two where slip came to rest
     own = 5 if s < 0 else 1
-    assert log[:rows, LOG_STATE].tolist() in ([own * (IMPACT + mode)], [own * (IMPACT + SLIP), own * (IMPACT + STICK)])
-    return state, mode, log[:rows, LOG_P1 + (0 if s < 0 else 1)].sum()
+    assert log[:rows, E_KIND].tolist() in ([own * (IMPACT + mode)], [own * (IMPACT + SLIP), own * (IMPACT + STICK)])
+    return state, mode, log[:rows, E_P1 + (0 if s < 0 else 1)].sum()
 
 
 def phase(law, n, a, b, tol=1e-12):
@@ -369,11 +369,11 @@ def test_the_log_tells_what_happened(slip, kinds):
     state = before.copy()
     status, mode, rows = collide_single(dm, state, -1.0, 0.3, 1e-10, work, log)
     assert (status, mode) == (OK, kinds[-1])
-    assert log[:rows, LOG_STATE].tolist() == [code_of(IMPACT + kind, 0) for kind in kinds]
-    assert (log[0, LOG_N1], log[rows - 1, LOG_N1_AFTER]) == (before[N1], pytest.approx(state[N1], rel=1e-14))
-    np.testing.assert_allclose(log[1:rows, LOG_N1], log[: rows - 1, LOG_N1_AFTER], rtol=1e-15)
+    assert log[:rows, E_KIND].tolist() == [code_of(IMPACT + kind, 0) for kind in kinds]
+    assert (log[0, E_N1], log[rows - 1, E_N1_AFTER]) == (before[N1], pytest.approx(state[N1], rel=1e-14))
+    np.testing.assert_allclose(log[1:rows, E_N1], log[: rows - 1, E_N1_AFTER], rtol=1e-15)
     momentum = dm.m * 0.5 * (state[N1] + state[N2] - before[N1] - before[N2])
-    assert log[:rows, LOG_P1].sum() == pytest.approx(momentum, rel=1e-12)
+    assert log[:rows, E_P1].sum() == pytest.approx(momentum, rel=1e-12)
 
 
 def least_slip(law, a, b):
