@@ -15,9 +15,9 @@ from dimersweep.cubes.tables import storable
 from dimersweep.errors import OrbitError, ParameterError, Stopped, StoreError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.orbits.pictures import SMOOTH, _smoothed, draw_borders
+from dimersweep.storage.store import opened_store
 from dimersweep.studies import border_files
-from dimersweep.studies.border_files import make_borders, plan_borders, read_borders
-from dimersweep.studies.parts import parts_beside
+from dimersweep.studies.border_files import kept_part, make_borders, parts_of, plan_borders, read_borders
 from tests.checks.conform import conforms
 
 BORDERS = Path(__file__).parents[1] / "sweeps" / "borders"
@@ -104,7 +104,7 @@ def test_parts_of_another_declaration_are_refused(tmp_path):
     declaration, out = tmp_path / "two.toml", tmp_path / "two.nc"
     declaration.write_text(FAMILIES)
     declared = read_borders(declaration)
-    with parts_beside(out, declared.configuration | {"fixed": {"e": 0.5}}, ["family-0", "family-1"]):
+    with opened_store(parts_of(out), declared.configuration | {"fixed": {"e": 0.5}}, 2):
         pass
     assert plan_borders(declared, out) == ["families: 2 parts, 3 points each: family-0, family-1"]
     with pytest.raises(StoreError, match=r"results of other settings.*What differs:\n  fixed.e: 0.5 -> nothing$"):
@@ -119,9 +119,9 @@ def test_a_part_that_is_damaged_is_told_and_made_again(tmp_path, monkeypatch):
     declaration.write_text(FAMILIES)
     declared = read_borders(declaration)
     whole, asked, makers = make_borders(declared), [], declared.parts()
-    with parts_beside(out, declared.configuration, list(makers)) as kept:
-        for name, make in makers.items():
-            kept.take(name, lambda make=make: storable(make(lambda line: None)))
+    with opened_store(parts, declared.configuration, len(makers)) as store:
+        for place, (name, make) in enumerate(makers.items()):
+            kept_part(store, place, name, lambda make=make: storable(make(lambda line: None)))
     with contextlib.closing(sqlite3.connect(parts)) as file, file:
         file.execute("UPDATE tiles SET results = substr(results, 1, 1000) WHERE what = 'family-1'")
     monkeypatch.setattr(border_files, "family", lambda **given: asked.append(given["A_r"]) or orbits.family(**given))

@@ -24,8 +24,7 @@ def borders(
     from dimersweep.plots.style import check_picture, write_picture
     from dimersweep.storage.cubefiles import open_cube
     from dimersweep.storage.outputs import TABLES, check_output, refuse_input
-    from dimersweep.studies.border_files import make_borders, plan_borders, read_borders
-    from dimersweep.studies.parts import parts_of
+    from dimersweep.studies.border_files import make_borders, parts_of, plan_borders, read_borders
     from dimersweep.work.progress import report_compiling
 
     declared = read_borders(declaration)

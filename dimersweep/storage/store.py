@@ -1,5 +1,7 @@
 """The store of a long calculation: one SQLite file beside its output, with what it is of and what is finished of it.
 
+Of a calculation without an output it is one of SQLite's in memory.
+
 What a process killed at any moment leaves behind is a file that SQLite brings back to its last whole transaction. What is
 damaged by other means is found by checksums, told, and left out; the rest is kept.
 """
@@ -25,7 +27,7 @@ from dimersweep.faces import __version__
 from dimersweep.kernel.model.layout import CODES, OUT
 from dimersweep.storage.files import HALF, delete, disk_errors, replacing, sync
 from dimersweep.storage.locking import Lock, is_locked, lock_of
-from dimersweep.storage.provenance import as_text, cpu, differences, digest
+from dimersweep.storage.provenance import as_text, configured, cpu, differences, digest
 
 FORMAT = 4
 APPLICATION = 0x64696D65  # in the head of each of our files: others are never deleted
@@ -268,7 +270,6 @@ class Store:
             for statement in SCHEMA:
                 self._connection.execute(statement)
             self._connection.executemany("INSERT INTO about VALUES (?, ?)", about.items())
-        sync(self.path.parent)  # the new name must outlive a power cut
 
     def go_on(self, lock: Lock, judge: Judge) -> None:
         """Make sure that what was left behind is whole: what is damaged is noted in `trouble`, and the rest written anew."""
@@ -428,7 +429,12 @@ def holder(path: Path) -> str:
 
 @contextmanager
 def opened_store(
-    path: Path, configuration: Mapping[str, Any], size: int, judge: Judge = lambda row: "", *, force: bool = False
+    path: Path | None,
+    configuration: Mapping[str, Any],
+    size: int,
+    judge: Judge = lambda row: "",
+    *,
+    force: bool = False,
 ) -> Iterator[Store]:
     """The store of this configuration, locked against other processes while the context lasts.
 
@@ -436,7 +442,8 @@ def opened_store(
 
     Parameters
     ----------
-    path : Path
+    path : Path, optional
+        Without one it is in memory, and nobody else's.
     configuration : mapping
         All that decides the numbers, as JSON can hold it.
     size : int
@@ -453,6 +460,11 @@ def opened_store(
         If another process is at work there, what is there belongs to another configuration (with what differs), or
         it cannot be written.
     """
+    if path is None:
+        with closing(Store(Path(":memory:"), "mode=memory")) as store:
+            store.begin(_about(configuration, size))
+            yield store
+        return
     with ExitStack() as stack:
         with disk_errors(f"{path}", "nothing was computed"):
             lock = stack.enter_context(_locked(path))
@@ -474,25 +486,27 @@ def opened_store(
             raise
 
 
+def _about(configuration: Mapping[str, Any], size: int) -> dict[str, Any]:
+    """What a new store tells of itself."""
+    return {
+        "format": FORMAT,
+        "layout": LAYOUT,
+        "dimersweep": __version__,
+        "kernel_version": configuration["kernel_version"],
+        **configured(configuration),
+        "points": size,
+        "wanted": size,
+        "cpu": cpu(),
+        "scratch": f".dimersweep-{uuid4().hex}.tmp",
+    }
+
+
 def _take_up(store: Store, lock: Lock, configuration: Mapping[str, Any], size: int, judge: Judge) -> None:
     """Begin a store, or go on with the one that is there if it goes with a configuration."""
-    text = as_text(configuration)
     if store.is_new():
-        store.begin(
-            {
-                "format": FORMAT,
-                "layout": LAYOUT,
-                "dimersweep": __version__,
-                "kernel_version": configuration["kernel_version"],
-                "configuration": text,
-                "configuration_sha256": digest(text),
-                "points": size,
-                "wanted": size,
-                "cpu": cpu(),
-                "scratch": f".dimersweep-{uuid4().hex}.tmp",
-            }
-        )
-    if as_text(store.configuration) != text:
+        store.begin(_about(configuration, size))
+        sync(store.path.parent)  # the new name must outlive a power cut
+    if as_text(store.configuration) != as_text(configuration):
         changes = "".join(f"\n  {line}" for line in differences(store.configuration, configuration))
         raise StoreError(
             f"{store.path}: holds results of other settings, stopped before the end; "

@@ -1,4 +1,4 @@
-"""Results of a sweep in the store beside the cube to be."""
+"""Results of a sweep in the store beside the cube to be, or in memory where there is none."""
 
 import json
 from collections import Counter
@@ -26,18 +26,18 @@ def tiles_of(out: Path) -> Path:
 
 
 class TileStore:
-    """Results of a sweep on the disk, with the verbs of `MemoryStore`; get one from `tile_store`.
+    """Results of a sweep in a store; get one from `tile_store`.
 
     Parameters
     ----------
-    out : Path
+    out : Path, optional
         The cube to be.
     file : Store
     kind : dtype
         Of the result of one point.
     """
 
-    def __init__(self, out: Path, file: Store, kind: np.dtype) -> None:
+    def __init__(self, out: Path | None, file: Store, kind: np.dtype) -> None:
         self.out, self.file, self.kind = out, file, kind
         self._waiting: list[Finished] = []
         self._waiting_bytes = 0
@@ -53,6 +53,8 @@ class TileStore:
     @property
     def kept(self) -> str:
         """What is kept if the sweep is stopped now, in words."""
+        if self.out is None:
+            return "nothing is kept, as no output was given"
         done = sum(self.modes().values())
         if not done:
             return "nothing was finished yet"
@@ -69,11 +71,11 @@ class TileStore:
         return sum(row.seconds for row in self.file.told())
 
     def modes(self) -> dict[str, int]:
-        """Tally of the points on disk."""
+        """Tally of the points that are kept."""
         return dict(modes_of(self.file.told()))
 
     def gaps(self) -> list[Tile]:
-        """The ranges that are not yet on disk."""
+        """The ranges that are not yet kept."""
         return self.file.gaps()
 
     def add(self, finished: Finished) -> None:
@@ -198,14 +200,14 @@ def _why_not(row: StoredTile, kind: np.dtype) -> str:
 
 @contextmanager
 def tile_store(
-    out: Path, configuration: Mapping[str, Any], size: int, kind: np.dtype = RESULT, *, force: bool = False
+    out: Path | None, configuration: Mapping[str, Any], size: int, kind: np.dtype = RESULT, *, force: bool = False
 ) -> Iterator[TileStore]:
     """The finished tiles of the sweep for `out`, locked against other processes while the context lasts.
 
     Parameters
     ----------
-    out : Path
-        The cube to be.
+    out : Path, optional
+        The cube to be; without one they are in memory.
     configuration : mapping
         All that decides the numbers, see `Study.configuration`.
     size : int
@@ -215,5 +217,6 @@ def tile_store(
     force : bool
         See `opened_store`, which also says what is raised.
     """
-    with opened_store(tiles_of(out), configuration, size, lambda row: _why_not(row, kind), force=force) as file:
+    path = None if out is None else tiles_of(out)
+    with opened_store(path, configuration, size, lambda row: _why_not(row, kind), force=force) as file:
         yield TileStore(out, file, kind)

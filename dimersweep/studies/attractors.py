@@ -184,7 +184,7 @@ def attractors(
     drawn = make_points(table, fixed)
     _check_one_plate(drawn.fixed, table)
     study = Study(grid=drawn, how=how, observers=(Ends(),))
-    results = study.in_memory(make_options(workers=workers, progress=progress)).results
+    results, _ = study.in_memory(make_options(workers=workers, progress=progress))
     found = Census(name, values, columns, wanted)
     for k in range(values.size):
         here, _ = drawn.window(k * n, (k + 1) * n)

@@ -2,7 +2,8 @@
 
 import os
 import signal
-from collections.abc import Callable, Iterator, Mapping
+import warnings
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from itertools import product
 from math import prod
@@ -15,6 +16,7 @@ import xarray as xr
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from dimersweep.cubes.grid import axis_values, evenly
+from dimersweep.cubes.results import Tile
 from dimersweep.cubes.tables import storable, without_fill
 from dimersweep.errors import OrbitError, ParameterError, Stopped, unknown
 from dimersweep.inputs import check_count
@@ -26,10 +28,12 @@ from dimersweep.orbits.following import follow
 from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.parameters import check_name, value_of
 from dimersweep.storage.cubefiles import write_cube
+from dimersweep.storage.files import delete, disk_errors
+from dimersweep.storage.formats.netcdf import read_netcdf, write_netcdf
 from dimersweep.storage.outputs import TABLES, check_ending, check_output
 from dimersweep.storage.provenance import attributes
+from dimersweep.storage.store import Store, StoredTile, finished_at, opened_store
 from dimersweep.studies.declaration import explain, read_toml, refuse_mistakes
-from dimersweep.studies.parts import Parts, parts_beside, parts_there
 from dimersweep.symbols import PARAMETERS, START
 from dimersweep.work.computing import settle_way
 
@@ -237,27 +241,62 @@ def make_borders(
     out = None if out is None else check_output(out, force=force, what="a table", endings=TABLES)
     settle_way(progress=False)
     start, makers = perf_counter(), declared.parts()
-    with parts_beside(out, declared.configuration, list(makers), force=force) as parts:
-        before = parts.done()
+    with opened_store(out and parts_of(out), declared.configuration, len(makers), force=force) as store:
+        for line in store.trouble:
+            warnings.warn(line, RuntimeWarning, stacklevel=2)
+        before = _names(store.told())
         if before:
             tell(f"{len(before)} of {len(makers)} parts are there already: {', '.join(before)}")
         try:
-            tables = [parts.take(name, partial(_stored, make, tell)) for name, make in makers.items()]
+            tables = []
+            for place, (name, make) in enumerate(makers.items()):
+                make_stored = partial(_stored, make, tell)
+                tables.append(make_stored() if out is None else kept_part(store, place, name, make_stored))
             attrs = attributes(declared.configuration, declared.borders.title, perf_counter() - start)
             attrs["dimersweep_borders"] = attrs.pop("dimersweep_cube")
             made = without_fill(_joined(declared, tables).assign_attrs(attrs))
             if out is not None:
                 write_cube(made, out, force=force)
         except KeyboardInterrupt as stop:
-            raise Stopped(_kept(parts, makers), getattr(stop, "signal", signal.SIGINT)) from None
-        if parts.store is not None:
-            parts.store.remove()
+            done, kept = len(_names(store.told())), "nothing was kept"
+            if done:
+                kept = f"{done} of {len(makers)} parts are kept in {store.path}; the same command goes on from there"
+            raise Stopped(kept, getattr(stop, "signal", signal.SIGINT)) from None
+        if out is not None:
+            store.remove()
     return made
+
+
+def parts_of(out: Path) -> Path:
+    """The store of the finished parts of the file `out`."""
+    return out.with_name(out.name + ".parts")
+
+
+def kept_part(store: Store, place: int, name: str, make: Callable[[], xr.Dataset]) -> xr.Dataset:
+    """A part of that number: read if the store has it, or made and kept; both come the same way."""
+    row = next(store.meeting(place, place + 1), None)
+    made = make() if row is None else None
+    with disk_errors(f"{store.path}: finished parts", "run the same again"):
+        try:
+            if row is not None:
+                store.scratch.write_bytes(row.results)
+            elif made is not None:
+                write_netcdf(made, store.scratch)
+                with store.writing():
+                    store.put(Tile(place, place + 1), name, store.scratch.read_bytes())
+            return read_netcdf(store.scratch)
+        finally:
+            delete(store.scratch)
+
+
+def _names(rows: Iterable[StoredTile]) -> list[str]:
+    """Of the parts that are there."""
+    return [row.what for row in rows]
 
 
 def plan_borders(declared: Borders, out: Path) -> list[str]:
     """What is to be made for a file, and what of it is there: lines of text; nothing is written."""
-    there, makers = parts_there(out, declared.configuration), declared.parts()
+    there, makers = _names(finished_at(parts_of(out), declared.configuration)), declared.parts()
     points = declared.families.points if declared.families else prod(len(axis) for axis in declared.axes.values())
     each = f"{points} points each" if declared.what != "branches" else f"{declared.branches.points} points each at most"  # type: ignore[union-attr]
     lines = [f"{declared.what}: {len(makers)} parts, {each}: {', '.join(makers)}"]
@@ -267,14 +306,6 @@ def plan_borders(declared: Borders, out: Path) -> list[str]:
 def _stored(make: Maker, tell: Tell) -> xr.Dataset:
     """A part as it is kept."""
     return storable(make(tell))
-
-
-def _kept(parts: Parts, makers: Mapping[str, Maker]) -> str:
-    """What a stop leaves behind."""
-    done = len(parts.done())
-    if parts.store is None or not done:
-        return "nothing was kept"
-    return f"{done} of {len(makers)} parts are kept in {parts.store.path}; the same command goes on from there"
 
 
 def _joined(declared: Borders, tables: list[xr.Dataset]) -> xr.Dataset:

@@ -4,8 +4,7 @@ import json
 import signal
 import sys
 import warnings
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,13 +20,12 @@ from dimersweep.storage.checking import check_unchanged, checksum_of
 from dimersweep.storage.cubefiles import open_cube, write_cube
 from dimersweep.storage.files import disk_errors
 from dimersweep.storage.formats import format_of
-from dimersweep.storage.memorystore import MemoryStore
 from dimersweep.storage.outputs import check_output, check_writable
 from dimersweep.storage.provenance import CHECKSUM, as_text, attributes, differences
 from dimersweep.storage.tilestore import TileStore, tile_store
 from dimersweep.studies.reuse import Known, check_alike
 from dimersweep.studies.study import Label, Study
-from dimersweep.work.computing import Store, crew, settle_way
+from dimersweep.work.computing import crew, settle_way
 from dimersweep.work.options import Options
 
 
@@ -45,49 +43,56 @@ def make_cube(study: Study, options: Options) -> xr.Dataset:
     if former is not None:
         return former
     settle_way(progress=options.progress)
-    written = False
-    with _store_of(study, options) as store, crew(store, options) as hired:
+    out, replaces = options.out, options.force or options.retry
+    with (
+        tile_store(out, study.configuration(), study.grid.size, study.kind, force=options.force) as store,
+        crew(store, options) as hired,
+    ):
+        if out is not None:
+            check_writable(out, force=replaces)  # who held the lock before may have written it meanwhile
+        for line in store.file.trouble:
+            warnings.warn(line, RuntimeWarning, stacklevel=3)  # of what has called sweep, search or refine
+        if options.retry and "failed" in store.modes():
+            store.drop(study.again)
+        written = False
         try:
             known, origin = known_points(study, options)
             label = study.run(hired, known)
             told = attributes(study.configuration(), study.summary, store.wall) | {"kernel_time_s": store.seconds}
             cube = _finished(study, options, store, label, told | origin | dict(options.attrs))
             written = True
-            if isinstance(store, TileStore) and not options.keep_tiles:
+            if out is not None and not options.keep_tiles:
                 store.file.remove()
         except KeyboardInterrupt as stop:  # one that came while no points were run tells nothing
-            kept = f"{options.out} is written" if written else store.kept
+            kept = f"{out} is written" if written else store.kept
             raise Stopped(str(stop) or kept, getattr(stop, "signal", signal.SIGINT)) from None
     return cube
 
 
-def _finished(study: Study, options: Options, store: Store, label: Label, told: Mapping[str, Any]) -> xr.Dataset:
+def _finished(study: Study, options: Options, store: TileStore, label: Label, told: Mapping[str, Any]) -> xr.Dataset:
     """The cube of all results with what it tells of itself, its checksum among that; written, if it has an output."""
-    if isinstance(store, TileStore) and format_of(store.out).write_blocks is not None:
-        return _written_by_blocks(study, options, store, told)
-    cube = signed(label(store.read(0, study.grid.size)).assign_attrs(told), study.configuration())
+    out, replaces = options.out, options.force or options.retry
+    write_blocks = None if out is None else format_of(out).write_blocks
+    if out is not None and write_blocks is not None:  # block by block, and opened then
+        first = replace(study, grid=study.grid.window(0, 1)[0]).as_cube(blank_results(1, study.kind))
+        with disk_errors(f"out = {out}", store.kept_if_refused):
+            write_blocks(
+                study.grid,
+                signed(first.assign_attrs(told), study.configuration()),
+                lambda tile, axes: replace(study, grid=axes).as_cube(store.read(*tile)),
+                out,
+                scratch=store.file.scratch,
+                workers=options.workers,
+            )
+        return open_cube(out)
+    results = store.read(0, study.grid.size)
+    if out is None:
+        store.file.close()  # memory holds them once
+    cube = signed(label(results).assign_attrs(told), study.configuration())
     cube.attrs[CHECKSUM] = checksum_of(cube)
-    if isinstance(store, TileStore):
-        replaces, scratch = options.force or options.retry, store.file.scratch
-        write_cube(cube, store.out, force=replaces, scratch=scratch, kept=store.kept_if_refused)
+    if out is not None:
+        write_cube(cube, out, force=replaces, scratch=store.file.scratch, kept=store.kept_if_refused)
     return cube
-
-
-def _written_by_blocks(study: Study, options: Options, store: TileStore, told: Mapping[str, Any]) -> xr.Dataset:
-    """The same, written block by block and opened."""
-    out, write = store.out, format_of(store.out).write_blocks
-    assert write is not None
-    first = replace(study, grid=study.grid.window(0, 1)[0]).as_cube(blank_results(1, study.kind))
-    with disk_errors(f"out = {out}", store.kept_if_refused):
-        write(
-            study.grid,
-            signed(first.assign_attrs(told), study.configuration()),
-            lambda tile, axes: replace(study, grid=axes).as_cube(store.read(*tile)),
-            out,
-            scratch=store.file.scratch,
-            workers=options.workers,
-        )
-    return open_cube(out)
 
 
 def known_points(study: Study, options: Options) -> tuple[list[Known], dict[str, str]]:
@@ -144,23 +149,6 @@ def _complete_cube(study: Study, options: Options) -> xr.Dataset | None:
             return former
     check_writable(out, force=options.force or options.retry)
     return None
-
-
-@contextmanager
-def _store_of(study: Study, options: Options) -> Iterator[Store]:
-    """The store of finished points: beside the output and under its lock, if there is one, else in memory."""
-    out = options.out
-    if out is None:
-        yield MemoryStore(study.grid.size, study.kind)
-        return
-    with tile_store(out, study.configuration(), study.grid.size, study.kind, force=options.force) as store:
-        # who held the lock before may have written it meanwhile
-        check_writable(out, force=options.force or options.retry)
-        for line in store.file.trouble:
-            warnings.warn(line, RuntimeWarning, stacklevel=5)  # of what has called sweep, search or refine
-        if options.retry and "failed" in store.modes():
-            store.drop(study.again)
-        yield store
 
 
 def _former(out: Path, study: Study) -> xr.Dataset:

@@ -148,10 +148,10 @@ def _for_some_time(costs: Iterator[Cost], seconds: float) -> Iterator[Cost]:
 
 def _cost(part: Study, shares: np.ndarray) -> Cost:
     """What a part of a study takes, its points counting as `shares` say, and their time as the runs that they took."""
-    store = part.in_memory(IN_PASSING)
-    made = ~not_run(store.results["codes"])
-    runs = store.results["counts"].sum(axis=1) if "counts" in (part.kind.names or ()) else made
-    return float(shares[made].sum()), store.seconds * float(shares @ runs) / float(runs.sum())
+    results, seconds = part.in_memory(IN_PASSING)
+    made = ~not_run(results["codes"])
+    runs = results["counts"].sum(axis=1) if "counts" in (part.kind.names or ()) else made
+    return float(shares[made].sum()), seconds * float(shares @ runs) / float(runs.sum())
 
 
 def _done(study: Study, out: Path | None) -> int:

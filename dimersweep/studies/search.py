@@ -145,7 +145,7 @@ class Search(Study):
         """The search at a point alone, with what decides at a point beside it as its hint."""
         beside, hints = point - 1 if point else min(1, legal.size - 1), {}
         if self.question.led and legal[beside]:
-            decider = int(self._at(beside).in_memory(IN_PASSING).results["decider"][0])
+            decider = int(self._at(beside).in_memory(IN_PASSING)[0]["decider"][0])
             hints = {0: [decider - 1]} if decider else {}
         return replace(self._at(point), hints=hints)
 

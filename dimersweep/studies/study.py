@@ -17,7 +17,7 @@ from dimersweep.kernel.model.layout import CODE_STATUS, STOPPED
 from dimersweep.runs.carrying import carried
 from dimersweep.runs.settings import SLOW_MODES, RunSettings, run_patiently
 from dimersweep.runs.solving import run_row
-from dimersweep.storage.memorystore import MemoryStore
+from dimersweep.storage.tilestore import tile_store
 from dimersweep.studies.observers import Observer, Ran
 from dimersweep.studies.reuse import Known
 from dimersweep.work.computing import Crew, crew
@@ -165,12 +165,12 @@ class Study:
         hired.run(self, hired.store.gaps())
         return self.as_cube
 
-    def in_memory(self, options: Options) -> MemoryStore:
-        """The store of all results, run anew."""
-        store = MemoryStore(self.grid.size, self.kind)
-        with crew(store, options) as hired:
+    def in_memory(self, options: Options) -> tuple[np.ndarray, float]:
+        """The results of all points, run anew, and the time that they took [s]."""
+        size = self.grid.size
+        with tile_store(None, self.configuration(), size, self.kind) as store, crew(store, options) as hired:
             self.run(hired, ())
-        return store
+            return store.read(0, size), store.seconds
 
     def sample(self, rng: np.random.Generator) -> Sample:
         """Parts that tell what it costs: random points or lines; of a long line some values stand for all."""

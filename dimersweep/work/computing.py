@@ -9,7 +9,6 @@ from dimersweep.cubes.points import AnyGrid
 from dimersweep.cubes.results import Finished, Tile, not_ok, tally
 from dimersweep.errors import PointError, Stopped, UnfinishedError
 from dimersweep.kernel.model.layout import CODE_STATUS, STATUS_MESSAGES, STATUSES
-from dimersweep.storage.memorystore import MemoryStore
 from dimersweep.storage.tilestore import TileStore
 from dimersweep.work.options import Options
 from dimersweep.work.progress import Silent, Tally, report_compiling, watch
@@ -33,8 +32,6 @@ from dimersweep.work.tiles import (
 )
 
 ALIKE = 10  # tasks that break off in a row for the same reason: then it is not for the points
-
-Store = MemoryStore | TileStore
 
 
 class Troubles:
@@ -72,14 +69,14 @@ class Crew:
 
     Parameters
     ----------
-    store : Store
+    store : TileStore
         Where results are put; as many of its points as ``expect`` says are wanted.
     options : Options
     hired : ExitStack
         Lets them go.
     """
 
-    def __init__(self, store: Store, options: Options, hired: ExitStack) -> None:
+    def __init__(self, store: TileStore, options: Options, hired: ExitStack) -> None:
         self.store, self.options, self.wanted = store, options, 0
         self._hired = hired
         self._pool: Pool | None = None
@@ -184,7 +181,7 @@ def settle_way(*, progress: bool) -> None:
 
 
 @contextmanager
-def crew(store: Store, options: Options) -> Iterator[Crew]:
+def crew(store: TileStore, options: Options) -> Iterator[Crew]:
     """A crew for `store`, which goes home at the end of the context."""
     with ExitStack() as hired:
         yield Crew(store, options, hired)
