@@ -430,7 +430,7 @@ def test_a_task_counts_all_its_points_with_its_time(fake_kernel, monkeypatch, tm
 
 
 def test_a_log_gets_plain_lines(capsys, monkeypatch):
-    lines = Lines(Tally(4))
+    lines = Lines(4)
     lines.add({"drift": 2, "rest": 1})  # too early for a line
     lines.add({"unresolved": 1})
     assert (

@@ -11,7 +11,7 @@ from dimersweep.errors import PointError, Stopped, UnfinishedError
 from dimersweep.kernel.model.layout import CODE_STATUS, STATUS_MESSAGES, STATUSES
 from dimersweep.storage.tilestore import TileStore
 from dimersweep.work.options import Options
-from dimersweep.work.progress import Silent, Tally, report_compiling, watch
+from dimersweep.work.progress import Tally, report_compiling, watch
 from dimersweep.work.proving import is_proven
 from dimersweep.work.scheduling import (
     Pace,
@@ -22,8 +22,7 @@ from dimersweep.work.scheduling import (
     threads,
     warm_up,
 )
-from dimersweep.work.signals import stop_on_signals
-from dimersweep.work.stopping import StopFlag
+from dimersweep.work.stopping import StopFlag, stop_on_signals
 from dimersweep.work.tiles import (
     Broken,
     Made,
@@ -81,7 +80,7 @@ class Crew:
         self._hired = hired
         self._pool: Pool | None = None
         self._stop: StopFlag
-        self._shown: Silent
+        self._shown: Tally
 
     def expect(self, wanted: int) -> None:
         """Have the progress and the store know how many points are to be run in all."""
@@ -106,9 +105,7 @@ class Crew:
         self._stop = hired.enter_context(stop_on_signals())
         warm_up(self._stop)  # before the clock of the progress starts, and before workers would all do it
         pool = hired.enter_context(threads(options.workers, self._stop) if client is None else cluster(client))
-        self._shown = hired.enter_context(
-            watch(Tally(self.wanted, self.store.modes(), pool.workers), show=options.progress)
-        )
+        self._shown = hired.enter_context(watch(self.wanted, self.store.modes(), pool.workers, show=options.progress))
         if options.progress and not pool.workers():
             print("waiting for the first worker of the cluster", file=sys.stderr, flush=True)
         return pool

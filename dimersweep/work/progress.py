@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from time import perf_counter
+from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
@@ -19,7 +20,7 @@ COMPILE_STEP, COMPILE_SHOWN = 10.0, 600.0  # between two lines while the kernel 
 
 
 class Tally:
-    """Counts of finished points, by mode, and the time that they took.
+    """Counts of finished points, by mode, and the time that they took; shows nothing, but the two built on it do.
 
     Parameters
     ----------
@@ -53,6 +54,10 @@ class Tally:
         if seconds and self.tasks > self.workers():
             self.timed, self.seconds = self.timed + sum(modes.values()), self.seconds + seconds
 
+    def expect(self, total: int) -> None:
+        """Take note that so many points are to be run in all: of a map that is refined, that shows as it goes."""
+        self.total = total
+
     def time_left(self) -> str:
         """Time until the end, at the mean of what a point took; points that are under way are not held against it.
 
@@ -75,56 +80,40 @@ def clock(seconds: float) -> str:
     return f"{minutes // 60}:{minutes % 60:02d}:{seconds:02d}"
 
 
-class Silent:
-    """Counts and shows nothing; the base of the two that show something."""
-
-    def __init__(self, tally: Tally) -> None:
-        self.tally = tally
-
-    def add(self, modes: Mapping[str, int], seconds: float = 0.0) -> None:
-        """Take note of finished points, see `Tally.add`."""
-        self.tally.add(modes, seconds)
-
-    def expect(self, total: int) -> None:
-        """Take note that so many points are to be run in all: of a map that is refined, that shows as it goes."""
-        self.tally.total = total
-
-
-class Lines(Silent):
+class Lines(Tally):
     """Plain lines on stderr, for logs."""
 
-    def __init__(self, tally: Tally) -> None:
-        super().__init__(tally)
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
         self.last = perf_counter()
-        if tally.done:
-            print(f"going on: {tally.done} of {tally.total} points are done", file=sys.stderr, flush=True)
+        if self.done:
+            print(f"going on: {self.done} of {self.total} points are done", file=sys.stderr, flush=True)
 
     def add(self, modes: Mapping[str, int], seconds: float = 0.0) -> None:
         """Take note, and print a line every `LINE_SECONDS` and at the end."""
         super().add(modes, seconds)
-        now, tally = perf_counter(), self.tally
-        if now - self.last < LINE_SECONDS and tally.done < tally.total:
+        now = perf_counter()
+        if now - self.last < LINE_SECONDS and self.done < self.total:
             return
         self.last = now
-        share = f"{tally.done}/{tally.total} points, {100 * tally.done // tally.total} %"
-        times = f"elapsed {clock(now - tally.start)}, left {tally.time_left()}"
-        print(f"{share}, {times}: {tally.words()}", file=sys.stderr, flush=True)
+        share = f"{self.done}/{self.total} points, {100 * self.done // self.total} %"
+        times = f"elapsed {clock(now - self.start)}, left {self.time_left()}"
+        print(f"{share}, {times}: {self.words()}", file=sys.stderr, flush=True)
 
 
-class Bar(Silent):
+class Bar(Tally):
     """A live bar on a terminal, inside a running `rich` display."""
 
-    def __init__(self, tally: Tally, display: Progress) -> None:
-        super().__init__(tally)
+    def __init__(self, display: Progress, *given: Any) -> None:
+        super().__init__(*given)
         self.display = display
-        self.task = display.add_task(tally.words(), total=tally.total, completed=tally.done, left=tally.time_left())
+        self.task = display.add_task(self.words(), total=self.total, completed=self.done, left=self.time_left())
 
     def add(self, modes: Mapping[str, int], seconds: float = 0.0) -> None:
         """Take note and move the bar; at the end it shows the time that all has taken."""
         super().add(modes, seconds)
-        tally = self.tally
-        left = tally.time_left() if tally.done < tally.total else clock(perf_counter() - tally.start)
-        self.display.update(self.task, completed=tally.done, description=tally.words(), left=left)
+        left = self.time_left() if self.done < self.total else clock(perf_counter() - self.start)
+        self.display.update(self.task, completed=self.done, description=self.words(), left=left)
 
     def expect(self, total: int) -> None:
         """Take note and lengthen the bar."""
@@ -149,22 +138,15 @@ def _report_seconds() -> None:
 
 
 @contextmanager
-def watch(tally: Tally, *, show: bool) -> Iterator[Silent]:
-    """Follow a sweep: `add` of what it yields counts finished points.
-
-    Parameters
-    ----------
-    tally : Tally
-    show : bool
-        Whether to show anything, on stderr.
-    """
+def watch(total: int, before: Mapping[str, int], workers: Callable[[], int], *, show: bool) -> Iterator[Tally]:
+    """A `Tally`, which is shown on stderr if it is to be: as a bar on a terminal, as lines in a log."""
     console = Console(stderr=True)
     if not show:
-        yield Silent(tally)
+        yield Tally(total, before, workers)
     elif not console.is_terminal:
-        yield Lines(tally)
+        yield Lines(total, before, workers)
     else:
         left = TextColumn("{task.fields[left]}", style="progress.remaining")
         columns = (BarColumn(), MofNCompleteColumn(), TextColumn("points"), left, TextColumn("{task.description}"))
         with Progress(*columns, console=console) as display:
-            yield Bar(tally, display)
+            yield Bar(display, total, before, workers)

@@ -1,11 +1,13 @@
 """Ending runs of the kernel from outside: compiled code does not see signals, nor the time."""
 
+import signal
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager, suppress
-from typing import TypeVar
+from typing import Any, TypeVar
 
+from dimersweep.errors import Stopped
 from dimersweep.kernel.batch import Workspace, new_workspace, stop
 
 RUN_GRACE = 1.0  # seconds that a run has to end when it is stopped: a compiler at work does not
@@ -39,6 +41,35 @@ class StopFlag(threading.Event):
             yield space
         finally:
             del self._spaces[id(space)]
+
+
+@contextmanager
+def stop_on_signals() -> Iterator[StopFlag]:
+    """A flag that SIGINT and SIGTERM set while the context lasts; a second one raises `Stopped` at once.
+
+    In a thread other than the main one, which cannot have signals, the flag is never set by itself. A signal that is
+    ignored stays ignored.
+    """
+    flag = StopFlag()
+
+    def note(number: int, frame: Any) -> None:
+        if flag.is_set():
+            raise Stopped("", number)
+        flag.signal = number
+        flag.set()
+
+    if threading.current_thread() is not threading.main_thread():
+        yield flag
+        return
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    watched = [number for number, handler in before.items() if handler not in (signal.SIG_IGN, None)]
+    try:
+        for number in watched:
+            signal.signal(number, note)
+        yield flag
+    finally:
+        for number in watched:
+            signal.signal(number, before[number])
 
 
 def in_thread(call: Callable[[], T]) -> "Future[T]":
