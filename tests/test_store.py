@@ -8,6 +8,7 @@ import tracemalloc
 import zlib
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 import netCDF4
@@ -21,7 +22,7 @@ from dimersweep.cubes.grid import make_grid
 from dimersweep.errors import StoreError, UserError
 from dimersweep.storage.cubefiles import count_modes, open_cube, write_cube
 from dimersweep.storage.files import HALF, put, replacing
-from dimersweep.storage.outputs import check_output, check_writable
+from dimersweep.storage.outputs import check_output
 from dimersweep.storage.provenance import attributes, digest
 from dimersweep.studies.declaration import from_cube
 from dimersweep.studies.status import status
@@ -121,9 +122,9 @@ def test_a_cube_is_written_in_parts(monkeypatch, tmp_path):
 
 def test_outputs_that_cannot_be_written_are_refused_before(tmp_path):
     with pytest.raises(StoreError, match=r"out = .*: is a folder; give a file name"):
-        check_writable(tmp_path)
+        check_output(tmp_path, endings=None)
     with pytest.raises(StoreError, match=r"out = .*nowhere/cube.nc: the folder .*nowhere does not exist"):
-        check_writable(tmp_path / "nowhere" / "cube.nc")
+        check_output(tmp_path / "nowhere" / "cube.nc", endings=None)
 
 
 def link(path):
@@ -158,7 +159,7 @@ def test_what_is_no_regular_file_is_never_replaced(cube, tmp_path, name, made, t
     path = tmp_path / name
     made(path)
     before = {each: os.lstat(each) for each in tmp_path.rglob("*")}
-    for write in (check_writable, lambda path, force: write_cube(cube, path, force=force)):
+    for write in (partial(check_output, endings=None), partial(write_cube, cube)):
         with pytest.raises(StoreError, match=rf"^out = .*{told}"):
             write(path, force=True)
     assert {each: os.lstat(each) for each in tmp_path.rglob("*")} == before
@@ -180,7 +181,7 @@ def test_names_that_no_file_can_have_are_told(name):
 @pytest.mark.skipif(not os.path.isdir("/proc"), reason="needs a folder that refuses even root")
 def test_a_folder_that_refuses_files_is_named():
     with pytest.raises(StoreError, match=r"out = /proc/cube.nc: the folder /proc is not writable"):
-        check_writable("/proc/cube.nc")
+        check_output("/proc/cube.nc", endings=None)
 
 
 def test_files_that_are_no_cubes_are_told_apart(cube, tmp_path):

@@ -113,12 +113,12 @@ def check_picture_of(configuration: Callable[[], Mapping[str, Any]], picture: Pa
     ------
     StoreError
     """
-    from dimersweep.storage.outputs import check_writable
+    from dimersweep.storage.outputs import check_output
     from dimersweep.storage.provenance import as_text, digest
 
-    check_writable(picture, force=True, name="picture")  # to look into a device might take for ever
+    check_output(picture, force=True, name="picture", endings=None)  # to look into a device might take for ever
     ours = picture.exists() and _mark_in(picture) == _mark(digest(as_text(configuration())))
-    check_writable(picture, force=force or ours, name="picture")
+    check_output(picture, force=force or ours, name="picture", endings=None)
 
 
 def _mark_in(picture: Path) -> str | None:

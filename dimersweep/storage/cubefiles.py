@@ -18,7 +18,7 @@ from dimersweep.storage.blocks import blocks
 from dimersweep.storage.checking import changed, check_undamaged, told_by
 from dimersweep.storage.files import disk_errors
 from dimersweep.storage.formats import FORMATS, format_at, format_of
-from dimersweep.storage.outputs import check_writable
+from dimersweep.storage.outputs import check_output
 from dimersweep.symbols import SETTINGS
 
 
@@ -48,7 +48,7 @@ def write_cube(
     StoreError
         If the file exists and `force` is not given, or the disk refuses.
     """
-    path = check_writable(path, force=force)
+    path = check_output(path, force=force, endings=None)
     write = format_of(path).write
     assert write is not None
     with disk_errors(f"out = {path}", kept):

@@ -11,8 +11,15 @@ from dimersweep.storage.formats import FORMATS, format_of
 CUBES, TABLES = tuple(FORMATS), (".nc",)  # of sweeps; of single runs, borders, branches and families
 
 
-def check_writable(path: str | os.PathLike[str], *, force: bool = False, name: str = "out") -> Path:
-    """Refuse an output that could not be written, before any work is done.
+def check_output(
+    path: str | os.PathLike[str],
+    *,
+    force: bool = False,
+    name: str = "out",
+    what: str = "a cube",
+    endings: tuple[str, ...] | None = CUBES,
+) -> Path:
+    """Refuse an output that could not be written, or whose ending promises another format, before any work is done.
 
     Parameters
     ----------
@@ -20,37 +27,35 @@ def check_writable(path: str | os.PathLike[str], *, force: bool = False, name: s
         The file to be.
     force : bool
         Whether it may replace an existing file.
-    name : str
+    name, what : str
         What the message calls it.
-
-    Returns
-    -------
-    Path
+    endings : tuple of str, optional
+        Each kind of output has endings of its own (`CUBES`, `TABLES`, and those of pictures, movies and pages), so that two
+        outputs of different kinds never have one name. None: its ending was judged before.
 
     Raises
     ------
+    ParameterError
+        As by `check_ending`.
     StoreError
         If it exists, or its folder does not, or nothing can be created there; and, `force` or not, if it is a link, a
         device or anything else that is no file (or no folder of its format, for an ending of one that has folders).
     """
+    if endings is not None:
+        check_ending(os.fspath(path), name=name, what=what, endings=endings)
     path = Path(path)
-    wrong, shown = _no_output(path), _shown(path)
-    if wrong:
-        raise StoreError(f"{name} = {shown}: {wrong}")
-    if not path.parent.is_dir():
-        raise StoreError(f"{name} = {shown}: the folder {_shown(path.parent)} does not exist")
-    if path.exists() and not force:
-        raise StoreError(
-            f"{name} = {shown}: exists already; give another name, or force it to be replaced (force=True)"
-        )
-    try:
-        with tempfile.TemporaryFile(dir=path.parent):
-            pass
-    except OSError as error:
-        raise StoreError(
-            f"{name} = {shown}: the folder {_shown(path.parent)} is not writable ({error.strerror})"
-        ) from None
-    return path
+    wrong, folder = _no_output(path), path.parent
+    if not wrong and not folder.is_dir():
+        wrong = f"the folder {_shown(folder)} does not exist"
+    elif not wrong and path.exists() and not force:
+        wrong = "exists already; give another name, or force it to be replaced (force=True)"
+    elif not wrong:
+        try:
+            with tempfile.TemporaryFile(dir=folder):
+                return path
+        except OSError as error:
+            wrong = f"the folder {_shown(folder)} is not writable ({error.strerror})"
+    raise StoreError(f"{name} = {_shown(path)}: {wrong}")
 
 
 def _shown(path: str | os.PathLike[str]) -> str:
@@ -93,28 +98,6 @@ def check_ending(path: str, *, name: str = "out", what: str = "a cube", endings:
         allowed = f"{', '.join(others)} or {last}" if others else last
         raise ParameterError(f"{name} = {_shown(path)}: {what} must end in {allowed}")
     return path
-
-
-def check_output(
-    path: str | os.PathLike[str],
-    *,
-    force: bool = False,
-    name: str = "out",
-    what: str = "a cube",
-    endings: tuple[str, ...] = CUBES,
-) -> Path:
-    """Refuse an output that could not be written, or whose ending promises another format, before any work is done.
-
-    Each kind of output has endings of its own (`CUBES`, `TABLES`, and those of pictures, movies and pages), so that two
-    outputs of different kinds never have one name.
-
-    Raises
-    ------
-    ParameterError, StoreError
-        As by `check_ending` and `check_writable`.
-    """
-    check_ending(os.fspath(path), name=name, what=what, endings=endings)
-    return check_writable(path, force=force, name=name)
 
 
 def refuse_input(out: Path, given: Path) -> None:

@@ -20,7 +20,7 @@ from dimersweep.storage.checking import check_unchanged, checksum_of
 from dimersweep.storage.cubefiles import open_cube, write_cube
 from dimersweep.storage.files import disk_errors
 from dimersweep.storage.formats import format_of
-from dimersweep.storage.outputs import check_output, check_writable
+from dimersweep.storage.outputs import check_output
 from dimersweep.storage.provenance import CHECKSUM, as_text, attributes, differences
 from dimersweep.storage.tilestore import TileStore, tile_store
 from dimersweep.studies.reuse import Known, check_alike
@@ -49,7 +49,7 @@ def make_cube(study: Study, options: Options) -> xr.Dataset:
         crew(store, options) as hired,
     ):
         if out is not None:
-            check_writable(out, force=replaces)  # who held the lock before may have written it meanwhile
+            check_output(out, force=replaces, endings=None)  # who held the lock before may have written it meanwhile
         for line in store.file.trouble:
             warnings.warn(line, RuntimeWarning, stacklevel=3)  # of what has called sweep, search or refine
         if options.retry and "failed" in store.modes():
@@ -147,7 +147,7 @@ def _complete_cube(study: Study, options: Options) -> xr.Dataset | None:
             if options.progress:
                 print(f"{out}: is complete already; nothing was run", file=sys.stderr, flush=True)
             return former
-    check_writable(out, force=options.force or options.retry)
+    check_output(out, force=options.force or options.retry, endings=None)
     return None
 
 
