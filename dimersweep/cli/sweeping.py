@@ -62,13 +62,13 @@ def run(
         cube_file, picture if plot else None, parts=tiles_of(cube_file), again="run the same again for the rest"
     ):
         from dimersweep.studies.making import make_cube
-        from dimersweep.work.options import make_options
 
         study = declared.study(periods=periods, rtol=rtol, certify=certify, carry=carry)
         if plot and not cube_file.exists():
             judge_picture(declared, study)
             check_picture_of(study.configuration, picture, force=forced)
-        options = make_options(
+        cube = make_cube(
+            study,
             out=cube_file,
             attrs=declared.attrs,
             extend=extend,
@@ -79,7 +79,6 @@ def run(
             force=force,
             keep_tiles=keep_tiles,
         )
-        cube = make_cube(study, options)
         print_cube(cube)
         typer.echo(f"cube: {cube_file}")
         if plot:

@@ -7,7 +7,6 @@ import xarray as xr
 
 from dimersweep.studies.declaration import Declaration
 from dimersweep.studies.making import make_cube
-from dimersweep.work.options import make_options
 
 
 def make(
@@ -55,4 +54,4 @@ def make(
     """
     study = declared.study(periods=periods, rtol=rtol, certify=certify)
     options.setdefault("attrs", declared.attrs)
-    return make_cube(study, make_options(out=out, **options))
+    return make_cube(study, out=out, **options)

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import xarray as xr
 
@@ -26,10 +26,10 @@ from dimersweep.storage.tilestore import TileStore, tile_store
 from dimersweep.studies.reuse import Known, check_alike
 from dimersweep.studies.study import Label, Study
 from dimersweep.work.computing import crew, settle_way
-from dimersweep.work.options import Options
+from dimersweep.work.options import Given, Options, make_options
 
 
-def make_cube(study: Study, options: Options) -> xr.Dataset:
+def make_cube(study: Study, **given: Unpack[Given]) -> xr.Dataset:
     """The cube of a study: what is there already, then what is missing.
 
     Raises
@@ -37,6 +37,7 @@ def make_cube(study: Study, options: Options) -> xr.Dataset:
     ParameterError, StoreError, KernelError, PointError, UnfinishedError, Stopped
         See `sweep`.
     """
+    options = make_options(**given)
     if study.grid.columns and options.extend is not None:
         raise ParameterError("extend: is for grids, not for single points")
     former = _complete_cube(study, options)

@@ -14,7 +14,6 @@ from dimersweep.cubes.results import blank_results, not_run
 from dimersweep.storage.store import finished_at
 from dimersweep.storage.tilestore import tiles_of
 from dimersweep.studies.study import MOST_PARTS, Study
-from dimersweep.work.options import IN_PASSING
 from dimersweep.work.proving import prove
 from dimersweep.work.scheduling import TILES_PER_WORKER
 from dimersweep.work.stopping import stoppable
@@ -148,7 +147,7 @@ def _for_some_time(costs: Iterator[Cost], seconds: float) -> Iterator[Cost]:
 
 def _cost(part: Study, shares: np.ndarray) -> Cost:
     """What a part of a study takes, its points counting as `shares` say, and their time as the runs that they took."""
-    results, seconds = part.in_memory(IN_PASSING)
+    results, seconds = part.in_memory()
     made = ~not_run(results["codes"])
     runs = results["counts"].sum(axis=1) if "counts" in (part.kind.names or ()) else made
     return float(shares[made].sum()), seconds * float(shares @ runs) / float(runs.sum())

@@ -24,7 +24,7 @@ from dimersweep.studies.reuse import Known
 from dimersweep.studies.search import MIXED, REGIONS, Findings, Search
 from dimersweep.studies.study import Label, Sample
 from dimersweep.work.computing import Crew
-from dimersweep.work.options import Given, make_options
+from dimersweep.work.options import Given
 
 MAX_HALVINGS = 12
 FILLED = ("answer", "region", "mode")  # what a point that was not computed takes from the cell around it
@@ -319,4 +319,4 @@ def refine(
     """
     settings: dict[str, Any] = {"periods": periods, "max_periods": max_periods, "rtol": rtol}
     coarse = search.study_of(grid, fixed, over=over, ask=ask, mode=mode, **settings)
-    return make_cube(study_of(coarse, halvings, between), make_options(**options))
+    return make_cube(study_of(coarse, halvings, between), **options)

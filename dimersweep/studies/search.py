@@ -25,7 +25,7 @@ from dimersweep.studies.reuse import Known
 from dimersweep.studies.study import Label, Sample, Study
 from dimersweep.symbols import PARAMETERS
 from dimersweep.work.computing import Crew
-from dimersweep.work.options import IN_PASSING, Given, make_options
+from dimersweep.work.options import Given
 
 REGIONS = FLAGS["region"]
 MIXED = REGIONS.index("mixed")  # several modes, none of them the one asked for
@@ -145,7 +145,7 @@ class Search(Study):
         """The search at a point alone, with what decides at a point beside it as its hint."""
         beside, hints = point - 1 if point else min(1, legal.size - 1), {}
         if self.question.led and legal[beside]:
-            decider = int(self._at(beside).in_memory(IN_PASSING)[0]["decider"][0])
+            decider = int(self._at(beside).in_memory()[0]["decider"][0])
             hints = {0: [decider - 1]} if decider else {}
         return replace(self._at(point), hints=hints)
 
@@ -401,4 +401,4 @@ def search(
     """
     asked: dict[str, Any] = {"over": over, "ask": ask, "mode": mode, "orbit_periods": orbit_periods, "paths": paths}
     study = study_of(grid, fixed, **asked, periods=periods, max_periods=max_periods, rtol=rtol)
-    return make_cube(study, make_options(**options))
+    return make_cube(study, **options)

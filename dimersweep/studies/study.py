@@ -21,7 +21,7 @@ from dimersweep.storage.tilestore import tile_store
 from dimersweep.studies.observers import Observer, Ran
 from dimersweep.studies.reuse import Known
 from dimersweep.work.computing import Crew, crew
-from dimersweep.work.options import Options
+from dimersweep.work.options import IN_PASSING, Options
 from dimersweep.work.tiles import around
 
 MOST_PARTS = 200  # that are timed
@@ -165,7 +165,7 @@ class Study:
         hired.run(self, hired.store.gaps())
         return self.as_cube
 
-    def in_memory(self, options: Options) -> tuple[np.ndarray, float]:
+    def in_memory(self, options: Options = IN_PASSING) -> tuple[np.ndarray, float]:
         """The results of all points, run anew, and the time that they took [s]."""
         size = self.grid.size
         with tile_store(None, self.configuration(), size, self.kind) as store, crew(store, options) as hired:

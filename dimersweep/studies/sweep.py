@@ -14,7 +14,7 @@ from dimersweep.storage.provenance import check_attrs
 from dimersweep.studies.making import make_cube
 from dimersweep.studies.observers import Certify, Observer, strobes_of
 from dimersweep.studies.study import Study
-from dimersweep.work.options import Given, make_options
+from dimersweep.work.options import Given
 
 
 def study_of(
@@ -147,7 +147,7 @@ def sweep(
     how: dict[str, Any] = {"periods": periods, "max_periods": max_periods, "rtol": rtol}
     how["stop_when_settled"] = stop_when_settled
     study = study_of(grid, fixed, points=points, certify=certify, strobes=strobes, carry=carry, **how)
-    return make_cube(study, make_options(**options))
+    return make_cube(study, **options)
 
 
 def bifurcation(

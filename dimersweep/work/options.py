@@ -34,29 +34,9 @@ class Given(TypedDict, total=False):
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """How a study is run; get one from `make_options`.
+    """How a study is run: what `sweep` takes besides the study, judged; get one from `make_options`."""
 
-    Parameters
-    ----------
-    workers : int
-        Threads of this process.
-    client : distributed.Client or str, optional
-        A cluster in place of them.
-    progress, fail_fast : bool
-        See `sweep`.
-    out : Path, optional
-        The file of the cube.
-    force, keep_tiles : bool
-        Whether `out` may replace what is there, and whether the store of finished points stays.
-    attrs : mapping
-        Further global attributes.
-    extend : path-like, optional
-        A cube whose points are taken over.
-    retry : bool
-        Whether points that failed there, or at `out`, are run again.
-    """
-
-    workers: int
+    workers: int  # threads of this process, where there is no client
     client: Any = None
     progress: bool = True
     fail_fast: bool = False
