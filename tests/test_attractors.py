@@ -1,12 +1,12 @@
-"""Attractors: intervals against scipy, mirrors and matching of made-up motions, families, shares and borders at the base."""
+"""Attractors: mirrors and matching of made-up motions, families, shares and borders at the base."""
 
+from statistics import NormalDist
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import xarray as xr
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy.stats import binomtest
 
 from dimersweep import attractors, orbits, plots, simulate, sweep
 from dimersweep.errors import ParameterError, StoreError
@@ -21,7 +21,6 @@ from dimersweep.orbits.portraits import (
     shifted,
 )
 from dimersweep.parameters import Parameters
-from dimersweep.studies.attractors import wilson
 from dimersweep.studies.drawn import drawn_starts
 from dimersweep.studies.telling_apart import Sort, distance, matched
 from tests.checks.tables import multipliers
@@ -50,14 +49,7 @@ def over_gamma():
     return attractors(STARTS, starts=24, seed=1, over={"Gamma": [0.75, 0.95, 1.25, 1.35]}, periods=300, progress=False)
 
 
-# ------------------------------------------------------------------------------------------------- intervals and matching
-
-
-@pytest.mark.parametrize(("k", "n"), [(0, 40), (1, 2000), (388, 2000), (20, 20), (1, 1)])
-@pytest.mark.parametrize("level", [0.5, 0.95, 0.999])
-def test_the_interval_is_wilsons(k, n, level):
-    expected = binomtest(k, n).proportion_ci(level, method="wilson")
-    assert_allclose(wilson(k, n, level), expected, rtol=1e-12, atol=1e-15)
+# ------------------------------------------------------------------------------------------------------------- matching
 
 
 def test_pairs_have_the_least_sum_and_what_is_infinite_is_never_paired():
@@ -150,6 +142,8 @@ def test_the_base_case_rests_or_drifts_as_a_sweep_of_the_same_starts_says(base):
     assert (base["mode"].values[base["basin"].values - 1] == modes).all()
     assert base["count"].values.tolist() == [(modes == word).sum() for word in ("rest", "drift")]
     assert_allclose(base["share"], base["count"] / 60)
+    for end in (base["share_low"], base["share_high"]):  # Wilson's score test just accepts them
+        assert_allclose((base["share"] - end) ** 2, NormalDist().inv_cdf(0.975) ** 2 * end * (1 - end) / 60, rtol=1e-9)
     assert bool(base["confirmed"].all())
 
 

@@ -4,7 +4,6 @@ import os
 from collections.abc import Callable, Mapping
 from functools import partial
 from math import nan
-from statistics import NormalDist
 from time import perf_counter
 from typing import Any
 
@@ -36,34 +35,6 @@ from dimersweep.work.options import make_options
 
 NONE = -1  # in place of the number of a start
 OF_AN_ORBIT = tuple(name for name in COLUMNS if name != "cost")  # numbers of an orbit that each attractor has
-
-
-def wilson(counts: Any, n: int, level: float = 0.95) -> tuple[np.ndarray, np.ndarray]:
-    """Ends of the interval of a share by Wilson's score, doi 10.1080/01621459.1927.10502953.
-
-    Parameters
-    ----------
-    counts : array_like of int
-        How many of `n` draws fell there.
-    n : int
-    level : float
-        Confidence, in (0, 1).
-
-    Returns
-    -------
-    low, high : ndarray
-
-    Examples
-    --------
-    >>> from dimersweep.studies.attractors import wilson
-    >>> [round(float(end), 3) for end in wilson(20, 100)]
-    [0.133, 0.289]
-    """
-    z = NormalDist().inv_cdf(0.5 + 0.5 * level)
-    share = np.asarray(counts) / n
-    middle = (share + z * z / (2 * n)) / (1 + z * z / n)
-    half = z / (1 + z * z / n) * np.sqrt(share * (1 - share) / n + z * z / (4 * n * n))
-    return np.clip(middle - half, 0.0, share), np.clip(middle + half, share, 1.0)
 
 
 def border_between(orbit: PeriodicOrbit, name: str, to: float) -> tuple[float, str]:
@@ -276,6 +247,8 @@ class Census:
 
     def dataset(self, fixed: Mapping[str, float]) -> xr.Dataset:
         """All that was found, labelled; `fixed` are the parameters that do not vary."""
+        from scipy.stats import binomtest
+
         axis = self.name or "value"
         over = (axis, "attractor")
         data = xr.Dataset(coords={"attractor": ("attractor", 1 + np.arange(len(self.known)), _meaning("its number"))})
@@ -289,7 +262,10 @@ class Census:
         n = len(next(iter(self.columns.values())))
         data["share"] = data["count"] / n
         data["share"].attrs = _meaning("share of the starts")
-        for end, bound in zip(("low", "high"), wilson(data["count"].values, n, self.level), strict=True):
+        counts = data["count"].values.tolist()
+        # doi 10.1080/01621459.1927.10502953
+        intervals = [[binomtest(count, n).proportion_ci(self.level, "wilson") for count in row] for row in counts]
+        for end, bound in zip(("low", "high"), np.moveaxis(np.array(intervals), -1, 0), strict=True):
             name = f"{end} end of the share's interval"
             data[f"share_{end}"] = (over, bound, _meaning(name) | {"level": self.level})
         self._add_basins(data, axis)
