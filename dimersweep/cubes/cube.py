@@ -8,8 +8,7 @@ from zlib import crc32
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.grid import DIRECTIONS
-from dimersweep.cubes.points import AnyGrid
+from dimersweep.cubes.grid import DIRECTIONS, Grid
 from dimersweep.cubes.results import Field, blank_results
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.kernel.model.layout import (
@@ -84,12 +83,12 @@ def float_variable(dims: tuple[str, ...], values: np.ndarray, quantity: Quantity
     return variable
 
 
-def build(grid: AnyGrid, out: np.ndarray, codes: np.ndarray, attributes: Mapping[str, Any] | None = None) -> xr.Dataset:
+def build(grid: Grid, out: np.ndarray, codes: np.ndarray, attributes: Mapping[str, Any] | None = None) -> xr.Dataset:
     """The cube of a swept grid.
 
     Parameters
     ----------
-    grid : Grid or Points
+    grid : Grid
         Its axes are the dimensions, in that order; its fixed parameters become scalar coordinates.
     out : ndarray, shape (grid.size, N_OUT), float64
         Float results of each point; NaN where they have no meaning.
@@ -137,7 +136,7 @@ def results_in(cube: xr.Dataset, kind: np.dtype, fields: Iterable[Field]) -> np.
     return results
 
 
-def coordinates_of(grid: AnyGrid) -> dict[str, xr.Variable]:
+def coordinates_of(grid: Grid) -> dict[str, xr.Variable]:
     """The axes of a grid, or the columns of single points; and every other parameter, as it is beside these."""
     quantities = PARAMETERS | {"point": Quantity("1", "number of the point")}
     values = {name: xr.Variable((name,), axis) for name, axis in grid.axes.items() if name != "direction"}

@@ -1,13 +1,12 @@
 """Axes to points: a grid is kept as its axes, and any range of its points is laid out when it is needed."""
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from decimal import Context, Decimal, localcontext
 from fractions import Fraction
 from functools import partial
-from itertools import accumulate, pairwise, repeat
+from itertools import pairwise
 from math import isfinite, lcm, prod
-from operator import mul
 from typing import Any
 
 import numpy as np
@@ -87,9 +86,8 @@ def _in_ratio(low: float, high: float, count: int) -> np.ndarray:
     with localcontext(Context(prec=RATIO_DIGITS)):
         first, last = Decimal(repr(low)), Decimal(repr(high))
         ratio = (last / first) ** (Decimal(1) / max(1, count - 1))
-        values = np.fromiter(accumulate(repeat(ratio, count - 1), mul, initial=first), float, count)
-    values[-1], values[0] = high, low
-    return values
+        between = [float(first * ratio**k) for k in range(1, count - 1)]
+    return np.array([low, *between, high][:count])
 
 
 def _with_units(name: str, value: Any) -> float:
@@ -185,16 +183,21 @@ def finer(values: np.ndarray, halvings: int) -> np.ndarray:
 class Grid:
     """The outer product of named axes, all other parameters fixed; points are numbered in C order.
 
+    Single points are a grid, too: along the one axis `point`, with columns of the parameters that vary.
+
     Parameters
     ----------
     axes : dict of str to ndarray
         Values of each axis, shape (n_k,), SI units, in the order of the cube's dimensions.
     fixed : dict of str to float
         The other parameters, SI units.
+    columns : dict of str to ndarray
+        Of single points: values of the parameters that vary, shape (n,), SI units.
     """
 
     axes: dict[str, np.ndarray]
     fixed: dict[str, float]
+    columns: dict[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -211,13 +214,16 @@ class Grid:
         return fill_rows(self.fixed | self.values(points), points.size)
 
     def values(self, points: Any) -> dict[str, np.ndarray]:
-        """Values on each axis of `points`, numbers in C order, of the same shape."""
+        """Values of what varies at `points`, numbers in C order, of the same shape."""
+        if self.columns:
+            return {name: values[points] for name, values in self.columns.items()}
         places = np.unravel_index(points, self.shape)
         return {name: values[k] for (name, values), k in zip(self.axes.items(), places, strict=True)}
 
     def point(self, number: int) -> str:
         """Such as ``point 7 (Gamma = 0.9, beta0 = 0.2)``."""
-        given = (f"{name} = {_given(name, value)}" for name, value in self.values(number).items())
+        values = self.values(number).items()
+        given = (f"{name} = {DIRECTIONS[k] if name == 'direction' else repr(float(k))}" for name, k in values)
         return f"point {number} ({', '.join(given)})"
 
     @property
@@ -227,16 +233,8 @@ class Grid:
 
     def configuration(self) -> dict[str, Any]:
         """The part of a configuration that gives the points."""
-        return {"grid": {name: values.tolist() for name, values in self.axes.items()}, "fixed": self.fixed}
-
-    def first(self) -> "Grid":
-        """Its first point alone, without the fixed parameters."""
-        return Grid({name: values[:1] for name, values in self.axes.items()}, {})
-
-    @property
-    def columns(self) -> dict[str, np.ndarray]:
-        """Parameters that vary along the axis `point`: none, of a grid."""
-        return {}
+        kind, varied = ("points", self.columns) if self.columns else ("grid", self.axes)
+        return {kind: {name: values.tolist() for name, values in varied.items()}, "fixed": self.fixed}
 
     def window(self, start: int, stop: int) -> tuple["Grid", int]:
         """A small grid with the points `start` to `stop` - 1 in one piece, and the number of the first of them there.
@@ -251,11 +249,8 @@ class Grid:
             lead += first * stride
             if last > first:
                 break
-        return Grid(axes, self.fixed), start - lead
-
-
-def _given(name: str, value: Any) -> str:
-    return DIRECTIONS[value] if name == "direction" else repr(float(value))
+        columns = {name: values[start:stop] for name, values in self.columns.items()}
+        return Grid(axes, self.fixed, columns), start - lead
 
 
 def without_directions(axes: Mapping[str, Any] | None) -> tuple[dict[str, Any] | None, str | None]:
@@ -302,30 +297,28 @@ def legal_points(grid: Grid) -> np.ndarray:
     return legal
 
 
-def as_fixed(fixed: Any) -> dict[str, Any]:
-    """What is given as fixed, as a mapping; none is an empty one.
+def laid_out(
+    varied: Mapping[str, Any], fixed: Any, read: Callable[[str, Any], np.ndarray], gaps: Collection[str]
+) -> tuple[dict[str, np.ndarray], dict[str, float]]:
+    """Values of what varies, as `read` of each name and what is given for it, and of all other parameters, judged together.
 
     Raises
     ------
     ParameterError
+        Also for a parameter that is given twice, or is without effect beside others.
     """
     if not isinstance(fixed, Mapping | None):
         raise ParameterError(f"fixed = {fixed!r}: must be a mapping of parameters and values")
-    return dict(fixed or {})
-
-
-def refuse_twice(varied: Mapping[str, Any], fixed: Mapping[str, Any]) -> None:
-    """Refuse parameters that are given twice, as varied and as fixed, or that are without effect beside others.
-
-    Raises
-    ------
-    ParameterError
-    """
-    for name in fixed:
+    given = dict(fixed or {})
+    for name in given:
         check_name(name)
         if name in varied:
             raise ParameterError(f"{name}: given twice, as an axis and as a fixed value")
-    check_effect({*varied, *fixed})
+    check_effect({*varied, *given})
+    values = {name: read(name, each) for name, each in varied.items()}
+    held = fixed_values(values, given)
+    check(held | values, gaps)
+    return values, held
 
 
 def fixed_values(varied: Mapping[str, np.ndarray], fixed: Mapping[str, Any]) -> dict[str, float]:
@@ -370,13 +363,9 @@ def make_grid(
     ParameterError
         Naming the parameter, its value and what is allowed.
     """
-    fixed = as_fixed(fixed)
     if not isinstance(axes, Mapping):
         raise ParameterError(f"grid: is a {type(axes).__name__}; give a mapping of parameters to their values")
     if not axes:
         raise ParameterError("grid: has no axis; give at least one parameter to sweep")
-    refuse_twice(axes, fixed)
-    made = {name: axis_values(name, declared) for name, declared in axes.items()}
-    held = fixed_values(made, fixed)
-    check(held | made, gaps)
-    return Grid(made, held) if carry is None else with_directions(Grid(made, held), carry)
+    grid = Grid(*laid_out(axes, fixed, axis_values, gaps))
+    return grid if carry is None else with_directions(grid, carry)

@@ -118,7 +118,7 @@ def plan(study: Study, workers: int, out: Path | None = None) -> Plan:
     stoppable(lambda _: prove())  # and compile
     sample = study.sample(np.random.default_rng(_SEED))
     costs = np.array(list(_for_some_time((_cost(*part) for part in sample.parts), sample.seconds)))
-    first = replace(study, grid=study.grid.first())
+    first = replace(study, grid=study.grid.window(0, 1)[0])
     cube = signed(first.as_cube(blank_results(1, study.kind)), study.configuration())
     return Plan(
         study.grid.size,

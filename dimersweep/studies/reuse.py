@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.points import AnyGrid
+from dimersweep.cubes.grid import Grid
 from dimersweep.cubes.results import Finished, Tile, runs, split
 from dimersweep.errors import StoreError
 from dimersweep.storage.checking import check_unchanged
@@ -77,7 +77,7 @@ class Known:
         As `sweep`, `search` or `refine` returned it.
     name : str
         What messages call it.
-    grid : Grid or Points
+    grid : Grid
         The points to be; what is an axis in one may be fixed in the other.
     read : callable
         Gives the results of `cube`.
@@ -90,7 +90,7 @@ class Known:
         If `cube` was changed since it was written, or has none of the points.
     """
 
-    def __init__(self, cube: xr.Dataset, name: str, grid: AnyGrid, read: Read, unwanted: Pick) -> None:
+    def __init__(self, cube: xr.Dataset, name: str, grid: Grid, read: Read, unwanted: Pick) -> None:
         check_unchanged(cube, name)
         self.shape, self.line, self.unwanted = grid.shape, grid.line, unwanted
         self.places, self.offset = [np.arange(grid.size)], 0
@@ -98,7 +98,7 @@ class Known:
             self._find(cube, name, grid)
         self.results = read(cube)
 
-    def _find(self, cube: xr.Dataset, name: str, grid: AnyGrid) -> None:
+    def _find(self, cube: xr.Dataset, name: str, grid: Grid) -> None:
         """Where the points of a grid are in `cube`."""
         old = json.loads(cube.attrs["configuration"])["grid"]
         strides, stride = {}, 1

@@ -9,7 +9,6 @@ import xarray as xr
 
 from dimersweep.cubes.cube import blank, build, results_in, with_fields
 from dimersweep.cubes.grid import Grid
-from dimersweep.cubes.points import AnyGrid
 from dimersweep.cubes.results import Bundle, Field, Tile, kind_with, not_ok
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import Workspace, is_stopped
@@ -56,7 +55,7 @@ class Study:
 
     Parameters
     ----------
-    grid : Grid or Points
+    grid : Grid
         The points. Where it has the axis `direction`, the state is carried along the last axis, see `with_directions`.
     how : RunSettings
         How long each point is run, and how accurately.
@@ -64,7 +63,7 @@ class Study:
         What is known of each point besides the numbers of its run.
     """
 
-    grid: AnyGrid
+    grid: Grid
     how: RunSettings
     observers: tuple[Observer, ...] = ()
 

@@ -5,8 +5,8 @@ from typing import Any, Literal, Unpack
 
 import xarray as xr
 
-from dimersweep.cubes.grid import make_grid
-from dimersweep.cubes.points import AnyGrid, make_points
+from dimersweep.cubes.grid import Grid, make_grid
+from dimersweep.cubes.points import make_points
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_count, check_switch
 from dimersweep.runs.settings import run_settings
@@ -38,7 +38,7 @@ def study_of(
         raise ParameterError("grid: give either a grid or points")
     if carry is not None and axes is None:
         raise ParameterError(f"carry = {carry!r}: is for grids, whose last axis it goes along, not for single points")
-    grid: AnyGrid = make_points(points, fixed) if axes is None else make_grid(axes, fixed, carry=carry)
+    grid: Grid = make_points(points, fixed) if axes is None else make_grid(axes, fixed, carry=carry)
     sure: tuple[Observer, ...] = (Certify(),) if check_switch("certify", certify) else ()
     if carry is not None and sure:
         raise ParameterError("certify: is for points that start by themselves, and goes without carry")

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from dimersweep.cubes.points import Points
+from dimersweep.cubes.grid import Grid
 from dimersweep.errors import OrbitError
 from dimersweep.kernel.course import new_workspace
 from dimersweep.kernel.model.layout import CODE_MODE, CODE_MODE_PERIOD, MODES
@@ -82,7 +82,7 @@ class Judge:
 
     Parameters
     ----------
-    points : Points
+    points : Grid
         The starts.
     how : RunSettings
         Of the runs.
@@ -91,7 +91,7 @@ class Judge:
     mirrors : Mirrors
     """
 
-    def __init__(self, points: Points, how: RunSettings, results: np.ndarray, mirrors: Mirrors) -> None:
+    def __init__(self, points: Grid, how: RunSettings, results: np.ndarray, mirrors: Mirrors) -> None:
         self.points, self.how, self.results, self.mirrors = points, how, results, mirrors
         self.modes, self.periods = (results["codes"][:, slot] for slot in (CODE_MODE, CODE_MODE_PERIOD))
         self.tape = Tape()

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 
-from dimersweep.cubes.points import AnyGrid
+from dimersweep.cubes.grid import Grid
 from dimersweep.cubes.results import Finished, Tile, not_ok, tally
 from dimersweep.errors import PointError, Stopped, UnfinishedError
 from dimersweep.kernel.model.layout import CODE_STATUS, STATUS_MESSAGES, STATUSES
@@ -54,7 +54,7 @@ class Troubles:
         self.alike = self.alike + 1 if sort == self.last else 1
         self.last = sort
 
-    def words(self, grid: AnyGrid) -> str:
+    def words(self, grid: Grid) -> str:
         """Such as ``3 points could not be run, such as point 7 (Gamma = 0.9): MemoryError: no room``."""
         assert self.first is not None
         points, such = ("points", ", such as ") if self.points > 1 else ("point", ": ")

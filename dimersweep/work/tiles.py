@@ -6,7 +6,7 @@ from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 
-from dimersweep.cubes.points import AnyGrid
+from dimersweep.cubes.grid import Grid
 from dimersweep.cubes.results import Bundle, Finished, Tile, blank_results
 from dimersweep.kernel.batch import Workspace, is_stopped
 from dimersweep.work.stopping import StopFlag
@@ -74,7 +74,7 @@ class Work(Protocol):
     """What is done at each point of a grid: the numbers of a point depend on nothing else, so anybody may do it."""
 
     @property
-    def grid(self) -> AnyGrid:
+    def grid(self) -> Grid:
         """The points."""
 
     @property

@@ -16,7 +16,6 @@ import xarray as xr
 from dimersweep.cubes.checksum import Checksum
 from dimersweep.cubes.cube import coordinates_of
 from dimersweep.cubes.grid import Grid
-from dimersweep.cubes.points import AnyGrid
 from dimersweep.cubes.results import Tile
 from dimersweep.errors import StoreError, one_line
 from dimersweep.storage.blocks import blocks, chunk_shape
@@ -50,7 +49,7 @@ def check_zarr() -> None:
 
 
 def write_zarr(
-    grid: AnyGrid,
+    grid: Grid,
     small: xr.Dataset,
     block_of: Callable[[Tile, Grid], xr.Dataset],
     path: Path,
@@ -123,7 +122,7 @@ def _each(workers: int, call: Callable[..., None], given: Iterable[tuple[Any, ..
             future.result()
 
 
-def _template(grid: AnyGrid, small: xr.Dataset) -> xr.Dataset:
+def _template(grid: Grid, small: xr.Dataset) -> xr.Dataset:
     """The cube of `grid` with lazy variables, like that of one point, so that only types, chunks and attributes are written."""
     from zarr.codecs import ZstdCodec
 
