@@ -103,33 +103,14 @@ LEFT_OUT: dict[str, str | float] = {
     **dict.fromkeys(("tilt", "azimuth", "Gamma_x", "phi_x", "Gamma_y", "phi_y"), 0.0),
     **dict.fromkeys(("theta0", "ydot0", "betadot0", "thetadot0", "gammadot0", "gap0"), 0.0),
 }
-# how the parameters are written: in TeX, and in plain letters
+# how the parameters are written, in TeX and in plain letters, where their names do not tell
 SYMBOLS = {
-    "e": ("e", "e"),
-    "Gamma": (r"\Gamma", "Γ"),
-    "f": ("f", "f"),
-    "A_r": ("A_r", "A_r"),
-    "mu": (r"\mu", "μ"),
-    "mu_s": (r"\mu_s", "μ_s"),
     "beta0": (r"\beta(0)", "β(0)"),
     "xdot0": (r"\dot{x}_1(0)", "ẋ(0)"),
     "phi0": (r"\phi_0", "φ₀"),
-    "r": ("r", "r"),
-    "rho_b": (r"\rho_b", "ρ_b"),
-    "rho_r": (r"\rho_r", "ρ_r"),
-    "D_r": ("D_r", "D_r"),
-    "g": ("g", "g"),
-    "Gamma_2": (r"\Gamma_2", "Γ_2"),
-    "phi_2": (r"\phi_2", "φ_2"),
-    "mu_h": (r"\mu_h", "μ_h"),
-    "eta": (r"\eta", "η"),
     "k_ratio": ("k_2/k_1", "k_2/k_1"),
     "tilt": (r"\mathrm{tilt}", "tilt"),
     "azimuth": (r"\mathrm{azimuth}", "azimuth"),
-    "Gamma_x": (r"\Gamma_x", "Γ_x"),
-    "phi_x": (r"\phi_x", "φ_x"),
-    "Gamma_y": (r"\Gamma_y", "Γ_y"),
-    "phi_y": (r"\phi_y", "φ_y"),
     "theta0": (r"\theta(0)", "θ(0)"),
     "ydot0": (r"\dot{y}_1(0)", "ẏ(0)"),
     "betadot0": (r"\dot{\beta}(0)", "β\u0307(0)"),
@@ -137,18 +118,22 @@ SYMBOLS = {
     "gammadot0": (r"\dot{\gamma}(0)", "γ\u0307(0)"),
     "gap0": (r"\delta(0)", "δ(0)"),
 }
+GREEK = {"Gamma": "Γ", "mu": "μ", "rho": "ρ", "phi": "φ", "eta": "η"}
 CAPTION = ("xdot0", "A_r", "e", "Gamma", "f", "mu", "mu_s", "beta0")  # what the paper's captions give
 
 
 def symbol(name: str, *, tex: bool = False) -> str:
     """How a parameter is written; that of one end has the number of the end as its index."""
-    if name in SYMBOLS:
-        tex_symbol, plain = SYMBOLS[name]
-        return f"${tex_symbol}$" if tex else plain
-    both, end = name.rsplit("_", 1)
-    tex_symbol, plain = SYMBOLS[both]
+    end = name[-1] if any(name in ends for ends in ENDS.values()) else ""
+    both = name.removesuffix(f"_{end}")
+    letter = both.partition("_")[0]
+    tex_symbol, plain = SYMBOLS.get(both, (both, both))
+    if letter in GREEK:
+        tex_symbol, plain = f"\\{both}", both.replace(letter, GREEK[letter])
+    if not tex:
+        return f"{plain}_{end}" if end else plain
     stem, _, index = tex_symbol.partition("_")
-    return f"${stem}_{{{index}{',' if index else ''}{end}}}$" if tex else f"{plain}_{end}"
+    return f"${stem}_{{{index}{',' if index else ''}{end}}}$" if end else f"${tex_symbol}$"
 
 
 def units_shown(units: str) -> str:

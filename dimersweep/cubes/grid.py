@@ -5,8 +5,9 @@ from dataclasses import dataclass, field
 from decimal import Context, Decimal, localcontext
 from fractions import Fraction
 from functools import partial
-from itertools import pairwise
+from itertools import accumulate, pairwise, repeat
 from math import isfinite, lcm, prod
+from operator import mul
 from typing import Any
 
 import numpy as np
@@ -86,8 +87,9 @@ def _in_ratio(low: float, high: float, count: int) -> np.ndarray:
     with localcontext(Context(prec=RATIO_DIGITS)):
         first, last = Decimal(repr(low)), Decimal(repr(high))
         ratio = (last / first) ** (Decimal(1) / max(1, count - 1))
-        between = [float(first * ratio**k) for k in range(1, count - 1)]
-    return np.array([low, *between, high][:count])
+        values = np.fromiter(accumulate(repeat(ratio, count - 1), mul, initial=first), float, count)
+    values[-1], values[0] = high, low
+    return values
 
 
 def _with_units(name: str, value: Any) -> float:
