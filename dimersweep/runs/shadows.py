@@ -10,7 +10,6 @@ transient was another one, and the mode is luck. A motion that has not settled h
 any time.
 """
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -96,50 +95,37 @@ def pairs(events: xr.Dataset, others: xr.Dataset, T: float) -> tuple[np.ndarray,
     -------
     rows, other_rows : ndarray, shape (n,), int
     """
-    ours, theirs = _named(events), _named(others)
+    ours, theirs = _sorts(events), _sorts(others)
     t, t_other = events["time"].values, others["time"].values
-    rows, other_rows = [], []
-    for name in ours.keys() & theirs.keys():
-        mine, yours = ours[name], theirs[name]
+    found: list[tuple[int, int]] = []
+    for sort in ours.keys() & theirs.keys():
+        mine, yours = ours[sort], theirs[sort]
         there, back = _nearest(t[mine], t_other[yours]), _nearest(t_other[yours], t[mine])
         apart = np.abs(t[mine] - t_other[yours][there])
         close = 2 * apart <= np.minimum(_room(t[mine], T), _room(t_other[yours], T)[there])
         mutual = close & (back[there] == np.arange(mine.size))
-        rows.append(mine[mutual])
-        other_rows.append(yours[there[mutual]])
-    found, partner = np.concatenate([[], *rows]).astype(int), np.concatenate([[], *other_rows]).astype(int)
-    order = np.argsort(found)
-    return found[order], partner[order]
+        found += zip(mine[mutual], yours[there[mutual]], strict=True)
+    rows, other_rows = np.array(sorted(found), int).reshape(-1, 2).T
+    return rows, other_rows
 
 
-def _named(events: xr.Dataset) -> dict[tuple[str, str, int], np.ndarray]:
+def _sorts(events: xr.Dataset) -> dict[Any, np.ndarray]:
     """Rows of each sort of event: cause, kind, and which of its sort it is at its time."""
-    sorts: dict[tuple[str, str, int], list[int]] = {}
-    seen: Counter[tuple[str, str]] = Counter()
-    moment = -1.0
-    columns = (events[name].values.tolist() for name in ("time", "cause", "kind"))
-    for row, (time, *sort) in enumerate(zip(*columns, strict=True)):
-        if time != moment:
-            seen.clear()
-            moment = time
-        cause, kind = sort
-        sorts.setdefault((cause, kind, seen[cause, kind]), []).append(row)
-        seen[cause, kind] += 1
-    return {sort: np.array(rows) for sort, rows in sorts.items()}
+    table = events[["time", "cause", "kind"]].to_dataframe()
+    which = table.groupby(["time", "cause", "kind"]).cumcount()
+    rows: dict[Any, np.ndarray] = table.groupby(["cause", "kind", which]).indices
+    return rows
 
 
 def _nearest(values: np.ndarray, among: np.ndarray) -> np.ndarray:
     """Number of the item of the increasing `among` that is nearest to each of `values`."""
-    after = np.searchsorted(among, values).clip(1, max(1, among.size - 1))
-    before = after - 1
-    after = after.clip(0, among.size - 1)
-    return np.where(np.abs(values - among[before]) <= np.abs(values - among[after]), before, after)
+    return np.searchsorted(0.5 * (among[1:] + among[:-1]), values)
 
 
 def _room(values: np.ndarray, most: float) -> np.ndarray:
     """Distance of each of the increasing `values` to the nearest other one, `most` at most."""
-    steps = np.concatenate(([most], np.diff(values), [most]))
-    return np.minimum(np.minimum(steps[:-1], steps[1:]), most)
+    steps = np.minimum(np.diff(values, prepend=-np.inf, append=np.inf), most)
+    return np.minimum(steps[:-1], steps[1:])
 
 
 def difference(run: SeenRun, other: SeenRun, times: np.ndarray) -> dict[str, np.ndarray]:
