@@ -374,7 +374,7 @@ def test_works_change_nothing_of_the_run(scene, tmp_path):
     """It is made once more for them, bit for bit; one from a file from its first smooth phase on."""
     run = simulate(**scene, periods=60).go_on(20)
     record = run.record("the test")
-    again, _ = with_works(record, run.rtol, new_workspace())
+    again, _ = with_works(record, new_workspace())
     np.testing.assert_array_equal(again.segments[:, :BEFORE], record.segments[:, :BEFORE])
     np.testing.assert_array_equal(again.events, record.events)
     loaded = load_run(run.save(tmp_path / "run.nc"))

@@ -221,7 +221,7 @@ def test_boundaries_of_periods_are_met_however_they_are_rounded(base):
 
 
 def test_a_run_that_fails_at_its_first_impact_has_no_states():
-    record = run_module.RunRecord(np.zeros(0), np.zeros((0, 18)), np.zeros((0, 18)))
+    record = run_module.RunRecord(np.zeros(0), 1e-8, np.zeros((0, 18)), np.zeros((0, 18)))
     failed = dataclasses.replace(simulate(periods=1), message="too many steps", _record=record)
     with pytest.raises(ParameterError, match=r"^states: there are none, .* \(too many steps\)$"):
         failed.states(0)
@@ -315,7 +315,7 @@ def test_a_chatter_that_has_not_ended_where_a_record_ends_has_no_row(base):
     causes, closes = record.events[:, E_CAUSE], np.flatnonzero(record.segments[:, SEGMENT_HOP_TIME] > 0)
     for n, k in zip(np.flatnonzero(causes == C_CHATTER_END)[:20], closes[:20], strict=True):
         ended = record._replace(events=record.events[: n + 1], segments=record.segments[: k + 1])
-        assert events_of(ended, base.rtol, base.parameters).equals(events.isel(event=slice(n)))
+        assert events_of(ended).equals(events.isel(event=slice(n)))
 
 
 def test_a_run_that_failed_has_states_up_to_its_last_event(base):
@@ -327,10 +327,10 @@ def test_a_run_that_failed_has_states_up_to_its_last_event(base):
     m = np.flatnonzero(after & (record.events[:, E_PHASE] > start[1]))[0]
     failed = record._replace(segments=record.segments[: n + 1], events=record.events[: m + 1])
     last = base.events["time"].values[m]
-    state = states_of(failed, np.array([np.nextafter(last, 0.0)]), base.rtol, base.parameters)
+    state = states_of(failed, np.array([np.nextafter(last, 0.0)]))
     assert state.identical(base.states(np.array([np.nextafter(last, 0.0)])))
     with pytest.raises(ParameterError, match="length of the run"):
-        states_of(failed, np.array([last * (1 + 1e-6)]), base.rtol, base.parameters)
+        states_of(failed, np.array([last * (1 + 1e-6)]))
 
 
 def test_data_have_units_and_meanings(base):

@@ -38,9 +38,9 @@ def check_by(by: str) -> None:
         raise ParameterError(f"by = {by!r}: must be one of {', '.join(get_args(By))}")
 
 
-def energy_of(record: RunRecord, rtol: float, parameters: dict[str, float], by: By, space: Workspace) -> xr.Dataset:
+def energy_of(record: RunRecord, by: By, space: Workspace) -> xr.Dataset:
     """The energy budget of a run, which is made once more for its works; see `Run.energy`."""
-    record, book = with_works(record, rtol, space)
+    (record, book), parameters = with_works(record, space), record.parameters
     dm, segments, events = dimer_of(record.row), record.segments, record.events
     n, f, phi0 = len(segments), parameters["f"], parameters["phi0"]
     ends, smooth, flows = book.ends[: n - 1], book.smooth[: n - 1], book.flows[: n - 1]

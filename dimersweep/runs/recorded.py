@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from math import pi
+from math import nan, pi
 from typing import NamedTuple
 from zlib import crc32
 
@@ -48,17 +48,23 @@ BOUNDARY = 1e-12  # a time this far below the end of a forcing period counts as 
 
 
 class RunRecord(NamedTuple):
-    """Record that the kernel wrote of one run (columns in ``kernel.record``), with the parameters that they belong to.
+    """Record that the kernel wrote of one run (columns in ``kernel.record``), with its parameters and its accuracy.
 
     `cut` says that there was no room for all of them, and `start` what the run started from (rows of N_START numbers, none for
     the start in the parameters), where that is known.
     """
 
     row: np.ndarray
+    rtol: float
     events: np.ndarray
     segments: np.ndarray
     cut: bool = False
     start: np.ndarray | None = None
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Those in the row, by name."""
+        return dict(zip(ROW, self.row.tolist(), strict=True))
 
 
 def times_of(periods: np.ndarray, phases: np.ndarray, f: float) -> np.ndarray:
@@ -71,14 +77,13 @@ def _dataset(columns: dict[str, np.ndarray], quantities: dict[str, Quantity], di
     return xr.Dataset({name: (dim, columns[name], quantity.attributes()) for name, quantity in quantities.items()})
 
 
-def events_of(record: RunRecord, rtol: float, parameters: dict[str, float]) -> xr.Dataset:
+def events_of(record: RunRecord) -> xr.Dataset:
     """The events of a run in order of time, along `event`; see `Run.events`."""
-    columns = dict(zip(EVENT, record.events.T.copy(), strict=True))
-    ended = _move_to_ends_of_hops(record, rtol, columns)
+    columns, parameters = dict(zip(EVENT, record.events.T.copy(), strict=True)), record.parameters
+    ended = _move_to_ends_of_hops(record, columns)
     columns["time"] = times_of(columns["period"], columns["phase"], parameters["f"])
     if ended.size:
-        places = _places(columns["time"][ended], record, parameters["f"])
-        _, states, _ = _sampled(record, *places, rtol, no_record())
+        _, states, _ = _sampled(record, *_places(columns["time"][ended], record), no_record())
         for name, values in _columns_at(dimer_of(record.row), states).items():
             columns[name][ended] = values
     columns["phase"] = np.mod(columns["phase"] + parameters["phi0"], 2 * pi)
@@ -104,7 +109,7 @@ def _columns_at(dm: Dimer, states: np.ndarray) -> dict[str, np.ndarray]:
     return columns
 
 
-def _move_to_ends_of_hops(record: RunRecord, rtol: float, columns: dict[str, np.ndarray]) -> np.ndarray:
+def _move_to_ends_of_hops(record: RunRecord, columns: dict[str, np.ndarray]) -> np.ndarray:
     """Move the ends of chatters to the accumulation points of their bounces, in place; numbers of the rows that were moved.
 
     The kernel writes such a row at the last bounce before the hops that it sums; here these are followed. Where another
@@ -117,7 +122,7 @@ def _move_to_ends_of_hops(record: RunRecord, rtol: float, columns: dict[str, np.
     moved = []
     for n in np.flatnonzero(columns["cause"] == C_CHATTER_END):
         k = closes.get((periods[n], phases[n]))
-        turn = _end_of_hops(record, k, rtol) if k is not None else None
+        turn = _end_of_hops(record, k) if k is not None else None
         if turn is not None:  # else the hops last too short to matter, or longer than they are followed
             turn += 4 * np.spacing(2 * pi * (1 + periods[n]))  # rounded up: the time is not before the event
             last = n + 1 == len(phases)
@@ -132,7 +137,7 @@ def _move_to_ends_of_hops(record: RunRecord, rtol: float, columns: dict[str, np.
     return np.array(moved, np.intp)
 
 
-def _end_of_hops(record: RunRecord, k: int, rtol: float) -> float | None:
+def _end_of_hops(record: RunRecord, k: int) -> float | None:
     """How far the plate turns until the hops that segment `k` sums have died out [rad].
 
     None if they have not within the time that they are followed for.
@@ -142,7 +147,7 @@ def _end_of_hops(record: RunRecord, k: int, rtol: float) -> float | None:
     status, room = RECORD_FULL, HOP_ROWS
     while status == RECORD_FULL:
         rows, room = new_record(room), HOP_ROWS_GROWTH * room
-        status, _, _ = _sampled(record, np.array([k]), segment[[PHASE]] + span, rtol, rows)
+        status, _, _ = _sampled(record, np.array([k]), segment[[PHASE]] + span, rows)
     events, segments = rows_of(rows)
     closed = np.array(digits_of(events[:, E_KIND])).T > 0
     all_down = (closed >= (segment[SEGMENT_MODES : SEGMENT_MODES + 2] != FREE)).all(1)
@@ -155,7 +160,7 @@ def _end_of_hops(record: RunRecord, k: int, rtol: float) -> float | None:
     return float(2 * pi * (period - 1) + phase + span + omega * rest)
 
 
-def _places(times: np.ndarray, record: RunRecord, f: float) -> tuple[np.ndarray, np.ndarray]:
+def _places(times: np.ndarray, record: RunRecord) -> tuple[np.ndarray, np.ndarray]:
     """Number of the segment in whose phase each time lies, and the plate phase [rad] of the time, counted as there.
 
     A time within the hops that the close of a chatter sums belongs to the segment that starts from it.
@@ -166,7 +171,7 @@ def _places(times: np.ndarray, record: RunRecord, f: float) -> tuple[np.ndarray,
     ParameterError
         If a time is outside the run.
     """
-    segments, events, cut = record.segments, record.events, record.cut
+    segments, events, cut, f = record.segments, record.events, record.cut, record.parameters["f"]
     starts = times_of(segments[:, PERIOD], segments[:, PHASE], f)
     end = starts[-1]
     if (
@@ -190,17 +195,11 @@ def _places(times: np.ndarray, record: RunRecord, f: float) -> tuple[np.ndarray,
     return last, segments[last, PHASE] + 2 * pi * f * (times - starts[last])
 
 
-def _states(
-    record: RunRecord,
-    times: np.ndarray,
-    kernel_states: np.ndarray,
-    modes: np.ndarray,
-    parameters: dict[str, float],
-) -> xr.Dataset:
+def _states(record: RunRecord, times: np.ndarray, kernel_states: np.ndarray, modes: np.ndarray) -> xr.Dataset:
     """The kernel's closed state in the coordinates of the paper."""
     s = State(*kernel_states.T)
-    dm = dimer_of(record.row)
-    plate, plate_rate, _ = motion(dm, s.phase + parameters["phi0"])
+    dm, phase = dimer_of(record.row), s.phase + record.parameters["phi0"]
+    plate, plate_rate, _ = motion(dm, phase)
     beta = dm.beta_0 + s.dip
     sin_b, cos_b, sin_t, cos_t = np.sin(beta), np.cos(beta), np.sin(s.theta), np.cos(s.theta)
     theta_rate = s.wp / cos_b
@@ -208,7 +207,7 @@ def _states(
     v_a, v_b = s.ca - h_1 * sin_b * s.wb, s.cb - h_1 * s.wp  # of ball 1, along the heading and across it
     z1 = dm.p1.r + s.d1 + plate
     columns = {
-        "phase": np.mod(s.phase + parameters["phi0"], 2 * pi),
+        "phase": np.mod(phase, 2 * pi),
         "x1": s.x1,
         "y1": s.y1,
         "z1": z1,
@@ -243,22 +242,21 @@ def _states(
 
 def named_state(row: np.ndarray, start: np.ndarray) -> dict[str, float]:
     """A kernel state to start from, shape (1, N_START), by the names that `simulate` takes as a start."""
-    parameters = dict(zip(ROW, row.tolist(), strict=True))
-    record = RunRecord(row, np.empty((0, 0)), np.empty((0, 0)), False)
-    states = _states(record, np.zeros(1), start[:, :N_STATE], start[:, N_STATE:], parameters)
+    record = RunRecord(row, nan, np.empty((0, 0)), np.empty((0, 0)))
+    states = _states(record, np.zeros(1), start[:, :N_STATE], start[:, N_STATE:])
     return {name: float(states[name].item()) for name in STARTED}
 
 
 def _sampled(
-    record: RunRecord, which: np.ndarray, phases: np.ndarray, rtol: float, rows: Record
+    record: RunRecord, which: np.ndarray, phases: np.ndarray, rows: Record
 ) -> tuple[int, np.ndarray, np.ndarray]:
     """Status, kernel states and friction modes at plate phases within the given segments."""
     states, modes = np.zeros((which.size, N_STATE)), np.zeros((which.size, 2))
-    status = sample(record.row, record.segments, which, phases, rtol, new_workspace(), rows, states, modes)
+    status = sample(record.row, record.segments, which, phases, record.rtol, new_workspace(), rows, states, modes)
     return status, states, modes
 
 
-def states_of(record: RunRecord, times: np.ndarray, rtol: float, parameters: dict[str, float]) -> xr.Dataset:
+def states_of(record: RunRecord, times: np.ndarray) -> xr.Dataset:
     """The state at `times` [s], shape (n,), along `time`; see `Run.states`.
 
     Raises
@@ -266,19 +264,17 @@ def states_of(record: RunRecord, times: np.ndarray, rtol: float, parameters: dic
     ParameterError
         If a time is outside the run, or in a phase of contact so long that its steps are more than their bound.
     """
-    which, phases = _places(times, record, parameters["f"])
-    status, kernel_states, modes = _sampled(record, which, phases, rtol, no_record())
+    status, kernel_states, modes = _sampled(record, *_places(times, record), no_record())
     if status != OK:
         time = times[np.isnan(kernel_states[:, PHASE])][0]
         raise ParameterError(f"t = {time:.10g}: there is no state ({STATUS_MESSAGES[status]})")
-    kinetic, potential = energies(dimer_of(record.row), kernel_states, parameters["phi0"])
-    columns = forces(record.row, kernel_states, modes, rtol)
+    kinetic, potential = energies(dimer_of(record.row), kernel_states, record.parameters["phi0"])
+    columns = forces(record.row, kernel_states, modes, record.rtol)
     columns |= {"kinetic_energy": kinetic, "potential_energy": potential}
-    states = _states(record, times, kernel_states, modes, parameters)
-    return states.assign(_dataset(columns, FORCES, "time").variables).assign_coords(made_with=_made_with(parameters))
+    return _states(record, times, kernel_states, modes).assign(_dataset(columns, FORCES, "time").variables)
 
 
-def _made_with(parameters: Mapping[str, float]) -> xr.Variable:
+def made_with(parameters: Mapping[str, float]) -> xr.Variable:
     """A number of the parameters of a run but for its start, which tells them, and by which states put together are known."""
     told = json.dumps({name: value for name, value in parameters.items() if name not in START})
     about = {"units": "1", "long_name": "number of the run's parameters", "parameters": told}
@@ -312,8 +308,5 @@ def states_of_segments(record: RunRecord, periods: np.ndarray) -> xr.Dataset:
     segments = record.segments
     rows = period_rows(segments)
     rows = rows[np.isin(segments[rows, PERIOD], periods)]
-    parameters = dict(zip(ROW, record.row.tolist(), strict=True))
-    times = segments[rows, PERIOD] / parameters["f"]
-    return _states(
-        record, times, segments[rows, :N_STATE], segments[rows, SEGMENT_MODES : SEGMENT_MODES + 2], parameters
-    )
+    times = segments[rows, PERIOD] / record.parameters["f"]
+    return _states(record, times, segments[rows, :N_STATE], segments[rows, SEGMENT_MODES : SEGMENT_MODES + 2])

@@ -31,7 +31,7 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.parameters import Parameters
 from dimersweep.runs.outcome import Absent, Orbit, no_orbit
-from dimersweep.runs.recorded import RunRecord, events_of, named_state, states_of
+from dimersweep.runs.recorded import RunRecord, events_of, made_with, named_state, states_of
 from dimersweep.runs.settings import RunSettings, exactly
 from dimersweep.runs.solving import RunEnd, Solved, check_recorded, go_on, run_row
 from dimersweep.runs.starting import fitted, kernel_start
@@ -233,7 +233,7 @@ class Run(RunNumbers):
         ['SI1_sk', 'SI1_sp', 'SI1_sk']
         """
         record = self.record("events")
-        events = events_of(record, self.rtol, self.parameters)
+        events = events_of(record)
         return events.assign_attrs(comment=f"cut: {self.record_cut}") if record.cut else events
 
     def states(self, t: Any) -> xr.Dataset:
@@ -273,7 +273,7 @@ class Run(RunNumbers):
                 f"states: there are none, the run ended before its first smooth phase ({self.message})"
             )
         times = as_numbers("t", t, as_number, "s")
-        states = states_of(record, times, self.rtol, self.parameters)
+        states = states_of(record, times).assign_coords(made_with=made_with(self.parameters))
         return states if np.ndim(t) else states.isel(time=0)
 
     def energy(self, by: "By" = "period") -> xr.Dataset:
@@ -314,7 +314,7 @@ class Run(RunNumbers):
         if len(record.segments) < 2:
             raise ParameterError(f"energy: there is none, the run ended before its first smooth phase ({self.message})")
 
-        return stoppable(partial(energy_of, record, self.rtol, self.parameters, by))
+        return stoppable(partial(energy_of, record, by))
 
     def section(self, at: "At" = "period", *, phase: float | str | None = None) -> xr.Dataset:
         """States at which a map can be looked at: those of the return map, of impacts, or of a phase of the plate.

@@ -122,12 +122,14 @@ def _fields(configuration: dict[str, Any], rows: dict[str, np.ndarray]) -> dict[
     start, orbit = configuration["start"], configuration["orbit"]  # and called gamma spin, and spin spin_rate
     start = start and {FORMER_NAMES.get(name, name): value for name, value in start.items()}
     orbit = orbit and Orbit(**{"spin" if name == "spin_rate" else name: value for name, value in orbit.items()})
-    row, recorded = Parameters(**parameters).row(), "event_rows" in rows
-    record = RunRecord(row, rows["event_rows"], rows["segment_rows"], configuration["record_cut"]) if recorded else None
+    row = Parameters(**parameters).row()
+    rtol, record = float(configuration["rtol"]), None
+    if "event_rows" in rows:
+        record = RunRecord(row, rtol, rows["event_rows"], rows["segment_rows"], configuration["record_cut"])
     return {
         "parameters": parameters,
         "start": start,
-        "rtol": float(configuration["rtol"]),
+        "rtol": rtol,
         "orbit": orbit or no_orbit(configuration["outcome"]["mode"]),
         **configuration["outcome"],
         "_record": record,

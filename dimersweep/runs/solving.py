@@ -126,7 +126,7 @@ def run_row(
                 rows = min(RECORD_GROWTH * rows, MAX_ROWS)
             full, (events, segments) = was_full(made), rows_of(made)
             begun = np.zeros((0, N_START)) if start is None else start
-            kept = RunRecord(row, events.copy(), segments.copy(), full, begun)
+            kept = RunRecord(row, how.rtol, events.copy(), segments.copy(), full, begun)
         if full or not record:
             run(periods, no_record())
         cost += int(codes[0, CODE_N_PERIODS])
@@ -148,10 +148,10 @@ def go_on(
     begun = int(more.record.events[0, CAUSE_COLUMN] == C_START)
     events = np.concatenate([record.events[:-1], more.record.events[begun:]])
     segments = np.concatenate([record.segments[:-1], more.record.segments[begun:]])
-    return more._replace(record=RunRecord(row, events, segments, record.cut or more.record.cut, record.start))
+    return more._replace(record=record._replace(events=events, segments=segments, cut=record.cut or more.record.cut))
 
 
-def with_works(record: RunRecord, rtol: float, space: Workspace) -> tuple[RunRecord, Book]:
+def with_works(record: RunRecord, space: Workspace) -> tuple[RunRecord, Book]:
     """A recorded run once more, with the works of its forces: its record, and the book beside that.
 
     What stands in the book rides along, and changes nothing of the run. One whose start is not known is made from its first
@@ -159,7 +159,7 @@ def with_works(record: RunRecord, rtol: float, space: Workspace) -> tuple[RunRec
     """
     events, segments = record.events, record.segments
     ended = len(events) > 0 and not record.cut and events[-1, CAUSE_COLUMN] == C_END
-    ask = ask_for(segments[-1, PERIOD] + (not ended), rtol, path=True)
+    ask = ask_for(segments[-1, PERIOD] + (not ended), record.rtol, path=True)
     start = segments[:1, : N_STATE + 2] if record.start is None else record.start
     kept = new_record(max(len(events), len(segments)), works=True)
     run_recorded(record.row, ask, np.zeros((1, N_OUT)), np.zeros((1, N_CODES), np.int64), kept, space, start)
