@@ -1,8 +1,8 @@
 """The parameters of a dimer, its plate and its start: their rules, and one set of them or whole axes, judged."""
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import InitVar, dataclass, fields
-from math import pi
+from math import inf, nextafter, pi
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,58 +15,51 @@ from dimersweep.symbols import BASE, ENDS, INSTEAD, LEFT_OUT, PARAMETERS
 
 
 class Rule(NamedTuple):
-    """What one parameter must obey, alone or against another one; ``holds`` takes scalars or arrays.
+    """What one parameter must obey: from `least` to `most` it is allowed, in units of the `other` one if there is one.
 
     A rule for a parameter that each end may have of its own (`symbols.ENDS`) is one for the values of both ends.
-
-    A value that obeys it against the ``worst`` value of the other one (its least or greatest) does so against all.
     """
 
     name: str
-    holds: Callable[..., Any]
     allowed: str
+    least: float = -inf
+    most: float = inf
     other: str = ""
-    worst: Callable[[np.ndarray], Any] = np.max
+
+    def holds(self, value: Any, unit: Any = 1.0) -> Any:
+        """Whether a value obeys it beside a value of the other parameter; for scalars, or arrays of one shape."""
+        above = value >= self.least * unit if self.least > -inf else value == value
+        return above & (value <= self.most * unit) if self.most < inf else above
 
 
-def _not_negative(value: Any) -> Any:
-    return value >= 0
-
-
-def _positive(value: Any) -> Any:
-    return value > 0
-
-
-def _share(value: Any) -> Any:
-    return (value >= 0) & (value <= 1)
-
-
+TINY, ACUTE = (
+    nextafter(0.0, 1.0),
+    nextafter(pi / 2, 0.0),
+)  # the least number above 0, the greatest angle below a right one
+NO_LESS = ">= {} = {} (stick friction is never below slip friction)"
 RULES = (
-    Rule("e", _share, "in [0, 1]"),
-    Rule("Gamma", _not_negative, ">= 0"),
-    Rule("Gamma_2", _not_negative, ">= 0 (turn it by phi_2)"),
-    Rule("f", _positive, "> 0"),
-    Rule("A_r", lambda value: value >= 2, ">= 2 (below 2 the balls overlap)"),
-    Rule("mu", _not_negative, ">= 0"),
-    Rule("mu_s", lambda mu_s, mu: mu_s >= mu, ">= {} = {} (stick friction is never below slip friction)", "mu"),
-    Rule("mu_h", lambda mu_h, mu: mu_h >= mu, ">= {} = {} (stick friction is never below slip friction)", "mu"),
-    Rule("beta0", lambda value: abs(value) < pi / 2, 'below pi/2 = 1.5708 in size (radians; degrees as "16 deg")'),
-    Rule("r", _positive, "> 0"),
-    Rule("rho_b", _positive, "> 0"),
-    Rule("rho_r", _not_negative, ">= 0"),
-    Rule("D_r", _not_negative, ">= 0"),
-    Rule("D_r", lambda D_r, r: D_r <= 2 * r, "<= 2 r with {} = {} (the rod is thicker than the balls)", "r", np.min),
-    Rule("g", _positive, "> 0"),
-    Rule("eta", lambda value: value >= 1, ">= 1"),
-    Rule("k_ratio", _positive, "> 0"),
-    Rule("tilt", lambda value: (value >= 0) & (value < pi / 2), 'in [0, pi/2) (radians; degrees as "2 deg")'),
-    Rule("Gamma_x", _not_negative, ">= 0 (turn it by phi_x)"),
-    Rule("Gamma_y", _not_negative, ">= 0 (turn it by phi_y)"),
-    Rule("gap0", _not_negative, ">= 0 (the lower end would be below the plate)"),
+    Rule("e", "in [0, 1]", 0, 1),
+    Rule("Gamma", ">= 0", 0),
+    Rule("Gamma_2", ">= 0 (turn it by phi_2)", 0),
+    Rule("f", "> 0", TINY),
+    Rule("A_r", ">= 2 (below 2 the balls overlap)", 2),
+    Rule("mu", ">= 0", 0),
+    Rule("mu_s", NO_LESS, least=1, other="mu"),
+    Rule("mu_h", NO_LESS, least=1, other="mu"),
+    Rule("beta0", 'below pi/2 = 1.5708 in size (radians; degrees as "16 deg")', -ACUTE, ACUTE),
+    Rule("r", "> 0", TINY),
+    Rule("rho_b", "> 0", TINY),
+    Rule("rho_r", ">= 0", 0),
+    Rule("D_r", ">= 0", 0),
+    Rule("D_r", "<= 2 r with {} = {} (the rod is thicker than the balls)", most=2, other="r"),
+    Rule("g", "> 0", TINY),
+    Rule("eta", ">= 1", 1),
+    Rule("k_ratio", "> 0", TINY),
+    Rule("tilt", 'in [0, pi/2) (radians; degrees as "2 deg")', 0, ACUTE),
+    Rule("Gamma_x", ">= 0 (turn it by phi_x)", 0),
+    Rule("Gamma_y", ">= 0 (turn it by phi_y)", 0),
+    Rule("gap0", ">= 0 (the lower end would be below the plate)", 0),
 )
-
-
-FAR, BOUND_KNOWN = 1e9, 1e-15  # beyond what any parameter is; how well its bounds are known
 
 
 def check(columns: Mapping[str, Any], gaps: Collection[str] = ()) -> None:
@@ -87,15 +80,13 @@ def check(columns: Mapping[str, Any], gaps: Collection[str] = ()) -> None:
     for rule, name, other in _rules_for(columns):
         if {name, other} <= set(gaps):
             continue
-        values = np.atleast_1d(columns[name])
-        others = np.atleast_1d(columns[other]) if other else None
-        kept = rule.holds(values) if others is None else rule.holds(values, rule.worst(others))
+        given, unit = columns[name], columns[other] if other else 1.0
+        # what obeys it against the worst value of the other one does so against all
+        kept = rule.holds(given, (np.max if rule.most == inf else np.min)(unit) if other else unit)
         if np.all(kept):
             continue
-        value = values[np.argmin(kept)]
-        allowed = rule.allowed
-        if others is not None:
-            allowed = allowed.format(other, float(others[np.argmin(rule.holds(value, others))]))
+        value, others = np.atleast_1d(given)[np.argmin(kept)], np.atleast_1d(unit)
+        allowed = rule.allowed.format(other, float(others[np.argmin(rule.holds(value, others))]))
         raise ParameterError(f"{name} = {float(value)}: must be {allowed}")
 
 
@@ -124,22 +115,18 @@ def keeps_rules(columns: Mapping[str, Any]) -> Any:
 
 
 def bounds(name: str, values: Mapping[str, float]) -> tuple[float, float]:
-    """Two values between which a parameter is allowed beside the others, and hardly beyond; each rule allows an interval."""
-    own = value_of(name, values)
-    rules = [(rule, names) for rule, *names in _rules_for({**values, name: own}) if name in names]
-
-    def kept(value: float) -> bool:
-        point = {**values, name: value}
-        return all(rule.holds(*(point[one] for one in names if one)) for rule, names in rules)
-
-    def end(beyond: float) -> float:
-        within = own
-        while not kept(beyond) and abs(beyond - within) > BOUND_KNOWN:
-            middle = 0.5 * (within + beyond)
-            within, beyond = (middle, beyond) if kept(middle) else (within, middle)
-        return beyond if kept(beyond) else within
-
-    return end(-FAR), end(FAR)
+    """The least and the greatest value that is allowed of a parameter beside the others."""
+    low, high = -inf, inf
+    for rule, one, other in _rules_for({**values, name: value_of(name, values)}):
+        if name == one:
+            unit = values[other] if other else 1.0
+            low = max(low, rule.least * unit) if rule.least > -inf else low
+            high = min(high, rule.most * unit) if rule.most < inf else high
+        elif name == other and rule.most < inf:
+            low = max(low, values[one] / rule.most)
+        elif name == other:
+            high = min(high, values[one] / rule.least)
+    return low, high
 
 
 def without_effect(names: Collection[str]) -> set[str]:

@@ -16,7 +16,7 @@ from dimersweep.cubes.points import make_points
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_count, check_rtol
 from dimersweep.kernel.model.layout import ROW
-from dimersweep.parameters import RULES, Parameters, bounds, check, keeps_rules, updated
+from dimersweep.parameters import Parameters, Rule, bounds, check, keeps_rules, updated
 
 BAD = [
     ({"e": float("nan")}, "e = nan: must be finite"),
@@ -226,16 +226,13 @@ def test_columns_are_judged_as_all_their_combinations_are(mu, mu_s, D_r, r):
 
 
 def test_a_grid_of_1e9_points_is_judged_by_its_axes(monkeypatch):
-    judged = []
+    judged, holds = [], Rule.holds
 
-    def counting(rule):
-        def holds(values, *others):
-            judged.append(np.size(values) + sum(map(np.size, others)))
-            return rule.holds(values, *others)
+    def counting(rule, values, other):
+        judged.append(np.size(values) + np.size(other))
+        return holds(rule, values, other)
 
-        return rule._replace(holds=holds)
-
-    monkeypatch.setattr("dimersweep.parameters.RULES", tuple(map(counting, RULES)))
+    monkeypatch.setattr(Rule, "holds", counting)
     axes = {"mu": np.linspace(0.1, 0.3, 31_700), "mu_s": np.linspace(0.3, 0.9, 31_700)}
     tracemalloc.start()
     try:
@@ -261,5 +258,5 @@ def test_the_bounds_of_a_parameter_beside_the_others_are_those_of_its_rules(name
     values = Parameters(**({"mu": 0.2, "mu_s": 0.4} if name != "mu_s_1" else {"mu": 0.2}) | given).given()
     found = bounds(name, values)
     for value, bound in zip(found, known, strict=True):
-        assert abs(value) >= 1e9 if np.isinf(bound) else value == pytest.approx(bound, abs=1e-14)
+        assert value == pytest.approx(bound, abs=1e-14)
         check(values | {name: value})
