@@ -238,20 +238,6 @@ class PowerLaw(NamedTuple):
     greatest: float
 
 
-def _grown(name: str, values: np.ndarray) -> tuple[str, np.ndarray]:
-    """What a quantity is compared with a power of: A_r - 1 (the distance of the balls) for A_r."""
-    return (f"{name} - 1", values - 1) if name == "A_r" else (name, values)
-
-
-def _positive(what: str, values: np.ndarray, where: str = "") -> np.ndarray:
-    """Logarithms of values, which must be positive."""
-    if values.min() <= 0:
-        raise ParameterError(
-            f"exponents: {what} is {values.min():g} to {values.max():g}{where}; a power law needs values > 0"
-        )
-    return np.log(values)
-
-
 def over_axes(cube: xr.Dataset, quantity: str, *, flags: bool = True) -> xr.DataArray:
     """A variable of a cube over all its axes; without `flags`, only one that is no code of words.
 
@@ -307,32 +293,43 @@ def exponents(cube: xr.Dataset, quantity: str = "radius") -> dict[str, PowerLaw]
         raise ParameterError(
             f"exponents: has axes {', '.join(axes) or 'none'}; needs parameters of more than one value"
         )
-    known = np.isfinite(values.values)
-    if known.sum() <= len(axes) + 1:
-        raise ParameterError(f"exponents: {known.sum()} points drift; too few for a fit over {', '.join(axes)}")
-    grown = [_grown(name, cube[name].values) for name in axes]
-    places = np.meshgrid(*(along for _, along in grown), indexing="ij")
-    target = _positive(quantity, values.values[known], " where it drifts")
-    logs = [_positive(what, place[known]) for (what, _), place in zip(grown, places, strict=True)]
+    values = values.where(np.isfinite(values))
+    points = values.stack(point=axes).dropna("point")
+    drifts = f"all {points.size} points that drift"
+    if points.size <= len(axes) + 1:
+        raise ParameterError(f"exponents: {points.size} points drift; too few for a fit over {', '.join(axes)}")
+    target = _logarithms(quantity, points.values, " where it drifts")
+    logs = [_logarithms(*_grown(name, points[name].values)) for name in axes]
     fixed = [name for name, log in zip(axes, logs, strict=True) if not np.ptp(log)]
     if fixed:
-        raise ParameterError(f"exponents: {fixed[0]} is the same at all {known.sum()} points that drift")
-    design = np.column_stack([np.ones(known.sum()), *logs])
+        raise ParameterError(f"exponents: {fixed[0]} is the same at {drifts}")
+    design = np.column_stack([np.ones(points.size), *logs])
     if np.linalg.matrix_rank(design) <= len(axes):
-        raise ParameterError(f"exponents: {' and '.join(axes)} vary together at all {known.sum()} points that drift")
+        raise ParameterError(f"exponents: {' and '.join(axes)} vary together at {drifts}")
     fit, *_ = np.linalg.lstsq(design, target)
     rest = target - design @ fit
     covariance = np.linalg.inv(design.T @ design) * (rest @ rest) / (target.size - design.shape[1])
-    errors = np.sqrt(np.diag(covariance))
-    found, level = {}, np.full(known.shape, np.nan)
-    level[known] = target
-    for k, (name, log) in enumerate(zip(axes, logs, strict=True)):
-        along = np.full(known.shape, np.nan)
-        along[known] = log
-        slopes = np.diff(level, axis=k) / np.diff(along, axis=k)
-        ends = (np.nanmin(slopes), np.nanmax(slopes)) if np.isfinite(slopes).any() else (np.nan, np.nan)
-        found[name] = PowerLaw(float(fit[k + 1]), float(errors[k + 1]), float(ends[0]), float(ends[1]))
+    found = {}
+    for name, exponent, error in zip(axes, fit[1:], np.sqrt(np.diag(covariance))[1:], strict=True):
+        with np.errstate(invalid="ignore", divide="ignore"):  # of axes that are not positive where nothing drifts
+            level, along = (xr.apply_ufunc(np.log, each).diff(name) for each in (values, _grown(name, values[name])[1]))
+        slopes = level / along
+        found[name] = PowerLaw(float(exponent), float(error), float(slopes.min()), float(slopes.max()))
     return found
+
+
+def _grown(name: str, values: Any) -> tuple[str, Any]:
+    """What a quantity is compared with a power of: A_r - 1 (the distance of the balls) for A_r."""
+    return (f"{name} - 1", values - 1) if name == "A_r" else (name, values)
+
+
+def _logarithms(what: str, values: np.ndarray, where: str = "") -> np.ndarray:
+    """Logarithms of values, which must be positive."""
+    if values.min() <= 0:
+        raise ParameterError(
+            f"exponents: {what} is {values.min():g} to {values.max():g}{where}; a power law needs values > 0"
+        )
+    return np.log(values)
 
 
 class Minimum(NamedTuple):
