@@ -210,8 +210,11 @@ def lyapunov(run: Run, periods: int = 1000) -> Lyapunov:
     True
     """
     way = _way_on(run, periods, "lyapunov")
-    growth = np.array(_growth(way.section, way.states, way.modes, way.settled))
-    mean, error, counted = _mean_growth(growth, way, "lyapunov")
+    maps = map(partial(partial, _from_twin, way.section, way.settled), way.states[:-1], way.modes[:-1], way.modes[1:])
+    direction, free = np.zeros(len(NAMES)), free_coordinates(way.modes[0])
+    direction[free] = np.random.default_rng(0).normal(size=len(NAMES))[free]
+    growth = qr_growth(maps, direction[None] / np.linalg.norm(direction), fewest=1)
+    mean, error, counted = _mean_growth(growth[:, 0], way, "lyapunov")
     f = run.parameters["f"]
     return Lyapunov(float(mean) * f, float(error) * f, float(mean), counted)
 
@@ -357,24 +360,19 @@ def orthogonal(columns: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.
     return np.array(found).reshape(-1, len(columns)), sizes
 
 
-def _growth(section: Section, states: np.ndarray, modes: np.ndarray, settled: bool) -> list[float]:
-    """Logarithms of the growth of a small difference from each state to the next.
+def _from_twin(
+    section: Section, settled: bool, state: np.ndarray, here: np.ndarray, there: np.ndarray, directions: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """What one direction becomes in a forcing period, from a twin that starts along it; see `qr_growth`.
 
-    The difference lies in the coordinates that contact leaves free. In a motion that has not `settled` the list ends where
-    only the spin is left of it: both ends have been at rest.
+    It lies in the coordinates that contact leaves free. In a motion that has not `settled` it is lost where only the spin is
+    left of it: both ends have been at rest.
     """
     apart = section.rtol**0.5  # far above the errors of the map, far below the size of the motion
-    free, away = free_coordinates(modes[0]), np.random.default_rng(0).normal(size=len(NAMES))
-    growth: list[float] = []
-    for state, here, there in zip(states[:-1], modes[:-1], modes[1:], strict=True):
-        point = section.point(state)
-        moved = point.copy()
-        moved[free] += away[free] * (apart / np.linalg.norm(away[free]))
-        twin = section.held(section.state(moved), here)
-        started = np.linalg.norm((section.point(twin) - point)[free])
-        away = section.after(twin, 1)[0] - section.after(state.copy(), 1)[0]
-        free = free_coordinates(there)
-        if not settled and not any(away[k] for k in free if NAMES[k] in FORGOTTEN):
-            break
-        growth.append(float(np.log(np.linalg.norm(away[free]) / started)))
-    return growth
+    free, left, point = free_coordinates(here), free_coordinates(there), section.point(state)
+    twin = section.held(section.state(point + apart * directions[0]), here)
+    started = np.linalg.norm((section.point(twin) - point)[free])
+    away, column = section.after(twin, 1)[0] - section.after(state.copy(), 1)[0], np.zeros((len(NAMES), 1))
+    if settled or any(away[k] for k in left if NAMES[k] in FORGOTTEN):
+        column[left, 0] = away[left] / started
+    return column, np.zeros(1)
