@@ -14,7 +14,7 @@ from dimersweep.work.tiles import TILE_SECONDS
 
 def use_kernel(patch, run_many):
     """Let studies call another kernel, which needs no compiling."""
-    patch.setattr("dimersweep.runs.settings.run_many", run_many)
+    patch.setattr("dimersweep.runs.solving.run_many", run_many)
 
 
 def no_work(patch):

@@ -4,7 +4,6 @@ import sys
 import time
 from pathlib import Path
 
-import dimersweep.runs.settings
 import dimersweep.runs.solving
 from dimersweep import sweep
 from dimersweep.studies.datasets import make
@@ -29,7 +28,7 @@ MAKERS = {
 
 def slow_down(seconds):
     """Let each run take `seconds` more, without any change in its numbers."""
-    fast = dimersweep.runs.settings.run_many
+    fast = dimersweep.runs.solving.run_many
 
     def run_many(rows, *rest, until=0, space=None):
         made = fast(rows, *rest, until=until, space=space)
@@ -42,7 +41,7 @@ def slow_down(seconds):
         time.sleep(seconds)
         return one_of_a_line(*given)
 
-    dimersweep.runs.settings.run_many = run_many
+    dimersweep.runs.solving.run_many = run_many
     dimersweep.runs.solving.run_recorded = run_recorded
 
 

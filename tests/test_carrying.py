@@ -18,7 +18,7 @@ from dimersweep.kernel.course import new_workspace
 from dimersweep.kernel.model.layout import CODE_STATUS, D1, D2, DIP, JAMMED, M_DRIFT, N1, N2, OK, WB
 from dimersweep.parameters import Parameters, dimer_from
 from dimersweep.runs import carrying, solving, starting
-from dimersweep.runs.settings import RunSettings
+from dimersweep.runs.solving import RunSettings
 from dimersweep.studies.declaration import read_declaration
 from dimersweep.studies.planning import plan
 from dimersweep.studies.reuse import Known

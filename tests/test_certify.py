@@ -17,7 +17,6 @@ from dimersweep.kernel.model.layout import (
     M_UNRESOLVED,
     OUT,
 )
-from dimersweep.runs.settings import RunSettings, run_all_patiently
 from dimersweep.runs.shadows import (
     CERTAIN,
     CHANGED,
@@ -27,6 +26,7 @@ from dimersweep.runs.shadows import (
     compared,
     orbit_difference,
 )
+from dimersweep.runs.solving import RunSettings, run_all_patiently
 from dimersweep.studies.datasets import make
 from dimersweep.studies.declaration import from_cube, read_declaration
 

@@ -244,14 +244,14 @@ def test_an_import_leaves_the_heavy_packages_for_later():
 SMALL_MAP = (ROOT / "sweeps" / "fig08-small.toml").read_text()
 SLOW_SWEEP = """
 import sys, time
-import dimersweep.runs.settings
+import dimersweep.runs.solving
 from tests.fakes import fake_run_many
 
 def slow(rows, *rest, until=0, space=None):
     time.sleep(0.05 * len(rows))
     return fake_run_many(rows, *rest)
 
-dimersweep.runs.settings.run_many = slow
+dimersweep.runs.solving.run_many = slow
 from dimersweep.cli import main
 sys.argv = ["dimersweep", "run", sys.argv[1], "--workers", "2"]
 print("ready", flush=True)

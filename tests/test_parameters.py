@@ -11,8 +11,7 @@ import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dimersweep.cubes.grid import make_grid
-from dimersweep.cubes.points import make_points
+from dimersweep.cubes.grid import make_grid, make_points
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_count, check_rtol
 from dimersweep.kernel.model.layout import ROW

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 import dimersweep
 from dimersweep.cubes.cube import FLAGS
-from dimersweep.cubes.points import make_points
+from dimersweep.cubes.grid import make_points
 from dimersweep.errors import ParameterError
 from dimersweep.fits.pictures import draw_fit
 from dimersweep.kernel.model.layout import DI_ENDS, M_DRIFT, M_JUMP, M_NOT_RUN, M_REST, MODES

@@ -185,7 +185,7 @@ def test_a_worker_that_dies_costs_its_tile_alone(cluster, monkeypatch, tmp_path)
     def poison():
         import os
 
-        import dimersweep.runs.settings as there
+        import dimersweep.runs.solving as there
 
         run_many = there.run_many
 
@@ -197,7 +197,7 @@ def test_a_worker_that_dies_costs_its_tile_alone(cluster, monkeypatch, tmp_path)
         there.ours, there.run_many = run_many, dies_at_20_hz
 
     def heal():
-        import dimersweep.runs.settings as there
+        import dimersweep.runs.solving as there
 
         there.run_many = getattr(there, "ours", there.run_many)  # a worker that has died comes back sound
 

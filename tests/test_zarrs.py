@@ -125,7 +125,7 @@ def test_the_whole_is_never_in_memory(monkeypatch):
         return read(self, start, stop)
 
     monkeypatch.setattr(TileStore, "read", watched)
-    monkeypatch.setattr("dimersweep.cubes.points.MAX_POINTS", 20)
+    monkeypatch.setattr("dimersweep.cubes.grid.MAX_POINTS", 20)
     with pytest.raises(ParameterError, match=r"^grid: 66 points; one cube in memory may hold 20 \(an output that ends"):
         sweep(out="cube.nc")
     sweep()

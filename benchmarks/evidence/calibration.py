@@ -18,7 +18,6 @@ from dimersweep import Parameters, simulate
 from dimersweep.cubes.cube import FLAGS, blank
 from dimersweep.kernel.batch import run_many
 from dimersweep.kernel.model.layout import CODES, MODES
-from dimersweep.runs.settings import RunSettings
 from dimersweep.runs.shadows import (
     CERTAIN,
     FINEST_SHADOW,
@@ -27,6 +26,7 @@ from dimersweep.runs.shadows import (
     difference,
     scaled,
 )
+from dimersweep.runs.solving import RunSettings
 
 FIGURE = Path(__file__).resolve().parents[2] / "docs" / "figures" / "calibration.png"
 LENGTHS = (4, 4, 20, 60)  # forcing periods, in turns

@@ -578,7 +578,7 @@ def _(scene: Scene) -> str | None:
         left -= len(rows)
         return run_many(rows, *rest, **more) if left > 0 else raising()
 
-    return with_kernel(scene, "runs.settings", ceases)
+    return with_kernel(scene, "runs.solving", ceases)
 
 
 @attack("points that cannot be run")
@@ -591,7 +591,7 @@ def _(scene: Scene) -> str | None:
     def some(rows: Any, *rest: Any, **more: Any) -> int:
         return raising() if (abs(rows[:, ROW_BETA0] - bad) < 0.04).any() else run_many(rows, *rest, **more)
 
-    return with_kernel(scene, "runs.settings", some)
+    return with_kernel(scene, "runs.solving", some)
 
 
 # --- hostile declarations -----------------------------------------------------------------------------------------------

@@ -221,16 +221,16 @@ def slowed() -> None:
     """Have this process take its time for each point, and write every tile by itself."""
     import dimersweep.storage.tilestore as store
     import dimersweep.work.tiles as there
-    from dimersweep.runs import settings
+    from dimersweep.runs import solving
 
-    store.FLUSH_SECONDS, store.DISK_SHARE, run_many = 0.0, 1e9, settings.run_many
+    store.FLUSH_SECONDS, store.DISK_SHARE, run_many = 0.0, 1e9, solving.run_many
 
     def slow(*arguments: Any, **more: Any) -> int:
         made: int = run_many(*arguments, **more)
         time.sleep(0.005 * made)
         return made
 
-    settings.run_many = slow
+    solving.run_many = slow
     there.CHUNK_SECONDS = there.TILE_SECONDS = 0.02
 
 

@@ -52,7 +52,7 @@ def stand_in(point: float) -> None:
 
     import dimersweep.work.scheduling as tasks
     import dimersweep.work.tiles as there
-    from dimersweep.runs import settings
+    from dimersweep.runs import solving
 
     status, mode, attempt = CODES.index("status"), CODES.index("mode"), tasks.attempt
     there.ends, there.tasks = [], 0
@@ -67,7 +67,7 @@ def stand_in(point: float) -> None:
         there.tasks += 1
         return attempt(*arguments, **more)
 
-    settings.run_many, tasks.attempt = run_many, counted
+    solving.run_many, tasks.attempt = run_many, counted
     there.CHUNK_SECONDS = 60.0  # few calls: the threads of a process share one lock
 
 

@@ -13,8 +13,7 @@ from dimersweep.orbits.newton import Fixed
 from dimersweep.orbits.passage import TURN, Strike, strike_of
 from dimersweep.orbits.poincare import ReturnMap
 from dimersweep.runs.run import Run, as_run
-from dimersweep.runs.settings import exactly
-from dimersweep.runs.solving import run_row
+from dimersweep.runs.solving import exactly, run_row
 from dimersweep.runs.starting import start_of
 
 CIRCLE = 1e-12  # turn of a period [rad] that is none

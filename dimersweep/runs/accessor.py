@@ -16,7 +16,7 @@ from dimersweep.kernel.model.layout import M_DRIFT, MODES
 from dimersweep.runs.behind import AS_MADE, behind
 from dimersweep.runs.carrying import run_in_line
 from dimersweep.runs.run import Run
-from dimersweep.runs.settings import exactly
+from dimersweep.runs.solving import exactly
 from dimersweep.symbols import PARAMETERS
 
 if TYPE_CHECKING:

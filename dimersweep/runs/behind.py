@@ -11,7 +11,7 @@ from dimersweep.cubes.grid import DIRECTIONS
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import ROW
 from dimersweep.parameters import reduced, value_of
-from dimersweep.runs.settings import RunSettings
+from dimersweep.runs.solving import RunSettings
 from dimersweep.symbols import PARAMETERS, SETTINGS
 
 AS_MADE = "take the point from the cube as it was made"

@@ -10,8 +10,7 @@ from dimersweep.kernel.model.layout import CODE_STATUS, GAMMA, OK, PERIOD, X1, Y
 from dimersweep.parameters import Parameters
 from dimersweep.runs.recorded import named_state
 from dimersweep.runs.run import Run, as_run, proven_run
-from dimersweep.runs.settings import RunSettings
-from dimersweep.runs.solving import Solved, run_row
+from dimersweep.runs.solving import RunSettings, Solved, run_row
 from dimersweep.runs.starting import fitted
 
 CYCLIC = (X1, Y1, GAMMA, PERIOD)  # slots of a state that no later state depends on

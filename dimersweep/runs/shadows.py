@@ -32,7 +32,7 @@ from dimersweep.kernel.model.layout import (
     ROW,
 )
 from dimersweep.parameters import moved_on
-from dimersweep.runs.settings import RunSettings, run_all_patiently
+from dimersweep.runs.solving import RunSettings, run_all_patiently
 from dimersweep.symbols import EVENT_QUANTITIES, START, STATE_QUANTITIES
 
 FINEST_SHADOW, COARSEST_SHADOW = RTOL_RANGE

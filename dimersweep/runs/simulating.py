@@ -9,8 +9,7 @@ from dimersweep.inputs import check_count, check_rtol, check_seconds, check_swit
 from dimersweep.parameters import Parameters, check_name, moved_on, updated
 from dimersweep.runs.behind import parameters_of, was_carried
 from dimersweep.runs.run import Run, proven_run, simulate_judged
-from dimersweep.runs.settings import RunSettings
-from dimersweep.runs.solving import check_recorded
+from dimersweep.runs.solving import RunSettings, check_recorded
 from dimersweep.runs.starting import is_point, known_by, named, start_of
 from dimersweep.symbols import INSTEAD, START
 

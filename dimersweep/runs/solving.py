@@ -1,11 +1,14 @@
-"""One run of the kernel: its outcome, its record, and the end from which it can go on."""
+"""How runs are made: their length and accuracy, one run with its record and its end, many that are given time to settle."""
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
+from dimersweep.cubes.cube import blank
 from dimersweep.errors import ParameterError
-from dimersweep.kernel.batch import N_START, Workspace, ask_for, run_recorded
+from dimersweep.inputs import check_count, check_rtol, check_switch
+from dimersweep.kernel.batch import N_START, Workspace, ask_for, run_many, run_recorded
 from dimersweep.kernel.energy import Book
 from dimersweep.kernel.model.event_row import EVENT
 from dimersweep.kernel.model.layout import (
@@ -14,6 +17,8 @@ from dimersweep.kernel.model.layout import (
     CODE_MODE,
     CODE_N_EVENTS,
     CODE_N_PERIODS,
+    M_APERIODIC,
+    M_FAILED,
     M_UNRESOLVED,
     N_CODES,
     N_OUT,
@@ -22,8 +27,8 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.kernel.record import Record, new_record, no_record, rows_of, was_full
 from dimersweep.runs.recorded import RunRecord
-from dimersweep.runs.settings import RunSettings
 
+SLOW_MODES = sum(1 << mode for mode in (M_FAILED, M_APERIODIC, M_UNRESOLVED))  # these use all periods they are given
 RECORD_ROWS, ROWS_PER_PERIOD, RECORD_GROWTH = 500, 100, 4  # capacity of a record: about twice what a drift takes
 MAX_ROWS = 2_000_000  # of events and of segments each, 0.7 GB in all
 MAX_RECORDED = 100_000  # forcing periods: those of a drift fit
@@ -40,6 +45,48 @@ def check_recorded(periods: int, which: str = IN_PYTHON) -> None:
     """
     if periods > MAX_RECORDED:
         raise ParameterError(f"periods = {periods}: must be <= {MAX_RECORDED} for {which}")
+
+
+class RunSettings(NamedTuple):
+    """How long and how accurate the runs of points are; see `run_patiently`."""
+
+    periods: int  # forcing periods of the first run of a point
+    max_periods: int  # and of the longest
+    rtol: float  # accuracy [1]
+    stop_when_settled: bool = True  # whether a run ends as soon as its motion has settled and its numbers stand
+
+    def lengths(self) -> Iterator[int]:
+        """Forcing periods of the runs of a point that does not settle, one after the other: each twice those before."""
+        periods = self.periods
+        yield periods
+        while periods < self.max_periods:
+            periods = min(2 * periods, self.max_periods)
+            yield periods
+
+
+def exactly(periods: int, rtol: float) -> RunSettings:
+    """Settings of runs of so many forcing periods, whether or not their motions settle."""
+    return RunSettings(periods, periods, rtol, stop_when_settled=False)
+
+
+def run_settings(
+    *, periods: int, max_periods: int | None = None, rtol: float = 1e-8, stop_when_settled: bool = True
+) -> RunSettings:
+    """Settings of runs from what a user gives, see `sweep`.
+
+    Raises
+    ------
+    ParameterError
+        Naming what is not allowed.
+    """
+    periods = check_count("periods", periods)
+    longest = periods if max_periods is None else check_count("max_periods", max_periods)
+    if longest < periods:
+        raise ParameterError(f"max_periods = {longest}: must be >= periods = {periods}")
+    settles = check_switch("stop_when_settled", stop_when_settled)
+    if longest > periods and not settles:
+        raise ParameterError(f"max_periods = {longest}: is for runs that stop when they have settled")
+    return RunSettings(periods, longest, check_rtol(rtol), settles)
 
 
 class RunEnd(NamedTuple):
@@ -108,7 +155,7 @@ def run_row(
     ParameterError
         If a record from the start would be too long.
     """
-    out, codes, cost = np.full((1, N_OUT), np.nan), np.zeros((1, N_CODES), np.int64), 0
+    (out, codes), cost = blank(1), 0
 
     def run(periods: int, kept: Record) -> Record:
         if past is not None:
@@ -165,3 +212,51 @@ def with_works(record: RunRecord, space: Workspace) -> tuple[RunRecord, Book]:
     run_recorded(record.row, ask, np.zeros((1, N_OUT)), np.zeros((1, N_CODES), np.int64), kept, space, start)
     events, segments = (rows[: len(of)] for rows, of in zip(rows_of(kept), (events, segments), strict=True))
     return record._replace(events=events, segments=segments), kept.book
+
+
+def run_patiently(
+    rows: np.ndarray,
+    how: RunSettings,
+    out: np.ndarray,
+    codes: np.ndarray,
+    until: int = 0,
+    space: Workspace | None = None,
+) -> int:
+    """Run points as `run_many` does, up to the first that has not settled; that one again for twice as long, and so on.
+
+    A longer run starts anew: what comes out depends on the point alone. Most motions settle soon, and those that ring down
+    slowly are too few to be given all they may need at once.
+
+    Parameters
+    ----------
+    rows, out, codes, until, space
+        See ``kernel.batch.run_rows``.
+    how : RunSettings
+
+    Returns
+    -------
+    int
+        Number of points made.
+    """
+    rtol, settle = how.rtol, how.stop_when_settled
+    first, *longer = how.lengths()
+    made = run_many(rows, first, rtol, settle, out, codes, until=until | 1 << M_UNRESOLVED, space=space)
+    last = slice(made - 1, made)
+    for more in longer:
+        if not made or codes[made - 1, CODE_MODE] != M_UNRESOLVED:
+            break
+        if not run_many(rows[last], more, rtol, settle, out[last], codes[last], until=until, space=space):
+            return made - 1  # it was stopped
+    return made
+
+
+def run_all_patiently(
+    rows: np.ndarray, how: RunSettings, space: Workspace | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Results of all points by `run_patiently`: `out` and `codes`, blank from where the work was stopped."""
+    out, codes = blank(len(rows))
+    done, made = 0, 1
+    while made and done < len(rows):
+        made = run_patiently(rows[done:], how, out[done:], codes[done:], space=space)
+        done += made
+    return out, codes

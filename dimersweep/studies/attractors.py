@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.grid import axis_values
-from dimersweep.cubes.points import make_points
+from dimersweep.cubes.grid import axis_values, make_points
 from dimersweep.cubes.tables import storable, without_fill
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number, check_count, check_switch
@@ -22,7 +21,7 @@ from dimersweep.orbits.labelling import COLUMNS, multiplier_columns, padded
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.portraits import Mirrors, mirrors_of, portrait_of_orbit
 from dimersweep.parameters import check_level, value_of
-from dimersweep.runs.settings import run_settings
+from dimersweep.runs.solving import run_settings
 from dimersweep.storage.cubefiles import write_cube
 from dimersweep.storage.outputs import TABLES, check_output
 from dimersweep.storage.provenance import attributes

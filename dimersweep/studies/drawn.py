@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from dimersweep.cubes.points import make_points
+from dimersweep.cubes.grid import make_points
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_count, number
 from dimersweep.parameters import check_name

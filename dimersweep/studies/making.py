@@ -12,7 +12,7 @@ from typing import Any, Unpack
 import xarray as xr
 
 from dimersweep.cubes.cube import flatten, signed
-from dimersweep.cubes.points import check_fits
+from dimersweep.cubes.grid import check_fits
 from dimersweep.cubes.results import blank_results, failed
 from dimersweep.errors import ParameterError, Stopped, StoreError
 from dimersweep.runs import accessor  # noqa: F401 - gives every cube its `cube.dimersweep`

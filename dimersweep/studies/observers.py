@@ -15,9 +15,8 @@ from dimersweep.kernel.model.layout import CODE_MODE, CODE_N_PERIODS, CODE_STATU
 from dimersweep.parameters import Parameters
 from dimersweep.runs.recorded import states_of_segments
 from dimersweep.runs.run import simulate_judged
-from dimersweep.runs.settings import RunSettings, exactly, run_all_patiently
 from dimersweep.runs.shadows import certified
-from dimersweep.runs.solving import MAX_RECORDED, run_row
+from dimersweep.runs.solving import MAX_RECORDED, RunSettings, exactly, run_all_patiently, run_row
 from dimersweep.symbols import QUANTITIES, STATE_QUANTITIES, Quantity
 
 MAX_NUMBERS = 20_000_000  # of strobes, or of positions, in one cube, which is held in memory

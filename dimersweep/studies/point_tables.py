@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dimersweep.cubes.grid import RATIO_DIGITS, axis_values
-from dimersweep.cubes.points import MAX_POINTS
+from dimersweep.cubes.grid import MAX_POINTS, RATIO_DIGITS, axis_values
 from dimersweep.errors import ParameterError, one_line
 from dimersweep.inputs import check_count
 

@@ -11,8 +11,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.cubes.cube import label_variable
-from dimersweep.cubes.grid import Grid, finer
-from dimersweep.cubes.points import check_fits
+from dimersweep.cubes.grid import Grid, check_fits, finer
 from dimersweep.cubes.results import not_run
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number, check_count

@@ -9,15 +9,14 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.cubes.cube import FLAGS, blank, build, float_variable, label_variable, with_fields
-from dimersweep.cubes.grid import Grid, legal_points, make_grid
-from dimersweep.cubes.points import check_fits
+from dimersweep.cubes.grid import Grid, check_fits, legal_points, make_grid
 from dimersweep.cubes.results import Bundle, Finished, Tile, blank_results, not_ok, not_run, runs
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_count
 from dimersweep.kernel.batch import Workspace, is_stopped
 from dimersweep.kernel.model.layout import CODE_MODE, CODE_STATUS, M_NOT_RUN, MODES, OK
 from dimersweep.parameters import completed, fill_rows
-from dimersweep.runs.settings import SLOW_MODES, run_patiently, run_settings
+from dimersweep.runs.solving import SLOW_MODES, run_patiently, run_settings
 from dimersweep.studies.deciding import A_NOT_RUN, A_UNSURE, A_YES, ANSWER, ASKS, OPEN, Question
 from dimersweep.studies.making import make_cube
 from dimersweep.studies.observers import Longer, Observer, Ran, paths_of

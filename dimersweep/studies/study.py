@@ -14,8 +14,7 @@ from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import Workspace, is_stopped
 from dimersweep.kernel.model.layout import CODE_STATUS, STOPPED
 from dimersweep.runs.carrying import carried
-from dimersweep.runs.settings import SLOW_MODES, RunSettings, run_patiently
-from dimersweep.runs.solving import run_row
+from dimersweep.runs.solving import SLOW_MODES, RunSettings, run_patiently, run_row
 from dimersweep.storage.tilestore import tile_store
 from dimersweep.studies.observers import Observer, Ran
 from dimersweep.studies.reuse import Known

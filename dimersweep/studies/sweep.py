@@ -5,11 +5,10 @@ from typing import Any, Literal, Unpack
 
 import xarray as xr
 
-from dimersweep.cubes.grid import Grid, make_grid
-from dimersweep.cubes.points import make_points
+from dimersweep.cubes.grid import Grid, make_grid, make_points
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_count, check_switch
-from dimersweep.runs.settings import run_settings
+from dimersweep.runs.solving import run_settings
 from dimersweep.storage.provenance import check_attrs
 from dimersweep.studies.making import make_cube
 from dimersweep.studies.observers import Certify, Observer, strobes_of

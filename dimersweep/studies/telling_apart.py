@@ -15,8 +15,7 @@ from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.poincare import OrbitLost, Tape
 from dimersweep.orbits.portraits import ALIKE_WITHIN, Carried, Mirrors, Portrait, apart, portrait_from
 from dimersweep.runs.carrying import run_in_line
-from dimersweep.runs.settings import RunSettings, exactly
-from dimersweep.runs.solving import run_row
+from dimersweep.runs.solving import RunSettings, exactly, run_row
 
 
 class Sort(NamedTuple):
