@@ -204,11 +204,16 @@ def fit(
 
 
 class _Point(NamedTuple):
-    """A point of the ranges, each from 0 to 1, its stable orbit, and the sum of the squared residuals."""
+    """A point of the ranges, each from 0 to 1, its stable orbit, and how far that is from the data, in errors."""
 
     u: np.ndarray
     orbit: PeriodicOrbit
-    misfit: float
+    residuals: np.ndarray
+
+    @property
+    def misfit(self) -> float:
+        """The sum of the squared residuals."""
+        return float(self.residuals @ self.residuals)
 
 
 def _ordered(points: Iterable[_Point]) -> list[_Point]:
@@ -216,28 +221,27 @@ def _ordered(points: Iterable[_Point]) -> list[_Point]:
 
 
 class _Search:
-    """The likelihood in units of the ranges, with the orbit that was found last."""
+    """The likelihood in units of the ranges, with the point that was found last, or why there was none."""
 
     def __init__(self, likelihood: Likelihood) -> None:
         self.likelihood = likelihood
         self.width = likelihood.high - likelihood.low
         self.tape = Tape()
         self.last: _Point | None = None
+        self.reason: Exception | None = None
 
-    def at(self, u: np.ndarray, guess: PeriodicOrbit | None = None) -> _Point:
-        """The point with its orbit, found from one nearby or from nothing.
-
-        Raises
-        ------
-        OrbitError, ParameterError
-            If there is none.
-        """
-        before = self.tape.periods
-        orbit = self.likelihood.orbit(self.likelihood.low + u * self.width, guess, self.tape)
-        residuals = self.likelihood.residuals(orbit)
-        if not np.isfinite(residuals).all():
-            raise OrbitError("the orbit goes round in no circle")
-        return _Point(u.copy(), replace(orbit, cost=self.tape.periods - before), float(residuals @ residuals))
+    def at(self, u: np.ndarray, guess: PeriodicOrbit | None = None) -> _Point | None:
+        """The point with its orbit, found from one nearby or from nothing; None if there is none."""
+        before, self.last = self.tape.periods, None
+        try:
+            orbit = self.likelihood.orbit(self.likelihood.low + u * self.width, guess, self.tape)
+            residuals = self.likelihood.residuals(orbit)
+            if not np.isfinite(residuals).all():
+                raise OrbitError("the orbit goes round in no circle")
+            self.last = _Point(u.copy(), replace(orbit, cost=self.tape.periods - before), residuals)
+        except (OrbitError, ParameterError) as error:
+            self.reason = error
+        return self.last
 
     def values(self, point: _Point) -> dict[str, float]:
         """Of the free parameters, in their units."""
@@ -253,100 +257,68 @@ class _Search:
         """
         n = self.width.size
         spread = Halton(n, scramble=False).random((n + 1) * FIRST_LOOKS + 1)[1:]  # the first one is a corner
-        found, reason = [], OrbitError("")
         corners = np.array(list(product((0.0, 1.0), repeat=n))) if n <= MOST_CORNERED else np.empty((0, n))
         looks = [np.full(n, 0.5), *spread, *corners]
-        for u in looks:
-            try:
-                found.append(self.at(u))
-            except (OrbitError, ParameterError) as error:
-                reason = error  # type: ignore[assignment]
+        found = [point for point in map(self.at, looks) if point is not None]
+        if isinstance(self.reason, ParameterError) and not found:
+            raise self.reason
         if not found:
-            if isinstance(reason, ParameterError):
-                raise reason
             looked = f"{len(looks)} points of the ranges ({self.tape.periods:,.0f} forcing periods)"
-            raise OrbitError(f"no stable orbit at any of {looked}; at the last one: {reason}")
-        places = np.array([point.u for point in found])
-        least = []
-        for point in found:
-            near = np.argsort(np.linalg.norm(places - point.u, axis=1))[: 2 * n + 1]
-            if all(found[k].misfit >= point.misfit for k in near):
-                least.append(point)
-        return _ordered(least)[:DESCENTS]
+            raise OrbitError(f"no stable orbit at any of {looked}; at the last one: {self.reason}")
+        places, misfits = (np.array(column) for column in zip(*((one.u, one.misfit) for one in found), strict=True))
+        near = [np.argsort(np.linalg.norm(places - point.u, axis=1))[: 2 * n + 1] for point in found]
+        return _ordered(p for p, around in zip(found, near, strict=True) if p.misfit <= misfits[around].min())[
+            :DESCENTS
+        ]
 
     def residuals(self, u: np.ndarray) -> np.ndarray:
         """Residuals for the solver: inf where no stable orbit is, at which it takes a shorter step."""
-        try:
-            self.last = self.at(u)
-        except (OrbitError, ParameterError):
-            return np.full(len(self.likelihood.whitening), np.inf)
-        return self.likelihood.residuals(self.last.orbit)
+        point = self.at(u)
+        return np.full(len(self.likelihood.whitening), np.inf) if point is None else point.residuals
 
     def slopes(self, point: _Point) -> np.ndarray:
         """Derivatives of the residuals by the free parameters in their ranges, shape (m, n): central, else one-sided."""
-        here = self.likelihood.residuals(point.orbit)
         columns = []
-        for k in range(point.u.size):
-            sides = []
-            for sign in (1, -1):
-                u = point.u.copy()
-                u[k] = np.clip(u[k] + sign * SLOPE_STEP, 0, 1)
-                if u[k] == point.u[k]:
-                    continue
-                try:
-                    sides.append((u[k], self.likelihood.residuals(self.at(u, point.orbit).orbit)))
-                except (OrbitError, ParameterError):
-                    continue
-            sides = sides if len(sides) == 2 else [*sides, (point.u[k], here)]
-            step = sides[0][0] - sides[-1][0]
-            columns.append((sides[0][1] - sides[-1][1]) / step if step else np.zeros(here.size))
+        for step in SLOPE_STEP * np.eye(point.u.size):
+            places = (np.clip(point.u + way, 0, 1) for way in (step, -step))
+            found = (point if (u == point.u).all() else self.at(u, point.orbit) for u in places)
+            ahead, back = (point if each is None else each for each in found)
+            width = (ahead.u - back.u).sum()
+            columns.append((ahead.residuals - back.residuals) / (width or 1.0))
         return np.column_stack(columns)
 
     def descended(self, start: _Point) -> _Point:
         """Where the solver comes to from a point."""
         inside = np.clip(start.u, INSIDE, 1 - INSIDE)  # the solver begins within its bounds
-        if not np.isfinite(self.residuals(inside)).all():
+        if self.at(inside) is None:
             return start
 
         def slopes(u: np.ndarray) -> np.ndarray:
-            assert self.last is not None
-            return self.slopes(self.last if np.array_equal(self.last.u, u) else self.at(u))
+            here = self.last if self.last is not None and np.array_equal(self.last.u, u) else self.at(u)
+            assert here is not None  # as where the solver has been
+            return self.slopes(here)
 
-        solved = least_squares(
-            self.residuals,
-            inside,
-            slopes,
-            bounds=(0, 1),
-            max_nfev=MOST_STEPS,
-            ftol=ENOUGH,
-            xtol=ENOUGH,
-            gtol=LEVEL,
-        )
+        ends = {"ftol": ENOUGH, "xtol": ENOUGH, "gtol": LEVEL, "max_nfev": MOST_STEPS}
+        solved = least_squares(self.residuals, inside, slopes, bounds=(0, 1), **ends)
         end = self.at(np.clip(solved.x, 0, 1))
-        return end if end.misfit <= start.misfit else start
+        return start if end is None or end.misfit > start.misfit else end
 
     def cut_off(self, end: _Point, slopes: np.ndarray) -> bool:
         """Whether the misfit falls on from where a descent has ended, within the ranges."""
-        fall = -2 * slopes.T @ self.likelihood.residuals(end.orbit)
+        fall = -2 * slopes.T @ end.residuals
         inward = ((end.u > RIM) | (fall > 0)) & ((end.u < 1 - RIM) | (fall < 0))
         return bool(np.abs(fall[inward]).max(initial=0.0) > FALLS_ON * end.misfit)
 
     def simplex(self, start: _Point) -> _Point:
         """A better point that a simplex finds: where a border of the stable orbits cuts off the way down, it goes along it."""
-        best = start
 
         def misfit(u: np.ndarray) -> float:
-            nonlocal best
-            try:
-                point = self.at(u)
-            except (OrbitError, ParameterError):
-                return float("inf")
-            best = min(best, point, key=lambda one: one.misfit)
-            return point.misfit
+            point = self.at(u)
+            return np.inf if point is None else point.misfit
 
-        tries = 40 * start.u.size
-        minimize(misfit, start.u, method="Nelder-Mead", bounds=[(0, 1)] * start.u.size, options={"maxfev": tries})
-        return best
+        n = start.u.size
+        found = minimize(misfit, start.u, method="Nelder-Mead", bounds=[(0, 1)] * n, options={"maxfev": 40 * n})
+        return self.at(found.x) or start
 
 
 def _probability(misfit: float, slopes: np.ndarray) -> float:

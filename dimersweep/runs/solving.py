@@ -10,7 +10,7 @@ from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_count, check_rtol, check_switch
 from dimersweep.kernel.batch import N_START, Workspace, ask_for, run_many, run_recorded
 from dimersweep.kernel.energy import Book
-from dimersweep.kernel.model.event_row import EVENT
+from dimersweep.kernel.model.event_row import E_CAUSE
 from dimersweep.kernel.model.layout import (
     C_END,
     C_START,
@@ -20,8 +20,6 @@ from dimersweep.kernel.model.layout import (
     M_APERIODIC,
     M_FAILED,
     M_UNRESOLVED,
-    N_CODES,
-    N_OUT,
     N_STATE,
     PERIOD,
 )
@@ -33,7 +31,6 @@ RECORD_ROWS, ROWS_PER_PERIOD, RECORD_GROWTH = 500, 100, 4  # capacity of a recor
 MAX_ROWS = 2_000_000  # of events and of segments each, 0.7 GB in all
 MAX_RECORDED = 100_000  # forcing periods: those of a drift fit
 IN_PYTHON = "a run whose events and states are recorded; give record=False for one without them"
-CAUSE_COLUMN = EVENT.index("cause")
 
 
 def check_recorded(periods: int, which: str = IN_PYTHON) -> None:
@@ -192,7 +189,7 @@ def go_on(
     if record is None or more.record is None:
         return more
     # what was noted where the two parts meet, an end and a start, is no event
-    begun = int(more.record.events[0, CAUSE_COLUMN] == C_START)
+    begun = int(more.record.events[0, E_CAUSE] == C_START)
     events = np.concatenate([record.events[:-1], more.record.events[begun:]])
     segments = np.concatenate([record.segments[:-1], more.record.segments[begun:]])
     return more._replace(record=record._replace(events=events, segments=segments, cut=record.cut or more.record.cut))
@@ -205,11 +202,11 @@ def with_works(record: RunRecord, space: Workspace) -> tuple[RunRecord, Book]:
     smooth phase on, so that its last digits may differ.
     """
     events, segments = record.events, record.segments
-    ended = len(events) > 0 and not record.cut and events[-1, CAUSE_COLUMN] == C_END
+    ended = len(events) > 0 and not record.cut and events[-1, E_CAUSE] == C_END
     ask = ask_for(segments[-1, PERIOD] + (not ended), record.rtol, path=True)
     start = segments[:1, : N_STATE + 2] if record.start is None else record.start
     kept = new_record(max(len(events), len(segments)), works=True)
-    run_recorded(record.row, ask, np.zeros((1, N_OUT)), np.zeros((1, N_CODES), np.int64), kept, space, start)
+    run_recorded(record.row, ask, *blank(1), kept, space, start)
     events, segments = (rows[: len(of)] for rows, of in zip(rows_of(kept), (events, segments), strict=True))
     return record._replace(events=events, segments=segments), kept.book
 
