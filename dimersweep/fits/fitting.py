@@ -347,30 +347,28 @@ def _answer(search: _Search, ends: list[_Point], slopes: np.ndarray) -> Fit:
     possible = probability >= IMPROBABLE
     cut_off = not possible and search.cut_off(best, slopes)
     at_end = np.minimum(best.u, 1 - best.u) < RIM
-    least_within = possible or not (cut_off or at_end.any())  # else the slopes tell no errors
-    covariance = _covariance(singular, directions, search.width) if least_within else np.full((n, n), np.nan)
+    if possible or not (cut_off or at_end.any()):
+        covariance, left_open = _covariance(singular, directions, search.width), singular < FEW_ERRORS
+    else:  # the slopes tell no errors
+        covariance, left_open = np.full((n, n), np.nan), np.zeros(n, dtype=bool)
     others = [search.values(end) for end in _others(ends, slopes)] if singular.min() >= FEW_ERRORS else []
-    values = search.values(best)
-    predicted = likelihood.predicted(best.orbit)
-    ranges = {
-        k: (float(a), float(b)) for k, a, b in zip(likelihood.names, likelihood.low, likelihood.high, strict=True)
-    }
-    notes = [] if possible else [_impossible(likelihood.measured, predicted, best.misfit, values)]
-    if cut_off:
-        notes.append("The nearest ones lie at a border of the stable orbits.")
-    notes += [
-        f"{name} is at the {'lower' if u < 0.5 else 'upper'} end of its range: the true value may lie beyond."
-        for name, u, is_there, variance in zip(values, best.u, at_end, np.diag(covariance), strict=True)
-        if is_there and not np.isinf(variance)
-    ]
-    notes += [f"These give the data too: {_listed(one)}." for one in others]
-    left_open = singular < FEW_ERRORS if least_within else np.zeros(n, dtype=bool)
     undetermined = [
         _open(likelihood.names, *each, search.width)
         for each in zip(singular[left_open], directions[left_open], strict=True)
     ]
+    values, predicted = search.values(best), likelihood.predicted(best.orbit)
     if undetermined and len(predicted) < n:
         undetermined.insert(0, f"Fewer values ({len(predicted)}) than free parameters ({n}) are measured.")
+    notes = [] if possible else [_impossible(likelihood.measured, predicted, best.misfit, values)]
+    if cut_off:
+        notes.append("The nearest ones lie at a border of the stable orbits.")
+    told = at_end & ~np.isinf(np.diag(covariance))
+    notes += [
+        f"{likelihood.names[k]} is at the {'lower' if best.u[k] < 0.5 else 'upper'} end of its range: "
+        "the true value may lie beyond."
+        for k in np.flatnonzero(told)
+    ]
+    notes += [f"These give the data too: {_listed(one)}." for one in others]
     return Fit(
         values=values,
         covariance=covariance,
@@ -385,7 +383,7 @@ def _answer(search: _Search, ends: list[_Point], slopes: np.ndarray) -> Fit:
         measured=likelihood.measured,
         predicted=predicted,
         orbit=best.orbit,
-        ranges=ranges,
+        ranges=dict(zip(values, zip(likelihood.low.tolist(), likelihood.high.tolist(), strict=True), strict=True)),
         cost=search.tape.periods,
     )
 

@@ -74,27 +74,15 @@ class Likelihood:
         if spin is not None and "spin" in self.names:
             raise ParameterError("spin: is given and free; leave one of the two out")
         self.spin = None if spin is None else as_number("spin", spin)
-        for value in self._spins():
-            checked_spin(value, {"f": self._fastest()})
+        spins = [] if self.spin is None else [self.spin]
+        for names, *columns in ((self.names, self.low, self.high), (self.measured.names, self.measured.values)):
+            spins += [float(column[names.index("spin")]) for column in columns if "spin" in names]
+        f = self.high[self.names.index("f")] if "f" in self.names else number("f", self.fixed.get("f", BASE["f"]))
+        for value in spins:
+            checked_spin(value, {"f": float(f)})  # at the greatest frequency
         lower = np.linalg.cholesky(self.measured.covariance)
         self.whitening = np.linalg.inv(lower)
         self.constant = -float(np.log(np.diag(lower)).sum()) - 0.5 * len(lower) * float(np.log(2 * np.pi))
-
-    def _spins(self) -> list[float]:
-        """The spins that are given, as ends of a range, or as measured."""
-        ends = [
-            end for name, *pair in zip(self.names, self.low, self.high, strict=True) if name == "spin" for end in pair
-        ]
-        seen = [v for name, v in zip(self.measured.names, self.measured.values, strict=True) if name == "spin"]
-        return [float(value) for value in (*ends, *seen, *([] if self.spin is None else [self.spin]))]
-
-    def _fastest(self) -> float:
-        """The greatest frequency of the plate [Hz]."""
-        return (
-            float(self.high[self.names.index("f")])
-            if "f" in self.names
-            else number("f", self.fixed.get("f", BASE["f"]))
-        )
 
     def values(self, point: np.ndarray) -> dict[str, float]:
         """The free parameters at a point, by name."""
