@@ -27,17 +27,6 @@ _FORMS = "give values, or start, stop and either step or num; unit is optional, 
 Reader = Callable[[str, Any], float]
 
 
-def _no_whole_steps(start: float, stop: float, step: float, steps: int) -> str:
-    """What to say of a range whose end lies between two of its steps, of which `steps` are whole."""
-    near = [n for n in (steps, steps + 1) if n]
-    stops, nums = (
-        " or ".join(either) for either in ([f"{start + n * step:.15g}" for n in near], [f"{n + 1}" for n in near])
-    )
-    return (
-        f"no whole steps from start = {start} to stop = {stop}; give stop = {stops}, or num = {nums} in place of step"
-    )
-
-
 def evenly(start: float, stop: float, count: int) -> np.ndarray:
     """So many values from `start` to `stop` at one distance: each the float that is nearest to the decimal number meant.
 
@@ -54,11 +43,17 @@ def evenly(start: float, stop: float, count: int) -> np.ndarray:
     )  # so it is with Python's whole numbers, of any size
 
 
-def _from_range(name: str, read: Reader, start: Any, stop: Any, step: Any = None, num: Any = None) -> np.ndarray:
-    """Values from `start` to `stop`, which whole steps must reach, up to round-off."""
+def _from_range(
+    name: str, read: Reader, spacing: str, *, start: Any, stop: Any, step: Any = None, num: Any = None
+) -> np.ndarray:
+    """Values from `start` to `stop`: so many, or in whole steps, which must reach the stop up to round-off."""
     start, stop = read(f"{name}.start", start), read(f"{name}.stop", stop)
+    if spacing == "log" and not 0 < start < stop:
+        raise ParameterError(f"{name}.start = {start}: must be > 0 and < stop = {stop}, for logarithmic spacing")
     if stop < start:
         raise ParameterError(f"{name}.stop = {stop}: must be >= start = {start}")
+    if spacing == "log":
+        return _in_ratio(start, stop, check_count(f"{name}.num", num, MAX_POINTS))
     if not isfinite(stop - start):
         raise ParameterError(f"{name}.stop = {stop}: is too far from start = {start}")
     if num is not None:
@@ -70,16 +65,13 @@ def _from_range(name: str, read: Reader, start: Any, stop: Any, step: Any = None
     if steps >= MAX_POINTS:
         raise ParameterError(f"{name}.step = {stride}: gives more than {MAX_POINTS} values")
     if abs(steps - round(steps)) > STEP_TOLERANCE * max(1.0, steps):
-        raise ParameterError(f"{name}.step = {stride}: {_no_whole_steps(start, stop, stride, int(steps))}")
+        near = [n for n in (int(steps), int(steps) + 1) if n]
+        stops = " or ".join(f"{start + n * stride:.15g}" for n in near)
+        raise ParameterError(
+            f"{name}.step = {stride}: no whole steps from start = {start} to stop = {stop}; "
+            f"give stop = {stops}, or num = {' or '.join(f'{n + 1}' for n in near)} in place of step"
+        )
     return evenly(start, stop, round(steps) + 1)
-
-
-def _from_logarithms(name: str, read: Reader, start: Any, stop: Any, num: Any) -> np.ndarray:
-    """So many values from `start` to `stop` in a fixed ratio."""
-    ends = read(f"{name}.start", start), read(f"{name}.stop", stop)
-    if not 0 < ends[0] < ends[1]:
-        raise ParameterError(f"{name}.start = {ends[0]}: must be > 0 and < stop = {ends[1]}, for logarithmic spacing")
-    return _in_ratio(*ends, check_count(f"{name}.num", num, MAX_POINTS))
 
 
 def _in_ratio(low: float, high: float, count: int) -> np.ndarray:
@@ -107,12 +99,10 @@ def _from_declaration(name: str, declared: Mapping[str, Any]) -> np.ndarray:
     read: Reader = partial(as_number, units=unit) if bare else _with_units
     if spacing not in ("linear", "log"):
         raise ParameterError(f"{name}.spacing = {spacing!r}: must be linear or log")
-    if spacing == "log" and set(given) == {"start", "stop", "num"}:
-        values = _from_logarithms(name, read, **given)
-    elif set(given) == {"values"} and spacing == "linear":
+    if set(given) == {"values"} and spacing == "linear":
         values = as_numbers(name, given["values"], read, unit)
-    elif set(given) in ({"start", "stop", "step"}, {"start", "stop", "num"}) and spacing == "linear":
-        values = _from_range(name, read, **given)
+    elif set(given) == {"start", "stop", "num"} or (set(given) == {"start", "stop", "step"} and spacing == "linear"):
+        values = _from_range(name, read, spacing, **given)
     else:
         raise ParameterError(f"{name}: has {', '.join(given) or 'nothing'}; {_FORMS}")
     if unit in DEGREES and units == "rad":
