@@ -9,23 +9,8 @@ import dimersweep
 from dimersweep import Parameters
 from dimersweep.cubes.cube import FLAGS, names
 from dimersweep.errors import ParameterError, StoreError
-from dimersweep.kernel.model.layout import (
-    CODES,
-    M_APERIODIC,
-    M_DRIFT,
-    M_REST,
-    M_UNRESOLVED,
-    OUT,
-)
-from dimersweep.runs.shadows import (
-    CERTAIN,
-    CHANGED,
-    ORBIT,
-    UNSURE,
-    certified,
-    compared,
-    orbit_difference,
-)
+from dimersweep.kernel.model.layout import CODES, M_APERIODIC, M_DRIFT, M_REST, M_UNRESOLVED, OUT
+from dimersweep.runs.shadows import CERTAIN, CHANGED, ORBIT, UNSURE, certified, compared, orbit_difference
 from dimersweep.runs.solving import RunSettings, run_all_patiently
 from dimersweep.studies.datasets import make
 from dimersweep.studies.declaration import from_cube, read_declaration

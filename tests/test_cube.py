@@ -11,14 +11,7 @@ import xarray as xr
 import dimersweep
 from dimersweep.cubes.cube import blank, build, names
 from dimersweep.cubes.grid import make_grid
-from dimersweep.kernel.model.layout import (
-    CODES,
-    DI_ENDS,
-    M_DRIFT,
-    MODES,
-    OUT,
-    STATUSES,
-)
+from dimersweep.kernel.model.layout import CODES, DI_ENDS, M_DRIFT, MODES, OUT, STATUSES
 from dimersweep.storage.provenance import attributes
 
 

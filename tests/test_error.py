@@ -11,15 +11,7 @@ import pytest
 
 from dimersweep import cli, simulate
 from dimersweep.errors import ParameterError
-from dimersweep.runs.shadows import (
-    CLOSED_STATE,
-    ERROR_SCALES,
-    bounds,
-    delays,
-    difference,
-    pairs,
-    scaled,
-)
+from dimersweep.runs.shadows import CLOSED_STATE, ERROR_SCALES, bounds, delays, difference, pairs, scaled
 
 
 @pytest.fixture(scope="module")

@@ -106,7 +106,7 @@ def test_bytes_of_a_declaration_changed(name, place, bytes_, cut):
 
 NAMES = st.lists(st.sampled_from(["f", "Gamma", "e", "e_1", "phi0"]), min_size=1, max_size=3, unique=True)
 CELLS = st.sampled_from(["0.5", "1", "0.9", " 1", '"1"']) | st.sampled_from(
-    ["f", "1e999", "nan", "NA", "", " ", '"', "16 deg", "\x00", ";", '"\n'],
+    ["f", "1e999", "nan", "NA", "", " ", '"', "16 deg", "\x00", ";", '"\n']
 )
 
 
@@ -376,23 +376,7 @@ def test_a_store_that_tells_anything(left_behind, value, name):
 # --- the command line ---------------------------------------------------------------------------------------------------
 
 VALUES = st.sampled_from(
-    [
-        "",
-        "nan",
-        "inf",
-        "-1",
-        "1e999",
-        "abc",
-        "0x10",
-        "1,5",
-        "--Gamma",
-        "\x00",
-        "é",
-        "[1]",
-        "None",
-        "2 3",
-        "2**3",
-    ]
+    ["", "nan", "inf", "-1", "1e999", "abc", "0x10", "1,5", "--Gamma", "\x00", "é", "[1]", "None", "2 3", "2**3"]
 )
 WORDS = st.sampled_from(
     ["simulate", "run", "plan", "status", "plot", "--periods", "--rtol", "--out", "--from", "--plot", "--workers",

@@ -12,14 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dimersweep.cubes.grid import (
-    MAX_POINTS,
-    axis_values,
-    check_fits,
-    evenly,
-    finer,
-    make_grid,
-)
+from dimersweep.cubes.grid import MAX_POINTS, axis_values, check_fits, evenly, finer, make_grid
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import number
 from dimersweep.kernel.model.layout import ROW

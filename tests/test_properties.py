@@ -207,10 +207,7 @@ def test_length_and_gravity_only_set_the_units(rtol, drawn, length, gravity):
     scene, state = drawn
     _, run = steady_run_of(scene, state, rtol)
     scaled = scene | {name: length * scene[name] for name in ("r_1", "r_2", "D_r")}
-    scaled |= {
-        "g": gravity * scene["g"],
-        "f": scene["f"] * (gravity / length) ** 0.5,
-    }
+    scaled |= {"g": gravity * scene["g"], "f": scene["f"] * (gravity / length) ** 0.5}
 
     def rescaled(state):
         told = state.copy()

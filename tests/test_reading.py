@@ -6,22 +6,10 @@ import xarray as xr
 
 from dimersweep.cubes.cube import blank, build
 from dimersweep.cubes.grid import make_grid
-from dimersweep.cubes.reading import (
-    boundary,
-    circle_through,
-    exponents,
-    minimum,
-    runs_of,
-    stick_ratio,
-)
+from dimersweep.cubes.reading import boundary, circle_through, exponents, minimum, runs_of, stick_ratio
 from dimersweep.cubes.results import blank_results
 from dimersweep.errors import ParameterError
-from dimersweep.kernel.model.layout import (
-    CODES,
-    M_DRIFT,
-    M_REST,
-    OUT,
-)
+from dimersweep.kernel.model.layout import CODES, M_DRIFT, M_REST, OUT
 from dimersweep.studies.deciding import A_NO, A_YES
 from dimersweep.studies.search import study_of
 

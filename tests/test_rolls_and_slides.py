@@ -26,11 +26,7 @@ def gained(scene, mode):
 
 @pytest.mark.parametrize(
     "scene",
-    [
-        {"tilt": 0.05},
-        {"tilt": 1e-6},
-        {"tilt": 0.15, "azimuth": 0.4, "theta0": -0.3, "phi0": np.pi / 2, "Gamma": 0.2},
-    ],
+    [{"tilt": 0.05}, {"tilt": 1e-6}, {"tilt": 0.15, "azimuth": 0.4, "theta0": -0.3, "phi0": np.pi / 2, "Gamma": 0.2}],
     ids=["as given", "hardly at all", "askew"],
 )
 def test_a_dimer_rolls_down_a_slope_as_balls_do(scene):

@@ -11,15 +11,7 @@ import xarray as xr
 from dimersweep.cubes.grid import DIRECTIONS, Grid
 from dimersweep.cubes.results import Field, blank_results
 from dimersweep.errors import ParameterError, StoreError
-from dimersweep.kernel.model.layout import (
-    CODE_WORDS,
-    CODES,
-    MODES,
-    N_CODES,
-    N_OUT,
-    OUT,
-    ROW,
-)
+from dimersweep.kernel.model.layout import CODE_WORDS, CODES, MODES, N_CODES, N_OUT, OUT, ROW
 from dimersweep.parameters import completed
 from dimersweep.symbols import PARAMETERS, QUANTITIES, SETTINGS, Quantity
 

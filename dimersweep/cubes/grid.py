@@ -327,11 +327,7 @@ def fixed_values(varied: Mapping[str, np.ndarray], fixed: Mapping[str, Any]) -> 
 
 
 def make_grid(
-    axes: Mapping[str, Any],
-    fixed: Mapping[str, Any] | None = None,
-    *,
-    gaps: Collection[str] = (),
-    carry: Any = None,
+    axes: Mapping[str, Any], fixed: Mapping[str, Any] | None = None, *, gaps: Collection[str] = (), carry: Any = None
 ) -> Grid:
     """Build a grid and judge every point of it, axis by axis.
 
