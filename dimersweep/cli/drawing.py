@@ -91,13 +91,10 @@ def judge_picture(declared: "Declaration", study: "Study") -> None:
 
     if "plot" not in declared.model_fields_set:
         return
-    has = {"search"} if declared.search else set()
-    has |= {"paths"} if declared.paths else set()
-    has |= {"points"} if declared.points else set()
-    has |= {"strobes"} if declared.sweep.strobes else set()
+    asked = {"search": declared.search, "paths": declared.paths, "strobes": declared.sweep.strobes}
     sizes = {name: values.size for name, values in study.grid.axes.items()}
     try:
-        judge(declared.plot.kind, sizes, has)
+        judge(declared.plot.kind, sizes, {feature for feature, given in asked.items() if given})
     except ParameterError as error:
         raise ParameterError(f"plot.kind = {declared.plot.kind!r}: {error}; another kind, or --no-plot") from None
 

@@ -1,5 +1,7 @@
 """The picture of a fit."""
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -29,20 +31,19 @@ def draw_fit(values: dict[str, float], covariance: np.ndarray, ranges: dict[str,
     names = list(values)
     n = max(1, len(names) - 1)
     figure = Drawing(1.2 + 3.0 * n, 0.8 + 2.6 * n)
-    panels = figure.subplots(n, n, squeeze=False, sharex="col", sharey="row" if len(names) > 1 else "none")
+    panels: Any = figure.subplots(n, n, squeeze=False, sharex="col", sharey="row" if len(names) > 1 else "none")
     if len(names) == 1:
         _density(panels[0, 0], names[0], values[names[0]], float(covariance[0, 0]), ranges[names[0]])
         return figure
-    for row in range(n):
-        for column in range(n):
-            if column > row:
-                panels[row, column].set_visible(False)
-                continue
+    for row, column in np.ndindex(n, n):
+        axes: Axes = panels[row, column]
+        axes.set_visible(column <= row)
+        if column <= row:
             pair = [column, row + 1]
-            _ellipses(panels[row, column], [names[k] for k in pair], values, covariance[np.ix_(pair, pair)], ranges)
-            if row == n - 1:
-                panels[row, column].set_xlabel(_label(names[column]))
-        panels[row, 0].set_ylabel(_label(names[row + 1]))
+            _ellipses(axes, [names[k] for k in pair], values, covariance[np.ix_(pair, pair)], ranges)
+    for k in range(n):
+        panels[-1, k].set_xlabel(_label(names[k]))
+        panels[k, 0].set_ylabel(_label(names[k + 1]))
     panels[0, 0].legend(fontsize=8)
     return figure
 
@@ -69,8 +70,7 @@ def _ellipses(
                 draw = axes.axhspan if k else axes.axvspan
                 draw(centre[k] - times * error, centre[k] + times * error, color="C0", alpha=0.25, lw=0)
     axes.plot(*centre, "k+", label="fit", clip_on=False)
-    for limit, name in ((axes.set_xlim, pair[0]), (axes.set_ylim, pair[1])):
-        limit(*ranges[name])
+    axes.set(xlim=ranges[pair[0]], ylim=ranges[pair[1]])
     axes.grid(alpha=0.3)
 
 
@@ -80,9 +80,7 @@ def _density(axes: Axes, name: str, value: float, variance: float, ends: tuple[f
         axes.plot(at, np.exp(-((at - value) ** 2) / (2 * variance)))
         for times in DEVIATIONS:
             axes.axvspan(value - times * variance**0.5, value + times * variance**0.5, color="C0", alpha=0.2, lw=0)
-    axes.set_xlim(*ends)
-    axes.set_xlabel(_label(name))
-    axes.set_ylabel("probability density, over its greatest")
+    axes.set(xlim=ends, xlabel=_label(name), ylabel="probability density, over its greatest")
     axes.grid(alpha=0.3)
 
 

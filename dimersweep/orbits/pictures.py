@@ -1,6 +1,7 @@
 """Pictures of borders, branches and families of orbits."""
 
 import json
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,17 +13,19 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from scipy.interpolate import PchipInterpolator
 
+from dimersweep.cubes.cube import names
 from dimersweep.cubes.reading import edges_of
 from dimersweep.errors import ParameterError
 from dimersweep.orbits.kinds import BORDER_KINDS, STABLE_FROM, STABLE_TO
 from dimersweep.plots.style import Drawing, entitle, given, log_scale, mark
-from dimersweep.symbols import BASE, PARAMETERS, QUANTITIES, conditions
+from dimersweep.symbols import BASE, PARAMETERS, conditions
 
 STYLES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
 REGION_COLOR, STABLE_COLOR = "#c6dbef", "#e5f5e0"
 PALE = 0.35  # of curves of orbits that are unstable on both sides
 SMOOTH = 12  # places of a drawn branch between two of its points
 MARKERS = {kind.name: kind.marker for kind in BORDER_KINDS.values()}
+SPIN_LABEL = "axial spin [rad/s]"
 PANELS = {"radius": "radius [m]", "period": "period [s]", "zeta": r"$\zeta$ [rad]"}
 
 
@@ -66,9 +69,7 @@ def curves(table: xr.Dataset, over: xr.Dataset | None = None) -> Figure:
     *others, x = [str(dim) for dim in table[y].dims if dim != "kind"]
     figure = Drawing(8, 6)
     axes = figure.add_subplot()
-    handles: list[Any] = []
-    if over is not None:
-        handles.append(_map_under(axes, over, x, y))
+    handles: list[Any] = [] if over is None else [_map_under(axes, over, x, y)]
     flat = table.stack(line=others) if others else table.expand_dims("line")
     if {STABLE_FROM.name, STABLE_TO.name} <= set(table["kind"].values):
         handles.append(_stable_shaded(axes, flat, x, y))
@@ -78,10 +79,11 @@ def curves(table: xr.Dataset, over: xr.Dataset | None = None) -> Figure:
         for k in range(flat.sizes["line"]):
             row = flat.sel(kind=kind).isel(line=k)
             taken = row[y]
+            how: dict[str, Any] = {"color": color, "linestyle": STYLES[k % len(STYLES)], "linewidth": 1.4}
             if BORDER_KINDS[str(kind)].rows:  # pale where no stable orbit loses its stability
-                axes.plot(row[x], row[y], color=color, linestyle=STYLES[k % len(STYLES)], linewidth=1.4, alpha=PALE)
+                axes.plot(row[x], row[y], **how, alpha=PALE)
                 taken = row[y].where(row["loses_stability"] == 1)
-            axes.plot(row[x], taken, color=color, linestyle=STYLES[k % len(STYLES)], linewidth=1.4)
+            axes.plot(row[x], taken, **how)
         ball = flat.sel(kind=kind).isel(line=0)["ball"]
         if np.isfinite(ball).any():
             axes.plot(ball[x], ball, color="black", linewidth=0.7)
@@ -122,10 +124,7 @@ def _map_under(axes: Axes, over: xr.Dataset, x: str, y: str) -> Patch:
     region = over["region"] if "region" in over else over["mode"]
     if set(region.dims) != {x, y}:
         raise ParameterError(f"over: the map has the axes {', '.join(map(str, region.dims))}; must have {x} and {y}")
-    flags = region.attrs["flag_meanings"].split()
-    codes = dict(zip(flags, np.atleast_1d(region.attrs["flag_values"]), strict=True))
-    values = region.transpose(y, x).values
-    shown = np.where(values == codes["drift"], 1.0, np.nan)
+    shown = np.where(names(region).transpose(y, x) == "drift", 1.0, np.nan)
     cells = edges_of(over[x].values), edges_of(over[y].values)
     axes.pcolormesh(*cells, shown, cmap=ListedColormap([REGION_COLOR]), rasterized=True)
     return Patch(facecolor=REGION_COLOR, label="drift, in the map")
@@ -144,26 +143,29 @@ def branches(table: xr.Dataset) -> Figure:
         color = colors.setdefault(key, f"C{len(colors)}")
         for axes, name in zip(panels, PANELS, strict=True):
             _one_branch(axes, one, x, name, color)
-    for axes, name in zip(panels, PANELS, strict=True):
-        axes.set_ylabel(PANELS[name])
-        axes.grid(alpha=0.3)
-    handles = [
-        Line2D([], [], color="gray", label="stable"),
-        Line2D([], [], color="gray", linestyle="--", label="unstable"),
-    ]
+    _label_panels(panels)
+    handles = [Line2D([], [], color="gray", label="stable")]
+    handles.append(Line2D([], [], color="gray", linestyle="--", label="unstable"))
     kinds = [kind for kind in MARKERS if (table["special"].values == kind).any()]
     handles += [Line2D([], [], color="black", linestyle="", marker=MARKERS[kind], label=kind) for kind in kinds]
-    for key, color in colors.items():
-        if groups:
-            words = ", ".join(given(str(name), value) for name, value in zip(groups, key, strict=True))
-            handles.append(Line2D([], [], color=color, label=words))
+    for key, color in colors.items() if groups else ():
+        words = ", ".join(given(str(name), value) for name, value in zip(groups, key, strict=True))
+        handles.append(Line2D([], [], color=color, label=words))
     panels[0].legend(handles=handles, fontsize=8, ncols=2)
     if x in PARAMETERS:
         mark(panels[-1].xaxis, x)
     else:
-        panels[-1].set_xlabel("axial spin [rad/s]")
+        panels[-1].set_xlabel(SPIN_LABEL)
     _entitle(figure, table, x)
     return figure
+
+
+def _label_panels(panels: Sequence[Axes]) -> None:
+    """Label the panels of `PANELS`, the first ones, and give all a grid."""
+    for axes, label in zip(panels, PANELS.values(), strict=False):
+        axes.set_ylabel(label)
+    for axes in panels:
+        axes.grid(alpha=0.3)
 
 
 def _one_branch(axes: Axes, one: xr.Dataset, x: str, name: str, color: str) -> None:
@@ -194,11 +196,11 @@ def families(table: xr.Dataset) -> Figure:
     """Radius, period, angle and relative decay of the orbits over the spin, with the least period marked."""
     figure = Drawing(9, 7)
     panels = figure.subplots(2, 2, sharex=True).ravel()
-    names = [str(name) for name in table.coords if name in PARAMETERS]
+    given_by = [str(name) for name in table.coords if name in PARAMETERS]
     spin = table["spin"].values
     for k in range(table.sizes["over"]):
         row = table.isel(over=k)
-        words = ", ".join(given(name, float(row[name])) for name in names)
+        words = ", ".join(given(name, float(row[name])) for name in given_by)
         for axes, name in zip(panels, PANELS, strict=False):
             axes.plot(spin, row[name], color=f"C{k}", label=words)
         known = np.flatnonzero(np.isfinite(row["period"].values))
@@ -206,15 +208,11 @@ def families(table: xr.Dataset) -> Figure:
         if known.size and known[0] < least < known[-1]:
             panels[1].plot(spin[least], row["period"][least], "o", color=f"C{k}")
         panels[3].plot(spin, np.abs(row["spin_drift"]) / spin, color=f"C{k}")
-    for axes, name in zip(panels, PANELS, strict=False):
-        axes.set_ylabel(PANELS[name])
+    _label_panels(panels)
     log_scale(panels[1])
     log_scale(panels[3])
-    panels[3].set_ylabel("share of the spin lost in a period")
-    for axes in panels:
-        axes.grid(alpha=0.3)
-    for axes in panels[2:]:
-        axes.set_xlabel(f"axial spin [{QUANTITIES['spin'].units.replace(' s-1', '/s')}]")
+    panels[2].set_xlabel(SPIN_LABEL)
+    panels[3].set(xlabel=SPIN_LABEL, ylabel="share of the spin lost in a period")
     panels[0].legend(fontsize=8)
     _entitle(figure, table)
     return figure

@@ -1,5 +1,6 @@
 """Shares of attractors: bars at one set of parameters, stacked areas over one."""
 
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ from matplotlib.figure import Figure
 
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import DOWN_WORDS
-from dimersweep.plots.style import MODE_COLORS, Drawing, entitle, mark, title
+from dimersweep.plots.style import MODE_COLORS, framed, mark
 
 MOST_NAMED = 18  # attractors that the legend has room for
 ONE_LINE = 0.01  # of the axis: borders of a kind that are drawn as one
@@ -20,15 +21,10 @@ NOT_REPEATING = (*DOWN_WORDS, "aperiodic", "unresolved", "failed")  # modes that
 
 def attractor_colors(data: xr.Dataset) -> list[Any]:
     """A colour for each attractor: that of the mode for those that do not repeat, others in their order."""
-    palette = colormaps["tab20"]([k for k in range(20) if k not in (14, 15)])  # no greys, which are those of rest
-    colors, taken = [], 0
-    for mode in modes_of(data):
-        if mode in NOT_REPEATING:
-            colors.append(MODE_COLORS[mode])
-            continue
-        colors.append(palette[taken % len(palette)])
-        taken += 1
-    return colors
+    palette = cycle(
+        colormaps["tab20"]([k for k in range(20) if k not in (14, 15)])
+    )  # no greys, which are those of rest
+    return [MODE_COLORS[mode] if mode in NOT_REPEATING else next(palette) for mode in modes_of(data)]
 
 
 def modes_of(data: xr.Dataset) -> list[str]:
@@ -57,12 +53,11 @@ def _borders(data: xr.Dataset, near: float) -> list[tuple[float, str]]:
 
 def _border_labels(borders: list[tuple[float, str]], near: float) -> list[tuple[float, str]]:
     """Places and texts of labels, one for the borders that lie `near` the first of them."""
-    groups: list[tuple[float, list[str]]] = []
+    groups: list[tuple[float, dict[str, None]]] = []
     for border, kind in borders:
         if not groups or border - groups[-1][0] > near:
-            groups.append((border, []))
-        if kind not in groups[-1][1]:
-            groups[-1][1].append(kind)
+            groups.append((border, {}))
+        groups[-1][1][kind] = None
     return [(at, ", ".join(kinds)) for at, kinds in groups]
 
 
@@ -97,22 +92,15 @@ def attractors(data: xr.Dataset) -> Figure:
     data = data.squeeze([dim for dim in data["share"].dims if dim != "attractor" and data.sizes[dim] == 1])
     axis = next((str(dim) for dim in data["share"].dims if dim != "attractor"), "")
     data = data.sortby(axis) if axis else data
-    figure = Drawing(7.5, 4.4)
-    entitle(figure, f"Shares of {data.sizes['start']} starts\n{title(data.drop_dims('start'))}")
-    axes = figure.subplots()
+    figure, axes = framed(data.drop_dims("start"), (7.5, 4.4), f"Shares of {data.sizes['start']} starts\n")
+    axes.set_ylabel("share of the starts [%]")
     below, above = (100 * abs(data[f"share_{end}"] - data["share"]).values for end in ("low", "high"))
     share, colors, labels = 100 * data["share"].values, attractor_colors(data), labels_of(data)
     if not axis:
         (met,) = np.nonzero(share)
-        axes.bar(
-            [labels[k] for k in met],
-            share[met],
-            color=[colors[k] for k in met],
-            yerr=(below[met], above[met]),
-            capsize=3,
-        )
-        axes.set_xticks(range(met.size), [labels[k] for k in met], rotation=30, ha="right", rotation_mode="anchor")
-        axes.set_ylabel("share of the starts [%]")
+        places, errors = range(met.size), (below[met], above[met])
+        axes.bar(places, share[met], color=[colors[k] for k in met], yerr=errors, capsize=3)
+        axes.set_xticks(places, [labels[k] for k in met], rotation=30, ha="right", rotation_mode="anchor")
         return figure
     values, tops = data[axis].values, np.cumsum(share, axis=1)
     areas = axes.stackplot(values, share.T, colors=colors, labels=labels, alpha=0.8)
@@ -127,20 +115,12 @@ def attractors(data: xr.Dataset) -> Figure:
     for border, _ in borders:
         axes.axvline(border, color="black", linestyle="--", linewidth=1)
     labelled = _border_labels(borders, ONE_LABEL * width)
-    turned = 90 if len(labelled) > FLAT_LABELS else 0
+    how = {"transform": axes.get_xaxis_transform(), "rotation": 90 if len(labelled) > FLAT_LABELS else 0}
     for at, kinds in labelled:
-        axes.text(
-            at, 1.01, kinds, transform=axes.get_xaxis_transform(), ha="center", va="bottom", fontsize=8, rotation=turned
-        )
+        axes.text(at, 1.01, kinds, ha="center", va="bottom", fontsize=8, **how)
     mark(axes.xaxis, axis)
-    axes.set(xlim=(values[0] - 2 * near, values[-1] + 2 * near), ylim=(0, 100), ylabel="share of the starts [%]")
+    axes.set(xlim=(values[0] - 2 * near, values[-1] + 2 * near), ylim=(0, 100))
     hidden = len(labels) - MOST_NAMED
-    figure.legend(
-        handles=areas[:MOST_NAMED],
-        loc="outside right center",
-        fontsize=8,
-        reverse=True,
-        title=f"and {hidden} more" if hidden > 0 else None,
-        title_fontsize=8,
-    )
+    more = {"title": f"and {hidden} more", "title_fontsize": 8} if hidden > 0 else {}
+    figure.legend(handles=areas[:MOST_NAMED], loc="outside right center", fontsize=8, reverse=True, **more)
     return figure

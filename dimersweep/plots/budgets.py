@@ -65,10 +65,9 @@ def energy_budget(axes: Axes, run: SeenRun, periods: int = 12) -> None:
     axes.set_xscale("symlog", linthresh=SMALLEST * 10 ** np.ceil(np.log10(greatest)))
     axes.axvline(0.0, color="black", lw=0.8)
     axes.set_yticks(np.arange(len(kinds)), kinds)
-    axes.invert_yaxis()
     axes.set_ylim(len(kinds) - 0.5, -0.5)
     for row in np.arange(len(kinds) - 1):
         axes.axhline(row + 0.5, color="0.85", lw=0.6)
-    ticks = 10.0 ** np.arange(np.ceil(np.log10(greatest)) - 5, np.ceil(np.log10(greatest)) + 1, 2)
+    ticks = 10.0 ** (np.ceil(np.log10(greatest)) + np.arange(-5, 1, 2))
     axes.set_xticks(np.concatenate([-ticks[::-1], [0.0], ticks]))
     axes.minorticks_off()

@@ -1,6 +1,6 @@
 """What each kind of picture needs of a cube, known before the cube is: its axes, and what was asked."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from typing import get_args
 
 import numpy as np
@@ -11,11 +11,26 @@ from dimersweep.errors import ParameterError
 from dimersweep.symbols import PARAMETERS, Picture
 
 PICTURE_KINDS = get_args(Picture)
+AXES = {  # kinds that need just these axes of more than one value
+    "trends": ("A_r", "f"),
+    "minimum": ("A_r", "xdot0"),
+    "impact_ends": ("A_r", "mu", "mu_s"),
+}
+_NO_PATHS = "the cube has no paths over one axis; declare [paths]"
+# the feature that a kind needs, whether axes of one value are left out, how many axes it needs, and what it says else
+FEATURES: dict[str, tuple[str, bool, int | None, str]] = {
+    "regions": ("search", True, 2, "needs the regions of a search over two axes"),
+    "shares": ("search", False, 2, "needs the runs of a search over two axes"),
+    "paths": ("paths", False, 1, _NO_PATHS),
+    "walks": ("paths", False, 1, _NO_PATHS),
+    "planar": ("paths", False, 1, "needs paths over one axis; declare [paths]"),
+    "bifurcation": ("strobes", False, None, "the cube has no strobes; make it with bifurcation(...)"),
+}
 
 
 def features(cube: xr.Dataset) -> set[str]:
     """What a cube has besides modes and orbits: regions and runs of a search, paths, strobes."""
-    marks = {"search": "region", "paths": "x", "strobes": "strobe", "points": "point"}
+    marks = {"search": "region", "paths": "x", "strobes": "strobe"}
     return {name for name, variable in marks.items() if variable in cube.variables or variable in cube.dims}
 
 
@@ -41,63 +56,28 @@ def judge(kind: str, sizes: Mapping[str, int], has: Collection[str] = ()) -> Non
     for name, n in sizes.items():
         if n == 0:
             raise ParameterError(f"{kind}: the axis {name} is empty")
-    lack = _LACKS[kind](sizes, has)
-    if lack:
+    if lack := _lack(kind, sizes, has):
         raise ParameterError(f"{kind}: {lack}")
 
 
-Lack = Callable[[Mapping[str, int], Collection[str]], str]  # what is wrong with axes and features; "" if nothing is
-
-
-def _wide(sizes: Mapping[str, int]) -> list[str]:
-    return [name for name, n in sizes.items() if n > 1]
-
-
-def _has_axes(axes: Collection[str], need: str) -> str:
-    return f"has axes {', '.join(axes) or 'none'}; {need}"
-
-
-def _of_segments(sizes: Mapping[str, int], has: Collection[str]) -> str:
-    axes = _wide(sizes)
-    if not 1 <= len(axes) <= 2:
-        return _has_axes(axes, "draws 1 to 2 of them")
-    return "" if "beta0" in axes else _has_axes(axes, "needs beta0 among them")
-
-
-def _exactly(*wanted: str) -> Lack:
-    """Just these axes of more than one value."""
-
-    def lack(sizes: Mapping[str, int], has: Collection[str]) -> str:
-        present = sorted({*_wide(sizes), *(name for name in sizes if name in wanted)})
-        return "" if set(present) == set(wanted) else _has_axes(present, f"needs {', '.join(wanted)}")
-
-    return lack
-
-
-def _paths(words: str) -> Lack:
-    return lambda sizes, has: "" if "paths" in has and len(sizes) == 1 else f"{words}; declare [paths]"
-
-
-_NO_PATHS = "the cube has no paths over one axis"
-_LACKS: dict[str, Lack] = {
-    "segments": _of_segments,
-    "mode_map": lambda sizes, has: "" if _wide(sizes) else _has_axes((), "needs one of more than one value"),
-    "regions": lambda sizes, has: (
-        "" if "search" in has and len(_wide(sizes)) == 2 else "needs the regions of a search over two axes"
-    ),
-    "shares": lambda sizes, has: (
-        "" if "search" in has and len(sizes) == 2 else "needs the runs of a search over two axes"
-    ),
-    "trends": _exactly("A_r", "f"),
-    "minimum": _exactly("A_r", "xdot0"),
-    "impact_ends": _exactly("A_r", "mu", "mu_s"),
-    "paths": _paths(_NO_PATHS),
-    "walks": _paths(_NO_PATHS),
-    "planar": _paths("needs paths over one axis"),
-    "bifurcation": lambda sizes, has: (
-        "" if "strobes" in has else "the cube has no strobes; make it with bifurcation(...)"
-    ),
-}
+def _lack(kind: str, sizes: Mapping[str, int], has: Collection[str]) -> str:
+    """What a kind of picture lacks; "" if nothing."""
+    axes = [name for name, n in sizes.items() if n > 1]
+    need = ""
+    if kind in FEATURES:
+        feature, squeezed, n, words = FEATURES[kind]
+        there = len(axes) if squeezed else len(sizes)
+        return "" if feature in has and n in (None, there) else words
+    if kind in AXES:
+        axes = sorted({*axes, *(name for name in sizes if name in AXES[kind])})
+        need = "" if set(axes) == set(AXES[kind]) else f"needs {', '.join(AXES[kind])}"
+    elif kind == "mode_map":
+        need = "" if axes else "needs one of more than one value"
+    elif not 1 <= len(axes) <= 2:
+        need = "draws 1 to 2 of them"
+    elif "beta0" not in axes:
+        need = "needs beta0 among them"
+    return need and f"has axes {', '.join(axes) or 'none'}; {need}"
 
 
 def judge_cube(kind: str, cube: xr.Dataset) -> None:

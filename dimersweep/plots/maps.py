@@ -1,6 +1,5 @@
 """Maps over the axes of a cube: modes in their colours, or any quantity; one panel for each value of further axes."""
 
-from collections.abc import Iterator
 from math import ceil
 from typing import Any
 
@@ -21,13 +20,13 @@ from dimersweep.plots.style import (
     MODE_LABELS,
     ROW_COLORS,
     WAY_MARKERS,
-    Drawing,
-    entitle,
+    face,
     fixed_of,
+    framed,
     given,
     mark,
     percent,
-    title,
+    spread,
 )
 from dimersweep.symbols import QUANTITIES, units_shown
 
@@ -58,7 +57,7 @@ def mode_map(cube: xr.Dataset) -> Figure:
     if "point" in cube["mode"].dims:
         return point_map(cube)
     mode = _directions_first(cube["mode"].squeeze())
-    figure, panels = _panels(mode, title(cube))
+    figure, panels = _panels(cube, mode)
     for axes, part in panels:
         _mesh(axes, part, COLORS[np.atleast_2d(part.values)])
     figure.legend(handles=mode_handles(mode), loc="outside right center", fontsize=9)
@@ -69,12 +68,7 @@ def mode_handles(mode: xr.DataArray) -> list[Patch]:
     """Handles of a legend of the modes that occur, with their shares."""
     shares = np.bincount(mode.values.ravel(), minlength=len(MODES)) / mode.size
     return [
-        Patch(
-            facecolor=MODE_COLORS[name],
-            edgecolor="black",
-            linewidth=0.5,
-            label=f"{MODE_LABELS[name]} ({percent(share)})",
-        )
+        face(MODE_COLORS[name], f"{MODE_LABELS[name]} ({percent(share)})")
         for name, share in zip(MODES, shares, strict=True)
         if share > 0
     ]
@@ -112,8 +106,8 @@ def quantity_map(cube: xr.Dataset, quantity: str) -> Figure:
         return point_map(cube, quantity)
     values = _directions_first(cube[quantity].squeeze())
     if values.dims[:-1] == ("direction",):
-        return _curves_each_way(values, quantity, title(cube))
-    figure, panels = _panels(values, title(cube))
+        return _curves_each_way(cube, values, quantity)
+    figure, panels = _panels(cube, values)
     words = names(cube[quantity]).squeeze() if "flag_meanings" in cube[quantity].attrs else None
     finite = values.values[np.isfinite(values.values)]
     how: dict[str, Any] = {"vmin": finite.min(), "vmax": finite.max()} if finite.size else {}
@@ -133,11 +127,10 @@ def _directions_first(values: xr.DataArray) -> xr.DataArray:
     return values.transpose("direction", ...) if "direction" in values.dims else values
 
 
-def _curves_each_way(values: xr.DataArray, quantity: str, heading: str) -> Figure:
+def _curves_each_way(cube: xr.Dataset, values: xr.DataArray, quantity: str) -> Figure:
     """A quantity over one axis, on the way up and down."""
     name = str(values.dims[-1])
-    figure = Drawing(7.5, 3.2)
-    axes = figure.add_subplot()
+    figure, axes = framed(cube, (7.5, 3.2))
     for way, color in zip(values, ROW_COLORS, strict=False):
         marker = WAY_MARKERS[int(way["direction"])]
         label = given("direction", way["direction"].item())
@@ -146,7 +139,6 @@ def _curves_each_way(values: xr.DataArray, quantity: str, heading: str) -> Figur
     mark(axes.xaxis, name)
     axes.set_ylabel(quantity_label(quantity))
     axes.legend(fontsize=9)
-    entitle(figure, heading)
     return figure
 
 
@@ -165,58 +157,45 @@ def point_map(cube: xr.Dataset, quantity: str | None = None) -> Figure:
         raise ParameterError("mode_map: all points have the same parameters; needs one that varies")
     pairs = pairs or [(varied[0], varied[0])]
     columns = min(3, len(pairs))
-    rows = -(-len(pairs) // columns)
-    figure = Drawing(1.6 + 3.4 * columns, 0.8 + 3.0 * rows)
-    panels = figure.subplots(rows, columns, squeeze=False).ravel()
-    if quantity is None:
-        how: dict[str, Any] = {"c": COLORS[cube["mode"].values]}
-    else:
-        how = {"c": cube[quantity].values, "cmap": "viridis"}
-    for axes, (x, y) in zip(panels, pairs, strict=False):
-        dots = axes.scatter(cube[x], cube[y], s=9, **how)
+    rows = ceil(len(pairs) / columns)
+    size = 1.6 + 3.4 * columns, 0.8 + 3.0 * rows
+    figure, panels = framed(cube, size, nrows=rows, ncols=columns, squeeze=False)
+    colors = COLORS[cube["mode"].values] if quantity is None else cube[quantity].values
+    for axes, (x, y) in zip(panels.flat, pairs, strict=False):
+        dots = axes.scatter(cube[x], cube[y], s=9, c=colors)
         mark(axes.xaxis, x)
         mark(axes.yaxis, y)
-    for axes in panels[len(pairs) :]:
+    for axes in panels.flat[len(pairs) :]:
         axes.set_axis_off()
     if quantity is None:
         figure.legend(handles=mode_handles(cube["mode"]), loc="outside right center", fontsize=9)
     else:
-        figure.colorbar(dots, ax=list(panels), label=quantity_label(quantity))
-    entitle(figure, title(cube))
+        figure.colorbar(dots, ax=list(panels.flat), label=quantity_label(quantity))
     return figure
 
 
-def _panels(values: xr.DataArray, heading: str) -> tuple[Figure, Iterator[tuple[Axes, xr.DataArray]]]:
+def _panels(cube: xr.Dataset, values: xr.DataArray) -> tuple[Figure, list[tuple[Axes, xr.DataArray]]]:
     """A figure with a panel for each combination of the leading axes of `values`, at most `MOST_PANELS`, and what is in it."""
     leading = [str(name) for name in values.dims[:-2]]
     places = list(np.ndindex(*(values.sizes[name] for name in leading)))
-    if len(places) > MOST_PANELS:
-        chosen = np.unique(np.linspace(0, len(places) - 1, MOST_PANELS).round().astype(int))
-        heading = f"{len(chosen)} of {len(places)} maps; {heading}"
-        places = [places[k] for k in chosen]
+    heading = f"{MOST_PANELS} of {len(places)} maps; " if len(places) > MOST_PANELS else ""
+    places = [places[k] for k in spread(len(places), MOST_PANELS)]
     columns = len(places) if len(places) <= 3 else min(4, ceil(len(places) ** 0.5))
-    rows = -(-len(places) // columns)
-    flat = values.ndim == 1
-    size = (7.5, 2.6 if flat else 4.8) if len(places) == 1 else (1.8 + 2.9 * columns, 1.0 + 2.5 * rows)
-    figure = Drawing(*size)
-    grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    rows = ceil(len(places) / columns)
+    size = (7.5, 2.6 if values.ndim == 1 else 4.8) if len(places) == 1 else (1.8 + 2.9 * columns, 1.0 + 2.5 * rows)
+    figure, grid = framed(cube, size, heading, nrows=rows, ncols=columns, sharex=True, sharey=True, squeeze=False)
     _scale(grid[0, 0], values)  # shared by all
-    entitle(figure, heading)
-    for axes in grid.ravel()[len(places) :]:
+    for axes in grid.flat[len(places) :]:
         axes.set_axis_off()
-
-    def each() -> Iterator[tuple[Axes, xr.DataArray]]:
-        for number, (axes, place) in enumerate(zip(grid.ravel(), places, strict=False)):
-            part = values.isel(dict(zip(leading, place, strict=True)))
-            axes.set_title(", ".join(given(name, part[name].item()) for name in leading), fontsize=9)
-            if number >= len(places) - columns:
-                mark(axes.xaxis, str(part.dims[-1]))
-                axes.tick_params(labelbottom=True)
-            if part.ndim == 2 and number % columns == 0:
-                mark(axes.yaxis, str(part.dims[0]))
-            yield axes, part
-
-    return figure, each()
+    parts = [values.isel(dict(zip(leading, place, strict=True))) for place in places]
+    for number, (axes, part) in enumerate(zip(grid.flat, parts, strict=False)):
+        axes.set_title(", ".join(given(name, part[name].item()) for name in leading), fontsize=9)
+        if number >= len(places) - columns:
+            mark(axes.xaxis, str(part.dims[-1]))
+            axes.tick_params(labelbottom=True)
+        if part.ndim == 2 and number % columns == 0:
+            mark(axes.yaxis, str(part.dims[0]))
+    return figure, list(zip(grid.flat, parts, strict=False))
 
 
 def _mesh(axes: Axes, part: xr.DataArray, colors: np.ndarray, **how: Any) -> Any:

@@ -5,14 +5,13 @@ import xarray as xr
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 
 from dimersweep.cubes.cube import names
 from dimersweep.cubes.reading import dip_range, drift_intervals, drift_lengths, edges_of
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots.judging import judge_cube
 from dimersweep.plots.maps import COLORS
-from dimersweep.plots.style import ROW_COLORS, Drawing, entitle, given, mark, title
+from dimersweep.plots.style import ROW_COLORS, face, framed, given, mark
 from dimersweep.symbols import symbol
 
 
@@ -38,8 +37,7 @@ def segments(cube: xr.Dataset) -> Figure:
     judge_cube("segments", cube)
     lengths = drift_lengths(cube)
     (name,) = lengths.dims
-    figure = Drawing(8, 1.4 + 0.55 * lengths.size)
-    axes = figure.add_subplot()
+    figure, axes = framed(cube, (8, 1.4 + 0.55 * lengths.size), "Initial dip angles that lead to drift\n")
     for row, (intervals, length) in enumerate(zip(drift_intervals(cube), lengths.values, strict=True)):
         color = ROW_COLORS[row % len(ROW_COLORS)]
         axes.hlines(np.full(len(intervals), row), intervals[:, 0], intervals[:, 1], colors=color, linewidth=7)
@@ -50,7 +48,6 @@ def segments(cube: xr.Dataset) -> Figure:
     axes.set_ylim(-0.6, lengths.size - 0.4)
     axes.grid(axis="x", alpha=0.3)
     _dip_axis(axes, *dip_range(cube["beta0"].values))
-    entitle(figure, f"Initial dip angles that lead to drift\n{title(cube)}")
     return figure
 
 
@@ -94,10 +91,10 @@ def regions(cube: xr.Dataset) -> Figure:
     mode = cube["mode"].squeeze()
     x_name, y_name = map(str, mode.dims)
     x, y = mode[x_name].values, mode[y_name].values
-    figure = Drawing(8, 5.6)
-    axes = figure.add_subplot()
+    figure, axes = framed(cube, (8, 5.6))
     region = names(cube["region"]).squeeze().values
-    shown = np.where((region == "drift")[..., None], 1.0, COLORS[mode.values] * 0.6 + 0.4)
+    pale = 0.6 * COLORS + 0.4
+    shown = np.where((region == "drift")[..., None], 1.0, pale[mode.values])
     axes.pcolormesh(edges_of(x), edges_of(y), shown.transpose(1, 0, 2))
     corners = [np.repeat(edges_of(values), 2)[1:-1] for values in (x, y)]
     handles = []
@@ -111,16 +108,12 @@ def regions(cube: xr.Dataset) -> Figure:
             with rc_context({"hatch.color": color, "hatch.linewidth": 0.6}):
                 axes.contourf(*corners, cells, levels=[0.5, 1.5], colors="none", hatches=[hatch])
             axes.contour(*corners, cells, levels=[0.5], colors=color, linewidths=1.4)
-        handles.append(Patch(facecolor="white", edgecolor=color, hatch=hatch, label=meaning))
+        handles.append(face("white", meaning, edgecolor=color, hatch=hatch, linewidth=None))
     left = ~np.isin(region, ("drift", "rest"))
     for code in np.unique(mode.values[left]):
-        word = MODES[code]
-        face = COLORS[code] * 0.6 + 0.4
-        handles.append(Patch(facecolor=face, edgecolor="black", linewidth=0.5, label=f"mostly {word}"))
+        handles.append(face(pale[code], f"mostly {MODES[code]}"))
     figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=9)
-    axes.set_xlim(corners[0][0], corners[0][-1])
-    axes.set_ylim(corners[1][0], corners[1][-1])
+    axes.set(xlim=corners[0][[0, -1]], ylim=corners[1][[0, -1]])
     mark(axes.xaxis, x_name)
     mark(axes.yaxis, y_name)
-    entitle(figure, title(cube))
     return figure

@@ -1,13 +1,10 @@
 """Pictures of orbits over parameters: paths, trends with exponents, the least period, ends of the impact, planar drift."""
 
-from typing import Any
-
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from dimersweep.cubes.cube import names
@@ -22,7 +19,7 @@ from dimersweep.cubes.reading import (
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import DI_ENDS, M_DRIFT, M_NOT_RUN
 from dimersweep.plots.judging import judge_cube
-from dimersweep.plots.style import Drawing, entitle, given, label, log_scale, mark, row_colors, title
+from dimersweep.plots.style import face, framed, given, label, log_scale, mark, row_colors, spread
 
 END_COLORS = {  # of a double impact
     "none": "#ffffff",
@@ -34,13 +31,6 @@ END_COLORS = {  # of a double impact
 LEFT_OUT_COLOR = "#d9d9d9"  # points that break the rule between mu and mu_s
 TRENDS = {"radius": r"$\bar R$ [m]", "period": r"$\bar T$ [s]", "zeta": r"$\zeta$ [rad]"}
 CURVES = 5  # values of the other axis that are drawn
-
-
-def _frame(cube: xr.Dataset, size: tuple[float, float], heading: str = "", **panels: Any) -> tuple[Figure, Any]:
-    """A figure of `size` in inches with the title of `cube` below its `heading`, and its panels, see `Figure.subplots`."""
-    figure = Drawing(*size)
-    entitle(figure, f"{heading}\n{title(cube)}".lstrip())
-    return figure, figure.subplots(**panels)
 
 
 def _drifting(cube: xr.Dataset, quantity: str) -> xr.DataArray:
@@ -70,33 +60,24 @@ def paths(cube: xr.Dataset) -> Figure:
     judge_cube("paths", cube)
     (name,) = (str(dim) for dim in cube["mode"].dims)
     per_period = round(1 / float(cube["cycle"][1] - cube["cycle"][0]))
-    figure, (whole, teeth) = _frame(cube, (10, 5.2), "Paths of the centre of mass", ncols=2)
-    colors = row_colors(cube.sizes[name])
-    for k, value in enumerate(cube[name].values):
-        x, y = cube["x"].values[k], cube["y"].values[k]
+    figure, (whole, teeth) = framed(cube, (10, 5.2), "Paths of the centre of mass\n", ncols=2)
+    curves = zip(cube[name].values, cube["x"].values, cube["y"].values, row_colors(cube.sizes[name]), strict=True)
+    for value, x, y, color in curves:
         if not np.isfinite(x).all():
             continue
         a, b, radius = circle_through(x[x.size // 20 :], y[y.size // 20 :])
-        color = colors[k]
         text = f"{given(name, value)}: $R$ = {radius:.3f} m"
         whole.plot(x - a, y - b, color=color, linewidth=0.8, label=text)
         piece = slice(-4 * per_period - 1, None)
         cycles = cube["cycle"].values[piece] - cube["cycle"].values[piece][0]
         teeth.plot(cycles, 1e3 * (np.hypot(x - a, y - b)[piece] - radius), color=color, linewidth=1)
-    whole.set_aspect("equal", adjustable="datalim")
-    whole.set_xlabel("$x$ [m]")
-    whole.set_ylabel("$y$ [m]")
-    teeth.set_xlabel("time [forcing periods]")
-    teeth.set_ylabel("distance from the circle [mm]")
+    whole.set(aspect="equal", adjustable="datalim", xlabel="$x$ [m]", ylabel="$y$ [m]")
+    teeth.set(xlabel="time [forcing periods]", ylabel="distance from the circle [mm]")
     handles, labels = whole.get_legend_handles_labels()
     if handles:
         # circles fill their panel
         figure.legend(handles, labels, loc="outside lower center", ncols=min(len(handles), 4))
     return figure
-
-
-def _spread(n: int) -> np.ndarray:
-    return np.unique(np.linspace(0, n - 1, min(n, CURVES)).round().astype(int))
 
 
 def trends(cube: xr.Dataset) -> Figure:
@@ -120,7 +101,7 @@ def trends(cube: xr.Dataset) -> Figure:
     >>> plots.trends(cube).savefig("trends.png")
     """
     judge_cube("trends", cube)
-    figure, panels = _frame(cube, (9, 10), nrows=3, ncols=2, sharex="col", sharey="row")
+    figure, panels = framed(cube, (9, 10), nrows=3, ncols=2, sharex="col", sharey="row")
     for row, quantity in zip(panels, TRENDS, strict=True):
         for axes, (name, other) in zip(row, (("A_r", "f"), ("f", "A_r")), strict=True):
             _trend(axes, cube, quantity, name, other)
@@ -133,7 +114,7 @@ def trends(cube: xr.Dataset) -> Figure:
 def _trend(axes: Axes, cube: xr.Dataset, quantity: str, name: str, other: str) -> None:
     """A quantity over an axis, one curve for some values of the other; of a power law, its exponent and a line with it."""
     shift, base = (1.0, "A_r - 1") if name == "A_r" else (0.0, "f")
-    x, values, chosen = cube[name].values - shift, _drifting(cube, quantity), _spread(cube.sizes[other])
+    x, values, chosen = cube[name].values - shift, _drifting(cube, quantity), spread(cube.sizes[other], CURVES)
     for color, k in zip(row_colors(chosen.size), chosen, strict=True):
         curve = values.isel({other: k}).transpose(name).values
         axes.plot(x, curve, "o-", color=color, markersize=3, label=given(other, cube[other].values[k]))
@@ -181,7 +162,7 @@ def least_period(cube: xr.Dataset) -> Figure:
     >>> plots.least_period(cube).savefig("period.png")
     """
     judge_cube("minimum", cube)
-    figure, (left, right) = _frame(cube, (10, 4.4), ncols=2)
+    figure, (left, right) = framed(cube, (10, 4.4), ncols=2)
     speeds = cube["xdot0"].values
     for color, A_r in zip(row_colors(cube.sizes["A_r"]), cube["A_r"].values, strict=True):
         one = cube.sel(A_r=A_r)
@@ -195,13 +176,10 @@ def least_period(cube: xr.Dataset) -> Figure:
             left.plot([low.at], [low.value], "v", color=color, markersize=8, label=text)
             right.axvline(low.at, color=color, linewidth=0.8, linestyle=":")
     log_scale(left)
-    left.set_ylabel(TRENDS["period"])
+    left.set(xlabel=label("xdot0"), ylabel=TRENDS["period"])
     left.legend(fontsize=8)
     right.axhline(np.pi / 2, color="black", linewidth=0.8, linestyle=":")
-    right.set_ylim(np.pi / 2 - 0.01, np.pi / 2 + 0.12)
-    right.set_ylabel(TRENDS["zeta"])
-    for axes in (left, right):
-        axes.set_xlabel(label("xdot0"))
+    right.set(xlabel=label("xdot0"), ylabel=TRENDS["zeta"], ylim=(np.pi / 2 - 0.01, np.pi / 2 + 0.12))
     return figure
 
 
@@ -227,13 +205,13 @@ def impact_ends(cube: xr.Dataset) -> Figure:
     judge_cube("impact_ends", cube)
     body = {name: cube[name].item() for name in ("r", "rho_b", "rho_r", "D_r")}
     colors = ListedColormap([*END_COLORS.values(), LEFT_OUT_COLOR])
+    x, y = edges_of(cube["mu"].values), edges_of(cube["mu_s"].values)
     shown = cube["di_end"].where(cube["mode"] != M_NOT_RUN, len(END_COLORS))
-    heading = "How the double impact ends; dashed: $\\mu = \\bar\\mu$"
+    heading = "How the double impact ends; dashed: $\\mu = \\bar\\mu$\n"
     n = cube.sizes["A_r"]
-    figure, panels = _frame(cube, (3.1 * n + 0.6, 4.6), heading, ncols=n, sharey=True, squeeze=False)
+    figure, panels = framed(cube, (3.1 * n + 0.6, 4.6), heading, ncols=n, sharey=True, squeeze=False)
     for axes, A_r in zip(panels[0], cube["A_r"].values, strict=True):
         ends = shown.sel(A_r=A_r).transpose("mu_s", "mu")
-        x, y = edges_of(cube["mu"].values), edges_of(cube["mu_s"].values)
         axes.pcolormesh(x, y, ends.values, cmap=colors, vmin=-0.5, vmax=len(END_COLORS) + 0.5)
         line = stick_ratio(float(A_r), **body)
         axes.axvline(line, color="black", linestyle="--", linewidth=1)
@@ -241,9 +219,8 @@ def impact_ends(cube: xr.Dataset) -> Figure:
         axes.set_xlabel(label("mu"))
     panels[0, 0].set_ylabel(label("mu_s"))
     found = sorted(set(np.unique(names(cube["di_end"]))), key=DI_ENDS.index)
-    words = {"none": "no drift found"} | {end: end for end in found if end != "none"}
-    faces = [(END_COLORS[end], words[end]) for end in found] + [(LEFT_OUT_COLOR, "$\\mu_s < \\mu$: not run")]
-    handles = [Patch(facecolor=face, edgecolor="black", linewidth=0.5, label=name) for face, name in faces]
+    handles = [face(END_COLORS[end], "no drift found" if end == "none" else end) for end in found]
+    handles.append(face(LEFT_OUT_COLOR, "$\\mu_s < \\mu$: not run"))
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=9)
     return figure
 
@@ -269,15 +246,14 @@ def shares(cube: xr.Dataset) -> Figure:
     """
     judge_cube("shares", cube)
     other, name = (str(dim) for dim in cube["mode"].dims)
-    figure, axes = _frame(cube, (7.5, 4.4))
+    figure, axes = framed(cube, (7.5, 4.4))
     share = runs_of(cube, "drift") / cube["n_runs"]
     for color, value in zip(row_colors(cube.sizes[other]), cube[other].values, strict=True):
         axes.plot(
             cube[name], 100 * share.sel({other: value}), "o-", color=color, markersize=3, label=given(other, value)
         )
     mark(axes.xaxis, name)
-    axes.set_ylabel("initial dip angles that drift [%]")
-    axes.set_ylim(bottom=0)
+    axes.set(ylabel="initial dip angles that drift [%]", ylim=(0, None))
     axes.legend(fontsize=8)
     return figure
 
@@ -304,19 +280,15 @@ def planar(cube: xr.Dataset) -> Figure:
     """
     judge_cube("planar", cube)
     (name,) = (str(dim) for dim in cube["mode"].dims)
-    figure, axes = _frame(cube, (7.5, 4.4))
+    figure, axes = framed(cube, (7.5, 4.4))
     ends, velocity = names(cube["di_end"]).values, 1e3 * cube["axial_velocity"].values
     for end, color in END_COLORS.items():
         here = (ends == end) & np.isfinite(velocity)
         if here.any():
             axes.plot(cube[name].values[here], velocity[here], "o", color=color, markersize=4, label=end)
-    _rule(axes)
+    axes.axhline(0.0, color="black", linewidth=0.8)
+    axes.grid(alpha=0.3)
     mark(axes.xaxis, name)
     axes.set_ylabel("drift velocity [mm/s]")
     figure.legend(*axes.get_legend_handles_labels(), title="double impact ends", loc="outside right upper")
     return figure
-
-
-def _rule(axes: Axes) -> None:
-    axes.axhline(0.0, color="black", linewidth=0.8)
-    axes.grid(alpha=0.3)

@@ -131,8 +131,7 @@ def portrait(axes: Axes, run: SeenRun, angle: str, span: tuple[float, float], *,
         axes.annotate("", (values[k + 9], rates[k + 9]), (values[k], rates[k]), arrowprops=tip)
     for k in np.flatnonzero(double):
         _impact_marks(axes, impact_rates(run, states["time"].values[k]), f"{angle}_rate", values[k], color)
-    axes.set_xlabel(ANGLES[angle])
-    axes.set_ylabel(f"$\\dot{{{_GREEK[angle]}}}$ [rad/s]")
+    axes.set(xlabel=ANGLES[angle], ylabel=f"$\\dot{{{_GREEK[angle]}}}$ [rad/s]")
     axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.ticklabel_format(axis="x", scilimits=(-2, 4), useMathText=True)
     axes.ticklabel_format(axis="y", useOffset=False)
@@ -148,12 +147,10 @@ def strobes(axes: Axes, run: SeenRun, angle: str) -> None:
     letter, cycles = _GREEK[angle], section["n"].values
     if angle == "beta":
         x, y = section["beta"].values, rates
-        axes.set_xlabel(ANGLES[angle])
-        axes.set_ylabel(f"$\\dot{{{letter}}}$ [rad/s]")
+        axes.set(xlabel=ANGLES[angle], ylabel=f"$\\dot{{{letter}}}$ [rad/s]")
     else:
         x, y, cycles = rates[:-1], rates[1:], cycles[1:]
-        axes.set_xlabel(f"$\\dot{{{letter}}}_n$ [rad/s]")
-        axes.set_ylabel(f"$\\dot{{{letter}}}_{{n+1}}$ [rad/s]")
+        axes.set(xlabel=f"$\\dot{{{letter}}}_n$ [rad/s]", ylabel=f"$\\dot{{{letter}}}_{{n+1}}$ [rad/s]")
     later = cycles >= cycles[-1] // 2  # transients are left out
     axes.plot(x[later], y[later], ".", color="#d55e00", markersize=3)
     axes.xaxis.set_major_locator(MaxNLocator(5))
@@ -187,8 +184,7 @@ def heights(axes: Axes, run: SeenRun, span: tuple[float, float]) -> None:
     axes.plot(cycles, 1e3 * (plate + states["gap_2"]), color="black", linewidth=1, label="$p_2$")
     axes.plot(cycles, 1e3 * (plate + states["gap_1"]), color="#d62728", linewidth=3, label="$p_1$")
     axes.plot(cycles, 1e3 * plate, "--", color="#56b4e9", linewidth=1.2, label="plate")
-    axes.set_xlabel("time [forcing periods]")
-    axes.set_ylabel("height [mm]")
+    axes.set(xlabel="time [forcing periods]", ylabel="height [mm]")
     axes.legend(fontsize=8, loc="lower right", bbox_to_anchor=(1, 1), ncols=3, frameon=False)
 
 
@@ -214,12 +210,9 @@ def orbit(axes: Axes, run: SeenRun, arrows: int = 8) -> None:
     u, v = x[at + step] - x[at], y[at + step] - y[at]
     scale = 9 * max(np.hypot(u, v).max(), 1e-300)
     axes.quiver(x[at], y[at], u, v, color="#0072b2", width=5e-3, angles="xy", scale=scale, zorder=3)
-    axes.plot(x[:1], y[:1], "o", color="black", markersize=5)
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel("$x$ [m]")
-    axes.set_ylabel("$y$ [m]")
-    start = Line2D([], [], marker="o", color="black", linestyle="", markersize=5, label="start")
-    axes.legend(handles=[start], fontsize=8, loc="lower right", bbox_to_anchor=(1, 1), frameon=False)
+    axes.plot(x[:1], y[:1], "o", color="black", markersize=5, label="start")
+    axes.set(aspect="equal", adjustable="datalim", xlabel="$x$ [m]", ylabel="$y$ [m]")
+    axes.legend(fontsize=8, loc="lower right", bbox_to_anchor=(1, 1), frameon=False)
 
 
 def run_figure(run: SeenRun, periods: int = 4) -> Figure:
@@ -249,10 +242,7 @@ def run_figure(run: SeenRun, periods: int = 4) -> Figure:
     orbit(panels["orbit"], run)
     aperiodic = run.mode == "aperiodic"
     for angle in ANGLES:
-        if aperiodic:
-            strobes(panels[angle], run, angle)
-        else:
-            portrait(panels[angle], run, angle, last_cycle(run))
+        strobes(panels[angle], run, angle) if aperiodic else portrait(panels[angle], run, angle, last_cycle(run))
     titles = ("normal displacements", "centre of mass", "dip", "precession", "spinning")
     for letter, title, axes in zip("abcde", titles, panels.values(), strict=True):
         axes.set_title(f"({letter}) {title}", loc="left", fontsize=10)

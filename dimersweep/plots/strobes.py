@@ -12,7 +12,7 @@ from dimersweep.cubes.reading import is_geometric
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots.judging import judge_cube
-from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, Drawing, entitle, given, mark, title
+from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, framed, given, mark
 
 SHOWN = {  # rows of the picture: what they are, and the factor to the unit that is shown
     "gap_1": ("gap of $p_1$ [mm]", 1e3),
@@ -48,21 +48,22 @@ def bifurcation(cube: xr.Dataset) -> Figure:
             f"bifurcation: has axes {', '.join(map(str, mode.dims))}; needs one: select values of others"
         )
     name = str(next(dim for dim in mode.dims if dim != "direction"))
-    figure = Drawing(2.6 + 3.8 * len(ways), 7)
-    columns = figure.subplots(len(SHOWN), len(ways), sharex=True, sharey="row", squeeze=False).T
-    for panels, way in zip(columns, ways, strict=True):
+    figure, rows = framed(
+        cube, (2.6 + 3.8 * len(ways), 7), "At the start of each forcing period\n",
+        nrows=len(SHOWN), ncols=len(ways), sharex=True, sharey="row", squeeze=False,
+    )  # fmt: skip
+    for panels, way in zip(rows.T, ways, strict=True):
         _draw(panels, way, name)
         mark(panels[-1].xaxis, name)
         if "direction" in mode.dims:
             panels[0].set_title(given("direction", way["direction"].item()), fontsize=10)
-    for axes, (label, _) in zip(columns[0], SHOWN.values(), strict=True):
+    for axes, (label, _) in zip(rows[:, 0], SHOWN.values(), strict=True):
         axes.set_ylabel(label)
     found = [MODES[code] for code in np.unique(mode.values)]
     handles = [
         Line2D([], [], color=MODE_COLORS[word], marker="o", linestyle="", label=MODE_LABELS[word]) for word in found
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
-    entitle(figure, f"At the start of each forcing period\n{title(cube)}")
     return figure
 
 

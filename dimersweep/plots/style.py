@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.patches import Patch
 from matplotlib.text import Text
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, NullLocator
 
@@ -76,18 +77,17 @@ def label(name: str) -> str:
     return symbol(name, tex=True) + (f" [{units}]" if units else "")
 
 
-class _Degrees(MaxNLocator):
-    """Places on an axis in radians that are round in degrees."""
+class _InDegrees:
+    """Places on an axis in radians that are round in degrees, those that another locator finds there."""
 
     def tick_values(self, vmin: float, vmax: float) -> Any:
-        return np.deg2rad(super().tick_values(np.rad2deg(vmin), np.rad2deg(vmax)))
+        return np.deg2rad(super().tick_values(np.rad2deg(vmin), np.rad2deg(vmax)))  # type: ignore[misc]
 
 
-class _LogDegrees(LogLocator):
-    """Places on a logarithmic axis in radians that are round in degrees."""
+class _Degrees(_InDegrees, MaxNLocator): ...
 
-    def tick_values(self, vmin: float, vmax: float) -> Any:
-        return np.deg2rad(super().tick_values(np.rad2deg(vmin), np.rad2deg(vmax)))
+
+class _LogDegrees(_InDegrees, LogLocator): ...
 
 
 def mark(axis: Axis, name: str) -> None:
@@ -143,6 +143,23 @@ def title(cube: xr.Dataset) -> str:
 def entitle(figure: Figure, heading: str) -> Text:
     """Write a heading above all panels, in as many lines as the figure's width asks for."""
     return figure.suptitle(heading, fontsize=10, wrap=True)
+
+
+def framed(cube: xr.Dataset, size: tuple[float, float], heading: str = "", **panels: Any) -> tuple[Figure, Any]:
+    """A figure of `size` in inches with the title of `cube` behind a heading, and its panels, see `Figure.subplots`."""
+    figure = Drawing(*size)
+    entitle(figure, heading + title(cube))
+    return figure, figure.subplots(**panels)
+
+
+def face(color: Any, label: str, edgecolor: str = "black", linewidth: float | None = 0.5, hatch: str = "") -> Patch:
+    """The handle of a legend for areas of a colour."""
+    return Patch(facecolor=color, edgecolor=edgecolor, linewidth=linewidth, hatch=hatch or None, label=label)
+
+
+def spread(n: int, most: int) -> np.ndarray:
+    """At most so many of n places, evenly."""
+    return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int))
 
 
 def check_picture(path: str | os.PathLike[str], *, force: bool = False, name: str = "out") -> Path:

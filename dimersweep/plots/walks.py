@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from dimersweep.cubes.cube import names
 from dimersweep.plots.judging import judge_cube
-from dimersweep.plots.style import Drawing, entitle, given, mark, row_colors, title
+from dimersweep.plots.style import framed, given, mark, row_colors
 
 CENTRES = {"centre_velocity_x": ("o", "along $x$"), "centre_velocity_y": ("s", "along $y$")}
 
@@ -36,17 +36,13 @@ def walks(cube: xr.Dataset) -> Figure:
     """
     judge_cube("walks", cube)
     (name,) = (str(dim) for dim in cube["mode"].dims)
-    figure = Drawing(11, 4.6)
-    entitle(figure, f"Tracks of the centre of mass\n{title(cube)}")
-    left, right = figure.subplots(1, 2)
+    figure, (left, right) = framed(cube, (11, 4.6), "Tracks of the centre of mass\n", ncols=2)
     words, colors = names(cube["track"]).values, row_colors(cube.sizes[name])
     for k, value in enumerate(cube[name].values):
         text = f"{given(name, value)}: {words[k]}"
         left.plot(cube["x"].values[k], cube["y"].values[k], color=colors[k], linewidth=0.8, label=text)
     left.plot(0, 0, "o", color="black", markersize=3)
-    left.set_aspect("equal", adjustable="datalim")
-    left.set_xlabel("$x$ [m]")
-    left.set_ylabel("$y$ [m]")
+    left.set(aspect="equal", adjustable="datalim", xlabel="$x$ [m]", ylabel="$y$ [m]")
     if any(np.nanmax(np.abs(cube[which].values), initial=0.0) > 0 for which in CENTRES):
         _velocities(right, cube, name, words)
     else:
