@@ -2,11 +2,9 @@
 
 import warnings
 from collections import Counter
-from collections.abc import Callable, Mapping
-from json import loads
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -14,6 +12,8 @@ from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.options import Force
 from dimersweep.errors import ParameterError
 from dimersweep.symbols import PARAMETERS
+
+MARK = "dimersweep cube, configuration sha256 "  # in a picture, before that of the cube it was drawn from
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -66,15 +66,15 @@ def draw_beside(cube: "xr.Dataset", picture: Path, kind: str | None = None, quan
     """Draw `cube` to a file that may be replaced, marked with what it was drawn from, and print its path."""
     from dimersweep.plots import draw, write_picture
 
-    figure, marked = draw(cube, kind, quantity=quantity), {"Keywords": _mark(cube.attrs["configuration_sha256"])}
-    write_picture(figure, picture, force=True, metadata=marked)
+    marked = {"Keywords": MARK + cube.attrs["configuration_sha256"]}
+    write_picture(draw(cube, kind, quantity=quantity), picture, force=True, metadata=marked)
     typer.echo(f"picture: {picture}")
 
 
 def draw_if_it_can(cube: "xr.Dataset", picture: Path, *, force: bool) -> None:
     """Draw a cube that was just written: a picture that fails gives a warning, and the command still succeeds."""
     try:
-        check_picture_of(lambda: loads(cube.attrs["configuration"]), picture, force=force)
+        check_picture_of(cube.attrs["configuration_sha256"], picture, force=force)
         draw_beside(cube, picture)
     except Exception as error:
         warnings.warn(f"{picture}: was not drawn ({error})", RuntimeWarning, stacklevel=2)
@@ -99,11 +99,7 @@ def judge_picture(declared: "Declaration", study: "Study") -> None:
         raise ParameterError(f"plot.kind = {declared.plot.kind!r}: {error}; another kind, or --no-plot") from None
 
 
-def _mark(configuration_sha256: str) -> str:
-    return f"dimersweep cube, configuration sha256 {configuration_sha256}"
-
-
-def check_picture_of(configuration: Callable[[], Mapping[str, Any]], picture: Path, *, force: bool) -> None:
+def check_picture_of(configuration_sha256: str, picture: Path, *, force: bool) -> None:
     """Refuse to replace a picture, unless it was drawn from a cube of this configuration: then nothing is lost.
 
     Raises
@@ -111,10 +107,9 @@ def check_picture_of(configuration: Callable[[], Mapping[str, Any]], picture: Pa
     StoreError
     """
     from dimersweep.storage.outputs import check_output
-    from dimersweep.storage.provenance import as_text, digest
 
     check_output(picture, force=True, name="picture", endings=None)  # to look into a device might take for ever
-    ours = picture.exists() and _mark_in(picture) == _mark(digest(as_text(configuration())))
+    ours = _mark_in(picture) == MARK + configuration_sha256
     check_output(picture, force=force or ours, name="picture", endings=None)
 
 
@@ -130,18 +125,15 @@ def _mark_in(picture: Path) -> str | None:
 
 def print_cube(cube: "xr.Dataset") -> None:
     """The tally of modes, or of a search's answers and runs; for segments, the length of each row."""
-    from dimersweep.cubes.reading import drift_lengths
+    from dimersweep.cubes.cube import names
+    from dimersweep.cubes.reading import drift_lengths, search_summary
     from dimersweep.storage.cubefiles import modes_in
 
     if "answer" in cube:
-        from dimersweep.cubes.reading import search_summary
-
         typer.echo(search_summary(cube))
         return
     typer.echo(", ".join(f"{mode} {count}" for mode, count in modes_in(cube).items()))
     if "confidence" in cube:
-        from dimersweep.cubes.cube import names
-
         sure = Counter(names(cube["confidence"]).values.ravel().tolist())
         typer.echo("modes that are " + ", ".join(f"{word} {count}" for word, count in sure.most_common()))
     if cube.sizes.get("direction", 0) > 1:

@@ -26,9 +26,9 @@ def _whole(text: str | int) -> int:
         raise typer.BadParameter(f"{text!r} is not a whole number") from None
 
 
-def number_option(meaning: str, *names: str) -> Any:
+def number_option(meaning: str) -> Any:
     """An option that takes a number."""
-    return typer.Option(*names, help=meaning, parser=_number, metavar="NUMBER")
+    return typer.Option(help=meaning, parser=_number, metavar="NUMBER")
 
 
 def whole_option(meaning: str) -> Any:

@@ -61,12 +61,13 @@ def run(
     with interruptible(
         cube_file, picture if plot else None, parts=tiles_of(cube_file), again="run the same again for the rest"
     ):
+        from dimersweep.storage.provenance import as_text, digest
         from dimersweep.studies.making import make_cube
 
         study = declared.study(periods=periods, rtol=rtol, certify=certify, carry=carry)
         if plot and not cube_file.exists():
             judge_picture(declared, study)
-            check_picture_of(study.configuration, picture, force=forced)
+            check_picture_of(digest(as_text(study.configuration())), picture, force=forced)
         cube = make_cube(
             study,
             out=cube_file,
@@ -85,20 +86,20 @@ def run(
             draw_if_it_can(cube, picture, force=forced)
 
 
-def _declared(declaration: Path | None, source: Path | None, out: Path | None, *, other_kernel: bool) -> "Declaration":
+def _declared(
+    declaration: Path | None, source: Path | None = None, out: Path | None = None, *, other_kernel: bool = False
+) -> "Declaration":
     """The sweep that a file declares, or that a cube was made from."""
     if (declaration is None) == (source is None):
         raise typer.BadParameter("give either SWEEP.toml or --from CUBE")
-    if declaration is not None:
-        from dimersweep.studies.declaration import read_declaration
-        from dimersweep.studies.presets import find_declaration
+    if declaration is None and out is None:
+        raise typer.BadParameter("--from CUBE needs --out, the cube to write")
+    from dimersweep.studies.declaration import from_cube, read_declaration
+    from dimersweep.studies.presets import find_declaration
 
+    if declaration is not None:
         return read_declaration(find_declaration(declaration))
     assert source is not None
-    if out is None:
-        raise typer.BadParameter("--from CUBE needs --out, the cube to write")
-    from dimersweep.studies.declaration import from_cube
-
     return from_cube(source, other_kernel=other_kernel)
 
 
@@ -111,13 +112,11 @@ def plan(
     carry: Carry = None,
 ) -> None:
     """Print points, size and time of a declared sweep from a timed sample; nothing is written."""
-    from dimersweep.studies.declaration import read_declaration
     from dimersweep.studies.planning import plan
-    from dimersweep.studies.presets import find_declaration
     from dimersweep.work.options import make_options
     from dimersweep.work.progress import report_compiling
 
-    declared = read_declaration(find_declaration(declaration))
+    declared = _declared(declaration)
     study = declared.study(periods=periods, rtol=rtol, carry=carry)
     threads = make_options(workers=workers).workers
     report_compiling()
@@ -143,16 +142,14 @@ def presets(
     """List the sweeps that come with the program, or print one of them."""
     import tomllib
 
+    from dimersweep.storage.files import read_text
     from dimersweep.studies.presets import find_declaration
     from dimersweep.studies.presets import presets as all_presets
 
     if name is not None:
-        from dimersweep.storage.files import read_text
-
         typer.echo(read_text(find_declaration(Path(name))).rstrip())
         return
     known = all_presets()
     width = max(map(len, known), default=0)
     for each, path in known.items():
-        title = tomllib.loads(path.read_text(encoding="utf-8"))["sweep"].get("title", "")
-        typer.echo(f"{each:{width}}  {title}")
+        typer.echo(f"{each:{width}}  {tomllib.loads(read_text(path))['sweep'].get('title', '')}")

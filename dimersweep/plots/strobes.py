@@ -48,10 +48,9 @@ def bifurcation(cube: xr.Dataset) -> Figure:
             f"bifurcation: has axes {', '.join(map(str, mode.dims))}; needs one: select values of others"
         )
     name = str(next(dim for dim in mode.dims if dim != "direction"))
-    figure, rows = framed(
-        cube, (2.6 + 3.8 * len(ways), 7), "At the start of each forcing period\n",
-        nrows=len(SHOWN), ncols=len(ways), sharex=True, sharey="row", squeeze=False,
-    )  # fmt: skip
+    size, shared = (2.6 + 3.8 * len(ways), 7.0), {"sharex": True, "sharey": "row", "squeeze": False}
+    heading = "At the start of each forcing period\n"
+    figure, rows = framed(cube, size, heading, nrows=len(SHOWN), ncols=len(ways), **shared)
     for panels, way in zip(rows.T, ways, strict=True):
         _draw(panels, way, name)
         mark(panels[-1].xaxis, name)
