@@ -99,7 +99,8 @@ def number(name: str, value: Any, units: str | None = None) -> float:
     factors = {"": 1.0, units: 1.0} | (dict.fromkeys(DEGREES, pi / 180) if units == "rad" else {})
     size, unit = _size_and_unit(value)
     if size is None:
-        raise ParameterError(f"{name} = {value!r}: must be a number{_or_degrees(units)}")
+        either = ', or an angle with its unit such as "16 deg"' if units == "rad" else ""
+        raise ParameterError(f"{name} = {value!r}: must be a number{either}")
     if unit not in factors:
         raise ParameterError(
             f"{name} = {value!r}: the unit must be {'left out' if units == '1' else units_taken(units)}"
@@ -160,10 +161,6 @@ def as_numbers(name: str, values: Any, read: Callable[[str, Any], float], units:
         return column
     values = values if isinstance(values, list | tuple | range) else [values]
     return np.array([read(name, value) for value in values], dtype=float)
-
-
-def _or_degrees(units: str) -> str:
-    return ', or an angle with its unit such as "16 deg"' if units == "rad" else ""
 
 
 def check_rtol(rtol: Any) -> float:

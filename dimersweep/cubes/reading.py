@@ -52,7 +52,10 @@ def nearest(cube: xr.Dataset, name: str, value: Any) -> xr.Dataset:
     if name not in cube.coords:
         raise ParameterError(f"{name}: the cube has lost the values of this axis; take it as it was made, or use isel")
     if name == "direction":
-        return cube.sel(direction=_direction_in(cube, value))
+        words = [DIRECTIONS[code] for code in cube["direction"].values.tolist()]
+        if value not in words:
+            raise ParameterError(f"direction = {value!r}: must be {' or '.join(words)}")
+        return cube.isel(direction=words.index(value))
     values, wanted = np.sort(cube[name].values), number(name, value)
     if not values.size:
         raise ParameterError(f"{name}: the axis is empty")
@@ -66,14 +69,6 @@ def nearest(cube: xr.Dataset, name: str, value: Any) -> xr.Dataset:
     if places.size > 1:
         raise ParameterError(f"{name} = {wanted:g}: the axis has this value {places.size} times; take one by isel")
     return cube.isel({name: int(places[0])})
-
-
-def _direction_in(cube: xr.Dataset, value: Any) -> int:
-    """The code of a direction in which the state of a cube was carried, from its word."""
-    words = [DIRECTIONS[code] for code in cube["direction"].values.tolist()]
-    if value not in words:
-        raise ParameterError(f"direction = {value!r}: must be {' or '.join(words)}")
-    return DIRECTIONS.index(value)
 
 
 def _middles(values: np.ndarray) -> np.ndarray:

@@ -76,10 +76,10 @@ def energy_of(record: RunRecord, by: By, space: Workspace) -> xr.Dataset:
     }
     if by == "period":
         count = int(segments[-1, PERIOD])
-        within = periods < count
-        works, residual = _summed(works, periods, within, count), _summed(residual, periods, within, count)
-        ended = np.array([np.flatnonzero(segments[:, PERIOD] == k + 1)[0] for k in range(count)], int)
-        energy, labels, dim = at_starts[ended], {}, "n"
+        sums = np.zeros((count + 1, works.shape[1] + 1))  # the last one of what is beyond
+        np.add.at(sums, np.minimum(periods, count), np.column_stack([works, residual]))
+        works, residual = sums[:-1, :-1], sums[:-1, -1]
+        energy, labels, dim = at_starts[np.searchsorted(segments[:, PERIOD], np.arange(1, count + 1))], {}, "n"
         index = {"n": ("n", np.arange(count), {"units": "1", "long_name": "number of the forcing period"})}
     else:
         phases = joined(segments[:-1, PHASE], events[rows, E_PHASE])
@@ -94,13 +94,6 @@ def energy_of(record: RunRecord, by: By, space: Workspace) -> xr.Dataset:
     columns = dict(zip(WORK_NAMES, works.T, strict=True)) | {"energy": energy, "residual": residual}
     variables = {name: (dim, columns[name], quantity.attributes()) for name, quantity in WORKS.items()}
     return xr.Dataset(labels | variables, index, attributes)
-
-
-def _summed(values: np.ndarray, periods: np.ndarray, within: np.ndarray, count: int) -> np.ndarray:
-    """Sums over each forcing period of values of parts, along the first axis."""
-    total = np.zeros((count, *values.shape[1:]))
-    np.add.at(total, periods[within], values[within])
-    return total
 
 
 def _greatest_way(smooth: np.ndarray, flows: np.ndarray, struck: np.ndarray) -> float:

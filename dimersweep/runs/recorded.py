@@ -19,7 +19,6 @@ from dimersweep.kernel.model.layout import (
     CAUSES,
     FREE,
     IMPACT,
-    N1,
     N_STATE,
     OK,
     PERIOD,
@@ -29,7 +28,6 @@ from dimersweep.kernel.model.layout import (
     SLIP,
     STATUS_MESSAGES,
     STICK,
-    Dimer,
     State,
 )
 from dimersweep.kernel.model.plate import motion
@@ -84,8 +82,11 @@ def events_of(record: RunRecord) -> xr.Dataset:
     columns["time"] = times_of(columns["period"], columns["phase"], parameters["f"])
     if ended.size:
         _, states, _ = _sampled(record, *_places(columns["time"][ended], record), no_record())
-        for name, values in _columns_at(dimer_of(record.row), states).items():
-            columns[name][ended] = values
+        dm, s = dimer_of(record.row), State(*states.T)
+        columns["beta"][ended], columns["theta"][ended] = dm.beta_0 + s.dip, s.theta
+        for end, rate in ((1, s.n1), (2, s.n2)):
+            columns[f"gap_{end}_rate_before"][ended] = columns[f"gap_{end}_rate_after"][ended] = rate
+            columns[f"slip_{end}_a"][ended], columns[f"slip_{end}_b"][ended] = slip_at(dm, s, end - 1)
     columns["phase"] = np.mod(columns["phase"] + parameters["phi0"], 2 * pi)
     ends = np.array(digits_of(columns["kind"].astype(int)))
     columns["cause"] = np.array(CAUSES)[columns["cause"].astype(int)]
@@ -97,16 +98,6 @@ def events_of(record: RunRecord) -> xr.Dataset:
             name = f"slip_{own + 1}_{way}"
             columns[name] = np.where(bystander, np.nan, columns[name])
     return _dataset(columns, EVENT_QUANTITIES, "event")
-
-
-def _columns_at(dm: Dimer, states: np.ndarray) -> dict[str, np.ndarray]:
-    """What an event row between impacts holds of kernel states, shape (n, N_STATE)."""
-    s = State(*states.T)
-    columns = {"beta": dm.beta_0 + s.dip, "theta": s.theta}
-    for end in (1, 2):
-        columns |= {f"gap_{end}_rate_{when}": s[N1 + end - 1] for when in ("before", "after")}
-        columns[f"slip_{end}_a"], columns[f"slip_{end}_b"] = slip_at(dm, s, end - 1)
-    return columns
 
 
 def _move_to_ends_of_hops(record: RunRecord, columns: dict[str, np.ndarray]) -> np.ndarray:

@@ -1,6 +1,6 @@
 """Sections of a recorded run: the moments at which its states are points of a map."""
 
-from math import pi, tau
+from math import tau
 from typing import Literal, get_args
 
 import numpy as np
@@ -28,7 +28,8 @@ def section_of(run: SeenRun, at: At, phase: float | str | None) -> xr.Dataset:
             if "before" in str(name) and "gap" in str(name)
         }
     elif at_phase is not None:
-        times = times_of_phase(at_phase, run.parameters["phi0"], f, run.n_periods)
+        cycles = (at_phase - run.parameters["phi0"]) % tau / tau + np.arange(run.n_periods + 1)
+        times = cycles[cycles <= run.n_periods] / f
     else:
         times = np.arange(run.n_periods + 1) / f
     points = run.states(times).swap_dims(time="n").assign(before)
@@ -49,13 +50,6 @@ def check_section(at: str, phase: float | str | None) -> float | None:
     if phase is not None and at != "period":
         raise ParameterError(f"phase = {phase}: a section is at a phase, or at = {at!r}")
     return None if phase is None else number("phase", phase, "rad")
-
-
-def times_of_phase(phase: float, phi0: float, f: float, periods: int) -> np.ndarray:
-    """Times at which the plate passes a phase [rad] within so many forcing periods [s]."""
-    first = (phase - phi0) % (2 * pi) / tau
-    cycles = first + np.arange(periods + 1)
-    return cycles[cycles <= periods] / f
 
 
 def impacts_at(events: xr.Dataset, at: str) -> np.ndarray:
