@@ -8,28 +8,11 @@ import numpy as np
 
 from dimersweep.kernel.course import Workspace, new_workspace
 from dimersweep.kernel.model.body import dimer_of, dip_of, slip_at
-from dimersweep.kernel.model.layout import (
-    CA,
-    CB,
-    D1,
-    D2,
-    DIP,
-    FREE,
-    N1,
-    N2,
-    N_STATE,
-    OK,
-    SPIN,
-    STATUS_MESSAGES,
-    STICK,
-    WB,
-    WP,
-)
+from dimersweep.kernel.model.layout import CA, CB, FREE, OK, SPIN, STATUS_MESSAGES, STICK, WP, State
 from dimersweep.kernel.record import no_record
 from dimersweep.kernel.return_map import advance
 
 NAMES = ("gap_1", "gap_2", "gap_1_rate", "gap_2_rate", "turn_rate", "spin", "along", "across")
-_SLOTS = (D1, D2, N1, N2, WP, SPIN, CA, CB)
 
 
 class Section:
@@ -57,16 +40,16 @@ class Section:
 
     def point(self, state: np.ndarray) -> np.ndarray:
         """The point of the section that a kernel state is at."""
-        return state[list(_SLOTS)] / self.units
+        s = State(*state)
+        return np.array([s.d1, s.d2, s.n1, s.n2, s.wp, s.spin, s.ca, s.cb]) / self.units
 
     def state(self, point: np.ndarray) -> np.ndarray:
         """The kernel's state at a point; a gap that is below zero by a rounding of the point is closed."""
-        state = np.zeros(N_STATE)
-        state[list(_SLOTS)] = point * self.units
-        state[D1], state[D2] = max(0.0, state[D1]), max(0.0, state[D2])
-        state[DIP] = dip_of(self.dm, state[D2] - state[D1])
-        state[WB] = (state[N2] - state[N1]) / (self.dm.l * np.cos(self.dm.beta_0 + state[DIP]))
-        return state
+        d1, d2, n1, n2, wp, spin, ca, cb = point * self.units
+        d1, d2 = max(0.0, d1), max(0.0, d2)
+        dip = dip_of(self.dm, d2 - d1)
+        wb = (n2 - n1) / (self.dm.l * np.cos(self.dm.beta_0 + dip))
+        return np.array(State(d1=d1, d2=d2, n1=n1, n2=n2, dip=dip, wb=wb, wp=wp, spin=spin, ca=ca, cb=cb))
 
     def held(self, state: np.ndarray, modes: np.ndarray) -> np.ndarray:
         """The state with the ends that stick at rest: the motion of the centre of mass follows from the other rates."""
