@@ -4,13 +4,16 @@ from collections.abc import Mapping
 from math import remainder, tau
 from typing import Any
 
+import xarray as xr
+
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_count, check_rtol, check_seconds, check_switch
 from dimersweep.parameters import Parameters, check_name, moved_on, updated
 from dimersweep.runs.behind import parameters_of, was_carried
+from dimersweep.runs.recorded import parameters_told
 from dimersweep.runs.run import Run, proven_run, simulate_judged
 from dimersweep.runs.solving import RunSettings, check_recorded
-from dimersweep.runs.starting import is_point, known_by, named, start_of
+from dimersweep.runs.starting import is_point, named, start_of
 from dimersweep.symbols import INSTEAD, START
 
 
@@ -78,8 +81,10 @@ def simulate(
                 "start: to this point a state was carried, which the cube does not hold; take cube.dimersweep.run(...)"
             )
         parameters, start = updated(parameters_of(start), parameters), None
+    if hasattr(start, "states"):  # a run
+        start = start.states(start.duration)
     begun = None if start is None else start_of(start)
-    known = {} if begun is None else known_by(start)
+    known = parameters_told(start) if isinstance(start, xr.Dataset) else {}
     given = Parameters(**parameters) if begun is None else _with_start(parameters, known, begun)
     periods, settles = check_count("periods", periods), check_switch("stop_when_settled", stop_when_settled)
     how = RunSettings(periods, periods, check_rtol(rtol), settles)

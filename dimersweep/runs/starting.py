@@ -14,8 +14,7 @@ from dimersweep.kernel.model.body import dimer_of, rise_at
 from dimersweep.kernel.model.layout import D1, D2, FREE, N1, N2, N_STATE, Dimer, State
 from dimersweep.kernel.model.plate import motion
 from dimersweep.parameters import dimer_from
-from dimersweep.runs.recorded import parameters_told
-from dimersweep.symbols import BASE, FORMER_NAMES, INSTEAD, PARAMETERS, START, STATE_QUANTITIES
+from dimersweep.symbols import BASE, FORMER_NAMES, INSTEAD, PARAMETERS, STATE_QUANTITIES
 
 CLOSED_GAP = 1e-12  # a gap this far below zero is a closed one [m]
 GAPS_AGREE = 1e-9  # how well the gaps of a start must agree with its dip angle, in units of the distance of the balls
@@ -26,16 +25,14 @@ def start_of(start: Any) -> dict[str, float]:
 
     Parameters
     ----------
-    start : mapping of str to float or str, xarray.Dataset, or Run
-        Values of `Run.states` (an angle may be a text such as "16 deg"), one time of it, or a run whose end it is.
+    start : mapping of str to float or str, or xarray.Dataset
+        Values of `Run.states` (an angle may be a text such as "16 deg"), or one time of it.
 
     Raises
     ------
     ParameterError
         If a name is unknown, or a value is no finite number, or there are several times.
     """
-    if hasattr(start, "states"):
-        start = start.states(start.duration)
     for name in FORMER_NAMES:
         if isinstance(start, xr.Dataset | Mapping) and name in start:
             raise ParameterError(
@@ -53,13 +50,6 @@ def start_of(start: Any) -> dict[str, float]:
         if name not in STATE_QUANTITIES:
             raise ParameterError("start." + unknown(name, "quantity of a state", STATE_QUANTITIES))
     return {name: number(f"start.{name}", value, STATE_QUANTITIES[name].units) for name, value in start.items()}
-
-
-def known_by(start: Any) -> dict[str, float]:
-    """The parameters that a start brings: those of its run, but for its start; none where it is a mapping of numbers."""
-    if hasattr(start, "states"):
-        return {name: value for name, value in start.parameters.items() if name not in START}
-    return parameters_told(start) if isinstance(start, xr.Dataset) else {}
 
 
 def _one(name: str, variable: Any) -> float:
