@@ -21,7 +21,7 @@ from dimersweep.kernel.model.layout import C_CHATTER_END, OUT, PERIOD, PHASE
 from dimersweep.kernel.record import SEGMENT_HOP_TIME
 from dimersweep.runs import run as run_module
 from dimersweep.runs import solving
-from dimersweep.runs.recorded import events_of, states_of
+from dimersweep.runs.recorded import events_of
 
 SHARED = Path(os.environ.get("DIMERSWEEP_SHARED", Path(__file__).parents[2] / "shared")) / "reference"
 REFERENCE = {name: SHARED / f"{name}.json" for name in ("states", "orbits")}
@@ -325,12 +325,11 @@ def test_a_run_that_failed_has_states_up_to_its_last_event(base):
     start = record.segments[n, [PERIOD, PHASE]]
     after = (record.events[:, [E_PERIOD, E_PHASE]] >= start).all(1)
     m = np.flatnonzero(after & (record.events[:, E_PHASE] > start[1]))[0]
-    failed = record._replace(segments=record.segments[: n + 1], events=record.events[: m + 1])
-    last = base.events["time"].values[m]
-    state = states_of(failed, np.array([np.nextafter(last, 0.0)]))
-    assert state.identical(base.states(np.array([np.nextafter(last, 0.0)])))
+    record = record._replace(segments=record.segments[: n + 1], events=record.events[: m + 1])
+    failed, last = dataclasses.replace(base, _record=record), base.events["time"].values[m]
+    assert failed.states(np.nextafter(last, 0.0)).identical(base.states(np.nextafter(last, 0.0)))
     with pytest.raises(ParameterError, match="length of the run"):
-        states_of(failed, np.array([last * (1 + 1e-6)]))
+        failed.states(last * (1 + 1e-6))
 
 
 def test_data_have_units_and_meanings(base):
